@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: MIT
+// Aligned memory, hashing, random numbers, CPU detection.
+#include "prt/base.h"
+
+#include <stdlib.h>
+#include <string.h>
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+void *prt_alloc(size_t n, size_t size)
+{
+    size_t bytes;
+    if (prt_mul_overflow(n, size, &bytes) || !bytes || bytes > SIZE_MAX - 64) return NULL;
+    return aligned_alloc(64, (bytes + 63) & ~(size_t)63);
+}
+
+void *prt_calloc(size_t n, size_t size)
+{
+    void *p = prt_alloc(n, size);
+    if (p) memset(p, 0, n * size);
+    return p;
+}
+
+void prt_free(void *p)
+{
+    free(p);
+}
+
+uint64_t prt_hash64(const void *bytes, size_t n, uint64_t seed)
+{
+    return XXH3_64bits_withSeed(bytes, n, seed);
+}
+
+// PCG-XSH-RR 64/32 (O'Neill 2014).
+void prt_rng_init(struct prt_rng *rng, uint64_t seed, uint64_t stream)
+{
+    rng->state = 0;
+    rng->inc = (stream << 1) | 1;
+    prt_rng_u32(rng);
+    rng->state += seed;
+    prt_rng_u32(rng);
+}
+
+uint32_t prt_rng_u32(struct prt_rng *rng)
+{
+    uint64_t old = rng->state;
+    rng->state = old * 6364136223846793005ULL + rng->inc;
+    uint32_t x = (uint32_t)(((old >> 18) ^ old) >> 27), rot = (uint32_t)(old >> 59);
+    return (x >> rot) | (x << ((32 - rot) & 31));
+}
+
+float prt_rng_f32(struct prt_rng *rng)
+{
+    return (float)(prt_rng_u32(rng) >> 8) * 0x1p-24f;
+}
+
+unsigned prt_cpu_detect(void)
+{
+    unsigned mask = PRT_CPU_C;
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) mask |= PRT_CPU_AVX2;
+    if ((mask & PRT_CPU_AVX2) && __builtin_cpu_supports("avx512f") &&
+        __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512vl"))
+        mask |= PRT_CPU_AVX512;
+    if ((mask & PRT_CPU_AVX512) && __builtin_cpu_supports("avx512vbmi") &&
+        __builtin_cpu_supports("avx512vbmi2"))
+        mask |= PRT_CPU_AVX512VBMI;
+    return mask;
+}
+
+int prt_cpu_parse(const char *word, unsigned *mask)
+{
+    unsigned have = prt_cpu_detect();
+    if (!strcmp(word, "c"))
+        *mask = PRT_CPU_C;
+    else if (!strcmp(word, "avx2"))
+        *mask = have & PRT_CPU_AVX2;
+    else if (!strcmp(word, "avx512"))
+        *mask = have;
+    else
+        return PRT_ARG;
+    return PRT_OK;
+}

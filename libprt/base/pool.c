@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: MIT
+// A pool of threads that share loops: every loop is a list of pieces handed out by an atomic
+// counter; the caller works on its own loop, idle workers join whatever loop is open.
+#include "prt/base.h"
+
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+struct loop {
+    struct loop *next;
+    size_t n, grain, n_piece;
+    atomic_size_t piece;      // next one to hand out
+    atomic_size_t done;       // pieces finished or skipped
+    atomic_int status;
+    unsigned helpers;         // workers inside run_pieces, under the pool's lock
+    prt_loop_fn fn;
+    void *arg;
+};
+
+struct prt_pool {
+    pthread_mutex_t lock;
+    pthread_cond_t work, idle;
+    struct loop *open;
+    unsigned n_thread;        // workers + the caller
+    bool stopping;
+    pthread_t *thread;
+};
+
+struct worker {
+    struct prt_pool *pool;
+    unsigned index;
+};
+
+static void run_piece(struct loop *loop, size_t piece, unsigned worker)
+{
+    if (atomic_load_explicit(&loop->status, memory_order_relaxed) == PRT_OK) {
+        size_t begin = piece * loop->grain, end = begin + loop->grain;
+        int status = loop->fn(loop->arg, begin, end < loop->n ? end : loop->n, worker);
+        int ok = PRT_OK;
+        if (status) atomic_compare_exchange_strong(&loop->status, &ok, status);
+    }
+    atomic_fetch_add(&loop->done, 1);
+}
+
+static void *worker_main(void *arg)
+{
+    struct worker self = *(struct worker *)arg;
+    struct prt_pool *pool = self.pool;
+    free(arg);
+    pthread_mutex_lock(&pool->lock);
+    for (;;) {
+        struct loop *loop = pool->open;
+        while (loop && atomic_load(&loop->piece) >= loop->n_piece) loop = loop->next;
+        if (!loop) {
+            if (pool->stopping) break;
+            pthread_cond_wait(&pool->work, &pool->lock);
+            continue;
+        }
+        loop->helpers++;
+        pthread_mutex_unlock(&pool->lock);
+        size_t piece;
+        while ((piece = atomic_fetch_add(&loop->piece, 1)) < loop->n_piece)
+            run_piece(loop, piece, self.index);
+        pthread_mutex_lock(&pool->lock);
+        loop->helpers--;
+        pthread_cond_broadcast(&pool->idle);
+    }
+    pthread_mutex_unlock(&pool->lock);
+    return NULL;
+}
+
+int prt_pool_create(unsigned n_thread, struct prt_pool **out)
+{
+    if (!n_thread) {
+        long cores = sysconf(_SC_NPROCESSORS_ONLN);
+        n_thread = cores > 0 ? (unsigned)cores : 1;
+    }
+    struct prt_pool *pool = calloc(1, sizeof *pool);
+    if (!pool) return PRT_NOMEM;
+    pool->thread = calloc(n_thread, sizeof *pool->thread);
+    if (!pool->thread) {
+        free(pool);
+        return PRT_NOMEM;
+    }
+    pthread_mutex_init(&pool->lock, NULL);
+    pthread_cond_init(&pool->work, NULL);
+    pthread_cond_init(&pool->idle, NULL);
+    pool->n_thread = 1;
+    for (unsigned i = 1; i < n_thread; i++) {
+        struct worker *w = malloc(sizeof *w);
+        if (!w) break;
+        *w = (struct worker){pool, i};
+        if (pthread_create(&pool->thread[i], NULL, worker_main, w)) {
+            free(w);
+            break;
+        }
+        pool->n_thread++;
+    }
+    *out = pool;
+    return PRT_OK;
+}
+
+void prt_pool_destroy(struct prt_pool *pool)
+{
+    if (!pool) return;
+    pthread_mutex_lock(&pool->lock);
+    pool->stopping = true;
+    pthread_cond_broadcast(&pool->work);
+    pthread_mutex_unlock(&pool->lock);
+    for (unsigned i = 1; i < pool->n_thread; i++) pthread_join(pool->thread[i], NULL);
+    pthread_mutex_destroy(&pool->lock);
+    pthread_cond_destroy(&pool->work);
+    pthread_cond_destroy(&pool->idle);
+    free(pool->thread);
+    free(pool);
+}
+
+unsigned prt_pool_size(const struct prt_pool *pool)
+{
+    return pool ? pool->n_thread : 1;
+}
+
+// Tells the callback how far the loop is, at most ten times a second.
+static int report(const struct prt_context *ctx, const char *stage, const struct loop *loop,
+                  double started, double *last)
+{
+    if (!stage || !ctx->progress) return PRT_OK;
+    double now = prt_time_s();
+    if (now - *last < 0.1) return PRT_OK;
+    *last = now;
+    double f = (double)atomic_load(&loop->done) / (double)loop->n_piece;
+    double eta = f > 0 ? (now - started) * (1 - f) / f : -1;
+    return ctx->progress(ctx->progress_user, stage, f, eta) ? PRT_CANCELLED : PRT_OK;
+}
+
+int prt_parallel_for(const struct prt_context *ctx, const char *stage, size_t n, size_t grain,
+                     prt_loop_fn fn, void *arg)
+{
+    if (!n) return PRT_OK;
+    if (!grain) grain = 1;
+    struct prt_pool *pool = ctx ? ctx->pool : NULL;
+    struct loop loop = {.n = n, .grain = grain, .n_piece = (n + grain - 1) / grain, .fn = fn,
+                        .arg = arg};
+    bool shared = pool && pool->n_thread > 1 && loop.n_piece > 1;
+    if (shared) {
+        pthread_mutex_lock(&pool->lock);
+        loop.next = pool->open;
+        pool->open = &loop;
+        pthread_cond_broadcast(&pool->work);
+        pthread_mutex_unlock(&pool->lock);
+    }
+    double started = prt_time_s(), last = started;
+    size_t piece;
+    while ((piece = atomic_fetch_add(&loop.piece, 1)) < loop.n_piece) {
+        run_piece(&loop, piece, 0);
+        int ok = PRT_OK, status = ctx ? report(ctx, stage, &loop, started, &last) : PRT_OK;
+        if (status) atomic_compare_exchange_strong(&loop.status, &ok, status);
+    }
+    if (shared) {
+        pthread_mutex_lock(&pool->lock);
+        while (loop.helpers || atomic_load(&loop.done) < loop.n_piece)
+            pthread_cond_wait(&pool->idle, &pool->lock);
+        struct loop **at = &pool->open;
+        while (*at != &loop) at = &(*at)->next;
+        *at = loop.next;
+        pthread_mutex_unlock(&pool->lock);
+    }
+    return atomic_load(&loop.status);
+}

@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: MIT */
+/* prt/bake.h owns the precomputation: samples, hierarchy, two passes, single scattering. */
+#ifndef PRT_BAKE_H
+#define PRT_BAKE_H
+
+#include "prt/light.h"
+#include "prt/mesh.h"
+#include "prt/transport.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct prt_bake_options {
+    enum prt_engine_kind engine;
+    enum prt_storage storage;     /* FACTORED default, or SPARSE (wavelet engine only) */
+    struct prt_material material; /* wavelet: the medium; joint, polynomial: gives eta */
+    uint32_t n_sample;            /* irradiance samples; 0: 150000 or spacing <= l_u */
+    uint32_t cube;                /* 16..128 power of two; 0: 32 */
+    uint32_t n_coef;              /* sparse: coefficients a vertex; 0: 128 */
+    uint32_t rank;                /* factored: fixed rank a cluster; 0: chosen from max_error */
+    uint32_t n_basis_coef;        /* factored: mean coefficients a basis vector; 0: from error */
+    uint32_t n_phase;             /* 1, 4, 9 */
+    uint32_t n_single;            /* single-scattering points a vertex; 0: 16 */
+    bool no_single;               /* leave single scattering out */
+    bool every_ray;               /* single scattering without ray saving (measurement) */
+    double max_error;             /* 0: 0.01 */
+    const struct prt_env *env;    /* polynomial: the fixed light */
+    double rotate_deg;
+    uint64_t seed;
+    uint32_t shard, n_shard;      /* this process does shard of n_shard; 0,0: all */
+    const char *settings_json;    /* extra provenance to record, may be NULL */
+};
+/* Bakes `mesh` (scaled) and writes the .prt. Same bytes for any thread count. Progress and
+ * cancellation through ctx. */
+int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
+             const struct prt_bake_options *options, const char *out_path);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

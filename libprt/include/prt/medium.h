@@ -1,0 +1,79 @@
+/* SPDX-License-Identifier: MIT */
+/* prt/medium.h owns the optics of a homogeneous translucent medium: BSSRDF, Fresnel, phase. */
+#ifndef PRT_MEDIUM_H
+#define PRT_MEDIUM_H
+
+#include "prt/base.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What a user says. Coefficients in mm^-1, one per RGB channel. */
+struct prt_material {
+    char name[32];
+    float sigma_s_prime[3]; /* (0, 1000] */
+    float sigma_a[3];       /* [0, 1000] */
+    float g[3];             /* (-1, 1), |g| <= 0.95 */
+    float eta;              /* [1, 3] relative index inside/outside */
+    float roughness;        /* (0, 1] of the specular lobe */
+};
+
+/* Refuses out-of-range values, naming parameter, value, allowed range and unit. */
+int prt_material_check(const struct prt_context *ctx, const struct prt_material *material);
+/* A preset's name, else a JSON file, else JSON text starting with '{'. */
+int prt_material_load(const struct prt_context *ctx, const char *name_or_file,
+                      struct prt_material *out);
+int prt_material_parse(const struct prt_context *ctx, const char *what, const char *json,
+                       size_t n, struct prt_material *out);
+/* JSON text of a material into buf; returns the length as snprintf. */
+int prt_material_print(const struct prt_material *material, char *buf, size_t n);
+/* The twelve media of JMLH01 fig. 5: index 0..11; NULL past the end. */
+const struct prt_material *prt_material_preset(unsigned index);
+
+/* Classical dipole of one channel (METHODS §1; JMLH01, W05 eq 3, X07 eq 4). */
+struct prt_dipole {
+    double sigma_s_prime, sigma_a, sigma_t_prime, sigma_tr, albedo_prime, eta;
+    double z_r, z_v;   /* mm */
+    double rho_d;      /* closed-form total diffuse reflectance */
+};
+void prt_dipole_init(struct prt_dipole *dipole, double sigma_s_prime, double sigma_a, double eta);
+double prt_dipole_rd(const struct prt_dipole *dipole, double r_mm);          /* mm^-2 */
+/* Fraction-free tail: integral of 2 pi r R_d beyond r (METHODS §7, S09 eq 4 erratum). */
+double prt_dipole_tail(const struct prt_dipole *dipole, double r_mm);
+/* out[i] = R_d(sqrt(r2[i])), relative error < 1e-5; vectorised for ctx-free use by `cpu`. */
+void prt_dipole_rd_array(const struct prt_dipole *dipole, unsigned cpu, size_t n,
+                         const float *r2_mm2, float *out);
+
+double prt_fresnel_dr(double eta);                            /* F_dr, METHODS §1 */
+double prt_fresnel_transmittance(double eta, double cos_theta); /* exact, unpolarised */
+/* Cosine-weighted hemispherical mean of F_t: 0.938868 at 1.3, 0.908222 at 1.5. */
+double prt_fresnel_mean_transmittance(double eta);
+/* Direction refracted into the medium; both point away from the surface on their own side:
+ * out is the inside direction w' with w'.n < 0 ... returned as pointing INTO the body. */
+void prt_refract_in(double eta, const float n[3], const float w[3], float out[3]);
+
+/* Phase functions as Legendre coefficients: p(c) = sum_l (2l+1)/(4 pi) a_l P_l(c), a_0 = 1, c the
+ * cosine between OUTWARD light and view directions (so HG has a_l = (-g)^l). */
+enum { PRT_PHASE_MAX_L = 4 };
+struct prt_phase {
+    unsigned degree;                 /* highest l kept */
+    double a[PRT_PHASE_MAX_L];       /* a[l], l <= degree < PRT_PHASE_MAX_L */
+};
+enum { PRT_PHASE_ISOTROPIC = 1, PRT_PHASE_EDDINGTON = 4, PRT_PHASE_9 = 9, PRT_PHASE_16 = 16 };
+/* Henyey-Greenstein cut to n_term = (degree+1)^2 in {1,4,9,16}. n_term 4 is not Eddington: it
+ * is HG's l <= 1, which equals Eddington's p = (1+3g cos)/4pi. */
+int prt_phase_hg(struct prt_phase *phase, double g, unsigned n_term);
+/* A tabulated p over cos theta in [-1,1] (outward convention), projected and normalised. */
+int prt_phase_tabulated(struct prt_phase *phase, unsigned n, const double *cosine,
+                        const double *p, unsigned n_term);
+double prt_phase_eval(const struct prt_phase *phase, double cos_outward);
+double prt_hg_eval(double g, double cos_scatter); /* exact HG, scattering angle, sr^-1 */
+/* Real spherical harmonics Y_lm, l < n_band, out[l*l+l+m], at a unit direction. Orthonormal.
+ * p(w.w') = sum_l a_l sum_m Y_lm(w) Y_lm(w'). */
+void prt_sh_eval(unsigned n_band, const float dir[3], float *out);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,89 @@
+/* SPDX-License-Identifier: MIT */
+/* prt/mesh.h owns the scene's geometry as every room sees it. */
+#ifndef PRT_MESH_H
+#define PRT_MESH_H
+
+#include "prt/base.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* A glTF material as far as light transport cares. Opaque ones are Lambertian receivers. */
+struct prt_surface {
+    char name[64];
+    uint8_t translucent;   /* 1: the bake's --material applies; 0: opaque */
+    uint8_t double_sided;
+    uint8_t reserved[2];
+    float base_color[4];   /* linear RGB + alpha in [0,1]; the albedo of opaque surfaces */
+    float roughness;       /* (0,1] */
+    float ior;             /* KHR_materials_ior, else 1.5 */
+};
+
+/* One (node, primitive): vertices [vertex_begin, +n_vertex) in the file's order. */
+struct prt_block {
+    uint32_t object;       /* index of the node instance; light never crosses objects */
+    uint32_t surface;      /* into prt_mesh.surface */
+    uint32_t vertex_begin, n_vertex;
+    uint32_t triangle_begin, n_triangle;
+};
+
+/* Immutable after loading; positions in mm once scaled. World space, right-handed, +y up.
+ * Arrays are contiguous; those a reader maps from a .prt file are owned by the map. */
+struct prt_mesh {
+    uint32_t n_vertex, n_triangle, n_block, n_object, n_surface;
+    uint32_t n_weld;                 /* distinct (object, position) pairs */
+    float (*position)[3];            /* [n_vertex] mm (model units before prt_mesh_scale) */
+    float (*normal)[3];              /* [n_vertex] unit; angle-weighted where the file has none */
+    float (*uv)[2];                  /* [n_vertex] TEXCOORD_0, or NULL */
+    uint32_t (*triangle)[3];         /* [n_triangle] global vertex indices */
+    uint32_t *weld;                  /* [n_vertex] -> [0,n_weld): same object, same position */
+    struct prt_block *block;
+    struct prt_surface *surface;
+    float mm_per_unit;               /* model units * mm_per_unit = mm; 0 while not scaled */
+    uint32_t units_known;            /* 1: the format says metres (glTF) */
+    uint32_t n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
+    void *owner;                     /* memory behind the arrays; NULL when mapped */
+};
+
+struct prt_mesh_options {
+    const char *const *opaque;   /* material or node names made opaque, NULL-terminated; NULL */
+    uint32_t max_vertices;       /* 0: 50 million */
+    uint32_t max_triangles;      /* 0: 100 million */
+    bool in_process;             /* parse without a child process (fuzzers only) */
+};
+
+/* Loads .glb, .gltf (+ .bin, data URIs), .obj, .ply by content. Warnings tell what an open or
+ * non-manifold mesh affects. Errors name file and fault in one line. Caller destroys *out. */
+int prt_mesh_load(const struct prt_context *ctx, const char *path,
+                  const struct prt_mesh_options *options, struct prt_mesh **out);
+/* The same from memory; external buffers are refused unless base_dir names where they lie. */
+int prt_mesh_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
+                         size_t n, const char *base_dir, const struct prt_mesh_options *options,
+                         struct prt_mesh **out);
+void prt_mesh_destroy(struct prt_mesh *mesh);
+
+/* From plain arrays (copied): one object, one translucent surface; normals may be NULL. */
+int prt_mesh_create(const struct prt_context *ctx, uint32_t n_vertex, const float (*position)[3],
+                    const float (*normal)[3], uint32_t n_triangle, const uint32_t (*triangle)[3],
+                    struct prt_mesh **out);
+
+/* Bounding box [2][3] of the translucent blocks' vertices (of all if none is translucent). */
+void prt_mesh_bounds(const struct prt_mesh *mesh, float box[2][3]);
+/* Multiplies positions once: by mm_per_unit if > 0, else so that the translucent box's diagonal
+ * is size_mm. Both 0: metres when units_known (a note is logged), else PRT_ARG.
+ * Refuses non-finite, non-positive and absurd (diagonal outside 1e-3..1e6 mm) scales. */
+int prt_mesh_scale(const struct prt_context *ctx, struct prt_mesh *mesh, double size_mm,
+                   double mm_per_unit);
+/* [n_triangle] block index of each triangle; caller prt_free()s. */
+uint32_t *prt_mesh_triangle_blocks(const struct prt_mesh *mesh);
+/* [n_vertex] block index of each vertex; caller prt_free()s. */
+uint32_t *prt_mesh_vertex_blocks(const struct prt_mesh *mesh);
+/* Writes mesh with per-vertex linear colours [n_vertex][3] as .ply or .glb (COLOR_0 float). */
+int prt_mesh_write_colors(const struct prt_context *ctx, const char *path,
+                          const struct prt_mesh *mesh, const float (*color)[3]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: MIT */
+/* prt/relight.h owns the contraction kernels: light and material meet transport. */
+#ifndef PRT_RELIGHT_H
+#define PRT_RELIGHT_H
+
+#include "prt/light.h"
+#include "prt/transport.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum { PRT_RELIGHT_MAX_LIGHTS = 16 };
+
+/* Number of colour planes a tensor gives: its n_phase. */
+
+/* Step 1, FACTORED only: rows . light.  out[light][n_row][P][3] with P = n_phase for DIAGONAL,
+ * n_function for FULL. Lights are Haar vectors of the tensor's cube size, PRT_MISMATCH else. */
+int prt_contract_light(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                       unsigned n_light, const struct prt_light *const light[], float *out);
+/* FULL only: folds radial functions with material coefficients, per phase plane:
+ * in [n_row][n_phase][n_radial][3] (one light of step 1), coef [n_radial][3] ->
+ * out [n_row][n_phase][3]. */
+int prt_contract_material(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                          const float *in, const float *coef, float *out);
+/* Material first: rows of a FULL tensor folded with coef [n_radial][3] into DIAGONAL rows of
+ * f16, freshly allocated (free with prt_rows_finish). Same answers either way round. */
+int prt_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                  const float *coef, struct prt_rows *out);
+void prt_rows_finish(struct prt_rows *rows);
+/* Step 2, FACTORED: colours from contracted rows b[light][n_row][n_phase][3], weighting the
+ * phase planes: color[light][plane][n_vertex][3] in FILE vertex order, linear RGB. Adds to
+ * color when `add`, else overwrites. */
+int prt_expand(const struct prt_context *ctx, const struct prt_tensor *tensor, unsigned n_light,
+               const float *b, bool add, float *color);
+/* SPARSE in one step: the same output as prt_expand. */
+int prt_relight_sparse(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                       unsigned n_light, const struct prt_light *const light[], bool add,
+                       float *color);
+/* RADIAL: color[plane][v][ch] = sum_j coef[j][ch] U[plane][j][ch][v]. */
+int prt_relight_radial(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                       const float *coef, bool add, float *color);
+/* Any of the above: the whole tensor under lights. coef NULL unless FULL/RADIAL; lights are
+ * ignored by RADIAL. color[light][n_phase][n_vertex][3]. */
+int prt_relight(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                unsigned n_light, const struct prt_light *const light[], const float *coef,
+                bool add, float *color);
+
+/* What is asked of a transport, in the words of the command contract. */
+enum prt_answer_term {
+    PRT_ANSWER_MULTIPLE,
+    PRT_ANSWER_SINGLE,
+    PRT_ANSWER_TOTAL,
+};
+struct prt_query {
+    enum prt_answer_term term;
+    const struct prt_cube *light;        /* of the transport's cube size; NULL for polynomial */
+    const struct prt_material *material; /* NULL: the baked one; a wavelet transport refuses */
+    const float *eye;                    /* [3] mm, world; NULL: mean Fresnel, l = 0 phase */
+};
+/* Per-vertex colours [n_vertex][3] in file order (DESIGN, command contract):
+ * multiple (1/pi) B; single L1; total F_t(eta, w_o) [..] with the eye, else the cosine-weighted
+ * mean transmittance and the phase function's l = 0 part; opaque vertices albedo/pi E. Final
+ * radiance is clamped at 0. */
+int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport *transport,
+                      const struct prt_query *query, float (*color)[3]);
+/* The parts a renderer needs per pixel: plane 0 holds multiple + h_0 single (view-free part),
+ * planes 1.. the other phase planes, before outgoing Fresnel and clamping.
+ * planes[n_plane][n_vertex][3]; call with planes NULL to learn *n_plane. phase coefficients
+ * needed to weight plane k by are already in the planes: multiply by Y_k(w_o'). */
+int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport *transport,
+                      const struct prt_query *query, unsigned *n_plane, float *planes);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

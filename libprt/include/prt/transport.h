@@ -1,0 +1,122 @@
+/* SPDX-License-Identifier: MIT */
+/* prt/transport.h owns the tensor T[vertex][j][omega] and its file, .prt. */
+#ifndef PRT_TRANSPORT_H
+#define PRT_TRANSPORT_H
+
+#include "prt/medium.h"
+#include "prt/mesh.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum prt_term { PRT_TERM_MULTIPLE = 0, PRT_TERM_SINGLE = 1 };
+enum prt_storage { PRT_STORAGE_FACTORED = 0, PRT_STORAGE_SPARSE = 1, PRT_STORAGE_RADIAL = 2 };
+enum prt_value { PRT_VALUE_I8 = 0, PRT_VALUE_F16 = 1 };
+
+/* How a value meets the light's RGB.
+ * DIAGONAL: n_function = 3*n_phase, value [k][ch] multiplies light channel ch: out [k][ch].
+ * FULL: n_function values, monochrome, each meets all three channels: out [j][ch]. */
+enum prt_coupling { PRT_COUPLE_DIAGONAL = 0, PRT_COUPLE_FULL = 1 };
+
+/* Sparse wavelet vectors ("rows"): a cluster's basis vectors, or W05's per-vertex transport.
+ * Row i owns entries [begin[i], begin[i+1]). An entry is one Haar index and J values, J =
+ * n_function. The six scaling coefficients of a row stand apart, dense, in half precision:
+ * every row keeps them, and they would spoil the range of 8-bit values. */
+struct prt_rows {
+    uint32_t n_row;
+    uint32_t n_function;         /* J */
+    uint32_t n_coef;             /* 6*n*n of the cube */
+    uint32_t value;              /* enum prt_value */
+    uint32_t index_bytes;        /* 2, or 4 when n_coef > 65536 */
+    uint32_t reserved;
+    const uint64_t *begin;       /* [n_row+1] */
+    const void *index;           /* [n_entry] u16/u32, ascending within a row, never scaling */
+    const void *entry;           /* [n_entry][J] i8 or f16 (IEEE half bits), unpadded */
+    const float *scale;          /* [n_row][J] multiplies i8 values; NULL for F16 */
+    const uint16_t *scaling;     /* [n_row][6][J] f16: coefficient 0 of each face */
+};
+
+/* A cluster of vertices that share a basis. Never mixes objects or translucent with opaque. */
+struct prt_cluster {
+    uint32_t vertex_begin, n_vertex;   /* in the tensor's own vertex order */
+    uint32_t row_begin, rank;          /* rows [row_begin, +rank) are its basis */
+    uint64_t u_begin;                  /* first half of its U block in prt_tensor.u */
+};
+
+/* T[v][j][.] = sum_r U[v][r] rows[row_begin + r][j][.]            (FACTORED)
+ * T[v][j][.] = rows[position of v]                                 (SPARSE)
+ * colour[v][ch] = sum_j c[j][ch] U[v][j][ch], omega contracted     (RADIAL: polynomial)
+ * U block of a cluster: [rank][padded] f16, vertex fastest, padded = n_vertex rounded up to 16
+ * with zeros behind. RADIAL has U [rank = J][3][padded]. */
+struct prt_tensor {
+    uint32_t term;               /* enum prt_term */
+    uint32_t storage;            /* enum prt_storage */
+    uint32_t coupling;           /* enum prt_coupling */
+    uint32_t n_vertex;           /* all file vertices */
+    uint32_t n_function;         /* J = n_radial * n_phase; DIAGONAL: 3 * n_phase, [k][ch];
+                                    FULL: [k][radial] */
+    uint32_t n_phase;            /* 1, 4, 9, 16; 1 for multiple scattering */
+    uint32_t n_cluster;          /* 0 for SPARSE */
+    uint32_t n_radial;           /* radial basis functions; DIAGONAL: 0 */
+    const uint32_t *order;       /* [n_vertex] file vertex at each position of the tensor order */
+    const struct prt_cluster *cluster;
+    const uint16_t *u;           /* f16 */
+    uint64_t u_count;            /* halves in u */
+    struct prt_rows rows;        /* n_row 0 for RADIAL */
+    /* Radial basis behind j (FULL, RADIAL): values on a grid; NULL otherwise. */
+    uint32_t n_knot;             /* grid points */
+    uint32_t basis_kind;         /* enum of prt/radial.h */
+    const float *knot;           /* [n_knot] mm */
+    const float *basis;          /* [n_radial][n_knot] */
+};
+
+/* Everything a .prt holds. Arrays point into the map (prt_file_open) or into the baker's
+ * memory (prt_file_write). */
+struct prt_transport {
+    struct prt_mesh mesh;        /* mm; mesh.owner NULL */
+    struct prt_material material;/* of the bake; wavelet transport fixes it */
+    uint32_t cube;               /* n of the wavelet cubemap */
+    uint32_t engine;             /* enum prt_engine_kind */
+    uint32_t n_tensor;
+    struct prt_tensor tensor[4];
+    const char *settings;        /* JSON text: bake settings, provenance, versions, times */
+    const char *errors;          /* JSON text: measured errors against the reference */
+    uint64_t mesh_hash;          /* of the mesh content (positions, triangles, blocks) */
+};
+enum prt_engine_kind { PRT_ENGINE_WAVELET = 0, PRT_ENGINE_POLYNOMIAL = 1, PRT_ENGINE_JOINT = 2 };
+
+/* .prt: little-endian, versioned, 64-byte aligned sections each with an XXH3 checksum. */
+int prt_file_write(const struct prt_context *ctx, const char *path,
+                   const struct prt_transport *transport);
+
+struct prt_file; /* a read-only map; its transport lives as long as it */
+enum prt_file_check {
+    PRT_FILE_CHECK_HEADERS, /* bounds and structure: every index a kernel follows is proven */
+    PRT_FILE_CHECK_ALL,     /* and every section's checksum */
+};
+/* Refuses foreign, truncated, damaged files with a one-line message. */
+int prt_file_open(const struct prt_context *ctx, const char *path, enum prt_file_check check,
+                  struct prt_file **out);
+/* The same over bytes in memory (fuzzing); bytes must outlive the file. */
+int prt_file_open_memory(const struct prt_context *ctx, const char *name, const void *bytes,
+                         size_t n, enum prt_file_check check, struct prt_file **out);
+const struct prt_transport *prt_file_transport(const struct prt_file *file);
+uint64_t prt_file_bytes(const struct prt_file *file);
+void prt_file_close(struct prt_file *file);
+/* true when the file starts as a .prt does (cheap; for telling SOURCE kinds apart). */
+bool prt_file_probe(const char *path);
+
+/* IEEE half conversions; round to nearest even, overflow saturates to 65504. */
+uint16_t prt_f32_to_f16(float x);
+float prt_f16_to_f32(uint16_t h);
+void prt_f32_to_f16_array(const float *x, size_t n, uint16_t *out);
+void prt_f16_to_f32_array(const uint16_t *h, size_t n, float *out);
+
+/* Bytes of a tensor: U, and rows (indices, values, offsets, scales) in all. */
+void prt_tensor_bytes(const struct prt_tensor *tensor, uint64_t *u_bytes, uint64_t *row_bytes);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
