@@ -1,0 +1,1 @@
+prt_test(isolate SOURCES unit/isolate.c LIBS prt_base LABELS unit)
