@@ -62,34 +62,87 @@ static int write_all(int fd, const char *bytes, size_t n)
     return 0;
 }
 
+// Devices and pipes (/dev/stdout) are written in place: there is nothing to rename.
+struct prt_writer {
+    const struct prt_context *ctx;
+    int fd;
+    bool special, bad;
+    char path[PATH_MAX], temp[PATH_MAX];
+};
+
+int prt_writer_open(const struct prt_context *ctx, const char *path, struct prt_writer **out)
+{
+    struct stat st;
+    struct prt_writer *w = calloc(1, sizeof *w);
+    if (!w) return prt_fail(ctx, PRT_NOMEM, "%s: no memory to write it", path);
+    w->ctx = ctx;
+    if (snprintf(w->path, sizeof w->path, "%s", path) >= (int)sizeof w->path ||
+        snprintf(w->temp, sizeof w->temp, "%s.tmp-%ld", path, (long)getpid()) >=
+            (int)sizeof w->temp) {
+        free(w);
+        return prt_fail(ctx, PRT_IO, "%.80s...: the path is too long", path);
+    }
+    w->special = stat(path, &st) == 0 && !S_ISREG(st.st_mode);
+    w->fd = w->special ? open(path, O_WRONLY | O_CLOEXEC)
+                       : open(w->temp, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+    if (w->fd < 0) {
+        free(w);
+        return prt_fail(ctx, PRT_IO, "%s: %s", path, strerror(errno));
+    }
+    *out = w;
+    return PRT_OK;
+}
+
+int prt_writer_write(struct prt_writer *w, const void *bytes, size_t n)
+{
+    if (w->bad) return PRT_IO;
+    if (!write_all(w->fd, bytes, n)) return PRT_OK;
+    w->bad = true;
+    return prt_fail(w->ctx, PRT_IO, "%s: %s", w->path, strerror(errno));
+}
+
+void prt_writer_abandon(struct prt_writer *w)
+{
+    if (!w) return;
+    close(w->fd);
+    if (!w->special) unlink(w->temp);
+    free(w);
+}
+
+static void sync_folder(const char *path)
+{
+    char folder[PATH_MAX];
+    snprintf(folder, sizeof folder, "%s", path);
+    int fd = open(dirname(folder), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (fd < 0) return;
+    (void)!fsync(fd);
+    close(fd);
+}
+
+int prt_writer_finish(struct prt_writer *w)
+{
+    int status = w->bad ? PRT_IO : PRT_OK;
+    if (!status && !w->special && (fsync(w->fd) || rename(w->temp, w->path)))
+        status = prt_fail(w->ctx, PRT_IO, "%s: %s", w->path, strerror(errno));
+    if (status) {
+        prt_writer_abandon(w);
+        return status;
+    }
+    if (close(w->fd) && w->special)
+        status = prt_fail(w->ctx, PRT_IO, "%s: %s", w->path, strerror(errno));
+    if (!w->special) sync_folder(w->path);
+    free(w);
+    return status;
+}
+
 int prt_write_file(const struct prt_context *ctx, const char *path, const void *bytes, size_t n)
 {
-    char temp[PATH_MAX], folder[PATH_MAX];
-    if (snprintf(temp, sizeof temp, "%s.tmp-%ld", path, (long)getpid()) >= (int)sizeof temp)
-        return prt_fail(ctx, PRT_IO, "%s: the path is too long", path);
-    // Devices and pipes (/dev/stdout) are written in place: there is nothing to rename.
-    struct stat st;
-    bool special = stat(path, &st) == 0 && !S_ISREG(st.st_mode);
-    int fd = special ? open(path, O_WRONLY | O_CLOEXEC)
-                     : open(temp, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-    if (fd < 0) return prt_fail(ctx, PRT_IO, "%s: %s", path, strerror(errno));
-    bool bad = write_all(fd, bytes, n) || (!special && fsync(fd));
-    int error = errno;
-    bad |= close(fd) != 0;
-    if (!bad && !special && rename(temp, path)) {
-        bad = true;
-        error = errno;
+    struct prt_writer *w;
+    int status = prt_writer_open(ctx, path, &w);
+    if (status) return status;
+    if ((status = prt_writer_write(w, bytes, n))) {
+        prt_writer_abandon(w);
+        return status;
     }
-    if (bad) {
-        if (!special) unlink(temp);
-        return prt_fail(ctx, PRT_IO, "%s: %s", path, strerror(error));
-    }
-    if (special) return PRT_OK;
-    snprintf(folder, sizeof folder, "%s", path);
-    fd = open(dirname(folder), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (fd >= 0) {
-        (void)!fsync(fd);
-        close(fd);
-    }
-    return PRT_OK;
+    return prt_writer_finish(w);
 }

@@ -134,6 +134,13 @@ int prt_read_file(const struct prt_context *ctx, const char *path, uint64_t max_
                   struct prt_blob *out);
 /* Writes to PATH.tmp-PID, fsync, rename, fsync of the folder: nothing half-written. */
 int prt_write_file(const struct prt_context *ctx, const char *path, const void *bytes, size_t n);
+/* The same piece by piece, for files too large to build in memory. After a failed write only
+ * prt_writer_abandon (removes the temporary file) is left; finish fsyncs, renames and frees. */
+struct prt_writer;
+int prt_writer_open(const struct prt_context *ctx, const char *path, struct prt_writer **out);
+int prt_writer_write(struct prt_writer *writer, const void *bytes, size_t n);
+int prt_writer_finish(struct prt_writer *writer);
+void prt_writer_abandon(struct prt_writer *writer);
 
 #ifdef __cplusplus
 }

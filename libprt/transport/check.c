@@ -1,0 +1,288 @@
+// SPDX-License-Identifier: MIT
+// Proves a transport's structure, so that kernels and other rooms may follow it unchecked.
+#include "format.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+struct check {
+    const struct prt_context *ctx;
+    const char *name;
+    const struct prt_transport *t;
+};
+
+
+__attribute__((format(printf, 2, 3))) static int bad(const struct check *c, const char *fmt, ...)
+{
+    char line[256];
+    va_list args;
+    va_start(args, fmt);
+    vsnprintf(line, sizeof line, fmt, args);
+    va_end(args);
+    return prt_fail(c->ctx, PRT_FORMAT, "%s: %s", c->name, line);
+}
+
+static bool finite_f32(const void *p, uint64_t n)
+{
+    const uint32_t *u = p;
+    uint32_t found = 0;
+    for (uint64_t i = 0; i < n; i++) found |= (u[i] & 0x7f800000) == 0x7f800000;
+    return !found;
+}
+
+static bool finite_f16(const uint16_t *h, uint64_t n)
+{
+    uint16_t found = 0;
+    for (uint64_t i = 0; i < n; i++) found |= (h[i] & 0x7c00) == 0x7c00;
+    return !found;
+}
+
+static bool below(const uint32_t *u, uint64_t n, uint32_t limit)
+{
+    uint32_t found = 0;
+    for (uint64_t i = 0; i < n; i++) found |= u[i] >= limit;
+    return !found;
+}
+
+static bool in_unit(float x)
+{
+    return x >= 0 && x <= 1;
+}
+
+static int check_surfaces(const struct check *c, const struct prt_mesh *m)
+{
+    for (uint32_t i = 0; i < m->n_surface; i++) {
+        const struct prt_surface *s = &m->surface[i];
+        bool good = memchr(s->name, 0, sizeof s->name) && s->translucent <= 1 &&
+                    s->roughness >= 0 && s->roughness <= 1 && s->ior >= 0 && s->ior < 1e3f;
+        for (int k = 0; k < 4; k++) good = good && in_unit(s->base_color[k]);
+        if (!good) return bad(c, "surface %u is damaged", i);
+    }
+    return PRT_OK;
+}
+
+// Blocks tile vertices and triangles in order, so that maps from either to blocks are total.
+static int check_blocks(const struct check *c, const struct prt_mesh *m)
+{
+    uint32_t vertex = 0, triangle = 0;
+    for (uint32_t i = 0; i < m->n_block; i++) {
+        const struct prt_block *b = &m->block[i];
+        if (b->object >= m->n_object || b->surface >= m->n_surface ||
+            b->vertex_begin != vertex || b->n_vertex > m->n_vertex - vertex ||
+            b->triangle_begin != triangle || b->n_triangle > m->n_triangle - triangle)
+            return bad(c, "mesh block %u is out of range", i);
+        vertex += b->n_vertex;
+        triangle += b->n_triangle;
+    }
+    if (vertex != m->n_vertex || triangle != m->n_triangle)
+        return bad(c, "mesh blocks do not cover the mesh");
+    return PRT_OK;
+}
+
+static int check_mesh(const struct check *c)
+{
+    const struct prt_mesh *m = &c->t->mesh;
+    int status;
+    if (!m->n_vertex || !m->n_block || !m->n_object || !m->n_surface)
+        return bad(c, "the mesh is empty");
+    if (!m->position || !m->normal || !m->weld || !m->block || !m->surface ||
+        (m->n_triangle && !m->triangle))
+        return bad(c, "a part of the mesh is missing");
+    if (!(m->mm_per_unit >= 0 && m->mm_per_unit < 1e12f))
+        return bad(c, "the mesh's scale is %g mm a unit", (double)m->mm_per_unit);
+    if (!finite_f32(m->position, 3ull * m->n_vertex) ||
+        !finite_f32(m->normal, 3ull * m->n_vertex) ||
+        (m->uv && !finite_f32(m->uv, 2ull * m->n_vertex)))
+        return bad(c, "the mesh has coordinates that are not finite");
+    if (m->n_triangle && !below(&m->triangle[0][0], 3ull * m->n_triangle, m->n_vertex))
+        return bad(c, "a triangle names a vertex that is not there");
+    if (m->n_weld > m->n_vertex || !below(m->weld, m->n_vertex, m->n_weld))
+        return bad(c, "the mesh's weld map is out of range");
+    if ((status = check_surfaces(c, m)) || (status = check_blocks(c, m))) return status;
+    return PRT_OK;
+}
+
+static int check_order(const struct check *c, uint32_t i, const struct prt_tensor *t)
+{
+    uint32_t n = t->n_vertex, status = PRT_OK;
+    uint64_t *seen = prt_calloc((n + 63) / 64, 8);
+    if (!seen) return prt_fail(c->ctx, PRT_NOMEM, "%s: no memory to check it", c->name);
+    // n in range and as many distinct values as there are make a permutation
+    for (uint32_t k = 0; k < n && !status; k++) {
+        uint32_t v = t->order[k];
+        if (v >= n || (seen[v >> 6] >> (v & 63) & 1))
+            status = 1;
+        else
+            seen[v >> 6] |= 1ull << (v & 63);
+    }
+    prt_free(seen);
+    return status ? bad(c, "tensor %u: the vertex order is no permutation", i) : PRT_OK;
+}
+
+static bool good_cluster(const struct prt_tensor *t, const struct prt_cluster *k, uint32_t vertex)
+{
+    bool radial = t->storage == PRT_STORAGE_RADIAL;
+    uint64_t padded = ((uint64_t)k->n_vertex + 15) & ~15ull;
+    uint64_t halves = padded * k->rank * (radial ? 3 : 1); // < 2^33 * 2^12 * 3
+    if (k->vertex_begin != vertex || k->n_vertex > t->n_vertex - vertex || k->rank > 4096)
+        return false;
+    if (radial ? k->rank && k->rank != t->n_function
+               : k->row_begin > t->rows.n_row || k->rank > t->rows.n_row - k->row_begin)
+        return false;
+    return k->u_begin % 16 == 0 && k->u_begin <= t->u_count && halves <= t->u_count - k->u_begin;
+}
+
+static int check_clusters(const struct check *c, uint32_t i, const struct prt_tensor *t)
+{
+    uint32_t vertex = 0;
+    if (t->n_cluster && !t->cluster) return bad(c, "tensor %u: clusters are missing", i);
+    if (t->u_count && !t->u) return bad(c, "tensor %u: U is missing", i);
+    for (uint32_t k = 0; k < t->n_cluster; k++) {
+        if (!good_cluster(t, &t->cluster[k], vertex))
+            return bad(c, "tensor %u: cluster %u is out of range", i, k);
+        vertex += t->cluster[k].n_vertex;
+    }
+    if (vertex != t->n_vertex) return bad(c, "tensor %u: clusters do not cover the vertices", i);
+    if (!finite_f16(t->u, t->u_count)) return bad(c, "tensor %u: U is not finite", i);
+    return PRT_OK;
+}
+
+// Ascending, below n_coef, and none a scaling coefficient (they stand apart). n*n is a power of
+// two, so a face's scaling coefficient has the low bits 0.
+#define DEFINE_GOOD_ROW(name, type)                                                            \
+    static bool name(const type *index, uint64_t n, uint32_t n_coef, uint32_t face)            \
+    {                                                                                          \
+        type found = 0, low = (type)(face - 1);                                                \
+        for (uint64_t i = 0; i < n; i++) found |= (type)((index[i] & low) == 0);               \
+        for (uint64_t i = 1; i < n; i++) found |= (type)(index[i - 1] >= index[i]);            \
+        return !found && index[n - 1] < n_coef;                                                \
+    }
+DEFINE_GOOD_ROW(good_row16, uint16_t)
+DEFINE_GOOD_ROW(good_row32, uint32_t)
+
+static int check_entries(const struct check *c, uint32_t i, const struct prt_rows *r)
+{
+    uint32_t face = r->n_coef / 6;
+    if (r->begin[0]) return bad(c, "tensor %u: rows do not start at entry 0", i);
+    for (uint32_t k = 0; k < r->n_row; k++) {
+        uint64_t b = r->begin[k], e = r->begin[k + 1];
+        if (b > e || e > r->begin[r->n_row] || e - b > r->n_coef)
+            return bad(c, "tensor %u: row %u is out of range", i, k);
+        if (e == b) continue;
+        bool good = r->index_bytes == 2
+                        ? good_row16((const uint16_t *)r->index + b, e - b, r->n_coef, face)
+                        : good_row32((const uint32_t *)r->index + b, e - b, r->n_coef, face);
+        if (!good) return bad(c, "tensor %u: row %u has coefficients out of order", i, k);
+    }
+    return PRT_OK;
+}
+
+static int check_rows(const struct check *c, uint32_t i, const struct prt_tensor *t)
+{
+    const struct prt_rows *r = &t->rows;
+    uint32_t n = c->t->cube;
+    if (t->storage == PRT_STORAGE_RADIAL) {
+        if (r->n_row) return bad(c, "tensor %u: radial storage has no rows", i);
+        return PRT_OK;
+    }
+    if (n < 2 || n > 1024 || (n & (n - 1)) || r->n_coef != 6 * n * n)
+        return bad(c, "tensor %u: %u coefficients for a cube of %u", i, r->n_coef, n);
+    if (r->n_row && (!r->begin || !r->scaling))
+        return bad(c, "tensor %u: rows are missing", i);
+    if (t->storage == PRT_STORAGE_SPARSE && r->n_row != t->n_vertex)
+        return bad(c, "tensor %u: %u rows for %u vertices", i, r->n_row, t->n_vertex);
+    if (r->value > PRT_VALUE_F16 || r->n_function != t->n_function ||
+        r->index_bytes != (r->n_coef > 65536 ? 4 : 2))
+        return bad(c, "tensor %u: unknown kind of rows", i);
+    if (!r->n_row) return PRT_OK;
+    uint64_t n_entry = r->begin[r->n_row], n_scale = (uint64_t)r->n_row * r->n_function;
+    if ((n_entry && (!r->index || !r->entry)) || (r->value == PRT_VALUE_I8 && !r->scale))
+        return bad(c, "tensor %u: entries are missing", i);
+    int status = check_entries(c, i, r);
+    if (status) return status;
+    if ((r->value == PRT_VALUE_F16 && !finite_f16(r->entry, n_entry * r->n_function)) ||
+        (r->value == PRT_VALUE_I8 && !finite_f32(r->scale, n_scale)) ||
+        !finite_f16(r->scaling, 6 * n_scale))
+        return bad(c, "tensor %u: rows have values that are not finite", i);
+    return PRT_OK;
+}
+
+static int check_basis(const struct check *c, uint32_t i, const struct prt_tensor *t)
+{
+    if (!t->n_knot) return PRT_OK;
+    if (!t->knot || !t->basis || t->n_knot < 2 || t->n_knot > 1u << 24 || !t->n_radial)
+        return bad(c, "tensor %u: the radial basis is damaged", i);
+    if (!finite_f32(t->knot, t->n_knot) ||
+        !finite_f32(t->basis, (uint64_t)t->n_knot * t->n_radial))
+        return bad(c, "tensor %u: the radial basis is not finite", i);
+    for (uint32_t k = 1; k < t->n_knot; k++)
+        if (!(t->knot[k - 1] < t->knot[k]))
+            return bad(c, "tensor %u: the radial grid does not ascend", i);
+    return PRT_OK;
+}
+
+static bool good_shape(const struct prt_tensor *t)
+{
+    static const uint32_t phases[] = {1, 4, 9, 16};
+    bool phase = false;
+    for (int i = 0; i < 4; i++) phase |= t->n_phase == phases[i];
+    if (!phase || t->term > PRT_TERM_SINGLE || t->storage > PRT_STORAGE_RADIAL ||
+        t->coupling > PRT_COUPLE_FULL || t->n_radial > 1024)
+        return false;
+    if (t->storage == PRT_STORAGE_SPARSE && t->n_cluster) return false;
+    if (t->coupling == PRT_COUPLE_DIAGONAL && t->storage != PRT_STORAGE_RADIAL)
+        return t->n_function == 3 * t->n_phase;
+    // a per-vertex row of many functions has no kernel: full coupling is factored or radial
+    return t->storage != PRT_STORAGE_SPARSE && t->n_radial &&
+           t->n_function == t->n_radial * t->n_phase && t->n_function <= 4096;
+}
+
+static int check_tensor(const struct check *c, uint32_t i)
+{
+    const struct prt_tensor *t = &c->t->tensor[i];
+    int status;
+    if (!good_shape(t)) return bad(c, "tensor %u: unknown kind of transport", i);
+    if (t->n_vertex != c->t->mesh.n_vertex || !t->order)
+        return bad(c, "tensor %u: %u vertices, the mesh has %u", i, t->n_vertex,
+                   c->t->mesh.n_vertex);
+    if ((status = check_order(c, i, t)) || (status = check_rows(c, i, t)) ||
+        (status = check_basis(c, i, t)))
+        return status;
+    return t->storage == PRT_STORAGE_SPARSE ? PRT_OK : check_clusters(c, i, t);
+}
+
+int prt_transport_check(const struct prt_context *ctx, const char *name,
+                        const struct prt_transport *transport)
+{
+    const struct check c = {ctx, name, transport};
+    const struct prt_material *m = &transport->material;
+    int status = check_mesh(&c);
+    if (status) return status;
+    bool good = memchr(m->name, 0, sizeof m->name) && m->eta >= 1 && m->eta <= 3 &&
+                finite_f32(&m->roughness, 1);
+    for (int k = 0; k < 3; k++)
+        good = good && m->sigma_s_prime[k] >= 0 && m->sigma_a[k] >= 0 &&
+               finite_f32(m->sigma_s_prime, 3) && finite_f32(m->sigma_a, 3) &&
+               fabsf(m->g[k]) < 1;
+    if (!good) return bad(&c, "the material is damaged");
+    if (transport->n_tensor < 1 || transport->n_tensor > 4)
+        return bad(&c, "%u tensors, 1 to 4 are known", transport->n_tensor);
+    if (transport->engine > PRT_ENGINE_JOINT)
+        return bad(&c, "unknown engine %u", transport->engine);
+    for (uint32_t i = 0; i < transport->n_tensor; i++)
+        if ((status = check_tensor(&c, i))) return status;
+    return PRT_OK;
+}
+
+void prt_tensor_bytes(const struct prt_tensor *t, uint64_t *u_bytes, uint64_t *row_bytes)
+{
+    const struct prt_rows *r = &t->rows;
+    uint64_t n_entry = r->n_row ? r->begin[r->n_row] : 0, j = t->n_function;
+    *u_bytes = 2 * t->u_count;
+    *row_bytes = 0;
+    if (!r->n_row) return;
+    *row_bytes = 8 * (r->n_row + 1ull) + n_entry * r->index_bytes +
+                 n_entry * j * (r->value == PRT_VALUE_I8 ? 1 : 2) + 12 * j * r->n_row;
+    if (r->value == PRT_VALUE_I8) *row_bytes += 4 * j * r->n_row;
+}

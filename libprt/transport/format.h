@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: MIT
+// The layout of a .prt file: a header, a table of sections, the sections.
+//
+// Everything is little-endian. The header is 64 bytes, the table follows it, sections lie in
+// the order of the table, each on a 64-byte boundary with zeros behind it up to the next one;
+// a checksum covers a section with its zeros, so that no byte of the file is unguarded.
+#ifndef PRT_TRANSPORT_FORMAT_H
+#define PRT_TRANSPORT_FORMAT_H
+
+#include "prt/transport.h"
+
+enum {
+    FORMAT_VERSION = 1,
+    FORMAT_ENDIAN = 0x01020304,
+    FORMAT_ALIGN = 64,
+    FORMAT_MAX_SECTION = 128,
+};
+#define FORMAT_MAGIC "\x89PRT\r\n\x1a\n"
+
+struct format_header {
+    char magic[8];
+    uint32_t version, endian;
+    uint64_t file_bytes;
+    uint32_t n_section, reserved;
+    uint64_t reserved2[3];
+    uint64_t hash;               // XXH3 of header and table, this field 0
+};
+
+enum format_section_type {
+    SECTION_INFO = 1, SECTION_SETTINGS, SECTION_ERRORS,
+    SECTION_POSITION, SECTION_NORMAL, SECTION_UV, SECTION_TRIANGLE, SECTION_WELD,
+    SECTION_BLOCK, SECTION_SURFACE,
+    SECTION_TENSOR, SECTION_ORDER, SECTION_CLUSTER, SECTION_U,
+    SECTION_ROW_BEGIN, SECTION_ROW_INDEX, SECTION_ROW_ENTRY, SECTION_ROW_SCALE,
+    SECTION_ROW_SCALING, SECTION_KNOT, SECTION_BASIS,
+};
+
+struct format_section {
+    uint32_t type;               // enum format_section_type
+    uint32_t tensor;             // which one the section belongs to; 0 for the others
+    uint64_t offset, bytes;      // bytes without the zeros behind
+    uint64_t hash;               // XXH3, with the zeros behind
+};
+
+struct format_info {
+    uint32_t n_vertex, n_triangle, n_block, n_object, n_surface, n_weld;
+    float mm_per_unit;
+    uint32_t units_known, n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
+    uint32_t cube, engine, n_tensor;
+    struct prt_material material;
+    uint32_t reserved;
+    uint64_t mesh_hash;
+};
+
+struct format_tensor {
+    uint32_t term, storage, coupling, n_vertex, n_function, n_phase, n_cluster, n_radial;
+    uint64_t u_count, n_entry;
+    uint32_t n_row, n_coef, value, index_bytes;
+    uint32_t n_knot, basis_kind;
+};
+
+_Static_assert(sizeof(struct format_header) == 64, "header");
+_Static_assert(sizeof(struct format_section) == 32, "section");
+_Static_assert(sizeof(struct prt_material) == 76, "material");
+_Static_assert(sizeof(struct format_info) == 144, "info");
+_Static_assert(sizeof(struct format_tensor) == 72, "tensor");
+_Static_assert(sizeof(struct prt_block) == 24, "block");
+_Static_assert(sizeof(struct prt_surface) == 92, "surface");
+_Static_assert(sizeof(struct prt_cluster) == 24, "cluster");
+
+static inline uint64_t format_padded(uint64_t bytes)
+{
+    return (bytes + FORMAT_ALIGN - 1) & ~(uint64_t)(FORMAT_ALIGN - 1);
+}
+
+// Proves that everything a kernel or another room follows in `transport` stays inside it:
+// ranges, orders, permutations, finite numbers. Section lengths are already known to match the
+// counts. `name` opens the error line.
+int prt_transport_check(const struct prt_context *ctx, const char *name,
+                        const struct prt_transport *transport);
+
+#endif

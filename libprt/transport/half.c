@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: MIT
+// IEEE half floats, bit for bit the same on every machine.
+#include "prt/transport.h"
+
+#include <string.h>
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
+uint16_t prt_f32_to_f16(float x)
+{
+    uint32_t u;
+    memcpy(&u, &x, 4);
+    uint32_t sign = (u >> 16) & 0x8000, mag = u & 0x7fffffff;
+    if (mag > 0x7f800000) return (uint16_t)(sign | 0x7e00);
+    // 65520 would round to infinity: a stored value that large saturates instead.
+    if (mag >= 0x477ff000) return (uint16_t)(sign | 0x7bff);
+    if (mag < 0x38800000) { // below 2^-14: subnormal, spacing 2^-24; adding 0.5 rounds there
+        float f;
+        memcpy(&f, &mag, 4);
+        f += 0.5f;
+        memcpy(&mag, &f, 4);
+        return (uint16_t)(sign | (mag - 0x3f000000));
+    }
+    uint32_t odd = (mag >> 13) & 1;
+    return (uint16_t)(sign | ((mag - 0x38000000 + 0xfff + odd) >> 13));
+}
+
+float prt_f16_to_f32(uint16_t h)
+{
+    uint32_t sign = (uint32_t)(h & 0x8000) << 16, mag = h & 0x7fff, u;
+    float f;
+    if (mag >= 0x7c00) {
+        u = 0x7f800000 | (mag << 13);
+    } else if (mag < 0x400) {
+        f = (float)mag * 0x1p-24f;
+        memcpy(&u, &f, 4);
+    } else {
+        u = (mag << 13) + 0x38000000;
+    }
+    u |= sign;
+    memcpy(&f, &u, 4);
+    return f;
+}
+
+#if defined(__x86_64__)
+__attribute__((target("avx2,f16c"))) static size_t to_f16_simd(const float *x, size_t n,
+                                                               uint16_t *out)
+{
+    const __m256 limit = _mm256_set1_ps(65504.f), low = _mm256_set1_ps(-65504.f);
+    size_t i = 0;
+    for (; i + 8 <= n; i += 8) {
+        __m256 v = _mm256_loadu_ps(x + i);
+        // min/max keep the second operand when the other is NaN, so NaN stays NaN
+        v = _mm256_max_ps(low, _mm256_min_ps(limit, v));
+        _mm_storeu_si128((__m128i *)(out + i), _mm256_cvtps_ph(v, _MM_FROUND_TO_NEAREST_INT));
+    }
+    return i;
+}
+
+__attribute__((target("avx2,f16c"))) static size_t to_f32_simd(const uint16_t *h, size_t n,
+                                                               float *out)
+{
+    size_t i = 0;
+    for (; i + 8 <= n; i += 8)
+        _mm256_storeu_ps(out + i, _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(h + i))));
+    return i;
+}
+
+static bool have_f16c(void)
+{
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("f16c");
+}
+#else
+static bool have_f16c(void)
+{
+    return false;
+}
+#define to_f16_simd(x, n, out) ((void)(x), (void)(out), (size_t)0)
+#define to_f32_simd(x, n, out) ((void)(x), (void)(out), (size_t)0)
+#endif
+
+void prt_f32_to_f16_array(const float *x, size_t n, uint16_t *out)
+{
+    size_t i = have_f16c() ? to_f16_simd(x, n, out) : 0;
+    for (; i < n; i++) out[i] = prt_f32_to_f16(x[i]);
+}
+
+void prt_f16_to_f32_array(const uint16_t *h, size_t n, float *out)
+{
+    size_t i = have_f16c() ? to_f32_simd(h, n, out) : 0;
+    for (; i < n; i++) out[i] = prt_f16_to_f32(h[i]);
+}

@@ -1,0 +1,320 @@
+// SPDX-License-Identifier: MIT
+// Maps a .prt and makes a transport of it in place.
+#include "format.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+struct prt_file {
+    const struct prt_context *ctx;   // while opening only
+    const char *name;                // while opening only
+    const char *bytes;
+    uint64_t size;
+    bool mapped;
+    const struct format_section *section;
+    uint32_t n_section, n_taken;
+    struct prt_transport transport;
+};
+
+static int bad_header(const struct prt_context *ctx, const char *name, const char *what)
+{
+    return prt_fail(ctx, PRT_FORMAT, "%s: %s", name, what);
+}
+
+static uint64_t header_hash(const struct format_header *header, const void *table, uint64_t n)
+{
+    struct format_header copy = *header;
+    XXH3_state_t *state = XXH3_createState();
+    if (!state) return 0;
+    copy.hash = 0;
+    XXH3_64bits_reset(state);
+    XXH3_64bits_update(state, &copy, sizeof copy);
+    XXH3_64bits_update(state, table, n);
+    uint64_t hash = XXH3_64bits_digest(state);
+    XXH3_freeState(state);
+    return hash;
+}
+
+static int check_header(struct prt_file *f)
+{
+    struct format_header h;
+    if (f->size < sizeof h || memcmp(f->bytes, FORMAT_MAGIC, 8))
+        return bad_header(f->ctx, f->name,
+                          f->size < 8 || memcmp(f->bytes, FORMAT_MAGIC, 8)
+                              ? "not a .prt file"
+                              : "the file is truncated in its header");
+    memcpy(&h, f->bytes, sizeof h);
+    if (h.endian != FORMAT_ENDIAN)
+        return bad_header(f->ctx, f->name, "the .prt has another byte order");
+    if (h.version != FORMAT_VERSION)
+        return prt_fail(f->ctx, PRT_FORMAT,
+                        "%s: .prt version %u, this program reads version %d", f->name,
+                        h.version, FORMAT_VERSION);
+    if (h.file_bytes != f->size)
+        return prt_fail(f->ctx, PRT_FORMAT, "%s: %s: %llu bytes of %llu", f->name,
+                        f->size < h.file_bytes ? "the file is truncated"
+                                               : "something follows the file",
+                        (unsigned long long)f->size, (unsigned long long)h.file_bytes);
+    if (!h.n_section || h.n_section > FORMAT_MAX_SECTION)
+        return bad_header(f->ctx, f->name, "the header is damaged");
+    uint64_t table = format_padded(sizeof *f->section * h.n_section);
+    if (table > f->size - sizeof h)
+        return bad_header(f->ctx, f->name, "the table of sections is truncated");
+    if (header_hash(&h, f->bytes + sizeof h, table) != h.hash)
+        return bad_header(f->ctx, f->name, "the header is damaged (checksum)");
+    f->section = (const struct format_section *)(f->bytes + sizeof h);
+    f->n_section = h.n_section;
+    return PRT_OK;
+}
+
+// Sections follow each other without gaps up to the end of the file.
+static int check_table(const struct prt_file *f)
+{
+    uint64_t at = format_padded(sizeof(struct format_header) + sizeof *f->section * f->n_section);
+    for (uint32_t i = 0; i < f->n_section; i++) {
+        const struct format_section *s = &f->section[i];
+        if (s->offset != at || !s->bytes || s->bytes > f->size - at ||
+            format_padded(s->bytes) > f->size - at)
+            return prt_fail(f->ctx, PRT_FORMAT, "%s: section %u is out of range", f->name, i);
+        at += format_padded(s->bytes);
+    }
+    if (at != f->size) return bad_header(f->ctx, f->name, "sections do not fill the file");
+    return PRT_OK;
+}
+
+static int hash_sections(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct prt_file *f = arg;
+    for (size_t i = begin; i < end; i++) {
+        const struct format_section *s = &f->section[i];
+        if (prt_hash64(f->bytes + s->offset, format_padded(s->bytes), 0) != s->hash)
+            return prt_fail(f->ctx, PRT_FORMAT, "%s: section %zu is damaged (checksum)",
+                            f->name, i);
+    }
+    return PRT_OK;
+}
+
+// *out gets the section's place, or NULL when bytes is 0 and it is not there.
+static int take(struct prt_file *f, uint32_t type, uint32_t tensor, uint64_t bytes,
+                const void **out)
+{
+    *out = NULL;
+    for (uint32_t i = 0; i < f->n_section; i++) {
+        const struct format_section *s = &f->section[i];
+        if (s->type != type || s->tensor != tensor) continue;
+        if (*out || s->bytes != bytes)
+            return prt_fail(f->ctx, PRT_FORMAT, "%s: section %u has %llu bytes, not %llu",
+                            f->name, i, (unsigned long long)s->bytes, (unsigned long long)bytes);
+        *out = f->bytes + s->offset;
+        f->n_taken++;
+    }
+    if (bytes && !*out)
+        return prt_fail(f->ctx, PRT_FORMAT, "%s: a section of type %u is missing", f->name, type);
+    return PRT_OK;
+}
+
+static int take_text(struct prt_file *f, uint32_t type, const char **out)
+{
+    uint64_t bytes = 0;
+    const void *p;
+    for (uint32_t i = 0; i < f->n_section; i++)
+        if (f->section[i].type == type && !f->section[i].tensor) bytes = f->section[i].bytes;
+    int status = take(f, type, 0, bytes, &p);
+    if (status) return status;
+    if (!p || memchr(p, 0, bytes) != (const char *)p + bytes - 1)
+        return bad_header(f->ctx, f->name, "a text in it is damaged");
+    *out = p;
+    return PRT_OK;
+}
+
+// The map is read-only; struct prt_mesh has plain pointers because loaders fill them.
+#define TAKE(f, type, tensor, bytes, field)                                                    \
+    do {                                                                                       \
+        const void *taken;                                                                     \
+        int taken_status = take(f, type, tensor, bytes, &taken);                               \
+        if (taken_status) return taken_status;                                                 \
+        (field) = (void *)(uintptr_t)taken;                                                    \
+    } while (0)
+
+static int take_mesh(struct prt_file *f, const struct format_info *info)
+{
+    struct prt_mesh *m = &f->transport.mesh;
+    uint32_t has_uv = 0;
+    *m = (struct prt_mesh){
+        .n_vertex = info->n_vertex, .n_triangle = info->n_triangle, .n_block = info->n_block,
+        .n_object = info->n_object, .n_surface = info->n_surface, .n_weld = info->n_weld,
+        .mm_per_unit = info->mm_per_unit, .units_known = info->units_known,
+        .n_boundary_edge = info->n_boundary_edge,
+        .n_nonmanifold_edge = info->n_nonmanifold_edge,
+        .n_degenerate_triangle = info->n_degenerate_triangle};
+    for (uint32_t i = 0; i < f->n_section; i++) has_uv |= f->section[i].type == SECTION_UV;
+    TAKE(f, SECTION_POSITION, 0, 12ull * m->n_vertex, m->position);
+    TAKE(f, SECTION_NORMAL, 0, 12ull * m->n_vertex, m->normal);
+    if (has_uv) TAKE(f, SECTION_UV, 0, 8ull * m->n_vertex, m->uv);
+    TAKE(f, SECTION_TRIANGLE, 0, 12ull * m->n_triangle, m->triangle);
+    TAKE(f, SECTION_WELD, 0, 4ull * m->n_vertex, m->weld);
+    TAKE(f, SECTION_BLOCK, 0, (uint64_t)sizeof *m->block * m->n_block, m->block);
+    TAKE(f, SECTION_SURFACE, 0, (uint64_t)sizeof *m->surface * m->n_surface, m->surface);
+    return PRT_OK;
+}
+
+static int take_rows(struct prt_file *f, uint32_t i, const struct format_tensor *ft,
+                     struct prt_rows *r)
+{
+    uint64_t j = ft->n_function, n_entry = ft->n_entry;
+    *r = (struct prt_rows){.n_row = ft->n_row, .n_function = ft->n_function,
+                           .n_coef = ft->n_coef, .value = ft->value,
+                           .index_bytes = ft->index_bytes};
+    if (!ft->n_row) return PRT_OK;
+    if (ft->index_bytes != 2 && ft->index_bytes != 4)
+        return bad_header(f->ctx, f->name, "indices of an unknown size");
+    TAKE(f, SECTION_ROW_BEGIN, i, 8 * (ft->n_row + 1ull), r->begin);
+    if (r->begin[ft->n_row] != n_entry)
+        return bad_header(f->ctx, f->name, "rows do not end with the entries");
+    TAKE(f, SECTION_ROW_INDEX, i, n_entry * ft->index_bytes, r->index);
+    TAKE(f, SECTION_ROW_ENTRY, i, n_entry * j * (ft->value == PRT_VALUE_I8 ? 1 : 2), r->entry);
+    if (ft->value == PRT_VALUE_I8)
+        TAKE(f, SECTION_ROW_SCALE, i, 4 * j * ft->n_row, r->scale);
+    TAKE(f, SECTION_ROW_SCALING, i, 12 * j * ft->n_row, r->scaling);
+    return PRT_OK;
+}
+
+static int take_tensor(struct prt_file *f, uint32_t i)
+{
+    struct prt_tensor *t = &f->transport.tensor[i];
+    const struct format_tensor *ft;
+    TAKE(f, SECTION_TENSOR, i, sizeof *ft, ft);
+    // so that no product below overflows
+    if (ft->n_function > 65536 || ft->n_radial > 65536 || ft->n_entry > f->size ||
+        ft->u_count > f->size || ft->n_knot > 1u << 24)
+        return prt_fail(f->ctx, PRT_FORMAT, "%s: tensor %u is damaged", f->name, i);
+    *t = (struct prt_tensor){
+        .term = ft->term, .storage = ft->storage, .coupling = ft->coupling,
+        .n_vertex = ft->n_vertex, .n_function = ft->n_function, .n_phase = ft->n_phase,
+        .n_cluster = ft->n_cluster, .n_radial = ft->n_radial, .u_count = ft->u_count,
+        .n_knot = ft->n_knot, .basis_kind = ft->basis_kind};
+    TAKE(f, SECTION_ORDER, i, 4ull * ft->n_vertex, t->order);
+    TAKE(f, SECTION_CLUSTER, i, (uint64_t)sizeof *t->cluster * ft->n_cluster, t->cluster);
+    TAKE(f, SECTION_U, i, 2 * ft->u_count, t->u);
+    TAKE(f, SECTION_KNOT, i, 4ull * ft->n_knot, t->knot);
+    TAKE(f, SECTION_BASIS, i, 4ull * ft->n_knot * ft->n_radial, t->basis);
+    return take_rows(f, i, ft, &t->rows);
+}
+
+static int take_all(struct prt_file *f)
+{
+    struct prt_transport *t = &f->transport;
+    const struct format_info *info;
+    int status;
+    TAKE(f, SECTION_INFO, 0, sizeof *info, info);
+    if (info->n_tensor < 1 || info->n_tensor > 4)
+        return prt_fail(f->ctx, PRT_FORMAT, "%s: %u tensors, 1 to 4 are known", f->name,
+                        info->n_tensor);
+    t->material = info->material;
+    t->cube = info->cube;
+    t->engine = info->engine;
+    t->n_tensor = info->n_tensor;
+    t->mesh_hash = info->mesh_hash;
+    if ((status = take_text(f, SECTION_SETTINGS, &t->settings)) ||
+        (status = take_text(f, SECTION_ERRORS, &t->errors)) || (status = take_mesh(f, info)))
+        return status;
+    for (uint32_t i = 0; i < t->n_tensor; i++)
+        if ((status = take_tensor(f, i))) return status;
+    if (f->n_taken != f->n_section)
+        return bad_header(f->ctx, f->name, "it has a section that does not belong there");
+    return PRT_OK;
+}
+
+static int open_bytes(struct prt_file *f, enum prt_file_check check)
+{
+    int status;
+    if ((status = check_header(f)) || (status = check_table(f))) return status;
+    if (check == PRT_FILE_CHECK_ALL &&
+        (status = prt_parallel_for(f->ctx, NULL, f->n_section, 1, hash_sections, f)))
+        return status;
+    if ((status = take_all(f))) return status;
+    return prt_transport_check(f->ctx, f->name, &f->transport);
+}
+
+int prt_file_open_memory(const struct prt_context *ctx, const char *name, const void *bytes,
+                         size_t n, enum prt_file_check check, struct prt_file **out)
+{
+    if ((uintptr_t)bytes % 8)
+        return prt_fail(ctx, PRT_ARG, "%s: a .prt in memory must be 8-byte aligned", name);
+    struct prt_file *f = prt_calloc(1, sizeof *f);
+    if (!f) return prt_fail(ctx, PRT_NOMEM, "%s: no memory to open it", name);
+    f->ctx = ctx;
+    f->name = name;
+    f->bytes = bytes;
+    f->size = n;
+    int status = open_bytes(f, check);
+    if (status) {
+        prt_free(f);
+        return status;
+    }
+    f->ctx = NULL;
+    f->name = NULL;
+    *out = f;
+    return PRT_OK;
+}
+
+int prt_file_open(const struct prt_context *ctx, const char *path, enum prt_file_check check,
+                  struct prt_file **out)
+{
+    struct stat st;
+    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    if (fd < 0) return prt_fail(ctx, PRT_IO, "%s: %s", path, strerror(errno));
+    if (fstat(fd, &st) || !S_ISREG(st.st_mode)) {
+        close(fd);
+        return prt_fail(ctx, PRT_IO, "%s: not a regular file", path);
+    }
+    if (!st.st_size) {
+        close(fd);
+        return prt_fail(ctx, PRT_FORMAT, "%s: the file is empty", path);
+    }
+    void *map = mmap(NULL, (size_t)st.st_size, PROT_READ, MAP_SHARED, fd, 0);
+    int error = errno;
+    close(fd);
+    if (map == MAP_FAILED) return prt_fail(ctx, PRT_IO, "%s: %s", path, strerror(error));
+    (void)madvise(map, (size_t)st.st_size, MADV_WILLNEED);
+    int status = prt_file_open_memory(ctx, path, map, (size_t)st.st_size, check, out);
+    if (status)
+        munmap(map, (size_t)st.st_size);
+    else
+        (*out)->mapped = true;
+    return status;
+}
+
+const struct prt_transport *prt_file_transport(const struct prt_file *file)
+{
+    return &file->transport;
+}
+
+uint64_t prt_file_bytes(const struct prt_file *file)
+{
+    return file->size;
+}
+
+void prt_file_close(struct prt_file *file)
+{
+    if (!file) return;
+    if (file->mapped) munmap((void *)(uintptr_t)file->bytes, file->size);
+    prt_free(file);
+}
+
+bool prt_file_probe(const char *path)
+{
+    char magic[8];
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (fd < 0) return false;
+    bool is = read(fd, magic, 8) == 8 && !memcmp(magic, FORMAT_MAGIC, 8);
+    close(fd);
+    return is;
+}
