@@ -12,11 +12,11 @@ extern "C" {
 /* What a user says. Coefficients in mm^-1, one per RGB channel. */
 struct prt_material {
     char name[32];
-    float sigma_s_prime[3]; /* (0, 1000] */
+    float sigma_s_prime[3]; /* [1e-5, 1000] */
     float sigma_a[3];       /* [0, 1000] */
-    float g[3];             /* (-1, 1), |g| <= 0.95 */
+    float g[3];             /* |g| <= 0.95; sigma_a + sigma_s'/(1-g) <= 5000 */
     float eta;              /* [1, 3] relative index inside/outside */
-    float roughness;        /* (0, 1] of the specular lobe */
+    float roughness;        /* [0.01, 1] of the specular lobe */
 };
 
 /* Refuses out-of-range values, naming parameter, value, allowed range and unit. */
@@ -41,16 +41,21 @@ void prt_dipole_init(struct prt_dipole *dipole, double sigma_s_prime, double sig
 double prt_dipole_rd(const struct prt_dipole *dipole, double r_mm);          /* mm^-2 */
 /* Fraction-free tail: integral of 2 pi r R_d beyond r (METHODS §7, S09 eq 4 erratum). */
 double prt_dipole_tail(const struct prt_dipole *dipole, double r_mm);
-/* out[i] = R_d(sqrt(r2[i])), relative error < 1e-5; vectorised for ctx-free use by `cpu`. */
+/* out[i] = R_d(sqrt(r2[i])), relative error < 1e-5 where sigma_tr d <= 40 (beyond it R_d has fallen
+ * by e^-40); r2 finite, >= 0. Vectorised for ctx-free use by `cpu`. */
 void prt_dipole_rd_array(const struct prt_dipole *dipole, unsigned cpu, size_t n,
                          const float *r2_mm2, float *out);
+/* The same for three channels that share r2. */
+void prt_dipole_rd3_array(const struct prt_dipole dipole[3], unsigned cpu, size_t n,
+                          const float *r2_mm2, float *out0, float *out1, float *out2);
 
 double prt_fresnel_dr(double eta);                            /* F_dr, METHODS §1 */
 double prt_fresnel_transmittance(double eta, double cos_theta); /* exact, unpolarised */
 /* Cosine-weighted hemispherical mean of F_t: 0.938868 at 1.3, 0.908222 at 1.5. */
 double prt_fresnel_mean_transmittance(double eta);
-/* Direction refracted into the medium; both point away from the surface on their own side:
- * out is the inside direction w' with w'.n < 0 ... returned as pointing INTO the body. */
+/* Refracts the outside direction w (away from the surface, w.n >= 0) at a surface of unit normal
+ * n: out is the unit direction in which light from w travels on, INTO the body (out.n < 0).
+ * The outward inside direction w' of METHODS is its negative. */
 void prt_refract_in(double eta, const float n[3], const float w[3], float out[3]);
 
 /* Phase functions as Legendre coefficients: p(c) = sum_l (2l+1)/(4 pi) a_l P_l(c), a_0 = 1, c the
@@ -69,7 +74,7 @@ int prt_phase_tabulated(struct prt_phase *phase, unsigned n, const double *cosin
                         const double *p, unsigned n_term);
 double prt_phase_eval(const struct prt_phase *phase, double cos_outward);
 double prt_hg_eval(double g, double cos_scatter); /* exact HG, scattering angle, sr^-1 */
-/* Real spherical harmonics Y_lm, l < n_band, out[l*l+l+m], at a unit direction. Orthonormal.
+/* Real spherical harmonics Y_lm, l < n_band <= 4, out[l*l+l+m], at a unit direction. Orthonormal.
  * p(w.w') = sum_l a_l sum_m Y_lm(w) Y_lm(w'). */
 void prt_sh_eval(unsigned n_band, const float dir[3], float *out);
 

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: MIT
+// Materials: the measured presets, the ranges every parameter must keep, and names.
+#include "material.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <strings.h>
+#include <unistd.h>
+
+/* JMLH01 fig. 5. Its g is not measured: 0; the roughness is our choice. */
+#define MEDIUM(NAME, sr, sg, sb, ar, ag, ab, ETA)                                              \
+    {                                                                                          \
+        .name = NAME, .sigma_s_prime = {sr, sg, sb}, .sigma_a = {ar, ag, ab}, .eta = ETA,      \
+        .roughness = 0.3f                                                                      \
+    }
+static const struct prt_material presets[] = {
+    MEDIUM("apple", 2.29f, 2.39f, 1.97f, 0.003f, 0.0034f, 0.046f, 1.3f),
+    MEDIUM("chicken1", 0.15f, 0.21f, 0.38f, 0.015f, 0.077f, 0.19f, 1.3f),
+    MEDIUM("chicken2", 0.19f, 0.25f, 0.32f, 0.018f, 0.088f, 0.2f, 1.3f),
+    MEDIUM("cream", 7.38f, 5.47f, 3.15f, 0.0002f, 0.0028f, 0.0163f, 1.3f),
+    MEDIUM("ketchup", 0.18f, 0.07f, 0.03f, 0.061f, 0.97f, 1.45f, 1.3f),
+    MEDIUM("marble", 2.19f, 2.62f, 3.0f, 0.0021f, 0.0041f, 0.0071f, 1.5f),
+    MEDIUM("potato", 0.68f, 0.7f, 0.55f, 0.0024f, 0.009f, 0.12f, 1.3f),
+    MEDIUM("skimmilk", 0.7f, 1.22f, 1.9f, 0.0014f, 0.0025f, 0.0142f, 1.3f),
+    MEDIUM("skin1", 0.74f, 0.88f, 1.01f, 0.032f, 0.17f, 0.48f, 1.3f),
+    MEDIUM("skin2", 1.09f, 1.59f, 1.79f, 0.013f, 0.07f, 0.145f, 1.3f),
+    MEDIUM("spectralon", 11.6f, 20.4f, 14.9f, 0, 0, 0, 1.3f),
+    MEDIUM("wholemilk", 2.55f, 3.21f, 3.77f, 0.0011f, 0.0024f, 0.014f, 1.3f),
+};
+enum { N_PRESET = sizeof presets / sizeof presets[0] };
+
+const struct prt_material *prt_material_preset(unsigned index)
+{
+    return index < N_PRESET ? &presets[index] : NULL;
+}
+
+int material_range(const struct prt_context *ctx, const char *what, const char *parameter,
+                   int channel, double value, double lo, double hi, const char *unit)
+{
+    if (value >= lo && value <= hi) return PRT_OK; /* NaN falls through */
+    char index[16] = "";
+    if (channel >= 0) snprintf(index, sizeof index, "[%d]", channel);
+    return prt_fail(ctx, PRT_ARG, "%s: %s%s is %g, allowed range %g to %g%s%s", what, parameter,
+                    index, value, lo, hi, unit[0] ? " " : "", unit);
+}
+
+int material_check_values(const struct prt_context *ctx, const char *what,
+                          const struct material_values *v)
+{
+    int err;
+    for (int c = 0; c < 3; c++) {
+        if ((err = material_range(ctx, what, "sigma_s_prime", c, v->sigma_s_prime[c],
+                                  MATERIAL_MIN_SIGMA_S, MATERIAL_MAX_SIGMA, "mm^-1")) < 0 ||
+            (err = material_range(ctx, what, "sigma_a", c, v->sigma_a[c], 0, MATERIAL_MAX_SIGMA,
+                                  "mm^-1")) < 0 ||
+            (err = material_range(ctx, what, "g", c, v->g[c], -MATERIAL_MAX_G, MATERIAL_MAX_G,
+                                  "(mean cosine, no unit)")) < 0)
+            return err;
+        /* Single scattering steps by the unreduced mean free path. */
+        double sigma_t = v->sigma_a[c] + v->sigma_s_prime[c] / (1 - v->g[c]);
+        if ((err = material_range(ctx, what,
+                                  "extinction sigma_a + sigma_s_prime/(1-g) of channel", c,
+                                  sigma_t, 0, MATERIAL_MAX_SIGMA_T, "mm^-1")) < 0)
+            return err;
+    }
+    if ((err = material_range(ctx, what, "eta", -1, v->eta, 1, 3,
+                              "(relative refractive index, no unit)")) < 0)
+        return err;
+    return material_range(ctx, what, "roughness", -1, v->roughness, MATERIAL_MIN_ROUGHNESS, 1,
+                          "(no unit)");
+}
+
+int prt_material_check(const struct prt_context *ctx, const struct prt_material *material)
+{
+    struct material_values v = {.eta = material->eta, .roughness = material->roughness};
+    if (!memchr(material->name, 0, sizeof material->name))
+        return prt_fail(ctx, PRT_ARG, "material: name is longer than %zu bytes",
+                        sizeof material->name - 1);
+    for (int c = 0; c < 3; c++) {
+        v.sigma_s_prime[c] = material->sigma_s_prime[c];
+        v.sigma_a[c] = material->sigma_a[c];
+        v.g[c] = material->g[c];
+    }
+    return material_check_values(ctx, material->name[0] ? material->name : "material", &v);
+}
+
+static void preset_names(char *buf, size_t n)
+{
+    size_t used = 0;
+    for (unsigned i = 0; i < N_PRESET && used < n; i++)
+        used += (size_t)snprintf(buf + used, n - used, "%s%s", i ? ", " : "", presets[i].name);
+}
+
+int prt_material_load(const struct prt_context *ctx, const char *name_or_file,
+                      struct prt_material *out)
+{
+    for (unsigned i = 0; i < N_PRESET; i++)
+        if (!strcasecmp(name_or_file, presets[i].name)) {
+            *out = presets[i];
+            return PRT_OK;
+        }
+    if (name_or_file[strspn(name_or_file, " \t\r\n")] == '{')
+        return prt_material_parse(ctx, "material", name_or_file, strlen(name_or_file), out);
+    if (access(name_or_file, F_OK)) {
+        char names[160];
+        preset_names(names, sizeof names);
+        return prt_fail(ctx, PRT_ARG, "%s: no such material file, and not a preset (%s)",
+                        name_or_file, names);
+    }
+    struct prt_blob file;
+    int err = prt_read_file(ctx, name_or_file, MATERIAL_MAX_BYTES, &file);
+    if (err < 0) return err;
+    err = prt_material_parse(ctx, name_or_file, file.bytes, file.size, out);
+    prt_free(file.bytes);
+    return err;
+}

@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: MIT */
+/* Shared by the readers of materials: limits, and range errors that read alike. */
+#ifndef MEDIUM_MATERIAL_H
+#define MEDIUM_MATERIAL_H
+
+#include "prt/medium.h"
+
+#include <cjson/cJSON.h>
+#include <string.h>
+
+enum { MATERIAL_MAX_BYTES = 1 << 16 };
+#define MATERIAL_MIN_SIGMA_S 1e-5 /* mm^-1: a mean free path of 100 m */
+#define MATERIAL_MAX_SIGMA 1000.0
+#define MATERIAL_MAX_SIGMA_T 5000.0 /* beyond it no surface sampling can follow the walk */
+#define MATERIAL_MAX_G 0.95
+#define MATERIAL_MIN_ROUGHNESS 0.01
+
+/* A material before it is narrowed to floats: 1e39 must be refused as 1e39. */
+struct material_values {
+    double sigma_s_prime[3], sigma_a[3], g[3], eta, roughness;
+};
+
+/* PRT_ARG and a line with parameter, value, range and unit unless lo <= value <= hi. */
+int material_range(const struct prt_context *ctx, const char *what, const char *parameter,
+                   int channel, double value, double lo, double hi, const char *unit);
+int material_check_values(const struct prt_context *ctx, const char *what,
+                          const struct material_values *v);
+
+/* Parses one JSON object of at most MATERIAL_MAX_BYTES; no trailing bytes. Caller deletes. */
+int material_json_object(const struct prt_context *ctx, const char *what, const char *json,
+                         size_t n, cJSON **out);
+/* PRT_FORMAT for keys not in `allowed` (NULL-terminated, listed in the message) or repeated. */
+int material_json_keys(const struct prt_context *ctx, const char *what, const cJSON *object,
+                       const char *const *allowed);
+/* Reads [r,g,b], or one number for all three when `scalar`. Absent: PRT_FORMAT if `required`,
+ * else out is left as it is. */
+int material_json_rgb(const struct prt_context *ctx, const char *what, const cJSON *object,
+                      const char *key, bool scalar, bool required, double out[3]);
+int material_json_number(const struct prt_context *ctx, const char *what, const cJSON *object,
+                         const char *key, double *out);
+int material_json_name(const struct prt_context *ctx, const char *what, const cJSON *object,
+                       char out[32]);
+
+#endif
