@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: MIT
+// prt bake: a model, a material and settings to a .prt.
+#include "tool.h"
+#include "prt/bake.h"
+
+#include <cjson/cJSON.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+static enum prt_engine_kind engine_of(const struct options *o)
+{
+    if (o->transport && !strcmp(o->transport, "polynomial")) return PRT_ENGINE_POLYNOMIAL;
+    if (o->transport && !strcmp(o->transport, "joint")) return PRT_ENGINE_JOINT;
+    return PRT_ENGINE_WAVELET;
+}
+
+// Wrong combinations that the parser of single options cannot see.
+static int check_usage(const struct options *o, enum prt_engine_kind engine)
+{
+    bool sparse = o->storage && !strcmp(o->storage, "sparse");
+    if (!o->out) return usage_error(o, "-o OUT.prt is missing");
+    if (!o->material && engine == PRT_ENGINE_WAVELET)
+        return usage_error(o, "%s is a model: it needs --material", o->input[0]);
+    if (!o->env && engine == PRT_ENGINE_POLYNOMIAL)
+        return usage_error(o, "--transport polynomial is baked under one light: it needs --env");
+    if (sparse && engine != PRT_ENGINE_WAVELET)
+        return usage_error(o, "--storage sparse is for --transport wavelet");
+    if (sparse && (o->rank || o->basis_coeffs))
+        return usage_error(o, "--rank and --basis-coeffs are for --storage factored");
+    if (!sparse && o->coeffs) return usage_error(o, "--coeffs is for --storage sparse");
+    uint64_t n = o->cube ? o->cube : 32;
+    if (o->coeffs > 6 * n * n || o->basis_coeffs > 6 * n * n)
+        return usage_error(o, "a light of 6x%dx%d has %d coefficients: --coeffs and "
+                              "--basis-coeffs must be in [1, %d]", (int)n, (int)n,
+                           (int)(6 * n * n), (int)(6 * n * n));
+    if (o->samples && o->samples < 16)
+        return usage_error(o, "--samples %d: expected a whole number in [16, 100000000]",
+                           (int)o->samples);
+    return EXIT_DONE;
+}
+
+static struct prt_bake_options bake_options(const struct options *o, enum prt_engine_kind engine)
+{
+    bool sparse = o->storage && !strcmp(o->storage, "sparse");
+    return (struct prt_bake_options){
+        .engine = engine,
+        .storage = sparse ? PRT_STORAGE_SPARSE : PRT_STORAGE_FACTORED,
+        .n_sample = (uint32_t)o->samples,
+        .cube = o->cube ? o->cube : 32,
+        .n_coef = (uint32_t)o->coeffs,
+        .rank = (uint32_t)o->rank,
+        .n_basis_coef = (uint32_t)o->basis_coeffs,
+        .n_phase = o->phase_terms ? (uint32_t)o->phase_terms : 1,
+        .n_single = (uint32_t)o->single_points,
+        .no_single = o->no_single,
+        .every_ray = o->every_ray,
+        .max_error = o->max_error,
+        .rotate_deg = o->rotate_deg,
+        .seed = o->seed,
+        .shard = o->shard,
+        .n_shard = o->n_shard,
+    };
+}
+
+// What the .prt should remember of the command: nothing that differs between equal bakes.
+static char *provenance(const struct options *o)
+{
+    const char *slash = strrchr(o->input[0], '/'), *env;
+    cJSON *root = cJSON_CreateObject();
+    cJSON_AddStringToObject(root, "model", slash ? slash + 1 : o->input[0]);
+    if (o->size_mm > 0) cJSON_AddNumberToObject(root, "size_mm", o->size_mm);
+    if (o->mm_per_unit > 0) cJSON_AddNumberToObject(root, "mm_per_unit", o->mm_per_unit);
+    if (o->env) {
+        env = strrchr(o->env, '/');
+        cJSON_AddStringToObject(root, "env", env ? env + 1 : o->env);
+    }
+    char *text = cJSON_PrintUnformatted(root);
+    cJSON_Delete(root);
+    return text;
+}
+
+static int report(struct tool *tool, double seconds)
+{
+    const struct options *o = &tool->opt;
+    struct prt_file *file;
+    int status = prt_file_open(&tool->ctx, o->out, PRT_FILE_CHECK_HEADERS, &file);
+    if (status) return tool_exit(tool, status);
+    const struct prt_transport *t = prt_file_transport(file);
+    double bytes = (double)prt_file_bytes(file);
+    if (o->json) {
+        cJSON *root = cJSON_CreateObject();
+        cJSON_AddStringToObject(root, "out", o->out);
+        cJSON_AddNumberToObject(root, "seconds", seconds);
+        cJSON_AddNumberToObject(root, "bytes", bytes);
+        cJSON_AddNumberToObject(root, "vertices", t->mesh.n_vertex);
+        cJSON *errors = t->errors ? cJSON_Parse(t->errors) : NULL;
+        if (errors) cJSON_AddItemToObject(root, "errors", errors);
+        char *text = cJSON_PrintUnformatted(root);
+        puts(text ? text : "{}");
+        free(text);
+        cJSON_Delete(root);
+    } else if (!o->quiet) {
+        printf("%s: %u vertices, %.1f MB, baked in %.1f s\n", o->out, t->mesh.n_vertex,
+               bytes * 1e-6, seconds);
+        if (t->errors && *t->errors) printf("measured error: %s\n", t->errors);
+    }
+    prt_file_close(file);
+    return EXIT_DONE;
+}
+
+int run_bake(struct tool *tool)
+{
+    const struct options *o = &tool->opt;
+    enum prt_engine_kind engine = engine_of(o);
+    struct source source = {0};
+    struct prt_env *env = NULL;
+    char *settings = NULL;
+    double started = prt_time_s();
+    int exit_status = check_usage(o, engine);
+    if (exit_status) return exit_status;
+    if ((exit_status = check_writable(tool, o->out))) return exit_status;
+    if (access(o->input[0], R_OK) == 0 && prt_file_probe(o->input[0]))
+        return usage_error(o, "%s is a .prt already: bake takes a model", o->input[0]);
+    struct prt_bake_options options = bake_options(o, engine);
+    if ((exit_status = source_open(tool, o->input[0], engine == PRT_ENGINE_WAVELET, &source)))
+        return exit_status;
+    if (!source.material_given) {
+        // Only eta is read of it; every other number stays free.
+        source.material = *prt_material_preset(0);
+        prt_log(&tool->ctx, PRT_LOG_NOTE, "no --material: baked for eta %g",
+                (double)source.material.eta);
+    }
+    if (o->env && engine == PRT_ENGINE_POLYNOMIAL) {
+        exit_status = tool_exit(tool, prt_env_load(&tool->ctx, o->env, &env));
+        if (exit_status) goto done;
+    } else if (o->env) {
+        prt_log(&tool->ctx, PRT_LOG_WARNING,
+                "--env is for --transport polynomial; this bake serves every light");
+    }
+    settings = provenance(o);
+    options.material = source.material;
+    options.env = env;
+    options.settings_json = settings;
+    exit_status = tool_exit(tool, prt_bake(&tool->ctx, source.mesh, &options, o->out));
+    if (!exit_status && o->n_shard < 2) exit_status = report(tool, prt_time_s() - started);
+done:
+    free(settings);
+    if (env) prt_env_destroy(env);
+    source_close(&source);
+    return exit_status;
+}

@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: MIT
+// Made-up transports: random values in the shapes and orders that a bake gives.
+#include "synthetic.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static float uniform(struct prt_rng *rng, float lo, float hi)
+{
+    return lo + (hi - lo) * prt_rng_f32(rng);
+}
+
+static uint16_t *random_f16(struct prt_rng *rng, uint64_t n, float lo, float hi)
+{
+    uint16_t *out = prt_alloc(n ? n : 1, 2);
+    for (uint64_t i = 0; out && i < n; i++) out[i] = prt_f32_to_f16(uniform(rng, lo, hi));
+    return out;
+}
+
+// Vertex order in runs of neighbours, as a spatial clustering of a mesh in file order gives:
+// the file's vertices are cut into runs and the runs shuffled.
+static uint32_t *random_order(struct prt_rng *rng, uint32_t n, uint32_t run)
+{
+    uint32_t n_run = (n + run - 1) / run, at = 0;
+    uint32_t *order = prt_alloc(n, 4), *runs = prt_alloc(n_run, 4);
+    if (!order || !runs) {
+        prt_free(order);
+        order = NULL;
+        goto out;
+    }
+    for (uint32_t i = 0; i < n_run; i++) runs[i] = i;
+    for (uint32_t i = n_run - 1; i > 0; i--) {
+        uint32_t k = (uint32_t)((uint64_t)prt_rng_u32(rng) * (i + 1) >> 32), swap = runs[i];
+        runs[i] = runs[k];
+        runs[k] = swap;
+    }
+    for (uint32_t i = 0; i < n_run; i++)
+        for (uint32_t v = runs[i] * run; v < n && v < (runs[i] + 1) * run; v++) order[at++] = v;
+out:
+    prt_free(runs);
+    return order;
+}
+
+// Each row keeps `coefs` coefficients on average, between half and one and a half of it,
+// spread over all and never a scaling one.
+static int random_rows(struct prt_rng *rng, const struct synthetic_options *o, uint32_t n_row,
+                       uint32_t n_function, struct prt_rows *r)
+{
+    uint32_t face = o->cube * o->cube, n_coef = 6 * face, room = n_coef - 6;
+    uint64_t *begin = prt_alloc(n_row + 1ull, 8);
+    *r = (struct prt_rows){.n_row = n_row, .n_function = n_function, .n_coef = n_coef,
+                           .value = o->value, .index_bytes = n_coef > 65536 ? 4 : 2,
+                           .begin = begin};
+    if (!begin) return PRT_NOMEM;
+    begin[0] = 0;
+    for (uint32_t i = 0; i < n_row; i++) {
+        uint32_t want = o->coefs / 2 + (uint32_t)(prt_rng_f32(rng) * (float)(o->coefs + 1));
+        begin[i + 1] = begin[i] + (want < room ? want : room);
+    }
+    uint64_t n_entry = begin[n_row], n_value = n_entry * n_function;
+    char *index = prt_alloc(n_entry + 1, r->index_bytes);
+    r->index = index;
+    r->scaling = random_f16(rng, 6ull * n_row * n_function, 0, 0.02f);
+    if (!index || !r->scaling) return PRT_NOMEM;
+    for (uint32_t i = 0; i < n_row; i++) {
+        // one coefficient out of each of n equal strata ascends by itself
+        uint32_t n = (uint32_t)(begin[i + 1] - begin[i]), last = 0;
+        for (uint32_t k = 0; k < n; k++) {
+            uint32_t lo = (uint32_t)((uint64_t)n_coef * k / n);
+            uint32_t hi = (uint32_t)((uint64_t)n_coef * (k + 1) / n);
+            uint32_t x = lo + (uint32_t)((uint64_t)prt_rng_u32(rng) * (hi - lo) >> 32);
+            if (k && x <= last) x = last + 1;
+            if (x % face == 0) x++;
+            last = x;
+            uint64_t at = begin[i] + k;
+            if (r->index_bytes == 2)
+                memcpy(index + 2 * at, &(uint16_t){(uint16_t)x}, 2);
+            else
+                memcpy(index + 4 * at, &x, 4);
+        }
+        if (n && last >= n_coef) return PRT_INTERNAL;
+    }
+    if (o->value == PRT_VALUE_F16) {
+        r->entry = random_f16(rng, n_value, -0.02f, 0.02f);
+        return r->entry ? PRT_OK : PRT_NOMEM;
+    }
+    int8_t *entry = prt_alloc(n_value + 1, 1);
+    float *scale = prt_alloc((uint64_t)n_row * n_function, 4);
+    r->entry = entry;
+    r->scale = scale;
+    if (!entry || !scale) return PRT_NOMEM;
+    for (uint64_t i = 0; i < n_value; i++) entry[i] = (int8_t)(prt_rng_u32(rng) >> 24);
+    for (uint64_t i = 0; i < (uint64_t)n_row * n_function; i++)
+        scale[i] = uniform(rng, 1e-5f, 2e-4f);
+    return PRT_OK;
+}
+
+static int random_clusters(struct prt_rng *rng, const struct synthetic_options *o,
+                           struct prt_tensor *t)
+{
+    uint32_t rank = o->storage == PRT_STORAGE_RADIAL ? t->n_function : o->rank;
+    uint64_t wide = o->storage == PRT_STORAGE_RADIAL ? 3 : 1;
+    struct prt_cluster *cluster = prt_calloc(o->n_cluster, sizeof *cluster);
+    t->cluster = cluster;
+    t->n_cluster = o->n_cluster;
+    if (!cluster) return PRT_NOMEM;
+    uint32_t at = 0, row = 0;
+    for (uint32_t i = 0; i < o->n_cluster; i++) {
+        uint32_t end = i + 1 == o->n_cluster
+                           ? o->n_vertex
+                           : (uint32_t)((uint64_t)o->n_vertex * (i + 1) / o->n_cluster) - i % 7;
+        cluster[i] = (struct prt_cluster){.vertex_begin = at, .n_vertex = end - at,
+                                          .row_begin = wide == 1 ? row : 0, .rank = rank,
+                                          .u_begin = t->u_count};
+        t->u_count += (((uint64_t)cluster[i].n_vertex + 15) & ~15ull) * rank * wide;
+        at = end;
+        row += rank;
+    }
+    uint16_t *u = random_f16(rng, t->u_count, wide == 1 ? -1 : 0, 1);
+    t->u = u;
+    if (!u) return PRT_NOMEM;
+    for (uint32_t i = 0; i < o->n_cluster; i++) {
+        const struct prt_cluster *c = &cluster[i];
+        uint64_t padded = (c->n_vertex + 15ull) & ~15ull;
+        for (uint64_t k = 0; k < rank * wide; k++)
+            memset(u + c->u_begin + k * padded + c->n_vertex, 0, 2 * (padded - c->n_vertex));
+    }
+    return wide == 1 ? random_rows(rng, o, row, t->n_function, &t->rows) : PRT_OK;
+}
+
+int synthetic_tensor(const struct synthetic_options *o, struct prt_tensor *out)
+{
+    struct prt_rng rng;
+    struct prt_tensor t = {.term = o->term, .storage = o->storage, .coupling = o->coupling,
+                           .n_vertex = o->n_vertex, .n_phase = o->n_phase};
+    bool full = o->coupling == PRT_COUPLE_FULL || o->storage == PRT_STORAGE_RADIAL;
+    int status = PRT_NOMEM;
+    prt_rng_init(&rng, o->seed, 1);
+    t.n_radial = full ? o->n_radial : 0;
+    t.n_function = full ? o->n_radial * o->n_phase : 3 * o->n_phase;
+    t.order = random_order(&rng, o->n_vertex, o->run ? o->run : 16);
+    if (t.order && o->storage == PRT_STORAGE_SPARSE)
+        status = random_rows(&rng, o, o->n_vertex, t.n_function, &t.rows);
+    else if (t.order)
+        status = random_clusters(&rng, o, &t);
+    if (status)
+        synthetic_tensor_finish(&t);
+    else
+        *out = t;
+    return status;
+}
+
+static void drop(const void *p)
+{
+    prt_free((void *)(uintptr_t)p);
+}
+
+void synthetic_tensor_finish(struct prt_tensor *t)
+{
+    drop(t->order);
+    drop(t->cluster);
+    drop(t->u);
+    drop(t->rows.begin);
+    drop(t->rows.index);
+    drop(t->rows.entry);
+    drop(t->rows.scale);
+    drop(t->rows.scaling);
+    drop(t->knot);
+    drop(t->basis);
+    *t = (struct prt_tensor){0};
+}
+
+int synthetic_mesh(uint32_t n, bool two_surfaces, struct prt_mesh *out)
+{
+    struct prt_mesh m = {.n_vertex = n, .n_weld = n, .n_block = 1, .n_object = 1, .n_surface = 1,
+                         .mm_per_unit = 1};
+    uint32_t side = (uint32_t)sqrt((double)n), first = two_surfaces ? n - n / 4 : n;
+    m.n_triangle = n < 3 ? 0 : n - 2;
+    m.n_block = m.n_surface = two_surfaces ? 2 : 1;
+    m.position = prt_calloc(n, sizeof *m.position);
+    m.normal = prt_calloc(n, sizeof *m.normal);
+    m.weld = prt_calloc(n, sizeof *m.weld);
+    m.triangle = prt_calloc(m.n_triangle + 1, sizeof *m.triangle);
+    m.block = prt_calloc(m.n_block, sizeof *m.block);
+    m.surface = prt_calloc(m.n_surface, sizeof *m.surface);
+    if (!m.position || !m.normal || !m.weld || !m.triangle || !m.block || !m.surface) {
+        synthetic_mesh_finish(&m);
+        return PRT_NOMEM;
+    }
+    for (uint32_t v = 0; v < n; v++) {
+        float x = (float)(v % (side ? side : 1)), y = (float)(v / (side ? side : 1));
+        float a = 0.3f * sinf(x), b = 0.3f * cosf(y), l = sqrtf(1 + a * a + b * b);
+        memcpy(m.position[v], (float[3]){x, a + b, y}, 12);
+        memcpy(m.normal[v], (float[3]){a / l, 1 / l, b / l}, 12);
+        m.weld[v] = v;
+    }
+    for (uint32_t i = 0; i < m.n_triangle; i++)
+        memcpy(m.triangle[i], (uint32_t[3]){i, i + 1, i + 2}, 12);
+    for (uint32_t i = 0; i < m.n_block; i++) {
+        struct prt_surface *s = &m.surface[i];
+        *s = (struct prt_surface){.name = "made up", .translucent = !i, .roughness = 0.5f,
+                                  .base_color = {0.8f, 0.6f, 0.4f, 1}, .ior = 1.5f};
+        m.block[i] = (struct prt_block){.surface = i, .vertex_begin = i ? first : 0,
+                                        .n_vertex = i ? n - first : first,
+                                        .triangle_begin = i ? m.n_triangle : 0,
+                                        .n_triangle = i ? 0 : m.n_triangle};
+    }
+    *out = m;
+    return PRT_OK;
+}
+
+void synthetic_mesh_finish(struct prt_mesh *m)
+{
+    prt_free(m->position);
+    prt_free(m->normal);
+    prt_free(m->weld);
+    prt_free(m->triangle);
+    prt_free(m->block);
+    prt_free(m->surface);
+    *m = (struct prt_mesh){0};
+}
+
+int synthetic_light(uint32_t cube, uint64_t seed, struct prt_light *out)
+{
+    struct prt_rng rng;
+    uint32_t n_coef = 6 * cube * cube;
+    float *coef = prt_calloc(4ull * n_coef, sizeof *coef);
+    if (!coef) return PRT_NOMEM;
+    prt_rng_init(&rng, seed, 2);
+    for (uint32_t i = 0; i < n_coef; i++)
+        for (int c = 0; c < 3; c++)
+            coef[4ull * i + c] = i % (cube * cube) ? uniform(&rng, -1, 1) : uniform(&rng, 10, 90);
+    *out = (struct prt_light){cube, coef};
+    return PRT_OK;
+}

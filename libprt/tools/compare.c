@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: MIT
+// prt compare: how far A is from B, the reference: colours, pictures, or a .prt and brute force.
+#include "tool.h"
+#include "prt/relight.h"
+
+#include <cjson/cJSON.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct values {
+    float *rgb;  // [n][3]
+    size_t n;
+    uint32_t width, height; // 0 for colours
+};
+
+static bool is_table(const char *path)
+{
+    enum output_kind kind = output_kind(path);
+    return kind == OUT_CSV || kind == OUT_NPY;
+}
+
+static int values_load(struct tool *tool, const char *path, struct values *out)
+{
+    struct prt_image image = {0};
+    int status = is_table(path) ? table_load(&tool->ctx, path, &out->rgb, &out->n)
+                                : prt_image_load(&tool->ctx, path, &image);
+    if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
+    if (image.rgb)
+        *out = (struct values){image.rgb, (size_t)image.width * image.height, image.width,
+                               image.height};
+    for (size_t i = 0; i < 3 * out->n; i++)
+        if (!isfinite(out->rgb[i]))
+            return tool_exit(tool, prt_fail(&tool->ctx, PRT_FORMAT,
+                                            "%s: value %zu is not a finite number", path, i));
+    return EXIT_DONE;
+}
+
+static int check_sizes(struct tool *tool, const struct values *a, const struct values *b)
+{
+    const char *na = tool->opt.input[0], *nb = tool->opt.input[1];
+    if (!a->width != !b->width)
+        return tool_exit(tool, prt_fail(&tool->ctx, PRT_MISMATCH,
+                                        "%s and %s: colours cannot be compared with a picture", na,
+                                        nb));
+    if (a->width != b->width || a->height != b->height)
+        return tool_exit(tool, prt_fail(&tool->ctx, PRT_MISMATCH,
+                                        "%s has %ux%u pixels, %s has %ux%u", na, a->width,
+                                        a->height, nb, b->width, b->height));
+    if (a->n != b->n)
+        return tool_exit(tool, prt_fail(&tool->ctx, PRT_MISMATCH,
+                                        "%s has %zu colours, %s has %zu", na, a->n, nb, b->n));
+    return EXIT_DONE;
+}
+
+struct difference {
+    double rmse, channel[3], max_abs; // rmse relative to B
+    size_t max_at;                    // vertex or pixel of max_abs
+};
+
+static double relative(double diff2, double ref2)
+{
+    return diff2 == 0 ? 0 : sqrt(diff2 / ref2); // infinite against black
+}
+
+static struct difference measure(const struct values *a, const struct values *b)
+{
+    struct difference d = {0};
+    double diff2[3] = {0}, ref2[3] = {0};
+    for (size_t i = 0; i < a->n; i++)
+        for (size_t c = 0; c < 3; c++) {
+            double x = (double)a->rgb[3 * i + c], y = (double)b->rgb[3 * i + c];
+            diff2[c] += (x - y) * (x - y);
+            ref2[c] += y * y;
+            if (fabs(x - y) > d.max_abs) {
+                d.max_abs = fabs(x - y);
+                d.max_at = i;
+            }
+        }
+    for (int c = 0; c < 3; c++) d.channel[c] = relative(diff2[c], ref2[c]);
+    d.rmse = relative(diff2[0] + diff2[1] + diff2[2], ref2[0] + ref2[1] + ref2[2]);
+    return d;
+}
+
+// JSON has no infinity: null stands for it.
+static cJSON *number(double x)
+{
+    return isfinite(x) ? cJSON_CreateNumber(x) : cJSON_CreateNull();
+}
+
+static int report(const struct tool *tool, const struct values *a, const struct difference *d)
+{
+    const struct options *o = &tool->opt;
+    bool within = !o->max_rmse_set || d->rmse <= o->max_rmse;
+    if (o->json) {
+        cJSON *root = cJSON_CreateObject(), *channels = cJSON_CreateArray();
+        for (int c = 0; c < 3; c++) cJSON_AddItemToArray(channels, number(d->channel[c]));
+        cJSON_AddStringToObject(root, "a", o->input[0]);
+        cJSON_AddStringToObject(root, "b", o->input[1]);
+        cJSON_AddNumberToObject(root, "count", (double)a->n);
+        cJSON_AddItemToObject(root, "rmse", number(d->rmse));
+        cJSON_AddItemToObject(root, "rmse_rgb", channels);
+        cJSON_AddItemToObject(root, "max_abs", number(d->max_abs));
+        cJSON_AddNumberToObject(root, "max_abs_at", (double)d->max_at);
+        if (o->max_rmse_set) cJSON_AddBoolToObject(root, "within", within);
+        char *text = cJSON_PrintUnformatted(root);
+        puts(text ? text : "{}");
+        free(text);
+        cJSON_Delete(root);
+    } else {
+        printf("relative RMSE %.6g  (r %.6g  g %.6g  b %.6g)\n", d->rmse, d->channel[0],
+               d->channel[1], d->channel[2]);
+        if (a->width)
+            printf("max |A-B| %.6g at pixel %zu,%zu of %ux%u\n", d->max_abs, d->max_at % a->width,
+                   d->max_at / a->width, a->width, a->height);
+        else
+            printf("max |A-B| %.6g at vertex %zu of %zu\n", d->max_abs, d->max_at, a->n);
+    }
+    if (!within)
+        prt_log(&tool->ctx, PRT_LOG_ERROR, "relative RMSE %.6g is above --max-rmse %g", d->rmse,
+                o->max_rmse);
+    return within ? EXIT_DONE : EXIT_FAILED;
+}
+
+// [n] distinct file vertices, ascending, the same for the same seed.
+static uint32_t *pick_vertices(uint32_t n_vertex, uint32_t n, uint64_t seed)
+{
+    uint32_t *pick = prt_alloc(n, sizeof *pick), found = 0;
+    struct prt_rng rng;
+    if (!pick) return NULL;
+    prt_rng_init(&rng, seed, 0x76657274);
+    // Selection sampling: each vertex with the chance that the rest of the sample needs.
+    for (uint32_t i = 0; i < n_vertex && found < n; i++)
+        if (((uint64_t)prt_rng_u32(&rng) * (n_vertex - i)) >> 32 < n - found) pick[found++] = i;
+    return pick;
+}
+
+static int reference_at(struct tool *tool, const struct source *source,
+                        const struct prt_cube *light, const float *eye, const uint32_t *pick,
+                        uint32_t n, float *rgb)
+{
+    const struct options *o = &tool->opt;
+    const char *term = o->term ? o->term : "total";
+    struct prt_reference_options options = {
+        .term = !strcmp(term, "multiple") ? PRT_REFERENCE_MULTIPLE
+                : !strcmp(term, "single") ? PRT_REFERENCE_SINGLE
+                                          : PRT_REFERENCE_TOTAL,
+        .eye = eye,
+        .n_sample = (uint32_t)o->samples,
+        .n_ray = (uint32_t)o->rays,
+        .n_single = (uint32_t)o->single_points,
+        .seed = o->seed,
+        .vertex = pick,
+        .n_vertex = n,
+    };
+    return prt_reference_colors(&tool->ctx, source->mesh, &source->material, light, &options,
+                                (float(*)[3])rgb);
+}
+
+// A.prt against the reference engine at some of its vertices, both under --env; the reference
+// sees the light at --cube's resolution.
+static int against_reference(struct tool *tool, struct values *a, struct values *b)
+{
+    const struct options *o = &tool->opt;
+    if (!o->env) return usage_error(o, "comparing with the reference needs --env");
+    if (o->term && !strcmp(o->term, "irradiance"))
+        return usage_error(o, "a .prt holds no irradiance to compare");
+    struct source source;
+    int exit_status = source_open(tool, o->input[0], true, &source);
+    if (exit_status) return exit_status;
+    struct prt_cube own = {0}, light = {0};
+    struct prt_env *env = NULL;
+    float *color = NULL;
+    uint32_t *pick = NULL, n_vertex = source.mesh->n_vertex;
+    uint64_t want = o->vertices ? o->vertices : 512;
+    uint32_t n = want < n_vertex ? (uint32_t)want : n_vertex;
+    float eye[3];
+    for (int i = 0; i < 3; i++) eye[i] = o->eye.v[i] * source.mesh->mm_per_unit;
+    const char *term = o->term ? o->term : "total";
+    if (!source.transport) {
+        exit_status = usage_error(o, "%s is not a .prt", o->input[0]);
+        goto done;
+    }
+    int status = prt_env_load(&tool->ctx, o->env, &env);
+    exit_status = tool_exit(tool, status);
+    if (!exit_status) exit_status = source_light(tool, &source, env, source.transport->cube, &own);
+    if (!exit_status) exit_status = source_light(tool, &source, env, 0, &light);
+    if (exit_status) goto done;
+    struct prt_query query = {
+        .term = !strcmp(term, "multiple") ? PRT_ANSWER_MULTIPLE
+                : !strcmp(term, "single") ? PRT_ANSWER_SINGLE
+                                          : PRT_ANSWER_TOTAL,
+        .light = source.transport->engine == PRT_ENGINE_POLYNOMIAL ? NULL : &own,
+        .material = source.material_given ? &source.material : NULL,
+        .eye = o->eye.set ? eye : NULL,
+    };
+    color = prt_alloc(n_vertex, 3 * sizeof *color);
+    a->rgb = prt_alloc(n, 3 * sizeof *a->rgb);
+    b->rgb = prt_alloc(n, 3 * sizeof *b->rgb);
+    a->n = b->n = n;
+    pick = pick_vertices(n_vertex, n, o->seed);
+    status = color && a->rgb && b->rgb && pick
+                 ? PRT_OK
+                 : prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the colours");
+    if (!status)
+        status = prt_answer_colors(&tool->ctx, source.transport, &query, (float(*)[3])color);
+    if (!status)
+        status = reference_at(tool, &source, &light, query.eye, pick, n, b->rgb);
+    for (uint32_t i = 0; i < n && !status; i++)
+        memcpy(a->rgb + 3 * (size_t)i, color + 3 * (size_t)pick[i], 3 * sizeof *color);
+    exit_status = tool_exit(tool, status);
+done:
+    prt_free(pick);
+    prt_free(color);
+    prt_cube_finish(&own);
+    prt_cube_finish(&light);
+    if (env) prt_env_destroy(env);
+    source_close(&source);
+    return exit_status;
+}
+
+int run_compare(struct tool *tool)
+{
+    const struct options *o = &tool->opt;
+    struct values a = {0}, b = {0};
+    int status;
+    if (!strcmp(o->input[1], "reference")) {
+        status = against_reference(tool, &a, &b);
+    } else {
+        status = values_load(tool, o->input[0], &a);
+        if (!status) status = values_load(tool, o->input[1], &b);
+        if (!status) status = check_sizes(tool, &a, &b);
+    }
+    if (!status) {
+        struct difference d = measure(&a, &b);
+        status = report(tool, &a, &d);
+    }
+    // Pictures come from the light room with the same allocator as tables.
+    prt_free(a.rgb);
+    prt_free(b.rgb);
+    return status;
+}

@@ -1,0 +1,260 @@
+// SPDX-License-Identifier: MIT
+// prt image: a lit model drawn from a camera.
+#include "tool.h"
+#include "prt/relight.h"
+
+#include <cjson/cJSON.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+// What a picture is made of, kept together so that it is released in one place.
+struct picture {
+    struct source source;
+    struct prt_env *env;
+    struct prt_cube light, mirror, back;
+    struct prt_camera camera;
+    struct prt_visibility *visibility;
+    struct prt_specular *specular;
+    float *planes;
+    unsigned n_plane;
+    bool plain;              // a plain background
+    float background[3];
+    struct prt_image image;
+};
+
+static void picture_finish(struct picture *p)
+{
+    prt_image_finish(&p->image);
+    prt_free(p->planes);
+    prt_specular_destroy(p->specular);
+    prt_visibility_destroy(p->visibility);
+    prt_cube_finish(&p->light);
+    prt_cube_finish(&p->mirror);
+    prt_cube_finish(&p->back);
+    if (p->env) prt_env_destroy(p->env);
+    source_close(&p->source);
+}
+
+static int check_usage(struct tool *tool, struct picture *p)
+{
+    const struct options *o = &tool->opt;
+    if (!o->out) return usage_error(o, "-o OUT is missing");
+    enum output_kind kind = output_kind(o->out);
+    if (kind != OUT_EXR && kind != OUT_PNG && kind != OUT_JPG)
+        return usage_error(o, "-o %s: pictures are written as .exr, .png or .jpg", o->out);
+    if (!o->env) return usage_error(o, "--env is missing");
+    if (o->camera && o->eye.set)
+        return usage_error(o, "--camera says where the eye is: leave --eye out");
+    if (o->camera && prt_camera_parse(&tool->ctx, o->camera, &p->camera))
+        return usage_error(o, "--camera %s: expected EYE:TARGET[:UP[:FOVY]] with points x,y,z, "
+                              "FOVY in (0, 170)", o->camera);
+    if (o->background && !strcmp(o->background, "none")) {
+        p->plain = true;
+    } else if (o->background && strcmp(o->background, "env")) {
+        p->plain = true;
+        if (!parse_vector(o->background, p->background) || p->background[0] < 0 ||
+            p->background[1] < 0 || p->background[2] < 0)
+            return usage_error(o, "--background %s: expected env, none, or three radiances R,G,B "
+                                  ">= 0", o->background);
+    }
+    return EXIT_DONE;
+}
+
+// The engine that answers, or NULL after a message; *status tells its exit status.
+static const char *choose_engine(struct tool *tool, const struct source *source, int *status)
+{
+    const struct options *o = &tool->opt;
+    const char *engine = o->engine ? o->engine : source->transport ? "vertex" : "reference";
+    *status = EXIT_DONE;
+    if (!strcmp(engine, "vertex")) {
+        if (!source->transport) {
+            *status = usage_error(o, "--engine vertex needs a baked transport: bake %s first "
+                                     "(prt bake %s -o OUT.prt) and give the .prt", source->path,
+                                  source->path);
+            return NULL;
+        }
+        if (o->term && !strcmp(o->term, "irradiance")) {
+            prt_log(&tool->ctx, PRT_LOG_NOTE, "a .prt holds no irradiance: E at the vertices is "
+                                              "traced again by the reference engine");
+            return "reference";
+        }
+        return engine;
+    }
+    if (!strcmp(engine, "reference")) return engine;
+    prt_log(&tool->ctx, PRT_LOG_ERROR, "--engine %s: the image-space engines are not part of "
+                                       "this build", engine);
+    *status = EXIT_FAILED;
+    return NULL;
+}
+
+static void place_camera(const struct tool *tool, struct picture *p, float aspect)
+{
+    if (tool->opt.camera) return;
+    prt_camera_frame(p->source.mesh, aspect, &p->camera);
+    if (!tool->opt.eye.set) return;
+    memcpy(p->camera.eye, tool->opt.eye.v, sizeof p->camera.eye);
+}
+
+static int no_memory(const struct tool *tool)
+{
+    return tool_exit(tool, prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the picture"));
+}
+
+// Phase planes of a baked transport.
+static int vertex_planes(struct tool *tool, struct picture *p, const char *term)
+{
+    const struct prt_transport *t = p->source.transport;
+    struct prt_query query = {
+        .term = !strcmp(term, "multiple") ? PRT_ANSWER_MULTIPLE
+                : !strcmp(term, "single") ? PRT_ANSWER_SINGLE
+                                          : PRT_ANSWER_TOTAL,
+        .light = t->engine == PRT_ENGINE_POLYNOMIAL ? NULL : &p->light,
+        .material = p->source.material_given ? &p->source.material : NULL,
+    };
+    int status = prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, NULL);
+    if (status) return tool_exit(tool, status);
+    p->planes = prt_alloc((size_t)p->n_plane * t->mesh.n_vertex, 3 * sizeof(float));
+    if (!p->planes) return no_memory(tool);
+    return tool_exit(tool,
+                     prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, p->planes));
+}
+
+// One plane by brute force: the terms without their outgoing Fresnel factor, which the shading
+// applies a pixel at a time.
+static int reference_planes(struct tool *tool, struct picture *p, const char *term)
+{
+    size_t n = (size_t)p->source.mesh->n_vertex;
+    float eye[3];
+    for (int i = 0; i < 3; i++) eye[i] = p->camera.eye[i] * p->source.mesh->mm_per_unit;
+    bool total = !strcmp(term, "total");
+    p->n_plane = 1;
+    if (!(p->planes = prt_alloc(n, 3 * sizeof(float)))) return no_memory(tool);
+    int status = reference_term(tool, &p->source, &p->light, total ? "multiple" : term, eye,
+                                (float(*)[3])p->planes);
+    if (status || !total) return status;
+    float *single = prt_alloc(n, 3 * sizeof(float));
+    if (!single) return no_memory(tool);
+    status = reference_term(tool, &p->source, &p->light, "single", eye, (float(*)[3])single);
+    for (size_t i = 0; i < 3 * n && !status; i++) p->planes[i] += single[i];
+    prt_free(single);
+    return status;
+}
+
+// Cubes of the light: the engine's own, one for mirrors and one for the background.
+static int load_lights(struct tool *tool, struct picture *p, bool reference, bool total)
+{
+    const struct options *o = &tool->opt;
+    const struct prt_context *ctx = &tool->ctx;
+    int status = prt_env_load(ctx, o->env, &p->env);
+    if (status) return tool_exit(tool, status);
+    uint32_t own = reference ? 0 : p->source.transport->cube;
+    if (!reference && p->source.transport->engine == PRT_ENGINE_POLYNOMIAL)
+        prt_log(ctx, PRT_LOG_NOTE,
+                "%s was baked under one light: --env and --rotate change its mirror image and "
+                "background only", p->source.path);
+    int exit_status = source_light(tool, &p->source, p->env, own, &p->light);
+    if (exit_status) return exit_status;
+    uint32_t full = prt_env_full_cube(p->env);
+    if (total) {
+        status = prt_env_to_cube(ctx, p->env, full < 256 ? full : 256, o->rotate_deg, &p->mirror);
+        if (!status) status = prt_specular_create(ctx, &p->mirror, &p->specular);
+    }
+    if (!status && !p->plain)
+        status = prt_env_to_cube(ctx, p->env, full < 512 ? full : 512, o->rotate_deg, &p->back);
+    return tool_exit(tool, status);
+}
+
+static int shade(struct tool *tool, struct picture *p, bool total)
+{
+    struct prt_shade shade = {
+        .n_plane = p->n_plane,
+        .planes = p->planes,
+        .eta = p->source.material.eta,
+        .roughness = p->source.material.roughness,
+        .fresnel = total,
+        .specular = p->specular,
+        .background = p->plain ? NULL : &p->back,
+    };
+    memcpy(shade.background_rgb, p->background, sizeof shade.background_rgb);
+    return tool_exit(tool, prt_shade_image(&tool->ctx, p->visibility, p->source.mesh, &shade,
+                                           &p->image));
+}
+
+static void summary(const struct tool *tool, const struct picture *p, const char *engine,
+                    double seconds)
+{
+    const struct prt_camera *c = &p->camera;
+    double covered = (double)prt_visibility_covered(p->visibility);
+    if (!tool->opt.json) {
+        prt_log(&tool->ctx, PRT_LOG_NOTE, "%s: %ux%u by %s in %.3f s", tool->opt.out,
+                p->image.width, p->image.height, engine, seconds);
+        return;
+    }
+    char camera[256];
+    snprintf(camera, sizeof camera, "%.7g,%.7g,%.7g:%.7g,%.7g,%.7g:%.7g,%.7g,%.7g:%.7g",
+             (double)c->eye[0], (double)c->eye[1], (double)c->eye[2], (double)c->target[0],
+             (double)c->target[1], (double)c->target[2], (double)c->up[0], (double)c->up[1],
+             (double)c->up[2], (double)c->fovy_deg);
+    cJSON *root = cJSON_CreateObject();
+    cJSON_AddStringToObject(root, "out", tool->opt.out);
+    cJSON_AddStringToObject(root, "engine", engine);
+    cJSON_AddNumberToObject(root, "width", p->image.width);
+    cJSON_AddNumberToObject(root, "height", p->image.height);
+    cJSON_AddNumberToObject(root, "covered", covered);
+    cJSON_AddStringToObject(root, "camera", camera);
+    cJSON_AddNumberToObject(root, "seconds", seconds);
+    char *text = cJSON_PrintUnformatted(root);
+    puts(text ? text : "{}");
+    free(text);
+    cJSON_Delete(root);
+}
+
+static enum prt_tone tone_of(const char *word)
+{
+    if (word && !strcmp(word, "reinhard")) return PRT_TONE_REINHARD;
+    if (word && !strcmp(word, "none")) return PRT_TONE_NONE;
+    return PRT_TONE_FILMIC;
+}
+
+static int draw(struct tool *tool, struct picture *p)
+{
+    const struct options *o = &tool->opt;
+    const char *term = o->term ? o->term : "total";
+    bool total = !strcmp(term, "total");
+    uint32_t width = o->width ? o->width : 800, height = o->height ? o->height : 600;
+    int status;
+    const char *engine = choose_engine(tool, &p->source, &status);
+    if (!engine) return status;
+    bool reference = !strcmp(engine, "reference");
+    if (!reference && (o->cube_full || (o->cube && o->cube != p->source.transport->cube)))
+        return usage_error(o, "%s was baked for a light of 6x%ux%u: --cube sets it for --engine "
+                              "reference only", p->source.path, p->source.transport->cube,
+                           p->source.transport->cube);
+    place_camera(tool, p, (float)width / (float)height);
+    double started = prt_time_s();
+    if ((status = load_lights(tool, p, reference, total))) return status;
+    status = tool_exit(tool, prt_visibility_create(&tool->ctx, p->source.mesh, &p->camera, width,
+                                                   height, o->msaa ? (unsigned)o->msaa : 4,
+                                                   PRT_RASTER_AUTO, &p->visibility));
+    if (status) return status;
+    status = reference ? reference_planes(tool, p, term) : vertex_planes(tool, p, term);
+    if (status || (status = shade(tool, p, total))) return status;
+    double seconds = prt_time_s() - started;
+    status = tool_exit(tool, output_image(&tool->ctx, o->out, &p->image, tone_of(o->tone),
+                                          o->exposure_ev, o->quality ? (int)o->quality : 92,
+                                          o->full_float));
+    if (!status) summary(tool, p, engine, seconds);
+    return status;
+}
+
+int run_image(struct tool *tool)
+{
+    struct picture p = {0};
+    int status = check_usage(tool, &p);
+    if (status || (status = check_writable(tool, tool->opt.out))) return status;
+    if ((status = source_open(tool, tool->opt.input[0], true, &p.source))) return status;
+    status = draw(tool, &p);
+    picture_finish(&p);
+    return status;
+}

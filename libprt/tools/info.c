@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: MIT
+// prt info: what a .prt, a model or an environment holds, as text or JSON.
+#include "tool.h"
+
+#include <cjson/cJSON.h>
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <unistd.h>
+
+static void add_vector(cJSON *to, const char *name, const float *v, int n)
+{
+    double d[4];
+    for (int i = 0; i < n; i++) d[i] = (double)v[i];
+    cJSON_AddItemToObject(to, name, cJSON_CreateDoubleArray(d, n));
+}
+
+static void add_parsed(cJSON *to, const char *name, const char *json)
+{
+    cJSON *item = json && *json ? cJSON_Parse(json) : NULL;
+    cJSON_AddItemToObject(to, name, item ? item : cJSON_CreateNull());
+}
+
+static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
+{
+    cJSON *m = cJSON_AddObjectToObject(root, "mesh");
+    float box[2][3];
+    uint32_t translucent = 0;
+    double diagonal = 0;
+    for (uint32_t i = 0; i < mesh->n_block; i++)
+        translucent += mesh->surface[mesh->block[i].surface].translucent != 0;
+    prt_mesh_bounds(mesh, box);
+    for (int i = 0; i < 3; i++) diagonal += pow((double)box[1][i] - (double)box[0][i], 2);
+    cJSON_AddNumberToObject(m, "vertices", mesh->n_vertex);
+    cJSON_AddNumberToObject(m, "welded", mesh->n_weld);
+    cJSON_AddNumberToObject(m, "triangles", mesh->n_triangle);
+    cJSON_AddNumberToObject(m, "blocks", mesh->n_block);
+    cJSON_AddNumberToObject(m, "translucent_blocks", translucent);
+    cJSON_AddNumberToObject(m, "objects", mesh->n_object);
+    cJSON_AddNumberToObject(m, "boundary_edges", mesh->n_boundary_edge);
+    cJSON_AddNumberToObject(m, "nonmanifold_edges", mesh->n_nonmanifold_edge);
+    cJSON_AddNumberToObject(m, "degenerate_triangles", mesh->n_degenerate_triangle);
+    cJSON_AddBoolToObject(m, "texture_coordinates", mesh->uv != NULL);
+    add_vector(m, "box_min", box[0], 3);
+    add_vector(m, "box_max", box[1], 3);
+    cJSON_AddNumberToObject(m, "diagonal", sqrt(diagonal));
+    cJSON_AddStringToObject(m, "units", mesh->mm_per_unit > 0 ? "mm"
+                                        : mesh->units_known   ? "m"
+                                                              : "unknown");
+    if (mesh->mm_per_unit > 0)
+        cJSON_AddNumberToObject(m, "mm_per_unit", (double)mesh->mm_per_unit);
+    cJSON *surfaces = cJSON_AddArrayToObject(m, "surfaces");
+    for (uint32_t i = 0; i < mesh->n_surface; i++) {
+        cJSON *s = cJSON_CreateObject();
+        cJSON_AddStringToObject(s, "name", mesh->surface[i].name);
+        cJSON_AddBoolToObject(s, "translucent", mesh->surface[i].translucent);
+        cJSON_AddItemToArray(surfaces, s);
+    }
+}
+
+static void add_tensor(cJSON *to, const struct prt_tensor *t, uint64_t *total)
+{
+    static const char *const storages[] = {"factored", "sparse", "radial"};
+    cJSON *o = cJSON_CreateObject();
+    uint64_t u_bytes, row_bytes;
+    prt_tensor_bytes(t, &u_bytes, &row_bytes);
+    *total += u_bytes + row_bytes;
+    uint64_t entries = t->rows.n_row ? t->rows.begin[t->rows.n_row] : 0;
+    double rank = 0;
+    for (uint32_t i = 0; i < t->n_cluster; i++)
+        rank += (double)t->cluster[i].rank * t->cluster[i].n_vertex;
+    cJSON_AddStringToObject(o, "term", t->term == PRT_TERM_SINGLE ? "single" : "multiple");
+    cJSON_AddStringToObject(o, "storage", t->storage < 3 ? storages[t->storage] : "unknown");
+    cJSON_AddStringToObject(o, "coupling",
+                            t->coupling == PRT_COUPLE_FULL ? "full" : "diagonal");
+    cJSON_AddNumberToObject(o, "functions", t->n_function);
+    cJSON_AddNumberToObject(o, "radial_functions", t->n_radial);
+    cJSON_AddNumberToObject(o, "phase_terms", t->n_phase);
+    cJSON_AddNumberToObject(o, "clusters", t->n_cluster);
+    if (t->n_cluster) cJSON_AddNumberToObject(o, "mean_rank", rank / t->n_vertex);
+    cJSON_AddNumberToObject(o, "rows", t->rows.n_row);
+    cJSON_AddNumberToObject(o, "entries", (double)entries);
+    cJSON_AddStringToObject(o, "values", t->rows.value == PRT_VALUE_I8 ? "i8" : "f16");
+    cJSON_AddNumberToObject(o, "u_bytes", (double)u_bytes);
+    cJSON_AddNumberToObject(o, "row_bytes", (double)row_bytes);
+    cJSON_AddNumberToObject(o, "bytes_per_vertex", (double)(u_bytes + row_bytes) / t->n_vertex);
+    cJSON_AddItemToArray(to, o);
+}
+
+static int describe_prt(struct tool *tool, const char *path, cJSON *root)
+{
+    struct prt_file *file;
+    int status = prt_file_open(&tool->ctx, path, PRT_FILE_CHECK_ALL, &file);
+    if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
+    const struct prt_transport *t = prt_file_transport(file);
+    char material[512], hash[24];
+    uint64_t total = 0;
+    cJSON_AddStringToObject(root, "kind", "prt");
+    cJSON_AddStringToObject(root, "engine", source_engine_name(t));
+    cJSON_AddNumberToObject(root, "cube", t->cube);
+    cJSON_AddNumberToObject(root, "bytes", (double)prt_file_bytes(file));
+    prt_material_print(&t->material, material, sizeof material);
+    add_parsed(root, "material", material);
+    snprintf(hash, sizeof hash, "%016llx", (unsigned long long)t->mesh_hash);
+    cJSON_AddStringToObject(root, "mesh_hash", hash);
+    add_mesh(root, &t->mesh);
+    cJSON *tensors = cJSON_AddArrayToObject(root, "tensors");
+    for (uint32_t i = 0; i < t->n_tensor; i++) add_tensor(tensors, &t->tensor[i], &total);
+    cJSON_AddNumberToObject(root, "transport_bytes", (double)total);
+    cJSON_AddNumberToObject(root, "bytes_per_vertex", (double)total / t->mesh.n_vertex);
+    add_parsed(root, "errors", t->errors);
+    add_parsed(root, "settings", t->settings);
+    prt_file_close(file);
+    return EXIT_DONE;
+}
+
+static int describe_model(struct tool *tool, const char *path, cJSON *root)
+{
+    struct prt_mesh *mesh;
+    struct prt_mesh_options options = {.opaque = tool->opt.n_opaque ? tool->opt.opaque : NULL};
+    int status = prt_mesh_load(&tool->ctx, path, &options, &mesh);
+    if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
+    cJSON_AddStringToObject(root, "kind", "model");
+    add_mesh(root, mesh);
+    prt_mesh_destroy(mesh);
+    return EXIT_DONE;
+}
+
+static int describe_env(struct tool *tool, const char *path, cJSON *root)
+{
+    struct prt_env *env;
+    int status = prt_env_load(&tool->ctx, path, &env);
+    if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
+    bool latlong = env->kind == PRT_ENV_LATLONG;
+    uint32_t w = latlong ? env->latlong.width : env->cube.n;
+    uint32_t h = latlong ? env->latlong.height : env->cube.n;
+    const float *value = latlong ? env->latlong.rgb : env->cube.texel;
+    size_t n = (size_t)w * h * 3 * (latlong ? 1 : 6);
+    double power[3], mean[3], top = 0;
+    for (size_t i = 0; i < n; i++) top = fmax(top, (double)value[i]);
+    env_power(env, power);
+    for (int c = 0; c < 3; c++) mean[c] = power[c] / (4 * M_PI);
+    cJSON_AddStringToObject(root, "kind", "environment");
+    cJSON_AddStringToObject(root, "layout", latlong ? "latlong" : "cube");
+    cJSON_AddNumberToObject(root, "width", w);
+    cJSON_AddNumberToObject(root, "height", h);
+    cJSON_AddNumberToObject(root, "full_cube", prt_env_full_cube(env));
+    cJSON_AddItemToObject(root, "power", cJSON_CreateDoubleArray(power, 3));
+    cJSON_AddItemToObject(root, "mean_radiance", cJSON_CreateDoubleArray(mean, 3));
+    cJSON_AddNumberToObject(root, "max_radiance", top);
+    cJSON_AddNumberToObject(root, "negative_pixels", env->n_negative);
+    cJSON_AddNumberToObject(root, "nonfinite_pixels", env->n_nonfinite);
+    prt_env_destroy(env);
+    return EXIT_DONE;
+}
+
+// Plain text: `name: value`, nested objects indented, arrays of numbers on one line.
+static void print_text(const cJSON *item, int depth)
+{
+    for (const cJSON *c = item->child; c; c = c->next) {
+        if (c->string) printf("%*s%s:", 2 * depth, "", c->string);
+        if (cJSON_IsObject(c)) {
+            if (c->string) putchar('\n');
+            print_text(c, depth + 1);
+            continue;
+        }
+        if (cJSON_IsArray(c) && c->child && cJSON_IsObject(c->child)) {
+            putchar('\n');
+            for (const cJSON *e = c->child; e; e = e->next) {
+                printf("%*s-\n", 2 * depth + 2, "");
+                print_text(e, depth + 2);
+            }
+            continue;
+        }
+        char *text = cJSON_IsString(c) ? NULL : cJSON_PrintUnformatted(c);
+        printf(" %s\n", text ? text : cJSON_IsString(c) ? c->valuestring : "");
+        free(text);
+    }
+}
+
+static bool ends_with_any(const char *path, const char *const *endings)
+{
+    size_t n = strlen(path);
+    for (; *endings; endings++) {
+        size_t m = strlen(*endings);
+        if (n > m && !strcasecmp(path + n - m, *endings)) return true;
+    }
+    return false;
+}
+
+int run_info(struct tool *tool)
+{
+    static const char *const models[] = {".glb", ".gltf", ".obj", ".ply", NULL};
+    static const char *const files[] = {".prt", NULL};
+    const char *path = tool->opt.input[0];
+    // "constant" and patterns of six faces are environments without being a file.
+    bool exists = access(path, R_OK) == 0;
+    if (!exists && strncmp(path, "constant", 8) && !strchr(path, '*') && !strchr(path, '%'))
+        return tool_exit(tool,
+                         prt_fail(&tool->ctx, PRT_IO, "%s: %s", path, strerror(errno)));
+    cJSON *root = cJSON_CreateObject();
+    cJSON_AddStringToObject(root, "file", path);
+    int status;
+    if (ends_with_any(path, files) || (exists && prt_file_probe(path)))
+        status = describe_prt(tool, path, root);
+    else if (ends_with_any(path, models))
+        status = describe_model(tool, path, root);
+    else
+        status = describe_env(tool, path, root);
+    if (!status && tool->opt.json) {
+        char *text = cJSON_PrintUnformatted(root);
+        puts(text ? text : "{}");
+        free(text);
+    } else if (!status) {
+        print_text(root, 0);
+    }
+    cJSON_Delete(root);
+    return status;
+}

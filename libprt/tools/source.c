@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: MIT
+// SOURCE of the command contract: a .prt, or a model with a material and a scale; and its light.
+#include "tool.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <strings.h>
+#include <unistd.h>
+
+int material_option(struct tool *tool, struct prt_material *out)
+{
+    const struct prt_context *ctx = &tool->ctx;
+    const char *name = tool->opt.material;
+    bool inline_json = *name == '{', is_file = !inline_json && access(name, F_OK) == 0;
+    const struct prt_material *preset;
+    for (unsigned i = 0; !inline_json && (preset = prt_material_preset(i)); i++)
+        if (!strcasecmp(preset->name, name)) {
+            *out = *preset;
+            return EXIT_DONE;
+        }
+    if (!inline_json && !is_file) {
+        char list[256] = "";
+        for (unsigned i = 0; (preset = prt_material_preset(i)); i++) {
+            size_t n = strlen(list);
+            snprintf(list + n, sizeof list - n, "%s%s", n ? ", " : "", preset->name);
+        }
+        return usage_error(&tool->opt, "--material %s: neither a file nor one of %s", name, list);
+    }
+    int status = prt_material_load(ctx, name, out);
+    if (!status) status = prt_material_check(ctx, out);
+    // A bad file has failed; bad text on the command line is wrong usage.
+    if (status) return is_file ? EXIT_FAILED : EXIT_USAGE;
+    return EXIT_DONE;
+}
+
+const char *source_engine_name(const struct prt_transport *transport)
+{
+    switch ((enum prt_engine_kind)transport->engine) {
+    case PRT_ENGINE_WAVELET:
+        return "wavelet";
+    case PRT_ENGINE_POLYNOMIAL:
+        return "polynomial";
+    case PRT_ENGINE_JOINT:
+        return "joint";
+    }
+    return "unknown";
+}
+
+static int open_prt(struct tool *tool, struct source *source)
+{
+    const struct options *o = &tool->opt;
+    if (o->size_mm > 0 || o->mm_per_unit > 0 || o->n_opaque)
+        return usage_error(o, "%s is a .prt, which carries its own scale and surfaces: leave "
+                              "--size-mm, --mm-per-unit and --opaque out", source->path);
+    int status = prt_file_open(&tool->ctx, source->path, PRT_FILE_CHECK_ALL, &source->file);
+    if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
+    source->transport = prt_file_transport(source->file);
+    source->mesh = &source->transport->mesh;
+    source->material = source->transport->material;
+    if (!o->material) return EXIT_DONE;
+    if (source->transport->engine == PRT_ENGINE_WAVELET)
+        return usage_error(o, "%s is a wavelet .prt, whose material (%s) is fixed by the bake: "
+                              "leave --material out, or bake again", source->path,
+                           source->material.name);
+    source->material_given = true;
+    return material_option(tool, &source->material);
+}
+
+static int open_model(struct tool *tool, bool need_material, struct source *source)
+{
+    const struct options *o = &tool->opt;
+    if (!o->material && need_material)
+        return usage_error(o, "%s is a model: it needs --material", source->path);
+    if (o->material) {
+        int exit_status = material_option(tool, &source->material);
+        if (exit_status) return exit_status;
+        source->material_given = true;
+    }
+    struct prt_mesh_options options = {.opaque = o->n_opaque ? o->opaque : NULL};
+    int status = prt_mesh_load(&tool->ctx, source->path, &options, &source->loaded);
+    if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
+    source->mesh = source->loaded;
+    if (!(o->size_mm > 0) && !(o->mm_per_unit > 0) && !source->loaded->units_known)
+        return usage_error(o, "%s says nothing about its units: give --size-mm or --mm-per-unit",
+                           source->path);
+    return tool_exit(tool, prt_mesh_scale(&tool->ctx, source->loaded, o->size_mm,
+                                          o->mm_per_unit));
+}
+
+int source_open(struct tool *tool, const char *path, bool need_material, struct source *out)
+{
+    *out = (struct source){.path = path};
+    if (access(path, R_OK))
+        return tool_exit(tool,
+                         prt_fail(&tool->ctx, PRT_IO, "%s: %s", path, strerror(errno)));
+    size_t n = strlen(path);
+    bool named_prt = n > 4 && !strcasecmp(path + n - 4, ".prt");
+    int status = named_prt || prt_file_probe(path) ? open_prt(tool, out)
+                                                   : open_model(tool, need_material, out);
+    if (status) source_close(out);
+    return status;
+}
+
+void source_close(struct source *source)
+{
+    if (source->file) prt_file_close(source->file);
+    if (source->loaded) prt_mesh_destroy(source->loaded);
+    source->file = NULL;
+    source->loaded = NULL;
+}
+
+int source_light(struct tool *tool, const struct source *source, const struct prt_env *env,
+                 uint32_t n, struct prt_cube *out)
+{
+    const struct options *o = &tool->opt;
+    if (!n && o->cube_full) n = prt_env_full_cube(env);
+    if (!n) n = o->cube;
+    if (!n && source->transport) n = source->transport->cube;
+    if (!n) n = 32;
+    return tool_exit(tool, prt_env_to_cube(&tool->ctx, env, n, o->rotate_deg, out));
+}
+
+static enum prt_reference_term term_of(const char *word)
+{
+    if (!strcmp(word, "irradiance")) return PRT_REFERENCE_IRRADIANCE;
+    if (!strcmp(word, "multiple")) return PRT_REFERENCE_MULTIPLE;
+    if (!strcmp(word, "single")) return PRT_REFERENCE_SINGLE;
+    return PRT_REFERENCE_TOTAL;
+}
+
+int reference_term(struct tool *tool, const struct source *source, const struct prt_cube *light,
+                   const char *term, const float *eye_mm, float (*color)[3])
+{
+    const struct options *o = &tool->opt;
+    struct prt_reference_options options = {
+        .term = term_of(term),
+        .eye = eye_mm,
+        .straight_single = o->straight,
+        .n_sample = (uint32_t)o->samples,
+        .n_ray = (uint32_t)o->rays,
+        .n_single = (uint32_t)o->single_points,
+        .n_phase_term = (unsigned)o->phase_terms,
+        .seed = o->seed,
+    };
+    return tool_exit(tool, prt_reference_colors(&tool->ctx, source->mesh, &source->material,
+                                                light, &options, color));
+}

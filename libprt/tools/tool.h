@@ -1,0 +1,122 @@
+/* SPDX-License-Identifier: MIT */
+/* tool.h owns what the subcommands of prt share. */
+#ifndef PRT_TOOL_H
+#define PRT_TOOL_H
+
+#include "prt/base.h"
+#include "prt/light.h"
+#include "prt/medium.h"
+#include "prt/mesh.h"
+#include "prt/raster.h"
+#include "prt/reference.h"
+#include "prt/transport.h"
+
+/* Exit statuses of the command contract. */
+enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
+
+enum command { CMD_BAKE, CMD_COLORS, CMD_IMAGE, CMD_INFO, CMD_COMPARE, CMD_ENV, N_COMMAND };
+enum { MAX_INPUT = 2, MAX_OPAQUE = 64 };
+
+struct vector_option {
+    bool set;
+    float v[3];
+};
+
+/* What the command line said. Absent: NULL, 0 or false unless a comment tells otherwise. */
+struct options {
+    enum command command;
+    const char *input[MAX_INPUT];
+    unsigned n_input;
+    const char *out, *material, *env, *engine, *term, *transport, *storage, *camera, *cpu;
+    const char *tone, *background, *layout;
+    const char *opaque[MAX_OPAQUE + 1];
+    unsigned n_opaque;
+    double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms;
+    uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed;
+    uint64_t threads, msaa, quality, vertices;
+    uint32_t cube;          /* 0: not given */
+    bool cube_full;
+    struct vector_option eye;
+    uint32_t width, height; /* --size; height 0 when only one number was given */
+    uint32_t shard, n_shard;
+    int progress_fd;        /* -1: not given */
+    bool max_rmse_set;
+    bool json, quiet, no_single, every_ray, straight, full_float;
+};
+
+/* Fills `out` from the arguments after the subcommand's name. Returns -1 to go on, else the exit
+ * status: after --help, or after a message about wrong usage. */
+int options_parse(enum command command, int argc, char **argv, struct options *out);
+int command_find(const char *name); /* enum command, or -1 */
+void usage_print(void);
+/* Prints an error and where help is; returns EXIT_USAGE. */
+int usage_error(const struct options *options, const char *fmt, ...)
+    __attribute__((format(printf, 2, 3)));
+/* "x,y,z" to three finite numbers; false when it is not that. */
+bool parse_vector(const char *text, float v[3]);
+
+/* A run of the program. */
+struct tool {
+    struct options opt;
+    struct prt_context ctx;
+};
+/* Log, progress bar, signals, threads; an exit status, or -1 to go on. */
+int tool_begin(struct tool *tool);
+void tool_end(struct tool *tool);
+/* Library status to exit status, with a last line for what said nothing itself. */
+int tool_exit(const struct tool *tool, int status);
+/* 0 when `path` may be created there, else EXIT_FAILED after a message: before long work. */
+int check_writable(const struct tool *tool, const char *path);
+
+/* What SOURCE of the command contract names. */
+struct source {
+    const char *path;
+    struct prt_file *file;                 /* of a .prt, else NULL */
+    const struct prt_transport *transport; /* of a .prt, else NULL */
+    struct prt_mesh *loaded;               /* of a model, else NULL */
+    const struct prt_mesh *mesh;           /* in mm */
+    struct prt_material material;          /* --material, else the baked one */
+    bool material_given;
+};
+/* Opens SOURCE and holds it to the contract's rules. Returns an exit status. */
+int source_open(struct tool *tool, const char *path, bool need_material, struct source *out);
+void source_close(struct source *source);
+/* --engine, or the source's own; NULL after a usage error. */
+const char *source_engine_name(const struct prt_transport *transport);
+/* Loads --env turned by --rotate as an n-cube; n 0: what --cube says (full: the file's own),
+ * else the .prt's, else 32. Returns an exit status. */
+int source_light(struct tool *tool, const struct source *source, const struct prt_env *env,
+                 uint32_t n, struct prt_cube *out);
+/* --material by preset, file or JSON text. Returns an exit status. */
+int material_option(struct tool *tool, struct prt_material *out);
+/* Reference colours of a term for the whole mesh; eye in mm or NULL. Returns an exit status. */
+int reference_term(struct tool *tool, const struct source *source, const struct prt_cube *light,
+                   const char *term, const float *eye_mm, float (*color)[3]);
+
+enum output_kind {
+    OUT_NONE,
+    OUT_CSV, OUT_NPY, OUT_PLY, OUT_GLB, /* colours */
+    OUT_EXR, OUT_PNG, OUT_JPG, OUT_HDR, /* pictures */
+};
+enum output_kind output_kind(const char *path);
+/* Colours [n_vertex][3] by the name's ending. Library status. */
+int output_colors(const struct prt_context *ctx, const char *path, const struct prt_mesh *mesh,
+                  const float (*color)[3]);
+/* Linear picture by the name's ending; PNG and JPEG are tone-mapped. Library status. */
+int output_image(const struct prt_context *ctx, const char *path, const struct prt_image *image,
+                 enum prt_tone tone, double exposure_ev, int quality, bool full_float);
+/* Colours of a .csv or .npy [n][3]; caller prt_free()s. Library status. */
+int table_load(const struct prt_context *ctx, const char *path, float **rgb, size_t *n);
+
+/* Integral of radiance over the sphere, RGB [W m^-2]. */
+void env_power(const struct prt_env *env, double power[3]);
+void cube_power(const struct prt_cube *cube, double power[3]);
+
+int run_bake(struct tool *tool);
+int run_colors(struct tool *tool);
+int run_image(struct tool *tool);
+int run_info(struct tool *tool);
+int run_compare(struct tool *tool);
+int run_env(struct tool *tool);
+
+#endif
