@@ -3,6 +3,7 @@
 #include "material.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 
 int material_json_object(const struct prt_context *ctx, const char *what, const char *json,
                          size_t n, cJSON **out)
@@ -154,15 +155,26 @@ static void escape_name(const char name[32], char out[64])
     out[k] = 0;
 }
 
+/* The shortest digits that read back as the same float. */
+static const char *shortest(float x, char buf[24])
+{
+    for (int digits = 1; digits <= 9; digits++) {
+        snprintf(buf, 24, "%.*g", digits, x);
+        if (strtof(buf, NULL) == x) break;
+    }
+    return buf;
+}
+
 int prt_material_print(const struct prt_material *material, char *buf, size_t n)
 {
-    char name[64];
-    escape_name(material->name, name);
     const float *s = material->sigma_s_prime, *a = material->sigma_a, *g = material->g;
+    const float x[11] = {s[0], s[1], s[2], a[0], a[1], a[2],
+                         g[0], g[1], g[2], material->eta, material->roughness};
+    char name[64], t[11][24];
+    escape_name(material->name, name);
+    for (int i = 0; i < 11; i++) shortest(x[i], t[i]);
     return snprintf(buf, n,
-                    "{\"name\":\"%s\",\"sigma_s_prime\":[%.9g,%.9g,%.9g],"
-                    "\"sigma_a\":[%.9g,%.9g,%.9g],\"g\":[%.9g,%.9g,%.9g],"
-                    "\"eta\":%.9g,\"roughness\":%.9g}",
-                    name, s[0], s[1], s[2], a[0], a[1], a[2], g[0], g[1], g[2], material->eta,
-                    material->roughness);
+                    "{\"name\":\"%s\",\"sigma_s_prime\":[%s,%s,%s],\"sigma_a\":[%s,%s,%s],"
+                    "\"g\":[%s,%s,%s],\"eta\":%s,\"roughness\":%s}",
+                    name, t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], t[9], t[10]);
 }
