@@ -1,0 +1,408 @@
+// SPDX-License-Identifier: MIT
+// Half floats and the .prt file: what is written comes back, and nothing else is accepted.
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "format.h"
+#include "synthetic.h"
+
+static char folder[64], path[96];
+static char last_line[1024];
+
+static void keep_line(void *user, enum prt_log_level level, const char *line)
+{
+    snprintf(last_line, sizeof last_line, "%s", line);
+}
+
+static struct prt_context quiet(void)
+{
+    struct prt_context ctx;
+    prt_context_init(&ctx);
+    ctx.log = keep_line;
+    last_line[0] = 0;
+    return ctx;
+}
+
+static void half_floats_are_exact(void **state)
+{
+    static uint16_t h[65536], back[65536];
+    static float f[65536];
+    for (unsigned i = 0; i < 65536; i++) h[i] = (uint16_t)i;
+    prt_f16_to_f32_array(h, 65536, f);
+    for (unsigned i = 0; i < 65536; i++) {
+        float one = prt_f16_to_f32((uint16_t)i);
+        if (isnan(one)) {
+            assert_true(isnan(f[i]) && (i & 0x7c00) == 0x7c00 && (i & 0x3ff));
+            continue;
+        }
+        assert_memory_equal(&one, &f[i], 4);
+        if (!isinf(one)) assert_int_equal(prt_f32_to_f16(one), i);
+    }
+    assert_true(prt_f16_to_f32(0x3c00) == 1.0f && prt_f16_to_f32(0xc000) == -2.0f);
+    assert_true(prt_f16_to_f32(1) == 0x1p-24f && prt_f16_to_f32(0x7bff) == 65504.0f);
+    // round to nearest even, on ties as well; saturation; NaN stays NaN
+    assert_int_equal(prt_f32_to_f16(1 + 0x1p-11f), 0x3c00);
+    assert_int_equal(prt_f32_to_f16(1 + 3 * 0x1p-11f), 0x3c02);
+    assert_int_equal(prt_f32_to_f16(1e9f), 0x7bff);
+    assert_int_equal(prt_f32_to_f16(-INFINITY), 0xfbff);
+    assert_int_equal(prt_f32_to_f16(65519.99f), 0x7bff);
+    assert_true(isnan(prt_f16_to_f32(prt_f32_to_f16(NAN))));
+    struct prt_rng rng;
+    prt_rng_init(&rng, 7, 7);
+    for (unsigned i = 0; i < 65536; i++)
+        f[i] = ldexpf(prt_rng_f32(&rng) - 0.5f, (int)(prt_rng_u32(&rng) % 50) - 30);
+    f[5] = INFINITY;
+    prt_f32_to_f16_array(f, 65533, back);
+    for (unsigned i = 0; i < 65533; i++) assert_int_equal(back[i], prt_f32_to_f16(f[i]));
+    // error of a normal number is at most half a unit in the last place
+    for (unsigned i = 0; i < 65533; i++)
+        if (fabsf(f[i]) > 0x1p-14f && fabsf(f[i]) < 65504)
+            assert_true(fabsf(prt_f16_to_f32(back[i]) - f[i]) <= fabsf(f[i]) * 0x1p-11f);
+}
+
+enum { N_KIND = 4 };
+static const struct synthetic_options kind[N_KIND] = {
+    {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16, .n_vertex = 101, .n_cluster = 3,
+     .rank = 5, .n_phase = 1, .cube = 16, .coefs = 20, .seed = 1},
+    {.storage = PRT_STORAGE_SPARSE, .value = PRT_VALUE_I8, .n_vertex = 101, .n_phase = 4,
+     .cube = 16, .coefs = 10, .seed = 2, .term = PRT_TERM_SINGLE},
+    {.storage = PRT_STORAGE_FACTORED, .coupling = PRT_COUPLE_FULL, .value = PRT_VALUE_F16,
+     .n_vertex = 101, .n_cluster = 2, .rank = 4, .n_phase = 4, .n_radial = 3, .cube = 16,
+     .coefs = 9, .seed = 3, .term = PRT_TERM_SINGLE},
+    {.storage = PRT_STORAGE_RADIAL, .n_vertex = 101, .n_cluster = 2, .n_phase = 1,
+     .n_radial = 6, .cube = 16, .seed = 4},
+};
+
+static void make(struct prt_transport *t)
+{
+    memset(t, 0, sizeof *t);
+    assert_int_equal(synthetic_mesh(101, true, &t->mesh), 0);
+    t->material = (struct prt_material){.name = "x", .sigma_s_prime = {1, 2, 3},
+                                        .sigma_a = {0, 1, 2}, .eta = 1.3f, .roughness = 0.3f};
+    t->cube = 16;
+    t->n_tensor = N_KIND;
+    for (int i = 0; i < N_KIND; i++)
+        assert_int_equal(synthetic_tensor(&kind[i], &t->tensor[i]), 0);
+    float *knot = prt_calloc(5, 4), *basis = prt_calloc(30, 4);
+    for (int i = 0; i < 5; i++) knot[i] = (float)i;
+    for (int i = 0; i < 30; i++) basis[i] = (float)i;
+    t->tensor[3].n_knot = 5;
+    t->tensor[3].knot = knot;
+    t->tensor[3].basis = basis;
+    t->settings = "{\"rank\":5}";
+    t->errors = "{}";
+    t->mesh_hash = 0x123456789abcdef;
+}
+
+static void unmake(struct prt_transport *t)
+{
+    for (int i = 0; i < N_KIND; i++) synthetic_tensor_finish(&t->tensor[i]);
+    synthetic_mesh_finish(&t->mesh);
+}
+
+static void same(const void *a, const void *b, size_t n)
+{
+    if (!n) return;
+    assert_non_null(b);
+    assert_int_equal((uintptr_t)b % 64, 0);
+    assert_memory_equal(a, b, n);
+}
+
+static void what_is_written_comes_back(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    struct prt_file *file;
+    make(&t);
+    assert_int_equal(prt_file_write(&ctx, path, &t), 0);
+    assert_true(prt_file_probe(path));
+    assert_int_equal(prt_file_open(&ctx, path, PRT_FILE_CHECK_ALL, &file), 0);
+    const struct prt_transport *b = prt_file_transport(file);
+    assert_int_equal(b->cube, 16);
+    assert_true(b->mesh_hash == t.mesh_hash && b->n_tensor == N_KIND);
+    assert_string_equal(b->settings, t.settings);
+    assert_string_equal(b->errors, t.errors);
+    assert_memory_equal(&b->material, &t.material, sizeof t.material);
+    same(t.mesh.position, b->mesh.position, 101 * 12);
+    same(t.mesh.normal, b->mesh.normal, 101 * 12);
+    same(t.mesh.triangle, b->mesh.triangle, t.mesh.n_triangle * 12);
+    same(t.mesh.weld, b->mesh.weld, 101 * 4);
+    same(t.mesh.block, b->mesh.block, sizeof *t.mesh.block * 2);
+    same(t.mesh.surface, b->mesh.surface, sizeof *t.mesh.surface * 2);
+    assert_null(b->mesh.uv);
+    for (int i = 0; i < N_KIND; i++) {
+        const struct prt_tensor *x = &t.tensor[i], *y = &b->tensor[i];
+        const struct prt_rows *r = &x->rows, *s = &y->rows;
+        size_t n = r->n_row ? r->begin[r->n_row] : 0, j = x->n_function;
+        size_t value = r->value == PRT_VALUE_I8 ? 1 : 2;
+        same(x->order, y->order, 101 * 4);
+        same(x->cluster, y->cluster, sizeof *x->cluster * x->n_cluster);
+        same(x->u, y->u, x->u_count * 2);
+        same(r->begin, s->begin, r->n_row ? 8 * (r->n_row + 1) : 0);
+        same(r->index, s->index, n * r->index_bytes);
+        same(r->entry, s->entry, n * j * value);
+        same(r->scale, s->scale, r->scale ? 4 * j * r->n_row : 0);
+        same(r->scaling, s->scaling, 12 * j * r->n_row);
+        same(x->basis, y->basis, x->n_knot * x->n_radial * 4);
+        assert_true(x->n_phase == y->n_phase && x->storage == y->storage &&
+                    x->coupling == y->coupling && x->term == y->term && r->n_coef == s->n_coef);
+    }
+    prt_file_close(file);
+    unmake(&t);
+}
+
+static struct prt_blob written(void)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    struct prt_blob blob;
+    make(&t);
+    assert_int_equal(prt_file_write(&ctx, path, &t), 0);
+    assert_int_equal(prt_read_file(&ctx, path, 1 << 20, &blob), 0);
+    unmake(&t);
+    return blob;
+}
+
+static int open_copy(const void *bytes, size_t n, enum prt_file_check check)
+{
+    struct prt_context ctx = quiet();
+    struct prt_file *file = NULL;
+    // exactly n bytes, so that a reader past the end meets the sanitizer
+    void *copy = malloc(n ? n : 1);
+    memcpy(copy, bytes, n);
+    int status = prt_file_open_memory(&ctx, "x.prt", copy, n, check, &file);
+    if (status)
+        assert_true(strncmp(last_line, "x.prt: ", 7) == 0 && !strchr(last_line, '\n'));
+    prt_file_close(file);
+    free(copy);
+    return status;
+}
+
+static void every_truncation_is_refused(void **state)
+{
+    struct prt_blob blob = written();
+    for (size_t n = 0; n < blob.size; n += n < 2048 ? 1 : 61)
+        assert_int_equal(open_copy(blob.bytes, n, PRT_FILE_CHECK_HEADERS), PRT_FORMAT);
+    assert_int_equal(open_copy(blob.bytes, blob.size, PRT_FILE_CHECK_ALL), 0);
+    prt_free(blob.bytes);
+}
+
+static void every_flipped_byte_is_refused(void **state)
+{
+    struct prt_blob blob = written();
+    unsigned char *b = blob.bytes;
+    for (size_t i = 0; i < blob.size; i++) {
+        unsigned char bit = (unsigned char)(1u << (i * 5 % 8));
+        b[i] ^= bit;
+        assert_int_equal(open_copy(b, blob.size, PRT_FILE_CHECK_ALL), PRT_FORMAT);
+        int status = open_copy(b, blob.size, PRT_FILE_CHECK_HEADERS);
+        assert_true(status == PRT_OK || status == PRT_FORMAT);
+        b[i] ^= bit;
+    }
+    prt_free(blob.bytes);
+}
+
+// A forger recomputes the header's checksum: the structure must hold on its own.
+static void reseal(struct prt_blob *blob)
+{
+    struct format_header *h = blob->bytes;
+    h->hash = 0;
+    h->hash = XXH3_64bits(h, sizeof *h + format_padded(h->n_section * 32ull));
+}
+
+static void forged_headers_are_refused(void **state)
+{
+    struct prt_blob blob = written();
+    struct format_header *h = blob.bytes, saved = *h;
+    reseal(&blob);
+    assert_int_equal(open_copy(blob.bytes, blob.size, PRT_FILE_CHECK_ALL), 0);
+    h->version = 2;
+    reseal(&blob);
+    assert_int_equal(open_copy(blob.bytes, blob.size, PRT_FILE_CHECK_ALL), PRT_FORMAT);
+    assert_non_null(strstr(last_line, "version 2"));
+    *h = saved;
+    h->endian = 0x04030201;
+    reseal(&blob);
+    assert_int_equal(open_copy(blob.bytes, blob.size, PRT_FILE_CHECK_ALL), PRT_FORMAT);
+    assert_non_null(strstr(last_line, "byte order"));
+    *h = saved;
+    struct format_section *s = (struct format_section *)(h + 1);
+    for (uint32_t i = 0; i < saved.n_section * 4; i++) {
+        uint64_t *field = i % 4 == 0 ? &s[i / 4].offset : i % 4 == 1 ? &s[i / 4].bytes : NULL;
+        uint32_t *word = i % 4 == 2 ? &s[i / 4].type : &s[i / 4].tensor;
+        static const uint64_t evil[] = {0, 1, 64, 4096, 1u << 31, UINT64_MAX, UINT64_MAX - 63};
+        for (int e = 0; e < 7; e++) {
+            uint64_t keep = field ? *field : *word;
+            if (keep == evil[e]) continue;
+            if (field)
+                *field = evil[e];
+            else
+                *word = (uint32_t)evil[e];
+            reseal(&blob);
+            if (keep != (field ? *field : *word))
+                assert_int_equal(open_copy(blob.bytes, blob.size, PRT_FILE_CHECK_HEADERS),
+                                 PRT_FORMAT);
+            if (field)
+                *field = keep;
+            else
+                *word = (uint32_t)keep;
+        }
+    }
+    prt_free(blob.bytes);
+}
+
+#define W(type, p) ((type *)(uintptr_t)(p))
+// Breaks one rule at a time; `broken` gets the transport and the number of the rule.
+static bool broken(struct prt_transport *t, int rule)
+{
+    struct prt_tensor *a = &t->tensor[0], *s = &t->tensor[1];
+    struct prt_cluster *c = W(struct prt_cluster, a->cluster);
+    switch (rule) {
+    case 0: W(uint32_t, a->order)[3] = a->order[4]; return true;
+    case 1: W(uint32_t, a->order)[3] = 101; return true;
+    case 2: W(uint64_t, a->rows.begin)[2] = a->rows.begin[4]; return true;
+    case 3: W(uint64_t, a->rows.begin)[0] = 1; return true;
+    case 4: W(uint16_t, a->rows.index)[1] = W(uint16_t, a->rows.index)[0]; return true;
+    case 5: W(uint16_t, a->rows.index)[a->rows.begin[1] - 1] = 6 * 256; return true;
+    case 6: W(uint16_t, s->rows.index)[0] = 0; return true;
+    case 7: c[1].vertex_begin++; return true;
+    case 8: c[2].n_vertex++; return true;
+    case 9: c[2].rank = 4000; return true;
+    case 10: c[2].row_begin = UINT32_MAX; return true;
+    case 11: c[2].u_begin = UINT64_MAX - 15; return true;
+    case 12: c[1].u_begin += 8; return true;
+    case 13: W(uint16_t, a->u)[5] = 0x7e00; return true;
+    case 14: W(uint16_t, a->rows.entry)[5] = 0x7c00; return true;
+    case 15: W(uint16_t, a->rows.scaling)[5] = 0xfc00; return true;
+    case 16: W(float, s->rows.scale)[5] = NAN; return true;
+    case 17: t->mesh.triangle[4][1] = 101; return true;
+    case 18: t->mesh.weld[4] = 101; return true;
+    case 19: t->mesh.position[4][1] = INFINITY; return true;
+    case 20: t->mesh.block[1].surface = 2; return true;
+    case 21: t->mesh.block[1].vertex_begin--; return true;
+    case 22: t->mesh.block[0].object = 1; return true;
+    case 23: memset(t->mesh.surface[0].name, 'x', 64); return true;
+    case 24: t->material.eta = 0.5f; return true;
+    case 25: a->n_phase = 3; return true;
+    case 26: a->n_function = 4; return true;
+    case 27: s->rows.n_row = 100; return true;
+    case 28: a->storage = 7; return true;
+    case 29: t->cube = 17; return true;
+    case 30: W(float, t->tensor[3].knot)[2] = 9; return true;
+    case 31: t->n_tensor = 0; return true;
+    case 32: t->engine = 9; return true;
+    case 33: t->mesh.n_vertex = 100; return true;
+    case 34: a->rows.index_bytes = 4; return true;
+    case 35: t->tensor[2].n_radial = 5; return true;
+    case 36: a->u_count -= 16; c[2].rank++; return true;
+    default: return false;
+    }
+}
+
+static void broken_structure_is_refused(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    unlink(path);
+    for (int rule = 0;; rule++) {
+        make(&t);
+        bool more = broken(&t, rule);
+        if (more) {
+            last_line[0] = 0;
+            int status = prt_file_write(&ctx, path, &t);
+            if (status != PRT_FORMAT) fail_msg("rule %d was not enforced", rule);
+            assert_int_equal(access(path, F_OK), -1);
+        }
+        unmake(&t);
+        if (!more) break;
+    }
+}
+
+static void foreign_files_are_refused(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_file *file;
+    static const char text[] = "solid teapot\n";
+    assert_int_equal(prt_write_file(&ctx, path, text, sizeof text), 0);
+    assert_false(prt_file_probe(path));
+    assert_int_equal(prt_file_open(&ctx, path, PRT_FILE_CHECK_HEADERS, &file), PRT_FORMAT);
+    assert_non_null(strstr(last_line, "not a .prt file"));
+    assert_int_equal(prt_write_file(&ctx, path, "", 0), 0);
+    assert_int_equal(prt_file_open(&ctx, path, PRT_FILE_CHECK_HEADERS, &file), PRT_FORMAT);
+    assert_int_equal(prt_file_open(&ctx, folder, PRT_FILE_CHECK_HEADERS, &file), PRT_IO);
+    unlink(path);
+    assert_int_equal(prt_file_open(&ctx, path, PRT_FILE_CHECK_HEADERS, &file), PRT_IO);
+    assert_false(prt_file_probe(path));
+}
+
+static void failed_writes_leave_nothing(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    char deep[128];
+    make(&t);
+    snprintf(deep, sizeof deep, "%s/none/x.prt", folder);
+    assert_int_equal(prt_file_write(&ctx, deep, &t), PRT_IO);
+    assert_int_equal(prt_file_write(&ctx, "/dev/full", &t), PRT_IO);
+    // a folder in the way makes the rename fail after everything was written
+    snprintf(deep, sizeof deep, "%s/way", folder);
+    assert_int_equal(prt_file_write(&ctx, folder, &t), PRT_IO);
+    unmake(&t);
+    assert_int_equal(rmdir(folder), 0); // nothing is left in it
+    assert_non_null(mkdtemp(strcpy(folder, "/tmp/prt-transport-XXXXXX")));
+    snprintf(path, sizeof path, "%s/x.prt", folder);
+}
+
+// Not a limit, a number to look at: a bunny's file should open in well under 50 ms.
+static void opening_is_timed(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t = {.cube = 32, .n_tensor = 1};
+    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16,
+                                  .n_vertex = 34835, .n_cluster = 64, .rank = 40, .n_phase = 1,
+                                  .cube = 32, .coefs = 512, .seed = 9};
+    struct prt_file *file;
+    t.material.eta = 1.3f;
+    assert_int_equal(synthetic_mesh(o.n_vertex, false, &t.mesh), 0);
+    assert_int_equal(synthetic_tensor(&o, &t.tensor[0]), 0);
+    assert_int_equal(prt_file_write(&ctx, path, &t), 0);
+    for (int check = 0; check < 2; check++) {
+        double start = prt_time_s();
+        assert_int_equal(prt_file_open(&ctx, path, (enum prt_file_check)check, &file), 0);
+        print_message("opened %.1f MB in %.2f ms (%s)\n", (double)prt_file_bytes(file) / 1e6,
+                      1e3 * (prt_time_s() - start), check ? "all checksums" : "structure");
+        prt_file_close(file);
+    }
+    synthetic_tensor_finish(&t.tensor[0]);
+    synthetic_mesh_finish(&t.mesh);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(half_floats_are_exact),
+        cmocka_unit_test(what_is_written_comes_back),
+        cmocka_unit_test(every_truncation_is_refused),
+        cmocka_unit_test(every_flipped_byte_is_refused),
+        cmocka_unit_test(forged_headers_are_refused),
+        cmocka_unit_test(broken_structure_is_refused),
+        cmocka_unit_test(foreign_files_are_refused),
+        cmocka_unit_test(failed_writes_leave_nothing),
+        cmocka_unit_test(opening_is_timed),
+    };
+    if (!mkdtemp(strcpy(folder, "/tmp/prt-transport-XXXXXX"))) return 1;
+    snprintf(path, sizeof path, "%s/x.prt", folder);
+    int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    unlink(path);
+    rmdir(folder);
+    return failed;
+}
