@@ -1,0 +1,241 @@
+#!/bin/bash
+# SPDX-License-Identifier: MIT
+# The command contract of prt: help, exit statuses, refusals with their range, and every subcommand
+# on tiny models made here.   cli.sh PATH/TO/prt
+set -u
+export LC_ALL=C
+prt=${1:?the prt program}
+dir=$(mktemp -d)
+trap 'rm -rf "$dir"' EXIT
+cd "$dir" || exit 1
+failed=0
+count=0
+
+fail() {
+    echo "FAIL: $*"
+    sed 's/^/    /' err out 2>/dev/null | head -20
+    failed=$((failed + 1))
+}
+# expect STATUS PATTERN COMMAND…: exit status, and an extended regular expression that some line of
+# standard error matches ('' : anything).
+expect() {
+    local want=$1 pattern=$2 got
+    shift 2
+    count=$((count + 1))
+    timeout 120 "$@" >out 2>err </dev/null
+    got=$?
+    [ "$got" = "$want" ] || { fail "status $got, not $want: $*"; return 1; }
+    [ -z "$pattern" ] || grep -Eq -- "$pattern" err || { fail "no '$pattern' in: $*"; return 1; }
+    # Wrong usage and failures say why in one line that starts with error:.
+    if [ "$want" != 0 ] && [ "$(grep -c '^error: ' err)" -lt 1 ]; then fail "no error line: $*"; fi
+}
+check() {
+    count=$((count + 1))
+    "$@" || fail "$*"
+}
+
+# A ball of radius 1: rings of a UV sphere, poles shared, outward triangles.
+awk -v rings=8 -v n=12 'BEGIN {
+    pi = atan2(0, -1); print "v 0 1 0"
+    for (i = 1; i < rings; i++) for (j = 0; j < n; j++)
+        printf "v %.7f %.7f %.7f\n", sin(pi*i/rings)*cos(2*pi*j/n), cos(pi*i/rings), -sin(pi*i/rings)*sin(2*pi*j/n)
+    print "v 0 -1 0"
+    last = (rings - 1) * n + 2
+    for (j = 0; j < n; j++) {
+        k = (j + 1) % n
+        print "f", 1, 2 + j, 2 + k
+        for (i = 0; i < rings - 2; i++) {
+            a = 2 + i*n + j; b = 2 + i*n + k; print "f", a, a + n, b; print "f", b, a + n, b + n
+        }
+        print "f", last, 2 + (rings-2)*n + k, 2 + (rings-2)*n + j
+    } }' >ball.obj
+n=$(grep -c '^v ' ball.obj)
+cat >tetra.gltf <<'J'
+{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],
+"buffers":[{"byteLength":72,"uri":"data:application/octet-stream;base64,AACAPwAAgD8AAIA/AACAvwAAgL8AAIA/AACAvwAAgD8AAIC/AACAPwAAgL8AAIC/AAACAAEAAAABAAMAAAADAAIAAQACAAMA"}],
+"bufferViews":[{"buffer":0,"byteLength":48},{"buffer":0,"byteOffset":48,"byteLength":24}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3","min":[-1,-1,-1],"max":[1,1,1]},
+{"bufferView":1,"componentType":5123,"count":12,"type":"SCALAR"}]}
+J
+scaled="--material marble --size-mm 20"
+# shellcheck disable=SC2086
+{
+# Help and words.
+expect 0 '' "$prt" --help
+check grep -q 'Exit status: 0 done, 1 failed, 2 wrong usage' out
+for c in bake colors image info compare env; do
+    check grep -q "prt $c" out
+done
+for c in bake colors image info compare env; do
+    expect 0 '' "$prt" $c --help
+    check grep -q "^Usage: prt $c " out
+    check grep -q '^Examples:' out
+    expect 0 '' "$prt" --help
+done
+expect 2 'subcommand' "$prt"
+expect 2 'frobnicate is not a subcommand' "$prt" frobnicate
+expect 2 'not an option' "$prt" info ball.obj --frobnicate
+expect 2 'one operand too many' "$prt" info ball.obj ball.obj
+expect 2 'needs' "$prt" bake ball.obj --size-mm
+for word in transport material size-mm mm-per-unit storage rank cube coeffs phase-terms samples env \
+            threads shard progress-fd seed max-error opaque cpu json; do
+    "$prt" bake --help | grep -q -- "--$word" || fail "bake --help lacks --$word"
+done
+for word in env engine rotate material term eye samples seed threads cube; do
+    "$prt" colors --help | grep -q -- "--$word" || fail "colors --help lacks --$word"
+done
+for word in env engine camera size material rotate eye budget-ms opaque; do
+    "$prt" image --help | grep -q -- "--$word" || fail "image --help lacks --$word"
+done
+
+# Nonsense is refused with the allowed range.
+for bad in 0 -5 nan inf 1e9 5mm 0x10 ''; do
+    expect 2 '(--size-mm .*\(0, 1000000\])|expected' "$prt" bake ball.obj --material marble --size-mm "$bad" -o x.prt
+done
+expect 2 '\[1, 1024\]' "$prt" bake ball.obj $scaled --threads 0 -o x.prt
+expect 2 '16, 32, 64 or 128' "$prt" bake ball.obj $scaled --cube 48 -o x.prt
+expect 2 '1, 4 or 9' "$prt" bake ball.obj $scaled --phase-terms 3 -o x.prt
+expect 2 'whole number' "$prt" bake ball.obj $scaled --samples 1e5 -o x.prt
+expect 2 '\[0, N-1\]' "$prt" bake ball.obj $scaled --shard 3/3 -o x.prt
+expect 2 'one of factored, sparse' "$prt" bake ball.obj $scaled --storage dense -o x.prt
+expect 2 '--coeffs is for --storage sparse' "$prt" bake ball.obj $scaled --coeffs 64 -o x.prt
+expect 2 'choose one' "$prt" bake ball.obj $scaled --mm-per-unit 3 -o x.prt
+expect 2 'needs --env' "$prt" bake ball.obj $scaled --transport polynomial -o x.prt
+expect 2 'no such open file descriptor' "$prt" bake ball.obj $scaled --progress-fd 77 -o x.prt
+expect 2 'marble' "$prt" bake ball.obj --material granite --size-mm 20 -o x.prt
+expect 2 '-o OUT.prt is missing' "$prt" bake ball.obj $scaled
+expect 2 'needs --material' "$prt" bake ball.obj --size-mm 20 -o x.prt
+expect 2 'units' "$prt" bake ball.obj --material marble -o x.prt
+expect 1 'No such file' "$prt" bake nowhere.obj $scaled -o x.prt
+expect 1 'No such file' "$prt" bake ball.obj $scaled -o no/such/folder/x.prt
+expect 2 '.csv, .npy, .ply or .glb' "$prt" colors ball.obj $scaled --env constant -o x.txt
+expect 2 '--env is missing' "$prt" colors ball.obj $scaled -o x.csv
+expect 2 'bake .* first' "$prt" colors ball.obj $scaled --env constant --engine wavelet -o x.csv
+expect 2 'bake .* first' "$prt" image ball.obj $scaled --env constant --engine vertex -o x.png
+expect 2 'three numbers' "$prt" colors ball.obj $scaled --env constant --eye 1,2 -o x.csv
+expect 2 '\[4, 2048\], or full' "$prt" colors ball.obj $scaled --env constant --cube huge -o x.csv
+expect 2 '--camera' "$prt" image ball.obj $scaled --env constant --camera 1,2,3 -o x.png
+expect 2 'WxH' "$prt" image ball.obj $scaled --env constant --size 0x5 -o x.png
+expect 2 'WxH' "$prt" image ball.obj $scaled --env constant --size 5000x5 -o x.png
+expect 1 'No such file' "$prt" colors nowhere.prt --env constant -o x.csv
+for material in '{"sigma_s_prime":[-1,1,1],"sigma_a":[0,0,0],"eta":1.3}' \
+                '{"sigma_s_prime":[1,1,1],"sigma_a":[0,0,0],"eta":0.5}' \
+                '{"sigma_s_prime":[1,1,1],"sigma_a":[0,0,0],"g":1,"eta":1.3}'; do
+    expect 2 '' "$prt" colors ball.obj --material "$material" --size-mm 20 --env constant -o x.csv
+    echo "$material" >bad.json
+    expect 1 '' "$prt" colors ball.obj --material bad.json --size-mm 20 --env constant -o x.csv
+done
+check [ -z "$(ls x.* 2>/dev/null)" ]
+
+# info
+expect 0 '' "$prt" info ball.obj --json
+check grep -q "\"vertices\":$n," out
+check grep -q '"units":"unknown"' out
+expect 0 '' "$prt" info tetra.gltf
+check grep -q 'units: m$' out
+expect 0 '' "$prt" info constant:1,2,3 --json
+check grep -q '"mean_radiance":\[1' out
+
+# Reference on a model: all endings; a constant light on a convex body has E = 2.853264 at eta 1.5
+# (METHODS, notation).
+quick="--samples 500 --rays 256 --single-points 64 --cube 16"
+expect 0 '' "$prt" colors ball.obj $scaled --env constant --term irradiance $quick -o e.csv
+check [ "$(head -1 e.csv)" = vertex,r,g,b ]
+check [ "$(wc -l <e.csv)" = $((n + 1)) ]
+check awk -F, 'NR > 1 && ($2 < 2.80 || $2 > 2.90) { exit 1 }' e.csv
+for ending in npy ply glb; do
+    expect 0 '' "$prt" colors ball.obj $scaled --env constant --term irradiance $quick -o e.$ending
+done
+expect 0 '' "$prt" compare e.csv e.npy --max-rmse 1e-7
+expect 0 'metres' "$prt" colors tetra.gltf --material skin1 --env constant --term irradiance $quick -o t.csv
+expect 0 '' "$prt" colors ball.obj $scaled --env constant --term multiple $quick -o truth.npy --json
+check grep -q '"engine":"reference"' out
+
+# bake, then everything a .prt answers.
+bake="--samples 2000 --cube 16 --single-points 4 --threads 2"
+expect 0 '' "$prt" bake ball.obj $scaled $bake -o ball.prt
+check grep -q 'ball.prt' out
+expect 0 '' "$prt" bake ball.obj $scaled $bake --threads 1 --progress-fd 1 -o again.prt
+check cmp ball.prt again.prt
+check grep -Eq '^[^ ]+ [01]\.[0-9]+ -?[0-9.]+$' out
+expect 0 '' "$prt" info ball.prt --json
+check grep -q '"engine":"wavelet"' out
+check grep -q '"storage":"factored"' out
+check grep -q '"rmse\|"errors":{' out
+expect 0 '' "$prt" colors ball.prt --env constant --term multiple -o m.csv
+check [ "$(wc -l <m.csv)" = $((n + 1)) ]
+expect 0 '' "$prt" compare m.csv truth.npy --max-rmse 0.1
+expect 1 'above --max-rmse' "$prt" compare m.csv e.csv --max-rmse 0.01
+expect 0 '' "$prt" compare ball.prt reference --env constant --term multiple --samples 2000 --vertices 20 --json
+check grep -q '"count":20,' out
+expect 2 'leave --material out' "$prt" colors ball.prt --material skin1 --env constant -o x.csv
+expect 2 'baked for --engine wavelet' "$prt" colors ball.prt --engine joint --env constant -o x.csv
+expect 2 'carries its own scale' "$prt" colors ball.prt --size-mm 20 --env constant -o x.csv
+expect 2 'reference only' "$prt" colors ball.prt --cube 32 --env constant -o x.csv
+expect 0 'traced again' "$prt" colors ball.prt --env constant --term irradiance $quick -o e2.csv
+expect 0 '' "$prt" compare e2.csv e.csv --max-rmse 1e-6
+expect 0 '' "$prt" colors ball.prt --env constant --engine reference --term multiple $quick -o r.npy
+expect 0 '' "$prt" compare r.npy truth.npy --max-rmse 1e-6
+expect 0 '' "$prt" colors ball.prt --env constant --eye 0,0,5 -o eye.csv
+check [ -z "$(ls x.* 2>/dev/null)" ]
+expect 0 '' "$prt" bake ball.obj $scaled $bake --storage sparse --coeffs 64 -o sparse.prt
+expect 0 '' "$prt" colors sparse.prt --env constant --term multiple -o s.csv
+expect 0 '' "$prt" compare s.csv truth.npy --max-rmse 0.1
+
+# image: three endings agree with each other as far as 8 bits go.
+view="--size 64x48 --background none"
+expect 0 '' "$prt" image ball.prt --env constant $view -o i.exr --json
+check grep -q '"width":64' out
+for ending in png jpg; do
+    expect 0 '' "$prt" image ball.prt --env constant $view -o i.$ending
+    check [ -s i.$ending ]
+done
+expect 0 '' "$prt" image ball.prt --env constant $view --camera 0,0,5:0,0,0:0,1,0:30 -o c.exr
+expect 0 '' "$prt" image ball.prt --env constant $view --eye 0,0,5 -o c2.exr
+expect 0 '' "$prt" image ball.obj $scaled $quick --env constant $view -o ref.exr
+expect 0 '' "$prt" compare i.exr ref.exr --max-rmse 0.1
+expect 1 'has 64x48 pixels' "$prt" compare i.exr "$(expect 0 '' "$prt" image ball.prt --env constant --size 32x24 -o small.exr; echo small.exr)"
+expect 1 'picture' "$prt" compare i.exr m.csv
+
+# env: both ways, power kept.
+expect 0 'power' sh -c "'$prt' env constant:2,1,0.5 -o cube.exr --size 32 >&2"
+expect 0 '' "$prt" env cube.exr -o flat.exr --size 64x32 --json
+check grep -q '"width":64' out
+expect 0 '' "$prt" env flat.exr -o back.exr --size 32
+expect 0 '' "$prt" compare cube.exr back.exr --max-rmse 0.002
+for layout in hcross vcross vstrip hstrip; do
+    expect 0 '' "$prt" env cube.exr --layout $layout --size 32 -o $layout.exr
+    expect 0 '' "$prt" info $layout.exr --json
+    check grep -q '"layout":"cube"' out
+done
+expect 2 'attribute of OpenEXR' "$prt" env cube.exr --layout envmap -o x.png
+
+# Damaged and foreign files fail with a line and leave nothing behind.
+head -c 500 ball.prt >cut.prt
+expect 1 'cut.prt' "$prt" info cut.prt
+expect 1 'cut.prt' "$prt" colors cut.prt --env constant -o x.csv
+echo hello >foreign.prt
+expect 1 'foreign.prt' "$prt" info foreign.prt
+echo hello >foreign.glb
+expect 1 'foreign.glb' "$prt" bake foreign.glb $scaled -o x.prt
+expect 1 'foreign.hdr' sh -c "echo hello >foreign.hdr; exec '$prt' colors ball.prt --env foreign.hdr -o x.csv"
+printf 'vertex,r,g,b\n0,1,2\n' >short.csv
+expect 1 'short.csv: line 2' "$prt" compare short.csv short.csv
+check [ -z "$(ls x.* ./*.tmp* 2>/dev/null)" ]
+
+# A signal cancels a bake: status 1, no file, no temporary file.
+"$prt" bake ball.obj $scaled --samples 4000000 --max-error 0.0001 --cube 128 -o stopped.prt >out 2>err &
+job=$!
+sleep 0.7
+kill -TERM $job
+wait $job
+status=$?
+count=$((count + 1))
+[ $status = 1 ] || fail "a cancelled bake ended with $status"
+grep -q 'cancelled' err || fail "a cancelled bake did not say so"
+check [ -z "$(ls stopped* 2>/dev/null)" ]
+}
+
+echo "$count checks, $failed failed"
+[ $failed = 0 ]
