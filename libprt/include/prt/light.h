@@ -45,6 +45,7 @@ struct prt_env {
     struct prt_image latlong;   /* project convention: centre -Z, +X right, row 0 up */
     struct prt_cube cube;
     uint32_t n_negative, n_nonfinite; /* pixels that were mended */
+    struct prt_env_cache *cache;      /* private; NULL in an environment made by hand */
 };
 /* .hdr .exr .png .jpg .dds …; lat-long, crosses, strips, envmap EXR; a folder or a pattern of
  * six faces (posx.. or px..). PNG/JPEG are linearised from sRGB. Decoding runs in a child

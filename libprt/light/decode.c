@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: MIT */
+/* Owns telling image formats apart. Everything below this runs in the isolated child. */
+#include "light_private.h"
+
+#include <math.h>
+
+float prt_srgb_to_linear(float v)
+{
+    return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
+}
+
+int prt_decode(const struct prt_context *ctx, const char *name, const void *bytes, size_t n,
+               struct prt_decoded *out)
+{
+    int err;
+    out->hint = PRT_HINT_NONE;
+    out->image = (struct prt_image){0};
+    if (n < 4)
+        return prt_fail(ctx, PRT_FORMAT, "%s: %zu bytes are no image", name, n);
+    if (prt_is_hdr(bytes, n))
+        return prt_decode_hdr(ctx, name, bytes, n, &out->image);
+    err = PRT_UNSUPPORTED;
+    if (prt_is_exr(bytes, n))
+        err = prt_decode_exr(ctx, name, bytes, n, out);
+    else if (prt_is_dds(bytes, n))
+        err = prt_decode_dds(ctx, name, bytes, n, out);
+    if (err != PRT_UNSUPPORTED)
+        return err;
+    return prt_decode_oiio(ctx, name, bytes, n, &out->image);
+}

@@ -1,0 +1,478 @@
+/* SPDX-License-Identifier: MIT */
+/* Owns reading OpenEXR through OpenEXRCore: scanline and tiled parts, RGB, grey and
+ * luminance-chroma channels, layers, data windows. Chunk by chunk into float planes. */
+#include "light_private.h"
+
+#include <math.h>
+#include <openexr.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+enum { N_PLANE = 3, MAX_CHANNEL = 1024 };
+enum colour { COLOUR_NONE, COLOUR_RGB, COLOUR_CHROMA, COLOUR_GREY };
+
+struct plane {
+    int channel;            /* index in the file's list, -1: absent, reads as 0 */
+    int x_step, y_step;
+    int32_t width, height;
+    float *value;           /* [height][width] */
+};
+
+struct exr {
+    const struct prt_context *ctx;
+    const char *name;
+    const uint8_t *bytes;
+    size_t size;
+    exr_context_t file;
+    int part;
+    exr_attr_box2i_t data, display;
+    int32_t width, height;  /* of the data window */
+    enum colour colour;
+    struct plane plane[N_PLANE];
+    float *scratch;         /* one chunk of one channel */
+    size_t scratch_count;
+    char why[256];
+};
+
+bool prt_is_exr(const uint8_t *bytes, size_t n)
+{
+    return n >= 4 && bytes[0] == 0x76 && bytes[1] == 0x2f && bytes[2] == 0x31 && bytes[3] == 1;
+}
+
+static int64_t read_bytes(exr_const_context_t file, void *user, void *buffer, uint64_t size,
+                          uint64_t offset, exr_stream_error_func_ptr_t error)
+{
+    const struct exr *x = user;
+    if (offset >= x->size)
+        return 0;
+    const uint64_t left = x->size - offset;
+    const uint64_t n = size < left ? size : left;
+    memcpy(buffer, x->bytes + offset, n);
+    return (int64_t)n;
+}
+
+static int64_t file_size(exr_const_context_t file, void *user)
+{
+    return (int64_t)((const struct exr *)user)->size;
+}
+
+static void keep_message(exr_const_context_t file, exr_result_t code, const char *message)
+{
+    void *user = NULL;
+    if (!file || exr_get_user_data(file, &user) != EXR_ERR_SUCCESS || !user)
+        return;
+    struct exr *x = user;
+    if (!x->why[0])
+        snprintf(x->why, sizeof x->why, "%s", message);
+}
+
+static int bad(const struct exr *x, exr_result_t code)
+{
+    return prt_fail(x->ctx, code == EXR_ERR_OUT_OF_MEMORY ? PRT_NOMEM : PRT_FORMAT, "%s: %s",
+                    x->name, x->why[0] ? x->why : exr_get_default_error_message(code));
+}
+
+/* ---- which channels ---- */
+
+static int find(const exr_attr_chlist_t *list, const char *prefix, size_t n_prefix,
+                const char *leaf)
+{
+    for (int i = 0; i < list->num_channels; i++) {
+        const char *s = list->entries[i].name.str;
+        if (strlen(s) == n_prefix + strlen(leaf) && !strncmp(s, prefix, n_prefix)
+            && !strcasecmp(s + n_prefix, leaf))
+            return i;
+    }
+    return -1;
+}
+
+static bool take(struct exr *x, const exr_attr_chlist_t *list, const char *prefix, size_t n_prefix)
+{
+    static const struct {
+        enum colour colour;
+        const char *leaf[N_PLANE];
+    } sets[] = {{COLOUR_RGB, {"R", "G", "B"}},
+                {COLOUR_RGB, {"red", "green", "blue"}},
+                {COLOUR_CHROMA, {"Y", "RY", "BY"}}};
+    for (size_t s = 0; s < sizeof sets / sizeof *sets; s++) {
+        int found = 0;
+        for (int i = 0; i < N_PLANE; i++) {
+            x->plane[i].channel = find(list, prefix, n_prefix, sets[s].leaf[i]);
+            found += x->plane[i].channel >= 0;
+        }
+        x->colour = sets[s].colour;
+        if (found == N_PLANE || (found == 2 && x->colour == COLOUR_RGB))
+            return true;
+    }
+    static const char *const grey[] = {"Y", "R", "red", "G", "B", "L", "luminance", "gray", "grey"};
+    for (size_t s = 0; s < sizeof grey / sizeof *grey; s++) {
+        const int channel = find(list, prefix, n_prefix, grey[s]);
+        if (channel < 0)
+            continue;
+        x->colour = COLOUR_GREY;
+        for (int i = 0; i < N_PLANE; i++)
+            x->plane[i].channel = i ? -1 : channel;
+        if (s > 0)
+            prt_log(x->ctx, PRT_LOG_WARNING, "%s: only channel %s, taken as grey", x->name,
+                    list->entries[channel].name.str);
+        return true;
+    }
+    return false;
+}
+
+/* Plain names first, then the first layer that has colours. */
+static bool choose_channels(struct exr *x, const exr_attr_chlist_t *list)
+{
+    if (list->num_channels > MAX_CHANNEL)
+        return false;
+    if (take(x, list, "", 0))
+        return true;
+    for (int i = 0; i < list->num_channels; i++) {
+        const char *s = list->entries[i].name.str, *dot = strrchr(s, '.');
+        if (dot && take(x, list, s, (size_t)(dot + 1 - s))) {
+            prt_log(x->ctx, PRT_LOG_NOTE, "%s: colours of layer %.*s", x->name, (int)(dot - s), s);
+            return true;
+        }
+    }
+    return false;
+}
+
+/* First flat part with colours. */
+static int choose_part(struct exr *x)
+{
+    int count = 0;
+    bool deep = false;
+    exr_result_t code = exr_get_count(x->file, &count);
+    if (code != EXR_ERR_SUCCESS)
+        return bad(x, code);
+    for (x->part = 0; x->part < count; x->part++) {
+        exr_storage_t storage;
+        const exr_attr_chlist_t *list = NULL;
+        if (exr_get_storage(x->file, x->part, &storage) != EXR_ERR_SUCCESS
+            || exr_get_channels(x->file, x->part, &list) != EXR_ERR_SUCCESS || !list)
+            continue;
+        if (storage != EXR_STORAGE_SCANLINE && storage != EXR_STORAGE_TILED) {
+            deep = true;
+            continue;
+        }
+        if (choose_channels(x, list))
+            return PRT_OK;
+    }
+    if (deep)
+        return prt_fail(x->ctx, PRT_FORMAT, "%s: deep images are not supported, flatten it first",
+                        x->name);
+    return prt_fail(x->ctx, PRT_FORMAT, "%s: no channels R, G, B or Y", x->name);
+}
+
+static int read_windows(struct exr *x)
+{
+    exr_result_t code = exr_get_data_window(x->file, x->part, &x->data);
+    if (code == EXR_ERR_SUCCESS)
+        code = exr_get_display_window(x->file, x->part, &x->display);
+    if (code != EXR_ERR_SUCCESS)
+        return bad(x, code);
+    const int64_t w = (int64_t)x->data.max.x - x->data.min.x + 1;
+    const int64_t h = (int64_t)x->data.max.y - x->data.min.y + 1;
+    if (w <= 0 || h <= 0)
+        return prt_fail(x->ctx, PRT_FORMAT, "%s: the data window is empty", x->name);
+    if (w > PRT_IMAGE_MAX || h > PRT_IMAGE_MAX || (uint64_t)(w * h) > PRT_IMAGE_MAX_PIXELS)
+        return prt_fail(x->ctx, PRT_LIMIT, "%s: %lld x %lld pixels are above the limit of %d a "
+                        "side", x->name, (long long)w, (long long)h, PRT_IMAGE_MAX);
+    x->width = (int32_t)w;
+    x->height = (int32_t)h;
+    return PRT_OK;
+}
+
+/* Every pixel of the smallest codings takes some byte: refuse what cannot be there. */
+static int check_plausible(struct exr *x)
+{
+    int32_t chunks = 0;
+    exr_result_t code = exr_get_chunk_count(x->file, x->part, &chunks);
+    if (code != EXR_ERR_SUCCESS)
+        return bad(x, code);
+    if ((uint64_t)chunks * 8 > x->size)
+        return prt_fail(x->ctx, PRT_FORMAT, "%s: %d chunks cannot lie in %zu bytes", x->name,
+                        chunks, x->size);
+    return PRT_OK;
+}
+
+static int reserve_planes(struct exr *x)
+{
+    const exr_attr_chlist_t *list = NULL;
+    uint64_t chunk_bytes = 0;
+    exr_get_channels(x->file, x->part, &list);
+    for (int i = 0; i < N_PLANE; i++) {
+        struct plane *p = &x->plane[i];
+        if (p->channel < 0)
+            continue;
+        p->x_step = list->entries[p->channel].x_sampling;
+        p->y_step = list->entries[p->channel].y_sampling;
+        if (p->x_step < 1 || p->y_step < 1)
+            return prt_fail(x->ctx, PRT_FORMAT, "%s: sampling of a channel is not positive",
+                            x->name);
+        p->width = (x->width + p->x_step - 1) / p->x_step;
+        p->height = (x->height + p->y_step - 1) / p->y_step;
+        p->value = prt_calloc((size_t)p->width * p->height, sizeof(float));
+        if (!p->value)
+            return prt_fail(x->ctx, PRT_NOMEM, "%s: no memory for %d x %d pixels", x->name,
+                            x->width, x->height);
+    }
+    exr_result_t code = exr_get_chunk_unpacked_size(x->file, x->part, &chunk_bytes);
+    if (code != EXR_ERR_SUCCESS)
+        return bad(x, code);
+    const uint64_t limit = x->ctx && x->ctx->memory_limit ? x->ctx->memory_limit : UINT64_C(8) << 30;
+    if (chunk_bytes > limit / 8)
+        return prt_fail(x->ctx, PRT_LIMIT, "%s: chunks of %llu bytes", x->name,
+                        (unsigned long long)chunk_bytes);
+    return PRT_OK;
+}
+
+/* ---- chunks ---- */
+
+static int which_plane(const struct exr *x, int channel)
+{
+    for (int i = 0; i < N_PLANE; i++)
+        if (x->plane[i].channel == channel)
+            return i;
+    return -1;
+}
+
+/* All channels decode to a scratch area each; those wanted are then copied to their planes. */
+static int decode_chunk(struct exr *x, exr_decode_pipeline_t *pipe, int32_t left, int32_t top,
+                        const exr_attr_chlist_t *list)
+{
+    size_t need = 0;
+    for (int c = 0; c < pipe->channel_count; c++)
+        need += (size_t)pipe->channels[c].width * (size_t)pipe->channels[c].height;
+    if (need > x->scratch_count) {
+        prt_free(x->scratch);
+        x->scratch = prt_alloc(need, sizeof(float));
+        x->scratch_count = x->scratch ? need : 0;
+        if (!x->scratch)
+            return prt_fail(x->ctx, PRT_NOMEM, "%s: no memory for a chunk", x->name);
+    }
+    float *at = x->scratch;
+    for (int c = 0; c < pipe->channel_count; c++) {
+        exr_coding_channel_info_t *info = &pipe->channels[c];
+        info->decode_to_ptr = (uint8_t *)at;
+        info->user_bytes_per_element = sizeof(float);
+        info->user_data_type = EXR_PIXEL_FLOAT;
+        info->user_pixel_stride = sizeof(float);
+        info->user_line_stride = info->width * (int32_t)sizeof(float);
+        if (info->data_type == EXR_PIXEL_UINT && which_plane(x, c) < 0)
+            info->user_data_type = EXR_PIXEL_UINT;
+        at += (size_t)info->width * (size_t)info->height;
+    }
+    exr_result_t code = exr_decoding_choose_default_routines(x->file, x->part, pipe);
+    if (code == EXR_ERR_SUCCESS)
+        code = exr_decoding_run(x->file, x->part, pipe);
+    if (code != EXR_ERR_SUCCESS)
+        return bad(x, code);
+    at = x->scratch;
+    for (int c = 0; c < pipe->channel_count; c++) {
+        const exr_coding_channel_info_t *info = &pipe->channels[c];
+        const int i = which_plane(x, c);
+        if (i >= 0) {
+            struct plane *p = &x->plane[i];
+            const int32_t x0 = left / p->x_step, y0 = (top + p->y_step - 1) / p->y_step;
+            for (int32_t r = 0; r < info->height && y0 + r < p->height; r++) {
+                const int32_t n = info->width < p->width - x0 ? info->width : p->width - x0;
+                if (n > 0)
+                    memcpy(p->value + (size_t)(y0 + r) * p->width + x0,
+                           at + (size_t)r * info->width, (size_t)n * sizeof(float));
+            }
+        }
+        at += (size_t)info->width * (size_t)info->height;
+    }
+    return PRT_OK;
+}
+
+static int next_chunk(struct exr *x, exr_decode_pipeline_t *pipe, const exr_chunk_info_t *info,
+                      bool *started, int32_t left, int32_t top, const exr_attr_chlist_t *list)
+{
+    exr_result_t code = *started ? exr_decoding_update(x->file, x->part, info, pipe)
+                                 : exr_decoding_initialize(x->file, x->part, info, pipe);
+    *started = *started || code == EXR_ERR_SUCCESS;
+    if (code != EXR_ERR_SUCCESS)
+        return bad(x, code);
+    return decode_chunk(x, pipe, left, top, list);
+}
+
+static int read_scanlines(struct exr *x, exr_decode_pipeline_t *pipe, bool *started,
+                          const exr_attr_chlist_t *list)
+{
+    int32_t step = 0;
+    exr_result_t code = exr_get_scanlines_per_chunk(x->file, x->part, &step);
+    if (code != EXR_ERR_SUCCESS || step < 1)
+        return bad(x, code);
+    for (int32_t y = 0; y < x->height; y += step) {
+        exr_chunk_info_t info;
+        code = exr_read_scanline_chunk_info(x->file, x->part, x->data.min.y + y, &info);
+        if (code != EXR_ERR_SUCCESS)
+            return bad(x, code);
+        int err = next_chunk(x, pipe, &info, started, 0, y, list);
+        if (err)
+            return err;
+    }
+    return PRT_OK;
+}
+
+static int read_tiles(struct exr *x, exr_decode_pipeline_t *pipe, bool *started,
+                      const exr_attr_chlist_t *list)
+{
+    int32_t tw = 0, th = 0;
+    exr_result_t code = exr_get_tile_sizes(x->file, x->part, 0, 0, &tw, &th);
+    if (code != EXR_ERR_SUCCESS || tw < 1 || th < 1)
+        return bad(x, code);
+    for (int32_t y = 0; y * (int64_t)th < x->height; y++)
+        for (int32_t tile = 0; tile * (int64_t)tw < x->width; tile++) {
+            exr_chunk_info_t info;
+            code = exr_read_tile_chunk_info(x->file, x->part, tile, y, 0, 0, &info);
+            if (code != EXR_ERR_SUCCESS)
+                return bad(x, code);
+            int err = next_chunk(x, pipe, &info, started, tile * tw, y * th, list);
+            if (err)
+                return err;
+        }
+    return PRT_OK;
+}
+
+static int read_pixels(struct exr *x)
+{
+    exr_decode_pipeline_t pipe = EXR_DECODE_PIPELINE_INITIALIZER;
+    exr_storage_t storage = EXR_STORAGE_SCANLINE;
+    const exr_attr_chlist_t *list = NULL;
+    bool started = false;
+    exr_get_storage(x->file, x->part, &storage);
+    exr_get_channels(x->file, x->part, &list);
+    int err = storage == EXR_STORAGE_TILED ? read_tiles(x, &pipe, &started, list)
+                                           : read_scanlines(x, &pipe, &started, list);
+    if (started)
+        exr_decoding_destroy(x->file, &pipe);
+    return err;
+}
+
+/* ---- colours ---- */
+
+/* Subsampled planes hold their values at multiples of the step: linear between. */
+static float sample(const struct plane *p, int32_t x, int32_t y)
+{
+    if (!p->value)
+        return 0;
+    if (p->x_step == 1 && p->y_step == 1)
+        return p->value[(size_t)y * p->width + x];
+    const float fx = (float)x / (float)p->x_step, fy = (float)y / (float)p->y_step;
+    const int32_t x0 = (int32_t)fx, y0 = (int32_t)fy;
+    const int32_t x1 = x0 + 1 < p->width ? x0 + 1 : x0, y1 = y0 + 1 < p->height ? y0 + 1 : y0;
+    const float u = fx - (float)x0, v = fy - (float)y0;
+    const float *r0 = p->value + (size_t)y0 * p->width, *r1 = p->value + (size_t)y1 * p->width;
+    return (1 - v) * ((1 - u) * r0[x0] + u * r0[x1]) + v * ((1 - u) * r1[x0] + u * r1[x1]);
+}
+
+static void colour_at(const struct exr *x, int32_t px, int32_t py, float *rgb)
+{
+    float v[N_PLANE];
+    for (int i = 0; i < N_PLANE; i++)
+        v[i] = sample(&x->plane[i], px, py);
+    if (x->colour == COLOUR_GREY) {
+        v[1] = v[2] = v[0];
+    } else if (x->colour == COLOUR_CHROMA) {
+        /* RY = (R-Y)/Y, BY = (B-Y)/Y, Y = wR R + wG G + wB B with Rec. 709 weights */
+        const float y = v[0], r = (v[1] + 1) * y, b = (v[2] + 1) * y;
+        v[0] = r;
+        v[1] = (y - 0.2126f * r - 0.0722f * b) / 0.7152f;
+        v[2] = b;
+        for (int i = 0; i < N_PLANE; i++) /* out of gamut through subsampled chroma */
+            v[i] = v[i] < 0 && y >= 0 ? 0 : v[i];
+    }
+    memcpy(rgb, v, sizeof v);
+}
+
+/* The picture is the display window; what lies outside the data window is black. Environment
+ * files (envmap attribute) and files without a sane display window are their data window. */
+static int compose(struct exr *x, bool envmap, struct prt_image *out)
+{
+    exr_attr_box2i_t box = x->display;
+    int64_t w = (int64_t)box.max.x - box.min.x + 1, h = (int64_t)box.max.y - box.min.y + 1;
+    const bool overlap = box.min.x <= x->data.max.x && box.max.x >= x->data.min.x
+                         && box.min.y <= x->data.max.y && box.max.y >= x->data.min.y;
+    if (envmap || w <= 0 || h <= 0 || w > PRT_IMAGE_MAX || h > PRT_IMAGE_MAX || !overlap) {
+        box = x->data;
+        w = x->width;
+        h = x->height;
+    }
+    int err = prt_image_reserve(x->ctx, x->name, (uint64_t)w, (uint64_t)h, out);
+    if (err)
+        return err;
+    bool cropped = false;
+    for (int64_t y = 0; y < h; y++)
+        for (int64_t i = 0; i < w; i++) {
+            const int64_t dx = i + box.min.x - x->data.min.x, dy = y + box.min.y - x->data.min.y;
+            float *p = out->rgb + ((size_t)y * (size_t)w + (size_t)i) * 3;
+            if (dx >= 0 && dy >= 0 && dx < x->width && dy < x->height) {
+                colour_at(x, (int32_t)dx, (int32_t)dy, p);
+            } else {
+                p[0] = p[1] = p[2] = 0;
+                cropped = true;
+            }
+        }
+    if (cropped)
+        prt_log(x->ctx, PRT_LOG_WARNING, "%s: the data window is smaller than the image, the rest "
+                "is black", x->name);
+    return PRT_OK;
+}
+
+static int decode_file(struct exr *x, struct prt_decoded *out)
+{
+    exr_compression_t compression;
+    exr_envmap_t envmap;
+    int err = choose_part(x);
+    if (!err)
+        err = read_windows(x);
+    if (!err)
+        err = check_plausible(x);
+    if (err)
+        return err;
+    exr_result_t code = exr_get_compression(x->file, x->part, &compression);
+    if (code != EXR_ERR_SUCCESS)
+        return bad(x, code);
+    const bool has_envmap =
+        exr_attr_get_envmap(x->file, x->part, "envmap", &envmap) == EXR_ERR_SUCCESS;
+    out->hint = !has_envmap ? PRT_HINT_NONE
+                : envmap == EXR_ENVMAP_CUBE ? PRT_HINT_EXR_CUBE
+                                            : PRT_HINT_EXR_LATLONG;
+    if (compression == EXR_COMPRESSION_DWAA || compression == EXR_COMPRESSION_DWAB)
+        return PRT_UNSUPPORTED;
+    err = reserve_planes(x);
+    if (!err)
+        err = read_pixels(x);
+    if (!err)
+        err = compose(x, has_envmap, &out->image);
+    return err;
+}
+
+int prt_decode_exr(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
+                   struct prt_decoded *out)
+{
+    struct exr x = {.ctx = ctx, .name = name, .bytes = bytes, .size = n};
+    exr_context_initializer_t init = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    init.user_data = &x;
+    init.read_fn = read_bytes;
+    init.size_fn = file_size;
+    init.error_handler_fn = keep_message;
+    init.max_image_width = init.max_image_height = PRT_IMAGE_MAX;
+    init.max_tile_width = init.max_tile_height = 4096;
+    exr_result_t code = exr_start_read(&x.file, "image", &init);
+    if (code != EXR_ERR_SUCCESS)
+        return bad(&x, code);
+    int err = decode_file(&x, out);
+    exr_finish(&x.file);
+    for (int i = 0; i < N_PLANE; i++)
+        prt_free(x.plane[i].value);
+    prt_free(x.scratch);
+    if (err)
+        prt_image_finish(&out->image);
+    return err;
+}

@@ -1,0 +1,94 @@
+/* SPDX-License-Identifier: MIT */
+/* Owns the way to OpenImageIO: finding and opening libprt_oiio.so, in the child only, since it
+ * drags in 262 libraries. */
+#include "light_private.h"
+#include "oiio_abi.h"
+
+#include <dlfcn.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+struct job {
+    const struct prt_context *ctx;
+    const char *name;
+    int err;
+};
+
+/* Beside the program, in ../lib/relight, in $PRT_LIBDIR. */
+static void *open_library(const struct prt_context *ctx, const char *name)
+{
+    char exe[3072], path[4096];
+    static const char *const places[] = {".", "../lib/relight", "../bin"};
+    const ssize_t n = readlink("/proc/self/exe", exe, sizeof exe - 1);
+    exe[n > 0 ? n : 0] = 0;
+    char *slash = strrchr(exe, '/');
+    if (slash)
+        *slash = 0;
+    for (size_t i = 0; slash && i < sizeof places / sizeof *places; i++) {
+        snprintf(path, sizeof path, "%s/%s/libprt_oiio.so", exe, places[i]);
+        if (!access(path, R_OK))
+            return dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    }
+    const char *dir = getenv("PRT_LIBDIR");
+    if (dir && snprintf(path, sizeof path, "%s/libprt_oiio.so", dir) < (int)sizeof path)
+        return dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    return NULL;
+}
+
+static int allow(void *user, uint64_t width, uint64_t height)
+{
+    struct job *job = user;
+    const uint64_t limit = job->ctx && job->ctx->memory_limit ? job->ctx->memory_limit
+                                                              : UINT64_C(8) << 30;
+    const bool ok = width <= PRT_IMAGE_MAX && height <= PRT_IMAGE_MAX
+                    && width * height <= PRT_IMAGE_MAX_PIXELS && width * height * 24 <= limit;
+    job->err = ok ? PRT_FORMAT : PRT_LIMIT;
+    return !ok;
+}
+
+/* OpenImageIO goes by the extension first: give it one when the name has none. */
+static const char *name_for_sniffing(const char *name, const uint8_t *bytes, size_t n)
+{
+    if (prt_is_exr(bytes, n))
+        return "image.exr";
+    if (prt_is_dds(bytes, n))
+        return "image.dds";
+    if (n > 8 && !memcmp(bytes, "\x89PNG", 4))
+        return "image.png";
+    if (n > 3 && bytes[0] == 0xff && bytes[1] == 0xd8)
+        return "image.jpg";
+    if (n > 4 && (!memcmp(bytes, "II*", 4) || !memcmp(bytes, "MM\0*", 4)))
+        return "image.tif";
+    if (n > 2 && (!memcmp(bytes, "PF", 2) || !memcmp(bytes, "Pf", 2)))
+        return "image.pfm";
+    const char *slash = strrchr(name, '/');
+    return slash ? slash + 1 : name;
+}
+
+int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
+                    size_t n, struct prt_image *out)
+{
+    struct job job = {ctx, name, PRT_FORMAT};
+    struct prt_oiio_image image;
+    void *library = open_library(ctx, name);
+    prt_oiio_decode_fn decode = NULL;
+    if (library)
+        *(void **)&decode = dlsym(library, "prt_oiio_decode");
+    if (!decode)
+        return prt_fail(ctx, PRT_UNSUPPORTED, "%s: this format needs libprt_oiio.so, which was "
+                        "not found beside the program (set PRT_LIBDIR); .hdr and .exr do not",
+                        name);
+    if (decode(name_for_sniffing(name, bytes, n), bytes, n, allow, &job, &image)) {
+        for (char *p = image.error; *p; p++)
+            *p = *p == '\n' || *p == '\r' ? ' ' : *p;
+        return prt_fail(ctx, job.err, "%s: %s", name, image.error);
+    }
+    int err = prt_image_reserve(ctx, name, image.width, image.height, out);
+    const size_t count = err ? 0 : (size_t)image.width * image.height * 3;
+    for (size_t i = 0; i < count; i++)
+        out->rgb[i] = image.is_srgb ? prt_srgb_to_linear(image.rgb[i]) : image.rgb[i];
+    free(image.rgb);
+    return err;
+}

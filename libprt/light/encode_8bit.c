@@ -1,0 +1,153 @@
+/* SPDX-License-Identifier: MIT */
+/* Owns writing 8-bit images: PNG with a cheap row filter and a fast deflate, JPEG. */
+#include "light_private.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <turbojpeg.h>
+#ifdef PRT_HAVE_LIBDEFLATE
+#include <libdeflate.h>
+#else
+#include <zlib.h>
+#endif
+
+#ifdef PRT_HAVE_LIBDEFLATE
+static uint32_t crc(uint32_t start, const void *bytes, size_t n)
+{
+    return libdeflate_crc32(start, bytes, n);
+}
+
+/* Returns the compressed size, 0 on failure; *out gets prt_alloc memory with `front` bytes free
+ * before the stream and `back` behind. */
+static size_t deflate_all(const uint8_t *bytes, size_t n, size_t front, size_t back, uint8_t **out)
+{
+    struct libdeflate_compressor *c = libdeflate_alloc_compressor(1);
+    const size_t bound = c ? libdeflate_zlib_compress_bound(c, n) : 0;
+    *out = c ? prt_alloc(front + bound + back, 1) : NULL;
+    const size_t size = *out ? libdeflate_zlib_compress(c, bytes, n, *out + front, bound) : 0;
+    if (c)
+        libdeflate_free_compressor(c);
+    return size;
+}
+#else
+static uint32_t crc(uint32_t start, const void *bytes, size_t n)
+{
+    return (uint32_t)crc32(start, bytes, (uInt)n);
+}
+
+static size_t deflate_all(const uint8_t *bytes, size_t n, size_t front, size_t back, uint8_t **out)
+{
+    uLongf size = compressBound(n);
+    *out = prt_alloc(front + size + back, 1);
+    return *out && compress2(*out + front, &size, bytes, n, 1) == Z_OK ? size : 0;
+}
+#endif
+
+static uint8_t *put_u32(uint8_t *p, uint32_t v)
+{
+    p[0] = (uint8_t)(v >> 24);
+    p[1] = (uint8_t)(v >> 16);
+    p[2] = (uint8_t)(v >> 8);
+    p[3] = (uint8_t)v;
+    return p + 4;
+}
+
+/* Length, type, body, CRC; the body is already at p + 8 when NULL. */
+static uint8_t *put_chunk(uint8_t *p, const char *type, const void *body, size_t n)
+{
+    put_u32(p, (uint32_t)n);
+    memcpy(p + 4, type, 4);
+    if (body)
+        memcpy(p + 8, body, n);
+    put_u32(p + 8 + n, crc(crc(0, NULL, 0), p + 4, n + 4));
+    return p + 12 + n;
+}
+
+/* Of Sub and Up the filter with the smaller sum of magnitudes. */
+static void filter_row(const uint8_t *row, const uint8_t *above, size_t n, size_t step,
+                       uint8_t *out, uint8_t *spare)
+{
+    unsigned sub = 0, up = 0;
+    out[0] = 1;
+    spare[0] = 2;
+    for (size_t i = 0; i < step; i++)
+        out[1 + i] = row[i];
+    for (size_t i = step; i < n; i++)
+        out[1 + i] = (uint8_t)(row[i] - row[i - step]);
+    for (size_t i = 0; i < n; i++)
+        spare[1 + i] = (uint8_t)(row[i] - above[i]);
+    for (size_t i = 1; i <= n; i++) {
+        sub += (unsigned)abs((int8_t)out[i]);
+        up += (unsigned)abs((int8_t)spare[i]);
+    }
+    if (up < sub)
+        memcpy(out, spare, n + 1);
+}
+
+int prt_encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_t width,
+                   uint32_t height, unsigned n_channel, struct prt_blob *out)
+{
+    static const uint8_t magic[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
+    enum { FRONT = 8 + 25 + 13 + 8, BACK = 4 + 12 };
+    memset(out, 0, sizeof *out);
+    if (!width || !height || width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX
+        || (n_channel != 3 && n_channel != 4))
+        return prt_fail(ctx, PRT_ARG, "PNG of %u x %u x %u: allowed is 1..%d a side, 3 or 4 "
+                        "channels", width, height, n_channel, PRT_IMAGE_MAX);
+    const size_t n = (size_t)width * n_channel;
+    uint8_t *filtered = prt_alloc((n + 1) * (height + 1) + n, 1);
+    if (!filtered)
+        return prt_fail(ctx, PRT_NOMEM, "no memory for a PNG of %u x %u", width, height);
+    uint8_t *spare = filtered + (n + 1) * height, *zero = spare + n + 1;
+    memset(zero, 0, n);
+    for (uint32_t y = 0; y < height; y++)
+        filter_row(pixels + y * n, y ? pixels + (y - 1) * n : zero, n, n_channel,
+                   filtered + y * (n + 1), spare);
+    uint8_t *file = NULL;
+    const size_t size = deflate_all(filtered, (n + 1) * height, FRONT, BACK, &file);
+    prt_free(filtered);
+    if (!size || size > INT32_MAX) {
+        prt_free(file);
+        return prt_fail(ctx, PRT_NOMEM, "cannot compress a PNG of %u x %u", width, height);
+    }
+    uint8_t header[13], *p = file;
+    put_u32(put_u32(header, width), height);
+    memcpy(header + 8, (const uint8_t[5]){8, n_channel == 4 ? 6 : 2, 0, 0, 0}, 5);
+    memcpy(p, magic, 8);
+    p = put_chunk(p + 8, "IHDR", header, sizeof header);
+    p = put_chunk(p, "sRGB", "\0", 1);
+    p = put_chunk(p, "IDAT", NULL, size);
+    p = put_chunk(p, "IEND", "", 0);
+    out->bytes = file;
+    out->size = (size_t)(p - file);
+    return PRT_OK;
+}
+
+int prt_encode_jpeg(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t width,
+                    uint32_t height, int quality, struct prt_blob *out)
+{
+    memset(out, 0, sizeof *out);
+    if (!width || !height || width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX || quality < 1
+        || quality > 100)
+        return prt_fail(ctx, PRT_ARG, "JPEG of %u x %u at quality %d: allowed is 1..%d a side, "
+                        "quality 1..100", width, height, quality, PRT_IMAGE_MAX);
+    const int sampling = quality >= 90 ? TJSAMP_444 : TJSAMP_420;
+    tjhandle tj = tjInitCompress();
+    unsigned long size = tjBufSize((int)width, (int)height, sampling);
+    unsigned char *file = tj ? prt_alloc(size, 1) : NULL;
+    int err = PRT_NOMEM;
+    if (file)
+        err = tjCompress2(tj, rgb8, (int)width, 0, (int)height, TJPF_RGB, &file, &size, sampling,
+                          quality, TJFLAG_NOREALLOC | TJFLAG_FASTDCT)
+                  ? PRT_INTERNAL
+                  : PRT_OK;
+    if (tj)
+        tjDestroy(tj);
+    if (err) {
+        prt_free(file);
+        return prt_fail(ctx, err, "cannot encode a JPEG of %u x %u", width, height);
+    }
+    out->bytes = file;
+    out->size = size;
+    return PRT_OK;
+}

@@ -1,0 +1,304 @@
+/* SPDX-License-Identifier: MIT */
+/* Owns loading of environments and images: child process, validation, mending of pixels. */
+#include "light_private.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+enum { BLOB_MAGIC = 0x474d4950 };
+#define FILE_MAX_BYTES ((uint64_t)2 << 30)
+
+struct blob_head {
+    uint32_t magic, hint, width, height;
+};
+
+/* ---- the child's side ---- */
+
+struct decode_job {
+    const struct prt_input *input;
+    unsigned count;
+};
+
+static int decode_all(const struct prt_context *ctx, void *arg, struct prt_blob *out)
+{
+    const struct decode_job *job = arg;
+    struct prt_decoded decoded[PRT_FACES_MAX];
+    size_t total = 0;
+    int err = PRT_OK;
+    unsigned done = 0;
+    memset(decoded, 0, sizeof decoded);
+    for (; !err && done < job->count; done++) {
+        const struct prt_input *in = &job->input[done];
+        err = prt_decode(ctx, in->name, in->bytes, in->size, &decoded[done]);
+        const struct prt_image *im = &decoded[done].image;
+        total += sizeof(struct blob_head) + (size_t)im->width * im->height * 3 * sizeof(float);
+    }
+    if (!err) {
+        out->bytes = prt_alloc(total, 1);
+        out->size = total;
+        err = out->bytes ? PRT_OK : PRT_NOMEM;
+    }
+    char *at = out->bytes;
+    for (unsigned i = 0; i < done; i++) {
+        struct prt_image *im = &decoded[i].image;
+        if (!err) {
+            const struct blob_head head = {BLOB_MAGIC, decoded[i].hint, im->width, im->height};
+            const size_t size = (size_t)im->width * im->height * 3 * sizeof(float);
+            memcpy(at, &head, sizeof head);
+            memcpy(at + sizeof head, im->rgb, size);
+            at += sizeof head + size;
+        }
+        prt_image_finish(im);
+    }
+    return err;
+}
+
+/* ---- the parent's side ---- */
+
+static int unpack(const struct prt_context *ctx, const struct prt_input *input, unsigned count,
+                  const struct prt_blob *blob, struct prt_decoded *out)
+{
+    const char *at = blob->bytes;
+    size_t left = blob->size;
+    int err = PRT_OK;
+    for (unsigned i = 0; !err && i < count; i++) {
+        struct blob_head head = {0};
+        if (left >= sizeof head)
+            memcpy(&head, at, sizeof head);
+        if (head.magic != BLOB_MAGIC || head.hint >= PRT_HINT_COUNT)
+            return prt_fail(ctx, PRT_FORMAT, "%s: the decoder's answer is damaged",
+                            input[i].name);
+        at += sizeof head;
+        left -= sizeof head;
+        err = prt_image_reserve(ctx, input[i].name, head.width, head.height, &out[i].image);
+        if (err)
+            return err;
+        const size_t size = (size_t)head.width * head.height * 3 * sizeof(float);
+        if (size > left)
+            return prt_fail(ctx, PRT_FORMAT, "%s: the decoder's answer is cut", input[i].name);
+        memcpy(out[i].image.rgb, at, size);
+        out[i].hint = (enum prt_layout_hint)head.hint;
+        at += size;
+        left -= size;
+    }
+    return err;
+}
+
+int prt_decode_isolated(const struct prt_context *ctx, const struct prt_input *input,
+                        unsigned count, struct prt_decoded *out)
+{
+    struct decode_job job = {input, count};
+    const struct prt_isolate_limits limits = {
+        ctx && ctx->memory_limit ? ctx->memory_limit : (uint64_t)8 << 30, 10.0};
+    struct prt_blob blob = {0};
+    memset(out, 0, count * sizeof *out);
+    int err = prt_isolate(ctx, input[0].name, &limits, decode_all, &job, &blob);
+    if (!err)
+        err = unpack(ctx, input, count, &blob, out);
+    prt_free(blob.bytes);
+    for (unsigned i = 0; err && i < count; i++)
+        prt_image_finish(&out[i].image);
+    return err;
+}
+
+int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t width,
+                      uint64_t height, struct prt_image *out)
+{
+    const uint64_t limit = ctx && ctx->memory_limit ? ctx->memory_limit : (uint64_t)8 << 30;
+    if (!width || !height)
+        return prt_fail(ctx, PRT_FORMAT, "%s: the image is empty (%llu x %llu)", name,
+                        (unsigned long long)width, (unsigned long long)height);
+    if (width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX || width * height > PRT_IMAGE_MAX_PIXELS
+        || width * height * 3 * sizeof(float) > limit)
+        return prt_fail(ctx, PRT_LIMIT, "%s: %llu x %llu pixels are above the limit (%d a side, "
+                        "%llu in all)", name, (unsigned long long)width,
+                        (unsigned long long)height, PRT_IMAGE_MAX,
+                        (unsigned long long)PRT_IMAGE_MAX_PIXELS);
+    out->rgb = prt_alloc((size_t)(width * height) * 3, sizeof(float));
+    if (!out->rgb)
+        return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %llu x %llu pixels", name,
+                        (unsigned long long)width, (unsigned long long)height);
+    out->width = (uint32_t)width;
+    out->height = (uint32_t)height;
+    return PRT_OK;
+}
+
+/* Negative and NaN become 0, +inf the largest half (what a saturated sun is stored as). */
+static void mend(const struct prt_context *ctx, const char *name, struct prt_image *image,
+                 uint32_t *n_negative, uint32_t *n_nonfinite)
+{
+    const size_t count = (size_t)image->width * image->height;
+    uint32_t negative = 0, nonfinite = 0;
+    for (size_t i = 0; i < count; i++) {
+        float *p = image->rgb + i * 3;
+        bool low = false, odd = false;
+        for (int c = 0; c < 3; c++) {
+            if (p[c] >= 0 && p[c] <= PRT_RADIANCE_MAX)
+                continue;
+            if (!isfinite(p[c])) {
+                odd = true;
+                p[c] = p[c] > 0 ? 65504.0f : 0.0f;
+            } else if (p[c] < 0) {
+                low = true;
+                p[c] = 0;
+            } else {
+                odd = true;
+                p[c] = PRT_RADIANCE_MAX;
+            }
+        }
+        negative += low;
+        nonfinite += odd;
+    }
+    if (negative)
+        prt_log(ctx, PRT_LOG_WARNING, "%s: %u pixels had negative components, taken as 0", name,
+                negative);
+    if (nonfinite)
+        prt_log(ctx, PRT_LOG_WARNING, "%s: %u pixels had NaN, infinite or absurd components; "
+                "NaN became 0, infinity 65504", name, nonfinite);
+    *n_negative += negative;
+    *n_nonfinite += nonfinite;
+}
+
+static struct prt_env *env_new(void)
+{
+    struct prt_env *env = prt_calloc(1, sizeof *env);
+    struct prt_env_cache *cache = prt_calloc(1, sizeof *cache);
+    if (!env || !cache) {
+        prt_free(env);
+        prt_free(cache);
+        return NULL;
+    }
+    pthread_mutex_init(&cache->lock, NULL);
+    env->cache = cache;
+    return env;
+}
+
+void prt_env_destroy(struct prt_env *env)
+{
+    if (!env)
+        return;
+    if (env->cache) {
+        prt_image_finish(&env->cache->latlong);
+        pthread_mutex_destroy(&env->cache->lock);
+        prt_free(env->cache);
+    }
+    prt_image_finish(&env->latlong);
+    prt_cube_finish(&env->cube);
+    prt_free(env);
+}
+
+/* "constant" or "constant:R,G,B". */
+static int load_constant(const struct prt_context *ctx, const char *word, struct prt_env **out)
+{
+    float rgb[3] = {1, 1, 1};
+    const char *at = word + strlen("constant");
+    for (int c = 0; *at && c < 3; c++) {
+        char *end;
+        if (*at != (c ? ',' : ':'))
+            break;
+        rgb[c] = strtof(at + 1, &end);
+        if (end == at + 1 || !(rgb[c] >= 0 && rgb[c] <= PRT_RADIANCE_MAX))
+            break;
+        at = end;
+        if (c < 2 && !*at)
+            at = "?";
+    }
+    if (*at)
+        return prt_fail(ctx, PRT_ARG, "%s: expected constant or constant:R,G,B with finite "
+                        "numbers >= 0", word);
+    struct prt_env *env = env_new();
+    int err = env ? prt_image_reserve(ctx, word, 64, 32, &env->latlong) : PRT_NOMEM;
+    if (err) {
+        prt_env_destroy(env);
+        return prt_fail(ctx, err, "%s: %s", word, prt_status_text(err));
+    }
+    for (size_t i = 0; i < (size_t)64 * 32; i++)
+        memcpy(env->latlong.rgb + i * 3, rgb, sizeof rgb);
+    *out = env;
+    return PRT_OK;
+}
+
+static int load_inputs(const struct prt_context *ctx, const char *name,
+                       const struct prt_input *input, unsigned count, struct prt_env **out)
+{
+    struct prt_decoded decoded[PRT_FACES_MAX];
+    struct prt_env *env = env_new();
+    if (!env)
+        return prt_fail(ctx, PRT_NOMEM, "%s: no memory", name);
+    int err = prt_decode_isolated(ctx, input, count, decoded);
+    for (unsigned i = 0; !err && i < count; i++)
+        mend(ctx, input[i].name, &decoded[i].image, &env->n_negative, &env->n_nonfinite);
+    if (!err)
+        err = count == 1 ? prt_env_from_image(ctx, name, &decoded[0], env)
+                         : prt_env_from_faces(ctx, name, decoded, env);
+    for (unsigned i = 0; i < count; i++)
+        prt_image_finish(&decoded[i].image);
+    if (err) {
+        prt_env_destroy(env);
+        return err;
+    }
+    *out = env;
+    return PRT_OK;
+}
+
+int prt_env_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
+                        size_t n, struct prt_env **out)
+{
+    const struct prt_input input = {name, bytes, n};
+    *out = NULL;
+    return load_inputs(ctx, name, &input, 1, out);
+}
+
+static int load_face_set(const struct prt_context *ctx, const char *pattern, struct prt_env **out)
+{
+    char *paths[PRT_FACES_MAX] = {0};
+    struct prt_blob blob[PRT_FACES_MAX] = {{0}};
+    struct prt_input input[PRT_FACES_MAX];
+    int err = prt_find_faces(ctx, pattern, paths);
+    for (unsigned i = 0; !err && i < PRT_FACES_MAX; i++) {
+        err = prt_read_file(ctx, paths[i], FILE_MAX_BYTES, &blob[i]);
+        input[i] = (struct prt_input){paths[i], blob[i].bytes, blob[i].size};
+    }
+    if (!err)
+        err = load_inputs(ctx, pattern, input, PRT_FACES_MAX, out);
+    for (unsigned i = 0; i < PRT_FACES_MAX; i++) {
+        prt_free(blob[i].bytes);
+        free(paths[i]);
+    }
+    return err;
+}
+
+int prt_env_load(const struct prt_context *ctx, const char *path, struct prt_env **out)
+{
+    struct stat st;
+    *out = NULL;
+    if (!strcmp(path, "constant") || !strncmp(path, "constant:", 9))
+        return load_constant(ctx, path, out);
+    const bool exists = !stat(path, &st);
+    if (exists ? S_ISDIR(st.st_mode) : strchr(path, '*') || strstr(path, "%s"))
+        return load_face_set(ctx, path, out);
+    struct prt_blob blob = {0};
+    int err = prt_read_file(ctx, path, FILE_MAX_BYTES, &blob);
+    if (!err)
+        err = prt_env_load_memory(ctx, path, blob.bytes, blob.size, out);
+    prt_free(blob.bytes);
+    return err;
+}
+
+int prt_image_load(const struct prt_context *ctx, const char *path, struct prt_image *out)
+{
+    struct prt_blob blob = {0};
+    struct prt_decoded decoded = {0};
+    memset(out, 0, sizeof *out);
+    int err = prt_read_file(ctx, path, FILE_MAX_BYTES, &blob);
+    const struct prt_input input = {path, blob.bytes, blob.size};
+    if (!err)
+        err = prt_decode_isolated(ctx, &input, 1, &decoded);
+    prt_free(blob.bytes);
+    if (!err)
+        *out = decoded.image;
+    return err;
+}

@@ -1,0 +1,134 @@
+/* SPDX-License-Identifier: MIT */
+/* Owns the layouts in which images hold an environment: which one it is, and cutting it up. */
+#include "light_private.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Copies the n x n view whose top left pixel is (x0,y0) into a face. Camera views are the
+ * OpenGL faces mirrored left-right at the sides and top-bottom at +Y and -Y; half_turn undoes
+ * the vertical cross's back face. */
+static void put_view(const struct prt_image *src, uint32_t x0, uint32_t y0, bool half_turn,
+                     unsigned face, struct prt_cube *cube)
+{
+    const uint32_t n = cube->n;
+    const bool flip_x = (face != 2 && face != 3) != half_turn;
+    const bool flip_y = (face == 2 || face == 3) != half_turn;
+    for (uint32_t y = 0; y < n; y++)
+        for (uint32_t x = 0; x < n; x++) {
+            const uint32_t sx = x0 + (flip_x ? n - 1 - x : x);
+            const uint32_t sy = y0 + (flip_y ? n - 1 - y : y);
+            memcpy(cube->texel + (((size_t)face * n + y) * n + x) * 3,
+                   src->rgb + ((size_t)sy * src->width + sx) * 3, 3 * sizeof(float));
+        }
+}
+
+/* Where each face's cell lies, in cells: column, row. */
+static const unsigned char hcross[6][2] = {{2, 1}, {0, 1}, {1, 0}, {1, 2}, {3, 1}, {1, 1}};
+static const unsigned char vcross[6][2] = {{2, 1}, {0, 1}, {1, 0}, {1, 2}, {1, 3}, {1, 1}};
+static const unsigned char row[6][2] = {{0, 0}, {1, 0}, {2, 0}, {3, 0}, {4, 0}, {5, 0}};
+static const unsigned char column[6][2] = {{0, 0}, {0, 1}, {0, 2}, {0, 3}, {0, 4}, {0, 5}};
+
+static int start_cube(const struct prt_context *ctx, const char *name, uint32_t n,
+                      struct prt_env *env)
+{
+    if (n > PRT_CUBE_MAX)
+        return prt_fail(ctx, PRT_LIMIT, "%s: cube faces of %u x %u are above the limit of %d",
+                        name, n, n, PRT_CUBE_MAX);
+    env->kind = PRT_ENV_CUBE;
+    return prt_cube_init(&env->cube, n);
+}
+
+static int cut_cells(const struct prt_context *ctx, const char *name, const struct prt_image *im,
+                     const unsigned char cell[6][2], uint32_t n, struct prt_env *env)
+{
+    int err = start_cube(ctx, name, n, env);
+    for (unsigned face = 0; !err && face < 6; face++)
+        put_view(im, cell[face][0] * n, cell[face][1] * n, cell == vcross && face == 4, face,
+                 &env->cube);
+    return err;
+}
+
+static int take_latlong(struct prt_decoded *in, struct prt_env *env)
+{
+    env->kind = PRT_ENV_LATLONG;
+    env->latlong = in->image;
+    in->image = (struct prt_image){0};
+    return PRT_OK;
+}
+
+/* OpenEXR's centre is +Z: the same picture turned by half a circle (METHODS 2). */
+static int take_exr_latlong(const struct prt_context *ctx, const char *name,
+                            struct prt_decoded *in, struct prt_env *env)
+{
+    struct prt_image *im = &in->image;
+    const uint32_t w = im->width, half = w / 2;
+    float *line = prt_alloc((size_t)w * 3, sizeof *line);
+    if (!line)
+        return prt_fail(ctx, PRT_NOMEM, "%s: no memory", name);
+    for (uint32_t y = 0; y < im->height; y++) {
+        float *p = im->rgb + (size_t)y * w * 3;
+        memcpy(line, p + (size_t)half * 3, (size_t)(w - half) * 3 * sizeof *line);
+        memcpy(line + (size_t)(w - half) * 3, p, (size_t)half * 3 * sizeof *line);
+        memcpy(p, line, (size_t)w * 3 * sizeof *line);
+    }
+    prt_free(line);
+    return take_latlong(in, env);
+}
+
+static int take_gl_cube(const struct prt_context *ctx, const char *name,
+                        const struct prt_image *im, struct prt_env *env)
+{
+    int err = start_cube(ctx, name, im->width, env);
+    if (!err)
+        memcpy(env->cube.texel, im->rgb, (size_t)im->width * im->height * 3 * sizeof(float));
+    return err;
+}
+
+int prt_env_from_image(const struct prt_context *ctx, const char *name, struct prt_decoded *in,
+                       struct prt_env *env)
+{
+    const struct prt_image *im = &in->image;
+    const uint64_t w = im->width, h = im->height;
+    const int64_t off = (int64_t)w - 2 * (int64_t)h;
+    /* an odd width or a border line does not make it another layout */
+    const bool is_latlong = off >= -2 && off <= 2;
+
+    if ((in->hint == PRT_HINT_EXR_CUBE || in->hint == PRT_HINT_GL_CUBE) && h != 6 * w)
+        return prt_fail(ctx, PRT_FORMAT, "%s: a cube's six faces cannot be %llu x %llu pixels",
+                        name, (unsigned long long)w, (unsigned long long)h);
+    if (in->hint == PRT_HINT_GL_CUBE)
+        return take_gl_cube(ctx, name, im, env);
+    if (in->hint == PRT_HINT_EXR_LATLONG && is_latlong)
+        return take_exr_latlong(ctx, name, in, env);
+    if (is_latlong)
+        return take_latlong(in, env);
+    if (h == 6 * w)
+        return cut_cells(ctx, name, im, column, im->width, env);
+    if (w == 6 * h)
+        return cut_cells(ctx, name, im, row, im->height, env);
+    if (w * 3 == h * 4 && w % 4 == 0)
+        return cut_cells(ctx, name, im, hcross, im->width / 4, env);
+    if (w * 4 == h * 3 && w % 3 == 0)
+        return cut_cells(ctx, name, im, vcross, im->width / 3, env);
+    return prt_fail(ctx, PRT_FORMAT, "%s: %llu x %llu pixels are no environment: expected a "
+                    "lat-long (2:1), a cross (4:3 or 3:4) or six faces in a strip (6:1 or 1:6)%s",
+                    name, (unsigned long long)w, (unsigned long long)h,
+                    w == h ? "; light probes (angular maps) must be converted to lat-long" : "");
+}
+
+int prt_env_from_faces(const struct prt_context *ctx, const char *name,
+                       const struct prt_decoded *faces, struct prt_env *env)
+{
+    const uint32_t n = faces[0].image.width;
+    for (unsigned face = 0; face < 6; face++) {
+        const struct prt_image *im = &faces[face].image;
+        if (im->width != n || im->height != n)
+            return prt_fail(ctx, PRT_FORMAT, "%s: faces must be square and of one size, face %u "
+                            "is %u x %u, the first %u wide", name, face, im->width, im->height, n);
+    }
+    int err = start_cube(ctx, name, n, env);
+    for (unsigned face = 0; !err && face < 6; face++)
+        put_view(&faces[face].image, 0, 0, false, face, &env->cube);
+    return err;
+}

@@ -1,0 +1,84 @@
+/* SPDX-License-Identifier: MIT */
+/* What the sources of this room share. */
+#ifndef PRT_LIGHT_PRIVATE_H
+#define PRT_LIGHT_PRIVATE_H
+
+#include "prt/light.h"
+
+#include <pthread.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Lazily made companion of a cube environment: the lat-long it is rotated from. */
+struct prt_env_cache {
+    pthread_mutex_t lock;
+    struct prt_image latlong;
+};
+
+/* The integral of radiance over the sphere, per channel, of either kind of environment. */
+void prt_env_power(const struct prt_env *env, double power[3]);
+
+enum { PRT_IMAGE_MAX = 16384, PRT_FACES_MAX = 6 };
+#define PRT_IMAGE_MAX_PIXELS ((uint64_t)16384 * 8192)
+#define PRT_RADIANCE_MAX 1e30f /* larger finite values are cut: sums over a cube stay finite */
+
+/* What a file says about its own layout. */
+enum prt_layout_hint {
+    PRT_HINT_NONE,        /* by aspect ratio */
+    PRT_HINT_EXR_LATLONG, /* OpenEXR's envmap attribute */
+    PRT_HINT_EXR_CUBE,
+    PRT_HINT_GL_CUBE,     /* six faces stacked, OpenGL's axes (DDS) */
+    PRT_HINT_COUNT
+};
+
+struct prt_decoded {
+    struct prt_image image;
+    enum prt_layout_hint hint;
+};
+
+/* Parses untrusted bytes; call only in the isolated child (or a fuzz target). */
+int prt_decode(const struct prt_context *ctx, const char *name, const void *bytes, size_t n,
+               struct prt_decoded *out);
+/* The parsers behind it. */
+bool prt_is_hdr(const uint8_t *bytes, size_t n);
+bool prt_is_exr(const uint8_t *bytes, size_t n);
+bool prt_is_dds(const uint8_t *bytes, size_t n);
+int prt_decode_hdr(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
+                   struct prt_image *out);
+/* PRT_UNSUPPORTED without a log line: OpenEXRCore cannot, OpenImageIO may (DWA). */
+int prt_decode_exr(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
+                   struct prt_decoded *out);
+int prt_decode_dds(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
+                   struct prt_decoded *out);
+int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
+                    size_t n, struct prt_image *out);
+/* Checks sizes against the limits and allocates; logs and returns the status. */
+int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t width,
+                      uint64_t height, struct prt_image *out);
+/* 8-bit style sRGB value in [0,1] to linear. */
+float prt_srgb_to_linear(float v);
+
+struct prt_input {
+    const char *name;
+    const void *bytes;
+    size_t size;
+};
+/* Decodes 1 … 6 files in one child and validates what it handed back. */
+int prt_decode_isolated(const struct prt_context *ctx, const struct prt_input *input,
+                        unsigned count, struct prt_decoded *out);
+
+/* Turns an image into an environment by its hint or aspect ratio; takes image->rgb over. */
+int prt_env_from_image(const struct prt_context *ctx, const char *name, struct prt_decoded *in,
+                       struct prt_env *env);
+/* Six square camera views +X -X +Y -Y +Z -Z. */
+int prt_env_from_faces(const struct prt_context *ctx, const char *name,
+                       const struct prt_decoded *faces, struct prt_env *env);
+/* Finds the six files of a folder or pattern; paths are malloc()ed. */
+int prt_find_faces(const struct prt_context *ctx, const char *pattern, char *paths[6]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
