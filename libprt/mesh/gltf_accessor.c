@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: MIT
+// Accessors: typed, strided, normalised and sparse reading with every bound checked.
+#include "gltf.h"
+
+#include <string.h>
+
+static unsigned component_bytes(uint64_t type)
+{
+    switch (type) {
+    case 5120:
+    case 5121:
+        return 1;
+    case 5122:
+    case 5123:
+        return 2;
+    case 5125:
+    case 5126:
+        return 4;
+    }
+    return 0;
+}
+
+int gltf_accessor(const struct gltf *g, uint64_t index, struct gltf_accessor *out)
+{
+    static const struct {
+        const char *name;
+        unsigned n;
+    } type_list[] = {{"SCALAR", 1}, {"VEC2", 2}, {"VEC3", 3}, {"VEC4", 4}};
+    if (index >= g->accessor.n)
+        return gltf_bad(g, "accessor %lld does not exist", (long long)index);
+    size_t i = (size_t)index;
+    const cJSON *o = g->accessor.item[i], *type = gltf_member(o, "type");
+    struct gltf_accessor a = {.index = i};
+    uint64_t component;
+    int status;
+    if ((status = gltf_number(g, "accessor", i, o, "count", 1ull << 53, 0, &a.count)) ||
+        (status = gltf_number(g, "accessor", i, o, "byteOffset", 1ull << 53, 0, &a.offset)) ||
+        (status = gltf_number(g, "accessor", i, o, "bufferView", 1ull << 53, UINT64_MAX,
+                              &a.view)) ||
+        (status = gltf_number(g, "accessor", i, o, "componentType", 1 << 20, 0, &component)))
+        return status;
+    for (size_t k = 0; k < sizeof type_list / sizeof *type_list; k++)
+        if (cJSON_IsString(type) && !strcmp(type->valuestring, type_list[k].name))
+            a.n_component = type_list[k].n;
+    a.component_bytes = component_bytes(component);
+    a.component = (int)component;
+    a.normalized = cJSON_IsTrue(gltf_member(o, "normalized"));
+    a.sparse = gltf_member(o, "sparse");
+    if (!a.n_component || !a.component_bytes)
+        return gltf_bad(g, "accessor %zu: unknown type or componentType %d", i, a.component);
+    if (!a.count) return gltf_bad(g, "accessor %zu: is empty", i);
+    // before anything is allocated for it
+    if (a.count > (uint64_t)g->d->max_triangles * 3)
+        return prt_fail(g->d->ctx, PRT_LIMIT, "%s: accessor %zu: %llu elements are too many",
+                        g->d->name, i, (unsigned long long)a.count);
+    if (a.view != UINT64_MAX && a.view >= g->view.n)
+        return gltf_bad(g, "accessor %zu: names bufferView %llu of %zu", i,
+                        (unsigned long long)a.view, g->view.n);
+    if (a.view == UINT64_MAX && !a.sparse)
+        return gltf_bad(g, "accessor %zu: has no data", i);
+    *out = a;
+    return PRT_OK;
+}
+
+// `count` elements of `size` bytes in a view, from `offset`; *stride is at least size.
+static int elements(struct gltf *g, size_t accessor, uint64_t view, uint64_t offset,
+                    uint64_t count, size_t size, const uint8_t **at, size_t *stride)
+{
+    struct gltf_bytes b;
+    if (view >= g->view.n)
+        return gltf_bad(g, "accessor %zu: names bufferView %lld of %zu", accessor,
+                        (long long)view, g->view.n);
+    int status = gltf_view(g, (size_t)view, &b);
+    if (status) return status;
+    *stride = b.stride ? b.stride : size;
+    if (*stride < size)
+        return gltf_bad(g, "accessor %zu: its stride %zu is less than an element", accessor,
+                        *stride);
+    uint64_t need = (count - 1) * *stride + size; // count < 2^31, stride < 2^21
+    if (offset > b.n || need > b.n - offset)
+        return gltf_bad(g, "accessor %zu: reads %llu bytes past bufferView %llu", accessor,
+                        (unsigned long long)(offset + need - b.n), (unsigned long long)view);
+    *at = b.at + offset;
+    return PRT_OK;
+}
+
+static float component_float(const uint8_t *p, int type, bool normalized)
+{
+    float f;
+    int16_t s;
+    uint16_t u;
+    uint32_t w;
+    switch (type) {
+    case 5120:
+        f = (float)(int8_t)*p;
+        return normalized ? (f < -127 ? -1 : f / 127) : f;
+    case 5121:
+        return normalized ? (float)*p / 255 : (float)*p;
+    case 5122:
+        memcpy(&s, p, 2);
+        return normalized ? (s < -32767 ? -1 : (float)s / 32767) : (float)s;
+    case 5123:
+        memcpy(&u, p, 2);
+        return normalized ? (float)u / 65535 : (float)u;
+    case 5125:
+        memcpy(&w, p, 4);
+        return normalized ? (float)((double)w / 4294967295.0) : (float)w;
+    }
+    memcpy(&f, p, 4);
+    return f;
+}
+
+static void convert(const struct gltf_accessor *a, const uint8_t *p, float *out)
+{
+    for (unsigned c = 0; c < a->n_component; c++)
+        out[c] = component_float(p + c * a->component_bytes, a->component, a->normalized);
+}
+
+static uint32_t index_value(const uint8_t *p, int type)
+{
+    uint16_t u;
+    uint32_t w;
+    if (type == 5121) return *p;
+    if (type == 5123) {
+        memcpy(&u, p, 2);
+        return u;
+    }
+    memcpy(&w, p, 4);
+    return w;
+}
+
+// Replaced elements: out_f (float rows) or out_i (indices), whichever is given.
+static int apply_sparse(struct gltf *g, const struct gltf_accessor *a, float *out_f,
+                        uint32_t *out_i)
+{
+    const cJSON *indices = gltf_member(a->sparse, "indices");
+    const cJSON *values = gltf_member(a->sparse, "values");
+    uint64_t n, view[2], offset[2], type;
+    const uint8_t *where, *what;
+    size_t where_stride, what_stride, size = a->component_bytes * a->n_component;
+    int status;
+    if ((status = gltf_number(g, "accessor", a->index, a->sparse, "count", a->count, 0, &n)) ||
+        (status = gltf_number(g, "accessor", a->index, indices, "bufferView", 1ull << 53,
+                              UINT64_MAX, &view[0])) ||
+        (status = gltf_number(g, "accessor", a->index, values, "bufferView", 1ull << 53,
+                              UINT64_MAX, &view[1])) ||
+        (status = gltf_number(g, "accessor", a->index, indices, "byteOffset", 1ull << 53, 0,
+                              &offset[0])) ||
+        (status = gltf_number(g, "accessor", a->index, values, "byteOffset", 1ull << 53, 0,
+                              &offset[1])) ||
+        (status = gltf_number(g, "accessor", a->index, indices, "componentType", 1 << 20, 0,
+                              &type)))
+        return status;
+    if (!n || (type != 5121 && type != 5123 && type != 5125))
+        return gltf_bad(g, "accessor %zu: damaged sparse part", a->index);
+    if ((status = elements(g, a->index, view[0], offset[0], n, component_bytes(type), &where,
+                           &where_stride)) ||
+        (status = elements(g, a->index, view[1], offset[1], n, size, &what, &what_stride)))
+        return status;
+    for (uint64_t i = 0; i < n; i++) {
+        uint32_t k = index_value(where + i * where_stride, (int)type);
+        if (k >= a->count)
+            return gltf_bad(g, "accessor %zu: sparse index %u of %llu", a->index, k,
+                            (unsigned long long)a->count);
+        if (out_f)
+            convert(a, what + i * what_stride, out_f + (size_t)k * a->n_component);
+        else
+            out_i[k] = index_value(what + i * what_stride, a->component);
+    }
+    return PRT_OK;
+}
+
+int gltf_floats(struct gltf *g, const struct gltf_accessor *a, unsigned n_component, float *out)
+{
+    if (a->n_component != n_component)
+        return gltf_bad(g, "accessor %zu: has %u components where %u are needed", a->index,
+                        a->n_component, n_component);
+    const uint8_t *p;
+    size_t stride;
+    if (a->view == UINT64_MAX) {
+        memset(out, 0, a->count * n_component * sizeof *out);
+    } else {
+        int status = elements(g, a->index, a->view, a->offset, a->count,
+                              a->component_bytes * n_component, &p, &stride);
+        if (status) return status;
+        for (uint64_t i = 0; i < a->count; i++) convert(a, p + i * stride, out + i * n_component);
+    }
+    return a->sparse ? apply_sparse(g, a, out, NULL) : PRT_OK;
+}
+
+int gltf_indices(struct gltf *g, const struct gltf_accessor *a, uint32_t *out)
+{
+    if (a->n_component != 1 || (a->component != 5121 && a->component != 5123 &&
+                                a->component != 5125))
+        return gltf_bad(g, "accessor %zu: indices must be unsigned whole numbers", a->index);
+    const uint8_t *p;
+    size_t stride;
+    if (a->view == UINT64_MAX) {
+        memset(out, 0, a->count * sizeof *out);
+    } else {
+        int status = elements(g, a->index, a->view, a->offset, a->count, a->component_bytes, &p,
+                              &stride);
+        if (status) return status;
+        for (uint64_t i = 0; i < a->count; i++)
+            out[i] = index_value(p + i * stride, a->component);
+    }
+    return a->sparse ? apply_sparse(g, a, NULL, out) : PRT_OK;
+}

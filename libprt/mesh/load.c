@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: MIT
+// Loading: which format, in which process, under which limits.
+#include "internal.h"
+
+#include <ctype.h>
+#include <libgen.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+// What the child is given.
+struct request {
+    const char *path; // NULL: bytes
+    const void *bytes;
+    size_t n;
+    const char *name, *base_dir;
+    const struct prt_mesh_options *options;
+    uint64_t max_bytes;
+};
+
+static const char *skip_space(const char *p, const char *end)
+{
+    if (end - p >= 3 && !memcmp(p, "\xef\xbb\xbf", 3)) p += 3;
+    while (p < end && isspace((unsigned char)*p)) p++;
+    return p;
+}
+
+// An OBJ has no mark: it is text with a vertex line near its start.
+static bool looks_like_obj(const char *p, size_t n)
+{
+    if (n > 1 << 20) n = 1 << 20;
+    if (memchr(p, 0, n)) return false;
+    for (const char *end = p + n; p && p < end;) {
+        while (p < end && (*p == ' ' || *p == '\t')) p++;
+        if (end - p > 2 && *p == 'v' && (p[1] == ' ' || p[1] == '\t')) return true;
+        p = memchr(p, '\n', (size_t)(end - p));
+        if (p) p++;
+    }
+    return false;
+}
+
+static int read_any(struct prt_draft *d, const char *bytes, size_t n)
+{
+    const char *start = skip_space(bytes, bytes + n);
+    if (n >= 4 && !memcmp(bytes, "glTF", 4)) return prt_read_gltf(d, (const uint8_t *)bytes, n);
+    if (n >= 4 && !memcmp(bytes, "ply", 3) && isspace((unsigned char)bytes[3]))
+        return prt_read_ply(d, bytes, n);
+    if (start < bytes + n && *start == '{') return prt_read_gltf(d, (const uint8_t *)bytes, n);
+    if (looks_like_obj(bytes, n)) return prt_read_obj(d, bytes, n);
+    return prt_fail(d->ctx, PRT_FORMAT, "%s: not a glTF, GLB, OBJ or PLY model", d->name);
+}
+
+static int check_opaque(const struct prt_draft *d)
+{
+    for (int i = 0; i < 64 && d->opaque && d->opaque[i]; i++)
+        if (!(d->opaque_hit >> i & 1))
+            return prt_fail(d->ctx, PRT_ARG, "%s: has no material or node named \"%s\"",
+                            d->name, d->opaque[i]);
+    return PRT_OK;
+}
+
+static int read_draft(const struct prt_context *ctx, const struct request *r,
+                      struct prt_blob *file, struct prt_blob *out)
+{
+    struct prt_draft d = {.ctx = ctx, .name = r->name, .base_dir = r->base_dir,
+                          .max_vertices = 50000000, .max_triangles = 100000000,
+                          .max_bytes = r->max_bytes};
+    if (r->options) {
+        d.opaque = r->options->opaque;
+        if (r->options->max_vertices) d.max_vertices = r->options->max_vertices;
+        if (r->options->max_triangles) d.max_triangles = r->options->max_triangles;
+    }
+    if (d.max_vertices > 1u << 29) d.max_vertices = 1u << 29;
+    if (d.max_triangles > 1u << 29) d.max_triangles = 1u << 29;
+    int status = read_any(&d, file->bytes, file->size);
+    if (!status && !d.n_triangle)
+        status = prt_fail(ctx, PRT_FORMAT, "%s: has no triangles", r->name);
+    if (!status) status = check_opaque(&d);
+    if (!status) status = prt_blob_pack(&d, out);
+    prt_draft_finish(&d);
+    return status;
+}
+
+static int parse(const struct prt_context *ctx, void *arg, struct prt_blob *out)
+{
+    const struct request *r = arg;
+    struct prt_blob file = {NULL, 0};
+    int status;
+    if (r->path) {
+        status = prt_read_file(ctx, r->path, r->max_bytes, &file);
+        if (status) return status;
+    } else {
+        if (!r->n) return prt_fail(ctx, PRT_FORMAT, "%s: the file is empty", r->name);
+        if (r->n > r->max_bytes)
+            return prt_fail(ctx, PRT_LIMIT, "%s: %zu bytes, the limit is %llu", r->name, r->n,
+                            (unsigned long long)r->max_bytes);
+        char *copy = prt_alloc(r->n + 1, 1); // text readers want a 0 at the end
+        if (!copy) return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %zu bytes", r->name, r->n);
+        memcpy(copy, r->bytes, r->n);
+        copy[r->n] = 0;
+        file = (struct prt_blob){copy, r->n};
+    }
+    status = read_draft(ctx, r, &file, out);
+    prt_free(file.bytes);
+    return status;
+}
+
+static int load(const struct prt_context *ctx, struct request *r, struct prt_mesh **out)
+{
+    struct prt_blob blob = {NULL, 0};
+    struct prt_mesh *mesh = NULL;
+    r->max_bytes = ctx && ctx->memory_limit ? ctx->memory_limit : 8ull << 30;
+    struct prt_isolate_limits limits = {.memory_bytes = r->max_bytes, .seconds = 120};
+    int status = r->options && r->options->in_process
+                     ? parse(ctx, r, &blob)
+                     : prt_isolate(ctx, r->name, &limits, parse, r, &blob);
+    if (status) return status;
+    status = prt_blob_open(ctx, r->name, &blob, &mesh);
+    if (status) {
+        prt_free(blob.bytes);
+        return status;
+    }
+    status = prt_mesh_finish(ctx, r->name, mesh);
+    if (status) {
+        prt_mesh_destroy(mesh);
+        return status;
+    }
+    *out = mesh;
+    return PRT_OK;
+}
+
+int prt_mesh_load(const struct prt_context *ctx, const char *path,
+                  const struct prt_mesh_options *options, struct prt_mesh **out)
+{
+    char folder[PATH_MAX];
+    if (snprintf(folder, sizeof folder, "%s", path) >= (int)sizeof folder)
+        return prt_fail(ctx, PRT_IO, "%s: the path is too long", path);
+    struct request r = {.path = path, .name = path, .base_dir = dirname(folder),
+                        .options = options};
+    return load(ctx, &r, out);
+}
+
+int prt_mesh_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
+                         size_t n, const char *base_dir, const struct prt_mesh_options *options,
+                         struct prt_mesh **out)
+{
+    struct request r = {.bytes = bytes, .n = n, .name = name, .base_dir = base_dir,
+                        .options = options};
+    return load(ctx, &r, out);
+}

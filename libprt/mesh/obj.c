@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: MIT
+// Wavefront OBJ. One block: vertices are the `v` lines in their order; polygons become fans.
+#include "internal.h"
+#include "text.h"
+
+#include <errno.h>
+#include <math.h>
+#include <string.h>
+
+struct list {
+    float *x;
+    size_t n, cap; // floats
+};
+
+struct obj {
+    struct prt_draft *d;
+    locale_t c;
+    size_t line;
+    struct list vn, vt;
+    char surface[64];
+    bool many_surfaces, opaque, uv_seam;
+    uint8_t *has_uv; // [cap_uv] which vertices have one
+    uint32_t cap_uv;
+};
+
+static int bad(const struct obj *o, const char *what)
+{
+    return prt_fail(o->d->ctx, PRT_FORMAT, "%s: line %zu: %s", o->d->name, o->line, what);
+}
+
+static int push(struct obj *o, struct list *l, const float *x, size_t n)
+{
+    if (l->n + n > l->cap) {
+        size_t cap = l->cap ? l->cap * 2 : 1024;
+        float *p = cap * sizeof *p > o->d->max_bytes ? NULL : realloc(l->x, cap * sizeof *p);
+        if (!p) return prt_fail(o->d->ctx, PRT_NOMEM, "%s: no memory", o->d->name);
+        l->x = p;
+        l->cap = cap;
+    }
+    memcpy(l->x + l->n, x, n * sizeof *x);
+    l->n += n;
+    return PRT_OK;
+}
+
+// `need` finite numbers
+static const char *numbers(const struct obj *o, const char *p, int need, float *out)
+{
+    for (int i = 0; i < need; i++) {
+        double x;
+        p = text_double(p, o->c, &x);
+        if (!p || !(fabs(x) <= 1e15)) return NULL;
+        out[i] = (float)x;
+    }
+    return p;
+}
+
+static int read_vertex(struct obj *o, const char *p)
+{
+    uint32_t at;
+    float x[3];
+    if (!numbers(o, p, 3, x)) return bad(o, "a vertex needs three finite numbers below 1e15");
+    int status = prt_draft_vertices(o->d, 1, &at);
+    if (!status) memcpy(o->d->position[at], x, sizeof x);
+    return status;
+}
+
+// 1-based or, when negative, relative to the end; -1 when out of range.
+static int64_t resolve(long long i, size_t n)
+{
+    if (i > 0 && (unsigned long long)i <= n) return i - 1;
+    if (i < 0 && i >= -(long long)n) return (long long)n + i;
+    return -1;
+}
+
+struct corner {
+    int64_t v, vt, vn; // -1: none
+};
+
+// v, v/vt, v//vn or v/vt/vn
+static const char *read_corner(const struct obj *o, const char *p, struct corner *out)
+{
+    char *end;
+    errno = 0;
+    long long v = strtoll(p, &end, 10), t = 0, n = 0;
+    if (end == p || errno) return NULL;
+    if (*end == '/') {
+        p = end + 1;
+        if (*p != '/') {
+            t = strtoll(p, &end, 10);
+            if (end == p || errno) return NULL;
+            p = end;
+        }
+        end = (char *)p;
+        if (*p == '/') {
+            n = strtoll(p + 1, &end, 10);
+            if (end == p + 1 || errno) return NULL;
+        }
+    }
+    if (*end && !strchr(" \t\r\n", *end)) return NULL;
+    *out = (struct corner){resolve(v, o->d->n_vertex), t ? resolve(t, o->vt.n / 2) : -1,
+                           n ? resolve(n, o->vn.n / 3) : -1};
+    bool ok = out->v >= 0 && (!t || out->vt >= 0) && (!n || out->vn >= 0);
+    return ok ? end : NULL;
+}
+
+static int keep_corner(struct obj *o, const struct corner *c)
+{
+    struct prt_draft *d = o->d;
+    if (c->vn >= 0) // normals of a vertex's corners are averaged: one colour a vertex
+        for (int k = 0; k < 3; k++) d->normal[c->v][k] += o->vn.x[c->vn * 3 + k];
+    if (c->vt < 0) return PRT_OK;
+    if (o->cap_uv < d->cap_vertex) {
+        uint8_t *p = realloc(o->has_uv, d->cap_vertex);
+        if (!p) return prt_fail(d->ctx, PRT_NOMEM, "%s: no memory", d->name);
+        memset(p + o->cap_uv, 0, d->cap_vertex - o->cap_uv);
+        o->has_uv = p;
+        o->cap_uv = d->cap_vertex;
+    }
+    float *uv = d->uv[c->v];
+    const float *from = o->vt.x + c->vt * 2;
+    if (!o->has_uv[c->v]) {
+        uv[0] = from[0];
+        uv[1] = 1 - from[1]; // glTF's v runs down
+        o->has_uv[c->v] = 1;
+        d->has_uv = true;
+    } else if (uv[0] != from[0] || uv[1] != 1 - from[1]) {
+        o->uv_seam = true;
+    }
+    return PRT_OK;
+}
+
+static int read_face(struct obj *o, const char *p)
+{
+    struct corner first = {0}, last = {0}, next;
+    uint32_t n = 0;
+    int status = PRT_OK;
+    for (;; n++) {
+        p = text_blank(p);
+        if (!*p || *p == '\n' || *p == '#') break;
+        p = read_corner(o, p, &next);
+        if (!p) return bad(o, "a face names a vertex that is not there, or is unreadable");
+        if ((status = keep_corner(o, &next))) return status;
+        if (n >= 2 && (status = prt_draft_triangle(o->d, (uint32_t)first.v, (uint32_t)last.v,
+                                                   (uint32_t)next.v)))
+            return status;
+        if (n == 0) first = next;
+        last = next;
+    }
+    return n < 3 ? bad(o, "a face needs three corners") : PRT_OK;
+}
+
+static bool is_word(const char *p, const char *word, const char **rest)
+{
+    size_t n = strlen(word);
+    if (strncmp(p, word, n) || (p[n] != ' ' && p[n] != '\t')) return false;
+    *rest = text_blank(p + n);
+    return true;
+}
+
+// The rest of the line as a name.
+static void take_name(const char *p, char *out, size_t size)
+{
+    size_t n = strcspn(p, "\r\n");
+    while (n && (p[n - 1] == ' ' || p[n - 1] == '\t')) n--;
+    if (n >= size) n = size - 1;
+    memcpy(out, p, n);
+    out[n] = 0;
+}
+
+static int read_line(struct obj *o, const char *p)
+{
+    const char *rest;
+    char name[64];
+    float x[3];
+    if (is_word(p, "v", &rest)) return read_vertex(o, rest);
+    if (is_word(p, "f", &rest)) return read_face(o, rest);
+    if (is_word(p, "vn", &rest)) {
+        if (!numbers(o, rest, 3, x)) x[0] = x[1] = x[2] = 0;
+        return push(o, &o->vn, x, 3);
+    }
+    if (is_word(p, "vt", &rest)) {
+        if (!numbers(o, rest, 2, x) && !numbers(o, rest, 1, x)) x[0] = 0;
+        if (!numbers(o, rest, 2, x)) x[1] = 0;
+        return push(o, &o->vt, x, 2);
+    }
+    if (is_word(p, "usemtl", &rest)) {
+        take_name(rest, name, sizeof name);
+        o->many_surfaces |= o->surface[0] && strcmp(o->surface, name);
+        if (!o->surface[0]) memcpy(o->surface, name, sizeof name);
+        o->opaque |= prt_draft_opaque(o->d, name);
+    } else if (is_word(p, "o", &rest) || is_word(p, "g", &rest)) {
+        take_name(rest, name, sizeof name);
+        o->opaque |= prt_draft_opaque(o->d, name);
+    }
+    return PRT_OK; // groups, smoothing, lines, points and curves carry no triangles
+}
+
+static void unit_normals(struct prt_draft *d)
+{
+    for (uint32_t v = 0; v < d->n_vertex; v++) {
+        float *n = d->normal[v];
+        double s = (double)n[0] * n[0] + (double)n[1] * n[1] + (double)n[2] * n[2];
+        bool good = s > 1e-12 && s < 1e30;
+        for (int c = 0; c < 3; c++) n[c] = good ? (float)(n[c] / sqrt(s)) : 0;
+    }
+}
+
+static int finish(struct obj *o)
+{
+    struct prt_draft *d = o->d;
+    struct prt_surface s;
+    uint32_t index;
+    unit_normals(d);
+    if (o->uv_seam)
+        prt_log(d->ctx, PRT_LOG_NOTE,
+                "%s: at texture seams a vertex keeps its first texture coordinate", d->name);
+    if (o->many_surfaces)
+        prt_log(d->ctx, PRT_LOG_WARNING,
+                "%s: an OBJ is taken as one object of one material; its others are ignored",
+                d->name);
+    prt_surface_default(&s, o->surface[0] ? o->surface : NULL);
+    s.translucent = !o->opaque;
+    int status = prt_draft_surface(d, &s, &index);
+    d->n_object = 1;
+    return status ? status
+                  : prt_draft_block(d, (struct prt_block){.n_vertex = d->n_vertex,
+                                                          .n_triangle = d->n_triangle});
+}
+
+int prt_read_obj(struct prt_draft *d, const char *text, size_t n)
+{
+    struct obj o = {.d = d, .line = 1};
+    int status = PRT_OK;
+    o.c = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+    if (!o.c) return prt_fail(d->ctx, PRT_NOMEM, "%s: no memory", d->name);
+    if (memchr(text, 0, n)) status = bad(&o, "a zero byte in an OBJ file");
+    if (n >= 3 && !memcmp(text, "\xef\xbb\xbf", 3)) text += 3;
+    for (const char *p = text; p && *p && !status; o.line++) {
+        status = read_line(&o, text_blank(p));
+        p = strchr(p, '\n');
+        if (p) p++;
+    }
+    if (!status) status = finish(&o);
+    free(o.vn.x);
+    free(o.vt.x);
+    free(o.has_uv);
+    freelocale(o.c);
+    return status;
+}

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: MIT
+// Numbers in text, read the same in every locale.
+#ifndef PRT_MESH_TEXT_H
+#define PRT_MESH_TEXT_H
+
+#include <locale.h>
+#include <stdbool.h>
+#include <stdlib.h>
+
+static inline const char *text_blank(const char *p)
+{
+    while (*p == ' ' || *p == '\t' || *p == '\r' || *p == '\v' || *p == '\f') p++;
+    return p;
+}
+
+// The number after blanks on this line; NULL when there is none.
+static inline const char *text_double(const char *p, locale_t c, double *out)
+{
+    char *end;
+    p = text_blank(p);
+    if (!*p || *p == '\n') return NULL;
+    *out = strtod_l(p, &end, c);
+    return end == p ? NULL : end;
+}
+
+#endif
