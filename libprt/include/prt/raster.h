@@ -40,6 +40,23 @@ void prt_visibility_camera(const struct prt_visibility *visibility, struct prt_c
 uint32_t prt_visibility_sample(const struct prt_visibility *visibility, uint32_t x, uint32_t y,
                                unsigned s, float uv[2]);
 
+/* The same as points to shade: a pixel's sub-samples that lie on one smooth patch are one point,
+ * standing for weight = their share of the pixel. Points are in row-major order of pixels. The
+ * arrays belong to the visibility buffer. position [mm]; normal is unit and turned towards the
+ * eye where the back of a face is seen; corners and weights of the triangle's vertices 1 and 2
+ * interpolate anything kept per vertex. */
+struct prt_gbuffer {
+    uint32_t n_point;
+    uint32_t *pixel;                 /* [n_point] y*width + x */
+    uint32_t *triangle, *block;      /* [n_point] */
+    uint32_t *corner[3];             /* [n_point] mesh vertices */
+    float *bary[2];                  /* [n_point] */
+    float *position[3], *normal[3];  /* [n_point] */
+    float *weight;                   /* [n_point] (0,1] */
+    uint8_t *opaque;                 /* [n_point] 1: Lambertian receiver */
+};
+void prt_visibility_gbuffer(const struct prt_visibility *visibility, struct prt_gbuffer *out);
+
 /* Environment pre-filtered for specular reflection: mip levels of growing roughness. */
 struct prt_specular;
 int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *light,
@@ -62,7 +79,11 @@ struct prt_shade {
 int prt_shade_image(const struct prt_context *ctx, const struct prt_visibility *visibility,
                     const struct prt_mesh *mesh, const struct prt_shade *shade,
                     struct prt_image *out);
-/* Colours given per pixel sub-sample by an image-space engine use the same compositing. */
+/* The same compositing for an image-space engine: radiance [n_point][3] per G-buffer point,
+ * before outgoing Fresnel; shade->planes is ignored. */
+int prt_shade_points(const struct prt_context *ctx, const struct prt_visibility *visibility,
+                     const float (*radiance)[3], const struct prt_shade *shade,
+                     struct prt_image *out);
 
 enum prt_tone { PRT_TONE_FILMIC, PRT_TONE_REINHARD, PRT_TONE_NONE };
 /* exposure_ev: stops; sRGB-encoded 8-bit [height][width][3]. */

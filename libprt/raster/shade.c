@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: MIT
+// Shading of a visibility buffer: radiance of planes or points, Fresnel, specular, background.
+#include "cube.h"
+#include "internal.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { LANES = 64, SMALL_BACKGROUND = 64 };
+
+// A cube as the kernel reads it; offsets in floats.
+struct cube_view {
+    const float *texel;
+    int n, border, texel_floats, row, face;
+    int last, top; // largest x0; largest x0 that has a right neighbour
+};
+struct lookup {
+    int i00[LANES], i10[LANES], i01[LANES], i11[LANES];
+    float fx[LANES], fy[LANES];
+};
+struct view_terms {
+    float transmit[LANES], rx[LANES], ry[LANES], rz[LANES], ox[LANES], oy[LANES], oz[LANES];
+};
+
+struct shade_job {
+    const struct prt_visibility *vis;
+    const struct prt_gbuffer *g;
+    const struct camera_frame *frame;
+    uint32_t width, height;
+    const float (*radiance)[3]; // per point, or NULL: planes
+    const float *planes;
+    size_t plane_floats;
+    unsigned n_plane;
+    float eye[3], eta, plain[3], sign[16];
+    bool fresnel;
+    const struct cube_view *specular, *background;
+    float *rgb;
+    void (*row)(const struct shade_job *job, uint32_t y, float *row);
+};
+
+#define KERNEL(name) name##_c
+#define TARGET
+#include "shade_kernel.h"
+#undef KERNEL
+#undef TARGET
+#if defined(__x86_64__)
+#define KERNEL(name) name##_avx2
+#define TARGET __attribute__((target("avx2,fma")))
+#include "shade_kernel.h"
+#undef KERNEL
+#undef TARGET
+#define KERNEL(name) name##_avx512
+#define TARGET __attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")))
+#include "shade_kernel.h"
+#undef KERNEL
+#undef TARGET
+#endif
+
+static int shade_rows(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct shade_job *job = arg;
+    for (size_t y = begin; y < end; y++)
+        job->row(job, (uint32_t)y, job->rgb + y * job->width * 3);
+    return PRT_OK;
+}
+
+static struct cube_view view_bordered(const struct border_cube *c)
+{
+    int m = (int)c->n + 2;
+    return (struct cube_view){c->texel, (int)c->n, 1, 4, 4 * m, 4 * m * m, m - 2, m - 1};
+}
+
+static struct cube_view view_plain(const struct prt_cube *c)
+{
+    int n = (int)c->n;
+    return (struct cube_view){c->texel, n, 0, 3, 3 * n, 3 * n * n, n - 1, n - 1};
+}
+
+// The signs of medium's spherical harmonics, whichever convention it follows.
+static void harmonic_signs(float sign[16])
+{
+    static const float dir[3] = {0.48f, 0.6f, 0.64f};
+    float y[16];
+    struct view_terms v;
+    float mine[15][LANES], plus[16];
+    for (int k = 0; k < 16; k++) plus[k] = 1;
+    v.ox[0] = dir[0];
+    v.oy[0] = dir[1];
+    v.oz[0] = dir[2];
+    harmonics_c(&v, 1, 16, plus, mine);
+    prt_sh_eval(4, dir, y);
+    sign[0] = 1;
+    for (int k = 1; k < 16; k++) sign[k] = y[k] * mine[k - 1][0] < 0 ? -1 : 1;
+}
+
+static int shade(const struct prt_context *ctx, const struct prt_visibility *vis,
+                 const struct prt_shade *s, struct shade_job *job, struct prt_image *out)
+{
+    struct prt_image image = {vis->width, vis->height, NULL};
+    image.rgb = prt_alloc((size_t)vis->width * vis->height, 3 * sizeof(float));
+    struct border_cube lobe = {0}, sky = {0};
+    struct cube_view specular, background;
+    bool good = image.rgb != NULL;
+    job->vis = vis;
+    job->g = &vis->g;
+    job->frame = &vis->frame;
+    job->width = vis->width;
+    job->height = vis->height;
+    job->fresnel = s->fresnel;
+    job->eta = s->eta >= 1 ? s->eta : 1;
+    job->rgb = image.rgb;
+    for (int i = 0; i < 3; i++) {
+        job->eye[i] = (float)vis->frame.eye[i];
+        job->plain[i] = s->background_rgb[i];
+    }
+    if (good && s->specular) {
+        good = specular_mix(s->specular, s->roughness, &lobe);
+        specular = view_bordered(&lobe);
+        job->specular = &specular;
+    }
+    if (good && s->background) {
+        bool small = s->background->n <= SMALL_BACKGROUND;
+        if (small) good = border_cube_copy(&sky, s->background);
+        background = small ? view_bordered(&sky) : view_plain(s->background);
+        job->background = &background;
+    }
+    job->row = shade_row_c;
+#if defined(__x86_64__)
+    unsigned cpu = ctx ? ctx->cpu : prt_cpu_detect();
+    if (cpu & PRT_CPU_AVX2) job->row = shade_row_avx2;
+    if (cpu & PRT_CPU_AVX512) job->row = shade_row_avx512;
+#endif
+    int status = good ? prt_parallel_for(ctx, NULL, vis->height, 8, shade_rows, job)
+                      : prt_fail(ctx, PRT_NOMEM, "shade: no memory for %ux%u pixels", vis->width,
+                                 vis->height);
+    border_cube_finish(&lobe);
+    border_cube_finish(&sky);
+    if (status) {
+        prt_free(image.rgb);
+        return status;
+    }
+    *out = image;
+    return PRT_OK;
+}
+
+int prt_shade_image(const struct prt_context *ctx, const struct prt_visibility *vis,
+                    const struct prt_mesh *mesh, const struct prt_shade *s, struct prt_image *out)
+{
+    if (mesh->n_vertex != vis->n_mesh_vertex || mesh->n_triangle != vis->n_mesh_triangle)
+        return prt_fail(ctx, PRT_MISMATCH, "shade: the visibility buffer is of another mesh");
+    if (!s->planes || !s->n_plane || s->n_plane > 16)
+        return prt_fail(ctx, PRT_ARG, "shade: %u phase planes are outside [1,16]", s->n_plane);
+    if (s->n_plane > 1 && s->n_plane != 4 && s->n_plane != 9 && s->n_plane != 16)
+        return prt_fail(ctx, PRT_ARG, "shade: %u phase planes are not 1, 4, 9 or 16", s->n_plane);
+    struct shade_job job = {.planes = s->planes, .n_plane = s->n_plane,
+                            .plane_floats = (size_t)mesh->n_vertex * 3};
+    if (s->n_plane > 1) harmonic_signs(job.sign);
+    return shade(ctx, vis, s, &job, out);
+}
+
+int prt_shade_points(const struct prt_context *ctx, const struct prt_visibility *vis,
+                     const float (*radiance)[3], const struct prt_shade *s, struct prt_image *out)
+{
+    struct shade_job job = {.radiance = radiance};
+    return shade(ctx, vis, s, &job, out);
+}

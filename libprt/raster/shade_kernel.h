@@ -1,0 +1,254 @@
+/* SPDX-License-Identifier: MIT */
+/* Shading of up to LANES points or pixels: plain loops that the compiler turns into vectors.
+ * Included by shade.c once per instruction set with KERNEL(name) and TARGET defined. */
+
+/* Bilinear look-up of n directions: offsets of four texels and fractions. */
+TARGET static void KERNEL(cube_lookup)(const struct cube_view *cube, int n, const float *dx,
+                                       const float *dy, const float *dz, struct lookup *at)
+{
+    const float half = 0.5f * (float)cube->n, centre = half - 0.5f + (float)cube->border;
+    const int row = cube->row, lo = 0, hi = cube->last;
+    for (int i = 0; i < n; i++) {
+        float x = dx[i], y = dy[i], z = dz[i];
+        float ax = fabsf(x), ay = fabsf(y), az = fabsf(z);
+        int is_x = (ax >= ay) & (ax >= az), is_y = !is_x & (ay >= az);
+        float ma = is_x ? ax : is_y ? ay : az;
+        float major = is_x ? x : is_y ? y : z;
+        int negative = major < 0;
+        float sign = negative ? -1.0f : 1.0f;
+        float s = is_x ? -sign * z : is_y ? x : sign * x;
+        float t = is_y ? sign * z : -y;
+        float k = 1.0f / (ma > 1e-30f ? ma : 1e-30f);
+        int face = (is_x ? 0 : is_y ? 2 : 4) + negative;
+        float px = s * k * half + centre, py = t * k * half + centre;
+        px = px > 0 ? px : 0;
+        py = py > 0 ? py : 0;
+        int x0 = (int)px, y0 = (int)py;
+        x0 = x0 < lo ? lo : x0 > hi ? hi : x0;
+        y0 = y0 < lo ? lo : y0 > hi ? hi : y0;
+        int right = x0 < cube->top ? cube->texel_floats : 0;
+        int down = y0 < cube->top ? row : 0;
+        at->fx[i] = px - (float)x0;
+        at->fy[i] = py - (float)y0;
+        int base = face * cube->face + y0 * row + x0 * cube->texel_floats;
+        at->i00[i] = base;
+        at->i10[i] = base + right;
+        at->i01[i] = base + down;
+        at->i11[i] = base + right + down;
+    }
+}
+
+TARGET static void KERNEL(cube_fetch)(const struct cube_view *cube, int n, const struct lookup *at,
+                                      float *r, float *g, float *b)
+{
+    const float *texel = cube->texel;
+    for (int i = 0; i < n; i++) {
+        float fx = at->fx[i], fy = at->fy[i];
+        float w11 = fx * fy, w10 = fx - w11, w01 = fy - w11, w00 = 1 - fx - w01;
+        const float *p = texel + at->i00[i], *q = texel + at->i10[i];
+        const float *u = texel + at->i01[i], *v = texel + at->i11[i];
+        r[i] = w00 * p[0] + w10 * q[0] + w01 * u[0] + w11 * v[0];
+        g[i] = w00 * p[1] + w10 * q[1] + w01 * u[1] + w11 * v[1];
+        b[i] = w00 * p[2] + w10 * q[2] + w01 * u[2] + w11 * v[2];
+    }
+}
+
+/* View direction, its cosine, F_t (METHODS section 1, exact and unpolarised), the mirror
+ * direction and the outward direction w_o' of the path inside. */
+TARGET static void KERNEL(view_terms)(const struct shade_job *job, size_t at, int n,
+                                      struct view_terms *v)
+{
+    const struct prt_gbuffer *g = job->g;
+    const float *px = g->position[0] + at, *py = g->position[1] + at, *pz = g->position[2] + at;
+    const float *nx = g->normal[0] + at, *ny = g->normal[1] + at, *nz = g->normal[2] + at;
+    const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2];
+    const float eta = job->eta, inv_eta = 1 / eta;
+    for (int i = 0; i < n; i++) {
+        float wx = ex - px[i], wy = ey - py[i], wz = ez - pz[i];
+        float l = 1.0f / sqrtf(wx * wx + wy * wy + wz * wz + 1e-30f);
+        wx *= l;
+        wy *= l;
+        wz *= l;
+        float c = wx * nx[i] + wy * ny[i] + wz * nz[i];
+        c = c > 1e-4f ? c : 1e-4f;
+        c = c < 1 ? c : 1;
+        float ct = sqrtf(1 - (1 - c * c) * inv_eta * inv_eta);
+        float rs = (c - eta * ct) / (c + eta * ct), rp = (eta * c - ct) / (eta * c + ct);
+        v->transmit[i] = 1 - 0.5f * (rs * rs + rp * rp);
+        v->rx[i] = 2 * c * nx[i] - wx;
+        v->ry[i] = 2 * c * ny[i] - wy;
+        v->rz[i] = 2 * c * nz[i] - wz;
+        float k = ct - c * inv_eta;
+        v->ox[i] = wx * inv_eta + k * nx[i];
+        v->oy[i] = wy * inv_eta + k * ny[i];
+        v->oz[i] = wz * inv_eta + k * nz[i];
+    }
+}
+
+/* c += weight * vertex values of one plane, interpolated. */
+TARGET static void KERNEL(add_plane)(const struct shade_job *job, const float *plane, size_t at,
+                                     int n, const float *weight, float *r, float *g, float *b)
+{
+    const struct prt_gbuffer *s = job->g;
+    const uint32_t *v0 = s->corner[0] + at, *v1 = s->corner[1] + at, *v2 = s->corner[2] + at;
+    const float *w1 = s->bary[0] + at, *w2 = s->bary[1] + at;
+    for (int i = 0; i < n; i++) {
+        const float *p = plane + 3 * (size_t)v0[i], *q = plane + 3 * (size_t)v1[i];
+        const float *u = plane + 3 * (size_t)v2[i];
+        float k = weight ? weight[i] : 1, b1 = k * w1[i], b2 = k * w2[i], b0 = k - b1 - b2;
+        r[i] += b0 * p[0] + b1 * q[0] + b2 * u[0];
+        g[i] += b0 * p[1] + b1 * q[1] + b2 * u[1];
+        b[i] += b0 * p[2] + b1 * q[2] + b2 * u[2];
+    }
+}
+
+/* Real spherical harmonics l = 1..3 of the outward inside direction, y[k-1] for plane k. */
+TARGET static void KERNEL(harmonics)(const struct view_terms *v, int n, unsigned n_plane,
+                                     const float *sign, float y[15][LANES])
+{
+    for (int i = 0; i < n; i++) {
+        float x = v->ox[i], yy = v->oy[i], z = v->oz[i];
+        y[0][i] = sign[1] * 0.48860251190f * yy;
+        y[1][i] = sign[2] * 0.48860251190f * z;
+        y[2][i] = sign[3] * 0.48860251190f * x;
+    }
+    if (n_plane <= 4) return;
+    for (int i = 0; i < n; i++) {
+        float x = v->ox[i], yy = v->oy[i], z = v->oz[i];
+        y[3][i] = sign[4] * 1.09254843059f * x * yy;
+        y[4][i] = sign[5] * 1.09254843059f * yy * z;
+        y[5][i] = sign[6] * 0.31539156525f * (3 * z * z - 1);
+        y[6][i] = sign[7] * 1.09254843059f * x * z;
+        y[7][i] = sign[8] * 0.54627421530f * (x * x - yy * yy);
+    }
+    if (n_plane <= 9) return;
+    for (int i = 0; i < n; i++) {
+        float x = v->ox[i], yy = v->oy[i], z = v->oz[i];
+        y[8][i] = sign[9] * 0.59004358993f * yy * (3 * x * x - yy * yy);
+        y[9][i] = sign[10] * 2.89061144264f * x * yy * z;
+        y[10][i] = sign[11] * 0.45704579946f * yy * (5 * z * z - 1);
+        y[11][i] = sign[12] * 0.37317633259f * z * (5 * z * z - 3);
+        y[12][i] = sign[13] * 0.45704579946f * x * (5 * z * z - 1);
+        y[13][i] = sign[14] * 1.44530572132f * z * (x * x - yy * yy);
+        y[14][i] = sign[15] * 0.59004358993f * x * (x * x - 3 * yy * yy);
+    }
+}
+
+/* Radiance of points [at, at+n), n <= LANES. */
+TARGET static void KERNEL(shade_points)(const struct shade_job *job, size_t at, int n, float *r,
+                                        float *g, float *b)
+{
+    struct view_terms v;
+    KERNEL(view_terms)(job, at, n, &v);
+    const uint8_t *opaque = job->g->opaque + at;
+    if (job->radiance) {
+        const float(*given)[3] = job->radiance + at;
+        for (int i = 0; i < n; i++) {
+            r[i] = given[i][0];
+            g[i] = given[i][1];
+            b[i] = given[i][2];
+        }
+    } else {
+        for (int i = 0; i < n; i++) r[i] = g[i] = b[i] = 0;
+        KERNEL(add_plane)(job, job->planes, at, n, NULL, r, g, b);
+        if (job->n_plane > 1) {
+            float y[15][LANES];
+            KERNEL(harmonics)(&v, n, job->n_plane, job->sign, y);
+            for (unsigned k = 1; k < job->n_plane; k++) {
+                for (int i = 0; i < n; i++) y[k - 1][i] = opaque[i] ? 0 : y[k - 1][i];
+                KERNEL(add_plane)(job, job->planes + (size_t)k * job->plane_floats, at, n,
+                                  y[k - 1], r, g, b);
+            }
+        }
+    }
+    float sr[LANES], sg[LANES], sb[LANES];
+    if (job->specular) {
+        struct lookup look;
+        KERNEL(cube_lookup)(job->specular, n, v.rx, v.ry, v.rz, &look);
+        KERNEL(cube_fetch)(job->specular, n, &look, sr, sg, sb);
+    } else {
+        for (int i = 0; i < n; i++) sr[i] = sg[i] = sb[i] = 0;
+    }
+    const int fresnel = job->fresnel;
+    for (int i = 0; i < n; i++) {
+        float t = fresnel && !opaque[i] ? v.transmit[i] : 1;
+        float mirror = opaque[i] ? 0 : 1 - v.transmit[i];
+        float cr = t * r[i], cg = t * g[i], cb = t * b[i];
+        r[i] = (cr > 0 ? cr : 0) + mirror * sr[i];
+        g[i] = (cg > 0 ? cg : 0) + mirror * sg[i];
+        b[i] = (cb > 0 ? cb : 0) + mirror * sb[i];
+    }
+}
+
+/* Background radiance of n pixels of row y at columns x. */
+TARGET static void KERNEL(background)(const struct shade_job *job, uint32_t y, int n,
+                                      const uint32_t *x, float *r, float *g, float *b)
+{
+    const struct camera_frame *f = job->frame;
+    float dx[LANES], dy[LANES], dz[LANES];
+    const float v = 1 - 2 * ((float)y + 0.5f) / (float)job->height;
+    const float ox = (float)(f->forward[0] + (double)v * f->up[0] - f->right[0]);
+    const float oy = (float)(f->forward[1] + (double)v * f->up[1] - f->right[1]);
+    const float oz = (float)(f->forward[2] + (double)v * f->up[2] - f->right[2]);
+    const float k = 2 / (float)job->width, ax = (float)f->right[0] * k;
+    const float ay = (float)f->right[1] * k, az = (float)f->right[2] * k;
+    for (int i = 0; i < n; i++) {
+        float u = (float)x[i] + 0.5f;
+        dx[i] = ox + u * ax;
+        dy[i] = oy + u * ay;
+        dz[i] = oz + u * az;
+    }
+    struct lookup look;
+    KERNEL(cube_lookup)(job->background, n, dx, dy, dz, &look);
+    KERNEL(cube_fetch)(job->background, n, &look, r, g, b);
+}
+
+/* One row of the image. */
+TARGET static void KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float *row)
+{
+    const uint32_t *row_point = job->vis->row_point;
+    const uint32_t width = job->width;
+    float r[LANES], g[LANES], b[LANES];
+    memset(row, 0, (size_t)width * 3 * sizeof *row);
+    uint32_t gap[LANES], x = 0;
+    int n_gap = 0;
+    float gap_weight[LANES];
+    for (size_t at = row_point[y]; at < row_point[y + 1]; at += LANES) {
+        size_t left = row_point[y + 1] - at;
+        int n = left < LANES ? (int)left : LANES;
+        KERNEL(shade_points)(job, at, n, r, g, b);
+        for (int i = 0; i < n; i++) {
+            float *p = row + 3 * (size_t)(job->g->pixel[at + (size_t)i] - y * width);
+            float w = job->g->weight[at + (size_t)i];
+            p[0] += w * r[i];
+            p[1] += w * g[i];
+            p[2] += w * b[i];
+        }
+    }
+    /* what the points leave of each pixel is background */
+    size_t at = row_point[y], end = row_point[y + 1];
+    for (x = 0; x < width; x++) {
+        float left = 1;
+        for (; at < end && job->g->pixel[at] == y * width + x; at++) left -= job->g->weight[at];
+        if (left > 1e-3f) {
+            gap[n_gap] = x;
+            gap_weight[n_gap++] = left;
+        }
+        if (n_gap < LANES && x + 1 < width) continue;
+        if (job->background)
+            KERNEL(background)(job, y, n_gap, gap, r, g, b);
+        else
+            for (int i = 0; i < n_gap; i++) {
+                r[i] = job->plain[0];
+                g[i] = job->plain[1];
+                b[i] = job->plain[2];
+            }
+        for (int i = 0; i < n_gap; i++) {
+            float *p = row + 3 * (size_t)gap[i];
+            p[0] += gap_weight[i] * r[i];
+            p[1] += gap_weight[i] * g[i];
+            p[2] += gap_weight[i] * b[i];
+        }
+        n_gap = 0;
+    }
+}

@@ -1,0 +1,453 @@
+// SPDX-License-Identifier: MIT
+// Environments pre-filtered with the GGX lobe. The filter weights depend on no light: they are
+// made once a process, so that a new light costs one sparse product.
+#include "internal.h"
+#include "cube.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+
+// Levels of growing roughness: the size of the level and of the input it is filtered from.
+enum { N_LEVEL = 6, BASE = 32 };
+static const struct {
+    float roughness;
+    uint32_t n, from;
+} level_shape[N_LEVEL] = {{0, 32, 32},     {0.15f, 32, 32}, {0.3f, 16, 16},
+                          {0.45f, 16, 8},  {0.65f, 8, 8},   {1, 8, 8}};
+
+struct prt_specular {
+    struct border_cube level[N_LEVEL];
+};
+
+// Sparse rows: level texel -> input texels with weights that sum to one.
+struct filter {
+    uint32_t *begin;   // [6 n n + 1]
+    uint16_t *index;
+    float *weight;
+};
+static struct filter filter[N_LEVEL];
+static pthread_mutex_t filter_lock = PTHREAD_MUTEX_INITIALIZER;
+static bool filters_made;
+
+static void face_direction(unsigned face, double s, double t, float d[3])
+{
+    const double table[6][3] = {{1, -t, -s}, {-1, -t, s}, {s, 1, t},
+                                {s, -1, -t}, {s, -t, 1},  {-s, -t, -1}};
+    double l = 1 / sqrt(1 + s * s + t * t);
+    for (int i = 0; i < 3; i++) d[i] = (float)(table[face][i] * l);
+}
+
+static void face_lookup(const float d[3], unsigned *face, float *s, float *t)
+{
+    float ax = fabsf(d[0]), ay = fabsf(d[1]), az = fabsf(d[2]);
+    if (ax >= ay && ax >= az) {
+        float k = ax > 0 ? 1 / ax : 0;
+        *face = d[0] < 0;
+        *s = (d[0] < 0 ? d[2] : -d[2]) * k;
+        *t = -d[1] * k;
+    } else if (ay >= az) {
+        *face = 2 + (d[1] < 0);
+        *s = d[0] / ay;
+        *t = (d[1] < 0 ? -d[2] : d[2]) / ay;
+    } else {
+        *face = 4 + (d[2] < 0);
+        *s = (d[2] < 0 ? -d[0] : d[0]) / az;
+        *t = -d[1] / az;
+    }
+}
+
+bool border_cube_init(struct border_cube *cube, uint32_t n)
+{
+    cube->n = n;
+    cube->texel = prt_calloc((size_t)6 * (n + 2) * (n + 2) * 4, sizeof(float));
+    return cube->texel != NULL;
+}
+
+void border_cube_finish(struct border_cube *cube)
+{
+    prt_free(cube->texel);
+    cube->texel = NULL;
+}
+
+static void seal_texel(struct border_cube *c, unsigned face, uint32_t x, uint32_t y)
+{
+    // x, y count from the border: 0 and n+1 lie outside
+    float d[3], s, t;
+    unsigned other;
+    face_direction(face, 2 * ((double)x - 0.5) / c->n - 1, 2 * ((double)y - 0.5) / c->n - 1, d);
+    face_lookup(d, &other, &s, &t);
+    int px = (int)((s * 0.5f + 0.5f) * (float)c->n), py = (int)((t * 0.5f + 0.5f) * (float)c->n);
+    int last = (int)c->n - 1;
+    px = px < 0 ? 0 : px > last ? last : px;
+    py = py < 0 ? 0 : py > last ? last : py;
+    size_t m = c->n + 2;
+    memcpy(c->texel + ((face * m + y) * m + x) * 4,
+           border_texel(c, other, (uint32_t)px, (uint32_t)py), 16);
+}
+
+void border_cube_seal(struct border_cube *c)
+{
+    for (unsigned face = 0; face < 6; face++) {
+        for (uint32_t i = 0; i < c->n + 2; i++) {
+            seal_texel(c, face, i, 0);
+            seal_texel(c, face, i, c->n + 1);
+            seal_texel(c, face, 0, i);
+            seal_texel(c, face, c->n + 1, i);
+        }
+    }
+}
+
+void border_cube_sample(const struct border_cube *c, const float dir[3], float rgb[3])
+{
+    unsigned face;
+    float s, t;
+    face_lookup(dir, &face, &s, &t);
+    float x = (s * 0.5f + 0.5f) * (float)c->n + 0.5f, y = (t * 0.5f + 0.5f) * (float)c->n + 0.5f;
+    int x0 = (int)x, y0 = (int)y, last = (int)c->n;
+    x0 = x0 < 0 ? 0 : x0 > last ? last : x0;
+    y0 = y0 < 0 ? 0 : y0 > last ? last : y0;
+    float fx = x - (float)x0, fy = y - (float)y0;
+    size_t m = c->n + 2;
+    const float *p = c->texel + ((face * m + (size_t)y0) * m + (size_t)x0) * 4;
+    for (int k = 0; k < 3; k++)
+        rgb[k] = (p[k] * (1 - fx) + p[4 + k] * fx) * (1 - fy) +
+                 (p[m * 4 + (size_t)k] * (1 - fx) + p[m * 4 + 4 + (size_t)k] * fx) * fy;
+}
+
+bool border_cube_copy(struct border_cube *out, const struct prt_cube *cube)
+{
+    if (!border_cube_init(out, cube->n)) return false;
+    for (unsigned face = 0; face < 6; face++)
+        for (uint32_t y = 0; y < cube->n; y++)
+            for (uint32_t x = 0; x < cube->n; x++)
+                memcpy(border_texel(out, face, x, y),
+                       cube->texel + (((size_t)face * cube->n + y) * cube->n + x) * 3, 12);
+    border_cube_seal(out);
+    return true;
+}
+
+// With view = normal = lobe axis the GGX density of reflected directions is D(h)/4.
+struct filter_job {
+    unsigned level;
+    uint32_t n_in;
+    double alpha, cos_cut; // reflected directions below cos_cut weigh nothing
+    float (*in_direction)[3];
+    float (*place)[3]; // [n_in texels][n_place] directions in each texel
+    uint32_t n_place;
+    float *solid_angle;
+    uint16_t **index; // a growing list for each row
+    float **weight;
+    uint32_t *count;
+};
+
+// Weight of input texel i about axis d: the lobe averaged over places in the texel.
+static double texel_weight(const struct filter_job *job, uint32_t i, const float d[3])
+{
+    float sum = 0, a2 = (float)(job->alpha * job->alpha), cut = (float)job->cos_cut;
+    const float(*place)[3] = (const float(*)[3])job->place + (size_t)i * job->n_place;
+    for (uint32_t k = 0; k < job->n_place; k++) {
+        float c = place[k][0] * d[0] + place[k][1] * d[1] + place[k][2] * d[2];
+        // D(h) up to a constant, cos² of the half angle being (1+c)/2
+        float e = (1 + c) * 0.5f * (a2 - 1) + 1;
+        if (c > cut) sum += c / (e * e);
+    }
+    return (double)sum * job->solid_angle[i];
+}
+
+static int filter_rows(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct filter_job *job = arg;
+    uint32_t n_in = 6 * job->n_in * job->n_in, n = level_shape[job->level].n;
+    uint16_t *index = malloc(n_in * sizeof *index);
+    float *weight = malloc(n_in * sizeof *weight);
+    int status = index && weight ? PRT_OK : PRT_NOMEM;
+    double near = job->cos_cut - 1.5 / job->n_in; // texels that reach into the cone
+    for (size_t row = begin; !status && row < end; row++) {
+        float d[3];
+        unsigned face = (unsigned)(row / (n * n)), y = (unsigned)(row / n % n);
+        face_direction(face, 2 * ((double)(row % n) + 0.5) / n - 1, 2 * (y + 0.5) / n - 1, d);
+        uint32_t count = 0;
+        double total = 0;
+        for (uint32_t i = 0; i < n_in; i++) {
+            const float *w = job->in_direction[i];
+            if (w[0] * d[0] + w[1] * d[1] + w[2] * d[2] < near) continue;
+            double k = texel_weight(job, i, d);
+            if (!(k > 0)) continue;
+            index[count] = (uint16_t)i;
+            weight[count++] = (float)k;
+            total += k;
+        }
+        for (uint32_t i = 0; i < count; i++) weight[i] = (float)(weight[i] / total);
+        job->count[row] = count;
+        job->index[row] = malloc(count * sizeof *index + 1);
+        job->weight[row] = malloc(count * sizeof *weight + 1);
+        if (!job->index[row] || !job->weight[row]) {
+            status = PRT_NOMEM;
+            break;
+        }
+        memcpy(job->index[row], index, count * sizeof *index);
+        memcpy(job->weight[row], weight, count * sizeof *weight);
+    }
+    free(index);
+    free(weight);
+    return status;
+}
+
+static double texel_area(double x, double y)
+{
+    return atan2(x * y, sqrt(x * x + y * y + 1));
+}
+
+static int make_filter(const struct prt_context *ctx, unsigned level)
+{
+    uint32_t n_in = level_shape[level].from, n = level_shape[level].n;
+    uint32_t in = 6 * n_in * n_in, rows = 6 * n * n;
+    double alpha = (double)level_shape[level].roughness * level_shape[level].roughness;
+    // cut where the lobe is 1/500 of its peak
+    double theta = atan(alpha * sqrt(sqrt(500) - 1));
+    struct filter_job job = {.level = level, .n_in = n_in, .alpha = alpha,
+                             .cos_cut = 2 * theta < M_PI / 2 ? cos(2 * theta) : 0};
+    job.in_direction = malloc(in * sizeof *job.in_direction);
+    job.solid_angle = malloc(in * sizeof *job.solid_angle);
+    job.index = calloc(rows, sizeof *job.index);
+    job.weight = calloc(rows, sizeof *job.weight);
+    job.count = calloc(rows, sizeof *job.count);
+    uint32_t fine = level == 1 ? 4 : 2;
+    job.n_place = fine * fine;
+    job.place = malloc((size_t)in * job.n_place * sizeof *job.place);
+    int status = PRT_NOMEM;
+    struct filter f = {calloc(rows + 1, 4), NULL, NULL};
+    if (job.in_direction && job.solid_angle && job.index && job.weight && job.count && f.begin && job.place) {
+        for (uint32_t i = 0; i < in; i++) {
+            double x = i % n_in, y = i / n_in % n_in, k = 2.0 / n_in;
+            face_direction(i / (n_in * n_in), (x + 0.5) * k - 1, (y + 0.5) * k - 1,
+                           job.in_direction[i]);
+            for (uint32_t q = 0; q < job.n_place; q++)
+                face_direction(i / (n_in * n_in), (x + (q % fine + 0.5) / fine) * k - 1,
+                               (y + (double)(q / fine + 0.5) / fine) * k - 1,
+                               job.place[(size_t)i * job.n_place + q]);
+            job.solid_angle[i] = (float)(texel_area((x + 1) * k - 1, (y + 1) * k - 1) -
+                                         texel_area(x * k - 1, (y + 1) * k - 1) -
+                                         texel_area((x + 1) * k - 1, y * k - 1) +
+                                         texel_area(x * k - 1, y * k - 1));
+        }
+        status = prt_parallel_for(ctx, NULL, rows, 16, filter_rows, &job);
+    }
+    if (!status) {
+        for (uint32_t r = 0; r < rows; r++) f.begin[r + 1] = f.begin[r] + job.count[r];
+        f.index = malloc(f.begin[rows] * sizeof *f.index);
+        f.weight = malloc(f.begin[rows] * sizeof *f.weight);
+        if (!f.index || !f.weight) status = PRT_NOMEM;
+    }
+    for (uint32_t r = 0; job.index && job.weight && r < rows; r++) {
+        if (!status && job.count[r]) {
+            memcpy(f.index + f.begin[r], job.index[r], job.count[r] * sizeof *f.index);
+            memcpy(f.weight + f.begin[r], job.weight[r], job.count[r] * sizeof *f.weight);
+        }
+        free(job.index[r]);
+        free(job.weight[r]);
+    }
+    free(job.in_direction);
+    free(job.place);
+    free(job.solid_angle);
+    free(job.index);
+    free(job.weight);
+    free(job.count);
+    if (status) {
+        free(f.begin);
+        free(f.index);
+        free(f.weight);
+        return status;
+    }
+    filter[level] = f;
+    return PRT_OK;
+}
+
+static int make_filters(const struct prt_context *ctx)
+{
+    int status = PRT_OK;
+    pthread_mutex_lock(&filter_lock);
+    for (unsigned k = 1; !filters_made && !status && k < N_LEVEL; k++)
+        if (!filter[k].begin) status = make_filter(ctx, k);
+    if (!status) filters_made = true;
+    pthread_mutex_unlock(&filter_lock);
+    return status;
+}
+
+// Average radiance over blocks of texels, weighted by solid angle: conserves power.
+static bool reduce(const float *in, uint32_t n_in, uint32_t n, float *out)
+{
+    uint32_t k = n_in / n;
+    float *area = prt_alloc((size_t)n_in * n_in, sizeof *area);
+    if (!area) return false;
+    for (uint32_t y = 0; y < n_in; y++) {
+        for (uint32_t x = 0; x < n_in; x++) {
+            double s = (2 * x + 1.0) / n_in - 1, t = (2 * y + 1.0) / n_in - 1;
+            area[y * n_in + x] = (float)pow(1 + s * s + t * t, -1.5);
+        }
+    }
+    for (uint32_t face = 0; face < 6; face++) {
+        for (uint32_t y = 0; y < n; y++) {
+            for (uint32_t x = 0; x < n; x++) {
+                float sum[3] = {0}, total = 0;
+                for (uint32_t b = y * k; b < (y + 1) * k; b++) {
+                    for (uint32_t a = x * k; a < (x + 1) * k; a++) {
+                        const float *p = in + (((size_t)face * n_in + b) * n_in + a) * 4;
+                        float w = area[b * n_in + a];
+                        total += w;
+                        for (int c = 0; c < 3; c++) sum[c] += w * p[c];
+                    }
+                }
+                float *q = out + (((size_t)face * n + y) * n + x) * 4;
+                for (int c = 0; c < 3; c++) q[c] = sum[c] / total;
+                q[3] = 0;
+            }
+        }
+    }
+    prt_free(area);
+    return true;
+}
+
+// Resamples a cube of any size to BASE, four floats a texel.
+static bool to_base(const struct prt_cube *light, float *base)
+{
+    uint32_t n = light->n;
+    if (n > BASE && n % BASE == 0) {
+        float *wide = prt_calloc((size_t)6 * n * n, 16);
+        if (!wide) return false;
+        for (size_t i = 0; i < (size_t)6 * n * n; i++) memcpy(wide + 4 * i, light->texel + 3 * i, 12);
+        bool good = reduce(wide, n, BASE, base);
+        prt_free(wide);
+        return good;
+    }
+    for (uint32_t i = 0; i < 6 * BASE * BASE; i++) {
+        uint32_t face = i / (BASE * BASE), y = i / BASE % BASE * n / BASE, x = i % BASE * n / BASE;
+        memcpy(base + 4 * i, light->texel + (((size_t)face * n + y) * n + x) * 3, 12);
+        base[4 * i + 3] = 0;
+    }
+    return true;
+}
+
+struct apply_job {
+    struct prt_specular *out;
+    const float *input[N_LEVEL];
+};
+
+typedef float v4 __attribute__((vector_size(16), aligned(16)));
+
+// Rows of all levels in one list, BASE^2*6 of level 1 first.
+static int apply_rows(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct apply_job *job = arg;
+    for (size_t at = begin; at < end; at++) {
+        unsigned level = 1;
+        size_t row = at;
+        while (row >= (size_t)6 * level_shape[level].n * level_shape[level].n) {
+            row -= (size_t)6 * level_shape[level].n * level_shape[level].n;
+            level++;
+        }
+        const struct filter *f = &filter[level];
+        const float *in = job->input[level];
+        uint32_t n = level_shape[level].n, i = f->begin[row], last = f->begin[row + 1];
+        v4 sum = {0, 0, 0, 0}, more = {0, 0, 0, 0};
+        for (; i + 2 <= last; i += 2) {
+            sum += f->weight[i] * *(const v4 *)(in + 4 * f->index[i]);
+            more += f->weight[i + 1] * *(const v4 *)(in + 4 * f->index[i + 1]);
+        }
+        if (i < last) sum += f->weight[i] * *(const v4 *)(in + 4 * f->index[i]);
+        sum += more;
+        uint32_t face = (uint32_t)(row / (n * n)), y = (uint32_t)(row / n % n);
+        memcpy(border_texel(&job->out->level[level], face, (uint32_t)(row % n), y), &sum, 16);
+    }
+    return PRT_OK;
+}
+
+static void copy_level(struct border_cube *level, const float *texel)
+{
+    for (uint32_t i = 0; i < 6 * level->n * level->n; i++) {
+        uint32_t n = level->n;
+        memcpy(border_texel(level, i / (n * n), i % n, i / n % n), texel + 4 * i, 16);
+    }
+}
+
+int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *light,
+                        struct prt_specular **out)
+{
+    int status = make_filters(ctx);
+    struct prt_specular *s = prt_calloc(1, sizeof *s);
+    float *base = prt_alloc(6 * BASE * BASE, 16), *half = prt_alloc(6 * 16 * 16, 16);
+    float *quarter = prt_alloc(6 * 8 * 8, 16);
+    if (!status && !(s && base && half && quarter)) status = PRT_NOMEM;
+    size_t rows = 0;
+    for (unsigned k = 0; !status && k < N_LEVEL; k++) {
+        if (!border_cube_init(&s->level[k], level_shape[k].n)) status = PRT_NOMEM;
+        if (k) rows += (size_t)6 * level_shape[k].n * level_shape[k].n;
+    }
+    if (!status && !(to_base(light, base) && reduce(base, BASE, 16, half) &&
+                     reduce(half, 16, 8, quarter)))
+        status = PRT_NOMEM;
+    if (!status) {
+        copy_level(&s->level[0], base);
+        struct apply_job job = {.out = s};
+        for (unsigned k = 1; k < N_LEVEL; k++) {
+            uint32_t from = level_shape[k].from;
+            job.input[k] = from == 32 ? base : from == 16 ? half : quarter;
+        }
+        status = prt_parallel_for(ctx, NULL, rows, 64, apply_rows, &job);
+        for (unsigned k = 0; k < N_LEVEL; k++) border_cube_seal(&s->level[k]);
+    }
+    prt_free(base);
+    prt_free(half);
+    prt_free(quarter);
+    if (status) {
+        prt_specular_destroy(s);
+        return prt_fail(ctx, status, "specular: no memory for the filtered environment");
+    }
+    *out = s;
+    return PRT_OK;
+}
+
+void prt_specular_destroy(struct prt_specular *s)
+{
+    for (unsigned k = 0; s && k < N_LEVEL; k++) border_cube_finish(&s->level[k]);
+    prt_free(s);
+}
+
+// The two levels about a roughness and the second's share.
+static unsigned level_of(float roughness, float *share)
+{
+    unsigned k = 0;
+    while (k < N_LEVEL - 2 && roughness > level_shape[k + 1].roughness) k++;
+    float lo = level_shape[k].roughness, hi = level_shape[k + 1].roughness;
+    float f = (roughness - lo) / (hi - lo);
+    *share = f > 0 ? f < 1 ? f : 1 : 0;
+    return k;
+}
+
+void prt_specular_eval(const struct prt_specular *s, const float r[3], float roughness,
+                       float rgb[3])
+{
+    float share, other[3];
+    unsigned k = level_of(roughness, &share);
+    border_cube_sample(&s->level[k], r, rgb);
+    border_cube_sample(&s->level[k + 1], r, other);
+    for (int c = 0; c < 3; c++) rgb[c] += share * (other[c] - rgb[c]);
+}
+
+bool specular_mix(const struct prt_specular *s, float roughness, struct border_cube *out)
+{
+    if (!border_cube_init(out, BASE)) return false;
+    for (unsigned face = 0; face < 6; face++) {
+        for (uint32_t y = 0; y < BASE; y++) {
+            for (uint32_t x = 0; x < BASE; x++) {
+                float d[3];
+                face_direction(face, (2 * x + 1.0) / BASE - 1, (2 * y + 1.0) / BASE - 1, d);
+                prt_specular_eval(s, d, roughness, border_texel(out, face, x, y));
+            }
+        }
+    }
+    border_cube_seal(out);
+    return true;
+}

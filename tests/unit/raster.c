@@ -1,0 +1,679 @@
+// SPDX-License-Identifier: MIT
+// raster/: coverage, barycentrics, hidden surfaces, anti-aliasing, Fresnel, specular, tone map.
+#include "prt/raster.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static struct prt_context quiet;
+static char last_line[512];
+
+static void remember(void *user, enum prt_log_level level, const char *line)
+{
+    snprintf(last_line, sizeof last_line, "%s", line);
+}
+
+// A mesh of two blocks at most, each its own object and surface, from loose triangles.
+struct scene {
+    struct prt_mesh mesh;
+    struct prt_block block[2];
+    struct prt_surface surface[2];
+};
+
+static void scene_init(struct scene *s, uint32_t max_vertex, uint32_t max_triangle)
+{
+    memset(s, 0, sizeof *s);
+    s->mesh.position = calloc(max_vertex, 12);
+    s->mesh.normal = calloc(max_vertex, 12);
+    s->mesh.triangle = calloc(max_triangle, 12);
+    s->mesh.weld = calloc(max_vertex, 4);
+    s->mesh.block = s->block;
+    s->mesh.surface = s->surface;
+    s->mesh.mm_per_unit = 2;
+}
+
+static void scene_finish(struct scene *s)
+{
+    free(s->mesh.position);
+    free(s->mesh.normal);
+    free(s->mesh.triangle);
+    free(s->mesh.weld);
+}
+
+static struct prt_block *begin_block(struct scene *s, bool translucent)
+{
+    struct prt_block *b = &s->block[s->mesh.n_block];
+    *b = (struct prt_block){s->mesh.n_object++, s->mesh.n_block, s->mesh.n_vertex, 0,
+                            s->mesh.n_triangle, 0};
+    s->surface[s->mesh.n_surface++].translucent = translucent;
+    s->mesh.n_block++;
+    return b;
+}
+
+static void add_sphere(struct scene *s, const float centre[3], float radius, uint32_t n,
+                       bool translucent)
+{
+    struct prt_block *b = begin_block(s, translucent);
+    for (uint32_t i = 0; i <= n; i++) {
+        for (uint32_t j = 0; j <= 2 * n; j++) {
+            double theta = M_PI * i / n, phi = M_PI * j / n;
+            float d[3] = {(float)(sin(theta) * sin(phi)), (float)cos(theta),
+                          (float)(sin(theta) * cos(phi))};
+            for (int k = 0; k < 3; k++) {
+                s->mesh.position[s->mesh.n_vertex][k] = centre[k] + radius * d[k];
+                s->mesh.normal[s->mesh.n_vertex][k] = d[k];
+            }
+            s->mesh.n_vertex++;
+        }
+    }
+    for (uint32_t i = 0; i < n; i++) {
+        for (uint32_t j = 0; j < 2 * n; j++) {
+            uint32_t a = b->vertex_begin + i * (2 * n + 1) + j, c = a + 2 * n + 1;
+            uint32_t quad[2][3] = {{a, c, a + 1}, {a + 1, c, c + 1}};
+            for (int k = 0; k < 2; k++) {
+                if ((k == 0 && i == 0) || (k == 1 && i == n - 1)) continue;
+                memcpy(s->mesh.triangle[s->mesh.n_triangle++], quad[k], 12);
+            }
+        }
+    }
+    b->n_vertex = s->mesh.n_vertex - b->vertex_begin;
+    b->n_triangle = s->mesh.n_triangle - b->triangle_begin;
+}
+
+// A square of half size h about the z axis at height z, facing +z.
+static void add_square(struct scene *s, float h, float x, float z, bool translucent)
+{
+    struct prt_block *b = begin_block(s, translucent);
+    uint32_t v = s->mesh.n_vertex;
+    for (int k = 0; k < 4; k++) {
+        float p[3] = {x + (k & 1 ? h : -h), k & 2 ? h : -h, z}, n[3] = {0, 0, 1};
+        memcpy(s->mesh.position[v + (uint32_t)k], p, 12);
+        memcpy(s->mesh.normal[v + (uint32_t)k], n, 12);
+    }
+    uint32_t t[2][3] = {{v, v + 1, v + 2}, {v + 1, v + 3, v + 2}};
+    memcpy(s->mesh.triangle[s->mesh.n_triangle], t, sizeof t);
+    s->mesh.n_triangle += 2;
+    s->mesh.n_vertex += 4;
+    b->n_vertex = 4;
+    b->n_triangle = 2;
+}
+
+// Eye on +z at this distance in mm, looking at the origin (cameras speak model units).
+static struct prt_camera front(float distance_mm, float fovy)
+{
+    return (struct prt_camera){.eye = {0, 0, distance_mm / 2}, .up = {0, 1, 0}, .fovy_deg = fovy};
+}
+
+static struct prt_visibility *see(const struct scene *s, const struct prt_camera *camera,
+                                  uint32_t w, uint32_t h, unsigned n_sub)
+{
+    struct prt_visibility *vis = NULL;
+    assert_int_equal(prt_visibility_create(&quiet, &s->mesh, camera, w, h, n_sub,
+                                           PRT_RASTER_AUTO, &vis), PRT_OK);
+    return vis;
+}
+
+// Law: a centred sphere of angular radius asin(R/D) covers a disc of radius R/sqrt(D²-R²).
+static void sphere_area(void **state)
+{
+    struct scene s;
+    scene_init(&s, 40000, 80000);
+    add_sphere(&s, (float[3]){0, 0, 0}, 10, 96, true);
+    struct prt_camera c = front(50, 40);
+    struct prt_visibility *vis = see(&s, &c, 320, 240, 4);
+    struct prt_gbuffer g;
+    prt_visibility_gbuffer(vis, &g);
+    double area = 0, r = 10 / sqrt(2500.0 - 100) / tan(20 * M_PI / 180) * 120;
+    for (uint32_t i = 0; i < g.n_point; i++) area += g.weight[i];
+    double want = M_PI * r * r;
+    assert_true(fabs(area / want - 1) < 0.002);
+    assert_true(prt_visibility_covered(vis) > want && prt_visibility_covered(vis) < 1.05 * want);
+    assert_true(prt_visibility_bytes(vis) > prt_visibility_covered(vis) * 36ull);
+    prt_visibility_destroy(vis);
+    scene_finish(&s);
+}
+
+static void interpolate(const struct prt_mesh *m, uint32_t t, const float uv[2], double p[3])
+{
+    for (int k = 0; k < 3; k++)
+        p[k] = (double)(1 - uv[0] - uv[1]) * m->position[m->triangle[t][0]][k] +
+               (double)uv[0] * m->position[m->triangle[t][1]][k] +
+               (double)uv[1] * m->position[m->triangle[t][2]][k];
+}
+
+// The point a sample names projects back to where the sample is.
+static void barycentrics_project_back(void **state)
+{
+    struct scene s;
+    scene_init(&s, 4000, 8000);
+    add_sphere(&s, (float[3]){2, -1, 3}, 10, 24, true);
+    struct prt_camera c = front(45, 50);
+    for (unsigned n_sub = 1; n_sub <= 4; n_sub += 3) {
+        struct prt_visibility *vis = see(&s, &c, 200, 150, n_sub);
+        unsigned seen = 0;
+        for (uint32_t y = 0; y < 150; y++) {
+            for (uint32_t x = 0; x < 200; x++) {
+                float uv[2];
+                uint32_t t = prt_visibility_sample(vis, x, y, n_sub - 1, uv);
+                if (t == UINT32_MAX) continue;
+                double p[3], k = tan(25 * M_PI / 180);
+                interpolate(&s.mesh, t, uv, p);
+                double px = (p[0] / (45 - p[2]) / k * 150 / 200 + 1) * 100;
+                double py = (1 - p[1] / (45 - p[2]) / k) * 75;
+                if (n_sub == 1) {
+                    // at a silhouette the clamp to the triangle may move it by GL's snapping
+                    assert_true(fabs(px - x - 0.5) < 0.01 && fabs(py - y - 0.5) < 0.01);
+                } else {
+                    assert_true(px > x - 0.01 && px < x + 1.01 && py > y - 0.01 && py < y + 1.01);
+                }
+                seen++;
+            }
+        }
+        assert_true(seen > 4500);
+        prt_visibility_destroy(vis);
+    }
+    scene_finish(&s);
+}
+
+static uint32_t cast(const struct prt_mesh *m, const double o[3], const double d[3])
+{
+    uint32_t best = UINT32_MAX;
+    double nearest = 1e300;
+    for (uint32_t i = 0; i < m->n_triangle; i++) {
+        double e[2][3], q[3], h[3], r[3];
+        for (int k = 0; k < 3; k++) {
+            e[0][k] = (double)m->position[m->triangle[i][1]][k] - m->position[m->triangle[i][0]][k];
+            e[1][k] = (double)m->position[m->triangle[i][2]][k] - m->position[m->triangle[i][0]][k];
+            r[k] = o[k] - m->position[m->triangle[i][0]][k];
+        }
+        for (int k = 0; k < 3; k++) {
+            int a = (k + 1) % 3, b = (k + 2) % 3;
+            h[k] = d[a] * e[1][b] - d[b] * e[1][a];
+            q[k] = r[a] * e[0][b] - r[b] * e[0][a];
+        }
+        double det = e[0][0] * h[0] + e[0][1] * h[1] + e[0][2] * h[2];
+        double u = (r[0] * h[0] + r[1] * h[1] + r[2] * h[2]) / det;
+        double v = (d[0] * q[0] + d[1] * q[1] + d[2] * q[2]) / det;
+        double t = (e[1][0] * q[0] + e[1][1] * q[1] + e[1][2] * q[2]) / det;
+        if (u >= 0 && v >= 0 && u + v <= 1 && t > 0 && t < nearest) {
+            nearest = t;
+            best = i;
+        }
+    }
+    return best;
+}
+
+// The triangle GL keeps is the first one a ray meets.
+static void same_as_ray_cast(void **state)
+{
+    struct scene s;
+    scene_init(&s, 8000, 16000);
+    add_sphere(&s, (float[3]){0, 0, 0}, 10, 24, true);
+    add_sphere(&s, (float[3]){6, 3, 6}, 5, 16, false);
+    struct prt_camera c = front(45, 40);
+    struct prt_visibility *vis = see(&s, &c, 256, 256, 1);
+    struct prt_rng rng;
+    prt_rng_init(&rng, 7, 0);
+    unsigned differ = 0, n = 1500, hits = 0;
+    for (unsigned i = 0; i < n; i++) {
+        uint32_t x = prt_rng_u32(&rng) % 256, y = prt_rng_u32(&rng) % 256;
+        double k = tan(20 * M_PI / 180), o[3] = {0, 0, 45};
+        double d[3] = {((x + 0.5) / 128 - 1) * k, (1 - (y + 0.5) / 128) * k, -1};
+        float uv[2];
+        uint32_t want = cast(&s.mesh, o, d), got = prt_visibility_sample(vis, x, y, 0, uv);
+        hits += want != UINT32_MAX;
+        differ += want != got;
+    }
+    // vertices snap to 1/256 pixel: a ray through an edge may fall either way
+    assert_true(hits > 300);
+    assert_true(differ <= n / 100);
+    prt_visibility_destroy(vis);
+    scene_finish(&s);
+}
+
+static void backends_agree(void **state)
+{
+    struct scene s;
+    scene_init(&s, 4000, 8000);
+    add_sphere(&s, (float[3]){0, 0, 0}, 10, 24, true);
+    struct prt_camera c = front(45, 40);
+    struct prt_visibility *a = NULL, *b = NULL;
+    int have_a = prt_visibility_create(&quiet, &s.mesh, &c, 160, 120, 4, PRT_RASTER_OSMESA, &a);
+    int have_b = prt_visibility_create(&quiet, &s.mesh, &c, 160, 120, 4, PRT_RASTER_EGL, &b);
+    if (have_a || have_b) {
+        print_message("skipped: needs both OSMesa and EGL (%s)\n", last_line);
+        prt_visibility_destroy(a);
+        prt_visibility_destroy(b);
+        scene_finish(&s);
+        skip();
+    }
+    unsigned seen = 0;
+    for (uint32_t y = 0; y < 120; y++) {
+        for (uint32_t x = 0; x < 160; x++) {
+            for (unsigned k = 0; k < 4; k++) {
+                float ua[2], ub[2];
+                uint32_t ta = prt_visibility_sample(a, x, y, k, ua);
+                assert_int_equal(ta, prt_visibility_sample(b, x, y, k, ub));
+                assert_memory_equal(ua, ub, sizeof ua);
+                seen += ta != UINT32_MAX;
+            }
+        }
+    }
+    assert_true(seen > 1000);
+    prt_visibility_destroy(a);
+    prt_visibility_destroy(b);
+    scene_finish(&s);
+}
+
+static struct prt_image shade_const(const struct scene *s, const struct prt_visibility *vis,
+                                    struct prt_shade *shade, const float rgb[3])
+{
+    float *plane = calloc((size_t)s->mesh.n_vertex * (shade->n_plane ? shade->n_plane : 1), 12);
+    for (uint32_t v = 0; v < s->mesh.n_vertex; v++) memcpy(plane + 3 * v, rgb, 12);
+    if (!shade->planes) shade->planes = plane;
+    if (!shade->n_plane) shade->n_plane = 1;
+    struct prt_image image;
+    assert_int_equal(prt_shade_image(&quiet, vis, &s->mesh, shade, &image), PRT_OK);
+    if (shade->planes == plane) shade->planes = NULL;
+    free(plane);
+    return image;
+}
+
+// An edge pixel holds a multiple of 1/4; the mean is the covered area.
+static void edges_are_antialiased(void **state)
+{
+    struct scene s;
+    scene_init(&s, 8, 4);
+    add_square(&s, 10, 0, 0, true);
+    // roll the camera so that no edge is parallel to the pixels
+    struct prt_camera c = front(50, 40);
+    c.up[0] = 0.3f;
+    struct prt_visibility *vis = see(&s, &c, 128, 128, 4);
+    struct prt_shade shade = {.eta = 1.3f};
+    struct prt_image image = shade_const(&s, vis, &shade, (float[3]){1, 1, 1});
+    double sum = 0, side = 10 / (50 * tan(20 * M_PI / 180)) * 128;
+    unsigned partial = 0;
+    for (uint32_t i = 0; i < 128 * 128; i++) {
+        float v = image.rgb[3 * i] * 4;
+        assert_true(fabsf(v - roundf(v)) < 1e-5f && v >= 0 && v <= 4.0001f);
+        partial += v > 0.5f && v < 3.5f;
+        sum += v / 4;
+    }
+    assert_true(partial > 80);
+    assert_true(fabs(sum / (side * side) - 1) < 0.005);
+    prt_image_finish(&image);
+    prt_visibility_destroy(vis);
+    scene_finish(&s);
+}
+
+// At normal incidence F_t = 1 - ((eta-1)/(eta+1))²; opaque surfaces keep plane 0 as it is.
+static void fresnel_at_normal_incidence(void **state)
+{
+    for (int translucent = 0; translucent < 2; translucent++) {
+        struct scene s;
+        scene_init(&s, 8, 4);
+        add_square(&s, 10, 0, 0, translucent);
+        struct prt_camera c = front(50, 20);
+        struct prt_visibility *vis = see(&s, &c, 65, 65, 1);
+        struct prt_shade shade = {.eta = 1.5f, .fresnel = true};
+        struct prt_image image = shade_const(&s, vis, &shade, (float[3]){1, 2, 3});
+        const float *p = image.rgb + 3 * (32 * 65 + 32);
+        for (int k = 0; k < 3; k++)
+            assert_true(fabs(p[k] - (k + 1) * (translucent ? 0.96 : 1.0)) < 1e-5);
+        // and off axis as medium's exact formula has it
+        double t = tan(10 * M_PI / 180) * 64 / 65, cosine = 1 / sqrt(1 + t * t);
+        double want = translucent ? prt_fresnel_transmittance(1.5, cosine) : 1;
+        assert_true(fabs(image.rgb[3 * 32 * 65] - want) < 1e-5);
+        prt_image_finish(&image);
+        prt_visibility_destroy(vis);
+        scene_finish(&s);
+    }
+}
+
+// Plane k is weighted by Y_k of the refracted view direction.
+static void phase_planes_meet_harmonics(void **state)
+{
+    struct scene s;
+    scene_init(&s, 8, 4);
+    add_square(&s, 10, 0, 0, true);
+    struct prt_camera c = front(50, 20);
+    c.eye[0] = 12;
+    c.eye[1] = -9;
+    struct prt_visibility *vis = see(&s, &c, 33, 33, 1);
+    float *planes = calloc((size_t)16 * 4, 12);
+    for (unsigned k = 1; k < 16; k++) {
+        for (int v = 0; v < 4; v++) {
+            planes[3 * v] = planes[3 * v + 1] = planes[3 * v + 2] = 5; // stays positive
+            for (unsigned j = 1; j < 16; j++)
+                for (int ch = 0; ch < 3; ch++) planes[(j * 4 + (unsigned)v) * 3 + (unsigned)ch] = j == k;
+        }
+        struct prt_shade shade = {.eta = 1.4f, .n_plane = 16, .planes = planes};
+        struct prt_image image = shade_const(&s, vis, &shade, (float[3]){0, 0, 0});
+        double e[3] = {24, -18, 50}, l = sqrt(24.0 * 24 + 18 * 18 + 2500), cosine = 50 / l;
+        double ct = sqrt(1 - (1 - cosine * cosine) / (1.4 * 1.4));
+        float w[3], y[16];
+        for (int i = 0; i < 3; i++) w[i] = (float)(e[i] / l / 1.4);
+        w[2] += (float)(ct - cosine / 1.4);
+        prt_sh_eval(4, w, y);
+        assert_true(fabs(image.rgb[3 * (16 * 33 + 16)] - 5 - y[k]) < 2e-3);
+        prt_image_finish(&image);
+    }
+    free(planes);
+    prt_visibility_destroy(vis);
+    scene_finish(&s);
+}
+
+static struct prt_cube uniform_cube(uint32_t n, const float rgb[3])
+{
+    struct prt_cube cube = {n, calloc((size_t)6 * n * n, 12)};
+    for (size_t i = 0; i < (size_t)6 * n * n; i++) memcpy(cube.texel + 3 * i, rgb, 12);
+    return cube;
+}
+
+static void specular_of_constant_is_constant(void **state)
+{
+    const float rgb[3] = {0.5f, 1, 2};
+    static const uint32_t size[] = {16, 32, 64};
+    for (int k = 0; k < 3; k++) {
+        struct prt_cube cube = uniform_cube(size[k], rgb);
+        struct prt_specular *s = NULL;
+        assert_int_equal(prt_specular_create(&quiet, &cube, &s), PRT_OK);
+        struct prt_rng rng;
+        prt_rng_init(&rng, 3, 0);
+        for (int i = 0; i < 500; i++) {
+            float d[3], got[3];
+            for (int j = 0; j < 3; j++) d[j] = prt_rng_f32(&rng) - 0.5f;
+            prt_specular_eval(s, d, prt_rng_f32(&rng), got);
+            for (int j = 0; j < 3; j++) assert_true(fabsf(got[j] / rgb[j] - 1) < 1e-4f);
+        }
+        prt_specular_destroy(s);
+        free(cube.texel);
+    }
+}
+
+// A rougher lobe spreads a small lamp: its peak falls, and its light stays about the same.
+static void specular_spreads_with_roughness(void **state)
+{
+    struct prt_cube cube = uniform_cube(32, (float[3]){0, 0, 0});
+    for (uint32_t y = 14; y < 18; y++)
+        for (uint32_t x = 14; x < 18; x++)
+            for (int c = 0; c < 3; c++) cube.texel[(y * 32 + x) * 3 + (uint32_t)c] = 100; // +X
+    struct prt_specular *s = NULL;
+    assert_int_equal(prt_specular_create(&quiet, &cube, &s), PRT_OK);
+    float before = 1e9f;
+    for (int i = 0; i <= 10; i++) {
+        float got[3];
+        prt_specular_eval(s, (float[3]){1, 0, 0}, (float)i / 10, got);
+        assert_true(got[0] <= before * 1.0001f && got[0] > 0);
+        before = got[0];
+    }
+    assert_true(before < 10);
+    prt_specular_destroy(s);
+    free(cube.texel);
+}
+
+// The background seen along the view axis is the light from there; faces meet without steps.
+static void background_is_looked_up(void **state)
+{
+    struct scene s;
+    scene_init(&s, 8, 4);
+    add_square(&s, 0.01f, 0, 100, true); // behind the eye
+    struct prt_cube cube = uniform_cube(128, (float[3]){0, 0, 0});
+    for (unsigned face = 0; face < 6; face++) {
+        for (uint32_t y = 0; y < 128; y++) {
+            for (uint32_t x = 0; x < 128; x++) {
+                float d[3];
+                prt_cube_direction(face, (2 * x + 1) / 128.0 - 1, (2 * y + 1) / 128.0 - 1, d);
+                for (uint32_t c = 0; c < 3; c++)
+                    cube.texel[((face * 128 + y) * 128 + x) * 3 + c] = d[c] + 2;
+            }
+        }
+    }
+    struct prt_camera c = front(50, 120);
+    struct prt_visibility *vis = see(&s, &c, 300, 200, 4);
+    assert_int_equal(prt_visibility_covered(vis), 0);
+    struct prt_shade shade = {.eta = 1.3f, .background = &cube};
+    struct prt_image image = shade_const(&s, vis, &shade, (float[3]){1, 1, 1});
+    for (uint32_t y = 0; y < 200; y++) {
+        for (uint32_t x = 0; x < 300; x++) {
+            double k = tan(60 * M_PI / 180), d[3] = {((x + 0.5) / 150 - 1) * k * 1.5,
+                                                     (1 - (y + 0.5) / 100) * k, -1};
+            double l = sqrt(d[0] * d[0] + d[1] * d[1] + 1);
+            for (uint32_t j = 0; j < 3; j++)
+                assert_true(fabs(image.rgb[(y * 300 + x) * 3 + j] - 2 - d[j] / l) < 0.012);
+        }
+    }
+    prt_image_finish(&image);
+    prt_visibility_destroy(vis);
+    free(cube.texel);
+    scene_finish(&s);
+}
+
+// Every instruction set gives the C kernel's picture, to rounding.
+static void kernels_agree(void **state)
+{
+    struct scene s;
+    scene_init(&s, 8000, 16000);
+    add_sphere(&s, (float[3]){0, 0, 0}, 10, 24, true);
+    add_sphere(&s, (float[3]){6, 3, 6}, 5, 16, false);
+    struct prt_camera c = front(45, 40);
+    struct prt_visibility *vis = see(&s, &c, 203, 111, 4);
+    struct prt_rng rng;
+    prt_rng_init(&rng, 11, 0);
+    float *planes = malloc((size_t)9 * s.mesh.n_vertex * 12);
+    for (size_t i = 0; i < (size_t)27 * s.mesh.n_vertex; i++) planes[i] = prt_rng_f32(&rng);
+    struct prt_cube cube = uniform_cube(32, (float[3]){0, 0, 0});
+    for (size_t i = 0; i < 6 * 32 * 32 * 3; i++) cube.texel[i] = prt_rng_f32(&rng);
+    struct prt_specular *spec = NULL;
+    assert_int_equal(prt_specular_create(&quiet, &cube, &spec), PRT_OK);
+    struct prt_shade shade = {.n_plane = 9, .planes = planes, .eta = 1.3f, .roughness = 0.3f,
+                              .fresnel = true, .specular = spec, .background = &cube};
+    struct prt_image image[3];
+    static const char *const word[] = {"c", "avx2", "avx512"};
+    for (int k = 0; k < 3; k++) {
+        struct prt_context ctx = quiet;
+        unsigned mask;
+        assert_int_equal(prt_cpu_parse(word[k], &mask), PRT_OK);
+        ctx.cpu = mask & prt_cpu_detect();
+        double t = 1e9;
+        for (int rep = 0; rep < 3; rep++) {
+            double t0 = prt_time_s();
+            if (rep) prt_image_finish(&image[k]);
+            assert_int_equal(prt_shade_image(&ctx, vis, &s.mesh, &shade, &image[k]), PRT_OK);
+            t = fmin(t, prt_time_s() - t0);
+        }
+        print_message("shade 203x111, 9 planes, %s: %.2f ms\n", word[k], t * 1e3);
+    }
+    for (size_t i = 0; i < 203 * 111 * 3; i++) {
+        for (int k = 1; k < 3; k++)
+            assert_true(fabsf(image[k].rgb[i] - image[0].rgb[i]) <
+                        1e-4f * (1 + fabsf(image[0].rgb[i])));
+        assert_true(isfinite(image[0].rgb[i]) && image[0].rgb[i] >= 0);
+    }
+    for (int k = 0; k < 3; k++) prt_image_finish(&image[k]);
+    prt_specular_destroy(spec);
+    prt_visibility_destroy(vis);
+    free(planes);
+    free(cube.texel);
+    scene_finish(&s);
+}
+
+// Points shaded with the planes' own interpolated radiance give the same picture.
+static void points_compose_as_planes(void **state)
+{
+    struct scene s;
+    scene_init(&s, 4000, 8000);
+    add_sphere(&s, (float[3]){0, 0, 0}, 10, 24, true);
+    struct prt_camera c = front(45, 40);
+    struct prt_visibility *vis = see(&s, &c, 120, 90, 4);
+    struct prt_gbuffer g;
+    prt_visibility_gbuffer(vis, &g);
+    float(*radiance)[3] = malloc(g.n_point * sizeof *radiance);
+    for (uint32_t i = 0; i < g.n_point; i++)
+        for (int k = 0; k < 3; k++) radiance[i][k] = (float)(k + 1);
+    struct prt_shade shade = {.eta = 1.3f, .fresnel = true, .background_rgb = {0.2f, 0.1f, 0}};
+    struct prt_image a = shade_const(&s, vis, &shade, (float[3]){1, 2, 3}), b;
+    assert_int_equal(prt_shade_points(&quiet, vis, (const float(*)[3])radiance, &shade, &b),
+                     PRT_OK);
+    for (size_t i = 0; i < 120 * 90 * 3; i++) assert_true(fabsf(a.rgb[i] - b.rgb[i]) < 1e-5f);
+    prt_image_finish(&a);
+    prt_image_finish(&b);
+    free(radiance);
+    prt_visibility_destroy(vis);
+    scene_finish(&s);
+}
+
+static void tone_values(void **state)
+{
+    float value[9] = {0, 0.18f, 1, 4, 1e30f, -1, NAN, 0.0005f, 0.5f};
+    uint8_t out[9];
+    struct prt_image image = {3, 1, value};
+    assert_int_equal(prt_tone_map(&quiet, &image, PRT_TONE_NONE, 0, out), PRT_OK);
+    const uint8_t none[] = {0, 118, 255};
+    for (int i = 0; i < 3; i++) assert_true(abs(out[i] - none[i]) <= 1);
+    struct prt_image three = {3, 1, value};
+    uint8_t nine[9];
+    assert_int_equal(prt_tone_map(&quiet, &three, PRT_TONE_REINHARD, 0, nine), PRT_OK);
+    // R/(1+R) then sRGB: 1 -> 0.5 -> 188; 4 -> 0.8 -> 231; huge -> 255; NaN and -1 -> 0
+    const int want[9] = {0, 109, 188, 231, 255, 0, 0, 2, 156};
+    for (int i = 0; i < 9; i++) assert_true(abs(nine[i] - want[i]) <= 1);
+    assert_int_equal(prt_tone_map(&quiet, &three, PRT_TONE_REINHARD, 2, nine), PRT_OK);
+    assert_true(abs(nine[2] - 231) <= 1); // two stops: 1 becomes 4
+    assert_int_equal(prt_tone_map(&quiet, &three, PRT_TONE_FILMIC, 0, nine), PRT_OK);
+    assert_true(nine[0] == 0 && nine[1] > 100 && nine[1] < 130 && nine[2] > 190 && nine[2] < 220 &&
+                nine[3] > nine[2] && nine[4] == 255);
+    assert_int_equal(prt_tone_map(&quiet, &three, PRT_TONE_FILMIC, 1000, nine), PRT_ARG);
+    // every value of a ramp is within one step of the exact curve
+    float ramp[3 * 4096];
+    uint8_t got[3 * 4096];
+    for (int i = 0; i < 3 * 4096; i++) ramp[i] = (float)(i * i) / (3 * 4096.0f * 3 * 4096);
+    struct prt_image long_image = {4096, 1, ramp};
+    assert_int_equal(prt_tone_map(&quiet, &long_image, PRT_TONE_NONE, 0, got), PRT_OK);
+    for (int i = 0; i < 3 * 4096; i++) {
+        double x = ramp[i], y = x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055;
+        assert_true(fabs(255 * y - got[i]) < 0.65);
+    }
+}
+
+static void camera_faults(void **state)
+{
+    struct prt_camera c;
+    assert_int_equal(prt_camera_parse(&quiet, "1,2,3:0,0,0", &c), PRT_OK);
+    assert_true(c.eye[1] == 2 && c.up[1] == 1 && c.fovy_deg == 36 && !c.automatic);
+    assert_int_equal(prt_camera_parse(&quiet, "1,2,3:0,0,-1:0,0,1:60", &c), PRT_OK);
+    assert_true(c.target[2] == -1 && c.up[2] == 1 && c.fovy_deg == 60);
+    assert_int_equal(prt_camera_parse(&quiet, "auto", &c), PRT_OK);
+    assert_true(c.automatic);
+    static const char *const bad[][2] = {
+        {"", "EYE"}, {"1,2", "EYE"}, {"1,2,3", "TARGET"}, {"1,2,3:", "TARGET"},
+        {"1,2,3:4,5", "TARGET"}, {"1,2,3:4,5,6:0,1", "UP"}, {"1,2,3:4,5,6:0,1,0:x", "FOVY"},
+        {"1,2,3:4,5,6:0,1,0:170", "(0,170)"}, {"1,2,3:4,5,6:0,1,0:0", "(0,170)"},
+        {"1,2,3:4,5,6:0,1,0:nan", "(0,170)"}, {"1,2,3:1,2,3", "same point"},
+        {"nan,2,3:1,2,3", "EYE"}, {"1,2,3:4,5,6:0,1,0:30:9", "FOVY"}, {"1 2 3:4,5,6", "EYE"}};
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        last_line[0] = 0;
+        assert_int_equal(prt_camera_parse(&quiet, bad[i][0], &c), PRT_ARG);
+        assert_non_null(strstr(last_line, bad[i][1]));
+    }
+    last_line[0] = 0;
+    assert_int_equal(prt_camera_parse(&quiet, "0,5,0:0,0,0", &c), PRT_OK);
+    assert_non_null(strstr(last_line, "parallel"));
+}
+
+static void sizes_are_limited(void **state)
+{
+    struct scene s;
+    scene_init(&s, 8, 4);
+    add_square(&s, 10, 0, 0, true);
+    struct prt_camera c = front(50, 40);
+    struct prt_visibility *vis = NULL;
+    static const uint32_t bad[][2] = {{0, 10}, {10, 0}, {4097, 10}, {10, 4097}};
+    for (int i = 0; i < 4; i++) {
+        assert_int_equal(prt_visibility_create(&quiet, &s.mesh, &c, bad[i][0], bad[i][1], 1,
+                                               PRT_RASTER_AUTO, &vis), PRT_ARG);
+        assert_non_null(strstr(last_line, "4096"));
+    }
+    assert_int_equal(prt_visibility_create(&quiet, &s.mesh, &c, 10, 10, 3, PRT_RASTER_AUTO, &vis),
+                     PRT_ARG);
+    // a picture cut into several bands has no seam: the square's rows are all there
+    vis = see(&s, &c, 4096, 2048, 1);
+    double side = 10 / (50 * tan(20 * M_PI / 180)) * 2048;
+    assert_true(fabs(prt_visibility_covered(vis) / (side * side) - 1) < 0.002);
+    prt_visibility_destroy(vis);
+    scene_finish(&s);
+}
+
+// The default camera shows all of the translucent object, nearly filling the frame; a camera
+// inside it draws a picture too.
+static void default_camera_frames(void **state)
+{
+    struct scene s;
+    scene_init(&s, 4000, 8000);
+    add_sphere(&s, (float[3]){100, 20, -30}, 10, 24, true);
+    struct prt_camera c = {.automatic = true};
+    static const uint32_t size[][2] = {{200, 100}, {100, 200}};
+    for (int k = 0; k < 2; k++) {
+        struct prt_visibility *vis = see(&s, &c, size[k][0], size[k][1], 1);
+        uint32_t lo = UINT32_MAX, hi = 0, w = size[k][0], h = size[k][1];
+        for (uint32_t y = 0; y < h; y++) {
+            for (uint32_t x = 0; x < w; x++) {
+                float uv[2];
+                if (prt_visibility_sample(vis, x, y, 0, uv) == UINT32_MAX) continue;
+                uint32_t edge = k ? x : y;
+                lo = edge < lo ? edge : lo;
+                hi = edge > hi ? edge : hi;
+            }
+        }
+        assert_true(lo >= 2 && lo <= 9 && hi >= 90 && hi <= 97);
+        struct prt_camera made;
+        prt_visibility_camera(vis, &made, NULL, NULL, NULL);
+        assert_true(made.eye[2] > made.target[2] && made.eye[1] > made.target[1]);
+        prt_visibility_destroy(vis);
+    }
+    struct prt_camera inside = {.eye = {50, 10, -15}, .target = {51, 10, -15}, .up = {0, 1, 0},
+                                .fovy_deg = 60};
+    struct prt_visibility *vis = see(&s, &inside, 50, 50, 4);
+    assert_int_equal(prt_visibility_covered(vis), 2500);
+    struct prt_shade shade = {.eta = 1.3f, .fresnel = true};
+    struct prt_image image = shade_const(&s, vis, &shade, (float[3]){1, 1, 1});
+    for (int i = 0; i < 7500; i++) assert_true(image.rgb[i] > 0.9f && image.rgb[i] <= 1);
+    prt_image_finish(&image);
+    prt_visibility_destroy(vis);
+    scene_finish(&s);
+}
+
+static int setup(void **state)
+{
+    prt_context_init(&quiet);
+    quiet.log = remember;
+    return 0;
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(sphere_area),
+        cmocka_unit_test(barycentrics_project_back),
+        cmocka_unit_test(same_as_ray_cast),
+        cmocka_unit_test(backends_agree),
+        cmocka_unit_test(edges_are_antialiased),
+        cmocka_unit_test(fresnel_at_normal_incidence),
+        cmocka_unit_test(phase_planes_meet_harmonics),
+        cmocka_unit_test(specular_of_constant_is_constant),
+        cmocka_unit_test(specular_spreads_with_roughness),
+        cmocka_unit_test(background_is_looked_up),
+        cmocka_unit_test(kernels_agree),
+        cmocka_unit_test(points_compose_as_planes),
+        cmocka_unit_test(tone_values),
+        cmocka_unit_test(camera_faults),
+        cmocka_unit_test(sizes_are_limited),
+        cmocka_unit_test(default_camera_frames),
+    };
+    return cmocka_run_group_tests(tests, setup, NULL);
+}
