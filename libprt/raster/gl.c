@@ -409,3 +409,12 @@ int gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend bac
                     first ? "" : osmesa_driver.why, first || last == 0 ? "" : "; ",
                     last ? egl_driver.why : "");
 }
+
+#if defined(__SANITIZE_ADDRESS__)
+// OSMesa keeps a few hundred bytes of its first context for good.
+__attribute__((weak)) const char *__lsan_default_suppressions(void);
+__attribute__((weak)) const char *__lsan_default_suppressions(void)
+{
+    return "leak:libOSMesa\nleak:swrast_dri\nleak:libEGL\nleak:libgallium\n";
+}
+#endif
