@@ -1,0 +1,408 @@
+// SPDX-License-Identifier: MIT
+// Runs the stages of a bake in order and writes the .prt.
+#include "bake/measure.h"
+#include "bake/sources.h"
+
+#include "prt/relight.h"
+
+#include <cblas.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const uint32_t default_rank = 72;   // columns looked at when the error chooses
+static const uint32_t default_probes = 192;
+
+struct bake {
+    const struct prt_context *ctx;
+    const struct prt_mesh *mesh;
+    struct prt_bake_options o;
+    struct prt_dipole dipole[3];
+    struct prt_scene *scene;
+    struct prt_surface_points *surface;
+    struct hierarchy *hierarchy;
+    struct directions *directions;
+    struct clusters *clusters;
+    struct half_rows irradiance;
+    struct radial_set radial;
+    struct single_plan single;
+    float *probe;
+    struct factored *factored;         // [n_cluster]
+    struct sparse_builder *sparse;
+    struct prt_transport out;
+    uint64_t rays_irradiance, *rays_single;
+    double seconds[8];
+};
+enum { T_SAMPLES, T_IRRADIANCE, T_MULTIPLE, T_SINGLE, T_PACK, T_MEASURE };
+
+static void dipole_eval(const void *user, unsigned cpu, size_t n, const float *r2,
+                        float *const *out)
+{
+    const struct prt_dipole *d = user;
+    for (int c = 0; c < 3; c++) prt_dipole_rd_array(&d[c], cpu, n, r2, out[c]);
+}
+
+static bool power_of_two(uint32_t n)
+{
+    return n && !(n & (n - 1));
+}
+
+static int check_options(const struct prt_context *ctx, struct prt_bake_options *o)
+{
+    if (!o->cube) o->cube = 32;
+    if (!o->n_coef) o->n_coef = 128;
+    if (!o->n_phase) o->n_phase = 1;
+    if (!o->n_single) o->n_single = 16;
+    if (o->max_error == 0) o->max_error = 0.01;
+    if (!power_of_two(o->cube) || o->cube < PRT_BAKE_CUBE_MIN || o->cube > PRT_BAKE_CUBE_MAX)
+        return prt_fail(ctx, PRT_ARG, "--cube %u: must be 16, 32, 64 or 128", o->cube);
+    if (o->n_phase != 1 && o->n_phase != 4 && o->n_phase != 9)
+        return prt_fail(ctx, PRT_ARG, "--phase-terms %u: must be 1, 4 or 9", o->n_phase);
+    if (!(o->max_error >= 1e-4 && o->max_error <= 0.5))
+        return prt_fail(ctx, PRT_ARG, "--max-error %g: must lie in [0.0001, 0.5]", o->max_error);
+    if (o->n_coef < 6 || o->n_coef > 6 * o->cube * o->cube)
+        return prt_fail(ctx, PRT_ARG, "--coeffs %u: must lie in [6, %u]", o->n_coef,
+                        6 * o->cube * o->cube);
+    if (o->rank > 512)
+        return prt_fail(ctx, PRT_ARG, "--rank %u: must lie in [1, 512]", o->rank);
+    if (o->n_sample > 20000000)
+        return prt_fail(ctx, PRT_ARG, "--samples %u: must lie in [16, 20000000]", o->n_sample);
+    if (o->n_single > 1024)
+        return prt_fail(ctx, PRT_ARG, "single-scattering points %u: must lie in [1, 1024]",
+                        o->n_single);
+    return prt_material_check(ctx, &o->material);
+}
+
+// As many samples as the mean free path asks for, at least W05's 150,000, at most 2 million:
+// beyond that the near-field cells keep the integral right and the user is told.
+static uint32_t sample_count(const struct bake *b)
+{
+    if (b->o.n_sample) return b->o.n_sample;
+    double area = prt_surface_area(b->mesh), finest = INFINITY;
+    for (int c = 0; c < 3; c++) finest = fmin(finest, 1 / b->dipole[c].sigma_t_prime);
+    double want = area / (finest * finest);
+    if (want > 600000)
+        prt_log(b->ctx, PRT_LOG_WARNING,
+                "the mean free path (%.3g mm) is short against the model: %.0f samples would "
+                "resolve it, 600000 are used",
+                finest, want);
+    return (uint32_t)fmin(fmax(want, 150000), 600000);
+}
+
+static int prepare(struct bake *b)
+{
+    double started = prt_time_s();
+    const struct prt_mesh *mesh = b->mesh;
+    float finest = INFINITY, steepest = 0;
+    for (int c = 0; c < 3; c++) {
+        prt_dipole_init(&b->dipole[c], b->o.material.sigma_s_prime[c], b->o.material.sigma_a[c],
+                        b->o.material.eta);
+        finest = fminf(finest, (float)(1 / b->dipole[c].sigma_t_prime));
+        steepest = fmaxf(steepest, (float)b->dipole[c].sigma_tr);
+    }
+    b->radial = (struct radial_set){3, dipole_eval, b->dipole, steepest};
+    int status = prt_scene_create(b->ctx, mesh, &b->scene);
+    bool any = prt_surface_area(mesh) > 0;
+    if (status == PRT_OK && !any)
+        prt_log(b->ctx, PRT_LOG_WARNING, "nothing is translucent: only shadows are baked");
+    if (status == PRT_OK && any)
+        status = prt_surface_create(b->ctx, mesh, sample_count(b), finest / 5, b->o.seed,
+                                    &b->surface);
+    if (status == PRT_OK && any) status = hierarchy_create(b->surface, &b->hierarchy);
+    uint32_t patterns = b->o.cube <= 32 ? 16 : b->o.cube <= 64 ? 8 : 4;
+    if (status == PRT_OK)
+        status = directions_create(b->o.cube, patterns, b->o.seed, &b->directions);
+    uint32_t target = mesh->n_vertex / 128 + 1;
+    if (target < 640) target = 640;
+    if (status == PRT_OK) status = clusters_create(mesh, target, &b->clusters);
+    b->seconds[T_SAMPLES] = prt_time_s() - started;
+    return status;
+}
+
+// Gaussian lights: white noise over the sphere, as every light is met by the same energy.
+static int make_probe(struct bake *b, uint32_t m)
+{
+    uint32_t n_coef = b->directions->n_coef;
+    struct prt_rng rng;
+    prt_rng_init(&rng, b->o.seed, 0x9a55);
+    b->probe = prt_alloc((size_t)n_coef * m, sizeof *b->probe);
+    if (!b->probe) return PRT_NOMEM;
+    for (size_t i = 0; i < (size_t)n_coef * m; i++) {
+        double u = 1 - prt_rng_f32(&rng), v = prt_rng_f32(&rng);
+        b->probe[i] = (float)(sqrt(-2 * log(u)) * cos(2 * M_PI * v)) *
+                      b->directions->solid_angle[i / m];
+    }
+    return PRT_OK;
+}
+
+static struct factor_plan plan_of(const struct bake *b, uint32_t n_function)
+{
+    uint32_t rank = b->o.rank ? b->o.rank : default_rank;
+    return (struct factor_plan){.n_function = n_function, .n_train = n_function,
+                                .max_rank = rank, .n_probe = default_probes, .n = b->o.cube,
+                                .solid_angle = b->directions->solid_angle, .probe = b->probe};
+}
+
+static void apply_solid_angle(const struct bake *b, float *dense, size_t rows)
+{
+    uint32_t n = b->directions->n_coef;
+    for (size_t i = 0; i < rows; i++)
+        for (uint32_t k = 0; k < n; k++) dense[i * n + k] *= b->directions->solid_angle[k];
+}
+
+// Hands a cluster's rows to the storage that was asked for.
+static int take_rows(struct bake *b, uint32_t c, uint32_t n_function,
+                     const struct row_source *source)
+{
+    if (!b->sparse) {
+        struct factor_plan plan = plan_of(b, n_function);
+        return factor_cluster(b->ctx, &plan, source, &b->factored[c]);
+    }
+    uint32_t n = source->n_vertex, n_coef = b->directions->n_coef;
+    float *u = prt_calloc((size_t)n * n, sizeof *u);
+    float *dense = prt_alloc((size_t)n * n_function * n_coef, sizeof *dense);
+    int status = u && dense ? PRT_OK : PRT_NOMEM;
+    if (status == PRT_OK) {
+        for (uint32_t v = 0; v < n; v++) u[(size_t)v * n + v] = 1;
+        status = source->project(source->user, u, n, dense);
+    }
+    if (status == PRT_OK) {
+        apply_solid_angle(b, dense, (size_t)n * n_function);
+        sparse_builder_add(b->sparse, c, dense);
+    }
+    prt_free(u);
+    prt_free(dense);
+    return status;
+}
+
+// Opaque receivers (W05 fig. 1's floor): albedo/pi times shadowed irradiance.
+static int opaque_rows(struct bake *b, uint32_t c, uint32_t *block)
+{
+    const struct prt_cluster *cluster = &b->clusters->cluster[c];
+    uint32_t n = cluster->n_vertex, n_coef = b->directions->n_coef;
+    float *t = prt_alloc((size_t)n * 3 * n_coef, sizeof *t);
+    if (!t) return PRT_NOMEM;
+    for (uint32_t i = 0; i < n; i++) {
+        uint32_t v = b->clusters->order[cluster->vertex_begin + i];
+        const float *albedo = b->mesh->surface[b->mesh->block[block[v]].surface].base_color;
+        const float *normal = b->mesh->normal[v];
+        float *row = t + (size_t)i * 3 * n_coef;
+        irradiance_row(b->scene, b->directions, v, NULL, b->mesh->position[v], normal, normal,
+                       row + 2 * n_coef);
+        for (int ch = 0; ch < 3; ch++) // the last channel is scaled in place
+            for (uint32_t k = 0; k < n_coef; k++)
+                row[(size_t)ch * n_coef + k] =
+                    row[2 * (size_t)n_coef + k] * (albedo[ch] / (float)M_PI);
+    }
+    struct dense_rows rows = {t, n, 3, n_coef};
+    struct row_source source = {&rows, n, dense_multiply, dense_project};
+    int status = take_rows(b, c, 3, &source);
+    prt_free(t);
+    return status;
+}
+
+static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct bake *b = arg;
+    int status = PRT_OK;
+    prt_trace_thread_init();
+    uint32_t *block = prt_mesh_vertex_blocks(b->mesh);
+    if (!block) return PRT_NOMEM;
+    for (size_t c = begin; status == PRT_OK && c < end; c++) {
+        if (!b->clusters->translucent[c]) {
+            status = opaque_rows(b, (uint32_t)c, block);
+            continue;
+        }
+        struct cut cut = {0};
+        status = cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters, (uint32_t)c,
+                           &b->radial, &cut);
+        struct product_rows rows = {&b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3};
+        struct row_source source = {&rows, rows.n_vertex, product_multiply, product_project};
+        if (status == PRT_OK) status = take_rows(b, (uint32_t)c, 3, &source);
+        cut_finish(&cut);
+    }
+    prt_free(block);
+    return status;
+}
+
+static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct bake *b = arg;
+    struct fresnel_table fresnel;
+    uint32_t n_coef = b->directions->n_coef, F = 3 * b->o.n_phase;
+    int status = PRT_OK;
+    prt_trace_thread_init();
+    fresnel_table_init(&fresnel, b->o.material.eta);
+    void *scratch = prt_alloc(single_scratch_bytes(&b->single), 1);
+    for (size_t c = begin; status == PRT_OK && c < end; c++) {
+        if (!b->clusters->translucent[c]) continue;
+        const struct prt_cluster *cluster = &b->clusters->cluster[c];
+        float *t = prt_alloc((size_t)cluster->n_vertex * F * n_coef, sizeof *t);
+        if (!t || !scratch) status = PRT_NOMEM;
+        for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++)
+            b->rays_single[c] +=
+                single_rows(&b->single, &fresnel, b->clusters->order[cluster->vertex_begin + i],
+                            t + (size_t)i * F * n_coef, scratch);
+        struct dense_rows rows = {t, cluster->n_vertex, F, n_coef};
+        struct row_source source = {&rows, cluster->n_vertex, dense_multiply, dense_project};
+        if (status == PRT_OK) status = take_rows(b, (uint32_t)c, F, &source);
+        prt_free(t);
+    }
+    prt_free(scratch);
+    return status;
+}
+
+static void drop_factored(struct bake *b)
+{
+    for (uint32_t c = 0; b->factored && c < b->clusters->n_cluster; c++)
+        factored_finish(&b->factored[c]);
+}
+
+// One term's tensor: rows by `range`, then packing.
+static int make_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_fn range,
+                       uint32_t n_phase, unsigned clock)
+{
+    double started = prt_time_s();
+    uint32_t n_function = 3 * n_phase;
+    struct prt_tensor *t = &b->out.tensor[b->out.n_tensor];
+    int status = PRT_OK;
+    if (b->o.storage == PRT_STORAGE_SPARSE)
+        status = sparse_builder_create(b->clusters, b->mesh->n_vertex, b->o.cube, n_function,
+                                       b->o.n_coef, &b->sparse);
+    if (status == PRT_OK)
+        status = prt_parallel_for(b->ctx, stage, b->clusters->n_cluster, 1, range, b);
+    b->seconds[clock] = prt_time_s() - started;
+    started = prt_time_s();
+    struct pack_options pack = {.rank = b->o.rank, .n_basis_coef = b->o.n_basis_coef,
+                                .energy_error = b->o.max_error * (term ? 2.0 : 1.0)};
+    if (status == PRT_OK)
+        status = b->sparse ? sparse_builder_finish(b->sparse, t)
+                           : pack_factored(b->ctx, b->clusters, b->factored, n_function,
+                                           b->o.cube, &pack, t);
+    sparse_builder_destroy(b->sparse);
+    b->sparse = NULL;
+    drop_factored(b);
+    if (status) return status;
+    t->term = term;
+    t->coupling = PRT_COUPLE_DIAGONAL;
+    t->n_phase = n_phase;
+    b->out.n_tensor++;
+    b->seconds[T_PACK] += prt_time_s() - started;
+    return PRT_OK;
+}
+
+static void plan_single(struct bake *b)
+{
+    const struct prt_material *m = &b->o.material;
+    b->single = (struct single_plan){.scene = b->scene, .mesh = b->mesh,
+                                     .directions = b->directions, .eta = m->eta,
+                                     .n_phase = b->o.n_phase, .n_point = b->o.n_single,
+                                     .every_ray = b->o.every_ray, .seed = b->o.seed};
+    for (int c = 0; c < 3; c++) {
+        b->single.sigma_s[c] = m->sigma_s_prime[c] / (1 - m->g[c]);
+        b->single.sigma_t[c] = b->single.sigma_s[c] + m->sigma_a[c];
+        (void)prt_phase_hg(&b->single.phase[c], m->g[c], b->o.n_phase);
+    }
+}
+
+static int bake_wavelet(struct bake *b)
+{
+    double started = prt_time_s();
+    int status = PRT_OK;
+    if (b->surface)
+        status = irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
+                                 b->o.material.eta, &b->irradiance, &b->rays_irradiance);
+    b->seconds[T_IRRADIANCE] = prt_time_s() - started;
+    if (status == PRT_OK) status = make_probe(b, default_probes);
+    b->factored = calloc(b->clusters->n_cluster + 1u, sizeof *b->factored);
+    b->rays_single = calloc(b->clusters->n_cluster + 1u, sizeof *b->rays_single);
+    if (!b->factored || !b->rays_single) status = PRT_NOMEM;
+    if (status == PRT_OK)
+        status = make_tensor(b, PRT_TERM_MULTIPLE, "multiple scattering", multiple_range, 1,
+                             T_MULTIPLE);
+    half_rows_finish(&b->irradiance);
+    if (status != PRT_OK || b->o.no_single || !b->surface) return status;
+    plan_single(b);
+    return make_tensor(b, PRT_TERM_SINGLE, "single scattering", single_range, b->o.n_phase,
+                       T_SINGLE);
+}
+
+static uint64_t mesh_hash(const struct prt_mesh *m)
+{
+    uint64_t h = prt_hash64(m->position, (size_t)m->n_vertex * 12, 1);
+    h = prt_hash64(m->normal, (size_t)m->n_vertex * 12, h);
+    h = prt_hash64(m->triangle, (size_t)m->n_triangle * 12, h);
+    return prt_hash64(m->block, (size_t)m->n_block * sizeof *m->block, h);
+}
+
+static void describe(const struct bake *b, char *out, size_t n)
+{
+    static const char *const engine[] = {"wavelet", "polynomial", "joint"};
+    uint64_t rays = 0;
+    for (uint32_t c = 0; b->rays_single && c < b->clusters->n_cluster; c++)
+        rays += b->rays_single[c];
+    char material[512];
+    prt_material_print(&b->o.material, material, sizeof material);
+    snprintf(out, n,
+             "{\"engine\":\"%s\",\"storage\":\"%s\",\"cube\":%u,\"samples\":%u,\"spacing_mm\":%g,"
+             "\"phase_terms\":%u,\"single_points\":%u,\"coeffs\":%u,\"max_error\":%g,\"seed\":%llu,"
+             "\"clusters\":%u,\"rays_irradiance\":%llu,\"rays_single\":%llu,\"seconds\":{"
+             "\"samples\":%.2f,\"irradiance\":%.2f,\"multiple\":%.2f,\"single\":%.2f,\"pack\":"
+             "%.2f},\"material\":%s%s%s}",
+             engine[b->o.engine], b->o.storage == PRT_STORAGE_SPARSE ? "sparse" : "factored",
+             b->o.cube, b->surface ? b->surface->n_sample : 0,
+             b->surface ? b->surface->spacing : 0, b->o.n_phase, b->o.n_single, b->o.n_coef,
+             b->o.max_error, (unsigned long long)b->o.seed, b->clusters->n_cluster,
+             (unsigned long long)b->rays_irradiance, (unsigned long long)rays,
+             b->seconds[T_SAMPLES], b->seconds[T_IRRADIANCE], b->seconds[T_MULTIPLE],
+             b->seconds[T_SINGLE], b->seconds[T_PACK], material,
+             b->o.settings_json ? ",\"source\":" : "",
+             b->o.settings_json ? b->o.settings_json : "");
+}
+
+static void release(struct bake *b)
+{
+    for (uint32_t t = 0; t < b->out.n_tensor; t++) tensor_finish(&b->out.tensor[t]);
+    if (b->clusters) drop_factored(b);
+    free(b->factored);
+    free(b->rays_single);
+    half_rows_finish(&b->irradiance);
+    prt_free(b->probe);
+    clusters_destroy(b->clusters);
+    directions_destroy(b->directions);
+    hierarchy_destroy(b->hierarchy);
+    prt_surface_destroy(b->surface);
+    prt_scene_destroy(b->scene);
+}
+
+int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
+             const struct prt_bake_options *options, const char *out_path)
+{
+    struct bake b = {.ctx = ctx, .mesh = mesh, .o = *options};
+    char settings[4096], errors[2048] = "{}";
+    int status = check_options(ctx, &b.o);
+    if (status) return status;
+    if (!(mesh->mm_per_unit > 0))
+        return prt_fail(ctx, PRT_ARG, "the model has no scale: prt_mesh_scale it first");
+    openblas_set_num_threads(1);
+    b.out.mesh = *mesh;
+    b.out.mesh.owner = NULL;
+    b.out.material = b.o.material;
+    b.out.cube = b.o.cube;
+    b.out.engine = b.o.engine;
+    b.out.mesh_hash = mesh_hash(mesh);
+    status = prepare(&b);
+    if (status == PRT_OK) status = bake_wavelet(&b);
+    if (status == PRT_OK && b.surface)
+        status = measure_wavelet(ctx, &b.out, 200, b.o.seed, errors, sizeof errors);
+    if (status == PRT_OK) {
+        describe(&b, settings, sizeof settings);
+        b.out.settings = settings;
+        b.out.errors = errors;
+        status = prt_file_write(ctx, out_path, &b.out);
+    }
+    release(&b);
+    if (status == PRT_NOMEM) prt_fail(ctx, status, "not enough memory for this bake");
+    return status;
+}

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: MIT
+// Sub-sampled texel directions in packets of 16, and the Fresnel table.
+#include "bake/stages.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+// Solid angle density of face coordinates.
+static double density(double s, double t)
+{
+    double q = 1 + s * s + t * t;
+    return 1 / (q * sqrt(q));
+}
+
+static void fill_packet(struct directions *d, uint32_t pattern, uint32_t packet, unsigned face,
+                        uint32_t bx, uint32_t by, struct prt_rng *rng)
+{
+    size_t at = ((size_t)pattern * d->n_packet + packet) * 16;
+    for (unsigned texel = 0; texel < 4; texel++) {
+        uint32_t x = bx + (texel & 1), y = by + (texel >> 1);
+        double sum = 0, ju = prt_rng_f32(rng), jv = prt_rng_f32(rng);
+        d->texel[packet * 4 + texel] = (face * d->n + y) * d->n + x;
+        for (unsigned sub = 0; sub < SUBS; sub++, at++) {
+            // One jitter shared by the 2 x 2 strata keeps the sub-samples evenly spread.
+            double s = 2 * (x + ((sub & 1) + ju) / 2) / d->n - 1;
+            double t = 2 * (y + ((sub >> 1) + jv) / 2) / d->n - 1;
+            float dir[3];
+            prt_cube_direction(face, s, t, dir);
+            d->x[at] = dir[0], d->y[at] = dir[1], d->z[at] = dir[2];
+            d->weight[at] = (float)density(s, t);
+            sum += density(s, t);
+        }
+        for (unsigned sub = 0; sub < SUBS; sub++) d->weight[at - SUBS + sub] /= (float)sum;
+    }
+}
+
+int directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed, struct directions **out)
+{
+    struct directions *d = calloc(1, sizeof *d);
+    if (!d) return PRT_NOMEM;
+    d->n = n;
+    d->n_coef = 6 * n * n;
+    d->n_pattern = n_pattern;
+    d->n_packet = d->n_coef / 4;
+    size_t rays = (size_t)d->n_pattern * d->n_packet * 16;
+    d->x = prt_alloc(rays, 4), d->y = prt_alloc(rays, 4), d->z = prt_alloc(rays, 4);
+    d->weight = prt_alloc(rays, 4);
+    d->texel = prt_alloc((size_t)d->n_packet * 4, 4);
+    d->solid_angle = prt_alloc(d->n_coef, 4);
+    if (!d->x || !d->y || !d->z || !d->weight || !d->texel || !d->solid_angle) {
+        directions_destroy(d);
+        return PRT_NOMEM;
+    }
+    struct prt_rng rng;
+    prt_rng_init(&rng, seed, 0xd12ec);
+    for (uint32_t p = 0; p < n_pattern; p++)
+        for (uint32_t k = 0, face = 0; face < 6; face++)
+            for (uint32_t y = 0; y < n; y += 2)
+                for (uint32_t x = 0; x < n; x += 2, k++)
+                    fill_packet(d, p, k, face, x, y, &rng);
+    for (uint32_t i = 0; i < d->n_coef; i++)
+        d->solid_angle[i] = (float)prt_cube_solid_angle(n, i % n, i / n % n);
+    *out = d;
+    return PRT_OK;
+}
+
+void directions_destroy(struct directions *d)
+{
+    if (!d) return;
+    prt_free(d->x), prt_free(d->y), prt_free(d->z);
+    prt_free(d->weight);
+    prt_free(d->texel);
+    prt_free(d->solid_angle);
+    free(d);
+}
+
+void fresnel_table_init(struct fresnel_table *table, double eta)
+{
+    for (int i = 0; i <= FRESNEL_STEPS; i++)
+        table->value[i] = (float)prt_fresnel_transmittance(eta, (double)i / FRESNEL_STEPS);
+    table->value[FRESNEL_STEPS + 1] = table->value[FRESNEL_STEPS];
+}

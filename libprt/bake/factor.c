@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: MIT
+// A cluster's transport as U (few columns a vertex) times a wavelet basis, from products with
+// random lights only: the dense rows of the model are never formed (METHODS §3, range finder).
+#include "bake/stages.h"
+
+#include <cblas.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+// Y_t = sum_j train[t][j] Y_j for all t, [n_train][n_vertex][m].
+static void combine(const struct factor_plan *plan, const float *y, size_t block, float *out)
+{
+    if (!plan->train) {
+        memcpy(out, y, plan->n_function * block * sizeof *out);
+        return;
+    }
+    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)plan->n_train, (int)block,
+                (int)plan->n_function, 1, plan->train, (int)plan->n_function, y, (int)block, 0,
+                out, (int)block);
+}
+
+// Leading eigenvectors of the symmetric g [n][n] by falling value.
+static int leading(double *g, int n, int rank, double *value, double *vector)
+{
+    double *w = malloc((size_t)n * sizeof *w);
+    lapack_int *support = malloc(2 * (size_t)rank * sizeof *support), found = 0;
+    int info = -1;
+    if (w && support)
+        info = LAPACKE_dsyevr(LAPACK_COL_MAJOR, 'V', 'I', 'U', n, g, n, 0, 0, n - rank + 1, n, 0,
+                              &found, w, vector, n, support);
+    if (!info && found == rank) {
+        for (int i = 0; i < rank / 2; i++)
+            cblas_dswap(n, vector + (size_t)i * (size_t)n, 1,
+                        vector + (size_t)(rank - 1 - i) * (size_t)n, 1);
+        for (int i = 0; i < rank; i++) value[i] = w[rank - 1 - i];
+    }
+    free(w);
+    free(support);
+    return info || found != rank ? PRT_INTERNAL : PRT_OK;
+}
+
+// U from Y's columns: through whichever Gram matrix is smaller, in double.
+static int basis_of(const float *y, uint32_t n_vertex, uint32_t n_train, uint32_t m,
+                    uint32_t max_rank, struct factored *out)
+{
+    size_t columns = (size_t)n_train * m, block = (size_t)n_vertex * m;
+    bool by_vertex = n_vertex <= columns;
+    size_t side = by_vertex ? n_vertex : columns;
+    uint32_t rank = max_rank < side ? max_rank : (uint32_t)side;
+    double *a = malloc(columns * n_vertex * sizeof *a); // [n_vertex][columns]
+    double *g = malloc(side * side * sizeof *g), *value = malloc(rank * sizeof *value);
+    double *vector = malloc(side * rank * sizeof *vector), total = 0;
+    int status = a && g && value && vector ? PRT_OK : PRT_NOMEM;
+    if (status == PRT_OK) {
+        for (uint32_t t = 0; t < n_train; t++)
+            for (uint32_t v = 0; v < n_vertex; v++)
+                for (uint32_t k = 0; k < m; k++)
+                    a[v * columns + t * m + k] = y[t * block + (size_t)v * m + k];
+        cblas_dsyrk(CblasRowMajor, CblasLower, by_vertex ? CblasNoTrans : CblasTrans, (int)side,
+                    (int)(by_vertex ? columns : n_vertex), 1.0 / m, a, (int)columns, 0, g,
+                    (int)side); // row-major lower is column-major upper
+        for (size_t i = 0; i < side; i++) total += g[i * side + i];
+        status = total > 0 ? leading(g, (int)side, (int)rank, value, vector) : PRT_OK;
+    }
+    if (status == PRT_OK && total <= 0) rank = 0;
+    while (status == PRT_OK && rank > 0 && value[rank - 1] <= 1e-12 * total) rank--;
+    out->rank = rank;
+    if (status == PRT_OK) {
+        out->u = prt_alloc((size_t)rank * n_vertex + 1, sizeof *out->u);
+        out->tail = malloc((rank + 1u) * sizeof *out->tail);
+        if (!out->u || !out->tail) status = PRT_NOMEM;
+    }
+    for (uint32_t r = 0; status == PRT_OK && r < rank; r++) {
+        const double *w = vector + r * side;
+        if (by_vertex) {
+            for (uint32_t v = 0; v < n_vertex; v++) out->u[(size_t)r * n_vertex + v] = (float)w[v];
+            continue;
+        }
+        double norm = 1 / sqrt(value[r] * m);
+        for (uint32_t v = 0; v < n_vertex; v++)
+            out->u[(size_t)r * n_vertex + v] =
+                (float)(norm * cblas_ddot((int)columns, a + v * columns, 1, w, 1));
+    }
+    if (status == PRT_OK) {
+        double left = total;
+        for (uint32_t r = 0; r <= rank; r++) {
+            out->tail[r] = fmax(left, 0);
+            if (r < rank) left -= value[r];
+        }
+    }
+    free(a), free(g), free(value), free(vector);
+    return status;
+}
+
+// Texel means to Haar coefficients, in place.
+static void to_haar(const struct factor_plan *plan, float *row)
+{
+    uint32_t face = plan->n * plan->n;
+    for (uint32_t i = 0; i < 6 * face; i++) row[i] *= plan->solid_angle[i];
+    for (int f = 0; f < 6; f++) prt_haar_forward(plan->n, row + f * face);
+}
+
+// b as halves, each row by its own scale; energy of each coefficient over training.
+static int keep_rows(const struct factor_plan *plan, float *b, struct factored *out)
+{
+    uint32_t n_coef = 6 * plan->n * plan->n, J = plan->n_function;
+    size_t rows = (size_t)out->rank * J;
+    out->b = prt_alloc(rows * n_coef + 1, sizeof *out->b);
+    out->scale = prt_alloc(rows + 1, sizeof *out->scale);
+    out->energy = prt_alloc((size_t)out->rank * n_coef + 1, sizeof *out->energy);
+    if (!out->b || !out->scale || !out->energy) return PRT_NOMEM;
+    for (size_t i = 0; i < rows; i++) {
+        float *row = b + i * n_coef, most = 0;
+        to_haar(plan, row);
+        for (uint32_t k = 0; k < n_coef; k++) most = fmaxf(most, fabsf(row[k]));
+        out->scale[i] = most > 0 ? most : 1;
+    }
+    for (uint32_t r = 0; r < out->rank; r++) {
+        float *e = out->energy + (size_t)r * n_coef, *first = b + (size_t)r * J * n_coef;
+        memset(e, 0, n_coef * sizeof *e);
+        for (uint32_t t = 0; t < plan->n_train; t++)
+            for (uint32_t k = 0; k < n_coef; k++) {
+                float sum = 0;
+                if (plan->train)
+                    for (uint32_t j = 0; j < J; j++)
+                        sum += plan->train[t * J + j] * first[(size_t)j * n_coef + k];
+                else
+                    sum = first[(size_t)t * n_coef + k];
+                e[k] += sum * sum;
+            }
+        for (uint32_t j = 0; j < J; j++) {
+            float *row = first + (size_t)j * n_coef, inv = 1 / out->scale[r * J + j];
+            for (uint32_t k = 0; k < n_coef; k++) row[k] *= inv;
+            prt_f32_to_f16_array(row, n_coef, out->b + ((size_t)r * J + j) * n_coef);
+        }
+    }
+    return PRT_OK;
+}
+
+int factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan,
+                   const struct row_source *source, struct factored *out)
+{
+    uint32_t n_vertex = source->n_vertex, m = plan->n_probe, n_coef = 6 * plan->n * plan->n;
+    size_t block = (size_t)n_vertex * m;
+    memset(out, 0, sizeof *out);
+    out->n_vertex = n_vertex;
+    float *y = prt_alloc(plan->n_function * block, sizeof *y);
+    float *t = prt_alloc(plan->n_train * block, sizeof *t), *b = NULL;
+    int status = y && t ? source->multiply(source->user, plan->probe, m, y) : PRT_NOMEM;
+    if (status == PRT_OK) {
+        combine(plan, y, block, t);
+        status = basis_of(t, n_vertex, plan->n_train, m, plan->max_rank, out);
+    }
+    prt_free(y);
+    prt_free(t);
+    if (status == PRT_OK) {
+        b = prt_alloc((size_t)out->rank * plan->n_function * n_coef + 1, sizeof *b);
+        status = b ? PRT_OK : PRT_NOMEM;
+    }
+    if (status == PRT_OK && out->rank)
+        status = source->project(source->user, out->u, out->rank, b);
+    if (status == PRT_OK) status = keep_rows(plan, b, out);
+    prt_free(b);
+    if (status) factored_finish(out);
+    return status;
+}
+
+void factored_finish(struct factored *f)
+{
+    prt_free(f->u);
+    prt_free(f->b);
+    prt_free(f->scale);
+    prt_free(f->energy);
+    free(f->tail);
+    memset(f, 0, sizeof *f);
+}

@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: MIT
+// Measures a finished transport against the reference engine, under lights made here.
+#include "bake/measure.h"
+
+#include "prt/reference.h"
+#include "prt/relight.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+const char *const measure_light_name[MEASURE_LIGHTS] = {"sky", "boxes", "sun"};
+
+struct lamp {
+    float dir[3], cosine; // centre and cosine of the half angle
+    float rgb[3];
+};
+
+static const struct lamp boxes[] = {
+    {{0.70f, 0.55f, 0.46f}, 0.975f, {40, 38, 34}},
+    {{-0.80f, 0.20f, 0.56f}, 0.98f, {18, 20, 26}},
+    {{0.10f, 0.45f, -0.89f}, 0.985f, {60, 50, 44}},
+};
+static const struct lamp sun[] = {{{-0.66f, 0.33f, 0.67f}, 0.9993f, {26000, 19000, 11000}}};
+
+int measure_light(unsigned which, uint32_t n, struct prt_cube *out)
+{
+    int status = prt_cube_init(out, n);
+    const struct lamp *lamp = which == 1 ? boxes : sun;
+    unsigned n_lamp = which == 1 ? 3 : which == 2 ? 1 : 0;
+    for (uint32_t i = 0; status == PRT_OK && i < 6 * n * n; i++) {
+        float *texel = out->texel + (size_t)i * 3, sum[3] = {0, 0, 0};
+        for (int sub = 0; sub < 16; sub++) {
+            float dir[3];
+            double s = 2 * (i % n + (sub % 4 + 0.5) / 4) / n - 1;
+            double t = 2 * (i / n % n + (sub / 4 + 0.5) / 4) / n - 1;
+            prt_cube_direction(i / (n * n), s, t, dir);
+            float up = 0.5f + 0.5f * dir[1], base = which == 1 ? 0.03f : 0.35f;
+            float rgb[3] = {base * (0.25f + 0.6f * up), base * (0.25f + 0.8f * up),
+                            base * (0.2f + 1.2f * up)};
+            for (unsigned l = 0; l < n_lamp; l++) {
+                float c = 0;
+                for (int k = 0; k < 3; k++) c += dir[k] * lamp[l].dir[k];
+                if (c > lamp[l].cosine)
+                    for (int k = 0; k < 3; k++) rgb[k] += lamp[l].rgb[k];
+            }
+            for (int k = 0; k < 3; k++) sum[k] += rgb[k] / 16;
+        }
+        memcpy(texel, sum, sizeof sum);
+    }
+    return status;
+}
+
+// Some translucent vertices, drawn without looking at what was baked.
+static uint32_t draw_vertices(const struct prt_mesh *mesh, uint32_t n, uint64_t seed,
+                              uint32_t *out)
+{
+    uint32_t *block = prt_mesh_vertex_blocks(mesh), found = 0;
+    struct prt_rng rng;
+    prt_rng_init(&rng, seed, 0x3ea5);
+    for (uint32_t attempt = 0; block && attempt < 20 * n && found < n; attempt++) {
+        uint32_t v = prt_rng_u32(&rng) % mesh->n_vertex;
+        if (mesh->surface[mesh->block[block[v]].surface].translucent) out[found++] = v;
+    }
+    prt_free(block);
+    return found;
+}
+
+struct examination {
+    const struct prt_context *ctx;
+    const struct prt_transport *transport;
+    uint32_t n, *vertex;
+    float (*all)[3], (*got)[3], (*want)[3];
+    double worst[2];
+};
+
+static int examine(struct examination *e, enum prt_answer_term answer,
+                   enum prt_reference_term term, const struct prt_cube *light, double *error)
+{
+    const struct prt_transport *t = e->transport;
+    struct prt_query query = {.term = answer, .light = light};
+    struct prt_reference_options options = {.term = term, .vertex = e->vertex, .n_vertex = e->n,
+                                            .n_sample = 80000, .n_ray = 1024, .n_single = 8192,
+                                            .seed = 99};
+    struct prt_context quiet = *e->ctx;
+    quiet.progress = NULL;
+    int status = prt_answer_colors(e->ctx, t, &query, e->all);
+    if (status == PRT_OK)
+        status = prt_reference_colors(&quiet, &t->mesh, &t->material, light, &options, e->want);
+    for (uint32_t i = 0; status == PRT_OK && i < e->n; i++)
+        memcpy(e->got[i], e->all[e->vertex[i]], sizeof e->got[i]);
+    if (status == PRT_OK) *error = prt_relative_rmse(e->got[0], e->want[0], (size_t)e->n * 3);
+    return status;
+}
+
+int measure_wavelet(const struct prt_context *ctx, const struct prt_transport *transport,
+                    uint32_t n_vertex, uint64_t seed, char *errors, size_t n)
+{
+    struct examination e = {.ctx = ctx, .transport = transport};
+    e.vertex = prt_alloc(n_vertex, sizeof *e.vertex);
+    e.all = prt_alloc(transport->mesh.n_vertex, sizeof *e.all);
+    e.got = prt_alloc(n_vertex, sizeof *e.got);
+    e.want = prt_alloc(n_vertex, sizeof *e.want);
+    int status = e.vertex && e.all && e.got && e.want ? PRT_OK : PRT_NOMEM;
+    if (status == PRT_OK)
+        e.n = draw_vertices(&transport->mesh, n_vertex, seed, e.vertex);
+    bool single = false;
+    for (uint32_t t = 0; t < transport->n_tensor; t++)
+        single |= transport->tensor[t].term == PRT_TERM_SINGLE;
+    size_t at = (size_t)snprintf(errors, n, "{\"vertices\":%u,\"multiple\":{", e.n);
+    for (unsigned term = 0; term < (single ? 2u : 1u); term++) {
+        if (term) at += (size_t)snprintf(errors + at, n - at, "},\"single\":{");
+        for (unsigned l = 0; status == PRT_OK && e.n && l < MEASURE_LIGHTS; l++) {
+            struct prt_cube light = {0};
+            double error = 0;
+            status = measure_light(l, transport->cube, &light);
+            if (status == PRT_OK) status = prt_progress(ctx, "measuring", (l + 3.0 * term) / 6);
+            if (status == PRT_OK)
+                status = examine(&e, term ? PRT_ANSWER_SINGLE : PRT_ANSWER_MULTIPLE,
+                                 term ? PRT_REFERENCE_SINGLE : PRT_REFERENCE_MULTIPLE, &light,
+                                 &error);
+            prt_cube_finish(&light);
+            e.worst[term] = fmax(e.worst[term], error);
+            at += (size_t)snprintf(errors + at, n - at, "\"%s\":%.6f,", measure_light_name[l],
+                                   error);
+        }
+        at += (size_t)snprintf(errors + at, n - at, "\"worst\":%.6f", e.worst[term]);
+    }
+    snprintf(errors + at, n - at, "}}");
+    prt_free(e.vertex);
+    prt_free(e.all);
+    prt_free(e.got);
+    prt_free(e.want);
+    return status;
+}

@@ -1,0 +1,268 @@
+// SPDX-License-Identifier: MIT
+// Chooses which basis vectors and coefficients a factored tensor keeps, and lays it out.
+#include "bake/stages.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct choice {
+    struct factored *f;
+    uint32_t n_cluster, n_function, n, n_coef;
+    double entry_bytes;
+    double price;            // energy one byte must be worth
+    const struct pack_options *options;
+    double *dropped;         // [n_cluster] energy lost
+    uint64_t *entries;       // [n_cluster] kept
+    uint32_t *rank;          // [n_cluster] kept
+    float *threshold;        // [n_cluster] energy an entry must reach
+};
+
+static bool is_scaling(uint32_t n, uint32_t k)
+{
+    return k % (n * n) == 0;
+}
+
+static int float_down(const void *a, const void *b)
+{
+    float x = *(const float *)a, y = *(const float *)b;
+    return x < y ? 1 : x > y ? -1 : 0;
+}
+
+// Given a rank and a mean count: the threshold that keeps rank*count over the whole basis.
+static int fixed_choice(struct choice *c, size_t i)
+{
+    struct factored *f = &c->f[i];
+    uint32_t rank = c->options->rank && c->options->rank < f->rank ? c->options->rank : f->rank;
+    size_t all = (size_t)rank * c->n_coef, want = (size_t)rank * c->options->n_basis_coef;
+    c->rank[i] = rank;
+    c->threshold[i] = 0;
+    if (!want || want >= all) return PRT_OK;
+    float *sorted = prt_alloc(all, sizeof *sorted);
+    if (!sorted) return PRT_NOMEM;
+    memcpy(sorted, f->energy, all * sizeof *sorted);
+    qsort(sorted, all, sizeof *sorted, float_down);
+    c->threshold[i] = sorted[want];
+    prt_free(sorted);
+    return PRT_OK;
+}
+
+// Lagrangian choice: an entry stays when its energy pays its bytes, a basis vector when its
+// entries' surplus pays its column of U.
+static void priced_choice(struct choice *c, size_t i)
+{
+    struct factored *f = &c->f[i];
+    float limit = (float)(c->price * c->entry_bytes);
+    double column = c->price * (2.0 * f->n_vertex + 12.0 * c->n_function + 8);
+    uint32_t most = c->options->rank && c->options->rank < f->rank ? c->options->rank : f->rank;
+    uint32_t keep = 0;
+    c->threshold[i] = limit;
+    if (c->options->rank) {
+        c->rank[i] = most;
+        return;
+    }
+    double surplus = 0, best = 0;
+    for (uint32_t r = 0; r < most; r++) {
+        const float *e = f->energy + (size_t)r * c->n_coef;
+        double own = -column;
+        for (uint32_t k = 0; k < c->n_coef; k++)
+            if (e[k] > limit || is_scaling(c->n, k)) own += (double)e[k] - limit;
+        surplus += own;
+        if (surplus > best) best = surplus, keep = r + 1;
+    }
+    c->rank[i] = keep;
+}
+
+static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct choice *c = arg;
+    for (size_t i = begin; i < end; i++) {
+        struct factored *f = &c->f[i];
+        int status = PRT_OK;
+        if (c->options->n_basis_coef)
+            status = fixed_choice(c, i);
+        else
+            priced_choice(c, i);
+        if (status) return status;
+        double lost = f->tail ? f->tail[c->rank[i]] : 0;
+        uint64_t entries = 0;
+        for (uint32_t r = 0; r < c->rank[i]; r++) {
+            const float *e = f->energy + (size_t)r * c->n_coef;
+            for (uint32_t k = 0; k < c->n_coef; k++) {
+                if (is_scaling(c->n, k)) continue;
+                if (e[k] > c->threshold[i])
+                    entries++;
+                else
+                    lost += e[k];
+            }
+        }
+        c->dropped[i] = lost;
+        c->entries[i] = entries;
+    }
+    return PRT_OK;
+}
+
+// Finds the price at which the whole model loses the allowed energy.
+static int choose(const struct prt_context *ctx, struct choice *c)
+{
+    if (c->options->n_basis_coef)
+        return prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
+    double total = 0;
+    for (uint32_t i = 0; i < c->n_cluster; i++)
+        if (c->f[i].tail) total += c->f[i].tail[0];
+    double allowed = total * c->options->energy_error * c->options->energy_error;
+    double lo = log(fmax(total, 1e-300) * 1e-18), hi = log(fmax(total, 1e-300));
+    for (int step = 0; step < 26; step++) {
+        double lost = 0;
+        c->price = exp(0.5 * (lo + hi));
+        int status = prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
+        if (status) return status;
+        for (uint32_t i = 0; i < c->n_cluster; i++) lost += c->dropped[i];
+        if (lost > allowed) hi = 0.5 * (lo + hi);
+        else lo = 0.5 * (lo + hi);
+    }
+    c->price = exp(lo);
+    return prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
+}
+
+static void set_index(struct prt_rows *rows, uint64_t at, uint32_t k)
+{
+    if (rows->index_bytes == 2)
+        ((uint16_t *)(uintptr_t)rows->index)[at] = (uint16_t)k;
+    else
+        ((uint32_t *)(uintptr_t)rows->index)[at] = k;
+}
+
+struct layout {
+    struct choice *c;
+    struct prt_tensor *tensor;
+    uint64_t *cluster_entry; // first entry of each cluster
+};
+
+// One cluster's rows and U. A power-of-two-free balance: U's largest becomes 1/64, which keeps
+// both sides well inside a half float's range.
+static int lay_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct layout *l = arg;
+    struct choice *c = l->c;
+    struct prt_rows *rows = &l->tensor->rows;
+    uint32_t J = c->n_function, face = c->n * c->n;
+    for (size_t i = begin; i < end; i++) {
+        const struct prt_cluster *cluster = &l->tensor->cluster[i];
+        struct factored *f = &c->f[i];
+        uint64_t at = l->cluster_entry[i];
+        uint32_t padded = (cluster->n_vertex + 15) / 16 * 16;
+        for (uint32_t r = 0; r < cluster->rank; r++) {
+            uint32_t row = cluster->row_begin + r;
+            const float *u = f->u + (size_t)r * f->n_vertex, *e = f->energy + (size_t)r * c->n_coef;
+            uint16_t *out = (uint16_t *)(uintptr_t)l->tensor->u + cluster->u_begin +
+                            (size_t)r * padded;
+            float most = 1e-30f, s;
+            for (uint32_t v = 0; v < f->n_vertex; v++) most = fmaxf(most, fabsf(u[v]));
+            s = 64 * most;
+            for (uint32_t v = 0; v < padded; v++)
+                out[v] = v < f->n_vertex ? prt_f32_to_f16(u[v] / s) : 0;
+            ((uint64_t *)(uintptr_t)rows->begin)[row] = at;
+            for (uint32_t k = 0; k < c->n_coef; k++) {
+                bool dc = k % face == 0;
+                if (!dc && !(e[k] > c->threshold[i])) continue;
+                uint16_t *value = dc ? (uint16_t *)(uintptr_t)rows->scaling +
+                                           ((size_t)row * 6 + k / face) * J
+                                     : (uint16_t *)(uintptr_t)rows->entry + at * J;
+                for (uint32_t j = 0; j < J; j++) {
+                    size_t from = (size_t)r * J + j;
+                    value[j] = prt_f32_to_f16(prt_f16_to_f32(f->b[from * c->n_coef + k]) *
+                                              f->scale[from] * s);
+                }
+                if (!dc) set_index(rows, at++, k);
+            }
+        }
+    }
+    return PRT_OK;
+}
+
+static int allocate(struct choice *c, const struct clusters *clusters, struct layout *l,
+                    struct prt_tensor *t)
+{
+    uint64_t entries = 0, u = 0;
+    uint32_t n_row = 0, n_vertex = 0;
+    struct prt_cluster *cluster = prt_calloc(c->n_cluster, sizeof *cluster);
+    if (!cluster) return PRT_NOMEM;
+    t->cluster = cluster;
+    for (uint32_t i = 0; i < c->n_cluster; i++) {
+        cluster[i] = clusters->cluster[i];
+        cluster[i].rank = c->rank[i];
+        cluster[i].row_begin = n_row;
+        cluster[i].u_begin = u;
+        l->cluster_entry[i] = entries;
+        n_row += c->rank[i];
+        n_vertex += cluster[i].n_vertex;
+        u += (uint64_t)c->rank[i] * ((cluster[i].n_vertex + 15) / 16 * 16);
+        entries += c->entries[i];
+    }
+    uint32_t J = c->n_function;
+    uint32_t *order = prt_alloc(n_vertex, sizeof *order);
+    uint64_t *begin = prt_alloc(n_row + 1u, sizeof *begin);
+    t->rows = (struct prt_rows){.n_row = n_row, .n_function = J, .n_coef = c->n_coef,
+                                .value = PRT_VALUE_F16,
+                                .index_bytes = c->n_coef > 65536 ? 4 : 2};
+    t->rows.index = prt_alloc(entries + 32, t->rows.index_bytes);
+    t->rows.entry = prt_alloc((entries + 32) * J, 2);
+    t->rows.scaling = prt_alloc((size_t)n_row * 6 * J + 32, 2);
+    t->u = prt_alloc(u + 32, 2);
+    t->u_count = u;
+    t->rows.begin = begin;
+    t->order = order;
+    t->n_vertex = n_vertex;
+    t->n_cluster = c->n_cluster;
+    t->n_function = J;
+    if (!order || !begin || !t->rows.index || !t->rows.entry || !t->rows.scaling || !t->u)
+        return PRT_NOMEM;
+    memcpy(order, clusters->order, n_vertex * sizeof *order);
+    begin[n_row] = entries;
+    return PRT_OK;
+}
+
+int pack_factored(const struct prt_context *ctx, const struct clusters *clusters,
+                  struct factored *factored, uint32_t n_function, uint32_t n,
+                  const struct pack_options *options, struct prt_tensor *out)
+{
+    uint32_t nc = clusters->n_cluster;
+    struct choice c = {.f = factored, .n_cluster = nc, .n_function = n_function, .n = n,
+                       .n_coef = 6 * n * n, .options = options,
+                       .entry_bytes = 2.0 * n_function + (6 * n * n > 65536 ? 4 : 2)};
+    struct layout l = {&c, out, prt_alloc(nc, sizeof *l.cluster_entry)};
+    c.dropped = prt_alloc(nc, sizeof *c.dropped);
+    c.entries = prt_alloc(nc, sizeof *c.entries);
+    c.rank = prt_alloc(nc, sizeof *c.rank);
+    c.threshold = prt_alloc(nc, sizeof *c.threshold);
+    memset(out, 0, sizeof *out);
+    out->storage = PRT_STORAGE_FACTORED;
+    int status = l.cluster_entry && c.dropped && c.entries && c.rank && c.threshold ? PRT_OK
+                                                                                    : PRT_NOMEM;
+    if (status == PRT_OK) status = choose(ctx, &c);
+    if (status == PRT_OK) status = allocate(&c, clusters, &l, out);
+    if (status == PRT_OK) status = prt_parallel_for(ctx, NULL, nc, 1, lay_range, &l);
+    prt_free(l.cluster_entry);
+    prt_free(c.dropped);
+    prt_free(c.entries);
+    prt_free(c.rank);
+    prt_free(c.threshold);
+    if (status) tensor_finish(out);
+    return status;
+}
+
+void tensor_finish(struct prt_tensor *t)
+{
+    prt_free((void *)(uintptr_t)t->order);
+    prt_free((void *)(uintptr_t)t->cluster);
+    prt_free((void *)(uintptr_t)t->u);
+    prt_free((void *)(uintptr_t)t->rows.begin);
+    prt_free((void *)(uintptr_t)t->rows.index);
+    prt_free((void *)(uintptr_t)t->rows.entry);
+    prt_free((void *)(uintptr_t)t->rows.scale);
+    prt_free((void *)(uintptr_t)t->rows.scaling);
+    prt_free((void *)(uintptr_t)t->knot);
+    prt_free((void *)(uintptr_t)t->basis);
+    memset(t, 0, sizeof *t);
+}

@@ -1,0 +1,399 @@
+// SPDX-License-Identifier: MIT
+// Single scattering along -n_o (W05 eq 10-12, METHODS §3.5) with far fewer rays than texels x
+// points: along the path, the way out towards a direction is piecewise linear in depth for any
+// smooth surface, so it is traced at four depths and the exponentials between them are
+// integrated in closed form. The two deeper depths share one ray between 2 x 2 texels.
+#include "bake/stages.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { NODES = 4, FINE_NODES = 2, MAX_PHASE = 9 };
+
+// What a direction meets at a node: distance out s', F_t V, and the refracted way in.
+struct exits {
+    float *way;      // s_i' [mm]
+    float *open;     // F_t(eta, w_i) V, 0 when blocked
+    float *dir[3];   // w_i' outward
+};
+
+struct scratch {
+    struct exits node[NODES];
+    float *y;        // [MAX_PHASE] SH of one direction
+};
+
+static size_t exits_floats(uint32_t n_coef)
+{
+    return 5 * (size_t)n_coef;
+}
+
+size_t single_scratch_bytes(const struct single_plan *plan)
+{
+    return (NODES * exits_floats(plan->directions->n_coef) + 64) * sizeof(float);
+}
+
+static void carve(const struct single_plan *plan, void *memory, struct scratch *s)
+{
+    float *at = memory;
+    uint32_t n = plan->directions->n_coef;
+    for (int a = 0; a < NODES; a++) {
+        s->node[a].way = at, at += n;
+        s->node[a].open = at, at += n;
+        for (int k = 0; k < 3; k++) s->node[a].dir[k] = at, at += n;
+    }
+    s->y = at;
+}
+
+struct lane_out {
+    float way, open, dir[3];
+};
+
+// Traces up to 16 directions from one point inside the body to their exits. Returns rays cast.
+static unsigned trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                            const float p[3], struct prt_packet *packet, uint32_t mask,
+                            uint32_t object, struct lane_out out[16])
+{
+    const struct prt_mesh *mesh = plan->mesh;
+    float eps = prt_scene_epsilon(plan->scene);
+    struct prt_packet shadow;
+    float n_cos[16];
+    uint32_t ask = 0;
+    for (int i = 0; i < 16; i++) {
+        packet->ox[i] = p[0], packet->oy[i] = p[1], packet->oz[i] = p[2];
+        packet->tnear[i] = 0;
+        out[i] = (struct lane_out){0};
+    }
+    prt_scene_intersect16(plan->scene, packet, mask, true);
+    unsigned rays = (unsigned)__builtin_popcount(mask);
+    for (int i = 0; i < 16; i++) {
+        if (!(mask >> i & 1) || packet->triangle[i] == UINT32_MAX) continue;
+        const uint32_t *tv = mesh->triangle[packet->triangle[i]];
+        const float *a = mesh->position[tv[0]], *b = mesh->position[tv[1]],
+                    *c = mesh->position[tv[2]];
+        float e[3], f[3], g[3], w[3] = {packet->dx[i], packet->dy[i], packet->dz[i]};
+        for (int k = 0; k < 3; k++) e[k] = b[k] - a[k], f[k] = c[k] - a[k];
+        g[0] = e[1] * f[2] - e[2] * f[1];
+        g[1] = e[2] * f[0] - e[0] * f[2];
+        g[2] = e[0] * f[1] - e[1] * f[0];
+        float facing = g[0] * w[0] + g[1] * w[1] + g[2] * w[2];
+        float glen = sqrtf(g[0] * g[0] + g[1] * g[1] + g[2] * g[2]);
+        if (facing <= 0 || glen <= 0) continue; // a front face: the point lies outside
+        float n[3], len = 0, cosine = 0, u = packet->u[i], v = packet->v[i];
+        for (int k = 0; k < 3; k++) {
+            n[k] = (1 - u - v) * mesh->normal[tv[0]][k] + u * mesh->normal[tv[1]][k] +
+                   v * mesh->normal[tv[2]][k];
+            len += n[k] * n[k];
+        }
+        len = len > 0 ? 1 / sqrtf(len) : 0;
+        for (int k = 0; k < 3; k++) n[k] *= len, cosine += n[k] * w[k];
+        if (cosine <= 0) continue; // below the shading horizon: F_t V is 0
+        if (cosine > 1) cosine = 1;
+        float inv = 1 / plan->eta, root = sqrtf(1 - inv * inv * (1 - cosine * cosine));
+        out[i].way = packet->t[i] * cosine / root; // METHODS §1, s_i'
+        // The refracted direction, pointing back outwards: w/eta + (root - cos/eta) n.
+        for (int k = 0; k < 3; k++) out[i].dir[k] = w[k] * inv + (root - cosine * inv) * n[k];
+        n_cos[i] = cosine;
+        ask |= 1u << i;
+        shadow.ox[i] = p[0] + packet->t[i] * w[0] + eps * g[0] / glen;
+        shadow.oy[i] = p[1] + packet->t[i] * w[1] + eps * g[1] / glen;
+        shadow.oz[i] = p[2] + packet->t[i] * w[2] + eps * g[2] / glen;
+        shadow.dx[i] = w[0], shadow.dy[i] = w[1], shadow.dz[i] = w[2];
+        shadow.tnear[i] = 0, shadow.tfar[i] = INFINITY;
+    }
+    if (!ask) return rays;
+    for (int i = 0; i < 16; i++)
+        if (!(ask >> i & 1)) {
+            shadow.ox[i] = shadow.oy[i] = shadow.oz[i] = 0;
+            shadow.dx[i] = 1, shadow.dy[i] = shadow.dz[i] = 0;
+            shadow.tnear[i] = 0, shadow.tfar[i] = 0;
+        }
+    uint32_t blocked = prt_scene_occluded16(plan->scene, &shadow, ask);
+    rays += (unsigned)__builtin_popcount(ask);
+    for (int i = 0; i < 16; i++)
+        if ((ask & ~blocked) >> i & 1) out[i].open = fresnel_table_eval(fresnel, n_cos[i]);
+    return rays;
+}
+
+static float smallest(const float c[3])
+{
+    return fminf(c[0], fminf(c[1], c[2]));
+}
+
+static float largest(const float c[3])
+{
+    return fmaxf(c[0], fmaxf(c[1], c[2]));
+}
+
+static float luminance(const float c[3])
+{
+    return 0.2126f * c[0] + 0.7152f * c[1] + 0.0722f * c[2];
+}
+
+// Directions of lane group k at a jitter: packets of `directions` hold 2 x 2 texels x 4 subs;
+// sub `pick` of each texel is one jittered direction in it. Four packets make one of ours.
+static void pick_lanes(const struct directions *d, unsigned pattern, uint32_t first_packet,
+                       unsigned pick, struct prt_packet *out)
+{
+    size_t base = ((size_t)(pattern % d->n_pattern) * d->n_packet + first_packet) * 16;
+    for (int i = 0; i < 16; i++) {
+        size_t at = base + (size_t)i * 4 + ((pick + (unsigned)i) & 3);
+        out->dx[i] = d->x[at], out->dy[i] = d->y[at], out->dz[i] = d->z[at];
+        out->tfar[i] = INFINITY;
+    }
+}
+
+// The far end of the rays that leave through the bulk: nothing comes back from deeper.
+static void limit_inward(const float n[3], float most, struct prt_packet *packet)
+{
+    for (int i = 0; i < 16; i++)
+        if (n[0] * packet->dx[i] + n[1] * packet->dy[i] + n[2] * packet->dz[i] < -0.1f)
+            packet->tfar[i] = most;
+}
+
+static void store(struct exits *e, uint32_t texel, const struct lane_out *lane)
+{
+    e->way[texel] = lane->way;
+    e->open[texel] = lane->open;
+    for (int k = 0; k < 3; k++) e->dir[k][texel] = lane->dir[k];
+}
+
+// Fills a node for every texel: one ray a texel, or one for each 2 x 2.
+static uint64_t trace_node(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                           const float p[3], const float n[3], unsigned pattern, bool fine,
+                           const struct exits *shallower, float dead, uint32_t object,
+                           struct exits *out)
+{
+    const struct directions *d = plan->directions;
+    struct prt_packet packet;
+    struct lane_out lane[16];
+    float most = 12 / smallest(plan->sigma_t);
+    uint64_t rays = 0;
+    uint32_t step = fine ? 4 : 16;
+    for (uint32_t first = 0; first < d->n_packet; first += step) {
+        uint32_t mask = 0;
+        if (fine) {
+            pick_lanes(d, pattern, first, pattern >> 8, &packet);
+            for (uint32_t i = 0; i < 16; i++) {
+                uint32_t t = d->texel[(first + i / 4) * 4 + i % 4];
+                if (!shallower || shallower->way[t] < dead) mask |= 1u << i;
+            }
+        } else {
+            for (uint32_t i = 0; i < 16; i++) {
+                uint32_t pick = (i + pattern) & 3, t = (first + i) * 4;
+                size_t at = ((size_t)(pattern % d->n_pattern) * d->n_packet + first + i) * 16 +
+                            pick * 4 + ((i >> 2) + (pattern >> 2)) % 4;
+                packet.dx[i] = d->x[at], packet.dy[i] = d->y[at], packet.dz[i] = d->z[at];
+                packet.tfar[i] = INFINITY;
+                float nearest = INFINITY;
+                for (uint32_t j = 0; j < 4; j++)
+                    nearest = fminf(nearest, shallower->way[d->texel[t + j]]);
+                if (nearest < dead) mask |= 1u << i;
+            }
+        }
+        limit_inward(n, most, &packet);
+        if (mask) {
+            rays += trace_exits(plan, fresnel, p, &packet, mask, object, lane);
+        }
+        for (uint32_t i = 0; i < 16; i++) {
+            struct lane_out nothing = {.way = 2 * most};
+            const struct lane_out *from =
+                mask >> i & 1 && (lane[i].way > 0 || lane[i].open > 0) ? &lane[i] : &nothing;
+            if (fine)
+                store(out, d->texel[(first + i / 4) * 4 + i % 4], from);
+            else
+                for (uint32_t j = 0; j < 4; j++)
+                    store(out, d->texel[(first + i) * 4 + j], from);
+        }
+    }
+    return rays;
+}
+
+// Depths of the nodes: geometric over the channels' extinctions, inside the body.
+static void place_nodes(const struct single_plan *plan, float thickness, float depth[NODES])
+{
+    float first = fminf(0.15f / largest(plan->sigma_t), 0.06f * thickness);
+    float last = fminf(1.6f / smallest(plan->sigma_t), 0.85f * thickness);
+    for (int a = 0; a < NODES; a++)
+        depth[a] = first * powf(last / first, (float)a / (NODES - 1));
+}
+
+// e^-x for x >= 0, relative error 2e-6; unlike expf the compiler vectorises it.
+static inline float exp_minus(float x)
+{
+    float y = x * -1.44269504f;
+    y = y > -125.0f ? y : -125.0f;
+    float whole = (float)(int)(y - 0.5f), f = (y - whole) * 0.69314718f;
+    float p = 1 + f * (1 + f * (0.5f + f * (0.166666667f + f * (0.0416666667f +
+              f * (0.00833333333f + f * 0.00138888889f)))));
+    union {
+        int32_t i;
+        float f;
+    } scale = {((int32_t)whole + 127) << 23};
+    return p * scale.f;
+}
+
+// (e^-a - e^-b) / (b - a), the mean of an exponential between two exponents.
+static inline float mean_exp(float ea, float eb, float a, float b)
+{
+    float d = b - a;
+    return fabsf(d) > 1e-2f ? (ea - eb) / d : 0.5f * (ea + eb) * (1 - d * d / 12);
+}
+
+// Everything along the path for isotropic phase: three channels of every texel.
+PRT_CLONES static void integrate_isotropic(uint32_t n_coef, const float sigma_t[3],
+                                           const float factor[3], const float depth[NODES],
+                                           float end, const float *const way[NODES],
+                                           const float *const open[NODES], const float *outer,
+                                           float *out)
+{
+    for (int c = 0; c < 3; c++) {
+        float s = sigma_t[c], *row = out + (size_t)c * n_coef;
+        for (uint32_t t = 0; t < n_coef; t++) {
+            // At the surface itself: directions above it leave at once.
+            float way0 = outer[t] > 0 ? 0
+                                      : fmaxf(way[0][t] - (way[1][t] - way[0][t]) * depth[0] /
+                                                              (depth[1] - depth[0]),
+                                              0);
+            float open_before = open[0][t], exponent = s * way0, before = exp_minus(exponent);
+            float sum = 0, depth_before = 0, slope = 0;
+            for (int a = 0; a < NODES; a++) {
+                float next = s * (depth[a] + way[a][t]), e = exp_minus(next);
+                float step = depth[a] - depth_before;
+                sum += step * mean_exp(before, e, exponent, next) * 0.5f *
+                       (open_before + open[a][t]);
+                slope = (next - exponent) / step;
+                exponent = next, before = e;
+                depth_before = depth[a], open_before = open[a][t];
+            }
+            // Beyond the last node: the last slope goes on to the end of the path.
+            slope = fmaxf(slope, 0.25f * s);
+            sum += open_before * before * (1 - exp_minus(slope * (end - depth_before))) / slope;
+            row[t] = factor[c] * sum;
+        }
+    }
+}
+
+// The same with the phase function's light part: plane k gets a_l Y_k(w_i').
+static void integrate_phase(const struct single_plan *plan, const float depth[NODES], float end,
+                            const struct scratch *s, const float *outer, float *out)
+{
+    uint32_t n = plan->directions->n_coef, K = plan->n_phase;
+    for (uint32_t t = 0; t < n; t++) {
+        float y[NODES][MAX_PHASE];
+        for (int a = 0; a < NODES; a++) {
+            float w[3] = {s->node[a].dir[0][t], s->node[a].dir[1][t], s->node[a].dir[2][t]};
+            memset(y[a], 0, sizeof y[a]);
+            if (s->node[a].open[t] > 0) prt_sh_eval(K == 9 ? 3 : 2, w, y[a]);
+            for (uint32_t k = 0; k < K; k++) y[a][k] *= s->node[a].open[t];
+        }
+        for (int c = 0; c < 3; c++) {
+            float st = plan->sigma_t[c], sum[MAX_PHASE] = {0};
+            float way0 = outer[t] > 0 ? 0
+                                      : fmaxf(s->node[0].way[t] -
+                                                  (s->node[1].way[t] - s->node[0].way[t]) *
+                                                      depth[0] / (depth[1] - depth[0]),
+                                              0);
+            float exponent = st * way0, before = exp_minus(exponent), depth_before = 0, slope = 0;
+            for (int a = 0; a < NODES; a++) {
+                float next = st * (depth[a] + s->node[a].way[t]), e = exp_minus(next);
+                float step = depth[a] - depth_before;
+                float w = step * mean_exp(before, e, exponent, next) * 0.5f;
+                for (uint32_t k = 0; k < K; k++) sum[k] += w * (y[a ? a - 1 : 0][k] + y[a][k]);
+                slope = (next - exponent) / step;
+                exponent = next, before = e, depth_before = depth[a];
+            }
+            slope = fmaxf(slope, 0.25f * st);
+            float rest = before * (1 - exp_minus(slope * (end - depth_before))) / slope;
+            for (uint32_t k = 0; k < K; k++) {
+                unsigned l = k == 0 ? 0 : k < 4 ? 1 : 2;
+                out[((size_t)k * 3 + (unsigned)c) * n + t] =
+                    (float)plan->phase[c].a[l] * plan->sigma_s[c] *
+                    (sum[k] + rest * y[NODES - 1][k]);
+            }
+        }
+    }
+}
+
+// W05 as printed: n_point points, every texel's ray at each; the yardstick of the above.
+static uint64_t every_ray(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                          const float x[3], const float n[3], float thickness, unsigned pattern,
+                          uint32_t object, struct scratch *s, float *out)
+{
+    const struct directions *d = plan->directions;
+    uint32_t K = plan->n_phase;
+    float sigma = luminance(plan->sigma_t), lambda = 1 - expf(-sigma * thickness);
+    uint64_t rays = 0;
+    memset(out, 0, (size_t)K * 3 * d->n_coef * sizeof *out);
+    for (uint32_t i = 0; i < plan->n_point; i++) {
+        float xi = ((float)i + 0.5f) / (float)plan->n_point;
+        float depth = -logf(1 - xi * lambda) / sigma, p[3];
+        float weight = lambda / ((float)plan->n_point * sigma * expf(-sigma * depth));
+        for (int k = 0; k < 3; k++) p[k] = x[k] - depth * n[k];
+        rays += trace_node(plan, fresnel, p, n, pattern + i * 0x111, true, NULL, 0, object,
+                           &s->node[0]);
+        for (uint32_t t = 0; t < d->n_coef; t++) {
+            float open = s->node[0].open[t];
+            if (open <= 0) continue;
+            float w[3] = {s->node[0].dir[0][t], s->node[0].dir[1][t], s->node[0].dir[2][t]};
+            prt_sh_eval(K == 9 ? 3 : K == 4 ? 2 : 1, w, s->y);
+            for (int c = 0; c < 3; c++) {
+                float e = open * weight * plan->sigma_s[c] *
+                          exp_minus(plan->sigma_t[c] * (depth + s->node[0].way[t]));
+                for (uint32_t k = 0; k < K; k++) {
+                    unsigned l = k == 0 ? 0 : k < 4 ? 1 : 2;
+                    out[((size_t)k * 3 + (unsigned)c) * d->n_coef + t] +=
+                        e * (float)plan->phase[c].a[l] * s->y[k];
+                }
+            }
+        }
+    }
+    return rays;
+}
+
+uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                     uint32_t vertex, float *out, void *memory)
+{
+    const struct directions *d = plan->directions;
+    const float *x = plan->mesh->position[vertex], *n = plan->mesh->normal[vertex];
+    struct scratch s;
+    carve(plan, memory, &s);
+    float eps = prt_scene_epsilon(plan->scene), down[3], start[3], t, u, v;
+    uint32_t triangle, object = 0;
+    for (int k = 0; k < 3; k++) down[k] = -n[k], start[k] = x[k] - eps * n[k];
+    float deep = 30 / smallest(plan->sigma_t), thickness = deep;
+    uint64_t rays = 1;
+    if (prt_scene_intersect(plan->scene, start, down, eps, deep, &t, &triangle, &u, &v))
+        thickness = fmaxf(t, 4 * eps);
+    unsigned pattern = (unsigned)(prt_hash64(&vertex, sizeof vertex, plan->seed) >> 20);
+    if (plan->every_ray)
+        return rays + every_ray(plan, fresnel, x, n, thickness, pattern, object, &s, out);
+    float depth[NODES], end, *outer = out; // out's first row is scratch until the end
+    const float *way[NODES], *open[NODES];
+    place_nodes(plan, thickness, depth);
+    for (int a = 0; a < NODES; a++) {
+        float p[3];
+        for (int k = 0; k < 3; k++) p[k] = x[k] - depth[a] * n[k];
+        float dead = 7 / smallest(plan->sigma_t) - depth[a];
+        rays += trace_node(plan, fresnel, p, n, pattern + (unsigned)a * 0x135, a < FINE_NODES,
+                           a ? &s.node[a - 1] : NULL, dead, object, &s.node[a]);
+        way[a] = s.node[a].way, open[a] = s.node[a].open;
+    }
+    end = fminf(thickness, depth[NODES - 1] + 12 / smallest(plan->sigma_t));
+    float *side = prt_alloc(d->n_coef, sizeof *side);
+    if (!side) return rays;
+    for (uint32_t k = 0; k < d->n_packet * 4; k++) {
+        size_t at = ((size_t)(k / 4)) * 16 + (k % 4) * 4;
+        side[d->texel[k]] = n[0] * d->x[at] + n[1] * d->y[at] + n[2] * d->z[at];
+    }
+    outer = side;
+    if (plan->n_phase == 1) {
+        float factor[3];
+        for (int c = 0; c < 3; c++) factor[c] = plan->sigma_s[c] * (float)(0.5 / sqrt(M_PI));
+        integrate_isotropic(d->n_coef, plan->sigma_t, factor, depth, end, way, open, outer, out);
+    } else {
+        integrate_phase(plan, depth, end, &s, outer, out);
+    }
+    prt_free(side);
+    return rays;
+}

@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: MIT
+// Matrix products behind the two kinds of rows; BLAS on one thread, the pool runs clusters.
+#include "bake/sources.h"
+
+#include <cblas.h>
+#include <string.h>
+
+enum { BLOCK = 192 }; // rows of E converted to float at a time
+
+// Calls back with float rows [first, first+n) of the cut.
+static void load_rows(const struct product_rows *p, uint32_t first, uint32_t n, float *out)
+{
+    size_t n_coef = p->rows->n_coef;
+    for (uint32_t i = 0; i < n; i++)
+        prt_f16_to_f32_array(p->rows->half + (size_t)p->cut->row[first + i] * n_coef, n_coef,
+                             out + i * n_coef);
+}
+
+int product_multiply(void *user, const float *x, uint32_t m, float *out)
+{
+    struct product_rows *p = user;
+    uint32_t C = p->cut->n_column, n_coef = (uint32_t)p->rows->n_coef;
+    float *e = prt_alloc((size_t)BLOCK * n_coef, sizeof *e);
+    float *ex = prt_alloc((size_t)C * m + 1, sizeof *ex);
+    int status = e && ex ? PRT_OK : PRT_NOMEM;
+    for (uint32_t first = 0; status == PRT_OK && first < C; first += BLOCK) {
+        uint32_t n = C - first < BLOCK ? C - first : BLOCK;
+        load_rows(p, first, n, e);
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)m, (int)n_coef, 1, e,
+                    (int)n_coef, x, (int)m, 0, ex + (size_t)first * m, (int)m);
+    }
+    size_t stride = (size_t)p->n_vertex * C;
+    for (uint32_t f = 0; status == PRT_OK && f < p->n_function; f++) {
+        float *y = out + (size_t)f * p->n_vertex * m;
+        if (!C)
+            memset(y, 0, (size_t)p->n_vertex * m * sizeof *y);
+        else
+            cblas_sgemm(CblasRowMajor, CblasTrans, CblasNoTrans, (int)p->n_vertex, (int)m, (int)C,
+                        1, p->cut->k + f * stride, (int)p->n_vertex, ex, (int)m, 0, y, (int)m);
+    }
+    prt_free(e);
+    prt_free(ex);
+    return status;
+}
+
+int product_project(void *user, const float *u, uint32_t r, float *out)
+{
+    struct product_rows *p = user;
+    uint32_t C = p->cut->n_column, n_coef = (uint32_t)p->rows->n_coef, F = p->n_function;
+    size_t stride = (size_t)p->n_vertex * C, wide = (size_t)F * C;
+    memset(out, 0, (size_t)r * F * n_coef * sizeof *out);
+    if (!C) return PRT_OK;
+    float *e = prt_alloc((size_t)BLOCK * n_coef, sizeof *e);
+    float *q = prt_alloc((size_t)r * wide, sizeof *q); // [r][F][C] = U K_f^T
+    int status = e && q ? PRT_OK : PRT_NOMEM;
+    for (uint32_t f = 0; status == PRT_OK && f < F; f++)
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasTrans, (int)r, (int)C, (int)p->n_vertex, 1,
+                    u, (int)p->n_vertex, p->cut->k + f * stride, (int)p->n_vertex, 0,
+                    q + (size_t)f * C, (int)wide);
+    for (uint32_t first = 0; status == PRT_OK && first < C; first += BLOCK) {
+        uint32_t n = C - first < BLOCK ? C - first : BLOCK;
+        load_rows(p, first, n, e);
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)(r * F), (int)n_coef, (int)n,
+                    1, q + first, (int)C, e, (int)n_coef, 1, out, (int)n_coef);
+    }
+    prt_free(e);
+    prt_free(q);
+    return status;
+}
+
+int dense_multiply(void *user, const float *x, uint32_t m, float *out)
+{
+    struct dense_rows *d = user;
+    size_t row = (size_t)d->n_function * d->n_coef;
+    for (uint32_t f = 0; f < d->n_function; f++)
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)d->n_vertex, (int)m,
+                    (int)d->n_coef, 1, d->t + (size_t)f * d->n_coef, (int)row, x, (int)m, 0,
+                    out + (size_t)f * d->n_vertex * m, (int)m);
+    return PRT_OK;
+}
+
+int dense_project(void *user, const float *u, uint32_t r, float *out)
+{
+    struct dense_rows *d = user;
+    int row = (int)(d->n_function * d->n_coef);
+    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)r, row, (int)d->n_vertex, 1, u,
+                (int)d->n_vertex, d->t, row, 0, out, row);
+    return PRT_OK;
+}

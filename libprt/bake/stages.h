@@ -1,0 +1,195 @@
+/* SPDX-License-Identifier: MIT */
+/* The stages of a bake as they hand data on (README.md in this folder names the order). */
+#ifndef PRT_BAKE_STAGES_H
+#define PRT_BAKE_STAGES_H
+
+#include "prt/bake.h"
+#include "prt/surface.h"
+#include "prt/trace.h"
+
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#define PRT_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#else
+#define PRT_CLONES
+#endif
+
+/* ---- directions: sub-sampled texels, jittered ------------------------------------------- */
+
+enum { SUBS = 4 }; /* 2 x 2 sub-samples a texel, W05 §3 */
+
+/* Packets of 16 rays: 2 x 2 texels of one face, 4 sub-samples each. A pattern is one jitter of
+ * the whole sphere; weights of a texel's sub-samples sum to 1. */
+struct directions {
+    uint32_t n, n_coef, n_pattern, n_packet; /* packets a pattern */
+    float *x, *y, *z, *weight;               /* [n_pattern][n_packet][16] */
+    uint32_t *texel;                         /* [n_packet][4] texel of each four lanes */
+    float *solid_angle;                      /* [n_coef] sr */
+};
+int directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed, struct directions **out);
+void directions_destroy(struct directions *d);
+
+/* F_t(eta, cos) as a table over cos in [0,1]. */
+enum { FRESNEL_STEPS = 1024 };
+struct fresnel_table {
+    float value[FRESNEL_STEPS + 2];
+};
+void fresnel_table_init(struct fresnel_table *table, double eta);
+static inline float fresnel_table_eval(const struct fresnel_table *table, float cosine)
+{
+    float x = cosine * FRESNEL_STEPS;
+    int i = (int)x;
+    float f = x - (float)i;
+    return table->value[i] + f * (table->value[i + 1] - table->value[i]);
+}
+
+/* One row of pass 1, W05 eq 8: out[texel] = mean over the texel of F_t V (n.w)+, in [0,1]
+ * (times the texel's solid angle it is the irradiance transport). fresnel NULL: 1. Returns the
+ * number of rays cast. */
+uint64_t irradiance_row(const struct prt_scene *scene, const struct directions *d,
+                        unsigned pattern, const struct fresnel_table *fresnel,
+                        const float origin[3], const float normal[3],
+                        const float face_normal[3], float *out);
+
+/* ---- irradiance transport and its hierarchy ---------------------------------------------- */
+
+/* Rows of half floats: samples first (in tree order), then inner nodes. Large ones live in an
+ * unlinked temporary file. */
+struct half_rows {
+    size_t n_row, n_coef, bytes;
+    uint16_t *half;
+};
+int half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
+                     struct half_rows *out);
+void half_rows_finish(struct half_rows *rows);
+
+struct node {
+    float centre[3];          /* area-weighted mean position [mm] */
+    float box[2][3];
+    float area;               /* mm^2 */
+    uint32_t begin, count;    /* samples in tree order */
+    uint32_t child[2];        /* 0: leaf */
+};
+struct hierarchy {
+    uint32_t n_node;
+    struct node *node;
+    uint32_t *root;           /* [n_object] node index + 1; 0 where an object has no samples */
+    uint32_t *order;          /* [n_sample] surface sample at each tree position */
+};
+int hierarchy_create(const struct prt_surface_points *surface, struct hierarchy **out);
+void hierarchy_destroy(struct hierarchy *h);
+
+/* Pass 1 for all samples and the nodes' area-weighted means. rays counts what was cast. */
+int irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
+                    const struct prt_surface_points *surface, const struct hierarchy *h,
+                    const struct directions *d, double eta, struct half_rows *out,
+                    uint64_t *rays);
+
+/* ---- clusters of vertices ----------------------------------------------------------------- */
+
+struct clusters {
+    uint32_t n_cluster;
+    struct prt_cluster *cluster; /* vertex ranges in order; rank 0 yet */
+    uint32_t *object;            /* [n_cluster] */
+    uint8_t *translucent;        /* [n_cluster] */
+    uint32_t *order;             /* [n_vertex] file vertices */
+};
+int clusters_create(const struct prt_mesh *mesh, uint32_t target, struct clusters **out);
+void clusters_destroy(struct clusters *c);
+
+/* ---- radial kernels ------------------------------------------------------------------------ */
+
+/* A family of radial functions: out[f][i] = function f at sqrt(r2[i]) [mm^-2]. */
+struct radial_set {
+    uint32_t n;
+    void (*eval)(const void *user, unsigned cpu, size_t n, const float *r2, float *const *out);
+    const void *user;
+    float steepest;  /* largest effective transport coefficient, decides when to open [mm^-1] */
+};
+/* The columns a cluster sees: rows of half_rows, and the matrix K [n_function][n_vertex][C]. */
+struct cut {
+    uint32_t n_column, capacity;
+    uint32_t *row;        /* row of half_rows of each column */
+    float *k;             /* [n_function][n_vertex][n_column] includes 1/pi and areas */
+    size_t k_capacity;
+};
+int cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
+              const struct prt_surface_points *surface, const struct hierarchy *h,
+              const struct clusters *clusters, uint32_t c, const struct radial_set *radial,
+              struct cut *cut);
+void cut_finish(struct cut *cut);
+
+/* ---- factorisation -------------------------------------------------------------------------- */
+
+/* What is factored: training combinations choose the shared U, functions are stored. */
+struct factor_plan {
+    uint32_t n_function;     /* J stored */
+    uint32_t n_train;        /* combinations that U must serve */
+    const float *train;      /* [n_train][n_function]; NULL: identity, n_train = n_function */
+    uint32_t max_rank, n_probe;
+    uint32_t n;              /* cube size */
+    const float *solid_angle;/* [n_coef] */
+    const float *probe;      /* [n_coef][n_probe] gaussian, times solid angle */
+};
+/* A factored cluster before the choice of what is kept: U orthonormal columns by falling
+ * energy, B Haar coefficients. */
+struct factored {
+    uint32_t n_vertex, rank;     /* rank: columns held */
+    float *u;                    /* [rank][n_vertex] */
+    uint16_t *b;                 /* [rank][n_function][n_coef] halves, scaled by 1/scale */
+    float *scale;                /* [rank][n_function] */
+    float *energy;               /* [rank][n_coef] of coefficients, over training */
+    double *tail;                /* [rank+1] energy left when only the first r are kept */
+};
+/* A source of a cluster's rows T[f][v][texel] (per texel, solid angle not yet applied):
+ * multiply(X [n_coef][m]) -> [f][n_vertex][m], and project(U [r][n_vertex]) -> [r][f][n_coef]. */
+struct row_source {
+    void *user;
+    uint32_t n_vertex;
+    int (*multiply)(void *user, const float *x, uint32_t m, float *out);
+    int (*project)(void *user, const float *u, uint32_t r, float *out);
+};
+int factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan,
+                   const struct row_source *source, struct factored *out);
+void factored_finish(struct factored *f);
+
+/* Keeps what a threshold on energy says (or fixed rank and count) and lays out the tensor. */
+struct pack_options {
+    uint32_t rank;            /* 0: by energy */
+    uint32_t n_basis_coef;    /* mean coefficients a basis vector; 0: by energy */
+    double energy_error;      /* relative Frobenius error allowed over the whole model */
+};
+int pack_factored(const struct prt_context *ctx, const struct clusters *clusters,
+                  struct factored *factored, uint32_t n_function, uint32_t n,
+                  const struct pack_options *options, struct prt_tensor *out);
+void tensor_finish(struct prt_tensor *tensor); /* frees what pack_* or truncate_* made */
+
+/* W05's storage: the largest n_coef Haar coefficients a vertex. Rows arrive a cluster at a time. */
+struct sparse_builder;
+int sparse_builder_create(const struct clusters *clusters, uint32_t n_vertex, uint32_t n,
+                          uint32_t n_function, uint32_t n_coef, struct sparse_builder **out);
+/* dense [n_vertex of cluster][n_function][n_coef_all] per texel incl. solid angle; overwritten. */
+void sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense);
+int sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out);
+void sparse_builder_destroy(struct sparse_builder *b);
+
+/* ---- single scattering ------------------------------------------------------------------------ */
+
+struct single_plan {
+    const struct prt_scene *scene;
+    const struct prt_mesh *mesh;
+    const struct directions *directions; /* pattern 0 centres are not used: own jitter */
+    float sigma_t[3], sigma_s[3];        /* mm^-1 */
+    float eta;
+    unsigned n_phase;                    /* 1, 4, 9 */
+    struct prt_phase phase[3];           /* per channel */
+    uint32_t n_point;                    /* 16 */
+    bool every_ray;
+    uint64_t seed;
+};
+/* Rows of one vertex: out[n_phase*3][n_coef] per texel mean (solid angle not applied).
+ * Returns rays cast. */
+uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                     uint32_t vertex, float *out, void *scratch);
+size_t single_scratch_bytes(const struct single_plan *plan);
+
+#endif
