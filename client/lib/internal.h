@@ -1,0 +1,105 @@
+/* SPDX-License-Identifier: MIT */
+/* What the files of librelight share: the connection's engine, and building and reading messages. */
+#ifndef RELIGHT_INTERNAL_H
+#define RELIGHT_INTERNAL_H
+
+#include "frame.h"
+#include "relight.pb-c.h"
+#include "relight/relight.h"
+
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/uio.h>
+
+/* ---- errors ---- */
+/* Fills *error (may be NULL) and returns -code. */
+int relight_fail(struct relight_error *error, int code, const char *hint, const char *fmt, ...)
+    __attribute__((format(printf, 4, 5)));
+int relight_fail_message(struct relight_error *error, const Relight__Error *message);
+
+/* ---- address.c ---- */
+/* Connected non-blocking socket, or -code. */
+int relight_socket(const char *address, double timeout_s, struct relight_error *error);
+/* The default address into buf. */
+const char *relight_default_address(char *buf, size_t n);
+double relight_now_s(void);
+
+/* ---- connection.c ---- */
+struct answer {
+    struct answer *next;
+    uint16_t type;
+    bool last;
+    ProtobufCMessage *message;   /* never NULL */
+    uint8_t *payload;            /* free() */
+    uint64_t payload_size;
+};
+void relight_answer_free(struct answer *answer);
+
+/* Sends a request and waits until all of it is written. payload may be NULL. deadline_s: given to
+ * the daemon, 0 none. *id is set. With `forget` nobody will wait for its answers. */
+int relight_start(struct relight_client *client, uint16_t type, const ProtobufCMessage *message,
+                  const struct iovec *payload, int n_payload, double deadline_s, bool forget,
+                  uint64_t *id, struct relight_error *error);
+/* Next answer of a request; RELIGHT_E_TIMEOUT when none came in wait_s (< 0: its own deadline
+ * and a grace, after which it is cancelled and forgotten). An ERROR frame becomes the return
+ * value. After an answer with LAST, or an error that is not a bare timeout, the id is gone. */
+int relight_next(struct relight_client *client, uint64_t id, double wait_s, struct answer **out,
+                 struct relight_error *error);
+/* Whether an answer already waits. */
+bool relight_pending(struct relight_client *client, uint64_t id);
+/* start, then next; checks the answer's type. */
+int relight_call(struct relight_client *client, uint16_t type, const ProtobufCMessage *message,
+                 struct answer **out, struct relight_error *error);
+/* The second half of relight_call: the one answer of a started request. */
+int relight_end(struct relight_client *client, uint64_t id, uint16_t type, struct answer **out,
+                struct relight_error *error);
+/* Cancels a request and drops what still comes for it; the id is gone. */
+void relight_forget(struct relight_client *client, uint64_t id);
+double relight_timeout(const struct relight_client *client);
+
+/* ---- messages.c: plain structs to messages and back ---- */
+/* Memory that an output owns: the answer, and arrays made from it. */
+struct owner {
+    struct answer *answer;
+    void *extra[4];
+    unsigned n_extra;
+};
+struct owner *relight_owner(struct answer *answer); /* takes the answer; frees it on failure */
+void *relight_owner_alloc(struct owner *owner, size_t n, size_t size); /* zeroed */
+void relight_owner_free(struct owner *owner);
+
+/* A request's light, shading and picture as messages, in one place on the stack. */
+enum { RELIGHT_MAX_LIGHT = 16 };
+struct request_parts {
+    Relight__Light light[RELIGHT_MAX_LIGHT], *lights[RELIGHT_MAX_LIGHT];
+    Relight__Vec3 gain[RELIGHT_MAX_LIGHT];
+    struct iovec cube[RELIGHT_MAX_LIGHT];
+    int n_cube;
+    Relight__Shade shade;
+    Relight__Vec3 shade_eye;
+    Relight__Picture picture;
+    Relight__Camera camera;
+    Relight__Vec3 eye, target, up, background;
+};
+int relight_put_lights(struct request_parts *parts, size_t n, const struct relight_light *lights,
+                       struct relight_error *error);
+void relight_put_shade(struct request_parts *parts, const struct relight_shade *shade);
+void relight_put_picture(struct request_parts *parts, const struct relight_picture *picture);
+void relight_get_cost(const Relight__Cost *message, struct relight_cost *out);
+/* Check the description against the payload and point into it. */
+int relight_get_colors(const Relight__ColorsAnswer *message, const uint8_t *payload,
+                       uint64_t payload_size, struct relight_colors *out,
+                       struct relight_error *error);
+int relight_get_image(const Relight__ImageAnswer *message, const uint8_t *payload,
+                      uint64_t payload_size, struct relight_image *out,
+                      struct relight_error *error);
+int relight_get_blocks(struct owner *owner, size_t n, Relight__Block **blocks,
+                       const struct relight_block **out);
+static inline char *relight_text(const char *text)
+{
+    static char empty[1];
+    return text ? (char *)(uintptr_t)text : empty;
+}
+
+#endif

@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: MIT
+// Plain structs to messages and back; what comes from the daemon is checked before it is used.
+#include "internal.h"
+
+#include <math.h>
+#include <stdio.h>
+
+// Public enums are the schema's numbers.
+_Static_assert((int)RELIGHT_ENGINE_HYBRID == RELIGHT__ENGINE__ENGINE_HYBRID, "engine");
+_Static_assert((int)RELIGHT_TERM_SINGLE == RELIGHT__TERM__TERM_SINGLE, "term");
+_Static_assert((int)RELIGHT_SRGB8 == RELIGHT__COLOR_FORMAT__COLOR_SRGB8, "colour format");
+_Static_assert((int)RELIGHT_IMAGE_F16 == RELIGHT__IMAGE_FORMAT__IMAGE_F16, "image format");
+_Static_assert((int)RELIGHT_NONE == RELIGHT__TONE__TONE_NONE, "tone");
+_Static_assert((int)RELIGHT_MODEL_FAILED == RELIGHT__MODEL_STATE__MODEL_FAILED, "model state");
+_Static_assert((int)RELIGHT_JOB_CANCELLED == RELIGHT__JOB_STATE__JOB_CANCELLED, "job state");
+_Static_assert((int)RELIGHT_E_JOB_FAILED == RELIGHT__ERROR_CODE__ERROR_JOB_FAILED, "codes");
+_Static_assert((int)RELIGHT_TRANSPORT_JOINT == RELIGHT__TRANSPORT__TRANSPORT_JOINT, "transport");
+_Static_assert((int)RELIGHT_STORAGE_SPARSE == RELIGHT__STORAGE__STORAGE_SPARSE, "storage");
+
+struct owner *relight_owner(struct answer *answer)
+{
+    struct owner *owner = calloc(1, sizeof *owner);
+    if (!owner)
+        relight_answer_free(answer);
+    else
+        owner->answer = answer;
+    return owner;
+}
+
+void *relight_owner_alloc(struct owner *owner, size_t n, size_t size)
+{
+    if (owner->n_extra == sizeof owner->extra / sizeof *owner->extra) return NULL;
+    void *p = calloc(n ? n : 1, size);
+    if (p) owner->extra[owner->n_extra++] = p;
+    return p;
+}
+
+void relight_owner_free(struct owner *owner)
+{
+    if (!owner) return;
+    relight_answer_free(owner->answer);
+    for (unsigned i = 0; i < owner->n_extra; i++) free(owner->extra[i]);
+    free(owner);
+}
+
+static Relight__Vec3 vec3(const float v[3])
+{
+    Relight__Vec3 m = RELIGHT__VEC3__INIT;
+    m.x = v[0], m.y = v[1], m.z = v[2];
+    return m;
+}
+
+int relight_put_lights(struct request_parts *parts, size_t n, const struct relight_light *lights,
+                       struct relight_error *error)
+{
+    parts->n_cube = 0;
+    if (n > RELIGHT_MAX_LIGHT)
+        return relight_fail(error, RELIGHT_E_ARGUMENT, "", "%zu lights, at most %d a request", n,
+                            RELIGHT_MAX_LIGHT);
+    for (size_t i = 0; i < n; i++) {
+        const struct relight_light *in = lights + i;
+        Relight__Light *m = parts->light + i;
+        relight__light__init(m);
+        parts->lights[i] = m;
+        m->rotate_deg = in->rotate_deg;
+        if (in->gain[0] != 0 || in->gain[1] != 0 || in->gain[2] != 0) {
+            parts->gain[i] = vec3(in->gain);
+            m->gain = parts->gain + i;
+        }
+        if (!in->cube_n == !in->env)
+            return relight_fail(error, RELIGHT_E_ARGUMENT, "",
+                                "light %zu needs either an environment or a cube", i);
+        if (in->cube_n) {
+            if (in->cube_n < 16 || in->cube_n > 128 || in->cube_n & (in->cube_n - 1) || !in->cube)
+                return relight_fail(error, RELIGHT_E_ARGUMENT, "",
+                                    "light %zu: cube of %u, allowed are 16, 32, 64, 128", i,
+                                    in->cube_n);
+            m->cube_n = in->cube_n;
+            parts->cube[parts->n_cube++] = (struct iovec){
+                (void *)(uintptr_t)in->cube, sizeof(float) * 18 * in->cube_n * in->cube_n};
+        } else {
+            m->env = relight_text(in->env);
+        }
+    }
+    return 0;
+}
+
+void relight_put_shade(struct request_parts *parts, const struct relight_shade *shade)
+{
+    Relight__Shade *m = &parts->shade;
+    relight__shade__init(m);
+    m->engine = (Relight__Engine)shade->engine;
+    m->term = (Relight__Term)shade->term;
+    m->material = relight_text(shade->material);
+    m->max_error = shade->max_error;
+    m->budget_ms = shade->budget_ms;
+    if (shade->has_eye) {
+        parts->shade_eye = vec3(shade->eye);
+        m->eye = &parts->shade_eye;
+    }
+}
+
+void relight_put_picture(struct request_parts *parts, const struct relight_picture *picture)
+{
+    Relight__Picture *m = &parts->picture;
+    const struct relight_camera *camera = &picture->camera;
+    relight__picture__init(m);
+    m->width = picture->width;
+    m->height = picture->height;
+    m->format = (Relight__ImageFormat)picture->format;
+    m->quality = picture->quality;
+    m->tone = (Relight__Tone)picture->tone;
+    m->exposure_ev = picture->exposure_ev;
+    m->samples = picture->samples;
+    m->no_specular = picture->no_specular;
+    if (picture->plain_background) {
+        m->plain_background = 1;
+        parts->background = vec3(picture->background);
+        m->background = &parts->background;
+    }
+    if (!camera->set) return;
+    relight__camera__init(&parts->camera);
+    m->camera = &parts->camera;
+    parts->eye = vec3(camera->eye);
+    parts->target = vec3(camera->target);
+    parts->camera.eye = &parts->eye;
+    parts->camera.target = &parts->target;
+    parts->camera.fovy_deg = camera->fovy_deg;
+    if (camera->up[0] != 0 || camera->up[1] != 0 || camera->up[2] != 0) {
+        parts->up = vec3(camera->up);
+        parts->camera.up = &parts->up;
+    }
+}
+
+void relight_get_cost(const Relight__Cost *m, struct relight_cost *out)
+{
+    *out = (struct relight_cost){.note = ""};
+    if (!m) return;
+    *out = (struct relight_cost){.queue_ms = m->queue_ms,
+                                 .light_ms = m->light_ms,
+                                 .relight_ms = m->relight_ms,
+                                 .raster_ms = m->raster_ms,
+                                 .shade_ms = m->shade_ms,
+                                 .encode_ms = m->encode_ms,
+                                 .total_ms = m->total_ms,
+                                 .shared = m->shared,
+                                 .error_bound = m->error_bound,
+                                 .engine = (enum relight_engine)m->engine,
+                                 .note = m->note};
+}
+
+static unsigned color_bytes(Relight__ColorFormat format)
+{
+    switch ((int)format) {
+    case RELIGHT_F32: return 12;
+    case RELIGHT_F16: return 6;
+    case RELIGHT_RGB9E5:
+    case RELIGHT_SRGB8: return 4;
+    default: return 0;
+    }
+}
+
+int relight_get_colors(const Relight__ColorsAnswer *m, const uint8_t *payload,
+                       uint64_t payload_size, struct relight_colors *out,
+                       struct relight_error *error)
+{
+    uint64_t need = (uint64_t)m->n_vertex * color_bytes(m->format);
+    uint64_t last; // where the last plane starts
+    if (!color_bytes(m->format) || !m->n_plane || m->plane_bytes < need ||
+        (m->n_plane > 1 && m->plane_bytes % RELIGHT_FRAME_ALIGN) ||
+        __builtin_mul_overflow(m->plane_bytes, (uint64_t)m->n_plane - 1, &last) ||
+        last > payload_size || payload_size - last < need)
+        return relight_fail(error, RELIGHT_E_PROTOCOL, "",
+                            "colours answer: %u planes of %u vertices do not fit its %llu bytes",
+                            m->n_plane, m->n_vertex, (unsigned long long)payload_size);
+    *out = (struct relight_colors){.n_vertex = m->n_vertex,
+                                   .n_plane = m->n_plane,
+                                   .plane_bytes = m->plane_bytes,
+                                   .format = (enum relight_color_format)m->format,
+                                   .generation = m->generation,
+                                   .data = payload};
+    relight_get_cost(m->cost, &out->cost);
+    return 0;
+}
+
+static void get_vec3(const Relight__Vec3 *m, float out[3])
+{
+    out[0] = m ? m->x : 0;
+    out[1] = m ? m->y : 0;
+    out[2] = m ? m->z : 0;
+}
+
+int relight_get_image(const Relight__ImageAnswer *m, const uint8_t *payload,
+                      uint64_t payload_size, struct relight_image *out,
+                      struct relight_error *error)
+{
+    uint64_t pixels = (uint64_t)m->width * m->height, need = 1;
+    if (m->format == RELIGHT__IMAGE_FORMAT__IMAGE_RGB8) need = pixels * 3;
+    if (m->format == RELIGHT__IMAGE_FORMAT__IMAGE_F16) need = pixels * 6;
+    if (!pixels || m->width > 65535 || m->height > 65535 || payload_size < need)
+        return relight_fail(error, RELIGHT_E_PROTOCOL, "",
+                            "image answer: %u x %u pixels in %llu bytes", m->width, m->height,
+                            (unsigned long long)payload_size);
+    *out = (struct relight_image){.width = m->width,
+                                  .height = m->height,
+                                  .format = (enum relight_image_format)m->format,
+                                  .generation = m->generation,
+                                  .n_byte = payload_size,
+                                  .data = payload};
+    if (m->camera) {
+        out->camera.set = true;
+        get_vec3(m->camera->eye, out->camera.eye);
+        get_vec3(m->camera->target, out->camera.target);
+        get_vec3(m->camera->up, out->camera.up);
+        out->camera.fovy_deg = m->camera->fovy_deg;
+    }
+    relight_get_cost(m->cost, &out->cost);
+    return 0;
+}
+
+int relight_get_blocks(struct owner *owner, size_t n, Relight__Block **blocks,
+                       const struct relight_block **out)
+{
+    struct relight_block *block = relight_owner_alloc(owner, n, sizeof *block);
+    if (!block) return -1;
+    for (size_t i = 0; i < n; i++) {
+        const Relight__Block *m = blocks[i];
+        block[i] = (struct relight_block){.object = m->object,
+                                          .surface = m->surface,
+                                          .translucent = m->translucent,
+                                          .vertex_begin = m->vertex_begin,
+                                          .n_vertex = m->n_vertex,
+                                          .triangle_begin = m->triangle_begin,
+                                          .n_triangle = m->n_triangle};
+        get_vec3(m->base_color, block[i].base_color);
+    }
+    *out = block;
+    return 0;
+}
+
+int relight_camera_parse(const char *text, struct relight_camera *out,
+                         struct relight_error *error)
+{
+    struct relight_camera camera = {.set = true};
+    float *triple[3] = {camera.eye, camera.target, camera.up};
+    const char *at = text;
+    for (int i = 0; i < 4; i++) {
+        float v[3];
+        int used = 0;
+        if (sscanf(at, "%f,%f,%f%n", v, v + 1, v + 2, &used) == 3 && used && i < 3)
+            memcpy(triple[i], v, sizeof v);
+        else if (i >= 2 && sscanf(at, "%f%n", v, &used) == 1 && used && v[0] > 0 && v[0] < 170)
+            camera.fovy_deg = v[0];
+        else
+            break;
+        for (int k = 0; k < (camera.fovy_deg > 0 ? 1 : 3); k++)
+            if (!isfinite(v[k])) goto bad;
+        at += used;
+        if (!*at && i >= 1) {
+            *out = camera;
+            return 0;
+        }
+        if (*at++ != ':' || camera.fovy_deg > 0) break;
+    }
+bad:
+    return relight_fail(error, RELIGHT_E_ARGUMENT, "",
+                        "camera '%s': expected EYE:TARGET[:UP][:FOVY] as x,y,z:x,y,z:x,y,z:deg, "
+                        "0 < FOVY < 170", text);
+}
