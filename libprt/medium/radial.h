@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: MIT */
+/* The inside of a radial basis: its grid, quadrature, projection operator and builders. */
+#ifndef MEDIUM_RADIAL_H
+#define MEDIUM_RADIAL_H
+
+#include "prt/radial.h"
+
+enum {
+    RADIAL_OCTAVE_SHIFT = 17,  /* 64 grid intervals an octave: index = float bits >> 17 */
+    RADIAL_MAX_FUNCTION = 64,
+    RADIAL_MAX_GRID = 24 * 64 + 2,
+    RADIAL_MAX_QUAD = 2 * RADIAL_MAX_GRID,
+};
+
+/* One member of a family: a dipole, or e^(-sigma_t r). */
+struct radial_member {
+    enum prt_radial_family family;
+    struct prt_dipole dipole;
+    double sigma_t;
+};
+void radial_member_init(struct radial_member *member, enum prt_radial_family family,
+                        double eta, double sigma, double sigma_a);
+double radial_member_eval(const struct radial_member *member, double r);
+/* integral over [0, radius] of the member: 2 pi r dr (dipole) or dr (extinction) */
+double radial_member_inside(const struct radial_member *member, double radius);
+
+/* Two Gauss points an interval of the grid. `measure` integrates d mu = 2 pi r dr or dr;
+ * `weight` is the least squares' own: (d mu / d log r)^2 d log r, so that every scale counts
+ * alike and the L1 error it bounds is the METHODS §4 one; for the plain kind just dr. */
+struct radial {
+    struct prt_radial pub; /* first: a struct prt_radial * is a struct radial * */
+    unsigned cpu;
+    uint32_t degree;   /* of spline kinds */
+    uint32_t n_quad;   /* 2 (n_grid - 1) */
+    uint32_t stride;   /* n_function rounded up to 8 */
+    uint32_t base;     /* bits of r[1] >> RADIAL_OCTAVE_SHIFT */
+    float *quad_r2;    /* [n_quad] */
+    double *quad_r, *measure, *weight;
+    float *measure32;  /* [n_quad] */
+    float *phi;        /* [n_function][n_quad]: B_j at the points */
+    float *project;    /* [n_quad][stride]: coef = project^T f + moment * inside */
+    float *moment;     /* [stride] */
+    float *table;      /* [n_grid][stride]: value, transposed */
+    float *inv_step;   /* [n_grid] */
+};
+
+int radial_grid_init(struct radial *radial, double r_lo, double radius);
+bool radial_is_plain(const struct radial *radial);
+bool radial_is_spline(const struct radial *radial);
+void radial_free_functions(struct radial *radial);
+
+/* Functions a fit may use: fit[n_fit][n_grid] at the grid, and the stored functions they turn
+ * into: stored coef = map[n_function][n_fit] fit coef (NULL: the same functions). */
+struct radial_functions {
+    uint32_t n_fit, n_function;
+    double *fit, *map, *stored; /* stored [n_function][n_grid]; NULL when map is */
+};
+void radial_functions_finish(struct radial_functions *f);
+
+/* Scales functions to integral |B| d mu = 1, fills pub.value and the projection operator. */
+int radial_build(struct radial *radial, struct radial_functions *functions);
+/* Measures pub.mean_error and worst_error over materials between the family's own. */
+int radial_measure(struct radial *radial);
+
+/* The `n_max` leading singular functions [n][n_grid] of the family; *n how many are sound. */
+int radial_reduced(const struct radial *radial, uint32_t n_max, double *out, uint32_t *n);
+/* Knots (grid indices, m+1 of them, ascending) that split the representative function into m
+ * pieces at least cost, for every m <= m_max: knot[m*(m_max+1) + k]. */
+int radial_knots(const struct radial *radial, uint32_t m_max, uint32_t *knot);
+/* Spline functions of radial->degree on knots. */
+int radial_spline(const struct radial *radial, uint32_t m, const uint32_t *knot,
+                  struct radial_functions *out);
+
+#endif

@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: MIT
+// Where basis functions come from: the singular vectors of a family, or splines on knots that
+// dynamic programming places (X07 §4.2).
+#include "radial.h"
+
+#include <lapacke.h>
+#include <math.h>
+#include <string.h>
+
+/* ---- reduced basis ---- */
+
+enum { N_SIGMA = 28, N_SIGMA_A = 16, N_SIGMA_T = 160 };
+
+static uint32_t family_members(const struct radial *radial, struct radial_member *out)
+{
+    const double *s = radial->pub.range[0], *a = radial->pub.range[1];
+    uint32_t n = 0;
+    if (radial->pub.family == PRT_FAMILY_EXTINCTION) {
+        for (int i = 0; i < N_SIGMA_T; i++)
+            radial_member_init(&out[n++], PRT_FAMILY_EXTINCTION, 1,
+                               s[0] * pow(s[1] / s[0], i / (N_SIGMA_T - 1.0)), 0);
+        return n;
+    }
+    const double a_lo = a[0] > 0 ? a[0] : fmin(1e-5, a[1]);
+    for (int i = 0; i < N_SIGMA; i++)
+        for (int k = 0; k < N_SIGMA_A; k++) {
+            double t = (k - 1) / (N_SIGMA_A - 2.0);
+            double sigma_a = k && a_lo > 0 ? a_lo * pow(a[1] / a_lo, t) : a[0];
+            radial_member_init(&out[n++], PRT_FAMILY_DIPOLE, radial->pub.eta,
+                               s[0] * pow(s[1] / s[0], i / (N_SIGMA - 1.0)), sigma_a);
+        }
+    return n;
+}
+
+/* Left singular vectors from the small side: rows = L Q, then the SVD of L, into l. */
+static int left_vectors(uint32_t n, uint32_t nq, double *row, double *l, double *value)
+{
+    double *tau = prt_calloc(n, sizeof *tau), *superb = prt_calloc(n, sizeof *superb);
+    int err = tau && superb ? PRT_INTERNAL : PRT_NOMEM;
+    if (err == PRT_INTERNAL &&
+        !LAPACKE_dgelqf(LAPACK_ROW_MAJOR, (int)n, (int)nq, row, (int)nq, tau)) {
+        for (uint32_t i = 0; i < n; i++)
+            memcpy(l + (size_t)i * n, row + (size_t)i * nq, (i + 1) * sizeof *l);
+        if (!LAPACKE_dgesvd(LAPACK_ROW_MAJOR, 'O', 'N', (int)n, (int)n, l, (int)n, value, NULL, 1,
+                            NULL, 1, superb))
+            err = PRT_OK;
+    }
+    prt_free(tau);
+    prt_free(superb);
+    return err;
+}
+
+/* B_j = sum_m U_mj f_m / s_j: combinations of exact profiles, so exact at every radius. */
+static uint32_t combine(const struct radial *radial, const struct radial_member *member,
+                        uint32_t n, const double *l, const double *value, uint32_t n_max,
+                        double *out)
+{
+    const uint32_t ng = radial->pub.n_grid;
+    uint32_t sound = 0;
+    while (sound < n_max && sound < n && value[sound] > 1e-11 * value[0]) sound++;
+    memset(out, 0, (size_t)sound * ng * sizeof *out);
+    for (uint32_t m = 0; m < n; m++) {
+        double scale = 1 / radial_member_inside(&member[m], radial->pub.r[ng - 1]);
+        for (uint32_t i = 0; i < ng; i++) {
+            double f = scale * radial_member_eval(&member[m], radial->pub.r[i]);
+            for (uint32_t j = 0; j < sound; j++)
+                out[(size_t)j * ng + i] += f * l[(size_t)m * n + j] / value[j];
+        }
+    }
+    return sound;
+}
+
+int radial_reduced(const struct radial *radial, uint32_t n_max, double *out, uint32_t *n_out)
+{
+    const uint32_t nq = radial->n_quad;
+    struct radial_member *member = prt_calloc(N_SIGMA * N_SIGMA_A, sizeof *member);
+    if (!member) return PRT_NOMEM;
+    uint32_t n = family_members(radial, member);
+    double *row = prt_calloc((size_t)n * nq, sizeof *row);
+    double *l = prt_calloc((size_t)n * n, sizeof *l), *value = prt_calloc(n, sizeof *value);
+    int err = PRT_NOMEM;
+    if (!row || !l || !value) goto done;
+    if ((err = nq >= n ? PRT_OK : PRT_ARG) < 0) goto done;
+    /* rows sqrt(w) f / inside: the L1 error of each member counts alike */
+    for (uint32_t m = 0; m < n; m++) {
+        double scale = 1 / radial_member_inside(&member[m], radial->pub.r[radial->pub.n_grid - 1]);
+        for (uint32_t q = 0; q < nq; q++)
+            row[(size_t)m * nq + q] = scale * sqrt(radial->weight[q]) *
+                                      radial_member_eval(&member[m], radial->quad_r[q]);
+    }
+    if ((err = left_vectors(n, nq, row, l, value)) == PRT_OK)
+        *n_out = combine(radial, member, n, l, value, n_max, out);
+done:
+    prt_free(member);
+    prt_free(row);
+    prt_free(l);
+    prt_free(value);
+    return err;
+}
+
+/* ---- knots ---- */
+
+/* X07: the mean of three members spread over the useful range. Each counts by its share, but
+ * for the plain kind, which takes the mean as printed. */
+static void representative(const struct radial *radial, double *f)
+{
+    static const double dipole[3][2] = {{0.2, 0.001}, {2, 0.02}, {10, 0.2}};
+    static const double sigma_t[3] = {0.2, 2, 10};
+    const double end = radial->pub.r[radial->pub.n_grid - 1];
+    for (uint32_t q = 0; q < radial->n_quad; q++) f[q] = 0;
+    for (int i = 0; i < 3; i++) {
+        struct radial_member m;
+        if (radial->pub.family == PRT_FAMILY_DIPOLE)
+            radial_member_init(&m, PRT_FAMILY_DIPOLE, radial->pub.eta, dipole[i][0], dipole[i][1]);
+        else
+            radial_member_init(&m, PRT_FAMILY_EXTINCTION, 1, sigma_t[i], 0);
+        double scale = radial_is_plain(radial) ? 1 : 1 / radial_member_inside(&m, end);
+        for (uint32_t q = 0; q < radial->n_quad; q++)
+            f[q] += scale / 3 * radial_member_eval(&m, radial->quad_r[q]);
+    }
+}
+
+/* Least squares residual of one polynomial over quadrature points [begin, end). */
+static double piece_cost(const struct radial *radial, const double *f, uint32_t begin,
+                         uint32_t end, double r0, double r1)
+{
+    double g[3][3] = {{0}}, b[3] = {0}, ff = 0;
+    const uint32_t d = radial->degree;
+    for (uint32_t q = begin; q < end; q++) {
+        double t = 2 * (radial->quad_r[q] - r0) / (r1 - r0) - 1, w = radial->weight[q];
+        double p[3] = {1, t, (3 * t * t - 1) / 2};
+        for (uint32_t i = 0; i <= d; i++) {
+            for (uint32_t k = 0; k <= i; k++) g[i][k] += w * p[i] * p[k];
+            b[i] += w * p[i] * f[q];
+        }
+        ff += w * f[q] * f[q];
+    }
+    for (uint32_t i = 0; i <= d; i++) { /* Cholesky with the right side: ff - |L^-1 b|^2 */
+        for (uint32_t k = 0; k <= i; k++) {
+            double sum = g[i][k];
+            for (uint32_t l = 0; l < k; l++) sum -= g[i][l] * g[k][l];
+            if (i == k && sum <= 1e-14 * g[i][i]) return 0; /* fewer points than terms */
+            g[i][k] = i == k ? sqrt(sum) : sum / g[k][k];
+        }
+        for (uint32_t l = 0; l < i; l++) b[i] -= g[i][l] * b[l];
+        b[i] /= g[i][i];
+        ff -= b[i] * b[i];
+    }
+    return ff > 0 ? ff : 0;
+}
+
+enum { KNOT_STEP = 4 };
+
+static uint32_t candidate(uint32_t k, uint32_t n_candidate, uint32_t n_grid)
+{
+    return k == 0 ? 0 : k == n_candidate - 1 ? n_grid - 1 : k * KNOT_STEP;
+}
+
+int radial_knots(const struct radial *radial, uint32_t m_max, uint32_t *knot)
+{
+    const uint32_t ng = radial->pub.n_grid, n = (ng - 1 + KNOT_STEP - 1) / KNOT_STEP + 1;
+    if (m_max >= n) return PRT_ARG;
+    double *f = prt_calloc(radial->n_quad, sizeof *f), *cost = prt_calloc((size_t)n * n, sizeof *cost);
+    double *best = prt_calloc((size_t)(m_max + 1) * n, sizeof *best);
+    uint32_t *from = prt_calloc((size_t)(m_max + 1) * n, sizeof *from);
+    int err = PRT_NOMEM;
+    if (!f || !cost || !best || !from) goto done;
+    representative(radial, f);
+    for (uint32_t a = 0; a < n; a++)
+        for (uint32_t b = a + 1; b < n; b++) {
+            uint32_t i = candidate(a, n, ng), k = candidate(b, n, ng);
+            cost[(size_t)a * n + b] =
+                piece_cost(radial, f, 2 * i, 2 * k, radial->pub.r[i], radial->pub.r[k]);
+        }
+    for (uint32_t b = 0; b < n; b++) best[b] = b ? INFINITY : 0;
+    for (uint32_t m = 1; m <= m_max; m++)
+        for (uint32_t b = 0; b < n; b++) {
+            best[(size_t)m * n + b] = INFINITY;
+            for (uint32_t a = 0; a < b; a++) {
+                double c = best[(size_t)(m - 1) * n + a] + cost[(size_t)a * n + b];
+                if (c < best[(size_t)m * n + b]) {
+                    best[(size_t)m * n + b] = c;
+                    from[(size_t)m * n + b] = a;
+                }
+            }
+        }
+    for (uint32_t m = 1; m <= m_max; m++)
+        for (uint32_t k = m + 1, b = n - 1; k-- > 0;) {
+            knot[(size_t)m * (m_max + 1) + k] = candidate(b, n, ng);
+            if (k) b = from[(size_t)k * n + b];
+        }
+    err = PRT_OK;
+done:
+    prt_free(f);
+    prt_free(cost);
+    prt_free(best);
+    prt_free(from);
+    return err;
+}
+
+/* ---- splines ---- */
+
+/* The d+1 B-splines of degree d that live on interval k, at r: their numbers are k … k+d. */
+static void bspline(uint32_t d, uint32_t m, const double *x, uint32_t k, double r, double out[3])
+{
+#define KNOT(i) x[(i) < 0 ? 0 : (i) > (int)m ? (int)m : (i)]
+    out[0] = 1;
+    for (uint32_t p = 1; p <= d; p++) { /* de Boor's triangle with clamped end knots */
+        double saved = 0;
+        for (uint32_t i = 0; i < p; i++) {
+            double right = KNOT((int)(k + i + 1)), left = KNOT((int)(k + i + 1) - (int)p);
+            double share = out[i] / (right - left);
+            out[i] = saved + (right - r) * share;
+            saved = (r - left) * share;
+        }
+        out[p] = saved;
+    }
+#undef KNOT
+}
+
+static void bernstein(uint32_t d, double t, double out[3])
+{
+    double s = 1 - t;
+    if (d == 2)
+        out[0] = s * s, out[1] = 2 * s * t, out[2] = t * t;
+    else
+        out[0] = s, out[1] = t, out[2] = 0;
+}
+
+static void fill_splines(const struct radial *radial, uint32_t m, const uint32_t *knot,
+                         const double *x, double *fit)
+{
+    const uint32_t ng = radial->pub.n_grid, d = radial->degree;
+    for (uint32_t k = 0; k < m; k++)
+        for (uint32_t i = knot[k]; i <= knot[k + 1]; i++) {
+            double v[3];
+            bspline(d, m, x, k, radial->pub.r[i], v);
+            for (uint32_t j = 0; j <= d; j++) fit[(size_t)(k + j) * ng + i] = v[j];
+        }
+}
+
+/* Piece k's own polynomials, Bernstein so that they neither cancel nor leave [0,1], and what
+ * each spline contributes to them. A node shared by two pieces belongs to the right one. */
+static void fill_pieces(const struct radial *radial, uint32_t m, const uint32_t *knot,
+                        const double *x, struct radial_functions *f)
+{
+    const uint32_t ng = radial->pub.n_grid, d = radial->degree, s = f->n_fit;
+    for (uint32_t k = 0; k < m; k++) {
+        double *stored = f->stored + (size_t)k * (d + 1) * ng;
+        double *map = f->map + (size_t)k * (d + 1) * s;
+        uint32_t last = k + 1 == m ? ng : knot[k + 1];
+        for (uint32_t i = knot[k]; i < last; i++) {
+            double b[3];
+            bernstein(d, (radial->pub.r[i] - x[k]) / (x[k + 1] - x[k]), b);
+            for (uint32_t j = 0; j <= d; j++) stored[(size_t)j * ng + i] = b[j];
+        }
+        double at0[3], at1[3], mid[3];
+        bspline(d, m, x, k, x[k], at0);
+        bspline(d, m, x, k, x[k + 1], at1);
+        bspline(d, m, x, k, (x[k] + x[k + 1]) / 2, mid);
+        for (uint32_t j = 0; j <= d; j++) {
+            map[k + j] = at0[j];
+            map[(size_t)d * s + k + j] = at1[j];
+            if (d == 2) map[(size_t)s + k + j] = 2 * mid[j] - (at0[j] + at1[j]) / 2;
+        }
+    }
+}
+
+int radial_spline(const struct radial *radial, uint32_t m, const uint32_t *knot,
+                  struct radial_functions *out)
+{
+    const uint32_t ng = radial->pub.n_grid, d = radial->degree;
+    const bool pieces = radial->pub.kind != PRT_RADIAL_HAT;
+    struct radial_functions f = {.n_fit = m + d, .n_function = pieces ? m * (d + 1) : m + d};
+    double x[RADIAL_MAX_FUNCTION + 1];
+    if (!m || m > RADIAL_MAX_FUNCTION || f.n_function > RADIAL_MAX_FUNCTION) return PRT_LIMIT;
+    for (uint32_t k = 0; k <= m; k++) x[k] = radial->pub.r[knot[k]];
+    f.fit = prt_calloc((size_t)f.n_fit * ng, sizeof *f.fit);
+    if (pieces) {
+        f.map = prt_calloc((size_t)f.n_function * f.n_fit, sizeof *f.map);
+        f.stored = prt_calloc((size_t)f.n_function * ng, sizeof *f.stored);
+    }
+    if (!f.fit || (pieces && (!f.map || !f.stored))) {
+        radial_functions_finish(&f);
+        return PRT_NOMEM;
+    }
+    fill_splines(radial, m, knot, x, f.fit);
+    if (pieces) fill_pieces(radial, m, knot, x, &f);
+    *out = f;
+    return PRT_OK;
+}
