@@ -42,58 +42,109 @@ out:
     return order;
 }
 
-// Each row keeps `coefs` coefficients on average, between half and one and a half of it,
-// spread over all and never a scaling one.
+// Chance that a coefficient is kept: coarse ones nearly always, each finer level (of four
+// times as many) six times less, as the largest coefficients of smooth transport fall.
+static float keep_chance(uint32_t coef, uint32_t n, float scale)
+{
+    uint32_t x = coef % n, y = coef / n % n, most = x > y ? x : y;
+    if (!most) return 0;
+    int level = 31 - __builtin_clz(most);
+    float chance = scale * powf(6, (float)-level);
+    return chance < 1 ? chance : 1;
+}
+
+static float chance_scale(uint32_t n, uint32_t coefs)
+{
+    double lo = 0, hi = 1e9;
+    for (int i = 0; i < 60; i++) {
+        double mid = sqrt((lo + 1e-9) * hi), sum = 0;
+        for (uint32_t k = 0; k < n * n; k++) sum += 6 * (double)keep_chance(k, n, (float)mid);
+        if (sum > coefs)
+            hi = mid;
+        else
+            lo = mid;
+    }
+    return coefs ? (float)lo : 0;
+}
+
+// Index sets to choose from, ascending, without scaling coefficients.
+struct patterns {
+    uint32_t n, *begin, *index;
+};
+
+static int make_patterns(struct prt_rng *rng, const struct synthetic_options *o, uint32_t n_row,
+                         struct patterns *p)
+{
+    uint32_t n_coef = 6 * o->cube * o->cube, at = 0;
+    float scale = chance_scale(o->cube, o->coefs), *chance = prt_alloc(n_coef, 4);
+    p->n = n_row < 64 ? n_row : 64;
+    size_t room = (size_t)p->n * (4 * o->coefs + 64);
+    p->begin = prt_alloc(p->n + 1, 4);
+    p->index = prt_alloc(room, 4);
+    if (!p->begin || !p->index || !chance) {
+        prt_free(chance);
+        return PRT_NOMEM;
+    }
+    for (uint32_t k = 0; k < n_coef; k++) chance[k] = keep_chance(k, o->cube, scale);
+    p->begin[0] = 0;
+    for (uint32_t i = 0; i < p->n; i++) {
+        for (uint32_t k = 0; k < n_coef && at < room; k++)
+            if (prt_rng_f32(rng) < chance[k]) p->index[at++] = k;
+        p->begin[i + 1] = at;
+    }
+    prt_free(chance);
+    return PRT_OK;
+}
+
 static int random_rows(struct prt_rng *rng, const struct synthetic_options *o, uint32_t n_row,
                        uint32_t n_function, struct prt_rows *r)
 {
-    uint32_t face = o->cube * o->cube, n_coef = 6 * face, room = n_coef - 6;
+    uint32_t n_coef = 6 * o->cube * o->cube;
+    struct patterns p = {0};
     uint64_t *begin = prt_alloc(n_row + 1ull, 8);
+    int status = make_patterns(rng, o, n_row, &p);
     *r = (struct prt_rows){.n_row = n_row, .n_function = n_function, .n_coef = n_coef,
                            .value = o->value, .index_bytes = n_coef > 65536 ? 4 : 2,
                            .begin = begin};
-    if (!begin) return PRT_NOMEM;
+    if (!begin || status) goto out;
     begin[0] = 0;
     for (uint32_t i = 0; i < n_row; i++) {
-        uint32_t want = o->coefs / 2 + (uint32_t)(prt_rng_f32(rng) * (float)(o->coefs + 1));
-        begin[i + 1] = begin[i] + (want < room ? want : room);
+        uint32_t k = (uint32_t)(i * 2654435761ull >> 20) % p.n;
+        begin[i + 1] = begin[i] + p.begin[k + 1] - p.begin[k];
     }
     uint64_t n_entry = begin[n_row], n_value = n_entry * n_function;
     char *index = prt_alloc(n_entry + 1, r->index_bytes);
     r->index = index;
     r->scaling = random_f16(rng, 6ull * n_row * n_function, 0, 0.02f);
-    if (!index || !r->scaling) return PRT_NOMEM;
-    for (uint32_t i = 0; i < n_row; i++) {
-        // one coefficient out of each of n equal strata ascends by itself
-        uint32_t n = (uint32_t)(begin[i + 1] - begin[i]), last = 0;
-        for (uint32_t k = 0; k < n; k++) {
-            uint32_t lo = (uint32_t)((uint64_t)n_coef * k / n);
-            uint32_t hi = (uint32_t)((uint64_t)n_coef * (k + 1) / n);
-            uint32_t x = lo + (uint32_t)((uint64_t)prt_rng_u32(rng) * (hi - lo) >> 32);
-            if (k && x <= last) x = last + 1;
-            if (x % face == 0) x++;
-            last = x;
-            uint64_t at = begin[i] + k;
+    status = index && r->scaling ? PRT_OK : PRT_NOMEM;
+    for (uint32_t i = 0; i < n_row && !status; i++) {
+        uint32_t k = (uint32_t)(i * 2654435761ull >> 20) % p.n;
+        for (uint64_t e = begin[i]; e < begin[i + 1]; e++) {
+            uint32_t x = p.index[p.begin[k] + (e - begin[i])];
             if (r->index_bytes == 2)
-                memcpy(index + 2 * at, &(uint16_t){(uint16_t)x}, 2);
+                memcpy(index + 2 * e, &(uint16_t){(uint16_t)x}, 2);
             else
-                memcpy(index + 4 * at, &x, 4);
+                memcpy(index + 4 * e, &x, 4);
         }
-        if (n && last >= n_coef) return PRT_INTERNAL;
     }
-    if (o->value == PRT_VALUE_F16) {
+    if (!status && o->value == PRT_VALUE_F16) {
         r->entry = random_f16(rng, n_value, -0.02f, 0.02f);
-        return r->entry ? PRT_OK : PRT_NOMEM;
+        status = r->entry ? PRT_OK : PRT_NOMEM;
+    } else if (!status) {
+        int8_t *entry = prt_alloc(n_value + 1, 1);
+        float *scale = prt_alloc((uint64_t)n_row * n_function, 4);
+        r->entry = entry;
+        r->scale = scale;
+        status = entry && scale ? PRT_OK : PRT_NOMEM;
+        for (uint64_t i = 0; i < n_value && !status; i++)
+            entry[i] = (int8_t)(prt_rng_u32(rng) >> 24);
+        for (uint64_t i = 0; i < (uint64_t)n_row * n_function && !status; i++)
+            scale[i] = uniform(rng, 1e-5f, 2e-4f);
     }
-    int8_t *entry = prt_alloc(n_value + 1, 1);
-    float *scale = prt_alloc((uint64_t)n_row * n_function, 4);
-    r->entry = entry;
-    r->scale = scale;
-    if (!entry || !scale) return PRT_NOMEM;
-    for (uint64_t i = 0; i < n_value; i++) entry[i] = (int8_t)(prt_rng_u32(rng) >> 24);
-    for (uint64_t i = 0; i < (uint64_t)n_row * n_function; i++)
-        scale[i] = uniform(rng, 1e-5f, 2e-4f);
-    return PRT_OK;
+out:
+    prt_free(p.begin);
+    prt_free(p.index);
+    return status;
 }
 
 static int random_clusters(struct prt_rng *rng, const struct synthetic_options *o,

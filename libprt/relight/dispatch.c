@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: MIT
+// Which kernels run, and the table of several lights.
+#include "kernels.h"
+
+#include <string.h>
+
+const struct relight_kernels *relight_kernels_for(unsigned cpu)
+{
+#if defined(__x86_64__)
+    if (cpu & PRT_CPU_AVX512) return &relight_kernels_avx512;
+    if (cpu & PRT_CPU_AVX2) return &relight_kernels_avx2;
+#endif
+    (void)cpu;
+    return &relight_kernels_c;
+}
+
+void relight_light_table(unsigned n_light, const struct prt_light *const light[],
+                         uint32_t begin, uint32_t end, float *table)
+{
+    for (uint32_t i = begin; i < end; i++) {
+        float *row = table + (size_t)i * LIGHT_LANES;
+        // four floats at a time, each overwritten by the next light; the last one by halves
+        for (unsigned l = 0; l + 1 < n_light; l++)
+            memcpy(row + 3 * l, light[l]->coef + 4 * (size_t)i, 16);
+        memcpy(row + 3 * (n_light - 1), light[n_light - 1]->coef + 4 * (size_t)i, 12);
+        if (n_light < LIGHT_GROUP)
+            memset(row + 3 * n_light, 0, 12 * (size_t)(LIGHT_GROUP - n_light));
+    }
+}

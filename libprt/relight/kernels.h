@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: MIT
+// The kernels behind prt/relight.h: one table an instruction set, chosen once a call.
+//
+// Every variant computes what the C one does, in f32, summing in another order: results agree
+// to 1e-5 of the sum of absolute terms. None allocates, none reads or writes past its arrays.
+#ifndef PRT_RELIGHT_KERNELS_H
+#define PRT_RELIGHT_KERNELS_H
+
+#include "prt/relight.h"
+
+enum {
+    LIGHT_GROUP = 8,                 // lights of one pass
+    LIGHT_LANES = 3 * LIGHT_GROUP,   // floats a coefficient in a group's table
+    EXPAND_ALIGN = 32,               // vertex ranges begin at multiples of it
+};
+
+// Colours of vertices [begin, end) of one cluster:
+// color[t*plane + 3*order[v] + ch] (+)= sum_r U[r][v] b[r*b_stride + 3*t + ch].
+struct expand_job {
+    const uint16_t *u;       // [rank][stride] f16; radial: [n_triple][rank][3][stride]
+    size_t stride;           // halves, a multiple of 16
+    uint32_t rank;
+    const float *b;          // [rank][b_stride]; radial: coef [rank][3]
+    size_t b_stride;         // floats
+    uint32_t n_triple;       // lights * phase planes; radial: planes
+    uint32_t begin, end;
+    const uint32_t *order;   // file vertex of the cluster's vertex 0, 1, ...
+    float *color;
+    size_t plane;            // floats from one triple's colours to the next one's
+    bool add;
+};
+
+struct relight_kernels {
+    const char *name;
+    // DIAGONAL rows [begin, end) under one light [n_coef][4]: out[row - begin][3P]
+    void (*diagonal)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                     const float *light, float *out);
+    // the same under LIGHT_GROUP lights, table [n_coef][light][ch]:
+    // out[light*light_stride + (row - begin)*3P ...] for light < n_light
+    void (*diagonal_group)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                           const float *table, unsigned n_light, size_t light_stride,
+                           float *out);
+    // FULL rows of f16 or i8 under one light: out[row - begin][J][3]
+    void (*full)(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
+                 float *out);
+    void (*expand)(const struct expand_job *job);
+    void (*radial)(const struct expand_job *job);
+    // out[i][ch] = sum_j in[i][j][ch] coef[j][ch], i < n, j < n_radial
+    void (*material)(const float *in, size_t n, uint32_t n_radial, const float *coef,
+                     float *out);
+};
+
+extern const struct relight_kernels relight_kernels_c;
+extern const struct relight_kernels relight_kernels_avx2;
+extern const struct relight_kernels relight_kernels_avx512;
+
+// The best table that the mask of enum prt_cpu allows.
+const struct relight_kernels *relight_kernels_for(unsigned cpu);
+
+// Entry of a table of lights, as diagonal_group takes it: [n_coef][LIGHT_GROUP][3]; lights
+// beyond n_light are zero. Coefficients [begin, end) only.
+void relight_light_table(unsigned n_light, const struct prt_light *const light[],
+                         uint32_t begin, uint32_t end, float *table);
+
+static inline uint32_t rows_index(const struct prt_rows *rows, uint64_t entry)
+{
+    return rows->index_bytes == 2 ? ((const uint16_t *)rows->index)[entry]
+                                  : ((const uint32_t *)rows->index)[entry];
+}
+
+#endif

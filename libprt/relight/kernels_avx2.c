@@ -1,0 +1,375 @@
+// SPDX-License-Identifier: MIT
+// The kernels in AVX2 with FMA and F16C.
+#include "kernels.h"
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#include <string.h>
+
+#include "scatter.h"
+
+#define INLINE static inline __attribute__((always_inline))
+
+enum { CHUNK = 8 };
+
+// `n` <= 8 values from p, converted; no byte behind them is read.
+INLINE __m256 load_values(const void *p, bool i8, uint32_t n)
+{
+    if (n == CHUNK) {
+        if (i8) return _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_loadl_epi64(p)));
+        return _mm256_cvtph_ps(_mm_loadu_si128(p));
+    }
+    uint64_t raw[2] = {0, 0};
+    if (i8) {
+        memcpy(raw, p, n);
+        return _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_loadl_epi64((const __m128i *)raw)));
+    }
+    memcpy(raw, p, 2 * (size_t)n);
+    return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)raw));
+}
+
+// Three values to r g b x; `whole` allows to read a fourth, else it is 0.
+INLINE __m128 load3(const void *p, bool i8, bool whole)
+{
+    if (i8) {
+        int32_t raw = 0;
+        if (whole)
+            memcpy(&raw, p, 4);
+        else
+            memcpy(&raw, p, 3);
+        return _mm_cvtepi32_ps(_mm_cvtepi8_epi32(_mm_cvtsi32_si128(raw)));
+    }
+    uint64_t raw = 0;
+    if (whole)
+        memcpy(&raw, p, 8);
+    else
+        memcpy(&raw, p, 6);
+    return _mm_cvtph_ps(_mm_cvtsi64_si128((long long)raw));
+}
+
+INLINE void store3(float *out, __m128 x)
+{
+    float lanes[4];
+    _mm_storeu_ps(lanes, x);
+    memcpy(out, lanes, 12);
+}
+
+INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                      const float *light, float *out, bool i8)
+{
+    const uint64_t n_entry = rows->begin[rows->n_row];
+    const size_t face = rows->n_coef / 6, pitch = i8 ? 3 : 6;
+    for (uint32_t row = begin; row < end; row++, out += 3) {
+        __m128 sum[4], dc = _mm_setzero_ps();
+        for (int i = 0; i < 4; i++) sum[i] = _mm_setzero_ps();
+        uint64_t e = rows->begin[row], stop = rows->begin[row + 1];
+        uint64_t safe = stop < n_entry ? stop : stop - (stop > e);
+        const char *entry = (const char *)rows->entry + e * pitch;
+        for (; e + 4 <= safe; e += 4, entry += 4 * pitch)
+            for (int i = 0; i < 4; i++)
+                sum[i] = _mm_fmadd_ps(load3(entry + (size_t)i * pitch, i8, true),
+                                      _mm_loadu_ps(light + 4ull * rows_index(rows, e + (uint64_t)i)),
+                                      sum[i]);
+        for (; e < stop; e++, entry += pitch)
+            sum[0] = _mm_fmadd_ps(load3(entry, i8, false),
+                                  _mm_loadu_ps(light + 4ull * rows_index(rows, e)), sum[0]);
+        for (size_t f = 0; f < 6; f++)
+            dc = _mm_fmadd_ps(load3(rows->scaling + (6ull * row + f) * 3, false, f < 5),
+                              _mm_loadu_ps(light + 4 * face * f), dc);
+        __m128 x = _mm_add_ps(_mm_add_ps(sum[0], sum[1]), _mm_add_ps(sum[2], sum[3]));
+        if (i8) {
+            const float *s = rows->scale + 3ull * row;
+            x = _mm_mul_ps(x, _mm_setr_ps(s[0], s[1], s[2], 0));
+        }
+        store3(out, _mm_add_ps(x, dc));
+    }
+}
+
+// Lane i of vector z holds value 8z+i, whose channel is (8z+i) % 3 = (2z+i) % 3.
+INLINE __m256i channel_map(uint32_t z)
+{
+    const __m256i map[3] = {_mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1),
+                            _mm256_setr_epi32(2, 0, 1, 2, 0, 1, 2, 0),
+                            _mm256_setr_epi32(1, 2, 0, 1, 2, 0, 1, 2)};
+    return map[z % 3];
+}
+
+INLINE __m256 light_lanes(const float *light, __m256i map)
+{
+    return _mm256_permutevar8x32_ps(_mm256_castps128_ps256(_mm_loadu_ps(light)), map);
+}
+
+// DIAGONAL with several phase terms, nz vectors of 8 values from value j0 on.
+INLINE void diagonal_part(const struct prt_rows *rows, uint32_t row, const float *light,
+                          float *out, uint32_t j0, bool i8, const uint32_t nz)
+{
+    const uint32_t n = rows->n_function;
+    const size_t size = i8 ? 1 : 2, face = rows->n_coef / 6;
+    __m256 sum[2], dc[2];
+    __m256i map[2];
+    uint32_t have[2];
+    for (uint32_t z = 0; z < nz; z++) {
+        uint32_t left = n - j0 - 8 * z;
+        sum[z] = dc[z] = _mm256_setzero_ps();
+        map[z] = channel_map(j0 / 8 + z);
+        have[z] = left < 8 ? left : 8;
+    }
+    // up to here, whole vectors stay inside the array; what lies beyond an entry is not stored
+    const uint64_t n_entry = rows->begin[rows->n_row], over = CHUNK / n + 1;
+    const uint64_t safe = n_entry > over ? n_entry - over : 0;
+    const char *entry = (const char *)rows->entry + (rows->begin[row] * n + j0) * size;
+    for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++, entry += n * size) {
+        const float *l = light + 4ull * rows_index(rows, e);
+        for (uint32_t z = 0; z < nz; z++)
+            sum[z] = _mm256_fmadd_ps(
+                load_values(entry + 8 * z * size, i8, e < safe ? CHUNK : have[z]),
+                light_lanes(l, map[z]), sum[z]);
+    }
+    for (size_t f = 0; f < 6; f++)
+        for (uint32_t z = 0; z < nz; z++)
+            dc[z] = _mm256_fmadd_ps(
+                load_values(rows->scaling + (6ull * row + f) * n + j0 + 8 * z, false, have[z]),
+                light_lanes(light + 4 * face * f, map[z]), dc[z]);
+    for (uint32_t z = 0; z < nz; z++) {
+        float lanes[8], base[8];
+        _mm256_storeu_ps(lanes, sum[z]);
+        _mm256_storeu_ps(base, dc[z]);
+        for (uint32_t i = 0; i < have[z]; i++) {
+            uint32_t j = j0 + 8 * z + i;
+            out[j] = lanes[i] * (i8 ? rows->scale[(uint64_t)n * row + j] : 1) + base[i];
+        }
+    }
+}
+
+static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                     const float *light, float *out)
+{
+    const bool i8 = rows->value == PRT_VALUE_I8;
+    const uint32_t n = rows->n_function;
+    if (n == 3) {
+        if (i8) diagonal3(rows, begin, end, light, out, true);
+        if (!i8) diagonal3(rows, begin, end, light, out, false);
+        return;
+    }
+    for (uint32_t row = begin; row < end; row++, out += n)
+        for (uint32_t j = 0; j < n; j += 16) {
+            if (n - j > 8 && i8) diagonal_part(rows, row, light, out, j, true, 2);
+            if (n - j > 8 && !i8) diagonal_part(rows, row, light, out, j, false, 2);
+            if (n - j <= 8) diagonal_part(rows, row, light, out, j, i8, 1);
+        }
+}
+
+// Triple r g b of a vector meets the 24 lanes of eight lights as r g b r g b ... in three parts.
+struct group_sum {
+    __m256 part[3];
+};
+
+INLINE void group_fma(struct group_sum *sum, __m128 rgb, const float *light)
+{
+    const __m256 v = _mm256_castps128_ps256(rgb);
+    for (uint32_t z = 0; z < 3; z++)
+        sum->part[z] = _mm256_fmadd_ps(_mm256_permutevar8x32_ps(v, channel_map(z)),
+                                       _mm256_loadu_ps(light + 8 * z), sum->part[z]);
+}
+
+INLINE void group_phase(const struct prt_rows *rows, uint32_t row, const float *table,
+                        unsigned n_light, size_t light_stride, float *out, uint32_t k, bool i8)
+{
+    const uint32_t n = rows->n_function;
+    const size_t size = i8 ? 1 : 2, face = rows->n_coef / 6;
+    struct group_sum fine, dc;
+    float lanes[LIGHT_LANES], base[LIGHT_LANES];
+    for (int z = 0; z < 3; z++) fine.part[z] = dc.part[z] = _mm256_setzero_ps();
+    const char *entry = (const char *)rows->entry + (rows->begin[row] * n + 3ull * k) * size;
+    uint64_t stop = rows->begin[row + 1], n_entry = rows->begin[rows->n_row];
+    for (uint64_t e = rows->begin[row]; e < stop; e++, entry += n * size)
+        group_fma(&fine, load3(entry, i8, e + 1 < n_entry),
+                  table + LIGHT_LANES * (size_t)rows_index(rows, e));
+    for (size_t f = 0; f < 6; f++)
+        group_fma(&dc, load3(rows->scaling + (6ull * row + f) * n + 3ull * k, false, f < 5),
+                  table + LIGHT_LANES * face * f);
+    for (int z = 0; z < 3; z++) {
+        _mm256_storeu_ps(lanes + 8 * z, fine.part[z]);
+        _mm256_storeu_ps(base + 8 * z, dc.part[z]);
+    }
+    const float *scale = i8 ? rows->scale + (uint64_t)n * row + 3 * k : NULL;
+    for (unsigned l = 0; l < n_light; l++)
+        for (int ch = 0; ch < 3; ch++)
+            out[l * light_stride + 3 * k + ch] =
+                lanes[3 * l + ch] * (scale ? scale[ch] : 1) + base[3 * l + ch];
+}
+
+static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                           const float *table, unsigned n_light, size_t light_stride, float *out)
+{
+    const bool i8 = rows->value == PRT_VALUE_I8;
+    const uint32_t n = rows->n_function;
+    for (uint32_t row = begin; row < end; row++, out += n)
+        for (uint32_t k = 0; k < n / 3; k++) {
+            if (i8) group_phase(rows, row, table, n_light, light_stride, out, k, true);
+            if (!i8) group_phase(rows, row, table, n_light, light_stride, out, k, false);
+        }
+}
+
+// FULL: nz vectors of 8 functions from j0 on, each with three channels.
+INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *light, float *out,
+                      uint32_t j0, const uint32_t nz)
+{
+    const uint32_t n = rows->n_function;
+    const bool i8 = rows->value == PRT_VALUE_I8;
+    const size_t size = i8 ? 1 : 2, face = rows->n_coef / 6;
+    __m256 sum[2][3], dc[2][3];
+    uint32_t have[2];
+    for (uint32_t z = 0; z < nz; z++) {
+        uint32_t left = n - j0 - 8 * z;
+        have[z] = left < 8 ? left : 8;
+        for (int ch = 0; ch < 3; ch++) sum[z][ch] = dc[z][ch] = _mm256_setzero_ps();
+    }
+    // up to here, whole vectors stay inside the array; what lies beyond an entry is not stored
+    const uint64_t n_entry = rows->begin[rows->n_row], over = CHUNK / n + 1;
+    const uint64_t safe = n_entry > over ? n_entry - over : 0;
+    const char *entry = (const char *)rows->entry + (rows->begin[row] * n + j0) * size;
+    for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++, entry += n * size) {
+        const float *l = light + 4ull * rows_index(rows, e);
+        for (uint32_t z = 0; z < nz; z++) {
+            __m256 v = load_values(entry + 8 * z * size, i8, e < safe ? CHUNK : have[z]);
+            for (int ch = 0; ch < 3; ch++)
+                sum[z][ch] = _mm256_fmadd_ps(v, _mm256_broadcast_ss(l + ch), sum[z][ch]);
+        }
+    }
+    for (size_t f = 0; f < 6; f++)
+        for (uint32_t z = 0; z < nz; z++) {
+            __m256 v = load_values(rows->scaling + (6ull * row + f) * n + j0 + 8 * z, false,
+                                   have[z]);
+            for (int ch = 0; ch < 3; ch++)
+                dc[z][ch] = _mm256_fmadd_ps(v, _mm256_broadcast_ss(light + 4 * face * f + ch),
+                                            dc[z][ch]);
+        }
+    for (uint32_t z = 0; z < nz; z++)
+        for (int ch = 0; ch < 3; ch++) {
+            float lanes[8], base[8];
+            _mm256_storeu_ps(lanes, sum[z][ch]);
+            _mm256_storeu_ps(base, dc[z][ch]);
+            for (uint32_t i = 0; i < have[z]; i++) {
+                uint32_t j = j0 + 8 * z + i;
+                out[3 * j + ch] =
+                    lanes[i] * (i8 ? rows->scale[(uint64_t)n * row + j] : 1) + base[i];
+            }
+        }
+}
+
+static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
+                 float *out)
+{
+    const uint32_t n = rows->n_function;
+    for (uint32_t row = begin; row < end; row++, out += 3 * (size_t)n)
+        for (uint32_t j = 0; j < n; j += 16) {
+            if (n - j > 8)
+                full_part(rows, row, light, out, j, 2);
+            else
+                full_part(rows, row, light, out, j, 1);
+        }
+}
+
+INLINE __m256 load_u(const uint16_t *u)
+{
+    return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)u));
+}
+
+INLINE void put8(const struct expand_job *job, uint32_t v, uint32_t t, __m256 r, __m256 g,
+                 __m256 b)
+{
+    float rg[16], blue[8];
+    __m256 lo = _mm256_unpacklo_ps(r, g), hi = _mm256_unpackhi_ps(r, g);
+    uint32_t n = job->end - v < 8 ? job->end - v : 8;
+    _mm256_storeu_ps(rg, _mm256_permute2f128_ps(lo, hi, 0x20));
+    _mm256_storeu_ps(rg + 8, _mm256_permute2f128_ps(lo, hi, 0x31));
+    _mm256_storeu_ps(blue, b);
+    scatter(rg, blue, job->order + v, n, job->color + t * job->plane, job->add);
+}
+
+// nt triples for nv vectors of 8 vertices from v on.
+INLINE void expand_block(const struct expand_job *job, uint32_t v, uint32_t t0, const int nt,
+                         const int nv)
+{
+    __m256 sum[4][3][4];
+    const uint16_t *u = job->u + v;
+    const float *b = job->b + 3 * t0;
+    for (int t = 0; t < nt; t++)
+        for (int ch = 0; ch < 3; ch++)
+            for (int i = 0; i < nv; i++) sum[t][ch][i] = _mm256_setzero_ps();
+    for (uint32_t r = 0; r < job->rank; r++, u += job->stride, b += job->b_stride) {
+        for (int i = 0; i < nv; i++) {
+            __m256 x = load_u(u + 8 * i);
+            for (int t = 0; t < nt; t++)
+                for (int ch = 0; ch < 3; ch++)
+                    sum[t][ch][i] =
+                        _mm256_fmadd_ps(x, _mm256_broadcast_ss(b + 3 * t + ch), sum[t][ch][i]);
+        }
+        _mm_prefetch((const char *)(u + 128), _MM_HINT_T0);
+    }
+    for (int t = 0; t < nt; t++)
+        for (int i = 0; i < nv; i++)
+            if (v + 8 * (uint32_t)i < job->end)
+                put8(job, v + 8 * (uint32_t)i, t0 + (uint32_t)t, sum[t][0][i], sum[t][1][i],
+                     sum[t][2][i]);
+}
+
+static void expand(const struct expand_job *job)
+{
+    for (uint32_t v = job->begin; v < job->end; v += 32) {
+        uint32_t t = 0, n = job->n_triple;
+        for (; n - t >= 4; t += 4)
+            for (uint32_t i = v; i < v + 32 && i < job->end; i += 8)
+                expand_block(job, i, t, 4, 1);
+        for (; t < n; t++) {
+            if (v + 32 <= job->stride)
+                expand_block(job, v, t, 1, 4);
+            else
+                expand_block(job, v, t, 1, 2);
+        }
+    }
+}
+
+static void radial(const struct expand_job *job)
+{
+    for (uint32_t v = job->begin; v < job->end; v += 16)
+        for (uint32_t t = 0; t < job->n_triple; t++) {
+            __m256 sum[3][2];
+            const uint16_t *u = job->u + (size_t)t * job->rank * 3 * job->stride + v;
+            const float *b = job->b;
+            for (int ch = 0; ch < 3; ch++) sum[ch][0] = sum[ch][1] = _mm256_setzero_ps();
+            for (uint32_t r = 0; r < job->rank; r++, b += job->b_stride)
+                for (int ch = 0; ch < 3; ch++, u += job->stride) {
+                    __m256 w = _mm256_broadcast_ss(b + ch);
+                    sum[ch][0] = _mm256_fmadd_ps(load_u(u), w, sum[ch][0]);
+                    sum[ch][1] = _mm256_fmadd_ps(load_u(u + 8), w, sum[ch][1]);
+                }
+            put8(job, v, t, sum[0][0], sum[1][0], sum[2][0]);
+            if (v + 8 < job->end) put8(job, v + 8, t, sum[0][1], sum[1][1], sum[2][1]);
+        }
+}
+
+// Products run along in three vectors (24 = 8 * 3), so that a lane keeps its channel.
+static void material(const float *in, size_t n, uint32_t n_radial, const float *coef, float *out)
+{
+    const uint32_t width = 3 * n_radial;
+    for (size_t i = 0; i < n; i++, in += width, out += 3) {
+        __m256 sum[3] = {_mm256_setzero_ps(), _mm256_setzero_ps(), _mm256_setzero_ps()};
+        float lanes[24], rgb[3] = {0, 0, 0};
+        uint32_t j = 0;
+        for (; j + 24 <= width; j += 24)
+            for (uint32_t z = 0; z < 3; z++)
+                sum[z] = _mm256_fmadd_ps(_mm256_loadu_ps(in + j + 8 * z),
+                                         _mm256_loadu_ps(coef + j + 8 * z), sum[z]);
+        for (uint32_t z = 0; z < 3; z++) _mm256_storeu_ps(lanes + 8 * z, sum[z]);
+        for (; j < width; j++) rgb[j % 3] += in[j] * coef[j];
+        for (uint32_t l = 0; l < 24; l++) rgb[l % 3] += lanes[l];
+        memcpy(out, rgb, 12);
+    }
+}
+
+const struct relight_kernels relight_kernels_avx2 = {
+    .name = "avx2", .diagonal = diagonal, .diagonal_group = diagonal_group, .full = full,
+    .expand = expand, .radial = radial, .material = material};
+#endif

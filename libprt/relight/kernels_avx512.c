@@ -1,0 +1,508 @@
+// SPDX-License-Identifier: MIT
+// The kernels in AVX-512 (F, BW, DQ, VL).
+#include "kernels.h"
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+
+#include "scatter.h"
+
+#define INLINE static inline __attribute__((always_inline))
+
+// Four light rows, r g b x each. Halves are joined in 256 bits: cheaper than four inserts.
+INLINE __m512 light4(const float *light, size_t i0, size_t i1, size_t i2, size_t i3)
+{
+    __m256 lo = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(light + 4 * i0)),
+                                     _mm_loadu_ps(light + 4 * i1), 1);
+    __m256 hi = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(light + 4 * i2)),
+                                     _mm_loadu_ps(light + 4 * i3), 1);
+    return _mm512_insertf32x8(_mm512_castps256_ps512(lo), hi, 1);
+}
+
+// Values of four entries with three functions, spread to r g b 0 each. `n` is 4 for whole groups
+// with at least two entries more in the array, else the entries that are there.
+INLINE __m512 spread4(const void *entry, uint64_t e, bool i8, uint32_t n)
+{
+    if (i8) {
+        const __m128i map = _mm_setr_epi8(0, 1, 2, -1, 3, 4, 5, -1, 6, 7, 8, -1, 9, 10, 11, -1);
+        const char *p = (const char *)entry + 3 * e;
+        __m128i raw = n == 5 ? _mm_loadu_si128((const __m128i *)p)
+                             : _mm_maskz_loadu_epi8((__mmask16)((1u << 3 * n) - 1), p);
+        return _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(_mm_shuffle_epi8(raw, map)));
+    }
+    const __m256i map = _mm256_setr_epi16(0, 1, 2, 15, 3, 4, 5, 15, 6, 7, 8, 15, 9, 10, 11, 15);
+    const char *p = (const char *)entry + 6 * e;
+    __m256i raw = n == 5 ? _mm256_loadu_si256((const __m256i *)p)
+                         : _mm256_maskz_loadu_epi16((__mmask16)((1u << 3 * n) - 1), p);
+    return _mm512_cvtph_ps(_mm256_maskz_permutexvar_epi16(0x7777, map, raw));
+}
+
+#define INDEX(e) (wide ? ((const uint32_t *)index)[e] : ((const uint16_t *)index)[e])
+
+INLINE __m512 diagonal3_sum(const void *index, const void *entry, uint64_t e, uint64_t end,
+                            uint64_t safe, const float *light, bool i8, bool wide)
+{
+    __m512 a = _mm512_setzero_ps(), b = a;
+    // `safe` keeps the reads of whole vectors inside the array
+    uint64_t stop = end < safe ? end : safe;
+    for (; e + 8 <= stop; e += 8) {
+        a = _mm512_fmadd_ps(spread4(entry, e, i8, 5),
+                            light4(light, INDEX(e), INDEX(e + 1), INDEX(e + 2), INDEX(e + 3)), a);
+        b = _mm512_fmadd_ps(
+            spread4(entry, e + 4, i8, 5),
+            light4(light, INDEX(e + 4), INDEX(e + 5), INDEX(e + 6), INDEX(e + 7)), b);
+    }
+    for (; e < end; e += 4) {
+        uint32_t n = end - e < 4 ? (uint32_t)(end - e) : 4;
+        size_t i0 = INDEX(e), i1 = n > 1 ? INDEX(e + 1) : i0, i2 = n > 2 ? INDEX(e + 2) : i0;
+        size_t i3 = n > 3 ? INDEX(e + 3) : i0;
+        a = _mm512_fmadd_ps(spread4(entry, e, i8, n), light4(light, i0, i1, i2, i3), a);
+    }
+    return _mm512_add_ps(a, b);
+}
+
+INLINE __m128 fold4(__m512 z)
+{
+    __m256 y = _mm256_add_ps(_mm512_castps512_ps256(z), _mm512_extractf32x8_ps(z, 1));
+    return _mm_add_ps(_mm256_castps256_ps128(y), _mm256_extractf128_ps(y, 1));
+}
+
+INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                      const float *light, float *out, bool i8, bool wide)
+{
+    uint64_t n_entry = rows->begin[rows->n_row], safe = n_entry > 2 ? n_entry - 2 : 0;
+    size_t face = rows->n_coef / 6;
+    const __m512 dc0 = light4(light, 0, face, 2 * face, 3 * face);
+    const __m512 dc1 = light4(light, 4 * face, 5 * face, 0, 0);
+    for (uint32_t row = begin; row < end; row++, out += 3) {
+        const uint16_t *scaling = rows->scaling + 18ull * row;
+        __m512 z = diagonal3_sum(rows->index, rows->entry, rows->begin[row],
+                                 rows->begin[row + 1], safe, light, i8, wide);
+        __m512 dc = _mm512_mul_ps(spread4(scaling, 0, false, 4), dc0);
+        dc = _mm512_fmadd_ps(spread4(scaling, 4, false, 2), dc1, dc);
+        __m128 x;
+        if (i8)
+            x = _mm_fmadd_ps(fold4(z), _mm_maskz_loadu_ps(7, rows->scale + 3ull * row),
+                             fold4(dc));
+        else
+            x = fold4(_mm512_add_ps(z, dc));
+        _mm_mask_storeu_ps(out, 7, x);
+    }
+}
+
+// 16 values from p, converted; only the masked ones are read.
+INLINE __m512 load_values(const void *p, bool i8, __mmask16 mask)
+{
+    if (i8)
+        return _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(_mm_maskz_loadu_epi8(mask, p)));
+    return _mm512_cvtph_ps(_mm256_maskz_loadu_epi16(mask, p));
+}
+
+INLINE __mmask16 lane_mask(uint32_t n)
+{
+    return (__mmask16)(n >= 16 ? 0xffff : (1u << n) - 1);
+}
+
+// Lane i of vector z holds value 16z+i, whose channel is (16z+i) % 3 = (z+i) % 3.
+INLINE __m512i channel_map(int z)
+{
+    __m512i map[3] = {
+        _mm512_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0),
+        _mm512_setr_epi32(1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1),
+        _mm512_setr_epi32(2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2)};
+    return map[z % 3];
+}
+
+// DIAGONAL with several phase terms: the 3P values of an entry fill nz vectors.
+INLINE void diagonal_many(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                          const float *light, float *out, bool i8, const int nz)
+{
+    const uint32_t n = rows->n_function;
+    const size_t size = i8 ? 1 : 2, pitch = n * size;
+    const size_t face = rows->n_coef / 6;
+    __m512i map[3];
+    __mmask16 mask[3];
+    for (int z = 0; z < nz; z++) {
+        map[z] = channel_map(z);
+        mask[z] = lane_mask(n - 16 * (uint32_t)z);
+    }
+    for (uint32_t row = begin; row < end; row++, out += n) {
+        __m512 sum[3], odd[3], dc[3];
+        const char *entry = (const char *)rows->entry + rows->begin[row] * pitch;
+        for (int z = 0; z < nz; z++) sum[z] = odd[z] = dc[z] = _mm512_setzero_ps();
+        uint64_t e = rows->begin[row], stop = rows->begin[row + 1];
+        for (; e + 2 <= stop; e += 2, entry += 2 * pitch) {
+            __m512 l = _mm512_castps128_ps512(_mm_loadu_ps(light + 4ull * rows_index(rows, e)));
+            __m512 m =
+                _mm512_castps128_ps512(_mm_loadu_ps(light + 4ull * rows_index(rows, e + 1)));
+            for (int z = 0; z < nz; z++) {
+                sum[z] = _mm512_fmadd_ps(load_values(entry + 16 * z * size, i8, mask[z]),
+                                         _mm512_permutexvar_ps(map[z], l), sum[z]);
+                odd[z] = _mm512_fmadd_ps(load_values(entry + pitch + 16 * z * size, i8, mask[z]),
+                                         _mm512_permutexvar_ps(map[z], m), odd[z]);
+            }
+        }
+        if (e < stop) {
+            __m512 l = _mm512_castps128_ps512(_mm_loadu_ps(light + 4ull * rows_index(rows, e)));
+            for (int z = 0; z < nz; z++)
+                sum[z] = _mm512_fmadd_ps(load_values(entry + 16 * z * size, i8, mask[z]),
+                                         _mm512_permutexvar_ps(map[z], l), sum[z]);
+        }
+        const uint16_t *scaling = rows->scaling + 6ull * n * row;
+        for (int f = 0; f < 6; f++, scaling += n) {
+            __m512 l = _mm512_castps128_ps512(_mm_loadu_ps(light + 4 * face * (size_t)f));
+            for (int z = 0; z < nz; z++)
+                dc[z] = _mm512_fmadd_ps(load_values(scaling + 16 * z, false, mask[z]),
+                                        _mm512_permutexvar_ps(map[z], l), dc[z]);
+        }
+        for (int z = 0; z < nz; z++) {
+            __m512 x = _mm512_add_ps(sum[z], odd[z]);
+            if (i8)
+                x = _mm512_fmadd_ps(
+                    x, _mm512_maskz_loadu_ps(mask[z], rows->scale + (uint64_t)n * row + 16 * z),
+                    dc[z]);
+            else
+                x = _mm512_add_ps(x, dc[z]);
+            _mm512_mask_storeu_ps(out + 16 * z, mask[z], x);
+        }
+    }
+}
+
+static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                     const float *light, float *out)
+{
+    bool i8 = rows->value == PRT_VALUE_I8, wide = rows->index_bytes == 4;
+    uint32_t n = rows->n_function;
+    if (n == 3) {
+        if (i8 && !wide) diagonal3(rows, begin, end, light, out, true, false);
+        if (!i8 && !wide) diagonal3(rows, begin, end, light, out, false, false);
+        if (i8 && wide) diagonal3(rows, begin, end, light, out, true, true);
+        if (!i8 && wide) diagonal3(rows, begin, end, light, out, false, true);
+    } else if (n <= 16) {
+        if (i8) diagonal_many(rows, begin, end, light, out, true, 1);
+        if (!i8) diagonal_many(rows, begin, end, light, out, false, 1);
+    } else if (n <= 32) {
+        diagonal_many(rows, begin, end, light, out, i8, 2);
+    } else {
+        diagonal_many(rows, begin, end, light, out, i8, 3);
+    }
+}
+
+// A light table row is 24 lanes, light-major: 16 + 8. Triple t of a vector of values meets them
+// as r g b r g b ...: two permutations a triple.
+struct group_maps {
+    __m512i lo[4];
+    __m256i hi[4];
+};
+
+INLINE struct group_maps group_maps(void)
+{
+    struct group_maps m;
+    for (int t = 0; t < 4; t++) {
+        m.lo[t] = _mm512_add_epi32(channel_map(0), _mm512_set1_epi32(3 * t));
+        m.hi[t] = _mm256_add_epi32(_mm512_castsi512_si256(channel_map(1)),
+                                   _mm256_set1_epi32(3 * t));
+    }
+    return m;
+}
+
+struct group_sum {
+    __m512 lo;
+    __m256 hi;
+};
+
+INLINE void group_fma(struct group_sum *sum, __m512 values, const struct group_maps *m, int t,
+                      const float *light)
+{
+    sum->lo = _mm512_fmadd_ps(_mm512_permutexvar_ps(m->lo[t], values), _mm512_loadu_ps(light),
+                              sum->lo);
+    __m512i hi = _mm512_castsi256_si512(m->hi[t]);
+    sum->hi = _mm256_fmadd_ps(_mm512_castps512_ps256(_mm512_permutexvar_ps(hi, values)),
+                              _mm256_loadu_ps(light + 16), sum->hi);
+}
+
+INLINE void group_store(const struct group_sum *fine, const struct group_sum *dc,
+                        const float *scale, unsigned n_light, size_t light_stride, float *out)
+{
+    float lanes[LIGHT_LANES], base[LIGHT_LANES];
+    _mm512_storeu_ps(lanes, fine->lo);
+    _mm256_storeu_ps(lanes + 16, fine->hi);
+    _mm512_storeu_ps(base, dc->lo);
+    _mm256_storeu_ps(base + 16, dc->hi);
+    for (unsigned l = 0; l < n_light; l++)
+        for (int ch = 0; ch < 3; ch++)
+            out[l * light_stride + ch] =
+                lanes[3 * l + ch] * (scale ? scale[ch] : 1) + base[3 * l + ch];
+}
+
+static const struct group_sum group_zero;
+
+// One phase term: a vector of values holds four entries.
+INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *table,
+                   unsigned n_light, size_t light_stride, float *out, bool i8)
+{
+    const struct group_maps maps = group_maps();
+    const size_t face = rows->n_coef / 6;
+    for (uint32_t row = begin; row < end; row++, out += 3) {
+        struct group_sum a = group_zero, b = group_zero, dc = group_zero;
+        uint64_t e = rows->begin[row], stop = rows->begin[row + 1];
+        const char *entry = (const char *)rows->entry + e * (i8 ? 3 : 6);
+        for (; e + 4 <= stop; e += 4, entry += i8 ? 12 : 24) {
+            __m512 v = load_values(entry, i8, 0xfff);
+            group_fma(&a, v, &maps, 0, table + LIGHT_LANES * (size_t)rows_index(rows, e));
+            group_fma(&b, v, &maps, 1, table + LIGHT_LANES * (size_t)rows_index(rows, e + 1));
+            group_fma(&a, v, &maps, 2, table + LIGHT_LANES * (size_t)rows_index(rows, e + 2));
+            group_fma(&b, v, &maps, 3, table + LIGHT_LANES * (size_t)rows_index(rows, e + 3));
+        }
+        for (; e < stop; e++, entry += i8 ? 3 : 6)
+            group_fma(&a, load_values(entry, i8, 7), &maps, 0,
+                      table + LIGHT_LANES * (size_t)rows_index(rows, e));
+        a.lo = _mm512_add_ps(a.lo, b.lo);
+        a.hi = _mm256_add_ps(a.hi, b.hi);
+        for (size_t f = 0; f < 6; f++)
+            group_fma(&dc, load_values(rows->scaling + (6ull * row + f) * 3, false, 7), &maps, 0,
+                      table + LIGHT_LANES * face * f);
+        group_store(&a, &dc, i8 ? rows->scale + 3ull * row : NULL, n_light, light_stride, out);
+    }
+}
+
+// Four phase terms [k0, k0+4) of P at a time: a vector of values holds the terms of one entry.
+INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                        const float *table, unsigned n_light, size_t light_stride, float *out,
+                        uint32_t k0, uint32_t nk)
+{
+    const struct group_maps maps = group_maps();
+    const size_t face = rows->n_coef / 6;
+    const bool i8 = rows->value == PRT_VALUE_I8;
+    const uint32_t n = rows->n_function;
+    const size_t size = i8 ? 1 : 2;
+    const __mmask16 mask = lane_mask(3 * nk);
+    for (uint32_t row = begin; row < end; row++) {
+        struct group_sum fine[4] = {group_zero, group_zero, group_zero, group_zero};
+        struct group_sum dc[4] = {group_zero, group_zero, group_zero, group_zero};
+        for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++) {
+            const char *entry = (const char *)rows->entry + (e * n + 3ull * k0) * size;
+            const float *light = table + LIGHT_LANES * (size_t)rows_index(rows, e);
+            __m512 v = load_values(entry, i8, mask);
+            for (int t = 0; t < 4; t++) group_fma(&fine[t], v, &maps, t, light);
+        }
+        for (size_t f = 0; f < 6; f++) {
+            __m512 v = load_values(rows->scaling + (6ull * row + f) * n + 3ull * k0, false, mask);
+            for (int t = 0; t < 4; t++)
+                group_fma(&dc[t], v, &maps, t, table + LIGHT_LANES * face * f);
+        }
+        for (uint32_t t = 0; t < nk; t++)
+            group_store(&fine[t], &dc[t],
+                        i8 ? rows->scale + (uint64_t)n * row + 3 * (k0 + t) : NULL, n_light,
+                        light_stride, out + (size_t)(row - begin) * n + 3 * (k0 + t));
+    }
+}
+
+static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                           const float *table, unsigned n_light, size_t light_stride, float *out)
+{
+    uint32_t p = rows->n_function / 3;
+    if (p == 1) {
+        if (rows->value == PRT_VALUE_I8)
+            group3(rows, begin, end, table, n_light, light_stride, out, true);
+        else
+            group3(rows, begin, end, table, n_light, light_stride, out, false);
+        return;
+    }
+    for (uint32_t k = 0; k < p; k += 4)
+        group_phase(rows, begin, end, table, n_light, light_stride, out, k, p - k < 4 ? p - k : 4);
+}
+
+// FULL: nz vectors of 16 functions from j0 on, each with three channels.
+INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *light, float *out,
+                      uint32_t j0, const int nz)
+{
+    const uint32_t n = rows->n_function;
+    const bool i8 = rows->value == PRT_VALUE_I8;
+    const size_t size = i8 ? 1 : 2, face = rows->n_coef / 6;
+    __m512 sum[4][3], dc[4][3];
+    __mmask16 mask[4];
+    for (int z = 0; z < nz; z++) {
+        mask[z] = lane_mask(n - j0 - 16 * (uint32_t)z);
+        for (int ch = 0; ch < 3; ch++) sum[z][ch] = dc[z][ch] = _mm512_setzero_ps();
+    }
+    const char *entry = (const char *)rows->entry + (rows->begin[row] * n + j0) * size;
+    for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++, entry += n * size) {
+        const float *l = light + 4ull * rows_index(rows, e);
+        for (int z = 0; z < nz; z++) {
+            __m512 v = load_values(entry + 16 * z * size, i8, mask[z]);
+            for (int ch = 0; ch < 3; ch++)
+                sum[z][ch] = _mm512_fmadd_ps(v, _mm512_set1_ps(l[ch]), sum[z][ch]);
+        }
+    }
+    for (size_t f = 0; f < 6; f++)
+        for (int z = 0; z < nz; z++) {
+            __m512 v = load_values(rows->scaling + (6ull * row + f) * n + j0 + 16 * z, false,
+                                   mask[z]);
+            for (int ch = 0; ch < 3; ch++)
+                dc[z][ch] = _mm512_fmadd_ps(v, _mm512_set1_ps(light[4 * face * f + ch]),
+                                            dc[z][ch]);
+        }
+    for (int z = 0; z < nz; z++) {
+        float lanes[3][16];
+        uint32_t j1 = j0 + 16 * (uint32_t)z, nj = n - j1 < 16 ? n - j1 : 16;
+        __m512 scale = i8 ? _mm512_maskz_loadu_ps(mask[z], rows->scale + (uint64_t)n * row + j1)
+                          : _mm512_set1_ps(1);
+        for (int ch = 0; ch < 3; ch++)
+            _mm512_storeu_ps(lanes[ch], _mm512_fmadd_ps(sum[z][ch], scale, dc[z][ch]));
+        for (uint32_t j = 0; j < nj; j++)
+            for (int ch = 0; ch < 3; ch++) out[3 * (j1 + j) + ch] = lanes[ch][j];
+    }
+}
+
+static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
+                 float *out)
+{
+    const uint32_t n = rows->n_function;
+    for (uint32_t row = begin; row < end; row++, out += 3 * (size_t)n) {
+        uint32_t j = 0;
+        for (; n - j > 48; j += 64) {
+            full_part(rows, row, light, out, j, 4);
+            if (n - j <= 64) break;
+        }
+        if (n - j > 48) continue;
+        if (n - j > 32)
+            full_part(rows, row, light, out, j, 3);
+        else if (n - j > 16)
+            full_part(rows, row, light, out, j, 2);
+        else if (n > j)
+            full_part(rows, row, light, out, j, 1);
+    }
+}
+
+// Puts 16 positions' colours where their vertices are.
+INLINE void put16(const struct expand_job *job, uint32_t v, uint32_t t, __m512 r, __m512 g,
+                  __m512 b)
+{
+    float rg[32], blue[16];
+    const __m512i lo = _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
+    const __m512i hi = _mm512_setr_epi32(8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30,
+                                         15, 31);
+    uint32_t n = job->end - v < 16 ? job->end - v : 16;
+    _mm512_storeu_ps(rg, _mm512_permutex2var_ps(r, lo, g));
+    _mm512_storeu_ps(rg + 16, _mm512_permutex2var_ps(r, hi, g));
+    _mm512_storeu_ps(blue, b);
+    scatter(rg, blue, job->order + v, n, job->color + t * job->plane, job->add);
+}
+
+INLINE __m512 load_u(const uint16_t *u)
+{
+    return _mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)u));
+}
+
+// nt triples for nv vectors of 16 vertices from v on.
+INLINE void expand_block(const struct expand_job *job, uint32_t v, uint32_t t0, const int nt,
+                         const int nv, bool ahead)
+{
+    __m512 sum[8][3][2];
+    const uint16_t *u = job->u + v;
+    const float *b = job->b + 3 * t0;
+    for (int t = 0; t < nt; t++)
+        for (int ch = 0; ch < 3; ch++)
+            for (int i = 0; i < nv; i++) sum[t][ch][i] = _mm512_setzero_ps();
+    for (uint32_t r = 0; r < job->rank; r++, u += job->stride, b += job->b_stride) {
+        __m512 x[2];
+        for (int i = 0; i < nv; i++) x[i] = load_u(u + 16 * i);
+        if (ahead) _mm_prefetch((const char *)(u + 128), _MM_HINT_T0);
+        for (int t = 0; t < nt; t++)
+            for (int ch = 0; ch < 3; ch++) {
+                __m512 w = _mm512_set1_ps(b[3 * t + ch]);
+                for (int i = 0; i < nv; i++)
+                    sum[t][ch][i] = _mm512_fmadd_ps(x[i], w, sum[t][ch][i]);
+            }
+    }
+    for (int t = 0; t < nt; t++)
+        for (int i = 0; i < nv; i++)
+            if (v + 16 * (uint32_t)i < job->end)
+                put16(job, v + 16 * (uint32_t)i, t0 + (uint32_t)t, sum[t][0][i], sum[t][1][i],
+                      sum[t][2][i]);
+}
+
+static void expand(const struct expand_job *job)
+{
+    for (uint32_t v = job->begin; v < job->end; v += 32) {
+        // the second vector exists when the padded block reaches so far
+        bool two = v + 32 <= job->stride && v + 16 < job->end;
+        uint32_t t = 0, n = job->n_triple;
+        for (; n - t >= 8; t += 8) {
+            expand_block(job, v, t, 8, 1, t == 0);
+            if (two) expand_block(job, v + 16, t, 8, 1, false);
+        }
+        for (; n - t >= 4; t += 4) {
+            if (two)
+                expand_block(job, v, t, 4, 2, t == 0);
+            else
+                expand_block(job, v, t, 4, 1, t == 0);
+        }
+        for (; t < n; t++) {
+            if (two)
+                expand_block(job, v, t, 1, 2, t == 0);
+            else
+                expand_block(job, v, t, 1, 1, t == 0);
+        }
+    }
+}
+
+INLINE void radial_block(const struct expand_job *job, uint32_t v, uint32_t t, const int nv)
+{
+    __m512 sum[3][2];
+    const uint16_t *u = job->u + (size_t)t * job->rank * 3 * job->stride + v;
+    const float *b = job->b;
+    for (int ch = 0; ch < 3; ch++) sum[ch][0] = sum[ch][1] = _mm512_setzero_ps();
+    for (uint32_t r = 0; r < job->rank; r++, b += job->b_stride)
+        for (int ch = 0; ch < 3; ch++, u += job->stride) {
+            _mm_prefetch((const char *)(u + 128), _MM_HINT_T0);
+            for (int i = 0; i < nv; i++)
+                sum[ch][i] = _mm512_fmadd_ps(load_u(u + 16 * i), _mm512_set1_ps(b[ch]),
+                                             sum[ch][i]);
+        }
+    for (int i = 0; i < nv; i++)
+        if (v + 16 * (uint32_t)i < job->end)
+            put16(job, v + 16 * (uint32_t)i, t, sum[0][i], sum[1][i], sum[2][i]);
+}
+
+static void radial(const struct expand_job *job)
+{
+    for (uint32_t v = job->begin; v < job->end; v += 32)
+        for (uint32_t t = 0; t < job->n_triple; t++) {
+            if (v + 32 <= job->stride && v + 16 < job->end)
+                radial_block(job, v, t, 2);
+            else
+                radial_block(job, v, t, 1);
+        }
+}
+
+// Products run along in three vectors (48 = 16 * 3), so that a lane keeps its channel.
+static void material(const float *in, size_t n, uint32_t n_radial, const float *coef, float *out)
+{
+    const uint32_t width = 3 * n_radial;
+    for (size_t i = 0; i < n; i++, in += width, out += 3) {
+        __m512 sum[3] = {_mm512_setzero_ps(), _mm512_setzero_ps(), _mm512_setzero_ps()};
+        for (uint32_t j = 0; j < width; j += 48)
+            for (uint32_t z = 0; z < 3 && j + 16 * z < width; z++) {
+                __mmask16 mask = lane_mask(width - j - 16 * z);
+                sum[z] = _mm512_fmadd_ps(_mm512_maskz_loadu_ps(mask, in + j + 16 * z),
+                                         _mm512_maskz_loadu_ps(mask, coef + j + 16 * z), sum[z]);
+            }
+        // lane i of vector z has channel (z + i) % 3
+        out[0] = _mm512_mask_reduce_add_ps(0x9249, sum[0]) +
+                 _mm512_mask_reduce_add_ps(0x4924, sum[1]) +
+                 _mm512_mask_reduce_add_ps(0x2492, sum[2]);
+        out[1] = _mm512_mask_reduce_add_ps(0x2492, sum[0]) +
+                 _mm512_mask_reduce_add_ps(0x9249, sum[1]) +
+                 _mm512_mask_reduce_add_ps(0x4924, sum[2]);
+        out[2] = _mm512_mask_reduce_add_ps(0x4924, sum[0]) +
+                 _mm512_mask_reduce_add_ps(0x2492, sum[1]) +
+                 _mm512_mask_reduce_add_ps(0x9249, sum[2]);
+    }
+}
+
+const struct relight_kernels relight_kernels_avx512 = {
+    .name = "avx512", .diagonal = diagonal, .diagonal_group = diagonal_group, .full = full,
+    .expand = expand, .radial = radial, .material = material};
+#endif

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: MIT
+// The kernels in plain C: the reference that the other variants are held against.
+#include "kernels.h"
+
+#include <string.h>
+
+static float value(const struct prt_rows *rows, uint64_t i)
+{
+    return rows->value == PRT_VALUE_I8 ? (float)((const int8_t *)rows->entry)[i]
+                                       : prt_f16_to_f32(((const uint16_t *)rows->entry)[i]);
+}
+
+// sum[j*n_lane + lane] over a row of  value[j] * table[index][channel of (j, lane)].
+// DIAGONAL has the channel in j, so value j meets lanes of its own channel only.
+static void row_diagonal(const struct prt_rows *rows, uint32_t row, const float *table,
+                         size_t pitch, float *out)
+{
+    uint32_t n = rows->n_function, face = rows->n_coef / 6;
+    for (uint32_t j = 0; j < n; j++) {
+        double sum = 0, fine = 0;
+        for (uint32_t f = 0; f < 6; f++)
+            sum += (double)prt_f16_to_f32(rows->scaling[((uint64_t)row * 6 + f) * n + j]) *
+                   (double)table[(size_t)f * face * pitch + j % 3];
+        for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++)
+            fine += (double)value(rows, e * n + j) *
+                    (double)table[rows_index(rows, e) * pitch + j % 3];
+        if (rows->value == PRT_VALUE_I8) fine *= (double)rows->scale[(uint64_t)row * n + j];
+        out[j] = (float)(sum + fine);
+    }
+}
+
+static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                     const float *light, float *out)
+{
+    for (uint32_t row = begin; row < end; row++)
+        row_diagonal(rows, row, light, 4, out + (size_t)(row - begin) * rows->n_function);
+}
+
+static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                           const float *table, unsigned n_light, size_t light_stride, float *out)
+{
+    for (unsigned l = 0; l < n_light; l++)
+        for (uint32_t row = begin; row < end; row++)
+            row_diagonal(rows, row, table + 3 * l, LIGHT_LANES,
+                         out + l * light_stride + (size_t)(row - begin) * rows->n_function);
+}
+
+static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
+                 float *out)
+{
+    uint32_t n = rows->n_function, face = rows->n_coef / 6;
+    for (uint32_t row = begin; row < end; row++, out += 3 * (size_t)n)
+        for (uint32_t j = 0; j < n; j++)
+            for (int ch = 0; ch < 3; ch++) {
+                double sum = 0, fine = 0;
+                for (uint32_t f = 0; f < 6; f++)
+                    sum += (double)prt_f16_to_f32(
+                               rows->scaling[((uint64_t)row * 6 + f) * n + j]) *
+                           (double)light[(size_t)f * face * 4 + ch];
+                for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++)
+                    fine += (double)value(rows, e * n + j) *
+                            (double)light[rows_index(rows, e) * (size_t)4 + ch];
+                if (rows->value == PRT_VALUE_I8)
+                    fine *= (double)rows->scale[(uint64_t)row * n + j];
+                out[3 * j + ch] = (float)(sum + fine);
+            }
+}
+
+static void expand(const struct expand_job *job)
+{
+    for (uint32_t v = job->begin; v < job->end; v++)
+        for (uint32_t t = 0; t < job->n_triple; t++) {
+            float sum[3] = {0, 0, 0}, *out = job->color + t * job->plane + 3ull * job->order[v];
+            for (uint32_t r = 0; r < job->rank; r++) {
+                float u = prt_f16_to_f32(job->u[r * job->stride + v]);
+                for (int ch = 0; ch < 3; ch++) sum[ch] += u * job->b[r * job->b_stride + 3 * t + ch];
+            }
+            for (int ch = 0; ch < 3; ch++) out[ch] = job->add ? out[ch] + sum[ch] : sum[ch];
+        }
+}
+
+static void radial(const struct expand_job *job)
+{
+    for (uint32_t v = job->begin; v < job->end; v++)
+        for (uint32_t t = 0; t < job->n_triple; t++) {
+            float sum[3] = {0, 0, 0}, *out = job->color + t * job->plane + 3ull * job->order[v];
+            const uint16_t *u = job->u + (size_t)t * job->rank * 3 * job->stride;
+            for (uint32_t r = 0; r < job->rank; r++)
+                for (int ch = 0; ch < 3; ch++)
+                    sum[ch] += prt_f16_to_f32(u[(3 * (size_t)r + ch) * job->stride + v]) *
+                               job->b[r * job->b_stride + ch];
+            for (int ch = 0; ch < 3; ch++) out[ch] = job->add ? out[ch] + sum[ch] : sum[ch];
+        }
+}
+
+static void material(const float *in, size_t n, uint32_t n_radial, const float *coef, float *out)
+{
+    for (size_t i = 0; i < n; i++, in += 3 * (size_t)n_radial)
+        for (int ch = 0; ch < 3; ch++) {
+            float sum = 0;
+            for (uint32_t j = 0; j < n_radial; j++) sum += in[3 * j + ch] * coef[3 * j + ch];
+            out[3 * i + ch] = sum;
+        }
+}
+
+const struct relight_kernels relight_kernels_c = {
+    .name = "c", .diagonal = diagonal, .diagonal_group = diagonal_group, .full = full,
+    .expand = expand, .radial = radial, .material = material};

@@ -1,0 +1,341 @@
+// SPDX-License-Identifier: MIT
+// Contractions over whole tensors: cuts the work into pieces and runs the kernels on them.
+#include "kernels.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+    ROW_GRAIN = 32,        // basis rows a piece: some hundred entries each
+    VERTEX_GRAIN = 4096,   // vertices a piece of a cluster, a multiple of EXPAND_ALIGN
+    SPARSE_BLOCK = 32,     // vertices between two scatters
+    TABLE_GRAIN = 1536,
+};
+
+static int check_lights(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                        unsigned n_light, const struct prt_light *const light[])
+{
+    if (!n_light || n_light > PRT_RELIGHT_MAX_LIGHTS)
+        return prt_fail(ctx, PRT_ARG, "%u lights in one pass, 1 to %d are possible", n_light,
+                        PRT_RELIGHT_MAX_LIGHTS);
+    for (unsigned i = 0; i < n_light; i++)
+        if (6ull * light[i]->n * light[i]->n != tensor->rows.n_coef)
+            return prt_fail(ctx, PRT_MISMATCH,
+                            "a light of 6x%ux%u coefficients for a transport of %u",
+                            light[i]->n, light[i]->n, tensor->rows.n_coef);
+    return PRT_OK;
+}
+
+struct table_job {
+    unsigned n_light;
+    const struct prt_light *const *light;
+    float *table;
+};
+
+static int fill_table(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct table_job *job = arg;
+    relight_light_table(job->n_light, job->light, (uint32_t)begin, (uint32_t)end, job->table);
+    return PRT_OK;
+}
+
+// Lights come in groups that share one pass; two are cheaper one by one.
+static unsigned group_size(unsigned left)
+{
+    return left <= 2 ? 1 : left < LIGHT_GROUP ? left : LIGHT_GROUP;
+}
+
+static int make_table(const struct prt_context *ctx, uint32_t n_coef, unsigned n_light,
+                      const struct prt_light *const light[], float *table)
+{
+    struct table_job job = {n_light, light, table};
+    return prt_parallel_for(ctx, NULL, n_coef, TABLE_GRAIN, fill_table, &job);
+}
+
+struct rows_job {
+    const struct relight_kernels *kernels;
+    const struct prt_tensor *tensor;
+    unsigned n_light;            // of this group
+    const float *light, *table;  // one light, or the table of the group
+    float *out;
+    size_t light_stride;
+};
+
+static int run_rows(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct rows_job *job = arg;
+    const struct prt_rows *rows = &job->tensor->rows;
+    uint32_t b = (uint32_t)begin, e = (uint32_t)end;
+    bool full = job->tensor->coupling == PRT_COUPLE_FULL;
+    float *out = job->out + begin * rows->n_function * (full ? 3 : 1);
+    if (full)
+        job->kernels->full(rows, b, e, job->light, out);
+    else if (job->table)
+        job->kernels->diagonal_group(rows, b, e, job->table, job->n_light, job->light_stride,
+                                     out);
+    else
+        job->kernels->diagonal(rows, b, e, job->light, out);
+    return PRT_OK;
+}
+
+// Runs fn for every group of lights, with the group's table made.
+static int for_groups(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                      unsigned n_light, const struct prt_light *const light[], size_t n_item,
+                      size_t grain, prt_loop_fn fn, struct rows_job *job)
+{
+    float *table = NULL, *out = job->out;
+    int status = PRT_OK;
+    bool full = tensor->coupling == PRT_COUPLE_FULL;
+    if (!full && n_light > 2) {
+        table = prt_alloc((size_t)tensor->rows.n_coef * LIGHT_LANES, sizeof *table);
+        if (!table) return prt_fail(ctx, PRT_NOMEM, "no memory for a table of lights");
+    }
+    for (unsigned l = 0, n; l < n_light && !status; l += n) {
+        n = full ? 1 : group_size(n_light - l);
+        job->n_light = n;
+        job->light = light[l]->coef;
+        job->table = n > 1 ? table : NULL;
+        job->out = out + l * job->light_stride;
+        if (n > 1) status = make_table(ctx, tensor->rows.n_coef, n, light + l, table);
+        if (!status) status = prt_parallel_for(ctx, NULL, n_item, grain, fn, job);
+    }
+    prt_free(table);
+    return status;
+}
+
+int prt_contract_light(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                       unsigned n_light, const struct prt_light *const light[], float *out)
+{
+    int status = check_lights(ctx, tensor, n_light, light);
+    if (status) return status;
+    if (tensor->storage != PRT_STORAGE_FACTORED)
+        return prt_fail(ctx, PRT_ARG, "only a factored transport has bases to contract");
+    const struct prt_rows *rows = &tensor->rows;
+    size_t wide = tensor->coupling == PRT_COUPLE_FULL ? 3 : 1;
+    struct rows_job job = {.kernels = relight_kernels_for(ctx->cpu), .tensor = tensor,
+                           .out = out,
+                           .light_stride = (size_t)rows->n_row * rows->n_function * wide};
+    return for_groups(ctx, tensor, n_light, light, rows->n_row, ROW_GRAIN, run_rows, &job);
+}
+
+struct material_job {
+    const struct relight_kernels *kernels;
+    const float *in, *coef;
+    float *out;
+    uint32_t n_radial;
+};
+
+static int run_material(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct material_job *job = arg;
+    job->kernels->material(job->in + begin * 3 * job->n_radial, end - begin, job->n_radial,
+                           job->coef, job->out + 3 * begin);
+    return PRT_OK;
+}
+
+int prt_contract_material(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                          const float *in, const float *coef, float *out)
+{
+    if (tensor->coupling != PRT_COUPLE_FULL || tensor->storage != PRT_STORAGE_FACTORED)
+        return prt_fail(ctx, PRT_ARG, "this transport's material is fixed");
+    struct material_job job = {relight_kernels_for(ctx->cpu), in, coef, out, tensor->n_radial};
+    return prt_parallel_for(ctx, NULL, (size_t)tensor->rows.n_row * tensor->n_phase, 2048,
+                            run_material, &job);
+}
+
+// A range of one cluster's vertices.
+struct piece {
+    uint32_t cluster, begin, end;
+};
+
+static int make_pieces(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                       struct piece **out, size_t *n_out)
+{
+    size_t n = 0, most = (size_t)tensor->n_cluster + tensor->n_vertex / VERTEX_GRAIN;
+    struct piece *pieces = malloc((most + 1) * sizeof *pieces);
+    if (!pieces) return prt_fail(ctx, PRT_NOMEM, "no memory for %zu pieces of work", most);
+    for (uint32_t i = 0; i < tensor->n_cluster; i++) {
+        uint32_t end = tensor->cluster[i].n_vertex;
+        for (uint32_t b = 0; b < end; b += VERTEX_GRAIN)
+            pieces[n++] = (struct piece){i, b, end - b < VERTEX_GRAIN ? end : b + VERTEX_GRAIN};
+    }
+    *out = pieces;
+    *n_out = n;
+    return PRT_OK;
+}
+
+struct expand_run {
+    const struct relight_kernels *kernels;
+    const struct prt_tensor *tensor;
+    const struct piece *pieces;
+    const float *b;
+    size_t b_stride;
+    uint32_t n_triple;
+    float *color;
+    bool add;
+};
+
+static int run_expand(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct expand_run *run = arg;
+    const struct prt_tensor *t = run->tensor;
+    bool radial = t->storage == PRT_STORAGE_RADIAL;
+    for (size_t i = begin; i < end; i++) {
+        const struct piece *p = &run->pieces[i];
+        const struct prt_cluster *c = &t->cluster[p->cluster];
+        struct expand_job job = {
+            .u = t->u + c->u_begin,
+            .stride = ((size_t)c->n_vertex + 15) & ~(size_t)15,
+            .rank = radial && c->rank ? t->n_radial : c->rank,
+            .b = radial ? run->b : run->b + c->row_begin * run->b_stride,
+            .b_stride = run->b_stride,
+            .n_triple = run->n_triple,
+            .begin = p->begin,
+            .end = p->end,
+            .order = t->order + c->vertex_begin,
+            .color = run->color,
+            .plane = 3 * (size_t)t->n_vertex,
+            .add = run->add};
+        if (radial)
+            run->kernels->radial(&job);
+        else
+            run->kernels->expand(&job);
+    }
+    return PRT_OK;
+}
+
+static int expand_all(const struct prt_context *ctx, struct expand_run *run)
+{
+    struct piece *pieces = NULL;
+    size_t n = 0;
+    int status = make_pieces(ctx, run->tensor, &pieces, &n);
+    if (status) return status;
+    run->kernels = relight_kernels_for(ctx->cpu);
+    run->pieces = pieces;
+    // small clusters go several at a time: about two thousand vertices a piece
+    size_t mean = n ? run->tensor->n_vertex / n : 1, grain = 2048 / (mean + 1);
+    status = prt_parallel_for(ctx, NULL, n, grain ? grain : 1, run_expand, run);
+    free(pieces);
+    return status;
+}
+
+int prt_expand(const struct prt_context *ctx, const struct prt_tensor *tensor, unsigned n_light,
+               const float *b, bool add, float *color)
+{
+    if (tensor->storage != PRT_STORAGE_FACTORED)
+        return prt_fail(ctx, PRT_ARG, "only a factored transport expands");
+    size_t width = 3 * (size_t)tensor->n_phase, n_row = tensor->rows.n_row;
+    float *rows = NULL;
+    if (n_light > 1) {
+        // lights beside each other, so that one pass over U serves all of them
+        rows = prt_alloc(n_row * n_light * width + 1, sizeof *rows);
+        if (!rows) return prt_fail(ctx, PRT_NOMEM, "no memory for %u lights", n_light);
+        for (unsigned l = 0; l < n_light; l++)
+            for (size_t r = 0; r < n_row; r++)
+                memcpy(rows + (r * n_light + l) * width, b + (l * n_row + r) * width,
+                       width * sizeof *rows);
+    }
+    struct expand_run run = {.tensor = tensor, .b = rows ? rows : b,
+                             .b_stride = width * n_light, .n_triple = n_light * tensor->n_phase,
+                             .color = color, .add = add};
+    int status = expand_all(ctx, &run);
+    prt_free(rows);
+    return status;
+}
+
+int prt_relight_radial(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                       const float *coef, bool add, float *color)
+{
+    if (tensor->storage != PRT_STORAGE_RADIAL)
+        return prt_fail(ctx, PRT_ARG, "this transport is not polynomial");
+    struct expand_run run = {.tensor = tensor, .b = coef, .b_stride = 3,
+                             .n_triple = tensor->n_phase, .color = color, .add = add};
+    return expand_all(ctx, &run);
+}
+
+struct sparse_job {
+    struct rows_job rows;   // first: for_groups fills it
+    bool add;
+};
+
+static int run_sparse(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct sparse_job *job = arg;
+    const struct prt_tensor *t = job->rows.tensor;
+    const uint32_t width = t->n_function, n_light = job->rows.n_light;
+    const size_t plane = 3 * (size_t)t->n_vertex;
+    float block[SPARSE_BLOCK * 48 * LIGHT_GROUP];
+    for (uint32_t v = (uint32_t)begin, n; v < end; v += n) {
+        n = end - v < SPARSE_BLOCK ? (uint32_t)(end - v) : SPARSE_BLOCK;
+        if (job->rows.table)
+            job->rows.kernels->diagonal_group(&t->rows, v, v + n, job->rows.table, n_light,
+                                              SPARSE_BLOCK * width, block);
+        else
+            job->rows.kernels->diagonal(&t->rows, v, v + n, job->rows.light, block);
+        for (uint32_t l = 0; l < n_light; l++)
+            for (uint32_t i = 0; i < n; i++)
+                for (uint32_t k = 0; k < t->n_phase; k++) {
+                    const float *in = block + (l * SPARSE_BLOCK + i) * width + 3 * k;
+                    float *out = job->rows.out + (l * t->n_phase + k) * plane +
+                                 3ull * t->order[v + i];
+                    for (int ch = 0; ch < 3; ch++)
+                        out[ch] = job->add ? out[ch] + in[ch] : in[ch];
+                }
+    }
+    return PRT_OK;
+}
+
+int prt_relight_sparse(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                       unsigned n_light, const struct prt_light *const light[], bool add,
+                       float *color)
+{
+    int status = check_lights(ctx, tensor, n_light, light);
+    if (status) return status;
+    if (tensor->storage != PRT_STORAGE_SPARSE || tensor->coupling != PRT_COUPLE_DIAGONAL)
+        return prt_fail(ctx, PRT_ARG, "this transport is not sparse");
+    struct sparse_job job = {
+        .rows = {.kernels = relight_kernels_for(ctx->cpu), .tensor = tensor, .out = color,
+                 .light_stride = 3 * (size_t)tensor->n_vertex * tensor->n_phase},
+        .add = add};
+    return for_groups(ctx, tensor, n_light, light, tensor->n_vertex, 1024, run_sparse,
+                      &job.rows);
+}
+
+static int relight_factored(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                            unsigned n_light, const struct prt_light *const light[],
+                            const float *coef, bool add, float *color)
+{
+    bool full = tensor->coupling == PRT_COUPLE_FULL;
+    size_t n_row = tensor->rows.n_row, width = 3 * (size_t)tensor->n_phase;
+    size_t wide = n_row * (full ? 3 * (size_t)tensor->n_function : width);
+    float *b = prt_alloc(wide * n_light + 1, sizeof *b), *folded = NULL;
+    int status = b ? prt_contract_light(ctx, tensor, n_light, light, b)
+                   : prt_fail(ctx, PRT_NOMEM, "no memory to relight");
+    if (!status && full) {
+        folded = prt_alloc(n_row * width * n_light + 1, sizeof *folded);
+        if (!folded) status = prt_fail(ctx, PRT_NOMEM, "no memory to relight");
+        for (unsigned l = 0; l < n_light && !status; l++)
+            status = prt_contract_material(ctx, tensor, b + l * wide, coef,
+                                           folded + l * n_row * width);
+    }
+    if (!status) status = prt_expand(ctx, tensor, n_light, full ? folded : b, add, color);
+    prt_free(folded);
+    prt_free(b);
+    return status;
+}
+
+int prt_relight(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                unsigned n_light, const struct prt_light *const light[], const float *coef,
+                bool add, float *color)
+{
+    bool free_material =
+        tensor->coupling == PRT_COUPLE_FULL || tensor->storage == PRT_STORAGE_RADIAL;
+    if (free_material != (coef != NULL))
+        return prt_fail(ctx, PRT_ARG, coef ? "this transport's material is fixed"
+                                           : "this transport needs a material");
+    if (tensor->storage == PRT_STORAGE_RADIAL)
+        return prt_relight_radial(ctx, tensor, coef, add, color);
+    if (tensor->storage == PRT_STORAGE_SPARSE)
+        return prt_relight_sparse(ctx, tensor, n_light, light, add, color);
+    return relight_factored(ctx, tensor, n_light, light, coef, add, color);
+}

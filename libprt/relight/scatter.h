@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: MIT
+// Colours of up to 16 neighbouring positions to their file vertices: red and green travel
+// together as 8 bytes, blue as 4, so that no store touches another vertex.
+#ifndef PRT_RELIGHT_SCATTER_H
+#define PRT_RELIGHT_SCATTER_H
+
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+
+static inline void scatter_store(const float *rg, const float *b, const uint32_t *order,
+                                 uint32_t n, float *color)
+{
+    for (uint32_t i = 0; i < n; i++) {
+        float *out = color + 3ull * order[i];
+        memcpy(out, rg + 2 * i, 8);
+        memcpy(out + 2, b + i, 4);
+    }
+}
+
+static inline void scatter_add(const float *rg, const float *b, const uint32_t *order, uint32_t n,
+                               float *color)
+{
+    for (uint32_t i = 0; i < n; i++) {
+        float *out = color + 3ull * order[i];
+        out[0] += rg[2 * i];
+        out[1] += rg[2 * i + 1];
+        out[2] += b[i];
+    }
+}
+
+static inline void scatter(const float *rg, const float *b, const uint32_t *order, uint32_t n,
+                           float *color, bool add)
+{
+    if (add)
+        scatter_add(rg, b, order, n, color);
+    else
+        scatter_store(rg, b, order, n, color);
+}
+
+#endif
