@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: MIT */
+/* cli.h: what the files of the relight program share. */
+#ifndef RELIGHT_CLI_H
+#define RELIGHT_CLI_H
+
+#include "relight/relight.h"
+
+#include <cjson/cJSON.h>
+
+enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_UNREACHABLE = 3, MAX_WORDS = 16 };
+
+/* Every option of every command; a command's table says which it takes. */
+struct options {
+    const char *server, *token;
+    double timeout_s;
+    bool json;
+    const char *command, *target, *output; /* target: ID, MODEL, JOB or FILE */
+    const char *env[MAX_WORDS];
+    float rotate_deg[MAX_WORDS], gain[MAX_WORDS][3];
+    size_t n_env, n_rotate, n_gain;
+    struct relight_shade shade;
+    char *material;                        /* text of shade.material, owned */
+    enum relight_color_format format;
+    struct relight_picture picture;
+    struct relight_load load;              /* name, scale, bake, pin */
+    const char *opaque[MAX_WORDS];
+    bool wait, files, remote, forget, own_units;
+};
+
+struct command {
+    const char *name, *args, *doc;
+    const char *takes;                     /* keys of the options it takes, see options.c */
+    bool has_target;
+    int (*run)(struct relight_client *client, struct options *options);
+};
+extern const struct command commands[];    /* ends with name NULL */
+
+/* options.c: parses argv; exits with EXIT_USAGE on wrong usage. */
+const struct command *options_parse(int argc, char **argv, struct options *options);
+void options_finish(struct options *options);
+
+/* report.c */
+/* Prints an error and returns the exit status it calls for. */
+int report_error(const struct options *options, const struct relight_error *error);
+int report_usage(const struct options *options, const char *fmt, ...)
+    __attribute__((format(printf, 2, 3)));
+void print_json(cJSON *json);              /* one line on stdout; deletes it */
+/* A relight_progress_fn: bar on stderr when that is a terminal, nothing otherwise. */
+int progress_bar(void *user, const struct relight_progress *progress);
+void progress_clear(void);
+
+/* output.c: files, written to a temporary file that is renamed. 0 or EXIT_FAILED, reported. */
+int write_file(const struct options *options, const char *path, const void *bytes, size_t n);
+enum output_kind {
+    OUTPUT_UNKNOWN, OUTPUT_CSV, OUTPUT_NPY, OUTPUT_PLY, OUTPUT_GLB, OUTPUT_PNG, OUTPUT_JPG,
+    OUTPUT_EXR
+};
+enum output_kind output_kind(const char *path); /* by its suffix */
+/* rgb [n][3] or NULL; geometry may be NULL for CSV and NPY. */
+int write_vertices(const struct options *options, const char *path, uint32_t n, const float *rgb,
+                   const struct relight_geometry *geometry);
+
+/* The commands. */
+int run_ping(struct relight_client *client, struct options *options);
+int run_models(struct relight_client *client, struct options *options);
+int run_load(struct relight_client *client, struct options *options);
+int run_info(struct relight_client *client, struct options *options);
+int run_watch(struct relight_client *client, struct options *options);
+int run_cancel(struct relight_client *client, struct options *options);
+int run_env(struct relight_client *client, struct options *options);
+int run_colors(struct relight_client *client, struct options *options);
+int run_image(struct relight_client *client, struct options *options);
+int run_edit(struct relight_client *client, struct options *options);
+int run_geometry(struct relight_client *client, struct options *options);
+int run_unload(struct relight_client *client, struct options *options);
+int run_stats(struct relight_client *client, struct options *options);
+
+#endif

@@ -1,0 +1,223 @@
+// SPDX-License-Identifier: MIT
+// Commands that fetch light: environments, colours, pictures, edits; and geometry.
+#include "cli.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+int run_env(struct relight_client *client, struct options *options)
+{
+    struct relight_error error;
+    struct relight_env_info info;
+    char env[80];
+    if (relight_env_resolve(client, options->target, progress_bar, NULL, env, &error) ||
+        relight_env_prepare(client, env, &info, &error))
+        return report_error(options, &error);
+    progress_clear();
+    if (options->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "env", env);
+        cJSON_AddStringToObject(json, "kind", info.cube ? "cube" : "latlong");
+        cJSON_AddNumberToObject(json, "width", info.width);
+        cJSON_AddNumberToObject(json, "height", info.height);
+        cJSON_AddNumberToObject(json, "full_cube", info.full_cube);
+        cJSON_AddNumberToObject(json, "mended", info.n_mended);
+        cJSON_AddItemToObject(json, "mean", cJSON_CreateFloatArray(info.mean, 3));
+        cJSON_AddNumberToObject(json, "decode_ms", info.decode_ms);
+        print_json(json);
+    } else {
+        puts(env);
+    }
+    return EXIT_DONE;
+}
+
+// The lights of the command line, files uploaded. names[i] backs lights[i].env.
+static int get_lights(struct relight_client *client, struct options *o,
+                      struct relight_light lights[MAX_WORDS], char names[MAX_WORDS][80])
+{
+    struct relight_error error;
+    if (!o->n_env) return report_usage(o, "--env is missing");
+    if (o->n_rotate > 1 && o->n_rotate != o->n_env)
+        return report_usage(o, "%zu --rotate for %zu --env", o->n_rotate, o->n_env);
+    if (o->n_gain > 1 && o->n_gain != o->n_env)
+        return report_usage(o, "%zu --gain for %zu --env", o->n_gain, o->n_env);
+    for (size_t i = 0; i < o->n_env; i++) {
+        if (relight_env_resolve(client, o->env[i], progress_bar, NULL, names[i], &error))
+            return report_error(o, &error);
+        lights[i] = (struct relight_light){.env = names[i]};
+        lights[i].rotate_deg = o->rotate_deg[o->n_rotate > 1 ? i : 0];
+        if (o->n_gain) memcpy(lights[i].gain, o->gain[o->n_gain > 1 ? i : 0], 12);
+    }
+    progress_clear();
+    return EXIT_DONE;
+}
+
+static void add_cost(cJSON *json, const struct relight_cost *cost)
+{
+    cJSON_AddStringToObject(json, "engine", relight_engine_name(cost->engine));
+    cJSON_AddNumberToObject(json, "error_bound", cost->error_bound);
+    if (*cost->note) cJSON_AddStringToObject(json, "note", cost->note);
+    cJSON *ms = cJSON_AddObjectToObject(json, "milliseconds");
+    cJSON_AddNumberToObject(ms, "queue", cost->queue_ms);
+    cJSON_AddNumberToObject(ms, "light", cost->light_ms);
+    cJSON_AddNumberToObject(ms, "relight", cost->relight_ms);
+    cJSON_AddNumberToObject(ms, "raster", cost->raster_ms);
+    cJSON_AddNumberToObject(ms, "shade", cost->shade_ms);
+    cJSON_AddNumberToObject(ms, "encode", cost->encode_ms);
+    cJSON_AddNumberToObject(ms, "total", cost->total_ms);
+}
+
+static void print_cost(const char *what, const char *path, const struct relight_cost *cost)
+{
+    printf("%s: %s, %s, %.1f ms\n", path, what, relight_engine_name(cost->engine),
+           (double)cost->total_ms);
+    if (*cost->note) fprintf(stderr, "relight: %s\n", cost->note);
+}
+
+static int save_colors(struct relight_client *client, struct options *o,
+                       const struct relight_colors *colors)
+{
+    struct relight_error error;
+    struct relight_geometry geometry = {0};
+    enum output_kind kind = output_kind(o->output);
+    bool solid = kind == OUTPUT_PLY || kind == OUTPUT_GLB;
+    if (solid && relight_geometry(client, o->target, true, &geometry, &error))
+        return report_error(o, &error);
+    float *rgb = malloc(((size_t)colors->n_vertex + 1) * 12);
+    int status;
+    if (!rgb) {
+        error = (struct relight_error){.code = RELIGHT_E_NO_MEMORY, .text = "not enough memory"};
+        status = report_error(o, &error);
+    } else if (solid && geometry.n_vertex != colors->n_vertex) {
+        error = (struct relight_error){.code = RELIGHT_E_PROTOCOL,
+                                       .text = "colours and geometry differ in length"};
+        status = report_error(o, &error);
+    } else {
+        relight_colors_decode(colors, 0, rgb);
+        status = write_vertices(o, o->output, colors->n_vertex, rgb, &geometry);
+    }
+    free(rgb);
+    relight_geometry_finish(&geometry);
+    return status;
+}
+
+static bool is_vertices(enum output_kind kind)
+{
+    return kind == OUTPUT_CSV || kind == OUTPUT_NPY || kind == OUTPUT_PLY || kind == OUTPUT_GLB;
+}
+
+static bool is_picture(enum output_kind kind)
+{
+    return kind == OUTPUT_PNG || kind == OUTPUT_JPG || kind == OUTPUT_EXR;
+}
+
+int run_colors(struct relight_client *client, struct options *o)
+{
+    struct relight_error error;
+    struct relight_light lights[MAX_WORDS];
+    char names[MAX_WORDS][80];
+    struct relight_colors colors;
+    if (!is_vertices(output_kind(o->output)))
+        return report_usage(o, "-o FILE has to end in .csv, .npy, .ply or .glb");
+    int status = get_lights(client, o, lights, names);
+    if (status) return status;
+    struct relight_colors_request request = {.model = o->target,
+                                             .n_light = o->n_env,
+                                             .lights = lights,
+                                             .sum = true,
+                                             .shade = o->shade,
+                                             .format = o->format,
+                                             .exposure_ev = o->picture.exposure_ev};
+    if (relight_colors(client, &request, &colors, &error)) return report_error(o, &error);
+    status = save_colors(client, o, &colors);
+    if (!status && o->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "file", o->output);
+        cJSON_AddNumberToObject(json, "vertices", colors.n_vertex);
+        add_cost(json, &colors.cost);
+        print_json(json);
+    } else if (!status && strcmp(o->output, "/dev/stdout")) {
+        char what[32];
+        snprintf(what, sizeof what, "%u vertices", colors.n_vertex);
+        print_cost(what, o->output, &colors.cost);
+    }
+    relight_colors_finish(&colors);
+    return status;
+}
+
+int run_image(struct relight_client *client, struct options *o)
+{
+    struct relight_error error;
+    struct relight_light lights[MAX_WORDS];
+    char names[MAX_WORDS][80];
+    struct relight_image image;
+    enum output_kind kind = output_kind(o->output);
+    if (!is_picture(kind)) return report_usage(o, "-o FILE has to end in .png, .jpg or .exr");
+    o->picture.format = kind == OUTPUT_PNG ? RELIGHT_PNG
+                        : kind == OUTPUT_EXR ? RELIGHT_EXR : RELIGHT_JPEG;
+    int status = get_lights(client, o, lights, names);
+    if (status) return status;
+    struct relight_image_request request = {.model = o->target,
+                                            .n_light = o->n_env,
+                                            .lights = lights,
+                                            .shade = o->shade,
+                                            .picture = o->picture};
+    if (relight_image(client, &request, &image, &error)) return report_error(o, &error);
+    status = write_file(o, o->output, image.data, image.n_byte);
+    if (!status && o->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "file", o->output);
+        cJSON_AddNumberToObject(json, "width", image.width);
+        cJSON_AddNumberToObject(json, "height", image.height);
+        if (image.camera.set) {
+            cJSON *camera = cJSON_AddObjectToObject(json, "camera");
+            cJSON_AddItemToObject(camera, "eye", cJSON_CreateFloatArray(image.camera.eye, 3));
+            cJSON_AddItemToObject(camera, "target", cJSON_CreateFloatArray(image.camera.target, 3));
+            cJSON_AddItemToObject(camera, "up", cJSON_CreateFloatArray(image.camera.up, 3));
+            cJSON_AddNumberToObject(camera, "fovy_deg", image.camera.fovy_deg);
+        }
+        add_cost(json, &image.cost);
+        print_json(json);
+    } else if (!status && strcmp(o->output, "/dev/stdout")) {
+        char what[40];
+        snprintf(what, sizeof what, "%u x %u", image.width, image.height);
+        print_cost(what, o->output, &image.cost);
+    }
+    relight_image_finish(&image);
+    return status;
+}
+
+int run_edit(struct relight_client *client, struct options *o)
+{
+    if (!o->material) return report_usage(o, "--material is missing");
+    enum output_kind kind = output_kind(o->output);
+    if (!is_picture(kind) && !is_vertices(kind))
+        return report_usage(o, "-o FILE has to end in .png, .jpg, .exr, .csv, .npy, .ply or .glb");
+    return is_picture(kind) ? run_image(client, o) : run_colors(client, o);
+}
+
+int run_geometry(struct relight_client *client, struct options *o)
+{
+    struct relight_error error;
+    struct relight_geometry geometry;
+    enum output_kind kind = output_kind(o->output);
+    if (kind != OUTPUT_PLY && kind != OUTPUT_GLB && kind != OUTPUT_NPY)
+        return report_usage(o, "-o FILE has to end in .ply, .glb or .npy");
+    if (relight_geometry(client, o->target, o->own_units, &geometry, &error))
+        return report_error(o, &error);
+    int status = write_vertices(o, o->output, geometry.n_vertex, NULL, &geometry);
+    if (!status && o->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "file", o->output);
+        cJSON_AddNumberToObject(json, "vertices", geometry.n_vertex);
+        cJSON_AddNumberToObject(json, "triangles", geometry.n_triangle);
+        cJSON_AddNumberToObject(json, "mm_per_unit", geometry.mm_per_unit);
+        print_json(json);
+    } else if (!status && strcmp(o->output, "/dev/stdout")) {
+        printf("%s: %u vertices, %u triangles\n", o->output, geometry.n_vertex,
+               geometry.n_triangle);
+    }
+    relight_geometry_finish(&geometry);
+    return status;
+}

@@ -1,0 +1,286 @@
+// SPDX-License-Identifier: MIT
+// Commands about the daemon, its models and its jobs.
+#include "cli.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+int run_ping(struct relight_client *client, struct options *options)
+{
+    struct relight_error error;
+    const struct relight_server *server = relight_server(client);
+    double seconds;
+    if (relight_ping(client, &seconds, &error)) return report_error(options, &error);
+    if (options->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "server", server->name);
+        cJSON_AddStringToObject(json, "address", server->address);
+        cJSON_AddNumberToObject(json, "milliseconds", seconds * 1e3);
+        cJSON *presets = cJSON_AddArrayToObject(json, "materials");
+        for (size_t i = 0; i < server->n_preset; i++)
+            cJSON_AddItemToArray(presets, cJSON_CreateString(server->preset[i]));
+        print_json(json);
+    } else {
+        printf("%s at %s answers in %.3f ms\n", server->name, server->address, seconds * 1e3);
+    }
+    return EXIT_DONE;
+}
+
+// JSON text as JSON, or as a string when it does not parse.
+static void add_text(cJSON *json, const char *key, const char *text)
+{
+    cJSON *value = *text ? cJSON_Parse(text) : cJSON_CreateNull();
+    cJSON_AddItemToObject(json, key, value ? value : cJSON_CreateString(text));
+}
+
+static cJSON *model_json(const struct relight_model *m)
+{
+    cJSON *json = cJSON_CreateObject();
+    cJSON_AddStringToObject(json, "model", m->id);
+    cJSON_AddStringToObject(json, "name", m->name);
+    cJSON_AddStringToObject(json, "state", relight_model_state_name(m->state));
+    if (*m->job) cJSON_AddStringToObject(json, "job", m->job);
+    if (m->state == RELIGHT_MODEL_BAKING) cJSON_AddNumberToObject(json, "fraction", m->fraction);
+    if (*m->failure) cJSON_AddStringToObject(json, "failure", m->failure);
+    cJSON_AddNumberToObject(json, "vertices", m->n_vertex);
+    cJSON_AddNumberToObject(json, "triangles", m->n_triangle);
+    cJSON_AddNumberToObject(json, "objects", m->n_object);
+    cJSON_AddNumberToObject(json, "mm_per_unit", m->mm_per_unit);
+    cJSON_AddItemToObject(json, "box_min_mm", cJSON_CreateFloatArray(m->box_min, 3));
+    cJSON_AddItemToObject(json, "box_max_mm", cJSON_CreateFloatArray(m->box_max, 3));
+    cJSON_AddStringToObject(json, "engine", m->engine);
+    cJSON_AddStringToObject(json, "storage", m->storage);
+    cJSON_AddNumberToObject(json, "cube", m->cube);
+    cJSON_AddNumberToObject(json, "bytes", (double)m->bytes);
+    cJSON_AddNumberToObject(json, "resident_bytes", (double)m->resident_bytes);
+    cJSON_AddNumberToObject(json, "generation", (double)m->generation);
+    cJSON_AddBoolToObject(json, "pinned", m->pinned);
+    cJSON_AddNumberToObject(json, "error_bound", m->error_bound);
+    return json;
+}
+
+int run_models(struct relight_client *client, struct options *options)
+{
+    struct relight_error error;
+    struct relight_list list;
+    if (relight_list(client, options->files, &list, &error)) return report_error(options, &error);
+    if (options->json) {
+        cJSON *json = cJSON_CreateObject(), *models = cJSON_AddArrayToObject(json, "models");
+        for (size_t i = 0; i < list.n_model; i++)
+            cJSON_AddItemToArray(models, model_json(list.model + i));
+        if (options->files) {
+            cJSON *files = cJSON_AddArrayToObject(json, "files");
+            for (size_t i = 0; i < list.n_file; i++) {
+                cJSON *file = cJSON_CreateObject();
+                cJSON_AddStringToObject(file, "path", list.file[i]);
+                cJSON_AddNumberToObject(file, "bytes", (double)list.file_bytes[i]);
+                cJSON_AddItemToArray(files, file);
+            }
+        }
+        print_json(json);
+    } else {
+        if (list.n_model)
+            printf("%-18s %-9s %10s %9s  %s\n", "model", "state", "vertices", "MB", "name");
+        for (size_t i = 0; i < list.n_model; i++) {
+            const struct relight_model *m = list.model + i;
+            char state[32];
+            snprintf(state, sizeof state, m->state == RELIGHT_MODEL_BAKING ? "%s %.0f%%" : "%s",
+                     relight_model_state_name(m->state), 100 * m->fraction);
+            printf("%-18s %-9s %10u %9.1f  %s\n", m->id, state, m->n_vertex,
+                   (double)m->bytes * 1e-6, m->name);
+        }
+        for (size_t i = 0; i < list.n_file; i++)
+            printf("%12llu  %s\n", (unsigned long long)list.file_bytes[i], list.file[i]);
+    }
+    relight_list_finish(&list);
+    return EXIT_DONE;
+}
+
+static void print_block(const struct relight_block *b)
+{
+    printf("  block: object %u, %u vertices, %u triangles, %s %s\n", b->object, b->n_vertex,
+           b->n_triangle, b->translucent ? "translucent" : "opaque", b->surface);
+}
+
+int run_info(struct relight_client *client, struct options *options)
+{
+    struct relight_error error;
+    struct relight_model m;
+    if (relight_info(client, options->target, &m, &error)) return report_error(options, &error);
+    if (options->json) {
+        cJSON *json = model_json(&m);
+        add_text(json, "material", m.material);
+        add_text(json, "settings", m.settings);
+        add_text(json, "errors", m.errors);
+        cJSON *warnings = cJSON_AddArrayToObject(json, "warnings");
+        for (size_t i = 0; i < m.n_warning; i++)
+            cJSON_AddItemToArray(warnings, cJSON_CreateString(m.warning[i]));
+        cJSON *blocks = cJSON_AddArrayToObject(json, "blocks");
+        for (size_t i = 0; i < m.n_block; i++) {
+            const struct relight_block *b = m.block + i;
+            cJSON *block = cJSON_CreateObject();
+            cJSON_AddNumberToObject(block, "object", b->object);
+            cJSON_AddStringToObject(block, "surface", b->surface);
+            cJSON_AddBoolToObject(block, "translucent", b->translucent);
+            cJSON_AddNumberToObject(block, "vertex_begin", b->vertex_begin);
+            cJSON_AddNumberToObject(block, "n_vertex", b->n_vertex);
+            cJSON_AddNumberToObject(block, "triangle_begin", b->triangle_begin);
+            cJSON_AddNumberToObject(block, "n_triangle", b->n_triangle);
+            cJSON_AddItemToArray(blocks, block);
+        }
+        print_json(json);
+    } else {
+        printf("%s  %s\n  state: %s", m.id, m.name, relight_model_state_name(m.state));
+        if (m.state == RELIGHT_MODEL_BAKING) printf(" (%.0f %%, job %s)", 100 * m.fraction, m.job);
+        if (*m.failure) printf(": %s", m.failure);
+        printf("\n  geometry: %u vertices, %u triangles, %u objects, %.6g mm a unit, "
+               "%.4g x %.4g x %.4g mm\n", m.n_vertex, m.n_triangle, m.n_object, m.mm_per_unit,
+               (double)(m.box_max[0] - m.box_min[0]), (double)(m.box_max[1] - m.box_min[1]),
+               (double)(m.box_max[2] - m.box_min[2]));
+        if (*m.engine)
+            printf("  transport: %s %s, 6x%ux%u, %.2f MB (%.1f bytes a vertex), %.2f MB in memory\n",
+                   m.storage, m.engine, m.cube, m.cube, (double)m.bytes * 1e-6,
+                   m.n_vertex ? (double)m.bytes / m.n_vertex : 0.0,
+                   (double)m.resident_bytes * 1e-6);
+        if (m.error_bound > 0)
+            printf("  measured relative RMSE: %.3g %%\n", 100 * m.error_bound);
+        if (*m.material) printf("  material: %s\n", m.material);
+        if (*m.settings) printf("  settings: %s\n", m.settings);
+        if (*m.errors) printf("  errors: %s\n", m.errors);
+        for (size_t i = 0; i < m.n_block; i++) print_block(m.block + i);
+        for (size_t i = 0; i < m.n_warning; i++) printf("  warning: %s\n", m.warning[i]);
+    }
+    relight_model_finish(&m);
+    return EXIT_DONE;
+}
+
+int run_load(struct relight_client *client, struct options *options)
+{
+    struct relight_error error;
+    struct relight_loaded loaded;
+    struct relight_load *load = &options->load;
+    char env[80];
+    if (load->size_mm > 0 && load->mm_per_unit > 0)
+        return report_usage(options, "--size-mm and --mm-per-unit exclude each other");
+    if (options->n_env > 1) return report_usage(options, "one --env at most");
+    if (options->n_env) {
+        if (relight_env_resolve(client, options->env[0], progress_bar, NULL, env, &error))
+            return report_error(options, &error);
+        load->bake.env = env;
+        load->bake.rotate_deg = options->rotate_deg[0];
+    }
+    int status;
+    if (options->remote || access(options->target, F_OK)) {
+        load->path = options->target;
+        status = relight_load(client, load, &loaded, &error);
+    } else {
+        status = relight_load_file(client, options->target, load, progress_bar, NULL, &loaded,
+                                   &error);
+    }
+    if (status) return report_error(options, &error);
+    progress_clear();
+    for (size_t i = 0; i < loaded.n_warning; i++)
+        fprintf(stderr, "relight: %s\n", loaded.warning[i]);
+    if (options->wait && *loaded.job) {
+        status = relight_watch(client, loaded.job, progress_bar, NULL, &error);
+        progress_clear();
+        loaded.state = status ? RELIGHT_MODEL_FAILED : RELIGHT_MODEL_READY;
+    }
+    if (options->json && !status) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "model", loaded.model);
+        cJSON_AddStringToObject(json, "state", relight_model_state_name(loaded.state));
+        if (*loaded.job) cJSON_AddStringToObject(json, "job", loaded.job);
+        print_json(json);
+    } else if (!status) {
+        printf("%s %s%s%s\n", loaded.model, relight_model_state_name(loaded.state),
+               *loaded.job && !options->wait ? " job " : "",
+               options->wait ? "" : loaded.job);
+    }
+    relight_loaded_finish(&loaded);
+    return status ? report_error(options, &error) : EXIT_DONE;
+}
+
+static const char *const job_names[] = {"queued", "running", "done", "failed", "cancelled"};
+
+static const char *job_name(enum relight_job_state state)
+{
+    return (unsigned)state < 5 ? job_names[state] : "unknown";
+}
+
+static int progress_line(void *user, const struct relight_progress *p)
+{
+    cJSON *json = cJSON_CreateObject();
+    cJSON_AddStringToObject(json, "state", job_name(p->state));
+    cJSON_AddStringToObject(json, "stage", p->stage);
+    cJSON_AddNumberToObject(json, "fraction", p->fraction);
+    if (p->eta_s >= 0) cJSON_AddNumberToObject(json, "eta_s", p->eta_s);
+    cJSON_AddNumberToObject(json, "elapsed_s", p->elapsed_s);
+    print_json(json);
+    fflush(stdout);
+    return 0;
+}
+
+int run_watch(struct relight_client *client, struct options *options)
+{
+    struct relight_error error;
+    int status = relight_watch(client, options->target,
+                               options->json ? progress_line : progress_bar, NULL, &error);
+    progress_clear();
+    if (status) return report_error(options, &error);
+    if (!options->json) puts("done");
+    return EXIT_DONE;
+}
+
+int run_cancel(struct relight_client *client, struct options *options)
+{
+    struct relight_error error;
+    enum relight_job_state state;
+    if (relight_cancel_job(client, options->target, &state, &error))
+        return report_error(options, &error);
+    if (options->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "state", job_name(state));
+        print_json(json);
+    } else {
+        puts(job_name(state));
+    }
+    return EXIT_DONE;
+}
+
+int run_unload(struct relight_client *client, struct options *options)
+{
+    struct relight_error error;
+    uint64_t freed;
+    if (relight_unload(client, options->target, options->forget, &freed, &error))
+        return report_error(options, &error);
+    if (options->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddNumberToObject(json, "freed_bytes", (double)freed);
+        print_json(json);
+    } else {
+        printf("%llu bytes freed\n", (unsigned long long)freed);
+    }
+    return EXIT_DONE;
+}
+
+int run_stats(struct relight_client *client, struct options *options)
+{
+    struct relight_error error;
+    struct relight_stats stats;
+    if (relight_stats(client, &stats, &error)) return report_error(options, &error);
+    cJSON *json = cJSON_CreateObject();
+    for (size_t i = 0; i < stats.n_metric; i++) {
+        if (options->json)
+            cJSON_AddNumberToObject(json, stats.metric[i].name, stats.metric[i].value);
+        else
+            printf("%-44s %.15g\n", stats.metric[i].name, stats.metric[i].value);
+    }
+    if (options->json)
+        print_json(json);
+    else
+        cJSON_Delete(json);
+    relight_stats_finish(&stats);
+    return EXIT_DONE;
+}

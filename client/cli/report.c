@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: MIT
+// What the user sees beside the answer: errors with their exit status, JSON, the progress bar.
+#include "cli.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+static int exit_status(int code)
+{
+    switch (code) {
+    case RELIGHT_E_UNREACHABLE:
+    case RELIGHT_E_DISCONNECTED: return EXIT_UNREACHABLE;
+    case RELIGHT_E_ARGUMENT:
+    case RELIGHT_E_OUT_OF_RANGE:
+    case RELIGHT_E_MISMATCH: return EXIT_USAGE;
+    default: return EXIT_FAILED;
+    }
+}
+
+int report_error(const struct options *options, const struct relight_error *error)
+{
+    progress_clear();
+    if (options->json) {
+        cJSON *json = cJSON_CreateObject(), *e = cJSON_AddObjectToObject(json, "error");
+        cJSON_AddNumberToObject(e, "code", error->code);
+        cJSON_AddStringToObject(e, "text", error->text);
+        cJSON_AddStringToObject(e, "hint", error->hint);
+        if (error->retry_after_ms)
+            cJSON_AddNumberToObject(e, "retry_after_ms", error->retry_after_ms);
+        print_json(json);
+    }
+    fprintf(stderr, "relight: %s\n", error->text);
+    if (*error->hint) fprintf(stderr, "relight: %s\n", error->hint);
+    return exit_status(error->code);
+}
+
+int report_usage(const struct options *options, const char *fmt, ...)
+{
+    va_list list;
+    fprintf(stderr, "relight %s: ", options->command);
+    va_start(list, fmt);
+    vfprintf(stderr, fmt, list);
+    va_end(list);
+    fprintf(stderr, "\nTry 'relight %s --help'.\n", options->command);
+    return EXIT_USAGE;
+}
+
+void print_json(cJSON *json)
+{
+    char *text = cJSON_PrintUnformatted(json);
+    if (text) puts(text);
+    free(text);
+    cJSON_Delete(json);
+}
+
+static bool bar_shown;
+
+void progress_clear(void)
+{
+    if (!bar_shown) return;
+    fputs("\r\033[K", stderr);
+    bar_shown = false;
+}
+
+int progress_bar(void *user, const struct relight_progress *progress)
+{
+    if (!isatty(STDERR_FILENO)) return 0;
+    struct winsize window = {.ws_col = 80};
+    ioctl(STDERR_FILENO, TIOCGWINSZ, &window);
+    int width = window.ws_col > 70 ? 30 : 10;
+    double fraction = progress->fraction < 0 ? 0 : progress->fraction > 1 ? 1 : progress->fraction;
+    int filled = (int)(fraction * width);
+    char left[32] = "";
+    if (progress->eta_s >= 0 && progress->eta_s < 1e6)
+        snprintf(left, sizeof left, ", %d:%02d left", (int)progress->eta_s / 60,
+                 (int)progress->eta_s % 60);
+    fprintf(stderr, "\r\033[K[%.*s%*s] %3.0f %% %.24s%s", filled,
+            "##############################", width - filled, "", 100 * fraction,
+            progress->stage, left);
+    fflush(stderr);
+    bar_shown = true;
+    return 0;
+}
