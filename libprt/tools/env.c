@@ -136,7 +136,8 @@ static int write_picture(const struct tool *tool, const struct prt_image *image,
     const struct options *o = &tool->opt;
     if (output_kind(o->out) == OUT_EXR)
         return prt_write_exr(&tool->ctx, o->out, image, o->full_float, envmap);
-    prt_log(&tool->ctx, PRT_LOG_WARNING, "%s: 8 bits clip radiance above 1", o->out);
+    if (output_kind(o->out) != OUT_HDR)
+        prt_log(&tool->ctx, PRT_LOG_WARNING, "%s: 8 bits clip radiance above 1", o->out);
     return output_image(&tool->ctx, o->out, image, tone_of(o->tone), o->exposure_ev,
                         o->quality ? (int)o->quality : 92, false);
 }
@@ -166,8 +167,9 @@ static int check_usage(const struct options *o)
 {
     if (!o->out) return usage_error(o, "-o OUT is missing");
     enum output_kind kind = output_kind(o->out);
-    if (kind != OUT_EXR && kind != OUT_PNG && kind != OUT_JPG)
-        return usage_error(o, "-o %s: environments are written as .exr, .png or .jpg", o->out);
+    if (kind != OUT_EXR && kind != OUT_HDR && kind != OUT_PNG && kind != OUT_JPG)
+        return usage_error(o, "-o %s: environments are written as .exr, .hdr, .png or .jpg",
+                           o->out);
     if (o->layout && !strcmp(o->layout, "envmap") && kind != OUT_EXR)
         return usage_error(o, "--layout envmap is an attribute of OpenEXR files: give -o OUT.exr");
     return EXIT_DONE;

@@ -41,7 +41,7 @@ static int check_usage(struct tool *tool, struct picture *p)
     const struct options *o = &tool->opt;
     if (!o->out) return usage_error(o, "-o OUT is missing");
     enum output_kind kind = output_kind(o->out);
-    if (kind != OUT_EXR && kind != OUT_PNG && kind != OUT_JPG)
+    if (kind != OUT_EXR && kind != OUT_HDR && kind != OUT_PNG && kind != OUT_JPG)
         return usage_error(o, "-o %s: pictures are written as .exr, .png or .jpg", o->out);
     if (!o->env) return usage_error(o, "--env is missing");
     if (o->camera && o->eye.set)

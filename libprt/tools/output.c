@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Answers as files: colours as CSV, NumPy, PLY or GLB; pictures as EXR, PNG or JPEG. Reads the
-// first two back for comparisons.
+// Answers as files: colours as CSV, NumPy, PLY or GLB; pictures as EXR, HDR, PNG or
+// JPEG. Reads the first two back for comparisons.
 #include "tool.h"
 
 #include <math.h>
@@ -79,6 +79,38 @@ int output_colors(const struct prt_context *ctx, const char *path, const struct 
     }
 }
 
+// Radiance RGBE, flat: a shared exponent, mantissas rounded to nearest. Mantissas below 128 on all
+// three channels never occur, so no pixel can be taken for a run-length mark.
+static void rgbe_encode(const float rgb[3], unsigned char out[4])
+{
+    float top = fmaxf(rgb[0], fmaxf(rgb[1], rgb[2]));
+    int exponent = 0;
+    memset(out, 0, 4);
+    if (!(top > 1e-36f)) return;
+    frexpf(top, &exponent);
+    if (roundf(ldexpf(top, 8 - exponent)) > 255) exponent++;
+    if (exponent > 127) exponent = 127;
+    for (int c = 0; c < 3; c++) {
+        float mantissa = roundf(ldexpf(fmaxf(rgb[c], 0), 8 - exponent));
+        out[c] = (unsigned char)fminf(mantissa, 255);
+    }
+    out[3] = (unsigned char)(exponent + 128);
+}
+
+static int write_hdr(const struct prt_context *ctx, const char *path,
+                     const struct prt_image *image)
+{
+    size_t n = (size_t)image->width * image->height, used;
+    unsigned char *file = prt_alloc(n + 32, 4);
+    if (!file) return prt_fail(ctx, PRT_NOMEM, "%s: no memory for the picture", path);
+    used = (size_t)snprintf((char *)file, 128, "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %u +X %u\n",
+                            image->height, image->width);
+    for (size_t i = 0; i < n; i++) rgbe_encode(image->rgb + 3 * i, file + used + 4 * i);
+    int status = prt_write_file(ctx, path, file, used + 4 * n);
+    prt_free(file);
+    return status;
+}
+
 static int encode_8bit(const struct prt_context *ctx, const struct prt_image *image, bool jpeg,
                        enum prt_tone tone, double exposure_ev, int quality, struct prt_blob *out)
 {
@@ -97,8 +129,10 @@ int output_image(const struct prt_context *ctx, const char *path, const struct p
 {
     enum output_kind kind = output_kind(path);
     if (kind == OUT_EXR) return prt_write_exr(ctx, path, image, full_float, false);
+    if (kind == OUT_HDR) return write_hdr(ctx, path, image);
     if (kind != OUT_PNG && kind != OUT_JPG)
-        return prt_fail(ctx, PRT_ARG, "%s: pictures are written as .exr, .png or .jpg", path);
+        return prt_fail(ctx, PRT_ARG, "%s: pictures are written as .exr, .hdr, .png or .jpg",
+                        path);
     struct prt_blob blob = {0};
     int status = encode_8bit(ctx, image, kind == OUT_JPG, tone, exposure_ev, quality, &blob);
     if (!status) status = prt_write_file(ctx, path, blob.bytes, blob.size);

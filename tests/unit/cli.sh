@@ -205,6 +205,9 @@ expect 0 '' "$prt" env cube.exr -o flat.exr --size 64x32 --json
 check grep -q '"width":64' out
 expect 0 '' "$prt" env flat.exr -o back.exr --size 32
 expect 0 '' "$prt" compare cube.exr back.exr --max-rmse 0.002
+expect 0 '' "$prt" env cube.exr --layout vcross -o cross.hdr
+expect 0 '' "$prt" env cross.hdr -o back.exr --layout envmap --size 32
+expect 0 '' "$prt" compare cube.exr back.exr --max-rmse 0.004
 for layout in hcross vcross vstrip hstrip; do
     expect 0 '' "$prt" env cube.exr --layout $layout --size 32 -o $layout.exr
     expect 0 '' "$prt" info $layout.exr --json
