@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_DEPTH = 200, MAX_VISITS = 1000000 };
+enum { MAX_DEPTH = 200, SPARE_VISITS = 1000 };
 
 // Extensions that may be required: those we read, and those that change nothing in geometry.
 static const char *const supported[] = {
@@ -147,7 +147,8 @@ static int to_world(struct gltf *g, const double *m, uint32_t first, uint32_t n,
         float *p = g->d->position[v], *q = g->d->normal[v];
         double x[3], y[3];
         if (!finite3(p, 1e30f))
-            return gltf_bad(g, "vertex %u of a primitive is not finite", v - first);
+            return gltf_bad(g, "mesh %zu: vertex %u of a primitive is not finite",
+                            g->mesh_index, v - first);
         for (int r = 0; r < 3; r++) {
             x[r] = m[r] * p[0] + m[4 + r] * p[1] + m[8 + r] * p[2] + m[12 + r];
             y[r] = sign * (cof[r] * q[0] + cof[3 + r] * q[1] + cof[6 + r] * q[2]);
@@ -159,8 +160,8 @@ static int to_world(struct gltf *g, const double *m, uint32_t first, uint32_t n,
             q[r] = good ? (float)(y[r] / length) : 0;
         }
         if (!finite3(p, 1e15f))
-            return gltf_bad(g, "vertex %u of a primitive lies beyond 1e15 in the world",
-                            v - first);
+            return gltf_bad(g, "mesh %zu: vertex %u of a primitive lies beyond 1e15",
+                            g->mesh_index, v - first);
     }
     return PRT_OK;
 }
@@ -225,8 +226,8 @@ static int add_triangle(struct gltf *g, const struct corners *c, uint32_t i, uin
     for (int e = 0; e < 3; e++) {
         if (c->index) v[e] = c->index[v[e]];
         if (v[e] >= c->n_vertex)
-            return gltf_bad(g, "index %u is out of range: the primitive has %u vertices", v[e],
-                            c->n_vertex);
+            return gltf_bad(g, "mesh %zu: index %u is out of range: the primitive has %u vertices",
+                            g->mesh_index, v[e], c->n_vertex);
         v[e] += c->first;
     }
     return prt_draft_triangle(g->d, v[0], v[c->flip ? 2 : 1], v[c->flip ? 1 : 2]);
@@ -345,6 +346,7 @@ static int finish_primitive(struct gltf *g, const cJSON *primitive, const struct
     if (!status) status = to_world(g, at->m, c->first, c->n_vertex, &det);
     if (!status) {
         c->flip = det < 0;
+        g->n_flat += det == 0;
         status = add_triangles(g, c, mode);
     }
     if (!status) status = surface_of(g, (size_t)material, at->opaque, &surface);
@@ -456,9 +458,10 @@ static int enter(struct gltf *g, struct walk *w, const cJSON *index_item, const 
         return gltf_bad(g, "node %.0f does not exist", x);
     size_t index = (size_t)x;
     if (w->on_path[index]) return gltf_bad(g, "node %zu is its own descendant", index);
-    if (++w->visits > MAX_VISITS)
-        return prt_fail(g->d->ctx, PRT_LIMIT, "%s: more than %d nodes in the scene", g->d->name,
-                        MAX_VISITS);
+    // more visits than nodes: some have several parents, which can multiply without end
+    if (++w->visits > 4 * g->node.n + SPARE_VISITS)
+        return prt_fail(g->d->ctx, PRT_LIMIT, "%s: its %zu nodes make more than %zu instances",
+                        g->d->name, g->node.n, w->visits - 1);
     const cJSON *node = g->node.item[index], *children = gltf_member(node, "children");
     struct visit *v = &w->stack[w->depth];
     int status = local_matrix(g, index, node, local);
@@ -673,6 +676,10 @@ static void tell(const struct gltf *g)
         prt_log(g->d->ctx, PRT_LOG_WARNING,
                 "%s: %u normals have no direction and are made from the triangles", g->d->name,
                 g->n_bad_normal);
+    if (g->n_flat)
+        prt_log(g->d->ctx, PRT_LOG_WARNING,
+                "%s: %u primitives are flattened by a node of scale 0: they have no thickness",
+                g->d->name, g->n_flat);
     if (g->n_tail)
         prt_log(g->d->ctx, PRT_LOG_WARNING,
                 "%s: the last triangle of %u primitives is incomplete and left out", g->d->name,

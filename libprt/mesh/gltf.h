@@ -41,7 +41,7 @@ struct gltf {
     uint64_t loaded_bytes;             // of buffers and decoded views, against d->max_bytes
     uint32_t *surface_of, *opaque_of;  // [material.n + 1] into d->surface, UINT32_MAX: not yet
     size_t mesh_index;                 // being read, for messages
-    uint32_t n_skipped, n_deformed, n_textured, n_bad_normal, n_tail;
+    uint32_t n_skipped, n_deformed, n_textured, n_bad_normal, n_tail, n_flat;
 };
 
 // A line "NAME: ..." and PRT_FORMAT.

@@ -101,6 +101,21 @@ static void gather_normals(const struct prt_mesh *m, double (*sum)[3])
     }
 }
 
+// Where the faces cancel (both sides of a sheet) any of them is better than none.
+static void borrow_normals(struct prt_mesh *m)
+{
+    for (uint32_t t = 0; t < m->n_triangle; t++) {
+        double e[3][3], n[3];
+        triangle_cross(m, t, e, n);
+        double area = sqrt(dot(n, n));
+        for (int k = 0; k < 3 && area > 0; k++) {
+            float *q = m->normal[m->triangle[t][k]];
+            if (q[0] || q[1] || q[2]) continue;
+            for (int c = 0; c < 3; c++) q[c] = (float)(n[c] / area);
+        }
+    }
+}
+
 static int make_normals(const struct prt_context *ctx, const char *name, struct prt_mesh *m)
 {
     uint32_t missing = 0, alone = 0;
@@ -115,14 +130,16 @@ static int make_normals(const struct prt_context *ctx, const char *name, struct 
         if (n[0] || n[1] || n[2]) continue;
         const double *s = sum[m->weld[v]];
         double length = sqrt(dot(s, s));
-        if (length > 1e-9) {
-            for (int c = 0; c < 3; c++) n[c] = (float)(s[c] / length);
-        } else {
-            n[1] = 1;
-            alone++;
-        }
+        for (int c = 0; c < 3 && length > 1e-6; c++) n[c] = (float)(s[c] / length);
     }
     prt_free(sum);
+    borrow_normals(m);
+    for (uint32_t v = 0; v < m->n_vertex; v++) {
+        float *n = m->normal[v];
+        if (n[0] || n[1] || n[2]) continue;
+        n[1] = 1;
+        alone++;
+    }
     if (alone)
         prt_log(ctx, PRT_LOG_WARNING,
                 "%s: %u vertices belong to no triangle with an area; their normal is +y and "
@@ -228,7 +245,7 @@ static void warn(const struct prt_context *ctx, const char *name, const struct p
                 "%s: open surface: single scattering and thickness leak through %u boundary "
                 "edges%s",
                 name, e->boundary,
-                e->boundary > m->n_triangle ? " (most triangles are unconnected; weld the model)"
+                e->boundary > 2 * (uint64_t)m->n_triangle ? " (most triangles are unconnected; weld the model)"
                                             : "");
     if (e->crowded)
         prt_log(ctx, PRT_LOG_WARNING,

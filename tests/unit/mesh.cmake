@@ -1,0 +1,1 @@
+prt_test(mesh SOURCES unit/mesh.c LIBS prt_mesh LABELS unit)
