@@ -14,6 +14,7 @@ int prt_decode(const struct prt_context *ctx, const char *name, const void *byte
 {
     int err;
     out->hint = PRT_HINT_NONE;
+    out->is_chroma = false;
     out->image = (struct prt_image){0};
     if (n < 4)
         return prt_fail(ctx, PRT_FORMAT, "%s: %zu bytes are no image", name, n);
@@ -26,5 +27,5 @@ int prt_decode(const struct prt_context *ctx, const char *name, const void *byte
         err = prt_decode_dds(ctx, name, bytes, n, out);
     if (err != PRT_UNSUPPORTED)
         return err;
-    return prt_decode_oiio(ctx, name, bytes, n, &out->image);
+    return prt_decode_oiio(ctx, name, bytes, n, out->is_chroma, &out->image);
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns reading OpenEXR through OpenEXRCore: scanline and tiled parts, RGB, grey and
- * luminance-chroma channels, layers, data windows. Chunk by chunk into float planes. */
+/* Owns reading OpenEXR through OpenEXRCore: scanline and tiled parts, RGB and grey channels,
+ * layers, data windows. Chunk by chunk into float planes. What OpenEXRCore 3.1 lacks (DWA) or
+ * mixes up (subsampled chroma in B44) is left to libprt_oiio.so. */
 #include "light_private.h"
 
 #include <math.h>
@@ -15,9 +16,7 @@ enum colour { COLOUR_NONE, COLOUR_RGB, COLOUR_CHROMA, COLOUR_GREY };
 
 struct plane {
     int channel;            /* index in the file's list, -1: absent, reads as 0 */
-    int x_step, y_step;
-    int32_t width, height;
-    float *value;           /* [height][width] */
+    float *value;           /* [height][width] of the data window */
 };
 
 struct exr {
@@ -200,21 +199,12 @@ static int check_plausible(struct exr *x)
 
 static int reserve_planes(struct exr *x)
 {
-    const exr_attr_chlist_t *list = NULL;
     uint64_t chunk_bytes = 0;
-    exr_get_channels(x->file, x->part, &list);
     for (int i = 0; i < N_PLANE; i++) {
         struct plane *p = &x->plane[i];
         if (p->channel < 0)
             continue;
-        p->x_step = list->entries[p->channel].x_sampling;
-        p->y_step = list->entries[p->channel].y_sampling;
-        if (p->x_step < 1 || p->y_step < 1)
-            return prt_fail(x->ctx, PRT_FORMAT, "%s: sampling of a channel is not positive",
-                            x->name);
-        p->width = (x->width + p->x_step - 1) / p->x_step;
-        p->height = (x->height + p->y_step - 1) / p->y_step;
-        p->value = prt_calloc((size_t)p->width * p->height, sizeof(float));
+        p->value = prt_calloc((size_t)x->width * (size_t)x->height, sizeof(float));
         if (!p->value)
             return prt_fail(x->ctx, PRT_NOMEM, "%s: no memory for %d x %d pixels", x->name,
                             x->width, x->height);
@@ -276,13 +266,10 @@ static int decode_chunk(struct exr *x, exr_decode_pipeline_t *pipe, int32_t left
         const int i = which_plane(x, c);
         if (i >= 0) {
             struct plane *p = &x->plane[i];
-            const int32_t x0 = left / p->x_step, y0 = (top + p->y_step - 1) / p->y_step;
-            for (int32_t r = 0; r < info->height && y0 + r < p->height; r++) {
-                const int32_t n = info->width < p->width - x0 ? info->width : p->width - x0;
-                if (n > 0)
-                    memcpy(p->value + (size_t)(y0 + r) * p->width + x0,
-                           at + (size_t)r * info->width, (size_t)n * sizeof(float));
-            }
+            const int32_t room = x->width - left, n = info->width < room ? info->width : room;
+            for (int32_t r = 0; n > 0 && r < info->height && top + r < x->height; r++)
+                memcpy(p->value + (size_t)(top + r) * x->width + left,
+                       at + (size_t)r * info->width, (size_t)n * sizeof(float));
         }
         at += (size_t)info->width * (size_t)info->height;
     }
@@ -354,51 +341,19 @@ static int read_pixels(struct exr *x)
     return err;
 }
 
-/* ---- colours ---- */
-
-/* Subsampled planes hold their values at multiples of the step: linear between. */
-static float sample(const struct plane *p, int32_t x, int32_t y)
-{
-    if (!p->value)
-        return 0;
-    if (p->x_step == 1 && p->y_step == 1)
-        return p->value[(size_t)y * p->width + x];
-    const float fx = (float)x / (float)p->x_step, fy = (float)y / (float)p->y_step;
-    const int32_t x0 = (int32_t)fx, y0 = (int32_t)fy;
-    const int32_t x1 = x0 + 1 < p->width ? x0 + 1 : x0, y1 = y0 + 1 < p->height ? y0 + 1 : y0;
-    const float u = fx - (float)x0, v = fy - (float)y0;
-    const float *r0 = p->value + (size_t)y0 * p->width, *r1 = p->value + (size_t)y1 * p->width;
-    return (1 - v) * ((1 - u) * r0[x0] + u * r0[x1]) + v * ((1 - u) * r1[x0] + u * r1[x1]);
-}
-
-static void colour_at(const struct exr *x, int32_t px, int32_t py, float *rgb)
-{
-    float v[N_PLANE];
-    for (int i = 0; i < N_PLANE; i++)
-        v[i] = sample(&x->plane[i], px, py);
-    if (x->colour == COLOUR_GREY) {
-        v[1] = v[2] = v[0];
-    } else if (x->colour == COLOUR_CHROMA) {
-        /* RY = (R-Y)/Y, BY = (B-Y)/Y, Y = wR R + wG G + wB B with Rec. 709 weights */
-        const float y = v[0], r = (v[1] + 1) * y, b = (v[2] + 1) * y;
-        v[0] = r;
-        v[1] = (y - 0.2126f * r - 0.0722f * b) / 0.7152f;
-        v[2] = b;
-        for (int i = 0; i < N_PLANE; i++) /* out of gamut through subsampled chroma */
-            v[i] = v[i] < 0 && y >= 0 ? 0 : v[i];
-    }
-    memcpy(rgb, v, sizeof v);
-}
+/* ---- the picture ---- */
 
 /* The picture is the display window; what lies outside the data window is black. Environment
- * files (envmap attribute) and files without a sane display window are their data window. */
+ * files (envmap attribute), files without a sane display window and those whose data window is
+ * the display window moved elsewhere are their data window. */
 static int compose(struct exr *x, bool envmap, struct prt_image *out)
 {
     exr_attr_box2i_t box = x->display;
     int64_t w = (int64_t)box.max.x - box.min.x + 1, h = (int64_t)box.max.y - box.min.y + 1;
     const bool overlap = box.min.x <= x->data.max.x && box.max.x >= x->data.min.x
                          && box.min.y <= x->data.max.y && box.max.y >= x->data.min.y;
-    if (envmap || w <= 0 || h <= 0 || w > PRT_IMAGE_MAX || h > PRT_IMAGE_MAX || !overlap) {
+    const bool shifted = w == x->width && h == x->height;
+    if (envmap || shifted || w <= 0 || h <= 0 || w > PRT_IMAGE_MAX || h > PRT_IMAGE_MAX || !overlap) {
         box = x->data;
         w = x->width;
         h = x->height;
@@ -406,22 +361,36 @@ static int compose(struct exr *x, bool envmap, struct prt_image *out)
     int err = prt_image_reserve(x->ctx, x->name, (uint64_t)w, (uint64_t)h, out);
     if (err)
         return err;
-    bool cropped = false;
-    for (int64_t y = 0; y < h; y++)
-        for (int64_t i = 0; i < w; i++) {
-            const int64_t dx = i + box.min.x - x->data.min.x, dy = y + box.min.y - x->data.min.y;
-            float *p = out->rgb + ((size_t)y * (size_t)w + (size_t)i) * 3;
-            if (dx >= 0 && dy >= 0 && dx < x->width && dy < x->height) {
-                colour_at(x, (int32_t)dx, (int32_t)dy, p);
-            } else {
-                p[0] = p[1] = p[2] = 0;
-                cropped = true;
-            }
+    /* columns [first,last) and rows [top,bottom) of the picture lie in the data window */
+    const int64_t off_x = (int64_t)x->data.min.x - box.min.x;
+    const int64_t off_y = (int64_t)x->data.min.y - box.min.y;
+    const int64_t first = off_x > 0 ? off_x : 0, top = off_y > 0 ? off_y : 0;
+    const int64_t last = off_x + x->width < w ? off_x + x->width : w;
+    const int64_t bottom = off_y + x->height < h ? off_y + x->height : h;
+    memset(out->rgb, 0, (size_t)w * (size_t)h * 3 * sizeof(float));
+    for (int i = 0; i < N_PLANE; i++) {
+        const float *value = x->plane[x->colour == COLOUR_GREY ? 0 : i].value;
+        for (int64_t y = top; value && y < bottom; y++) {
+            const float *src = value + (y - off_y) * x->width - off_x;
+            float *dst = out->rgb + (size_t)y * (size_t)w * 3 + i;
+            for (int64_t k = first; k < last; k++)
+                dst[k * 3] = src[k];
         }
-    if (cropped)
+    }
+    if (first > 0 || top > 0 || last < w || bottom < h)
         prt_log(x->ctx, PRT_LOG_WARNING, "%s: the data window is smaller than the image, the rest "
                 "is black", x->name);
     return PRT_OK;
+}
+
+static bool is_subsampled(const struct exr *x)
+{
+    const exr_attr_chlist_t *list = NULL;
+    exr_get_channels(x->file, x->part, &list);
+    for (int i = 0; list && i < list->num_channels; i++)
+        if (list->entries[i].x_sampling != 1 || list->entries[i].y_sampling != 1)
+            return true;
+    return false;
 }
 
 static int decode_file(struct exr *x, struct prt_decoded *out)
@@ -443,7 +412,9 @@ static int decode_file(struct exr *x, struct prt_decoded *out)
     out->hint = !has_envmap ? PRT_HINT_NONE
                 : envmap == EXR_ENVMAP_CUBE ? PRT_HINT_EXR_CUBE
                                             : PRT_HINT_EXR_LATLONG;
-    if (compression == EXR_COMPRESSION_DWAA || compression == EXR_COMPRESSION_DWAB)
+    out->is_chroma = x->colour == COLOUR_CHROMA || is_subsampled(x);
+    if (compression == EXR_COMPRESSION_DWAA || compression == EXR_COMPRESSION_DWAB
+        || out->is_chroma)
         return PRT_UNSUPPORTED;
     err = reserve_planes(x);
     if (!err)

@@ -68,7 +68,7 @@ static const char *name_for_sniffing(const char *name, const uint8_t *bytes, siz
 }
 
 int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
-                    size_t n, struct prt_image *out)
+                    size_t n, bool is_chroma, struct prt_image *out)
 {
     struct job job = {ctx, name, PRT_FORMAT};
     struct prt_oiio_image image;
@@ -80,7 +80,8 @@ int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8
         return prt_fail(ctx, PRT_UNSUPPORTED, "%s: this format needs libprt_oiio.so, which was "
                         "not found beside the program (set PRT_LIBDIR); .hdr and .exr do not",
                         name);
-    if (decode(name_for_sniffing(name, bytes, n), bytes, n, allow, &job, &image)) {
+    if (decode(name_for_sniffing(name, bytes, n), bytes, n, is_chroma, allow, &job,
+               &image)) {
         for (char *p = image.error; *p; p++)
             *p = *p == '\n' || *p == '\r' ? ' ' : *p;
         return prt_fail(ctx, job.err, "%s: %s", name, image.error);

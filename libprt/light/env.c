@@ -126,28 +126,32 @@ int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t 
     return PRT_OK;
 }
 
-/* Negative and NaN become 0, +inf the largest half (what a saturated sun is stored as). */
+/* Negative and NaN become 0, infinity the image's largest finite value in that channel (a sun that
+ * overflowed its format lies beside pixels that nearly did). */
 static void mend(const struct prt_context *ctx, const char *name, struct prt_image *image,
                  uint32_t *n_negative, uint32_t *n_nonfinite)
 {
     const size_t count = (size_t)image->width * image->height;
     uint32_t negative = 0, nonfinite = 0;
-    for (size_t i = 0; i < count; i++) {
+    float top[3] = {0, 0, 0};
+    bool clean = true;
+    for (size_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++) {
+            const float v = image->rgb[i * 3 + c];
+            clean = clean && v >= 0 && v <= PRT_RADIANCE_MAX;
+            top[c] = v <= PRT_RADIANCE_MAX && v > top[c] ? v : top[c];
+        }
+    for (size_t i = 0; !clean && i < count; i++) {
         float *p = image->rgb + i * 3;
         bool low = false, odd = false;
         for (int c = 0; c < 3; c++) {
             if (p[c] >= 0 && p[c] <= PRT_RADIANCE_MAX)
                 continue;
-            if (!isfinite(p[c])) {
-                odd = true;
-                p[c] = p[c] > 0 ? 65504.0f : 0.0f;
-            } else if (p[c] < 0) {
-                low = true;
-                p[c] = 0;
-            } else {
-                odd = true;
-                p[c] = PRT_RADIANCE_MAX;
-            }
+            const bool is_low = isfinite(p[c]) && p[c] < 0;
+            low = low || is_low;
+            odd = odd || !is_low;
+            p[c] = isinf(p[c]) && p[c] > 0 ? top[c] : isfinite(p[c]) && !is_low ? PRT_RADIANCE_MAX
+                                                                                 : 0;
         }
         negative += low;
         nonfinite += odd;
@@ -156,8 +160,9 @@ static void mend(const struct prt_context *ctx, const char *name, struct prt_ima
         prt_log(ctx, PRT_LOG_WARNING, "%s: %u pixels had negative components, taken as 0", name,
                 negative);
     if (nonfinite)
-        prt_log(ctx, PRT_LOG_WARNING, "%s: %u pixels had NaN, infinite or absurd components; "
-                "NaN became 0, infinity 65504", name, nonfinite);
+        prt_log(ctx, PRT_LOG_WARNING, "%s: %u pixels had NaN, infinite or components above %g; "
+                "NaN became 0, the others the largest allowed", name, nonfinite,
+                (double)PRT_RADIANCE_MAX);
     *n_negative += negative;
     *n_nonfinite += nonfinite;
 }

@@ -36,6 +36,7 @@ enum prt_layout_hint {
 struct prt_decoded {
     struct prt_image image;
     enum prt_layout_hint hint;
+    bool is_chroma; /* an EXR that OpenEXRCore mixes up: Y RY BY or subsampled */
 };
 
 /* Parses untrusted bytes; call only in the isolated child (or a fuzz target). */
@@ -53,7 +54,7 @@ int prt_decode_exr(const struct prt_context *ctx, const char *name, const uint8_
 int prt_decode_dds(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
                    struct prt_decoded *out);
 int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
-                    size_t n, struct prt_image *out);
+                    size_t n, bool is_chroma, struct prt_image *out);
 /* Checks sizes against the limits and allocates; logs and returns the status. */
 int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t width,
                       uint64_t height, struct prt_image *out);

@@ -18,11 +18,11 @@ struct prt_oiio_image {
 };
 /* Called with the declared size before anything is allocated; non-zero refuses. */
 typedef int (*prt_oiio_size_fn)(void *user, uint64_t width, uint64_t height);
-/* 0 or -1 with image->error set. */
-int prt_oiio_decode(const char *name, const void *bytes, size_t n, prt_oiio_size_fn allow,
-                    void *user, struct prt_oiio_image *image);
-typedef int (*prt_oiio_decode_fn)(const char *, const void *, size_t, prt_oiio_size_fn, void *,
-                                  struct prt_oiio_image *);
+/* is_chroma: an EXR with Y RY BY or subsampled channels. 0 or -1 with image->error set. */
+int prt_oiio_decode(const char *name, const void *bytes, size_t n, int is_chroma,
+                    prt_oiio_size_fn allow, void *user, struct prt_oiio_image *image);
+typedef int (*prt_oiio_decode_fn)(const char *, const void *, size_t, int, prt_oiio_size_fn,
+                                  void *, struct prt_oiio_image *);
 
 #ifdef __cplusplus
 }

@@ -25,6 +25,7 @@ set_target_properties(prt_oiio PROPERTIES PREFIX lib CXX_VISIBILITY_PRESET hidde
 target_include_directories(prt_oiio PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/light)
 target_include_directories(prt_oiio SYSTEM PRIVATE ${OPENIMAGEIO_INCLUDE_DIRS}
   ${OPENEXR_INCLUDE_DIRS})
-target_link_libraries(prt_oiio PRIVATE prt_options PkgConfig::OPENIMAGEIO)
+target_link_libraries(prt_oiio PRIVATE prt_options PkgConfig::OPENIMAGEIO
+  ${OPENEXR_LINK_LIBRARIES})
 install(TARGETS prt_oiio LIBRARY DESTINATION lib/relight)
 add_dependencies(prt_light prt_oiio)
