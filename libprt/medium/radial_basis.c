@@ -100,53 +100,87 @@ done:
 
 /* ---- knots ---- */
 
-/* X07: the mean of three members spread over the useful range. Each counts by its share, but
- * for the plain kind, which takes the mean as printed. */
-static void representative(const struct radial *radial, double *f)
+/* What the knots should resolve. X07 takes the mean of three members; the other kinds take
+ * members spread over the range they cover, each scaled to the same integral, and add up their
+ * costs: knots placed for the mean of three miss the ends of a wide range (55 % error). */
+enum { MAX_TARGET = 15 };
+struct knot_target {
+    uint32_t n;
+    double *f; /* [n][n_quad] */
+};
+
+static void add_target(const struct radial *radial, struct knot_target *target, double weight,
+                       double sigma, double sigma_a)
+{
+    struct radial_member m;
+    double *f = target->f + (size_t)target->n * radial->n_quad;
+    radial_member_init(&m, radial->pub.family, radial->pub.eta, sigma, sigma_a);
+    for (uint32_t q = 0; q < radial->n_quad; q++)
+        f[q] += weight * radial_member_eval(&m, radial->quad_r[q]);
+}
+
+static int knot_target_init(const struct radial *radial, struct knot_target *target)
 {
     static const double dipole[3][2] = {{0.2, 0.001}, {2, 0.02}, {10, 0.2}};
     static const double sigma_t[3] = {0.2, 2, 10};
+    const bool is_dipole = radial->pub.family == PRT_FAMILY_DIPOLE;
+    const double *s = radial->pub.range[0], *a = radial->pub.range[1];
     const double end = radial->pub.r[radial->pub.n_grid - 1];
-    for (uint32_t q = 0; q < radial->n_quad; q++) f[q] = 0;
-    for (int i = 0; i < 3; i++) {
-        struct radial_member m;
-        if (radial->pub.family == PRT_FAMILY_DIPOLE)
-            radial_member_init(&m, PRT_FAMILY_DIPOLE, radial->pub.eta, dipole[i][0], dipole[i][1]);
-        else
-            radial_member_init(&m, PRT_FAMILY_EXTINCTION, 1, sigma_t[i], 0);
-        double scale = radial_is_plain(radial) ? 1 : 1 / radial_member_inside(&m, end);
-        for (uint32_t q = 0; q < radial->n_quad; q++)
-            f[q] += scale / 3 * radial_member_eval(&m, radial->quad_r[q]);
+    target->n = 0;
+    target->f = prt_calloc((size_t)MAX_TARGET * radial->n_quad, sizeof *target->f);
+    if (!target->f) return PRT_NOMEM;
+    if (radial_is_plain(radial)) {
+        for (int i = 0; i < 3; i++)
+            add_target(radial, target, 1 / 3.0, is_dipole ? dipole[i][0] : sigma_t[i],
+                       dipole[i][1]);
+        target->n = 1;
+        return PRT_OK;
     }
+    for (int i = 0; i < MAX_TARGET; i++) { /* five scales, and for dipoles three absorptions */
+        double t = is_dipole ? i / 3 / 4.0 : i / (MAX_TARGET - 1.0);
+        double sigma = s[0] * pow(s[1] / s[0], t);
+        double sigma_a = fmin(a[1], fmax(a[0], sigma * (double[]){0.0005, 0.02, 0.5}[i % 3]));
+        struct radial_member m;
+        radial_member_init(&m, radial->pub.family, radial->pub.eta, sigma, sigma_a);
+        add_target(radial, target, 1 / radial_member_inside(&m, end), sigma, sigma_a);
+        target->n++;
+    }
+    return PRT_OK;
 }
 
-/* Least squares residual of one polynomial over quadrature points [begin, end). */
-static double piece_cost(const struct radial *radial, const double *f, uint32_t begin,
-                         uint32_t end, double r0, double r1)
+/* Least squares residual of one polynomial a target over quadrature points [begin, end). */
+static double piece_cost(const struct radial *radial, const struct knot_target *target,
+                         uint32_t begin, uint32_t end, double r0, double r1)
 {
-    double g[3][3] = {{0}}, b[3] = {0}, ff = 0;
+    double g[3][3] = {{0}}, b[MAX_TARGET][3] = {{0}}, ff[MAX_TARGET] = {0}, cost = 0;
     const uint32_t d = radial->degree;
     for (uint32_t q = begin; q < end; q++) {
         double t = 2 * (radial->quad_r[q] - r0) / (r1 - r0) - 1, w = radial->weight[q];
         double p[3] = {1, t, (3 * t * t - 1) / 2};
-        for (uint32_t i = 0; i <= d; i++) {
+        for (uint32_t i = 0; i <= d; i++)
             for (uint32_t k = 0; k <= i; k++) g[i][k] += w * p[i] * p[k];
-            b[i] += w * p[i] * f[q];
+        for (uint32_t m = 0; m < target->n; m++) {
+            double f = target->f[(size_t)m * radial->n_quad + q];
+            for (uint32_t i = 0; i <= d; i++) b[m][i] += w * p[i] * f;
+            ff[m] += w * f * f;
         }
-        ff += w * f[q] * f[q];
     }
-    for (uint32_t i = 0; i <= d; i++) { /* Cholesky with the right side: ff - |L^-1 b|^2 */
+    for (uint32_t i = 0; i <= d; i++)
         for (uint32_t k = 0; k <= i; k++) {
             double sum = g[i][k];
             for (uint32_t l = 0; l < k; l++) sum -= g[i][l] * g[k][l];
             if (i == k && sum <= 1e-14 * g[i][i]) return 0; /* fewer points than terms */
             g[i][k] = i == k ? sqrt(sum) : sum / g[k][k];
         }
-        for (uint32_t l = 0; l < i; l++) b[i] -= g[i][l] * b[l];
-        b[i] /= g[i][i];
-        ff -= b[i] * b[i];
+    for (uint32_t m = 0; m < target->n; m++) { /* |f|^2 - |L^-1 b|^2 */
+        for (uint32_t i = 0; i <= d; i++) {
+            for (uint32_t l = 0; l < i; l++) b[m][i] -= g[i][l] * b[m][l];
+            b[m][i] /= g[i][i];
+            ff[m] -= b[m][i] * b[m][i];
+        }
+        cost += ff[m] > 0 ? ff[m] : 0;
     }
-    return ff > 0 ? ff : 0;
+    return cost;
 }
 
 enum { KNOT_STEP = 4 };
@@ -160,17 +194,18 @@ int radial_knots(const struct radial *radial, uint32_t m_max, uint32_t *knot)
 {
     const uint32_t ng = radial->pub.n_grid, n = (ng - 1 + KNOT_STEP - 1) / KNOT_STEP + 1;
     if (m_max >= n) return PRT_ARG;
-    double *f = prt_calloc(radial->n_quad, sizeof *f), *cost = prt_calloc((size_t)n * n, sizeof *cost);
+    struct knot_target target;
+    double *cost = prt_calloc((size_t)n * n, sizeof *cost);
     double *best = prt_calloc((size_t)(m_max + 1) * n, sizeof *best);
     uint32_t *from = prt_calloc((size_t)(m_max + 1) * n, sizeof *from);
-    int err = PRT_NOMEM;
-    if (!f || !cost || !best || !from) goto done;
-    representative(radial, f);
+    int err = knot_target_init(radial, &target);
+    if (err == PRT_OK && !(cost && best && from)) err = PRT_NOMEM;
+    if (err < 0) goto done;
     for (uint32_t a = 0; a < n; a++)
         for (uint32_t b = a + 1; b < n; b++) {
             uint32_t i = candidate(a, n, ng), k = candidate(b, n, ng);
             cost[(size_t)a * n + b] =
-                piece_cost(radial, f, 2 * i, 2 * k, radial->pub.r[i], radial->pub.r[k]);
+                piece_cost(radial, &target, 2 * i, 2 * k, radial->pub.r[i], radial->pub.r[k]);
         }
     for (uint32_t b = 0; b < n; b++) best[b] = b ? INFINITY : 0;
     for (uint32_t m = 1; m <= m_max; m++)
@@ -189,9 +224,8 @@ int radial_knots(const struct radial *radial, uint32_t m_max, uint32_t *knot)
             knot[(size_t)m * (m_max + 1) + k] = candidate(b, n, ng);
             if (k) b = from[(size_t)k * n + b];
         }
-    err = PRT_OK;
 done:
-    prt_free(f);
+    prt_free(target.f);
     prt_free(cost);
     prt_free(best);
     prt_free(from);
