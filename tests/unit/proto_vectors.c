@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: MIT
+// The exchange that proto/vectors shows: hello, an upload, a load with progress, colours of an
+// inline light, a picture, a view, an error, a payload in two frames.
+#include "proto_vectors.h"
+
+#include <string.h>
+
+static uint8_t colors[2 * 64], blob[100], parts[256];
+static float cube[6 * 16 * 16 * 3];
+static const char hash[] = "bce0aff19cf5aa6a7469a30d61d04e4376e4bbf6381052ee9e7f33925c954d52";
+
+static unsigned add(struct vector *out, unsigned n, const char *name, const char *note,
+                    uint16_t type, uint8_t flags, uint64_t id, const ProtobufCMessage *message,
+                    const void *payload, uint64_t size)
+{
+    out[n] = (struct vector){name, note, {.type = type, .flags = flags, .id = id,
+                                          .payload_size = size}, message, payload};
+    return n + 1;
+}
+
+unsigned vectors_make(struct vector out[MAX_VECTOR])
+{
+    enum { LAST = RELIGHT_FRAME_LAST, MORE = RELIGHT_FRAME_MORE, ANSWER = RELIGHT_TYPE_ANSWER };
+    unsigned n = 0;
+    for (unsigned i = 0; i < sizeof blob; i++) blob[i] = (uint8_t)i;
+    for (unsigned i = 0; i < sizeof parts; i++) parts[i] = (uint8_t)(255 - i);
+    for (unsigned i = 0; i < sizeof cube / sizeof *cube; i++) cube[i] = (float)(i % 7) * 0.25f;
+
+    static Relight__HelloRequest hello;
+    relight__hello_request__init(&hello);
+    hello.client = "vector 1.0";
+    hello.version_min = hello.version_max = 1;
+    n = add(out, n, "hello_request", "C: HELLO", 1, LAST, 1, &hello.base, NULL, 0);
+
+    static Relight__HelloAnswer welcome;
+    static char *presets[] = {"marble", "skin1"};
+    relight__hello_answer__init(&welcome);
+    welcome.server = "relightd 0.1.0";
+    welcome.version = 1;
+    welcome.max_payload = 1 << 24;
+    welcome.max_header = 1 << 16;
+    welcome.max_in_flight = 64;
+    welcome.max_blob = UINT64_C(1) << 32;
+    welcome.presets = presets;
+    welcome.n_presets = 2;
+    welcome.chunk = 1 << 20;
+    n = add(out, n, "hello_answer", "S: HELLO", 1 | ANSWER, LAST, 1, &welcome.base, NULL, 0);
+
+    static Relight__PingRequest ping;
+    relight__ping_request__init(&ping);
+    n = add(out, n, "ping_request", "C: PING, no header bytes, 4 payload bytes", 2, LAST, 2,
+            &ping.base, blob, 4);
+
+    static Relight__PutBlobRequest ask, put;
+    relight__put_blob_request__init(&ask);
+    ask.hash = (char *)(uintptr_t)hash;
+    ask.size = sizeof blob;
+    ask.name = "sky.hdr";
+    put = ask;
+    n = add(out, n, "put_blob_ask", "C: PUT_BLOB, is it there?", 4, LAST, 3, &ask.base, NULL, 0);
+    static Relight__PutBlobAnswer missing, there;
+    relight__put_blob_answer__init(&missing);
+    there = missing;
+    n = add(out, n, "put_blob_missing", "S: PUT_BLOB, no (an empty header)", 4 | ANSWER, LAST, 3,
+            &missing.base, NULL, 0);
+    n = add(out, n, "put_blob_chunk", "C: PUT_BLOB, all 100 bytes: 0,1,2,...", 4, LAST, 4,
+            &put.base, blob, sizeof blob);
+    there.complete = 1;
+    there.received = sizeof blob;
+    n = add(out, n, "put_blob_complete", "S: PUT_BLOB, complete", 4 | ANSWER, LAST, 4, &there.base,
+            NULL, 0);
+
+    static Relight__LoadRequest load;
+    static Relight__FileRef file, *files[] = {&file};
+    static Relight__BakeSettings bake;
+    relight__load_request__init(&load);
+    relight__file_ref__init(&file);
+    relight__bake_settings__init(&bake);
+    file.name = "bunny.obj";
+    file.blob = (char *)(uintptr_t)hash;
+    load.n_files = 1;
+    load.files = files;
+    load.size_mm = 50;
+    load.material = "marble";
+    bake.transport = RELIGHT__TRANSPORT__TRANSPORT_WAVELET;
+    bake.samples = 150000;
+    load.bake = &bake;
+    n = add(out, n, "load_request", "C: LOAD", 6, LAST, 5, &load.base, NULL, 0);
+    static Relight__LoadAnswer loaded;
+    relight__load_answer__init(&loaded);
+    loaded.model = "3f9ad2c1";
+    loaded.state = RELIGHT__MODEL_STATE__MODEL_BAKING;
+    loaded.job = "12";
+    n = add(out, n, "load_answer", "S: LOAD", 6 | ANSWER, LAST, 5, &loaded.base, NULL, 0);
+
+    static Relight__WatchRequest watch;
+    static Relight__Progress half, done;
+    relight__watch_request__init(&watch);
+    watch.job = "12";
+    n = add(out, n, "watch_request", "C: WATCH", 7, LAST, 6, &watch.base, NULL, 0);
+    relight__progress__init(&half);
+    half.job = "12";
+    half.model = "3f9ad2c1";
+    half.state = RELIGHT__JOB_STATE__JOB_RUNNING;
+    half.stage = "irradiance";
+    half.fraction = 0.5f;
+    half.eta_s = 60;
+    half.elapsed_s = 60;
+    n = add(out, n, "watch_progress", "S: WATCH, half done: LAST is not set", 7 | ANSWER, 0, 6,
+            &half.base, NULL, 0);
+    done = half;
+    done.state = RELIGHT__JOB_STATE__JOB_DONE;
+    done.fraction = 1;
+    done.eta_s = 0;
+    done.elapsed_s = 120;
+    n = add(out, n, "watch_done", "S: WATCH, done: LAST", 7 | ANSWER, LAST, 6, &done.base, NULL, 0);
+
+    static Relight__ColorsRequest ask_colors;
+    static Relight__Light light, second, *lights[] = {&light, &second};
+    static Relight__Vec3 gain;
+    static Relight__Shade shade;
+    static char env[80];
+    relight__colors_request__init(&ask_colors);
+    relight__light__init(&light);
+    relight__light__init(&second);
+    relight__vec3__init(&gain);
+    relight__shade__init(&shade);
+    gain.x = 1, gain.y = 0.5f, gain.z = 0.25f;
+    strcpy(env, "env:");
+    strcat(env, hash);
+    light.env = env;
+    light.rotate_deg = 90;
+    light.gain = &gain;
+    second.cube_n = 16;
+    ask_colors.model = "3f9ad2c1";
+    ask_colors.n_lights = 2;
+    ask_colors.lights = lights;
+    shade.term = RELIGHT__TERM__TERM_MULTIPLE;
+    ask_colors.shade = &shade;
+    ask_colors.format = RELIGHT__COLOR_FORMAT__COLOR_RGB9E5;
+    n = add(out, n, "colors_request", "C: COLORS, deadline 500 ms, an image and a cube of 16: texel "
+            "float i is (i mod 7) / 4", 12, LAST, 7, &ask_colors.base, cube, sizeof cube);
+    out[n - 1].frame.deadline_ms = 500;
+    out[n - 1].payload = (const uint8_t *)cube;
+    static Relight__ColorsAnswer answer;
+    static Relight__Cost cost;
+    relight__colors_answer__init(&answer);
+    relight__cost__init(&cost);
+    answer.n_vertex = 3;
+    answer.n_plane = 2;
+    answer.plane_bytes = 64;
+    answer.format = RELIGHT__COLOR_FORMAT__COLOR_RGB9E5;
+    cost.relight_ms = 0.25f;
+    cost.total_ms = 0.5f;
+    cost.error_bound = 0.0078125f;
+    cost.engine = RELIGHT__ENGINE__ENGINE_WAVELET;
+    answer.cost = &cost;
+    // (1, 0.5, 0.25), (0, 0, 0), (65408, 0, 1/65536 is lost): exponent is shared.
+    static const uint8_t rgb9e5[12] = {0x00, 0x01, 0x01, 0x81, 0, 0, 0, 0, 0xff, 0x01, 0x00, 0xf8};
+    memcpy(colors, rgb9e5, sizeof rgb9e5);
+    memcpy(colors + 64, rgb9e5, sizeof rgb9e5);
+    n = add(out, n, "colors_answer", "S: COLORS, 2 planes of 3 vertices: (1,.5,.25) (0,0,0) "
+            "(65408,0,0)", 12 | ANSWER, LAST, 7, &answer.base, colors, sizeof colors);
+
+    static Relight__CancelRequest cancel;
+    relight__cancel_request__init(&cancel);
+    cancel.id = 8;
+    n = add(out, n, "cancel_request", "C: CANCEL of request 8", 9, LAST, 9, &cancel.base, NULL, 0);
+    static Relight__Error error;
+    relight__error__init(&error);
+    error.code = RELIGHT__ERROR_CODE__ERROR_CANCELLED;
+    error.text = "request 8 was cancelled";
+    n = add(out, n, "error", "S: ERROR for request 8", RELIGHT_TYPE_ERROR, LAST, 8, &error.base,
+            NULL, 0);
+
+    static Relight__ViewOpenRequest open;
+    static Relight__ViewState state;
+    static Relight__Picture picture;
+    relight__view_open_request__init(&open);
+    relight__view_state__init(&state);
+    relight__picture__init(&picture);
+    picture.width = 640;
+    picture.height = 360;
+    state.picture = &picture;
+    state.n_lights = 1;
+    state.lights = lights;
+    open.model = "3f9ad2c1";
+    open.state = &state;
+    n = add(out, n, "view_open", "C: VIEW_OPEN", 14, LAST, 10, &open.base, NULL, 0);
+    static Relight__ViewSetRequest set;
+    static Relight__ViewState material;
+    static Relight__Shade skin;
+    relight__view_set_request__init(&set);
+    relight__view_state__init(&material);
+    relight__shade__init(&skin);
+    skin.material = "skin1";
+    material.shade = &skin;
+    set.view = 10;
+    set.sequence = 1;
+    set.state = &material;
+    n = add(out, n, "view_set", "C: VIEW_SET, another material", 15, LAST, 11, &set.base, NULL, 0);
+    static Relight__ViewFrame frame;
+    static Relight__ImageAnswer image;
+    relight__view_frame__init(&frame);
+    relight__image_answer__init(&image);
+    image.width = 640;
+    image.height = 360;
+    frame.frame = 1;
+    frame.sequence = 1;
+    frame.image = &image;
+    n = add(out, n, "view_frame_more", "S: ViewFrame, first 256 payload bytes: 255,254,...: MORE",
+            14 | ANSWER, MORE, 10, &frame.base, parts, sizeof parts);
+    n = add(out, n, "view_frame_rest", "S: the other 100 payload bytes of that frame: no header",
+            14 | ANSWER, 0, 10, NULL, blob, sizeof blob);
+    return n;
+}

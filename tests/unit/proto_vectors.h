@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: MIT */
+/* The frames of proto/vectors: how each is made. Shared by the test that checks the files and by
+ * its `--write DIR` mode that made them. */
+#ifndef PROTO_VECTORS_H
+#define PROTO_VECTORS_H
+
+#include "frame.h"
+#include "relight.pb-c.h"
+
+struct vector {
+    const char *name;         /* file NAME.bin */
+    const char *note;         /* line of session.txt */
+    struct relight_frame frame; /* flags, type, id, deadline_ms, payload_size */
+    const ProtobufCMessage *message;
+    const uint8_t *payload;
+};
+
+enum { MAX_VECTOR = 32 };
+/* Fills vectors (static storage) and returns how many. */
+unsigned vectors_make(struct vector out[MAX_VECTOR]);
+
+#endif
