@@ -231,14 +231,14 @@ static double walk_bend(const struct prt_radial *radial, int n)
 }
 
 /* A slider dragged over the whole range: coefficients bend, they do not jump. Half the step
- * leaves a quarter of a smooth curve's second difference, and all of a jump. */
+ * leaves a quarter of a smooth curve's second difference, and all of a jump; 5e-6 is what single precision sums leave. */
 static void test_material_walk(void **state)
 {
     for (int family = 0; family < 2; family++)
         for (int kind = 0; kind < 3; kind++) {
             struct prt_radial *radial = create(kind, family, 16, 1, false);
             double coarse = walk_bend(radial, 2500), fine = walk_bend(radial, 4999);
-            if (!(fine < 0.35 * coarse && coarse < 0.01))
+            if (!(fine < 0.35 * coarse + 5e-6 && coarse < 0.01))
                 fail_msg("family %d kind %d: bend %g, %g", family, kind, coarse, fine);
             prt_radial_destroy(radial);
         }
