@@ -69,24 +69,74 @@ static void child_log(void *user, enum prt_log_level level, const char *line)
 
 #ifdef PRT_HAVE_SECCOMP
 static const int denied[] = {
-    SCMP_SYS(socket), SCMP_SYS(socketpair), SCMP_SYS(connect), SCMP_SYS(bind),
-    SCMP_SYS(listen), SCMP_SYS(accept), SCMP_SYS(accept4), SCMP_SYS(sendto),
-    SCMP_SYS(sendmsg), SCMP_SYS(sendmmsg), SCMP_SYS(execve), SCMP_SYS(execveat),
-    SCMP_SYS(ptrace), SCMP_SYS(process_vm_readv), SCMP_SYS(process_vm_writev),
-    SCMP_SYS(fork), SCMP_SYS(vfork), SCMP_SYS(kill), SCMP_SYS(tkill),
-    SCMP_SYS(rt_sigqueueinfo), SCMP_SYS(rt_tgsigqueueinfo), SCMP_SYS(pidfd_open),
-    SCMP_SYS(pidfd_send_signal), SCMP_SYS(bpf), SCMP_SYS(perf_event_open),
-    SCMP_SYS(userfaultfd), SCMP_SYS(io_uring_setup), SCMP_SYS(keyctl), SCMP_SYS(add_key),
-    SCMP_SYS(request_key), SCMP_SYS(mount), SCMP_SYS(umount2), SCMP_SYS(pivot_root),
-    SCMP_SYS(chroot), SCMP_SYS(unshare), SCMP_SYS(setns), SCMP_SYS(init_module),
-    SCMP_SYS(finit_module), SCMP_SYS(kexec_load), SCMP_SYS(reboot), SCMP_SYS(creat),
-    SCMP_SYS(unlink), SCMP_SYS(unlinkat), SCMP_SYS(rename), SCMP_SYS(renameat),
-    SCMP_SYS(renameat2), SCMP_SYS(link), SCMP_SYS(linkat), SCMP_SYS(symlink),
-    SCMP_SYS(symlinkat), SCMP_SYS(mkdir), SCMP_SYS(mkdirat), SCMP_SYS(rmdir),
-    SCMP_SYS(mknod), SCMP_SYS(mknodat), SCMP_SYS(truncate), SCMP_SYS(chmod),
-    SCMP_SYS(fchmod), SCMP_SYS(fchmodat), SCMP_SYS(chown), SCMP_SYS(fchown),
-    SCMP_SYS(lchown), SCMP_SYS(fchownat), SCMP_SYS(setxattr), SCMP_SYS(prlimit64),
-    SCMP_SYS(setrlimit), SCMP_SYS(open_by_handle_at), SCMP_SYS(openat2),
+    SCMP_SYS(socket),
+    SCMP_SYS(socketpair),
+    SCMP_SYS(connect),
+    SCMP_SYS(bind),
+    SCMP_SYS(listen),
+    SCMP_SYS(accept),
+    SCMP_SYS(accept4),
+    SCMP_SYS(sendto),
+    SCMP_SYS(sendmsg),
+    SCMP_SYS(sendmmsg),
+    SCMP_SYS(execve),
+    SCMP_SYS(execveat),
+    SCMP_SYS(ptrace),
+    SCMP_SYS(process_vm_readv),
+    SCMP_SYS(process_vm_writev),
+    SCMP_SYS(fork),
+    SCMP_SYS(vfork),
+    SCMP_SYS(kill),
+    SCMP_SYS(tkill),
+    SCMP_SYS(rt_sigqueueinfo),
+    SCMP_SYS(rt_tgsigqueueinfo),
+    SCMP_SYS(pidfd_open),
+    SCMP_SYS(pidfd_send_signal),
+    SCMP_SYS(bpf),
+    SCMP_SYS(perf_event_open),
+    SCMP_SYS(userfaultfd),
+    SCMP_SYS(io_uring_setup),
+    SCMP_SYS(keyctl),
+    SCMP_SYS(add_key),
+    SCMP_SYS(request_key),
+    SCMP_SYS(mount),
+    SCMP_SYS(umount2),
+    SCMP_SYS(pivot_root),
+    SCMP_SYS(chroot),
+    SCMP_SYS(unshare),
+    SCMP_SYS(setns),
+    SCMP_SYS(init_module),
+    SCMP_SYS(finit_module),
+    SCMP_SYS(kexec_load),
+    SCMP_SYS(reboot),
+    SCMP_SYS(creat),
+    SCMP_SYS(unlink),
+    SCMP_SYS(unlinkat),
+    SCMP_SYS(rename),
+    SCMP_SYS(renameat),
+    SCMP_SYS(renameat2),
+    SCMP_SYS(link),
+    SCMP_SYS(linkat),
+    SCMP_SYS(symlink),
+    SCMP_SYS(symlinkat),
+    SCMP_SYS(mkdir),
+    SCMP_SYS(mkdirat),
+    SCMP_SYS(rmdir),
+    SCMP_SYS(mknod),
+    SCMP_SYS(mknodat),
+    SCMP_SYS(truncate),
+    SCMP_SYS(chmod),
+    SCMP_SYS(fchmod),
+    SCMP_SYS(fchmodat),
+    SCMP_SYS(chown),
+    SCMP_SYS(fchown),
+    SCMP_SYS(lchown),
+    SCMP_SYS(fchownat),
+    SCMP_SYS(setxattr),
+    SCMP_SYS(prlimit64),
+    SCMP_SYS(setrlimit),
+    SCMP_SYS(open_by_handle_at),
+    SCMP_SYS(openat2),
 };
 
 // Threads, reading files and memory stay allowed; programs, sockets, other processes and every
@@ -118,7 +168,9 @@ static void deny_calls(void)
     seccomp_release(filter);
 }
 #else
-static void deny_calls(void) {}
+static void deny_calls(void)
+{
+}
 #endif
 
 static void set_limit(int which, uint64_t soft, uint64_t hard)
@@ -149,8 +201,7 @@ static void set_limits(uint64_t memory_bytes, double seconds)
     if (SANITIZED)
         set_limit(RLIMIT_DATA, pages(5) * page + 4 * memory_bytes,
                   pages(5) * page + 4 * memory_bytes);
-    else
-        set_limit(RLIMIT_AS, pages(0) * page + memory_bytes, pages(0) * page + memory_bytes);
+    else set_limit(RLIMIT_AS, pages(0) * page + memory_bytes, pages(0) * page + memory_bytes);
     uint64_t cpu = (uint64_t)ceil(seconds);
     struct rusage used;
     if (!getrusage(RUSAGE_SELF, &used)) // 0 after fork, but be exact
@@ -171,7 +222,8 @@ static void close_from(int first)
 static int settle_files(int pipe_fd, int noise_fd)
 {
     int null = open("/dev/null", O_RDWR | O_CLOEXEC);
-    int keep = fcntl(pipe_fd, F_DUPFD_CLOEXEC, 10), noise = fcntl(noise_fd, F_DUPFD_CLOEXEC, 10);
+    int keep = fcntl(pipe_fd, F_DUPFD_CLOEXEC, 10),
+        noise = fcntl(noise_fd, F_DUPFD_CLOEXEC, 10);
     if (null < 0 || keep < 0) _exit(3);
     dup2(null, 0);
     dup2(null, 1);
@@ -206,10 +258,8 @@ _Noreturn static void child(const struct prt_context *parent_ctx, pid_t parent, 
     prctl(PR_SET_DUMPABLE, 0);
     deny_calls();
     struct prt_context ctx;
-    if (parent_ctx)
-        ctx = *parent_ctx;
-    else
-        prt_context_init(&ctx);
+    if (parent_ctx) ctx = *parent_ctx;
+    else prt_context_init(&ctx);
     ctx.log = child_log;
     ctx.log_user = &fd;
     ctx.progress = NULL;
@@ -346,15 +396,14 @@ int prt_isolate(const struct prt_context *ctx, const char *what,
         return prt_fail(ctx, PRT_NOMEM, "%s: no child process: %s", what, strerror(error));
     }
     struct answer answer = {0};
-    enum got got = listen_to(ctx, what, end[0], prt_time_s() + own.seconds, own.memory_bytes,
-                             &answer);
+    enum got got =
+        listen_to(ctx, what, end[0], prt_time_s() + own.seconds, own.memory_bytes, &answer);
     close(end[0]);
     if (got == GOT_LATE || answer.have) kill(pid, SIGKILL); // nothing more is wanted of it
     int how = reap(pid);
     show_noise(noise);
     if (noise >= 0) close(noise);
-    int status = answer.have ? answer.status
-                             : explain(ctx, what, how, got == GOT_LATE, &own);
+    int status = answer.have ? answer.status : explain(ctx, what, how, got == GOT_LATE, &own);
     if (status) {
         prt_free(answer.blob.bytes);
         return status;

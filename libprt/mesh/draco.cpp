@@ -7,10 +7,10 @@
 #include <draco/compression/decode.h>
 #include <exception>
 
-namespace {
+namespace
+{
 
-template <int N>
-float *values(const draco::Mesh &mesh, int64_t id)
+template <int N> float *values(const draco::Mesh &mesh, int64_t id)
 {
     const draco::PointAttribute *a = mesh.GetAttributeByUniqueId(static_cast<uint32_t>(id));
     if (!a || a->num_components() != N) return nullptr;

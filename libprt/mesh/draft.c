@@ -35,6 +35,8 @@ int prt_draft_vertices(struct prt_draft *d, uint64_t n, uint32_t *first)
         return prt_fail(d->ctx, PRT_LIMIT, "%s: its vertices need more than %llu MB", d->name,
                         (unsigned long long)(d->max_bytes >> 20));
     uint64_t need = d->n_vertex + n;
+    *first = d->n_vertex;
+    if (!n) return PRT_OK;
     uint32_t a = d->cap_vertex, b = a, c = a;
     bool ok = grow((void **)&d->position, &a, need, sizeof *d->position) &&
               grow((void **)&d->normal, &b, need, sizeof *d->normal) &&
@@ -44,7 +46,6 @@ int prt_draft_vertices(struct prt_draft *d, uint64_t n, uint32_t *first)
     memset(d->position + d->n_vertex, 0, n * sizeof *d->position);
     memset(d->normal + d->n_vertex, 0, n * sizeof *d->normal);
     memset(d->uv + d->n_vertex, 0, n * sizeof *d->uv);
-    *first = d->n_vertex;
     d->n_vertex = (uint32_t)need;
     return PRT_OK;
 }
@@ -127,8 +128,11 @@ struct layout {
 static struct layout layout_of(const struct head *h)
 {
     const size_t v = h->n_vertex;
-    const size_t size[N_PART] = {v * 12,     v * 12, h->has_uv ? v * 8 : 0,
-                                 (size_t)h->n_triangle * 12, v * 4,
+    const size_t size[N_PART] = {v * 12,
+                                 v * 12,
+                                 h->has_uv ? v * 8 : 0,
+                                 (size_t)h->n_triangle * 12,
+                                 v * 4,
                                  h->n_block * sizeof(struct prt_block),
                                  h->n_surface * sizeof(struct prt_surface)};
     struct layout l;
@@ -209,13 +213,19 @@ int prt_blob_open(const struct prt_context *ctx, const char *name, const struct 
     struct prt_mesh *m = prt_calloc(1, sizeof *m);
     if (!m) return prt_fail(ctx, PRT_NOMEM, "%s: no memory", name);
     char *b = blob->bytes;
-    *m = (struct prt_mesh){
-        .n_vertex = h.n_vertex, .n_triangle = h.n_triangle, .n_block = h.n_block,
-        .n_object = h.n_object, .n_surface = h.n_surface, .units_known = h.units_known != 0,
-        .position = (void *)(b + l.at[POSITION]), .normal = (void *)(b + l.at[NORMAL]),
-        .uv = h.has_uv ? (void *)(b + l.at[UV]) : NULL,
-        .triangle = (void *)(b + l.at[TRIANGLE]), .weld = (void *)(b + l.at[WELD]),
-        .block = (void *)(b + l.at[BLOCK]), .surface = (void *)(b + l.at[SURFACE])};
+    *m = (struct prt_mesh){.n_vertex = h.n_vertex,
+                           .n_triangle = h.n_triangle,
+                           .n_block = h.n_block,
+                           .n_object = h.n_object,
+                           .n_surface = h.n_surface,
+                           .units_known = h.units_known != 0,
+                           .position = (void *)(b + l.at[POSITION]),
+                           .normal = (void *)(b + l.at[NORMAL]),
+                           .uv = h.has_uv ? (void *)(b + l.at[UV]) : NULL,
+                           .triangle = (void *)(b + l.at[TRIANGLE]),
+                           .weld = (void *)(b + l.at[WELD]),
+                           .block = (void *)(b + l.at[BLOCK]),
+                           .surface = (void *)(b + l.at[SURFACE])};
     bool ok = finite_within(m->position[0], (size_t)m->n_vertex * 3, 1e15f) &&
               finite_within(m->normal[0], (size_t)m->n_vertex * 3, 1.001f) &&
               (!m->uv || finite_within(m->uv[0], (size_t)m->n_vertex * 2, 3e38f)) &&

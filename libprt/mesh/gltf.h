@@ -33,22 +33,24 @@ struct gltf {
     struct prt_draft *d;
     cJSON *json;
     struct gltf_table buffer, view, accessor, mesh, material, node, scene;
-    struct gltf_bytes bin;             // the GLB's own chunk
-    struct gltf_bytes *buffer_bytes;   // [buffer.n], loaded when first used
-    struct gltf_bytes *view_bytes;     // [view.n]
-    struct gltf_mesh_data **draco;     // [view.n]
+    struct gltf_bytes bin;           // the GLB's own chunk
+    struct gltf_bytes *buffer_bytes; // [buffer.n], loaded when first used
+    struct gltf_bytes *view_bytes;   // [view.n]
+    struct gltf_mesh_data **draco;   // [view.n]
     struct gltf_owned *owned;
-    uint64_t loaded_bytes;             // of buffers and decoded views, against d->max_bytes
-    uint32_t *surface_of, *opaque_of;  // [material.n + 1] into d->surface, UINT32_MAX: not yet
-    size_t mesh_index;                 // being read, for messages
-    uint32_t n_skipped, n_deformed, n_textured, n_bad_normal, n_tail, n_flat;
+    uint64_t loaded_bytes;            // of buffers and decoded views, against d->max_bytes
+    uint32_t *surface_of, *opaque_of; // [material.n + 1] into d->surface, UINT32_MAX: not yet
+    size_t mesh_index;                // being read, for messages
+    uint32_t n_skipped, n_deformed, n_bad_normal, n_tail, n_flat;
 };
 
 // A line "NAME: ..." and PRT_FORMAT.
 int gltf_bad(const struct gltf *g, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+int gltf_no_memory(const struct gltf *g);
 void *gltf_own(struct gltf *g, uint64_t bytes); // zeroed; lives until the reader ends
 
 const cJSON *gltf_member(const cJSON *object, const char *key);
+const char *gltf_text(const cJSON *object, const char *key); // NULL when absent
 // The whole number object[key] in [0,max]; *out = missing when absent.
 int gltf_number(const struct gltf *g, const char *kind, size_t index, const cJSON *object,
                 const char *key, uint64_t max, uint64_t missing, uint64_t *out);
@@ -70,9 +72,17 @@ struct gltf_accessor {
 };
 int gltf_accessor(const struct gltf *g, uint64_t index, struct gltf_accessor *out);
 // out[count][n_component]; the accessor's type must have n_component
-int gltf_floats(struct gltf *g, const struct gltf_accessor *a, unsigned n_component, float *out);
+int gltf_floats(struct gltf *g, const struct gltf_accessor *a, unsigned n_component,
+                float *out);
 int gltf_indices(struct gltf *g, const struct gltf_accessor *a, uint32_t *out);
 
-int gltf_draco(struct gltf *g, const cJSON *extension, const struct gltf_mesh_data **out);
+// The surface of material `index` (material.n: none given), made on first use.
+int gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out);
+// After all primitives: without scattering extensions in the file, all are translucent.
+void gltf_settle_surfaces(struct gltf *g);
+// The node's mesh, if it has one, as an object; world is column-major [16].
+int gltf_instance(struct gltf *g, const cJSON *node, size_t node_index, const double *world);
+// Every node of the scene, parents before children.
+int gltf_walk(struct gltf *g);
 
 #endif

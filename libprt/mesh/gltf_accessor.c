@@ -35,8 +35,8 @@ int gltf_accessor(const struct gltf *g, uint64_t index, struct gltf_accessor *ou
     int status;
     if ((status = gltf_number(g, "accessor", i, o, "count", 1ull << 53, 0, &a.count)) ||
         (status = gltf_number(g, "accessor", i, o, "byteOffset", 1ull << 53, 0, &a.offset)) ||
-        (status = gltf_number(g, "accessor", i, o, "bufferView", 1ull << 53, UINT64_MAX,
-                              &a.view)) ||
+        (status =
+             gltf_number(g, "accessor", i, o, "bufferView", 1ull << 53, UINT64_MAX, &a.view)) ||
         (status = gltf_number(g, "accessor", i, o, "componentType", 1 << 20, 0, &component)))
         return status;
     for (size_t k = 0; k < sizeof type_list / sizeof *type_list; k++)
@@ -56,8 +56,7 @@ int gltf_accessor(const struct gltf *g, uint64_t index, struct gltf_accessor *ou
     if (a.view != UINT64_MAX && a.view >= g->view.n)
         return gltf_bad(g, "accessor %zu: names bufferView %llu of %zu", i,
                         (unsigned long long)a.view, g->view.n);
-    if (a.view == UINT64_MAX && !a.sparse)
-        return gltf_bad(g, "accessor %zu: has no data", i);
+    if (a.view == UINT64_MAX && !a.sparse) return gltf_bad(g, "accessor %zu: has no data", i);
     *out = a;
     return PRT_OK;
 }
@@ -148,8 +147,8 @@ static int apply_sparse(struct gltf *g, const struct gltf_accessor *a, float *ou
                               &offset[0])) ||
         (status = gltf_number(g, "accessor", a->index, values, "byteOffset", 1ull << 53, 0,
                               &offset[1])) ||
-        (status = gltf_number(g, "accessor", a->index, indices, "componentType", 1 << 20, 0,
-                              &type)))
+        (status =
+             gltf_number(g, "accessor", a->index, indices, "componentType", 1 << 20, 0, &type)))
         return status;
     if (!n || (type != 5121 && type != 5123 && type != 5125))
         return gltf_bad(g, "accessor %zu: damaged sparse part", a->index);
@@ -162,10 +161,8 @@ static int apply_sparse(struct gltf *g, const struct gltf_accessor *a, float *ou
         if (k >= a->count)
             return gltf_bad(g, "accessor %zu: sparse index %u of %llu", a->index, k,
                             (unsigned long long)a->count);
-        if (out_f)
-            convert(a, what + i * what_stride, out_f + (size_t)k * a->n_component);
-        else
-            out_i[k] = index_value(what + i * what_stride, a->component);
+        if (out_f) convert(a, what + i * what_stride, out_f + (size_t)k * a->n_component);
+        else out_i[k] = index_value(what + i * what_stride, a->component);
     }
     return PRT_OK;
 }
@@ -183,15 +180,16 @@ int gltf_floats(struct gltf *g, const struct gltf_accessor *a, unsigned n_compon
         int status = elements(g, a->index, a->view, a->offset, a->count,
                               a->component_bytes * n_component, &p, &stride);
         if (status) return status;
-        for (uint64_t i = 0; i < a->count; i++) convert(a, p + i * stride, out + i * n_component);
+        for (uint64_t i = 0; i < a->count; i++)
+            convert(a, p + i * stride, out + i * n_component);
     }
     return a->sparse ? apply_sparse(g, a, out, NULL) : PRT_OK;
 }
 
 int gltf_indices(struct gltf *g, const struct gltf_accessor *a, uint32_t *out)
 {
-    if (a->n_component != 1 || (a->component != 5121 && a->component != 5123 &&
-                                a->component != 5125))
+    if (a->n_component != 1 ||
+        (a->component != 5121 && a->component != 5123 && a->component != 5125))
         return gltf_bad(g, "accessor %zu: indices must be unsigned whole numbers", a->index);
     const uint8_t *p;
     size_t stride;

@@ -44,7 +44,7 @@ static int load_data_uri(struct gltf *g, size_t index, const char *uri, struct g
         return gltf_bad(g, "buffer %zu: its data URI is not base64", index);
     size_t n = strlen(comma + 1);
     uint8_t *bytes = gltf_own(g, n / 4 * 3 + 3);
-    if (!bytes) return prt_fail(g->d->ctx, PRT_NOMEM, "%s: no memory", g->d->name);
+    if (!bytes) return gltf_no_memory(g);
     int64_t got = base64(comma + 1, n, bytes);
     if (got < 0) return gltf_bad(g, "buffer %zu: damaged base64", index);
     *out = (struct gltf_bytes){bytes, (size_t)got, 0, true};
@@ -53,7 +53,9 @@ static int load_data_uri(struct gltf *g, size_t index, const char *uri, struct g
 
 static int hex(char c)
 {
-    return c >= '0' && c <= '9' ? c - '0' : (c | 32) >= 'a' && (c | 32) <= 'f' ? (c | 32) - 87 : -1;
+    return c >= '0' && c <= '9'                 ? c - '0'
+           : (c | 32) >= 'a' && (c | 32) <= 'f' ? (c | 32) - 87
+                                                : -1;
 }
 
 // A relative path inside the model's folder: no scheme, no root, no "..".
@@ -87,7 +89,8 @@ static int load_file(struct gltf *g, size_t index, const char *uri, struct gltf_
     if (!decode_path(uri, relative, sizeof relative))
         return gltf_bad(g, "buffer %zu: \"%.80s\" is not a path beside the model", index, uri);
     if (!g->d->base_dir)
-        return gltf_bad(g, "buffer %zu: \"%.80s\" is outside the file; send a .glb", index, uri);
+        return gltf_bad(g, "buffer %zu: \"%.80s\" is outside the file; send a .glb", index,
+                        uri);
     int n = snprintf(joined, sizeof joined, "%s/%s", g->d->base_dir, relative);
     if (n >= (int)sizeof joined) return gltf_bad(g, "buffer %zu: path too long", index);
     if (!realpath(g->d->base_dir, base) || !realpath(joined, real))
@@ -101,7 +104,7 @@ static int load_file(struct gltf *g, size_t index, const char *uri, struct gltf_
     uint8_t *bytes = gltf_own(g, blob.size);
     if (bytes) memcpy(bytes, blob.bytes, blob.size);
     prt_free(blob.bytes);
-    if (!bytes) return prt_fail(g->d->ctx, PRT_NOMEM, "%s: no memory", g->d->name);
+    if (!bytes) return gltf_no_memory(g);
     *out = (struct gltf_bytes){bytes, blob.size, 0, true};
     return PRT_OK;
 }
@@ -143,7 +146,8 @@ static int slice(struct gltf *g, size_t view, const cJSON *o, struct gltf_bytes 
     int status;
     if ((status = gltf_number(g, "bufferView", view, o, "buffer", 1ull << 53, UINT64_MAX,
                               &buffer)) ||
-        (status = gltf_number(g, "bufferView", view, o, "byteOffset", 1ull << 53, 0, &offset)) ||
+        (status =
+             gltf_number(g, "bufferView", view, o, "byteOffset", 1ull << 53, 0, &offset)) ||
         (status = gltf_number(g, "bufferView", view, o, "byteLength", 1ull << 53, 0, &length)))
         return status;
     if (buffer >= g->buffer.n)
@@ -172,8 +176,7 @@ static bool meshopt_filter(const cJSON *filter, void *out, size_t count, size_t 
         meshopt_decodeFilterQuat(out, count, stride);
     else if (is_text(filter, "EXPONENTIAL") && stride % 4 == 0)
         meshopt_decodeFilterExp(out, count, stride);
-    else
-        return false;
+    else return false;
     return true;
 }
 
@@ -199,7 +202,7 @@ static int load_meshopt(struct gltf *g, size_t view, const cJSON *ext, struct gl
         return prt_fail(g->d->ctx, PRT_LIMIT, "%s: bufferView %zu: needs more than %llu MB",
                         g->d->name, view, (unsigned long long)(g->d->max_bytes >> 20));
     uint8_t *to = gltf_own(g, bytes);
-    if (!to) return prt_fail(g->d->ctx, PRT_NOMEM, "%s: no memory", g->d->name);
+    if (!to) return gltf_no_memory(g);
     g->loaded_bytes += bytes;
     int bad = attributes  ? meshopt_decodeVertexBuffer(to, count, stride, source.at, source.n)
               : triangles ? meshopt_decodeIndexBuffer(to, count, stride, source.at, source.n)

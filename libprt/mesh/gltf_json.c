@@ -17,6 +17,11 @@ int gltf_bad(const struct gltf *g, const char *fmt, ...)
     return prt_fail(g->d->ctx, PRT_FORMAT, "%s: %s", g->d->name, line);
 }
 
+int gltf_no_memory(const struct gltf *g)
+{
+    return prt_fail(g->d->ctx, PRT_NOMEM, "%s: no memory", g->d->name);
+}
+
 void *gltf_own(struct gltf *g, uint64_t bytes)
 {
     if (bytes > g->d->max_bytes) return NULL;
@@ -30,6 +35,12 @@ void *gltf_own(struct gltf *g, uint64_t bytes)
 const cJSON *gltf_member(const cJSON *object, const char *key)
 {
     return cJSON_IsObject(object) ? cJSON_GetObjectItemCaseSensitive(object, key) : NULL;
+}
+
+const char *gltf_text(const cJSON *object, const char *key)
+{
+    const cJSON *item = gltf_member(object, key);
+    return cJSON_IsString(item) ? item->valuestring : NULL;
 }
 
 int gltf_number(const struct gltf *g, const char *kind, size_t index, const cJSON *object,
@@ -71,10 +82,9 @@ int gltf_table(struct gltf *g, const char *key, struct gltf_table *out)
     size_t n = 0;
     for (item = array->child; item; item = item->next) n++;
     out->item = gltf_own(g, n * sizeof *out->item);
-    if (!out->item) return prt_fail(g->d->ctx, PRT_NOMEM, "%s: no memory", g->d->name);
+    if (!out->item) return gltf_no_memory(g);
     for (item = array->child; item; item = item->next) {
-        if (!cJSON_IsObject(item))
-            return gltf_bad(g, "%s %zu is not an object", key, out->n);
+        if (!cJSON_IsObject(item)) return gltf_bad(g, "%s %zu is not an object", key, out->n);
         out->item[out->n++] = item;
     }
     return PRT_OK;

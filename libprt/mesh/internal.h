@@ -8,16 +8,16 @@
 // What readers build, in the child process. Arrays grow; vertices and triangles are global.
 struct prt_draft {
     const struct prt_context *ctx;
-    const char *name;               // for messages
-    const char *base_dir;           // where external buffers may lie; NULL: nowhere
-    const char *const *opaque;      // NULL-terminated names, or NULL
-    uint64_t opaque_hit;            // bit i: name i was met (the first 64)
+    const char *name;          // for messages
+    const char *base_dir;      // where external buffers may lie; NULL: nowhere
+    const char *const *opaque; // NULL-terminated names, or NULL
+    uint64_t opaque_hit;       // bit i: name i was met (the first 64)
     uint32_t max_vertices, max_triangles;
     uint64_t max_bytes;
     uint32_t n_vertex, n_triangle, n_block, n_surface, n_object;
     uint32_t cap_vertex, cap_triangle, cap_block, cap_surface;
     float (*position)[3];
-    float (*normal)[3];             // 0,0,0: to be made
+    float (*normal)[3]; // 0,0,0: to be made
     float (*uv)[2];
     uint32_t (*triangle)[3];
     struct prt_block *block;

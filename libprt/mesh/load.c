@@ -63,8 +63,11 @@ static int check_opaque(const struct prt_draft *d)
 static int read_draft(const struct prt_context *ctx, const struct request *r,
                       struct prt_blob *file, struct prt_blob *out)
 {
-    struct prt_draft d = {.ctx = ctx, .name = r->name, .base_dir = r->base_dir,
-                          .max_vertices = 50000000, .max_triangles = 100000000,
+    struct prt_draft d = {.ctx = ctx,
+                          .name = r->name,
+                          .base_dir = r->base_dir,
+                          .max_vertices = 50000000,
+                          .max_triangles = 100000000,
                           .max_bytes = r->max_bytes};
     if (r->options) {
         d.opaque = r->options->opaque;
@@ -96,7 +99,8 @@ static int parse(const struct prt_context *ctx, void *arg, struct prt_blob *out)
             return prt_fail(ctx, PRT_LIMIT, "%s: %zu bytes, the limit is %llu", r->name, r->n,
                             (unsigned long long)r->max_bytes);
         char *copy = prt_alloc(r->n + 1, 1); // text readers want a 0 at the end
-        if (!copy) return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %zu bytes", r->name, r->n);
+        if (!copy)
+            return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %zu bytes", r->name, r->n);
         memcpy(copy, r->bytes, r->n);
         copy[r->n] = 0;
         file = (struct prt_blob){copy, r->n};
@@ -136,8 +140,8 @@ int prt_mesh_load(const struct prt_context *ctx, const char *path,
     char folder[PATH_MAX];
     if (snprintf(folder, sizeof folder, "%s", path) >= (int)sizeof folder)
         return prt_fail(ctx, PRT_IO, "%s: the path is too long", path);
-    struct request r = {.path = path, .name = path, .base_dir = dirname(folder),
-                        .options = options};
+    struct request r = {
+        .path = path, .name = path, .base_dir = dirname(folder), .options = options};
     return load(ctx, &r, out);
 }
 
@@ -145,7 +149,7 @@ int prt_mesh_load_memory(const struct prt_context *ctx, const char *name, const 
                          size_t n, const char *base_dir, const struct prt_mesh_options *options,
                          struct prt_mesh **out)
 {
-    struct request r = {.bytes = bytes, .n = n, .name = name, .base_dir = base_dir,
-                        .options = options};
+    struct request r = {
+        .bytes = bytes, .n = n, .name = name, .base_dir = base_dir, .options = options};
     return load(ctx, &r, out);
 }

@@ -38,22 +38,25 @@ static int fill(struct prt_draft *d, uint32_t n_vertex, const float (*position)[
     for (uint32_t t = 0; !status && t < n_triangle; t++) {
         const uint32_t *i = triangle[t];
         if (i[0] >= n_vertex || i[1] >= n_vertex || i[2] >= n_vertex)
-            return prt_fail(d->ctx, PRT_ARG, "%s: triangle %u names a vertex beyond %u", d->name,
-                            t, n_vertex);
+            return prt_fail(d->ctx, PRT_ARG, "%s: triangle %u names a vertex beyond %u",
+                            d->name, t, n_vertex);
         status = prt_draft_triangle(d, i[0], i[1], i[2]);
     }
     d->n_object = 1;
     return status ? status
-                  : prt_draft_block(d, (struct prt_block){.n_vertex = n_vertex,
-                                                          .n_triangle = n_triangle});
+                  : prt_draft_block(
+                        d, (struct prt_block){.n_vertex = n_vertex, .n_triangle = n_triangle});
 }
 
-int prt_mesh_create(const struct prt_context *ctx, uint32_t n_vertex, const float (*position)[3],
-                    const float (*normal)[3], uint32_t n_triangle, const uint32_t (*triangle)[3],
-                    struct prt_mesh **out)
+int prt_mesh_create(const struct prt_context *ctx, uint32_t n_vertex,
+                    const float (*position)[3], const float (*normal)[3], uint32_t n_triangle,
+                    const uint32_t (*triangle)[3], struct prt_mesh **out)
 {
-    struct prt_draft d = {.ctx = ctx, .name = "mesh", .max_vertices = 1u << 29,
-                          .max_triangles = 1u << 29, .max_bytes = UINT64_MAX};
+    struct prt_draft d = {.ctx = ctx,
+                          .name = "mesh",
+                          .max_vertices = 1u << 29,
+                          .max_triangles = 1u << 29,
+                          .max_bytes = UINT64_MAX};
     struct prt_blob blob = {NULL, 0};
     struct prt_mesh *mesh = NULL;
     if (!n_vertex || !n_triangle)

@@ -41,8 +41,8 @@ static const uint8_t size_of[] = {0, 1, 1, 2, 2, 4, 4, 4, 8};
 
 static int type_of(const char *word)
 {
-    static const char *const old[] = {"char", "uchar", "short", "ushort", "int", "uint", "float",
-                                      "double"};
+    static const char *const old[] = {"char", "uchar", "short", "ushort",
+                                      "int",  "uint",  "float", "double"};
     static const char *const new[] = {"int8",  "uint8",  "int16",   "uint16",
                                       "int32", "uint32", "float32", "float64"};
     for (int i = 0; i < 8; i++)
@@ -55,8 +55,8 @@ static enum use use_of(const char *element, const char *name)
     static const struct {
         const char *name;
         enum use use;
-    } names[] = {{"x", X}, {"y", Y}, {"z", Z}, {"nx", NX}, {"ny", NY}, {"nz", NZ},
-                 {"s", U}, {"t", V}, {"u", U}, {"v", V}, {"texture_u", U}, {"texture_v", V}};
+    } names[] = {{"x", X}, {"y", Y}, {"z", Z}, {"nx", NX}, {"ny", NY},       {"nz", NZ},
+                 {"s", U}, {"t", V}, {"u", U}, {"v", V},   {"texture_u", U}, {"texture_v", V}};
     if (strcmp(element, "vertex"))
         return !strcmp(name, "vertex_indices") || !strcmp(name, "vertex_index") ? INDICES
                                                                                 : NOTHING;
@@ -134,10 +134,8 @@ static int read_header(struct ply *p)
                                                                    : 0;
         else if (!strcmp(word[0], "element") && n == 3)
             status = add_element(p, word[1], word[2]);
-        else if (!strcmp(word[0], "property"))
-            status = add_property(p, word, n);
-        else
-            status = bad(p, "an unknown line in the PLY header");
+        else if (!strcmp(word[0], "property")) status = add_property(p, word, n);
+        else status = bad(p, "an unknown line in the PLY header");
     }
     if (!status && !p->format) status = bad(p, "an unknown PLY format");
     return status;
@@ -155,15 +153,24 @@ static bool read_binary(struct ply *p, int type, double *out)
     uint32_t w4 = (uint32_t)w;
     float f;
     switch (type) {
-    case I8: *out = (int8_t)w; break;
-    case I16: *out = (int16_t)w; break;
-    case I32: *out = (int32_t)w4; break;
+    case I8:
+        *out = (int8_t)w;
+        break;
+    case I16:
+        *out = (int16_t)w;
+        break;
+    case I32:
+        *out = (int32_t)w4;
+        break;
     case F32:
         memcpy(&f, &w4, 4);
         *out = f;
         break;
-    case F64: memcpy(out, &w, 8); break;
-    default: *out = (double)w;
+    case F64:
+        memcpy(out, &w, 8);
+        break;
+    default:
+        *out = (double)w;
     }
     return true;
 }
@@ -256,12 +263,10 @@ static int read_element(struct ply *p, const struct element *e)
         double x[N_USE] = {0}, value;
         for (int i = 0; i < e->n && !status; i++) {
             const struct property *q = &p->property[e->first + i];
-            if (q->count_type)
-                status = read_list(p, q, strip);
+            if (q->count_type) status = read_list(p, q, strip);
             else if (!read_value(p, q->type, &value))
                 status = bad(p, "the file ends early or is no number");
-            else
-                x[q->use] = value;
+            else x[q->use] = value;
         }
         if (!status && vertex) status = store_vertex(p, first + (uint32_t)r, x);
     }

@@ -245,8 +245,9 @@ static void warn(const struct prt_context *ctx, const char *name, const struct p
                 "%s: open surface: single scattering and thickness leak through %u boundary "
                 "edges%s",
                 name, e->boundary,
-                e->boundary > 2 * (uint64_t)m->n_triangle ? " (most triangles are unconnected; weld the model)"
-                                            : "");
+                e->boundary > 2 * (uint64_t)m->n_triangle
+                    ? " (most triangles are unconnected; weld the model)"
+                    : "");
     if (e->crowded)
         prt_log(ctx, PRT_LOG_WARNING,
                 "%s: %u non-manifold edges: inside and outside are ambiguous there, so single "

@@ -55,7 +55,8 @@ static void write_bounds(FILE *f, const struct prt_mesh *mesh, const struct prt_
     for (uint32_t v = b->vertex_begin; v < b->vertex_begin + b->n_vertex; v++) {
         float x[3];
         own_units(mesh, v, x);
-        for (int c = 0; c < 3; c++) low[c] = fminf(low[c], x[c]), high[c] = fmaxf(high[c], x[c]);
+        for (int c = 0; c < 3; c++)
+            low[c] = fminf(low[c], x[c]), high[c] = fmaxf(high[c], x[c]);
     }
     fprintf(f, ",\"min\":[%.9g,%.9g,%.9g],\"max\":[%.9g,%.9g,%.9g]", low[0], low[1], low[2],
             high[0], high[1], high[2]);
@@ -81,8 +82,9 @@ static void write_json(FILE *f, const struct prt_mesh *mesh)
         bool same = a && object == b->object;
         object = b->object;
         fputs(same ? "," : a ? "]},{\"primitives\":[" : "{\"primitives\":[", f);
-        fprintf(f, "{\"attributes\":{\"POSITION\":%u,\"NORMAL\":%u,\"COLOR_0\":%u},"
-                   "\"indices\":%u,\"material\":0}",
+        fprintf(f,
+                "{\"attributes\":{\"POSITION\":%u,\"NORMAL\":%u,\"COLOR_0\":%u},"
+                "\"indices\":%u,\"material\":0}",
                 a, a + 1, a + 2, a + 3);
         n_node += !same;
         a += 4;
@@ -97,24 +99,28 @@ static void write_json(FILE *f, const struct prt_mesh *mesh)
         const struct prt_block *b = &mesh->block[i];
         if (!drawn(b)) continue;
         for (int k = 0; k < 3; k++) {
-            fprintf(f, "%s{\"bufferView\":%d,\"byteOffset\":%zu,\"componentType\":5126,"
-                       "\"count\":%u,\"type\":\"VEC3\"",
+            fprintf(f,
+                    "%s{\"bufferView\":%d,\"byteOffset\":%zu,\"componentType\":5126,"
+                    "\"count\":%u,\"type\":\"VEC3\"",
                     comma, k, (size_t)b->vertex_begin * 12, b->n_vertex);
             if (k == 0) write_bounds(f, mesh, b);
             fprintf(f, "}");
             comma = ",";
         }
-        fprintf(f, ",{\"bufferView\":3,\"byteOffset\":%zu,\"componentType\":5125,"
-                   "\"count\":%zu,\"type\":\"SCALAR\"}",
+        fprintf(f,
+                ",{\"bufferView\":3,\"byteOffset\":%zu,\"componentType\":5125,"
+                "\"count\":%zu,\"type\":\"SCALAR\"}",
                 (size_t)b->triangle_begin * 12, (size_t)b->n_triangle * 3);
     }
     fprintf(f, "],\"bufferViews\":[");
     for (int k = 0; k < 3; k++)
-        fprintf(f, "{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,\"byteStride\":12,"
-                   "\"target\":34962},",
+        fprintf(f,
+                "{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,\"byteStride\":12,"
+                "\"target\":34962},",
                 v * (size_t)k, v);
-    fprintf(f, "{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,\"target\":34963}],"
-               "\"buffers\":[{\"byteLength\":%zu}]}",
+    fprintf(f,
+            "{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,\"target\":34963}],"
+            "\"buffers\":[{\"byteLength\":%zu}]}",
             v * 3, t, v * 3 + t);
 }
 

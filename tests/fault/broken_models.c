@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Real broken models: each is refused with a line that names it, or loads; none crashes, hangs or
-// takes more than its limit. Without the development data one damaged in here stands for all.
+// Real broken models: each is refused with a line that names it, or loads; none crashes, hangs
+// or takes more than its limit. Without the development data one damaged in here stands for
+// all.
 #include "prt/mesh.h"
 
 #include <ftw.h>
@@ -36,7 +37,8 @@ static void check_mesh(const char *path, const struct prt_mesh *m)
     for (uint32_t v = 0; v < m->n_vertex; v++) {
         const float *n = m->normal[v], *p = m->position[v];
         float l = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
-        if (!(fabsf(l - 1) < 1e-3f) || !isfinite(p[0] + p[1] + p[2]) || m->weld[v] >= m->n_weld) {
+        if (!(fabsf(l - 1) < 1e-3f) || !isfinite(p[0] + p[1] + p[2]) ||
+            m->weld[v] >= m->n_weld) {
             complain(path, "a vertex is not sane");
             return;
         }
@@ -132,14 +134,15 @@ static void the_right_ones(void **state)
 static void every_byte_in_turn(void **state)
 {
     static const char json[] =
-        "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":["
+        "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":"
+        "["
         "{\"attributes\":{\"POSITION\":0}}]}],\"accessors\":[{\"bufferView\":0,\"count\":3,"
         "\"componentType\":5126,\"type\":\"VEC3\"}],\"bufferViews\":[{\"buffer\":0,"
         "\"byteLength\":36}],\"buffers\":[{\"byteLength\":36}]}";
     const float p[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
     uint8_t file[512], copy[512];
-    uint32_t n = (sizeof json - 1 + 3) & ~3u, head[5] = {0x46546c67, 2, 28 + n + 36, n, 0x4e4f534a},
-             chunk[2] = {36, 0x004e4942};
+    uint32_t n = (sizeof json - 1 + 3) & ~3u,
+             head[5] = {0x46546c67, 2, 28 + n + 36, n, 0x4e4f534a}, chunk[2] = {36, 0x004e4942};
     memset(file, ' ', sizeof file);
     memcpy(file, head, 20);
     memcpy(file + 20, json, sizeof json - 1);
@@ -159,11 +162,11 @@ static void every_byte_in_turn(void **state)
         n_error = 0;
         if (prt_mesh_load_memory(&ctx, "x", copy, 64 + n, NULL, &options, &mesh))
             assert_int_equal(n_error, 1);
-        else
-            check_mesh("x", mesh);
+        else check_mesh("x", mesh);
         prt_mesh_destroy(mesh);
-        assert_int_not_equal(prt_mesh_load_memory(&ctx, "x", file, i / 3, NULL, &options, &mesh),
-                             PRT_OK); // and cut there
+        assert_int_not_equal(
+            prt_mesh_load_memory(&ctx, "x", file, i / 3, NULL, &options, &mesh),
+            PRT_OK); // and cut there
     }
     assert_int_equal(n_failed, 0);
 }

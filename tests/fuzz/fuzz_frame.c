@@ -13,7 +13,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     size_t piece = size % 97 + 1, used;
     relight_decoder_init(&d, &limits);
     for (size_t at = 0; at < size && status >= 0; at += used) {
-        status = relight_decoder_feed(&d, data + at, size - at < piece ? size - at : piece, &used);
+        status =
+            relight_decoder_feed(&d, data + at, size - at < piece ? size - at : piece, &used);
         if (status == 1) protobuf_c_message_free_unpacked(relight_frame_unpack(&d.frame), NULL);
     }
     relight_decoder_finish(&d);

@@ -4,7 +4,9 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t n);
 
-static void quiet(void *user, enum prt_log_level level, const char *line) {}
+static void quiet(void *user, enum prt_log_level level, const char *line)
+{
+}
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t n)
 {

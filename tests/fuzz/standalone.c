@@ -75,13 +75,22 @@ static void add_seed(const char *path)
 static void one_change(void)
 {
     static const uint32_t odd[] = {0, 1, 0xff, 0x7f, 0x80, 0xffff, 0x7fffffff, 0x80000000, ~0u};
-    static const char *const text[] = {"0", "-1", "99999999999", "1e400", "{", "[", "\"", "null"};
+    static const char *const text[] = {"0", "-1", "99999999999", "1e400",
+                                       "{", "[",  "\"",          "null"};
     uint32_t at = now_n ? rnd((uint32_t)now_n) : 0, n, from;
     switch (now_n > 8 ? rnd(7) : 6) {
-    case 0: now[at] ^= (uint8_t)(1u << rnd(8)); break;
-    case 1: now[at] = (uint8_t)rnd(256); break;
-    case 2: memcpy(now + (at > now_n - 4 ? now_n - 4 : at), &odd[rnd(9)], 4); break;
-    case 3: now_n = at + 1; break;
+    case 0:
+        now[at] ^= (uint8_t)(1u << rnd(8));
+        break;
+    case 1:
+        now[at] = (uint8_t)rnd(256);
+        break;
+    case 2:
+        memcpy(now + (at > now_n - 4 ? now_n - 4 : at), &odd[rnd(9)], 4);
+        break;
+    case 3:
+        now_n = at + 1;
+        break;
     case 4: // take a piece out
         n = rnd((uint32_t)(now_n - at)) / 8;
         memmove(now + at, now + at + n, now_n - at - n);
@@ -123,10 +132,8 @@ int main(int argc, char **argv)
     for (int i = first; i < argc; i++) add_seed(argv[i]);
     if (!n_seed) return fprintf(stderr, "no seeds\n"), 2;
     signal(SIGALRM, on_signal);
-    if (__sanitizer_set_death_callback)
-        __sanitizer_set_death_callback(keep_input);
-    else
-        signal(SIGSEGV, on_signal), signal(SIGABRT, on_signal), signal(SIGBUS, on_signal);
+    if (__sanitizer_set_death_callback) __sanitizer_set_death_callback(keep_input);
+    else signal(SIGSEGV, on_signal), signal(SIGABRT, on_signal), signal(SIGBUS, on_signal);
     for (size_t i = 0; i < n_seed; i++) {
         memcpy(now, seed[i], now_n = seed_n[i]);
         run();

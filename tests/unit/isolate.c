@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The isolated child: results and log lines come back; crashes, endless loops, hunger for memory
-// and forbidden system calls do not reach the parent.
+// The isolated child: results and log lines come back; crashes, endless loops, hunger for
+// memory and forbidden system calls do not reach the parent.
 #include "prt/base.h"
 
 #include <errno.h>
