@@ -1,0 +1,702 @@
+// SPDX-License-Identifier: MIT
+// librelight against a scripted peer on a unix socket: what a real daemon rarely does on purpose:
+// answers in crumbs, out of order, in parts, late, damaged, or not at all.
+#include "frame.h"
+#include "relight.pb-c.h"
+#include "relight/relight.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <math.h>
+#include <poll.h>
+#include <pthread.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+// ---- the peer ------------------------------------------------------------------------------------
+
+struct peer;
+typedef void (*script_fn)(struct peer *peer);
+struct peer {
+    int listener, fd;
+    char path[108], address[128];
+    script_fn script;
+    pthread_t thread;
+    struct relight_decoder decoder;
+    size_t crumb;              // bytes a write; 0: whole
+    // what the scripts learn
+    uint64_t blob_bytes, cancelled;
+    unsigned n_cancel, n_ack, deadline_ms;
+};
+
+static bool peer_read(struct peer *p)
+{
+    if (p->decoder.ready) relight_decoder_commit(&p->decoder, 0);
+    for (;;) {
+        size_t n;
+        uint8_t *to = relight_decoder_space(&p->decoder, &n);
+        if (!to) return false;
+        ssize_t got = recv(p->fd, to, n, 0);
+        if (got <= 0) return false;
+        int status = relight_decoder_commit(&p->decoder, (size_t)got);
+        if (status < 0) return false;
+        if (status) return true;
+    }
+}
+
+static void peer_bytes(struct peer *p, const void *bytes, size_t n)
+{
+    const char *at = bytes;
+    while (n) {
+        size_t size = p->crumb && p->crumb < n ? p->crumb : n;
+        ssize_t put = send(p->fd, at, size, MSG_NOSIGNAL);
+        if (put <= 0) return;
+        at += put;
+        n -= (size_t)put;
+    }
+}
+
+static void peer_send(struct peer *p, uint16_t type, uint8_t flags, uint64_t id,
+                      const ProtobufCMessage *message, const void *payload, size_t size)
+{
+    struct relight_frame f = {.type = type, .flags = flags, .id = id, .payload_size = size};
+    uint8_t *bytes;
+    size_t n;
+    if (relight_frame_pack(&f, message, 0, size, &bytes, &n)) abort();
+    if (size) memcpy(bytes + n, payload, size);
+    peer_bytes(p, bytes, n + size);
+    free(bytes);
+}
+
+static void peer_answer(struct peer *p, const ProtobufCMessage *message, const void *payload,
+                        size_t size)
+{
+    peer_send(p, p->decoder.frame.type | RELIGHT_TYPE_ANSWER, RELIGHT_FRAME_LAST,
+              p->decoder.frame.id, message, payload, size);
+}
+
+static void peer_pong(struct peer *p)
+{
+    Relight__PingAnswer pong = RELIGHT__PING_ANSWER__INIT;
+    peer_answer(p, &pong.base, NULL, 0);
+}
+
+static void peer_hello(struct peer *p)
+{
+    Relight__HelloAnswer m = RELIGHT__HELLO_ANSWER__INIT;
+    static char *presets[] = {"marble"};
+    if (!peer_read(p) || p->decoder.frame.type != RELIGHT_TYPE_HELLO) return;
+    m.server = "peer";
+    m.version = 1;
+    m.max_payload = 8 << 20;
+    m.max_in_flight = 64;
+    m.chunk = 1000;
+    m.presets = presets;
+    m.n_presets = 1;
+    peer_answer(p, &m.base, NULL, 0);
+}
+
+static void *peer_main(void *arg)
+{
+    struct peer *p = arg;
+    p->fd = accept(p->listener, NULL, NULL);
+    struct relight_frame_limits limits = {1 << 16, 16 << 20};
+    relight_decoder_init(&p->decoder, &limits);
+    p->script(p);
+    relight_decoder_finish(&p->decoder);
+    close(p->fd);
+    return NULL;
+}
+
+static void peer_start(struct peer *p, script_fn script, size_t crumb)
+{
+    *p = (struct peer){.script = script, .crumb = crumb};
+    snprintf(p->path, sizeof p->path, "/tmp/relight-test-%ld.sock", (long)getpid());
+    snprintf(p->address, sizeof p->address, "unix:%s", p->path);
+    unlink(p->path);
+    struct sockaddr_un at = {.sun_family = AF_UNIX};
+    snprintf(at.sun_path, sizeof at.sun_path, "%.100s", p->path);
+    p->listener = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    assert_int_equal(bind(p->listener, (struct sockaddr *)&at, sizeof at), 0);
+    assert_int_equal(listen(p->listener, 4), 0);
+    assert_int_equal(pthread_create(&p->thread, NULL, peer_main, p), 0);
+}
+
+static struct relight_client *connect_to(struct peer *p, double timeout_s)
+{
+    struct relight_options options = {.timeout_s = timeout_s};
+    struct relight_client *client = NULL;
+    struct relight_error error;
+    if (relight_connect(p->address, &options, &client, &error)) fail_msg("%s", error.text);
+    return client;
+}
+
+static void peer_stop(struct peer *p, struct relight_client *client)
+{
+    relight_close(client);
+    pthread_join(p->thread, NULL);
+    close(p->listener);
+    unlink(p->path);
+}
+
+// ---- scripts and tests -----------------------------------------------------------------------------
+
+static void pong_script(struct peer *p)
+{
+    peer_hello(p);
+    while (peer_read(p)) peer_pong(p);
+}
+
+static void crumbs(void **state)
+{
+    struct peer p;
+    double seconds;
+    for (size_t crumb = 1; crumb < 40; crumb += 12) {
+        peer_start(&p, pong_script, crumb);
+        struct relight_client *client = connect_to(&p, 5);
+        assert_string_equal(relight_server(client)->name, "peer");
+        assert_string_equal(relight_server(client)->preset[0], "marble");
+        for (int i = 0; i < 20; i++) assert_int_equal(relight_ping(client, &seconds, NULL), 0);
+        peer_stop(&p, client);
+    }
+}
+
+// Three requests; answered last to first; n_vertex tells whose answer it is.
+static void reverse_script(struct peer *p)
+{
+    uint64_t id[3];
+    peer_hello(p);
+    for (int i = 0; i < 3; i++) {
+        if (!peer_read(p)) return;
+        id[i] = p->decoder.frame.id;
+    }
+    for (int i = 2; i >= 0; i--) {
+        Relight__ColorsAnswer m = RELIGHT__COLORS_ANSWER__INIT;
+        float rgb[9] = {(float)i};
+        m.n_vertex = (uint32_t)i + 1;
+        m.n_plane = 1;
+        m.plane_bytes = 12 * m.n_vertex;
+        peer_send(p, RELIGHT_TYPE_COLORS | RELIGHT_TYPE_ANSWER, RELIGHT_FRAME_LAST, id[i], &m.base,
+                  rgb, m.plane_bytes);
+    }
+    while (peer_read(p)) peer_pong(p);
+}
+
+static const struct relight_light sky = {.env = "constant"};
+
+static void out_of_order(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    peer_start(&p, reverse_script, 0);
+    struct relight_client *client = connect_to(&p, 5);
+    struct relight_colors_request request = {.model = "m", .n_light = 1, .lights = &sky};
+    uint64_t id[3];
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(relight_colors_begin(client, &request, 0, id + i, &error), 0);
+    for (int i = 0; i < 3; i++) {
+        struct relight_colors colors;
+        float rgb[9];
+        assert_int_equal(relight_colors_end(client, id[i], &colors, &error), 0);
+        assert_int_equal(colors.n_vertex, i + 1);
+        assert_int_equal(relight_colors_decode(&colors, 0, rgb), 0);
+        assert_true(rgb[0] == (float)i);
+        relight_colors_finish(&colors);
+    }
+    assert_int_equal(relight_colors_end(client, id[0], NULL, &error), -RELIGHT_E_ARGUMENT);
+    peer_stop(&p, client);
+}
+
+// A picture in three frames, with another request's answer between them.
+static void parts_script(struct peer *p)
+{
+    Relight__ImageAnswer m = RELIGHT__IMAGE_ANSWER__INIT;
+    Relight__PingAnswer pong = RELIGHT__PING_ANSWER__INIT;
+    uint16_t type = RELIGHT_TYPE_IMAGE | RELIGHT_TYPE_ANSWER;
+    peer_hello(p);
+    if (!peer_read(p)) return;
+    uint64_t id = p->decoder.frame.id;
+    if (!peer_read(p)) return;
+    m.width = m.height = 10;
+    peer_send(p, type, RELIGHT_FRAME_MORE, id, &m.base, "abc", 3);
+    peer_send(p, type, RELIGHT_FRAME_MORE, id, NULL, "defg", 4);
+    peer_send(p, RELIGHT_TYPE_PING | RELIGHT_TYPE_ANSWER, RELIGHT_FRAME_LAST,
+              p->decoder.frame.id, &pong.base, NULL, 0);
+    peer_send(p, type, RELIGHT_FRAME_LAST, id, NULL, "hi", 2);
+    peer_read(p);
+}
+
+static void parts(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    struct relight_image image;
+    struct relight_image_request request = {.model = "m", .n_light = 1, .lights = &sky};
+    uint64_t id;
+    double seconds;
+    peer_start(&p, parts_script, 5);
+    struct relight_client *client = connect_to(&p, 5);
+    assert_int_equal(relight_image_begin(client, &request, 0, &id, &error), 0);
+    assert_int_equal(relight_ping(client, &seconds, &error), 0);
+    assert_int_equal(relight_image_end(client, id, &image, &error), 0);
+    assert_int_equal(image.n_byte, 9);
+    assert_memory_equal(image.data, "abcdefghi", 9);
+    relight_image_finish(&image);
+    peer_stop(&p, client);
+}
+
+static void error_script(struct peer *p)
+{
+    Relight__Error m = RELIGHT__ERROR__INIT;
+    peer_hello(p);
+    m.code = RELIGHT__ERROR_CODE__ERROR_BUSY;
+    m.text = "the queue is full";
+    m.hint = "wait";
+    m.retry_after_ms = 70;
+    if (peer_read(p))
+        peer_send(p, RELIGHT_TYPE_ERROR, RELIGHT_FRAME_LAST, p->decoder.frame.id, &m.base, NULL, 0);
+    if (peer_read(p)) peer_pong(p);
+    m.code = RELIGHT__ERROR_CODE__ERROR_BAD_FRAME;
+    m.text = "that was no frame";
+    if (peer_read(p)) peer_send(p, RELIGHT_TYPE_ERROR, RELIGHT_FRAME_LAST, 0, &m.base, NULL, 0);
+}
+
+static void errors(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    peer_start(&p, error_script, 0);
+    struct relight_client *client = connect_to(&p, 5);
+    assert_int_equal(relight_ping(client, NULL, &error), -RELIGHT_E_BUSY);
+    assert_int_equal(error.code, RELIGHT_E_BUSY);
+    assert_string_equal(error.text, "the queue is full");
+    assert_string_equal(error.hint, "wait");
+    assert_int_equal(error.retry_after_ms, 70);
+    assert_int_equal(relight_ping(client, NULL, &error), 0); // the connection lives on
+    // Request id 0 speaks of the connection: everything ends with that error.
+    assert_int_equal(relight_ping(client, NULL, &error), -RELIGHT_E_BAD_FRAME);
+    assert_string_equal(error.text, "that was no frame");
+    assert_int_equal(relight_ping(client, NULL, &error), -RELIGHT_E_BAD_FRAME);
+    peer_stop(&p, client);
+}
+
+// Says nothing to the first request; answers it after the second, when nobody waits any more.
+static void late_script(struct peer *p)
+{
+    Relight__PingAnswer pong = RELIGHT__PING_ANSWER__INIT;
+    uint64_t late;
+    peer_hello(p);
+    if (!peer_read(p)) return;
+    late = p->decoder.frame.id;
+    p->deadline_ms = p->decoder.frame.deadline_ms;
+    if (p->decoder.frame.deadline_ms != 50) return;
+    while (peer_read(p)) {
+        if (p->decoder.frame.type == RELIGHT_TYPE_CANCEL) {
+            Relight__CancelRequest *m = (Relight__CancelRequest *)relight_frame_unpack(&p->decoder.frame);
+            Relight__CancelAnswer answer = RELIGHT__CANCEL_ANSWER__INIT;
+            p->n_cancel++;
+            p->cancelled = m->id;
+            protobuf_c_message_free_unpacked(&m->base, NULL);
+            peer_answer(p, &answer.base, NULL, 0);
+            continue;
+        }
+        peer_send(p, RELIGHT_TYPE_PING | RELIGHT_TYPE_ANSWER, RELIGHT_FRAME_LAST, late, &pong.base,
+                  NULL, 0);
+        peer_pong(p);
+    }
+}
+
+static void timeouts(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    peer_start(&p, late_script, 0);
+    struct relight_client *client = connect_to(&p, 0.05);
+    assert_int_equal(relight_ping(client, NULL, &error), -RELIGHT_E_TIMEOUT);
+    assert_int_equal(relight_ping(client, NULL, &error), 0);
+    peer_stop(&p, client);
+    assert_int_equal(p.deadline_ms, 50);
+    assert_int_equal(p.n_cancel, 1);
+    assert_int_equal(p.cancelled, 2); // HELLO was 1
+}
+
+static void hangup_script(struct peer *p)
+{
+    peer_hello(p);
+    peer_read(p);
+}
+
+static void silent_script(struct peer *p)
+{
+    peer_read(p);
+}
+
+static void foreign_script(struct peer *p)
+{
+    static const char http[] = "HTTP/1.1 400 Bad Request\r\nConnection: close\r\n\r\n";
+    peer_bytes(p, http, sizeof http - 1);
+    peer_read(p);
+}
+
+static void unreachable(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    struct relight_client *client = NULL;
+    assert_int_equal(relight_connect("unix:/nowhere/at/all", NULL, &client, &error),
+                     -RELIGHT_E_UNREACHABLE);
+    assert_int_equal(relight_connect("tcp:127.0.0.1:1", NULL, &client, &error),
+                     -RELIGHT_E_UNREACHABLE);
+    assert_int_equal(relight_connect("http://x", NULL, &client, &error), -RELIGHT_E_ARGUMENT);
+    assert_int_equal(relight_connect("tcp:127.0.0.1:99999", NULL, &client, &error),
+                     -RELIGHT_E_ARGUMENT);
+    assert_int_equal(relight_connect("tcp:[::1", NULL, &client, &error), -RELIGHT_E_ARGUMENT);
+    peer_start(&p, silent_script, 0);
+    struct relight_options hurry = {.connect_timeout_s = 0.1};
+    assert_int_equal(relight_connect(p.address, &hurry, &client, &error), -RELIGHT_E_UNREACHABLE);
+    peer_stop(&p, NULL);
+    peer_start(&p, foreign_script, 0);
+    assert_int_equal(relight_connect(p.address, NULL, &client, &error), -RELIGHT_E_UNREACHABLE);
+    assert_non_null(strstr(error.text, "RLGT"));
+    peer_stop(&p, NULL);
+    assert_null(client);
+    peer_start(&p, hangup_script, 0);
+    client = connect_to(&p, 5);
+    assert_int_equal(relight_ping(client, NULL, &error), -RELIGHT_E_DISCONNECTED);
+    assert_int_equal(relight_ping(client, NULL, &error), -RELIGHT_E_DISCONNECTED);
+    peer_stop(&p, client);
+}
+
+// Answers that describe more than they carry, one after the other; the connection survives them.
+static void lies_script(struct peer *p)
+{
+    static uint8_t bytes[256];
+    Relight__ColorsAnswer c = RELIGHT__COLORS_ANSWER__INIT;
+    Relight__GeometryAnswer g = RELIGHT__GEOMETRY_ANSWER__INIT;
+    Relight__ImageAnswer m = RELIGHT__IMAGE_ANSWER__INIT;
+    peer_hello(p);
+    for (int i = 0; i < 6 && peer_read(p); i++) {
+        c.n_vertex = i == 1 ? UINT32_MAX : 2;
+        c.n_plane = i == 2 ? UINT32_MAX : i == 3 ? 0 : 1;
+        c.plane_bytes = i == 2 ? UINT64_MAX / 64 * 64 : i == 5 ? 23 : 24;
+        c.format = (Relight__ColorFormat)(i == 4 ? 99 : 0);
+        peer_answer(p, &c.base, bytes, i == 0 ? 23 : 24);
+    }
+    static const uint32_t offsets[][3] = {{0, 0, 64}, {4, 0, 64}, {0, 0, 320}, {0, 0, 192}};
+    memset(bytes + 64, 0xff, 12);
+    for (int i = 0; i < 4 && peer_read(p); i++) {
+        g.n_vertex = 3;
+        g.n_triangle = i == 3 ? 6 : 1;
+        g.positions_offset = offsets[i][0];
+        g.normals_offset = offsets[i][1];
+        g.triangles_offset = offsets[i][2];
+        peer_answer(p, &g.base, bytes, sizeof bytes);
+    }
+    m.width = m.height = 100;
+    m.format = RELIGHT__IMAGE_FORMAT__IMAGE_RGB8;
+    if (peer_read(p)) peer_answer(p, &m.base, bytes, sizeof bytes);
+    while (peer_read(p)) peer_pong(p);
+}
+
+static void lies(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    struct relight_colors colors;
+    struct relight_geometry geometry;
+    struct relight_image image;
+    struct relight_colors_request request = {.model = "m", .n_light = 1, .lights = &sky};
+    struct relight_image_request picture = {.model = "m", .n_light = 1, .lights = &sky};
+    peer_start(&p, lies_script, 0);
+    struct relight_client *client = connect_to(&p, 5);
+    for (int i = 0; i < 6; i++)
+        assert_int_equal(relight_colors(client, &request, &colors, &error), -RELIGHT_E_PROTOCOL);
+    for (int i = 0; i < 4; i++)
+        assert_int_equal(relight_geometry(client, "m", false, &geometry, &error),
+                         -RELIGHT_E_PROTOCOL);
+    assert_int_equal(relight_image(client, &picture, &image, &error), -RELIGHT_E_PROTOCOL);
+    assert_int_equal(relight_ping(client, NULL, &error), 0);
+    // A wrong type of answer.
+    assert_int_equal(relight_colors(client, &request, &colors, &error), 0 - RELIGHT_E_PROTOCOL);
+    peer_stop(&p, client);
+}
+
+// Bytes that break framing, or a header that does not parse: the connection is given up.
+static const struct {
+    const char *bytes;
+    size_t n;
+} damage[] = {
+    {"RLGT\x01\x02\x02\x80\x02\0\0\0\0\0\0\0\x04\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\xff\xff\xff\xff", 36},
+    {"RLGT\x01\x02\x02\x80\x02\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\xff", 32},
+    {"RLGT\x01\x02\x02\x80\x02\0\0\0\0\0\0\0\xff\xff\xff\x7f\0\0\0\0\0\0\0\0\0\0\0\0", 32},
+    {"RLGT\x01\x02\x02\x00\x02\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0", 32},
+    {"RLGT\x01\xf2\x02\x80\x02\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0", 32},
+};
+static unsigned damage_at;
+
+static void damage_script(struct peer *p)
+{
+    peer_hello(p);
+    if (peer_read(p)) peer_bytes(p, damage[damage_at].bytes, damage[damage_at].n);
+    peer_read(p);
+}
+
+static void damaged(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    for (damage_at = 0; damage_at < sizeof damage / sizeof *damage; damage_at++) {
+        peer_start(&p, damage_script, 0);
+        struct relight_client *client = connect_to(&p, 5);
+        assert_int_equal(relight_ping(client, NULL, &error), -RELIGHT_E_PROTOCOL);
+        peer_stop(&p, client);
+    }
+}
+
+// A store of one blob, as PROTOCOL.md has it.
+static void blob_script(struct peer *p)
+{
+    uint64_t received = 0;
+    peer_hello(p);
+    while (peer_read(p)) {
+        struct relight_frame *f = &p->decoder.frame;
+        Relight__PutBlobRequest *m = (Relight__PutBlobRequest *)relight_frame_unpack(f);
+        Relight__PutBlobAnswer a = RELIGHT__PUT_BLOB_ANSWER__INIT;
+        p->blob_bytes += f->payload_size;
+        if (m->offset == received) received += f->payload_size;
+        a.received = received;
+        a.complete = received == m->size;
+        protobuf_c_message_free_unpacked(&m->base, NULL);
+        peer_answer(p, &a.base, NULL, 0);
+    }
+}
+
+static int count_progress(void *user, const struct relight_progress *progress)
+{
+    ++*(int *)user;
+    return 0;
+}
+
+static void uploads(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    char bytes[10500], hash[65], again[65];
+    uint64_t sent;
+    int calls = 0;
+    for (size_t i = 0; i < sizeof bytes; i++) bytes[i] = (char)(i * 7);
+    peer_start(&p, blob_script, 0);
+    struct relight_client *client = connect_to(&p, 5);
+    assert_int_equal(relight_upload(client, "x", bytes, sizeof bytes, count_progress, &calls, hash,
+                                    &sent, &error), 0);
+    assert_int_equal(sent, sizeof bytes);
+    assert_int_equal(calls, 11); // chunks of 1000
+    assert_int_equal(relight_upload(client, "x", bytes, sizeof bytes, NULL, NULL, again, &sent,
+                                    &error), 0);
+    assert_int_equal(sent, 0);
+    assert_string_equal(hash, again);
+    relight_hash(bytes, sizeof bytes, again);
+    assert_string_equal(hash, again);
+    assert_int_equal(relight_upload(client, "x", bytes, 0, NULL, NULL, again, NULL, &error),
+                     -RELIGHT_E_ARGUMENT);
+    assert_int_equal(relight_upload_file(client, "/nowhere.hdr", NULL, NULL, again, NULL, &error),
+                     -RELIGHT_E_FILE);
+    assert_non_null(strstr(error.text, "/nowhere.hdr"));
+    peer_stop(&p, client);
+    assert_int_equal(p.blob_bytes, sizeof bytes);
+}
+
+static void *ping_many(void *arg)
+{
+    intptr_t bad = 0;
+    for (int i = 0; i < 200; i++) bad += relight_ping(arg, NULL, NULL) != 0;
+    return (void *)bad;
+}
+
+static void threads(void **state)
+{
+    struct peer p;
+    pthread_t thread[4];
+    peer_start(&p, pong_script, 0);
+    struct relight_client *client = connect_to(&p, 10);
+    for (int i = 0; i < 4; i++)
+        assert_int_equal(pthread_create(thread + i, NULL, ping_many, client), 0);
+    for (int i = 0; i < 4; i++) {
+        void *bad;
+        pthread_join(thread[i], &bad);
+        assert_null(bad);
+    }
+    peer_stop(&p, client);
+}
+
+// Answers before it has read the request whole, more than the socket buffers hold: a client that
+// only writes while it sends would never finish.
+static void flood_script(struct peer *p)
+{
+    static uint8_t bytes[4 << 20];
+    peer_hello(p);
+    for (int i = 0; i < 2; i++) {
+        Relight__ColorsAnswer m = RELIGHT__COLORS_ANSWER__INIT;
+        m.n_vertex = sizeof bytes / 12;
+        m.n_plane = 1;
+        m.plane_bytes = sizeof bytes;
+        // HELLO was 1: the requests are 2 and 3.
+        peer_send(p, RELIGHT_TYPE_COLORS | RELIGHT_TYPE_ANSWER, RELIGHT_FRAME_LAST,
+                  2 + (uint64_t)i, &m.base, bytes, sizeof bytes);
+        if (!peer_read(p)) return;
+    }
+    while (peer_read(p)) peer_pong(p);
+}
+
+static void both_ways(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    float *cube = calloc(6 * 128 * 128 * 3, sizeof *cube);
+    struct relight_light lights[4];
+    uint64_t id[2];
+    for (int i = 0; i < 4; i++) lights[i] = (struct relight_light){.cube_n = 128, .cube = cube};
+    struct relight_colors_request request = {.model = "m", .n_light = 4, .lights = lights};
+    peer_start(&p, flood_script, 0);
+    struct relight_client *client = connect_to(&p, 10);
+    for (int i = 0; i < 2; i++)
+        assert_int_equal(relight_colors_begin(client, &request, 0, id + i, &error), 0);
+    for (int i = 0; i < 2; i++) {
+        struct relight_colors colors;
+        assert_int_equal(relight_colors_end(client, id[i], &colors, &error), 0);
+        assert_int_equal((uintptr_t)colors.data % 64, 0);
+        relight_colors_finish(&colors);
+    }
+    lights[0].cube_n = 20;
+    assert_int_equal(relight_colors_begin(client, &request, 0, id, &error), -RELIGHT_E_ARGUMENT);
+    peer_stop(&p, client);
+    free(cube);
+}
+
+static void view_script(struct peer *p)
+{
+    uint64_t view;
+    peer_hello(p);
+    if (!peer_read(p)) return;
+    view = p->decoder.frame.id;
+    for (uint64_t i = 1; i <= 6; i++) {
+        Relight__ViewFrame m = RELIGHT__VIEW_FRAME__INIT;
+        Relight__ImageAnswer image = RELIGHT__IMAGE_ANSWER__INIT;
+        Relight__Error error = RELIGHT__ERROR__INIT;
+        char byte = (char)('0' + i);
+        m.frame = i;
+        image.width = image.height = 8;
+        if (i < 6) m.image = &image;
+        else m.error = &error;
+        error.code = RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
+        error.text = "eta 9 is outside [1, 3]";
+        if (i == 6) { // the client has seen the others
+            if (!peer_read(p)) return;
+            p->n_ack++;
+        }
+        peer_send(p, RELIGHT_TYPE_VIEW_OPEN | RELIGHT_TYPE_ANSWER, 0, view, &m.base, &byte, 1);
+    }
+    while (peer_read(p)) {
+        if (p->decoder.frame.type == RELIGHT_TYPE_VIEW_CLOSE) {
+            Relight__ViewCloseAnswer a = RELIGHT__VIEW_CLOSE_ANSWER__INIT;
+            Relight__ViewFrame m = RELIGHT__VIEW_FRAME__INIT;
+            a.frames = 6;
+            peer_send(p, RELIGHT_TYPE_VIEW_OPEN | RELIGHT_TYPE_ANSWER, RELIGHT_FRAME_LAST, view,
+                      &m.base, NULL, 0);
+            peer_answer(p, &a.base, NULL, 0);
+        } else {
+            p->n_ack++;
+        }
+    }
+}
+
+static void views(void **state)
+{
+    struct peer p;
+    struct relight_error error;
+    struct relight_view *view;
+    struct relight_frame_out frame;
+    struct relight_view_request request = {.model = "m", .n_light = 1, .lights = &sky};
+    uint64_t frames;
+    peer_start(&p, view_script, 0);
+    struct relight_client *client = connect_to(&p, 5);
+    assert_int_equal(relight_view_open(client, &request, &view, &error), 0);
+    usleep(100000); // let all five arrive
+    assert_int_equal(relight_view_next(view, 5, &frame, &error), 0);
+    assert_int_equal(frame.frame, 5);
+    assert_int_equal(frame.skipped, 4);
+    assert_true(frame.has_image);
+    assert_memory_equal(frame.image.data, "5", 1);
+    relight_frame_out_finish(&frame);
+    assert_int_equal(relight_view_next(view, 5, &frame, &error), -RELIGHT_E_OUT_OF_RANGE);
+    assert_string_equal(error.text, "eta 9 is outside [1, 3]");
+    assert_int_equal(relight_view_next(view, 0.05, &frame, &error), -RELIGHT_E_TIMEOUT);
+    assert_int_equal(relight_view_close(view, &frames, NULL, &error), 0);
+    assert_int_equal(frames, 6);
+    peer_stop(&p, client);
+    assert_true(p.n_ack >= 2);
+}
+
+static void formats(void **state)
+{
+    // Every half against its definition.
+    for (uint32_t h = 0; h < 65536; h++) {
+        uint16_t half = (uint16_t)h;
+        float got;
+        relight_decode_f16(&half, 1, &got);
+        unsigned e = h >> 10 & 31, m = h & 1023;
+        double want = e == 31 ? (m ? NAN : INFINITY)
+                      : e ? ldexp(1024 + m, (int)e - 25) : ldexp(m, -24);
+        if (h >> 15) want = -want;
+        if (isnan(want)) assert_true(isnan(got));
+        else assert_true((double)got == want);
+    }
+    uint32_t packed[3] = {0x81010100, 0, 0xf80001ff};
+    float rgb[9], want[9] = {1, .5f, .25f, 0, 0, 0, 65408, 0, 0};
+    relight_decode_rgb9e5(packed, 3, rgb);
+    assert_memory_equal(rgb, want, sizeof want);
+    uint32_t smallest = 1; // 2^-24
+    relight_decode_rgb9e5(&smallest, 1, rgb);
+    assert_true(rgb[0] == 0x1p-24f);
+    uint8_t srgb[8] = {0, 10, 11, 255, 128, 255, 1, 255};
+    relight_decode_srgb8(srgb, 2, rgb);
+    assert_true(rgb[0] == 0 && rgb[4] == 1);
+    assert_true(fabs(rgb[1] - 10 / 255.0 / 12.92) < 1e-7);
+    assert_true(fabs(rgb[2] - pow((11 / 255.0 + 0.055) / 1.055, 2.4)) < 1e-7);
+    assert_true(fabs(rgb[3] - 0.2158605) < 1e-6);
+}
+
+static void cameras(void **state)
+{
+    struct relight_camera c;
+    assert_int_equal(relight_camera_parse("0,1,3:0,.5,0", &c, NULL), 0);
+    assert_true(c.set && c.eye[2] == 3 && c.target[1] == .5f && c.fovy_deg == 0);
+    assert_int_equal(relight_camera_parse("0,1,3:0,0,0:0,0,1:35", &c, NULL), 0);
+    assert_true(c.up[2] == 1 && c.fovy_deg == 35);
+    assert_int_equal(relight_camera_parse("0,1,3:0,0,0:35", &c, NULL), 0);
+    assert_true(c.up[2] == 0 && c.fovy_deg == 35);
+    static const char *const bad[] = {"", "1,2,3", "1,2:3,4,5", "1,2,3:4,5,6:", "1,2,3:4,5,6:170",
+                                      "1,2,3:4,5,6:0,1,0:35:1", "nan,0,0:0,0,0", "1,2,3:4,5,6x",
+                                      "1,2,3:4,5,6:0,1,0:0,1,0", "1,2,3:4,5,6:35:0,1,0"};
+    for (unsigned i = 0; i < sizeof bad / sizeof *bad; i++)
+        assert_int_equal(relight_camera_parse(bad[i], &c, NULL), -RELIGHT_E_ARGUMENT);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(crumbs),  cmocka_unit_test(out_of_order), cmocka_unit_test(parts),
+        cmocka_unit_test(errors),  cmocka_unit_test(timeouts),     cmocka_unit_test(unreachable),
+        cmocka_unit_test(lies),    cmocka_unit_test(damaged),      cmocka_unit_test(uploads),
+        cmocka_unit_test(threads), cmocka_unit_test(both_ways),    cmocka_unit_test(views),
+        cmocka_unit_test(formats), cmocka_unit_test(cameras),
+    };
+    return cmocka_run_group_tests_name("client", tests, NULL, NULL);
+}
