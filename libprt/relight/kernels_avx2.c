@@ -85,6 +85,15 @@ INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
     }
 }
 
+// Entries [.., safe) of a row that stops at `stop` may be read in whole vectors: what lies behind
+// an entry is then still in the array (and is not stored).
+static uint64_t safe_end(const struct prt_rows *rows, uint64_t stop)
+{
+    uint64_t n_entry = rows->begin[rows->n_row], over = CHUNK / rows->n_function + 1;
+    uint64_t safe = n_entry > over ? n_entry - over : 0;
+    return stop < safe ? stop : safe;
+}
+
 // Lane i of vector z holds value 8z+i, whose channel is (8z+i) % 3 = (2z+i) % 3.
 INLINE __m256i channel_map(uint32_t z)
 {
@@ -114,16 +123,19 @@ INLINE void diagonal_part(const struct prt_rows *rows, uint32_t row, const float
         map[z] = channel_map(j0 / 8 + z);
         have[z] = left < 8 ? left : 8;
     }
-    // up to here, whole vectors stay inside the array; what lies beyond an entry is not stored
-    const uint64_t n_entry = rows->begin[rows->n_row], over = CHUNK / n + 1;
-    const uint64_t safe = n_entry > over ? n_entry - over : 0;
-    const char *entry = (const char *)rows->entry + (rows->begin[row] * n + j0) * size;
-    for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++, entry += n * size) {
+    uint64_t e = rows->begin[row], stop = rows->begin[row + 1], safe = safe_end(rows, stop);
+    const char *entry = (const char *)rows->entry + (e * n + j0) * size;
+    for (; e < safe; e++, entry += n * size) {
         const float *l = light + 4ull * rows_index(rows, e);
         for (uint32_t z = 0; z < nz; z++)
-            sum[z] = _mm256_fmadd_ps(
-                load_values(entry + 8 * z * size, i8, e < safe ? CHUNK : have[z]),
-                light_lanes(l, map[z]), sum[z]);
+            sum[z] = _mm256_fmadd_ps(load_values(entry + 8 * z * size, i8, CHUNK),
+                                     light_lanes(l, map[z]), sum[z]);
+    }
+    for (; e < stop; e++, entry += n * size) {
+        const float *l = light + 4ull * rows_index(rows, e);
+        for (uint32_t z = 0; z < nz; z++)
+            sum[z] = _mm256_fmadd_ps(load_values(entry + 8 * z * size, i8, have[z]),
+                                     light_lanes(l, map[z]), sum[z]);
     }
     for (size_t f = 0; f < 6; f++)
         for (uint32_t z = 0; z < nz; z++)
@@ -225,14 +237,20 @@ INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *li
         have[z] = left < 8 ? left : 8;
         for (int ch = 0; ch < 3; ch++) sum[z][ch] = dc[z][ch] = _mm256_setzero_ps();
     }
-    // up to here, whole vectors stay inside the array; what lies beyond an entry is not stored
-    const uint64_t n_entry = rows->begin[rows->n_row], over = CHUNK / n + 1;
-    const uint64_t safe = n_entry > over ? n_entry - over : 0;
-    const char *entry = (const char *)rows->entry + (rows->begin[row] * n + j0) * size;
-    for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++, entry += n * size) {
+    uint64_t e = rows->begin[row], stop = rows->begin[row + 1], safe = safe_end(rows, stop);
+    const char *entry = (const char *)rows->entry + (e * n + j0) * size;
+    for (; e < safe; e++, entry += n * size) {
         const float *l = light + 4ull * rows_index(rows, e);
         for (uint32_t z = 0; z < nz; z++) {
-            __m256 v = load_values(entry + 8 * z * size, i8, e < safe ? CHUNK : have[z]);
+            __m256 v = load_values(entry + 8 * z * size, i8, CHUNK);
+            for (int ch = 0; ch < 3; ch++)
+                sum[z][ch] = _mm256_fmadd_ps(v, _mm256_broadcast_ss(l + ch), sum[z][ch]);
+        }
+    }
+    for (; e < stop; e++, entry += n * size) {
+        const float *l = light + 4ull * rows_index(rows, e);
+        for (uint32_t z = 0; z < nz; z++) {
+            __m256 v = load_values(entry + 8 * z * size, i8, have[z]);
             for (int ch = 0; ch < 3; ch++)
                 sum[z][ch] = _mm256_fmadd_ps(v, _mm256_broadcast_ss(l + ch), sum[z][ch]);
         }

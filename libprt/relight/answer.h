@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: MIT
+// Between answer.c and coef.c.
+#ifndef PRT_RELIGHT_ANSWER_H
+#define PRT_RELIGHT_ANSWER_H
+
+#include "prt/relight.h"
+
+// coef[n_radial][3] of a material in a tensor's own radial basis (FULL, RADIAL): R_d for
+// multiple, e^(-sigma_t r) for single scattering. Warns when the basis does not cover it.
+int relight_material_coef(const struct prt_context *ctx, const struct prt_transport *transport,
+                          const struct prt_tensor *tensor, const struct prt_material *material,
+                          float *coef);
+
+#endif

@@ -1,0 +1,5 @@
+# prt-bench: every .c file here is a benchmark (see bench.h).
+file(GLOB prt_bench_sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_LIST_DIR}/*.c)
+add_executable(prt-bench ${prt_bench_sources})
+target_link_libraries(prt-bench PRIVATE prt_options prt m)
+install(TARGETS prt-bench RUNTIME DESTINATION bin)

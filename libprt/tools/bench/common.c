@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: MIT
+// JSON lines, timing, and the machine's read bandwidth.
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bench.h"
+
+void bench_begin(const struct bench_env *env, const char *figure)
+{
+    printf("{\"bench\": \"%s\", \"cpu\": \"%s\", \"threads\": %u", figure, env->cpu_name,
+           env->threads);
+}
+
+void bench_number(const char *key, double value)
+{
+    if (isfinite(value))
+        printf(", \"%s\": %.6g", key, value);
+    else
+        printf(", \"%s\": null", key);
+}
+
+void bench_text(const char *key, const char *value)
+{
+    printf(", \"%s\": \"", key);
+    for (; *value; value++) {
+        if (*value == '"' || *value == '\\') putchar('\\');
+        putchar((unsigned char)*value < 32 ? ' ' : *value);
+    }
+    putchar('"');
+}
+
+void bench_end(void)
+{
+    puts("}");
+    fflush(stdout);
+}
+
+static int ascending(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+int bench_measure(const struct bench_env *env, bench_fn fn, void *arg, struct bench_time *out)
+{
+    enum { MOST = 1000 };
+    double time[MOST], start = prt_time_s();
+    unsigned n = 0;
+    int status = fn(arg);
+    if (status) return status;
+    do {
+        double t = prt_time_s();
+        if ((status = fn(arg))) return status;
+        time[n++] = prt_time_s() - t;
+    } while (n < MOST && prt_time_s() - start < env->seconds);
+    qsort(time, n, sizeof *time, ascending);
+    *out = (struct bench_time){time[0], time[n / 2], n};
+    return PRT_OK;
+}
+
+struct reading {
+    struct bench_env *env;
+    const struct bench_span *span;
+    const uint64_t *words;
+    uint64_t sum[64];
+};
+
+static int sum_words(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct reading *r = arg;
+    uint64_t sum[8] = {0};
+    size_t i = begin;
+    for (; i + 8 <= end; i += 8)
+        for (int k = 0; k < 8; k++) sum[k] += r->words[i + (size_t)k];
+    for (int k = 0; k < 8; k++) r->sum[worker % 64] += sum[k];
+    return PRT_OK;
+}
+
+double bench_read_bandwidth(struct bench_env *env, const struct bench_span *span, unsigned n)
+{
+    struct reading r = {.env = env};
+    double best = 1e9, start = prt_time_s(), bytes = 0;
+    for (unsigned i = 0; i < n; i++) bytes += (double)(span[i].n / 8 * 8);
+    do {
+        double t = prt_time_s();
+        for (unsigned i = 0; i < n; i++) {
+            r.words = span[i].bytes;
+            prt_parallel_for(&env->ctx, NULL, span[i].n / 8, 1 << 17, sum_words, &r);
+        }
+        best = fmin(best, prt_time_s() - t);
+    } while (prt_time_s() - start < env->seconds);
+    volatile uint64_t kept = r.sum[0];
+    (void)kept;
+    return bytes / best;
+}
+
+unsigned bench_tensor_spans(const struct prt_tensor *t, struct bench_span span[8])
+{
+    const struct prt_rows *r = &t->rows;
+    uint64_t n_entry = r->n_row ? r->begin[r->n_row] : 0, j = t->n_function;
+    const struct bench_span all[8] = {
+        {t->u, 2 * t->u_count},
+        {t->order, 4ull * t->n_vertex},
+        {r->begin, r->n_row ? 8 * (r->n_row + 1ull) : 0},
+        {r->index, n_entry * r->index_bytes},
+        {r->entry, n_entry * j * (r->value == PRT_VALUE_I8 ? 1 : 2)},
+        {r->scale, r->scale ? 4 * j * r->n_row : 0},
+        {r->scaling, 12 * j * r->n_row}};
+    unsigned n = 0;
+    for (int i = 0; i < 8; i++)
+        if (all[i].n) span[n++] = all[i];
+    return n;
+}
+
+int bench_cube(uint32_t n, uint64_t seed, struct prt_cube *out)
+{
+    struct prt_rng rng;
+    int status = prt_cube_init(out, n);
+    if (status) return status;
+    prt_rng_init(&rng, seed, 5);
+    for (uint32_t i = 0; i < 6 * n * n; i++) {
+        float level = i / (n * n) == 3 ? 0.1f : 1;
+        for (int ch = 0; ch < 3; ch++)
+            out->texel[3 * i + (uint32_t)ch] = level * (0.5f + prt_rng_f32(&rng));
+    }
+    uint32_t sun = prt_rng_u32(&rng) % (6 * n * n);
+    for (int ch = 0; ch < 3; ch++) out->texel[3 * sun + (uint32_t)ch] = 1000;
+    return PRT_OK;
+}

@@ -1,0 +1,254 @@
+// SPDX-License-Identifier: MIT
+// Relighting: from decoded cubemaps to colours in file order.
+#include "prt/relight.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "bench.h"
+#include "synthetic.h"
+
+struct job {
+    struct bench_env *env;
+    const struct prt_tensor *tensor;
+    struct prt_cube cube[8];
+    unsigned n_light;
+    const float *coef;
+    float *color;
+};
+
+static int relight_cubes(void *arg)
+{
+    struct job *job = arg;
+    struct prt_light light[8];
+    const struct prt_light *lights[8];
+    unsigned n = 0;
+    int status = PRT_OK;
+    for (; n < job->n_light; n++) {
+        if ((status = prt_light_from_cube(&job->cube[n], &light[n]))) break;
+        lights[n] = &light[n];
+    }
+    if (!status)
+        status = prt_relight(&job->env->ctx, job->tensor, job->n_light, lights, job->coef, false,
+                             job->color);
+    while (n) prt_light_finish(&light[--n]);
+    return status;
+}
+
+// Prints the figure; *seconds gets the best time.
+static int figure(struct job *job, const char *name, unsigned n_light, double bandwidth,
+                  double *seconds)
+{
+    struct bench_time time;
+    const struct prt_tensor *t = job->tensor;
+    uint64_t u_bytes, row_bytes;
+    job->n_light = n_light;
+    int status = bench_measure(job->env, relight_cubes, job, &time);
+    if (status) return status;
+    prt_tensor_bytes(t, &u_bytes, &row_bytes);
+    double read = (double)(u_bytes + row_bytes) + 4.0 * t->n_vertex;
+    double written = 12.0 * t->n_vertex * t->n_phase * n_light;
+    bench_begin(job->env, name);
+    bench_number("vertices", t->n_vertex);
+    bench_number("rows", t->rows.n_row);
+    bench_number("entries_per_row", t->rows.n_row ? (double)t->rows.begin[t->rows.n_row] /
+                                                        t->rows.n_row : 0);
+    bench_number("phase_terms", t->n_phase);
+    bench_number("functions", t->n_function);
+    bench_number("lights", n_light);
+    bench_number("ms", 1e3 * time.best);
+    bench_number("ms_median", 1e3 * time.median);
+    bench_number("ms_per_light", 1e3 * time.best / n_light);
+    bench_number("Mvertices_per_s", 1e-6 * t->n_vertex * n_light / time.best);
+    bench_number("GB_per_s_read", 1e-9 * read / time.best);
+    bench_number("GB_per_s_read_and_written", 1e-9 * (read + written) / time.best);
+    if (bandwidth > 0) {
+        bench_number("GB_per_s_plain_read", 1e-9 * bandwidth);
+        bench_number("of_plain_read", read / time.best / bandwidth);
+        bench_number("of_plain_read_with_writes", (read + written) / time.best / bandwidth);
+    }
+    if (*seconds > 0) bench_number("times_one", time.best / *seconds);
+    bench_end();
+    if (*seconds <= 0) *seconds = time.best;
+    return PRT_OK;
+}
+
+static int start(struct job *job, struct bench_env *env, const struct prt_tensor *tensor,
+                 uint32_t cube)
+{
+    *job = (struct job){.env = env, .tensor = tensor};
+    for (unsigned i = 0; i < 8; i++) {
+        int status = bench_cube(cube, env->seed + i, &job->cube[i]);
+        if (status) return status;
+    }
+    job->color = prt_calloc(24ull * tensor->n_vertex * tensor->n_phase, sizeof *job->color);
+    return job->color ? PRT_OK : PRT_NOMEM;
+}
+
+static void stop(struct job *job)
+{
+    for (unsigned i = 0; i < 8; i++) prt_cube_finish(&job->cube[i]);
+    prt_free(job->color);
+}
+
+// One and eight lights on one tensor. *one, if > 0, is what the first is compared with.
+static int one_and_eight(struct bench_env *env, const char *name, const struct prt_tensor *tensor,
+                         uint32_t cube, const float *coef, bool eight, double *one)
+{
+    struct bench_span span[8];
+    struct job job;
+    char label[64];
+    double seconds = 0, bandwidth = 0;
+    int status = start(&job, env, tensor, cube);
+    job.coef = coef;
+    if (!status) {
+        bandwidth = bench_read_bandwidth(env, span, bench_tensor_spans(tensor, span));
+        status = figure(&job, name, 1, bandwidth, *one > 0 ? one : &seconds);
+        if (*one <= 0) *one = seconds;
+    }
+    if (!status && eight) {
+        snprintf(label, sizeof label, "%s_8_lights", name);
+        status = figure(&job, label, 8, bandwidth, one);
+    }
+    stop(&job);
+    return status;
+}
+
+static int made_up(struct bench_env *env, const char *name, const struct synthetic_options *o,
+                   const float *coef, bool eight, double *one)
+{
+    struct prt_tensor tensor;
+    int status = synthetic_tensor(o, &tensor);
+    if (status) return prt_fail(&env->ctx, status, "no memory for a made-up transport");
+    status = one_and_eight(env, name, &tensor, o->cube, coef, eight, one);
+    synthetic_tensor_finish(&tensor);
+    return status;
+}
+
+static int factored(struct bench_env *env)
+{
+    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16,
+                                  .n_vertex = 34835, .n_cluster = 64, .rank = 48, .n_phase = 1,
+                                  .cube = 32, .coefs = 506, .seed = env->seed, .run = 24};
+    double bunny = 0, million = 0;
+    int status = made_up(env, "factored_bunny", &o, NULL, true, &bunny);
+    o.n_vertex = env->quick ? 50000 : 1000000;
+    o.rank = 40;
+    if (!status) status = made_up(env, "factored_million", &o, NULL, true, &million);
+    return status;
+}
+
+// A phase function of four terms beside an isotropic one: the four planes of single scattering.
+static int phase(struct bench_env *env)
+{
+    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16,
+                                  .n_vertex = 34835, .n_cluster = 64, .rank = 48, .n_phase = 1,
+                                  .cube = 32, .coefs = 506, .seed = env->seed, .run = 24};
+    double one = 0;
+    int status = made_up(env, "phase_1_factored", &o, NULL, false, &one);
+    o.n_phase = 4;
+    if (!status) status = made_up(env, "phase_4_factored", &o, NULL, false, &one);
+    o.storage = PRT_STORAGE_SPARSE;
+    o.value = PRT_VALUE_I8;
+    o.coefs = 122;
+    o.n_phase = 1;
+    one = 0;
+    if (!status) status = made_up(env, "phase_1_sparse", &o, NULL, false, &one);
+    o.n_phase = 4;
+    if (!status) status = made_up(env, "phase_4_sparse", &o, NULL, false, &one);
+    return status;
+}
+
+// W05's own storage: 128 coefficients a vertex, the six scaling ones among them.
+static int sparse(struct bench_env *env)
+{
+    struct synthetic_options o = {.storage = PRT_STORAGE_SPARSE, .value = PRT_VALUE_I8,
+                                  .n_vertex = env->quick ? 20000 : 300000, .n_phase = 1,
+                                  .cube = 32, .coefs = 122, .seed = env->seed, .run = 24};
+    double one = 0;
+    int status = made_up(env, "sparse_8_bit", &o, NULL, true, &one);
+    o.value = PRT_VALUE_F16;
+    one = 0;
+    if (!status) status = made_up(env, "sparse_half", &o, NULL, false, &one);
+    return status;
+}
+
+static int joint(struct bench_env *env)
+{
+    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
+                                  .coupling = PRT_COUPLE_FULL, .value = PRT_VALUE_F16,
+                                  .n_vertex = 40000, .n_cluster = 64, .rank = 32, .n_phase = 1,
+                                  .n_radial = 12, .cube = 32, .coefs = 400, .seed = env->seed,
+                                  .run = 24};
+    float coef[36];
+    double one = 0;
+    for (int i = 0; i < 36; i++) coef[i] = 1.0f / (float)(i + 1);
+    if (env->quick) o.coefs = 50;
+    int status = made_up(env, "joint_new_light_and_material", &o, coef, false, &one);
+    o.n_phase = 4;
+    one = 0;
+    if (!status) status = made_up(env, "joint_4_terms", &o, coef, false, &one);
+    return status;
+}
+
+static int polynomial(struct bench_env *env)
+{
+    struct synthetic_options o = {.storage = PRT_STORAGE_RADIAL,
+                                  .n_vertex = env->quick ? 50000 : 1000000, .n_cluster = 64,
+                                  .n_phase = 1, .n_radial = 12, .cube = 16, .seed = env->seed,
+                                  .run = 24};
+    float coef[51];
+    double one = 0;
+    for (int i = 0; i < 51; i++) coef[i] = 1.0f / (float)(i + 1);
+    int status = made_up(env, "polynomial_edit_12", &o, coef, false, &one);
+    o.n_radial = 17;
+    one = 0;
+    if (!status) status = made_up(env, "polynomial_edit_17", &o, coef, false, &one);
+    return status;
+}
+
+// The tensors of a baked file, each by itself.
+static int file(struct bench_env *env)
+{
+    struct prt_file *f;
+    float coef[3072];
+    if (!env->file) return PRT_OK;
+    int status = prt_file_open(&env->ctx, env->file, PRT_FILE_CHECK_HEADERS, &f);
+    if (status) return status;
+    const struct prt_transport *t = prt_file_transport(f);
+    for (int i = 0; i < 3072; i++) coef[i] = 1.0f / (float)(i + 1);
+    for (uint32_t i = 0; i < t->n_tensor && !status; i++) {
+        const struct prt_tensor *x = &t->tensor[i];
+        char label[32];
+        double one = 0;
+        snprintf(label, sizeof label, "file_tensor_%u", i);
+        bool free_material = x->coupling == PRT_COUPLE_FULL || x->storage == PRT_STORAGE_RADIAL;
+        status = one_and_eight(env, label, x, t->cube ? t->cube : 32, free_material ? coef : NULL,
+                               x->storage != PRT_STORAGE_RADIAL, &one);
+    }
+    prt_file_close(f);
+    return status;
+}
+
+static int bandwidth(struct bench_env *env)
+{
+    struct bench_span span = {.n = env->quick ? 1u << 26 : 1u << 30};
+    void *bytes = prt_calloc(span.n, 1);
+    if (!bytes) return PRT_NOMEM;
+    memset(bytes, 1, span.n);
+    span.bytes = bytes;
+    bench_begin(env, "read_bandwidth");
+    bench_number("bytes", (double)span.n);
+    bench_number("GB_per_s", 1e-9 * bench_read_bandwidth(env, &span, 1));
+    bench_end();
+    prt_free(bytes);
+    return PRT_OK;
+}
+
+BENCH(bandwidth, "Plain read of 1 GB with all threads", bandwidth)
+BENCH(relight_factored, "Factored transport, 35k and 1M vertices, 1 and 8 lights", factored)
+BENCH(relight_sparse, "Sparse transport (W05), 128 coefficients a vertex", sparse)
+BENCH(relight_phase, "Four phase terms against one", phase)
+BENCH(relight_joint, "Joint transport: new light and new material", joint)
+BENCH(relight_polynomial, "Polynomial transport: new material", polynomial)
+BENCH(relight_file, "The tensors of --file X.prt", file)
