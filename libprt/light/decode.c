@@ -3,6 +3,8 @@
 #include "light_private.h"
 
 #include <math.h>
+#include <string.h>
+#include <strings.h>
 
 float prt_srgb_to_linear(float v)
 {
@@ -20,6 +22,9 @@ int prt_decode(const struct prt_context *ctx, const char *name, const void *byte
         return prt_fail(ctx, PRT_FORMAT, "%s: %zu bytes are no image", name, n);
     if (prt_is_hdr(bytes, n))
         return prt_decode_hdr(ctx, name, bytes, n, &out->image);
+    const char *dot = strrchr(name, '.');
+    if (dot && !strcasecmp(dot, ".hdr"))
+        return prt_fail(ctx, PRT_FORMAT, "%s: not a Radiance file (no #? at its beginning)", name);
     err = PRT_UNSUPPORTED;
     if (prt_is_exr(bytes, n))
         err = prt_decode_exr(ctx, name, bytes, n, out);

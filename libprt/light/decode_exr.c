@@ -412,6 +412,9 @@ static int decode_file(struct exr *x, struct prt_decoded *out)
     out->hint = !has_envmap ? PRT_HINT_NONE
                 : envmap == EXR_ENVMAP_CUBE ? PRT_HINT_EXR_CUBE
                                             : PRT_HINT_EXR_LATLONG;
+    if ((unsigned)compression >= EXR_COMPRESSION_LAST_TYPE)
+        return prt_fail(x->ctx, PRT_FORMAT, "%s: unknown compression %d", x->name,
+                        (int)compression);
     out->is_chroma = x->colour == COLOUR_CHROMA || is_subsampled(x);
     if (compression == EXR_COMPRESSION_DWAA || compression == EXR_COMPRESSION_DWAB
         || out->is_chroma)
@@ -438,6 +441,9 @@ int prt_decode_exr(const struct prt_context *ctx, const char *name, const uint8_
     exr_result_t code = exr_start_read(&x.file, "image", &init);
     if (code != EXR_ERR_SUCCESS)
         return bad(&x, code);
+    if (x.why[0]) /* the library carried on with something else */
+        prt_log(ctx, PRT_LOG_WARNING, "%s: %s", name, x.why);
+    x.why[0] = 0;
     int err = decode_file(&x, out);
     exr_finish(&x.file);
     for (int i = 0; i < N_PLANE; i++)

@@ -99,6 +99,10 @@ static int read_header(struct reader *r, struct header *h)
     memset(h, 0, sizeof *h);
     h->scale = 1;
     bool ended = false;
+    const size_t n = (size_t)(r->end - r->at);
+    if (!(n > 10 && !memcmp(r->at, "#?RADIANCE", 10)) && !(n > 6 && !memcmp(r->at, "#?RGBE", 6)))
+        prt_log(r->ctx, PRT_LOG_WARNING, "%s: begins with neither #?RADIANCE nor #?RGBE, read as "
+                "one of them", r->name);
     while (!ended && next_line(r, line, sizeof line)) {
         ended = line[0] == 0;
         int err = read_variable(r, line, h);

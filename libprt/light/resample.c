@@ -19,7 +19,7 @@ typedef float v4f __attribute__((vector_size(16)));
 #define PI 3.14159265358979323846
 #define INLINE static inline __attribute__((always_inline)) /* into each ISA's variant */
 enum { BLOCK = 8, N_QUADRANT = 4 };
-static const double RAYS_PER_TEXEL = 16.0;
+static const double RAYS_PER_TEXEL = 20.0;
 
 /* Azimuth phi of side faces' centres (direction (sin phi, ., -cos phi)); in each, s = -tan(beta)
  * with beta = phi - centre. */
@@ -237,9 +237,10 @@ INLINE void quadrant_body(const struct to_cube *job,
             stop = stop < end ? stop : end;
             const double wedge = stop - cur;
             total += prefix[height] * wedge;
-            for (unsigned i = 0; i < job->side_rays; i++)
-                add_side(&col, n, cur + wedge * (i + 0.5) / job->side_rays,
-                         wedge / job->side_rays, acc);
+            /* towards a face's corners texel edges run askew: two meridians a wedge */
+            const unsigned sides = job->side_rays * (cur < -0.3 || cur > 0.3 ? 2 : 1);
+            for (unsigned i = 0; i < sides; i++)
+                add_side(&col, n, cur + wedge * (i + 0.5) / sides, wedge / sides, acc);
             for (unsigned i = 0; i < job->cap_rays; i++)
                 add_caps(job, &col, quadrant, centre + cur + wedge * (i + 0.5) / job->cap_rays,
                          wedge / job->cap_rays);
@@ -292,6 +293,30 @@ static int set_power(struct prt_cube *cube, const double power[3])
     return PRT_OK;
 }
 
+/* Power to radiance. A cap texel's wedges add up to its solid angle within some 1e-3. Dividing by
+ * what they add up to keeps a plain background plain; what rises above the background (the least
+ * of the texel and its neighbours) is divided by the exact solid angle, so a sun keeps its power. */
+static void average_cap(const v4d *cell, uint32_t n, float *dst)
+{
+    for (uint32_t y = 0; y < n; y++)
+        for (uint32_t x = 0; x < n; x++) {
+            const size_t i = (size_t)y * n + x;
+            const size_t near[4] = {x ? i - 1 : i, x + 1 < n ? i + 1 : i, y ? i - n : i,
+                                    y + 1 < n ? i + n : i};
+            const double exact = prt_cube_solid_angle(n, x, y), given = cell[i][3];
+            for (int c = 0; c < 3; c++) {
+                double base = given > 0 ? cell[i][c] / given : 0;
+                for (int k = 0; k < 4; k++) {
+                    const v4d *other = &cell[near[k]];
+                    if ((*other)[3] > 0 && (*other)[c] < base * (*other)[3])
+                        base = (*other)[c] / (*other)[3];
+                }
+                const double above = (cell[i][c] - base * given) / exact;
+                dst[i * 3 + c] = (float)(base + (above > 0 ? above : 0));
+            }
+        }
+}
+
 static void finish_caps(struct to_cube *job)
 {
     const uint32_t n = job->n;
@@ -305,14 +330,8 @@ static void finish_caps(struct to_cube *job)
             job->cap[1][(size_t)(n - 1 - x) * n + x] += d[2 * n + x];
             job->cap[1][(size_t)x * n + x] += d[3 * n + x];
         }
-    for (unsigned cap = 0; cap < 2; cap++) {
-        float *dst = job->out->texel + (2 + cap) * n_face * 3;
-        for (size_t i = 0; i < n_face; i++)
-            for (int c = 0; c < 3; c++) {
-                const double omega = job->cap[cap][i][3];
-                dst[i * 3 + c] = omega > 0 ? (float)(job->cap[cap][i][c] / omega) : 0.0f;
-            }
-    }
+    for (unsigned cap = 0; cap < 2; cap++)
+        average_cap(job->cap[cap], n, job->out->texel + (2 + cap) * n_face * 3);
 }
 
 static double *row_edges(uint32_t height)
