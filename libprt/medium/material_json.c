@@ -113,6 +113,11 @@ static int object_to_material(const struct prt_context *ctx, const char *what,
     struct material_values v = {.eta = 1.3, .roughness = 0.3};
     struct prt_material material = {.name = "custom"};
     int err;
+    if (cJSON_GetObjectItemCaseSensitive(object, "profile"))
+        return prt_fail(ctx, PRT_UNSUPPORTED,
+                        "%s: a material with a \"profile\" of its own needs polynomial or joint "
+                        "transport; here give sigma_s_prime and sigma_a",
+                        what);
     if ((err = material_json_keys(ctx, what, object, keys)) < 0 ||
         (err = material_json_name(ctx, what, object, material.name)) < 0 ||
         (err = material_json_rgb(ctx, what, object, "sigma_s_prime", false, true,

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Making a radial basis: as small as its error target allows, or back from a stored table.
+#include "prt/profile.h"
 #include "radial.h"
 
 #include <math.h>
@@ -31,6 +32,12 @@ static int check_options(const struct prt_context *ctx, const struct prt_radial_
     if (o->degree > 2)
         return prt_fail(ctx, PRT_ARG, "radial basis: degree is %u, allowed range 1 to 2",
                         o->degree);
+    if (o->n_extra && (o->n_extra > RADIAL_MAX_EXTRA || o->kind != PRT_RADIAL_REDUCED ||
+                       o->family != PRT_FAMILY_DIPOLE))
+        return prt_fail(ctx, PRT_ARG,
+                        "radial basis: %u extra profiles; a reduced basis of the dipole family "
+                        "takes up to %d",
+                        o->n_extra, RADIAL_MAX_EXTRA);
     return PRT_OK;
 }
 
@@ -154,6 +161,28 @@ static int choose_size(const struct prt_context *ctx, struct radial *radial,
     return PRT_OK;
 }
 
+/* Adds what the finished basis leaves of each extra profile, one after the other. */
+static int add_extra(const struct prt_context *ctx, struct radial *radial,
+                     const struct prt_radial_options *o)
+{
+    const size_t ng = radial->pub.n_grid;
+    for (uint32_t k = 0; k < o->n_extra; k++) {
+        const uint32_t n = radial->pub.n_function;
+        struct radial_functions f = {.n_fit = n + 1, .n_function = n + 1};
+        int err = PRT_OK;
+        if (n == RADIAL_MAX_FUNCTION)
+            return prt_fail(ctx, PRT_LIMIT, "radial basis: no room for extra profile %u", k);
+        f.fit = prt_alloc((n + 1) * ng, sizeof *f.fit);
+        if (!f.fit) return PRT_NOMEM;
+        for (size_t i = 0; i < n * ng; i++) f.fit[i] = radial->pub.value[i];
+        if (radial_remainder(radial, &o->extra[k], f.fit + n * ng) >= 5e-4)
+            err = radial_build(radial, &f);
+        radial_functions_finish(&f);
+        if (err < 0) return err;
+    }
+    return o->n_extra ? radial_measure(radial) : PRT_OK;
+}
+
 int prt_radial_create(const struct prt_context *ctx, const struct prt_radial_options *options,
                       struct prt_radial **out)
 {
@@ -163,6 +192,7 @@ int prt_radial_create(const struct prt_context *ctx, const struct prt_radial_opt
     if (err < 0 || (err = radial_init(ctx, options, &radial)) < 0) return err;
     if ((err = candidates_init(radial, &c)) == PRT_OK)
         err = choose_size(ctx, radial, &c, options);
+    if (err == PRT_OK) err = add_extra(ctx, radial, options);
     prt_free(c.reduced);
     prt_free(c.knot);
     if (err < 0) {

@@ -8,6 +8,7 @@
 enum {
     RADIAL_OCTAVE_SHIFT = 17,  /* 64 grid intervals an octave: index = float bits >> 17 */
     RADIAL_MAX_FUNCTION = 64,
+    RADIAL_MAX_EXTRA = 8,
     RADIAL_MAX_GRID = 24 * 64 + 2,
     RADIAL_MAX_QUAD = 2 * RADIAL_MAX_GRID,
 };
@@ -62,8 +63,15 @@ int radial_build(struct radial *radial, struct radial_functions *functions);
 /* Measures pub.mean_error and worst_error over materials between the family's own. */
 int radial_measure(struct radial *radial);
 
+/* Fits up to three profiles given at the quadrature points (overwritten by the residual), whose
+ * integrals over the grid are inside[c] > 0; coef[n_function][n_channel]; returns the error. */
+double radial_project(const struct radial *radial, unsigned n_channel,
+                      float (*f)[RADIAL_MAX_QUAD], const double *inside, float *coef);
 /* The `n_max` leading singular functions [n][n_grid] of the family; *n how many are sound. */
 int radial_reduced(const struct radial *radial, uint32_t n_max, double *out, uint32_t *n);
+/* What the basis leaves of `profile`, at the grid, into out[n_grid]; returns its error. */
+double radial_remainder(const struct radial *radial, const struct prt_profile *profile,
+                        double *out);
 /* Knots (grid indices, m+1 of them, ascending) that split the representative function into m
  * pieces at least cost, for every m <= m_max: knot[m*(m_max+1) + k]. */
 int radial_knots(const struct radial *radial, uint32_t m_max, uint32_t *knot);

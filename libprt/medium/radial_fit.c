@@ -250,7 +250,7 @@ project_avx2(const struct radial *radial, unsigned n_channel, float (*f)[RADIAL_
 }
 #endif
 
-static double project(const struct radial *radial, unsigned n_channel,
+double radial_project(const struct radial *radial, unsigned n_channel,
                       float (*f)[RADIAL_MAX_QUAD], const double *inside, float *coef)
 {
 #if defined(__x86_64__)
@@ -276,7 +276,7 @@ static double fit_members(const struct radial *radial, const struct radial_membe
             for (uint32_t q = 0; q < radial->n_quad; q++)
                 f[c][q] = expf((float)(-member[c].sigma_t * radial->quad_r[q]));
     }
-    return project(radial, 3, f, inside, coef);
+    return radial_project(radial, 3, f, inside, coef);
 }
 
 int prt_radial_fit_material(const struct prt_radial *radial, const struct prt_material *material,
@@ -310,7 +310,7 @@ int prt_radial_fit_profile(const struct prt_radial *radial, const double *profil
         f[0][q] = (float)v;
         inside += self->measure[q] * v;
     }
-    double e = project(self, 1, f, &inside, coef);
+    double e = radial_project(self, 1, f, &inside, coef);
     if (error) *error = inside > 0 ? e : 0;
     return PRT_OK;
 }

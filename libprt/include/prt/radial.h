@@ -35,6 +35,7 @@ struct prt_radial {
      * to the last radius (dr for extinction). */
     double mean_error, worst_error;
 };
+struct prt_profile; /* prt/profile.h */
 struct prt_radial_options {
     enum prt_radial_kind kind;
     enum prt_radial_family family;
@@ -46,6 +47,10 @@ struct prt_radial_options {
                                  * (pieces have degree+1 each, hats one more than intervals) */
     double max_error;           /* worst over the range; 0: 0.001 */
     uint32_t degree;            /* POLYNOMIAL: 1 linear, 2 quadratic */
+    /* REDUCED, dipole family: profiles to hold exactly (a user's curve, a slab), at most 8. What
+     * the n_function others leave of each becomes a function more, unless that is < 5e-4. */
+    const struct prt_profile *extra;
+    uint32_t n_extra;
 };
 int prt_radial_create(const struct prt_context *ctx, const struct prt_radial_options *options,
                       struct prt_radial **out);

@@ -1,0 +1,391 @@
+// SPDX-License-Identifier: MIT
+// Profiles beyond the dipole: energy, closed forms of slabs, curves, and their fits.
+#include "prt/profile.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+static struct prt_context quiet;
+static char last_line[1024];
+
+static void capture_log(void *user, enum prt_log_level level, const char *line)
+{
+    snprintf(last_line, sizeof last_line, "%s", line);
+}
+
+static void assert_close(double value, double expected, double relative)
+{
+    if (!(fabs(value - expected) <= relative * fabs(expected)))
+        fail_msg("%.10g, expected %.10g to %g relative", value, expected, relative);
+}
+
+/* integral of 2 pi r R_d from a to b by midpoints in log r */
+static double integral(const struct prt_profile *p, double a, double b)
+{
+    const int n = 20000;
+    double sum = 0, lo = log(a), hi = log(b);
+    for (int i = 0; i < n; i++) {
+        double r = exp(lo + (hi - lo) * (i + 0.5) / n);
+        sum += 2 * M_PI * r * r * prt_profile_rd(p, r) * (hi - lo) / n;
+    }
+    return sum;
+}
+
+static void test_burley(void **state)
+{
+    static const double row[][2] = {{0.1, 0.3}, {0.5, 2}, {0.8, 1}, {1, 12}};
+    for (size_t i = 0; i < 4; i++) {
+        struct prt_profile p;
+        assert_int_equal(prt_profile_init_burley(&quiet, &p, row[i][0], row[i][1]), PRT_OK);
+        assert_close(p.total, row[i][0], 1e-12);
+        assert_close(prt_profile_tail(&p, 0), row[i][0], 1e-12);
+        assert_close(integral(&p, 1e-7, 1e4), row[i][0], 1e-5);
+        assert_close(integral(&p, 0.7, 1e4), prt_profile_tail(&p, 0.7), 1e-5);
+        assert_true(isfinite(prt_profile_rd(&p, 0)));
+    }
+    /* s = 1.1 at A = 0.8: R_d(1 mm) = 0.8 s (e^-s + e^(-s/3)) / 8 pi */
+    struct prt_profile p;
+    prt_profile_init_burley(&quiet, &p, 0.8, 1);
+    assert_close(prt_profile_rd(&p, 1), 0.8 * 1.1 * (exp(-1.1) + exp(-1.1 / 3)) / (8 * M_PI), 1e-12);
+    assert_int_equal(prt_profile_init_burley(&quiet, &p, 1.2, 1), PRT_ARG);
+    assert_non_null(strstr(last_line, "albedo is 1.2, allowed range 0.0001 to 1"));
+    assert_int_equal(prt_profile_init_burley(&quiet, &p, 0.5, NAN), PRT_ARG);
+}
+
+/* Donner & Jensen eq 4: the slab's series of dipoles, summed one by one. */
+static double slab_series(double s, double a, double d, double eta, double r)
+{
+    double st = s + a, tr = sqrt(3 * a * st), f = prt_fresnel_dr(eta);
+    double l = 1 / st, zb = 2 * (1 + f) / (1 - f) / (3 * st), sum = 0;
+    for (int i = -3000; i <= 3000; i++) {
+        double zr = 2 * i * (d + 2 * zb) + l, zv = 2 * i * (d + 2 * zb) - l - 2 * zb;
+        double dr = hypot(r, zr), dv = hypot(r, zv);
+        sum += zr * (1 + tr * dr) * exp(-tr * dr) / (dr * dr * dr) -
+               zv * (1 + tr * dv) * exp(-tr * dv) / (dv * dv * dv);
+    }
+    return s / st / (4 * M_PI) * sum;
+}
+
+static void test_slab(void **state)
+{
+    static const double row[][3] = {{1, 0.01, 2}, {2.19, 0.0021, 5}, {5, 0.5, 0.4}, {0.7, 0, 3}};
+    for (size_t i = 0; i < 4; i++) {
+        const double s = row[i][0], a = row[i][1], d = row[i][2];
+        struct prt_layer layer = {d, s, a};
+        struct prt_profile p;
+        assert_int_equal(prt_profile_init_multipole(&quiet, &p, 1, &layer, 1.3), PRT_OK);
+        const double r0 = slab_series(s, a, d, 1.3, 0);
+        double worst = 0, mass = 0;
+        for (double r = 0.01 / s; r < 40; r *= 1.07) {
+            double exact = slab_series(s, a, d, 1.3, r), got = prt_profile_rd(&p, r);
+            worst = fmax(worst, fabs(got - exact) / r0);
+            mass += 2 * M_PI * r * r * 0.0677 * fabs(got - exact);
+        }
+        print_message("slab %g/%g/%g mm: largest error %.1e of R_d(0), L1 %.1e of total %.4f\n", s, a,
+                      d, worst, mass / p.total, p.total);
+        assert_true(worst < 1e-4 && mass < 5e-4 * p.total);
+        assert_close(integral(&p, 1e-6, 300), p.total, 1e-3);
+        double tail = p.total;
+        for (double r = 1e-3; r < 200; r *= 1.1) { /* falling, never negative */
+            double t = prt_profile_tail(&p, r);
+            if (!(t >= 0 && t <= tail + 1e-5 * p.total && prt_profile_rd(&p, r) >= 0))
+                fail_msg("tail %g after %g at %g mm", t, tail, r);
+            tail = t;
+        }
+        if (a == 0) { /* nothing absorbed: R = 1 - (l + z_b)/(d + 2 z_b) */
+            double f = prt_fresnel_dr(1.3), zb = 2 * (1 + f) / (1 - f) / (3 * s);
+            assert_close(p.total, 1 - (1 / s + zb) / (d + 2 * zb), 1e-5);
+        }
+        prt_profile_finish(&p);
+    }
+}
+
+static void test_layers(void **state)
+{
+    struct prt_dipole dipole;
+    struct prt_profile p;
+    prt_dipole_init(&dipole, 1.5, 0.03, 1.4);
+    /* no bottom, and a bottom out of reach, are the dipole */
+    struct prt_layer deep[2] = {{INFINITY, 1.5, 0.03}, {0}};
+    for (int k = 0; k < 2; k++) {
+        if (k) deep[0].thickness_mm = 40;
+        assert_int_equal(prt_profile_init_multipole(&quiet, &p, 1, deep, 1.4), PRT_OK);
+        assert_close(p.total, dipole.rho_d, 1e-6);
+        for (double r = 0; r < 8; r += 0.5)
+            assert_close(prt_profile_rd(&p, r), prt_dipole_rd(&dipole, r), 1e-3);
+        prt_profile_finish(&p);
+    }
+    /* the same medium cut in two: layering is approximate, but not by much */
+    struct prt_layer cut[2] = {{2, 1.5, 0.03}, {INFINITY, 1.5, 0.03}};
+    assert_int_equal(prt_profile_init_multipole(&quiet, &p, 2, cut, 1.4), PRT_OK);
+    print_message("medium cut in two layers: total %.4f, whole %.4f\n", p.total, dipole.rho_d);
+    assert_close(p.total, dipole.rho_d, 0.05);
+    double whole = p.total;
+    prt_profile_finish(&p);
+    /* a brighter floor reflects more, a darker one less; an absorber tends to the lone slab */
+    double total[3];
+    for (int k = 0; k < 3; k++) {
+        cut[1].sigma_a = (double[]){1e-4, 0.3, 300}[k];
+        assert_int_equal(prt_profile_init_multipole(&quiet, &p, 2, cut, 1.4), PRT_OK);
+        total[k] = p.total;
+        assert_close(integral(&p, 1e-6, 300), p.total, 3e-3);
+        prt_profile_finish(&p);
+    }
+    assert_true(total[0] > whole && total[1] < whole && total[2] < total[1]);
+    /* faults */
+    struct prt_layer thin[2] = {{0.2, 1.5, 0.03}, {INFINITY, 1.5, 0.03}};
+    assert_int_equal(prt_profile_init_multipole(&quiet, &p, 2, thin, 1.4), PRT_ARG);
+    assert_non_null(strstr(last_line, "layer 0: thickness is 0.2, allowed range 0.65"));
+    struct prt_layer open[2] = {{INFINITY, 1.5, 0.03}, {1, 1.5, 0.03}};
+    assert_int_equal(prt_profile_init_multipole(&quiet, &p, 2, open, 1.4), PRT_ARG);
+    assert_int_equal(prt_profile_init_multipole(&quiet, &p, 9, open, 1.4), PRT_ARG);
+}
+
+static void test_curve(void **state)
+{
+    const double r[] = {0, 2}, rd[] = {0.1, 0}, flat[] = {0.05, 0.05}, r_late[] = {1, 2};
+    struct prt_profile p;
+    assert_int_equal(prt_profile_init_curve(&quiet, "cone", &p, 2, r, rd), PRT_OK);
+    assert_close(p.total, M_PI * 4 * 0.1 / 3, 1e-12); /* a cone's volume */
+    assert_close(prt_profile_rd(&p, 1), 0.05, 1e-12);
+    assert_close(prt_profile_tail(&p, 1), integral(&p, 1, 2), 1e-6);
+    assert_true(prt_profile_rd(&p, 2.1) == 0 && prt_profile_tail(&p, 2.1) == 0);
+    prt_profile_finish(&p);
+    assert_int_equal(prt_profile_init_curve(&quiet, "late", &p, 2, r_late, flat), PRT_OK);
+    assert_close(prt_profile_tail(&p, 0), M_PI * 4 * 0.05, 1e-12); /* constant inside the first */
+    prt_profile_finish(&p);
+    const double loud[] = {1, 1}, negative[] = {0.1, -0.1}, back[] = {2, 1};
+    assert_int_equal(prt_profile_init_curve(&quiet, "x", &p, 2, r, loud), PRT_ARG);
+    assert_non_null(strstr(last_line, "reflects 12.5"));
+    assert_int_equal(prt_profile_init_curve(&quiet, "x", &p, 2, r, negative), PRT_ARG);
+    assert_int_equal(prt_profile_init_curve(&quiet, "x", &p, 2, back, flat), PRT_ARG);
+    assert_int_equal(prt_profile_init_curve(&quiet, "x", &p, 1, r, flat), PRT_ARG);
+}
+
+static struct prt_radial *whole_range(void)
+{
+    struct prt_radial_options o = {.eta = 1.3, .n_function = 20};
+    struct prt_radial *radial = NULL;
+    assert_int_equal(prt_radial_create(&quiet, &o, &radial), PRT_OK);
+    return radial;
+}
+
+/* integral |sum c B - R| 2 pi r dr / total up to 60 mm, on radii of this test's own */
+static double fit_error(const struct prt_radial *radial, const struct prt_optics *o,
+                        const float *coef)
+{
+    double worst = 0, lo = log(1e-4), hi = log(60);
+    const int n = 3000;
+    for (int c = 0; c < 3; c++) {
+        double error = 0, mass = 0;
+        for (int i = 0; i < n; i++) {
+            double r = exp(lo + (hi - lo) * (i + 0.5) / n), sum = 0;
+            float b[64], rf = (float)r;
+            prt_radial_eval(radial, 1, &rf, b);
+            for (uint32_t j = 0; j < radial->n_function; j++) sum += (double)coef[3 * j + c] * b[j];
+            double exact = prt_profile_rd(&o->channel[c], r), mu = r * r;
+            error += mu * fabs(sum - exact);
+            mass += mu * exact;
+        }
+        worst = fmax(worst, error / mass);
+    }
+    return worst;
+}
+
+static void test_optics_fit(void **state)
+{
+    static const struct {
+        const char *name, *json;
+        double limit;
+    } row[] = {
+        {"preset", "{\"sigma_s_prime\":[0.74,0.88,1.01],\"sigma_a\":[0.032,0.17,0.48]}", 0.001},
+        {"burley", "{\"profile\":\"burley\",\"albedo\":[0.8,0.5,0.3],"
+                   "\"mean_free_path\":[3,1.5,0.8],\"eta\":1.3}", 0.03},
+        {"slab", "{\"profile\":\"multipole\",\"layers\":[{\"thickness\":3,\"sigma_s_prime\":"
+                 "[1,1.2,1.5],\"sigma_a\":[0.01,0.03,0.1]}]}", 0.02},
+        {"two layers", "{\"profile\":\"multipole\",\"layers\":[{\"thickness\":1.2,"
+                       "\"sigma_s_prime\":[1,1.2,1.5],\"sigma_a\":[0.05,0.2,0.5]},"
+                       "{\"sigma_s_prime\":[2,2,2],\"sigma_a\":[0.003,0.02,0.1]}]}", 0.02},
+        {"curve", "{\"profile\":\"curve\",\"radius\":[0,0.5,1,2,4,8],\"rd\":[[0.05,0.045,0.03,0.01,"
+                  "0.001,0],[0.04,0.03,0.02,0.005,0.0005,0],[0.03,0.02,0.01,0.001,0,0]]}", 0.15},
+    };
+    struct prt_radial *radial = whole_range();
+    for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
+        struct prt_optics o;
+        float coef[3 * 64];
+        double error;
+        assert_int_equal(prt_optics_parse(&quiet, "m", NULL, row[i].json, strlen(row[i].json), &o),
+                         PRT_OK);
+        assert_int_equal(prt_optics_fit(radial, &o, coef, &error), PRT_OK);
+        double own = fit_error(radial, &o, coef);
+        print_message("%-10s fit error %.3f %%, measured %.3f %%\n", row[i].name, 100 * error,
+                      100 * own);
+        assert_true(error < row[i].limit && fabs(own - error) < 0.1 * error + 1e-3);
+        assert_int_equal(prt_material_check(&quiet, &o.material), PRT_OK);
+        for (int c = 0; c < 3 && o.kind != PRT_PROFILE_DIPOLE; c++) {
+            /* the dipole that stands in: same total, same half-energy radius */
+            struct prt_dipole d;
+            prt_dipole_init(&d, o.material.sigma_s_prime[c], o.material.sigma_a[c], 1.3);
+            assert_close(d.rho_d, o.channel[c].total, 1e-3);
+            double r = 1;
+            for (int k = 0; k < 200; k++)
+                r *= prt_dipole_tail(&d, r) > d.rho_d / 2 ? 1.01 : 0.99;
+            assert_close(prt_profile_tail(&o.channel[c], r), o.channel[c].total / 2, 0.03);
+        }
+        prt_optics_finish(&o);
+    }
+    /* a dipole written out as a curve gives the dipole's own coefficients */
+    struct prt_optics o = {.kind = PRT_PROFILE_CURVE, .material = *prt_material_preset(8)};
+    static double r[4000], rd[4000];
+    for (int c = 0; c < 3; c++) {
+        struct prt_dipole d;
+        prt_dipole_init(&d, o.material.sigma_s_prime[c], o.material.sigma_a[c], 1.3);
+        for (int k = 0; k < 4000; k++) {
+            r[k] = k ? 1e-3 * pow(1e5, (k - 1) / 3998.0) : 0;
+            rd[k] = prt_dipole_rd(&d, r[k]);
+        }
+        assert_int_equal(prt_profile_init_curve(&quiet, "skin", &o.channel[c], 4000, r, rd), PRT_OK);
+    }
+    float curve[3 * 64], exact[3 * 64], largest = 0;
+    assert_int_equal(prt_optics_fit(radial, &o, curve, NULL), PRT_OK);
+    assert_int_equal(prt_radial_fit_material(radial, &o.material, exact, NULL), PRT_OK);
+    for (uint32_t j = 0; j < 3 * radial->n_function; j++) largest = fmaxf(largest, fabsf(exact[j]));
+    for (uint32_t j = 0; j < 3 * radial->n_function; j++)
+        assert_true(fabsf(curve[j] - exact[j]) < 1e-3f * largest);
+    prt_optics_finish(&o);
+    prt_radial_destroy(radial);
+}
+
+/* A bake for a user's curve takes the curve itself into the span. */
+static void test_extra_functions(void **state)
+{
+    static const char json[] =
+        "{\"profile\":\"curve\",\"radius\":[0,0.5,1,2,4,8],\"rd\":[[0.05,0.045,0.03,0.01,0.001,0],"
+        "[0.04,0.03,0.02,0.005,0.0005,0],[0.03,0.02,0.01,0.001,0,0]]}";
+    struct prt_optics o, burley;
+    assert_int_equal(prt_optics_parse(&quiet, "m", NULL, json, strlen(json), &o), PRT_OK);
+    struct prt_radial_options options = {.eta = 1.3, .n_function = 16, .extra = o.channel,
+                                         .n_extra = 3};
+    struct prt_radial *radial = NULL, *back = NULL;
+    float coef[3 * 64];
+    double error;
+    assert_int_equal(prt_radial_create(&quiet, &options, &radial), PRT_OK);
+    assert_int_equal(radial->n_function, 19);
+    assert_int_equal(prt_optics_fit(radial, &o, coef, &error), PRT_OK);
+    print_message("curve with its own functions: fit error %.4f %%\n", 100 * error);
+    assert_true(error < 0.001 && fit_error(radial, &o, coef) < 0.0015);
+    for (uint32_t j = 0; j < 57; j++) assert_true(fabsf(coef[j]) < 5);
+    assert_int_equal(prt_radial_from_table(&quiet, &options, 19, radial->n_grid, radial->r,
+                                           radial->value, &back),
+                     PRT_OK);
+    assert_int_equal(prt_optics_fit(back, &o, coef, &error), PRT_OK);
+    assert_true(error < 0.001);
+    /* the other materials lose nothing, and what is in the span already adds nothing */
+    struct prt_material skin = *prt_material_preset(8);
+    assert_int_equal(prt_radial_fit_material(radial, &skin, coef, &error), PRT_OK);
+    assert_true(error < 0.003);
+    prt_radial_destroy(back);
+    prt_radial_destroy(radial);
+    prt_optics_finish(&o);
+    assert_int_equal(prt_optics_load(&quiet, "skin1", &o), PRT_OK);
+    options.extra = o.channel;
+    options.n_function = 20;
+    assert_int_equal(prt_radial_create(&quiet, &options, &radial), PRT_OK);
+    assert_int_equal(radial->n_function, 20);
+    prt_radial_destroy(radial);
+    static const char soft[] =
+        "{\"profile\":\"burley\",\"albedo\":[0.8,0.5,0.3],\"mean_free_path\":[3,1.5,0.8]}";
+    assert_int_equal(prt_optics_parse(&quiet, "m", NULL, soft, strlen(soft), &burley), PRT_OK);
+    options.extra = burley.channel;
+    assert_int_equal(prt_radial_create(&quiet, &options, &radial), PRT_OK);
+    assert_int_equal(prt_optics_fit(radial, &burley, coef, &error), PRT_OK);
+    print_message("burley with its own functions: fit error %.4f %%\n", 100 * error);
+    assert_true(error < 0.004); /* 1/r inside the first 4 um, which no grid resolves */
+    prt_radial_destroy(radial);
+    prt_optics_finish(&burley);
+}
+
+static void test_optics_files(void **state)
+{
+    char folder[] = "/tmp/prt-profile-XXXXXX", path[128], csv[128];
+    struct prt_optics o;
+    assert_non_null(mkdtemp(folder));
+    snprintf(path, sizeof path, "%s/m.json", folder);
+    snprintf(csv, sizeof csv, "%s/c.csv", folder);
+    FILE *f = fopen(csv, "w");
+    assert_non_null(f);
+    fputs("r,R_d\n# measured\n0, 0.1\n\n1,0.05\r\n2,0\n", f);
+    fclose(f);
+    f = fopen(path, "w");
+    assert_non_null(f);
+    fputs("{\"profile\":\"curve\",\"file\":\"c.csv\",\"eta\":1.4,\"name\":\"wax\"}", f);
+    fclose(f);
+    assert_int_equal(prt_optics_load(&quiet, path, &o), PRT_OK);
+    assert_int_equal(o.kind, PRT_PROFILE_CURVE);
+    assert_int_equal(o.channel[2].n, 3);
+    assert_string_equal(o.material.name, "wax");
+    assert_close(o.channel[1].total, M_PI * 4 * 0.1 / 3, 1e-9);
+    prt_optics_finish(&o);
+    static const char *const bad[][2] = {{"0,0.1\n1;0.1,2\n", "has 3 columns"},
+                                         {"0,0.1\nx,2\n", "line 2: expected r,R_d"},
+                                         {"0,0.1\n1 0\n", "expected a comma"},
+                                         {"0,0.1\n1,1e999\n", "allowed range"},
+                                         {"r,R_d\n", "a curve of 0 points"}};
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        f = fopen(csv, "w");
+        fputs(bad[i][0], f);
+        fclose(f);
+        if (prt_optics_load(&quiet, path, &o) >= 0 || !strstr(last_line, bad[i][1]))
+            fail_msg("%s: said \"%s\"", bad[i][0], last_line);
+    }
+    unlink(csv);
+    assert_true(prt_optics_load(&quiet, path, &o) < 0);
+    unlink(path);
+    rmdir(folder);
+    assert_int_equal(prt_optics_load(&quiet, "Marble", &o), PRT_OK);
+    assert_close(o.channel[0].total, 0.8301915, 1e-6);
+    prt_optics_finish(&o);
+
+    static const struct {
+        const char *json, *says;
+    } fault[] = {
+        {"{\"profile\":\"phong\"}", "allowed: burley, multipole, curve"},
+        {"{\"profile\":\"burley\",\"albedo\":0.5}", "\"mean_free_path\" is missing"},
+        {"{\"profile\":\"burley\",\"albedo\":0.5,\"mean_free_path\":-1}", "allowed range"},
+        {"{\"profile\":\"burley\",\"albedo\":0.5,\"mean_free_path\":1,\"sigma_a\":1}", "unknown key"},
+        {"{\"profile\":\"burley\",\"albedo\":0.5,\"mean_free_path\":1,\"eta\":7}", "eta is 7"},
+        {"{\"profile\":\"multipole\",\"layers\":[]}", "1 to 8 layers"},
+        {"{\"profile\":\"multipole\",\"layers\":[1]}", "a layer is an object"},
+        {"{\"profile\":\"multipole\",\"layers\":[{\"sigma_s_prime\":1,\"sigma_a\":1},"
+         "{\"sigma_s_prime\":1,\"sigma_a\":1}]}", "\"thickness\" [mm] is missing"},
+        {"{\"profile\":\"curve\",\"file\":\"/etc/passwd\"}", "not allowed here"},
+        {"{\"profile\":\"curve\",\"radius\":[0,1],\"rd\":[[1,1],[1,1]]}", "three lists"},
+        {"{\"profile\":\"curve\",\"radius\":[0,1],\"rd\":[[0.1,0],[0.1,0],[0.1]]}", "1 values for 2"},
+    };
+    for (size_t i = 0; i < sizeof fault / sizeof fault[0]; i++)
+        if (prt_optics_parse(&quiet, "m", NULL, fault[i].json, strlen(fault[i].json), &o) >= 0 ||
+            !strstr(last_line, fault[i].says))
+            fail_msg("%s: said \"%s\"", fault[i].json, last_line);
+    struct prt_material m;
+    assert_int_equal(prt_material_load(&quiet, fault[0].json, &m), PRT_UNSUPPORTED);
+}
+
+int main(void)
+{
+    prt_context_init(&quiet);
+    quiet.log = capture_log;
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_burley), cmocka_unit_test(test_slab),
+        cmocka_unit_test(test_layers), cmocka_unit_test(test_curve),
+        cmocka_unit_test(test_optics_fit), cmocka_unit_test(test_extra_functions),
+        cmocka_unit_test(test_optics_files),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
