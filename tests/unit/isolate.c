@@ -100,12 +100,15 @@ static void endless_is_limit(void **state)
     assert_non_null(strstr(last_line, "thing.xyz"));
 }
 
+static char *volatile hoard; // or the compiler sees that nobody looks at the memory
+
 static int hunger(const struct prt_context *ctx, void *arg, struct prt_blob *out)
 {
     for (int i = 0; i < 64; i++) {
         char *p = malloc(64 << 20);
         if (!p) return PRT_NOMEM;
         memset(p, 1, 64 << 20);
+        hoard = p;
     }
     return PRT_OK;
 }
@@ -152,13 +155,49 @@ static void noise_is_hidden(void **state)
     assert_int_equal(errno, ECHILD);
 }
 
+struct busy {
+    const struct prt_context *ctx;
+    int bad[8];
+};
+
+static int load_in_thread(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct busy *busy = arg;
+    for (size_t i = begin; i < end; i++) {
+        size_t n = 1000 + i;
+        struct prt_blob out = {NULL, 0};
+        int status = prt_isolate(busy->ctx, "thing", NULL, give, &n, &out);
+        busy->bad[i] = status || out.size != n;
+        prt_free(out.bytes);
+    }
+    return PRT_OK;
+}
+
+static void ignore_line(void *user, enum prt_log_level level, const char *line)
+{
+}
+
+// Children forked from several threads of a pool at once do not wait for its locks.
+static void threads_may_fork(void **state)
+{
+    struct prt_context ctx;
+    struct busy busy = {.ctx = &ctx};
+    prt_context_init(&ctx);
+    ctx.log = ignore_line;
+    assert_int_equal(prt_pool_create(4, &ctx.pool), PRT_OK);
+    for (int round = 0; round < 5; round++)
+        assert_int_equal(prt_parallel_for(&ctx, NULL, 8, 1, load_in_thread, &busy), PRT_OK);
+    for (int i = 0; i < 8; i++) assert_int_equal(busy.bad[i], 0);
+    prt_pool_destroy(ctx.pool);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(result_returns),    cmocka_unit_test(status_returns),
         cmocka_unit_test(crash_is_format),   cmocka_unit_test(endless_is_limit),
         cmocka_unit_test(memory_is_bounded), cmocka_unit_test(calls_are_denied),
-        cmocka_unit_test(noise_is_hidden),
+        cmocka_unit_test(noise_is_hidden),   cmocka_unit_test(threads_may_fork),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -114,7 +114,9 @@ float prt_rng_f32(struct prt_rng *rng); /* [0,1) */
 /* Runs fn(arg, result) in a forked child under limits and hands back what it left in `result`:
  * for decoding untrusted bytes (DESIGN: parsed only in a child process). The child may not open
  * sockets or start programs; a crash or exceeded limit is PRT_FORMAT / PRT_LIMIT with a log line
- * naming `what`; its log lines are forwarded. Call it before threads hold locks fn needs. */
+ * naming `what`; its log lines are forwarded. In the child the context has no pool and no
+ * progress, stdin to stderr lead nowhere and every other file the parent had open is closed.
+ * Thread-safe; blocks. Call it before threads hold locks fn needs. */
 struct prt_isolate_limits {
     uint64_t memory_bytes; /* address space beyond what the parent has; 0: 4 GiB */
     double seconds;        /* CPU and wall; 0: 60 */

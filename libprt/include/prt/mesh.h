@@ -42,6 +42,8 @@ struct prt_mesh {
     struct prt_surface *surface;
     float mm_per_unit;               /* model units * mm_per_unit = mm; 0 while not scaled */
     uint32_t units_known;            /* 1: the format says metres (glTF) */
+    /* of the translucent blocks, welded: edges of one triangle, of more than two, triangles
+     * whose corners coincide */
     uint32_t n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
     void *owner;                     /* memory behind the arrays; NULL when mapped */
 };
