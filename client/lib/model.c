@@ -387,21 +387,15 @@ void relight_geometry_finish(struct relight_geometry *geometry)
     *geometry = (struct relight_geometry){0};
 }
 
-int relight_update_vertices(struct relight_client *client, const char *model, uint32_t first,
-                            uint32_t n, const float *position, const float *normal,
-                            bool own_units, uint64_t *generation, struct relight_error *error)
+static int update_range(struct relight_client *client, Relight__UpdateVerticesRequest *m,
+                        const float *position, const float *normal, uint64_t *generation,
+                        struct relight_error *error)
 {
-    Relight__UpdateVerticesRequest m = RELIGHT__UPDATE_VERTICES_REQUEST__INIT;
-    struct iovec piece[2] = {{(void *)(uintptr_t)position, 12 * (size_t)n},
-                             {(void *)(uintptr_t)normal, 12 * (size_t)n}};
-    m.model = relight_text(model);
-    m.first = first;
-    m.n = n;
-    m.has_normals = normal != NULL;
-    m.own_units = own_units;
+    struct iovec piece[2] = {{(void *)(uintptr_t)position, 12 * (size_t)m->n},
+                             {(void *)(uintptr_t)normal, 12 * (size_t)m->n}};
     uint64_t id;
     struct answer *answer;
-    int status = relight_start(client, RELIGHT_TYPE_UPDATE_VERTICES, &m.base, piece,
+    int status = relight_start(client, RELIGHT_TYPE_UPDATE_VERTICES, &m->base, piece,
                                normal ? 2 : 1, relight_timeout(client), false, &id, error);
     if (!status)
         status = relight_end(client, id, RELIGHT_TYPE_UPDATE_VERTICES, &answer, error);
@@ -410,4 +404,25 @@ int relight_update_vertices(struct relight_client *client, const char *model, ui
         *generation = ((Relight__UpdateVerticesAnswer *)answer->message)->generation;
     relight_answer_free(answer);
     return 0;
+}
+
+int relight_update_vertices(struct relight_client *client, const char *model, uint32_t first,
+                            uint32_t n, const float *position, const float *normal,
+                            bool own_units, uint64_t *generation, struct relight_error *error)
+{
+    Relight__UpdateVerticesRequest m = RELIGHT__UPDATE_VERTICES_REQUEST__INIT;
+    uint64_t limit = relight_server(client)->max_payload / (normal ? 24 : 12);
+    int status = 0;
+    m.model = relight_text(model);
+    m.has_normals = normal != NULL;
+    m.own_units = own_units;
+    // As many ranges as the largest request of the daemon asks for.
+    for (uint32_t at = 0; !status && (at < n || !n); at += m.n) {
+        m.first = first + at;
+        m.n = limit && n - at > limit ? (uint32_t)limit : n - at;
+        status = update_range(client, &m, position + 3 * (size_t)at,
+                              normal ? normal + 3 * (size_t)at : NULL, generation, error);
+        if (!n) break;
+    }
+    return status;
 }

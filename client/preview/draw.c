@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: MIT
+// Frames: which light and camera each has, drawing, tiling, files.
+#include "preview.h"
+
+#include <cjson/cJSON.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+// What stays from frame to frame. A turning light keeps the visibility buffer, a turning camera
+// keeps colours, background and reflections.
+struct drawing {
+    struct scene *scene;
+    float *plane;                    /* [n_vertex][3] */
+    struct prt_visibility *visibility;
+    struct prt_cube background;
+    struct prt_specular *specular;
+    struct prt_image canvas;         /* a sheet's */
+    struct prt_camera camera;        /* of frame 0 */
+};
+
+static double rotation(const struct options *o, uint32_t frame)
+{
+    return o->rotate_deg + (o->turn_light ? 360.0 * frame / o->n_frame : 0);
+}
+
+// The camera of a frame: it walks about the axis +y through its target, seeing the model turn.
+static struct prt_camera frame_camera(const struct drawing *d, uint32_t frame)
+{
+    const struct options *o = d->scene->options;
+    struct prt_camera c = d->camera;
+    if (o->turn_light) return c;
+    double a = 2 * M_PI * frame / o->n_frame, x = c.eye[0] - c.target[0], z = c.eye[2] - c.target[2];
+    c.eye[0] = c.target[0] + (float)(cos(a) * x + sin(a) * z);
+    c.eye[2] = c.target[2] + (float)(cos(a) * z - sin(a) * x);
+    double ux = c.up[0], uz = c.up[2];
+    c.up[0] = (float)(cos(a) * ux + sin(a) * uz);
+    c.up[2] = (float)(cos(a) * uz - sin(a) * ux);
+    return c;
+}
+
+static void drop_light(struct drawing *d)
+{
+    prt_cube_finish(&d->background);
+    d->background = (struct prt_cube){0};
+    if (d->specular) prt_specular_destroy(d->specular);
+    d->specular = NULL;
+}
+
+static int set_light(struct drawing *d, const struct sky *sky, double rotate_deg)
+{
+    const struct options *o = d->scene->options;
+    const struct prt_context *ctx = &d->scene->ctx;
+    drop_light(d);
+    if (!sky->env || (o->plain && o->no_specular)) return EXIT_DONE;
+    uint32_t n = prt_env_full_cube(sky->env);
+    if (n > 512) n = 512;
+    if (prt_env_to_cube(ctx, sky->env, n, rotate_deg, &d->background)) return EXIT_FAILED;
+    if (!o->no_specular && prt_specular_create(ctx, &d->background, &d->specular))
+        return EXIT_FAILED;
+    return EXIT_DONE;
+}
+
+static int set_camera(struct drawing *d, uint32_t frame)
+{
+    const struct options *o = d->scene->options;
+    struct prt_camera camera = frame_camera(d, frame);
+    if (d->visibility) prt_visibility_destroy(d->visibility);
+    d->visibility = NULL;
+    return prt_visibility_create(&d->scene->ctx, &d->scene->mesh, &camera, o->width, o->height,
+                                 o->samples, PRT_RASTER_AUTO, &d->visibility)
+               ? EXIT_FAILED : EXIT_DONE;
+}
+
+static int shade(struct drawing *d, struct prt_image *out)
+{
+    const struct options *o = d->scene->options;
+    struct prt_shade s = {.n_plane = 1, .planes = d->plane, .eta = d->scene->eta,
+                          .roughness = d->scene->roughness, .fresnel = true,
+                          .specular = d->specular};
+    if (!o->plain && d->background.texel) s.background = &d->background;
+    memcpy(s.background_rgb, o->background, sizeof s.background_rgb);
+    return prt_shade_image(&d->scene->ctx, d->visibility, &d->scene->mesh, &s, out)
+               ? EXIT_FAILED : EXIT_DONE;
+}
+
+static int encode(struct scene *scene, const char *path, const struct prt_image *image,
+                  struct prt_blob *out)
+{
+    const struct options *o = scene->options;
+    const struct prt_context *ctx = &scene->ctx;
+    const char *dot = strrchr(path, '.');
+    if (!strcasecmp(dot, ".exr")) return prt_encode_exr(ctx, image, false, out);
+    uint8_t *rgb8 = prt_alloc((size_t)image->width * image->height, 3);
+    if (!rgb8) return prt_fail(ctx, PRT_NOMEM, "%s: not enough memory", path);
+    int status = prt_tone_map(ctx, image, o->tone, o->exposure_ev, rgb8);
+    if (!status)
+        status = strcasecmp(dot, ".png")
+                     ? prt_encode_jpeg(ctx, rgb8, image->width, image->height, o->quality, out)
+                     : prt_encode_png(ctx, rgb8, image->width, image->height, 3, out);
+    prt_free(rgb8);
+    return status;
+}
+
+static int save(struct scene *scene, const char *path, const struct prt_image *image)
+{
+    struct prt_blob blob;
+    if (encode(scene, path, image, &blob)) return EXIT_FAILED;
+    int status = prt_write_file(&scene->ctx, path, blob.bytes, blob.size);
+    prt_free(blob.bytes);
+    if (status) return EXIT_FAILED;
+    if (scene->options->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "file", path);
+        cJSON_AddNumberToObject(json, "width", image->width);
+        cJSON_AddNumberToObject(json, "height", image->height);
+        char *text = cJSON_PrintUnformatted(json);
+        if (text) puts(text);
+        free(text);
+        cJSON_Delete(json);
+    } else
+        printf("%s: %u x %u\n", path, image->width, image->height);
+    return EXIT_DONE;
+}
+
+// FILE.png, FILE-FRAME.png or FILE-ENV-FRAME.png
+static void file_name(const struct options *o, size_t env, uint32_t frame, char *out, size_t n)
+{
+    const char *dot = strrchr(o->output, '.');
+    int stem = (int)(dot - o->output);
+    if (o->n_env == 1 && o->n_frame == 1)
+        snprintf(out, n, "%s", o->output);
+    else if (o->n_env == 1)
+        snprintf(out, n, "%.*s-%03u%s", stem, o->output, frame, dot);
+    else
+        snprintf(out, n, "%.*s-%zu-%03u%s", stem, o->output, env, frame, dot);
+}
+
+static int keep(struct drawing *d, size_t env, uint32_t frame, const struct prt_image *image)
+{
+    const struct options *o = d->scene->options;
+    if (!o->sheet) {
+        char path[4096];
+        file_name(o, env, frame, path, sizeof path);
+        return save(d->scene, path, image);
+    }
+    size_t x = (size_t)frame * (o->width + o->gap), y = env * (o->height + o->gap);
+    for (size_t row = 0; row < o->height; row++)
+        memcpy(d->canvas.rgb + 3 * ((y + row) * d->canvas.width + x),
+               image->rgb + 3 * row * o->width, 12 * (size_t)o->width);
+    return EXIT_DONE;
+}
+
+static int make_canvas(struct drawing *d)
+{
+    const struct options *o = d->scene->options;
+    uint64_t w = (uint64_t)o->n_frame * (o->width + o->gap) - o->gap;
+    uint64_t h = o->n_env * (uint64_t)(o->height + o->gap) - o->gap;
+    if (w > 32768 || h > 32768 || w * h > 1u << 28) {
+        fprintf(stderr, "relight-preview: a sheet of %llu x %llu pixels, allowed are 32768 a side "
+                "and 2^28 in all\n", (unsigned long long)w, (unsigned long long)h);
+        return EXIT_USAGE;
+    }
+    d->canvas = (struct prt_image){(uint32_t)w, (uint32_t)h, prt_calloc((size_t)(w * h), 12)};
+    return d->canvas.rgb ? EXIT_DONE : EXIT_FAILED;
+}
+
+// One row: an environment's frames. The next light's colours are on their way while this one is
+// drawn.
+static int draw_row(struct drawing *d, size_t env)
+{
+    const struct options *o = d->scene->options;
+    const struct sky *sky = d->scene->sky + env;
+    struct colors_pending next = {0};
+    int status = scene_colors_begin(d->scene, sky, rotation(o, 0), &next);
+    for (uint32_t k = 0; !status && k < o->n_frame; k++) {
+        struct prt_image image = {0};
+        if (k == 0 || o->turn_light) {
+            status = scene_colors_end(d->scene, &next, d->plane);
+            if (!status && o->turn_light && k + 1 < o->n_frame)
+                status = scene_colors_begin(d->scene, sky, rotation(o, k + 1), &next);
+            if (!status) status = set_light(d, sky, rotation(o, k));
+        }
+        if (!status && (!d->visibility || (!o->turn_light && o->n_frame > 1)))
+            status = set_camera(d, k);
+        if (!status) status = shade(d, &image);
+        if (!status) status = keep(d, env, k, &image);
+        prt_image_finish(&image);
+    }
+    if (next.begun) { // an answer that nobody will use
+        float *sink = prt_alloc(d->scene->mesh.n_vertex, 12);
+        if (sink) scene_colors_end(d->scene, &next, sink);
+        prt_free(sink);
+    }
+    return status;
+}
+
+int draw_all(struct scene *scene)
+{
+    const struct options *o = scene->options;
+    struct drawing d = {.scene = scene, .camera = o->camera};
+    int status = EXIT_DONE;
+    if (d.camera.automatic) {
+        prt_camera_frame(&scene->mesh, (float)o->width / (float)o->height, &d.camera);
+        d.camera.automatic = false;
+    }
+    d.plane = prt_alloc(scene->mesh.n_vertex, 12);
+    if (!d.plane) status = EXIT_FAILED;
+    if (!status && o->sheet) status = make_canvas(&d);
+    for (size_t e = 0; !status && e < o->n_env; e++) status = draw_row(&d, e);
+    if (!status && o->sheet) status = save(scene, o->output, &d.canvas);
+    drop_light(&d);
+    if (d.visibility) prt_visibility_destroy(d.visibility);
+    prt_free(d.canvas.rgb);
+    prt_free(d.plane);
+    return status;
+}

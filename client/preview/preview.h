@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: MIT */
+/* preview.h: what the files of relight-preview share. */
+#ifndef RELIGHT_PREVIEW_H
+#define RELIGHT_PREVIEW_H
+
+#include "prt/raster.h"
+#include "relight/relight.h"
+
+enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_UNREACHABLE = 3, MAX_ENV = 16 };
+
+struct options {
+    const char *server, *model, *output, *material;
+    const char *env[MAX_ENV];
+    size_t n_env;
+    double rotate_deg, timeout_s;
+    uint32_t n_frame, width, height, samples, gap;
+    bool turn_light, sheet, json, no_specular, plain;
+    float background[3], exposure_ev;
+    int quality;
+    enum prt_tone tone;
+    struct prt_camera camera; /* automatic: frame the model */
+    enum relight_color_format format;
+};
+void options_parse(int argc, char **argv, struct options *options);
+
+/* One environment as the daemon and as the picture see it. */
+struct sky {
+    char word[80];            /* for the daemon */
+    struct prt_env *env;      /* NULL: only the daemon has it; no background, no reflections */
+};
+
+/* The model, fetched: geometry in mm, its medium's surface. */
+struct scene {
+    struct relight_client *client;
+    const struct options *options;
+    struct prt_context ctx;
+    struct relight_geometry geometry;
+    struct prt_mesh mesh;     /* arrays of its own */
+    float eta, roughness;
+    struct sky sky[MAX_ENV];
+};
+/* Return exit statuses; errors are reported. */
+int scene_fetch(struct scene *scene);
+void scene_finish(struct scene *scene);
+
+/* Colours without outgoing Fresnel under one light: multiple + single scattering, so that one
+ * answer serves every camera. begin sends, end waits: other work fits between. */
+struct colors_pending {
+    uint64_t id[2];
+    bool begun;
+};
+int scene_colors_begin(struct scene *scene, const struct sky *sky, double rotate_deg,
+                       struct colors_pending *pending);
+int scene_colors_end(struct scene *scene, struct colors_pending *pending, float *plane);
+
+/* Draws every frame and writes the files. */
+int draw_all(struct scene *scene);
+
+int report(const struct relight_error *error);
+
+#endif

@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: MIT
+// The model as the daemon has it: geometry as a mesh that the raster room draws, its medium's
+// surface, environments, and colours on request.
+#include "preview.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static int fail(const char *text)
+{
+    fprintf(stderr, "relight-preview: %s\n", text);
+    return EXIT_FAILED;
+}
+
+// Blocks of the answer, checked: the raster room trusts its mesh.
+static bool put_blocks(const struct relight_geometry *g, struct prt_mesh *m)
+{
+    for (uint32_t i = 0; i < m->n_block; i++) {
+        const struct relight_block *b = g->block + i;
+        if (b->vertex_begin > g->n_vertex || b->n_vertex > g->n_vertex - b->vertex_begin ||
+            b->triangle_begin > g->n_triangle ||
+            b->n_triangle > g->n_triangle - b->triangle_begin)
+            return false;
+        m->block[i] = (struct prt_block){b->object, i, b->vertex_begin, b->n_vertex,
+                                         b->triangle_begin, b->n_triangle};
+        struct prt_surface *s = m->surface + i;
+        *s = (struct prt_surface){.translucent = b->translucent, .roughness = 1, .ior = 1.5f};
+        snprintf(s->name, sizeof s->name, "%s", b->surface);
+        memcpy(s->base_color, b->base_color, sizeof b->base_color);
+        s->base_color[3] = 1;
+    }
+    return true;
+}
+
+static int make_mesh(struct scene *scene)
+{
+    const struct relight_geometry *g = &scene->geometry;
+    struct prt_mesh *m = &scene->mesh;
+    if (!g->n_block || !g->n_triangle || !g->normal) return fail("the model has no triangles");
+    *m = (struct prt_mesh){.n_vertex = g->n_vertex, .n_triangle = g->n_triangle,
+                           .n_block = (uint32_t)g->n_block, .n_surface = (uint32_t)g->n_block,
+                           .n_weld = g->n_vertex, .mm_per_unit = (float)g->mm_per_unit};
+    m->position = prt_alloc(g->n_vertex, 12);
+    m->normal = prt_alloc(g->n_vertex, 12);
+    m->triangle = prt_alloc(g->n_triangle, 12);
+    m->weld = prt_alloc(g->n_vertex, 4);
+    m->block = prt_calloc(g->n_block, sizeof *m->block);
+    m->surface = prt_calloc(g->n_block, sizeof *m->surface);
+    if (!m->position || !m->normal || !m->triangle || !m->weld || !m->block || !m->surface)
+        return fail("not enough memory for the model");
+    memcpy(m->position, g->position, 12 * (size_t)g->n_vertex);
+    memcpy(m->normal, g->normal, 12 * (size_t)g->n_vertex);
+    memcpy(m->triangle, g->triangle, 12 * (size_t)g->n_triangle);
+    for (uint32_t i = 0; i < g->n_vertex; i++) m->weld[i] = i;
+    if (!put_blocks(g, m)) return fail("the model's blocks do not fit its vertices");
+    for (uint32_t i = 0; i < m->n_block; i++)
+        if (m->block[i].object >= m->n_object) m->n_object = m->block[i].object + 1;
+    return EXIT_DONE;
+}
+
+// The material's surface decides Fresnel and reflections; the model's own, or --material.
+static int find_surface(struct scene *scene)
+{
+    struct relight_error error;
+    struct relight_model info;
+    struct prt_material material = {.eta = 1.3f, .roughness = 0.3f};
+    int status = PRT_OK;
+    if (scene->options->material) {
+        status = prt_material_load(&scene->ctx, scene->options->material, &material);
+        if (status) return status == PRT_ARG ? EXIT_USAGE : EXIT_FAILED;
+    } else {
+        if (relight_info(scene->client, scene->options->model, &info, &error))
+            return report(&error);
+        if (*info.material)
+            status = prt_material_parse(&scene->ctx, "the model's material", info.material,
+                                        strlen(info.material), &material);
+        relight_model_finish(&info);
+        if (status) return EXIT_FAILED;
+    }
+    scene->eta = material.eta;
+    scene->roughness = material.roughness;
+    return EXIT_DONE;
+}
+
+static int find_sky(struct scene *scene, const char *word, struct sky *sky)
+{
+    struct relight_error error;
+    if (relight_env_resolve(scene->client, word, NULL, NULL, sky->word, &error))
+        return report(&error);
+    if (!strncmp(word, "env:", 4)) return EXIT_DONE; // the daemon's; it does not hand images out
+    return prt_env_load(&scene->ctx, word, &sky->env) ? EXIT_FAILED : EXIT_DONE;
+}
+
+int scene_fetch(struct scene *scene)
+{
+    struct relight_error error;
+    const struct options *o = scene->options;
+    if (relight_geometry(scene->client, o->model, false, &scene->geometry, &error))
+        return report(&error);
+    int status = make_mesh(scene);
+    if (!status) status = find_surface(scene);
+    for (size_t i = 0; !status && i < o->n_env; i++)
+        status = find_sky(scene, o->env[i], scene->sky + i);
+    return status;
+}
+
+void scene_finish(struct scene *scene)
+{
+    struct prt_mesh *m = &scene->mesh;
+    prt_free(m->position);
+    prt_free(m->normal);
+    prt_free(m->triangle);
+    prt_free(m->weld);
+    prt_free(m->block);
+    prt_free(m->surface);
+    for (int i = 0; i < MAX_ENV; i++)
+        if (scene->sky[i].env) prt_env_destroy(scene->sky[i].env);
+    relight_geometry_finish(&scene->geometry);
+}
+
+int scene_colors_begin(struct scene *scene, const struct sky *sky, double rotate_deg,
+                       struct colors_pending *pending)
+{
+    static const enum relight_term terms[2] = {RELIGHT_TERM_MULTIPLE, RELIGHT_TERM_SINGLE};
+    struct relight_error error;
+    struct relight_light light = {.env = sky->word, .rotate_deg = (float)rotate_deg};
+    struct relight_colors_request request = {.model = scene->options->model,
+                                             .n_light = 1,
+                                             .lights = &light,
+                                             .format = scene->options->format};
+    char material[1024];
+    if (scene->options->material) {
+        struct prt_material m;
+        if (prt_material_load(&scene->ctx, scene->options->material, &m)) return EXIT_FAILED;
+        prt_material_print(&m, material, sizeof material);
+        request.shade.material = material;
+    }
+    for (int i = 0; i < 2; i++) {
+        request.shade.term = terms[i];
+        if (relight_colors_begin(scene->client, &request, 0, pending->id + i, &error))
+            return report(&error);
+    }
+    pending->begun = true;
+    return EXIT_DONE;
+}
+
+int scene_colors_end(struct scene *scene, struct colors_pending *pending, float *plane)
+{
+    int status = EXIT_DONE;
+    size_t n = 3 * (size_t)scene->mesh.n_vertex;
+    float *single = prt_alloc(n, sizeof *single);
+    pending->begun = false;
+    for (int i = 0; i < 2; i++) {
+        struct relight_error error;
+        struct relight_colors colors;
+        if (relight_colors_end(scene->client, pending->id[i], &colors, &error)) {
+            if (!status) status = report(&error);
+            continue;
+        }
+        if (!single || colors.n_vertex != scene->mesh.n_vertex)
+            status = fail("the colours do not fit the model");
+        else
+            relight_colors_decode(&colors, 0, i ? single : plane);
+        relight_colors_finish(&colors);
+    }
+    if (!status)
+        for (size_t i = 0; i < n; i++) plane[i] += single[i];
+    prt_free(single);
+    return status;
+}
