@@ -459,3 +459,14 @@ void prt_visibility_gbuffer(const struct prt_visibility *vis, struct prt_gbuffer
 {
     *out = vis->g;
 }
+
+void prt_visibility_frame(const struct prt_visibility *vis, float eye[3], float forward[3],
+                          float right[3], float up[3])
+{
+    for (int i = 0; i < 3; i++) {
+        eye[i] = (float)vis->frame.eye[i];
+        forward[i] = (float)vis->frame.forward[i];
+        right[i] = (float)vis->frame.right[i];
+        up[i] = (float)vis->frame.up[i];
+    }
+}

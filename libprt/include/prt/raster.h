@@ -57,6 +57,12 @@ struct prt_gbuffer {
 };
 void prt_visibility_gbuffer(const struct prt_visibility *visibility, struct prt_gbuffer *out);
 
+/* The eye [mm] and the frame of its rays: through (x,y) in pixels, y down, the direction is
+ * forward + (2x/W - 1) right + (1 - 2y/H) up; forward is unit, right and up are as long as the
+ * tangents of half the field of view. */
+void prt_visibility_frame(const struct prt_visibility *visibility, float eye[3],
+                          float forward[3], float right[3], float up[3]);
+
 /* Environment pre-filtered for specular reflection: mip levels of growing roughness. */
 struct prt_specular;
 int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *light,

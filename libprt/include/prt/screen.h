@@ -1,0 +1,102 @@
+/* SPDX-License-Identifier: MIT */
+/* prt/screen.h owns pictures without a bake: splatting (S09), tangent-plane sampling (M03) and
+ * texture-space sampling (C08) of B(x_o) = int R_d(|x_o - x_i|) E(x_i) dA (METHODS §6). */
+#ifndef PRT_SCREEN_H
+#define PRT_SCREEN_H
+
+#include "prt/raster.h"
+#include "prt/trace.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum prt_screen_engine {
+    PRT_SCREEN_SPLAT = 0,   /* S09: surface points the light sees, each spread to all pixels */
+    PRT_SCREEN_TANGENT,     /* M03: radii drawn from R_d in the tangent plane of each pixel */
+    PRT_SCREEN_TEXTURE,     /* C08: points drawn from irradiance over an area-preserving atlas */
+    PRT_SCREEN_HYBRID,      /* C08: near part from dense points, far part as TEXTURE */
+    PRT_SCREEN_REFERENCE,   /* every texel of the atlas to every pixel, exact R_d: slow */
+};
+/* "splat" "tangent" "texture" "hybrid" "reference"; PRT_ARG for other words. */
+int prt_screen_engine_parse(const char *word, enum prt_screen_engine *out);
+const char *prt_screen_engine_name(enum prt_screen_engine engine);
+
+/* A distant or point light. direction: unit, towards the light, and irradiance on a plane facing
+ * it; or a position [mm] and radiant intensity [irradiance * mm^2]. */
+struct prt_screen_light {
+    float where[3];
+    float rgb[3];
+    bool point;
+};
+/* At most n distant lights that stand for a cube: strata of equal power, each at its power's
+ * mean direction. Powers add up to the cube's integral. Returns the number made. */
+uint32_t prt_screen_lights_from_cube(const struct prt_cube *cube, uint32_t n,
+                                     struct prt_screen_light *out);
+
+/* What does not depend on light, material or view: the atlas and the peeled depth layers.
+ * Immutable mesh; make another when positions change. Thread-safe after creation but for
+ * prt_screen_radiance, which one thread may run at a time. */
+struct prt_screen;
+/* scene may be NULL: one is made. mesh and scene must outlive it. */
+int prt_screen_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                      const struct prt_scene *scene, struct prt_screen **out);
+void prt_screen_destroy(struct prt_screen *screen);
+
+struct prt_screen_options {
+    enum prt_screen_engine engine;
+    uint32_t n_sample;      /* SPLAT: grid is n x n over the light's view; TANGENT: samples a
+                               pixel; TEXTURE, HYBRID: samples; REFERENCE: texels. 0: from the
+                               material, or the engine's default (64, 2500, 900, 262144) */
+    uint32_t n_light;       /* distant lights that stand for a cube; 0: 64 */
+    float budget_ms;        /* > 0: n_sample is chosen to fit, from the speed seen so far */
+    float bound;            /* HYBRID: R_p is where 2 pi r R_d last crosses it [mm^-1]; 0: 0.05 */
+    float epsilon;          /* SPLAT: r_max leaves this share of rho_d outside; 0: 0.002 */
+    bool sh_irradiance;     /* S09's unshadowed irradiance from 16 harmonics, cube lights only */
+    bool measure_error;     /* compare some pixels with REFERENCE (costs rays) */
+    uint64_t seed;
+    const struct prt_material *object_material; /* [n_object], or NULL: one for all */
+};
+struct prt_screen_report {
+    enum prt_screen_engine engine;
+    uint32_t n_sample;      /* points of the surface used (a pixel's own, for TANGENT) */
+    uint32_t grid;          /* SPLAT: n */
+    uint32_t n_light;
+    uint64_t n_ray, n_pair; /* shadow and view rays; evaluations of R_d */
+    float r_max_mm, r_p_mm;
+    double irradiance_s, scatter_s;
+    double error;           /* relative RMSE over covered pixels; < 0: not measured */
+};
+
+/* (1/pi) B at every point of a visibility buffer's G-buffer, albedo/pi E on opaque surfaces:
+ * radiance [n_point][3], to be composed by prt_shade_points. Lights: cube (may be NULL) and
+ * n_extra more. */
+int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen,
+                        const struct prt_visibility *visibility,
+                        const struct prt_material *material, const struct prt_cube *cube,
+                        uint32_t n_extra, const struct prt_screen_light *extra,
+                        const struct prt_screen_options *options, float (*radiance)[3],
+                        struct prt_screen_report *report);
+/* The same, composed: shade gives specular, background and Fresnel (its planes are ignored). */
+int prt_screen_image(const struct prt_context *ctx, struct prt_screen *screen,
+                     const struct prt_visibility *visibility,
+                     const struct prt_material *material, const struct prt_cube *cube,
+                     uint32_t n_extra, const struct prt_screen_light *extra,
+                     const struct prt_screen_options *options, const struct prt_shade *shade,
+                     struct prt_image *out, struct prt_screen_report *report);
+
+/* Building blocks, open for tests. */
+/* M03: a radius from R_d of one channel, density 2 pi r R_d / rho_d; xi, pick in [0,1). */
+double prt_screen_tangent_radius(const struct prt_dipole *dipole, double pick, double xi);
+/* C08: share of R_d that is local at r (METHODS §7): 1 - 0.5 e^(K(r-R_p)) up to R_p. */
+double prt_screen_local_weight(double r_mm, double r_p_mm);
+/* C08: R_p for a bound over three channels. */
+double prt_screen_split_radius(const struct prt_dipole dipole[3], double bound);
+/* C08: index drawn by u in [0,1) in proportion to value[n], n a power of 4, by walking down the
+ * mip chain; mip holds value first, then each coarser level: 4n/3 numbers. */
+uint32_t prt_screen_mip_sample(const float *mip, uint32_t n, float u);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,154 @@
+/* SPDX-License-Identifier: MIT */
+/* What the files of screen/ share: samples with irradiance, R_d tables, pair sums, trees. */
+#ifndef SCREEN_INTERNAL_H
+#define SCREEN_INTERNAL_H
+
+#include "prt/screen.h"
+
+/* Points x_i of the surface, as columns padded to 16. weight = E * area. */
+struct samples {
+    uint32_t n, capacity;
+    float *p[3], *normal[3], *face[3]; /* [n] mm, unit */
+    float *area;                       /* [n] mm^2 */
+    float *e[3];                       /* [n] irradiance */
+    uint32_t *object;                  /* [n] ascending */
+};
+bool samples_init(struct samples *s, uint32_t capacity);
+void samples_finish(struct samples *s);
+
+/* Atlas: n texels of equal area along a space-filling curve of each object's triangles. */
+int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
+                  struct samples *out);
+/* Depth layers along the three axes, spacing mm apart, each keeping what faces it most. */
+int samples_peel(const struct prt_context *ctx, const struct prt_scene *scene, float spacing_mm,
+                 struct samples *out, uint64_t *n_ray);
+/* The grid of points a distant light sees, with its irradiance already in e. */
+int samples_light_view(const struct prt_context *ctx, const struct prt_scene *scene,
+                       const struct prt_screen_light *light, float spacing_mm, const float *eta,
+                       struct samples *out, uint32_t *grid, uint64_t *n_ray);
+
+/* E at samples: traced shadows, exact F_t (eta[object]; NULL: none, Lambertian). */
+int irradiance_traced(const struct prt_context *ctx, const struct prt_scene *scene,
+                      uint32_t n_light, const struct prt_screen_light *light, const float *eta,
+                      struct samples *s, uint64_t *n_ray);
+/* S09: E from 16 spherical harmonics of the light, no shadows. */
+void irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s);
+
+/* A radial function of three channels: quadratics in q = r^2 + r0^2 on 32 segments, a power of
+ * two of them an octave, so that the segment is a few bits of q and fits vector registers. */
+struct radial_table {
+    float coef[3][3][32]; /* [channel][power][segment & 31] */
+    float r0_sq, q_max;
+    uint32_t shift;
+};
+typedef void (*profile_fn)(const void *arg, double r_mm, double out[3]);
+void radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg, double scale_mm,
+                      double r_max_mm);
+void radial_table_eval(const struct radial_table *t, float r_sq, float out[3]);
+
+/* Weighted points to sum over. Columns of `capacity`. */
+struct emitters {
+    uint32_t n, capacity;
+    float *p[3], *w[3];
+};
+bool emitters_reserve(struct emitters *e, uint32_t capacity);
+void emitters_finish(struct emitters *e);
+static inline void emitters_push(struct emitters *e, const float p[3], const float w[3])
+{
+    for (int k = 0; k < 3; k++) {
+        e->p[k][e->n] = p[k];
+        e->w[k][e->n] = w[k];
+    }
+    e->n++;
+}
+/* sum[c][i] += sum_j w[c][j] R_c(|p_i - p_j|); n_point a multiple of 16, columns 64-byte
+ * aligned. */
+typedef void (*pair_fn)(const struct radial_table *t, const struct emitters *e, uint32_t begin,
+                        uint32_t end, uint32_t n_point, const float *const p[3],
+                        float *const sum[3]);
+pair_fn pair_kernel(unsigned cpu);
+
+/* Boxes over runs of consecutive samples. */
+struct tree_node {
+    float lo[3], hi[3], p[3], w[3];
+    uint32_t first, n;     /* children nodes, or samples of a leaf */
+    bool leaf;
+};
+struct tree {
+    struct tree_node *node;
+    uint32_t n_node;
+    uint32_t *root;        /* [n_object] or UINT32_MAX */
+    uint32_t n_object;
+};
+int tree_build(const struct samples *s, uint32_t n_object, struct tree *out);
+void tree_finish(struct tree *tree);
+/* Emitters for all points in a box: nodes that look small from it, samples near it, nothing
+ * beyond r_max of it. */
+bool tree_gather(const struct tree *tree, const struct samples *s, uint32_t object,
+                 const float lo[3], const float hi[3], float opening, float r_max,
+                 struct emitters *out);
+
+/* Points of the G-buffer grouped into tiles of one object and one patch of the screen. */
+enum { TILE_POINTS = 64 };
+struct tiles {
+    uint32_t n_tile;
+    uint32_t *begin;       /* [n_tile+1] into order */
+    uint32_t *order;       /* G-buffer points */
+    uint32_t *object;      /* [n_tile] */
+};
+int tiles_build(const struct prt_gbuffer *g, const struct prt_mesh *mesh, uint32_t width,
+                uint32_t height, struct tiles *out);
+void tiles_finish(struct tiles *tiles);
+
+struct prt_screen {
+    const struct prt_mesh *mesh;
+    const struct prt_scene *scene;
+    struct prt_scene *own_scene;
+    float diameter_mm;
+    double area_mm2;
+    struct samples atlas;          /* texels of the last size asked for */
+    struct samples peel;           /* layers of the last spacing asked for */
+    float peel_spacing;
+    uint32_t atlas_size;
+    double pair_rate, ray_rate;    /* a second, as last seen */
+};
+
+/* One frame on its way through an engine. */
+struct frame {
+    const struct prt_context *ctx;
+    struct prt_screen *screen;
+    const struct prt_visibility *vis;
+    struct prt_gbuffer g;
+    uint32_t width, height;
+    uint32_t n_object;
+    struct prt_dipole (*dipole)[3];  /* [n_object] */
+    float *eta;                      /* [n_object] */
+    struct radial_table *table;      /* [n_object] R_d */
+    struct tiles tiles;
+    uint32_t n_light;
+    struct prt_screen_light *light;
+    const struct prt_cube *cube;
+    const struct prt_screen_options *options;
+    float (*radiance)[3];
+    struct prt_screen_report *report;
+};
+/* Adds (1/pi) sum over emitters to every point. Emitters of each object in one list; table per
+ * object. */
+int scatter_all(struct frame *f, const struct radial_table *table, const struct emitters *list);
+/* The same over a tree of samples. */
+int scatter_tree(struct frame *f, const struct radial_table *table, const struct samples *s,
+                 float opening, float r_max);
+/* Texels of the atlas with irradiance of this frame's lights; kept for the frame. */
+int frame_atlas(struct frame *f, uint32_t n);
+/* n points an object, drawn from E' of the frame's atlas. keep [n texels] or NULL. */
+int draw_emitters(struct frame *f, uint32_t n, const uint8_t *keep, struct emitters *list);
+float smallest_mean_free_path(const struct frame *f);
+
+int engine_splat(struct frame *f);
+int engine_tangent(struct frame *f);
+int engine_texture(struct frame *f, bool hybrid);
+int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double *error);
+
+void prt_screen_dipole_profile(const void *dipole3, double r_mm, double out[3]);
+
+#endif

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: MIT
+// The exact sum the engines are measured against: every texel, the dipole itself.
+#include "internal.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { CHUNK = 1024 };
+
+struct job {
+    struct frame *f;
+    const struct samples *s;
+    uint32_t *object_begin; // [n_object+1] texels
+    const uint32_t *point;
+    float (*out)[3];
+    unsigned cpu;
+};
+
+static int run(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct job *job = arg;
+    const struct samples *s = job->s;
+    float *r = prt_alloc(4 * CHUNK, sizeof *r);
+    if (!r) return PRT_NOMEM;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t point = job->point[i];
+        uint32_t object = job->f->screen->mesh->block[job->f->g.block[point]].object;
+        double sum[3] = {0};
+        float o[3];
+        for (int k = 0; k < 3; k++) o[k] = job->f->g.position[k][point];
+        uint32_t last = job->object_begin[object + 1];
+        for (uint32_t at = job->object_begin[object]; at < last; at += CHUNK) {
+            uint32_t n = last - at < CHUNK ? last - at : CHUNK;
+            float part[3] = {0};
+            for (uint32_t j = 0; j < n; j++) {
+                float x = s->p[0][at + j] - o[0], y = s->p[1][at + j] - o[1];
+                float z = s->p[2][at + j] - o[2];
+                r[j] = x * x + y * y + z * z;
+            }
+            prt_dipole_rd3_array(job->f->dipole[object], job->cpu, n, r, r + CHUNK, r + 2 * CHUNK,
+                                 r + 3 * CHUNK);
+            for (int c = 0; c < 3; c++)
+                for (uint32_t j = 0; j < n; j++)
+                    part[c] += r[(size_t)(c + 1) * CHUNK + j] * s->e[c][at + j] * s->area[at + j];
+            for (int c = 0; c < 3; c++) sum[c] += part[c];
+        }
+        for (int c = 0; c < 3; c++) job->out[i][c] = (float)(sum[c] / M_PI);
+    }
+    prt_free(r);
+    return PRT_OK;
+}
+
+int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double *error)
+{
+    double t0 = prt_time_s();
+    int status = frame_atlas(f, n_texel);
+    if (status) return status;
+    double t1 = prt_time_s();
+    const struct samples *s = &f->screen->atlas;
+    uint32_t n = 0, skip = 0;
+    uint32_t *point = malloc(((size_t)f->g.n_point + 1) * sizeof *point);
+    uint32_t *begin = calloc((size_t)f->n_object + 2, sizeof *begin);
+    float(*out)[3] = malloc(((size_t)f->g.n_point / stride + 2) * sizeof *out);
+    struct job job = {f, s, begin, point, out, f->ctx ? f->ctx->cpu : prt_cpu_detect()};
+    if (!point || !begin || !out) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    if (!status) {
+        for (uint32_t i = 0; i < f->g.n_point; i++)
+            if (!f->g.opaque[i] && skip++ % stride == 0) point[n++] = i;
+        for (uint32_t i = 0; i < s->n; i++) begin[s->object[i] + 1]++;
+        for (uint32_t o = 0; o < f->n_object; o++) begin[o + 1] += begin[o];
+        status = prt_parallel_for(f->ctx, NULL, n, 16, run, &job);
+    }
+    if (!status && error) {
+        double num = 0, den = 0;
+        for (uint32_t i = 0; i < n; i++) {
+            for (int c = 0; c < 3; c++) {
+                double e = (double)f->radiance[point[i]][c] - out[i][c];
+                num += e * e;
+                den += (double)out[i][c] * out[i][c];
+            }
+        }
+        *error = den > 0 ? sqrt(num / den) : 0;
+    } else if (!status) {
+        for (uint32_t i = 0; i < n; i++) memcpy(f->radiance[point[i]], out[i], sizeof out[i]);
+        f->report->n_sample = s->n;
+        f->report->irradiance_s = t1 - t0;
+        f->report->scatter_s = prt_time_s() - t1;
+    }
+    f->report->n_pair += (uint64_t)n * s->n / (f->n_object ? f->n_object : 1);
+    free(point);
+    free(begin);
+    free(out);
+    return status;
+}

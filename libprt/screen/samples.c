@@ -1,0 +1,515 @@
+// SPDX-License-Identifier: MIT
+// Points of the surface: atlas texels, peeled depth layers, a distant light's view.
+#include "internal.h"
+
+#include <math.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+
+bool samples_init(struct samples *s, uint32_t capacity)
+{
+    memset(s, 0, sizeof *s);
+    capacity = (capacity + 31) & ~15u;
+    bool good = (s->area = prt_calloc(capacity, 4)) && (s->object = prt_calloc(capacity, 4));
+    for (int k = 0; k < 3 && good; k++)
+        good = (s->p[k] = prt_calloc(capacity, 4)) && (s->normal[k] = prt_calloc(capacity, 4)) &&
+               (s->face[k] = prt_calloc(capacity, 4)) && (s->e[k] = prt_calloc(capacity, 4));
+    s->capacity = capacity;
+    if (!good) samples_finish(s);
+    return good;
+}
+
+void samples_finish(struct samples *s)
+{
+    for (int k = 0; k < 3; k++) {
+        prt_free(s->p[k]);
+        prt_free(s->normal[k]);
+        prt_free(s->face[k]);
+        prt_free(s->e[k]);
+    }
+    prt_free(s->area);
+    prt_free(s->object);
+    memset(s, 0, sizeof *s);
+}
+
+static bool translucent(const struct prt_mesh *mesh, uint32_t block)
+{
+    return mesh->surface[mesh->block[block].surface].translucent != 0;
+}
+
+// Position, smooth normal and face normal of a place in a triangle; its area.
+static double place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv,
+                    struct samples *s, uint32_t at)
+{
+    const uint32_t *v = mesh->triangle[t];
+    double w[3] = {1 - bu - bv, bu, bv}, n[3], e1[3], e2[3], face[3], length = 0, fl = 0;
+    for (int k = 0; k < 3; k++) {
+        double p = 0;
+        n[k] = 0;
+        for (int j = 0; j < 3; j++) {
+            p += w[j] * mesh->position[v[j]][k];
+            n[k] += w[j] * mesh->normal[v[j]][k];
+        }
+        e1[k] = (double)mesh->position[v[1]][k] - mesh->position[v[0]][k];
+        e2[k] = (double)mesh->position[v[2]][k] - mesh->position[v[0]][k];
+        s->p[k][at] = (float)p;
+        length += n[k] * n[k];
+    }
+    for (int k = 0; k < 3; k++) {
+        int a = (k + 1) % 3, b = (k + 2) % 3;
+        face[k] = e1[a] * e2[b] - e1[b] * e2[a];
+        fl += face[k] * face[k];
+    }
+    length = sqrt(length);
+    fl = sqrt(fl);
+    for (int k = 0; k < 3; k++) {
+        s->face[k][at] = (float)(fl > 0 ? face[k] / fl : 0);
+        s->normal[k][at] = (float)(length > 1e-12 ? n[k] / length : s->face[k][at]);
+    }
+    return fl / 2;
+}
+
+static uint64_t spread3(uint64_t x)
+{
+    x &= 0x1fffff;
+    x = (x | x << 32) & 0x1f00000000ffffULL;
+    x = (x | x << 16) & 0x1f0000ff0000ffULL;
+    x = (x | x << 8) & 0x100f00f00f00f00fULL;
+    x = (x | x << 4) & 0x10c30c30c30c30c3ULL;
+    return (x | x << 2) & 0x1249249249249249ULL;
+}
+
+struct key {
+    uint64_t code;
+    uint32_t object, index;
+};
+
+static int key_order(const void *a, const void *b)
+{
+    const struct key *x = a, *y = b;
+    if (x->object != y->object) return x->object < y->object ? -1 : 1;
+    if (x->code != y->code) return x->code < y->code ? -1 : 1;
+    return x->index < y->index ? -1 : x->index > y->index;
+}
+
+static uint64_t morton(const float lo[3], double edge, const double p[3])
+{
+    uint64_t code = 0;
+    for (int k = 0; k < 3; k++) {
+        double f = (p[k] - lo[k]) / edge;
+        code |= spread3((uint64_t)(fmin(fmax(f, 0), 1) * 2097151.0)) << k;
+    }
+    return code;
+}
+
+static double box_edge(float box[2][3])
+{
+    double edge = 1e-30;
+    for (int k = 0; k < 3; k++) edge = fmax(edge, (double)box[1][k] - box[0][k]);
+    return edge;
+}
+
+// A place in the unit triangle from f in [0,1): a 4-way split walked in fixed order.
+static void walk_triangle(double f, double *bu, double *bv)
+{
+    double a[3][2] = {{0, 0}, {1, 0}, {0, 1}};
+    for (unsigned level = 0; level < 12; level++) {
+        f *= 4;
+        int child = f >= 3 ? 3 : (int)f;
+        f -= child;
+        for (int k = 0; k < 2; k++) {
+            double m01 = (a[0][k] + a[1][k]) / 2, m12 = (a[1][k] + a[2][k]) / 2;
+            double m20 = (a[2][k] + a[0][k]) / 2;
+            double c[4][3] = {{a[0][k], m01, m20},
+                              {m01, m12, m20},
+                              {m01, a[1][k], m12},
+                              {m20, m12, a[2][k]}};
+            for (int j = 0; j < 3; j++) a[j][k] = c[child][j];
+        }
+    }
+    *bu = (a[0][0] + a[1][0] + a[2][0]) / 3;
+    *bv = (a[0][1] + a[1][1] + a[2][1]) / 3;
+}
+
+static double area_of(const struct prt_mesh *mesh, uint32_t t)
+{
+    const float *a = mesh->position[mesh->triangle[t][0]];
+    const float *b = mesh->position[mesh->triangle[t][1]];
+    const float *c = mesh->position[mesh->triangle[t][2]];
+    double n[3], u[3], v[3];
+    for (int k = 0; k < 3; k++) {
+        u[k] = (double)b[k] - a[k];
+        v[k] = (double)c[k] - a[k];
+    }
+    n[0] = u[1] * v[2] - u[2] * v[1];
+    n[1] = u[2] * v[0] - u[0] * v[2];
+    n[2] = u[0] * v[1] - u[1] * v[0];
+    return 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+// Translucent triangles by object and along a Morton curve.
+static struct key *order_triangles(const struct prt_mesh *mesh, uint32_t *n_out)
+{
+    struct key *key = malloc(((size_t)mesh->n_triangle + 1) * sizeof *key);
+    if (!key) return NULL;
+    float box[2][3];
+    prt_mesh_bounds(mesh, box);
+    double edge = box_edge(box);
+    uint32_t n = 0;
+    for (uint32_t b = 0; b < mesh->n_block; b++) {
+        if (!translucent(mesh, b)) continue;
+        const struct prt_block *k = &mesh->block[b];
+        for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle; t++) {
+            double c[3] = {0, 0, 0};
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) c[i] += mesh->position[mesh->triangle[t][j]][i] / 3.0;
+            key[n++] = (struct key){morton(box[0], edge, c), k->object, t};
+        }
+    }
+    qsort(key, n, sizeof *key, key_order);
+    *n_out = n;
+    return key;
+}
+
+int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
+                  struct samples *out)
+{
+    uint32_t n_key = 0;
+    struct key *key = order_triangles(mesh, &n_key);
+    double total = 0, *end = malloc(((size_t)n_key + 1) * sizeof *end);
+    uint64_t count = 0;
+    if (!key || !end) goto nomem;
+    for (uint32_t i = 0; i < n_key; i++) {
+        total += area_of(mesh, key[i].index);
+        end[i] = total;
+    }
+    if (!(total > 0)) {
+        free(key);
+        free(end);
+        return prt_fail(ctx, PRT_ARG, "screen: no translucent triangle has any area");
+    }
+    if (!samples_init(out, n + 64 * (mesh->n_object + 1))) goto nomem;
+    for (uint32_t first = 0, last; first < n_key; first = last) {
+        double before = first ? end[first - 1] : 0;
+        last = first;
+        while (last < n_key && key[last].object == key[first].object) last++;
+        double own = end[last - 1] - before;
+        if (!(own > 0)) continue;
+        uint32_t share = (uint32_t)(n * (own / total)), at = first;
+        if (share < 16) share = 16;
+        for (uint32_t i = 0; i < share; i++, count++) {
+            double a = before + (i + 0.5) / share * own, bu, bv;
+            while (at + 1 < last && end[at] <= a) at++;
+            double low = at ? end[at - 1] : 0, size = end[at] - low;
+            walk_triangle(size > 0 ? fmin(fmax((a - low) / size, 0), 1) : 0, &bu, &bv);
+            place(mesh, key[at].index, bu, bv, out, (uint32_t)count);
+            out->area[count] = (float)(own / share);
+            out->object[count] = key[at].object;
+        }
+    }
+    out->n = (uint32_t)count;
+    free(key);
+    free(end);
+    return PRT_OK;
+nomem:
+    free(key);
+    free(end);
+    return prt_fail(ctx, PRT_NOMEM, "screen: no memory for an atlas of %u texels", n);
+}
+
+struct hit {
+    uint32_t triangle;
+    float u, v, area;
+};
+struct row {
+    struct hit *hit;
+    uint32_t n, capacity;
+};
+
+static bool push_hit(struct row *row, struct hit h)
+{
+    if (row->n == row->capacity) {
+        uint32_t capacity = row->capacity ? 2 * row->capacity : 64;
+        struct hit *grown = realloc(row->hit, capacity * sizeof *grown);
+        if (!grown) return false;
+        row->hit = grown;
+        row->capacity = capacity;
+    }
+    row->hit[row->n++] = h;
+    return true;
+}
+
+// A bundle of parallel rays: origin + (i u + j v) step, along d.
+struct view {
+    const struct prt_scene *scene;
+    const struct prt_mesh *mesh;
+    const uint32_t *triangle_block;
+    float origin[3], u[3], v[3], d[3];
+    float step, length, epsilon;
+    uint32_t nu, nv;
+    int axis;              // >= 0: peel all layers, keep what faces this axis most
+    struct row *row;
+    atomic_uint_fast64_t rays;
+};
+
+static void face_normal(const struct prt_mesh *mesh, uint32_t t, double n[3])
+{
+    const float *a = mesh->position[mesh->triangle[t][0]];
+    const float *b = mesh->position[mesh->triangle[t][1]];
+    const float *c = mesh->position[mesh->triangle[t][2]];
+    double e[2][3];
+    for (int k = 0; k < 3; k++) {
+        e[0][k] = (double)b[k] - a[k];
+        e[1][k] = (double)c[k] - a[k];
+    }
+    double l = 0;
+    for (int k = 0; k < 3; k++) {
+        int i = (k + 1) % 3, j = (k + 2) % 3;
+        n[k] = e[0][i] * e[1][j] - e[0][j] * e[1][i];
+        l += n[k] * n[k];
+    }
+    l = l > 0 ? 1 / sqrt(l) : 0;
+    for (int k = 0; k < 3; k++) n[k] *= l;
+}
+
+// What a hit is worth as an area sample; 0: nothing.
+static float hit_area(const struct view *view, uint32_t t)
+{
+    if (!translucent(view->mesh, view->triangle_block[t])) return 0;
+    double n[3], c = 0;
+    face_normal(view->mesh, t, n);
+    for (int k = 0; k < 3; k++) c += n[k] * view->d[k];
+    if (view->axis >= 0) {
+        int a = view->axis, b = (a + 1) % 3, g = (a + 2) % 3;
+        // ties go to one axis only
+        if (!(fabs(n[a]) > fabs(n[b]) || (fabs(n[a]) == fabs(n[b]) && a < b))) return 0;
+        if (!(fabs(n[a]) > fabs(n[g]) || (fabs(n[a]) == fabs(n[g]) && a < g))) return 0;
+        return (float)(view->step * view->step / fabs(c));
+    }
+    // seen from the light: the back of a face takes in nothing
+    if (!(c < -0.02)) return 0;
+    return (float)(view->step * view->step / -c);
+}
+
+static int view_rows(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct view *view = arg;
+    uint64_t rays = 0;
+    prt_trace_thread_init();
+    for (size_t j = begin; j < end; j++) {
+        for (uint32_t i = 0; i < view->nu; i += 16) {
+            struct prt_packet p;
+            uint32_t mask = 0;
+            memset(&p, 0, sizeof p);
+            for (uint32_t k = 0; k < 16; k++) {
+                float a = (float)(i + k) * view->step, b = (float)j * view->step;
+                p.ox[k] = view->origin[0] + a * view->u[0] + b * view->v[0];
+                p.oy[k] = view->origin[1] + a * view->u[1] + b * view->v[1];
+                p.oz[k] = view->origin[2] + a * view->u[2] + b * view->v[2];
+                p.dx[k] = view->d[0];
+                p.dy[k] = view->d[1];
+                p.dz[k] = view->d[2];
+                p.tfar[k] = view->length;
+                mask |= (uint32_t)(i + k < view->nu) << k;
+            }
+            for (int layer = 0; mask && layer < 64; layer++) {
+                rays += (uint32_t)__builtin_popcount(mask);
+                prt_scene_intersect16(view->scene, &p, mask, true);
+                for (uint32_t k = 0; k < 16; k++) {
+                    if (!(mask >> k & 1)) continue;
+                    uint32_t t = p.triangle[k];
+                    if (t == UINT32_MAX || view->axis < 0) mask &= ~(1u << k);
+                    if (t == UINT32_MAX) continue;
+                    float area = hit_area(view, t);
+                    if (area > 0 && !push_hit(&view->row[j], (struct hit){t, p.u[k], p.v[k], area}))
+                        return PRT_NOMEM;
+                    p.tnear[k] = p.t[k] * 1.000001f + view->epsilon;
+                    p.tfar[k] = view->length;
+                }
+            }
+        }
+    }
+    atomic_fetch_add(&view->rays, rays);
+    return PRT_OK;
+}
+
+// Rows of one or more views as samples, by object and along a Morton curve.
+static int collect(const struct prt_context *ctx, const struct view *view, uint32_t n_view,
+                   struct samples *out)
+{
+    size_t n = 0, at = 0;
+    for (uint32_t k = 0; k < n_view; k++)
+        for (uint32_t j = 0; j < view[k].nv; j++) n += view[k].row[j].n;
+    struct key *key = malloc((n + 1) * sizeof *key);
+    struct hit *hit = malloc((n + 1) * sizeof *hit);
+    if (!key || !hit || n > UINT32_MAX / 2 || !samples_init(out, (uint32_t)n)) {
+        free(key);
+        free(hit);
+        return prt_fail(ctx, PRT_NOMEM, "screen: no memory for %zu surface points", n);
+    }
+    const struct prt_mesh *mesh = view[0].mesh;
+    float box[2][3];
+    prt_mesh_bounds(mesh, box);
+    double edge = box_edge(box);
+    for (uint32_t k = 0; k < n_view; k++) {
+        for (uint32_t j = 0; j < view[k].nv; j++) {
+            for (uint32_t i = 0; i < view[k].row[j].n; i++, at++) {
+                struct hit h = view[k].row[j].hit[i];
+                const uint32_t *v = mesh->triangle[h.triangle];
+                double p[3];
+                for (int c = 0; c < 3; c++)
+                    p[c] = (double)(1 - h.u - h.v) * mesh->position[v[0]][c] +
+                           (double)h.u * mesh->position[v[1]][c] +
+                           (double)h.v * mesh->position[v[2]][c];
+                hit[at] = h;
+                key[at] = (struct key){morton(box[0], edge, p),
+                                       mesh->block[view[k].triangle_block[h.triangle]].object,
+                                       (uint32_t)at};
+            }
+        }
+    }
+    qsort(key, n, sizeof *key, key_order);
+    for (size_t i = 0; i < n; i++) {
+        struct hit h = hit[key[i].index];
+        place(mesh, h.triangle, h.u, h.v, out, (uint32_t)i);
+        out->area[i] = h.area;
+        out->object[i] = key[i].object;
+    }
+    out->n = (uint32_t)n;
+    free(key);
+    free(hit);
+    return PRT_OK;
+}
+
+static int trace_view(const struct prt_context *ctx, struct view *view, uint64_t *n_ray)
+{
+    view->row = calloc(view->nv, sizeof *view->row);
+    if (!view->row) return prt_fail(ctx, PRT_NOMEM, "screen: no memory for %u rows", view->nv);
+    int status = prt_parallel_for(ctx, NULL, view->nv, 4, view_rows, view);
+    *n_ray += atomic_load(&view->rays);
+    return status;
+}
+
+static void free_view(struct view *view)
+{
+    for (uint32_t j = 0; view->row && j < view->nv; j++) free(view->row[j].hit);
+    free(view->row);
+}
+
+// The grid starts at a multiple of its step, so that small moves of the view keep its points;
+// the fraction keeps rays off vertices that lie on round numbers.
+static float snap(double lo, double step)
+{
+    return (float)((floor(lo / step) + 0.4871) * step);
+}
+
+// Extent of translucent vertices along a direction.
+static void extent(const struct prt_mesh *mesh, const float d[3], double *lo, double *hi)
+{
+    *lo = INFINITY;
+    *hi = -INFINITY;
+    for (uint32_t b = 0; b < mesh->n_block; b++) {
+        if (!translucent(mesh, b)) continue;
+        const struct prt_block *k = &mesh->block[b];
+        for (uint32_t v = k->vertex_begin; v < k->vertex_begin + k->n_vertex; v++) {
+            double x = 0;
+            for (int i = 0; i < 3; i++) x += (double)d[i] * mesh->position[v][i];
+            *lo = fmin(*lo, x);
+            *hi = fmax(*hi, x);
+        }
+    }
+}
+
+static void set_view(struct view *view, const struct prt_mesh *mesh, const double ends[2])
+{
+    double ulo, uhi, vlo, vhi;
+    extent(mesh, view->u, &ulo, &uhi);
+    extent(mesh, view->v, &vlo, &vhi);
+    float a = snap(ulo, view->step), b = snap(vlo, view->step);
+    double margin = 1e-3 * (ends[1] - ends[0]) + 10.0 * view->epsilon;
+    view->nu = (uint32_t)fmax(1, ceil((uhi - a) / view->step) + 1);
+    view->nv = (uint32_t)fmax(1, ceil((vhi - b) / view->step) + 1);
+    view->length = (float)(ends[1] - ends[0] + 2 * margin);
+    for (int k = 0; k < 3; k++)
+        view->origin[k] = a * view->u[k] + b * view->v[k] +
+                          (float)(ends[0] - margin) * view->d[k];
+}
+
+int samples_peel(const struct prt_context *ctx, const struct prt_scene *scene, float spacing_mm,
+                 struct samples *out, uint64_t *n_ray)
+{
+    const struct prt_mesh *mesh = prt_scene_mesh(scene);
+    uint32_t *block = prt_mesh_triangle_blocks(mesh);
+    struct view view[3];
+    memset(view, 0, sizeof view);
+    int status = block ? PRT_OK : prt_fail(ctx, PRT_NOMEM, "screen: no memory");
+    for (int a = 0; a < 3 && !status; a++) {
+        struct view *v = &view[a];
+        v->scene = scene;
+        v->mesh = mesh;
+        v->triangle_block = block;
+        v->axis = a;
+        v->step = spacing_mm;
+        v->epsilon = prt_scene_epsilon(scene);
+        v->d[a] = v->u[(a + 1) % 3] = v->v[(a + 2) % 3] = 1;
+        double ends[2];
+        extent(mesh, v->d, &ends[0], &ends[1]);
+        set_view(v, mesh, ends);
+        status = trace_view(ctx, v, n_ray);
+    }
+    if (!status) status = collect(ctx, view, 3, out);
+    for (int a = 0; a < 3; a++) free_view(&view[a]);
+    prt_free(block);
+    return status;
+}
+
+int samples_light_view(const struct prt_context *ctx, const struct prt_scene *scene,
+                       const struct prt_screen_light *light, float spacing_mm, const float *eta,
+                       struct samples *out, uint32_t *grid, uint64_t *n_ray)
+{
+    const struct prt_mesh *mesh = prt_scene_mesh(scene);
+    struct view view = {.scene = scene, .mesh = mesh, .axis = -1, .step = spacing_mm,
+                        .epsilon = prt_scene_epsilon(scene)};
+    uint32_t *block = prt_mesh_triangle_blocks(mesh);
+    if (!block) return prt_fail(ctx, PRT_NOMEM, "screen: no memory");
+    view.triangle_block = block;
+    const float *w = light->where;
+    int least = fabsf(w[0]) < fabsf(w[1]) ? 0 : 1;
+    if (fabsf(w[2]) < fabsf(w[least])) least = 2;
+    float helper[3] = {0, 0, 0};
+    helper[least] = 1;
+    float l = 0;
+    for (int k = 0; k < 3; k++) {
+        int i = (k + 1) % 3, j = (k + 2) % 3;
+        view.d[k] = -w[k];
+        view.u[k] = w[i] * helper[j] - w[j] * helper[i];
+        l += view.u[k] * view.u[k];
+    }
+    for (int k = 0; k < 3; k++) view.u[k] /= sqrtf(l);
+    for (int k = 0; k < 3; k++) {
+        int i = (k + 1) % 3, j = (k + 2) % 3;
+        view.v[k] = w[i] * view.u[j] - w[j] * view.u[i];
+    }
+    // rays start before anything that could cast a shadow
+    double ends[2] = {INFINITY, -INFINITY};
+    for (uint32_t v = 0; v < mesh->n_vertex; v++) {
+        double x = 0;
+        for (int k = 0; k < 3; k++) x += (double)view.d[k] * mesh->position[v][k];
+        ends[0] = fmin(ends[0], x);
+        ends[1] = fmax(ends[1], x);
+    }
+    set_view(&view, mesh, ends);
+    *grid = view.nu > view.nv ? view.nu : view.nv;
+    int status = trace_view(ctx, &view, n_ray);
+    if (!status) status = collect(ctx, &view, 1, out);
+    for (uint32_t i = 0; !status && i < out->n; i++) {
+        double c = 0;
+        for (int k = 0; k < 3; k++) c += (double)out->normal[k][i] * w[k];
+        double f = c > 0 ? prt_fresnel_transmittance(eta[out->object[i]], fmin(c, 1)) * c : 0;
+        for (int k = 0; k < 3; k++) out->e[k][i] = (float)(f * light->rgb[k]);
+    }
+    free_view(&view);
+    prt_free(block);
+    return status;
+}

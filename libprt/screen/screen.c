@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: MIT
+// The public calls: a frame's lights and tables are set up, an engine runs, the result composed.
+#include "internal.h"
+#include "prt/surface.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const char *const engine_name[] = {"splat", "tangent", "texture", "hybrid", "reference"};
+enum { N_ENGINE = sizeof engine_name / sizeof *engine_name, MAX_LIGHTS = 4096 };
+
+int prt_screen_engine_parse(const char *word, enum prt_screen_engine *out)
+{
+    for (int i = 0; i < N_ENGINE; i++) {
+        if (strcmp(word, engine_name[i])) continue;
+        *out = (enum prt_screen_engine)i;
+        return PRT_OK;
+    }
+    return PRT_ARG;
+}
+
+const char *prt_screen_engine_name(enum prt_screen_engine engine)
+{
+    return (unsigned)engine < N_ENGINE ? engine_name[engine] : "unknown";
+}
+
+int prt_screen_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                      const struct prt_scene *scene, struct prt_screen **out)
+{
+    struct prt_screen *s = prt_calloc(1, sizeof *s);
+    if (!s) return prt_fail(ctx, PRT_NOMEM, "screen: no memory");
+    s->mesh = mesh;
+    s->scene = scene;
+    s->pair_rate = 1e9;
+    s->ray_rate = 5e6;
+    float box[2][3];
+    double d2 = 0;
+    prt_mesh_bounds(mesh, box);
+    for (int k = 0; k < 3; k++) d2 += ((double)box[1][k] - box[0][k]) * ((double)box[1][k] - box[0][k]);
+    s->diameter_mm = (float)sqrt(d2);
+    s->area_mm2 = 0;
+    int status = PRT_OK;
+    if (!isfinite(d2) || !(d2 > 0))
+        status = prt_fail(ctx, PRT_ARG, "screen: the model has no extent");
+    if (!status && !scene) {
+        status = prt_scene_create(ctx, mesh, (struct prt_scene **)&s->own_scene);
+        s->scene = s->own_scene;
+    }
+    if (status) {
+        prt_screen_destroy(s);
+        return status;
+    }
+    *out = s;
+    return PRT_OK;
+}
+
+void prt_screen_destroy(struct prt_screen *s)
+{
+    if (!s) return;
+    samples_finish(&s->atlas);
+    samples_finish(&s->peel);
+    if (s->own_scene) prt_scene_destroy(s->own_scene);
+    prt_free(s);
+}
+
+float smallest_mean_free_path(const struct frame *f)
+{
+    double least = INFINITY;
+    for (uint32_t o = 0; o < f->n_object; o++)
+        for (int c = 0; c < 3; c++) least = fmin(least, f->dipole[o][c].z_r);
+    return (float)least;
+}
+
+int frame_atlas(struct frame *f, uint32_t n)
+{
+    struct prt_screen *s = f->screen;
+    if (!s->atlas.n || s->atlas_size != n) {
+        samples_finish(&s->atlas);
+        s->atlas_size = n;
+        int status = samples_atlas(f->ctx, s->mesh, n, &s->atlas);
+        if (status) return status;
+    }
+    if (f->options->sh_irradiance && f->cube) {
+        irradiance_harmonics(f->cube, f->eta, &s->atlas);
+        return PRT_OK;
+    }
+    return irradiance_traced(f->ctx, s->scene, f->n_light, f->light, f->eta, &s->atlas,
+                             &f->report->n_ray);
+}
+
+// Per-object dipoles and tables.
+static int make_tables(struct frame *f, const struct prt_material *material)
+{
+    uint32_t n = f->n_object ? f->n_object : 1;
+    f->dipole = calloc(n, sizeof *f->dipole);
+    f->eta = calloc(n, sizeof *f->eta);
+    f->table = prt_alloc(n, sizeof *f->table);
+    if (!f->dipole || !f->eta || !f->table) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    for (uint32_t o = 0; o < f->n_object; o++) {
+        const struct prt_material *m = material;
+        if (f->options->object_material) m = &f->options->object_material[o];
+        int status = prt_material_check(f->ctx, m);
+        if (status) return status;
+        double scale = INFINITY;
+        for (int c = 0; c < 3; c++) {
+            prt_dipole_init(&f->dipole[o][c], m->sigma_s_prime[c], m->sigma_a[c], m->eta);
+            scale = fmin(scale, f->dipole[o][c].z_r);
+        }
+        f->eta[o] = m->eta;
+        radial_table_fit(&f->table[o], prt_screen_dipole_profile, f->dipole[o], scale,
+                         f->screen->diameter_mm);
+    }
+    return PRT_OK;
+}
+
+static int make_lights(struct frame *f, uint32_t n_extra, const struct prt_screen_light *extra)
+{
+    uint32_t n = f->cube ? f->options->n_light ? f->options->n_light : 64 : 0;
+    if (n > MAX_LIGHTS || n_extra > MAX_LIGHTS)
+        return prt_fail(f->ctx, PRT_ARG, "screen: %u lights are more than %d", n + n_extra,
+                        MAX_LIGHTS);
+    f->light = calloc((size_t)n + n_extra + 1, sizeof *f->light);
+    if (!f->light) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    if (n) f->n_light = prt_screen_lights_from_cube(f->cube, n, f->light);
+    for (uint32_t i = 0; i < n_extra; i++) {
+        struct prt_screen_light l = extra[i];
+        float length = 0;
+        bool good = true;
+        for (int k = 0; k < 3; k++) {
+            length += l.where[k] * l.where[k];
+            good &= isfinite(l.where[k]) && isfinite(l.rgb[k]) && l.rgb[k] >= 0;
+        }
+        if (!good || (!l.point && !(length > 1e-12f)))
+            return prt_fail(f->ctx, PRT_ARG, "screen: light %u needs a finite place and colour", i);
+        for (int k = 0; k < 3 && !l.point; k++) l.where[k] /= sqrtf(length);
+        f->light[f->n_light++] = l;
+    }
+    f->report->n_light = f->n_light;
+    return PRT_OK;
+}
+
+// albedo/pi E on the opaque points.
+static int light_opaque(struct frame *f)
+{
+    const struct prt_mesh *mesh = f->screen->mesh;
+    struct samples s;
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < f->g.n_point; i++) n += f->g.opaque[i];
+    if (!n) return PRT_OK;
+    if (!samples_init(&s, n)) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    for (uint32_t i = 0; i < f->g.n_point; i++) {
+        if (!f->g.opaque[i]) continue;
+        for (int k = 0; k < 3; k++) {
+            s.p[k][s.n] = f->g.position[k][i];
+            s.normal[k][s.n] = s.face[k][s.n] = f->g.normal[k][i];
+        }
+        s.n++;
+    }
+    int status = irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, NULL, &s,
+                                   &f->report->n_ray);
+    for (uint32_t i = 0, at = 0; !status && i < f->g.n_point; i++) {
+        if (!f->g.opaque[i]) continue;
+        const float *albedo = mesh->surface[mesh->block[f->g.block[i]].surface].base_color;
+        for (int k = 0; k < 3; k++) f->radiance[i][k] = albedo[k] * s.e[k][at] * (float)(1 / M_PI);
+        at++;
+    }
+    samples_finish(&s);
+    return status;
+}
+
+static int run_engine(struct frame *f)
+{
+    switch (f->options->engine) {
+    case PRT_SCREEN_SPLAT: return engine_splat(f);
+    case PRT_SCREEN_TANGENT: return engine_tangent(f);
+    case PRT_SCREEN_TEXTURE: return engine_texture(f, false);
+    case PRT_SCREEN_HYBRID: return engine_texture(f, true);
+    case PRT_SCREEN_REFERENCE:
+        return engine_reference(f, f->options->n_sample ? f->options->n_sample : 262144, 1, NULL);
+    }
+    return prt_fail(f->ctx, PRT_ARG, "screen: unknown engine %d", (int)f->options->engine);
+}
+
+static void finish_frame(struct frame *f)
+{
+    tiles_finish(&f->tiles);
+    free(f->dipole);
+    free(f->eta);
+    prt_free(f->table);
+    free(f->light);
+}
+
+int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen,
+                        const struct prt_visibility *vis, const struct prt_material *material,
+                        const struct prt_cube *cube, uint32_t n_extra,
+                        const struct prt_screen_light *extra,
+                        const struct prt_screen_options *options, float (*radiance)[3],
+                        struct prt_screen_report *report)
+{
+    struct prt_screen_report unused;
+    struct frame f = {.ctx = ctx, .screen = screen, .vis = vis, .cube = cube, .options = options,
+                      .radiance = radiance, .report = report ? report : &unused,
+                      .n_object = screen->mesh->n_object};
+    *f.report = (struct prt_screen_report){.engine = options->engine, .error = -1};
+    prt_visibility_gbuffer(vis, &f.g);
+    prt_visibility_camera(vis, NULL, &f.width, &f.height, NULL);
+    memset(radiance, 0, f.g.n_point * sizeof *radiance);
+    if (!(screen->area_mm2 > 0)) screen->area_mm2 = prt_surface_area(screen->mesh);
+    int status = make_tables(&f, material);
+    if (!status) status = make_lights(&f, n_extra, extra);
+    if (!status && tiles_build(&f.g, screen->mesh, f.width, f.height, &f.tiles))
+        status = prt_fail(ctx, PRT_NOMEM, "screen: no memory for tiles");
+    if (!status) status = light_opaque(&f);
+    if (!status && f.tiles.n_tile && screen->area_mm2 > 0) {
+        uint64_t before = f.report->n_pair;
+        status = run_engine(&f);
+        double s = f.report->scatter_s;
+        // tangent samples are not pairs
+        if (!status && s > 1e-4 && options->engine != PRT_SCREEN_TANGENT &&
+            options->engine != PRT_SCREEN_REFERENCE)
+            screen->pair_rate = (double)(f.report->n_pair - before) / s;
+        if (!status && options->measure_error) {
+            uint32_t stride = f.g.n_point / 500 + 1;
+            status = engine_reference(&f, 65536, stride, &f.report->error);
+        }
+    }
+    finish_frame(&f);
+    return status;
+}
+
+int prt_screen_image(const struct prt_context *ctx, struct prt_screen *screen,
+                     const struct prt_visibility *vis, const struct prt_material *material,
+                     const struct prt_cube *cube, uint32_t n_extra,
+                     const struct prt_screen_light *extra,
+                     const struct prt_screen_options *options, const struct prt_shade *shade,
+                     struct prt_image *out, struct prt_screen_report *report)
+{
+    struct prt_gbuffer g;
+    prt_visibility_gbuffer(vis, &g);
+    float(*radiance)[3] = prt_alloc((size_t)g.n_point + 1, sizeof *radiance);
+    if (!radiance) return prt_fail(ctx, PRT_NOMEM, "screen: no memory for %u points", g.n_point);
+    int status = prt_screen_radiance(ctx, screen, vis, material, cube, n_extra, extra, options,
+                                     radiance, report);
+    if (!status)
+        status = prt_shade_points(ctx, vis, (const float(*)[3])radiance, shade, out);
+    prt_free(radiance);
+    return status;
+}

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: MIT
+// S09: points on a grid that the light sees (or on peeled layers, for an environment), each
+// spread to the pixels within r_max. Far splats are joined, so that cost does not grow with n.
+#include "internal.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { GRID_MIN = 32, GRID_MAX = 300, MAX_LIGHT_VIEWS = 4 };
+
+// S09 eq 4 with METHODS' closed form: the tail beyond r_max is epsilon of rho_d.
+static float cut_radius(const struct frame *f, double epsilon)
+{
+    double most = 0;
+    for (uint32_t o = 0; o < f->n_object; o++) {
+        for (int c = 0; c < 3; c++) {
+            const struct prt_dipole *d = &f->dipole[o][c];
+            double lo = 0, hi = 4 * (double)f->screen->diameter_mm + 1;
+            for (int k = 0; k < 48; k++) {
+                double r = (lo + hi) / 2;
+                if (prt_dipole_tail(d, r) < epsilon * d->rho_d) hi = r;
+                else lo = r;
+            }
+            most = fmax(most, hi);
+        }
+    }
+    return (float)most;
+}
+
+static int light_views(struct frame *f, float spacing, float r_max)
+{
+    for (uint32_t l = 0; l < f->n_light; l++) {
+        struct samples s;
+        uint32_t grid;
+        double t0 = prt_time_s();
+        int status = samples_light_view(f->ctx, f->screen->scene, &f->light[l], spacing, f->eta,
+                                        &s, &grid, &f->report->n_ray);
+        if (status) return status;
+        double t1 = prt_time_s();
+        f->report->irradiance_s += t1 - t0;
+        f->report->grid = grid;
+        f->report->n_sample += s.n;
+        status = scatter_tree(f, f->table, &s, 0.4f, r_max);
+        f->report->scatter_s += prt_time_s() - t1;
+        samples_finish(&s);
+        if (status) return status;
+    }
+    return PRT_OK;
+}
+
+int engine_splat(struct frame *f)
+{
+    struct prt_screen *screen = f->screen;
+    float lu = smallest_mean_free_path(f), diameter = screen->diameter_mm;
+    float epsilon = f->options->epsilon > 0 ? f->options->epsilon : 0.002f;
+    float r_max = cut_radius(f, epsilon), spacing = lu;
+    bool views = !f->cube && f->n_light <= MAX_LIGHT_VIEWS;
+    for (uint32_t l = 0; l < f->n_light; l++) views &= !f->light[l].point;
+    uint32_t least = GRID_MIN, most = views ? GRID_MAX : 160;
+    if (f->options->n_sample) least = most = f->options->n_sample;
+    float n = diameter / spacing;
+    if (f->options->budget_ms > 0) {
+        // a splat meets every tile a few times through the tree: cost grows with n², slowly
+        double pairs = f->options->budget_ms * 1e-3 * screen->pair_rate;
+        float fit = (float)sqrt(pairs / (f->g.n_point + 1.0) * 4);
+        n = n < fit ? n : fit;
+    }
+    n = n < least ? least : n > most ? most : n;
+    spacing = diameter / n;
+    f->report->r_max_mm = r_max;
+    f->report->grid = (uint32_t)n;
+    if (views) return light_views(f, spacing, r_max);
+    if (!screen->peel.n || screen->peel_spacing != spacing) {
+        samples_finish(&screen->peel);
+        int status = samples_peel(f->ctx, screen->scene, spacing, &screen->peel,
+                                  &f->report->n_ray);
+        if (status) return status;
+        screen->peel_spacing = spacing;
+    }
+    double t0 = prt_time_s();
+    int status = PRT_OK;
+    if (f->options->sh_irradiance && f->cube) irradiance_harmonics(f->cube, f->eta, &screen->peel);
+    else
+        status = irradiance_traced(f->ctx, screen->scene, f->n_light, f->light, f->eta,
+                                   &screen->peel, &f->report->n_ray);
+    double t1 = prt_time_s();
+    if (!status) status = scatter_tree(f, f->table, &screen->peel, 0.4f, r_max);
+    f->report->irradiance_s = t1 - t0;
+    f->report->scatter_s = prt_time_s() - t1;
+    f->report->n_sample = screen->peel.n;
+    return status;
+}

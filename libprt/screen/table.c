@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: MIT
+// R_d, or a share of it, as quadratics on 32 geometric segments of q = r² + r0².
+#include "internal.h"
+
+#include <math.h>
+#include <string.h>
+
+static uint32_t bits_of(float x)
+{
+    uint32_t b;
+    memcpy(&b, &x, 4);
+    return b;
+}
+
+static float of_bits(uint32_t b)
+{
+    float x;
+    memcpy(&x, &b, 4);
+    return x;
+}
+
+void radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg, double scale_mm,
+                      double r_max_mm)
+{
+    // r0² is the power of two under the profile's own scale: R_d is smooth in q there
+    int e0 = (int)floor(log2(scale_mm * scale_mm));
+    double r0_sq = ldexp(1, e0), need = log2((r_max_mm * r_max_mm + r0_sq) / r0_sq);
+    uint32_t per_octave = 8, octaves;
+    while (per_octave > 1 && 32.0 / per_octave < need) per_octave /= 2;
+    octaves = 32 / per_octave;
+    t->shift = 23 - (uint32_t)__builtin_ctz(per_octave);
+    t->r0_sq = (float)r0_sq;
+    float q_end = (float)ldexp(r0_sq, (int)octaves);
+    t->q_max = of_bits(bits_of(q_end) - 1);
+    uint32_t first = bits_of((float)r0_sq) >> t->shift;
+    for (uint32_t s = 0; s < 32; s++) {
+        double a = of_bits((first + s) << t->shift);
+        double b = s == 31 ? q_end : of_bits((first + s + 1) << t->shift);
+        double node[3], value[3][3];
+        for (int k = 0; k < 3; k++) {
+            node[k] = (a + b) / 2 + (b - a) / 2 * cos(M_PI * (2 * k + 1) / 6);
+            fn(arg, sqrt(fmax(node[k] - r0_sq, 0)), value[k]);
+        }
+        for (int c = 0; c < 3; c++) {
+            // Newton's form, then powers of q
+            double d01 = (value[1][c] - value[0][c]) / (node[1] - node[0]);
+            double d12 = (value[2][c] - value[1][c]) / (node[2] - node[1]);
+            double d2 = (d12 - d01) / (node[2] - node[0]);
+            t->coef[c][0][(first + s) & 31] =
+                (float)(value[0][c] - d01 * node[0] + d2 * node[0] * node[1]);
+            t->coef[c][1][(first + s) & 31] = (float)(d01 - d2 * (node[0] + node[1]));
+            t->coef[c][2][(first + s) & 31] = (float)d2;
+        }
+    }
+}
+
+void radial_table_eval(const struct radial_table *t, float r_sq, float out[3])
+{
+    float q = fminf(r_sq + t->r0_sq, t->q_max);
+    uint32_t k = bits_of(q) >> t->shift & 31;
+    for (int c = 0; c < 3; c++)
+        out[c] = t->coef[c][0][k] + q * (t->coef[c][1][k] + q * t->coef[c][2][k]);
+}
+
+void prt_screen_dipole_profile(const void *dipole3, double r_mm, double out[3])
+{
+    const struct prt_dipole *d = dipole3;
+    for (int c = 0; c < 3; c++) out[c] = prt_dipole_rd(&d[c], r_mm);
+}

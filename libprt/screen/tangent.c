@@ -1,0 +1,352 @@
+// SPDX-License-Identifier: MIT
+// M03: each pixel draws points of its tangent plane in proportion to R_d, finds them in the
+// eye's irradiance image, and shares the work with uniform samples by the balance heuristic.
+// What the eye does not see is added from a few points drawn from the atlas's hidden texels.
+#include "internal.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { LANES = 64, VARIANTS = 16, N_HIDDEN = 400 };
+
+double prt_screen_tangent_radius(const struct prt_dipole *d, double pick, double xi)
+{
+    double s = d->sigma_tr, er = exp(-s * d->z_r), ev = exp(-s * d->z_v);
+    double z = pick < er / (er + ev) ? d->z_r : d->z_v, a = s * z, l = log1p(-xi);
+    // f(u) = a(u-1) + ln u + ln(1-xi), concave: Newton from the left never overshoots
+    double u = 1;
+    for (int k = 0; k < 60; k++) {
+        double step = (a * (u - 1) + log(u) + l) / (a + 1 / u);
+        u -= step;
+        if (fabs(step) < 1e-12 * u) break;
+    }
+    return u > 1 ? z * sqrt((u - 1) * (u + 1)) : 0;
+}
+
+// One of the 4x4 interleaved sets of samples.
+struct pattern {
+    float *cosine, *sine;      // [n_tangent]
+    float **radius, **density; // [object][n_tangent] mm, mm^-2
+    uint32_t *uniform;         // [n_uniform] G-buffer points
+};
+
+struct tangent_job {
+    const float *p[3], *face[3], *e[3];
+    const uint32_t *object;    // per point
+    const uint8_t *opaque;
+    uint8_t *variant;
+    uint32_t *point_of;        // [pixel] or UINT32_MAX
+    const struct radial_table *table;
+    float (*inv_rho)[3];       // [object] 1 / (3 rho_d)
+    struct pattern pattern[VARIANTS];
+    uint32_t n_tangent, n_uniform, width, height;
+    float visible_area, eye[3], forward[3], right[3], up[3];
+    float (*radiance)[3];
+    void (*run)(const struct tangent_job *job, size_t begin, size_t end);
+};
+
+#define KERNEL(name) name##_c
+#define TARGET
+#include "tangent_kernel.h"
+#undef KERNEL
+#undef TARGET
+#if defined(__x86_64__)
+#define KERNEL(name) name##_avx2
+#define TARGET __attribute__((target("avx2,fma")))
+#include "tangent_kernel.h"
+#undef KERNEL
+#undef TARGET
+#define KERNEL(name) name##_avx512
+#define TARGET __attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")))
+#include "tangent_kernel.h"
+#undef KERNEL
+#undef TARGET
+#endif
+
+static int run_points(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct tangent_job *job = arg;
+    job->run(job, begin, end);
+    return PRT_OK;
+}
+
+// The G-buffer as samples, so that irradiance can be computed on it.
+static bool seen_samples(const struct frame *f, struct samples *s)
+{
+    const struct prt_gbuffer *g = &f->g;
+    const struct prt_mesh *mesh = f->screen->mesh;
+    if (!samples_init(s, g->n_point)) return false;
+    s->n = g->n_point;
+    for (uint32_t i = 0; i < g->n_point; i++) {
+        const uint32_t *v = mesh->triangle[g->triangle[i]];
+        float e[2][3], n[3], l = 0, facing = 0;
+        for (int k = 0; k < 3; k++) {
+            e[0][k] = mesh->position[v[1]][k] - mesh->position[v[0]][k];
+            e[1][k] = mesh->position[v[2]][k] - mesh->position[v[0]][k];
+            s->p[k][i] = g->position[k][i];
+            s->normal[k][i] = g->normal[k][i];
+        }
+        for (int k = 0; k < 3; k++) {
+            int a = (k + 1) % 3, b = (k + 2) % 3;
+            n[k] = e[0][a] * e[1][b] - e[0][b] * e[1][a];
+            l += n[k] * n[k];
+            facing += n[k] * g->normal[k][i];
+        }
+        l = l > 0 ? (facing < 0 ? -1 : 1) / sqrtf(l) : 0;
+        for (int k = 0; k < 3; k++) s->face[k][i] = n[k] * l;
+        s->object[i] = mesh->block[g->block[i]].object;
+    }
+    return true;
+}
+
+static void finish(struct tangent_job *job, uint32_t n_object)
+{
+    for (int v = 0; v < VARIANTS; v++) {
+        struct pattern *p = &job->pattern[v];
+        free(p->cosine);
+        free(p->sine);
+        free(p->uniform);
+        for (uint32_t o = 0; o < n_object; o++) {
+            if (p->radius) free(p->radius[o]);
+            if (p->density) free(p->density[o]);
+        }
+        free(p->radius);
+        free(p->density);
+    }
+    free(job->variant);
+    free(job->point_of);
+    free(job->inv_rho);
+}
+
+static double radical_inverse(uint32_t base, uint32_t i)
+{
+    double f = 1, r = 0;
+    for (; i; i /= base) {
+        f /= base;
+        r += f * (i % base);
+    }
+    return r;
+}
+
+// Stratified radii, golden-ratio angles; the variants' strata interleave.
+static bool make_pattern(struct tangent_job *job, const struct frame *f, uint32_t v,
+                         const double *area_cdf)
+{
+    struct pattern *p = &job->pattern[v];
+    uint32_t n = job->n_tangent, total = n * VARIANTS;
+    struct prt_rng rng;
+    prt_rng_init(&rng, f->options->seed, 100 + v);
+    p->cosine = malloc((n + 1) * sizeof(float));
+    p->sine = malloc((n + 1) * sizeof(float));
+    p->uniform = malloc((job->n_uniform + 1) * sizeof(uint32_t));
+    p->radius = calloc(f->n_object, sizeof *p->radius);
+    p->density = calloc(f->n_object, sizeof *p->density);
+    if (!p->cosine || !p->sine || !p->uniform || !p->radius || !p->density) return false;
+    for (uint32_t i = 0; i < n; i++) {
+        double phi = 2 * M_PI * (i * 0.6180339887498949 + radical_inverse(2, v));
+        p->cosine[i] = (float)cos(phi);
+        p->sine[i] = (float)sin(phi);
+    }
+    for (uint32_t o = 0; o < f->n_object; o++) {
+        p->radius[o] = malloc((n + 1) * sizeof(float));
+        p->density[o] = malloc((n + 1) * sizeof(float));
+        if (!p->radius[o] || !p->density[o]) return false;
+        for (uint32_t i = 0; i < n; i++) {
+            // one uniform number stratified over variants picks channel, term and radius in turn
+            double u = (i * VARIANTS + (double)(v * 7 % VARIANTS) + (double)prt_rng_f32(&rng)) / total;
+            int c = i % 3;
+            double pick = radical_inverse(3, i / 3 + v), r;
+            r = prt_screen_tangent_radius(&f->dipole[o][c], pick, fmin(u, 1 - 1e-7));
+            float at[3];
+            radial_table_eval(&f->table[o], (float)(r * r), at);
+            p->radius[o][i] = (float)r;
+            p->density[o][i] = 0;
+            for (int k = 0; k < 3; k++) p->density[o][i] += job->inv_rho[o][k] * at[k];
+        }
+    }
+    for (uint32_t i = 0; i < job->n_uniform; i++) {
+        double u = (i * VARIANTS + v + (double)prt_rng_f32(&rng)) /
+                   ((double)job->n_uniform * VARIANTS) * area_cdf[f->g.n_point];
+        uint32_t lo = 0, hi = f->g.n_point;
+        while (hi - lo > 1) {
+            uint32_t mid = lo + (hi - lo) / 2;
+            if (area_cdf[mid] <= u) lo = mid;
+            else hi = mid;
+        }
+        p->uniform[i] = lo;
+    }
+    return true;
+}
+
+// Surface area behind each visible translucent point, running: its pixel's share of solid angle.
+static double *visible_areas(const struct frame *f, const struct tangent_job *job,
+                             const struct samples *s)
+{
+    double *cdf = malloc(((size_t)f->g.n_point + 1) * sizeof *cdf);
+    if (!cdf) return NULL;
+    double tan_x = 0, tan_y = 0;
+    for (int k = 0; k < 3; k++) {
+        tan_x += (double)job->right[k] * job->right[k];
+        tan_y += (double)job->up[k] * job->up[k];
+    }
+    double pixel = 4 * sqrt(tan_x * tan_y) / ((double)f->width * f->height);
+    cdf[0] = 0;
+    for (uint32_t i = 0; i < f->g.n_point; i++) {
+        double z = 0, d2 = 0, c = 0;
+        for (int k = 0; k < 3; k++) {
+            double v = (double)s->p[k][i] - job->eye[k];
+            z += v * job->forward[k];
+            d2 += v * v;
+            c += v * s->face[k][i];
+        }
+        // only the point a pixel is known by can be drawn, with all of the pixel's area
+        bool own = job->point_of[f->g.pixel[i]] == i;
+        double area = own ? pixel * z * z * z / fmax(fabs(c), 0.02 * sqrt(d2)) : 0;
+        cdf[i + 1] = cdf[i] + (area > 0 && isfinite(area) ? area : 0);
+    }
+    return cdf;
+}
+
+// The point that stands for each pixel: the heaviest translucent one.
+static bool map_pixels(const struct frame *f, struct tangent_job *job)
+{
+    size_t n = (size_t)f->width * f->height;
+    job->point_of = malloc((n + 1) * sizeof *job->point_of);
+    job->variant = malloc(f->g.n_point + 1);
+    if (!job->point_of || !job->variant) return false;
+    memset(job->point_of, 0xff, n * sizeof *job->point_of);
+    for (uint32_t i = 0; i < f->g.n_point; i++) {
+        uint32_t pixel = f->g.pixel[i], *at = &job->point_of[pixel];
+        job->variant[i] = (uint8_t)(pixel / f->width % 4 * 4 + pixel % f->width % 4);
+        if (f->g.opaque[i]) continue;
+        if (*at == UINT32_MAX || f->g.weight[i] > f->g.weight[*at]) *at = i;
+    }
+    return true;
+}
+
+// Marks atlas texels that the eye's image does not hold.
+static void mark_hidden(const struct frame *f, const struct tangent_job *job,
+                        const struct samples *seen, uint8_t *keep)
+{
+    const struct samples *s = &f->screen->atlas;
+    float tan_x = 0, tan_y = 0;
+    for (int k = 0; k < 3; k++) {
+        tan_x += job->right[k] * job->right[k];
+        tan_y += job->up[k] * job->up[k];
+    }
+    for (uint32_t i = 0; i < s->n; i++) {
+        float rel[3], w = 0, u = 0, v = 0, d2 = 0, facing = 0;
+        for (int k = 0; k < 3; k++) {
+            rel[k] = s->p[k][i] - job->eye[k];
+            w += rel[k] * job->forward[k];
+            u += rel[k] * job->right[k];
+            v += rel[k] * job->up[k];
+            d2 += rel[k] * rel[k];
+            facing += rel[k] * s->face[k][i];
+        }
+        keep[i] = 1;
+        if (!(w > 0)) continue;
+        float px = (1 + u / (tan_x * w)) * 0.5f * (float)f->width;
+        float py = (1 - v / (tan_y * w)) * 0.5f * (float)f->height;
+        if (!(px >= 0 && px < (float)f->width && py >= 0 && py < (float)f->height)) continue;
+        uint32_t j = job->point_of[(uint32_t)py * f->width + (uint32_t)px];
+        if (j == UINT32_MAX || seen->object[j] != s->object[i]) continue;
+        float q2 = 0, c = 0;
+        for (int k = 0; k < 3; k++) {
+            float e = seen->p[k][j] - job->eye[k];
+            q2 += e * e;
+            c += e * seen->face[k][j];
+        }
+        float d = sqrtf(d2), q = sqrtf(q2), pixel = 2 * sqrtf(tan_y) * w / (float)f->height;
+        float slope = fabsf(c) / q;
+        if (facing < 0.02f * d && fabsf(d - q) < 2 * pixel / (slope > 0.1f ? slope : 0.1f)) keep[i] = 0;
+    }
+}
+
+static int hidden_part(struct frame *f, const struct tangent_job *job, const struct samples *seen)
+{
+    int status = frame_atlas(f, 16384);
+    if (status) return status;
+    uint8_t *keep = malloc(f->screen->atlas.n + 1);
+    struct emitters *list = calloc(f->n_object ? f->n_object : 1, sizeof *list);
+    if (!keep || !list) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    if (!status) {
+        mark_hidden(f, job, seen, keep);
+        status = draw_emitters(f, N_HIDDEN, keep, list);
+    }
+    if (!status) status = scatter_all(f, f->table, list);
+    for (uint32_t o = 0; list && o < f->n_object; o++) emitters_finish(&list[o]);
+    free(list);
+    free(keep);
+    return status;
+}
+
+int engine_tangent(struct frame *f)
+{
+    struct tangent_job job = {.width = f->width, .height = f->height, .table = f->table,
+                              .opaque = f->g.opaque, .radiance = f->radiance};
+    uint32_t n = f->options->n_sample;
+    if (!n && f->options->budget_ms > 0) {
+        // a sample costs about 12 pairs
+        double fit = f->options->budget_ms * 1e-3 * f->screen->pair_rate / 12 / (f->g.n_point + 1.0);
+        n = fit < 8 ? 8 : fit > 4096 ? 4096 : (uint32_t)fit;
+    }
+    if (!n) n = 64;
+    job.n_uniform = n / 4;
+    job.n_tangent = n - job.n_uniform;
+    prt_visibility_frame(f->vis, job.eye, job.forward, job.right, job.up);
+    struct samples seen;
+    double t0 = prt_time_s(), t1 = t0;
+    double *cdf = NULL;
+    if (!seen_samples(f, &seen)) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    int status = irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, f->eta, &seen,
+                                   &f->report->n_ray);
+    t1 = prt_time_s();
+    job.inv_rho = calloc(f->n_object ? f->n_object : 1, sizeof *job.inv_rho);
+    bool good = !status && job.inv_rho && map_pixels(f, &job);
+    if (good) {
+        for (uint32_t o = 0; o < f->n_object; o++)
+            for (int c = 0; c < 3; c++) job.inv_rho[o][c] = (float)(1 / (3 * f->dipole[o][c].rho_d));
+        for (int k = 0; k < 3; k++) {
+            job.p[k] = seen.p[k];
+            job.face[k] = seen.face[k];
+            job.e[k] = seen.e[k];
+        }
+        job.object = seen.object;
+        cdf = visible_areas(f, &job, &seen);
+        good = cdf != NULL;
+    }
+    if (good && cdf[f->g.n_point] > 0) {
+        job.visible_area = (float)cdf[f->g.n_point];
+        for (uint32_t v = 0; good && v < VARIANTS; v++) good = make_pattern(&job, f, v, cdf);
+        // right and up give the image's coordinates by a plain dot product
+        struct tangent_job projected = job;
+        float tx = 0, ty = 0;
+        for (int k = 0; k < 3; k++) {
+            tx += job.right[k] * job.right[k];
+            ty += job.up[k] * job.up[k];
+        }
+        for (int k = 0; k < 3; k++) {
+            projected.right[k] = job.right[k] / tx;
+            projected.up[k] = job.up[k] / ty;
+        }
+        projected.run = run_c;
+#if defined(__x86_64__)
+        unsigned cpu = f->ctx ? f->ctx->cpu : prt_cpu_detect();
+        if (cpu & PRT_CPU_AVX2) projected.run = run_avx2;
+        if (cpu & PRT_CPU_AVX512) projected.run = run_avx512;
+#endif
+        if (good) status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 256, run_points, &projected);
+        f->report->n_pair += (uint64_t)f->g.n_point * n;
+        if (good && !status) status = hidden_part(f, &job, &seen);
+    }
+    if (!good && !status) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for samples");
+    free(cdf);
+    finish(&job, f->n_object);
+    samples_finish(&seen);
+    f->report->irradiance_s = t1 - t0;
+    f->report->scatter_s = prt_time_s() - t1;
+    f->report->n_sample = n;
+    return status;
+}

@@ -1,0 +1,146 @@
+/* SPDX-License-Identifier: MIT */
+/* M03's samples of one pixel as plain loops over lanes; included by tangent.c once per
+ * instruction set with KERNEL(name) and TARGET defined. */
+
+/* R_d of three channels at squared distances. */
+TARGET static void KERNEL(radial)(const struct radial_table *t, int n, const float *r_sq,
+                                  float *r0, float *r1, float *r2)
+{
+    const float base = t->r0_sq, q_max = t->q_max;
+    const uint32_t shift = t->shift;
+    for (int i = 0; i < n; i++) {
+        float q = r_sq[i] + base;
+        q = q < q_max ? q : q_max;
+        union {
+            float f;
+            uint32_t u;
+        } bits = {q};
+        uint32_t k = bits.u >> shift & 31;
+        r0[i] = t->coef[0][0][k] + q * (t->coef[0][1][k] + q * t->coef[0][2][k]);
+        r1[i] = t->coef[1][0][k] + q * (t->coef[1][1][k] + q * t->coef[1][2][k]);
+        r2[i] = t->coef[2][0][k] + q * (t->coef[2][1][k] + q * t->coef[2][2][k]);
+    }
+}
+
+/* sum += R_d E / density over lanes; lane i sees G-buffer point index[i]. density holds the
+ * tangent plane's density over J but for the factor of the seen surface: see the caller. */
+TARGET static void KERNEL(gather)(const struct tangent_job *job, const struct radial_table *table,
+                                  int n, const float o[3], uint32_t object, const uint32_t *index,
+                                  const float *per_area, float uniform, float sum[3])
+{
+    float r_sq[LANES], r0[LANES], r1[LANES], r2[LANES], k[LANES];
+    if (n <= 0) return;
+    const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2];
+    for (int i = 0; i < n; i++) {
+        uint32_t j = index[i];
+        float qx = job->p[0][j], qy = job->p[1][j], qz = job->p[2][j];
+        float dx = qx - o[0], dy = qy - o[1], dz = qz - o[2];
+        r_sq[i] = dx * dx + dy * dy + dz * dz;
+        /* solid angle from the eye of a unit of this surface: cos / d² */
+        float vx = qx - ex, vy = qy - ey, vz = qz - ez, d2 = vx * vx + vy * vy + vz * vz;
+        float c = fabsf(vx * job->face[0][j] + vy * job->face[1][j] + vz * job->face[2][j]);
+        float seen = c / (d2 * sqrtf(d2));
+        float density = per_area[i] * seen + uniform;
+        int good = (job->object[j] == object) & (density > 0);
+        k[i] = good ? 1 / (density > 0 ? density : 1) : 0;
+    }
+    KERNEL(radial)(table, n, r_sq, r0, r1, r2);
+    float s0 = 0, s1 = 0, s2 = 0;
+    for (int i = 0; i < n; i++) {
+        uint32_t j = index[i];
+        s0 += r0[i] * job->e[0][j] * k[i];
+        s1 += r1[i] * job->e[1][j] * k[i];
+        s2 += r2[i] * job->e[2][j] * k[i];
+    }
+    sum[0] += s0;
+    sum[1] += s1;
+    sum[2] += s2;
+}
+
+TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, float sum[3])
+{
+    const struct pattern *pat = &job->pattern[job->variant[point]];
+    const uint32_t object = job->object[point];
+    const struct radial_table *table = &job->table[object];
+    const float *F = job->forward, *R = job->right, *U = job->up, *eye = job->eye;
+    float o[3], n[3], t[3], b[3];
+    for (int k = 0; k < 3; k++) {
+        o[k] = job->p[k][point];
+        n[k] = job->face[k][point];
+    }
+    /* a frame about n without a branch on its length (Duff et al. 2017) */
+    float sign = n[2] < 0 ? -1.0f : 1.0f, a = -1 / (sign + n[2]), m = n[0] * n[1] * a;
+    t[0] = 1 + sign * n[0] * n[0] * a;
+    t[1] = sign * m;
+    t[2] = -sign * n[0];
+    b[0] = m;
+    b[1] = sign + n[1] * n[1] * a;
+    b[2] = -n[1];
+    float rel[3] = {o[0] - eye[0], o[1] - eye[1], o[2] - eye[2]};
+    float height = rel[0] * n[0] + rel[1] * n[1] + rel[2] * n[2];
+    const float n_t = (float)job->n_tangent, n_u = (float)job->n_uniform;
+    const float uniform = n_u / job->visible_area;
+    const float *radius = pat->radius[object], *density = pat->density[object];
+    const float half_w = 0.5f * (float)job->width, half_h = 0.5f * (float)job->height;
+    for (uint32_t first = 0; first < job->n_tangent; first += LANES) {
+        int lanes = job->n_tangent - first < LANES ? (int)(job->n_tangent - first) : LANES;
+        int pixel[LANES], hit = 0;
+        float per[LANES], per_hit[LANES];
+        uint32_t index[LANES];
+        for (int i = 0; i < lanes; i++) {
+            float r = radius[first + (uint32_t)i];
+            float cr = r * pat->cosine[first + (uint32_t)i], sr = r * pat->sine[first + (uint32_t)i];
+            float x = rel[0] + cr * t[0] + sr * b[0], y = rel[1] + cr * t[1] + sr * b[1];
+            float z = rel[2] + cr * t[2] + sr * b[2];
+            float w = x * F[0] + y * F[1] + z * F[2], iw = 1 / (w > 1e-12f ? w : 1e-12f);
+            float u = (x * R[0] + y * R[1] + z * R[2]) * iw;
+            float v = (x * U[0] + y * U[1] + z * U[2]) * iw;
+            float px = (1 + u) * half_w, py = (1 - v) * half_h;
+            int inside = (w > 0) & (px >= 0) & (px < (float)job->width) & (py >= 0) &
+                         (py < (float)job->height);
+            px = inside ? px : 0;
+            py = inside ? py : 0;
+            pixel[i] = inside ? (int)py * (int)job->width + (int)px : -1;
+            /* J = (cos_t / cos_s)(d_s² / d_t²): density per solid angle from the eye */
+            float d2 = x * x + y * y + z * z, c = fabsf(height);
+            per[i] = n_t * density[first + (uint32_t)i] * d2 * sqrtf(d2) / (c > 1e-12f ? c : 1e-12f);
+        }
+        for (int i = 0; i < lanes; i++) {
+            uint32_t j = pixel[i] >= 0 ? job->point_of[pixel[i]] : UINT32_MAX;
+            index[hit] = j;
+            per_hit[hit] = per[i];
+            hit += j != UINT32_MAX;
+        }
+        if (hit) KERNEL(gather)(job, table, hit, o, object, index, per_hit, uniform, sum);
+    }
+    for (uint32_t first = 0; first < job->n_uniform; first += LANES) {
+        int lanes = job->n_uniform - first < LANES ? (int)(job->n_uniform - first) : LANES;
+        float r_sq[LANES], r0[LANES], r1[LANES], r2[LANES], per[LANES], scale[LANES];
+        const uint32_t *index = pat->uniform + first;
+        for (int i = 0; i < lanes; i++) {
+            uint32_t j = index[i];
+            float x = job->p[0][j] - eye[0], y = job->p[1][j] - eye[1], z = job->p[2][j] - eye[2];
+            float along = x * n[0] + y * n[1] + z * n[2];
+            float s = height / (fabsf(along) > 1e-12f ? along : 1e-12f);
+            float dx = s * x - rel[0], dy = s * y - rel[1], dz = s * z - rel[2];
+            r_sq[i] = dx * dx + dy * dy + dz * dz;
+            float d2 = s * s * (x * x + y * y + z * z), c = fabsf(height);
+            scale[i] = s > 0 ? n_t * d2 * sqrtf(d2) / (c > 1e-12f ? c : 1e-12f) : 0;
+        }
+        KERNEL(radial)(table, lanes, r_sq, r0, r1, r2);
+        const float *inv = job->inv_rho[object];
+        for (int i = 0; i < lanes; i++)
+            per[i] = scale[i] * (inv[0] * r0[i] + inv[1] * r1[i] + inv[2] * r2[i]);
+        KERNEL(gather)(job, table, lanes, o, object, index, per, uniform, sum);
+    }
+}
+
+TARGET static void KERNEL(run)(const struct tangent_job *job, size_t begin, size_t end)
+{
+    for (size_t i = begin; i < end; i++) {
+        if (job->opaque[i]) continue;
+        float sum[3] = {0, 0, 0};
+        KERNEL(pixel)(job, (uint32_t)i, sum);
+        for (int k = 0; k < 3; k++) job->radiance[i][k] += sum[k] * (float)(1 / M_PI);
+    }
+}
