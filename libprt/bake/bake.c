@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Runs the stages of a bake in order and writes the .prt.
 #include "bake/measure.h"
+#include "bake/run.h"
 #include "bake/sources.h"
 
 #include "prt/relight.h"
@@ -13,28 +14,6 @@
 
 static const uint32_t default_rank = 72;   // columns looked at when the error chooses
 static const uint32_t default_probes = 192;
-
-struct bake {
-    const struct prt_context *ctx;
-    const struct prt_mesh *mesh;
-    struct prt_bake_options o;
-    struct prt_dipole dipole[3];
-    struct prt_scene *scene;
-    struct prt_surface_points *surface;
-    struct hierarchy *hierarchy;
-    struct directions *directions;
-    struct clusters *clusters;
-    struct half_rows irradiance;
-    struct radial_set radial;
-    struct single_plan single;
-    float *probe;
-    struct factored *factored;         // [n_cluster]
-    struct sparse_builder *sparse;
-    struct prt_transport out;
-    uint64_t rays_irradiance, *rays_single;
-    double seconds[8];
-};
-enum { T_SAMPLES, T_IRRADIANCE, T_MULTIPLE, T_SINGLE, T_PACK, T_MEASURE };
 
 static void dipole_eval(const void *user, unsigned cpu, size_t n, const float *r2,
                         float *const *out)
@@ -52,7 +31,11 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
 {
     if (!o->cube) o->cube = 32;
     if (!o->n_coef) o->n_coef = 128;
-    if (!o->n_phase) o->n_phase = 1;
+    if (!o->n_phase) { // an isotropic medium needs one term; where g is free, or not 0, four
+        const float *g = o->material.g;
+        bool fixed = o->engine == PRT_ENGINE_WAVELET;
+        o->n_phase = fixed && g[0] == 0 && g[1] == 0 && g[2] == 0 ? 1 : 4;
+    }
     if (!o->n_single) o->n_single = 16;
     if (o->max_error == 0) o->max_error = 0.01;
     if (!power_of_two(o->cube) || o->cube < PRT_BAKE_CUBE_MIN || o->cube > PRT_BAKE_CUBE_MAX)
@@ -68,6 +51,10 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
         return prt_fail(ctx, PRT_ARG, "--rank %u: must lie in [1, 512]", o->rank);
     if (o->n_sample > 20000000)
         return prt_fail(ctx, PRT_ARG, "--samples %u: must lie in [16, 20000000]", o->n_sample);
+    if (o->engine != PRT_ENGINE_WAVELET && o->storage == PRT_STORAGE_SPARSE)
+        return prt_fail(ctx, PRT_ARG, "--storage sparse goes with --transport wavelet only");
+    if (o->engine == PRT_ENGINE_POLYNOMIAL && !o->env)
+        return prt_fail(ctx, PRT_ARG, "--transport polynomial fixes the light: give it --env");
     if (o->n_single > 1024)
         return prt_fail(ctx, PRT_ARG, "single-scattering points %u: must lie in [1, 1024]",
                         o->n_single);
@@ -116,12 +103,18 @@ static int prepare(struct bake *b)
     uint32_t target = mesh->n_vertex / 128 + 1;
     if (target < 640) target = 640;
     if (status == PRT_OK) status = clusters_create(mesh, target, &b->clusters);
+    if (status == PRT_OK) {
+        b->factored = calloc(b->clusters->n_cluster + 1u, sizeof *b->factored);
+        b->rays_single = calloc(b->clusters->n_cluster + 1u, sizeof *b->rays_single);
+        if (!b->factored || !b->rays_single) status = PRT_NOMEM;
+    }
+    b->n_probe = default_probes;
     b->seconds[T_SAMPLES] = prt_time_s() - started;
     return status;
 }
 
 // Gaussian lights: white noise over the sphere, as every light is met by the same energy.
-static int make_probe(struct bake *b, uint32_t m)
+int bake_probe(struct bake *b, uint32_t m)
 {
     uint32_t n_coef = b->directions->n_coef;
     struct prt_rng rng;
@@ -139,9 +132,11 @@ static int make_probe(struct bake *b, uint32_t m)
 static struct factor_plan plan_of(const struct bake *b, uint32_t n_function)
 {
     uint32_t rank = b->o.rank ? b->o.rank : default_rank;
-    return (struct factor_plan){.n_function = n_function, .n_train = n_function,
-                                .max_rank = rank, .n_probe = default_probes, .n = b->o.cube,
-                                .solid_angle = b->directions->solid_angle, .probe = b->probe};
+    return (struct factor_plan){.n_function = n_function,
+                                .n_train = b->train ? b->n_train : n_function,
+                                .train = b->train, .max_rank = rank, .n_probe = b->n_probe,
+                                .n = b->o.cube, .solid_angle = b->directions->solid_angle,
+                                .probe = b->probe};
 }
 
 static void apply_solid_angle(const struct bake *b, float *dense, size_t rows)
@@ -152,7 +147,7 @@ static void apply_solid_angle(const struct bake *b, float *dense, size_t rows)
 }
 
 // Hands a cluster's rows to the storage that was asked for.
-static int take_rows(struct bake *b, uint32_t c, uint32_t n_function,
+int bake_take_rows(struct bake *b, uint32_t c, uint32_t n_function,
                      const struct row_source *source)
 {
     if (!b->sparse) {
@@ -177,7 +172,7 @@ static int take_rows(struct bake *b, uint32_t c, uint32_t n_function,
 }
 
 // Opaque receivers (W05 fig. 1's floor): albedo/pi times shadowed irradiance.
-static int opaque_rows(struct bake *b, uint32_t c, uint32_t *block)
+int bake_opaque_rows(struct bake *b, uint32_t c, uint32_t *block)
 {
     const struct prt_cluster *cluster = &b->clusters->cluster[c];
     uint32_t n = cluster->n_vertex, n_coef = b->directions->n_coef;
@@ -197,7 +192,7 @@ static int opaque_rows(struct bake *b, uint32_t c, uint32_t *block)
     }
     struct dense_rows rows = {t, n, 3, n_coef};
     struct row_source source = {&rows, n, dense_multiply, dense_project};
-    int status = take_rows(b, c, 3, &source);
+    int status = bake_take_rows(b, c, 3, &source);
     prt_free(t);
     return status;
 }
@@ -211,7 +206,7 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
     if (!block) return PRT_NOMEM;
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
         if (!b->clusters->translucent[c]) {
-            status = opaque_rows(b, (uint32_t)c, block);
+            status = bake_opaque_rows(b, (uint32_t)c, block);
             continue;
         }
         struct cut cut = {0};
@@ -219,7 +214,7 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
                            &b->radial, &cut);
         struct product_rows rows = {&b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3};
         struct row_source source = {&rows, rows.n_vertex, product_multiply, product_project};
-        if (status == PRT_OK) status = take_rows(b, (uint32_t)c, 3, &source);
+        if (status == PRT_OK) status = bake_take_rows(b, (uint32_t)c, 3, &source);
         cut_finish(&cut);
     }
     prt_free(block);
@@ -246,7 +241,7 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
                             t + (size_t)i * F * n_coef, scratch);
         struct dense_rows rows = {t, cluster->n_vertex, F, n_coef};
         struct row_source source = {&rows, cluster->n_vertex, dense_multiply, dense_project};
-        if (status == PRT_OK) status = take_rows(b, (uint32_t)c, F, &source);
+        if (status == PRT_OK) status = bake_take_rows(b, (uint32_t)c, F, &source);
         prt_free(t);
     }
     prt_free(scratch);
@@ -260,18 +255,18 @@ static void drop_factored(struct bake *b)
 }
 
 // One term's tensor: rows by `range`, then packing.
-static int make_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_fn range,
-                       uint32_t n_phase, unsigned clock)
+int bake_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_fn range,
+                uint32_t n_function, uint32_t n_phase, unsigned clock)
 {
     double started = prt_time_s();
-    uint32_t n_function = 3 * n_phase;
     struct prt_tensor *t = &b->out.tensor[b->out.n_tensor];
     int status = PRT_OK;
     if (b->o.storage == PRT_STORAGE_SPARSE)
         status = sparse_builder_create(b->clusters, b->mesh->n_vertex, b->o.cube, n_function,
                                        b->o.n_coef, &b->sparse);
     if (status == PRT_OK)
-        status = prt_parallel_for(b->ctx, stage, b->clusters->n_cluster, 1, range, b);
+        status = prt_parallel_for(b->ctx, stage, b->clusters->n_cluster, 1, range,
+                                  b->loop_arg ? b->loop_arg : b);
     b->seconds[clock] = prt_time_s() - started;
     started = prt_time_s();
     struct pack_options pack = {.rank = b->o.rank, .n_basis_coef = b->o.n_basis_coef,
@@ -292,7 +287,7 @@ static int make_tensor(struct bake *b, enum prt_term term, const char *stage, pr
     return PRT_OK;
 }
 
-static void plan_single(struct bake *b)
+void bake_plan_single(struct bake *b)
 {
     const struct prt_material *m = &b->o.material;
     b->single = (struct single_plan){.scene = b->scene, .mesh = b->mesh,
@@ -304,6 +299,8 @@ static void plan_single(struct bake *b)
         b->single.sigma_t[c] = b->single.sigma_s[c] + m->sigma_a[c];
         (void)prt_phase_hg(&b->single.phase[c], m->g[c], b->o.n_phase);
     }
+    b->single.n_direction = b->directions->n_coef;
+    single_plan_depths(&b->single);
 }
 
 static int bake_wavelet(struct bake *b)
@@ -314,18 +311,15 @@ static int bake_wavelet(struct bake *b)
         status = irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
                                  b->o.material.eta, &b->irradiance, &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
-    if (status == PRT_OK) status = make_probe(b, default_probes);
-    b->factored = calloc(b->clusters->n_cluster + 1u, sizeof *b->factored);
-    b->rays_single = calloc(b->clusters->n_cluster + 1u, sizeof *b->rays_single);
-    if (!b->factored || !b->rays_single) status = PRT_NOMEM;
+    if (status == PRT_OK) status = bake_probe(b, default_probes);
     if (status == PRT_OK)
-        status = make_tensor(b, PRT_TERM_MULTIPLE, "multiple scattering", multiple_range, 1,
+        status = bake_tensor(b, PRT_TERM_MULTIPLE, "multiple scattering", multiple_range, 3, 1,
                              T_MULTIPLE);
     half_rows_finish(&b->irradiance);
     if (status != PRT_OK || b->o.no_single || !b->surface) return status;
-    plan_single(b);
-    return make_tensor(b, PRT_TERM_SINGLE, "single scattering", single_range, b->o.n_phase,
-                       T_SINGLE);
+    bake_plan_single(b);
+    return bake_tensor(b, PRT_TERM_SINGLE, "single scattering", single_range, 3 * b->o.n_phase,
+                       b->o.n_phase, T_SINGLE);
 }
 
 static uint64_t mesh_hash(const struct prt_mesh *m)
@@ -389,7 +383,10 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
     b.out.engine = b.o.engine;
     b.out.mesh_hash = mesh_hash(mesh);
     status = prepare(&b);
-    if (status == PRT_OK) status = bake_wavelet(&b);
+    if (status == PRT_OK)
+        status = b.o.engine == PRT_ENGINE_JOINT        ? bake_joint(&b)
+                 : b.o.engine == PRT_ENGINE_POLYNOMIAL ? bake_polynomial(&b)
+                                                       : bake_wavelet(&b);
     if (status == PRT_OK && b.surface)
         status = measure_wavelet(ctx, &b.out, 200, b.o.seed, errors, sizeof errors);
     if (status == PRT_OK) {

@@ -40,9 +40,12 @@ int measure_light(unsigned which, uint32_t n, struct prt_cube *out)
             float rgb[3] = {base * (0.25f + 0.6f * up), base * (0.25f + 0.8f * up),
                             base * (0.2f + 1.2f * up)};
             for (unsigned l = 0; l < n_lamp; l++) {
-                float c = 0;
-                for (int k = 0; k < 3; k++) c += dir[k] * lamp[l].dir[k];
-                if (c > lamp[l].cosine)
+                float c = 0, length = 0;
+                for (int k = 0; k < 3; k++) {
+                    c += dir[k] * lamp[l].dir[k];
+                    length += lamp[l].dir[k] * lamp[l].dir[k];
+                }
+                if (c > lamp[l].cosine * sqrtf(length))
                     for (int k = 0; k < 3; k++) rgb[k] += lamp[l].rgb[k];
             }
             for (int k = 0; k < 3; k++) sum[k] += rgb[k] / 16;

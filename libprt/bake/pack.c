@@ -3,6 +3,7 @@
 #include "bake/stages.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -122,6 +123,12 @@ static int choose(const struct prt_context *ctx, struct choice *c)
         else lo = 0.5 * (lo + hi);
     }
     c->price = exp(lo);
+    if (getenv("PRT_DEBUG_PACK"))
+        for (uint32_t i = 0; i < c->n_cluster; i += 5) {
+            fprintf(stderr, "cluster %u rank held %u tails", i, c->f[i].rank);
+            for (uint32_t r = 8; r <= c->f[i].rank; r += 8) fprintf(stderr, " %.4f", sqrt(c->f[i].tail[r] / c->f[i].tail[0]));
+            fprintf(stderr, "\n");
+        }
     return prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
 }
 

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { NODES = 4, FINE_NODES = 2, MAX_PHASE = 9 };
+enum { MAX_PHASE = 9 };
 
 // What a direction meets at a node: distance out s', F_t V, and the refracted way in.
 struct exits {
@@ -19,7 +19,8 @@ struct exits {
 };
 
 struct scratch {
-    struct exits node[NODES];
+    struct exits node[SINGLE_MAX_NODES];
+    float *side;     // [n_coef] cosine between texel and vertex normal
     float *y;        // [MAX_PHASE] SH of one direction
 };
 
@@ -30,18 +31,20 @@ static size_t exits_floats(uint32_t n_coef)
 
 size_t single_scratch_bytes(const struct single_plan *plan)
 {
-    return (NODES * exits_floats(plan->directions->n_coef) + 64) * sizeof(float);
+    return (SINGLE_MAX_NODES * exits_floats(plan->n_direction) + plan->n_direction + 64) *
+           sizeof(float);
 }
 
 static void carve(const struct single_plan *plan, void *memory, struct scratch *s)
 {
     float *at = memory;
-    uint32_t n = plan->directions->n_coef;
-    for (int a = 0; a < NODES; a++) {
+    uint32_t n = plan->n_direction;
+    for (int a = 0; a < SINGLE_MAX_NODES; a++) {
         s->node[a].way = at, at += n;
         s->node[a].open = at, at += n;
         for (int k = 0; k < 3; k++) s->node[a].dir[k] = at, at += n;
     }
+    s->side = at, at += n;
     s->y = at;
 }
 
@@ -125,6 +128,19 @@ static float largest(const float c[3])
     return fmaxf(c[0], fmaxf(c[1], c[2]));
 }
 
+void single_plan_depths(struct single_plan *plan)
+{
+    if (plan->extinction) { // any extinction may come: nodes over every scale of the body
+        plan->n_node = SINGLE_MAX_NODES, plan->n_fine = 1;
+        plan->first_mm = 0.05f, plan->last_mm = 60, plan->inward_mm = INFINITY;
+        return;
+    }
+    plan->n_node = 4, plan->n_fine = 2;
+    plan->first_mm = 0.15f / largest(plan->sigma_t);
+    plan->last_mm = 1.6f / smallest(plan->sigma_t);
+    plan->inward_mm = 12 / smallest(plan->sigma_t);
+}
+
 static float luminance(const float c[3])
 {
     return 0.2126f * c[0] + 0.7152f * c[1] + 0.0722f * c[2];
@@ -167,7 +183,7 @@ static uint64_t trace_node(const struct single_plan *plan, const struct fresnel_
     const struct directions *d = plan->directions;
     struct prt_packet packet;
     struct lane_out lane[16];
-    float most = 12 / smallest(plan->sigma_t);
+    float most = plan->inward_mm;
     uint64_t rays = 0;
     uint32_t step = fine ? 4 : 16;
     for (uint32_t first = 0; first < d->n_packet; first += step) {
@@ -196,7 +212,7 @@ static uint64_t trace_node(const struct single_plan *plan, const struct fresnel_
             rays += trace_exits(plan, fresnel, p, &packet, mask, object, lane);
         }
         for (uint32_t i = 0; i < 16; i++) {
-            struct lane_out nothing = {.way = 2 * most};
+            struct lane_out nothing = {.way = fminf(2 * most, 1e4f)};
             const struct lane_out *from =
                 mask >> i & 1 && (lane[i].way > 0 || lane[i].open > 0) ? &lane[i] : &nothing;
             if (fine)
@@ -210,12 +226,12 @@ static uint64_t trace_node(const struct single_plan *plan, const struct fresnel_
 }
 
 // Depths of the nodes: geometric over the channels' extinctions, inside the body.
-static void place_nodes(const struct single_plan *plan, float thickness, float depth[NODES])
+static void place_nodes(const struct single_plan *plan, float thickness, float *depth)
 {
-    float first = fminf(0.15f / largest(plan->sigma_t), 0.06f * thickness);
-    float last = fminf(1.6f / smallest(plan->sigma_t), 0.85f * thickness);
-    for (int a = 0; a < NODES; a++)
-        depth[a] = first * powf(last / first, (float)a / (NODES - 1));
+    float first = fminf(plan->first_mm, 0.06f * thickness);
+    float last = fminf(plan->last_mm, 0.85f * thickness);
+    for (uint32_t a = 0; a < plan->n_node; a++)
+        depth[a] = first * powf(last / first, (float)a / (float)(plan->n_node - 1));
 }
 
 // e^-x for x >= 0, relative error 2e-6; unlike expf the compiler vectorises it.
@@ -242,10 +258,10 @@ static inline float mean_exp(float ea, float eb, float a, float b)
 
 // Everything along the path for isotropic phase: three channels of every texel.
 PRT_CLONES static void integrate_isotropic(uint32_t n_coef, const float sigma_t[3],
-                                           const float factor[3], const float depth[NODES],
-                                           float end, const float *const way[NODES],
-                                           const float *const open[NODES], const float *outer,
-                                           float *out)
+                                           const float factor[3], uint32_t n_node,
+                                           const float *depth, float end,
+                                           const float *const *way, const float *const *open,
+                                           const float *outer, float *out)
 {
     for (int c = 0; c < 3; c++) {
         float s = sigma_t[c], *row = out + (size_t)c * n_coef;
@@ -257,7 +273,7 @@ PRT_CLONES static void integrate_isotropic(uint32_t n_coef, const float sigma_t[
                                               0);
             float open_before = open[0][t], exponent = s * way0, before = exp_minus(exponent);
             float sum = 0, depth_before = 0, slope = 0;
-            for (int a = 0; a < NODES; a++) {
+            for (uint32_t a = 0; a < n_node; a++) {
                 float next = s * (depth[a] + way[a][t]), e = exp_minus(next);
                 float step = depth[a] - depth_before;
                 sum += step * mean_exp(before, e, exponent, next) * 0.5f *
@@ -275,13 +291,13 @@ PRT_CLONES static void integrate_isotropic(uint32_t n_coef, const float sigma_t[
 }
 
 // The same with the phase function's light part: plane k gets a_l Y_k(w_i').
-static void integrate_phase(const struct single_plan *plan, const float depth[NODES], float end,
+static void integrate_phase(const struct single_plan *plan, const float *depth, float end,
                             const struct scratch *s, const float *outer, float *out)
 {
-    uint32_t n = plan->directions->n_coef, K = plan->n_phase;
+    uint32_t n = plan->directions->n_coef, K = plan->n_phase, n_node = plan->n_node;
     for (uint32_t t = 0; t < n; t++) {
-        float y[NODES][MAX_PHASE];
-        for (int a = 0; a < NODES; a++) {
+        float y[SINGLE_MAX_NODES][MAX_PHASE];
+        for (uint32_t a = 0; a < n_node; a++) {
             float w[3] = {s->node[a].dir[0][t], s->node[a].dir[1][t], s->node[a].dir[2][t]};
             memset(y[a], 0, sizeof y[a]);
             if (s->node[a].open[t] > 0) prt_sh_eval(K == 9 ? 3 : 2, w, y[a]);
@@ -295,7 +311,7 @@ static void integrate_phase(const struct single_plan *plan, const float depth[NO
                                                       depth[0] / (depth[1] - depth[0]),
                                               0);
             float exponent = st * way0, before = exp_minus(exponent), depth_before = 0, slope = 0;
-            for (int a = 0; a < NODES; a++) {
+            for (uint32_t a = 0; a < n_node; a++) {
                 float next = st * (depth[a] + s->node[a].way[t]), e = exp_minus(next);
                 float step = depth[a] - depth_before;
                 float w = step * mean_exp(before, e, exponent, next) * 0.5f;
@@ -309,10 +325,127 @@ static void integrate_phase(const struct single_plan *plan, const float depth[NO
                 unsigned l = k == 0 ? 0 : k < 4 ? 1 : 2;
                 out[((size_t)k * 3 + (unsigned)c) * n + t] =
                     (float)plan->phase[c].a[l] * plan->sigma_s[c] *
-                    (sum[k] + rest * y[NODES - 1][k]);
+                    (sum[k] + rest * y[n_node - 1][k]);
             }
         }
     }
+}
+
+static float surface_way(const struct scratch *s, const float *depth, uint32_t t)
+{
+    if (s->side[t] > 0) return 0;
+    float rise = (s->node[1].way[t] - s->node[0].way[t]) / (depth[1] - depth[0]);
+    return fmaxf(s->node[0].way[t] - rise * depth[0], 0);
+}
+
+// Integrals of every function of a radial basis over the path, X07 eq 14: with s + s'(s)
+// piecewise linear they are differences of the functions' running integrals. Without `rgb` out
+// is [n_phase][n_radial][n] per direction; with it (X07: the light is fixed) the directions are
+// summed into out [n_phase][n_radial][3].
+static void integrate_radial(const struct single_plan *plan, const float *depth, float end,
+                             const struct scratch *s, uint32_t n, const float *rgb, float *out)
+{
+    const struct extinction_table *table = plan->extinction;
+    uint32_t K = plan->n_phase, J = table->n_function;
+    enum { WIDE = EXTINCTION_WIDE };
+    for (uint32_t t = 0; t < n; t++) {
+        float sum[MAX_PHASE][WIDE], y[SINGLE_MAX_NODES][MAX_PHASE], before[WIDE], after[WIDE];
+        bool any = false;
+        for (uint32_t a = 0; a < plan->n_node; a++) {
+            float w[3] = {s->node[a].dir[0][t], s->node[a].dir[1][t], s->node[a].dir[2][t]};
+            float open = s->node[a].open[t];
+            memset(y[a], 0, sizeof y[a]);
+            if (open <= 0) continue;
+            any = true;
+            prt_sh_eval(K == 9 ? 3 : K == 4 ? 2 : 1, w, y[a]);
+            for (uint32_t k = 0; k < K; k++) y[a][k] *= open;
+        }
+        memset(sum, 0, sizeof sum);
+        float u = surface_way(s, depth, t), depth_before = 0, slope = 1;
+        if (any) extinction_integral(table, u, before);
+        for (uint32_t a = 0; any && a <= plan->n_node; a++) {
+            // The last step goes on to the end of the path with the last slope.
+            bool last = a == plan->n_node;
+            float at = last ? end : depth[a], step = at - depth_before;
+            if (step <= 0) break;
+            float next = last ? u + fmaxf(slope, 0.25f) * step : at + s->node[a].way[t];
+            if (fabsf(next - u) < 1e-3f * step) next = u + 1e-3f * step;
+            extinction_integral(table, next, after);
+            slope = (next - u) / step;
+            const float *y0 = y[a ? a - 1 : 0], *y1 = y[last ? a - 1 : a];
+            for (uint32_t k = 0; k < K; k++) {
+                float w = 0.5f * (y0[k] + y1[k]) / slope;
+                for (int j = 0; j < WIDE; j++) sum[k][j] += w * (after[j] - before[j]);
+            }
+            memcpy(before, after, sizeof before);
+            u = next, depth_before = at;
+        }
+        for (uint32_t k = 0; k < K; k++)
+            for (uint32_t j = 0; j < J; j++) {
+                if (!rgb)
+                    out[((size_t)k * J + j) * n + t] = sum[k][j];
+                else if (any)
+                    for (int c = 0; c < 3; c++)
+                        out[(k * J + j) * 3 + (uint32_t)c] += sum[k][j] * rgb[t * 3 + (uint32_t)c];
+            }
+    }
+}
+
+// The nodes of a list of directions, one ray each (a fixed light's own directions).
+static uint64_t trace_list(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                           const float p[3], uint32_t n, const float *x, const float *y,
+                           const float *z, struct exits *out)
+{
+    struct prt_packet packet;
+    struct lane_out lane[16];
+    uint64_t rays = 0;
+    for (uint32_t first = 0; first < n; first += 16) {
+        uint32_t m = n - first < 16 ? n - first : 16, mask = m < 16 ? (1u << m) - 1 : 0xffff;
+        for (uint32_t i = 0; i < 16; i++) {
+            uint32_t k = first + (i < m ? i : 0);
+            packet.dx[i] = x[k], packet.dy[i] = y[k], packet.dz[i] = z[k];
+            packet.tfar[i] = INFINITY;
+        }
+        rays += trace_exits(plan, fresnel, p, &packet, mask, 0, lane);
+        struct lane_out nothing = {.way = 1e4f};
+        for (uint32_t i = 0; i < m; i++)
+            store(out, first + i, lane[i].way > 0 || lane[i].open > 0 ? &lane[i] : &nothing);
+    }
+    return rays;
+}
+
+static float thickness_at(const struct single_plan *plan, const float x[3], const float n[3])
+{
+    float eps = prt_scene_epsilon(plan->scene), down[3], start[3], t, u, v;
+    uint32_t triangle;
+    float deep = fminf(3 * plan->inward_mm, 1e5f);
+    for (int k = 0; k < 3; k++) down[k] = -n[k], start[k] = x[k] - eps * n[k];
+    if (prt_scene_intersect(plan->scene, start, down, eps, deep, &t, &triangle, &u, &v))
+        return fmaxf(t, 4 * eps);
+    return deep;
+}
+
+uint64_t single_light(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                      uint32_t vertex, uint32_t n, const float *x, const float *y,
+                      const float *z, const float *rgb, float *out, void *memory)
+{
+    const float *p = plan->mesh->position[vertex], *normal = plan->mesh->normal[vertex];
+    struct scratch s = {0};
+    float depth[SINGLE_MAX_NODES], thickness = thickness_at(plan, p, normal);
+    uint64_t rays = 1;
+    carve(plan, memory, &s);
+    place_nodes(plan, thickness, depth);
+    for (uint32_t a = 0; a < plan->n_node; a++) {
+        float at[3];
+        for (int k = 0; k < 3; k++) at[k] = p[k] - depth[a] * normal[k];
+        rays += trace_list(plan, fresnel, at, n, x, y, z, &s.node[a]);
+    }
+    for (uint32_t t = 0; t < n; t++)
+        s.side[t] = normal[0] * x[t] + normal[1] * y[t] + normal[2] * z[t];
+    memset(out, 0, (size_t)plan->n_phase * plan->extinction->n_function * 3 * sizeof *out);
+    integrate_radial(plan, depth, fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm), &s,
+                     n, rgb, out);
+    return rays;
 }
 
 // W05 as printed: n_point points, every texel's ray at each; the yardstick of the above.
@@ -356,44 +489,39 @@ uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table 
 {
     const struct directions *d = plan->directions;
     const float *x = plan->mesh->position[vertex], *n = plan->mesh->normal[vertex];
-    struct scratch s;
+    struct scratch s = {0};
     carve(plan, memory, &s);
-    float eps = prt_scene_epsilon(plan->scene), down[3], start[3], t, u, v;
-    uint32_t triangle, object = 0;
-    for (int k = 0; k < 3; k++) down[k] = -n[k], start[k] = x[k] - eps * n[k];
-    float deep = 30 / smallest(plan->sigma_t), thickness = deep;
+    uint32_t object = 0;
     uint64_t rays = 1;
-    if (prt_scene_intersect(plan->scene, start, down, eps, deep, &t, &triangle, &u, &v))
-        thickness = fmaxf(t, 4 * eps);
+    float thickness = thickness_at(plan, x, n);
     unsigned pattern = (unsigned)(prt_hash64(&vertex, sizeof vertex, plan->seed) >> 20);
     if (plan->every_ray)
         return rays + every_ray(plan, fresnel, x, n, thickness, pattern, object, &s, out);
-    float depth[NODES], end, *outer = out; // out's first row is scratch until the end
-    const float *way[NODES], *open[NODES];
+    float depth[SINGLE_MAX_NODES], end;
+    const float *way[SINGLE_MAX_NODES], *open[SINGLE_MAX_NODES];
     place_nodes(plan, thickness, depth);
-    for (int a = 0; a < NODES; a++) {
+    for (uint32_t a = 0; a < plan->n_node && a < SINGLE_MAX_NODES; a++) {
         float p[3];
         for (int k = 0; k < 3; k++) p[k] = x[k] - depth[a] * n[k];
-        float dead = 7 / smallest(plan->sigma_t) - depth[a];
-        rays += trace_node(plan, fresnel, p, n, pattern + (unsigned)a * 0x135, a < FINE_NODES,
+        float dead = 0.6f * plan->inward_mm - depth[a];
+        rays += trace_node(plan, fresnel, p, n, pattern + (unsigned)a * 0x135, a < plan->n_fine,
                            a ? &s.node[a - 1] : NULL, dead, object, &s.node[a]);
         way[a] = s.node[a].way, open[a] = s.node[a].open;
     }
-    end = fminf(thickness, depth[NODES - 1] + 12 / smallest(plan->sigma_t));
-    float *side = prt_alloc(d->n_coef, sizeof *side);
-    if (!side) return rays;
+    end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
     for (uint32_t k = 0; k < d->n_packet * 4; k++) {
         size_t at = ((size_t)(k / 4)) * 16 + (k % 4) * 4;
-        side[d->texel[k]] = n[0] * d->x[at] + n[1] * d->y[at] + n[2] * d->z[at];
+        s.side[d->texel[k]] = n[0] * d->x[at] + n[1] * d->y[at] + n[2] * d->z[at];
     }
-    outer = side;
-    if (plan->n_phase == 1) {
+    if (plan->extinction) {
+        integrate_radial(plan, depth, end, &s, d->n_coef, NULL, out);
+    } else if (plan->n_phase == 1) {
         float factor[3];
         for (int c = 0; c < 3; c++) factor[c] = plan->sigma_s[c] * (float)(0.5 / sqrt(M_PI));
-        integrate_isotropic(d->n_coef, plan->sigma_t, factor, depth, end, way, open, outer, out);
+        integrate_isotropic(d->n_coef, plan->sigma_t, factor, plan->n_node, depth, end, way,
+                            open, s.side, out);
     } else {
-        integrate_phase(plan, depth, end, &s, outer, out);
+        integrate_phase(plan, depth, end, &s, s.side, out);
     }
-    prt_free(side);
     return rays;
 }

@@ -174,6 +174,19 @@ void sparse_builder_destroy(struct sparse_builder *b);
 
 /* ---- single scattering ------------------------------------------------------------------------ */
 
+/* Running integrals of the functions that stand for e^(-sigma_t r) (X07 eq 14), functions
+ * fastest: [n_grid][EXTINCTION_WIDE] over a grid of 32 points an octave. */
+enum { EXTINCTION_WIDE = 32, SINGLE_MAX_NODES = 6 };
+struct prt_radial;
+struct extinction_table {
+    uint32_t n_function, n_grid, base; /* base: float bits >> 18 of the first point but 0 */
+    float *integral, *r;
+};
+int extinction_table_create(const struct prt_radial *radial, struct extinction_table **out);
+void extinction_table_destroy(struct extinction_table *table);
+/* out[j] = integral of B_j over [0, r]. */
+void extinction_integral(const struct extinction_table *table, float r, float *out);
+
 struct single_plan {
     const struct prt_scene *scene;
     const struct prt_mesh *mesh;
@@ -185,11 +198,21 @@ struct single_plan {
     uint32_t n_point;                    /* 16 */
     bool every_ray;
     uint64_t seed;
+    const struct extinction_table *extinction; /* radial basis in place of sigma_t, or NULL */
+    uint32_t n_direction;                /* most directions at once: n_coef, or light rays */
+    uint32_t n_node, n_fine;             /* depths traced; those with a ray for every texel */
+    float first_mm, last_mm, inward_mm;  /* depths; reach of rays through the bulk */
 };
-/* Rows of one vertex: out[n_phase*3][n_coef] per texel mean (solid angle not applied).
- * Returns rays cast. */
+/* Fills the last line from the extinction. */
+void single_plan_depths(struct single_plan *plan);
+/* Rows of one vertex: out[n_phase*3][n_coef] (or [n_phase*n_radial][n_coef] with a radial
+ * basis) per texel mean (solid angle not applied). Returns rays cast. */
 uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table *fresnel,
                      uint32_t vertex, float *out, void *scratch);
+/* A fixed light's rays (weights rgb [n][3]): out [n_phase][n_radial][3], X07 eq 14. */
+uint64_t single_light(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                      uint32_t vertex, uint32_t n, const float *x, const float *y,
+                      const float *z, const float *rgb, float *out, void *scratch);
 size_t single_scratch_bytes(const struct single_plan *plan);
 
 #endif

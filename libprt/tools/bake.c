@@ -52,7 +52,7 @@ static struct prt_bake_options bake_options(const struct options *o, enum prt_en
         .n_coef = (uint32_t)o->coeffs,
         .rank = (uint32_t)o->rank,
         .n_basis_coef = (uint32_t)o->basis_coeffs,
-        .n_phase = o->phase_terms ? (uint32_t)o->phase_terms : 1,
+        .n_phase = (uint32_t)o->phase_terms,
         .n_single = (uint32_t)o->single_points,
         .no_single = o->no_single,
         .every_ray = o->every_ray,

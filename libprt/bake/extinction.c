@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: MIT
+// Running integrals of the basis of e^(-sigma_t r).
+#include "bake/stages.h"
+
+#include "prt/radial.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { SHIFT = 18 }; // 32 points an octave: index from a float's own bits
+
+static uint32_t bits_of(float x)
+{
+    uint32_t b;
+    memcpy(&b, &x, 4);
+    return b;
+}
+
+static float float_of(uint32_t b)
+{
+    float x;
+    memcpy(&x, &b, 4);
+    return x;
+}
+
+// Adds the integral over [a,b] by composite Simpson.
+static void add_integral(const struct prt_radial *radial, double a, double b, double *sum)
+{
+    enum { N = 8 };
+    float r[N + 1], value[(N + 1) * EXTINCTION_WIDE];
+    for (int i = 0; i <= N; i++) r[i] = (float)(a + (b - a) * i / N);
+    prt_radial_eval(radial, N + 1, r, value);
+    for (uint32_t j = 0; j < radial->n_function; j++)
+        for (int i = 0; i <= N; i++) {
+            double w = i == 0 || i == N ? 1 : i & 1 ? 4 : 2;
+            sum[j] += w * (b - a) / (3 * N) * value[(uint32_t)i * radial->n_function + j];
+        }
+}
+
+int extinction_table_create(const struct prt_radial *radial, struct extinction_table **out)
+{
+    if (radial->n_function > EXTINCTION_WIDE) return PRT_LIMIT;
+    struct extinction_table *t = calloc(1, sizeof *t);
+    if (!t) return PRT_NOMEM;
+    float last = radial->r[radial->n_grid - 1];
+    t->n_function = radial->n_function;
+    t->base = bits_of(radial->r[1]) >> SHIFT;
+    t->n_grid = (bits_of(last) >> SHIFT) - t->base + 2;
+    t->r = prt_alloc(t->n_grid, sizeof *t->r);
+    t->integral = prt_calloc((size_t)t->n_grid * EXTINCTION_WIDE, sizeof *t->integral);
+    if (!t->r || !t->integral) {
+        extinction_table_destroy(t);
+        return PRT_NOMEM;
+    }
+    double sum[EXTINCTION_WIDE] = {0}, before = 0;
+    for (uint32_t i = 0; i < t->n_grid; i++) {
+        double r = fmin(float_of((t->base + i) << SHIFT), last);
+        if (r > before) add_integral(radial, before, r, sum);
+        before = r;
+        t->r[i] = (float)r;
+        for (uint32_t j = 0; j < t->n_function; j++)
+            t->integral[(size_t)i * EXTINCTION_WIDE + j] = (float)sum[j];
+    }
+    *out = t;
+    return PRT_OK;
+}
+
+void extinction_table_destroy(struct extinction_table *t)
+{
+    if (!t) return;
+    prt_free(t->r);
+    prt_free(t->integral);
+    free(t);
+}
+
+PRT_CLONES void extinction_integral(const struct extinction_table *t, float r, float *out)
+{
+    uint32_t b = bits_of(r > 0 ? r : 0) >> SHIFT;
+    if (b < t->base) { // below the first point the functions are flat
+        float f = r / t->r[0];
+        for (int j = 0; j < EXTINCTION_WIDE; j++) out[j] = f * t->integral[j];
+        return;
+    }
+    uint32_t i = b - t->base;
+    if (i >= t->n_grid - 1) {
+        memcpy(out, t->integral + (size_t)(t->n_grid - 1) * EXTINCTION_WIDE,
+               EXTINCTION_WIDE * sizeof *out);
+        return;
+    }
+    const float *lo = t->integral + (size_t)i * EXTINCTION_WIDE, *hi = lo + EXTINCTION_WIDE;
+    float width = t->r[i + 1] - t->r[i], f = width > 0 ? (r - t->r[i]) / width : 0;
+    f = f < 1 ? f : 1;
+    for (int j = 0; j < EXTINCTION_WIDE; j++) out[j] = lo[j] + f * (hi[j] - lo[j]);
+}

@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: MIT
+// Polynomial transport (X07): the light is contracted while baking, radial functions stay.
+// T_j (X07 eq 12) by the cut of the hierarchy, S_j (X07 eq 14) over the light's own directions.
+#include "bake/radials.h"
+
+#include "prt/light.h"
+#include "reference/lights.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { SAMPLE_RAYS = 1024, SINGLE_RAYS = 512, PATTERNS = 64 };
+
+struct polynomial {
+    struct bake *b;
+    struct bases bases;
+    struct light_rays *rays;
+    float (*irradiance)[3];  // samples in tree order, then nodes: means under the light
+    struct prt_tensor *tensor;
+};
+
+static int sample_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct polynomial *p = arg;
+    struct bake *b = p->b;
+    const struct light_rays *r = p->rays;
+    struct fresnel_table fresnel;
+    float eps = prt_scene_epsilon(b->scene);
+    prt_trace_thread_init();
+    fresnel_table_init(&fresnel, b->o.material.eta);
+    for (size_t i = begin; i < end; i++) {
+        uint32_t s = b->hierarchy->order[i];
+        const float *x = b->surface->position[s], *n = b->surface->normal[s],
+                    *f = b->surface->face_normal[s];
+        size_t base = (size_t)((prt_hash64(&s, sizeof s, 21) >> 8) % r->n_pattern) * r->n_ray;
+        double sum[3] = {0, 0, 0};
+        for (uint32_t k = 0; k < r->n_ray; k += 16) {
+            struct prt_packet packet;
+            float cosine[16];
+            uint32_t mask = 0;
+            for (uint32_t l = 0; l < 16; l++) {
+                size_t at = base + (k + l < r->n_ray ? k + l : k);
+                float d[3] = {r->x[at], r->y[at], r->z[at]};
+                packet.ox[l] = x[0] + eps * f[0], packet.oy[l] = x[1] + eps * f[1];
+                packet.oz[l] = x[2] + eps * f[2];
+                packet.dx[l] = d[0], packet.dy[l] = d[1], packet.dz[l] = d[2];
+                packet.tnear[l] = 0, packet.tfar[l] = INFINITY;
+                cosine[l] = fminf(n[0] * d[0] + n[1] * d[1] + n[2] * d[2], 1);
+                bool above = f[0] * d[0] + f[1] * d[1] + f[2] * d[2] > 0;
+                if (k + l < r->n_ray && above && cosine[l] > 0) mask |= 1u << l;
+            }
+            uint32_t open = mask ? mask & ~prt_scene_occluded16(b->scene, &packet, mask) : 0;
+            for (uint32_t l = 0; l < 16; l++)
+                if (open >> l & 1)
+                    for (int c = 0; c < 3; c++)
+                        sum[c] += (double)cosine[l] * fresnel_table_eval(&fresnel, cosine[l]) *
+                                  r->rgb[(base + k + l) * 3 + (size_t)c];
+        }
+        for (int c = 0; c < 3; c++) p->irradiance[i][c] = (float)sum[c];
+    }
+    return PRT_OK;
+}
+
+static int irradiance(struct polynomial *p)
+{
+    struct bake *b = p->b;
+    uint32_t n = b->surface->n_sample;
+    const struct hierarchy *h = b->hierarchy;
+    p->irradiance = prt_alloc((size_t)n + h->n_node, sizeof *p->irradiance);
+    if (!p->irradiance) return PRT_NOMEM;
+    int status = prt_parallel_for(b->ctx, "irradiance", n, 64, sample_range, p);
+    for (uint32_t i = h->n_node; status == PRT_OK && i-- > 0;) { // children come after parents
+        const struct node *node = &h->node[i];
+        double sum[3] = {0, 0, 0};
+        if (node->child[0])
+            for (int k = 0; k < 2; k++)
+                for (int c = 0; c < 3; c++)
+                    sum[c] += (double)h->node[node->child[k]].area *
+                              p->irradiance[n + node->child[k]][c];
+        else
+            for (uint32_t s = node->begin; s < node->begin + node->count; s++)
+                for (int c = 0; c < 3; c++)
+                    sum[c] += (double)b->surface->area[h->order[s]] * p->irradiance[s][c];
+        for (int c = 0; c < 3; c++) p->irradiance[n + i][c] = (float)(sum[c] / node->area);
+    }
+    return status;
+}
+
+static uint16_t *column(const struct prt_tensor *t, const struct prt_cluster *cluster,
+                        uint32_t j, int channel)
+{
+    uint32_t padded = (cluster->n_vertex + 15) / 16 * 16;
+    return (uint16_t *)(uintptr_t)t->u + cluster->u_begin + ((size_t)j * 3 + (size_t)channel) * padded;
+}
+
+static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct polynomial *p = arg;
+    struct bake *b = p->b;
+    struct radial_set radial = bases_radial_set(&p->bases);
+    int status = PRT_OK;
+    for (size_t c = begin; status == PRT_OK && c < end; c++) {
+        const struct prt_cluster *cluster = &p->tensor->cluster[c];
+        if (!b->clusters->translucent[c]) continue;
+        struct cut cut = {0};
+        status = cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters, (uint32_t)c,
+                           &radial, &cut);
+        uint32_t n = cluster->n_vertex;
+        float *sum = prt_alloc((size_t)n * 3, sizeof *sum);
+        if (!sum) status = PRT_NOMEM;
+        for (uint32_t j = 0; status == PRT_OK && j < radial.n; j++) {
+            const float *k = cut.k + (size_t)j * n * cut.n_column;
+            memset(sum, 0, (size_t)n * 3 * sizeof *sum);
+            for (uint32_t i = 0; i < cut.n_column; i++) {
+                const float *e = p->irradiance[cut.row[i]];
+                for (uint32_t v = 0; v < n; v++)
+                    for (int ch = 0; ch < 3; ch++)
+                        sum[(size_t)ch * n + v] += k[(size_t)i * n + v] * e[ch];
+            }
+            for (int ch = 0; ch < 3; ch++)
+                prt_f32_to_f16_array(sum + (size_t)ch * n, n, column(p->tensor, cluster, j, ch));
+        }
+        prt_free(sum);
+        cut_finish(&cut);
+    }
+    return status;
+}
+
+static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct polynomial *p = arg;
+    struct bake *b = p->b;
+    const struct light_rays *r = p->rays;
+    struct fresnel_table fresnel;
+    uint32_t F = b->o.n_phase * p->bases.extinction->n_function;
+    prt_trace_thread_init();
+    fresnel_table_init(&fresnel, b->o.material.eta);
+    void *scratch = prt_alloc(single_scratch_bytes(&b->single), 1);
+    float *out = prt_alloc((size_t)F * 3, sizeof *out);
+    int status = scratch && out ? PRT_OK : PRT_NOMEM;
+    for (size_t c = begin; status == PRT_OK && c < end; c++) {
+        const struct prt_cluster *cluster = &p->tensor->cluster[c];
+        if (!b->clusters->translucent[c]) continue;
+        for (uint32_t i = 0; i < cluster->n_vertex; i++) {
+            uint32_t v = b->clusters->order[cluster->vertex_begin + i];
+            size_t base = (size_t)((prt_hash64(&v, sizeof v, 23) >> 8) % r->n_pattern) * r->n_ray;
+            b->rays_single[c] +=
+                single_light(&b->single, &fresnel, v, r->n_ray, r->x + base, r->y + base,
+                             r->z + base, r->rgb + base * 3, out, scratch);
+            for (uint32_t j = 0; j < F; j++)
+                for (int ch = 0; ch < 3; ch++)
+                    column(p->tensor, cluster, j, ch)[i] =
+                        prt_f32_to_f16(out[j * 3 + (uint32_t)ch]);
+        }
+    }
+    prt_free(scratch);
+    prt_free(out);
+    return status;
+}
+
+// An empty RADIAL tensor over all clusters; opaque ones have no columns.
+static int shape(struct polynomial *p, enum prt_term term, uint32_t n_phase,
+                 const struct prt_radial *radial)
+{
+    struct bake *b = p->b;
+    struct prt_tensor *t = &b->out.tensor[b->out.n_tensor++];
+    uint32_t nc = b->clusters->n_cluster, J = radial->n_function * n_phase;
+    struct prt_cluster *cluster = prt_calloc(nc, sizeof *cluster);
+    uint32_t *order = prt_alloc(b->mesh->n_vertex, sizeof *order);
+    uint64_t u = 0;
+    memset(t, 0, sizeof *t);
+    t->cluster = cluster, t->order = order;
+    if (!cluster || !order) return PRT_NOMEM;
+    for (uint32_t c = 0; c < nc; c++) {
+        cluster[c] = b->clusters->cluster[c];
+        cluster[c].rank = b->clusters->translucent[c] ? J : 0;
+        cluster[c].u_begin = u;
+        u += (uint64_t)cluster[c].rank * 3 * ((cluster[c].n_vertex + 15) / 16 * 16);
+    }
+    memcpy(order, b->clusters->order, b->mesh->n_vertex * sizeof *order);
+    t->u = prt_calloc(u + 32, 2);
+    t->u_count = u;
+    t->term = term;
+    t->storage = PRT_STORAGE_RADIAL;
+    t->coupling = PRT_COUPLE_FULL;
+    t->n_vertex = b->mesh->n_vertex;
+    t->n_cluster = nc;
+    t->n_function = J;
+    p->tensor = t;
+    return t->u ? bases_record(radial, n_phase, t) : PRT_NOMEM;
+}
+
+// Opaque vertices under the fixed light, as one more radial tensor would need a material: they
+// are stored as a factored tensor of their own by the joint bake; here the light is known, so a
+// rank-one block with a constant coefficient would do, but the file's kernels know no constant.
+static int light_of(struct bake *b, struct prt_cube *cube)
+{
+    return prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, cube);
+}
+
+int bake_polynomial(struct bake *b)
+{
+    struct polynomial p = {.b = b};
+    struct prt_cube cube = {0};
+    double started = prt_time_s();
+    if (!b->surface)
+        return prt_fail(b->ctx, PRT_ARG, "nothing is translucent: no material to edit");
+    int status = light_of(b, &cube);
+    if (status == PRT_OK) status = bases_create(b, &p.bases);
+    if (status == PRT_OK)
+        status = light_rays_create(&cube, PATTERNS, SAMPLE_RAYS, b->o.seed + 1, &p.rays);
+    if (status == PRT_OK) status = irradiance(&p);
+    b->rays_irradiance = (uint64_t)b->surface->n_sample * SAMPLE_RAYS / 2;
+    b->seconds[T_IRRADIANCE] = prt_time_s() - started;
+    started = prt_time_s();
+    if (status == PRT_OK) status = shape(&p, PRT_TERM_MULTIPLE, 1, p.bases.reflectance);
+    if (status == PRT_OK)
+        status = prt_parallel_for(b->ctx, "multiple scattering", b->clusters->n_cluster, 1,
+                                  multiple_range, &p);
+    b->seconds[T_MULTIPLE] = prt_time_s() - started;
+    started = prt_time_s();
+    light_rays_destroy(p.rays);
+    p.rays = NULL;
+    if (status == PRT_OK && !b->o.no_single) {
+        status = light_rays_create(&cube, PATTERNS, SINGLE_RAYS, b->o.seed + 2, &p.rays);
+        bake_plan_single(b);
+        b->single.extinction = p.bases.integral;
+        b->single.n_direction = SINGLE_RAYS;
+        single_plan_depths(&b->single);
+        if (status == PRT_OK)
+            status = shape(&p, PRT_TERM_SINGLE, b->o.n_phase, p.bases.extinction);
+        if (status == PRT_OK)
+            status = prt_parallel_for(b->ctx, "single scattering", b->clusters->n_cluster, 1,
+                                      single_range, &p);
+    }
+    b->seconds[T_SINGLE] = prt_time_s() - started;
+    light_rays_destroy(p.rays);
+    prt_free(p.irradiance);
+    prt_cube_finish(&cube);
+    bases_finish(&p.bases);
+    return status;
+}

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: MIT
+// Radial bases as the bake's stages use them.
+#include "bake/radials.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void reflectance_eval(const void *user, unsigned cpu, size_t n, const float *r2,
+                             float *const *out)
+{
+    const struct prt_radial *radial = user;
+    enum { CHUNK = 64 };
+    float r[CHUNK], value[CHUNK * 64];
+    uint32_t J = radial->n_function;
+    for (size_t at = 0; at < n; at += CHUNK) {
+        size_t m = n - at < CHUNK ? n - at : CHUNK;
+        for (size_t i = 0; i < m; i++) r[i] = sqrtf(r2[at + i]);
+        prt_radial_eval(radial, m, r, value);
+        for (uint32_t j = 0; j < J; j++)
+            for (size_t i = 0; i < m; i++) out[j][at + i] = value[i * J + j];
+    }
+}
+
+struct radial_set bases_radial_set(const struct bases *s)
+{
+    // Whatever falls faster than this matters only where the cells are integrated anyway.
+    return (struct radial_set){s->reflectance->n_function, reflectance_eval, s->reflectance, 12};
+}
+
+static double diagonal(const struct prt_mesh *mesh)
+{
+    float box[2][3];
+    double sum = 0;
+    prt_mesh_bounds(mesh, box);
+    for (int k = 0; k < 3; k++) sum += pow((double)box[1][k] - box[0][k], 2);
+    return sqrt(sum);
+}
+
+int bases_create(struct bake *b, struct bases *s)
+{
+    double size = diagonal(b->mesh);
+    memset(s, 0, sizeof *s);
+    struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED, .family = PRT_FAMILY_DIPOLE,
+                                   .eta = b->o.material.eta, .radius_mm = 1.01 * size,
+                                   .max_error = 0.1 * b->o.max_error};
+    int status = prt_radial_create(b->ctx, &o, &s->reflectance);
+    if (status == PRT_OK && !b->o.no_single) {
+        o.family = PRT_FAMILY_EXTINCTION;
+        o.radius_mm = 3 * size;
+        o.max_error = 0.2 * b->o.max_error;
+        status = prt_radial_create(b->ctx, &o, &s->extinction);
+        if (status == PRT_OK) status = extinction_table_create(s->extinction, &s->integral);
+    }
+    if (status) bases_finish(s);
+    return status;
+}
+
+void bases_finish(struct bases *s)
+{
+    prt_radial_destroy(s->reflectance);
+    prt_radial_destroy(s->extinction);
+    extinction_table_destroy(s->integral);
+    free(s->train);
+    memset(s, 0, sizeof *s);
+}
+
+static double log_step(double lo, double hi, int i, int n)
+{
+    return lo * pow(hi / lo, (double)i / (n - 1));
+}
+
+// A grey medium's coefficients: channel 0 of the fit.
+static int grey_fit(const struct prt_radial *radial, const struct bake *b, double sigma_s_prime,
+                    double sigma_a, float *out)
+{
+    struct prt_material m = b->o.material;
+    float coef[64 * 3];
+    for (int c = 0; c < 3; c++)
+        m.sigma_s_prime[c] = (float)sigma_s_prime, m.sigma_a[c] = (float)sigma_a, m.g[c] = 0;
+    int status = prt_radial_fit_material(radial, &m, coef, NULL);
+    for (uint32_t j = 0; j < radial->n_function; j++) out[j] = coef[3 * j];
+    return status;
+}
+
+int bases_train_reflectance(struct bake *b, struct bases *s)
+{
+    enum { SCATTER = 7, ABSORB = 4 };
+    static const double absorb[ABSORB] = {0.0008, 0.02, 0.25, 1.6};
+    uint32_t J = s->reflectance->n_function;
+    free(s->train);
+    s->n_train = SCATTER * ABSORB;
+    s->train = malloc((size_t)s->n_train * J * sizeof *s->train);
+    int status = s->train ? PRT_OK : PRT_NOMEM;
+    for (int i = 0; status == PRT_OK && i < SCATTER * ABSORB; i++) {
+        double scatter = log_step(0.03, 20, i / ABSORB, SCATTER);
+        struct prt_dipole d;
+        float *row = s->train + (size_t)i * J;
+        prt_dipole_init(&d, scatter, absorb[i % ABSORB], b->o.material.eta);
+        status = grey_fit(s->reflectance, b, scatter, absorb[i % ABSORB], row);
+        for (uint32_t j = 0; j < J; j++) row[j] /= (float)d.rho_d;
+    }
+    return status;
+}
+
+int bases_train_extinction(struct bake *b, struct bases *s, uint32_t n_phase)
+{
+    enum { STEPS = 10 };
+    uint32_t J = s->extinction->n_function, F = J * n_phase;
+    free(s->train);
+    s->n_train = STEPS * n_phase;
+    s->train = calloc((size_t)s->n_train * F, sizeof *s->train);
+    int status = s->train ? PRT_OK : PRT_NOMEM;
+    for (uint32_t t = 0; status == PRT_OK && t < STEPS; t++) {
+        double sigma = log_step(0.03, 40, (int)t, STEPS);
+        float coef[64];
+        status = grey_fit(s->extinction, b, sigma, 0, coef);
+        for (uint32_t k = 0; k < n_phase; k++)
+            for (uint32_t j = 0; j < J; j++)
+                s->train[((size_t)t * n_phase + k) * F + k * J + j] =
+                    coef[j] * (float)sigma * (k ? 0.6f : 1.0f);
+    }
+    return status;
+}
+
+int bases_record(const struct prt_radial *radial, uint32_t n_phase, struct prt_tensor *t)
+{
+    size_t grid = radial->n_grid, all = grid * radial->n_function;
+    float *knot = prt_alloc(grid, sizeof *knot), *basis = prt_alloc(all, sizeof *basis);
+    t->knot = knot, t->basis = basis;
+    if (!knot || !basis) return PRT_NOMEM;
+    memcpy(knot, radial->r, grid * sizeof *knot);
+    memcpy(basis, radial->value, all * sizeof *basis);
+    t->n_knot = radial->n_grid;
+    t->n_radial = radial->n_function;
+    t->n_phase = n_phase;
+    t->basis_kind = radial->kind;
+    return PRT_OK;
+}

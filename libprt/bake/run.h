@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: MIT */
+/* The state of one bake and the steps its engines share. */
+#ifndef PRT_BAKE_RUN_H
+#define PRT_BAKE_RUN_H
+
+#include "bake/stages.h"
+
+struct bake {
+    const struct prt_context *ctx;
+    const struct prt_mesh *mesh;
+    struct prt_bake_options o;
+    struct prt_dipole dipole[3];
+    struct prt_scene *scene;
+    struct prt_surface_points *surface;
+    struct hierarchy *hierarchy;
+    struct directions *directions;
+    struct clusters *clusters;
+    struct half_rows irradiance;
+    struct radial_set radial;
+    struct single_plan single;
+    float *probe;
+    struct factored *factored;         // [n_cluster]
+    struct sparse_builder *sparse;
+    struct prt_transport out;
+    void *loop_arg;                    // what bake_tensor hands to range; NULL: this
+    const float *train;                // [n_train][n_function] of factor_plan, or NULL
+    uint32_t n_train, n_probe;
+    uint64_t rays_irradiance, *rays_single;
+    double seconds[8];
+};
+enum { T_SAMPLES, T_IRRADIANCE, T_MULTIPLE, T_SINGLE, T_PACK, T_MEASURE };
+
+/* Gaussian lights [n_coef][m] into b->probe. */
+int bake_probe(struct bake *b, uint32_t m);
+/* Hands a cluster's rows to the storage that was asked for. Thread-safe over clusters. */
+int bake_take_rows(struct bake *b, uint32_t cluster, uint32_t n_function,
+                   const struct row_source *source);
+/* Rows of an opaque cluster: albedo/pi times shadowed irradiance, three functions. */
+int bake_opaque_rows(struct bake *b, uint32_t cluster, uint32_t *vertex_block);
+/* A tensor of the next slot: `range` over clusters takes rows, then packing. */
+int bake_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_fn range,
+                uint32_t n_function, uint32_t n_phase, unsigned clock);
+/* Fills b->single from the material; a radial basis, when wanted, is set afterwards. */
+void bake_plan_single(struct bake *b);
+int bake_joint(struct bake *b);
+int bake_polynomial(struct bake *b);
+
+#endif
