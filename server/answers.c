@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: MIT
+// Passes over a model's transport. While one runs, evaluations of the same model gather, and the
+// next pass takes all of them at once: their lights share one reading of the transport.
+#include "log.h"
+#include "render.h"
+#include "request.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+// One evaluation that a pass makes.
+struct want {
+    struct want *next;
+    struct memo_entry *entry, *file, *light;
+    struct answer_query query;
+    struct answer *answer;
+    int status;
+    char error[300];
+};
+
+struct pass {
+    struct work work;
+    struct model *model;
+    struct want *first, **last; // gather for the next pass
+    struct want *running;       // what the worker makes now
+    unsigned n_running;
+    float ms;
+};
+
+static const struct prt_transport *transport_of(const struct want *w)
+{
+    return prt_file_transport(w->file->value);
+}
+
+static struct prt_query query_of(const struct want *w)
+{
+    const struct answer_query *q = &w->query;
+    return (struct prt_query){.term = q->term, .light = w->light ? w->light->value : NULL,
+                              .material = q->has_material ? &q->material : NULL,
+                              .eye = q->has_eye ? q->eye : NULL};
+}
+
+static int evaluate(const struct prt_context *ctx, struct want *w)
+{
+    const struct prt_transport *t = transport_of(w);
+    struct prt_query query = query_of(w);
+    unsigned n_plane = 1;
+    int status = w->query.planes ? prt_answer_planes(ctx, t, &query, &n_plane, NULL) : PRT_OK;
+    if (status) return status;
+    size_t n = (size_t)n_plane * t->mesh.n_vertex * 3;
+    w->answer = malloc(sizeof *w->answer + n * sizeof(float));
+    if (!w->answer) return PRT_NOMEM;
+    w->answer->n_plane = n_plane;
+    w->answer->n_vertex = t->mesh.n_vertex;
+    return w->query.planes
+               ? prt_answer_planes(ctx, t, &query, &n_plane, w->answer->values)
+               : prt_answer_colors(ctx, t, &query, (float (*)[3])w->answer->values);
+}
+
+static int run_pass(struct work *work, const struct prt_context *ctx)
+{
+    struct pass *pass = (struct pass *)work;
+    double start = prt_time_s();
+    for (struct want *w = pass->running; w; w = w->next) {
+        work->error[0] = 0;
+        w->status = evaluate(ctx, w);
+        if (w->status)
+            snprintf(w->error, sizeof w->error, "%s",
+                     work->error[0] ? work->error : prt_status_text(w->status));
+    }
+    pass->ms = (float)((prt_time_s() - start) * 1e3);
+    return PRT_OK;
+}
+
+static void done_pass(struct work *work);
+
+static void start_pass(struct pass *pass)
+{
+    struct stats *stats = &pass->model->server->stats;
+    struct want **end = &pass->first;
+    unsigned n = 0;
+    while (*end && n < PRT_RELIGHT_MAX_LIGHTS) {
+        end = &(*end)->next;
+        n++;
+    }
+    pass->running = pass->first;
+    pass->n_running = n;
+    pass->first = *end;
+    *end = NULL;
+    if (!pass->first) pass->last = &pass->first;
+    stats->passes++;
+    stats->relights += n;
+    if (n > 1) stats->shared += n;
+    pass->work.run = run_pass;
+    pass->work.done = done_pass;
+    pass->work.class = WORK_INTERACTIVE;
+    work_submit(pass->model->server->work, &pass->work);
+}
+
+static void done_pass(struct work *work)
+{
+    struct pass *pass = (struct pass *)work;
+    struct want *w = pass->running;
+    pass->running = NULL;
+    float ms = pass->ms;
+    unsigned n = pass->n_running;
+    // Whoever is woken may ask for more: the pass is either going on already, or gone.
+    if (pass->first) {
+        start_pass(pass);
+    } else {
+        pass->model->pass = NULL;
+        model_release(pass->model);
+        free(pass);
+    }
+    while (w) {
+        struct want *next = w->next;
+        w->entry->ms = ms;
+        if (w->status) {
+            memo_fail(w->entry, error_of_status(w->status), w->error);
+            free(w->answer);
+        } else {
+            w->answer->shared = n;
+            size_t bytes = sizeof *w->answer
+                           + (size_t)w->answer->n_plane * w->answer->n_vertex * 12;
+            memo_fill(w->entry, w->answer, bytes, free);
+        }
+        memo_release(w->entry);
+        memo_release(w->file);
+        memo_release(w->light);
+        free(w);
+        w = next;
+    }
+}
+
+struct memo_entry *answer_get(struct model *model, const char *key,
+                              const struct answer_query *query, struct memo_entry *file,
+                              struct memo_entry *light)
+{
+    bool fresh;
+    struct memo_entry *entry = memo_get(model->server->memo, key, &fresh);
+    if (!fresh) return entry;
+    struct want *w = calloc(1, sizeof *w);
+    struct pass *pass = model->pass;
+    bool idle = !pass;
+    if (w && !pass && (pass = calloc(1, sizeof *pass))) {
+        pass->model = model;
+        pass->last = &pass->first;
+        model->pass = pass;
+        model_hold(model);
+    }
+    if (!w || !pass) {
+        free(w);
+        memo_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return entry;
+    }
+    *w = (struct want){.entry = entry, .file = file, .light = light, .query = *query};
+    memo_hold(entry);
+    memo_hold(file);
+    if (light) memo_hold(light);
+    *pass->last = w;
+    pass->last = &w->next;
+    if (idle) start_pass(pass);
+    return entry;
+}

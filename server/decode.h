@@ -1,0 +1,36 @@
+/* SPDX-License-Identifier: MIT */
+/* decode.h owns the helper process that decodes untrusted images: a second, single-threaded copy
+ * of the program that forks an isolated child for each file and hands the pixels back in a sealed
+ * memory file. The daemon parses nothing and may have as many threads as it likes. */
+#ifndef RELIGHTD_DECODE_H
+#define RELIGHTD_DECODE_H
+
+#include "loop.h"
+#include "prt/light.h"
+
+struct decoder;
+
+/* A decoded environment; its pixels lie in a read-only map. */
+struct decoded_env {
+    struct prt_env env;
+    void *map;
+    size_t map_bytes;
+    float decode_ms;
+};
+void decoded_env_destroy(void *env); /* struct decoded_env* */
+
+/* env NULL: code (enum prt_status) and error say why. Called on the loop's thread. */
+typedef void (*decode_fn)(void *user, struct decoded_env *env, int status, const char *error);
+
+int decoder_create(struct loop *loop, uint64_t memory_bytes, struct decoder **out);
+void decoder_destroy(struct decoder *decoder);
+/* Decodes the file at `path` (or the words "constant…"); errors call it `name`. */
+void decoder_env(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
+                 void *user);
+/* A child ended; true when it was the helper (a new one starts with the next request). */
+bool decoder_reap(struct decoder *decoder, int pid);
+
+/* What the helper process runs: requests come over `fd` until it closes. */
+int decode_helper_main(int fd);
+
+#endif

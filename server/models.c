@@ -1,0 +1,452 @@
+// SPDX-License-Identifier: MIT
+// The registry's own part: finding, opening, unloading and remembering models. How a LOAD
+// becomes a model is in load.c.
+#include "models.h"
+
+#include "load.h"
+#include "log.h"
+#include "relight.pb-c.h"
+#include "request.h"
+
+#include <cjson/cJSON.h>
+#include <dirent.h>
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+struct models {
+    struct server *server;
+    struct model *model;
+    uint64_t scanned_ns;
+};
+
+// ---- finding
+
+struct model *models_next(const struct models *models, const struct model *model)
+{
+    return model ? model->next : models->model;
+}
+
+static bool name_matches(const char *name, const char *text)
+{
+    size_t n = strlen(text);
+    const char *dot = strrchr(name, '.');
+    return !strcmp(name, text) || (dot && (size_t)(dot - name) == n && !strncmp(name, text, n));
+}
+
+static struct model *find_once(struct models *models, const char *text, unsigned *n)
+{
+    struct model *found = NULL;
+    *n = 0;
+    for (struct model *m = models->model; m; m = m->next)
+        if (!strcmp(m->id, text)) {
+            *n = 1;
+            return m;
+        }
+    size_t length = strlen(text);
+    for (struct model *m = models->model; m; m = m->next)
+        if (name_matches(m->name, text) || (length >= 4 && !strncmp(m->id, text, length))) {
+            found = m;
+            ++*n;
+        }
+    return found;
+}
+
+struct model *models_find(struct models *models, const char *text, char error[256])
+{
+    unsigned n;
+    struct model *found = find_once(models, text, &n);
+    if (!found) {
+        models_scan(models);
+        found = find_once(models, text, &n);
+    }
+    if (n == 1) return found;
+    snprintf(error, 256, n ? "%.100s: %u models are called so; use an id" : "%.100s: no such model",
+             text, n);
+    return NULL;
+}
+
+struct model *model_by_id(struct models *models, const char *id)
+{
+    struct model *m = models->model;
+    while (m && strcmp(m->id, id)) m = m->next;
+    return m;
+}
+
+struct model *model_add(struct models *models, const char *id, const char *name)
+{
+    struct model *m = calloc(1, sizeof *m);
+    if (!m) return NULL;
+    m->server = models->server;
+    m->state = RELIGHT__MODEL_STATE__MODEL_RECEIVED;
+    m->generation = 1;
+    m->users = 1; // the registry
+    snprintf(m->id, sizeof m->id, "%s", id);
+    snprintf(m->name, sizeof m->name, "%s", name);
+    m->next = models->model;
+    models->model = m;
+    return m;
+}
+
+// ---- the catalogue: DATA/models/ID.json
+
+static void record_path(const struct server *server, const char *id, char path[PATH_MAX])
+{
+    snprintf(path, PATH_MAX, "%s/models/%s.json", server->data, id);
+}
+
+void model_bake_path(const struct server *server, const char *id, char path[PATH_MAX])
+{
+    snprintf(path, PATH_MAX, "%s/bakes/%s.prt", server->data, id);
+}
+
+void model_remember(const struct model *m)
+{
+    if (m->foreign) return;
+    cJSON *json = cJSON_CreateObject();
+    cJSON_AddStringToObject(json, "id", m->id);
+    cJSON_AddStringToObject(json, "name", m->name);
+    cJSON_AddBoolToObject(json, "pinned", m->pinned);
+    cJSON_AddStringToObject(json, "warnings", m->warnings ? m->warnings : "");
+    char *text = cJSON_Print(json), path[PATH_MAX];
+    cJSON_Delete(json);
+    record_path(m->server, m->id, path);
+    if (text && prt_write_file(NULL, path, text, strlen(text)))
+        log_line(LOG_WARN, "model id=%s cannot be remembered in %s", m->id, path);
+    free(text);
+}
+
+static const char *json_text(const cJSON *json, const char *key)
+{
+    const char *text = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(json, key));
+    return text ? text : "";
+}
+
+static void recall(struct models *models, const char *path, const char *id)
+{
+    struct prt_blob blob;
+    if (prt_read_file(NULL, path, 1 << 20, &blob)) return;
+    cJSON *json = cJSON_ParseWithLength(blob.bytes, blob.size);
+    prt_free(blob.bytes);
+    char prt[PATH_MAX];
+    model_bake_path(models->server, id, prt);
+    struct model *m = NULL;
+    if (json && !strcmp(json_text(json, "id"), id) && !access(prt, R_OK))
+        m = model_add(models, id, json_text(json, "name"));
+    if (m) {
+        m->state = RELIGHT__MODEL_STATE__MODEL_READY;
+        m->pinned = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "pinned"));
+        if (json_text(json, "warnings")[0]) m->warnings = strdup(json_text(json, "warnings"));
+        snprintf(m->prt, sizeof m->prt, "%s", prt);
+        log_line(LOG_EVENT, "model id=%s name=\"%s\" recalled", m->id, m->name);
+    } else {
+        log_line(LOG_WARN, "model id=%s has no bake any more", id);
+        unlink(path);
+    }
+    cJSON_Delete(json);
+}
+
+static void recall_all(struct models *models)
+{
+    char folder[PATH_MAX], path[PATH_MAX], id[MODEL_ID + 1];
+    snprintf(folder, sizeof folder, "%s/models", models->server->data);
+    DIR *dir = opendir(folder);
+    for (struct dirent *d; dir && (d = readdir(dir));) {
+        size_t n = strlen(d->d_name);
+        if (n != MODEL_ID + 5 || strcmp(d->d_name + MODEL_ID, ".json")) continue;
+        snprintf(id, sizeof id, "%.*s", MODEL_ID, d->d_name);
+        record_path(models->server, id, path);
+        recall(models, path, id);
+    }
+    if (dir) closedir(dir);
+}
+
+// Bakes count against the disk budget; what a killed baker left half written goes.
+static void sweep_bakes(struct models *models)
+{
+    char folder[PATH_MAX];
+    snprintf(folder, sizeof folder, "%s/bakes", models->server->data);
+    DIR *dir = opendir(folder);
+    for (struct dirent *d; dir && (d = readdir(dir));) {
+        struct stat st;
+        if (fstatat(dirfd(dir), d->d_name, &st, 0) || !S_ISREG(st.st_mode)) continue;
+        if (strstr(d->d_name, ".tmp-")) unlinkat(dirfd(dir), d->d_name, 0);
+        else blobs_charge(models->server->blobs, st.st_size);
+    }
+    if (dir) closedir(dir);
+}
+
+// ---- .prt files in --models
+
+// A .prt begins with a table of its sections' checksums: this names its content.
+static bool prt_id(const char *path, char id[MODEL_ID + 1])
+{
+    char bytes[8192], hex[65];
+    FILE *file = fopen(path, "rb");
+    if (!file) return false;
+    size_t n = fread(bytes, 1, sizeof bytes, file);
+    struct stat st;
+    bool ok = n > 64 && !fstat(fileno(file), &st);
+    fclose(file);
+    if (!ok) return false;
+    uint64_t size = (uint64_t)st.st_size;
+    struct relight_sha256 sha;
+    relight_sha256_init(&sha);
+    relight_sha256_add(&sha, "prt", 4);
+    relight_sha256_add(&sha, &size, sizeof size);
+    relight_sha256_add(&sha, bytes, n);
+    relight_sha256_hex(&sha, hex);
+    snprintf(id, MODEL_ID + 1, "%.*s", MODEL_ID, hex);
+    return true;
+}
+
+struct model *model_from_prt(struct models *models, const char *path, const char *name)
+{
+    char id[MODEL_ID + 1];
+    if (!prt_file_probe(path) || !prt_id(path, id)) return NULL;
+    struct model *m = model_by_id(models, id);
+    if (m) return m;
+    if (!(m = model_add(models, id, name))) return NULL;
+    m->state = RELIGHT__MODEL_STATE__MODEL_READY;
+    m->foreign = true;
+    snprintf(m->prt, sizeof m->prt, "%s", path);
+    log_line(LOG_EVENT, "model id=%s name=\"%s\" found path=%s", m->id, m->name, path);
+    return m;
+}
+
+void models_scan(struct models *models)
+{
+    const char *folder = models->server->options.models;
+    uint64_t now = loop_now_ns();
+    if (!folder[0] || (models->scanned_ns && now - models->scanned_ns < 1000000000u)) return;
+    models->scanned_ns = now;
+    DIR *dir = opendir(folder);
+    for (struct dirent *d; dir && (d = readdir(dir));) {
+        size_t n = strlen(d->d_name);
+        if (n < 5 || strcasecmp(d->d_name + n - 4, ".prt")) continue;
+        char path[PATH_MAX];
+        if (snprintf(path, sizeof path, "%s/%s", folder, d->d_name) < PATH_MAX)
+            model_from_prt(models, path, d->d_name);
+    }
+    if (dir) closedir(dir);
+}
+
+// ---- opening and unloading
+
+int model_state(const struct model *m)
+{
+    if (m->state != RELIGHT__MODEL_STATE__MODEL_READY) return m->state;
+    struct memo_entry *e = memo_find(m->server->files, m->id);
+    bool open = e && e->state == MEMO_READY;
+    memo_release(e);
+    return open ? RELIGHT__MODEL_STATE__MODEL_READY : RELIGHT__MODEL_STATE__MODEL_UNLOADED;
+}
+
+struct opening {
+    struct work work;
+    struct server *server;
+    struct memo_entry *entry; // NULL: only the checksums are looked at
+    char id[MODEL_ID + 1], path[PATH_MAX];
+    struct prt_file *file;
+    float ms;
+};
+
+static void close_file(void *file)
+{
+    prt_file_close(file);
+}
+
+static int run_opening(struct work *work, const struct prt_context *ctx)
+{
+    struct opening *o = (struct opening *)work;
+    double start = prt_time_s();
+    int status = prt_file_open(ctx, o->path,
+                               o->entry ? PRT_FILE_CHECK_HEADERS : PRT_FILE_CHECK_ALL, &o->file);
+    o->ms = (float)((prt_time_s() - start) * 1e3);
+    return status;
+}
+
+static float json_error_bound(const char *errors)
+{
+    cJSON *json = errors ? cJSON_Parse(errors) : NULL;
+    const cJSON *bound = cJSON_GetObjectItemCaseSensitive(json, "rmse");
+    float x = cJSON_IsNumber(bound) ? (float)bound->valuedouble : 0;
+    cJSON_Delete(json);
+    return x;
+}
+
+static void learn_facts(struct model *m, const struct prt_file *file)
+{
+    const struct prt_transport *t = prt_file_transport(file);
+    struct model_facts *f = &m->facts;
+    *f = (struct model_facts){.known = true, .n_vertex = t->mesh.n_vertex,
+                              .n_triangle = t->mesh.n_triangle, .n_object = t->mesh.n_object,
+                              .mm_per_unit = t->mesh.mm_per_unit, .engine = t->engine,
+                              .storage = t->n_tensor ? t->tensor[0].storage : 0,
+                              .cube = t->cube, .bytes = prt_file_bytes(file),
+                              .error_bound = json_error_bound(t->errors)};
+    prt_mesh_bounds(&t->mesh, f->box);
+}
+
+static void damaged(struct model *m, const char *error)
+{
+    m->state = RELIGHT__MODEL_STATE__MODEL_FAILED;
+    m->error_code = RELIGHT__ERROR_CODE__ERROR_FORMAT;
+    snprintf(m->error, sizeof m->error, "%s", error);
+    log_line(LOG_ERR, "model id=%s damaged error=\"%s\"", m->id, m->error);
+    if (!m->foreign) unlink(m->prt); // the next load bakes it anew
+}
+
+static void start_opening(struct model *m, struct memo_entry *entry);
+
+static void done_opening(struct work *work)
+{
+    struct opening *o = (struct opening *)work;
+    struct model *m = model_by_id(o->server->models, o->id);
+    if (!o->entry) {
+        if (work->status && m && m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
+            damaged(m, work->error);
+            model_unload(m, false);
+        }
+        prt_file_close(o->file);
+    } else if (work->status) {
+        if (m) damaged(m, work->error);
+        memo_fail(o->entry, error_of_status(work->status), work->error);
+    } else {
+        bool first = m && !m->facts.known;
+        if (m) learn_facts(m, o->file);
+        log_line(LOG_EVENT, "model id=%s open ms=%.1f bytes=%llu", o->id, (double)o->ms,
+                 (unsigned long long)prt_file_bytes(o->file));
+        if (m && m->pinned && !m->pin) {
+            m->pin = o->entry;
+            memo_hold(m->pin);
+        }
+        o->entry->ms = o->ms;
+        memo_fill(o->entry, o->file, prt_file_bytes(o->file), close_file);
+        if (first) start_opening(m, NULL); // reads every byte once, behind the requests
+    }
+    memo_release(o->entry);
+    free(o);
+}
+
+static void start_opening(struct model *m, struct memo_entry *entry)
+{
+    struct opening *o = calloc(1, sizeof *o);
+    if (!o) {
+        if (entry) memo_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        memo_release(entry);
+        return;
+    }
+    o->work.run = run_opening;
+    o->work.done = done_opening;
+    o->work.class = entry ? WORK_INTERACTIVE : WORK_BACKGROUND;
+    o->server = m->server;
+    o->entry = entry;
+    snprintf(o->id, sizeof o->id, "%s", m->id);
+    snprintf(o->path, sizeof o->path, "%s", m->prt);
+    work_submit(m->server->work, &o->work);
+}
+
+struct memo_entry *model_open(struct model *m, int *code, char error[256])
+{
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
+        bool fresh;
+        struct memo_entry *e = memo_get(m->server->files, m->id, &fresh);
+        if (fresh) {
+            memo_hold(e); // one for the opening, one for the caller
+            start_opening(m, e);
+        }
+        return e;
+    }
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_FAILED) {
+        *code = m->error_code ? m->error_code : RELIGHT__ERROR_CODE__ERROR_JOB_FAILED;
+        snprintf(error, 256, "%.100s: %.150s", m->name, m->error);
+    } else {
+        *code = RELIGHT__ERROR_CODE__ERROR_NOT_READY;
+        snprintf(error, 256, "%.100s still bakes (%.0f %%)", m->name,
+                 m->job ? 100 * job_fraction(m->job) : 0.0);
+    }
+    return NULL;
+}
+
+uint64_t model_unload(struct model *m, bool forget)
+{
+    struct server *server = m->server;
+    struct memo_counts before, after;
+    char prefix[64];
+    memo_count(server->files, &before);
+    memo_release(m->pin);
+    m->pin = NULL;
+    memo_forget(server->files, m->id);
+    memo_count(server->files, &after);
+    snprintf(prefix, sizeof prefix, "%s/", m->id);
+    memo_forget(server->memo, prefix);
+    uint64_t freed = before.bytes - after.bytes;
+    log_line(LOG_EVENT, "model id=%s unloaded freed=%llu", m->id, (unsigned long long)freed);
+    if (!forget) return freed;
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_BAKING && m->job)
+        jobs_cancel(server->jobs, m->job);
+    char path[PATH_MAX];
+    struct stat st;
+    if (!m->foreign && m->prt[0]) {
+        if (!stat(m->prt, &st)) blobs_charge(server->blobs, -(int64_t)st.st_size);
+        unlink(m->prt);
+    }
+    if (!m->foreign) {
+        record_path(server, m->id, path);
+        unlink(path);
+    }
+    struct model **at = &server->models->model;
+    while (*at && *at != m) at = &(*at)->next;
+    if (*at) {
+        *at = m->next;
+        model_release(m);
+    }
+    return freed;
+}
+
+void model_hold(struct model *m)
+{
+    m->users++;
+}
+
+void model_release(struct model *m)
+{
+    if (!m || --m->users) return;
+    memo_release(m->pin);
+    free(m->warnings);
+    free(m);
+}
+
+int models_create(struct server *server, struct models **out)
+{
+    struct models *models = calloc(1, sizeof *models);
+    if (!models) return PRT_NOMEM;
+    models->server = server;
+    server->models = models;
+    *out = models;
+    sweep_bakes(models);
+    recall_all(models);
+    models_scan(models);
+    // Pinned models are ready before anybody asks.
+    for (struct model *m = models->model; m; m = m->next) {
+        int code;
+        char error[256];
+        if (m->pinned) memo_release(model_open(m, &code, error));
+    }
+    return PRT_OK;
+}
+
+void models_destroy(struct models *models)
+{
+    if (!models) return;
+    for (struct model *m = models->model, *next; m; m = next) {
+        next = m->next;
+        model_release(m);
+    }
+    free(models);
+}

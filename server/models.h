@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: MIT */
+/* models.h owns the registry: what is loaded, how it came to be, and the open .prt files that
+ * requests lease. received -> (preview) -> baking -> ready <-> unloaded, or failed. A model's id
+ * is the hash of its source's bytes, material and settings, so the same load twice is one model,
+ * and its bake DATA/bakes/ID.prt is found again after a restart. */
+#ifndef RELIGHTD_MODELS_H
+#define RELIGHTD_MODELS_H
+
+#include "memo.h"
+#include "prt/transport.h"
+#include "server.h"
+
+#include <limits.h>
+
+enum { MODEL_ID = 16 };
+
+/* Known once a model was opened; kept while it is unloaded. */
+struct model_facts {
+    bool known;
+    uint32_t n_vertex, n_triangle, n_object;
+    float mm_per_unit, box[2][3];
+    uint32_t engine, storage, cube;
+    uint64_t bytes;
+    float error_bound;
+};
+
+struct pass; /* render.c: evaluations that wait for a pass over this model */
+
+struct model {
+    struct model *next;
+    struct server *server;
+    char id[MODEL_ID + 1], name[128];
+    int state;              /* Relight__ModelState; READY and UNLOADED by model_state() */
+    bool pinned, foreign;   /* foreign: the .prt lies in --models and is not ours to delete */
+    char prt[PATH_MAX];
+    struct job *job;
+    struct memo_entry *pin;
+    struct model_facts facts;
+    char *warnings;         /* lines; NULL: none */
+    int error_code;
+    char error[400];
+    uint64_t generation;
+    struct pass *pass;
+    unsigned users;         /* the registry and who computes with it */
+};
+
+int models_create(struct server *server, struct models **out);
+void models_destroy(struct models *models);
+
+/* An id, its unique beginning of at least 4 letters, or a unique name (with or without its
+ * ending). NULL with error text where there is none. */
+struct model *models_find(struct models *models, const char *text, char error[256]);
+/* One after another; start with NULL. */
+struct model *models_next(const struct models *models, const struct model *model);
+/* Looks for .prt files that were put into --models. */
+void models_scan(struct models *models);
+
+int model_state(const struct model *model); /* Relight__ModelState */
+
+/* The open file of a baked model, with a lease the caller releases: READY (value is a
+ * struct prt_file), or PENDING while it is opened. NULL when the model is not baked: *code and
+ * error say why. */
+struct memo_entry *model_open(struct model *model, int *code, char error[256]);
+
+/* Keeps the struct alive over an unload that forgets it. */
+void model_hold(struct model *model);
+void model_release(struct model *model);
+
+struct request;
+void models_load(struct request *request);
+/* Releases memory; `forget` also deletes the bake and the entry. Returns bytes freed. */
+uint64_t model_unload(struct model *model, bool forget);
+
+#endif

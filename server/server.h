@@ -1,0 +1,46 @@
+/* SPDX-License-Identifier: MIT */
+/* server.h owns the daemon as a whole: what its rooms share. Loop thread only, but for what
+ * work.h and loop.h say is thread-safe. */
+#ifndef RELIGHTD_SERVER_H
+#define RELIGHTD_SERVER_H
+
+#include "blobs.h"
+#include "decode.h"
+#include "jobs.h"
+#include "loop.h"
+#include "memo.h"
+#include "options.h"
+#include "stats.h"
+#include "work.h"
+
+struct connection;
+struct models;
+
+enum {
+    SERVER_HELLO_HEADER = 4096, /* before HELLO; no payload then */
+    SERVER_MAX_HEADER = 1 << 20,
+    SERVER_MAX_PAYLOAD = 48 << 20, /* sixteen 128-cubes of floats are 18 MB */
+    SERVER_CHUNK = 1 << 20,
+};
+
+struct server {
+    struct options options;
+    struct loop *loop;
+    struct work_pool *work;
+    struct memo *memo;         /* decoded and computed things, --cache */
+    struct memo *files;        /* open .prt files, --memory */
+    struct blobs *blobs;
+    struct decoder *decoder;
+    struct jobs *jobs;
+    struct models *models;
+    struct stats stats;
+    char data[4000];           /* absolute path of the data folder */
+    bool data_temporary;
+    unsigned n_core;
+    struct connection *connections, *graves;
+    unsigned n_connection, n_request;
+    uint64_t last_connection;
+    bool draining;
+};
+
+#endif
