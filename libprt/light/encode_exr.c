@@ -114,6 +114,7 @@ static int encode(const struct prt_context *ctx, const struct prt_image *image, 
     init.user_data = &sink;
     init.write_fn = write_bytes;
     init.error_handler_fn = ignore_message;
+    init.zip_level = 2; /* a tenth larger than the default level, three times as fast */
     exr_result_t code = exr_start_write(&file, "memory", EXR_WRITE_FILE_DIRECTLY, &init);
     if (code == EXR_ERR_SUCCESS)
         code = declare(file, &part, image, full_float, envmap);
@@ -150,9 +151,6 @@ int prt_write_exr(const struct prt_context *ctx, const char *path, const struct 
     int err = encode(ctx, image, full_float, envmap_cube ? EXR_ENVMAP_CUBE : -1, &blob);
     if (!err)
         err = prt_write_file(ctx, path, blob.bytes, blob.size);
-    if (!err)
-        prt_free(blob.bytes);
-    else if (blob.bytes)
-        prt_free(blob.bytes);
+    prt_free(blob.bytes);
     return err;
 }

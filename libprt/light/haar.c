@@ -2,7 +2,7 @@
 /* Owns the orthonormal non-standard 2-D Haar transform and the light vector made with it. */
 #include "prt/light.h"
 
-#include <math.h>
+#include <assert.h>
 #include <string.h>
 
 static int is_power_of_two(uint32_t n)
@@ -10,60 +10,90 @@ static int is_power_of_two(uint32_t n)
     return n && !(n & (n - 1));
 }
 
+enum { COLUMNS = 8 }; /* transformed together */
+
 /* One level turns each 2x2 block (a b; c d) into its orthonormal scaling and detail numbers
  * (a+b+c+d)/2, (a-b+c-d)/2, (a+b-c-d)/2, (a-b-c+d)/2 (NRH03's quadrants), put at (x,y),
- * (x+m,y), (x,y+m), (x+m,y+m) with m the half size: Mallat's nested layout. */
-void prt_haar_forward(uint32_t n, float *plane)
+ * (x+m,y), (x,y+m), (x+m,y+m) with m the half size: Mallat's nested layout. First along the rows,
+ * then along the columns, which take the whole factor 1/2. */
+static void rows_forward(uint32_t n, uint32_t size, float *plane, float *tmp)
 {
-    if (!is_power_of_two(n) || n == 1)
-        return;
-    float *tmp = prt_alloc((size_t)n * n, sizeof(float));
-    if (!tmp)
-        return;
-    for (uint32_t size = n; size > 1; size /= 2) {
-        const uint32_t m = size / 2;
+    const uint32_t m = size / 2;
+    for (uint32_t y = 0; y < size; y++) {
+        float *row = plane + (size_t)y * n;
+        for (uint32_t x = 0; x < m; x++) {
+            tmp[x] = row[2 * x] + row[2 * x + 1];
+            tmp[x + m] = row[2 * x] - row[2 * x + 1];
+        }
+        memcpy(row, tmp, size * sizeof *tmp);
+    }
+}
+
+static void columns_forward(uint32_t n, uint32_t size, float *plane, float *tmp)
+{
+    const uint32_t m = size / 2;
+    for (uint32_t x0 = 0; x0 < size; x0 += COLUMNS) {
+        const uint32_t count = size - x0 < COLUMNS ? size - x0 : COLUMNS;
         for (uint32_t y = 0; y < m; y++) {
-            const float *r0 = plane + (size_t)(2 * y) * n, *r1 = r0 + n;
-            float *o0 = tmp + (size_t)y * size, *o1 = tmp + (size_t)(y + m) * size;
-            for (uint32_t x = 0; x < m; x++) {
-                const float a = r0[2 * x], b = r0[2 * x + 1], c = r1[2 * x], d = r1[2 * x + 1];
-                const float top = a + b, bottom = c + d, dt = a - b, db = c - d;
-                o0[x] = 0.5f * (top + bottom);
-                o0[x + m] = 0.5f * (dt + db);
-                o1[x] = 0.5f * (top - bottom);
-                o1[x + m] = 0.5f * (dt - db);
+            const float *a = plane + (size_t)(2 * y) * n + x0, *b = a + n;
+            for (uint32_t i = 0; i < count; i++) {
+                tmp[y * COLUMNS + i] = 0.5f * (a[i] + b[i]);
+                tmp[(y + m) * COLUMNS + i] = 0.5f * (a[i] - b[i]);
             }
         }
         for (uint32_t y = 0; y < size; y++)
-            memcpy(plane + (size_t)y * n, tmp + (size_t)y * size, size * sizeof(float));
+            memcpy(plane + (size_t)y * n + x0, tmp + y * COLUMNS, count * sizeof *tmp);
     }
-    prt_free(tmp);
+}
+
+static void columns_inverse(uint32_t n, uint32_t size, float *plane, float *tmp)
+{
+    const uint32_t m = size / 2;
+    for (uint32_t x0 = 0; x0 < size; x0 += COLUMNS) {
+        const uint32_t count = size - x0 < COLUMNS ? size - x0 : COLUMNS;
+        for (uint32_t y = 0; y < m; y++) {
+            const float *s = plane + (size_t)y * n + x0, *d = s + (size_t)m * n;
+            for (uint32_t i = 0; i < count; i++) {
+                tmp[2 * y * COLUMNS + i] = 0.5f * (s[i] + d[i]);
+                tmp[(2 * y + 1) * COLUMNS + i] = 0.5f * (s[i] - d[i]);
+            }
+        }
+        for (uint32_t y = 0; y < size; y++)
+            memcpy(plane + (size_t)y * n + x0, tmp + y * COLUMNS, count * sizeof *tmp);
+    }
+}
+
+static void rows_inverse(uint32_t n, uint32_t size, float *plane, float *tmp)
+{
+    const uint32_t m = size / 2;
+    for (uint32_t y = 0; y < size; y++) {
+        float *row = plane + (size_t)y * n;
+        for (uint32_t x = 0; x < m; x++) {
+            tmp[2 * x] = row[x] + row[x + m];
+            tmp[2 * x + 1] = row[x] - row[x + m];
+        }
+        memcpy(row, tmp, size * sizeof *tmp);
+    }
+}
+
+void prt_haar_forward(uint32_t n, float *plane)
+{
+    float tmp[PRT_CUBE_MAX * COLUMNS]; /* 64 KiB */
+    assert(is_power_of_two(n) && n <= PRT_CUBE_MAX);
+    for (uint32_t size = n; size > 1; size /= 2) {
+        rows_forward(n, size, plane, tmp);
+        columns_forward(n, size, plane, tmp);
+    }
 }
 
 void prt_haar_inverse(uint32_t n, float *plane)
 {
-    if (!is_power_of_two(n) || n == 1)
-        return;
-    float *tmp = prt_alloc((size_t)n * n, sizeof(float));
-    if (!tmp)
-        return;
+    float tmp[PRT_CUBE_MAX * COLUMNS];
+    assert(is_power_of_two(n) && n <= PRT_CUBE_MAX);
     for (uint32_t size = 2; size <= n; size *= 2) {
-        const uint32_t m = size / 2;
-        for (uint32_t y = 0; y < m; y++) {
-            const float *i0 = plane + (size_t)y * n, *i1 = plane + (size_t)(y + m) * n;
-            float *r0 = tmp + (size_t)(2 * y) * size, *r1 = r0 + size;
-            for (uint32_t x = 0; x < m; x++) {
-                const float s = i0[x], h = i0[x + m], v = i1[x], d = i1[x + m];
-                r0[2 * x] = 0.5f * (s + h + v + d);
-                r0[2 * x + 1] = 0.5f * (s - h + v - d);
-                r1[2 * x] = 0.5f * (s + h - v - d);
-                r1[2 * x + 1] = 0.5f * (s - h - v + d);
-            }
-        }
-        for (uint32_t y = 0; y < size; y++)
-            memcpy(plane + (size_t)y * n, tmp + (size_t)y * size, size * sizeof(float));
+        columns_inverse(n, size, plane, tmp);
+        rows_inverse(n, size, plane, tmp);
     }
-    prt_free(tmp);
 }
 
 int prt_light_from_cube(const struct prt_cube *cube, struct prt_light *out)

@@ -5,7 +5,7 @@
  * the cube's side faces, so that a wedge lies in one column of either. Along a wedge's central
  * meridian both images are piecewise constant in z = sin(latitude), and dz dphi is solid angle:
  * power moves between cells by exact 1-D overlap in z. Only the cells of +Y and -Y are not
- * bounded by meridians; there the wedges are made thin enough (RAYS_PER_TEXEL through the corner
+ * bounded by meridians; there the wedges are made thin enough (rays_per_texel through the corner
  * texels). Each cell's sum is divided by the solid angle it was given, so a constant stays
  * constant, and one factor a channel, within about 1e-4 of 1, makes the total power exact. */
 #include "light_private.h"
@@ -19,12 +19,21 @@ typedef float v4f __attribute__((vector_size(16)));
 #define PI 3.14159265358979323846
 #define INLINE static inline __attribute__((always_inline)) /* into each ISA's variant */
 enum { BLOCK = 8, N_QUADRANT = 4 };
-static const double RAYS_PER_TEXEL = 20.0;
 
 /* Azimuth phi of side faces' centres (direction (sin phi, ., -cos phi)); in each, s = -tan(beta)
  * with beta = phi - centre. */
 static const struct { unsigned face; double phi; } quadrants[N_QUADRANT] = {
     {5, 0}, {0, PI / 2}, {4, PI}, {1, -PI / 2}};
+
+/* Wedges through a corner texel of a cap: the error falls with the square. Fine cubes, whose cost
+ * grows with n squared, hold few source pixels a texel and take fewer. */
+static const double RAYS_MIN = 8.0, RAYS_MAX = 20.0;
+
+static double rays_per_texel(uint32_t n)
+{
+    const double rays = RAYS_MAX * 32.0 / n;
+    return rays < RAYS_MIN ? RAYS_MIN : rays > RAYS_MAX ? RAYS_MAX : rays;
+}
 
 static unsigned cap_rays(double n_wedge, uint32_t n, double rays_per_texel)
 {
@@ -349,7 +358,7 @@ static int latlong_to_cube(const struct prt_context *ctx, const struct prt_image
     const double n_wedge = (double)src->width + 4.0 * n;
     const size_t n_face = (size_t)n * n;
     job.side_rays = (unsigned)ceil(768.0 / n_wedge);
-    job.cap_rays = cap_rays(n_wedge, n, RAYS_PER_TEXEL);
+    job.cap_rays = cap_rays(n_wedge, n, rays_per_texel(n));
     double *edge = row_edges(src->height);
     v4d *cap = prt_calloc(2 * n_face + (size_t)16 * n, sizeof(v4d));
     const size_t scratch_size = ((size_t)src->height + 1 + n) * sizeof(v4d)
@@ -634,7 +643,7 @@ int prt_cube_to_latlong(const struct prt_context *ctx, const struct prt_cube *cu
     int err = PRT_NOMEM;
     if (image.rgb && edge) {
         struct to_latlong job = {cube, &image, edge,
-                                 cap_rays(width + 4.0 * cube->n, cube->n, RAYS_PER_TEXEL / 2)};
+                                 cap_rays(width + 4.0 * cube->n, cube->n, RAYS_MIN)};
         err = prt_parallel_for(ctx, NULL, width, 16, latlong_columns, &job);
     }
     if (!err) {

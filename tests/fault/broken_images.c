@@ -25,7 +25,7 @@ static void keep_line(void *user, enum prt_log_level level, const char *line)
     snprintf(last_error, sizeof last_error, "%s", line);
 }
 
-static void complain(const char *path, const char *what)
+__attribute__((noinline)) static void complain(const char *path, const char *what)
 {
     print_error("%s: %s (%s)\n", path, what, last_error);
     n_failed++;
