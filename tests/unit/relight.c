@@ -1,0 +1,536 @@
+// SPDX-License-Identifier: MIT
+// Contractions over whole tensors against their definition, the laws they keep (linearity,
+// order of contraction, sameness over threads and lights), and answers in the command's words.
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "prt/radial.h"
+#include "prt/relight.h"
+#include "synthetic.h"
+
+static char last_line[1024];
+
+static void keep_line(void *user, enum prt_log_level level, const char *line)
+{
+    snprintf(last_line, sizeof last_line, "%s", line);
+}
+
+static struct prt_context quiet(void)
+{
+    struct prt_context ctx;
+    prt_context_init(&ctx);
+    ctx.log = keep_line;
+    return ctx;
+}
+
+enum { N = 1357, N_KIND = 7 };
+static const struct synthetic_options kind[N_KIND] = {
+    {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16, .n_vertex = N, .n_cluster = 5,
+     .rank = 21, .n_phase = 1, .cube = 16, .coefs = 60, .seed = 1},
+    {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_I8, .n_vertex = N, .n_cluster = 3,
+     .rank = 8, .n_phase = 4, .cube = 16, .coefs = 40, .seed = 2, .term = PRT_TERM_SINGLE},
+    {.storage = PRT_STORAGE_SPARSE, .value = PRT_VALUE_I8, .n_vertex = N, .n_phase = 1,
+     .cube = 32, .coefs = 30, .seed = 3},
+    {.storage = PRT_STORAGE_SPARSE, .value = PRT_VALUE_F16, .n_vertex = N, .n_phase = 9,
+     .cube = 16, .coefs = 10, .seed = 4, .term = PRT_TERM_SINGLE},
+    {.storage = PRT_STORAGE_FACTORED, .coupling = PRT_COUPLE_FULL, .value = PRT_VALUE_F16,
+     .n_vertex = N, .n_cluster = 4, .rank = 7, .n_phase = 1, .n_radial = 12, .cube = 16,
+     .coefs = 30, .seed = 5},
+    {.storage = PRT_STORAGE_FACTORED, .coupling = PRT_COUPLE_FULL, .value = PRT_VALUE_F16,
+     .n_vertex = N, .n_cluster = 2, .rank = 5, .n_phase = 4, .n_radial = 11, .cube = 16,
+     .coefs = 30, .seed = 6, .term = PRT_TERM_SINGLE},
+    {.storage = PRT_STORAGE_RADIAL, .n_vertex = N, .n_cluster = 3, .n_phase = 4, .n_radial = 6,
+     .cube = 16, .seed = 7, .term = PRT_TERM_SINGLE},
+};
+
+static bool needs_coef(const struct prt_tensor *t)
+{
+    return t->coupling == PRT_COUPLE_FULL || t->storage == PRT_STORAGE_RADIAL;
+}
+
+static const float *some_coef(void)
+{
+    static float coef[64 * 3];
+    for (int i = 0; i < 64 * 3; i++) coef[i] = 1.0f / (float)(i + 2) - 0.1f * (float)(i % 2);
+    return coef;
+}
+
+// The definition, in double: row values . light for function j (and channel ch when FULL).
+static double row_light(const struct prt_rows *r, uint32_t row, uint32_t j, int ch,
+                        const struct prt_light *light)
+{
+    uint32_t n = r->n_function, face = r->n_coef / 6;
+    double sum = 0;
+    for (uint32_t f = 0; f < 6; f++)
+        sum += (double)prt_f16_to_f32(r->scaling[((uint64_t)row * 6 + f) * n + j]) *
+               (double)light->coef[4 * f * face + (uint32_t)ch];
+    for (uint64_t e = r->begin[row]; e < r->begin[row + 1]; e++) {
+        uint32_t i = r->index_bytes == 2 ? ((const uint16_t *)r->index)[e]
+                                         : ((const uint32_t *)r->index)[e];
+        double v = r->value == PRT_VALUE_F16
+                       ? (double)prt_f16_to_f32(((const uint16_t *)r->entry)[e * n + j])
+                       : (double)((const int8_t *)r->entry)[e * n + j] *
+                             (double)r->scale[(uint64_t)row * n + j];
+        sum += v * (double)light->coef[4 * i + (uint32_t)ch];
+    }
+    return sum;
+}
+
+static double row_plane(const struct prt_tensor *t, uint32_t row, uint32_t k, int ch,
+                        const struct prt_light *light, const float *coef)
+{
+    if (t->coupling == PRT_COUPLE_DIAGONAL)
+        return row_light(&t->rows, row, 3 * k + (uint32_t)ch, ch, light);
+    double sum = 0;
+    for (uint32_t j = 0; j < t->n_radial; j++)
+        sum += (double)coef[3 * j + (uint32_t)ch] *
+               row_light(&t->rows, row, k * t->n_radial + j, ch, light);
+    return sum;
+}
+
+static void define(const struct prt_tensor *t, const struct prt_light *light, const float *coef,
+                   float *color)
+{
+    size_t plane = 3 * (size_t)t->n_vertex;
+    for (uint32_t k = 0; k < t->n_phase; k++)
+        for (int ch = 0; ch < 3; ch++) {
+            if (t->storage == PRT_STORAGE_SPARSE) {
+                for (uint32_t p = 0; p < t->n_vertex; p++)
+                    color[k * plane + 3 * t->order[p] + (uint32_t)ch] =
+                        (float)row_plane(t, p, k, ch, light, NULL);
+                continue;
+            }
+            for (uint32_t c = 0; c < t->n_cluster; c++) {
+                const struct prt_cluster *q = &t->cluster[c];
+                uint64_t stride = (q->n_vertex + 15) & ~15u;
+                double b[64];
+                uint32_t rank = t->storage == PRT_STORAGE_RADIAL ? t->n_radial : q->rank;
+                for (uint32_t r = 0; r < rank; r++)
+                    b[r] = t->storage == PRT_STORAGE_RADIAL
+                               ? (double)coef[3 * r + (uint32_t)ch]
+                               : row_plane(t, q->row_begin + r, k, ch, light, coef);
+                for (uint32_t v = 0; v < q->n_vertex; v++) {
+                    double sum = 0;
+                    for (uint32_t r = 0; r < rank; r++) {
+                        uint64_t row = t->storage == PRT_STORAGE_RADIAL
+                                           ? 3ull * (k * rank + r) + (uint32_t)ch
+                                           : r;
+                        sum += b[r] * (double)prt_f16_to_f32(t->u[q->u_begin + row * stride + v]);
+                    }
+                    color[k * plane + 3 * t->order[q->vertex_begin + v] + (uint32_t)ch] =
+                        (float)sum;
+                }
+            }
+        }
+}
+
+static double difference(const float *a, const float *b, size_t n)
+{
+    double d = 0, s = 0;
+    for (size_t i = 0; i < n; i++) {
+        d += pow((double)a[i] - (double)b[i], 2);
+        s += pow((double)b[i], 2);
+    }
+    return sqrt(d / (s > 0 ? s : 1));
+}
+
+static void colours_are_what_is_defined(void **state)
+{
+    static const unsigned cpus[] = {PRT_CPU_C, PRT_CPU_AVX2, ~0u};
+    struct prt_context ctx = quiet();
+    for (int i = 0; i < N_KIND; i++) {
+        struct prt_tensor t;
+        struct prt_light light;
+        assert_int_equal(synthetic_tensor(&kind[i], &t), 0);
+        assert_int_equal(synthetic_light(kind[i].cube, 3, &light), 0);
+        const struct prt_light *lights[1] = {&light};
+        const float *coef = needs_coef(&t) ? some_coef() : NULL;
+        size_t n = 3ull * N * t.n_phase;
+        float *expect = malloc(4 * n), *got = malloc(4 * n);
+        define(&t, &light, coef, expect);
+        for (int c = 0; c < 3; c++) {
+            ctx.cpu = prt_cpu_detect() & cpus[c];
+            memset(got, 0xff, 4 * n);
+            assert_int_equal(prt_relight(&ctx, &t, 1, lights, coef, false, got), 0);
+            assert_true(difference(got, expect, n) < 1e-5);
+            // adding to what is there
+            assert_int_equal(prt_relight(&ctx, &t, 1, lights, coef, true, got), 0);
+            for (size_t k = 0; k < n; k++) got[k] *= 0.5f;
+            assert_true(difference(got, expect, n) < 1e-5);
+        }
+        free(expect);
+        free(got);
+        prt_light_finish(&light);
+        synthetic_tensor_finish(&t);
+    }
+}
+
+static void lights_superpose(void **state)
+{
+    struct prt_context ctx = quiet();
+    for (int i = 0; i < N_KIND - 1; i++) {
+        struct prt_tensor t;
+        struct prt_light light[3];
+        assert_int_equal(synthetic_tensor(&kind[i], &t), 0);
+        for (int l = 0; l < 3; l++)
+            assert_int_equal(synthetic_light(kind[i].cube, (uint64_t)l + 1, &light[l]), 0);
+        for (uint32_t k = 0; k < 24 * kind[i].cube * kind[i].cube; k++)
+            light[2].coef[k] = 0.3f * light[0].coef[k] + 2 * light[1].coef[k];
+        const float *coef = needs_coef(&t) ? some_coef() : NULL;
+        size_t n = 3ull * N * t.n_phase;
+        float *color[3], *sum = malloc(4 * n);
+        for (int l = 0; l < 3; l++) {
+            const struct prt_light *one[1] = {&light[l]};
+            color[l] = malloc(4 * n);
+            assert_int_equal(prt_relight(&ctx, &t, 1, one, coef, false, color[l]), 0);
+        }
+        for (size_t k = 0; k < n; k++) sum[k] = 0.3f * color[0][k] + 2 * color[1][k];
+        assert_true(difference(color[2], sum, n) < 1e-5);
+        free(sum);
+        for (int l = 0; l < 3; l++) {
+            free(color[l]);
+            prt_light_finish(&light[l]);
+        }
+        synthetic_tensor_finish(&t);
+    }
+}
+
+static void many_lights_are_single_ones(void **state)
+{
+    static const unsigned counts[] = {2, 3, 8, 11, 16};
+    struct prt_context ctx = quiet();
+    struct prt_light light[16];
+    const struct prt_light *lights[16];
+    for (int i = 0; i < N_KIND - 1; i++) {
+        struct prt_tensor t;
+        assert_int_equal(synthetic_tensor(&kind[i], &t), 0);
+        for (unsigned l = 0; l < 16; l++) {
+            assert_int_equal(synthetic_light(kind[i].cube, l + 1, &light[l]), 0);
+            lights[l] = &light[l];
+        }
+        const float *coef = needs_coef(&t) ? some_coef() : NULL;
+        size_t n = 3ull * N * t.n_phase;
+        float *all = malloc(16 * 4 * n), *one = malloc(4 * n);
+        for (int c = 0; c < 5; c++) {
+            assert_int_equal(prt_relight(&ctx, &t, counts[c], lights, coef, false, all), 0);
+            for (unsigned l = 0; l < counts[c]; l++) {
+                assert_int_equal(prt_relight(&ctx, &t, 1, lights + l, coef, false, one), 0);
+                assert_true(difference(all + l * n, one, n) < 1e-5);
+            }
+        }
+        free(all);
+        free(one);
+        for (unsigned l = 0; l < 16; l++) prt_light_finish(&light[l]);
+        synthetic_tensor_finish(&t);
+    }
+}
+
+static void threads_change_no_bit(void **state)
+{
+    struct prt_context ctx = quiet();
+    for (int i = 0; i < N_KIND; i++) {
+        struct prt_tensor t;
+        struct prt_light light[8];
+        const struct prt_light *lights[8];
+        struct synthetic_options o = kind[i];
+        o.n_vertex = 9000;
+        assert_int_equal(synthetic_tensor(&o, &t), 0);
+        for (unsigned l = 0; l < 8; l++) {
+            assert_int_equal(synthetic_light(o.cube, l + 1, &light[l]), 0);
+            lights[l] = &light[l];
+        }
+        const float *coef = needs_coef(&t) ? some_coef() : NULL;
+        unsigned n_light = t.storage == PRT_STORAGE_RADIAL ? 1 : 8;
+        size_t n = 3ull * o.n_vertex * t.n_phase * n_light;
+        float *one = malloc(4 * n), *more = malloc(4 * n);
+        ctx.pool = NULL;
+        assert_int_equal(prt_relight(&ctx, &t, n_light, lights, coef, false, one), 0);
+        for (unsigned threads = 2; threads <= 5; threads += 3) {
+            assert_int_equal(prt_pool_create(threads, &ctx.pool), 0);
+            memset(more, 0xff, 4 * n);
+            assert_int_equal(prt_relight(&ctx, &t, n_light, lights, coef, false, more), 0);
+            prt_pool_destroy(ctx.pool);
+            assert_memory_equal(one, more, 4 * n);
+        }
+        free(one);
+        free(more);
+        for (unsigned l = 0; l < 8; l++) prt_light_finish(&light[l]);
+        synthetic_tensor_finish(&t);
+    }
+}
+
+static void material_and_light_commute(void **state)
+{
+    struct prt_context ctx = quiet();
+    for (int i = 4; i <= 5; i++) {
+        struct prt_tensor t, folded;
+        struct prt_light light;
+        const struct prt_light *lights[1] = {&light};
+        assert_int_equal(synthetic_tensor(&kind[i], &t), 0);
+        assert_int_equal(synthetic_light(kind[i].cube, 3, &light), 0);
+        size_t n = 3ull * N * t.n_phase;
+        float *a = malloc(4 * n), *b = malloc(4 * n);
+        assert_int_equal(prt_relight(&ctx, &t, 1, lights, some_coef(), false, a), 0);
+        folded = t;
+        folded.coupling = PRT_COUPLE_DIAGONAL;
+        folded.n_function = 3 * t.n_phase;
+        assert_int_equal(prt_rows_fold(&ctx, &t, some_coef(), &folded.rows), 0);
+        assert_int_equal(prt_relight(&ctx, &folded, 1, lights, NULL, false, b), 0);
+        assert_true(difference(b, a, n) < 1e-3); // folded rows are halves again
+        prt_rows_finish(&folded.rows);
+        free(a);
+        free(b);
+        prt_light_finish(&light);
+        synthetic_tensor_finish(&t);
+    }
+}
+
+static void wrong_calls_are_refused(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_tensor t;
+    struct prt_light light;
+    struct prt_rows rows;
+    const struct prt_light *lights[17];
+    float *color = malloc(12 * N * 4);
+    assert_int_equal(synthetic_tensor(&kind[0], &t), 0);
+    assert_int_equal(synthetic_light(32, 3, &light), 0);
+    for (int i = 0; i < 17; i++) lights[i] = &light;
+    assert_int_equal(prt_relight(&ctx, &t, 1, lights, NULL, false, color), PRT_MISMATCH);
+    assert_int_equal(prt_relight(&ctx, &t, 0, lights, NULL, false, color), PRT_ARG);
+    assert_int_equal(prt_relight(&ctx, &t, 17, lights, NULL, false, color), PRT_ARG);
+    assert_int_equal(prt_relight(&ctx, &t, 1, lights, some_coef(), false, color), PRT_ARG);
+    assert_int_equal(prt_relight_sparse(&ctx, &t, 1, lights, false, color), PRT_MISMATCH);
+    assert_int_equal(prt_relight_radial(&ctx, &t, some_coef(), false, color), PRT_ARG);
+    assert_int_equal(prt_contract_material(&ctx, &t, color, some_coef(), color), PRT_ARG);
+    assert_int_equal(prt_rows_fold(&ctx, &t, some_coef(), &rows), PRT_ARG);
+    prt_light_finish(&light);
+    synthetic_tensor_finish(&t);
+    free(color);
+}
+
+static int transport_of(struct prt_transport *t, const struct synthetic_options *a,
+                        const struct synthetic_options *b)
+{
+    *t = (struct prt_transport){.cube = 16, .n_tensor = 1};
+    t->material = (struct prt_material){.name = "x", .sigma_s_prime = {1, 1.5f, 2},
+                                        .sigma_a = {0.01f, 0.02f, 0.03f}, .g = {0.2f, 0, -0.1f},
+                                        .eta = 1.3f, .roughness = 0.3f};
+    assert_int_equal(synthetic_mesh(N, true, &t->mesh), 0);
+    assert_int_equal(synthetic_tensor(a, &t->tensor[0]), 0);
+    if (b) assert_int_equal(synthetic_tensor(b, &t->tensor[t->n_tensor++]), 0);
+    return 0;
+}
+
+static void finish_transport(struct prt_transport *t)
+{
+    for (uint32_t i = 0; i < t->n_tensor; i++) synthetic_tensor_finish(&t->tensor[i]);
+    synthetic_mesh_finish(&t->mesh);
+}
+
+static void some_cube(struct prt_cube *cube)
+{
+    struct prt_rng rng;
+    assert_int_equal(prt_cube_init(cube, 16), 0);
+    prt_rng_init(&rng, 5, 5);
+    for (int i = 0; i < 6 * 16 * 16 * 3; i++) cube->texel[i] = 1 + prt_rng_f32(&rng);
+}
+
+// total = F_t(eta, w_o) [multiple + sum_k Y_k(w_o') plane_k], clamped; W05 section 5.
+static void answers_speak_the_contract(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    struct prt_cube cube;
+    float eye[3] = {30, 80, 10};
+    struct prt_query q = {.light = &cube};
+    const float y00 = 0.28209479f;
+    float *multiple = malloc(12 * N), *single = malloc(12 * N), *total = malloc(12 * N);
+    float *own = malloc(4 * 12 * N), *planes = malloc(4 * 12 * N);
+    unsigned n_plane, n_bright = 0;
+    transport_of(&t, &kind[0], &kind[1]);
+    some_cube(&cube);
+    struct prt_light light;
+    const struct prt_light *lights[1] = {&light};
+    assert_int_equal(prt_light_from_cube(&cube, &light), 0);
+    assert_int_equal(prt_relight(&ctx, &t.tensor[0], 1, lights, NULL, false, multiple), 0);
+    assert_int_equal(prt_relight(&ctx, &t.tensor[1], 1, lights, NULL, false, own), 0);
+
+    q.term = PRT_ANSWER_MULTIPLE;
+    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), 0);
+    for (int i = 0; i < 3 * N; i++) assert_float_equal(total[i], fmaxf(0, multiple[i]), 1e-4);
+    q.term = PRT_ANSWER_SINGLE;
+    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])single), 0);
+    for (int i = 0; i < 3 * N; i++) assert_float_equal(single[i], fmaxf(0, y00 * own[i]), 1e-4);
+    q.term = PRT_ANSWER_TOTAL;
+    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), 0);
+    for (int i = 0; i < 3 * N; i++) {
+        // the last quarter is opaque: never Fresnel
+        double mean = i / 3 < N - N / 4 ? 0.938868 : 1;
+        double want = fmax(0, mean * ((double)multiple[i] + (double)(y00 * own[i])));
+        assert_true(fabs((double)total[i] - want) < 1e-4 * (1 + want));
+        n_bright += total[i] > 0;
+    }
+    assert_true(n_bright > N / 2);
+
+    q.eye = eye;
+    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), 0);
+    for (int v = 0; v < N; v++) {
+        const float *p = t.mesh.position[v], *n = t.mesh.normal[v];
+        float w[3] = {eye[0] - p[0], eye[1] - p[1], eye[2] - p[2]}, y[4];
+        float length = sqrtf(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]), cosine = 0;
+        for (int i = 0; i < 3; i++) cosine += (w[i] /= length) * n[i];
+        bool opaque = v >= N - N / 4;
+        // w bent to the normal: same azimuth, sine / eta
+        float inside[3], tangent[3], sine = sqrtf(fmaxf(0, 1 - cosine * cosine)) / 1.3f;
+        for (int i = 0; i < 3; i++) tangent[i] = w[i] - cosine * n[i];
+        float l = sqrtf(tangent[0] * tangent[0] + tangent[1] * tangent[1] +
+                        tangent[2] * tangent[2]);
+        for (int i = 0; i < 3; i++)
+            inside[i] = sqrtf(1 - sine * sine) * n[i] + (l > 0 ? tangent[i] / l * sine : 0);
+        prt_sh_eval(2, inside, y);
+        double ft = cosine > 0 ? prt_fresnel_transmittance((double)1.3f, (double)cosine) : 0;
+        for (int ch = 0; ch < 3; ch++) {
+            int at = 3 * v + ch;
+            double sum = (double)multiple[at], want;
+            for (int k = 0; k < (opaque ? 1 : 4); k++)
+                sum += (double)y[k] * (double)own[k * 3 * N + at];
+            want = fmax(0, sum * (opaque ? 1 : ft));
+            if (cosine > 0)
+                assert_true(fabs((double)total[at] - want) < 2e-4 * (1 + fabs(sum)));
+        }
+    }
+
+    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, NULL), 0);
+    assert_int_equal(n_plane, 4);
+    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, planes), 0);
+    for (int i = 0; i < 3 * N; i++) {
+        assert_true(fabsf(planes[i] - multiple[i] - y00 * own[i]) < 1e-3f);
+        for (int k = 1; k < 4; k++)
+            assert_true(fabsf(planes[k * 3 * N + i] - own[k * 3 * N + i]) < 1e-3f);
+    }
+
+    // what does not fit together is refused
+    q.material = &t.material;
+    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_MISMATCH);
+    q.material = NULL;
+    cube.n = 8;
+    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_MISMATCH);
+    cube.n = 16;
+    q.light = NULL;
+    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_ARG);
+    eye[1] = NAN;
+    q.light = &cube;
+    assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), PRT_ARG);
+
+    prt_light_finish(&light);
+    prt_cube_finish(&cube);
+    finish_transport(&t);
+    free(multiple);
+    free(single);
+    free(total);
+    free(own);
+    free(planes);
+}
+
+static void give_basis(struct prt_tensor *t, const struct prt_radial *radial)
+{
+    size_t n = (size_t)radial->n_grid * radial->n_function;
+    float *knot = prt_alloc(radial->n_grid, 4), *basis = prt_alloc(n, 4);
+    memcpy(knot, radial->r, 4ull * radial->n_grid);
+    memcpy(basis, radial->value, 4 * n);
+    t->n_knot = radial->n_grid;
+    t->basis_kind = (uint32_t)radial->kind;
+    t->knot = knot;
+    t->basis = basis;
+}
+
+// Joint and polynomial transport: coefficients from the radial basis in the file, sigma_s and
+// the phase function's a_l at run time.
+static void materials_move(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    struct prt_cube cube;
+    struct prt_radial *radial[2];
+    struct prt_material m = {.name = "y", .sigma_s_prime = {0.8f, 1, 3},
+                             .sigma_a = {0.02f, 0.05f, 0.1f}, .g = {0.3f, 0, -0.2f},
+                             .eta = 1.3f, .roughness = 0.3f};
+    for (int f = 0; f < 2; f++) {
+        struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED,
+                                       .family = (enum prt_radial_family)f, .eta = 1.3,
+                                       .n_function = f ? 11 : 12};
+        assert_int_equal(prt_radial_create(&ctx, &o, &radial[f]), 0);
+    }
+    transport_of(&t, &kind[4], &kind[5]);
+    t.engine = PRT_ENGINE_JOINT;
+    t.material.eta = 1.3f;
+    give_basis(&t.tensor[0], radial[0]);
+    give_basis(&t.tensor[1], radial[1]);
+    some_cube(&cube);
+    struct prt_light light;
+    const struct prt_light *lights[1] = {&light};
+    assert_int_equal(prt_light_from_cube(&cube, &light), 0);
+    float coef[2][36], *multiple = malloc(12 * N), *own = malloc(4 * 12 * N);
+    float *planes = malloc(4 * 12 * N), *again = malloc(4 * 12 * N);
+    double error, worst = 0, most = 0;
+    for (int f = 0; f < 2; f++)
+        assert_int_equal(prt_radial_fit_material(radial[f], &m, coef[f], &error), 0);
+    assert_int_equal(prt_relight(&ctx, &t.tensor[0], 1, lights, coef[0], false, multiple), 0);
+    assert_int_equal(prt_relight(&ctx, &t.tensor[1], 1, lights, coef[1], false, own), 0);
+    struct prt_query q = {.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &m};
+    unsigned n_plane;
+    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, planes), 0);
+    assert_int_equal(n_plane, 4);
+    for (int i = 0; i < 3 * N; i++)
+        for (int k = 0; k < 4; k++) {
+            // outward convention: a_0 = 1, a_1 = -g
+            int ch = i % 3;
+            double a = k ? -(double)m.g[ch] : 1;
+            double sigma_s = (double)m.sigma_s_prime[ch] / (1 - (double)m.g[ch]);
+            double want = a * sigma_s * (double)own[k * 3 * N + i];
+            if (!k) want = 0.28209479 * want + (double)multiple[i];
+            most = fmax(most, fabs(want));
+            worst = fmax(worst, fabs(want - (double)planes[k * 3 * N + i]));
+        }
+    assert_true(worst < 1e-4 * most);
+    // the bake's own material when none is given; the same answer the second time
+    q.material = NULL;
+    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), 0);
+    assert_true(difference(again, planes, 12 * N) > 1e-3);
+    q.material = &m;
+    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), 0);
+    assert_memory_equal(again, planes, 4 * 12 * N);
+    m.eta = 1.5f;
+    assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_MISMATCH);
+    prt_light_finish(&light);
+    prt_cube_finish(&cube);
+    finish_transport(&t);
+    prt_radial_destroy(radial[0]);
+    prt_radial_destroy(radial[1]);
+    free(multiple);
+    free(own);
+    free(planes);
+    free(again);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(colours_are_what_is_defined),
+        cmocka_unit_test(lights_superpose),
+        cmocka_unit_test(many_lights_are_single_ones),
+        cmocka_unit_test(threads_change_no_bit),
+        cmocka_unit_test(material_and_light_commute),
+        cmocka_unit_test(wrong_calls_are_refused),
+        cmocka_unit_test(answers_speak_the_contract),
+        cmocka_unit_test(materials_move),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
