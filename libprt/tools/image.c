@@ -2,6 +2,7 @@
 // prt image: a lit model drawn from a camera.
 #include "tool.h"
 #include "prt/relight.h"
+#include "prt/screen.h"
 
 #include <cjson/cJSON.h>
 #include <stdio.h>
@@ -21,6 +22,8 @@ struct picture {
     bool plain;              // a plain background
     float background[3];
     struct prt_image image;
+    bool on_screen;          // an image-space engine answers, no transport and no vertices
+    struct prt_screen_report report;
 };
 
 static void picture_finish(struct picture *p)
@@ -82,10 +85,12 @@ static const char *choose_engine(struct tool *tool, const struct source *source,
         return engine;
     }
     if (!strcmp(engine, "reference")) return engine;
-    prt_log(&tool->ctx, PRT_LOG_ERROR, "--engine %s: the image-space engines are not part of "
-                                       "this build", engine);
-    *status = EXIT_FAILED;
-    return NULL;
+    if (o->term && (!strcmp(o->term, "irradiance") || !strcmp(o->term, "single"))) {
+        *status = usage_error(o, "--engine %s computes multiple scattering: --term must be "
+                                 "multiple or total", engine);
+        return NULL;
+    }
+    return engine;
 }
 
 static void place_camera(const struct tool *tool, struct picture *p, float aspect)
@@ -142,14 +147,14 @@ static int reference_planes(struct tool *tool, struct picture *p, const char *te
 }
 
 // Cubes of the light: the engine's own, one for mirrors and one for the background.
-static int load_lights(struct tool *tool, struct picture *p, bool reference, bool total)
+static int load_lights(struct tool *tool, struct picture *p, bool vertex, bool total)
 {
     const struct options *o = &tool->opt;
     const struct prt_context *ctx = &tool->ctx;
     int status = prt_env_load(ctx, o->env, &p->env);
     if (status) return tool_exit(tool, status);
-    uint32_t own = reference ? 0 : p->source.transport->cube;
-    if (!reference && p->source.transport->engine == PRT_ENGINE_POLYNOMIAL)
+    uint32_t own = vertex ? p->source.transport->cube : 0;
+    if (vertex && p->source.transport->engine == PRT_ENGINE_POLYNOMIAL)
         prt_log(ctx, PRT_LOG_NOTE,
                 "%s was baked under one light: --env and --rotate change its mirror image and "
                 "background only", p->source.path);
@@ -165,7 +170,7 @@ static int load_lights(struct tool *tool, struct picture *p, bool reference, boo
     return tool_exit(tool, status);
 }
 
-static int shade(struct tool *tool, struct picture *p, bool total)
+static struct prt_shade shade_of(const struct picture *p, bool total)
 {
     struct prt_shade shade = {
         .n_plane = p->n_plane,
@@ -177,8 +182,50 @@ static int shade(struct tool *tool, struct picture *p, bool total)
         .background = p->plain ? NULL : &p->back,
     };
     memcpy(shade.background_rgb, p->background, sizeof shade.background_rgb);
+    return shade;
+}
+
+// Colours at the vertices, interpolated and shaded.
+static int draw_vertices(struct tool *tool, struct picture *p, bool reference, bool total,
+                         const char *term)
+{
+    int status = reference ? reference_planes(tool, p, term) : vertex_planes(tool, p, term);
+    if (status) return status;
+    struct prt_shade shade = shade_of(p, total);
     return tool_exit(tool, prt_shade_image(&tool->ctx, p->visibility, p->source.mesh, &shade,
                                            &p->image));
+}
+
+// The picture by an image-space engine: irradiance and diffusion at what the camera sees.
+static int draw_on_screen(struct tool *tool, struct picture *p, const char *engine, bool total)
+{
+    const struct options *o = &tool->opt;
+    struct prt_screen_options options = {
+        .n_sample = (uint32_t)o->samples,
+        .budget_ms = (float)o->budget_ms,
+        .seed = o->seed,
+        .measure_error = o->measure_error,
+    };
+    struct prt_shade shade_options = shade_of(p, total);
+    struct prt_screen *screen;
+    int status = prt_screen_engine_parse(engine, &options.engine);
+    if (!status) status = prt_screen_create(&tool->ctx, p->source.mesh, NULL, &screen);
+    if (status) return tool_exit(tool, status);
+    status = prt_screen_image(&tool->ctx, screen, p->visibility, &p->source.material, &p->light, 0,
+                              NULL, &options, &shade_options, &p->image, &p->report);
+    prt_screen_destroy(screen);
+    return tool_exit(tool, status);
+}
+
+static void add_screen_report(cJSON *root, const struct prt_screen_report *report)
+{
+    cJSON_AddNumberToObject(root, "samples", report->n_sample);
+    cJSON_AddNumberToObject(root, "lights", report->n_light);
+    cJSON_AddNumberToObject(root, "rays", (double)report->n_ray);
+    cJSON_AddNumberToObject(root, "pairs", (double)report->n_pair);
+    cJSON_AddNumberToObject(root, "irradiance_s", report->irradiance_s);
+    cJSON_AddNumberToObject(root, "scatter_s", report->scatter_s);
+    if (report->error >= 0) cJSON_AddNumberToObject(root, "error", report->error);
 }
 
 static void summary(const struct tool *tool, const struct picture *p, const char *engine,
@@ -204,6 +251,7 @@ static void summary(const struct tool *tool, const struct picture *p, const char
     cJSON_AddNumberToObject(root, "covered", covered);
     cJSON_AddStringToObject(root, "camera", camera);
     cJSON_AddNumberToObject(root, "seconds", seconds);
+    if (p->on_screen) add_screen_report(root, &p->report);
     char *text = cJSON_PrintUnformatted(root);
     puts(text ? text : "{}");
     free(text);
@@ -226,20 +274,22 @@ static int draw(struct tool *tool, struct picture *p)
     int status;
     const char *engine = choose_engine(tool, &p->source, &status);
     if (!engine) return status;
-    bool reference = !strcmp(engine, "reference");
-    if (!reference && (o->cube_full || (o->cube && o->cube != p->source.transport->cube)))
-        return usage_error(o, "%s was baked for a light of 6x%ux%u: --cube sets it for --engine "
-                              "reference only", p->source.path, p->source.transport->cube,
+    bool vertex = !strcmp(engine, "vertex"), reference = !strcmp(engine, "reference");
+    if (vertex && (o->cube_full || (o->cube && o->cube != p->source.transport->cube)))
+        return usage_error(o, "%s was baked for a light of 6x%ux%u: --cube sets it for other "
+                              "engines only", p->source.path, p->source.transport->cube,
                            p->source.transport->cube);
     place_camera(tool, p, (float)width / (float)height);
     double started = prt_time_s();
-    if ((status = load_lights(tool, p, reference, total))) return status;
+    if ((status = load_lights(tool, p, vertex, total))) return status;
     status = tool_exit(tool, prt_visibility_create(&tool->ctx, p->source.mesh, &p->camera, width,
                                                    height, o->msaa ? (unsigned)o->msaa : 4,
                                                    PRT_RASTER_AUTO, &p->visibility));
     if (status) return status;
-    status = reference ? reference_planes(tool, p, term) : vertex_planes(tool, p, term);
-    if (status || (status = shade(tool, p, total))) return status;
+    p->on_screen = !vertex && !reference;
+    status = p->on_screen ? draw_on_screen(tool, p, engine, total)
+                          : draw_vertices(tool, p, reference, total, term);
+    if (status) return status;
     double seconds = prt_time_s() - started;
     status = tool_exit(tool, output_image(&tool->ctx, o->out, &p->image, tone_of(o->tone),
                                           o->exposure_ev, o->quality ? (int)o->quality : 92,

@@ -131,6 +131,8 @@ static const struct row table[] = {
      "env (default), none, or R,G,B in linear radiance"},
     {"budget-ms", 0, "MS", REAL, AT(budget_ms), 0, 1e7, NULL, IMAGE,
      "image-space engines: time they may take"},
+    {"measure-error", 0, NULL, FLAG, AT(measure_error), 0, 0, NULL, IMAGE,
+     "image-space engines: compare some pixels with brute force (see --json)"},
     {"quality", 0, "Q", WHOLE, AT(quality), 1, 100, NULL, IMAGE | ENV,
      "of a JPEG (default 92)"},
     {"float", 0, NULL, FLAG, AT(full_float), 0, 0, NULL, IMAGE | ENV,

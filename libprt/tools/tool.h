@@ -41,7 +41,7 @@ struct options {
     uint32_t shard, n_shard;
     int progress_fd;        /* -1: not given */
     bool max_rmse_set;
-    bool json, quiet, no_single, every_ray, straight, full_float;
+    bool json, quiet, no_single, every_ray, straight, full_float, measure_error;
 };
 
 /* Fills `out` from the arguments after the subcommand's name. Returns -1 to go on, else the exit

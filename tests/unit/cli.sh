@@ -196,6 +196,12 @@ expect 0 '' "$prt" image ball.prt --env constant $view --camera 0,0,5:0,0,0:0,1,
 expect 0 '' "$prt" image ball.prt --env constant $view --eye 0,0,5 -o c2.exr
 expect 0 '' "$prt" image ball.obj $scaled $quick --env constant $view -o ref.exr
 expect 0 '' "$prt" compare i.exr ref.exr --max-rmse 0.1
+for engine in splat tangent texture hybrid; do
+    expect 0 '' "$prt" image ball.obj $scaled --engine $engine --env constant --term multiple $view -o $engine.exr --json
+    check grep -q "\"engine\":\"$engine\"" out
+done
+expect 0 '' "$prt" image ball.prt --engine splat --env constant --term multiple $view -o prt.exr
+expect 2 'multiple or total' "$prt" image ball.prt --engine splat --env constant --term single $view -o x.exr
 expect 1 'has 64x48 pixels' "$prt" compare i.exr "$(expect 0 '' "$prt" image ball.prt --env constant --size 32x24 -o small.exr; echo small.exr)"
 expect 1 'picture' "$prt" compare i.exr m.csv
 
