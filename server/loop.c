@@ -183,6 +183,14 @@ static void signal_ready(struct loop_watch *watch, uint32_t events)
         the_loop->on_signal(the_loop->signal_user, (int)info.ssi_signo);
 }
 
+// Libraries start threads before main (OpenBLAS does) that block nothing: a signal that the kernel
+// hands to one of those is passed on to the loop's thread, where it waits for the signalfd.
+static pthread_t loop_thread;
+static void pass_on(int signal_number)
+{
+    pthread_kill(loop_thread, signal_number);
+}
+
 int loop_signals(struct loop *loop, const int *signals, size_t n,
                  void (*fn)(void *user, int signal), void *user)
 {
@@ -190,6 +198,9 @@ int loop_signals(struct loop *loop, const int *signals, size_t n,
     sigemptyset(&set);
     for (size_t i = 0; i < n; i++) sigaddset(&set, signals[i]);
     pthread_sigmask(SIG_BLOCK, &set, NULL);
+    loop_thread = pthread_self();
+    struct sigaction act = {.sa_handler = pass_on, .sa_flags = SA_RESTART};
+    for (size_t i = 0; i < n; i++) sigaction(signals[i], &act, NULL);
     loop->on_signal = fn;
     loop->signal_user = user;
     loop->signal.ready = signal_ready;
