@@ -1,0 +1,12 @@
+include(${CMAKE_CURRENT_LIST_DIR}/_target.cmake)
+# The seeds are written by the program that knows today's format.
+add_executable(prt_seeds fuzz/prt_seeds.c ${CMAKE_SOURCE_DIR}/libprt/tools/bench/synthetic.c)
+target_include_directories(prt_seeds PRIVATE ${CMAKE_SOURCE_DIR}/libprt/tools/bench)
+target_link_libraries(prt_seeds PRIVATE prt_options prt_transport m)
+set_target_properties(prt_seeds PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+set(prt_seed_folder ${CMAKE_BINARY_DIR}/tests/prt_seeds.d)
+file(MAKE_DIRECTORY ${prt_seed_folder})
+add_custom_command(TARGET prt_seeds POST_BUILD COMMAND prt_seeds ${prt_seed_folder})
+prt_fuzz(fuzz_prt SOURCES fuzz/fuzz_prt.c LIBS prt_relight SEEDS ${prt_seed_folder})
+target_include_directories(fuzz_prt PRIVATE ${CMAKE_SOURCE_DIR}/libprt/transport)
+add_dependencies(fuzz_prt prt_seeds)
