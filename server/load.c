@@ -278,7 +278,8 @@ static bool order_bake(struct load *load, struct model *m)
     else add_arg(&a, "./%s", r->files[0]->name);
     add_arg(&a, "-o");
     add_arg(&a, "%s", out);
-    add_arg(&a, "--progress-fd={progress}");
+    add_arg(&a, "--progress-fd");
+    add_arg(&a, "{progress}");
     add_arg(&a, "--quiet");
     if (load->server->options.bake_threads)
         add_arg(&a, "--threads=%u", load->server->options.bake_threads);

@@ -270,11 +270,13 @@ static int run_opening(struct work *work, const struct prt_context *ctx)
     return status;
 }
 
-static float json_error_bound(const char *errors)
+// The worst of a term's lights in the bake's own measurement.
+static float json_error(const char *errors, const char *term)
 {
     cJSON *json = errors ? cJSON_Parse(errors) : NULL;
-    const cJSON *bound = cJSON_GetObjectItemCaseSensitive(json, "rmse");
-    float x = cJSON_IsNumber(bound) ? (float)bound->valuedouble : 0;
+    const cJSON *worst =
+        cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(json, term), "worst");
+    float x = cJSON_IsNumber(worst) ? (float)worst->valuedouble : 0;
     cJSON_Delete(json);
     return x;
 }
@@ -288,7 +290,8 @@ static void learn_facts(struct model *m, const struct prt_file *file)
                               .mm_per_unit = t->mesh.mm_per_unit, .engine = t->engine,
                               .storage = t->n_tensor ? t->tensor[0].storage : 0,
                               .cube = t->cube, .bytes = prt_file_bytes(file),
-                              .error_bound = json_error_bound(t->errors)};
+                              .error_multiple = json_error(t->errors, "multiple"),
+                              .error_single = json_error(t->errors, "single")};
     prt_mesh_bounds(&t->mesh, f->box);
 }
 

@@ -21,7 +21,7 @@ struct model_facts {
     float mm_per_unit, box[2][3];
     uint32_t engine, storage, cube;
     uint64_t bytes;
-    float error_bound;
+    float error_multiple, error_single; /* measured relative RMSE, worst light; 0: unknown */
 };
 
 struct pass; /* render.c: evaluations that wait for a pass over this model */

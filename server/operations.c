@@ -75,6 +75,18 @@ void op_ping(struct request *request)
 
 // ---- blobs and environments
 
+// Radiance, OpenEXR and DDS files are uploaded to be lights; other images may be textures.
+static bool looks_like_light(const struct server *server, const char *hash)
+{
+    char path[4096], bytes[4] = "";
+    blobs_path(server->blobs, hash, path, sizeof path);
+    FILE *file = fopen(path, "rbe");
+    size_t n = file ? fread(bytes, 1, sizeof bytes, file) : 0;
+    if (file) fclose(file);
+    return n == 4 && (!memcmp(bytes, "#?", 2) || !memcmp(bytes, "\x76\x2f\x31\x01", 4)
+                      || !memcmp(bytes, "DDS ", 4));
+}
+
 void op_put_blob(struct request *request)
 {
     const Relight__PutBlobRequest *in = MESSAGE(PutBlobRequest);
@@ -89,6 +101,8 @@ void op_put_blob(struct request *request)
         return;
     }
     if (complete) blobs_set_name(server->blobs, in->hash, in->name);
+    if (complete && request->payload_size && looks_like_light(server, in->hash))
+        env_prefetch(server, in->hash);
     if (complete && request->payload_size)
         log_line(LOG_EVENT, "blob hash=%.12s size=%llu conn=%llu", in->hash,
                  (unsigned long long)in->size, (unsigned long long)request->conn->number);
@@ -137,7 +151,7 @@ static void fill_info(const struct model *m, struct info_text *t)
         out->storage = (Relight__Storage)(RELIGHT__STORAGE__STORAGE_FACTORED + (int)f->storage);
         out->cube = f->cube;
         out->bytes = f->bytes;
-        out->error_bound = f->error_bound;
+        out->error_bound = f->error_multiple;
         if (out->state == RELIGHT__MODEL_STATE__MODEL_READY) out->resident_bytes = f->bytes;
         fill_vec3(&t->low, f->box[0]);
         fill_vec3(&t->high, f->box[1]);

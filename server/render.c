@@ -199,16 +199,19 @@ static void done_lighting(struct work *work)
     free(l);
 }
 
-// The cube of lights [first, first + n) at cube_n; the environments are decoded already.
-static struct memo_entry *light_get(struct render *r, unsigned first, unsigned n, uint32_t cube_n)
+// The cube of lights [first, first + n) at cube_n, as they are turned or unturned; the
+// environments are decoded already.
+static struct memo_entry *light_get(struct server *server, const struct render_spec *spec,
+                                    const struct need env[], unsigned first, unsigned n,
+                                    uint32_t cube_n, bool turned)
 {
-    const struct render_spec *spec = &r->spec;
     char key[RENDER_MAX_LIGHTS * sizeof spec->light->key + 64];
     size_t at = (size_t)snprintf(key, sizeof key, "light/%u", cube_n);
     for (unsigned i = first; i < first + n; i++)
-        at += (size_t)snprintf(key + at, sizeof key - at, "+%s", spec->light[i].key);
+        at += (size_t)snprintf(key + at, sizeof key - at, "+%s",
+                               turned ? spec->light[i].key : spec->light[i].still_key);
     bool fresh;
-    struct memo_entry *entry = memo_get(r->server->memo, key, &fresh);
+    struct memo_entry *entry = memo_get(server->memo, key, &fresh);
     if (!fresh) return entry;
     struct lighting *l = calloc(1, sizeof *l);
     size_t floats = 0;
@@ -223,7 +226,7 @@ static struct memo_entry *light_get(struct render *r, unsigned first, unsigned n
     for (unsigned i = 0; i < n; i++) {
         const struct render_light *light = &spec->light[first + i];
         struct summand *s = &l->part[i];
-        s->rotate_deg = light->rotate_deg;
+        s->rotate_deg = turned ? light->rotate_deg : 0;
         memcpy(s->gain, light->gain, sizeof s->gain);
         if (light->cube_n) {
             size_t m = (size_t)18 * light->cube_n * light->cube_n;
@@ -231,7 +234,7 @@ static struct memo_entry *light_get(struct render *r, unsigned first, unsigned n
             s->texels = (struct prt_cube){light->cube_n, l->texels + put};
             put += m;
         } else {
-            l->env[i] = r->env[first + i].entry;
+            l->env[i] = env[first + i].entry;
             memo_hold(l->env[i]);
             s->env = &((struct decoded_env *)l->env[i]->value)->env;
         }
@@ -242,8 +245,52 @@ static struct memo_entry *light_get(struct render *r, unsigned first, unsigned n
     memo_hold(entry);
     l->work.run = run_lighting;
     l->work.done = done_lighting;
-    work_submit(r->server->work, &l->work);
+    work_submit(server->work, &l->work);
     return entry;
+}
+
+static struct memo_entry *sky_get(struct server *server, const struct render_spec *spec,
+                                  const struct need env[])
+{
+    uint32_t n = spec->light[0].cube_n;
+    if (!n) n = prt_env_full_cube(&((struct decoded_env *)env[0].entry->value)->env);
+    return light_get(server, spec, env, 0, 1, n < BACKGROUND_CUBE ? n : BACKGROUND_CUBE, false);
+}
+
+struct prefetch {
+    struct memo_waiter waiter;
+    struct server *server;
+    struct memo_entry *entry;
+    char env[96];
+};
+
+static void prefetched(struct memo_waiter *waiter)
+{
+    struct prefetch *p = (struct prefetch *)waiter;
+    struct render_spec spec = {.n_light = 1, .light[0] = {.gain = {1, 1, 1}}};
+    if (p->entry->state == MEMO_READY) {
+        struct need env = {.entry = p->entry};
+        snprintf(spec.light[0].env, sizeof spec.light[0].env, "%s", p->env);
+        render_light_name(&spec.light[0], NULL);
+        memo_release(sky_get(p->server, &spec, &env));
+    }
+    memo_release(p->entry);
+    free(p);
+}
+
+void env_prefetch(struct server *server, const char *hash)
+{
+    struct prefetch *p = calloc(1, sizeof *p);
+    int code;
+    char error[300];
+    if (!p) return;
+    snprintf(p->env, sizeof p->env, "env:%s", hash);
+    p->server = server;
+    p->waiter.wake = prefetched;
+    p->entry = env_get(server, p->env, &code, error);
+    if (p->entry && p->entry->state == MEMO_PENDING) memo_wait(p->entry, &p->waiter);
+    else if (p->entry) prefetched(&p->waiter);
+    else free(p);
 }
 
 // ---- visibility
@@ -479,6 +526,7 @@ static int run_picture(struct render *r, const struct prt_context *ctx)
                               .specular = specular,
                               .background = r->background.entry ? r->background.entry->value
                                                                 : NULL};
+    if (shade.background) shade.background_rotate_deg = (float)r->spec.light[0].rotate_deg;
     memcpy(shade.background_rgb, r->spec.background, sizeof shade.background_rgb);
     if (!status)
         status = prt_shade_image(ctx, r->visibility.entry->value, &t->mesh, &shade, &image);
@@ -505,6 +553,17 @@ static void done_final(struct work *work)
     else finish(r);
 }
 
+// What the bake measured for the term asked for.
+static float error_bound(const struct render *r)
+{
+    const struct model_facts *f = &r->model->facts;
+    switch (r->spec.term) {
+    case RELIGHT__TERM__TERM_MULTIPLE: return f->error_multiple;
+    case RELIGHT__TERM__TERM_SINGLE: return f->error_single;
+    default: return fmaxf(f->error_multiple, f->error_single);
+    }
+}
+
 static float cost_of(const struct need *need)
 {
     return need->entry && !need->was_there ? need->entry->ms : 0;
@@ -527,7 +586,7 @@ static void final(struct render *r)
     out->height = s->height;
     out->camera = r->camera;
     out->shared = ((struct answer *)r->answer[0].entry->value)->shared;
-    out->error_bound = r->model->facts.error_bound;
+    out->error_bound = error_bound(r);
     out->engine = RELIGHT__ENGINE__ENGINE_WAVELET + (int)t->engine;
     for (unsigned i = 0; i < s->n_light; i++)
         out->light_ms += cost_of(&r->env[i]) + cost_of(&r->light[i]);
@@ -588,9 +647,9 @@ static int judge(const struct render *r, char error[300])
                  r->model->name);
         return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
     }
-    if (s->max_error > 0 && r->model->facts.error_bound > s->max_error) {
+    if (s->max_error > 0 && error_bound(r) > s->max_error) {
         snprintf(error, 300, "the bake's measured error %.3g is above max_error %.3g",
-                 (double)r->model->facts.error_bound, (double)s->max_error);
+                 (double)error_bound(r), (double)s->max_error);
         return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
     }
     return 0;
@@ -634,12 +693,13 @@ static void ask_lights(struct render *r)
     const struct render_spec *s = &r->spec;
     unsigned each = n_answer(s) == 1 ? s->n_light : 1;
     for (unsigned i = 0; i < n_answer(s) && !fixed_light(r); i++)
-        need_entry(r, &r->light[i], light_get(r, i, each, cube));
+        need_entry(r, &r->light[i], light_get(r->server, s, r->env, i, each, cube, true));
     if (!s->picture) return;
     if (s->n_light && !s->no_specular && s->term == RELIGHT__TERM__TERM_TOTAL)
-        need_entry(r, &r->specular, light_get(r, 0, s->n_light, SPECULAR_CUBE));
+        need_entry(r, &r->specular, light_get(r->server, s, r->env, 0, s->n_light,
+                                              SPECULAR_CUBE, true));
     if (s->n_light && !s->plain_background)
-        need_entry(r, &r->background, light_get(r, 0, 1, BACKGROUND_CUBE));
+        need_entry(r, &r->background, sky_get(r->server, s, r->env));
 }
 
 static void ask_answers(struct render *r)

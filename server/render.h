@@ -21,6 +21,7 @@ struct render_light {
     uint32_t cube_n;       /* texels of this size lie at `texel` in spec.texels */
     size_t texel;          /* floats */
     char key[200];         /* names the light by its content */
+    char still_key[200];   /* the same without its turn */
 };
 
 /* Everything an evaluation depends on, checked. Plain data but for texels. */
@@ -62,6 +63,8 @@ int render_spec_shade(struct render_spec *spec, const Relight__Shade *shade, cha
 int render_spec_picture(struct render_spec *spec, const struct server *server,
                         const Relight__Picture *picture, char error[300]);
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev, char error[300]);
+/* Fills the keys; texels of all lights, for inline cubes. */
+void render_light_name(struct render_light *light, const float *texels);
 /* "constant" and "env:HASH" in their canonical form, 0 or an error. */
 int env_canonical(const char *env, char out[96], char error[300]);
 
@@ -102,6 +105,9 @@ void render_image_message(const struct render_result *result, const struct rende
 
 /* The decoded environment "env:HASH" (or a constant one); value is struct decoded_env. NULL with
  * code and error when it was never uploaded. */
+/* Decodes an uploaded image ahead of its first use, when it looks like an environment, and makes
+ * the cube that backgrounds are taken from. */
+void env_prefetch(struct server *server, const char *hash);
 struct memo_entry *env_get(struct server *server, const char *env, int *code, char error[300]);
 
 /* answers.c: colours and planes through passes that are shared ------------------------------- */

@@ -75,7 +75,7 @@ static int parse_light(struct render_light *out, const Relight__Light *in, unsig
     return in->env[0] ? env_canonical(in->env, out->env, error) : 0;
 }
 
-static void name_light(struct render_light *light, const float *texels)
+void render_light_name(struct render_light *light, const float *texels)
 {
     char source[96];
     size_t bytes = (size_t)72 * light->cube_n * light->cube_n;
@@ -86,6 +86,8 @@ static void name_light(struct render_light *light, const float *texels)
     else
         snprintf(source, sizeof source, "%s", light->env);
     snprintf(light->key, sizeof light->key, "%s@%.9g*%.9g,%.9g,%.9g", source, light->rotate_deg,
+             (double)light->gain[0], (double)light->gain[1], (double)light->gain[2]);
+    snprintf(light->still_key, sizeof light->still_key, "%s@0*%.9g,%.9g,%.9g", source,
              (double)light->gain[0], (double)light->gain[1], (double)light->gain[2]);
 }
 
@@ -116,7 +118,7 @@ int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const
     spec->texels = copy;
     spec->n_light = (unsigned)n;
     for (unsigned i = 0; i < n; i++) spec->light[i] = parsed[i];
-    for (unsigned i = 0; i < n; i++) name_light(&spec->light[i], copy);
+    for (unsigned i = 0; i < n; i++) render_light_name(&spec->light[i], copy);
     return 0;
 }
 

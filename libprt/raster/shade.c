@@ -32,6 +32,7 @@ struct shade_job {
     size_t plane_floats;
     unsigned n_plane;
     float eye[3], eta, plain[3], sign[16];
+    float sky_cos, sky_sin; // of the background's turn about +y
     bool fresnel;
     const struct cube_view *specular, *background;
     float *rgb;
@@ -109,6 +110,9 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     job->fresnel = s->fresnel;
     job->eta = s->eta >= 1 ? s->eta : 1;
     job->rgb = image.rgb;
+    double turn = (double)s->background_rotate_deg * (3.14159265358979323846 / 180);
+    job->sky_cos = (float)cos(turn);
+    job->sky_sin = (float)sin(turn);
     for (int i = 0; i < 3; i++) {
         job->eye[i] = (float)vis->frame.eye[i];
         job->plain[i] = s->background_rgb[i];

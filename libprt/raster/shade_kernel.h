@@ -187,11 +187,16 @@ TARGET static void KERNEL(background)(const struct shade_job *job, uint32_t y, i
     const struct camera_frame *f = job->frame;
     float dx[LANES], dy[LANES], dz[LANES];
     const float v = 1 - 2 * ((float)y + 0.5f) / (float)job->height;
-    const float ox = (float)(f->forward[0] + (double)v * f->up[0] - f->right[0]);
+    const float cx = (float)(f->forward[0] + (double)v * f->up[0] - f->right[0]);
     const float oy = (float)(f->forward[1] + (double)v * f->up[1] - f->right[1]);
-    const float oz = (float)(f->forward[2] + (double)v * f->up[2] - f->right[2]);
-    const float k = 2 / (float)job->width, ax = (float)f->right[0] * k;
-    const float ay = (float)f->right[1] * k, az = (float)f->right[2] * k;
+    const float cz = (float)(f->forward[2] + (double)v * f->up[2] - f->right[2]);
+    const float k = 2 / (float)job->width, bx = (float)f->right[0] * k;
+    const float ay = (float)f->right[1] * k, bz = (float)f->right[2] * k;
+    /* the sky is turned: its rays turn the other way */
+    const float ox = cx * job->sky_cos - cz * job->sky_sin;
+    const float oz = cx * job->sky_sin + cz * job->sky_cos;
+    const float ax = bx * job->sky_cos - bz * job->sky_sin;
+    const float az = bx * job->sky_sin + bz * job->sky_cos;
     for (int i = 0; i < n; i++) {
         float u = (float)x[i] + 0.5f;
         dx[i] = ox + u * ax;

@@ -80,6 +80,8 @@ struct prt_shade {
     const struct prt_specular *specular;  /* NULL: none */
     const struct prt_cube *background;    /* NULL: plain */
     float background_rgb[3];
+    float background_rotate_deg;  /* turns `background` counter-clockwise about +y, seen from
+                                     above: a turned light needs no new background cube */
 };
 /* Linear radiance image [height][width][3]; pixels of opaque surfaces take plane 0 as it is. */
 int prt_shade_image(const struct prt_context *ctx, const struct prt_visibility *visibility,
