@@ -47,8 +47,8 @@ struct prt_env {
     uint32_t n_negative, n_nonfinite; /* pixels that were mended */
     struct prt_env_cache *cache;      /* private; NULL in an environment made by hand */
 };
-/* .hdr .exr .png .jpg .dds …; lat-long, crosses, strips, envmap EXR; a folder or a pattern of
- * six faces (posx.. or px..). PNG/JPEG are linearised from sRGB. Decoding runs in a child
+/* .hdr .exr .png .jpg .dds …; lat-long, crosses, strips, envmap EXR; a folder or a pattern
+ * (DIR/sky_*.png or DIR/sky_%s.png) of six faces named posx.., px.., right.. (front is -Z). PNG/JPEG are linearised from sRGB. Decoding runs in a child
  * process. The words "constant" and "constant:R,G,B" name a uniform environment. */
 int prt_env_load(const struct prt_context *ctx, const char *path, struct prt_env **out);
 int prt_env_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
@@ -81,7 +81,9 @@ int prt_light_from_cube(const struct prt_cube *cube, struct prt_light *out);
 void prt_light_finish(struct prt_light *light);
 
 /* Image files. .exr: linear half (or float); .png/.jpg get 8-bit bytes that the caller has
- * already tone-mapped. All write through a temporary file and rename. */
+ * already tone-mapped. All write through a temporary file and rename. envmap_cube: the image is
+ * n x 6n, six unmirrored camera views +X -X +Y -Y +Z -Z (+Y with +z up, -Y with -z up), and the
+ * file carries OpenEXR's envmap attribute. Halves above 65504 are stored as 65504. */
 int prt_write_exr(const struct prt_context *ctx, const char *path, const struct prt_image *image,
                   bool full_float, bool envmap_cube);
 int prt_encode_exr(const struct prt_context *ctx, const struct prt_image *image, bool full_float,
