@@ -45,6 +45,9 @@ int report_error(const struct options *options, const struct relight_error *erro
 int report_usage(const struct options *options, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
 void print_json(cJSON *json);              /* one line on stdout; deletes it */
+/* Numbers with the digits that a float has. */
+void add_float(cJSON *json, const char *key, double x);
+void add_floats(cJSON *json, const char *key, const float x[3]);
 /* A relight_progress_fn: bar on stderr when that is a terminal, nothing otherwise. */
 int progress_bar(void *user, const struct relight_progress *progress);
 void progress_clear(void);

@@ -23,8 +23,8 @@ int run_env(struct relight_client *client, struct options *options)
         cJSON_AddNumberToObject(json, "height", info.height);
         cJSON_AddNumberToObject(json, "full_cube", info.full_cube);
         cJSON_AddNumberToObject(json, "mended", info.n_mended);
-        cJSON_AddItemToObject(json, "mean", cJSON_CreateFloatArray(info.mean, 3));
-        cJSON_AddNumberToObject(json, "decode_ms", info.decode_ms);
+        add_floats(json, "mean", info.mean);
+        add_float(json, "decode_ms", info.decode_ms);
         print_json(json);
     } else {
         puts(env);
@@ -56,16 +56,16 @@ static int get_lights(struct relight_client *client, struct options *o,
 static void add_cost(cJSON *json, const struct relight_cost *cost)
 {
     cJSON_AddStringToObject(json, "engine", relight_engine_name(cost->engine));
-    cJSON_AddNumberToObject(json, "error_bound", cost->error_bound);
+    add_float(json, "error_bound", cost->error_bound);
     if (*cost->note) cJSON_AddStringToObject(json, "note", cost->note);
     cJSON *ms = cJSON_AddObjectToObject(json, "milliseconds");
-    cJSON_AddNumberToObject(ms, "queue", cost->queue_ms);
-    cJSON_AddNumberToObject(ms, "light", cost->light_ms);
-    cJSON_AddNumberToObject(ms, "relight", cost->relight_ms);
-    cJSON_AddNumberToObject(ms, "raster", cost->raster_ms);
-    cJSON_AddNumberToObject(ms, "shade", cost->shade_ms);
-    cJSON_AddNumberToObject(ms, "encode", cost->encode_ms);
-    cJSON_AddNumberToObject(ms, "total", cost->total_ms);
+    add_float(ms, "queue", cost->queue_ms);
+    add_float(ms, "light", cost->light_ms);
+    add_float(ms, "relight", cost->relight_ms);
+    add_float(ms, "raster", cost->raster_ms);
+    add_float(ms, "shade", cost->shade_ms);
+    add_float(ms, "encode", cost->encode_ms);
+    add_float(ms, "total", cost->total_ms);
 }
 
 static void print_cost(const char *what, const char *path, const struct relight_cost *cost)
@@ -172,10 +172,10 @@ int run_image(struct relight_client *client, struct options *o)
         cJSON_AddNumberToObject(json, "height", image.height);
         if (image.camera.set) {
             cJSON *camera = cJSON_AddObjectToObject(json, "camera");
-            cJSON_AddItemToObject(camera, "eye", cJSON_CreateFloatArray(image.camera.eye, 3));
-            cJSON_AddItemToObject(camera, "target", cJSON_CreateFloatArray(image.camera.target, 3));
-            cJSON_AddItemToObject(camera, "up", cJSON_CreateFloatArray(image.camera.up, 3));
-            cJSON_AddNumberToObject(camera, "fovy_deg", image.camera.fovy_deg);
+            add_floats(camera, "eye", image.camera.eye);
+            add_floats(camera, "target", image.camera.target);
+            add_floats(camera, "up", image.camera.up);
+            add_float(camera, "fovy_deg", image.camera.fovy_deg);
         }
         add_cost(json, &image.cost);
         print_json(json);
@@ -212,7 +212,7 @@ int run_geometry(struct relight_client *client, struct options *o)
         cJSON_AddStringToObject(json, "file", o->output);
         cJSON_AddNumberToObject(json, "vertices", geometry.n_vertex);
         cJSON_AddNumberToObject(json, "triangles", geometry.n_triangle);
-        cJSON_AddNumberToObject(json, "mm_per_unit", geometry.mm_per_unit);
+        add_float(json, "mm_per_unit", geometry.mm_per_unit);
         print_json(json);
     } else if (!status && strcmp(o->output, "/dev/stdout")) {
         printf("%s: %u vertices, %u triangles\n", o->output, geometry.n_vertex,

@@ -16,7 +16,7 @@ int run_ping(struct relight_client *client, struct options *options)
         cJSON *json = cJSON_CreateObject();
         cJSON_AddStringToObject(json, "server", server->name);
         cJSON_AddStringToObject(json, "address", server->address);
-        cJSON_AddNumberToObject(json, "milliseconds", seconds * 1e3);
+        add_float(json, "milliseconds", seconds * 1e3);
         cJSON *presets = cJSON_AddArrayToObject(json, "materials");
         for (size_t i = 0; i < server->n_preset; i++)
             cJSON_AddItemToArray(presets, cJSON_CreateString(server->preset[i]));
@@ -41,14 +41,14 @@ static cJSON *model_json(const struct relight_model *m)
     cJSON_AddStringToObject(json, "name", m->name);
     cJSON_AddStringToObject(json, "state", relight_model_state_name(m->state));
     if (*m->job) cJSON_AddStringToObject(json, "job", m->job);
-    if (m->state == RELIGHT_MODEL_BAKING) cJSON_AddNumberToObject(json, "fraction", m->fraction);
+    if (m->state == RELIGHT_MODEL_BAKING) add_float(json, "fraction", m->fraction);
     if (*m->failure) cJSON_AddStringToObject(json, "failure", m->failure);
     cJSON_AddNumberToObject(json, "vertices", m->n_vertex);
     cJSON_AddNumberToObject(json, "triangles", m->n_triangle);
     cJSON_AddNumberToObject(json, "objects", m->n_object);
-    cJSON_AddNumberToObject(json, "mm_per_unit", m->mm_per_unit);
-    cJSON_AddItemToObject(json, "box_min_mm", cJSON_CreateFloatArray(m->box_min, 3));
-    cJSON_AddItemToObject(json, "box_max_mm", cJSON_CreateFloatArray(m->box_max, 3));
+    add_float(json, "mm_per_unit", m->mm_per_unit);
+    add_floats(json, "box_min_mm", m->box_min);
+    add_floats(json, "box_max_mm", m->box_max);
     cJSON_AddStringToObject(json, "engine", m->engine);
     cJSON_AddStringToObject(json, "storage", m->storage);
     cJSON_AddNumberToObject(json, "cube", m->cube);
@@ -56,7 +56,7 @@ static cJSON *model_json(const struct relight_model *m)
     cJSON_AddNumberToObject(json, "resident_bytes", (double)m->resident_bytes);
     cJSON_AddNumberToObject(json, "generation", (double)m->generation);
     cJSON_AddBoolToObject(json, "pinned", m->pinned);
-    cJSON_AddNumberToObject(json, "error_bound", m->error_bound);
+    add_float(json, "error_bound", m->error_bound);
     return json;
 }
 
@@ -214,9 +214,9 @@ static int progress_line(void *user, const struct relight_progress *p)
     cJSON *json = cJSON_CreateObject();
     cJSON_AddStringToObject(json, "state", job_name(p->state));
     cJSON_AddStringToObject(json, "stage", p->stage);
-    cJSON_AddNumberToObject(json, "fraction", p->fraction);
-    if (p->eta_s >= 0) cJSON_AddNumberToObject(json, "eta_s", p->eta_s);
-    cJSON_AddNumberToObject(json, "elapsed_s", p->elapsed_s);
+    add_float(json, "fraction", p->fraction);
+    if (p->eta_s >= 0) add_float(json, "eta_s", p->eta_s);
+    add_float(json, "elapsed_s", p->elapsed_s);
     print_json(json);
     fflush(stdout);
     return 0;

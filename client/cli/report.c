@@ -57,6 +57,20 @@ void print_json(cJSON *json)
     cJSON_Delete(json);
 }
 
+void add_float(cJSON *json, const char *key, double x)
+{
+    char text[40];
+    snprintf(text, sizeof text, "%.7g", x);
+    cJSON_AddRawToObject(json, key, text);
+}
+
+void add_floats(cJSON *json, const char *key, const float x[3])
+{
+    char text[120];
+    snprintf(text, sizeof text, "[%.9g,%.9g,%.9g]", x[0], x[1], x[2]);
+    cJSON_AddRawToObject(json, key, text);
+}
+
 static bool bar_shown;
 
 void progress_clear(void)

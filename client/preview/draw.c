@@ -8,13 +8,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-// What stays from frame to frame. A turning light keeps the visibility buffer, a turning camera
-// keeps colours, background and reflections.
+// What stays from frame to frame. A turning light keeps the visibility buffer and the background
+// (which is turned as it is drawn), a turning camera keeps colours and reflections.
 struct drawing {
     struct scene *scene;
     float *plane;                    /* [n_vertex][3] */
     struct prt_visibility *visibility;
-    struct prt_cube background;
+    struct prt_cube background;      /* unturned, of background_of */
+    const struct sky *background_of;
+    double rotate_deg;
     struct prt_specular *specular;
     struct prt_image canvas;         /* a sheet's */
     struct prt_camera camera;        /* of frame 0 */
@@ -40,26 +42,45 @@ static struct prt_camera frame_camera(const struct drawing *d, uint32_t frame)
     return c;
 }
 
-static void drop_light(struct drawing *d)
+static void drop_specular(struct drawing *d)
 {
-    prt_cube_finish(&d->background);
-    d->background = (struct prt_cube){0};
     if (d->specular) prt_specular_destroy(d->specular);
     d->specular = NULL;
+}
+
+static int set_background(struct drawing *d, const struct sky *sky)
+{
+    if (d->background_of == sky) return EXIT_DONE;
+    uint32_t n = prt_env_full_cube(sky->env);
+    prt_cube_finish(&d->background);
+    d->background = (struct prt_cube){0};
+    d->background_of = NULL;
+    if (prt_env_to_cube(&d->scene->ctx, sky->env, n < 512 ? n : 512, 0, &d->background))
+        return EXIT_FAILED;
+    d->background_of = sky;
+    return EXIT_DONE;
 }
 
 static int set_light(struct drawing *d, const struct sky *sky, double rotate_deg)
 {
     const struct options *o = d->scene->options;
     const struct prt_context *ctx = &d->scene->ctx;
-    drop_light(d);
-    if (!sky->env || (o->plain && o->no_specular)) return EXIT_DONE;
+    struct prt_cube mirror = {0};
+    drop_specular(d);
+    d->rotate_deg = rotate_deg;
+    if (!sky->env) {
+        prt_cube_finish(&d->background);
+        d->background = (struct prt_cube){0};
+        d->background_of = NULL;
+        return EXIT_DONE;
+    }
+    if (!o->plain && set_background(d, sky)) return EXIT_FAILED;
+    if (o->no_specular) return EXIT_DONE;
     uint32_t n = prt_env_full_cube(sky->env);
-    if (n > 512) n = 512;
-    if (prt_env_to_cube(ctx, sky->env, n, rotate_deg, &d->background)) return EXIT_FAILED;
-    if (!o->no_specular && prt_specular_create(ctx, &d->background, &d->specular))
-        return EXIT_FAILED;
-    return EXIT_DONE;
+    int status = prt_env_to_cube(ctx, sky->env, n < 256 ? n : 256, rotate_deg, &mirror);
+    if (!status) status = prt_specular_create(ctx, &mirror, &d->specular);
+    prt_cube_finish(&mirror);
+    return status ? EXIT_FAILED : EXIT_DONE;
 }
 
 static int set_camera(struct drawing *d, uint32_t frame)
@@ -80,6 +101,7 @@ static int shade(struct drawing *d, struct prt_image *out)
                           .roughness = d->scene->roughness, .fresnel = true,
                           .specular = d->specular};
     if (!o->plain && d->background.texel) s.background = &d->background;
+    s.background_rotate_deg = (float)d->rotate_deg;
     memcpy(s.background_rgb, o->background, sizeof s.background_rgb);
     return prt_shade_image(&d->scene->ctx, d->visibility, &d->scene->mesh, &s, out)
                ? EXIT_FAILED : EXIT_DONE;
@@ -210,7 +232,8 @@ int draw_all(struct scene *scene)
     if (!status && o->sheet) status = make_canvas(&d);
     for (size_t e = 0; !status && e < o->n_env; e++) status = draw_row(&d, e);
     if (!status && o->sheet) status = save(scene, o->output, &d.canvas);
-    drop_light(&d);
+    drop_specular(&d);
+    prt_cube_finish(&d.background);
     if (d.visibility) prt_visibility_destroy(d.visibility);
     prt_free(d.canvas.rgb);
     prt_free(d.plane);

@@ -1,0 +1,112 @@
+#!/bin/bash
+# SPDX-License-Identifier: MIT
+# relight and relight-preview against a live daemon: a ball is uploaded, baked and relit; the
+# picture drawn by the client is the daemon's own.   preview.sh BIN
+set -u
+export LC_ALL=C
+bin=${1:?the folder of the programs}
+dir=$(mktemp -d)
+cd "$dir" || exit 1
+daemon=
+finish() {
+    [ -z "$daemon" ] || kill "$daemon" 2>/dev/null
+    rm -rf "$dir"
+}
+trap finish EXIT
+fail() {
+    echo "FAIL: $*"
+    tail -n 4 out err daemon.log 2>/dev/null | sed 's/^/    /'
+    exit 1
+}
+# expect STATUS PROGRAM ARGUMENTS…
+expect() {
+    local want=$1 got program=$2
+    shift 2
+    timeout 120 "$bin/$program" "$@" >out 2>err </dev/null
+    got=$?
+    [ $got = "$want" ] || fail "status $got, not $want: $program $*"
+}
+same() { # A B MAX-RMSE
+    "$bin/prt" compare "$1" "$2" --max-rmse "$3" >out 2>err || fail "$1 and $2 differ: $(cat out err)"
+}
+
+awk -v rings=24 -v n=36 'BEGIN {
+    pi = atan2(0, -1); print "v 0 1 0"
+    for (i = 1; i < rings; i++) for (j = 0; j < n; j++)
+        printf "v %.7f %.7f %.7f\n", sin(pi*i/rings)*cos(2*pi*j/n), cos(pi*i/rings), -sin(pi*i/rings)*sin(2*pi*j/n)
+    print "v 0 -1 0"
+    last = (rings - 1) * n + 2
+    for (j = 0; j < n; j++) {
+        k = (j + 1) % n
+        print "f", 1, 2 + j, 2 + k
+        for (i = 0; i < rings - 2; i++) {
+            a = 2 + i*n + j; b = 2 + i*n + k; print "f", a, a + n, b; print "f", b, a + n, b + n
+        }
+        print "f", last, 2 + (rings-2)*n + k, 2 + (rings-2)*n + j
+    } }' >ball.obj
+
+# A sky: bright above, dim and reddish below, 64 x 32 flat RGBE.
+{
+    printf '#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n'
+    for y in $(seq 32); do
+        for x in $(seq 64); do
+            if [ "$y" -lt 9 ] && [ "$x" -lt 20 ]; then printf '\300\260\240\202'
+            elif [ "$y" -lt 17 ]; then printf '\200\220\240\200'
+            else printf '\220\160\100\176'; fi
+        done
+    done
+} >sky.hdr
+
+export RELIGHT_SERVER=unix:$dir/d.sock
+mkdir data
+PATH=$bin:$PATH "$bin/relightd" --data data --listen "$RELIGHT_SERVER" >daemon.log 2>&1 &
+daemon=$!
+for _ in $(seq 100); do
+    "$bin/relight" ping >/dev/null 2>&1 && break
+    sleep 0.1
+done
+
+expect 0 relight load ball.obj --size-mm 20 --material skin1 --samples 4000 --cube 16 --wait --name ball
+grep -q ready out || fail "load --wait did not end ready"
+expect 0 relight load ball.obj --size-mm 20 --material skin1 --samples 4000 --cube 16 --json --name ball
+grep -q '"state":"ready"' out || fail "the second load baked again"
+expect 0 relight info ball --json
+grep -q '"vertices":830' out || fail "info counts the vertices wrong"
+
+expect 0 relight colors ball --env sky.hdr --term multiple -o m.csv
+[ "$(head -1 m.csv)" = vertex,r,g,b ] && [ "$(wc -l <m.csv)" = 831 ] || fail "CSV has the wrong shape"
+expect 0 relight colors ball --env sky.hdr --term multiple --format f16 -o m.npy
+same m.npy m.csv 1e-3
+expect 0 relight colors ball --env sky.hdr --term multiple --format rgb9e5 -o m.npy
+same m.npy m.csv 4e-3
+expect 0 relight colors ball --env constant:1,1,1 --env sky.hdr --gain 1 --gain 2 -o sum.npy
+expect 0 relight colors ball --env sky.hdr --rotate 90 -o c.ply
+expect 0 relight colors ball --env sky.hdr --rotate 90 -o c.glb
+expect 0 prt info c.glb
+grep -q 'vertices: 830' out || fail "the .glb is not the ball"
+expect 1 relight colors nothing --env sky.hdr -o x.csv
+expect 2 relight colors ball --env sky.hdr --material marble -o x.csv
+[ ! -e x.csv ] || fail "a refused request left a file"
+
+for how in "" "--rotate 70 --camera 0,1,4:0,0,0 --background 0,0,0"; do
+    # shellcheck disable=SC2086
+    expect 0 relight image ball --env sky.hdr --size 160x120 $how -o daemon.exr
+    # shellcheck disable=SC2086
+    expect 0 relight-preview ball --env sky.hdr --size 160x120 $how --format f32 -o client.exr
+    same client.exr daemon.exr 0.005
+done
+expect 0 relight-preview ball --env sky.hdr --frames 3 --size 64x48 -o turn.jpg
+[ -s turn-000.jpg ] && [ -s turn-002.jpg ] || fail "a turntable's frames are missing"
+expect 0 relight-preview ball --env sky.hdr --env constant --frames 4 --turn light --sheet \
+    --size 64x48 --gap 2 -o sheet.png --json
+grep -q '"width":262,"height":98' out || fail "the sheet has the wrong size"
+expect 2 relight-preview ball --env sky.hdr --size 0x4 -o x.png
+expect 1 relight-preview ball --env nothing.hdr -o x.png
+expect 3 relight-preview -s unix:"$dir"/none ball --env sky.hdr -o x.png
+
+kill -TERM "$daemon"
+wait "$daemon"
+got=$?
+daemon=
+[ $got = 0 ] || fail "SIGTERM: the daemon ended with status $got"
+echo "all as expected"
