@@ -189,112 +189,138 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
 }
 
 // A light table row is 24 lanes, light-major: 16 + 8. Triple t of a vector of values meets them
-// as r g b r g b ...: two permutations a triple.
+// as r g b r g b ...: one permutation for the 16, and one for two triples' 8.
 struct group_maps {
-    __m512i lo[4];
-    __m256i hi[4];
+    __m512i lo[4], hi[2];
 };
 
 INLINE struct group_maps group_maps(void)
 {
     struct group_maps m;
-    for (int t = 0; t < 4; t++) {
+    const __m512i tail = _mm512_inserti32x8(channel_map(1), _mm512_castsi512_si256(channel_map(1)),
+                                            1);
+    const __m512i second = _mm512_maskz_set1_epi32(0xff00, 3);
+    for (int t = 0; t < 4; t++)
         m.lo[t] = _mm512_add_epi32(channel_map(0), _mm512_set1_epi32(3 * t));
-        m.hi[t] = _mm256_add_epi32(_mm512_castsi512_si256(channel_map(1)),
-                                   _mm256_set1_epi32(3 * t));
-    }
+    for (int t = 0; t < 2; t++)
+        m.hi[t] = _mm512_add_epi32(_mm512_add_epi32(tail, second), _mm512_set1_epi32(6 * t));
     return m;
 }
 
-struct group_sum {
-    __m512 lo;
-    __m256 hi;
-};
-
-INLINE void group_fma(struct group_sum *sum, __m512 values, const struct group_maps *m, int t,
-                      const float *light)
+INLINE __m512 join(__m256 lo, const float *hi)
 {
-    sum->lo = _mm512_fmadd_ps(_mm512_permutexvar_ps(m->lo[t], values), _mm512_loadu_ps(light),
-                              sum->lo);
-    __m512i hi = _mm512_castsi256_si512(m->hi[t]);
-    sum->hi = _mm256_fmadd_ps(_mm512_castps512_ps256(_mm512_permutexvar_ps(hi, values)),
-                              _mm256_loadu_ps(light + 16), sum->hi);
+    return _mm512_insertf32x8(_mm512_castps256_ps512(lo), _mm256_loadu_ps(hi), 1);
 }
 
-INLINE void group_store(const struct group_sum *fine, const struct group_sum *dc,
-                        const float *scale, unsigned n_light, size_t light_stride, float *out)
+INLINE void group_store(__m512 lo, __m256 hi, __m512 lo0, __m256 hi0, const float *scale,
+                        unsigned n_light, size_t light_stride, float *out)
 {
     float lanes[LIGHT_LANES], base[LIGHT_LANES];
-    _mm512_storeu_ps(lanes, fine->lo);
-    _mm256_storeu_ps(lanes + 16, fine->hi);
-    _mm512_storeu_ps(base, dc->lo);
-    _mm256_storeu_ps(base + 16, dc->hi);
+    _mm512_storeu_ps(lanes, lo);
+    _mm256_storeu_ps(lanes + 16, hi);
+    _mm512_storeu_ps(base, lo0);
+    _mm256_storeu_ps(base + 16, hi0);
     for (unsigned l = 0; l < n_light; l++)
         for (int ch = 0; ch < 3; ch++)
-            out[l * light_stride + ch] =
-                lanes[3 * l + ch] * (scale ? scale[ch] : 1) + base[3 * l + ch];
+            out[l * light_stride + (size_t)ch] =
+                lanes[3 * l + (size_t)ch] * (scale ? scale[ch] : 1) + base[3 * l + (size_t)ch];
 }
 
-static const struct group_sum group_zero;
+// Two halves that hold the 8 last lanes of two triples.
+INLINE __m256 half_sum(__m512 z)
+{
+    return _mm256_add_ps(_mm512_castps512_ps256(z), _mm512_extractf32x8_ps(z, 1));
+}
+
+// The scaling coefficients' share of the triple at scaling[first + f*pitch ...].
+INLINE void group_scaling(const struct prt_rows *rows, uint64_t first, uint64_t pitch,
+                          const float *table, const struct group_maps *m, __m512 *lo, __m256 *hi)
+{
+    const size_t face = rows->n_coef / 6;
+    __m512 low = _mm512_setzero_ps(), high = low;
+    for (size_t f = 0; f < 6; f++) {
+        const float *light = table + LIGHT_LANES * face * f;
+        __m512 v = load_values(rows->scaling + 3 * (first + pitch * f), false, 7);
+        low = _mm512_fmadd_ps(_mm512_permutexvar_ps(m->lo[0], v), _mm512_loadu_ps(light), low);
+        high = _mm512_fmadd_ps(_mm512_permutexvar_ps(m->hi[0], v),
+                               _mm512_castps256_ps512(_mm256_loadu_ps(light + 16)), high);
+    }
+    *lo = low;
+    *hi = _mm512_castps512_ps256(high);
+}
 
 // One phase term: a vector of values holds four entries.
 INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *table,
                    unsigned n_light, size_t light_stride, float *out, bool i8)
 {
-    const struct group_maps maps = group_maps();
-    const size_t face = rows->n_coef / 6;
+    const struct group_maps m = group_maps();
     for (uint32_t row = begin; row < end; row++, out += 3) {
-        struct group_sum a = group_zero, b = group_zero, dc = group_zero;
+        __m512 lo = _mm512_setzero_ps(), odd = lo, hi = lo, base;
+        __m256 base_hi;
         uint64_t e = rows->begin[row], stop = rows->begin[row + 1];
         const char *entry = (const char *)rows->entry + e * (i8 ? 3 : 6);
         for (; e + 4 <= stop; e += 4, entry += i8 ? 12 : 24) {
+            const float *l0 = table + LIGHT_LANES * (size_t)rows_index(rows, e);
+            const float *l1 = table + LIGHT_LANES * (size_t)rows_index(rows, e + 1);
+            const float *l2 = table + LIGHT_LANES * (size_t)rows_index(rows, e + 2);
+            const float *l3 = table + LIGHT_LANES * (size_t)rows_index(rows, e + 3);
             __m512 v = load_values(entry, i8, 0xfff);
-            group_fma(&a, v, &maps, 0, table + LIGHT_LANES * (size_t)rows_index(rows, e));
-            group_fma(&b, v, &maps, 1, table + LIGHT_LANES * (size_t)rows_index(rows, e + 1));
-            group_fma(&a, v, &maps, 2, table + LIGHT_LANES * (size_t)rows_index(rows, e + 2));
-            group_fma(&b, v, &maps, 3, table + LIGHT_LANES * (size_t)rows_index(rows, e + 3));
+            lo = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[0], v), _mm512_loadu_ps(l0), lo);
+            odd = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[1], v), _mm512_loadu_ps(l1), odd);
+            hi = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.hi[0], v),
+                                 join(_mm256_loadu_ps(l0 + 16), l1 + 16), hi);
+            lo = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[2], v), _mm512_loadu_ps(l2), lo);
+            odd = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[3], v), _mm512_loadu_ps(l3), odd);
+            hi = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.hi[1], v),
+                                 join(_mm256_loadu_ps(l2 + 16), l3 + 16), hi);
         }
-        for (; e < stop; e++, entry += i8 ? 3 : 6)
-            group_fma(&a, load_values(entry, i8, 7), &maps, 0,
-                      table + LIGHT_LANES * (size_t)rows_index(rows, e));
-        a.lo = _mm512_add_ps(a.lo, b.lo);
-        a.hi = _mm256_add_ps(a.hi, b.hi);
-        for (size_t f = 0; f < 6; f++)
-            group_fma(&dc, load_values(rows->scaling + (6ull * row + f) * 3, false, 7), &maps, 0,
-                      table + LIGHT_LANES * face * f);
-        group_store(&a, &dc, i8 ? rows->scale + 3ull * row : NULL, n_light, light_stride, out);
+        for (; e < stop; e++, entry += i8 ? 3 : 6) {
+            const float *l = table + LIGHT_LANES * (size_t)rows_index(rows, e);
+            __m512 v = load_values(entry, i8, 7);
+            lo = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[0], v), _mm512_loadu_ps(l), lo);
+            // the upper half's values are 0
+            hi = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.hi[0], v),
+                                 join(_mm256_loadu_ps(l + 16), l + 16), hi);
+        }
+        group_scaling(rows, 6ull * row, 1, table, &m, &base, &base_hi);
+        group_store(_mm512_add_ps(lo, odd), half_sum(hi), base, base_hi,
+                    i8 ? rows->scale + 3ull * row : NULL, n_light, light_stride, out);
     }
 }
 
-// Four phase terms [k0, k0+4) of P at a time: a vector of values holds the terms of one entry.
+// Phase terms [k0, k0 + nk), nk 4 or 1: a vector of values holds an entry's terms.
 INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                         const float *table, unsigned n_light, size_t light_stride, float *out,
-                        uint32_t k0, uint32_t nk)
+                        uint32_t k0, const uint32_t nk)
 {
-    const struct group_maps maps = group_maps();
-    const size_t face = rows->n_coef / 6;
+    const struct group_maps m = group_maps();
     const bool i8 = rows->value == PRT_VALUE_I8;
-    const uint32_t n = rows->n_function;
+    const uint32_t n = rows->n_function, p = n / 3;
     const size_t size = i8 ? 1 : 2;
     const __mmask16 mask = lane_mask(3 * nk);
     for (uint32_t row = begin; row < end; row++) {
-        struct group_sum fine[4] = {group_zero, group_zero, group_zero, group_zero};
-        struct group_sum dc[4] = {group_zero, group_zero, group_zero, group_zero};
+        __m512 lo[4], hi[2];
+        for (int t = 0; t < 4; t++) lo[t] = hi[t / 2] = _mm512_setzero_ps();
         for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++) {
             const char *entry = (const char *)rows->entry + (e * n + 3ull * k0) * size;
-            const float *light = table + LIGHT_LANES * (size_t)rows_index(rows, e);
-            __m512 v = load_values(entry, i8, mask);
-            for (int t = 0; t < 4; t++) group_fma(&fine[t], v, &maps, t, light);
+            const float *l = table + LIGHT_LANES * (size_t)rows_index(rows, e);
+            __m512 v = load_values(entry, i8, mask), low = _mm512_loadu_ps(l);
+            __m512 high = _mm512_broadcast_f32x8(_mm256_loadu_ps(l + 16));
+            for (uint32_t t = 0; t < nk; t++)
+                lo[t] = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[t], v), low, lo[t]);
+            for (uint32_t t = 0; t < nk; t += 2)
+                hi[t / 2] =
+                    _mm512_fmadd_ps(_mm512_permutexvar_ps(m.hi[t / 2], v), high, hi[t / 2]);
         }
-        for (size_t f = 0; f < 6; f++) {
-            __m512 v = load_values(rows->scaling + (6ull * row + f) * n + 3ull * k0, false, mask);
-            for (int t = 0; t < 4; t++)
-                group_fma(&dc[t], v, &maps, t, table + LIGHT_LANES * face * f);
-        }
-        for (uint32_t t = 0; t < nk; t++)
-            group_store(&fine[t], &dc[t],
+        for (uint32_t t = 0; t < nk; t++) {
+            __m512 base;
+            __m256 base_hi, own = t % 2 ? _mm512_extractf32x8_ps(hi[t / 2], 1)
+                                        : _mm512_castps512_ps256(hi[t / 2]);
+            group_scaling(rows, 6ull * p * row + k0 + t, p, table, &m, &base, &base_hi);
+            group_store(lo[t], own, base, base_hi,
                         i8 ? rows->scale + (uint64_t)n * row + 3 * (k0 + t) : NULL, n_light,
                         light_stride, out + (size_t)(row - begin) * n + 3 * (k0 + t));
+        }
     }
 }
 
@@ -309,8 +335,11 @@ static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t
             group3(rows, begin, end, table, n_light, light_stride, out, false);
         return;
     }
-    for (uint32_t k = 0; k < p; k += 4)
-        group_phase(rows, begin, end, table, n_light, light_stride, out, k, p - k < 4 ? p - k : 4);
+    uint32_t k = 0;
+    for (; k + 4 <= p; k += 4)
+        group_phase(rows, begin, end, table, n_light, light_stride, out, k, 4);
+    for (; k < p; k++)
+        group_phase(rows, begin, end, table, n_light, light_stride, out, k, 1);
 }
 
 // FULL: nz vectors of 16 functions from j0 on, each with three channels.

@@ -69,7 +69,7 @@ __attribute__((target("avx2,f16c"))) static size_t to_f32_simd(const uint16_t *h
 
 static bool have_f16c(void)
 {
-    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("f16c");
+    return prt_cpu_detect() & PRT_CPU_AVX2; // which stands for F16C as well
 }
 #else
 static bool have_f16c(void)
