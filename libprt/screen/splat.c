@@ -27,25 +27,32 @@ static float cut_radius(const struct frame *f, double epsilon)
     return (float)most;
 }
 
-static int light_views(struct frame *f, float spacing, float r_max)
+// Light that a table of each object carries from the grid points every light sees.
+int scatter_light_views(struct frame *f, const struct radial_table *table, float spacing,
+                        float opening, float r_max)
 {
     for (uint32_t l = 0; l < f->n_light; l++) {
         struct samples s;
-        uint32_t grid;
         double t0 = prt_time_s();
         int status = samples_light_view(f->ctx, f->screen->scene, &f->light[l], spacing, f->eta,
-                                        &s, &grid, &f->report->n_ray);
+                                        &s, &f->report->grid, &f->report->n_ray);
         if (status) return status;
         double t1 = prt_time_s();
         f->report->irradiance_s += t1 - t0;
-        f->report->grid = grid;
         f->report->n_sample += s.n;
-        status = scatter_tree(f, f->table, &s, 0.4f, r_max);
+        status = scatter_tree(f, table, &s, opening, r_max);
         f->report->scatter_s += prt_time_s() - t1;
         samples_finish(&s);
         if (status) return status;
     }
     return PRT_OK;
+}
+
+bool only_light_views(const struct frame *f)
+{
+    bool views = !f->cube && f->n_light <= MAX_LIGHT_VIEWS;
+    for (uint32_t l = 0; l < f->n_light; l++) views &= !f->light[l].point;
+    return views;
 }
 
 int engine_splat(struct frame *f)
@@ -54,8 +61,7 @@ int engine_splat(struct frame *f)
     float lu = smallest_mean_free_path(f), diameter = screen->diameter_mm;
     float epsilon = f->options->epsilon > 0 ? f->options->epsilon : 0.002f;
     float r_max = cut_radius(f, epsilon), spacing = lu;
-    bool views = !f->cube && f->n_light <= MAX_LIGHT_VIEWS;
-    for (uint32_t l = 0; l < f->n_light; l++) views &= !f->light[l].point;
+    bool views = only_light_views(f);
     uint32_t least = GRID_MIN, most = views ? GRID_MAX : 160;
     if (f->options->n_sample) least = most = f->options->n_sample;
     float n = diameter / spacing;
@@ -69,7 +75,7 @@ int engine_splat(struct frame *f)
     spacing = diameter / n;
     f->report->r_max_mm = r_max;
     f->report->grid = (uint32_t)n;
-    if (views) return light_views(f, spacing, r_max);
+    if (views) return scatter_light_views(f, f->table, spacing, 0.8f, r_max);
     if (!screen->peel.n || screen->peel_spacing != spacing) {
         samples_finish(&screen->peel);
         int status = samples_peel(f->ctx, screen->scene, spacing, &screen->peel,
@@ -84,7 +90,7 @@ int engine_splat(struct frame *f)
         status = irradiance_traced(f->ctx, screen->scene, f->n_light, f->light, f->eta,
                                    &screen->peel, &f->report->n_ray);
     double t1 = prt_time_s();
-    if (!status) status = scatter_tree(f, f->table, &screen->peel, 0.4f, r_max);
+    if (!status) status = scatter_tree(f, f->table, &screen->peel, 0.8f, r_max);
     f->report->irradiance_s = t1 - t0;
     f->report->scatter_s = prt_time_s() - t1;
     f->report->n_sample = screen->peel.n;

@@ -8,20 +8,36 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LANES = 64, VARIANTS = 16, N_HIDDEN = 400 };
+enum { LANES = 64, VARIANTS = 16, N_HIDDEN = 250 };
 
-double prt_screen_tangent_radius(const struct prt_dipole *d, double pick, double xi)
+double prt_screen_tangent_radius(const struct prt_dipole d[3], double xi, double from_mm)
 {
-    double s = d->sigma_tr, er = exp(-s * d->z_r), ev = exp(-s * d->z_v);
-    double z = pick < er / (er + ev) ? d->z_r : d->z_v, a = s * z, l = log1p(-xi);
-    // f(u) = a(u-1) + ln u + ln(1-xi), concave: Newton from the left never overshoots
-    double u = 1;
-    for (int k = 0; k < 60; k++) {
-        double step = (a * (u - 1) + log(u) + l) / (a + 1 / u);
-        u -= step;
-        if (fabs(step) < 1e-12 * u) break;
+    // M03 picks one term of one channel and solves for it; the mean of the channels' closed-form
+    // tails is solved here at once, so that one stratified number stratifies the radius
+    double want = 1 - xi, lo = from_mm, hi = fmax(2 * from_mm, d[0].z_r), r;
+    double inv[3];
+    for (int c = 0; c < 3; c++) inv[c] = d[c].rho_d > 0 ? 1 / (3 * d[c].rho_d) : 0;
+    for (int k = 0; k < 200; k++, hi *= 2) {
+        double g = 0;
+        for (int c = 0; c < 3; c++) g += inv[c] * prt_dipole_tail(&d[c], hi);
+        if (g <= want) break;
+        lo = hi;
     }
-    return u > 1 ? z * sqrt((u - 1) * (u + 1)) : 0;
+    r = (lo + hi) / 2;
+    for (int k = 0; k < 60; k++) {
+        double g = 0, slope = 0;
+        for (int c = 0; c < 3; c++) {
+            g += inv[c] * prt_dipole_tail(&d[c], r);
+            slope += inv[c] * 2 * M_PI * r * prt_dipole_rd(&d[c], r);
+        }
+        if (g > want) lo = r;
+        else hi = r;
+        double next = slope > 0 ? r + (g - want) / slope : hi;
+        if (!(next > lo && next < hi)) next = (lo + hi) / 2;
+        if (fabs(next - r) < 1e-6 * next) return next;
+        r = next;
+    }
+    return r;
 }
 
 // One of the 4x4 interleaved sets of samples.
@@ -31,9 +47,17 @@ struct pattern {
     uint32_t *uniform;         // [n_uniform] G-buffer points
 };
 
+// What a sample reads of the point it lands on, in half a cache line.
+struct seen {
+    float p[3];
+    float solid_angle;  // from the eye, of a unit of its area: cos / d²
+    float e[3];
+    uint32_t object;
+};
+
 struct tangent_job {
-    const float *p[3], *face[3], *e[3];
-    const uint32_t *object;    // per point
+    const struct seen *seen;   // [n_point]
+    const float *face[3];
     const uint8_t *opaque;
     uint8_t *variant;
     uint32_t *point_of;        // [pixel] or UINT32_MAX
@@ -129,52 +153,55 @@ static double radical_inverse(uint32_t base, uint32_t i)
     return r;
 }
 
-// Stratified radii, golden-ratio angles; the variants' strata interleave.
-static bool make_pattern(struct tangent_job *job, const struct frame *f, uint32_t v,
-                         const double *area_cdf)
+// Radii at equal steps of the mixture's distribution on a golden-angle spiral; the variants'
+// steps interleave and their spirals are turned.
+static bool make_patterns(struct tangent_job *job, const struct frame *f, const double *area_cdf)
 {
-    struct pattern *p = &job->pattern[v];
     uint32_t n = job->n_tangent, total = n * VARIANTS;
     struct prt_rng rng;
-    prt_rng_init(&rng, f->options->seed, 100 + v);
-    p->cosine = malloc((n + 1) * sizeof(float));
-    p->sine = malloc((n + 1) * sizeof(float));
-    p->uniform = malloc((job->n_uniform + 1) * sizeof(uint32_t));
-    p->radius = calloc(f->n_object, sizeof *p->radius);
-    p->density = calloc(f->n_object, sizeof *p->density);
-    if (!p->cosine || !p->sine || !p->uniform || !p->radius || !p->density) return false;
-    for (uint32_t i = 0; i < n; i++) {
-        double phi = 2 * M_PI * (i * 0.6180339887498949 + radical_inverse(2, v));
-        p->cosine[i] = (float)cos(phi);
-        p->sine[i] = (float)sin(phi);
+    prt_rng_init(&rng, f->options->seed, 100);
+    for (uint32_t v = 0; v < VARIANTS; v++) {
+        struct pattern *p = &job->pattern[v];
+        p->cosine = malloc((n + 1) * sizeof(float));
+        p->sine = malloc((n + 1) * sizeof(float));
+        p->uniform = malloc((job->n_uniform + 1) * sizeof(uint32_t));
+        p->radius = calloc(f->n_object, sizeof *p->radius);
+        p->density = calloc(f->n_object, sizeof *p->density);
+        if (!p->cosine || !p->sine || !p->uniform || !p->radius || !p->density) return false;
+        double turn = radical_inverse(2, v) + (double)prt_rng_f32(&rng);
+        for (uint32_t i = 0; i < n; i++) {
+            double phi = 2 * M_PI * (i * 0.3819660112501051 + turn);
+            p->cosine[i] = (float)cos(phi);
+            p->sine[i] = (float)sin(phi);
+        }
+        for (uint32_t o = 0; o < f->n_object; o++) {
+            p->radius[o] = malloc((n + 1) * sizeof(float));
+            p->density[o] = malloc((n + 1) * sizeof(float));
+            if (!p->radius[o] || !p->density[o]) return false;
+        }
+        for (uint32_t i = 0; i < job->n_uniform; i++) {
+            double u = (i * VARIANTS + v + (double)prt_rng_f32(&rng)) /
+                       ((double)job->n_uniform * VARIANTS) * area_cdf[f->g.n_point];
+            uint32_t lo = 0, hi = f->g.n_point;
+            while (hi - lo > 1) {
+                uint32_t mid = lo + (hi - lo) / 2;
+                if (area_cdf[mid] <= u) lo = mid;
+                else hi = mid;
+            }
+            p->uniform[i] = lo;
+        }
     }
     for (uint32_t o = 0; o < f->n_object; o++) {
-        p->radius[o] = malloc((n + 1) * sizeof(float));
-        p->density[o] = malloc((n + 1) * sizeof(float));
-        if (!p->radius[o] || !p->density[o]) return false;
-        for (uint32_t i = 0; i < n; i++) {
-            // one uniform number stratified over variants picks channel, term and radius in turn
-            double u = (i * VARIANTS + (double)(v * 7 % VARIANTS) + (double)prt_rng_f32(&rng)) / total;
-            int c = i % 3;
-            double pick = radical_inverse(3, i / 3 + v), r;
-            r = prt_screen_tangent_radius(&f->dipole[o][c], pick, fmin(u, 1 - 1e-7));
-            float at[3];
+        double r = 0;
+        for (uint32_t k = 0; k < total; k++) {
+            struct pattern *p = &job->pattern[k * 7 % VARIANTS];
+            float at[3], density = 0;
+            r = prt_screen_tangent_radius(f->dipole[o], (k + 0.5) / total, r);
             radial_table_eval(&f->table[o], (float)(r * r), at);
-            p->radius[o][i] = (float)r;
-            p->density[o][i] = 0;
-            for (int k = 0; k < 3; k++) p->density[o][i] += job->inv_rho[o][k] * at[k];
+            for (int c = 0; c < 3; c++) density += job->inv_rho[o][c] * at[c];
+            p->radius[o][k / VARIANTS] = (float)r;
+            p->density[o][k / VARIANTS] = density;
         }
-    }
-    for (uint32_t i = 0; i < job->n_uniform; i++) {
-        double u = (i * VARIANTS + v + (double)prt_rng_f32(&rng)) /
-                   ((double)job->n_uniform * VARIANTS) * area_cdf[f->g.n_point];
-        uint32_t lo = 0, hi = f->g.n_point;
-        while (hi - lo > 1) {
-            uint32_t mid = lo + (hi - lo) / 2;
-            if (area_cdf[mid] <= u) lo = mid;
-            else hi = mid;
-        }
-        p->uniform[i] = lo;
     }
     return true;
 }
@@ -223,6 +250,62 @@ static bool map_pixels(const struct frame *f, struct tangent_job *job)
         if (*at == UINT32_MAX || f->g.weight[i] > f->g.weight[*at]) *at = i;
     }
     return true;
+}
+
+struct filter_job {
+    const struct frame *f;
+    const struct tangent_job *tangent;
+    const float (*in)[3];
+    float reach_sq;
+};
+
+// Interleaved samples are put together again: each of the 16 variants weighs the same in a 5x5
+// window whose rim counts half. Only pixels on the same patch of surface take part.
+static int filter_points(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct filter_job *job = arg;
+    const struct frame *f = job->f;
+    const struct tangent_job *t = job->tangent;
+    int width = (int)f->width, height = (int)f->height;
+    for (size_t i = begin; i < end; i++) {
+        if (f->g.opaque[i]) continue;
+        int x = (int)(f->g.pixel[i] % f->width), y = (int)(f->g.pixel[i] / f->width);
+        float sum[3] = {0, 0, 0}, total = 0;
+        for (int dy = -2; dy <= 2; dy++) {
+            if (y + dy < 0 || y + dy >= height) continue;
+            for (int dx = -2; dx <= 2; dx++) {
+                if (x + dx < 0 || x + dx >= width) continue;
+                uint32_t j = t->point_of[(y + dy) * width + x + dx];
+                if (!dx && !dy) j = (uint32_t)i;
+                if (j == UINT32_MAX || t->seen[j].object != t->seen[i].object) continue;
+                float d2 = 0, c = 0;
+                for (int k = 0; k < 3; k++) {
+                    float e = t->seen[j].p[k] - t->seen[i].p[k];
+                    d2 += e * e;
+                    c += f->g.normal[k][i] * f->g.normal[k][j];
+                }
+                if (d2 > job->reach_sq || c < 0.8f) continue;
+                float w = (abs(dx) == 2 ? 0.5f : 1) * (abs(dy) == 2 ? 0.5f : 1);
+                for (int k = 0; k < 3; k++) sum[k] += w * job->in[j][k];
+                total += w;
+            }
+        }
+        for (int k = 0; k < 3; k++) f->radiance[i][k] += sum[k] / total;
+    }
+    return PRT_OK;
+}
+
+static int sample_and_filter(struct frame *f, struct tangent_job *job)
+{
+    float(*own)[3] = prt_calloc((size_t)f->g.n_point + 1, sizeof *own);
+    if (!own) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    job->radiance = own;
+    int status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 256, run_points, job);
+    float scale = smallest_mean_free_path(f);
+    struct filter_job filter = {f, job, (const float(*)[3])own, scale * scale};
+    if (!status) status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 1024, filter_points, &filter);
+    prt_free(own);
+    return status;
 }
 
 // Marks atlas texels that the eye's image does not hold.
@@ -275,11 +358,31 @@ static int hidden_part(struct frame *f, const struct tangent_job *job, const str
         mark_hidden(f, job, seen, keep);
         status = draw_emitters(f, N_HIDDEN, keep, list);
     }
-    if (!status) status = scatter_all(f, f->table, list);
+    struct radial_table *table = status ? NULL : disc_tables(f, list, keep, -1);
+    if (!status) status = table ? scatter_all(f, table, list) : PRT_NOMEM;
+    prt_free(table);
     for (uint32_t o = 0; list && o < f->n_object; o++) emitters_finish(&list[o]);
     free(list);
     free(keep);
     return status;
+}
+
+static struct seen *pack_seen(const struct samples *s, const float eye[3])
+{
+    struct seen *out = prt_alloc((size_t)s->n + 1, sizeof *out);
+    for (uint32_t i = 0; out && i < s->n; i++) {
+        float c = 0, d2 = 0;
+        for (int k = 0; k < 3; k++) {
+            float v = s->p[k][i] - eye[k];
+            out[i].p[k] = s->p[k][i];
+            out[i].e[k] = s->e[k][i];
+            c += v * s->face[k][i];
+            d2 += v * v;
+        }
+        out[i].solid_angle = fabsf(c) / (d2 * sqrtf(d2) + 1e-30f);
+        out[i].object = s->object[i];
+    }
+    return out;
 }
 
 int engine_tangent(struct frame *f)
@@ -299,6 +402,7 @@ int engine_tangent(struct frame *f)
     struct samples seen;
     double t0 = prt_time_s(), t1 = t0;
     double *cdf = NULL;
+    struct seen *record = NULL;
     if (!seen_samples(f, &seen)) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     int status = irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, f->eta, &seen,
                                    &f->report->n_ray);
@@ -308,18 +412,14 @@ int engine_tangent(struct frame *f)
     if (good) {
         for (uint32_t o = 0; o < f->n_object; o++)
             for (int c = 0; c < 3; c++) job.inv_rho[o][c] = (float)(1 / (3 * f->dipole[o][c].rho_d));
-        for (int k = 0; k < 3; k++) {
-            job.p[k] = seen.p[k];
-            job.face[k] = seen.face[k];
-            job.e[k] = seen.e[k];
-        }
-        job.object = seen.object;
-        cdf = visible_areas(f, &job, &seen);
+        for (int k = 0; k < 3; k++) job.face[k] = seen.face[k];
+        job.seen = record = pack_seen(&seen, job.eye);
+        cdf = record ? visible_areas(f, &job, &seen) : NULL;
         good = cdf != NULL;
     }
     if (good && cdf[f->g.n_point] > 0) {
         job.visible_area = (float)cdf[f->g.n_point];
-        for (uint32_t v = 0; good && v < VARIANTS; v++) good = make_pattern(&job, f, v, cdf);
+        good = make_patterns(&job, f, cdf);
         // right and up give the image's coordinates by a plain dot product
         struct tangent_job projected = job;
         float tx = 0, ty = 0;
@@ -337,12 +437,13 @@ int engine_tangent(struct frame *f)
         if (cpu & PRT_CPU_AVX2) projected.run = run_avx2;
         if (cpu & PRT_CPU_AVX512) projected.run = run_avx512;
 #endif
-        if (good) status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 256, run_points, &projected);
+        if (good) status = sample_and_filter(f, &projected);
         f->report->n_pair += (uint64_t)f->g.n_point * n;
         if (good && !status) status = hidden_part(f, &job, &seen);
     }
     if (!good && !status) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for samples");
     free(cdf);
+    prt_free(record);
     finish(&job, f->n_object);
     samples_finish(&seen);
     f->report->irradiance_s = t1 - t0;

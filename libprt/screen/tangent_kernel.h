@@ -22,35 +22,30 @@ TARGET static void KERNEL(radial)(const struct radial_table *t, int n, const flo
     }
 }
 
-/* sum += R_d E / density over lanes; lane i sees G-buffer point index[i]. density holds the
- * tangent plane's density over J but for the factor of the seen surface: see the caller. */
+/* sum += R_d E / density over lanes; lane i sees G-buffer point index[i]. per[i] is the tangent
+ * plane's density per solid angle from the eye, uniform the other technique's per area. */
 TARGET static void KERNEL(gather)(const struct tangent_job *job, const struct radial_table *table,
                                   int n, const float o[3], uint32_t object, const uint32_t *index,
-                                  const float *per_area, float uniform, float sum[3])
+                                  const float *per, float uniform, float sum[3])
 {
     float r_sq[LANES], r0[LANES], r1[LANES], r2[LANES], k[LANES];
+    const struct seen *seen = job->seen;
     if (n <= 0) return;
-    const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2];
     for (int i = 0; i < n; i++) {
-        uint32_t j = index[i];
-        float qx = job->p[0][j], qy = job->p[1][j], qz = job->p[2][j];
-        float dx = qx - o[0], dy = qy - o[1], dz = qz - o[2];
+        const struct seen *q = &seen[index[i]];
+        float dx = q->p[0] - o[0], dy = q->p[1] - o[1], dz = q->p[2] - o[2];
         r_sq[i] = dx * dx + dy * dy + dz * dz;
-        /* solid angle from the eye of a unit of this surface: cos / d² */
-        float vx = qx - ex, vy = qy - ey, vz = qz - ez, d2 = vx * vx + vy * vy + vz * vz;
-        float c = fabsf(vx * job->face[0][j] + vy * job->face[1][j] + vz * job->face[2][j]);
-        float seen = c / (d2 * sqrtf(d2));
-        float density = per_area[i] * seen + uniform;
-        int good = (job->object[j] == object) & (density > 0);
+        float density = per[i] * q->solid_angle + uniform;
+        int good = (q->object == object) & (density > 0);
         k[i] = good ? 1 / (density > 0 ? density : 1) : 0;
     }
     KERNEL(radial)(table, n, r_sq, r0, r1, r2);
     float s0 = 0, s1 = 0, s2 = 0;
     for (int i = 0; i < n; i++) {
-        uint32_t j = index[i];
-        s0 += r0[i] * job->e[0][j] * k[i];
-        s1 += r1[i] * job->e[1][j] * k[i];
-        s2 += r2[i] * job->e[2][j] * k[i];
+        const struct seen *q = &seen[index[i]];
+        s0 += r0[i] * q->e[0] * k[i];
+        s1 += r1[i] * q->e[1] * k[i];
+        s2 += r2[i] * q->e[2] * k[i];
     }
     sum[0] += s0;
     sum[1] += s1;
@@ -60,12 +55,12 @@ TARGET static void KERNEL(gather)(const struct tangent_job *job, const struct ra
 TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, float sum[3])
 {
     const struct pattern *pat = &job->pattern[job->variant[point]];
-    const uint32_t object = job->object[point];
+    const uint32_t object = job->seen[point].object;
     const struct radial_table *table = &job->table[object];
     const float *F = job->forward, *R = job->right, *U = job->up, *eye = job->eye;
     float o[3], n[3], t[3], b[3];
     for (int k = 0; k < 3; k++) {
-        o[k] = job->p[k][point];
+        o[k] = job->seen[point].p[k];
         n[k] = job->face[k][point];
     }
     /* a frame about n without a branch on its length (Duff et al. 2017) */
@@ -119,7 +114,8 @@ TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, 
         const uint32_t *index = pat->uniform + first;
         for (int i = 0; i < lanes; i++) {
             uint32_t j = index[i];
-            float x = job->p[0][j] - eye[0], y = job->p[1][j] - eye[1], z = job->p[2][j] - eye[2];
+            const float *q = job->seen[j].p;
+            float x = q[0] - eye[0], y = q[1] - eye[1], z = q[2] - eye[2];
             float along = x * n[0] + y * n[1] + z * n[2];
             float s = height / (fabsf(along) > 1e-12f ? along : 1e-12f);
             float dx = s * x - rel[0], dy = s * y - rel[1], dz = s * z - rel[2];

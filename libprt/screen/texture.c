@@ -112,39 +112,81 @@ int draw_emitters(struct frame *f, uint32_t n, const uint8_t *keep, struct emitt
     return PRT_OK;
 }
 
+// What a table is fitted to: R_d, its local or its global part, averaged over a disc.
 struct split {
     const struct prt_dipole *dipole;
-    double r_p;
+    double r_p;      // < 0: no split
     bool local;
+    double disc_mm;  // radius; 0: a point
 };
 
 static void split_profile(const void *arg, double r_mm, double out[3])
 {
+    enum { RINGS = 3, SPOKES = 5 };
     const struct split *s = arg;
-    double w = prt_screen_local_weight(r_mm, s->r_p);
-    if (!s->local) w = 1 - w;
-    for (int c = 0; c < 3; c++) out[c] = w * prt_dipole_rd(&s->dipole[c], r_mm);
+    // far away a disc is a point
+    int rings = s->disc_mm > 0.05 * r_mm ? RINGS : 0, n = rings ? rings * SPOKES : 1;
+    for (int c = 0; c < 3; c++) out[c] = 0;
+    for (int k = 0; k < n; k++) {
+        double r = r_mm;
+        if (rings) {
+            double a = s->disc_mm * sqrt((k / SPOKES + 0.5) / RINGS);
+            double phi = M_PI * (k % SPOKES + 0.5) / SPOKES; // the other half is its mirror
+            r = sqrt(fmax(r * r + a * a - 2 * r * a * cos(phi), 0));
+        }
+        double w = 1;
+        if (s->r_p >= 0) {
+            w = prt_screen_local_weight(r, s->r_p);
+            if (!s->local) w = 1 - w;
+        }
+        for (int c = 0; c < 3; c++) out[c] += w * prt_dipole_rd(&s->dipole[c], r) / n;
+    }
 }
 
-static int hybrid_scatter(struct frame *f, const struct emitters *list)
+static double finest_scale(const struct prt_dipole *d)
 {
-    double bound = f->options->bound > 0 ? f->options->bound : 0.05, r_p = 0;
-    struct radial_table *table = prt_alloc(2 * (size_t)f->n_object, sizeof *table);
-    if (!table) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    for (uint32_t o = 0; o < f->n_object; o++)
-        r_p = fmax(r_p, prt_screen_split_radius(f->dipole[o], bound));
-    float reach = (float)(r_p + 5 / K);
-    for (uint32_t o = 0; o < f->n_object; o++) {
-        double scale = f->dipole[o][0].z_r;
-        for (int c = 1; c < 3; c++) scale = fmin(scale, f->dipole[o][c].z_r);
-        struct split near = {f->dipole[o], r_p, true}, far = {f->dipole[o], r_p, false};
-        radial_table_fit(&table[o], split_profile, &near, scale, reach);
-        radial_table_fit(&table[f->n_object + o], split_profile, &far, scale,
+    return fmin(d[0].z_r, fmin(d[1].z_r, d[2].z_r));
+}
+
+// Radius of the disc a drawn point stands for: the lit area, evenly shared.
+static double disc_radius(const struct samples *s, const uint8_t *keep, uint32_t object,
+                          uint32_t n)
+{
+    double sum = 0, square = 0;
+    for (uint32_t i = 0; i < s->n; i++) {
+        if (s->object[i] != object || (keep && !keep[i])) continue;
+        double e = (double)s->e[0][i] + s->e[1][i] + s->e[2][i];
+        sum += e * s->area[i];
+        square += e * e * s->area[i];
+    }
+    return square > 0 && n ? sqrt(sum * sum / square / n / M_PI) : 0;
+}
+
+struct radial_table *disc_tables(const struct frame *f, const struct emitters *list,
+                                 const uint8_t *keep, double r_p)
+{
+    struct radial_table *table = prt_alloc(f->n_object ? f->n_object : 1, sizeof *table);
+    for (uint32_t o = 0; table && o < f->n_object; o++) {
+        double disc = disc_radius(&f->screen->atlas, keep, o, list[o].n);
+        struct split split = {f->dipole[o], r_p, false, disc};
+        radial_table_fit(&table[o], split_profile, &split, fmax(finest_scale(f->dipole[o]), disc),
                          f->screen->diameter_mm);
     }
-    f->report->r_p_mm = (float)r_p;
-    int status = scatter_all(f, table + f->n_object, list);
-    if (!status) status = scatter_tree(f, table, &f->screen->atlas, 0.25f, reach);
+    return table;
+}
+
+// The near part: every light-view point or texel within reach.
+static int local_scatter(struct frame *f, double r_p, float spacing)
+{
+    struct radial_table *table = prt_alloc(f->n_object ? f->n_object : 1, sizeof *table);
+    if (!table) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    float reach = (float)(r_p + 5 / K);
+    for (uint32_t o = 0; o < f->n_object; o++) {
+        struct split near = {f->dipole[o], r_p, true, 0};
+        radial_table_fit(&table[o], split_profile, &near, finest_scale(f->dipole[o]), reach);
+    }
+    int status = only_light_views(f) ? scatter_light_views(f, table, spacing, 0.7f, reach)
+                                     : scatter_tree(f, table, &f->screen->atlas, 0.7f, reach);
     prt_free(table);
     return status;
 }
@@ -159,25 +201,40 @@ int engine_texture(struct frame *f, bool hybrid)
         n = fit < 64 ? 64 : fit > 16384 ? 16384 : (uint32_t)fit;
     }
     if (!n) n = hybrid ? 900 : 2500;
-    // the near part wants texels under a mean free path apart
-    double texels = 16384;
+    double texels = 16384, spacing = smallest_mean_free_path(f), r_p = -1;
     if (hybrid) {
-        double spacing = 0.7 * (double)smallest_mean_free_path(f);
-        texels = screen->area_mm2 / (spacing * spacing);
+        double bound = f->options->bound > 0 ? f->options->bound : 0.1;
+        for (uint32_t o = 0; o < f->n_object; o++)
+            r_p = fmax(r_p, prt_screen_split_radius(f->dipole[o], bound));
+        // the near part wants points under a mean free path apart
+        spacing = fmax(0.8 * spacing, (double)screen->diameter_mm / 300);
+        if (!only_light_views(f)) texels = screen->area_mm2 / (0.4 * spacing * spacing);
     }
     if (texels < 4.0 * n) texels = 4.0 * n;
     uint32_t size = texels < 16384 ? 16384 : texels > 131072 ? 131072 : (uint32_t)texels;
     double t0 = prt_time_s();
     int status = frame_atlas(f, size);
-    double t1 = prt_time_s();
+    f->report->irradiance_s = prt_time_s() - t0;
+    t0 = prt_time_s();
     struct emitters *list = calloc(f->n_object ? f->n_object : 1, sizeof *list);
+    struct radial_table *table = NULL;
     if (!status && !list) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     if (!status) status = draw_emitters(f, n, NULL, list);
     for (uint32_t o = 0; !status && o < f->n_object; o++) f->report->n_sample += list[o].n;
-    if (!status) status = hybrid ? hybrid_scatter(f, list) : scatter_all(f, f->table, list);
+    if (!status && !(table = disc_tables(f, list, NULL, r_p)))
+        status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    if (!status) status = scatter_all(f, table, list);
+    f->report->scatter_s = prt_time_s() - t0;
+    if (!status && hybrid) {
+        t0 = prt_time_s();
+        double other = f->report->irradiance_s + f->report->scatter_s;
+        status = local_scatter(f, r_p, (float)spacing);
+        double own = f->report->irradiance_s + f->report->scatter_s - other;
+        f->report->scatter_s += prt_time_s() - t0 - own;
+        f->report->r_p_mm = (float)r_p;
+    }
+    prt_free(table);
     for (uint32_t o = 0; list && o < f->n_object; o++) emitters_finish(&list[o]);
     free(list);
-    f->report->irradiance_s = t1 - t0;
-    f->report->scatter_s = prt_time_s() - t1;
     return status;
 }

@@ -86,8 +86,9 @@ int prt_screen_image(const struct prt_context *ctx, struct prt_screen *screen,
                      struct prt_image *out, struct prt_screen_report *report);
 
 /* Building blocks, open for tests. */
-/* M03: a radius from R_d of one channel, density 2 pi r R_d / rho_d; xi, pick in [0,1). */
-double prt_screen_tangent_radius(const struct prt_dipole *dipole, double pick, double xi);
+/* M03: the radius >= from_mm below which lies a share xi in [0,1) of 2 pi r R_d / rho_d, the
+ * mean of three channels. from_mm: a radius known to be smaller, 0 at first. */
+double prt_screen_tangent_radius(const struct prt_dipole dipole[3], double xi, double from_mm);
 /* C08: share of R_d that is local at r (METHODS §7): 1 - 0.5 e^(K(r-R_p)) up to R_p. */
 double prt_screen_local_weight(double r_mm, double r_p_mm);
 /* C08: R_p for a bound over three channels. */
