@@ -254,6 +254,16 @@ static void drop_factored(struct bake *b)
         factored_finish(&b->factored[c]);
 }
 
+// The most a tensor may take: W05's 128 coefficients a vertex (640 bytes with their indices) and
+// METHODS §5's sizes for joint transport; small models, whose bases weigh most, get a floor.
+static double byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
+{
+    bool joint = b->o.engine == PRT_ENGINE_JOINT;
+    double per_vertex = joint ? (term ? 2200 : 1100) : 620.0 * n_phase;
+    double least = joint ? (term ? 40e6 : 24e6) : (term ? 6e6 : 16e6) * n_phase;
+    return fmax(per_vertex * b->mesh->n_vertex, least);
+}
+
 // One term's tensor: rows by `range`, then packing.
 int bake_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_fn range,
                 uint32_t n_function, uint32_t n_phase, unsigned clock)
@@ -270,7 +280,8 @@ int bake_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_
     b->seconds[clock] = prt_time_s() - started;
     started = prt_time_s();
     struct pack_options pack = {.rank = b->o.rank, .n_basis_coef = b->o.n_basis_coef,
-                                .energy_error = b->o.max_error * (term ? 2.0 : 1.0)};
+                                .energy_error = b->o.max_error * (term ? 1.5 : 0.75),
+                                .max_bytes = byte_budget(b, term, n_phase)};
     if (status == PRT_OK)
         status = b->sparse ? sparse_builder_finish(b->sparse, t)
                            : pack_factored(b->ctx, b->clusters, b->factored, n_function,

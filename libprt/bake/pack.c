@@ -3,7 +3,6 @@
 #include "bake/stages.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -103,33 +102,40 @@ static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// Finds the price at which the whole model loses the allowed energy.
+// What a price keeps, in bytes, and loses, in energy.
+static int weigh(const struct prt_context *ctx, struct choice *c, double log_price,
+                 double *bytes, double *lost)
+{
+    c->price = exp(log_price);
+    int status = prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
+    *bytes = *lost = 0;
+    for (uint32_t i = 0; i < c->n_cluster; i++) {
+        *lost += c->dropped[i];
+        *bytes += (double)c->entries[i] * c->entry_bytes +
+                  c->rank[i] * (2.0 * c->f[i].n_vertex + 12.0 * c->n_function + 8);
+    }
+    return status;
+}
+
+// Finds the highest price at which the whole model loses no more than the allowed energy; or,
+// where noise or detail would take more than max_bytes for that, the price of max_bytes.
 static int choose(const struct prt_context *ctx, struct choice *c)
 {
     if (c->options->n_basis_coef)
         return prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
-    double total = 0;
+    double total = 0, bytes, lost;
     for (uint32_t i = 0; i < c->n_cluster; i++)
         if (c->f[i].tail) total += c->f[i].tail[0];
     double allowed = total * c->options->energy_error * c->options->energy_error;
-    double lo = log(fmax(total, 1e-300) * 1e-18), hi = log(fmax(total, 1e-300));
-    for (int step = 0; step < 26; step++) {
-        double lost = 0;
-        c->price = exp(0.5 * (lo + hi));
-        int status = prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
+    double lo = log(fmax(total, 1e-300) * 1e-16), hi = log(fmax(total, 1e-300));
+    for (int step = 0; step < 24; step++) {
+        int status = weigh(ctx, c, 0.5 * (lo + hi), &bytes, &lost);
         if (status) return status;
-        for (uint32_t i = 0; i < c->n_cluster; i++) lost += c->dropped[i];
-        if (lost > allowed) hi = 0.5 * (lo + hi);
+        bool cheaper = lost > allowed && bytes < c->options->max_bytes;
+        if (cheaper) hi = 0.5 * (lo + hi);
         else lo = 0.5 * (lo + hi);
     }
-    c->price = exp(lo);
-    if (getenv("PRT_DEBUG_PACK"))
-        for (uint32_t i = 0; i < c->n_cluster; i += 5) {
-            fprintf(stderr, "cluster %u rank held %u tails", i, c->f[i].rank);
-            for (uint32_t r = 8; r <= c->f[i].rank; r += 8) fprintf(stderr, " %.4f", sqrt(c->f[i].tail[r] / c->f[i].tail[0]));
-            fprintf(stderr, "\n");
-        }
-    return prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
+    return weigh(ctx, c, hi, &bytes, &lost);
 }
 
 static void set_index(struct prt_rows *rows, uint64_t at, uint32_t k)

@@ -36,6 +36,26 @@ struct prt_bake_options {
 int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
              const struct prt_bake_options *options, const char *out_path);
 
+/* For prt-bench: what the bake's inner loops do, measured apart. Both block. */
+
+/* Pass 1 over n_sample samples against a bare loop of Embree calls with the same packets. */
+struct prt_bake_rays {
+    uint64_t rays;                /* cast by pass 1 */
+    double seconds, bare_seconds; /* the same rays in a bare occlusion loop */
+};
+int prt_bake_measure_rays(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                          uint32_t n_sample, uint32_t cube, struct prt_bake_rays *out);
+/* Single scattering of n_vertex vertices under a light: as baked, and with every ray traced;
+ * colours [n_vertex][3] of each (drawn by seed), rays and seconds. Uncompressed. */
+struct prt_bake_single {
+    uint64_t rays, every_rays;
+    double seconds, every_seconds;
+    double error;                 /* relative RMSE of the first against the second */
+};
+int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                            const struct prt_material *material, const struct prt_cube *light,
+                            uint32_t n_vertex, struct prt_bake_single *out);
+
 #ifdef __cplusplus
 }
 #endif
