@@ -4,13 +4,13 @@
 #include "loop.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
 #include <sys/eventfd.h>
-#include <sys/signalfd.h>
 #include <sys/timerfd.h>
 #include <time.h>
 #include <unistd.h>
@@ -176,36 +176,37 @@ static void wake_ready(struct loop_watch *watch, uint32_t events)
     }
 }
 
+static int signal_pipe_in = -1;
+
+static void note_signal(int number)
+{
+    int saved = errno;
+    unsigned char byte = (unsigned char)number;
+    // A full pipe holds enough of them: handling one SIGCHLD looks at every child.
+    if (write(signal_pipe_in, &byte, 1) < 0) errno = 0;
+    errno = saved;
+}
+
 static void signal_ready(struct loop_watch *watch, uint32_t events)
 {
-    struct signalfd_siginfo info;
-    while (read(watch->fd, &info, sizeof info) == (ssize_t)sizeof info)
-        the_loop->on_signal(the_loop->signal_user, (int)info.ssi_signo);
+    unsigned char bytes[64];
+    for (ssize_t n; (n = read(watch->fd, bytes, sizeof bytes)) > 0;)
+        for (ssize_t i = 0; i < n; i++) the_loop->on_signal(the_loop->signal_user, bytes[i]);
 }
 
-// Libraries start threads before main (OpenBLAS does) that block nothing: a signal that the kernel
-// hands to one of those is passed on to the loop's thread, where it waits for the signalfd.
-static pthread_t loop_thread;
-static void pass_on(int signal_number)
-{
-    pthread_kill(loop_thread, signal_number);
-}
-
+// A pipe and a handler: with signalfd the loop without HTTP never heard of its signals.
 int loop_signals(struct loop *loop, const int *signals, size_t n,
                  void (*fn)(void *user, int signal), void *user)
 {
-    sigset_t set;
-    sigemptyset(&set);
-    for (size_t i = 0; i < n; i++) sigaddset(&set, signals[i]);
-    pthread_sigmask(SIG_BLOCK, &set, NULL);
-    loop_thread = pthread_self();
-    struct sigaction act = {.sa_handler = pass_on, .sa_flags = SA_RESTART};
-    for (size_t i = 0; i < n; i++) sigaction(signals[i], &act, NULL);
+    int pipe_fd[2];
+    if (pipe2(pipe_fd, O_NONBLOCK | O_CLOEXEC)) return -errno;
     loop->on_signal = fn;
     loop->signal_user = user;
-    loop->signal.ready = signal_ready;
-    loop->signal.fd = signalfd(-1, &set, SFD_NONBLOCK | SFD_CLOEXEC);
-    return loop->signal.fd < 0 ? -errno : loop_watch_add(loop, &loop->signal, EPOLLIN);
+    loop->signal = (struct loop_watch){pipe_fd[0], signal_ready};
+    signal_pipe_in = pipe_fd[1];
+    struct sigaction act = {.sa_handler = note_signal, .sa_flags = SA_RESTART};
+    for (size_t i = 0; i < n; i++) sigaction(signals[i], &act, NULL);
+    return loop_watch_add(loop, &loop->signal, EPOLLIN);
 }
 
 int loop_create(struct loop **out)
@@ -234,7 +235,7 @@ int loop_create(struct loop **out)
 void loop_destroy(struct loop *loop)
 {
     if (!loop) return;
-    if (loop->signal.fd >= 0) close(loop->signal.fd);
+    if (loop->signal.fd >= 0) close(loop->signal.fd); // the handler's end stays open
     if (loop->clock.fd >= 0) close(loop->clock.fd);
     if (loop->wake.fd >= 0) close(loop->wake.fd);
     if (loop->epoll_fd >= 0) close(loop->epoll_fd);

@@ -42,8 +42,7 @@ void loop_timer_stop(struct loop *loop, struct loop_timer *timer);
 /* Thread-safe. */
 void loop_post(struct loop *loop, struct loop_message *message);
 
-/* Blocks these signals for the whole process (call before threads start) and hands them to fn
- * on the loop's thread. */
+/* Hands these signals to fn on the loop's thread. */
 int loop_signals(struct loop *loop, const int *signals, size_t n,
                  void (*fn)(void *user, int signal), void *user);
 
