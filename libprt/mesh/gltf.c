@@ -5,10 +5,9 @@
 #include "draco.h"
 
 #include <ctype.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-enum { MAX_DEPTH = 200 };
 
 // Extensions that may be required: those we read, and those that change nothing in geometry.
 static const char *const supported[] = {
@@ -25,13 +24,42 @@ static const char *const supported[] = {
     "KHR_materials_", // all of them: a prefix
 };
 
+int gltf_bad(const struct gltf *g, const char *fmt, ...)
+{
+    char line[512];
+    va_list args;
+    va_start(args, fmt);
+    vsnprintf(line, sizeof line, fmt, args);
+    va_end(args);
+    return prt_fail(g->d->ctx, PRT_FORMAT, "%s: %s", g->d->name, line);
+}
+
+int gltf_no_memory(const struct gltf *g)
+{
+    return prt_fail(g->d->ctx, PRT_NOMEM, "%s: no memory", g->d->name);
+}
+
+void *gltf_own(struct gltf *g, uint64_t bytes)
+{
+    if (bytes > g->d->max_bytes) return NULL;
+    struct gltf_owned *p = calloc(1, sizeof *p + (size_t)bytes + 8);
+    if (!p) return NULL;
+    p->next = g->owned;
+    g->owned = p;
+    return p + 1;
+}
+
 static uint32_t u32(const uint8_t *p)
 {
     return p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
 }
 
-static int open_glb(struct gltf *g, const uint8_t *bytes, size_t n, const char **json,
-                    size_t *json_n)
+static void put32(uint8_t *p, uint32_t x)
+{
+    for (int i = 0; i < 4; i++) p[i] = (uint8_t)(x >> 8 * i);
+}
+
+static int open_glb(struct gltf *g, uint8_t *bytes, size_t n, char **json, size_t *json_n)
 {
     if (n < 20) return gltf_bad(g, "the GLB header is cut off");
     uint32_t version = u32(bytes + 4), length = u32(bytes + 8);
@@ -43,6 +71,8 @@ static int open_glb(struct gltf *g, const uint8_t *bytes, size_t n, const char *
     if (length < n)
         prt_log(g->d->ctx, PRT_LOG_WARNING, "%s: %zu bytes after its end are ignored",
                 g->d->name, n - length);
+    g->is_glb = g->plain = true;
+    g->glb_n = length;
     for (size_t at = 12, chunk = 0; at < length; chunk++) {
         if (length - at < 8) return gltf_bad(g, "GLB chunk %zu is cut off", chunk);
         size_t size = u32(bytes + at), type = u32(bytes + at + 4);
@@ -51,97 +81,121 @@ static int open_glb(struct gltf *g, const uint8_t *bytes, size_t n, const char *
                             length - at - 8);
         if (chunk == 0) {
             if (type != 0x4e4f534a) return gltf_bad(g, "its first chunk is not JSON");
-            *json = (const char *)bytes + at + 8;
+            *json = (char *)bytes + at + 8;
             *json_n = size;
         } else if (type == 0x004e4942 && !g->bin.known) {
             g->bin = (struct gltf_bytes){bytes + at + 8, size, 0, true};
         }
+        g->plain &= size % 4 == 0 && (chunk == 0 || (size && (chunk > 1 || g->bin.known)));
         at += 8 + ((size + 3) & ~(size_t)3);
     }
     return PRT_OK;
 }
 
-// cJSON recurses: the depth is bounded before it sees the text.
-static int scan_depth(const struct gltf *g, const char *json, size_t n)
+// A container of tinygltf's liking: JSON, then BIN unless that is empty.
+static int build_glb(const struct gltf *g, const char *json, size_t json_n, void **out,
+                     size_t *out_n)
 {
-    size_t depth = 0;
-    bool in_text = false;
-    for (size_t i = 0; i < n; i++) {
-        char c = json[i];
-        if (!c) return gltf_bad(g, "a zero byte inside its JSON");
-        if (in_text) {
-            if (c == '\\') i++;
-            else if (c == '"') in_text = false;
-        } else if (c == '"') {
-            in_text = true;
-        } else if (c == '[' || c == '{') {
-            if (++depth > MAX_DEPTH)
-                return gltf_bad(g, "its JSON nests deeper than %d", MAX_DEPTH);
-        } else if ((c == ']' || c == '}') && depth) {
-            depth--;
-        }
+    size_t a = (json_n + 3) & ~(size_t)3, b = (g->bin.n + 3) & ~(size_t)3;
+    size_t n = 20 + a + (b ? 8 + b : 0);
+    if (n > UINT32_MAX || n > g->d->max_bytes)
+        return prt_fail(g->d->ctx, PRT_LIMIT, "%s: %zu bytes are too many for a GLB",
+                        g->d->name, n);
+    uint8_t *to = calloc(1, n);
+    if (!to) return gltf_no_memory(g);
+    memcpy(to, "glTF\2\0\0\0", 8);
+    put32(to + 8, (uint32_t)n);
+    put32(to + 12, (uint32_t)a);
+    memcpy(to + 16, "JSON", 4);
+    memset(to + 20, ' ', a);
+    memcpy(to + 20, json, json_n);
+    if (b) {
+        put32(to + 20 + a, (uint32_t)b);
+        memcpy(to + 24 + a, "BIN", 4);
+        memcpy(to + 28 + a, g->bin.at, g->bin.n);
     }
+    *out = to;
+    *out_n = n;
     return PRT_OK;
 }
 
-static int parse_json(struct gltf *g, const char *json, size_t n)
+static int check_head(const struct gltf *g)
 {
-    const char *end = NULL;
-    while (n && (!json[n - 1] || isspace((unsigned char)json[n - 1]))) n--; // padding
-    if (!n) return gltf_bad(g, "its JSON is empty");
-    int status = scan_depth(g, json, n);
-    if (status) return status;
-    g->json = cJSON_ParseWithLengthOpts(json, n, &end, 0);
-    if (!g->json || end != json + n)
-        return gltf_bad(g, "its JSON is damaged near byte %zu", end ? (size_t)(end - json) : 0);
-    if (!cJSON_IsObject(g->json)) return gltf_bad(g, "its JSON is not an object");
-    return PRT_OK;
-}
-
-static int check_head(struct gltf *g)
-{
-    const cJSON *asset = gltf_member(g->json, "asset"), *item;
-    const char *version = gltf_text(asset, "version"), *least = gltf_text(asset, "minVersion");
-    if (!version) return gltf_bad(g, "has no asset.version: not glTF 2.0");
-    if (version[0] != '2' || (least && strcmp(least, "2.0")))
+    const struct prt_gltf_document *f = &g->file;
+    if (f->version &&
+        (f->version[0] != '2' || (*f->min_version && strcmp(f->min_version, "2.0"))))
         return prt_fail(g->d->ctx, PRT_UNSUPPORTED, "%s: glTF version %.16s, only 2.0 is known",
-                        g->d->name, least ? least : version);
-    cJSON_ArrayForEach(item, gltf_member(g->json, "extensionsRequired"))
-    {
+                        g->d->name, *f->min_version ? f->min_version : f->version);
+    for (size_t k = 0; k < f->n_required; k++) {
         bool known = false;
-        for (size_t i = 0; cJSON_IsString(item) && i < sizeof supported / sizeof *supported;
-             i++)
+        for (size_t i = 0; i < sizeof supported / sizeof *supported; i++)
             known |= supported[i][strlen(supported[i]) - 1] == '_'
-                         ? !strncmp(item->valuestring, supported[i], strlen(supported[i]))
-                         : !strcmp(item->valuestring, supported[i]);
+                         ? !strncmp(f->required[k], supported[i], strlen(supported[i]))
+                         : !strcmp(f->required[k], supported[i]);
         if (!known)
             return prt_fail(g->d->ctx, PRT_UNSUPPORTED,
                             "%s: it requires the extension %.80s, which is not supported",
-                            g->d->name, cJSON_IsString(item) ? item->valuestring : "?");
+                            g->d->name, f->required[k]);
     }
     return PRT_OK;
 }
 
-static int read_tables(struct gltf *g)
+static int run_tinygltf(struct gltf *g, const void *bytes, size_t n)
 {
-    int status;
-    if ((status = gltf_table(g, "buffers", &g->buffer)) ||
-        (status = gltf_table(g, "bufferViews", &g->view)) ||
-        (status = gltf_table(g, "accessors", &g->accessor)) ||
-        (status = gltf_table(g, "meshes", &g->mesh)) ||
-        (status = gltf_table(g, "materials", &g->material)) ||
-        (status = gltf_table(g, "nodes", &g->node)) ||
-        (status = gltf_table(g, "scenes", &g->scene)))
-        return status;
-    g->buffer_bytes = gltf_own(g, g->buffer.n * sizeof *g->buffer_bytes);
-    g->view_bytes = gltf_own(g, g->view.n * sizeof *g->view_bytes);
-    g->draco = gltf_own(g, g->view.n * sizeof *g->draco);
-    g->surface_of = gltf_own(g, (g->material.n + 1) * sizeof *g->surface_of);
-    g->opaque_of = gltf_own(g, (g->material.n + 1) * sizeof *g->opaque_of);
-    if (!g->buffer_bytes || !g->view_bytes || !g->draco || !g->surface_of || !g->opaque_of)
+    const struct prt_gltf_files files = {g, gltf_read_external, prt_free};
+    char say[240];
+    if (n > UINT32_MAX)
+        return prt_fail(g->d->ctx, PRT_LIMIT, "%s: %zu bytes of JSON are too many", g->d->name,
+                        n);
+    int refused =
+        prt_gltf_parse(bytes, (uint32_t)n, g->is_glb, &files, &g->file, say, sizeof say);
+    if (g->told) return g->told;
+    if (refused == PRT_GLTF_NO_MEMORY) return gltf_no_memory(g);
+    int status = check_head(g);
+    if (status) return status;
+    if (refused) return gltf_bad(g, "is damaged: %s", *say ? say : "tinygltf refuses it");
+    if (*say) prt_log(g->d->ctx, PRT_LOG_WARNING, "%s: tinygltf: %s", g->d->name, say);
+    return PRT_OK;
+}
+
+// The JSON lies inside bytes, which are changed.
+static int parse(struct gltf *g, uint8_t *bytes, size_t n, char *json, size_t json_n)
+{
+    char *other = NULL;
+    void *built = NULL;
+    while (json_n && (!json[json_n - 1] || isspace((unsigned char)json[json_n - 1])))
+        json[--json_n] = ' '; // some pad with zeros
+    if (!json_n) return gltf_bad(g, "its JSON is empty");
+    int status = gltf_scan(g, json, json_n);
+    if (!status && gltf_needs_rewrite(json, json_n)) {
+        status = gltf_rewrite(g, json, json_n, &other);
+        json = other;
+        json_n = other ? strlen(other) : 0;
+    }
+    if (!status && g->is_glb && (other || !g->plain))
+        status = build_glb(g, json, json_n, &built, &n);
+    if (!status) {
+        if (built) status = run_tinygltf(g, built, n);
+        else
+            status =
+                g->is_glb ? run_tinygltf(g, bytes, g->glb_n) : run_tinygltf(g, json, json_n);
+    }
+    free(built);
+    free(other);
+    return status;
+}
+
+static int make_tables(struct gltf *g)
+{
+    size_t n_view = g->file.n_view, n_surface = g->file.n_material + 1;
+    g->view_bytes = gltf_own(g, n_view * sizeof *g->view_bytes);
+    g->draco = gltf_own(g, n_view * sizeof *g->draco);
+    g->surface_of = gltf_own(g, n_surface * sizeof *g->surface_of);
+    g->opaque_of = gltf_own(g, n_surface * sizeof *g->opaque_of);
+    if (!g->view_bytes || !g->draco || !g->surface_of || !g->opaque_of)
         return gltf_no_memory(g);
-    memset(g->surface_of, 0xff, (g->material.n + 1) * sizeof *g->surface_of);
-    memset(g->opaque_of, 0xff, (g->material.n + 1) * sizeof *g->opaque_of);
+    memset(g->surface_of, 0xff, n_surface * sizeof *g->surface_of);
+    memset(g->opaque_of, 0xff, n_surface * sizeof *g->opaque_of);
     return PRT_OK;
 }
 
@@ -171,7 +225,7 @@ static void tell(const struct gltf *g)
 
 static void release(struct gltf *g)
 {
-    for (size_t i = 0; g->draco && i < g->view.n; i++)
+    for (size_t i = 0; g->draco && i < g->file.n_view; i++)
         if (g->draco[i]) {
             struct prt_draco m = {.position = g->draco[i]->position,
                                   .normal = g->draco[i]->normal,
@@ -179,24 +233,23 @@ static void release(struct gltf *g)
                                   .triangle = g->draco[i]->triangle};
             prt_draco_free(&m);
         }
-    cJSON_Delete(g->json);
+    prt_gltf_free(&g->file);
     for (struct gltf_owned *p = g->owned, *next; p; p = next) {
         next = p->next;
         free(p);
     }
 }
 
-int prt_read_gltf(struct prt_draft *d, const uint8_t *bytes, size_t n)
+int prt_read_gltf(struct prt_draft *d, uint8_t *bytes, size_t n)
 {
     struct gltf g = {.d = d};
-    const char *json = (const char *)bytes;
+    char *json = (char *)bytes;
     size_t json_n = n;
     int status =
         n >= 4 && !memcmp(bytes, "glTF", 4) ? open_glb(&g, bytes, n, &json, &json_n) : PRT_OK;
     d->units_known = true;
-    if (!status) status = parse_json(&g, json, json_n);
-    if (!status) status = check_head(&g);
-    if (!status) status = read_tables(&g);
+    if (!status) status = parse(&g, bytes, n, json, json_n);
+    if (!status) status = make_tables(&g);
     if (!status) status = gltf_walk(&g);
     if (!status) gltf_settle_surfaces(&g);
     if (!status) tell(&g);

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-static unsigned component_bytes(uint64_t type)
+static unsigned component_bytes(int type)
 {
     switch (type) {
     case 5120:
@@ -20,32 +20,21 @@ static unsigned component_bytes(uint64_t type)
     return 0;
 }
 
-int gltf_accessor(const struct gltf *g, uint64_t index, struct gltf_accessor *out)
+int gltf_accessor(const struct gltf *g, int64_t index, struct gltf_accessor *out)
 {
-    static const struct {
-        const char *name;
-        unsigned n;
-    } type_list[] = {{"SCALAR", 1}, {"VEC2", 2}, {"VEC3", 3}, {"VEC4", 4}};
-    if (index >= g->accessor.n)
+    if (index < 0 || (uint64_t)index >= g->file.n_accessor)
         return gltf_bad(g, "accessor %lld does not exist", (long long)index);
     size_t i = (size_t)index;
-    const cJSON *o = g->accessor.item[i], *type = gltf_member(o, "type");
-    struct gltf_accessor a = {.index = i};
-    uint64_t component;
-    int status;
-    if ((status = gltf_number(g, "accessor", i, o, "count", 1ull << 53, 0, &a.count)) ||
-        (status = gltf_number(g, "accessor", i, o, "byteOffset", 1ull << 53, 0, &a.offset)) ||
-        (status =
-             gltf_number(g, "accessor", i, o, "bufferView", 1ull << 53, UINT64_MAX, &a.view)) ||
-        (status = gltf_number(g, "accessor", i, o, "componentType", 1 << 20, 0, &component)))
-        return status;
-    for (size_t k = 0; k < sizeof type_list / sizeof *type_list; k++)
-        if (cJSON_IsString(type) && !strcmp(type->valuestring, type_list[k].name))
-            a.n_component = type_list[k].n;
-    a.component_bytes = component_bytes(component);
-    a.component = (int)component;
-    a.normalized = cJSON_IsTrue(gltf_member(o, "normalized"));
-    a.sparse = gltf_member(o, "sparse");
+    const struct prt_gltf_accessor *o = &g->file.accessor[i];
+    struct gltf_accessor a = {.index = i,
+                              .count = o->count,
+                              .offset = o->offset,
+                              .view = o->view,
+                              .component = o->component,
+                              .component_bytes = component_bytes(o->component),
+                              .n_component = o->n_component,
+                              .normalized = o->normalized,
+                              .sparse = o->sparse ? o : NULL};
     if (!a.n_component || !a.component_bytes)
         return gltf_bad(g, "accessor %zu: unknown type or componentType %d", i, a.component);
     if (!a.count) return gltf_bad(g, "accessor %zu: is empty", i);
@@ -53,22 +42,22 @@ int gltf_accessor(const struct gltf *g, uint64_t index, struct gltf_accessor *ou
     if (a.count > (uint64_t)g->d->max_triangles * 3)
         return prt_fail(g->d->ctx, PRT_LIMIT, "%s: accessor %zu: %llu elements are too many",
                         g->d->name, i, (unsigned long long)a.count);
-    if (a.view != UINT64_MAX && a.view >= g->view.n)
-        return gltf_bad(g, "accessor %zu: names bufferView %llu of %zu", i,
-                        (unsigned long long)a.view, g->view.n);
-    if (a.view == UINT64_MAX && !a.sparse) return gltf_bad(g, "accessor %zu: has no data", i);
+    if (a.view >= 0 && (uint64_t)a.view >= g->file.n_view)
+        return gltf_bad(g, "accessor %zu: names bufferView %lld of %zu", i, (long long)a.view,
+                        g->file.n_view);
+    if (a.view < 0 && !a.sparse) return gltf_bad(g, "accessor %zu: has no data", i);
     *out = a;
     return PRT_OK;
 }
 
 // `count` elements of `size` bytes in a view, from `offset`; *stride is at least size.
-static int elements(struct gltf *g, size_t accessor, uint64_t view, uint64_t offset,
+static int elements(struct gltf *g, size_t accessor, int64_t view, uint64_t offset,
                     uint64_t count, size_t size, const uint8_t **at, size_t *stride)
 {
     struct gltf_bytes b;
-    if (view >= g->view.n)
+    if (view < 0 || (uint64_t)view >= g->file.n_view)
         return gltf_bad(g, "accessor %zu: names bufferView %lld of %zu", accessor,
-                        (long long)view, g->view.n);
+                        (long long)view, g->file.n_view);
     int status = gltf_view(g, (size_t)view, &b);
     if (status) return status;
     *stride = b.stride ? b.stride : size;
@@ -77,8 +66,8 @@ static int elements(struct gltf *g, size_t accessor, uint64_t view, uint64_t off
                         *stride);
     uint64_t need = (count - 1) * *stride + size; // count < 2^31, stride < 2^21
     if (offset > b.n || need > b.n - offset)
-        return gltf_bad(g, "accessor %zu: reads %llu bytes past bufferView %llu", accessor,
-                        (unsigned long long)(offset + need - b.n), (unsigned long long)view);
+        return gltf_bad(g, "accessor %zu: reads %llu bytes past bufferView %lld", accessor,
+                        (unsigned long long)(offset + need - b.n), (long long)view);
     *at = b.at + offset;
     return PRT_OK;
 }
@@ -132,32 +121,21 @@ static uint32_t index_value(const uint8_t *p, int type)
 static int apply_sparse(struct gltf *g, const struct gltf_accessor *a, float *out_f,
                         uint32_t *out_i)
 {
-    const cJSON *indices = gltf_member(a->sparse, "indices");
-    const cJSON *values = gltf_member(a->sparse, "values");
-    uint64_t n, view[2], offset[2], type;
+    const struct prt_gltf_accessor *o = a->sparse;
     const uint8_t *where, *what;
     size_t where_stride, what_stride, size = a->component_bytes * a->n_component;
-    int status;
-    if ((status = gltf_number(g, "accessor", a->index, a->sparse, "count", a->count, 0, &n)) ||
-        (status = gltf_number(g, "accessor", a->index, indices, "bufferView", 1ull << 53,
-                              UINT64_MAX, &view[0])) ||
-        (status = gltf_number(g, "accessor", a->index, values, "bufferView", 1ull << 53,
-                              UINT64_MAX, &view[1])) ||
-        (status = gltf_number(g, "accessor", a->index, indices, "byteOffset", 1ull << 53, 0,
-                              &offset[0])) ||
-        (status = gltf_number(g, "accessor", a->index, values, "byteOffset", 1ull << 53, 0,
-                              &offset[1])) ||
-        (status =
-             gltf_number(g, "accessor", a->index, indices, "componentType", 1 << 20, 0, &type)))
-        return status;
-    if (!n || (type != 5121 && type != 5123 && type != 5125))
+    int status, type = o->index_component;
+    if (o->sparse_count <= 0 || (uint64_t)o->sparse_count > a->count || o->index_offset < 0 ||
+        o->value_offset < 0 || (type != 5121 && type != 5123 && type != 5125))
         return gltf_bad(g, "accessor %zu: damaged sparse part", a->index);
-    if ((status = elements(g, a->index, view[0], offset[0], n, component_bytes(type), &where,
-                           &where_stride)) ||
-        (status = elements(g, a->index, view[1], offset[1], n, size, &what, &what_stride)))
+    uint64_t n = (uint64_t)o->sparse_count;
+    if ((status = elements(g, a->index, o->index_view, (uint64_t)o->index_offset, n,
+                           component_bytes(type), &where, &where_stride)) ||
+        (status = elements(g, a->index, o->value_view, (uint64_t)o->value_offset, n, size,
+                           &what, &what_stride)))
         return status;
     for (uint64_t i = 0; i < n; i++) {
-        uint32_t k = index_value(where + i * where_stride, (int)type);
+        uint32_t k = index_value(where + i * where_stride, type);
         if (k >= a->count)
             return gltf_bad(g, "accessor %zu: sparse index %u of %llu", a->index, k,
                             (unsigned long long)a->count);
@@ -174,7 +152,7 @@ int gltf_floats(struct gltf *g, const struct gltf_accessor *a, unsigned n_compon
                         a->n_component, n_component);
     const uint8_t *p;
     size_t stride;
-    if (a->view == UINT64_MAX) {
+    if (a->view < 0) {
         memset(out, 0, a->count * n_component * sizeof *out);
     } else {
         int status = elements(g, a->index, a->view, a->offset, a->count,
@@ -193,7 +171,7 @@ int gltf_indices(struct gltf *g, const struct gltf_accessor *a, uint32_t *out)
         return gltf_bad(g, "accessor %zu: indices must be unsigned whole numbers", a->index);
     const uint8_t *p;
     size_t stride;
-    if (a->view == UINT64_MAX) {
+    if (a->view < 0) {
         memset(out, 0, a->count * sizeof *out);
     } else {
         int status = elements(g, a->index, a->view, a->offset, a->count, a->component_bytes, &p,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Where a glTF's bytes come from: the GLB chunk, data URIs, files beside the model, and views
-// compressed with meshoptimizer. Nothing outside the model's own folder is opened.
+// Where a glTF's bytes come from: the buffers tinygltf has read, of which those in files come
+// through here, and views compressed with meshoptimizer. Nothing outside the model's own folder
+// is opened.
 #include "gltf.h"
 
 #include <limits.h>
@@ -9,195 +10,106 @@
 #include <stdlib.h>
 #include <string.h>
 
-static int base64_value(char c)
-{
-    if (c >= 'A' && c <= 'Z') return c - 'A';
-    if (c >= 'a' && c <= 'z') return c - 'a' + 26;
-    if (c >= '0' && c <= '9') return c - '0' + 52;
-    return c == '+' || c == '-' ? 62 : c == '/' || c == '_' ? 63 : -1;
-}
-
-// The bytes' number, or -1 when it is not base64.
-static int64_t base64(const char *text, size_t n, uint8_t *out)
-{
-    size_t at = 0;
-    uint32_t bits = 0;
-    int have = 0;
-    while (n && text[n - 1] == '=') n--;
-    for (size_t i = 0; i < n; i++) {
-        int v = base64_value(text[i]);
-        if (v < 0) return -1;
-        bits = bits << 6 | (uint32_t)v;
-        have += 6;
-        if (have >= 8) {
-            have -= 8;
-            out[at++] = (uint8_t)(bits >> have);
-        }
-    }
-    return n % 4 == 1 ? -1 : (int64_t)at;
-}
-
-static int load_data_uri(struct gltf *g, size_t index, const char *uri, struct gltf_bytes *out)
-{
-    const char *comma = strchr(uri, ',');
-    if (!comma || comma - uri < 7 || memcmp(comma - 7, ";base64", 7))
-        return gltf_bad(g, "buffer %zu: its data URI is not base64", index);
-    size_t n = strlen(comma + 1);
-    uint8_t *bytes = gltf_own(g, n / 4 * 3 + 3);
-    if (!bytes) return gltf_no_memory(g);
-    int64_t got = base64(comma + 1, n, bytes);
-    if (got < 0) return gltf_bad(g, "buffer %zu: damaged base64", index);
-    *out = (struct gltf_bytes){bytes, (size_t)got, 0, true};
-    return PRT_OK;
-}
-
-static int hex(char c)
-{
-    return c >= '0' && c <= '9'                 ? c - '0'
-           : (c | 32) >= 'a' && (c | 32) <= 'f' ? (c | 32) - 87
-                                                : -1;
-}
-
 // A relative path inside the model's folder: no scheme, no root, no "..".
-static bool decode_path(const char *uri, char *out, size_t size)
+static bool is_inside(const char *path)
 {
-    size_t n = 0;
-    for (; *uri; uri++) {
-        int c = (unsigned char)*uri;
-        if (c == '%') {
-            int a = hex(uri[1]), b = a < 0 ? -1 : hex(uri[2]);
-            if (b < 0) return false;
-            c = a * 16 + b;
-            uri += 2;
-        }
-        if (c < 32 || c == '\\' || c == ':' || n + 1 >= size) return false;
-        out[n++] = (char)c;
-    }
-    out[n] = 0;
-    if (!n || out[0] == '/') return false;
-    for (char *p = out; p; p = strchr(p, '/')) {
+    if (!*path || *path == '/' || strlen(path) >= 1024) return false;
+    for (const char *p = path; *p; p++)
+        if ((unsigned char)*p < 32 || *p == '\\' || *p == ':') return false;
+    for (const char *p = path; p; p = strchr(p, '/')) {
         p += *p == '/';
         if (p[0] == '.' && p[1] == '.' && (p[2] == '/' || !p[2])) return false;
     }
     return true;
 }
 
-static int load_file(struct gltf *g, size_t index, const char *uri, struct gltf_bytes *out)
+static int load_file(struct gltf *g, const char *path, struct prt_blob *blob)
 {
-    char relative[1024], joined[PATH_MAX], base[PATH_MAX], real[PATH_MAX];
-    struct prt_blob blob;
-    if (!decode_path(uri, relative, sizeof relative))
-        return gltf_bad(g, "buffer %zu: \"%.80s\" is not a path beside the model", index, uri);
+    char joined[PATH_MAX], base[PATH_MAX], real[PATH_MAX];
+    if (!is_inside(path))
+        return gltf_bad(g, "buffer file \"%.80s\" is not a path beside the model", path);
     if (!g->d->base_dir)
-        return gltf_bad(g, "buffer %zu: \"%.80s\" is outside the file; send a .glb", index,
-                        uri);
-    int n = snprintf(joined, sizeof joined, "%s/%s", g->d->base_dir, relative);
-    if (n >= (int)sizeof joined) return gltf_bad(g, "buffer %zu: path too long", index);
+        return gltf_bad(g, "buffer \"%.80s\" is outside the file; send a .glb", path);
+    int n = snprintf(joined, sizeof joined, "%s/%s", g->d->base_dir, path);
+    if (n >= (int)sizeof joined) return gltf_bad(g, "buffer file: path too long");
     if (!realpath(g->d->base_dir, base) || !realpath(joined, real))
-        return prt_fail(g->d->ctx, PRT_IO, "%s: buffer %zu: there is no file \"%.80s\"",
-                        g->d->name, index, relative);
+        return prt_fail(g->d->ctx, PRT_IO, "%s: there is no buffer file \"%.80s\"", g->d->name,
+                        path);
     size_t length = strlen(base); // a link may lead elsewhere
     if (strncmp(real, base, length) || (real[length] != '/' && strcmp(base, "/")))
-        return gltf_bad(g, "buffer %zu: \"%.80s\" leads out of the model's folder", index, uri);
-    int status = prt_read_file(g->d->ctx, real, g->d->max_bytes - g->loaded_bytes, &blob);
-    if (status) return status;
-    uint8_t *bytes = gltf_own(g, blob.size);
-    if (bytes) memcpy(bytes, blob.bytes, blob.size);
-    prt_free(blob.bytes);
-    if (!bytes) return gltf_no_memory(g);
-    *out = (struct gltf_bytes){bytes, blob.size, 0, true};
-    return PRT_OK;
+        return gltf_bad(g, "buffer file \"%.80s\" leads out of the model's folder", path);
+    return prt_read_file(g->d->ctx, real, g->d->max_bytes - g->loaded_bytes, blob);
 }
 
-int gltf_buffer(struct gltf *g, size_t index, const struct gltf_bytes **out)
+int gltf_read_external(void *user, const char *name, void **bytes, size_t *n)
 {
-    uint64_t length;
-    struct gltf_bytes *b = &g->buffer_bytes[index];
-    *out = b;
-    if (b->known) return PRT_OK;
-    const cJSON *o = g->buffer.item[index], *uri = gltf_member(o, "uri");
-    int status = gltf_number(g, "buffer", index, o, "byteLength", 1ull << 53, 0, &length);
-    if (status) return status;
-    if (uri && !cJSON_IsString(uri)) return gltf_bad(g, "buffer %zu: uri is no text", index);
-    if (!uri) {
-        if (index != 0 || !g->bin.known) return gltf_bad(g, "buffer %zu: has no data", index);
-        *b = g->bin;
-    } else if (!strncmp(uri->valuestring, "data:", 5)) {
-        status = load_data_uri(g, index, uri->valuestring, b);
-    } else {
-        status = load_file(g, index, uri->valuestring, b);
+    struct gltf *g = user;
+    struct prt_blob blob = {NULL, 0};
+    uint64_t want = g->n_opened < g->n_external ? g->external[g->n_opened] : UINT64_MAX;
+    if (g->told || (g->told = load_file(g, name, &blob))) return g->told;
+    if (want != UINT64_MAX && want > blob.size) {
+        prt_free(blob.bytes);
+        return g->told = gltf_bad(g, "buffer file \"%.80s\": %llu bytes declared, %zu there",
+                                  name, (unsigned long long)want, blob.size);
     }
-    if (status) return status;
-    if (length > b->n) {
-        b->known = false;
-        return gltf_bad(g, "buffer %zu: declares %llu bytes, there are %zu", index,
-                        (unsigned long long)length, b->n);
-    }
-    if (uri) g->loaded_bytes += b->n;
-    b->n = (size_t)length;
+    g->n_opened++;
+    g->loaded_bytes += blob.size;
+    *bytes = blob.bytes;
+    *n = want < blob.size ? (size_t)want : blob.size; // a longer file is legal, not to tinygltf
     return PRT_OK;
 }
 
 // [offset, offset + length) of a buffer
-static int slice(struct gltf *g, size_t view, const cJSON *o, struct gltf_bytes *out)
+static int slice(const struct gltf *g, size_t view, const struct prt_gltf_slice *s,
+                 struct gltf_bytes *out)
 {
-    uint64_t buffer, offset, length;
-    const struct gltf_bytes *from;
-    int status;
-    if ((status = gltf_number(g, "bufferView", view, o, "buffer", 1ull << 53, UINT64_MAX,
-                              &buffer)) ||
-        (status =
-             gltf_number(g, "bufferView", view, o, "byteOffset", 1ull << 53, 0, &offset)) ||
-        (status = gltf_number(g, "bufferView", view, o, "byteLength", 1ull << 53, 0, &length)))
-        return status;
-    if (buffer >= g->buffer.n)
-        return gltf_bad(g, "bufferView %zu: names buffer %lld of %zu", view, (long long)buffer,
-                        g->buffer.n);
-    if ((status = gltf_buffer(g, (size_t)buffer, &from))) return status;
-    if (offset > from->n || length > from->n - offset)
-        return gltf_bad(g, "bufferView %zu: reads %llu bytes past buffer %llu", view,
-                        (unsigned long long)(offset + length - from->n),
-                        (unsigned long long)buffer);
-    *out = (struct gltf_bytes){from->at + offset, (size_t)length, 0, true};
+    if (s->buffer < 0 || (uint64_t)s->buffer >= g->file.n_buffer)
+        return gltf_bad(g, "bufferView %zu: names buffer %lld of %zu", view,
+                        (long long)s->buffer, g->file.n_buffer);
+    const struct prt_gltf_buffer *b = &g->file.buffer[s->buffer];
+    if (s->buffer > 0 && !b->has_uri) // tinygltf gives the GLB's chunk to all such
+        return gltf_bad(g, "buffer %lld: has no data", (long long)s->buffer);
+    if (s->offset < 0 || s->length < 0)
+        return gltf_bad(g, "bufferView %zu: offset or length are not whole numbers", view);
+    uint64_t offset = (uint64_t)s->offset, length = (uint64_t)s->length;
+    if (offset > b->n || length > b->n - offset)
+        return gltf_bad(g, "bufferView %zu: reads %llu bytes past buffer %lld", view,
+                        (unsigned long long)(offset + length - b->n), (long long)s->buffer);
+    *out = (struct gltf_bytes){b->at + offset, (size_t)length, 0, true};
     return PRT_OK;
 }
 
-static bool is_text(const cJSON *item, const char *text)
+static bool meshopt_filter(const char *filter, void *out, size_t count, size_t stride)
 {
-    return cJSON_IsString(item) && !strcmp(item->valuestring, text);
-}
-
-static bool meshopt_filter(const cJSON *filter, void *out, size_t count, size_t stride)
-{
-    if (!filter || is_text(filter, "NONE")) return true;
-    if (is_text(filter, "OCTAHEDRAL") && (stride == 4 || stride == 8))
+    if (!*filter || !strcmp(filter, "NONE")) return true;
+    if (!strcmp(filter, "OCTAHEDRAL") && (stride == 4 || stride == 8))
         meshopt_decodeFilterOct(out, count, stride);
-    else if (is_text(filter, "QUATERNION") && stride == 8)
+    else if (!strcmp(filter, "QUATERNION") && stride == 8)
         meshopt_decodeFilterQuat(out, count, stride);
-    else if (is_text(filter, "EXPONENTIAL") && stride % 4 == 0)
+    else if (!strcmp(filter, "EXPONENTIAL") && stride % 4 == 0)
         meshopt_decodeFilterExp(out, count, stride);
     else return false;
     return true;
 }
 
 // EXT_meshopt_compression: the view's bytes are decoded from another buffer.
-static int load_meshopt(struct gltf *g, size_t view, const cJSON *ext, struct gltf_bytes *out)
+static int load_meshopt(struct gltf *g, size_t view, struct gltf_bytes *out)
 {
+    const struct prt_gltf_view *v = &g->file.view[view];
     struct gltf_bytes source;
-    uint64_t count, stride;
-    int status;
-    if ((status = slice(g, view, ext, &source)) ||
-        (status = gltf_number(g, "bufferView", view, ext, "count", 1u << 30, 0, &count)) ||
-        (status = gltf_number(g, "bufferView", view, ext, "byteStride", 256, 0, &stride)))
-        return status;
-    const cJSON *mode = gltf_member(ext, "mode"), *filter = gltf_member(ext, "filter");
-    bool attributes = is_text(mode, "ATTRIBUTES"), triangles = is_text(mode, "TRIANGLES");
-    bool ok = attributes ? stride && stride % 4 == 0
-                         : (triangles || is_text(mode, "INDICES")) &&
-                               (stride == 2 || stride == 4) && !(triangles && count % 3);
-    if (!ok || !count || !source.n)
+    int status = slice(g, view, &v->packed, &source);
+    if (status) return status;
+    bool attributes = !strcmp(v->mode, "ATTRIBUTES"), triangles = !strcmp(v->mode, "TRIANGLES");
+    bool ok = v->packed_count > 0 && v->packed_count <= 1 << 30 && v->packed_stride > 0 &&
+              v->packed_stride <= 256;
+    size_t count = ok ? (size_t)v->packed_count : 0, stride = ok ? (size_t)v->packed_stride : 0;
+    ok = ok && source.n &&
+         (attributes ? stride % 4 == 0
+                     : (triangles || !strcmp(v->mode, "INDICES")) &&
+                           (stride == 2 || stride == 4) && !(triangles && count % 3));
+    if (!ok)
         return gltf_bad(g, "bufferView %zu: impossible EXT_meshopt_compression settings", view);
-    uint64_t bytes = count * stride;
+    uint64_t bytes = (uint64_t)count * stride;
     if (bytes + g->loaded_bytes > g->d->max_bytes)
         return prt_fail(g->d->ctx, PRT_LIMIT, "%s: bufferView %zu: needs more than %llu MB",
                         g->d->name, view, (unsigned long long)(g->d->max_bytes >> 20));
@@ -207,9 +119,9 @@ static int load_meshopt(struct gltf *g, size_t view, const cJSON *ext, struct gl
     int bad = attributes  ? meshopt_decodeVertexBuffer(to, count, stride, source.at, source.n)
               : triangles ? meshopt_decodeIndexBuffer(to, count, stride, source.at, source.n)
                           : meshopt_decodeIndexSequence(to, count, stride, source.at, source.n);
-    if (bad || (attributes && !meshopt_filter(filter, to, count, stride)))
+    if (bad || (attributes && !meshopt_filter(v->filter, to, count, stride)))
         return gltf_bad(g, "bufferView %zu: damaged EXT_meshopt_compression data", view);
-    *out = (struct gltf_bytes){to, (size_t)bytes, (size_t)stride, true};
+    *out = (struct gltf_bytes){to, (size_t)bytes, stride, true};
     return PRT_OK;
 }
 
@@ -217,18 +129,12 @@ int gltf_view(struct gltf *g, size_t index, struct gltf_bytes *out)
 {
     struct gltf_bytes *b = &g->view_bytes[index];
     if (!b->known) {
-        const cJSON *o = g->view.item[index];
-        const cJSON *ext = gltf_member(gltf_member(o, "extensions"), "EXT_meshopt_compression");
-        uint64_t stride = 0;
-        int status = ext ? load_meshopt(g, index, ext, b) : slice(g, index, o, b);
-        if (!status)
-            status = gltf_number(g, "bufferView", index, o, "byteStride", 1u << 20, b->stride,
-                                 &stride);
-        if (status) {
-            b->known = false;
-            return status;
-        }
-        b->stride = (size_t)stride;
+        const struct prt_gltf_view *v = &g->file.view[index];
+        int status = v->meshopt ? load_meshopt(g, index, b) : slice(g, index, &v->slice, b);
+        if (status) return status;
+        if (v->stride > 1 << 20)
+            return gltf_bad(g, "bufferView %zu: byteStride is too large", index);
+        if (v->stride) b->stride = (size_t)v->stride;
     }
     *out = *b;
     return PRT_OK;

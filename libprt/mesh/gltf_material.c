@@ -12,50 +12,44 @@ static const char *const scattering[] = {
     "KHR_materials_sss",
 };
 
-static double clamped(const struct gltf *g, const cJSON *o, const char *key, double missing,
-                      double low, double high)
+static bool scatters(const struct prt_gltf_material *m)
 {
-    const cJSON *item = gltf_member(o, key);
-    if (!cJSON_IsNumber(item) || !(fabs(item->valuedouble) < 1e30)) return missing;
-    double x = item->valuedouble;
-    return x < low ? low : x > high ? high : x;
+    for (size_t k = 0; k < m->n_extension; k++)
+        for (size_t i = 0; i < sizeof scattering / sizeof *scattering; i++)
+            if (!strcmp(m->extension[k], scattering[i])) return true;
+    return false;
 }
 
-static int read_surface(struct gltf *g, size_t index, struct prt_surface *s, bool *extended)
+static int read_surface(struct gltf *g, size_t index, struct prt_surface *s)
 {
-    const cJSON *o = g->material.item[index], *ext = gltf_member(o, "extensions");
-    const cJSON *pbr = gltf_member(o, "pbrMetallicRoughness");
-    const cJSON *old = gltf_member(ext, "KHR_materials_pbrSpecularGlossiness");
-    double color[4] = {1, 1, 1, 1};
-    bool have = false;
-    prt_surface_default(s, gltf_text(o, "name") ? gltf_text(o, "name") : "");
-    int status = gltf_numbers(g, "material", index, pbr, "baseColorFactor", 4, color, &have);
-    if (!status && !have)
-        status = gltf_numbers(g, "material", index, old, "diffuseFactor", 4, color, &have);
-    if (status) return status;
-    for (int c = 0; c < 4; c++)
-        s->base_color[c] = color[c] < 0 ? 0 : color[c] > 1 ? 1 : (float)color[c];
-    s->roughness = (float)clamped(g, pbr, "roughnessFactor", 1, 1e-3, 1);
-    s->double_sided = cJSON_IsTrue(gltf_member(o, "doubleSided"));
-    double ior = clamped(g, gltf_member(ext, "KHR_materials_ior"), "ior", 1.5, 0, 5);
-    s->ior = ior < 1 ? 1.5f : (float)ior; // 0 means "no Fresnel", which we do not know
-    *extended = false;
-    for (size_t i = 0; i < sizeof scattering / sizeof *scattering; i++)
-        *extended |= gltf_member(ext, scattering[i]) != NULL;
-    if (gltf_member(pbr, "baseColorTexture") || gltf_member(old, "diffuseTexture"))
-        s->reserved[0] = 1; // for the note about textures; cleared before packing
+    const struct prt_gltf_material *m = &g->file.material[index];
+    const struct prt_gltf_numbers *color = &m->base_color;
+    prt_surface_default(s, m->name);
+    for (size_t c = 0; c < 4 && color->n; c++) {
+        if (c >= color->n || !isfinite(color->at[c]))
+            return gltf_bad(g, "material %zu: its base colour needs 4 numbers", index);
+        double x = color->at[c];
+        s->base_color[c] = x < 0 ? 0 : x > 1 ? 1 : (float)x;
+    }
+    double rough = m->roughness;
+    s->roughness = rough < 1e-3 ? 1e-3f : rough <= 1 ? (float)rough : 1;
+    s->double_sided = m->double_sided;
+    // 0 means "no Fresnel", which we do not know
+    s->ior = m->ior >= 1 ? (m->ior <= 5 ? (float)m->ior : m->ior < 1e30 ? 5 : 1.5f) : 1.5f;
+    s->reserved[0] = m->textured; // for the note about textures; cleared before packing
     return PRT_OK;
 }
 
-// The surface of material `index` (material.n: none given), made on first use.
+// The surface of material `index` (n_material: none given), made on first use.
 int gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out)
 {
     uint32_t *known = opaque ? g->opaque_of : g->surface_of;
     if (known[index] == UINT32_MAX) {
         struct prt_surface s;
-        bool extended = false;
+        bool given = index < g->file.n_material;
+        bool extended = given && scatters(&g->file.material[index]);
         prt_surface_default(&s, NULL);
-        int status = index < g->material.n ? read_surface(g, index, &s, &extended) : PRT_OK;
+        int status = given ? read_surface(g, index, &s) : PRT_OK;
         if (status) return status;
         opaque |= prt_draft_opaque(g->d, s.name);
         // 2: translucent unless another material is so by its extensions; see settle_surfaces
@@ -72,12 +66,9 @@ void gltf_settle_surfaces(struct gltf *g)
     bool any = false;
     uint32_t textured = 0;
     for (uint32_t i = 0; i < g->d->n_surface; i++) any |= g->d->surface[i].translucent == 1;
-    for (size_t i = 0; i < g->material.n; i++) { // also those no primitive uses
-        const cJSON *ext = gltf_member(g->material.item[i], "extensions");
-        for (size_t k = 0; k < sizeof scattering / sizeof *scattering; k++)
-            any |= gltf_member(ext, scattering[k]) != NULL &&
-                   !prt_draft_opaque(g->d, gltf_text(g->material.item[i], "name"));
-    }
+    for (size_t i = 0; i < g->file.n_material; i++) // also those no primitive uses
+        any |=
+            scatters(&g->file.material[i]) && !prt_draft_opaque(g->d, g->file.material[i].name);
     for (uint32_t i = 0; i < g->d->n_surface; i++) {
         struct prt_surface *s = &g->d->surface[i];
         if (s->translucent == 2) s->translucent = !any;

@@ -15,15 +15,26 @@ static void multiply(const double *a, const double *b, double *out)
                              a[8 + r] * b[c * 4 + 2] + a[12 + r] * b[c * 4 + 3];
 }
 
-static int local_matrix(struct gltf *g, size_t index, const cJSON *node, double m[16])
+static int numbers(const struct gltf *g, size_t node, const char *what,
+                   const struct prt_gltf_numbers *from, size_t n, double *out)
+{
+    for (size_t i = 0; i < n && from->n; i++) {
+        if (i >= from->n || !isfinite(from->at[i]))
+            return gltf_bad(g, "node %zu: %s needs %zu numbers", node, what, n);
+        out[i] = from->at[i];
+    }
+    return PRT_OK;
+}
+
+static int local_matrix(const struct gltf *g, size_t index, double m[16])
 {
     double t[3] = {0}, q[4] = {0, 0, 0, 1}, s[3] = {1, 1, 1};
-    bool have, rotated;
-    int status = gltf_numbers(g, "node", index, node, "matrix", 16, m, &have);
-    if (status || have) return status;
-    if ((status = gltf_numbers(g, "node", index, node, "translation", 3, t, &have)) ||
-        (status = gltf_numbers(g, "node", index, node, "rotation", 4, q, &rotated)) ||
-        (status = gltf_numbers(g, "node", index, node, "scale", 3, s, &have)))
+    const struct prt_gltf_node *node = &g->file.node[index];
+    int status = numbers(g, index, "matrix", &node->matrix, 16, m);
+    if (status || node->matrix.n) return status;
+    if ((status = numbers(g, index, "translation", &node->translation, 3, t)) ||
+        (status = numbers(g, index, "rotation", &node->rotation, 4, q)) ||
+        (status = numbers(g, index, "scale", &node->scale, 3, s)))
         return status;
     double l = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     if (!(l > 1e-9 && l < 1e9))
@@ -43,53 +54,50 @@ static int local_matrix(struct gltf *g, size_t index, const cJSON *node, double 
 }
 
 struct visit {
-    size_t node;
-    const cJSON *child; // the next one to enter
+    size_t node, child; // the next child to enter
     double m[16];
 };
 
 struct walk {
-    struct visit *stack; // [node.n + 1]: a path visits no node twice
-    uint8_t *on_path;    // [node.n]
+    struct visit *stack; // [n_node + 1]: a path visits no node twice
+    uint8_t *on_path;    // [n_node]
     size_t depth, visits;
 };
 
-static int enter(struct gltf *g, struct walk *w, const cJSON *index_item, const double *parent)
+static int enter(struct gltf *g, struct walk *w, int64_t which, const double *parent)
 {
-    double x = cJSON_IsNumber(index_item) ? index_item->valuedouble : -1, local[16];
-    if (!(x >= 0 && x < (double)g->node.n) || x != floor(x))
-        return gltf_bad(g, "node %.0f does not exist", x);
-    size_t index = (size_t)x;
+    double local[16];
+    if (which < 0 || (uint64_t)which >= g->file.n_node)
+        return gltf_bad(g, "node %lld does not exist", (long long)which);
+    size_t index = (size_t)which;
     if (w->on_path[index]) return gltf_bad(g, "node %zu is its own descendant", index);
     // more visits than nodes: some have several parents, which can multiply without end
-    if (++w->visits > 4 * g->node.n + SPARE_VISITS)
+    if (++w->visits > 4 * g->file.n_node + SPARE_VISITS)
         return prt_fail(g->d->ctx, PRT_LIMIT, "%s: its %zu nodes make more than %zu instances",
-                        g->d->name, g->node.n, w->visits - 1);
-    const cJSON *node = g->node.item[index], *children = gltf_member(node, "children");
+                        g->d->name, g->file.n_node, w->visits - 1);
     struct visit *v = &w->stack[w->depth];
-    int status = local_matrix(g, index, node, local);
+    int status = local_matrix(g, index, local);
     if (status) return status;
     v->node = index;
-    v->child = cJSON_IsArray(children) ? children->child : NULL;
+    v->child = 0;
     multiply(parent, local, v->m);
     for (int i = 0; i < 16; i++)
         if (!(fabs(v->m[i]) < 1e30))
             return gltf_bad(g, "node %zu: its transform is too large", index);
     w->on_path[index] = 1;
     w->depth++;
-    return gltf_instance(g, node, index, v->m);
+    return gltf_instance(g, index, v->m);
 }
 
-static int walk_from(struct gltf *g, struct walk *w, const cJSON *root)
+static int walk_from(struct gltf *g, struct walk *w, int64_t root)
 {
     static const double identity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
     int status = enter(g, w, root, identity);
     while (!status && w->depth) {
         struct visit *v = &w->stack[w->depth - 1];
-        if (v->child) {
-            const cJSON *child = v->child;
-            v->child = child->next;
-            status = enter(g, w, child, v->m);
+        const struct prt_gltf_node *node = &g->file.node[v->node];
+        if (v->child < node->n_child) {
+            status = enter(g, w, node->child[v->child++], v->m);
         } else {
             w->on_path[v->node] = 0;
             w->depth--;
@@ -101,40 +109,37 @@ static int walk_from(struct gltf *g, struct walk *w, const cJSON *root)
 // Without a usable scene: every node that is nobody's child.
 static int walk_roots(struct gltf *g, struct walk *w)
 {
-    uint8_t *is_child = gltf_own(g, g->node.n);
+    uint8_t *is_child = gltf_own(g, g->file.n_node);
     int status = PRT_OK;
     if (!is_child) return gltf_no_memory(g);
-    for (size_t i = 0; i < g->node.n; i++) {
-        const cJSON *list = gltf_member(g->node.item[i], "children"), *c;
-        for (c = cJSON_IsArray(list) ? list->child : NULL; c; c = c->next)
-            if (cJSON_IsNumber(c) && c->valuedouble >= 0 && c->valuedouble < (double)g->node.n)
-                is_child[(size_t)c->valuedouble] = 1;
+    for (size_t i = 0; i < g->file.n_node; i++) {
+        const struct prt_gltf_node *node = &g->file.node[i];
+        for (size_t c = 0; c < node->n_child; c++)
+            if (node->child[c] >= 0 && (size_t)node->child[c] < g->file.n_node)
+                is_child[node->child[c]] = 1;
     }
-    for (size_t i = 0; !status && i < g->node.n; i++) {
-        cJSON number = {.type = cJSON_Number, .valuedouble = (double)i};
-        if (!is_child[i]) status = walk_from(g, w, &number);
-    }
+    for (size_t i = 0; !status && i < g->file.n_node; i++)
+        if (!is_child[i]) status = walk_from(g, w, (int64_t)i);
     return status;
 }
 
 int gltf_walk(struct gltf *g)
 {
-    struct walk w = {gltf_own(g, (g->node.n + 1) * sizeof *w.stack), gltf_own(g, g->node.n + 1),
+    const struct prt_gltf_document *f = &g->file;
+    struct walk w = {gltf_own(g, (f->n_node + 1) * sizeof *w.stack), gltf_own(g, f->n_node + 1),
                      0, 0};
-    uint64_t index;
-    int status = gltf_number(g, "JSON object", 0, g->json, "scene", 1ull << 53, 0, &index);
-    if (!status && (!w.stack || !w.on_path)) status = gltf_no_memory(g);
-    if (status) return status;
-    if (g->scene.n && index >= g->scene.n)
+    uint64_t index = f->default_scene < 0 ? 0 : (uint64_t)f->default_scene;
+    int status = PRT_OK;
+    if (!w.stack || !w.on_path) return gltf_no_memory(g);
+    if (f->n_scene && index >= f->n_scene)
         return gltf_bad(g, "scene %llu does not exist", (unsigned long long)index);
-    const cJSON *roots = g->scene.n ? gltf_member(g->scene.item[index], "nodes") : NULL;
-    const cJSON *root;
-    if (!cJSON_IsArray(roots) || !roots->child) {
-        if (g->scene.n)
+    if (!f->n_scene || !f->scene[index].n) {
+        if (f->n_scene)
             prt_log(g->d->ctx, PRT_LOG_WARNING, "%s: scene %llu is empty: all nodes are loaded",
                     g->d->name, (unsigned long long)index);
         return walk_roots(g, &w);
     }
-    cJSON_ArrayForEach(root, roots) if ((status = walk_from(g, &w, root))) return status;
-    return PRT_OK;
+    for (size_t i = 0; !status && i < f->scene[index].n; i++)
+        status = walk_from(g, &w, f->scene[index].node[i]);
+    return status;
 }

@@ -56,14 +56,7 @@ static int to_world(struct gltf *g, const double *m, uint32_t first, uint32_t n,
     return PRT_OK;
 }
 
-// The index of an attribute's accessor; UINT64_MAX when the primitive has none.
-static int attribute(struct gltf *g, const cJSON *primitive, const char *name, uint64_t *out)
-{
-    return gltf_number(g, "a primitive of mesh", g->mesh_index,
-                       gltf_member(primitive, "attributes"), name, 1ull << 53, UINT64_MAX, out);
-}
-
-static int read_attribute(struct gltf *g, uint64_t accessor, unsigned n_component, uint64_t n,
+static int read_attribute(struct gltf *g, int64_t accessor, unsigned n_component, uint64_t n,
                           float *out)
 {
     struct gltf_accessor a;
@@ -75,26 +68,23 @@ static int read_attribute(struct gltf *g, uint64_t accessor, unsigned n_componen
     return gltf_floats(g, &a, n_component, out);
 }
 
-static int read_vertices(struct gltf *g, const cJSON *primitive, uint64_t position,
-                         uint32_t *first, uint32_t *n)
+static int read_vertices(struct gltf *g, const struct prt_gltf_primitive *p, uint32_t *first,
+                         uint32_t *n)
 {
     struct gltf_accessor a;
-    uint64_t normal, uv;
     int status;
-    if ((status = gltf_accessor(g, position, &a)) ||
-        (status = attribute(g, primitive, "NORMAL", &normal)) ||
-        (status = attribute(g, primitive, "TEXCOORD_0", &uv)) ||
+    if ((status = gltf_accessor(g, p->position, &a)) ||
         (status = prt_draft_vertices(g->d, a.count, first)))
         return status;
     *n = (uint32_t)a.count;
     status = gltf_floats(g, &a, 3, g->d->position[*first]);
-    if (!status && normal != UINT64_MAX)
-        status = read_attribute(g, normal, 3, a.count, g->d->normal[*first]);
-    if (!status && uv != UINT64_MAX) {
-        status = read_attribute(g, uv, 2, a.count, g->d->uv[*first]);
+    if (!status && p->normal >= 0)
+        status = read_attribute(g, p->normal, 3, a.count, g->d->normal[*first]);
+    if (!status && p->uv >= 0) {
+        status = read_attribute(g, p->uv, 2, a.count, g->d->uv[*first]);
         g->d->has_uv = true;
     }
-    for (uint32_t v = *first; !status && normal != UINT64_MAX && v < *first + *n; v++) {
+    for (uint32_t v = *first; !status && p->normal >= 0 && v < *first + *n; v++) {
         float *q = g->d->normal[v], s = q[0] * q[0] + q[1] * q[1] + q[2] * q[2];
         if (s > 1e-12f && s < 1e12f) continue;
         g->n_bad_normal++;
@@ -124,7 +114,7 @@ static int add_triangle(struct gltf *g, const struct corners *c, uint32_t i, uin
     return prt_draft_triangle(g->d, v[0], v[c->flip ? 2 : 1], v[c->flip ? 1 : 2]);
 }
 
-static int add_triangles(struct gltf *g, const struct corners *c, uint64_t mode)
+static int add_triangles(struct gltf *g, const struct corners *c, int mode)
 {
     int status = PRT_OK;
     if (c->n < 3) {
@@ -145,15 +135,13 @@ static int add_triangles(struct gltf *g, const struct corners *c, uint64_t mode)
     return status;
 }
 
-static int read_indices(struct gltf *g, const cJSON *primitive, struct corners *c)
+static int read_indices(struct gltf *g, int64_t index, struct corners *c)
 {
     struct gltf_accessor a;
-    uint64_t index;
-    int status = gltf_number(g, "a primitive of mesh", g->mesh_index, primitive, "indices",
-                             1ull << 53, UINT64_MAX, &index);
     c->n = c->n_vertex;
-    if (status || index == UINT64_MAX) return status;
-    if ((status = gltf_accessor(g, index, &a))) return status;
+    if (index < 0) return PRT_OK;
+    int status = gltf_accessor(g, index, &a);
+    if (status) return status;
     uint32_t *to = malloc(a.count * sizeof *to);
     if (!to) return gltf_no_memory(g);
     c->index = to;
@@ -161,21 +149,13 @@ static int read_indices(struct gltf *g, const cJSON *primitive, struct corners *
     return gltf_indices(g, &a, to);
 }
 
-static int decode_draco(struct gltf *g, const cJSON *ext, const struct gltf_mesh_data **out)
+static int decode_draco(struct gltf *g, const struct prt_gltf_primitive *p,
+                        const struct gltf_mesh_data **out)
 {
-    static const char *const name[3] = {"POSITION", "NORMAL", "TEXCOORD_0"};
-    const cJSON *attributes = gltf_member(ext, "attributes");
-    uint64_t view, id[3];
-    int64_t want[3];
-    int status = gltf_number(g, "a Draco primitive of mesh", g->mesh_index, ext, "bufferView",
-                             1ull << 53, UINT64_MAX, &view);
-    for (int i = 0; !status && i < 3; i++) {
-        status = gltf_number(g, "a Draco primitive of mesh", g->mesh_index, attributes, name[i],
-                             UINT32_MAX, UINT64_MAX, &id[i]);
-        want[i] = id[i] == UINT64_MAX ? -1 : (int64_t)id[i];
-    }
-    if (status) return status;
-    if (view >= g->view.n || want[0] < 0) return gltf_bad(g, "damaged Draco primitive");
+    const int64_t view = p->draco_view;
+    int status;
+    if (view < 0 || (uint64_t)view >= g->file.n_view || p->draco_id[0] < 0)
+        return gltf_bad(g, "mesh %zu: damaged Draco primitive", g->mesh_index);
     if (!g->draco[view]) { // instances share what was decoded once
         struct gltf_bytes bytes;
         struct prt_draco mesh;
@@ -183,10 +163,10 @@ static int decode_draco(struct gltf *g, const cJSON *ext, const struct gltf_mesh
         if ((status = gltf_view(g, (size_t)view, &bytes))) return status;
         struct gltf_mesh_data *data = gltf_own(g, sizeof *data);
         if (!data) return gltf_no_memory(g);
-        if (prt_draco_decode(bytes.at, bytes.n, want, g->d->max_vertices, g->d->max_triangles,
-                             &mesh, &why)) {
+        if (prt_draco_decode(bytes.at, bytes.n, p->draco_id, g->d->max_vertices,
+                             g->d->max_triangles, &mesh, &why)) {
             prt_draco_free(&mesh);
-            return gltf_bad(g, "bufferView %llu: %s", (unsigned long long)view, why);
+            return gltf_bad(g, "bufferView %lld: %s", (long long)view, why);
         }
         *data = (struct gltf_mesh_data){mesh.n_vertex, mesh.n_triangle, mesh.position,
                                         mesh.normal,   mesh.uv,         mesh.triangle};
@@ -196,10 +176,10 @@ static int decode_draco(struct gltf *g, const cJSON *ext, const struct gltf_mesh
     return PRT_OK;
 }
 
-static int read_draco(struct gltf *g, const cJSON *ext, struct corners *c)
+static int read_draco(struct gltf *g, const struct prt_gltf_primitive *p, struct corners *c)
 {
     const struct gltf_mesh_data *m = NULL;
-    int status = decode_draco(g, ext, &m);
+    int status = decode_draco(g, p, &m);
     if (!status) status = prt_draft_vertices(g->d, m->n_vertex, &c->first);
     if (status) return status;
     c->n_vertex = m->n_vertex;
@@ -222,16 +202,15 @@ static bool uv_finite(struct gltf *g, uint32_t first, uint32_t n)
     return true;
 }
 
-static int finish_primitive(struct gltf *g, const cJSON *primitive, const struct instance *at,
-                            struct corners *c, uint64_t mode)
+static int finish_primitive(struct gltf *g, int64_t given, const struct instance *at,
+                            struct corners *c, int mode)
 {
-    uint64_t material;
+    uint64_t material = given < 0 ? g->file.n_material : (uint64_t)given;
     uint32_t surface = 0, before = g->d->n_triangle;
     double det;
-    int status = gltf_number(g, "a primitive of mesh", g->mesh_index, primitive, "material",
-                             1ull << 53, g->material.n, &material);
-    if (!status && material > g->material.n)
-        status = gltf_bad(g, "material %llu does not exist", (unsigned long long)material);
+    int status = PRT_OK;
+    if (given >= 0 && material >= g->file.n_material)
+        status = gltf_bad(g, "material %lld does not exist", (long long)given);
     if (!status && !uv_finite(g, c->first, c->n_vertex))
         status = gltf_bad(g, "a TEXCOORD_0 is not finite");
     if (!status) status = to_world(g, at->m, c->first, c->n_vertex, &det);
@@ -247,53 +226,48 @@ static int finish_primitive(struct gltf *g, const cJSON *primitive, const struct
                                                              g->d->n_triangle - before});
 }
 
-static int read_primitive(struct gltf *g, const cJSON *primitive, const struct instance *at)
+static int read_primitive(struct gltf *g, const struct prt_gltf_primitive *p,
+                          const struct instance *at)
 {
     struct corners c = {0};
-    uint64_t mode, position;
-    int status =
-        gltf_number(g, "a primitive of mesh", g->mesh_index, primitive, "mode", 6, 4, &mode);
-    if (!status) status = attribute(g, primitive, "POSITION", &position);
-    if (status) return status;
-    if (mode < 4 || position == UINT64_MAX) {
+    int status, mode = p->draco ? 4 : p->mode;
+    if (p->mode > 6)
+        return gltf_bad(g, "a primitive of mesh %zu: mode %d is too large", g->mesh_index,
+                        p->mode);
+    if (p->mode < 4 || p->position < 0) {
         g->n_skipped++;
         return PRT_OK;
     }
-    const cJSON *draco =
-        gltf_member(gltf_member(primitive, "extensions"), "KHR_draco_mesh_compression");
-    g->n_deformed += gltf_member(primitive, "targets") != NULL;
-    if (draco) {
-        mode = 4;
-        status = read_draco(g, draco, &c);
+    g->n_deformed += p->targets;
+    if (p->draco) {
+        status = read_draco(g, p, &c);
     } else {
-        status = read_vertices(g, primitive, position, &c.first, &c.n_vertex);
-        if (!status) status = read_indices(g, primitive, &c);
+        status = read_vertices(g, p, &c.first, &c.n_vertex);
+        if (!status) status = read_indices(g, p->indices, &c);
     }
-    if (!status) status = finish_primitive(g, primitive, at, &c, mode);
+    if (!status) status = finish_primitive(g, p->material, at, &c, mode);
     free((void *)c.index);
     return status;
 }
 
-int gltf_instance(struct gltf *g, const cJSON *node, size_t node_index, const double *world)
+int gltf_instance(struct gltf *g, size_t node_index, const double *world)
 {
     struct instance instance = {.object = g->d->n_object}, *at = &instance;
+    const struct prt_gltf_node *node = &g->file.node[node_index];
+    int status;
     memcpy(at->m, world, sizeof at->m);
-    uint64_t mesh;
-    int status =
-        gltf_number(g, "node", node_index, node, "mesh", 1ull << 53, UINT64_MAX, &mesh);
-    if (status || mesh == UINT64_MAX) return status;
-    if (mesh >= g->mesh.n)
-        return gltf_bad(g, "node %zu: mesh %llu does not exist", node_index,
-                        (unsigned long long)mesh);
-    const cJSON *list = gltf_member(g->mesh.item[mesh], "primitives"), *primitive;
-    g->n_deformed += gltf_member(node, "skin") != NULL;
-    g->mesh_index = (size_t)mesh;
-    at->opaque = prt_draft_opaque(g->d, gltf_text(node, "name"));
+    if (node->mesh < 0) return PRT_OK;
+    if ((uint64_t)node->mesh >= g->file.n_mesh)
+        return gltf_bad(g, "node %zu: mesh %lld does not exist", node_index,
+                        (long long)node->mesh);
+    const struct prt_gltf_mesh *mesh = &g->file.mesh[node->mesh];
+    g->n_deformed += node->skin >= 0;
+    g->mesh_index = (size_t)node->mesh;
+    at->opaque = prt_draft_opaque(g->d, node->name);
     uint32_t before = g->d->n_block;
-    if (!cJSON_IsArray(list))
-        return gltf_bad(g, "mesh %llu has no primitives", (unsigned long long)mesh);
-    cJSON_ArrayForEach(primitive,
-                       list) if ((status = read_primitive(g, primitive, at))) return status;
+    if (!mesh->n) return gltf_bad(g, "mesh %lld has no primitives", (long long)node->mesh);
+    for (size_t i = 0; i < mesh->n; i++)
+        if ((status = read_primitive(g, &mesh->primitive[i], at))) return status;
     g->d->n_object += g->d->n_block > before;
     return PRT_OK;
 }

@@ -40,13 +40,13 @@ static bool looks_like_obj(const char *p, size_t n)
     return false;
 }
 
-static int read_any(struct prt_draft *d, const char *bytes, size_t n)
+static int read_any(struct prt_draft *d, char *bytes, size_t n)
 {
     const char *start = skip_space(bytes, bytes + n);
-    if (n >= 4 && !memcmp(bytes, "glTF", 4)) return prt_read_gltf(d, (const uint8_t *)bytes, n);
+    if (n >= 4 && !memcmp(bytes, "glTF", 4)) return prt_read_gltf(d, (uint8_t *)bytes, n);
     if (n >= 4 && !memcmp(bytes, "ply", 3) && isspace((unsigned char)bytes[3]))
         return prt_read_ply(d, bytes, n);
-    if (start < bytes + n && *start == '{') return prt_read_gltf(d, (const uint8_t *)bytes, n);
+    if (start < bytes + n && *start == '{') return prt_read_gltf(d, (uint8_t *)bytes, n);
     if (looks_like_obj(bytes, n)) return prt_read_obj(d, bytes, n);
     return prt_fail(d->ctx, PRT_FORMAT, "%s: not a glTF, GLB, OBJ or PLY model", d->name);
 }

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: MIT
+// The door to tinygltf, which is C++ only: one parsed file as plain structs. tinygltf checks no
+// index and no offset, so nothing in here may be followed without a check of ours.
+#ifndef PRT_MESH_TINYGLTF_H
+#define PRT_MESH_TINYGLTF_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+// Indices are -1 when the file has none.
+struct prt_gltf_buffer {
+    const uint8_t *at;
+    size_t n;
+    bool has_uri;
+};
+struct prt_gltf_slice {
+    int64_t buffer, offset, length;
+};
+struct prt_gltf_view {
+    struct prt_gltf_slice slice;
+    uint64_t stride; // 0: packed
+    bool meshopt;    // EXT_meshopt_compression: the bytes are decoded from `packed`
+    struct prt_gltf_slice packed;
+    int64_t packed_count, packed_stride;
+    const char *mode, *filter; // "" when absent
+};
+struct prt_gltf_accessor {
+    int64_t view;
+    uint64_t offset, count;
+    int component;        // 5120..5130
+    unsigned n_component; // 0: none of SCALAR, VEC2, VEC3, VEC4
+    bool normalized, sparse;
+    int64_t sparse_count, index_view, index_offset, value_view, value_offset;
+    int index_component;
+};
+struct prt_gltf_primitive {
+    int64_t position, normal, uv, indices, material;
+    int mode;
+    bool targets, draco;
+    int64_t draco_view, draco_id[3]; // POSITION, NORMAL, TEXCOORD_0
+};
+struct prt_gltf_mesh {
+    const struct prt_gltf_primitive *primitive;
+    size_t n;
+};
+struct prt_gltf_numbers {
+    const double *at;
+    size_t n; // 0: absent
+};
+struct prt_gltf_node {
+    const char *name;
+    int64_t mesh, skin;
+    struct prt_gltf_numbers matrix, translation, rotation, scale;
+    const int *child;
+    size_t n_child;
+};
+struct prt_gltf_scene {
+    const int *node;
+    size_t n;
+};
+struct prt_gltf_material {
+    const char *name;
+    struct prt_gltf_numbers base_color; // the diffuse factor of KHR_..._pbrSpecularGlossiness
+    double roughness, ior;
+    bool double_sided, textured;
+    const char *const *extension;
+    size_t n_extension;
+};
+
+struct prt_gltf_document {
+    const char *version, *min_version;
+    const char *const *required; // extensions
+    const struct prt_gltf_buffer *buffer;
+    const struct prt_gltf_view *view;
+    const struct prt_gltf_accessor *accessor;
+    const struct prt_gltf_mesh *mesh;
+    const struct prt_gltf_node *node;
+    const struct prt_gltf_scene *scene;
+    const struct prt_gltf_material *material;
+    size_t n_required, n_buffer, n_view, n_accessor, n_mesh, n_node, n_scene, n_material;
+    int64_t default_scene;
+    void *holder;
+};
+
+// Where tinygltf's file reads go instead. name is URL-decoded and otherwise as in the file. The
+// result is handed to release once copied.
+struct prt_gltf_files {
+    void *user;
+    int (*read)(void *user, const char *name, void **bytes, size_t *n); // 0, or it has told why
+    void (*release)(void *bytes);
+};
+
+enum { PRT_GLTF_REFUSED = 1, PRT_GLTF_NO_MEMORY = 2 };
+// bytes: a GLB with one JSON and at most one BIN chunk, or JSON. 0, or one of the above. say
+// gets what tinygltf said, of a success too. On PRT_GLTF_REFUSED only the document's version
+// and required extensions, as far as they were read, are set. Free with prt_gltf_free in any
+// case.
+int prt_gltf_parse(const void *bytes, uint32_t n, bool binary,
+                   const struct prt_gltf_files *files, struct prt_gltf_document *out, char *say,
+                   size_t say_size);
+void prt_gltf_free(struct prt_gltf_document *d);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
