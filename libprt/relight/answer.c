@@ -20,10 +20,10 @@ struct answer {
     const struct prt_transport *transport;
     const struct prt_query *query;
     const struct prt_material *material;
-    struct prt_light light;         // coef NULL for polynomial
+    struct prt_light light; // coef NULL for polynomial
     size_t n_vertex;
     unsigned n_plane;
-    float *planes;                  // [n_plane][n_vertex][3]
+    float *planes; // [n_plane][n_vertex][3]
 };
 
 static bool is_free(const struct prt_tensor *t)
@@ -128,8 +128,8 @@ static int add_single(const struct answer *a, const struct prt_tensor *t)
     if (!own) return prt_fail(a->ctx, PRT_NOMEM, "no memory for %u phase planes", t->n_phase);
     int status = relight(a, t, own);
     for (unsigned k = 0; k < t->n_phase && k < a->n_plane && !status; k++) {
-        struct mix_job job = {.a = a, .in = own + k * size, .out = a->planes + k * size,
-                              .constant = k ? 1 : Y00};
+        struct mix_job job = {
+            .a = a, .in = own + k * size, .out = a->planes + k * size, .constant = k ? 1 : Y00};
         plane_factor(a, t, k, job.factor);
         status = prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, mix, &job);
     }
@@ -146,10 +146,8 @@ static int fill_planes(struct answer *a)
         return prt_fail(a->ctx, status, "the light cannot be transformed");
     for (uint32_t i = 0; i < t->n_tensor && !status; i++) {
         if (!asked(a->query, &t->tensor[i])) continue;
-        if (t->tensor[i].term == PRT_TERM_SINGLE)
-            status = add_single(a, &t->tensor[i]);
-        else
-            status = relight(a, &t->tensor[i], a->planes);
+        if (t->tensor[i].term == PRT_TERM_SINGLE) status = add_single(a, &t->tensor[i]);
+        else status = relight(a, &t->tensor[i], a->planes);
     }
     if (a->light.coef) prt_light_finish(&a->light);
     return status;
@@ -158,7 +156,9 @@ static int fill_planes(struct answer *a)
 static void begin(struct answer *a, const struct prt_context *ctx,
                   const struct prt_transport *transport, const struct prt_query *query)
 {
-    *a = (struct answer){.ctx = ctx, .transport = transport, .query = query,
+    *a = (struct answer){.ctx = ctx,
+                         .transport = transport,
+                         .query = query,
                          .material = query->material ? query->material : &transport->material,
                          .n_vertex = transport->mesh.n_vertex,
                          .n_plane = plane_count(transport, query)};
@@ -179,9 +179,9 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
 
 struct shade_job {
     const struct answer *a;
-    const uint32_t *block;       // [n_vertex]
+    const uint32_t *block; // [n_vertex]
     float (*color)[3];
-    double mean;                 // outgoing transmittance without an eye
+    double mean; // outgoing transmittance without an eye
 };
 
 // Outward w_o': w_o bent towards the normal, as its path inside runs (Snell).
@@ -199,7 +199,8 @@ static void view_of(const struct answer *a, size_t v, float w[3])
     const float *p = a->transport->mesh.position[v];
     float d[3] = {a->query->eye[0] - p[0], a->query->eye[1] - p[1], a->query->eye[2] - p[2]};
     float length = sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-    for (int i = 0; i < 3; i++) w[i] = length > 0 ? d[i] / length : a->transport->mesh.normal[v][i];
+    for (int i = 0; i < 3; i++)
+        w[i] = length > 0 ? d[i] / length : a->transport->mesh.normal[v][i];
 }
 
 static void shade_vertex(const struct shade_job *job, size_t v, bool translucent, float out[3])
@@ -210,7 +211,8 @@ static void shade_vertex(const struct shade_job *job, size_t v, bool translucent
     double transmittance = 1, eta = (double)a->transport->material.eta;
     memcpy(out, plane, 12);
     // the phase function's view part: all planes with an eye, plane 0 (l = 0) without one
-    if (a->query->eye && translucent && (a->n_plane > 1 || a->query->term == PRT_ANSWER_TOTAL)) {
+    if (a->query->eye && translucent &&
+        (a->n_plane > 1 || a->query->term == PRT_ANSWER_TOTAL)) {
         float w[3], inside[3], y[MAX_PLANE];
         unsigned n_band = a->n_plane > 9 ? 4 : a->n_plane > 4 ? 3 : a->n_plane > 1 ? 2 : 1;
         view_of(a, v, w);

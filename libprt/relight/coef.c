@@ -24,11 +24,11 @@ static struct prt_radial_options options_of(const struct prt_transport *transpor
                                             const struct prt_tensor *tensor)
 {
     bool single = tensor->term == PRT_TERM_SINGLE;
-    return (struct prt_radial_options){
-        .kind = (enum prt_radial_kind)tensor->basis_kind,
-        .family = single ? PRT_FAMILY_EXTINCTION : PRT_FAMILY_DIPOLE,
-        .eta = (double)transport->material.eta,
-        .radius_mm = (double)tensor->knot[tensor->n_knot - 1]};
+    return (struct prt_radial_options){.kind = (enum prt_radial_kind)tensor->basis_kind,
+                                       .family =
+                                           single ? PRT_FAMILY_EXTINCTION : PRT_FAMILY_DIPOLE,
+                                       .eta = (double)transport->material.eta,
+                                       .radius_mm = (double)tensor->knot[tensor->n_knot - 1]};
 }
 
 static uint64_t key_of(const struct prt_radial_options *o, const struct prt_tensor *t)
@@ -116,7 +116,8 @@ int relight_material_coef(const struct prt_context *ctx, const struct prt_transp
     status = prt_radial_fit_material(radial, material, coef, &error);
     release(slot, radial);
     if (status)
-        return prt_fail(ctx, status, "the material cannot be expressed in the transport's basis");
+        return prt_fail(ctx, status,
+                        "the material cannot be expressed in the transport's basis");
     if (error > 0.02)
         prt_log(ctx, PRT_LOG_WARNING,
                 "the transport's %s basis represents this material to %.1f %% only",

@@ -67,10 +67,15 @@ int prt_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor
     char *index = prt_alloc(n_entry + 1, rows->index_bytes);
     struct fold_job job = {tensor, coef, prt_alloc(n_entry * width + 1, 2),
                            prt_alloc(6 * width * rows->n_row, 2)};
-    *out = (struct prt_rows){.n_row = rows->n_row, .n_function = (uint32_t)width,
-                             .n_coef = rows->n_coef, .value = PRT_VALUE_F16,
-                             .index_bytes = rows->index_bytes, .begin = begin, .index = index,
-                             .entry = job.entry, .scaling = job.scaling};
+    *out = (struct prt_rows){.n_row = rows->n_row,
+                             .n_function = (uint32_t)width,
+                             .n_coef = rows->n_coef,
+                             .value = PRT_VALUE_F16,
+                             .index_bytes = rows->index_bytes,
+                             .begin = begin,
+                             .index = index,
+                             .entry = job.entry,
+                             .scaling = job.scaling};
     int status = PRT_NOMEM;
     if (begin && index && job.entry && job.scaling) {
         memcpy(begin, rows->begin, 8 * (rows->n_row + 1ull));

@@ -9,24 +9,24 @@
 #include "prt/relight.h"
 
 enum {
-    LIGHT_GROUP = 8,                 // lights of one pass
-    LIGHT_LANES = 3 * LIGHT_GROUP,   // floats a coefficient in a group's table
-    EXPAND_ALIGN = 32,               // vertex ranges begin at multiples of it
+    LIGHT_GROUP = 8,               // lights of one pass
+    LIGHT_LANES = 3 * LIGHT_GROUP, // floats a coefficient in a group's table
+    EXPAND_ALIGN = 32,             // vertex ranges begin at multiples of it
 };
 
 // Colours of vertices [begin, end) of one cluster:
 // color[t*plane + 3*order[v] + ch] (+)= sum_r U[r][v] b[r*b_stride + 3*t + ch].
 struct expand_job {
-    const uint16_t *u;       // [rank][stride] f16; radial: [n_triple][rank][3][stride]
-    size_t stride;           // halves, a multiple of 16
+    const uint16_t *u; // [rank][stride] f16; radial: [n_triple][rank][3][stride]
+    size_t stride;     // halves, a multiple of 16
     uint32_t rank;
-    const float *b;          // [rank][b_stride]; radial: coef [rank][3]
-    size_t b_stride;         // floats
-    uint32_t n_triple;       // lights * phase planes; radial: planes
+    const float *b;    // [rank][b_stride]; radial: coef [rank][3]
+    size_t b_stride;   // floats
+    uint32_t n_triple; // lights * phase planes; radial: planes
     uint32_t begin, end;
-    const uint32_t *order;   // file vertex of the cluster's vertex 0, 1, ...
+    const uint32_t *order; // file vertex of the cluster's vertex 0, 1, ...
     float *color;
-    size_t plane;            // floats from one triple's colours to the next one's
+    size_t plane; // floats from one triple's colours to the next one's
     bool add;
 };
 

@@ -33,17 +33,13 @@ INLINE __m128 load3(const void *p, bool i8, bool whole)
 {
     if (i8) {
         int32_t raw = 0;
-        if (whole)
-            memcpy(&raw, p, 4);
-        else
-            memcpy(&raw, p, 3);
+        if (whole) memcpy(&raw, p, 4);
+        else memcpy(&raw, p, 3);
         return _mm_cvtepi32_ps(_mm_cvtepi8_epi32(_mm_cvtsi32_si128(raw)));
     }
     uint64_t raw = 0;
-    if (whole)
-        memcpy(&raw, p, 8);
-    else
-        memcpy(&raw, p, 6);
+    if (whole) memcpy(&raw, p, 8);
+    else memcpy(&raw, p, 6);
     return _mm_cvtph_ps(_mm_cvtsi64_si128((long long)raw));
 }
 
@@ -67,9 +63,9 @@ INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
         const char *entry = (const char *)rows->entry + e * pitch;
         for (; e + 4 <= safe; e += 4, entry += 4 * pitch)
             for (int i = 0; i < 4; i++)
-                sum[i] = _mm_fmadd_ps(load3(entry + (size_t)i * pitch, i8, true),
-                                      _mm_loadu_ps(light + 4ull * rows_index(rows, e + (uint64_t)i)),
-                                      sum[i]);
+                sum[i] = _mm_fmadd_ps(
+                    load3(entry + (size_t)i * pitch, i8, true),
+                    _mm_loadu_ps(light + 4ull * rows_index(rows, e + (uint64_t)i)), sum[i]);
         for (; e < stop; e++, entry += pitch)
             sum[0] = _mm_fmadd_ps(load3(entry, i8, false),
                                   _mm_loadu_ps(light + 4ull * rows_index(rows, e)), sum[0]);
@@ -85,8 +81,8 @@ INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
     }
 }
 
-// Entries [.., safe) of a row that stops at `stop` may be read in whole vectors: what lies behind
-// an entry is then still in the array (and is not stored).
+// Entries [.., safe) of a row that stops at `stop` may be read in whole vectors: what lies
+// behind an entry is then still in the array (and is not stored).
 static uint64_t safe_end(const struct prt_rows *rows, uint64_t stop)
 {
     uint64_t n_entry = rows->begin[rows->n_row], over = CHUNK / rows->n_function + 1;
@@ -171,7 +167,8 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
         }
 }
 
-// Triple r g b of a vector meets the 24 lanes of eight lights as r g b r g b ... in three parts.
+// Triple r g b of a vector meets the 24 lanes of eight lights as r g b r g b ... in three
+// parts.
 struct group_sum {
     __m256 part[3];
 };
@@ -212,7 +209,8 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t row, const float *
 }
 
 static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                           const float *table, unsigned n_light, size_t light_stride, float *out)
+                           const float *table, unsigned n_light, size_t light_stride,
+                           float *out)
 {
     const bool i8 = rows->value == PRT_VALUE_I8;
     const uint32_t n = rows->n_function;
@@ -257,8 +255,8 @@ INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *li
     }
     for (size_t f = 0; f < 6; f++)
         for (uint32_t z = 0; z < nz; z++) {
-            __m256 v = load_values(rows->scaling + (6ull * row + f) * n + j0 + 8 * z, false,
-                                   have[z]);
+            __m256 v =
+                load_values(rows->scaling + (6ull * row + f) * n + j0 + 8 * z, false, have[z]);
             for (int ch = 0; ch < 3; ch++)
                 dc[z][ch] = _mm256_fmadd_ps(v, _mm256_broadcast_ss(light + 4 * face * f + ch),
                                             dc[z][ch]);
@@ -282,10 +280,8 @@ static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, cons
     const uint32_t n = rows->n_function;
     for (uint32_t row = begin; row < end; row++, out += 3 * (size_t)n)
         for (uint32_t j = 0; j < n; j += 16) {
-            if (n - j > 8)
-                full_part(rows, row, light, out, j, 2);
-            else
-                full_part(rows, row, light, out, j, 1);
+            if (n - j > 8) full_part(rows, row, light, out, j, 2);
+            else full_part(rows, row, light, out, j, 1);
         }
 }
 
@@ -341,10 +337,8 @@ static void expand(const struct expand_job *job)
             for (uint32_t i = v; i < v + 32 && i < job->end; i += 8)
                 expand_block(job, i, t, 4, 1);
         for (; t < n; t++) {
-            if (v + 32 <= job->stride)
-                expand_block(job, v, t, 1, 4);
-            else
-                expand_block(job, v, t, 1, 2);
+            if (v + 32 <= job->stride) expand_block(job, v, t, 1, 4);
+            else expand_block(job, v, t, 1, 2);
         }
     }
 }
@@ -369,7 +363,8 @@ static void radial(const struct expand_job *job)
 }
 
 // Products run along in three vectors (24 = 8 * 3), so that a lane keeps its channel.
-static void material(const float *in, size_t n, uint32_t n_radial, const float *coef, float *out)
+static void material(const float *in, size_t n, uint32_t n_radial, const float *coef,
+                     float *out)
 {
     const uint32_t width = 3 * n_radial;
     for (size_t i = 0; i < n; i++, in += width, out += 3) {
@@ -387,7 +382,11 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
     }
 }
 
-const struct relight_kernels relight_kernels_avx2 = {
-    .name = "avx2", .diagonal = diagonal, .diagonal_group = diagonal_group, .full = full,
-    .expand = expand, .radial = radial, .material = material};
+const struct relight_kernels relight_kernels_avx2 = {.name = "avx2",
+                                                     .diagonal = diagonal,
+                                                     .diagonal_group = diagonal_group,
+                                                     .full = full,
+                                                     .expand = expand,
+                                                     .radial = radial,
+                                                     .material = material};
 #endif

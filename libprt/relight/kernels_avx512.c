@@ -19,8 +19,8 @@ INLINE __m512 light4(const float *light, size_t i0, size_t i1, size_t i2, size_t
     return _mm512_insertf32x8(_mm512_castps256_ps512(lo), hi, 1);
 }
 
-// Values of four entries with three functions, spread to r g b 0 each. `n` is 4 for whole groups
-// with at least two entries more in the array, else the entries that are there.
+// Values of four entries with three functions, spread to r g b 0 each. `n` is 4 for whole
+// groups with at least two entries more in the array, else the entries that are there.
 INLINE __m512 spread4(const void *entry, uint64_t e, bool i8, uint32_t n)
 {
     if (i8) {
@@ -47,7 +47,8 @@ INLINE __m512 diagonal3_sum(const void *index, const void *entry, uint64_t e, ui
     uint64_t stop = end < safe ? end : safe;
     for (; e + 8 <= stop; e += 8) {
         a = _mm512_fmadd_ps(spread4(entry, e, i8, 5),
-                            light4(light, INDEX(e), INDEX(e + 1), INDEX(e + 2), INDEX(e + 3)), a);
+                            light4(light, INDEX(e), INDEX(e + 1), INDEX(e + 2), INDEX(e + 3)),
+                            a);
         b = _mm512_fmadd_ps(
             spread4(entry, e + 4, i8, 5),
             light4(light, INDEX(e + 4), INDEX(e + 5), INDEX(e + 6), INDEX(e + 7)), b);
@@ -84,8 +85,7 @@ INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
         if (i8)
             x = _mm_fmadd_ps(fold4(z), _mm_maskz_loadu_ps(7, rows->scale + 3ull * row),
                              fold4(dc));
-        else
-            x = fold4(_mm512_add_ps(z, dc));
+        else x = fold4(_mm512_add_ps(z, dc));
         _mm_mask_storeu_ps(out, 7, x);
     }
 }
@@ -93,8 +93,7 @@ INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
 // 16 values from p, converted; only the masked ones are read.
 INLINE __m512 load_values(const void *p, bool i8, __mmask16 mask)
 {
-    if (i8)
-        return _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(_mm_maskz_loadu_epi8(mask, p)));
+    if (i8) return _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(_mm_maskz_loadu_epi8(mask, p)));
     return _mm512_cvtph_ps(_mm256_maskz_loadu_epi16(mask, p));
 }
 
@@ -106,10 +105,9 @@ INLINE __mmask16 lane_mask(uint32_t n)
 // Lane i of vector z holds value 16z+i, whose channel is (16z+i) % 3 = (z+i) % 3.
 INLINE __m512i channel_map(int z)
 {
-    __m512i map[3] = {
-        _mm512_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0),
-        _mm512_setr_epi32(1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1),
-        _mm512_setr_epi32(2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2)};
+    __m512i map[3] = {_mm512_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0),
+                      _mm512_setr_epi32(1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1),
+                      _mm512_setr_epi32(2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2)};
     return map[z % 3];
 }
 
@@ -138,8 +136,9 @@ INLINE void diagonal_many(const struct prt_rows *rows, uint32_t begin, uint32_t 
             for (int z = 0; z < nz; z++) {
                 sum[z] = _mm512_fmadd_ps(load_values(entry + 16 * z * size, i8, mask[z]),
                                          _mm512_permutexvar_ps(map[z], l), sum[z]);
-                odd[z] = _mm512_fmadd_ps(load_values(entry + pitch + 16 * z * size, i8, mask[z]),
-                                         _mm512_permutexvar_ps(map[z], m), odd[z]);
+                odd[z] =
+                    _mm512_fmadd_ps(load_values(entry + pitch + 16 * z * size, i8, mask[z]),
+                                    _mm512_permutexvar_ps(map[z], m), odd[z]);
             }
         }
         if (e < stop) {
@@ -161,8 +160,7 @@ INLINE void diagonal_many(const struct prt_rows *rows, uint32_t begin, uint32_t 
                 x = _mm512_fmadd_ps(
                     x, _mm512_maskz_loadu_ps(mask[z], rows->scale + (uint64_t)n * row + 16 * z),
                     dc[z]);
-            else
-                x = _mm512_add_ps(x, dc[z]);
+            else x = _mm512_add_ps(x, dc[z]);
             _mm512_mask_storeu_ps(out + 16 * z, mask[z], x);
         }
     }
@@ -197,8 +195,8 @@ struct group_maps {
 INLINE struct group_maps group_maps(void)
 {
     struct group_maps m;
-    const __m512i tail = _mm512_inserti32x8(channel_map(1), _mm512_castsi512_si256(channel_map(1)),
-                                            1);
+    const __m512i tail =
+        _mm512_inserti32x8(channel_map(1), _mm512_castsi512_si256(channel_map(1)), 1);
     const __m512i second = _mm512_maskz_set1_epi32(0xff00, 3);
     for (int t = 0; t < 4; t++)
         m.lo[t] = _mm512_add_epi32(channel_map(0), _mm512_set1_epi32(3 * t));
@@ -234,7 +232,8 @@ INLINE __m256 half_sum(__m512 z)
 
 // The scaling coefficients' share of the triple at scaling[first + f*pitch ...].
 INLINE void group_scaling(const struct prt_rows *rows, uint64_t first, uint64_t pitch,
-                          const float *table, const struct group_maps *m, __m512 *lo, __m256 *hi)
+                          const float *table, const struct group_maps *m, __m512 *lo,
+                          __m256 *hi)
 {
     const size_t face = rows->n_coef / 6;
     __m512 low = _mm512_setzero_ps(), high = low;
@@ -250,8 +249,9 @@ INLINE void group_scaling(const struct prt_rows *rows, uint64_t first, uint64_t 
 }
 
 // One phase term: a vector of values holds four entries.
-INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *table,
-                   unsigned n_light, size_t light_stride, float *out, bool i8)
+INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                   const float *table, unsigned n_light, size_t light_stride, float *out,
+                   bool i8)
 {
     const struct group_maps m = group_maps();
     for (uint32_t row = begin; row < end; row++, out += 3) {
@@ -325,21 +325,20 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t en
 }
 
 static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                           const float *table, unsigned n_light, size_t light_stride, float *out)
+                           const float *table, unsigned n_light, size_t light_stride,
+                           float *out)
 {
     uint32_t p = rows->n_function / 3;
     if (p == 1) {
         if (rows->value == PRT_VALUE_I8)
             group3(rows, begin, end, table, n_light, light_stride, out, true);
-        else
-            group3(rows, begin, end, table, n_light, light_stride, out, false);
+        else group3(rows, begin, end, table, n_light, light_stride, out, false);
         return;
     }
     uint32_t k = 0;
     for (; k + 4 <= p; k += 4)
         group_phase(rows, begin, end, table, n_light, light_stride, out, k, 4);
-    for (; k < p; k++)
-        group_phase(rows, begin, end, table, n_light, light_stride, out, k, 1);
+    for (; k < p; k++) group_phase(rows, begin, end, table, n_light, light_stride, out, k, 1);
 }
 
 // FULL: nz vectors of 16 functions from j0 on, each with three channels.
@@ -366,11 +365,11 @@ INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *li
     }
     for (size_t f = 0; f < 6; f++)
         for (int z = 0; z < nz; z++) {
-            __m512 v = load_values(rows->scaling + (6ull * row + f) * n + j0 + 16 * z, false,
-                                   mask[z]);
+            __m512 v =
+                load_values(rows->scaling + (6ull * row + f) * n + j0 + 16 * z, false, mask[z]);
             for (int ch = 0; ch < 3; ch++)
-                dc[z][ch] = _mm512_fmadd_ps(v, _mm512_set1_ps(light[4 * face * f + ch]),
-                                            dc[z][ch]);
+                dc[z][ch] =
+                    _mm512_fmadd_ps(v, _mm512_set1_ps(light[4 * face * f + ch]), dc[z][ch]);
         }
     for (int z = 0; z < nz; z++) {
         float lanes[3][16];
@@ -395,12 +394,9 @@ static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, cons
             if (n - j <= 64) break;
         }
         if (n - j > 48) continue;
-        if (n - j > 32)
-            full_part(rows, row, light, out, j, 3);
-        else if (n - j > 16)
-            full_part(rows, row, light, out, j, 2);
-        else if (n > j)
-            full_part(rows, row, light, out, j, 1);
+        if (n - j > 32) full_part(rows, row, light, out, j, 3);
+        else if (n - j > 16) full_part(rows, row, light, out, j, 2);
+        else if (n > j) full_part(rows, row, light, out, j, 1);
     }
 }
 
@@ -429,7 +425,8 @@ INLINE void put_row(float *out, __m512 r, __m512 g, __m512 b, bool add)
 {
     // lanes of each third: from r and g first (16 + i is g's lane i), then b over them
     const __m512i rg0 = _mm512_setr_epi32(0, 16, 0, 1, 17, 0, 2, 18, 0, 3, 19, 0, 4, 20, 0, 5);
-    const __m512i rg1 = _mm512_setr_epi32(21, 0, 6, 22, 0, 7, 23, 0, 8, 24, 0, 9, 25, 0, 10, 26);
+    const __m512i rg1 =
+        _mm512_setr_epi32(21, 0, 6, 22, 0, 7, 23, 0, 8, 24, 0, 9, 25, 0, 10, 26);
     const __m512i rg2 =
         _mm512_setr_epi32(0, 11, 27, 0, 12, 28, 0, 13, 29, 0, 14, 30, 0, 15, 31, 0);
     const __m512i b0 = _mm512_setr_epi32(0, 0, 0, 0, 0, 1, 0, 0, 2, 0, 0, 3, 0, 0, 4, 0);
@@ -453,9 +450,10 @@ INLINE void put16(const struct expand_job *job, uint32_t v, uint32_t t, bool row
                   __m512 g, __m512 b)
 {
     float rg[32], blue[16];
-    const __m512i lo = _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
-    const __m512i hi = _mm512_setr_epi32(8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30,
-                                         15, 31);
+    const __m512i lo =
+        _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
+    const __m512i hi =
+        _mm512_setr_epi32(8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31);
     float *color = job->color + t * job->plane;
     uint32_t n = job->end - v < 16 ? job->end - v : 16;
     if (row) {
@@ -479,13 +477,13 @@ INLINE __m512 load_u(const uint16_t *u)
 enum { CHUNK = 1024 };
 
 struct chunk {
-    const uint16_t *u;      // first row of the group, first vertex of the chunk
-    const uint16_t *next;   // what the next group will read
+    const uint16_t *u;    // first row of the group, first vertex of the chunk
+    const uint16_t *next; // what the next group will read
     size_t stride;
     const float *b;
     size_t b_stride;
-    uint32_t n;             // vertices rounded up to 16
-    float *sum;             // [n/16][3][16]
+    uint32_t n; // vertices rounded up to 16
+    float *sum; // [n/16][3][16]
 };
 
 INLINE void expand_group(const struct chunk *c, const int n_row, bool first)
@@ -555,15 +553,15 @@ INLINE void expand_chunks(const struct expand_job *job, uint32_t t, bool radial)
     const uint16_t *base = job->u + (radial ? (size_t)t * job->rank * 3 * job->stride : 0);
     for (uint32_t v0 = job->begin; v0 < job->end; v0 += CHUNK) {
         uint32_t n = job->end - v0 < CHUNK ? job->end - v0 : CHUNK;
-        struct chunk c = {.stride = job->stride, .b_stride = job->b_stride,
-                          .n = (n + 15) & ~15u, .sum = sum};
+        struct chunk c = {
+            .stride = job->stride, .b_stride = job->b_stride, .n = (n + 15) & ~15u, .sum = sum};
         if (!job->rank) memset(sum, 0, sizeof sum);
         claim(job, t, v0, n);
         for (uint32_t r = 0; r < job->rank;) {
             c.u = base + v0 + r * rows * job->stride;
             // past the last group comes the next chunk; a prefetch of nothing does no harm
-            c.next = job->rank - r > group ? c.u + group * rows * job->stride
-                                           : base + v0 + CHUNK;
+            c.next =
+                job->rank - r > group ? c.u + group * rows * job->stride : base + v0 + CHUNK;
             c.b = job->b + r * job->b_stride + (radial ? 0 : 3 * t);
             r += run_group(&c, job->rank - r, r == 0, radial);
         }
@@ -591,7 +589,7 @@ INLINE void fetch_share(const struct expand_job *job, uint32_t v)
 INLINE void expand_block(const struct expand_job *job, uint32_t v, uint32_t t0, const int nt,
                          const int nv)
 {
-    __m512 sum[8][3][2];
+    __m512 sum[4][3][2];
     const uint16_t *u = job->u + v;
     const float *b = job->b + 3 * t0;
     for (int t = 0; t < nt; t++) {
@@ -616,19 +614,20 @@ INLINE void expand_block(const struct expand_job *job, uint32_t v, uint32_t t0, 
     }
 }
 
+// Four triples at a time: more would fit the registers, but their colours not the caches.
 static void expand(const struct expand_job *job)
 {
-    const uint32_t n = job->n_triple, n8 = n & ~7u, n4 = n & ~3u;
-    for (uint32_t v = job->begin; n4 && v < job->end; v += BLOCK) {
-        // the second vector exists when the padded block reaches so far
-        bool two = v + BLOCK <= job->stride && v + 16 < job->end;
-        fetch_share(job, v);
-        for (uint32_t t = 0; t < n8; t += 8) {
-            expand_block(job, v, t, 8, 1);
-            if (two) expand_block(job, v + 16, t, 8, 1);
-        }
-        if (n4 > n8 && two) expand_block(job, v, n8, 4, 2);
-        if (n4 > n8 && !two) expand_block(job, v, n8, 4, 1);
+    const uint32_t n = job->n_triple, n4 = n & ~3u;
+    for (uint32_t v0 = job->begin; n4 && v0 < job->end; v0 += AHEAD) {
+        const uint32_t end = job->end - v0 < AHEAD ? job->end : v0 + AHEAD;
+        for (uint32_t t = 0; t < n4; t += 4)
+            for (uint32_t v = v0; v < end; v += BLOCK) {
+                // the second vector exists when the padded block reaches so far
+                bool two = v + BLOCK <= job->stride && v + 16 < job->end;
+                if (t == 0) fetch_share(job, v);
+                if (two) expand_block(job, v, t, 4, 2);
+                else expand_block(job, v, t, 4, 1);
+            }
     }
     for (uint32_t t = n4; t < n; t++) expand_chunks(job, t, false);
 }
@@ -639,7 +638,8 @@ static void radial(const struct expand_job *job)
 }
 
 // Products run along in three vectors (48 = 16 * 3), so that a lane keeps its channel.
-static void material(const float *in, size_t n, uint32_t n_radial, const float *coef, float *out)
+static void material(const float *in, size_t n, uint32_t n_radial, const float *coef,
+                     float *out)
 {
     const uint32_t width = 3 * n_radial;
     for (size_t i = 0; i < n; i++, in += width, out += 3) {
@@ -647,8 +647,9 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
         for (uint32_t j = 0; j < width; j += 48)
             for (uint32_t z = 0; z < 3 && j + 16 * z < width; z++) {
                 __mmask16 mask = lane_mask(width - j - 16 * z);
-                sum[z] = _mm512_fmadd_ps(_mm512_maskz_loadu_ps(mask, in + j + 16 * z),
-                                         _mm512_maskz_loadu_ps(mask, coef + j + 16 * z), sum[z]);
+                sum[z] =
+                    _mm512_fmadd_ps(_mm512_maskz_loadu_ps(mask, in + j + 16 * z),
+                                    _mm512_maskz_loadu_ps(mask, coef + j + 16 * z), sum[z]);
             }
         // lane i of vector z has channel (z + i) % 3
         out[0] = _mm512_mask_reduce_add_ps(0x9249, sum[0]) +
@@ -663,7 +664,11 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
     }
 }
 
-const struct relight_kernels relight_kernels_avx512 = {
-    .name = "avx512", .diagonal = diagonal, .diagonal_group = diagonal_group, .full = full,
-    .expand = expand, .radial = radial, .material = material};
+const struct relight_kernels relight_kernels_avx512 = {.name = "avx512",
+                                                       .diagonal = diagonal,
+                                                       .diagonal_group = diagonal_group,
+                                                       .full = full,
+                                                       .expand = expand,
+                                                       .radial = radial,
+                                                       .material = material};
 #endif

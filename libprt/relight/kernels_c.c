@@ -37,7 +37,8 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
 }
 
 static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                           const float *table, unsigned n_light, size_t light_stride, float *out)
+                           const float *table, unsigned n_light, size_t light_stride,
+                           float *out)
 {
     for (unsigned l = 0; l < n_light; l++)
         for (uint32_t row = begin; row < end; row++)
@@ -54,9 +55,9 @@ static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, cons
             for (int ch = 0; ch < 3; ch++) {
                 double sum = 0, fine = 0;
                 for (uint32_t f = 0; f < 6; f++)
-                    sum += (double)prt_f16_to_f32(
-                               rows->scaling[((uint64_t)row * 6 + f) * n + j]) *
-                           (double)light[(size_t)f * face * 4 + ch];
+                    sum +=
+                        (double)prt_f16_to_f32(rows->scaling[((uint64_t)row * 6 + f) * n + j]) *
+                        (double)light[(size_t)f * face * 4 + ch];
                 for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++)
                     fine += (double)value(rows, e * n + j) *
                             (double)light[rows_index(rows, e) * (size_t)4 + ch];
@@ -73,7 +74,8 @@ static void expand(const struct expand_job *job)
             float sum[3] = {0, 0, 0}, *out = job->color + t * job->plane + 3ull * job->order[v];
             for (uint32_t r = 0; r < job->rank; r++) {
                 float u = prt_f16_to_f32(job->u[r * job->stride + v]);
-                for (int ch = 0; ch < 3; ch++) sum[ch] += u * job->b[r * job->b_stride + 3 * t + ch];
+                for (int ch = 0; ch < 3; ch++)
+                    sum[ch] += u * job->b[r * job->b_stride + 3 * t + ch];
             }
             for (int ch = 0; ch < 3; ch++) out[ch] = job->add ? out[ch] + sum[ch] : sum[ch];
         }
@@ -93,7 +95,8 @@ static void radial(const struct expand_job *job)
         }
 }
 
-static void material(const float *in, size_t n, uint32_t n_radial, const float *coef, float *out)
+static void material(const float *in, size_t n, uint32_t n_radial, const float *coef,
+                     float *out)
 {
     for (size_t i = 0; i < n; i++, in += 3 * (size_t)n_radial)
         for (int ch = 0; ch < 3; ch++) {
@@ -103,6 +106,10 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
         }
 }
 
-const struct relight_kernels relight_kernels_c = {
-    .name = "c", .diagonal = diagonal, .diagonal_group = diagonal_group, .full = full,
-    .expand = expand, .radial = radial, .material = material};
+const struct relight_kernels relight_kernels_c = {.name = "c",
+                                                  .diagonal = diagonal,
+                                                  .diagonal_group = diagonal_group,
+                                                  .full = full,
+                                                  .expand = expand,
+                                                  .radial = radial,
+                                                  .material = material};

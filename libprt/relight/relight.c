@@ -6,9 +6,9 @@
 #include <string.h>
 
 enum {
-    ROW_GRAIN = 32,        // basis rows a piece: some hundred entries each
-    VERTEX_GRAIN = 4096,   // vertices a piece of a cluster, a multiple of EXPAND_ALIGN
-    SPARSE_BLOCK = 32,     // vertices between two scatters
+    ROW_GRAIN = 32,      // basis rows a piece: some hundred entries each
+    VERTEX_GRAIN = 4096, // vertices a piece of a cluster, a multiple of EXPAND_ALIGN
+    SPARSE_BLOCK = 32,   // vertices between two scatters
     TABLE_GRAIN = 1536,
 };
 
@@ -55,8 +55,8 @@ static int make_table(const struct prt_context *ctx, uint32_t n_coef, unsigned n
 struct rows_job {
     const struct relight_kernels *kernels;
     const struct prt_tensor *tensor;
-    unsigned n_light;            // of this group
-    const float *light, *table;  // one light, or the table of the group
+    unsigned n_light;           // of this group
+    const float *light, *table; // one light, or the table of the group
     float *out;
     size_t light_stride;
 };
@@ -68,13 +68,11 @@ static int run_rows(void *arg, size_t begin, size_t end, unsigned worker)
     uint32_t b = (uint32_t)begin, e = (uint32_t)end;
     bool full = job->tensor->coupling == PRT_COUPLE_FULL;
     float *out = job->out + begin * rows->n_function * (full ? 3 : 1);
-    if (full)
-        job->kernels->full(rows, b, e, job->light, out);
+    if (full) job->kernels->full(rows, b, e, job->light, out);
     else if (job->table)
         job->kernels->diagonal_group(rows, b, e, job->table, job->n_light, job->light_stride,
                                      out);
-    else
-        job->kernels->diagonal(rows, b, e, job->light, out);
+    else job->kernels->diagonal(rows, b, e, job->light, out);
     return PRT_OK;
 }
 
@@ -112,7 +110,8 @@ int prt_contract_light(const struct prt_context *ctx, const struct prt_tensor *t
         return prt_fail(ctx, PRT_ARG, "only a factored transport has bases to contract");
     const struct prt_rows *rows = &tensor->rows;
     size_t wide = tensor->coupling == PRT_COUPLE_FULL ? 3 : 1;
-    struct rows_job job = {.kernels = relight_kernels_for(ctx->cpu), .tensor = tensor,
+    struct rows_job job = {.kernels = relight_kernels_for(ctx->cpu),
+                           .tensor = tensor,
                            .out = out,
                            .light_stride = (size_t)rows->n_row * rows->n_function * wide};
     return for_groups(ctx, tensor, n_light, light, rows->n_row, ROW_GRAIN, run_rows, &job);
@@ -183,23 +182,20 @@ static int run_expand(void *arg, size_t begin, size_t end, unsigned worker)
     for (size_t i = begin; i < end; i++) {
         const struct piece *p = &run->pieces[i];
         const struct prt_cluster *c = &t->cluster[p->cluster];
-        struct expand_job job = {
-            .u = t->u + c->u_begin,
-            .stride = ((size_t)c->n_vertex + 15) & ~(size_t)15,
-            .rank = radial && c->rank ? t->n_radial : c->rank,
-            .b = radial ? run->b : run->b + c->row_begin * run->b_stride,
-            .b_stride = run->b_stride,
-            .n_triple = run->n_triple,
-            .begin = p->begin,
-            .end = p->end,
-            .order = t->order + c->vertex_begin,
-            .color = run->color,
-            .plane = 3 * (size_t)t->n_vertex,
-            .add = run->add};
-        if (radial)
-            run->kernels->radial(&job);
-        else
-            run->kernels->expand(&job);
+        struct expand_job job = {.u = t->u + c->u_begin,
+                                 .stride = ((size_t)c->n_vertex + 15) & ~(size_t)15,
+                                 .rank = radial && c->rank ? t->n_radial : c->rank,
+                                 .b = radial ? run->b : run->b + c->row_begin * run->b_stride,
+                                 .b_stride = run->b_stride,
+                                 .n_triple = run->n_triple,
+                                 .begin = p->begin,
+                                 .end = p->end,
+                                 .order = t->order + c->vertex_begin,
+                                 .color = run->color,
+                                 .plane = 3 * (size_t)t->n_vertex,
+                                 .add = run->add};
+        if (radial) run->kernels->radial(&job);
+        else run->kernels->expand(&job);
     }
     return PRT_OK;
 }
@@ -235,9 +231,12 @@ int prt_expand(const struct prt_context *ctx, const struct prt_tensor *tensor, u
                 memcpy(rows + (r * n_light + l) * width, b + (l * n_row + r) * width,
                        width * sizeof *rows);
     }
-    struct expand_run run = {.tensor = tensor, .b = rows ? rows : b,
-                             .b_stride = width * n_light, .n_triple = n_light * tensor->n_phase,
-                             .color = color, .add = add};
+    struct expand_run run = {.tensor = tensor,
+                             .b = rows ? rows : b,
+                             .b_stride = width * n_light,
+                             .n_triple = n_light * tensor->n_phase,
+                             .color = color,
+                             .add = add};
     int status = expand_all(ctx, &run);
     prt_free(rows);
     return status;
@@ -248,13 +247,17 @@ int prt_relight_radial(const struct prt_context *ctx, const struct prt_tensor *t
 {
     if (tensor->storage != PRT_STORAGE_RADIAL)
         return prt_fail(ctx, PRT_ARG, "this transport is not polynomial");
-    struct expand_run run = {.tensor = tensor, .b = coef, .b_stride = 3,
-                             .n_triple = tensor->n_phase, .color = color, .add = add};
+    struct expand_run run = {.tensor = tensor,
+                             .b = coef,
+                             .b_stride = 3,
+                             .n_triple = tensor->n_phase,
+                             .color = color,
+                             .add = add};
     return expand_all(ctx, &run);
 }
 
 struct sparse_job {
-    struct rows_job rows;   // first: for_groups fills it
+    struct rows_job rows; // first: for_groups fills it
     bool add;
 };
 
@@ -270,14 +273,13 @@ static int run_sparse(void *arg, size_t begin, size_t end, unsigned worker)
         if (job->rows.table)
             job->rows.kernels->diagonal_group(&t->rows, v, v + n, job->rows.table, n_light,
                                               SPARSE_BLOCK * width, block);
-        else
-            job->rows.kernels->diagonal(&t->rows, v, v + n, job->rows.light, block);
+        else job->rows.kernels->diagonal(&t->rows, v, v + n, job->rows.light, block);
         for (uint32_t l = 0; l < n_light; l++)
             for (uint32_t i = 0; i < n; i++)
                 for (uint32_t k = 0; k < t->n_phase; k++) {
                     const float *in = block + (l * SPARSE_BLOCK + i) * width + 3 * k;
-                    float *out = job->rows.out + (l * t->n_phase + k) * plane +
-                                 3ull * t->order[v + i];
+                    float *out =
+                        job->rows.out + (l * t->n_phase + k) * plane + 3ull * t->order[v + i];
                     for (int ch = 0; ch < 3; ch++)
                         out[ch] = job->add ? out[ch] + in[ch] : in[ch];
                 }
@@ -294,7 +296,9 @@ int prt_relight_sparse(const struct prt_context *ctx, const struct prt_tensor *t
     if (tensor->storage != PRT_STORAGE_SPARSE || tensor->coupling != PRT_COUPLE_DIAGONAL)
         return prt_fail(ctx, PRT_ARG, "this transport is not sparse");
     struct sparse_job job = {
-        .rows = {.kernels = relight_kernels_for(ctx->cpu), .tensor = tensor, .out = color,
+        .rows = {.kernels = relight_kernels_for(ctx->cpu),
+                 .tensor = tensor,
+                 .out = color,
                  .light_stride = 3 * (size_t)tensor->n_vertex * tensor->n_phase},
         .add = add};
     return for_groups(ctx, tensor, n_light, light, tensor->n_vertex, 1024, run_sparse,
@@ -331,8 +335,9 @@ int prt_relight(const struct prt_context *ctx, const struct prt_tensor *tensor,
     bool free_material =
         tensor->coupling == PRT_COUPLE_FULL || tensor->storage == PRT_STORAGE_RADIAL;
     if (free_material != (coef != NULL))
-        return prt_fail(ctx, PRT_ARG, coef ? "this transport's material is fixed"
-                                           : "this transport needs a material");
+        return prt_fail(ctx, PRT_ARG,
+                        coef ? "this transport's material is fixed"
+                             : "this transport needs a material");
     if (tensor->storage == PRT_STORAGE_RADIAL)
         return prt_relight_radial(ctx, tensor, coef, add, color);
     if (tensor->storage == PRT_STORAGE_SPARSE)

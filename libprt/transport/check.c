@@ -12,8 +12,8 @@ struct check {
     const struct prt_transport *t;
 };
 
-
-__attribute__((format(printf, 2, 3))) static int bad(const struct check *c, const char *fmt, ...)
+__attribute__((format(printf, 2, 3))) static int bad(const struct check *c, const char *fmt,
+                                                     ...)
 {
     char line[256];
     va_list args;
@@ -111,16 +111,15 @@ static int check_order(const struct check *c, uint32_t i, const struct prt_tenso
     // n in range and as many distinct values as there are make a permutation
     for (uint32_t k = 0; k < n && !status; k++) {
         uint32_t v = t->order[k];
-        if (v >= n || (seen[v >> 6] >> (v & 63) & 1))
-            status = 1;
-        else
-            seen[v >> 6] |= 1ull << (v & 63);
+        if (v >= n || (seen[v >> 6] >> (v & 63) & 1)) status = 1;
+        else seen[v >> 6] |= 1ull << (v & 63);
     }
     prt_free(seen);
     return status ? bad(c, "tensor %u: the vertex order is no permutation", i) : PRT_OK;
 }
 
-static bool good_cluster(const struct prt_tensor *t, const struct prt_cluster *k, uint32_t vertex)
+static bool good_cluster(const struct prt_tensor *t, const struct prt_cluster *k,
+                         uint32_t vertex)
 {
     bool radial = t->storage == PRT_STORAGE_RADIAL;
     uint64_t padded = ((uint64_t)k->n_vertex + 15) & ~15ull;
@@ -130,7 +129,8 @@ static bool good_cluster(const struct prt_tensor *t, const struct prt_cluster *k
     if (radial ? k->rank && k->rank != t->n_function
                : k->row_begin > t->rows.n_row || k->rank > t->rows.n_row - k->row_begin)
         return false;
-    return k->u_begin % 16 == 0 && k->u_begin <= t->u_count && halves <= t->u_count - k->u_begin;
+    return k->u_begin % 16 == 0 && k->u_begin <= t->u_count &&
+           halves <= t->u_count - k->u_begin;
 }
 
 static int check_clusters(const struct check *c, uint32_t i, const struct prt_tensor *t)
@@ -143,7 +143,8 @@ static int check_clusters(const struct check *c, uint32_t i, const struct prt_te
             return bad(c, "tensor %u: cluster %u is out of range", i, k);
         vertex += t->cluster[k].n_vertex;
     }
-    if (vertex != t->n_vertex) return bad(c, "tensor %u: clusters do not cover the vertices", i);
+    if (vertex != t->n_vertex)
+        return bad(c, "tensor %u: clusters do not cover the vertices", i);
     if (!finite_f16(t->u, t->u_count)) return bad(c, "tensor %u: U is not finite", i);
     return PRT_OK;
 }
@@ -188,8 +189,7 @@ static int check_rows(const struct check *c, uint32_t i, const struct prt_tensor
     }
     if (n < 2 || n > 1024 || (n & (n - 1)) || r->n_coef != 6 * n * n)
         return bad(c, "tensor %u: %u coefficients for a cube of %u", i, r->n_coef, n);
-    if (r->n_row && (!r->begin || !r->scaling))
-        return bad(c, "tensor %u: rows are missing", i);
+    if (r->n_row && (!r->begin || !r->scaling)) return bad(c, "tensor %u: rows are missing", i);
     if (t->storage == PRT_STORAGE_SPARSE && r->n_row != t->n_vertex)
         return bad(c, "tensor %u: %u rows for %u vertices", i, r->n_row, t->n_vertex);
     if (r->value > PRT_VALUE_F16 || r->n_function != t->n_function ||

@@ -23,23 +23,38 @@ struct format_header {
     uint64_t file_bytes;
     uint32_t n_section, reserved;
     uint64_t reserved2[3];
-    uint64_t hash;               // XXH3 of header and table, this field 0
+    uint64_t hash; // XXH3 of header and table, this field 0
 };
 
 enum format_section_type {
-    SECTION_INFO = 1, SECTION_SETTINGS, SECTION_ERRORS,
-    SECTION_POSITION, SECTION_NORMAL, SECTION_UV, SECTION_TRIANGLE, SECTION_WELD,
-    SECTION_BLOCK, SECTION_SURFACE,
-    SECTION_TENSOR, SECTION_ORDER, SECTION_CLUSTER, SECTION_U,
-    SECTION_ROW_BEGIN, SECTION_ROW_INDEX, SECTION_ROW_ENTRY, SECTION_ROW_SCALE,
-    SECTION_ROW_SCALING, SECTION_KNOT, SECTION_BASIS,
+    SECTION_INFO = 1,
+    SECTION_SETTINGS,
+    SECTION_ERRORS,
+    SECTION_POSITION,
+    SECTION_NORMAL,
+    SECTION_UV,
+    SECTION_TRIANGLE,
+    SECTION_WELD,
+    SECTION_BLOCK,
+    SECTION_SURFACE,
+    SECTION_TENSOR,
+    SECTION_ORDER,
+    SECTION_CLUSTER,
+    SECTION_U,
+    SECTION_ROW_BEGIN,
+    SECTION_ROW_INDEX,
+    SECTION_ROW_ENTRY,
+    SECTION_ROW_SCALE,
+    SECTION_ROW_SCALING,
+    SECTION_KNOT,
+    SECTION_BASIS,
 };
 
 struct format_section {
-    uint32_t type;               // enum format_section_type
-    uint32_t tensor;             // which one the section belongs to; 0 for the others
-    uint64_t offset, bytes;      // bytes without the zeros behind
-    uint64_t hash;               // XXH3, with the zeros behind
+    uint32_t type;          // enum format_section_type
+    uint32_t tensor;        // which one the section belongs to; 0 for the others
+    uint64_t offset, bytes; // bytes without the zeros behind
+    uint64_t hash;          // XXH3, with the zeros behind
 };
 
 struct format_info {

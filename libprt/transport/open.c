@@ -13,8 +13,8 @@
 #include <xxhash.h>
 
 struct prt_file {
-    const struct prt_context *ctx;   // while opening only
-    const char *name;                // while opening only
+    const struct prt_context *ctx; // while opening only
+    const char *name;              // while opening only
     const char *bytes;
     uint64_t size;
     bool mapped;
@@ -77,7 +77,8 @@ static int check_header(struct prt_file *f)
 // Sections follow each other without gaps up to the end of the file.
 static int check_table(const struct prt_file *f)
 {
-    uint64_t at = format_padded(sizeof(struct format_header) + sizeof *f->section * f->n_section);
+    uint64_t at =
+        format_padded(sizeof(struct format_header) + sizeof *f->section * f->n_section);
     for (uint32_t i = 0; i < f->n_section; i++) {
         const struct format_section *s = &f->section[i];
         if (s->offset != at || !s->bytes || s->bytes > f->size - at ||
@@ -111,12 +112,14 @@ static int take(struct prt_file *f, uint32_t type, uint32_t tensor, uint64_t byt
         if (s->type != type || s->tensor != tensor) continue;
         if (*out || s->bytes != bytes)
             return prt_fail(f->ctx, PRT_FORMAT, "%s: section %u has %llu bytes, not %llu",
-                            f->name, i, (unsigned long long)s->bytes, (unsigned long long)bytes);
+                            f->name, i, (unsigned long long)s->bytes,
+                            (unsigned long long)bytes);
         *out = f->bytes + s->offset;
         f->n_taken++;
     }
     if (bytes && !*out)
-        return prt_fail(f->ctx, PRT_FORMAT, "%s: a section of type %u is missing", f->name, type);
+        return prt_fail(f->ctx, PRT_FORMAT, "%s: a section of type %u is missing", f->name,
+                        type);
     return PRT_OK;
 }
 
@@ -147,13 +150,17 @@ static int take_mesh(struct prt_file *f, const struct format_info *info)
 {
     struct prt_mesh *m = &f->transport.mesh;
     uint32_t has_uv = 0;
-    *m = (struct prt_mesh){
-        .n_vertex = info->n_vertex, .n_triangle = info->n_triangle, .n_block = info->n_block,
-        .n_object = info->n_object, .n_surface = info->n_surface, .n_weld = info->n_weld,
-        .mm_per_unit = info->mm_per_unit, .units_known = info->units_known,
-        .n_boundary_edge = info->n_boundary_edge,
-        .n_nonmanifold_edge = info->n_nonmanifold_edge,
-        .n_degenerate_triangle = info->n_degenerate_triangle};
+    *m = (struct prt_mesh){.n_vertex = info->n_vertex,
+                           .n_triangle = info->n_triangle,
+                           .n_block = info->n_block,
+                           .n_object = info->n_object,
+                           .n_surface = info->n_surface,
+                           .n_weld = info->n_weld,
+                           .mm_per_unit = info->mm_per_unit,
+                           .units_known = info->units_known,
+                           .n_boundary_edge = info->n_boundary_edge,
+                           .n_nonmanifold_edge = info->n_nonmanifold_edge,
+                           .n_degenerate_triangle = info->n_degenerate_triangle};
     for (uint32_t i = 0; i < f->n_section; i++) has_uv |= f->section[i].type == SECTION_UV;
     TAKE(f, SECTION_POSITION, 0, 12ull * m->n_vertex, m->position);
     TAKE(f, SECTION_NORMAL, 0, 12ull * m->n_vertex, m->normal);
@@ -169,8 +176,10 @@ static int take_rows(struct prt_file *f, uint32_t i, const struct format_tensor 
                      struct prt_rows *r)
 {
     uint64_t j = ft->n_function, n_entry = ft->n_entry;
-    *r = (struct prt_rows){.n_row = ft->n_row, .n_function = ft->n_function,
-                           .n_coef = ft->n_coef, .value = ft->value,
+    *r = (struct prt_rows){.n_row = ft->n_row,
+                           .n_function = ft->n_function,
+                           .n_coef = ft->n_coef,
+                           .value = ft->value,
                            .index_bytes = ft->index_bytes};
     if (!ft->n_row) return PRT_OK;
     if (ft->index_bytes != 2 && ft->index_bytes != 4)
@@ -180,8 +189,7 @@ static int take_rows(struct prt_file *f, uint32_t i, const struct format_tensor 
         return bad_header(f->ctx, f->name, "rows do not end with the entries");
     TAKE(f, SECTION_ROW_INDEX, i, n_entry * ft->index_bytes, r->index);
     TAKE(f, SECTION_ROW_ENTRY, i, n_entry * j * (ft->value == PRT_VALUE_I8 ? 1 : 2), r->entry);
-    if (ft->value == PRT_VALUE_I8)
-        TAKE(f, SECTION_ROW_SCALE, i, 4 * j * ft->n_row, r->scale);
+    if (ft->value == PRT_VALUE_I8) TAKE(f, SECTION_ROW_SCALE, i, 4 * j * ft->n_row, r->scale);
     TAKE(f, SECTION_ROW_SCALING, i, 12 * j * ft->n_row, r->scaling);
     return PRT_OK;
 }
@@ -195,11 +203,17 @@ static int take_tensor(struct prt_file *f, uint32_t i)
     if (ft->n_function > 65536 || ft->n_radial > 65536 || ft->n_entry > f->size ||
         ft->u_count > f->size || ft->n_knot > 1u << 24)
         return prt_fail(f->ctx, PRT_FORMAT, "%s: tensor %u is damaged", f->name, i);
-    *t = (struct prt_tensor){
-        .term = ft->term, .storage = ft->storage, .coupling = ft->coupling,
-        .n_vertex = ft->n_vertex, .n_function = ft->n_function, .n_phase = ft->n_phase,
-        .n_cluster = ft->n_cluster, .n_radial = ft->n_radial, .u_count = ft->u_count,
-        .n_knot = ft->n_knot, .basis_kind = ft->basis_kind};
+    *t = (struct prt_tensor){.term = ft->term,
+                             .storage = ft->storage,
+                             .coupling = ft->coupling,
+                             .n_vertex = ft->n_vertex,
+                             .n_function = ft->n_function,
+                             .n_phase = ft->n_phase,
+                             .n_cluster = ft->n_cluster,
+                             .n_radial = ft->n_radial,
+                             .u_count = ft->u_count,
+                             .n_knot = ft->n_knot,
+                             .basis_kind = ft->basis_kind};
     TAKE(f, SECTION_ORDER, i, 4ull * ft->n_vertex, t->order);
     TAKE(f, SECTION_CLUSTER, i, (uint64_t)sizeof *t->cluster * ft->n_cluster, t->cluster);
     TAKE(f, SECTION_U, i, 2 * ft->u_count, t->u);
@@ -285,10 +299,8 @@ int prt_file_open(const struct prt_context *ctx, const char *path, enum prt_file
     if (map == MAP_FAILED) return prt_fail(ctx, PRT_IO, "%s: %s", path, strerror(error));
     (void)madvise(map, (size_t)st.st_size, MADV_WILLNEED);
     int status = prt_file_open_memory(ctx, path, map, (size_t)st.st_size, check, out);
-    if (status)
-        munmap(map, (size_t)st.st_size);
-    else
-        (*out)->mapped = true;
+    if (status) munmap(map, (size_t)st.st_size);
+    else (*out)->mapped = true;
     return status;
 }
 

@@ -41,12 +41,22 @@ static void put_tensor(struct layout *l, uint32_t i, const struct prt_tensor *t)
     const struct prt_rows *r = &t->rows;
     uint64_t n_entry = r->n_row ? r->begin[r->n_row] : 0;
     uint64_t value = r->value == PRT_VALUE_I8 ? 1 : 2;
-    l->tensor[i] = (struct format_tensor){
-        .term = t->term, .storage = t->storage, .coupling = t->coupling,
-        .n_vertex = t->n_vertex, .n_function = t->n_function, .n_phase = t->n_phase,
-        .n_cluster = t->n_cluster, .n_radial = t->n_radial, .u_count = t->u_count,
-        .n_entry = n_entry, .n_row = r->n_row, .n_coef = r->n_coef, .value = r->value,
-        .index_bytes = r->index_bytes, .n_knot = t->n_knot, .basis_kind = t->basis_kind};
+    l->tensor[i] = (struct format_tensor){.term = t->term,
+                                          .storage = t->storage,
+                                          .coupling = t->coupling,
+                                          .n_vertex = t->n_vertex,
+                                          .n_function = t->n_function,
+                                          .n_phase = t->n_phase,
+                                          .n_cluster = t->n_cluster,
+                                          .n_radial = t->n_radial,
+                                          .u_count = t->u_count,
+                                          .n_entry = n_entry,
+                                          .n_row = r->n_row,
+                                          .n_coef = r->n_coef,
+                                          .value = r->value,
+                                          .index_bytes = r->index_bytes,
+                                          .n_knot = t->n_knot,
+                                          .basis_kind = t->basis_kind};
     put(l, SECTION_TENSOR, i, &l->tensor[i], sizeof l->tensor[i]);
     put(l, SECTION_ORDER, i, t->order, 4ull * t->n_vertex);
     put(l, SECTION_CLUSTER, i, t->cluster, (uint64_t)sizeof *t->cluster * t->n_cluster);
@@ -68,14 +78,22 @@ static int build(const struct prt_context *ctx, const char *path, const struct p
 {
     const struct prt_mesh *m = &t->mesh;
     if (t->n_tensor > 4) return prt_fail(ctx, PRT_ARG, "%s: more than 4 tensors", path);
-    l->info = (struct format_info){
-        .n_vertex = m->n_vertex, .n_triangle = m->n_triangle, .n_block = m->n_block,
-        .n_object = m->n_object, .n_surface = m->n_surface, .n_weld = m->n_weld,
-        .mm_per_unit = m->mm_per_unit, .units_known = m->units_known,
-        .n_boundary_edge = m->n_boundary_edge, .n_nonmanifold_edge = m->n_nonmanifold_edge,
-        .n_degenerate_triangle = m->n_degenerate_triangle, .cube = t->cube,
-        .engine = t->engine, .n_tensor = t->n_tensor, .material = t->material,
-        .mesh_hash = t->mesh_hash};
+    l->info = (struct format_info){.n_vertex = m->n_vertex,
+                                   .n_triangle = m->n_triangle,
+                                   .n_block = m->n_block,
+                                   .n_object = m->n_object,
+                                   .n_surface = m->n_surface,
+                                   .n_weld = m->n_weld,
+                                   .mm_per_unit = m->mm_per_unit,
+                                   .units_known = m->units_known,
+                                   .n_boundary_edge = m->n_boundary_edge,
+                                   .n_nonmanifold_edge = m->n_nonmanifold_edge,
+                                   .n_degenerate_triangle = m->n_degenerate_triangle,
+                                   .cube = t->cube,
+                                   .engine = t->engine,
+                                   .n_tensor = t->n_tensor,
+                                   .material = t->material,
+                                   .mesh_hash = t->mesh_hash};
     put(l, SECTION_INFO, 0, &l->info, sizeof l->info);
     const char *settings = t->settings ? t->settings : "{}";
     const char *errors = t->errors ? t->errors : "{}";
@@ -142,10 +160,8 @@ int prt_file_write(const struct prt_context *ctx, const char *path,
     if (!status) status = write_padded(w, l->section, (uint64_t)sizeof l->section[0] * l->n);
     for (uint32_t i = 0; i < l->n && !status; i++)
         status = write_padded(w, l->bytes[i], l->section[i].bytes);
-    if (status)
-        prt_writer_abandon(w);
-    else
-        status = prt_writer_finish(w);
+    if (status) prt_writer_abandon(w);
+    else status = prt_writer_finish(w);
 out:
     prt_free(l);
     return status;

@@ -8,11 +8,21 @@
 int main(int argc, char **argv)
 {
     static const struct synthetic_options kind[] = {
-        {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16, .n_cluster = 2, .rank = 3,
-         .n_phase = 1, .coefs = 6},
+        {.storage = PRT_STORAGE_FACTORED,
+         .value = PRT_VALUE_F16,
+         .n_cluster = 2,
+         .rank = 3,
+         .n_phase = 1,
+         .coefs = 6},
         {.storage = PRT_STORAGE_SPARSE, .value = PRT_VALUE_I8, .n_phase = 4, .coefs = 3},
-        {.storage = PRT_STORAGE_FACTORED, .coupling = PRT_COUPLE_FULL, .value = PRT_VALUE_F16,
-         .n_cluster = 2, .rank = 2, .n_phase = 4, .n_radial = 3, .coefs = 4},
+        {.storage = PRT_STORAGE_FACTORED,
+         .coupling = PRT_COUPLE_FULL,
+         .value = PRT_VALUE_F16,
+         .n_cluster = 2,
+         .rank = 2,
+         .n_phase = 4,
+         .n_radial = 3,
+         .coefs = 4},
         {.storage = PRT_STORAGE_RADIAL, .n_cluster = 2, .n_phase = 1, .n_radial = 4}};
     struct prt_context ctx;
     char path[4096];

@@ -90,10 +90,8 @@ static void check_rows(enum which which, const struct synthetic_options *o, unsi
     size_t n_out = (n_row - begin) * width * n_light, table_floats;
     table_floats = (size_t)n_coef * (which == GROUP ? LIGHT_LANES : 4);
     float *filled = malloc(table_floats * sizeof *filled), *expect = malloc(n_out * 4 + 4);
-    if (which == GROUP)
-        relight_light_table(n_light, lights, 0, n_coef, filled);
-    else
-        memcpy(filled, light[0].coef, table_floats * 4);
+    if (which == GROUP) relight_light_table(n_light, lights, 0, n_coef, filled);
+    else memcpy(filled, light[0].coef, table_floats * 4);
     guard_rows(&t.rows, &rows);
     float *table = guarded(filled, table_floats * 4), *out = guarded(expect, n_out * 4);
     size_t stride = (n_row - begin) * width;
@@ -132,10 +130,13 @@ static void rows_meet_light(void **state)
     prt_rng_init(&rng, 1, 1);
     for (int i = 0; i < 120; i++) {
         bool large = i % 40 == 39;
-        struct synthetic_options o = {
-            .storage = PRT_STORAGE_SPARSE, .value = i & 1, .n_vertex = pick(&rng, 1, 60),
-            .n_phase = phases[pick(&rng, 0, 4)], .cube = large ? 128 : 16u << pick(&rng, 0, 1),
-            .coefs = pick(&rng, 0, 60), .seed = (uint64_t)i};
+        struct synthetic_options o = {.storage = PRT_STORAGE_SPARSE,
+                                      .value = i & 1,
+                                      .n_vertex = pick(&rng, 1, 60),
+                                      .n_phase = phases[pick(&rng, 0, 4)],
+                                      .cube = large ? 128 : 16u << pick(&rng, 0, 1),
+                                      .coefs = pick(&rng, 0, 60),
+                                      .seed = (uint64_t)i};
         check_rows(DIAGONAL, &o, 1, NULL);
         check_rows(GROUP, &o, pick(&rng, 1, 8), NULL);
         o.storage = PRT_STORAGE_FACTORED;
@@ -146,15 +147,25 @@ static void rows_meet_light(void **state)
         o.n_radial = pick(&rng, 1, 40);
         check_rows(FULL, &o, 1, NULL);
     }
-    struct synthetic_options o = {.storage = PRT_STORAGE_SPARSE, .n_vertex = 3000, .n_phase = 1,
-                                  .cube = 32, .coefs = 122, .seed = 5};
+    struct synthetic_options o = {.storage = PRT_STORAGE_SPARSE,
+                                  .n_vertex = 3000,
+                                  .n_phase = 1,
+                                  .cube = 32,
+                                  .coefs = 122,
+                                  .seed = 5};
     check_rows(DIAGONAL, &o, 1, "rows x light, 8 bits");
     check_rows(GROUP, &o, 8, "rows x 8 lights, 8 bits");
     o.n_phase = 4;
     check_rows(DIAGONAL, &o, 1, "rows x light, 4 terms, 8 bits");
-    o = (struct synthetic_options){.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16,
-                                   .n_vertex = 999, .n_cluster = 8, .rank = 40, .n_phase = 1,
-                                   .cube = 32, .coefs = 512, .seed = 6};
+    o = (struct synthetic_options){.storage = PRT_STORAGE_FACTORED,
+                                   .value = PRT_VALUE_F16,
+                                   .n_vertex = 999,
+                                   .n_cluster = 8,
+                                   .rank = 40,
+                                   .n_phase = 1,
+                                   .cube = 32,
+                                   .coefs = 512,
+                                   .seed = 6};
     check_rows(DIAGONAL, &o, 1, "rows x light, half");
     check_rows(GROUP, &o, 8, "rows x 8 lights, half");
     o.n_phase = 4;
@@ -192,11 +203,17 @@ static void check_expand(const struct expand_shape *s, uint64_t seed, const char
         order[i] = order[k];
         order[k] = swap;
     }
-    struct expand_job job = {.u = guarded(u, 2 * n_u), .stride = stride, .rank = s->rank,
-                             .b = guarded(b, 4 * n_b), .b_stride = b_stride,
-                             .n_triple = s->n_triple, .begin = s->begin, .end = s->n_vertex,
+    struct expand_job job = {.u = guarded(u, 2 * n_u),
+                             .stride = stride,
+                             .rank = s->rank,
+                             .b = guarded(b, 4 * n_b),
+                             .b_stride = b_stride,
+                             .n_triple = s->n_triple,
+                             .begin = s->begin,
+                             .end = s->n_vertex,
                              .order = guarded(order, 4ull * s->n_vertex),
-                             .plane = 3ull * s->n_vertex, .add = s->add};
+                             .plane = 3ull * s->n_vertex,
+                             .add = s->add};
     float *out = guarded(start, 4 * n_out);
     memcpy(expect, start, 4 * n_out);
     job.color = expect;
@@ -234,8 +251,11 @@ static void bases_expand(void **state)
     struct prt_rng rng;
     prt_rng_init(&rng, 2, 2);
     for (int i = 0; i < 200; i++) {
-        struct expand_shape s = {.rank = pick(&rng, 0, 20), .n_vertex = pick(&rng, 1, 200),
-                                 .n_triple = pick(&rng, 1, 17), .radial = i & 1, .add = i & 2};
+        struct expand_shape s = {.rank = pick(&rng, 0, 20),
+                                 .n_vertex = pick(&rng, 1, 200),
+                                 .n_triple = pick(&rng, 1, 17),
+                                 .radial = i & 1,
+                                 .add = i & 2};
         s.begin = s.n_vertex > 64 ? 32 * pick(&rng, 0, 2) : 0;
         check_expand(&s, (uint64_t)i, NULL);
     }
@@ -245,8 +265,9 @@ static void bases_expand(void **state)
                  "expand, rank 40, 4 terms");
     check_expand(&(struct expand_shape){.rank = 40, .n_vertex = 4096, .n_triple = 8}, 7,
                  "expand, rank 40, 8 lights");
-    check_expand(&(struct expand_shape){.rank = 17, .n_vertex = 4096, .n_triple = 1,
-                                        .radial = true}, 7, "polynomial, 17 functions");
+    check_expand(
+        &(struct expand_shape){.rank = 17, .n_vertex = 4096, .n_triple = 1, .radial = true}, 7,
+        "polynomial, 17 functions");
 }
 
 static void materials_fold(void **state)
@@ -254,7 +275,8 @@ static void materials_fold(void **state)
     struct prt_rng rng;
     prt_rng_init(&rng, 4, 4);
     for (int i = 0; i < 100; i++) {
-        uint32_t n = pick(&rng, 1, 20), n_radial = i < 70 ? (uint32_t)i + 1 : pick(&rng, 1, 200);
+        uint32_t n = pick(&rng, 1, 20),
+                 n_radial = i < 70 ? (uint32_t)i + 1 : pick(&rng, 1, 200);
         size_t n_in = 3ull * n * n_radial;
         float *in = malloc(4 * n_in), *coef = malloc(12ull * n_radial), expect[60];
         for (size_t k = 0; k < n_in; k++) in[k] = prt_rng_f32(&rng) - 0.5f;

@@ -31,22 +31,71 @@ static struct prt_context quiet(void)
 
 enum { N = 1357, N_KIND = 7 };
 static const struct synthetic_options kind[N_KIND] = {
-    {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16, .n_vertex = N, .n_cluster = 5,
-     .rank = 21, .n_phase = 1, .cube = 16, .coefs = 60, .seed = 1},
-    {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_I8, .n_vertex = N, .n_cluster = 3,
-     .rank = 8, .n_phase = 4, .cube = 16, .coefs = 40, .seed = 2, .term = PRT_TERM_SINGLE},
-    {.storage = PRT_STORAGE_SPARSE, .value = PRT_VALUE_I8, .n_vertex = N, .n_phase = 1,
-     .cube = 32, .coefs = 30, .seed = 3},
-    {.storage = PRT_STORAGE_SPARSE, .value = PRT_VALUE_F16, .n_vertex = N, .n_phase = 9,
-     .cube = 16, .coefs = 10, .seed = 4, .term = PRT_TERM_SINGLE},
-    {.storage = PRT_STORAGE_FACTORED, .coupling = PRT_COUPLE_FULL, .value = PRT_VALUE_F16,
-     .n_vertex = N, .n_cluster = 4, .rank = 7, .n_phase = 1, .n_radial = 12, .cube = 16,
-     .coefs = 30, .seed = 5},
-    {.storage = PRT_STORAGE_FACTORED, .coupling = PRT_COUPLE_FULL, .value = PRT_VALUE_F16,
-     .n_vertex = N, .n_cluster = 2, .rank = 5, .n_phase = 4, .n_radial = 11, .cube = 16,
-     .coefs = 30, .seed = 6, .term = PRT_TERM_SINGLE},
-    {.storage = PRT_STORAGE_RADIAL, .n_vertex = N, .n_cluster = 3, .n_phase = 4, .n_radial = 6,
-     .cube = 16, .seed = 7, .term = PRT_TERM_SINGLE},
+    {.storage = PRT_STORAGE_FACTORED,
+     .value = PRT_VALUE_F16,
+     .n_vertex = N,
+     .n_cluster = 5,
+     .rank = 21,
+     .n_phase = 1,
+     .cube = 16,
+     .coefs = 60,
+     .seed = 1},
+    {.storage = PRT_STORAGE_FACTORED,
+     .value = PRT_VALUE_I8,
+     .n_vertex = N,
+     .n_cluster = 3,
+     .rank = 8,
+     .n_phase = 4,
+     .cube = 16,
+     .coefs = 40,
+     .seed = 2,
+     .term = PRT_TERM_SINGLE},
+    {.storage = PRT_STORAGE_SPARSE,
+     .value = PRT_VALUE_I8,
+     .n_vertex = N,
+     .n_phase = 1,
+     .cube = 32,
+     .coefs = 30,
+     .seed = 3},
+    {.storage = PRT_STORAGE_SPARSE,
+     .value = PRT_VALUE_F16,
+     .n_vertex = N,
+     .n_phase = 9,
+     .cube = 16,
+     .coefs = 10,
+     .seed = 4,
+     .term = PRT_TERM_SINGLE},
+    {.storage = PRT_STORAGE_FACTORED,
+     .coupling = PRT_COUPLE_FULL,
+     .value = PRT_VALUE_F16,
+     .n_vertex = N,
+     .n_cluster = 4,
+     .rank = 7,
+     .n_phase = 1,
+     .n_radial = 12,
+     .cube = 16,
+     .coefs = 30,
+     .seed = 5},
+    {.storage = PRT_STORAGE_FACTORED,
+     .coupling = PRT_COUPLE_FULL,
+     .value = PRT_VALUE_F16,
+     .n_vertex = N,
+     .n_cluster = 2,
+     .rank = 5,
+     .n_phase = 4,
+     .n_radial = 11,
+     .cube = 16,
+     .coefs = 30,
+     .seed = 6,
+     .term = PRT_TERM_SINGLE},
+    {.storage = PRT_STORAGE_RADIAL,
+     .n_vertex = N,
+     .n_cluster = 3,
+     .n_phase = 4,
+     .n_radial = 6,
+     .cube = 16,
+     .seed = 7,
+     .term = PRT_TERM_SINGLE},
 };
 
 static bool needs_coef(const struct prt_tensor *t)
@@ -121,7 +170,8 @@ static void define(const struct prt_tensor *t, const struct prt_light *light, co
                         uint64_t row = t->storage == PRT_STORAGE_RADIAL
                                            ? 3ull * (k * rank + r) + (uint32_t)ch
                                            : r;
-                        sum += b[r] * (double)prt_f16_to_f32(t->u[q->u_begin + row * stride + v]);
+                        sum +=
+                            b[r] * (double)prt_f16_to_f32(t->u[q->u_begin + row * stride + v]);
                     }
                     color[k * plane + 3 * t->order[q->vertex_begin + v] + (uint32_t)ch] =
                         (float)sum;
@@ -319,9 +369,12 @@ static int transport_of(struct prt_transport *t, const struct synthetic_options 
                         const struct synthetic_options *b)
 {
     *t = (struct prt_transport){.cube = 16, .n_tensor = 1};
-    t->material = (struct prt_material){.name = "x", .sigma_s_prime = {1, 1.5f, 2},
-                                        .sigma_a = {0.01f, 0.02f, 0.03f}, .g = {0.2f, 0, -0.1f},
-                                        .eta = 1.3f, .roughness = 0.3f};
+    t->material = (struct prt_material){.name = "x",
+                                        .sigma_s_prime = {1, 1.5f, 2},
+                                        .sigma_a = {0.01f, 0.02f, 0.03f},
+                                        .g = {0.2f, 0, -0.1f},
+                                        .eta = 1.3f,
+                                        .roughness = 0.3f};
     assert_int_equal(synthetic_mesh(N, true, &t->mesh), 0);
     assert_int_equal(synthetic_tensor(a, &t->tensor[0]), 0);
     if (b) assert_int_equal(synthetic_tensor(b, &t->tensor[t->n_tensor++]), 0);
@@ -390,8 +443,8 @@ static void answers_speak_the_contract(void **state)
         // w bent to the normal: same azimuth, sine / eta
         float inside[3], tangent[3], sine = sqrtf(fmaxf(0, 1 - cosine * cosine)) / 1.3f;
         for (int i = 0; i < 3; i++) tangent[i] = w[i] - cosine * n[i];
-        float l = sqrtf(tangent[0] * tangent[0] + tangent[1] * tangent[1] +
-                        tangent[2] * tangent[2]);
+        float l =
+            sqrtf(tangent[0] * tangent[0] + tangent[1] * tangent[1] + tangent[2] * tangent[2]);
         for (int i = 0; i < 3; i++)
             inside[i] = sqrtf(1 - sine * sine) * n[i] + (l > 0 ? tangent[i] / l * sine : 0);
         prt_sh_eval(2, inside, y);
@@ -459,12 +512,16 @@ static void materials_move(void **state)
     struct prt_transport t;
     struct prt_cube cube;
     struct prt_radial *radial[2];
-    struct prt_material m = {.name = "y", .sigma_s_prime = {0.8f, 1, 3},
-                             .sigma_a = {0.02f, 0.05f, 0.1f}, .g = {0.3f, 0, -0.2f},
-                             .eta = 1.3f, .roughness = 0.3f};
+    struct prt_material m = {.name = "y",
+                             .sigma_s_prime = {0.8f, 1, 3},
+                             .sigma_a = {0.02f, 0.05f, 0.1f},
+                             .g = {0.3f, 0, -0.2f},
+                             .eta = 1.3f,
+                             .roughness = 0.3f};
     for (int f = 0; f < 2; f++) {
         struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED,
-                                       .family = (enum prt_radial_family)f, .eta = 1.3,
+                                       .family = (enum prt_radial_family)f,
+                                       .eta = 1.3,
                                        .n_function = f ? 11 : 12};
         assert_int_equal(prt_radial_create(&ctx, &o, &radial[f]), 0);
     }

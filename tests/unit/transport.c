@@ -71,23 +71,53 @@ static void half_floats_are_exact(void **state)
 
 enum { N_KIND = 4 };
 static const struct synthetic_options kind[N_KIND] = {
-    {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16, .n_vertex = 101, .n_cluster = 3,
-     .rank = 5, .n_phase = 1, .cube = 16, .coefs = 20, .seed = 1},
-    {.storage = PRT_STORAGE_SPARSE, .value = PRT_VALUE_I8, .n_vertex = 101, .n_phase = 4,
-     .cube = 16, .coefs = 10, .seed = 2, .term = PRT_TERM_SINGLE},
-    {.storage = PRT_STORAGE_FACTORED, .coupling = PRT_COUPLE_FULL, .value = PRT_VALUE_F16,
-     .n_vertex = 101, .n_cluster = 2, .rank = 4, .n_phase = 4, .n_radial = 3, .cube = 16,
-     .coefs = 9, .seed = 3, .term = PRT_TERM_SINGLE},
-    {.storage = PRT_STORAGE_RADIAL, .n_vertex = 101, .n_cluster = 2, .n_phase = 1,
-     .n_radial = 6, .cube = 16, .seed = 4},
+    {.storage = PRT_STORAGE_FACTORED,
+     .value = PRT_VALUE_F16,
+     .n_vertex = 101,
+     .n_cluster = 3,
+     .rank = 5,
+     .n_phase = 1,
+     .cube = 16,
+     .coefs = 20,
+     .seed = 1},
+    {.storage = PRT_STORAGE_SPARSE,
+     .value = PRT_VALUE_I8,
+     .n_vertex = 101,
+     .n_phase = 4,
+     .cube = 16,
+     .coefs = 10,
+     .seed = 2,
+     .term = PRT_TERM_SINGLE},
+    {.storage = PRT_STORAGE_FACTORED,
+     .coupling = PRT_COUPLE_FULL,
+     .value = PRT_VALUE_F16,
+     .n_vertex = 101,
+     .n_cluster = 2,
+     .rank = 4,
+     .n_phase = 4,
+     .n_radial = 3,
+     .cube = 16,
+     .coefs = 9,
+     .seed = 3,
+     .term = PRT_TERM_SINGLE},
+    {.storage = PRT_STORAGE_RADIAL,
+     .n_vertex = 101,
+     .n_cluster = 2,
+     .n_phase = 1,
+     .n_radial = 6,
+     .cube = 16,
+     .seed = 4},
 };
 
 static void make(struct prt_transport *t)
 {
     memset(t, 0, sizeof *t);
     assert_int_equal(synthetic_mesh(101, true, &t->mesh), 0);
-    t->material = (struct prt_material){.name = "x", .sigma_s_prime = {1, 2, 3},
-                                        .sigma_a = {0, 1, 2}, .eta = 1.3f, .roughness = 0.3f};
+    t->material = (struct prt_material){.name = "x",
+                                        .sigma_s_prime = {1, 2, 3},
+                                        .sigma_a = {0, 1, 2},
+                                        .eta = 1.3f,
+                                        .roughness = 0.3f};
     t->cube = 16;
     t->n_tensor = N_KIND;
     for (int i = 0; i < N_KIND; i++)
@@ -180,8 +210,7 @@ static int open_copy(const void *bytes, size_t n, enum prt_file_check check)
     void *copy = malloc(n ? n : 1);
     memcpy(copy, bytes, n);
     int status = prt_file_open_memory(&ctx, "x.prt", copy, n, check, &file);
-    if (status)
-        assert_true(strncmp(last_line, "x.prt: ", 7) == 0 && !strchr(last_line, '\n'));
+    if (status) assert_true(strncmp(last_line, "x.prt: ", 7) == 0 && !strchr(last_line, '\n'));
     prt_file_close(file);
     free(copy);
     return status;
@@ -243,18 +272,14 @@ static void forged_headers_are_refused(void **state)
         for (int e = 0; e < 7; e++) {
             uint64_t keep = field ? *field : *word;
             if (keep == evil[e]) continue;
-            if (field)
-                *field = evil[e];
-            else
-                *word = (uint32_t)evil[e];
+            if (field) *field = evil[e];
+            else *word = (uint32_t)evil[e];
             reseal(&blob);
             if (keep != (field ? *field : *word))
                 assert_int_equal(open_copy(blob.bytes, blob.size, PRT_FILE_CHECK_HEADERS),
                                  PRT_FORMAT);
-            if (field)
-                *field = keep;
-            else
-                *word = (uint32_t)keep;
+            if (field) *field = keep;
+            else *word = (uint32_t)keep;
         }
     }
     prt_free(blob.bytes);
@@ -267,44 +292,120 @@ static bool broken(struct prt_transport *t, int rule)
     struct prt_tensor *a = &t->tensor[0], *s = &t->tensor[1];
     struct prt_cluster *c = W(struct prt_cluster, a->cluster);
     switch (rule) {
-    case 0: W(uint32_t, a->order)[3] = a->order[4]; return true;
-    case 1: W(uint32_t, a->order)[3] = 101; return true;
-    case 2: W(uint64_t, a->rows.begin)[2] = a->rows.begin[4]; return true;
-    case 3: W(uint64_t, a->rows.begin)[0] = 1; return true;
-    case 4: W(uint16_t, a->rows.index)[1] = W(uint16_t, a->rows.index)[0]; return true;
-    case 5: W(uint16_t, a->rows.index)[a->rows.begin[1] - 1] = 6 * 256; return true;
-    case 6: W(uint16_t, s->rows.index)[0] = 0; return true;
-    case 7: c[1].vertex_begin++; return true;
-    case 8: c[2].n_vertex++; return true;
-    case 9: c[2].rank = 4000; return true;
-    case 10: c[2].row_begin = UINT32_MAX; return true;
-    case 11: c[2].u_begin = UINT64_MAX - 15; return true;
-    case 12: c[1].u_begin += 8; return true;
-    case 13: W(uint16_t, a->u)[5] = 0x7e00; return true;
-    case 14: W(uint16_t, a->rows.entry)[5] = 0x7c00; return true;
-    case 15: W(uint16_t, a->rows.scaling)[5] = 0xfc00; return true;
-    case 16: W(float, s->rows.scale)[5] = NAN; return true;
-    case 17: t->mesh.triangle[4][1] = 101; return true;
-    case 18: t->mesh.weld[4] = 101; return true;
-    case 19: t->mesh.position[4][1] = INFINITY; return true;
-    case 20: t->mesh.block[1].surface = 2; return true;
-    case 21: t->mesh.block[1].vertex_begin--; return true;
-    case 22: t->mesh.block[0].object = 1; return true;
-    case 23: memset(t->mesh.surface[0].name, 'x', 64); return true;
-    case 24: t->material.eta = 0.5f; return true;
-    case 25: a->n_phase = 3; return true;
-    case 26: a->n_function = 4; return true;
-    case 27: s->rows.n_row = 100; return true;
-    case 28: a->storage = 7; return true;
-    case 29: t->cube = 17; return true;
-    case 30: W(float, t->tensor[3].knot)[2] = 9; return true;
-    case 31: t->n_tensor = 0; return true;
-    case 32: t->engine = 9; return true;
-    case 33: t->mesh.n_vertex = 100; return true;
-    case 34: a->rows.index_bytes = 4; return true;
-    case 35: t->tensor[2].n_radial = 5; return true;
-    case 36: a->u_count -= 16; c[2].rank++; return true;
-    default: return false;
+    case 0:
+        W(uint32_t, a->order)[3] = a->order[4];
+        return true;
+    case 1:
+        W(uint32_t, a->order)[3] = 101;
+        return true;
+    case 2:
+        W(uint64_t, a->rows.begin)[2] = a->rows.begin[4];
+        return true;
+    case 3:
+        W(uint64_t, a->rows.begin)[0] = 1;
+        return true;
+    case 4:
+        W(uint16_t, a->rows.index)[1] = W(uint16_t, a->rows.index)[0];
+        return true;
+    case 5:
+        W(uint16_t, a->rows.index)[a->rows.begin[1] - 1] = 6 * 256;
+        return true;
+    case 6:
+        W(uint16_t, s->rows.index)[0] = 0;
+        return true;
+    case 7:
+        c[1].vertex_begin++;
+        return true;
+    case 8:
+        c[2].n_vertex++;
+        return true;
+    case 9:
+        c[2].rank = 4000;
+        return true;
+    case 10:
+        c[2].row_begin = UINT32_MAX;
+        return true;
+    case 11:
+        c[2].u_begin = UINT64_MAX - 15;
+        return true;
+    case 12:
+        c[1].u_begin += 8;
+        return true;
+    case 13:
+        W(uint16_t, a->u)[5] = 0x7e00;
+        return true;
+    case 14:
+        W(uint16_t, a->rows.entry)[5] = 0x7c00;
+        return true;
+    case 15:
+        W(uint16_t, a->rows.scaling)[5] = 0xfc00;
+        return true;
+    case 16:
+        W(float, s->rows.scale)[5] = NAN;
+        return true;
+    case 17:
+        t->mesh.triangle[4][1] = 101;
+        return true;
+    case 18:
+        t->mesh.weld[4] = 101;
+        return true;
+    case 19:
+        t->mesh.position[4][1] = INFINITY;
+        return true;
+    case 20:
+        t->mesh.block[1].surface = 2;
+        return true;
+    case 21:
+        t->mesh.block[1].vertex_begin--;
+        return true;
+    case 22:
+        t->mesh.block[0].object = 1;
+        return true;
+    case 23:
+        memset(t->mesh.surface[0].name, 'x', 64);
+        return true;
+    case 24:
+        t->material.eta = 0.5f;
+        return true;
+    case 25:
+        a->n_phase = 3;
+        return true;
+    case 26:
+        a->n_function = 4;
+        return true;
+    case 27:
+        s->rows.n_row = 100;
+        return true;
+    case 28:
+        a->storage = 7;
+        return true;
+    case 29:
+        t->cube = 17;
+        return true;
+    case 30:
+        W(float, t->tensor[3].knot)[2] = 9;
+        return true;
+    case 31:
+        t->n_tensor = 0;
+        return true;
+    case 32:
+        t->engine = 9;
+        return true;
+    case 33:
+        t->mesh.n_vertex = 100;
+        return true;
+    case 34:
+        a->rows.index_bytes = 4;
+        return true;
+    case 35:
+        t->tensor[2].n_radial = 5;
+        return true;
+    case 36:
+        a->u_count -= 16;
+        c[2].rank++;
+        return true;
+    default:
+        return false;
     }
 }
 
@@ -367,9 +468,15 @@ static void opening_is_timed(void **state)
 {
     struct prt_context ctx = quiet();
     struct prt_transport t = {.cube = 32, .n_tensor = 1};
-    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16,
-                                  .n_vertex = 34835, .n_cluster = 64, .rank = 40, .n_phase = 1,
-                                  .cube = 32, .coefs = 512, .seed = 9};
+    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
+                                  .value = PRT_VALUE_F16,
+                                  .n_vertex = 34835,
+                                  .n_cluster = 64,
+                                  .rank = 40,
+                                  .n_phase = 1,
+                                  .cube = 32,
+                                  .coefs = 512,
+                                  .seed = 9};
     struct prt_file *file;
     t.material.eta = 1.3f;
     assert_int_equal(synthetic_mesh(o.n_vertex, false, &t.mesh), 0);

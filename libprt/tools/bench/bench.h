@@ -12,13 +12,13 @@
 #include "prt/transport.h"
 
 struct bench_env {
-    struct prt_context ctx;      // its pool has `threads` threads
-    const char *cpu_name;        // kernels in use
+    struct prt_context ctx; // its pool has `threads` threads
+    const char *cpu_name;   // kernels in use
     unsigned threads;
-    const char *file;            // --file, or NULL
-    const char *mesh;            // --model, or NULL
-    double seconds;              // each figure is measured for about this long
-    bool quick;                  // small sizes: to see that it runs
+    const char *file; // --file, or NULL
+    const char *mesh; // --model, or NULL
+    double seconds;   // each figure is measured for about this long
+    bool quick;       // small sizes: to see that it runs
     uint64_t seed;
 };
 
@@ -38,7 +38,7 @@ void bench_register(struct bench *bench);
 
 // One JSON object: {"bench": figure, "cpu": ..., "threads": ..., keys..., }
 void bench_begin(const struct bench_env *env, const char *figure);
-void bench_number(const char *key, double value);   // 6 significant digits; null if not finite
+void bench_number(const char *key, double value); // 6 significant digits; null if not finite
 void bench_text(const char *key, const char *value);
 void bench_end(void);
 

@@ -30,9 +30,15 @@ static int open_once(void *arg)
 
 static int write_bunny(struct bench_env *env, const char *path)
 {
-    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16,
-                                  .n_vertex = 34835, .n_cluster = 64, .rank = 40, .n_phase = 1,
-                                  .cube = 32, .coefs = 512, .seed = env->seed};
+    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
+                                  .value = PRT_VALUE_F16,
+                                  .n_vertex = 34835,
+                                  .n_cluster = 64,
+                                  .rank = 40,
+                                  .n_phase = 1,
+                                  .cube = 32,
+                                  .coefs = 512,
+                                  .seed = env->seed};
     struct prt_transport t = {.cube = 32, .n_tensor = 1, .material = {.eta = 1.3f}};
     int status = synthetic_mesh(o.n_vertex, false, &t.mesh);
     if (!status) status = synthetic_tensor(&o, &t.tensor[0]);

@@ -15,10 +15,8 @@ void bench_begin(const struct bench_env *env, const char *figure)
 
 void bench_number(const char *key, double value)
 {
-    if (isfinite(value))
-        printf(", \"%s\": %.6g", key, value);
-    else
-        printf(", \"%s\": null", key);
+    if (isfinite(value)) printf(", \"%s\": %.6g", key, value);
+    else printf(", \"%s\": null", key);
 }
 
 void bench_text(const char *key, const char *value)

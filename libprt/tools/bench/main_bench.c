@@ -45,11 +45,21 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     double number = arg ? strtod(arg, &end) : 0;
     bool numeric = arg && *arg && !*end && number >= 0 && number <= 1e9;
     switch (key) {
-    case KEY_LIST: o->list = true; break;
-    case KEY_FILE: o->env.file = arg; break;
-    case KEY_MODEL: o->env.mesh = arg; break;
-    case KEY_CPU: o->cpu = arg; break;
-    case KEY_QUICK: o->env.quick = true; break;
+    case KEY_LIST:
+        o->list = true;
+        break;
+    case KEY_FILE:
+        o->env.file = arg;
+        break;
+    case KEY_MODEL:
+        o->env.mesh = arg;
+        break;
+    case KEY_CPU:
+        o->cpu = arg;
+        break;
+    case KEY_QUICK:
+        o->env.quick = true;
+        break;
     case 't':
         if (!numeric || number > 1024) argp_error(state, "--threads takes 0 to 1024");
         o->env.threads = (unsigned)number;
@@ -66,7 +76,8 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         if (o->n_name == 64) argp_error(state, "too many names");
         o->names[o->n_name++] = arg;
         break;
-    default: return ARGP_ERR_UNKNOWN;
+    default:
+        return ARGP_ERR_UNKNOWN;
     }
     return 0;
 }

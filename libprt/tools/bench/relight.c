@@ -12,26 +12,32 @@ struct job {
     struct bench_env *env;
     const struct prt_tensor *tensor;
     struct prt_cube cube[8];
+    struct prt_light light[8];
     unsigned n_light;
     const float *coef;
     float *color;
 };
 
+static int transform(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct job *job = arg;
+    int status = PRT_OK;
+    for (size_t i = begin; i < end && !status; i++)
+        status = prt_light_from_cube(&job->cube[i], &job->light[i]);
+    return status;
+}
+
 static int relight_cubes(void *arg)
 {
     struct job *job = arg;
-    struct prt_light light[8];
     const struct prt_light *lights[8];
-    unsigned n = 0;
-    int status = PRT_OK;
-    for (; n < job->n_light; n++) {
-        if ((status = prt_light_from_cube(&job->cube[n], &light[n]))) break;
-        lights[n] = &light[n];
-    }
+    memset(job->light, 0, sizeof job->light);
+    for (unsigned i = 0; i < 8; i++) lights[i] = &job->light[i];
+    int status = prt_parallel_for(&job->env->ctx, NULL, job->n_light, 1, transform, job);
     if (!status)
-        status = prt_relight(&job->env->ctx, job->tensor, job->n_light, lights, job->coef, false,
-                             job->color);
-    while (n) prt_light_finish(&light[--n]);
+        status = prt_relight(&job->env->ctx, job->tensor, job->n_light, lights, job->coef,
+                             false, job->color);
+    for (unsigned i = 0; i < job->n_light; i++) prt_light_finish(&job->light[i]);
     return status;
 }
 
@@ -51,8 +57,8 @@ static int figure(struct job *job, const char *name, unsigned n_light, double ba
     bench_begin(job->env, name);
     bench_number("vertices", t->n_vertex);
     bench_number("rows", t->rows.n_row);
-    bench_number("entries_per_row", t->rows.n_row ? (double)t->rows.begin[t->rows.n_row] /
-                                                        t->rows.n_row : 0);
+    bench_number("entries_per_row",
+                 t->rows.n_row ? (double)t->rows.begin[t->rows.n_row] / t->rows.n_row : 0);
     bench_number("phase_terms", t->n_phase);
     bench_number("functions", t->n_function);
     bench_number("lights", n_light);
@@ -92,8 +98,9 @@ static void stop(struct job *job)
 }
 
 // One and eight lights on one tensor. *one, if > 0, is what the first is compared with.
-static int one_and_eight(struct bench_env *env, const char *name, const struct prt_tensor *tensor,
-                         uint32_t cube, const float *coef, bool eight, double *one)
+static int one_and_eight(struct bench_env *env, const char *name,
+                         const struct prt_tensor *tensor, uint32_t cube, const float *coef,
+                         bool eight, double *one)
 {
     struct bench_span span[8];
     struct job job;
@@ -127,9 +134,16 @@ static int made_up(struct bench_env *env, const char *name, const struct synthet
 
 static int factored(struct bench_env *env)
 {
-    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16,
-                                  .n_vertex = 34835, .n_cluster = 64, .rank = 48, .n_phase = 1,
-                                  .cube = 32, .coefs = 506, .seed = env->seed, .run = 24};
+    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
+                                  .value = PRT_VALUE_F16,
+                                  .n_vertex = 34835,
+                                  .n_cluster = 64,
+                                  .rank = 48,
+                                  .n_phase = 1,
+                                  .cube = 32,
+                                  .coefs = 506,
+                                  .seed = env->seed,
+                                  .run = 24};
     double bunny = 0, million = 0;
     int status = made_up(env, "factored_bunny", &o, NULL, true, &bunny);
     o.n_vertex = env->quick ? 50000 : 1000000;
@@ -141,9 +155,16 @@ static int factored(struct bench_env *env)
 // A phase function of four terms beside an isotropic one: the four planes of single scattering.
 static int phase(struct bench_env *env)
 {
-    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED, .value = PRT_VALUE_F16,
-                                  .n_vertex = 34835, .n_cluster = 64, .rank = 48, .n_phase = 1,
-                                  .cube = 32, .coefs = 506, .seed = env->seed, .run = 24};
+    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
+                                  .value = PRT_VALUE_F16,
+                                  .n_vertex = 34835,
+                                  .n_cluster = 64,
+                                  .rank = 48,
+                                  .n_phase = 1,
+                                  .cube = 32,
+                                  .coefs = 506,
+                                  .seed = env->seed,
+                                  .run = 24};
     double one = 0;
     int status = made_up(env, "phase_1_factored", &o, NULL, false, &one);
     o.n_phase = 4;
@@ -162,9 +183,14 @@ static int phase(struct bench_env *env)
 // W05's own storage: 128 coefficients a vertex, the six scaling ones among them.
 static int sparse(struct bench_env *env)
 {
-    struct synthetic_options o = {.storage = PRT_STORAGE_SPARSE, .value = PRT_VALUE_I8,
-                                  .n_vertex = env->quick ? 20000 : 300000, .n_phase = 1,
-                                  .cube = 32, .coefs = 122, .seed = env->seed, .run = 24};
+    struct synthetic_options o = {.storage = PRT_STORAGE_SPARSE,
+                                  .value = PRT_VALUE_I8,
+                                  .n_vertex = env->quick ? 20000 : 300000,
+                                  .n_phase = 1,
+                                  .cube = 32,
+                                  .coefs = 122,
+                                  .seed = env->seed,
+                                  .run = 24};
     double one = 0;
     int status = made_up(env, "sparse_8_bit", &o, NULL, true, &one);
     o.value = PRT_VALUE_F16;
@@ -176,9 +202,16 @@ static int sparse(struct bench_env *env)
 static int joint(struct bench_env *env)
 {
     struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
-                                  .coupling = PRT_COUPLE_FULL, .value = PRT_VALUE_F16,
-                                  .n_vertex = 40000, .n_cluster = 64, .rank = 32, .n_phase = 1,
-                                  .n_radial = 12, .cube = 32, .coefs = 400, .seed = env->seed,
+                                  .coupling = PRT_COUPLE_FULL,
+                                  .value = PRT_VALUE_F16,
+                                  .n_vertex = 40000,
+                                  .n_cluster = 64,
+                                  .rank = 32,
+                                  .n_phase = 1,
+                                  .n_radial = 12,
+                                  .cube = 32,
+                                  .coefs = 400,
+                                  .seed = env->seed,
                                   .run = 24};
     float coef[36];
     double one = 0;
@@ -194,8 +227,12 @@ static int joint(struct bench_env *env)
 static int polynomial(struct bench_env *env)
 {
     struct synthetic_options o = {.storage = PRT_STORAGE_RADIAL,
-                                  .n_vertex = env->quick ? 50000 : 1000000, .n_cluster = 64,
-                                  .n_phase = 1, .n_radial = 12, .cube = 16, .seed = env->seed,
+                                  .n_vertex = env->quick ? 50000 : 1000000,
+                                  .n_cluster = 64,
+                                  .n_phase = 1,
+                                  .n_radial = 12,
+                                  .cube = 16,
+                                  .seed = env->seed,
                                   .run = 24};
     float coef[51];
     double one = 0;
@@ -223,8 +260,9 @@ static int file(struct bench_env *env)
         double one = 0;
         snprintf(label, sizeof label, "file_tensor_%u", i);
         bool free_material = x->coupling == PRT_COUPLE_FULL || x->storage == PRT_STORAGE_RADIAL;
-        status = one_and_eight(env, label, x, t->cube ? t->cube : 32, free_material ? coef : NULL,
-                               x->storage != PRT_STORAGE_RADIAL, &one);
+        status =
+            one_and_eight(env, label, x, t->cube ? t->cube : 32, free_material ? coef : NULL,
+                          x->storage != PRT_STORAGE_RADIAL, &one);
     }
     prt_file_close(f);
     return status;

@@ -59,10 +59,8 @@ static float chance_scale(uint32_t n, uint32_t coefs)
     for (int i = 0; i < 60; i++) {
         double mid = sqrt((lo + 1e-9) * hi), sum = 0;
         for (uint32_t k = 0; k < n * n; k++) sum += 6 * (double)keep_chance(k, n, (float)mid);
-        if (sum > coefs)
-            hi = mid;
-        else
-            lo = mid;
+        if (sum > coefs) hi = mid;
+        else lo = mid;
     }
     return coefs ? (float)lo : 0;
 }
@@ -103,8 +101,11 @@ static int random_rows(struct prt_rng *rng, const struct synthetic_options *o, u
     struct patterns p = {0};
     uint64_t *begin = prt_alloc(n_row + 1ull, 8);
     int status = make_patterns(rng, o, n_row, &p);
-    *r = (struct prt_rows){.n_row = n_row, .n_function = n_function, .n_coef = n_coef,
-                           .value = o->value, .index_bytes = n_coef > 65536 ? 4 : 2,
+    *r = (struct prt_rows){.n_row = n_row,
+                           .n_function = n_function,
+                           .n_coef = n_coef,
+                           .value = o->value,
+                           .index_bytes = n_coef > 65536 ? 4 : 2,
                            .begin = begin};
     if (!begin || status) goto out;
     begin[0] = 0;
@@ -121,10 +122,8 @@ static int random_rows(struct prt_rng *rng, const struct synthetic_options *o, u
         uint32_t k = (uint32_t)(i * 2654435761ull >> 20) % p.n;
         for (uint64_t e = begin[i]; e < begin[i + 1]; e++) {
             uint32_t x = p.index[p.begin[k] + (e - begin[i])];
-            if (r->index_bytes == 2)
-                memcpy(index + 2 * e, &(uint16_t){(uint16_t)x}, 2);
-            else
-                memcpy(index + 4 * e, &x, 4);
+            if (r->index_bytes == 2) memcpy(index + 2 * e, &(uint16_t){(uint16_t)x}, 2);
+            else memcpy(index + 4 * e, &x, 4);
         }
     }
     if (!status && o->value == PRT_VALUE_F16) {
@@ -161,8 +160,10 @@ static int random_clusters(struct prt_rng *rng, const struct synthetic_options *
         uint32_t end = i + 1 == o->n_cluster
                            ? o->n_vertex
                            : (uint32_t)((uint64_t)o->n_vertex * (i + 1) / o->n_cluster) - i % 7;
-        cluster[i] = (struct prt_cluster){.vertex_begin = at, .n_vertex = end - at,
-                                          .row_begin = wide == 1 ? row : 0, .rank = rank,
+        cluster[i] = (struct prt_cluster){.vertex_begin = at,
+                                          .n_vertex = end - at,
+                                          .row_begin = wide == 1 ? row : 0,
+                                          .rank = rank,
                                           .u_begin = t->u_count};
         t->u_count += (((uint64_t)cluster[i].n_vertex + 15) & ~15ull) * rank * wide;
         at = end;
@@ -183,8 +184,11 @@ static int random_clusters(struct prt_rng *rng, const struct synthetic_options *
 int synthetic_tensor(const struct synthetic_options *o, struct prt_tensor *out)
 {
     struct prt_rng rng;
-    struct prt_tensor t = {.term = o->term, .storage = o->storage, .coupling = o->coupling,
-                           .n_vertex = o->n_vertex, .n_phase = o->n_phase};
+    struct prt_tensor t = {.term = o->term,
+                           .storage = o->storage,
+                           .coupling = o->coupling,
+                           .n_vertex = o->n_vertex,
+                           .n_phase = o->n_phase};
     bool full = o->coupling == PRT_COUPLE_FULL || o->storage == PRT_STORAGE_RADIAL;
     int status = PRT_NOMEM;
     prt_rng_init(&rng, o->seed, 1);
@@ -193,12 +197,9 @@ int synthetic_tensor(const struct synthetic_options *o, struct prt_tensor *out)
     t.order = random_order(&rng, o->n_vertex, o->run ? o->run : 16);
     if (t.order && o->storage == PRT_STORAGE_SPARSE)
         status = random_rows(&rng, o, o->n_vertex, t.n_function, &t.rows);
-    else if (t.order)
-        status = random_clusters(&rng, o, &t);
-    if (status)
-        synthetic_tensor_finish(&t);
-    else
-        *out = t;
+    else if (t.order) status = random_clusters(&rng, o, &t);
+    if (status) synthetic_tensor_finish(&t);
+    else *out = t;
     return status;
 }
 
@@ -224,7 +225,11 @@ void synthetic_tensor_finish(struct prt_tensor *t)
 
 int synthetic_mesh(uint32_t n, bool two_surfaces, struct prt_mesh *out)
 {
-    struct prt_mesh m = {.n_vertex = n, .n_weld = n, .n_block = 1, .n_object = 1, .n_surface = 1,
+    struct prt_mesh m = {.n_vertex = n,
+                         .n_weld = n,
+                         .n_block = 1,
+                         .n_object = 1,
+                         .n_surface = 1,
                          .mm_per_unit = 1};
     uint32_t side = (uint32_t)sqrt((double)n), first = two_surfaces ? n - n / 4 : n;
     m.n_triangle = n < 3 ? 0 : n - 2;
@@ -250,9 +255,13 @@ int synthetic_mesh(uint32_t n, bool two_surfaces, struct prt_mesh *out)
         memcpy(m.triangle[i], (uint32_t[3]){i, i + 1, i + 2}, 12);
     for (uint32_t i = 0; i < m.n_block; i++) {
         struct prt_surface *s = &m.surface[i];
-        *s = (struct prt_surface){.name = "made up", .translucent = !i, .roughness = 0.5f,
-                                  .base_color = {0.8f, 0.6f, 0.4f, 1}, .ior = 1.5f};
-        m.block[i] = (struct prt_block){.surface = i, .vertex_begin = i ? first : 0,
+        *s = (struct prt_surface){.name = "made up",
+                                  .translucent = !i,
+                                  .roughness = 0.5f,
+                                  .base_color = {0.8f, 0.6f, 0.4f, 1},
+                                  .ior = 1.5f};
+        m.block[i] = (struct prt_block){.surface = i,
+                                        .vertex_begin = i ? first : 0,
                                         .n_vertex = i ? n - first : first,
                                         .triangle_begin = i ? m.n_triangle : 0,
                                         .n_triangle = i ? 0 : m.n_triangle};
@@ -281,7 +290,8 @@ int synthetic_light(uint32_t cube, uint64_t seed, struct prt_light *out)
     prt_rng_init(&rng, seed, 2);
     for (uint32_t i = 0; i < n_coef; i++)
         for (int c = 0; c < 3; c++)
-            coef[4ull * i + c] = i % (cube * cube) ? uniform(&rng, -1, 1) : uniform(&rng, 10, 90);
+            coef[4ull * i + c] =
+                i % (cube * cube) ? uniform(&rng, -1, 1) : uniform(&rng, 10, 90);
     *out = (struct prt_light){cube, coef};
     return PRT_OK;
 }

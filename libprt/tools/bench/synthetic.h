@@ -9,11 +9,11 @@
 struct synthetic_options {
     uint32_t storage, coupling, value; // enum prt_storage, prt_coupling, prt_value
     uint32_t term;
-    uint32_t n_vertex, n_cluster;      // clusters of about equal, never round, sizes
-    uint32_t rank;                     // FACTORED
+    uint32_t n_vertex, n_cluster; // clusters of about equal, never round, sizes
+    uint32_t rank;                // FACTORED
     uint32_t n_phase, n_radial;
-    uint32_t cube, coefs;              // coefs: mean entries a row beside the scaling ones
-    uint32_t run;                      // mean run of file vertices in the tensor's order
+    uint32_t cube, coefs; // coefs: mean entries a row beside the scaling ones
+    uint32_t run;         // mean run of file vertices in the tensor's order
     uint64_t seed;
 };
 
