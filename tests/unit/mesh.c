@@ -306,6 +306,12 @@ static void faults_are_named(void **state)
         {"\"nodes\":[{\"children\":[1]},{\"children\":[1]}],\"scenes\":[{\"nodes\":[0]}]",
          "its own descendant", PRT_FORMAT},
         {"\"nodes\":[{}]", "no triangles", PRT_FORMAT},
+        // numbers the parser would turn into others
+        {"\"bufferViews\":[{\"buffer\":0,\"byteOffset\":-4,\"byteLength\":48}]",
+         "byteOffset is not a whole number", PRT_FORMAT},
+        {"\"nodes\":[{\"mesh\":4294967296}]", "mesh is not a whole number", PRT_FORMAT},
+        {"\"nodes\":[{\"children\":[0.5]}]", "not a whole number", PRT_FORMAT},
+        {"\"accessors\":[{\"count\":\"3\"}]", "count is not a whole number", PRT_FORMAT},
     };
     struct prt_mesh *m;
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
@@ -322,6 +328,20 @@ static void faults_are_named(void **state)
         PRT_FORMAT);
     assert_int_equal(load_text("hello\n", NULL, &m), PRT_FORMAT);
     assert_int_equal(load_text("", NULL, &m), PRT_FORMAT);
+}
+
+static void what_is_not_read_cannot_fail(void **state)
+{
+    struct prt_mesh *m = must_load(gltf(
+        &tetrahedron, sizeof tetrahedron,
+        TETRA_VIEWS
+        ",\"images\":[{\"bufferView\":99},{\"uri\":\"../none.png\"},7],\"animations\":[1],"
+        "\"skins\":[{\"joints\":[-1]}],\"cameras\":[[]],\"meshes\":[{\"extras\":{\"count\":"
+        "-1,\"a\":[{\"]}\":\"\\\"\"}]},\"primitives\":[{\"attributes\":{\"POSITION\":0},"
+        "\"indices\":1}]}],\"nodes\":[{\"mesh\":0}]"));
+    assert_int_equal(m->n_triangle, 4);
+    assert_null(strstr(lines, "png"));
+    prt_mesh_destroy(m);
 }
 
 // ---- external files
@@ -367,6 +387,15 @@ static void buffers_stay_in_the_folder(void **state)
     prt_mesh_destroy(m);
     assert_int_equal(load_with_uri(root, "in%20side/b.bin", &m), PRT_OK);
     prt_mesh_destroy(m);
+    char padded[sizeof tetrahedron + 8] = {0}; // a file may be longer than the buffer
+    memcpy(padded, &tetrahedron, sizeof tetrahedron);
+    put_file(inner, "long.bin", padded, sizeof padded);
+    put_file(inner, "short.bin", padded, 71);
+    assert_int_equal(load_with_uri(inner, "long.bin", &m), PRT_OK);
+    assert_int_equal(m->n_triangle, 4);
+    prt_mesh_destroy(m);
+    assert_int_equal(load_with_uri(inner, "short.bin", &m), PRT_FORMAT);
+    assert_non_null(strstr(lines, "72 bytes declared, 71 there"));
     snprintf(path, sizeof path, "%s/b.bin", inner);
     const char *const outside[] = {
         "../secret.bin", "%2e%2e/secret.bin",  "link.bin",        path,
@@ -704,6 +733,7 @@ int main(void)
         cmocka_unit_test(materials_decide),
         cmocka_unit_test(limits_hold),
         cmocka_unit_test(faults_are_named),
+        cmocka_unit_test(what_is_not_read_cannot_fail),
         cmocka_unit_test(buffers_stay_in_the_folder),
         cmocka_unit_test(obj_keeps_its_vertices),
         cmocka_unit_test(ply_in_three_formats),
