@@ -186,8 +186,11 @@ struct request *request_create(struct connection *conn, const struct relight_fra
                                 .payload = payload, .payload_size = frame->payload_size};
     request->message = relight_frame_unpack(frame);
     if (!request->message) {
-        code = RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
-        text = "the header does not parse as this type's message";
+        bool known = relight_type_message(frame->type) != NULL;
+        code = known ? RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST
+                     : RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
+        text = known ? "the header does not parse as this type's message"
+                     : "a request of unknown type";
         free(request);
         goto fail;
     }

@@ -1,3 +1,5 @@
-prt_test(service SOURCES service/service.c LIBS librelight LABELS service TIMEOUT 400)
-target_include_directories(test_service PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/service)
-add_dependencies(test_service relightd prt_program)
+foreach(name service lifecycle hostile)
+  prt_test(${name} SOURCES service/${name}.c LIBS librelight LABELS service TIMEOUT 400)
+  target_include_directories(test_${name} PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/service)
+  add_dependencies(test_${name} relightd prt_program)
+endforeach()

@@ -1,0 +1,416 @@
+// SPDX-License-Identifier: MIT
+// Starting, stopping, coming back, and the HTTP side. Each test has a daemon of its own; they
+// share one data folder, so that the octahedron is baked once.
+#include "daemon.h"
+
+#include <math.h>
+#include <netinet/in.h>
+
+static struct daemon d;
+static char model[32];
+
+static int setup(void **state)
+{
+    daemon_folder(&d);
+    return 0;
+}
+
+static int teardown(void **state)
+{
+    daemon_remove(&d);
+    return 0;
+}
+
+static int after_each(void **state)
+{
+    if (d.pid) kill(d.pid, SIGKILL), waitpid(d.pid, NULL, 0);
+    d.pid = 0;
+    return 0;
+}
+
+static void red_of_first_vertex(struct relight_client *client, float red, float *out)
+{
+    struct relight_error error;
+    struct relight_colors colors;
+    char env[40];
+    snprintf(env, sizeof env, "constant:%g,1,1", (double)red);
+    struct relight_light light = {.env = env};
+    struct relight_colors_request request = {.model = model, .n_light = 1, .lights = &light};
+    OK(relight_colors(client, &request, &colors, &error));
+    *out = *(const float *)colors.data;
+    relight_colors_finish(&colors);
+}
+
+static void test_restart_keeps_the_bake(void **state)
+{
+    float before, after;
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    bake_small(client, &d, model);
+    red_of_first_vertex(client, 1, &before);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+    assert_int_equal(access(d.socket, F_OK), -1); // its socket's file goes with it
+
+    daemon_start(&d, NULL);
+    client = client_open(d.address);
+    red_of_first_vertex(client, 1, &after); // by its id, without a load
+    assert_true(before == after);
+    struct relight_error error;
+    struct relight_loaded loaded;
+    OK(load_small(client, &d, "small.obj", 0, 200, &loaded, &error));
+    assert_string_equal(loaded.model, model);
+    assert_int_equal(loaded.state, RELIGHT_MODEL_READY);
+    assert_string_equal(loaded.job, "");
+    assert_true(metric(client, "relightd_bakes_done_total") == 0);
+    relight_loaded_finish(&loaded);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+static void test_damaged_bake_is_refused_and_made_anew(void **state)
+{
+    char path[200];
+    snprintf(path, sizeof path, "%s/bakes/%s.prt", d.data, model);
+    int fd = open(path, O_RDWR);
+    struct stat st;
+    assert_true(fd >= 0 && !fstat(fd, &st));
+    assert_int_equal(ftruncate(fd, st.st_size / 2), 0);
+    close(fd);
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_colors colors;
+    struct relight_light light = {.env = "constant"};
+    struct relight_colors_request request = {.model = model, .n_light = 1, .lights = &light};
+    assert_int_equal(relight_colors(client, &request, &colors, &error), -RELIGHT_E_FORMAT);
+    char again[32];
+    bake_small(client, &d, again);
+    assert_string_equal(again, model);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+static void test_sigterm_answers_what_is_open(void **state)
+{
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_image image;
+    struct relight_light light = {.env = "constant"};
+    struct relight_image_request request = {
+        .model = model, .n_light = 1, .lights = &light,
+        .picture = {.width = 2600, .height = 2200, .format = RELIGHT_PNG}};
+    uint64_t id;
+    OK(relight_image_begin(client, &request, 0, &id, &error));
+    sleep_ms(30); // it is being worked on
+    kill(d.pid, SIGTERM);
+    assert_true(log_says(&d, " drain ", 5000));
+    OK(relight_image_end(client, id, &image, &error));
+    assert_int_equal(image.width, 2600);
+    relight_image_finish(&image);
+    assert_int_equal(daemon_stop(&d), 0);
+    relight_close(client);
+}
+
+static void test_sigterm_ends_a_bake(void **state)
+{
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_loaded loaded;
+    OK(load_small(client, &d, "long.obj", 9, 3000000, &loaded, &error));
+    char path[200];
+    snprintf(path, sizeof path, "%s/bakes/%s.prt", d.data, loaded.model);
+    relight_loaded_finish(&loaded);
+    sleep_ms(300);
+    assert_int_equal(daemon_stop(&d), 0);
+    assert_true(log_says(&d, "cancelled", 0));
+    assert_int_equal(access(path, F_OK), -1); // nothing half-written
+    relight_close(client);
+}
+
+static int run_second(const char *address, const char *data)
+{
+    int how = 0;
+    struct daemon other = d;
+    snprintf(other.address, sizeof other.address, "%s", address);
+    snprintf(other.data, sizeof other.data, "%s", data);
+    snprintf(other.log, sizeof other.log, "%s/log2", d.folder);
+    unlink(other.log);
+    pid_t pid = daemon_spawn(&other, NULL);
+    for (int i = 0; i < 500 && waitpid(pid, &how, WNOHANG) != pid; i++) sleep_ms(20);
+    if (!WIFEXITED(how)) kill(pid, SIGKILL);
+    return WIFEXITED(how) ? WEXITSTATUS(how) : -1;
+}
+
+static bool second_said(const char *word)
+{
+    char path[128];
+    snprintf(path, sizeof path, "%s/log2", d.folder);
+    char *text = read_text(path);
+    bool said = strstr(text, word) != NULL;
+    free(text);
+    return said;
+}
+
+static void test_one_daemon_a_socket_and_a_folder(void **state)
+{
+    char data[128], address[128];
+    snprintf(data, sizeof data, "%s/data2", d.folder);
+    snprintf(address, sizeof address, "unix:%s/other", d.folder);
+    daemon_start(&d, NULL);
+    assert_int_equal(run_second(d.address, data), 1);
+    assert_true(second_said("another relightd serves this socket"));
+    assert_int_equal(run_second(address, d.data), 1);
+    assert_true(second_said("another relightd uses it"));
+    struct relight_client *client = client_open(d.address); // the first is unharmed
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+static void test_socket_of_a_dead_daemon_is_replaced(void **state)
+{
+    daemon_start(&d, NULL);
+    kill(d.pid, SIGKILL);
+    waitpid(d.pid, NULL, 0);
+    assert_int_equal(access(d.socket, F_OK), 0);
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    float red;
+    red_of_first_vertex(client, 2, &red); // and its catalogue is read
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+// Beyond --memory an unused model is unloaded, and comes back when it is asked for.
+static void test_memory_budget(void **state)
+{
+    static const char *const extra[] = {"--memory", "1k", "--cache", "1k", NULL};
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    float red[3];
+    for (int i = 0; i < 3; i++) red_of_first_vertex(client, (float)i + 1, &red[i]);
+    assert_true(red[2] > red[1] && red[1] > red[0]);
+    assert_true(metric(client, "relightd_models_evictions_total") >= 1);
+    assert_true(metric(client, "relightd_models_bytes") == 0);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+static void test_busy_at_the_limit(void **state)
+{
+    enum { N = 40 };
+    static const char *const extra[] = {"--requests", "4", NULL};
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    uint64_t id[N];
+    int n_ok = 0, n_busy = 0;
+    for (int i = 0; i < N; i++) {
+        char env[40];
+        snprintf(env, sizeof env, "constant:%d,3,2", i + 1);
+        struct relight_light light = {.env = env};
+        struct relight_image_request request = {.model = model, .n_light = 1, .lights = &light,
+                                                .picture = {.width = 400, .height = 300}};
+        OK(relight_image_begin(client, &request, 0, &id[i], &error));
+    }
+    for (int i = 0; i < N; i++) {
+        struct relight_image image;
+        int status = relight_image_end(client, id[i], &image, &error);
+        if (!status) {
+            n_ok++;
+            relight_image_finish(&image);
+        } else {
+            assert_int_equal(status, -RELIGHT_E_BUSY);
+            assert_true(error.retry_after_ms > 0);
+            n_busy++;
+        }
+    }
+    assert_true(n_ok >= 4 && n_busy >= 1);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+// ---- configuration
+
+static int shell(const char *fmt, ...) __attribute__((format(printf, 1, 2)));
+static int shell(const char *fmt, ...)
+{
+    char command[900];
+    va_list args;
+    va_start(args, fmt);
+    vsnprintf(command, sizeof command, fmt, args);
+    va_end(args);
+    int how = system(command);
+    return WIFEXITED(how) ? WEXITSTATUS(how) : -1;
+}
+
+static void test_configuration(void **state)
+{
+    char path[128];
+    snprintf(path, sizeof path, "%s/conf", d.folder);
+    // The printed default, with every line switched on, is read back.
+    assert_int_equal(shell(PRT_BINARY_DIR "/relightd --print-config | sed 's/^#\\([a-z]\\)/\\1/'"
+                                          " > %s", path), 0);
+    char *text = read_text(path);
+    assert_non_null(strstr(text, "\nbakes = 1\n"));
+    free(text);
+    const char *const extra[] = {"--config", path, NULL};
+    daemon_start(&d, extra);
+    assert_int_equal(daemon_stop(&d), 0);
+    write_text(path, "bakes = many\n");
+    assert_int_equal(shell(PRT_BINARY_DIR "/relightd --config %s 2> %s/err", path, d.folder), 2);
+    snprintf(path, sizeof path, "%s/err", d.folder);
+    text = read_text(path);
+    assert_non_null(strstr(text, "conf:1: bakes: a number"));
+    free(text);
+    assert_int_equal(shell(PRT_BINARY_DIR "/relightd --nonsense 2> /dev/null"), 2);
+}
+
+// ---- HTTP
+
+static int http_connect(void)
+{
+    int port = atoi(strrchr(d.http, ':') + 1), fd = socket(AF_INET, SOCK_STREAM, 0);
+    struct sockaddr_in a = {.sin_family = AF_INET, .sin_port = htons((uint16_t)port),
+                            .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    assert_int_equal(connect(fd, (struct sockaddr *)&a, sizeof a), 0);
+    return fd;
+}
+
+static void start_with_http(void)
+{
+    struct sockaddr_in a = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t n = sizeof a;
+    int fd = socket(AF_INET, SOCK_STREAM, 0);
+    assert_int_equal(bind(fd, (struct sockaddr *)&a, sizeof a), 0);
+    assert_int_equal(getsockname(fd, (struct sockaddr *)&a, &n), 0);
+    close(fd);
+    char address[40], page[128], path[160];
+    snprintf(address, sizeof address, "127.0.0.1:%d", ntohs(a.sin_port));
+    snprintf(page, sizeof page, "%s/page", d.folder);
+    mkdir(page, 0700);
+    snprintf(path, sizeof path, "%s/index.html", page);
+    write_text(path, "<!doctype html><title>page</title>");
+    const char *const extra[] = {"--http", address, "--page", page, NULL};
+    daemon_start(&d, extra);
+    assert_string_equal(d.http, address);
+}
+
+static void get(const char *path, char *out, size_t n)
+{
+    char ask[200];
+    bool closed;
+    int fd = http_connect();
+    snprintf(ask, sizeof ask, "GET %s HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n", path);
+    assert_true(write(fd, ask, strlen(ask)) > 0);
+    out[raw_read(fd, out, n - 1, 3000, &closed)] = 0;
+    close(fd);
+}
+
+static void test_http(void **state)
+{
+    static char text[65536];
+    start_with_http();
+    get("/healthz", text, sizeof text);
+    assert_non_null(strstr(text, "200"));
+    assert_non_null(strstr(text, "ok\n"));
+    get("/metrics", text, sizeof text);
+    assert_non_null(strstr(text, "# TYPE relightd_passes_total counter\nrelightd_passes_total 0"));
+    get("/", text, sizeof text);
+    assert_non_null(strstr(text, "<title>page</title>"));
+    get("/nothing", text, sizeof text);
+    assert_non_null(strstr(text, "404"));
+    get("/../log", text, sizeof text);
+    assert_null(strstr(text, "listen address"));
+    struct relight_client *client = client_open(d.address); // the sockets are served beside it
+    float red;
+    red_of_first_vertex(client, 3, &red);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+// The vectors of proto/: HELLO as a client sends it.
+static size_t hello_frame(uint8_t *out)
+{
+    // client "t", version_min 1, version_max 1
+    static const uint8_t header[] = {0x0a, 1, 't', 0x10, 1, 0x18, 1};
+    memset(out, 0, 32);
+    memcpy(out, "RLGT\1\2\1\0", 8);
+    out[8] = 1;
+    out[16] = sizeof header;
+    memcpy(out + 32, header, sizeof header);
+    return 32 + sizeof header;
+}
+
+static void ws_send(int fd, const uint8_t *bytes, size_t n)
+{
+    uint8_t frame[256] = {0x82, (uint8_t)(0x80 | n), 1, 2, 3, 4};
+    assert_true(n < 126);
+    for (size_t i = 0; i < n; i++) frame[6 + i] = bytes[i] ^ frame[2 + i % 4];
+    assert_int_equal(write(fd, frame, n + 6), n + 6);
+}
+
+static int ws_open(void)
+{
+    static const char ask[] =
+        "GET /ws HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Protocol: relight.v1\r\n\r\n";
+    char text[1024];
+    int fd = http_connect();
+    assert_true(write(fd, ask, strlen(ask)) > 0);
+    struct pollfd p = {fd, POLLIN, 0};
+    assert_int_equal(poll(&p, 1, 3000), 1);
+    ssize_t n = read(fd, text, sizeof text - 1);
+    text[n > 0 ? n : 0] = 0;
+    assert_non_null(strstr(text, "101"));
+    assert_non_null(strstr(text, "s3pPLMBiTxaQ9kYGzzhZRbK+xOo="));
+    return fd;
+}
+
+static void test_websocket_carries_frames(void **state)
+{
+    start_with_http();
+    uint8_t frame[128], answer[4096];
+    bool closed;
+    int fd = ws_open();
+    ws_send(fd, frame, hello_frame(frame));
+    size_t n = raw_read(fd, answer, sizeof answer, 500, &closed);
+    assert_true(n > 40 && !closed);
+    size_t at = (answer[1] & 127) == 126 ? 4 : 2;
+    assert_int_equal(answer[0], 0x82);
+    assert_memory_equal(answer + at, "RLGT\1\2\1\x80", 8);
+    close(fd);
+    // Bytes that are no frame: an error, and the end of this connection only.
+    fd = ws_open();
+    ws_send(fd, (const uint8_t *)"GARBAGE", 7);
+    n = raw_read(fd, answer, sizeof answer, 3000, &closed);
+    assert_true(n > 2 && closed);
+    close(fd);
+    fd = ws_open();
+    ws_send(fd, frame, hello_frame(frame));
+    assert_true(raw_read(fd, answer, sizeof answer, 500, &closed) > 40);
+    close(fd);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(test_restart_keeps_the_bake, after_each),
+        cmocka_unit_test_teardown(test_damaged_bake_is_refused_and_made_anew, after_each),
+        cmocka_unit_test_teardown(test_sigterm_answers_what_is_open, after_each),
+        cmocka_unit_test_teardown(test_sigterm_ends_a_bake, after_each),
+        cmocka_unit_test_teardown(test_one_daemon_a_socket_and_a_folder, after_each),
+        cmocka_unit_test_teardown(test_socket_of_a_dead_daemon_is_replaced, after_each),
+        cmocka_unit_test_teardown(test_memory_budget, after_each),
+        cmocka_unit_test_teardown(test_busy_at_the_limit, after_each),
+        cmocka_unit_test_teardown(test_configuration, after_each),
+        cmocka_unit_test_teardown(test_http, after_each),
+        cmocka_unit_test_teardown(test_websocket_carries_frames, after_each),
+    };
+    signal(SIGPIPE, SIG_IGN);
+    return cmocka_run_group_tests_name("lifecycle", tests, setup, teardown);
+}
