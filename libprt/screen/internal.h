@@ -140,12 +140,6 @@ int scatter_tree(struct frame *f, const struct radial_table *table, const struct
                  float opening, float r_max);
 /* Texels of the atlas with irradiance of this frame's lights; kept for the frame. */
 int frame_atlas(struct frame *f, uint32_t n);
-/* n points an object, drawn from E' of the frame's atlas. keep [n texels] or NULL. */
-int draw_emitters(struct frame *f, uint32_t n, const uint8_t *keep, struct emitters *list);
-/* Tables of each object's R_d for its drawn points, which stand for discs rather than points:
- * r_p < 0: whole, else C08's global part. */
-struct radial_table *disc_tables(const struct frame *f, const struct emitters *list,
-                                 const uint8_t *keep, double r_p);
 float smallest_mean_free_path(const struct frame *f);
 
 /* Few enough distant lights, and nothing else, that each may have its own view. */

@@ -110,26 +110,24 @@ static double box_edge(float box[2][3])
     return edge;
 }
 
-// A place in the unit triangle from f in [0,1): a 4-way split walked in fixed order.
+// A place in the unit triangle from f in [0,1), along Sierpinski's curve: halving at the middle
+// of the side it runs along keeps equal steps equal areas, and the curve never jumps.
 static void walk_triangle(double f, double *bu, double *bv)
 {
-    double a[3][2] = {{0, 0}, {1, 0}, {0, 1}};
-    for (unsigned level = 0; level < 12; level++) {
-        f *= 4;
-        int child = f >= 3 ? 3 : (int)f;
-        f -= child;
+    double a[2] = {1, 0}, b[2] = {0, 1}, c[2] = {0, 0};
+    for (unsigned level = 0; level < 24; level++) {
+        f *= 2;
+        bool second = f >= 1;
+        f -= second;
         for (int k = 0; k < 2; k++) {
-            double m01 = (a[0][k] + a[1][k]) / 2, m12 = (a[1][k] + a[2][k]) / 2;
-            double m20 = (a[2][k] + a[0][k]) / 2;
-            double c[4][3] = {{a[0][k], m01, m20},
-                              {m01, m12, m20},
-                              {m01, a[1][k], m12},
-                              {m20, m12, a[2][k]}};
-            for (int j = 0; j < 3; j++) a[j][k] = c[child][j];
+            double m = (a[k] + b[k]) / 2;
+            if (second) a[k] = c[k];
+            else b[k] = c[k];
+            c[k] = m;
         }
     }
-    *bu = (a[0][0] + a[1][0] + a[2][0]) / 3;
-    *bv = (a[0][1] + a[1][1] + a[2][1]) / 3;
+    *bu = (a[0] + b[0] + c[0]) / 3;
+    *bv = (a[1] + b[1] + c[1]) / 3;
 }
 
 static double area_of(const struct prt_mesh *mesh, uint32_t t)
@@ -205,7 +203,7 @@ int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, ui
             walk_triangle(size > 0 ? fmin(fmax((a - low) / size, 0), 1) : 0, &bu, &bv);
             place(mesh, key[at].index, bu, bv, out, (uint32_t)count);
             out->area[count] = (float)(own / share);
-            out->object[count] = key[at].object;
+            out->object[count] = key[first].object;
         }
     }
     out->n = (uint32_t)count;

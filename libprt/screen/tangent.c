@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
 // M03: each pixel draws points of its tangent plane in proportion to R_d, finds them in the
 // eye's irradiance image, and shares the work with uniform samples by the balance heuristic.
-// What the eye does not see is added from a few points drawn from the atlas's hidden texels.
+// What the eye does not see is added from points that the light sees.
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { LANES = 64, VARIANTS = 16, N_HIDDEN = 250 };
+enum { LANES = 64, VARIANTS = 16 };
 
 double prt_screen_tangent_radius(const struct prt_dipole d[3], double xi, double from_mm)
 {
@@ -47,12 +47,14 @@ struct pattern {
     uint32_t *uniform;         // [n_uniform] G-buffer points
 };
 
-// What a sample reads of the point it lands on, in half a cache line.
+// What a sample reads of the point it lands on, in a cache line.
 struct seen {
     float p[3];
-    float solid_angle;  // from the eye, of a unit of its area: cos / d²
-    float e[3];
     uint32_t object;
+    float n[3];
+    float plane;        // (p - eye).n
+    float e[3];
+    float depth;        // (p - eye) along the view
 };
 
 struct tangent_job {
@@ -65,7 +67,7 @@ struct tangent_job {
     float (*inv_rho)[3];       // [object] 1 / (3 rho_d)
     struct pattern pattern[VARIANTS];
     uint32_t n_tangent, n_uniform, width, height;
-    float visible_area, eye[3], forward[3], right[3], up[3];
+    float visible_area, slack, eye[3], forward[3], right[3], up[3];
     float (*radiance)[3];
     void (*run)(const struct tangent_job *job, size_t begin, size_t end);
 };
@@ -308,11 +310,10 @@ static int sample_and_filter(struct frame *f, struct tangent_job *job)
     return status;
 }
 
-// Marks atlas texels that the eye's image does not hold.
-static void mark_hidden(const struct frame *f, const struct tangent_job *job,
-                        const struct samples *seen, uint8_t *keep)
+// Darkens samples that the eye's image holds.
+static void keep_hidden(const struct frame *f, const struct tangent_job *job,
+                        const struct samples *seen, struct samples *s)
 {
-    const struct samples *s = &f->screen->atlas;
     float tan_x = 0, tan_y = 0;
     for (int k = 0; k < 3; k++) {
         tan_x += job->right[k] * job->right[k];
@@ -328,59 +329,65 @@ static void mark_hidden(const struct frame *f, const struct tangent_job *job,
             d2 += rel[k] * rel[k];
             facing += rel[k] * s->face[k][i];
         }
-        keep[i] = 1;
         if (!(w > 0)) continue;
         float px = (1 + u / (tan_x * w)) * 0.5f * (float)f->width;
         float py = (1 - v / (tan_y * w)) * 0.5f * (float)f->height;
         if (!(px >= 0 && px < (float)f->width && py >= 0 && py < (float)f->height)) continue;
         uint32_t j = job->point_of[(uint32_t)py * f->width + (uint32_t)px];
         if (j == UINT32_MAX || seen->object[j] != s->object[i]) continue;
-        float q2 = 0, c = 0;
+        // on the plane that the pixel shows, or nearly
+        float off = 0, far = 0, d = sqrtf(d2), pixel = 2 * sqrtf(tan_y) * w / (float)f->height;
         for (int k = 0; k < 3; k++) {
-            float e = seen->p[k][j] - job->eye[k];
-            q2 += e * e;
-            c += e * seen->face[k][j];
+            float e = s->p[k][i] - seen->p[k][j];
+            off += e * seen->face[k][j];
+            far += e * e;
         }
-        float d = sqrtf(d2), q = sqrtf(q2), pixel = 2 * sqrtf(tan_y) * w / (float)f->height;
-        float slope = fabsf(c) / q;
-        if (facing < 0.02f * d && fabsf(d - q) < 2 * pixel / (slope > 0.1f ? slope : 0.1f)) keep[i] = 0;
+        if (facing < 0 && fabsf(off) < pixel && far < 100 * pixel * pixel && d > 0)
+            s->e[0][i] = s->e[1][i] = s->e[2][i] = 0;
     }
 }
 
+// Light from what the eye does not see, through the light's view or the atlas.
 static int hidden_part(struct frame *f, const struct tangent_job *job, const struct samples *seen)
 {
-    int status = frame_atlas(f, 16384);
-    if (status) return status;
-    uint8_t *keep = malloc(f->screen->atlas.n + 1);
-    struct emitters *list = calloc(f->n_object ? f->n_object : 1, sizeof *list);
-    if (!keep || !list) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    if (!status) {
-        mark_hidden(f, job, seen, keep);
-        status = draw_emitters(f, N_HIDDEN, keep, list);
+    float lu = smallest_mean_free_path(f), far = 4 * f->screen->diameter_mm;
+    if (!only_light_views(f)) {
+        double texels = f->screen->area_mm2 / (0.5 * (double)lu * lu);
+        int status = frame_atlas(f, texels < 8192 ? 8192 : texels > 65536 ? 65536 : (uint32_t)texels);
+        if (status) return status;
+        keep_hidden(f, job, seen, &f->screen->atlas);
+        return scatter_tree(f, f->table, &f->screen->atlas, 0.8f, far);
     }
-    struct radial_table *table = status ? NULL : disc_tables(f, list, keep, -1);
-    if (!status) status = table ? scatter_all(f, table, list) : PRT_NOMEM;
-    prt_free(table);
-    for (uint32_t o = 0; list && o < f->n_object; o++) emitters_finish(&list[o]);
-    free(list);
-    free(keep);
-    return status;
+    float spacing = fmaxf(lu, f->screen->diameter_mm / 300);
+    for (uint32_t l = 0; l < f->n_light; l++) {
+        struct samples s;
+        uint32_t grid;
+        int status = samples_light_view(f->ctx, f->screen->scene, &f->light[l], spacing, f->eta, &s,
+                                        &grid, &f->report->n_ray);
+        if (status) return status;
+        keep_hidden(f, job, seen, &s);
+        status = scatter_tree(f, f->table, &s, 0.8f, far);
+        samples_finish(&s);
+        if (status) return status;
+    }
+    return PRT_OK;
 }
 
-static struct seen *pack_seen(const struct samples *s, const float eye[3])
+static struct seen *pack_seen(const struct samples *s, const struct tangent_job *job)
 {
     struct seen *out = prt_alloc((size_t)s->n + 1, sizeof *out);
     for (uint32_t i = 0; out && i < s->n; i++) {
-        float c = 0, d2 = 0;
+        struct seen *q = &out[i];
+        q->plane = q->depth = 0;
         for (int k = 0; k < 3; k++) {
-            float v = s->p[k][i] - eye[k];
-            out[i].p[k] = s->p[k][i];
-            out[i].e[k] = s->e[k][i];
-            c += v * s->face[k][i];
-            d2 += v * v;
+            float v = s->p[k][i] - job->eye[k];
+            q->p[k] = s->p[k][i];
+            q->e[k] = s->e[k][i];
+            q->n[k] = s->face[k][i];
+            q->plane += v * s->face[k][i];
+            q->depth += v * job->forward[k];
         }
-        out[i].solid_angle = fabsf(c) / (d2 * sqrtf(d2) + 1e-30f);
-        out[i].object = s->object[i];
+        q->object = s->object[i];
     }
     return out;
 }
@@ -413,7 +420,7 @@ int engine_tangent(struct frame *f)
         for (uint32_t o = 0; o < f->n_object; o++)
             for (int c = 0; c < 3; c++) job.inv_rho[o][c] = (float)(1 / (3 * f->dipole[o][c].rho_d));
         for (int k = 0; k < 3; k++) job.face[k] = seen.face[k];
-        job.seen = record = pack_seen(&seen, job.eye);
+        job.seen = record = pack_seen(&seen, &job);
         cdf = record ? visible_areas(f, &job, &seen) : NULL;
         good = cdf != NULL;
     }
@@ -431,6 +438,7 @@ int engine_tangent(struct frame *f)
             projected.right[k] = job.right[k] / tx;
             projected.up[k] = job.up[k] / ty;
         }
+        projected.slack = 8 * sqrtf(ty) / (float)f->height;
         projected.run = run_c;
 #if defined(__x86_64__)
         unsigned cpu = f->ctx ? f->ctx->cpu : prt_cpu_detect();

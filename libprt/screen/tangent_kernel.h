@@ -22,20 +22,32 @@ TARGET static void KERNEL(radial)(const struct radial_table *t, int n, const flo
     }
 }
 
-/* sum += R_d E / density over lanes; lane i sees G-buffer point index[i]. per[i] is the tangent
- * plane's density per solid angle from the eye, uniform the other technique's per area. */
+/* sum += R_d E / density over lanes. Lane i looks along x (tangent-plane point relative to the
+ * eye) at G-buffer point index[i], whose plane it meets at t x; f is the number of tangent samples
+ * times their density per area, uniform the other technique's density. */
 TARGET static void KERNEL(gather)(const struct tangent_job *job, const struct radial_table *table,
-                                  int n, const float o[3], uint32_t object, const uint32_t *index,
-                                  const float *per, float uniform, float sum[3])
+                                  int n, const float rel[3], uint32_t object, float height,
+                                  const uint32_t *index, const float *x, const float *y,
+                                  const float *z, const float *f, float uniform, float sum[3])
 {
     float r_sq[LANES], r0[LANES], r1[LANES], r2[LANES], k[LANES];
     const struct seen *seen = job->seen;
+    const float *F = job->forward;
+    const float slack = job->slack, inv_height = 1 / (height > 1e-12f ? height : 1e-12f);
     if (n <= 0) return;
     for (int i = 0; i < n; i++) {
         const struct seen *q = &seen[index[i]];
-        float dx = q->p[0] - o[0], dy = q->p[1] - o[1], dz = q->p[2] - o[2];
+        float along = x[i] * q->n[0] + y[i] * q->n[1] + z[i] * q->n[2];
+        float depth = x[i] * F[0] + y[i] * F[1] + z[i] * F[2];
+        float t0 = q->depth / (depth > 1e-12f ? depth : 1e-12f);
+        float t = q->plane / (fabsf(along) > 1e-12f ? along : 1e-12f);
+        /* a grazing plane is not followed further than about the pixel */
+        t = t > t0 * (1 - slack) ? t : t0 * (1 - slack);
+        t = t < t0 * (1 + slack) ? t : t0 * (1 + slack);
+        float dx = t * x[i] - rel[0], dy = t * y[i] - rel[1], dz = t * z[i] - rel[2];
         r_sq[i] = dx * dx + dy * dy + dz * dz;
-        float density = per[i] * q->solid_angle + uniform;
+        /* J = (cos_t / cos_s)(d_s² / d_t²) = height / |x.n| t², density per seen area f / J */
+        float density = f[i] * fabsf(along) * inv_height / (t * t + 1e-30f) + uniform;
         int good = (q->object == object) & (density > 0);
         k[i] = good ? 1 / (density > 0 ? density : 1) : 0;
     }
@@ -80,54 +92,64 @@ TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, 
     for (uint32_t first = 0; first < job->n_tangent; first += LANES) {
         int lanes = job->n_tangent - first < LANES ? (int)(job->n_tangent - first) : LANES;
         int pixel[LANES], hit = 0;
-        float per[LANES], per_hit[LANES];
+        float x[LANES], y[LANES], z[LANES], f[LANES];
         uint32_t index[LANES];
         for (int i = 0; i < lanes; i++) {
             float r = radius[first + (uint32_t)i];
             float cr = r * pat->cosine[first + (uint32_t)i], sr = r * pat->sine[first + (uint32_t)i];
-            float x = rel[0] + cr * t[0] + sr * b[0], y = rel[1] + cr * t[1] + sr * b[1];
-            float z = rel[2] + cr * t[2] + sr * b[2];
-            float w = x * F[0] + y * F[1] + z * F[2], iw = 1 / (w > 1e-12f ? w : 1e-12f);
-            float u = (x * R[0] + y * R[1] + z * R[2]) * iw;
-            float v = (x * U[0] + y * U[1] + z * U[2]) * iw;
-            float px = (1 + u) * half_w, py = (1 - v) * half_h;
+            float px, py, xx = rel[0] + cr * t[0] + sr * b[0];
+            float yy = rel[1] + cr * t[1] + sr * b[1], zz = rel[2] + cr * t[2] + sr * b[2];
+            float w = xx * F[0] + yy * F[1] + zz * F[2], iw = 1 / (w > 1e-12f ? w : 1e-12f);
+            float u = (xx * R[0] + yy * R[1] + zz * R[2]) * iw;
+            float v = (xx * U[0] + yy * U[1] + zz * U[2]) * iw;
+            x[i] = xx;
+            y[i] = yy;
+            z[i] = zz;
+            px = (1 + u) * half_w;
+            py = (1 - v) * half_h;
             int inside = (w > 0) & (px >= 0) & (px < (float)job->width) & (py >= 0) &
                          (py < (float)job->height);
             px = inside ? px : 0;
             py = inside ? py : 0;
             pixel[i] = inside ? (int)py * (int)job->width + (int)px : -1;
-            /* J = (cos_t / cos_s)(d_s² / d_t²): density per solid angle from the eye */
-            float d2 = x * x + y * y + z * z, c = fabsf(height);
-            per[i] = n_t * density[first + (uint32_t)i] * d2 * sqrtf(d2) / (c > 1e-12f ? c : 1e-12f);
         }
         for (int i = 0; i < lanes; i++) {
             uint32_t j = pixel[i] >= 0 ? job->point_of[pixel[i]] : UINT32_MAX;
             index[hit] = j;
-            per_hit[hit] = per[i];
+            x[hit] = x[i];
+            y[hit] = y[i];
+            z[hit] = z[i];
+            f[hit] = n_t * density[first + (uint32_t)i];
             hit += j != UINT32_MAX;
         }
-        if (hit) KERNEL(gather)(job, table, hit, o, object, index, per_hit, uniform, sum);
+        KERNEL(gather)(job, table, hit, rel, object, fabsf(height), index, x, y, z, f, uniform,
+                       sum);
     }
     for (uint32_t first = 0; first < job->n_uniform; first += LANES) {
         int lanes = job->n_uniform - first < LANES ? (int)(job->n_uniform - first) : LANES;
-        float r_sq[LANES], r0[LANES], r1[LANES], r2[LANES], per[LANES], scale[LANES];
+        float r_sq[LANES], r0[LANES], r1[LANES], r2[LANES], f[LANES];
+        float x[LANES], y[LANES], z[LANES];
         const uint32_t *index = pat->uniform + first;
         for (int i = 0; i < lanes; i++) {
-            uint32_t j = index[i];
-            const float *q = job->seen[j].p;
-            float x = q[0] - eye[0], y = q[1] - eye[1], z = q[2] - eye[2];
-            float along = x * n[0] + y * n[1] + z * n[2];
+            const float *q = job->seen[index[i]].p;
+            float qx = q[0] - eye[0], qy = q[1] - eye[1], qz = q[2] - eye[2];
+            float along = qx * n[0] + qy * n[1] + qz * n[2];
+            /* where the line of sight meets the tangent plane; behind the eye: not at all */
             float s = height / (fabsf(along) > 1e-12f ? along : 1e-12f);
-            float dx = s * x - rel[0], dy = s * y - rel[1], dz = s * z - rel[2];
+            f[i] = s > 0 ? n_t : 0;
+            s = s > 1e-6f ? s : 1;
+            x[i] = s * qx;
+            y[i] = s * qy;
+            z[i] = s * qz;
+            float dx = x[i] - rel[0], dy = y[i] - rel[1], dz = z[i] - rel[2];
             r_sq[i] = dx * dx + dy * dy + dz * dz;
-            float d2 = s * s * (x * x + y * y + z * z), c = fabsf(height);
-            scale[i] = s > 0 ? n_t * d2 * sqrtf(d2) / (c > 1e-12f ? c : 1e-12f) : 0;
         }
         KERNEL(radial)(table, lanes, r_sq, r0, r1, r2);
         const float *inv = job->inv_rho[object];
         for (int i = 0; i < lanes; i++)
-            per[i] = scale[i] * (inv[0] * r0[i] + inv[1] * r1[i] + inv[2] * r2[i]);
-        KERNEL(gather)(job, table, lanes, o, object, index, per, uniform, sum);
+            f[i] *= inv[0] * r0[i] + inv[1] * r1[i] + inv[2] * r2[i];
+        KERNEL(gather)(job, table, lanes, rel, object, fabsf(height), index, x, y, z, f, uniform,
+                       sum);
     }
 }
 

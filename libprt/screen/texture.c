@@ -52,16 +52,14 @@ uint32_t prt_screen_mip_sample(const float *mip, uint32_t n, float u)
 }
 
 // Values of texels [first, last) padded to a power of 4, then each coarser level.
-static float *make_mip(const struct samples *s, const uint8_t *keep, uint32_t first,
-                       uint32_t last, uint32_t *n_out)
+static float *make_mip(const struct samples *s, uint32_t first, uint32_t last, uint32_t *n_out)
 {
     uint32_t n = 1;
     while (n < last - first) n *= 4;
     float *mip = prt_calloc((size_t)n / 3 * 4 + 4, sizeof *mip), *at = mip;
     if (!mip) return NULL;
     for (uint32_t i = first; i < last; i++)
-        if (!keep || keep[i])
-            mip[i - first] = (s->e[0][i] + s->e[1][i] + s->e[2][i]) * s->area[i];
+        mip[i - first] = (s->e[0][i] + s->e[1][i] + s->e[2][i]) * s->area[i];
     for (uint32_t size = n; size > 1; size /= 4) {
         float *next = at + size;
         for (uint32_t i = 0; i < size / 4; i++)
@@ -72,13 +70,89 @@ static float *make_mip(const struct samples *s, const uint8_t *keep, uint32_t fi
     return mip;
 }
 
-int draw_emitters(struct frame *f, uint32_t n, const uint8_t *keep, struct emitters *list)
+// Radius of the disc a drawn point stands for: the lit area, evenly shared.
+static double disc_radius(const struct samples *s, uint32_t object, uint32_t n)
+{
+    double sum = 0, square = 0;
+    for (uint32_t i = 0; i < s->n; i++) {
+        if (s->object[i] != object) continue;
+        double e = (double)s->e[0][i] + s->e[1][i] + s->e[2][i];
+        sum += e * s->area[i];
+        square += e * e * s->area[i];
+    }
+    return square > 0 && n ? sqrt(sum * sum / square / n / M_PI) : 0;
+}
+
+// RUN neighbours along the curve make one point at their mean.
+enum { RUN = 8 };
+struct draw {
+    float p[3], w[3];
+};
+
+static bool push_run(struct emitters *out, const struct draw *run, uint32_t n, float reach)
+{
+    float p[3] = {0, 0, 0}, w[3] = {0, 0, 0}, total = 0, far = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        float power = run[i].w[0] + run[i].w[1] + run[i].w[2];
+        for (int c = 0; c < 3; c++) {
+            p[c] += power * run[i].p[c];
+            w[c] += run[i].w[c];
+        }
+        total += power;
+    }
+    for (int c = 0; c < 3; c++) p[c] /= total;
+    for (uint32_t i = 0; i < n; i++) {
+        float d = 0;
+        for (int c = 0; c < 3; c++) d += (run[i].p[c] - p[c]) * (run[i].p[c] - p[c]);
+        far = fmaxf(far, d);
+    }
+    // the curve jumps now and then: what lies on both sides stays apart
+    if (n > 1 && far > reach * reach)
+        return push_run(out, run, n / 2, reach) && push_run(out, run + n / 2, n - n / 2, reach);
+    if (!emitters_reserve(out, out->n + 1)) return false;
+    emitters_push(out, p, w);
+    return true;
+}
+
+// Low-discrepancy draws through the mip chain of texels [first, last), RUN to a point.
+static int draw_object(struct frame *f, const float *mip, uint32_t n_mip, uint32_t first,
+                       uint32_t last, uint32_t share, float shift, struct emitters *out)
+{
+    const struct samples *s = &f->screen->atlas;
+    double own = mip[n_mip > 1 ? (size_t)(n_mip - 1) / 3 * 4 : 0];
+    float reach = (float)(4 * disc_radius(s, s->object[first], share));
+    struct draw run[RUN];
+    uint32_t n_run = 0;
+    out->n = 0;
+    for (uint32_t i = 0; i < share * RUN; i++) {
+        double u = (i + (double)shift) / ((double)share * RUN);
+        uint32_t t = prt_screen_mip_sample(mip, n_mip, (float)u);
+        float value = mip[t];
+        t += first;
+        if (t < last && value > 0) {
+            // E'_total / N, coloured by the texel
+            float k = (float)(own / share / RUN) * s->area[t] / value;
+            struct draw *d = &run[n_run++];
+            for (int c = 0; c < 3; c++) {
+                d->p[c] = s->p[c][t];
+                d->w[c] = s->e[c][t] * k;
+            }
+        }
+        if (i % RUN != RUN - 1) continue;
+        if (n_run && !push_run(out, run, n_run, reach))
+            return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for %u samples", share);
+        n_run = 0;
+    }
+    return PRT_OK;
+}
+
+// n points, shared by the objects, drawn from E' of the frame's atlas.
+static int draw_emitters(struct frame *f, uint32_t n, struct emitters *list)
 {
     const struct samples *s = &f->screen->atlas;
     double total = 0;
     for (uint32_t i = 0; i < s->n; i++)
-        if (!keep || keep[i])
-            total += (double)(s->e[0][i] + s->e[1][i] + s->e[2][i]) * s->area[i];
+        total += (double)(s->e[0][i] + s->e[1][i] + s->e[2][i]) * s->area[i];
     if (!(total > 0)) return PRT_OK;
     struct prt_rng rng;
     prt_rng_init(&rng, f->options->seed, 1);
@@ -87,27 +161,22 @@ int draw_emitters(struct frame *f, uint32_t n, const uint8_t *keep, struct emitt
         uint32_t object = s->object[first], n_mip;
         last = first;
         while (last < s->n && s->object[last] == object) last++;
-        float *mip = make_mip(s, keep, first, last, &n_mip);
+        float *mip = make_mip(s, first, last, &n_mip);
         if (!mip) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for mip levels");
         double own = mip[n_mip > 1 ? (size_t)(n_mip - 1) / 3 * 4 : 0];
         uint32_t share = (uint32_t)(n * (own / total) + 0.5);
         if (share < 16) share = 16;
-        if (own > 0 && !emitters_reserve(&list[object], list[object].n + share)) {
-            prt_free(mip);
-            return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for %u samples", share);
-        }
-        for (uint32_t i = 0; own > 0 && i < share; i++) {
-            uint32_t t = prt_screen_mip_sample(mip, n_mip, (float)((i + (double)shift) / share));
-            float value = mip[t];
-            t += first;
-            if (t >= last || !(value > 0)) continue;
-            // E'_total / N, coloured by the texel
-            float k = (float)(own / share) * s->area[t] / value;
-            float p[3] = {s->p[0][t], s->p[1][t], s->p[2][t]};
-            float w[3] = {s->e[0][t] * k, s->e[1][t] * k, s->e[2][t] * k};
-            emitters_push(&list[object], p, w);
+        int status = PRT_OK;
+        if (own > 0) {
+            // runs that the curve's jumps split make more points than asked: ask for fewer
+            status = draw_object(f, mip, n_mip, first, last, share, shift, &list[object]);
+            if (!status && list[object].n > share + share / 16) {
+                share = (uint32_t)((uint64_t)share * share / list[object].n) + 1;
+                status = draw_object(f, mip, n_mip, first, last, share, shift, &list[object]);
+            }
         }
         prt_free(mip);
+        if (status) return status;
     }
     return PRT_OK;
 }
@@ -148,26 +217,12 @@ static double finest_scale(const struct prt_dipole *d)
     return fmin(d[0].z_r, fmin(d[1].z_r, d[2].z_r));
 }
 
-// Radius of the disc a drawn point stands for: the lit area, evenly shared.
-static double disc_radius(const struct samples *s, const uint8_t *keep, uint32_t object,
-                          uint32_t n)
-{
-    double sum = 0, square = 0;
-    for (uint32_t i = 0; i < s->n; i++) {
-        if (s->object[i] != object || (keep && !keep[i])) continue;
-        double e = (double)s->e[0][i] + s->e[1][i] + s->e[2][i];
-        sum += e * s->area[i];
-        square += e * e * s->area[i];
-    }
-    return square > 0 && n ? sqrt(sum * sum / square / n / M_PI) : 0;
-}
-
-struct radial_table *disc_tables(const struct frame *f, const struct emitters *list,
-                                 const uint8_t *keep, double r_p)
+static struct radial_table *disc_tables(const struct frame *f, const struct emitters *list,
+                                        double r_p)
 {
     struct radial_table *table = prt_alloc(f->n_object ? f->n_object : 1, sizeof *table);
     for (uint32_t o = 0; table && o < f->n_object; o++) {
-        double disc = disc_radius(&f->screen->atlas, keep, o, list[o].n);
+        double disc = disc_radius(&f->screen->atlas, o, list[o].n);
         struct split split = {f->dipole[o], r_p, false, disc};
         radial_table_fit(&table[o], split_profile, &split, fmax(finest_scale(f->dipole[o]), disc),
                          f->screen->diameter_mm);
@@ -210,7 +265,7 @@ int engine_texture(struct frame *f, bool hybrid)
         spacing = fmax(0.8 * spacing, (double)screen->diameter_mm / 300);
         if (!only_light_views(f)) texels = screen->area_mm2 / (0.4 * spacing * spacing);
     }
-    if (texels < 4.0 * n) texels = 4.0 * n;
+    if (texels < 16.0 * n) texels = 16.0 * n;
     uint32_t size = texels < 16384 ? 16384 : texels > 131072 ? 131072 : (uint32_t)texels;
     double t0 = prt_time_s();
     int status = frame_atlas(f, size);
@@ -219,9 +274,9 @@ int engine_texture(struct frame *f, bool hybrid)
     struct emitters *list = calloc(f->n_object ? f->n_object : 1, sizeof *list);
     struct radial_table *table = NULL;
     if (!status && !list) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    if (!status) status = draw_emitters(f, n, NULL, list);
+    if (!status) status = draw_emitters(f, n, list);
     for (uint32_t o = 0; !status && o < f->n_object; o++) f->report->n_sample += list[o].n;
-    if (!status && !(table = disc_tables(f, list, NULL, r_p)))
+    if (!status && !(table = disc_tables(f, list, r_p)))
         status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     if (!status) status = scatter_all(f, table, list);
     f->report->scatter_s = prt_time_s() - t0;

@@ -1,0 +1,708 @@
+// SPDX-License-Identifier: MIT
+// screen/: the laws every image-space engine must keep, and their building blocks.
+#include "screen/internal.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static struct prt_context quiet;
+static struct prt_material marble = {.name = "marble", .sigma_s_prime = {2.19f, 2.62f, 3.0f},
+                                     .sigma_a = {0.0021f, 0.0041f, 0.0071f}, .eta = 1.5f,
+                                     .roughness = 0.3f};
+
+static void swallow(void *user, enum prt_log_level level, const char *line)
+{
+}
+
+struct model {
+    struct prt_mesh mesh;
+    struct prt_block block[4];
+    struct prt_surface surface[4];
+};
+
+static void model_init(struct model *m, uint32_t max_vertex, uint32_t max_triangle)
+{
+    memset(m, 0, sizeof *m);
+    m->mesh.position = calloc(max_vertex, 12);
+    m->mesh.normal = calloc(max_vertex, 12);
+    m->mesh.triangle = calloc(max_triangle, 12);
+    m->mesh.weld = calloc(max_vertex, 4);
+    m->mesh.block = m->block;
+    m->mesh.surface = m->surface;
+    m->mesh.mm_per_unit = 1;
+}
+
+static void model_finish(struct model *m)
+{
+    free(m->mesh.position);
+    free(m->mesh.normal);
+    free(m->mesh.triangle);
+    free(m->mesh.weld);
+}
+
+static struct prt_block *begin_block(struct model *m, bool translucent)
+{
+    uint32_t i = m->mesh.n_block++;
+    m->block[i] = (struct prt_block){m->mesh.n_object++, m->mesh.n_surface, m->mesh.n_vertex, 0,
+                                     m->mesh.n_triangle, 0};
+    struct prt_surface *s = &m->surface[m->mesh.n_surface++];
+    s->translucent = translucent;
+    for (int k = 0; k < 4; k++) s->base_color[k] = 0.5f;
+    return &m->block[i];
+}
+
+static void end_block(struct model *m, struct prt_block *b)
+{
+    b->n_vertex = m->mesh.n_vertex - b->vertex_begin;
+    b->n_triangle = m->mesh.n_triangle - b->triangle_begin;
+}
+
+// n x n squares spanned by u and v about a centre; the normal is u x v.
+static void add_sheet(struct model *m, const float c[3], const float u[3], const float v[3],
+                      uint32_t n)
+{
+    uint32_t first = m->mesh.n_vertex;
+    float normal[3], l = 0;
+    for (int k = 0; k < 3; k++) {
+        int i = (k + 1) % 3, j = (k + 2) % 3;
+        normal[k] = u[i] * v[j] - u[j] * v[i];
+        l += normal[k] * normal[k];
+    }
+    for (uint32_t y = 0; y <= n; y++) {
+        for (uint32_t x = 0; x <= n; x++) {
+            float a = 2 * (float)x / (float)n - 1, b = 2 * (float)y / (float)n - 1;
+            for (int k = 0; k < 3; k++) {
+                m->mesh.position[m->mesh.n_vertex][k] = c[k] + a * u[k] + b * v[k];
+                m->mesh.normal[m->mesh.n_vertex][k] = normal[k] / sqrtf(l);
+            }
+            m->mesh.n_vertex++;
+        }
+    }
+    for (uint32_t y = 0; y < n; y++) {
+        for (uint32_t x = 0; x < n; x++) {
+            uint32_t a = first + y * (n + 1) + x, b = a + n + 1;
+            uint32_t t[2][3] = {{a, a + 1, b}, {a + 1, b + 1, b}};
+            memcpy(m->mesh.triangle[m->mesh.n_triangle], t, sizeof t);
+            m->mesh.n_triangle += 2;
+        }
+    }
+}
+
+// A closed box of half sizes h.
+static void add_box(struct model *m, const float c[3], const float h[3], uint32_t n)
+{
+    struct prt_block *b = begin_block(m, true);
+    for (int axis = 0; axis < 3; axis++) {
+        for (int sign = -1; sign <= 1; sign += 2) {
+            float centre[3] = {c[0], c[1], c[2]}, u[3] = {0}, v[3] = {0};
+            int i = (axis + 1) % 3, j = (axis + 2) % 3;
+            centre[axis] += (float)sign * h[axis];
+            u[i] = h[i];
+            v[j] = h[j] * (float)sign;
+            add_sheet(m, centre, u, v, n);
+        }
+    }
+    end_block(m, b);
+}
+
+static void add_sphere(struct model *m, const float c[3], float radius, uint32_t n)
+{
+    struct prt_block *b = begin_block(m, true);
+    for (uint32_t i = 0; i <= n; i++) {
+        for (uint32_t j = 0; j <= 2 * n; j++) {
+            double theta = M_PI * i / n, phi = M_PI * j / n;
+            float d[3] = {(float)(sin(theta) * sin(phi)), (float)cos(theta),
+                          (float)(sin(theta) * cos(phi))};
+            for (int k = 0; k < 3; k++) {
+                m->mesh.position[m->mesh.n_vertex][k] = c[k] + radius * d[k];
+                m->mesh.normal[m->mesh.n_vertex][k] = d[k];
+            }
+            m->mesh.n_vertex++;
+        }
+    }
+    for (uint32_t i = 0; i < n; i++) {
+        for (uint32_t j = 0; j < 2 * n; j++) {
+            uint32_t a = b->vertex_begin + i * (2 * n + 1) + j, e = a + 2 * n + 1;
+            uint32_t quad[2][3] = {{a, e, a + 1}, {a + 1, e, e + 1}};
+            for (int k = 0; k < 2; k++) {
+                if ((k == 0 && i == 0) || (k == 1 && i == n - 1)) continue;
+                memcpy(m->mesh.triangle[m->mesh.n_triangle++], quad[k], 12);
+            }
+        }
+    }
+    end_block(m, b);
+}
+
+// A model with its scene, view and engines.
+struct stage {
+    struct prt_scene *scene;
+    struct prt_screen *screen;
+    struct prt_visibility *vis;
+    struct prt_gbuffer g;
+};
+
+static void stage_init(struct stage *s, const struct model *m, struct prt_camera camera,
+                       uint32_t w, uint32_t h)
+{
+    memset(s, 0, sizeof *s);
+    assert_int_equal(prt_scene_create(&quiet, &m->mesh, &s->scene), PRT_OK);
+    assert_int_equal(prt_screen_create(&quiet, &m->mesh, s->scene, &s->screen), PRT_OK);
+    assert_int_equal(prt_visibility_create(&quiet, &m->mesh, &camera, w, h, 4, PRT_RASTER_AUTO,
+                                           &s->vis), PRT_OK);
+    prt_visibility_gbuffer(s->vis, &s->g);
+}
+
+static void stage_finish(struct stage *s)
+{
+    prt_screen_destroy(s->screen);
+    prt_scene_destroy(s->scene);
+    prt_visibility_destroy(s->vis);
+}
+
+typedef float (*pixels)[3];
+
+static pixels render(struct stage *s, const struct prt_material *material,
+                     const struct prt_cube *cube, const struct prt_screen_light *light,
+                     struct prt_screen_options options, struct prt_screen_report *report)
+{
+    pixels out = malloc(((size_t)s->g.n_point + 1) * sizeof *out);
+    assert_int_equal(prt_screen_radiance(&quiet, s->screen, s->vis, material, cube, light ? 1 : 0,
+                                         light, &options, out, report), PRT_OK);
+    for (uint32_t i = 0; i < s->g.n_point; i++)
+        for (int k = 0; k < 3; k++) assert_true(isfinite(out[i][k]) && out[i][k] >= 0);
+    return out;
+}
+
+// Relative RMSE over points and channels.
+static double relative(pixels a, pixels b, uint32_t n)
+{
+    double num = 0, den = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        for (int k = 0; k < 3; k++) {
+            num += ((double)a[i][k] - b[i][k]) * ((double)a[i][k] - b[i][k]);
+            den += (double)b[i][k] * b[i][k];
+        }
+    }
+    return sqrt(num / den);
+}
+
+static const struct prt_screen_light from_front = {{0, 0, 1}, {1, 2, 3}, false};
+
+// Law: constant E on a large plane gives B = rho_d E (METHODS §8), whatever the engine. The
+// camera looks at the middle of a sheet that is large against the medium's reach.
+static void plane_gives_total_reflectance(void **state)
+{
+    static const struct {
+        enum prt_screen_engine engine;
+        uint32_t n;
+        double mean, worst; // tolerated relative errors
+    } row[] = {{PRT_SCREEN_SPLAT, 0, 0.01, 0.02},
+               {PRT_SCREEN_TEXTURE, 16384, 0.01, 0.15},
+               {PRT_SCREEN_HYBRID, 4000, 0.01, 0.04},
+               {PRT_SCREEN_REFERENCE, 0, 0.01, 0.03},
+               {PRT_SCREEN_TANGENT, 64, 0.01, 0.05}};
+    struct prt_material m = marble;
+    // absorbing enough that 30 mm hold all of it, as in skin
+    for (int c = 0; c < 3; c++) m.sigma_a[c] = 0.03f + 0.02f * (float)c;
+    struct model model;
+    model_init(&model, 20000, 40000);
+    struct prt_block *block = begin_block(&model, true);
+    add_sheet(&model, (float[3]){0, 0, 0}, (float[3]){30, 0, 0}, (float[3]){0, 30, 0}, 20);
+    end_block(&model, block);
+    // M03 finds its light in the picture, which must show enough of the plane
+    struct prt_camera near = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 12}, wide = near;
+    wide.fovy_deg = 54;
+    struct stage s;
+    stage_init(&s, &model, near, 48, 48);
+    for (size_t k = 0; k < sizeof row / sizeof *row; k++) {
+        if (row[k].engine == PRT_SCREEN_TANGENT) {
+            stage_finish(&s);
+            stage_init(&s, &model, wide, 220, 220);
+        }
+        struct prt_screen_options options = {.engine = row[k].engine, .n_sample = row[k].n};
+        struct prt_screen_report report;
+        pixels b = render(&s, &m, NULL, &from_front, options, &report);
+        for (int c = 0; c < 3; c++) {
+            struct prt_dipole d;
+            prt_dipole_init(&d, m.sigma_s_prime[c], m.sigma_a[c], m.eta);
+            double e = prt_fresnel_transmittance(m.eta, 1) * (c + 1);
+            double want = d.rho_d * e / M_PI, mean = 0, worst = 0;
+            uint32_t n = 0;
+            for (uint32_t i = 0; i < s.g.n_point; i++) {
+                if (hypotf(s.g.position[0][i], s.g.position[1][i]) > 8) continue;
+                n++;
+                mean += b[i][c] / want;
+                worst = fmax(worst, fabs(b[i][c] / want - 1));
+            }
+            mean /= n;
+            print_message("%-9s channel %d: mean %+.2f %%, worst %.2f %%\n",
+                          prt_screen_engine_name(row[k].engine), c, 100 * (mean - 1),
+                          100 * worst);
+            assert_true(fabs(mean - 1) < row[k].mean);
+            assert_true(worst < row[k].worst);
+        }
+        free(b);
+    }
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// Chi-square of counts against expectations; true below the 99.9 % point (Wilson-Hilferty).
+static bool chi_square_ok(const double *want, const uint32_t *got, int n, double *value)
+{
+    double x = 0, z = 3.09;
+    int k = -1;
+    for (int i = 0; i < n; i++) {
+        if (want[i] < 5) continue;
+        x += (got[i] - want[i]) * (got[i] - want[i]) / want[i];
+        k++;
+    }
+    double a = 2.0 / (9.0 * k);
+    *value = x;
+    return k > 0 && x < k * pow(1 - a + z * sqrt(a), 3);
+}
+
+// M03's radii have density 2 pi r R_d / rho_d, the mean over channels.
+static void tangent_radii_follow_rd(void **state)
+{
+    struct prt_dipole d[3];
+    for (int c = 0; c < 3; c++)
+        prt_dipole_init(&d[c], marble.sigma_s_prime[c], 0.01 + 0.03 * c, marble.eta);
+    enum { BINS = 40, DRAWS = 40000 };
+    double want[BINS], edge[BINS + 1], value;
+    uint32_t got[BINS] = {0};
+    for (int i = 0; i <= BINS; i++) edge[i] = i ? 0.03 * pow(2000, (double)i / BINS) : 0;
+    for (int i = 0; i < BINS; i++) {
+        want[i] = 0;
+        for (int c = 0; c < 3; c++) {
+            double in = prt_dipole_tail(&d[c], edge[i]);
+            double out = i + 1 < BINS ? prt_dipole_tail(&d[c], edge[i + 1]) : 0;
+            want[i] += DRAWS * (in - out) / d[c].rho_d / 3;
+        }
+    }
+    struct prt_rng rng;
+    prt_rng_init(&rng, 5, 0);
+    for (int i = 0; i < DRAWS; i++) {
+        double r = prt_screen_tangent_radius(d, (double)prt_rng_f32(&rng), 0);
+        int k = 0;
+        while (k + 1 < BINS && r >= edge[k + 1]) k++;
+        got[k]++;
+    }
+    assert_true(chi_square_ok(want, got, BINS, &value));
+    // and the tails are those of the density itself: integrate it
+    for (int c = 0; c < 3; c++) {
+        double sum = 0;
+        for (int i = 0; i < 20000; i++) {
+            double r = (i + 0.5) * 1e-3;
+            sum += 2 * M_PI * r * prt_dipole_rd(&d[c], r) * 1e-3;
+        }
+        assert_true(fabs(sum + prt_dipole_tail(&d[c], 20) - d[c].rho_d) < 1e-4 * d[c].rho_d);
+    }
+}
+
+// C08's texels come in proportion to their value, dark ones never.
+static void mip_samples_follow_value(void **state)
+{
+    enum { N = 256, DRAWS = 100000 };
+    float mip[N / 3 * 4 + 4];
+    double want[N], total = 0, value;
+    uint32_t got[N] = {0};
+    struct prt_rng rng;
+    prt_rng_init(&rng, 9, 0);
+    for (int i = 0; i < N; i++) {
+        mip[i] = prt_rng_u32(&rng) % 3 ? prt_rng_f32(&rng) * prt_rng_f32(&rng) : 0;
+        total += mip[i];
+    }
+    float *at = mip;
+    for (int size = N; size > 1; size /= 4) {
+        for (int i = 0; i < size / 4; i++)
+            at[size + i] = at[4 * i] + at[4 * i + 1] + at[4 * i + 2] + at[4 * i + 3];
+        at += size;
+    }
+    for (int i = 0; i < N; i++) want[i] = DRAWS * mip[i] / total;
+    for (int i = 0; i < DRAWS; i++) got[prt_screen_mip_sample(mip, N, prt_rng_f32(&rng))]++;
+    for (int i = 0; i < N; i++) assert_true(mip[i] > 0 || got[i] == 0);
+    assert_true(chi_square_ok(want, got, N, &value));
+    for (float u = 0.9999f; u < 1; u += 1e-6f)
+        assert_true(mip[prt_screen_mip_sample(mip, N, u)] > 0);
+}
+
+static void split_weights(void **state)
+{
+    const double k = 1.5;
+    for (double r_p = 0.2; r_p < 6; r_p += 0.4) {
+        assert_true(fabs(prt_screen_local_weight(0, r_p) - (1 - 0.5 * exp(-k * r_p))) < 1e-12);
+        assert_true(fabs(prt_screen_local_weight(r_p, r_p) - 0.5) < 1e-12);
+        double before = 2;
+        for (double r = 0; r < 12; r += 0.01) {
+            double w = prt_screen_local_weight(r, r_p);
+            assert_true(w > 0 && w < 1 && w < before); // W_g = 1 - W_l: both in (0,1)
+            assert_true(before > 1 || before - w < 0.01); // continuous at R_p
+            before = w;
+        }
+    }
+    struct prt_dipole d[3];
+    for (int c = 0; c < 3; c++) prt_dipole_init(&d[c], 1 + c, 0.01, 1.3);
+    double r_p = prt_screen_split_radius(d, 0.05), most = 0, beyond = 0;
+    for (int c = 0; c < 3; c++) {
+        most = fmax(most, 2 * M_PI * r_p * prt_dipole_rd(&d[c], r_p));
+        beyond = fmax(beyond, 2 * M_PI * 1.01 * r_p * prt_dipole_rd(&d[c], 1.01 * r_p));
+    }
+    assert_true(most >= 0.0499 && beyond < 0.05);
+}
+
+// Light does not cross between objects that touch: the unlit one stays exactly black.
+static void touching_objects_exchange_nothing(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_box(&model, (float[3]){-5, 0, 0}, (float[3]){5, 5, 5}, 8);
+    add_box(&model, (float[3]){5, 0, 0}, (float[3]){5, 5, 5}, 8);
+    // light along +x comes from the left: only the left box's left side is lit; the camera is in
+    // front, so the pixels of the right box see only its own, dark, surface
+    struct prt_screen_light light = {{-1, 0, 0}, {5, 5, 5}, false};
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 30};
+    struct stage s;
+    stage_init(&s, &model, camera, 64, 64);
+    for (int e = 0; e <= PRT_SCREEN_REFERENCE; e++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                             .n_sample = e == PRT_SCREEN_REFERENCE ? 20000 : 0};
+        pixels b = render(&s, &marble, NULL, &light, options, NULL);
+        double left = 0;
+        for (uint32_t i = 0; i < s.g.n_point; i++) {
+            if (model.block[s.g.block[i]].object == 0) left += b[i][0];
+            else assert_true(b[i][0] == 0 && b[i][1] == 0 && b[i][2] == 0);
+        }
+        assert_true(left > 0);
+        free(b);
+    }
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// A light behind a thin wall shines through it, as much as the exact sum says.
+static void thin_wall_shines(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_box(&model, (float[3]){0, 0, 0}, (float[3]){15, 15, 1}, 20);
+    struct prt_screen_light light = {{0, 0, -1}, {5, 5, 5}, false};
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 20};
+    struct stage s;
+    stage_init(&s, &model, camera, 40, 40);
+    struct prt_screen_options reference = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 60000};
+    pixels want = render(&s, &marble, NULL, &light, reference, NULL);
+    double total = 0;
+    for (uint32_t i = 0; i < s.g.n_point; i++) total += want[i][1];
+    assert_true(total / s.g.n_point > 0.01);
+    for (int e = 0; e < PRT_SCREEN_REFERENCE; e++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e};
+        pixels b = render(&s, &marble, NULL, &light, options, NULL);
+        double rmse = relative(b, want, s.g.n_point);
+        print_message("back-lit slab, %s: %.2f %%\n", prt_screen_engine_name(options.engine),
+                      100 * rmse);
+        assert_true(rmse < 0.06);
+        free(b);
+    }
+    free(want);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// Object and camera moved together: the same picture (grids may fall elsewhere).
+static void translation_changes_nothing(void **state)
+{
+    pixels b[2][4];
+    uint32_t n[2];
+    for (int moved = 0; moved < 2; moved++) {
+        float at[3] = {moved ? 137.3f : 0, moved ? -55.1f : 0, moved ? 20.7f : 0};
+        struct model model;
+        model_init(&model, 20000, 40000);
+        add_sphere(&model, at, 10, 32);
+        struct prt_camera camera = {.up = {0, 1, 0}, .fovy_deg = 30};
+        for (int k = 0; k < 3; k++) camera.eye[k] = camera.target[k] = at[k];
+        camera.eye[2] += 50;
+        struct stage s;
+        struct prt_screen_light light = {{0.6f, 0.48f, 0.64f}, {3, 3, 3}, false};
+        stage_init(&s, &model, camera, 64, 64);
+        for (int e = 0; e < 4; e++) {
+            struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                                 .n_sample = e == PRT_SCREEN_TEXTURE ? 4000 : 0};
+            b[moved][e] = render(&s, &marble, NULL, &light, options, NULL);
+        }
+        n[moved] = s.g.n_point;
+        stage_finish(&s);
+        model_finish(&model);
+    }
+    assert_int_equal(n[0], n[1]);
+    for (int e = 0; e < 4; e++) {
+        double rmse = relative(b[1][e], b[0][e], n[0]);
+        print_message("moved, %s: %.3f %%\n", prt_screen_engine_name((enum prt_screen_engine)e),
+                      100 * rmse);
+        assert_true(rmse < (e == PRT_SCREEN_TEXTURE ? 0.08 : 0.04)); // other samples
+        free(b[0][e]);
+        free(b[1][e]);
+    }
+}
+
+static struct prt_cube constant_cube(uint32_t n, const float rgb[3])
+{
+    struct prt_cube cube = {n, malloc((size_t)6 * n * n * 12)};
+    for (size_t i = 0; i < (size_t)6 * n * n; i++) memcpy(cube.texel + 3 * i, rgb, 12);
+    return cube;
+}
+
+// The list of lights carries the cube's power; E on a convex body under a constant unit light is
+// 2 pi int F_t mu dmu (METHODS §1), traced or by harmonics.
+static void irradiance_closed_forms(void **state)
+{
+    struct prt_cube cube = constant_cube(16, (float[3]){1, 1, 1});
+    static struct prt_screen_light light[600];
+    static const uint32_t size[] = {1, 3, 7, 64, 600};
+    for (int k = 0; k < 5; k++) {
+        uint32_t n = prt_screen_lights_from_cube(&cube, size[k], light);
+        double sum = 0;
+        for (uint32_t i = 0; i < n; i++) sum += light[i].rgb[1];
+        assert_true(n >= 1 && n <= size[k] && fabs(sum / (4 * M_PI) - 1) < 1e-5);
+    }
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 32);
+    struct prt_scene *scene;
+    assert_int_equal(prt_scene_create(&quiet, &model.mesh, &scene), PRT_OK);
+    struct samples s;
+    assert_int_equal(samples_atlas(&quiet, &model.mesh, 2000, &s), PRT_OK);
+    double area = 0;
+    for (uint32_t i = 0; i < s.n; i++) area += s.area[i];
+    assert_true(fabs(area / (400 * M_PI) - 1) < 0.01);
+    static const float eta[2] = {1.3f, 1.5f};
+    static const double want[2] = {2.949541, 2.853264};
+    uint32_t n = prt_screen_lights_from_cube(&cube, 600, light);
+    for (int k = 0; k < 2; k++) {
+        for (int harmonic = 0; harmonic < 2; harmonic++) {
+            uint64_t rays = 0;
+            if (harmonic) irradiance_harmonics(&cube, &eta[k], &s);
+            else assert_int_equal(irradiance_traced(&quiet, scene, n, light, &eta[k], &s, &rays),
+                                  PRT_OK);
+            double mean = 0;
+            for (uint32_t i = 0; i < s.n; i++) mean += s.e[0][i] / s.n;
+            assert_true(fabs(mean / want[k] - 1) < (harmonic ? 2e-3 : 0.01));
+        }
+    }
+    // the layers of all three axes together are the whole surface
+    uint64_t rays = 0;
+    struct samples peel;
+    assert_int_equal(samples_peel(&quiet, scene, 0.5f, &peel, &rays), PRT_OK);
+    area = 0;
+    for (uint32_t i = 0; i < peel.n; i++) area += peel.area[i];
+    assert_true(fabs(area / (400 * M_PI) - 1) < 0.02);
+    samples_finish(&peel);
+    samples_finish(&s);
+    prt_scene_destroy(scene);
+    model_finish(&model);
+    free(cube.texel);
+}
+
+// Errors against the exact sum fall as samples grow, also under an environment.
+static void errors_fall(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_box(&model, (float[3]){0, 0, 0}, (float[3]){10, 6, 8}, 12);
+    struct prt_camera camera = {.eye = {30, 20, 50}, .up = {0, 1, 0}, .fovy_deg = 25};
+    struct stage s;
+    stage_init(&s, &model, camera, 64, 64);
+    struct prt_cube cube = constant_cube(16, (float[3]){0.2f, 0.2f, 0.2f});
+    for (int i = 0; i < 12; i++) cube.texel[3 * (2 * 256 + 100 + i) + 1] = 40; // a lamp in +Y
+    static const uint32_t n[4][2] = {{40, 160}, {8, 256}, {200, 8000}, {100, 2000}};
+    for (int lit = 0; lit < 2; lit++) {
+        struct prt_screen_light light = {{0.3f, 0.8f, 0.5f}, {3, 3, 3}, false};
+        struct prt_screen_options exact = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 100000};
+        pixels want = render(&s, &marble, lit ? &cube : NULL, lit ? NULL : &light, exact, NULL);
+        for (int e = 0; e < 4; e++) {
+            double rmse[2];
+            for (int k = 0; k < 2; k++) {
+                struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                                     .n_sample = n[e][k]};
+                struct prt_screen_report report;
+                pixels b = render(&s, &marble, lit ? &cube : NULL, lit ? NULL : &light, options,
+                                  &report);
+                rmse[k] = relative(b, want, s.g.n_point);
+                assert_true(report.n_light >= 1 && report.n_sample > 0 && report.n_ray > 0);
+                free(b);
+            }
+            print_message("%s, %s: %u %.2f %%, %u %.2f %%\n", lit ? "environment" : "distant light",
+                          prt_screen_engine_name((enum prt_screen_engine)e), n[e][0],
+                          100 * rmse[0], n[e][1], 100 * rmse[1]);
+            assert_true(rmse[1] < rmse[0] && rmse[1] < 0.07);
+        }
+        free(want);
+    }
+    free(cube.texel);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// Every kernel gives the C kernel's sums, guarded at odd counts, and says how fast it is.
+static void pair_kernels_agree(void **state)
+{
+    struct prt_dipole d[3];
+    for (int c = 0; c < 3; c++) prt_dipole_init(&d[c], 1 + c, 0.01, 1.3);
+    struct radial_table t;
+    radial_table_fit(&t, prt_screen_dipole_profile, d, d[2].z_r, 60);
+    struct prt_rng rng;
+    prt_rng_init(&rng, 2, 0);
+    // the table: R_d where it matters
+    for (int i = 0; i < 1000; i++) {
+        double r = 0.01 * pow(2000, i / 1000.0), exact[3];
+        float got[3];
+        prt_screen_dipole_profile(d, r, exact);
+        radial_table_eval(&t, (float)(r * r), got);
+        for (int c = 0; c < 3; c++)
+            assert_true(fabs(got[c] - exact[c]) < 0.02 * exact[c] + 1e-6 * d[c].rho_d);
+    }
+    struct emitters e = {0};
+    assert_true(emitters_reserve(&e, 3000));
+    for (int i = 0; i < 2777; i++) {
+        float p[3], w[3];
+        for (int k = 0; k < 3; k++) {
+            p[k] = 40 * prt_rng_f32(&rng);
+            w[k] = prt_rng_f32(&rng);
+        }
+        emitters_push(&e, p, w);
+    }
+    struct {
+        float p[3][64], sum[3][64];
+    } __attribute__((aligned(64))) block;
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < 64; i++) block.p[k][i] = 40 * prt_rng_f32(&rng);
+    const float *const p[3] = {block.p[0], block.p[1], block.p[2]};
+    float *const sum[3] = {block.sum[0], block.sum[1], block.sum[2]};
+    float first[3][64];
+    static const char *const word[] = {"c", "avx2", "avx512"};
+    for (int k = 0; k < 3; k++) {
+        unsigned mask;
+        assert_int_equal(prt_cpu_parse(word[k], &mask), PRT_OK);
+        pair_fn run = pair_kernel(mask & prt_cpu_detect());
+        memset(block.sum, 0, sizeof block.sum);
+        run(&t, &e, 3, 2771, 48, p, sum);
+        if (!k) memcpy(first, block.sum, sizeof first);
+        for (int c = 0; c < 3; c++) {
+            for (int i = 0; i < 48; i++)
+                assert_true(fabsf(block.sum[c][i] - first[c][i]) < 2e-4f * first[c][i]);
+            for (int i = 48; i < 64; i++) assert_true(block.sum[c][i] == 0);
+        }
+        double t0 = prt_time_s();
+        for (int r = 0; r < 20; r++) run(&t, &e, 0, 2777, 64, p, sum);
+        print_message("pairs, %s: %.2f G/s\n", word[k], 20 * 2777 * 64 / (prt_time_s() - t0) / 1e9);
+    }
+    emitters_finish(&e);
+}
+
+// Nothing to see, degenerate triangles, a camera inside, an opaque model: a picture, no NaN.
+static void odd_input_gives_pictures(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 12);
+    // zero-area triangles at the end of the block
+    for (int i = 0; i < 8; i++) {
+        uint32_t t[3] = {5, 5, 9};
+        memcpy(model.mesh.triangle[model.mesh.n_triangle++], t, 12);
+    }
+    end_block(&model, &model.block[0]);
+    struct prt_camera inside = {.eye = {0, 0, 0}, .target = {0, 0, -1}, .up = {0, 1, 0},
+                                .fovy_deg = 60};
+    struct prt_camera away = {.eye = {0, 0, 50}, .target = {0, 0, 90}, .up = {0, 1, 0},
+                              .fovy_deg = 30};
+    struct prt_screen_light point = {{3, 30, 30}, {900, 900, 900}, true};
+    for (int k = 0; k < 2; k++) {
+        struct stage s;
+        stage_init(&s, &model, k ? away : inside, 24, 24);
+        for (int e = 0; e <= PRT_SCREEN_REFERENCE; e++) {
+            struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                                 .n_sample = e == PRT_SCREEN_REFERENCE ? 9000 : 0,
+                                                 .budget_ms = e == 2 ? 5 : 0};
+            struct prt_screen_report report;
+            pixels b = render(&s, &marble, NULL, &point, options, &report);
+            if (!k) assert_true(b[0][0] > 0);
+            free(b);
+        }
+        struct prt_shade shade = {.eta = 1.5f, .fresnel = true};
+        struct prt_screen_options options = {.measure_error = true};
+        struct prt_screen_report report;
+        struct prt_image image;
+        assert_int_equal(prt_screen_image(&quiet, s.screen, s.vis, &marble, NULL, 1, &point,
+                                          &options, &shade, &image, &report), PRT_OK);
+        for (int i = 0; i < 24 * 24 * 3; i++) assert_true(isfinite(image.rgb[i]));
+        assert_true(k || (report.error > 0 && report.error < 0.1));
+        prt_image_finish(&image);
+        stage_finish(&s);
+    }
+    model.surface[0].translucent = 0;
+    struct stage s;
+    struct prt_camera front = {.eye = {0, 0, 50}, .up = {0, 1, 0}, .fovy_deg = 30};
+    stage_init(&s, &model, front, 33, 33);
+    pixels b = render(&s, &marble, NULL, &from_front, (struct prt_screen_options){0}, NULL);
+    float most = 0; // albedo/pi E at the middle
+    for (uint32_t i = 0; i < s.g.n_point; i++) most = fmaxf(most, b[i][2]);
+    assert_true(fabs(most - 0.5 / M_PI * 3) < 0.01);
+    free(b);
+    struct prt_screen_light bad = {{NAN, 0, 0}, {1, 1, 1}, false};
+    struct prt_screen_options options = {0};
+    b = malloc(s.g.n_point * sizeof *b);
+    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &bad, &options,
+                                         b, NULL), PRT_ARG);
+    free(b);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+static void engine_words(void **state)
+{
+    enum prt_screen_engine e;
+    for (int k = 0; k <= PRT_SCREEN_REFERENCE; k++) {
+        const char *name = prt_screen_engine_name((enum prt_screen_engine)k);
+        assert_int_equal(prt_screen_engine_parse(name, &e), PRT_OK);
+        assert_int_equal((int)e, k);
+    }
+    assert_int_equal(prt_screen_engine_parse("vertex", &e), PRT_ARG);
+}
+
+static int setup(void **state)
+{
+    prt_context_init(&quiet);
+    quiet.log = swallow;
+    return prt_pool_create(0, &quiet.pool);
+}
+
+static int teardown(void **state)
+{
+    prt_pool_destroy(quiet.pool);
+    return 0;
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(plane_gives_total_reflectance),
+        cmocka_unit_test(tangent_radii_follow_rd),
+        cmocka_unit_test(mip_samples_follow_value),
+        cmocka_unit_test(split_weights),
+        cmocka_unit_test(touching_objects_exchange_nothing),
+        cmocka_unit_test(thin_wall_shines),
+        cmocka_unit_test(translation_changes_nothing),
+        cmocka_unit_test(irradiance_closed_forms),
+        cmocka_unit_test(errors_fall),
+        cmocka_unit_test(pair_kernels_agree),
+        cmocka_unit_test(odd_input_gives_pictures),
+        cmocka_unit_test(engine_words),
+    };
+    return cmocka_run_group_tests(tests, setup, teardown);
+}
