@@ -82,7 +82,8 @@ int relight_frame_get_fixed(const uint8_t *p, const struct relight_frame_limits 
 {
     if (get(p, 4) != RELIGHT_FRAME_MAGIC) return RELIGHT_FAULT_MAGIC;
     if (p[4] != RELIGHT_PROTOCOL_VERSION) return RELIGHT_FAULT_VERSION;
-    if (p[5] & ~(RELIGHT_FRAME_MORE | RELIGHT_FRAME_LAST)) return RELIGHT_FAULT_FLAGS;
+    uint8_t known = RELIGHT_FRAME_LAST | (limits->whole ? 0 : RELIGHT_FRAME_MORE);
+    if (p[5] & ~known) return RELIGHT_FAULT_FLAGS;
     *out = (struct relight_frame){.flags = p[5],
                                   .type = (uint16_t)get(p + 6, 2),
                                   .id = get(p + 8, 8),

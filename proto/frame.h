@@ -83,6 +83,7 @@ struct relight_frame {
 struct relight_frame_limits {
     uint32_t max_header;      /* bytes */
     uint64_t max_payload;     /* bytes */
+    bool whole;               /* refuse frames with MORE: what a daemon does, requests are whole */
 };
 
 /* Bytes before the payload: fixed part, header, padding. */
@@ -102,7 +103,7 @@ int relight_frame_pack(struct relight_frame *frame, const ProtobufCMessage *mess
 #define RELIGHT_FRAME_FAULT_LIST(X)                                                            \
     X(MAGIC, -1, "does not start with RLGT: not this protocol")                                \
     X(VERSION, -2, "frame version is not 1")                                                   \
-    X(FLAGS, -3, "unknown flags are set")                                                      \
+    X(FLAGS, -3, "flags are set that are unknown or not for this direction")                                                      \
     X(HEADER, -4, "header is longer than the limit")                                           \
     X(PAYLOAD, -5, "payload is longer than the limit")                                         \
     X(PADDING, -6, "padding before the payload is not zero")                                   \

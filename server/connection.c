@@ -53,7 +53,7 @@ struct connection *connection_open(struct server *server, const struct carrier *
     conn->reading = true;
     conn->heard_ns = loop_now_ns();
     snprintf(conn->peer, sizeof conn->peer, "%s", peer);
-    struct relight_frame_limits limits = {SERVER_HELLO_HEADER, 0}; // until it said hello
+    struct relight_frame_limits limits = {SERVER_HELLO_HEADER, 0, true}; // until it said hello
     relight_decoder_init(&conn->decoder, &limits);
     conn->next = server->connections;
     if (conn->next) conn->next->prev = conn;

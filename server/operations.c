@@ -37,7 +37,8 @@ void op_hello(struct request *request)
         return;
     }
     conn->greeted = true;
-    conn->decoder.limits = (struct relight_frame_limits){SERVER_MAX_HEADER, SERVER_MAX_PAYLOAD};
+    conn->decoder.limits = (struct relight_frame_limits){SERVER_MAX_HEADER, SERVER_MAX_PAYLOAD,
+                                                         true};
     conn->max_payload = in->max_payload;
     log_line(LOG_EVENT, "hello conn=%llu client=\"%s\"", (unsigned long long)conn->number,
              in->client);

@@ -175,6 +175,22 @@ static void refuses(void **state)
     assert_int_equal(decode_changed(6, "\x77\x77", 2), 1); // unknown types are not framing's
 }
 
+// A daemon takes no split requests; a client takes split answers.
+static void whole_only(void **state)
+{
+    struct relight_frame_limits whole = limits;
+    struct relight_frame frame;
+    whole.whole = true;
+    for (unsigned i = 0; i < n_vector; i++) {
+        size_t n;
+        uint8_t *bytes = pack(vectors + i, &n);
+        bool more = vectors[i].frame.flags & RELIGHT_FRAME_MORE;
+        assert_int_equal(relight_frame_parse(bytes, n, &whole, &frame),
+                         more ? RELIGHT_FAULT_FLAGS : 0);
+        free(bytes);
+    }
+}
+
 static void whole_message_lengths(void **state)
 {
     size_t size;
@@ -285,6 +301,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(encode_exact),          cmocka_unit_test(decode_exact),
         cmocka_unit_test(decode_in_pieces),      cmocka_unit_test(refuses),
         cmocka_unit_test(whole_message_lengths), cmocka_unit_test(lead_and_room),
+        cmocka_unit_test(whole_only),
         cmocka_unit_test(names),                 cmocka_unit_test(sha256),
         cmocka_unit_test(vector_hash),
     };
