@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // screen/: the laws every image-space engine must keep, and their building blocks.
-#include "screen/internal.h"
+#include "../../libprt/screen/internal.h"
 
 #include <math.h>
 #include <setjmp.h>
