@@ -41,7 +41,8 @@ static struct prt_query query_of(const struct want *w)
                               .eye = q->has_eye ? q->eye : NULL};
 }
 
-static int evaluate(const struct prt_context *ctx, struct want *w)
+// Room for one answer; its size is known from the transport.
+static int make_room(const struct prt_context *ctx, struct want *w)
 {
     const struct prt_transport *t = transport_of(w);
     struct prt_query query = query_of(w);
@@ -53,21 +54,48 @@ static int evaluate(const struct prt_context *ctx, struct want *w)
     if (!w->answer) return PRT_NOMEM;
     w->answer->n_plane = n_plane;
     w->answer->n_vertex = t->mesh.n_vertex;
-    return w->query.planes
-               ? prt_answer_planes(ctx, t, &query, &n_plane, w->answer->values)
-               : prt_answer_colors(ctx, t, &query, (float (*)[3])w->answer->values);
+    return PRT_OK;
+}
+
+static int answer_together(const struct prt_context *ctx, struct want *const want[], unsigned n)
+{
+    struct prt_query query[PRT_RELIGHT_MAX_LIGHTS];
+    bool planes[PRT_RELIGHT_MAX_LIGHTS];
+    float *out[PRT_RELIGHT_MAX_LIGHTS];
+    for (unsigned i = 0; i < n; i++) {
+        query[i] = query_of(want[i]);
+        planes[i] = want[i]->query.planes;
+        out[i] = want[i]->answer->values;
+    }
+    return prt_answer_many(ctx, transport_of(want[0]), n, query, planes, out);
+}
+
+static void fail_want(struct work *work, struct want *w, int status)
+{
+    w->status = status;
+    snprintf(w->error, sizeof w->error, "%s",
+             work->error[0] ? work->error : prt_status_text(status));
 }
 
 static int run_pass(struct work *work, const struct prt_context *ctx)
 {
     struct pass *pass = (struct pass *)work;
+    struct want *good[PRT_RELIGHT_MAX_LIGHTS];
+    unsigned n = 0;
     double start = prt_time_s();
     for (struct want *w = pass->running; w; w = w->next) {
         work->error[0] = 0;
-        w->status = evaluate(ctx, w);
-        if (w->status)
-            snprintf(w->error, sizeof w->error, "%s",
-                     work->error[0] ? work->error : prt_status_text(w->status));
+        int status = make_room(ctx, w);
+        if (status) fail_want(work, w, status);
+        else good[n++] = w;
+    }
+    work->error[0] = 0;
+    int status = n ? answer_together(ctx, good, n) : PRT_OK;
+    // One that cannot be answered is not to take the others with it.
+    for (unsigned i = 0; status && i < n; i++) {
+        if (n > 1) work->error[0] = 0;
+        int alone = n > 1 ? answer_together(ctx, &good[i], 1) : status;
+        if (alone) fail_want(work, good[i], alone);
     }
     pass->ms = (float)((prt_time_s() - start) * 1e3);
     return PRT_OK;

@@ -120,19 +120,45 @@ static int mix(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// Single scattering: plane 0 is view-free once it is times Y_00 and joins the multiple plane.
-static int add_single(const struct answer *a, const struct prt_tensor *t)
+// Opaque surfaces scatter nothing inside, whatever a file says of them.
+static int mix_translucent(const struct answer *a, const struct mix_job *whole)
+{
+    const struct prt_mesh *mesh = &a->transport->mesh;
+    int status = PRT_OK;
+    for (uint32_t i = 0; i < mesh->n_block && !status; i++) {
+        const struct prt_block *b = &mesh->block[i];
+        struct mix_job job = *whole;
+        if (!mesh->surface[b->surface].translucent) continue;
+        job.in += 3 * (size_t)b->vertex_begin;
+        job.out += 3 * (size_t)b->vertex_begin;
+        status = prt_parallel_for(a->ctx, NULL, b->n_vertex, VERTEX_GRAIN, mix, &job);
+    }
+    return status;
+}
+
+// Adds a tensor's own planes: single scattering's plane 0 is view-free once it is times Y_00 and
+// joins the multiple plane.
+static int mix_tensor(const struct answer *a, const struct prt_tensor *t, const float *own)
 {
     size_t size = 3 * a->n_vertex;
-    float *own = prt_calloc(size * t->n_phase, sizeof *own);
+    bool single = t->term == PRT_TERM_SINGLE;
+    int status = PRT_OK;
+    for (unsigned k = 0; k < t->n_phase && k < a->n_plane && !status; k++) {
+        struct mix_job job = {.a = a, .in = own + k * size, .out = a->planes + k * size,
+                              .factor = {1, 1, 1}, .constant = single && !k ? Y00 : 1};
+        if (single) plane_factor(a, t, k, job.factor);
+        status = single ? mix_translucent(a, &job)
+                        : prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, mix, &job);
+    }
+    return status;
+}
+
+static int add_single(const struct answer *a, const struct prt_tensor *t)
+{
+    float *own = prt_calloc(3 * a->n_vertex * t->n_phase, sizeof *own);
     if (!own) return prt_fail(a->ctx, PRT_NOMEM, "no memory for %u phase planes", t->n_phase);
     int status = relight(a, t, own);
-    for (unsigned k = 0; k < t->n_phase && k < a->n_plane && !status; k++) {
-        struct mix_job job = {
-            .a = a, .in = own + k * size, .out = a->planes + k * size, .constant = k ? 1 : Y00};
-        plane_factor(a, t, k, job.factor);
-        status = prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, mix, &job);
-    }
+    if (!status) status = mix_tensor(a, t, own);
     prt_free(own);
     return status;
 }
@@ -249,6 +275,16 @@ static uint32_t *vertex_blocks(const struct prt_mesh *mesh)
     return out;
 }
 
+static int shade_colors(const struct answer *a, float (*color)[3])
+{
+    struct shade_job job = {a, vertex_blocks(&a->transport->mesh), color,
+                            prt_fresnel_mean_transmittance((double)a->transport->material.eta)};
+    if (!job.block) return prt_fail(a->ctx, PRT_NOMEM, "no memory for %zu vertices", a->n_vertex);
+    int status = prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, shade, &job);
+    prt_free((void *)(uintptr_t)job.block);
+    return status;
+}
+
 int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, float (*color)[3])
 {
@@ -258,13 +294,85 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
     begin(&a, ctx, transport, query);
     if (!query->eye) a.n_plane = 1; // no other plane is looked at
     a.planes = prt_alloc(3 * a.n_vertex * a.n_plane, sizeof *a.planes);
-    struct shade_job job = {&a, vertex_blocks(&transport->mesh), color,
-                            prt_fresnel_mean_transmittance((double)transport->material.eta)};
-    if (!a.planes || !job.block)
-        status = prt_fail(ctx, PRT_NOMEM, "no memory for %zu vertices", a.n_vertex);
-    else if (!(status = fill_planes(&a)))
-        status = prt_parallel_for(ctx, NULL, a.n_vertex, VERTEX_GRAIN, shade, &job);
+    status = a.planes ? fill_planes(&a)
+                      : prt_fail(ctx, PRT_NOMEM, "no memory for %zu vertices", a.n_vertex);
+    if (!status) status = shade_colors(&a, color);
     prt_free(a.planes);
-    prt_free((void *)(uintptr_t)job.block);
+    return status;
+}
+
+// ---- several questions, one reading of the transport
+
+enum { MANY_BYTES = 256 << 20 }; // of planes between the two steps
+
+// One tensor for the answers that ask for it, as many lights a pass as the memory allows.
+static int relight_many(struct answer *const answer[], unsigned n, const struct prt_tensor *t)
+{
+    size_t each = 3 * answer[0]->n_vertex * t->n_phase;
+    size_t fit = MANY_BYTES / (each * sizeof(float));
+    unsigned most = fit < 1 ? 1 : fit < n ? (unsigned)fit : n;
+    float *own = prt_alloc(most * each, sizeof *own);
+    if (!own) return prt_fail(answer[0]->ctx, PRT_NOMEM, "no memory for %u lights", most);
+    int status = PRT_OK;
+    for (unsigned i = 0; i < n && !status; i += most) {
+        const struct prt_light *light[PRT_RELIGHT_MAX_LIGHTS];
+        unsigned m = n - i < most ? n - i : most;
+        for (unsigned k = 0; k < m; k++) light[k] = &answer[i + k]->light;
+        status = prt_relight(answer[0]->ctx, t, m, light, NULL, false, own);
+        for (unsigned k = 0; k < m && !status; k++)
+            status = mix_tensor(answer[i + k], t, own + k * each);
+    }
+    prt_free(own);
+    return status;
+}
+
+static int fill_many(struct answer *a, unsigned n)
+{
+    const struct prt_transport *t = a[0].transport;
+    int status = PRT_OK;
+    for (unsigned i = 0; i < n && !status; i++)
+        if (a[i].query->light && prt_light_from_cube(a[i].query->light, &a[i].light))
+            status = prt_fail(a[i].ctx, PRT_NOMEM, "the light cannot be transformed");
+    for (uint32_t k = 0; k < t->n_tensor && !status; k++) {
+        struct answer *group[PRT_RELIGHT_MAX_LIGHTS];
+        unsigned m = 0;
+        for (unsigned i = 0; i < n && !status; i++) {
+            if (!asked(a[i].query, &t->tensor[k])) continue;
+            if (n > 1 && !is_free(&t->tensor[k])) group[m++] = &a[i];
+            else if (t->tensor[k].term == PRT_TERM_SINGLE) status = add_single(&a[i], &t->tensor[k]);
+            else status = relight(&a[i], &t->tensor[k], a[i].planes);
+        }
+        if (m && !status) status = relight_many(group, m, &t->tensor[k]);
+    }
+    for (unsigned i = 0; i < n; i++)
+        if (a[i].light.coef) prt_light_finish(&a[i].light);
+    return status;
+}
+
+int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *transport,
+                    unsigned n, const struct prt_query query[], const bool planes[],
+                    float *const out[])
+{
+    struct answer a[PRT_RELIGHT_MAX_LIGHTS];
+    int status = n >= 1 && n <= PRT_RELIGHT_MAX_LIGHTS
+                     ? PRT_OK
+                     : prt_fail(ctx, PRT_ARG, "%u questions are outside [1,%d]", n,
+                                PRT_RELIGHT_MAX_LIGHTS);
+    for (unsigned i = 0; i < n && !status; i++) status = check_query(ctx, transport, &query[i]);
+    if (status) return status;
+    for (unsigned i = 0; i < n; i++) {
+        begin(&a[i], ctx, transport, &query[i]);
+        if (!planes[i] && !query[i].eye) a[i].n_plane = 1;
+        size_t size = 3 * a[i].n_vertex * a[i].n_plane;
+        a[i].planes = planes[i] ? out[i] : prt_alloc(size, sizeof *a[i].planes);
+        if (a[i].planes) memset(a[i].planes, 0, size * sizeof *a[i].planes);
+        else status = prt_fail(ctx, PRT_NOMEM, "no memory for %zu vertices", a[i].n_vertex);
+    }
+    if (!status) status = fill_many(a, n);
+    for (unsigned i = 0; i < n; i++) {
+        if (planes[i]) continue;
+        if (!status) status = shade_colors(&a[i], (float (*)[3])out[i]);
+        prt_free(a[i].planes);
+    }
     return status;
 }

@@ -70,6 +70,12 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
  * needed to weight plane k by are already in the planes: multiply by Y_k(w_o'). */
 int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, unsigned *n_plane, float *planes);
+/* Several questions with one reading of the transport: question i goes to out[i], colours
+ * [n_vertex][3], or planes as prt_answer_planes gives them where planes[i]. n in
+ * [1, PRT_RELIGHT_MAX_LIGHTS]. Nothing in out[] is meant when it fails. */
+int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *transport,
+                    unsigned n, const struct prt_query query[], const bool planes[],
+                    float *const out[]);
 
 #ifdef __cplusplus
 }
