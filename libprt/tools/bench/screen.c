@@ -41,10 +41,10 @@ static int stage_mesh(struct bench_env *env, struct stage *s)
     for (uint32_t i = 0; i <= n; i++) {
         for (uint32_t j = 0; j <= 2 * n; j++, at++) {
             double a = M_PI * i / n, b = M_PI * (j % (2 * n)) / n;
-            double r = 15 + 1.2 * sin(5 * b) * sin(4 * a) * sin(a);
-            p[at][0] = (float)(r * sin(a) * sin(b));
+            double round = i < n ? sin(a) : 0, r = 15 + 1.2 * sin(5 * b) * sin(4 * a) * round;
+            p[at][0] = (float)(r * round * sin(b));
             p[at][1] = (float)(r * cos(a));
-            p[at][2] = (float)(r * sin(a) * cos(b));
+            p[at][2] = (float)(r * round * cos(b));
         }
     }
     at = 0;
