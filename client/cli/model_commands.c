@@ -163,6 +163,12 @@ int run_load(struct relight_client *client, struct options *options)
     char env[80];
     if (load->size_mm > 0 && load->mm_per_unit > 0)
         return report_usage(options, "--size-mm and --mm-per-unit exclude each other");
+    // glTF files are in metres; these have no unit, and a bake would only fail later.
+    const char *dot = strrchr(options->target, '.');
+    bool unitless = dot && (!strcasecmp(dot, ".obj") || !strcasecmp(dot, ".ply"));
+    if (unitless && !(load->size_mm > 0) && !(load->mm_per_unit > 0))
+        return report_usage(options, "%s has no unit of length: give --size-mm or --mm-per-unit",
+                            options->target);
     if (options->n_env > 1) return report_usage(options, "one --env at most");
     if (options->n_env) {
         if (relight_env_resolve(client, options->env[0], progress_bar, NULL, env, &error))
