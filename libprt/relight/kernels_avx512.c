@@ -46,6 +46,9 @@ INLINE __m512 diagonal3_sum(const void *index, const void *entry, uint64_t e, ui
     // `safe` keeps the reads of whole vectors inside the array
     uint64_t stop = end < safe ? end : safe;
     for (; e + 8 <= stop; e += 8) {
+        // rows are read once, from memory: ask early
+        _mm_prefetch((const char *)entry + (i8 ? 3 : 6) * e + 1024, _MM_HINT_T0);
+        _mm_prefetch((const char *)index + (wide ? 4 : 2) * e + 512, _MM_HINT_T0);
         a = _mm512_fmadd_ps(spread4(entry, e, i8, 5),
                             light4(light, INDEX(e), INDEX(e + 1), INDEX(e + 2), INDEX(e + 3)),
                             a);
@@ -357,6 +360,8 @@ INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *li
     const char *entry = (const char *)rows->entry + (rows->begin[row] * n + j0) * size;
     for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++, entry += n * size) {
         const float *l = light + 4ull * rows_index(rows, e);
+        _mm_prefetch(entry + 2048, _MM_HINT_T0);
+        if (nz > 2) _mm_prefetch(entry + 2112, _MM_HINT_T0);
         for (int z = 0; z < nz; z++) {
             __m512 v = load_values(entry + 16 * z * size, i8, mask[z]);
             for (int ch = 0; ch < 3; ch++)
