@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Passes over a model's transport. While one runs, evaluations of the same model gather, and the
 // next pass takes all of them at once: their lights share one reading of the transport.
-#include "log.h"
-#include "render.h"
+#include "evaluation.h"
 #include "request.h"
 
 #include <stdio.h>

@@ -8,10 +8,12 @@
 #include "relight.pb-c.h"
 #include "request.h"
 #include "server.h"
+#include "warm.h"
 
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
+#include <malloc.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -150,6 +152,9 @@ static int start(void)
     server.n_core = cores > 0 ? (unsigned)cores : 1;
     server.stats.start_ns = loop_now_ns();
     signal(SIGPIPE, SIG_IGN);
+    // Images and planes of a few MB come and go: keep their pages.
+    mallopt(M_MMAP_THRESHOLD, 32 << 20);
+    mallopt(M_TRIM_THRESHOLD, 256 << 20);
     unsigned threads = o->threads ? o->threads : server.n_core;
     if (loop_create(&server.loop)
         || loop_signals(server.loop, signals, 3, on_signal, NULL) || open_data()
@@ -163,6 +168,7 @@ static int start(void)
     keep_house(&house_timer);
     log_line(LOG_EVENT, "start version=0.1.0 pid=%d threads=%u data=%s%s", (int)getpid(), threads,
              server.data, server.data_temporary ? " (temporary)" : "");
+    warm_start(server.work);
     sd_notify(0, "READY=1");
     return 0;
 }

@@ -3,7 +3,7 @@
 // some are pending the walk stops and is resumed by the last of them. The final step, which
 // belongs to this evaluation alone (colour encoding; shading, tone map, image file), runs on a
 // worker.
-#include "render.h"
+#include "evaluation.h"
 
 #include "log.h"
 #include "request.h"
@@ -16,7 +16,6 @@
 enum {
     MAX_NEEDS = 2 * RENDER_MAX_LIGHTS + 4,
     SPECULAR_CUBE = 32,   // what the specular pre-filter reads
-    BACKGROUND_CUBE = 256,
 };
 
 struct render;
@@ -123,330 +122,6 @@ static bool failed(struct render *r, const struct need *need)
     return true;
 }
 
-// ---- lights: the cubes of several environments, turned, weighted and summed
-
-struct summand {
-    const struct prt_env *env;
-    struct prt_cube texels; // of an inline cube
-    double rotate_deg;
-    float gain[3];
-};
-struct lighting {
-    struct work work;
-    struct memo_entry *entry;
-    struct memo_entry *env[RENDER_MAX_LIGHTS];
-    unsigned n;
-    struct summand part[RENDER_MAX_LIGHTS];
-    float *texels;
-    uint32_t cube_n;
-    struct prt_cube *cube;
-    float ms;
-};
-
-static void destroy_cube(void *value)
-{
-    prt_cube_finish(value);
-    free(value);
-}
-
-static int add_summand(const struct prt_context *ctx, const struct lighting *l,
-                       const struct summand *s, bool first)
-{
-    struct prt_cube cube = {0};
-    struct prt_env inline_env = {.kind = PRT_ENV_CUBE, .cube = s->texels};
-    const struct prt_env *env = s->env ? s->env : &inline_env;
-    bool as_it_is = !s->env && s->texels.n == l->cube_n && s->rotate_deg == 0;
-    int status = as_it_is ? PRT_OK
-                          : prt_env_to_cube(ctx, env, l->cube_n, s->rotate_deg, &cube);
-    if (status) return status;
-    const float *from = as_it_is ? s->texels.texel : cube.texel;
-    size_t n = (size_t)6 * l->cube_n * l->cube_n;
-    for (size_t i = 0; i < n; i++)
-        for (int c = 0; c < 3; c++) {
-            float x = from[3 * i + (size_t)c] * s->gain[c];
-            float *to = &l->cube->texel[3 * i + (size_t)c];
-            *to = first ? x : *to + x;
-        }
-    prt_cube_finish(&cube);
-    return PRT_OK;
-}
-
-static int run_lighting(struct work *work, const struct prt_context *ctx)
-{
-    struct lighting *l = (struct lighting *)work;
-    double start = prt_time_s();
-    l->cube = calloc(1, sizeof *l->cube);
-    int status = l->cube ? prt_cube_init(l->cube, l->cube_n) : PRT_NOMEM;
-    for (unsigned i = 0; !status && i < l->n; i++)
-        status = add_summand(ctx, l, &l->part[i], i == 0);
-    l->ms = (float)((prt_time_s() - start) * 1e3);
-    return status;
-}
-
-static void done_lighting(struct work *work)
-{
-    struct lighting *l = (struct lighting *)work;
-    l->entry->ms = l->ms;
-    if (work->status) {
-        if (l->cube) destroy_cube(l->cube);
-        memo_fail(l->entry, error_of_status(work->status), work->error);
-    } else {
-        memo_fill(l->entry, l->cube, (size_t)72 * l->cube_n * l->cube_n, destroy_cube);
-    }
-    for (unsigned i = 0; i < l->n; i++) memo_release(l->env[i]);
-    memo_release(l->entry);
-    free(l->texels);
-    free(l);
-}
-
-// The cube of lights [first, first + n) at cube_n, as they are turned or unturned; the
-// environments are decoded already.
-static struct memo_entry *light_get(struct server *server, const struct render_spec *spec,
-                                    const struct need env[], unsigned first, unsigned n,
-                                    uint32_t cube_n, bool turned)
-{
-    char key[RENDER_MAX_LIGHTS * sizeof spec->light->key + 64];
-    size_t at = (size_t)snprintf(key, sizeof key, "light/%u", cube_n);
-    for (unsigned i = first; i < first + n; i++)
-        at += (size_t)snprintf(key + at, sizeof key - at, "+%s",
-                               turned ? spec->light[i].key : spec->light[i].still_key);
-    bool fresh;
-    struct memo_entry *entry = memo_get(server->memo, key, &fresh);
-    if (!fresh) return entry;
-    struct lighting *l = calloc(1, sizeof *l);
-    size_t floats = 0;
-    for (unsigned i = first; i < first + n; i++)
-        floats += (size_t)18 * spec->light[i].cube_n * spec->light[i].cube_n;
-    if (!l || (floats && !(l->texels = malloc(floats * sizeof(float))))) {
-        free(l);
-        memo_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
-        return entry;
-    }
-    size_t put = 0;
-    for (unsigned i = 0; i < n; i++) {
-        const struct render_light *light = &spec->light[first + i];
-        struct summand *s = &l->part[i];
-        s->rotate_deg = turned ? light->rotate_deg : 0;
-        memcpy(s->gain, light->gain, sizeof s->gain);
-        if (light->cube_n) {
-            size_t m = (size_t)18 * light->cube_n * light->cube_n;
-            memcpy(l->texels + put, spec->texels + light->texel, m * sizeof(float));
-            s->texels = (struct prt_cube){light->cube_n, l->texels + put};
-            put += m;
-        } else {
-            l->env[i] = env[first + i].entry;
-            memo_hold(l->env[i]);
-            s->env = &((struct decoded_env *)l->env[i]->value)->env;
-        }
-    }
-    l->n = n;
-    l->cube_n = cube_n;
-    l->entry = entry;
-    memo_hold(entry);
-    l->work.run = run_lighting;
-    l->work.done = done_lighting;
-    work_submit(server->work, &l->work);
-    return entry;
-}
-
-static struct memo_entry *sky_get(struct server *server, const struct render_spec *spec,
-                                  const struct need env[])
-{
-    uint32_t n = spec->light[0].cube_n;
-    if (!n) n = prt_env_full_cube(&((struct decoded_env *)env[0].entry->value)->env);
-    return light_get(server, spec, env, 0, 1, n < BACKGROUND_CUBE ? n : BACKGROUND_CUBE, false);
-}
-
-struct prefetch {
-    struct memo_waiter waiter;
-    struct server *server;
-    struct memo_entry *entry;
-    char env[96];
-};
-
-static void prefetched(struct memo_waiter *waiter)
-{
-    struct prefetch *p = (struct prefetch *)waiter;
-    struct render_spec spec = {.n_light = 1, .light[0] = {.gain = {1, 1, 1}}};
-    if (p->entry->state == MEMO_READY) {
-        struct need env = {.entry = p->entry};
-        snprintf(spec.light[0].env, sizeof spec.light[0].env, "%s", p->env);
-        render_light_name(&spec.light[0], NULL);
-        memo_release(sky_get(p->server, &spec, &env));
-    }
-    memo_release(p->entry);
-    free(p);
-}
-
-void env_prefetch(struct server *server, const char *hash)
-{
-    struct prefetch *p = calloc(1, sizeof *p);
-    int code;
-    char error[300];
-    if (!p) return;
-    snprintf(p->env, sizeof p->env, "env:%s", hash);
-    p->server = server;
-    p->waiter.wake = prefetched;
-    p->entry = env_get(server, p->env, &code, error);
-    if (p->entry && p->entry->state == MEMO_PENDING) memo_wait(p->entry, &p->waiter);
-    else if (p->entry) prefetched(&p->waiter);
-    else free(p);
-}
-
-// ---- visibility
-
-struct seeing {
-    struct work work;
-    struct memo_entry *entry, *file;
-    struct prt_camera camera;
-    uint32_t width, height, samples;
-    struct prt_visibility *visibility;
-    float ms;
-};
-
-static void destroy_visibility(void *value)
-{
-    prt_visibility_destroy(value);
-}
-
-static int run_seeing(struct work *work, const struct prt_context *ctx)
-{
-    struct seeing *s = (struct seeing *)work;
-    double start = prt_time_s();
-    const struct prt_transport *t = prt_file_transport(s->file->value);
-    int status = prt_visibility_create(ctx, &t->mesh, &s->camera, s->width, s->height, s->samples,
-                                       PRT_RASTER_AUTO, &s->visibility);
-    s->ms = (float)((prt_time_s() - start) * 1e3);
-    return status;
-}
-
-static void done_seeing(struct work *work)
-{
-    struct seeing *s = (struct seeing *)work;
-    s->entry->ms = s->ms;
-    if (work->status)
-        memo_fail(s->entry, error_of_status(work->status), work->error);
-    else
-        memo_fill(s->entry, s->visibility, prt_visibility_bytes(s->visibility),
-                  destroy_visibility);
-    memo_release(s->entry);
-    memo_release(s->file);
-    free(s);
-}
-
-static void choose_camera(struct render *r)
-{
-    const struct render_spec *s = &r->spec;
-    const struct prt_mesh *mesh = &transport_of(r)->mesh;
-    prt_camera_frame(mesh, (float)s->width / (float)s->height, &r->camera);
-    r->camera.automatic = false;
-    if (!s->has_camera) return;
-    memcpy(r->camera.eye, s->camera_eye, sizeof r->camera.eye);
-    memcpy(r->camera.target, s->camera_target, sizeof r->camera.target);
-    memcpy(r->camera.up, s->camera_up, sizeof r->camera.up);
-    if (s->fovy_deg > 0) r->camera.fovy_deg = s->fovy_deg;
-}
-
-static struct memo_entry *visibility_get(struct render *r)
-{
-    const struct render_spec *s = &r->spec;
-    const struct prt_camera *c = &r->camera;
-    char key[400];
-    bool fresh;
-    snprintf(key, sizeof key,
-             "%s/%llu/seen/%ux%u/%u/%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g",
-             r->model->id, (unsigned long long)r->model->generation, s->width, s->height,
-             s->samples, (double)c->eye[0], (double)c->eye[1], (double)c->eye[2],
-             (double)c->target[0], (double)c->target[1], (double)c->target[2], (double)c->up[0],
-             (double)c->up[1], (double)c->up[2], (double)c->fovy_deg);
-    struct memo_entry *entry = memo_get(r->server->memo, key, &fresh);
-    if (!fresh) return entry;
-    struct seeing *seeing = calloc(1, sizeof *seeing);
-    if (!seeing) {
-        memo_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
-        return entry;
-    }
-    *seeing = (struct seeing){.entry = entry, .file = r->file.entry, .camera = *c,
-                              .width = s->width, .height = s->height, .samples = s->samples};
-    memo_hold(entry);
-    memo_hold(seeing->file);
-    seeing->work.run = run_seeing;
-    seeing->work.done = done_seeing;
-    work_submit(r->server->work, &seeing->work);
-    return entry;
-}
-
-// ---- the final step
-
-static float srgb(float x)
-{
-    if (!(x > 0)) return 0;
-    if (x >= 1) return 255;
-    x = x <= 0.0031308f ? 12.92f * x : 1.055f * powf(x, 1 / 2.4f) - 0.055f;
-    return x * 255 + 0.5f;
-}
-
-static uint32_t rgb9e5(const float c[3])
-{
-    // EXT_texture_shared_exponent: 9 bits of mantissa, exponent bias 15
-    const float top = 65408;
-    float v[3], high = 0;
-    for (int i = 0; i < 3; i++) {
-        v[i] = c[i] > 0 ? fminf(c[i], top) : 0;
-        high = fmaxf(high, v[i]);
-    }
-    int e;
-    frexpf(high, &e); // high = m 2^e, m in [0.5, 1)
-    int exponent = (e > -15 ? e : -15) + 15;
-    if ((int)floorf(ldexpf(high, 15 + 9 - exponent) + 0.5f) == 512) exponent++;
-    uint32_t out = (uint32_t)exponent << 27;
-    for (int i = 0; i < 3; i++)
-        out |= (uint32_t)floorf(ldexpf(v[i], 15 + 9 - exponent) + 0.5f) << 9 * i;
-    return out;
-}
-
-static size_t color_bytes(int format)
-{
-    return format == RELIGHT__COLOR_FORMAT__COLOR_F32   ? 12
-           : format == RELIGHT__COLOR_FORMAT__COLOR_F16 ? 6
-                                                        : 4;
-}
-
-struct encoding {
-    const float *from;
-    uint8_t *to;
-    int format;
-    float scale;
-};
-
-static int encode_range(void *arg, size_t begin, size_t end, unsigned worker)
-{
-    const struct encoding *e = arg;
-    for (size_t v = begin; v < end; v++) {
-        const float *c = e->from + 3 * v;
-        if (e->format == RELIGHT__COLOR_FORMAT__COLOR_RGB9E5) {
-            ((uint32_t *)e->to)[v] = rgb9e5(c);
-        } else {
-            for (int i = 0; i < 3; i++) e->to[4 * v + (size_t)i] = (uint8_t)srgb(c[i] * e->scale);
-            e->to[4 * v + 3] = 255;
-        }
-    }
-    return PRT_OK;
-}
-
-static void encode_colors(const struct prt_context *ctx, const struct render_spec *spec,
-                          const struct answer *answer, uint8_t *to)
-{
-    size_t n = (size_t)answer->n_vertex * 3;
-    if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F32) {
-        memcpy(to, answer->values, n * sizeof(float));
-    } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F16) {
-        prt_f32_to_f16_array(answer->values, n, (uint16_t *)to);
-    } else {
-        struct encoding e = {answer->values, to, spec->format, exp2f(spec->exposure_ev)};
-        prt_parallel_for(ctx, NULL, answer->n_vertex, 4096, encode_range, &e);
-    }
-}
 
 static unsigned n_answer(const struct render_spec *spec)
 {
@@ -476,40 +151,6 @@ static int run_colors(struct render *r, const struct prt_context *ctx)
     return PRT_OK;
 }
 
-static int encode_image(struct render *r, const struct prt_context *ctx,
-                        const struct prt_image *image)
-{
-    const struct render_spec *s = &r->spec;
-    size_t n = (size_t)image->width * image->height;
-    struct prt_blob blob = {0};
-    int status = PRT_OK;
-    if (s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_EXR
-        || s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT) {
-        status = prt_encode_exr(ctx, image, s->image_format
-                                                == RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT, &blob);
-    } else if (s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_F16) {
-        blob = (struct prt_blob){prt_alloc(n, 6), n * 6};
-        if (!blob.bytes) return PRT_NOMEM;
-        prt_f32_to_f16_array(image->rgb, n * 3, blob.bytes);
-    } else {
-        uint8_t *rgb8 = prt_alloc(n, 3);
-        if (!rgb8) return PRT_NOMEM;
-        status = prt_tone_map(ctx, image, (enum prt_tone)s->tone, s->picture_ev, rgb8);
-        if (!status && s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_PNG)
-            status = prt_encode_png(ctx, rgb8, image->width, image->height, 3, &blob);
-        else if (!status && s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_JPEG)
-            status = prt_encode_jpeg(ctx, rgb8, image->width, image->height, (int)s->quality,
-                                     &blob);
-        else if (!status) {
-            blob = (struct prt_blob){rgb8, n * 3};
-            rgb8 = NULL;
-        }
-        prt_free(rgb8);
-    }
-    if (!status) own_payload(r, blob.bytes, blob.size, prt_free);
-    return status;
-}
-
 static int run_picture(struct render *r, const struct prt_context *ctx)
 {
     const struct prt_transport *t = transport_of(r);
@@ -517,6 +158,7 @@ static int run_picture(struct render *r, const struct prt_context *ctx)
     const struct prt_cube *lobes = r->specular.entry ? r->specular.entry->value : NULL;
     struct prt_specular *specular = NULL;
     struct prt_image image = {0};
+    struct prt_blob blob = {0};
     const struct prt_material *material = r->spec.has_material ? &r->spec.material : &t->material;
     double start = prt_time_s();
     int status = lobes ? prt_specular_create(ctx, lobes, &specular) : PRT_OK;
@@ -531,7 +173,8 @@ static int run_picture(struct render *r, const struct prt_context *ctx)
     if (!status)
         status = prt_shade_image(ctx, r->visibility.entry->value, &t->mesh, &shade, &image);
     double shaded = prt_time_s();
-    if (!status) status = encode_image(r, ctx, &image);
+    if (!status) status = encode_image(ctx, &r->spec, &image, &blob);
+    if (!status) own_payload(r, blob.bytes, blob.size, prt_free);
     r->result.shade_ms = (float)((shaded - start) * 1e3);
     r->result.encode_ms = (float)((prt_time_s() - shaded) * 1e3);
     prt_image_finish(&image);
@@ -590,7 +233,8 @@ static void final(struct render *r)
     out->engine = RELIGHT__ENGINE__ENGINE_WAVELET + (int)t->engine;
     for (unsigned i = 0; i < s->n_light; i++)
         out->light_ms += cost_of(&r->env[i]) + cost_of(&r->light[i]);
-    out->light_ms += cost_of(&r->specular) + cost_of(&r->background);
+    if (r->specular.entry != r->light[0].entry) out->light_ms += cost_of(&r->specular);
+    out->light_ms += cost_of(&r->background);
     for (unsigned i = 0; i < n_answer(s); i++)
         out->relight_ms = fmaxf(out->relight_ms, cost_of(&r->answer[i]));
     out->raster_ms = cost_of(&r->visibility);
@@ -683,8 +327,9 @@ static void ask_envs(struct render *r)
     }
     if (r->result.code) snprintf(r->result.error, sizeof r->result.error, "%s", error);
     if (r->result.code || !r->spec.picture) return;
-    choose_camera(r);
-    need_entry(r, &r->visibility, visibility_get(r));
+    camera_choose(&r->spec, &transport_of(r)->mesh, &r->camera);
+    need_entry(r, &r->visibility,
+               visibility_get(r->model, r->file.entry, &r->spec, &r->camera));
 }
 
 static void ask_lights(struct render *r)
@@ -692,14 +337,16 @@ static void ask_lights(struct render *r)
     uint32_t cube = transport_of(r)->cube;
     const struct render_spec *s = &r->spec;
     unsigned each = n_answer(s) == 1 ? s->n_light : 1;
+    struct memo_entry *env[RENDER_MAX_LIGHTS];
+    for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) env[i] = r->env[i].entry;
     for (unsigned i = 0; i < n_answer(s) && !fixed_light(r); i++)
-        need_entry(r, &r->light[i], light_get(r->server, s, r->env, i, each, cube, true));
+        need_entry(r, &r->light[i], light_get(r->server, s, env, i, each, cube, true));
     if (!s->picture) return;
     if (s->n_light && !s->no_specular && s->term == RELIGHT__TERM__TERM_TOTAL)
-        need_entry(r, &r->specular, light_get(r->server, s, r->env, 0, s->n_light,
+        need_entry(r, &r->specular, light_get(r->server, s, env, 0, s->n_light,
                                               SPECULAR_CUBE, true));
     if (s->n_light && !s->plain_background)
-        need_entry(r, &r->background, sky_get(r->server, s, r->env));
+        need_entry(r, &r->background, sky_get(r->server, s, env));
 }
 
 static void ask_answers(struct render *r)
@@ -789,61 +436,4 @@ struct render *render_start(struct model *model, struct render_spec *spec, rende
 void render_cancel(struct render *r)
 {
     __atomic_store_n(&r->done, NULL, __ATOMIC_RELAXED);
-}
-
-// ---- messages
-
-void render_cost_message(const struct render_result *r, Relight__Cost *cost)
-{
-    relight__cost__init(cost);
-    float known = r->light_ms + r->relight_ms + r->raster_ms + r->shade_ms + r->encode_ms;
-    cost->queue_ms = fmaxf(0, r->total_ms - known);
-    cost->light_ms = r->light_ms;
-    cost->relight_ms = r->relight_ms;
-    cost->raster_ms = r->raster_ms;
-    cost->shade_ms = r->shade_ms;
-    cost->encode_ms = r->encode_ms;
-    cost->total_ms = r->total_ms;
-    cost->shared = r->shared;
-    cost->error_bound = r->error_bound;
-    cost->engine = r->engine;
-    cost->note = (char *)r->note;
-}
-
-void render_colors_message(const struct render_result *r, const struct render_spec *spec,
-                           Relight__ColorsAnswer *out)
-{
-    relight__colors_answer__init(out);
-    out->n_vertex = r->n_vertex;
-    out->n_plane = r->n_plane;
-    out->plane_bytes = r->plane_bytes;
-    out->format = spec->format;
-    out->generation = r->generation;
-}
-
-static void vec3_message(const float v[3], Relight__Vec3 *out)
-{
-    relight__vec3__init(out);
-    out->x = v[0];
-    out->y = v[1];
-    out->z = v[2];
-}
-
-void render_image_message(const struct render_result *r, const struct render_spec *spec,
-                          Relight__ImageAnswer *out, struct render_camera_message *camera)
-{
-    relight__image_answer__init(out);
-    relight__camera__init(&camera->camera);
-    vec3_message(r->camera.eye, &camera->eye);
-    vec3_message(r->camera.target, &camera->target);
-    vec3_message(r->camera.up, &camera->up);
-    camera->camera.eye = &camera->eye;
-    camera->camera.target = &camera->target;
-    camera->camera.up = &camera->up;
-    camera->camera.fovy_deg = r->camera.fovy_deg;
-    out->width = r->width;
-    out->height = r->height;
-    out->format = spec->image_format;
-    out->camera = &camera->camera;
-    out->generation = r->generation;
 }

@@ -110,25 +110,4 @@ void render_image_message(const struct render_result *result, const struct rende
 void env_prefetch(struct server *server, const char *hash);
 struct memo_entry *env_get(struct server *server, const char *env, int *code, char error[300]);
 
-/* answers.c: colours and planes through passes that are shared ------------------------------- */
-
-/* What a pass makes for one light and query. */
-struct answer {
-    unsigned n_plane;
-    uint32_t n_vertex, shared; /* shared: evaluations of its pass */
-    float values[];        /* [n_plane][n_vertex][3] */
-};
-struct answer_query {
-    int term;              /* enum prt_answer_term */
-    bool planes;           /* per-phase planes for pictures, else final colours */
-    bool has_material, has_eye;
-    struct prt_material material;
-    float eye[3];          /* mm */
-};
-/* The entry of `key`; when it is not there yet, it joins the model's next pass. file and light are
- * held by the pass (light may be NULL). */
-struct memo_entry *answer_get(struct model *model, const char *key,
-                              const struct answer_query *query, struct memo_entry *file,
-                              struct memo_entry *light);
-
 #endif

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: MIT
+// Visibility buffers: one for each model, camera and size, whatever light falls on it.
+#include "evaluation.h"
+#include "request.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct seeing {
+    struct work work;
+    struct memo_entry *entry, *file;
+    struct prt_camera camera;
+    uint32_t width, height, samples;
+    struct prt_visibility *visibility;
+    float ms;
+};
+
+static void destroy_visibility(void *value)
+{
+    prt_visibility_destroy(value);
+}
+
+static int run_seeing(struct work *work, const struct prt_context *ctx)
+{
+    struct seeing *s = (struct seeing *)work;
+    double start = prt_time_s();
+    const struct prt_transport *t = prt_file_transport(s->file->value);
+    int status = prt_visibility_create(ctx, &t->mesh, &s->camera, s->width, s->height, s->samples,
+                                       PRT_RASTER_AUTO, &s->visibility);
+    s->ms = (float)((prt_time_s() - start) * 1e3);
+    return status;
+}
+
+static void done_seeing(struct work *work)
+{
+    struct seeing *s = (struct seeing *)work;
+    s->entry->ms = s->ms;
+    if (work->status)
+        memo_fail(s->entry, error_of_status(work->status), work->error);
+    else
+        memo_fill(s->entry, s->visibility, prt_visibility_bytes(s->visibility),
+                  destroy_visibility);
+    memo_release(s->entry);
+    memo_release(s->file);
+    free(s);
+}
+
+void camera_choose(const struct render_spec *s, const struct prt_mesh *mesh,
+                   struct prt_camera *out)
+{
+    prt_camera_frame(mesh, (float)s->width / (float)s->height, out);
+    out->automatic = false;
+    if (!s->has_camera) return;
+    memcpy(out->eye, s->camera_eye, sizeof out->eye);
+    memcpy(out->target, s->camera_target, sizeof out->target);
+    memcpy(out->up, s->camera_up, sizeof out->up);
+    if (s->fovy_deg > 0) out->fovy_deg = s->fovy_deg;
+}
+
+struct memo_entry *visibility_get(struct model *model, struct memo_entry *file,
+                                  const struct render_spec *s, const struct prt_camera *c)
+{
+    char key[400];
+    bool fresh;
+    snprintf(key, sizeof key,
+             "%s/%llu/seen/%ux%u/%u/%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g",
+             model->id, (unsigned long long)model->generation, s->width, s->height,
+             s->samples, (double)c->eye[0], (double)c->eye[1], (double)c->eye[2],
+             (double)c->target[0], (double)c->target[1], (double)c->target[2], (double)c->up[0],
+             (double)c->up[1], (double)c->up[2], (double)c->fovy_deg);
+    struct memo_entry *entry = memo_get(model->server->memo, key, &fresh);
+    if (!fresh) return entry;
+    struct seeing *seeing = calloc(1, sizeof *seeing);
+    if (!seeing) {
+        memo_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return entry;
+    }
+    *seeing = (struct seeing){.entry = entry, .file = file, .camera = *c,
+                              .width = s->width, .height = s->height, .samples = s->samples};
+    memo_hold(entry);
+    memo_hold(seeing->file);
+    seeing->work.run = run_seeing;
+    seeing->work.done = done_seeing;
+    work_submit(model->server->work, &seeing->work);
+    return entry;
+}
