@@ -330,8 +330,11 @@ int prt_optics_load(const struct prt_context *ctx, const char *name_or_file,
     if ((err = prt_read_file(ctx, name_or_file, MATERIAL_MAX_BYTES, &file)) < 0) return err;
     char folder[4096] = ".";
     const char *slash = strrchr(name_or_file, '/');
-    if (slash)
-        snprintf(folder, sizeof folder, "%.*s", (int)(slash - name_or_file), name_or_file);
+    size_t n_folder = slash ? (size_t)(slash - name_or_file) : 0;
+    if (n_folder && n_folder < sizeof folder) {
+        memcpy(folder, name_or_file, n_folder);
+        folder[n_folder] = 0;
+    }
     if (slash == name_or_file) strcpy(folder, "/");
     err = prt_optics_parse(ctx, name_or_file, folder, file.bytes, file.size, out);
     prt_free(file.bytes);
