@@ -215,42 +215,76 @@ static double depth_sample(const struct path *p, double xi)
     return -log(1 - u * (1 - exp(-p->sigma_t[c] * p->length))) / p->sigma_t[c];
 }
 
-// Contribution of one depth and one light ray, without L and weights. Adds nothing when the ray
-// does not leave the body into the open.
-static void scatter(const struct job *j, const struct path *path, const struct phases *phases,
-                    bool isotropic, double s, const float w[3], const float rgb[3],
-                    double weight, double sum[3])
+// Up to 16 pairs of a depth and a light ray, traced together.
+struct batch {
+    uint32_t n;
+    double depth[16], weight[16];
+    float w[16][3];
+    const float *rgb[16];
+};
+
+// Where a ray from inside leaves: shading normal and cosine. false: not a way out.
+static bool leaves(const struct prt_mesh *mesh, const struct prt_packet *p, int i,
+                   const float w[3], float g[3], float n[3], float *cosine)
 {
-    const struct prt_mesh *mesh = j->mesh;
-    float p[3], t, u, v, g[3], n[3], length = 0, cosine = 0;
-    uint32_t triangle;
-    for (int k = 0; k < 3; k++) p[k] = (float)(path->x[k] + s * path->inward[k]);
-    if (!prt_scene_intersect(j->scene, p, w, 0, INFINITY, &t, &triangle, &u, &v)) return;
-    face_normal(mesh, triangle, g);
-    if (dot3(g, w) <= 0) return;
-    const uint32_t *tv = mesh->triangle[triangle];
+    if (p->triangle[i] == UINT32_MAX) return false;
+    face_normal(mesh, p->triangle[i], g);
+    if (dot3(g, w) <= 0) return false;
+    const uint32_t *tv = mesh->triangle[p->triangle[i]];
+    float u = p->u[i], v = p->v[i], length = 0;
     for (int k = 0; k < 3; k++) {
         n[k] = (1 - u - v) * mesh->normal[tv[0]][k] + u * mesh->normal[tv[1]][k] +
                v * mesh->normal[tv[2]][k];
         length += n[k] * n[k];
     }
     length = sqrtf(length);
-    for (int k = 0; k < 3; k++) n[k] /= length, cosine += n[k] * w[k];
-    if (!(cosine > 0)) return;
-    if (cosine > 1) cosine = 1;
-    float exit[3], eps = prt_scene_epsilon(j->scene), eta = j->material->eta;
-    for (int k = 0; k < 3; k++) exit[k] = p[k] + t * w[k] + eps * g[k];
-    if (prt_scene_occluded(j->scene, exit, w, 0, INFINITY)) return;
-    double root = sqrt(1 - (1 - (double)cosine * cosine) / ((double)eta * eta));
-    double way = t * cosine / root, ft = prt_fresnel_transmittance(eta, cosine);
-    double cos_outward = 0;
-    for (int k = 0; k < 3; k++)
-        cos_outward += path->out_dir[k] * (w[k] / eta + (root - cosine / eta) * n[k]);
-    for (int c = 0; c < 3; c++) {
-        double phase = isotropic ? 1 / (4 * M_PI) : phase_at(j, phases, c, cos_outward);
-        sum[c] += weight * ft * phase * path->sigma_s[c] * rgb[c] *
-                  exp(-path->sigma_t[c] * (s + way));
+    for (int k = 0; k < 3; k++) n[k] /= length;
+    *cosine = fminf(dot3(n, w), 1);
+    return *cosine > 0;
+}
+
+// Adds a batch's contributions; what does not leave the body into the open adds nothing.
+static void scatter(const struct job *j, const struct path *path, const struct phases *phases,
+                    bool isotropic, struct batch *batch, double sum[3])
+{
+    struct prt_packet p = {0}, shadow = {0};
+    float n[16][3], cosine[16], eps = prt_scene_epsilon(j->scene), eta = j->material->eta;
+    uint32_t mask = batch->n == 16 ? 0xffff : (1u << batch->n) - 1, ask = 0;
+    for (uint32_t i = 0; i < batch->n; i++) {
+        const float *w = batch->w[i];
+        p.ox[i] = (float)(path->x[0] + batch->depth[i] * path->inward[0]);
+        p.oy[i] = (float)(path->x[1] + batch->depth[i] * path->inward[1]);
+        p.oz[i] = (float)(path->x[2] + batch->depth[i] * path->inward[2]);
+        p.dx[i] = w[0], p.dy[i] = w[1], p.dz[i] = w[2], p.tfar[i] = INFINITY;
     }
+    prt_scene_intersect16(j->scene, &p, mask, false);
+    for (int i = 0; i < (int)batch->n; i++) {
+        const float *w = batch->w[i];
+        float g[3];
+        if (!leaves(j->mesh, &p, i, w, g, n[i], &cosine[i])) continue;
+        ask |= 1u << i;
+        shadow.ox[i] = p.ox[i] + p.t[i] * w[0] + eps * g[0];
+        shadow.oy[i] = p.oy[i] + p.t[i] * w[1] + eps * g[1];
+        shadow.oz[i] = p.oz[i] + p.t[i] * w[2] + eps * g[2];
+        shadow.dx[i] = w[0], shadow.dy[i] = w[1], shadow.dz[i] = w[2];
+        shadow.tfar[i] = INFINITY;
+    }
+    uint32_t open = ask ? ask & ~prt_scene_occluded16(j->scene, &shadow, ask) : 0;
+    for (int i = 0; i < (int)batch->n; i++) {
+        if (!(open >> i & 1)) continue;
+        const float *w = batch->w[i];
+        double c1 = cosine[i], root = sqrt(1 - (1 - c1 * c1) / ((double)eta * eta));
+        double way = p.t[i] * c1 / root, cos_outward = 0; // METHODS §1, s_i'
+        double ft = prt_fresnel_transmittance(eta, c1);
+        for (int k = 0; k < 3; k++)
+            cos_outward += path->out_dir[k] * (w[k] / eta + (root - c1 / eta) * n[i][k]);
+        for (int c = 0; c < 3; c++) {
+            double phase = isotropic ? 1 / (4 * M_PI) : phase_at(j, phases, c, cos_outward);
+            sum[c] += batch->weight[i] * ft * phase * path->sigma_s[c] * batch->rgb[i][c] *
+                      exp(-path->sigma_t[c] * (batch->depth[i] + way));
+        }
+    }
+    batch->n = 0;
 }
 
 // W05 eq 4 by Monte Carlo: along the refracted path with an eye, else along -n_o.
@@ -297,13 +331,18 @@ static void single_at(const struct job *j, uint32_t v, float out[3])
     struct prt_rng rng;
     prt_rng_init(&rng, j->o->seed, v);
     double xi = prt_rng_f32(&rng);
+    struct batch batch = {0};
     for (uint32_t k = 0; k < r->n_ray; k++) {
+        uint32_t i = batch.n++;
         xi += 0.6180339887498949;
         xi -= floor(xi);
-        double s = depth_sample(&path, xi);
-        float w[3] = {r->x[base + k], r->y[base + k], r->z[base + k]};
-        scatter(j, &path, &phases, view_free, s, w, r->rgb + (base + k) * 3,
-                1 / depth_density(&path, s), sum);
+        batch.depth[i] = depth_sample(&path, xi);
+        batch.weight[i] = 1 / depth_density(&path, batch.depth[i]);
+        batch.w[i][0] = r->x[base + k], batch.w[i][1] = r->y[base + k];
+        batch.w[i][2] = r->z[base + k];
+        batch.rgb[i] = r->rgb + (base + k) * 3;
+        if (batch.n == 16 || k + 1 == r->n_ray)
+            scatter(j, &path, &phases, view_free, &batch, sum);
     }
     for (int c = 0; c < 3; c++) out[c] = (float)sum[c];
 }

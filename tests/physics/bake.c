@@ -1,0 +1,303 @@
+// SPDX-License-Identifier: MIT
+// Bakes of small bodies against the reference engine, and the laws a bake obeys.
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "prt/bake.h"
+#include "prt/reference.h"
+#include "prt/relight.h"
+
+static struct prt_context context;
+static char folder[] = "/tmp/prt-bake-test-XXXXXX";
+
+static const char *file(const char *name)
+{
+    static char path[256];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    return path;
+}
+
+// A dented ball of about 16 mm, so that there is shadow and curvature of every sign. With
+// `floor`, an opaque square lies below it as an object of its own.
+static struct prt_mesh *body(void)
+{
+    enum { U = 56, V = 28 };
+    static float p[U * (V + 1)][3];
+    static uint32_t t[U * V * 2][3];
+    uint32_t nt = 0;
+    for (int j = 0; j <= V; j++)
+        for (int i = 0; i < U; i++) {
+            double th = M_PI * j / V, ph = 2 * M_PI * i / U;
+            double r = 8 + 1.2 * sin(3 * ph) * sin(th) * sin(th) + 0.8 * cos(4 * th);
+            p[j * U + i][0] = (float)(r * sin(th) * cos(ph));
+            p[j * U + i][1] = (float)(r * cos(th));
+            p[j * U + i][2] = (float)(r * sin(th) * sin(ph));
+        }
+    for (int j = 0; j < V; j++)
+        for (int i = 0; i < U; i++) {
+            uint32_t a = (uint32_t)(j * U + i), b = (uint32_t)(j * U + (i + 1) % U);
+            if (j > 0) memcpy(t[nt++], ((uint32_t[3]){a, b, a + U}), 12);
+            if (j < V - 1) memcpy(t[nt++], ((uint32_t[3]){b, b + U, a + U}), 12);
+        }
+    struct prt_mesh *mesh;
+    assert_int_equal(prt_mesh_create(&context, U * (V + 1), (const float(*)[3])p, NULL, nt,
+                                     (const uint32_t(*)[3])t, &mesh),
+                     PRT_OK);
+    assert_int_equal(prt_mesh_scale(&context, mesh, 0, 1), PRT_OK);
+    return mesh;
+}
+
+// Sky, floor and a soft box of a few texels.
+static struct prt_cube light_of(uint32_t n)
+{
+    struct prt_cube cube;
+    assert_int_equal(prt_cube_init(&cube, n), PRT_OK);
+    for (uint32_t i = 0; i < 6 * n * n; i++) {
+        uint32_t face = i / (n * n), y = i / n % n, x = i % n;
+        bool lamp = face == 4 && x > n / 2 && x < n / 2 + 4 && y > 2 && y < 6;
+        for (uint32_t c = 0; c < 3; c++)
+            cube.texel[i * 3 + c] = (face == 2 ? 0.6f : 0.15f) + (lamp ? 25 - 4.0f * (float)c : 0);
+    }
+    return cube;
+}
+
+static struct prt_material medium(const char *name)
+{
+    struct prt_material m;
+    assert_int_equal(prt_material_load(&context, name, &m), PRT_OK);
+    return m;
+}
+
+static struct prt_bake_options options(const char *name)
+{
+    return (struct prt_bake_options){.material = medium(name), .n_sample = 12000, .cube = 16,
+                                     .seed = 1};
+}
+
+static float (*reference(const struct prt_mesh *mesh, const struct prt_material *m,
+                         const struct prt_cube *light, enum prt_reference_term term))[3]
+{
+    float(*color)[3] = calloc(mesh->n_vertex, sizeof *color);
+    struct prt_reference_options o = {.term = term, .n_sample = 40000, .n_ray = 1024,
+                                      .n_single = 2048, .seed = 31};
+    assert_int_equal(prt_reference_colors(&context, mesh, m, light, &o, color), PRT_OK);
+    return color;
+}
+
+static double error_of(const char *path, const struct prt_query *query, const float (*want)[3])
+{
+    struct prt_file *f;
+    assert_int_equal(prt_file_open(&context, path, PRT_FILE_CHECK_ALL, &f), PRT_OK);
+    const struct prt_transport *t = prt_file_transport(f);
+    float(*got)[3] = calloc(t->mesh.n_vertex, sizeof *got);
+    assert_int_equal(prt_answer_colors(&context, t, query, got), PRT_OK);
+    double error = prt_relative_rmse(got[0], want[0], (size_t)t->mesh.n_vertex * 3);
+    free(got);
+    prt_file_close(f);
+    return error;
+}
+
+static void factored_agrees_with_the_reference(void **state)
+{
+    struct prt_mesh *mesh = body();
+    struct prt_bake_options o = options("skin1");
+    struct prt_cube light = light_of(16);
+    assert_int_equal(prt_bake(&context, mesh, &o, file("a.prt")), PRT_OK);
+    struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .light = &light};
+    float(*want)[3] = reference(mesh, &o.material, &light, PRT_REFERENCE_MULTIPLE);
+    double multiple = error_of(file("a.prt"), &q, (const float(*)[3])want);
+    free(want);
+    q.term = PRT_ANSWER_SINGLE;
+    want = reference(mesh, &o.material, &light, PRT_REFERENCE_SINGLE);
+    double single = error_of(file("a.prt"), &q, (const float(*)[3])want);
+    free(want);
+    print_message("factored: multiple %.2f %%, single %.2f %%\n", 100 * multiple, 100 * single);
+    assert_true(multiple < 0.01);
+    assert_true(single < 0.05);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
+static void sparse_is_what_w05_stores(void **state)
+{
+    struct prt_mesh *mesh = body();
+    struct prt_bake_options o = options("skin1");
+    struct prt_cube light = light_of(16);
+    o.storage = PRT_STORAGE_SPARSE;
+    o.no_single = true;
+    o.n_coef = 96;
+    assert_int_equal(prt_bake(&context, mesh, &o, file("s.prt")), PRT_OK);
+    struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .light = &light};
+    float(*want)[3] = reference(mesh, &o.material, &light, PRT_REFERENCE_MULTIPLE);
+    double coarse = error_of(file("s.prt"), &q, (const float(*)[3])want);
+    o.n_coef = 1536;
+    assert_int_equal(prt_bake(&context, mesh, &o, file("s.prt")), PRT_OK);
+    double whole = error_of(file("s.prt"), &q, (const float(*)[3])want);
+    print_message("sparse: 96 coefficients %.2f %%, all %.2f %%\n", 100 * coarse, 100 * whole);
+    assert_true(whole < 0.01);
+    assert_true(coarse < 0.2 && coarse > whole);
+    free(want);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
+// One bake, media that were not among the training materials, light and material both free.
+static void joint_serves_every_medium(void **state)
+{
+    static const char *const name[] = {"skin1", "ketchup", "skimmilk"};
+    struct prt_mesh *mesh = body();
+    struct prt_bake_options o = options("skin1");
+    struct prt_cube light = light_of(16);
+    o.engine = PRT_ENGINE_JOINT;
+    assert_int_equal(prt_bake(&context, mesh, &o, file("j.prt")), PRT_OK);
+    for (int i = 0; i < 3; i++) {
+        struct prt_material m = medium(name[i]);
+        struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .light = &light, .material = &m};
+        float(*want)[3] = reference(mesh, &m, &light, PRT_REFERENCE_MULTIPLE);
+        double multiple = error_of(file("j.prt"), &q, (const float(*)[3])want);
+        free(want);
+        q.term = PRT_ANSWER_SINGLE;
+        want = reference(mesh, &m, &light, PRT_REFERENCE_SINGLE);
+        double single = error_of(file("j.prt"), &q, (const float(*)[3])want);
+        free(want);
+        print_message("joint, %s: multiple %.2f %%, single %.2f %%\n", name[i], 100 * multiple,
+                      100 * single);
+        assert_true(multiple < 0.015);
+        assert_true(single < 0.06);
+    }
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
+static void polynomial_serves_every_medium(void **state)
+{
+    static const char *const name[] = {"skin1", "ketchup", "cream"};
+    struct prt_mesh *mesh = body();
+    struct prt_bake_options o = options("skin1");
+    struct prt_cube light = light_of(16);
+    struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
+    o.engine = PRT_ENGINE_POLYNOMIAL;
+    o.env = &env;
+    assert_int_equal(prt_bake(&context, mesh, &o, file("p.prt")), PRT_OK);
+    for (int i = 0; i < 3; i++) {
+        struct prt_material m = medium(name[i]);
+        struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .material = &m};
+        float(*want)[3] = reference(mesh, &m, &light, PRT_REFERENCE_MULTIPLE);
+        double multiple = error_of(file("p.prt"), &q, (const float(*)[3])want);
+        free(want);
+        q.term = PRT_ANSWER_SINGLE;
+        want = reference(mesh, &m, &light, PRT_REFERENCE_SINGLE);
+        double single = error_of(file("p.prt"), &q, (const float(*)[3])want);
+        free(want);
+        print_message("polynomial, %s: multiple %.2f %%, single %.2f %%\n", name[i],
+                      100 * multiple, 100 * single);
+        assert_true(multiple < 0.015);
+        assert_true(single < 0.08);
+    }
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
+// Equal bytes whatever the number of threads.
+static void threads_do_not_matter(void **state)
+{
+    struct prt_mesh *mesh = body();
+    struct prt_bake_options o = options("marble");
+    struct prt_blob a, b;
+    o.n_sample = 2000;
+    assert_int_equal(prt_bake(&context, mesh, &o, file("t2.prt")), PRT_OK);
+    struct prt_context alone = context;
+    alone.pool = NULL;
+    assert_int_equal(prt_bake(&alone, mesh, &o, file("t1.prt")), PRT_OK);
+    assert_int_equal(prt_read_file(&context, file("t1.prt"), 1u << 30, &a), PRT_OK);
+    assert_int_equal(prt_read_file(&context, file("t2.prt"), 1u << 30, &b), PRT_OK);
+    assert_int_equal(a.size, b.size);
+    assert_memory_equal(a.bytes, b.bytes, a.size);
+    prt_free(a.bytes), prt_free(b.bytes);
+    prt_mesh_destroy(mesh);
+}
+
+static int stop(void *user, const char *stage, double fraction, double eta_s)
+{
+    return strcmp(stage, user) == 0;
+}
+
+// A cancelled bake leaves nothing behind.
+static void cancelling_leaves_no_file(void **state)
+{
+    struct prt_mesh *mesh = body();
+    struct prt_bake_options o = options("marble");
+    struct prt_context c = context;
+    c.progress = stop;
+    c.progress_user = (void *)(uintptr_t)"irradiance";
+    o.n_sample = 60000;
+    assert_int_equal(prt_bake(&c, mesh, &o, file("c.prt")), PRT_CANCELLED);
+    assert_int_not_equal(access(file("c.prt"), F_OK), 0);
+    prt_mesh_destroy(mesh);
+}
+
+static void say_nothing(void *user, enum prt_log_level level, const char *line)
+{
+    snprintf(user, 256, "%s", line);
+}
+
+// Out-of-range options are refused with the range in the message.
+static void nonsense_is_refused(void **state)
+{
+    struct prt_mesh *mesh = body();
+    char line[256] = "";
+    struct prt_context c = context;
+    c.log = say_nothing, c.log_user = line;
+    struct prt_bake_options o = options("marble");
+    o.cube = 33;
+    assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
+    assert_non_null(strstr(line, "16, 32, 64 or 128"));
+    o = options("marble"), o.n_phase = 5;
+    assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
+    o = options("marble"), o.max_error = 3;
+    assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
+    o = options("marble"), o.material.sigma_a[1] = -1;
+    assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
+    o = options("marble"), o.engine = PRT_ENGINE_POLYNOMIAL;
+    assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
+    prt_mesh_destroy(mesh);
+}
+
+static int clean_up(void **state)
+{
+    static const char *const name[] = {"a", "s", "j", "p", "t1", "t2"};
+    for (int i = 0; i < 6; i++) {
+        char n[16];
+        snprintf(n, sizeof n, "%s.prt", name[i]);
+        unlink(file(n));
+    }
+    return rmdir(folder);
+}
+
+int main(void)
+{
+    prt_context_init(&context);
+    prt_pool_create(0, &context.pool);
+    if (!mkdtemp(folder)) return 1;
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(factored_agrees_with_the_reference),
+        cmocka_unit_test(sparse_is_what_w05_stores),
+        cmocka_unit_test(joint_serves_every_medium),
+        cmocka_unit_test(polynomial_serves_every_medium),
+        cmocka_unit_test(threads_do_not_matter),
+        cmocka_unit_test(cancelling_leaves_no_file),
+        cmocka_unit_test(nonsense_is_refused),
+    };
+    int failed = cmocka_run_group_tests(tests, NULL, clean_up);
+    prt_pool_destroy(context.pool);
+    return failed;
+}
