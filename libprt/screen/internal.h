@@ -5,6 +5,16 @@
 
 #include "prt/screen.h"
 
+/* libm's are calls, for the sake of NaN. */
+static inline float max_f(float a, float b)
+{
+    return a > b ? a : b;
+}
+static inline float min_f(float a, float b)
+{
+    return a < b ? a : b;
+}
+
 /* Points x_i of the surface, as columns padded to 16. weight = E * area. */
 struct samples {
     uint32_t n, capacity;

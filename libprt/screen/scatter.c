@@ -35,8 +35,8 @@ static uint32_t load_tile(const struct frame *f, uint32_t tile, struct columns *
         hi[k] = -INFINITY;
         for (uint32_t i = 0; i < padded; i++) {
             c->p[k][i] = p[f->tiles.order[first + (i < n ? i : 0)]];
-            lo[k] = fminf(lo[k], c->p[k][i]);
-            hi[k] = fmaxf(hi[k], c->p[k][i]);
+            lo[k] = min_f(lo[k], c->p[k][i]);
+            hi[k] = max_f(hi[k], c->p[k][i]);
         }
     }
     return n;

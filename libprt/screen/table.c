@@ -56,7 +56,7 @@ void radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg, do
 
 void radial_table_eval(const struct radial_table *t, float r_sq, float out[3])
 {
-    float q = fminf(r_sq + t->r0_sq, t->q_max);
+    float q = min_f(r_sq + t->r0_sq, t->q_max);
     uint32_t k = bits_of(q) >> t->shift & 31;
     for (int c = 0; c < 3; c++)
         out[c] = t->coef[c][0][k] + q * (t->coef[c][1][k] + q * t->coef[c][2][k]);

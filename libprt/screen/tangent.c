@@ -358,7 +358,7 @@ static int hidden_part(struct frame *f, const struct tangent_job *job, const str
         keep_hidden(f, job, seen, &f->screen->atlas);
         return scatter_tree(f, f->table, &f->screen->atlas, 0.8f, far);
     }
-    float spacing = fmaxf(lu, f->screen->diameter_mm / 300);
+    float spacing = max_f(lu, f->screen->diameter_mm / 300);
     for (uint32_t l = 0; l < f->n_light; l++) {
         struct samples s;
         uint32_t grid;

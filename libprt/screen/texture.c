@@ -104,7 +104,7 @@ static bool push_run(struct emitters *out, const struct draw *run, uint32_t n, f
     for (uint32_t i = 0; i < n; i++) {
         float d = 0;
         for (int c = 0; c < 3; c++) d += (run[i].p[c] - p[c]) * (run[i].p[c] - p[c]);
-        far = fmaxf(far, d);
+        far = max_f(far, d);
     }
     // the curve jumps now and then: what lies on both sides stays apart
     if (n > 1 && far > reach * reach)

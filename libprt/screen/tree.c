@@ -28,8 +28,8 @@ static struct tree_node make_leaf(const struct samples *s, uint32_t first, uint3
             float w = s->e[k][i] * s->area[i];
             node.w[k] += w;
             power += w;
-            node.lo[k] = fminf(node.lo[k], s->p[k][i]);
-            node.hi[k] = fmaxf(node.hi[k], s->p[k][i]);
+            node.lo[k] = min_f(node.lo[k], s->p[k][i]);
+            node.hi[k] = max_f(node.hi[k], s->p[k][i]);
         }
         for (int k = 0; k < 3; k++) mean[k] += power * s->p[k][i];
         mean[3] += power;
@@ -51,8 +51,8 @@ static struct tree_node join(const struct tree_node *child, uint32_t first, uint
         for (int k = 0; k < 3; k++) {
             node.w[k] += child[i].w[k];
             power += child[i].w[k];
-            node.lo[k] = fminf(node.lo[k], child[i].lo[k]);
-            node.hi[k] = fmaxf(node.hi[k], child[i].hi[k]);
+            node.lo[k] = min_f(node.lo[k], child[i].lo[k]);
+            node.hi[k] = max_f(node.hi[k], child[i].hi[k]);
         }
         for (int k = 0; k < 3; k++) mean[k] += power * child[i].p[k];
         mean[3] += power;
@@ -112,7 +112,7 @@ bool tree_gather(const struct tree *tree, const struct samples *s, uint32_t obje
         if (!(node->w[0] + node->w[1] + node->w[2] > 0)) continue;
         float gap = 0, size = 0;
         for (int k = 0; k < 3; k++) {
-            float g = fmaxf(fmaxf(node->lo[k] - hi[k], lo[k] - node->hi[k]), 0);
+            float g = max_f(max_f(node->lo[k] - hi[k], lo[k] - node->hi[k]), 0);
             float e = node->hi[k] - node->lo[k];
             gap += g * g;
             size += e * e;
