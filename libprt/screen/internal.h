@@ -15,6 +15,11 @@ static inline float min_f(float a, float b)
     return a < b ? a : b;
 }
 
+static inline uint32_t min_u(uint32_t a, uint32_t b)
+{
+    return a < b ? a : b;
+}
+
 /* Points x_i of the surface, as columns padded to 16. weight = E * area. */
 struct samples {
     uint32_t n, capacity;

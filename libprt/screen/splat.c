@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { GRID_MIN = 32, GRID_MAX = 300, MAX_LIGHT_VIEWS = 4 };
+enum { GRID_MIN = 32, GRID_MAX = 300, GRID_FINE = 1200, MAX_LIGHT_VIEWS = 4 };
 
 // S09 eq 4 with METHODS' closed form: the tail beyond r_max is epsilon of rho_d.
 static float cut_radius(const struct frame *f, double epsilon)
@@ -72,6 +72,8 @@ int engine_splat(struct frame *f)
         n = n < fit ? n : fit;
     }
     n = n < least ? least : n > most ? most : n;
+    // refinement doubles the points, not the grid's side
+    n = min_f(n * exp2f(0.5f * (float)min_u(f->options->refine, 12)), max_f(n, GRID_FINE));
     spacing = diameter / n;
     f->report->r_max_mm = r_max;
     f->report->grid = (uint32_t)n;

@@ -373,16 +373,30 @@ static int hidden_part(struct frame *f, const struct tangent_job *job, const str
     return PRT_OK;
 }
 
-static struct seen *pack_seen(const struct samples *s, const struct tangent_job *job)
+// What share of its pixel the object of point i covers: a sample that lands elsewhere in the
+// pixel misses it.
+static float coverage(const struct frame *f, const struct samples *s, uint32_t i)
+{
+    float sum = f->g.weight[i];
+    for (uint32_t j = i; j-- > 0 && f->g.pixel[j] == f->g.pixel[i];)
+        if (s->object[j] == s->object[i] && !f->g.opaque[j]) sum += f->g.weight[j];
+    for (uint32_t j = i + 1; j < s->n && f->g.pixel[j] == f->g.pixel[i]; j++)
+        if (s->object[j] == s->object[i] && !f->g.opaque[j]) sum += f->g.weight[j];
+    return sum < 1 ? sum : 1;
+}
+
+static struct seen *pack_seen(const struct frame *f, const struct samples *s,
+                              const struct tangent_job *job)
 {
     struct seen *out = prt_alloc((size_t)s->n + 1, sizeof *out);
     for (uint32_t i = 0; out && i < s->n; i++) {
         struct seen *q = &out[i];
+        float share = coverage(f, s, i);
         q->plane = q->depth = 0;
         for (int k = 0; k < 3; k++) {
             float v = s->p[k][i] - job->eye[k];
             q->p[k] = s->p[k][i];
-            q->e[k] = s->e[k][i];
+            q->e[k] = s->e[k][i] * share;
             q->n[k] = s->face[k][i];
             q->plane += v * s->face[k][i];
             q->depth += v * job->forward[k];
@@ -403,6 +417,8 @@ int engine_tangent(struct frame *f)
         n = fit < 8 ? 8 : fit > 4096 ? 4096 : (uint32_t)fit;
     }
     if (!n) n = 64;
+    uint64_t finer = (uint64_t)n << min_u(f->options->refine, 16);
+    if (finer > n) n = (uint32_t)(finer < 4096 ? finer : n > 4096 ? n : 4096);
     job.n_uniform = n / 4;
     job.n_tangent = n - job.n_uniform;
     prt_visibility_frame(f->vis, job.eye, job.forward, job.right, job.up);
@@ -420,7 +436,7 @@ int engine_tangent(struct frame *f)
         for (uint32_t o = 0; o < f->n_object; o++)
             for (int c = 0; c < 3; c++) job.inv_rho[o][c] = (float)(1 / (3 * f->dipole[o][c].rho_d));
         for (int k = 0; k < 3; k++) job.face[k] = seen.face[k];
-        job.seen = record = pack_seen(&seen, &job);
+        job.seen = record = pack_seen(f, &seen, &job);
         cdf = record ? visible_areas(f, &job, &seen) : NULL;
         good = cdf != NULL;
     }

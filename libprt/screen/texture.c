@@ -256,6 +256,8 @@ int engine_texture(struct frame *f, bool hybrid)
         n = fit < 64 ? 64 : fit > 16384 ? 16384 : (uint32_t)fit;
     }
     if (!n) n = hybrid ? 900 : 2500;
+    uint64_t finer = (uint64_t)n << min_u(f->options->refine, 16);
+    if (finer > n) n = (uint32_t)(finer < 16384 ? finer : n > 16384 ? n : 16384);
     double texels = 16384, spacing = smallest_mean_free_path(f), r_p = -1;
     if (hybrid) {
         double bound = f->options->bound > 0 ? f->options->bound : 0.1;
@@ -263,10 +265,11 @@ int engine_texture(struct frame *f, bool hybrid)
             r_p = fmax(r_p, prt_screen_split_radius(f->dipole[o], bound));
         // the near part wants points under a mean free path apart
         spacing = fmax(0.8 * spacing, (double)screen->diameter_mm / 300);
+        spacing *= exp2(-0.25 * min_u(f->options->refine, 8));
         if (!only_light_views(f)) texels = screen->area_mm2 / (0.4 * spacing * spacing);
     }
     if (texels < 16.0 * n) texels = 16.0 * n;
-    uint32_t size = texels < 16384 ? 16384 : texels > 131072 ? 131072 : (uint32_t)texels;
+    uint32_t size = texels < 16384 ? 16384 : texels > 262144 ? 262144 : (uint32_t)texels;
     double t0 = prt_time_s();
     int status = frame_atlas(f, size);
     f->report->irradiance_s = prt_time_s() - t0;

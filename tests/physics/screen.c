@@ -664,6 +664,39 @@ static void odd_input_gives_pictures(void **state)
     model_finish(&model);
 }
 
+// While nothing changes each picture is nearer the exact one.
+static void refinement_converges(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 5, 32);
+    struct prt_camera camera = {.eye = {0, 3, 30}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct prt_screen_light light = {{0.3f, 0.8f, 0.5f}, {3, 3, 3}, false};
+    struct stage s;
+    stage_init(&s, &model, camera, 80, 80);
+    struct prt_screen_options exact = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 80000};
+    pixels want = render(&s, &marble, NULL, &light, exact, NULL);
+    static const double last[4] = {0.01, 0.04, 0.02, 0.015};
+    for (int e = 0; e < 4; e++) {
+        double rmse[2];
+        for (uint32_t k = 0; k < 2; k++) {
+            struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                                 .n_sample = e == PRT_SCREEN_TANGENT ? 16 : 0,
+                                                 .refine = 4 * k};
+            pixels b = render(&s, &marble, NULL, &light, options, NULL);
+            rmse[k] = relative(b, want, s.g.n_point);
+            free(b);
+        }
+        print_message("refined, %s: %.2f %%, then %.2f %%\n",
+                      prt_screen_engine_name((enum prt_screen_engine)e), 100 * rmse[0],
+                      100 * rmse[1]);
+        assert_true(rmse[1] < rmse[0] && rmse[1] < last[e]);
+    }
+    free(want);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
 static void engine_words(void **state)
 {
     enum prt_screen_engine e;
@@ -702,6 +735,7 @@ int main(void)
         cmocka_unit_test(errors_fall),
         cmocka_unit_test(pair_kernels_agree),
         cmocka_unit_test(odd_input_gives_pictures),
+        cmocka_unit_test(refinement_converges),
         cmocka_unit_test(engine_words),
     };
     return cmocka_run_group_tests(tests, setup, teardown);

@@ -48,6 +48,8 @@ struct prt_screen_options {
     uint32_t n_sample;      /* SPLAT: grid is n x n over the light's view; TANGENT: samples a
                                pixel; TEXTURE, HYBRID: samples; REFERENCE: texels. 0: from the
                                material, or the engine's default (64, 2500, 900, 262144) */
+    uint32_t refine;        /* pictures drawn since anything changed: each doubles the samples, up
+                               to what the reference uses; 0 for the first */
     uint32_t n_light;       /* distant lights that stand for a cube; 0: 64 */
     float budget_ms;        /* > 0: n_sample is chosen to fit, from the speed seen so far */
     float bound;            /* HYBRID: R_p is where 2 pi r R_d last crosses it [mm^-1]; 0: 0.05 */
