@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
 enum { MAX_UPLOADS = 64 };
@@ -141,6 +142,42 @@ void blobs_charge(struct blobs *blobs, int64_t bytes)
     blobs->bytes += bytes;
 }
 
+// Drops the longest unused blobs, none that was used in the last ten minutes.
+static void make_room(struct blobs *blobs, uint64_t wanted)
+{
+    enum { KEEP_S = 600 };
+    while (blobs_bytes(blobs) + wanted > blobs->disk) {
+        char oldest[BLOB_HASH + 1] = "";
+        time_t when = time(NULL) - KEEP_S;
+        off_t size = 0;
+        DIR *dir = opendir(blobs->folder);
+        for (struct dirent *d; dir && (d = readdir(dir));) {
+            struct stat st;
+            if (!relight_hash_valid(d->d_name) || fstatat(dirfd(dir), d->d_name, &st, 0)
+                || st.st_mtime >= when)
+                continue;
+            when = st.st_mtime;
+            size = st.st_size;
+            memcpy(oldest, d->d_name, BLOB_HASH + 1);
+        }
+        if (dir) closedir(dir);
+        char path[4096], name[4096 + 8];
+        if (!oldest[0]) return;
+        blobs_path(blobs, oldest, path, sizeof path);
+        snprintf(name, sizeof name, "%s.name", path);
+        if (unlink(path)) return;
+        unlink(name);
+        blobs->bytes -= size;
+    }
+}
+
+void blobs_touch(const struct blobs *blobs, const char *hash)
+{
+    char path[4096];
+    blobs_path(blobs, hash, path, sizeof path);
+    utimensat(AT_FDCWD, path, NULL, 0); // read-only stores keep their times
+}
+
 static struct upload *find_upload(struct blobs *blobs, const char *hash)
 {
     struct upload *u = blobs->upload;
@@ -155,6 +192,7 @@ static int begin_upload(struct blobs *blobs, const char *hash, uint64_t size,
         snprintf(error, 256, "%d uploads are under way already", MAX_UPLOADS);
         return RELIGHT__ERROR_CODE__ERROR_BUSY;
     }
+    make_room(blobs, size);
     if (blobs_bytes(blobs) + size > blobs->disk) {
         snprintf(error, 256, "the daemon's disk budget of %llu bytes is spent",
                  (unsigned long long)blobs->disk);
@@ -210,6 +248,7 @@ int blobs_put(struct blobs *blobs, const char *hash, uint64_t size, uint64_t off
         return RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
     }
     if (blobs_has(blobs, hash)) {
+        blobs_touch(blobs, hash); // who asks is about to use it
         *received = size;
         *complete = true;
         return 0;

@@ -29,6 +29,8 @@ void blobs_charge(struct blobs *blobs, int64_t bytes);
  * taken from there on. Returns 0, or the protocol's error code with its text. */
 int blobs_put(struct blobs *blobs, const char *hash, uint64_t size, uint64_t offset,
               const void *bytes, size_t n, uint64_t *received, bool *complete, char error[256]);
+/* Marks a blob as used now: the longest unused go first when the disk budget is spent. */
+void blobs_touch(const struct blobs *blobs, const char *hash);
 /* Uploads nobody went on with for `seconds` are dropped. */
 void blobs_expire(struct blobs *blobs, double seconds);
 

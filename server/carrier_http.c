@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 enum {
     CHUNK = 64 << 10,              // largest piece of a message handed to libwebsockets
@@ -118,6 +119,25 @@ static int ws_write(struct session *s, struct lws *wsi)
     return s->conn ? 0 : -1;
 }
 
+// A page of somebody else's may not use the visitor's way to us: browsers tell a page's origin.
+static bool origin_allowed(struct lws *wsi)
+{
+    char origin[256] = "", host[256] = "";
+    const char *list = the_server->options.origins;
+    if (lws_hdr_copy(wsi, origin, sizeof origin, WSI_TOKEN_ORIGIN) <= 0) return true;
+    const char *name = strstr(origin, "://");
+    lws_hdr_copy(wsi, host, sizeof host, WSI_TOKEN_HOST);
+    if (name && !strcasecmp(name + 3, host)) return true;
+    size_t n = strlen(origin);
+    for (const char *at = list; *at;) {
+        size_t m = strcspn(at, ",");
+        if ((m == 1 && *at == '*') || (m == n && !strncasecmp(at, origin, n))) return true;
+        at += m + (at[m] == ',');
+    }
+    log_line(LOG_WARN, "websocket origin=\"%s\" refused; --origins allows it", origin);
+    return false;
+}
+
 static int on_ws(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in,
                  size_t n)
 {
@@ -125,7 +145,8 @@ static int on_ws(struct lws *wsi, enum lws_callback_reasons reason, void *user, 
     switch (reason) {
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: {
         char path[16];
-        if (lws_hdr_copy(wsi, path, sizeof path, WSI_TOKEN_GET_URI) < 0 || strcmp(path, "/ws"))
+        if (lws_hdr_copy(wsi, path, sizeof path, WSI_TOKEN_GET_URI) < 0 || strcmp(path, "/ws")
+            || !origin_allowed(wsi))
             return -1;
         if (the_server->draining || the_server->n_connection >= the_server->options.connections) {
             the_server->stats.connections_refused++;

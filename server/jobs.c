@@ -9,6 +9,7 @@
 #include "request.h"
 #include "server.h"
 
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -56,10 +57,8 @@ static const struct {
     const char *stage;
     double from, to;
 } stages[] = {
-    {"load", 0, 0.02},         {"samples", 0.02, 0.05},  {"directions", 0.05, 0.06},
-    {"irradiance", 0.06, 0.4}, {"hierarchy", 0.4, 0.42}, {"multiple", 0.42, 0.62},
-    {"single", 0.62, 0.85},    {"factor", 0.85, 0.93},   {"pack", 0.93, 0.96},
-    {"measure", 0.96, 0.99},   {"write", 0.99, 1},
+    {"irradiance", 0, 0.3},  {"hierarchy", 0.3, 0.33}, {"multiple", 0.33, 0.55},
+    {"single", 0.55, 0.85},  {"measuring", 0.85, 0.99}, {"reference", 0.85, 0.99},
 };
 
 static double overall(const char *stage, double fraction, double before)
@@ -154,6 +153,19 @@ static void forget_old(struct jobs *jobs)
     }
 }
 
+// Where the models folder lies is nobody's business.
+static void keep_error(struct job *job, const char *text)
+{
+    const char *models = job->jobs->server->options.models, *at = NULL;
+    char root[PATH_MAX + 1] = "";
+    if (models[0] && realpath(models, root)) {
+        strcat(root, "/");
+        at = strstr(text, root);
+    }
+    snprintf(job->error, sizeof job->error, "%.*s%s", at ? (int)(at - text) : 0, text,
+             at ? at + strlen(root) : text);
+}
+
 static void end_job(struct job *job, enum job_outcome outcome, const char *error)
 {
     static const int state[] = {RELIGHT__JOB_STATE__JOB_DONE, RELIGHT__JOB_STATE__JOB_FAILED,
@@ -165,7 +177,7 @@ static void end_job(struct job *job, enum job_outcome outcome, const char *error
     job->eta_s = outcome == JOB_OUT_DONE ? 0 : -1;
     job->run = NULL;
     if (outcome == JOB_OUT_DONE) job->fraction = 1;
-    snprintf(job->error, sizeof job->error, "%s", error ? error : "");
+    keep_error(job, error ? error : "");
     uint64_t *count[] = {&stats->bakes_done, &stats->bakes_failed, &stats->bakes_cancelled};
     ++*count[outcome];
     static const char *const word[] = {"done", "failed", "cancelled"};

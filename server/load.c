@@ -198,6 +198,7 @@ static bool stage_blob(const struct server *server, const char *folder, const ch
 {
     char from[PATH_MAX], to[PATH_MAX];
     blobs_path(server->blobs, hash, from, sizeof from);
+    blobs_touch(server->blobs, hash);
     if (snprintf(to, sizeof to, "%s/%s", folder, name) >= PATH_MAX) return false;
     for (char *slash = to + strlen(folder) + 1; (slash = strchr(slash, '/')); *slash++ = '/') {
         *slash = 0;

@@ -125,6 +125,19 @@ static int remove_one(const char *path, const struct stat *st, int kind, struct 
     return remove(path);
 }
 
+static int read_token(void)
+{
+    const char *path = server.options.token_file;
+    if (!path[0]) return 0;
+    FILE *file = fopen(path, "re");
+    bool ok = file && fgets(server.token, sizeof server.token, file);
+    if (file) fclose(file);
+    server.token[strcspn(server.token, "\r\n")] = 0;
+    if (ok && server.token[0]) return 0;
+    log_line(LOG_ERR, "token file %s: no token in its first line", path);
+    return -1;
+}
+
 static int listen_everywhere(void)
 {
     int n = sd_listen_fds(1);
@@ -156,7 +169,7 @@ static int start(void)
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
     unsigned threads = o->threads ? o->threads : server.n_core;
-    if (loop_create(&server.loop)
+    if (read_token() || loop_create(&server.loop)
         || loop_signals(server.loop, signals, 3, on_signal, NULL) || open_data()
         || memo_create(o->cache, &server.memo) || memo_create(o->memory, &server.files)
         || decoder_create(server.loop, o->decode_memory, &server.decoder)

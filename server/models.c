@@ -77,8 +77,27 @@ struct model *model_by_id(struct models *models, const char *id)
     return m;
 }
 
+enum { MAX_FAILED = 256 };
+
+// Failures are remembered for who asks, but not for ever.
+static void forget_failures(struct models *models)
+{
+    unsigned n = 0;
+    for (struct model **at = &models->model; *at;) {
+        struct model *m = *at;
+        bool failed = m->state == RELIGHT__MODEL_STATE__MODEL_FAILED && m->users == 1;
+        if (!failed || ++n <= MAX_FAILED) {
+            at = &m->next;
+            continue;
+        }
+        *at = m->next;
+        model_release(m);
+    }
+}
+
 struct model *model_add(struct models *models, const char *id, const char *name)
 {
+    forget_failures(models);
     struct model *m = calloc(1, sizeof *m);
     if (!m) return NULL;
     m->server = models->server;

@@ -19,6 +19,16 @@
 enum { MAX_PING = 64 << 10 };
 #define MESSAGE(type) ((const Relight__##type *)request->message)
 
+// Takes as long for a nearly right token as for a wrong one.
+static bool token_is_right(const struct server *server, const char *said)
+{
+    size_t n = strlen(server->token), m = strlen(said);
+    unsigned differs = n != m;
+    if (!n) return true; // none is wanted
+    for (size_t i = 0; i < n; i++) differs |= (unsigned char)(server->token[i] ^ said[m ? i % m : 0]);
+    return !differs;
+}
+
 void op_hello(struct request *request)
 {
     const Relight__HelloRequest *in = MESSAGE(HelloRequest);
@@ -29,6 +39,12 @@ void op_hello(struct request *request)
                      "the client speaks versions %u to %u, this daemon version %d",
                      in->version_min, in->version_max, RELIGHT_PROTOCOL_VERSION);
         if (!conn->dead) connection_finish(conn, "no common version");
+        return;
+    }
+    if (!token_is_right(request->server, in->token)) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN, "the token is %s",
+                     in->token[0] ? "wrong" : "missing");
+        if (!conn->dead) connection_finish(conn, "no token");
         return;
     }
     if (in->max_payload && in->max_payload < 4096) {

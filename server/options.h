@@ -19,6 +19,11 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(TEXT, http, "http", "HOST:PORT", "",                                                     \
       "Serve HTTP and WebSocket here: /healthz /metrics /ws and the page. Empty: no HTTP")     \
     X(TEXT, page, "page", "DIR", "", "Folder of static files that HTTP serves at /")           \
+    X(TEXT, origins, "origins", "LIST", "",                                                    \
+      "Web origins, comma-separated, that may open the WebSocket beside the page's own; * for "\
+      "all")                                                                                   \
+    X(TEXT, token_file, "token-file", "FILE", "",                                              \
+      "First line: the token a client must say in HELLO. Empty: none is wanted")               \
     X(TEXT, prt, "prt", "PROGRAM", "",                                                         \
       "The prt program that bakes. Empty: the one beside relightd, else on PATH")              \
     X(TEXT, log, "log", "LEVEL", "event", "error, warning, event or trace")                    \

@@ -35,6 +35,7 @@ struct server {
     struct models *models;
     struct stats stats;
     char data[4000];           /* absolute path of the data folder */
+    char token[256];           /* "": none is wanted */
     bool data_temporary;
     unsigned n_core;
     struct connection *connections, *graves;

@@ -352,19 +352,26 @@ static void ws_send(int fd, const uint8_t *bytes, size_t n)
     assert_int_equal(write(fd, frame, n + 6), n + 6);
 }
 
-static int ws_open(void)
+static int ws_ask(const char *origin, char *text, size_t room)
 {
-    static const char ask[] =
-        "GET /ws HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
-        "Sec-WebSocket-Protocol: relight.v1\r\n\r\n";
-    char text[1024];
+    char ask[500];
+    snprintf(ask, sizeof ask,
+             "GET /ws HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+             "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
+             "Sec-WebSocket-Protocol: relight.v1\r\nOrigin: %s\r\n\r\n", origin);
     int fd = http_connect();
     assert_true(write(fd, ask, strlen(ask)) > 0);
     struct pollfd p = {fd, POLLIN, 0};
     assert_int_equal(poll(&p, 1, 3000), 1);
-    ssize_t n = read(fd, text, sizeof text - 1);
+    ssize_t n = read(fd, text, room - 1);
     text[n > 0 ? n : 0] = 0;
+    return fd;
+}
+
+static int ws_open(void)
+{
+    char text[1024];
+    int fd = ws_ask("http://x", text, sizeof text);
     assert_non_null(strstr(text, "101"));
     assert_non_null(strstr(text, "s3pPLMBiTxaQ9kYGzzhZRbK+xOo="));
     return fd;
@@ -396,6 +403,38 @@ static void test_websocket_carries_frames(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// A page of another site may not use the visitor's connection.
+static void test_websocket_of_another_origin(void **state)
+{
+    char text[1024];
+    start_with_http();
+    close(ws_ask("http://elsewhere.example", text, sizeof text));
+    assert_null(strstr(text, "101"));
+    assert_true(log_says(&d, "elsewhere.example", 1000));
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+static void test_token(void **state)
+{
+    char path[128];
+    snprintf(path, sizeof path, "%s/token", d.folder);
+    write_text(path, "open sesame\n");
+    const char *const extra[] = {"--token-file", path, NULL};
+    daemon_start(&d, extra);
+    static const char *const wrong[] = {NULL, "open", "open sesame!", "xpen sesame"};
+    struct relight_client *client;
+    struct relight_error error;
+    for (int i = 0; i < 4; i++) {
+        struct relight_options options = {.token = wrong[i]};
+        assert_int_equal(relight_connect(d.address, &options, &client, &error),
+                         -RELIGHT_E_FORBIDDEN);
+    }
+    struct relight_options options = {.token = "open sesame"};
+    OK(relight_connect(d.address, &options, &client, &error));
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -410,6 +449,8 @@ int main(void)
         cmocka_unit_test_teardown(test_configuration, after_each),
         cmocka_unit_test_teardown(test_http, after_each),
         cmocka_unit_test_teardown(test_websocket_carries_frames, after_each),
+        cmocka_unit_test_teardown(test_websocket_of_another_origin, after_each),
+        cmocka_unit_test_teardown(test_token, after_each),
     };
     signal(SIGPIPE, SIG_IGN);
     return cmocka_run_group_tests_name("lifecycle", tests, setup, teardown);
