@@ -167,6 +167,9 @@ int engine_tangent(struct frame *f);
 int engine_texture(struct frame *f, bool hybrid);
 int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double *error);
 
+/* Profiles as tables are fitted to: three dipoles, or a prt_screen_profile. */
 void prt_screen_dipole_profile(const void *dipole3, double r_mm, double out[3]);
+void prt_screen_table_profile(const void *profile, double r_mm, double out[3]);
+int prt_screen_profile_check(const struct prt_context *ctx, const struct prt_screen_profile *p);
 
 #endif

@@ -108,6 +108,14 @@ static int make_tables(struct frame *f, const struct prt_material *material)
             scale = fmin(scale, f->dipole[o][c].z_r);
         }
         f->eta[o] = m->eta;
+        const struct prt_screen_profile *profile = f->options->profile;
+        if (profile) {
+            status = prt_screen_profile_check(f->ctx, &profile[o]);
+            if (status) return status;
+            radial_table_fit(&f->table[o], prt_screen_table_profile, &profile[o], scale,
+                             f->screen->diameter_mm);
+            continue;
+        }
         radial_table_fit(&f->table[o], prt_screen_dipole_profile, f->dipole[o], scale,
                          f->screen->diameter_mm);
     }
@@ -171,6 +179,10 @@ static int light_opaque(struct frame *f)
 
 static int run_engine(struct frame *f)
 {
+    if (f->options->profile && f->options->engine != PRT_SCREEN_SPLAT &&
+        f->options->engine != PRT_SCREEN_TEXTURE)
+        return prt_fail(f->ctx, PRT_ARG, "screen: profiles are for splat and texture, not %s",
+                        prt_screen_engine_name(f->options->engine));
     switch (f->options->engine) {
     case PRT_SCREEN_SPLAT: return engine_splat(f);
     case PRT_SCREEN_TANGENT: return engine_tangent(f);
@@ -220,7 +232,7 @@ int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen
         if (!status && s > 1e-4 && options->engine != PRT_SCREEN_TANGENT &&
             options->engine != PRT_SCREEN_REFERENCE)
             screen->pair_rate = (double)(f.report->n_pair - before) / s;
-        if (!status && options->measure_error) {
+        if (!status && options->measure_error && !options->profile) {
             uint32_t stride = f.g.n_point / 500 + 1;
             status = engine_reference(&f, 65536, stride, &f.report->error);
         }

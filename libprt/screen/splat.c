@@ -60,7 +60,7 @@ int engine_splat(struct frame *f)
     struct prt_screen *screen = f->screen;
     float lu = smallest_mean_free_path(f), diameter = screen->diameter_mm;
     float epsilon = f->options->epsilon > 0 ? f->options->epsilon : 0.002f;
-    float r_max = cut_radius(f, epsilon), spacing = lu;
+    float r_max = cut_radius(f, epsilon), spacing = 0.75f * lu;
     bool views = only_light_views(f);
     uint32_t least = GRID_MIN, most = views ? GRID_MAX : 160;
     if (f->options->n_sample) least = most = f->options->n_sample;

@@ -183,7 +183,8 @@ static int draw_emitters(struct frame *f, uint32_t n, struct emitters *list)
 
 // What a table is fitted to: R_d, its local or its global part, averaged over a disc.
 struct split {
-    const struct prt_dipole *dipole;
+    profile_fn fn;   // three dipoles or a table, and its argument
+    const void *profile;
     double r_p;      // < 0: no split
     bool local;
     double disc_mm;  // radius; 0: a point
@@ -208,7 +209,9 @@ static void split_profile(const void *arg, double r_mm, double out[3])
             w = prt_screen_local_weight(r, s->r_p);
             if (!s->local) w = 1 - w;
         }
-        for (int c = 0; c < 3; c++) out[c] += w * prt_dipole_rd(&s->dipole[c], r) / n;
+        double rd[3];
+        s->fn(s->profile, r, rd);
+        for (int c = 0; c < 3; c++) out[c] += w * rd[c] / n;
     }
 }
 
@@ -223,7 +226,11 @@ static struct radial_table *disc_tables(const struct frame *f, const struct emit
     struct radial_table *table = prt_alloc(f->n_object ? f->n_object : 1, sizeof *table);
     for (uint32_t o = 0; table && o < f->n_object; o++) {
         double disc = disc_radius(&f->screen->atlas, o, list[o].n);
-        struct split split = {f->dipole[o], r_p, false, disc};
+        struct split split = {prt_screen_dipole_profile, f->dipole[o], r_p, false, disc};
+        if (f->options->profile) {
+            split.fn = prt_screen_table_profile;
+            split.profile = &f->options->profile[o];
+        }
         radial_table_fit(&table[o], split_profile, &split, fmax(finest_scale(f->dipole[o]), disc),
                          f->screen->diameter_mm);
     }
@@ -237,7 +244,7 @@ static int local_scatter(struct frame *f, double r_p, float spacing)
     if (!table) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     float reach = (float)(r_p + 5 / K);
     for (uint32_t o = 0; o < f->n_object; o++) {
-        struct split near = {f->dipole[o], r_p, true, 0};
+        struct split near = {prt_screen_dipole_profile, f->dipole[o], r_p, true, 0};
         radial_table_fit(&table[o], split_profile, &near, finest_scale(f->dipole[o]), reach);
     }
     int status = only_light_views(f) ? scatter_light_views(f, table, spacing, 0.7f, reach)

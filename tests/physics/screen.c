@@ -664,6 +664,58 @@ static void odd_input_gives_pictures(void **state)
     model_finish(&model);
 }
 
+// A thick slab's multipole is the dipole; a thinner slab reflects less; the profile integrates to
+// its closed-form total; engines use it in the dipole's place.
+static void multipole_limits(void **state)
+{
+    enum { N = 3000 };
+    static float r[N], rd[N][3];
+    double rho[3], before[3] = {0, 0, 0};
+    for (int k = 0; k < N; k++) r[k] = k ? (float)(0.002 * pow(100000, k / (double)N)) : 0;
+    static const double thickness[] = {0.5, 2, 8, 500};
+    for (int t = 0; t < 4; t++) {
+        assert_int_equal(prt_screen_multipole(&quiet, &marble, thickness[t], N, r, rd, rho), PRT_OK);
+        for (int c = 0; c < 3; c++) {
+            struct prt_dipole d;
+            prt_dipole_init(&d, marble.sigma_s_prime[c], marble.sigma_a[c], marble.eta);
+            double sum = 0;
+            for (int k = 1; k < N; k++)
+                sum += M_PI * ((double)r[k] - r[k - 1]) * (r[k] * rd[k][c] + r[k - 1] * rd[k - 1][c]);
+            assert_true(fabs(sum / rho[c] - 1) < 0.01);
+            assert_true(rho[c] > before[c] && rho[c] <= d.rho_d * 1.0001);
+            before[c] = rho[c];
+            if (t < 3) continue;
+            for (int k = 0; k < N; k++)
+                assert_true(fabs(rd[k][c] - prt_dipole_rd(&d, r[k])) < 1e-3 * rd[k][c] + 1e-7);
+        }
+    }
+    assert_int_equal(prt_screen_multipole(&quiet, &marble, 0, N, r, rd, rho), PRT_ARG);
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 24);
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct stage s;
+    stage_init(&s, &model, camera, 40, 40);
+    struct prt_screen_profile profile = {N, r, (const float(*)[3])rd};
+    static const enum prt_screen_engine engine[2] = {PRT_SCREEN_SPLAT, PRT_SCREEN_TEXTURE};
+    for (int e = 0; e < 2; e++) {
+        struct prt_screen_options options = {.engine = engine[e]};
+        pixels a = render(&s, &marble, NULL, &from_front, options, NULL);
+        options.profile = &profile;
+        pixels b = render(&s, &marble, NULL, &from_front, options, NULL);
+        assert_true(relative(b, a, s.g.n_point) < 0.01);
+        free(a);
+        free(b);
+    }
+    struct prt_screen_options wrong = {.engine = PRT_SCREEN_TANGENT, .profile = &profile};
+    pixels b = malloc(s.g.n_point * sizeof *b);
+    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &from_front,
+                                         &wrong, b, NULL), PRT_ARG);
+    free(b);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
 // While nothing changes each picture is nearer the exact one.
 static void refinement_converges(void **state)
 {
@@ -735,6 +787,7 @@ int main(void)
         cmocka_unit_test(errors_fall),
         cmocka_unit_test(pair_kernels_agree),
         cmocka_unit_test(odd_input_gives_pictures),
+        cmocka_unit_test(multipole_limits),
         cmocka_unit_test(refinement_converges),
         cmocka_unit_test(engine_words),
     };

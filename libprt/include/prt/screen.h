@@ -43,6 +43,20 @@ int prt_screen_create(const struct prt_context *ctx, const struct prt_mesh *mesh
                       const struct prt_scene *scene, struct prt_screen **out);
 void prt_screen_destroy(struct prt_screen *screen);
 
+/* A reflectance profile in place of the dipole's, for layered media: R_d at n radii, ascending
+ * from 0, linear in between, 0 beyond. rd [n][3] mm^-2. */
+struct prt_screen_profile {
+    uint32_t n;
+    const float *r_mm;
+    const float (*rd)[3];
+};
+/* The multipole (Donner & Jensen 2005) of one slab of this thickness at r_mm[n]; becomes the
+ * dipole as the slab grows thick. *rho, if not NULL, gets the total reflectances. PRT_ARG for a
+ * thickness that is not positive. */
+int prt_screen_multipole(const struct prt_context *ctx, const struct prt_material *material,
+                         double thickness_mm, uint32_t n, const float *r_mm, float (*rd)[3],
+                         double rho[3]);
+
 struct prt_screen_options {
     enum prt_screen_engine engine;
     uint32_t n_sample;      /* SPLAT: grid is n x n over the light's view; TANGENT: samples a
@@ -55,9 +69,10 @@ struct prt_screen_options {
     float bound;            /* HYBRID: R_p is where 2 pi r R_d last crosses it [mm^-1]; 0: 0.05 */
     float epsilon;          /* SPLAT: r_max leaves this share of rho_d outside; 0: 0.002 */
     bool sh_irradiance;     /* S09's unshadowed irradiance from 16 harmonics, cube lights only */
-    bool measure_error;     /* compare some pixels with REFERENCE (costs rays) */
+    bool measure_error;     /* compare some pixels with REFERENCE (costs rays); not with profiles */
     uint64_t seed;
     const struct prt_material *object_material; /* [n_object], or NULL: one for all */
+    const struct prt_screen_profile *profile;   /* SPLAT, TEXTURE: [n_object], or NULL: dipoles */
 };
 struct prt_screen_report {
     enum prt_screen_engine engine;
