@@ -24,7 +24,8 @@ static int check_usage(const struct options *o, enum prt_engine_kind engine)
     if (!o->material && engine == PRT_ENGINE_WAVELET)
         return usage_error(o, "%s is a model: it needs --material", o->input[0]);
     if (!o->env && engine == PRT_ENGINE_POLYNOMIAL)
-        return usage_error(o, "--transport polynomial is baked under one light: it needs --env");
+        return usage_error(o,
+                           "--transport polynomial is baked under one light: it needs --env");
     if (sparse && engine != PRT_ENGINE_WAVELET)
         return usage_error(o, "--storage sparse is for --transport wavelet");
     if (sparse && (o->rank || o->basis_coeffs))
@@ -32,16 +33,18 @@ static int check_usage(const struct options *o, enum prt_engine_kind engine)
     if (!sparse && o->coeffs) return usage_error(o, "--coeffs is for --storage sparse");
     uint64_t n = o->cube ? o->cube : 32;
     if (o->coeffs > 6 * n * n || o->basis_coeffs > 6 * n * n)
-        return usage_error(o, "a light of 6x%dx%d has %d coefficients: --coeffs and "
-                              "--basis-coeffs must be in [1, %d]", (int)n, (int)n,
-                           (int)(6 * n * n), (int)(6 * n * n));
+        return usage_error(o,
+                           "a light of 6x%dx%d has %d coefficients: --coeffs and "
+                           "--basis-coeffs must be in [1, %d]",
+                           (int)n, (int)n, (int)(6 * n * n), (int)(6 * n * n));
     if (o->samples && o->samples < 16)
         return usage_error(o, "--samples %d: expected a whole number in [16, 100000000]",
                            (int)o->samples);
     return EXIT_DONE;
 }
 
-static struct prt_bake_options bake_options(const struct options *o, enum prt_engine_kind engine)
+static struct prt_bake_options bake_options(const struct options *o,
+                                            enum prt_engine_kind engine)
 {
     bool sparse = o->storage && !strcmp(o->storage, "sparse");
     return (struct prt_bake_options){

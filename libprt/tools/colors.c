@@ -15,9 +15,10 @@ static const char *choose_engine(const struct tool *tool, const struct source *s
     bool reference = o->engine && !strcmp(o->engine, "reference");
     if (!source->transport) {
         if (!o->engine || reference) return "reference";
-        usage_error(o, "--engine %s needs a baked transport: bake %s first "
-                       "(prt bake %s -o OUT.prt) and give the .prt", o->engine, source->path,
-                    source->path);
+        usage_error(o,
+                    "--engine %s needs a baked transport: bake %s first "
+                    "(prt bake %s -o OUT.prt) and give the .prt",
+                    o->engine, source->path, source->path);
         return NULL;
     }
     const char *own = source_engine_name(source->transport);
@@ -27,8 +28,9 @@ static const char *choose_engine(const struct tool *tool, const struct source *s
         return NULL;
     }
     if (o->term && !strcmp(o->term, "irradiance")) {
-        prt_log(&tool->ctx, PRT_LOG_NOTE, "a .prt holds no irradiance: E at the vertices is "
-                                          "traced again by the reference engine");
+        prt_log(&tool->ctx, PRT_LOG_NOTE,
+                "a .prt holds no irradiance: E at the vertices is "
+                "traced again by the reference engine");
         return "reference";
     }
     return own;
@@ -57,9 +59,8 @@ static void summary(const struct tool *tool, const struct source *source, const 
     for (uint32_t i = 0; i < n; i++)
         for (int c = 0; c < 3; c++) mean[c] += (double)color[i][c] / n;
     if (!tool->opt.json) {
-        prt_log(&tool->ctx, PRT_LOG_NOTE,
-                "%s: %u colours by %s in %.3f s, mean %.4g %.4g %.4g", tool->opt.out, n, engine,
-                seconds, mean[0], mean[1], mean[2]);
+        prt_log(&tool->ctx, PRT_LOG_NOTE, "%s: %u colours by %s in %.3f s, mean %.4g %.4g %.4g",
+                tool->opt.out, n, engine, seconds, mean[0], mean[1], mean[2]);
         return;
     }
     cJSON *root = cJSON_CreateObject();
@@ -76,7 +77,8 @@ static void summary(const struct tool *tool, const struct source *source, const 
     cJSON_Delete(root);
 }
 
-// Loads the light as the engine wants it; leaves *cube empty for a transport with its own light.
+// Loads the light as the engine wants it; leaves *cube empty for a transport with its own
+// light.
 static int load_light(struct tool *tool, const struct source *source, bool reference,
                       struct prt_cube *cube)
 {
@@ -93,8 +95,10 @@ static int load_light(struct tool *tool, const struct source *source, bool refer
     if (!o->env) return usage_error(o, "--env is missing");
     uint32_t own = reference ? 0 : source->transport->cube;
     if (!reference && (o->cube_full || (o->cube && o->cube != own)))
-        return usage_error(o, "%s was baked for a light of 6x%ux%u: --cube sets it for --engine "
-                              "reference only", source->path, own, own);
+        return usage_error(o,
+                           "%s was baked for a light of 6x%ux%u: --cube sets it for --engine "
+                           "reference only",
+                           source->path, own, own);
     int status = tool_exit(tool, prt_env_load(&tool->ctx, o->env, &env));
     if (!status) status = source_light(tool, source, env, own, cube);
     if (env) prt_env_destroy(env);
@@ -125,15 +129,14 @@ int run_colors(struct tool *tool)
         goto done;
     }
     double started = prt_time_s();
-    status = reference ? reference_term(tool, &source, &cube, o->term ? o->term : "total", eye_mm,
-                                        color)
+    status = reference ? reference_term(tool, &source, &cube, o->term ? o->term : "total",
+                                        eye_mm, color)
                        : answer(tool, &source, cube.texel ? &cube : NULL, eye_mm, color);
     double seconds = prt_time_s() - started;
     if (!status)
-        status = tool_exit(tool, output_colors(&tool->ctx, o->out, source.mesh,
-                                               (const float(*)[3])color));
-    if (!status)
-        summary(tool, &source, engine, cube.n, seconds, (const float(*)[3])color);
+        status = tool_exit(
+            tool, output_colors(&tool->ctx, o->out, source.mesh, (const float(*)[3])color));
+    if (!status) summary(tool, &source, engine, cube.n, seconds, (const float(*)[3])color);
 done:
     prt_free(color);
     prt_cube_finish(&cube);

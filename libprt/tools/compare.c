@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// prt compare: how far A is from B, the reference: colours, pictures, or a .prt and brute force.
+// prt compare: how far A is from B, the reference: colours, pictures, or a .prt and brute
+// force.
 #include "tool.h"
 #include "prt/relight.h"
 
@@ -10,7 +11,7 @@
 #include <string.h>
 
 struct values {
-    float *rgb;  // [n][3]
+    float *rgb; // [n][3]
     size_t n;
     uint32_t width, height; // 0 for colours
 };
@@ -42,12 +43,12 @@ static int check_sizes(struct tool *tool, const struct values *a, const struct v
     const char *na = tool->opt.input[0], *nb = tool->opt.input[1];
     if (!a->width != !b->width)
         return tool_exit(tool, prt_fail(&tool->ctx, PRT_MISMATCH,
-                                        "%s and %s: colours cannot be compared with a picture", na,
-                                        nb));
+                                        "%s and %s: colours cannot be compared with a picture",
+                                        na, nb));
     if (a->width != b->width || a->height != b->height)
-        return tool_exit(tool, prt_fail(&tool->ctx, PRT_MISMATCH,
-                                        "%s has %ux%u pixels, %s has %ux%u", na, a->width,
-                                        a->height, nb, b->width, b->height));
+        return tool_exit(tool,
+                         prt_fail(&tool->ctx, PRT_MISMATCH, "%s has %ux%u pixels, %s has %ux%u",
+                                  na, a->width, a->height, nb, b->width, b->height));
     if (a->n != b->n)
         return tool_exit(tool, prt_fail(&tool->ctx, PRT_MISMATCH,
                                         "%s has %zu colours, %s has %zu", na, a->n, nb, b->n));
@@ -112,10 +113,9 @@ static int report(const struct tool *tool, const struct values *a, const struct 
         printf("relative RMSE %.6g  (r %.6g  g %.6g  b %.6g)\n", d->rmse, d->channel[0],
                d->channel[1], d->channel[2]);
         if (a->width)
-            printf("max |A-B| %.6g at pixel %zu,%zu of %ux%u\n", d->max_abs, d->max_at % a->width,
-                   d->max_at / a->width, a->width, a->height);
-        else
-            printf("max |A-B| %.6g at vertex %zu of %zu\n", d->max_abs, d->max_at, a->n);
+            printf("max |A-B| %.6g at pixel %zu,%zu of %ux%u\n", d->max_abs,
+                   d->max_at % a->width, d->max_at / a->width, a->width, a->height);
+        else printf("max |A-B| %.6g at vertex %zu of %zu\n", d->max_abs, d->max_at, a->n);
     }
     if (!within)
         prt_log(&tool->ctx, PRT_LOG_ERROR, "relative RMSE %.6g is above --max-rmse %g", d->rmse,
@@ -184,7 +184,8 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
     }
     int status = prt_env_load(&tool->ctx, o->env, &env);
     exit_status = tool_exit(tool, status);
-    if (!exit_status) exit_status = source_light(tool, &source, env, source.transport->cube, &own);
+    if (!exit_status)
+        exit_status = source_light(tool, &source, env, source.transport->cube, &own);
     if (!exit_status) exit_status = source_light(tool, &source, env, 0, &light);
     if (exit_status) goto done;
     struct prt_query query = {
@@ -205,8 +206,7 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
                  : prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the colours");
     if (!status)
         status = prt_answer_colors(&tool->ctx, source.transport, &query, (float(*)[3])color);
-    if (!status)
-        status = reference_at(tool, &source, &light, query.eye, pick, n, b->rgb);
+    if (!status) status = reference_at(tool, &source, &light, query.eye, pick, n, b->rgb);
     for (uint32_t i = 0; i < n && !status; i++)
         memcpy(a->rgb + 3 * (size_t)i, color + 3 * (size_t)pick[i], 3 * sizeof *color);
     exit_status = tool_exit(tool, status);

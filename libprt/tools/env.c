@@ -13,7 +13,8 @@ static void latlong_power(const struct prt_image *image, double power[3])
     memset(power, 0, 3 * sizeof *power);
     for (uint32_t y = 0; y < image->height; y++) {
         // Exact solid angle of a pixel: the band's share of the sphere.
-        double above = cos(M_PI * y / image->height), below = cos(M_PI * (y + 1) / image->height);
+        double above = cos(M_PI * y / image->height),
+               below = cos(M_PI * (y + 1) / image->height);
         double omega = 2 * M_PI * (above - below) / image->width;
         const float *row = image->rgb + (size_t)y * image->width * 3;
         for (size_t x = 0; x < image->width; x++)
@@ -36,13 +37,12 @@ void cube_power(const struct prt_cube *cube, double power[3])
 
 void env_power(const struct prt_env *env, double power[3])
 {
-    if (env->kind == PRT_ENV_LATLONG)
-        latlong_power(&env->latlong, power);
-    else
-        cube_power(&env->cube, power);
+    if (env->kind == PRT_ENV_LATLONG) latlong_power(&env->latlong, power);
+    else cube_power(&env->cube, power);
 }
 
-// Where a layout puts the six camera views, in face widths, and which are turned by 180 degrees.
+// Where a layout puts the six camera views, in face widths, and which are turned by 180
+// degrees.
 struct layout {
     const char *name;
     unsigned columns, rows;
@@ -66,13 +66,15 @@ static const float views[6][3][3] = {
 };
 
 // The texel of `cube` that a view's pixel shows: a permutation, nothing is filtered.
-static const float *view_texel(const struct prt_cube *cube, unsigned view, uint32_t x, uint32_t y)
+static const float *view_texel(const struct prt_cube *cube, unsigned view, uint32_t x,
+                               uint32_t y)
 {
-    float n = (float)cube->n, s = 2 * ((float)x + 0.5f) / n - 1, t = 2 * ((float)y + 0.5f) / n - 1;
+    float n = (float)cube->n, s = 2 * ((float)x + 0.5f) / n - 1,
+          t = 2 * ((float)y + 0.5f) / n - 1;
     float dir[3], fs, ft;
     unsigned face;
-    for (int i = 0; i < 3; i++) dir[i] = views[view][0][i] + s * views[view][1][i] -
-                                         t * views[view][2][i];
+    for (int i = 0; i < 3; i++)
+        dir[i] = views[view][0][i] + s * views[view][1][i] - t * views[view][2][i];
     prt_cube_lookup(dir, &face, &fs, &ft);
     size_t px = (size_t)fminf(fmaxf((fs + 1) * 0.5f * n, 0), n - 1);
     size_t py = (size_t)fminf(fmaxf((ft + 1) * 0.5f * n, 0), n - 1);
@@ -143,8 +145,8 @@ static int write_picture(const struct tool *tool, const struct prt_image *image,
 }
 
 // Everything goes through a cube: the light as every engine sees it.
-static int convert(const struct tool *tool, const struct prt_env *env, const struct layout *layout,
-                   struct prt_image *out, double after[3])
+static int convert(const struct tool *tool, const struct prt_env *env,
+                   const struct layout *layout, struct prt_image *out, double after[3])
 {
     const struct options *o = &tool->opt;
     struct prt_cube cube = {0};
@@ -171,7 +173,8 @@ static int check_usage(const struct options *o)
         return usage_error(o, "-o %s: environments are written as .exr, .hdr, .png or .jpg",
                            o->out);
     if (o->layout && !strcmp(o->layout, "envmap") && kind != OUT_EXR)
-        return usage_error(o, "--layout envmap is an attribute of OpenEXR files: give -o OUT.exr");
+        return usage_error(o,
+                           "--layout envmap is an attribute of OpenEXR files: give -o OUT.exr");
     return EXIT_DONE;
 }
 
@@ -188,16 +191,16 @@ int run_env(struct tool *tool)
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     bool exr = output_kind(o->out) == OUT_EXR;
     // --size WxH speaks of a lat-long, whatever came in.
-    const char *name = o->layout                                     ? o->layout
+    const char *name = o->layout                                ? o->layout
                        : o->height || env->kind == PRT_ENV_CUBE ? "latlong"
-                       : exr                                         ? "envmap"
-                                                                     : "vcross";
+                       : exr                                    ? "envmap"
+                                                                : "vcross";
     for (size_t i = 0; i < sizeof layouts / sizeof *layouts; i++)
         if (!strcmp(layouts[i].name, name)) layout = &layouts[i];
     if (layout && (o->width > PRT_CUBE_MAX || (o->width && o->width < PRT_CUBE_MIN) ||
                    (o->height && o->height != o->width)))
-        status = usage_error(o, "--size of a cube: expected its side N in [%d, %d]", PRT_CUBE_MIN,
-                             PRT_CUBE_MAX);
+        status = usage_error(o, "--size of a cube: expected its side N in [%d, %d]",
+                             PRT_CUBE_MIN, PRT_CUBE_MAX);
     if (!status) {
         env_power(env, before);
         int result = convert(tool, env, layout, &image, after);

@@ -19,10 +19,10 @@ struct picture {
     struct prt_specular *specular;
     float *planes;
     unsigned n_plane;
-    bool plain;              // a plain background
+    bool plain; // a plain background
     float background[3];
     struct prt_image image;
-    bool on_screen;          // an image-space engine answers, no transport and no vertices
+    bool on_screen; // an image-space engine answers, no transport and no vertices
     struct prt_screen_report report;
 };
 
@@ -50,16 +50,20 @@ static int check_usage(struct tool *tool, struct picture *p)
     if (o->camera && o->eye.set)
         return usage_error(o, "--camera says where the eye is: leave --eye out");
     if (o->camera && prt_camera_parse(&tool->ctx, o->camera, &p->camera))
-        return usage_error(o, "--camera %s: expected EYE:TARGET[:UP[:FOVY]] with points x,y,z, "
-                              "FOVY in (0, 170)", o->camera);
+        return usage_error(o,
+                           "--camera %s: expected EYE:TARGET[:UP[:FOVY]] with points x,y,z, "
+                           "FOVY in (0, 170)",
+                           o->camera);
     if (o->background && !strcmp(o->background, "none")) {
         p->plain = true;
     } else if (o->background && strcmp(o->background, "env")) {
         p->plain = true;
         if (!parse_vector(o->background, p->background) || p->background[0] < 0 ||
             p->background[1] < 0 || p->background[2] < 0)
-            return usage_error(o, "--background %s: expected env, none, or three radiances R,G,B "
-                                  ">= 0", o->background);
+            return usage_error(o,
+                               "--background %s: expected env, none, or three radiances R,G,B "
+                               ">= 0",
+                               o->background);
     }
     return EXIT_DONE;
 }
@@ -72,22 +76,26 @@ static const char *choose_engine(struct tool *tool, const struct source *source,
     *status = EXIT_DONE;
     if (!strcmp(engine, "vertex")) {
         if (!source->transport) {
-            *status = usage_error(o, "--engine vertex needs a baked transport: bake %s first "
-                                     "(prt bake %s -o OUT.prt) and give the .prt", source->path,
-                                  source->path);
+            *status = usage_error(o,
+                                  "--engine vertex needs a baked transport: bake %s first "
+                                  "(prt bake %s -o OUT.prt) and give the .prt",
+                                  source->path, source->path);
             return NULL;
         }
         if (o->term && !strcmp(o->term, "irradiance")) {
-            prt_log(&tool->ctx, PRT_LOG_NOTE, "a .prt holds no irradiance: E at the vertices is "
-                                              "traced again by the reference engine");
+            prt_log(&tool->ctx, PRT_LOG_NOTE,
+                    "a .prt holds no irradiance: E at the vertices is "
+                    "traced again by the reference engine");
             return "reference";
         }
         return engine;
     }
     if (!strcmp(engine, "reference")) return engine;
     if (o->term && (!strcmp(o->term, "irradiance") || !strcmp(o->term, "single"))) {
-        *status = usage_error(o, "--engine %s computes multiple scattering: --term must be "
-                                 "multiple or total", engine);
+        *status = usage_error(o,
+                              "--engine %s computes multiple scattering: --term must be "
+                              "multiple or total",
+                              engine);
         return NULL;
     }
     return engine;
@@ -121,8 +129,7 @@ static int vertex_planes(struct tool *tool, struct picture *p, const char *term)
     if (status) return tool_exit(tool, status);
     p->planes = prt_alloc((size_t)p->n_plane * t->mesh.n_vertex, 3 * sizeof(float));
     if (!p->planes) return no_memory(tool);
-    return tool_exit(tool,
-                     prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, p->planes));
+    return tool_exit(tool, prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, p->planes));
 }
 
 // One plane by brute force: the terms without their outgoing Fresnel factor, which the shading
@@ -157,12 +164,14 @@ static int load_lights(struct tool *tool, struct picture *p, bool vertex, bool t
     if (vertex && p->source.transport->engine == PRT_ENGINE_POLYNOMIAL)
         prt_log(ctx, PRT_LOG_NOTE,
                 "%s was baked under one light: --env and --rotate change its mirror image and "
-                "background only", p->source.path);
+                "background only",
+                p->source.path);
     int exit_status = source_light(tool, &p->source, p->env, own, &p->light);
     if (exit_status) return exit_status;
     uint32_t full = prt_env_full_cube(p->env);
     if (total) {
-        status = prt_env_to_cube(ctx, p->env, full < 256 ? full : 256, o->rotate_deg, &p->mirror);
+        status =
+            prt_env_to_cube(ctx, p->env, full < 256 ? full : 256, o->rotate_deg, &p->mirror);
         if (!status) status = prt_specular_create(ctx, &p->mirror, &p->specular);
     }
     if (!status && !p->plain)
@@ -192,8 +201,8 @@ static int draw_vertices(struct tool *tool, struct picture *p, bool reference, b
     int status = reference ? reference_planes(tool, p, term) : vertex_planes(tool, p, term);
     if (status) return status;
     struct prt_shade shade = shade_of(p, total);
-    return tool_exit(tool, prt_shade_image(&tool->ctx, p->visibility, p->source.mesh, &shade,
-                                           &p->image));
+    return tool_exit(
+        tool, prt_shade_image(&tool->ctx, p->visibility, p->source.mesh, &shade, &p->image));
 }
 
 // The picture by an image-space engine: irradiance and diffusion at what the camera sees.
@@ -211,8 +220,8 @@ static int draw_on_screen(struct tool *tool, struct picture *p, const char *engi
     int status = prt_screen_engine_parse(engine, &options.engine);
     if (!status) status = prt_screen_create(&tool->ctx, p->source.mesh, NULL, &screen);
     if (status) return tool_exit(tool, status);
-    status = prt_screen_image(&tool->ctx, screen, p->visibility, &p->source.material, &p->light, 0,
-                              NULL, &options, &shade_options, &p->image, &p->report);
+    status = prt_screen_image(&tool->ctx, screen, p->visibility, &p->source.material, &p->light,
+                              0, NULL, &options, &shade_options, &p->image, &p->report);
     prt_screen_destroy(screen);
     return tool_exit(tool, status);
 }
@@ -276,15 +285,18 @@ static int draw(struct tool *tool, struct picture *p)
     if (!engine) return status;
     bool vertex = !strcmp(engine, "vertex"), reference = !strcmp(engine, "reference");
     if (vertex && (o->cube_full || (o->cube && o->cube != p->source.transport->cube)))
-        return usage_error(o, "%s was baked for a light of 6x%ux%u: --cube sets it for other "
-                              "engines only", p->source.path, p->source.transport->cube,
+        return usage_error(o,
+                           "%s was baked for a light of 6x%ux%u: --cube sets it for other "
+                           "engines only",
+                           p->source.path, p->source.transport->cube,
                            p->source.transport->cube);
     place_camera(tool, p, (float)width / (float)height);
     double started = prt_time_s();
     if ((status = load_lights(tool, p, vertex, total))) return status;
-    status = tool_exit(tool, prt_visibility_create(&tool->ctx, p->source.mesh, &p->camera, width,
-                                                   height, o->msaa ? (unsigned)o->msaa : 4,
-                                                   PRT_RASTER_AUTO, &p->visibility));
+    status =
+        tool_exit(tool, prt_visibility_create(&tool->ctx, p->source.mesh, &p->camera, width,
+                                              height, o->msaa ? (unsigned)o->msaa : 4,
+                                              PRT_RASTER_AUTO, &p->visibility));
     if (status) return status;
     p->on_screen = !vertex && !reference;
     status = p->on_screen ? draw_on_screen(tool, p, engine, total)

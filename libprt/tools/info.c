@@ -47,9 +47,10 @@ static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
     add_vector(m, "box_min", box[0], 3);
     add_vector(m, "box_max", box[1], 3);
     cJSON_AddNumberToObject(m, "diagonal", sqrt(diagonal));
-    cJSON_AddStringToObject(m, "units", mesh->mm_per_unit > 0 ? "mm"
-                                        : mesh->units_known   ? "m"
-                                                              : "unknown");
+    cJSON_AddStringToObject(m, "units",
+                            mesh->mm_per_unit > 0 ? "mm"
+                            : mesh->units_known   ? "m"
+                                                  : "unknown");
     if (mesh->mm_per_unit > 0)
         cJSON_AddNumberToObject(m, "mm_per_unit", (double)mesh->mm_per_unit);
     cJSON *surfaces = cJSON_AddArrayToObject(m, "surfaces");
@@ -199,17 +200,14 @@ int run_info(struct tool *tool)
     // "constant" and patterns of six faces are environments without being a file.
     bool exists = access(path, R_OK) == 0;
     if (!exists && strncmp(path, "constant", 8) && !strchr(path, '*') && !strchr(path, '%'))
-        return tool_exit(tool,
-                         prt_fail(&tool->ctx, PRT_IO, "%s: %s", path, strerror(errno)));
+        return tool_exit(tool, prt_fail(&tool->ctx, PRT_IO, "%s: %s", path, strerror(errno)));
     cJSON *root = cJSON_CreateObject();
     cJSON_AddStringToObject(root, "file", path);
     int status;
     if (ends_with_any(path, files) || (exists && prt_file_probe(path)))
         status = describe_prt(tool, path, root);
-    else if (ends_with_any(path, models))
-        status = describe_model(tool, path, root);
-    else
-        status = describe_env(tool, path, root);
+    else if (ends_with_any(path, models)) status = describe_model(tool, path, root);
+    else status = describe_env(tool, path, root);
     if (!status && tool->opt.json) {
         char *text = cJSON_PrintUnformatted(root);
         puts(text ? text : "{}");

@@ -51,8 +51,8 @@ struct row {
 static const char *const transports[] = {"wavelet", "polynomial", "joint", NULL};
 static const char *const storages[] = {"factored", "sparse", NULL};
 static const char *const engines[] = {"reference", "wavelet", "polynomial", "joint", NULL};
-static const char *const pictures[] = {"vertex",  "splat",  "tangent",
-                                       "texture", "hybrid", "reference", NULL};
+static const char *const pictures[] = {"vertex", "splat",     "tangent", "texture",
+                                       "hybrid", "reference", NULL};
 static const char *const terms[] = {"irradiance", "multiple", "single", "total", NULL};
 static const char *const cpus[] = {"c", "avx2", "avx512", NULL};
 static const char *const tones[] = {"filmic", "reinhard", "none", NULL};
@@ -142,7 +142,8 @@ static const struct row table[] = {
     {"vertices", 0, "N", WHOLE, AT(vertices), 1, 100000000, NULL, COMPARE,
      "with B = reference: compare this many random vertices (default 512)"},
     {"threads", 0, "N", WHOLE, AT(threads), 1, 1024, NULL, EVERY, "default: all cores"},
-    {"cpu", 0, "ISA", WORD, AT(cpu), 0, 0, cpus, EVERY, "use no more than this instruction set"},
+    {"cpu", 0, "ISA", WORD, AT(cpu), 0, 0, cpus, EVERY,
+     "use no more than this instruction set"},
     {"progress-fd", 0, "FD", FD, AT(progress_fd), 0, 0, NULL, BAKE | COLORS | IMAGE,
      "write lines \"stage fraction eta-seconds\" there"},
     {"json", 0, NULL, FLAG, AT(json), 0, 0, NULL, EVERY, "the answer as one JSON object"},
@@ -155,10 +156,11 @@ static const struct {
     unsigned min_input, max_input;
     const char *examples;
 } commands[N_COMMAND] = {
-    [CMD_BAKE] = {"bake", "MODEL -o OUT.prt", "precompute a model's light transport", 1, 1,
-                  "prt bake bunny.glb --material marble --size-mm 50 -o bunny.prt\n"
-                  "prt bake bird.glb --material skin1 --mm-per-unit 1000 --opaque floor -o bird.prt\n"
-                  "prt bake bunny.obj --transport polynomial --env grace.exr --size-mm 50 -o edit.prt"},
+    [CMD_BAKE] =
+        {"bake", "MODEL -o OUT.prt", "precompute a model's light transport", 1, 1,
+         "prt bake bunny.glb --material marble --size-mm 50 -o bunny.prt\n"
+         "prt bake bird.glb --material skin1 --mm-per-unit 1000 --opaque floor -o bird.prt\n"
+         "prt bake bunny.obj --transport polynomial --env grace.exr --size-mm 50 -o edit.prt"},
     [CMD_COLORS] = {"colors", "SOURCE --env ENV -o OUT.{csv,npy,ply,glb}",
                     "light a .prt, or a model, to one colour a vertex", 1, 1,
                     "prt colors bunny.prt --env studio.exr --rotate 90 -o bunny.csv\n"
@@ -196,7 +198,8 @@ void usage_print(void)
     for (int i = 0; i < N_COMMAND; i++)
         printf("  prt %-8s %-45s %s\n", commands[i].name, commands[i].operands,
                commands[i].summary);
-    puts("\nSOURCE is a .prt, or a model (.glb .gltf .obj .ply) with --material and --size-mm or\n"
+    puts("\nSOURCE is a .prt, or a model (.glb .gltf .obj .ply) with --material and --size-mm "
+         "or\n"
          "--mm-per-unit. prt SUBCOMMAND --help has options and examples.\n"
          "Exit status: 0 done, 1 failed, 2 wrong usage.");
 }
@@ -308,8 +311,8 @@ static int set_number(struct options *o, const struct row *row, const char *valu
     if (row->kind == WHOLE) {
         uint64_t x;
         if (!parse_whole(value, &x) || (double)x < row->low || (double)x > row->high)
-            return usage_error(o, "--%s %s: expected a whole number in [%.10g, %.10g]", row->name,
-                               value, row->low, row->high);
+            return usage_error(o, "--%s %s: expected a whole number in [%.10g, %.10g]",
+                               row->name, value, row->low, row->high);
         *(uint64_t *)((char *)o + row->field) = x;
         return -1;
     }
@@ -389,8 +392,10 @@ static int set_option(struct options *o, const struct row *row, const char *valu
         return set_cube(o, row, value);
     case SHARD:
         if (!parse_pair(value, '/', &a, &b) || b < 1 || b > 100000 || a >= b)
-            return usage_error(o, "--shard %s: expected I/N with N in [1, 100000] and I in "
-                                  "[0, N-1]", value);
+            return usage_error(o,
+                               "--shard %s: expected I/N with N in [1, 100000] and I in "
+                               "[0, N-1]",
+                               value);
         o->shard = (uint32_t)a;
         o->n_shard = (uint32_t)b;
         return -1;
@@ -403,7 +408,8 @@ static int set_option(struct options *o, const struct row *row, const char *valu
     return -1;
 }
 
-static const struct row *find_row(const struct options *o, const char *name, size_t n, char letter)
+static const struct row *find_row(const struct options *o, const char *name, size_t n,
+                                  char letter)
 {
     for (int i = 0; i < N_ROW; i++) {
         const struct row *row = &table[i];

@@ -15,9 +15,9 @@ enum output_kind output_kind(const char *path)
         const char *ending;
         enum output_kind kind;
     } endings[] = {
-        {".csv", OUT_CSV}, {".npy", OUT_NPY}, {".ply", OUT_PLY}, {".glb", OUT_GLB},
-        {".exr", OUT_EXR}, {".png", OUT_PNG}, {".jpg", OUT_JPG}, {".jpeg", OUT_JPG},
-        {".hdr", OUT_HDR},
+        {".csv", OUT_CSV}, {".npy", OUT_NPY},  {".ply", OUT_PLY},
+        {".glb", OUT_GLB}, {".exr", OUT_EXR},  {".png", OUT_PNG},
+        {".jpg", OUT_JPG}, {".jpeg", OUT_JPG}, {".hdr", OUT_HDR},
     };
     size_t n = strlen(path);
     for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
@@ -75,12 +75,13 @@ int output_colors(const struct prt_context *ctx, const char *path, const struct 
     case OUT_GLB:
         return prt_mesh_write_colors(ctx, path, mesh, color);
     default:
-        return prt_fail(ctx, PRT_ARG, "%s: colours are written as .csv, .npy, .ply or .glb", path);
+        return prt_fail(ctx, PRT_ARG, "%s: colours are written as .csv, .npy, .ply or .glb",
+                        path);
     }
 }
 
-// Radiance RGBE, flat: a shared exponent, mantissas rounded to nearest. Mantissas below 128 on all
-// three channels never occur, so no pixel can be taken for a run-length mark.
+// Radiance RGBE, flat: a shared exponent, mantissas rounded to nearest. Mantissas below 128 on
+// all three channels never occur, so no pixel can be taken for a run-length mark.
 static void rgbe_encode(const float rgb[3], unsigned char out[4])
 {
     float top = fmaxf(rgb[0], fmaxf(rgb[1], rgb[2]));
@@ -103,7 +104,8 @@ static int write_hdr(const struct prt_context *ctx, const char *path,
     size_t n = (size_t)image->width * image->height, used;
     unsigned char *file = prt_alloc(n + 32, 4);
     if (!file) return prt_fail(ctx, PRT_NOMEM, "%s: no memory for the picture", path);
-    used = (size_t)snprintf((char *)file, 128, "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %u +X %u\n",
+    used = (size_t)snprintf((char *)file, 128,
+                            "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %u +X %u\n",
                             image->height, image->width);
     for (size_t i = 0; i < n; i++) rgbe_encode(image->rgb + 3 * i, file + used + 4 * i);
     int status = prt_write_file(ctx, path, file, used + 4 * n);
@@ -112,7 +114,8 @@ static int write_hdr(const struct prt_context *ctx, const char *path,
 }
 
 static int encode_8bit(const struct prt_context *ctx, const struct prt_image *image, bool jpeg,
-                       enum prt_tone tone, double exposure_ev, int quality, struct prt_blob *out)
+                       enum prt_tone tone, double exposure_ev, int quality,
+                       struct prt_blob *out)
 {
     uint8_t *rgb8 = prt_alloc((size_t)image->width * image->height, 3);
     if (!rgb8) return prt_fail(ctx, PRT_NOMEM, "no memory for the picture");
@@ -196,8 +199,9 @@ static int parse_npy(const struct prt_context *ctx, const char *path, const unsi
         size_t at = file[6] == 1 ? 10 : 12;
         begin = at + length;
         ok = begin <= size;
-        if (ok) snprintf(header, sizeof header, "%.*s", (int)(length < 255 ? length : 255),
-                         (const char *)file + at);
+        if (ok)
+            snprintf(header, sizeof header, "%.*s", (int)(length < 255 ? length : 255),
+                     (const char *)file + at);
     }
     const char *shape = strstr(header, "'shape': (");
     bool f8 = strstr(header, "'<f8'") != NULL, f4 = strstr(header, "'<f4'") != NULL;
@@ -212,8 +216,7 @@ static int parse_npy(const struct prt_context *ctx, const char *path, const unsi
                         size - begin, rows);
     float *value = prt_alloc((size_t)rows + 1, 3 * sizeof *value);
     if (!value) return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %llu rows", path, rows);
-    if (f4)
-        memcpy(value, file + begin, (size_t)rows * 12);
+    if (f4) memcpy(value, file + begin, (size_t)rows * 12);
     else
         for (size_t i = 0; i < (size_t)rows * 3; i++) {
             double x;
@@ -228,8 +231,8 @@ static int parse_npy(const struct prt_context *ctx, const char *path, const unsi
 int table_load(const struct prt_context *ctx, const char *path, float **rgb, size_t *n)
 {
     struct prt_blob blob;
-    int status = prt_read_file(ctx, path, ctx->memory_limit ? ctx->memory_limit : 8ull << 30,
-                               &blob);
+    int status =
+        prt_read_file(ctx, path, ctx->memory_limit ? ctx->memory_limit : 8ull << 30, &blob);
     if (status) return status;
     status = output_kind(path) == OUT_CSV ? parse_csv(ctx, path, blob.bytes, rgb, n)
                                           : parse_npy(ctx, path, blob.bytes, blob.size, rgb, n);

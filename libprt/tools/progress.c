@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What a run shows and hears: log lines, the progress bar or its machine form, signals, threads.
+// What a run shows and hears: log lines, the progress bar or its machine form, signals,
+// threads.
 #include "tool.h"
 
 #include <errno.h>
@@ -81,10 +82,10 @@ static int on_progress(void *user, const char *stage, double fraction, double et
         shown.last = now;
         if (tool->opt.progress_fd >= 0)
             write_line(tool->opt.progress_fd, stage, fraction, eta_s);
-        else if (!tool->opt.quiet && isatty(STDERR_FILENO))
-            draw_bar(stage, fraction, eta_s);
+        else if (!tool->opt.quiet && isatty(STDERR_FILENO)) draw_bar(stage, fraction, eta_s);
     }
-    // Whoever watched has gone (a dead daemon): finishing for nobody would only burn the machine.
+    // Whoever watched has gone (a dead daemon): finishing for nobody would only burn the
+    // machine.
     return stop_signal || shown.broken;
 }
 

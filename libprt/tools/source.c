@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// SOURCE of the command contract: a .prt, or a model with a material and a scale; and its light.
+// SOURCE of the command contract: a .prt, or a model with a material and a scale; and its
+// light.
 #include "tool.h"
 
 #include <errno.h>
@@ -26,7 +27,8 @@ int material_option(struct tool *tool, struct prt_material *out)
             size_t n = strlen(list);
             snprintf(list + n, sizeof list - n, "%s%s", n ? ", " : "", preset->name);
         }
-        return usage_error(&tool->opt, "--material %s: neither a file nor one of %s", name, list);
+        return usage_error(&tool->opt, "--material %s: neither a file nor one of %s", name,
+                           list);
     }
     int status = prt_material_load(ctx, name, out);
     if (!status) status = prt_material_check(ctx, out);
@@ -52,8 +54,10 @@ static int open_prt(struct tool *tool, struct source *source)
 {
     const struct options *o = &tool->opt;
     if (o->size_mm > 0 || o->mm_per_unit > 0 || o->n_opaque)
-        return usage_error(o, "%s is a .prt, which carries its own scale and surfaces: leave "
-                              "--size-mm, --mm-per-unit and --opaque out", source->path);
+        return usage_error(o,
+                           "%s is a .prt, which carries its own scale and surfaces: leave "
+                           "--size-mm, --mm-per-unit and --opaque out",
+                           source->path);
     int status = prt_file_open(&tool->ctx, source->path, PRT_FILE_CHECK_ALL, &source->file);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     source->transport = prt_file_transport(source->file);
@@ -61,9 +65,10 @@ static int open_prt(struct tool *tool, struct source *source)
     source->material = source->transport->material;
     if (!o->material) return EXIT_DONE;
     if (source->transport->engine == PRT_ENGINE_WAVELET)
-        return usage_error(o, "%s is a wavelet .prt, whose material (%s) is fixed by the bake: "
-                              "leave --material out, or bake again", source->path,
-                           source->material.name);
+        return usage_error(o,
+                           "%s is a wavelet .prt, whose material (%s) is fixed by the bake: "
+                           "leave --material out, or bake again",
+                           source->path, source->material.name);
     source->material_given = true;
     return material_option(tool, &source->material);
 }
@@ -83,18 +88,18 @@ static int open_model(struct tool *tool, bool need_material, struct source *sour
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     source->mesh = source->loaded;
     if (!(o->size_mm > 0) && !(o->mm_per_unit > 0) && !source->loaded->units_known)
-        return usage_error(o, "%s says nothing about its units: give --size-mm or --mm-per-unit",
+        return usage_error(o,
+                           "%s says nothing about its units: give --size-mm or --mm-per-unit",
                            source->path);
-    return tool_exit(tool, prt_mesh_scale(&tool->ctx, source->loaded, o->size_mm,
-                                          o->mm_per_unit));
+    return tool_exit(tool,
+                     prt_mesh_scale(&tool->ctx, source->loaded, o->size_mm, o->mm_per_unit));
 }
 
 int source_open(struct tool *tool, const char *path, bool need_material, struct source *out)
 {
     *out = (struct source){.path = path};
     if (access(path, R_OK))
-        return tool_exit(tool,
-                         prt_fail(&tool->ctx, PRT_IO, "%s: %s", path, strerror(errno)));
+        return tool_exit(tool, prt_fail(&tool->ctx, PRT_IO, "%s: %s", path, strerror(errno)));
     size_t n = strlen(path);
     bool named_prt = n > 4 && !strcasecmp(path + n - 4, ".prt");
     int status = named_prt || prt_file_probe(path) ? open_prt(tool, out)

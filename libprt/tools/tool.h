@@ -34,18 +34,18 @@ struct options {
     double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms;
     uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed;
     uint64_t threads, msaa, quality, vertices;
-    uint32_t cube;          /* 0: not given */
+    uint32_t cube; /* 0: not given */
     bool cube_full;
     struct vector_option eye;
     uint32_t width, height; /* --size; height 0 when only one number was given */
     uint32_t shard, n_shard;
-    int progress_fd;        /* -1: not given */
+    int progress_fd; /* -1: not given */
     bool max_rmse_set;
     bool json, quiet, no_single, every_ray, straight, full_float, measure_error;
 };
 
-/* Fills `out` from the arguments after the subcommand's name. Returns -1 to go on, else the exit
- * status: after --help, or after a message about wrong usage. */
+/* Fills `out` from the arguments after the subcommand's name. Returns -1 to go on, else the
+ * exit status: after --help, or after a message about wrong usage. */
 int options_parse(enum command command, int argc, char **argv, struct options *out);
 int command_find(const char *name); /* enum command, or -1 */
 void usage_print(void);
@@ -95,8 +95,14 @@ int reference_term(struct tool *tool, const struct source *source, const struct 
 
 enum output_kind {
     OUT_NONE,
-    OUT_CSV, OUT_NPY, OUT_PLY, OUT_GLB, /* colours */
-    OUT_EXR, OUT_PNG, OUT_JPG, OUT_HDR, /* pictures */
+    OUT_CSV,
+    OUT_NPY,
+    OUT_PLY,
+    OUT_GLB, /* colours */
+    OUT_EXR,
+    OUT_PNG,
+    OUT_JPG,
+    OUT_HDR, /* pictures */
 };
 enum output_kind output_kind(const char *path);
 /* Colours [n_vertex][3] by the name's ending. Library status. */
