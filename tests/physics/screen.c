@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // screen/: the laws every image-space engine must keep, and their building blocks.
 #include "../../libprt/screen/internal.h"
+#include "prt/reference.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -716,6 +717,54 @@ static void multipole_limits(void **state)
     model_finish(&model);
 }
 
+// The reference engine, with its own samples and rays, says the same under a cube of light with
+// a lamp in it.
+static void reference_engine_agrees(void **state)
+{
+    enum { N = 120 };
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 40);
+    struct prt_camera camera = {.eye = {0, 8, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct prt_cube cube = constant_cube(16, (float[3]){0.3f, 0.3f, 0.4f});
+    for (int i = 0; i < 4; i++) cube.texel[3 * (2 * 256 + 100 + i) + 1] = 60;
+    struct prt_material medium = marble;
+    for (int c = 0; c < 3; c++) medium.sigma_s_prime[c] *= 0.5f;
+    struct stage s;
+    stage_init(&s, &model, camera, 100, 100);
+    static uint32_t vertex[3 * N];
+    static float want[3 * N][3];
+    for (uint32_t i = 0; i < N; i++)
+        for (int k = 0; k < 3; k++)
+            vertex[3 * i + (uint32_t)k] = s.g.corner[k][(uint64_t)i * s.g.n_point / N];
+    struct prt_reference_options reference = {.term = PRT_REFERENCE_MULTIPLE, .n_sample = 12000,
+                                              .n_ray = 512, .vertex = vertex, .n_vertex = 3 * N};
+    assert_int_equal(prt_reference_colors(&quiet, &model.mesh, &medium, &cube, &reference, want),
+                     PRT_OK);
+    for (int e = 0; e < 4; e++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e, .n_light = 128};
+        pixels b = render(&s, &medium, &cube, NULL, options, NULL);
+        double num = 0, den = 0;
+        for (uint32_t i = 0; i < N; i++) {
+            uint32_t at = (uint32_t)((uint64_t)i * s.g.n_point / N);
+            float w[3] = {1 - s.g.bary[0][at] - s.g.bary[1][at], s.g.bary[0][at], s.g.bary[1][at]};
+            for (int c = 0; c < 3; c++) {
+                double q = 0;
+                for (uint32_t k = 0; k < 3; k++) q += (double)w[k] * want[3 * i + k][c];
+                num += (b[at][c] - q) * (b[at][c] - q);
+                den += q * q;
+            }
+        }
+        print_message("against the reference engine, %s: %.2f %%\n",
+                      prt_screen_engine_name(options.engine), 100 * sqrt(num / den));
+        assert_true(sqrt(num / den) < 0.05);
+        free(b);
+    }
+    free(cube.texel);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
 // While nothing changes each picture is nearer the exact one.
 static void refinement_converges(void **state)
 {
@@ -788,6 +837,7 @@ int main(void)
         cmocka_unit_test(pair_kernels_agree),
         cmocka_unit_test(odd_input_gives_pictures),
         cmocka_unit_test(multipole_limits),
+        cmocka_unit_test(reference_engine_agrees),
         cmocka_unit_test(refinement_converges),
         cmocka_unit_test(engine_words),
     };
