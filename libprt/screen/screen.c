@@ -177,6 +177,20 @@ static int light_opaque(struct frame *f)
     return status;
 }
 
+// Sample counts that would only exhaust memory or patience.
+static int check_options(const struct prt_context *ctx, const struct prt_screen_options *o)
+{
+    static const uint32_t most[N_ENGINE] = {4096, 65536, 1u << 20, 1u << 20, 1u << 24};
+    if ((unsigned)o->engine >= N_ENGINE)
+        return prt_fail(ctx, PRT_ARG, "screen: unknown engine %d", (int)o->engine);
+    if (o->n_sample > most[o->engine] || o->n_sample == 1)
+        return prt_fail(ctx, PRT_ARG, "screen: %u samples for %s: 2 to %u are allowed", o->n_sample,
+                        engine_name[o->engine], most[o->engine]);
+    if (!(o->budget_ms >= 0 && o->bound >= 0 && o->epsilon >= 0 && o->epsilon < 1))
+        return prt_fail(ctx, PRT_ARG, "screen: budget and bound must be >= 0, epsilon in [0,1)");
+    return PRT_OK;
+}
+
 static int run_engine(struct frame *f)
 {
     if (f->options->profile && f->options->engine != PRT_SCREEN_SPLAT &&
@@ -211,6 +225,8 @@ int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen
                         struct prt_screen_report *report)
 {
     struct prt_screen_report unused;
+    if (!screen || !vis || !material || !options || !radiance)
+        return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
     struct frame f = {.ctx = ctx, .screen = screen, .vis = vis, .cube = cube, .options = options,
                       .radiance = radiance, .report = report ? report : &unused,
                       .n_object = screen->mesh->n_object};
@@ -219,7 +235,8 @@ int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen
     prt_visibility_camera(vis, NULL, &f.width, &f.height, NULL);
     memset(radiance, 0, f.g.n_point * sizeof *radiance);
     if (!(screen->area_mm2 > 0)) screen->area_mm2 = prt_surface_area(screen->mesh);
-    int status = make_tables(&f, material);
+    int status = check_options(ctx, options);
+    if (!status) status = make_tables(&f, material);
     if (!status) status = make_lights(&f, n_extra, extra);
     if (!status && tiles_build(&f.g, screen->mesh, f.width, f.height, &f.tiles))
         status = prt_fail(ctx, PRT_NOMEM, "screen: no memory for tiles");

@@ -387,6 +387,39 @@ static void touching_objects_exchange_nothing(void **state)
     model_finish(&model);
 }
 
+// Objects of different media in one picture look as they do among their own kind.
+static void media_keep_apart(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){-8, 0, 0}, 7, 20);
+    add_sphere(&model, (float[3]){8, 0, 0}, 7, 20);
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 30};
+    struct stage s;
+    stage_init(&s, &model, camera, 64, 64);
+    struct prt_material medium[2] = {marble, marble};
+    for (int c = 0; c < 3; c++) medium[1].sigma_a[c] = 0.3f;
+    struct prt_screen_options options = {.engine = PRT_SCREEN_TEXTURE};
+    pixels alone[2];
+    for (int k = 0; k < 2; k++) alone[k] = render(&s, &medium[k], NULL, &from_front, options, NULL);
+    options.object_material = medium;
+    pixels both = render(&s, &marble, NULL, &from_front, options, NULL);
+    double apart = 0;
+    for (uint32_t i = 0; i < s.g.n_point; i++) {
+        uint32_t object = model.block[s.g.block[i]].object;
+        for (int c = 0; c < 3; c++) {
+            assert_true(fabsf(both[i][c] - alone[object][i][c]) <= 1e-5f * both[i][c]);
+            apart = fmax(apart, fabs((double)alone[0][i][c] - alone[1][i][c]));
+        }
+    }
+    assert_true(apart > 0.1);
+    free(alone[0]);
+    free(alone[1]);
+    free(both);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
 // A light behind a thin wall shines through it, as much as the exact sum says.
 static void thin_wall_shines(void **state)
 {
@@ -660,6 +693,17 @@ static void odd_input_gives_pictures(void **state)
     b = malloc(s.g.n_point * sizeof *b);
     assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &bad, &options,
                                          b, NULL), PRT_ARG);
+    static const struct prt_screen_options nonsense[] = {
+        {.n_sample = 5000}, {.n_sample = 1}, {.engine = PRT_SCREEN_TANGENT, .n_sample = 1u << 20},
+        {.engine = PRT_SCREEN_TEXTURE, .n_sample = 1u << 30}, {.budget_ms = -1}, {.epsilon = 1},
+        {.bound = NAN}, {.engine = (enum prt_screen_engine)9}};
+    for (size_t i = 0; i < sizeof nonsense / sizeof *nonsense; i++)
+        assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &from_front,
+                                             &nonsense[i], b, NULL), PRT_ARG);
+    struct prt_material broken = marble;
+    broken.sigma_a[1] = NAN;
+    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &broken, NULL, 1, &from_front,
+                                         &options, b, NULL), PRT_ARG);
     free(b);
     stage_finish(&s);
     model_finish(&model);
@@ -830,6 +874,7 @@ int main(void)
         cmocka_unit_test(mip_samples_follow_value),
         cmocka_unit_test(split_weights),
         cmocka_unit_test(touching_objects_exchange_nothing),
+        cmocka_unit_test(media_keep_apart),
         cmocka_unit_test(thin_wall_shines),
         cmocka_unit_test(translation_changes_nothing),
         cmocka_unit_test(irradiance_closed_forms),
