@@ -35,16 +35,18 @@ static const char *set_row(struct options *options, const struct row *row, const
     char *end;
     errno = 0;
     if (row->kind == KIND_TEXT) {
-        *(const char **)field = strdup(text);
+        *(const char **)field = text; // argv, a preset or the configuration's text: all stay
         return NULL;
     }
     double x = strtod(text, &end);
     if (end == text || !isfinite(x) || x < 0 || errno) return "a number >= 0 is wanted";
     if (row->kind == KIND_BYTES) {
-        const char *units = "kMGT", *unit = *end ? strchr(units, *end) : NULL;
-        if (*end && !unit) return "bytes with an optional k, M, G or T are wanted";
-        for (; unit && unit >= units; unit--) x *= 1024;
-        if (*end) end++;
+        static const char units[] = " kMGT";
+        int power = *end ? 4 : 0;
+        while (power && units[power] != *end) power--;
+        if (*end && !power) return "bytes with an optional k, M, G or T are wanted";
+        for (int i = 0; i < power; i++) x *= 1024;
+        if (power) end++;
         if (x > 1e18) return "that many bytes do not exist";
         *(uint64_t *)field = (uint64_t)x;
     } else if (row->kind == KIND_COUNT) {
@@ -61,10 +63,10 @@ static const char *set_row(struct options *options, const struct row *row, const
 static const char *add_listen(struct options *options, const char *text)
 {
     if (options->n_listen == OPTIONS_MAX_LISTEN) return "too many listen addresses";
-    bool tcp = !strncmp(text, "tcp:", 4) && strchr(text + 4, ':');
+    bool tcp = !strncmp(text, "tcp:", 4) && strrchr(text, ':') > text + 3;
     if (!tcp && (strncmp(text, "unix:", 5) || !text[5]))
         return "tcp:HOST:PORT or unix:PATH is wanted";
-    options->listen[options->n_listen++] = strdup(text);
+    options->listen[options->n_listen++] = text;
     return NULL;
 }
 
@@ -81,16 +83,22 @@ static void fail_line(const char *path, int line, const char *word, const char *
     exit(2);
 }
 
+static char *config_text; // options point into it
+
 static void read_config(struct options *options, const char *path)
 {
+    enum { MOST = 1 << 20 };
     FILE *file = fopen(path, "r");
-    if (!file) {
-        fprintf(stderr, "relightd: %s: %s\n", path, strerror(errno));
+    char *text = file && !config_text ? calloc(1, MOST) : NULL;
+    if (!text || (!fread(text, 1, MOST - 1, file) && ferror(file))) {
+        fprintf(stderr, "relightd: %s: %s\n", path,
+                config_text ? "one configuration file is enough" : strerror(errno));
         exit(2);
     }
-    char line[4096];
-    for (int n = 1; fgets(line, sizeof line, file); n++) {
-        char *word = trim(line);
+    fclose(file);
+    config_text = text;
+    for (int n = 1; text; n++) {
+        char *word = trim(strsep(&text, "\n"));
         if (!*word || *word == '#') continue;
         char *value = strchr(word, '=');
         if (!value) fail_line(path, n, word, "`word = value` is wanted");
@@ -103,7 +111,6 @@ static void read_config(struct options *options, const char *path)
             if (!strcmp(word, table[i].word)) fault = set_row(options, &table[i], value);
         if (fault) fail_line(path, n, word, fault);
     }
-    fclose(file);
 }
 
 static void print_wrapped(const char *text)

@@ -83,7 +83,8 @@ static void test_garbage(void **state)
     unsigned x = 12345;
     for (size_t i = 0; i < sizeof noise; i++) noise[i] = (uint8_t)((x = x * 1103515245 + 12345) >> 16);
     expect_bad_frame(noise, sizeof noise, false);
-    expect_bad_frame("GET / HTTP/1.1\r\nHost: somebody\r\n\r\n", 36, false);
+    static const char http[] = "GET / HTTP/1.1\r\nHost: somebody\r\n\r\n";
+    expect_bad_frame(http, sizeof http - 1, false);
     expect_bad_frame(noise, sizeof noise, true);
 }
 
