@@ -205,11 +205,15 @@ static void stop(void)
     // Work under way comes back to find nobody waiting; then everything is released.
     decoder_destroy(server.decoder);
     server.decoder = NULL;
-    if (server.work) {
-        for (int i = 0; i < 100 && work_busy(server.work); i++) loop_turn(server.loop, 50);
-        work_pool_destroy(server.work);
-        loop_turn(server.loop, 0);
+    uint64_t patience = loop_now_ns() + 20000000000u;
+    while (server.work && work_busy(server.work)) {
+        if (loop_now_ns() > patience) { // nothing is lost but tidiness
+            log_line(LOG_WARN, "stop with work under way");
+            _exit(0);
+        }
+        loop_turn(server.loop, 50);
     }
+    work_pool_destroy(server.work);
     models_destroy(server.models);
     memo_destroy(server.files);
     memo_destroy(server.memo);

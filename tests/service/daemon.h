@@ -145,6 +145,19 @@ static inline int daemon_stop(struct daemon *d)
     return -1;
 }
 
+// Ends a group: the daemon is to drain and leave with 0, else its log is shown.
+static inline int daemon_end(struct daemon *d)
+{
+    int status = daemon_stop(d);
+    if (status) {
+        char *text = read_text(d->log);
+        size_t n = strlen(text);
+        fprintf(stderr, "status %d; its log ends with:\n%s", status, n > 6000 ? text + n - 6000 : text);
+        free(text);
+    }
+    return status;
+}
+
 static inline int remove_one(const char *path, const struct stat *st, int kind, struct FTW *where)
 {
     return remove(path);

@@ -18,7 +18,7 @@ static int setup(void **state)
 
 static int teardown(void **state)
 {
-    int status = daemon_stop(&d);
+    int status = daemon_end(&d);
     daemon_remove(&d);
     return status;
 }

@@ -21,7 +21,7 @@ static int group_setup(void **state)
 
 static int group_teardown(void **state)
 {
-    int status = daemon_stop(&d);
+    int status = daemon_end(&d);
     daemon_remove(&d);
     return status;
 }
