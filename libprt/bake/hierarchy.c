@@ -107,6 +107,12 @@ void hierarchy_destroy(struct hierarchy *h)
     free(h);
 }
 
+static int index_order(const void *a, const void *b)
+{
+    uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return x < y ? -1 : x > y;
+}
+
 static void split(const struct prt_mesh *mesh, struct clusters *c, uint32_t begin, uint32_t n,
                   uint32_t target, uint32_t object, bool translucent, struct item *scratch)
 {
@@ -116,6 +122,8 @@ static void split(const struct prt_mesh *mesh, struct clusters *c, uint32_t begi
         split(mesh, c, begin + n / 2, n - n / 2, target, object, translucent, scratch);
         return;
     }
+    // File order within a cluster: answers are scattered to it.
+    qsort(c->order + begin, n, sizeof *c->order, index_order);
     uint32_t at = c->n_cluster++;
     c->cluster[at] = (struct prt_cluster){.vertex_begin = begin, .n_vertex = n};
     c->object[at] = object;

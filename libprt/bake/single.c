@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
 // Single scattering along -n_o (W05 eq 10-12, METHODS §3.5) with far fewer rays than texels x
 // points: along the path, the way out towards a direction is piecewise linear in depth for any
-// smooth surface, so it is traced at four depths and the exponentials between them are
-// integrated in closed form. The two deeper depths share one ray between 2 x 2 texels.
+// smooth surface, so it is traced at five depths and the exponentials between them are
+// integrated in closed form. The deeper depths share one ray between 2 x 2 texels, but for
+// those near the horizon.
 #include "bake/stages.h"
 
 #include <math.h>
@@ -55,7 +56,7 @@ struct lane_out {
 // Traces up to 16 directions from one point inside the body to their exits. Returns rays cast.
 static unsigned trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,
                             const float p[3], struct prt_packet *packet, uint32_t mask,
-                            uint32_t object, struct lane_out out[16])
+                            struct lane_out out[16])
 {
     const struct prt_mesh *mesh = plan->mesh;
     float eps = prt_scene_epsilon(plan->scene);
@@ -135,9 +136,9 @@ void single_plan_depths(struct single_plan *plan)
         plan->first_mm = 0.05f, plan->last_mm = 60, plan->inward_mm = INFINITY;
         return;
     }
-    plan->n_node = 4, plan->n_fine = 2;
-    plan->first_mm = 0.15f / largest(plan->sigma_t);
-    plan->last_mm = 1.6f / smallest(plan->sigma_t);
+    plan->n_node = 5, plan->n_fine = 2;
+    plan->first_mm = 0.1f / largest(plan->sigma_t);
+    plan->last_mm = 4 / smallest(plan->sigma_t);
     plan->inward_mm = 12 / smallest(plan->sigma_t);
 }
 
@@ -146,17 +147,12 @@ static float luminance(const float c[3])
     return 0.2126f * c[0] + 0.7152f * c[1] + 0.0722f * c[2];
 }
 
-// Directions of lane group k at a jitter: packets of `directions` hold 2 x 2 texels x 4 subs;
-// sub `pick` of each texel is one jittered direction in it. Four packets make one of ours.
-static void pick_lanes(const struct directions *d, unsigned pattern, uint32_t first_packet,
-                       unsigned pick, struct prt_packet *out)
+// The direction that stands for texel i (0..3) of block b: one sub-sample of one jitter, the same
+// at every depth, so that the way out can be followed from node to node.
+static size_t texel_ray(const struct directions *d, unsigned pattern, uint32_t block, uint32_t i)
 {
-    size_t base = ((size_t)(pattern % d->n_pattern) * d->n_packet + first_packet) * 16;
-    for (int i = 0; i < 16; i++) {
-        size_t at = base + (size_t)i * 4 + ((pick + (unsigned)i) & 3);
-        out->dx[i] = d->x[at], out->dy[i] = d->y[at], out->dz[i] = d->z[at];
-        out->tfar[i] = INFINITY;
-    }
+    return ((size_t)(pattern % d->n_pattern) * d->n_packet + block) * 16 + i * 4 +
+           (((pattern >> 6) + i) & 3);
 }
 
 // The far end of the rays that leave through the bulk: nothing comes back from deeper.
@@ -174,55 +170,73 @@ static void store(struct exits *e, uint32_t texel, const struct lane_out *lane)
     for (int k = 0; k < 3; k++) e->dir[k][texel] = lane->dir[k];
 }
 
-// Fills a node for every texel: one ray a texel, or one for each 2 x 2.
+// Rays waiting to be traced from one point, each for one texel or for the four of its block.
+struct queue {
+    const struct single_plan *plan;
+    const struct fresnel_table *fresnel;
+    const float *p, *n;
+    struct exits *out;
+    struct prt_packet packet;
+    uint32_t fill, texel[16];  // texel: first of four entries of directions.texel, or one
+    bool shared[16];
+    uint64_t rays;
+};
+
+static void flush(struct queue *q)
+{
+    struct lane_out lane[16], nothing = {.way = fminf(2 * q->plan->inward_mm, 1e4f)};
+    uint32_t mask = q->fill == 16 ? 0xffff : (1u << q->fill) - 1;
+    if (!q->fill) return;
+    for (uint32_t i = 0; i < 16; i++) {
+        if (i >= q->fill) q->packet.dx[i] = 1, q->packet.dy[i] = q->packet.dz[i] = 0;
+        q->packet.tfar[i] = INFINITY;
+    }
+    limit_inward(q->n, q->plan->inward_mm, &q->packet);
+    q->rays += trace_exits(q->plan, q->fresnel, q->p, &q->packet, mask, lane);
+    for (uint32_t i = 0; i < q->fill; i++) {
+        const struct lane_out *from = lane[i].way > 0 || lane[i].open > 0 ? &lane[i] : &nothing;
+        const uint32_t *texel = q->plan->directions->texel + q->texel[i];
+        for (uint32_t j = 0; j < (q->shared[i] ? 4u : 1u); j++) store(q->out, texel[j], from);
+    }
+    q->fill = 0;
+}
+
+static void push(struct queue *q, unsigned pattern, uint32_t block, uint32_t i, bool shared)
+{
+    const struct directions *d = q->plan->directions;
+    size_t at = texel_ray(d, pattern, block, i);
+    q->packet.dx[q->fill] = d->x[at], q->packet.dy[q->fill] = d->y[at];
+    q->packet.dz[q->fill] = d->z[at];
+    q->texel[q->fill] = block * 4 + (shared ? 0 : i);
+    q->shared[q->fill] = shared;
+    if (++q->fill == 16) flush(q);
+}
+
+static const float horizon = 0.12f; // |cosine| below which a block's texels differ too much
+
+// Fills a node for every texel: a ray each, or, for a coarse node, one for a whole 2 x 2 block
+// away from the horizon. What was too far from the surface at the shallower node stays so.
 static uint64_t trace_node(const struct single_plan *plan, const struct fresnel_table *fresnel,
                            const float p[3], const float n[3], unsigned pattern, bool fine,
-                           const struct exits *shallower, float dead, uint32_t object,
+                           const struct exits *shallower, float dead, const float *side,
                            struct exits *out)
 {
     const struct directions *d = plan->directions;
-    struct prt_packet packet;
-    struct lane_out lane[16];
-    float most = plan->inward_mm;
-    uint64_t rays = 0;
-    uint32_t step = fine ? 4 : 16;
-    for (uint32_t first = 0; first < d->n_packet; first += step) {
-        uint32_t mask = 0;
-        if (fine) {
-            pick_lanes(d, pattern, first, pattern >> 8, &packet);
-            for (uint32_t i = 0; i < 16; i++) {
-                uint32_t t = d->texel[(first + i / 4) * 4 + i % 4];
-                if (!shallower || shallower->way[t] < dead) mask |= 1u << i;
-            }
-        } else {
-            for (uint32_t i = 0; i < 16; i++) {
-                uint32_t pick = (i + pattern) & 3, t = (first + i) * 4;
-                size_t at = ((size_t)(pattern % d->n_pattern) * d->n_packet + first + i) * 16 +
-                            pick * 4 + ((i >> 2) + (pattern >> 2)) % 4;
-                packet.dx[i] = d->x[at], packet.dy[i] = d->y[at], packet.dz[i] = d->z[at];
-                packet.tfar[i] = INFINITY;
-                float nearest = INFINITY;
-                for (uint32_t j = 0; j < 4; j++)
-                    nearest = fminf(nearest, shallower->way[d->texel[t + j]]);
-                if (nearest < dead) mask |= 1u << i;
-            }
+    struct queue q = {.plan = plan, .fresnel = fresnel, .p = p, .n = n, .out = out};
+    struct lane_out nothing = {.way = fminf(2 * plan->inward_mm, 1e4f)};
+    for (uint32_t block = 0; block < d->n_packet; block++) {
+        const uint32_t *texel = d->texel + (size_t)block * 4;
+        bool alone = fine, alive = !shallower;
+        for (int i = 0; i < 4; i++) {
+            if (!fine && fabsf(side[texel[i]]) < horizon) alone = true;
+            if (shallower && shallower->way[texel[i]] < dead) alive = true;
         }
-        limit_inward(n, most, &packet);
-        if (mask) {
-            rays += trace_exits(plan, fresnel, p, &packet, mask, object, lane);
-        }
-        for (uint32_t i = 0; i < 16; i++) {
-            struct lane_out nothing = {.way = fminf(2 * most, 1e4f)};
-            const struct lane_out *from =
-                mask >> i & 1 && (lane[i].way > 0 || lane[i].open > 0) ? &lane[i] : &nothing;
-            if (fine)
-                store(out, d->texel[(first + i / 4) * 4 + i % 4], from);
-            else
-                for (uint32_t j = 0; j < 4; j++)
-                    store(out, d->texel[(first + i) * 4 + j], from);
-        }
+        for (uint32_t i = 0; !alive && i < 4; i++) store(out, texel[i], &nothing);
+        if (alive && !alone) push(&q, pattern, block, (block + pattern) & 3, true);
+        for (uint32_t i = 0; alive && alone && i < 4; i++) push(&q, pattern, block, i, false);
     }
-    return rays;
+    flush(&q);
+    return q.rays;
 }
 
 // Depths of the nodes: geometric over the channels' extinctions, inside the body.
@@ -283,8 +297,8 @@ PRT_CLONES static void integrate_isotropic(uint32_t n_coef, const float sigma_t[
                 depth_before = depth[a], open_before = open[a][t];
             }
             // Beyond the last node: the last slope goes on to the end of the path.
-            slope = fmaxf(slope, 0.25f * s);
-            sum += open_before * before * (1 - exp_minus(slope * (end - depth_before))) / slope;
+            float rest = end - depth_before, last = exponent + fmaxf(slope, 0.3f * s) * rest;
+            sum += open_before * rest * mean_exp(before, exp_minus(last), exponent, last);
             row[t] = factor[c] * sum;
         }
     }
@@ -319,8 +333,8 @@ static void integrate_phase(const struct single_plan *plan, const float *depth, 
                 slope = (next - exponent) / step;
                 exponent = next, before = e, depth_before = depth[a];
             }
-            slope = fmaxf(slope, 0.25f * st);
-            float rest = before * (1 - exp_minus(slope * (end - depth_before))) / slope;
+            float left = end - depth_before, last = exponent + fmaxf(slope, 0.3f * st) * left;
+            float rest = left * mean_exp(before, exp_minus(last), exponent, last);
             for (uint32_t k = 0; k < K; k++) {
                 unsigned l = k == 0 ? 0 : k < 4 ? 1 : 2;
                 out[((size_t)k * 3 + (unsigned)c) * n + t] =
@@ -406,7 +420,7 @@ static uint64_t trace_list(const struct single_plan *plan, const struct fresnel_
             packet.dx[i] = x[k], packet.dy[i] = y[k], packet.dz[i] = z[k];
             packet.tfar[i] = INFINITY;
         }
-        rays += trace_exits(plan, fresnel, p, &packet, mask, 0, lane);
+        rays += trace_exits(plan, fresnel, p, &packet, mask, lane);
         struct lane_out nothing = {.way = 1e4f};
         for (uint32_t i = 0; i < m; i++)
             store(out, first + i, lane[i].way > 0 || lane[i].open > 0 ? &lane[i] : &nothing);
@@ -451,7 +465,7 @@ uint64_t single_light(const struct single_plan *plan, const struct fresnel_table
 // W05 as printed: n_point points, every texel's ray at each; the yardstick of the above.
 static uint64_t every_ray(const struct single_plan *plan, const struct fresnel_table *fresnel,
                           const float x[3], const float n[3], float thickness, unsigned pattern,
-                          uint32_t object, struct scratch *s, float *out)
+                          struct scratch *s, float *out)
 {
     const struct directions *d = plan->directions;
     uint32_t K = plan->n_phase;
@@ -463,7 +477,7 @@ static uint64_t every_ray(const struct single_plan *plan, const struct fresnel_t
         float depth = -logf(1 - xi * lambda) / sigma, p[3];
         float weight = lambda / ((float)plan->n_point * sigma * expf(-sigma * depth));
         for (int k = 0; k < 3; k++) p[k] = x[k] - depth * n[k];
-        rays += trace_node(plan, fresnel, p, n, pattern + i * 0x111, true, NULL, 0, object,
+        rays += trace_node(plan, fresnel, p, n, pattern + i * 0x51, true, NULL, 0, NULL,
                            &s->node[0]);
         for (uint32_t t = 0; t < d->n_coef; t++) {
             float open = s->node[0].open[t];
@@ -491,28 +505,27 @@ uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table 
     const float *x = plan->mesh->position[vertex], *n = plan->mesh->normal[vertex];
     struct scratch s = {0};
     carve(plan, memory, &s);
-    uint32_t object = 0;
     uint64_t rays = 1;
     float thickness = thickness_at(plan, x, n);
     unsigned pattern = (unsigned)(prt_hash64(&vertex, sizeof vertex, plan->seed) >> 20);
     if (plan->every_ray)
-        return rays + every_ray(plan, fresnel, x, n, thickness, pattern, object, &s, out);
+        return rays + every_ray(plan, fresnel, x, n, thickness, pattern, &s, out);
     float depth[SINGLE_MAX_NODES], end;
     const float *way[SINGLE_MAX_NODES], *open[SINGLE_MAX_NODES];
     place_nodes(plan, thickness, depth);
+    for (uint32_t k = 0; k < d->n_packet * 4; k++) {
+        size_t at = texel_ray(d, pattern, k / 4, k % 4);
+        s.side[d->texel[k]] = n[0] * d->x[at] + n[1] * d->y[at] + n[2] * d->z[at];
+    }
     for (uint32_t a = 0; a < plan->n_node && a < SINGLE_MAX_NODES; a++) {
         float p[3];
         for (int k = 0; k < 3; k++) p[k] = x[k] - depth[a] * n[k];
         float dead = 0.6f * plan->inward_mm - depth[a];
-        rays += trace_node(plan, fresnel, p, n, pattern + (unsigned)a * 0x135, a < plan->n_fine,
-                           a ? &s.node[a - 1] : NULL, dead, object, &s.node[a]);
+        rays += trace_node(plan, fresnel, p, n, pattern, a < plan->n_fine,
+                           a ? &s.node[a - 1] : NULL, dead, s.side, &s.node[a]);
         way[a] = s.node[a].way, open[a] = s.node[a].open;
     }
     end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
-    for (uint32_t k = 0; k < d->n_packet * 4; k++) {
-        size_t at = ((size_t)(k / 4)) * 16 + (k % 4) * 4;
-        s.side[d->texel[k]] = n[0] * d->x[at] + n[1] * d->y[at] + n[2] * d->z[at];
-    }
     if (plan->extinction) {
         integrate_radial(plan, depth, end, &s, d->n_coef, NULL, out);
     } else if (plan->n_phase == 1) {
