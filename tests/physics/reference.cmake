@@ -1,0 +1,1 @@
+prt_test(reference SOURCES ${CMAKE_CURRENT_LIST_DIR}/reference.c LIBS prt_reference LABELS physics TIMEOUT 300)
