@@ -22,6 +22,8 @@ struct memo_entry *sky_get(struct server *server, const struct render_spec *spec
 /* The camera asked for, or one that frames the model. */
 void camera_choose(const struct render_spec *s, const struct prt_mesh *mesh,
                    struct prt_camera *out);
+/* Pictures that take seconds may not hold every worker. */
+enum work_class picture_class(const struct render_spec *s);
 struct memo_entry *visibility_get(struct model *model, struct memo_entry *file,
                                   const struct render_spec *s, const struct prt_camera *c);
 

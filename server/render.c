@@ -251,7 +251,7 @@ static void final(struct render *r)
     }
     r->work.run = run_final;
     r->work.done = done_final;
-    r->work.class = WORK_INTERACTIVE;
+    r->work.class = s->picture ? picture_class(s) : WORK_INTERACTIVE;
     work_submit(r->server->work, &r->work);
 }
 

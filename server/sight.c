@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { LARGE_PICTURE = 4 << 20 }; // pixels
+
 struct seeing {
     struct work work;
     struct memo_entry *entry, *file;
@@ -58,6 +60,11 @@ void camera_choose(const struct render_spec *s, const struct prt_mesh *mesh,
     if (s->fovy_deg > 0) out->fovy_deg = s->fovy_deg;
 }
 
+enum work_class picture_class(const struct render_spec *s)
+{
+    return (uint64_t)s->width * s->height > LARGE_PICTURE ? WORK_BACKGROUND : WORK_INTERACTIVE;
+}
+
 struct memo_entry *visibility_get(struct model *model, struct memo_entry *file,
                                   const struct render_spec *s, const struct prt_camera *c)
 {
@@ -82,6 +89,7 @@ struct memo_entry *visibility_get(struct model *model, struct memo_entry *file,
     memo_hold(seeing->file);
     seeing->work.run = run_seeing;
     seeing->work.done = done_seeing;
+    seeing->work.class = picture_class(s);
     work_submit(model->server->work, &seeing->work);
     return entry;
 }

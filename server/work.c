@@ -67,7 +67,7 @@ static void *worker(void *arg)
         prt_context_init(&ctx);
         ctx.log = work_keep_error;
         ctx.log_user = work;
-        ctx.pool = background ? NULL : pool->cores;
+        ctx.pool = pool->cores;
         ctx.cpu = pool->cpu;
         work->error[0] = 0;
         work->status = work->run(work, &ctx);

@@ -430,7 +430,7 @@ static void test_deadline(void **state)
     struct relight_light light = {.env = "constant:0.1,0.9,0.4"};
     struct relight_image_request request = {
         .model = model, .n_light = 1, .lights = &light,
-        .picture = {.width = 4096, .height = 4096, .format = RELIGHT_PNG}};
+        .picture = {.width = 1500, .height = 1500, .format = RELIGHT_PNG}};
     OK(relight_image_begin(client, &request, 0.005, &id, &error));
     int status = relight_image_end(client, id, &image, &error);
     assert_true(status == -RELIGHT_E_DEADLINE || status == -RELIGHT_E_TIMEOUT);
@@ -448,7 +448,7 @@ static void test_cancelled_request(void **state)
     struct relight_light light = {.env = "constant:0.2,0.9,0.4"};
     struct relight_image_request request = {
         .model = model, .n_light = 1, .lights = &light,
-        .picture = {.width = 4096, .height = 4000, .format = RELIGHT_PNG}};
+        .picture = {.width = 1500, .height = 1400, .format = RELIGHT_PNG}};
     OK(relight_image_begin(client, &request, 0, &id, &error));
     OK(relight_cancel(client, id, &error));
     int status = relight_image_end(client, id, &image, &error);
@@ -456,6 +456,33 @@ static void test_cancelled_request(void **state)
     else expect(status, RELIGHT_E_CANCELLED, &error, NULL);
     double seconds;
     OK(relight_ping(client, &seconds, &error));
+    relight_close(client);
+}
+
+// Pictures that take seconds leave a worker to the others.
+static void test_large_pictures_leave_room(void **state)
+{
+    enum { N = 3 };
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    uint64_t id[N];
+    struct relight_light light = {.env = "constant"};
+    for (int i = 0; i < N; i++) {
+        struct relight_image_request request = {
+            .model = model, .n_light = 1, .lights = &light,
+            .picture = {.width = 2200, .height = 2100 + (uint32_t)i, .format = RELIGHT_PNG}};
+        OK(relight_image_begin(client, &request, 0, &id[i], &error));
+    }
+    float out[18];
+    light.env = "constant:0.11,0.22,0.33";
+    colors_of(client, &light, 1, false, RELIGHT_F32, out);
+    double open = metric(client, "relightd_requests_open");
+    assert_true(open >= 3); // two pictures at least, and this question
+    for (int i = 0; i < N; i++) {
+        struct relight_image image;
+        OK(relight_image_end(client, id[i], &image, &error));
+        relight_image_finish(&image);
+    }
     relight_close(client);
 }
 
@@ -613,6 +640,7 @@ int main(void)
         cmocka_unit_test(test_prt_in_models_folder),
         cmocka_unit_test(test_deadline),
         cmocka_unit_test(test_cancelled_request),
+        cmocka_unit_test(test_large_pictures_leave_room),
         cmocka_unit_test(test_waiting_requests_share_a_pass),
         cmocka_unit_test(test_equal_requests_are_computed_once),
         cmocka_unit_test(test_view_draws_the_last_state),
