@@ -418,3 +418,12 @@ __attribute__((weak)) const char *__lsan_default_suppressions(void)
     return "leak:libOSMesa\nleak:swrast_dri\nleak:libEGL\nleak:libgallium\n";
 }
 #endif
+
+#if defined(__SANITIZE_THREAD__)
+// OSMesa's locks are not seen by the sanitizer, which then takes its threads for careless.
+__attribute__((weak)) const char *__tsan_default_suppressions(void);
+__attribute__((weak)) const char *__tsan_default_suppressions(void)
+{
+    return "race:libOSMesa\nrace:swrast_dri\nrace:libgallium\nmutex:libOSMesa\n";
+}
+#endif

@@ -93,21 +93,22 @@ static void test_damaged_bake_is_refused_and_made_anew(void **state)
 
 static void test_sigterm_answers_what_is_open(void **state)
 {
-    daemon_start(&d, NULL);
+    static const char *const extra[] = {"--drain", "60", NULL};
+    daemon_start(&d, extra);
     struct relight_client *client = client_open(d.address);
     struct relight_error error;
     struct relight_image image;
     struct relight_light light = {.env = "constant"};
     struct relight_image_request request = {
         .model = model, .n_light = 1, .lights = &light,
-        .picture = {.width = 2600, .height = 2200, .format = RELIGHT_PNG}};
+        .picture = {.width = 1600, .height = 1200, .format = RELIGHT_PNG}};
     uint64_t id;
     OK(relight_image_begin(client, &request, 0, &id, &error));
     sleep_ms(30); // it is being worked on
     kill(d.pid, SIGTERM);
     assert_true(log_says(&d, " drain ", 5000));
     OK(relight_image_end(client, id, &image, &error));
-    assert_int_equal(image.width, 2600);
+    assert_int_equal(image.width, 1600);
     relight_image_finish(&image);
     assert_int_equal(daemon_stop(&d), 0);
     relight_close(client);
