@@ -221,11 +221,12 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
     return status;
 }
 
-static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
+int bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct bake *b = arg;
     struct fresnel_table fresnel;
-    uint32_t n_coef = b->directions->n_coef, F = 3 * b->o.n_phase;
+    uint32_t n_coef = b->directions->n_coef;
+    uint32_t F = b->o.n_phase * (b->single.extinction ? b->single.extinction->n_function : 3);
     int status = PRT_OK;
     prt_trace_thread_init();
     fresnel_table_init(&fresnel, b->o.material.eta);
@@ -329,7 +330,7 @@ static int bake_wavelet(struct bake *b)
     half_rows_finish(&b->irradiance);
     if (status != PRT_OK || b->o.no_single || !b->surface) return status;
     bake_plan_single(b);
-    return bake_tensor(b, PRT_TERM_SINGLE, "single scattering", single_range, 3 * b->o.n_phase,
+    return bake_tensor(b, PRT_TERM_SINGLE, "single scattering", bake_single_range, 3 * b->o.n_phase,
                        b->o.n_phase, T_SINGLE);
 }
 

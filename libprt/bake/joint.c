@@ -47,43 +47,14 @@ static int opaque_range(void *arg, size_t begin, size_t end, unsigned worker)
     return status;
 }
 
-static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
-{
-    struct joint *job = arg;
-    struct bake *b = job->b;
-    struct fresnel_table fresnel;
-    uint32_t n_coef = b->directions->n_coef;
-    uint32_t F = b->o.n_phase * job->bases.extinction->n_function;
-    int status = PRT_OK;
-    prt_trace_thread_init();
-    fresnel_table_init(&fresnel, b->o.material.eta);
-    void *scratch = prt_alloc(single_scratch_bytes(&b->single), 1);
-    for (size_t c = begin; status == PRT_OK && c < end; c++) {
-        if (!b->clusters->translucent[c]) continue;
-        const struct prt_cluster *cluster = &b->clusters->cluster[c];
-        float *t = prt_alloc((size_t)cluster->n_vertex * F * n_coef, sizeof *t);
-        if (!t || !scratch) status = PRT_NOMEM;
-        for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++)
-            b->rays_single[c] +=
-                single_rows(&b->single, &fresnel, b->clusters->order[cluster->vertex_begin + i],
-                            t + (size_t)i * F * n_coef, scratch);
-        struct dense_rows rows = {t, cluster->n_vertex, F, n_coef};
-        struct row_source source = {&rows, cluster->n_vertex, dense_multiply, dense_project};
-        if (status == PRT_OK) status = bake_take_rows(b, (uint32_t)c, F, &source);
-        prt_free(t);
-    }
-    prt_free(scratch);
-    return status;
-}
-
-// The step that made b->out's newest tensor hands `joint` to its loop through here.
+// Hands `joint` to the loops of multiple scattering; single scattering's want the bake alone.
 static int tensor(struct joint *j, enum prt_term term, const char *stage, prt_loop_fn range,
                   uint32_t n_function, uint32_t n_phase, const struct prt_radial *radial)
 {
     struct bake *b = j->b;
     b->train = radial ? j->bases.train : NULL;
     b->n_train = j->bases.n_train;
-    b->loop_arg = j;
+    b->loop_arg = term == PRT_TERM_MULTIPLE ? j : NULL;
     int status = bake_tensor(b, term, stage, range, n_function, n_phase,
                              term ? T_SINGLE : T_MULTIPLE);
     b->loop_arg = NULL;
@@ -114,7 +85,7 @@ static int bake_terms(struct joint *j)
     single_plan_depths(&b->single);
     status = bases_train_extinction(b, &j->bases, b->o.n_phase);
     if (status == PRT_OK)
-        status = tensor(j, PRT_TERM_SINGLE, "single scattering", single_range,
+        status = tensor(j, PRT_TERM_SINGLE, "single scattering", bake_single_range,
                         b->o.n_phase * j->bases.extinction->n_function, b->o.n_phase,
                         j->bases.extinction);
     return status;

@@ -84,7 +84,7 @@ static int examine(struct examination *e, enum prt_answer_term answer,
     const struct prt_transport *t = e->transport;
     struct prt_query query = {.term = answer, .light = light};
     struct prt_reference_options options = {.term = term, .vertex = e->vertex, .n_vertex = e->n,
-                                            .n_sample = 80000, .n_ray = 1024, .n_single = 8192,
+                                            .n_sample = 60000, .n_ray = 512, .n_single = 4096,
                                             .seed = 99};
     struct prt_context quiet = *e->ctx;
     quiet.progress = NULL;

@@ -191,9 +191,6 @@ static int shape(struct polynomial *p, enum prt_term term, uint32_t n_phase,
     return t->u ? bases_record(radial, n_phase, t) : PRT_NOMEM;
 }
 
-// Opaque vertices under the fixed light, as one more radial tensor would need a material: they
-// are stored as a factored tensor of their own by the joint bake; here the light is known, so a
-// rank-one block with a constant coefficient would do, but the file's kernels know no constant.
 static int light_of(struct bake *b, struct prt_cube *cube)
 {
     return prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, cube);
@@ -206,6 +203,12 @@ int bake_polynomial(struct bake *b)
     double started = prt_time_s();
     if (!b->surface)
         return prt_fail(b->ctx, PRT_ARG, "nothing is translucent: no material to edit");
+    for (uint32_t c = 0; c < b->clusters->n_cluster; c++)
+        if (!b->clusters->translucent[c]) {
+            prt_log(b->ctx, PRT_LOG_WARNING,
+                    "opaque surfaces stay black in a polynomial bake: use --transport joint");
+            break;
+        }
     int status = light_of(b, &cube);
     if (status == PRT_OK) status = bases_create(b, &p.bases);
     if (status == PRT_OK)

@@ -40,6 +40,8 @@ int bake_opaque_rows(struct bake *b, uint32_t cluster, uint32_t *vertex_block);
 /* A tensor of the next slot: `range` over clusters takes rows, then packing. */
 int bake_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_fn range,
                 uint32_t n_function, uint32_t n_phase, unsigned clock);
+/* A bake_tensor range over a struct bake: single scattering's rows as b->single plans them. */
+int bake_single_range(void *bake, size_t begin, size_t end, unsigned worker);
 /* Fills b->single from the material; a radial basis, when wanted, is set afterwards. */
 void bake_plan_single(struct bake *b);
 int bake_joint(struct bake *b);
