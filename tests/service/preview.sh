@@ -22,7 +22,7 @@ fail() {
 expect() {
     local want=$1 got program=$2
     shift 2
-    timeout 120 "$bin/$program" "$@" >out 2>err </dev/null
+    timeout 400 "$bin/$program" "$@" >out 2>err </dev/null
     got=$?
     [ $got = "$want" ] || fail "status $got, not $want: $program $*"
 }
