@@ -363,6 +363,19 @@ static void describe(const struct bake *b, char *out, size_t n)
              b->o.settings_json ? b->o.settings_json : "");
 }
 
+// A polynomial bake can only be asked about the light it fixed.
+static int examine(struct bake *b, char *errors, size_t n)
+{
+    struct prt_cube own = {0};
+    bool fixed = b->o.engine == PRT_ENGINE_POLYNOMIAL;
+    int status = fixed ? prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, &own)
+                       : PRT_OK;
+    if (status == PRT_OK)
+        status = measure_bake(b->ctx, &b->out, fixed ? &own : NULL, 200, b->o.seed, errors, n);
+    prt_cube_finish(&own);
+    return status;
+}
+
 static void release(struct bake *b)
 {
     for (uint32_t t = 0; t < b->out.n_tensor; t++) tensor_finish(&b->out.tensor[t]);
@@ -400,7 +413,7 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
                  : b.o.engine == PRT_ENGINE_POLYNOMIAL ? bake_polynomial(&b)
                                                        : bake_wavelet(&b);
     if (status == PRT_OK && b.surface)
-        status = measure_wavelet(ctx, &b.out, 200, b.o.seed, errors, sizeof errors);
+        status = examine(&b, errors, sizeof errors);
     if (status == PRT_OK) {
         // Times are told, not stored: equal bakes are equal bytes.
         prt_log(ctx, PRT_LOG_NOTE,

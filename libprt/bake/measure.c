@@ -97,8 +97,9 @@ static int examine(struct examination *e, enum prt_answer_term answer,
     return status;
 }
 
-int measure_wavelet(const struct prt_context *ctx, const struct prt_transport *transport,
-                    uint32_t n_vertex, uint64_t seed, char *errors, size_t n)
+int measure_bake(const struct prt_context *ctx, const struct prt_transport *transport,
+                 const struct prt_cube *own, uint32_t n_vertex, uint64_t seed, char *errors,
+                 size_t n)
 {
     struct examination e = {.ctx = ctx, .transport = transport};
     e.vertex = prt_alloc(n_vertex, sizeof *e.vertex);
@@ -114,18 +115,19 @@ int measure_wavelet(const struct prt_context *ctx, const struct prt_transport *t
     size_t at = (size_t)snprintf(errors, n, "{\"vertices\":%u,\"multiple\":{", e.n);
     for (unsigned term = 0; term < (single ? 2u : 1u); term++) {
         if (term) at += (size_t)snprintf(errors + at, n - at, "},\"single\":{");
-        for (unsigned l = 0; status == PRT_OK && e.n && l < MEASURE_LIGHTS; l++) {
+        for (unsigned l = 0; status == PRT_OK && e.n && l < (own ? 1 : MEASURE_LIGHTS); l++) {
             struct prt_cube light = {0};
             double error = 0;
-            status = measure_light(l, transport->cube, &light);
+            if (!own) status = measure_light(l, transport->cube, &light);
             if (status == PRT_OK) status = prt_progress(ctx, "measuring", (l + 3.0 * term) / 6);
             if (status == PRT_OK)
                 status = examine(&e, term ? PRT_ANSWER_SINGLE : PRT_ANSWER_MULTIPLE,
-                                 term ? PRT_REFERENCE_SINGLE : PRT_REFERENCE_MULTIPLE, &light,
-                                 &error);
+                                 term ? PRT_REFERENCE_SINGLE : PRT_REFERENCE_MULTIPLE,
+                                 own ? own : &light, &error);
             prt_cube_finish(&light);
             e.worst[term] = fmax(e.worst[term], error);
-            at += (size_t)snprintf(errors + at, n - at, "\"%s\":%.6f,", measure_light_name[l],
+            at += (size_t)snprintf(errors + at, n - at, "\"%s\":%.6f,",
+                                   own ? "own" : measure_light_name[l],
                                    error);
         }
         at += (size_t)snprintf(errors + at, n - at, "\"worst\":%.6f", e.worst[term]);
