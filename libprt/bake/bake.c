@@ -55,6 +55,9 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
         return prt_fail(ctx, PRT_ARG, "--storage sparse goes with --transport wavelet only");
     if (o->engine == PRT_ENGINE_POLYNOMIAL && !o->env)
         return prt_fail(ctx, PRT_ARG, "--transport polynomial fixes the light: give it --env");
+    if (o->n_shard > 1)
+        return prt_fail(ctx, PRT_UNSUPPORTED,
+                        "--shard: a bake cannot be split yet; leave it out to bake the whole");
     if (o->n_single > 1024)
         return prt_fail(ctx, PRT_ARG, "single-scattering points %u: must lie in [1, 1024]",
                         o->n_single);

@@ -155,9 +155,8 @@ static void sum_node(struct pass_one *p, uint32_t at, float *row, float *child)
     prt_f32_to_f16_array(row, n, p->rows->half + (n_sample + at) * n);
 }
 
-// Children have larger indices than their parent and `depth` layers are independent; summing
-// from the last node to the first within a layer list keeps it simple: leaves in parallel,
-// inner nodes in falling order.
+// Children have larger indices than their parent: leaves in parallel first, then inner nodes in
+// falling order.
 static int leaf_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct pass_one *p = arg;

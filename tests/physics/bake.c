@@ -26,8 +26,7 @@ static const char *file(const char *name)
     return path;
 }
 
-// A dented ball of about 16 mm, so that there is shadow and curvature of every sign. With
-// `floor`, an opaque square lies below it as an object of its own.
+// A dented ball of about 16 mm, so that there is shadow and curvature of every sign.
 static struct prt_mesh *body(void)
 {
     enum { U = 56, V = 28 };
