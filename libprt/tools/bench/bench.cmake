@@ -1,5 +1,7 @@
-# prt-bench: every .c file here is a benchmark (see bench.h).
+# prt-bench: every .c file here is a benchmark (see bench.h). Some measure the daemon from a
+# client's side: they need its program beside them.
 file(GLOB prt_bench_sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_LIST_DIR}/*.c)
 add_executable(prt-bench ${prt_bench_sources})
-target_link_libraries(prt-bench PRIVATE prt_options prt m)
+target_link_libraries(prt-bench PRIVATE prt_options prt librelight m)
+add_dependencies(prt-bench relightd)
 install(TARGETS prt-bench RUNTIME DESTINATION bin)

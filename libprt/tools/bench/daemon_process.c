@@ -1,0 +1,238 @@
+// SPDX-License-Identifier: MIT
+// The daemon under measurement, and the environment files it is given.
+#include "daemon.h"
+
+#include "synthetic.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <ftw.h>
+#include <limits.h>
+#include <math.h>
+#include <signal.h>
+#include <spawn.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+extern char **environ;
+
+// ---- the process
+
+static int made_up_bunny(const struct bench_env *env, const char *path)
+{
+    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
+                                  .value = PRT_VALUE_F16,
+                                  .n_vertex = env->quick ? 3000 : 34835,
+                                  .n_cluster = 64,
+                                  .rank = 40,
+                                  .n_phase = 1,
+                                  .cube = 32,
+                                  .coefs = 512,
+                                  .seed = env->seed};
+    struct prt_transport t = {.cube = 32, .n_tensor = 1, .material = {.eta = 1.3f}};
+    int status = synthetic_mesh(o.n_vertex, false, &t.mesh);
+    if (!status) status = synthetic_tensor(&o, &t.tensor[0]);
+    if (!status) status = prt_file_write(&env->ctx, path, &t);
+    synthetic_tensor_finish(&t.tensor[0]);
+    synthetic_mesh_finish(&t.mesh);
+    return status;
+}
+
+static int lay_out(struct bench_env *env, struct bench_daemon *d)
+{
+    char path[64], real[PATH_MAX];
+    strcpy(d->folder, "/tmp/prt-bench-XXXXXX");
+    if (!mkdtemp(d->folder)) {
+        d->folder[0] = 0;
+        return prt_fail(&env->ctx, PRT_IO, "no temporary folder: %s", strerror(errno));
+    }
+    snprintf(path, sizeof path, "%s/models", d->folder);
+    if (mkdir(path, 0700)) return prt_fail(&env->ctx, PRT_IO, "%s: %s", path, strerror(errno));
+    snprintf(d->model, sizeof d->model, "measured");
+    snprintf(path, sizeof path, "%s/models/measured.prt", d->folder);
+    if (!env->file) return made_up_bunny(env, path);
+    if (!realpath(env->file, real) || symlink(real, path))
+        return prt_fail(&env->ctx, PRT_IO, "%s: %s", env->file, strerror(errno));
+    return PRT_OK;
+}
+
+static void find_program(char out[PATH_MAX])
+{
+    ssize_t n = readlink("/proc/self/exe", out, PATH_MAX - 16);
+    char *slash = NULL;
+    if (n > 0) {
+        out[n] = 0;
+        slash = strrchr(out, '/');
+    }
+    if (slash) strcpy(slash + 1, "relightd");
+    if (!slash || access(out, X_OK)) strcpy(out, "relightd");
+}
+
+static int spawn(struct bench_env *env, struct bench_daemon *d, const char *log)
+{
+    char program[PATH_MAX], models[64], data[64], threads[16], cpu[16], *argv[16];
+    unsigned n = 0;
+    find_program(program);
+    snprintf(models, sizeof models, "%s/models", d->folder);
+    snprintf(data, sizeof data, "%s/data", d->folder);
+    snprintf(d->address[0], sizeof d->address[0], "unix:%s/socket", d->folder);
+    snprintf(threads, sizeof threads, "%u", env->threads);
+    snprintf(cpu, sizeof cpu, "%s", env->cpu_name);
+    char *const all[] = {"relightd", "--models", models, "--data", data, "--listen",
+                         d->address[0], "--listen", "tcp:127.0.0.1:0", "--threads", threads,
+                         "--cpu", cpu, NULL};
+    for (; all[n]; n++) argv[n] = all[n];
+    argv[n] = NULL;
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_addopen(&actions, 2, log, O_WRONLY | O_CREAT | O_TRUNC, 0600);
+    int err = posix_spawnp(&d->pid, program, &actions, NULL, argv, environ);
+    posix_spawn_file_actions_destroy(&actions);
+    if (!err) return PRT_OK;
+    d->pid = 0;
+    return prt_fail(&env->ctx, PRT_IO, "%s cannot be started: %s", program, strerror(err));
+}
+
+// The log names the port it was given, and says when everything is up.
+static bool came_up(struct bench_daemon *d, const char *log, char last[256])
+{
+    char line[256];
+    bool up = false;
+    FILE *file = fopen(log, "r");
+    while (file && fgets(line, sizeof line, file)) {
+        char *at = strstr(line, "listen address=tcp:");
+        up |= strstr(line, " start version=") != NULL;
+        snprintf(last, 256, "%.*s", (int)strcspn(line, "\n"), line);
+        if (!at) continue;
+        at += strlen("listen address=");
+        snprintf(d->address[1], sizeof d->address[1], "%.*s", (int)strcspn(at, " \n"), at);
+    }
+    if (file) fclose(file);
+    return up && d->address[1][0];
+}
+
+int bench_daemon_start(struct bench_env *env, struct bench_daemon *out)
+{
+    char log[64], last[256] = "";
+    *out = (struct bench_daemon){.pid = 0};
+    int status = lay_out(env, out);
+    snprintf(log, sizeof log, "%s/log", out->folder);
+    if (!status) status = spawn(env, out, log);
+    double begin = prt_time_s();
+    while (!status && !came_up(out, log, last)) {
+        int how;
+        bool gone = waitpid(out->pid, &how, WNOHANG) == out->pid;
+        if (gone) out->pid = 0;
+        if (gone || prt_time_s() - begin > 30)
+            status = prt_fail(&env->ctx, PRT_IO, "relightd did not come up: %s", last);
+        usleep(2000);
+    }
+    if (status) bench_daemon_stop(out);
+    return status;
+}
+
+static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *where)
+{
+    return remove(path);
+}
+
+void bench_daemon_stop(struct bench_daemon *d)
+{
+    if (d->pid > 0) {
+        kill(d->pid, SIGTERM);
+        while (waitpid(d->pid, NULL, 0) < 0 && errno == EINTR) continue;
+    }
+    if (d->folder[0]) nftw(d->folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+    d->pid = 0;
+    d->folder[0] = 0;
+}
+
+// ---- environment files
+
+enum { WIDTH = 1024, HEIGHT = 512 };
+
+static int paint(uint32_t number, struct prt_image *out)
+{
+    struct prt_rng rng;
+    prt_rng_init(&rng, number, 17);
+    *out = (struct prt_image){WIDTH, HEIGHT, prt_alloc((size_t)WIDTH * HEIGHT, 12)};
+    if (!out->rgb) return PRT_NOMEM;
+    float sun_x = (float)WIDTH * prt_rng_f32(&rng);
+    float sun_y = (float)HEIGHT * (0.1f + 0.35f * prt_rng_f32(&rng));
+    for (int y = 0; y < HEIGHT; y++)
+        for (int x = 0; x < WIDTH; x++) {
+            float *p = out->rgb + 3 * ((size_t)y * WIDTH + (size_t)x);
+            float up = 1 - 2 * (float)y / HEIGHT, dx = (float)x - sun_x, dy = (float)y - sun_y;
+            float sun = 400 * expf(-(dx * dx + dy * dy) / 18), grain;
+            for (int c = 0; c < 3; c++) {
+                grain = 0.9f + 0.2f * prt_rng_f32(&rng);
+                float sky = up > 0 ? 0.5f + 0.25f * (float)c * up : 0.2f - 0.05f * (float)c;
+                p[c] = grain * sky + sun;
+            }
+        }
+    return PRT_OK;
+}
+
+static void rgbe(const float p[3], uint8_t out[4])
+{
+    int e;
+    float high = fmaxf(p[0], fmaxf(p[1], p[2])), m = frexpf(high, &e) * 256 / high;
+    for (int c = 0; c < 3; c++) out[c] = (uint8_t)(p[c] * m);
+    out[3] = (uint8_t)(e + 128);
+}
+
+// Radiance's run-length rows; grain leaves no runs, so all are literal.
+static int encode_hdr(const struct prt_image *image, struct prt_blob *out)
+{
+    static const char head[] = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 512 +X 1024\n";
+    size_t row = 4 + 4 * (WIDTH + WIDTH / 128);
+    uint8_t *bytes = prt_alloc(sizeof head - 1 + row * HEIGHT, 1), *p = bytes;
+    if (!bytes) return PRT_NOMEM;
+    memcpy(p, head, sizeof head - 1);
+    p += sizeof head - 1;
+    for (uint32_t y = 0; y < HEIGHT; y++) {
+        uint8_t texel[WIDTH][4];
+        for (uint32_t x = 0; x < WIDTH; x++)
+            rgbe(image->rgb + 3 * ((size_t)y * WIDTH + x), texel[x]);
+        *p++ = 2;
+        *p++ = 2;
+        *p++ = WIDTH >> 8;
+        *p++ = WIDTH & 255;
+        for (int c = 0; c < 4; c++)
+            for (uint32_t x = 0; x < WIDTH; x++) {
+                if (x % 128 == 0) *p++ = 128;
+                *p++ = texel[x][c];
+            }
+    }
+    *out = (struct prt_blob){bytes, (size_t)(p - bytes)};
+    return PRT_OK;
+}
+
+static int encode_png(const struct prt_context *ctx, const struct prt_image *image,
+                      struct prt_blob *out)
+{
+    uint8_t *rgb8 = prt_alloc((size_t)WIDTH * HEIGHT, 3);
+    if (!rgb8) return PRT_NOMEM;
+    for (size_t i = 0; i < (size_t)WIDTH * HEIGHT * 3; i++)
+        rgb8[i] = (uint8_t)(255 * powf(fminf(image->rgb[i], 1), 1 / 2.2f) + 0.5f);
+    int status = prt_encode_png(ctx, rgb8, WIDTH, HEIGHT, 3, out);
+    prt_free(rgb8);
+    return status;
+}
+
+int bench_env_file(const struct prt_context *ctx, const char *format, uint32_t number,
+                   struct prt_blob *out)
+{
+    struct prt_image image;
+    int status = paint(number, &image);
+    if (status) return prt_fail(ctx, status, "no memory for an environment");
+    if (!strcmp(format, "hdr")) status = encode_hdr(&image, out);
+    else if (!strcmp(format, "exr")) status = prt_encode_exr(ctx, &image, false, out);
+    else status = encode_png(ctx, &image, out);
+    prt_image_finish(&image);
+    return status;
+}
