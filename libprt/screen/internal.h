@@ -125,7 +125,7 @@ struct prt_screen {
     struct samples peel;           /* layers of the last spacing asked for */
     float peel_spacing;
     uint32_t atlas_size;
-    double pair_rate, ray_rate;    /* a second, as last seen */
+    double slowness[4];            /* engine's seconds over plan_seconds, as seen; 0: not yet */
 };
 
 /* One frame on its way through an engine. */
@@ -144,6 +144,7 @@ struct frame {
     struct prt_screen_light *light;
     const struct prt_cube *cube;
     const struct prt_screen_options *options;
+    uint64_t seed;                   /* of this frame: options' and the frame's number */
     float (*radiance)[3];
     struct prt_screen_report *report;
 };
@@ -166,6 +167,23 @@ int engine_splat(struct frame *f);
 int engine_tangent(struct frame *f);
 int engine_texture(struct frame *f, bool hybrid);
 int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double *error);
+
+/* Seconds of two cores and relative RMSE foreseen; the samples that fit; what a frame took. */
+double plan_seconds(enum prt_screen_engine e, uint32_t n, uint32_t n_point, uint32_t n_light);
+double plan_error(enum prt_screen_engine e, uint32_t n, double area_mm2, double diameter_mm,
+                  double mean_free_path_mm);
+uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n_point,
+                      uint32_t n_light, double seconds);
+void plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n, uint32_t n_point,
+                uint32_t n_light, double seconds);
+/* Relative RMSE of radiance [n_point][3] against REFERENCE at some 500 points. */
+int screen_measure(const struct prt_context *ctx, struct prt_screen *screen,
+                   const struct prt_visibility *vis, const struct prt_material *material,
+                   const struct prt_cube *cube, uint32_t n_extra,
+                   const struct prt_screen_light *extra, const struct prt_screen_options *options,
+                   const float (*radiance)[3], double *error);
+/* Samples asked for: the options', a budget's, or the default, doubled by refine. */
+uint32_t frame_samples(const struct frame *f, uint32_t normal, uint32_t most);
 
 /* Profiles as tables are fitted to: three dipoles, or a prt_screen_profile. */
 void prt_screen_dipole_profile(const void *dipole3, double r_mm, double out[3]);

@@ -32,14 +32,12 @@ int prt_screen_create(const struct prt_context *ctx, const struct prt_mesh *mesh
     if (!s) return prt_fail(ctx, PRT_NOMEM, "screen: no memory");
     s->mesh = mesh;
     s->scene = scene;
-    s->pair_rate = 1e9;
-    s->ray_rate = 5e6;
     float box[2][3];
     double d2 = 0;
     prt_mesh_bounds(mesh, box);
     for (int k = 0; k < 3; k++) d2 += ((double)box[1][k] - box[0][k]) * ((double)box[1][k] - box[0][k]);
     s->diameter_mm = (float)sqrt(d2);
-    s->area_mm2 = 0;
+    s->area_mm2 = prt_surface_area(mesh);
     int status = PRT_OK;
     if (!isfinite(d2) || !(d2 > 0))
         status = prt_fail(ctx, PRT_ARG, "screen: the model has no extent");
@@ -217,6 +215,67 @@ static void finish_frame(struct frame *f)
     free(f->light);
 }
 
+// Everything a frame needs before an engine runs.
+static int begin_frame(struct frame *f, const struct prt_material *material, uint32_t n_extra,
+                       const struct prt_screen_light *extra)
+{
+    prt_visibility_gbuffer(f->vis, &f->g);
+    prt_visibility_camera(f->vis, NULL, &f->width, &f->height, NULL);
+    f->n_object = f->screen->mesh->n_object;
+    f->seed = f->options->seed + (uint64_t)f->options->frame * 0x9e3779b97f4a7c15ULL;
+    int status = check_options(f->ctx, f->options);
+    if (!status) status = make_tables(f, material);
+    if (!status) status = make_lights(f, n_extra, extra);
+    if (!status && tiles_build(&f->g, f->screen->mesh, f->width, f->height, &f->tiles))
+        status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for tiles");
+    return status;
+}
+
+uint32_t frame_samples(const struct frame *f, uint32_t normal, uint32_t most)
+{
+    const struct prt_screen_options *o = f->options;
+    uint32_t n = o->n_sample;
+    if (!n && o->budget_ms > 0)
+        n = plan_samples(f->screen, o->engine, f->g.n_point, f->n_light,
+                         (double)o->budget_ms * 1e-3);
+    if (!n) n = normal;
+    uint64_t finer = (uint64_t)n << min_u(o->refine, 16);
+    if (finer > n) n = (uint32_t)(finer < most ? finer : n > most ? n : most);
+    return n;
+}
+
+enum { MEASURE_TEXELS = 65536, MEASURE_POINTS = 500 };
+
+int screen_measure(const struct prt_context *ctx, struct prt_screen *screen,
+                   const struct prt_visibility *vis, const struct prt_material *material,
+                   const struct prt_cube *cube, uint32_t n_extra,
+                   const struct prt_screen_light *extra, const struct prt_screen_options *options,
+                   const float (*radiance)[3], double *error)
+{
+    struct prt_screen_report report = {0};
+    struct frame f = {.ctx = ctx, .screen = screen, .vis = vis, .cube = cube, .options = options,
+                      .report = &report};
+    int status = begin_frame(&f, material, n_extra, extra);
+    // read only: engine_reference compares
+    f.radiance = (float(*)[3])(uintptr_t)radiance;
+    if (!status && f.tiles.n_tile && screen->area_mm2 > 0)
+        status = engine_reference(&f, MEASURE_TEXELS, f.g.n_point / MEASURE_POINTS + 1, error);
+    finish_frame(&f);
+    return status;
+}
+
+// What the daemon and the plan are told afterwards.
+static void report_frame(struct frame *f, double seconds)
+{
+    enum prt_screen_engine e = f->options->engine;
+    struct prt_screen_report *r = f->report;
+    if (e == PRT_SCREEN_REFERENCE) return;
+    uint32_t n = e == PRT_SCREEN_SPLAT ? r->grid : r->n_asked;
+    plan_learn(f->screen, e, n, f->g.n_point, f->n_light, seconds);
+    r->expected_error = plan_error(e, n, f->screen->area_mm2, (double)f->screen->diameter_mm,
+                                   (double)smallest_mean_free_path(f));
+}
+
 int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen,
                         const struct prt_visibility *vis, const struct prt_material *material,
                         const struct prt_cube *cube, uint32_t n_extra,
@@ -228,31 +287,19 @@ int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen
     if (!screen || !vis || !material || !options || !radiance)
         return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
     struct frame f = {.ctx = ctx, .screen = screen, .vis = vis, .cube = cube, .options = options,
-                      .radiance = radiance, .report = report ? report : &unused,
-                      .n_object = screen->mesh->n_object};
-    *f.report = (struct prt_screen_report){.engine = options->engine, .error = -1};
-    prt_visibility_gbuffer(vis, &f.g);
-    prt_visibility_camera(vis, NULL, &f.width, &f.height, NULL);
+                      .radiance = radiance, .report = report ? report : &unused};
+    double started = prt_time_s();
+    *f.report = (struct prt_screen_report){.engine = options->engine, .error = -1,
+                                           .frame = options->frame};
+    int status = begin_frame(&f, material, n_extra, extra);
     memset(radiance, 0, f.g.n_point * sizeof *radiance);
-    if (!(screen->area_mm2 > 0)) screen->area_mm2 = prt_surface_area(screen->mesh);
-    int status = check_options(ctx, options);
-    if (!status) status = make_tables(&f, material);
-    if (!status) status = make_lights(&f, n_extra, extra);
-    if (!status && tiles_build(&f.g, screen->mesh, f.width, f.height, &f.tiles))
-        status = prt_fail(ctx, PRT_NOMEM, "screen: no memory for tiles");
     if (!status) status = light_opaque(&f);
     if (!status && f.tiles.n_tile && screen->area_mm2 > 0) {
-        uint64_t before = f.report->n_pair;
         status = run_engine(&f);
-        double s = f.report->scatter_s;
-        // tangent samples are not pairs
-        if (!status && s > 1e-4 && options->engine != PRT_SCREEN_TANGENT &&
-            options->engine != PRT_SCREEN_REFERENCE)
-            screen->pair_rate = (double)(f.report->n_pair - before) / s;
-        if (!status && options->measure_error && !options->profile) {
-            uint32_t stride = f.g.n_point / 500 + 1;
-            status = engine_reference(&f, 65536, stride, &f.report->error);
-        }
+        if (!status) report_frame(&f, prt_time_s() - started);
+        if (!status && options->measure_error && !options->profile)
+            status = engine_reference(&f, MEASURE_TEXELS, f.g.n_point / MEASURE_POINTS + 1,
+                                      &f.report->error);
     }
     finish_frame(&f);
     return status;

@@ -63,17 +63,15 @@ int engine_splat(struct frame *f)
     float r_max = cut_radius(f, epsilon), spacing = 0.75f * lu;
     bool views = only_light_views(f);
     uint32_t least = GRID_MIN, most = views ? GRID_MAX : 160;
-    if (f->options->n_sample) least = most = f->options->n_sample;
     float n = diameter / spacing;
-    if (f->options->budget_ms > 0) {
-        // a splat meets every tile a few times through the tree: cost grows with n², slowly
-        double pairs = f->options->budget_ms * 1e-3 * screen->pair_rate;
-        float fit = (float)sqrt(pairs / (f->g.n_point + 1.0) * 4);
-        n = n < fit ? n : fit;
-    }
+    if (f->options->n_sample) least = most = f->options->n_sample;
+    else if (f->options->budget_ms > 0)
+        n = min_f(n, (float)plan_samples(screen, PRT_SCREEN_SPLAT, f->g.n_point, f->n_light,
+                                         (double)f->options->budget_ms * 1e-3));
     n = n < least ? least : n > most ? most : n;
     // refinement doubles the points, not the grid's side
     n = min_f(n * exp2f(0.5f * (float)min_u(f->options->refine, 12)), max_f(n, GRID_FINE));
+    f->report->n_asked = (uint32_t)n;
     spacing = diameter / n;
     f->report->r_max_mm = r_max;
     f->report->grid = (uint32_t)n;

@@ -161,7 +161,7 @@ static bool make_patterns(struct tangent_job *job, const struct frame *f, const 
 {
     uint32_t n = job->n_tangent, total = n * VARIANTS;
     struct prt_rng rng;
-    prt_rng_init(&rng, f->options->seed, 100);
+    prt_rng_init(&rng, f->seed, 100);
     for (uint32_t v = 0; v < VARIANTS; v++) {
         struct pattern *p = &job->pattern[v];
         p->cosine = malloc((n + 1) * sizeof(float));
@@ -410,15 +410,7 @@ int engine_tangent(struct frame *f)
 {
     struct tangent_job job = {.width = f->width, .height = f->height, .table = f->table,
                               .opaque = f->g.opaque, .radiance = f->radiance};
-    uint32_t n = f->options->n_sample;
-    if (!n && f->options->budget_ms > 0) {
-        // a sample costs about 12 pairs
-        double fit = f->options->budget_ms * 1e-3 * f->screen->pair_rate / 12 / (f->g.n_point + 1.0);
-        n = fit < 8 ? 8 : fit > 4096 ? 4096 : (uint32_t)fit;
-    }
-    if (!n) n = 64;
-    uint64_t finer = (uint64_t)n << min_u(f->options->refine, 16);
-    if (finer > n) n = (uint32_t)(finer < 4096 ? finer : n > 4096 ? n : 4096);
+    uint32_t n = f->report->n_asked = frame_samples(f, 64, 4096);
     job.n_uniform = n / 4;
     job.n_tangent = n - job.n_uniform;
     prt_visibility_frame(f->vis, job.eye, job.forward, job.right, job.up);

@@ -155,8 +155,8 @@ static int draw_emitters(struct frame *f, uint32_t n, struct emitters *list)
         total += (double)(s->e[0][i] + s->e[1][i] + s->e[2][i]) * s->area[i];
     if (!(total > 0)) return PRT_OK;
     struct prt_rng rng;
-    prt_rng_init(&rng, f->options->seed, 1);
-    float shift = f->options->seed ? prt_rng_f32(&rng) : 0.5f;
+    prt_rng_init(&rng, f->seed, 1);
+    float shift = f->seed ? prt_rng_f32(&rng) : 0.5f;
     for (uint32_t first = 0, last; first < s->n; first = last) {
         uint32_t object = s->object[first], n_mip;
         last = first;
@@ -256,15 +256,7 @@ static int local_scatter(struct frame *f, double r_p, float spacing)
 int engine_texture(struct frame *f, bool hybrid)
 {
     struct prt_screen *screen = f->screen;
-    uint32_t n = f->options->n_sample;
-    if (!n && f->options->budget_ms > 0) {
-        double pairs = f->options->budget_ms * 1e-3 * screen->pair_rate * (hybrid ? 0.5 : 0.8);
-        double fit = pairs / (f->g.n_point + 1.0);
-        n = fit < 64 ? 64 : fit > 16384 ? 16384 : (uint32_t)fit;
-    }
-    if (!n) n = hybrid ? 900 : 2500;
-    uint64_t finer = (uint64_t)n << min_u(f->options->refine, 16);
-    if (finer > n) n = (uint32_t)(finer < 16384 ? finer : n > 16384 ? n : 16384);
+    uint32_t n = f->report->n_asked = frame_samples(f, hybrid ? 900 : 2500, 16384);
     double texels = 16384, spacing = smallest_mean_free_path(f), r_p = -1;
     if (hybrid) {
         double bound = f->options->bound > 0 ? f->options->bound : 0.1;

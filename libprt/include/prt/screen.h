@@ -73,17 +73,46 @@ struct prt_screen_options {
     uint64_t seed;
     const struct prt_material *object_material; /* [n_object], or NULL: one for all */
     const struct prt_screen_profile *profile;   /* SPLAT, TEXTURE: [n_object], or NULL: dipoles */
+    uint32_t frame;         /* which picture of a running mean this is: each takes other samples,
+                               and the mean of 0..k goes to REFERENCE as k grows; see
+                               prt_screen_progress. The same seed and frame give the same picture */
 };
 struct prt_screen_report {
     enum prt_screen_engine engine;
     uint32_t n_sample;      /* points of the surface used (a pixel's own, for TANGENT) */
+    uint32_t n_asked;       /* n_sample of the options, or what was chosen in its place */
     uint32_t grid;          /* SPLAT: n */
     uint32_t n_light;
     uint64_t n_ray, n_pair; /* shadow and view rays; evaluations of R_d */
     float r_max_mm, r_p_mm;
     double irradiance_s, scatter_s;
     double error;           /* relative RMSE over covered pixels; < 0: not measured */
+    double expected_error;  /* the same as foreseen from engine, medium, model and n_sample */
+    uint32_t frame;         /* pictures before this one in the running mean */
 };
+
+/* What a budget buys. */
+struct prt_screen_plan {
+    enum prt_screen_engine engine;
+    uint32_t n_sample;
+    double expected_ms;     /* of prt_screen_radiance, from the speed seen so far */
+    double expected_error;  /* relative RMSE against REFERENCE over covered pixels */
+};
+/* Sample counts for one engine so that a picture of this view takes about budget_ms (> 0); lights
+ * as in prt_screen_radiance (n_light: distant lights for a cube; 0: as the options' default,
+ * used only with has_cube). Sets options->engine and n_sample when options is not NULL. PRT_ARG
+ * for a budget that is not positive. Does not block. */
+int prt_screen_plan(const struct prt_context *ctx, const struct prt_screen *screen,
+                    const struct prt_visibility *visibility,
+                    const struct prt_material *material, enum prt_screen_engine engine,
+                    bool has_cube, uint32_t n_light, double budget_ms,
+                    struct prt_screen_options *options, struct prt_screen_plan *out);
+/* The same for all four engines, and the one with the least expected error. */
+int prt_screen_choose(const struct prt_context *ctx, const struct prt_screen *screen,
+                      const struct prt_visibility *visibility,
+                      const struct prt_material *material, bool has_cube, uint32_t n_light,
+                      double budget_ms, struct prt_screen_options *options,
+                      struct prt_screen_plan *out);
 
 /* (1/pi) B at every point of a visibility buffer's G-buffer, albedo/pi E on opaque surfaces:
  * radiance [n_point][3], to be composed by prt_shade_points. Lights: cube (may be NULL) and
@@ -101,6 +130,25 @@ int prt_screen_image(const struct prt_context *ctx, struct prt_screen *screen,
                      uint32_t n_extra, const struct prt_screen_light *extra,
                      const struct prt_screen_options *options, const struct prt_shade *shade,
                      struct prt_image *out, struct prt_screen_report *report);
+
+/* Progressive pictures of one view: the running mean of frames while nothing changes. screen and
+ * visibility must outlive it. One thread at a time. */
+struct prt_screen_progress;
+int prt_screen_progress_create(const struct prt_context *ctx, struct prt_screen *screen,
+                               const struct prt_visibility *visibility,
+                               struct prt_screen_progress **out);
+void prt_screen_progress_destroy(struct prt_screen_progress *progress);
+/* Light, material, options or the model changed: the next frame is the first again. */
+void prt_screen_progress_restart(struct prt_screen_progress *progress);
+uint32_t prt_screen_progress_frames(const struct prt_screen_progress *progress);
+/* One more frame; *out is the mean so far, composed. options->frame and refine are ignored.
+ * measure_error: of the mean. */
+int prt_screen_progress_image(const struct prt_context *ctx, struct prt_screen_progress *progress,
+                              const struct prt_material *material, const struct prt_cube *cube,
+                              uint32_t n_extra, const struct prt_screen_light *extra,
+                              const struct prt_screen_options *options,
+                              const struct prt_shade *shade, struct prt_image *out,
+                              struct prt_screen_report *report);
 
 /* Building blocks, open for tests. */
 /* M03: the radius >= from_mm below which lies a share xi in [0,1) of 2 pi r R_d / rho_d, the

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: MIT
+// What a picture costs and how far off it will be: budgets turned into sample counts.
+#include "internal.h"
+
+#include <math.h>
+#include <string.h>
+
+// Seconds of two cores: fixed + points * per_point + samples * per_sample + points * samples *
+// per_pair. Learned speeds scale all of it.
+struct cost {
+    double fixed, per_point, per_sample, per_pair;
+};
+static const struct cost cost_of[4] = {
+    [PRT_SCREEN_SPLAT] = {1.5e-3, 4e-8, 2.5e-7, 0}, // samples: n x n; the tree makes pairs few
+    [PRT_SCREEN_TANGENT] = {2e-3, 2e-7, 0, 4e-9},
+    [PRT_SCREEN_TEXTURE] = {3e-3, 3e-8, 5e-7, 1.0e-10},
+    [PRT_SCREEN_HYBRID] = {8e-3, 1.5e-7, 5e-7, 1.0e-10},
+};
+static const uint32_t least[4] = {32, 16, 64, 64}, most[4] = {1200, 4096, 16384, 16384};
+
+static double work_of(enum prt_screen_engine e, uint32_t n)
+{
+    return e == PRT_SCREEN_SPLAT ? (double)n * n : (double)n;
+}
+
+double plan_seconds(enum prt_screen_engine e, uint32_t n, uint32_t n_point, uint32_t n_light)
+{
+    const struct cost *c = &cost_of[e];
+    double w = work_of(e, n), lights = n_light > 1 ? n_light : 1;
+    // many lights: every sample traces a ray to each
+    double rays = e == PRT_SCREEN_TANGENT ? n_point : e == PRT_SCREEN_SPLAT ? w : 16 * w + 16384;
+    return c->fixed + n_point * (c->per_point + c->per_pair * w) + w * c->per_sample +
+           (lights - 1) * rays * 5e-8;
+}
+
+// Fits of the convergence table (prt-bench screen_error): share * (x / x0)^-power, x the samples
+// to a mean free path's square of surface (of a pixel, for TANGENT).
+double plan_error(enum prt_screen_engine e, uint32_t n, double area_mm2, double diameter_mm,
+                  double mean_free_path_mm)
+{
+    double l = mean_free_path_mm > 0 ? mean_free_path_mm : 1e-3, w = work_of(e, n);
+    double x = w * l * l / (e == PRT_SCREEN_SPLAT ? diameter_mm * diameter_mm : area_mm2 + 1e-12);
+    switch (e) {
+    case PRT_SCREEN_SPLAT: return fmin(1, 0.006 + 0.012 * pow(x, -1.3));
+    case PRT_SCREEN_TANGENT: return fmin(1, 0.016 + 0.13 / sqrt((double)n));
+    case PRT_SCREEN_TEXTURE: return fmin(1, 0.002 + 0.012 * pow(x, -0.75));
+    case PRT_SCREEN_HYBRID: return fmin(1, 0.010 + 0.0015 * pow(x, -0.5));
+    case PRT_SCREEN_REFERENCE: break;
+    }
+    return 0;
+}
+
+void plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n, uint32_t n_point,
+                uint32_t n_light, double seconds)
+{
+    if ((unsigned)e >= 4 || !(seconds > 0) || !n_point) return;
+    double seen = seconds / plan_seconds(e, n, n_point, n_light);
+    double *speed = &screen->slowness[e];
+    // the first frame of a view also builds what later ones keep: it weighs little
+    *speed = *speed > 0 ? 0.7 * *speed + 0.3 * seen : fmin(seen, 2);
+    *speed = fmin(fmax(*speed, 0.05), 100);
+}
+
+// Translucent area and the smallest mean free path.
+static int examine(const struct prt_context *ctx, const struct prt_screen *screen,
+                   const struct prt_material *material, double *path)
+{
+    int status = prt_material_check(ctx, material);
+    if (status) return status;
+    *path = INFINITY;
+    for (int c = 0; c < 3; c++)
+        *path = fmin(*path, 1.0 / (double)(material->sigma_s_prime[c] + material->sigma_a[c]));
+    return screen->diameter_mm > 0 ? PRT_OK : PRT_ARG;
+}
+
+uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n_point,
+                      uint32_t n_light, double seconds)
+{
+    double slow = screen->slowness[e] > 0 ? screen->slowness[e] : 1;
+    uint32_t lo = least[e], hi = most[e];
+    while (hi - lo > 1) {
+        uint32_t mid = lo + (hi - lo) / 2;
+        if (plan_seconds(e, mid, n_point, n_light) * slow <= seconds) lo = mid;
+        else hi = mid;
+    }
+    return lo;
+}
+
+static int check(const struct prt_context *ctx, const struct prt_screen *screen,
+                 const struct prt_visibility *vis, const struct prt_material *material,
+                 double budget_ms)
+{
+    if (!screen || !vis || !material) return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
+    if (!(budget_ms > 0) || !isfinite(budget_ms))
+        return prt_fail(ctx, PRT_ARG, "screen: a budget of %g ms: must be positive", budget_ms);
+    return PRT_OK;
+}
+
+int prt_screen_plan(const struct prt_context *ctx, const struct prt_screen *screen,
+                    const struct prt_visibility *vis, const struct prt_material *material,
+                    enum prt_screen_engine engine, bool has_cube, uint32_t n_light,
+                    double budget_ms, struct prt_screen_options *options,
+                    struct prt_screen_plan *out)
+{
+    int status = check(ctx, screen, vis, material, budget_ms);
+    if (status) return status;
+    if ((unsigned)engine >= 4)
+        return prt_fail(ctx, PRT_ARG, "screen: engine %d has no budget", (int)engine);
+    double path;
+    if ((status = examine(ctx, screen, material, &path))) return status;
+    struct prt_gbuffer g;
+    prt_visibility_gbuffer(vis, &g);
+    uint32_t lights = has_cube ? n_light ? n_light : 64 : 1;
+    double slow = screen->slowness[engine] > 0 ? screen->slowness[engine] : 1;
+    struct prt_screen_plan plan = {.engine = engine};
+    plan.n_sample = plan_samples(screen, engine, g.n_point, lights, budget_ms * 1e-3);
+    plan.expected_ms = 1e3 * slow * plan_seconds(engine, plan.n_sample, g.n_point, lights);
+    plan.expected_error = plan_error(engine, plan.n_sample, screen->area_mm2,
+                                     (double)screen->diameter_mm, path);
+    if (options) {
+        options->engine = engine;
+        options->n_sample = plan.n_sample;
+    }
+    if (out) *out = plan;
+    return PRT_OK;
+}
+
+int prt_screen_choose(const struct prt_context *ctx, const struct prt_screen *screen,
+                      const struct prt_visibility *vis, const struct prt_material *material,
+                      bool has_cube, uint32_t n_light, double budget_ms,
+                      struct prt_screen_options *options, struct prt_screen_plan *out)
+{
+    struct prt_screen_plan best = {0}, plan;
+    for (int e = 0; e < 4; e++) {
+        int status = prt_screen_plan(ctx, screen, vis, material, (enum prt_screen_engine)e,
+                                     has_cube, n_light, budget_ms, NULL, &plan);
+        if (status) return status;
+        // one that cannot keep the budget is taken only when none can
+        bool fits = plan.expected_ms <= 1.1 * budget_ms;
+        bool best_fits = best.n_sample && best.expected_ms <= 1.1 * budget_ms;
+        bool better = !best.n_sample || (fits && !best_fits) ||
+                      (fits == best_fits &&
+                       (fits ? plan.expected_error < best.expected_error
+                             : plan.expected_ms < best.expected_ms));
+        if (better) best = plan;
+    }
+    if (options) {
+        options->engine = best.engine;
+        options->n_sample = best.n_sample;
+    }
+    if (out) *out = best;
+    return PRT_OK;
+}
