@@ -85,9 +85,8 @@ static int prepare(struct bake *b)
     double started = prt_time_s();
     const struct prt_mesh *mesh = b->mesh;
     float finest = INFINITY, steepest = 0;
+    prt_material_dipoles(&b->o.material, b->dipole);
     for (int c = 0; c < 3; c++) {
-        prt_dipole_init(&b->dipole[c], b->o.material.sigma_s_prime[c], b->o.material.sigma_a[c],
-                        b->o.material.eta);
         finest = fminf(finest, (float)(1 / b->dipole[c].sigma_t_prime));
         steepest = fmaxf(steepest, (float)b->dipole[c].sigma_tr);
     }
@@ -332,6 +331,8 @@ static int bake_wavelet(struct bake *b)
                              T_MULTIPLE);
     half_rows_finish(&b->irradiance);
     if (status != PRT_OK || b->o.no_single || !b->surface) return status;
+    if (b->o.material.profile) // its R_d holds all light that leaves
+        return PRT_OK;
     bake_plan_single(b);
     return bake_tensor(b, PRT_TERM_SINGLE, "single scattering", bake_single_range, 3 * b->o.n_phase,
                        b->o.n_phase, T_SINGLE);
@@ -352,7 +353,7 @@ static void describe(const struct bake *b, char *out, size_t n)
     for (uint32_t c = 0; b->rays_single && c < b->clusters->n_cluster; c++)
         rays += b->rays_single[c];
     char material[512];
-    prt_material_print(&b->o.material, material, sizeof material);
+    prt_material_summary(&b->o.material, material, sizeof material);
     snprintf(out, n,
              "{\"engine\":\"%s\",\"storage\":\"%s\",\"cube\":%u,\"samples\":%u,\"spacing_mm\":%g,"
              "\"phase_terms\":%u,\"single_points\":%u,\"coeffs\":%u,\"max_error\":%g,\"seed\":%llu,"

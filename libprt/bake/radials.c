@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Radial bases as the bake's stages use them.
 #include "bake/radials.h"
+#include "prt/profile.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -37,14 +38,34 @@ static double diagonal(const struct prt_mesh *mesh)
     return sqrt(sum);
 }
 
+// The bake's material as profiles to hold exactly, where it has an R_d of its own.
+static int own_profiles(const struct bake *b, struct prt_profile out[3], uint32_t *n)
+{
+    const struct prt_material *m = &b->o.material;
+    double r[PRT_MATERIAL_MAX_POINT], rd[PRT_MATERIAL_MAX_POINT];
+    int status = PRT_OK;
+    for (*n = 0; m->profile && *n < 3 && status == PRT_OK; ++*n) {
+        for (uint32_t i = 0; i < m->n_point; i++)
+            r[i] = (double)m->radius[i], rd[i] = (double)m->reflectance[*n][i];
+        status = prt_profile_init_curve(b->ctx, m->name, &out[*n], m->n_point, r, rd);
+    }
+    return status;
+}
+
 int bases_create(struct bake *b, struct bases *s)
 {
+    struct prt_profile own[3] = {{.kind = PRT_PROFILE_CURVE}};
+    uint32_t n_own = 0;
     double size = diagonal(b->mesh);
     memset(s, 0, sizeof *s);
     struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED, .family = PRT_FAMILY_DIPOLE,
                                    .eta = b->o.material.eta, .radius_mm = 1.01 * size,
                                    .max_error = 0.1 * b->o.max_error};
-    int status = prt_radial_create(b->ctx, &o, &s->reflectance);
+    int status = own_profiles(b, own, &n_own);
+    o.extra = own, o.n_extra = n_own;
+    if (status == PRT_OK) status = prt_radial_create(b->ctx, &o, &s->reflectance);
+    for (uint32_t i = 0; i < n_own; i++) prt_profile_finish(&own[i]);
+    o.extra = NULL, o.n_extra = 0;
     if (status == PRT_OK && !b->o.no_single) {
         o.family = PRT_FAMILY_EXTINCTION;
         o.radius_mm = 3 * size;
@@ -74,7 +95,7 @@ static double log_step(double lo, double hi, int i, int n)
 static int grey_fit(const struct prt_radial *radial, const struct bake *b, double sigma_s_prime,
                     double sigma_a, float *out)
 {
-    struct prt_material m = b->o.material;
+    struct prt_material m = {.eta = b->o.material.eta};
     float coef[64 * 3];
     for (int c = 0; c < 3; c++)
         m.sigma_s_prime[c] = (float)sigma_s_prime, m.sigma_a[c] = (float)sigma_a, m.g[c] = 0;
@@ -89,7 +110,7 @@ int bases_train_reflectance(struct bake *b, struct bases *s)
     static const double absorb[ABSORB] = {0.0008, 0.02, 0.25, 1.6};
     uint32_t J = s->reflectance->n_function;
     free(s->train);
-    s->n_train = SCATTER * ABSORB;
+    s->n_train = SCATTER * ABSORB + (b->o.material.profile ? 3 : 0);
     s->train = malloc((size_t)s->n_train * J * sizeof *s->train);
     int status = s->train ? PRT_OK : PRT_NOMEM;
     for (int i = 0; status == PRT_OK && i < SCATTER * ABSORB; i++) {
@@ -99,6 +120,14 @@ int bases_train_reflectance(struct bake *b, struct bases *s)
         prt_dipole_init(&d, scatter, absorb[i % ABSORB], b->o.material.eta);
         status = grey_fit(s->reflectance, b, scatter, absorb[i % ABSORB], row);
         for (uint32_t j = 0; j < J; j++) row[j] /= (float)d.rho_d;
+    }
+    if (status == PRT_OK && b->o.material.profile) { // and the bake's own, channel by channel
+        float coef[64 * 3];
+        status = prt_radial_fit_material(s->reflectance, &b->o.material, coef, NULL);
+        for (uint32_t c = 0; c < 3; c++)
+            for (uint32_t j = 0; j < J; j++)
+                s->train[(SCATTER * ABSORB + (size_t)c) * J + j] =
+                    coef[3 * j + c] / (float)b->dipole[c].rho_d;
     }
     return status;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The classical dipole of one channel, its closed-form tail, and scalar evaluation.
-#include "prt/medium.h"
+#include "material.h"
 
 #include <math.h>
 
@@ -38,6 +38,7 @@ static double pole_rd(double sigma, double z, double r)
 
 double prt_dipole_rd(const struct prt_dipole *dipole, double r_mm)
 {
+    if (dipole->n_point) return material_table_rd(dipole, r_mm);
     return dipole->albedo_prime / (4 * M_PI) *
            (pole_rd(dipole->sigma_tr, dipole->z_r, r_mm) +
             pole_rd(dipole->sigma_tr, dipole->z_v, r_mm));
@@ -45,6 +46,7 @@ double prt_dipole_rd(const struct prt_dipole *dipole, double r_mm)
 
 double prt_dipole_tail(const struct prt_dipole *dipole, double r_mm)
 {
+    if (dipole->n_point) return material_table_tail(dipole, r_mm);
     double d_r = hypot(r_mm, dipole->z_r), d_v = hypot(r_mm, dipole->z_v);
     return dipole->albedo_prime / 2 *
            (dipole->z_r * exp(-dipole->sigma_tr * d_r) / d_r +

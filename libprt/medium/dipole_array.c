@@ -5,10 +5,9 @@
 // c = -sigma log2(e). The power is taken by rounding c d to a multiple of 1/16 (1/8 in AVX2) with
 // a magic addition, whose low bits look 2^(k/16) up in a register, and a short polynomial for
 // the rest: 4e-7 relative.
-#include "prt/medium.h"
+#include "material.h"
 
 #include <math.h>
-#include <string.h>
 #if defined(__x86_64__)
 #include <immintrin.h>
 #endif
@@ -194,6 +193,10 @@ void prt_dipole_rd_array(const struct prt_dipole *dipole, unsigned cpu, size_t n
                          const float *r2_mm2, float *out)
 {
     struct pole pole[2];
+    if (dipole->n_point) {
+        material_table_array(dipole, n, r2_mm2, out);
+        return;
+    }
     poles_init(dipole, pole);
 #if defined(__x86_64__)
     if (cpu & PRT_CPU_AVX512) {
@@ -214,7 +217,7 @@ void prt_dipole_rd3_array(const struct prt_dipole dipole[3], unsigned cpu, size_
 {
     float *const out[3] = {out0, out1, out2};
 #if defined(__x86_64__)
-    if (cpu & PRT_CPU_AVX512) {
+    if (cpu & PRT_CPU_AVX512 && !dipole->n_point) {
         struct pole pole[3][2];
         for (int c = 0; c < 3; c++) poles_init(&dipole[c], pole[c]);
         rd3_array_avx512(pole, n, r2_mm2, out);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Materials: the measured presets, the ranges every parameter must keep, and names.
 #include "material.h"
+#include "prt/profile.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -81,7 +82,8 @@ int prt_material_check(const struct prt_context *ctx, const struct prt_material 
         v.sigma_a[c] = material->sigma_a[c];
         v.g[c] = material->g[c];
     }
-    return material_check_values(ctx, material->name[0] ? material->name : "material", &v);
+    int err = material_check_values(ctx, material->name[0] ? material->name : "material", &v);
+    return err < 0 ? err : material_check_profile(ctx, material);
 }
 
 static void preset_names(char *buf, size_t n)
@@ -99,18 +101,17 @@ int prt_material_load(const struct prt_context *ctx, const char *name_or_file,
             *out = presets[i];
             return PRT_OK;
         }
-    if (name_or_file[strspn(name_or_file, " \t\r\n")] == '{')
-        return prt_material_parse(ctx, "material", name_or_file, strlen(name_or_file), out);
-    if (access(name_or_file, F_OK)) {
+    bool text = name_or_file[strspn(name_or_file, " \t\r\n")] == '{';
+    if (!text && access(name_or_file, F_OK)) {
         char names[160];
         preset_names(names, sizeof names);
         return prt_fail(ctx, PRT_ARG, "%s: no such material file, and not a preset (%s)",
                         name_or_file, names);
     }
-    struct prt_blob file;
-    int err = prt_read_file(ctx, name_or_file, MATERIAL_MAX_BYTES, &file);
+    struct prt_optics optics; /* a curve's file lies beside the material's */
+    int err = prt_optics_load(ctx, name_or_file, &optics);
     if (err < 0) return err;
-    err = prt_material_parse(ctx, name_or_file, file.bytes, file.size, out);
-    prt_free(file.bytes);
-    return err;
+    *out = optics.material;
+    prt_optics_finish(&optics);
+    return PRT_OK;
 }

@@ -26,6 +26,17 @@ int material_range(const struct prt_context *ctx, const char *what, const char *
 int material_check_values(const struct prt_context *ctx, const char *what,
                           const struct material_values *v);
 
+/* R_d of a dipole that has a profile: at r, its integral beyond r, at sqrt(r2[i]). */
+double material_table_rd(const struct prt_dipole *dipole, double r_mm);
+double material_table_tail(const struct prt_dipole *dipole, double r_mm);
+void material_table_array(const struct prt_dipole *dipole, size_t n, const float *r2_mm2,
+                          float *out);
+/* optics->channel as optics->material's profile; logs when its points are too few for it. */
+struct prt_optics;
+int material_from_optics(const struct prt_context *ctx, const char *what,
+                         struct prt_optics *optics);
+int material_check_profile(const struct prt_context *ctx, const struct prt_material *m);
+
 /* Parses one JSON object of at most MATERIAL_MAX_BYTES; no trailing bytes. Caller deletes. */
 int material_json_object(const struct prt_context *ctx, const char *what, const char *json,
                          size_t n, cJSON **out);

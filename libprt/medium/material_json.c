@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 // Material JSON, read strictly: a misspelt key is an error, not a default.
 #include "material.h"
+#include "prt/profile.h"
 
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -113,11 +115,6 @@ static int object_to_material(const struct prt_context *ctx, const char *what,
     struct material_values v = {.eta = 1.3, .roughness = 0.3};
     struct prt_material material = {.name = "custom"};
     int err;
-    if (cJSON_GetObjectItemCaseSensitive(object, "profile"))
-        return prt_fail(ctx, PRT_UNSUPPORTED,
-                        "%s: a material with a \"profile\" of its own needs polynomial or joint "
-                        "transport; here give sigma_s_prime and sigma_a",
-                        what);
     if ((err = material_json_keys(ctx, what, object, keys)) < 0 ||
         (err = material_json_name(ctx, what, object, material.name)) < 0 ||
         (err = material_json_rgb(ctx, what, object, "sigma_s_prime", false, true,
@@ -143,11 +140,16 @@ int prt_material_parse(const struct prt_context *ctx, const char *what, const ch
                        size_t n, struct prt_material *out)
 {
     cJSON *object;
+    struct prt_optics optics;
     int err = material_json_object(ctx, what, json, n, &object);
     if (err < 0) return err;
-    err = object_to_material(ctx, what, object, out);
+    bool profile = cJSON_GetObjectItemCaseSensitive(object, "profile") != NULL;
+    if (!profile) err = object_to_material(ctx, what, object, out);
     cJSON_Delete(object);
-    return err;
+    if (!profile || (err = prt_optics_parse(ctx, what, NULL, json, n, &optics)) < 0) return err;
+    *out = optics.material;
+    prt_optics_finish(&optics);
+    return PRT_OK;
 }
 
 static void escape_name(const char name[32], char out[64])
@@ -170,16 +172,82 @@ static const char *shortest(float x, char buf[24])
     return buf;
 }
 
+/* snprintf to the end of a text that may be cut. */
+struct text {
+    char *buf;
+    size_t n, used;
+};
+
+static void __attribute__((format(printf, 2, 3))) put(struct text *t, const char *fmt, ...)
+{
+    va_list args;
+    va_start(args, fmt);
+    bool room = t->used < t->n;
+    int k = vsnprintf(room ? t->buf + t->used : NULL, room ? t->n - t->used : 0, fmt, args);
+    va_end(args);
+    t->used += k > 0 ? (size_t)k : 0;
+}
+
+static void put_numbers(struct text *t, unsigned n, const float *x)
+{
+    char digits[24];
+    for (unsigned i = 0; i < n; i++) put(t, "%s%s", i ? "," : "[", shortest(x[i], digits));
+    put(t, "]");
+}
+
+static void put_end(struct text *t, const struct prt_material *m)
+{
+    char digits[2][24];
+    put(t, ",\"eta\":%s,\"roughness\":%s}", shortest(m->eta, digits[0]),
+        shortest(m->roughness, digits[1]));
+}
+
 int prt_material_print(const struct prt_material *material, char *buf, size_t n)
 {
-    const float *s = material->sigma_s_prime, *a = material->sigma_a, *g = material->g;
-    const float x[11] = {s[0], s[1], s[2], a[0], a[1], a[2],
-                         g[0], g[1], g[2], material->eta, material->roughness};
-    char name[64], t[11][24];
+    struct text t = {buf, n, 0};
+    char name[64];
     escape_name(material->name, name);
-    for (int i = 0; i < 11; i++) shortest(x[i], t[i]);
-    return snprintf(buf, n,
-                    "{\"name\":\"%s\",\"sigma_s_prime\":[%s,%s,%s],\"sigma_a\":[%s,%s,%s],"
-                    "\"g\":[%s,%s,%s],\"eta\":%s,\"roughness\":%s}",
-                    name, t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], t[9], t[10]);
+    put(&t, "{\"name\":\"%s\"", name);
+    if (material->profile) {
+        put(&t, ",\"profile\":\"curve\",\"radius\":");
+        put_numbers(&t, material->n_point, material->radius);
+        for (int c = 0; c < 3; c++) {
+            put(&t, c ? "," : ",\"rd\":[");
+            put_numbers(&t, material->n_point, material->reflectance[c]);
+        }
+        put(&t, "]");
+    } else {
+        put(&t, ",\"sigma_s_prime\":");
+        put_numbers(&t, 3, material->sigma_s_prime);
+        put(&t, ",\"sigma_a\":");
+        put_numbers(&t, 3, material->sigma_a);
+        put(&t, ",\"g\":");
+        put_numbers(&t, 3, material->g);
+    }
+    put_end(&t, material);
+    return (int)t.used;
+}
+
+int prt_material_summary(const struct prt_material *material, char *buf, size_t n)
+{
+    static const char *const kind[] = {"dipole", "burley", "multipole", "curve"};
+    struct text t = {buf, n, 0};
+    struct prt_dipole d[3];
+    char name[64];
+    if (!material->profile) return prt_material_print(material, buf, n);
+    escape_name(material->name, name);
+    prt_material_dipoles(material, d);
+    const float total[3] = {(float)d[0].rho_d, (float)d[1].rho_d, (float)d[2].rho_d};
+    put(&t, "{\"name\":\"%s\",\"profile\":\"%s\",\"points\":%u,\"radius_mm\":[%.4g,%.4g],",
+        name, kind[material->profile & 3], material->n_point, (double)material->radius[0],
+        (double)material->radius[material->n_point - 1]);
+    put(&t, "\"reflectance\":");
+    put_numbers(&t, 3, total);
+    put(&t, ",\"nearest_dipole\":{\"sigma_s_prime\":");
+    put_numbers(&t, 3, material->sigma_s_prime);
+    put(&t, ",\"sigma_a\":");
+    put_numbers(&t, 3, material->sigma_a);
+    put(&t, "}");
+    put_end(&t, material);
+    return (int)t.used;
 }

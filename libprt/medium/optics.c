@@ -283,7 +283,7 @@ static int read_object(const struct prt_context *ctx, const char *what, const ch
     for (int c = 0; err == PRT_OK && c < 3; c++)
         nearest_dipole(&o->channel[c], o->material.eta, &o->material.sigma_s_prime[c],
                        &o->material.sigma_a[c]);
-    return err;
+    return err < 0 ? err : material_from_optics(ctx, what, o);
 }
 
 int prt_optics_parse(const struct prt_context *ctx, const char *what, const char *folder,

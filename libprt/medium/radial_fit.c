@@ -279,6 +279,22 @@ static double fit_members(const struct radial *radial, const struct radial_membe
     return radial_project(radial, 3, f, inside, coef);
 }
 
+/* A material's own R_d; < 0 when nothing of it lies inside the grid. */
+static double fit_own_profile(const struct radial *radial, const struct prt_material *m,
+                              float *coef)
+{
+    float f[3][RADIAL_MAX_QUAD];
+    struct prt_dipole d[3];
+    double inside[3];
+    prt_material_dipoles(m, d);
+    for (int c = 0; c < 3; c++) {
+        prt_dipole_rd_array(&d[c], radial->cpu, radial->n_quad, radial->quad_r2, f[c]);
+        inside[c] = d[c].rho_d - prt_dipole_tail(&d[c], radial->pub.r[radial->pub.n_grid - 1]);
+        if (!(inside[c] > 0)) return -1;
+    }
+    return radial_project(radial, 3, f, inside, coef);
+}
+
 int prt_radial_fit_material(const struct prt_radial *radial, const struct prt_material *material,
                             float *coef, double *error)
 {
@@ -292,7 +308,12 @@ int prt_radial_fit_material(const struct prt_radial *radial, const struct prt_ma
         if (!(s > 0 && a >= 0 && g < 1) || !isfinite(sigma)) return PRT_ARG;
         radial_member_init(&member[c], radial->family, radial->eta, sigma, a);
     }
-    double e = fit_members(self, member, coef);
+    double e;
+    if (dipole && material->profile) {
+        if ((e = fit_own_profile(self, material, coef)) < 0) return PRT_ARG;
+    } else {
+        e = fit_members(self, member, coef);
+    }
     if (error) *error = e;
     return PRT_OK;
 }

@@ -381,7 +381,7 @@ static int vertex_range(void *arg, size_t begin, size_t end, unsigned worker)
             continue;
         }
         if (term != PRT_REFERENCE_SINGLE) multiple_at(j, v, out);
-        if (term != PRT_REFERENCE_MULTIPLE) {
+        if (term != PRT_REFERENCE_MULTIPLE && !j->material->profile) {
             single_at(j, v, part);
             for (int c = 0; c < 3; c++) out[c] += part[c];
         }
@@ -441,9 +441,7 @@ int prt_reference_colors(const struct prt_context *ctx, const struct prt_mesh *m
     bool any = false;
     int status = prt_material_check(ctx, material);
     if (status) return status;
-    for (int c = 0; c < 3; c++)
-        prt_dipole_init(&j.dipole[c], material->sigma_s_prime[c], material->sigma_a[c],
-                        material->eta);
+    prt_material_dipoles(material, j.dipole);
     for (uint32_t b = 0; b < mesh->n_block; b++)
         any |= mesh->surface[mesh->block[b].surface].translucent && mesh->block[b].n_triangle;
     uint32_t n_ray = options->n_ray ? options->n_ray : 2048;

@@ -103,7 +103,7 @@ static int describe_prt(struct tool *tool, const char *path, cJSON *root)
     cJSON_AddStringToObject(root, "engine", source_engine_name(t));
     cJSON_AddNumberToObject(root, "cube", t->cube);
     cJSON_AddNumberToObject(root, "bytes", (double)prt_file_bytes(file));
-    prt_material_print(&t->material, material, sizeof material);
+    prt_material_summary(&t->material, material, sizeof material);
     add_parsed(root, "material", material);
     snprintf(hash, sizeof hash, "%016llx", (unsigned long long)t->mesh_hash);
     cJSON_AddStringToObject(root, "mesh_hash", hash);

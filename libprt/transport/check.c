@@ -265,6 +265,8 @@ int prt_transport_check(const struct prt_context *ctx, const char *name,
         good = good && m->sigma_s_prime[k] >= 0 && m->sigma_a[k] >= 0 &&
                finite_f32(m->sigma_s_prime, 3) && finite_f32(m->sigma_a, 3) &&
                fabsf(m->g[k]) < 1;
+    if (m->profile) good = good && !prt_material_check(NULL, m);
+    else good = good && !m->n_point;
     if (!good) return bad(&c, "the material is damaged");
     if (transport->n_tensor < 1 || transport->n_tensor > 4)
         return bad(&c, "%u tensors, 1 to 4 are known", transport->n_tensor);

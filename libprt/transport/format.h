@@ -48,6 +48,7 @@ enum format_section_type {
     SECTION_ROW_SCALING,
     SECTION_KNOT,
     SECTION_BASIS,
+    SECTION_PROFILE, // of a material with its own R_d
 };
 
 struct format_section {
@@ -57,12 +58,22 @@ struct format_section {
     uint64_t hash;          // XXH3, with the zeros behind
 };
 
+struct format_material {
+    char name[32];
+    float sigma_s_prime[3], sigma_a[3], g[3], eta, roughness;
+};
+
+struct format_profile {
+    uint32_t kind, n_point;
+    // floats: radius[n_point], reflectance[3][n_point]
+};
+
 struct format_info {
     uint32_t n_vertex, n_triangle, n_block, n_object, n_surface, n_weld;
     float mm_per_unit;
     uint32_t units_known, n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
     uint32_t cube, engine, n_tensor;
-    struct prt_material material;
+    struct format_material material;
     uint32_t reserved;
     uint64_t mesh_hash;
 };
@@ -76,7 +87,7 @@ struct format_tensor {
 
 _Static_assert(sizeof(struct format_header) == 64, "header");
 _Static_assert(sizeof(struct format_section) == 32, "section");
-_Static_assert(sizeof(struct prt_material) == 76, "material");
+_Static_assert(sizeof(struct format_material) == 76, "material");
 _Static_assert(sizeof(struct format_info) == 144, "info");
 _Static_assert(sizeof(struct format_tensor) == 72, "tensor");
 _Static_assert(sizeof(struct prt_block) == 24, "block");

@@ -222,6 +222,32 @@ static int take_tensor(struct prt_file *f, uint32_t i)
     return take_rows(f, i, ft, &t->rows);
 }
 
+static int take_material(struct prt_file *f, const struct format_material *core)
+{
+    struct prt_material *m = &f->transport.material;
+    const struct format_profile *p = NULL;
+    uint64_t bytes = 0;
+    *m = (struct prt_material){.eta = core->eta, .roughness = core->roughness};
+    memcpy(m->name, core->name, sizeof m->name);
+    memcpy(m->sigma_s_prime, core->sigma_s_prime, sizeof m->sigma_s_prime);
+    memcpy(m->sigma_a, core->sigma_a, sizeof m->sigma_a);
+    memcpy(m->g, core->g, sizeof m->g);
+    for (uint32_t i = 0; i < f->n_section; i++)
+        if (f->section[i].type == SECTION_PROFILE) bytes = f->section[i].bytes;
+    if (!bytes) return PRT_OK;
+    TAKE(f, SECTION_PROFILE, 0, bytes, p);
+    if (bytes < sizeof *p || p->n_point > PRT_MATERIAL_MAX_POINT || !p->kind ||
+        bytes != sizeof *p + 16ull * p->n_point)
+        return bad_header(f->ctx, f->name, "the material's profile is damaged");
+    const float *value = (const float *)(p + 1);
+    m->profile = p->kind;
+    m->n_point = p->n_point;
+    memcpy(m->radius, value, m->n_point * sizeof *value);
+    for (uint32_t c = 0; c < 3; c++)
+        memcpy(m->reflectance[c], value + (c + 1) * m->n_point, m->n_point * sizeof *value);
+    return PRT_OK;
+}
+
 static int take_all(struct prt_file *f)
 {
     struct prt_transport *t = &f->transport;
@@ -231,7 +257,7 @@ static int take_all(struct prt_file *f)
     if (info->n_tensor < 1 || info->n_tensor > 4)
         return prt_fail(f->ctx, PRT_FORMAT, "%s: %u tensors, 1 to 4 are known", f->name,
                         info->n_tensor);
-    t->material = info->material;
+    if ((status = take_material(f, &info->material))) return status;
     t->cube = info->cube;
     t->engine = info->engine;
     t->n_tensor = info->n_tensor;

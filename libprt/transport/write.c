@@ -13,6 +13,10 @@ struct layout {
     uint32_t n;
     struct format_info info;
     struct format_tensor tensor[4];
+    struct {
+        struct format_profile head;
+        float value[4 * PRT_MATERIAL_MAX_POINT];
+    } profile;
 };
 
 static const char zeros[FORMAT_ALIGN];
@@ -73,6 +77,27 @@ static void put_tensor(struct layout *l, uint32_t i, const struct prt_tensor *t)
     put(l, SECTION_BASIS, i, t->basis, 4ull * t->n_knot * t->n_radial);
 }
 
+static struct format_material core_of(const struct prt_material *m)
+{
+    struct format_material out = {.eta = m->eta, .roughness = m->roughness};
+    memcpy(out.name, m->name, sizeof out.name);
+    memcpy(out.sigma_s_prime, m->sigma_s_prime, sizeof out.sigma_s_prime);
+    memcpy(out.sigma_a, m->sigma_a, sizeof out.sigma_a);
+    memcpy(out.g, m->g, sizeof out.g);
+    return out;
+}
+
+static void put_profile(struct layout *l, const struct prt_material *m)
+{
+    const size_t n = m->n_point, row = n * sizeof(float);
+    if (!m->profile) return;
+    l->profile.head = (struct format_profile){m->profile, m->n_point};
+    memcpy(l->profile.value, m->radius, row);
+    for (size_t c = 0; c < 3; c++)
+        memcpy(l->profile.value + (c + 1) * n, m->reflectance[c], row);
+    put(l, SECTION_PROFILE, 0, &l->profile, sizeof l->profile.head + 4 * row);
+}
+
 static int build(const struct prt_context *ctx, const char *path, const struct prt_transport *t,
                  struct layout *l)
 {
@@ -92,9 +117,10 @@ static int build(const struct prt_context *ctx, const char *path, const struct p
                                    .cube = t->cube,
                                    .engine = t->engine,
                                    .n_tensor = t->n_tensor,
-                                   .material = t->material,
+                                   .material = core_of(&t->material),
                                    .mesh_hash = t->mesh_hash};
     put(l, SECTION_INFO, 0, &l->info, sizeof l->info);
+    put_profile(l, &t->material);
     const char *settings = t->settings ? t->settings : "{}";
     const char *errors = t->errors ? t->errors : "{}";
     put(l, SECTION_SETTINGS, 0, settings, strlen(settings) + 1);

@@ -373,8 +373,85 @@ static void test_optics_files(void **state)
         if (prt_optics_parse(&quiet, "m", NULL, fault[i].json, strlen(fault[i].json), &o) >= 0 ||
             !strstr(last_line, fault[i].says))
             fail_msg("%s: said \"%s\"", fault[i].json, last_line);
-    struct prt_material m;
-    assert_int_equal(prt_material_load(&quiet, fault[0].json, &m), PRT_UNSUPPORTED);
+}
+
+/* What a material carries of a profile: close to it, exact where it is a short curve, the same
+ * after printing and reading, and evaluated alike by every path. */
+static void test_material_table(void **state)
+{
+    static const char *const json[] = {
+        "{\"name\":\"wax\",\"profile\":\"burley\",\"albedo\":[0.9,0.6,0.2],"
+        "\"mean_free_path\":[4,1,0.3],\"eta\":1.4}",
+        "{\"profile\":\"multipole\",\"layers\":[{\"thickness\":2,\"sigma_s_prime\":[1,2,3],"
+        "\"sigma_a\":[0.1,0.02,0.3]},{\"sigma_s_prime\":[0.5,4,1],\"sigma_a\":[0.01,0.2,0.1]}]}",
+        "{\"profile\":\"curve\",\"radius\":[0,1,2.5,6],\"rd\":[[0.05,0.02,0.004,0],"
+        "[0.03,0.02,0.01,0],[0.01,0.01,0.01,0.001]],\"roughness\":0.5}",
+    };
+    for (size_t i = 0; i < 3; i++) {
+        struct prt_material m, back;
+        struct prt_optics o;
+        struct prt_dipole d[3];
+        static char text[PRT_MATERIAL_TEXT];
+        assert_int_equal(prt_optics_parse(&quiet, "m", NULL, json[i], strlen(json[i]), &o), PRT_OK);
+        assert_int_equal(prt_material_load(&quiet, json[i], &m), PRT_OK);
+        assert_int_equal(m.profile, o.kind);
+        assert_int_equal(prt_material_check(&quiet, &m), PRT_OK);
+        prt_material_dipoles(&m, d);
+        double worst = 0;
+        for (int c = 0; c < 3; c++) {
+            double error = 0, before = 1e-7;
+            for (int k = 0; k < 4000; k++) {
+                double next = 1e-7 * pow(1e10, (k + 1) / 4000.0), r = sqrt(before * next);
+                error += fabs(prt_dipole_rd(&d[c], r) - prt_profile_rd(&o.channel[c], r)) * M_PI *
+                         (next * next - before * before);
+                before = next;
+            }
+            worst = fmax(worst, error / o.channel[c].total);
+            assert_true(fabs(d[c].rho_d - o.channel[c].total) < 2e-5);
+            for (int k = 0; k < 30; k++) {
+                double r = 0.01 * pow(1.4, k);
+                assert_true(fabs(prt_dipole_tail(&d[c], r) -
+                                 prt_profile_tail(&o.channel[c], r)) < 5e-4);
+                float r2 = (float)(r * r), one, all[3];
+                prt_dipole_rd_array(&d[c], prt_cpu_detect(), 1, &r2, &one);
+                prt_dipole_rd3_array(d, prt_cpu_detect(), 1, &r2, &all[0], &all[1], &all[2]);
+                assert_true(one == all[c]);
+                assert_true(fabs(one - prt_dipole_rd(&d[c], r)) <= 1e-4 * one + 1e-9);
+            }
+        }
+        printf("%-9s %u points hold it to %.4f %%\n", i == 0 ? "burley" : i == 1 ? "slabs" : "curve",
+               m.n_point, 100 * worst);
+        assert_true(worst < (i == 2 ? 1e-5 : 2e-3));
+        int n = prt_material_print(&m, text, sizeof text);
+        assert_true(n > 0 && n < PRT_MATERIAL_TEXT);
+        assert_int_equal(prt_material_parse(&quiet, "again", text, (size_t)n, &back), PRT_OK);
+        assert_int_equal(back.n_point, m.n_point);
+        assert_memory_equal(back.radius, m.radius, m.n_point * sizeof *m.radius);
+        for (int c = 0; c < 3; c++)
+            assert_memory_equal(back.reflectance[c], m.reflectance[c], m.n_point * sizeof(float));
+        assert_string_equal(back.name, m.name);
+        assert_true(prt_material_summary(&m, text, sizeof text) < 512);
+        uint64_t hash = prt_material_hash(&m);
+        m.name[0] = 'x';
+        assert_true(prt_material_hash(&m) == hash);
+        m.reflectance[1][0] *= 1.001f;
+        assert_true(prt_material_hash(&m) != hash);
+        m.reflectance[2][1] = NAN;
+        assert_int_equal(prt_material_check(&quiet, &m), PRT_ARG);
+        assert_non_null(strstr(last_line, "mm^-2"));
+        /* in a basis: as the profile itself, with the residual measured */
+        struct prt_radial *radial;
+        struct prt_radial_options ro = {.kind = PRT_RADIAL_REDUCED, .family = PRT_FAMILY_DIPOLE,
+                                        .eta = o.material.eta, .n_function = 16, .radius_mm = 50};
+        float a[3 * 64], b[3 * 64];
+        double ea, eb;
+        assert_int_equal(prt_radial_create(&quiet, &ro, &radial), PRT_OK);
+        assert_int_equal(prt_optics_fit(radial, &o, a, &ea), PRT_OK);
+        assert_int_equal(prt_radial_fit_material(radial, &o.material, b, &eb), PRT_OK);
+        assert_true(fabs(ea - eb) < 2e-3 + 0.05 * ea);
+        prt_radial_destroy(radial);
+        prt_optics_finish(&o);
+    }
 }
 
 int main(void)
@@ -385,7 +462,7 @@ int main(void)
         cmocka_unit_test(test_burley), cmocka_unit_test(test_slab),
         cmocka_unit_test(test_layers), cmocka_unit_test(test_curve),
         cmocka_unit_test(test_optics_fit), cmocka_unit_test(test_extra_functions),
-        cmocka_unit_test(test_optics_files),
+        cmocka_unit_test(test_optics_files), cmocka_unit_test(test_material_table),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -9,6 +9,9 @@
 extern "C" {
 #endif
 
+/* Points of a material's own profile; bytes that the JSON text of any material fits into. */
+enum { PRT_MATERIAL_MAX_POINT = 256, PRT_MATERIAL_TEXT = 24576 };
+
 /* What a user says. Coefficients in mm^-1, one per RGB channel. */
 struct prt_material {
     char name[32];
@@ -17,6 +20,13 @@ struct prt_material {
     float g[3];             /* |g| <= 0.95; sigma_a + sigma_s'/(1-g) <= 5000 */
     float eta;              /* [1, 3] relative index inside/outside */
     float roughness;        /* [0.01, 1] of the specular lobe */
+    /* R_d of its own in place of the dipole's (prt/profile.h): linear between n_point radii, flat
+     * before the first, 0 beyond the last. The coefficients above are then those of the dipole
+     * medium nearest to it, by which samples are spaced; it has no single scattering. */
+    uint32_t profile;       /* enum prt_profile_kind it came from; 0: the dipole */
+    uint32_t n_point;       /* [2, PRT_MATERIAL_MAX_POINT] with a profile, else 0 */
+    float radius[PRT_MATERIAL_MAX_POINT];         /* mm, ascending from >= 0 */
+    float reflectance[3][PRT_MATERIAL_MAX_POINT]; /* mm^-2, >= 0; 2 pi r R_d dr <= 1 */
 };
 
 /* Refuses out-of-range values, naming parameter, value, allowed range and unit. */
@@ -26,8 +36,12 @@ int prt_material_load(const struct prt_context *ctx, const char *name_or_file,
                       struct prt_material *out);
 int prt_material_parse(const struct prt_context *ctx, const char *what, const char *json,
                        size_t n, struct prt_material *out);
-/* JSON text of a material into buf; returns the length as snprintf. */
+/* JSON text of a material into buf, that reads back as the same; returns the length as snprintf. */
 int prt_material_print(const struct prt_material *material, char *buf, size_t n);
+/* The same, but of a profile only its kind, points and totals: at most 512 bytes. */
+int prt_material_summary(const struct prt_material *material, char *buf, size_t n);
+/* Of everything but the name: equal for media that look equal. */
+uint64_t prt_material_hash(const struct prt_material *material);
 /* The twelve media of JMLH01 fig. 5: index 0..11; NULL past the end. */
 const struct prt_material *prt_material_preset(unsigned index);
 
@@ -36,7 +50,13 @@ struct prt_dipole {
     double sigma_s_prime, sigma_a, sigma_t_prime, sigma_tr, albedo_prime, eta;
     double z_r, z_v;   /* mm */
     double rho_d;      /* closed-form total diffuse reflectance */
+    /* A profile in place of the formula, n_point 0: none. Borrowed from a prt_material. */
+    uint32_t n_point;
+    const float *radius, *reflectance;
 };
+/* R_d of a material's three channels, its own profile where it has one; evaluated by all the
+ * functions below. `material` must outlive them. */
+void prt_material_dipoles(const struct prt_material *material, struct prt_dipole out[3]);
 void prt_dipole_init(struct prt_dipole *dipole, double sigma_s_prime, double sigma_a, double eta);
 double prt_dipole_rd(const struct prt_dipole *dipole, double r_mm);          /* mm^-2 */
 /* Fraction-free tail: integral of 2 pi r R_d beyond r (METHODS §7, S09 eq 4 erratum). */
