@@ -30,6 +30,10 @@ int prt_decode(const struct prt_context *ctx, const char *name, const void *byte
         err = prt_decode_exr(ctx, name, bytes, n, out);
     else if (prt_is_dds(bytes, n))
         err = prt_decode_dds(ctx, name, bytes, n, out);
+    else if (!memcmp(bytes, "\x89PNG", 4))
+        err = prt_decode_png(ctx, name, bytes, n, &out->image);
+    else if (!memcmp(bytes, "\xff\xd8\xff", 3))
+        err = prt_decode_jpeg(ctx, name, bytes, n, &out->image);
     if (err != PRT_UNSUPPORTED)
         return err;
     return prt_decode_oiio(ctx, name, bytes, n, out->is_chroma, &out->image);

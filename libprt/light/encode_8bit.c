@@ -123,6 +123,92 @@ int prt_encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_
     return PRT_OK;
 }
 
+/* ---- JPEG: strips that threads encode, one scan with a restart marker between them ---- */
+
+enum { STRIPS_MAX = 16, STRIP_ROWS_MIN = 64 };
+
+struct strips {
+    const uint8_t *rgb8;
+    uint32_t width, height, rows; /* rows: of every strip but the last */
+    int sampling, quality;
+    uint8_t *file[STRIPS_MAX]; /* a JPEG of its own */
+    unsigned long size[STRIPS_MAX];
+};
+
+static int encode_strip(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct strips *s = arg;
+    int err = PRT_OK;
+    for (size_t i = begin; i < end && !err; i++) {
+        const uint32_t first = (uint32_t)i * s->rows, left = s->height - first;
+        const int rows = (int)(left < s->rows ? left : s->rows);
+        tjhandle tj = tjInitCompress();
+        s->size[i] = tjBufSize((int)s->width, rows, s->sampling);
+        s->file[i] = tj ? prt_alloc(s->size[i], 1) : NULL;
+        if (!s->file[i])
+            err = PRT_NOMEM;
+        else if (tjCompress2(tj, s->rgb8 + (size_t)first * s->width * 3, (int)s->width, 0, rows,
+                             TJPF_RGB, &s->file[i], &s->size[i], s->sampling, s->quality,
+                             TJFLAG_NOREALLOC | TJFLAG_FASTDCT))
+            err = PRT_INTERNAL;
+        if (tj)
+            tjDestroy(tj);
+    }
+    return err;
+}
+
+/* Where the scan's header begins and where its bits do; false in a file of another make. */
+static bool find_scan(const uint8_t *file, size_t size, size_t *header, size_t *bits,
+                      size_t *frame)
+{
+    for (size_t at = 2; at + 9 < size && file[at] == 0xff;) {
+        const size_t n = 2 + ((size_t)file[at + 2] << 8 | file[at + 3]);
+        if (file[at + 1] == 0xc0)
+            *frame = at;
+        if (file[at + 1] == 0xda) {
+            *header = at;
+            *bits = at + n;
+            return *frame && *bits + 2 <= size;
+        }
+        at += n;
+    }
+    return false;
+}
+
+/* A restart interval begins byte-aligned and with fresh predictions, as a file of its own does,
+ * and the tables are the same in all: the strips' bits follow each other as they are. */
+static int join_strips(const struct strips *s, unsigned n, unsigned mcu, struct prt_blob *out)
+{
+    size_t total = 16, header[STRIPS_MAX], bits[STRIPS_MAX], frame[STRIPS_MAX] = {0};
+    for (unsigned i = 0; i < n; i++) {
+        if (!find_scan(s->file[i], s->size[i], &header[i], &bits[i], &frame[i]))
+            return PRT_INTERNAL;
+        total += s->size[i] + 2;
+    }
+    uint8_t *file = prt_alloc(total, 1), *p = file;
+    if (!file)
+        return PRT_NOMEM;
+    const uint32_t interval = (s->width + mcu - 1) / mcu * (s->rows / mcu);
+    memcpy(p, s->file[0], header[0]);
+    p[frame[0] + 5] = (uint8_t)(s->height >> 8);
+    p[frame[0] + 6] = (uint8_t)s->height;
+    p += header[0];
+    memcpy(p, (const uint8_t[6]){0xff, 0xdd, 0, 4, (uint8_t)(interval >> 8), (uint8_t)interval},
+           6);
+    p += 6;
+    memcpy(p, s->file[0] + header[0], bits[0] - header[0]);
+    p += bits[0] - header[0];
+    for (unsigned i = 0; i < n; i++) {
+        const size_t body = s->size[i] - 2 - bits[i]; /* without the end marker */
+        memcpy(p, s->file[i] + bits[i], body);
+        p += body;
+        *p++ = 0xff;
+        *p++ = i + 1 < n ? (uint8_t)(0xd0 + i % 8) : 0xd9;
+    }
+    *out = (struct prt_blob){file, (size_t)(p - file)};
+    return PRT_OK;
+}
+
 int prt_encode_jpeg(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t width,
                     uint32_t height, int quality, struct prt_blob *out)
 {
@@ -131,23 +217,27 @@ int prt_encode_jpeg(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t
         || quality > 100)
         return prt_fail(ctx, PRT_ARG, "JPEG of %u x %u at quality %d: allowed is 1..%d a side, "
                         "quality 1..100", width, height, quality, PRT_IMAGE_MAX);
-    const int sampling = quality >= 90 ? TJSAMP_444 : TJSAMP_420;
-    tjhandle tj = tjInitCompress();
-    unsigned long size = tjBufSize((int)width, (int)height, sampling);
-    unsigned char *file = tj ? prt_alloc(size, 1) : NULL;
-    int err = PRT_NOMEM;
-    if (file)
-        err = tjCompress2(tj, rgb8, (int)width, 0, (int)height, TJPF_RGB, &file, &size, sampling,
-                          quality, TJFLAG_NOREALLOC | TJFLAG_FASTDCT)
-                  ? PRT_INTERNAL
-                  : PRT_OK;
-    if (tj)
-        tjDestroy(tj);
-    if (err) {
-        prt_free(file);
-        return prt_fail(ctx, err, "cannot encode a JPEG of %u x %u", width, height);
+    struct strips s = {.rgb8 = rgb8, .width = width, .height = height, .rows = height,
+                       .sampling = quality >= 90 ? TJSAMP_444 : TJSAMP_420, .quality = quality};
+    const unsigned mcu = s.sampling == TJSAMP_444 ? 8 : 16;
+    unsigned n = height / STRIP_ROWS_MIN;
+    n = n > STRIPS_MAX ? STRIPS_MAX : n;
+    /* whole rows of blocks; an interval is counted in 16 bits. Not by the threads there are: the
+     * same picture is the same file everywhere. */
+    if (n > 1) {
+        const uint32_t rows = ((height + n - 1) / n + mcu - 1) / mcu * mcu;
+        if ((width + mcu - 1) / mcu * (rows / mcu) <= 65535)
+            s.rows = rows;
     }
-    out->bytes = file;
-    out->size = size;
-    return PRT_OK;
+    n = (height + s.rows - 1) / s.rows;
+    int err = prt_parallel_for(ctx, NULL, n, 1, encode_strip, &s);
+    if (!err && n == 1) {
+        *out = (struct prt_blob){s.file[0], s.size[0]};
+        return PRT_OK;
+    }
+    if (!err)
+        err = join_strips(&s, n, mcu, out);
+    for (unsigned i = 0; i < STRIPS_MAX; i++)
+        prt_free(s.file[i]);
+    return err ? prt_fail(ctx, err, "cannot encode a JPEG of %u x %u", width, height) : PRT_OK;
 }

@@ -53,6 +53,11 @@ int prt_decode_exr(const struct prt_context *ctx, const char *name, const uint8_
                    struct prt_decoded *out);
 int prt_decode_dds(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
                    struct prt_decoded *out);
+/* PRT_UNSUPPORTED without a log line: not a plain one, OpenImageIO may. */
+int prt_decode_png(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
+                   struct prt_image *out);
+int prt_decode_jpeg(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
+                    size_t n, struct prt_image *out);
 int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                     size_t n, bool is_chroma, struct prt_image *out);
 /* Checks sizes against the limits and allocates; logs and returns the status. */

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <turbojpeg.h>
 #include <unistd.h>
 #include <cmocka.h>
 
@@ -417,6 +418,110 @@ static void png_and_jpeg_are_linearised(void **state)
     assert_int_equal(prt_encode_jpeg(&ctx, rgb, W, H, 101, &blob[0]), PRT_ARG);
 }
 
+// ---- PNGs made by hand: every filter, depth and kind of colour that is read here ----
+
+static uint32_t png_crc(const uint8_t *p, size_t n)
+{
+    uint32_t c = ~0u;
+    while (n--) {
+        c ^= *p++;
+        for (int k = 0; k < 8; k++) c = c & 1 ? c >> 1 ^ 0xedb88320u : c >> 1;
+    }
+    return ~c;
+}
+
+static uint8_t *png_u32(uint8_t *p, uint32_t v)
+{
+    for (int k = 24; k >= 0; k -= 8) *p++ = (uint8_t)(v >> k);
+    return p;
+}
+
+static uint8_t *png_chunk(uint8_t *p, const char *type, const void *body, size_t n)
+{
+    uint8_t *start = png_u32(p, (uint32_t)n);
+    memcpy(start, type, 4);
+    if (n) memcpy(start + 4, body, n);
+    return png_u32(start + 4 + n, png_crc(start, n + 4));
+}
+
+static int png_predict(int filter, int a, int b, int c)
+{
+    int p = a + b - c, pa = abs(p - a), pb = abs(p - b), pc = abs(p - c);
+    int paeth = pa <= pb && pa <= pc ? a : pb <= pc ? b : c;
+    return filter == 1 ? a : filter == 2 ? b : filter == 3 ? (a + b) / 2 : filter == 4 ? paeth : 0;
+}
+
+// raw [h][row_bytes]; filters change from row to row. One stored deflate block. Returns the size.
+static size_t make_png(uint32_t w, uint32_t h, int depth, int type, const uint8_t *raw,
+                       size_t row_bytes, size_t step, const uint8_t *palette, uint8_t *out)
+{
+    static uint8_t body[1 << 16];
+    uint8_t *p = body, head[13], *at = out;
+    size_t n = (row_bytes + 1) * h;
+    uint32_t low = 1, high = 0;
+    assert_true(n < 65000);
+    *p++ = 0x78;
+    *p++ = 1;
+    const uint8_t stored[5] = {1, (uint8_t)n, (uint8_t)(n >> 8), (uint8_t)~n, (uint8_t)(~n >> 8)};
+    memcpy(p, stored, 5);
+    p += 5;
+    for (uint32_t y = 0; y < h; y++) {
+        const uint8_t *row = raw + y * row_bytes, *above = y ? row - row_bytes : NULL;
+        int filter = (int)(y % 5);
+        *p++ = (uint8_t)filter;
+        for (size_t i = 0; i < row_bytes; i++)
+            *p++ = (uint8_t)(row[i]
+                             - png_predict(filter, i >= step ? row[i - step] : 0,
+                                           above ? above[i] : 0,
+                                           above && i >= step ? above[i - step] : 0));
+    }
+    for (uint8_t *q = body + 7; q < p; q++) {
+        low = (low + *q) % 65521;
+        high = (high + low) % 65521;
+    }
+    p = png_u32(p, high << 16 | low);
+    png_u32(png_u32(head, w), h);
+    memcpy(head + 8, (const uint8_t[5]){(uint8_t)depth, (uint8_t)type, 0, 0, 0}, 5);
+    memcpy(at, "\x89PNG\r\n\x1a\n", 8);
+    at = png_chunk(at + 8, "IHDR", head, 13);
+    if (palette) at = png_chunk(at, "PLTE", palette, 768);
+    at = png_chunk(at, "IDAT", body, 1000); // two chunks, cut anywhere
+    at = png_chunk(at, "IDAT", body + 1000, (size_t)(p - body) - 1000);
+    return (size_t)(png_chunk(at, "IEND", NULL, 0) - out);
+}
+
+static void png_of_every_plain_kind(void **state)
+{
+    enum { W = 64, H = 32 };
+    static const int kind[][3] = {{8, 0, 1}, {8, 2, 3}, {8, 3, 1}, {8, 4, 2}, {8, 6, 4},
+                                  {16, 0, 1}, {16, 2, 3}, {16, 4, 2}, {16, 6, 4}};
+    static uint8_t raw[W * H * 8], palette[768], file[1 << 17];
+    struct prt_rng rng;
+    prt_rng_init(&rng, 3, 4);
+    for (size_t i = 0; i < sizeof raw; i++)
+        raw[i] = (uint8_t)(i / 40 + (prt_rng_u32(&rng) >> 28)); // smooth, wrapping
+    for (int i = 0; i < 768; i++) palette[i] = (uint8_t)(prt_rng_u32(&rng) >> 24);
+    for (size_t k = 0; k < sizeof kind / sizeof *kind; k++) {
+        size_t wide = (size_t)kind[k][0] / 8, n = (size_t)kind[k][2], step = wide * n;
+        struct prt_env *env = NULL;
+        size_t size = make_png(W, H, kind[k][0], kind[k][1], raw, W * step, step,
+                               kind[k][1] == 3 ? palette : NULL, file);
+        assert_int_equal(prt_env_load_memory(&ctx, "kind.png", file, size, &env), 0);
+        for (size_t i = 0; i < W * H; i++)
+            for (size_t c = 0; c < 3; c++) {
+                const uint8_t *p = raw + i * step + (n >= 3 ? c * wide : 0);
+                double v = kind[k][1] == 3 ? palette[3 * p[0] + c] / 255.0
+                           : wide == 2     ? (p[0] * 256 + p[1]) / 65535.0
+                                           : p[0] / 255.0;
+                assert_float_equal(env->latlong.rgb[3 * i + c], srgb_to_linear(v), 2e-6);
+            }
+        prt_env_destroy(env);
+        // Damage is not taken for a picture.
+        file[size - 30] ^= 4;
+        assert_int_not_equal(prt_env_load_memory(&ctx, "kind.png", file, size, &env), 0);
+    }
+}
+
 /* ---- the development data's variants ---- */
 
 static void load_image(const char *folder, const char *file, struct prt_image *im)
@@ -551,6 +656,49 @@ static void hdr_variants(void **state)
     prt_image_finish(&im);
 }
 
+// Strips are encoded by several threads: the picture is that of one encoder, coefficient by
+// coefficient, whatever the height, the sampling and the threads.
+static void jpeg_in_strips_is_one_picture(void **state)
+{
+    static const uint32_t size[][2] = {{61, 127}, {200, 128}, {37, 600}, {640, 333}, {16, 1500}};
+    struct prt_context pooled;
+    prt_context_init(&pooled);
+    assert_int_equal(prt_pool_create(3, &pooled.pool), PRT_OK);
+    for (int k = 0; k < 10; k++) {
+        const uint32_t w = size[k / 2][0], h = size[k / 2][1];
+        const int quality = k % 2 ? 90 : 70, sampling = k % 2 ? TJSAMP_444 : TJSAMP_420;
+        struct prt_rng rng;
+        prt_rng_init(&rng, 5, (uint64_t)k);
+        uint8_t *rgb = test_malloc(w * h * 3), *a = test_malloc(w * h * 3),
+                *b = test_malloc(w * h * 3);
+        for (uint32_t i = 0; i < w * h * 3; i++)
+            rgb[i] = (uint8_t)(i / 3 % w * 200 / w + (prt_rng_u32(&rng) >> 27));
+        struct prt_blob strips, alone;
+        assert_int_equal(prt_encode_jpeg(&pooled, rgb, w, h, quality, &strips), PRT_OK);
+        assert_int_equal(prt_encode_jpeg(NULL, rgb, w, h, quality, &alone), PRT_OK);
+        assert_int_equal(strips.size, alone.size);
+        assert_memory_equal(strips.bytes, alone.bytes, alone.size);
+        tjhandle pack = tjInitCompress(), unpack = tjInitDecompress();
+        unsigned char *whole = NULL;
+        unsigned long n = 0;
+        assert_int_equal(tjCompress2(pack, rgb, (int)w, 0, (int)h, TJPF_RGB, &whole, &n, sampling,
+                                     quality, TJFLAG_FASTDCT), 0);
+        assert_int_equal(tjDecompress2(unpack, whole, n, a, (int)w, 0, (int)h, TJPF_RGB, 0), 0);
+        assert_int_equal(tjDecompress2(unpack, strips.bytes, strips.size, b, (int)w, 0, (int)h,
+                                       TJPF_RGB, 0), 0);
+        assert_memory_equal(a, b, w * h * 3);
+        tjFree(whole);
+        tjDestroy(pack);
+        tjDestroy(unpack);
+        prt_free(strips.bytes);
+        prt_free(alone.bytes);
+        test_free(rgb);
+        test_free(a);
+        test_free(b);
+    }
+    prt_pool_destroy(pooled.pool);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -568,6 +716,8 @@ int main(void)
         cmocka_unit_test(squares_are_refused),
         cmocka_unit_test(exr_round_trip),
         cmocka_unit_test(png_and_jpeg_are_linearised),
+        cmocka_unit_test(jpeg_in_strips_is_one_picture),
+        cmocka_unit_test(png_of_every_plain_kind),
         cmocka_unit_test(exr_variants),
         cmocka_unit_test(pixels_are_mended),
         cmocka_unit_test(hdr_variants),
