@@ -210,8 +210,8 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
     spec->plain_background = p->plain_background;
     spec->no_specular = p->no_specular;
     spec->samples = p->samples ? p->samples : 4;
-    if (spec->samples != 1 && spec->samples != 4)
-        REFUSE(OUT_OF_RANGE, "picture.samples %u is not 1 or 4", spec->samples);
+    if (spec->samples > 8 || spec->samples & (spec->samples - 1))
+        REFUSE(OUT_OF_RANGE, "picture.samples %u is not 1, 2, 4 or 8", spec->samples);
     memset(spec->background, 0, sizeof spec->background);
     vec3(p->background, spec->background);
     if (!all_in(spec->background, 0, 1e6f))

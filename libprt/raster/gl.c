@@ -285,13 +285,15 @@ static bool make_targets(const struct gl *gl, uint32_t w, uint32_t h, unsigned n
 }
 
 // Rows of the clip matrix for eye-relative positions: y down so that row 0 is on top, w the
-// depth along the view, z reversed: 1 at z_near, 0 at z_far.
-static void clip_matrix(const struct camera_frame *f, double z_near, double z_far, float m[16])
+// depth along the view, z reversed: 1 at z_near, 0 at z_far. The picture is moved by shift, in
+// units of the clip square.
+static void clip_matrix(const struct camera_frame *f, double z_near, double z_far,
+                        const double shift[2], float m[16])
 {
     double a = -z_near / (z_far - z_near), b = z_near * z_far / (z_far - z_near);
     for (int c = 0; c < 3; c++) {
-        m[4 * c + 0] = (float)(f->right[c] / (f->tan_x * f->tan_x));
-        m[4 * c + 1] = (float)(-f->up[c] / (f->tan_y * f->tan_y));
+        m[4 * c + 0] = (float)(f->right[c] / (f->tan_x * f->tan_x) + shift[0] * f->forward[c]);
+        m[4 * c + 1] = (float)(-f->up[c] / (f->tan_y * f->tan_y) + shift[1] * f->forward[c]);
         m[4 * c + 2] = (float)(a * f->forward[c]);
         m[4 * c + 3] = (float)f->forward[c];
     }
@@ -314,8 +316,16 @@ static void upload_mesh(struct driver *d, const struct prt_mesh *mesh)
     gl->EnableVertexAttribArray(0);
 }
 
+// Sub-samples that the driver takes at once: 1, or 4 as its multi-sampling places them. Others
+// are drawn one after another.
+static unsigned samples_at_once(unsigned n_sub)
+{
+    return n_sub == 4 ? 4 : 1;
+}
+
+// Draws sub-samples [first, first + samples_at_once).
 static void draw_band(struct driver *d, struct gl_draw *draw, const struct targets *t,
-                      uint32_t row_begin, uint32_t rows, uint32_t *id)
+                      uint32_t row_begin, uint32_t rows, unsigned first, uint32_t *id)
 {
     const struct gl *gl = &d->gl;
     GLsizei w = (GLsizei)draw->width, h = (GLsizei)rows;
@@ -328,13 +338,19 @@ static void draw_band(struct driver *d, struct gl_draw *draw, const struct targe
     gl->Viewport(0, -(GLint)row_begin, w, (GLsizei)draw->height);
     gl->Enable(GL_DEPTH_TEST);
     gl->UseProgram(d->draw_program);
-    clip_matrix(draw->frame, draw->z_near, draw->z_far, m);
+    double shift[2] = {0, 0};
+    if (samples_at_once(draw->n_sub) == 1) {
+        shift[0] = 2 * (0.5 - (double)draw->sub_position[first][0]) / draw->width;
+        shift[1] = 2 * (0.5 - (double)draw->sub_position[first][1]) / draw->height;
+    }
+    clip_matrix(draw->frame, draw->z_near, draw->z_far, shift, m);
     gl->Uniform3f(0, (float)draw->frame->eye[0], (float)draw->frame->eye[1],
                   (float)draw->frame->eye[2]);
     gl->UniformMatrix4fv(1, 1, GL_FALSE, m);
     gl->EnableVertexAttribArray(0);
     gl->DrawElements(GL_TRIANGLES, (GLsizei)(draw->mesh->n_triangle * 3), GL_UNSIGNED_INT, NULL);
-    if (draw->n_sub > 1) {
+    bool several = samples_at_once(draw->n_sub) > 1;
+    if (several) {
         gl->BindFramebuffer(GL_FRAMEBUFFER, t->framebuffer[1]);
         gl->Disable(GL_DEPTH_TEST);
         gl->DisableVertexAttribArray(0);
@@ -344,15 +360,40 @@ static void draw_band(struct driver *d, struct gl_draw *draw, const struct targe
         gl->Uniform1i(0, 0);
         gl->DrawArrays(GL_TRIANGLES, 0, 3);
     }
-    gl->ReadPixels(0, 0, w, h, draw->n_sub > 1 ? GL_RGBA_INTEGER : GL_RED_INTEGER,
-                   GL_UNSIGNED_INT, id);
+    gl->ReadPixels(0, 0, w, h, several ? GL_RGBA_INTEGER : GL_RED_INTEGER, GL_UNSIGNED_INT, id);
 }
+
+// No two in one column or row, as Direct3D's standard patterns; in 1/16 pixel.
+static const uint8_t two[2][2] = {{12, 12}, {4, 4}};
+static const uint8_t eight[8][2] = {{9, 5}, {7, 11}, {13, 9}, {5, 3},
+                                    {3, 13}, {1, 7}, {11, 15}, {15, 1}};
 
 static void sub_positions(const struct gl *gl, struct gl_draw *draw)
 {
     draw->sub_position[0][0] = draw->sub_position[0][1] = 0.5f;
-    for (unsigned s = 0; s < draw->n_sub && draw->n_sub > 1; s++)
-        gl->GetMultisamplefv(GL_SAMPLE_POSITION, s, draw->sub_position[s]);
+    const uint8_t(*pattern)[2] = draw->n_sub == 2 ? two : eight;
+    for (unsigned s = 0; s < draw->n_sub && draw->n_sub > 1; s++) {
+        if (samples_at_once(draw->n_sub) > 1)
+            gl->GetMultisamplefv(GL_SAMPLE_POSITION, s, draw->sub_position[s]);
+        else
+            for (int i = 0; i < 2; i++)
+                draw->sub_position[s][i] = (float)pattern[s][i] / 16;
+    }
+}
+
+// The band's sub-samples together, pixel by pixel. plane has room for one of them.
+static void draw_samples(struct driver *d, struct gl_draw *draw, const struct targets *t,
+                         uint32_t row_begin, uint32_t rows, uint32_t *plane, uint32_t *id)
+{
+    if (samples_at_once(draw->n_sub) == draw->n_sub) {
+        draw_band(d, draw, t, row_begin, rows, 0, id);
+        return;
+    }
+    size_t n = (size_t)draw->width * rows;
+    for (unsigned s = 0; s < draw->n_sub; s++) {
+        draw_band(d, draw, t, row_begin, rows, s, plane);
+        for (size_t i = 0; i < n; i++) id[i * draw->n_sub + s] = plane[i];
+    }
 }
 
 static int draw_all(const struct prt_context *ctx, struct driver *d, struct gl_draw *draw)
@@ -363,17 +404,19 @@ static int draw_all(const struct prt_context *ctx, struct driver *d, struct gl_d
     if (band > draw->height) band = draw->height;
     struct targets t;
     int status = PRT_OK;
-    uint32_t *id = prt_alloc((size_t)draw->width * band * draw->n_sub, sizeof *id);
+    uint32_t *id = prt_alloc((size_t)draw->width * band * (draw->n_sub + 1), sizeof *id);
+    uint32_t *plane = id + (size_t)draw->width * band * draw->n_sub;
     if (!id) return prt_fail(ctx, PRT_NOMEM, "raster: no memory for %ux%u pixels", draw->width,
                              draw->height);
-    if (!make_targets(gl, draw->width, band, draw->n_sub, &t))
+    if (!make_targets(gl, draw->width, band, samples_at_once(draw->n_sub), &t))
         status = prt_fail(ctx, PRT_UNSUPPORTED, "raster: the GL driver refuses %u-sample integer "
-                          "targets of %ux%u", draw->n_sub, draw->width, band);
+                          "targets of %ux%u", samples_at_once(draw->n_sub), draw->width,
+                          band);
     upload_mesh(d, draw->mesh);
     sub_positions(gl, draw);
     for (uint32_t row = 0; !status && row < draw->height; row += band) {
         uint32_t rows = draw->height - row < band ? draw->height - row : band;
-        draw_band(d, draw, &t, row, rows, id);
+        draw_samples(d, draw, &t, row, rows, plane, id);
         GLenum error = gl->GetError();
         if (error)
             status = prt_fail(ctx, PRT_INTERNAL, "raster: GL error 0x%x while drawing", error);

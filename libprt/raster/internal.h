@@ -5,7 +5,7 @@
 
 #include "prt/raster.h"
 
-enum { RASTER_MAX_SIZE = 4096, RASTER_MAX_SUB = 4 };
+enum { RASTER_MAX_SIZE = 4096, RASTER_MAX_SUB = 8 };
 
 /* A camera in mm: a ray through image position (x,y) in pixels, y down, has the direction
  * forward + (2x/W - 1) right + (1 - 2y/H) up, right and up already scaled by the field. */

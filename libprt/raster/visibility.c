@@ -361,8 +361,8 @@ int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *
     if (!width || !height || width > RASTER_MAX_SIZE || height > RASTER_MAX_SIZE)
         return prt_fail(ctx, PRT_ARG, "image size %ux%u is outside 1x1 to %dx%d", width, height,
                         RASTER_MAX_SIZE, RASTER_MAX_SIZE);
-    if (n_sub != 1 && n_sub != 4)
-        return prt_fail(ctx, PRT_ARG, "%u sub-samples a pixel: only 1 and 4 are offered", n_sub);
+    if (n_sub != 1 && n_sub != 2 && n_sub != 4 && n_sub != 8)
+        return prt_fail(ctx, PRT_ARG, "%u sub-samples a pixel are not 1, 2, 4 or 8", n_sub);
     if (mesh->n_triangle > INT32_MAX / 3)
         return prt_fail(ctx, PRT_LIMIT, "raster: %u triangles are more than GL draws at once",
                         mesh->n_triangle);

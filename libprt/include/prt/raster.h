@@ -22,8 +22,8 @@ int prt_camera_parse(const struct prt_context *ctx, const char *text, struct prt
 /* The default camera: frames the translucent box from slightly above the front (+z side). */
 void prt_camera_frame(const struct prt_mesh *mesh, float aspect, struct prt_camera *out);
 
-/* What a camera sees of a mesh: n_sub sub-samples a pixel (MSAA), each a triangle and
- * barycentrics. Kept for as long as model, camera and size stay. */
+/* What a camera sees of a mesh: n_sub sub-samples a pixel (1, 2, 4 or 8), each a triangle and
+ * barycentrics; 1 and 4 are drawn at once, 2 and 8 one by one. Kept for as long as model, camera and size stay. */
 struct prt_visibility;
 enum prt_raster_backend { PRT_RASTER_AUTO, PRT_RASTER_OSMESA, PRT_RASTER_EGL };
 int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
