@@ -48,11 +48,16 @@ static int make_room(const struct prt_context *ctx, struct want *w)
     unsigned n_plane = 1;
     int status = w->query.planes ? prt_answer_planes(ctx, t, &query, &n_plane, NULL) : PRT_OK;
     if (status) return status;
+    double lost = 0;
+    if (query.material
+        && (status = prt_answer_material_error(ctx, t, query.material, query.term, &lost)))
+        return status;
     size_t n = (size_t)n_plane * t->mesh.n_vertex * 3;
     w->answer = malloc(sizeof *w->answer + n * sizeof(float));
     if (!w->answer) return PRT_NOMEM;
     w->answer->n_plane = n_plane;
     w->answer->n_vertex = t->mesh.n_vertex;
+    w->answer->material_error = (float)lost;
     return PRT_OK;
 }
 

@@ -33,6 +33,7 @@ struct memo_entry *visibility_get(struct model *model, struct memo_entry *file,
 struct answer {
     unsigned n_plane;
     uint32_t n_vertex, shared; /* shared: evaluations of its pass */
+    float material_error;  /* what the transport's radial bases leave of a material given to it */
     float values[];        /* [n_plane][n_vertex][3] */
 };
 struct answer_query {

@@ -17,7 +17,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { MAX_FILES = 64, MAX_OPAQUE = 64, MAX_ARGS = 64 + MAX_OPAQUE, MATERIAL_TEXT = 4096 };
+enum { MAX_FILES = 64, MAX_OPAQUE = 64, MAX_ARGS = 64 + MAX_OPAQUE, MATERIAL_BYTES = 65536 };
 
 // One LOAD under way: its request waits for a hash, then for the model to open.
 struct load {
@@ -29,7 +29,7 @@ struct load {
     char path[PATH_MAX];           // the model in --models, absolute; "" for uploaded files
     char source[65];               // hash that names the source
     char name[128];
-    char material[MATERIAL_TEXT];  // preset's name or canonical JSON; "" none
+    char material[PRT_MATERIAL_TEXT];  // preset's name or canonical JSON; "" none
     bool material_json;
     char model[MODEL_ID + 1];
 };
@@ -467,7 +467,7 @@ int material_resolve(const char *text, struct prt_material *material, bool *pres
             *preset = true;
             return PRT_OK;
         }
-    if (text[0] != '{' || strlen(text) >= MATERIAL_TEXT) {
+    if (text[0] != '{' || strlen(text) > MATERIAL_BYTES) {
         snprintf(error, 300, "material %.100s: neither a preset nor JSON text", text);
         return PRT_ARG;
     }

@@ -135,7 +135,7 @@ struct info_text {
     Relight__Error error;
     char *warnings[64], *warning_text;
     char *settings, *errors;
-    char material[1024];
+    char material[PRT_MATERIAL_TEXT];
 };
 
 static void fill_vec3(Relight__Vec3 *out, const float v[3])

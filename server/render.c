@@ -207,6 +207,15 @@ static float error_bound(const struct render *r)
     }
 }
 
+// What the bake's bases leave of the material, beside what the bake measured.
+static float material_error(const struct render *r)
+{
+    float error = 0;
+    for (unsigned i = 0; i < n_answer(&r->spec); i++)
+        error = fmaxf(error, ((const struct answer *)r->answer[i].entry->value)->material_error);
+    return error;
+}
+
 static float cost_of(const struct need *need)
 {
     return need->entry && !need->was_there ? need->entry->ms : 0;
@@ -229,8 +238,15 @@ static void final(struct render *r)
     out->height = s->height;
     out->camera = r->camera;
     out->shared = ((struct answer *)r->answer[0].entry->value)->shared;
-    out->error_bound = error_bound(r);
+    out->error_bound = error_bound(r) + material_error(r);
     out->engine = RELIGHT__ENGINE__ENGINE_WAVELET + (int)t->engine;
+    if (s->has_material && s->max_error > 0 && out->error_bound > s->max_error) {
+        char text[120];
+        snprintf(text, sizeof text, "the error bound %.3g of this material is above max_error %.3g",
+                 (double)out->error_bound, (double)s->max_error);
+        finish_error(r, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE, text);
+        return;
+    }
     for (unsigned i = 0; i < s->n_light; i++)
         out->light_ms += cost_of(&r->env[i]) + cost_of(&r->light[i]);
     if (r->specular.entry != r->light[0].entry) out->light_ms += cost_of(&r->specular);

@@ -133,14 +133,10 @@ int render_spec_shade(struct render_spec *spec, const Relight__Shade *shade, cha
     spec->has_material = shade->material[0] != 0;
     spec->material_key[0] = 0;
     if (spec->has_material) {
-        char text[1024];
         if (material_resolve(shade->material, &spec->material, &preset, error))
             return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
-        struct prt_material nameless = spec->material;
-        nameless.name[0] = 0;
-        prt_material_print(&nameless, text, sizeof text);
         snprintf(spec->material_key, sizeof spec->material_key, "%016llx",
-                 (unsigned long long)prt_hash64(text, strlen(text), 3));
+                 (unsigned long long)prt_material_hash(&spec->material));
     }
     spec->has_eye = vec3(shade->eye, spec->eye);
     if (spec->has_eye && !all_in(spec->eye, -1e9f, 1e9f))

@@ -129,7 +129,7 @@ int scene_colors_begin(struct scene *scene, const struct sky *sky, double rotate
                                              .n_light = 1,
                                              .lights = &light,
                                              .format = scene->options->format};
-    char material[1024];
+    char material[PRT_MATERIAL_TEXT];
     if (scene->options->material) {
         struct prt_material m;
         if (prt_material_load(&scene->ctx, scene->options->material, &m)) return EXIT_FAILED;

@@ -20,43 +20,53 @@ struct polynomial {
     struct prt_tensor *tensor;
 };
 
+// E at x under the fixed light: sum F_t V L (n.w) over one pattern; fresnel NULL: 1 (opaque).
+static void irradiance_at(const struct polynomial *p, size_t pattern, const float x[3],
+                          const float n[3], const float f[3],
+                          const struct fresnel_table *fresnel, double sum[3])
+{
+    const struct light_rays *r = p->rays;
+    const struct prt_scene *scene = p->b->scene;
+    float eps = prt_scene_epsilon(scene);
+    size_t base = pattern % r->n_pattern * r->n_ray;
+    sum[0] = sum[1] = sum[2] = 0;
+    for (uint32_t k = 0; k < r->n_ray; k += 16) {
+        struct prt_packet packet;
+        float cosine[16];
+        uint32_t mask = 0;
+        for (uint32_t l = 0; l < 16; l++) {
+            size_t at = base + (k + l < r->n_ray ? k + l : k);
+            float d[3] = {r->x[at], r->y[at], r->z[at]};
+            packet.ox[l] = x[0] + eps * f[0], packet.oy[l] = x[1] + eps * f[1];
+            packet.oz[l] = x[2] + eps * f[2];
+            packet.dx[l] = d[0], packet.dy[l] = d[1], packet.dz[l] = d[2];
+            packet.tnear[l] = 0, packet.tfar[l] = INFINITY;
+            cosine[l] = fminf(n[0] * d[0] + n[1] * d[1] + n[2] * d[2], 1);
+            bool above = f[0] * d[0] + f[1] * d[1] + f[2] * d[2] > 0;
+            if (k + l < r->n_ray && above && cosine[l] > 0) mask |= 1u << l;
+        }
+        uint32_t open = mask ? mask & ~prt_scene_occluded16(scene, &packet, mask) : 0;
+        for (uint32_t l = 0; l < 16; l++) {
+            if (!(open >> l & 1)) continue;
+            double w = (double)cosine[l];
+            if (fresnel) w *= (double)fresnel_table_eval(fresnel, cosine[l]);
+            for (size_t c = 0; c < 3; c++) sum[c] += w * (double)r->rgb[(base + k + l) * 3 + c];
+        }
+    }
+}
+
 static int sample_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct polynomial *p = arg;
     struct bake *b = p->b;
-    const struct light_rays *r = p->rays;
     struct fresnel_table fresnel;
-    float eps = prt_scene_epsilon(b->scene);
     prt_trace_thread_init();
     fresnel_table_init(&fresnel, b->o.material.eta);
     for (size_t i = begin; i < end; i++) {
         uint32_t s = b->hierarchy->order[i];
-        const float *x = b->surface->position[s], *n = b->surface->normal[s],
-                    *f = b->surface->face_normal[s];
-        size_t base = (size_t)((prt_hash64(&s, sizeof s, 21) >> 8) % r->n_pattern) * r->n_ray;
-        double sum[3] = {0, 0, 0};
-        for (uint32_t k = 0; k < r->n_ray; k += 16) {
-            struct prt_packet packet;
-            float cosine[16];
-            uint32_t mask = 0;
-            for (uint32_t l = 0; l < 16; l++) {
-                size_t at = base + (k + l < r->n_ray ? k + l : k);
-                float d[3] = {r->x[at], r->y[at], r->z[at]};
-                packet.ox[l] = x[0] + eps * f[0], packet.oy[l] = x[1] + eps * f[1];
-                packet.oz[l] = x[2] + eps * f[2];
-                packet.dx[l] = d[0], packet.dy[l] = d[1], packet.dz[l] = d[2];
-                packet.tnear[l] = 0, packet.tfar[l] = INFINITY;
-                cosine[l] = fminf(n[0] * d[0] + n[1] * d[1] + n[2] * d[2], 1);
-                bool above = f[0] * d[0] + f[1] * d[1] + f[2] * d[2] > 0;
-                if (k + l < r->n_ray && above && cosine[l] > 0) mask |= 1u << l;
-            }
-            uint32_t open = mask ? mask & ~prt_scene_occluded16(b->scene, &packet, mask) : 0;
-            for (uint32_t l = 0; l < 16; l++)
-                if (open >> l & 1)
-                    for (int c = 0; c < 3; c++)
-                        sum[c] += (double)cosine[l] * fresnel_table_eval(&fresnel, cosine[l]) *
-                                  r->rgb[(base + k + l) * 3 + (size_t)c];
-        }
+        double sum[3];
+        irradiance_at(p, prt_hash64(&s, sizeof s, 21) >> 8, b->surface->position[s],
+                      b->surface->normal[s], b->surface->face_normal[s], &fresnel, sum);
         for (int c = 0; c < 3; c++) p->irradiance[i][c] = (float)sum[c];
     }
     return PRT_OK;
@@ -159,13 +169,14 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
     return status;
 }
 
-// An empty RADIAL tensor over all clusters; opaque ones have no columns.
+// An empty RADIAL tensor over all clusters; opaque ones have no columns. radial NULL: the
+// opaque ones' own, of one colour a vertex.
 static int shape(struct polynomial *p, enum prt_term term, uint32_t n_phase,
                  const struct prt_radial *radial)
 {
     struct bake *b = p->b;
     struct prt_tensor *t = &b->out.tensor[b->out.n_tensor++];
-    uint32_t nc = b->clusters->n_cluster, J = radial->n_function * n_phase;
+    uint32_t nc = b->clusters->n_cluster, J = radial ? radial->n_function * n_phase : 1;
     struct prt_cluster *cluster = prt_calloc(nc, sizeof *cluster);
     uint32_t *order = prt_alloc(b->mesh->n_vertex, sizeof *order);
     uint64_t u = 0;
@@ -174,7 +185,7 @@ static int shape(struct polynomial *p, enum prt_term term, uint32_t n_phase,
     if (!cluster || !order) return PRT_NOMEM;
     for (uint32_t c = 0; c < nc; c++) {
         cluster[c] = b->clusters->cluster[c];
-        cluster[c].rank = b->clusters->translucent[c] ? J : 0;
+        cluster[c].rank = !b->clusters->translucent[c] == !radial ? J : 0;
         cluster[c].u_begin = u;
         u += (uint64_t)cluster[c].rank * 3 * ((cluster[c].n_vertex + 15) / 16 * 16);
     }
@@ -187,8 +198,41 @@ static int shape(struct polynomial *p, enum prt_term term, uint32_t n_phase,
     t->n_vertex = b->mesh->n_vertex;
     t->n_cluster = nc;
     t->n_function = J;
+    t->n_phase = t->n_radial = 1;
     p->tensor = t;
-    return t->u ? bases_record(radial, n_phase, t) : PRT_NOMEM;
+    if (!t->u) return PRT_NOMEM;
+    return radial ? bases_record(radial, n_phase, t) : PRT_OK;
+}
+
+// Opaque vertices: albedo/pi E, whatever the material: colours without a radial basis.
+static int opaque_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    enum { PATTERNS_A_VERTEX = 4 };
+    struct polynomial *p = arg;
+    const struct prt_mesh *mesh = p->b->mesh;
+    uint32_t *block = prt_mesh_vertex_blocks(mesh);
+    if (!block) return PRT_NOMEM;
+    prt_trace_thread_init();
+    for (size_t c = begin; c < end; c++) {
+        const struct prt_cluster *cluster = &p->tensor->cluster[c];
+        if (!cluster->rank) continue;
+        for (uint32_t i = 0; i < cluster->n_vertex; i++) {
+            uint32_t v = p->tensor->order[cluster->vertex_begin + i];
+            const float *albedo = mesh->surface[mesh->block[block[v]].surface].base_color;
+            size_t first = prt_hash64(&v, sizeof v, 23) >> 8;
+            double all[3] = {0, 0, 0}, sum[3];
+            for (size_t k = 0; k < PATTERNS_A_VERTEX; k++) {
+                irradiance_at(p, first + k, mesh->position[v], mesh->normal[v], mesh->normal[v],
+                              NULL, sum);
+                for (int ch = 0; ch < 3; ch++) all[ch] += sum[ch] / PATTERNS_A_VERTEX;
+            }
+            for (int ch = 0; ch < 3; ch++)
+                column(p->tensor, cluster, 0, ch)[i] =
+                    prt_f32_to_f16((float)(all[ch] * (double)albedo[ch] / M_PI));
+        }
+    }
+    prt_free(block);
+    return PRT_OK;
 }
 
 static int light_of(struct bake *b, struct prt_cube *cube)
@@ -203,12 +247,8 @@ int bake_polynomial(struct bake *b)
     double started = prt_time_s();
     if (!b->surface)
         return prt_fail(b->ctx, PRT_ARG, "nothing is translucent: no material to edit");
-    for (uint32_t c = 0; c < b->clusters->n_cluster; c++)
-        if (!b->clusters->translucent[c]) {
-            prt_log(b->ctx, PRT_LOG_WARNING,
-                    "opaque surfaces stay black in a polynomial bake: use --transport joint");
-            break;
-        }
+    bool opaque = false;
+    for (uint32_t c = 0; c < b->clusters->n_cluster; c++) opaque |= !b->clusters->translucent[c];
     int status = light_of(b, &cube);
     if (status == PRT_OK) status = bases_create(b, &p.bases);
     if (status == PRT_OK)
@@ -221,6 +261,10 @@ int bake_polynomial(struct bake *b)
     if (status == PRT_OK)
         status = prt_parallel_for(b->ctx, "multiple scattering", b->clusters->n_cluster, 1,
                                   multiple_range, &p);
+    if (status == PRT_OK && opaque) status = shape(&p, PRT_TERM_MULTIPLE, 1, NULL);
+    if (status == PRT_OK && opaque)
+        status = prt_parallel_for(b->ctx, "opaque surfaces", b->clusters->n_cluster, 1,
+                                  opaque_range, &p);
     b->seconds[T_MULTIPLE] = prt_time_s() - started;
     started = prt_time_s();
     light_rays_destroy(p.rays);

@@ -19,9 +19,12 @@ struct job {
     struct light_rays *rays;
     uint32_t *vertex_block;
     uint32_t *corner_begin, *corner;   // triangles around each welded vertex
-    struct prt_dipole dipole[3];
-    float (*irradiance)[3];            // [n_sample]
-    float (*color)[3];
+    unsigned n_material, n_light;
+    const struct prt_material *const *materials; // one eta
+    struct prt_dipole (*dipoles)[3];   // [n_material]
+    struct light_rays **lights;        // [n_light] what vertices trace; NULL when nothing does
+    float *irradiance;                 // [n_light][3][n_sample]
+    float (*const *color)[3];          // [n_material * n_light]
 };
 
 static bool translucent(const struct job *j, uint32_t vertex)
@@ -136,47 +139,62 @@ static int sample_range(void *arg, size_t begin, size_t end, unsigned worker)
         float origin[3];
         for (int k = 0; k < 3; k++) origin[k] = j->surface->position[i][k] + eps * f[k];
         uint32_t pattern = (uint32_t)(prt_hash64(&i, sizeof i, j->o->seed) >> 8);
+        float e[3];
         irradiance_at(j, pattern, origin, j->surface->normal[i], (const float (*)[3])f, 1,
-                      j->material->eta, j->irradiance[i]);
+                      j->material->eta, e);
+        for (size_t c = 0; c < 3; c++) j->irradiance[c * j->surface->n_sample + i] = e[c];
     }
     return PRT_OK;
 }
 
+// In sixteen sums, which a compiler may keep in registers.
+static float dot_array(const float *a, const float *b, uint32_t n)
+{
+    float sum[16] = {0}, all = 0;
+    uint32_t i = 0;
+    for (; i + 16 <= n; i += 16)
+        for (uint32_t k = 0; k < 16; k++) sum[k] += a[i + k] * b[i + k];
+    for (; i < n; i++) all += a[i] * b[i];
+    for (uint32_t k = 0; k < 16; k++) all += sum[k];
+    return all;
+}
+
 enum { CHUNK = 1024 };
 
-// B(x) = sum over all samples of the object: point values far away, cells nearby.
-static void multiple_at(const struct job *j, uint32_t v, float out[3])
+// B(x) = sum over all samples of the object: point values far away, cells nearby. out[n_light].
+static void multiple_at(const struct job *j, uint32_t v, const struct prt_dipole dipole[3],
+                        double (*out)[3])
 {
     const struct prt_surface_points *s = j->surface;
     uint32_t object = j->mesh->block[j->vertex_block[v]].object;
     const float *x = j->mesh->position[v];
     float near_mm = 6 * s->spacing, r2[CHUNK], rd[3][CHUNK];
-    double sum[3] = {0, 0, 0};
+    memset(out, 0, j->n_light * sizeof *out);
     for (uint32_t begin = s->object_begin[object], end = s->object_begin[object + 1]; begin < end;
          begin += CHUNK) {
         uint32_t n = end - begin < CHUNK ? end - begin : CHUNK;
-        float part[3] = {0, 0, 0};
         for (uint32_t i = 0; i < n; i++) {
             const float *p = s->position[begin + i];
             float a = p[0] - x[0], b = p[1] - x[1], c = p[2] - x[2];
             r2[i] = a * a + b * b + c * c;
         }
-        for (int c = 0; c < 3; c++)
-            prt_dipole_rd_array(&j->dipole[c], j->ctx->cpu, n, r2, rd[c]);
+        for (int c = 0; c < 3; c++) {
+            prt_dipole_rd_array(&dipole[c], j->ctx->cpu, n, r2, rd[c]);
+            for (uint32_t i = 0; i < n; i++) rd[c][i] *= s->area[begin + i];
+        }
         for (uint32_t i = 0; i < n; i++) {
             float k[3];
-            const float *e = j->irradiance[begin + i];
-            if (r2[i] < near_mm * near_mm) {
-                prt_surface_kernel(s, j->dipole, j->ctx->cpu, x, begin + i, near_mm, k);
-                for (int c = 0; c < 3; c++) part[c] += k[c] * e[c];
-            } else {
-                float area = s->area[begin + i];
-                for (int c = 0; c < 3; c++) part[c] += rd[c][i] * area * e[c];
-            }
+            if (r2[i] >= near_mm * near_mm) continue;
+            prt_surface_kernel(s, dipole, j->ctx->cpu, x, begin + i, near_mm, k);
+            for (int c = 0; c < 3; c++) rd[c][i] = k[c];
         }
-        for (int c = 0; c < 3; c++) sum[c] += part[c];
+        for (unsigned l = 0; l < j->n_light; l++)
+            for (unsigned c = 0; c < 3; c++)
+                out[l][c] += (double)dot_array(
+                    rd[c], j->irradiance + ((size_t)l * 3 + c) * s->n_sample + begin, n);
     }
-    for (int c = 0; c < 3; c++) out[c] = (float)(sum[c] / M_PI);
+    for (unsigned l = 0; l < j->n_light; l++)
+        for (int c = 0; c < 3; c++) out[l][c] /= M_PI;
 }
 
 // Phase function of a channel at the scattering cosine (both forms are normalised).
@@ -359,37 +377,56 @@ static double view_transmittance(const struct job *j, uint32_t v)
     return cosine > 0 ? prt_fresnel_transmittance(j->material->eta, fmin(cosine, 1)) : 0;
 }
 
-static int vertex_range(void *arg, size_t begin, size_t end, unsigned worker)
+static void opaque_at(const struct job *j, uint32_t v, float out[3])
 {
-    struct job *j = arg;
-    prt_trace_thread_init();
-    for (size_t i = begin; i < end; i++) {
-        uint32_t v = j->o->vertex ? j->o->vertex[i] : (uint32_t)i;
-        float *out = j->color[i], part[3];
-        enum prt_reference_term term = j->o->term;
-        out[0] = out[1] = out[2] = 0;
-        if (!translucent(j, v)) {
-            if (term == PRT_REFERENCE_SINGLE) continue;
-            vertex_irradiance(j, v, 0, out);
-            const float *albedo =
-                j->mesh->surface[j->mesh->block[j->vertex_block[v]].surface].base_color;
-            for (int c = 0; c < 3; c++) out[c] *= (float)(albedo[c] / M_PI);
+    const float *albedo =
+        j->mesh->surface[j->mesh->block[j->vertex_block[v]].surface].base_color;
+    vertex_irradiance(j, v, 0, out);
+    for (int c = 0; c < 3; c++) out[c] *= (float)(albedo[c] / M_PI);
+}
+
+// Material m under every light at one vertex; color[l] gets what was asked.
+static void shade_vertex(const struct job *all, unsigned m, uint32_t v, size_t at,
+                         double (*multiple)[3])
+{
+    struct job j = *all;
+    enum prt_reference_term term = j.o->term;
+    j.material = j.materials[m];
+    bool inside = translucent(&j, v);
+    if (inside && term != PRT_REFERENCE_SINGLE && term != PRT_REFERENCE_IRRADIANCE)
+        multiple_at(&j, v, j.dipoles[m], multiple);
+    else memset(multiple, 0, j.n_light * sizeof *multiple);
+    for (unsigned l = 0; l < j.n_light; l++) {
+        float *out = j.color[m * j.n_light + l][at], part[3];
+        j.rays = j.lights ? j.lights[l] : NULL;
+        for (int c = 0; c < 3; c++) out[c] = (float)multiple[l][c];
+        if (!inside) {
+            if (term != PRT_REFERENCE_SINGLE) opaque_at(&j, v, out);
             continue;
         }
-        if (term == PRT_REFERENCE_IRRADIANCE) {
-            vertex_irradiance(j, v, j->material->eta, out);
-            continue;
-        }
-        if (term != PRT_REFERENCE_SINGLE) multiple_at(j, v, out);
-        if (term != PRT_REFERENCE_MULTIPLE && !j->material->profile) {
-            single_at(j, v, part);
+        if (term == PRT_REFERENCE_IRRADIANCE) vertex_irradiance(&j, v, j.material->eta, out);
+        if ((term == PRT_REFERENCE_SINGLE || term == PRT_REFERENCE_TOTAL) &&
+            !j.material->profile) {
+            single_at(&j, v, part);
             for (int c = 0; c < 3; c++) out[c] += part[c];
         }
         if (term == PRT_REFERENCE_TOTAL) {
-            double ft = view_transmittance(j, v);
+            double ft = view_transmittance(&j, v);
             for (int c = 0; c < 3; c++) out[c] = fmaxf((float)(ft * out[c]), 0);
         }
     }
+}
+
+static int vertex_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct job *j = arg;
+    double(*multiple)[3] = prt_alloc(j->n_light, sizeof *multiple);
+    if (!multiple) return PRT_NOMEM;
+    prt_trace_thread_init();
+    for (size_t i = begin; i < end; i++)
+        for (unsigned m = 0; m < j->n_material; m++)
+            shade_vertex(j, m, j->o->vertex ? j->o->vertex[i] : (uint32_t)i, i, multiple);
+    prt_free(multiple);
     return PRT_OK;
 }
 
@@ -409,65 +446,105 @@ static int build_corners(struct job *j)
     return PRT_OK;
 }
 
+// The shortest mean free path of all media [mm].
+static double finest_path(const struct job *j)
+{
+    double finest = INFINITY;
+    for (unsigned m = 0; m < j->n_material; m++)
+        for (int c = 0; c < 3; c++) finest = fmin(finest, 1 / j->dipoles[m][c].sigma_t_prime);
+    return finest;
+}
+
 // Samples at l_u/4 of the densest channel where the budget allows, never fewer than 60,000.
 static uint32_t sample_count(const struct job *j)
 {
     if (j->o->n_sample) return j->o->n_sample;
-    double finest = INFINITY, area = prt_surface_area(j->mesh);
-    for (int c = 0; c < 3; c++) finest = fmin(finest, 1 / j->dipole[c].sigma_t_prime);
+    double finest = finest_path(j), area = prt_surface_area(j->mesh);
     double n = area / (finest * finest / 16);
     return (uint32_t)fmin(fmax(n, 60000), 240000);
 }
 
-static int prepare_multiple(struct job *j)
+// E depends on the light and eta alone: one pass over the samples a light serves all media.
+static int prepare_multiple(struct job *j, const struct prt_cube *const light[])
 {
-    float finest = INFINITY;
-    for (int c = 0; c < 3; c++) finest = fminf(finest, (float)(1 / j->dipole[c].sigma_t_prime));
-    int status = prt_surface_create(j->ctx, j->mesh, sample_count(j), finest / 8,
+    int status = prt_surface_create(j->ctx, j->mesh, sample_count(j), (float)finest_path(j) / 8,
                                     j->o->seed + 11, &j->surface);
     if (status) return status;
-    j->irradiance = prt_alloc(j->surface->n_sample, sizeof *j->irradiance);
-    if (!j->irradiance) return PRT_NOMEM;
-    return prt_parallel_for(j->ctx, "reference irradiance", j->surface->n_sample, 64,
-                            sample_range, j);
+    size_t n = j->surface->n_sample;
+    float *all = prt_alloc(3 * n * j->n_light, sizeof *all);
+    if (!all) return PRT_NOMEM;
+    for (unsigned l = 0; l < j->n_light && !status; l++) {
+        j->irradiance = all + 3 * n * l;
+        status = light_rays_create(light[l], 64, j->o->n_ray ? j->o->n_ray : 2048,
+                                   j->o->seed + 1, &j->rays);
+        if (!status)
+            status = prt_parallel_for(j->ctx, "reference irradiance", n, 64, sample_range, j);
+        light_rays_destroy(j->rays);
+        j->rays = NULL;
+    }
+    j->irradiance = all;
+    return status;
 }
 
-int prt_reference_colors(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                         const struct prt_material *material, const struct prt_cube *light,
-                         const struct prt_reference_options *options, float (*color)[3])
+// What vertices trace themselves: single scattering, their own irradiance, opaque ones'.
+static int prepare_lights(struct job *j, const struct prt_cube *const light[])
 {
-    struct job j = {.ctx = ctx, .mesh = mesh, .material = material, .o = options,
+    uint32_t n_ray = j->o->n_ray ? j->o->n_ray : 2048;
+    if (j->o->term == PRT_REFERENCE_SINGLE || j->o->term == PRT_REFERENCE_TOTAL)
+        n_ray = j->o->n_single ? j->o->n_single : 4096;
+    else if (j->o->term == PRT_REFERENCE_IRRADIANCE && !j->o->n_ray) n_ray = 8192;
+    j->lights = prt_calloc(j->n_light, sizeof *j->lights);
+    int status = j->lights ? PRT_OK : PRT_NOMEM;
+    for (unsigned l = 0; l < j->n_light && !status; l++)
+        status = light_rays_create(light[l], 64, n_ray, j->o->seed + 2, &j->lights[l]);
+    return status;
+}
+
+static int check_materials(struct job *j)
+{
+    j->dipoles = prt_calloc(j->n_material, sizeof *j->dipoles);
+    if (!j->dipoles) return PRT_NOMEM;
+    for (unsigned m = 0; m < j->n_material; m++) {
+        int status = prt_material_check(j->ctx, j->materials[m]);
+        if (status) return status;
+        if (j->materials[m]->eta != j->materials[0]->eta)
+            return prt_fail(j->ctx, PRT_MISMATCH,
+                            "eta is %g and %g: media measured together share theirs",
+                            (double)j->materials[0]->eta, (double)j->materials[m]->eta);
+        prt_material_dipoles(j->materials[m], j->dipoles[m]);
+    }
+    return PRT_OK;
+}
+
+int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                       unsigned n_material, const struct prt_material *const material[],
+                       unsigned n_light, const struct prt_cube *const light[],
+                       const struct prt_reference_options *options, float (*const color[])[3])
+{
+    if (!n_material || n_material > PRT_REFERENCE_MAX_MANY || !n_light ||
+        n_light > PRT_REFERENCE_MAX_MANY)
+        return prt_fail(ctx, PRT_ARG, "%u media under %u lights: 1 to %d of each", n_material,
+                        n_light, PRT_REFERENCE_MAX_MANY);
+    struct job j = {.ctx = ctx, .mesh = mesh, .material = material[0], .o = options,
+                    .n_material = n_material, .n_light = n_light, .materials = material,
                     .color = color};
     bool any = false;
-    int status = prt_material_check(ctx, material);
-    if (status) return status;
-    prt_material_dipoles(material, j.dipole);
     for (uint32_t b = 0; b < mesh->n_block; b++)
         any |= mesh->surface[mesh->block[b].surface].translucent && mesh->block[b].n_triangle;
-    uint32_t n_ray = options->n_ray ? options->n_ray : 2048;
-    if (options->term == PRT_REFERENCE_SINGLE || options->term == PRT_REFERENCE_TOTAL)
-        n_ray = options->n_single ? options->n_single : 4096;
-    else if (options->term == PRT_REFERENCE_IRRADIANCE && !options->n_ray)
-        n_ray = 8192;
-    j.vertex_block = prt_mesh_vertex_blocks(mesh);
-    if (!j.vertex_block) status = PRT_NOMEM;
-    if (status == PRT_OK) status = build_corners(&j);
-    if (status == PRT_OK) status = prt_scene_create(ctx, mesh, &j.scene);
     bool multiple = options->term == PRT_REFERENCE_MULTIPLE ||
                     options->term == PRT_REFERENCE_TOTAL;
-    if (status == PRT_OK && multiple && any) {
-        status = light_rays_create(light, 64, options->n_ray ? options->n_ray : 2048,
-                                   options->seed + 1, &j.rays);
-        if (status == PRT_OK) status = prepare_multiple(&j);
-        light_rays_destroy(j.rays);
-        j.rays = NULL;
-    }
-    if (status == PRT_OK)
-        status = light_rays_create(light, 64, n_ray, options->seed + 2, &j.rays);
+    int status = check_materials(&j);
+    if (status == PRT_OK && !(j.vertex_block = prt_mesh_vertex_blocks(mesh))) status = PRT_NOMEM;
+    if (status == PRT_OK) status = build_corners(&j);
+    if (status == PRT_OK) status = prt_scene_create(ctx, mesh, &j.scene);
+    if (status == PRT_OK && multiple && any) status = prepare_multiple(&j, light);
+    if (status == PRT_OK) status = prepare_lights(&j, light);
     size_t n = options->vertex ? options->n_vertex : mesh->n_vertex;
     if (status == PRT_OK)
         status = prt_parallel_for(ctx, "reference", n, 16, vertex_range, &j);
-    light_rays_destroy(j.rays);
+    for (unsigned l = 0; j.lights && l < n_light; l++) light_rays_destroy(j.lights[l]);
+    prt_free(j.lights);
+    prt_free(j.dipoles);
     prt_surface_destroy(j.surface);
     prt_scene_destroy(j.scene);
     prt_free(j.irradiance);
@@ -476,4 +553,11 @@ int prt_reference_colors(const struct prt_context *ctx, const struct prt_mesh *m
     prt_free(j.corner);
     return status == PRT_NOMEM ? prt_fail(ctx, status, "no memory for the reference engine")
                                : status;
+}
+
+int prt_reference_colors(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                         const struct prt_material *material, const struct prt_cube *light,
+                         const struct prt_reference_options *options, float (*color)[3])
+{
+    return prt_reference_many(ctx, mesh, 1, &material, 1, &light, options, &color);
 }

@@ -37,24 +37,31 @@ static bool asked(const struct prt_query *query, const struct prt_tensor *t)
            (t->term == PRT_TERM_SINGLE) == (query->term == PRT_ANSWER_SINGLE);
 }
 
+int relight_material_check(const struct prt_context *ctx, const struct prt_transport *t,
+                           const struct prt_material *material)
+{
+    bool any_free = false;
+    for (uint32_t i = 0; i < t->n_tensor; i++) any_free |= is_free(&t->tensor[i]);
+    if (!any_free)
+        return prt_fail(ctx, PRT_MISMATCH,
+                        "a wavelet transport's material is fixed when it is baked");
+    int status = prt_material_check(ctx, material);
+    if (status || fabsf(material->eta - t->material.eta) <= 1e-6f) return status;
+    return prt_fail(ctx, PRT_MISMATCH,
+                    "%s: eta is %g, this bake is for %g (relative refractive index, no unit): "
+                    "bake again for another",
+                    material->name[0] ? material->name : "material", (double)material->eta,
+                    (double)t->material.eta);
+}
+
 static int check_query(const struct prt_context *ctx, const struct prt_transport *t,
                        const struct prt_query *q)
 {
-    bool any_free = false, any_light = false;
-    for (uint32_t i = 0; i < t->n_tensor; i++) {
-        any_free |= is_free(&t->tensor[i]);
+    bool any_light = false;
+    for (uint32_t i = 0; i < t->n_tensor; i++)
         any_light |= t->tensor[i].storage != PRT_STORAGE_RADIAL;
-    }
-    if (q->material && !any_free)
-        return prt_fail(ctx, PRT_MISMATCH,
-                        "a wavelet transport's material is fixed when it is baked");
-    if (q->material) {
-        int status = prt_material_check(ctx, q->material);
-        if (status) return status;
-        if (fabsf(q->material->eta - t->material.eta) > 1e-6f)
-            return prt_fail(ctx, PRT_MISMATCH, "eta is %g in the material, %g in the bake",
-                            (double)q->material->eta, (double)t->material.eta);
-    }
+    int status = q->material ? relight_material_check(ctx, t, q->material) : PRT_OK;
+    if (status) return status;
     if (any_light && !q->light) return prt_fail(ctx, PRT_ARG, "this transport needs a light");
     if (q->light && any_light && q->light->n != t->cube)
         return prt_fail(ctx, PRT_MISMATCH, "a light of 6x%ux%u for a transport of 6x%ux%u",
@@ -99,7 +106,8 @@ static void plane_factor(const struct answer *a, const struct prt_tensor *t, uns
         struct prt_phase phase;
         float g = a->material->g[ch];
         factor[ch] = 1;
-        if (!is_free(t) || prt_phase_hg(&phase, (double)g, t->n_phase)) continue;
+        if (a->material->profile) factor[ch] = 0; // its R_d holds all light that leaves
+        if (factor[ch] == 0 || !is_free(t) || prt_phase_hg(&phase, (double)g, t->n_phase)) continue;
         factor[ch] = (float)phase.a[l] * a->material->sigma_s_prime[ch] / (1 - g);
     }
 }

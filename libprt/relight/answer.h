@@ -5,6 +5,9 @@
 
 #include "prt/relight.h"
 
+// PRT_MISMATCH unless the material may be given to this transport: it is free and of its eta.
+int relight_material_check(const struct prt_context *ctx, const struct prt_transport *transport,
+                           const struct prt_material *material);
 // coef[n_radial][3] of a material in a tensor's own radial basis (FULL, RADIAL): R_d for
 // multiple, e^(-sigma_t r) for single scattering. Warns when the basis does not cover it.
 int relight_material_coef(const struct prt_context *ctx, const struct prt_transport *transport,

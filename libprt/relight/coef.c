@@ -58,6 +58,16 @@ static struct kept *find(uint64_t key)
     return NULL;
 }
 
+int prt_tensor_radial(const struct prt_context *ctx, const struct prt_transport *transport,
+                      const struct prt_tensor *tensor, struct prt_radial **out)
+{
+    if (!tensor->n_knot || !tensor->knot || !tensor->basis)
+        return prt_fail(ctx, PRT_ARG, "this tensor has no radial basis");
+    struct prt_radial_options options = options_of(transport, tensor);
+    return prt_radial_from_table(ctx, &options, tensor->n_radial, tensor->n_knot, tensor->knot,
+                                 tensor->basis, out);
+}
+
 // *slot is the place that keeps *radial, NULL when the caller has to destroy it.
 static int acquire(const struct prt_context *ctx, const struct prt_transport *transport,
                    const struct prt_tensor *tensor, struct kept **slot,
@@ -102,25 +112,86 @@ __attribute__((destructor)) static void drop_all(void)
     for (int i = 0; i < N_KEPT; i++) prt_radial_destroy(kept[i].radial);
 }
 
-int relight_material_coef(const struct prt_context *ctx, const struct prt_transport *transport,
-                          const struct prt_tensor *tensor, const struct prt_material *material,
-                          float *coef)
+// Says which parameter lies outside what the basis was made for.
+static int refuse(const struct prt_context *ctx, const struct prt_radial *radial,
+                  const struct prt_material *m, double error)
+{
+    const bool dipole = radial->family == PRT_FAMILY_DIPOLE;
+    const char *name = m->name[0] ? m->name : "material";
+    for (int c = 0; c < 3 && !m->profile; c++) {
+        double s = (double)m->sigma_s_prime[c], a = (double)m->sigma_a[c];
+        const double value[2] = {dipole ? s : a + s / (1 - (double)m->g[c]), a};
+        for (int k = 0; k < (dipole ? 2 : 1); k++)
+            if (!(value[k] >= radial->range[k][0] && value[k] <= radial->range[k][1]))
+                return prt_fail(ctx, PRT_ARG,
+                                "%s: %s[%d] is %g, this bake covers %g to %g mm^-1: its basis "
+                                "would miss %.0f %% of the medium (at most %.0f %%)",
+                                name,
+                                k         ? "sigma_a"
+                                : dipole  ? "sigma_s_prime"
+                                          : "extinction sigma_a + sigma_s_prime/(1-g)",
+                                c, value[k], radial->range[k][0], radial->range[k][1],
+                                100 * error, 100 * PRT_MATERIAL_MOST_ERROR);
+    }
+    return prt_fail(ctx, PRT_ARG,
+                    "%s: this bake's basis misses %.0f %% of its profile (at most %.0f %%); bake "
+                    "with it as --material to hold it exactly",
+                    name, 100 * error, 100 * PRT_MATERIAL_MOST_ERROR);
+}
+
+static int fit(const struct prt_context *ctx, const struct prt_transport *transport,
+               const struct prt_tensor *tensor, const struct prt_material *material, float *coef,
+               double *error)
 {
     struct prt_radial *radial;
     struct kept *slot;
-    double error = 0;
+    if (tensor->storage == PRT_STORAGE_RADIAL && !tensor->n_knot) { // fixed colours
+        for (uint32_t i = 0; i < 3 * tensor->n_radial; i++) coef[i] = 1;
+        *error = 0;
+        return PRT_OK;
+    }
     if (!tensor->n_knot || !tensor->knot || !tensor->basis)
         return prt_fail(ctx, PRT_FORMAT, "the transport has no radial basis for a material");
     int status = acquire(ctx, transport, tensor, &slot, &radial);
     if (status) return status;
-    status = prt_radial_fit_material(radial, material, coef, &error);
-    release(slot, radial);
+    status = prt_radial_fit_material(radial, material, coef, error);
     if (status)
-        return prt_fail(ctx, status,
-                        "the material cannot be expressed in the transport's basis");
-    if (error > 0.02)
+        status = prt_fail(ctx, status, "the material cannot be expressed in the transport's basis");
+    else if (!(*error <= PRT_MATERIAL_MOST_ERROR))
+        status = refuse(ctx, radial, material, *error);
+    release(slot, radial);
+    return status;
+}
+
+int relight_material_coef(const struct prt_context *ctx, const struct prt_transport *transport,
+                          const struct prt_tensor *tensor, const struct prt_material *material,
+                          float *coef)
+{
+    double error = 0;
+    int status = fit(ctx, transport, tensor, material, coef, &error);
+    if (!status && error > 0.02)
         prt_log(ctx, PRT_LOG_WARNING,
                 "the transport's %s basis represents this material to %.1f %% only",
                 tensor->term == PRT_TERM_SINGLE ? "extinction" : "reflectance", 100 * error);
-    return PRT_OK;
+    return status;
+}
+
+int prt_answer_material_error(const struct prt_context *ctx,
+                              const struct prt_transport *transport,
+                              const struct prt_material *material, enum prt_answer_term term,
+                              double *error)
+{
+    float coef[3 * 256];
+    int status = relight_material_check(ctx, transport, material);
+    *error = 0;
+    for (uint32_t i = 0; i < transport->n_tensor && !status; i++) {
+        const struct prt_tensor *t = &transport->tensor[i];
+        double one = 0;
+        bool single = t->term == PRT_TERM_SINGLE;
+        if (!t->n_knot || t->n_radial > 256 || (single && material->profile)) continue;
+        if (term != PRT_ANSWER_TOTAL && single != (term == PRT_ANSWER_SINGLE)) continue;
+        status = fit(ctx, transport, t, material, coef, &one);
+        if (one > *error) *error = one;
+    }
+    return status;
 }

@@ -39,11 +39,8 @@ static const char *choose_engine(const struct tool *tool, const struct source *s
 static int answer(struct tool *tool, const struct source *source, const struct prt_cube *light,
                   const float *eye_mm, float (*color)[3])
 {
-    const char *term = tool->opt.term ? tool->opt.term : "total";
     struct prt_query query = {
-        .term = !strcmp(term, "multiple") ? PRT_ANSWER_MULTIPLE
-                : !strcmp(term, "single") ? PRT_ANSWER_SINGLE
-                                          : PRT_ANSWER_TOTAL,
+        .term = answer_term(tool->opt.term),
         .light = light,
         .material = source->material_given ? &source->material : NULL,
         .eye = eye_mm,
@@ -52,7 +49,7 @@ static int answer(struct tool *tool, const struct source *source, const struct p
 }
 
 static void summary(const struct tool *tool, const struct source *source, const char *engine,
-                    uint32_t cube, double seconds, const float (*color)[3])
+                    uint32_t cube, double seconds, double lost, const float (*color)[3])
 {
     uint32_t n = source->mesh->n_vertex;
     double mean[3] = {0};
@@ -61,6 +58,9 @@ static void summary(const struct tool *tool, const struct source *source, const 
     if (!tool->opt.json) {
         prt_log(&tool->ctx, PRT_LOG_NOTE, "%s: %u colours by %s in %.3f s, mean %.4g %.4g %.4g",
                 tool->opt.out, n, engine, seconds, mean[0], mean[1], mean[2]);
+        if (lost > 0)
+            prt_log(&tool->ctx, PRT_LOG_NOTE,
+                    "the bake's radial basis holds this material to %.2g %%", 100 * lost);
         return;
     }
     cJSON *root = cJSON_CreateObject();
@@ -70,6 +70,8 @@ static void summary(const struct tool *tool, const struct source *source, const 
     cJSON_AddNumberToObject(root, "vertices", n);
     if (cube) cJSON_AddNumberToObject(root, "cube", cube);
     cJSON_AddNumberToObject(root, "seconds", seconds);
+    if (source->material_given && source->transport)
+        cJSON_AddNumberToObject(root, "material_error", lost);
     cJSON_AddItemToObject(root, "mean", cJSON_CreateDoubleArray(mean, 3));
     char *text = cJSON_PrintUnformatted(root);
     puts(text ? text : "{}");
@@ -119,7 +121,9 @@ int run_colors(struct tool *tool)
     if (status || (status = source_open(tool, o->input[0], true, &source))) return status;
     const char *engine = choose_engine(tool, &source);
     bool reference = engine && !strcmp(engine, "reference");
+    double lost = 0;
     status = engine ? load_light(tool, &source, reference, &cube) : EXIT_USAGE;
+    if (!status && !reference) status = source_material_error(tool, &source, o->term, &lost);
     if (status) goto done;
     float eye[3];
     for (int i = 0; i < 3; i++) eye[i] = o->eye.v[i] * source.mesh->mm_per_unit;
@@ -136,7 +140,7 @@ int run_colors(struct tool *tool)
     if (!status)
         status = tool_exit(
             tool, output_colors(&tool->ctx, o->out, source.mesh, (const float(*)[3])color));
-    if (!status) summary(tool, &source, engine, cube.n, seconds, (const float(*)[3])color);
+    if (!status) summary(tool, &source, engine, cube.n, seconds, lost, (const float(*)[3])color);
 done:
     prt_free(color);
     prt_cube_finish(&cube);

@@ -123,8 +123,7 @@ static int report(const struct tool *tool, const struct values *a, const struct 
     return within ? EXIT_DONE : EXIT_FAILED;
 }
 
-// [n] distinct file vertices, ascending, the same for the same seed.
-static uint32_t *pick_vertices(uint32_t n_vertex, uint32_t n, uint64_t seed)
+uint32_t *pick_vertices(uint32_t n_vertex, uint32_t n, uint64_t seed)
 {
     uint32_t *pick = prt_alloc(n, sizeof *pick), found = 0;
     struct prt_rng rng;
@@ -158,7 +157,7 @@ static int reference_at(struct tool *tool, const struct source *source,
                                 (float(*)[3])rgb);
 }
 
-// A.prt against the reference engine at some of its vertices, both under --env; the reference
+// A.prt (a polynomial one under its own light) against the reference engine at some of its vertices, both under --env; the reference
 // sees the light at --cube's resolution.
 static int against_reference(struct tool *tool, struct values *a, struct values *b)
 {
@@ -177,7 +176,6 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
     uint32_t n = want < n_vertex ? (uint32_t)want : n_vertex;
     float eye[3];
     for (int i = 0; i < 3; i++) eye[i] = o->eye.v[i] * source.mesh->mm_per_unit;
-    const char *term = o->term ? o->term : "total";
     if (!source.transport) {
         exit_status = usage_error(o, "%s is not a .prt", o->input[0]);
         goto done;
@@ -189,9 +187,7 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
     if (!exit_status) exit_status = source_light(tool, &source, env, 0, &light);
     if (exit_status) goto done;
     struct prt_query query = {
-        .term = !strcmp(term, "multiple") ? PRT_ANSWER_MULTIPLE
-                : !strcmp(term, "single") ? PRT_ANSWER_SINGLE
-                                          : PRT_ANSWER_TOTAL,
+        .term = answer_term(o->term),
         .light = source.transport->engine == PRT_ENGINE_POLYNOMIAL ? NULL : &own,
         .material = source.material_given ? &source.material : NULL,
         .eye = o->eye.set ? eye : NULL,
@@ -225,7 +221,10 @@ int run_compare(struct tool *tool)
     const struct options *o = &tool->opt;
     struct values a = {0}, b = {0};
     int status;
-    if (!strcmp(o->input[1], "reference")) {
+    bool reference = !strcmp(o->input[1], "reference");
+    if (reference && (o->materials || o->n_env > 1)) return compare_table(tool);
+    if (o->materials) return usage_error(o, "--materials is for B = reference");
+    if (reference) {
         status = against_reference(tool, &a, &b);
     } else {
         status = values_load(tool, o->input[0], &a);

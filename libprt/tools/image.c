@@ -119,9 +119,7 @@ static int vertex_planes(struct tool *tool, struct picture *p, const char *term)
 {
     const struct prt_transport *t = p->source.transport;
     struct prt_query query = {
-        .term = !strcmp(term, "multiple") ? PRT_ANSWER_MULTIPLE
-                : !strcmp(term, "single") ? PRT_ANSWER_SINGLE
-                                          : PRT_ANSWER_TOTAL,
+        .term = answer_term(term),
         .light = t->engine == PRT_ENGINE_POLYNOMIAL ? NULL : &p->light,
         .material = p->source.material_given ? &p->source.material : NULL,
     };

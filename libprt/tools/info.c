@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // prt info: what a .prt, a model or an environment holds, as text or JSON.
 #include "tool.h"
+#include "prt/radial.h"
 
 #include <cjson/cJSON.h>
 #include <errno.h>
@@ -62,7 +63,75 @@ static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
     }
 }
 
-static void add_tensor(cJSON *to, const struct prt_tensor *t, uint64_t *total)
+// Ranks of the clusters that have any: how many numbers a vertex takes where.
+static void add_ranks(cJSON *o, const struct prt_tensor *t)
+{
+    enum { BIN = 8, BINS = 16 };
+    int bins[BINS] = {0}, last = 0;
+    uint32_t low = UINT32_MAX, high = 0;
+    double weighted = 0, vertices = 0;
+    for (uint32_t i = 0; i < t->n_cluster; i++) {
+        uint32_t rank = t->cluster[i].rank, bin = rank / BIN < BINS ? rank / BIN : BINS - 1;
+        if (!rank) continue;
+        low = rank < low ? rank : low;
+        high = rank > high ? rank : high;
+        weighted += (double)rank * t->cluster[i].n_vertex;
+        vertices += t->cluster[i].n_vertex;
+        bins[bin]++;
+        last = (int)bin > last ? (int)bin : last;
+    }
+    if (!high || t->storage != PRT_STORAGE_FACTORED) return;
+    cJSON *r = cJSON_AddObjectToObject(o, "cluster_rank");
+    cJSON_AddNumberToObject(r, "min", low);
+    cJSON_AddNumberToObject(r, "mean", round(1000 * weighted / vertices) / 1000);
+    cJSON_AddNumberToObject(r, "max", high);
+    cJSON_AddItemToObject(r, "histogram_by_8", cJSON_CreateIntArray(bins, last + 1));
+}
+
+// How well the tensor's radial basis holds the twelve measured media (METHODS §4's weighted L1),
+// at the bake's eta, and the whole range it was made for.
+static int add_basis(struct tool *tool, cJSON *o, const struct prt_transport *transport,
+                     const struct prt_tensor *t)
+{
+    static const char *const kinds[] = {"reduced", "polynomial", "hat", "x07"};
+    struct prt_radial *radial;
+    const struct prt_material *preset;
+    float coef[3 * 64];
+    double worst = 0, mean = 0;
+    int status = prt_tensor_radial(&tool->ctx, transport, t, &radial), n = 0;
+    if (status) return status;
+    cJSON *b = cJSON_AddObjectToObject(o, "basis");
+    cJSON_AddStringToObject(b, "kind", kinds[radial->kind & 3]);
+    cJSON_AddStringToObject(b, "of", radial->family == PRT_FAMILY_EXTINCTION ? "e^(-sigma_t r)"
+                                                                            : "R_d");
+    cJSON_AddNumberToObject(b, "functions", radial->n_function);
+    cJSON_AddNumberToObject(b, "radius_mm", (double)radial->r[radial->n_grid - 1]);
+    bool dipole = radial->family == PRT_FAMILY_DIPOLE;
+    cJSON_AddItemToObject(b, dipole ? "sigma_s_prime_range" : "sigma_t_range",
+                          cJSON_CreateDoubleArray(radial->range[0], 2));
+    if (dipole)
+        cJSON_AddItemToObject(b, "sigma_a_range", cJSON_CreateDoubleArray(radial->range[1], 2));
+    cJSON_AddNumberToObject(b, "range_mean_error", radial->mean_error);
+    cJSON_AddNumberToObject(b, "range_worst_error", radial->worst_error);
+    cJSON *all = cJSON_AddObjectToObject(b, "preset_error");
+    for (unsigned i = 0; !status && (preset = prt_material_preset(i)); i++) {
+        struct prt_material m = *preset;
+        double error = 0;
+        m.eta = transport->material.eta;
+        if (!(status = prt_radial_fit_material(radial, &m, coef, &error)))
+            cJSON_AddNumberToObject(all, m.name, error);
+        worst = fmax(worst, error);
+        mean += error;
+        n++;
+    }
+    cJSON_AddNumberToObject(b, "preset_mean_error", mean / (n ? n : 1));
+    cJSON_AddNumberToObject(b, "preset_worst_error", worst);
+    prt_radial_destroy(radial);
+    return status;
+}
+
+static int add_tensor(struct tool *tool, cJSON *to, const struct prt_transport *transport,
+                      const struct prt_tensor *t, uint64_t *total)
 {
     static const char *const storages[] = {"factored", "sparse", "radial"};
     cJSON *o = cJSON_CreateObject();
@@ -89,6 +158,8 @@ static void add_tensor(cJSON *to, const struct prt_tensor *t, uint64_t *total)
     cJSON_AddNumberToObject(o, "row_bytes", (double)row_bytes);
     cJSON_AddNumberToObject(o, "bytes_per_vertex", (double)(u_bytes + row_bytes) / t->n_vertex);
     cJSON_AddItemToArray(to, o);
+    add_ranks(o, t);
+    return t->n_knot ? add_basis(tool, o, transport, t) : PRT_OK;
 }
 
 static int describe_prt(struct tool *tool, const char *path, cJSON *root)
@@ -109,7 +180,12 @@ static int describe_prt(struct tool *tool, const char *path, cJSON *root)
     cJSON_AddStringToObject(root, "mesh_hash", hash);
     add_mesh(root, &t->mesh);
     cJSON *tensors = cJSON_AddArrayToObject(root, "tensors");
-    for (uint32_t i = 0; i < t->n_tensor; i++) add_tensor(tensors, &t->tensor[i], &total);
+    for (uint32_t i = 0; i < t->n_tensor && !status; i++)
+        status = add_tensor(tool, tensors, t, &t->tensor[i], &total);
+    if (status) {
+        prt_file_close(file);
+        return tool_exit(tool, status);
+    }
     cJSON_AddNumberToObject(root, "transport_bytes", (double)total);
     cJSON_AddNumberToObject(root, "bytes_per_vertex", (double)total / t->mesh.n_vertex);
     add_parsed(root, "errors", t->errors);
@@ -123,6 +199,7 @@ static int describe_model(struct tool *tool, const char *path, cJSON *root)
     struct prt_mesh *mesh;
     struct prt_mesh_options options = {.opaque = tool->opt.n_opaque ? tool->opt.opaque : NULL};
     int status = prt_mesh_load(&tool->ctx, path, &options, &mesh);
+    if (status == PRT_ARG && options.opaque) return EXIT_USAGE;
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     cJSON_AddStringToObject(root, "kind", "model");
     add_mesh(root, mesh);

@@ -13,6 +13,7 @@ enum kind {
     FLAG,   // bool
     TEXT,   // const char *
     NAMES,  // appended to options.opaque
+    ENVS,   // appended to options.envs
     WORD,   // const char *, one of `words`
     REAL,   // double in [low, high], low itself excluded when it is 0
     SIGNED, // double in [low, high]
@@ -71,8 +72,13 @@ static const struct row table[] = {
      "millimetres in one unit of the model"},
     {"opaque", 0, "NAME", NAMES, 0, 0, 0, NULL, BAKE | COLORS | IMAGE | INFO,
      "a material or node that is opaque; may repeat"},
-    {"env", 'e', "ENV", TEXT, AT(env), 0, 0, NULL, BAKE | LIGHTS,
+    {"env", 'e', "ENV", TEXT, AT(env), 0, 0, NULL, BAKE | COLORS | IMAGE,
      "light: lat-long or cube image, folder of six faces, constant[:R,G,B]"},
+    {"env", 'e', "ENV", ENVS, 0, 0, 0, NULL, COMPARE,
+     "with B = reference: the light; several make a table, a column each"},
+    {"materials", 0, "LIST", TEXT, AT(materials), 0, 0, NULL, COMPARE,
+     "with B = reference: a table, a row each: all (measured media of the bake's eta and both\n"
+     "                              ends of the range), media, range, or NAME|FILE,…"},
     {"rotate", 0, "DEG", SIGNED, AT(rotate_deg), -1e6, 1e6, NULL, BAKE | LIGHTS | ENV,
      "turns the light counter-clockwise about +y seen from above"},
     {"engine", 0, "NAME", WORD, AT(engine), 0, 0, engines, COLORS,
@@ -178,7 +184,9 @@ static const struct {
     [CMD_COMPARE] = {"compare", "A B", "relative RMSE |A-B|/|B| of colours or pictures", 2, 2,
                      "prt compare bunny.csv truth.npy --max-rmse 0.01\n"
                      "prt compare a.exr b.exr --json\n"
-                     "prt compare bunny.prt reference --env studio.exr --term multiple"},
+                     "prt compare bunny.prt reference --env studio.exr --term multiple\n"
+                     "prt compare joint.prt reference --env studio.exr --env grace.exr \\\n"
+                     "    --materials all --term multiple --max-rmse 0.01"},
     [CMD_ENV] = {"env", "IN -o OUT", "convert, turn and resize an environment", 1, 1,
                  "prt env studio.exr --size 128 -o studio_cube.exr\n"
                  "prt env lobby_gl.dds --size 1024x512 --rotate 30 -o lobby.exr"},
@@ -372,6 +380,13 @@ static int set_option(struct options *o, const struct row *row, const char *valu
         if (o->n_opaque == MAX_OPAQUE)
             return usage_error(o, "--%s: at most %d names", row->name, MAX_OPAQUE);
         o->opaque[o->n_opaque++] = value;
+        return -1;
+    case ENVS:
+        if (!*value) return usage_error(o, "--%s: expected %s", row->name, row->label);
+        if (o->n_env == MAX_ENV)
+            return usage_error(o, "--%s: at most %d lights", row->name, MAX_ENV);
+        o->envs[o->n_env++] = value;
+        o->env = o->envs[0];
         return -1;
     case WORD:
         return set_word(o, row, value);

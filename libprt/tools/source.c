@@ -10,10 +10,10 @@
 #include <strings.h>
 #include <unistd.h>
 
-int material_option(struct tool *tool, struct prt_material *out)
+int material_named(struct tool *tool, const char *option, const char *name,
+                   struct prt_material *out)
 {
     const struct prt_context *ctx = &tool->ctx;
-    const char *name = tool->opt.material;
     bool inline_json = *name == '{', is_file = !inline_json && access(name, F_OK) == 0;
     const struct prt_material *preset;
     for (unsigned i = 0; !inline_json && (preset = prt_material_preset(i)); i++)
@@ -27,7 +27,7 @@ int material_option(struct tool *tool, struct prt_material *out)
             size_t n = strlen(list);
             snprintf(list + n, sizeof list - n, "%s%s", n ? ", " : "", preset->name);
         }
-        return usage_error(&tool->opt, "--material %s: neither a file nor one of %s", name,
+        return usage_error(&tool->opt, "--%s %s: neither a file nor one of %s", option, name,
                            list);
     }
     int status = prt_material_load(ctx, name, out);
@@ -35,6 +35,11 @@ int material_option(struct tool *tool, struct prt_material *out)
     // A bad file has failed; bad text on the command line is wrong usage.
     if (status) return is_file ? EXIT_FAILED : EXIT_USAGE;
     return EXIT_DONE;
+}
+
+int material_option(struct tool *tool, struct prt_material *out)
+{
+    return material_named(tool, "material", tool->opt.material, out);
 }
 
 const char *source_engine_name(const struct prt_transport *transport)
@@ -73,6 +78,22 @@ static int open_prt(struct tool *tool, struct source *source)
     return material_option(tool, &source->material);
 }
 
+int source_material_error(struct tool *tool, const struct source *source, const char *term,
+                          double *error)
+{
+    *error = 0;
+    if (!source->transport || !source->material_given) return EXIT_DONE;
+    return tool_exit(tool, prt_answer_material_error(&tool->ctx, source->transport,
+                                                     &source->material, answer_term(term), error));
+}
+
+enum prt_answer_term answer_term(const char *word)
+{
+    return word && !strcmp(word, "multiple") ? PRT_ANSWER_MULTIPLE
+           : word && !strcmp(word, "single") ? PRT_ANSWER_SINGLE
+                                             : PRT_ANSWER_TOTAL;
+}
+
 static int open_model(struct tool *tool, bool need_material, struct source *source)
 {
     const struct options *o = &tool->opt;
@@ -85,6 +106,7 @@ static int open_model(struct tool *tool, bool need_material, struct source *sour
     }
     struct prt_mesh_options options = {.opaque = o->n_opaque ? o->opaque : NULL};
     int status = prt_mesh_load(&tool->ctx, source->path, &options, &source->loaded);
+    if (status == PRT_ARG && o->n_opaque) return EXIT_USAGE; // a name that --opaque misspells
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     source->mesh = source->loaded;
     if (!(o->size_mm > 0) && !(o->mm_per_unit > 0) && !source->loaded->units_known)

@@ -9,13 +9,14 @@
 #include "prt/mesh.h"
 #include "prt/raster.h"
 #include "prt/reference.h"
+#include "prt/relight.h"
 #include "prt/transport.h"
 
 /* Exit statuses of the command contract. */
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
 
 enum command { CMD_BAKE, CMD_COLORS, CMD_IMAGE, CMD_INFO, CMD_COMPARE, CMD_ENV, N_COMMAND };
-enum { MAX_INPUT = 2, MAX_OPAQUE = 64 };
+enum { MAX_INPUT = 2, MAX_OPAQUE = 64, MAX_ENV = 16 };
 
 struct vector_option {
     bool set;
@@ -31,6 +32,9 @@ struct options {
     const char *tone, *background, *layout;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
+    const char *envs[MAX_ENV]; /* compare: every --env; env is the first */
+    unsigned n_env;
+    const char *materials; /* compare: --materials */
     double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms;
     uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed;
     uint64_t threads, msaa, quality, vertices;
@@ -83,10 +87,18 @@ int source_open(struct tool *tool, const char *path, bool need_material, struct 
 void source_close(struct source *source);
 /* --engine, or the source's own; NULL after a usage error. */
 const char *source_engine_name(const struct prt_transport *transport);
+/* What a .prt's bases leave of --material (0 for the baked one). Returns an exit status: refused
+ * with the parameter and its range when that is too much. */
+int source_material_error(struct tool *tool, const struct source *source, const char *term,
+                          double *error);
+enum prt_answer_term answer_term(const char *word); /* NULL: total */
 /* Loads --env turned by --rotate as an n-cube; n 0: what --cube says (full: the file's own),
  * else the .prt's, else 32. Returns an exit status. */
 int source_light(struct tool *tool, const struct source *source, const struct prt_env *env,
                  uint32_t n, struct prt_cube *out);
+/* The same for a name, file or text that --`option` gave. */
+int material_named(struct tool *tool, const char *option, const char *name,
+                   struct prt_material *out);
 /* --material by preset, file or JSON text. Returns an exit status. */
 int material_option(struct tool *tool, struct prt_material *out);
 /* Reference colours of a term for the whole mesh; eye in mm or NULL. Returns an exit status. */
@@ -117,6 +129,11 @@ int table_load(const struct prt_context *ctx, const char *path, float **rgb, siz
 /* Integral of radiance over the sphere, RGB [W m^-2]. */
 void env_power(const struct prt_env *env, double power[3]);
 void cube_power(const struct prt_cube *cube, double power[3]);
+
+/* [n] distinct file vertices, ascending, the same for the same seed; NULL without memory. */
+uint32_t *pick_vertices(uint32_t n_vertex, uint32_t n, uint64_t seed);
+/* prt compare A.prt reference with --materials or several --env: media x lights. */
+int compare_table(struct tool *tool);
 
 int run_bake(struct tool *tool);
 int run_colors(struct tool *tool);

@@ -34,6 +34,13 @@ struct prt_reference_options {
 int prt_reference_colors(const struct prt_context *ctx, const struct prt_mesh *mesh,
                          const struct prt_material *material, const struct prt_cube *light,
                          const struct prt_reference_options *options, float (*color)[3]);
+/* Every material under every light at once, into color[material * n_light + light]: the samples
+ * and the irradiance on them, which media of one eta share, are made once. */
+enum { PRT_REFERENCE_MAX_MANY = 64 };
+int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                       unsigned n_material, const struct prt_material *const material[],
+                       unsigned n_light, const struct prt_cube *const light[],
+                       const struct prt_reference_options *options, float (*const color[])[3]);
 /* Relative RMSE ||a-b|| / ||b|| over n values, in double. */
 double prt_relative_rmse(const float *a, const float *b, size_t n);
 

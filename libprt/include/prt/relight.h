@@ -70,6 +70,20 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
  * needed to weight plane k by are already in the planes: multiply by Y_k(w_o'). */
 int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, unsigned *n_plane, float *planes);
+/* The largest share of R_d (of e^(-sigma_t r)) that a free material may lose to the basis. */
+#define PRT_MATERIAL_MOST_ERROR 0.10
+/* What the radial bases of a joint or polynomial transport leave of a material: the largest
+ * integral |dR| over that of R of the tensors that `term` asks, which bounds what the answer loses
+ * beside the bake's own measured error. <= 0.5 ms. PRT_ARG, naming the parameter and its range,
+ * above PRT_MATERIAL_MOST_ERROR (as answers do); PRT_MISMATCH for another eta or a fixed medium. */
+int prt_answer_material_error(const struct prt_context *ctx,
+                              const struct prt_transport *transport,
+                              const struct prt_material *material, enum prt_answer_term term,
+                              double *error);
+struct prt_radial; /* prt/radial.h */
+/* The radial basis of a FULL or RADIAL tensor, made from its table; caller prt_radial_destroy()s. */
+int prt_tensor_radial(const struct prt_context *ctx, const struct prt_transport *transport,
+                      const struct prt_tensor *tensor, struct prt_radial **out);
 /* Several questions with one reading of the transport: question i goes to out[i], colours
  * [n_vertex][3], or planes as prt_answer_planes gives them where planes[i]. n in
  * [1, PRT_RELIGHT_MAX_LIGHTS]. Nothing in out[] is meant when it fails. */

@@ -48,7 +48,8 @@ struct prt_cluster {
  * T[v][j][.] = rows[position of v]                                 (SPARSE)
  * colour[v][ch] = sum_j c[j][ch] U[v][j][ch], omega contracted     (RADIAL: polynomial)
  * U block of a cluster: [rank][padded] f16, vertex fastest, padded = n_vertex rounded up to 16
- * with zeros behind. RADIAL has U [n_phase][n_radial][3][padded], rank = J.
+ * with zeros behind. RADIAL has U [n_phase][n_radial][3][padded], rank = J; without a basis
+ * (n_knot 0) all c are 1: colours that no material changes, a polynomial bake's opaque vertices.
  * Clusters tile the positions; one of rank 0 gives 0 to its vertices: a transport whose material
  * is free keeps its opaque vertices in a DIAGONAL tensor beside (tensors of a term add up). */
 struct prt_tensor {
