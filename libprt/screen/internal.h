@@ -35,12 +35,16 @@ void samples_finish(struct samples *s);
 int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
                   struct samples *out);
 /* Depth layers along the three axes, spacing mm apart, each keeping what faces it most. */
-int samples_peel(const struct prt_context *ctx, const struct prt_scene *scene, float spacing_mm,
-                 struct samples *out, uint64_t *n_ray);
+struct grid {
+    const uint32_t *triangle_block;
+    float spacing_mm, phase[2], turn; /* where its points fall: shares of a step; radians */
+};
+int samples_peel(const struct prt_context *ctx, const struct prt_scene *scene,
+                 const struct grid *grid, struct samples *out, uint64_t *n_ray);
 /* The grid of points a distant light sees, with its irradiance already in e. */
 int samples_light_view(const struct prt_context *ctx, const struct prt_scene *scene,
-                       const struct prt_screen_light *light, float spacing_mm, const float *eta,
-                       struct samples *out, uint32_t *grid, uint64_t *n_ray);
+                       const struct prt_screen_light *light, const struct grid *grid,
+                       const float *eta, struct samples *out, uint32_t *n_grid, uint64_t *n_ray);
 
 /* E at samples: traced shadows, exact F_t (eta[object]; NULL: none, Lambertian). */
 int irradiance_traced(const struct prt_context *ctx, const struct prt_scene *scene,
@@ -60,6 +64,13 @@ typedef void (*profile_fn)(const void *arg, double r_mm, double out[3]);
 void radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg, double scale_mm,
                       double r_max_mm);
 void radial_table_eval(const struct radial_table *t, float r_sq, float out[3]);
+
+/* C08's split is this steep [mm^-1]. */
+#define SPLIT_K 1.5
+struct frame;
+/* R_d of an object, or with r_p >= 0 its local or global part, averaged over a disc; up to r_max. */
+void split_table(const struct frame *f, uint32_t object, double r_p, bool local, double disc_mm,
+                 float r_max, struct radial_table *out);
 
 /* Weighted points to sum over. Columns of `capacity`. */
 struct emitters {
@@ -83,37 +94,45 @@ typedef void (*pair_fn)(const struct radial_table *t, const struct emitters *e, 
                         float *const sum[3]);
 pair_fn pair_kernel(unsigned cpu);
 
-/* Boxes over runs of consecutive samples. */
+/* Boxes over runs of consecutive samples, four side by side: lanes of children. Samples keep
+ * their columns, which must be readable TREE_LEAF past the end. Leaves of an object come first, so
+ * that a node before n_leaf_end holds leaves. */
+enum { TREE_LEAF = 8 };
 struct tree_node {
-    float lo[3], hi[3], p[3], w[3];
-    uint32_t first, n;     /* children nodes, or samples of a leaf */
-    bool leaf;
+    float lo[3][4], hi[3][4], p[3][4], w[3][4], size_sq[4];
+    uint32_t first[4];     /* child node, or first sample of a leaf */
 };
 struct tree {
     struct tree_node *node;
     uint32_t n_node;
-    uint32_t *root;        /* [n_object] or UINT32_MAX */
+    uint32_t *root, *n_leaf_end; /* [n_object] node, or UINT32_MAX; end of its leaves */
+    uint32_t *sample_end;  /* [n_object] */
     uint32_t n_object;
+    const float *p[3];     /* the samples' */
+    float *w[3];           /* E * area */
 };
-int tree_build(const struct samples *s, uint32_t n_object, struct tree *out);
+int tree_build(const struct prt_context *ctx, const struct samples *s, uint32_t n_object,
+               struct tree *out);
 void tree_finish(struct tree *tree);
 /* Emitters for all points in a box: nodes that look small from it, samples near it, nothing
  * beyond r_max of it. */
-bool tree_gather(const struct tree *tree, const struct samples *s, uint32_t object,
-                 const float lo[3], const float hi[3], float opening, float r_max,
-                 struct emitters *out);
+bool tree_gather(const struct tree *tree, uint32_t object, const float lo[3], const float hi[3],
+                 float opening, float r_max, struct emitters *out);
 
-/* Points of the G-buffer grouped into tiles of one object and one patch of the screen. */
-enum { TILE_POINTS = 64 };
-struct tiles {
-    uint32_t n_tile;
-    uint32_t *begin;       /* [n_tile+1] into order */
-    uint32_t *order;       /* G-buffer points */
+/* Receivers of a view in tiles of one object and one patch of the screen; a tile's columns are
+ * padded to 16. Every point of the G-buffer is a mean of four. */
+enum { TILE_POINTS = 64, VIEWS = 3, CLASSES = 4 };
+#define RECEIVER_SHARE 0.75
+struct view_cache {
+    uint64_t key, used;
+    uint32_t n_receiver, n_tile, n_column;
+    uint32_t *begin;       /* [n_tile+1] columns */
     uint32_t *object;      /* [n_tile] */
+    float *p[3];           /* [n_column] mm */
+    uint32_t (*from)[4];   /* [n_point] columns */
+    float (*weight)[4];    /* [n_point] */
 };
-int tiles_build(const struct prt_gbuffer *g, const struct prt_mesh *mesh, uint32_t width,
-                uint32_t height, struct tiles *out);
-void tiles_finish(struct tiles *tiles);
+void view_finish(struct view_cache *v);
 
 struct prt_screen {
     const struct prt_mesh *mesh;
@@ -124,7 +143,11 @@ struct prt_screen {
     struct samples atlas;          /* texels of the last size asked for */
     struct samples peel;           /* layers of the last spacing asked for */
     float peel_spacing;
+    uint64_t peel_seed;
+    uint32_t *triangle_block;      /* [n_triangle] */
     uint32_t atlas_size;
+    struct view_cache view[VIEWS]; /* views last drawn */
+    uint64_t clock;
     double slowness[4];            /* engine's seconds over plan_seconds, as seen; 0: not yet */
 };
 
@@ -139,7 +162,10 @@ struct frame {
     struct prt_dipole (*dipole)[3];  /* [n_object] */
     float *eta;                      /* [n_object] */
     struct radial_table *table;      /* [n_object] R_d */
-    struct tiles tiles;
+    uint64_t view_key;
+    bool any;                        /* translucent points */
+    const struct view_cache *view;   /* while light is received */
+    float *sum[3];                   /* [n_column] B so far */
     uint32_t n_light;
     struct prt_screen_light *light;
     const struct prt_cube *cube;
@@ -148,10 +174,18 @@ struct frame {
     float (*radiance)[3];
     struct prt_screen_report *report;
 };
-/* Adds (1/pi) sum over emitters to every point. Emitters of each object in one list; table per
- * object. */
-int scatter_all(struct frame *f, const struct radial_table *table, const struct emitters *list);
-/* The same over a tree of samples. */
+/* Receivers for light that changes over scale_mm, with sums of 0; the sums added to radiance. */
+int receive_begin(struct frame *f, double scale_mm);
+int receive_end(struct frame *f);
+void receive_finish(struct frame *f);
+uint64_t view_key(const struct frame *f);
+float view_pixel_mm(const struct frame *f);
+int view_get(struct frame *f, uint32_t size, const struct view_cache **out);
+/* Adds the sum over emitters to every receiver. Emitters of each object in one list, in runs that
+ * end at class_end[object][], each with its own table [object][CLASSES]. */
+int scatter_all(struct frame *f, const struct radial_table *table, const struct emitters *list,
+                const uint32_t (*class_end)[CLASSES]);
+/* The same over a tree of samples; one table per object. */
 int scatter_tree(struct frame *f, const struct radial_table *table, const struct samples *s,
                  float opening, float r_max);
 /* Texels of the atlas with irradiance of this frame's lights; kept for the frame. */
@@ -160,8 +194,12 @@ float smallest_mean_free_path(const struct frame *f);
 
 /* Few enough distant lights, and nothing else, that each may have its own view. */
 bool only_light_views(const struct frame *f);
-int scatter_light_views(struct frame *f, const struct radial_table *table, float spacing,
-                        float opening, float r_max);
+/* The frame's grid: coherent while seed and frame stay. */
+struct grid frame_grid(const struct frame *f, float spacing_mm);
+/* Light from points of the surface as discs of their mean area: R_d, or with r_p >= 0 its part
+ * that is local (C08). */
+int scatter_discs(struct frame *f, const struct samples *s, double r_p, float opening, float r_max);
+int scatter_light_views(struct frame *f, double r_p, float spacing, float opening, float r_max);
 
 int engine_splat(struct frame *f);
 int engine_tangent(struct frame *f);

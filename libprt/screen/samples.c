@@ -10,7 +10,7 @@
 bool samples_init(struct samples *s, uint32_t capacity)
 {
     memset(s, 0, sizeof *s);
-    capacity = (capacity + 31) & ~15u;
+    capacity = (capacity + 47) & ~15u;
     bool good = (s->area = prt_calloc(capacity, 4)) && (s->object = prt_calloc(capacity, 4));
     for (int k = 0; k < 3 && good; k++)
         good = (s->p[k] = prt_calloc(capacity, 4)) && (s->normal[k] = prt_calloc(capacity, 4)) &&
@@ -70,44 +70,56 @@ static double place(const struct prt_mesh *mesh, uint32_t t, double bu, double b
     return fl / 2;
 }
 
-static uint64_t spread3(uint64_t x)
+// Every third bit of ten.
+static uint32_t spread3(uint32_t x)
 {
-    x &= 0x1fffff;
-    x = (x | x << 32) & 0x1f00000000ffffULL;
-    x = (x | x << 16) & 0x1f0000ff0000ffULL;
-    x = (x | x << 8) & 0x100f00f00f00f00fULL;
-    x = (x | x << 4) & 0x10c30c30c30c30c3ULL;
-    return (x | x << 2) & 0x1249249249249249ULL;
+    x &= 0x3ff;
+    x = (x | x << 16) & 0x030000ff;
+    x = (x | x << 8) & 0x0300f00f;
+    x = (x | x << 4) & 0x030c30c3;
+    return (x | x << 2) & 0x09249249;
 }
 
+// Object above a place on a Morton curve of 1024³ cells.
 struct key {
     uint64_t code;
-    uint32_t object, index;
+    uint32_t index;
 };
+enum { CODE_BITS = 30, DIGIT = 11, DIGITS = 1 << DIGIT };
 
-static int key_order(const void *a, const void *b)
+static uint64_t morton(const float lo[3], float inv_edge, const float p[3])
 {
-    const struct key *x = a, *y = b;
-    if (x->object != y->object) return x->object < y->object ? -1 : 1;
-    if (x->code != y->code) return x->code < y->code ? -1 : 1;
-    return x->index < y->index ? -1 : x->index > y->index;
-}
-
-static uint64_t morton(const float lo[3], double edge, const double p[3])
-{
-    uint64_t code = 0;
+    uint32_t code = 0;
     for (int k = 0; k < 3; k++) {
-        double f = (p[k] - lo[k]) / edge;
-        code |= spread3((uint64_t)(fmin(fmax(f, 0), 1) * 2097151.0)) << k;
+        float f = (p[k] - lo[k]) * inv_edge * 1023;
+        code |= spread3(f > 0 ? f < 1023 ? (uint32_t)f : 1023 : 0) << k;
     }
     return code;
 }
 
-static double box_edge(float box[2][3])
+// Stable radix sort, as many digits as the largest code has. Returns the array that holds the
+// result, one of the two.
+static struct key *sort_keys(struct key *key, struct key *other, size_t n)
 {
-    double edge = 1e-30;
-    for (int k = 0; k < 3; k++) edge = fmax(edge, (double)box[1][k] - box[0][k]);
-    return edge;
+    uint64_t all = 0;
+    for (size_t i = 0; i < n; i++) all |= key[i].code;
+    for (unsigned shift = 0; shift < 64 && all >> shift; shift += DIGIT) {
+        size_t start[DIGITS + 1] = {0};
+        for (size_t i = 0; i < n; i++) start[(key[i].code >> shift & (DIGITS - 1)) + 1]++;
+        for (int k = 0; k < DIGITS; k++) start[k + 1] += start[k];
+        for (size_t i = 0; i < n; i++) other[start[key[i].code >> shift & (DIGITS - 1)]++] = key[i];
+        struct key *swap = key;
+        key = other;
+        other = swap;
+    }
+    return key;
+}
+
+static float inverse_edge(float box[2][3])
+{
+    float edge = 1e-20f;
+    for (int k = 0; k < 3; k++) edge = max_f(edge, box[1][k] - box[0][k]);
+    return 1 / edge;
 }
 
 // A place in the unit triangle from f in [0,1), along Sierpinski's curve: halving at the middle
@@ -146,35 +158,36 @@ static double area_of(const struct prt_mesh *mesh, uint32_t t)
     return 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
-// Translucent triangles by object and along a Morton curve.
-static struct key *order_triangles(const struct prt_mesh *mesh, uint32_t *n_out)
+// Translucent triangles by object and along a Morton curve; *memory is to be freed.
+static struct key *order_triangles(const struct prt_mesh *mesh, uint32_t *n_out, void **memory)
 {
-    struct key *key = malloc(((size_t)mesh->n_triangle + 1) * sizeof *key);
+    struct key *key = malloc(2 * ((size_t)mesh->n_triangle + 1) * sizeof *key);
+    *memory = key;
     if (!key) return NULL;
     float box[2][3];
     prt_mesh_bounds(mesh, box);
-    double edge = box_edge(box);
+    float inv = inverse_edge(box);
     uint32_t n = 0;
     for (uint32_t b = 0; b < mesh->n_block; b++) {
         if (!translucent(mesh, b)) continue;
         const struct prt_block *k = &mesh->block[b];
         for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle; t++) {
-            double c[3] = {0, 0, 0};
+            float c[3] = {0, 0, 0};
             for (int i = 0; i < 3; i++)
-                for (int j = 0; j < 3; j++) c[i] += mesh->position[mesh->triangle[t][j]][i] / 3.0;
-            key[n++] = (struct key){morton(box[0], edge, c), k->object, t};
+                for (int j = 0; j < 3; j++) c[i] += mesh->position[mesh->triangle[t][j]][i] / 3;
+            key[n++] = (struct key){(uint64_t)k->object << CODE_BITS | morton(box[0], inv, c), t};
         }
     }
-    qsort(key, n, sizeof *key, key_order);
     *n_out = n;
-    return key;
+    return sort_keys(key, key + mesh->n_triangle + 1, n);
 }
 
 int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
                   struct samples *out)
 {
     uint32_t n_key = 0;
-    struct key *key = order_triangles(mesh, &n_key);
+    void *memory;
+    struct key *key = order_triangles(mesh, &n_key, &memory);
     double total = 0, *end = malloc(((size_t)n_key + 1) * sizeof *end);
     uint64_t count = 0;
     if (!key || !end) goto nomem;
@@ -183,7 +196,7 @@ int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, ui
         end[i] = total;
     }
     if (!(total > 0)) {
-        free(key);
+        free(memory);
         free(end);
         return prt_fail(ctx, PRT_ARG, "screen: no translucent triangle has any area");
     }
@@ -191,7 +204,8 @@ int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, ui
     for (uint32_t first = 0, last; first < n_key; first = last) {
         double before = first ? end[first - 1] : 0;
         last = first;
-        while (last < n_key && key[last].object == key[first].object) last++;
+        uint64_t object = key[first].code >> CODE_BITS;
+        while (last < n_key && key[last].code >> CODE_BITS == object) last++;
         double own = end[last - 1] - before;
         if (!(own > 0)) continue;
         uint32_t share = (uint32_t)(n * (own / total)), at = first;
@@ -203,20 +217,21 @@ int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, ui
             walk_triangle(size > 0 ? fmin(fmax((a - low) / size, 0), 1) : 0, &bu, &bv);
             place(mesh, key[at].index, bu, bv, out, (uint32_t)count);
             out->area[count] = (float)(own / share);
-            out->object[count] = key[first].object;
+            out->object[count] = (uint32_t)object;
         }
     }
     out->n = (uint32_t)count;
-    free(key);
+    free(memory);
     free(end);
     return PRT_OK;
 nomem:
-    free(key);
+    free(memory);
     free(end);
     return prt_fail(ctx, PRT_NOMEM, "screen: no memory for an atlas of %u texels", n);
 }
 
 struct hit {
+    uint64_t code;
     uint32_t triangle;
     float u, v, area;
 };
@@ -244,7 +259,7 @@ struct view {
     const struct prt_mesh *mesh;
     const uint32_t *triangle_block;
     float origin[3], u[3], v[3], d[3];
-    float step, length, epsilon;
+    float step, length, epsilon, lo[3], inv_edge;
     uint32_t nu, nv;
     int axis;              // >= 0: peel all layers, keep what faces this axis most
     struct row *row;
@@ -290,6 +305,14 @@ static float hit_area(const struct view *view, uint32_t t)
     return (float)(view->step * view->step / -c);
 }
 
+static uint64_t hit_code(const struct view *view, const struct prt_packet *p, uint32_t k)
+{
+    float at[3] = {p->ox[k] + p->t[k] * p->dx[k], p->oy[k] + p->t[k] * p->dy[k],
+                   p->oz[k] + p->t[k] * p->dz[k]};
+    uint32_t object = view->mesh->block[view->triangle_block[p->triangle[k]]].object;
+    return (uint64_t)object << CODE_BITS | morton(view->lo, view->inv_edge, at);
+}
+
 static int view_rows(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct view *view = arg;
@@ -320,8 +343,8 @@ static int view_rows(void *arg, size_t begin, size_t end, unsigned worker)
                     if (t == UINT32_MAX || view->axis < 0) mask &= ~(1u << k);
                     if (t == UINT32_MAX) continue;
                     float area = hit_area(view, t);
-                    if (area > 0 && !push_hit(&view->row[j], (struct hit){t, p.u[k], p.v[k], area}))
-                        return PRT_NOMEM;
+                    struct hit hit = {hit_code(view, &p, k), t, p.u[k], p.v[k], area};
+                    if (area > 0 && !push_hit(&view->row[j], hit)) return PRT_NOMEM;
                     p.tnear[k] = p.t[k] * 1.000001f + view->epsilon;
                     p.tfar[k] = view->length;
                 }
@@ -332,52 +355,63 @@ static int view_rows(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
+struct place_job {
+    const struct prt_mesh *mesh;
+    const struct hit *hit;
+    const struct key *key;
+    struct samples *out;
+    const struct prt_screen_light *light; // distant, whose irradiance the samples get; or NULL
+    const float *eta;
+};
+
+static int place_samples(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct place_job *job = arg;
+    struct samples *s = job->out;
+    for (size_t i = begin; i < end; i++) {
+        const struct hit *h = &job->hit[job->key[i].index];
+        place(job->mesh, h->triangle, (double)h->u, (double)h->v, s, (uint32_t)i);
+        s->area[i] = h->area;
+        s->object[i] = (uint32_t)(job->key[i].code >> CODE_BITS);
+        if (!job->light) continue;
+        double c = 0;
+        for (int k = 0; k < 3; k++) c += (double)(s->normal[k][i] * job->light->where[k]);
+        double eta = (double)job->eta[s->object[i]];
+        double f = c > 0 ? prt_fresnel_transmittance(eta, fmin(c, 1)) * c : 0;
+        for (int k = 0; k < 3; k++) s->e[k][i] = (float)(f * (double)job->light->rgb[k]);
+    }
+    return PRT_OK;
+}
+
 // Rows of one or more views as samples, by object and along a Morton curve.
 static int collect(const struct prt_context *ctx, const struct view *view, uint32_t n_view,
-                   struct samples *out)
+                   const struct prt_screen_light *light, const float *eta, struct samples *out)
 {
     size_t n = 0, at = 0;
     for (uint32_t k = 0; k < n_view; k++)
         for (uint32_t j = 0; j < view[k].nv; j++) n += view[k].row[j].n;
-    struct key *key = malloc((n + 1) * sizeof *key);
+    struct key *key = malloc(2 * (n + 1) * sizeof *key);
     struct hit *hit = malloc((n + 1) * sizeof *hit);
     if (!key || !hit || n > UINT32_MAX / 2 || !samples_init(out, (uint32_t)n)) {
         free(key);
         free(hit);
         return prt_fail(ctx, PRT_NOMEM, "screen: no memory for %zu surface points", n);
     }
-    const struct prt_mesh *mesh = view[0].mesh;
-    float box[2][3];
-    prt_mesh_bounds(mesh, box);
-    double edge = box_edge(box);
     for (uint32_t k = 0; k < n_view; k++) {
         for (uint32_t j = 0; j < view[k].nv; j++) {
             for (uint32_t i = 0; i < view[k].row[j].n; i++, at++) {
-                struct hit h = view[k].row[j].hit[i];
-                const uint32_t *v = mesh->triangle[h.triangle];
-                double p[3];
-                for (int c = 0; c < 3; c++)
-                    p[c] = (double)(1 - h.u - h.v) * mesh->position[v[0]][c] +
-                           (double)h.u * mesh->position[v[1]][c] +
-                           (double)h.v * mesh->position[v[2]][c];
-                hit[at] = h;
-                key[at] = (struct key){morton(box[0], edge, p),
-                                       mesh->block[view[k].triangle_block[h.triangle]].object,
-                                       (uint32_t)at};
+                hit[at] = view[k].row[j].hit[i];
+                key[at] = (struct key){hit[at].code, (uint32_t)at};
             }
         }
     }
-    qsort(key, n, sizeof *key, key_order);
-    for (size_t i = 0; i < n; i++) {
-        struct hit h = hit[key[i].index];
-        place(mesh, h.triangle, h.u, h.v, out, (uint32_t)i);
-        out->area[i] = h.area;
-        out->object[i] = key[i].object;
-    }
+    struct place_job job = {view[0].mesh, hit, sort_keys(key, key + n + 1, n), out, light, eta};
+    int status = prt_parallel_for(ctx, NULL, n, 1024, place_samples, &job);
     out->n = (uint32_t)n;
     free(key);
     free(hit);
-    return PRT_OK;
+    if (status) samples_finish(out);
+    return status;
 }
 
 static int trace_view(const struct prt_context *ctx, struct view *view, uint64_t *n_ray)
@@ -397,9 +431,9 @@ static void free_view(struct view *view)
 
 // The grid starts at a multiple of its step, so that small moves of the view keep its points;
 // the fraction keeps rays off vertices that lie on round numbers.
-static float snap(double lo, double step)
+static float snap(double lo, double step, float phase)
 {
-    return (float)((floor(lo / step) + 0.4871) * step);
+    return (float)((floor(lo / step - (double)phase) + 0.4871 + (double)phase) * step);
 }
 
 // Extent of translucent vertices along a direction.
@@ -419,12 +453,18 @@ static void extent(const struct prt_mesh *mesh, const float d[3], double *lo, do
     }
 }
 
-static void set_view(struct view *view, const struct prt_mesh *mesh, const double ends[2])
+static void set_view(struct view *view, const struct prt_mesh *mesh, const struct grid *grid,
+                     const double ends[2])
 {
+    float box[2][3];
+    prt_mesh_bounds(mesh, box);
+    memcpy(view->lo, box[0], sizeof view->lo);
+    view->inv_edge = inverse_edge(box);
     double ulo, uhi, vlo, vhi;
     extent(mesh, view->u, &ulo, &uhi);
     extent(mesh, view->v, &vlo, &vhi);
-    float a = snap(ulo, view->step), b = snap(vlo, view->step);
+    float a = snap(ulo, (double)view->step, grid->phase[0]);
+    float b = snap(vlo, (double)view->step, grid->phase[1]);
     double margin = 1e-3 * (ends[1] - ends[0]) + 10.0 * view->epsilon;
     view->nu = (uint32_t)fmax(1, ceil((uhi - a) / view->step) + 1);
     view->nv = (uint32_t)fmax(1, ceil((vhi - b) / view->step) + 1);
@@ -434,44 +474,40 @@ static void set_view(struct view *view, const struct prt_mesh *mesh, const doubl
                           (float)(ends[0] - margin) * view->d[k];
 }
 
-int samples_peel(const struct prt_context *ctx, const struct prt_scene *scene, float spacing_mm,
-                 struct samples *out, uint64_t *n_ray)
+int samples_peel(const struct prt_context *ctx, const struct prt_scene *scene,
+                 const struct grid *grid, struct samples *out, uint64_t *n_ray)
 {
     const struct prt_mesh *mesh = prt_scene_mesh(scene);
-    uint32_t *block = prt_mesh_triangle_blocks(mesh);
     struct view view[3];
     memset(view, 0, sizeof view);
-    int status = block ? PRT_OK : prt_fail(ctx, PRT_NOMEM, "screen: no memory");
+    int status = PRT_OK;
     for (int a = 0; a < 3 && !status; a++) {
         struct view *v = &view[a];
         v->scene = scene;
         v->mesh = mesh;
-        v->triangle_block = block;
+        v->triangle_block = grid->triangle_block;
         v->axis = a;
-        v->step = spacing_mm;
+        v->step = grid->spacing_mm;
         v->epsilon = prt_scene_epsilon(scene);
         v->d[a] = v->u[(a + 1) % 3] = v->v[(a + 2) % 3] = 1;
         double ends[2];
         extent(mesh, v->d, &ends[0], &ends[1]);
-        set_view(v, mesh, ends);
+        set_view(v, mesh, grid, ends);
         status = trace_view(ctx, v, n_ray);
     }
-    if (!status) status = collect(ctx, view, 3, out);
+    if (!status) status = collect(ctx, view, 3, NULL, NULL, out);
     for (int a = 0; a < 3; a++) free_view(&view[a]);
-    prt_free(block);
     return status;
 }
 
 int samples_light_view(const struct prt_context *ctx, const struct prt_scene *scene,
-                       const struct prt_screen_light *light, float spacing_mm, const float *eta,
-                       struct samples *out, uint32_t *grid, uint64_t *n_ray)
+                       const struct prt_screen_light *light, const struct grid *grid,
+                       const float *eta, struct samples *out, uint32_t *n_grid, uint64_t *n_ray)
 {
     const struct prt_mesh *mesh = prt_scene_mesh(scene);
-    struct view view = {.scene = scene, .mesh = mesh, .axis = -1, .step = spacing_mm,
+    struct view view = {.scene = scene, .mesh = mesh, .axis = -1, .step = grid->spacing_mm,
                         .epsilon = prt_scene_epsilon(scene)};
-    uint32_t *block = prt_mesh_triangle_blocks(mesh);
-    if (!block) return prt_fail(ctx, PRT_NOMEM, "screen: no memory");
-    view.triangle_block = block;
+    view.triangle_block = grid->triangle_block;
     const float *w = light->where;
     int least = fabsf(w[0]) < fabsf(w[1]) ? 0 : 1;
     if (fabsf(w[2]) < fabsf(w[least])) least = 2;
@@ -485,9 +521,15 @@ int samples_light_view(const struct prt_context *ctx, const struct prt_scene *sc
         l += view.u[k] * view.u[k];
     }
     for (int k = 0; k < 3; k++) view.u[k] /= sqrtf(l);
+    float across[3], cosine = cosf(grid->turn), sine = sinf(grid->turn);
     for (int k = 0; k < 3; k++) {
         int i = (k + 1) % 3, j = (k + 2) % 3;
-        view.v[k] = w[i] * view.u[j] - w[j] * view.u[i];
+        across[k] = w[i] * view.u[j] - w[j] * view.u[i];
+    }
+    for (int k = 0; k < 3; k++) {
+        float u = view.u[k];
+        view.u[k] = cosine * u + sine * across[k];
+        view.v[k] = cosine * across[k] - sine * u;
     }
     // rays start before anything that could cast a shadow
     double ends[2] = {INFINITY, -INFINITY};
@@ -497,17 +539,10 @@ int samples_light_view(const struct prt_context *ctx, const struct prt_scene *sc
         ends[0] = fmin(ends[0], x);
         ends[1] = fmax(ends[1], x);
     }
-    set_view(&view, mesh, ends);
-    *grid = view.nu > view.nv ? view.nu : view.nv;
+    set_view(&view, mesh, grid, ends);
+    *n_grid = view.nu > view.nv ? view.nu : view.nv;
     int status = trace_view(ctx, &view, n_ray);
-    if (!status) status = collect(ctx, &view, 1, out);
-    for (uint32_t i = 0; !status && i < out->n; i++) {
-        double c = 0;
-        for (int k = 0; k < 3; k++) c += (double)out->normal[k][i] * w[k];
-        double f = c > 0 ? prt_fresnel_transmittance(eta[out->object[i]], fmin(c, 1)) * c : 0;
-        for (int k = 0; k < 3; k++) out->e[k][i] = (float)(f * light->rgb[k]);
-    }
+    if (!status) status = collect(ctx, &view, 1, light, eta, out);
     free_view(&view);
-    prt_free(block);
     return status;
 }

@@ -41,6 +41,8 @@ int prt_screen_create(const struct prt_context *ctx, const struct prt_mesh *mesh
     int status = PRT_OK;
     if (!isfinite(d2) || !(d2 > 0))
         status = prt_fail(ctx, PRT_ARG, "screen: the model has no extent");
+    if (!status && !(s->triangle_block = prt_mesh_triangle_blocks(mesh)))
+        status = prt_fail(ctx, PRT_NOMEM, "screen: no memory");
     if (!status && !scene) {
         status = prt_scene_create(ctx, mesh, (struct prt_scene **)&s->own_scene);
         s->scene = s->own_scene;
@@ -58,6 +60,8 @@ void prt_screen_destroy(struct prt_screen *s)
     if (!s) return;
     samples_finish(&s->atlas);
     samples_finish(&s->peel);
+    for (int k = 0; k < VIEWS; k++) view_finish(&s->view[k]);
+    prt_free(s->triangle_block);
     if (s->own_scene) prt_scene_destroy(s->own_scene);
     prt_free(s);
 }
@@ -208,7 +212,7 @@ static int run_engine(struct frame *f)
 
 static void finish_frame(struct frame *f)
 {
-    tiles_finish(&f->tiles);
+    receive_finish(f);
     free(f->dipole);
     free(f->eta);
     prt_free(f->table);
@@ -226,8 +230,8 @@ static int begin_frame(struct frame *f, const struct prt_material *material, uin
     int status = check_options(f->ctx, f->options);
     if (!status) status = make_tables(f, material);
     if (!status) status = make_lights(f, n_extra, extra);
-    if (!status && tiles_build(&f->g, f->screen->mesh, f->width, f->height, &f->tiles))
-        status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for tiles");
+    f->view_key = view_key(f);
+    for (uint32_t i = 0; i < f->g.n_point && !f->any; i++) f->any = !f->g.opaque[i];
     return status;
 }
 
@@ -258,7 +262,7 @@ int screen_measure(const struct prt_context *ctx, struct prt_screen *screen,
     int status = begin_frame(&f, material, n_extra, extra);
     // read only: engine_reference compares
     f.radiance = (float(*)[3])(uintptr_t)radiance;
-    if (!status && f.tiles.n_tile && screen->area_mm2 > 0)
+    if (!status && f.any && screen->area_mm2 > 0)
         status = engine_reference(&f, MEASURE_TEXELS, f.g.n_point / MEASURE_POINTS + 1, error);
     finish_frame(&f);
     return status;
@@ -294,7 +298,7 @@ int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen
     int status = begin_frame(&f, material, n_extra, extra);
     memset(radiance, 0, f.g.n_point * sizeof *radiance);
     if (!status) status = light_opaque(&f);
-    if (!status && f.tiles.n_tile && screen->area_mm2 > 0) {
+    if (!status && f.any && screen->area_mm2 > 0) {
         status = run_engine(&f);
         if (!status) report_frame(&f, prt_time_s() - started);
         if (!status && options->measure_error && !options->profile)

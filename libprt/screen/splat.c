@@ -27,20 +27,52 @@ static float cut_radius(const struct frame *f, double epsilon)
     return (float)most;
 }
 
-// Light that a table of each object carries from the grid points every light sees.
-int scatter_light_views(struct frame *f, const struct radial_table *table, float spacing,
-                        float opening, float r_max)
+struct grid frame_grid(const struct frame *f, float spacing_mm)
 {
+    struct grid grid = {f->screen->triangle_block, spacing_mm, {0, 0}, 0};
+    if (!f->seed) return grid;
+    struct prt_rng rng;
+    prt_rng_init(&rng, f->seed, 7);
+    for (int k = 0; k < 2; k++) grid.phase[k] = prt_rng_f32(&rng);
+    grid.turn = (float)M_PI / 2 * prt_rng_f32(&rng);
+    return grid;
+}
+
+int scatter_discs(struct frame *f, const struct samples *s, double r_p, float opening, float r_max)
+{
+    struct radial_table *table = prt_calloc(f->n_object ? f->n_object : 1, sizeof *table);
+    if (!table) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    for (uint32_t first = 0, last; first < s->n; first = last) {
+        uint32_t object = s->object[first];
+        double area = 0, power = 0;
+        for (last = first; last < s->n && s->object[last] == object; last++) {
+            double w = (double)((s->e[0][last] + s->e[1][last] + s->e[2][last]) * s->area[last]);
+            area += w * (double)s->area[last];
+            power += w;
+        }
+        double disc = power > 0 ? sqrt(area / power / M_PI) : 0;
+        split_table(f, object, r_p, true, disc, r_p >= 0 ? r_max : f->screen->diameter_mm,
+                    &table[object]);
+    }
+    int status = scatter_tree(f, table, s, opening, r_max);
+    prt_free(table);
+    return status;
+}
+
+// The grid points every light sees.
+int scatter_light_views(struct frame *f, double r_p, float spacing, float opening, float r_max)
+{
+    struct grid grid = frame_grid(f, spacing);
     for (uint32_t l = 0; l < f->n_light; l++) {
         struct samples s;
         double t0 = prt_time_s();
-        int status = samples_light_view(f->ctx, f->screen->scene, &f->light[l], spacing, f->eta,
-                                        &s, &f->report->grid, &f->report->n_ray);
+        int status = samples_light_view(f->ctx, f->screen->scene, &f->light[l], &grid, f->eta, &s,
+                                        &f->report->grid, &f->report->n_ray);
         if (status) return status;
         double t1 = prt_time_s();
         f->report->irradiance_s += t1 - t0;
         f->report->n_sample += s.n;
-        status = scatter_tree(f, table, &s, opening, r_max);
+        status = scatter_discs(f, &s, r_p, opening, r_max);
         f->report->scatter_s += prt_time_s() - t1;
         samples_finish(&s);
         if (status) return status;
@@ -75,24 +107,30 @@ int engine_splat(struct frame *f)
     spacing = diameter / n;
     f->report->r_max_mm = r_max;
     f->report->grid = (uint32_t)n;
-    if (views) return scatter_light_views(f, f->table, spacing, 0.8f, r_max);
-    if (!screen->peel.n || screen->peel_spacing != spacing) {
+    int status = receive_begin(f, (double)lu);
+    if (status) return status;
+    if (views) {
+        status = scatter_light_views(f, -1, spacing, 0.8f, r_max);
+        return status ? status : receive_end(f);
+    }
+    if (!screen->peel.n || screen->peel_spacing != spacing || screen->peel_seed != f->seed) {
+        struct grid grid = frame_grid(f, spacing);
         samples_finish(&screen->peel);
-        int status = samples_peel(f->ctx, screen->scene, spacing, &screen->peel,
+        status = samples_peel(f->ctx, screen->scene, &grid, &screen->peel,
                                   &f->report->n_ray);
         if (status) return status;
         screen->peel_spacing = spacing;
+        screen->peel_seed = f->seed;
     }
     double t0 = prt_time_s();
-    int status = PRT_OK;
     if (f->options->sh_irradiance && f->cube) irradiance_harmonics(f->cube, f->eta, &screen->peel);
     else
         status = irradiance_traced(f->ctx, screen->scene, f->n_light, f->light, f->eta,
                                    &screen->peel, &f->report->n_ray);
     double t1 = prt_time_s();
-    if (!status) status = scatter_tree(f, f->table, &screen->peel, 0.8f, r_max);
+    if (!status) status = scatter_discs(f, &screen->peel, -1, 0.8f, r_max);
     f->report->irradiance_s = t1 - t0;
     f->report->scatter_s = prt_time_s() - t1;
     f->report->n_sample = screen->peel.n;
-    return status;
+    return status ? status : receive_end(f);
 }

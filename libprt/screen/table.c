@@ -67,3 +67,61 @@ void prt_screen_dipole_profile(const void *dipole3, double r_mm, double out[3])
     const struct prt_dipole *d = dipole3;
     for (int c = 0; c < 3; c++) out[c] = prt_dipole_rd(&d[c], r_mm);
 }
+
+double prt_screen_local_weight(double r_mm, double r_p_mm)
+{
+    // METHODS §7: the printed sign of the exponent would not be continuous
+    if (r_mm <= r_p_mm) return 1 - 0.5 * exp(SPLIT_K * (r_mm - r_p_mm));
+    return 0.5 * exp(-SPLIT_K * (r_mm - r_p_mm));
+}
+
+// What a table is fitted to: R_d, its local or its global part, averaged over a disc.
+struct split {
+    profile_fn fn;   // three dipoles or a table, and its argument
+    const void *profile;
+    double r_p;      // < 0: no split
+    bool local;
+    double disc_mm;  // radius; 0: a point
+};
+
+static void split_profile(const void *arg, double r_mm, double out[3])
+{
+    enum { RINGS = 3, SPOKES = 5 };
+    const struct split *s = arg;
+    // far away a disc is a point
+    int rings = s->disc_mm > 0.05 * r_mm ? RINGS : 0, n = rings ? rings * SPOKES : 1;
+    for (int c = 0; c < 3; c++) out[c] = 0;
+    for (int k = 0; k < n; k++) {
+        double r = r_mm;
+        if (rings) {
+            double a = s->disc_mm * sqrt((k / SPOKES + 0.5) / RINGS);
+            double phi = M_PI * (k % SPOKES + 0.5) / SPOKES; // the other half is its mirror
+            r = sqrt(fmax(r * r + a * a - 2 * r * a * cos(phi), 0));
+        }
+        double w = 1;
+        if (s->r_p >= 0) {
+            w = prt_screen_local_weight(r, s->r_p);
+            if (!s->local) w = 1 - w;
+        }
+        double rd[3];
+        s->fn(s->profile, r, rd);
+        for (int c = 0; c < 3; c++) out[c] += w * rd[c] / n;
+    }
+}
+
+static double finest_scale(const struct prt_dipole *d)
+{
+    return fmin(d[0].z_r, fmin(d[1].z_r, d[2].z_r));
+}
+
+void split_table(const struct frame *f, uint32_t object, double r_p, bool local, double disc_mm,
+                 float r_max, struct radial_table *out)
+{
+    struct split split = {prt_screen_dipole_profile, f->dipole[object], r_p, local, disc_mm};
+    if (f->options->profile) {
+        split.fn = prt_screen_table_profile;
+        split.profile = &f->options->profile[object];
+    }
+    radial_table_fit(out, split_profile, &split, fmax(finest_scale(f->dipole[object]), disc_mm),
+                     (double)r_max);
+}

@@ -356,17 +356,18 @@ static int hidden_part(struct frame *f, const struct tangent_job *job, const str
         int status = frame_atlas(f, texels < 8192 ? 8192 : texels > 65536 ? 65536 : (uint32_t)texels);
         if (status) return status;
         keep_hidden(f, job, seen, &f->screen->atlas);
-        return scatter_tree(f, f->table, &f->screen->atlas, 0.8f, far);
+        return scatter_discs(f, &f->screen->atlas, -1, 0.8f, far);
     }
     float spacing = max_f(lu, f->screen->diameter_mm / 300);
+    struct grid grid = frame_grid(f, spacing);
     for (uint32_t l = 0; l < f->n_light; l++) {
         struct samples s;
-        uint32_t grid;
-        int status = samples_light_view(f->ctx, f->screen->scene, &f->light[l], spacing, f->eta, &s,
-                                        &grid, &f->report->n_ray);
+        uint32_t n_grid;
+        int status = samples_light_view(f->ctx, f->screen->scene, &f->light[l], &grid, f->eta, &s,
+                                        &n_grid, &f->report->n_ray);
         if (status) return status;
         keep_hidden(f, job, seen, &s);
-        status = scatter_tree(f, f->table, &s, 0.8f, far);
+        status = scatter_discs(f, &s, -1, 0.8f, far);
         samples_finish(&s);
         if (status) return status;
     }
@@ -455,7 +456,9 @@ int engine_tangent(struct frame *f)
 #endif
         if (good) status = sample_and_filter(f, &projected);
         f->report->n_pair += (uint64_t)f->g.n_point * n;
+        if (good && !status) status = receive_begin(f, (double)smallest_mean_free_path(f));
         if (good && !status) status = hidden_part(f, &job, &seen);
+        if (good && !status) status = receive_end(f);
     }
     if (!good && !status) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for samples");
     free(cdf);

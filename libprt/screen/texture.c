@@ -7,14 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double K = 1.5; // mm^-1, the split's steepness
-
-double prt_screen_local_weight(double r_mm, double r_p_mm)
-{
-    // METHODS §7: the printed sign of the exponent would not be continuous
-    if (r_mm <= r_p_mm) return 1 - 0.5 * exp(K * (r_mm - r_p_mm));
-    return 0.5 * exp(-K * (r_mm - r_p_mm));
-}
+enum { CELL_TURNS = 2 };
 
 double prt_screen_split_radius(const struct prt_dipole dipole[3], double bound)
 {
@@ -70,89 +63,255 @@ static float *make_mip(const struct samples *s, uint32_t first, uint32_t last, u
     return mip;
 }
 
-// Radius of the disc a drawn point stands for: the lit area, evenly shared.
-static double disc_radius(const struct samples *s, uint32_t object, uint32_t n)
-{
-    double sum = 0, square = 0;
-    for (uint32_t i = 0; i < s->n; i++) {
-        if (s->object[i] != object) continue;
-        double e = (double)s->e[0][i] + s->e[1][i] + s->e[2][i];
-        sum += e * s->area[i];
-        square += e * e * s->area[i];
-    }
-    return square > 0 && n ? sqrt(sum * sum / square / n / M_PI) : 0;
-}
-
-// RUN neighbours along the curve make one point at their mean.
-enum { RUN = 8 };
-struct draw {
-    float p[3], w[3];
+// Drawn points and the cells of texels that are nearest to them.
+struct cells {
+    const struct samples *s;
+    uint32_t first, last;      // the object's texels
+    uint32_t n;
+    float (*p)[3];             // [n] mean of the cell, by power
+    double (*sum)[8];          // [n] power * position, power, rgb, power * second moment
+    uint32_t *owner;           // [last - first]
+    // points by buckets of a grid
+    float lo[3], inv_edge;
+    uint32_t size[3], *start, *point;
 };
 
-static bool push_run(struct emitters *out, const struct draw *run, uint32_t n, float reach)
+static float texel_power(const struct samples *s, uint32_t i)
 {
-    float p[3] = {0, 0, 0}, w[3] = {0, 0, 0}, total = 0, far = 0;
-    for (uint32_t i = 0; i < n; i++) {
-        float power = run[i].w[0] + run[i].w[1] + run[i].w[2];
-        for (int c = 0; c < 3; c++) {
-            p[c] += power * run[i].p[c];
-            w[c] += run[i].w[c];
+    return (s->e[0][i] + s->e[1][i] + s->e[2][i]) * s->area[i];
+}
+
+static void bucket_of(const struct cells *c, const float p[3], int b[3])
+{
+    for (int k = 0; k < 3; k++) {
+        float x = (p[k] - c->lo[k]) * c->inv_edge;
+        b[k] = x > 0 ? (int)x : 0;
+        if (b[k] >= (int)c->size[k]) b[k] = (int)c->size[k] - 1;
+    }
+}
+
+static uint32_t bucket_index(const struct cells *c, int x, int y, int z)
+{
+    return ((uint32_t)z * c->size[1] + (uint32_t)y) * c->size[0] + (uint32_t)x;
+}
+
+static bool make_buckets(struct cells *c, double edge)
+{
+    float hi[3];
+    for (int k = 0; k < 3; k++) {
+        c->lo[k] = INFINITY;
+        hi[k] = -INFINITY;
+        for (uint32_t i = 0; i < c->n; i++) {
+            c->lo[k] = min_f(c->lo[k], c->p[i][k]);
+            hi[k] = max_f(hi[k], c->p[i][k]);
         }
-        total += power;
     }
-    for (int c = 0; c < 3; c++) p[c] /= total;
-    for (uint32_t i = 0; i < n; i++) {
-        float d = 0;
-        for (int c = 0; c < 3; c++) d += (run[i].p[c] - p[c]) * (run[i].p[c] - p[c]);
-        far = max_f(far, d);
+    c->inv_edge = edge > 0 ? (float)(1 / edge) : 0;
+    for (int k = 0; k < 3; k++) {
+        double n = 1 + floor((double)(hi[k] - c->lo[k]) * (double)c->inv_edge);
+        c->size[k] = n < 128 ? (uint32_t)n : 128;
     }
-    // the curve jumps now and then: what lies on both sides stays apart
-    if (n > 1 && far > reach * reach)
-        return push_run(out, run, n / 2, reach) && push_run(out, run + n / 2, n - n / 2, reach);
-    if (!emitters_reserve(out, out->n + 1)) return false;
-    emitters_push(out, p, w);
+    size_t n_bucket = (size_t)c->size[0] * c->size[1] * c->size[2];
+    free(c->start);
+    free(c->point);
+    c->start = calloc(n_bucket + 2, sizeof *c->start);
+    c->point = malloc(((size_t)c->n + 1) * sizeof *c->point);
+    if (!c->start || !c->point) return false;
+    for (uint32_t i = 0; i < c->n; i++) {
+        int b[3];
+        bucket_of(c, c->p[i], b);
+        c->start[bucket_index(c, b[0], b[1], b[2]) + 2]++;
+    }
+    for (size_t k = 0; k <= n_bucket; k++) c->start[k + 1] += c->start[k];
+    for (uint32_t i = 0; i < c->n; i++) {
+        int b[3];
+        bucket_of(c, c->p[i], b);
+        c->point[c->start[bucket_index(c, b[0], b[1], b[2]) + 1]++] = i;
+    }
     return true;
 }
 
-// Low-discrepancy draws through the mip chain of texels [first, last), RUN to a point.
-static int draw_object(struct frame *f, const float *mip, uint32_t n_mip, uint32_t first,
-                       uint32_t last, uint32_t share, float shift, struct emitters *out)
+// The nearest point to each lit texel, looked for in the buckets around it.
+static int own_texels(void *arg, size_t begin, size_t end, unsigned worker)
 {
-    const struct samples *s = &f->screen->atlas;
-    double own = mip[n_mip > 1 ? (size_t)(n_mip - 1) / 3 * 4 : 0];
-    float reach = (float)(4 * disc_radius(s, s->object[first], share));
-    struct draw run[RUN];
-    uint32_t n_run = 0;
-    out->n = 0;
-    for (uint32_t i = 0; i < share * RUN; i++) {
-        double u = (i + (double)shift) / ((double)share * RUN);
-        uint32_t t = prt_screen_mip_sample(mip, n_mip, (float)u);
-        float value = mip[t];
-        t += first;
-        if (t < last && value > 0) {
-            // E'_total / N, coloured by the texel
-            float k = (float)(own / share / RUN) * s->area[t] / value;
-            struct draw *d = &run[n_run++];
-            for (int c = 0; c < 3; c++) {
-                d->p[c] = s->p[c][t];
-                d->w[c] = s->e[c][t] * k;
-            }
+    struct cells *c = arg;
+    const struct samples *s = c->s;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t at = c->first + (uint32_t)i;
+        if (!(s->e[0][at] + s->e[1][at] + s->e[2][at] > 0)) {
+            c->owner[i] = UINT32_MAX;
+            continue;
         }
-        if (i % RUN != RUN - 1) continue;
-        if (n_run && !push_run(out, run, n_run, reach))
-            return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for %u samples", share);
-        n_run = 0;
+        float p[3] = {s->p[0][at], s->p[1][at], s->p[2][at]}, least = INFINITY;
+        int b[3];
+        uint32_t found = c->owner[i] < c->n ? c->owner[i] : UINT32_MAX;
+        bucket_of(c, p, b);
+        for (int reach = 1; reach < 64; reach *= 4) {
+            for (int z = b[2] - reach; z <= b[2] + reach; z++) {
+                if (z < 0 || z >= (int)c->size[2]) continue;
+                for (int y = b[1] - reach; y <= b[1] + reach; y++) {
+                    if (y < 0 || y >= (int)c->size[1]) continue;
+                    int x0 = b[0] - reach < 0 ? 0 : b[0] - reach;
+                    int x1 = b[0] + reach >= (int)c->size[0] ? (int)c->size[0] - 1 : b[0] + reach;
+                    if (x0 > x1) continue;
+                    uint32_t to = c->start[bucket_index(c, x1, y, z) + 1];
+                    for (uint32_t k = c->start[bucket_index(c, x0, y, z)]; k < to; k++) {
+                        const float *q = c->p[c->point[k]];
+                        float dx = q[0] - p[0], dy = q[1] - p[1], dz = q[2] - p[2];
+                        float d2 = dx * dx + dy * dy + dz * dz;
+                        if (d2 >= least) continue;
+                        least = d2;
+                        found = c->point[k];
+                    }
+                }
+            }
+            if (least < INFINITY) break;
+        }
+        c->owner[i] = found;
     }
     return PRT_OK;
 }
 
+// Mean, power and spread of each cell; points move to the means.
+static void weigh_cells(struct cells *c)
+{
+    const struct samples *s = c->s;
+    memset(c->sum, 0, c->n * sizeof *c->sum);
+    for (uint32_t i = c->first; i < c->last; i++) {
+        uint32_t k = c->owner[i - c->first];
+        if (k == UINT32_MAX) continue;
+        double w = (double)texel_power(s, i), *sum = c->sum[k], r2 = 0;
+        for (int j = 0; j < 3; j++) {
+            double d = (double)s->p[j][i] - (double)c->p[k][j];
+            sum[j] += w * d;
+            sum[4 + j] += (double)(s->e[j][i] * s->area[i]);
+            r2 += d * d;
+        }
+        sum[3] += w;
+        sum[7] += w * (r2 + (double)s->area[i] / (2 * M_PI));
+    }
+    for (uint32_t k = 0; k < c->n; k++) {
+        double *sum = c->sum[k], shift = 0;
+        if (!(sum[3] > 0)) continue;
+        for (int j = 0; j < 3; j++) {
+            double d = sum[j] / sum[3];
+            c->p[k][j] += (float)d;
+            shift += d * d;
+        }
+        sum[7] = fmax(sum[7] / sum[3] - shift, 0);
+    }
+}
+
+struct cell_key {
+    float radius;
+    uint32_t cell;
+};
+
+static int by_radius(const void *a, const void *b)
+{
+    const struct cell_key *x = a, *y = b;
+    if (x->radius != y->radius) return x->radius < y->radius ? -1 : 1;
+    return x->cell < y->cell ? -1 : x->cell > y->cell;
+}
+
+// What the objects' cells look like from a pixel: points, in classes of like discs.
+struct drawn {
+    struct emitters *list;              // [n_object]
+    uint32_t (*class_end)[CLASSES];     // [n_object]
+    double (*disc_mm)[CLASSES];         // [n_object] radii
+};
+
+static bool emit_cells(const struct cells *c, uint32_t object, struct drawn *out)
+{
+    struct cell_key *key = malloc(((size_t)c->n + 1) * sizeof *key);
+    struct emitters *list = &out->list[object];
+    if (!key || !emitters_reserve(list, c->n + 16)) {
+        free(key);
+        return false;
+    }
+    uint32_t n = 0;
+    for (uint32_t k = 0; k < c->n; k++)
+        // a uniform disc of radius a has the second moment a²/2
+        if (c->sum[k][3] > 0) key[n++] = (struct cell_key){(float)sqrt(2 * c->sum[k][7]), k};
+    qsort(key, n, sizeof *key, by_radius);
+    for (uint32_t k = 0, i = 0; k < CLASSES; k++) {
+        uint32_t end = (uint32_t)((uint64_t)n * (k + 1) / CLASSES);
+        double square = 0, power = 0;
+        for (; i < end; i++) {
+            const double *sum = c->sum[key[i].cell];
+            float w[3] = {(float)sum[4], (float)sum[5], (float)sum[6]};
+            emitters_push(list, c->p[key[i].cell], w);
+            square += sum[3] * (double)(key[i].radius * key[i].radius);
+            power += sum[3];
+        }
+        out->class_end[object][k] = end;
+        out->disc_mm[object][k] = power > 0 ? sqrt(square / power) : 0;
+    }
+    free(key);
+    return true;
+}
+
+// Mean distance of drawn points: the lit area, evenly shared.
+static double cell_edge(const struct cells *c, uint32_t n)
+{
+    double sum = 0, square = 0;
+    for (uint32_t i = c->first; i < c->last; i++) {
+        double e = (double)(c->s->e[0][i] + c->s->e[1][i] + c->s->e[2][i]);
+        sum += e * (double)c->s->area[i];
+        square += e * e * (double)c->s->area[i];
+    }
+    return square > 0 && n ? sqrt(sum * sum / square / n) : 0;
+}
+
+// Points drawn from E' by low-discrepancy numbers through the mip chain, moved to the middle of
+// the light that is nearest to each.
+static int draw_object(struct frame *f, const float *mip, uint32_t n_mip, struct cells *c,
+                       uint32_t share, float shift)
+{
+    const struct samples *s = c->s;
+    uint32_t n_texel = c->last - c->first;
+    c->p = malloc(((size_t)share + 1) * sizeof *c->p);
+    c->sum = malloc(((size_t)share + 1) * sizeof *c->sum);
+    c->owner = malloc(((size_t)n_texel + 1) * sizeof *c->owner);
+    if (!c->p || !c->sum || !c->owner)
+        return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for %u samples", share);
+    uint32_t before = UINT32_MAX;
+    for (uint32_t i = 0; i < share; i++) {
+        double u = (i + (double)shift) / (double)share;
+        uint32_t t = prt_screen_mip_sample(mip, n_mip, (float)u);
+        // a bright texel drawn twice is one point
+        if (t >= n_texel || !(mip[t] > 0) || t == before) continue;
+        before = t;
+        for (int k = 0; k < 3; k++) c->p[c->n][k] = s->p[k][c->first + t];
+        c->n++;
+    }
+    if (!c->n) return PRT_OK;
+    double edge = cell_edge(c, c->n);
+    memset(c->owner, 0xff, n_texel * sizeof *c->owner);
+    for (int turn = 0; turn < CELL_TURNS; turn++) {
+        if (!make_buckets(c, edge)) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+        int status = prt_parallel_for(f->ctx, NULL, n_texel, 512, own_texels, c);
+        if (status) return status;
+        weigh_cells(c);
+    }
+    return PRT_OK;
+}
+
+static void cells_finish(struct cells *c)
+{
+    free(c->p);
+    free(c->sum);
+    free(c->owner);
+    free(c->start);
+    free(c->point);
+}
+
 // n points, shared by the objects, drawn from E' of the frame's atlas.
-static int draw_emitters(struct frame *f, uint32_t n, struct emitters *list)
+static int draw_emitters(struct frame *f, uint32_t n, struct drawn *out)
 {
     const struct samples *s = &f->screen->atlas;
     double total = 0;
-    for (uint32_t i = 0; i < s->n; i++)
-        total += (double)(s->e[0][i] + s->e[1][i] + s->e[2][i]) * s->area[i];
+    for (uint32_t i = 0; i < s->n; i++) total += (double)texel_power(s, i);
     if (!(total > 0)) return PRT_OK;
     struct prt_rng rng;
     prt_rng_init(&rng, f->seed, 1);
@@ -163,94 +322,38 @@ static int draw_emitters(struct frame *f, uint32_t n, struct emitters *list)
         while (last < s->n && s->object[last] == object) last++;
         float *mip = make_mip(s, first, last, &n_mip);
         if (!mip) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for mip levels");
-        double own = mip[n_mip > 1 ? (size_t)(n_mip - 1) / 3 * 4 : 0];
+        double own = (double)mip[n_mip > 1 ? (size_t)(n_mip - 1) / 3 * 4 : 0];
         uint32_t share = (uint32_t)(n * (own / total) + 0.5);
         if (share < 16) share = 16;
-        int status = PRT_OK;
-        if (own > 0) {
-            // runs that the curve's jumps split make more points than asked: ask for fewer
-            status = draw_object(f, mip, n_mip, first, last, share, shift, &list[object]);
-            if (!status && list[object].n > share + share / 16) {
-                share = (uint32_t)((uint64_t)share * share / list[object].n) + 1;
-                status = draw_object(f, mip, n_mip, first, last, share, shift, &list[object]);
-            }
-        }
+        struct cells cells = {.s = s, .first = first, .last = last};
+        int status = own > 0 ? draw_object(f, mip, n_mip, &cells, share, shift) : PRT_OK;
+        if (!status && cells.n && !emit_cells(&cells, object, out))
+            status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for %u samples", share);
+        cells_finish(&cells);
         prt_free(mip);
         if (status) return status;
     }
     return PRT_OK;
 }
 
-// What a table is fitted to: R_d, its local or its global part, averaged over a disc.
-struct split {
-    profile_fn fn;   // three dipoles or a table, and its argument
-    const void *profile;
-    double r_p;      // < 0: no split
-    bool local;
-    double disc_mm;  // radius; 0: a point
-};
-
-static void split_profile(const void *arg, double r_mm, double out[3])
-{
-    enum { RINGS = 3, SPOKES = 5 };
-    const struct split *s = arg;
-    // far away a disc is a point
-    int rings = s->disc_mm > 0.05 * r_mm ? RINGS : 0, n = rings ? rings * SPOKES : 1;
-    for (int c = 0; c < 3; c++) out[c] = 0;
-    for (int k = 0; k < n; k++) {
-        double r = r_mm;
-        if (rings) {
-            double a = s->disc_mm * sqrt((k / SPOKES + 0.5) / RINGS);
-            double phi = M_PI * (k % SPOKES + 0.5) / SPOKES; // the other half is its mirror
-            r = sqrt(fmax(r * r + a * a - 2 * r * a * cos(phi), 0));
-        }
-        double w = 1;
-        if (s->r_p >= 0) {
-            w = prt_screen_local_weight(r, s->r_p);
-            if (!s->local) w = 1 - w;
-        }
-        double rd[3];
-        s->fn(s->profile, r, rd);
-        for (int c = 0; c < 3; c++) out[c] += w * rd[c] / n;
-    }
-}
-
-static double finest_scale(const struct prt_dipole *d)
-{
-    return fmin(d[0].z_r, fmin(d[1].z_r, d[2].z_r));
-}
-
-static struct radial_table *disc_tables(const struct frame *f, const struct emitters *list,
+static struct radial_table *disc_tables(const struct frame *f, const struct drawn *drawn,
                                         double r_p)
 {
-    struct radial_table *table = prt_alloc(f->n_object ? f->n_object : 1, sizeof *table);
-    for (uint32_t o = 0; table && o < f->n_object; o++) {
-        double disc = disc_radius(&f->screen->atlas, o, list[o].n);
-        struct split split = {prt_screen_dipole_profile, f->dipole[o], r_p, false, disc};
-        if (f->options->profile) {
-            split.fn = prt_screen_table_profile;
-            split.profile = &f->options->profile[o];
-        }
-        radial_table_fit(&table[o], split_profile, &split, fmax(finest_scale(f->dipole[o]), disc),
-                         f->screen->diameter_mm);
-    }
+    uint32_t n = f->n_object ? f->n_object : 1;
+    struct radial_table *table = prt_calloc((size_t)n * CLASSES, sizeof *table);
+    for (uint32_t o = 0; table && o < f->n_object; o++)
+        for (uint32_t k = 0; k < CLASSES && drawn->list[o].n; k++)
+            split_table(f, o, r_p, false, drawn->disc_mm[o][k], f->screen->diameter_mm,
+                        &table[o * CLASSES + k]);
     return table;
 }
 
 // The near part: every light-view point or texel within reach.
 static int local_scatter(struct frame *f, double r_p, float spacing)
 {
-    struct radial_table *table = prt_alloc(f->n_object ? f->n_object : 1, sizeof *table);
-    if (!table) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    float reach = (float)(r_p + 5 / K);
-    for (uint32_t o = 0; o < f->n_object; o++) {
-        struct split near = {prt_screen_dipole_profile, f->dipole[o], r_p, true, 0};
-        radial_table_fit(&table[o], split_profile, &near, finest_scale(f->dipole[o]), reach);
-    }
-    int status = only_light_views(f) ? scatter_light_views(f, table, spacing, 0.7f, reach)
-                                     : scatter_tree(f, table, &f->screen->atlas, 0.7f, reach);
-    prt_free(table);
-    return status;
+    float reach = (float)(r_p + 5 / SPLIT_K);
+    if (only_light_views(f)) return scatter_light_views(f, r_p, spacing, 0.7f, reach);
+    return scatter_discs(f, &f->screen->atlas, r_p, 0.7f, reach);
 }
 
 int engine_texture(struct frame *f, bool hybrid)
@@ -264,7 +367,7 @@ int engine_texture(struct frame *f, bool hybrid)
             r_p = fmax(r_p, prt_screen_split_radius(f->dipole[o], bound));
         // the near part wants points under a mean free path apart
         spacing = fmax(0.8 * spacing, (double)screen->diameter_mm / 300);
-        spacing *= exp2(-0.25 * min_u(f->options->refine, 8));
+        spacing *= fmin(fmax(pow(900.0 / n, 0.25), 0.35), 1.2);
         if (!only_light_views(f)) texels = screen->area_mm2 / (0.4 * spacing * spacing);
     }
     if (texels < 16.0 * n) texels = 16.0 * n;
@@ -273,25 +376,42 @@ int engine_texture(struct frame *f, bool hybrid)
     int status = frame_atlas(f, size);
     f->report->irradiance_s = prt_time_s() - t0;
     t0 = prt_time_s();
-    struct emitters *list = calloc(f->n_object ? f->n_object : 1, sizeof *list);
+    uint32_t n_object = f->n_object ? f->n_object : 1;
+    struct drawn drawn = {calloc(n_object, sizeof *drawn.list),
+                          calloc(n_object, sizeof *drawn.class_end),
+                          calloc(n_object, sizeof *drawn.disc_mm)};
     struct radial_table *table = NULL;
-    if (!status && !list) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    if (!status) status = draw_emitters(f, n, list);
-    for (uint32_t o = 0; !status && o < f->n_object; o++) f->report->n_sample += list[o].n;
-    if (!status && !(table = disc_tables(f, list, r_p)))
+    if (!status && (!drawn.list || !drawn.class_end || !drawn.disc_mm))
         status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    if (!status) status = scatter_all(f, table, list);
+    if (!status) status = draw_emitters(f, n, &drawn);
+    double smooth = INFINITY;
+    for (uint32_t o = 0; !status && o < f->n_object; o++) {
+        f->report->n_sample += drawn.list[o].n;
+        if (drawn.list[o].n) smooth = fmin(smooth, drawn.disc_mm[o][CLASSES / 2]);
+    }
+    if (!status && !(table = disc_tables(f, &drawn, r_p)))
+        status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    // discs, and the near part taken out, leave nothing finer than themselves
+    double own = (double)smallest_mean_free_path(f);
+    if (!status) status = receive_begin(f, fmax(own, isfinite(smooth) ? smooth : own));
+    if (!status)
+        status = scatter_all(f, table, drawn.list, (const uint32_t(*)[CLASSES])drawn.class_end);
+    if (!status) status = receive_end(f);
     f->report->scatter_s = prt_time_s() - t0;
     if (!status && hybrid) {
         t0 = prt_time_s();
         double other = f->report->irradiance_s + f->report->scatter_s;
-        status = local_scatter(f, r_p, (float)spacing);
-        double own = f->report->irradiance_s + f->report->scatter_s - other;
-        f->report->scatter_s += prt_time_s() - t0 - own;
+        status = receive_begin(f, own);
+        if (!status) status = local_scatter(f, r_p, (float)spacing);
+        if (!status) status = receive_end(f);
+        double part = f->report->irradiance_s + f->report->scatter_s - other;
+        f->report->scatter_s += prt_time_s() - t0 - part;
         f->report->r_p_mm = (float)r_p;
     }
     prt_free(table);
-    for (uint32_t o = 0; list && o < f->n_object; o++) emitters_finish(&list[o]);
-    free(list);
+    for (uint32_t o = 0; drawn.list && o < f->n_object; o++) emitters_finish(&drawn.list[o]);
+    free(drawn.list);
+    free(drawn.class_end);
+    free(drawn.disc_mm);
     return status;
 }

@@ -1,94 +1,153 @@
 // SPDX-License-Identifier: MIT
-// Clusters of samples as seen from afar, and tiles of G-buffer points that look at them.
+// Clusters of samples as seen from afar. Leaves are runs of LEAF samples; four neighbours at a
+// time make a node of the next level, their boxes side by side so that four are tested at once.
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { LEAF = 8, FAN = 4 };
+enum { LEAF = TREE_LEAF, FAN = 4 };
 
-static void node_weigh(struct tree_node *node, double mean[4])
+static void clear_node(struct tree_node *node, int k)
 {
-    for (int k = 0; k < 3; k++)
-        node->p[k] = mean[3] > 0 ? (float)(mean[k] / mean[3]) : (node->lo[k] + node->hi[k]) / 2;
+    for (int i = 0; i < 3; i++) {
+        node->lo[i][k] = INFINITY;
+        node->hi[i][k] = -INFINITY;
+        node->p[i][k] = node->w[i][k] = 0;
+    }
+    node->first[k] = 0;
+    node->size_sq[k] = 0;
 }
 
-static struct tree_node make_leaf(const struct samples *s, uint32_t first, uint32_t n)
+static void close_lane(struct tree_node *node, int k, const float mean[4])
 {
-    struct tree_node node = {.first = first, .n = n, .leaf = true};
-    double mean[4] = {0};
-    for (int k = 0; k < 3; k++) {
-        node.lo[k] = INFINITY;
-        node.hi[k] = -INFINITY;
+    float size = 0;
+    for (int i = 0; i < 3; i++) {
+        float e = node->hi[i][k] - node->lo[i][k];
+        size += e * e;
+        node->p[i][k] = mean[3] > 0 ? mean[i] / mean[3] : (node->lo[i][k] + node->hi[i][k]) / 2;
     }
-    for (uint32_t i = first; i < first + n; i++) {
-        double power = 0;
-        for (int k = 0; k < 3; k++) {
-            float w = s->e[k][i] * s->area[i];
-            node.w[k] += w;
-            power += w;
-            node.lo[k] = min_f(node.lo[k], s->p[k][i]);
-            node.hi[k] = max_f(node.hi[k], s->p[k][i]);
+    node->size_sq[k] = size;
+}
+
+struct leaf_job {
+    const struct samples *s;
+    struct tree *tree;
+    uint32_t object_first, object_last; // samples
+    uint32_t level;                     // first node of the leaves
+};
+
+// Lane l of the leaves' level: samples [first + l LEAF, + LEAF).
+static int make_leaves(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct leaf_job *job = arg;
+    const struct samples *s = job->s;
+    struct tree *t = job->tree;
+    for (size_t l = begin; l < end; l++) {
+        struct tree_node *node = &t->node[job->level + l / FAN];
+        int k = (int)(l % FAN);
+        uint32_t first = job->object_first + (uint32_t)l * LEAF;
+        clear_node(node, k);
+        if (first >= job->object_last) continue;
+        uint32_t last = first + LEAF < job->object_last ? first + LEAF : job->object_last;
+        float mean[4] = {0, 0, 0, 0};
+        node->first[k] = first;
+        for (uint32_t i = first; i < last; i++) {
+            float power = 0;
+            for (int c = 0; c < 3; c++) {
+                float w = s->e[c][i] * s->area[i];
+                t->w[c][i] = w;
+                node->w[c][k] += w;
+                power += w;
+            }
+            // dark samples do not stretch a box
+            if (!(power > 0)) continue;
+            for (int c = 0; c < 3; c++) {
+                float x = s->p[c][i];
+                node->lo[c][k] = min_f(node->lo[c][k], x);
+                node->hi[c][k] = max_f(node->hi[c][k], x);
+                mean[c] += power * x;
+            }
+            mean[3] += power;
         }
-        for (int k = 0; k < 3; k++) mean[k] += power * s->p[k][i];
+        if (mean[3] > 0) close_lane(node, k, mean);
+    }
+    return PRT_OK;
+}
+
+// Lane k of `up` becomes the sum of node `at`.
+static void join(const struct tree_node *child, uint32_t at, struct tree_node *up, int k)
+{
+    float mean[4] = {0, 0, 0, 0};
+    clear_node(up, k);
+    up->first[k] = at;
+    for (int j = 0; j < FAN; j++) {
+        float power = child->w[0][j] + child->w[1][j] + child->w[2][j];
+        if (!(power > 0)) continue;
+        for (int i = 0; i < 3; i++) {
+            up->w[i][k] += child->w[i][j];
+            up->lo[i][k] = min_f(up->lo[i][k], child->lo[i][j]);
+            up->hi[i][k] = max_f(up->hi[i][k], child->hi[i][j]);
+            mean[i] += power * child->p[i][j];
+        }
         mean[3] += power;
     }
-    node_weigh(&node, mean);
-    return node;
+    if (mean[3] > 0) close_lane(up, k, mean);
 }
 
-static struct tree_node join(const struct tree_node *child, uint32_t first, uint32_t n)
-{
-    struct tree_node node = child[0];
-    double mean[4] = {0};
-    node.first = first;
-    node.n = n;
-    node.leaf = false;
-    memset(node.w, 0, sizeof node.w);
-    for (uint32_t i = 0; i < n; i++) {
-        double power = 0;
-        for (int k = 0; k < 3; k++) {
-            node.w[k] += child[i].w[k];
-            power += child[i].w[k];
-            node.lo[k] = min_f(node.lo[k], child[i].lo[k]);
-            node.hi[k] = max_f(node.hi[k], child[i].hi[k]);
-        }
-        for (int k = 0; k < 3; k++) mean[k] += power * child[i].p[k];
-        mean[3] += power;
-    }
-    node_weigh(&node, mean);
-    return node;
-}
-
-int tree_build(const struct samples *s, uint32_t n_object, struct tree *out)
+int tree_build(const struct prt_context *ctx, const struct samples *s, uint32_t n_object,
+               struct tree *out)
 {
     memset(out, 0, sizeof *out);
-    size_t most = (size_t)s->n / LEAF * 3 / 2 + (size_t)n_object * 20 + 16;
+    size_t most = (size_t)s->n / LEAF / FAN * 3 / 2 + (size_t)n_object * 20 + 16;
     out->node = prt_alloc(most, sizeof *out->node);
     out->root = prt_alloc(n_object ? n_object : 1, sizeof *out->root);
-    if (!out->node || !out->root) {
+    out->n_leaf_end = prt_alloc(n_object ? n_object : 1, sizeof *out->root);
+    out->sample_end = prt_alloc(n_object ? n_object : 1, sizeof *out->root);
+    bool good = out->node && out->root && out->n_leaf_end && out->sample_end;
+    for (int c = 0; c < 3; c++) {
+        out->w[c] = prt_alloc((size_t)s->n + 32, sizeof(float));
+        good &= out->w[c] != NULL;
+        out->p[c] = s->p[c];
+    }
+    if (!good) {
         tree_finish(out);
         return PRT_NOMEM;
     }
+    // a leaf is copied whole: what lies past the last sample is dark
+    for (int c = 0; c < 3; c++) memset(out->w[c] + s->n, 0, 32 * sizeof(float));
     out->n_object = n_object;
     for (uint32_t o = 0; o < n_object; o++) out->root[o] = UINT32_MAX;
     for (uint32_t first = 0, last; first < s->n; first = last) {
         uint32_t object = s->object[first];
         last = first;
         while (last < s->n && s->object[last] == object) last++;
-        uint32_t level = out->n_node;
-        for (uint32_t i = first; i < last; i += LEAF)
-            out->node[out->n_node++] = make_leaf(s, i, last - i < LEAF ? last - i : LEAF);
+        uint32_t level = out->n_node, n = (last - first + LEAF - 1) / LEAF;
+        n = (n + FAN - 1) / FAN;
+        struct leaf_job job = {s, out, first, last, level};
+        int status = prt_parallel_for(ctx, NULL, (size_t)n * FAN, 1024, make_leaves, &job);
+        if (status) {
+            tree_finish(out);
+            return status;
+        }
+        out->n_node += n;
+        uint32_t leaves_end = out->n_node;
         while (out->n_node - level > 1) {
             uint32_t end = out->n_node;
             for (uint32_t i = level; i < end; i += FAN) {
-                uint32_t n = end - i < FAN ? end - i : FAN;
-                out->node[out->n_node++] = join(&out->node[i], i, n);
+                struct tree_node *up = &out->node[out->n_node++];
+                for (int k = 0; k < FAN; k++) {
+                    if (i + (uint32_t)k < end) join(&out->node[i + (uint32_t)k], i + (uint32_t)k, up, k);
+                    else clear_node(up, k);
+                }
             }
             level = end;
         }
-        if (object < n_object) out->root[object] = level;
+        if (object >= n_object) continue;
+        out->root[object] = level;
+        out->n_leaf_end[object] = leaves_end;
+        out->sample_end[object] = last;
     }
     return PRT_OK;
 }
@@ -97,96 +156,56 @@ void tree_finish(struct tree *tree)
 {
     prt_free(tree->node);
     prt_free(tree->root);
+    prt_free(tree->n_leaf_end);
+    prt_free(tree->sample_end);
+    for (int c = 0; c < 3; c++) prt_free(tree->w[c]);
     memset(tree, 0, sizeof *tree);
 }
 
-bool tree_gather(const struct tree *tree, const struct samples *s, uint32_t object,
-                 const float lo[3], const float hi[3], float opening, float r_max,
-                 struct emitters *out)
+// Copied whole, but only the object's own samples count.
+static void push_leaf(const struct tree *tree, uint32_t first, uint32_t end, struct emitters *out)
+{
+    for (int c = 0; c < 3; c++) {
+        memcpy(out->p[c] + out->n, tree->p[c] + first, LEAF * sizeof(float));
+        memcpy(out->w[c] + out->n, tree->w[c] + first, LEAF * sizeof(float));
+    }
+    out->n += end - first < LEAF ? end - first : LEAF;
+}
+
+bool tree_gather(const struct tree *tree, uint32_t object, const float lo[3], const float hi[3],
+                 float opening, float r_max, struct emitters *out)
 {
     uint32_t stack[256], top = 0;
     if (object >= tree->n_object || tree->root[object] == UINT32_MAX) return true;
+    const float open_sq = opening * opening, r_sq = r_max * r_max;
+    const uint32_t leaf_end = tree->n_leaf_end[object];
     stack[top++] = tree->root[object];
     while (top) {
-        const struct tree_node *node = &tree->node[stack[--top]];
-        if (!(node->w[0] + node->w[1] + node->w[2] > 0)) continue;
-        float gap = 0, size = 0;
-        for (int k = 0; k < 3; k++) {
-            float g = max_f(max_f(node->lo[k] - hi[k], lo[k] - node->hi[k]), 0);
-            float e = node->hi[k] - node->lo[k];
-            gap += g * g;
-            size += e * e;
+        uint32_t at = stack[--top];
+        const struct tree_node *node = &tree->node[at];
+        float gap[FAN], far[FAN];
+        for (int k = 0; k < FAN; k++) {
+            float g0 = max_f(max_f(node->lo[0][k] - hi[0], lo[0] - node->hi[0][k]), 0);
+            float g1 = max_f(max_f(node->lo[1][k] - hi[1], lo[1] - node->hi[1][k]), 0);
+            float g2 = max_f(max_f(node->lo[2][k] - hi[2], lo[2] - node->hi[2][k]), 0);
+            gap[k] = g0 * g0 + g1 * g1 + g2 * g2;
+            far[k] = open_sq * gap[k] - node->size_sq[k];
         }
-        if (gap > r_max * r_max) continue;
-        if (!emitters_reserve(out, out->n + LEAF + 16)) return false;
-        if (size < opening * opening * gap) {
-            emitters_push(out, node->p, node->w);
-        } else if (node->leaf) {
-            for (uint32_t i = node->first; i < node->first + node->n; i++) {
-                float p[3] = {s->p[0][i], s->p[1][i], s->p[2][i]}, a = s->area[i];
-                float w[3] = {s->e[0][i] * a, s->e[1][i] * a, s->e[2][i] * a};
-                if (w[0] + w[1] + w[2] > 0) emitters_push(out, p, w);
+        if (!emitters_reserve(out, out->n + FAN * LEAF + 16)) return false;
+        bool leaf = at < leaf_end;
+        for (int k = 0; k < FAN; k++) {
+            // dark lanes have empty boxes, infinitely far
+            if (!(gap[k] <= r_sq)) continue;
+            if (far[k] > 0) {
+                float p[3] = {node->p[0][k], node->p[1][k], node->p[2][k]};
+                float w[3] = {node->w[0][k], node->w[1][k], node->w[2][k]};
+                emitters_push(out, p, w);
+            } else if (leaf) {
+                push_leaf(tree, node->first[k], tree->sample_end[object], out);
+            } else {
+                stack[top++] = node->first[k];
             }
-        } else {
-            for (uint32_t i = 0; i < node->n; i++) stack[top++] = node->first + i;
         }
     }
     return true;
-}
-
-int tiles_build(const struct prt_gbuffer *g, const struct prt_mesh *mesh, uint32_t width,
-                uint32_t height, struct tiles *out)
-{
-    memset(out, 0, sizeof *out);
-    uint32_t across = (width + 7) / 8, down = (height + 7) / 8, n_bucket = across * down;
-    uint32_t *start = calloc((size_t)n_bucket + 1, sizeof *start), total = 0;
-    out->order = malloc(((size_t)g->n_point + 1) * sizeof *out->order);
-    // a tile ends at 64 points, at a bucket's end or where the object changes
-    if (!start || !out->order) goto nomem;
-    for (uint32_t i = 0; i < g->n_point; i++) {
-        if (g->opaque[i]) continue;
-        uint32_t y = g->pixel[i] / width, x = g->pixel[i] % width;
-        start[y / 8 * across + x / 8 + 1]++;
-        total++;
-    }
-    for (uint32_t b = 0; b < n_bucket; b++) start[b + 1] += start[b];
-    for (uint32_t i = 0; i < g->n_point; i++) {
-        if (g->opaque[i]) continue;
-        uint32_t y = g->pixel[i] / width, x = g->pixel[i] % width;
-        out->order[start[y / 8 * across + x / 8]++] = i;
-    }
-    out->begin = malloc(((size_t)total + 2) * sizeof *out->begin);
-    out->object = malloc(((size_t)total + 1) * sizeof *out->object);
-    if (!out->begin || !out->object) goto nomem;
-    for (uint32_t b = 0, first = 0; b < n_bucket; first = start[b++]) {
-        uint32_t last = start[b]; // moved to the bucket's end by the placing above
-        for (uint32_t i = first; i < last;) {
-            uint32_t object = mesh->block[g->block[out->order[i]]].object, n = 0;
-            // bring this object's points together
-            for (uint32_t j = i; j < last && n < TILE_POINTS; j++) {
-                uint32_t p = out->order[j];
-                if (mesh->block[g->block[p]].object != object) continue;
-                out->order[j] = out->order[i + n];
-                out->order[i + n++] = p;
-            }
-            out->begin[out->n_tile] = i;
-            out->object[out->n_tile++] = object;
-            i += n;
-        }
-    }
-    out->begin[out->n_tile] = total;
-    free(start);
-    return PRT_OK;
-nomem:
-    free(start);
-    tiles_finish(out);
-    return PRT_NOMEM;
-}
-
-void tiles_finish(struct tiles *tiles)
-{
-    free(tiles->begin);
-    free(tiles->order);
-    free(tiles->object);
-    memset(tiles, 0, sizeof *tiles);
 }

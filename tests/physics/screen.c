@@ -532,11 +532,13 @@ static void irradiance_closed_forms(void **state)
     // the layers of all three axes together are the whole surface
     uint64_t rays = 0;
     struct samples peel;
-    assert_int_equal(samples_peel(&quiet, scene, 0.5f, &peel, &rays), PRT_OK);
+    uint32_t *block = prt_mesh_triangle_blocks(&model.mesh);
+    assert_int_equal(samples_peel(&quiet, scene, &(struct grid){block, 0.5f, {0, 0}, 0}, &peel, &rays), PRT_OK);
     area = 0;
     for (uint32_t i = 0; i < peel.n; i++) area += peel.area[i];
     assert_true(fabs(area / (400 * M_PI) - 1) < 0.02);
     samples_finish(&peel);
+    prt_free(block);
     samples_finish(&s);
     prt_scene_destroy(scene);
     model_finish(&model);

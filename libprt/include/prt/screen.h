@@ -82,6 +82,7 @@ struct prt_screen_report {
     uint32_t n_sample;      /* points of the surface used (a pixel's own, for TANGENT) */
     uint32_t n_asked;       /* n_sample of the options, or what was chosen in its place */
     uint32_t grid;          /* SPLAT: n */
+    uint32_t receivers;     /* places light was summed for; points of the view lie between them */
     uint32_t n_light;
     uint64_t n_ray, n_pair; /* shadow and view rays; evaluations of R_d */
     float r_max_mm, r_p_mm;
