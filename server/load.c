@@ -2,6 +2,7 @@
 // LOAD: checks what is asked, names it by its content, finds the bake or orders one.
 #include "load.h"
 
+#include "evict.h"
 #include "log.h"
 #include "prt/medium.h"
 #include "relight.pb-c.h"
@@ -244,6 +245,7 @@ static void bake_ended(void *user, struct job *job, enum job_outcome outcome)
         snprintf(m->prt, sizeof m->prt, "%s", path);
         blobs_charge(b->server->blobs, st.st_size);
         model_remember(m);
+        bakes_make_room(b->server, m);
         memo_release(model_open(m, &code, error)); // who watched asks for colours next
     } else if (m) {
         m->state = RELIGHT__MODEL_STATE__MODEL_FAILED;

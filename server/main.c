@@ -3,6 +3,7 @@
 #include "carrier.h"
 #include "decode.h"
 #include "dispatch.h"
+#include "evict.h"
 #include "log.h"
 #include "models.h"
 #include "relight.pb-c.h"
@@ -76,6 +77,7 @@ static void on_signal(void *user, int signal_number)
 static void keep_house(struct loop_timer *timer)
 {
     blobs_expire(server.blobs, 600);
+    if (server.models) bakes_make_room(&server, NULL);
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
 }
 

@@ -3,6 +3,7 @@
 // becomes a model is in load.c.
 #include "models.h"
 
+#include "evict.h"
 #include "load.h"
 #include "log.h"
 #include "relight.pb-c.h"
@@ -347,6 +348,7 @@ static void done_opening(struct work *work)
             m->pin = o->entry;
             memo_hold(m->pin);
         }
+        if (m) bakes_touch(m);
         o->entry->ms = o->ms;
         memo_fill(o->entry, o->file, prt_file_bytes(o->file), close_file);
         if (first) start_opening(m, NULL); // reads every byte once, behind the requests

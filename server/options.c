@@ -203,5 +203,9 @@ void options_parse(int argc, char **argv, struct options *options)
     struct parse parse = {.options = options};
     argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &parse);
+    if (options->bake_nice > 19) {
+        fprintf(stderr, "relightd: bake-nice %u is outside 0..19\n", options->bake_nice);
+        exit(2);
+    }
     if (!options->n_listen) add_listen(options, "tcp:127.0.0.1:7413");
 }

@@ -32,11 +32,17 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(COUNT, bakes, "bakes", "N", "1", "Bakes that run at once; others wait their turn")       \
     X(COUNT, bake_queue, "bake-queue", "N", "64", "Bakes that may wait; more are refused")     \
     X(COUNT, bake_threads, "bake-threads", "N", "0", "Threads of one bake. 0: one a core")     \
+    X(COUNT, bake_nice, "bake-nice", "N", "5",                                                 \
+      "How far a bake steps back for relighting, 0 to 19. On a machine that is busy with other " \
+      "things a large value may starve it")                                                    \
     X(BYTES, memory, "memory", "BYTES", "8G",                                                  \
       "Baked transport held ready; beyond it the least recently used model is unloaded")       \
     X(BYTES, cache, "cache", "BYTES", "1G",                                                    \
       "Decoded environments, lights, visibility buffers and colours kept for reuse")           \
     X(BYTES, disk, "disk", "BYTES", "64G", "Uploads and bakes kept under --data in all")       \
+    X(BYTES, bakes_disk, "bakes-disk", "BYTES", "32G",                                         \
+      "Bakes kept under --data; beyond it the longest unused one that is not pinned is deleted, " \
+      "and baked anew when it is loaded again")                                                \
     X(BYTES, max_blob, "max-blob", "BYTES", "1G", "Largest upload")                            \
     X(BYTES, decode_memory, "decode-memory", "BYTES", "4G",                                    \
       "Memory a process that decodes an untrusted image may take")                             \

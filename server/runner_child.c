@@ -232,7 +232,9 @@ static struct job_run *child_start(struct server *server, const struct job_order
     *run = (struct job_run){.server = server, .events = *events, .user = user, .next = runs};
     err = spawn(program, argv, order->cwd, progress[1], errors[1], &run->pid);
     if (err) goto fail;
-    setpriority(PRIO_PROCESS, (id_t)run->pid, 10); // relighting goes first
+    // Relighting goes first. Relative: the daemon itself may have been started with a niceness.
+    int own = getpriority(PRIO_PROCESS, 0);
+    setpriority(PRIO_PROCESS, (id_t)run->pid, own + (int)server->options.bake_nice);
     close(progress[1]);
     close(errors[1]);
     free(argv);

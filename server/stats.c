@@ -2,6 +2,7 @@
 // The list of metrics, once, for both who read it.
 #include "stats.h"
 
+#include "evict.h"
 #include "frame.h"
 #include "log.h"
 #include "server.h"
@@ -72,6 +73,7 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     G("cache_bytes", cache.bytes, "bytes of shared results");
     G("cache_entries", cache.entries, "shared results");
     G("disk_bytes", blobs_bytes(server->blobs), "bytes of uploads and bakes");
+    G("bakes_bytes", bakes_bytes(server), "bytes of bakes alone");
     G("jobs_open", jobs_open(server->jobs), "bakes that wait or run");
     G("jobs_running", jobs_running(server->jobs), "bakes that run");
     C("connections", s->connections_total, "connections accepted");
@@ -87,6 +89,7 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     C("bakes_failed", s->bakes_failed, "bakes that failed");
     C("bakes_cancelled", s->bakes_cancelled, "bakes cancelled");
     C("bakes_cached", s->bakes_cached, "loads that found their bake on disk");
+    C("bakes_evicted", s->bakes_evicted, "bakes deleted for room");
     C("passes", s->passes, "passes over transport");
     C("relights", s->relights, "evaluations made by passes");
     C("relights_shared", s->shared, "evaluations that shared a pass");

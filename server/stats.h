@@ -21,7 +21,7 @@ struct stats {
     uint64_t requests_total[STATS_N_TYPE]; /* by request type */
     uint64_t errors_total, busy_total, cancelled_total, deadline_total;
     uint64_t bytes_in, bytes_out;
-    uint64_t bakes_done, bakes_failed, bakes_cancelled, bakes_cached;
+    uint64_t bakes_done, bakes_failed, bakes_cancelled, bakes_cached, bakes_evicted;
     uint64_t passes, relights, shared; /* transport passes, answers made by them, joined ones */
     uint64_t frames_sent, frames_dropped;
     struct stats_histogram latency[STATS_N_TYPE];

@@ -199,6 +199,46 @@ static void test_memory_budget(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// A budget that one bake fills: the one used longest ago goes, the newest and pinned ones stay.
+static void test_disk_budget_of_bakes(void **state)
+{
+    static const char *const extra[] = {"--bakes-disk", "1", NULL};
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_model info;
+    struct relight_loaded loaded;
+    char path[200], other[32];
+    assert_int_equal(relight_info(client, model, &info, &error), -RELIGHT_E_NOT_FOUND);
+    bake_small(client, &d, model); // anew
+    OK(load_small(client, &d, "other.obj", 7, 200, &loaded, &error));
+    OK(relight_watch(client, loaded.job, NULL, NULL, &error));
+    snprintf(other, sizeof other, "%s", loaded.model);
+    relight_loaded_finish(&loaded);
+    assert_int_equal(relight_info(client, model, &info, &error), -RELIGHT_E_NOT_FOUND);
+    snprintf(path, sizeof path, "%s/bakes/%s.prt", d.data, model);
+    assert_int_equal(access(path, F_OK), -1);
+    assert_true(metric(client, "relightd_bakes_evicted_total") == 2);
+    assert_true(metric(client, "relightd_bakes_bytes") > 1000);
+
+    struct relight_load load = {.size_mm = 10, .material = "marble", .pin = true,
+                                .bake = {.samples = 200, .cube = 16, .single_points = 2}};
+    snprintf(path, sizeof path, "%s/small.obj", d.folder);
+    OK(relight_load_file(client, path, &load, NULL, NULL, &loaded, &error));
+    assert_string_equal(loaded.model, model);
+    OK(relight_watch(client, loaded.job, NULL, NULL, &error));
+    relight_loaded_finish(&loaded);
+    assert_int_equal(relight_info(client, other, &info, &error), -RELIGHT_E_NOT_FOUND);
+    OK(load_small(client, &d, "other.obj", 8, 200, &loaded, &error));
+    OK(relight_watch(client, loaded.job, NULL, NULL, &error));
+    relight_loaded_finish(&loaded);
+    OK(relight_info(client, model, &info, &error));
+    assert_true(info.pinned);
+    relight_model_finish(&info);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 static void test_busy_at_the_limit(void **state)
 {
     enum { N = 40 };
@@ -446,6 +486,7 @@ int main(void)
         cmocka_unit_test_teardown(test_one_daemon_a_socket_and_a_folder, after_each),
         cmocka_unit_test_teardown(test_socket_of_a_dead_daemon_is_replaced, after_each),
         cmocka_unit_test_teardown(test_memory_budget, after_each),
+        cmocka_unit_test_teardown(test_disk_budget_of_bakes, after_each),
         cmocka_unit_test_teardown(test_busy_at_the_limit, after_each),
         cmocka_unit_test_teardown(test_configuration, after_each),
         cmocka_unit_test_teardown(test_http, after_each),
