@@ -19,6 +19,9 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#if defined(__GNUC__)
+#pragma GCC visibility push(default)
+#endif
 
 /* ---- errors -------------------------------------------------------------------------------- */
 
@@ -449,6 +452,9 @@ int relight_stats(struct relight_client *client, struct relight_stats *out,
                   struct relight_error *error);
 void relight_stats_finish(struct relight_stats *stats);
 
+#if defined(__GNUC__)
+#pragma GCC visibility pop
+#endif
 #ifdef __cplusplus
 }
 #endif
