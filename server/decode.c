@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
-// Both ends of the decode helper. Messages are packets on a socket pair: a request is
-// {number, memory limit} + path + name, a reply {number, status, sizes} + error text, with the
-// pixels in a memory file passed along.
+// Both ends of the decode helper. Messages are packets on a socket pair: a request is struct ask
+// and its words, a reply {number, status, sizes} + error text, with the pixels of an image in a
+// memory file passed along.
 #include "decode.h"
 
 #include "log.h"
+#include "prt/transport.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -22,11 +23,14 @@
 
 extern char **environ;
 
-enum { PACKET = 9000, MAX_AT_ONCE = 4, MAX_RUNNING = 64, MAX_SIDE = 65536 };
+enum { PACKET = 64 << 10, MAX_AT_ONCE = 4, MAX_RUNNING = 64, MAX_SIDE = 65536, MAX_WORD = 68 };
 
 struct ask {
     uint64_t number, memory_bytes;
-    uint32_t path_size, name_size; // with their final zeros
+    uint32_t n_word;   // what follows: path, name, and of a model the .prt and opaque names
+    uint32_t model;    // 1: a model, 0: an image
+    double size_mm, mm_per_unit;
+    struct prt_material material;
 };
 
 struct reply {
@@ -35,16 +39,18 @@ struct reply {
     uint32_t kind, width, height, cube_n, n_negative, n_nonfinite;
     float ms;
     char error[400];
+    char warnings[2000]; // a line each
 };
 
 struct wait_for {
     struct wait_for *next;
     uint64_t number;
-    decode_fn fn;
+    decode_fn env_fn; // one of the two
+    decode_model_fn model_fn;
     void *user;
     bool sent;
-    char name[256];
-    char path[4096];
+    size_t size; // of the packet
+    char packet[];
 };
 
 struct decoder {
@@ -63,8 +69,11 @@ static struct decoder *the_decoder; // the watch's way back; one helper a proces
 static void keep_error(void *user, enum prt_log_level level, const char *line)
 {
     struct reply *reply = user;
+    size_t n = strlen(reply->warnings);
     if (level == PRT_LOG_ERROR && !reply->error[0])
         snprintf(reply->error, sizeof reply->error, "%s", line);
+    if (level == PRT_LOG_WARNING)
+        snprintf(reply->warnings + n, sizeof reply->warnings - n, "%s\n", line);
 }
 
 static size_t pixel_bytes(uint32_t kind, uint32_t width, uint32_t height, uint32_t cube_n)
@@ -110,7 +119,72 @@ static void send_reply(int socket_fd, const struct reply *reply, int pixels_fd)
     while (sendmsg(socket_fd, &message, MSG_NOSIGNAL) < 0 && errno == EINTR) continue;
 }
 
-static void serve(int socket_fd, const struct ask *ask, const char *path, const char *name)
+// The store's path means nothing to who uploaded the file.
+static void hide_path(char *text, size_t size, const char *path, const char *name)
+{
+    size_t n = strlen(path);
+    for (char *at = strcmp(path, name) ? text : NULL; at && (at = strstr(at, path));) {
+        char *tail = strdup(at + n);
+        snprintf(at, size - (size_t)(at - text), "%s%s", name, tail ? tail : "");
+        at += strlen(name) < strlen(at) ? strlen(name) : strlen(at);
+        free(tail);
+    }
+}
+
+static int read_image(const struct prt_context *ctx, const char *path, const char *name,
+                      struct reply *reply)
+{
+    struct prt_env *env = NULL;
+    int status = prt_env_load(ctx, path, &env), pixels_fd = -1;
+    if ((reply->status = status)) return -1;
+    reply->kind = env->kind;
+    reply->width = env->latlong.width;
+    reply->height = env->latlong.height;
+    reply->cube_n = env->cube.n;
+    reply->n_negative = env->n_negative;
+    reply->n_nonfinite = env->n_nonfinite;
+    pixels_fd = write_pixels(env,
+                             pixel_bytes(reply->kind, reply->width, reply->height, reply->cube_n));
+    if (pixels_fd < 0) {
+        reply->status = PRT_NOMEM;
+        snprintf(reply->error, sizeof reply->error, "%s: no memory for its pixels", name);
+    }
+    return pixels_fd;
+}
+
+// The mesh as a .prt whose only tensor gives no light to anybody.
+static int write_mesh(const struct prt_context *ctx, const char *out, const struct prt_mesh *mesh,
+                      const struct prt_material *material)
+{
+    struct prt_cluster all = {.n_vertex = mesh->n_vertex};
+    struct prt_transport t = {.mesh = *mesh, .material = *material, .cube = 16,
+                              .engine = PRT_ENGINE_JOINT, .n_tensor = 1,
+                              .settings = "{}", .errors = "{}"};
+    uint32_t *order = prt_alloc(mesh->n_vertex, sizeof *order);
+    if (!order) return prt_fail(ctx, PRT_NOMEM, "no memory for %u vertices", mesh->n_vertex);
+    for (uint32_t i = 0; i < mesh->n_vertex; i++) order[i] = i;
+    t.tensor[0] = (struct prt_tensor){.storage = PRT_STORAGE_RADIAL, .coupling = PRT_COUPLE_FULL,
+                                      .n_vertex = mesh->n_vertex, .n_function = 1, .n_phase = 1,
+                                      .n_radial = 1, .n_cluster = 1, .order = order,
+                                      .cluster = &all};
+    int status = prt_file_write(ctx, out, &t);
+    prt_free(order);
+    return status;
+}
+
+static int read_model(const struct prt_context *ctx, const struct ask *ask, char *const *word)
+{
+    struct prt_mesh_options options = {.opaque = (const char *const *)word + 3};
+    struct prt_mesh *mesh = NULL;
+    int status = prt_mesh_load(ctx, word[0], &options, &mesh);
+    if (!status) status = prt_mesh_scale(ctx, mesh, ask->size_mm, ask->mm_per_unit);
+    if (!status) status = write_mesh(ctx, word[2], mesh, &ask->material);
+    prt_mesh_destroy(mesh);
+    return status;
+}
+
+// word: path, name, ... and NULL at the end.
+static void serve(int socket_fd, const struct ask *ask, char *const *word)
 {
     struct reply reply = {.number = ask->number};
     struct prt_context ctx;
@@ -118,36 +192,32 @@ static void serve(int socket_fd, const struct ask *ask, const char *path, const 
     ctx.log = keep_error;
     ctx.log_user = &reply;
     ctx.memory_limit = ask->memory_bytes;
-    struct prt_env *env = NULL;
     double start = prt_time_s();
     int pixels_fd = -1;
-    reply.status = prt_env_load(&ctx, path, &env);
-    if (!reply.status) {
-        reply.kind = env->kind;
-        reply.width = env->latlong.width;
-        reply.height = env->latlong.height;
-        reply.cube_n = env->cube.n;
-        reply.n_negative = env->n_negative;
-        reply.n_nonfinite = env->n_nonfinite;
-        pixels_fd = write_pixels(
-            env, pixel_bytes(reply.kind, reply.width, reply.height, reply.cube_n));
-        if (pixels_fd < 0) {
-            reply.status = PRT_NOMEM;
-            snprintf(reply.error, sizeof reply.error, "%s: no memory for its pixels", name);
-        }
-    } else if (!reply.error[0]) {
-        snprintf(reply.error, sizeof reply.error, "%s: %s", name, prt_status_text(reply.status));
-    }
-    // The store's path means nothing to who uploaded the file.
-    size_t path_length = strlen(path);
-    char *at = strcmp(path, name) ? strstr(reply.error, path) : NULL;
-    if (at) {
-        char tail[sizeof reply.error];
-        snprintf(tail, sizeof tail, "%s", at + path_length);
-        snprintf(at, sizeof reply.error - (size_t)(at - reply.error), "%s%s", name, tail);
-    }
+    if (ask->model) reply.status = read_model(&ctx, ask, word);
+    else pixels_fd = read_image(&ctx, word[0], word[1], &reply);
+    if (reply.status && !reply.error[0])
+        snprintf(reply.error, sizeof reply.error, "%s: %s", word[1],
+                 prt_status_text(reply.status));
+    hide_path(reply.error, sizeof reply.error, word[0], word[1]);
+    hide_path(reply.warnings, sizeof reply.warnings, word[0], word[1]);
     reply.ms = (float)((prt_time_s() - start) * 1e3);
     send_reply(socket_fd, &reply, pixels_fd);
+}
+
+// The words of a packet; false when they are not all there.
+static bool split_words(char *packet, size_t n, const struct ask *ask, char *word[MAX_WORD + 1])
+{
+    size_t at = sizeof *ask;
+    if (ask->n_word > MAX_WORD || ask->n_word < (ask->model ? 3u : 2u)) return false;
+    for (uint32_t i = 0; i < ask->n_word; i++) {
+        size_t length = strnlen(packet + at, n - at);
+        if (at + length >= n) return false;
+        word[i] = packet + at;
+        at += length + 1;
+    }
+    word[ask->n_word] = NULL;
+    return at == n;
 }
 
 struct running {
@@ -169,28 +239,29 @@ static void reap(int fd, struct running *running)
             running[i].pid = 0;
             if (WIFEXITED(how) && !WEXITSTATUS(how)) continue;
             struct reply reply = {.number = running[i].number, .status = PRT_FORMAT,
-                                  .error = "the process that decoded the image died"};
+                                  .error = "the process that read the file died"};
             send_reply(fd, &reply, -1);
         }
 }
 
-static void start_decoding(int fd, const char *packet, ssize_t n, struct running *running)
+static void start_decoding(int fd, char *packet, ssize_t n, struct running *running)
 {
     struct ask ask;
+    char *word[MAX_WORD + 1];
     memcpy(&ask, packet, sizeof ask);
-    if (sizeof ask + ask.path_size + ask.name_size != (size_t)n) return;
+    if (!split_words(packet, (size_t)n, &ask, word)) return;
     pid_t pid = fork();
     if (pid == 0) {
         signal(SIGCHLD, SIG_DFL); // its own isolated child is waited for
         sigset_t none;
         sigemptyset(&none);
         sigprocmask(SIG_SETMASK, &none, NULL);
-        serve(fd, &ask, packet + sizeof ask, packet + sizeof ask + ask.path_size);
+        serve(fd, &ask, word);
         _exit(0);
     }
     if (pid < 0) {
         struct reply reply = {.number = ask.number, .status = PRT_NOMEM,
-                              .error = "no process could be started to decode the image"};
+                              .error = "no process could be started to read the file"};
         send_reply(fd, &reply, -1);
         return;
     }
@@ -236,13 +307,14 @@ void decoded_env_destroy(void *value)
 }
 
 static void finish(struct decoder *decoder, struct wait_for *w, struct decoded_env *env,
-                   int status, const char *error)
+                   int status, const char *error, const struct reply *reply)
 {
     struct wait_for **at = &decoder->waiting;
     while (*at != w) at = &(*at)->next;
     *at = w->next;
     decoder->n_sent -= w->sent;
-    w->fn(w->user, env, status, error);
+    if (w->env_fn) w->env_fn(w->user, env, status, error);
+    else w->model_fn(w->user, status, error, reply ? reply->warnings : "", reply ? reply->ms : 0);
     free(w);
 }
 
@@ -283,11 +355,11 @@ static void take_reply(struct decoder *decoder, const struct reply *reply, int f
     struct decoded_env *env = NULL;
     int status = reply->status;
     const char *error = reply->error;
-    if (!status && (fd < 0 || !(env = map_pixels(reply, fd)))) {
+    if (!status && w->env_fn && (fd < 0 || !(env = map_pixels(reply, fd)))) {
         status = PRT_NOMEM;
         error = "no memory for the decoded image";
     }
-    finish(decoder, w, env, status, error);
+    finish(decoder, w, env, status, error, reply);
 }
 
 static void send_waiting(struct decoder *decoder);
@@ -300,7 +372,7 @@ static void helper_gone(struct decoder *decoder)
     decoder->watch.fd = -1;
     for (struct wait_for *w = decoder->waiting, *next; w; w = next) {
         next = w->next;
-        if (w->sent) finish(decoder, w, NULL, PRT_FORMAT, "the decoding process died");
+        if (w->sent) finish(decoder, w, NULL, PRT_FORMAT, "the decoding process died", NULL);
     }
 }
 
@@ -326,6 +398,7 @@ static void helper_ready(struct loop_watch *watch, uint32_t events)
         struct cmsghdr *head = CMSG_FIRSTHDR(&message);
         if (head && head->cmsg_type == SCM_RIGHTS) memcpy(&fd, CMSG_DATA(head), sizeof fd);
         reply.error[sizeof reply.error - 1] = 0;
+        reply.warnings[sizeof reply.warnings - 1] = 0;
         if (n == (ssize_t)sizeof reply) take_reply(decoder, &reply, fd);
         if (fd >= 0) close(fd);
     }
@@ -369,18 +442,11 @@ static void send_waiting(struct decoder *decoder)
         if (w->sent) continue;
         if (decoder->n_sent >= MAX_AT_ONCE) return;
         if (decoder->watch.fd < 0 && start_helper(decoder)) {
-            finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process cannot be started");
+            finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process cannot be started", NULL);
             continue;
         }
-        char packet[PACKET];
-        struct ask ask = {w->number, decoder->memory_bytes, (uint32_t)strlen(w->path) + 1,
-                          (uint32_t)strlen(w->name) + 1};
-        memcpy(packet, &ask, sizeof ask);
-        memcpy(packet + sizeof ask, w->path, ask.path_size);
-        memcpy(packet + sizeof ask + ask.path_size, w->name, ask.name_size);
-        if (send(decoder->watch.fd, packet, sizeof ask + ask.path_size + ask.name_size,
-                 MSG_NOSIGNAL) < 0) {
-            finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process does not answer");
+        if (send(decoder->watch.fd, w->packet, w->size, MSG_NOSIGNAL) < 0) {
+            finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process does not answer", NULL);
             continue;
         }
         w->sent = true;
@@ -407,7 +473,7 @@ void decoder_destroy(struct decoder *decoder)
 {
     if (!decoder) return;
     while (decoder->waiting)
-        finish(decoder, decoder->waiting, NULL, PRT_CANCELLED, "the daemon is stopping");
+        finish(decoder, decoder->waiting, NULL, PRT_CANCELLED, "the daemon is stopping", NULL);
     if (decoder->watch.fd >= 0) {
         loop_watch_remove(decoder->loop, &decoder->watch);
         close(decoder->watch.fd); // the helper ends when its socket does
@@ -417,23 +483,65 @@ void decoder_destroy(struct decoder *decoder)
     the_decoder = NULL;
 }
 
-void decoder_env(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
-                 void *user)
+// NULL when there is no memory or the words are too long.
+static struct wait_for *new_wait(struct decoder *decoder, struct ask *ask,
+                                 const char *const word[], size_t n_word)
 {
-    struct wait_for *w = calloc(1, sizeof *w);
-    if (!w) {
-        fn(user, NULL, PRT_NOMEM, "not enough memory");
-        return;
+    size_t size = sizeof *ask;
+    for (size_t i = 0; i < n_word; i++) size += strlen(word[i]) + 1;
+    struct wait_for *w = n_word <= MAX_WORD && size <= PACKET ? calloc(1, sizeof *w + size) : NULL;
+    if (!w) return NULL;
+    ask->number = w->number = ++decoder->last_number;
+    ask->memory_bytes = decoder->memory_bytes;
+    ask->n_word = (uint32_t)n_word;
+    memcpy(w->packet, ask, sizeof *ask);
+    w->size = sizeof *ask;
+    for (size_t i = 0; i < n_word; i++) {
+        strcpy(w->packet + w->size, word[i]);
+        w->size += strlen(word[i]) + 1;
     }
-    w->number = ++decoder->last_number;
-    w->fn = fn;
-    w->user = user;
-    snprintf(w->name, sizeof w->name, "%s", name);
-    snprintf(w->path, sizeof w->path, "%s", path);
+    return w;
+}
+
+static void enqueue(struct decoder *decoder, struct wait_for *w)
+{
     struct wait_for **last = &decoder->waiting;
     while (*last) last = &(*last)->next;
     *last = w;
     send_waiting(decoder);
+}
+
+void decoder_env(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
+                 void *user)
+{
+    const char *const word[] = {path, name};
+    struct ask ask = {.model = 0};
+    struct wait_for *w = new_wait(decoder, &ask, word, 2);
+    if (!w) {
+        fn(user, NULL, PRT_NOMEM, "not enough memory");
+        return;
+    }
+    w->env_fn = fn;
+    w->user = user;
+    enqueue(decoder, w);
+}
+
+void decoder_model(struct decoder *decoder, const struct decode_model *m, decode_model_fn fn,
+                   void *user)
+{
+    const char *word[MAX_WORD] = {m->path, m->name, m->out};
+    size_t n = 3;
+    struct ask ask = {.model = 1, .size_mm = m->size_mm, .mm_per_unit = m->mm_per_unit,
+                      .material = *m->material};
+    for (size_t i = 0; i < m->n_opaque && n < MAX_WORD; i++) word[n++] = m->opaque[i];
+    struct wait_for *w = new_wait(decoder, &ask, word, n);
+    if (!w) {
+        fn(user, PRT_LIMIT, "the names of opaque parts are too long", "", 0);
+        return;
+    }
+    w->model_fn = fn;
+    w->user = user;
+    enqueue(decoder, w);
 }
 
 bool decoder_reap(struct decoder *decoder, int pid)

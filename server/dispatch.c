@@ -6,6 +6,7 @@
 #include "models.h"
 #include "relight.pb-c.h"
 #include "request.h"
+#include "shape.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -98,12 +99,13 @@ static void abandon_wait(struct request *request)
     ((struct opening_wait *)request->state)->request = NULL;
 }
 
-void with_model(struct request *request, const char *name, with_model_fn fn)
+static void with(struct request *request, const char *name, with_model_fn fn,
+                 struct memo_entry *(*get)(struct model *model, int *code, char error[256]))
 {
     char error[256];
     int code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
     struct model *model = models_find(request->server->models, name, error);
-    struct memo_entry *file = model ? model_open(model, &code, error) : NULL;
+    struct memo_entry *file = model ? get(model, &code, error) : NULL;
     struct opening_wait *w = file ? calloc(1, sizeof *w) : NULL;
     if (!w) {
         if (file) snprintf(error, sizeof error, "not enough memory");
@@ -118,4 +120,19 @@ void with_model(struct request *request, const char *name, with_model_fn fn)
     request->abandon = abandon_wait;
     if (file->state == MEMO_PENDING) memo_wait(file, &w->waiter);
     else model_opened(&w->waiter);
+}
+
+void with_model(struct request *request, const char *name, with_model_fn fn)
+{
+    with(request, name, fn, model_open);
+}
+
+void with_mesh(struct request *request, const char *name, with_model_fn fn)
+{
+    with(request, name, fn, model_mesh_open);
+}
+
+void with_shape(struct request *request, const char *name, with_model_fn fn)
+{
+    with(request, name, fn, shape_get);
 }

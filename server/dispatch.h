@@ -17,6 +17,10 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
 typedef void (*with_model_fn)(struct request *request, struct model *model,
                               struct memo_entry *file);
 void with_model(struct request *request, const char *model, with_model_fn fn);
+/* The same with the file that has the mesh, baked or not; and with the geometry as it is now:
+ * the entry's value is then a struct shape. */
+void with_mesh(struct request *request, const char *model, with_model_fn fn);
+void with_shape(struct request *request, const char *model, with_model_fn fn);
 
 /* operations.c, evaluate.c, views.c: one function an operation */
 void op_hello(struct request *request);

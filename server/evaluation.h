@@ -5,6 +5,7 @@
 #define RELIGHTD_EVALUATION_H
 
 #include "render.h"
+#include "shape.h"
 
 /* ---- lights.c: struct prt_cube ---- */
 
@@ -24,7 +25,9 @@ void camera_choose(const struct render_spec *s, const struct prt_mesh *mesh,
                    struct prt_camera *out);
 /* Pictures that take seconds may not hold every worker. */
 enum work_class picture_class(const struct render_spec *s);
-struct memo_entry *visibility_get(struct model *model, struct memo_entry *file,
+/* owner is held while `mesh`, which is of this generation, is looked at. */
+struct memo_entry *visibility_get(struct model *model, uint64_t generation,
+                                  struct memo_entry *owner, const struct prt_mesh *mesh,
                                   const struct render_spec *s, const struct prt_camera *c);
 
 /* ---- answers.c: struct answer, through passes that are shared ---- */
@@ -48,6 +51,41 @@ struct answer_query {
 struct memo_entry *answer_get(struct model *model, const char *key,
                               const struct answer_query *query, struct memo_entry *file,
                               struct memo_entry *light);
+
+/* ---- screen.c: struct screen_answer, by image-space engines ---- */
+
+struct screen_answer {
+    uint32_t n_point;
+    struct prt_screen_report report;
+    float rgb[][3];        /* [n_point] of the visibility's G-buffer */
+};
+struct screen_query {
+    unsigned slot;         /* of the shape */
+    int engine;            /* enum prt_screen_engine, < 0: the daemon chooses */
+    uint32_t n_sample;     /* 0: from the budget, else the engine's own */
+    float budget_ms;       /* 0: none */
+    uint32_t frame;        /* of a running mean */
+    bool background, has_material;
+    struct prt_material material;
+};
+/* shape, seen and light are held while it is made. */
+struct memo_entry *screen_get(struct server *server, const char *key,
+                              const struct screen_query *query, struct memo_entry *shape,
+                              struct memo_entry *seen, struct memo_entry *light);
+
+/* The running mean of a view's pictures while nothing changes. Held by the view and by the
+ * evaluation that adds to it; changed by the evaluation's worker alone. */
+struct refinement {
+    unsigned refs;         /* loop thread */
+    uint32_t n_frame, n_point, n_sample;
+    int engine;            /* of the first, and so of all */
+    double expected_error; /* of the first */
+    bool converged;
+    float (*mean)[3];
+};
+struct refinement *refinement_create(void);
+void refinement_release(struct refinement *refinement);
+int refinement_add(struct refinement *refinement, const struct screen_answer *answer);
 
 /* ---- encode.c ---- */
 

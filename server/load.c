@@ -32,6 +32,7 @@ struct load {
     char name[128];
     char material[PRT_MATERIAL_TEXT];  // preset's name or canonical JSON; "" none
     bool material_json;
+    struct prt_material resolved;  // the same, or what a bake without one takes
     char model[MODEL_ID + 1];
 };
 
@@ -87,6 +88,9 @@ static void opened(struct memo_waiter *waiter)
     struct model *m = model_by_id(load->server->models, load->model);
     if (load->entry->state == MEMO_FAILED) {
         request_fail(load->request, load->entry->error_code, "%s", load->entry->error);
+        // Without a bake there is nothing to know such a model for.
+        if (m && m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW && m->mesh == MESH_FAILED)
+            model_unload(m, true);
         drop_load(load);
     } else if (!m) {
         FAIL(load, NOT_FOUND, "the model was unloaded meanwhile");
@@ -95,13 +99,11 @@ static void opened(struct memo_waiter *waiter)
     }
 }
 
-// A baked model is answered once it is open: `ready` is then true.
-static void open_and_answer(struct load *load, struct model *m)
+static void answer_when(struct load *load, struct model *m, struct memo_entry *entry, int code,
+                        const char *error)
 {
-    int code;
-    char error[256];
     snprintf(load->model, sizeof load->model, "%s", m->id);
-    load->entry = model_open(m, &code, error);
+    load->entry = entry;
     if (!load->entry) {
         request_fail(load->request, code, "%s", error);
         drop_load(load);
@@ -111,6 +113,24 @@ static void open_and_answer(struct load *load, struct model *m)
     } else {
         answer(load, m);
     }
+}
+
+// A baked model is answered once it is open: `ready` is then true.
+static void open_and_answer(struct load *load, struct model *m)
+{
+    int code = 0;
+    char error[256] = "";
+    struct memo_entry *entry = model_open(m, &code, error);
+    answer_when(load, m, entry, code, error);
+}
+
+// A model without a bake is answered once its file was read, or refused.
+static void mesh_and_answer(struct load *load, struct model *m)
+{
+    int code = 0;
+    char error[256] = "";
+    struct memo_entry *entry = model_mesh_open(m, &code, error);
+    answer_when(load, m, entry, code, error);
 }
 
 // ---- the bake's command
@@ -181,7 +201,7 @@ struct baking {
     char folder[PATH_MAX];
 };
 
-static void remove_tree(const char *folder)
+void remove_tree(const char *folder)
 {
     DIR *dir = opendir(folder);
     for (struct dirent *d; dir && (d = readdir(dir));) {
@@ -208,14 +228,21 @@ static bool stage_blob(const struct server *server, const char *folder, const ch
     return !link(from, to) || errno == EEXIST;
 }
 
+static bool stage_files(const struct load *load, const char *folder)
+{
+    const Relight__LoadRequest *r = message_of(load);
+    remove_tree(folder);
+    if (mkdir(folder, 0700)) return false;
+    for (size_t i = 0; i < r->n_files; i++)
+        if (!stage_blob(load->server, folder, r->files[i]->name, r->files[i]->blob)) return false;
+    return true;
+}
+
 static bool stage(const struct load *load, struct baking *b)
 {
     const Relight__LoadRequest *r = message_of(load);
     snprintf(b->folder, sizeof b->folder, "%s/work/%s", b->server->data, b->model);
-    remove_tree(b->folder);
-    if (mkdir(b->folder, 0700)) return false;
-    for (size_t i = 0; i < r->n_files; i++)
-        if (!stage_blob(b->server, b->folder, r->files[i]->name, r->files[i]->blob)) return false;
+    if (!stage_files(load, b->folder)) return false;
     if (r->bake && !strncmp(r->bake->env, "env:", 4)
         && !stage_blob(b->server, b->folder, ".environment", r->bake->env + 4))
         return false;
@@ -223,6 +250,29 @@ static bool stage(const struct load *load, struct baking *b)
     char path[PATH_MAX + 16];
     snprintf(path, sizeof path, "%s/.material.json", b->folder);
     return !prt_write_file(NULL, path, load->material, strlen(load->material));
+}
+
+// Has the model's file read, so that image-space engines can answer.
+static void order_preview(const struct load *load, struct model *m)
+{
+    const Relight__LoadRequest *r = message_of(load);
+    char folder[PATH_MAX] = "", path[2 * PATH_MAX];
+    if (load->path[0]) {
+        snprintf(path, sizeof path, "%s", load->path);
+    } else {
+        snprintf(folder, sizeof folder, "%s/work/%s.preview", load->server->data, m->id);
+        snprintf(path, sizeof path, "%s/%s", folder, r->files[0]->name);
+        if (m->mesh != MESH_THERE && m->mesh != MESH_READING && !stage_files(load, folder)) {
+            log_line(LOG_WARN, "model id=%s cannot be laid out in %s: %s", m->id, folder,
+                     strerror(errno));
+            return;
+        }
+    }
+    struct decode_model order = {.path = path, .name = load->name, .size_mm = r->size_mm,
+                                 .mm_per_unit = r->mm_per_unit, .material = &load->resolved,
+                                 .n_opaque = r->n_opaque, .opaque = r->opaque};
+    bool reading = m->mesh == MESH_THERE || m->mesh == MESH_READING;
+    if (!reading) preview_start(m, &order, folder);
 }
 
 static void bake_ended(void *user, struct job *job, enum job_outcome outcome)
@@ -247,6 +297,7 @@ static void bake_ended(void *user, struct job *job, enum job_outcome outcome)
         model_remember(m);
         bakes_make_room(b->server, m);
         memo_release(model_open(m, &code, error)); // who watched asks for colours next
+        preview_remove(m);
     } else if (m) {
         m->state = RELIGHT__MODEL_STATE__MODEL_FAILED;
         m->error_code = outcome == JOB_OUT_CANCELLED ? RELIGHT__ERROR_CODE__ERROR_CANCELLED
@@ -256,6 +307,7 @@ static void bake_ended(void *user, struct job *job, enum job_outcome outcome)
     } else {
         unlink(path); // forgotten meanwhile
     }
+    if (m) model_changed(m);
     free(b);
 }
 
@@ -335,7 +387,15 @@ static void source_known(struct load *load)
         open_and_answer(load, m);
         return;
     }
-    if (m->state != RELIGHT__MODEL_STATE__MODEL_BAKING && !order_bake(load, m)) {
+    bool baking = m->state == RELIGHT__MODEL_STATE__MODEL_BAKING;
+    order_preview(load, m);
+    if (!baking && r->preview) {
+        m->state = RELIGHT__MODEL_STATE__MODEL_PREVIEW;
+        m->error[0] = 0;
+        mesh_and_answer(load, m);
+        return;
+    }
+    if (!baking && !order_bake(load, m)) {
         if (fresh) model_unload(m, true);
         else m->state = RELIGHT__MODEL_STATE__MODEL_FAILED;
         FAIL(load, BUSY, "too many bakes wait already, or their folder is full");
@@ -490,6 +550,7 @@ static bool check_material(struct load *load)
     struct prt_material material;
     char error[300];
     bool preset;
+    load->resolved = *prt_material_preset(0); // as prt bake
     if (!r->material[0]) {
         bool joint = r->bake && r->bake->transport > RELIGHT__TRANSPORT__TRANSPORT_WAVELET;
         if (!joint)
@@ -503,6 +564,7 @@ static bool check_material(struct load *load)
         return false;
     }
     load->material_json = !preset;
+    load->resolved = material;
     if (preset) snprintf(load->material, sizeof load->material, "%s", material.name);
     else prt_material_print(&material, load->material, sizeof load->material);
     return true;

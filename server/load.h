@@ -10,6 +10,17 @@ struct model *model_add(struct models *models, const char *id, const char *name)
 /* The model of a .prt in --models; NULL when it is none. */
 struct model *model_from_prt(struct models *models, const char *path, const char *name);
 void model_bake_path(const struct server *server, const char *id, char path[PATH_MAX]);
+void model_preview_path(const struct server *server, const char *id, char path[PATH_MAX]);
+/* Opens a .prt on a worker and fills the entry, of which it takes a reference. */
+void model_start_opening(struct model *model, struct memo_entry *entry, const char *path,
+                         bool preview);
+/* Reads a model's file into DATA/previews/ID.prt, unless that is there or under way. folder: what
+ * to remove when it was read; "" for none. */
+struct decode_model;
+void preview_start(struct model *model, const struct decode_model *order, const char *folder);
+/* The bake is there, or the model is forgotten. */
+void preview_remove(struct model *model);
+void remove_tree(const char *folder);
 /* Writes the catalogue's entry. */
 void model_remember(const struct model *model);
 /* A preset's name or JSON text; error says what is wrong. */

@@ -116,7 +116,7 @@ static int open_data(void)
         return -1;
     }
     if (make_folder("blobs") || make_folder("bakes") || make_folder("models")
-        || make_folder("work"))
+        || make_folder("work") || make_folder("previews"))
         return -1;
     snprintf(path, sizeof path, "%s/blobs", server.data);
     return blobs_open(path, server.options.max_blob, server.options.disk, &server.blobs);
@@ -217,8 +217,8 @@ static void stop(void)
     }
     work_pool_destroy(server.work);
     models_destroy(server.models);
+    memo_destroy(server.memo); // shapes hold files
     memo_destroy(server.files);
-    memo_destroy(server.memo);
     jobs_destroy(server.jobs);
     blobs_close(server.blobs);
     loop_destroy(server.loop);

@@ -8,6 +8,7 @@
 #include "log.h"
 #include "relight.pb-c.h"
 #include "request.h"
+#include "shape.h"
 
 #include <cjson/cJSON.h>
 #include <dirent.h>
@@ -92,6 +93,7 @@ static void forget_failures(struct models *models)
             continue;
         }
         *at = m->next;
+        preview_remove(m);
         model_release(m);
     }
 }
@@ -103,7 +105,7 @@ struct model *model_add(struct models *models, const char *id, const char *name)
     if (!m) return NULL;
     m->server = models->server;
     m->state = RELIGHT__MODEL_STATE__MODEL_RECEIVED;
-    m->generation = 1;
+    m->generation = m->baked_generation = 1;
     m->users = 1; // the registry
     snprintf(m->id, sizeof m->id, "%s", id);
     snprintf(m->name, sizeof m->name, "%s", name);
@@ -122,6 +124,11 @@ static void record_path(const struct server *server, const char *id, char path[P
 void model_bake_path(const struct server *server, const char *id, char path[PATH_MAX])
 {
     snprintf(path, PATH_MAX, "%s/bakes/%s.prt", server->data, id);
+}
+
+void model_preview_path(const struct server *server, const char *id, char path[PATH_MAX])
+{
+    snprintf(path, PATH_MAX, "%s/previews/%s.prt", server->data, id);
 }
 
 void model_remember(const struct model *m)
@@ -152,16 +159,22 @@ static void recall(struct models *models, const char *path, const char *id)
     if (prt_read_file(NULL, path, 1 << 20, &blob)) return;
     cJSON *json = cJSON_ParseWithLength(blob.bytes, blob.size);
     prt_free(blob.bytes);
-    char prt[PATH_MAX];
+    char prt[PATH_MAX], preview[PATH_MAX];
     model_bake_path(models->server, id, prt);
+    model_preview_path(models->server, id, preview);
     struct model *m = NULL;
-    if (json && !strcmp(json_text(json, "id"), id) && !access(prt, R_OK))
+    bool baked = !access(prt, R_OK), read = !access(preview, R_OK);
+    if (json && !strcmp(json_text(json, "id"), id) && (baked || read))
         m = model_add(models, id, json_text(json, "name"));
     if (m) {
-        m->state = RELIGHT__MODEL_STATE__MODEL_READY;
+        m->state = baked ? RELIGHT__MODEL_STATE__MODEL_READY : RELIGHT__MODEL_STATE__MODEL_PREVIEW;
+        if (read) m->mesh = MESH_THERE;
         m->pinned = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "pinned"));
         if (json_text(json, "warnings")[0]) m->warnings = strdup(json_text(json, "warnings"));
-        snprintf(m->prt, sizeof m->prt, "%s", prt);
+        if (baked) {
+            snprintf(m->prt, sizeof m->prt, "%s", prt);
+            preview_remove(m);
+        }
         log_line(LOG_EVENT, "model id=%s name=\"%s\" recalled", m->id, m->name);
     } else {
         log_line(LOG_WARN, "model id=%s has no bake any more", id);
@@ -186,10 +199,10 @@ static void recall_all(struct models *models)
 }
 
 // Bakes count against the disk budget; what a killed baker left half written goes.
-static void sweep_bakes(struct models *models)
+static void sweep(struct models *models, const char *name)
 {
     char folder[PATH_MAX];
-    snprintf(folder, sizeof folder, "%s/bakes", models->server->data);
+    snprintf(folder, sizeof folder, "%s/%s", models->server->data, name);
     DIR *dir = opendir(folder);
     for (struct dirent *d; dir && (d = readdir(dir));) {
         struct stat st;
@@ -259,17 +272,58 @@ void models_scan(struct models *models)
 
 int model_state(const struct model *m)
 {
-    if (m->state != RELIGHT__MODEL_STATE__MODEL_READY) return m->state;
-    struct memo_entry *e = memo_find(m->server->files, m->id);
+    char key[MODEL_ID + 8];
+    bool preview = m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW;
+    if (!preview && m->state != RELIGHT__MODEL_STATE__MODEL_READY) return m->state;
+    if (preview && m->mesh == MESH_READING) return RELIGHT__MODEL_STATE__MODEL_RECEIVED;
+    snprintf(key, sizeof key, preview ? "%s/mesh" : "%s", m->id);
+    struct memo_entry *e = memo_find(m->server->files, key);
     bool open = e && e->state == MEMO_READY;
     memo_release(e);
-    return open ? RELIGHT__MODEL_STATE__MODEL_READY : RELIGHT__MODEL_STATE__MODEL_UNLOADED;
+    return open ? m->state : RELIGHT__MODEL_STATE__MODEL_UNLOADED;
+}
+
+void model_watch(struct model *m, struct model_watcher *watcher)
+{
+    watcher->next = m->watcher;
+    m->watcher = watcher;
+}
+
+void model_unwatch(struct model *m, struct model_watcher *watcher)
+{
+    struct model_watcher **at = &m->watcher;
+    while (*at && *at != watcher) at = &(*at)->next;
+    if (*at) *at = watcher->next;
+}
+
+void model_changed(struct model *m)
+{
+    // One that is told may end others, or itself: each is found anew by its number.
+    for (unsigned i = 0;; i++) {
+        struct model_watcher *w = m->watcher;
+        for (unsigned k = 0; w && k < i; k++) w = w->next;
+        if (!w) return;
+        w->changed(w);
+    }
+}
+
+void model_reset_pose(struct model *m)
+{
+    char prefix[64];
+    if (!m->pose) return;
+    snprintf(prefix, sizeof prefix, "%s/%llu/", m->id, (unsigned long long)m->generation);
+    memo_forget(m->server->memo, prefix);
+    pose_release(m->pose);
+    m->pose = NULL;
+    m->baked_generation = ++m->generation;
+    memcpy(m->facts.box, m->facts.file_box, sizeof m->facts.box);
 }
 
 struct opening {
     struct work work;
     struct server *server;
     struct memo_entry *entry; // NULL: only the checksums are looked at
+    bool preview;             // a mesh without transport
     char id[MODEL_ID + 1], path[PATH_MAX];
     struct prt_file *file;
     float ms;
@@ -301,18 +355,33 @@ static float json_error(const char *errors, const char *term)
     return x;
 }
 
+static void learn_mesh(struct model *m, const struct prt_file *file)
+{
+    const struct prt_mesh *mesh = &prt_file_transport(file)->mesh;
+    struct model_facts *f = &m->facts;
+    if (f->known) return;
+    *f = (struct model_facts){.known = true, .n_vertex = mesh->n_vertex,
+                              .n_triangle = mesh->n_triangle, .n_object = mesh->n_object,
+                              .mm_per_unit = mesh->mm_per_unit};
+    prt_mesh_bounds(mesh, f->file_box);
+    memcpy(f->box, f->file_box, sizeof f->box);
+}
+
 static void learn_facts(struct model *m, const struct prt_file *file)
 {
     const struct prt_transport *t = prt_file_transport(file);
     struct model_facts *f = &m->facts;
-    *f = (struct model_facts){.known = true, .n_vertex = t->mesh.n_vertex,
+    float box[2][3];
+    memcpy(box, f->box, sizeof box);
+    *f = (struct model_facts){.known = true, .baked = true, .n_vertex = t->mesh.n_vertex,
                               .n_triangle = t->mesh.n_triangle, .n_object = t->mesh.n_object,
                               .mm_per_unit = t->mesh.mm_per_unit, .engine = t->engine,
                               .storage = t->n_tensor ? t->tensor[0].storage : 0,
                               .cube = t->cube, .bytes = prt_file_bytes(file),
                               .error_multiple = json_error(t->errors, "multiple"),
                               .error_single = json_error(t->errors, "single")};
-    prt_mesh_bounds(&t->mesh, f->box);
+    prt_mesh_bounds(&t->mesh, f->file_box);
+    memcpy(f->box, m->pose ? box : f->file_box, sizeof f->box);
 }
 
 static void damaged(struct model *m, const char *error)
@@ -323,8 +392,6 @@ static void damaged(struct model *m, const char *error)
     log_line(LOG_ERR, "model id=%s damaged error=\"%s\"", m->id, m->error);
     if (!m->foreign) unlink(m->prt); // the next load bakes it anew
 }
-
-static void start_opening(struct model *m, struct memo_entry *entry);
 
 static void done_opening(struct work *work)
 {
@@ -337,27 +404,37 @@ static void done_opening(struct work *work)
         }
         prt_file_close(o->file);
     } else if (work->status) {
-        if (m) damaged(m, work->error);
+        if (m && o->preview) {
+            m->mesh = MESH_FAILED;
+            m->mesh_error_code = error_of_status(work->status);
+            snprintf(m->mesh_error, sizeof m->mesh_error, "%s", work->error);
+            unlink(o->path);
+        } else if (m) {
+            damaged(m, work->error);
+        }
         memo_fail(o->entry, error_of_status(work->status), work->error);
     } else {
-        bool first = m && !m->facts.known;
-        if (m) learn_facts(m, o->file);
+        bool first = m && !o->preview && !m->facts.baked;
+        if (m && o->preview) learn_mesh(m, o->file);
+        else if (m) learn_facts(m, o->file);
         log_line(LOG_EVENT, "model id=%s open ms=%.1f bytes=%llu", o->id, (double)o->ms,
                  (unsigned long long)prt_file_bytes(o->file));
-        if (m && m->pinned && !m->pin) {
+        if (m && m->pinned && !m->pin && !o->preview) {
             m->pin = o->entry;
             memo_hold(m->pin);
         }
         if (m) bakes_touch(m);
         o->entry->ms = o->ms;
         memo_fill(o->entry, o->file, prt_file_bytes(o->file), close_file);
-        if (first) start_opening(m, NULL); // reads every byte once, behind the requests
+        if (o->preview && !m) unlink(o->path); // forgotten meanwhile
+        if (o->preview && m && m->state == RELIGHT__MODEL_STATE__MODEL_READY) preview_remove(m);
+        if (first) model_start_opening(m, NULL, m->prt, false); // reads every byte once, behind the requests
     }
     memo_release(o->entry);
     free(o);
 }
 
-static void start_opening(struct model *m, struct memo_entry *entry)
+void model_start_opening(struct model *m, struct memo_entry *entry, const char *path, bool preview)
 {
     struct opening *o = calloc(1, sizeof *o);
     if (!o) {
@@ -371,24 +448,34 @@ static void start_opening(struct model *m, struct memo_entry *entry)
     o->server = m->server;
     o->entry = entry;
     snprintf(o->id, sizeof o->id, "%s", m->id);
-    snprintf(o->path, sizeof o->path, "%s", m->prt);
+    o->preview = preview;
+    snprintf(o->path, sizeof o->path, "%s", path);
     work_submit(m->server->work, &o->work);
 }
 
 struct memo_entry *model_open(struct model *m, int *code, char error[256])
 {
+    if (m->gone) {
+        *code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+        snprintf(error, 256, "%.100s was unloaded and forgotten", m->name);
+        return NULL;
+    }
     if (m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
         bool fresh;
         struct memo_entry *e = memo_get(m->server->files, m->id, &fresh);
         if (fresh) {
             memo_hold(e); // one for the opening, one for the caller
-            start_opening(m, e);
+            model_start_opening(m, e, m->prt, false);
         }
         return e;
     }
     if (m->state == RELIGHT__MODEL_STATE__MODEL_FAILED) {
         *code = m->error_code ? m->error_code : RELIGHT__ERROR_CODE__ERROR_JOB_FAILED;
         snprintf(error, 256, "%.100s: %.150s", m->name, m->error);
+    } else if (m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW) {
+        *code = RELIGHT__ERROR_CODE__ERROR_NOT_READY;
+        snprintf(error, 256, "%.100s is a preview without a bake: load it without preview",
+                 m->name);
     } else {
         *code = RELIGHT__ERROR_CODE__ERROR_NOT_READY;
         snprintf(error, 256, "%.100s still bakes (%.0f %%)", m->name,
@@ -405,10 +492,11 @@ uint64_t model_unload(struct model *m, bool forget)
     memo_count(server->files, &before);
     memo_release(m->pin);
     m->pin = NULL;
+    model_reset_pose(m);
+    snprintf(prefix, sizeof prefix, "%s/", m->id);
+    memo_forget(server->memo, prefix); // shapes hold files
     memo_forget(server->files, m->id);
     memo_count(server->files, &after);
-    snprintf(prefix, sizeof prefix, "%s/", m->id);
-    memo_forget(server->memo, prefix);
     uint64_t freed = before.bytes - after.bytes;
     log_line(LOG_EVENT, "model id=%s unloaded freed=%llu", m->id, (unsigned long long)freed);
     if (!forget) return freed;
@@ -428,6 +516,9 @@ uint64_t model_unload(struct model *m, bool forget)
     while (*at && *at != m) at = &(*at)->next;
     if (*at) {
         *at = m->next;
+        m->gone = true;
+        preview_remove(m);
+        model_changed(m);
         model_release(m);
     }
     return freed;
@@ -442,6 +533,7 @@ void model_release(struct model *m)
 {
     if (!m || --m->users) return;
     memo_release(m->pin);
+    pose_release(m->pose);
     free(m->warnings);
     free(m);
 }
@@ -453,7 +545,8 @@ int models_create(struct server *server, struct models **out)
     models->server = server;
     server->models = models;
     *out = models;
-    sweep_bakes(models);
+    sweep(models, "bakes");
+    sweep(models, "previews");
     recall_all(models);
     models_scan(models);
     // Pinned models are ready before anybody asks.

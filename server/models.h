@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT */
 /* models.h owns the registry: what is loaded, how it came to be, and the open .prt files that
- * requests lease. received -> (preview) -> baking -> ready <-> unloaded, or failed. A model's id
+ * requests lease. received -> preview -> baking -> ready <-> unloaded, or failed. A model's id
  * is the hash of its source's bytes, material and settings, so the same load twice is one model,
- * and its bake DATA/bakes/ID.prt is found again after a restart. */
+ * and its bake DATA/bakes/ID.prt is found again after a restart. Until it is baked, its mesh is
+ * DATA/previews/ID.prt, a file without light transport. */
 #ifndef RELIGHTD_MODELS_H
 #define RELIGHTD_MODELS_H
 
@@ -16,15 +17,24 @@ enum { MODEL_ID = 16 };
 
 /* Known once a model was opened; kept while it is unloaded. */
 struct model_facts {
-    bool known;
+    bool known, baked;      /* of a bake: else of the mesh alone */
     uint32_t n_vertex, n_triangle, n_object;
-    float mm_per_unit, box[2][3];
+    float mm_per_unit, box[2][3], file_box[2][3]; /* mm; as it is, and in the file */
     uint32_t engine, storage, cube;
     uint64_t bytes;
     float error_multiple, error_single; /* measured relative RMSE, worst light; 0: unknown */
 };
 
-struct pass; /* render.c: evaluations that wait for a pass over this model */
+struct pass; /* answers.c: evaluations that wait for a pass over this model */
+struct pose; /* shape.h: vertices that were moved */
+
+/* Somebody who wants to hear that a model's state or shape has changed. */
+struct model_watcher {
+    struct model_watcher *next;
+    void (*changed)(struct model_watcher *watcher);
+};
+
+enum mesh_state { MESH_NONE, MESH_READING, MESH_THERE, MESH_FAILED }; /* of the preview's file */
 
 struct model {
     struct model *next;
@@ -39,7 +49,14 @@ struct model {
     char *warnings;         /* lines; NULL: none */
     int error_code;
     char error[400];
-    uint64_t generation;
+    uint64_t generation;    /* of the geometry: grows when vertices move */
+    uint64_t baked_generation; /* what the file's mesh is */
+    struct pose *pose;      /* NULL: vertices are where the file has them */
+    enum mesh_state mesh;
+    int mesh_error_code;
+    char mesh_error[300];
+    bool gone;              /* forgotten; only who holds it knows it still */
+    struct model_watcher *watcher;
     struct pass *pass;
     unsigned users;         /* the registry and who computes with it */
 };
@@ -61,6 +78,15 @@ int model_state(const struct model *model); /* Relight__ModelState */
  * struct prt_file), or PENDING while it is opened. NULL when the model is not baked: *code and
  * error say why. */
 struct memo_entry *model_open(struct model *model, int *code, char error[256]);
+
+/* The same for the file that has the model's mesh: the bake, else the preview's. */
+struct memo_entry *model_mesh_open(struct model *model, int *code, char error[256]);
+
+void model_watch(struct model *model, struct model_watcher *watcher);
+void model_unwatch(struct model *model, struct model_watcher *watcher);
+void model_changed(struct model *model);
+/* Vertices go back to where the file has them. */
+void model_reset_pose(struct model *model);
 
 /* Keeps the struct alive over an unload that forgets it. */
 void model_hold(struct model *model);

@@ -7,6 +7,7 @@
 #include "relight.pb-c.h"
 #include "render.h"
 #include "request.h"
+#include "shape.h"
 
 #include <dirent.h>
 #include <stdio.h>
@@ -164,16 +165,19 @@ static void fill_info(const struct model *m, struct info_text *t)
         out->n_triangle = f->n_triangle;
         out->n_object = f->n_object;
         out->mm_per_unit = f->mm_per_unit;
+        out->stale = m->pose && baked;
+        fill_vec3(&t->low, f->box[0]);
+        fill_vec3(&t->high, f->box[1]);
+        out->box_min = &t->low;
+        out->box_max = &t->high;
+    }
+    if (f->baked) {
         out->engine = (Relight__Engine)(RELIGHT__ENGINE__ENGINE_WAVELET + (int)f->engine);
         out->storage = (Relight__Storage)(RELIGHT__STORAGE__STORAGE_FACTORED + (int)f->storage);
         out->cube = f->cube;
         out->bytes = f->bytes;
         out->error_bound = f->error_multiple;
         if (out->state == RELIGHT__MODEL_STATE__MODEL_READY) out->resident_bytes = f->bytes;
-        fill_vec3(&t->low, f->box[0]);
-        fill_vec3(&t->high, f->box[1]);
-        out->box_min = &t->low;
-        out->box_max = &t->high;
     }
     if (m->state == RELIGHT__MODEL_STATE__MODEL_FAILED) {
         relight__error__init(&t->error);
@@ -294,8 +298,9 @@ static void info_ready(struct request *request, struct model *m, struct memo_ent
         fill_info(m, text);
         prt_material_print(&t->material, text->material, sizeof text->material);
         text->info.material = text->material;
-        text->info.settings = (char *)(t->settings ? t->settings : "");
-        text->info.errors = (char *)(t->errors ? t->errors : "");
+        bool baked = m->state == RELIGHT__MODEL_STATE__MODEL_READY;
+        text->info.settings = (char *)(baked && t->settings ? t->settings : "");
+        text->info.errors = (char *)(baked && t->errors ? t->errors : "");
         text->info.n_blocks = t->mesh.n_block;
         text->info.blocks = blocks;
         request_answer(request, &text->info.base, NULL);
@@ -315,8 +320,8 @@ void op_info(struct request *request)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s", error);
         return;
     }
-    if (m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
-        with_model(request, m->id, info_ready);
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_READY || m->mesh == MESH_THERE) {
+        with_mesh(request, m->id, info_ready);
         return;
     }
     struct info_text *text = calloc(1, sizeof *text);
@@ -335,7 +340,7 @@ void op_info(struct request *request)
 struct geometry {
     struct work work;
     struct request *request; // NULL: nobody waits any more
-    struct memo_entry *file;
+    struct memo_entry *shape;
     bool normals, triangles;
     float scale;
     uint64_t generation;
@@ -351,7 +356,7 @@ static size_t up64(size_t n)
 static int run_geometry(struct work *work, const struct prt_context *ctx)
 {
     struct geometry *g = (struct geometry *)work;
-    const struct prt_mesh *mesh = &prt_file_transport(g->file->value)->mesh;
+    const struct prt_mesh *mesh = &((struct shape *)g->shape->value)->mesh;
     g->bytes = prt_calloc(g->size ? g->size : 1, 1);
     if (!g->bytes) return PRT_NOMEM;
     size_t n = (size_t)mesh->n_vertex * 3;
@@ -368,7 +373,7 @@ static void done_geometry(struct work *work)
 {
     struct geometry *g = (struct geometry *)work;
     struct request *request = g->request;
-    const struct prt_mesh *mesh = &prt_file_transport(g->file->value)->mesh;
+    const struct prt_mesh *mesh = &((struct shape *)g->shape->value)->mesh;
     if (request) request->abandon = NULL;
     if (request && work->status) {
         request_fail(request, error_of_status(work->status), "%s", work->error);
@@ -389,7 +394,7 @@ static void done_geometry(struct work *work)
         free(out.blocks);
     }
     prt_free(g->bytes);
-    memo_release(g->file);
+    memo_release(g->shape);
     free(g);
 }
 
@@ -398,16 +403,16 @@ static void abandon_geometry(struct request *request)
     ((struct geometry *)request->state)->request = NULL;
 }
 
-static void geometry_ready(struct request *request, struct model *m, struct memo_entry *file)
+static void geometry_ready(struct request *request, struct model *m, struct memo_entry *shape)
 {
     const Relight__GeometryRequest *in = MESSAGE(GeometryRequest);
-    const struct prt_mesh *mesh = &prt_file_transport(file->value)->mesh;
+    const struct prt_mesh *mesh = &((struct shape *)shape->value)->mesh;
     struct geometry *g = calloc(1, sizeof *g);
     if (!g) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
-    *g = (struct geometry){.request = request, .file = file, .generation = m->generation,
+    *g = (struct geometry){.request = request, .shape = shape, .generation = m->generation,
                            .normals = !in->no_normals, .triangles = !in->no_triangles};
     g->scale = in->own_units && mesh->mm_per_unit > 0 ? 1 / mesh->mm_per_unit : 1;
     size_t vectors = (size_t)mesh->n_vertex * 12;
@@ -420,7 +425,7 @@ static void geometry_ready(struct request *request, struct model *m, struct memo
         g->triangles_offset = up64(g->size);
         g->size = g->triangles_offset + (size_t)mesh->n_triangle * 12;
     }
-    memo_hold(file);
+    memo_hold(shape);
     request->state = g;
     request->abandon = abandon_geometry;
     g->work.run = run_geometry;
@@ -430,21 +435,7 @@ static void geometry_ready(struct request *request, struct model *m, struct memo
 
 void op_geometry(struct request *request)
 {
-    with_model(request, MESSAGE(GeometryRequest)->model, geometry_ready);
-}
-
-// New shapes are for the image-space engines, which come with the preview state: a baked model's
-// transport belongs to the shape it was baked for.
-void op_update_vertices(struct request *request)
-{
-    char error[256];
-    struct model *m =
-        models_find(request->server->models, MESSAGE(UpdateVerticesRequest)->model, error);
-    if (m)
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED,
-                     "%.100s: this daemon has no engine that follows moving vertices", m->name);
-    else
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s", error);
+    with_shape(request, MESSAGE(GeometryRequest)->model, geometry_ready);
 }
 
 void op_unload(struct request *request)

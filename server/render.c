@@ -39,6 +39,10 @@ struct render {
     unsigned n_waiting;
     bool walking;
     bool *ended;    // told while render_start is still running
+    bool screen;    // an image-space engine answers, on the shape as it is now
+    uint64_t generation;
+    char *forget;   // key of what nobody will ask for again
+    struct need shape, screen_answer;
     struct need file, env[RENDER_MAX_LIGHTS], light[RENDER_MAX_LIGHTS], answer[RENDER_MAX_LIGHTS];
     struct need visibility, specular, background;
     struct prt_camera camera;
@@ -70,7 +74,8 @@ static void need_entry(struct render *r, struct need *need, struct memo_entry *e
 
 static void release_needs(struct render *r)
 {
-    struct need *one[] = {&r->file, &r->visibility, &r->specular, &r->background};
+    struct need *one[] = {&r->file,     &r->shape,      &r->screen_answer,
+                          &r->visibility, &r->specular, &r->background};
     for (size_t i = 0; i < sizeof one / sizeof *one; i++) {
         memo_release(one[i]->entry);
         one[i]->entry = NULL;
@@ -88,6 +93,16 @@ static const struct prt_transport *transport_of(const struct render *r)
     return prt_file_transport(r->file.entry->value);
 }
 
+static struct shape *shape_of(const struct render *r)
+{
+    return r->shape.entry->value;
+}
+
+static const struct prt_mesh *mesh_of(const struct render *r)
+{
+    return r->screen ? &shape_of(r)->mesh : &transport_of(r)->mesh;
+}
+
 // ---- the end
 
 static void finish(struct render *r)
@@ -98,6 +113,9 @@ static void finish(struct render *r)
     struct render_result result = r->result;
     if (r->ended) *r->ended = true;
     release_needs(r);
+    if (r->forget) memo_forget(r->server->memo, r->forget);
+    free(r->forget);
+    refinement_release(r->spec.refinement);
     render_spec_finish(&r->spec);
     model_release(r->model);
     free(r);
@@ -151,30 +169,53 @@ static int run_colors(struct render *r, const struct prt_context *ctx)
     return PRT_OK;
 }
 
-static int run_picture(struct render *r, const struct prt_context *ctx)
+// What an image-space engine found, or the mean of it and what it found before.
+static int screen_radiance(const struct render *r, const float (**rgb)[3])
 {
-    const struct prt_transport *t = transport_of(r);
-    const struct answer *a = r->answer[0].entry->value;
-    const struct prt_cube *lobes = r->specular.entry ? r->specular.entry->value : NULL;
-    struct prt_specular *specular = NULL;
-    struct prt_image image = {0};
-    struct prt_blob blob = {0};
-    const struct prt_material *material = r->spec.has_material ? &r->spec.material : &t->material;
-    double start = prt_time_s();
-    int status = lobes ? prt_specular_create(ctx, lobes, &specular) : PRT_OK;
+    const struct screen_answer *a = r->screen_answer.entry->value;
+    struct refinement *refinement = r->spec.refinement;
+    int status = refinement ? refinement_add(refinement, a) : PRT_OK;
+    *rgb = refinement ? (const float(*)[3])refinement->mean : a->rgb;
+    return status;
+}
+
+static int compose(const struct render *r, const struct prt_context *ctx,
+                   const struct prt_specular *specular, struct prt_image *image)
+{
+    const struct prt_material *material = r->spec.has_material ? &r->spec.material
+                                          : r->screen ? shape_of(r)->material
+                                                      : &transport_of(r)->material;
     bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
-    struct prt_shade shade = {.n_plane = a->n_plane, .planes = a->values, .eta = material->eta,
-                              .roughness = material->roughness, .fresnel = total,
-                              .specular = specular,
+    struct prt_shade shade = {.eta = material->eta, .roughness = material->roughness,
+                              .fresnel = total, .specular = specular,
                               .background = r->background.entry ? r->background.entry->value
                                                                 : NULL};
     if (shade.background) shade.background_rotate_deg = (float)r->spec.light[0].rotate_deg;
     memcpy(shade.background_rgb, r->spec.background, sizeof shade.background_rgb);
-    if (!status)
-        status = prt_shade_image(ctx, r->visibility.entry->value, &t->mesh, &shade, &image);
+    if (r->screen) {
+        const float(*rgb)[3];
+        int status = screen_radiance(r, &rgb);
+        if (status || r->spec.quiet) return status;
+        return prt_shade_points(ctx, r->visibility.entry->value, rgb, &shade, image);
+    }
+    const struct answer *a = r->answer[0].entry->value;
+    shade.n_plane = a->n_plane;
+    shade.planes = a->values;
+    return prt_shade_image(ctx, r->visibility.entry->value, &transport_of(r)->mesh, &shade, image);
+}
+
+static int run_picture(struct render *r, const struct prt_context *ctx)
+{
+    const struct prt_cube *lobes = r->specular.entry ? r->specular.entry->value : NULL;
+    struct prt_specular *specular = NULL;
+    struct prt_image image = {0};
+    struct prt_blob blob = {0};
+    double start = prt_time_s();
+    int status = lobes && !r->spec.quiet ? prt_specular_create(ctx, lobes, &specular) : PRT_OK;
+    if (!status) status = compose(r, ctx, specular, &image);
     double shaded = prt_time_s();
-    if (!status) status = encode_image(ctx, &r->spec, &image, &blob);
-    if (!status) own_payload(r, blob.bytes, blob.size, prt_free);
+    if (!status && !r->spec.quiet) status = encode_image(ctx, &r->spec, &image, &blob);
+    if (!status && !r->spec.quiet) own_payload(r, blob.bytes, blob.size, prt_free);
     r->result.shade_ms = (float)((shaded - start) * 1e3);
     r->result.encode_ms = (float)((prt_time_s() - shaded) * 1e3);
     prt_image_finish(&image);
@@ -189,9 +230,27 @@ static int run_final(struct work *work, const struct prt_context *ctx)
     return r->spec.picture ? run_picture(r, ctx) : run_colors(r, ctx);
 }
 
+// What the daemon remembers of how long a picture takes after its light is known.
+static void learn_finish_time(struct render *r)
+{
+    float *ns = &r->server->stats.finish_ns_a_pixel;
+    float seen = (r->result.shade_ms + r->result.encode_ms) * 1e6f
+                 / (float)(r->spec.width * r->spec.height);
+    *ns = *ns > 0 ? 0.8f * *ns + 0.2f * seen : seen;
+}
+
 static void done_final(struct work *work)
 {
     struct render *r = (struct render *)work;
+    if (r->spec.picture && !r->spec.quiet && !work->status) learn_finish_time(r);
+    const struct refinement *refinement = r->screen ? r->spec.refinement : NULL;
+    if (refinement) {
+        r->result.frames = refinement->n_frame;
+        r->result.converged = refinement->converged;
+        // what is random in it falls with the square root of the frames
+        if (refinement->n_frame > 1)
+            r->result.error_bound /= sqrtf((float)refinement->n_frame);
+    }
     if (work->status) finish_error(r, error_of_status(work->status), work->error);
     else finish(r);
 }
@@ -226,20 +285,67 @@ static void release_entry(void *entry)
     memo_release(entry);
 }
 
+static const char *preview_note(const struct render *r, char note[120])
+{
+    const struct model *m = r->model;
+    note[0] = 0;
+    if (m->pose)
+        snprintf(note, 120, "preview: vertices moved%s",
+                 m->state == RELIGHT__MODEL_STATE__MODEL_READY ? ", the bake is of another shape"
+                                                               : "");
+    else if (m->state == RELIGHT__MODEL_STATE__MODEL_BAKING)
+        snprintf(note, 120, "preview: the bake is at %.0f %%",
+                 m->job ? 100 * job_fraction(m->job) : 0.0);
+    else if (m->state == RELIGHT__MODEL_STATE__MODEL_FAILED)
+        snprintf(note, 120, "preview: the bake failed");
+    else if (m->state != RELIGHT__MODEL_STATE__MODEL_READY)
+        snprintf(note, 120, "preview: no bake was ordered");
+    return note;
+}
+
+static void screen_facts(struct render *r)
+{
+    const struct screen_answer *a = r->screen_answer.entry->value;
+    struct render_result *out = &r->result;
+    out->preview = true;
+    out->engine = RELIGHT__ENGINE__ENGINE_SPLAT + (int)a->report.engine;
+    out->samples = a->report.n_asked;
+    out->frames = 1;
+    out->error_bound = (float)a->report.expected_error;
+    out->shared = 1;
+    preview_note(r, out->note);
+}
+
+static void baked_facts(struct render *r)
+{
+    struct render_result *out = &r->result;
+    out->shared = ((struct answer *)r->answer[0].entry->value)->shared;
+    out->error_bound = error_bound(r) + material_error(r);
+    out->engine = RELIGHT__ENGINE__ENGINE_WAVELET + (int)transport_of(r)->engine;
+    out->converged = true;
+    if (r->model->pose)
+        snprintf(out->note, sizeof out->note, "of the shape before its vertices moved");
+}
+
 static void final(struct render *r)
 {
-    const struct prt_transport *t = transport_of(r);
     struct render_result *out = &r->result;
     const struct render_spec *s = &r->spec;
-    out->n_vertex = t->mesh.n_vertex;
+    out->n_vertex = mesh_of(r)->n_vertex;
     out->n_plane = n_answer(s);
-    out->generation = r->model->generation;
+    out->generation = r->generation;
     out->width = s->width;
     out->height = s->height;
     out->camera = r->camera;
-    out->shared = ((struct answer *)r->answer[0].entry->value)->shared;
-    out->error_bound = error_bound(r) + material_error(r);
-    out->engine = RELIGHT__ENGINE__ENGINE_WAVELET + (int)t->engine;
+    if (r->screen) screen_facts(r);
+    else baked_facts(r);
+    if (r->screen && s->max_error > 0 && out->error_bound > s->max_error) {
+        char text[120];
+        snprintf(text, sizeof text, "the preview's expected error %.3g is above max_error %.3g",
+                 (double)out->error_bound, (double)s->max_error);
+        finish_error(r, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE, text);
+        return;
+    }
     if (s->has_material && s->max_error > 0 && out->error_bound > s->max_error) {
         char text[120];
         snprintf(text, sizeof text, "the error bound %.3g of this material is above max_error %.3g",
@@ -253,6 +359,7 @@ static void final(struct render *r)
     out->light_ms += cost_of(&r->background);
     for (unsigned i = 0; i < n_answer(s); i++)
         out->relight_ms = fmaxf(out->relight_ms, cost_of(&r->answer[i]));
+    if (r->screen) out->relight_ms = cost_of(&r->screen_answer);
     out->raster_ms = cost_of(&r->visibility);
     size_t plane = out->n_vertex * color_bytes(s->format);
     out->plane_bytes = out->n_plane > 1 ? (plane + 63) / 64 * 64 : plane;
@@ -267,11 +374,30 @@ static void final(struct render *r)
     }
     r->work.run = run_final;
     r->work.done = done_final;
-    r->work.class = s->picture ? picture_class(s) : WORK_INTERACTIVE;
+    r->work.class = s->quiet ? WORK_BACKGROUND : s->picture ? picture_class(s) : WORK_INTERACTIVE;
     work_submit(r->server->work, &r->work);
 }
 
 // ---- the walk
+
+// What image-space engines cannot do. Returns 0 or an error code.
+static int judge_screen(const struct render *r, char error[300])
+{
+    const struct render_spec *s = &r->spec;
+    if (s->term != RELIGHT__TERM__TERM_TOTAL && s->term != RELIGHT__TERM__TERM_MULTIPLE) {
+        snprintf(error, 300, "image-space engines give terms total and multiple, not %s",
+                 s->term == RELIGHT__TERM__TERM_SINGLE ? "single" : "irradiance");
+        return RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
+    }
+    if (!s->n_light) {
+        bool later = !s->engine && r->model->state == RELIGHT__MODEL_STATE__MODEL_BAKING;
+        snprintf(error, 300, "0 lights: 1 to %d are wanted%s", RENDER_MAX_LIGHTS,
+                 later ? " until the bake, which may keep one, is ready" : "");
+        return later ? RELIGHT__ERROR_CODE__ERROR_NOT_READY
+                     : RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
+    }
+    return 0;
+}
 
 // Asks that only an open model can judge. Returns 0 or an error code.
 static int judge(const struct render *r, char error[300])
@@ -317,15 +443,29 @@ static int judge(const struct render *r, char error[300])
 
 static bool fixed_light(const struct render *r)
 {
-    return transport_of(r)->engine == PRT_ENGINE_POLYNOMIAL;
+    return !r->screen && transport_of(r)->engine == PRT_ENGINE_POLYNOMIAL;
+}
+
+// Pictures of a model without a bake, or whose vertices left it, or by an engine that is named.
+static bool wants_screen(const struct render *r)
+{
+    const struct model *m = r->model;
+    if (!r->spec.picture) return false;
+    if (r->spec.engine) return r->spec.engine >= RELIGHT__ENGINE__ENGINE_SPLAT;
+    return m->pose
+           || (m->state != RELIGHT__MODEL_STATE__MODEL_READY && m->mesh != MESH_NONE
+               && !(m->state == RELIGHT__MODEL_STATE__MODEL_FAILED && m->mesh == MESH_FAILED));
 }
 
 static void ask_file(struct render *r)
 {
     int code;
     char error[300];
-    struct memo_entry *entry = model_open(r->model, &code, error);
-    if (entry) need_entry(r, &r->file, entry);
+    r->screen = wants_screen(r);
+    r->generation = r->screen ? r->model->generation : r->model->baked_generation;
+    struct memo_entry *entry = r->screen ? shape_get(r->model, &code, error)
+                                         : model_open(r->model, &code, error);
+    if (entry) need_entry(r, r->screen ? &r->shape : &r->file, entry);
     else {
         r->result.code = code;
         snprintf(r->result.error, sizeof r->result.error, "%s", error);
@@ -335,7 +475,7 @@ static void ask_file(struct render *r)
 static void ask_envs(struct render *r)
 {
     char error[300];
-    r->result.code = judge(r, error);
+    r->result.code = r->screen ? judge_screen(r, error) : judge(r, error);
     for (unsigned i = 0; !r->result.code && i < r->spec.n_light; i++) {
         if (!r->spec.light[i].env[0]) continue;
         struct memo_entry *entry = env_get(r->server, r->spec.light[i].env, &r->result.code, error);
@@ -343,14 +483,16 @@ static void ask_envs(struct render *r)
     }
     if (r->result.code) snprintf(r->result.error, sizeof r->result.error, "%s", error);
     if (r->result.code || !r->spec.picture) return;
-    camera_choose(&r->spec, &transport_of(r)->mesh, &r->camera);
+    camera_choose(&r->spec, mesh_of(r), &r->camera);
     need_entry(r, &r->visibility,
-               visibility_get(r->model, r->file.entry, &r->spec, &r->camera));
+               visibility_get(r->model, r->generation, r->screen ? r->shape.entry : r->file.entry,
+                              mesh_of(r), &r->spec, &r->camera));
+    if (r->screen && !r->visibility.was_there) shape_prepare(r->model, r->shape.entry);
 }
 
 static void ask_lights(struct render *r)
 {
-    uint32_t cube = transport_of(r)->cube;
+    uint32_t cube = r->screen ? SPECULAR_CUBE : transport_of(r)->cube;
     const struct render_spec *s = &r->spec;
     unsigned each = n_answer(s) == 1 ? s->n_light : 1;
     struct memo_entry *env[RENDER_MAX_LIGHTS];
@@ -365,8 +507,57 @@ static void ask_lights(struct render *r)
         need_entry(r, &r->background, sky_get(r->server, s, env));
 }
 
+// The part of a picture's budget that is left for its light.
+static float light_budget(const struct render *r)
+{
+    float budget = (float)r->spec.budget_ms;
+    if (!(budget > 0)) return 0;
+    float rest = r->server->stats.finish_ns_a_pixel * 1e-6f
+                 * (float)(r->spec.width * r->spec.height);
+    return fmaxf(budget - rest - cost_of(&r->visibility), 0.25f * budget);
+}
+
+static void ask_screen(struct render *r)
+{
+    const struct render_spec *s = &r->spec;
+    const struct refinement *mean = s->refinement;
+    const char *seen = r->visibility.entry->key, *light = r->light[0].entry->key;
+    struct screen_query query = {.engine = -1, .budget_ms = light_budget(r),
+                                 .has_material = s->has_material, .material = s->material,
+                                 .background = picture_class(s) == WORK_BACKGROUND};
+    if (s->engine) {
+        query.engine = s->engine - RELIGHT__ENGINE__ENGINE_SPLAT;
+        query.slot = (unsigned)query.engine + 1;
+    }
+    if (mean && mean->n_frame) {
+        query.engine = mean->engine;
+        query.n_sample = mean->n_sample;
+        query.frame = mean->n_frame;
+        query.background = true;
+    }
+    size_t size = strlen(seen) + strlen(light) + 200;
+    char *key = malloc(size);
+    if (!key) {
+        r->result.code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+        snprintf(r->result.error, sizeof r->result.error, "not enough memory");
+        return;
+    }
+    snprintf(key, size, "%s/%llu/screen/%u/%d/%u/%u/%.0f/%s/%s/%s", r->model->id,
+             (unsigned long long)r->generation, query.slot, query.engine, query.n_sample,
+             query.frame, (double)s->budget_ms, s->material_key, seen, light);
+    need_entry(r, &r->screen_answer,
+               screen_get(r->server, key, &query, r->shape.entry, r->visibility.entry,
+                          r->light[0].entry));
+    if (query.frame) r->forget = key; // one of many
+    else free(key);
+}
+
 static void ask_answers(struct render *r)
 {
+    if (r->screen) {
+        ask_screen(r);
+        return;
+    }
     static const int term[] = {PRT_ANSWER_TOTAL, PRT_ANSWER_TOTAL, PRT_ANSWER_MULTIPLE,
                                PRT_ANSWER_SINGLE};
     const struct render_spec *s = &r->spec;
@@ -382,7 +573,7 @@ static void ask_answers(struct render *r)
     for (unsigned i = 0; i < n_answer(s); i++) {
         struct memo_entry *light = r->light[i].entry;
         snprintf(key, sizeof key, "%s/%llu/%s/%d/%s/%s/%s", r->model->id,
-                 (unsigned long long)r->model->generation, s->picture ? "planes" : "colors",
+                 (unsigned long long)r->generation, s->picture ? "planes" : "colors",
                  query.term, s->material_key, eye, light ? light->key : "fixed");
         need_entry(r, &r->answer[i], answer_get(r->model, key, &query, r->file.entry, light));
     }
@@ -395,7 +586,8 @@ static bool any_failed(struct render *r)
         finish(r);
         return true;
     }
-    if (failed(r, &r->file) || failed(r, &r->visibility) || failed(r, &r->specular)
+    if (failed(r, &r->file) || failed(r, &r->shape) || failed(r, &r->screen_answer)
+        || failed(r, &r->visibility) || failed(r, &r->specular)
         || failed(r, &r->background))
         return true;
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
@@ -438,6 +630,7 @@ struct render *render_start(struct model *model, struct render_spec *spec, rende
     model_hold(model);
     r->spec = *spec;
     spec->texels = NULL;
+    if (r->spec.refinement) r->spec.refinement->refs++;
     r->done = done;
     r->user = user;
     r->start_ns = loop_now_ns();

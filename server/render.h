@@ -50,6 +50,9 @@ struct render_spec {
     float picture_ev;
     bool plain_background, no_specular;
     float background[3];
+    /* a view's picture that gets finer: NULL for none; held by who made the spec */
+    struct refinement *refinement;
+    bool quiet;            /* only adds to the mean: no picture is made */
 };
 
 /* Fills and checks pieces of a spec from messages; a missing message leaves defaults. Return 0,
@@ -77,7 +80,8 @@ struct render_result {
     struct prt_camera camera;
     float queue_ms, light_ms, relight_ms, raster_ms, shade_ms, encode_ms, total_ms;
     float error_bound;
-    uint32_t shared;
+    uint32_t shared, samples, frames;
+    bool preview, converged; /* preview: an image-space engine answered */
     int engine;
     char note[120];
 };

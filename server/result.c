@@ -18,6 +18,9 @@ void render_cost_message(const struct render_result *r, Relight__Cost *cost)
     cost->shared = r->shared;
     cost->error_bound = r->error_bound;
     cost->engine = r->engine;
+    cost->samples = r->samples;
+    cost->frames = r->frames;
+    cost->converged = r->converged;
     cost->note = (char *)r->note;
 }
 

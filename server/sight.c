@@ -11,7 +11,8 @@ enum { LARGE_PICTURE = 4 << 20 }; // pixels
 
 struct seeing {
     struct work work;
-    struct memo_entry *entry, *file;
+    struct memo_entry *entry, *owner;
+    const struct prt_mesh *mesh;
     struct prt_camera camera;
     uint32_t width, height, samples;
     struct prt_visibility *visibility;
@@ -27,8 +28,7 @@ static int run_seeing(struct work *work, const struct prt_context *ctx)
 {
     struct seeing *s = (struct seeing *)work;
     double start = prt_time_s();
-    const struct prt_transport *t = prt_file_transport(s->file->value);
-    int status = prt_visibility_create(ctx, &t->mesh, &s->camera, s->width, s->height, s->samples,
+    int status = prt_visibility_create(ctx, s->mesh, &s->camera, s->width, s->height, s->samples,
                                        PRT_RASTER_AUTO, &s->visibility);
     s->ms = (float)((prt_time_s() - start) * 1e3);
     return status;
@@ -44,7 +44,7 @@ static void done_seeing(struct work *work)
         memo_fill(s->entry, s->visibility, prt_visibility_bytes(s->visibility),
                   destroy_visibility);
     memo_release(s->entry);
-    memo_release(s->file);
+    memo_release(s->owner);
     free(s);
 }
 
@@ -65,14 +65,15 @@ enum work_class picture_class(const struct render_spec *s)
     return (uint64_t)s->width * s->height > LARGE_PICTURE ? WORK_BACKGROUND : WORK_INTERACTIVE;
 }
 
-struct memo_entry *visibility_get(struct model *model, struct memo_entry *file,
+struct memo_entry *visibility_get(struct model *model, uint64_t generation,
+                                  struct memo_entry *owner, const struct prt_mesh *mesh,
                                   const struct render_spec *s, const struct prt_camera *c)
 {
     char key[400];
     bool fresh;
     snprintf(key, sizeof key,
              "%s/%llu/seen/%ux%u/%u/%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g",
-             model->id, (unsigned long long)model->generation, s->width, s->height,
+             model->id, (unsigned long long)generation, s->width, s->height,
              s->samples, (double)c->eye[0], (double)c->eye[1], (double)c->eye[2],
              (double)c->target[0], (double)c->target[1], (double)c->target[2], (double)c->up[0],
              (double)c->up[1], (double)c->up[2], (double)c->fovy_deg);
@@ -83,10 +84,11 @@ struct memo_entry *visibility_get(struct model *model, struct memo_entry *file,
         memo_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return entry;
     }
-    *seeing = (struct seeing){.entry = entry, .file = file, .camera = *c,
+    *seeing = (struct seeing){.entry = entry, .owner = owner, .mesh = mesh,
+                              .camera = *c,
                               .width = s->width, .height = s->height, .samples = s->samples};
     memo_hold(entry);
-    memo_hold(seeing->file);
+    memo_hold(seeing->owner);
     seeing->work.run = run_seeing;
     seeing->work.done = done_seeing;
     seeing->work.class = picture_class(s);

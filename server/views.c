@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: MIT
 // Views: state that frames follow. One evaluation a view at a time and the newest state wins, so
 // that a dragged slider costs one frame at a time however fast it is dragged; no more than
-// `window` frames travel unacknowledged, so that a slow reader slows only itself.
+// `window` frames travel unacknowledged, so that a slow reader slows only itself. While nothing
+// changes, a picture by an image-space engine gets finer, until it is as good as it gets.
 #include "dispatch.h"
+#include "evaluation.h"
 #include "log.h"
 #include "models.h"
-#include "render.h"
 #include "request.h"
 
 #include <stdio.h>
@@ -13,6 +14,7 @@
 #include <string.h>
 
 static const uint64_t retry_ns = 250000000; // a model that bakes is looked at this often
+static const uint64_t rest_ns = 120000000;  // a state has stood so long: it is worth refining
 
 struct view {
     struct request *request;
@@ -27,6 +29,11 @@ struct view {
     uint64_t gap_ns, next_ns;  // max_fps
     bool told_not_ready;
     struct loop_timer timer;
+    struct model_watcher watcher;
+    struct refinement *refinement; // of the state that was drawn; NULL: none
+    bool refining;             // what is being drawn is the same state, finer
+    uint32_t told_frames;      // pictures in the mean that was sent last
+    uint64_t changed_ns;       // when the state last changed
 };
 
 static void draw(struct view *v);
@@ -34,7 +41,9 @@ static void draw(struct view *v);
 static void free_view(struct view *v)
 {
     loop_timer_stop(v->model->server->loop, &v->timer);
+    model_unwatch(v->model, &v->watcher);
     if (v->render) render_cancel(v->render);
+    refinement_release(v->refinement);
     render_spec_finish(&v->spec);
     model_release(v->model);
     free(v);
@@ -54,6 +63,26 @@ static void retry(struct view *v, uint64_t at_ns)
 {
     v->timer.fire = timer_fired;
     loop_timer_set(v->model->server->loop, &v->timer, at_ns);
+}
+
+// The state is another than was drawn: what it was refined to is of no use.
+static void soil(struct view *v)
+{
+    v->dirty = true;
+    v->changed_ns = loop_now_ns();
+    refinement_release(v->refinement);
+    v->refinement = NULL;
+    if (!v->refining || !v->render) return;
+    render_cancel(v->render);
+    v->render = NULL;
+    v->refining = false;
+}
+
+static void model_has_changed(struct model_watcher *watcher)
+{
+    struct view *v = (struct view *)((char *)watcher - offsetof(struct view, watcher));
+    soil(v);
+    retry(v, loop_now_ns()); // not here: the model is still being changed
 }
 
 static void send_frame(struct view *v, struct render_result *result)
@@ -85,17 +114,39 @@ static void send_frame(struct view *v, struct render_result *result)
     request_part(v->request, &out.base, result->code ? NULL : &result->payload);
 }
 
+// Means of 1, 2, 4, 8, … pictures are sent, and the last.
+static bool send_after(const struct view *v, uint32_t n_frame)
+{
+    return n_frame >= 2 * v->told_frames || v->refinement->converged;
+}
+
 static void drawn(void *user, struct render_result *result)
 {
     struct view *v = user;
     struct connection *conn = v->request->conn;
+    bool finer = v->refining;
     v->render = NULL;
+    v->refining = false;
     bool not_ready = result->code == RELIGHT__ERROR_CODE__ERROR_NOT_READY;
     bool silent = not_ready && v->told_not_ready;
     v->told_not_ready = not_ready;
+    if (finer && result->code) { // the picture that is there stays as good as it is
+        refinement_release(v->refinement);
+        v->refinement = NULL;
+        silent = true;
+    }
+    if (finer && !result->payload.bytes) silent = true;
     if (!silent) {
+        v->told_frames = result->frames;
         send_frame(v, result);
         if (conn->dead) return; // and the view with it
+    } else if (result->payload.release) {
+        result->payload.release(result->payload.owner);
+    }
+    // Baked transport is as good as it gets.
+    if (!finer && (result->code || !result->preview)) {
+        refinement_release(v->refinement);
+        v->refinement = NULL;
     }
     if (not_ready) {
         v->dirty = true;
@@ -105,11 +156,24 @@ static void drawn(void *user, struct render_result *result)
     }
 }
 
+// True when the picture that is there is to get finer.
+static bool want_finer(struct view *v, uint64_t now)
+{
+    const struct refinement *mean = v->refinement;
+    // The best one is sent, too.
+    if (v->dirty || !mean || (mean->converged && v->told_frames >= mean->n_frame)) return false;
+    if (now >= v->changed_ns + rest_ns) return true;
+    retry(v, v->changed_ns + rest_ns);
+    return false;
+}
+
 static void draw(struct view *v)
 {
     uint64_t now = loop_now_ns();
-    if (!v->dirty || v->render || v->frame - v->shown >= v->window) return;
-    if (now < v->next_ns) {
+    if (v->render || v->frame - v->shown >= v->window) return;
+    bool finer = want_finer(v, now);
+    if (!v->dirty && !finer) return;
+    if (now < v->next_ns && !finer) {
         retry(v, v->next_ns);
         return;
     }
@@ -118,11 +182,18 @@ static void draw(struct view *v)
         retry(v, now + retry_ns);
         return;
     }
-    v->dirty = false;
-    v->next_ns = now + v->gap_ns;
+    if (!finer) {
+        v->dirty = false;
+        v->next_ns = now + v->gap_ns;
+        refinement_release(v->refinement);
+        v->refinement = v->spec.picture ? refinement_create() : NULL;
+    }
+    spec.refinement = v->refinement;
+    spec.quiet = finer && !send_after(v, v->refinement->n_frame + 1);
     v->drawn = spec;
     v->drawn.texels = NULL;
     v->drawn_sequence = v->sequence;
+    v->refining = finer;
     struct request *request = v->request;
     struct connection *conn = request->conn;
     struct render *render = render_start(v->model, &spec, drawn, v);
@@ -161,6 +232,8 @@ void op_view_open(struct request *request)
     v->request = request;
     v->model = model;
     model_hold(model);
+    v->watcher.changed = model_has_changed;
+    model_watch(model, &v->watcher);
     v->window = in->window ? in->window : 2;
     v->gap_ns = in->max_fps ? 1000000000u / in->max_fps : 0;
     render_spec_init(&v->spec);
@@ -177,7 +250,7 @@ void op_view_open(struct request *request)
     }
     request->state = v;
     request->abandon = abandon;
-    v->dirty = true;
+    soil(v);
     draw(v);
 }
 
@@ -208,7 +281,7 @@ void op_view_set(struct request *request)
             v->dropped++;
             request->server->stats.frames_dropped++;
         }
-        v->dirty = true;
+        soil(v);
         v->sequence = in->sequence;
     }
     Relight__ViewSetAnswer out = RELIGHT__VIEW_SET_ANSWER__INIT;

@@ -24,6 +24,8 @@ struct options {
     struct relight_picture picture;
     struct relight_load load;              /* name, scale, bake, pin */
     const char *opaque[MAX_WORDS];
+    const char *positions, *normals;       /* .npy files of update-vertices */
+    uint32_t first;
     bool wait, files, remote, forget, own_units;
 };
 
@@ -59,6 +61,8 @@ enum output_kind {
     OUTPUT_EXR
 };
 enum output_kind output_kind(const char *path); /* by its suffix */
+/* Reads a .npy of little-endian f32 [n][3]; *out is malloc()ed. 0 or EXIT_FAILED, reported. */
+int read_npy(const struct options *options, const char *path, uint32_t *n, float **out);
 /* rgb [n][3] or NULL; geometry may be NULL for CSV and NPY. */
 int write_vertices(const struct options *options, const char *path, uint32_t n, const float *rgb,
                    const struct relight_geometry *geometry);
@@ -75,6 +79,7 @@ int run_colors(struct relight_client *client, struct options *options);
 int run_image(struct relight_client *client, struct options *options);
 int run_edit(struct relight_client *client, struct options *options);
 int run_geometry(struct relight_client *client, struct options *options);
+int run_update(struct relight_client *client, struct options *options);
 int run_unload(struct relight_client *client, struct options *options);
 int run_stats(struct relight_client *client, struct options *options);
 

@@ -58,6 +58,7 @@ static void add_cost(cJSON *json, const struct relight_cost *cost)
     cJSON_AddStringToObject(json, "engine", relight_engine_name(cost->engine));
     add_float(json, "error_bound", cost->error_bound);
     if (*cost->note) cJSON_AddStringToObject(json, "note", cost->note);
+    if (cost->samples) cJSON_AddNumberToObject(json, "samples", cost->samples);
     cJSON *ms = cJSON_AddObjectToObject(json, "milliseconds");
     add_float(ms, "queue", cost->queue_ms);
     add_float(ms, "light", cost->light_ms);
@@ -70,8 +71,11 @@ static void add_cost(cJSON *json, const struct relight_cost *cost)
 
 static void print_cost(const char *what, const char *path, const struct relight_cost *cost)
 {
-    printf("%s: %s, %s, %.1f ms\n", path, what, relight_engine_name(cost->engine),
+    printf("%s: %s, %s, %.1f ms", path, what, relight_engine_name(cost->engine),
            (double)cost->total_ms);
+    if (cost->error_bound > 0)
+        printf(", error %s%.2g %%", cost->samples ? "about " : "", 100 * (double)cost->error_bound);
+    putchar('\n');
     if (*cost->note) fprintf(stderr, "relight: %s\n", cost->note);
 }
 

@@ -3,6 +3,7 @@
 #include "cli.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -57,6 +58,7 @@ static cJSON *model_json(const struct relight_model *m)
     cJSON_AddNumberToObject(json, "generation", (double)m->generation);
     cJSON_AddBoolToObject(json, "pinned", m->pinned);
     add_float(json, "error_bound", m->error_bound);
+    cJSON_AddBoolToObject(json, "stale", m->stale);
     return json;
 }
 
@@ -134,6 +136,7 @@ int run_info(struct relight_client *client, struct options *options)
         printf("%s  %s\n  state: %s", m.id, m.name, relight_model_state_name(m.state));
         if (m.state == RELIGHT_MODEL_BAKING) printf(" (%.0f %%, job %s)", 100 * m.fraction, m.job);
         if (*m.failure) printf(": %s", m.failure);
+        if (m.stale) printf(", stale: vertices moved since the bake");
         printf("\n  geometry: %u vertices, %u triangles, %u objects, %.6g mm a unit, "
                "%.4g x %.4g x %.4g mm\n", m.n_vertex, m.n_triangle, m.n_object, m.mm_per_unit,
                (double)(m.box_max[0] - m.box_min[0]), (double)(m.box_max[1] - m.box_min[1]),
@@ -251,6 +254,36 @@ int run_cancel(struct relight_client *client, struct options *options)
         print_json(json);
     } else {
         puts(job_name(state));
+    }
+    return EXIT_DONE;
+}
+
+int run_update(struct relight_client *client, struct options *options)
+{
+    struct relight_error error;
+    float *position = NULL, *normal = NULL;
+    uint32_t n = 0, n_normal = 0;
+    uint64_t generation = 0;
+    if (!options->positions) return report_usage(options, "--positions is missing");
+    int status = read_npy(options, options->positions, &n, &position);
+    if (!status && options->normals) status = read_npy(options, options->normals, &n_normal, &normal);
+    if (!status && normal && n_normal != n) {
+        status = report_usage(options, "%u positions and %u normals", n, n_normal);
+    } else if (!status &&
+               relight_update_vertices(client, options->target, options->first, n, position,
+                                       normal, options->own_units, &generation, &error)) {
+        status = report_error(options, &error);
+    }
+    free(position);
+    free(normal);
+    if (status) return status;
+    if (options->json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddNumberToObject(json, "vertices", n);
+        cJSON_AddNumberToObject(json, "generation", (double)generation);
+        print_json(json);
+    } else {
+        printf("%u vertices, generation %llu\n", n, (unsigned long long)generation);
     }
     return EXIT_DONE;
 }

@@ -61,6 +61,10 @@ static const struct {
     {'p', {"pin", 'p', NULL, 0, "never evict", 0}},
     {'w', {"wait", 'w', NULL, 0, "return when the model is ready", 0}},
     {'Z', {"remote", 'Z', NULL, 0, "MODEL is a path in the daemon's models folder", 0}},
+    {'V', {"preview", 'V', NULL, 0, "no bake: image-space engines answer at once", 0}},
+    {'i', {"positions", 'i', "FILE", 0, "a .npy of f32 [n][3]: where the vertices are now", 0}},
+    {'v', {"normals", 'v', "FILE", 0, "the same of normals (default: made anew)", 0}},
+    {'I', {"first", 'I', "N", 0, "the first vertex that moves (default 0)", 0}},
     {'l', {"files", 'l', NULL, 0, "also list the loadable files of the daemon's folder", 0}},
     {'F', {"forget", 'F', NULL, 0, "delete the bake as well", 0}},
     {'u', {"own-units", 'u', NULL, 0, "positions in the model's units (default: mm)", 0}},
@@ -78,9 +82,12 @@ const struct command commands[] = {
     {"load", "MODEL", "Hands a model to the daemon and starts its bake.\v"
      "MODEL is a local .glb, .gltf, .obj, .ply or .prt file, which is uploaded unless the daemon "
      "has it, or a path in the daemon's models folder. Prints the model's id and the bake's job.\n\n"
+     "Until the bake is ready, and with --preview for good, pictures come from the image-space "
+     "engines.\n\n"
      "Examples:\n  relight load bunny.obj --size-mm 50 --material marble --wait\n"
-     "  relight load jade.glb --material jade.json --transport joint",
-     COMMON "DUmPRNCKAHdXOMpwZer", true, run_load},
+     "  relight load jade.glb --material jade.json --transport joint\n"
+     "  relight load draft.glb --material marble --preview",
+     COMMON "DUmPRNCKAHdXOMpwZerV", true, run_load},
     {"info", "ID", "Tells all about a model: geometry, bake, measured error.\v"
      "Examples:\n  relight info bunny\n  relight info 3f9a --json", COMMON, true, run_info},
     {"watch", "JOB", "Follows a job to its end; exit status 1 when it fails.\v"
@@ -109,6 +116,12 @@ const struct command commands[] = {
     {"geometry", "ID", "Fetches positions, normals and triangles.\v"
      "FILE ends in .ply, .glb or .npy (positions).\n\n"
      "Example:\n  relight geometry bunny -o bunny.ply", COMMON "ou", true, run_geometry},
+    {"update-vertices", "ID", "Moves a model's vertices, without a bake.\v"
+     "Triangles stay. Pictures follow at once, from the image-space engines; what the bake answers "
+     "stays that of the old shape. unload puts the vertices back.\n\n"
+     "Example:\n  relight geometry bunny --own-units -o p.npy\n"
+     "  relight update-vertices bunny --own-units --positions moved.npy", COMMON "iIuv", true,
+     run_update},
     {"unload", "ID", "Frees a model's memory; its bake stays unless --forget.\v"
      "Example:\n  relight unload bunny", COMMON "F", true, run_unload},
     {"stats", "", "Prints the daemon's counters.\vExample:\n  relight stats --json", COMMON,
@@ -310,6 +323,10 @@ static error_t set(int key, char *arg, struct argp_state *state)
     case 'p': o->load.pin = true; break;
     case 'w': o->wait = true; break;
     case 'Z': o->remote = true; break;
+    case 'V': o->load.preview = true; break;
+    case 'i': o->positions = arg; break;
+    case 'v': o->normals = arg; break;
+    case 'I': o->first = (uint32_t)whole(state, "first", arg, 0, UINT32_MAX); break;
     case 'l': o->files = true; break;
     case 'F': o->forget = true; break;
     case 'u': o->own_units = true; break;

@@ -300,3 +300,41 @@ int write_vertices(const struct options *options, const char *path, uint32_t n, 
     free(bytes);
     return status;
 }
+
+// The header of a .npy is a Python literal; what geometry -o writes and numpy.save of a C-ordered
+// float32 array reads: {'descr': '<f4', 'fortran_order': False, 'shape': (n, 3), }.
+static bool npy_rows(const char *header, uint32_t *n)
+{
+    const char *shape = strstr(header, "'shape':");
+    unsigned long long rows = 0, columns = 0;
+    if (!strstr(header, "'<f4'") || !strstr(header, "'fortran_order': False") || !shape ||
+        sscanf(shape, "'shape': (%llu, %llu", &rows, &columns) != 2 || columns != 3 ||
+        rows > UINT32_MAX)
+        return false;
+    *n = (uint32_t)rows;
+    return true;
+}
+
+int read_npy(const struct options *options, const char *path, uint32_t *n, float **out)
+{
+    unsigned char head[10];
+    char header[4096];
+    FILE *f = fopen(path, "rbe");
+    if (!f) return file_error(options, path, strerror(errno));
+    bool good = fread(head, 1, 10, f) == 10 && !memcmp(head, "\x93NUMPY\x01", 7);
+    size_t size = good ? head[8] | (size_t)head[9] << 8 : 0;
+    good = good && size < sizeof header && fread(header, 1, size, f) == size;
+    header[good ? size : 0] = 0;
+    if (!good || !npy_rows(header, n)) {
+        fclose(f);
+        return file_error(options, path, "is not a .npy of f32 [n][3]");
+    }
+    *out = malloc(((size_t)*n + 1) * 12);
+    good = *out && fread(*out, 12, *n, f) == *n;
+    fclose(f);
+    if (good) return EXIT_DONE;
+    const char *why = *out ? "is cut short" : "not enough memory";
+    free(*out);
+    *out = NULL;
+    return file_error(options, path, why);
+}

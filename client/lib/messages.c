@@ -146,7 +146,10 @@ void relight_get_cost(const Relight__Cost *m, struct relight_cost *out)
                                  .shared = m->shared,
                                  .error_bound = m->error_bound,
                                  .engine = (enum relight_engine)m->engine,
-                                 .note = m->note};
+                                 .note = m->note,
+                                 .samples = m->samples,
+                                 .frames = m->frames,
+                                 .converged = m->converged};
 }
 
 static unsigned color_bytes(Relight__ColorFormat format)

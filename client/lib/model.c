@@ -165,6 +165,7 @@ int relight_load(struct relight_client *client, const struct relight_load *load,
     m.n_opaque = load->n_opaque;
     m.opaque = (char **)(uintptr_t)load->opaque;
     m.pin = load->pin;
+    m.preview = load->preview;
     struct answer *answer;
     int status = relight_call(client, RELIGHT_TYPE_LOAD, &m.base, &answer, error);
     free(ref);
@@ -254,6 +255,7 @@ static void get_model(const Relight__ModelInfo *m, struct relight_model *out)
         .storage = (unsigned)m->storage < N_STORAGE ? storage_names[m->storage] : "",
         .cube = m->cube, .bytes = m->bytes, .resident_bytes = m->resident_bytes,
         .generation = m->generation, .pinned = m->pinned, .error_bound = m->error_bound,
+        .stale = m->stale,
         .material = m->material, .settings = m->settings, .errors = m->errors,
         .n_warning = m->n_warnings, .warning = (const char *const *)m->warnings,
         .failure = m->error ? m->error->text : ""};

@@ -148,6 +148,11 @@ static int make_normals(const struct prt_context *ctx, const char *name, struct 
     return PRT_OK;
 }
 
+int prt_mesh_normals(const struct prt_context *ctx, struct prt_mesh *mesh)
+{
+    return make_normals(ctx, "mesh", mesh);
+}
+
 // Least significant digit first; `bits` of each key matter.
 static uint64_t *sort_keys(uint64_t *key, uint64_t *spare, size_t n, int bits)
 {

@@ -183,6 +183,7 @@ struct relight_load {
     size_t n_opaque;
     const char *const *opaque;
     bool pin;
+    bool preview;               /* no bake: image-space engines answer */
 };
 enum relight_model_state {
     RELIGHT_MODEL_UNKNOWN, RELIGHT_MODEL_RECEIVED, RELIGHT_MODEL_PREVIEW, RELIGHT_MODEL_BAKING,
@@ -233,6 +234,7 @@ struct relight_model {
     uint64_t bytes, resident_bytes, generation;
     bool pinned;
     double error_bound;         /* measured relative RMSE; 0: unknown */
+    bool stale;                 /* vertices moved: the bake is of another shape */
     const char *material, *settings, *errors; /* JSON text, may be "" */
     size_t n_warning, n_block;
     const char *const *warning;
@@ -334,9 +336,12 @@ struct relight_picture {
 struct relight_cost {
     float queue_ms, light_ms, relight_ms, raster_ms, shade_ms, encode_ms, total_ms;
     uint32_t shared;            /* requests that shared the pass */
-    float error_bound;          /* measured relative RMSE that holds; 0: unknown */
+    float error_bound;          /* relative RMSE that holds, measured at the bake or foreseen for
+                                   an image-space engine; 0: unknown */
     enum relight_engine engine;
     const char *note;
+    uint32_t samples, frames;   /* image space: see relight.proto; 0 otherwise */
+    bool converged;             /* a view sends nothing finer of this state */
 };
 
 struct relight_colors_request {

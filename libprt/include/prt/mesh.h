@@ -77,6 +77,9 @@ void prt_mesh_bounds(const struct prt_mesh *mesh, float box[2][3]);
  * Refuses non-finite, non-positive and absurd (diagonal outside 1e-3..1e6 mm) scales. */
 int prt_mesh_scale(const struct prt_context *ctx, struct prt_mesh *mesh, double size_mm,
                    double mm_per_unit);
+/* Makes the normals that are 0,0,0 from the triangles around them, weighted by angle: for vertices
+ * that moved. Needs position, normal, triangle and weld; changes nothing else. */
+int prt_mesh_normals(const struct prt_context *ctx, struct prt_mesh *mesh);
 /* [n_triangle] block index of each triangle; caller prt_free()s. */
 uint32_t *prt_mesh_triangle_blocks(const struct prt_mesh *mesh);
 /* [n_vertex] block index of each vertex; caller prt_free()s. */

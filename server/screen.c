@@ -1,0 +1,221 @@
+// SPDX-License-Identifier: MIT
+// Light by an image-space engine on the points a camera sees. An engine's state serves one worker
+// at a time: evaluations of one shape and engine queue here, those of others run beside them.
+#include "evaluation.h"
+#include "relight.pb-c.h"
+#include "request.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { DEFAULT_MS = 100 }; // what the daemon's own choice may cost where no budget is named
+
+struct screen_job {
+    struct work work;
+    struct screen_job *next;
+    struct screen_slot *slot;
+    struct server *server;
+    struct memo_entry *entry, *shape, *seen, *light;
+    struct screen_query query;
+    struct screen_answer *answer;
+    float ms;
+};
+
+static void end_job(struct screen_job *job)
+{
+    memo_release(job->entry);
+    memo_release(job->shape);
+    memo_release(job->seen);
+    memo_release(job->light);
+    free(job);
+}
+
+// The engine with the least expected error; the one before it stays unless it does much worse:
+// each has an error of its own, and pictures of one view are not to jump between them.
+static int choose_engine(const struct prt_context *ctx, const struct screen_job *job,
+                         const struct prt_material *material, double budget,
+                         struct prt_screen_options *o)
+{
+    static const double worse = 1.5;
+    const struct prt_visibility *seen = job->seen->value;
+    struct screen_slot *slot = job->slot;
+    struct prt_screen_plan best, last;
+    struct prt_screen_options own = *o;
+    int status = prt_screen_choose(ctx, slot->screen, seen, material, true, 0, budget, o, &best);
+    if (!status && slot->engine && (int)best.engine + 1 != slot->engine) {
+        status = prt_screen_plan(ctx, slot->screen, seen, material,
+                                 (enum prt_screen_engine)(slot->engine - 1), true, 0, budget, &own,
+                                 &last);
+        if (!status && last.expected_error < worse * best.expected_error
+            && last.expected_ms < worse * fmax(budget, best.expected_ms))
+            *o = own;
+    }
+    if (!status) slot->engine = (int)o->engine + 1;
+    return status;
+}
+
+// Engine and samples: as they are told, or what the time buys with the least expected error.
+static int choose(const struct prt_context *ctx, const struct screen_job *job,
+                  const struct prt_material *material, struct prt_screen_options *o)
+{
+    const struct screen_query *q = &job->query;
+    const struct prt_visibility *seen = job->seen->value;
+    if (q->n_sample) {
+        o->engine = (enum prt_screen_engine)q->engine;
+        o->n_sample = q->n_sample;
+        return PRT_OK;
+    }
+    double budget = q->budget_ms > 0 ? (double)q->budget_ms : DEFAULT_MS;
+    if (q->engine < 0) return choose_engine(ctx, job, material, budget, o);
+    o->engine = (enum prt_screen_engine)q->engine;
+    if (!(q->budget_ms > 0)) return PRT_OK; // the engine's own count
+    return prt_screen_plan(ctx, job->slot->screen, seen, material, o->engine, true, 0, budget, o,
+                           NULL);
+}
+
+// A value that is not finite would spread over the whole running mean.
+static void mend(float (*rgb)[3], uint32_t n)
+{
+    for (uint32_t i = 0; i < n; i++)
+        for (int c = 0; c < 3; c++)
+            if (!isfinite(rgb[i][c]) || rgb[i][c] < 0) rgb[i][c] = 0;
+}
+
+static int run_job(struct work *work, const struct prt_context *ctx)
+{
+    struct screen_job *job = (struct screen_job *)work;
+    struct shape *shape = job->shape->value;
+    const struct screen_query *q = &job->query;
+    const struct prt_material *material = q->has_material ? &q->material : shape->material;
+    const struct prt_scene *scene;
+    struct prt_gbuffer g;
+    double start = prt_time_s();
+    prt_visibility_gbuffer(job->seen->value, &g);
+    job->answer = malloc(sizeof *job->answer + ((size_t)g.n_point + 1) * sizeof *job->answer->rgb);
+    if (!job->answer) return PRT_NOMEM;
+    job->answer->n_point = g.n_point;
+    int status = shape_scene(ctx, shape, &scene);
+    if (!status && !job->slot->screen)
+        status = prt_screen_create(ctx, &shape->mesh, scene, &job->slot->screen);
+    struct prt_screen_options options = {.frame = q->frame};
+    if (!status) status = choose(ctx, job, material, &options);
+    if (!status)
+        status = prt_screen_radiance(ctx, job->slot->screen, job->seen->value, material,
+                                     job->light->value, 0, NULL, &options, job->answer->rgb,
+                                     &job->answer->report);
+    if (!status) mend(job->answer->rgb, g.n_point);
+    job->ms = (float)((prt_time_s() - start) * 1e3);
+    return status;
+}
+
+static void start_next(struct screen_slot *slot);
+
+static void done_job(struct work *work)
+{
+    struct screen_job *job = (struct screen_job *)work;
+    struct memo_entry *shape = job->shape;
+    struct screen_slot *slot = job->slot;
+    memo_hold(shape); // the slot is its
+    job->entry->ms = job->ms;
+    slot->busy = false;
+    start_next(slot);
+    if (work->status) {
+        free(job->answer);
+        memo_fail(job->entry, error_of_status(work->status), work->error);
+    } else {
+        memo_fill(job->entry, job->answer,
+                  sizeof *job->answer + job->answer->n_point * sizeof *job->answer->rgb, free);
+    }
+    end_job(job);
+    memo_release(shape);
+}
+
+static void start_next(struct screen_slot *slot)
+{
+    struct screen_job *job = slot->first;
+    if (slot->busy || !job) return;
+    slot->first = job->next;
+    if (!job->next) slot->last = &slot->first;
+    slot->busy = true;
+    job->work.run = run_job;
+    job->work.done = done_job;
+    job->work.class = job->query.background ? WORK_BACKGROUND : WORK_INTERACTIVE;
+    work_submit(job->server->work, &job->work);
+}
+
+struct memo_entry *screen_get(struct server *server, const char *key,
+                              const struct screen_query *query, struct memo_entry *shape,
+                              struct memo_entry *seen, struct memo_entry *light)
+{
+    bool fresh;
+    struct memo_entry *entry = memo_get(server->memo, key, &fresh);
+    if (!fresh) return entry;
+    struct screen_job *job = calloc(1, sizeof *job);
+    if (!job) {
+        memo_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return entry;
+    }
+    struct screen_slot *slot = &((struct shape *)shape->value)->slot[query->slot];
+    *job = (struct screen_job){.slot = slot, .server = server, .entry = entry, .shape = shape,
+                               .seen = seen, .light = light, .query = *query};
+    memo_hold(entry);
+    memo_hold(shape);
+    memo_hold(seen);
+    memo_hold(light);
+    // What somebody looks at goes before what refines a picture that is there.
+    struct screen_job **at = &slot->first;
+    while (*at && (query->background || !(*at)->query.background)) at = &(*at)->next;
+    job->next = *at;
+    *at = job;
+    if (!job->next) slot->last = &job->next;
+    start_next(slot);
+    return entry;
+}
+
+// ---- running means
+
+struct refinement *refinement_create(void)
+{
+    struct refinement *r = calloc(1, sizeof *r);
+    if (r) r->refs = 1;
+    return r;
+}
+
+void refinement_release(struct refinement *r)
+{
+    if (!r || --r->refs) return;
+    free(r->mean);
+    free(r);
+}
+
+// How much the newest picture moved the mean says how far it still is: the k-th moves it by its
+// own error / k, and the mean is off by that error / sqrt(k).
+int refinement_add(struct refinement *r, const struct screen_answer *a)
+{
+    enum { MOST = 256 };
+    static const double close_enough = 0.002;
+    if (r->mean && r->n_point != a->n_point) return PRT_INTERNAL;
+    if (!r->mean && !(r->mean = malloc(((size_t)a->n_point + 1) * sizeof *r->mean)))
+        return PRT_NOMEM;
+    double moved = 0, all = 0;
+    float share = 1 / (float)(r->n_frame + 1);
+    for (uint32_t i = 0; i < a->n_point; i++)
+        for (int c = 0; c < 3; c++) {
+            float *m = &r->mean[i][c], step = r->n_frame ? share * (a->rgb[i][c] - *m) : 0;
+            *m = r->n_frame ? *m + step : a->rgb[i][c];
+            moved += (double)step * step;
+            all += (double)*m * *m;
+        }
+    r->n_point = a->n_point;
+    if (!r->n_frame) {
+        r->engine = (int)a->report.engine;
+        r->n_sample = a->report.n_asked;
+        r->expected_error = a->report.expected_error;
+    }
+    r->n_frame++;
+    double left = all > 0 ? sqrt(moved / all * r->n_frame) : 0;
+    r->converged = !(all > 0) || r->n_frame >= MOST || (r->n_frame >= 8 && left < close_enough);
+    return PRT_OK;
+}
