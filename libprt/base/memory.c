@@ -4,14 +4,23 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #define XXH_INLINE_ALL
 #include <xxhash.h>
+
+// Large arrays are written in scattered order (colours to the file's vertices): with pages of
+// 4 KB the walks through the page table would cost as much as the work.
+enum { HUGE_PAGE = 2 << 20, HUGE_FROM = 2 * HUGE_PAGE };
 
 void *prt_alloc(size_t n, size_t size)
 {
     size_t bytes;
     if (prt_mul_overflow(n, size, &bytes) || !bytes || bytes > SIZE_MAX - 64) return NULL;
-    return aligned_alloc(64, (bytes + 63) & ~(size_t)63);
+    bytes = (bytes + 63) & ~(size_t)63;
+    if (bytes < HUGE_FROM) return aligned_alloc(64, bytes);
+    void *p = aligned_alloc(HUGE_PAGE, bytes);
+    if (p) madvise(p, bytes, MADV_HUGEPAGE); // a wish: without it all works as well
+    return p;
 }
 
 void *prt_calloc(size_t n, size_t size)
