@@ -77,9 +77,19 @@ static int bake_terms(struct joint *j)
         status = tensor(j, PRT_TERM_MULTIPLE, "multiple scattering", multiple_range,
                         j->bases.reflectance->n_function, 1, j->bases.reflectance);
     half_rows_finish(&b->irradiance);
+    if (status == PRT_OK && opaque) { // shadows need more columns than what scatters
+        prt_free(b->probe);
+        b->n_probe = 192;
+        status = bake_probe(b, b->n_probe);
+    }
     if (status == PRT_OK && opaque)
         status = tensor(j, PRT_TERM_MULTIPLE, "opaque surfaces", opaque_range, 3, 1, NULL);
     if (status || b->o.no_single) return status;
+    if (opaque) {
+        prt_free(b->probe);
+        b->n_probe = 64;
+        if ((status = bake_probe(b, b->n_probe))) return status;
+    }
     bake_plan_single(b);
     b->single.extinction = j->bases.integral;
     single_plan_depths(&b->single);

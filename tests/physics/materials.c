@@ -1,0 +1,557 @@
+// SPDX-License-Identifier: MIT
+// Media that move after the bake: profiles of any kind, opaque surfaces beside them, what lies
+// outside a bake's range, and the laws that hold while a material walks through it.
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "prt/bake.h"
+#include "prt/radial.h"
+#include "prt/reference.h"
+#include "prt/relight.h"
+
+static struct prt_context context;
+static char folder[] = "/tmp/prt-materials-test-XXXXXX", said[512];
+static struct prt_mesh *mesh;
+static struct prt_cube light;
+
+static const char wax[] =
+    "{\"name\":\"wax\",\"profile\":\"burley\",\"albedo\":[0.9,0.7,0.4],"
+    "\"mean_free_path\":[5,3,2],\"eta\":1.3}";
+static const char slab[] =
+    "{\"name\":\"slab\",\"profile\":\"multipole\",\"layers\":[{\"thickness\":2,"
+    "\"sigma_s_prime\":[1,1.5,2],\"sigma_a\":[0.01,0.03,0.1]},{\"sigma_s_prime\":[0.5,0.5,0.5],"
+    "\"sigma_a\":[0.3,0.2,0.1]}],\"eta\":1.3}";
+static const char bumps[] =
+    "{\"name\":\"bumps\",\"profile\":\"curve\",\"radius\":[0,1,2,3,5,8],\"rd\":[[0.02,0.018,0.008,"
+    "0.005,0.002,0],[0.01,0.01,0.01,0.002,0.001,0],[0.03,0.01,0.004,0.001,0,0]],\"eta\":1.3}";
+
+static void keep_line(void *user, enum prt_log_level level, const char *line)
+{
+    if (level == PRT_LOG_ERROR) snprintf(said, sizeof said, "%s", line);
+}
+
+static const char *file(const char *name)
+{
+    static char path[4][256];
+    static int turn;
+    char *p = path[turn++ & 3];
+    snprintf(p, sizeof path[0], "%s/%s", folder, name);
+    return p;
+}
+
+static struct prt_material medium(const char *text)
+{
+    struct prt_material m;
+    assert_int_equal(prt_material_load(&context, text, &m), PRT_OK);
+    return m;
+}
+
+// A dented ball of about 16 mm over an opaque floor of 60 x 60 mm: a .gltf and its .bin.
+static void write_scene(const char *path, const char *bin)
+{
+    enum { U = 28, V = 14, N = 12, BALL = U * (V + 1), FLOOR = (N + 1) * (N + 1) };
+    static float p[BALL + FLOOR][3];
+    static uint32_t t[2 * U * V + 2 * N * N][3];
+    uint32_t n = 0, ball;
+    for (int j = 0; j <= V; j++)
+        for (int i = 0; i < U; i++) {
+            double th = M_PI * j / V, ph = 2 * M_PI * i / U;
+            double r = 8 + 1.2 * sin(3 * ph) * sin(th) * sin(th) + 0.8 * cos(4 * th);
+            float *x = p[j * U + i];
+            x[0] = (float)(r * sin(th) * cos(ph)), x[1] = (float)(r * cos(th));
+            x[2] = (float)(r * sin(th) * sin(ph));
+        }
+    for (int i = 0; i < FLOOR; i++) {
+        float *x = p[BALL + i];
+        x[0] = (float)(i / (N + 1) * 5 - 30), x[1] = -9.5f, x[2] = (float)(i % (N + 1) * 5 - 30);
+    }
+    for (uint32_t j = 0; j < V; j++)
+        for (uint32_t i = 0; i < U; i++) {
+            uint32_t a = j * U + i, b = j * U + (i + 1) % U;
+            if (j > 0) memcpy(t[n++], ((uint32_t[3]){a, b, a + U}), 12);
+            if (j < V - 1) memcpy(t[n++], ((uint32_t[3]){b, b + U, a + U}), 12);
+        }
+    ball = n;
+    for (uint32_t i = 0; i < N; i++)
+        for (uint32_t k = 0; k < N; k++) {
+            uint32_t a = i * (N + 1) + k, b = a + N + 1;
+            memcpy(t[n++], ((uint32_t[3]){a, a + 1, b}), 12);
+            memcpy(t[n++], ((uint32_t[3]){b, a + 1, b + 1}), 12);
+        }
+    FILE *f = fopen(bin, "wb");
+    assert_non_null(f);
+    fwrite(p, sizeof p, 1, f);
+    fwrite(t, sizeof *t, n, f);
+    assert_int_equal(fclose(f), 0);
+    f = fopen(path, "w");
+    assert_non_null(f);
+    fprintf(f,
+            "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0,1]}],"
+            "\"nodes\":[{\"mesh\":0,\"name\":\"ball\"},{\"mesh\":1,\"name\":\"floor\"}],"
+            "\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.6,0.4,0.2,1]}}],"
+            "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":2}]},"
+            "{\"primitives\":[{\"attributes\":{\"POSITION\":1},\"indices\":3,\"material\":0}]}],"
+            "\"buffers\":[{\"byteLength\":%zu,\"uri\":\"scene.bin\"}],\"bufferViews\":[",
+            sizeof p + n * sizeof *t);
+    size_t size[4] = {BALL * 12, FLOOR * 12, ball * 12, (n - ball) * 12}, at = 0;
+    for (int i = 0; i < 4; at += size[i++])
+        fprintf(f, "%s{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu}", i ? "," : "", at,
+                size[i]);
+    fprintf(f, "],\"accessors\":[");
+    for (int i = 0; i < 4; i++)
+        fprintf(f, "%s{\"bufferView\":%d,\"componentType\":%d,\"count\":%zu,\"type\":\"%s\"%s}",
+                i ? "," : "", i, i < 2 ? 5126 : 5125, size[i] / (i < 2 ? 12 : 4),
+                i < 2 ? "VEC3" : "SCALAR",
+                i < 2 ? ",\"min\":[-30,-30,-30],\"max\":[30,30,30]" : "");
+    fprintf(f, "]}\n");
+    assert_int_equal(fclose(f), 0);
+}
+
+static struct prt_bake_options options(const char *material)
+{
+    return (struct prt_bake_options){.material = medium(material), .n_sample = 8000, .cube = 16,
+                                     .seed = 1, .no_single = true};
+}
+
+static int set_up(void **state)
+{
+    static const char *const opaque[] = {"floor", NULL};
+    struct prt_mesh_options mo = {.opaque = opaque};
+    prt_context_init(&context);
+    context.log = keep_line;
+    prt_pool_create(0, &context.pool);
+    if (!mkdtemp(folder)) return -1;
+    write_scene(file("scene.gltf"), file("scene.bin"));
+    if (prt_mesh_load(&context, file("scene.gltf"), &mo, &mesh) ||
+        prt_mesh_scale(&context, mesh, 0, 1) || prt_cube_init(&light, 16)) {
+        print_message("%s\n", said);
+        return -1;
+    }
+    for (uint32_t i = 0; i < 6 * 256; i++) {
+        uint32_t face = i / 256, y = i / 16 % 16, x = i % 16;
+        bool lamp = face == 2 && x > 9 && x < 14 && y > 2 && y < 7;
+        for (uint32_t c = 0; c < 3; c++)
+            light.texel[3 * i + c] =
+                (face == 2 ? 0.5f : 0.2f) + (lamp ? 30 - 4.0f * (float)c : 0);
+    }
+    struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
+    struct prt_bake_options o = options("skin1");
+    if (prt_bake(&context, mesh, &o, file("wavelet.prt"))) return -1;
+    o.engine = PRT_ENGINE_JOINT;
+    if (prt_bake(&context, mesh, &o, file("joint.prt"))) return -1;
+    o.engine = PRT_ENGINE_POLYNOMIAL;
+    o.env = &env;
+    if (prt_bake(&context, mesh, &o, file("polynomial.prt"))) return -1;
+    return 0;
+}
+
+static int clean_up(void **state)
+{
+    static const char *const name[] = {"scene.gltf", "scene.bin", "wavelet.prt", "joint.prt", "polynomial.prt",
+                                       "own.prt"};
+    for (int i = 0; i < 6; i++) unlink(file(name[i]));
+    prt_mesh_destroy(mesh);
+    prt_cube_finish(&light);
+    prt_pool_destroy(context.pool);
+    return rmdir(folder);
+}
+
+static struct prt_file *open_prt(const char *name)
+{
+    struct prt_file *f;
+    assert_int_equal(prt_file_open(&context, file(name), PRT_FILE_CHECK_ALL, &f), PRT_OK);
+    return f;
+}
+
+static float (*ask(const struct prt_transport *t, const struct prt_material *m,
+                   enum prt_answer_term term))[3]
+{
+    float(*out)[3] = calloc(t->mesh.n_vertex, sizeof *out);
+    struct prt_query q = {.term = term, .material = m,
+                          .light = t->engine == PRT_ENGINE_POLYNOMIAL ? NULL : &light};
+    int status = prt_answer_colors(&context, t, &q, out);
+    if (status) fail_msg("%s", said);
+    return out;
+}
+
+static float (*truth(const struct prt_material *m))[3]
+{
+    float(*out)[3] = calloc(mesh->n_vertex, sizeof *out);
+    struct prt_reference_options o = {.term = PRT_REFERENCE_MULTIPLE, .n_sample = 30000,
+                                      .n_ray = 1024, .seed = 7};
+    assert_int_equal(prt_reference_colors(&context, mesh, m, &light, &o, out), PRT_OK);
+    return out;
+}
+
+// Relative RMSE over the vertices that are (not) opaque.
+static double error_over(const float (*a)[3], const float (*b)[3], bool opaque)
+{
+    double difference = 0, norm = 0;
+    uint32_t *block = prt_mesh_vertex_blocks(mesh);
+    for (uint32_t v = 0; v < mesh->n_vertex; v++)
+        for (int c = 0; c < 3; c++) {
+            if (!mesh->surface[mesh->block[block[v]].surface].translucent != opaque) continue;
+            difference += pow((double)a[v][c] - (double)b[v][c], 2);
+            norm += pow((double)b[v][c], 2);
+        }
+    prt_free(block);
+    assert_true(norm > 0);
+    return sqrt(difference / norm);
+}
+#define ERROR(a, b, opaque) error_over((const float(*)[3])(a), (const float(*)[3])(b), opaque)
+
+static const char *const engine[] = {"wavelet.prt", "joint.prt", "polynomial.prt"};
+
+// W05 fig. 1: the floor under a translucent body has its shadow, in every transport, and no
+// material changes it.
+static void opaque_receivers(void **state)
+{
+    struct prt_material skin = medium("skin1"), milk = medium("skimmilk");
+    float(*want)[3] = truth(&skin);
+    double least = 1e9, most = 0;
+    uint32_t *block = prt_mesh_vertex_blocks(mesh);
+    for (uint32_t v = 0; v < mesh->n_vertex; v++) {
+        if (mesh->surface[mesh->block[block[v]].surface].translucent) continue;
+        least = fmin(least, (double)want[v][1]);
+        most = fmax(most, (double)want[v][1]);
+    }
+    assert_true(least < 0.5 * most); // there is a shadow to get right
+    for (int e = 0; e < 3; e++) {
+        struct prt_file *f = open_prt(engine[e]);
+        const struct prt_transport *t = prt_file_transport(f);
+        float(*got)[3] = ask(t, e ? &skin : NULL, PRT_ANSWER_MULTIPLE);
+        double floor = ERROR(got, want, true), body = ERROR(got, want, false);
+        print_message("%s: floor %.2f %%, body %.2f %%\n", engine[e], 100 * floor, 100 * body);
+        assert_true(floor < 0.02);
+        assert_true(body < 0.015);
+        float(*total)[3] = ask(t, e ? &skin : NULL, PRT_ANSWER_TOTAL);
+        float(*single)[3] = ask(t, e ? &skin : NULL, PRT_ANSWER_SINGLE);
+        float(*other)[3] = e ? ask(t, &milk, PRT_ANSWER_MULTIPLE) : NULL;
+        for (uint32_t v = 0; v < mesh->n_vertex; v++) {
+            if (mesh->surface[mesh->block[block[v]].surface].translucent) continue;
+            assert_memory_equal(total[v], got[v], sizeof *got);
+            assert_true(single[v][0] == 0 && single[v][1] == 0 && single[v][2] == 0);
+            if (other) assert_memory_equal(other[v], got[v], sizeof *got);
+        }
+        free(got), free(total), free(single), free(other);
+        prt_file_close(f);
+    }
+    prt_free(block);
+    free(want);
+}
+
+// A user's curve, a layered slab and normalised diffusion in place of sigma: in bakes made for a
+// dipole, with what the basis misses as bound.
+static void profiles_are_materials(void **state)
+{
+    static const char *const text[] = {wax, slab, bumps};
+    for (int i = 0; i < 3; i++) {
+        struct prt_material m = medium(text[i]);
+        float(*want)[3] = truth(&m);
+        for (int e = 1; e < 3; e++) {
+            struct prt_file *f = open_prt(engine[e]);
+            const struct prt_transport *t = prt_file_transport(f);
+            double bound = 0;
+            int status = prt_answer_material_error(&context, t, &m, PRT_ANSWER_TOTAL, &bound);
+            if (status) { // the curve's corners are too much for a basis of dipoles
+                assert_int_equal(status, PRT_ARG);
+                assert_non_null(strstr(said, "profile"));
+                assert_true(bound > PRT_MATERIAL_MOST_ERROR);
+                print_message("%s in %s: refused, %.1f %%\n", m.name, engine[e], 100 * bound);
+            } else {
+                float(*got)[3] = ask(t, &m, PRT_ANSWER_MULTIPLE);
+                double error = ERROR(got, want, false);
+                print_message("%s in %s: %.2f %%, bound %.2f %%\n", m.name, engine[e], 100 * error,
+                              100 * bound);
+                assert_true(error < bound + 0.015);
+                free(got);
+                got = ask(t, &m, PRT_ANSWER_SINGLE);
+                for (uint32_t v = 0; v < mesh->n_vertex; v++) assert_true(got[v][0] == 0);
+                free(got);
+            }
+            prt_file_close(f);
+        }
+        free(want);
+    }
+}
+
+// Baked with, a profile is held exactly: polynomial = reference where the basis is exact, and the
+// .prt remembers the profile.
+static void own_profile_is_exact(void **state)
+{
+    struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
+    static const char *const text[] = {bumps, wax, slab};
+    for (int e = 0; e < 3; e++) {
+        struct prt_bake_options o = options(text[e]);
+        o.engine = (enum prt_engine_kind[]){PRT_ENGINE_POLYNOMIAL, PRT_ENGINE_WAVELET,
+                                            PRT_ENGINE_JOINT}[e];
+        o.env = e ? NULL : &env;
+        o.no_single = e == 2;
+        assert_int_equal(prt_bake(&context, mesh, &o, file("own.prt")), PRT_OK);
+        struct prt_file *f = open_prt("own.prt");
+        const struct prt_transport *t = prt_file_transport(f);
+        assert_true(prt_material_hash(&t->material) == prt_material_hash(&o.material));
+        assert_int_equal(t->material.profile, o.material.profile);
+        float(*want)[3] = truth(&o.material), (*got)[3] = ask(t, NULL, PRT_ANSWER_MULTIPLE);
+        double error = ERROR(got, want, false), bound = 0;
+        if (e != 1)
+            assert_int_equal(prt_answer_material_error(&context, t, &o.material, PRT_ANSWER_TOTAL,
+                                                       &bound),
+                             PRT_OK);
+        print_message("%s baked with: %.2f %%, bound %.3f %%\n", o.material.name, 100 * error,
+                      100 * bound);
+        assert_true(bound < 0.004);
+        assert_true(error < 0.01);
+        free(want), free(got);
+        prt_file_close(f);
+    }
+}
+
+// Beyond the range: within the measured bound, or refused by name, value, range and unit.
+static void beyond_the_range(void **state)
+{
+    static const struct {
+        const char *json, *says; // NULL: must be answered
+    } row[] = {
+        {"{\"sigma_s_prime\":[40,30,30],\"sigma_a\":[0.1,0.1,0.1]}", NULL},
+        {"{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[3,3,3]}", NULL},
+        {"{\"sigma_s_prime\":[0.015,0.015,0.015],\"sigma_a\":[0.01,0.01,0.01]}", NULL},
+        {"{\"sigma_s_prime\":[900,1,1],\"sigma_a\":[0,0,0]}",
+         "sigma_s_prime[0] is 900, this bake covers 0.02 to 25 mm^-1"},
+        {"{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0.1,300,0.1]}",
+         "sigma_a[1] is 300, this bake covers 0 to 2 mm^-1"},
+        {"{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0,0,0],\"eta\":1.5}", "eta is 1.5"},
+        {"{\"profile\":\"burley\",\"albedo\":0.5,\"mean_free_path\":0.002}", "its profile"},
+    };
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        struct prt_material m = medium(row[i].json);
+        float(*want)[3] = row[i].says ? NULL : truth(&m);
+        for (int e = 1; e < 3; e++) {
+            struct prt_file *f = open_prt(engine[e]);
+            const struct prt_transport *t = prt_file_transport(f);
+            float(*got)[3] = calloc(t->mesh.n_vertex, sizeof *got);
+            struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .material = &m,
+                                  .light = e == 2 ? NULL : &light};
+            double bound = 0;
+            said[0] = 0;
+            int status = prt_answer_material_error(&context, t, &m, PRT_ANSWER_MULTIPLE, &bound);
+            if (row[i].says) {
+                assert_true(status == PRT_ARG || status == PRT_MISMATCH);
+                if (!strstr(said, row[i].says)) fail_msg("%s: said %s", row[i].json, said);
+                assert_int_equal(prt_answer_colors(&context, t, &q, got), status);
+                if (!strstr(said, row[i].says)) fail_msg("%s: said %s", row[i].json, said);
+            } else {
+                if (status) fail_msg("%s: %s", row[i].json, said);
+                assert_int_equal(prt_answer_colors(&context, t, &q, got), PRT_OK);
+                double error = ERROR(got, want, false);
+                print_message("%s in %s: %.2f %%, bound %.2f %%\n", row[i].json, engine[e],
+                              100 * error, 100 * bound);
+                assert_true(error < bound + 0.02);
+            }
+            free(got);
+            prt_file_close(f);
+        }
+        free(want);
+    }
+}
+
+// What a client may send wrong, each with its parameter, range and unit.
+static void refusals_name_range_and_unit(void **state)
+{
+    static const struct {
+        const char *json, *parameter, *range, *unit;
+    } row[] = {
+        {"{\"sigma_s_prime\":[1,-1,1],\"sigma_a\":[0,0,0]}", "sigma_s_prime[1]", "1e-05 to 1000",
+         "mm^-1"},
+        {"{\"sigma_s_prime\":[1,1,1e39],\"sigma_a\":[0,0,0]}", "sigma_s_prime[2]", "to 1000",
+         "mm^-1"},
+        {"{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0,0,-0.1]}", "sigma_a[2]", "0 to 1000", "mm^-1"},
+        {"{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0,0,0],\"g\":1}", "g[0]", "-0.95 to 0.95",
+         "no unit"},
+        {"{\"sigma_s_prime\":[1000,1,1],\"sigma_a\":[0,0,0],\"g\":0.9}", "extinction",
+         "0 to 5000", "mm^-1"},
+        {"{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0,0,0],\"eta\":0.9}", "eta", "1 to 3",
+         "no unit"},
+        {"{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0,0,0],\"roughness\":0}", "roughness",
+         "0.01 to 1", "no unit"},
+        {"{\"profile\":\"burley\",\"albedo\":1.5,\"mean_free_path\":1}", "albedo", "0.0001 to 1",
+         "no unit"},
+        {"{\"profile\":\"burley\",\"albedo\":0.5,\"mean_free_path\":-3}", "mean_free_path",
+         "0.001 to 10000", "mm"},
+        {"{\"profile\":\"multipole\",\"layers\":[{\"thickness\":0.001,\"sigma_s_prime\":1,"
+         "\"sigma_a\":0.1},{\"sigma_s_prime\":1,\"sigma_a\":1}]}", "thickness", "", "mm"},
+        {"{\"profile\":\"curve\",\"radius\":[0,1],\"rd\":[[-1,0],[1,0],[1,0]]}", "R_d",
+         "0 to 1e9", "mm^-2"},
+        {"{\"profile\":\"curve\",\"radius\":[0,-1],\"rd\":[[1,0],[1,0],[1,0]]}", "radius",
+         "0 to 100000", "mm"},
+    };
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        struct prt_material m;
+        said[0] = 0;
+        assert_true(prt_material_load(&context, row[i].json, &m) < 0);
+        if (!strstr(said, row[i].parameter) || !strstr(said, row[i].range) ||
+            !strstr(said, row[i].unit) || strchr(said, '\n'))
+            fail_msg("%s: said %s", row[i].json, said);
+    }
+}
+
+static double distance(const float (*a)[3], const float (*b)[3])
+{
+    return prt_relative_rmse(a[0], b[0], 3 * (size_t)mesh->n_vertex);
+}
+
+// A material that walks from one end of the range to the other jumps nowhere: each step is like
+// its neighbours.
+static void walks_without_jumps(void **state)
+{
+    enum { STEPS = 160 };
+    for (int e = 1; e < 3; e++)
+        for (int way = 0; way < 2; way++) {
+            struct prt_file *f = open_prt(engine[e]);
+            const struct prt_transport *t = prt_file_transport(f);
+            float(*before)[3] = NULL;
+            double step[STEPS] = {0}, most = 0;
+            for (int i = 0; i < STEPS; i++) {
+                double u = i / (STEPS - 1.0);
+                struct prt_material m = {.eta = 1.3f, .roughness = 0.3f};
+                for (int c = 0; c < 3; c++) {
+                    m.sigma_s_prime[c] = way ? 0.7f + (float)c : (float)(0.02 * pow(1250, u));
+                    m.sigma_a[c] = way ? (float)(u < 0.05 ? 1e-4 * u : 2 * pow(u, 6)) : 0.02f;
+                }
+                float(*now)[3] = ask(t, &m, PRT_ANSWER_MULTIPLE);
+                for (uint32_t v = 0; v < mesh->n_vertex; v++)
+                    for (int c = 0; c < 3; c++) assert_true(isfinite(now[v][c]));
+                if (before) {
+                    step[i] = distance((const float(*)[3])now, (const float(*)[3])before);
+                    most = fmax(most, step[i]);
+                }
+                free(before);
+                before = now;
+            }
+            free(before);
+            print_message("%s, %s: largest of %d steps %.3f %%\n", engine[e],
+                          way ? "sigma_a 0 to 2" : "sigma_s' 0.02 to 25", STEPS, 100 * most);
+            assert_true(most < 0.08);
+            for (int i = 2; i + 1 < STEPS; i++)
+                if (step[i] > 1.5 * fmax(step[i - 1], step[i + 1]) + 1e-3)
+                    fail_msg("step %d is %g between %g and %g", i, step[i], step[i - 1],
+                             step[i + 1]);
+            prt_file_close(f);
+        }
+}
+
+// Twice the light is twice the colours, and lights add up, whatever the material.
+static void linear_in_the_light(void **state)
+{
+    struct prt_file *f = open_prt("joint.prt");
+    const struct prt_transport *t = prt_file_transport(f);
+    struct prt_material m = medium("ketchup");
+    struct prt_cube part[2];
+    float(*got[3])[3];
+    for (int k = 0; k < 2; k++) {
+        assert_int_equal(prt_cube_init(&part[k], 16), PRT_OK);
+        for (uint32_t i = 0; i < 6 * 256 * 3; i++)
+            part[k].texel[i] = light.texel[i] * (i % 7 < 3 ? (float)k : (float)(1 - k));
+    }
+    for (int k = 0; k < 3; k++) {
+        struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .material = &m,
+                              .light = k < 2 ? &part[k] : &light};
+        got[k] = calloc(mesh->n_vertex, sizeof **got);
+        assert_int_equal(prt_answer_colors(&context, t, &q, got[k]), PRT_OK);
+    }
+    for (uint32_t v = 0; v < mesh->n_vertex; v++)
+        for (int c = 0; c < 3; c++) got[0][v][c] += got[1][v][c];
+    assert_true(distance((const float(*)[3])got[0], (const float(*)[3])got[2]) < 1e-3);
+    for (int k = 0; k < 3; k++) free(got[k]);
+    for (int k = 0; k < 2; k++) prt_cube_finish(&part[k]);
+    prt_file_close(f);
+}
+
+// Light first, then material; material first, then light: the same colours.
+static void either_way_round(void **state)
+{
+    struct prt_file *f = open_prt("joint.prt");
+    const struct prt_transport *t = prt_file_transport(f);
+    const struct prt_tensor *free_tensor = &t->tensor[0];
+    assert_int_equal(free_tensor->coupling, PRT_COUPLE_FULL);
+    struct prt_light haar;
+    assert_int_equal(prt_light_from_cube(&light, &haar), PRT_OK);
+    static const char *const name[] = {"skin2", "cream", "ketchup"};
+    for (int i = 0; i < 3; i++) {
+        struct prt_material m = medium(name[i]);
+        struct prt_radial *radial;
+        float coef[3 * 64];
+        assert_int_equal(prt_tensor_radial(&context, t, free_tensor, &radial), PRT_OK);
+        assert_int_equal(prt_radial_fit_material(radial, &m, coef, NULL), PRT_OK);
+        prt_radial_destroy(radial);
+        struct prt_tensor fixed = *free_tensor;
+        fixed.coupling = PRT_COUPLE_DIAGONAL;
+        fixed.n_function = 3;
+        fixed.n_radial = 0;
+        assert_int_equal(prt_rows_fold(&context, free_tensor, coef, &fixed.rows), PRT_OK);
+        float(*a)[3] = calloc(mesh->n_vertex, sizeof *a), (*b)[3] = calloc(mesh->n_vertex, sizeof *b);
+        const struct prt_light *one = &haar;
+        assert_int_equal(prt_relight(&context, free_tensor, 1, &one, coef, false, a[0]), PRT_OK);
+        assert_int_equal(prt_relight(&context, &fixed, 1, &one, NULL, false, b[0]), PRT_OK);
+        double d = distance((const float(*)[3])b, (const float(*)[3])a);
+        print_message("%s: the two ways differ by %.4f %%\n", name[i], 100 * d);
+        assert_true(d < 2e-3);
+        free(a), free(b);
+        prt_rows_finish(&fixed.rows);
+    }
+    prt_light_finish(&haar);
+    prt_file_close(f);
+}
+
+// The reference of many media and lights is that of each.
+static void reference_of_many(void **state)
+{
+    struct prt_material a = medium("skin1"), b = medium(wax);
+    const struct prt_material *media[2] = {&a, &b};
+    struct prt_cube dim;
+    assert_int_equal(prt_cube_init(&dim, 16), PRT_OK);
+    for (int i = 0; i < 6 * 256 * 3; i++) dim.texel[i] = 0.5f;
+    const struct prt_cube *lights[2] = {&light, &dim};
+    uint32_t vertex[40];
+    float many[4][40][3], one[40][3];
+    float(*const color[4])[3] = {many[0], many[1], many[2], many[3]};
+    for (uint32_t i = 0; i < 40; i++) vertex[i] = i * 13 % mesh->n_vertex;
+    struct prt_reference_options o = {.term = PRT_REFERENCE_TOTAL, .n_sample = 4000, .n_ray = 256,
+                                      .n_single = 256, .vertex = vertex, .n_vertex = 40};
+    assert_int_equal(prt_reference_many(&context, mesh, 2, media, 2, lights, &o, color), PRT_OK);
+    for (int k = 0; k < 4; k++) {
+        assert_int_equal(prt_reference_colors(&context, mesh, media[k / 2], lights[k % 2], &o, one),
+                         PRT_OK);
+        // media of other mean free paths have other cells
+        assert_true(prt_relative_rmse(many[k][0], one[0], 120) < 0.01);
+    }
+    b.eta = 1.5f;
+    assert_int_equal(prt_reference_many(&context, mesh, 2, media, 2, lights, &o, color),
+                     PRT_MISMATCH);
+    prt_cube_finish(&dim);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(opaque_receivers),
+        cmocka_unit_test(profiles_are_materials),
+        cmocka_unit_test(own_profile_is_exact),
+        cmocka_unit_test(beyond_the_range),
+        cmocka_unit_test(refusals_name_range_and_unit),
+        cmocka_unit_test(walks_without_jumps),
+        cmocka_unit_test(linear_in_the_light),
+        cmocka_unit_test(either_way_round),
+        cmocka_unit_test(reference_of_many),
+    };
+    return cmocka_run_group_tests(tests, set_up, clean_up);
+}
