@@ -34,11 +34,40 @@ void samples_finish(struct samples *s);
 /* Atlas: n texels of equal area along a space-filling curve of each object's triangles. */
 int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
                   struct samples *out);
-/* Depth layers along the three axes, spacing mm apart, each keeping what faces it most. */
 struct grid {
     const uint32_t *triangle_block;
     float spacing_mm, phase[2], turn; /* where its points fall: shares of a step; radians */
 };
+/* The same in the model's own uv; *injective false, and no samples, when two places share one. */
+int samples_uv_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
+                     struct samples *out, bool *injective);
+/* Samples by object and code, 30 bits of which lie under the object. */
+enum { CODE_BITS = 30 };
+struct key {
+    uint64_t code;
+    uint32_t index;
+};
+struct key *sort_keys(struct key *key, struct key *other, size_t n);
+double place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv, struct samples *s,
+             uint32_t at);
+double triangle_area(const struct prt_mesh *mesh, uint32_t t);
+bool block_translucent(const struct prt_mesh *mesh, uint32_t block);
+/* A distant light's view as a picture: what each cell of its grid shows. */
+struct light_map {
+    uint32_t nu, nv;
+    float origin[3], u[3], v[3], d[3], step;
+    struct light_texel {
+        float p[3];            /* mm */
+        uint32_t object;       /* UINT32_MAX: nothing translucent */
+        float e[3];            /* irradiance per area across the light, F_t included */
+        float unused;
+    } *texel;                  /* [nv][nu] */
+};
+int light_map_make(const struct prt_context *ctx, const struct prt_scene *scene,
+                   const struct prt_screen_light *light, const struct grid *grid,
+                   const float *eta, struct light_map *out, uint64_t *n_ray);
+void light_map_finish(struct light_map *map);
+/* Depth layers along the three axes, spacing mm apart, each keeping what faces it most. */
 int samples_peel(const struct prt_context *ctx, const struct prt_scene *scene,
                  const struct grid *grid, struct samples *out, uint64_t *n_ray);
 /* The grid of points a distant light sees, with its irradiance already in e. */
@@ -134,6 +163,17 @@ struct view_cache {
 };
 void view_finish(struct view_cache *v);
 
+/* What tangent-plane sampling reads of a view, kept while the view stays. */
+struct tangent_view {
+    uint64_t key;
+    struct samples seen;       /* the G-buffer's points; e is the frame's */
+    uint32_t *point_of;        /* [pixel] the point it is known by, or UINT32_MAX */
+    uint8_t *variant, *needed; /* [n_point] interleaved pattern; whether light is computed there */
+    float *share;              /* [n_point] of its pixel that its object covers */
+    double *area_cdf;          /* [n_point+1] mm^2 seen, running */
+};
+void tangent_view_finish(struct tangent_view *v);
+
 struct prt_screen {
     const struct prt_mesh *mesh;
     const struct prt_scene *scene;
@@ -146,7 +186,10 @@ struct prt_screen {
     uint64_t peel_seed;
     uint32_t *triangle_block;      /* [n_triangle] */
     uint32_t atlas_size;
+    bool atlas_uv;                 /* in the model's own uv */
     struct view_cache view[VIEWS]; /* views last drawn */
+    struct tangent_view tangent;
+    int uv_state;                  /* of the model's own uv: 0 not looked at, 1 injective, -1 not */
     uint64_t clock;
     double slowness[4];            /* engine's seconds over plan_seconds, as seen; 0: not yet */
 };
@@ -192,6 +235,9 @@ int scatter_tree(struct frame *f, const struct radial_table *table, const struct
 int frame_atlas(struct frame *f, uint32_t n);
 float smallest_mean_free_path(const struct frame *f);
 
+/* C08's local pattern at every receiver. */
+int scatter_pattern(struct frame *f, double r_p, float spacing, float reach);
+
 /* Few enough distant lights, and nothing else, that each may have its own view. */
 bool only_light_views(const struct frame *f);
 /* The frame's grid: coherent while seed and frame stay. */
@@ -205,6 +251,22 @@ int engine_splat(struct frame *f);
 int engine_tangent(struct frame *f);
 int engine_texture(struct frame *f, bool hybrid);
 int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double *error);
+
+/* Maps over uv. map_media: every point's medium, objects apart: factors of sigma_s', sigma_a. */
+enum { MOST_MEDIA = 48 };
+struct media {
+    uint32_t n;
+    uint8_t *of;               /* [n_point] */
+    float (*factor)[6];        /* [n] */
+    uint32_t *object;          /* [n] */
+};
+int map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
+              const struct prt_screen_map *map, bool factor);
+void map_lookup(const struct prt_screen_map *map, const float uv[2], float rgb[3]);
+void point_uv(const struct frame *f, uint32_t i, float uv[2]);
+int map_normals(const struct frame *f, struct samples *s);
+int map_media(const struct frame *f, struct media *out);
+void media_finish(struct media *media);
 
 /* Seconds of two cores and relative RMSE foreseen; the samples that fit; what a frame took. */
 double plan_seconds(enum prt_screen_engine e, uint32_t n, uint32_t n_point, uint32_t n_light);

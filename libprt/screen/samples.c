@@ -33,13 +33,13 @@ void samples_finish(struct samples *s)
     memset(s, 0, sizeof *s);
 }
 
-static bool translucent(const struct prt_mesh *mesh, uint32_t block)
+bool block_translucent(const struct prt_mesh *mesh, uint32_t block)
 {
     return mesh->surface[mesh->block[block].surface].translucent != 0;
 }
 
 // Position, smooth normal and face normal of a place in a triangle; its area.
-static double place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv,
+double place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv,
                     struct samples *s, uint32_t at)
 {
     const uint32_t *v = mesh->triangle[t];
@@ -80,13 +80,9 @@ static uint32_t spread3(uint32_t x)
     return (x | x << 2) & 0x09249249;
 }
 
-// Object above a place on a Morton curve of 1024³ cells.
-struct key {
-    uint64_t code;
-    uint32_t index;
-};
-enum { CODE_BITS = 30, DIGIT = 11, DIGITS = 1 << DIGIT };
+enum { DIGIT = 11, DIGITS = 1 << DIGIT };
 
+// A place on a Morton curve of 1024³ cells.
 static uint64_t morton(const float lo[3], float inv_edge, const float p[3])
 {
     uint32_t code = 0;
@@ -99,7 +95,7 @@ static uint64_t morton(const float lo[3], float inv_edge, const float p[3])
 
 // Stable radix sort, as many digits as the largest code has. Returns the array that holds the
 // result, one of the two.
-static struct key *sort_keys(struct key *key, struct key *other, size_t n)
+struct key *sort_keys(struct key *key, struct key *other, size_t n)
 {
     uint64_t all = 0;
     for (size_t i = 0; i < n; i++) all |= key[i].code;
@@ -142,7 +138,7 @@ static void walk_triangle(double f, double *bu, double *bv)
     *bv = (a[1] + b[1] + c[1]) / 3;
 }
 
-static double area_of(const struct prt_mesh *mesh, uint32_t t)
+double triangle_area(const struct prt_mesh *mesh, uint32_t t)
 {
     const float *a = mesh->position[mesh->triangle[t][0]];
     const float *b = mesh->position[mesh->triangle[t][1]];
@@ -169,7 +165,7 @@ static struct key *order_triangles(const struct prt_mesh *mesh, uint32_t *n_out,
     float inv = inverse_edge(box);
     uint32_t n = 0;
     for (uint32_t b = 0; b < mesh->n_block; b++) {
-        if (!translucent(mesh, b)) continue;
+        if (!block_translucent(mesh, b)) continue;
         const struct prt_block *k = &mesh->block[b];
         for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle; t++) {
             float c[3] = {0, 0, 0};
@@ -192,7 +188,7 @@ int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, ui
     uint64_t count = 0;
     if (!key || !end) goto nomem;
     for (uint32_t i = 0; i < n_key; i++) {
-        total += area_of(mesh, key[i].index);
+        total += triangle_area(mesh, key[i].index);
         end[i] = total;
     }
     if (!(total > 0)) {
@@ -232,7 +228,7 @@ nomem:
 
 struct hit {
     uint64_t code;
-    uint32_t triangle;
+    uint32_t triangle, column;
     float u, v, area;
 };
 struct row {
@@ -289,7 +285,7 @@ static void face_normal(const struct prt_mesh *mesh, uint32_t t, double n[3])
 // What a hit is worth as an area sample; 0: nothing.
 static float hit_area(const struct view *view, uint32_t t)
 {
-    if (!translucent(view->mesh, view->triangle_block[t])) return 0;
+    if (!block_translucent(view->mesh, view->triangle_block[t])) return 0;
     double n[3], c = 0;
     face_normal(view->mesh, t, n);
     for (int k = 0; k < 3; k++) c += n[k] * view->d[k];
@@ -343,7 +339,7 @@ static int view_rows(void *arg, size_t begin, size_t end, unsigned worker)
                     if (t == UINT32_MAX || view->axis < 0) mask &= ~(1u << k);
                     if (t == UINT32_MAX) continue;
                     float area = hit_area(view, t);
-                    struct hit hit = {hit_code(view, &p, k), t, p.u[k], p.v[k], area};
+                    struct hit hit = {hit_code(view, &p, k), t, i + k, p.u[k], p.v[k], area};
                     if (area > 0 && !push_hit(&view->row[j], hit)) return PRT_NOMEM;
                     p.tnear[k] = p.t[k] * 1.000001f + view->epsilon;
                     p.tfar[k] = view->length;
@@ -442,7 +438,7 @@ static void extent(const struct prt_mesh *mesh, const float d[3], double *lo, do
     *lo = INFINITY;
     *hi = -INFINITY;
     for (uint32_t b = 0; b < mesh->n_block; b++) {
-        if (!translucent(mesh, b)) continue;
+        if (!block_translucent(mesh, b)) continue;
         const struct prt_block *k = &mesh->block[b];
         for (uint32_t v = k->vertex_begin; v < k->vertex_begin + k->n_vertex; v++) {
             double x = 0;
@@ -500,14 +496,13 @@ int samples_peel(const struct prt_context *ctx, const struct prt_scene *scene,
     return status;
 }
 
-int samples_light_view(const struct prt_context *ctx, const struct prt_scene *scene,
-                       const struct prt_screen_light *light, const struct grid *grid,
-                       const float *eta, struct samples *out, uint32_t *n_grid, uint64_t *n_ray)
+// A light's view: along the light, u and v across it.
+static void aim(struct view *view, const struct prt_mesh *mesh, const struct prt_scene *scene,
+                const struct prt_screen_light *light, const struct grid *grid)
 {
-    const struct prt_mesh *mesh = prt_scene_mesh(scene);
-    struct view view = {.scene = scene, .mesh = mesh, .axis = -1, .step = grid->spacing_mm,
-                        .epsilon = prt_scene_epsilon(scene)};
-    view.triangle_block = grid->triangle_block;
+    *view = (struct view){.scene = scene, .mesh = mesh, .axis = -1, .step = grid->spacing_mm,
+                          .epsilon = prt_scene_epsilon(scene),
+                          .triangle_block = grid->triangle_block};
     const float *w = light->where;
     int least = fabsf(w[0]) < fabsf(w[1]) ? 0 : 1;
     if (fabsf(w[2]) < fabsf(w[least])) least = 2;
@@ -516,33 +511,112 @@ int samples_light_view(const struct prt_context *ctx, const struct prt_scene *sc
     float l = 0;
     for (int k = 0; k < 3; k++) {
         int i = (k + 1) % 3, j = (k + 2) % 3;
-        view.d[k] = -w[k];
-        view.u[k] = w[i] * helper[j] - w[j] * helper[i];
-        l += view.u[k] * view.u[k];
+        view->d[k] = -w[k];
+        view->u[k] = w[i] * helper[j] - w[j] * helper[i];
+        l += view->u[k] * view->u[k];
     }
-    for (int k = 0; k < 3; k++) view.u[k] /= sqrtf(l);
+    for (int k = 0; k < 3; k++) view->u[k] /= sqrtf(l);
     float across[3], cosine = cosf(grid->turn), sine = sinf(grid->turn);
     for (int k = 0; k < 3; k++) {
         int i = (k + 1) % 3, j = (k + 2) % 3;
-        across[k] = w[i] * view.u[j] - w[j] * view.u[i];
+        across[k] = w[i] * view->u[j] - w[j] * view->u[i];
     }
     for (int k = 0; k < 3; k++) {
-        float u = view.u[k];
-        view.u[k] = cosine * u + sine * across[k];
-        view.v[k] = cosine * across[k] - sine * u;
+        float u = view->u[k];
+        view->u[k] = cosine * u + sine * across[k];
+        view->v[k] = cosine * across[k] - sine * u;
     }
     // rays start before anything that could cast a shadow
     double ends[2] = {INFINITY, -INFINITY};
     for (uint32_t v = 0; v < mesh->n_vertex; v++) {
         double x = 0;
-        for (int k = 0; k < 3; k++) x += (double)view.d[k] * mesh->position[v][k];
+        for (int k = 0; k < 3; k++) x += (double)view->d[k] * (double)mesh->position[v][k];
         ends[0] = fmin(ends[0], x);
         ends[1] = fmax(ends[1], x);
     }
-    set_view(&view, mesh, grid, ends);
+    set_view(view, mesh, grid, ends);
+}
+
+int samples_light_view(const struct prt_context *ctx, const struct prt_scene *scene,
+                       const struct prt_screen_light *light, const struct grid *grid,
+                       const float *eta, struct samples *out, uint32_t *n_grid, uint64_t *n_ray)
+{
+    struct view view;
+    aim(&view, prt_scene_mesh(scene), scene, light, grid);
     *n_grid = view.nu > view.nv ? view.nu : view.nv;
     int status = trace_view(ctx, &view, n_ray);
     if (!status) status = collect(ctx, &view, 1, light, eta, out);
     free_view(&view);
     return status;
+}
+
+struct map_job {
+    struct view *view;
+    struct light_map *map;
+    const struct prt_screen_light *light;
+    const float *eta;
+};
+
+static int fill_map(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct map_job *job = arg;
+    const struct view *view = job->view;
+    for (size_t j = begin; j < end; j++) {
+        struct light_texel *row = job->map->texel + j * view->nu;
+        for (uint32_t i = 0; i < view->nu; i++) row[i].object = UINT32_MAX;
+        for (uint32_t i = 0; i < view->row[j].n; i++) {
+            const struct hit *h = &view->row[j].hit[i];
+            const uint32_t *v = view->mesh->triangle[h->triangle];
+            struct light_texel *q = &row[h->column];
+            float w[3] = {1 - h->u - h->v, h->u, h->v}, n[3], l = 0, c = 0;
+            for (int k = 0; k < 3; k++) {
+                q->p[k] = n[k] = 0;
+                for (int a = 0; a < 3; a++) {
+                    q->p[k] += w[a] * view->mesh->position[v[a]][k];
+                    n[k] += w[a] * view->mesh->normal[v[a]][k];
+                }
+                l += n[k] * n[k];
+                c += n[k] * job->light->where[k];
+            }
+            q->object = (uint32_t)(h->code >> CODE_BITS);
+            c = l > 0 ? c / sqrtf(l) : 0;
+            // E dA is F_t cos L dA: per area across the light the cosine to the face goes
+            double f = c > 0 ? prt_fresnel_transmittance((double)job->eta[q->object],
+                                                         fmin((double)c, 1)) * (double)c : 0;
+            double area = (double)(h->area / (view->step * view->step));
+            for (int k = 0; k < 3; k++) q->e[k] = (float)(f * area) * job->light->rgb[k];
+        }
+    }
+    return PRT_OK;
+}
+
+int light_map_make(const struct prt_context *ctx, const struct prt_scene *scene,
+                   const struct prt_screen_light *light, const struct grid *grid,
+                   const float *eta, struct light_map *out, uint64_t *n_ray)
+{
+    struct view view;
+    memset(out, 0, sizeof *out);
+    aim(&view, prt_scene_mesh(scene), scene, light, grid);
+    int status = trace_view(ctx, &view, n_ray);
+    out->nu = view.nu;
+    out->nv = view.nv;
+    out->step = view.step;
+    for (int k = 0; k < 3; k++) {
+        out->origin[k] = view.origin[k];
+        out->u[k] = view.u[k];
+        out->v[k] = view.v[k];
+        out->d[k] = view.d[k];
+    }
+    if (!status && !(out->texel = prt_calloc((size_t)view.nu * view.nv, sizeof *out->texel)))
+        status = prt_fail(ctx, PRT_NOMEM, "screen: no memory for a light's view");
+    struct map_job job = {&view, out, light, eta};
+    if (!status) status = prt_parallel_for(ctx, NULL, view.nv, 8, fill_map, &job);
+    free_view(&view);
+    return status;
+}
+
+void light_map_finish(struct light_map *map)
+{
+    prt_free(map->texel);
+    map->texel = NULL;
 }

@@ -61,6 +61,7 @@ void prt_screen_destroy(struct prt_screen *s)
     samples_finish(&s->atlas);
     samples_finish(&s->peel);
     for (int k = 0; k < VIEWS; k++) view_finish(&s->view[k]);
+    tangent_view_finish(&s->tangent);
     prt_free(s->triangle_block);
     if (s->own_scene) prt_scene_destroy(s->own_scene);
     prt_free(s);
@@ -77,12 +78,22 @@ float smallest_mean_free_path(const struct frame *f)
 int frame_atlas(struct frame *f, uint32_t n)
 {
     struct prt_screen *s = f->screen;
-    if (!s->atlas.n || s->atlas_size != n) {
+    bool exact = f->options->engine == PRT_SCREEN_REFERENCE;
+    if (!s->atlas.n || s->atlas_size != n || (exact && s->atlas_uv)) {
         samples_finish(&s->atlas);
         s->atlas_size = n;
-        int status = samples_atlas(f->ctx, s->mesh, n, &s->atlas);
+        // the reference keeps to texels of equal area
+        bool own_uv = s->uv_state >= 0 && !exact;
+        int status = PRT_OK;
+        s->atlas_uv = false;
+        if (own_uv) {
+            status = samples_uv_atlas(f->ctx, s->mesh, n, &s->atlas, &s->atlas_uv);
+            s->uv_state = s->atlas_uv ? 1 : -1;
+        }
+        if (!status && !s->atlas_uv) status = samples_atlas(f->ctx, s->mesh, n, &s->atlas);
         if (status) return status;
     }
+    f->report->uv_atlas = s->atlas_uv;
     if (f->options->sh_irradiance && f->cube) {
         irradiance_harmonics(f->cube, f->eta, &s->atlas);
         return PRT_OK;
@@ -188,8 +199,27 @@ static int check_options(const struct prt_context *ctx, const struct prt_screen_
     if (o->n_sample > most[o->engine] || o->n_sample == 1)
         return prt_fail(ctx, PRT_ARG, "screen: %u samples for %s: 2 to %u are allowed", o->n_sample,
                         engine_name[o->engine], most[o->engine]);
+    if ((o->rings > 0) != (o->spokes > 0) || o->rings > 256 || o->spokes > 256)
+        return prt_fail(ctx, PRT_ARG, "screen: a pattern of %u rings of %u: 1 to 256 of both",
+                        o->rings, o->spokes);
     if (!(o->budget_ms >= 0 && o->bound >= 0 && o->epsilon >= 0 && o->epsilon < 1))
         return prt_fail(ctx, PRT_ARG, "screen: budget and bound must be >= 0, epsilon in [0,1)");
+    return PRT_OK;
+}
+
+static int check_maps(const struct frame *f)
+{
+    const struct prt_screen_options *o = f->options;
+    const struct prt_screen_map *map[4] = {o->sigma_s_map, o->sigma_a_map, o->bump_map,
+                                           o->normal_map};
+    for (int k = 0; k < 4; k++) {
+        if (!map[k]) continue;
+        if (o->engine != PRT_SCREEN_TANGENT)
+            return prt_fail(f->ctx, PRT_ARG, "screen: maps are for tangent, not %s",
+                            prt_screen_engine_name(o->engine));
+        int status = map_check(f->ctx, f->screen->mesh, map[k], k < 2);
+        if (status) return status;
+    }
     return PRT_OK;
 }
 
@@ -228,6 +258,7 @@ static int begin_frame(struct frame *f, const struct prt_material *material, uin
     f->n_object = f->screen->mesh->n_object;
     f->seed = f->options->seed + (uint64_t)f->options->frame * 0x9e3779b97f4a7c15ULL;
     int status = check_options(f->ctx, f->options);
+    if (!status) status = check_maps(f);
     if (!status) status = make_tables(f, material);
     if (!status) status = make_lights(f, n_extra, extra);
     f->view_key = view_key(f);

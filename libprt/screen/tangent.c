@@ -43,7 +43,7 @@ double prt_screen_tangent_radius(const struct prt_dipole d[3], double xi, double
 // One of the 4x4 interleaved sets of samples.
 struct pattern {
     float *cosine, *sine;      // [n_tangent]
-    float **radius, **density; // [object][n_tangent] mm, mm^-2
+    float **radius, **density; // [medium][n_tangent] mm, mm^-2
     uint32_t *uniform;         // [n_uniform] G-buffer points
 };
 
@@ -60,11 +60,12 @@ struct seen {
 struct tangent_job {
     const struct seen *seen;   // [n_point]
     const float *face[3];
-    const uint8_t *opaque;
-    uint8_t *variant;
-    uint32_t *point_of;        // [pixel] or UINT32_MAX
-    const struct radial_table *table;
-    float (*inv_rho)[3];       // [object] 1 / (3 rho_d)
+    const uint8_t *needed, *variant, *medium; // [n_point]; medium NULL: the object's
+    const uint32_t *point_of;  // [pixel] or UINT32_MAX
+    const struct radial_table *table; // [medium]
+    struct prt_dipole (*dipole)[3];
+    float (*inv_rho)[3];       // [medium] 1 / (3 rho_d)
+    uint32_t n_medium;
     struct pattern pattern[VARIANTS];
     uint32_t n_tangent, n_uniform, width, height;
     float visible_area, slack, eye[3], forward[3], right[3], up[3];
@@ -126,8 +127,9 @@ static bool seen_samples(const struct frame *f, struct samples *s)
     return true;
 }
 
-static void finish(struct tangent_job *job, uint32_t n_object)
+static void finish(struct tangent_job *job)
 {
+    uint32_t n_object = job->n_medium;
     for (int v = 0; v < VARIANTS; v++) {
         struct pattern *p = &job->pattern[v];
         free(p->cosine);
@@ -140,9 +142,18 @@ static void finish(struct tangent_job *job, uint32_t n_object)
         free(p->radius);
         free(p->density);
     }
-    free(job->variant);
-    free(job->point_of);
     free(job->inv_rho);
+}
+
+void tangent_view_finish(struct tangent_view *v)
+{
+    samples_finish(&v->seen);
+    free(v->point_of);
+    free(v->variant);
+    free(v->needed);
+    free(v->share);
+    free(v->area_cdf);
+    memset(v, 0, sizeof *v);
 }
 
 static double radical_inverse(uint32_t base, uint32_t i)
@@ -155,11 +166,34 @@ static double radical_inverse(uint32_t base, uint32_t i)
     return r;
 }
 
-// Radii at equal steps of the mixture's distribution on a golden-angle spiral; the variants'
-// steps interleave and their spirals are turned.
+struct radii_job {
+    struct tangent_job *job;
+};
+
+// Radii at equal steps of the mixture's distribution; the variants' steps interleave.
+static int make_radii(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct tangent_job *job = ((struct radii_job *)arg)->job;
+    uint32_t n = job->n_tangent * VARIANTS;
+    for (size_t o = begin; o < end; o++) {
+        double r = 0;
+        for (uint32_t k = 0; k < n; k++) {
+            struct pattern *p = &job->pattern[k * 7 % VARIANTS];
+            float at[3], density = 0;
+            r = prt_screen_tangent_radius(job->dipole[o], (k + 0.5) / n, r);
+            radial_table_eval(&job->table[o], (float)(r * r), at);
+            for (int c = 0; c < 3; c++) density += job->inv_rho[o][c] * at[c];
+            p->radius[o][k / VARIANTS] = (float)r;
+            p->density[o][k / VARIANTS] = density;
+        }
+    }
+    return PRT_OK;
+}
+
+// Golden-angle spirals, each variant's turned; uniform points at equal steps of visible area.
 static bool make_patterns(struct tangent_job *job, const struct frame *f, const double *area_cdf)
 {
-    uint32_t n = job->n_tangent, total = n * VARIANTS;
+    uint32_t n = job->n_tangent;
     struct prt_rng rng;
     prt_rng_init(&rng, f->seed, 100);
     for (uint32_t v = 0; v < VARIANTS; v++) {
@@ -167,8 +201,8 @@ static bool make_patterns(struct tangent_job *job, const struct frame *f, const 
         p->cosine = malloc((n + 1) * sizeof(float));
         p->sine = malloc((n + 1) * sizeof(float));
         p->uniform = malloc((job->n_uniform + 1) * sizeof(uint32_t));
-        p->radius = calloc(f->n_object, sizeof *p->radius);
-        p->density = calloc(f->n_object, sizeof *p->density);
+        p->radius = calloc(job->n_medium + 1, sizeof *p->radius);
+        p->density = calloc(job->n_medium + 1, sizeof *p->density);
         if (!p->cosine || !p->sine || !p->uniform || !p->radius || !p->density) return false;
         double turn = radical_inverse(2, v) + (double)prt_rng_f32(&rng);
         for (uint32_t i = 0; i < n; i++) {
@@ -176,7 +210,7 @@ static bool make_patterns(struct tangent_job *job, const struct frame *f, const 
             p->cosine[i] = (float)cos(phi);
             p->sine[i] = (float)sin(phi);
         }
-        for (uint32_t o = 0; o < f->n_object; o++) {
+        for (uint32_t o = 0; o < job->n_medium; o++) {
             p->radius[o] = malloc((n + 1) * sizeof(float));
             p->density[o] = malloc((n + 1) * sizeof(float));
             if (!p->radius[o] || !p->density[o]) return false;
@@ -193,25 +227,15 @@ static bool make_patterns(struct tangent_job *job, const struct frame *f, const 
             p->uniform[i] = lo;
         }
     }
-    for (uint32_t o = 0; o < f->n_object; o++) {
-        double r = 0;
-        for (uint32_t k = 0; k < total; k++) {
-            struct pattern *p = &job->pattern[k * 7 % VARIANTS];
-            float at[3], density = 0;
-            r = prt_screen_tangent_radius(f->dipole[o], (k + 0.5) / total, r);
-            radial_table_eval(&f->table[o], (float)(r * r), at);
-            for (int c = 0; c < 3; c++) density += job->inv_rho[o][c] * at[c];
-            p->radius[o][k / VARIANTS] = (float)r;
-            p->density[o][k / VARIANTS] = density;
-        }
-    }
-    return true;
+    struct radii_job radii = {job};
+    return prt_parallel_for(f->ctx, NULL, job->n_medium, 1, make_radii, &radii) == PRT_OK;
 }
 
 // Surface area behind each visible translucent point, running: its pixel's share of solid angle.
 static double *visible_areas(const struct frame *f, const struct tangent_job *job,
-                             const struct samples *s)
+                             const struct tangent_view *view)
 {
+    const struct samples *s = &view->seen;
     double *cdf = malloc(((size_t)f->g.n_point + 1) * sizeof *cdf);
     if (!cdf) return NULL;
     double tan_x = 0, tan_y = 0;
@@ -230,26 +254,48 @@ static double *visible_areas(const struct frame *f, const struct tangent_job *jo
             c += v * s->face[k][i];
         }
         // only the point a pixel is known by can be drawn, with all of the pixel's area
-        bool own = job->point_of[f->g.pixel[i]] == i;
+        bool own = view->point_of[f->g.pixel[i]] == i;
         double area = own ? pixel * z * z * z / fmax(fabs(c), 0.02 * sqrt(d2)) : 0;
         cdf[i + 1] = cdf[i] + (area > 0 && isfinite(area) ? area : 0);
     }
     return cdf;
 }
 
+// Close enough on one patch of surface to share light.
+static bool alike(const struct frame *f, const struct samples *s, uint32_t i, uint32_t j,
+                  float reach_sq)
+{
+    float d2 = 0, c = 0;
+    if (s->object[i] != s->object[j]) return false;
+    for (int k = 0; k < 3; k++) {
+        float e = s->p[k][j] - s->p[k][i];
+        d2 += e * e;
+        c += f->g.normal[k][i] * f->g.normal[k][j];
+    }
+    return d2 <= reach_sq && c >= 0.8f;
+}
+
 // The point that stands for each pixel: the heaviest translucent one.
-static bool map_pixels(const struct frame *f, struct tangent_job *job)
+static bool map_pixels(const struct frame *f, struct tangent_view *v)
 {
     size_t n = (size_t)f->width * f->height;
-    job->point_of = malloc((n + 1) * sizeof *job->point_of);
-    job->variant = malloc(f->g.n_point + 1);
-    if (!job->point_of || !job->variant) return false;
-    memset(job->point_of, 0xff, n * sizeof *job->point_of);
+    v->point_of = malloc((n + 1) * sizeof *v->point_of);
+    v->variant = malloc(f->g.n_point + 1);
+    v->needed = malloc(f->g.n_point + 1);
+    if (!v->point_of || !v->variant || !v->needed) return false;
+    memset(v->point_of, 0xff, n * sizeof *v->point_of);
     for (uint32_t i = 0; i < f->g.n_point; i++) {
-        uint32_t pixel = f->g.pixel[i], *at = &job->point_of[pixel];
-        job->variant[i] = (uint8_t)(pixel / f->width % 4 * 4 + pixel % f->width % 4);
+        uint32_t pixel = f->g.pixel[i], *at = &v->point_of[pixel];
+        v->variant[i] = (uint8_t)(pixel / f->width % 4 * 4 + pixel % f->width % 4);
         if (f->g.opaque[i]) continue;
         if (*at == UINT32_MAX || f->g.weight[i] > f->g.weight[*at]) *at = i;
+    }
+    // a pixel's other points take its light where they lie on the same patch
+    float pixel = view_pixel_mm(f);
+    for (uint32_t i = 0; i < f->g.n_point; i++) {
+        uint32_t own = v->point_of[f->g.pixel[i]];
+        v->needed[i] = !f->g.opaque[i] &&
+                       (own == i || !alike(f, &v->seen, i, own, 4 * pixel * pixel));
     }
     return true;
 }
@@ -257,36 +303,38 @@ static bool map_pixels(const struct frame *f, struct tangent_job *job)
 struct filter_job {
     const struct frame *f;
     const struct tangent_job *tangent;
+    const struct samples *seen;
     const float (*in)[3];
     float reach_sq;
+    int half;
 };
 
 // Interleaved samples are put together again: each of the 16 variants weighs the same in a 5x5
-// window whose rim counts half. Only pixels on the same patch of surface take part.
+// window whose rim counts half. Only pixels on the same patch of surface take part. Later frames
+// of a running mean need less of it.
 static int filter_points(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct filter_job *job = arg;
     const struct frame *f = job->f;
     const struct tangent_job *t = job->tangent;
-    int width = (int)f->width, height = (int)f->height;
+    const struct samples *s = job->seen;
+    int width = (int)f->width, height = (int)f->height, half = job->half;
     for (size_t i = begin; i < end; i++) {
         if (f->g.opaque[i]) continue;
         int x = (int)(f->g.pixel[i] % f->width), y = (int)(f->g.pixel[i] / f->width);
+        uint32_t own = t->needed[i] ? (uint32_t)i : t->point_of[f->g.pixel[i]];
         float sum[3] = {0, 0, 0}, total = 0;
-        for (int dy = -2; dy <= 2; dy++) {
+        for (int dy = -half; dy <= half; dy++) {
             if (y + dy < 0 || y + dy >= height) continue;
-            for (int dx = -2; dx <= 2; dx++) {
+            for (int dx = -half; dx <= half; dx++) {
                 if (x + dx < 0 || x + dx >= width) continue;
                 uint32_t j = t->point_of[(y + dy) * width + x + dx];
-                if (!dx && !dy) j = (uint32_t)i;
-                if (j == UINT32_MAX || t->seen[j].object != t->seen[i].object) continue;
-                float d2 = 0, c = 0;
-                for (int k = 0; k < 3; k++) {
-                    float e = t->seen[j].p[k] - t->seen[i].p[k];
-                    d2 += e * e;
-                    c += f->g.normal[k][i] * f->g.normal[k][j];
+                if (!dx && !dy) j = own;
+                if (j == UINT32_MAX) continue;
+                if (j != own) {
+                    if (!alike(f, s, (uint32_t)i, j, job->reach_sq)) continue;
+                    if (t->medium && t->medium[j] != t->medium[own]) continue;
                 }
-                if (d2 > job->reach_sq || c < 0.8f) continue;
                 float w = (abs(dx) == 2 ? 0.5f : 1) * (abs(dy) == 2 ? 0.5f : 1);
                 for (int k = 0; k < 3; k++) sum[k] += w * job->in[j][k];
                 total += w;
@@ -297,29 +345,41 @@ static int filter_points(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-static int sample_and_filter(struct frame *f, struct tangent_job *job)
+static int sample_and_filter(struct frame *f, struct tangent_job *job, const struct samples *seen)
 {
     float(*own)[3] = prt_calloc((size_t)f->g.n_point + 1, sizeof *own);
     if (!own) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     job->radiance = own;
     int status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 256, run_points, job);
     float scale = smallest_mean_free_path(f);
-    struct filter_job filter = {f, job, (const float(*)[3])own, scale * scale};
+    int half = f->options->frame < 4 ? 2 : f->options->frame < 16 ? 1 : 0;
+    struct filter_job filter = {f, job, seen, (const float(*)[3])own, scale * scale, half};
     if (!status) status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 1024, filter_points, &filter);
     prt_free(own);
     return status;
 }
 
+struct hidden_job {
+    const struct frame *f;
+    const struct tangent_job *job;
+    const struct samples *seen;
+    struct samples *s;
+};
+
 // Darkens samples that the eye's image holds.
-static void keep_hidden(const struct frame *f, const struct tangent_job *job,
-                        const struct samples *seen, struct samples *s)
+static int hide_seen(void *arg, size_t begin, size_t end, unsigned worker)
 {
+    const struct hidden_job *h = arg;
+    const struct frame *f = h->f;
+    const struct tangent_job *job = h->job;
+    const struct samples *seen = h->seen;
+    struct samples *s = h->s;
     float tan_x = 0, tan_y = 0;
     for (int k = 0; k < 3; k++) {
         tan_x += job->right[k] * job->right[k];
         tan_y += job->up[k] * job->up[k];
     }
-    for (uint32_t i = 0; i < s->n; i++) {
+    for (size_t i = begin; i < end; i++) {
         float rel[3], w = 0, u = 0, v = 0, d2 = 0, facing = 0;
         for (int k = 0; k < 3; k++) {
             rel[k] = s->p[k][i] - job->eye[k];
@@ -345,6 +405,14 @@ static void keep_hidden(const struct frame *f, const struct tangent_job *job,
         if (facing < 0 && fabsf(off) < pixel && far < 100 * pixel * pixel && d > 0)
             s->e[0][i] = s->e[1][i] = s->e[2][i] = 0;
     }
+    return PRT_OK;
+}
+
+static int keep_hidden(const struct frame *f, const struct tangent_job *job,
+                       const struct samples *seen, struct samples *s)
+{
+    struct hidden_job hidden = {f, job, seen, s};
+    return prt_parallel_for(f->ctx, NULL, s->n, 1024, hide_seen, &hidden);
 }
 
 // Light from what the eye does not see, through the light's view or the atlas.
@@ -355,8 +423,8 @@ static int hidden_part(struct frame *f, const struct tangent_job *job, const str
         double texels = f->screen->area_mm2 / (0.5 * (double)lu * lu);
         int status = frame_atlas(f, texels < 8192 ? 8192 : texels > 65536 ? 65536 : (uint32_t)texels);
         if (status) return status;
-        keep_hidden(f, job, seen, &f->screen->atlas);
-        return scatter_discs(f, &f->screen->atlas, -1, 0.8f, far);
+        status = keep_hidden(f, job, seen, &f->screen->atlas);
+        return status ? status : scatter_discs(f, &f->screen->atlas, -1, 0.8f, far);
     }
     float spacing = max_f(lu, f->screen->diameter_mm / 300);
     struct grid grid = frame_grid(f, spacing);
@@ -366,8 +434,8 @@ static int hidden_part(struct frame *f, const struct tangent_job *job, const str
         int status = samples_light_view(f->ctx, f->screen->scene, &f->light[l], &grid, f->eta, &s,
                                         &n_grid, &f->report->n_ray);
         if (status) return status;
-        keep_hidden(f, job, seen, &s);
-        status = scatter_discs(f, &s, -1, 0.8f, far);
+        status = keep_hidden(f, job, seen, &s);
+        if (!status) status = scatter_discs(f, &s, -1, 0.8f, far);
         samples_finish(&s);
         if (status) return status;
     }
@@ -386,85 +454,177 @@ static float coverage(const struct frame *f, const struct samples *s, uint32_t i
     return sum < 1 ? sum : 1;
 }
 
-static struct seen *pack_seen(const struct frame *f, const struct samples *s,
-                              const struct tangent_job *job)
+struct pack_job {
+    const struct tangent_view *view;
+    const struct tangent_job *job;
+    struct seen *out;
+};
+
+static int pack_points(void *arg, size_t begin, size_t end, unsigned worker)
 {
-    struct seen *out = prt_alloc((size_t)s->n + 1, sizeof *out);
-    for (uint32_t i = 0; out && i < s->n; i++) {
-        struct seen *q = &out[i];
-        float share = coverage(f, s, i);
+    const struct pack_job *pack = arg;
+    const struct samples *s = &pack->view->seen;
+    for (size_t i = begin; i < end; i++) {
+        struct seen *q = &pack->out[i];
+        float share = pack->view->share[i];
         q->plane = q->depth = 0;
         for (int k = 0; k < 3; k++) {
-            float v = s->p[k][i] - job->eye[k];
+            float v = s->p[k][i] - pack->job->eye[k];
             q->p[k] = s->p[k][i];
             q->e[k] = s->e[k][i] * share;
             q->n[k] = s->face[k][i];
             q->plane += v * s->face[k][i];
-            q->depth += v * job->forward[k];
+            q->depth += v * pack->job->forward[k];
         }
         q->object = s->object[i];
     }
-    return out;
+    return PRT_OK;
+}
+
+// What stays while the view stays.
+static int tangent_view_get(struct frame *f, const struct tangent_job *job)
+{
+    struct tangent_view *v = &f->screen->tangent;
+    if (v->key == f->view_key && v->area_cdf) return PRT_OK;
+    tangent_view_finish(v);
+    bool good = seen_samples(f, &v->seen) && map_pixels(f, v);
+    good = good && (v->share = malloc(((size_t)f->g.n_point + 1) * sizeof *v->share));
+    for (uint32_t i = 0; good && i < f->g.n_point; i++) v->share[i] = coverage(f, &v->seen, i);
+    good = good && (v->area_cdf = visible_areas(f, job, v));
+    if (!good) {
+        tangent_view_finish(v);
+        return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for a view");
+    }
+    v->key = f->view_key;
+    return PRT_OK;
+}
+
+// A medium for each object, or with maps for each set of like factors.
+struct mix {
+    struct media media;
+    struct prt_dipole (*dipole)[3];
+    struct radial_table *table;
+};
+
+static int make_mix(struct frame *f, struct mix *mix, struct tangent_job *job)
+{
+    memset(mix, 0, sizeof *mix);
+    job->n_medium = f->n_object ? f->n_object : 1;
+    job->dipole = f->dipole;
+    job->table = f->table;
+    if (f->options->sigma_s_map || f->options->sigma_a_map) {
+        int status = map_media(f, &mix->media);
+        if (status) return status;
+        uint32_t n = mix->media.n ? mix->media.n : 1;
+        mix->dipole = calloc(n, sizeof *mix->dipole);
+        mix->table = prt_calloc(n, sizeof *mix->table);
+        if (!mix->dipole || !mix->table) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+        for (uint32_t k = 0; k < mix->media.n; k++) {
+            const struct prt_dipole *base = f->dipole[mix->media.object[k]];
+            const float *factor = mix->media.factor[k];
+            double scale = INFINITY;
+            for (int c = 0; c < 3; c++) {
+                double s = base[c].sigma_s_prime * (double)factor[c];
+                double a = base[c].sigma_a * (double)factor[3 + c];
+                prt_dipole_init(&mix->dipole[k][c], fmin(fmax(s, 1e-5), 1000), fmin(a, 1000),
+                                base[c].eta);
+                scale = fmin(scale, mix->dipole[k][c].z_r);
+            }
+            radial_table_fit(&mix->table[k], prt_screen_dipole_profile, mix->dipole[k], scale,
+                             (double)f->screen->diameter_mm);
+        }
+        job->medium = mix->media.of;
+        job->n_medium = mix->media.n;
+        job->dipole = mix->dipole;
+        job->table = mix->table;
+        f->report->n_medium = mix->media.n;
+    }
+    job->inv_rho = calloc(job->n_medium + 1, sizeof *job->inv_rho);
+    if (!job->inv_rho) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    for (uint32_t o = 0; o < job->n_medium; o++)
+        for (int c = 0; c < 3; c++)
+            job->inv_rho[o][c] = (float)(1 / (3 * fmax(job->dipole[o][c].rho_d, 1e-9)));
+    return PRT_OK;
+}
+
+static void mix_finish(struct mix *mix)
+{
+    media_finish(&mix->media);
+    free(mix->dipole);
+    prt_free(mix->table);
+}
+
+static int pick_kernel(const struct frame *f, struct tangent_job *job)
+{
+    job->run = run_c;
+#if defined(__x86_64__)
+    unsigned cpu = f->ctx ? f->ctx->cpu : prt_cpu_detect();
+    if (cpu & PRT_CPU_AVX2) job->run = run_avx2;
+    if (cpu & PRT_CPU_AVX512) job->run = run_avx512;
+#endif
+    // right and up give the image's coordinates by a plain dot product
+    float tx = 0, ty = 0;
+    for (int k = 0; k < 3; k++) {
+        tx += job->right[k] * job->right[k];
+        ty += job->up[k] * job->up[k];
+    }
+    for (int k = 0; k < 3; k++) {
+        job->right[k] /= tx;
+        job->up[k] /= ty;
+    }
+    job->slack = 8 * sqrtf(ty) / (float)f->height;
+    return PRT_OK;
 }
 
 int engine_tangent(struct frame *f)
 {
-    struct tangent_job job = {.width = f->width, .height = f->height, .table = f->table,
-                              .opaque = f->g.opaque, .radiance = f->radiance};
+    struct tangent_job job = {.width = f->width, .height = f->height, .radiance = f->radiance};
+    const struct prt_screen_options *o = f->options;
     uint32_t n = f->report->n_asked = frame_samples(f, 64, 4096);
     job.n_uniform = n / 4;
     job.n_tangent = n - job.n_uniform;
     prt_visibility_frame(f->vis, job.eye, job.forward, job.right, job.up);
-    struct samples seen;
     double t0 = prt_time_s(), t1 = t0;
-    double *cdf = NULL;
-    struct seen *record = NULL;
-    if (!seen_samples(f, &seen)) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    int status = irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, f->eta, &seen,
+    struct tangent_view *view = &f->screen->tangent;
+    struct mix mix;
+    int status = tangent_view_get(f, &job);
+    if (status) return status;
+    struct samples *seen = &view->seen;
+    job.variant = view->variant;
+    job.needed = view->needed;
+    job.point_of = view->point_of;
+    for (int k = 0; k < 3; k++) job.face[k] = seen->face[k];
+    if (o->bump_map || o->normal_map) status = map_normals(f, seen);
+    if (!status)
+        status = irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, f->eta, seen,
                                    &f->report->n_ray);
+    // the view keeps the smooth normals
+    for (int k = 0; k < 3 && (o->bump_map || o->normal_map); k++)
+        memcpy(seen->normal[k], f->g.normal[k], (size_t)f->g.n_point * sizeof(float));
     t1 = prt_time_s();
-    job.inv_rho = calloc(f->n_object ? f->n_object : 1, sizeof *job.inv_rho);
-    bool good = !status && job.inv_rho && map_pixels(f, &job);
-    if (good) {
-        for (uint32_t o = 0; o < f->n_object; o++)
-            for (int c = 0; c < 3; c++) job.inv_rho[o][c] = (float)(1 / (3 * f->dipole[o][c].rho_d));
-        for (int k = 0; k < 3; k++) job.face[k] = seen.face[k];
-        job.seen = record = pack_seen(f, &seen, &job);
-        cdf = record ? visible_areas(f, &job, &seen) : NULL;
-        good = cdf != NULL;
-    }
-    if (good && cdf[f->g.n_point] > 0) {
-        job.visible_area = (float)cdf[f->g.n_point];
-        good = make_patterns(&job, f, cdf);
-        // right and up give the image's coordinates by a plain dot product
+    struct seen *record = status ? NULL : prt_alloc((size_t)f->g.n_point + 1, sizeof *record);
+    if (!status && !record) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    int made = make_mix(f, &mix, &job);
+    if (!status) status = made;
+    double area = view->area_cdf[f->g.n_point];
+    if (!status && area > 0) {
+        struct pack_job pack = {view, &job, record};
+        job.seen = record;
+        job.visible_area = (float)area;
+        status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 2048, pack_points, &pack);
+        if (!status && !make_patterns(&job, f, view->area_cdf))
+            status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for samples");
         struct tangent_job projected = job;
-        float tx = 0, ty = 0;
-        for (int k = 0; k < 3; k++) {
-            tx += job.right[k] * job.right[k];
-            ty += job.up[k] * job.up[k];
-        }
-        for (int k = 0; k < 3; k++) {
-            projected.right[k] = job.right[k] / tx;
-            projected.up[k] = job.up[k] / ty;
-        }
-        projected.slack = 8 * sqrtf(ty) / (float)f->height;
-        projected.run = run_c;
-#if defined(__x86_64__)
-        unsigned cpu = f->ctx ? f->ctx->cpu : prt_cpu_detect();
-        if (cpu & PRT_CPU_AVX2) projected.run = run_avx2;
-        if (cpu & PRT_CPU_AVX512) projected.run = run_avx512;
-#endif
-        if (good) status = sample_and_filter(f, &projected);
+        if (!status) status = pick_kernel(f, &projected);
+        if (!status) status = sample_and_filter(f, &projected, seen);
         f->report->n_pair += (uint64_t)f->g.n_point * n;
-        if (good && !status) status = receive_begin(f, (double)smallest_mean_free_path(f));
-        if (good && !status) status = hidden_part(f, &job, &seen);
-        if (good && !status) status = receive_end(f);
+        if (!status) status = receive_begin(f, (double)smallest_mean_free_path(f));
+        if (!status) status = hidden_part(f, &job, seen);
+        if (!status) status = receive_end(f);
     }
-    if (!good && !status) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for samples");
-    free(cdf);
     prt_free(record);
-    finish(&job, f->n_object);
-    samples_finish(&seen);
+    finish(&job);
+    mix_finish(&mix);
     f->report->irradiance_s = t1 - t0;
     f->report->scatter_s = prt_time_s() - t1;
     f->report->n_sample = n;

@@ -68,7 +68,8 @@ TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, 
 {
     const struct pattern *pat = &job->pattern[job->variant[point]];
     const uint32_t object = job->seen[point].object;
-    const struct radial_table *table = &job->table[object];
+    const uint32_t medium = job->medium ? job->medium[point] : object;
+    const struct radial_table *table = &job->table[medium];
     const float *F = job->forward, *R = job->right, *U = job->up, *eye = job->eye;
     float o[3], n[3], t[3], b[3];
     for (int k = 0; k < 3; k++) {
@@ -87,7 +88,7 @@ TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, 
     float height = rel[0] * n[0] + rel[1] * n[1] + rel[2] * n[2];
     const float n_t = (float)job->n_tangent, n_u = (float)job->n_uniform;
     const float uniform = n_u / job->visible_area;
-    const float *radius = pat->radius[object], *density = pat->density[object];
+    const float *radius = pat->radius[medium], *density = pat->density[medium];
     const float half_w = 0.5f * (float)job->width, half_h = 0.5f * (float)job->height;
     for (uint32_t first = 0; first < job->n_tangent; first += LANES) {
         int lanes = job->n_tangent - first < LANES ? (int)(job->n_tangent - first) : LANES;
@@ -145,7 +146,7 @@ TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, 
             r_sq[i] = dx * dx + dy * dy + dz * dz;
         }
         KERNEL(radial)(table, lanes, r_sq, r0, r1, r2);
-        const float *inv = job->inv_rho[object];
+        const float *inv = job->inv_rho[medium];
         for (int i = 0; i < lanes; i++)
             f[i] *= inv[0] * r0[i] + inv[1] * r1[i] + inv[2] * r2[i];
         KERNEL(gather)(job, table, lanes, rel, object, fabsf(height), index, x, y, z, f, uniform,
@@ -156,7 +157,7 @@ TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, 
 TARGET static void KERNEL(run)(const struct tangent_job *job, size_t begin, size_t end)
 {
     for (size_t i = begin; i < end; i++) {
-        if (job->opaque[i]) continue;
+        if (!job->needed[i]) continue;
         float sum[3] = {0, 0, 0};
         KERNEL(pixel)(job, (uint32_t)i, sum);
         for (int k = 0; k < 3; k++) job->radiance[i][k] += sum[k] * (float)(1 / M_PI);

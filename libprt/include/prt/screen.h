@@ -57,6 +57,13 @@ int prt_screen_multipole(const struct prt_context *ctx, const struct prt_materia
                          double thickness_mm, uint32_t n, const float *r_mm, float (*rd)[3],
                          double rho[3]);
 
+/* An image over the mesh's uv, row 0 at v = 0, repeated: linear values [height][width][3],
+ * finite. */
+struct prt_screen_map {
+    uint32_t width, height;
+    const float (*rgb)[3];
+};
+
 struct prt_screen_options {
     enum prt_screen_engine engine;
     uint32_t n_sample;      /* SPLAT: grid is n x n over the light's view; TANGENT: samples a
@@ -76,6 +83,12 @@ struct prt_screen_options {
     uint32_t frame;         /* which picture of a running mean this is: each takes other samples,
                                and the mean of 0..k goes to REFERENCE as k grows; see
                                prt_screen_progress. The same seed and frame give the same picture */
+    /* TANGENT, on meshes with uv: factors >= 0 of the medium's coefficients at each pixel; heights
+       [mm] (first channel) or tangent-space normals (0.5 + 0.5 n) for the irradiance */
+    const struct prt_screen_map *sigma_s_map, *sigma_a_map, *bump_map, *normal_map;
+    uint32_t rings, spokes; /* HYBRID under at most 4 distant lights: > 0: the near part from C08's
+                               pattern of rings * spokes + 1 points of the light's view, instead of
+                               all points within reach. C08: 20 and 20 */
 };
 struct prt_screen_report {
     enum prt_screen_engine engine;
@@ -86,6 +99,8 @@ struct prt_screen_report {
     uint32_t n_light;
     uint64_t n_ray, n_pair; /* shadow and view rays; evaluations of R_d */
     float r_max_mm, r_p_mm;
+    bool uv_atlas;          /* texels lie in the model's own uv; else along triangles */
+    uint32_t n_medium;      /* TANGENT with maps: sets of coefficients the pixels were sorted into */
     double irradiance_s, scatter_s;
     double error;           /* relative RMSE over covered pixels; < 0: not measured */
     double expected_error;  /* the same as foreseen from engine, medium, model and n_sample */

@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: MIT
+// C08's local pattern: rings of points about a receiver in the light's view, at radii drawn from
+// the local part of R_d, and one point in the middle.
+#include "internal.h"
+
+#include <math.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { KNOTS = 512 };
+
+// Radii at equal steps of 2 pi r R_d W_l, the mean of three channels; what each point's area
+// across the light is.
+struct pattern {
+    uint32_t n;
+    float *a, *b, *area; // [n] offsets in the light's plane [mm], mm^2
+};
+
+static void pattern_finish(struct pattern *p)
+{
+    free(p->a);
+    free(p->b);
+    free(p->area);
+}
+
+// 2 pi r R_d W_l of all channels, each by its own total.
+static double density(const struct frame *f, uint32_t object, double r_p, double r)
+{
+    double sum = 0;
+    for (int c = 0; c < 3; c++) {
+        const struct prt_dipole *d = &f->dipole[object][c];
+        if (d->rho_d > 0) sum += prt_dipole_rd(d, r) / d->rho_d;
+    }
+    return 2 * M_PI * r * sum * prt_screen_local_weight(r, r_p);
+}
+
+static bool make_pattern(const struct frame *f, uint32_t object, double r_p, double reach,
+                         struct pattern *out)
+{
+    uint32_t rings = f->options->rings, spokes = f->options->spokes;
+    double cdf[KNOTS + 1], radius[KNOTS + 1], phase = 0.5;
+    out->n = rings * spokes + 1;
+    out->a = malloc(out->n * sizeof(float));
+    out->b = malloc(out->n * sizeof(float));
+    out->area = malloc(out->n * sizeof(float));
+    if (!out->a || !out->b || !out->area) return false;
+    if (f->seed) {
+        struct prt_rng rng;
+        prt_rng_init(&rng, f->seed, 11);
+        phase = (double)prt_rng_f32(&rng);
+    }
+    cdf[0] = radius[0] = 0;
+    for (int k = 1; k <= KNOTS; k++) {
+        // finer near the middle
+        double x = (double)k / KNOTS, mid;
+        radius[k] = reach * x * x;
+        mid = (radius[k] + radius[k - 1]) / 2;
+        cdf[k] = cdf[k - 1] + density(f, object, r_p, mid) * (radius[k] - radius[k - 1]);
+    }
+    // the middle stands for the first of rings * spokes + 1 equal shares, the rings for the rest
+    double edge = 0, share = cdf[KNOTS] / out->n;
+    int at = 1;
+    out->a[0] = out->b[0] = 0;
+    for (uint32_t l = 0; l <= rings; l++) {
+        double want = share * (1 + (double)l * spokes), r;
+        while (at < KNOTS && cdf[at] < want) at++;
+        double step = cdf[at] - cdf[at - 1];
+        r = radius[at - 1] + (step > 0 ? fmin((want - cdf[at - 1]) / step, 1) : 0) *
+                                 (radius[at] - radius[at - 1]);
+        if (l == rings) r = reach;
+        double area = M_PI * (r * r - edge * edge);
+        if (!l) {
+            out->area[0] = (float)area;
+        } else {
+            // a ring's radius halves its area, for the sum weighs by the true distance's R_d
+            double middle = sqrt((r * r + edge * edge) / 2);
+            for (uint32_t s = 0; s < spokes; s++) {
+                double phi = 2 * M_PI * ((s + phase) / spokes + 0.381966011250105 * l);
+                uint32_t i = 1 + (l - 1) * spokes + s;
+                out->a[i] = (float)(middle * cos(phi));
+                out->b[i] = (float)(middle * sin(phi));
+                out->area[i] = (float)(area / spokes);
+            }
+        }
+        edge = r;
+    }
+    return true;
+}
+
+struct job {
+    struct frame *f;
+    const struct light_map *map;
+    const struct pattern *pattern;     // [object]
+    const struct radial_table *table;  // [object]
+    atomic_uint_fast64_t n_pair;
+};
+
+static void receive(const struct job *job, uint32_t object, uint32_t column)
+{
+    const struct light_map *m = job->map;
+    const struct pattern *pat = &job->pattern[object];
+    const struct radial_table *table = &job->table[object];
+    struct frame *f = job->f;
+    float o[3], u = 0, v = 0, sum[3] = {0, 0, 0};
+    for (int k = 0; k < 3; k++) {
+        o[k] = f->view->p[k][column];
+        u += (o[k] - m->origin[k]) * m->u[k];
+        v += (o[k] - m->origin[k]) * m->v[k];
+    }
+    const float inv = 1 / m->step;
+    for (uint32_t i = 0; i < pat->n; i++) {
+        float x = (u + pat->a[i]) * inv + 0.5f, y = (v + pat->b[i]) * inv + 0.5f;
+        if (!(x >= 0 && y >= 0 && x < (float)m->nu && y < (float)m->nv)) continue;
+        const struct light_texel *q = &m->texel[(size_t)(uint32_t)y * m->nu + (uint32_t)x];
+        if (q->object != object) continue;
+        // the texel's point, moved in its view to where the pattern asked
+        float da = (x - 0.5f - floorf(x)) * m->step, db = (y - 0.5f - floorf(y)) * m->step;
+        float r_sq = 0, r[3];
+        for (int k = 0; k < 3; k++) {
+            float e = q->p[k] + da * m->u[k] + db * m->v[k] - o[k];
+            r_sq += e * e;
+        }
+        radial_table_eval(table, r_sq, r);
+        for (int k = 0; k < 3; k++) sum[k] += r[k] * q->e[k] * pat->area[i];
+    }
+    for (int k = 0; k < 3; k++) f->sum[k][column] += sum[k];
+}
+
+static int run(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct job *job = arg;
+    const struct view_cache *v = job->f->view;
+    uint64_t pairs = 0;
+    for (size_t tile = begin; tile < end; tile++) {
+        uint32_t object = v->object[tile];
+        for (uint32_t i = v->begin[tile]; i < v->begin[tile + 1]; i++) receive(job, object, i);
+        pairs += (uint64_t)(v->begin[tile + 1] - v->begin[tile]) * job->pattern[object].n;
+    }
+    atomic_fetch_add(&job->n_pair, pairs);
+    return PRT_OK;
+}
+
+int scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
+{
+    struct grid grid = frame_grid(f, spacing);
+    uint32_t n_object = f->n_object ? f->n_object : 1;
+    struct pattern *pattern = calloc(n_object, sizeof *pattern);
+    struct radial_table *table = prt_calloc(n_object, sizeof *table);
+    int status = pattern && table ? PRT_OK : prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    for (uint32_t o = 0; o < f->n_object && !status; o++) {
+        // a point stands for its share of a ring: the light's view is no finer than its step
+        split_table(f, o, r_p, true, (double)spacing / sqrt(M_PI), reach, &table[o]);
+        if (!make_pattern(f, o, r_p, (double)reach, &pattern[o]))
+            status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for a pattern");
+    }
+    for (uint32_t l = 0; l < f->n_light && !status; l++) {
+        struct light_map map;
+        double t0 = prt_time_s();
+        status = light_map_make(f->ctx, f->screen->scene, &f->light[l], &grid, f->eta, &map,
+                                &f->report->n_ray);
+        double t1 = prt_time_s();
+        struct job job = {.f = f, .map = &map, .pattern = pattern, .table = table};
+        if (!status) status = prt_parallel_for(f->ctx, NULL, f->view->n_tile, 4, run, &job);
+        f->report->irradiance_s += t1 - t0;
+        f->report->scatter_s += prt_time_s() - t1;
+        f->report->n_pair += atomic_load(&job.n_pair);
+        light_map_finish(&map);
+    }
+    for (uint32_t o = 0; pattern && o < f->n_object; o++) pattern_finish(&pattern[o]);
+    free(pattern);
+    prt_free(table);
+    return status;
+}
