@@ -194,8 +194,8 @@ void refinement_release(struct refinement *r)
 // own error / k, and the mean is off by that error / sqrt(k).
 int refinement_add(struct refinement *r, const struct screen_answer *a)
 {
-    enum { MOST = 256 };
-    static const double close_enough = 0.002;
+    enum { LEAST = 32, MOST = 256 }; // engines take finer steps at the first few
+    static const double close_enough = 0.001;
     if (r->mean && r->n_point != a->n_point) return PRT_INTERNAL;
     if (!r->mean && !(r->mean = malloc(((size_t)a->n_point + 1) * sizeof *r->mean)))
         return PRT_NOMEM;
@@ -216,6 +216,6 @@ int refinement_add(struct refinement *r, const struct screen_answer *a)
     }
     r->n_frame++;
     double left = all > 0 ? sqrt(moved / all * r->n_frame) : 0;
-    r->converged = !(all > 0) || r->n_frame >= MOST || (r->n_frame >= 8 && left < close_enough);
+    r->converged = !(all > 0) || r->n_frame >= MOST || (r->n_frame >= LEAST && left < close_enough);
     return PRT_OK;
 }
