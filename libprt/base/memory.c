@@ -75,6 +75,8 @@ unsigned prt_cpu_detect(void)
     if ((mask & PRT_CPU_AVX512) && __builtin_cpu_supports("avx512vbmi") &&
         __builtin_cpu_supports("avx512vbmi2"))
         mask |= PRT_CPU_AVX512VBMI;
+    if ((mask & PRT_CPU_AVX512) && __builtin_cpu_supports("avx512vnni"))
+        mask |= PRT_CPU_AVX512VNNI;
     return mask;
 }
 

@@ -7,6 +7,7 @@
 const struct relight_kernels *relight_kernels_for(unsigned cpu)
 {
 #if defined(__x86_64__)
+    if (cpu & PRT_CPU_AVX512VNNI) return &relight_kernels_vnni;
     if (cpu & PRT_CPU_AVX512) return &relight_kernels_avx512;
     if (cpu & PRT_CPU_AVX2) return &relight_kernels_avx2;
 #endif

@@ -53,6 +53,7 @@ struct relight_kernels {
 extern const struct relight_kernels relight_kernels_c;
 extern const struct relight_kernels relight_kernels_avx2;
 extern const struct relight_kernels relight_kernels_avx512;
+extern const struct relight_kernels relight_kernels_vnni; // AVX-512 with VNNI
 
 // The best table that the mask of enum prt_cpu allows.
 const struct relight_kernels *relight_kernels_for(unsigned cpu);

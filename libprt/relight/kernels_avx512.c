@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: MIT
-// The kernels in AVX-512 (F, BW, DQ, VL).
-#include "kernels.h"
+// The kernels in AVX-512 (F, BW, DQ, VL): rows meet light and material. Expanding bases is
+// expand_avx512.c's.
+#include "avx512.h"
 
 #if defined(__x86_64__)
-#include <immintrin.h>
-
-#include "scatter.h"
-
-#define INLINE static inline __attribute__((always_inline))
 
 // Four light rows, r g b x each. Halves are joined in 256 bits: cheaper than four inserts.
 INLINE __m512 light4(const float *light, size_t i0, size_t i1, size_t i2, size_t i3)
@@ -405,243 +401,6 @@ static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, cons
     }
 }
 
-// Asks for the lines that the colours of positions [v, v + n) will be written to: most of them,
-// since neighbours in the cluster are mostly neighbours in the file.
-INLINE void claim(const struct expand_job *job, uint32_t t, uint32_t v, uint32_t n)
-{
-    const uint32_t end = job->end < v + n ? job->end : v + n;
-    for (; v < end; v += 4)
-        __builtin_prefetch(job->color + t * job->plane + 3ull * job->order[v], 1, 3);
-}
-
-// Whether 16 positions are 16 vertices in a row in the file.
-INLINE bool in_a_row(const struct expand_job *job, uint32_t v)
-{
-    const __m512i count =
-        _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-    if (job->end - v < 16) return false;
-    __m512i order = _mm512_loadu_si512(job->order + v);
-    __m512i first = _mm512_set1_epi32((int)job->order[v]);
-    return _mm512_cmpneq_epi32_mask(order, _mm512_add_epi32(first, count)) == 0;
-}
-
-// r g b of 16 positions to 48 floats r g b r g b ...
-INLINE void put_row(float *out, __m512 r, __m512 g, __m512 b, bool add)
-{
-    // lanes of each third: from r and g first (16 + i is g's lane i), then b over them
-    const __m512i rg0 = _mm512_setr_epi32(0, 16, 0, 1, 17, 0, 2, 18, 0, 3, 19, 0, 4, 20, 0, 5);
-    const __m512i rg1 =
-        _mm512_setr_epi32(21, 0, 6, 22, 0, 7, 23, 0, 8, 24, 0, 9, 25, 0, 10, 26);
-    const __m512i rg2 =
-        _mm512_setr_epi32(0, 11, 27, 0, 12, 28, 0, 13, 29, 0, 14, 30, 0, 15, 31, 0);
-    const __m512i b0 = _mm512_setr_epi32(0, 0, 0, 0, 0, 1, 0, 0, 2, 0, 0, 3, 0, 0, 4, 0);
-    const __m512i b1 = _mm512_setr_epi32(0, 5, 0, 0, 6, 0, 0, 7, 0, 0, 8, 0, 0, 9, 0, 0);
-    const __m512i b2 = _mm512_setr_epi32(10, 0, 0, 11, 0, 0, 12, 0, 0, 13, 0, 0, 14, 0, 0, 15);
-    __m512 x = _mm512_mask_permutexvar_ps(_mm512_permutex2var_ps(r, rg0, g), 0x4924, b0, b);
-    __m512 y = _mm512_mask_permutexvar_ps(_mm512_permutex2var_ps(r, rg1, g), 0x2492, b1, b);
-    __m512 z = _mm512_mask_permutexvar_ps(_mm512_permutex2var_ps(r, rg2, g), 0x9249, b2, b);
-    if (add) {
-        x = _mm512_add_ps(x, _mm512_loadu_ps(out));
-        y = _mm512_add_ps(y, _mm512_loadu_ps(out + 16));
-        z = _mm512_add_ps(z, _mm512_loadu_ps(out + 32));
-    }
-    _mm512_storeu_ps(out, x);
-    _mm512_storeu_ps(out + 16, y);
-    _mm512_storeu_ps(out + 32, z);
-}
-
-// Puts 16 positions' colours where their vertices are.
-INLINE void put16(const struct expand_job *job, uint32_t v, uint32_t t, bool row, __m512 r,
-                  __m512 g, __m512 b)
-{
-    float rg[32], blue[16];
-    const __m512i lo =
-        _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
-    const __m512i hi =
-        _mm512_setr_epi32(8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31);
-    float *color = job->color + t * job->plane;
-    uint32_t n = job->end - v < 16 ? job->end - v : 16;
-    if (row) {
-        put_row(color + 3ull * job->order[v], r, g, b, job->add);
-        return;
-    }
-    _mm512_storeu_ps(rg, _mm512_permutex2var_ps(r, lo, g));
-    _mm512_storeu_ps(rg + 16, _mm512_permutex2var_ps(r, hi, g));
-    _mm512_storeu_ps(blue, b);
-    scatter(rg, blue, job->order + v, n, color, job->add);
-}
-
-INLINE __m512 load_u(const uint16_t *u)
-{
-    return _mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)u));
-}
-
-// One triple. Reading 64 bytes of each of some forty rows in turn defeats the memory system, so
-// rows come in groups of up to eight, read along CHUNK vertices while sums wait in the first
-// cache; the next group's bytes are fetched meanwhile.
-enum { CHUNK = 1024 };
-
-struct chunk {
-    const uint16_t *u;    // first row of the group, first vertex of the chunk
-    const uint16_t *next; // what the next group will read
-    size_t stride;
-    const float *b;
-    size_t b_stride;
-    uint32_t n; // vertices rounded up to 16
-    float *sum; // [n/16][3][16]
-};
-
-INLINE void expand_group(const struct chunk *c, const int n_row, bool first)
-{
-    const size_t stride = c->stride, bs = c->b_stride;
-    const float *b = c->b;
-    for (uint32_t v = 0; v < c->n; v += 16) {
-        float *sum = c->sum + 3 * v;
-        const uint16_t *u = c->u + v, *next = c->next + v;
-        __m512 x0 = first ? _mm512_setzero_ps() : _mm512_load_ps(sum);
-        __m512 x1 = first ? _mm512_setzero_ps() : _mm512_load_ps(sum + 16);
-        __m512 x2 = first ? _mm512_setzero_ps() : _mm512_load_ps(sum + 32);
-        for (int k = 0; k < n_row; k++) {
-            __m512 x = load_u(u + (size_t)k * stride);
-            if (!(v & 16)) _mm_prefetch((const char *)(next + (size_t)k * stride), _MM_HINT_T0);
-            x0 = _mm512_fmadd_ps(x, _mm512_set1_ps(b[k * bs]), x0);
-            x1 = _mm512_fmadd_ps(x, _mm512_set1_ps(b[k * bs + 1]), x1);
-            x2 = _mm512_fmadd_ps(x, _mm512_set1_ps(b[k * bs + 2]), x2);
-        }
-        _mm512_store_ps(sum, x0);
-        _mm512_store_ps(sum + 16, x1);
-        _mm512_store_ps(sum + 32, x2);
-    }
-}
-
-// Polynomial: the rows of a function are its three channels.
-INLINE void radial_group(const struct chunk *c, const int n_function, bool first)
-{
-    const size_t stride = c->stride;
-    const float *b = c->b;
-    for (uint32_t v = 0; v < c->n; v += 16) {
-        float *sum = c->sum + 3 * v;
-        const uint16_t *u = c->u + v, *next = c->next + v;
-        for (int ch = 0; ch < 3; ch++) {
-            __m512 x = first ? _mm512_setzero_ps() : _mm512_load_ps(sum + 16 * ch);
-            for (int k = 0; k < n_function; k++) {
-                size_t row = (size_t)(3 * k + ch) * stride;
-                if (!(v & 16)) _mm_prefetch((const char *)(next + row), _MM_HINT_T0);
-                x = _mm512_fmadd_ps(load_u(u + row),
-                                    _mm512_set1_ps(b[(size_t)k * c->b_stride + (size_t)ch]), x);
-            }
-            _mm512_store_ps(sum + 16 * ch, x);
-        }
-    }
-}
-
-// Runs one group of at most `left` rows (functions); returns how many.
-INLINE uint32_t run_group(const struct chunk *c, uint32_t left, bool first, bool radial)
-{
-    if (radial) {
-        if (left >= 4 && first) return radial_group(c, 4, true), 4;
-        if (left >= 4) return radial_group(c, 4, false), 4;
-        if (left >= 2) return radial_group(c, 2, first), 2;
-        return radial_group(c, 1, first), 1;
-    }
-    if (left >= 8 && first) return expand_group(c, 8, true), 8;
-    if (left >= 8) return expand_group(c, 8, false), 8;
-    if (left >= 4) return expand_group(c, 4, first), 4;
-    if (left >= 2) return expand_group(c, 2, first), 2;
-    return expand_group(c, 1, first), 1;
-}
-
-INLINE void expand_chunks(const struct expand_job *job, uint32_t t, bool radial)
-{
-    float sum[3 * CHUNK] __attribute__((aligned(64)));
-    const size_t rows = radial ? 3 : 1, group = radial ? 4 : 8;
-    const uint16_t *base = job->u + (radial ? (size_t)t * job->rank * 3 * job->stride : 0);
-    for (uint32_t v0 = job->begin; v0 < job->end; v0 += CHUNK) {
-        uint32_t n = job->end - v0 < CHUNK ? job->end - v0 : CHUNK;
-        struct chunk c = {
-            .stride = job->stride, .b_stride = job->b_stride, .n = (n + 15) & ~15u, .sum = sum};
-        if (!job->rank) memset(sum, 0, sizeof sum);
-        claim(job, t, v0, n);
-        for (uint32_t r = 0; r < job->rank;) {
-            c.u = base + v0 + r * rows * job->stride;
-            // past the last group comes the next chunk; a prefetch of nothing does no harm
-            c.next =
-                job->rank - r > group ? c.u + group * rows * job->stride : base + v0 + CHUNK;
-            c.b = job->b + r * job->b_stride + (radial ? 0 : 3 * t);
-            r += run_group(&c, job->rank - r, r == 0, radial);
-        }
-        for (uint32_t v = 0; v < n; v += 16)
-            put16(job, v0 + v, t, in_a_row(job, v0 + v), _mm512_load_ps(sum + 3 * v),
-                  _mm512_load_ps(sum + 3 * v + 16), _mm512_load_ps(sum + 3 * v + 32));
-    }
-}
-
-// Fetches a share of the next AHEAD vertices' rows while a block is computed, each row's bytes
-// in one go.
-enum { AHEAD = 512, BLOCK = 32 };
-
-INLINE void fetch_share(const struct expand_job *job, uint32_t v)
-{
-    const uint32_t share = v % AHEAD / BLOCK, n_share = AHEAD / BLOCK;
-    const uint32_t from = v - v % AHEAD + AHEAD;
-    if (from >= job->end) return;
-    for (uint32_t r = job->rank * share / n_share; r < job->rank * (share + 1) / n_share; r++)
-        for (uint32_t i = 0; i < AHEAD; i += 32)
-            _mm_prefetch((const char *)(job->u + r * job->stride + from + i), _MM_HINT_T1);
-}
-
-// Several triples: nt of them for nv vectors of 16 vertices from v on, in registers.
-INLINE void expand_block(const struct expand_job *job, uint32_t v, uint32_t t0, const int nt,
-                         const int nv)
-{
-    __m512 sum[4][3][2];
-    const uint16_t *u = job->u + v;
-    const float *b = job->b + 3 * t0;
-    for (int t = 0; t < nt; t++) {
-        claim(job, t0 + (uint32_t)t, v, 16 * (uint32_t)nv);
-        for (int ch = 0; ch < 3; ch++)
-            for (int i = 0; i < nv; i++) sum[t][ch][i] = _mm512_setzero_ps();
-    }
-    for (uint32_t r = 0; r < job->rank; r++, u += job->stride, b += job->b_stride) {
-        __m512 x[2];
-        for (int i = 0; i < nv; i++) x[i] = load_u(u + 16 * i);
-        for (int t = 0; t < nt; t++)
-            for (int ch = 0; ch < 3; ch++) {
-                __m512 w = _mm512_set1_ps(b[3 * t + ch]);
-                for (int i = 0; i < nv; i++)
-                    sum[t][ch][i] = _mm512_fmadd_ps(x[i], w, sum[t][ch][i]);
-            }
-    }
-    for (uint32_t i = 0; i < (uint32_t)nv && v + 16 * i < job->end; i++) {
-        bool row = in_a_row(job, v + 16 * i);
-        for (uint32_t t = 0; t < (uint32_t)nt; t++)
-            put16(job, v + 16 * i, t0 + t, row, sum[t][0][i], sum[t][1][i], sum[t][2][i]);
-    }
-}
-
-// Four triples at a time: more would fit the registers, but their colours not the caches.
-static void expand(const struct expand_job *job)
-{
-    const uint32_t n = job->n_triple, n4 = n & ~3u;
-    for (uint32_t v0 = job->begin; n4 && v0 < job->end; v0 += AHEAD) {
-        const uint32_t end = job->end - v0 < AHEAD ? job->end : v0 + AHEAD;
-        for (uint32_t t = 0; t < n4; t += 4)
-            for (uint32_t v = v0; v < end; v += BLOCK) {
-                // the second vector exists when the padded block reaches so far
-                bool two = v + BLOCK <= job->stride && v + 16 < job->end;
-                if (t == 0) fetch_share(job, v);
-                if (two) expand_block(job, v, t, 4, 2);
-                else expand_block(job, v, t, 4, 1);
-            }
-    }
-    for (uint32_t t = n4; t < n; t++) expand_chunks(job, t, false);
-}
-
-static void radial(const struct expand_job *job)
-{
-    for (uint32_t t = 0; t < job->n_triple; t++) expand_chunks(job, t, true);
-}
-
 // Products run along in three vectors (48 = 16 * 3), so that a lane keeps its channel.
 static void material(const float *in, size_t n, uint32_t n_radial, const float *coef,
                      float *out)
@@ -673,7 +432,15 @@ const struct relight_kernels relight_kernels_avx512 = {.name = "avx512",
                                                        .diagonal = diagonal,
                                                        .diagonal_group = diagonal_group,
                                                        .full = full,
-                                                       .expand = expand,
-                                                       .radial = radial,
+                                                       .expand = relight_expand_avx512,
+                                                       .radial = relight_radial_avx512,
                                                        .material = material};
+
+const struct relight_kernels relight_kernels_vnni = {.name = "vnni",
+                                                     .diagonal = diagonal,
+                                                     .diagonal_group = diagonal_group,
+                                                     .full = full,
+                                                     .expand = relight_expand_vnni,
+                                                     .radial = relight_radial_avx512,
+                                                     .material = material};
 #endif

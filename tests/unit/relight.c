@@ -271,7 +271,8 @@ static void many_lights_are_single_ones(void **state)
             assert_int_equal(prt_relight(&ctx, &t, counts[c], lights, coef, false, all), 0);
             for (unsigned l = 0; l < counts[c]; l++) {
                 assert_int_equal(prt_relight(&ctx, &t, 1, lights + l, coef, false, one), 0);
-                assert_true(difference(all + l * n, one, n) < 1e-5);
+                // eight and more meet in 16-bit integers (expand_vnni.c)
+                assert_true(difference(all + l * n, one, n) < 1.5e-4);
             }
         }
         free(all);
@@ -423,8 +424,10 @@ static void many_questions_equal_one_by_one(void **state)
         } else {
             assert_int_equal(prt_answer_colors(&ctx, &t, &q[i], (float(*)[3])alone), 0);
         }
+        float most = 0;
+        for (unsigned k = 0; k < n_plane * 3 * N; k++) most = fmaxf(most, fabsf(alone[k]));
         for (unsigned k = 0; k < n_plane * 3 * N; k++)
-            assert_true(fabsf(out[i][k] - alone[k]) <= 1e-5f * (1 + fabsf(alone[k])));
+            assert_true(fabsf(out[i][k] - alone[k]) <= 1e-4f * most);
         free(out[i]);
         prt_cube_finish(&cube[i]);
     }

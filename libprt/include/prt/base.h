@@ -40,6 +40,7 @@ enum prt_cpu {
     PRT_CPU_AVX2 = 1 << 0,       /* AVX2 + FMA + F16C */
     PRT_CPU_AVX512 = 1 << 1,     /* F + BW + DQ + VL */
     PRT_CPU_AVX512VBMI = 1 << 2, /* VBMI + VBMI2, as well */
+    PRT_CPU_AVX512VNNI = 1 << 3, /* VNNI, beside PRT_CPU_AVX512 */
 };
 unsigned prt_cpu_detect(void);
 /* "c", "avx2" or "avx512" to the mask that allows at most it; PRT_ARG for other words. */
