@@ -212,5 +212,59 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
             14 | ANSWER, MORE, 10, &frame.base, parts, sizeof parts);
     n = add(out, n, "view_frame_rest", "S: the other 100 payload bytes of that frame: no header",
             14 | ANSWER, 0, 10, NULL, blob, sizeof blob);
+
+    static Relight__LoadRequest instant;
+    static Relight__LoadAnswer seen;
+    instant = load;
+    instant.preview = 1;
+    instant.bake = NULL;
+    n = add(out, n, "load_preview", "C: LOAD without a bake", 6, LAST, 12, &instant.base, NULL, 0);
+    relight__load_answer__init(&seen);
+    seen.model = "3f9ad2c1";
+    seen.state = RELIGHT__MODEL_STATE__MODEL_PREVIEW;
+    n = add(out, n, "load_preview_answer", "S: LOAD, no job", 6 | ANSWER, LAST, 12, &seen.base,
+            NULL, 0);
+    static Relight__ImageRequest ask_image;
+    static Relight__Shade hurry;
+    relight__image_request__init(&ask_image);
+    relight__shade__init(&hurry);
+    hurry.engine = RELIGHT__ENGINE__ENGINE_SPLAT;
+    hurry.budget_ms = 40;
+    ask_image.model = "3f9ad2c1";
+    ask_image.n_lights = 1;
+    ask_image.lights = lights;
+    ask_image.shade = &hurry;
+    ask_image.picture = &picture;
+    n = add(out, n, "image_request", "C: IMAGE by splats in 40 ms", 13, LAST, 13, &ask_image.base,
+            NULL, 0);
+    static Relight__ImageAnswer drawn;
+    static Relight__Cost spent;
+    relight__cost__init(&spent);
+    spent.relight_ms = 30;
+    spent.total_ms = 38.5f;
+    spent.error_bound = 0.03125f;
+    spent.engine = RELIGHT__ENGINE__ENGINE_SPLAT;
+    spent.note = "preview: the bake is at 40 %";
+    spent.samples = 165;
+    spent.frames = 1;
+    drawn = image;
+    drawn.generation = 1;
+    drawn.cost = &spent;
+    n = add(out, n, "image_answer", "S: IMAGE, 256 payload bytes in place of a picture's",
+            13 | ANSWER, LAST, 13, &drawn.base, parts, sizeof parts);
+    static Relight__UpdateVerticesRequest update;
+    static Relight__UpdateVerticesAnswer updated;
+    static const float moved[2][2][3] = {{{1, 2, 3}, {-1, 0.5f, 0}}, {{0, 1, 0}, {1, 0, 0}}};
+    relight__update_vertices_request__init(&update);
+    relight__update_vertices_answer__init(&updated);
+    update.model = "3f9ad2c1";
+    update.first = 7;
+    update.n = 2;
+    update.has_normals = 1;
+    n = add(out, n, "update_vertices", "C: UPDATE_VERTICES 7 and 8 to (1,2,3) (-1,.5,0) mm, normals "
+            "+y +x", 17, LAST, 14, &update.base, moved, sizeof moved);
+    updated.generation = 2;
+    n = add(out, n, "update_vertices_answer", "S: UPDATE_VERTICES", 17 | ANSWER, LAST, 14,
+            &updated.base, NULL, 0);
     return n;
 }
