@@ -371,8 +371,10 @@ static void source_known(struct load *load)
         FAIL(load, NO_MEMORY, "not enough memory");
         return;
     }
-    if (r->name[0] && strcmp(m->name, r->name)) snprintf(m->name, sizeof m->name, "%s", r->name);
+    bool known_better = (r->name[0] && strcmp(m->name, r->name)) || (r->pin && !m->pinned);
+    if (r->name[0]) snprintf(m->name, sizeof m->name, "%s", r->name);
     if (r->pin) m->pinned = true;
+    if (known_better && m->state == RELIGHT__MODEL_STATE__MODEL_READY) model_remember(m);
     log_line(LOG_EVENT, "load model=%s name=\"%s\" conn=%llu %s", m->id, m->name,
              (unsigned long long)load->request->conn->number, fresh ? "new" : "known");
     model_bake_path(server, id, bake);
@@ -481,7 +483,8 @@ static bool inside_models(struct load *load, const char *path, char error[300])
     struct stat st;
     if (strncmp(load->path, root, n) || load->path[n] != '/' || stat(load->path, &st)
         || !S_ISREG(st.st_mode)) {
-        snprintf(error, 300, "%.100s: not a file inside the models folder", path);
+        snprintf(error, 300, "%.100s: not a file inside the models folder (links that lead out of "
+                 "it are not followed)", path);
         return false;
     }
     return true;
@@ -649,6 +652,7 @@ void models_load(struct request *request)
         struct model *m = model_from_prt(load->server->models, load->path, load->name);
         if (m) {
             m->pinned |= r->pin;
+            if (r->name[0]) snprintf(m->name, sizeof m->name, "%s", r->name);
             open_and_answer(load, m);
             return;
         }

@@ -21,6 +21,8 @@ void preview_start(struct model *model, const struct decode_model *order, const 
 /* The bake is there, or the model is forgotten. */
 void preview_remove(struct model *model);
 void remove_tree(const char *folder);
+/* Looks what LIST is to say of a baked model before it is opened, behind every request. */
+void model_glance(struct model *model);
 /* Writes the catalogue's entry. */
 void model_remember(const struct model *model);
 /* A preset's name or JSON text; error says what is wrong. */

@@ -40,6 +40,13 @@ static bool name_matches(const char *name, const char *text)
     return !strcmp(name, text) || (dot && (size_t)(dot - name) == n && !strncmp(name, text, n));
 }
 
+// The name it was given, and that of its file in --models.
+static bool is_called(const struct model *m, const char *text)
+{
+    const char *slash = m->foreign ? strrchr(m->prt, '/') : NULL;
+    return name_matches(m->name, text) || (slash && name_matches(slash + 1, text));
+}
+
 static struct model *find_once(struct models *models, const char *text, unsigned *n)
 {
     struct model *found = NULL;
@@ -51,7 +58,7 @@ static struct model *find_once(struct models *models, const char *text, unsigned
         }
     size_t length = strlen(text);
     for (struct model *m = models->model; m; m = m->next)
-        if (name_matches(m->name, text) || (length >= 4 && !strncmp(m->id, text, length))) {
+        if (is_called(m, text) || (length >= 4 && !strncmp(m->id, text, length))) {
             found = m;
             ++*n;
         }
@@ -176,6 +183,7 @@ static void recall(struct models *models, const char *path, const char *id)
             preview_remove(m);
         }
         log_line(LOG_EVENT, "model id=%s name=\"%s\" recalled", m->id, m->name);
+        if (baked) model_glance(m);
     } else {
         log_line(LOG_WARN, "model id=%s has no bake any more", id);
         unlink(path);
@@ -248,6 +256,7 @@ struct model *model_from_prt(struct models *models, const char *path, const char
     m->foreign = true;
     snprintf(m->prt, sizeof m->prt, "%s", path);
     log_line(LOG_EVENT, "model id=%s name=\"%s\" found path=%s", m->id, m->name, path);
+    model_glance(m);
     return m;
 }
 
@@ -324,6 +333,7 @@ struct opening {
     struct server *server;
     struct memo_entry *entry; // NULL: only the checksums are looked at
     bool preview;             // a mesh without transport
+    bool glance;              // without entry: only what LIST shows of it
     char id[MODEL_ID + 1], path[PATH_MAX];
     struct prt_file *file;
     float ms;
@@ -339,7 +349,8 @@ static int run_opening(struct work *work, const struct prt_context *ctx)
     struct opening *o = (struct opening *)work;
     double start = prt_time_s();
     int status = prt_file_open(ctx, o->path,
-                               o->entry ? PRT_FILE_CHECK_HEADERS : PRT_FILE_CHECK_ALL, &o->file);
+                               o->entry || o->glance ? PRT_FILE_CHECK_HEADERS
+                                                     : PRT_FILE_CHECK_ALL, &o->file);
     o->ms = (float)((prt_time_s() - start) * 1e3);
     return status;
 }
@@ -393,6 +404,9 @@ static void damaged(struct model *m, const char *error)
     if (!m->foreign) unlink(m->prt); // the next load bakes it anew
 }
 
+static void start_opening(struct model *m, struct memo_entry *entry, const char *path,
+                          bool preview, bool glance);
+
 static void done_opening(struct work *work)
 {
     struct opening *o = (struct opening *)work;
@@ -401,6 +415,8 @@ static void done_opening(struct work *work)
         if (work->status && m && m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
             damaged(m, work->error);
             model_unload(m, false);
+        } else if (!work->status && m && !m->facts.baked) {
+            learn_facts(m, o->file);
         }
         prt_file_close(o->file);
     } else if (work->status) {
@@ -414,7 +430,8 @@ static void done_opening(struct work *work)
         }
         memo_fail(o->entry, error_of_status(work->status), work->error);
     } else {
-        bool first = m && !o->preview && !m->facts.baked;
+        bool first = m && !o->preview && !m->checked;
+        if (first) m->checked = true;
         if (m && o->preview) learn_mesh(m, o->file);
         else if (m) learn_facts(m, o->file);
         log_line(LOG_EVENT, "model id=%s open ms=%.1f bytes=%llu", o->id, (double)o->ms,
@@ -428,13 +445,15 @@ static void done_opening(struct work *work)
         memo_fill(o->entry, o->file, prt_file_bytes(o->file), close_file);
         if (o->preview && !m) unlink(o->path); // forgotten meanwhile
         if (o->preview && m && m->state == RELIGHT__MODEL_STATE__MODEL_READY) preview_remove(m);
-        if (first) model_start_opening(m, NULL, m->prt, false); // reads every byte once, behind the requests
+        // Reads every byte once, behind the requests.
+        if (first) start_opening(m, NULL, m->prt, false, false);
     }
     memo_release(o->entry);
     free(o);
 }
 
-void model_start_opening(struct model *m, struct memo_entry *entry, const char *path, bool preview)
+static void start_opening(struct model *m, struct memo_entry *entry, const char *path,
+                          bool preview, bool glance)
 {
     struct opening *o = calloc(1, sizeof *o);
     if (!o) {
@@ -449,8 +468,19 @@ void model_start_opening(struct model *m, struct memo_entry *entry, const char *
     o->entry = entry;
     snprintf(o->id, sizeof o->id, "%s", m->id);
     o->preview = preview;
+    o->glance = glance;
     snprintf(o->path, sizeof o->path, "%s", path);
     work_submit(m->server->work, &o->work);
+}
+
+void model_start_opening(struct model *m, struct memo_entry *entry, const char *path, bool preview)
+{
+    start_opening(m, entry, path, preview, false);
+}
+
+void model_glance(struct model *m)
+{
+    if (!m->facts.baked) start_opening(m, NULL, m->prt, false, true);
 }
 
 struct memo_entry *model_open(struct model *m, int *code, char error[256])

@@ -41,6 +41,7 @@ struct model {
     struct server *server;
     char id[MODEL_ID + 1], name[128];
     int state;              /* Relight__ModelState; READY and UNLOADED by model_state() */
+    bool checked;           /* every byte of its bake was read once */
     bool pinned, foreign;   /* foreign: the .prt lies in --models and is not ours to delete */
     char prt[PATH_MAX];
     struct job *job;

@@ -20,7 +20,8 @@ const char *error_hint(int code)
     case RELIGHT__ERROR_CODE__ERROR_VERSION:
         return "update the client or the daemon";
     case RELIGHT__ERROR_CODE__ERROR_NOT_FOUND:
-        return "list shows what is there; an upload must be complete before it is used";
+        return "the list of models shows what is there (relight models); an upload must be "
+               "complete before it is used";
     case RELIGHT__ERROR_CODE__ERROR_BUSY:
         return "wait retry_after_ms and ask again";
     case RELIGHT__ERROR_CODE__ERROR_DEADLINE:
@@ -36,7 +37,8 @@ const char *error_hint(int code)
     case RELIGHT__ERROR_CODE__ERROR_LIMIT:
         return "the daemon's configuration sets this limit";
     case RELIGHT__ERROR_CODE__ERROR_MISMATCH:
-        return "bake the model with these settings, or ask with the model's own";
+        return "bake the model with these settings, or ask with the model's own; another material "
+               "needs a bake with transport joint or polynomial";
     case RELIGHT__ERROR_CODE__ERROR_JOB_FAILED:
         return "mend what the text names and load the model again";
     default:

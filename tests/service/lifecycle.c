@@ -239,6 +239,48 @@ static void test_disk_budget_of_bakes(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// A .prt of the models folder is known under its file's name and the one that a load gave it, and
+// listed with its facts before anybody opens it.
+static void test_names_of_a_file(void **state)
+{
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_loaded loaded;
+    struct relight_list list;
+    char from[200], to[200];
+    snprintf(from, sizeof from, "%s/bakes/%s.prt", d.data, model);
+    snprintf(to, sizeof to, "%s/stone.prt", d.models);
+    assert_int_equal(link(from, to), 0);
+    uint32_t vertices = 0;
+    for (int i = 0; i < 250 && !vertices; i++) {
+        OK(relight_list(client, false, &list, &error));
+        for (size_t k = 0; k < list.n_model; k++)
+            if (!strcmp(list.model[k].name, "stone.prt")) {
+                vertices = list.model[k].n_vertex;
+                assert_true(!vertices || list.model[k].error_bound > 0);
+                assert_int_equal(list.model[k].state, RELIGHT_MODEL_UNLOADED);
+            }
+        relight_list_finish(&list);
+        sleep_ms(20);
+    }
+    assert_int_equal(vertices, OCTAHEDRON_VERTICES);
+    struct relight_load load = {.path = "stone.prt", .name = "pebble"};
+    OK(relight_load(client, &load, &loaded, &error));
+    static const char *const names[] = {"pebble", "stone.prt", "stone"};
+    for (int i = 0; i < 3; i++) {
+        struct relight_model info;
+        OK(relight_info(client, names[i], &info, &error));
+        assert_string_equal(info.id, loaded.model);
+        assert_string_equal(info.name, "pebble");
+        relight_model_finish(&info);
+    }
+    relight_loaded_finish(&loaded);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+    unlink(to);
+}
+
 static void test_busy_at_the_limit(void **state)
 {
     enum { N = 40 };
@@ -487,6 +529,7 @@ int main(void)
         cmocka_unit_test_teardown(test_socket_of_a_dead_daemon_is_replaced, after_each),
         cmocka_unit_test_teardown(test_memory_budget, after_each),
         cmocka_unit_test_teardown(test_disk_budget_of_bakes, after_each),
+        cmocka_unit_test_teardown(test_names_of_a_file, after_each),
         cmocka_unit_test_teardown(test_busy_at_the_limit, after_each),
         cmocka_unit_test_teardown(test_configuration, after_each),
         cmocka_unit_test_teardown(test_http, after_each),
