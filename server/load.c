@@ -555,11 +555,12 @@ static bool check_material(struct load *load)
     bool preset;
     load->resolved = *prt_material_preset(0); // as prt bake
     if (!r->material[0]) {
-        bool joint = r->bake && r->bake->transport > RELIGHT__TRANSPORT__TRANSPORT_WAVELET;
-        if (!joint)
+        // As prt bake: where no transport is named either, a bake that leaves the material open.
+        bool fixed = r->bake && r->bake->transport == RELIGHT__TRANSPORT__TRANSPORT_WAVELET;
+        if (fixed)
             request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
                          "material is missing: a preset's name or JSON text");
-        return joint;
+        return !fixed;
     }
     int status = material_resolve(r->material, &material, &preset, error);
     if (status) {

@@ -9,8 +9,11 @@
 #include <string.h>
 #include <unistd.h>
 
+// Without a material to fix, nor words that only wavelet transport knows, nothing is fixed.
 static enum prt_engine_kind engine_of(const struct options *o)
 {
+    bool sparse = o->coeffs || (o->storage && !strcmp(o->storage, "sparse"));
+    if (!o->transport && !o->material && !sparse) return PRT_ENGINE_JOINT;
     if (o->transport && !strcmp(o->transport, "polynomial")) return PRT_ENGINE_POLYNOMIAL;
     if (o->transport && !strcmp(o->transport, "joint")) return PRT_ENGINE_JOINT;
     return PRT_ENGINE_WAVELET;

@@ -22,6 +22,7 @@ struct picture {
     bool plain; // a plain background
     float background[3];
     struct prt_image image;
+    double lost; // of the material to the radial bases of a .prt
     bool on_screen; // an image-space engine answers, no transport and no vertices
     struct prt_screen_report report;
 };
@@ -258,6 +259,8 @@ static void summary(const struct tool *tool, const struct picture *p, const char
     cJSON_AddNumberToObject(root, "covered", covered);
     cJSON_AddStringToObject(root, "camera", camera);
     cJSON_AddNumberToObject(root, "seconds", seconds);
+    if (p->source.material_given && p->source.transport && !p->on_screen)
+        cJSON_AddNumberToObject(root, "material_error", p->lost);
     if (p->on_screen) add_screen_report(root, &p->report);
     char *text = cJSON_PrintUnformatted(root);
     puts(text ? text : "{}");
@@ -288,6 +291,7 @@ static int draw(struct tool *tool, struct picture *p)
                            "engines only",
                            p->source.path, p->source.transport->cube,
                            p->source.transport->cube);
+    if (vertex && (status = source_material_error(tool, &p->source, term, &p->lost))) return status;
     place_camera(tool, p, (float)width / (float)height);
     double started = prt_time_s();
     if ((status = load_lights(tool, p, vertex, total))) return status;

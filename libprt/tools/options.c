@@ -91,7 +91,8 @@ static const struct row table[] = {
     {"camera", 0, "E:T:U:F", TEXT, AT(camera), 0, 0, NULL, IMAGE,
      "eye x,y,z:target x,y,z[:up x,y,z[:fovy degrees]]; default: frames the model"},
     {"transport", 0, "KIND", WORD, AT(transport), 0, 0, transports, BAKE,
-     "what stays free after the bake: the light (wavelet, default), the material, or both"},
+     "what stays free after the bake: the light (wavelet; default with --material), the\n"
+     "                              material (polynomial), or both (joint; default without)"},
     {"storage", 0, "KIND", WORD, AT(storage), 0, 0, storages, BAKE,
      "factored (default): shared bases; sparse: W05's vectors"},
     {"rank", 0, "R", WHOLE, AT(rank), 1, 1024, NULL, BAKE,

@@ -83,8 +83,10 @@ int source_material_error(struct tool *tool, const struct source *source, const 
 {
     *error = 0;
     if (!source->transport || !source->material_given) return EXIT_DONE;
-    return tool_exit(tool, prt_answer_material_error(&tool->ctx, source->transport,
-                                                     &source->material, answer_term(term), error));
+    int status = prt_answer_material_error(&tool->ctx, source->transport, &source->material,
+                                           answer_term(term), error);
+    // A medium of another eta is the command line's mistake as one out of range is.
+    return status == PRT_MISMATCH ? EXIT_USAGE : tool_exit(tool, status);
 }
 
 enum prt_answer_term answer_term(const char *word)

@@ -105,7 +105,9 @@ expect 2 'needs --env' "$prt" bake ball.obj $scaled --transport polynomial -o x.
 expect 2 'no such open file descriptor' "$prt" bake ball.obj $scaled --progress-fd 77 -o x.prt
 expect 2 'marble' "$prt" bake ball.obj --material granite --size-mm 20 -o x.prt
 expect 2 '-o OUT.prt is missing' "$prt" bake ball.obj $scaled
-expect 2 'needs --material' "$prt" bake ball.obj --size-mm 20 -o x.prt
+expect 2 'needs --material' "$prt" bake ball.obj --size-mm 20 --transport wavelet -o x.prt
+expect 2 'no material or node named "flor"' "$prt" bake tetra.gltf $scaled --opaque flor -o x.prt
+expect 2 'no material or node named "flor"' "$prt" info tetra.gltf --opaque flor
 expect 2 'units' "$prt" bake ball.obj --material marble -o x.prt
 expect 1 'No such file' "$prt" bake nowhere.obj $scaled -o x.prt
 expect 1 'No such file' "$prt" bake ball.obj $scaled -o no/such/folder/x.prt
@@ -183,6 +185,56 @@ check [ -z "$(ls x.* 2>/dev/null)" ]
 expect 0 '' "$prt" bake ball.obj $scaled $bake --storage sparse --coeffs 64 -o sparse.prt
 expect 0 '' "$prt" colors sparse.prt --env constant --term multiple -o s.csv
 expect 0 '' "$prt" compare s.csv truth.npy --max-rmse 0.1
+
+# Free media: joint where nothing fixes one, polynomial under its own light; a layered slab, a curve
+# from a CSV, normalised diffusion; tables of media and lights; what is out of range.
+echo '{"name":"slab","profile":"multipole","layers":[{"thickness":2,"sigma_s_prime":1,"sigma_a":0.02},{"sigma_s_prime":2,"sigma_a":0.3}]}' >slab.json
+echo '{"profile":"curve","file":"curve.csv","name":"felt"}' >felt.json
+awk 'BEGIN { print "r,R_d"; for (i = 0; i <= 60; i++) { r = i * i / 200; print r "," exp(-0.9 * r) / 12 } }' >curve.csv
+wax='{"name":"wax","profile":"burley","albedo":[0.9,0.8,0.7],"mean_free_path":3}'
+expect 0 'baked for eta 1.3' "$prt" bake ball.obj --size-mm 20 $bake --no-single -o joint.prt
+expect 0 '' "$prt" info joint.prt --json
+check grep -q '"engine":"joint"' out
+check grep -q '"cluster_rank":{"min":' out
+check grep -q '"preset_worst_error":' out
+check grep -q '"spectralon":' out
+expect 0 '' "$prt" info joint.prt
+check grep -q 'histogram_by_8: \[' out
+for material in skin1 slab.json felt.json "$wax"; do
+    expect 0 '' "$prt" colors joint.prt --engine joint --material "$material" --env constant --term multiple -o j.csv --json
+    check grep -q '"material_error":' out
+    expect 0 '' "$prt" colors ball.obj --size-mm 20 --material "$material" --env constant --term multiple $quick -o truth2.csv
+    expect 0 '' "$prt" compare j.csv truth2.csv --max-rmse 0.1
+done
+expect 0 '' "$prt" compare joint.prt reference --env constant --env constant:1,2,3 --materials skin1,slab.json,ketchup \
+    --term multiple --samples 4000 --vertices 20 --max-rmse 0.1
+check grep -Eq '^slab +[0-9.]+ +[0-9.]+ +[0-9.]+$' out
+check grep -q 'worst .* target 10 %: met' out
+expect 1 '' sh -c "'$prt' compare joint.prt reference --env constant --materials range --term multiple --samples 4000 \
+    --vertices 10 --max-rmse 1e-9 --json && exit 0; echo error: above >&2; exit 1"
+check grep -q '"media":\[{"material":"' out
+expect 2 'sigma_s_prime\[0\] is 900, this bake covers 0.02 to 25 mm\^-1' "$prt" colors joint.prt --env constant -o x.csv \
+    --material '{"sigma_s_prime":[900,1,1],"sigma_a":[0,0,0]}'
+expect 2 'eta is 1.5, this bake is for 1.3' "$prt" colors joint.prt --env constant --material marble -o x.csv
+expect 2 'eta is 1.5' "$prt" image joint.prt --env constant --material marble -o x.png
+expect 2 'covers 0 to 2 mm' "$prt" image joint.prt --env constant -o x.png \
+    --material '{"sigma_s_prime":[1,1,1],"sigma_a":[300,300,300]}'
+expect 2 'mean_free_path.*0.001 to 10000 mm' "$prt" colors joint.prt --env constant -o x.csv \
+    --material '{"profile":"burley","albedo":1,"mean_free_path":0}'
+expect 2 'leave --materials out' "$prt" compare ball.prt reference --env constant --materials all
+expect 2 'for B = reference' "$prt" compare m.csv truth.npy --materials all
+expect 0 '' "$prt" bake ball.obj --material "$wax" --size-mm 20 $bake --transport polynomial --env constant:1,1,2 -o poly.prt
+for material in skin1 "$wax"; do
+    expect 0 '' "$prt" colors poly.prt --engine polynomial --material "$material" --term multiple -o p.csv
+    expect 0 '' "$prt" compare poly.prt reference --materials "$material" --env constant:1,1,2 --term multiple \
+        --samples 4000 --vertices 20 --max-rmse 0.1
+done
+expect 2 'was baked under' "$prt" compare poly.prt reference --materials skin1 --env constant:3 --term multiple
+expect 0 '' "$prt" bake ball.obj --material slab.json --size-mm 20 $bake -o slab.prt
+expect 0 '' "$prt" info slab.prt --json
+check grep -q '"profile":"multipole"' out
+expect 0 '' "$prt" compare slab.prt reference --env constant --term total --samples 4000 --vertices 20 --max-rmse 0.1
+check [ -z "$(ls x.* 2>/dev/null)" ]
 
 # image: three endings agree with each other as far as 8 bits go.
 view="--size 64x48 --background none"
