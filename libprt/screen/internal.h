@@ -57,7 +57,8 @@ struct light_map {
     uint32_t nu, nv;
     float origin[3], u[3], v[3], d[3], step;
     struct light_texel {
-        float p[3];            /* mm */
+        float depth;           /* mm along the light from origin */
+        float slope[2];        /* of depth, for a step along u, v: the surface's plane */
         uint32_t object;       /* UINT32_MAX: nothing translucent */
         float e[3];            /* irradiance per area across the light, F_t included */
         float unused;

@@ -7,6 +7,9 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
 
 enum { KNOTS = 512 };
 
@@ -88,43 +91,52 @@ static bool make_pattern(const struct frame *f, uint32_t object, double r_p, dou
     return true;
 }
 
+enum { LANES = 64 };
+#define KERNEL(name) name##_c
+#define TARGET
+#include "pattern_kernel.h"
+#undef KERNEL
+#undef TARGET
+#if defined(__x86_64__)
+#define KERNEL(name) name##_avx2
+#define TARGET __attribute__((target("avx2,fma")))
+#include "pattern_kernel.h"
+#undef KERNEL
+#undef TARGET
+#define KERNEL(name) name##_avx512
+#define RADIAL_PERMUTE
+#define TARGET __attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")))
+#include "pattern_kernel.h"
+#undef KERNEL
+#undef TARGET
+#undef RADIAL_PERMUTE
+#endif
+
+typedef void (*receive_fn)(const struct light_map *m, const struct pattern *pat,
+                           const struct radial_table *table, uint32_t object, float u, float v,
+                           float depth, float sum[3]);
+
 struct job {
     struct frame *f;
     const struct light_map *map;
     const struct pattern *pattern;     // [object]
     const struct radial_table *table;  // [object]
+    receive_fn receive;
     atomic_uint_fast64_t n_pair;
 };
 
 static void receive(const struct job *job, uint32_t object, uint32_t column)
 {
     const struct light_map *m = job->map;
-    const struct pattern *pat = &job->pattern[object];
-    const struct radial_table *table = &job->table[object];
-    struct frame *f = job->f;
-    float o[3], u = 0, v = 0, sum[3] = {0, 0, 0};
+    float u = 0, v = 0, depth = 0, sum[3] = {0, 0, 0};
     for (int k = 0; k < 3; k++) {
-        o[k] = f->view->p[k][column];
-        u += (o[k] - m->origin[k]) * m->u[k];
-        v += (o[k] - m->origin[k]) * m->v[k];
+        float d = job->f->view->p[k][column] - m->origin[k];
+        u += d * m->u[k];
+        v += d * m->v[k];
+        depth += d * m->d[k];
     }
-    const float inv = 1 / m->step;
-    for (uint32_t i = 0; i < pat->n; i++) {
-        float x = (u + pat->a[i]) * inv + 0.5f, y = (v + pat->b[i]) * inv + 0.5f;
-        if (!(x >= 0 && y >= 0 && x < (float)m->nu && y < (float)m->nv)) continue;
-        const struct light_texel *q = &m->texel[(size_t)(uint32_t)y * m->nu + (uint32_t)x];
-        if (q->object != object) continue;
-        // the texel's point, moved in its view to where the pattern asked
-        float da = (x - 0.5f - floorf(x)) * m->step, db = (y - 0.5f - floorf(y)) * m->step;
-        float r_sq = 0, r[3];
-        for (int k = 0; k < 3; k++) {
-            float e = q->p[k] + da * m->u[k] + db * m->v[k] - o[k];
-            r_sq += e * e;
-        }
-        radial_table_eval(table, r_sq, r);
-        for (int k = 0; k < 3; k++) sum[k] += r[k] * q->e[k] * pat->area[i];
-    }
-    for (int k = 0; k < 3; k++) f->sum[k][column] += sum[k];
+    job->receive(m, &job->pattern[object], &job->table[object], object, u, v, depth, sum);
+    for (int k = 0; k < 3; k++) job->f->sum[k][column] += sum[k];
 }
 
 static int run(void *arg, size_t begin, size_t end, unsigned worker)
@@ -160,7 +172,13 @@ int scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
         status = light_map_make(f->ctx, f->screen->scene, &f->light[l], &grid, f->eta, &map,
                                 &f->report->n_ray);
         double t1 = prt_time_s();
-        struct job job = {.f = f, .map = &map, .pattern = pattern, .table = table};
+        struct job job = {.f = f, .map = &map, .pattern = pattern, .table = table,
+                          .receive = receive_c};
+#if defined(__x86_64__)
+        unsigned cpu = f->ctx ? f->ctx->cpu : prt_cpu_detect();
+        if (cpu & PRT_CPU_AVX2) job.receive = receive_avx2;
+        if (cpu & PRT_CPU_AVX512) job.receive = receive_avx512;
+#endif
         if (!status) status = prt_parallel_for(f->ctx, NULL, f->view->n_tile, 4, run, &job);
         f->report->irradiance_s += t1 - t0;
         f->report->scatter_s += prt_time_s() - t1;

@@ -569,12 +569,15 @@ static int fill_map(void *arg, size_t begin, size_t end, unsigned worker)
             const uint32_t *v = view->mesh->triangle[h->triangle];
             struct light_texel *q = &row[h->column];
             float w[3] = {1 - h->u - h->v, h->u, h->v}, n[3], l = 0, c = 0;
+            q->depth = 0;
             for (int k = 0; k < 3; k++) {
-                q->p[k] = n[k] = 0;
+                float p = 0;
+                n[k] = 0;
                 for (int a = 0; a < 3; a++) {
-                    q->p[k] += w[a] * view->mesh->position[v[a]][k];
+                    p += w[a] * view->mesh->position[v[a]][k];
                     n[k] += w[a] * view->mesh->normal[v[a]][k];
                 }
+                q->depth += (p - view->origin[k]) * view->d[k];
                 l += n[k] * n[k];
                 c += n[k] * job->light->where[k];
             }
@@ -583,7 +586,18 @@ static int fill_map(void *arg, size_t begin, size_t end, unsigned worker)
             // E dA is F_t cos L dA: per area across the light the cosine to the face goes
             double f = c > 0 ? prt_fresnel_transmittance((double)job->eta[q->object],
                                                          fmin((double)c, 1)) * (double)c : 0;
-            double area = (double)(h->area / (view->step * view->step));
+            double area = (double)(h->area / (view->step * view->step)), face[3], a = 0, b = 0;
+            face_normal(view->mesh, h->triangle, face);
+            double along = 0;
+            for (int k = 0; k < 3; k++) {
+                along += face[k] * (double)view->d[k];
+                a += face[k] * (double)view->u[k];
+                b += face[k] * (double)view->v[k];
+            }
+            // a grazing plane is not followed for ever
+            along = copysign(fmax(fabs(along), 0.1), along);
+            q->slope[0] = (float)(-a / along);
+            q->slope[1] = (float)(-b / along);
             for (int k = 0; k < 3; k++) q->e[k] = (float)(f * area) * job->light->rgb[k];
         }
     }

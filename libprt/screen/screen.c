@@ -279,7 +279,14 @@ uint32_t frame_samples(const struct frame *f, uint32_t normal, uint32_t most)
     return n;
 }
 
-enum { MEASURE_TEXELS = 65536, MEASURE_POINTS = 500 };
+enum { MEASURE_LEAST = 65536, MEASURE_MOST = 524288, MEASURE_POINTS = 500 };
+
+// Texels so fine that R_d's peak is a sum of many.
+static uint32_t measure_texels(const struct frame *f)
+{
+    double l = 0.35 * (double)smallest_mean_free_path(f), n = f->screen->area_mm2 / (l * l);
+    return n < MEASURE_LEAST ? MEASURE_LEAST : n > MEASURE_MOST ? MEASURE_MOST : (uint32_t)n;
+}
 
 int screen_measure(const struct prt_context *ctx, struct prt_screen *screen,
                    const struct prt_visibility *vis, const struct prt_material *material,
@@ -294,7 +301,7 @@ int screen_measure(const struct prt_context *ctx, struct prt_screen *screen,
     // read only: engine_reference compares
     f.radiance = (float(*)[3])(uintptr_t)radiance;
     if (!status && f.any && screen->area_mm2 > 0)
-        status = engine_reference(&f, MEASURE_TEXELS, f.g.n_point / MEASURE_POINTS + 1, error);
+        status = engine_reference(&f, measure_texels(&f), f.g.n_point / MEASURE_POINTS + 1, error);
     finish_frame(&f);
     return status;
 }
@@ -333,7 +340,7 @@ int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen
         status = run_engine(&f);
         if (!status) report_frame(&f, prt_time_s() - started);
         if (!status && options->measure_error && !options->profile)
-            status = engine_reference(&f, MEASURE_TEXELS, f.g.n_point / MEASURE_POINTS + 1,
+            status = engine_reference(&f, measure_texels(&f), f.g.n_point / MEASURE_POINTS + 1,
                                       &f.report->error);
     }
     finish_frame(&f);

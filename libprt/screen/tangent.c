@@ -7,6 +7,9 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
 
 enum { LANES = 64, VARIANTS = 16 };
 
@@ -85,10 +88,12 @@ struct tangent_job {
 #undef KERNEL
 #undef TARGET
 #define KERNEL(name) name##_avx512
+#define RADIAL_PERMUTE
 #define TARGET __attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")))
 #include "tangent_kernel.h"
 #undef KERNEL
 #undef TARGET
+#undef RADIAL_PERMUTE
 #endif
 
 static int run_points(void *arg, size_t begin, size_t end, unsigned worker)

@@ -2,25 +2,7 @@
 /* M03's samples of one pixel as plain loops over lanes; included by tangent.c once per
  * instruction set with KERNEL(name) and TARGET defined. */
 
-/* R_d of three channels at squared distances. */
-TARGET static void KERNEL(radial)(const struct radial_table *t, int n, const float *r_sq,
-                                  float *r0, float *r1, float *r2)
-{
-    const float base = t->r0_sq, q_max = t->q_max;
-    const uint32_t shift = t->shift;
-    for (int i = 0; i < n; i++) {
-        float q = r_sq[i] + base;
-        q = q < q_max ? q : q_max;
-        union {
-            float f;
-            uint32_t u;
-        } bits = {q};
-        uint32_t k = bits.u >> shift & 31;
-        r0[i] = t->coef[0][0][k] + q * (t->coef[0][1][k] + q * t->coef[0][2][k]);
-        r1[i] = t->coef[1][0][k] + q * (t->coef[1][1][k] + q * t->coef[1][2][k]);
-        r2[i] = t->coef[2][0][k] + q * (t->coef[2][1][k] + q * t->coef[2][2][k]);
-    }
-}
+#include "radial_kernel.h"
 
 /* sum += R_d E / density over lanes. Lane i looks along x (tangent-plane point relative to the
  * eye) at G-buffer point index[i], whose plane it meets at t x; f is the number of tangent samples

@@ -362,6 +362,9 @@ int engine_texture(struct frame *f, bool hybrid)
 {
     struct prt_screen *screen = f->screen;
     uint32_t n = f->report->n_asked = frame_samples(f, hybrid ? 900 : 2500, 16384);
+    // a running mean ends where its frames' discs do not show
+    if (f->options->frame && !(f->options->budget_ms > 0))
+        n = (uint32_t)fmin(fmax(n, 16384), n * fmin(1 + f->options->frame / 8.0, 4));
     double texels = 16384, spacing = smallest_mean_free_path(f), r_p = -1;
     if (hybrid) {
         double bound = f->options->bound > 0 ? f->options->bound : 0.1;

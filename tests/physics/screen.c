@@ -844,6 +844,428 @@ static void refinement_converges(void **state)
     model_finish(&model);
 }
 
+// Local and global part together are R_d, as tables too, and a disc keeps the total.
+static void split_parts_add_up(void **state)
+{
+    struct prt_dipole dipole[1][3];
+    for (int c = 0; c < 3; c++) prt_dipole_init(&dipole[0][c], 1 + c, 0.02, 1.3);
+    struct prt_screen_options options = {0};
+    struct frame f = {.ctx = &quiet, .dipole = dipole, .options = &options};
+    struct radial_table whole, near, far;
+    split_table(&f, 0, -1, true, 0, 40, &whole);
+    split_table(&f, 0, 1.5, true, 0, 40, &near);
+    split_table(&f, 0, 1.5, false, 0, 40, &far);
+    for (float r = 0; r < 30; r += 0.05f) {
+        float a[3], b[3], d[3];
+        radial_table_eval(&whole, r * r, a);
+        radial_table_eval(&near, r * r, b);
+        radial_table_eval(&far, r * r, d);
+        for (int c = 0; c < 3; c++)
+            assert_true(fabsf(b[c] + d[c] - a[c]) < 0.01f * a[c] + 1e-6f);
+    }
+    struct radial_table disc;
+    split_table(&f, 0, -1, true, 0.8, 40, &disc);
+    double total[2][3] = {{0}};
+    for (int i = 0; i < 40000; i++) {
+        double r = (i + 0.5) * 1e-3;
+        float a[2][3];
+        radial_table_eval(&whole, (float)(r * r), a[0]);
+        radial_table_eval(&disc, (float)(r * r), a[1]);
+        for (int k = 0; k < 2; k++)
+            for (int c = 0; c < 3; c++) total[k][c] += 2 * M_PI * r * (double)a[k][c] * 1e-3;
+    }
+    for (int c = 0; c < 3; c++) {
+        assert_true(fabs(total[0][c] / dipole[0][c].rho_d - 1) < 0.01);
+        assert_true(fabs(total[1][c] / dipole[0][c].rho_d - 1) < 0.02);
+    }
+}
+
+// A sphere whose uv unfold it; `fold` says how they are spoilt.
+static void add_uv(struct model *m, uint32_t n, int fold)
+{
+    m->mesh.uv = calloc(m->mesh.n_vertex, sizeof *m->mesh.uv);
+    uint32_t row = 2 * n + 1, one = (n + 1) * row;
+    for (uint32_t v = 0; v < m->mesh.n_vertex; v++) {
+        float *uv = m->mesh.uv[v];
+        uv[0] = (float)(v % one % row) / (float)(2 * n);
+        uv[1] = (float)(v % one / row) / (float)n;
+        if (fold == 1) uv[0] = uv[1] = 0.25f;                 // all in one place
+        if (fold == 2) uv[0] = fabsf(2 * uv[0] - 1);          // mirrored halves lie on each other
+        if (fold == 3) uv[1] = NAN;
+        if (fold == 4) uv[0] = 3 * uv[0] + 1;                 // outside the square
+        if (fold == 5) uv[1] = 0.5f;                          // a line
+    }
+}
+
+// C08's atlas lies in the model's uv where they are one to one, and the picture is the same;
+// where they are not it lies along the triangles.
+static void uv_are_the_atlas(void **state)
+{
+    enum { N = 24 };
+    struct prt_camera camera = {.eye = {0, 8, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct prt_screen_light light = {{0.3f, 0.5f, 0.8f}, {3, 3, 3}, false};
+    pixels plain = NULL;
+    for (int fold = -1; fold < 6; fold++) {
+        struct model model;
+        model_init(&model, 20000, 40000);
+        add_sphere(&model, (float[3]){0, 0, 0}, 10, N);
+        if (fold == 0) add_sphere(&model, (float[3]){0, 22, 0}, 5, N); // each has the whole square
+        if (fold >= 0) add_uv(&model, N, fold);
+        struct stage s;
+        stage_init(&s, &model, camera, 60, 60);
+        for (int hybrid = 0; hybrid < 2; hybrid++) {
+            struct prt_screen_options options = {
+                .engine = hybrid ? PRT_SCREEN_HYBRID : PRT_SCREEN_TEXTURE, .n_sample = 3000};
+            struct prt_screen_report report;
+            pixels b = render(&s, &marble, NULL, &light, options, &report);
+            assert_true(report.uv_atlas == (fold == 0));
+            if (!plain) plain = b;
+            if (!hybrid && fold >= 0) {
+                double rmse = relative(b, plain, s.g.n_point);
+                if (fold == 0) print_message("in the model's uv: %.2f %%\n", 100 * rmse);
+                assert_true(fold == 0 ? rmse < 0.03 && rmse > 0 : rmse < 1e-6);
+            }
+            if (b != plain) free(b);
+        }
+        // and its texels are the whole surface
+        bool injective;
+        struct samples texels;
+        assert_int_equal(samples_uv_atlas(&quiet, &model.mesh, 20000, &texels, &injective), PRT_OK);
+        assert_true(injective == (fold == 0));
+        if (injective) {
+            double area = 0;
+            for (uint32_t i = 0; i < texels.n; i++) {
+                area += (double)texels.area[i];
+                assert_true(i == 0 || texels.object[i] >= texels.object[i - 1]);
+            }
+            assert_true(fabs(area / (500 * M_PI) - 1) < 0.01);
+            samples_finish(&texels);
+        }
+        stage_finish(&s);
+        free(model.mesh.uv);
+        model_finish(&model);
+    }
+    free(plain);
+}
+
+// A sheet with uv over [0,1]², seen by a wide camera.
+static void sheet_with_uv(struct model *model, struct stage *s)
+{
+    model_init(model, 20000, 40000);
+    struct prt_block *block = begin_block(model, true);
+    add_sheet(model, (float[3]){0, 0, 0}, (float[3]){30, 0, 0}, (float[3]){0, 30, 0}, 20);
+    end_block(model, block);
+    model->mesh.uv = calloc(model->mesh.n_vertex, sizeof *model->mesh.uv);
+    for (uint32_t v = 0; v < model->mesh.n_vertex; v++)
+        for (int k = 0; k < 2; k++)
+            model->mesh.uv[v][k] = (model->mesh.position[v][k] + 30) / 60;
+    struct prt_camera wide = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 54};
+    stage_init(s, model, wide, 160, 160);
+}
+
+static double middle(const struct stage *s, pixels b, int c)
+{
+    double sum = 0;
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < s->g.n_point; i++) {
+        if (hypotf(s->g.position[0][i], s->g.position[1][i]) > 8) continue;
+        sum += (double)b[i][c];
+        n++;
+    }
+    return sum / n;
+}
+
+// Maps: factors of 2 everywhere are a medium of twice the coefficients; a flat normal map changes
+// nothing; a slope of heights tips the normal as far as it says; two halves of different media
+// look each as its own.
+static void maps_change_the_medium(void **state)
+{
+    struct prt_material m = marble;
+    for (int c = 0; c < 3; c++) m.sigma_a[c] = 0.05f;
+    struct model model;
+    struct stage s;
+    sheet_with_uv(&model, &s);
+    struct prt_screen_options options = {.engine = PRT_SCREEN_TANGENT, .n_sample = 64};
+    struct prt_screen_report report;
+    pixels base = render(&s, &m, NULL, &from_front, options, NULL);
+    static const float two[1][3] = {{2, 2, 2}}, flat[1][3] = {{0.5f, 0.5f, 1}};
+    struct prt_screen_map twice = {1, 1, two}, level = {1, 1, flat};
+    struct prt_material denser = m;
+    for (int c = 0; c < 3; c++) {
+        denser.sigma_s_prime[c] *= 2;
+        denser.sigma_a[c] *= 2;
+    }
+    pixels want = render(&s, &denser, NULL, &from_front, options, NULL);
+    struct prt_screen_options mapped = options;
+    mapped.sigma_s_map = mapped.sigma_a_map = &twice;
+    pixels b = render(&s, &m, NULL, &from_front, mapped, &report);
+    for (int c = 0; c < 3; c++)
+        assert_true(fabs(middle(&s, b, c) / middle(&s, want, c) - 1) < 0.01);
+    assert_int_equal(report.n_medium, 1);
+    free(b);
+    // absorption sixty times as strong on one half: it is darker there, and no darker elsewhere
+    static float halves[64][3];
+    for (int i = 0; i < 64; i++)
+        for (int c = 0; c < 3; c++) halves[i][c] = i < 32 ? 1 : 60;
+    struct prt_screen_map half = {64, 1, (const float(*)[3])halves};
+    mapped = options;
+    mapped.sigma_a_map = &half;
+    b = render(&s, &m, NULL, &from_front, mapped, &report);
+    assert_true(report.n_medium >= 2);
+    for (uint32_t i = 0; i < s.g.n_point; i++) {
+        float x = s.g.position[0][i], y = s.g.position[1][i];
+        if (fabsf(y) > 8 || fabsf(x) > 20 || fabsf(x) < 4) continue;
+        float share = b[i][1] / base[i][1];
+        assert_true(x < 0 ? fabsf(share - 1) < 0.1f : share < 0.5f);
+    }
+    free(b);
+    mapped = options;
+    mapped.normal_map = &level;
+    b = render(&s, &m, NULL, &from_front, mapped, NULL);
+    assert_true(relative(b, base, s.g.n_point) < 1e-3);
+    free(b);
+    // heights that rise by 12 mm to a side of 60: a normal tipped by atan(0.2); the light's angle
+    static float ramp[256][3];
+    for (int i = 0; i < 256; i++) ramp[i][0] = 12 * ((float)i + 0.5f) / 256;
+    struct prt_screen_map heights = {256, 1, (const float(*)[3])ramp};
+    struct prt_screen_light slant = {{0.6f, 0, 0.8f}, {2, 2, 2}, false};
+    pixels level_lit = render(&s, &m, NULL, &slant, options, NULL);
+    mapped = options;
+    mapped.bump_map = &heights;
+    b = render(&s, &m, NULL, &slant, mapped, NULL);
+    double l = sqrt(1 + 0.04), tipped = (0.8 - 0.2 * 0.6) / l;
+    double share = prt_fresnel_transmittance(m.eta, tipped) * tipped /
+                   (prt_fresnel_transmittance(m.eta, 0.8) * 0.8);
+    print_message("a slope of 0.2: %.4f of the light, closed form %.4f\n",
+                  middle(&s, b, 1) / middle(&s, level_lit, 1), share);
+    assert_true(fabs(middle(&s, b, 1) / middle(&s, level_lit, 1) / share - 1) < 0.02);
+    free(b);
+    // refusals
+    static const float bad[1][3] = {{NAN, 0, 0}}, negative[1][3] = {{-1, 0, 0}};
+    struct prt_screen_map wrong[] = {{1, 1, bad}, {1, 1, negative}, {0, 1, two}, {1, 1, NULL}};
+    b = malloc(s.g.n_point * sizeof *b);
+    for (int i = 0; i < 4; i++) {
+        mapped = options;
+        mapped.sigma_s_map = &wrong[i];
+        assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &m, NULL, 1, &from_front,
+                                             &mapped, b, NULL), PRT_ARG);
+    }
+    mapped = (struct prt_screen_options){.engine = PRT_SCREEN_SPLAT, .sigma_s_map = &twice};
+    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &m, NULL, 1, &from_front, &mapped,
+                                         b, NULL), PRT_ARG);
+    // uv folded to a line: no frame for bumps, a picture all the same
+    for (uint32_t v = 0; v < model.mesh.n_vertex; v++) model.mesh.uv[v][1] = 0.5f;
+    mapped = options;
+    mapped.bump_map = &heights;
+    mapped.normal_map = &level;
+    mapped.sigma_a_map = &half;
+    free(render(&s, &m, NULL, &slant, mapped, NULL));
+    float(*kept)[2] = model.mesh.uv;
+    model.mesh.uv = NULL;
+    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &m, NULL, 1, &from_front, &mapped,
+                                         b, NULL), PRT_ARG);
+    free(kept);
+    free(b);
+    free(base);
+    free(want);
+    free(level_lit);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// C08's pattern of rings finds what the dense sum finds, in every instruction set, and keeps
+// to objects.
+static void pattern_is_the_near_part(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_box(&model, (float[3]){-6, 0, 0}, (float[3]){6, 6, 6}, 8);
+    add_box(&model, (float[3]){6, 0, 0}, (float[3]){6, 6, 6}, 8);
+    struct prt_screen_light light = {{-0.8f, 0, 0.6f}, {5, 5, 5}, false};
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 26};
+    struct stage s;
+    stage_init(&s, &model, camera, 72, 72);
+    struct prt_screen_options exact = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 80000};
+    pixels want = render(&s, &marble, NULL, &light, exact, NULL), first = NULL;
+    static const char *const word[] = {"c", "avx2", "avx512"};
+    for (int k = 0; k < 3; k++) {
+        unsigned mask, all = quiet.cpu;
+        assert_int_equal(prt_cpu_parse(word[k], &mask), PRT_OK);
+        quiet.cpu = mask & prt_cpu_detect();
+        struct prt_screen_options options = {.engine = PRT_SCREEN_HYBRID, .n_sample = 900,
+                                             .rings = 20, .spokes = 20};
+        pixels b = render(&s, &marble, NULL, &light, options, NULL);
+        quiet.cpu = all;
+        double rmse = relative(b, want, s.g.n_point);
+        if (!k) print_message("20 rings of 20: %.2f %%\n", 100 * rmse);
+        assert_true(rmse < 0.05);
+        if (!first) first = b;
+        else assert_true(relative(b, first, s.g.n_point) < 1e-3);
+        if (b != first) free(b);
+    }
+    // a light from the left leaves all of the right box dark but its front
+    struct prt_screen_light side = {{-1, 0, 0}, {5, 5, 5}, false};
+    struct prt_screen_options options = {.engine = PRT_SCREEN_HYBRID, .rings = 20, .spokes = 20};
+    pixels b = render(&s, &marble, NULL, &side, options, NULL);
+    for (uint32_t i = 0; i < s.g.n_point; i++)
+        assert_true(model.block[s.g.block[i]].object == 0 ||
+                    (b[i][0] == 0 && b[i][1] == 0 && b[i][2] == 0));
+    free(b);
+    b = malloc(s.g.n_point * sizeof *b);
+    options.spokes = 0;
+    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &side, &options,
+                                         b, NULL), PRT_ARG);
+    free(b);
+    free(first);
+    free(want);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// The mean of frames goes to the exact sum; a frame's number and seed make its picture.
+static void frames_average_to_the_reference(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 5, 32);
+    struct prt_camera camera = {.eye = {0, 3, 30}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct prt_screen_light light = {{0.3f, 0.8f, 0.5f}, {3, 3, 3}, false};
+    struct prt_shade shade = {.eta = 1.5f, .fresnel = true};
+    static const uint32_t count[4] = {48, 16, 400, 100};
+    struct stage s;
+    stage_init(&s, &model, camera, 64, 64);
+    for (int e = 0; e < 4; e++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                             .n_sample = count[e], .measure_error = true};
+        struct prt_screen_progress *p;
+        assert_int_equal(prt_screen_progress_create(&quiet, s.screen, s.vis, &p), PRT_OK);
+        double before = 0, after = 0;
+        for (uint32_t k = 0; k < 24; k++) {
+            struct prt_screen_report report;
+            struct prt_image image;
+            assert_int_equal(prt_screen_progress_image(&quiet, p, &marble, NULL, 1, &light,
+                                                       &options, &shade, &image, &report), PRT_OK);
+            assert_int_equal(report.frame, k);
+            for (int i = 0; i < 64 * 64 * 3; i++) assert_true(isfinite(image.rgb[i]));
+            prt_image_finish(&image);
+            if (!k) before = report.error;
+            after = report.error;
+        }
+        assert_int_equal(prt_screen_progress_frames(p), 24);
+        print_message("24 frames, %s: %.2f %%, then %.2f %%\n",
+                      prt_screen_engine_name(options.engine), 100 * before, 100 * after);
+        assert_true(after < 0.8 * before);
+        prt_screen_progress_restart(p);
+        assert_int_equal(prt_screen_progress_frames(p), 0);
+        prt_screen_progress_destroy(p);
+        options.measure_error = false;
+        options.frame = 5;
+        options.seed = 3;
+        pixels a = render(&s, &marble, NULL, &light, options, NULL);
+        pixels b = render(&s, &marble, NULL, &light, options, NULL);
+        assert_true(memcmp(a, b, s.g.n_point * sizeof *a) == 0);
+        options.frame = 6;
+        pixels c = render(&s, &marble, NULL, &light, options, NULL);
+        assert_true(memcmp(a, c, s.g.n_point * sizeof *a) != 0);
+        free(a);
+        free(b);
+        free(c);
+    }
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// More time, more samples, less error foreseen; nonsense is refused.
+static void budgets_buy_samples(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 24);
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct stage s;
+    stage_init(&s, &model, camera, 100, 100);
+    for (int e = 0; e < 4; e++) {
+        struct prt_screen_plan plan, before = {0};
+        for (double ms = 2; ms < 500; ms *= 2) {
+            struct prt_screen_options options = {0};
+            assert_int_equal(prt_screen_plan(&quiet, s.screen, s.vis, &marble,
+                                             (enum prt_screen_engine)e, false, 0, ms, &options,
+                                             &plan), PRT_OK);
+            assert_true(options.n_sample == plan.n_sample && (int)options.engine == e);
+            assert_true(plan.expected_error > 0 && plan.expected_error <= 1);
+            assert_true(plan.n_sample >= before.n_sample);
+            assert_true(!before.n_sample || plan.expected_error <= before.expected_error);
+            before = plan;
+        }
+        assert_true(before.n_sample > 200);
+        // the options' own budget means the same
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e, .budget_ms = 20};
+        struct prt_screen_report report;
+        free(render(&s, &marble, NULL, &from_front, options, &report));
+        assert_true(report.n_asked >= 16 && report.expected_error > 0);
+    }
+    struct prt_screen_options options = {0};
+    struct prt_screen_plan plan;
+    assert_int_equal(prt_screen_choose(&quiet, s.screen, s.vis, &marble, false, 0, 50, &options,
+                                       &plan), PRT_OK);
+    assert_true(options.n_sample == plan.n_sample && options.engine == plan.engine);
+    assert_int_equal(prt_screen_plan(&quiet, s.screen, s.vis, &marble, PRT_SCREEN_REFERENCE, false,
+                                     0, 50, &options, &plan), PRT_ARG);
+    static const double bad[] = {0, -1, NAN, INFINITY};
+    for (int i = 0; i < 4; i++)
+        assert_int_equal(prt_screen_choose(&quiet, s.screen, s.vis, &marble, false, 0, bad[i],
+                                           &options, &plan), PRT_ARG);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// Receivers share light among pixels of one patch only: a picture with a few looks like one with
+// a receiver at every pixel, and weights of a point add up to one.
+static void receivers_stand_for_their_patch(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_box(&model, (float[3]){-6, 0, 0}, (float[3]){5, 6, 4}, 8);
+    add_sphere(&model, (float[3]){6, 0, 5}, 6, 24);
+    struct prt_camera camera = {.eye = {10, 20, 60}, .up = {0, 1, 0}, .fovy_deg = 28};
+    struct stage s;
+    stage_init(&s, &model, camera, 128, 128);
+    struct prt_screen_options options = {.engine = PRT_SCREEN_SPLAT};
+    struct frame f = {.ctx = &quiet, .screen = s.screen, .vis = s.vis, .options = &options,
+                      .width = 128, .height = 128, .g = s.g, .view_key = 77};
+    uint32_t before = UINT32_MAX;
+    for (uint32_t size = 1; size <= 4; size *= 2) {
+        const struct view_cache *v, *again;
+        assert_int_equal(view_get(&f, size, &v), PRT_OK);
+        assert_int_equal(view_get(&f, size, &again), PRT_OK);
+        assert_true(v == again && v->n_receiver < before && v->n_receiver <= s.g.n_point);
+        before = v->n_receiver;
+        uint32_t *object = malloc((v->n_column + 1) * sizeof *object);
+        for (uint32_t t = 0; t < v->n_tile; t++)
+            for (uint32_t i = v->begin[t]; i < v->begin[t + 1]; i++) object[i] = v->object[t];
+        double worst = 0;
+        for (uint32_t i = 0; i < s.g.n_point; i++) {
+            float sum = 0, p[3] = {0, 0, 0}, d = 0;
+            for (int k = 0; k < 4; k++) {
+                uint32_t at = v->from[i][k];
+                assert_true(at < v->n_column);
+                assert_true(v->weight[i][k] == 0 ||
+                            object[at] == model.block[s.g.block[i]].object);
+                sum += v->weight[i][k];
+                for (int j = 0; j < 3; j++) p[j] += v->weight[i][k] * v->p[j][at];
+            }
+            assert_true(fabsf(sum - 1) < 1e-5f);
+            for (int j = 0; j < 3; j++) d += powf(p[j] - s.g.position[j][i], 2);
+            worst = fmax(worst, sqrt((double)d));
+        }
+        // a pixel is 0.25 mm wide here
+        assert_true(worst < 0.5 * (1 + 3.0 * size));
+        free(object);
+    }
+    stage_finish(&s);
+    model_finish(&model);
+}
+
 static void engine_words(void **state)
 {
     enum prt_screen_engine e;
@@ -886,6 +1308,13 @@ int main(void)
         cmocka_unit_test(multipole_limits),
         cmocka_unit_test(reference_engine_agrees),
         cmocka_unit_test(refinement_converges),
+        cmocka_unit_test(split_parts_add_up),
+        cmocka_unit_test(uv_are_the_atlas),
+        cmocka_unit_test(maps_change_the_medium),
+        cmocka_unit_test(pattern_is_the_near_part),
+        cmocka_unit_test(frames_average_to_the_reference),
+        cmocka_unit_test(budgets_buy_samples),
+        cmocka_unit_test(receivers_stand_for_their_patch),
         cmocka_unit_test(engine_words),
     };
     return cmocka_run_group_tests(tests, setup, teardown);

@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "bench.h"
 #include "prt/screen.h"
@@ -111,12 +112,17 @@ static struct prt_screen_light next_light(struct stage *s)
                                      {5, 5, 5}, false};
 }
 
+static struct prt_shade plain_shade(const struct stage *s)
+{
+    return (struct prt_shade){.eta = s->material.eta, .fresnel = true,
+                              .background_rgb = {0.05f, 0.05f, 0.05f}};
+}
+
 static int one_image(void *arg)
 {
     struct stage *s = arg;
     struct prt_screen_light light = next_light(s);
-    struct prt_shade shade = {.eta = s->material.eta, .fresnel = true,
-                              .background_rgb = {0.05f, 0.05f, 0.05f}};
+    struct prt_shade shade = plain_shade(s);
     struct prt_image image;
     int status = prt_screen_image(&s->env->ctx, s->screen, s->vis, &s->material, s->cube,
                                   !s->cube, &light, &s->options, &shade, &image, &s->report);
@@ -124,25 +130,60 @@ static int one_image(void *arg)
     return status;
 }
 
+static double cpu_seconds(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+// A demand of the requirements: what is asked of a figure.
+struct target {
+    double fps, error; // 0: none
+};
+
+// New light to shaded image: wall, and what two cores that did nothing else would take.
 static int time_engine(struct stage *s, const char *figure, const char *medium, uint32_t w,
-                       uint32_t h, float share)
+                       uint32_t h, float share, struct target target)
 {
     struct bench_time t;
     int status = prt_material_load(&s->env->ctx, medium, &s->material);
     if (!status) status = look(s, w, h, share);
+    if (!status) status = one_image(s);
+    unsigned before = s->turn;
+    double cpu = cpu_seconds();
     if (!status) status = bench_measure(s->env, one_image, s, &t);
+    cpu = (cpu_seconds() - cpu) / (s->turn - before);
+    if (status) return status;
+    struct prt_screen_report report = s->report;
+    struct prt_screen_options measured = s->options;
+    measured.measure_error = true;
+    struct prt_screen_light light = next_light(s);
+    status = prt_screen_radiance(&s->env->ctx, s->screen, s->vis, &s->material, s->cube, !s->cube,
+                                 &light, &measured, s->radiance, &s->report);
     if (status) return status;
     bench_begin(s->env, figure);
     bench_text("engine", prt_screen_engine_name(s->options.engine));
     bench_text("medium", medium);
+    bench_text("light", s->cube ? "environment" : "distant");
     bench_number("width", w);
     bench_number("height", h);
     bench_number("points", s->g.n_point);
-    bench_number("samples", s->report.n_sample);
-    bench_number("lights", s->report.n_light);
+    bench_number("receivers", report.receivers);
+    bench_number("samples", report.n_sample);
+    if (report.grid) bench_number("grid", report.grid);
+    if (s->options.rings) bench_number("local", s->options.rings * s->options.spokes + 1);
+    bench_number("lights", report.n_light);
+    bench_number("pairs", (double)report.n_pair);
     bench_number("ms", t.best * 1e3);
     bench_number("ms_median", t.median * 1e3);
     bench_number("fps", 1 / t.median);
+    bench_number("cpu_ms", cpu * 1e3);
+    bench_number("fps_by_cpu_time", 2 / cpu);
+    if (target.fps > 0) bench_number("target_fps", target.fps);
+    bench_number("relative_rmse", s->report.error);
+    bench_number("expected_error", s->report.expected_error);
+    if (target.error > 0) bench_number("target_relative_rmse", target.error);
     bench_end();
     return PRT_OK;
 }
@@ -152,7 +193,7 @@ static double relative(const float (*a)[3], const float (*b)[3], uint32_t n, dou
     double num = 0, den = 0, tone = 0;
     for (uint32_t i = 0; i < n; i++) {
         for (int c = 0; c < 3; c++) {
-            double x = a[i][c], y = b[i][c], d = x / (1 + x) - y / (1 + y);
+            double x = (double)a[i][c], y = (double)b[i][c], d = x / (1 + x) - y / (1 + y);
             num += (x - y) * (x - y);
             den += y * y;
             tone += d * d;
@@ -162,87 +203,296 @@ static double relative(const float (*a)[3], const float (*b)[3], uint32_t n, dou
     return den > 0 ? sqrt(num / den) : 0;
 }
 
-// Errors over covered pixels against every one of the reference's texels, same light.
+// What the requirements ask of an engine at a count, or at its most.
+static const struct row {
+    enum prt_screen_engine engine;
+    uint32_t n[5];
+    double relative, tone; // targets at the counts marked
+    unsigned marked;       // bits
+} row[] = {{PRT_SCREEN_SPLAT, {64, 93, 145, 217, 300}, 0.04, 0, 0x18},
+           {PRT_SCREEN_TANGENT, {16, 32, 64, 256, 1024}, 0.05, 0, 0x1c},
+           {PRT_SCREEN_TEXTURE, {400, 900, 1600, 2500, 10000}, 0, 0.014, 0x0c},
+           {PRT_SCREEN_HYBRID, {200, 400, 900, 1600, 4000}, 0.02, 0, 0x1c}};
+
+static void say_error(struct stage *s, const struct row *r, int i, const char *medium,
+                      const struct prt_screen_report *report, const float (*exact)[3], double ms)
+{
+    double absolute, error = relative((const float(*)[3])s->radiance, exact, s->g.n_point, &absolute);
+    bench_begin(s->env, "screen_error");
+    bench_text("engine", prt_screen_engine_name(r->engine));
+    bench_text("medium", medium);
+    bench_text("light", s->cube ? "environment" : "distant");
+    bench_number("asked", r->n[i]);
+    bench_number("samples", report->n_sample);
+    bench_number("relative_rmse", error);
+    if (r->marked >> i & 1 && r->relative > 0) bench_number("target_relative_rmse", r->relative);
+    bench_number("tone_mapped_rmse", absolute);
+    if (r->marked >> i & 1 && r->tone > 0) bench_number("target_tone_mapped_rmse", r->tone);
+    bench_number("expected_error", report->expected_error);
+    bench_number("ms", ms);
+    bench_end();
+}
+
+// Errors over covered pixels against the sum over all of the reference's texels, same camera, same
+// lights.
 static int convergence(struct stage *s, const char *medium)
 {
-    static const struct {
-        enum prt_screen_engine engine;
-        uint32_t n[4];
-    } row[] = {{PRT_SCREEN_SPLAT, {32, 64, 128, 256}},
-               {PRT_SCREEN_TANGENT, {16, 64, 256, 1024}},
-               {PRT_SCREEN_TEXTURE, {400, 900, 1600, 2500}},
-               {PRT_SCREEN_HYBRID, {200, 400, 900, 1600}}};
-    struct prt_screen_light light = {{0.4f, 0.7f, 0.6f}, {5, 5, 5}, false};
-    uint32_t side = s->env->quick ? 48 : 200;
+    struct prt_screen_light light = {{0.4f, 0.5f, 0.75f}, {5, 5, 5}, false};
+    uint32_t side = s->env->quick ? 48 : 160;
     int status = prt_material_load(&s->env->ctx, medium, &s->material);
     if (!status) status = look(s, side, side, 0.9f);
     if (status) return status;
     float(*exact)[3] = prt_alloc((size_t)s->g.n_point + 1, sizeof *exact);
     if (!exact) return PRT_NOMEM;
     struct prt_screen_options options = {.engine = PRT_SCREEN_REFERENCE,
-                                         .n_sample = s->env->quick ? 20000 : 200000};
+                                         .n_sample = s->env->quick ? 20000 : 400000};
     status = prt_screen_radiance(&s->env->ctx, s->screen, s->vis, &s->material, s->cube, !s->cube,
                                  &light, &options, exact, NULL);
     for (size_t k = 0; k < sizeof row / sizeof *row && !status; k++) {
-        for (int i = 0; i < 4 && !status; i++) {
+        for (int i = 0; i < 5 && !status; i++) {
             struct prt_screen_report report;
             options = (struct prt_screen_options){.engine = row[k].engine, .n_sample = row[k].n[i]};
-            double t0 = prt_time_s(), absolute;
+            double t0 = prt_time_s();
             status = prt_screen_radiance(&s->env->ctx, s->screen, s->vis, &s->material, s->cube,
                                          !s->cube, &light, &options, s->radiance, &report);
-            if (status) break;
-            double t1 = prt_time_s();
-            double error = relative((const float(*)[3])s->radiance, (const float(*)[3])exact,
-                                    s->g.n_point, &absolute);
-            bench_begin(s->env, "screen_error");
-            bench_text("engine", prt_screen_engine_name(row[k].engine));
-            bench_text("medium", medium);
-            bench_text("light", s->cube ? "environment" : "distant");
-            bench_number("asked", row[k].n[i]);
-            bench_number("samples", report.n_sample);
-            bench_number("relative_rmse", error);
-            bench_number("tone_mapped_rmse", absolute);
-            bench_number("ms", (t1 - t0) * 1e3);
-            bench_end();
+            if (!status)
+                say_error(s, &row[k], i, medium, &report, (const float(*)[3])exact,
+                          (prt_time_s() - t0) * 1e3);
         }
     }
     prt_free(exact);
     return status;
 }
 
-static int run(struct bench_env *env)
+static const char *const media[] = {"skimmilk", "marble", "cream"};
+
+static int with_stage(struct bench_env *env, int (*work)(struct stage *s))
 {
     struct stage s;
     int status = stage_init(env, &s);
-    static const char *const media[] = {"skimmilk", "marble", "cream"};
-    for (int k = 0; k < 3 && !status; k++) {
-        s.options = (struct prt_screen_options){.engine = PRT_SCREEN_SPLAT};
-        status = time_engine(&s, "splat_800x600", media[k], 800, 600, 0.5f);
-    }
-    if (!status) {
-        s.options = (struct prt_screen_options){.engine = PRT_SCREEN_TANGENT, .n_sample = 64};
-        status = time_engine(&s, "tangent_500x500", "cream", 500, 500, 0.5f);
-    }
-    for (int hybrid = 0; hybrid < 2 && !status; hybrid++) {
-        s.options = (struct prt_screen_options){
-            .engine = hybrid ? PRT_SCREEN_HYBRID : PRT_SCREEN_TEXTURE, .n_sample = 900};
-        status = time_engine(&s, "texture_512x512", "marble", 512, 512, 0.9f);
-    }
-    struct prt_cube cube = {0};
-    if (!status) status = bench_cube(32, env->seed, &cube);
-    if (!status) {
-        s.cube = &cube;
-        s.options = (struct prt_screen_options){.engine = PRT_SCREEN_SPLAT};
-        status = time_engine(&s, "splat_environment", "marble", 800, 600, 0.5f);
-        s.cube = NULL;
-    }
-    for (int k = 0; k < 2 && !status; k++) status = convergence(&s, media[k]);
-    prt_cube_finish(&cube);
+    if (!status) status = work(&s);
     stage_finish(&s);
     return status;
 }
 
-BENCH(screen, "image-space engines: splat, tangent, texture, hybrid; their errors", run)
+static int splat(struct stage *s)
+{
+    int status = PRT_OK;
+    for (int k = 0; k < 3 && !status; k++) {
+        s->options = (struct prt_screen_options){.engine = PRT_SCREEN_SPLAT};
+        status = time_engine(s, "screen_splat", media[k], 800, 600, 0.5f,
+                             (struct target){15, 0.04});
+    }
+    return status;
+}
+
+static int tangent(struct stage *s)
+{
+    s->options = (struct prt_screen_options){.engine = PRT_SCREEN_TANGENT, .n_sample = 64};
+    return time_engine(s, "screen_tangent", "cream", 500, 500, 0.5f, (struct target){20, 0.05});
+}
+
+static int texture(struct stage *s)
+{
+    s->options = (struct prt_screen_options){.engine = PRT_SCREEN_TEXTURE, .n_sample = 900};
+    return time_engine(s, "screen_texture", "marble", 512, 512, 0.9f, (struct target){25, 0});
+}
+
+// The near part from every point within reach, and from C08's 401.
+static int hybrid(struct stage *s)
+{
+    s->options = (struct prt_screen_options){.engine = PRT_SCREEN_HYBRID, .n_sample = 900};
+    int status = time_engine(s, "screen_hybrid", "marble", 512, 512, 0.9f,
+                             (struct target){20, 0.02});
+    s->options.rings = s->options.spokes = 20;
+    if (!status)
+        status = time_engine(s, "screen_hybrid", "marble", 512, 512, 0.9f,
+                             (struct target){20, 0.02});
+    return status;
+}
+
+static int under_environment(struct stage *s, int (*work)(struct stage *s))
+{
+    struct prt_cube cube = {0};
+    int status = bench_cube(32, s->env->seed, &cube);
+    s->cube = &cube;
+    if (!status) status = work(s);
+    s->cube = NULL;
+    prt_cube_finish(&cube);
+    return status;
+}
+
+static int every_engine(struct stage *s)
+{
+    int status = PRT_OK;
+    for (int e = 0; e < 4 && !status; e++) {
+        s->options = (struct prt_screen_options){.engine = (enum prt_screen_engine)e};
+        status = time_engine(s, "screen_environment", "marble", 800, 600, 0.5f,
+                             (struct target){0, 0});
+    }
+    return status;
+}
+
+static int environment(struct stage *s)
+{
+    return under_environment(s, every_engine);
+}
+
+static int marble_convergence(struct stage *s)
+{
+    return convergence(s, "marble");
+}
+
+static int error(struct stage *s)
+{
+    int status = PRT_OK;
+    for (int k = 0; k < 3 && !status; k++) status = convergence(s, media[k]);
+    return status ? status : under_environment(s, marble_convergence);
+}
+
+// The running mean of frames goes to the reference.
+static int progress(struct stage *s)
+{
+    int status = prt_material_load(&s->env->ctx, "marble", &s->material);
+    uint32_t side = s->env->quick ? 48 : 256;
+    if (!status) status = look(s, side, side, 0.9f);
+    for (int e = 0; e < 4 && !status; e++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e, .n_sample = 64};
+        struct prt_screen_light light = {{0.4f, 0.5f, 0.75f}, {5, 5, 5}, false};
+        struct prt_screen_progress *p;
+        struct prt_shade shade = plain_shade(s);
+        status = prt_screen_progress_create(&s->env->ctx, s->screen, s->vis, &p);
+        if (status) return status;
+        if (e == PRT_SCREEN_TEXTURE || e == PRT_SCREEN_HYBRID) options.n_sample = 900;
+        if (e == PRT_SCREEN_SPLAT) options.n_sample = 128;
+        for (unsigned k = 1; k <= (s->env->quick ? 4 : 64) && !status; k++) {
+            struct prt_screen_report report;
+            struct prt_image image;
+            options.measure_error = !(k & (k - 1)) && (k == 1 || k == 4 || k == 16 || k == 64);
+            status = prt_screen_progress_image(&s->env->ctx, p, &s->material, NULL, 1, &light,
+                                               &options, &shade, &image, &report);
+            if (status) break;
+            prt_image_finish(&image);
+            if (!options.measure_error) continue;
+            bench_begin(s->env, "screen_progress");
+            bench_text("engine", prt_screen_engine_name(options.engine));
+            bench_number("frames", k);
+            bench_number("samples", report.n_sample);
+            bench_number("relative_rmse", report.error);
+            bench_end();
+        }
+        prt_screen_progress_destroy(p);
+    }
+    return status;
+}
+
+// What each budget buys: the plan, and what came of it.
+static int budget(struct stage *s)
+{
+    static const double budget_ms[] = {10, 20, 40, 80, 160};
+    int status = prt_material_load(&s->env->ctx, "marble", &s->material);
+    if (!status) status = look(s, 512, 512, 0.9f);
+    for (int e = 0; e < 4 && !status; e++) {
+        for (int k = 0; k < 5 && !status; k++) {
+            struct prt_screen_plan plan;
+            struct prt_screen_options options = {0};
+            struct bench_time t;
+            status = prt_screen_plan(&s->env->ctx, s->screen, s->vis, &s->material,
+                                     (enum prt_screen_engine)e, false, 0, budget_ms[k], &options,
+                                     &plan);
+            s->options = options;
+            if (!status) status = bench_measure(s->env, one_image, s, &t);
+            s->options.measure_error = true;
+            if (!status) status = one_image(s);
+            if (status) break;
+            bench_begin(s->env, "screen_budget");
+            bench_text("engine", prt_screen_engine_name(s->options.engine));
+            bench_number("budget_ms", budget_ms[k]);
+            bench_number("samples", options.n_sample);
+            bench_number("ms_median", t.median * 1e3);
+            bench_number("expected_ms", plan.expected_ms);
+            bench_number("relative_rmse", s->report.error);
+            bench_number("expected_error", plan.expected_error);
+            bench_end();
+        }
+    }
+    return status;
+}
+
+// Bytes of a model in a file to its first shaded picture: all that has no daemon in it.
+static int first_picture(void *arg)
+{
+    struct bench_env *env = arg;
+    struct stage s;
+    struct prt_screen_options options = {.engine = PRT_SCREEN_SPLAT};
+    int status = stage_init(env, &s);
+    s.options = options;
+    if (!status) status = prt_material_load(&env->ctx, "marble", &s.material);
+    if (!status) status = look(&s, 800, 600, 0.9f);
+    if (!status) status = one_image(&s);
+    stage_finish(&s);
+    return status;
+}
+
+static int run_first(struct bench_env *env)
+{
+    struct bench_time t;
+    int status = bench_measure(env, first_picture, env, &t);
+    if (status) return status;
+    bench_begin(env, "screen_first");
+    bench_text("engine", "splat");
+    bench_number("width", 800);
+    bench_number("height", 600);
+    bench_number("ms", t.best * 1e3);
+    bench_number("ms_median", t.median * 1e3);
+    bench_number("target_ms_with_upload_and_png", 1000);
+    bench_end();
+    return PRT_OK;
+}
+
+static int run_splat(struct bench_env *env)
+{
+    return with_stage(env, splat);
+}
+static int run_tangent(struct bench_env *env)
+{
+    return with_stage(env, tangent);
+}
+static int run_texture(struct bench_env *env)
+{
+    return with_stage(env, texture);
+}
+static int run_hybrid(struct bench_env *env)
+{
+    return with_stage(env, hybrid);
+}
+static int run_environment(struct bench_env *env)
+{
+    return with_stage(env, environment);
+}
+static int run_error(struct bench_env *env)
+{
+    return with_stage(env, error);
+}
+static int run_progress(struct bench_env *env)
+{
+    return with_stage(env, progress);
+}
+static int run_budget(struct bench_env *env)
+{
+    return with_stage(env, budget);
+}
+
+BENCH(screen_splat, "S09 at 800x600, a new distant light each time: >= 15 fps, <= 4 %", run_splat)
+BENCH(screen_tangent, "M03 at 500x500, 64 samples a pixel: >= 20 fps, <= 5 %", run_tangent)
+BENCH(screen_texture, "C08 at 512x512, 900 samples: >= 25 fps", run_texture)
+BENCH(screen_hybrid, "C08 hybrid at 512x512, 900 + 401: >= 20 fps, <= 2 %", run_hybrid)
+BENCH(screen_environment, "every image-space engine under an environment at 800x600",
+      run_environment)
+BENCH(screen_error, "convergence of the image-space engines to the reference", run_error)
+BENCH(screen_progress, "running means of image-space frames against the reference", run_progress)
+BENCH(screen_budget, "image-space sample counts by time budget, planned and measured", run_budget)
+BENCH(screen_first, "a model's file to its first shaded picture, no daemon", run_first)
 
 struct raster_job {
     struct stage *s;
