@@ -90,10 +90,11 @@ static void mesh_ready(struct request *request, struct model *m, struct memo_ent
         if (m->generation != m->baked_generation) memo_forget(m->server->memo, prefix);
         m->generation++;
     }
+    bool moved = in->n > 0;
     Relight__UpdateVerticesAnswer out = RELIGHT__UPDATE_VERTICES_ANSWER__INIT;
     out.generation = m->generation;
-    request_answer(request, &out.base, NULL);
-    if (in->n) model_changed(m);
+    request_answer(request, &out.base, NULL); // and with it what it asked
+    if (moved) model_changed(m);
 }
 
 void op_update_vertices(struct request *request)

@@ -18,8 +18,9 @@ void *prt_alloc(size_t n, size_t size)
     if (prt_mul_overflow(n, size, &bytes) || !bytes || bytes > SIZE_MAX - 64) return NULL;
     bytes = (bytes + 63) & ~(size_t)63;
     if (bytes < HUGE_FROM) return aligned_alloc(64, bytes);
-    void *p = aligned_alloc(HUGE_PAGE, bytes);
-    if (p) madvise(p, bytes, MADV_HUGEPAGE); // a wish: without it all works as well
+    void *p; // aligned_alloc would want whole huge pages
+    if (posix_memalign(&p, HUGE_PAGE, bytes)) return NULL;
+    madvise(p, bytes, MADV_HUGEPAGE); // a wish: without it all works as well
     return p;
 }
 

@@ -635,6 +635,7 @@ static void test_a_preview_survives_a_restart(void **state)
 {
     struct relight_image_request r = request_of(ball, 0);
     relight_close(client);
+    client = NULL;
     assert_int_equal(daemon_end(&d), 0);
     daemon_start(&d, NULL);
     client = client_open(d.address);
