@@ -52,6 +52,13 @@ struct memo_entry *answer_get(struct model *model, const char *key,
                               const struct answer_query *query, struct memo_entry *file,
                               struct memo_entry *light);
 
+/* ---- irradiance.c: struct answer of one plane, E at the vertices ---- */
+
+/* Traced under the light's cube, which takes seconds. file and light are held meanwhile. */
+struct memo_entry *irradiance_get(struct server *server, const char *key,
+                                  const struct answer_query *query, struct memo_entry *file,
+                                  struct memo_entry *light);
+
 /* ---- screen.c: struct screen_answer, by image-space engines ---- */
 
 struct screen_answer {

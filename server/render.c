@@ -260,6 +260,7 @@ static float error_bound(const struct render *r)
 {
     const struct model_facts *f = &r->model->facts;
     switch (r->spec.term) {
+    case RELIGHT__TERM__TERM_IRRADIANCE: return 0; // brute force, no bake
     case RELIGHT__TERM__TERM_MULTIPLE: return f->error_multiple;
     case RELIGHT__TERM__TERM_SINGLE: return f->error_single;
     default: return fmaxf(f->error_multiple, f->error_single);
@@ -323,6 +324,10 @@ static void baked_facts(struct render *r)
     out->error_bound = error_bound(r) + material_error(r);
     out->engine = RELIGHT__ENGINE__ENGINE_WAVELET + (int)transport_of(r)->engine;
     out->converged = true;
+    if (r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE) {
+        out->engine = RELIGHT__ENGINE__ENGINE_REFERENCE;
+        snprintf(out->note, sizeof out->note, "irradiance is traced, not baked");
+    }
     if (r->model->pose)
         snprintf(out->note, sizeof out->note, "of the shape before its vertices moved");
 }
@@ -406,7 +411,14 @@ static int judge(const struct render *r, char error[300])
     const struct render_spec *s = &r->spec;
     static const char *const names[] = {"the default", "reference", "wavelet", "polynomial",
                                         "joint", "splat", "tangent", "texture", "hybrid"};
-    if (s->engine && s->engine != RELIGHT__ENGINE__ENGINE_WAVELET + (int)t->engine) {
+    bool traced = s->term == RELIGHT__TERM__TERM_IRRADIANCE;
+    if (traced && s->engine > RELIGHT__ENGINE__ENGINE_REFERENCE) {
+        snprintf(error, 300, "term irradiance is traced by engine reference, not %s",
+                 names[s->engine]);
+        return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
+    }
+    if (!traced && s->engine
+        && s->engine != RELIGHT__ENGINE__ENGINE_WAVELET + (int)t->engine) {
         snprintf(error, 300, "%.100s was baked for engine %s, not %s", r->model->name,
                  names[RELIGHT__ENGINE__ENGINE_WAVELET + (int)t->engine], names[s->engine]);
         return s->engine == RELIGHT__ENGINE__ENGINE_WAVELET
@@ -415,20 +427,16 @@ static int judge(const struct render *r, char error[300])
                    ? RELIGHT__ERROR_CODE__ERROR_MISMATCH
                    : RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
     }
-    if (s->term == RELIGHT__TERM__TERM_IRRADIANCE) {
-        snprintf(error, 300, "term irradiance is not part of a bake: prt colors computes it");
-        return RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
-    }
-    if (t->engine == PRT_ENGINE_POLYNOMIAL && s->n_light) {
+    if (!traced && t->engine == PRT_ENGINE_POLYNOMIAL && s->n_light) {
         snprintf(error, 300, "%.100s keeps the light of its bake: leave lights out",
                  r->model->name);
         return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
     }
-    if (t->engine != PRT_ENGINE_POLYNOMIAL && !s->n_light) {
+    if ((traced || t->engine != PRT_ENGINE_POLYNOMIAL) && !s->n_light) {
         snprintf(error, 300, "0 lights: 1 to %d are wanted", RENDER_MAX_LIGHTS);
         return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
     }
-    if (s->has_material && t->engine == PRT_ENGINE_WAVELET) {
+    if (!traced && s->has_material && t->engine == PRT_ENGINE_WAVELET) {
         snprintf(error, 300, "%.100s has its material baked in (wavelet transport)",
                  r->model->name);
         return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
@@ -443,7 +451,8 @@ static int judge(const struct render *r, char error[300])
 
 static bool fixed_light(const struct render *r)
 {
-    return !r->screen && transport_of(r)->engine == PRT_ENGINE_POLYNOMIAL;
+    return !r->screen && transport_of(r)->engine == PRT_ENGINE_POLYNOMIAL
+           && r->spec.term != RELIGHT__TERM__TERM_IRRADIANCE;
 }
 
 // Pictures of a model without a bake, or whose vertices left it, or by an engine that is named.
@@ -493,6 +502,7 @@ static void ask_envs(struct render *r)
 static void ask_lights(struct render *r)
 {
     uint32_t cube = r->screen ? SPECULAR_CUBE : transport_of(r)->cube;
+    if (!cube) cube = SPECULAR_CUBE; // a polynomial bake has no cube of its own
     const struct render_spec *s = &r->spec;
     unsigned each = n_answer(s) == 1 ? s->n_light : 1;
     struct memo_entry *env[RENDER_MAX_LIGHTS];
@@ -572,6 +582,13 @@ static void ask_answers(struct render *r)
                  (double)query.eye[2]);
     for (unsigned i = 0; i < n_answer(s); i++) {
         struct memo_entry *light = r->light[i].entry;
+        if (s->term == RELIGHT__TERM__TERM_IRRADIANCE) {
+            snprintf(key, sizeof key, "%s/%llu/irradiance/%s/%s", r->model->id,
+                     (unsigned long long)r->generation, s->material_key, light->key);
+            need_entry(r, &r->answer[i],
+                       irradiance_get(r->server, key, &query, r->file.entry, light));
+            continue;
+        }
         snprintf(key, sizeof key, "%s/%llu/%s/%d/%s/%s/%s", r->model->id,
                  (unsigned long long)r->generation, s->picture ? "planes" : "colors",
                  query.term, s->material_key, eye, light ? light->key : "fixed");

@@ -88,6 +88,38 @@ static void test_colors_equal_prt(void **state)
     relight_close(client);
 }
 
+// Law: under radiance 1 from everywhere E on a convex body is pi times the cosine-weighted mean of
+// F_t, 0.908222 at eta 1.5 (METHODS section 1). A picture of it shows what the colours say.
+static void test_irradiance(void **state)
+{
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_colors colors;
+    struct relight_light light = {.env = "constant"};
+    struct relight_colors_request request = {.model = model, .n_light = 1, .lights = &light,
+                                             .shade = {.term = RELIGHT_TERM_IRRADIANCE}};
+    OK(relight_colors(client, &request, &colors, &error));
+    assert_int_equal(colors.n_vertex, OCTAHEDRON_VERTICES);
+    assert_int_equal(colors.cost.engine, RELIGHT_ENGINE_REFERENCE);
+    for (int i = 0; i < 3 * OCTAHEDRON_VERTICES; i++)
+        assert_float_equal(((const float *)colors.data)[i], 3.14159265 * 0.908222, 0.01);
+    relight_colors_finish(&colors);
+    request.shade.engine = RELIGHT_ENGINE_WAVELET;
+    assert_int_equal(relight_colors(client, &request, &colors, &error), -RELIGHT_E_MISMATCH);
+    struct relight_image image;
+    struct relight_image_request picture = {
+        .model = model, .n_light = 1, .lights = &light,
+        .shade = {.term = RELIGHT_TERM_IRRADIANCE},
+        .picture = {.width = 64, .height = 48, .format = RELIGHT_IMAGE_F16,
+                    .plain_background = true}};
+    OK(relight_image(client, &picture, &image, &error));
+    float rgb[3];
+    relight_decode_f16((const uint16_t *)image.data + 3 * (24 * 64 + 32), 3, rgb);
+    for (int i = 0; i < 3; i++) assert_float_equal(rgb[i], 3.14159265 * 0.908222, 0.01);
+    relight_image_finish(&image);
+    relight_close(client);
+}
+
 static void test_color_formats_agree(void **state)
 {
     struct relight_client *client = client_open(d.address);
@@ -622,6 +654,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_both_sockets_answer),
         cmocka_unit_test(test_colors_equal_prt),
+        cmocka_unit_test(test_irradiance),
         cmocka_unit_test(test_color_formats_agree),
         cmocka_unit_test(test_lights_add),
         cmocka_unit_test(test_rotation_turns_the_light),
