@@ -15,16 +15,16 @@ const struct relight_kernels *relight_kernels_for(unsigned cpu)
     return &relight_kernels_c;
 }
 
-void relight_light_table(unsigned n_light, const struct prt_light *const light[],
-                         uint32_t begin, uint32_t end, float *table)
+void relight_fill_table(unsigned n_light, const struct prt_light *const light[],
+                        uint32_t begin, uint32_t end, struct light_table *table)
 {
-    for (uint32_t i = begin; i < end; i++) {
-        float *row = table + (size_t)i * LIGHT_LANES;
-        // four floats at a time, each overwritten by the next light; the last one by halves
-        for (unsigned l = 0; l + 1 < n_light; l++)
-            memcpy(row + 3 * l, light[l]->coef + 4 * (size_t)i, 16);
-        memcpy(row + 3 * (n_light - 1), light[n_light - 1]->coef + 4 * (size_t)i, 12);
-        if (n_light < LIGHT_GROUP)
-            memset(row + 3 * n_light, 0, 12 * (size_t)(LIGHT_GROUP - n_light));
+    float row[LIGHT_LANES + 1] = {0}, *low = table->lane;
+    float *high = low + TABLE_LOW * (size_t)table->n_coef;
+    for (size_t i = begin; i < end; i++) {
+        // four floats at a time, each overwritten by the next light
+        for (unsigned l = 0; l < n_light; l++) memcpy(row + 3 * l, light[l]->coef + 4 * i, 16);
+        row[3 * n_light] = 0;
+        memcpy(low + TABLE_LOW * i, row, 4 * TABLE_LOW);
+        memcpy(high + TABLE_HIGH * i, row + TABLE_LOW, 4 * TABLE_HIGH);
     }
 }

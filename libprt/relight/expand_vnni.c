@@ -171,7 +171,8 @@ void relight_expand_vnni(const struct expand_job *job)
     part.n_triple = n8;
     for (uint32_t v = job->begin; n8 && v < job->end; v = part.end) {
         part.begin = v;
-        part.end = job->end - v < AHEAD ? job->end : v + AHEAD;
+        // no small rest: integers have a price a stretch
+        part.end = job->end - v < AHEAD + AHEAD / 2 ? job->end : v + AHEAD;
         if (expand_stretch(job, &q, v, part.end, n8)) continue;
         relight_expand_avx512(&part);
     }

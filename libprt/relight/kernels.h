@@ -10,7 +10,9 @@
 
 enum {
     LIGHT_GROUP = 8,               // lights of one pass
-    LIGHT_LANES = 3 * LIGHT_GROUP, // floats a coefficient in a group's table
+    LIGHT_LANES = 3 * LIGHT_GROUP, // floats a coefficient in a group's table: [light][ch]
+    TABLE_LOW = 16,
+    TABLE_HIGH = 8,
     EXPAND_ALIGN = 32,             // vertex ranges begin at multiples of it
 };
 
@@ -30,16 +32,18 @@ struct expand_job {
     bool add;
 };
 
+struct light_table;
+
 struct relight_kernels {
     const char *name;
     // DIAGONAL rows [begin, end) under one light [n_coef][4]: out[row - begin][3P]
     void (*diagonal)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                      const float *light, float *out);
-    // the same under LIGHT_GROUP lights, table [n_coef][light][ch]:
-    // out[light*light_stride + (row - begin)*3P ...] for light < n_light
+    // the same under up to LIGHT_GROUP lights and their table:
+    // out[light*light_pitch + (row - begin)*row_pitch ...][3P] for light < n_light
     void (*diagonal_group)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                           const float *table, unsigned n_light, size_t light_stride,
-                           float *out);
+                           const struct light_table *table, unsigned n_light, size_t light_pitch,
+                           size_t row_pitch, float *out);
     // FULL rows of f16 or i8 under one light: out[row - begin][J][3]
     void (*full)(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
                  float *out);
@@ -58,10 +62,28 @@ extern const struct relight_kernels relight_kernels_vnni; // AVX-512 with VNNI
 // The best table that the mask of enum prt_cpu allows.
 const struct relight_kernels *relight_kernels_for(unsigned cpu);
 
-// Entry of a table of lights, as diagonal_group takes it: [n_coef][LIGHT_GROUP][3]; lights
-// beyond n_light are zero. Coefficients [begin, end) only.
-void relight_light_table(unsigned n_light, const struct prt_light *const light[],
-                         uint32_t begin, uint32_t end, float *table);
+// A table of up to LIGHT_GROUP lights, as diagonal_group takes it: the first 16 lanes of all
+// coefficients, then the other 8, so that no read crosses a cache line. Lights beyond the group's
+// are zero.
+struct light_table {
+    uint32_t n_coef, reserved[15];
+    float lane[]; // [n_coef][TABLE_LOW], [n_coef][TABLE_HIGH]
+};
+static inline size_t light_table_bytes(uint32_t n_coef)
+{
+    return sizeof(struct light_table) + 4 * LIGHT_LANES * (size_t)n_coef;
+}
+static inline const float *table_low(const struct light_table *table, size_t i)
+{
+    return table->lane + TABLE_LOW * i;
+}
+static inline const float *table_high(const struct light_table *table, size_t i)
+{
+    return table->lane + TABLE_LOW * (size_t)table->n_coef + TABLE_HIGH * i;
+}
+// Coefficients [begin, end) of a table whose n_coef is set.
+void relight_fill_table(unsigned n_light, const struct prt_light *const light[],
+                        uint32_t begin, uint32_t end, struct light_table *table);
 
 static inline uint32_t rows_index(const struct prt_rows *rows, uint64_t entry)
 {

@@ -173,16 +173,20 @@ struct group_sum {
     __m256 part[3];
 };
 
-INLINE void group_fma(struct group_sum *sum, __m128 rgb, const float *light)
+INLINE void group_fma(struct group_sum *sum, __m128 rgb, const struct light_table *table,
+                      size_t i)
 {
     const __m256 v = _mm256_castps128_ps256(rgb);
+    const float *light[3] = {table_low(table, i), table_low(table, i) + 8,
+                             table_high(table, i)};
     for (uint32_t z = 0; z < 3; z++)
         sum->part[z] = _mm256_fmadd_ps(_mm256_permutevar8x32_ps(v, channel_map(z)),
-                                       _mm256_loadu_ps(light + 8 * z), sum->part[z]);
+                                       _mm256_loadu_ps(light[z]), sum->part[z]);
 }
 
-INLINE void group_phase(const struct prt_rows *rows, uint32_t row, const float *table,
-                        unsigned n_light, size_t light_stride, float *out, uint32_t k, bool i8)
+INLINE void group_phase(const struct prt_rows *rows, uint32_t row,
+                        const struct light_table *table, unsigned n_light, size_t light_pitch,
+                        float *out, uint32_t k, bool i8)
 {
     const uint32_t n = rows->n_function;
     const size_t size = i8 ? 1 : 2, face = rows->n_coef / 6;
@@ -192,11 +196,10 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t row, const float *
     const char *entry = (const char *)rows->entry + (rows->begin[row] * n + 3ull * k) * size;
     uint64_t stop = rows->begin[row + 1], n_entry = rows->begin[rows->n_row];
     for (uint64_t e = rows->begin[row]; e < stop; e++, entry += n * size)
-        group_fma(&fine, load3(entry, i8, e + 1 < n_entry),
-                  table + LIGHT_LANES * (size_t)rows_index(rows, e));
+        group_fma(&fine, load3(entry, i8, e + 1 < n_entry), table, rows_index(rows, e));
     for (size_t f = 0; f < 6; f++)
         group_fma(&dc, load3(rows->scaling + (6ull * row + f) * n + 3ull * k, false, f < 5),
-                  table + LIGHT_LANES * face * f);
+                  table, face * f);
     for (int z = 0; z < 3; z++) {
         _mm256_storeu_ps(lanes + 8 * z, fine.part[z]);
         _mm256_storeu_ps(base + 8 * z, dc.part[z]);
@@ -204,20 +207,20 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t row, const float *
     const float *scale = i8 ? rows->scale + (uint64_t)n * row + 3 * k : NULL;
     for (unsigned l = 0; l < n_light; l++)
         for (int ch = 0; ch < 3; ch++)
-            out[l * light_stride + 3 * k + ch] =
+            out[l * light_pitch + 3 * k + ch] =
                 lanes[3 * l + ch] * (scale ? scale[ch] : 1) + base[3 * l + ch];
 }
 
 static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                           const float *table, unsigned n_light, size_t light_stride,
-                           float *out)
+                           const struct light_table *table, unsigned n_light,
+                           size_t light_pitch, size_t row_pitch, float *out)
 {
     const bool i8 = rows->value == PRT_VALUE_I8;
     const uint32_t n = rows->n_function;
-    for (uint32_t row = begin; row < end; row++, out += n)
+    for (uint32_t row = begin; row < end; row++, out += row_pitch)
         for (uint32_t k = 0; k < n / 3; k++) {
-            if (i8) group_phase(rows, row, table, n_light, light_stride, out, k, true);
-            if (!i8) group_phase(rows, row, table, n_light, light_stride, out, k, false);
+            if (i8) group_phase(rows, row, table, n_light, light_pitch, out, k, true);
+            if (!i8) group_phase(rows, row, table, n_light, light_pitch, out, k, false);
         }
 }
 

@@ -185,159 +185,231 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
     }
 }
 
-// A light table row is 24 lanes, light-major: 16 + 8. Triple t of a vector of values meets them
-// as r g b r g b ...: one permutation for the 16, and one for two triples' 8.
+// A light table's 24 lanes are light-major: 16 + 8. Triple t of a vector of values meets them as
+// r g b r g b ...
 struct group_maps {
-    __m512i lo[4], hi[2];
+    __m512i lo[4], hi[2]; // hi: the 8 last lanes, of two triples
+    __m256i half[2];      // the 8 last lanes, of one
 };
 
 INLINE struct group_maps group_maps(void)
 {
     struct group_maps m;
-    const __m512i tail =
-        _mm512_inserti32x8(channel_map(1), _mm512_castsi512_si256(channel_map(1)), 1);
+    const __m256i one = _mm512_castsi512_si256(channel_map(1));
+    const __m512i tail = _mm512_inserti32x8(_mm512_castsi256_si512(one), one, 1);
     const __m512i second = _mm512_maskz_set1_epi32(0xff00, 3);
     for (int t = 0; t < 4; t++)
         m.lo[t] = _mm512_add_epi32(channel_map(0), _mm512_set1_epi32(3 * t));
-    for (int t = 0; t < 2; t++)
+    for (int t = 0; t < 2; t++) {
         m.hi[t] = _mm512_add_epi32(_mm512_add_epi32(tail, second), _mm512_set1_epi32(6 * t));
+        m.half[t] = _mm256_add_epi32(one, _mm256_set1_epi32(3 * t));
+    }
     return m;
 }
 
-INLINE __m512 join(__m256 lo, const float *hi)
+// 24 lanes.
+struct lanes {
+    __m512 lo;
+    __m256 hi;
+};
+
+INLINE struct lanes no_lanes(void)
 {
-    return _mm512_insertf32x8(_mm512_castps256_ps512(lo), _mm256_loadu_ps(hi), 1);
+    return (struct lanes){_mm512_setzero_ps(), _mm256_setzero_ps()};
 }
 
-INLINE void group_store(__m512 lo, __m256 hi, __m512 lo0, __m256 hi0, const float *scale,
-                        unsigned n_light, size_t light_stride, float *out)
+INLINE struct lanes add_lanes(struct lanes a, struct lanes b)
 {
-    float lanes[LIGHT_LANES], base[LIGHT_LANES];
-    _mm512_storeu_ps(lanes, lo);
-    _mm256_storeu_ps(lanes + 16, hi);
-    _mm512_storeu_ps(base, lo0);
-    _mm256_storeu_ps(base + 16, hi0);
+    return (struct lanes){_mm512_add_ps(a.lo, b.lo), _mm256_add_ps(a.hi, b.hi)};
+}
+
+// sum += triple t of v, 0 or 1, times the lights
+INLINE void meet(struct lanes *sum, __m256 v, int t, const struct group_maps *m,
+                 struct lanes light)
+{
+    __m512 wide = _mm512_permutexvar_ps(m->lo[t], _mm512_castps256_ps512(v));
+    sum->lo = _mm512_fmadd_ps(wide, light.lo, sum->lo);
+    sum->hi =
+        _mm256_fmadd_ps(_mm256_permutevar8x32_ps(v, m->half[t]), light.hi, sum->hi);
+}
+
+INLINE struct lanes lights_at(const struct light_table *table, size_t i)
+{
+    return (struct lanes){_mm512_loadu_ps(table_low(table, i)),
+                          _mm256_loadu_ps(table_high(table, i))};
+}
+
+// Eight values from p, two triples and what follows.
+INLINE __m256 load_two(const char *p, bool i8)
+{
+    if (i8)
+        return _mm256_cvtepi32_ps(
+            _mm256_cvtepi8_epi32(_mm_loadl_epi64((const __m128i *)p)));
+    return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)p));
+}
+
+// The first n triples of two; 0 for the others, which are not read.
+INLINE __m256 load_some(const char *p, bool i8, uint32_t n)
+{
+    const __mmask8 mask = (__mmask8)((1u << 3 * n) - 1);
+    if (i8) return _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_maskz_loadu_epi8(mask, p)));
+    return _mm256_cvtph_ps(_mm_maskz_loadu_epi16(mask, p));
+}
+
+// A row's 24 sums: the first 3 * n_light of them to out[light*pitch + ch].
+INLINE void group_store(struct lanes x, unsigned n_light, size_t pitch, float *out)
+{
+    float lanes[LIGHT_LANES];
+    if (pitch == 3) {
+        const uint32_t n = 3 * n_light;
+        _mm512_mask_storeu_ps(out, lane_mask(n), x.lo);
+        if (n > 16) _mm256_mask_storeu_ps(out + 16, (__mmask8)((1u << (n - 16)) - 1), x.hi);
+        return;
+    }
+    _mm512_storeu_ps(lanes, x.lo);
+    _mm256_storeu_ps(lanes + 16, x.hi);
     for (unsigned l = 0; l < n_light; l++)
         for (int ch = 0; ch < 3; ch++)
-            out[l * light_stride + (size_t)ch] =
-                lanes[3 * l + (size_t)ch] * (scale ? scale[ch] : 1) + base[3 * l + (size_t)ch];
+            out[l * pitch + (size_t)ch] = lanes[3 * l + (size_t)ch];
 }
 
-// Two halves that hold the 8 last lanes of two triples.
-INLINE __m256 half_sum(__m512 z)
+// fine * scale[ch] + base, scale NULL for 1
+INLINE struct lanes scaled(struct lanes fine, const float *scale, struct lanes base,
+                           const struct group_maps *m)
 {
-    return _mm256_add_ps(_mm512_castps512_ps256(z), _mm512_extractf32x8_ps(z, 1));
+    if (!scale) return add_lanes(fine, base);
+    const __m512 s = _mm512_maskz_loadu_ps(7, scale);
+    return (struct lanes){
+        _mm512_fmadd_ps(fine.lo, _mm512_permutexvar_ps(m->lo[0], s), base.lo),
+        _mm256_fmadd_ps(fine.hi,
+                        _mm256_permutevar8x32_ps(_mm512_castps512_ps256(s), m->half[0]),
+                        base.hi)};
 }
 
-// The scaling coefficients' share of the triple at scaling[first + f*pitch ...].
-INLINE void group_scaling(const struct prt_rows *rows, uint64_t first, uint64_t pitch,
-                          const float *table, const struct group_maps *m, __m512 *lo,
-                          __m256 *hi)
+// The scaling coefficients' share of the triple at scaling[3*first + 3*f*pitch ...].
+INLINE struct lanes group_scaling(const struct prt_rows *rows, uint64_t first, uint64_t pitch,
+                                  const struct light_table *table,
+                                  const struct group_maps *m)
 {
     const size_t face = rows->n_coef / 6;
-    __m512 low = _mm512_setzero_ps(), high = low;
-    for (size_t f = 0; f < 6; f++) {
-        const float *light = table + LIGHT_LANES * face * f;
-        __m512 v = load_values(rows->scaling + 3 * (first + pitch * f), false, 7);
-        low = _mm512_fmadd_ps(_mm512_permutexvar_ps(m->lo[0], v), _mm512_loadu_ps(light), low);
-        high = _mm512_fmadd_ps(_mm512_permutexvar_ps(m->hi[0], v),
-                               _mm512_castps256_ps512(_mm256_loadu_ps(light + 16)), high);
+    const uint16_t *p = rows->scaling + 3 * first;
+    struct lanes a = no_lanes(), b = a;
+    for (size_t f = 0; f < 6; f += 2, p += 6 * pitch) {
+        __m256 v = load_some((const char *)p, false, pitch == 1 ? 2 : 1), w = v;
+        if (pitch != 1) w = load_some((const char *)(p + 3 * pitch), false, 1);
+        meet(&a, v, 0, m, lights_at(table, face * f));
+        meet(&b, w, pitch == 1, m, lights_at(table, face * (f + 1)));
     }
-    *lo = low;
-    *hi = _mm512_castps512_ps256(high);
+    return add_lanes(a, b);
 }
 
-// One phase term: a vector of values holds four entries.
+// Entries [e, stop) of one phase term: four sums at a time, since each waits for itself.
+INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t stop,
+                               const struct light_table *table,
+                               const struct group_maps *m, bool i8, bool wide)
+{
+    const void *index = rows->index;
+    const size_t size = i8 ? 3 : 6;
+    const uint64_t n_entry = rows->begin[rows->n_row];
+    // whole vectors are read from two entries while a third follows
+    const uint64_t safe = stop < n_entry ? stop : n_entry - (n_entry > 0);
+    const char *entry = (const char *)rows->entry + e * size;
+    struct lanes s[4];
+    for (int k = 0; k < 4; k++) s[k] = no_lanes();
+    for (; e + 4 <= safe; e += 4, entry += 4 * size) {
+        // rows are read once, from memory: ask early
+        _mm_prefetch(entry + 1024, _MM_HINT_T0);
+        _mm_prefetch((const char *)index + (wide ? 4 : 2) * e + 512, _MM_HINT_T0);
+        const __m256 v = load_two(entry, i8), w = load_two(entry + 2 * size, i8);
+        meet(&s[0], v, 0, m, lights_at(table, INDEX(e)));
+        meet(&s[1], v, 1, m, lights_at(table, INDEX(e + 1)));
+        meet(&s[2], w, 0, m, lights_at(table, INDEX(e + 2)));
+        meet(&s[3], w, 1, m, lights_at(table, INDEX(e + 3)));
+    }
+    for (; e < stop; e += 4, entry += 4 * size) {
+        const uint32_t n = stop - e < 4 ? (uint32_t)(stop - e) : 4;
+        const __m256 v = load_some(entry, i8, n < 2 ? 1 : 2);
+        const __m256 w = load_some(entry + 2 * size, i8, n < 3 ? 0 : n - 2);
+        meet(&s[0], v, 0, m, lights_at(table, INDEX(e)));
+        meet(&s[1], v, 1, m, lights_at(table, INDEX(e + (n > 1 ? 1 : 0))));
+        meet(&s[2], w, 0, m, lights_at(table, INDEX(e + (n > 2 ? 2 : 0))));
+        meet(&s[3], w, 1, m, lights_at(table, INDEX(e + (n > 3 ? 3 : 0))));
+    }
+    return add_lanes(add_lanes(s[0], s[1]), add_lanes(s[2], s[3]));
+}
+
+// One phase term.
 INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                   const float *table, unsigned n_light, size_t light_stride, float *out,
-                   bool i8)
+                   const struct light_table *table, unsigned n_light, size_t light_pitch,
+                   size_t row_pitch, float *out, bool i8, bool wide)
 {
     const struct group_maps m = group_maps();
-    for (uint32_t row = begin; row < end; row++, out += 3) {
-        __m512 lo = _mm512_setzero_ps(), odd = lo, hi = lo, base;
-        __m256 base_hi;
-        uint64_t e = rows->begin[row], stop = rows->begin[row + 1];
-        const char *entry = (const char *)rows->entry + e * (i8 ? 3 : 6);
-        for (; e + 4 <= stop; e += 4, entry += i8 ? 12 : 24) {
-            const float *l0 = table + LIGHT_LANES * (size_t)rows_index(rows, e);
-            const float *l1 = table + LIGHT_LANES * (size_t)rows_index(rows, e + 1);
-            const float *l2 = table + LIGHT_LANES * (size_t)rows_index(rows, e + 2);
-            const float *l3 = table + LIGHT_LANES * (size_t)rows_index(rows, e + 3);
-            __m512 v = load_values(entry, i8, 0xfff);
-            lo = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[0], v), _mm512_loadu_ps(l0), lo);
-            odd = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[1], v), _mm512_loadu_ps(l1), odd);
-            hi = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.hi[0], v),
-                                 join(_mm256_loadu_ps(l0 + 16), l1 + 16), hi);
-            lo = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[2], v), _mm512_loadu_ps(l2), lo);
-            odd = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[3], v), _mm512_loadu_ps(l3), odd);
-            hi = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.hi[1], v),
-                                 join(_mm256_loadu_ps(l2 + 16), l3 + 16), hi);
-        }
-        for (; e < stop; e++, entry += i8 ? 3 : 6) {
-            const float *l = table + LIGHT_LANES * (size_t)rows_index(rows, e);
-            __m512 v = load_values(entry, i8, 7);
-            lo = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[0], v), _mm512_loadu_ps(l), lo);
-            // the upper half's values are 0
-            hi = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.hi[0], v),
-                                 join(_mm256_loadu_ps(l + 16), l + 16), hi);
-        }
-        group_scaling(rows, 6ull * row, 1, table, &m, &base, &base_hi);
-        group_store(_mm512_add_ps(lo, odd), half_sum(hi), base, base_hi,
-                    i8 ? rows->scale + 3ull * row : NULL, n_light, light_stride, out);
+    for (uint32_t row = begin; row < end; row++, out += row_pitch) {
+        struct lanes x = group3_sum(rows, rows->begin[row], rows->begin[row + 1], table, &m,
+                                    i8, wide);
+        struct lanes base = group_scaling(rows, 6ull * row, 1, table, &m);
+        x = scaled(x, i8 ? rows->scale + 3ull * row : NULL, base, &m);
+        group_store(x, n_light, light_pitch, out);
     }
 }
 
 // Phase terms [k0, k0 + nk), nk 4 or 1: a vector of values holds an entry's terms.
 INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                        const float *table, unsigned n_light, size_t light_stride, float *out,
-                        uint32_t k0, const uint32_t nk)
+                        const struct light_table *table, unsigned n_light,
+                        size_t light_pitch, size_t row_pitch, float *out, uint32_t k0,
+                        const uint32_t nk)
 {
     const struct group_maps m = group_maps();
     const bool i8 = rows->value == PRT_VALUE_I8;
     const uint32_t n = rows->n_function, p = n / 3;
     const size_t size = i8 ? 1 : 2;
     const __mmask16 mask = lane_mask(3 * nk);
-    for (uint32_t row = begin; row < end; row++) {
+    for (uint32_t row = begin; row < end; row++, out += row_pitch) {
         __m512 lo[4], hi[2];
         for (int t = 0; t < 4; t++) lo[t] = hi[t / 2] = _mm512_setzero_ps();
         for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++) {
             const char *entry = (const char *)rows->entry + (e * n + 3ull * k0) * size;
-            const float *l = table + LIGHT_LANES * (size_t)rows_index(rows, e);
-            __m512 v = load_values(entry, i8, mask), low = _mm512_loadu_ps(l);
-            __m512 high = _mm512_broadcast_f32x8(_mm256_loadu_ps(l + 16));
+            const struct lanes light = lights_at(table, rows_index(rows, e));
+            _mm_prefetch(entry + 1024, _MM_HINT_T0);
+            __m512 v = load_values(entry, i8, mask);
+            __m512 high = _mm512_broadcast_f32x8(light.hi);
             for (uint32_t t = 0; t < nk; t++)
-                lo[t] = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[t], v), low, lo[t]);
+                lo[t] = _mm512_fmadd_ps(_mm512_permutexvar_ps(m.lo[t], v), light.lo, lo[t]);
             for (uint32_t t = 0; t < nk; t += 2)
                 hi[t / 2] =
                     _mm512_fmadd_ps(_mm512_permutexvar_ps(m.hi[t / 2], v), high, hi[t / 2]);
         }
         for (uint32_t t = 0; t < nk; t++) {
-            __m512 base;
-            __m256 base_hi, own = t % 2 ? _mm512_extractf32x8_ps(hi[t / 2], 1)
-                                        : _mm512_castps512_ps256(hi[t / 2]);
-            group_scaling(rows, 6ull * p * row + k0 + t, p, table, &m, &base, &base_hi);
-            group_store(lo[t], own, base, base_hi,
-                        i8 ? rows->scale + (uint64_t)n * row + 3 * (k0 + t) : NULL, n_light,
-                        light_stride, out + (size_t)(row - begin) * n + 3 * (k0 + t));
+            struct lanes x = {lo[t], t % 2 ? _mm512_extractf32x8_ps(hi[t / 2], 1)
+                                           : _mm512_castps512_ps256(hi[t / 2])};
+            struct lanes base =
+                group_scaling(rows, 6ull * p * row + k0 + t, p, table, &m);
+            x = scaled(x, i8 ? rows->scale + (uint64_t)n * row + 3 * (k0 + t) : NULL, base, &m);
+            group_store(x, n_light, light_pitch, out + 3 * (k0 + t));
         }
     }
 }
 
 static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                           const float *table, unsigned n_light, size_t light_stride,
-                           float *out)
+                           const struct light_table *table, unsigned n_light,
+                           size_t light_pitch, size_t row_pitch, float *out)
 {
-    uint32_t p = rows->n_function / 3;
+    const uint32_t p = rows->n_function / 3;
+    const bool i8 = rows->value == PRT_VALUE_I8, wide = rows->index_bytes == 4;
+#define GROUP3(i8, wide)                                                                       \
+    group3(rows, begin, end, table, n_light, light_pitch, row_pitch, out, i8, wide)
     if (p == 1) {
-        if (rows->value == PRT_VALUE_I8)
-            group3(rows, begin, end, table, n_light, light_stride, out, true);
-        else group3(rows, begin, end, table, n_light, light_stride, out, false);
+        if (i8 && !wide) GROUP3(true, false);
+        if (!i8 && !wide) GROUP3(false, false);
+        if (i8 && wide) GROUP3(true, true);
+        if (!i8 && wide) GROUP3(false, true);
         return;
     }
     uint32_t k = 0;
     for (; k + 4 <= p; k += 4)
-        group_phase(rows, begin, end, table, n_light, light_stride, out, k, 4);
-    for (; k < p; k++) group_phase(rows, begin, end, table, n_light, light_stride, out, k, 1);
+        group_phase(rows, begin, end, table, n_light, light_pitch, row_pitch, out, k, 4);
+    for (; k < p; k++)
+        group_phase(rows, begin, end, table, n_light, light_pitch, row_pitch, out, k, 1);
 }
 
 // FULL: nz vectors of 16 functions from j0 on, each with three channels.

@@ -10,20 +10,19 @@ static float value(const struct prt_rows *rows, uint64_t i)
                                        : prt_f16_to_f32(((const uint16_t *)rows->entry)[i]);
 }
 
-// sum[j*n_lane + lane] over a row of  value[j] * table[index][channel of (j, lane)].
-// DIAGONAL has the channel in j, so value j meets lanes of its own channel only.
-static void row_diagonal(const struct prt_rows *rows, uint32_t row, const float *table,
-                         size_t pitch, float *out)
+// DIAGONAL has the channel in j: value j meets the light's channel j % 3 only.
+static void row_diagonal(const struct prt_rows *rows, uint32_t row, const float *light,
+                         float *out)
 {
     uint32_t n = rows->n_function, face = rows->n_coef / 6;
     for (uint32_t j = 0; j < n; j++) {
         double sum = 0, fine = 0;
         for (uint32_t f = 0; f < 6; f++)
             sum += (double)prt_f16_to_f32(rows->scaling[((uint64_t)row * 6 + f) * n + j]) *
-                   (double)table[(size_t)f * face * pitch + j % 3];
+                   (double)light[(size_t)f * face * 4 + j % 3];
         for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++)
             fine += (double)value(rows, e * n + j) *
-                    (double)table[rows_index(rows, e) * pitch + j % 3];
+                    (double)light[rows_index(rows, e) * (size_t)4 + j % 3];
         if (rows->value == PRT_VALUE_I8) fine *= (double)rows->scale[(uint64_t)row * n + j];
         out[j] = (float)(sum + fine);
     }
@@ -33,17 +32,37 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                      const float *light, float *out)
 {
     for (uint32_t row = begin; row < end; row++)
-        row_diagonal(rows, row, light, 4, out + (size_t)(row - begin) * rows->n_function);
+        row_diagonal(rows, row, light, out + (size_t)(row - begin) * rows->n_function);
+}
+
+static float lane(const struct light_table *table, size_t i, uint32_t k)
+{
+    return k < TABLE_LOW ? table_low(table, i)[k] : table_high(table, i)[k - TABLE_LOW];
+}
+
+static float group_value(const struct prt_rows *rows, uint32_t row, uint32_t j, unsigned l,
+                         const struct light_table *table)
+{
+    uint32_t n = rows->n_function, face = rows->n_coef / 6, k = 3 * l + j % 3;
+    double sum = 0, fine = 0;
+    for (uint32_t f = 0; f < 6; f++)
+        sum += (double)prt_f16_to_f32(rows->scaling[((uint64_t)row * 6 + f) * n + j]) *
+               (double)lane(table, (size_t)f * face, k);
+    for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++)
+        fine += (double)value(rows, e * n + j) * (double)lane(table, rows_index(rows, e), k);
+    if (rows->value == PRT_VALUE_I8) fine *= (double)rows->scale[(uint64_t)row * n + j];
+    return (float)(sum + fine);
 }
 
 static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                           const float *table, unsigned n_light, size_t light_stride,
-                           float *out)
+                           const struct light_table *table, unsigned n_light,
+                           size_t light_pitch, size_t row_pitch, float *out)
 {
     for (unsigned l = 0; l < n_light; l++)
         for (uint32_t row = begin; row < end; row++)
-            row_diagonal(rows, row, table + 3 * l, LIGHT_LANES,
-                         out + l * light_stride + (size_t)(row - begin) * rows->n_function);
+            for (uint32_t j = 0; j < rows->n_function; j++)
+                out[l * light_pitch + (row - begin) * row_pitch + j] =
+                    group_value(rows, row, j, l, table);
 }
 
 static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,

@@ -29,36 +29,40 @@ static int check_lights(const struct prt_context *ctx, const struct prt_tensor *
 struct table_job {
     unsigned n_light;
     const struct prt_light *const *light;
-    float *table;
+    struct light_table *table;
 };
 
 static int fill_table(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct table_job *job = arg;
-    relight_light_table(job->n_light, job->light, (uint32_t)begin, (uint32_t)end, job->table);
+    relight_fill_table(job->n_light, job->light, (uint32_t)begin, (uint32_t)end, job->table);
     return PRT_OK;
 }
 
-// Lights come in groups that share one pass; two are cheaper one by one.
-static unsigned group_size(unsigned left)
+// Lights come in groups that share one pass; two are cheaper one by one, unless their results
+// are to lie beside those of others.
+static unsigned group_size(unsigned left, bool together)
 {
-    return left <= 2 ? 1 : left < LIGHT_GROUP ? left : LIGHT_GROUP;
+    return left <= 2 && !together ? 1 : left < LIGHT_GROUP ? left : LIGHT_GROUP;
 }
 
 static int make_table(const struct prt_context *ctx, uint32_t n_coef, unsigned n_light,
-                      const struct prt_light *const light[], float *table)
+                      const struct prt_light *const light[], struct light_table *table)
 {
     struct table_job job = {n_light, light, table};
+    table->n_coef = n_coef;
     return prt_parallel_for(ctx, NULL, n_coef, TABLE_GRAIN, fill_table, &job);
 }
 
 struct rows_job {
     const struct relight_kernels *kernels;
     const struct prt_tensor *tensor;
-    unsigned n_light;           // of this group
-    const float *light, *table; // one light, or the table of the group
+    unsigned n_light;               // of this group
+    const float *light;             // the only one, or
+    const struct light_table *table; // those of the group
     float *out;
-    size_t light_stride;
+    size_t light_pitch, row_pitch;
+    bool together; // rows of several lights beside each other: every light in a group
 };
 
 static int run_rows(void *arg, size_t begin, size_t end, unsigned worker)
@@ -67,11 +71,11 @@ static int run_rows(void *arg, size_t begin, size_t end, unsigned worker)
     const struct prt_rows *rows = &job->tensor->rows;
     uint32_t b = (uint32_t)begin, e = (uint32_t)end;
     bool full = job->tensor->coupling == PRT_COUPLE_FULL;
-    float *out = job->out + begin * rows->n_function * (full ? 3 : 1);
+    float *out = job->out + begin * job->row_pitch;
     if (full) job->kernels->full(rows, b, e, job->light, out);
     else if (job->table)
-        job->kernels->diagonal_group(rows, b, e, job->table, job->n_light, job->light_stride,
-                                     out);
+        job->kernels->diagonal_group(rows, b, e, job->table, job->n_light, job->light_pitch,
+                                     job->row_pitch, out);
     else job->kernels->diagonal(rows, b, e, job->light, out);
     return PRT_OK;
 }
@@ -81,40 +85,51 @@ static int for_groups(const struct prt_context *ctx, const struct prt_tensor *te
                       unsigned n_light, const struct prt_light *const light[], size_t n_item,
                       size_t grain, prt_loop_fn fn, struct rows_job *job)
 {
-    float *table = NULL, *out = job->out;
+    struct light_table *table = NULL;
+    float *out = job->out;
     int status = PRT_OK;
     bool full = tensor->coupling == PRT_COUPLE_FULL;
     if (!full && n_light > 2) {
-        table = prt_alloc((size_t)tensor->rows.n_coef * LIGHT_LANES, sizeof *table);
+        table = prt_alloc(light_table_bytes(tensor->rows.n_coef), 1);
         if (!table) return prt_fail(ctx, PRT_NOMEM, "no memory for a table of lights");
     }
     for (unsigned l = 0, n; l < n_light && !status; l += n) {
-        n = full ? 1 : group_size(n_light - l);
+        n = full ? 1 : group_size(n_light - l, job->together);
         job->n_light = n;
         job->light = light[l]->coef;
-        job->table = n > 1 ? table : NULL;
-        job->out = out + l * job->light_stride;
-        if (n > 1) status = make_table(ctx, tensor->rows.n_coef, n, light + l, table);
+        job->table = n > 1 || job->together ? table : NULL;
+        job->out = out + l * job->light_pitch;
+        if (job->table) status = make_table(ctx, tensor->rows.n_coef, n, light + l, table);
         if (!status) status = prt_parallel_for(ctx, NULL, n_item, grain, fn, job);
     }
     prt_free(table);
     return status;
 }
 
-int prt_contract_light(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                       unsigned n_light, const struct prt_light *const light[], float *out)
+// out[light][row][..], or out[row][light][..] when `together`.
+static int contract(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                    unsigned n_light, const struct prt_light *const light[], bool together,
+                    float *out)
 {
     int status = check_lights(ctx, tensor, n_light, light);
     if (status) return status;
     if (tensor->storage != PRT_STORAGE_FACTORED)
         return prt_fail(ctx, PRT_ARG, "only a factored transport has bases to contract");
     const struct prt_rows *rows = &tensor->rows;
-    size_t wide = tensor->coupling == PRT_COUPLE_FULL ? 3 : 1;
+    size_t width = rows->n_function * (tensor->coupling == PRT_COUPLE_FULL ? 3ull : 1ull);
     struct rows_job job = {.kernels = relight_kernels_for(ctx->cpu),
                            .tensor = tensor,
                            .out = out,
-                           .light_stride = (size_t)rows->n_row * rows->n_function * wide};
+                           .light_pitch = together ? width : rows->n_row * width,
+                           .row_pitch = together ? n_light * width : width,
+                           .together = together};
     return for_groups(ctx, tensor, n_light, light, rows->n_row, ROW_GRAIN, run_rows, &job);
+}
+
+int prt_contract_light(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                       unsigned n_light, const struct prt_light *const light[], float *out)
+{
+    return contract(ctx, tensor, n_light, light, false, out);
 }
 
 struct material_job {
@@ -215,6 +230,19 @@ static int expand_all(const struct prt_context *ctx, struct expand_run *run)
     return status;
 }
 
+// b[row][light][phase][3]: one pass over U serves all lights.
+static int expand_together(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                           unsigned n_light, const float *b, bool add, float *color)
+{
+    struct expand_run run = {.tensor = tensor,
+                             .b = b,
+                             .b_stride = 3 * (size_t)tensor->n_phase * n_light,
+                             .n_triple = n_light * tensor->n_phase,
+                             .color = color,
+                             .add = add};
+    return expand_all(ctx, &run);
+}
+
 int prt_expand(const struct prt_context *ctx, const struct prt_tensor *tensor, unsigned n_light,
                const float *b, bool add, float *color)
 {
@@ -223,7 +251,6 @@ int prt_expand(const struct prt_context *ctx, const struct prt_tensor *tensor, u
     size_t width = 3 * (size_t)tensor->n_phase, n_row = tensor->rows.n_row;
     float *rows = NULL;
     if (n_light > 1) {
-        // lights beside each other, so that one pass over U serves all of them
         rows = prt_alloc(n_row * n_light * width + 1, sizeof *rows);
         if (!rows) return prt_fail(ctx, PRT_NOMEM, "no memory for %u lights", n_light);
         for (unsigned l = 0; l < n_light; l++)
@@ -231,13 +258,7 @@ int prt_expand(const struct prt_context *ctx, const struct prt_tensor *tensor, u
                 memcpy(rows + (r * n_light + l) * width, b + (l * n_row + r) * width,
                        width * sizeof *rows);
     }
-    struct expand_run run = {.tensor = tensor,
-                             .b = rows ? rows : b,
-                             .b_stride = width * n_light,
-                             .n_triple = n_light * tensor->n_phase,
-                             .color = color,
-                             .add = add};
-    int status = expand_all(ctx, &run);
+    int status = expand_together(ctx, tensor, n_light, rows ? rows : b, add, color);
     prt_free(rows);
     return status;
 }
@@ -261,6 +282,16 @@ struct sparse_job {
     bool add;
 };
 
+// A vertex' triples in[n][3] to their planes.
+static void put_vertex(const float *in, uint32_t n, size_t plane, bool add, float *out)
+{
+    for (uint32_t k = 0; k < n; k++, in += 3, out += plane) {
+        if (add)
+            for (int ch = 0; ch < 3; ch++) out[ch] += in[ch];
+        else memcpy(out, in, 12);
+    }
+}
+
 static int run_sparse(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct sparse_job *job = arg;
@@ -270,19 +301,16 @@ static int run_sparse(void *arg, size_t begin, size_t end, unsigned worker)
     float block[SPARSE_BLOCK * 48 * LIGHT_GROUP];
     for (uint32_t v = (uint32_t)begin, n; v < end; v += n) {
         n = end - v < SPARSE_BLOCK ? (uint32_t)(end - v) : SPARSE_BLOCK;
+        for (uint32_t i = 0; i < n; i += 4)
+            for (uint32_t k = 0; k < n_light * t->n_phase; k++)
+                __builtin_prefetch(job->rows.out + k * plane + 3ull * t->order[v + i], 1, 3);
         if (job->rows.table)
             job->rows.kernels->diagonal_group(&t->rows, v, v + n, job->rows.table, n_light,
-                                              SPARSE_BLOCK * width, block);
+                                              width, n_light * width, block);
         else job->rows.kernels->diagonal(&t->rows, v, v + n, job->rows.light, block);
-        for (uint32_t l = 0; l < n_light; l++)
-            for (uint32_t i = 0; i < n; i++)
-                for (uint32_t k = 0; k < t->n_phase; k++) {
-                    const float *in = block + (l * SPARSE_BLOCK + i) * width + 3 * k;
-                    float *out =
-                        job->rows.out + (l * t->n_phase + k) * plane + 3ull * t->order[v + i];
-                    for (int ch = 0; ch < 3; ch++)
-                        out[ch] = job->add ? out[ch] + in[ch] : in[ch];
-                }
+        for (uint32_t i = 0; i < n; i++)
+            put_vertex(block + i * n_light * width, n_light * t->n_phase, plane, job->add,
+                       job->rows.out + 3ull * t->order[v + i]);
     }
     return PRT_OK;
 }
@@ -299,7 +327,7 @@ int prt_relight_sparse(const struct prt_context *ctx, const struct prt_tensor *t
         .rows = {.kernels = relight_kernels_for(ctx->cpu),
                  .tensor = tensor,
                  .out = color,
-                 .light_stride = 3 * (size_t)tensor->n_vertex * tensor->n_phase},
+                 .light_pitch = 3 * (size_t)tensor->n_vertex * tensor->n_phase},
         .add = add};
     return for_groups(ctx, tensor, n_light, light, tensor->n_vertex, 1024, run_sparse,
                       &job.rows);
@@ -313,7 +341,8 @@ static int relight_factored(const struct prt_context *ctx, const struct prt_tens
     size_t n_row = tensor->rows.n_row, width = 3 * (size_t)tensor->n_phase;
     size_t wide = n_row * (full ? 3 * (size_t)tensor->n_function : width);
     float *b = prt_alloc(wide * n_light + 1, sizeof *b), *folded = NULL;
-    int status = b ? prt_contract_light(ctx, tensor, n_light, light, b)
+    const bool together = !full && n_light > 2;
+    int status = b ? contract(ctx, tensor, n_light, light, together, b)
                    : prt_fail(ctx, PRT_NOMEM, "no memory to relight");
     if (!status && full) {
         folded = prt_alloc(n_row * width * n_light + 1, sizeof *folded);
@@ -322,7 +351,9 @@ static int relight_factored(const struct prt_context *ctx, const struct prt_tens
             status = prt_contract_material(ctx, tensor, b + l * wide, coef,
                                            folded + l * n_row * width);
     }
-    if (!status) status = prt_expand(ctx, tensor, n_light, full ? folded : b, add, color);
+    if (!status)
+        status = together ? expand_together(ctx, tensor, n_light, b, add, color)
+                          : prt_expand(ctx, tensor, n_light, full ? folded : b, add, color);
     prt_free(folded);
     prt_free(b);
     return status;

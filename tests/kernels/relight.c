@@ -71,10 +71,11 @@ enum which { DIAGONAL, GROUP, FULL };
 
 static void run_rows(const struct relight_kernels *k, enum which which,
                      const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                     const float *light, unsigned n_light, size_t stride, float *out)
+                     const void *light, unsigned n_light, const size_t pitch[2], float *out)
 {
     if (which == DIAGONAL) k->diagonal(rows, begin, end, light, out);
-    if (which == GROUP) k->diagonal_group(rows, begin, end, light, n_light, stride, out);
+    if (which == GROUP) 
+        k->diagonal_group(rows, begin, end, light, n_light, pitch[0], pitch[1], out);
     if (which == FULL) k->full(rows, begin, end, light, out);
 }
 
@@ -92,18 +93,27 @@ static void check_rows(enum which which, const struct synthetic_options *o, unsi
         lights[l] = &light[l];
     }
     size_t width = t.n_function * (which == FULL ? 3u : 1u);
-    size_t n_out = (n_row - begin) * width * n_light, table_floats;
-    table_floats = (size_t)n_coef * (which == GROUP ? LIGHT_LANES : 4);
-    float *filled = malloc(table_floats * sizeof *filled), *expect = malloc(n_out * 4 + 4);
-    if (which == GROUP) relight_light_table(n_light, lights, 0, n_coef, filled);
-    else memcpy(filled, light[0].coef, table_floats * 4);
+    size_t n_out = (n_row - begin) * width * n_light;
+    size_t table_bytes = which == GROUP ? light_table_bytes(n_coef) : 16ull * n_coef;
+    void *filled = calloc(1, table_bytes);
+    float *expect = malloc(n_out * 4 + 4);
+    if (which == GROUP) {
+        ((struct light_table *)filled)->n_coef = n_coef;
+        relight_fill_table(n_light, lights, 0, n_coef, filled);
+    } else {
+        memcpy(filled, light[0].coef, table_bytes);
+    }
     guard_rows(&t.rows, &rows);
-    float *table = guarded(filled, table_floats * 4), *out = guarded(expect, n_out * 4);
-    size_t stride = (n_row - begin) * width;
-    run_rows(&relight_kernels_c, which, &rows, begin, n_row, table, n_light, stride, expect);
+    void *table = guarded(filled, table_bytes);
+    float *out = guarded(expect, n_out * 4);
+    // lights one after the other, or beside each other
+    const bool beside = o->seed % 2;
+    const size_t pitch[2] = {beside ? width : (n_row - begin) * width,
+                             beside ? n_light * width : width};
+    run_rows(&relight_kernels_c, which, &rows, begin, n_row, table, n_light, pitch, expect);
     for (int i = 0; i < n_variant; i++) {
         memset(out, 0xff, n_out * 4);
-        run_rows(variants[i], which, &rows, begin, n_row, table, n_light, stride, out);
+        run_rows(variants[i], which, &rows, begin, n_row, table, n_light, pitch, out);
         close_enough(out, expect, n_out, variants[i]->name);
     }
     if (label) {
@@ -114,7 +124,7 @@ static void check_rows(enum which which, const struct synthetic_options *o, unsi
             double best = 1e9;
             for (int rep = 0; rep < 5; rep++) {
                 double start = prt_time_s();
-                run_rows(k, which, &rows, begin, n_row, table, n_light, stride, out);
+                run_rows(k, which, &rows, begin, n_row, table, n_light, pitch, out);
                 best = fmin(best, prt_time_s() - start);
             }
             print_message("  %s %.3f", k->name, 1e9 * best / (double)n_entry);
