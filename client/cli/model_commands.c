@@ -172,6 +172,11 @@ int run_load(struct relight_client *client, struct options *options)
     if (unitless && !(load->size_mm > 0) && !(load->mm_per_unit > 0))
         return report_usage(options, "%s has no unit of length: give --size-mm or --mm-per-unit",
                             options->target);
+    bool here = !options->remote && !access(options->target, F_OK);
+    if (here && dot && !strcasecmp(dot, ".prt"))
+        return report_usage(options, "%s: a .prt is not uploaded, the daemon maps only files of its "
+                            "own: put it into its models folder and add --remote",
+                            options->target);
     if (options->n_env > 1) return report_usage(options, "one --env at most");
     if (options->n_env) {
         if (relight_env_resolve(client, options->env[0], progress_bar, NULL, env, &error))
@@ -180,7 +185,7 @@ int run_load(struct relight_client *client, struct options *options)
         load->bake.rotate_deg = options->rotate_deg[0];
     }
     int status;
-    if (options->remote || access(options->target, F_OK)) {
+    if (!here) {
         load->path = options->target;
         status = relight_load(client, load, &loaded, &error);
     } else {

@@ -22,7 +22,7 @@ static const struct {
     {'T', {"timeout", 'T', "SECONDS", 0, "give up after this long (default: wait)", 0}},
     {'k', {"token", 'k', "TOKEN", 0, "for a daemon that wants one (default: $RELIGHT_TOKEN)", 0}},
     {'j', {"json", 'j', NULL, 0, "answer in JSON", 0}},
-    {'o', {"output", 'o', "FILE", 0, "where the answer goes; its suffix gives the format", 0}},
+    {'o', {"output", 'o', "FILE", 0, "the answer goes here; its suffix tells the format", 0}},
     {'e', {"env", 'e', "ENV", 0, "an image file, env:HASH, constant or constant:R,G,B; lights of "
            "several --env add up", 0}},
     {'r', {"rotate", 'r', "DEG", 0, "turn the light counter-clockwise about +y; the n-th belongs "
@@ -80,11 +80,13 @@ const struct command commands[] = {
     {"models", "", "Lists the models the daemon holds.\v"
      "Examples:\n  relight models\n  relight models --files --json", COMMON "l", false, run_models},
     {"load", "MODEL", "Hands a model to the daemon and starts its bake.\v"
-     "MODEL is a local .glb, .gltf, .obj, .ply or .prt file, which is uploaded unless the daemon "
-     "has it, or a path in the daemon's models folder. Prints the model's id and the bake's job.\n\n"
+     "MODEL is a local .glb, .gltf, .obj or .ply file, which is uploaded unless the daemon has it, "
+     "or a path in the daemon's models folder, where a .prt may lie too. Prints the model's id and "
+     "the bake's job.\n\n"
      "Until the bake is ready, and with --preview for good, pictures come from the image-space "
      "engines.\n\n"
      "Examples:\n  relight load bunny.obj --size-mm 50 --material marble --wait\n"
+     "  relight load baked.prt --remote --name rabbit\n"
      "  relight load jade.glb --material jade.json --transport joint\n"
      "  relight load draft.glb --material marble --preview",
      COMMON "DUmPRNCKAHdXOMpwZerV", true, run_load},
