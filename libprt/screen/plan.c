@@ -11,10 +11,10 @@ struct cost {
     double fixed, per_point, per_sample, per_pair;
 };
 static const struct cost cost_of[4] = {
-    [PRT_SCREEN_SPLAT] = {1.5e-3, 4e-8, 2.5e-7, 0}, // samples: n x n; the tree makes pairs few
-    [PRT_SCREEN_TANGENT] = {2e-3, 2e-7, 0, 4e-9},
-    [PRT_SCREEN_TEXTURE] = {3e-3, 3e-8, 5e-7, 1.0e-10},
-    [PRT_SCREEN_HYBRID] = {8e-3, 1.5e-7, 5e-7, 1.0e-10},
+    [PRT_SCREEN_SPLAT] = {1e-3, 8e-8, 2.5e-7, 0}, // samples: n x n; the tree makes pairs few
+    [PRT_SCREEN_TANGENT] = {2e-3, 5e-8, 0, 1.1e-8},
+    [PRT_SCREEN_TEXTURE] = {2e-3, 2.2e-8, 1e-6, 3e-11},
+    [PRT_SCREEN_HYBRID] = {3e-3, 8e-8, 2e-6, 3e-11},
 };
 static const uint32_t least[4] = {32, 16, 64, 64}, most[4] = {1200, 4096, 16384, 16384};
 
@@ -33,18 +33,19 @@ double plan_seconds(enum prt_screen_engine e, uint32_t n, uint32_t n_point, uint
            (lights - 1) * rays * 5e-8;
 }
 
-// Fits of the convergence table (prt-bench screen_error): share * (x / x0)^-power, x the samples
-// to a mean free path's square of surface (of a pixel, for TANGENT).
+// Fits of the convergence table (prt-bench screen_error). x: samples to a mean free path's square
+// of surface; TANGENT's samples are a pixel's own.
 double plan_error(enum prt_screen_engine e, uint32_t n, double area_mm2, double diameter_mm,
                   double mean_free_path_mm)
 {
     double l = mean_free_path_mm > 0 ? mean_free_path_mm : 1e-3, w = work_of(e, n);
     double x = w * l * l / (e == PRT_SCREEN_SPLAT ? diameter_mm * diameter_mm : area_mm2 + 1e-12);
+    double coarse = fmax(1, diameter_mm / 300 / (0.8 * l));
     switch (e) {
-    case PRT_SCREEN_SPLAT: return fmin(1, 0.006 + 0.012 * pow(x, -1.3));
-    case PRT_SCREEN_TANGENT: return fmin(1, 0.016 + 0.13 / sqrt((double)n));
-    case PRT_SCREEN_TEXTURE: return fmin(1, 0.002 + 0.012 * pow(x, -0.75));
-    case PRT_SCREEN_HYBRID: return fmin(1, 0.010 + 0.0015 * pow(x, -0.5));
+    case PRT_SCREEN_SPLAT: return fmin(1, 0.004 + 0.0105 * pow(x, -0.75) / sqrt(1 + 0.05 / x));
+    case PRT_SCREEN_TANGENT: return fmin(1, 0.021 + 0.64 * pow(n, -0.9));
+    case PRT_SCREEN_TEXTURE: return fmin(1, 0.0055 * pow(x, -0.75) / sqrt(1 + 0.03 / x));
+    case PRT_SCREEN_HYBRID: return fmin(1, 0.006 + 0.0055 * pow(900.0 / n, 0.4) * coarse);
     case PRT_SCREEN_REFERENCE: break;
     }
     return 0;

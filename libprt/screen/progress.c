@@ -67,7 +67,8 @@ int prt_screen_progress_image(const struct prt_context *ctx, struct prt_screen_p
     int status = prt_screen_radiance(ctx, p->screen, p->vis, material, cube, n_extra, extra, &own,
                                      p->next, report);
     if (status) return status;
-    float share = 1 / (float)(p->n_frame + 1);
+    // frame k weighs k+1: what the first ones smoothed away fades
+    float share = 2 / (float)(p->n_frame + 2);
     for (uint32_t i = 0; i < p->n_point; i++)
         for (int k = 0; k < 3; k++)
             p->mean[i][k] = p->n_frame ? p->mean[i][k] + share * (p->next[i][k] - p->mean[i][k])

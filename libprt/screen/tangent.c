@@ -358,7 +358,9 @@ static int sample_and_filter(struct frame *f, struct tangent_job *job, const str
     int status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 256, run_points, job);
     float scale = smallest_mean_free_path(f);
     int half = f->options->frame < 4 ? 2 : f->options->frame < 16 ? 1 : 0;
-    struct filter_job filter = {f, job, seen, (const float(*)[3])own, scale * scale, half};
+    // the pattern repeats after four pixels, however short light's way is
+    float least = max_f(scale, 3 * view_pixel_mm(f));
+    struct filter_job filter = {f, job, seen, (const float(*)[3])own, least * least, half};
     if (!status) status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 1024, filter_points, &filter);
     prt_free(own);
     return status;

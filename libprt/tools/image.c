@@ -233,6 +233,10 @@ static void add_screen_report(cJSON *root, const struct prt_screen_report *repor
     cJSON_AddNumberToObject(root, "pairs", (double)report->n_pair);
     cJSON_AddNumberToObject(root, "irradiance_s", report->irradiance_s);
     cJSON_AddNumberToObject(root, "scatter_s", report->scatter_s);
+    cJSON_AddNumberToObject(root, "receivers", report->receivers);
+    cJSON_AddBoolToObject(root, "uv_atlas", report->uv_atlas);
+    if (report->expected_error > 0)
+        cJSON_AddNumberToObject(root, "expected_error", report->expected_error);
     if (report->error >= 0) cJSON_AddNumberToObject(root, "error", report->error);
 }
 

@@ -81,8 +81,8 @@ struct prt_screen_options {
     const struct prt_material *object_material; /* [n_object], or NULL: one for all */
     const struct prt_screen_profile *profile;   /* SPLAT, TEXTURE: [n_object], or NULL: dipoles */
     uint32_t frame;         /* which picture of a running mean this is: each takes other samples,
-                               and the mean of 0..k goes to REFERENCE as k grows; see
-                               prt_screen_progress. The same seed and frame give the same picture */
+                               and the mean of 0..k goes to REFERENCE as k grows (TANGENT: as
+                               near as its pixels are small); see prt_screen_progress. The same seed and frame give the same picture */
     /* TANGENT, on meshes with uv: factors >= 0 of the medium's coefficients at each pixel; heights
        [mm] (first channel) or tangent-space normals (0.5 + 0.5 n) for the irradiance */
     const struct prt_screen_map *sigma_s_map, *sigma_a_map, *bump_map, *normal_map;
@@ -157,7 +157,7 @@ void prt_screen_progress_destroy(struct prt_screen_progress *progress);
 /* Light, material, options or the model changed: the next frame is the first again. */
 void prt_screen_progress_restart(struct prt_screen_progress *progress);
 uint32_t prt_screen_progress_frames(const struct prt_screen_progress *progress);
-/* One more frame; *out is the mean so far, composed. options->frame and refine are ignored.
+/* One more frame; *out is the mean so far, in which frame k weighs k + 1, composed. options->frame and refine are ignored.
  * measure_error: of the mean. */
 int prt_screen_progress_image(const struct prt_context *ctx, struct prt_screen_progress *progress,
                               const struct prt_material *material, const struct prt_cube *cube,
