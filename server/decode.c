@@ -302,6 +302,7 @@ void decoded_env_destroy(void *value)
 {
     struct decoded_env *env = value;
     if (!env) return;
+    prt_env_cache_destroy(&env->env);
     if (env->map) munmap(env->map, env->map_bytes);
     free(env);
 }
@@ -340,6 +341,8 @@ static struct decoded_env *map_pixels(const struct reply *reply, int fd)
     env->env.kind = cube ? PRT_ENV_CUBE : PRT_ENV_LATLONG;
     env->env.n_negative = reply->n_negative;
     env->env.n_nonfinite = reply->n_nonfinite;
+    if (cube && !prt_env_cache_create(&env->env)) // without it a turn only takes longer
+        env->cache_bytes = (size_t)384 * reply->cube_n * reply->cube_n;
     if (cube)
         env->env.cube = (struct prt_cube){reply->cube_n, env->map};
     else

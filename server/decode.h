@@ -16,7 +16,7 @@ struct decoder;
 struct decoded_env {
     struct prt_env env;
     void *map;
-    size_t map_bytes;
+    size_t map_bytes, cache_bytes;
     float decode_ms;
 };
 void decoded_env_destroy(void *env); /* struct decoded_env* */

@@ -167,17 +167,32 @@ static void mend(const struct prt_context *ctx, const char *name, struct prt_ima
     *n_nonfinite += nonfinite;
 }
 
+int prt_env_cache_create(struct prt_env *env)
+{
+    env->cache = prt_calloc(1, sizeof *env->cache);
+    if (!env->cache)
+        return PRT_NOMEM;
+    pthread_mutex_init(&env->cache->lock, NULL);
+    return PRT_OK;
+}
+
+void prt_env_cache_destroy(struct prt_env *env)
+{
+    if (!env->cache)
+        return;
+    prt_image_finish(&env->cache->latlong);
+    pthread_mutex_destroy(&env->cache->lock);
+    prt_free(env->cache);
+    env->cache = NULL;
+}
+
 static struct prt_env *env_new(void)
 {
     struct prt_env *env = prt_calloc(1, sizeof *env);
-    struct prt_env_cache *cache = prt_calloc(1, sizeof *cache);
-    if (!env || !cache) {
+    if (env && prt_env_cache_create(env)) {
         prt_free(env);
-        prt_free(cache);
         return NULL;
     }
-    pthread_mutex_init(&cache->lock, NULL);
-    env->cache = cache;
     return env;
 }
 
@@ -185,11 +200,7 @@ void prt_env_destroy(struct prt_env *env)
 {
     if (!env)
         return;
-    if (env->cache) {
-        prt_image_finish(&env->cache->latlong);
-        pthread_mutex_destroy(&env->cache->lock);
-        prt_free(env->cache);
-    }
+    prt_env_cache_destroy(env);
     prt_image_finish(&env->latlong);
     prt_cube_finish(&env->cube);
     prt_free(env);

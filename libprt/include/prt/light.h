@@ -54,6 +54,11 @@ int prt_env_load(const struct prt_context *ctx, const char *path, struct prt_env
 int prt_env_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
                         size_t n, struct prt_env **out);
 void prt_env_destroy(struct prt_env *env);
+/* What a loaded cube keeps, for one made by hand: the lat-long it is turned from, made at its first
+ * turn (100 ms for a cube of 256) instead of at each; 384 n^2 bytes. PRT_NOMEM at worst. Destroy it
+ * when nobody uses env any more. */
+int prt_env_cache_create(struct prt_env *env);
+void prt_env_cache_destroy(struct prt_env *env);
 
 /* Power-conserving resample to an n-cube: sum radiance*solid angle equals the source's integral
  * to 0.1 %. rotate_deg turns the light counter-clockwise about +y seen from above. n need not be
