@@ -702,13 +702,13 @@ static void jpeg_in_strips_is_one_picture(void **state)
 // A cube made by hand turns the same with what a loaded one keeps and without, again and again.
 static void cache_of_a_turned_cube(void **state)
 {
-    enum { N = 32 };
+    enum { SIDE = 32 };
     struct prt_env env = {.kind = PRT_ENV_CUBE};
     struct prt_cube plain, cached;
     struct prt_rng rng;
     prt_rng_init(&rng, 9, 1);
-    assert_int_equal(prt_cube_init(&env.cube, N), 0);
-    for (int i = 0; i < 18 * N * N; i++) env.cube.texel[i] = prt_rng_f32(&rng);
+    assert_int_equal(prt_cube_init(&env.cube, SIDE), 0);
+    for (int i = 0; i < 18 * SIDE * SIDE; i++) env.cube.texel[i] = prt_rng_f32(&rng);
     assert_int_equal(prt_env_to_cube(&ctx, &env, 16, 33, &plain), 0);
     assert_int_equal(prt_env_cache_create(&env), 0);
     for (int i = 0; i < 2; i++) {
