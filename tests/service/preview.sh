@@ -1,7 +1,8 @@
 #!/bin/bash
 # SPDX-License-Identifier: MIT
 # relight and relight-preview against a live daemon: a ball is uploaded, baked and relit; the
-# picture drawn by the client is the daemon's own.   preview.sh BIN
+# picture drawn by the client is the daemon's own; one without a bake is seen and moved.
+#   preview.sh BIN
 set -u
 export LC_ALL=C
 bin=${1:?the folder of the programs}
@@ -103,6 +104,31 @@ grep -q '"width":262,"height":98' out || fail "the sheet has the wrong size"
 expect 2 relight-preview ball --env sky.hdr --size 0x4 -o x.png
 expect 1 relight-preview ball --env nothing.hdr -o x.png
 expect 3 relight-preview -s unix:"$dir"/none ball --env sky.hdr -o x.png
+
+# without a bake
+expect 0 relight load ball.obj --size-mm 20 --material marble --preview --name draft --json
+grep -q '"state":"preview"' out || fail "load --preview is not a preview"
+expect 0 relight image draft --env sky.hdr --size 160x120 -o draft.exr --json
+grep -q '"engine":"\(splat\|tangent\|texture\|hybrid\)".*"note":"preview' out || fail "no image-space engine"
+grep -q '"error_bound":0\.' out || fail "no expected error"
+expect 0 relight image draft --env sky.hdr --size 160x120 --engine hybrid --background 0,0,0 -o draft.exr
+expect 0 prt image ball.obj --size-mm 20 --material marble --engine hybrid --env sky.hdr \
+    --size 160x120 --background 0,0,0 -o own.exr
+same draft.exr own.exr 0.03
+expect 1 relight colors draft --env sky.hdr -o x.csv
+expect 0 relight geometry draft --own-units -o at.npy
+expect 0 relight update-vertices draft --own-units --positions at.npy --json
+grep -q '"vertices":830,"generation":2' out || fail "update-vertices does not say what it moved"
+expect 0 relight image draft --env sky.hdr --size 160x120 --engine hybrid --background 0,0,0 -o moved.exr
+grep -q 'vertices moved' err || fail "moved vertices are not told"
+same moved.exr draft.exr 0.03
+expect 1 relight update-vertices draft --positions sky.hdr
+expect 2 relight update-vertices draft
+expect 2 relight update-vertices draft --positions at.npy --first 1
+expect 0 relight unload draft --forget
+printf 'glTF and no more' >bad.glb
+expect 1 relight load bad.glb --size-mm 20 --material marble --preview
+grep -q 'bad.glb' err || fail "a broken model is not named"
 
 kill -TERM "$daemon"
 wait "$daemon"
