@@ -90,13 +90,15 @@ static int prepare(struct bake *b)
         finest = fminf(finest, (float)(1 / b->dipole[c].sigma_t_prime));
         steepest = fmaxf(steepest, (float)b->dipole[c].sigma_tr);
     }
+    // A free medium may be as dense as METHODS' range: as fine as a sample's cell is cut.
+    float fine = b->o.engine == PRT_ENGINE_WAVELET ? finest / 5 : 0.2f / 27;
     b->radial = (struct radial_set){3, dipole_eval, b->dipole, steepest};
     int status = prt_scene_create(b->ctx, mesh, &b->scene);
     bool any = prt_surface_area(mesh) > 0;
     if (status == PRT_OK && !any)
         prt_log(b->ctx, PRT_LOG_WARNING, "nothing is translucent: only shadows are baked");
     if (status == PRT_OK && any)
-        status = prt_surface_create(b->ctx, mesh, sample_count(b), finest / 5, b->o.seed,
+        status = prt_surface_create(b->ctx, mesh, sample_count(b), fine, b->o.seed,
                                     &b->surface);
     if (status == PRT_OK && any) status = hierarchy_create(b->surface, &b->hierarchy);
     uint32_t patterns = b->o.cube <= 32 ? 16 : b->o.cube <= 64 ? 8 : 4;

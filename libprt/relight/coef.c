@@ -179,8 +179,8 @@ int relight_material_coef(const struct prt_context *ctx, const struct prt_transp
 }
 
 // Mean free paths below the bake's sample spacing lose near-field detail that the basis cannot
-// tell. Against the reference that was at most 7 % for each spacing beyond the first (7.5 % at
-// 4.7 spacings a path, 14 to 35 % at 6).
+// tell. Against the reference (spot, 20k and 150k samples) that was below 4 % for each spacing
+// beyond the first: 0.8 % at 3 spacings a path, 5 % at 6.7, 10 to 29 % at 8 to 9.
 static double unresolved(const struct prt_transport *transport, const struct prt_material *m)
 {
     static const char key[] = "\"spacing_mm\":";
@@ -188,7 +188,7 @@ static double unresolved(const struct prt_transport *transport, const struct prt
     double spacing = at ? strtod(at + sizeof key - 1, NULL) : 0, most = 0;
     for (int c = 0; c < 3; c++)
         most = fmax(most, spacing * ((double)m->sigma_s_prime[c] + (double)m->sigma_a[c]));
-    return most > 1 ? 0.07 * (most - 1) : 0;
+    return most > 1 ? 0.04 * (most - 1) : 0;
 }
 
 int prt_answer_material_error(const struct prt_context *ctx,

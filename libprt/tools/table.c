@@ -21,7 +21,8 @@ struct table {
     struct prt_cube own[MAX_ENV], seen[MAX_ENV]; // the bake's resolution, the reference's
     uint32_t *vertex;
     float *want, *got;                        // [n_media][n_light][n][3]
-    double basis[MAX_MEDIA], error[MAX_MEDIA][MAX_ENV];
+    double bound[MAX_MEDIA];                  // what the bake may lose beside its own error
+    double error[MAX_MEDIA][MAX_ENV];
     double spacing_mm;                        // of the bake's samples; 0: unknown
 };
 
@@ -202,7 +203,7 @@ static int fill_answers(struct table *t, const float *eye)
                                   .material = fixed ? NULL : &t->media[m],
                                   .eye = eye};
         if (!fixed)
-            status = prt_answer_material_error(ctx, p, &t->media[m], query.term, &t->basis[m]);
+            status = prt_answer_material_error(ctx, p, &t->media[m], query.term, &t->bound[m]);
         for (unsigned l = 0; l < t->n_light && !status; l++) {
             float *got = t->got + ((size_t)m * t->n_light + l) * t->n * 3;
             query.light = p->engine == PRT_ENGINE_POLYNOMIAL ? NULL : &t->own[l];
@@ -249,7 +250,7 @@ static void print_json(const struct table *t, double target, double worst)
     for (unsigned m = 0; m < t->n_media; m++) {
         cJSON *row = cJSON_CreateObject();
         cJSON_AddStringToObject(row, "material", t->media[m].name);
-        cJSON_AddNumberToObject(row, "basis_error", t->basis[m]);
+        cJSON_AddNumberToObject(row, "material_error", t->bound[m]);
         cJSON_AddNumberToObject(row, "mean_free_path_mm", path_mm(&t->media[m]));
         cJSON_AddBoolToObject(row, "judged", judged(t, m));
         cJSON *errors = cJSON_AddObjectToObject(row, "rmse");
@@ -274,12 +275,12 @@ static void print_text(const struct table *t, double target, double worst, bool 
     printf("%s (%s), --term %s, %u vertices: relative RMSE against the reference, %%\n",
            t->source.path, source_engine_name(t->source.transport), o->term ? o->term : "total",
            t->n);
-    printf("%-16s %8s", "medium", "basis");
+    printf("%-16s %8s", "medium", "bound");
     for (unsigned l = 0; l < t->n_light; l++) printf(" %11s", light_name(o, l, name));
     putchar('\n');
     for (unsigned m = 0; m < t->n_media; m++) {
         starred |= !judged(t, m);
-        printf("%-15s%c %8.3f", t->media[m].name, judged(t, m) ? ' ' : '*', 100 * t->basis[m]);
+        printf("%-15s%c %8.3f", t->media[m].name, judged(t, m) ? ' ' : '*', 100 * t->bound[m]);
         for (unsigned l = 0; l < t->n_light; l++) printf(" %11.3f", 100 * t->error[m][l]);
         putchar('\n');
     }

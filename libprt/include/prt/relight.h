@@ -73,7 +73,7 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
 /* The largest share of R_d (of e^(-sigma_t r)) that a free material may lose to the basis. */
 #define PRT_MATERIAL_MOST_ERROR 0.10
 /* What the radial bases of a joint or polynomial transport leave of a material: the largest
- * integral |dR| over that of R of the tensors that `term` asks, and for multiple scattering 7 % for
+ * integral |dR| over that of R of the tensors that `term` asks, and for multiple scattering 4 % for
  * each sample spacing that a mean free path is short of: what the answer may lose beside the bake's
  * own measured error. <= 0.5 ms. PRT_ARG, naming the parameter and its range,
  * above PRT_MATERIAL_MOST_ERROR (as answers do); PRT_MISMATCH for another eta or a fixed medium. */
