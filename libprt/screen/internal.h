@@ -58,10 +58,9 @@ struct light_map {
     float origin[3], u[3], v[3], d[3], step;
     struct light_texel {
         float depth;           /* mm along the light from origin */
-        float slope[2];        /* of depth, for a step along u, v: the surface's plane */
+        uint32_t slope;        /* of depth for a step along u, v, the surface's plane: bfloat16s */
+        float e;               /* irradiance per area across a light of rgb 1, F_t included */
         uint32_t object;       /* UINT32_MAX: nothing translucent */
-        float e[3];            /* irradiance per area across the light, F_t included */
-        float unused;
     } *texel;                  /* [nv][nu] */
 };
 int light_map_make(const struct prt_context *ctx, const struct prt_scene *scene,

@@ -61,32 +61,26 @@ static bool make_pattern(const struct frame *f, uint32_t object, double r_p, dou
         mid = (radius[k] + radius[k - 1]) / 2;
         cdf[k] = cdf[k - 1] + density(f, object, r_p, mid) * (radius[k] - radius[k - 1]);
     }
-    // the middle stands for the first of rings * spokes + 1 equal shares, the rings for the rest
-    double edge = 0, share = cdf[KNOTS] / out->n;
+    // the middle stands for the first of rings * spokes + 1 equal shares, ring l for the spokes
+    // shares after its own; a point's area is its share over the density there, as M03's weights
+    double share = cdf[KNOTS] / out->n;
     int at = 1;
     out->a[0] = out->b[0] = 0;
-    for (uint32_t l = 0; l <= rings; l++) {
-        double want = share * (1 + (double)l * spokes), r;
+    out->area[0] = (float)(share / (density(f, object, r_p, 1e-6) / (2 * M_PI * 1e-6)));
+    for (uint32_t l = 0; l < rings; l++) {
+        double want = share * (1 + ((double)l + 0.5) * spokes);
         while (at < KNOTS && cdf[at] < want) at++;
         double step = cdf[at] - cdf[at - 1];
-        r = radius[at - 1] + (step > 0 ? fmin((want - cdf[at - 1]) / step, 1) : 0) *
-                                 (radius[at] - radius[at - 1]);
-        if (l == rings) r = reach;
-        double area = M_PI * (r * r - edge * edge);
-        if (!l) {
-            out->area[0] = (float)area;
-        } else {
-            // a ring's radius halves its area, for the sum weighs by the true distance's R_d
-            double middle = sqrt((r * r + edge * edge) / 2);
-            for (uint32_t s = 0; s < spokes; s++) {
-                double phi = 2 * M_PI * ((s + phase) / spokes + 0.381966011250105 * l);
-                uint32_t i = 1 + (l - 1) * spokes + s;
-                out->a[i] = (float)(middle * cos(phi));
-                out->b[i] = (float)(middle * sin(phi));
-                out->area[i] = (float)(area / spokes);
-            }
+        double r = radius[at - 1] + (step > 0 ? (want - cdf[at - 1]) / step : 0) *
+                                        (radius[at] - radius[at - 1]);
+        double area = share / (density(f, object, r_p, r) / (2 * M_PI * r));
+        for (uint32_t s = 0; s < spokes; s++) {
+            double phi = 2 * M_PI * ((s + phase) / spokes + 0.381966011250105 * l);
+            uint32_t i = 1 + l * spokes + s;
+            out->a[i] = (float)(r * cos(phi));
+            out->b[i] = (float)(r * sin(phi));
+            out->area[i] = (float)area;
         }
-        edge = r;
     }
     return true;
 }
@@ -122,6 +116,7 @@ struct job {
     const struct pattern *pattern;     // [object]
     const struct radial_table *table;  // [object]
     receive_fn receive;
+    const float *rgb;                  // of the light
     atomic_uint_fast64_t n_pair;
 };
 
@@ -136,7 +131,7 @@ static void receive(const struct job *job, uint32_t object, uint32_t column)
         depth += d * m->d[k];
     }
     job->receive(m, &job->pattern[object], &job->table[object], object, u, v, depth, sum);
-    for (int k = 0; k < 3; k++) job->f->sum[k][column] += sum[k];
+    for (int k = 0; k < 3; k++) job->f->sum[k][column] += sum[k] * job->rgb[k];
 }
 
 static int run(void *arg, size_t begin, size_t end, unsigned worker)
@@ -173,7 +168,7 @@ int scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
                                 &f->report->n_ray);
         double t1 = prt_time_s();
         struct job job = {.f = f, .map = &map, .pattern = pattern, .table = table,
-                          .receive = receive_c};
+                          .receive = receive_c, .rgb = f->light[l].rgb};
 #if defined(__x86_64__)
         unsigned cpu = f->ctx ? f->ctx->cpu : prt_cpu_detect();
         if (cpu & PRT_CPU_AVX2) job.receive = receive_avx2;

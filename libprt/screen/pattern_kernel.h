@@ -4,7 +4,7 @@
 
 #include "radial_kernel.h"
 
-/* Adds R_d E dA over the pattern's points about a receiver at (u, v, depth) of the light's view.
+/* Adds R_d dA times the share of the light that enters, over the pattern's points about a receiver at (u, v, depth) of the light's view.
  * A point lies in the plane its texel shows, where the light's ray through it meets that plane. */
 TARGET static void KERNEL(receive)(const struct light_map *m, const struct pattern *pat,
                                    const struct radial_table *table, uint32_t object, float u,
@@ -18,26 +18,27 @@ TARGET static void KERNEL(receive)(const struct light_map *m, const struct patte
         int n = pat->n - first < LANES ? (int)(pat->n - first) : LANES;
         const float *pa = pat->a + first, *pb = pat->b + first, *area = pat->area + first;
         float r_sq[LANES], w[LANES], r0[LANES], r1[LANES], r2[LANES];
-        int index[LANES];
         for (int i = 0; i < n; i++) {
             float x = (u + pa[i]) * inv + 0.5f, y = (v + pb[i]) * inv + 0.5f;
             int inside = (x >= 0) & (y >= 0) & (x < nu) & (y < nv);
             x = inside ? x : 0;
             y = inside ? y : 0;
             int ix = (int)x, iy = (int)y;
-            index[i] = iy * width + ix;
-            const struct light_texel *q = &m->texel[index[i]];
+            const struct light_texel *q = &m->texel[iy * width + ix];
             float da = (x - 0.5f - (float)ix) * step, db = (y - 0.5f - (float)iy) * step;
-            float dz = q->depth + da * q->slope[0] + db * q->slope[1] - depth;
+            union {
+                uint32_t u;
+                float f;
+            } along = {q->slope & 0xffff0000u}, across = {q->slope << 16};
+            float dz = q->depth + da * along.f + db * across.f - depth;
             r_sq[i] = pa[i] * pa[i] + pb[i] * pb[i] + dz * dz;
-            w[i] = inside & (q->object == object) ? area[i] : 0;
+            w[i] = inside & (q->object == object) ? area[i] * q->e : 0;
         }
         KERNEL(radial)(table, n, r_sq, r0, r1, r2);
         for (int i = 0; i < n; i++) {
-            const struct light_texel *q = &m->texel[index[i]];
-            s0 += r0[i] * q->e[0] * w[i];
-            s1 += r1[i] * q->e[1] * w[i];
-            s2 += r2[i] * q->e[2] * w[i];
+            s0 += r0[i] * w[i];
+            s1 += r1[i] * w[i];
+            s2 += r2[i] * w[i];
         }
     }
     sum[0] += s0;

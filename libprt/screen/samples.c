@@ -550,6 +550,13 @@ int samples_light_view(const struct prt_context *ctx, const struct prt_scene *sc
     return status;
 }
 
+static uint32_t bfloat16(float x)
+{
+    uint32_t bits;
+    memcpy(&bits, &x, 4);
+    return (bits + 0x8000) >> 16;
+}
+
 struct map_job {
     struct view *view;
     struct light_map *map;
@@ -596,9 +603,8 @@ static int fill_map(void *arg, size_t begin, size_t end, unsigned worker)
             }
             // a grazing plane is not followed for ever
             along = copysign(fmax(fabs(along), 0.1), along);
-            q->slope[0] = (float)(-a / along);
-            q->slope[1] = (float)(-b / along);
-            for (int k = 0; k < 3; k++) q->e[k] = (float)(f * area) * job->light->rgb[k];
+            q->slope = bfloat16((float)(-a / along)) << 16 | bfloat16((float)(-b / along));
+            q->e = (float)(f * area);
         }
     }
     return PRT_OK;
