@@ -21,8 +21,8 @@ struct memo_entry *sky_get(struct server *server, const struct render_spec *spec
 /* ---- sight.c: struct prt_visibility ---- */
 
 /* The camera asked for, or one that frames the model. */
-void camera_choose(const struct render_spec *s, const struct prt_mesh *mesh,
-                   struct prt_camera *out);
+void camera_choose(struct model *model, uint64_t generation, const struct render_spec *s,
+                   const struct prt_mesh *mesh, struct prt_camera *out);
 /* Pictures that take seconds may not hold every worker. */
 enum work_class picture_class(const struct render_spec *s);
 /* owner is held while `mesh`, which is of this generation, is looked at. */
@@ -84,14 +84,16 @@ struct memo_entry *screen_get(struct server *server, const char *key,
  * evaluation that adds to it; changed by the evaluation's worker alone. */
 struct refinement {
     unsigned refs;         /* loop thread */
-    uint32_t n_frame, n_point, n_sample;
-    int engine;            /* of the first, and so of all */
-    double expected_error; /* of the first */
+    uint32_t n_frame, n_mean; /* drawn; of them in the mean: those by the engine */
+    uint32_t n_point, n_sample;
+    int engine;
+    double expected_error; /* of one picture by it */
     bool converged;
     float (*mean)[3];
 };
 struct refinement *refinement_create(void);
 void refinement_release(struct refinement *refinement);
+double refinement_error(const struct refinement *refinement);
 int refinement_add(struct refinement *refinement, const struct screen_answer *answer);
 
 /* ---- encode.c ---- */

@@ -8,6 +8,7 @@
 #define RELIGHTD_MODELS_H
 
 #include "memo.h"
+#include "prt/raster.h"
 #include "prt/transport.h"
 #include "server.h"
 
@@ -59,6 +60,9 @@ struct model {
     bool gone;              /* forgotten; only who holds it knows it still */
     struct model_watcher *watcher;
     struct pass *pass;
+    struct prt_camera frame; /* what frames this generation at this aspect, worked out once */
+    uint64_t frame_generation; /* 0: none was */
+    float frame_aspect;
     unsigned users;         /* the registry and who computes with it */
 };
 

@@ -15,6 +15,7 @@
 
 enum {
     MAX_NEEDS = 2 * RENDER_MAX_LIGHTS + 4,
+    HYBRID_SAMPLES = 900, // its own default
     SPECULAR_CUBE = 32,   // what the specular pre-filter reads
 };
 
@@ -247,9 +248,7 @@ static void done_final(struct work *work)
     if (refinement) {
         r->result.frames = refinement->n_frame;
         r->result.converged = refinement->converged;
-        // what is random in it falls with the square root of the frames
-        if (refinement->n_frame > 1)
-            r->result.error_bound /= sqrtf((float)refinement->n_frame);
+        r->result.error_bound = (float)refinement_error(refinement);
     }
     if (work->status) finish_error(r, error_of_status(work->status), work->error);
     else finish(r);
@@ -492,7 +491,7 @@ static void ask_envs(struct render *r)
     }
     if (r->result.code) snprintf(r->result.error, sizeof r->result.error, "%s", error);
     if (r->result.code || !r->spec.picture) return;
-    camera_choose(&r->spec, mesh_of(r), &r->camera);
+    camera_choose(r->model, r->generation, &r->spec, mesh_of(r), &r->camera);
     need_entry(r, &r->visibility,
                visibility_get(r->model, r->generation, r->screen ? r->shape.entry : r->file.entry,
                               mesh_of(r), &r->spec, &r->camera));
@@ -540,8 +539,10 @@ static void ask_screen(struct render *r)
         query.slot = (unsigned)query.engine + 1;
     }
     if (mean && mean->n_frame) {
-        query.engine = mean->engine;
-        query.n_sample = mean->n_sample;
+        // A mean by tangent planes would not go to the exact sum.
+        bool other = !s->engine && mean->engine == PRT_SCREEN_TANGENT;
+        query.engine = other ? (int)PRT_SCREEN_HYBRID : mean->engine;
+        query.n_sample = other ? HYBRID_SAMPLES : mean->n_sample;
         query.frame = mean->n_frame;
         query.background = true;
     }

@@ -48,10 +48,17 @@ static void done_seeing(struct work *work)
     free(s);
 }
 
-void camera_choose(const struct render_spec *s, const struct prt_mesh *mesh,
-                   struct prt_camera *out)
+void camera_choose(struct model *model, uint64_t generation, const struct render_spec *s,
+                   const struct prt_mesh *mesh, struct prt_camera *out)
 {
-    prt_camera_frame(mesh, (float)s->width / (float)s->height, out);
+    float aspect = (float)s->width / (float)s->height;
+    // Framing looks at every vertex, and this is the loop's thread.
+    if (model->frame_generation != generation || model->frame_aspect != aspect) {
+        prt_camera_frame(mesh, aspect, &model->frame);
+        model->frame_generation = generation;
+        model->frame_aspect = aspect;
+    }
+    *out = model->frame;
     out->automatic = false;
     if (!s->has_camera) return;
     memcpy(out->eye, s->camera_eye, sizeof out->eye);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A specular filter and a picture of a triangle that nobody looks at.
+// A specular filter and a picture of a tetrahedron that nobody looks at.
 #include "warm.h"
 
 #include "prt/raster.h"
@@ -23,6 +23,15 @@ static int run_warm(struct work *work, const struct prt_context *ctx)
         prt_camera_frame(mesh, 1, &camera);
         status = prt_visibility_create(ctx, mesh, &camera, 16, 16, 4, PRT_RASTER_AUTO, &seen);
     }
+    // The tone curves' tables, the encoders' code.
+    uint8_t rgb8[3 * 16 * 16];
+    float rgb[3 * 16 * 16] = {0};
+    struct prt_image image = {16, 16, rgb};
+    struct prt_blob file[2] = {{0}};
+    if (!status) status = prt_tone_map(ctx, &image, PRT_TONE_FILMIC, 0, rgb8);
+    if (!status) status = prt_encode_jpeg(ctx, rgb8, 16, 16, 90, &file[0]);
+    if (!status) status = prt_encode_png(ctx, rgb8, 16, 16, 3, &file[1]);
+    for (int i = 0; i < 2; i++) prt_free(file[i].bytes);
     prt_visibility_destroy(seen);
     prt_mesh_destroy(mesh);
     prt_specular_destroy(specular);
