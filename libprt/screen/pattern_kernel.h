@@ -32,7 +32,7 @@ TARGET static void KERNEL(receive)(const struct light_map *m, const struct patte
             } along = {q->slope & 0xffff0000u}, across = {q->slope << 16};
             float dz = q->depth + da * along.f + db * across.f - depth;
             r_sq[i] = pa[i] * pa[i] + pb[i] * pb[i] + dz * dz;
-            w[i] = inside & (q->object == object) ? area[i] * q->e : 0;
+            w[i] = (inside & (q->object == object)) ? area[i] * q->e : 0;
         }
         KERNEL(radial)(table, n, r_sq, r0, r1, r2);
         for (int i = 0; i < n; i++) {
