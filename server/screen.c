@@ -190,8 +190,16 @@ void refinement_release(struct refinement *r)
     free(r);
 }
 
-// How much the newest picture moved the mean says how far it still is: the k-th moves it by its
-// own error / k, and the mean is off by that error / sqrt(k).
+// What the daemon foresees of the mean: engines have part of their error in common to all frames.
+double refinement_error(const struct refinement *r)
+{
+    static const double tangent_floor = 0.02; // what curves away from a tangent plane
+    double e = r->expected_error * pow(r->n_mean > 1 ? r->n_mean : 1, -0.4);
+    return r->engine == PRT_SCREEN_TANGENT ? fmax(e, fmin(tangent_floor, r->expected_error)) : e;
+}
+
+// Frame k weighs k + 1, as in prt_screen_progress: the first ones are coarser. The newest moves the
+// mean by 2 / (k + 1) of its own error, and the mean is off by 2 / sqrt(3 k) of that.
 int refinement_add(struct refinement *r, const struct screen_answer *a)
 {
     enum { LEAST = 32, MOST = 256 }; // engines take finer steps at the first few
@@ -199,23 +207,26 @@ int refinement_add(struct refinement *r, const struct screen_answer *a)
     if (r->mean && r->n_point != a->n_point) return PRT_INTERNAL;
     if (!r->mean && !(r->mean = malloc(((size_t)a->n_point + 1) * sizeof *r->mean)))
         return PRT_NOMEM;
-    double moved = 0, all = 0;
-    float share = 1 / (float)(r->n_frame + 1);
-    for (uint32_t i = 0; i < a->n_point; i++)
-        for (int c = 0; c < 3; c++) {
-            float *m = &r->mean[i][c], step = r->n_frame ? share * (a->rgb[i][c] - *m) : 0;
-            *m = r->n_frame ? *m + step : a->rgb[i][c];
-            moved += (double)step * step;
-            all += (double)*m * *m;
-        }
-    r->n_point = a->n_point;
-    if (!r->n_frame) {
+    bool first = !r->n_mean || r->engine != (int)a->report.engine;
+    if (first) {
+        r->n_mean = 0;
         r->engine = (int)a->report.engine;
         r->n_sample = a->report.n_asked;
         r->expected_error = a->report.expected_error;
     }
+    double moved = 0, all = 0;
+    float share = 2 / (float)(r->n_mean + 2);
+    for (uint32_t i = 0; i < a->n_point; i++)
+        for (int c = 0; c < 3; c++) {
+            float *m = &r->mean[i][c], step = first ? 0 : share * (a->rgb[i][c] - *m);
+            *m = first ? a->rgb[i][c] : *m + step;
+            moved += (double)step * step;
+            all += (double)*m * *m;
+        }
+    r->n_point = a->n_point;
     r->n_frame++;
-    double left = all > 0 ? sqrt(moved / all * r->n_frame) : 0;
-    r->converged = !(all > 0) || r->n_frame >= MOST || (r->n_frame >= LEAST && left < close_enough);
+    r->n_mean++;
+    double left = all > 0 ? sqrt(moved / all * r->n_mean / 3) : 0;
+    r->converged = !(all > 0) || r->n_mean >= MOST || (r->n_mean >= LEAST && left < close_enough);
     return PRT_OK;
 }
