@@ -126,11 +126,14 @@ INLINE void expand_chunks(const struct expand_job *job, uint32_t t, bool radial)
         claim(job, t, v0, n);
         for (uint32_t r = 0; r < job->rank;) {
             c.u = base + v0 + r * rows * job->stride;
-            // past the last group comes the next chunk; a prefetch of nothing does no harm
-            c.next =
-                job->rank - r > group ? c.u + group * rows * job->stride : base + v0 + CHUNK;
+            // past the last group comes the next chunk, past the last chunk what follows in
+            // memory: the next plane or cluster; a prefetch of nothing does no harm
+            uint32_t left = job->rank - r;
+            c.next = left > group                 ? c.u + group * rows * job->stride
+                     : v0 + CHUNK < job->end ? base + v0 + CHUNK
+                                                  : c.u + left * rows * job->stride;
             c.b = job->b + r * job->b_stride + (radial ? 0 : 3 * t);
-            r += run_group(&c, job->rank - r, r == 0, radial);
+            r += run_group(&c, left, r == 0, radial);
         }
         for (uint32_t v = 0; v < n; v += 16)
             put16(job, v0 + v, t, in_a_row(job, v0 + v, 16), _mm512_load_ps(sum + 3 * v),

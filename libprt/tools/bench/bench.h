@@ -17,6 +17,8 @@ struct bench_env {
     unsigned threads;
     const char *file; // --file, or NULL
     const char *mesh; // --model, or NULL
+    const char *light[8]; // --env, n_light of them
+    unsigned n_light;
     double seconds;   // each figure is measured for about this long
     bool quick;       // small sizes: to see that it runs
     uint64_t seed;

@@ -25,12 +25,13 @@ struct options {
     unsigned n_name;
 };
 
-enum { KEY_LIST = 256, KEY_FILE, KEY_MODEL, KEY_CPU, KEY_SECONDS, KEY_QUICK, KEY_SEED };
+enum { KEY_LIST = 256, KEY_FILE, KEY_MODEL, KEY_ENV, KEY_CPU, KEY_SECONDS, KEY_QUICK, KEY_SEED };
 
 static const struct argp_option option_table[] = {
     {"list", KEY_LIST, 0, 0, "List the benchmarks and stop", 0},
     {"file", KEY_FILE, "X.prt", 0, "Measure this transport instead of made-up ones", 0},
     {"model", KEY_MODEL, "FILE", 0, "Measure bakes and images of this model", 0},
+    {"env", KEY_ENV, "FILE", 0, "Under this light too (up to 8 times); default: a made-up one", 0},
     {"threads", 't', "N", 0, "Threads (default: the machine's cores)", 0},
     {"cpu", KEY_CPU, "c|avx2|avx512", 0, "Use at most these instructions", 0},
     {"seconds", KEY_SECONDS, "S", 0, "Time spent on each figure (default 0.5)", 0},
@@ -53,6 +54,10 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         break;
     case KEY_MODEL:
         o->env.mesh = arg;
+        break;
+    case KEY_ENV:
+        if (o->env.n_light == 8) argp_error(state, "--env: at most 8");
+        o->env.light[o->env.n_light++] = arg;
         break;
     case KEY_CPU:
         o->cpu = arg;
@@ -110,6 +115,7 @@ int main(int argc, char **argv)
         "  prt-bench --list\n"
         "  prt-bench relight_factored relight_sparse\n"
         "  prt-bench --file bunny.prt relight_file cold_start\n"
+        "  prt-bench --model bunny.glb --env studio.exr --env grace.exr bake_single\n"
         "  prt-bench --cpu avx2 --threads 1 --seconds 2 relight_sparse\n";
     const struct argp argp = {option_table, parse, "[NAME...]", doc, 0, 0, 0};
     struct options o = {.env = {.seconds = 0.5, .seed = 1}, .cpu = "avx512"};

@@ -74,6 +74,19 @@ static int figure(struct job *job, const char *name, unsigned n_light, double ba
         bench_number("of_plain_read_with_writes", (read + written) / time.best / bandwidth);
     }
     if (*seconds > 0) bench_number("times_one", time.best / *seconds);
+    if (*seconds > 0 && n_light > 1) bench_number("target_times_one", 3);
+    if (*seconds > 0 && n_light == 1 && t->n_phase == 4)
+        bench_number("target_times_one", 4.5);
+    if (n_light == 1 && t->n_phase == 1 && t->coupling == PRT_COUPLE_DIAGONAL) {
+        if (t->storage == PRT_STORAGE_SPARSE) {
+            bench_number("target_Mvertices_per_s", 30);
+            bench_number("target_of_plain_read", 0.5);
+        } else if (t->storage == PRT_STORAGE_FACTORED && t->n_vertex >= 500000) {
+            bench_number("target_Mvertices_per_s", 100);
+        } else if (t->storage == PRT_STORAGE_FACTORED) {
+            bench_number("target_ms", 2);
+        }
+    }
     bench_end();
     if (*seconds <= 0) *seconds = time.best;
     return PRT_OK;
@@ -199,51 +212,6 @@ static int sparse(struct bench_env *env)
     return status;
 }
 
-static int joint(struct bench_env *env)
-{
-    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
-                                  .coupling = PRT_COUPLE_FULL,
-                                  .value = PRT_VALUE_F16,
-                                  .n_vertex = 40000,
-                                  .n_cluster = 64,
-                                  .rank = 32,
-                                  .n_phase = 1,
-                                  .n_radial = 12,
-                                  .cube = 32,
-                                  .coefs = 400,
-                                  .seed = env->seed,
-                                  .run = 24};
-    float coef[36];
-    double one = 0;
-    for (int i = 0; i < 36; i++) coef[i] = 1.0f / (float)(i + 1);
-    if (env->quick) o.coefs = 50;
-    int status = made_up(env, "joint_new_light_and_material", &o, coef, false, &one);
-    o.n_phase = 4;
-    one = 0;
-    if (!status) status = made_up(env, "joint_4_terms", &o, coef, false, &one);
-    return status;
-}
-
-static int polynomial(struct bench_env *env)
-{
-    struct synthetic_options o = {.storage = PRT_STORAGE_RADIAL,
-                                  .n_vertex = env->quick ? 50000 : 1000000,
-                                  .n_cluster = 64,
-                                  .n_phase = 1,
-                                  .n_radial = 12,
-                                  .cube = 16,
-                                  .seed = env->seed,
-                                  .run = 24};
-    float coef[51];
-    double one = 0;
-    for (int i = 0; i < 51; i++) coef[i] = 1.0f / (float)(i + 1);
-    int status = made_up(env, "polynomial_edit_12", &o, coef, false, &one);
-    o.n_radial = 17;
-    one = 0;
-    if (!status) status = made_up(env, "polynomial_edit_17", &o, coef, false, &one);
-    return status;
-}
-
 // The tensors of a baked file, each by itself.
 static int file(struct bench_env *env)
 {
@@ -287,6 +255,4 @@ BENCH(bandwidth, "Plain read of 1 GB with all threads", bandwidth)
 BENCH(relight_factored, "Factored transport, 35k and 1M vertices, 1 and 8 lights", factored)
 BENCH(relight_sparse, "Sparse transport (W05), 128 coefficients a vertex", sparse)
 BENCH(relight_phase, "Four phase terms against one", phase)
-BENCH(relight_joint, "Joint transport: new light and new material", joint)
-BENCH(relight_polynomial, "Polynomial transport: new material", polynomial)
 BENCH(relight_file, "The tensors of --file X.prt", file)
