@@ -161,7 +161,12 @@ static int factored(struct bench_env *env)
     int status = made_up(env, "factored_bunny", &o, NULL, true, &bunny);
     o.n_vertex = env->quick ? 50000 : 1000000;
     o.rank = 40;
+    // runs of 24 vertices all over the file: hard on memory
     if (!status) status = made_up(env, "factored_million", &o, NULL, true, &million);
+    // a grid of 1000 by 1000 in patches
+    o.patch = env->quick ? 28 : 125;
+    million = 0;
+    if (!status) status = made_up(env, "factored_million_grid", &o, NULL, true, &million);
     return status;
 }
 

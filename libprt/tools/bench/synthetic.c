@@ -42,6 +42,19 @@ out:
     return order;
 }
 
+// A square grid's vertices, numbered by rows, in square patches of `patch` by `patch`.
+static uint32_t *grid_order(uint32_t n, uint32_t patch)
+{
+    uint32_t side = (uint32_t)sqrt((double)n), at = 0, *order = prt_alloc(n, 4);
+    if (!order) return NULL;
+    for (uint32_t y = 0; y < side; y += patch)
+        for (uint32_t x = 0; x < side; x += patch)
+            for (uint32_t v = y; v < y + patch && v < side; v++)
+                for (uint32_t u = x; u < x + patch && u < side; u++) order[at++] = v * side + u;
+    for (; at < n; at++) order[at] = at; // beyond the last whole row
+    return order;
+}
+
 // Chance that a coefficient is kept: coarse ones nearly always, each finer level (of four
 // times as many) six times less, as the largest coefficients of smooth transport fall.
 static float keep_chance(uint32_t coef, uint32_t n, float scale)
@@ -194,7 +207,8 @@ int synthetic_tensor(const struct synthetic_options *o, struct prt_tensor *out)
     prt_rng_init(&rng, o->seed, 1);
     t.n_radial = full ? o->n_radial : 0;
     t.n_function = full ? o->n_radial * o->n_phase : 3 * o->n_phase;
-    t.order = random_order(&rng, o->n_vertex, o->run ? o->run : 16);
+    t.order = o->patch ? grid_order(o->n_vertex, o->patch)
+                       : random_order(&rng, o->n_vertex, o->run ? o->run : 16);
     if (t.order && o->storage == PRT_STORAGE_SPARSE)
         status = random_rows(&rng, o, o->n_vertex, t.n_function, &t.rows);
     else if (t.order) status = random_clusters(&rng, o, &t);

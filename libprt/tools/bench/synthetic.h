@@ -14,6 +14,7 @@ struct synthetic_options {
     uint32_t n_phase, n_radial;
     uint32_t cube, coefs; // coefs: mean entries a row beside the scaling ones
     uint32_t run;         // mean run of file vertices in the tensor's order
+    uint32_t patch; // > 0: vertices of a square grid by rows, clusters patches of this side
     uint64_t seed;
 };
 
