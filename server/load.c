@@ -522,6 +522,37 @@ static const char *bad_setting(const Relight__LoadRequest *r)
     return NULL;
 }
 
+// A layered slab takes a tenth of a second to work out, and the same text comes again and again
+// while a light is moved: the last few are kept. Loop thread only.
+enum { KEPT_MATERIALS = 16 };
+static struct {
+    uint64_t key[2], used;
+    struct prt_material material;
+} kept[KEPT_MATERIALS];
+static uint64_t kept_clock;
+
+static bool material_kept(const uint64_t key[2], struct prt_material *out)
+{
+    for (int i = 0; i < KEPT_MATERIALS; i++)
+        if (kept[i].used && kept[i].key[0] == key[0] && kept[i].key[1] == key[1]) {
+            kept[i].used = ++kept_clock;
+            *out = kept[i].material;
+            return true;
+        }
+    return false;
+}
+
+static void material_keep(const uint64_t key[2], const struct prt_material *material)
+{
+    int oldest = 0;
+    for (int i = 1; i < KEPT_MATERIALS; i++)
+        if (kept[i].used < kept[oldest].used) oldest = i;
+    kept[oldest].key[0] = key[0];
+    kept[oldest].key[1] = key[1];
+    kept[oldest].used = ++kept_clock;
+    kept[oldest].material = *material;
+}
+
 int material_resolve(const char *text, struct prt_material *material, bool *preset,
                      char error[300])
 {
@@ -536,12 +567,15 @@ int material_resolve(const char *text, struct prt_material *material, bool *pres
         snprintf(error, 300, "material %.100s: neither a preset nor JSON text", text);
         return PRT_ARG;
     }
+    const uint64_t key[2] = {prt_hash64(text, strlen(text), 1), prt_hash64(text, strlen(text), 2)};
+    if (material_kept(key, material)) return PRT_OK;
     struct work keep = {.error = ""};
     struct prt_context ctx;
     prt_context_init(&ctx);
     ctx.log = work_keep_error;
     ctx.log_user = &keep;
     int status = prt_material_parse(&ctx, "material", text, strlen(text), material);
+    if (!status) material_keep(key, material);
     snprintf(error, 300, "%s", keep.error[0] ? keep.error : prt_status_text(status));
     return status;
 }
