@@ -222,7 +222,9 @@ int receive_begin(struct frame *f, double scale_mm);
 int receive_end(struct frame *f);
 void receive_finish(struct frame *f);
 uint64_t view_key(const struct frame *f);
-float view_pixel_mm(const struct frame *f);
+float view_pixel_mm(const struct prt_visibility *vis);
+/* Pixels to a receiver's side where light changes over scale_mm: 1, 2 or 4. */
+uint32_t receiver_size(double pixel_mm, double scale_mm);
 int view_get(struct frame *f, uint32_t size, const struct view_cache **out);
 /* Adds the sum over emitters to every receiver. Emitters of each object in one list, in runs that
  * end at class_end[object][], each with its own table [object][CLASSES]. */
@@ -269,13 +271,17 @@ int map_media(const struct frame *f, struct media *out);
 void media_finish(struct media *media);
 
 /* Seconds of two cores and relative RMSE foreseen; the samples that fit; what a frame took. */
-double plan_seconds(enum prt_screen_engine e, uint32_t n, uint32_t n_point, uint32_t n_light);
-double plan_error(enum prt_screen_engine e, uint32_t n, double area_mm2, double diameter_mm,
-                  double mean_free_path_mm);
-uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n_point,
-                      uint32_t n_light, double seconds);
-void plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n, uint32_t n_point,
-                uint32_t n_light, double seconds);
+struct plan_view {
+    uint32_t n_point, n_light;
+    double pixel_mm, area_mm2, diameter_mm, mean_free_path_mm;
+};
+double plan_seconds(enum prt_screen_engine e, uint32_t n, const struct plan_view *view);
+double plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *view);
+uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e,
+                      const struct plan_view *view, double seconds);
+void plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
+                const struct plan_view *view, double seconds);
+struct plan_view frame_plan(const struct frame *f);
 /* Relative RMSE of radiance [n_point][3] against REFERENCE at some 500 points. */
 int screen_measure(const struct prt_context *ctx, struct prt_screen *screen,
                    const struct prt_visibility *vis, const struct prt_material *material,

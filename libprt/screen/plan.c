@@ -5,16 +5,16 @@
 #include <math.h>
 #include <string.h>
 
-// Seconds of two cores: fixed + points * per_point + samples * per_sample + points * samples *
-// per_pair. Learned speeds scale all of it.
+// Seconds of two cores: fixed + points * per_point + receivers * per_receiver + samples *
+// per_sample + receivers (points for TANGENT) * samples * per_pair. Learned speeds scale all of it.
 struct cost {
-    double fixed, per_point, per_sample, per_pair;
+    double fixed, per_point, per_receiver, per_sample, per_pair;
 };
 static const struct cost cost_of[4] = {
-    [PRT_SCREEN_SPLAT] = {1e-3, 8e-8, 2.5e-7, 0}, // samples: n x n; the tree makes pairs few
-    [PRT_SCREEN_TANGENT] = {2e-3, 5e-8, 0, 1.1e-8},
-    [PRT_SCREEN_TEXTURE] = {2e-3, 2.2e-8, 1e-6, 3e-11},
-    [PRT_SCREEN_HYBRID] = {3e-3, 8e-8, 2e-6, 3e-11},
+    [PRT_SCREEN_SPLAT] = {1e-3, 4e-8, 2.5e-7, 1.5e-7, 0}, // samples: n x n; the tree makes pairs few
+    [PRT_SCREEN_TANGENT] = {2e-3, 5e-8, 0, 0, 1.1e-8},
+    [PRT_SCREEN_TEXTURE] = {2e-3, 2.2e-8, 0, 1e-6, 2e-10},
+    [PRT_SCREEN_HYBRID] = {3e-3, 2.2e-8, 1.7e-7, 2e-6, 2e-10},
 };
 static const uint32_t least[4] = {32, 16, 64, 64}, most[4] = {1200, 4096, 16384, 16384};
 
@@ -23,23 +23,35 @@ static double work_of(enum prt_screen_engine e, uint32_t n)
     return e == PRT_SCREEN_SPLAT ? (double)n * n : (double)n;
 }
 
-double plan_seconds(enum prt_screen_engine e, uint32_t n, uint32_t n_point, uint32_t n_light)
+static double receivers(const struct plan_view *v, double scale_mm)
+{
+    uint32_t size = receiver_size(v->pixel_mm, scale_mm);
+    return v->n_point * 0.85 / (size * size);
+}
+
+double plan_seconds(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
 {
     const struct cost *c = &cost_of[e];
-    double w = work_of(e, n), lights = n_light > 1 ? n_light : 1;
+    double w = work_of(e, n), lights = v->n_light > 1 ? v->n_light : 1;
+    // discs of the lit third or so of the surface
+    double disc = sqrt(0.35 * v->area_mm2 / w / M_PI), l = v->mean_free_path_mm;
+    double pairs = e == PRT_SCREEN_TANGENT ? v->n_point : receivers(v, fmax(l, disc));
     // many lights: every sample traces a ray to each
-    double rays = e == PRT_SCREEN_TANGENT ? n_point : e == PRT_SCREEN_SPLAT ? w : 16 * w + 16384;
-    return c->fixed + n_point * (c->per_point + c->per_pair * w) + w * c->per_sample +
-           (lights - 1) * rays * 5e-8;
+    double rays = e == PRT_SCREEN_TANGENT  ? v->n_point + 4e4
+                  : e == PRT_SCREEN_SPLAT ? w
+                                          : 16 * w + 16384;
+    return c->fixed + v->n_point * c->per_point + receivers(v, l) * c->per_receiver +
+           pairs * w * c->per_pair + w * c->per_sample + (lights - 1) * rays * 5e-8;
 }
 
 // Fits of the convergence table (prt-bench screen_error). x: samples to a mean free path's square
 // of surface; TANGENT's samples are a pixel's own.
-double plan_error(enum prt_screen_engine e, uint32_t n, double area_mm2, double diameter_mm,
-                  double mean_free_path_mm)
+double plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
 {
-    double l = mean_free_path_mm > 0 ? mean_free_path_mm : 1e-3, w = work_of(e, n);
-    double x = w * l * l / (e == PRT_SCREEN_SPLAT ? diameter_mm * diameter_mm : area_mm2 + 1e-12);
+    double l = v->mean_free_path_mm > 0 ? v->mean_free_path_mm : 1e-3, w = work_of(e, n);
+    double diameter_mm = v->diameter_mm;
+    double x = w * l * l / (e == PRT_SCREEN_SPLAT ? diameter_mm * diameter_mm
+                                                  : v->area_mm2 + 1e-12);
     double coarse = fmax(1, diameter_mm / 300 / (0.8 * l));
     switch (e) {
     case PRT_SCREEN_SPLAT: return fmin(1, 0.004 + 0.0105 * pow(x, -0.75) / sqrt(1 + 0.05 / x));
@@ -51,11 +63,11 @@ double plan_error(enum prt_screen_engine e, uint32_t n, double area_mm2, double 
     return 0;
 }
 
-void plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n, uint32_t n_point,
-                uint32_t n_light, double seconds)
+void plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
+                const struct plan_view *v, double seconds)
 {
-    if ((unsigned)e >= 4 || !(seconds > 0) || !n_point) return;
-    double seen = seconds / plan_seconds(e, n, n_point, n_light);
+    if ((unsigned)e >= 4 || !(seconds > 0) || !v->n_point) return;
+    double seen = seconds / plan_seconds(e, n, v);
     double *speed = &screen->slowness[e];
     // the first frame of a view also builds what later ones keep: it weighs little
     *speed = *speed > 0 ? 0.7 * *speed + 0.3 * seen : fmin(seen, 2);
@@ -74,14 +86,14 @@ static int examine(const struct prt_context *ctx, const struct prt_screen *scree
     return screen->diameter_mm > 0 ? PRT_OK : PRT_ARG;
 }
 
-uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n_point,
-                      uint32_t n_light, double seconds)
+uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e,
+                      const struct plan_view *v, double seconds)
 {
     double slow = screen->slowness[e] > 0 ? screen->slowness[e] : 1;
     uint32_t lo = least[e], hi = most[e];
     while (hi - lo > 1) {
         uint32_t mid = lo + (hi - lo) / 2;
-        if (plan_seconds(e, mid, n_point, n_light) * slow <= seconds) lo = mid;
+        if (plan_seconds(e, mid, v) * slow <= seconds) lo = mid;
         else hi = mid;
     }
     return lo;
@@ -111,13 +123,17 @@ int prt_screen_plan(const struct prt_context *ctx, const struct prt_screen *scre
     if ((status = examine(ctx, screen, material, &path))) return status;
     struct prt_gbuffer g;
     prt_visibility_gbuffer(vis, &g);
-    uint32_t lights = has_cube ? n_light ? n_light : 64 : 1;
+    struct plan_view view = {.n_point = g.n_point,
+                             .n_light = has_cube ? n_light ? n_light : 64 : 1,
+                             .pixel_mm = (double)view_pixel_mm(vis),
+                             .area_mm2 = screen->area_mm2,
+                             .diameter_mm = (double)screen->diameter_mm,
+                             .mean_free_path_mm = path};
     double slow = screen->slowness[engine] > 0 ? screen->slowness[engine] : 1;
     struct prt_screen_plan plan = {.engine = engine};
-    plan.n_sample = plan_samples(screen, engine, g.n_point, lights, budget_ms * 1e-3);
-    plan.expected_ms = 1e3 * slow * plan_seconds(engine, plan.n_sample, g.n_point, lights);
-    plan.expected_error = plan_error(engine, plan.n_sample, screen->area_mm2,
-                                     (double)screen->diameter_mm, path);
+    plan.n_sample = plan_samples(screen, engine, &view, budget_ms * 1e-3);
+    plan.expected_ms = 1e3 * slow * plan_seconds(engine, plan.n_sample, &view);
+    plan.expected_error = plan_error(engine, plan.n_sample, &view);
     if (options) {
         options->engine = engine;
         options->n_sample = plan.n_sample;

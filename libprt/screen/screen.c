@@ -266,13 +266,22 @@ static int begin_frame(struct frame *f, const struct prt_material *material, uin
     return status;
 }
 
+struct plan_view frame_plan(const struct frame *f)
+{
+    return (struct plan_view){.n_point = f->g.n_point, .n_light = f->n_light,
+                              .pixel_mm = (double)view_pixel_mm(f->vis),
+                              .area_mm2 = f->screen->area_mm2,
+                              .diameter_mm = (double)f->screen->diameter_mm,
+                              .mean_free_path_mm = (double)smallest_mean_free_path(f)};
+}
+
 uint32_t frame_samples(const struct frame *f, uint32_t normal, uint32_t most)
 {
     const struct prt_screen_options *o = f->options;
+    struct plan_view view = frame_plan(f);
     uint32_t n = o->n_sample;
     if (!n && o->budget_ms > 0)
-        n = plan_samples(f->screen, o->engine, f->g.n_point, f->n_light,
-                         (double)o->budget_ms * 1e-3);
+        n = plan_samples(f->screen, o->engine, &view, (double)o->budget_ms * 1e-3);
     if (!n) n = normal;
     uint64_t finer = (uint64_t)n << min_u(o->refine, 16);
     if (finer > n) n = (uint32_t)(finer < most ? finer : n > most ? n : most);
@@ -313,9 +322,9 @@ static void report_frame(struct frame *f, double seconds)
     struct prt_screen_report *r = f->report;
     if (e == PRT_SCREEN_REFERENCE) return;
     uint32_t n = e == PRT_SCREEN_SPLAT ? r->grid : r->n_asked;
-    plan_learn(f->screen, e, n, f->g.n_point, f->n_light, seconds);
-    r->expected_error = plan_error(e, n, f->screen->area_mm2, (double)f->screen->diameter_mm,
-                                   (double)smallest_mean_free_path(f));
+    struct plan_view view = frame_plan(f);
+    plan_learn(f->screen, e, n, &view, seconds);
+    r->expected_error = plan_error(e, n, &view);
 }
 
 int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen,

@@ -97,9 +97,11 @@ int engine_splat(struct frame *f)
     uint32_t least = GRID_MIN, most = views ? GRID_MAX : 160;
     float n = diameter / spacing;
     if (f->options->n_sample) least = most = f->options->n_sample;
-    else if (f->options->budget_ms > 0)
-        n = min_f(n, (float)plan_samples(screen, PRT_SCREEN_SPLAT, f->g.n_point, f->n_light,
+    else if (f->options->budget_ms > 0) {
+        struct plan_view view = frame_plan(f);
+        n = min_f(n, (float)plan_samples(screen, PRT_SCREEN_SPLAT, &view,
                                          (double)f->options->budget_ms * 1e-3));
+    }
     n = n < least ? least : n > most ? most : n;
     // refinement doubles the points, not the grid's side
     n = min_f(n * exp2f(0.5f * (float)min_u(f->options->refine, 12)), max_f(n, GRID_FINE));

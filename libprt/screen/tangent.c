@@ -296,7 +296,7 @@ static bool map_pixels(const struct frame *f, struct tangent_view *v)
         if (*at == UINT32_MAX || f->g.weight[i] > f->g.weight[*at]) *at = i;
     }
     // a pixel's other points take its light where they lie on the same patch
-    float pixel = view_pixel_mm(f);
+    float pixel = view_pixel_mm(f->vis);
     for (uint32_t i = 0; i < f->g.n_point; i++) {
         uint32_t own = v->point_of[f->g.pixel[i]];
         v->needed[i] = !f->g.opaque[i] &&
@@ -359,7 +359,7 @@ static int sample_and_filter(struct frame *f, struct tangent_job *job, const str
     float scale = smallest_mean_free_path(f);
     int half = f->options->frame < 4 ? 2 : f->options->frame < 16 ? 1 : 0;
     // the pattern repeats after four pixels, however short light's way is
-    float least = max_f(scale, 3 * view_pixel_mm(f));
+    float least = max_f(scale, 3 * view_pixel_mm(f->vis));
     struct filter_job filter = {f, job, seen, (const float(*)[3])own, least * least, half};
     if (!status) status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 1024, filter_points, &filter);
     prt_free(own);

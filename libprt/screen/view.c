@@ -33,13 +33,15 @@ struct footprint {
     float eye[3], forward[3], tan_pixel;
 };
 
-static struct footprint footprint_of(const struct frame *f)
+static struct footprint footprint_of(const struct prt_visibility *vis)
 {
+    uint32_t height;
     struct footprint p;
     float right[3], up[3], l = 0;
-    prt_visibility_frame(f->vis, p.eye, p.forward, right, up);
+    prt_visibility_frame(vis, p.eye, p.forward, right, up);
+    prt_visibility_camera(vis, NULL, NULL, &height, NULL);
     for (int k = 0; k < 3; k++) l += up[k] * up[k];
-    p.tan_pixel = 2 * sqrtf(l) / (float)f->height;
+    p.tan_pixel = 2 * sqrtf(l) / (float)height;
     return p;
 }
 
@@ -50,14 +52,22 @@ static float pixel_mm(const struct footprint *p, const struct prt_gbuffer *g, ui
     return fabsf(z) * p->tan_pixel;
 }
 
-float view_pixel_mm(const struct frame *f)
+float view_pixel_mm(const struct prt_visibility *vis)
 {
-    struct footprint p = footprint_of(f);
+    struct footprint p = footprint_of(vis);
+    struct prt_gbuffer g;
     double sum = 0;
     uint32_t n = 0;
-    for (uint32_t i = 0; i < f->g.n_point; i += 37, n++)
-        sum += (double)pixel_mm(&p, &f->g, i);
+    prt_visibility_gbuffer(vis, &g);
+    for (uint32_t i = 0; i < g.n_point; i += 37, n++) sum += (double)pixel_mm(&p, &g, i);
     return n ? (float)(sum / n) : 0;
+}
+
+uint32_t receiver_size(double pixel_mm, double scale_mm)
+{
+    uint32_t size = 1;
+    while (size < 4 && 2 * size * pixel_mm <= RECEIVER_SHARE * scale_mm) size *= 2;
+    return size;
 }
 
 struct group {
@@ -236,7 +246,7 @@ static int link_points(void *arg, size_t begin, size_t end, unsigned worker)
 
 static int build(struct frame *f, uint32_t size, struct view_cache *v)
 {
-    struct builder b = {.f = f, .g = &f->g, .foot = footprint_of(f), .size = size};
+    struct builder b = {.f = f, .g = &f->g, .foot = footprint_of(f->vis), .size = size};
     b.across = (f->width + size - 1) / size;
     b.down = (f->height + size - 1) / size;
     b.blocks_across = (b.across + BLOCK - 1) / BLOCK;
@@ -321,9 +331,8 @@ static int resolve_points(void *arg, size_t begin, size_t end, unsigned worker)
 int receive_begin(struct frame *f, double scale_mm)
 {
     // light changes over scale_mm: receivers lie a share of that apart
-    float pixel = view_pixel_mm(f);
-    uint32_t size = 1, finer = f->options->refine / 2 + f->options->frame / 4;
-    while (size < 4 && 2 * (double)size * (double)pixel <= RECEIVER_SHARE * scale_mm) size *= 2;
+    uint32_t size = receiver_size((double)view_pixel_mm(f->vis), scale_mm);
+    uint32_t finer = f->options->refine / 2 + f->options->frame / 4;
     while (finer-- && size > 1) size /= 2;
     int status = view_get(f, size, &f->view);
     if (status) return status;
