@@ -10,15 +10,13 @@
 #include <limits.h>
 #include <math.h>
 #include <signal.h>
-#include <spawn.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
-
-extern char **environ;
 
 // ---- the process
 
@@ -87,12 +85,19 @@ static int spawn(struct bench_env *env, struct bench_daemon *d, const char *log)
                          "--cpu", cpu, NULL};
     for (; all[n]; n++) argv[n] = all[n];
     argv[n] = NULL;
-    posix_spawn_file_actions_t actions;
-    posix_spawn_file_actions_init(&actions);
-    posix_spawn_file_actions_addopen(&actions, 2, log, O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    int err = posix_spawnp(&d->pid, program, &actions, NULL, argv, environ);
-    posix_spawn_file_actions_destroy(&actions);
-    if (!err) return PRT_OK;
+    int fd = open(log, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+    pid_t parent = getpid();
+    d->pid = fd < 0 ? -1 : fork();
+    if (d->pid == 0) {
+        prctl(PR_SET_PDEATHSIG, SIGTERM); // a benchmark that is cut short leaves no daemon
+        if (getppid() != parent || dup2(fd, 2) < 0) _exit(1);
+        execvp(program, argv);
+        dprintf(2, "%s: %s\n", program, strerror(errno));
+        _exit(127);
+    }
+    int err = errno;
+    if (fd >= 0) close(fd);
+    if (d->pid > 0) return PRT_OK;
     d->pid = 0;
     return prt_fail(&env->ctx, PRT_IO, "%s cannot be started: %s", program, strerror(err));
 }
