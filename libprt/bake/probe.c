@@ -99,9 +99,10 @@ int prt_bake_measure_rays(const struct prt_context *ctx, const struct prt_mesh *
 struct single_job {
     struct single_plan plan;
     struct fresnel_table fresnel;
-    const struct prt_cube *light;
+    const struct prt_cube *light;  // [n_light]
+    uint32_t n_light, n_vertex;
     uint32_t *vertex;
-    float (*color)[3];
+    float (*color)[3];             // [n_light][n_vertex]
     atomic_uint_fast64_t rays;
 };
 
@@ -114,12 +115,13 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
     void *scratch = prt_alloc(single_scratch_bytes(&j->plan), 1);
     for (size_t i = begin; rows && scratch && i < end; i++) {
         atomic_fetch_add(&j->rays, single_rows(&j->plan, &j->fresnel, j->vertex[i], rows, scratch));
-        for (int c = 0; c < 3; c++) {
+        for (uint32_t k = 0; k < 3 * j->n_light; k++) {
+            uint32_t c = k % 3;
             double sum = 0;
             for (uint32_t t = 0; t < d->n_coef; t++)
                 sum += (double)rows[(size_t)c * d->n_coef + t] * d->solid_angle[t] *
-                       j->light->texel[t * 3 + (uint32_t)c];
-            j->color[i][c] = (float)sum;
+                       j->light[k / 3].texel[t * 3 + c];
+            j->color[(size_t)(k / 3) * j->n_vertex + i][c] = (float)sum;
         }
     }
     prt_free(rows);
@@ -129,15 +131,17 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
 
 int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh *mesh,
                             const struct prt_material *m, const struct prt_cube *light,
-                            uint32_t n_vertex, struct prt_bake_single *out)
+                            uint32_t n_light, uint32_t n_vertex, struct prt_bake_single *out)
 {
-    struct single_job job = {.light = light};
+    struct single_job job = {.light = light, .n_light = n_light, .n_vertex = n_vertex};
+    size_t n_color = (size_t)n_light * n_vertex;
     struct prt_scene *scene = NULL;
     struct directions *d = NULL;
-    float(*saved)[3] = prt_alloc(n_vertex, sizeof *saved);
-    float(*every)[3] = prt_alloc(n_vertex, sizeof *every);
+    float(*saved)[3] = prt_alloc(n_color, sizeof *saved);
+    float(*every)[3] = prt_alloc(n_color, sizeof *every);
     job.vertex = prt_alloc(n_vertex, sizeof *job.vertex);
     int status = saved && every && job.vertex ? PRT_OK : PRT_NOMEM;
+    if (!n_light || n_light > PRT_BAKE_SINGLE_LIGHTS) status = PRT_ARG;
     if (status == PRT_OK) status = prt_scene_create(ctx, mesh, &scene);
     if (status == PRT_OK) status = directions_create(light->n, 16, 1, &d);
     if (status == PRT_OK) {
@@ -165,8 +169,9 @@ int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh
         *(pass ? &out->every_rays : &out->rays) = atomic_load(&job.rays);
         *(pass ? &out->every_seconds : &out->seconds) = prt_time_s() - t0;
     }
-    if (status == PRT_OK)
-        out->error = prt_relative_rmse(saved[0], every[0], (size_t)n_vertex * 3);
+    for (uint32_t l = 0; status == PRT_OK && l < n_light; l++)
+        out->error[l] = prt_relative_rmse(saved[(size_t)l * n_vertex],
+                                          every[(size_t)l * n_vertex], (size_t)n_vertex * 3);
     directions_destroy(d);
     prt_scene_destroy(scene);
     prt_free(saved);

@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: MIT
 // Single scattering along -n_o (W05 eq 10-12, METHODS §3.5) with far fewer rays than texels x
-// points: along the path, the way out towards a direction is piecewise linear in depth for any
-// smooth surface, so it is traced at five depths and the exponentials between them are
-// integrated in closed form. The deeper depths share one ray between 2 x 2 texels, but for
-// those near the horizon.
+// points: along the path the way out towards a direction is nearly linear in depth, so it is
+// traced at a few depths, a monotone cubic is laid through them and the exponentials between
+// its points are integrated in closed form. Of each 2 x 2 texels one is traced; the others only
+// where its neighbours met something else.
 #include "bake/stages.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_PHASE = 9 };
+enum { MAX_PHASE = 9, TILE = 128, SUBSTEPS = 4, RADIAL_SUBSTEPS = 2 };
+enum { MAX_POINTS = SINGLE_MAX_NODES * SUBSTEPS + 1 };
 
 // What a direction meets at a node: distance out s', F_t V, and the refracted way in.
 struct exits {
@@ -22,6 +23,7 @@ struct exits {
 struct scratch {
     struct exits node[SINGLE_MAX_NODES];
     float *side;     // [n_coef] cosine between texel and vertex normal
+    float *value;    // [n_coef/4] what a block's ray brings, to find where neighbours differ
     float *y;        // [MAX_PHASE] SH of one direction
 };
 
@@ -32,8 +34,8 @@ static size_t exits_floats(uint32_t n_coef)
 
 size_t single_scratch_bytes(const struct single_plan *plan)
 {
-    return (SINGLE_MAX_NODES * exits_floats(plan->n_direction) + plan->n_direction + 64) *
-           sizeof(float);
+    return (SINGLE_MAX_NODES * exits_floats(plan->n_direction) + 2 * (size_t)plan->n_direction +
+            64) * sizeof(float);
 }
 
 static void carve(const struct single_plan *plan, void *memory, struct scratch *s)
@@ -46,6 +48,7 @@ static void carve(const struct single_plan *plan, void *memory, struct scratch *
         for (int k = 0; k < 3; k++) s->node[a].dir[k] = at, at += n;
     }
     s->side = at, at += n;
+    s->value = at, at += n;
     s->y = at;
 }
 
@@ -132,14 +135,16 @@ static float largest(const float c[3])
 void single_plan_depths(struct single_plan *plan)
 {
     if (plan->extinction) { // any extinction may come: nodes over every scale of the body
-        plan->n_node = SINGLE_MAX_NODES, plan->n_fine = 1;
+        plan->n_node = SINGLE_MAX_NODES;
         plan->first_mm = 0.05f, plan->last_mm = 60, plan->inward_mm = INFINITY;
+        plan->weakest = 0.05f;
         return;
     }
-    plan->n_node = 5, plan->n_fine = 2;
+    plan->n_node = 7;
+    plan->weakest = smallest(plan->sigma_t);
     plan->first_mm = 0.1f / largest(plan->sigma_t);
-    plan->last_mm = 4 / smallest(plan->sigma_t);
-    plan->inward_mm = 12 / smallest(plan->sigma_t);
+    plan->last_mm = 4 / plan->weakest;
+    plan->inward_mm = 12 / plan->weakest;
 }
 
 static float luminance(const float c[3])
@@ -147,8 +152,7 @@ static float luminance(const float c[3])
     return 0.2126f * c[0] + 0.7152f * c[1] + 0.0722f * c[2];
 }
 
-// The direction that stands for texel i (0..3) of block b: one sub-sample of one jitter, the same
-// at every depth, so that the way out can be followed from node to node.
+// The direction that stands for texel i (0..3) of block b: one sub-sample of one jitter.
 static size_t texel_ray(const struct directions *d, unsigned pattern, uint32_t block, uint32_t i)
 {
     return ((size_t)(pattern % d->n_pattern) * d->n_packet + block) * 16 + i * 4 +
@@ -212,42 +216,6 @@ static void push(struct queue *q, unsigned pattern, uint32_t block, uint32_t i, 
     if (++q->fill == 16) flush(q);
 }
 
-static const float horizon = 0.12f; // |cosine| below which a block's texels differ too much
-
-// Fills a node for every texel: a ray each, or, for a coarse node, one for a whole 2 x 2 block
-// away from the horizon. What was too far from the surface at the shallower node stays so.
-static uint64_t trace_node(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                           const float p[3], const float n[3], unsigned pattern, bool fine,
-                           const struct exits *shallower, float dead, const float *side,
-                           struct exits *out)
-{
-    const struct directions *d = plan->directions;
-    struct queue q = {.plan = plan, .fresnel = fresnel, .p = p, .n = n, .out = out};
-    struct lane_out nothing = {.way = fminf(2 * plan->inward_mm, 1e4f)};
-    for (uint32_t block = 0; block < d->n_packet; block++) {
-        const uint32_t *texel = d->texel + (size_t)block * 4;
-        bool alone = fine, alive = !shallower;
-        for (int i = 0; i < 4; i++) {
-            if (!fine && fabsf(side[texel[i]]) < horizon) alone = true;
-            if (shallower && shallower->way[texel[i]] < dead) alive = true;
-        }
-        for (uint32_t i = 0; !alive && i < 4; i++) store(out, texel[i], &nothing);
-        if (alive && !alone) push(&q, pattern, block, (block + pattern) & 3, true);
-        for (uint32_t i = 0; alive && alone && i < 4; i++) push(&q, pattern, block, i, false);
-    }
-    flush(&q);
-    return q.rays;
-}
-
-// Depths of the nodes: geometric over the channels' extinctions, inside the body.
-static void place_nodes(const struct single_plan *plan, float thickness, float *depth)
-{
-    float first = fminf(plan->first_mm, 0.06f * thickness);
-    float last = fminf(plan->last_mm, 0.85f * thickness);
-    for (uint32_t a = 0; a < plan->n_node; a++)
-        depth[a] = first * powf(last / first, (float)a / (float)(plan->n_node - 1));
-}
-
 // e^-x for x >= 0, relative error 2e-6; unlike expf the compiler vectorises it.
 static inline float exp_minus(float x)
 {
@@ -263,6 +231,70 @@ static inline float exp_minus(float x)
     return p * scale.f;
 }
 
+static uint64_t trace_every(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                            const float p[3], const float n[3], unsigned pattern,
+                            struct exits *out)
+{
+    struct queue q = {.plan = plan, .fresnel = fresnel, .p = p, .n = n, .out = out};
+    for (uint32_t block = 0; block < plan->directions->n_packet; block++)
+        for (uint32_t i = 0; i < 4; i++) push(&q, pattern, block, i, false);
+    flush(&q);
+    return q.rays;
+}
+
+static const float differ = 0.02f; // of full light: neighbours that differ more are traced
+
+// Whether a block's neighbours on its face met something else; value < 0: not traced.
+static bool differs(const float *value, uint32_t b, uint32_t half, float most)
+{
+    uint32_t x = b % half, y = b / half % half;
+    return (x && fabsf(value[b] - value[b - 1]) > most) ||
+           (x + 1 < half && fabsf(value[b] - value[b + 1]) > most) ||
+           (y && fabsf(value[b] - value[b - half]) > most) ||
+           (y + 1 < half && fabsf(value[b] - value[b + half]) > most);
+}
+
+// Fills a node for every texel: a ray for each 2 x 2 block, and for each texel of the blocks
+// whose neighbours differ. What was too far from the surface at the shallower node stays so.
+static uint64_t trace_node(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                           const float p[3], const float n[3], unsigned pattern, float depth,
+                           const struct exits *shallower, float *value, struct exits *out)
+{
+    const struct directions *d = plan->directions;
+    struct queue q = {.plan = plan, .fresnel = fresnel, .p = p, .n = n, .out = out};
+    struct lane_out nothing = {.way = fminf(2 * plan->inward_mm, 1e4f)};
+    float dead = 0.6f * plan->inward_mm - depth;
+    for (uint32_t b = 0; b < d->n_packet; b++) {
+        const uint32_t *texel = d->texel + (size_t)b * 4;
+        bool alive = !shallower;
+        for (int i = 0; !alive && i < 4; i++) alive = shallower->way[texel[i]] < dead;
+        for (uint32_t i = 0; !alive && i < 4; i++) store(out, texel[i], &nothing);
+        value[b] = alive ? 0 : -1;
+        if (alive) push(&q, pattern, b, (b + pattern) & 3, true);
+    }
+    flush(&q);
+    float most = differ * expf(plan->weakest * depth);
+    for (uint32_t b = 0; b < d->n_packet; b++) {
+        uint32_t t = d->texel[(size_t)b * 4];
+        if (value[b] >= 0) value[b] = out->open[t] * exp_minus(plan->weakest * out->way[t]);
+    }
+    for (uint32_t b = 0; b < d->n_packet; b++)
+        for (uint32_t i = 0; value[b] >= 0 && i < 4; i++)
+            if (i != ((b + pattern) & 3) && differs(value, b, d->n / 2, most))
+                push(&q, pattern, b, i, false);
+    flush(&q);
+    return q.rays;
+}
+
+// Depths of the nodes: geometric over the channels' extinctions, inside the body.
+static void place_nodes(const struct single_plan *plan, float thickness, float *depth)
+{
+    float first = fminf(plan->first_mm, 0.06f * thickness);
+    float last = fminf(plan->last_mm, 0.85f * thickness);
+    for (uint32_t a = 0; a < plan->n_node; a++)
+        depth[a] = first * powf(last / first, (float)a / (float)(plan->n_node - 1));
+}
+
 // (e^-a - e^-b) / (b - a), the mean of an exponential between two exponents.
 static inline float mean_exp(float ea, float eb, float a, float b)
 {
@@ -270,137 +302,262 @@ static inline float mean_exp(float ea, float eb, float a, float b)
     return fabsf(d) > 1e-2f ? (ea - eb) / d : 0.5f * (ea + eb) * (1 - d * d / 12);
 }
 
-// Everything along the path for isotropic phase: three channels of every texel.
-PRT_CLONES static void integrate_isotropic(uint32_t n_coef, const float sigma_t[3],
-                                           const float factor[3], uint32_t n_node,
-                                           const float *depth, float end,
-                                           const float *const *way, const float *const *open,
-                                           const float *outer, float *out)
+// A tile of directions along the path: depth + way out and F_t V at the points of a monotone
+// cubic through surface and nodes.
+struct path {
+    uint32_t n_point;                       // 1 + n_node * substeps
+    float depth[MAX_POINTS];
+    float u[MAX_POINTS][TILE];              // s + s' [mm]
+    float open[MAX_POINTS][TILE];
+    float slope[TILE];                      // of u beyond the last node
+};
+
+// Slope at a point between two chords (Fritsch and Carlson's monotone cubic).
+static inline float pchip(float h0, float h1, float m0, float m1)
 {
-    for (int c = 0; c < 3; c++) {
-        float s = sigma_t[c], *row = out + (size_t)c * n_coef;
-        for (uint32_t t = 0; t < n_coef; t++) {
-            // At the surface itself: directions above it leave at once.
-            float way0 = outer[t] > 0 ? 0
-                                      : fmaxf(way[0][t] - (way[1][t] - way[0][t]) * depth[0] /
-                                                              (depth[1] - depth[0]),
-                                              0);
-            float open_before = open[0][t], exponent = s * way0, before = exp_minus(exponent);
-            float sum = 0, depth_before = 0, slope = 0;
-            for (uint32_t a = 0; a < n_node; a++) {
-                float next = s * (depth[a] + way[a][t]), e = exp_minus(next);
-                float step = depth[a] - depth_before;
-                sum += step * mean_exp(before, e, exponent, next) * 0.5f *
-                       (open_before + open[a][t]);
-                slope = (next - exponent) / step;
-                exponent = next, before = e;
-                depth_before = depth[a], open_before = open[a][t];
-            }
-            // Beyond the last node: the last slope goes on to the end of the path.
-            float rest = end - depth_before, last = exponent + fmaxf(slope, 0.3f * s) * rest;
-            sum += open_before * rest * mean_exp(before, exp_minus(last), exponent, last);
-            row[t] = factor[c] * sum;
+    float w0 = 2 * h1 + h0, w1 = h1 + 2 * h0, low = w0 * m1 + w1 * m0;
+    return m0 * m1 > 0 ? (w0 + w1) * m0 * m1 / low : 0;
+}
+
+struct knots {
+    float depth[SINGLE_MAX_NODES + 1];
+    float v[SINGLE_MAX_NODES + 1][TILE];    // values
+};
+
+// Lays `substeps` points into every interval of the knots.
+PRT_CLONES static void subdivide(const struct knots *k, uint32_t n_node, uint32_t substeps,
+                                 float out[MAX_POINTS][TILE])
+{
+    float chord[SINGLE_MAX_NODES][TILE], from[TILE], to[TILE];
+    for (uint32_t a = 0; a < n_node; a++) {
+        float inv = 1 / (k->depth[a + 1] - k->depth[a]);
+        for (int t = 0; t < TILE; t++) chord[a][t] = (k->v[a + 1][t] - k->v[a][t]) * inv;
+    }
+    memcpy(from, chord[0], sizeof from);
+    memcpy(out[0], k->v[0], sizeof out[0]);
+    for (uint32_t a = 0; a < n_node; a++) {
+        float h = k->depth[a + 1] - k->depth[a];
+        float h1 = a + 1 < n_node ? k->depth[a + 2] - k->depth[a + 1] : h;
+        const float *next = chord[a + 1 < n_node ? a + 1 : a];
+        for (int t = 0; t < TILE; t++) to[t] = pchip(h, h1, chord[a][t], next[t]);
+        for (uint32_t i = 1; i <= substeps; i++) {
+            float x = (float)i / (float)substeps, x2 = x * x, x3 = x2 * x;
+            float h00 = 2 * x3 - 3 * x2 + 1, h01 = 3 * x2 - 2 * x3;
+            float h10 = (x3 - 2 * x2 + x) * h, h11 = (x3 - x2) * h;
+            float *at = out[a * substeps + i];
+            for (int t = 0; t < TILE; t++)
+                at[t] = h00 * k->v[a][t] + h10 * from[t] + h01 * k->v[a + 1][t] + h11 * to[t];
         }
+        memcpy(from, to, sizeof from);
     }
 }
 
-// The same with the phase function's light part: plane k gets a_l Y_k(w_i').
-static void integrate_phase(const struct single_plan *plan, const float *depth, float end,
-                            const struct scratch *s, const float *outer, float *out)
+// A hidden node brings no light, but the way out at its depth weighs what lies between it and
+// its neighbours: it takes theirs.
+static void borrow_ways(const struct knots *open, uint32_t n_node, struct knots *u)
 {
-    uint32_t n = plan->directions->n_coef, K = plan->n_phase, n_node = plan->n_node;
-    for (uint32_t t = 0; t < n; t++) {
-        float y[SINGLE_MAX_NODES][MAX_PHASE];
-        for (uint32_t a = 0; a < n_node; a++) {
-            float w[3] = {s->node[a].dir[0][t], s->node[a].dir[1][t], s->node[a].dir[2][t]};
-            memset(y[a], 0, sizeof y[a]);
-            if (s->node[a].open[t] > 0) prt_sh_eval(K == 9 ? 3 : 2, w, y[a]);
-            for (uint32_t k = 0; k < K; k++) y[a][k] *= s->node[a].open[t];
+    float own[SINGLE_MAX_NODES + 1][TILE];
+    memcpy(own, u->v, sizeof own);
+    for (uint32_t a = 1; a <= n_node; a++)
+        for (int t = 0; t < TILE; t++) {
+            bool before = a > 1 && open->v[a - 1][t] > 0;
+            bool after = a < n_node && open->v[a + 1][t] > 0;
+            if (open->v[a][t] > 0 || (!before && !after)) continue;
+            float l = before ? own[a - 1][t] - u->depth[a - 1] : 0;
+            float r = after ? own[a + 1][t] - u->depth[a + 1] : 0;
+            u->v[a][t] = u->depth[a] + (l + r) * (before && after ? 0.5f : 1.0f);
         }
+}
+
+// Directions [first, first+TILE) of the path; beyond n they are dark.
+static void follow_path(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                        const struct scratch *s, const float *depth, uint32_t first, uint32_t n,
+                        uint32_t substeps, struct path *path)
+{
+    struct knots u, open;
+    uint32_t N = plan->n_node, m = n - first < TILE ? n - first : TILE;
+    memset(&u, 0, sizeof u);
+    memset(&open, 0, sizeof open);
+    for (uint32_t a = 0; a < N; a++) {
+        u.depth[a + 1] = open.depth[a + 1] = depth[a];
+        for (uint32_t t = 0; t < m; t++) {
+            u.v[a + 1][t] = depth[a] + s->node[a].way[first + t];
+            open.v[a + 1][t] = s->node[a].open[first + t];
+        }
+    }
+    borrow_ways(&open, N, &u);
+    for (uint32_t t = 0; t < m; t++) {
+        float side = s->side[first + t];
+        if (side > 0) { // leaves at once, through the vertex's own tangent plane
+            u.v[0][t] = 0;
+            open.v[0][t] = open.v[1][t] > 0 ? fresnel_table_eval(fresnel, fminf(side, 1)) : 0;
+        } else {
+            float rise = (u.v[2][t] - u.v[1][t]) / (depth[1] - depth[0]);
+            u.v[0][t] = fmaxf(u.v[1][t] - rise * depth[0], 0);
+            open.v[0][t] = open.v[1][t];
+        }
+    }
+    subdivide(&u, N, substeps, path->u);
+    subdivide(&open, N, substeps, path->open);
+    path->n_point = N * substeps + 1;
+    for (uint32_t i = 0; i < path->n_point; i++) {
+        uint32_t a = i / substeps < N ? i / substeps : N - 1;
+        float x = (float)(i - a * substeps) / (float)substeps;
+        path->depth[i] = u.depth[a] + x * (u.depth[a + 1] - u.depth[a]);
+    }
+    float inv = 1 / (u.depth[N] - u.depth[N - 1]);
+    for (int t = 0; t < TILE; t++) path->slope[t] = fmaxf((u.v[N][t] - u.v[N - 1][t]) * inv, 0.3f);
+}
+
+// Everything along the path for isotropic phase: one channel of a tile, to multiply by factor.
+PRT_CLONES static void integrate_isotropic(const struct path *path, float sigma_t, float factor,
+                                           float end, float sum[TILE])
+{
+    float exponent[TILE], before[TILE];
+    uint32_t n = path->n_point;
+    for (int t = 0; t < TILE; t++) {
+        exponent[t] = sigma_t * path->u[0][t];
+        before[t] = exp_minus(exponent[t]);
+        sum[t] = 0;
+    }
+    for (uint32_t i = 1; i < n; i++) {
+        float step = 0.5f * (path->depth[i] - path->depth[i - 1]);
+        const float *u = path->u[i], *o0 = path->open[i - 1], *o1 = path->open[i];
+        for (int t = 0; t < TILE; t++) {
+            float next = sigma_t * u[t], e = exp_minus(next);
+            sum[t] += step * mean_exp(before[t], e, exponent[t], next) * (o0[t] + o1[t]);
+            exponent[t] = next, before[t] = e;
+        }
+    }
+    // Beyond the last node the last slope goes on to the end of the path.
+    float rest = end - path->depth[n - 1];
+    for (int t = 0; t < TILE; t++) {
+        float last = exponent[t] + sigma_t * path->slope[t] * rest;
+        sum[t] += path->open[n - 1][t] * rest *
+                  mean_exp(before[t], exp_minus(last), exponent[t], last);
+        sum[t] *= factor;
+    }
+}
+
+// SH of the ways in at the nodes of direction t; a hidden node takes a neighbour's. Returns
+// whether any is open.
+static bool node_sh(const struct single_plan *plan, const struct scratch *s, uint32_t t,
+                    float y[SINGLE_MAX_NODES][MAX_PHASE])
+{
+    uint32_t K = plan->n_phase, seen = UINT32_MAX;
+    for (uint32_t a = 0; a < plan->n_node; a++) {
+        float w[3] = {s->node[a].dir[0][t], s->node[a].dir[1][t], s->node[a].dir[2][t]};
+        if (s->node[a].open[t] > 0) {
+            prt_sh_eval(K == 9 ? 3 : K == 4 ? 2 : 1, w, y[a]);
+            for (uint32_t b = seen == UINT32_MAX ? 0 : a; b < a; b++)
+                memcpy(y[b], y[a], sizeof y[a]);
+            seen = a;
+        } else if (seen != UINT32_MAX) {
+            memcpy(y[a], y[seen], sizeof y[a]);
+        }
+    }
+    return seen != UINT32_MAX;
+}
+
+// Light part of the phase in the middle of interval i of the path.
+static void middle_sh(const struct single_plan *plan, const struct path *path, uint32_t i,
+                      float y[SINGLE_MAX_NODES][MAX_PHASE], float out[MAX_PHASE])
+{
+    uint32_t substeps = (path->n_point - 1) / plan->n_node, a = (i - 1) / substeps;
+    float x = ((float)(i - 1 - a * substeps) + 0.5f) / (float)substeps;
+    const float *y0 = y[a ? a - 1 : 0], *y1 = y[a];
+    for (uint32_t k = 0; k < plan->n_phase; k++) out[k] = y0[k] + x * (y1[k] - y0[k]);
+}
+
+static unsigned degree(uint32_t k)
+{
+    return k == 0 ? 0 : k < 4 ? 1 : 2;
+}
+
+// A tile with the phase function's light part: plane k gets a_l Y_k(w_i').
+static void integrate_phase(const struct single_plan *plan, const struct path *path, float end,
+                            const struct scratch *s, uint32_t first, uint32_t m, float *out)
+{
+    uint32_t n = plan->directions->n_coef, K = plan->n_phase, last = path->n_point - 1;
+    for (uint32_t t = 0; t < m; t++) {
+        float y[SINGLE_MAX_NODES][MAX_PHASE], sum[3][MAX_PHASE] = {{0}}, mid[MAX_PHASE];
+        float exponent[3], before[3];
+        if (!node_sh(plan, s, first + t, y)) goto write;
         for (int c = 0; c < 3; c++) {
-            float st = plan->sigma_t[c], sum[MAX_PHASE] = {0};
-            float way0 = outer[t] > 0 ? 0
-                                      : fmaxf(s->node[0].way[t] -
-                                                  (s->node[1].way[t] - s->node[0].way[t]) *
-                                                      depth[0] / (depth[1] - depth[0]),
-                                              0);
-            float exponent = st * way0, before = exp_minus(exponent), depth_before = 0, slope = 0;
-            for (uint32_t a = 0; a < n_node; a++) {
-                float next = st * (depth[a] + s->node[a].way[t]), e = exp_minus(next);
-                float step = depth[a] - depth_before;
-                float w = step * mean_exp(before, e, exponent, next) * 0.5f;
-                for (uint32_t k = 0; k < K; k++) sum[k] += w * (y[a ? a - 1 : 0][k] + y[a][k]);
-                slope = (next - exponent) / step;
-                exponent = next, before = e, depth_before = depth[a];
-            }
-            float left = end - depth_before, last = exponent + fmaxf(slope, 0.3f * st) * left;
-            float rest = left * mean_exp(before, exp_minus(last), exponent, last);
-            for (uint32_t k = 0; k < K; k++) {
-                unsigned l = k == 0 ? 0 : k < 4 ? 1 : 2;
-                out[((size_t)k * 3 + (unsigned)c) * n + t] =
-                    (float)plan->phase[c].a[l] * plan->sigma_s[c] *
-                    (sum[k] + rest * y[n_node - 1][k]);
+            exponent[c] = plan->sigma_t[c] * path->u[0][t];
+            before[c] = exp_minus(exponent[c]);
+        }
+        for (uint32_t i = 1; i <= last; i++) {
+            float open = 0.5f * (path->open[i - 1][t] + path->open[i][t]);
+            float step = open * (path->depth[i] - path->depth[i - 1]);
+            middle_sh(plan, path, i, y, mid);
+            for (int c = 0; c < 3; c++) {
+                float next = plan->sigma_t[c] * path->u[i][t], e = exp_minus(next);
+                float w = step * mean_exp(before[c], e, exponent[c], next);
+                for (uint32_t k = 0; k < K; k++) sum[c][k] += w * mid[k];
+                exponent[c] = next, before[c] = e;
             }
         }
+        float rest = end - path->depth[last];
+        for (int c = 0; c < 3; c++) {
+            float to = exponent[c] + plan->sigma_t[c] * path->slope[t] * rest;
+            float w = path->open[last][t] * rest *
+                      mean_exp(before[c], exp_minus(to), exponent[c], to);
+            for (uint32_t k = 0; k < K; k++) sum[c][k] += w * y[plan->n_node - 1][k];
+        }
+    write:
+        for (uint32_t c = 0; c < 3; c++)
+            for (uint32_t k = 0; k < K; k++)
+                out[((size_t)k * 3 + c) * n + first + t] =
+                    (float)plan->phase[c].a[degree(k)] * plan->sigma_s[c] * sum[c][k];
     }
 }
 
-static float surface_way(const struct scratch *s, const float *depth, uint32_t t)
-{
-    if (s->side[t] > 0) return 0;
-    float rise = (s->node[1].way[t] - s->node[0].way[t]) / (depth[1] - depth[0]);
-    return fmaxf(s->node[0].way[t] - rise * depth[0], 0);
-}
-
-// Integrals of every function of a radial basis over the path, X07 eq 14: with s + s'(s)
+// Integrals of every function of a radial basis over a tile, X07 eq 14: with s + s'(s)
 // piecewise linear they are differences of the functions' running integrals. Without `rgb` out
 // is [n_phase][n_radial][n] per direction; with it (X07: the light is fixed) the directions are
 // summed into out [n_phase][n_radial][3].
-static void integrate_radial(const struct single_plan *plan, const float *depth, float end,
-                             const struct scratch *s, uint32_t n, const float *rgb, float *out)
+static void integrate_radial(const struct single_plan *plan, const struct path *path, float end,
+                             const struct scratch *s, uint32_t first, uint32_t m, uint32_t n,
+                             const float *rgb, float *out)
 {
     const struct extinction_table *table = plan->extinction;
-    uint32_t K = plan->n_phase, J = table->n_function;
+    uint32_t K = plan->n_phase, J = table->n_function, points = path->n_point;
     enum { WIDE = EXTINCTION_WIDE };
-    for (uint32_t t = 0; t < n; t++) {
-        float sum[MAX_PHASE][WIDE], y[SINGLE_MAX_NODES][MAX_PHASE], before[WIDE], after[WIDE];
-        bool any = false;
-        for (uint32_t a = 0; a < plan->n_node; a++) {
-            float w[3] = {s->node[a].dir[0][t], s->node[a].dir[1][t], s->node[a].dir[2][t]};
-            float open = s->node[a].open[t];
-            memset(y[a], 0, sizeof y[a]);
-            if (open <= 0) continue;
-            any = true;
-            prt_sh_eval(K == 9 ? 3 : K == 4 ? 2 : 1, w, y[a]);
-            for (uint32_t k = 0; k < K; k++) y[a][k] *= open;
-        }
+    for (uint32_t t = 0; t < m; t++) {
+        float sum[MAX_PHASE][WIDE], y[SINGLE_MAX_NODES][MAX_PHASE], mid[MAX_PHASE];
+        float before[WIDE], after[WIDE], u = path->u[0][t];
+        bool any = node_sh(plan, s, first + t, y);
         memset(sum, 0, sizeof sum);
-        float u = surface_way(s, depth, t), depth_before = 0, slope = 1;
         if (any) extinction_integral(table, u, before);
-        for (uint32_t a = 0; any && a <= plan->n_node; a++) {
+        for (uint32_t i = 1; any && i <= points; i++) {
             // The last step goes on to the end of the path with the last slope.
-            bool last = a == plan->n_node;
-            float at = last ? end : depth[a], step = at - depth_before;
+            bool last = i == points;
+            float step = (last ? end : path->depth[i]) - path->depth[i - 1];
             if (step <= 0) break;
-            float next = last ? u + fmaxf(slope, 0.25f) * step : at + s->node[a].way[t];
+            float next = last ? u + path->slope[t] * step : path->u[i][t];
+            float open = 0.5f * (path->open[i - 1][t] + path->open[last ? i - 1 : i][t]);
             if (fabsf(next - u) < 1e-3f * step) next = u + 1e-3f * step;
+            if (open <= 0 && i + 1 < points && path->open[i + 1][t] <= 0) { // dark on both sides
+                u = next, extinction_integral(table, u, before);
+                continue;
+            }
             extinction_integral(table, next, after);
-            slope = (next - u) / step;
-            const float *y0 = y[a ? a - 1 : 0], *y1 = y[last ? a - 1 : a];
+            if (last) memcpy(mid, y[plan->n_node - 1], sizeof mid);
+            else middle_sh(plan, path, i, y, mid);
             for (uint32_t k = 0; k < K; k++) {
-                float w = 0.5f * (y0[k] + y1[k]) / slope;
+                float w = open * mid[k] * step / (next - u);
                 for (int j = 0; j < WIDE; j++) sum[k][j] += w * (after[j] - before[j]);
             }
             memcpy(before, after, sizeof before);
-            u = next, depth_before = at;
+            u = next;
         }
         for (uint32_t k = 0; k < K; k++)
             for (uint32_t j = 0; j < J; j++) {
-                if (!rgb)
-                    out[((size_t)k * J + j) * n + t] = sum[k][j];
-                else if (any)
-                    for (int c = 0; c < 3; c++)
-                        out[(k * J + j) * 3 + (uint32_t)c] += sum[k][j] * rgb[t * 3 + (uint32_t)c];
+                const float *light = rgb ? rgb + (size_t)(first + t) * 3 : NULL;
+                if (!rgb) out[((size_t)k * J + j) * n + first + t] = sum[k][j];
+                for (int c = 0; rgb && any && c < 3; c++)
+                    out[(k * J + j) * 3 + (uint32_t)c] += sum[k][j] * light[c];
             }
     }
 }
@@ -457,8 +614,13 @@ uint64_t single_light(const struct single_plan *plan, const struct fresnel_table
     for (uint32_t t = 0; t < n; t++)
         s.side[t] = normal[0] * x[t] + normal[1] * y[t] + normal[2] * z[t];
     memset(out, 0, (size_t)plan->n_phase * plan->extinction->n_function * 3 * sizeof *out);
-    integrate_radial(plan, depth, fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm), &s,
-                     n, rgb, out);
+    float end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
+    for (uint32_t first = 0; first < n; first += TILE) {
+        struct path path;
+        follow_path(plan, fresnel, &s, depth, first, n, RADIAL_SUBSTEPS, &path);
+        integrate_radial(plan, &path, end, &s, first, n - first < TILE ? n - first : TILE, n, rgb,
+                         out);
+    }
     return rays;
 }
 
@@ -477,8 +639,7 @@ static uint64_t every_ray(const struct single_plan *plan, const struct fresnel_t
         float depth = -logf(1 - xi * lambda) / sigma, p[3];
         float weight = lambda / ((float)plan->n_point * sigma * expf(-sigma * depth));
         for (int k = 0; k < 3; k++) p[k] = x[k] - depth * n[k];
-        rays += trace_node(plan, fresnel, p, n, pattern + i * 0x51, true, NULL, 0, NULL,
-                           &s->node[0]);
+        rays += trace_every(plan, fresnel, p, n, pattern + i * 0x51, &s->node[0]);
         for (uint32_t t = 0; t < d->n_coef; t++) {
             float open = s->node[0].open[t];
             if (open <= 0) continue;
@@ -488,9 +649,8 @@ static uint64_t every_ray(const struct single_plan *plan, const struct fresnel_t
                 float e = open * weight * plan->sigma_s[c] *
                           exp_minus(plan->sigma_t[c] * (depth + s->node[0].way[t]));
                 for (uint32_t k = 0; k < K; k++) {
-                    unsigned l = k == 0 ? 0 : k < 4 ? 1 : 2;
                     out[((size_t)k * 3 + (unsigned)c) * d->n_coef + t] +=
-                        e * (float)plan->phase[c].a[l] * s->y[k];
+                        e * (float)plan->phase[c].a[degree(k)] * s->y[k];
                 }
             }
         }
@@ -511,30 +671,35 @@ uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table 
     if (plan->every_ray)
         return rays + every_ray(plan, fresnel, x, n, thickness, pattern, &s, out);
     float depth[SINGLE_MAX_NODES], end;
-    const float *way[SINGLE_MAX_NODES], *open[SINGLE_MAX_NODES];
     place_nodes(plan, thickness, depth);
     for (uint32_t k = 0; k < d->n_packet * 4; k++) {
         size_t at = texel_ray(d, pattern, k / 4, k % 4);
         s.side[d->texel[k]] = n[0] * d->x[at] + n[1] * d->y[at] + n[2] * d->z[at];
     }
-    for (uint32_t a = 0; a < plan->n_node && a < SINGLE_MAX_NODES; a++) {
+    for (uint32_t a = 0; a < plan->n_node; a++) {
         float p[3];
         for (int k = 0; k < 3; k++) p[k] = x[k] - depth[a] * n[k];
-        float dead = 0.6f * plan->inward_mm - depth[a];
-        rays += trace_node(plan, fresnel, p, n, pattern, a < plan->n_fine,
-                           a ? &s.node[a - 1] : NULL, dead, s.side, &s.node[a]);
-        way[a] = s.node[a].way, open[a] = s.node[a].open;
+        // Another sub-sample at each depth: a texel half in shadow is half lit along the path.
+        rays += trace_node(plan, fresnel, p, n, pattern + 65 * a, depth[a],
+                           a ? &s.node[a - 1] : NULL, s.value, &s.node[a]);
     }
     end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
-    if (plan->extinction) {
-        integrate_radial(plan, depth, end, &s, d->n_coef, NULL, out);
-    } else if (plan->n_phase == 1) {
-        float factor[3];
-        for (int c = 0; c < 3; c++) factor[c] = plan->sigma_s[c] * (float)(0.5 / sqrt(M_PI));
-        integrate_isotropic(d->n_coef, plan->sigma_t, factor, plan->n_node, depth, end, way,
-                            open, s.side, out);
-    } else {
-        integrate_phase(plan, depth, end, &s, s.side, out);
+    for (uint32_t first = 0; first < d->n_coef; first += TILE) {
+        struct path path;
+        uint32_t m = d->n_coef - first < TILE ? d->n_coef - first : TILE;
+        follow_path(plan, fresnel, &s, depth, first, d->n_coef,
+                    plan->extinction ? RADIAL_SUBSTEPS : SUBSTEPS, &path);
+        if (plan->extinction) {
+            integrate_radial(plan, &path, end, &s, first, m, d->n_coef, NULL, out);
+        } else if (plan->n_phase > 1) {
+            integrate_phase(plan, &path, end, &s, first, m, out);
+        } else {
+            for (uint32_t c = 0; c < 3; c++) {
+                float sum[TILE], factor = plan->sigma_s[c] * (float)(0.5 / sqrt(M_PI));
+                integrate_isotropic(&path, plan->sigma_t[c], factor, end, sum);
+                memcpy(out + (size_t)c * d->n_coef + first, sum, m * sizeof *sum);
+            }
+        }
     }
     return rays;
 }

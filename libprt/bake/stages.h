@@ -177,7 +177,7 @@ void sparse_builder_destroy(struct sparse_builder *b);
 
 /* Running integrals of the functions that stand for e^(-sigma_t r) (X07 eq 14), functions
  * fastest: [n_grid][EXTINCTION_WIDE] over a grid of 32 points an octave. */
-enum { EXTINCTION_WIDE = 32, SINGLE_MAX_NODES = 6 };
+enum { EXTINCTION_WIDE = 32, SINGLE_MAX_NODES = 8 };
 struct prt_radial;
 struct extinction_table {
     uint32_t n_function, n_grid, base; /* base: float bits >> 18 of the first point but 0 */
@@ -201,8 +201,9 @@ struct single_plan {
     uint64_t seed;
     const struct extinction_table *extinction; /* radial basis in place of sigma_t, or NULL */
     uint32_t n_direction;                /* most directions at once: n_coef, or light rays */
-    uint32_t n_node, n_fine;             /* depths traced; those with a ray for every texel */
+    uint32_t n_node;                     /* depths traced */
     float first_mm, last_mm, inward_mm;  /* depths; reach of rays through the bulk */
+    float weakest;                       /* extinction that says which rays matter [mm^-1] */
 };
 /* Fills the last line from the extinction. */
 void single_plan_depths(struct single_plan *plan);
