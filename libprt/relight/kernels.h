@@ -11,8 +11,6 @@
 enum {
     LIGHT_GROUP = 8,               // lights of one pass
     LIGHT_LANES = 3 * LIGHT_GROUP, // floats a coefficient in a group's table: [light][ch]
-    TABLE_LOW = 16,
-    TABLE_HIGH = 8,
     EXPAND_ALIGN = 32,             // vertex ranges begin at multiples of it
 };
 
@@ -44,6 +42,10 @@ struct relight_kernels {
     void (*diagonal_group)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                            const struct light_table *table, unsigned n_light, size_t light_pitch,
                            size_t row_pitch, float *out);
+    // coefficients [begin, end) of the table
+    void (*fill_table)(unsigned n_light, const struct prt_light *const light[],
+                       const float scale[LIGHT_GROUP], uint32_t begin, uint32_t end,
+                       struct light_table *table);
     // FULL rows of f16 or i8 under one light: out[row - begin][J][3]
     void (*full)(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
                  float *out);
@@ -62,28 +64,23 @@ extern const struct relight_kernels relight_kernels_vnni; // AVX-512 with VNNI
 // The best table that the mask of enum prt_cpu allows.
 const struct relight_kernels *relight_kernels_for(unsigned cpu);
 
-// A table of up to LIGHT_GROUP lights, as diagonal_group takes it: the first 16 lanes of all
-// coefficients, then the other 8, so that no read crosses a cache line. Lights beyond the group's
-// are zero.
+// A table of up to LIGHT_GROUP lights, as diagonal_group takes it: one cache line a coefficient,
+// since the second cache is the limit. Coefficients are halves, each light's times a power of two
+// that makes its largest fit; the six scaling coefficients, most of what a light is, stay f32.
+// The rounding moves colours by some 2e-5. Lights beyond the group's are zero.
 struct light_table {
-    uint32_t n_coef, reserved[15];
-    float lane[]; // [n_coef][TABLE_LOW], [n_coef][TABLE_HIGH]
+    float scaling[6][LIGHT_LANES];
+    float inverse[LIGHT_LANES]; // of the powers of two, for sums of halves
+    float unused[8];
+    uint16_t coef[][32]; // [n_coef][LIGHT_LANES, then nothing]
 };
 static inline size_t light_table_bytes(uint32_t n_coef)
 {
-    return sizeof(struct light_table) + 4 * LIGHT_LANES * (size_t)n_coef;
+    return sizeof(struct light_table) + 64 * (size_t)n_coef;
 }
-static inline const float *table_low(const struct light_table *table, size_t i)
-{
-    return table->lane + TABLE_LOW * i;
-}
-static inline const float *table_high(const struct light_table *table, size_t i)
-{
-    return table->lane + TABLE_LOW * (size_t)table->n_coef + TABLE_HIGH * i;
-}
-// Coefficients [begin, end) of a table whose n_coef is set.
-void relight_fill_table(unsigned n_light, const struct prt_light *const light[],
-                        uint32_t begin, uint32_t end, struct light_table *table);
+// Everything but coef; fills scale for fill_table.
+void relight_table_head(unsigned n_light, const struct prt_light *const light[],
+                        struct light_table *table, float scale[LIGHT_GROUP]);
 
 static inline uint32_t rows_index(const struct prt_rows *rows, uint64_t entry)
 {

@@ -35,23 +35,32 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
         row_diagonal(rows, row, light, out + (size_t)(row - begin) * rows->n_function);
 }
 
-static float lane(const struct light_table *table, size_t i, uint32_t k)
+static void fill_table(unsigned n_light, const struct prt_light *const light[],
+                       const float scale[LIGHT_GROUP], uint32_t begin, uint32_t end,
+                       struct light_table *table)
 {
-    return k < TABLE_LOW ? table_low(table, i)[k] : table_high(table, i)[k - TABLE_LOW];
+    for (uint32_t i = begin; i < end; i++) {
+        memset(table->coef[i], 0, sizeof table->coef[i]);
+        for (unsigned l = 0; l < n_light; l++)
+            for (unsigned ch = 0; ch < 3; ch++)
+                table->coef[i][3 * l + ch] =
+                    prt_f32_to_f16(light[l]->coef[4 * (size_t)i + ch] * scale[l]);
+    }
 }
 
 static float group_value(const struct prt_rows *rows, uint32_t row, uint32_t j, unsigned l,
                          const struct light_table *table)
 {
-    uint32_t n = rows->n_function, face = rows->n_coef / 6, k = 3 * l + j % 3;
+    uint32_t n = rows->n_function, k = 3 * l + j % 3;
     double sum = 0, fine = 0;
     for (uint32_t f = 0; f < 6; f++)
         sum += (double)prt_f16_to_f32(rows->scaling[((uint64_t)row * 6 + f) * n + j]) *
-               (double)lane(table, (size_t)f * face, k);
+               (double)table->scaling[f][k];
     for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++)
-        fine += (double)value(rows, e * n + j) * (double)lane(table, rows_index(rows, e), k);
+        fine += (double)value(rows, e * n + j) *
+                (double)prt_f16_to_f32(table->coef[rows_index(rows, e)][k]);
     if (rows->value == PRT_VALUE_I8) fine *= (double)rows->scale[(uint64_t)row * n + j];
-    return (float)(sum + fine);
+    return (float)(sum + fine * (double)table->inverse[k]);
 }
 
 static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
@@ -128,6 +137,7 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
 const struct relight_kernels relight_kernels_c = {.name = "c",
                                                   .diagonal = diagonal,
                                                   .diagonal_group = diagonal_group,
+                                                  .fill_table = fill_table,
                                                   .full = full,
                                                   .expand = expand,
                                                   .radial = radial,

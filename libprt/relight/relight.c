@@ -27,15 +27,18 @@ static int check_lights(const struct prt_context *ctx, const struct prt_tensor *
 }
 
 struct table_job {
+    const struct relight_kernels *kernels;
     unsigned n_light;
     const struct prt_light *const *light;
+    float scale[LIGHT_GROUP];
     struct light_table *table;
 };
 
 static int fill_table(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct table_job *job = arg;
-    relight_fill_table(job->n_light, job->light, (uint32_t)begin, (uint32_t)end, job->table);
+    job->kernels->fill_table(job->n_light, job->light, job->scale, (uint32_t)begin,
+                             (uint32_t)end, job->table);
     return PRT_OK;
 }
 
@@ -49,8 +52,11 @@ static unsigned group_size(unsigned left, bool together)
 static int make_table(const struct prt_context *ctx, uint32_t n_coef, unsigned n_light,
                       const struct prt_light *const light[], struct light_table *table)
 {
-    struct table_job job = {n_light, light, table};
-    table->n_coef = n_coef;
+    struct table_job job = {.kernels = relight_kernels_for(ctx->cpu),
+                            .n_light = n_light,
+                            .light = light,
+                            .table = table};
+    relight_table_head(n_light, light, table, job.scale);
     return prt_parallel_for(ctx, NULL, n_coef, TABLE_GRAIN, fill_table, &job);
 }
 
