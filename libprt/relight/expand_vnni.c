@@ -21,8 +21,8 @@ enum {
 enum { COLUMNS = 24, HALF_INFINITY = 0x7c00 };
 
 struct integers {
-    float scale[RANK_MOST + 2];   // row of U -> integers; 0 behind the last row
-    float inverse[RANK_MOST + 2]; // and back
+    float scale[RANK_MOST + 16];   // row of U -> integers; 0 behind the last row
+    float inverse[RANK_MOST + 16]; // and back
     float back[COLUMNS + 8];      // sums -> colours
     int32_t c[RANK_MOST / 2 + 1][COLUMNS + 8]
         __attribute__((aligned(64))); // two rows: low, high
@@ -34,7 +34,8 @@ static bool scale_rows(const struct expand_job *job, uint32_t v, uint32_t end,
 {
     const __m512i magnitude = _mm512_set1_epi16(0x7fff);
     const uint32_t n = ((end + 15) & ~15u) - v;
-    uint32_t worst = 0;
+    uint16_t bits[RANK_MOST + 16];
+    __mmask16 worst = 0;
     for (uint32_t r = 0; r < job->rank; r++) {
         const uint16_t *u = job->u + r * job->stride + v;
         __m512i most = _mm512_setzero_si512();
@@ -48,14 +49,18 @@ static bool scale_rows(const struct expand_job *job, uint32_t v, uint32_t end,
         // the larger of the two halves of each 32 bits
         most = _mm512_max_epu32(_mm512_and_si512(most, _mm512_set1_epi32(0xffff)),
                                 _mm512_srli_epi32(most, 16));
-        uint32_t bits = _mm512_reduce_max_epu32(most);
-        worst = bits > worst ? bits : worst;
-        float x = prt_f16_to_f32((uint16_t)bits);
-        q->scale[r] = x > 0 ? (float)U_MOST / x : 0;
-        q->inverse[r] = x / (float)U_MOST;
+        bits[r] = (uint16_t)_mm512_reduce_max_epu32(most);
     }
-    q->scale[job->rank] = q->inverse[job->rank] = 0;
-    return worst < HALF_INFINITY;
+    for (uint32_t r = job->rank; r % 16 || r == job->rank; r++) bits[r] = 0;
+    for (uint32_t r = 0; r <= job->rank; r += 16) {
+        const __m256i half = _mm256_loadu_si256((const __m256i *)(bits + r));
+        const __m512 x = _mm512_cvtph_ps(half), most = _mm512_set1_ps((float)U_MOST);
+        const __mmask16 some = _mm512_cmp_ps_mask(x, _mm512_setzero_ps(), _CMP_GT_OQ);
+        _mm512_storeu_ps(q->scale + r, _mm512_maskz_div_ps(some, most, x));
+        _mm512_storeu_ps(q->inverse + r, _mm512_div_ps(x, most));
+        worst |= _mm256_cmpge_epu16_mask(half, _mm256_set1_epi16(HALF_INFINITY));
+    }
+    return !worst;
 }
 
 INLINE __m512 weights(const struct expand_job *job, const struct integers *q, uint32_t r,

@@ -46,7 +46,7 @@ enum { AHEAD = 512, TILE = 8 * 16 };
 
 struct places {
     float *color;
-    size_t plane, at[8]; // floats: from triple to triple, every fourth (second) vertex
+    size_t plane, at[8]; // floats: from triple to triple, eight of the vertices
 };
 
 // Places of the tile from v on, in case that there is one.
@@ -55,7 +55,8 @@ INLINE struct places places_of(const struct expand_job *job, uint32_t v, uint32_
 {
     struct places p = {job->color + t0 * job->plane, job->plane, {0}};
     for (uint32_t i = 0; i < 8; i++) {
-        uint32_t at = v + i * (width / 8);
+        // every fourth of the positions first: of few rows, not all get their turn
+        uint32_t at = v + (i % 4 * 2 + i / 4) * (width / 8);
         p.at[i] = 3ull * job->order[at < job->end ? at : job->end - 1];
     }
     return p;
