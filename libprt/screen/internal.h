@@ -20,6 +20,8 @@ static inline uint32_t min_u(uint32_t a, uint32_t b)
     return a < b ? a : b;
 }
 
+struct frame;
+
 /* Points x_i of the surface, as columns padded to 16. weight = E * area. */
 struct samples {
     uint32_t n, capacity;
@@ -27,6 +29,8 @@ struct samples {
     float *area;                       /* [n] mm^2 */
     float *e[3];                       /* [n] irradiance */
     uint32_t *object;                  /* [n] ascending */
+    uint32_t *triangle;                /* [n] and barycentrics of its vertices 1 and 2 */
+    float *bary[2];
 };
 bool samples_init(struct samples *s, uint32_t capacity);
 void samples_finish(struct samples *s);
@@ -79,6 +83,11 @@ int samples_light_view(const struct prt_context *ctx, const struct prt_scene *sc
 int irradiance_traced(const struct prt_context *ctx, const struct prt_scene *scene,
                       uint32_t n_light, const struct prt_screen_light *light, const float *eta,
                       struct samples *s, uint64_t *n_ray);
+/* E interpolated from the mesh's vertices. */
+int irradiance_vertices(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                        const float (*e)[3], struct samples *s);
+/* The frame's E at samples: from vertices, harmonics or rays. */
+int frame_irradiance(struct frame *f, struct samples *s);
 /* S09: E from 16 spherical harmonics of the light, no shadows. */
 void irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s);
 

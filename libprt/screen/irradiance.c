@@ -105,6 +105,34 @@ int irradiance_traced(const struct prt_context *ctx, const struct prt_scene *sce
     return status;
 }
 
+struct vertex_job {
+    const struct prt_mesh *mesh;
+    const float (*e)[3];
+    struct samples *s;
+};
+
+static int interpolate(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct vertex_job *job = arg;
+    struct samples *s = job->s;
+    for (size_t i = begin; i < end; i++) {
+        const uint32_t *v = job->mesh->triangle[s->triangle[i]];
+        float a = s->bary[0][i], b = s->bary[1][i];
+        for (int c = 0; c < 3; c++) {
+            float e = (1 - a - b) * job->e[v[0]][c] + a * job->e[v[1]][c] + b * job->e[v[2]][c];
+            s->e[c][i] = e > 0 && isfinite(e) ? e : 0;
+        }
+    }
+    return PRT_OK;
+}
+
+int irradiance_vertices(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                        const float (*e)[3], struct samples *s)
+{
+    struct vertex_job job = {mesh, e, s};
+    return prt_parallel_for(ctx, NULL, s->n, 2048, interpolate, &job);
+}
+
 void irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s)
 {
     double light[16][3] = {{0}};

@@ -11,7 +11,9 @@ bool samples_init(struct samples *s, uint32_t capacity)
 {
     memset(s, 0, sizeof *s);
     capacity = (capacity + 47) & ~15u;
-    bool good = (s->area = prt_calloc(capacity, 4)) && (s->object = prt_calloc(capacity, 4));
+    bool good = (s->area = prt_calloc(capacity, 4)) && (s->object = prt_calloc(capacity, 4)) &&
+                (s->triangle = prt_calloc(capacity, 4)) &&
+                (s->bary[0] = prt_calloc(capacity, 4)) && (s->bary[1] = prt_calloc(capacity, 4));
     for (int k = 0; k < 3 && good; k++)
         good = (s->p[k] = prt_calloc(capacity, 4)) && (s->normal[k] = prt_calloc(capacity, 4)) &&
                (s->face[k] = prt_calloc(capacity, 4)) && (s->e[k] = prt_calloc(capacity, 4));
@@ -30,6 +32,9 @@ void samples_finish(struct samples *s)
     }
     prt_free(s->area);
     prt_free(s->object);
+    prt_free(s->triangle);
+    prt_free(s->bary[0]);
+    prt_free(s->bary[1]);
     memset(s, 0, sizeof *s);
 }
 
@@ -61,6 +66,9 @@ double place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv,
         face[k] = e1[a] * e2[b] - e1[b] * e2[a];
         fl += face[k] * face[k];
     }
+    s->triangle[at] = t;
+    s->bary[0][at] = (float)bu;
+    s->bary[1][at] = (float)bv;
     length = sqrt(length);
     fl = sqrt(fl);
     for (int k = 0; k < 3; k++) {

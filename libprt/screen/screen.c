@@ -94,11 +94,20 @@ int frame_atlas(struct frame *f, uint32_t n)
         if (status) return status;
     }
     f->report->uv_atlas = s->atlas_uv;
-    if (f->options->sh_irradiance && f->cube) {
-        irradiance_harmonics(f->cube, f->eta, &s->atlas);
+    return frame_irradiance(f, &s->atlas);
+}
+
+int frame_irradiance(struct frame *f, struct samples *s)
+{
+    const struct prt_screen_options *o = f->options;
+    if (o->vertex_irradiance)
+        return irradiance_vertices(f->ctx, f->screen->mesh, o->vertex_irradiance, s);
+    // harmonics know no shadows and no map's normals, and stand for the cube alone
+    if (o->sh_irradiance && f->cube && o->engine != PRT_SCREEN_TANGENT) {
+        irradiance_harmonics(f->cube, f->eta, s);
         return PRT_OK;
     }
-    return irradiance_traced(f->ctx, s->scene, f->n_light, f->light, f->eta, &s->atlas,
+    return irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, f->eta, s,
                              &f->report->n_ray);
 }
 

@@ -82,7 +82,7 @@ int scatter_light_views(struct frame *f, double r_p, float spacing, float openin
 
 bool only_light_views(const struct frame *f)
 {
-    bool views = !f->cube && f->n_light <= MAX_LIGHT_VIEWS;
+    bool views = !f->cube && !f->options->vertex_irradiance && f->n_light <= MAX_LIGHT_VIEWS;
     for (uint32_t l = 0; l < f->n_light; l++) views &= !f->light[l].point;
     return views;
 }
@@ -125,10 +125,7 @@ int engine_splat(struct frame *f)
         screen->peel_seed = f->seed;
     }
     double t0 = prt_time_s();
-    if (f->options->sh_irradiance && f->cube) irradiance_harmonics(f->cube, f->eta, &screen->peel);
-    else
-        status = irradiance_traced(f->ctx, screen->scene, f->n_light, f->light, f->eta,
-                                   &screen->peel, &f->report->n_ray);
+    status = frame_irradiance(f, &screen->peel);
     double t1 = prt_time_s();
     if (!status) status = scatter_discs(f, &screen->peel, -1, 0.8f, r_max);
     f->report->irradiance_s = t1 - t0;

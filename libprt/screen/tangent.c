@@ -128,6 +128,8 @@ static bool seen_samples(const struct frame *f, struct samples *s)
         l = l > 0 ? (facing < 0 ? -1 : 1) / sqrtf(l) : 0;
         for (int k = 0; k < 3; k++) s->face[k][i] = n[k] * l;
         s->object[i] = mesh->block[g->block[i]].object;
+        s->triangle[i] = g->triangle[i];
+        for (int k = 0; k < 2; k++) s->bary[k][i] = g->bary[k][i];
     }
     return true;
 }
@@ -603,8 +605,7 @@ int engine_tangent(struct frame *f)
     for (int k = 0; k < 3; k++) job.face[k] = seen->face[k];
     if (o->bump_map || o->normal_map) status = map_normals(f, seen);
     if (!status)
-        status = irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, f->eta, seen,
-                                   &f->report->n_ray);
+        status = frame_irradiance(f, seen);
     // the view keeps the smooth normals
     for (int k = 0; k < 3 && (o->bump_map || o->normal_map); k++)
         memcpy(seen->normal[k], f->g.normal[k], (size_t)f->g.n_point * sizeof(float));

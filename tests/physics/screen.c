@@ -1176,6 +1176,41 @@ static void frames_average_to_the_reference(void **state)
     model_finish(&model);
 }
 
+// E known at the vertices takes the place of rays: the same picture under the same light, by every
+// engine, and none traced.
+static void known_irradiance_needs_no_rays(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 40);
+    struct prt_camera camera = {.eye = {0, 8, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct stage s;
+    stage_init(&s, &model, camera, 72, 72);
+    // a sphere casts no shadow on what faces the light: E = F_t cos L
+    float(*e)[3] = calloc(model.mesh.n_vertex, sizeof *e);
+    for (uint32_t v = 0; v < model.mesh.n_vertex; v++) {
+        double c = (double)model.mesh.normal[v][2];
+        for (int k = 0; k < 3 && c > 0; k++)
+            e[v][k] = (float)((k + 1) * c * prt_fresnel_transmittance(1.5, fmin(c, 1)));
+    }
+    for (int engine = 0; engine <= PRT_SCREEN_REFERENCE; engine++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)engine};
+        if (engine == PRT_SCREEN_TEXTURE) options.n_sample = 4000;
+        if (engine == PRT_SCREEN_REFERENCE) options.n_sample = 40000;
+        struct prt_screen_report report;
+        pixels traced = render(&s, &marble, NULL, &from_front, options, NULL);
+        options.vertex_irradiance = (const float(*)[3])e;
+        pixels known = render(&s, &marble, NULL, &from_front, options, &report);
+        assert_true(relative(known, traced, s.g.n_point) < 0.02);
+        assert_true(engine == PRT_SCREEN_SPLAT || report.n_ray == 0); // its layers are traced
+        free(traced);
+        free(known);
+    }
+    free(e);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
 // More time, more samples, less error foreseen; nonsense is refused.
 static void budgets_buy_samples(void **state)
 {
@@ -1314,6 +1349,7 @@ int main(void)
         cmocka_unit_test(maps_change_the_medium),
         cmocka_unit_test(pattern_is_the_near_part),
         cmocka_unit_test(frames_average_to_the_reference),
+        cmocka_unit_test(known_irradiance_needs_no_rays),
         cmocka_unit_test(budgets_buy_samples),
         cmocka_unit_test(receivers_stand_for_their_patch),
         cmocka_unit_test(engine_words),

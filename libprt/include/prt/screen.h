@@ -86,6 +86,8 @@ struct prt_screen_options {
     /* TANGENT, on meshes with uv: factors >= 0 of the medium's coefficients at each pixel; heights
        [mm] (first channel) or tangent-space normals (0.5 + 0.5 n) for the irradiance */
     const struct prt_screen_map *sigma_s_map, *sigma_a_map, *bump_map, *normal_map;
+    const float (*vertex_irradiance)[3]; /* [n_vertex] E of all the lights where it is known already
+                               (a bake's, prt_reference's): interpolated, no rays; or NULL */
     uint32_t rings, spokes; /* HYBRID under at most 4 distant lights: > 0: the near part from C08's
                                pattern of rings * spokes + 1 points of the light's view, instead of
                                all points within reach. C08: 20 and 20 */
