@@ -62,7 +62,9 @@ static int check_query(const struct prt_context *ctx, const struct prt_transport
         any_light |= t->tensor[i].storage != PRT_STORAGE_RADIAL;
     int status = q->material ? relight_material_check(ctx, t, q->material) : PRT_OK;
     if (status) return status;
-    if (any_light && !q->light) return prt_fail(ctx, PRT_ARG, "this transport needs a light");
+    if (q->lit && !relight_lit_is_of(q->lit, t))
+        return prt_fail(ctx, PRT_ARG, "the contracted light is another transport's");
+    if (any_light && !q->light && !q->lit) return prt_fail(ctx, PRT_ARG, "this transport needs a light");
     if (q->light && any_light && q->light->n != t->cube)
         return prt_fail(ctx, PRT_MISMATCH, "a light of 6x%ux%u for a transport of 6x%ux%u",
                         q->light->n, q->light->n, t->cube, t->cube);
@@ -92,7 +94,9 @@ static int relight(const struct answer *a, const struct prt_tensor *t, float *ou
         status = coef ? relight_material_coef(a->ctx, a->transport, t, a->material, coef)
                       : prt_fail(a->ctx, PRT_NOMEM, "no memory for a material");
     }
-    if (!status) status = prt_relight(a->ctx, t, 1, &light, coef, true, out);
+    if (!status && a->query->lit)
+        status = relight_lit(a->ctx, a->query->lit, t, coef, true, out);
+    else if (!status) status = prt_relight(a->ctx, t, 1, &light, coef, true, out);
     prt_free(coef);
     return status;
 }
@@ -176,7 +180,8 @@ static int fill_planes(struct answer *a)
     const struct prt_transport *t = a->transport;
     int status = PRT_OK;
     memset(a->planes, 0, 3 * a->n_vertex * a->n_plane * sizeof *a->planes);
-    if (a->query->light && (status = prt_light_from_cube(a->query->light, &a->light)))
+    if (a->query->light && !a->query->lit &&
+        (status = prt_light_from_cube(a->query->light, &a->light)))
         return prt_fail(a->ctx, status, "the light cannot be transformed");
     for (uint32_t i = 0; i < t->n_tensor && !status; i++) {
         if (!asked(a->query, &t->tensor[i])) continue;
@@ -339,14 +344,15 @@ static int fill_many(struct answer *a, unsigned n)
     const struct prt_transport *t = a[0].transport;
     int status = PRT_OK;
     for (unsigned i = 0; i < n && !status; i++)
-        if (a[i].query->light && prt_light_from_cube(a[i].query->light, &a[i].light))
+        if (a[i].query->light && !a[i].query->lit &&
+            prt_light_from_cube(a[i].query->light, &a[i].light))
             status = prt_fail(a[i].ctx, PRT_NOMEM, "the light cannot be transformed");
     for (uint32_t k = 0; k < t->n_tensor && !status; k++) {
         struct answer *group[PRT_RELIGHT_MAX_LIGHTS];
         unsigned m = 0;
         for (unsigned i = 0; i < n && !status; i++) {
             if (!asked(a[i].query, &t->tensor[k])) continue;
-            if (n > 1 && !is_free(&t->tensor[k])) group[m++] = &a[i];
+            if (n > 1 && !is_free(&t->tensor[k]) && !a[i].query->lit) group[m++] = &a[i];
             else if (t->tensor[k].term == PRT_TERM_SINGLE) status = add_single(&a[i], &t->tensor[k]);
             else status = relight(&a[i], &t->tensor[k], a[i].planes);
         }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Between answer.c and coef.c.
+// Between answer.c, coef.c and lit.c.
 #ifndef PRT_RELIGHT_ANSWER_H
 #define PRT_RELIGHT_ANSWER_H
 
@@ -13,5 +13,10 @@ int relight_material_check(const struct prt_context *ctx, const struct prt_trans
 int relight_material_coef(const struct prt_context *ctx, const struct prt_transport *transport,
                           const struct prt_tensor *tensor, const struct prt_material *material,
                           float *coef);
+
+// A tensor of lit's transport under its light. coef NULL unless FULL, RADIAL.
+int relight_lit(const struct prt_context *ctx, const struct prt_lit *lit,
+                const struct prt_tensor *tensor, const float *coef, bool add, float *color);
+bool relight_lit_is_of(const struct prt_lit *lit, const struct prt_transport *transport);
 
 #endif

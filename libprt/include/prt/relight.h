@@ -52,11 +52,21 @@ enum prt_answer_term {
     PRT_ANSWER_SINGLE,
     PRT_ANSWER_TOTAL,
 };
+/* A transport's bases contracted with one light, shared by every edit under it: what is left of
+ * a question is the material (METHODS section 5: light once, then material by request). Not for
+ * sparse storage, PRT_MISMATCH. Refers to `transport`, which must outlive it; read-only after. */
+struct prt_lit;
+int prt_lit_create(const struct prt_context *ctx, const struct prt_transport *transport,
+                   const struct prt_cube *light, struct prt_lit **out);
+void prt_lit_destroy(struct prt_lit *lit);
+size_t prt_lit_bytes(const struct prt_lit *lit);
+
 struct prt_query {
     enum prt_answer_term term;
     const struct prt_cube *light;        /* of the transport's cube size; NULL for polynomial */
     const struct prt_material *material; /* NULL: the baked one; a wavelet transport refuses */
     const float *eye;                    /* [3] mm, world; NULL: mean Fresnel, l = 0 phase */
+    const struct prt_lit *lit;           /* instead of light, when not NULL */
 };
 /* Per-vertex colours [n_vertex][3] in file order (DESIGN, command contract):
  * multiple (1/pi) B; single L1; total F_t(eta, w_o) [..] with the eye, else the cosine-weighted
