@@ -48,6 +48,18 @@ static void put_normal(const float in[3], float out[3])
     for (int c = 0; c < 3; c++) out[c] = good ? in[c] / length : 0;
 }
 
+// What was seen of shapes that are past. The one before may still be in use: it goes the next time.
+static void forget_old_shapes(struct model *m)
+{
+    char prefix[64];
+    for (uint64_t g = m->generation; g > 0 && g + 2 > m->generation; g--) {
+        // What the bake answers is of the file's shape, whatever moves.
+        if (g == m->baked_generation) continue;
+        snprintf(prefix, sizeof prefix, "%s/%llu/", m->id, (unsigned long long)g);
+        memo_forget(m->server->memo, prefix);
+    }
+}
+
 static void mesh_ready(struct request *request, struct model *m, struct memo_entry *file)
 {
     const Relight__UpdateVerticesRequest *in =
@@ -84,10 +96,7 @@ static void mesh_ready(struct request *request, struct model *m, struct memo_ent
         if (normal) put_normal(normal + 3 * i, q);
     }
     if (in->n) {
-        char prefix[64];
-        snprintf(prefix, sizeof prefix, "%s/%llu/", m->id, (unsigned long long)m->generation);
-        // What the bake answers is of the file's shape, whatever moves.
-        if (m->generation != m->baked_generation) memo_forget(m->server->memo, prefix);
+        forget_old_shapes(m);
         m->generation++;
     }
     bool moved = in->n > 0;
