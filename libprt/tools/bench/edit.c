@@ -401,9 +401,69 @@ static int file_figures(struct bench_env *env, figure_fn figure, const char *pre
     return status;
 }
 
+// A question as the daemon asks it: planes for a picture, with the light contracted before.
+struct asking {
+    struct bench_env *env;
+    const struct prt_transport *transport;
+    struct prt_query query;
+    struct prt_material material;
+    float *planes;
+    unsigned turn;
+};
+
+static int ask(void *arg)
+{
+    struct asking *a = arg;
+    unsigned n_plane;
+    a->material.sigma_a[1] = 0.03f + 0.001f * (float)(++a->turn % 16);
+    return prt_answer_planes(&a->env->ctx, a->transport, &a->query, &n_plane, a->planes);
+}
+
+static int answer_figure(struct bench_env *env, const struct prt_transport *t)
+{
+    struct asking a = {.env = env, .transport = t, .material = some_material(1)};
+    struct prt_cube cube = {0};
+    struct prt_lit *lit = NULL;
+    struct bench_time time = {0};
+    unsigned n_plane = 0;
+    a.material.eta = t->material.eta;
+    a.query = (struct prt_query){.term = PRT_ANSWER_TOTAL, .material = &a.material};
+    int status = bench_cube(t->cube ? t->cube : 32, env->seed, &cube);
+    if (!status) status = prt_lit_create(&env->ctx, t, &cube, &lit);
+    a.query.lit = lit;
+    if (!status) status = prt_answer_planes(&env->ctx, t, &a.query, &n_plane, NULL);
+    if (!status) {
+        a.planes = prt_calloc(3ull * n_plane * t->mesh.n_vertex, sizeof *a.planes);
+        status = a.planes ? bench_measure(env, ask, &a, &time) : PRT_NOMEM;
+    }
+    if (!status) {
+        bench_begin(env, "edit_file_answer");
+        bench_number("vertices", t->mesh.n_vertex);
+        bench_number("planes", n_plane);
+        bench_number("MB_of_contracted_light", 1e-6 * (double)prt_lit_bytes(lit));
+        bench_number("ms", 1e3 * time.best);
+        bench_number("ms_median", 1e3 * time.median);
+        bench_number("Mvertices_per_s", 1e-6 * t->mesh.n_vertex / time.best);
+        bench_number("target_Mvertices_per_s", n_plane > 1 ? 30 : 120);
+        bench_end();
+    }
+    prt_free(a.planes);
+    prt_lit_destroy(lit);
+    prt_cube_finish(&cube);
+    return status;
+}
+
 static int edit_file(struct bench_env *env)
 {
-    return file_figures(env, edit_figure, "edit_file", false);
+    struct prt_file *f;
+    int status = file_figures(env, edit_figure, "edit_file", false);
+    if (status || !env->file) return status;
+    status = prt_file_open(&env->ctx, env->file, PRT_FILE_CHECK_HEADERS, &f);
+    if (status) return status;
+    const struct prt_transport *t = prt_file_transport(f);
+    if (t->engine != PRT_ENGINE_WAVELET) status = answer_figure(env, t);
+    prt_file_close(f);
+    return status;
 }
 
 static int joint_file(struct bench_env *env)
