@@ -7,7 +7,8 @@
 #include "prt/surface.h"
 #include "prt/trace.h"
 
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+/* Not under the thread sanitizer: the resolvers of clones run before its runtime has started. */
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_THREAD__)
 #define PRT_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
 #else
 #define PRT_CLONES
