@@ -131,7 +131,7 @@ static int refuse(const struct prt_context *ctx, const struct prt_radial *radial
                                 name,
                                 k         ? "sigma_a"
                                 : dipole  ? "sigma_s_prime"
-                                          : "extinction sigma_a + sigma_s_prime/(1-g)",
+                                          : "extinction sigma_a + sigma_s_prime/(1-g) of channel",
                                 c, value[k], radial->range[k][0], radial->range[k][1],
                                 100 * error, 100 * PRT_MATERIAL_MOST_ERROR);
     }

@@ -327,6 +327,7 @@ static int measure(struct table *t)
             size_t at = ((size_t)m * t->n_light + l) * t->n * 3;
             t->error[m][l] = prt_relative_rmse(t->got + at, t->want + at, 3 * (size_t)t->n);
         }
+    if (status == PRT_MISMATCH) return EXIT_USAGE; // a medium of another eta
     if (status) return tool_exit(t->tool, status);
     double worst, target = o->max_rmse_set ? o->max_rmse : default_target;
     bool any = worst_of(t, &worst);

@@ -217,6 +217,7 @@ expect 2 'sigma_s_prime\[0\] is 900, this bake covers 0.02 to 25 mm\^-1' "$prt" 
     --material '{"sigma_s_prime":[900,1,1],"sigma_a":[0,0,0]}'
 expect 2 'eta is 1.5, this bake is for 1.3' "$prt" colors joint.prt --env constant --material marble -o x.csv
 expect 2 'eta is 1.5' "$prt" image joint.prt --env constant --material marble -o x.png
+expect 2 'eta is 1.5' "$prt" compare joint.prt reference --env constant --materials marble --term multiple
 expect 2 'covers 0 to 2 mm' "$prt" image joint.prt --env constant -o x.png \
     --material '{"sigma_s_prime":[1,1,1],"sigma_a":[300,300,300]}'
 expect 2 'mean_free_path.*0.001 to 10000 mm' "$prt" colors joint.prt --env constant -o x.csv \
