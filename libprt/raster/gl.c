@@ -463,10 +463,12 @@ __attribute__((weak)) const char *__lsan_default_suppressions(void)
 #endif
 
 #if defined(__SANITIZE_THREAD__)
-// OSMesa's locks are not seen by the sanitizer, which then takes its threads for careless.
+// The locks of OSMesa, and of Embree and its TBB, are not seen by the sanitizer, which then takes
+// their threads for careless.
 __attribute__((weak)) const char *__tsan_default_suppressions(void);
 __attribute__((weak)) const char *__tsan_default_suppressions(void)
 {
-    return "race:libOSMesa\nrace:swrast_dri\nrace:libgallium\nmutex:libOSMesa\n";
+    return "race:libOSMesa\nrace:swrast_dri\nrace:libgallium\nmutex:libOSMesa\n"
+           "race:libembree\nrace:libtbb\n";
 }
 #endif
