@@ -13,6 +13,8 @@
 #include <string.h>
 
 static const uint32_t default_rank = 72;   // columns looked at when the error chooses
+static const uint32_t joint_rank = 48;     // the same where one U serves every medium
+static const double tail_share = 0.25;     // of max_error: columns below it are not projected
 static const uint32_t default_probes = 192;
 
 static void dipole_eval(const void *user, unsigned cpu, size_t n, const float *r2,
@@ -135,10 +137,11 @@ int bake_probe(struct bake *b, uint32_t m)
 
 static struct factor_plan plan_of(const struct bake *b, uint32_t n_function)
 {
-    uint32_t rank = b->o.rank ? b->o.rank : default_rank;
+    uint32_t rank = b->o.rank ? b->o.rank : b->train ? joint_rank : default_rank;
     return (struct factor_plan){.n_function = n_function,
                                 .n_train = b->train ? b->n_train : n_function,
                                 .train = b->train, .max_rank = rank, .n_probe = b->n_probe,
+                                .tail_error = b->o.rank ? 0 : tail_share * b->o.max_error,
                                 .n = b->o.cube, .solid_angle = b->directions->solid_angle,
                                 .probe = b->probe};
 }
@@ -235,11 +238,15 @@ int bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
     prt_trace_thread_init();
     fresnel_table_init(&fresnel, b->o.material.eta);
     void *scratch = prt_alloc(single_scratch_bytes(&b->single), 1);
+    size_t most = 0; // fresh pages for each cluster cost an eighth of the stage
+    for (size_t c = begin; c < end; c++)
+        if (b->clusters->translucent[c] && b->clusters->cluster[c].n_vertex > most)
+            most = b->clusters->cluster[c].n_vertex;
+    float *t = prt_alloc(most * F * n_coef + 1, sizeof *t);
+    if (!t || !scratch) status = PRT_NOMEM;
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
         if (!b->clusters->translucent[c]) continue;
         const struct prt_cluster *cluster = &b->clusters->cluster[c];
-        float *t = prt_alloc((size_t)cluster->n_vertex * F * n_coef, sizeof *t);
-        if (!t || !scratch) status = PRT_NOMEM;
         for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++)
             b->rays_single[c] +=
                 single_rows(&b->single, &fresnel, b->clusters->order[cluster->vertex_begin + i],
@@ -247,8 +254,8 @@ int bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
         struct dense_rows rows = {t, cluster->n_vertex, F, n_coef};
         struct row_source source = {&rows, cluster->n_vertex, dense_multiply, dense_project};
         if (status == PRT_OK) status = bake_take_rows(b, (uint32_t)c, F, &source);
-        prt_free(t);
     }
+    prt_free(t);
     prt_free(scratch);
     return status;
 }
@@ -264,7 +271,7 @@ static void drop_factored(struct bake *b)
 static double byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
 {
     bool joint = b->o.engine == PRT_ENGINE_JOINT;
-    double per_vertex = joint ? (term ? 2200 : 1100) : 620.0 * n_phase;
+    double per_vertex = joint ? (term ? 2200 : 1085) : 620.0 * n_phase;
     double least = joint ? (term ? 40e6 : 24e6) : (term ? 6e6 : 16e6) * n_phase;
     return fmax(per_vertex * b->mesh->n_vertex, least);
 }

@@ -159,6 +159,9 @@ int factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan
         b = prt_alloc((size_t)out->rank * plan->n_function * n_coef + 1, sizeof *b);
         status = b ? PRT_OK : PRT_NOMEM;
     }
+    while (status == PRT_OK && out->rank > 1 &&
+           out->tail[out->rank - 1] <= plan->tail_error * plan->tail_error * out->tail[0])
+        out->rank--;
     if (status == PRT_OK && out->rank)
         status = source->project(source->user, out->u, out->rank, b);
     if (status == PRT_OK) status = keep_rows(plan, b, out);

@@ -8,7 +8,9 @@
 #include <string.h>
 
 static const float open_solid_angle = 0.02f;  // JB02's epsilon [sr]
-static const float open_extent = 0.5f;        // node extent against 1/sigma_tr
+static const float open_extent = 0.5f;        // node extent against the kernel's own scale,
+static const float open_lengths = 4;          // which is 1/sigma_tr but not below r/4: what falls
+                                              // faster has nothing left at r
 static const float near_spacings = 5;         // within them the cell is integrated
 
 struct cut_build {
@@ -45,7 +47,7 @@ static int visit(struct cut_build *b, uint32_t at)
         extent2 += e * e;
     }
     bool open = gap2 < b->near_mm * b->near_mm || node->area > open_solid_angle * centre2 ||
-                sqrtf(extent2) * b->steepest > open_extent;
+                sqrtf(extent2) * fminf(b->steepest, open_lengths / sqrtf(gap2)) > open_extent;
     if (!open) return add_column(b->cut, b->s->n_sample + at);
     int status = PRT_OK;
     if (node->child[0]) {

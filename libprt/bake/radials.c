@@ -60,7 +60,7 @@ int bases_create(struct bake *b, struct bases *s)
     memset(s, 0, sizeof *s);
     struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED, .family = PRT_FAMILY_DIPOLE,
                                    .eta = b->o.material.eta, .radius_mm = 1.01 * size,
-                                   .max_error = 0.1 * b->o.max_error};
+                                   .max_error = 0.5 * b->o.max_error};
     int status = own_profiles(b, own, &n_own);
     o.extra = own, o.n_extra = n_own;
     if (status == PRT_OK) status = prt_radial_create(b->ctx, &o, &s->reflectance);

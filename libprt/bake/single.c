@@ -135,12 +135,14 @@ static float largest(const float c[3])
 void single_plan_depths(struct single_plan *plan)
 {
     if (plan->extinction) { // any extinction may come: nodes over every scale of the body
-        plan->n_node = SINGLE_MAX_NODES;
+        plan->n_node = 7;
+        plan->differ = 0.05f;
         plan->first_mm = 0.05f, plan->last_mm = 60, plan->inward_mm = INFINITY;
         plan->weakest = 0.05f;
         return;
     }
     plan->n_node = 7;
+    plan->differ = 0.02f;
     plan->weakest = smallest(plan->sigma_t);
     plan->first_mm = 0.1f / largest(plan->sigma_t);
     plan->last_mm = 4 / plan->weakest;
@@ -216,11 +218,12 @@ static void push(struct queue *q, unsigned pattern, uint32_t block, uint32_t i, 
     if (++q->fill == 16) flush(q);
 }
 
-// e^-x for x >= 0, relative error 2e-6; unlike expf the compiler vectorises it.
-static inline float exp_minus(float x)
+// e^-x for x >= 0, relative error 1e-5; without a branch, or a choice that the compiler makes
+// one of, so that loops over it vectorise.
+static inline __attribute__((always_inline)) float exp_minus(float x)
 {
     float y = x * -1.44269504f;
-    y = y > -125.0f ? y : -125.0f;
+    y = 0.5f * (y - 125 + fabsf(y + 125)); // max(y, -125)
     float whole = (float)(int)(y - 0.5f), f = (y - whole) * 0.69314718f;
     float p = 1 + f * (1 + f * (0.5f + f * (0.166666667f + f * (0.0416666667f +
               f * (0.00833333333f + f * 0.00138888889f)))));
@@ -231,6 +234,7 @@ static inline float exp_minus(float x)
     return p * scale.f;
 }
 
+// A ray for every texel.
 static uint64_t trace_every(const struct single_plan *plan, const struct fresnel_table *fresnel,
                             const float p[3], const float n[3], unsigned pattern,
                             struct exits *out)
@@ -241,8 +245,6 @@ static uint64_t trace_every(const struct single_plan *plan, const struct fresnel
     flush(&q);
     return q.rays;
 }
-
-static const float differ = 0.02f; // of full light: neighbours that differ more are traced
 
 // Whether a block's neighbours on its face met something else; value < 0: not traced.
 static bool differs(const float *value, uint32_t b, uint32_t half, float most)
@@ -273,7 +275,7 @@ static uint64_t trace_node(const struct single_plan *plan, const struct fresnel_
         if (alive) push(&q, pattern, b, (b + pattern) & 3, true);
     }
     flush(&q);
-    float most = differ * expf(plan->weakest * depth);
+    float most = plan->differ * expf(plan->weakest * depth);
     for (uint32_t b = 0; b < d->n_packet; b++) {
         uint32_t t = d->texel[(size_t)b * 4];
         if (value[b] >= 0) value[b] = out->open[t] * exp_minus(plan->weakest * out->way[t]);
@@ -295,11 +297,16 @@ static void place_nodes(const struct single_plan *plan, float thickness, float *
         depth[a] = first * powf(last / first, (float)a / (float)(plan->n_node - 1));
 }
 
-// (e^-a - e^-b) / (b - a), the mean of an exponential between two exponents.
-static inline float mean_exp(float ea, float eb, float a, float b)
+// (e^-a - e^-b) / (b - a), the mean of an exponential between two exponents: the quotient, or
+// near a = b its series, blended around a difference of 0.1, where both hold to 1e-5.
+static inline __attribute__((always_inline)) float mean_exp(float ea, float eb, float a, float b)
 {
-    float d = b - a;
-    return fabsf(d) > 1e-2f ? (ea - eb) / d : 0.5f * (ea + eb) * (1 - d * d / 12);
+    float d = b - a, d2 = d * d;
+    float quotient = (ea - eb) * d / (d2 + 1e-12f);
+    float series = 0.5f * (ea + eb) * (1 - d2 * (1.0f / 12));
+    float x = 0.5f * (100 * d2 + 4 - fabsf(100 * d2 - 4)), x2 = x * x, x4 = x2 * x2;
+    float far = x4 * x4 / (1 + x4 * x4);
+    return far * quotient + (1 - far) * series;
 }
 
 // A tile of directions along the path: depth + way out and F_t V at the points of a monotone
@@ -313,7 +320,7 @@ struct path {
 };
 
 // Slope at a point between two chords (Fritsch and Carlson's monotone cubic).
-static inline float pchip(float h0, float h1, float m0, float m1)
+static inline __attribute__((always_inline)) float pchip(float h0, float h1, float m0, float m1)
 {
     float w0 = 2 * h1 + h0, w1 = h1 + 2 * h0, low = w0 * m1 + w1 * m0;
     return m0 * m1 > 0 ? (w0 + w1) * m0 * m1 / low : 0;

@@ -127,6 +127,7 @@ struct factor_plan {
     uint32_t n_train;        /* combinations that U must serve */
     const float *train;      /* [n_train][n_function]; NULL: identity, n_train = n_function */
     uint32_t max_rank, n_probe;
+    double tail_error;       /* relative Frobenius error a cluster's last columns may leave */
     uint32_t n;              /* cube size */
     const float *solid_angle;/* [n_coef] */
     const float *probe;      /* [n_coef][n_probe] gaussian, times solid angle */
@@ -205,6 +206,7 @@ struct single_plan {
     uint32_t n_node;                     /* depths traced */
     float first_mm, last_mm, inward_mm;  /* depths; reach of rays through the bulk */
     float weakest;                       /* extinction that says which rays matter [mm^-1] */
+    float differ;                        /* of full light: neighbours that differ more are traced */
 };
 /* Fills the last line from the extinction. */
 void single_plan_depths(struct single_plan *plan);
