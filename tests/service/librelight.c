@@ -194,7 +194,8 @@ static void pipelined(void **state)
         relight_colors_decode(&colors, 0, rgb);
         relight_colors_finish(&colors);
         for (int j = 0; j < N_VERTEX * 3; j++) rgb[j] /= (float)(i + 1);
-        assert_true(rmse(rgb, one) < 1e-5);
+        // Answered together they are summed in 16-bit integers: 4e-5 from one alone.
+        assert_true(rmse(rgb, one) < 1e-4);
     }
     free(one);
 }
