@@ -146,7 +146,7 @@ void single_plan_depths(struct single_plan *plan)
     plan->weakest = smallest(plan->sigma_t);
     plan->first_mm = 0.1f / largest(plan->sigma_t);
     plan->last_mm = 4 / plan->weakest;
-    plan->inward_mm = 12 / plan->weakest;
+    plan->inward_mm = 9 / plan->weakest;
 }
 
 static float luminance(const float c[3])
@@ -161,14 +161,6 @@ static size_t texel_ray(const struct directions *d, unsigned pattern, uint32_t b
            (((pattern >> 6) + i) & 3);
 }
 
-// The far end of the rays that leave through the bulk: nothing comes back from deeper.
-static void limit_inward(const float n[3], float most, struct prt_packet *packet)
-{
-    for (int i = 0; i < 16; i++)
-        if (n[0] * packet->dx[i] + n[1] * packet->dy[i] + n[2] * packet->dz[i] < -0.1f)
-            packet->tfar[i] = most;
-}
-
 static void store(struct exits *e, uint32_t texel, const struct lane_out *lane)
 {
     e->way[texel] = lane->way;
@@ -180,7 +172,7 @@ static void store(struct exits *e, uint32_t texel, const struct lane_out *lane)
 struct queue {
     const struct single_plan *plan;
     const struct fresnel_table *fresnel;
-    const float *p, *n;
+    const float *p;
     struct exits *out;
     struct prt_packet packet;
     uint32_t fill, texel[16];  // texel: first of four entries of directions.texel, or one
@@ -195,9 +187,8 @@ static void flush(struct queue *q)
     if (!q->fill) return;
     for (uint32_t i = 0; i < 16; i++) {
         if (i >= q->fill) q->packet.dx[i] = 1, q->packet.dy[i] = q->packet.dz[i] = 0;
-        q->packet.tfar[i] = INFINITY;
+        q->packet.tfar[i] = q->plan->inward_mm; // nothing comes back from deeper
     }
-    limit_inward(q->n, q->plan->inward_mm, &q->packet);
     q->rays += trace_exits(q->plan, q->fresnel, q->p, &q->packet, mask, lane);
     for (uint32_t i = 0; i < q->fill; i++) {
         const struct lane_out *from = lane[i].way > 0 || lane[i].open > 0 ? &lane[i] : &nothing;
@@ -236,10 +227,9 @@ static inline __attribute__((always_inline)) float exp_minus(float x)
 
 // A ray for every texel.
 static uint64_t trace_every(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                            const float p[3], const float n[3], unsigned pattern,
-                            struct exits *out)
+                            const float p[3], unsigned pattern, struct exits *out)
 {
-    struct queue q = {.plan = plan, .fresnel = fresnel, .p = p, .n = n, .out = out};
+    struct queue q = {.plan = plan, .fresnel = fresnel, .p = p, .out = out};
     for (uint32_t block = 0; block < plan->directions->n_packet; block++)
         for (uint32_t i = 0; i < 4; i++) push(&q, pattern, block, i, false);
     flush(&q);
@@ -256,17 +246,27 @@ static bool differs(const float *value, uint32_t b, uint32_t half, float most)
            (y + 1 < half && fabsf(value[b] - value[b + half]) > most);
 }
 
+// The k-th block in tiles of 4 x 4 blocks, so that rays traced together stay together.
+static uint32_t tiled(uint32_t k, uint32_t half)
+{
+    if (half % 4) return k;
+    uint32_t face = k / (half * half), in = k % (half * half), tile = in / 16, i = in % 16;
+    uint32_t x = tile % (half / 4) * 4 + (i & 3), y = tile / (half / 4) * 4 + (i >> 2);
+    return (face * half + y) * half + x;
+}
+
 // Fills a node for every texel: a ray for each 2 x 2 block, and for each texel of the blocks
 // whose neighbours differ. What was too far from the surface at the shallower node stays so.
 static uint64_t trace_node(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                           const float p[3], const float n[3], unsigned pattern, float depth,
+                           const float p[3], unsigned pattern, float depth,
                            const struct exits *shallower, float *value, struct exits *out)
 {
     const struct directions *d = plan->directions;
-    struct queue q = {.plan = plan, .fresnel = fresnel, .p = p, .n = n, .out = out};
+    struct queue q = {.plan = plan, .fresnel = fresnel, .p = p, .out = out};
     struct lane_out nothing = {.way = fminf(2 * plan->inward_mm, 1e4f)};
-    float dead = 0.6f * plan->inward_mm - depth;
-    for (uint32_t b = 0; b < d->n_packet; b++) {
+    float dead = 0.8f * plan->inward_mm - depth;
+    for (uint32_t k = 0; k < d->n_packet; k++) {
+        uint32_t b = tiled(k, d->n / 2);
         const uint32_t *texel = d->texel + (size_t)b * 4;
         bool alive = !shallower;
         for (int i = 0; !alive && i < 4; i++) alive = shallower->way[texel[i]] < dead;
@@ -280,10 +280,12 @@ static uint64_t trace_node(const struct single_plan *plan, const struct fresnel_
         uint32_t t = d->texel[(size_t)b * 4];
         if (value[b] >= 0) value[b] = out->open[t] * exp_minus(plan->weakest * out->way[t]);
     }
-    for (uint32_t b = 0; b < d->n_packet; b++)
-        for (uint32_t i = 0; value[b] >= 0 && i < 4; i++)
-            if (i != ((b + pattern) & 3) && differs(value, b, d->n / 2, most))
-                push(&q, pattern, b, i, false);
+    for (uint32_t k = 0; k < d->n_packet; k++) {
+        uint32_t b = tiled(k, d->n / 2);
+        if (value[b] < 0 || !differs(value, b, d->n / 2, most)) continue;
+        for (uint32_t i = 0; i < 4; i++)
+            if (i != ((b + pattern) & 3)) push(&q, pattern, b, i, false);
+    }
     flush(&q);
     return q.rays;
 }
@@ -646,7 +648,7 @@ static uint64_t every_ray(const struct single_plan *plan, const struct fresnel_t
         float depth = -logf(1 - xi * lambda) / sigma, p[3];
         float weight = lambda / ((float)plan->n_point * sigma * expf(-sigma * depth));
         for (int k = 0; k < 3; k++) p[k] = x[k] - depth * n[k];
-        rays += trace_every(plan, fresnel, p, n, pattern + i * 0x51, &s->node[0]);
+        rays += trace_every(plan, fresnel, p, pattern + i * 0x51, &s->node[0]);
         for (uint32_t t = 0; t < d->n_coef; t++) {
             float open = s->node[0].open[t];
             if (open <= 0) continue;
@@ -687,7 +689,7 @@ uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table 
         float p[3];
         for (int k = 0; k < 3; k++) p[k] = x[k] - depth[a] * n[k];
         // Another sub-sample at each depth: a texel half in shadow is half lit along the path.
-        rays += trace_node(plan, fresnel, p, n, pattern + 65 * a, depth[a],
+        rays += trace_node(plan, fresnel, p, pattern + 65 * a, depth[a],
                            a ? &s.node[a - 1] : NULL, s.value, &s.node[a]);
     }
     end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
