@@ -13,7 +13,8 @@
 #include <string.h>
 
 static const uint32_t default_rank = 72;   // columns looked at when the error chooses
-static const uint32_t joint_rank = 48;     // the same where one U serves every medium
+static const uint32_t joint_rank = 48;     // the same where one U serves every medium, or more
+static const uint32_t joint_columns = 3072; // on a small model: this many over all clusters
 static const double tail_share = 0.25;     // of max_error: columns below it are not projected
 static const uint32_t default_probes = 192;
 
@@ -137,7 +138,9 @@ int bake_probe(struct bake *b, uint32_t m)
 
 static struct factor_plan plan_of(const struct bake *b, uint32_t n_function)
 {
-    uint32_t rank = b->o.rank ? b->o.rank : b->train ? joint_rank : default_rank;
+    uint32_t rank = default_rank, spread = joint_columns / b->clusters->n_cluster;
+    if (b->train && spread < rank) rank = spread > joint_rank ? spread : joint_rank;
+    if (b->o.rank) rank = b->o.rank;
     return (struct factor_plan){.n_function = n_function,
                                 .n_train = b->train ? b->n_train : n_function,
                                 .train = b->train, .max_rank = rank, .n_probe = b->n_probe,
