@@ -241,15 +241,11 @@ int bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
     prt_trace_thread_init();
     fresnel_table_init(&fresnel, b->o.material.eta);
     void *scratch = prt_alloc(single_scratch_bytes(&b->single), 1);
-    size_t most = 0; // fresh pages for each cluster cost an eighth of the stage
-    for (size_t c = begin; c < end; c++)
-        if (b->clusters->translucent[c] && b->clusters->cluster[c].n_vertex > most)
-            most = b->clusters->cluster[c].n_vertex;
-    float *t = prt_alloc(most * F * n_coef + 1, sizeof *t);
-    if (!t || !scratch) status = PRT_NOMEM;
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
         if (!b->clusters->translucent[c]) continue;
         const struct prt_cluster *cluster = &b->clusters->cluster[c];
+        float *t = prt_alloc((size_t)cluster->n_vertex * F * n_coef, sizeof *t);
+        if (!t || !scratch) status = PRT_NOMEM;
         for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++)
             b->rays_single[c] +=
                 single_rows(&b->single, &fresnel, b->clusters->order[cluster->vertex_begin + i],
@@ -257,8 +253,8 @@ int bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
         struct dense_rows rows = {t, cluster->n_vertex, F, n_coef};
         struct row_source source = {&rows, cluster->n_vertex, dense_multiply, dense_project};
         if (status == PRT_OK) status = bake_take_rows(b, (uint32_t)c, F, &source);
+        prt_free(t);
     }
-    prt_free(t);
     prt_free(scratch);
     return status;
 }
