@@ -28,26 +28,6 @@ static int open_once(void *arg)
     return PRT_OK;
 }
 
-static int write_bunny(struct bench_env *env, const char *path)
-{
-    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
-                                  .value = PRT_VALUE_F16,
-                                  .n_vertex = 34835,
-                                  .n_cluster = 64,
-                                  .rank = 40,
-                                  .n_phase = 1,
-                                  .cube = 32,
-                                  .coefs = 512,
-                                  .seed = env->seed};
-    struct prt_transport t = {.cube = 32, .n_tensor = 1, .material = {.eta = 1.3f}};
-    int status = synthetic_mesh(o.n_vertex, false, &t.mesh);
-    if (!status) status = synthetic_tensor(&o, &t.tensor[0]);
-    if (!status) status = prt_file_write(&env->ctx, path, &t);
-    synthetic_tensor_finish(&t.tensor[0]);
-    synthetic_mesh_finish(&t.mesh);
-    return status;
-}
-
 static int run(struct bench_env *env)
 {
     char temp[] = "/tmp/prt-bench-XXXXXX";
@@ -59,7 +39,7 @@ static int run(struct bench_env *env)
         if (fd < 0) return prt_fail(&env->ctx, PRT_IO, "no temporary file");
         close(fd);
         job.path = temp;
-        status = write_bunny(env, temp);
+        status = synthetic_bunny(&env->ctx, temp, false, env->seed);
     }
     for (int check = 0; check < 2 && !status; check++) {
         job.check = check ? PRT_FILE_CHECK_ALL : PRT_FILE_CHECK_HEADERS;

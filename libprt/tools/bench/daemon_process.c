@@ -20,26 +20,6 @@
 
 // ---- the process
 
-static int made_up_bunny(const struct bench_env *env, const char *path)
-{
-    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
-                                  .value = PRT_VALUE_F16,
-                                  .n_vertex = env->quick ? 3000 : 34835,
-                                  .n_cluster = 64,
-                                  .rank = 40,
-                                  .n_phase = 1,
-                                  .cube = 32,
-                                  .coefs = 512,
-                                  .seed = env->seed};
-    struct prt_transport t = {.cube = 32, .n_tensor = 1, .material = {.eta = 1.3f}};
-    int status = synthetic_mesh(o.n_vertex, false, &t.mesh);
-    if (!status) status = synthetic_tensor(&o, &t.tensor[0]);
-    if (!status) status = prt_file_write(&env->ctx, path, &t);
-    synthetic_tensor_finish(&t.tensor[0]);
-    synthetic_mesh_finish(&t.mesh);
-    return status;
-}
-
 static int lay_out(struct bench_env *env, struct bench_daemon *d)
 {
     char path[64], real[PATH_MAX];
@@ -52,7 +32,7 @@ static int lay_out(struct bench_env *env, struct bench_daemon *d)
     if (mkdir(path, 0700)) return prt_fail(&env->ctx, PRT_IO, "%s: %s", path, strerror(errno));
     snprintf(d->model, sizeof d->model, "measured");
     snprintf(path, sizeof path, "%s/models/measured.prt", d->folder);
-    if (!env->file) return made_up_bunny(env, path);
+    if (!env->file) return synthetic_bunny(&env->ctx, path, env->quick, env->seed);
     if (!realpath(env->file, real) || symlink(real, path))
         return prt_fail(&env->ctx, PRT_IO, "%s: %s", env->file, strerror(errno));
     return PRT_OK;

@@ -309,3 +309,23 @@ int synthetic_light(uint32_t cube, uint64_t seed, struct prt_light *out)
     *out = (struct prt_light){cube, coef};
     return PRT_OK;
 }
+
+int synthetic_bunny(const struct prt_context *ctx, const char *path, bool quick, uint64_t seed)
+{
+    struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
+                                  .value = PRT_VALUE_F16,
+                                  .n_vertex = quick ? 3000 : 34835,
+                                  .n_cluster = 64,
+                                  .rank = 40,
+                                  .n_phase = 1,
+                                  .cube = 32,
+                                  .coefs = 512,
+                                  .seed = seed};
+    struct prt_transport t = {.cube = 32, .n_tensor = 1, .material = {.eta = 1.3f}};
+    int status = synthetic_mesh(o.n_vertex, false, &t.mesh);
+    if (!status) status = synthetic_tensor(&o, &t.tensor[0]);
+    if (!status) status = prt_file_write(ctx, path, &t);
+    synthetic_tensor_finish(&t.tensor[0]);
+    synthetic_mesh_finish(&t.mesh);
+    return status;
+}
