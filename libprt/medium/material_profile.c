@@ -130,28 +130,7 @@ static int dense_create(struct dense *d, uint32_t n)
 /* Where all but a ten-thousandth of the channel's light has left. */
 static double last_radius(const struct prt_profile *p)
 {
-    double lo = log(1e-6), hi = log(2000);
-    for (int i = 0; i < 50; i++) {
-        double mid = (lo + hi) / 2;
-        if (prt_profile_tail(p, exp(mid)) > 1e-4 * p->total)
-            lo = mid;
-        else
-            hi = mid;
-    }
-    return exp(hi);
-}
-
-static double half_of(const struct prt_profile *p)
-{
-    double lo = log(1e-6), hi = log(1e6);
-    for (int i = 0; i < 50; i++) {
-        double mid = (lo + hi) / 2;
-        if (prt_profile_tail(p, exp(mid)) > p->total / 2)
-            lo = mid;
-        else
-            hi = mid;
-    }
-    return exp(lo);
+    return fmin(prt_profile_radius(p, 1e-4), 2000);
 }
 
 static int dense_of(const struct prt_optics *o, struct dense *d)
@@ -167,7 +146,7 @@ static int dense_of(const struct prt_optics *o, struct dense *d)
     }
     double first = INFINITY, last = 0;
     for (int c = 0; c < 3; c++) {
-        first = fmin(first, 1e-4 * half_of(&p[c]));
+        first = fmin(first, 1e-4 * prt_profile_radius(&p[c], 0.5));
         last = fmax(last, last_radius(&p[c]));
     }
     int err = dense_create(d, N_DENSE);

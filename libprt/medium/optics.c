@@ -22,20 +22,6 @@ static void from_material(const struct prt_material *m, struct prt_optics *out)
 
 /* ---- the nearest dipole ---- */
 
-/* The radius inside which half of the profile's light leaves. */
-static double half_radius(const struct prt_profile *p)
-{
-    double lo = log(1e-6), hi = log(1e6);
-    for (int i = 0; i < 60; i++) {
-        double mid = (lo + hi) / 2;
-        if (prt_profile_tail(p, exp(mid)) > p->total / 2)
-            lo = mid;
-        else
-            hi = mid;
-    }
-    return exp(lo);
-}
-
 /* rho_d depends on sigma_a/sigma_s' alone, and falls with it; lengths then scale. */
 static void nearest_dipole(const struct prt_profile *p, double eta, float *sigma_s_prime,
                            float *sigma_a)
@@ -52,7 +38,7 @@ static void nearest_dipole(const struct prt_profile *p, double eta, float *sigma
     }
     ratio = exp(lo);
     prt_profile_init_dipole(&unit, 1, ratio, eta);
-    double s = half_radius(&unit) / half_radius(p);
+    double s = prt_profile_radius(&unit, 0.5) / prt_profile_radius(p, 0.5);
     s = fmin(fmax(s, 10 * MATERIAL_MIN_SIGMA_S), 0.5 * MATERIAL_MAX_SIGMA);
     *sigma_s_prime = (float)s;
     *sigma_a = (float)fmin(s * ratio, MATERIAL_MAX_SIGMA);

@@ -221,3 +221,16 @@ int prt_optics_fit(const struct prt_radial *radial, const struct prt_optics *opt
     if (error) *error = e;
     return PRT_OK;
 }
+
+double prt_profile_radius(const struct prt_profile *profile, double share)
+{
+    double lo = log(1e-6), hi = log(1e6);
+    for (int i = 0; i < 60; i++) {
+        double mid = (lo + hi) / 2;
+        if (prt_profile_tail(profile, exp(mid)) > share * profile->total)
+            lo = mid;
+        else
+            hi = mid;
+    }
+    return exp(lo);
+}

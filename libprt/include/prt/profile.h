@@ -50,6 +50,8 @@ void prt_profile_finish(struct prt_profile *profile);
 
 double prt_profile_rd(const struct prt_profile *profile, double r_mm);   /* mm^-2 */
 double prt_profile_tail(const struct prt_profile *profile, double r_mm); /* beyond r */
+/* The radius [mm] beyond which a share (0 to 1) of the light leaves; 1e-6 to 1e6. */
+double prt_profile_radius(const struct prt_profile *profile, double share);
 
 /* A material of any kind. `material` is what the user said (DIPOLE), or the dipole medium of the
  * same total reflectance and the same half-energy radius, channel by channel: what engines that
