@@ -172,6 +172,15 @@ static struct prt_file *open_prt(const char *name)
     return f;
 }
 
+// What the bake measured of itself for multiple scattering, its worst light: beside a medium's
+// own bound, all that an answer may be off.
+static double measured_error(const struct prt_transport *t)
+{
+    const char *worst = t->errors ? strstr(t->errors, "\"worst\":") : NULL;
+    assert_non_null(worst);
+    return strtod(worst + strlen("\"worst\":"), NULL);
+}
+
 static float (*ask(const struct prt_transport *t, const struct prt_material *m,
                    enum prt_answer_term term))[3]
 {
@@ -270,9 +279,9 @@ static void profiles_are_materials(void **state)
             } else {
                 float(*got)[3] = ask(t, &m, PRT_ANSWER_MULTIPLE);
                 double error = ERROR(got, want, false);
-                print_message("%s in %s: %.2f %%, bound %.2f %%\n", m.name, engine[e], 100 * error,
-                              100 * bound);
-                assert_true(error < bound + 0.015);
+                print_message("%s in %s: %.2f %%, bound %.2f and %.2f %%\n", m.name, engine[e],
+                              100 * error, 100 * bound, 100 * measured_error(t));
+                assert_true(error < bound + measured_error(t));
                 free(got);
                 got = ask(t, &m, PRT_ANSWER_SINGLE);
                 for (uint32_t v = 0; v < mesh->n_vertex; v++) assert_true(got[v][0] == 0);
@@ -353,9 +362,9 @@ static void beyond_the_range(void **state)
                 if (status) fail_msg("%s: %s", row[i].json, said);
                 assert_int_equal(prt_answer_colors(&context, t, &q, got), PRT_OK);
                 double error = ERROR(got, want, false);
-                print_message("%s in %s: %.2f %%, bound %.2f %%\n", row[i].json, engine[e],
-                              100 * error, 100 * bound);
-                assert_true(error < bound + 0.02);
+                print_message("%s in %s: %.2f %%, bound %.2f and %.2f %%\n", row[i].json,
+                              engine[e], 100 * error, 100 * bound, 100 * measured_error(t));
+                assert_true(error < bound + measured_error(t));
             }
             free(got);
             prt_file_close(f);
