@@ -411,7 +411,9 @@ static void done_opening(struct work *work)
 {
     struct opening *o = (struct opening *)work;
     struct model *m = model_by_id(o->server->models, o->id);
-    if (!o->entry) {
+    if (o->entry && o->entry->state != MEMO_PENDING) { // forgotten and loaded again: one was sooner
+        prt_file_close(o->file);
+    } else if (!o->entry) {
         if (work->status && m && m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
             damaged(m, work->error);
             model_unload(m, false);

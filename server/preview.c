@@ -41,7 +41,7 @@ static void read_done(void *user, int status, const char *error, const char *war
         }
         log_line(LOG_EVENT, "model id=%s not read error=\"%s\"", r->id, error);
         unlink(path);
-        memo_fail(r->entry, code, error);
+        if (r->entry->state == MEMO_PENDING) memo_fail(r->entry, code, error);
         memo_release(r->entry);
     } else {
         m->mesh = MESH_THERE;

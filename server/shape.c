@@ -121,6 +121,7 @@ struct memo_entry *shape_get(struct model *m, int *code, char error[256])
 {
     char key[80];
     bool fresh;
+    if (m->gone) return model_open(m, code, error); // who computes with it may hold its shape still
     snprintf(key, sizeof key, "%s/%llu/shape", m->id, (unsigned long long)m->generation);
     struct memo_entry *entry = memo_find(m->server->memo, key);
     if (entry) return entry;

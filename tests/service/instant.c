@@ -613,6 +613,7 @@ static void test_unload_under_way(void **state)
             next(view, &frame);
             relight_frame_out_finish(&frame);
         }
+        if (turn > 3) usleep(140000 + 25000 * (unsigned)turn); // the view refines
         OK(relight_unload(client, loaded.model, true, NULL, &error));
         for (int i = 0; i < 4; i++) { // begun before: an answer or an error, and no crash
             struct relight_image image;
@@ -627,6 +628,36 @@ static void test_unload_under_way(void **state)
         }
         assert_int_equal(status, -RELIGHT_E_NOT_FOUND);
         OK(relight_view_close(view, NULL, NULL, &error));
+        relight_loaded_finish(&loaded);
+    }
+}
+
+// What the first life of a model has under way meets the second.
+static void test_forgotten_and_loaded_again(void **state)
+{
+    for (int turn = 0; turn < 24; turn++) {
+        struct relight_loaded loaded;
+        struct relight_load load = small_load(true);
+        struct relight_image_request r;
+        struct relight_light light = {.env = "constant", .gain = {1 + (float)turn, 1, 1}};
+        uint64_t id[2];
+        load.bake.seed = 900;
+        for (int life = 0; life < 2; life++) {
+            OK(load_ball("again.obj", load, &loaded));
+            r = request_of(loaded.model, 0);
+            r.lights = &light;
+            OK(relight_image_begin(client, &r, 0, &id[life], &error));
+            usleep((unsigned)(turn % 12) * 150);
+            if (!life) OK(relight_unload(client, loaded.model, true, NULL, &error));
+            if (!life) relight_loaded_finish(&loaded);
+        }
+        for (int life = 0; life < 2; life++) {
+            struct relight_image image;
+            int status = relight_image_end(client, id[life], &image, &error);
+            assert_true(!status || (!life && status == -RELIGHT_E_NOT_FOUND));
+            if (!status) relight_image_finish(&image);
+        }
+        OK(relight_unload(client, loaded.model, true, NULL, &error));
         relight_loaded_finish(&loaded);
     }
 }
@@ -701,6 +732,7 @@ int main(void)
         cmocka_unit_test(test_odd_cameras),
         cmocka_unit_test(test_degenerate_models),
         cmocka_unit_test(test_unload_under_way),
+        cmocka_unit_test(test_forgotten_and_loaded_again),
         cmocka_unit_test(test_the_first_picture_comes_soon),
         cmocka_unit_test(test_a_preview_survives_a_restart),
     };
