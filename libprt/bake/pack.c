@@ -9,7 +9,8 @@
 struct choice {
     struct factored *f;
     uint32_t n_cluster, n_function, n, n_coef;
-    double entry_bytes;
+    bool bytes;              // entries of bytes with a common power of two, or of halves
+    double entry_bytes, row_bytes;
     double price;            // energy one byte must be worth
     const struct pack_options *options;
     double *dropped;         // [n_cluster] energy lost
@@ -53,7 +54,7 @@ static void priced_choice(struct choice *c, size_t i)
 {
     struct factored *f = &c->f[i];
     float limit = (float)(c->price * c->entry_bytes);
-    double column = c->price * (2.0 * f->n_vertex + 12.0 * c->n_function + 8);
+    double column = c->price * (2.0 * f->n_vertex + c->row_bytes);
     uint32_t most = c->options->rank && c->options->rank < f->rank ? c->options->rank : f->rank;
     uint32_t keep = 0;
     c->threshold[i] = limit;
@@ -112,7 +113,7 @@ static int weigh(const struct prt_context *ctx, struct choice *c, double log_pri
     for (uint32_t i = 0; i < c->n_cluster; i++) {
         *lost += c->dropped[i];
         *bytes += (double)c->entries[i] * c->entry_bytes +
-                  c->rank[i] * (2.0 * c->f[i].n_vertex + 12.0 * c->n_function + 8);
+                  c->rank[i] * (2.0 * c->f[i].n_vertex + c->row_bytes);
     }
     return status;
 }
@@ -152,6 +153,61 @@ struct layout {
     uint64_t *cluster_entry; // first entry of each cluster
 };
 
+// Value j of entry k of a cluster's row r, f16 arithmetic undone.
+static float value_of(const struct choice *c, const struct factored *f, uint32_t r, uint32_t j,
+                      uint32_t k)
+{
+    size_t from = (size_t)r * c->n_function + j;
+    return prt_f16_to_f32(f->b[from * c->n_coef + k]) * f->scale[from];
+}
+
+// An entry as bytes: the largest of its values, each by its function's scale, takes all 7 bits.
+static uint8_t put_bytes(const float *value, const float *scale, uint32_t J, int8_t *out)
+{
+    float most = 0, up;
+    int exponent;
+    for (uint32_t j = 0; j < J; j++) most = fmaxf(most, fabsf(value[j]) / scale[j]);
+    frexpf(fmaxf(most, 1e-30f) / 127.0001f, &exponent); // most <= 127 * 2^exponent
+    int shift = exponent > 0 ? 0 : exponent < -63 ? 63 : -exponent;
+    up = ldexpf(1, shift);
+    for (uint32_t j = 0; j < J; j++) out[j] = (int8_t)lrintf(value[j] / scale[j] * up);
+    return (uint8_t)shift;
+}
+
+// One row: its entries from `at` on, its scaling coefficients, all times s. value: [J] of room.
+static uint64_t lay_row(const struct choice *c, size_t i, uint32_t r, uint64_t at, float s,
+                        struct prt_rows *rows, uint32_t row, float *value)
+{
+    const struct factored *f = &c->f[i];
+    const float *e = f->energy + (size_t)r * c->n_coef;
+    const uint32_t J = c->n_function, face = c->n * c->n;
+    float *scale = (float *)(uintptr_t)rows->scale + (c->bytes ? (size_t)row * J : 0);
+    for (uint32_t j = 0; c->bytes && j < J; j++) {
+        float most = 1e-30f;
+        for (uint32_t k = 0; k < c->n_coef; k++)
+            if (k % face && e[k] > c->threshold[i])
+                most = fmaxf(most, fabsf(value_of(c, f, r, j, k)));
+        scale[j] = most * s / 127;
+    }
+    for (uint32_t k = 0; k < c->n_coef; k++) {
+        bool dc = k % face == 0;
+        if (!dc && !(e[k] > c->threshold[i])) continue;
+        for (uint32_t j = 0; j < J; j++) value[j] = value_of(c, f, r, j, k) * s;
+        if (dc) {
+            prt_f32_to_f16_array(value, J, (uint16_t *)(uintptr_t)rows->scaling +
+                                               ((size_t)row * 6 + k / face) * J);
+            continue;
+        }
+        if (c->bytes)
+            ((uint8_t *)(uintptr_t)rows->shift)[at] =
+                put_bytes(value, scale, J, (int8_t *)(uintptr_t)rows->entry + at * J);
+        else
+            prt_f32_to_f16_array(value, J, (uint16_t *)(uintptr_t)rows->entry + at * J);
+        set_index(rows, at++, k);
+    }
+    return at;
+}
+
 // One cluster's rows and U. A power-of-two-free balance: U's largest becomes 1/64, which keeps
 // both sides well inside a half float's range.
 static int lay_range(void *arg, size_t begin, size_t end, unsigned worker)
@@ -159,7 +215,8 @@ static int lay_range(void *arg, size_t begin, size_t end, unsigned worker)
     struct layout *l = arg;
     struct choice *c = l->c;
     struct prt_rows *rows = &l->tensor->rows;
-    uint32_t J = c->n_function, face = c->n * c->n;
+    float *value = prt_alloc(c->n_function, sizeof *value);
+    if (!value) return PRT_NOMEM;
     for (size_t i = begin; i < end; i++) {
         const struct prt_cluster *cluster = &l->tensor->cluster[i];
         struct factored *f = &c->f[i];
@@ -167,30 +224,18 @@ static int lay_range(void *arg, size_t begin, size_t end, unsigned worker)
         uint32_t padded = (cluster->n_vertex + 15) / 16 * 16;
         for (uint32_t r = 0; r < cluster->rank; r++) {
             uint32_t row = cluster->row_begin + r;
-            const float *u = f->u + (size_t)r * f->n_vertex, *e = f->energy + (size_t)r * c->n_coef;
+            const float *u = f->u + (size_t)r * f->n_vertex;
             uint16_t *out = (uint16_t *)(uintptr_t)l->tensor->u + cluster->u_begin +
                             (size_t)r * padded;
-            float most = 1e-30f, s;
+            float most = 1e-30f;
             for (uint32_t v = 0; v < f->n_vertex; v++) most = fmaxf(most, fabsf(u[v]));
-            s = 64 * most;
             for (uint32_t v = 0; v < padded; v++)
-                out[v] = v < f->n_vertex ? prt_f32_to_f16(u[v] / s) : 0;
+                out[v] = v < f->n_vertex ? prt_f32_to_f16(u[v] / (64 * most)) : 0;
             ((uint64_t *)(uintptr_t)rows->begin)[row] = at;
-            for (uint32_t k = 0; k < c->n_coef; k++) {
-                bool dc = k % face == 0;
-                if (!dc && !(e[k] > c->threshold[i])) continue;
-                uint16_t *value = dc ? (uint16_t *)(uintptr_t)rows->scaling +
-                                           ((size_t)row * 6 + k / face) * J
-                                     : (uint16_t *)(uintptr_t)rows->entry + at * J;
-                for (uint32_t j = 0; j < J; j++) {
-                    size_t from = (size_t)r * J + j;
-                    value[j] = prt_f32_to_f16(prt_f16_to_f32(f->b[from * c->n_coef + k]) *
-                                              f->scale[from] * s);
-                }
-                if (!dc) set_index(rows, at++, k);
-            }
+            at = lay_row(c, i, r, at, 64 * most, rows, row, value);
         }
     }
+    prt_free(value);
     return PRT_OK;
 }
 
@@ -217,10 +262,14 @@ static int allocate(struct choice *c, const struct clusters *clusters, struct la
     uint32_t *order = prt_alloc(n_vertex, sizeof *order);
     uint64_t *begin = prt_alloc(n_row + 1u, sizeof *begin);
     t->rows = (struct prt_rows){.n_row = n_row, .n_function = J, .n_coef = c->n_coef,
-                                .value = PRT_VALUE_F16,
+                                .value = c->bytes ? PRT_VALUE_I8 : PRT_VALUE_F16,
                                 .index_bytes = c->n_coef > 65536 ? 4 : 2};
     t->rows.index = prt_alloc(entries + 32, t->rows.index_bytes);
-    t->rows.entry = prt_alloc((entries + 32) * J, 2);
+    t->rows.entry = prt_alloc((entries + 32) * J, c->bytes ? 1 : 2);
+    if (c->bytes) {
+        t->rows.shift = prt_alloc(entries + 32, 1);
+        t->rows.scale = prt_alloc((size_t)n_row * J + 32, sizeof *t->rows.scale);
+    }
     t->rows.scaling = prt_alloc((size_t)n_row * 6 * J + 32, 2);
     t->u = prt_alloc(u + 32, 2);
     t->u_count = u;
@@ -229,7 +278,8 @@ static int allocate(struct choice *c, const struct clusters *clusters, struct la
     t->n_vertex = n_vertex;
     t->n_cluster = c->n_cluster;
     t->n_function = J;
-    if (!order || !begin || !t->rows.index || !t->rows.entry || !t->rows.scaling || !t->u)
+    if (!order || !begin || !t->rows.index || !t->rows.entry || !t->rows.scaling || !t->u ||
+        (c->bytes && (!t->rows.shift || !t->rows.scale)))
         return PRT_NOMEM;
     memcpy(order, clusters->order, n_vertex * sizeof *order);
     begin[n_row] = entries;
@@ -242,8 +292,9 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
 {
     uint32_t nc = clusters->n_cluster;
     struct choice c = {.f = factored, .n_cluster = nc, .n_function = n_function, .n = n,
-                       .n_coef = 6 * n * n, .options = options,
-                       .entry_bytes = 2.0 * n_function + (6 * n * n > 65536 ? 4 : 2)};
+                       .n_coef = 6 * n * n, .options = options, .bytes = options->bytes};
+    c.entry_bytes = (c.bytes ? n_function + 1.0 : 2.0 * n_function) + (c.n_coef > 65536 ? 4 : 2);
+    c.row_bytes = (c.bytes ? 16.0 : 12.0) * n_function + 8;
     struct layout l = {&c, out, prt_alloc(nc, sizeof *l.cluster_entry)};
     c.dropped = prt_alloc(nc, sizeof *c.dropped);
     c.entries = prt_alloc(nc, sizeof *c.entries);
@@ -274,6 +325,7 @@ void tensor_finish(struct prt_tensor *t)
     prt_free((void *)(uintptr_t)t->rows.index);
     prt_free((void *)(uintptr_t)t->rows.entry);
     prt_free((void *)(uintptr_t)t->rows.scale);
+    prt_free((void *)(uintptr_t)t->rows.shift);
     prt_free((void *)(uintptr_t)t->rows.scaling);
     prt_free((void *)(uintptr_t)t->knot);
     prt_free((void *)(uintptr_t)t->basis);

@@ -159,6 +159,8 @@ struct pack_options {
     uint32_t rank;            /* 0: by energy */
     uint32_t n_basis_coef;    /* mean coefficients a basis vector; 0: by energy */
     double energy_error;      /* relative Frobenius error allowed over the whole model */
+    bool bytes;               /* entries of bytes that share a power of two (joint: many functions);
+                                 false: of halves */
     double max_bytes;         /* of U and rows; what does not fit below it is lost */
 };
 int pack_factored(const struct prt_context *ctx, const struct clusters *clusters,

@@ -31,7 +31,7 @@ static void load_entry(const struct prt_rows *rows, uint32_t row, uint64_t e, fl
     }
     for (uint32_t j = 0; j < n; j++)
         value[j] = (float)((const int8_t *)rows->entry)[e * n + j] *
-                   rows->scale[(uint64_t)row * n + j];
+                   rows->scale[(uint64_t)row * n + j] * (rows->shift ? rows_factor(rows, e) : 1);
 }
 
 static int fold_rows(void *arg, size_t begin, size_t end, unsigned worker)

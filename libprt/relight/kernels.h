@@ -8,6 +8,8 @@
 
 #include "prt/relight.h"
 
+#include <string.h>
+
 enum {
     LIGHT_GROUP = 8,               // lights of one pass
     LIGHT_LANES = 3 * LIGHT_GROUP, // floats a coefficient in a group's table: [light][ch]
@@ -81,6 +83,15 @@ static inline size_t light_table_bytes(uint32_t n_coef)
 // Everything but coef; fills scale for fill_table.
 void relight_table_head(unsigned n_light, const struct prt_light *const light[],
                         struct light_table *table, float scale[LIGHT_GROUP]);
+
+// 2^-shift of an entry of FULL rows.
+static inline float rows_factor(const struct prt_rows *rows, uint64_t entry)
+{
+    uint32_t bits = (127u - rows->shift[entry]) << 23;
+    float factor;
+    memcpy(&factor, &bits, 4);
+    return factor;
+}
 
 static inline uint32_t rows_index(const struct prt_rows *rows, uint64_t entry)
 {

@@ -265,16 +265,18 @@ INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *li
     const char *entry = (const char *)rows->entry + (e * n + j0) * size;
     for (; e < safe; e++, entry += n * size) {
         const float *l = light + 4ull * rows_index(rows, e);
+        const __m256 factor = _mm256_set1_ps(rows->shift ? rows_factor(rows, e) : 1);
         for (uint32_t z = 0; z < nz; z++) {
-            __m256 v = load_values(entry + 8 * z * size, i8, CHUNK);
+            __m256 v = _mm256_mul_ps(load_values(entry + 8 * z * size, i8, CHUNK), factor);
             for (int ch = 0; ch < 3; ch++)
                 sum[z][ch] = _mm256_fmadd_ps(v, _mm256_broadcast_ss(l + ch), sum[z][ch]);
         }
     }
     for (; e < stop; e++, entry += n * size) {
         const float *l = light + 4ull * rows_index(rows, e);
+        const __m256 factor = _mm256_set1_ps(rows->shift ? rows_factor(rows, e) : 1);
         for (uint32_t z = 0; z < nz; z++) {
-            __m256 v = load_values(entry + 8 * z * size, i8, have[z]);
+            __m256 v = _mm256_mul_ps(load_values(entry + 8 * z * size, i8, have[z]), factor);
             for (int ch = 0; ch < 3; ch++)
                 sum[z][ch] = _mm256_fmadd_ps(v, _mm256_broadcast_ss(l + ch), sum[z][ch]);
         }

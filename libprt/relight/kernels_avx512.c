@@ -454,10 +454,12 @@ INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *li
     const char *entry = (const char *)rows->entry + (rows->begin[row] * n + j0) * size;
     for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++, entry += n * size) {
         const float *l = light + 4ull * rows_index(rows, e);
+        const float factor = rows->shift ? rows_factor(rows, e) : 1;
         _mm_prefetch(entry + 2048, _MM_HINT_T0);
         if (nz > 2) _mm_prefetch(entry + 2112, _MM_HINT_T0);
         for (int z = 0; z < nz; z++) {
             __m512 v = load_values(entry + 16 * z * size, i8, mask[z]);
+            v = _mm512_mul_ps(v, _mm512_set1_ps(factor));
             for (int ch = 0; ch < 3; ch++)
                 sum[z][ch] = _mm512_fmadd_ps(v, _mm512_set1_ps(l[ch]), sum[z][ch]);
         }

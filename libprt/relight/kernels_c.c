@@ -88,6 +88,7 @@ static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, cons
                         (double)light[(size_t)f * face * 4 + ch];
                 for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++)
                     fine += (double)value(rows, e * n + j) *
+                            (double)(rows->shift ? rows_factor(rows, e) : 1) *
                             (double)light[rows_index(rows, e) * (size_t)4 + ch];
                 if (rows->value == PRT_VALUE_I8)
                     fine *= (double)rows->scale[(uint64_t)row * n + j];

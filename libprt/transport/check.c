@@ -201,6 +201,12 @@ static int check_rows(const struct check *c, uint32_t i, const struct prt_tensor
         return bad(c, "tensor %u: entries are missing", i);
     int status = check_entries(c, i, r);
     if (status) return status;
+    bool shifted = r->value == PRT_VALUE_I8 && t->coupling == PRT_COUPLE_FULL;
+    uint8_t most = 0;
+    if (n_entry && shifted != (r->shift != NULL))
+        return bad(c, "tensor %u: shifts of entries are missing or too many", i);
+    for (uint64_t e = 0; shifted && e < n_entry; e++) most = most > r->shift[e] ? most : r->shift[e];
+    if (most > 63) return bad(c, "tensor %u: an entry is shifted by %u, at most 63", i, most);
     if ((r->value == PRT_VALUE_F16 && !finite_f16(r->entry, n_entry * r->n_function)) ||
         (r->value == PRT_VALUE_I8 && !finite_f32(r->scale, n_scale)) ||
         !finite_f16(r->scaling, 6 * n_scale))
@@ -287,4 +293,5 @@ void prt_tensor_bytes(const struct prt_tensor *t, uint64_t *u_bytes, uint64_t *r
     *row_bytes = 8 * (r->n_row + 1ull) + n_entry * r->index_bytes +
                  n_entry * j * (r->value == PRT_VALUE_I8 ? 1 : 2) + 12 * j * r->n_row;
     if (r->value == PRT_VALUE_I8) *row_bytes += 4 * j * r->n_row;
+    if (r->shift) *row_bytes += n_entry;
 }

@@ -49,6 +49,7 @@ enum format_section_type {
     SECTION_KNOT,
     SECTION_BASIS,
     SECTION_PROFILE, // of a material with its own R_d
+    SECTION_ROW_SHIFT,
 };
 
 struct format_section {

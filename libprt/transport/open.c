@@ -190,6 +190,8 @@ static int take_rows(struct prt_file *f, uint32_t i, const struct format_tensor 
     TAKE(f, SECTION_ROW_INDEX, i, n_entry * ft->index_bytes, r->index);
     TAKE(f, SECTION_ROW_ENTRY, i, n_entry * j * (ft->value == PRT_VALUE_I8 ? 1 : 2), r->entry);
     if (ft->value == PRT_VALUE_I8) TAKE(f, SECTION_ROW_SCALE, i, 4 * j * ft->n_row, r->scale);
+    if (ft->value == PRT_VALUE_I8 && ft->coupling == PRT_COUPLE_FULL)
+        TAKE(f, SECTION_ROW_SHIFT, i, n_entry, r->shift);
     TAKE(f, SECTION_ROW_SCALING, i, 12 * j * ft->n_row, r->scaling);
     return PRT_OK;
 }

@@ -71,6 +71,7 @@ static void put_tensor(struct layout *l, uint32_t i, const struct prt_tensor *t)
         put(l, SECTION_ROW_ENTRY, i, r->entry, n_entry * t->n_function * value);
         if (r->value == PRT_VALUE_I8)
             put(l, SECTION_ROW_SCALE, i, r->scale, 4ull * r->n_row * t->n_function);
+        if (r->shift) put(l, SECTION_ROW_SHIFT, i, r->shift, n_entry);
         put(l, SECTION_ROW_SCALING, i, r->scaling, 12ull * r->n_row * t->n_function);
     }
     put(l, SECTION_KNOT, i, t->knot, 4ull * t->n_knot);

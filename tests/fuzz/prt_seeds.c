@@ -17,7 +17,7 @@ int main(int argc, char **argv)
         {.storage = PRT_STORAGE_SPARSE, .value = PRT_VALUE_I8, .n_phase = 4, .coefs = 3},
         {.storage = PRT_STORAGE_FACTORED,
          .coupling = PRT_COUPLE_FULL,
-         .value = PRT_VALUE_F16,
+         .value = PRT_VALUE_I8,
          .n_cluster = 2,
          .rank = 2,
          .n_phase = 4,

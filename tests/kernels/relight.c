@@ -41,6 +41,7 @@ static void guard_rows(const struct prt_rows *from, struct prt_rows *to)
     to->index = guarded(from->index, n * from->index_bytes);
     to->entry = guarded(from->entry, n * j * (from->value == PRT_VALUE_I8 ? 1 : 2));
     if (from->scale) to->scale = guarded(from->scale, 4 * j * from->n_row);
+    if (from->shift) to->shift = guarded(from->shift, n);
     to->scaling = guarded(from->scaling, 12 * j * from->n_row);
 }
 
@@ -202,6 +203,11 @@ static void rows_meet_light(void **state)
     check_rows(FULL, &o, 1, "rows x light, 12 functions");
     o.n_phase = 4;
     check_rows(FULL, &o, 1, "rows x light, 4 terms x 12 functions");
+    o.value = PRT_VALUE_I8;
+    check_rows(FULL, &o, 1, "rows x light, 4 terms x 12 functions, 8 bits");
+    o.n_phase = 1;
+    o.n_radial = 15;
+    check_rows(FULL, &o, 1, "rows x light, 15 functions, 8 bits");
 }
 
 struct expand_shape {

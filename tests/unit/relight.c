@@ -78,7 +78,7 @@ static const struct synthetic_options kind[N_KIND] = {
      .seed = 5},
     {.storage = PRT_STORAGE_FACTORED,
      .coupling = PRT_COUPLE_FULL,
-     .value = PRT_VALUE_F16,
+     .value = PRT_VALUE_I8,
      .n_vertex = N,
      .n_cluster = 2,
      .rank = 5,
@@ -125,7 +125,8 @@ static double row_light(const struct prt_rows *r, uint32_t row, uint32_t j, int 
         double v = r->value == PRT_VALUE_F16
                        ? (double)prt_f16_to_f32(((const uint16_t *)r->entry)[e * n + j])
                        : (double)((const int8_t *)r->entry)[e * n + j] *
-                             (double)r->scale[(uint64_t)row * n + j];
+                             (double)r->scale[(uint64_t)row * n + j] *
+                             (r->shift ? ldexp(1, -r->shift[e]) : 1);
         sum += v * (double)light->coef[4 * i + (uint32_t)ch];
     }
     return sum;

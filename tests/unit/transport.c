@@ -90,7 +90,7 @@ static const struct synthetic_options kind[N_KIND] = {
      .term = PRT_TERM_SINGLE},
     {.storage = PRT_STORAGE_FACTORED,
      .coupling = PRT_COUPLE_FULL,
-     .value = PRT_VALUE_F16,
+     .value = PRT_VALUE_I8,
      .n_vertex = 101,
      .n_cluster = 2,
      .rank = 4,
@@ -181,6 +181,7 @@ static void what_is_written_comes_back(void **state)
         same(r->index, s->index, n * r->index_bytes);
         same(r->entry, s->entry, n * j * value);
         same(r->scale, s->scale, r->scale ? 4 * j * r->n_row : 0);
+        same(r->shift, s->shift, r->shift ? n : 0);
         same(r->scaling, s->scaling, 12 * j * r->n_row);
         same(x->basis, y->basis, x->n_knot * x->n_radial * 4);
         assert_true(x->n_phase == y->n_phase && x->storage == y->storage &&
@@ -401,6 +402,9 @@ static bool broken(struct prt_transport *t, int rule)
         t->tensor[2].n_radial = 5;
         return true;
     case 36:
+        W(uint8_t, t->tensor[2].rows.shift)[7] = 64;
+        return true;
+    case 37:
         a->u_count -= 16;
         c[2].rank++;
         return true;

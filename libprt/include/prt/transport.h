@@ -34,6 +34,8 @@ struct prt_rows {
     const void *index;           /* [n_entry] u16/u32, ascending within a row, never scaling */
     const void *entry;           /* [n_entry][J] i8 or f16 (IEEE half bits), unpadded */
     const float *scale;          /* [n_row][J] multiplies i8 values; NULL for F16 */
+    const uint8_t *shift;        /* [n_entry] of i8 values under FULL coupling, 0 to 63: entry e
+                                    is its values times 2^-shift[e]; NULL: all are 0 */
     const uint16_t *scaling;     /* [n_row][6][J] f16: coefficient 0 of each face */
 };
 

@@ -105,6 +105,7 @@ unsigned bench_tensor_spans(const struct prt_tensor *t, struct bench_span span[8
         {r->index, n_entry * r->index_bytes},
         {r->entry, n_entry * j * (r->value == PRT_VALUE_I8 ? 1 : 2)},
         {r->scale, r->scale ? 4 * j * r->n_row : 0},
+        {r->shift, r->shift ? n_entry : 0},
         {r->scaling, 12 * j * r->n_row}};
     unsigned n = 0;
     for (int i = 0; i < 8; i++)

@@ -264,7 +264,7 @@ static void joint_shape(const struct bench_env *env, uint32_t n_vertex,
 {
     o[0] = (struct synthetic_options){.storage = PRT_STORAGE_FACTORED,
                                       .coupling = PRT_COUPLE_FULL,
-                                      .value = PRT_VALUE_F16,
+                                      .value = PRT_VALUE_I8,
                                       .n_vertex = n_vertex,
                                       .n_cluster = 128,
                                       .rank = 40,

@@ -153,6 +153,12 @@ static int random_rows(struct prt_rng *rng, const struct synthetic_options *o, u
         for (uint64_t i = 0; i < (uint64_t)n_row * n_function && !status; i++)
             scale[i] = uniform(rng, 1e-5f, 2e-4f);
     }
+    if (!status && o->value == PRT_VALUE_I8 && o->coupling == PRT_COUPLE_FULL) {
+        uint8_t *shift = prt_alloc(n_entry + 1, 1);
+        r->shift = shift;
+        status = shift ? PRT_OK : PRT_NOMEM;
+        for (uint64_t i = 0; i < n_entry && !status; i++) shift[i] = prt_rng_u32(rng) >> 29;
+    }
 out:
     prt_free(p.begin);
     prt_free(p.index);
@@ -231,6 +237,7 @@ void synthetic_tensor_finish(struct prt_tensor *t)
     drop(t->rows.index);
     drop(t->rows.entry);
     drop(t->rows.scale);
+    drop(t->rows.shift);
     drop(t->rows.scaling);
     drop(t->knot);
     drop(t->basis);
