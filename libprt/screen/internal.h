@@ -86,6 +86,8 @@ int irradiance_traced(const struct prt_context *ctx, const struct prt_scene *sce
 /* E interpolated from the mesh's vertices. */
 int irradiance_vertices(const struct prt_context *ctx, const struct prt_mesh *mesh,
                         const float (*e)[3], struct samples *s);
+/* n points of the G-buffer as samples, e not set; index NULL: the first n. False without memory. */
+bool seen_samples(const struct frame *f, uint32_t n, const uint32_t *index, struct samples *s);
 /* The frame's E at samples: from vertices, harmonics or rays. */
 int frame_irradiance(struct frame *f, struct samples *s);
 /* S09: E from 16 spherical harmonics of the light, no shadows. */
@@ -106,9 +108,12 @@ void radial_table_eval(const struct radial_table *t, float r_sq, float out[3]);
 /* C08's split is this steep [mm^-1]. */
 #define SPLIT_K 1.5
 struct frame;
-/* R_d of an object, or with r_p >= 0 its local or global part, averaged over a disc; up to r_max. */
-void split_table(const struct frame *f, uint32_t object, double r_p, bool local, double disc_mm,
-                 float r_max, struct radial_table *out);
+/* R_d of an object, or its local or global part, averaged over a disc; up to r_max. The split is
+ * C08's with r_p >= 0, else with own_mm > 0 local light is the share exp(-(r / own_mm)^2). */
+void split_table(const struct frame *f, uint32_t object, double r_p, double own_mm, bool local,
+                 double disc_mm, float r_max, struct radial_table *out);
+/* Integral of 2 pi r R_d exp(-(r / own_mm)^2): what a flat surface gets from its own irradiance. */
+void own_share(const struct frame *f, uint32_t object, double own_mm, double share[3]);
 
 /* Weighted points to sum over. Columns of `capacity`. */
 struct emitters {
@@ -167,6 +172,7 @@ struct view_cache {
     uint32_t *begin;       /* [n_tile+1] columns */
     uint32_t *object;      /* [n_tile] */
     float *p[3];           /* [n_column] mm */
+    uint32_t *leader;      /* [n_column] a point of the G-buffer that it stands for */
     uint32_t (*from)[4];   /* [n_point] columns */
     float (*weight)[4];    /* [n_point] */
 };

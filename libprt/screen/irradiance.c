@@ -133,6 +133,37 @@ int irradiance_vertices(const struct prt_context *ctx, const struct prt_mesh *me
     return prt_parallel_for(ctx, NULL, s->n, 2048, interpolate, &job);
 }
 
+bool seen_samples(const struct frame *f, uint32_t n, const uint32_t *index, struct samples *s)
+{
+    const struct prt_gbuffer *g = &f->g;
+    const struct prt_mesh *mesh = f->screen->mesh;
+    if (!samples_init(s, n)) return false;
+    s->n = n;
+    for (uint32_t at = 0; at < n; at++) {
+        uint32_t i = index ? index[at] : at;
+        const uint32_t *v = mesh->triangle[g->triangle[i]];
+        float e[2][3], face[3], l = 0, facing = 0;
+        for (int k = 0; k < 3; k++) {
+            e[0][k] = mesh->position[v[1]][k] - mesh->position[v[0]][k];
+            e[1][k] = mesh->position[v[2]][k] - mesh->position[v[0]][k];
+            s->p[k][at] = g->position[k][i];
+            s->normal[k][at] = g->normal[k][i];
+        }
+        for (int k = 0; k < 3; k++) {
+            int a = (k + 1) % 3, b = (k + 2) % 3;
+            face[k] = e[0][a] * e[1][b] - e[0][b] * e[1][a];
+            l += face[k] * face[k];
+            facing += face[k] * g->normal[k][i];
+        }
+        l = l > 0 ? (facing < 0 ? -1 : 1) / sqrtf(l) : 0;
+        for (int k = 0; k < 3; k++) s->face[k][at] = face[k] * l;
+        s->object[at] = mesh->block[g->block[i]].object;
+        s->triangle[at] = g->triangle[i];
+        for (int k = 0; k < 2; k++) s->bary[k][at] = g->bary[k][i];
+    }
+    return true;
+}
+
 void irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s)
 {
     double light[16][3] = {{0}};

@@ -157,7 +157,7 @@ int scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
     int status = pattern && table ? PRT_OK : prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     for (uint32_t o = 0; o < f->n_object && !status; o++) {
         // a point stands for its share of a ring: the light's view is no finer than its step
-        split_table(f, o, r_p, true, (double)spacing / sqrt(M_PI), reach, &table[o]);
+        split_table(f, o, r_p, 0, true, (double)spacing / sqrt(M_PI), reach, &table[o]);
         if (!make_pattern(f, o, r_p, (double)reach, &pattern[o]))
             status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for a pattern");
     }

@@ -51,7 +51,7 @@ int scatter_discs(struct frame *f, const struct samples *s, double r_p, float op
             power += w;
         }
         double disc = power > 0 ? sqrt(area / power / M_PI) : 0;
-        split_table(f, object, r_p, true, disc, r_p >= 0 ? r_max : f->screen->diameter_mm,
+        split_table(f, object, r_p, 0, true, disc, r_p >= 0 ? r_max : f->screen->diameter_mm,
                     &table[object]);
     }
     int status = scatter_tree(f, table, s, opening, r_max);

@@ -81,8 +81,15 @@ struct split {
     const void *profile;
     double r_p;      // < 0: no split
     bool local;
+    double own_mm;   // > 0, without r_p: what texture sampling reads at the pixel itself
     double disc_mm;  // radius; 0: a point
 };
+
+// What share of R_d light at r comes from the pixel's own irradiance.
+static double own_weight(double r_mm, double own_mm)
+{
+    return exp(-(r_mm / own_mm) * (r_mm / own_mm));
+}
 
 static void split_profile(const void *arg, double r_mm, double out[3])
 {
@@ -102,6 +109,9 @@ static void split_profile(const void *arg, double r_mm, double out[3])
         if (s->r_p >= 0) {
             w = prt_screen_local_weight(r, s->r_p);
             if (!s->local) w = 1 - w;
+        } else if (s->own_mm > 0) {
+            w = own_weight(r, s->own_mm);
+            if (!s->local) w = 1 - w;
         }
         double rd[3];
         s->fn(s->profile, r, rd);
@@ -114,14 +124,36 @@ static double finest_scale(const struct prt_dipole *d)
     return fmin(d[0].z_r, fmin(d[1].z_r, d[2].z_r));
 }
 
-void split_table(const struct frame *f, uint32_t object, double r_p, bool local, double disc_mm,
-                 float r_max, struct radial_table *out)
+static struct split split_of(const struct frame *f, uint32_t object, double r_p, double own_mm,
+                             bool local, double disc_mm)
 {
-    struct split split = {prt_screen_dipole_profile, f->dipole[object], r_p, local, disc_mm};
+    struct split split = {prt_screen_dipole_profile, f->dipole[object], r_p, local, own_mm,
+                          disc_mm};
     if (f->options->profile) {
         split.fn = prt_screen_table_profile;
         split.profile = &f->options->profile[object];
     }
+    return split;
+}
+
+void split_table(const struct frame *f, uint32_t object, double r_p, double own_mm, bool local,
+                 double disc_mm, float r_max, struct radial_table *out)
+{
+    struct split split = split_of(f, object, r_p, own_mm, local, disc_mm);
     radial_table_fit(out, split_profile, &split, fmax(finest_scale(f->dipole[object]), disc_mm),
                      (double)r_max);
+}
+
+void own_share(const struct frame *f, uint32_t object, double own_mm, double share[3])
+{
+    enum { STEPS = 256 };
+    struct split split = split_of(f, object, -1, own_mm, true, 0);
+    // r dr at equal steps of log r: the weight is gone at 4 own_mm
+    double top = 4 * own_mm, ratio = 4 * own_mm / (1e-3 * fmin(own_mm, finest_scale(f->dipole[object])));
+    for (int c = 0; c < 3; c++) share[c] = 0;
+    for (int k = 0; k < STEPS; k++) {
+        double r = top * pow(ratio, -(k + 0.5) / STEPS), value[3];
+        split_profile(&split, r, value);
+        for (int c = 0; c < 3; c++) share[c] += 2 * M_PI * r * r * value[c] * log(ratio) / STEPS;
+    }
 }

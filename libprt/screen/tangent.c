@@ -103,37 +103,6 @@ static int run_points(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// The G-buffer as samples, so that irradiance can be computed on it.
-static bool seen_samples(const struct frame *f, struct samples *s)
-{
-    const struct prt_gbuffer *g = &f->g;
-    const struct prt_mesh *mesh = f->screen->mesh;
-    if (!samples_init(s, g->n_point)) return false;
-    s->n = g->n_point;
-    for (uint32_t i = 0; i < g->n_point; i++) {
-        const uint32_t *v = mesh->triangle[g->triangle[i]];
-        float e[2][3], n[3], l = 0, facing = 0;
-        for (int k = 0; k < 3; k++) {
-            e[0][k] = mesh->position[v[1]][k] - mesh->position[v[0]][k];
-            e[1][k] = mesh->position[v[2]][k] - mesh->position[v[0]][k];
-            s->p[k][i] = g->position[k][i];
-            s->normal[k][i] = g->normal[k][i];
-        }
-        for (int k = 0; k < 3; k++) {
-            int a = (k + 1) % 3, b = (k + 2) % 3;
-            n[k] = e[0][a] * e[1][b] - e[0][b] * e[1][a];
-            l += n[k] * n[k];
-            facing += n[k] * g->normal[k][i];
-        }
-        l = l > 0 ? (facing < 0 ? -1 : 1) / sqrtf(l) : 0;
-        for (int k = 0; k < 3; k++) s->face[k][i] = n[k] * l;
-        s->object[i] = mesh->block[g->block[i]].object;
-        s->triangle[i] = g->triangle[i];
-        for (int k = 0; k < 2; k++) s->bary[k][i] = g->bary[k][i];
-    }
-    return true;
-}
-
 static void finish(struct tangent_job *job)
 {
     uint32_t n_object = job->n_medium;
@@ -496,7 +465,7 @@ static int tangent_view_get(struct frame *f, const struct tangent_job *job)
     struct tangent_view *v = &f->screen->tangent;
     if (v->key == f->view_key && v->area_cdf) return PRT_OK;
     tangent_view_finish(v);
-    bool good = seen_samples(f, &v->seen) && map_pixels(f, v);
+    bool good = seen_samples(f, f->g.n_point, NULL, &v->seen) && map_pixels(f, v);
     good = good && (v->share = malloc(((size_t)f->g.n_point + 1) * sizeof *v->share));
     for (uint32_t i = 0; good && i < f->g.n_point; i++) v->share[i] = coverage(f, &v->seen, i);
     good = good && (v->area_cdf = visible_areas(f, job, v));

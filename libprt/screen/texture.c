@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: MIT
-// C08: points drawn from irradiance over an area-preserving atlas, the same for all pixels;
-// hybrid: what lies near a pixel is summed densely, only the rest is drawn.
+// C08: points drawn from irradiance over an area-preserving atlas, the same for all pixels. What
+// lies nearer to a pixel than they do to each other comes from the pixel's own irradiance; hybrid:
+// it is summed densely.
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { CELL_TURNS = 2 };
+enum { CELL_TURNS = 2, OWN_LIGHTS = 4 };
 
 double prt_screen_split_radius(const struct prt_dipole dipole[3], double bound)
 {
@@ -337,15 +338,46 @@ static int draw_emitters(struct frame *f, uint32_t n, struct drawn *out)
 }
 
 static struct radial_table *disc_tables(const struct frame *f, const struct drawn *drawn,
-                                        double r_p)
+                                        double r_p, const double *own_mm)
 {
     uint32_t n = f->n_object ? f->n_object : 1;
     struct radial_table *table = prt_calloc((size_t)n * CLASSES, sizeof *table);
     for (uint32_t o = 0; table && o < f->n_object; o++)
         for (uint32_t k = 0; k < CLASSES && drawn->list[o].n; k++)
-            split_table(f, o, r_p, false, drawn->disc_mm[o][k], f->screen->diameter_mm,
-                        &table[o * CLASSES + k]);
+            split_table(f, o, r_p, own_mm[o], false, drawn->disc_mm[o][k],
+                        f->screen->diameter_mm, &table[o * CLASSES + k]);
     return table;
+}
+
+// Light of what lies nearer than the drawn points can tell, from the receiver's own irradiance: a
+// control variate, so that the points stand only for what lies further. Under few lights every
+// point of the G-buffer has E of its own, else receivers a mean free path apart do.
+static int own_light(struct frame *f, const double *own_mm)
+{
+    bool all = f->n_light <= OWN_LIGHTS || f->options->vertex_irradiance;
+    double(*share)[3] = calloc((size_t)f->n_object + 1, sizeof *share);
+    struct samples s = {0};
+    int status = PRT_OK;
+    if (!share) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    for (uint32_t o = 0; o < f->n_object; o++)
+        if (own_mm[o] > 0) own_share(f, o, own_mm[o], share[o]);
+    if (!all) status = receive_begin(f, (double)smallest_mean_free_path(f));
+    uint32_t n = all || status ? f->g.n_point : f->view->n_column;
+    if (!status && !seen_samples(f, n, all ? NULL : f->view->leader, &s))
+        status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for %u points", n);
+    if (!status) status = frame_irradiance(f, &s);
+    for (uint32_t i = 0; i < n && !status; i++) {
+        const double *own = share[s.object[i]];
+        for (int c = 0; c < 3; c++) {
+            float b = s.e[c][i] * (float)own[c];
+            if (!all) f->sum[c][i] = b;
+            else if (!f->g.opaque[i]) f->radiance[i][c] += b * (float)(1 / M_PI);
+        }
+    }
+    if (!status && !all) status = receive_end(f);
+    samples_finish(&s);
+    free(share);
+    return status;
 }
 
 // The near part: every light-view point or texel within reach.
@@ -386,15 +418,17 @@ int engine_texture(struct frame *f, bool hybrid)
                           calloc(n_object, sizeof *drawn.class_end),
                           calloc(n_object, sizeof *drawn.disc_mm)};
     struct radial_table *table = NULL;
-    if (!status && (!drawn.list || !drawn.class_end || !drawn.disc_mm))
+    double *own_mm = calloc(n_object, sizeof *own_mm);
+    if (!status && (!own_mm || !drawn.list || !drawn.class_end || !drawn.disc_mm))
         status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     if (!status) status = draw_emitters(f, n, &drawn);
     double smooth = INFINITY;
     for (uint32_t o = 0; !status && o < f->n_object; o++) {
         f->report->n_sample += drawn.list[o].n;
+        for (int k = 0; k < CLASSES && !hybrid; k++) own_mm[o] += drawn.disc_mm[o][k] / CLASSES;
         if (drawn.list[o].n) smooth = fmin(smooth, drawn.disc_mm[o][CLASSES / 2]);
     }
-    if (!status && !(table = disc_tables(f, &drawn, r_p)))
+    if (!status && !(table = disc_tables(f, &drawn, r_p, own_mm)))
         status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     // discs, and the near part taken out, leave nothing finer than themselves
     double own = (double)smallest_mean_free_path(f);
@@ -402,6 +436,7 @@ int engine_texture(struct frame *f, bool hybrid)
     if (!status)
         status = scatter_all(f, table, drawn.list, (const uint32_t(*)[CLASSES])drawn.class_end);
     if (!status) status = receive_end(f);
+    if (!status && !hybrid) status = own_light(f, own_mm);
     f->report->scatter_s = prt_time_s() - t0;
     if (!status && hybrid) {
         t0 = prt_time_s();
@@ -415,6 +450,7 @@ int engine_texture(struct frame *f, bool hybrid)
     }
     prt_free(table);
     for (uint32_t o = 0; drawn.list && o < f->n_object; o++) emitters_finish(&drawn.list[o]);
+    free(own_mm);
     free(drawn.list);
     free(drawn.class_end);
     free(drawn.disc_mm);

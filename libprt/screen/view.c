@@ -15,6 +15,7 @@ void view_finish(struct view_cache *v)
     for (int k = 0; k < 3; k++) prt_free(v->p[k]);
     free(v->begin);
     free(v->object);
+    free(v->leader);
     prt_free(v->from);
     prt_free(v->weight);
     memset(v, 0, sizeof *v);
@@ -188,13 +189,16 @@ static bool make_tiles(struct builder *b, struct view_cache *v)
     for (uint32_t q = 0; q < b->n_group; q++) {
         for (int k = 0; k < 3; k++) v->p[k][b->group[q].column] = b->group[q].p[k];
     }
-    uint8_t *set = calloc((size_t)column + 1, 1);
-    if (!set) return false;
-    for (uint32_t q = 0; q < b->n_group; q++) set[b->group[q].column] = 1;
-    for (uint32_t t = 0; t < v->n_tile; t++)
-        for (uint32_t i = v->begin[t]; i < v->begin[t + 1]; i++)
-            for (int k = 0; k < 3 && !set[i]; k++) v->p[k][i] = v->p[k][v->begin[t]];
-    free(set);
+    if (!(v->leader = malloc(((size_t)column + 1) * sizeof *v->leader))) return false;
+    memset(v->leader, 0xff, ((size_t)column + 1) * sizeof *v->leader);
+    for (uint32_t q = 0; q < b->n_group; q++) v->leader[b->group[q].column] = b->group[q].leader;
+    for (uint32_t t = 0; t < v->n_tile; t++) {
+        for (uint32_t i = v->begin[t]; i < v->begin[t + 1]; i++) {
+            if (v->leader[i] != UINT32_MAX) continue;
+            v->leader[i] = v->leader[v->begin[t]];
+            for (int k = 0; k < 3; k++) v->p[k][i] = v->p[k][v->begin[t]];
+        }
+    }
     return true;
 }
 

@@ -852,19 +852,29 @@ static void split_parts_add_up(void **state)
     struct prt_screen_options options = {0};
     struct frame f = {.ctx = &quiet, .dipole = dipole, .options = &options};
     struct radial_table whole, near, far;
-    split_table(&f, 0, -1, true, 0, 40, &whole);
-    split_table(&f, 0, 1.5, true, 0, 40, &near);
-    split_table(&f, 0, 1.5, false, 0, 40, &far);
-    for (float r = 0; r < 30; r += 0.05f) {
-        float a[3], b[3], d[3];
-        radial_table_eval(&whole, r * r, a);
-        radial_table_eval(&near, r * r, b);
-        radial_table_eval(&far, r * r, d);
-        for (int c = 0; c < 3; c++)
-            assert_true(fabsf(b[c] + d[c] - a[c]) < 0.01f * a[c] + 1e-6f);
+    split_table(&f, 0, -1, 0, true, 0, 40, &whole);
+    // C08's split, and texture sampling's by the pixel's own irradiance
+    for (int own = 0; own < 2; own++) {
+        split_table(&f, 0, own ? -1 : 1.5, own ? 0.8 : 0, true, 0, 40, &near);
+        split_table(&f, 0, own ? -1 : 1.5, own ? 0.8 : 0, false, 0, 40, &far);
+        for (float r = 0; r < 30; r += 0.05f) {
+            float a[3], b[3], d[3];
+            radial_table_eval(&whole, r * r, a);
+            radial_table_eval(&near, r * r, b);
+            radial_table_eval(&far, r * r, d);
+            for (int c = 0; c < 3; c++)
+                assert_true(fabsf(b[c] + d[c] - a[c]) < 0.01f * a[c] + 1e-6f);
+        }
     }
+    double share[3], sum[3] = {0};
+    own_share(&f, 0, 0.8, share);
+    for (int i = 0; i < 40000; i++) {
+        double r = (i + 0.5) * 1e-4, w = 2 * M_PI * r * exp(-r * r / 0.64) * 1e-4;
+        for (int c = 0; c < 3; c++) sum[c] += w * prt_dipole_rd(&dipole[0][c], r);
+    }
+    for (int c = 0; c < 3; c++) assert_true(fabs(share[c] / sum[c] - 1) < 0.002);
     struct radial_table disc;
-    split_table(&f, 0, -1, true, 0.8, 40, &disc);
+    split_table(&f, 0, -1, 0, true, 0.8, 40, &disc);
     double total[2][3] = {{0}};
     for (int i = 0; i < 40000; i++) {
         double r = (i + 0.5) * 1e-3;
@@ -878,6 +888,40 @@ static void split_parts_add_up(void **state)
         assert_true(fabs(total[0][c] / dipole[0][c].rho_d - 1) < 0.01);
         assert_true(fabs(total[1][c] / dipole[0][c].rho_d - 1) < 0.02);
     }
+}
+
+// C08 under light of short ways: points lie four mean free paths apart, and what is nearer comes
+// from the pixel's own irradiance. Blurred over the points' cells it would be off by 10 %.
+static void short_ways_stay_sharp(void **state)
+{
+    struct prt_material cream = {.name = "cream", .sigma_s_prime = {7.38f, 5.47f, 3.15f},
+                                 .sigma_a = {0.0002f, 0.0028f, 0.0163f}, .eta = 1.3f,
+                                 .roughness = 0.3f};
+    struct prt_screen_light light = {{0.5f, 0.4f, 0.8f}, {5, 5, 5}, false};
+    struct model model;
+    model_init(&model, 12000, 24000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 12, 32);
+    add_sphere(&model, (float[3]){7, 5, 13}, 3, 16); // a shadow
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct stage s;
+    stage_init(&s, &model, camera, 96, 96);
+    struct prt_screen_options options = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 400000};
+    pixels want = render(&s, &cream, NULL, &light, options, NULL);
+    static const double most[3] = {0.05, 0.035, 0.02};
+    double last = 1;
+    for (int k = 0; k < 3; k++) {
+        options = (struct prt_screen_options){.engine = PRT_SCREEN_TEXTURE,
+                                              .n_sample = k ? k > 1 ? 16000 : 1600 : 400};
+        pixels b = render(&s, &cream, NULL, &light, options, NULL);
+        double error = relative(b, want, s.g.n_point);
+        print_message("cream, texture %u: %.2f %%\n", options.n_sample, 100 * error);
+        assert_true(error < most[k] && error < last);
+        last = error;
+        free(b);
+    }
+    free(want);
+    stage_finish(&s);
+    model_finish(&model);
 }
 
 // A sphere whose uv unfold it; `fold` says how they are spoilt.
@@ -1345,6 +1389,7 @@ int main(void)
         cmocka_unit_test(reference_engine_agrees),
         cmocka_unit_test(refinement_converges),
         cmocka_unit_test(split_parts_add_up),
+        cmocka_unit_test(short_ways_stay_sharp),
         cmocka_unit_test(uv_are_the_atlas),
         cmocka_unit_test(maps_change_the_medium),
         cmocka_unit_test(pattern_is_the_near_part),
