@@ -11,7 +11,7 @@
 // One evaluation that a pass makes.
 struct want {
     struct want *next;
-    struct memo_entry *entry, *file, *light;
+    struct memo_entry *entry, *file, *light, *contracted;
     struct answer_query query;
     struct answer *answer;
     int status;
@@ -37,7 +37,10 @@ static struct prt_query query_of(const struct want *w)
     const struct answer_query *q = &w->query;
     return (struct prt_query){.term = q->term, .light = w->light ? w->light->value : NULL,
                               .material = q->has_material ? &q->material : NULL,
-                              .eye = q->has_eye ? q->eye : NULL};
+                              .eye = q->has_eye ? q->eye : NULL,
+                              .lit = w->contracted
+                                         ? ((struct contracted *)w->contracted->value)->lit
+                                         : NULL};
 }
 
 // Room for one answer; its size is known from the transport.
@@ -160,6 +163,7 @@ static void done_pass(struct work *work)
         memo_release(w->entry);
         memo_release(w->file);
         memo_release(w->light);
+        memo_release(w->contracted);
         free(w);
         w = next;
     }
@@ -167,7 +171,7 @@ static void done_pass(struct work *work)
 
 struct memo_entry *answer_get(struct model *model, const char *key,
                               const struct answer_query *query, struct memo_entry *file,
-                              struct memo_entry *light)
+                              struct memo_entry *light, struct memo_entry *contracted)
 {
     bool fresh;
     struct memo_entry *entry = memo_get(model->server->memo, key, &fresh);
@@ -186,7 +190,12 @@ struct memo_entry *answer_get(struct model *model, const char *key,
         memo_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return entry;
     }
-    *w = (struct want){.entry = entry, .file = file, .light = light, .query = *query};
+    *w = (struct want){.entry = entry, .file = file, .light = light, .contracted = contracted,
+                       .query = *query};
+    if (contracted) {
+        memo_hold(contracted);
+        model->server->stats.edits++;
+    }
     memo_hold(entry);
     memo_hold(file);
     if (light) memo_hold(light);

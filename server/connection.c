@@ -6,6 +6,7 @@
 
 #include "dispatch.h"
 #include "log.h"
+#include "materials.h"
 #include "relight.pb-c.h"
 #include "request.h"
 
@@ -82,6 +83,7 @@ void connection_close(struct connection *conn, const char *why)
     log_line(LOG_EVENT, "disconnect conn=%llu why=\"%s\"", (unsigned long long)conn->number, why);
     loop_timer_stop(server->loop, &conn->timer);
     while (conn->requests) request_abandon(conn->requests);
+    materials_drop(conn);
     conn->carrier->close(conn);
     for (struct out_frame *f = conn->out, *next; f; f = next) {
         next = f->next;

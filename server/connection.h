@@ -49,6 +49,7 @@ struct connection {
     size_t out_bytes;
     struct request *requests;
     unsigned n_request;
+    struct material_wait *waits;    /* materials.c: what was said of views, in its order */
     struct loop_timer timer;
     uint64_t heard_ns, frame_ns;    /* last byte; first byte of the frame being read, 0: none */
 };

@@ -3,6 +3,7 @@
 #include "dispatch.h"
 
 #include "log.h"
+#include "materials.h"
 #include "models.h"
 #include "relight.pb-c.h"
 #include "request.h"
@@ -42,6 +43,15 @@ static bool while_draining(uint16_t type)
            || type == RELIGHT_TYPE_VIEW_CLOSE || type == RELIGHT_TYPE_CANCEL_JOB;
 }
 
+static void run_operation(struct request *request)
+{
+    if (request->server->draining && !while_draining(request->type))
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
+                     "the daemon is draining: it finishes what is open and takes nothing new");
+    else
+        operation[request->type](request);
+}
+
 void dispatch_frame(struct connection *conn, const struct relight_frame *frame, uint8_t *payload)
 {
     struct server *server = conn->server;
@@ -57,11 +67,8 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame, 
     else if (!conn->greeted && type != RELIGHT_TYPE_HELLO)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection is HELLO");
-    else if (server->draining && !while_draining(type))
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
-                     "the daemon is draining: it finishes what is open and takes nothing new");
     else
-        operation[type](request);
+        material_then(request, run_operation);
 }
 
 // ---- waiting for a model

@@ -30,6 +30,17 @@ struct memo_entry *visibility_get(struct model *model, uint64_t generation,
                                   struct memo_entry *owner, const struct prt_mesh *mesh,
                                   const struct render_spec *s, const struct prt_camera *c);
 
+/* ---- lits.c: struct contracted ---- */
+
+struct contracted {
+    struct prt_lit *lit;
+    struct memo_entry *file; /* whose transport it refers to */
+};
+/* A joint transport under a light, contracted once it has been asked for twice, for whatever
+ * material comes. NULL: a plain pass is as good. */
+struct memo_entry *contracted_get(struct model *model, uint64_t generation,
+                                  struct memo_entry *file, struct memo_entry *light);
+
 /* ---- answers.c: struct answer, through passes that are shared ---- */
 
 /* What a pass makes for one light and query. */
@@ -46,11 +57,11 @@ struct answer_query {
     struct prt_material material;
     float eye[3];          /* mm */
 };
-/* The entry of `key`; when it is not there yet, it joins the model's next pass. file and light are
- * held by the pass (light may be NULL). */
+/* The entry of `key`; when it is not there yet, it joins the model's next pass. file, light and
+ * contracted are held by the pass (the last two may be NULL). */
 struct memo_entry *answer_get(struct model *model, const char *key,
                               const struct answer_query *query, struct memo_entry *file,
-                              struct memo_entry *light);
+                              struct memo_entry *light, struct memo_entry *contracted);
 
 /* ---- irradiance.c: struct answer of one plane, E at the vertices ---- */
 
@@ -75,10 +86,13 @@ struct screen_query {
     bool background, has_material;
     struct prt_material material;
 };
-/* shape, seen and light are held while it is made. */
+/* shape, seen and light are held while it is made. Who gives up waiting says screen_unwant. */
 struct memo_entry *screen_get(struct server *server, const char *key,
                               const struct screen_query *query, struct memo_entry *shape,
                               struct memo_entry *seen, struct memo_entry *light);
+
+/* One of those who asked for this pending entry does so no more. */
+void screen_unwant(struct memo_entry *shape, struct memo_entry *entry);
 
 /* The running mean of a view's pictures while nothing changes. Held by the view and by the
  * evaluation that adds to it; changed by the evaluation's worker alone. */

@@ -4,6 +4,7 @@
 
 #include "evict.h"
 #include "log.h"
+#include "materials.h"
 #include "prt/medium.h"
 #include "relight.pb-c.h"
 #include "request.h"
@@ -18,7 +19,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-enum { MAX_FILES = 64, MAX_OPAQUE = 64, MAX_ARGS = 64 + MAX_OPAQUE, MATERIAL_BYTES = 65536 };
+enum { MAX_FILES = 64, MAX_OPAQUE = 64, MAX_ARGS = 64 + MAX_OPAQUE };
 
 // One LOAD under way: its request waits for a hash, then for the model to open.
 struct load {
@@ -33,12 +34,13 @@ struct load {
     char material[PRT_MATERIAL_TEXT];  // preset's name or canonical JSON; "" none
     bool material_json;
     struct prt_material resolved;  // the same, or what a bake without one takes
-    char model[MODEL_ID + 1];
+    struct model *model;           // NULL: not known yet
 };
 
 static void drop_load(struct load *load)
 {
     memo_release(load->entry);
+    model_release(load->model);
     free(load);
 }
 
@@ -66,15 +68,14 @@ static void answer(struct load *load, const struct model *m)
     char *warnings[64], *copy = m->warnings ? strdup(m->warnings) : NULL;
     out.model = (char *)m->id;
     out.state = model_state(m);
-    if (m->job && m->state != RELIGHT__MODEL_STATE__MODEL_READY) out.job = (char *)job_id(m->job);
+    if (m->state != RELIGHT__MODEL_STATE__MODEL_READY) out.job = (char *)m->job_id;
     out.warnings = warnings;
     char *save = NULL;
     for (char *line = copy ? strtok_r(copy, "\n", &save) : NULL; line && out.n_warnings < 64;
          line = strtok_r(NULL, "\n", &save))
         warnings[out.n_warnings++] = line;
-    struct request *request = load->request;
-    drop_load(load);
-    request_answer(request, &out.base, NULL);
+    request_answer(load->request, &out.base, NULL);
+    drop_load(load); // and with it the model, perhaps
     free(copy);
 }
 
@@ -85,14 +86,14 @@ static void opened(struct memo_waiter *waiter)
         drop_load(load);
         return;
     }
-    struct model *m = model_by_id(load->server->models, load->model);
+    struct model *m = load->model;
     if (load->entry->state == MEMO_FAILED) {
         request_fail(load->request, load->entry->error_code, "%s", load->entry->error);
         // Without a bake there is nothing to know such a model for.
-        if (m && m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW && m->mesh == MESH_FAILED)
+        if (!m->gone && m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW && m->mesh == MESH_FAILED)
             model_unload(m, true);
         drop_load(load);
-    } else if (!m) {
+    } else if (m->gone) {
         FAIL(load, NOT_FOUND, "the model was unloaded meanwhile");
     } else {
         answer(load, m);
@@ -102,7 +103,8 @@ static void opened(struct memo_waiter *waiter)
 static void answer_when(struct load *load, struct model *m, struct memo_entry *entry, int code,
                         const char *error)
 {
-    snprintf(load->model, sizeof load->model, "%s", m->id);
+    load->model = m;
+    model_hold(m);
     load->entry = entry;
     if (!load->entry) {
         request_fail(load->request, code, "%s", error);
@@ -196,8 +198,7 @@ static void name_model(const struct load *load, char id[MODEL_ID + 1])
 // ---- the bake's folder: its inputs under the names the model refers to
 
 struct baking {
-    struct server *server;
-    char model[MODEL_ID + 1];
+    struct model *model;
     char folder[PATH_MAX];
 };
 
@@ -241,10 +242,10 @@ static bool stage_files(const struct load *load, const char *folder)
 static bool stage(const struct load *load, struct baking *b)
 {
     const Relight__LoadRequest *r = message_of(load);
-    snprintf(b->folder, sizeof b->folder, "%s/work/%s", b->server->data, b->model);
+    snprintf(b->folder, sizeof b->folder, "%s/work/%s", load->server->data, b->model->key);
     if (!stage_files(load, b->folder)) return false;
     if (r->bake && !strncmp(r->bake->env, "env:", 4)
-        && !stage_blob(b->server, b->folder, ".environment", r->bake->env + 4))
+        && !stage_blob(load->server, b->folder, ".environment", r->bake->env + 4))
         return false;
     if (!load->material_json) return true;
     char path[PATH_MAX + 16];
@@ -260,7 +261,7 @@ static void order_preview(const struct load *load, struct model *m)
     if (load->path[0]) {
         snprintf(path, sizeof path, "%s", load->path);
     } else {
-        snprintf(folder, sizeof folder, "%s/work/%s.preview", load->server->data, m->id);
+        snprintf(folder, sizeof folder, "%s/work/%s.preview", load->server->data, m->key);
         snprintf(path, sizeof path, "%s/%s", folder, r->files[0]->name);
         if (m->mesh != MESH_THERE && m->mesh != MESH_READING && !stage_files(load, folder)) {
             log_line(LOG_WARN, "model id=%s cannot be laid out in %s: %s", m->id, folder,
@@ -278,36 +279,39 @@ static void order_preview(const struct load *load, struct model *m)
 static void bake_ended(void *user, struct job *job, enum job_outcome outcome)
 {
     struct baking *b = user;
-    struct model *m = model_by_id(b->server->models, b->model);
+    struct model *m = b->model;
+    struct server *server = m->server;
     char path[PATH_MAX];
     struct stat st;
-    model_bake_path(b->server, b->model, path);
+    model_bake_path(server, m->id, path);
     remove_tree(b->folder);
+    m->job = NULL;
     if (outcome == JOB_OUT_DONE && stat(path, &st)) outcome = JOB_OUT_FAILED;
-    if (m && job_warnings(job)[0]) {
+    if (job_warnings(job)[0]) {
         free(m->warnings);
         m->warnings = strdup(job_warnings(job));
     }
-    if (m && outcome == JOB_OUT_DONE) {
+    if (m->gone) {
+        if (model_is_last(m)) unlink(path);
+    } else if (outcome == JOB_OUT_DONE) {
         int code;
         char error[256];
         m->state = RELIGHT__MODEL_STATE__MODEL_READY;
         snprintf(m->prt, sizeof m->prt, "%s", path);
-        blobs_charge(b->server->blobs, st.st_size);
+        blobs_charge(server->blobs, st.st_size);
         model_remember(m);
-        bakes_make_room(b->server, m);
+        bakes_make_room(server, m);
         memo_release(model_open(m, &code, error)); // who watched asks for colours next
         preview_remove(m);
-    } else if (m) {
+    } else {
         m->state = RELIGHT__MODEL_STATE__MODEL_FAILED;
         m->error_code = outcome == JOB_OUT_CANCELLED ? RELIGHT__ERROR_CODE__ERROR_CANCELLED
                                                      : RELIGHT__ERROR_CODE__ERROR_JOB_FAILED;
         snprintf(m->error, sizeof m->error, "%s",
                  job_error(job)[0] ? job_error(job) : "the bake wrote no file");
-    } else {
-        unlink(path); // forgotten meanwhile
     }
-    if (m) model_changed(m);
+    if (!m->gone) model_changed(m);
+    model_release(m);
     free(b);
 }
 
@@ -317,8 +321,7 @@ static bool order_bake(struct load *load, struct model *m)
     struct baking *b = calloc(1, sizeof *b);
     struct args a = {0};
     if (!b) return false;
-    b->server = load->server;
-    snprintf(b->model, sizeof b->model, "%s", m->id);
+    b->model = m;
     if (!stage(load, b)) {
         log_line(LOG_ERR, "model id=%s inputs cannot be laid out in %s: %s", m->id, b->folder,
                  strerror(errno));
@@ -346,15 +349,20 @@ static bool order_bake(struct load *load, struct model *m)
     struct job_order order = {calloc(a.n + 1, sizeof(char *)), strdup(b->folder)};
     if (order.argv) memcpy(order.argv, a.argv, a.n * sizeof(char *));
     m->state = RELIGHT__MODEL_STATE__MODEL_BAKING;
-    m->error[0] = 0;
+    m->error[0] = m->job_id[0] = 0;
     m->job = NULL;
+    model_hold(m);
     struct job *job = jobs_add(load->server->jobs, m->id, &order, bake_ended, b);
-    if (job) m->job = job;
-    else {
+    if (!job) {
         remove_tree(b->folder);
         free(b);
+        model_release(m);
+        return false;
     }
-    return job != NULL;
+    snprintf(m->job_id, sizeof m->job_id, "%s", job_id(job));
+    // One that could not be started has ended already.
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_BAKING) m->job = job;
+    return true;
 }
 
 // ---- from a source's hash to an answer
@@ -522,64 +530,6 @@ static const char *bad_setting(const Relight__LoadRequest *r)
     return NULL;
 }
 
-// A layered slab takes a tenth of a second to work out, and the same text comes again and again
-// while a light is moved: the last few are kept. Loop thread only.
-enum { KEPT_MATERIALS = 16 };
-static struct {
-    uint64_t key[2], used;
-    struct prt_material material;
-} kept[KEPT_MATERIALS];
-static uint64_t kept_clock;
-
-static bool material_kept(const uint64_t key[2], struct prt_material *out)
-{
-    for (int i = 0; i < KEPT_MATERIALS; i++)
-        if (kept[i].used && kept[i].key[0] == key[0] && kept[i].key[1] == key[1]) {
-            kept[i].used = ++kept_clock;
-            *out = kept[i].material;
-            return true;
-        }
-    return false;
-}
-
-static void material_keep(const uint64_t key[2], const struct prt_material *material)
-{
-    int oldest = 0;
-    for (int i = 1; i < KEPT_MATERIALS; i++)
-        if (kept[i].used < kept[oldest].used) oldest = i;
-    kept[oldest].key[0] = key[0];
-    kept[oldest].key[1] = key[1];
-    kept[oldest].used = ++kept_clock;
-    kept[oldest].material = *material;
-}
-
-int material_resolve(const char *text, struct prt_material *material, bool *preset,
-                     char error[300])
-{
-    *preset = false;
-    for (unsigned i = 0; text[0] != '{' && prt_material_preset(i); i++)
-        if (!strcmp(prt_material_preset(i)->name, text)) {
-            *material = *prt_material_preset(i);
-            *preset = true;
-            return PRT_OK;
-        }
-    if (text[0] != '{' || strlen(text) > MATERIAL_BYTES) {
-        snprintf(error, 300, "material %.100s: neither a preset nor JSON text", text);
-        return PRT_ARG;
-    }
-    const uint64_t key[2] = {prt_hash64(text, strlen(text), 1), prt_hash64(text, strlen(text), 2)};
-    if (material_kept(key, material)) return PRT_OK;
-    struct work keep = {.error = ""};
-    struct prt_context ctx;
-    prt_context_init(&ctx);
-    ctx.log = work_keep_error;
-    ctx.log_user = &keep;
-    int status = prt_material_parse(&ctx, "material", text, strlen(text), material);
-    if (!status) material_keep(key, material);
-    snprintf(error, 300, "%s", keep.error[0] ? keep.error : prt_status_text(status));
-    return status;
-}
-
 // The settings' checks that need more than numbers; answers and returns false when one fails.
 static bool check_material(struct load *load)
 {
@@ -596,7 +546,7 @@ static bool check_material(struct load *load)
                          "material is missing: a preset's name or JSON text");
         return !fixed;
     }
-    int status = material_resolve(r->material, &material, &preset, error);
+    int status = material_resolve(load->server, r->material, &material, &preset, error);
     if (status) {
         request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE, "%s", error);
         return false;

@@ -11,6 +11,8 @@ struct model *model_add(struct models *models, const char *id, const char *name)
 struct model *model_from_prt(struct models *models, const char *path, const char *name);
 void model_bake_path(const struct server *server, const char *id, char path[PATH_MAX]);
 void model_preview_path(const struct server *server, const char *id, char path[PATH_MAX]);
+/* Nobody has forgotten it, or loaded it again since: its files may go with it. */
+bool model_is_last(const struct model *model);
 /* Opens a .prt on a worker and fills the entry, of which it takes a reference. */
 void model_start_opening(struct model *model, struct memo_entry *entry, const char *path,
                          bool preview);
@@ -25,9 +27,4 @@ void remove_tree(const char *folder);
 void model_glance(struct model *model);
 /* Writes the catalogue's entry. */
 void model_remember(const struct model *model);
-/* A preset's name or JSON text; error says what is wrong. */
-struct prt_material;
-int material_resolve(const char *text, struct prt_material *material, bool *preset,
-                     char error[300]);
-
 #endif

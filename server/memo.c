@@ -17,6 +17,9 @@ struct memo {
     struct memo_entry *newest, *oldest;
     size_t budget;
     struct memo_counts counts;
+    void (*relieve)(void *user);
+    void *relieve_user;
+    bool relieving;
 };
 
 int memo_create(size_t budget_bytes, struct memo **out)
@@ -67,6 +70,16 @@ static void keep_budget(struct memo *memo)
         memo->counts.evictions++;
         drop(memo, memo->oldest);
     }
+    if (memo->counts.bytes <= memo->budget || !memo->relieve || memo->relieving) return;
+    memo->relieving = true; // what is let go comes back here, and is dropped
+    memo->relieve(memo->relieve_user);
+    memo->relieving = false;
+}
+
+void memo_on_pressure(struct memo *memo, void (*relieve)(void *user), void *user)
+{
+    memo->relieve = relieve;
+    memo->relieve_user = user;
 }
 
 void memo_destroy(struct memo *memo)
@@ -116,7 +129,7 @@ void memo_release(struct memo_entry *e)
     assert(e->refs);
     if (--e->refs) return;
     struct memo *memo = e->memo;
-    if (e->state != MEMO_READY) { // failed: it left the table already
+    if (e->state != MEMO_READY || e->forgotten) { // it left the table already
         free_entry(memo, e);
         return;
     }
@@ -168,13 +181,56 @@ void memo_wait(struct memo_entry *e, struct memo_waiter *waiter)
     *last = waiter;
 }
 
+// Out of the table; nothing is freed yet.
+static void leave(struct memo *memo, struct memo_entry *e, struct memo_entry **unused)
+{
+    if (e->forgotten || e->state == MEMO_FAILED) return;
+    unlink_key(memo, e);
+    e->forgotten = true;
+    if (e->refs) return;
+    unlink_use(memo, e);
+    e->chain = *unused;
+    *unused = e;
+}
+
+static void free_list(struct memo *memo, struct memo_entry *e)
+{
+    for (struct memo_entry *next; e; e = next) {
+        next = e->chain;
+        free_entry(memo, e); // which may release entries of any memo
+    }
+}
+
 void memo_forget(struct memo *memo, const char *prefix)
 {
     size_t n = strlen(prefix);
+    struct memo_entry *unused = NULL;
+    for (int i = 0; i < N_BUCKET; i++)
+        for (struct memo_entry *e = memo->bucket[i], *next; e; e = next) {
+            next = e->chain;
+            if (!strncmp(e->key, prefix, n)) leave(memo, e, &unused);
+        }
+    free_list(memo, unused);
+}
+
+void memo_forget_entry(struct memo_entry *e)
+{
+    struct memo_entry *unused = NULL;
+    struct memo *memo = e->memo;
+    leave(memo, e, &unused);
+    free_list(memo, unused);
+}
+
+void memo_forget_holders(struct memo *memo)
+{
+    struct memo_entry *unused = NULL;
     for (struct memo_entry *e = memo->oldest, *newer; e; e = newer) {
         newer = e->newer;
-        if (!strncmp(e->key, prefix, n)) drop(memo, e);
+        if (!e->holds_file) continue;
+        memo->counts.evictions++;
+        leave(memo, e, &unused);
     }
+    free_list(memo, unused);
 }
 
 void memo_count(const struct memo *memo, struct memo_counts *out)

@@ -32,6 +32,8 @@ struct memo_entry {
     char error[320];
     struct memo_waiter *waiters;
     struct memo *memo;
+    bool forgotten;                    /* left the table; freed with its last reference */
+    bool holds_file;                   /* its value holds an entry of another memo */
 };
 
 struct memo;
@@ -50,8 +52,15 @@ void memo_fill(struct memo_entry *entry, void *value, size_t bytes, void (*destr
 /* Wakes the waiters; the entry is forgotten, so that a later request tries anew. */
 void memo_fail(struct memo_entry *entry, int error_code, const char *text);
 void memo_wait(struct memo_entry *entry, struct memo_waiter *waiter);
-/* Forgets all unreferenced entries whose key starts so (a model was unloaded). */
+/* Forgets all entries whose key starts so (a model was unloaded): nobody finds them any more, and
+ * who uses one keeps it. */
 void memo_forget(struct memo *memo, const char *prefix);
+/* The same of one entry, found or not. */
+void memo_forget_entry(struct memo_entry *entry);
+/* Drops what nobody uses and what holds entries of another memo. */
+void memo_forget_holders(struct memo *memo);
+/* Called while the budget is exceeded and nothing here can go. */
+void memo_on_pressure(struct memo *memo, void (*relieve)(void *user), void *user);
 
 struct memo_counts {
     uint64_t hits, misses, evictions;

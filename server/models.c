@@ -24,6 +24,7 @@ struct models {
     struct server *server;
     struct model *model;
     uint64_t scanned_ns;
+    uint32_t last_key;
 };
 
 // ---- finding
@@ -86,6 +87,21 @@ struct model *model_by_id(struct models *models, const char *id)
     return m;
 }
 
+bool model_is_last(const struct model *m)
+{
+    const struct model *other = model_by_id(m->server->models, m->id);
+    return !other || other == m;
+}
+
+// What was opened and computed for it: who uses some of it keeps that.
+static void model_forget_results(struct model *m)
+{
+    char prefix[sizeof m->key + 1];
+    snprintf(prefix, sizeof prefix, "%s/", m->key);
+    memo_forget(m->server->memo, prefix); // shapes and contracted lights hold files
+    memo_forget(m->server->files, m->key);
+}
+
 enum { MAX_FAILED = 256 };
 
 // Failures are remembered for who asks, but not for ever.
@@ -100,7 +116,9 @@ static void forget_failures(struct models *models)
             continue;
         }
         *at = m->next;
+        m->gone = true;
         preview_remove(m);
+        model_forget_results(m);
         model_release(m);
     }
 }
@@ -116,6 +134,7 @@ struct model *model_add(struct models *models, const char *id, const char *name)
     m->users = 1; // the registry
     snprintf(m->id, sizeof m->id, "%s", id);
     snprintf(m->name, sizeof m->name, "%s", name);
+    snprintf(m->key, sizeof m->key, "%s.%08x", id, ++models->last_key);
     m->next = models->model;
     models->model = m;
     return m;
@@ -281,11 +300,11 @@ void models_scan(struct models *models)
 
 int model_state(const struct model *m)
 {
-    char key[MODEL_ID + 8];
+    char key[sizeof m->key + 8];
     bool preview = m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW;
     if (!preview && m->state != RELIGHT__MODEL_STATE__MODEL_READY) return m->state;
     if (preview && m->mesh == MESH_READING) return RELIGHT__MODEL_STATE__MODEL_RECEIVED;
-    snprintf(key, sizeof key, preview ? "%s/mesh" : "%s", m->id);
+    snprintf(key, sizeof key, preview ? "%s/mesh" : "%s", m->key);
     struct memo_entry *e = memo_find(m->server->files, key);
     bool open = e && e->state == MEMO_READY;
     memo_release(e);
@@ -320,7 +339,7 @@ void model_reset_pose(struct model *m)
 {
     char prefix[64];
     if (!m->pose) return;
-    snprintf(prefix, sizeof prefix, "%s/%llu/", m->id, (unsigned long long)m->generation);
+    snprintf(prefix, sizeof prefix, "%s/%llu/", m->key, (unsigned long long)m->generation);
     memo_forget(m->server->memo, prefix);
     pose_release(m->pose);
     m->pose = NULL;
@@ -330,11 +349,11 @@ void model_reset_pose(struct model *m)
 
 struct opening {
     struct work work;
-    struct server *server;
+    struct model *model;
     struct memo_entry *entry; // NULL: only the checksums are looked at
     bool preview;             // a mesh without transport
     bool glance;              // without entry: only what LIST shows of it
-    char id[MODEL_ID + 1], path[PATH_MAX];
+    char path[PATH_MAX];
     struct prt_file *file;
     float ms;
 };
@@ -390,7 +409,8 @@ static void learn_facts(struct model *m, const struct prt_file *file)
                               .storage = t->n_tensor ? t->tensor[0].storage : 0,
                               .cube = t->cube, .bytes = prt_file_bytes(file),
                               .error_multiple = json_error(t->errors, "multiple"),
-                              .error_single = json_error(t->errors, "single")};
+                              .error_single = json_error(t->errors, "single"),
+                              .error_total = json_error(t->errors, "total")};
     prt_mesh_bounds(&t->mesh, f->file_box);
     memcpy(f->box, m->pose ? box : f->file_box, sizeof f->box);
 }
@@ -401,56 +421,75 @@ static void damaged(struct model *m, const char *error)
     m->error_code = RELIGHT__ERROR_CODE__ERROR_FORMAT;
     snprintf(m->error, sizeof m->error, "%s", error);
     log_line(LOG_ERR, "model id=%s damaged error=\"%s\"", m->id, m->error);
-    if (!m->foreign) unlink(m->prt); // the next load bakes it anew
+    struct stat st;
+    if (m->foreign || stat(m->prt, &st)) return;
+    blobs_charge(m->server->blobs, -(int64_t)st.st_size);
+    unlink(m->prt); // the next load bakes it anew
 }
 
 static void start_opening(struct model *m, struct memo_entry *entry, const char *path,
                           bool preview, bool glance);
 
+// Its bytes were looked at, nobody waits for the file.
+static void looked(struct opening *o)
+{
+    struct model *m = o->model;
+    if (o->work.status && m->state == RELIGHT__MODEL_STATE__MODEL_READY && !m->gone) {
+        damaged(m, o->work.error);
+        model_unload(m, false);
+    } else if (!o->work.status && !m->facts.baked) {
+        learn_facts(m, o->file);
+    }
+    prt_file_close(o->file);
+}
+
+static void not_opened(struct opening *o)
+{
+    struct model *m = o->model;
+    const char *error = o->work.error;
+    int code = error_of_status(o->work.status);
+    if (m->gone) { // and its file with it
+    } else if (o->preview) {
+        m->mesh = MESH_FAILED;
+        m->mesh_error_code = code;
+        snprintf(m->mesh_error, sizeof m->mesh_error, "%s", error);
+        unlink(o->path);
+    } else {
+        damaged(m, error);
+    }
+    memo_fail(o->entry, code, error);
+}
+
+static void is_open(struct opening *o)
+{
+    struct model *m = o->model;
+    bool first = !o->preview && !m->checked && !m->gone;
+    if (first) m->checked = true;
+    if (o->preview) learn_mesh(m, o->file);
+    else learn_facts(m, o->file);
+    log_line(LOG_EVENT, "model id=%s open ms=%.1f bytes=%llu", m->id, (double)o->ms,
+             (unsigned long long)prt_file_bytes(o->file));
+    if (m->pinned && !m->pin && !o->preview && !o->entry->forgotten) {
+        m->pin = o->entry;
+        memo_hold(m->pin);
+    }
+    if (!m->gone) bakes_touch(m);
+    o->entry->ms = o->ms;
+    memo_fill(o->entry, o->file, prt_file_bytes(o->file), close_file);
+    if (o->preview && m->state == RELIGHT__MODEL_STATE__MODEL_READY && !m->gone) preview_remove(m);
+    // Reads every byte once, behind the requests.
+    if (first && !m->gone) start_opening(m, NULL, m->prt, false, false);
+}
+
 static void done_opening(struct work *work)
 {
     struct opening *o = (struct opening *)work;
-    struct model *m = model_by_id(o->server->models, o->id);
-    if (o->entry && o->entry->state != MEMO_PENDING) { // forgotten and loaded again: one was sooner
-        prt_file_close(o->file);
-    } else if (!o->entry) {
-        if (work->status && m && m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
-            damaged(m, work->error);
-            model_unload(m, false);
-        } else if (!work->status && m && !m->facts.baked) {
-            learn_facts(m, o->file);
-        }
-        prt_file_close(o->file);
-    } else if (work->status) {
-        if (m && o->preview) {
-            m->mesh = MESH_FAILED;
-            m->mesh_error_code = error_of_status(work->status);
-            snprintf(m->mesh_error, sizeof m->mesh_error, "%s", work->error);
-            unlink(o->path);
-        } else if (m) {
-            damaged(m, work->error);
-        }
-        memo_fail(o->entry, error_of_status(work->status), work->error);
-    } else {
-        bool first = m && !o->preview && !m->checked;
-        if (first) m->checked = true;
-        if (m && o->preview) learn_mesh(m, o->file);
-        else if (m) learn_facts(m, o->file);
-        log_line(LOG_EVENT, "model id=%s open ms=%.1f bytes=%llu", o->id, (double)o->ms,
-                 (unsigned long long)prt_file_bytes(o->file));
-        if (m && m->pinned && !m->pin && !o->preview) {
-            m->pin = o->entry;
-            memo_hold(m->pin);
-        }
-        if (m) bakes_touch(m);
-        o->entry->ms = o->ms;
-        memo_fill(o->entry, o->file, prt_file_bytes(o->file), close_file);
-        if (o->preview && !m) unlink(o->path); // forgotten meanwhile
-        if (o->preview && m && m->state == RELIGHT__MODEL_STATE__MODEL_READY) preview_remove(m);
-        // Reads every byte once, behind the requests.
-        if (first) start_opening(m, NULL, m->prt, false, false);
-    }
+    if (!o->entry) looked(o);
+    else if (work->status) not_opened(o);
+    else is_open(o);
+    if (o->preview && o->model->gone && model_is_last(o->model)) unlink(o->path);
     memo_release(o->entry);
+    model_release(o->model);
     free(o);
 }
 
@@ -466,9 +505,9 @@ static void start_opening(struct model *m, struct memo_entry *entry, const char 
     o->work.run = run_opening;
     o->work.done = done_opening;
     o->work.class = entry ? WORK_INTERACTIVE : WORK_BACKGROUND;
-    o->server = m->server;
+    o->model = m;
+    model_hold(m);
     o->entry = entry;
-    snprintf(o->id, sizeof o->id, "%s", m->id);
     o->preview = preview;
     o->glance = glance;
     snprintf(o->path, sizeof o->path, "%s", path);
@@ -494,7 +533,7 @@ struct memo_entry *model_open(struct model *m, int *code, char error[256])
     }
     if (m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
         bool fresh;
-        struct memo_entry *e = memo_get(m->server->files, m->id, &fresh);
+        struct memo_entry *e = memo_get(m->server->files, m->key, &fresh);
         if (fresh) {
             memo_hold(e); // one for the opening, one for the caller
             model_start_opening(m, e, m->prt, false);
@@ -520,14 +559,11 @@ uint64_t model_unload(struct model *m, bool forget)
 {
     struct server *server = m->server;
     struct memo_counts before, after;
-    char prefix[64];
     memo_count(server->files, &before);
     memo_release(m->pin);
     m->pin = NULL;
     model_reset_pose(m);
-    snprintf(prefix, sizeof prefix, "%s/", m->id);
-    memo_forget(server->memo, prefix); // shapes hold files
-    memo_forget(server->files, m->id);
+    model_forget_results(m);
     memo_count(server->files, &after);
     uint64_t freed = before.bytes - after.bytes;
     log_line(LOG_EVENT, "model id=%s unloaded freed=%llu", m->id, (unsigned long long)freed);

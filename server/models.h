@@ -23,7 +23,8 @@ struct model_facts {
     float mm_per_unit, box[2][3], file_box[2][3]; /* mm; as it is, and in the file */
     uint32_t engine, storage, cube;
     uint64_t bytes;
-    float error_multiple, error_single; /* measured relative RMSE, worst light; 0: unknown */
+    float error_multiple, error_single, error_total; /* measured relative RMSE, worst light; 0:
+                                                      * unknown */
 };
 
 struct pass; /* answers.c: evaluations that wait for a pass over this model */
@@ -41,11 +42,14 @@ struct model {
     struct model *next;
     struct server *server;
     char id[MODEL_ID + 1], name[128];
+    char key[MODEL_ID + 12]; /* begins its memo keys and names its folders: no other struct has it,
+                              * not even of the same id, forgotten and loaded again */
     int state;              /* Relight__ModelState; READY and UNLOADED by model_state() */
     bool checked;           /* every byte of its bake was read once */
     bool pinned, foreign;   /* foreign: the .prt lies in --models and is not ours to delete */
     char prt[PATH_MAX];
-    struct job *job;
+    struct job *job;        /* while it is open */
+    char job_id[24];        /* the last one's; "": none was */
     struct memo_entry *pin;
     struct model_facts facts;
     char *warnings;         /* lines; NULL: none */

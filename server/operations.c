@@ -159,7 +159,7 @@ static void fill_info(const struct model *m, struct info_text *t)
     out->generation = m->generation;
     bool baked = m->state == RELIGHT__MODEL_STATE__MODEL_READY;
     out->fraction = baked ? 1 : m->job ? (float)job_fraction(m->job) : 0;
-    if (m->job && !baked) out->job = (char *)job_id(m->job);
+    if (!baked) out->job = (char *)m->job_id;
     if (f->known) {
         out->n_vertex = f->n_vertex;
         out->n_triangle = f->n_triangle;

@@ -13,61 +13,67 @@
 #include <unistd.h>
 
 struct reading {
-    struct server *server;
+    struct model *model;
     struct memo_entry *entry;
-    char id[MODEL_ID + 1];
     char folder[PATH_MAX]; // to remove
 };
+
+static void not_read(struct reading *r, int status, const char *error, const char *path)
+{
+    struct model *m = r->model;
+    int code = m->gone ? RELIGHT__ERROR_CODE__ERROR_NOT_FOUND : error_of_status(status);
+    if (m->gone) error = "the model was unloaded meanwhile";
+    m->mesh = MESH_FAILED;
+    m->mesh_error_code = code;
+    snprintf(m->mesh_error, sizeof m->mesh_error, "%s", error);
+    log_line(LOG_EVENT, "model id=%s not read error=\"%s\"", m->id, error);
+    if (model_is_last(m)) unlink(path); // else somebody is to write or has written the same
+    memo_fail(r->entry, code, error);
+    memo_release(r->entry);
+}
 
 static void read_done(void *user, int status, const char *error, const char *warnings, float ms)
 {
     struct reading *r = user;
-    struct model *m = model_by_id(r->server->models, r->id);
+    struct model *m = r->model;
     char path[PATH_MAX];
     struct stat st;
-    model_preview_path(r->server, r->id, path);
+    model_preview_path(m->server, m->id, path);
     if (r->folder[0]) remove_tree(r->folder);
     if (!status && stat(path, &st)) {
         status = PRT_IO;
         error = "the model's mesh was not written";
     }
-    if (status || !m) {
-        int code = m ? error_of_status(status) : RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
-        if (!m) error = "the model was unloaded meanwhile";
-        if (m) {
-            m->mesh = MESH_FAILED;
-            m->mesh_error_code = code;
-            snprintf(m->mesh_error, sizeof m->mesh_error, "%s", error);
-        }
-        log_line(LOG_EVENT, "model id=%s not read error=\"%s\"", r->id, error);
-        unlink(path);
-        if (r->entry->state == MEMO_PENDING) memo_fail(r->entry, code, error);
-        memo_release(r->entry);
+    if (status || m->gone) {
+        not_read(r, status, error, path);
     } else {
         m->mesh = MESH_THERE;
         if (warnings[0] && !m->warnings) m->warnings = strdup(warnings);
-        blobs_charge(r->server->blobs, st.st_size);
-        log_line(LOG_EVENT, "model id=%s read ms=%.1f", r->id, (double)ms);
+        blobs_charge(m->server->blobs, st.st_size);
+        log_line(LOG_EVENT, "model id=%s read ms=%.1f", m->id, (double)ms);
         if (m->state != RELIGHT__MODEL_STATE__MODEL_READY) model_remember(m);
         model_start_opening(m, r->entry, path, true);
         model_changed(m);
     }
+    model_release(m);
     free(r);
 }
 
 void preview_start(struct model *m, const struct decode_model *order, const char *folder)
 {
-    char key[MODEL_ID + 8], path[PATH_MAX];
+    char key[sizeof m->key + 8], path[PATH_MAX];
     bool fresh;
     struct reading *r = NULL;
     if (m->mesh == MESH_THERE || m->mesh == MESH_READING || !(r = calloc(1, sizeof *r))) {
         if (folder[0]) remove_tree(folder);
         return;
     }
-    snprintf(key, sizeof key, "%s/mesh", m->id);
-    r->server = m->server;
+    snprintf(key, sizeof key, "%s/mesh", m->key);
+    r->model = m;
+    model_hold(m);
+    // Whatever is there is of a file that has gone.
+    memo_forget(m->server->files, key);
     r->entry = memo_get(m->server->files, key, &fresh);
-    snprintf(r->id, sizeof r->id, "%s", m->id);
     snprintf(r->folder, sizeof r->folder, "%s", folder);
     m->mesh = MESH_READING;
     struct decode_model own = *order;
@@ -78,9 +84,9 @@ void preview_start(struct model *m, const struct decode_model *order, const char
 
 void preview_remove(struct model *m)
 {
-    char key[MODEL_ID + 8], path[PATH_MAX];
+    char key[sizeof m->key + 8], path[PATH_MAX];
     struct stat st;
-    snprintf(key, sizeof key, "%s/mesh", m->id);
+    snprintf(key, sizeof key, "%s/mesh", m->key);
     struct memo_entry *e = memo_find(m->server->files, key);
     bool opening = e && e->state == MEMO_PENDING;
     memo_release(e);
@@ -95,7 +101,7 @@ void preview_remove(struct model *m)
 
 struct memo_entry *model_mesh_open(struct model *m, int *code, char error[256])
 {
-    char key[MODEL_ID + 8], path[PATH_MAX];
+    char key[sizeof m->key + 8], path[PATH_MAX];
     bool fresh;
     if (m->gone || m->state == RELIGHT__MODEL_STATE__MODEL_READY) return model_open(m, code, error);
     if (m->mesh == MESH_NONE && m->state == RELIGHT__MODEL_STATE__MODEL_FAILED)
@@ -106,7 +112,7 @@ struct memo_entry *model_mesh_open(struct model *m, int *code, char error[256])
                  m->mesh == MESH_FAILED ? m->mesh_error : "its file was not read yet");
         return NULL;
     }
-    snprintf(key, sizeof key, "%s/mesh", m->id);
+    snprintf(key, sizeof key, "%s/mesh", m->key);
     struct memo_entry *e = memo_get(m->server->files, key, &fresh);
     if (fresh) {
         memo_hold(e); // one for the opening, one for the caller

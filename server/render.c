@@ -14,7 +14,6 @@
 #include <string.h>
 
 enum {
-    MAX_NEEDS = 2 * RENDER_MAX_LIGHTS + 4,
     HYBRID_SAMPLES = 900, // its own default
     SPECULAR_CUBE = 32,   // what the specular pre-filter reads
 };
@@ -27,7 +26,7 @@ struct need {
     bool was_there; // costs nothing
 };
 
-enum step { STEP_FILE, STEP_ENVS, STEP_LIGHTS, STEP_ANSWERS, STEP_FINAL };
+enum step { STEP_FILE, STEP_ENVS, STEP_LIGHTS, STEP_CONTRACTED, STEP_ANSWERS, STEP_FINAL };
 
 struct render {
     struct work work;
@@ -42,9 +41,10 @@ struct render {
     bool *ended;    // told while render_start is still running
     bool screen;    // an image-space engine answers, on the shape as it is now
     uint64_t generation;
-    char *forget;   // key of what nobody will ask for again
+    bool passing;   // one of many frames: nobody will ask for its light again
     struct need shape, screen_answer;
     struct need file, env[RENDER_MAX_LIGHTS], light[RENDER_MAX_LIGHTS], answer[RENDER_MAX_LIGHTS];
+    struct need contracted[RENDER_MAX_LIGHTS];
     struct need visibility, specular, background;
     struct prt_camera camera;
     uint64_t start_ns;
@@ -84,8 +84,10 @@ static void release_needs(struct render *r)
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) {
         memo_release(r->env[i].entry);
         memo_release(r->light[i].entry);
+        memo_release(r->contracted[i].entry);
         memo_release(r->answer[i].entry);
         r->env[i].entry = r->light[i].entry = r->answer[i].entry = NULL;
+        r->contracted[i].entry = NULL;
     }
 }
 
@@ -113,9 +115,8 @@ static void finish(struct render *r)
     void *user = r->user;
     struct render_result result = r->result;
     if (r->ended) *r->ended = true;
+    if (r->passing && r->screen_answer.entry) memo_forget_entry(r->screen_answer.entry);
     release_needs(r);
-    if (r->forget) memo_forget(r->server->memo, r->forget);
-    free(r->forget);
     refinement_release(r->spec.refinement);
     render_spec_finish(&r->spec);
     model_release(r->model);
@@ -254,6 +255,41 @@ static void done_final(struct work *work)
     else finish(r);
 }
 
+// Radiance that a half-space under even light sends out, without the outgoing Fresnel factor:
+// rho_d by many events, and by one 0.2046 of the albedo for isotropic scattering, the mean over
+// cosine of albedo/2 [1 - mu ln((1 + mu) / mu)]. RMS over channels.
+static void parts_of_total(const struct prt_material *m, double *multiple, double *single)
+{
+    struct prt_dipole dipole[3];
+    prt_material_dipoles(m, dipole);
+    *multiple = *single = 0;
+    for (int c = 0; c < 3; c++) {
+        double s = (double)m->sigma_s_prime[c] / (1 - (double)m->g[c]);
+        double one = m->profile ? 0 : 0.2046 * s / (s + (double)m->sigma_a[c]);
+        double many = prt_dipole_tail(&dipole[c], 0);
+        *multiple += many * many / 3;
+        *single += one * one / 3;
+    }
+    *multiple = sqrt(*multiple);
+    *single = sqrt(*single);
+}
+
+// Of the sum of two parts: |e_m + e_s| <= |e_m| + |e_s|, and as no radiance is negative
+// |M + S|^2 >= |M|^2 + |S|^2. Never more than the worse part's, which it is where both are alike.
+static float total_error(const struct render *r)
+{
+    const struct model_facts *f = &r->model->facts;
+    const struct prt_material *m =
+        r->spec.has_material ? &r->spec.material : &transport_of(r)->material;
+    double multiple, single;
+    if (f->error_total > 0) return f->error_total;
+    if (!(f->error_single > 0)) return f->error_multiple; // no single scattering was baked
+    parts_of_total(m, &multiple, &single);
+    double sum = (double)f->error_multiple * multiple + (double)f->error_single * single;
+    double worst = fmax((double)f->error_multiple, (double)f->error_single);
+    return (float)fmin(worst, sum / fmax(hypot(multiple, single), 1e-30));
+}
+
 // What the bake measured for the term asked for.
 static float error_bound(const struct render *r)
 {
@@ -262,7 +298,7 @@ static float error_bound(const struct render *r)
     case RELIGHT__TERM__TERM_IRRADIANCE: return 0; // brute force, no bake
     case RELIGHT__TERM__TERM_MULTIPLE: return f->error_multiple;
     case RELIGHT__TERM__TERM_SINGLE: return f->error_single;
-    default: return fmaxf(f->error_multiple, f->error_single);
+    default: return total_error(r);
     }
 }
 
@@ -362,7 +398,8 @@ static void final(struct render *r)
     if (r->specular.entry != r->light[0].entry) out->light_ms += cost_of(&r->specular);
     out->light_ms += cost_of(&r->background);
     for (unsigned i = 0; i < n_answer(s); i++)
-        out->relight_ms = fmaxf(out->relight_ms, cost_of(&r->answer[i]));
+        out->relight_ms = fmaxf(out->relight_ms,
+                                cost_of(&r->answer[i]) + cost_of(&r->contracted[i]));
     if (r->screen) out->relight_ms = cost_of(&r->screen_answer);
     out->raster_ms = cost_of(&r->visibility);
     size_t plane = out->n_vertex * color_bytes(s->format);
@@ -553,14 +590,58 @@ static void ask_screen(struct render *r)
         snprintf(r->result.error, sizeof r->result.error, "not enough memory");
         return;
     }
-    snprintf(key, size, "%s/%llu/screen/%u/%d/%u/%u/%.0f/%s/%s/%s", r->model->id,
+    snprintf(key, size, "%s/%llu/screen/%u/%d/%u/%u/%.0f/%s/%s/%s", r->model->key,
              (unsigned long long)r->generation, query.slot, query.engine, query.n_sample,
              query.frame, (double)s->budget_ms, s->material_key, seen, light);
     need_entry(r, &r->screen_answer,
                screen_get(r->server, key, &query, r->shape.entry, r->visibility.entry,
                           r->light[0].entry));
-    if (query.frame) r->forget = key; // one of many
-    else free(key);
+    r->passing = query.frame != 0;
+    free(key);
+}
+
+enum { ANSWER_KEY = RENDER_MAX_LIGHTS * sizeof(((struct render_light *)0)->key) + 200 };
+
+// What is asked for answer i, and the key it is shared by.
+static void answer_query(const struct render *r, unsigned i, struct answer_query *query,
+                         char key[ANSWER_KEY])
+{
+    static const int term[] = {PRT_ANSWER_TOTAL, PRT_ANSWER_TOTAL, PRT_ANSWER_MULTIPLE,
+                               PRT_ANSWER_SINGLE};
+    const struct render_spec *s = &r->spec;
+    const struct memo_entry *light = r->light[i].entry;
+    *query = (struct answer_query){.term = term[s->term], .planes = s->picture,
+                                   .has_material = s->has_material, .material = s->material,
+                                   .has_eye = s->has_eye && !s->picture};
+    for (int c = 0; c < 3; c++) query->eye[c] = s->eye[c] * transport_of(r)->mesh.mm_per_unit;
+    char eye[64] = "";
+    if (query->has_eye)
+        snprintf(eye, sizeof eye, "%.9g,%.9g,%.9g", (double)query->eye[0], (double)query->eye[1],
+                 (double)query->eye[2]);
+    if (s->term == RELIGHT__TERM__TERM_IRRADIANCE)
+        snprintf(key, ANSWER_KEY, "%s/%llu/irradiance/%s/%s", r->model->key,
+                 (unsigned long long)r->generation, s->material_key, light->key);
+    else
+        snprintf(key, ANSWER_KEY, "%s/%llu/%s/%d/%s/%s/%s", r->model->key,
+                 (unsigned long long)r->generation, s->picture ? "planes" : "colors",
+                 query->term, s->material_key, eye, light ? light->key : "fixed");
+}
+
+// Lights that somebody has asked for before: their part of the answer is made once.
+static void ask_contracted(struct render *r)
+{
+    if (r->screen || fixed_light(r) || r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE) return;
+    for (unsigned i = 0; i < n_answer(&r->spec); i++) {
+        struct answer_query query;
+        char key[ANSWER_KEY];
+        answer_query(r, i, &query, key);
+        struct memo_entry *answer = memo_find(r->server->memo, key);
+        memo_release(answer);
+        if (answer) continue; // or is on its way
+        struct memo_entry *entry = contracted_get(r->model, r->generation, r->file.entry,
+                                                  r->light[i].entry);
+        if (entry) need_entry(r, &r->contracted[i], entry);
+    }
 }
 
 static void ask_answers(struct render *r)
@@ -569,31 +650,16 @@ static void ask_answers(struct render *r)
         ask_screen(r);
         return;
     }
-    static const int term[] = {PRT_ANSWER_TOTAL, PRT_ANSWER_TOTAL, PRT_ANSWER_MULTIPLE,
-                               PRT_ANSWER_SINGLE};
-    const struct render_spec *s = &r->spec;
-    const struct prt_transport *t = transport_of(r);
-    struct answer_query query = {.term = term[s->term], .planes = s->picture,
-                                 .has_material = s->has_material, .material = s->material,
-                                 .has_eye = s->has_eye && !s->picture};
-    for (int i = 0; i < 3; i++) query.eye[i] = s->eye[i] * t->mesh.mm_per_unit;
-    char eye[64] = "", key[RENDER_MAX_LIGHTS * sizeof s->light->key + 200];
-    if (query.has_eye)
-        snprintf(eye, sizeof eye, "%.9g,%.9g,%.9g", (double)query.eye[0], (double)query.eye[1],
-                 (double)query.eye[2]);
-    for (unsigned i = 0; i < n_answer(s); i++) {
+    for (unsigned i = 0; i < n_answer(&r->spec); i++) {
         struct memo_entry *light = r->light[i].entry;
-        if (s->term == RELIGHT__TERM__TERM_IRRADIANCE) {
-            snprintf(key, sizeof key, "%s/%llu/irradiance/%s/%s", r->model->id,
-                     (unsigned long long)r->generation, s->material_key, light->key);
-            need_entry(r, &r->answer[i],
-                       irradiance_get(r->server, key, &query, r->file.entry, light));
-            continue;
-        }
-        snprintf(key, sizeof key, "%s/%llu/%s/%d/%s/%s/%s", r->model->id,
-                 (unsigned long long)r->generation, s->picture ? "planes" : "colors",
-                 query.term, s->material_key, eye, light ? light->key : "fixed");
-        need_entry(r, &r->answer[i], answer_get(r->model, key, &query, r->file.entry, light));
+        struct answer_query query;
+        char key[ANSWER_KEY];
+        answer_query(r, i, &query, key);
+        need_entry(r, &r->answer[i],
+                   r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE
+                       ? irradiance_get(r->server, key, &query, r->file.entry, light)
+                       : answer_get(r->model, key, &query, r->file.entry, light,
+                                    r->contracted[i].entry));
     }
 }
 
@@ -604,6 +670,8 @@ static bool any_failed(struct render *r)
         finish(r);
         return true;
     }
+    for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
+        if (failed(r, &r->contracted[i])) return true;
     if (failed(r, &r->file) || failed(r, &r->shape) || failed(r, &r->screen_answer)
         || failed(r, &r->visibility) || failed(r, &r->specular)
         || failed(r, &r->background))
@@ -624,6 +692,7 @@ static void walk(struct render *r)
         case STEP_FILE: ask_file(r); break;
         case STEP_ENVS: ask_envs(r); break;
         case STEP_LIGHTS: ask_lights(r); break;
+        case STEP_CONTRACTED: ask_contracted(r); break;
         case STEP_ANSWERS: ask_answers(r); break;
         case STEP_FINAL: final(r); return;
         }
@@ -663,4 +732,6 @@ struct render *render_start(struct model *model, struct render_spec *spec, rende
 void render_cancel(struct render *r)
 {
     __atomic_store_n(&r->done, NULL, __ATOMIC_RELAXED);
+    struct memo_entry *e = r->screen_answer.entry;
+    if (e && e->state == MEMO_PENDING) screen_unwant(r->shape.entry, e);
 }

@@ -62,7 +62,8 @@ void render_spec_finish(struct render_spec *spec);
 int render_spec_copy(const struct render_spec *from, struct render_spec *to);
 int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const *lights,
                        const uint8_t *payload, size_t payload_size, char error[300]);
-int render_spec_shade(struct render_spec *spec, const Relight__Shade *shade, char error[300]);
+int render_spec_shade(struct render_spec *spec, struct server *server,
+                      const Relight__Shade *shade, char error[300]);
 int render_spec_picture(struct render_spec *spec, const struct server *server,
                         const Relight__Picture *picture, char error[300]);
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev, char error[300]);

@@ -20,6 +20,8 @@ struct screen_job {
     struct memo_entry *entry, *shape, *seen, *light;
     struct screen_query query;
     struct screen_answer *answer;
+    unsigned n_want;          // who asked and still wants it
+    bool unwanted;            // nobody does: read by the worker
     float ms;
 };
 
@@ -83,15 +85,24 @@ static void mend(float (*rgb)[3], uint32_t n)
             if (!isfinite(rgb[i][c]) || rgb[i][c] < 0) rgb[i][c] = 0;
 }
 
-static int run_job(struct work *work, const struct prt_context *ctx)
+static int give_up(void *user, const char *stage, double fraction, double eta_s)
+{
+    return __atomic_load_n(&((struct screen_job *)user)->unwanted, __ATOMIC_RELAXED);
+}
+
+static int run_job(struct work *work, const struct prt_context *shared)
 {
     struct screen_job *job = (struct screen_job *)work;
+    struct prt_context own = *shared, *ctx = &own;
+    own.progress = give_up; // wherever the library asks
+    own.progress_user = job;
     struct shape *shape = job->shape->value;
     const struct screen_query *q = &job->query;
     const struct prt_material *material = q->has_material ? &q->material : shape->material;
     const struct prt_scene *scene;
     struct prt_gbuffer g;
     double start = prt_time_s();
+    if (prt_progress(ctx, "screen", 0)) return PRT_CANCELLED;
     prt_visibility_gbuffer(job->seen->value, &g);
     job->answer = malloc(sizeof *job->answer + ((size_t)g.n_point + 1) * sizeof *job->answer->rgb);
     if (!job->answer) return PRT_NOMEM;
@@ -101,6 +112,7 @@ static int run_job(struct work *work, const struct prt_context *ctx)
         status = prt_screen_create(ctx, &shape->mesh, scene, &job->slot->screen);
     struct prt_screen_options options = {.frame = q->frame};
     if (!status) status = choose(ctx, job, material, &options);
+    if (!status) status = prt_progress(ctx, "screen", 0);
     if (!status)
         status = prt_screen_radiance(ctx, job->slot->screen, job->seen->value, material,
                                      job->light->value, 0, NULL, &options, job->answer->rgb,
@@ -119,7 +131,7 @@ static void done_job(struct work *work)
     struct screen_slot *slot = job->slot;
     memo_hold(shape); // the slot is its
     job->entry->ms = job->ms;
-    slot->busy = false;
+    slot->busy = NULL;
     start_next(slot);
     if (work->status) {
         free(job->answer);
@@ -138,11 +150,34 @@ static void start_next(struct screen_slot *slot)
     if (slot->busy || !job) return;
     slot->first = job->next;
     if (!job->next) slot->last = &slot->first;
-    slot->busy = true;
+    slot->busy = job;
     job->work.run = run_job;
     job->work.done = done_job;
     job->work.class = job->query.background ? WORK_BACKGROUND : WORK_INTERACTIVE;
     work_submit(job->server->work, &job->work);
+}
+
+// The job that makes a pending entry.
+static struct screen_job *find_job(struct memo_entry *shape, const struct memo_entry *entry)
+{
+    struct shape *s = shape->value;
+    for (int i = 0; i < SHAPE_SLOTS; i++) {
+        struct screen_job *job = s->slot[i].busy;
+        if (job && job->entry == entry) return job;
+        for (job = s->slot[i].first; job; job = job->next)
+            if (job->entry == entry) return job;
+    }
+    return NULL;
+}
+
+// It stops where it can, and one that waits for its turn ends when that comes; whoever asks the
+// same from now on gets another.
+void screen_unwant(struct memo_entry *shape, struct memo_entry *entry)
+{
+    struct screen_job *job = find_job(shape, entry);
+    if (!job || --job->n_want) return;
+    __atomic_store_n(&job->unwanted, true, __ATOMIC_RELAXED);
+    memo_forget_entry(entry);
 }
 
 struct memo_entry *screen_get(struct server *server, const char *key,
@@ -151,15 +186,18 @@ struct memo_entry *screen_get(struct server *server, const char *key,
 {
     bool fresh;
     struct memo_entry *entry = memo_get(server->memo, key, &fresh);
-    if (!fresh) return entry;
-    struct screen_job *job = calloc(1, sizeof *job);
+    struct screen_job *job = fresh ? calloc(1, sizeof *job) : find_job(shape, entry);
+    if (!fresh) {
+        if (job) job->n_want++;
+        return entry;
+    }
     if (!job) {
         memo_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return entry;
     }
     struct screen_slot *slot = &((struct shape *)shape->value)->slot[query->slot];
     *job = (struct screen_job){.slot = slot, .server = server, .entry = entry, .shape = shape,
-                               .seen = seen, .light = light, .query = *query};
+                               .seen = seen, .light = light, .query = *query, .n_want = 1};
     memo_hold(entry);
     memo_hold(shape);
     memo_hold(seen);

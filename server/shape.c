@@ -73,6 +73,7 @@ static void done_normals(struct work *work)
     } else {
         if (g->generation == g->model->generation)
             prt_mesh_bounds(&g->shape->mesh, g->model->facts.box);
+        g->entry->holds_file = true;
         memo_fill(g->entry, g->shape, shape_bytes(g->shape), destroy_shape);
     }
     end_shaping(g);
@@ -103,6 +104,7 @@ static void file_opened(struct memo_waiter *waiter)
     s->mesh = t->mesh;
     s->material = &t->material;
     if (!moved) {
+        g->entry->holds_file = true;
         memo_fill(g->entry, s, shape_bytes(s), destroy_shape);
         end_shaping(g);
         return;
@@ -122,7 +124,7 @@ struct memo_entry *shape_get(struct model *m, int *code, char error[256])
     char key[80];
     bool fresh;
     if (m->gone) return model_open(m, code, error); // who computes with it may hold its shape still
-    snprintf(key, sizeof key, "%s/%llu/shape", m->id, (unsigned long long)m->generation);
+    snprintf(key, sizeof key, "%s/%llu/shape", m->key, (unsigned long long)m->generation);
     struct memo_entry *entry = memo_find(m->server->memo, key);
     if (entry) return entry;
     struct memo_entry *file = model_mesh_open(m, code, error);

@@ -23,7 +23,7 @@ void pose_release(struct pose *pose); /* NULL is fine */
 struct screen_slot {
     struct prt_screen *screen;
     int engine;               /* 1 + the one chosen last; 0: none was */
-    bool busy;
+    struct screen_job *busy;  /* under way; NULL: none */
     struct screen_job *first, **last;
 };
 enum { SHAPE_SLOTS = 5 }; /* of the engine chosen by the daemon, and of each that was named */

@@ -80,7 +80,7 @@ struct memo_entry *visibility_get(struct model *model, uint64_t generation,
     bool fresh;
     snprintf(key, sizeof key,
              "%s/%llu/seen/%ux%u/%u/%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g",
-             model->id, (unsigned long long)generation, s->width, s->height,
+             model->key, (unsigned long long)generation, s->width, s->height,
              s->samples, (double)c->eye[0], (double)c->eye[1], (double)c->eye[2],
              (double)c->target[0], (double)c->target[1], (double)c->target[2], (double)c->up[0],
              (double)c->up[1], (double)c->up[2], (double)c->fovy_deg);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // What a client asks to be evaluated, from messages to a checked render_spec. Every refusal names
 // the parameter, its range and its unit.
-#include "load.h"
+#include "materials.h"
 #include "render.h"
 
 #include <math.h>
@@ -122,7 +122,8 @@ int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const
     return 0;
 }
 
-int render_spec_shade(struct render_spec *spec, const Relight__Shade *shade, char error[300])
+int render_spec_shade(struct render_spec *spec, struct server *server,
+                      const Relight__Shade *shade, char error[300])
 {
     if (!shade) return 0;
     bool preset;
@@ -133,7 +134,7 @@ int render_spec_shade(struct render_spec *spec, const Relight__Shade *shade, cha
     spec->has_material = shade->material[0] != 0;
     spec->material_key[0] = 0;
     if (spec->has_material) {
-        if (material_resolve(shade->material, &spec->material, &preset, error))
+        if (material_resolve(server, shade->material, &spec->material, &preset, error))
             return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
         snprintf(spec->material_key, sizeof spec->material_key, "%016llx",
                  (unsigned long long)prt_material_hash(&spec->material));

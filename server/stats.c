@@ -93,6 +93,8 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     C("passes", s->passes, "passes over transport");
     C("relights", s->relights, "evaluations made by passes");
     C("relights_shared", s->shared, "evaluations that shared a pass");
+    C("lights_contracted", s->contractions, "joint transports contracted with a light, to be kept");
+    C("edits", s->edits, "evaluations made of a contracted light");
     C("cache_hits", cache.hits, "shared results found");
     C("cache_misses", cache.misses, "shared results made");
     C("cache_evictions", cache.evictions, "shared results dropped for room");

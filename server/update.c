@@ -55,7 +55,7 @@ static void forget_old_shapes(struct model *m)
     for (uint64_t g = m->generation; g > 0 && g + 2 > m->generation; g--) {
         // What the bake answers is of the file's shape, whatever moves.
         if (g == m->baked_generation) continue;
-        snprintf(prefix, sizeof prefix, "%s/%llu/", m->id, (unsigned long long)g);
+        snprintf(prefix, sizeof prefix, "%s/%llu/", m->key, (unsigned long long)g);
         memo_forget(m->server->memo, prefix);
     }
 }

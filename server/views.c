@@ -201,12 +201,12 @@ static void draw(struct view *v)
 }
 
 // Applies a state; nothing changes when it is refused.
-static int apply(struct view *v, const struct server *server, const Relight__ViewState *state,
+static int apply(struct view *v, struct server *server, const Relight__ViewState *state,
                  const struct request *from, char error[300])
 {
     struct render_spec next = v->spec;
     int code = 0;
-    if (state && (code = render_spec_shade(&next, state->shade, error))) return code;
+    if (state && (code = render_spec_shade(&next, server, state->shade, error))) return code;
     if (state && state->picture && v->spec.picture
         && (code = render_spec_picture(&next, server, state->picture, error)))
         return code;

@@ -23,6 +23,7 @@ struct session {
     unsigned n;                       // requests a figure
     uint32_t number;                  // of the last environment file
     float turn;                       // every request gets one that was never used
+    unsigned n_material;
     char envs[N_TIME + 1][80];
 };
 
@@ -314,6 +315,87 @@ static int run_new_files(struct bench_env *env)
     return with_session(env, new_files);
 }
 
+// ---- editing: --file is a joint transport
+
+// A material nobody has asked for: near marble, of the bake's eta.
+static void new_material(struct session *s, double eta, char text[160])
+{
+    double x = 0.001 * ++s->n_material;
+    snprintf(text, 160,
+             "{\"sigma_s_prime\":[%.4f,1.4,1.9],\"sigma_a\":[0.01,%.5f,0.09],\"eta\":%g}",
+             1.1 + x, 0.03 + 0.1 * x, eta);
+}
+
+static int time_edit(struct session *s, double eta, float turn, int picture,
+                     enum relight_color_format format, struct sample *out)
+{
+    char text[160];
+    struct relight_light light = {.env = s->envs[0], .rotate_deg = turn};
+    struct relight_shade shade = {.material = text};
+    struct relight_colors_request r = {.model = s->daemon.model, .n_light = 1, .lights = &light,
+                                       .shade = shade, .format = format};
+    struct relight_image_request p = {.model = s->daemon.model, .n_light = 1, .lights = &light,
+                                      .shade = shade,
+                                      .picture = {.width = WIDTH, .height = HEIGHT,
+                                                  .format = RELIGHT_JPEG}};
+    struct relight_colors colors;
+    struct relight_image image;
+    struct relight_error error;
+    new_material(s, eta, text);
+    double begin = prt_time_s();
+    if (picture ? relight_image(s->client[0], &p, &image, &error)
+                : relight_colors(s->client[0], &r, &colors, &error))
+        return fail(s, &error);
+    double ms = (prt_time_s() - begin) * 1e3;
+    if (picture) {
+        keep(out, ms, &image.cost, image.n_byte);
+        relight_image_finish(&image);
+    } else {
+        keep(out, ms, &colors.cost, colors.plane_bytes * colors.n_plane);
+        relight_colors_finish(&colors);
+    }
+    return PRT_OK;
+}
+
+// A new material under a light that stays, under one that is new as well, and in a picture.
+static int edits(struct session *s)
+{
+    static const struct {
+        const char *name;
+        bool new_light, picture;
+        enum relight_color_format format;
+    } figure[] = {{"daemon_edit_colors_f32", false, false, RELIGHT_F32},
+                  {"daemon_edit_colors_f16", false, false, RELIGHT_F16},
+                  {"daemon_edit_and_new_light_colors_f16", true, false, RELIGHT_F16},
+                  {"daemon_edit_image_jpeg", false, true, RELIGHT_F32},
+                  {"daemon_edit_and_new_light_image_jpeg", true, true, RELIGHT_F32}};
+    struct prt_file *file;
+    int status = prt_file_open(&s->env->ctx, s->env->file, PRT_FILE_CHECK_HEADERS, &file);
+    if (status) return status;
+    double eta = (double)prt_file_transport(file)->material.eta;
+    bool joint = prt_file_transport(file)->engine == PRT_ENGINE_JOINT;
+    prt_file_close(file);
+    if (!joint)
+        return prt_fail(&s->env->ctx, PRT_MISMATCH, "%s is not a joint transport", s->env->file);
+    for (size_t f = 0; f < sizeof figure / sizeof *figure && !status; f++) {
+        struct sample x = {.n = 0};
+        // The second asking of a light is not the first edit under it that a user makes.
+        for (unsigned i = 0; i < 2 && !status; i++)
+            status = time_edit(s, eta, 0, figure[f].picture, figure[f].format, &x);
+        x = (struct sample){.cpu_s = cpu_s(s)};
+        for (unsigned i = 0; i < s->n && !status; i++)
+            status = time_edit(s, eta, figure[f].new_light ? new_turn(s) : 0, figure[f].picture,
+                               figure[f].format, &x);
+        if (!status) print(s, figure[f].name, "unix", &x, 0);
+    }
+    return status;
+}
+
+static int run_edits(struct bench_env *env)
+{
+    return env->file ? with_session(env, edits) : PRT_OK; // nothing made up takes materials
+}
+
 // ---- several clients at once, each turning the light of its own
 
 struct visitor {
@@ -395,4 +477,5 @@ static int run_crowds(struct bench_env *env)
 
 BENCH(daemon_answers, "relightd: pictures and colours under a light turned or unused", run_answers)
 BENCH(daemon_new_env, "relightd: a new HDR file, upload to picture", run_new_files)
+BENCH(daemon_edit, "relightd: new materials, with --file J.prt (a joint transport)", run_edits)
 BENCH(daemon_clients, "relightd: 1, 2, 4 and 8 clients at once", run_crowds)
