@@ -184,7 +184,7 @@ struct tangent_view {
     struct samples seen;       /* the G-buffer's points; e is the frame's */
     uint32_t *point_of;        /* [pixel] the point it is known by, or UINT32_MAX */
     uint8_t *variant, *needed; /* [n_point] interleaved pattern; whether light is computed there */
-    float *share;              /* [n_point] of its pixel that its object covers */
+    uint8_t *readable;         /* [n_point] irradiance is read there; elsewhere light's views tell */
     double *area_cdf;          /* [n_point+1] mm^2 seen, running */
 };
 void tangent_view_finish(struct tangent_view *v);

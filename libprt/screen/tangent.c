@@ -12,6 +12,8 @@
 #endif
 
 enum { LANES = 64, VARIANTS = 16 };
+// A pixel that meets the surface at a more grazing angle shows too much of it to be a plane.
+#define LEAST_COSINE 0.2f
 
 double prt_screen_tangent_radius(const struct prt_dipole d[3], double xi, double from_mm)
 {
@@ -127,7 +129,7 @@ void tangent_view_finish(struct tangent_view *v)
     free(v->point_of);
     free(v->variant);
     free(v->needed);
-    free(v->share);
+    free(v->readable);
     free(v->area_cdf);
     memset(v, 0, sizeof *v);
 }
@@ -144,17 +146,19 @@ static double radical_inverse(uint32_t base, uint32_t i)
 
 struct radii_job {
     struct tangent_job *job;
+    uint32_t frame; // of a running mean: each pixel gets every variant in turn
 };
 
 // Radii at equal steps of the mixture's distribution; the variants' steps interleave.
 static int make_radii(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct tangent_job *job = ((struct radii_job *)arg)->job;
+    const uint32_t frame = ((struct radii_job *)arg)->frame;
     uint32_t n = job->n_tangent * VARIANTS;
     for (size_t o = begin; o < end; o++) {
         double r = 0;
         for (uint32_t k = 0; k < n; k++) {
-            struct pattern *p = &job->pattern[k * 7 % VARIANTS];
+            struct pattern *p = &job->pattern[(k * 7 + frame * 5) % VARIANTS];
             float at[3], density = 0;
             r = prt_screen_tangent_radius(job->dipole[o], (k + 0.5) / n, r);
             radial_table_eval(&job->table[o], (float)(r * r), at);
@@ -203,7 +207,7 @@ static bool make_patterns(struct tangent_job *job, const struct frame *f, const 
             p->uniform[i] = lo;
         }
     }
-    struct radii_job radii = {job};
+    struct radii_job radii = {job, f->options->frame};
     return prt_parallel_for(f->ctx, NULL, job->n_medium, 1, make_radii, &radii) == PRT_OK;
 }
 
@@ -229,8 +233,8 @@ static double *visible_areas(const struct frame *f, const struct tangent_job *jo
             d2 += v * v;
             c += v * s->face[k][i];
         }
-        // only the point a pixel is known by can be drawn, with all of the pixel's area
-        bool own = view->point_of[f->g.pixel[i]] == i;
+        // only what can be read is drawn, with all of the pixel's area
+        bool own = view->readable[i];
         double area = own ? pixel * z * z * z / fmax(fabs(c), 0.02 * sqrt(d2)) : 0;
         cdf[i + 1] = cdf[i] + (area > 0 && isfinite(area) ? area : 0);
     }
@@ -316,19 +320,22 @@ static int filter_points(void *arg, size_t begin, size_t end, unsigned worker)
                 total += w;
             }
         }
-        for (int k = 0; k < 3; k++) f->radiance[i][k] += sum[k] / total;
+        for (int k = 0; k < 3; k++) f->radiance[i][k] = sum[k] / total;
     }
     return PRT_OK;
 }
 
 static int sample_and_filter(struct frame *f, struct tangent_job *job, const struct samples *seen)
 {
-    float(*own)[3] = prt_calloc((size_t)f->g.n_point + 1, sizeof *own);
+    float(*own)[3] = prt_alloc((size_t)f->g.n_point + 1, sizeof *own);
     if (!own) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    // filtered with what comes from elsewhere: where one begins the other ends
+    memcpy(own, f->radiance, f->g.n_point * sizeof *own);
     job->radiance = own;
     int status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 256, run_points, job);
     float scale = smallest_mean_free_path(f);
-    int half = f->options->frame < 4 ? 2 : f->options->frame < 16 ? 1 : 0;
+    uint64_t n = (uint64_t)(job->n_tangent + job->n_uniform) * (f->options->frame + 1);
+    int half = n < 256 ? 2 : n < 1024 ? 1 : 0;
     // the pattern repeats after four pixels, however short light's way is
     float least = max_f(scale, 3 * view_pixel_mm(f->vis));
     struct filter_job filter = {f, job, seen, (const float(*)[3])own, least * least, half};
@@ -341,6 +348,7 @@ struct hidden_job {
     const struct frame *f;
     const struct tangent_job *job;
     const struct samples *seen;
+    const uint8_t *readable;
     struct samples *s;
 };
 
@@ -372,7 +380,7 @@ static int hide_seen(void *arg, size_t begin, size_t end, unsigned worker)
         float py = (1 - v / (tan_y * w)) * 0.5f * (float)f->height;
         if (!(px >= 0 && px < (float)f->width && py >= 0 && py < (float)f->height)) continue;
         uint32_t j = job->point_of[(uint32_t)py * f->width + (uint32_t)px];
-        if (j == UINT32_MAX || seen->object[j] != s->object[i]) continue;
+        if (j == UINT32_MAX || !h->readable[j] || seen->object[j] != s->object[i]) continue;
         // on the plane that the pixel shows, or nearly
         float off = 0, far = 0, d = sqrtf(d2), pixel = 2 * sqrtf(tan_y) * w / (float)f->height;
         for (int k = 0; k < 3; k++) {
@@ -389,7 +397,7 @@ static int hide_seen(void *arg, size_t begin, size_t end, unsigned worker)
 static int keep_hidden(const struct frame *f, const struct tangent_job *job,
                        const struct samples *seen, struct samples *s)
 {
-    struct hidden_job hidden = {f, job, seen, s};
+    struct hidden_job hidden = {f, job, seen, f->screen->tangent.readable, s};
     return prt_parallel_for(f->ctx, NULL, s->n, 1024, hide_seen, &hidden);
 }
 
@@ -420,16 +428,32 @@ static int hidden_part(struct frame *f, const struct tangent_job *job, const str
     return PRT_OK;
 }
 
-// What share of its pixel the object of point i covers: a sample that lands elsewhere in the
-// pixel misses it.
-static float coverage(const struct frame *f, const struct samples *s, uint32_t i)
+// Whether the plane of point i is all that its pixel shows of the surface: the pixel is full of one
+// smooth patch that goes on in its neighbours and does not graze the view. Light on the surface
+// of other pixels comes from points that the light sees, so that none counts twice or not at all.
+static bool readable(const struct frame *f, const struct tangent_job *job,
+                     const struct tangent_view *v, uint32_t i)
 {
-    float sum = f->g.weight[i];
-    for (uint32_t j = i; j-- > 0 && f->g.pixel[j] == f->g.pixel[i];)
-        if (s->object[j] == s->object[i] && !f->g.opaque[j]) sum += f->g.weight[j];
-    for (uint32_t j = i + 1; j < s->n && f->g.pixel[j] == f->g.pixel[i]; j++)
-        if (s->object[j] == s->object[i] && !f->g.opaque[j]) sum += f->g.weight[j];
-    return sum < 1 ? sum : 1;
+    const struct samples *s = &v->seen;
+    uint32_t pixel = f->g.pixel[i], x = pixel % f->width, y = pixel / f->width;
+    if (f->g.opaque[i] || v->point_of[pixel] != i || f->g.weight[i] < 0.99f) return false;
+    float along = 0, far = 0, depth = 0, tan_y = 0;
+    for (int k = 0; k < 3; k++) {
+        float d = s->p[k][i] - job->eye[k];
+        along += d * s->face[k][i];
+        far += d * d;
+        depth += d * job->forward[k];
+        tan_y += job->up[k] * job->up[k];
+    }
+    if (!(fabsf(along) > LEAST_COSINE * sqrtf(far))) return false;
+    float reach = 8 * 2 * sqrtf(tan_y) * depth / (float)f->height;
+    for (int k = 0; k < 4; k++) {
+        uint32_t nx = x + (k == 0) - (k == 1), ny = y + (k == 2) - (k == 3);
+        if (nx >= f->width || ny >= f->height) continue;
+        uint32_t j = v->point_of[ny * f->width + nx];
+        if (j == UINT32_MAX || !alike(f, s, i, j, reach * reach)) return false;
+    }
+    return true;
 }
 
 struct pack_job {
@@ -444,12 +468,12 @@ static int pack_points(void *arg, size_t begin, size_t end, unsigned worker)
     const struct samples *s = &pack->view->seen;
     for (size_t i = begin; i < end; i++) {
         struct seen *q = &pack->out[i];
-        float share = pack->view->share[i];
+        bool readable = pack->view->readable[i];
         q->plane = q->depth = 0;
         for (int k = 0; k < 3; k++) {
             float v = s->p[k][i] - pack->job->eye[k];
             q->p[k] = s->p[k][i];
-            q->e[k] = s->e[k][i] * share;
+            q->e[k] = readable ? s->e[k][i] : 0;
             q->n[k] = s->face[k][i];
             q->plane += v * s->face[k][i];
             q->depth += v * pack->job->forward[k];
@@ -466,8 +490,8 @@ static int tangent_view_get(struct frame *f, const struct tangent_job *job)
     if (v->key == f->view_key && v->area_cdf) return PRT_OK;
     tangent_view_finish(v);
     bool good = seen_samples(f, f->g.n_point, NULL, &v->seen) && map_pixels(f, v);
-    good = good && (v->share = malloc(((size_t)f->g.n_point + 1) * sizeof *v->share));
-    for (uint32_t i = 0; good && i < f->g.n_point; i++) v->share[i] = coverage(f, &v->seen, i);
+    good = good && (v->readable = malloc((size_t)f->g.n_point + 1));
+    for (uint32_t i = 0; good && i < f->g.n_point; i++) v->readable[i] = readable(f, job, v, i);
     good = good && (v->area_cdf = visible_areas(f, job, v));
     if (!good) {
         tangent_view_finish(v);
@@ -591,13 +615,13 @@ int engine_tangent(struct frame *f)
         status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 2048, pack_points, &pack);
         if (!status && !make_patterns(&job, f, view->area_cdf))
             status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for samples");
+        if (!status) status = receive_begin(f, (double)smallest_mean_free_path(f));
+        if (!status) status = hidden_part(f, &job, seen);
+        if (!status) status = receive_end(f);
         struct tangent_job projected = job;
         if (!status) status = pick_kernel(f, &projected);
         if (!status) status = sample_and_filter(f, &projected, seen);
         f->report->n_pair += (uint64_t)f->g.n_point * n;
-        if (!status) status = receive_begin(f, (double)smallest_mean_free_path(f));
-        if (!status) status = hidden_part(f, &job, seen);
-        if (!status) status = receive_end(f);
     }
     prt_free(record);
     finish(&job);

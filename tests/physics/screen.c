@@ -823,7 +823,7 @@ static void refinement_converges(void **state)
     stage_init(&s, &model, camera, 80, 80);
     struct prt_screen_options exact = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 80000};
     pixels want = render(&s, &marble, NULL, &light, exact, NULL);
-    static const double last[4] = {0.01, 0.04, 0.02, 0.015};
+    static const double last[4] = {0.01, 0.02, 0.02, 0.015};
     for (int e = 0; e < 4; e++) {
         double rmse[2];
         for (uint32_t k = 0; k < 2; k++) {
@@ -1199,7 +1199,7 @@ static void frames_average_to_the_reference(void **state)
         print_message("24 frames, %s: %.2f %%, then %.2f %%\n",
                       prt_screen_engine_name(options.engine), 100 * before, 100 * after);
         // tangent's irradiance is no finer than these pixels, however many the samples
-        assert_true(after < (e == PRT_SCREEN_TANGENT ? 1 : 0.8) * before);
+        assert_true(after < 0.8 * before && after < 0.022);
         prt_screen_progress_restart(p);
         assert_int_equal(prt_screen_progress_frames(p), 0);
         prt_screen_progress_destroy(p);

@@ -81,8 +81,8 @@ struct prt_screen_options {
     const struct prt_material *object_material; /* [n_object], or NULL: one for all */
     const struct prt_screen_profile *profile;   /* SPLAT, TEXTURE: [n_object], or NULL: dipoles */
     uint32_t frame;         /* which picture of a running mean this is: each takes other samples,
-                               and the mean of 0..k goes to REFERENCE as k grows (TANGENT: as
-                               near as its pixels are small); see prt_screen_progress. The same seed and frame give the same picture */
+                               and the mean of 0..k goes to REFERENCE as k grows (TANGENT: to
+                               1 or 2 % of it); see prt_screen_progress. The same seed and frame give the same picture */
     /* TANGENT, on meshes with uv: factors >= 0 of the medium's coefficients at each pixel; heights
        [mm] (first channel) or tangent-space normals (0.5 + 0.5 n) for the irradiance */
     const struct prt_screen_map *sigma_s_map, *sigma_a_map, *bump_map, *normal_map;
