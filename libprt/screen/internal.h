@@ -276,7 +276,11 @@ struct media {
     uint8_t *of;               /* [n_point] */
     float (*factor)[6];        /* [n] */
     uint32_t *object;          /* [n] */
+    float (*rho)[3];           /* [n_point] total reflectance of the point's own coefficients */
 };
+/* Channel c of a medium whose coefficients the factors scale. */
+void mapped_dipole(const struct prt_dipole *base, const float factor[6], int c,
+                   struct prt_dipole *out);
 int map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
               const struct prt_screen_map *map, bool factor);
 void map_lookup(const struct prt_screen_map *map, const float uv[2], float rgb[3]);
@@ -297,6 +301,7 @@ uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e,
 void plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
                 const struct plan_view *view, double seconds);
 struct plan_view frame_plan(const struct frame *f);
+bool frame_measurable(const struct prt_screen_options *options);
 /* Relative RMSE of radiance [n_point][3] against REFERENCE at some 500 points. */
 int screen_measure(const struct prt_context *ctx, struct prt_screen *screen,
                    const struct prt_visibility *vis, const struct prt_material *material,

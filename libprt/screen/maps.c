@@ -160,6 +160,42 @@ int map_normals(const struct frame *f, struct samples *s)
     return prt_parallel_for(f->ctx, NULL, s->n, 1024, turn_points, &job);
 }
 
+int prt_screen_albedo_factors(const struct prt_context *ctx, const struct prt_material *material,
+                              size_t n, const float (*albedo)[3], float (*factor)[3])
+{
+    enum { STEPS = 512 };
+    int status = prt_material_check(ctx, material);
+    if (status) return status;
+    for (int c = 0; c < 3; c++) {
+        double base = (double)material->sigma_a[c], rho[STEPS];
+        if (!(base > 0))
+            return prt_fail(ctx, PRT_ARG, "albedo map: a medium that absorbs nothing (sigma_a 0) "
+                                          "cannot be tinted by absorption");
+        // rho_d falls as absorption grows: equal steps of its logarithm, up to 1000 mm^-1
+        double top = fmax(log(1000 / base), 0.1);
+        for (int k = 0; k < STEPS; k++) {
+            struct prt_dipole d;
+            prt_dipole_init(&d, (double)material->sigma_s_prime[c],
+                            base * exp(top * k / (STEPS - 1)), (double)material->eta);
+            rho[k] = d.rho_d;
+        }
+        for (size_t i = 0; i < n; i++) {
+            float x = albedo[i][c];
+            double want = rho[0] * (isfinite(x) ? fmin(fmax((double)x, 0), 1) : 0);
+            int lo = 0, hi = STEPS - 1;
+            while (hi - lo > 1) {
+                int mid = lo + (hi - lo) / 2;
+                if (rho[mid] >= want) lo = mid;
+                else hi = mid;
+            }
+            double at = rho[lo] > rho[hi] ? (rho[lo] - want) / (rho[lo] - rho[hi]) : 0;
+            at = (lo + fmin(fmax(at, 0), 1)) / (STEPS - 1);
+            factor[i][c] = (float)exp(top * at);
+        }
+    }
+    return PRT_OK;
+}
+
 // Factors in steps of `per_octave` of an octave; 0 has a step of its own.
 static uint64_t step_of(const float scale[6], float per_octave)
 {
@@ -169,6 +205,35 @@ static uint64_t step_of(const float scale[6], float per_octave)
         code = code * 1021 + (uint64_t)(int64_t)lrintf((l + 14) * per_octave);
     }
     return code;
+}
+
+void mapped_dipole(const struct prt_dipole *base, const float factor[6], int c,
+                   struct prt_dipole *out)
+{
+    double s = base->sigma_s_prime * (double)factor[c], a = base->sigma_a * (double)factor[3 + c];
+    prt_dipole_init(out, fmin(fmax(s, 1e-5), 1000), fmin(a, 1000), base->eta);
+}
+
+struct rho_job {
+    const struct frame *f;
+    const float (*scale)[6];
+    float (*rho)[3];
+};
+
+// Media are few; every point's own total reflectance scales what its medium gives.
+static int point_reflectance(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct rho_job *job = arg;
+    const struct frame *f = job->f;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t object = f->screen->mesh->block[f->g.block[i]].object;
+        for (int c = 0; c < 3; c++) {
+            struct prt_dipole d;
+            mapped_dipole(&f->dipole[object][c], job->scale[i], c, &d);
+            job->rho[i][c] = (float)d.rho_d;
+        }
+    }
+    return PRT_OK;
 }
 
 int map_media(const struct frame *f, struct media *out)
@@ -182,7 +247,8 @@ int map_media(const struct frame *f, struct media *out)
     out->of = malloc(((size_t)n + 1) * sizeof *out->of);
     out->factor = malloc(MOST_MEDIA * sizeof *out->factor);
     out->object = malloc(MOST_MEDIA * sizeof *out->object);
-    bool good = scale && sum && out->of && out->factor && out->object;
+    out->rho = malloc(((size_t)n + 1) * sizeof *out->rho);
+    bool good = out->rho && scale && sum && out->of && out->factor && out->object;
     for (uint32_t i = 0; i < n && good; i++) {
         float uv[2];
         for (int k = 0; k < 6; k++) scale[i][k] = 1;
@@ -219,6 +285,8 @@ int map_media(const struct frame *f, struct media *out)
     }
     for (uint32_t k = 0; k < out->n && good; k++)
         for (int c = 0; c < 6; c++) out->factor[k][c] = (float)(sum[k][c] / sum[k][6]);
+    struct rho_job job = {f, (const float(*)[6])scale, out->rho};
+    if (good) good = prt_parallel_for(f->ctx, NULL, n, 1024, point_reflectance, &job) == PRT_OK;
     free(scale);
     free(sum);
     if (good) return PRT_OK;
@@ -231,5 +299,6 @@ void media_finish(struct media *m)
     free(m->of);
     free(m->factor);
     free(m->object);
+    free(m->rho);
     memset(m, 0, sizeof *m);
 }

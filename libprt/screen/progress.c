@@ -74,7 +74,7 @@ int prt_screen_progress_image(const struct prt_context *ctx, struct prt_screen_p
             p->mean[i][k] = p->n_frame ? p->mean[i][k] + share * (p->next[i][k] - p->mean[i][k])
                                        : p->next[i][k];
     if (p->n_frame < UINT32_MAX - 1) p->n_frame++;
-    if (options->measure_error && !options->profile) {
+    if (options->measure_error && frame_measurable(options)) {
         status = screen_measure(ctx, p->screen, p->vis, material, cube, n_extra, extra, options,
                                 (const float(*)[3])p->mean, &report->error);
         if (status) return status;

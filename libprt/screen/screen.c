@@ -216,6 +216,12 @@ static int check_options(const struct prt_context *ctx, const struct prt_screen_
     return PRT_OK;
 }
 
+// The reference knows one dipole an object, and smooth normals.
+bool frame_measurable(const struct prt_screen_options *o)
+{
+    return !o->profile && !o->sigma_s_map && !o->sigma_a_map && !o->bump_map && !o->normal_map;
+}
+
 static int check_maps(const struct frame *f)
 {
     const struct prt_screen_options *o = f->options;
@@ -357,7 +363,7 @@ int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen
     if (!status && f.any && screen->area_mm2 > 0) {
         status = run_engine(&f);
         if (!status) report_frame(&f, prt_time_s() - started);
-        if (!status && options->measure_error && !options->profile)
+        if (!status && options->measure_error && frame_measurable(options))
             status = engine_reference(&f, measure_texels(&f), f.g.n_point / MEASURE_POINTS + 1,
                                       &f.report->error);
     }

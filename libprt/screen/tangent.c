@@ -70,6 +70,7 @@ struct tangent_job {
     const struct radial_table *table; // [medium]
     struct prt_dipole (*dipole)[3];
     float (*inv_rho)[3];       // [medium] 1 / (3 rho_d)
+    const float (*rho)[3];     // [n_point] rho_d of the point's own medium; NULL without maps
     uint32_t n_medium;
     struct pattern pattern[VARIANTS];
     uint32_t n_tangent, n_uniform, width, height;
@@ -313,16 +314,31 @@ static int filter_points(void *arg, size_t begin, size_t end, unsigned worker)
                 if (j == UINT32_MAX) continue;
                 if (j != own) {
                     if (!alike(f, s, (uint32_t)i, j, job->reach_sq)) continue;
-                    if (t->medium && t->medium[j] != t->medium[own]) continue;
                 }
                 float w = (abs(dx) == 2 ? 0.5f : 1) * (abs(dy) == 2 ? 0.5f : 1);
                 for (int k = 0; k < 3; k++) sum[k] += w * job->in[j][k];
                 total += w;
             }
         }
-        for (int k = 0; k < 3; k++) f->radiance[i][k] = sum[k] / total;
+        for (int k = 0; k < 3; k++)
+            f->radiance[i][k] = sum[k] / total * (t->rho ? t->rho[i][k] : 1);
     }
     return PRT_OK;
+}
+
+// With maps light is filtered per total reflectance: media differ from point to point, and each has
+// its own colour. What came from elsewhere was summed with the object's plain medium.
+static void per_reflectance(const struct frame *f, const struct tangent_job *job,
+                            const struct samples *seen, bool plain, float (*rgb)[3])
+{
+    for (uint32_t i = 0; i < f->g.n_point; i++) {
+        if (f->g.opaque[i]) continue;
+        for (int c = 0; c < 3; c++) {
+            float class_rho = 1 / (3 * job->inv_rho[job->medium[i]][c]);
+            float rho = (float)f->dipole[seen->object[i]][c].rho_d;
+            rgb[i][c] *= plain ? class_rho / max_f(rho, 1e-9f) : 1 / max_f(class_rho, 1e-9f);
+        }
+    }
 }
 
 static int sample_and_filter(struct frame *f, struct tangent_job *job, const struct samples *seen)
@@ -331,8 +347,10 @@ static int sample_and_filter(struct frame *f, struct tangent_job *job, const str
     if (!own) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     // filtered with what comes from elsewhere: where one begins the other ends
     memcpy(own, f->radiance, f->g.n_point * sizeof *own);
+    if (job->rho) per_reflectance(f, job, seen, true, own);
     job->radiance = own;
     int status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 256, run_points, job);
+    if (job->rho) per_reflectance(f, job, seen, false, own);
     float scale = smallest_mean_free_path(f);
     uint64_t n = (uint64_t)(job->n_tangent + job->n_uniform) * (f->options->frame + 1);
     int half = n < 256 ? 2 : n < 1024 ? 1 : 0;
@@ -526,16 +544,14 @@ static int make_mix(struct frame *f, struct mix *mix, struct tangent_job *job)
             const float *factor = mix->media.factor[k];
             double scale = INFINITY;
             for (int c = 0; c < 3; c++) {
-                double s = base[c].sigma_s_prime * (double)factor[c];
-                double a = base[c].sigma_a * (double)factor[3 + c];
-                prt_dipole_init(&mix->dipole[k][c], fmin(fmax(s, 1e-5), 1000), fmin(a, 1000),
-                                base[c].eta);
+                mapped_dipole(&base[c], factor, c, &mix->dipole[k][c]);
                 scale = fmin(scale, mix->dipole[k][c].z_r);
             }
             radial_table_fit(&mix->table[k], prt_screen_dipole_profile, mix->dipole[k], scale,
                              (double)f->screen->diameter_mm);
         }
         job->medium = mix->media.of;
+        job->rho = (const float(*)[3])mix->media.rho;
         job->n_medium = mix->media.n;
         job->dipole = mix->dipole;
         job->table = mix->table;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // prt image: a lit model drawn from a camera.
+#include "maps.h"
 #include "tool.h"
 #include "prt/relight.h"
 #include "prt/screen.h"
@@ -25,10 +26,12 @@ struct picture {
     double lost; // of the material to the radial bases of a .prt
     bool on_screen; // an image-space engine answers, no transport and no vertices
     struct prt_screen_report report;
+    struct maps maps;
 };
 
 static void picture_finish(struct picture *p)
 {
+    maps_finish(&p->maps);
     prt_image_finish(&p->image);
     prt_free(p->planes);
     prt_specular_destroy(p->specular);
@@ -55,6 +58,9 @@ static int check_usage(struct tool *tool, struct picture *p)
                            "--camera %s: expected EYE:TARGET[:UP[:FOVY]] with points x,y,z, "
                            "FOVY in (0, 170)",
                            o->camera);
+    if (maps_asked(o) && (!o->engine || strcmp(o->engine, "tangent")))
+        return usage_error(o, "maps are for --engine tangent");
+    if (o->bump_mm > 0 && !o->bump_map) return usage_error(o, "--bump-mm is for --bump-map");
     if (o->background && !strcmp(o->background, "none")) {
         p->plain = true;
     } else if (o->background && strcmp(o->background, "env")) {
@@ -217,7 +223,10 @@ static int draw_on_screen(struct tool *tool, struct picture *p, const char *engi
     struct prt_shade shade_options = shade_of(p, total);
     struct prt_screen *screen;
     int status = prt_screen_engine_parse(engine, &options.engine);
-    if (!status) status = prt_screen_create(&tool->ctx, p->source.mesh, NULL, &screen);
+    if (status) return tool_exit(tool, status);
+    if ((status = maps_load(tool, p->source.mesh, &p->source.material, &p->maps, &options)))
+        return status;
+    status = prt_screen_create(&tool->ctx, p->source.mesh, NULL, &screen);
     if (status) return tool_exit(tool, status);
     status = prt_screen_image(&tool->ctx, screen, p->visibility, &p->source.material, &p->light,
                               0, NULL, &options, &shade_options, &p->image, &p->report);

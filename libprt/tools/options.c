@@ -138,6 +138,15 @@ static const struct row table[] = {
      "env (default), none, or R,G,B in linear radiance"},
     {"budget-ms", 0, "MS", REAL, AT(budget_ms), 0, 1e7, NULL, IMAGE,
      "image-space engines: time they may take"},
+    {"albedo-map", 0, "FILE", TEXT, AT(albedo_map), 0, 0, NULL, IMAGE,
+     "tangent: an image over the model's uv (row 0 at v = 0, as glTF) whose colours multiply\n"
+     "                              the medium's reflectance, by absorption"},
+    {"normal-map", 0, "FILE", TEXT, AT(normal_map), 0, 0, NULL, IMAGE,
+     "tangent: tangent-space normals, for the light that falls in"},
+    {"bump-map", 0, "FILE", TEXT, AT(bump_map), 0, 0, NULL, IMAGE,
+     "tangent: heights (the red channel), for the light that falls in"},
+    {"bump-mm", 0, "H", REAL, AT(bump_mm), 0, 1e4, NULL, IMAGE,
+     "height of a bump map's white (default 0.5)"},
     {"measure-error", 0, NULL, FLAG, AT(measure_error), 0, 0, NULL, IMAGE,
      "image-space engines: compare some pixels with brute force (see --json)"},
     {"quality", 0, "Q", WHOLE, AT(quality), 1, 100, NULL, IMAGE | ENV,
@@ -178,7 +187,9 @@ static const struct {
                    "light a .prt, or a model, and draw it", 1, 1,
                    "prt image bunny.prt --env grace.exr --size 800x600 -o bunny.png\n"
                    "prt image bunny.prt --env grace.exr --rotate 45 --background none \\\n"
-                   "    --camera 0,0.1,0.5:0,0.08,0:0,1,0:30 -o bunny.exr"},
+                   "    --camera 0,0.1,0.5:0,0.08,0:0,1,0:30 -o bunny.exr\n"
+                   "prt image head.glb --material skin1 --size-mm 300 --env grace.exr \\\n"
+                   "    --engine tangent --albedo-map skin.jpg --normal-map skin_n.jpg -o head.png"},
     [CMD_INFO] = {"info", "FILE", "what a .prt, a model or an environment holds", 1, 1,
                   "prt info bunny.prt\n"
                   "prt info studio.exr --json"},

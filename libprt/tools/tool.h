@@ -35,7 +35,8 @@ struct options {
     const char *envs[MAX_ENV]; /* compare: every --env; env is the first */
     unsigned n_env;
     const char *materials; /* compare: --materials */
-    double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms;
+    const char *albedo_map, *normal_map, *bump_map; /* image: of --engine tangent */
+    double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms, bump_mm;
     uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed;
     uint64_t threads, msaa, quality, vertices;
     uint32_t cube; /* 0: not given */

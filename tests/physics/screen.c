@@ -1068,6 +1068,20 @@ static void maps_change_the_medium(void **state)
     b = render(&s, &m, NULL, &from_front, mapped, NULL);
     assert_true(relative(b, base, s.g.n_point) < 1e-3);
     free(b);
+    // a tint of 0.4 by absorption gives 0.4 of the light in every channel
+    float tint[1][3] = {{0.4f, 0.4f, 0.4f}};
+    assert_int_equal(prt_screen_albedo_factors(&quiet, &m, 1, (const float(*)[3])tint, tint),
+                     PRT_OK);
+    struct prt_screen_map tinted = {1, 1, (const float(*)[3])tint};
+    mapped = options;
+    mapped.sigma_a_map = &tinted;
+    b = render(&s, &m, NULL, &from_front, mapped, NULL);
+    for (int c = 0; c < 3; c++) {
+        print_message("tinted 0.4: %.4f of the light\n", middle(&s, b, c) / middle(&s, base, c));
+        assert_true(tint[0][c] > 1);
+        assert_true(fabs(middle(&s, b, c) / middle(&s, base, c) / 0.4 - 1) < 0.02);
+    }
+    free(b);
     // heights that rise by 12 mm to a side of 60: a normal tipped by atan(0.2); the light's angle
     static float ramp[256][3];
     for (int i = 0; i < 256; i++) ramp[i][0] = 12 * ((float)i + 0.5f) / 256;

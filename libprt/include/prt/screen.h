@@ -64,6 +64,11 @@ struct prt_screen_map {
     const float (*rgb)[3];
 };
 
+/* Factors of sigma_a (>= 1) that give a medium albedo[n] (clamped to [0,1]) times its own total
+ * reflectance, for sigma_a_map. PRT_ARG where sigma_a is 0. */
+int prt_screen_albedo_factors(const struct prt_context *ctx, const struct prt_material *material,
+                              size_t n, const float (*albedo)[3], float (*factor)[3]);
+
 struct prt_screen_options {
     enum prt_screen_engine engine;
     uint32_t n_sample;      /* SPLAT: grid is n x n over the light's view; TANGENT: samples a
@@ -76,7 +81,7 @@ struct prt_screen_options {
     float bound;            /* HYBRID: R_p is where 2 pi r R_d last crosses it [mm^-1]; 0: 0.05 */
     float epsilon;          /* SPLAT: r_max leaves this share of rho_d outside; 0: 0.002 */
     bool sh_irradiance;     /* S09's unshadowed irradiance from 16 harmonics, cube lights only */
-    bool measure_error;     /* compare some pixels with REFERENCE (costs rays); not with profiles */
+    bool measure_error;     /* compare some pixels with REFERENCE (costs rays); not with profiles or maps */
     uint64_t seed;
     const struct prt_material *object_material; /* [n_object], or NULL: one for all */
     const struct prt_screen_profile *profile;   /* SPLAT, TEXTURE: [n_object], or NULL: dipoles */

@@ -1,0 +1,20 @@
+/* SPDX-License-Identifier: MIT */
+/* maps.h owns the images over uv that prt image gives to tangent-plane sampling. */
+#ifndef PRT_TOOL_MAPS_H
+#define PRT_TOOL_MAPS_H
+
+#include "prt/screen.h"
+#include "tool.h"
+
+struct maps {
+    struct prt_image image[3];     /* albedo, normals, heights */
+    struct prt_screen_map map[3];
+};
+bool maps_asked(const struct options *options);
+/* Loads what --albedo-map, --normal-map and --bump-map name, for this medium, and points `screen`
+ * at it; `out` must outlive the picture. Returns an exit status. */
+int maps_load(struct tool *tool, const struct prt_mesh *mesh, const struct prt_material *material,
+              struct maps *out, struct prt_screen_options *screen);
+void maps_finish(struct maps *maps);
+
+#endif
