@@ -104,22 +104,44 @@ static int grey_fit(const struct prt_radial *radial, const struct bake *b, doubl
     return status;
 }
 
+// What a medium answers to constant irradiance, over rho_d: the mean over vertices of the integral
+// of R_d over the body. Where light travels further than the body is large that is a few percent,
+// and errors that are to be small beside the answer have to be small beside this.
+static double share_on_body(const struct bake *b, const struct prt_dipole *d)
+{
+    enum { SAMPLES = 4096, VERTICES = 64 };
+    const struct prt_surface_points *s = b->surface;
+    const struct prt_mesh *mesh = b->mesh;
+    uint32_t step = s->n_sample / SAMPLES + 1, stride = mesh->n_vertex / VERTICES + 1, n = 0;
+    double coarse = (double)s->spacing * sqrt(step), sum = 0;
+    if (d->z_r < 4 * coarse) return 1; // all within the body, and too steep for few samples
+    for (uint32_t v = 0; v < mesh->n_vertex; v += stride, n++)
+        for (uint32_t i = step / 2; i < s->n_sample; i += step) {
+            double r2 = 0;
+            for (int k = 0; k < 3; k++)
+                r2 += pow((double)mesh->position[v][k] - (double)s->position[i][k], 2);
+            sum += step * (double)s->area[i] * prt_dipole_rd(d, sqrt(r2));
+        }
+    return fmin(1, sum / (n * d->rho_d));
+}
+
 int bases_train_reflectance(struct bake *b, struct bases *s)
 {
     enum { SCATTER = 7, ABSORB = 4 };
-    static const double absorb[ABSORB] = {0.0008, 0.02, 0.25, 1.6};
+    static const double absorb[ABSORB] = {0, 0.02, 0.25, 2};
     uint32_t J = s->reflectance->n_function;
     free(s->train);
     s->n_train = SCATTER * ABSORB + (b->o.material.profile ? 3 : 0);
     s->train = malloc((size_t)s->n_train * J * sizeof *s->train);
     int status = s->train ? PRT_OK : PRT_NOMEM;
     for (int i = 0; status == PRT_OK && i < SCATTER * ABSORB; i++) {
-        double scatter = log_step(0.03, 20, i / ABSORB, SCATTER);
+        double scatter = log_step(0.02, 20, i / ABSORB, SCATTER);
         struct prt_dipole d;
         float *row = s->train + (size_t)i * J;
         prt_dipole_init(&d, scatter, absorb[i % ABSORB], b->o.material.eta);
         status = grey_fit(s->reflectance, b, scatter, absorb[i % ABSORB], row);
-        for (uint32_t j = 0; j < J; j++) row[j] /= (float)d.rho_d;
+        double answer = d.rho_d * share_on_body(b, &d);
+        for (uint32_t j = 0; j < J; j++) row[j] /= (float)answer;
     }
     if (status == PRT_OK && b->o.material.profile) { // and the bake's own, channel by channel
         float coef[64 * 3];
