@@ -22,6 +22,10 @@ static inline uint32_t min_u(uint32_t a, uint32_t b)
 
 struct frame;
 
+/* prt_parallel_for that asks the context's progress callback before it and, every tenth of a
+ * second, in it whether to go on: PRT_CANCELLED when not. */
+int screen_loop(const struct prt_context *ctx, size_t n, size_t grain, prt_loop_fn fn, void *arg);
+
 /* Points x_i of the surface, as columns padded to 16. weight = E * area. */
 struct samples {
     uint32_t n, capacity;

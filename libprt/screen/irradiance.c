@@ -100,7 +100,7 @@ int irradiance_traced(const struct prt_context *ctx, const struct prt_scene *sce
 {
     struct job job = {.scene = scene, .light = light, .n_light = n_light, .eta = eta, .s = s,
                       .epsilon = prt_scene_epsilon(scene)};
-    int status = prt_parallel_for(ctx, NULL, s->n, 512, run, &job);
+    int status = screen_loop(ctx, s->n, 512, run, &job);
     *n_ray += atomic_load(&job.rays);
     return status;
 }

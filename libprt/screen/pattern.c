@@ -174,7 +174,7 @@ int scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
         if (cpu & PRT_CPU_AVX2) job.receive = receive_avx2;
         if (cpu & PRT_CPU_AVX512) job.receive = receive_avx512;
 #endif
-        if (!status) status = prt_parallel_for(f->ctx, NULL, f->view->n_tile, 4, run, &job);
+        if (!status) status = screen_loop(f->ctx, f->view->n_tile, 4, run, &job);
         f->report->irradiance_s += t1 - t0;
         f->report->scatter_s += prt_time_s() - t1;
         f->report->n_pair += atomic_load(&job.n_pair);

@@ -69,7 +69,7 @@ int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double 
             if (!f->g.opaque[i] && skip++ % stride == 0) point[n++] = i;
         for (uint32_t i = 0; i < s->n; i++) begin[s->object[i] + 1]++;
         for (uint32_t o = 0; o < f->n_object; o++) begin[o + 1] += begin[o];
-        status = prt_parallel_for(f->ctx, NULL, n, 16, run, &job);
+        status = screen_loop(f->ctx, n, 16, run, &job);
     }
     if (!status && error) {
         double num = 0, den = 0;

@@ -422,7 +422,7 @@ static int trace_view(const struct prt_context *ctx, struct view *view, uint64_t
 {
     view->row = calloc(view->nv, sizeof *view->row);
     if (!view->row) return prt_fail(ctx, PRT_NOMEM, "screen: no memory for %u rows", view->nv);
-    int status = prt_parallel_for(ctx, NULL, view->nv, 4, view_rows, view);
+    int status = screen_loop(ctx, view->nv, 4, view_rows, view);
     *n_ray += atomic_load(&view->rays);
     return status;
 }

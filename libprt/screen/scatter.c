@@ -74,7 +74,7 @@ static int go(struct job *job)
     job->pairs = pair_kernel(f->ctx ? f->ctx->cpu : prt_cpu_detect());
     job->scratch = calloc(n_worker, sizeof *job->scratch);
     if (!job->scratch) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    int status = prt_parallel_for(f->ctx, NULL, f->view->n_tile, 4, run, job);
+    int status = screen_loop(f->ctx, f->view->n_tile, 4, run, job);
     for (unsigned w = 0; w < n_worker; w++) emitters_finish(&job->scratch[w]);
     free(job->scratch);
     f->report->n_pair += atomic_load(&job->n_pair);

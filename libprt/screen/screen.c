@@ -67,6 +67,12 @@ void prt_screen_destroy(struct prt_screen *s)
     prt_free(s);
 }
 
+int screen_loop(const struct prt_context *ctx, size_t n, size_t grain, prt_loop_fn fn, void *arg)
+{
+    int status = prt_progress(ctx, "picture", 0);
+    return status ? status : prt_parallel_for(ctx, "picture", n, grain, fn, arg);
+}
+
 float smallest_mean_free_path(const struct frame *f)
 {
     double least = INFINITY;

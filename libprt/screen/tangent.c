@@ -349,7 +349,7 @@ static int sample_and_filter(struct frame *f, struct tangent_job *job, const str
     memcpy(own, f->radiance, f->g.n_point * sizeof *own);
     if (job->rho) per_reflectance(f, job, seen, true, own);
     job->radiance = own;
-    int status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 256, run_points, job);
+    int status = screen_loop(f->ctx, f->g.n_point, 256, run_points, job);
     if (job->rho) per_reflectance(f, job, seen, false, own);
     float scale = smallest_mean_free_path(f);
     uint64_t n = (uint64_t)(job->n_tangent + job->n_uniform) * (f->options->frame + 1);

@@ -291,7 +291,7 @@ static int draw_object(struct frame *f, const float *mip, uint32_t n_mip, struct
     memset(c->owner, 0xff, n_texel * sizeof *c->owner);
     for (int turn = 0; turn < CELL_TURNS; turn++) {
         if (!make_buckets(c, edge)) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-        int status = prt_parallel_for(f->ctx, NULL, n_texel, 512, own_texels, c);
+        int status = screen_loop(f->ctx, n_texel, 512, own_texels, c);
         if (status) return status;
         weigh_cells(c);
     }

@@ -1360,6 +1360,55 @@ static void receivers_stand_for_their_patch(void **state)
     model_finish(&model);
 }
 
+struct stopper {
+    int asked, stop_at;
+};
+
+static int stop_there(void *user, const char *stage, double fraction, double eta_s)
+{
+    struct stopper *stopper = user;
+    return stopper->asked++ >= stopper->stop_at;
+}
+
+// A frame that is stopped anywhere says so, and the next one is as if it had never been.
+static void frames_can_be_stopped(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 5, 24);
+    struct prt_camera camera = {.eye = {0, 3, 30}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct prt_cube cube = constant_cube(16, (float[3]){1, 1, 1});
+    struct stage s, fresh;
+    stage_init(&s, &model, camera, 40, 40);
+    for (int e = 0; e < 5; e++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                             .n_sample = e == PRT_SCREEN_REFERENCE ? 4000 : 100};
+        pixels out = malloc((s.g.n_point + 1) * sizeof *out);
+        int stops = 0;
+        for (int at = 0; at < 40; at++) {
+            struct stopper stopper = {0, at};
+            quiet.progress = stop_there;
+            quiet.progress_user = &stopper;
+            int status = prt_screen_radiance(&quiet, s.screen, s.vis, &marble, &cube, 0, NULL,
+                                             &options, out, NULL);
+            quiet.progress = NULL;
+            assert_int_equal(status, stopper.asked > at ? PRT_CANCELLED : PRT_OK);
+            if (!status) break;
+            stops++;
+        }
+        assert_true(stops >= 2 && stops < 40);
+        stage_init(&fresh, &model, camera, 40, 40);
+        pixels want = render(&fresh, &marble, &cube, NULL, options, NULL);
+        assert_memory_equal(out, want, s.g.n_point * sizeof *out);
+        stage_finish(&fresh);
+        free(want);
+        free(out);
+    }
+    stage_finish(&s);
+    prt_cube_finish(&cube);
+    model_finish(&model);
+}
+
 static void engine_words(void **state)
 {
     enum prt_screen_engine e;
@@ -1411,6 +1460,7 @@ int main(void)
         cmocka_unit_test(known_irradiance_needs_no_rays),
         cmocka_unit_test(budgets_buy_samples),
         cmocka_unit_test(receivers_stand_for_their_patch),
+        cmocka_unit_test(frames_can_be_stopped),
         cmocka_unit_test(engine_words),
     };
     return cmocka_run_group_tests(tests, setup, teardown);

@@ -139,7 +139,8 @@ int prt_screen_choose(const struct prt_context *ctx, const struct prt_screen *sc
 
 /* (1/pi) B at every point of a visibility buffer's G-buffer, albedo/pi E on opaque surfaces:
  * radiance [n_point][3], to be composed by prt_shade_points. Lights: cube (may be NULL) and
- * n_extra more. */
+ * n_extra more. Asks ctx->progress between its stages and every tenth of a second within the long
+ * ones; PRT_CANCELLED, radiance undefined, when that says stop: the screen stays good. */
 int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen,
                         const struct prt_visibility *visibility,
                         const struct prt_material *material, const struct prt_cube *cube,
