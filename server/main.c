@@ -151,12 +151,6 @@ static int listen_everywhere(void)
     return server.options.http[0] ? http_open(&server, server.options.http) : 0;
 }
 
-// Bakes that are over their budget are held by what was computed of them, perhaps.
-static void let_files_go(void *memo)
-{
-    memo_forget_holders(memo);
-}
-
 static int start(void)
 {
     static const int signals[] = {SIGTERM, SIGINT, SIGCHLD};
@@ -185,7 +179,7 @@ static int start(void)
         || jobs_create(&server, &job_runner_child, &server.jobs)
         || models_create(&server, &server.models) || listen_everywhere())
         return -1;
-    memo_on_pressure(server.files, let_files_go, server.memo);
+    memo_hold_files(server.memo, server.files);
     house_timer.fire = keep_house;
     keep_house(&house_timer);
     log_line(LOG_EVENT, "start version=0.1.0 pid=%d threads=%u data=%s%s", (int)getpid(), threads,

@@ -17,8 +17,8 @@ struct memo {
     struct memo_entry *newest, *oldest;
     size_t budget;
     struct memo_counts counts;
-    void (*relieve)(void *user);
-    void *relieve_user;
+    struct memo *files;   // entries of it are held by values of this one
+    struct memo *holders; // the other way round
     bool relieving;
 };
 
@@ -64,22 +64,33 @@ static void drop(struct memo *memo, struct memo_entry *e)
     free_entry(memo, e);
 }
 
+// The one used longest ago, of those that nobody uses.
+static bool drop_holder(struct memo *memo)
+{
+    struct memo_entry *e = memo->oldest;
+    while (e && !e->holds_file) e = e->newer;
+    if (!e) return false;
+    memo->counts.evictions++;
+    drop(memo, e);
+    return true;
+}
+
 static void keep_budget(struct memo *memo)
 {
     while (memo->counts.bytes > memo->budget && memo->oldest) {
         memo->counts.evictions++;
         drop(memo, memo->oldest);
     }
-    if (memo->counts.bytes <= memo->budget || !memo->relieve || memo->relieving) return;
+    if (memo->relieving || !memo->holders) return;
     memo->relieving = true; // what is let go comes back here, and is dropped
-    memo->relieve(memo->relieve_user);
+    while (memo->counts.bytes > memo->budget && drop_holder(memo->holders)) continue;
     memo->relieving = false;
 }
 
-void memo_on_pressure(struct memo *memo, void (*relieve)(void *user), void *user)
+void memo_hold_files(struct memo *holders, struct memo *files)
 {
-    memo->relieve = relieve;
-    memo->relieve_user = user;
+    holders->files = files;
+    files->holders = holders;
 }
 
 void memo_destroy(struct memo *memo)
@@ -136,7 +147,9 @@ void memo_release(struct memo_entry *e)
     e->older = memo->newest;
     *(memo->newest ? &memo->newest->newer : &memo->oldest) = e;
     memo->newest = e;
-    keep_budget(memo);
+    bool holds_file = e->holds_file;
+    keep_budget(memo); // may drop it
+    if (holds_file && memo->files) keep_budget(memo->files);
 }
 
 static void wake_all(struct memo_entry *e)
@@ -218,18 +231,6 @@ void memo_forget_entry(struct memo_entry *e)
     struct memo_entry *unused = NULL;
     struct memo *memo = e->memo;
     leave(memo, e, &unused);
-    free_list(memo, unused);
-}
-
-void memo_forget_holders(struct memo *memo)
-{
-    struct memo_entry *unused = NULL;
-    for (struct memo_entry *e = memo->oldest, *newer; e; e = newer) {
-        newer = e->newer;
-        if (!e->holds_file) continue;
-        memo->counts.evictions++;
-        leave(memo, e, &unused);
-    }
     free_list(memo, unused);
 }
 

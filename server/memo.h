@@ -57,10 +57,9 @@ void memo_wait(struct memo_entry *entry, struct memo_waiter *waiter);
 void memo_forget(struct memo *memo, const char *prefix);
 /* The same of one entry, found or not. */
 void memo_forget_entry(struct memo_entry *entry);
-/* Drops what nobody uses and what holds entries of another memo. */
-void memo_forget_holders(struct memo *memo);
-/* Called while the budget is exceeded and nothing here can go. */
-void memo_on_pressure(struct memo *memo, void (*relieve)(void *user), void *user);
+/* Values of `holders` (holds_file) hold entries of `files`: where those are over their budget and
+ * all in use, holders that nobody uses go first. */
+void memo_hold_files(struct memo *holders, struct memo *files);
 
 struct memo_counts {
     uint64_t hits, misses, evictions;

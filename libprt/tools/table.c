@@ -11,7 +11,6 @@
 #include <string.h>
 
 enum { MAX_MEDIA = 32, TABLE_SAMPLES = 120000, TABLE_RAYS = 1024 };
-static const double default_target = 0.01;
 
 struct table {
     struct tool *tool;
@@ -237,7 +236,8 @@ static bool worst_of(const struct table *t, double *worst)
     return any;
 }
 
-static void print_json(const struct table *t, double target, double worst)
+// Without --max-rmse there is nothing that could be met.
+static void print_json(const struct table *t, double worst)
 {
     const struct options *o = &t->tool->opt;
     char name[16];
@@ -259,15 +259,17 @@ static void print_json(const struct table *t, double target, double worst)
         cJSON_AddItemToArray(rows, row);
     }
     cJSON_AddNumberToObject(root, "worst", worst);
-    cJSON_AddNumberToObject(root, "target", target);
-    cJSON_AddBoolToObject(root, "within", worst <= target);
+    if (o->max_rmse_set) {
+        cJSON_AddNumberToObject(root, "target", o->max_rmse);
+        cJSON_AddBoolToObject(root, "within", worst <= o->max_rmse);
+    }
     char *text = cJSON_PrintUnformatted(root);
     puts(text ? text : "{}");
     free(text);
     cJSON_Delete(root);
 }
 
-static void print_text(const struct table *t, double target, double worst, bool any)
+static void print_text(const struct table *t, double worst, bool any)
 {
     const struct options *o = &t->tool->opt;
     char name[16];
@@ -287,9 +289,10 @@ static void print_text(const struct table *t, double target, double worst, bool 
     if (starred)
         printf("* mean free path below the bake's sample spacing (%.3g mm): told, not judged\n",
                t->spacing_mm);
-    if (any)
-        printf("worst %.3f %%, target %.3g %%: %s\n", 100 * worst, 100 * target,
-               worst <= target ? "met" : "not met");
+    if (any && o->max_rmse_set)
+        printf("worst %.3f %%, target %.3g %%: %s\n", 100 * worst, 100 * o->max_rmse,
+               worst <= o->max_rmse ? "met" : "not met");
+    else if (any) printf("worst %.3f %%\n", 100 * worst);
 }
 
 static int prepare(struct table *t)
@@ -329,11 +332,14 @@ static int measure(struct table *t)
         }
     if (status == PRT_MISMATCH) return EXIT_USAGE; // a medium of another eta
     if (status) return tool_exit(t->tool, status);
-    double worst, target = o->max_rmse_set ? o->max_rmse : default_target;
+    double worst;
     bool any = worst_of(t, &worst);
-    if (o->json) print_json(t, target, worst);
-    else print_text(t, target, worst, any);
-    return o->max_rmse_set && worst > target ? EXIT_FAILED : EXIT_DONE;
+    if (o->json) print_json(t, worst);
+    else print_text(t, worst, any);
+    if (!o->max_rmse_set || worst <= o->max_rmse) return EXIT_DONE;
+    prt_log(&t->tool->ctx, PRT_LOG_ERROR, "relative RMSE %.6g is above --max-rmse %g", worst,
+            o->max_rmse);
+    return EXIT_FAILED;
 }
 
 int compare_table(struct tool *tool)

@@ -184,29 +184,50 @@ static inline struct relight_client *client_open(const char *address)
         if (call) fail_msg("%s: %s", #call, error.text);                                       \
     } while (0)
 
-// Loads the octahedron with settings that bake in seconds, under a name of its own.
-static inline int load_small(struct relight_client *client, const struct daemon *d,
-                             const char *name, uint64_t seed, uint32_t samples,
-                             struct relight_loaded *out, struct relight_error *error)
+// Loads the octahedron from a file of this name.
+static inline int load_octahedron(struct relight_client *client, const struct daemon *d,
+                                  const char *name, const struct relight_load *load,
+                                  struct relight_loaded *out, struct relight_error *error)
 {
     char path[160];
     snprintf(path, sizeof path, "%s/%s", d->folder, name);
     write_text(path, octahedron);
-    struct relight_load load = {.size_mm = 10, .material = "marble",
-                                .bake = {.samples = samples, .cube = 16, .single_points = 2,
-                                         .seed = seed}};
-    return relight_load_file(client, path, &load, NULL, NULL, out, error);
+    return relight_load_file(client, path, load, NULL, NULL, out, error);
+}
+
+// The same, and waits for its bake.
+static inline void bake_octahedron(struct relight_client *client, const struct daemon *d,
+                                   const char *name, const struct relight_load *load, char id[32])
+{
+    struct relight_error error;
+    struct relight_loaded loaded;
+    OK(load_octahedron(client, d, name, load, &loaded, &error));
+    snprintf(id, 32, "%s", loaded.model);
+    if (loaded.job[0]) OK(relight_watch(client, loaded.job, NULL, NULL, &error));
+    relight_loaded_finish(&loaded);
+}
+
+// With settings that bake in seconds.
+static inline struct relight_load small_bake(uint64_t seed, uint32_t samples)
+{
+    return (struct relight_load){.size_mm = 10, .material = "marble",
+                                 .bake = {.samples = samples, .cube = 16, .single_points = 2,
+                                          .seed = seed}};
+}
+
+static inline int load_small(struct relight_client *client, const struct daemon *d,
+                             const char *name, uint64_t seed, uint32_t samples,
+                             struct relight_loaded *out, struct relight_error *error)
+{
+    struct relight_load load = small_bake(seed, samples);
+    return load_octahedron(client, d, name, &load, out, error);
 }
 
 // The one small bake that most tests use.
 static inline void bake_small(struct relight_client *client, const struct daemon *d, char id[32])
 {
-    struct relight_error error;
-    struct relight_loaded loaded;
-    OK(load_small(client, d, "small.obj", 0, 200, &loaded, &error));
-    snprintf(id, 32, "%s", loaded.model);
-    if (loaded.job[0]) OK(relight_watch(client, loaded.job, NULL, NULL, &error));
-    relight_loaded_finish(&loaded);
+    struct relight_load load = small_bake(0, 200);
+    bake_octahedron(client, d, "small.obj", &load, id);
 }
 
 static inline double metric(struct relight_client *client, const char *name)

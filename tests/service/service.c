@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The daemon at its work: a real relightd, real sockets, librelight as the client. One scenario a
 // test. The model is an octahedron, so that a bake takes seconds.
-#include "daemon.h"
+#include "ask.h"
 
-#include <math.h>
 #include <pthread.h>
 
 static struct daemon d;
@@ -30,15 +29,9 @@ static void colors_of(struct relight_client *client, const struct relight_light 
                       bool sum, enum relight_color_format format, float *out)
 {
     struct relight_error error;
-    struct relight_colors colors;
     struct relight_colors_request request = {.model = model, .n_light = n, .lights = lights,
                                              .sum = sum, .format = format};
-    OK(relight_colors(client, &request, &colors, &error));
-    assert_int_equal(colors.n_vertex, OCTAHEDRON_VERTICES);
-    assert_int_equal(colors.n_plane, sum ? 1 : n);
-    for (uint32_t i = 0; i < colors.n_plane; i++)
-        OK(relight_colors_decode(&colors, i, out + i * 3 * OCTAHEDRON_VERTICES));
-    relight_colors_finish(&colors);
+    OK(ask_colors(client, &request, out, NULL, &error));
 }
 
 static void test_both_sockets_answer(void **state)
@@ -56,13 +49,6 @@ static void test_both_sockets_answer(void **state)
     }
 }
 
-// A 16-cube with a bright +X face and a gradient elsewhere, so that directions matter.
-static void fill_cube(float *cube)
-{
-    for (int i = 0; i < 6 * 16 * 16 * 3; i++)
-        cube[i] = i < 16 * 16 * 3 ? 3 : 0.2f + (float)(i % 16) / 40;
-}
-
 static void test_colors_equal_prt(void **state)
 {
     char command[700], path[160];
@@ -73,18 +59,10 @@ static void test_colors_equal_prt(void **state)
     assert_int_equal(system(command), 0);
     struct relight_client *client = client_open(d.address);
     struct relight_light light = {.env = "constant:1,0.5,0.25"};
-    float got[3 * OCTAHEDRON_VERTICES];
+    float got[N_COLOR], want[N_COLOR];
     colors_of(client, &light, 1, false, RELIGHT_F32, got);
-    char *text = read_text(path), *line = strchr(text, '\n');
-    for (int v = 0; v < OCTAHEDRON_VERTICES; v++) {
-        float want[3];
-        assert_non_null(line);
-        assert_int_equal(sscanf(line + 1, "%*d,%f,%f,%f", &want[0], &want[1], &want[2]), 3);
-        for (int c = 0; c < 3; c++)
-            assert_true(fabsf(got[3 * v + c] - want[c]) <= 1e-6f * fabsf(want[c]));
-        line = strchr(line + 1, '\n');
-    }
-    free(text);
+    read_csv(path, want);
+    assert_close(got, want, N_COLOR, 1e-6f);
     relight_close(client);
 }
 
@@ -101,7 +79,7 @@ static void test_irradiance(void **state)
     OK(relight_colors(client, &request, &colors, &error));
     assert_int_equal(colors.n_vertex, OCTAHEDRON_VERTICES);
     assert_int_equal(colors.cost.engine, RELIGHT_ENGINE_REFERENCE);
-    for (int i = 0; i < 3 * OCTAHEDRON_VERTICES; i++)
+    for (int i = 0; i < N_COLOR; i++)
         assert_float_equal(((const float *)colors.data)[i], 3.14159265 * 0.908222, 0.01);
     relight_colors_finish(&colors);
     request.shade.engine = RELIGHT_ENGINE_WAVELET;
@@ -124,7 +102,7 @@ static void test_color_formats_agree(void **state)
 {
     struct relight_client *client = client_open(d.address);
     struct relight_light light = {.env = "constant:0.5,0.4,0.3"};
-    float want[18], got[18];
+    float want[N_COLOR], got[N_COLOR];
     colors_of(client, &light, 1, false, RELIGHT_F32, want);
     static const struct {
         enum relight_color_format format;
@@ -132,7 +110,7 @@ static void test_color_formats_agree(void **state)
     } each[] = {{RELIGHT_F16, 1e-3f}, {RELIGHT_RGB9E5, 4e-3f}, {RELIGHT_SRGB8, 1e-2f}};
     for (int i = 0; i < 3; i++) {
         colors_of(client, &light, 1, false, each[i].format, got);
-        for (int k = 0; k < 18; k++) assert_true(fabsf(got[k] - want[k]) <= each[i].tolerance);
+        for (int k = 0; k < N_COLOR; k++) assert_true(fabsf(got[k] - want[k]) <= each[i].tolerance);
     }
     relight_close(client);
 }
@@ -140,17 +118,17 @@ static void test_color_formats_agree(void **state)
 // Light transport is linear: the sum over lights is the light of the sum.
 static void test_lights_add(void **state)
 {
-    static float cube[6 * 16 * 16 * 3];
+    static float cube[CUBE_FLOATS];
     struct relight_client *client = client_open(d.address);
     fill_cube(cube);
     struct relight_light lights[] = {{.cube_n = 16, .cube = cube},
                                      {.env = "constant", .gain = {0.5f, 1, 2}},
                                      {.cube_n = 16, .cube = cube, .rotate_deg = 90}};
-    float each[3 * 18], sum[18];
+    float each[3 * N_COLOR], sum[N_COLOR];
     colors_of(client, lights, 3, false, RELIGHT_F32, each);
     colors_of(client, lights, 3, true, RELIGHT_F32, sum);
-    for (int k = 0; k < 18; k++) {
-        float want = each[k] + each[18 + k] + each[36 + k];
+    for (int k = 0; k < N_COLOR; k++) {
+        float want = each[k] + each[N_COLOR + k] + each[2 * N_COLOR + k];
         assert_true(fabsf(sum[k] - want) <= 1e-4f * want);
     }
     relight_close(client);
@@ -159,12 +137,12 @@ static void test_lights_add(void **state)
 // Turning by 90 degrees carries what was seen along +X to -Z, where vertex 5 is.
 static void test_rotation_turns_the_light(void **state)
 {
-    static float cube[6 * 16 * 16 * 3];
+    static float cube[CUBE_FLOATS];
     for (int i = 0; i < 16 * 16 * 3; i++) cube[i] = 1; // the +X face
     struct relight_client *client = client_open(d.address);
     struct relight_light still = {.cube_n = 16, .cube = cube}, turned = still;
     turned.rotate_deg = 90;
-    float a[18], b[18];
+    float a[N_COLOR], b[N_COLOR];
     colors_of(client, &still, 1, false, RELIGHT_F32, a);
     colors_of(client, &turned, 1, false, RELIGHT_F32, b);
     for (int v = 1; v < OCTAHEDRON_VERTICES; v++) assert_true(a[0] > 2 * a[3 * v]);
@@ -235,13 +213,6 @@ static void test_geometry_in_both_units(void **state)
     relight_close(client);
 }
 
-static void expect(int status, int code, const struct relight_error *error, const char *word)
-{
-    if (status != -code || (word && !strstr(error->text, word)))
-        fail_msg("status %d (%s) where %d with \"%s\" is expected", status, error->text, -code,
-                 word ? word : "");
-}
-
 static void test_nonsense_is_refused_by_name(void **state)
 {
     struct relight_client *client = client_open(d.address);
@@ -301,10 +272,10 @@ static void test_uploaded_environment(void **state)
     OK(relight_upload(client, "white.hdr", hdr, n + 32, NULL, NULL, hash, NULL, &error));
     snprintf(env, sizeof env, "env:%s", hash);
     struct relight_light light = {.env = env}, white = {.env = "constant"};
-    float a[18], b[18];
+    float a[N_COLOR], b[N_COLOR];
     colors_of(client, &light, 1, false, RELIGHT_F32, a);
     colors_of(client, &white, 1, false, RELIGHT_F32, b);
-    for (int k = 0; k < 18; k++) assert_true(fabsf(a[k] - b[k]) <= 2e-3f * b[k]);
+    for (int k = 0; k < N_COLOR; k++) assert_true(fabsf(a[k] - b[k]) <= 2e-3f * b[k]);
     relight_close(client);
 }
 
@@ -373,7 +344,7 @@ static void test_killed_bake_fails_and_others_go_on(void **state)
     pid_t pid = bake_pid();
     assert_true(pid > 0);
     struct relight_light light = {.env = "constant:0.1,0.2,0.3"};
-    float out[18];
+    float out[N_COLOR];
     colors_of(client, &light, 1, false, RELIGHT_F32, out); // while it bakes
     kill(pid, SIGKILL);
     expect(relight_watch(client, loaded.job, NULL, NULL, &error), RELIGHT_E_JOB_FAILED, &error,
@@ -421,7 +392,7 @@ static void test_unload_and_return(void **state)
     struct relight_error error;
     struct relight_list list;
     uint64_t freed;
-    float out[18];
+    float out[N_COLOR];
     struct relight_light light = {.env = "constant:0.7,0.7,0.7"};
     colors_of(client, &light, 1, false, RELIGHT_F32, out);
     OK(relight_unload(client, model, false, &freed, &error));
@@ -505,7 +476,7 @@ static void test_large_pictures_leave_room(void **state)
             .picture = {.width = 2200, .height = 2100 + (uint32_t)i, .format = RELIGHT_PNG}};
         OK(relight_image_begin(client, &request, 0, &id[i], &error));
     }
-    float out[18];
+    float out[N_COLOR];
     light.env = "constant:0.11,0.22,0.33";
     colors_of(client, &light, 1, false, RELIGHT_F32, out);
     double open = metric(client, "relightd_requests_open");
@@ -536,7 +507,7 @@ static void test_waiting_requests_share_a_pass(void **state)
     float last = 0;
     for (int i = 0; i < N; i++) {
         struct relight_colors colors;
-        float out[18];
+        float out[N_COLOR];
         OK(relight_colors_end(client, id[i], &colors, &error));
         OK(relight_colors_decode(&colors, 0, out));
         assert_true(out[0] > last); // each answer is its own light's
@@ -583,7 +554,7 @@ static void test_view_draws_the_last_state(void **state)
         light.env = env;
         OK(relight_view_set(view, 1, &light, NULL, NULL, &sequence, &error));
     }
-    float out[18] = {0}, want[18];
+    float out[N_COLOR] = {0}, want[N_COLOR];
     while (seen < sequence) {
         struct relight_frame_out frame;
         OK(relight_view_next(view, 20, &frame, &error));
@@ -595,7 +566,7 @@ static void test_view_draws_the_last_state(void **state)
     }
     light.env = "constant:50,1,1";
     colors_of(client, &light, 1, false, RELIGHT_F32, want);
-    for (int k = 0; k < 18; k++) assert_true(fabsf(out[k] - want[k]) <= 1e-5f * want[k]);
+    assert_close(out, want, N_COLOR, 1e-5f);
     uint64_t frames, dropped;
     OK(relight_view_close(view, &frames, &dropped, &error));
     assert_true(frames >= 1 && frames <= 51);

@@ -9,6 +9,7 @@
 #include <ftw.h>
 #include <limits.h>
 #include <math.h>
+#include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,6 +18,68 @@
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
+
+// ---- what is left when the benchmark is cut short: nothing
+
+static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *where)
+{
+    return remove(path);
+}
+
+static void remove_folder(const char *folder)
+{
+    if (folder[0]) nftw(folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+}
+
+static const int ending[] = {SIGINT, SIGTERM, SIGHUP};
+static int told[2] = {-1, -1};
+static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+static const struct bench_daemon *running; // guarded by lock; NULL: there is nothing to remove
+
+static void on_ending(int number)
+{
+    unsigned char byte = (unsigned char)number;
+    if (write(told[1], &byte, 1) < 0) _exit(128 + number);
+}
+
+// Ends the daemon, removes its folder and then the process as the signal would have.
+static void *clean_up(void *arg)
+{
+    unsigned char number;
+    while (read(told[0], &number, 1) != 1) continue;
+    pthread_mutex_lock(&lock); // for good: who is stopping or starting one waits here
+    if (running && running->pid > 0) {
+        kill(running->pid, SIGTERM);
+        for (int i = 0; i < 500 && !waitpid(running->pid, NULL, WNOHANG); i++) usleep(10000);
+        kill(running->pid, SIGKILL);
+    }
+    if (running) remove_folder(running->folder);
+    signal(number, SIG_DFL);
+    kill(getpid(), number);
+    _exit(128 + number);
+}
+
+static void watch_for_ending(void)
+{
+    static bool watching;
+    pthread_t thread;
+    struct sigaction act = {.sa_handler = on_ending, .sa_flags = SA_RESTART};
+    if (watching || pipe2(told, O_CLOEXEC) || pthread_create(&thread, NULL, clean_up, NULL)) return;
+    watching = true;
+    pthread_detach(thread);
+    for (size_t i = 0; i < sizeof ending / sizeof *ending; i++) {
+        struct sigaction old;
+        sigaction(ending[i], NULL, &old);
+        if (old.sa_handler == SIG_DFL) sigaction(ending[i], &act, NULL); // nohup's stays ignored
+    }
+}
+
+static void remember(const struct bench_daemon *d)
+{
+    pthread_mutex_lock(&lock);
+    running = d;
+    pthread_mutex_unlock(&lock);
+}
 
 // ---- the process
 
@@ -104,6 +167,8 @@ int bench_daemon_start(struct bench_env *env, struct bench_daemon *out)
 {
     char log[64], last[256] = "";
     *out = (struct bench_daemon){.pid = 0};
+    watch_for_ending();
+    remember(out);
     int status = lay_out(env, out);
     snprintf(log, sizeof log, "%s/log", out->folder);
     if (!status) status = spawn(env, out, log);
@@ -120,18 +185,14 @@ int bench_daemon_start(struct bench_env *env, struct bench_daemon *out)
     return status;
 }
 
-static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *where)
-{
-    return remove(path);
-}
-
 void bench_daemon_stop(struct bench_daemon *d)
 {
     if (d->pid > 0) {
         kill(d->pid, SIGTERM);
         while (waitpid(d->pid, NULL, 0) < 0 && errno == EINTR) continue;
     }
-    if (d->folder[0]) nftw(d->folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+    remove_folder(d->folder);
+    remember(NULL);
     d->pid = 0;
     d->folder[0] = 0;
 }
