@@ -401,6 +401,7 @@ static void release(struct bake *b)
     directions_destroy(b->directions);
     hierarchy_destroy(b->hierarchy);
     prt_surface_destroy(b->surface);
+    single_plan_finish(&b->single);
     prt_scene_destroy(b->scene);
 }
 

@@ -47,7 +47,8 @@ int directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed, struct dire
     d->weight = prt_alloc(rays, 4);
     d->texel = prt_alloc((size_t)d->n_packet * 4, 4);
     d->solid_angle = prt_alloc(d->n_coef, 4);
-    if (!d->x || !d->y || !d->z || !d->weight || !d->texel || !d->solid_angle) {
+    d->bin = prt_alloc(d->n_coef, sizeof *d->bin);
+    if (!d->x || !d->y || !d->z || !d->weight || !d->texel || !d->solid_angle || !d->bin) {
         directions_destroy(d);
         return PRT_NOMEM;
     }
@@ -60,6 +61,10 @@ int directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed, struct dire
                     fill_packet(d, p, k, face, x, y, &rng);
     for (uint32_t i = 0; i < d->n_coef; i++)
         d->solid_angle[i] = (float)prt_cube_solid_angle(n, i % n, i / n % n);
+    for (uint32_t i = 0; i < d->n_coef; i++) {
+        uint32_t x = i % n * HORIZON_WIDE / n, y = i / n % n * HORIZON_WIDE / n;
+        d->bin[i] = (uint16_t)((i / (n * n) * HORIZON_WIDE + y) * HORIZON_WIDE + x);
+    }
     *out = d;
     return PRT_OK;
 }
@@ -71,6 +76,7 @@ void directions_destroy(struct directions *d)
     prt_free(d->weight);
     prt_free(d->texel);
     prt_free(d->solid_angle);
+    prt_free(d->bin);
     free(d);
 }
 

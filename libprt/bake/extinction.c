@@ -73,23 +73,3 @@ void extinction_table_destroy(struct extinction_table *t)
     prt_free(t->integral);
     free(t);
 }
-
-PRT_CLONES void extinction_integral(const struct extinction_table *t, float r, float *out)
-{
-    uint32_t b = bits_of(r > 0 ? r : 0) >> SHIFT;
-    if (b < t->base) { // below the first point the functions are flat
-        float f = r / t->r[0];
-        for (int j = 0; j < EXTINCTION_WIDE; j++) out[j] = f * t->integral[j];
-        return;
-    }
-    uint32_t i = b - t->base;
-    if (i >= t->n_grid - 1) {
-        memcpy(out, t->integral + (size_t)(t->n_grid - 1) * EXTINCTION_WIDE,
-               EXTINCTION_WIDE * sizeof *out);
-        return;
-    }
-    const float *lo = t->integral + (size_t)i * EXTINCTION_WIDE, *hi = lo + EXTINCTION_WIDE;
-    float width = t->r[i + 1] - t->r[i], f = width > 0 ? (r - t->r[i]) / width : 0;
-    f = f < 1 ? f : 1;
-    for (int j = 0; j < EXTINCTION_WIDE; j++) out[j] = lo[j] + f * (hi[j] - lo[j]);
-}

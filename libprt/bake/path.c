@@ -88,6 +88,12 @@ static void borrow_ways(const struct knots *open, uint32_t n_node, struct knots 
         }
 }
 
+// Where the k-th direction to integrate lies in the nodes' arrays.
+static inline uint32_t direction_of(const struct scratch *s, uint32_t k)
+{
+    return s->first ? s->first[k] : k;
+}
+
 // Directions [first, first+TILE) of the path; beyond n they are dark.
 static void follow_path(const struct single_plan *plan, const struct fresnel_table *fresnel,
                         const struct scratch *s, const float *depth, uint32_t first, uint32_t n,
@@ -100,13 +106,13 @@ static void follow_path(const struct single_plan *plan, const struct fresnel_tab
     for (uint32_t a = 0; a < N; a++) {
         u.depth[a + 1] = open.depth[a + 1] = depth[a];
         for (uint32_t t = 0; t < m; t++) {
-            u.v[a + 1][t] = depth[a] + s->node[a].way[first + t];
-            open.v[a + 1][t] = s->node[a].open[first + t];
+            u.v[a + 1][t] = depth[a] + s->node[a].way[direction_of(s, first + t)];
+            open.v[a + 1][t] = s->node[a].open[direction_of(s, first + t)];
         }
     }
     borrow_ways(&open, N, &u);
     for (uint32_t t = 0; t < m; t++) {
-        float side = s->side[first + t];
+        float side = s->side[direction_of(s, first + t)];
         if (side > 0) { // leaves at once, through the vertex's own tangent plane
             u.v[0][t] = 0;
             open.v[0][t] = open.v[1][t] > 0 ? fresnel_table_eval(fresnel, fminf(side, 1)) : 0;
@@ -190,13 +196,15 @@ static void middle_sh(const struct single_plan *plan, const struct path *path, u
 
 // A tile with the phase function's light part: plane k gets a_l Y_k(w_i').
 static void integrate_phase(const struct single_plan *plan, const struct path *path, float end,
-                            const struct scratch *s, uint32_t first, uint32_t m, float *out)
+                            const struct scratch *s, uint32_t first, uint32_t m, uint32_t n,
+                            float *out)
 {
-    uint32_t n = plan->directions->n_coef, K = plan->n_phase, last = path->n_point - 1;
+    uint32_t K = plan->n_phase, last = path->n_point - 1;
     for (uint32_t t = 0; t < m; t++) {
-        float y[SINGLE_MAX_NODES][PATH_MAX_PHASE], sum[3][PATH_MAX_PHASE] = {{0}}, mid[PATH_MAX_PHASE];
+        float y[SINGLE_MAX_NODES][PATH_MAX_PHASE], mid[PATH_MAX_PHASE];
+        float sum[3][PATH_MAX_PHASE] = {{0}};
         float exponent[3], before[3];
-        if (!node_sh(plan, s, first + t, y)) goto write;
+        if (!node_sh(plan, s, direction_of(s, first + t), y)) goto write;
         for (int c = 0; c < 3; c++) {
             exponent[c] = plan->sigma_t[c] * path->u[0][t];
             before[c] = exp_minus(exponent[c]);
@@ -227,13 +235,39 @@ static void integrate_phase(const struct single_plan *plan, const struct path *p
     }
 }
 
+static inline __attribute__((always_inline)) uint32_t grid_of(float r)
+{
+    union {
+        float f;
+        uint32_t i;
+    } bits = {r > 0 ? r : 0};
+    return bits.i >> 18; // 32 points an octave (extinction.c)
+}
+
+// out[j] = integral of B_j over [0, r], linear between the table's points.
+static inline __attribute__((always_inline)) void
+extinction_integral(const struct extinction_table *table, float r, float *out)
+{
+    uint32_t b = grid_of(r), i = b < table->base ? 0 : b - table->base;
+    if (i > table->n_grid - 2) i = table->n_grid - 2;
+    const float *lo = table->integral + (size_t)i * EXTINCTION_WIDE, *hi = lo + EXTINCTION_WIDE;
+    float width = table->r[i + 1] - table->r[i], f = width > 0 ? (r - table->r[i]) / width : 0;
+    f = f < 1 ? f : 1;
+    if (b < table->base) { // below the first point the functions are flat
+        f = r / table->r[0];
+        for (int j = 0; j < EXTINCTION_WIDE; j++) out[j] = f * lo[j];
+        return;
+    }
+    for (int j = 0; j < EXTINCTION_WIDE; j++) out[j] = lo[j] + f * (hi[j] - lo[j]);
+}
+
 // Integrals of every function of a radial basis over a tile, X07 eq 14: with s + s'(s)
 // piecewise linear they are differences of the functions' running integrals. Without `rgb` out
 // is [n_phase][n_radial][n] per direction; with it (X07: the light is fixed) the directions are
 // summed into out [n_phase][n_radial][3].
-static void integrate_radial(const struct single_plan *plan, const struct path *path, float end,
-                             const struct scratch *s, uint32_t first, uint32_t m, uint32_t n,
-                             const float *rgb, float *out)
+PRT_CLONES static void integrate_radial(const struct single_plan *plan, const struct path *path,
+                                        float end, const struct scratch *s, uint32_t first,
+                                        uint32_t m, uint32_t n, const float *rgb, float *out)
 {
     const struct extinction_table *table = plan->extinction;
     uint32_t K = plan->n_phase, J = table->n_function, points = path->n_point;
@@ -241,7 +275,7 @@ static void integrate_radial(const struct single_plan *plan, const struct path *
     for (uint32_t t = 0; t < m; t++) {
         float sum[PATH_MAX_PHASE][WIDE], y[SINGLE_MAX_NODES][PATH_MAX_PHASE], mid[PATH_MAX_PHASE];
         float before[WIDE], after[WIDE], u = path->u[0][t];
-        bool any = node_sh(plan, s, first + t, y);
+        bool any = node_sh(plan, s, direction_of(s, first + t), y);
         memset(sum, 0, sizeof sum);
         if (any) extinction_integral(table, u, before);
         for (uint32_t i = 1; any && i <= points; i++) {
@@ -288,7 +322,7 @@ void path_integrate(const struct single_plan *plan, const struct fresnel_table *
         if (plan->extinction) {
             integrate_radial(plan, &path, end, s, first, m, n, rgb, out);
         } else if (plan->n_phase > 1) {
-            integrate_phase(plan, &path, end, s, first, m, out);
+            integrate_phase(plan, &path, end, s, first, m, n, out);
         } else {
             for (uint32_t c = 0; c < 3; c++) {
                 float sum[TILE], factor = plan->sigma_s[c] * (float)(0.5 / sqrt(M_PI));

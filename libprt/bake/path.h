@@ -20,7 +20,15 @@ struct exits {
 struct scratch {
     struct exits node[SINGLE_MAX_NODES];
     float *side;     /* [n_coef] cosine between texel and vertex normal */
-    float *value;    /* [n_coef/4] what a block's ray brings, to find where neighbours differ */
+    /* Per node what the rays bring, to find where neighbours differ. */
+    float *value[SINGLE_MAX_NODES];  /* [n_coef/4] of a block of 2 x 2 texels */
+    float *doubt[SINGLE_MAX_NODES];  /* [n_coef/4] most a block may hide: 0, or a ray was cast on */
+    float *coarse[SINGLE_MAX_NODES]; /* [n_coef/16] of a tile of 2 x 2 blocks */
+    float *fine[SINGLE_MAX_NODES];   /* [n_coef/16] 1: every block of the tile was traced */
+    /* Cells: directions that share what every node met, integrated once. */
+    uint32_t *cell;  /* [n_coef] cell of each texel */
+    uint32_t *first; /* [n_cell] a texel of each cell; NULL: every direction is its own */
+    uint8_t *split;  /* [n_coef/4] 1: texels of the block were traced apart at some node */
     float *y;        /* [PATH_MAX_PHASE] SH of one direction */
 };
 

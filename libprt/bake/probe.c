@@ -129,6 +129,15 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
     return rows && scratch ? PRT_OK : PRT_NOMEM;
 }
 
+static int horizon_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct single_job *j = arg;
+    prt_trace_thread_init();
+    for (size_t t = begin; j->plan.horizon && t < end; t++)
+        (void)horizon_open(j->plan.horizon, (uint32_t)t, 0);
+    return PRT_OK;
+}
+
 int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh *mesh,
                             const struct prt_material *m, const struct prt_cube *light,
                             uint32_t n_light, uint32_t n_vertex, struct prt_bake_single *out)
@@ -160,6 +169,11 @@ int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh
         single_plan_depths(&job.plan);
     }
     memset(out, 0, sizeof *out);
+    if (status == PRT_OK) { // apart: it is filled once a mesh, whatever n_vertex
+        double t0 = prt_time_s();
+        status = prt_parallel_for(ctx, NULL, mesh->n_triangle, 1024, horizon_range, &job);
+        out->horizon_seconds = prt_time_s() - t0;
+    }
     for (int pass = 0; status == PRT_OK && pass < 2; pass++) {
         double t0 = prt_time_s();
         job.plan.every_ray = pass;
@@ -172,6 +186,7 @@ int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh
     for (uint32_t l = 0; status == PRT_OK && l < n_light; l++)
         out->error[l] = prt_relative_rmse(saved[(size_t)l * n_vertex],
                                           every[(size_t)l * n_vertex], (size_t)n_vertex * 3);
+    single_plan_finish(&job.plan);
     directions_destroy(d);
     prt_scene_destroy(scene);
     prt_free(saved);

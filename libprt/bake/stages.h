@@ -25,6 +25,7 @@ struct directions {
     float *x, *y, *z, *weight;               /* [n_pattern][n_packet][16] */
     uint32_t *texel;                         /* [n_packet][4] texel of each four lanes */
     float *solid_angle;                      /* [n_coef] sr */
+    uint16_t *bin;                           /* [n_coef] bin of a horizon each texel lies in */
 };
 int directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed, struct directions **out);
 void directions_destroy(struct directions *d);
@@ -181,7 +182,7 @@ void sparse_builder_destroy(struct sparse_builder *b);
 
 /* Running integrals of the functions that stand for e^(-sigma_t r) (X07 eq 14), functions
  * fastest: [n_grid][EXTINCTION_WIDE] over a grid of 32 points an octave. */
-enum { EXTINCTION_WIDE = 32, SINGLE_MAX_NODES = 8 };
+enum { EXTINCTION_WIDE = 32, SINGLE_MAX_NODES = 9 };
 struct prt_radial;
 struct extinction_table {
     uint32_t n_function, n_grid, base; /* base: float bits >> 18 of the first point but 0 */
@@ -189,8 +190,15 @@ struct extinction_table {
 };
 int extinction_table_create(const struct prt_radial *radial, struct extinction_table **out);
 void extinction_table_destroy(struct extinction_table *table);
-/* out[j] = integral of B_j over [0, r]. */
-void extinction_integral(const struct extinction_table *table, float r, float *out);
+
+/* Which directions the surface sees unhindered, found at the vertices as it is asked (the answer
+ * does not depend on who asks first). Thread-safe after creation; uses the scene. */
+enum { HORIZON_WIDE = 16 }; /* bins: 6 x 16 x 16 of a cubemap, [face][y][x] */
+struct horizon;
+int horizon_create(const struct prt_scene *scene, struct horizon **out);
+void horizon_destroy(struct horizon *horizon);
+/* Whether rays that leave a triangle into a bin are open for certain; else cast one. */
+bool horizon_open(struct horizon *horizon, uint32_t triangle, uint32_t bin);
 
 struct single_plan {
     const struct prt_scene *scene;
@@ -203,15 +211,20 @@ struct single_plan {
     uint32_t n_point;                    /* 16 */
     bool every_ray;
     uint64_t seed;
+    struct horizon *horizon;             /* spares shadow rays, or NULL */
     const struct extinction_table *extinction; /* radial basis in place of sigma_t, or NULL */
     uint32_t n_direction;                /* most directions at once: n_coef, or light rays */
     uint32_t n_node;                     /* depths traced */
     float first_mm, last_mm, inward_mm;  /* depths; reach of rays through the bulk */
     float weakest;                       /* extinction that says which rays matter [mm^-1] */
-    float differ;                        /* of full light: neighbours that differ more are traced */
+    /* Of full light at the depth that weighs most: tiles and blocks whose neighbours differ more,
+     * and tiles that may hide more, are traced finer. */
+    float differ, differ_texel, doubt;
+    float lost;                          /* optical depth from where one ray serves all nodes */
 };
-/* Fills the last line from the extinction. */
+/* Fills what follows n_direction from the extinction, and makes the horizon; finish frees it. */
 void single_plan_depths(struct single_plan *plan);
+void single_plan_finish(struct single_plan *plan);
 /* Rows of one vertex: out[n_phase*3][n_coef] (or [n_phase*n_radial][n_coef] with a radial
  * basis) per texel mean (solid angle not applied). Returns rays cast. */
 uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table *fresnel,

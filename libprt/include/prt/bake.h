@@ -51,6 +51,7 @@ enum { PRT_BAKE_SINGLE_LIGHTS = 8 };
 struct prt_bake_single {
     uint64_t rays, every_rays;
     double seconds, every_seconds;
+    double horizon_seconds; /* finding the whole mesh's open directions, once a bake */
     double error[PRT_BAKE_SINGLE_LIGHTS]; /* relative RMSE of the first against the second */
 };
 int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh *mesh,

@@ -27,6 +27,7 @@ struct prt_packet {
     float ox[16], oy[16], oz[16], dx[16], dy[16], dz[16], tnear[16], tfar[16];
     /* results of prt_scene_intersect16 */
     float t[16], u[16], v[16];      /* t = tfar kept where missed */
+    float gx[16], gy[16], gz[16];   /* (b - a) x (c - a) of the triangle met */
     uint32_t triangle[16];          /* mesh triangle index, UINT32_MAX where missed */
 };
 /* Bit i set: ray i is blocked in (tnear, tfar). coherent: common origin, near directions. */
@@ -34,7 +35,8 @@ uint32_t prt_scene_occluded16(const struct prt_scene *scene, const struct prt_pa
                               uint32_t mask);
 void prt_scene_intersect16(const struct prt_scene *scene, struct prt_packet *packet,
                            uint32_t mask, bool coherent);
-/* Single rays, for places where speed does not matter. */
+/* Single rays, for places where speed does not matter. What passes through a seam between
+ * triangles is tried again a little beside. */
 bool prt_scene_occluded(const struct prt_scene *scene, const float o[3], const float d[3],
                         float tnear, float tfar);
 bool prt_scene_intersect(const struct prt_scene *scene, const float o[3], const float d[3],

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: MIT
+// What the surface sees for certain: of each vertex's directions those that are open together
+// with all their neighbours. Most light leaves a body where nothing else is near; a shadow ray
+// there is not worth casting.
+
+#include "bake/stages.h"
+
+#include "prt/light.h"
+
+#include <math.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { WIDE = HORIZON_WIDE, BINS = 6 * WIDE * WIDE, WORDS = BINS / 64 };
+enum { EMPTY, KNOWN };
+
+struct horizon {
+    const struct prt_scene *scene;
+    _Atomic uint64_t (*open)[WORDS];  // [n_vertex] filled as they are asked for
+    _Atomic uint8_t *state;           // [n_vertex]
+    float direction[BINS][3];
+    uint16_t around[BINS][8];         // the bins that touch one
+};
+
+// Triangles wider than this part of the box may hide something between their corners.
+static const double widest = 0.02;
+
+static void lay_bins(struct horizon *h)
+{
+    for (unsigned b = 0; b < BINS; b++) {
+        unsigned face = b / (WIDE * WIDE), x = b % WIDE, y = b / WIDE % WIDE, k = 0;
+        for (int dy = -1; dy <= 1; dy++)
+            for (int dx = -1; dx <= 1; dx++) {
+                float dir[3], s, t;
+                unsigned to;
+                prt_cube_direction(face, 2 * ((int)x + dx + 0.5) / WIDE - 1,
+                                   2 * ((int)y + dy + 0.5) / WIDE - 1, dir);
+                if (!dx && !dy) {
+                    memcpy(h->direction[b], dir, sizeof dir);
+                    continue;
+                }
+                prt_cube_lookup(dir, &to, &s, &t);
+                int u = (int)((s + 1) * 0.5f * WIDE), v = (int)((t + 1) * 0.5f * WIDE);
+                u = u < 0 ? 0 : u >= WIDE ? WIDE - 1 : u;
+                v = v < 0 ? 0 : v >= WIDE ? WIDE - 1 : v;
+                h->around[b][k++] = (uint16_t)((to * WIDE + (unsigned)v) * WIDE + (unsigned)u);
+            }
+    }
+}
+
+// Vertices of wide triangles are known from the start to see nothing for certain.
+static void leave_wide(struct horizon *h, const struct prt_mesh *mesh)
+{
+    float box[2][3];
+    double limit = 0;
+    prt_mesh_bounds(mesh, box);
+    for (int k = 0; k < 3; k++) limit += pow((double)box[1][k] - box[0][k], 2);
+    limit *= widest * widest;
+    for (uint32_t t = 0; t < mesh->n_triangle; t++)
+        for (int j = 0; j < 3; j++) {
+            uint32_t a = mesh->triangle[t][j], b = mesh->triangle[t][(j + 1) % 3];
+            double d = 0;
+            for (int k = 0; k < 3; k++)
+                d += pow((double)mesh->position[a][k] - mesh->position[b][k], 2);
+            if (d <= limit) continue;
+            for (int k = 0; k < 3; k++)
+                atomic_store_explicit(&h->state[mesh->triangle[t][k]], KNOWN,
+                                      memory_order_relaxed);
+        }
+}
+
+int horizon_create(const struct prt_scene *scene, struct horizon **out)
+{
+    const struct prt_mesh *mesh = prt_scene_mesh(scene);
+    struct horizon *h = calloc(1, sizeof *h);
+    if (!h) return PRT_NOMEM;
+    h->scene = scene;
+    h->open = prt_calloc(mesh->n_vertex, sizeof *h->open);
+    h->state = prt_calloc(mesh->n_vertex, sizeof *h->state);
+    if (!h->open || !h->state) {
+        horizon_destroy(h);
+        return PRT_NOMEM;
+    }
+    lay_bins(h);
+    leave_wide(h, mesh);
+    *out = h;
+    return PRT_OK;
+}
+
+void horizon_destroy(struct horizon *h)
+{
+    if (!h) return;
+    prt_free(h->open);
+    prt_free(h->state);
+    free(h);
+}
+
+// Two threads may look at once: both find and write the same.
+static void look_around(struct horizon *h, uint32_t vertex)
+{
+    const struct prt_mesh *mesh = prt_scene_mesh(h->scene);
+    const float *p = mesh->position[vertex], *n = mesh->normal[vertex];
+    float eps = prt_scene_epsilon(h->scene);
+    uint64_t seen[WORDS] = {0}, sure[WORDS] = {0};
+    uint16_t bin[16];
+    struct prt_packet packet;
+    uint32_t fill = 0;
+    for (int i = 0; i < 16; i++) {
+        packet.ox[i] = p[0] + eps * n[0], packet.oy[i] = p[1] + eps * n[1];
+        packet.oz[i] = p[2] + eps * n[2];
+        packet.tnear[i] = 0, packet.tfar[i] = INFINITY;
+        packet.dx[i] = 1, packet.dy[i] = packet.dz[i] = 0;
+    }
+    for (unsigned b = 0; b <= BINS; b++) {
+        if (b < BINS) {
+            // 4 x 4 bins in turn, so that the rays of a packet stay together.
+            unsigned i = b % 16, tile = b / 16 % (WIDE * WIDE / 16);
+            unsigned x = tile % (WIDE / 4) * 4 + (i & 3), y = tile / (WIDE / 4) * 4 + (i >> 2);
+            unsigned at = (b / (WIDE * WIDE) * WIDE + y) * WIDE + x;
+            const float *d = h->direction[at];
+            if (n[0] * d[0] + n[1] * d[1] + n[2] * d[2] <= 0) continue;
+            packet.dx[fill] = d[0], packet.dy[fill] = d[1], packet.dz[fill] = d[2];
+            bin[fill++] = (uint16_t)at;
+        }
+        if (!fill || (fill < 16 && b < BINS)) continue;
+        uint32_t mask = fill == 16 ? 0xffff : (1u << fill) - 1;
+        uint32_t open = mask & ~prt_scene_occluded16(h->scene, &packet, mask);
+        for (uint32_t i = 0; i < fill; i++)
+            seen[bin[i] / 64] |= (uint64_t)(open >> i & 1) << bin[i] % 64;
+        fill = 0;
+    }
+    for (unsigned b = 0; b < BINS; b++) {
+        bool all = seen[b / 64] >> b % 64 & 1;
+        for (int k = 0; all && k < 8; k++)
+            all = seen[h->around[b][k] / 64] >> h->around[b][k] % 64 & 1;
+        sure[b / 64] |= (uint64_t)all << b % 64;
+    }
+    for (int k = 0; k < WORDS; k++)
+        atomic_store_explicit(&h->open[vertex][k], sure[k], memory_order_relaxed);
+    atomic_store_explicit(&h->state[vertex], KNOWN, memory_order_release);
+}
+
+bool horizon_open(struct horizon *h, uint32_t triangle, uint32_t bin)
+{
+    const uint32_t *v = prt_scene_mesh(h->scene)->triangle[triangle];
+    uint64_t all = 1;
+    for (int k = 0; k < 3; k++) {
+        if (atomic_load_explicit(&h->state[v[k]], memory_order_acquire) == EMPTY)
+            look_around(h, v[k]);
+        all &= atomic_load_explicit(&h->open[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
+    }
+    return all;
+}
