@@ -68,6 +68,7 @@ static void print_single(struct bench_env *env, const char *material, const char
     bench_number("rays", (double)s->rays);
     bench_number("every_ray", (double)s->every_rays);
     bench_number("seconds", s->seconds);
+    bench_number("horizon_seconds", s->horizon_seconds);
     bench_number("every_ray_seconds", s->every_seconds);
     bench_number("relative_rmse_before_packing", error);
     bench_number("target_at_most", 0.02);
