@@ -48,7 +48,7 @@ struct wait_for {
     decode_fn env_fn; // one of the two
     decode_model_fn model_fn;
     void *user;
-    bool sent;
+    bool sent, lost;
     size_t size; // of the packet
     char packet[];
 };
@@ -373,9 +373,13 @@ static void helper_gone(struct decoder *decoder)
     loop_watch_remove(decoder->loop, &decoder->watch);
     close(decoder->watch.fd);
     decoder->watch.fd = -1;
-    for (struct wait_for *w = decoder->waiting, *next; w; w = next) {
-        next = w->next;
-        if (w->sent) finish(decoder, w, NULL, PRT_FORMAT, "the decoding process died", NULL);
+    for (struct wait_for *w = decoder->waiting; w; w = w->next) w->lost = w->sent;
+    // Who is told may ask again, of the next helper: looked for anew each time.
+    for (;;) {
+        struct wait_for *w = decoder->waiting;
+        while (w && !w->lost) w = w->next;
+        if (!w) return;
+        finish(decoder, w, NULL, PRT_FORMAT, "the decoding process died", NULL);
     }
 }
 
@@ -440,10 +444,10 @@ static int start_helper(struct decoder *decoder)
 // Sends what waits, as far as the helper may be busy at once; restarts a helper that died.
 static void send_waiting(struct decoder *decoder)
 {
-    for (struct wait_for *w = decoder->waiting, *next; w; w = next) {
-        next = w->next;
-        if (w->sent) continue;
-        if (decoder->n_sent >= MAX_AT_ONCE) return;
+    for (;;) {
+        struct wait_for *w = decoder->waiting;
+        while (w && w->sent) w = w->next;
+        if (!w || decoder->n_sent >= MAX_AT_ONCE) return;
         if (decoder->watch.fd < 0 && start_helper(decoder)) {
             finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process cannot be started", NULL);
             continue;

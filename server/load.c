@@ -350,6 +350,7 @@ static bool order_bake(struct load *load, struct model *m)
     if (order.argv) memcpy(order.argv, a.argv, a.n * sizeof(char *));
     m->state = RELIGHT__MODEL_STATE__MODEL_BAKING;
     m->error[0] = m->job_id[0] = 0;
+    m->checked = false;
     m->job = NULL;
     model_hold(m);
     struct job *job = jobs_add(load->server->jobs, m->id, &order, bake_ended, b);

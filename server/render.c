@@ -394,12 +394,11 @@ static void final(struct render *r)
         return;
     }
     for (unsigned i = 0; i < s->n_light; i++)
-        out->light_ms += cost_of(&r->env[i]) + cost_of(&r->light[i]);
+        out->light_ms += cost_of(&r->env[i]) + cost_of(&r->light[i]) + cost_of(&r->contracted[i]);
     if (r->specular.entry != r->light[0].entry) out->light_ms += cost_of(&r->specular);
     out->light_ms += cost_of(&r->background);
     for (unsigned i = 0; i < n_answer(s); i++)
-        out->relight_ms = fmaxf(out->relight_ms,
-                                cost_of(&r->answer[i]) + cost_of(&r->contracted[i]));
+        out->relight_ms = fmaxf(out->relight_ms, cost_of(&r->answer[i]));
     if (r->screen) out->relight_ms = cost_of(&r->screen_answer);
     out->raster_ms = cost_of(&r->visibility);
     size_t plane = out->n_vertex * color_bytes(s->format);
