@@ -662,6 +662,33 @@ static void test_forgotten_and_loaded_again(void **state)
     }
 }
 
+// Equal pictures are made once; one that is given up goes on for the others, and who asks when
+// nobody was left gets one of his own.
+static void test_a_picture_is_made_for_who_stays(void **state)
+{
+    struct relight_client *other = client_open(d.address);
+    for (int i = 0; i < 6; i++) {
+        struct relight_image_request r = request_of(ball, RELIGHT_ENGINE_HYBRID);
+        struct relight_light light = {.env = "constant", .gain = {1, 1 + (float)i, 2}};
+        struct relight_image image;
+        uint64_t first, second;
+        r.lights = &light;
+        r.picture.width = 160;
+        OK(relight_image_begin(client, &r, 0, &first, &error));
+        OK(relight_image_begin(other, &r, 0, &second, &error));
+        if (i % 2) sleep_ms(5 * i);
+        OK(relight_cancel(client, first, &error));
+        if (i >= 3) OK(relight_cancel(other, second, &error));
+        if (!relight_image_end(client, first, &image, &error)) relight_image_finish(&image);
+        else assert_int_equal(error.code, RELIGHT_E_CANCELLED);
+        int status = relight_image_end(other, second, &image, &error);
+        if (i < 3) assert_int_equal(status, 0);
+        if (!status) relight_image_finish(&image);
+        free(picture(&r, NULL));
+    }
+    relight_close(other);
+}
+
 static void test_a_preview_survives_a_restart(void **state)
 {
     struct relight_image_request r = request_of(ball, 0);
@@ -734,6 +761,7 @@ int main(void)
         cmocka_unit_test(test_unload_under_way),
         cmocka_unit_test(test_forgotten_and_loaded_again),
         cmocka_unit_test(test_the_first_picture_comes_soon),
+        cmocka_unit_test(test_a_picture_is_made_for_who_stays),
         cmocka_unit_test(test_a_preview_survives_a_restart),
     };
     return cmocka_run_group_tests(tests, group_setup, group_teardown);
