@@ -12,7 +12,7 @@
 
 enum {
     LIGHT_GROUP = 8,               // lights of one pass
-    LIGHT_LANES = 3 * LIGHT_GROUP, // floats a coefficient in a group's table: [light][ch]
+    LIGHT_LANES = 3 * LIGHT_GROUP, // floats a coefficient in a group's table
     EXPAND_ALIGN = 32,             // vertex ranges begin at multiples of it
 };
 
@@ -32,22 +32,16 @@ struct expand_job {
     bool add;
 };
 
-struct light_table;
-
 struct relight_kernels {
     const char *name;
     // DIAGONAL rows [begin, end) under one light [n_coef][4]: out[row - begin][3P]
     void (*diagonal)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                      const float *light, float *out);
-    // the same under up to LIGHT_GROUP lights and their table:
+    // the same under up to LIGHT_GROUP lights in their table:
     // out[light*light_pitch + (row - begin)*row_pitch ...][3P] for light < n_light
     void (*diagonal_group)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                           const struct light_table *table, unsigned n_light, size_t light_pitch,
+                           const float *table, unsigned n_light, size_t light_pitch,
                            size_t row_pitch, float *out);
-    // coefficients [begin, end) of the table
-    void (*fill_table)(unsigned n_light, const struct prt_light *const light[],
-                       const float scale[LIGHT_GROUP], uint32_t begin, uint32_t end,
-                       struct light_table *table);
     // FULL rows of f16 or i8 under one light: out[row - begin][J][3]
     void (*full)(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
                  float *out);
@@ -66,23 +60,11 @@ extern const struct relight_kernels relight_kernels_vnni; // AVX-512 with VNNI
 // The best table that the mask of enum prt_cpu allows.
 const struct relight_kernels *relight_kernels_for(unsigned cpu);
 
-// A table of up to LIGHT_GROUP lights, as diagonal_group takes it: one cache line a coefficient,
-// since the second cache is the limit. Coefficients are halves, each light's times a power of two
-// that makes its largest fit; the six scaling coefficients, most of what a light is, stay f32.
-// The rounding moves colours by some 2e-5. Lights beyond the group's are zero.
-struct light_table {
-    float scaling[6][LIGHT_LANES];
-    float inverse[LIGHT_LANES]; // of the powers of two, for sums of halves
-    float unused[8];
-    uint16_t coef[][32]; // [n_coef][LIGHT_LANES, then nothing]
-};
-static inline size_t light_table_bytes(uint32_t n_coef)
-{
-    return sizeof(struct light_table) + 64 * (size_t)n_coef;
-}
-// Everything but coef; fills scale for fill_table.
-void relight_table_head(unsigned n_light, const struct prt_light *const light[],
-                        struct light_table *table, float scale[LIGHT_GROUP]);
+// Coefficients [begin, end) of a table of up to LIGHT_GROUP lights: [n_coef][light][ch], with 0
+// for the lights that are missing. In f32: halves are read no faster, since they are to be
+// widened, and move colours under a sun or a lamp by 2e-4.
+void relight_fill_table(unsigned n_light, const struct prt_light *const light[], uint32_t begin,
+                        uint32_t end, float *table);
 
 // 2^-shift of an entry of FULL rows.
 static inline float rows_factor(const struct prt_rows *rows, uint64_t entry)

@@ -182,11 +182,11 @@ INLINE void group_fma(struct group_sum *sum, __m128 rgb, const __m256 light[3])
 }
 
 INLINE void group_phase(const struct prt_rows *rows, uint32_t row,
-                        const struct light_table *table, unsigned n_light, size_t light_pitch,
-                        float *out, uint32_t k, bool i8)
+                        const float *table, unsigned n_light, size_t light_pitch, float *out,
+                        uint32_t k, bool i8)
 {
     const uint32_t n = rows->n_function;
-    const size_t size = i8 ? 1 : 2;
+    const size_t size = i8 ? 1 : 2, face = rows->n_coef / 6;
     struct group_sum fine, dc;
     __m256 light[3];
     float lanes[LIGHT_LANES], base[LIGHT_LANES];
@@ -194,19 +194,18 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t row,
     const char *entry = (const char *)rows->entry + (rows->begin[row] * n + 3ull * k) * size;
     uint64_t stop = rows->begin[row + 1], n_entry = rows->begin[rows->n_row];
     for (uint64_t e = rows->begin[row]; e < stop; e++, entry += n * size) {
-        const uint16_t *half = table->coef[rows_index(rows, e)];
-        for (int z = 0; z < 3; z++)
-            light[z] = _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(half + 8 * z)));
+        const float *p = table + (size_t)LIGHT_LANES * rows_index(rows, e);
+        for (int z = 0; z < 3; z++) light[z] = _mm256_loadu_ps(p + 8 * z);
         group_fma(&fine, load3(entry, i8, e + 1 < n_entry), light);
     }
     for (size_t f = 0; f < 6; f++) {
-        for (int z = 0; z < 3; z++) light[z] = _mm256_loadu_ps(table->scaling[f] + 8 * z);
+        const float *p = table + LIGHT_LANES * face * f;
+        for (int z = 0; z < 3; z++) light[z] = _mm256_loadu_ps(p + 8 * z);
         group_fma(&dc, load3(rows->scaling + (6ull * row + f) * n + 3ull * k, false, f < 5),
                   light);
     }
     for (int z = 0; z < 3; z++) {
-        _mm256_storeu_ps(lanes + 8 * z, _mm256_mul_ps(fine.part[z],
-                                                      _mm256_loadu_ps(table->inverse + 8 * z)));
+        _mm256_storeu_ps(lanes + 8 * z, fine.part[z]);
         _mm256_storeu_ps(base + 8 * z, dc.part[z]);
     }
     const float *scale = i8 ? rows->scale + (uint64_t)n * row + 3 * k : NULL;
@@ -216,27 +215,9 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t row,
                 lanes[3 * l + ch] * (scale ? scale[ch] : 1) + base[3 * l + ch];
 }
 
-static void fill_table(unsigned n_light, const struct prt_light *const light[],
-                       const float scale[LIGHT_GROUP], uint32_t begin, uint32_t end,
-                       struct light_table *table)
-{
-    float row[LIGHT_LANES + 8] = {0};
-    for (uint32_t i = begin; i < end; i++) {
-        // four floats at a time, each overwritten by the next light
-        for (unsigned l = 0; l < n_light; l++)
-            _mm_storeu_ps(row + 3 * l, _mm_mul_ps(_mm_loadu_ps(light[l]->coef + 4 * (size_t)i),
-                                                  _mm_set1_ps(scale[l])));
-        row[3 * n_light] = 0;
-        for (int z = 0; z < 4; z++)
-            _mm_storeu_si128((__m128i *)(table->coef[i] + 8 * z),
-                             z < 3 ? _mm256_cvtps_ph(_mm256_loadu_ps(row + 8 * z), 0)
-                                   : _mm_setzero_si128());
-    }
-}
-
 static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                           const struct light_table *table, unsigned n_light,
-                           size_t light_pitch, size_t row_pitch, float *out)
+                           const float *table, unsigned n_light, size_t light_pitch,
+                           size_t row_pitch, float *out)
 {
     const bool i8 = rows->value == PRT_VALUE_I8;
     const uint32_t n = rows->n_function;
@@ -413,7 +394,6 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
 const struct relight_kernels relight_kernels_avx2 = {.name = "avx2",
                                                      .diagonal = diagonal,
                                                      .diagonal_group = diagonal_group,
-                                                     .fill_table = fill_table,
                                                      .full = full,
                                                      .expand = expand,
                                                      .radial = radial,

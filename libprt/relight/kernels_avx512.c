@@ -233,15 +233,9 @@ INLINE void meet(struct lanes *sum, __m256 v, int t, const struct group_maps *m,
         _mm256_fmadd_ps(_mm256_permutevar8x32_ps(v, m->half[t]), light.hi, sum->hi);
 }
 
-INLINE struct lanes lights_at(const struct light_table *table, size_t i)
+INLINE struct lanes lights_at(const float *table, size_t i)
 {
-    const uint16_t *half = table->coef[i];
-    return (struct lanes){_mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)half)),
-                          _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)(half + 16)))};
-}
-
-INLINE struct lanes load_lanes(const float *p)
-{
+    const float *p = table + LIGHT_LANES * i;
     return (struct lanes){_mm512_loadu_ps(p), _mm256_loadu_ps(p + 16)};
 }
 
@@ -279,41 +273,38 @@ INLINE void group_store(struct lanes x, unsigned n_light, size_t pitch, float *o
             out[l * pitch + (size_t)ch] = lanes[3 * l + (size_t)ch];
 }
 
-// fine * inverse * scale[ch] + base, scale NULL for 1
-INLINE struct lanes scaled(struct lanes fine, const struct light_table *table,
-                           const float *scale, struct lanes base, const struct group_maps *m)
+// fine * scale[ch] + base, scale NULL for 1
+INLINE struct lanes scaled(struct lanes fine, const float *scale, struct lanes base,
+                           const struct group_maps *m)
 {
-    struct lanes by = load_lanes(table->inverse);
-    if (scale) {
-        const __m512 s = _mm512_maskz_loadu_ps(7, scale);
-        by.lo = _mm512_mul_ps(by.lo, _mm512_permutexvar_ps(m->lo[0], s));
-        by.hi = _mm256_mul_ps(
-            by.hi, _mm256_permutevar8x32_ps(_mm512_castps512_ps256(s), m->half[0]));
-    }
-    return (struct lanes){_mm512_fmadd_ps(fine.lo, by.lo, base.lo),
-                          _mm256_fmadd_ps(fine.hi, by.hi, base.hi)};
+    if (!scale) return add_lanes(fine, base);
+    const __m512 s = _mm512_maskz_loadu_ps(7, scale);
+    const __m256 low = _mm512_castps512_ps256(s);
+    return (struct lanes){
+        _mm512_fmadd_ps(fine.lo, _mm512_permutexvar_ps(m->lo[0], s), base.lo),
+        _mm256_fmadd_ps(fine.hi, _mm256_permutevar8x32_ps(low, m->half[0]), base.hi)};
 }
 
 // The scaling coefficients' share of the triple at scaling[3*first + 3*f*pitch ...].
 INLINE struct lanes group_scaling(const struct prt_rows *rows, uint64_t first, uint64_t pitch,
-                                  const struct light_table *table,
-                                  const struct group_maps *m)
+                                  const float *table, const struct group_maps *m)
 {
     const uint16_t *p = rows->scaling + 3 * first;
+    const size_t face = rows->n_coef / 6;
     struct lanes a = no_lanes(), b = a;
     for (size_t f = 0; f < 6; f += 2, p += 6 * pitch) {
         __m256 v = load_some((const char *)p, false, pitch == 1 ? 2 : 1), w = v;
         if (pitch != 1) w = load_some((const char *)(p + 3 * pitch), false, 1);
-        meet(&a, v, 0, m, load_lanes(table->scaling[f]));
-        meet(&b, w, pitch == 1, m, load_lanes(table->scaling[f + 1]));
+        meet(&a, v, 0, m, lights_at(table, face * f));
+        meet(&b, w, pitch == 1, m, lights_at(table, face * (f + 1)));
     }
     return add_lanes(a, b);
 }
 
 // Entries [e, stop) of one phase term: four sums at a time, since each waits for itself.
 INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t stop,
-                               const struct light_table *table,
-                               const struct group_maps *m, bool i8, bool wide)
+                               const float *table, const struct group_maps *m, bool i8,
+                               bool wide)
 {
     const void *index = rows->index;
     const size_t size = i8 ? 3 : 6;
@@ -347,23 +338,23 @@ INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t
 
 // One phase term.
 INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                   const struct light_table *table, unsigned n_light, size_t light_pitch,
-                   size_t row_pitch, float *out, bool i8, bool wide)
+                   const float *table, unsigned n_light, size_t light_pitch, size_t row_pitch,
+                   float *out, bool i8, bool wide)
 {
     const struct group_maps m = group_maps();
     for (uint32_t row = begin; row < end; row++, out += row_pitch) {
         struct lanes x = group3_sum(rows, rows->begin[row], rows->begin[row + 1], table, &m,
                                     i8, wide);
         struct lanes base = group_scaling(rows, 6ull * row, 1, table, &m);
-        x = scaled(x, table, i8 ? rows->scale + 3ull * row : NULL, base, &m);
+        x = scaled(x, i8 ? rows->scale + 3ull * row : NULL, base, &m);
         group_store(x, n_light, light_pitch, out);
     }
 }
 
 // Phase terms [k0, k0 + nk), nk 4 or 1: a vector of values holds an entry's terms.
 INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                        const struct light_table *table, unsigned n_light,
-                        size_t light_pitch, size_t row_pitch, float *out, uint32_t k0,
+                        const float *table, unsigned n_light, size_t light_pitch,
+                        size_t row_pitch, float *out, uint32_t k0,
                         const uint32_t nk)
 {
     const struct group_maps m = group_maps();
@@ -391,15 +382,15 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t en
                                            : _mm512_castps512_ps256(hi[t / 2])};
             struct lanes base =
                 group_scaling(rows, 6ull * p * row + k0 + t, p, table, &m);
-            x = scaled(x, table, i8 ? rows->scale + (uint64_t)n * row + 3 * (k0 + t) : NULL, base, &m);
+            x = scaled(x, i8 ? rows->scale + (uint64_t)n * row + 3 * (k0 + t) : NULL, base, &m);
             group_store(x, n_light, light_pitch, out + 3 * (k0 + t));
         }
     }
 }
 
 static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                           const struct light_table *table, unsigned n_light,
-                           size_t light_pitch, size_t row_pitch, float *out)
+                           const float *table, unsigned n_light, size_t light_pitch,
+                           size_t row_pitch, float *out)
 {
     const uint32_t p = rows->n_function / 3;
     const bool i8 = rows->value == PRT_VALUE_I8, wide = rows->index_bytes == 4;
@@ -417,25 +408,6 @@ static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t
         group_phase(rows, begin, end, table, n_light, light_pitch, row_pitch, out, k, 4);
     for (; k < p; k++)
         group_phase(rows, begin, end, table, n_light, light_pitch, row_pitch, out, k, 1);
-}
-
-static void fill_table(unsigned n_light, const struct prt_light *const light[],
-                       const float scale[LIGHT_GROUP], uint32_t begin, uint32_t end,
-                       struct light_table *table)
-{
-    float row[LIGHT_LANES + 8] = {0};
-    for (uint32_t i = begin; i < end; i++) {
-        // four floats at a time, each overwritten by the next light
-        for (unsigned l = 0; l < n_light; l++)
-            _mm_storeu_ps(row + 3 * l, _mm_mul_ps(_mm_loadu_ps(light[l]->coef + 4 * (size_t)i),
-                                                  _mm_set1_ps(scale[l])));
-        row[3 * n_light] = 0;
-        _mm256_storeu_si256((__m256i *)table->coef[i],
-                            _mm512_cvtps_ph(_mm512_loadu_ps(row), 0));
-        _mm256_storeu_si256((__m256i *)(table->coef[i] + 16),
-                            _mm512_cvtps_ph(_mm512_zextps256_ps512(_mm256_loadu_ps(row + 16)),
-                                            0));
-    }
 }
 
 // FULL: nz vectors of 16 functions from j0 on, each with three channels.
@@ -531,7 +503,6 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
 const struct relight_kernels relight_kernels_avx512 = {.name = "avx512",
                                                        .diagonal = diagonal,
                                                        .diagonal_group = diagonal_group,
-                                                       .fill_table = fill_table,
                                                        .full = full,
                                                        .expand = relight_expand_avx512,
                                                        .radial = relight_radial_avx512,
@@ -540,7 +511,6 @@ const struct relight_kernels relight_kernels_avx512 = {.name = "avx512",
 const struct relight_kernels relight_kernels_vnni = {.name = "vnni",
                                                      .diagonal = diagonal,
                                                      .diagonal_group = diagonal_group,
-                                                     .fill_table = fill_table,
                                                      .full = full,
                                                      .expand = relight_expand_vnni,
                                                      .radial = relight_radial_avx512,

@@ -35,37 +35,25 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
         row_diagonal(rows, row, light, out + (size_t)(row - begin) * rows->n_function);
 }
 
-static void fill_table(unsigned n_light, const struct prt_light *const light[],
-                       const float scale[LIGHT_GROUP], uint32_t begin, uint32_t end,
-                       struct light_table *table)
-{
-    for (uint32_t i = begin; i < end; i++) {
-        memset(table->coef[i], 0, sizeof table->coef[i]);
-        for (unsigned l = 0; l < n_light; l++)
-            for (unsigned ch = 0; ch < 3; ch++)
-                table->coef[i][3 * l + ch] =
-                    prt_f32_to_f16(light[l]->coef[4 * (size_t)i + ch] * scale[l]);
-    }
-}
-
 static float group_value(const struct prt_rows *rows, uint32_t row, uint32_t j, unsigned l,
-                         const struct light_table *table)
+                         const float *table)
 {
-    uint32_t n = rows->n_function, k = 3 * l + j % 3;
+    uint32_t n = rows->n_function, face = rows->n_coef / 6;
+    const float *light = table + 3 * l + j % 3;
     double sum = 0, fine = 0;
     for (uint32_t f = 0; f < 6; f++)
         sum += (double)prt_f16_to_f32(rows->scaling[((uint64_t)row * 6 + f) * n + j]) *
-               (double)table->scaling[f][k];
+               (double)light[(size_t)LIGHT_LANES * face * f];
     for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++)
         fine += (double)value(rows, e * n + j) *
-                (double)prt_f16_to_f32(table->coef[rows_index(rows, e)][k]);
+                (double)light[(size_t)LIGHT_LANES * rows_index(rows, e)];
     if (rows->value == PRT_VALUE_I8) fine *= (double)rows->scale[(uint64_t)row * n + j];
-    return (float)(sum + fine * (double)table->inverse[k]);
+    return (float)(sum + fine);
 }
 
 static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                           const struct light_table *table, unsigned n_light,
-                           size_t light_pitch, size_t row_pitch, float *out)
+                           const float *table, unsigned n_light, size_t light_pitch,
+                           size_t row_pitch, float *out)
 {
     for (unsigned l = 0; l < n_light; l++)
         for (uint32_t row = begin; row < end; row++)
@@ -138,7 +126,6 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
 const struct relight_kernels relight_kernels_c = {.name = "c",
                                                   .diagonal = diagonal,
                                                   .diagonal_group = diagonal_group,
-                                                  .fill_table = fill_table,
                                                   .full = full,
                                                   .expand = expand,
                                                   .radial = radial,

@@ -27,18 +27,15 @@ static int check_lights(const struct prt_context *ctx, const struct prt_tensor *
 }
 
 struct table_job {
-    const struct relight_kernels *kernels;
     unsigned n_light;
     const struct prt_light *const *light;
-    float scale[LIGHT_GROUP];
-    struct light_table *table;
+    float *table;
 };
 
 static int fill_table(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct table_job *job = arg;
-    job->kernels->fill_table(job->n_light, job->light, job->scale, (uint32_t)begin,
-                             (uint32_t)end, job->table);
+    relight_fill_table(job->n_light, job->light, (uint32_t)begin, (uint32_t)end, job->table);
     return PRT_OK;
 }
 
@@ -50,13 +47,9 @@ static unsigned group_size(unsigned left, bool together)
 }
 
 static int make_table(const struct prt_context *ctx, uint32_t n_coef, unsigned n_light,
-                      const struct prt_light *const light[], struct light_table *table)
+                      const struct prt_light *const light[], float *table)
 {
-    struct table_job job = {.kernels = relight_kernels_for(ctx->cpu),
-                            .n_light = n_light,
-                            .light = light,
-                            .table = table};
-    relight_table_head(n_light, light, table, job.scale);
+    struct table_job job = {n_light, light, table};
     return prt_parallel_for(ctx, NULL, n_coef, TABLE_GRAIN, fill_table, &job);
 }
 
@@ -65,7 +58,7 @@ struct rows_job {
     const struct prt_tensor *tensor;
     unsigned n_light;               // of this group
     const float *light;             // the only one, or
-    const struct light_table *table; // those of the group
+    const float *table;             // those of the group
     float *out;
     size_t light_pitch, row_pitch;
     bool together; // rows of several lights beside each other: every light in a group
@@ -91,12 +84,12 @@ static int for_groups(const struct prt_context *ctx, const struct prt_tensor *te
                       unsigned n_light, const struct prt_light *const light[], size_t n_item,
                       size_t grain, prt_loop_fn fn, struct rows_job *job)
 {
-    struct light_table *table = NULL;
+    float *table = NULL;
     float *out = job->out;
     int status = PRT_OK;
     bool full = tensor->coupling == PRT_COUPLE_FULL;
     if (!full && n_light > 2) {
-        table = prt_alloc(light_table_bytes(tensor->rows.n_coef), 1);
+        table = prt_alloc(tensor->rows.n_coef, LIGHT_LANES * sizeof *table);
         if (!table) return prt_fail(ctx, PRT_NOMEM, "no memory for a table of lights");
     }
     for (unsigned l = 0, n; l < n_light && !status; l += n) {

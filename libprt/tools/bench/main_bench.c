@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // prt-bench: every performance figure, one JSON object a line.
 #include <argp.h>
+#include <malloc.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -126,6 +127,9 @@ int main(int argc, char **argv)
         return 0;
     }
     if (check_names(&o)) return 2;
+    // as relightd: pages of a call serve the next
+    mallopt(M_MMAP_THRESHOLD, 32 << 20);
+    mallopt(M_TRIM_THRESHOLD, 256 << 20);
     prt_context_init(&o.env.ctx);
     if (prt_cpu_parse(o.cpu, &o.env.ctx.cpu)) {
         fprintf(stderr, "prt-bench: --cpu takes c, avx2 or avx512\n");
