@@ -292,7 +292,7 @@ int bake_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_
     started = prt_time_s();
     struct pack_options pack = {.rank = b->o.rank, .n_basis_coef = b->o.n_basis_coef,
                                 .energy_error = b->o.max_error * (term ? 1.5 : 0.75),
-                                .bytes = b->train != NULL,
+                                .mixed = b->train != NULL,
                                 .max_bytes = byte_budget(b, term, n_phase)};
     if (status == PRT_OK)
         status = b->sparse ? sparse_builder_finish(b->sparse, t)

@@ -113,22 +113,16 @@ static int keep_rows(const struct factor_plan *plan, float *b, struct factored *
     if (!out->b || !out->scale || !out->energy) return PRT_NOMEM;
     for (size_t i = 0; i < rows; i++) {
         float *row = b + i * n_coef, most = 0;
-        to_haar(plan, row);
         for (uint32_t k = 0; k < n_coef; k++) most = fmaxf(most, fabsf(row[k]));
         out->scale[i] = most > 0 ? most : 1;
     }
     for (uint32_t r = 0; r < out->rank; r++) {
         float *e = out->energy + (size_t)r * n_coef, *first = b + (size_t)r * J * n_coef;
         memset(e, 0, n_coef * sizeof *e);
-        for (uint32_t t = 0; t < plan->n_train; t++)
+        for (uint32_t t = 0; t < J; t++)
             for (uint32_t k = 0; k < n_coef; k++) {
-                float sum = 0;
-                if (plan->train)
-                    for (uint32_t j = 0; j < J; j++)
-                        sum += plan->train[t * J + j] * first[(size_t)j * n_coef + k];
-                else
-                    sum = first[(size_t)t * n_coef + k];
-                e[k] += sum * sum;
+                float x = first[(size_t)t * n_coef + k];
+                e[k] += x * x;
             }
         for (uint32_t j = 0; j < J; j++) {
             float *row = first + (size_t)j * n_coef, inv = 1 / out->scale[r * J + j];
@@ -164,7 +158,9 @@ int factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan
         out->rank--;
     if (status == PRT_OK && out->rank)
         status = source->project(source->user, out->u, out->rank, b);
-    if (status == PRT_OK) status = keep_rows(plan, b, out);
+    for (size_t i = 0; status == PRT_OK && i < (size_t)out->rank * plan->n_function; i++)
+        to_haar(plan, b + i * n_coef);
+    if (status == PRT_OK) status = plan->train ? mix_rows(plan, b, out) : keep_rows(plan, b, out);
     prt_free(b);
     if (status) factored_finish(out);
     return status;
@@ -176,6 +172,11 @@ void factored_finish(struct factored *f)
     prt_free(f->b);
     prt_free(f->scale);
     prt_free(f->energy);
+    prt_free(f->mix);
+    prt_free(f->scaling);
+    free(f->width);
+    free(f->limit);
+    free(f->count);
     free(f->tail);
     memset(f, 0, sizeof *f);
 }

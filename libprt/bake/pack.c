@@ -9,8 +9,10 @@
 struct choice {
     struct factored *f;
     uint32_t n_cluster, n_function, n, n_coef;
-    bool bytes;              // entries of bytes with a common power of two, or of halves
-    double entry_bytes, row_bytes;
+    bool mixed;              // rows of few directions, in bytes; else of functions, in halves
+    double entry_bytes, row_bytes; // mixed: beside a byte a direction of each entry, and directions
+    double direction_bytes;
+    double *bytes;           // [n_cluster] of what is kept
     double price;            // energy one byte must be worth
     const struct pack_options *options;
     double *dropped;         // [n_cluster] energy lost
@@ -74,12 +76,53 @@ static void priced_choice(struct choice *c, size_t i)
     c->rank[i] = keep;
 }
 
+// The same of mixed rows, where directions are chosen, too.
+static void mixed_choice(struct choice *c, size_t i, float *room)
+{
+    struct factored *f = &c->f[i];
+    const struct mix_price price = {c->price, c->entry_bytes, c->direction_bytes};
+    uint32_t most = c->options->rank && c->options->rank < f->rank ? c->options->rank : f->rank;
+    double surplus = 0, best = 0, lost = f->tail ? f->tail[0] : 0, left = lost, bytes = 0;
+    uint64_t entries = 0;
+    c->rank[i] = 0;
+    c->entries[i] = 0;
+    for (uint32_t r = 0; r < most; r++) {
+        const float *e = f->energy + (size_t)r * c->n_coef;
+        struct mix_row row;
+        double all = 0;
+        mix_choose(f, r, c->n_coef, &price, room, &row);
+        for (uint32_t k = 0; k < c->n_coef; k++) all += (double)e[k];
+        double own = (double)row.entries * (c->entry_bytes + row.width) +
+                     row.width * c->direction_bytes + 2.0 * f->n_vertex + c->row_bytes;
+        // What a column of U holds is in its scaling coefficients and its entries.
+        double held = f->tail[r] - f->tail[r + 1] - all + row.energy;
+        surplus += held - c->price * own;
+        left -= held;
+        bytes += own;
+        entries += row.entries;
+        if (!(surplus > best) && !c->options->rank) continue;
+        best = surplus;
+        lost = left;
+        c->rank[i] = r + 1;
+        c->entries[i] = entries;
+        c->bytes[i] = bytes;
+    }
+    c->dropped[i] = fmax(lost, 0);
+}
+
 static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct choice *c = arg;
+    float *room = c->mixed ? prt_alloc(2 * (size_t)c->n_coef, sizeof *room) : NULL;
+    if (c->mixed && !room) return PRT_NOMEM;
     for (size_t i = begin; i < end; i++) {
         struct factored *f = &c->f[i];
         int status = PRT_OK;
+        c->bytes[i] = 0;
+        if (c->mixed) {
+            mixed_choice(c, i, room);
+            continue;
+        }
         if (c->options->n_basis_coef)
             status = fixed_choice(c, i);
         else
@@ -99,7 +142,10 @@ static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
         }
         c->dropped[i] = lost;
         c->entries[i] = entries;
+        c->bytes[i] = (double)entries * c->entry_bytes +
+                      c->rank[i] * (2.0 * f->n_vertex + c->row_bytes);
     }
+    prt_free(room);
     return PRT_OK;
 }
 
@@ -112,17 +158,23 @@ static int weigh(const struct prt_context *ctx, struct choice *c, double log_pri
     *bytes = *lost = 0;
     for (uint32_t i = 0; i < c->n_cluster; i++) {
         *lost += c->dropped[i];
-        *bytes += (double)c->entries[i] * c->entry_bytes +
-                  c->rank[i] * (2.0 * c->f[i].n_vertex + c->row_bytes);
+        *bytes += c->bytes[i];
     }
     return status;
+}
+
+static double mean_entries(const struct choice *c)
+{
+    double entries = 0, rows = 0;
+    for (uint32_t i = 0; i < c->n_cluster; i++) entries += (double)c->entries[i], rows += c->rank[i];
+    return rows > 0 ? entries / rows : 0;
 }
 
 // Finds the highest price at which the whole model loses no more than the allowed energy; or,
 // where noise or detail would take more than max_bytes for that, the price of max_bytes.
 static int choose(const struct prt_context *ctx, struct choice *c)
 {
-    if (c->options->n_basis_coef)
+    if (c->options->n_basis_coef && !c->mixed)
         return prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
     double total = 0, bytes, lost;
     for (uint32_t i = 0; i < c->n_cluster; i++)
@@ -133,6 +185,7 @@ static int choose(const struct prt_context *ctx, struct choice *c)
         int status = weigh(ctx, c, 0.5 * (lo + hi), &bytes, &lost);
         if (status) return status;
         bool cheaper = lost > allowed && bytes < c->options->max_bytes;
+        if (c->options->n_basis_coef) cheaper = mean_entries(c) < c->options->n_basis_coef;
         if (cheaper) hi = 0.5 * (lo + hi);
         else lo = 0.5 * (lo + hi);
     }
@@ -153,57 +206,24 @@ struct layout {
     uint64_t *cluster_entry; // first entry of each cluster
 };
 
-// Value j of entry k of a cluster's row r, f16 arithmetic undone.
-static float value_of(const struct choice *c, const struct factored *f, uint32_t r, uint32_t j,
-                      uint32_t k)
-{
-    size_t from = (size_t)r * c->n_function + j;
-    return prt_f16_to_f32(f->b[from * c->n_coef + k]) * f->scale[from];
-}
-
-// An entry as bytes: the largest of its values, each by its function's scale, takes all 7 bits.
-static uint8_t put_bytes(const float *value, const float *scale, uint32_t J, int8_t *out)
-{
-    float most = 0, up;
-    int exponent;
-    for (uint32_t j = 0; j < J; j++) most = fmaxf(most, fabsf(value[j]) / scale[j]);
-    frexpf(fmaxf(most, 1e-30f) / 127.0001f, &exponent); // most <= 127 * 2^exponent
-    int shift = exponent > 0 ? 0 : exponent < -63 ? 63 : -exponent;
-    up = ldexpf(1, shift);
-    for (uint32_t j = 0; j < J; j++) out[j] = (int8_t)lrintf(value[j] / scale[j] * up);
-    return (uint8_t)shift;
-}
-
-// One row: its entries from `at` on, its scaling coefficients, all times s. value: [J] of room.
+// One row of halves: its entries from `at` on, its scaling coefficients, all times s.
 static uint64_t lay_row(const struct choice *c, size_t i, uint32_t r, uint64_t at, float s,
                         struct prt_rows *rows, uint32_t row, float *value)
 {
     const struct factored *f = &c->f[i];
     const float *e = f->energy + (size_t)r * c->n_coef;
     const uint32_t J = c->n_function, face = c->n * c->n;
-    float *scale = (float *)(uintptr_t)rows->scale + (c->bytes ? (size_t)row * J : 0);
-    for (uint32_t j = 0; c->bytes && j < J; j++) {
-        float most = 1e-30f;
-        for (uint32_t k = 0; k < c->n_coef; k++)
-            if (k % face && e[k] > c->threshold[i])
-                most = fmaxf(most, fabsf(value_of(c, f, r, j, k)));
-        scale[j] = most * s / 127;
-    }
     for (uint32_t k = 0; k < c->n_coef; k++) {
         bool dc = k % face == 0;
         if (!dc && !(e[k] > c->threshold[i])) continue;
-        for (uint32_t j = 0; j < J; j++) value[j] = value_of(c, f, r, j, k) * s;
-        if (dc) {
-            prt_f32_to_f16_array(value, J, (uint16_t *)(uintptr_t)rows->scaling +
-                                               ((size_t)row * 6 + k / face) * J);
-            continue;
+        for (uint32_t j = 0; j < J; j++) {
+            size_t from = (size_t)r * J + j;
+            value[j] = prt_f16_to_f32(f->b[from * c->n_coef + k]) * f->scale[from] * s;
         }
-        if (c->bytes)
-            ((uint8_t *)(uintptr_t)rows->shift)[at] =
-                put_bytes(value, scale, J, (int8_t *)(uintptr_t)rows->entry + at * J);
-        else
-            prt_f32_to_f16_array(value, J, (uint16_t *)(uintptr_t)rows->entry + at * J);
-        set_index(rows, at++, k);
+        uint16_t *to = dc ? (uint16_t *)(uintptr_t)rows->scaling + ((size_t)row * 6 + k / face) * J
+                          : (uint16_t *)(uintptr_t)rows->entry + at * J;
+        prt_f32_to_f16_array(value, J, to);
+        if (!dc) set_index(rows, at++, k);
     }
     return at;
 }
@@ -217,12 +237,13 @@ static int lay_range(void *arg, size_t begin, size_t end, unsigned worker)
     struct prt_rows *rows = &l->tensor->rows;
     float *value = prt_alloc(c->n_function, sizeof *value);
     if (!value) return PRT_NOMEM;
-    for (size_t i = begin; i < end; i++) {
+    int status = PRT_OK;
+    for (size_t i = begin; i < end && !status; i++) {
         const struct prt_cluster *cluster = &l->tensor->cluster[i];
         struct factored *f = &c->f[i];
         uint64_t at = l->cluster_entry[i];
         uint32_t padded = (cluster->n_vertex + 15) / 16 * 16;
-        for (uint32_t r = 0; r < cluster->rank; r++) {
+        for (uint32_t r = 0; r < cluster->rank && !status; r++) {
             uint32_t row = cluster->row_begin + r;
             const float *u = f->u + (size_t)r * f->n_vertex;
             uint16_t *out = (uint16_t *)(uintptr_t)l->tensor->u + cluster->u_begin +
@@ -231,12 +252,43 @@ static int lay_range(void *arg, size_t begin, size_t end, unsigned worker)
             for (uint32_t v = 0; v < f->n_vertex; v++) most = fmaxf(most, fabsf(u[v]));
             for (uint32_t v = 0; v < padded; v++)
                 out[v] = v < f->n_vertex ? prt_f32_to_f16(u[v] / (64 * most)) : 0;
+            if (c->mixed) {
+                status = mix_lay(f, r, 64 * most, rows, row);
+                continue;
+            }
             ((uint64_t *)(uintptr_t)rows->begin)[row] = at;
             at = lay_row(c, i, r, at, 64 * most, rows, row, value);
         }
     }
     prt_free(value);
-    return PRT_OK;
+    return status;
+}
+
+// Where each mixed row begins, and room for what it consists of.
+static int allocate_mixed(const struct choice *c, struct prt_tensor *t)
+{
+    struct prt_rows *rows = &t->rows;
+    uint32_t *direction = prt_alloc(rows->n_row + 1u, sizeof *direction);
+    uint64_t *value_begin = prt_alloc(rows->n_row + 1u, sizeof *value_begin), at = 0;
+    uint32_t row = 0;
+    rows->value = PRT_VALUE_I8;
+    rows->direction = direction;
+    rows->value_begin = value_begin;
+    if (!direction || !value_begin) return PRT_NOMEM;
+    direction[0] = 0;
+    value_begin[0] = 0;
+    for (uint32_t i = 0; i < c->n_cluster; i++)
+        for (uint32_t r = 0; r < c->rank[i]; r++, row++) {
+            ((uint64_t *)(uintptr_t)rows->begin)[row] = at;
+            at += c->f[i].count[r];
+            direction[row + 1] = direction[row] + c->f[i].width[r];
+            value_begin[row + 1] = value_begin[row] + (uint64_t)c->f[i].count[r] * c->f[i].width[r];
+        }
+    rows->entry = prt_alloc(value_begin[row] + 32, 1);
+    rows->shift = prt_alloc(at + 32, 1);
+    rows->scale = prt_alloc(direction[row] + 1u, sizeof *rows->scale);
+    rows->mix = prt_alloc((size_t)direction[row] * c->n_function + 1, sizeof *rows->mix);
+    return rows->entry && rows->shift && rows->scale && rows->mix ? PRT_OK : PRT_NOMEM;
 }
 
 static int allocate(struct choice *c, const struct clusters *clusters, struct layout *l,
@@ -262,14 +314,10 @@ static int allocate(struct choice *c, const struct clusters *clusters, struct la
     uint32_t *order = prt_alloc(n_vertex, sizeof *order);
     uint64_t *begin = prt_alloc(n_row + 1u, sizeof *begin);
     t->rows = (struct prt_rows){.n_row = n_row, .n_function = J, .n_coef = c->n_coef,
-                                .value = c->bytes ? PRT_VALUE_I8 : PRT_VALUE_F16,
+                                .value = PRT_VALUE_F16,
                                 .index_bytes = c->n_coef > 65536 ? 4 : 2};
     t->rows.index = prt_alloc(entries + 32, t->rows.index_bytes);
-    t->rows.entry = prt_alloc((entries + 32) * J, c->bytes ? 1 : 2);
-    if (c->bytes) {
-        t->rows.shift = prt_alloc(entries + 32, 1);
-        t->rows.scale = prt_alloc((size_t)n_row * J + 32, sizeof *t->rows.scale);
-    }
+    if (!c->mixed) t->rows.entry = prt_alloc((entries + 32) * J, 2);
     t->rows.scaling = prt_alloc((size_t)n_row * 6 * J + 32, 2);
     t->u = prt_alloc(u + 32, 2);
     t->u_count = u;
@@ -278,12 +326,12 @@ static int allocate(struct choice *c, const struct clusters *clusters, struct la
     t->n_vertex = n_vertex;
     t->n_cluster = c->n_cluster;
     t->n_function = J;
-    if (!order || !begin || !t->rows.index || !t->rows.entry || !t->rows.scaling || !t->u ||
-        (c->bytes && (!t->rows.shift || !t->rows.scale)))
+    if (!order || !begin || !t->rows.index || (!c->mixed && !t->rows.entry) || !t->rows.scaling ||
+        !t->u)
         return PRT_NOMEM;
     memcpy(order, clusters->order, n_vertex * sizeof *order);
     begin[n_row] = entries;
-    return PRT_OK;
+    return c->mixed ? allocate_mixed(c, t) : PRT_OK;
 }
 
 int pack_factored(const struct prt_context *ctx, const struct clusters *clusters,
@@ -292,17 +340,20 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
 {
     uint32_t nc = clusters->n_cluster;
     struct choice c = {.f = factored, .n_cluster = nc, .n_function = n_function, .n = n,
-                       .n_coef = 6 * n * n, .options = options, .bytes = options->bytes};
-    c.entry_bytes = (c.bytes ? n_function + 1.0 : 2.0 * n_function) + (c.n_coef > 65536 ? 4 : 2);
-    c.row_bytes = (c.bytes ? 16.0 : 12.0) * n_function + 8;
+                       .n_coef = 6 * n * n, .options = options, .mixed = options->mixed};
+    const double index = c.n_coef > 65536 ? 4 : 2;
+    c.entry_bytes = c.mixed ? index + 1 : index + 2.0 * n_function;
+    c.row_bytes = 12.0 * n_function + (c.mixed ? 20 : 8);
+    c.direction_bytes = 2.0 * n_function + 4;
     struct layout l = {&c, out, prt_alloc(nc, sizeof *l.cluster_entry)};
     c.dropped = prt_alloc(nc, sizeof *c.dropped);
     c.entries = prt_alloc(nc, sizeof *c.entries);
     c.rank = prt_alloc(nc, sizeof *c.rank);
+    c.bytes = prt_alloc(nc, sizeof *c.bytes);
     c.threshold = prt_alloc(nc, sizeof *c.threshold);
     memset(out, 0, sizeof *out);
     out->storage = PRT_STORAGE_FACTORED;
-    int status = l.cluster_entry && c.dropped && c.entries && c.rank && c.threshold ? PRT_OK
+    int status = l.cluster_entry && c.dropped && c.entries && c.rank && c.threshold && c.bytes ? PRT_OK
                                                                                     : PRT_NOMEM;
     if (status == PRT_OK) status = choose(ctx, &c);
     if (status == PRT_OK) status = allocate(&c, clusters, &l, out);
@@ -311,6 +362,7 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
     prt_free(c.dropped);
     prt_free(c.entries);
     prt_free(c.rank);
+    prt_free(c.bytes);
     prt_free(c.threshold);
     if (status) tensor_finish(out);
     return status;
@@ -326,6 +378,9 @@ void tensor_finish(struct prt_tensor *t)
     prt_free((void *)(uintptr_t)t->rows.entry);
     prt_free((void *)(uintptr_t)t->rows.scale);
     prt_free((void *)(uintptr_t)t->rows.shift);
+    prt_free((void *)(uintptr_t)t->rows.direction);
+    prt_free((void *)(uintptr_t)t->rows.value_begin);
+    prt_free((void *)(uintptr_t)t->rows.mix);
     prt_free((void *)(uintptr_t)t->rows.scaling);
     prt_free((void *)(uintptr_t)t->knot);
     prt_free((void *)(uintptr_t)t->basis);

@@ -141,6 +141,13 @@ struct factored {
     uint16_t *b;                 /* [rank][n_function][n_coef] halves, scaled by 1/scale */
     float *scale;                /* [rank][n_function] */
     float *energy;               /* [rank][n_coef] of coefficients, over training */
+    /* Mixed rows (plan.train): b and scale are [rank][n_direction], by falling energy, and */
+    uint32_t n_direction;
+    float *mix;                  /* [rank][n_direction][n_function] functions of a direction */
+    float *scaling;              /* [rank][6][n_function] */
+    uint8_t *width;              /* [rank] directions that pack keeps, */
+    float *limit;                /* [rank] the energy above which it keeps a coefficient, */
+    uint32_t *count;             /* [rank] and how many these are */
     double *tail;                /* [rank+1] energy left when only the first r are kept */
 };
 /* A source of a cluster's rows T[f][v][texel] (per texel, solid angle not yet applied):
@@ -160,13 +167,30 @@ struct pack_options {
     uint32_t rank;            /* 0: by energy */
     uint32_t n_basis_coef;    /* mean coefficients a basis vector; 0: by energy */
     double energy_error;      /* relative Frobenius error allowed over the whole model */
-    bool bytes;               /* entries of bytes that share a power of two (joint: many functions);
-                                 false: of halves */
+    bool mixed;               /* factored by training combinations: rows are mixed */
     double max_bytes;         /* of U and rows; what does not fit below it is lost */
 };
 int pack_factored(const struct prt_context *ctx, const struct clusters *clusters,
                   struct factored *factored, uint32_t n_function, uint32_t n,
                   const struct pack_options *options, struct prt_tensor *out);
+
+/* Rows of many functions as a few directions (mix.c). mix_rows makes them of b [rank][J][n_coef],
+ * which it overwrites; mix_choose decides for one row at a price and leaves width and limit, with
+ * room for [2 n_coef]; mix_lay writes the row, times s, where rows says. */
+struct mix_price {
+    double byte;                           /* energy one byte must be worth */
+    double entry_bytes, direction_bytes;   /* beside a byte a direction of each entry */
+};
+struct mix_row {
+    uint32_t width;
+    float limit;
+    uint64_t entries;
+    double energy;            /* of what is kept */
+};
+int mix_rows(const struct factor_plan *plan, float *b, struct factored *f);
+void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mix_price *price,
+                float *room, struct mix_row *out);
+int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows, uint32_t row);
 void tensor_finish(struct prt_tensor *tensor); /* frees what pack_* or truncate_* made */
 
 /* W05's storage: the largest n_coef Haar coefficients a vertex. Rows arrive a cluster at a time. */

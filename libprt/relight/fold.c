@@ -10,28 +10,48 @@ struct fold_job {
     uint16_t *entry, *scaling;
 };
 
-// One entry's n_phase * n_radial values to n_phase * 3.
-static void fold_values(const struct fold_job *job, const float *value, uint16_t *out)
+// n values to n_phase * 3: out[3 k + ch] = sum_j value[k * n_radial + j] coef[j][ch].
+static void fold_values(const struct fold_job *job, const float *value, float *out)
 {
     const uint32_t n_radial = job->tensor->n_radial;
     for (uint32_t k = 0; k < job->tensor->n_phase; k++, value += n_radial) {
         float sum[3] = {0, 0, 0};
         for (uint32_t j = 0; j < n_radial; j++)
             for (int ch = 0; ch < 3; ch++) sum[ch] += value[j] * job->coef[3 * j + ch];
-        prt_f32_to_f16_array(sum, 3, out + 3 * k);
+        memcpy(out + 3 * k, sum, sizeof sum);
     }
 }
 
-static void load_entry(const struct prt_rows *rows, uint32_t row, uint64_t e, float *value)
+// The same of halves, to halves. value: room for [n_function + 3 * n_phase].
+static void fold_halves(const struct fold_job *job, const uint16_t *in, float *value,
+                        uint16_t *out)
 {
-    const uint32_t n = rows->n_function;
-    if (rows->value == PRT_VALUE_F16) {
-        prt_f16_to_f32_array((const uint16_t *)rows->entry + e * n, n, value);
-        return;
+    const uint32_t n = job->tensor->rows.n_function;
+    prt_f16_to_f32_array(in, n, value);
+    fold_values(job, value, value + n);
+    prt_f32_to_f16_array(value + n, 3 * job->tensor->n_phase, out);
+}
+
+// A mixed row: its directions are folded, then its entries are sums of these.
+static void fold_mixed(const struct fold_job *job, uint32_t row, float *value, float *folded)
+{
+    const struct prt_rows *rows = &job->tensor->rows;
+    const uint32_t J = rows->n_function, width = 3 * job->tensor->n_phase;
+    const uint32_t first = rows->direction[row], n = rows->direction[row + 1] - first;
+    const int8_t *entry = (const int8_t *)rows->entry + rows->value_begin[row];
+    for (uint32_t d = 0; d < n; d++) {
+        prt_f16_to_f32_array(rows->mix + (uint64_t)(first + d) * J, J, value);
+        for (uint32_t j = 0; j < J; j++) value[j] *= rows->scale[first + d];
+        fold_values(job, value, folded + (size_t)d * width);
     }
-    for (uint32_t j = 0; j < n; j++)
-        value[j] = (float)((const int8_t *)rows->entry)[e * n + j] *
-                   rows->scale[(uint64_t)row * n + j] * (rows->shift ? rows_factor(rows, e) : 1);
+    for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++, entry += n) {
+        const float factor = rows_factor(rows, e);
+        memset(value, 0, width * sizeof *value);
+        for (uint32_t d = 0; d < n; d++)
+            for (uint32_t k = 0; k < width; k++)
+                value[k] += factor * entry[d] * folded[(size_t)d * width + k];
+        prt_f32_to_f16_array(value, width, job->entry + e * width);
+    }
 }
 
 static int fold_rows(void *arg, size_t begin, size_t end, unsigned worker)
@@ -39,20 +59,19 @@ static int fold_rows(void *arg, size_t begin, size_t end, unsigned worker)
     const struct fold_job *job = arg;
     const struct prt_rows *rows = &job->tensor->rows;
     const uint32_t n = rows->n_function, width = 3 * job->tensor->n_phase;
-    float *value = prt_alloc(n, sizeof *value);
-    if (!value) return PRT_NOMEM;
-    for (size_t row = begin; row < end; row++) {
-        for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++) {
-            load_entry(rows, (uint32_t)row, e, value);
-            fold_values(job, value, job->entry + e * width);
-        }
-        for (uint64_t f = 6 * row; f < 6 * row + 6; f++) {
-            prt_f16_to_f32_array(rows->scaling + f * n, n, value);
-            fold_values(job, value, job->scaling + f * width);
-        }
+    float *value = prt_alloc((size_t)n + width, sizeof *value);
+    float *folded = prt_alloc((size_t)PRT_ROWS_MOST_DIRECTIONS * width, sizeof *folded);
+    int status = value && folded ? PRT_OK : PRT_NOMEM;
+    for (size_t row = begin; row < end && !status; row++) {
+        if (rows->direction) fold_mixed(job, (uint32_t)row, value, folded);
+        for (uint64_t e = rows->begin[row]; !rows->direction && e < rows->begin[row + 1]; e++)
+            fold_halves(job, (const uint16_t *)rows->entry + e * n, value, job->entry + e * width);
+        for (uint64_t f = 6 * row; f < 6 * row + 6; f++)
+            fold_halves(job, rows->scaling + f * n, value, job->scaling + f * width);
     }
     prt_free(value);
-    return PRT_OK;
+    prt_free(folded);
+    return status;
 }
 
 int prt_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor,

@@ -42,9 +42,11 @@ struct relight_kernels {
     void (*diagonal_group)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                            const float *table, unsigned n_light, size_t light_pitch,
                            size_t row_pitch, float *out);
-    // FULL rows of f16 or i8 under one light: out[row - begin][J][3]
+    // FULL rows of f16, or mixed ones, under one light: out[row - begin][J][3]
     void (*full)(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
                  float *out);
+    void (*mixed)(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
+                  float *out);
     void (*expand)(const struct expand_job *job);
     void (*radial)(const struct expand_job *job);
     // out[i][ch] = sum_j in[i][j][ch] coef[j][ch], i < n, j < n_radial
@@ -66,7 +68,7 @@ const struct relight_kernels *relight_kernels_for(unsigned cpu);
 void relight_fill_table(unsigned n_light, const struct prt_light *const light[], uint32_t begin,
                         uint32_t end, float *table);
 
-// 2^-shift of an entry of FULL rows.
+// 2^-shift of an entry of mixed rows.
 static inline float rows_factor(const struct prt_rows *rows, uint64_t entry)
 {
     uint32_t bits = (127u - rows->shift[entry]) << 23;
@@ -74,6 +76,11 @@ static inline float rows_factor(const struct prt_rows *rows, uint64_t entry)
     memcpy(&factor, &bits, 4);
     return factor;
 }
+
+void relight_mixed_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                        const float *light, float *out);
+void relight_mixed_avx512(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                          const float *light, float *out);
 
 static inline uint32_t rows_index(const struct prt_rows *rows, uint64_t entry)
 {

@@ -228,13 +228,12 @@ static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t
         }
 }
 
-// FULL: nz vectors of 8 functions from j0 on, each with three channels.
+// FULL, halves: nz vectors of 8 functions from j0 on, each with three channels.
 INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *light, float *out,
                       uint32_t j0, const uint32_t nz)
 {
     const uint32_t n = rows->n_function;
-    const bool i8 = rows->value == PRT_VALUE_I8;
-    const size_t size = i8 ? 1 : 2, face = rows->n_coef / 6;
+    const size_t size = 2, face = rows->n_coef / 6;
     __m256 sum[2][3], dc[2][3];
     uint32_t have[2];
     for (uint32_t z = 0; z < nz; z++) {
@@ -246,18 +245,16 @@ INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *li
     const char *entry = (const char *)rows->entry + (e * n + j0) * size;
     for (; e < safe; e++, entry += n * size) {
         const float *l = light + 4ull * rows_index(rows, e);
-        const __m256 factor = _mm256_set1_ps(rows->shift ? rows_factor(rows, e) : 1);
         for (uint32_t z = 0; z < nz; z++) {
-            __m256 v = _mm256_mul_ps(load_values(entry + 8 * z * size, i8, CHUNK), factor);
+            __m256 v = load_values(entry + 8 * z * size, false, CHUNK);
             for (int ch = 0; ch < 3; ch++)
                 sum[z][ch] = _mm256_fmadd_ps(v, _mm256_broadcast_ss(l + ch), sum[z][ch]);
         }
     }
     for (; e < stop; e++, entry += n * size) {
         const float *l = light + 4ull * rows_index(rows, e);
-        const __m256 factor = _mm256_set1_ps(rows->shift ? rows_factor(rows, e) : 1);
         for (uint32_t z = 0; z < nz; z++) {
-            __m256 v = _mm256_mul_ps(load_values(entry + 8 * z * size, i8, have[z]), factor);
+            __m256 v = load_values(entry + 8 * z * size, false, have[z]);
             for (int ch = 0; ch < 3; ch++)
                 sum[z][ch] = _mm256_fmadd_ps(v, _mm256_broadcast_ss(l + ch), sum[z][ch]);
         }
@@ -277,8 +274,7 @@ INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *li
             _mm256_storeu_ps(base, dc[z][ch]);
             for (uint32_t i = 0; i < have[z]; i++) {
                 uint32_t j = j0 + 8 * z + i;
-                out[3 * j + ch] =
-                    lanes[i] * (i8 ? rows->scale[(uint64_t)n * row + j] : 1) + base[i];
+                out[3 * j + ch] = lanes[i] + base[i];
             }
         }
 }
@@ -395,6 +391,7 @@ const struct relight_kernels relight_kernels_avx2 = {.name = "avx2",
                                                      .diagonal = diagonal,
                                                      .diagonal_group = diagonal_group,
                                                      .full = full,
+                                                     .mixed = relight_mixed_avx2,
                                                      .expand = expand,
                                                      .radial = radial,
                                                      .material = material};

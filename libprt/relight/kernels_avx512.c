@@ -410,13 +410,12 @@ static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t
         group_phase(rows, begin, end, table, n_light, light_pitch, row_pitch, out, k, 1);
 }
 
-// FULL: nz vectors of 16 functions from j0 on, each with three channels.
+// FULL, halves: nz vectors of 16 functions from j0 on, each with three channels.
 INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *light, float *out,
                       uint32_t j0, const int nz)
 {
     const uint32_t n = rows->n_function;
-    const bool i8 = rows->value == PRT_VALUE_I8;
-    const size_t size = i8 ? 1 : 2, face = rows->n_coef / 6;
+    const size_t size = 2, face = rows->n_coef / 6;
     __m512 sum[4][3], dc[4][3];
     __mmask16 mask[4];
     for (int z = 0; z < nz; z++) {
@@ -426,12 +425,10 @@ INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *li
     const char *entry = (const char *)rows->entry + (rows->begin[row] * n + j0) * size;
     for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++, entry += n * size) {
         const float *l = light + 4ull * rows_index(rows, e);
-        const float factor = rows->shift ? rows_factor(rows, e) : 1;
         _mm_prefetch(entry + 2048, _MM_HINT_T0);
         if (nz > 2) _mm_prefetch(entry + 2112, _MM_HINT_T0);
         for (int z = 0; z < nz; z++) {
-            __m512 v = load_values(entry + 16 * z * size, i8, mask[z]);
-            v = _mm512_mul_ps(v, _mm512_set1_ps(factor));
+            __m512 v = load_values(entry + 16 * z * size, false, mask[z]);
             for (int ch = 0; ch < 3; ch++)
                 sum[z][ch] = _mm512_fmadd_ps(v, _mm512_set1_ps(l[ch]), sum[z][ch]);
         }
@@ -447,10 +444,8 @@ INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *li
     for (int z = 0; z < nz; z++) {
         float lanes[3][16];
         uint32_t j1 = j0 + 16 * (uint32_t)z, nj = n - j1 < 16 ? n - j1 : 16;
-        __m512 scale = i8 ? _mm512_maskz_loadu_ps(mask[z], rows->scale + (uint64_t)n * row + j1)
-                          : _mm512_set1_ps(1);
         for (int ch = 0; ch < 3; ch++)
-            _mm512_storeu_ps(lanes[ch], _mm512_fmadd_ps(sum[z][ch], scale, dc[z][ch]));
+            _mm512_storeu_ps(lanes[ch], _mm512_add_ps(sum[z][ch], dc[z][ch]));
         for (uint32_t j = 0; j < nj; j++)
             for (int ch = 0; ch < 3; ch++) out[3 * (j1 + j) + ch] = lanes[ch][j];
     }
@@ -504,6 +499,7 @@ const struct relight_kernels relight_kernels_avx512 = {.name = "avx512",
                                                        .diagonal = diagonal,
                                                        .diagonal_group = diagonal_group,
                                                        .full = full,
+                                                       .mixed = relight_mixed_avx512,
                                                        .expand = relight_expand_avx512,
                                                        .radial = relight_radial_avx512,
                                                        .material = material};
@@ -512,6 +508,7 @@ const struct relight_kernels relight_kernels_vnni = {.name = "vnni",
                                                      .diagonal = diagonal,
                                                      .diagonal_group = diagonal_group,
                                                      .full = full,
+                                                     .mixed = relight_mixed_avx512,
                                                      .expand = relight_expand_vnni,
                                                      .radial = relight_radial_avx512,
                                                      .material = material};

@@ -76,12 +76,43 @@ static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, cons
                         (double)light[(size_t)f * face * 4 + ch];
                 for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++)
                     fine += (double)value(rows, e * n + j) *
-                            (double)(rows->shift ? rows_factor(rows, e) : 1) *
                             (double)light[rows_index(rows, e) * (size_t)4 + ch];
-                if (rows->value == PRT_VALUE_I8)
-                    fine *= (double)rows->scale[(uint64_t)row * n + j];
                 out[3 * j + ch] = (float)(sum + fine);
             }
+}
+
+// Function j of entry e of a mixed row.
+static double mixed_value(const struct prt_rows *rows, uint32_t row, uint64_t e, uint32_t j)
+{
+    const uint32_t first = rows->direction[row], n = rows->direction[row + 1] - first;
+    const int8_t *v =
+        (const int8_t *)rows->entry + rows->value_begin[row] + (e - rows->begin[row]) * n;
+    double sum = 0;
+    for (uint32_t d = 0; d < n; d++)
+        sum += v[d] * (double)rows->scale[first + d] *
+               (double)prt_f16_to_f32(rows->mix[(uint64_t)(first + d) * rows->n_function + j]);
+    return sum * (double)rows_factor(rows, e);
+}
+
+static void mixed(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
+                  float *out)
+{
+    uint32_t n = rows->n_function, face = rows->n_coef / 6;
+    for (uint32_t row = begin; row < end; row++, out += 3 * (size_t)n)
+        for (uint32_t j = 0; j < n; j++) {
+            double sum[3] = {0, 0, 0};
+            for (uint32_t f = 0; f < 6; f++)
+                for (int ch = 0; ch < 3; ch++)
+                    sum[ch] +=
+                        (double)prt_f16_to_f32(rows->scaling[((uint64_t)row * 6 + f) * n + j]) *
+                        (double)light[(size_t)f * face * 4 + ch];
+            for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++) {
+                double x = mixed_value(rows, row, e, j);
+                for (int ch = 0; ch < 3; ch++)
+                    sum[ch] += x * (double)light[rows_index(rows, e) * (size_t)4 + ch];
+            }
+            for (int ch = 0; ch < 3; ch++) out[3 * j + ch] = (float)sum[ch];
+        }
 }
 
 static void expand(const struct expand_job *job)
@@ -127,6 +158,7 @@ const struct relight_kernels relight_kernels_c = {.name = "c",
                                                   .diagonal = diagonal,
                                                   .diagonal_group = diagonal_group,
                                                   .full = full,
+                                                  .mixed = mixed,
                                                   .expand = expand,
                                                   .radial = radial,
                                                   .material = material};

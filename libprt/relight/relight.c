@@ -71,7 +71,8 @@ static int run_rows(void *arg, size_t begin, size_t end, unsigned worker)
     uint32_t b = (uint32_t)begin, e = (uint32_t)end;
     bool full = job->tensor->coupling == PRT_COUPLE_FULL;
     float *out = job->out + begin * job->row_pitch;
-    if (full) job->kernels->full(rows, b, e, job->light, out);
+    if (full && rows->direction) job->kernels->mixed(rows, b, e, job->light, out);
+    else if (full) job->kernels->full(rows, b, e, job->light, out);
     else if (job->table)
         job->kernels->diagonal_group(rows, b, e, job->table, job->n_light, job->light_pitch,
                                      job->row_pitch, out);

@@ -179,6 +179,30 @@ static int check_entries(const struct check *c, uint32_t i, const struct prt_row
     return PRT_OK;
 }
 
+static int check_mixed(const struct check *c, uint32_t i, const struct prt_rows *r)
+{
+    uint64_t n_entry = r->begin[r->n_row], at = 0;
+    if (!r->value_begin || (n_entry && !r->shift))
+        return bad(c, "tensor %u: parts of mixed rows are missing", i);
+    if (r->direction[0] || r->value_begin[0])
+        return bad(c, "tensor %u: mixed rows do not start at 0", i);
+    for (uint32_t k = 0; k < r->n_row; k++) {
+        uint64_t n = (uint64_t)r->direction[k + 1] - r->direction[k];
+        at += n * (r->begin[k + 1] - r->begin[k]); // the last product is of checked factors
+        if (r->direction[k + 1] < r->direction[k] || n > PRT_ROWS_MOST_DIRECTIONS ||
+            r->value_begin[k + 1] != at)
+            return bad(c, "tensor %u: row %u's directions are out of range", i, k);
+    }
+    uint64_t n = r->direction[r->n_row];
+    if (n && (!r->scale || !r->mix)) return bad(c, "tensor %u: directions are missing", i);
+    uint8_t most = 0;
+    for (uint64_t e = 0; e < n_entry; e++) most = most > r->shift[e] ? most : r->shift[e];
+    if (most > 63) return bad(c, "tensor %u: an entry is shifted by %u, at most 63", i, most);
+    if (!finite_f32(r->scale, n) || !finite_f16(r->mix, n * r->n_function))
+        return bad(c, "tensor %u: directions have values that are not finite", i);
+    return PRT_OK;
+}
+
 static int check_rows(const struct check *c, uint32_t i, const struct prt_tensor *t)
 {
     const struct prt_rows *r = &t->rows;
@@ -201,14 +225,12 @@ static int check_rows(const struct check *c, uint32_t i, const struct prt_tensor
         return bad(c, "tensor %u: entries are missing", i);
     int status = check_entries(c, i, r);
     if (status) return status;
-    bool shifted = r->value == PRT_VALUE_I8 && t->coupling == PRT_COUPLE_FULL;
-    uint8_t most = 0;
-    if (n_entry && shifted != (r->shift != NULL))
-        return bad(c, "tensor %u: shifts of entries are missing or too many", i);
-    for (uint64_t e = 0; shifted && e < n_entry; e++) most = most > r->shift[e] ? most : r->shift[e];
-    if (most > 63) return bad(c, "tensor %u: an entry is shifted by %u, at most 63", i, most);
+    bool mixed = r->value == PRT_VALUE_I8 && t->coupling == PRT_COUPLE_FULL;
+    if (mixed != (r->direction != NULL))
+        return bad(c, "tensor %u: directions of functions are missing or too many", i);
+    if (mixed && (status = check_mixed(c, i, r))) return status;
     if ((r->value == PRT_VALUE_F16 && !finite_f16(r->entry, n_entry * r->n_function)) ||
-        (r->value == PRT_VALUE_I8 && !finite_f32(r->scale, n_scale)) ||
+        (r->value == PRT_VALUE_I8 && !mixed && !finite_f32(r->scale, n_scale)) ||
         !finite_f16(r->scaling, 6 * n_scale))
         return bad(c, "tensor %u: rows have values that are not finite", i);
     return PRT_OK;
@@ -290,8 +312,10 @@ void prt_tensor_bytes(const struct prt_tensor *t, uint64_t *u_bytes, uint64_t *r
     *u_bytes = 2 * t->u_count;
     *row_bytes = 0;
     if (!r->n_row) return;
-    *row_bytes = 8 * (r->n_row + 1ull) + n_entry * r->index_bytes +
-                 n_entry * j * (r->value == PRT_VALUE_I8 ? 1 : 2) + 12 * j * r->n_row;
-    if (r->value == PRT_VALUE_I8) *row_bytes += 4 * j * r->n_row;
-    if (r->shift) *row_bytes += n_entry;
+    *row_bytes = 8 * (r->n_row + 1ull) + n_entry * r->index_bytes + 12 * j * r->n_row;
+    if (r->direction)
+        *row_bytes += n_entry + 12 * (r->n_row + 1ull) + r->value_begin[r->n_row] +
+                      (4 + 2 * j) * r->direction[r->n_row];
+    else if (r->value == PRT_VALUE_I8) *row_bytes += n_entry * j + 4 * j * r->n_row;
+    else *row_bytes += 2 * n_entry * j;
 }

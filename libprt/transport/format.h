@@ -49,7 +49,11 @@ enum format_section_type {
     SECTION_KNOT,
     SECTION_BASIS,
     SECTION_PROFILE, // of a material with its own R_d
+    // of mixed rows
     SECTION_ROW_SHIFT,
+    SECTION_ROW_DIRECTION,
+    SECTION_ROW_VALUE_BEGIN,
+    SECTION_ROW_MIX,
 };
 
 struct format_section {

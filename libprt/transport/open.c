@@ -172,6 +172,22 @@ static int take_mesh(struct prt_file *f, const struct format_info *info)
     return PRT_OK;
 }
 
+static int take_mixed(struct prt_file *f, uint32_t i, const struct format_tensor *ft,
+                      struct prt_rows *r)
+{
+    const uint64_t n_row = ft->n_row;
+    TAKE(f, SECTION_ROW_SHIFT, i, ft->n_entry, r->shift);
+    TAKE(f, SECTION_ROW_DIRECTION, i, 4 * (n_row + 1), r->direction);
+    TAKE(f, SECTION_ROW_VALUE_BEGIN, i, 8 * (n_row + 1), r->value_begin);
+    const uint64_t n = r->direction[n_row], n_value = r->value_begin[n_row];
+    if (n > PRT_ROWS_MOST_DIRECTIONS * n_row || n_value > f->size)
+        return bad_header(f->ctx, f->name, "too many directions of functions");
+    TAKE(f, SECTION_ROW_SCALE, i, 4 * n, r->scale);
+    TAKE(f, SECTION_ROW_MIX, i, 2 * n * ft->n_function, r->mix);
+    TAKE(f, SECTION_ROW_ENTRY, i, n_value, r->entry);
+    return PRT_OK;
+}
+
 static int take_rows(struct prt_file *f, uint32_t i, const struct format_tensor *ft,
                      struct prt_rows *r)
 {
@@ -188,11 +204,11 @@ static int take_rows(struct prt_file *f, uint32_t i, const struct format_tensor 
     if (r->begin[ft->n_row] != n_entry)
         return bad_header(f->ctx, f->name, "rows do not end with the entries");
     TAKE(f, SECTION_ROW_INDEX, i, n_entry * ft->index_bytes, r->index);
+    TAKE(f, SECTION_ROW_SCALING, i, 12 * j * ft->n_row, r->scaling);
+    if (ft->value == PRT_VALUE_I8 && ft->coupling == PRT_COUPLE_FULL)
+        return take_mixed(f, i, ft, r);
     TAKE(f, SECTION_ROW_ENTRY, i, n_entry * j * (ft->value == PRT_VALUE_I8 ? 1 : 2), r->entry);
     if (ft->value == PRT_VALUE_I8) TAKE(f, SECTION_ROW_SCALE, i, 4 * j * ft->n_row, r->scale);
-    if (ft->value == PRT_VALUE_I8 && ft->coupling == PRT_COUPLE_FULL)
-        TAKE(f, SECTION_ROW_SHIFT, i, n_entry, r->shift);
-    TAKE(f, SECTION_ROW_SCALING, i, 12 * j * ft->n_row, r->scaling);
     return PRT_OK;
 }
 

@@ -40,6 +40,17 @@ static void put_mesh(struct layout *l, const struct prt_mesh *m)
     put(l, SECTION_SURFACE, 0, m->surface, (uint64_t)sizeof *m->surface * m->n_surface);
 }
 
+static void put_mixed(struct layout *l, uint32_t i, const struct prt_rows *r)
+{
+    const uint64_t n = r->direction[r->n_row];
+    put(l, SECTION_ROW_SHIFT, i, r->shift, r->begin[r->n_row]);
+    put(l, SECTION_ROW_DIRECTION, i, r->direction, 4 * (r->n_row + 1ull));
+    put(l, SECTION_ROW_VALUE_BEGIN, i, r->value_begin, 8 * (r->n_row + 1ull));
+    put(l, SECTION_ROW_SCALE, i, r->scale, 4 * n);
+    put(l, SECTION_ROW_MIX, i, r->mix, 2 * n * r->n_function);
+    put(l, SECTION_ROW_ENTRY, i, r->entry, r->value_begin[r->n_row]);
+}
+
 static void put_tensor(struct layout *l, uint32_t i, const struct prt_tensor *t)
 {
     const struct prt_rows *r = &t->rows;
@@ -68,11 +79,11 @@ static void put_tensor(struct layout *l, uint32_t i, const struct prt_tensor *t)
     if (r->n_row) {
         put(l, SECTION_ROW_BEGIN, i, r->begin, 8 * (r->n_row + 1ull));
         put(l, SECTION_ROW_INDEX, i, r->index, n_entry * r->index_bytes);
-        put(l, SECTION_ROW_ENTRY, i, r->entry, n_entry * t->n_function * value);
-        if (r->value == PRT_VALUE_I8)
-            put(l, SECTION_ROW_SCALE, i, r->scale, 4ull * r->n_row * t->n_function);
-        if (r->shift) put(l, SECTION_ROW_SHIFT, i, r->shift, n_entry);
         put(l, SECTION_ROW_SCALING, i, r->scaling, 12ull * r->n_row * t->n_function);
+        if (r->direction) put_mixed(l, i, r);
+        else put(l, SECTION_ROW_ENTRY, i, r->entry, n_entry * t->n_function * value);
+        if (r->value == PRT_VALUE_I8 && !r->direction)
+            put(l, SECTION_ROW_SCALE, i, r->scale, 4ull * r->n_row * t->n_function);
     }
     put(l, SECTION_KNOT, i, t->knot, 4ull * t->n_knot);
     put(l, SECTION_BASIS, i, t->basis, 4ull * t->n_knot * t->n_radial);

@@ -39,9 +39,18 @@ static void guard_rows(const struct prt_rows *from, struct prt_rows *to)
     *to = *from;
     to->begin = guarded(from->begin, 8 * (from->n_row + 1));
     to->index = guarded(from->index, n * from->index_bytes);
-    to->entry = guarded(from->entry, n * j * (from->value == PRT_VALUE_I8 ? 1 : 2));
-    if (from->scale) to->scale = guarded(from->scale, 4 * j * from->n_row);
-    if (from->shift) to->shift = guarded(from->shift, n);
+    if (from->direction) {
+        uint64_t d = from->direction[from->n_row];
+        to->entry = guarded(from->entry, from->value_begin[from->n_row]);
+        to->value_begin = guarded(from->value_begin, 8 * (from->n_row + 1));
+        to->direction = guarded(from->direction, 4 * (from->n_row + 1));
+        to->scale = guarded(from->scale, 4 * d);
+        to->mix = guarded(from->mix, 2 * d * j);
+        to->shift = guarded(from->shift, n);
+    } else {
+        to->entry = guarded(from->entry, n * j * (from->value == PRT_VALUE_I8 ? 1 : 2));
+        if (from->scale) to->scale = guarded(from->scale, 4 * j * from->n_row);
+    }
     to->scaling = guarded(from->scaling, 12 * j * from->n_row);
 }
 
@@ -77,7 +86,7 @@ static void run_rows(const struct relight_kernels *k, enum which which,
     if (which == DIAGONAL) k->diagonal(rows, begin, end, light, out);
     if (which == GROUP) 
         k->diagonal_group(rows, begin, end, light, n_light, pitch[0], pitch[1], out);
-    if (which == FULL) k->full(rows, begin, end, light, out);
+    if (which == FULL) (rows->direction ? k->mixed : k->full)(rows, begin, end, light, out);
 }
 
 static void check_rows(enum which which, const struct synthetic_options *o, unsigned n_light,
@@ -190,10 +199,10 @@ static void rows_meet_light(void **state)
     o.n_phase = 4;
     check_rows(FULL, &o, 1, "rows x light, 4 terms x 12 functions");
     o.value = PRT_VALUE_I8;
-    check_rows(FULL, &o, 1, "rows x light, 4 terms x 12 functions, 8 bits");
+    check_rows(FULL, &o, 1, "mixed rows x light, 4 terms x 12 functions");
     o.n_phase = 1;
     o.n_radial = 15;
-    check_rows(FULL, &o, 1, "rows x light, 15 functions, 8 bits");
+    check_rows(FULL, &o, 1, "mixed rows x light, 15 functions");
 }
 
 struct expand_shape {

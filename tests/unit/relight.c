@@ -122,11 +122,20 @@ static double row_light(const struct prt_rows *r, uint32_t row, uint32_t j, int 
     for (uint64_t e = r->begin[row]; e < r->begin[row + 1]; e++) {
         uint32_t i = r->index_bytes == 2 ? ((const uint16_t *)r->index)[e]
                                          : ((const uint32_t *)r->index)[e];
-        double v = r->value == PRT_VALUE_F16
-                       ? (double)prt_f16_to_f32(((const uint16_t *)r->entry)[e * n + j])
-                       : (double)((const int8_t *)r->entry)[e * n + j] *
-                             (double)r->scale[(uint64_t)row * n + j] *
-                             (r->shift ? ldexp(1, -r->shift[e]) : 1);
+        double v = 0;
+        uint32_t first = r->direction ? r->direction[row] : 0;
+        uint32_t n_direction = r->direction ? r->direction[row + 1] - first : 0;
+        for (uint32_t d = 0; d < n_direction; d++) {
+            uint64_t at = r->value_begin[row] + (e - r->begin[row]) * n_direction + d;
+            v += ldexp(((const int8_t *)r->entry)[at], -r->shift[e]) *
+                 (double)r->scale[first + d] *
+                 (double)prt_f16_to_f32(r->mix[(uint64_t)(first + d) * n + j]);
+        }
+        if (!n_direction)
+            v = r->value == PRT_VALUE_F16
+                    ? (double)prt_f16_to_f32(((const uint16_t *)r->entry)[e * n + j])
+                    : (double)((const int8_t *)r->entry)[e * n + j] *
+                          (double)r->scale[(uint64_t)row * n + j];
         sum += v * (double)light->coef[4 * i + (uint32_t)ch];
     }
     return sum;

@@ -179,9 +179,13 @@ static void what_is_written_comes_back(void **state)
         same(x->u, y->u, x->u_count * 2);
         same(r->begin, s->begin, r->n_row ? 8 * (r->n_row + 1) : 0);
         same(r->index, s->index, n * r->index_bytes);
-        same(r->entry, s->entry, n * j * value);
-        same(r->scale, s->scale, r->scale ? 4 * j * r->n_row : 0);
-        same(r->shift, s->shift, r->shift ? n : 0);
+        size_t d = r->direction ? r->direction[r->n_row] : 0;
+        same(r->entry, s->entry, d ? r->value_begin[r->n_row] : n * j * value);
+        same(r->scale, s->scale, d ? 4 * d : r->scale ? 4 * j * r->n_row : 0);
+        same(r->shift, s->shift, d ? n : 0);
+        same(r->mix, s->mix, 2 * d * j);
+        same(r->direction, s->direction, d ? 4 * (r->n_row + 1) : 0);
+        same(r->value_begin, s->value_begin, d ? 8 * (r->n_row + 1) : 0);
         same(r->scaling, s->scaling, 12 * j * r->n_row);
         same(x->basis, y->basis, x->n_knot * x->n_radial * 4);
         assert_true(x->n_phase == y->n_phase && x->storage == y->storage &&
@@ -405,6 +409,18 @@ static bool broken(struct prt_transport *t, int rule)
         W(uint8_t, t->tensor[2].rows.shift)[7] = 64;
         return true;
     case 37:
+        W(uint32_t, t->tensor[2].rows.direction)[1]++;
+        return true;
+    case 38:
+        W(uint64_t, t->tensor[2].rows.value_begin)[1]++;
+        return true;
+    case 39:
+        W(uint16_t, t->tensor[2].rows.mix)[2] = 0x7c00;
+        return true;
+    case 40:
+        W(float, t->tensor[2].rows.scale)[2] = NAN;
+        return true;
+    case 41:
         a->u_count -= 16;
         c[2].rank++;
         return true;

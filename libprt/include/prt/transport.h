@@ -32,12 +32,19 @@ struct prt_rows {
     uint32_t reserved;
     const uint64_t *begin;       /* [n_row+1] */
     const void *index;           /* [n_entry] u16/u32, ascending within a row, never scaling */
-    const void *entry;           /* [n_entry][J] i8 or f16 (IEEE half bits), unpadded */
-    const float *scale;          /* [n_row][J] multiplies i8 values; NULL for F16 */
-    const uint8_t *shift;        /* [n_entry] of i8 values under FULL coupling, 0 to 63: entry e
-                                    is its values times 2^-shift[e]; NULL: all are 0 */
+    const void *entry;           /* [n_entry][J] i8 or f16 (IEEE half bits), unpadded; or mixed */
+    const float *scale;          /* [n_row][J], mixed [n_direction], multiplies i8 values; NULL: F16 */
     const uint16_t *scaling;     /* [n_row][6][J] f16: coefficient 0 of each face */
+    /* Mixed rows (FULL coupling, i8): what a row's entries hold spans few directions of function
+     * space, at most PRT_ROWS_MOST_DIRECTIONS. Row i has D = direction[i+1] - direction[i] of them
+     * and its entries are [entries of the row][D] bytes from value_begin[i] on:
+     * function j of entry e = 2^-shift[e] sum_d entry[e][d] scale[direction[i]+d] mix[..+d][j]. */
+    const uint32_t *direction;   /* [n_row+1]; NULL: not mixed */
+    const uint64_t *value_begin; /* [n_row+1] */
+    const uint16_t *mix;         /* [n_direction][J] f16 */
+    const uint8_t *shift;        /* [n_entry] 0 to 63 */
 };
+enum { PRT_ROWS_MOST_DIRECTIONS = 64 };
 
 /* A cluster of vertices that share a basis. Never mixes objects or translucent with opaque. */
 struct prt_cluster {

@@ -58,8 +58,9 @@ struct bench_span {
     size_t n;
 };
 double bench_read_bandwidth(struct bench_env *env, const struct bench_span *span, unsigned n);
-// The arrays of a tensor that a relight reads; at most 8 spans, returns how many.
-unsigned bench_tensor_spans(const struct prt_tensor *tensor, struct bench_span span[8]);
+enum { BENCH_SPANS = 10 };
+// The arrays of a tensor that a relight reads; returns how many.
+unsigned bench_tensor_spans(const struct prt_tensor *tensor, struct bench_span span[BENCH_SPANS]);
 
 // A cubemap with a sky, a floor and a small sun: what a decoded environment is like.
 int bench_cube(uint32_t n, uint64_t seed, struct prt_cube *out);

@@ -190,7 +190,7 @@ static void describe(const struct edit *e)
 // Material to colours. The targets are those of issue 3: either will do.
 static int edit_figure(struct edit *e, const char *name, bool single)
 {
-    struct bench_span span[8 * MOST_TENSORS];
+    struct bench_span span[BENCH_SPANS * MOST_TENSORS];
     struct bench_time all, fit;
     unsigned n_span = 0;
     double bytes = 0;

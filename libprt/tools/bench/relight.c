@@ -115,7 +115,7 @@ static int one_and_eight(struct bench_env *env, const char *name,
                          const struct prt_tensor *tensor, uint32_t cube, const float *coef,
                          bool eight, double *one)
 {
-    struct bench_span span[8];
+    struct bench_span span[BENCH_SPANS];
     struct job job;
     char label[64];
     double seconds = 0, bandwidth = 0;

@@ -107,6 +107,31 @@ static int make_patterns(struct prt_rng *rng, const struct synthetic_options *o,
     return PRT_OK;
 }
 
+// Three to seven directions a row, as a bake of a dozen functions keeps, where there are as many.
+static int random_directions(struct prt_rng *rng, uint32_t n_row, uint32_t n_function,
+                             struct prt_rows *r)
+{
+    uint64_t n_entry = r->begin[n_row];
+    uint32_t *direction = prt_alloc(n_row + 1ull, 4);
+    uint64_t *value_begin = prt_alloc(n_row + 1ull, 8);
+    uint8_t *shift = prt_alloc(n_entry + 1, 1);
+    r->direction = direction;
+    r->value_begin = value_begin;
+    r->shift = shift;
+    if (!direction || !value_begin || !shift) return PRT_NOMEM;
+    direction[0] = 0;
+    value_begin[0] = 0;
+    for (uint32_t i = 0; i < n_row; i++) {
+        uint32_t n = 3 + prt_rng_u32(rng) % 5;
+        if (n > n_function || i % 9 == 8) n = n_function < 40 ? n_function : 40;
+        direction[i + 1] = direction[i] + n;
+        value_begin[i + 1] = value_begin[i] + n * (r->begin[i + 1] - r->begin[i]);
+    }
+    for (uint64_t i = 0; i < n_entry; i++) shift[i] = prt_rng_u32(rng) >> 29;
+    r->mix = random_f16(rng, (uint64_t)direction[n_row] * n_function, -1, 1);
+    return r->mix ? PRT_OK : PRT_NOMEM;
+}
+
 static int random_rows(struct prt_rng *rng, const struct synthetic_options *o, uint32_t n_row,
                        uint32_t n_function, struct prt_rows *r)
 {
@@ -126,7 +151,8 @@ static int random_rows(struct prt_rng *rng, const struct synthetic_options *o, u
         uint32_t k = (uint32_t)(i * 2654435761ull >> 20) % p.n;
         begin[i + 1] = begin[i] + p.begin[k + 1] - p.begin[k];
     }
-    uint64_t n_entry = begin[n_row], n_value = n_entry * n_function;
+    const bool mixed = o->value == PRT_VALUE_I8 && o->coupling == PRT_COUPLE_FULL;
+    uint64_t n_entry = begin[n_row], n_value = n_entry * n_function, n_scale;
     char *index = prt_alloc(n_entry + 1, r->index_bytes);
     r->index = index;
     r->scaling = random_f16(rng, 6ull * n_row * n_function, 0, 0.02f);
@@ -143,21 +169,17 @@ static int random_rows(struct prt_rng *rng, const struct synthetic_options *o, u
         r->entry = random_f16(rng, n_value, -0.02f, 0.02f);
         status = r->entry ? PRT_OK : PRT_NOMEM;
     } else if (!status) {
+        if (mixed) status = random_directions(rng, n_row, n_function, r);
+        n_scale = mixed && !status ? r->direction[n_row] : (uint64_t)n_row * n_function;
+        if (mixed && !status) n_value = r->value_begin[n_row];
         int8_t *entry = prt_alloc(n_value + 1, 1);
-        float *scale = prt_alloc((uint64_t)n_row * n_function, 4);
+        float *scale = prt_alloc(n_scale + 1, 4);
         r->entry = entry;
         r->scale = scale;
-        status = entry && scale ? PRT_OK : PRT_NOMEM;
+        if (!entry || !scale) status = PRT_NOMEM;
         for (uint64_t i = 0; i < n_value && !status; i++)
             entry[i] = (int8_t)(prt_rng_u32(rng) >> 24);
-        for (uint64_t i = 0; i < (uint64_t)n_row * n_function && !status; i++)
-            scale[i] = uniform(rng, 1e-5f, 2e-4f);
-    }
-    if (!status && o->value == PRT_VALUE_I8 && o->coupling == PRT_COUPLE_FULL) {
-        uint8_t *shift = prt_alloc(n_entry + 1, 1);
-        r->shift = shift;
-        status = shift ? PRT_OK : PRT_NOMEM;
-        for (uint64_t i = 0; i < n_entry && !status; i++) shift[i] = prt_rng_u32(rng) >> 29;
+        for (uint64_t i = 0; i < n_scale && !status; i++) scale[i] = uniform(rng, 1e-5f, 2e-4f);
     }
 out:
     prt_free(p.begin);
@@ -238,6 +260,9 @@ void synthetic_tensor_finish(struct prt_tensor *t)
     drop(t->rows.entry);
     drop(t->rows.scale);
     drop(t->rows.shift);
+    drop(t->rows.direction);
+    drop(t->rows.value_begin);
+    drop(t->rows.mix);
     drop(t->rows.scaling);
     drop(t->knot);
     drop(t->basis);

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: MIT
+// Rows of many functions as few directions (prt_rows, mixed): what a spatial pattern answers to all
+// media of the training spans four or five directions of function space to a percent, so that an
+// entry takes as many bytes instead of one a function.
+#include "bake/stages.h"
+
+#include <cblas.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MOST = 32 };               // directions held of a row before the choice
+static const double floor_ = 1e-5; // of the metric: media beside the training have a say, too
+
+struct metric {
+    uint32_t n;
+    double *l; // [n][n] lower: train^T train = l l^T
+};
+
+static int metric_create(const struct factor_plan *plan, struct metric *m)
+{
+    const uint32_t n = plan->n_function;
+    double trace = 0;
+    m->n = n;
+    m->l = calloc((size_t)n * n, sizeof *m->l);
+    if (!m->l) return PRT_NOMEM;
+    for (uint32_t t = 0; t < plan->n_train; t++)
+        for (uint32_t i = 0; i < n; i++)
+            for (uint32_t j = 0; j <= i; j++)
+                m->l[i * n + j] += (double)plan->train[t * n + i] * (double)plan->train[t * n + j];
+    for (uint32_t i = 0; i < n; i++) trace += m->l[i * n + i];
+    for (uint32_t i = 0; i < n; i++) m->l[i * n + i] += floor_ * trace / n;
+    return LAPACKE_dpotrf(LAPACK_ROW_MAJOR, 'L', (int)n, m->l, (int)n) ? PRT_INTERNAL : PRT_OK;
+}
+
+// Directions of one row's b [n][n_coef] by falling energy over training: forward [d][n] makes their
+// coefficients, back [d][n] the functions of them. work: [2 n n + n].
+static int directions(const struct metric *m, const float *b, uint32_t n_coef, uint32_t n_direction,
+                      double *work, float *gram, float *forward, float *back)
+{
+    const int n = (int)m->n;
+    double *g = work, *v = work + (size_t)n * (size_t)n, *value = v + (size_t)n * (size_t)n;
+    cblas_ssyrk(CblasRowMajor, CblasLower, CblasNoTrans, n, (int)n_coef, 1, b, (int)n_coef, 0, gram,
+                n);
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j <= i; j++) g[i * n + j] = g[j * n + i] = (double)gram[i * n + j];
+    // l^T (b b^T) l
+    cblas_dtrmm(CblasRowMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, n, 1, m->l, n, g,
+                n);
+    cblas_dtrmm(CblasRowMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, n, n, 1, m->l, n,
+                g, n);
+    if (LAPACKE_dsyev(LAPACK_ROW_MAJOR, 'V', 'L', n, g, n, value)) return PRT_INTERNAL;
+    memcpy(v, g, (size_t)n * (size_t)n * sizeof *v); // columns, by rising energy
+    cblas_dtrmm(CblasRowMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, n, 1, m->l, n,
+                v, n); // l v: its columns make coefficients
+    cblas_dtrsm(CblasRowMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, n, 1, m->l, n, g,
+                n); // l^-T v
+    for (uint32_t d = 0; d < n_direction; d++)
+        for (int j = 0; j < n; j++) {
+            forward[d * m->n + (uint32_t)j] = (float)v[j * n + n - 1 - (int)d];
+            back[d * m->n + (uint32_t)j] = (float)g[j * n + n - 1 - (int)d];
+        }
+    return PRT_OK;
+}
+
+// Halves of one direction's coefficients by their largest.
+static void keep(const float *x, uint32_t n, uint16_t *out, float *scale, float *room)
+{
+    float most = 0;
+    for (uint32_t k = 0; k < n; k++) most = fmaxf(most, fabsf(x[k]));
+    *scale = most > 0 ? most : 1;
+    for (uint32_t k = 0; k < n; k++) room[k] = x[k] / *scale;
+    prt_f32_to_f16_array(room, n, out);
+}
+
+int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
+{
+    const uint32_t J = plan->n_function, n_coef = 6 * plan->n * plan->n, face = plan->n * plan->n;
+    const uint32_t nd = f->n_direction = J < MOST ? J : MOST;
+    size_t rows = (size_t)f->rank * nd;
+    struct metric m = {0};
+    double *work = malloc((2 * (size_t)J * J + J) * sizeof *work);
+    float *turned = prt_alloc((size_t)nd * n_coef + (size_t)J * J + (size_t)nd * J + n_coef,
+                              sizeof *turned);
+    f->b = prt_alloc(rows * n_coef + 1, sizeof *f->b);
+    f->scale = prt_alloc(rows + 1, sizeof *f->scale);
+    f->mix = prt_alloc(rows * J + 1, sizeof *f->mix);
+    f->scaling = prt_alloc((size_t)f->rank * 6 * J + 1, sizeof *f->scaling);
+    f->energy = prt_calloc((size_t)f->rank * n_coef + 1, sizeof *f->energy);
+    f->width = calloc(f->rank + 1u, 1);
+    f->limit = calloc(f->rank + 1u, sizeof *f->limit);
+    f->count = calloc(f->rank + 1u, sizeof *f->count);
+    int status = work && turned && f->b && f->scale && f->mix && f->scaling && f->energy &&
+                         f->width && f->limit && f->count
+                     ? metric_create(plan, &m)
+                     : PRT_NOMEM;
+    float *gram = turned ? turned + (size_t)nd * n_coef : NULL;
+    float *forward = turned ? gram + (size_t)J * J : NULL, *room = forward ? forward + nd * J : NULL;
+    for (uint32_t r = 0; r < f->rank && !status; r++) {
+        float *row = b + (size_t)r * J * n_coef, *energy = f->energy + (size_t)r * n_coef;
+        for (uint32_t k = 0; k < 6; k++)
+            for (uint32_t j = 0; j < J; j++) {
+                float *x = &row[(size_t)j * n_coef + (size_t)k * face];
+                f->scaling[((size_t)r * 6 + k) * J + j] = *x;
+                *x = 0;
+            }
+        status = directions(&m, row, n_coef, nd, work, gram, forward,
+                            f->mix + (size_t)r * nd * J);
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)nd, (int)n_coef, (int)J, 1,
+                    forward, (int)J, row, (int)n_coef, 0, turned, (int)n_coef);
+        for (uint32_t d = 0; d < nd; d++) {
+            const float *x = turned + (size_t)d * n_coef;
+            for (uint32_t k = 0; k < n_coef; k++) energy[k] += x[k] * x[k];
+            keep(x, n_coef, f->b + ((size_t)r * nd + d) * n_coef, f->scale + (size_t)r * nd + d,
+                 room);
+        }
+    }
+    free(m.l);
+    free(work);
+    prt_free(turned);
+    return status;
+}
+
+// Direction d of row r: its coefficients.
+static void coefficients(const struct factored *f, uint32_t r, uint32_t d, uint32_t n_coef, float *out)
+{
+    size_t from = (size_t)r * f->n_direction + d;
+    prt_f16_to_f32_array(f->b + from * n_coef, n_coef, out);
+    for (uint32_t k = 0; k < n_coef; k++) out[k] *= f->scale[from];
+}
+
+// Energies of a row's coefficients in its first `width` directions. x: room for one's coefficients.
+static void energies(const struct factored *f, uint32_t r, uint32_t width, uint32_t n_coef, float *x,
+                     float *sum)
+{
+    memset(sum, 0, n_coef * sizeof *sum);
+    for (uint32_t d = 0; d < width; d++) {
+        coefficients(f, r, d, n_coef, x);
+        for (uint32_t k = 0; k < n_coef; k++) sum[k] += x[k] * x[k];
+    }
+}
+
+// A direction stays when the energy it has in the entries that are kept pays its byte in each.
+void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mix_price *price,
+                float *room, struct mix_row *out)
+{
+    enum { AHEAD = 4, TURNS = 4 };
+    float *x = room, *sum = room + n_coef;
+    uint32_t width = f->n_direction < AHEAD ? f->n_direction : AHEAD, next = width;
+    for (int turn = 0; turn < TURNS && (!turn || next != width); turn++) {
+        uint32_t look = next + AHEAD < f->n_direction ? next + AHEAD : f->n_direction;
+        width = next;
+        *out = (struct mix_row){.width = width,
+                                .limit = (float)(price->byte * (price->entry_bytes + width))};
+        energies(f, r, width, n_coef, x, sum);
+        for (uint32_t k = 0; k < n_coef; k++) out->entries += sum[k] > out->limit;
+        next = 0;
+        for (uint32_t d = 0; d < look; d++) {
+            float all = 0;
+            coefficients(f, r, d, n_coef, x);
+            for (uint32_t k = 0; k < n_coef; k++) all += sum[k] > out->limit ? x[k] * x[k] : 0;
+            if (d < width) out->energy += (double)all;
+            double cost = price->byte * ((double)out->entries + price->direction_bytes);
+            if (next == d && (!d || (double)all > cost)) next = d + 1;
+        }
+    }
+    f->width[r] = (uint8_t)out->width;
+    f->limit[r] = out->limit;
+    f->count[r] = (uint32_t)out->entries;
+}
+
+// An entry as bytes: the largest of its values, each in its direction's unit, takes all 7 bits.
+static uint8_t put_bytes(const float *value, uint32_t n, int8_t *out)
+{
+    float most = 0, up;
+    int exponent;
+    for (uint32_t d = 0; d < n; d++) most = fmaxf(most, fabsf(value[d]));
+    frexpf(fmaxf(most, 1e-30f) / 127.0001f, &exponent); // most <= 127 * 2^exponent
+    int shift = exponent > 0 ? 0 : exponent < -63 ? 63 : -exponent;
+    up = ldexpf(1, shift);
+    for (uint32_t d = 0; d < n; d++) out[d] = (int8_t)lrintf(value[d] * up);
+    return (uint8_t)shift;
+}
+
+#define OWN(type, p) ((type *)(uintptr_t)(p))
+
+// Direction d's functions, the largest of them 1; returns what that took.
+static float lay_direction(const struct factored *f, uint32_t r, uint32_t d, uint32_t J, uint16_t *out)
+{
+    const float *mix = f->mix + ((size_t)r * f->n_direction + d) * J;
+    float most = 1e-30f;
+    for (uint32_t j = 0; j < J; j++) most = fmaxf(most, fabsf(mix[j]));
+    for (uint32_t j = 0; j < J; j++) out[j] = prt_f32_to_f16(mix[j] / most);
+    return most;
+}
+
+int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows, uint32_t row)
+{
+    const uint32_t J = rows->n_function, n_coef = rows->n_coef, width = f->width[r];
+    const uint32_t first = rows->direction[row];
+    uint64_t at = rows->begin[row];
+    int8_t *entry = OWN(int8_t, rows->entry) + rows->value_begin[row];
+    float *sum = prt_alloc((size_t)(width + 1) * n_coef, sizeof *sum), *x = sum + n_coef;
+    if (!sum) return PRT_NOMEM;
+    energies(f, r, width, n_coef, x, sum);
+    for (uint32_t d = 0; d < width; d++) {
+        float *own = x + (size_t)d * n_coef, most = 1e-30f;
+        coefficients(f, r, d, n_coef, own);
+        for (uint32_t k = 0; k < n_coef; k++)
+            if (sum[k] > f->limit[r]) most = fmaxf(most, fabsf(own[k]));
+        for (uint32_t k = 0; k < n_coef; k++) own[k] *= 127 / most;
+        OWN(float, rows->scale)[first + d] =
+            most / 127 * s *
+            lay_direction(f, r, d, J, OWN(uint16_t, rows->mix) + (uint64_t)(first + d) * J);
+    }
+    for (uint32_t k = 0; k < n_coef; k++) {
+        float value[MOST];
+        if (!(sum[k] > f->limit[r])) continue;
+        for (uint32_t d = 0; d < width; d++) value[d] = x[(size_t)d * n_coef + k];
+        OWN(uint8_t, rows->shift)[at] = put_bytes(value, width, entry);
+        if (rows->index_bytes == 2) OWN(uint16_t, rows->index)[at] = (uint16_t)k;
+        else OWN(uint32_t, rows->index)[at] = k;
+        entry += width;
+        at++;
+    }
+    for (uint32_t k = 0; k < 6 * J; k++)
+        OWN(uint16_t, rows->scaling)[(size_t)row * 6 * J + k] =
+            prt_f32_to_f16(f->scaling[(size_t)r * 6 * J + k] * s);
+    prt_free(sum);
+    return at == rows->begin[row + 1] ? PRT_OK : PRT_INTERNAL;
+}
