@@ -118,14 +118,38 @@ INLINE void add_products(__m512i *sum, __m512i x, const int32_t *c)
     __asm__("vpdpwssd %2%{1to16%}, %1, %0" : "+v"(*sum) : "v"(x), "m"(*c));
 }
 
+// A tile whose colours wait: they leave for their vertices while the next one is computed, since
+// stores of a few bytes take as long as the sums and want other parts of the processor.
+struct waiting {
+    float rgb[3 * TILE] __attribute__((aligned(64))); // [triple][16][3]
+    uint32_t n;                                       // portions left of PORTIONS
+    float *color;                                     // of the first triple
+    size_t plane;
+    const uint32_t *order;
+};
+enum { PORTIONS = 16, PORTION = TILE / PORTIONS };
+
+INLINE void put_portion(struct waiting *w)
+{
+    const uint32_t k = PORTIONS - w->n--;
+    const uint32_t *order = w->order + k % 2 * PORTION;
+    const float *rgb = w->rgb + 3 * PORTION * k;
+    float *color = w->color + k / 2 * w->plane;
+    for (uint32_t i = 0; i < PORTION; i++) put1(color + 3ull * order[i], rgb + 3 * i, false);
+}
+
+INLINE void put_rest(struct waiting *w)
+{
+    while (w->n) put_portion(w);
+}
+
 // Triples [t0, t0 + 8) of 16 vertices from v on.
 INLINE void integer_tile(const struct expand_job *job, const struct integers *q, uint32_t v,
-                         uint32_t t0)
+                         uint32_t t0, struct waiting *waiting)
 {
     // two tiles ahead: one is computed sooner than memory answers
     const struct places next = places_of(job, v + 32, t0, 16);
     const uint16_t *u = job->u + v;
-    float rgb[3 * TILE] __attribute__((aligned(64)));
     __m512i sum[8][3];
     for (int t = 0; t < 8; t++)
         for (int ch = 0; ch < 3; ch++) sum[t][ch] = _mm512_setzero_si512();
@@ -136,7 +160,9 @@ INLINE void integer_tile(const struct expand_job *job, const struct integers *q,
             for (int ch = 0; ch < 3; ch++) add_products(&sum[t][ch], x, &c[3 * t + ch]);
         ask(&next, r, 8);
         ask(&next, r + 1, 8);
+        if (waiting->n) put_portion(waiting);
     }
+    put_rest(waiting);
     const bool row = !job->add && in_a_row(job, v, 16);
     float *first = job->color + t0 * job->plane + 3ull * job->order[v];
     for (int t = 0; t < 8; t++) {
@@ -144,9 +170,18 @@ INLINE void integer_tile(const struct expand_job *job, const struct integers *q,
         for (int ch = 0; ch < 3; ch++)
             x[ch] = _mm512_mul_ps(_mm512_cvtepi32_ps(sum[t][ch]),
                                   _mm512_set1_ps(q->back[3 * t + ch]));
-        put_row(row ? first + (size_t)t * job->plane : rgb + 48 * t, x[0], x[1], x[2], false);
+        put_row(row ? first + (size_t)t * job->plane : waiting->rgb + 48 * t, x[0], x[1], x[2],
+                false);
     }
-    if (!row) put_tile(job, v, t0, 8, 16, rgb);
+    if (row) return;
+    if (job->add || job->end - v < 16) {
+        put_tile(job, v, t0, 8, 16, waiting->rgb);
+        return;
+    }
+    waiting->n = PORTIONS;
+    waiting->color = job->color + t0 * job->plane;
+    waiting->plane = job->plane;
+    waiting->order = job->order + v;
 }
 
 // Triples [0, n8) of vertices [v0, end), a part of the job; false where floating point must do.
@@ -158,13 +193,16 @@ static bool expand_stretch(const struct expand_job *job, struct integers *q, uin
     for (uint32_t t = 8; t < n8; t += 8)
         if (!scale_columns(job, t, q)) return false;
     if (!scale_columns(job, 0, q)) return false;
+    struct waiting waiting;
+    waiting.n = 0;
     for (uint32_t t = 0; t < n8; t += 8) {
         if (t) scale_columns(job, t, q);
         for (uint32_t v = v0; v < end; v += 16) {
             if (t == 0) fetch_share(job, v, 16);
-            integer_tile(job, q, v, t);
+            integer_tile(job, q, v, t, &waiting);
         }
     }
+    put_rest(&waiting);
     return true;
 }
 
