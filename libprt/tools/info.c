@@ -154,6 +154,9 @@ static int add_tensor(struct tool *tool, cJSON *to, const struct prt_transport *
     cJSON_AddNumberToObject(o, "rows", t->rows.n_row);
     cJSON_AddNumberToObject(o, "entries", (double)entries);
     cJSON_AddStringToObject(o, "values", t->rows.value == PRT_VALUE_I8 ? "i8" : "f16");
+    if (t->rows.direction && entries) // bytes an entry beside its index and shift
+        cJSON_AddNumberToObject(o, "mean_directions",
+                                (double)t->rows.value_begin[t->rows.n_row] / (double)entries);
     cJSON_AddNumberToObject(o, "u_bytes", (double)u_bytes);
     cJSON_AddNumberToObject(o, "row_bytes", (double)row_bytes);
     cJSON_AddNumberToObject(o, "bytes_per_vertex", (double)(u_bytes + row_bytes) / t->n_vertex);
