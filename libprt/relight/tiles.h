@@ -62,10 +62,11 @@ INLINE struct places places_of(const struct expand_job *job, uint32_t v, uint32_
     return p;
 }
 
-// Any 8 * nt successive numbers k ask for all.
+// Any 8 * nt successive numbers k ask for all. The second cache has them come: the first can wait
+// for few lines at once, and is needed for U.
 INLINE void ask(const struct places *p, uint32_t k, const uint32_t nt)
 {
-    __builtin_prefetch(p->color + k % nt * p->plane + p->at[k / nt % 8], 1, 3);
+    __builtin_prefetch(p->color + k % nt * p->plane + p->at[k / nt % 8], 0, 2);
 }
 
 // Whether `width` positions are as many vertices in a row in the file.
