@@ -210,6 +210,13 @@ struct prt_screen {
     struct tangent_view tangent;
     int uv_state;                  /* of the model's own uv: 0 not looked at, 1 injective, -1 not */
     uint64_t clock;
+    struct samples check;          /* texels that frames are checked against */
+    uint32_t check_size;
+    struct checked {
+        double trouble;            /* error over plan_error, as last seen; 0: not yet */
+        double work, path_mm;      /* samples and mean free path it was seen with */
+        uint32_t since;            /* frames */
+    } checked[4][2];               /* engine, few or many lights */
     double slowness[4];            /* engine's seconds over plan_seconds, as seen; 0: not yet */
 };
 
@@ -298,6 +305,7 @@ struct plan_view {
     uint32_t n_point, n_light;
     double pixel_mm, area_mm2, diameter_mm, mean_free_path_mm;
 };
+enum { FEW_LIGHTS = 4 };
 double plan_seconds(enum prt_screen_engine e, uint32_t n, const struct plan_view *view);
 double plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *view);
 uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e,
@@ -305,6 +313,11 @@ uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e,
 void plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
                 const struct plan_view *view, double seconds);
 struct plan_view frame_plan(const struct frame *f);
+/* Error to foresee: plan_error, corrected by what frames of this kind were seen to do. */
+double plan_expect(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
+                   const struct plan_view *view);
+/* Relative RMS difference of radiance from a sum over many texels, at some 160 points. */
+int frame_check(struct frame *f, double *error);
 bool frame_measurable(const struct prt_screen_options *options);
 /* Relative RMSE of radiance [n_point][3] against REFERENCE at some 500 points. */
 int screen_measure(const struct prt_context *ctx, struct prt_screen *screen,

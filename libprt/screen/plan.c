@@ -16,6 +16,9 @@ static const struct cost cost_of[4] = {
     [PRT_SCREEN_TEXTURE] = {2e-3, 2.2e-8, 0, 1e-6, 2e-10},
     [PRT_SCREEN_HYBRID] = {3e-3, 2.2e-8, 1.7e-7, 2e-6, 2e-10},
 };
+// The table's bunny is an easy body; MARGIN: better too much than too little.
+#define UNKNOWN 1.5
+#define MARGIN 1.25
 static const uint32_t least[4] = {32, 16, 64, 64}, most[4] = {1200, 4096, 16384, 16384};
 
 static double work_of(enum prt_screen_engine e, uint32_t n)
@@ -52,15 +55,36 @@ double plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *
     double diameter_mm = v->diameter_mm;
     double x = w * l * l / (e == PRT_SCREEN_SPLAT ? diameter_mm * diameter_mm
                                                   : v->area_mm2 + 1e-12);
-    double coarse = fmax(1, diameter_mm / 300 / (0.8 * l));
+    // the table's media: 0.8 of 50 mm and shorter
+    double shorter = fmax(1, 0.016 * diameter_mm / l), few = pow(fmax(1, 900.0 / n), 0.25);
     switch (e) {
-    case PRT_SCREEN_SPLAT: return fmin(1, 0.004 + 0.0105 * pow(x, -0.75) / sqrt(1 + 0.05 / x));
-    case PRT_SCREEN_TANGENT: return fmin(1, 0.021 + 0.64 * pow(n, -0.9));
-    case PRT_SCREEN_TEXTURE: return fmin(1, 0.0055 * pow(x, -0.75) / sqrt(1 + 0.03 / x));
-    case PRT_SCREEN_HYBRID: return fmin(1, 0.006 + 0.0055 * pow(900.0 / n, 0.4) * coarse);
+    case PRT_SCREEN_SPLAT:
+        // under many lights: layers from all sides in place of what one light sees
+        return fmin(1, (v->n_light > FEW_LIGHTS ? 2 : 1) *
+                           (0.004 + 0.0105 * pow(x, -0.75) / sqrt(1 + 0.05 / x)));
+    case PRT_SCREEN_TANGENT: return fmin(1, (0.02 + 0.5 * pow(n, -0.9)) * pow(shorter, 0.2));
+    case PRT_SCREEN_TEXTURE:
+        return fmin(1, 0.0045 * few * pow(x, -0.5) / (1 + 0.08 * pow(x, -0.5)));
+    case PRT_SCREEN_HYBRID:
+        return fmin(1, (0.004 + 0.005 * pow(900.0 / n, 0.4)) * pow(shorter, 0.35));
     case PRT_SCREEN_REFERENCE: break;
     }
     return 0;
+}
+
+double plan_expect(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
+                   const struct plan_view *v)
+{
+    int many = v->n_light > FEW_LIGHTS;
+    double trouble = screen->checked[e][many].trouble, sum = 0, seen = 0;
+    // what troubles one engine troubles the others
+    for (int k = 0; k < 4 && !(trouble > 0); k++) {
+        if (!(screen->checked[k][many].trouble > 0)) continue;
+        sum += log(screen->checked[k][many].trouble);
+        seen++;
+    }
+    if (!(trouble > 0)) trouble = seen > 0 ? exp(sum / seen) : UNKNOWN;
+    return fmin(1, MARGIN * trouble * plan_error(e, n, v));
 }
 
 void plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
@@ -133,7 +157,7 @@ int prt_screen_plan(const struct prt_context *ctx, const struct prt_screen *scre
     struct prt_screen_plan plan = {.engine = engine};
     plan.n_sample = plan_samples(screen, engine, &view, budget_ms * 1e-3);
     plan.expected_ms = 1e3 * slow * plan_seconds(engine, plan.n_sample, &view);
-    plan.expected_error = plan_error(engine, plan.n_sample, &view);
+    plan.expected_error = plan_expect(screen, engine, plan.n_sample, &view);
     if (options) {
         options->engine = engine;
         options->n_sample = plan.n_sample;

@@ -60,6 +60,7 @@ void prt_screen_destroy(struct prt_screen *s)
     if (!s) return;
     samples_finish(&s->atlas);
     samples_finish(&s->peel);
+    samples_finish(&s->check);
     for (int k = 0; k < VIEWS; k++) view_finish(&s->view[k]);
     tangent_view_finish(&s->tangent);
     prt_free(s->triangle_block);
@@ -246,9 +247,9 @@ static int check_maps(const struct frame *f)
 
 static int run_engine(struct frame *f)
 {
-    if (f->options->profile && f->options->engine != PRT_SCREEN_SPLAT &&
-        f->options->engine != PRT_SCREEN_TEXTURE)
-        return prt_fail(f->ctx, PRT_ARG, "screen: profiles are for splat and texture, not %s",
+    if (f->options->profile && (f->options->engine == PRT_SCREEN_TANGENT ||
+                                f->options->engine == PRT_SCREEN_REFERENCE))
+        return prt_fail(f->ctx, PRT_ARG, "screen: profiles are not for %s",
                         prt_screen_engine_name(f->options->engine));
     switch (f->options->engine) {
     case PRT_SCREEN_SPLAT: return engine_splat(f);
@@ -336,16 +337,41 @@ int screen_measure(const struct prt_context *ctx, struct prt_screen *screen,
     return status;
 }
 
-// What the daemon and the plan are told afterwards.
-static void report_frame(struct frame *f, double seconds)
+// By so much that what was seen before says little.
+static bool changed(double before, double now)
 {
+    return now > 1.5 * before || before > 1.5 * now;
+}
+
+// What the daemon and the plan are told afterwards. The first frame of a kind is checked, and every
+// CHECK_EVERY-th one: bodies and lights differ more than sample counts tell.
+static int report_frame(struct frame *f, double seconds)
+{
+    enum { CHECK_EVERY = 16 };
     enum prt_screen_engine e = f->options->engine;
     struct prt_screen_report *r = f->report;
-    if (e == PRT_SCREEN_REFERENCE) return;
+    if (e == PRT_SCREEN_REFERENCE) return PRT_OK;
     uint32_t n = e == PRT_SCREEN_SPLAT ? r->grid : r->n_asked;
     struct plan_view view = frame_plan(f);
     plan_learn(f->screen, e, n, &view, seconds);
-    r->expected_error = plan_error(e, n, &view);
+    struct prt_screen *s = f->screen;
+    struct checked *seen = &s->checked[e][view.n_light > FEW_LIGHTS];
+    bool maps = f->options->sigma_s_map || f->options->sigma_a_map || f->options->bump_map ||
+                f->options->normal_map;
+    bool due = !(seen->trouble > 0) || seen->since++ >= CHECK_EVERY || changed(seen->work, n) ||
+               changed(seen->path_mm, view.mean_free_path_mm);
+    if (due && !f->options->frame && !maps) {
+        double error, foreseen = plan_error(e, n, &view);
+        uint64_t rays = r->n_ray;
+        int status = frame_check(f, &error);
+        r->n_ray = rays; // the picture's own
+        if (status) return status;
+        if (foreseen > 0 && error > 0)
+            *seen = (struct checked){fmin(fmax(error / foreseen, 0.05), 50), n,
+                                     view.mean_free_path_mm, 0};
+    }
+    r->expected_error = plan_expect(s, e, n, &view);
+    return PRT_OK;
 }
 
 int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen,
@@ -368,7 +394,7 @@ int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen
     if (!status) status = light_opaque(&f);
     if (!status && f.any && screen->area_mm2 > 0) {
         status = run_engine(&f);
-        if (!status) report_frame(&f, prt_time_s() - started);
+        if (!status) status = report_frame(&f, prt_time_s() - started);
         if (!status && options->measure_error && frame_measurable(options))
             status = engine_reference(&f, measure_texels(&f), f.g.n_point / MEASURE_POINTS + 1,
                                       &f.report->error);

@@ -1360,6 +1360,65 @@ static void receivers_stand_for_their_patch(void **state)
     model_finish(&model);
 }
 
+// What a frame says of its own error is not much less than it is, whatever light and medium: the
+// first frame is checked, later ones go by it.
+static void errors_are_foreseen(void **state)
+{
+    static const float sigma[3][2] = {{0.7f, 0.0014f}, {2.19f, 0.0021f}, {7.38f, 0.0002f}};
+    static const uint32_t count[4][2] = {{64, 128}, {64, 192}, {400, 1600}, {200, 900}};
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 6, 32);
+    add_box(&model, (float[3]){4, 4, 6}, (float[3]){1, 2, 0.5f}, 4); // an edge, and its shadow
+    struct prt_camera camera = {.eye = {0, 3, 30}, .up = {0, 1, 0}, .fovy_deg = 30};
+    struct prt_screen_light light = {{0.5f, 0.4f, 0.8f}, {5, 5, 5}, false};
+    struct prt_cube cube = constant_cube(16, (float[3]){0.2f, 0.2f, 0.2f});
+    for (int i = 0; i < 12; i++) cube.texel[(4 * 256 + 40) * 3 + i] = 90; // a small lamp
+    double worst = 0, mean = 0;
+    int n = 0;
+    for (int l = 0; l < 2; l++) {
+        struct stage s;
+        stage_init(&s, &model, camera, 56, 56);
+        for (int m = 0; m < 3; m++) {
+            struct prt_material medium = marble;
+            for (int c = 0; c < 3; c++) {
+                medium.sigma_s_prime[c] = sigma[m][0];
+                medium.sigma_a[c] = sigma[m][1] * (float)(1 + c);
+            }
+            struct prt_screen_options exact = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 60000};
+            const struct prt_cube *sky = l ? &cube : NULL;
+            const struct prt_screen_light *sun = l ? NULL : &light;
+            pixels want = render(&s, &medium, sky, sun, exact, NULL);
+            for (int e = 0; e < 4; e++) {
+                for (int k = 0; k < 2; k++) {
+                    struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                                         .n_sample = count[e][k]};
+                    struct prt_screen_report report;
+                    pixels b = render(&s, &medium, sky, sun, options, &report);
+                    double error = relative(b, want, s.g.n_point);
+                    double ratio = error / report.expected_error;
+                    if (ratio > 1.2 || ratio < 0.25)
+                        print_message("%s %u, medium %d, light %d: %.2f %%, foreseen %.2f %%\n",
+                                      prt_screen_engine_name(options.engine), options.n_sample, m,
+                                      l, 100 * error, 100 * report.expected_error);
+                    worst = fmax(worst, ratio);
+                    mean += log(ratio);
+                    n++;
+                    free(b);
+                }
+            }
+            free(want);
+        }
+        stage_finish(&s);
+    }
+    print_message("error over what was foreseen: %.2f at most, %.2f in the mean of %d\n", worst,
+                  exp(mean / n), n);
+    assert_true(worst < 1.5);
+    assert_true(exp(mean / n) > 0.4 && exp(mean / n) < 1);
+    prt_cube_finish(&cube);
+    model_finish(&model);
+}
+
 struct stopper {
     int asked, stop_at;
 };
@@ -1460,6 +1519,7 @@ int main(void)
         cmocka_unit_test(known_irradiance_needs_no_rays),
         cmocka_unit_test(budgets_buy_samples),
         cmocka_unit_test(receivers_stand_for_their_patch),
+        cmocka_unit_test(errors_are_foreseen),
         cmocka_unit_test(frames_can_be_stopped),
         cmocka_unit_test(engine_words),
     };

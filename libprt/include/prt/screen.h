@@ -84,7 +84,7 @@ struct prt_screen_options {
     bool measure_error;     /* compare some pixels with REFERENCE (costs rays); not with profiles or maps */
     uint64_t seed;
     const struct prt_material *object_material; /* [n_object], or NULL: one for all */
-    const struct prt_screen_profile *profile;   /* SPLAT, TEXTURE: [n_object], or NULL: dipoles */
+    const struct prt_screen_profile *profile;   /* SPLAT, TEXTURE, HYBRID: [n_object], or NULL: dipoles */
     uint32_t frame;         /* which picture of a running mean this is: each takes other samples,
                                and the mean of 0..k goes to REFERENCE as k grows (TANGENT: to
                                1 or 2 % of it); see prt_screen_progress. The same seed and frame give the same picture */
@@ -110,7 +110,9 @@ struct prt_screen_report {
     uint32_t n_medium;      /* TANGENT with maps: sets of coefficients the pixels were sorted into */
     double irradiance_s, scatter_s;
     double error;           /* relative RMSE over covered pixels; < 0: not measured */
-    double expected_error;  /* the same as foreseen from engine, medium, model and n_sample */
+    double expected_error;  /* the same as foreseen from engine, medium, model and n_sample, and
+                               from what a check of an earlier frame (or this, the first of its
+                               engine under few or many lights) at some points told */
     uint32_t frame;         /* pictures before this one in the running mean */
 };
 
