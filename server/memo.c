@@ -214,14 +214,15 @@ static void free_list(struct memo *memo, struct memo_entry *e)
     }
 }
 
-void memo_forget(struct memo *memo, const char *prefix)
+void memo_forget(struct memo *memo, const char *prefix, bool pending)
 {
     size_t n = strlen(prefix);
     struct memo_entry *unused = NULL;
     for (int i = 0; i < N_BUCKET; i++)
         for (struct memo_entry *e = memo->bucket[i], *next; e; e = next) {
             next = e->chain;
-            if (!strncmp(e->key, prefix, n)) leave(memo, e, &unused);
+            if (!strncmp(e->key, prefix, n) && (pending || e->state != MEMO_PENDING))
+                leave(memo, e, &unused);
         }
     free_list(memo, unused);
 }

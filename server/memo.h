@@ -53,8 +53,8 @@ void memo_fill(struct memo_entry *entry, void *value, size_t bytes, void (*destr
 void memo_fail(struct memo_entry *entry, int error_code, const char *text);
 void memo_wait(struct memo_entry *entry, struct memo_waiter *waiter);
 /* Forgets all entries whose key starts so (a model was unloaded): nobody finds them any more, and
- * who uses one keeps it. */
-void memo_forget(struct memo *memo, const char *prefix);
+ * who uses one keeps it. `pending`: those that are still being made, too. */
+void memo_forget(struct memo *memo, const char *prefix, bool pending);
 /* The same of one entry, found or not. */
 void memo_forget_entry(struct memo_entry *entry);
 /* Values of `holders` (holds_file) hold entries of `files`: where those are over their budget and

@@ -93,13 +93,14 @@ bool model_is_last(const struct model *m)
     return !other || other == m;
 }
 
-// What was opened and computed for it: who uses some of it keeps that.
-static void model_forget_results(struct model *m)
+// What was opened and computed for it: who uses some of it keeps that. A file that is being read or
+// opened comes to its end, unless the model goes altogether.
+static void model_forget_results(struct model *m, bool all)
 {
     char prefix[sizeof m->key + 1];
     snprintf(prefix, sizeof prefix, "%s/", m->key);
-    memo_forget(m->server->memo, prefix); // shapes and contracted lights hold files
-    memo_forget(m->server->files, m->key);
+    memo_forget(m->server->memo, prefix, true); // shapes and contracted lights hold files
+    memo_forget(m->server->files, m->key, all);
 }
 
 enum { MAX_FAILED = 256 };
@@ -117,8 +118,8 @@ static void forget_failures(struct models *models)
         }
         *at = m->next;
         m->gone = true;
+        model_forget_results(m, true);
         preview_remove(m);
-        model_forget_results(m);
         model_release(m);
     }
 }
@@ -340,7 +341,7 @@ void model_reset_pose(struct model *m)
     char prefix[64];
     if (!m->pose) return;
     snprintf(prefix, sizeof prefix, "%s/%llu/", m->key, (unsigned long long)m->generation);
-    memo_forget(m->server->memo, prefix);
+    memo_forget(m->server->memo, prefix, true);
     pose_release(m->pose);
     m->pose = NULL;
     m->baked_generation = ++m->generation;
@@ -448,8 +449,11 @@ static void not_opened(struct opening *o)
     struct model *m = o->model;
     const char *error = o->work.error;
     int code = error_of_status(o->work.status);
+    struct stat st;
     if (m->gone) { // and its file with it
     } else if (o->preview) {
+        if (m->mesh == MESH_THERE && !stat(o->path, &st))
+            blobs_charge(m->server->blobs, -(int64_t)st.st_size);
         m->mesh = MESH_FAILED;
         m->mesh_error_code = code;
         snprintf(m->mesh_error, sizeof m->mesh_error, "%s", error);
@@ -563,7 +567,7 @@ uint64_t model_unload(struct model *m, bool forget)
     memo_release(m->pin);
     m->pin = NULL;
     model_reset_pose(m);
-    model_forget_results(m);
+    model_forget_results(m, forget);
     memo_count(server->files, &after);
     uint64_t freed = before.bytes - after.bytes;
     log_line(LOG_EVENT, "model id=%s unloaded freed=%llu", m->id, (unsigned long long)freed);

@@ -72,7 +72,7 @@ void preview_start(struct model *m, const struct decode_model *order, const char
     r->model = m;
     model_hold(m);
     // Whatever is there is of a file that has gone.
-    memo_forget(m->server->files, key);
+    memo_forget(m->server->files, key, true);
     r->entry = memo_get(m->server->files, key, &fresh);
     snprintf(r->folder, sizeof r->folder, "%s", folder);
     m->mesh = MESH_READING;
@@ -93,7 +93,7 @@ void preview_remove(struct model *m)
     // One that is being read or opened is removed after that.
     if (m->mesh != MESH_THERE || opening) return;
     m->mesh = MESH_NONE;
-    memo_forget(m->server->files, key);
+    memo_forget(m->server->files, key, true);
     model_preview_path(m->server, m->id, path);
     if (!stat(path, &st)) blobs_charge(m->server->blobs, -(int64_t)st.st_size);
     unlink(path);

@@ -56,7 +56,7 @@ static void forget_old_shapes(struct model *m)
         // What the bake answers is of the file's shape, whatever moves.
         if (g == m->baked_generation) continue;
         snprintf(prefix, sizeof prefix, "%s/%llu/", m->key, (unsigned long long)g);
-        memo_forget(m->server->memo, prefix);
+        memo_forget(m->server->memo, prefix, true);
     }
 }
 
