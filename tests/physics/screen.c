@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // screen/: the laws every image-space engine must keep, and their building blocks.
 #include "../../libprt/screen/internal.h"
+#include "prt/profile.h"
 #include "prt/reference.h"
 
 #include <math.h>
@@ -1419,6 +1420,50 @@ static void errors_are_foreseen(void **state)
     model_finish(&model);
 }
 
+// A profile of another shape keeps its total: on a large plane B = total E (S09's tables, any R_d).
+static void profiles_keep_their_total(void **state)
+{
+    enum { N = 512 };
+    static float r_mm[N], rd[N][3];
+    struct prt_profile burley;
+    assert_int_equal(prt_profile_init_burley(&quiet, &burley, 0.7, 1.5), PRT_OK);
+    double near = 0.01 * prt_profile_radius(&burley, 0.999), far = prt_profile_radius(&burley, 1e-5);
+    for (int k = 0; k < N; k++) {
+        double r = k ? near * pow(far / near, (k - 1.0) / (N - 2)) : 0;
+        r_mm[k] = (float)r;
+        for (int c = 0; c < 3; c++) rd[k][c] = (float)prt_profile_rd(&burley, fmax(r, near));
+    }
+    struct prt_screen_profile table = {N, r_mm, (const float(*)[3])rd};
+    struct model model;
+    model_init(&model, 20000, 40000);
+    struct prt_block *block = begin_block(&model, true);
+    add_sheet(&model, (float[3]){0, 0, 0}, (float[3]){30, 0, 0}, (float[3]){0, 30, 0}, 20);
+    end_block(&model, block);
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 12};
+    struct stage s;
+    stage_init(&s, &model, camera, 48, 48);
+    for (int e = 0; e < 4; e++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                             .profile = &table};
+        pixels b = malloc((s.g.n_point + 1) * sizeof *b);
+        int status = prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &from_front,
+                                         &options, b, NULL);
+        assert_int_equal(status, e == PRT_SCREEN_TANGENT ? PRT_ARG : PRT_OK);
+        double mean = 0;
+        for (uint32_t i = 0; i < s.g.n_point && !status; i++) mean += b[i][1] / s.g.n_point;
+        double want = burley.total * 2 * prt_fresnel_transmittance(marble.eta, 1) / M_PI;
+        if (!status) {
+            print_message("Burley, %s: %+.2f %%\n", prt_screen_engine_name(options.engine),
+                          100 * (mean / want - 1));
+            assert_true(fabs(mean / want - 1) < 0.03);
+        }
+        free(b);
+    }
+    prt_profile_finish(&burley);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
 struct stopper {
     int asked, stop_at;
 };
@@ -1520,6 +1565,7 @@ int main(void)
         cmocka_unit_test(budgets_buy_samples),
         cmocka_unit_test(receivers_stand_for_their_patch),
         cmocka_unit_test(errors_are_foreseen),
+        cmocka_unit_test(profiles_keep_their_total),
         cmocka_unit_test(frames_can_be_stopped),
         cmocka_unit_test(engine_words),
     };
