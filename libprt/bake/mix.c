@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Rows of many functions as few directions (prt_rows, mixed): what a spatial pattern answers to all
-// media of the training spans four or five directions of function space to a percent, so that an
-// entry takes as many bytes instead of one a function.
+// Rows of many functions as few directions (prt_rows, mixed): what a spatial pattern answers to
+// all media of the training spans four or five directions of function space to a percent, so
+// that an entry takes as many bytes instead of one a function.
 #include "bake/stages.h"
 
 #include <cblas.h>
@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST = 32 };               // directions held of a row before the choice
+enum { MOST = 32 };                // directions held of a row before the choice
 static const double floor_ = 1e-5; // of the metric: media beside the training have a say, too
 
 struct metric {
@@ -28,33 +28,36 @@ static int metric_create(const struct factor_plan *plan, struct metric *m)
     for (uint32_t t = 0; t < plan->n_train; t++)
         for (uint32_t i = 0; i < n; i++)
             for (uint32_t j = 0; j <= i; j++)
-                m->l[i * n + j] += (double)plan->train[t * n + i] * (double)plan->train[t * n + j];
+                m->l[i * n + j] +=
+                    (double)plan->train[t * n + i] * (double)plan->train[t * n + j];
     for (uint32_t i = 0; i < n; i++) trace += m->l[i * n + i];
     for (uint32_t i = 0; i < n; i++) m->l[i * n + i] += floor_ * trace / n;
     return LAPACKE_dpotrf(LAPACK_ROW_MAJOR, 'L', (int)n, m->l, (int)n) ? PRT_INTERNAL : PRT_OK;
 }
 
-// Directions of one row's b [n][n_coef] by falling energy over training: forward [d][n] makes their
-// coefficients, back [d][n] the functions of them. work: [2 n n + n].
-static int directions(const struct metric *m, const float *b, uint32_t n_coef, uint32_t n_direction,
-                      double *work, float *gram, float *forward, float *back)
+// Directions of one row's b [n][n_coef] by falling energy over training: forward [d][n] makes
+// their coefficients, back [d][n] the functions of them. work: [2 n n + n].
+static int directions(const struct metric *m, const float *b, uint32_t n_coef,
+                      uint32_t n_direction, double *work, float *gram, float *forward,
+                      float *back)
 {
     const int n = (int)m->n;
     double *g = work, *v = work + (size_t)n * (size_t)n, *value = v + (size_t)n * (size_t)n;
-    cblas_ssyrk(CblasRowMajor, CblasLower, CblasNoTrans, n, (int)n_coef, 1, b, (int)n_coef, 0, gram,
-                n);
+    cblas_ssyrk(CblasRowMajor, CblasLower, CblasNoTrans, n, (int)n_coef, 1, b, (int)n_coef, 0,
+                gram, n);
     for (int i = 0; i < n; i++)
         for (int j = 0; j <= i; j++) g[i * n + j] = g[j * n + i] = (double)gram[i * n + j];
     // l^T (b b^T) l
-    cblas_dtrmm(CblasRowMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, n, 1, m->l, n, g,
-                n);
-    cblas_dtrmm(CblasRowMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, n, n, 1, m->l, n,
-                g, n);
+    cblas_dtrmm(CblasRowMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, n, 1, m->l,
+                n, g, n);
+    cblas_dtrmm(CblasRowMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, n, n, 1,
+                m->l, n, g, n);
     if (LAPACKE_dsyev(LAPACK_ROW_MAJOR, 'V', 'L', n, g, n, value)) return PRT_INTERNAL;
     memcpy(v, g, (size_t)n * (size_t)n * sizeof *v); // columns, by rising energy
-    cblas_dtrmm(CblasRowMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, n, 1, m->l, n,
-                v, n); // l v: its columns make coefficients
-    cblas_dtrsm(CblasRowMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, n, 1, m->l, n, g,
+    cblas_dtrmm(CblasRowMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, n, 1, m->l,
+                n, v, n); // l v: its columns make coefficients
+    cblas_dtrsm(CblasRowMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, n, 1, m->l,
+                n, g,
                 n); // l^-T v
     for (uint32_t d = 0; d < n_direction; d++)
         for (int j = 0; j < n; j++) {
@@ -76,7 +79,8 @@ static void keep(const float *x, uint32_t n, uint16_t *out, float *scale, float 
 
 int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
 {
-    const uint32_t J = plan->n_function, n_coef = 6 * plan->n * plan->n, face = plan->n * plan->n;
+    const uint32_t J = plan->n_function, n_coef = 6 * plan->n * plan->n,
+                   face = plan->n * plan->n;
     const uint32_t nd = f->n_direction = J < MOST ? J : MOST;
     size_t rows = (size_t)f->rank * nd;
     struct metric m = {0};
@@ -96,7 +100,8 @@ int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
                      ? metric_create(plan, &m)
                      : PRT_NOMEM;
     float *gram = turned ? turned + (size_t)nd * n_coef : NULL;
-    float *forward = turned ? gram + (size_t)J * J : NULL, *room = forward ? forward + nd * J : NULL;
+    float *forward = turned ? gram + (size_t)J * J : NULL,
+          *room = forward ? forward + nd * J : NULL;
     for (uint32_t r = 0; r < f->rank && !status; r++) {
         float *row = b + (size_t)r * J * n_coef, *energy = f->energy + (size_t)r * n_coef;
         for (uint32_t k = 0; k < 6; k++)
@@ -105,8 +110,8 @@ int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
                 f->scaling[((size_t)r * 6 + k) * J + j] = *x;
                 *x = 0;
             }
-        status = directions(&m, row, n_coef, nd, work, gram, forward,
-                            f->mix + (size_t)r * nd * J);
+        status =
+            directions(&m, row, n_coef, nd, work, gram, forward, f->mix + (size_t)r * nd * J);
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)nd, (int)n_coef, (int)J, 1,
                     forward, (int)J, row, (int)n_coef, 0, turned, (int)n_coef);
         for (uint32_t d = 0; d < nd; d++) {
@@ -123,16 +128,18 @@ int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
 }
 
 // Direction d of row r: its coefficients.
-static void coefficients(const struct factored *f, uint32_t r, uint32_t d, uint32_t n_coef, float *out)
+static void coefficients(const struct factored *f, uint32_t r, uint32_t d, uint32_t n_coef,
+                         float *out)
 {
     size_t from = (size_t)r * f->n_direction + d;
     prt_f16_to_f32_array(f->b + from * n_coef, n_coef, out);
     for (uint32_t k = 0; k < n_coef; k++) out[k] *= f->scale[from];
 }
 
-// Energies of a row's coefficients in its first `width` directions. x: room for one's coefficients.
-static void energies(const struct factored *f, uint32_t r, uint32_t width, uint32_t n_coef, float *x,
-                     float *sum)
+// Energies of a row's coefficients in its first `width` directions. x: room for one's
+// coefficients.
+static void energies(const struct factored *f, uint32_t r, uint32_t width, uint32_t n_coef,
+                     float *x, float *sum)
 {
     memset(sum, 0, n_coef * sizeof *sum);
     for (uint32_t d = 0; d < width; d++) {
@@ -186,7 +193,8 @@ static uint8_t put_bytes(const float *value, uint32_t n, int8_t *out)
 #define OWN(type, p) ((type *)(uintptr_t)(p))
 
 // Direction d's functions, the largest of them 1; returns what that took.
-static float lay_direction(const struct factored *f, uint32_t r, uint32_t d, uint32_t J, uint16_t *out)
+static float lay_direction(const struct factored *f, uint32_t r, uint32_t d, uint32_t J,
+                           uint16_t *out)
 {
     const float *mix = f->mix + ((size_t)r * f->n_direction + d) * J;
     float most = 1e-30f;
@@ -210,7 +218,8 @@ int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows
         for (uint32_t k = 0; k < n_coef; k++)
             if (sum[k] > f->limit[r]) most = fmaxf(most, fabsf(own[k]));
         for (uint32_t k = 0; k < n_coef; k++) own[k] *= 127 / most;
-        OWN(float, rows->scale)[first + d] =
+        OWN(float, rows->scale)
+        [first + d] =
             most / 127 * s *
             lay_direction(f, r, d, J, OWN(uint16_t, rows->mix) + (uint64_t)(first + d) * J);
     }
@@ -225,8 +234,8 @@ int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows
         at++;
     }
     for (uint32_t k = 0; k < 6 * J; k++)
-        OWN(uint16_t, rows->scaling)[(size_t)row * 6 * J + k] =
-            prt_f32_to_f16(f->scaling[(size_t)r * 6 * J + k] * s);
+        OWN(uint16_t, rows->scaling)
+        [(size_t)row * 6 * J + k] = prt_f32_to_f16(f->scaling[(size_t)r * 6 * J + k] * s);
     prt_free(sum);
     return at == rows->begin[row + 1] ? PRT_OK : PRT_INTERNAL;
 }

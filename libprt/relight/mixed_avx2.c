@@ -54,7 +54,8 @@ static void functions(const struct prt_rows *rows, uint32_t row, uint32_t n, uin
     for (size_t f = 0; f < 6; f++) {
         __m256 v = halves(scaling + f * J, left);
         for (int ch = 0; ch < 3; ch++)
-            sum[ch] = _mm256_fmadd_ps(v, _mm256_broadcast_ss(light + 4 * face * f + ch), sum[ch]);
+            sum[ch] =
+                _mm256_fmadd_ps(v, _mm256_broadcast_ss(light + 4 * face * f + ch), sum[ch]);
     }
     for (uint32_t d = 0; d < n; d++) {
         __m256 v = halves(mix + (size_t)d * J, left);

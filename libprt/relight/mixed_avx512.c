@@ -42,8 +42,9 @@ INLINE void part(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t
     if (e < stop) add_entry(rows, e, value, mask, light, &s[0]);
     __m512 scale = _mm512_maskz_loadu_ps(mask, rows->scale + rows->direction[row] + d0);
     for (int ch = 0; ch < 3; ch++)
-        _mm512_storeu_ps(lanes[ch] + d0,
-                         _mm512_mul_ps(_mm512_add_ps(s[0].channel[ch], s[1].channel[ch]), scale));
+        _mm512_storeu_ps(
+            lanes[ch] + d0,
+            _mm512_mul_ps(_mm512_add_ps(s[0].channel[ch], s[1].channel[ch]), scale));
 }
 
 // Functions [j, j + 16) of a row from its directions and its scaling coefficients.
