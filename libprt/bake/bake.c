@@ -13,7 +13,7 @@
 #include <string.h>
 
 static const uint32_t default_rank = 72;   // columns looked at when the error chooses
-static const uint32_t joint_rank = 48;     // the same where one U serves every medium, or more
+static const uint32_t joint_rank = 64;     // the same where one U serves every medium, or more
 static const uint32_t joint_columns = 3072; // on a small model: this many over all clusters
 static const double tail_share = 0.25;     // of max_error: columns below it are not projected
 static const uint32_t default_probes = 192;

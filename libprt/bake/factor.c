@@ -162,6 +162,9 @@ int factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan
         to_haar(plan, b + i * n_coef);
     if (status == PRT_OK) status = plan->train ? mix_rows(plan, b, out) : keep_rows(plan, b, out);
     prt_free(b);
+    if (status == PRT_INTERNAL)
+        status = prt_fail(ctx, status, "transport of a cluster of %u vertices does not factor",
+                          n_vertex);
     if (status) factored_finish(out);
     return status;
 }

@@ -283,7 +283,7 @@ PRT_CLONES static void integrate_radial(const struct single_plan *plan, const st
             bool last = i == points;
             float step = (last ? end : path->depth[i]) - path->depth[i - 1];
             if (step <= 0) break;
-            float next = last ? u + path->slope[t] * step : path->u[i][t];
+            float next = last ? fmaxf(u + path->slope[t] * step, 0) : path->u[i][t];
             float open = 0.5f * (path->open[i - 1][t] + path->open[last ? i - 1 : i][t]);
             if (fabsf(next - u) < 1e-3f * step) next = u + 1e-3f * step;
             if (open <= 0 && i + 1 < points && path->open[i + 1][t] <= 0) { // dark on both sides

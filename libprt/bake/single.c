@@ -142,6 +142,15 @@ static float largest(const float c[3])
     return fmaxf(c[0], fmaxf(c[1], c[2]));
 }
 
+// No way through the body is longer.
+static float diagonal(const struct prt_mesh *mesh)
+{
+    float box[2][3], sum = 0;
+    prt_mesh_bounds(mesh, box);
+    for (int k = 0; k < 3; k++) sum += (box[1][k] - box[0][k]) * (box[1][k] - box[0][k]);
+    return sqrtf(sum);
+}
+
 void single_plan_depths(struct single_plan *plan)
 {
     plan->doubt = 0.05f;
@@ -150,7 +159,7 @@ void single_plan_depths(struct single_plan *plan)
     if (plan->extinction) { // any extinction may come: nodes over every scale of the body
         plan->n_node = 7;
         plan->differ = 0.05f, plan->differ_texel = 0.2f;
-        plan->first_mm = 0.05f, plan->last_mm = 60, plan->inward_mm = INFINITY;
+        plan->first_mm = 0.05f, plan->last_mm = 60, plan->inward_mm = diagonal(plan->mesh);
         plan->weakest = 0.05f;
         return;
     }
@@ -590,7 +599,7 @@ static float thickness_at(const struct single_plan *plan, const float x[3], cons
 {
     float eps = prt_scene_epsilon(plan->scene), down[3], start[3], t, u, v;
     uint32_t triangle;
-    float deep = fminf(3 * plan->inward_mm, 1e5f);
+    float deep = plan->extinction ? plan->inward_mm : fminf(3 * plan->inward_mm, 1e5f);
     for (int k = 0; k < 3; k++) down[k] = -n[k], start[k] = x[k] - eps * n[k];
     if (prt_scene_intersect(plan->scene, start, down, eps, deep, &t, &triangle, &u, &v))
         return fmaxf(t, 4 * eps);
