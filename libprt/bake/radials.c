@@ -140,9 +140,7 @@ int bases_train_reflectance(struct bake *b, struct bases *s)
         float *row = s->train + (size_t)i * J;
         prt_dipole_init(&d, scatter, absorb[i % ABSORB], b->o.material.eta);
         status = grey_fit(s->reflectance, b, scatter, absorb[i % ABSORB], row);
-        // Short paths keep the light's detail, which is what coefficients lose: they weigh more.
-        double sharp = fmin(fmax(pow(d.z_r, -0.25), 0.7), 1.6);
-        double answer = d.rho_d * share_on_body(b, &d) / sharp;
+        double answer = d.rho_d * share_on_body(b, &d);
         for (uint32_t j = 0; j < J; j++) row[j] /= (float)answer;
     }
     if (status == PRT_OK && b->o.material.profile) { // and the bake's own, channel by channel
