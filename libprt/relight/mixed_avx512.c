@@ -23,14 +23,88 @@ INLINE void add_entry(const struct prt_rows *rows, uint64_t e, const int8_t *val
         s->channel[ch] = _mm512_fmadd_ps(v, _mm512_set1_ps(l[ch]), s->channel[ch]);
 }
 
-// Directions [d0, d0 + 16) of a row of n: lanes[ch][d].
-INLINE void part(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t d0,
-                 const float *light, float lanes[3][PRT_ROWS_MOST_DIRECTIONS])
+// Lane d of each of `together` entries in a vector from their bytes, n of each; zero behind.
+INLINE __m128i spread_control(uint32_t n, const int together)
+{
+    uint8_t at[16];
+    const uint32_t lanes = 16 / (uint32_t)together;
+    for (uint32_t i = 0; i < 16; i++)
+        at[i] = i % lanes < n ? (uint8_t)(i / lanes * n + i % lanes) : 0x80;
+    return _mm_loadu_si128((const __m128i *)at);
+}
+
+// `together` (4 or 2) entries from e on in one vector, 4 or 8 lanes each.
+INLINE void add_entries(const struct prt_rows *rows, uint64_t e, const int8_t *value,
+                        __mmask16 bytes, __m128i control, const float *light,
+                        const int together, struct sums *s)
+{
+    __m512 l = _mm512_castps128_ps512(_mm_loadu_ps(light + 4ull * rows_index(rows, e)));
+    l = _mm512_insertf32x4(l, _mm_loadu_ps(light + 4ull * rows_index(rows, e + 1)), 1);
+    int32_t shifts = 0;
+    memcpy(&shifts, rows->shift + e, (size_t)together);
+    __m128i power =
+        _mm_sub_epi32(_mm_set1_epi32(127), _mm_cvtepu8_epi32(_mm_cvtsi32_si128(shifts)));
+    __m512 factor = _mm512_castps128_ps512(_mm_castsi128_ps(_mm_slli_epi32(power, 23)));
+    __m128i packed = _mm_shuffle_epi8(_mm_maskz_loadu_epi8(bytes, value), control);
+    __m512 v = _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(packed));
+    if (together == 4) {
+        l = _mm512_insertf32x4(l, _mm_loadu_ps(light + 4ull * rows_index(rows, e + 2)), 2);
+        l = _mm512_insertf32x4(l, _mm_loadu_ps(light + 4ull * rows_index(rows, e + 3)), 3);
+        const __m512i quads = _mm512_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3);
+        v = _mm512_mul_ps(v, _mm512_permutexvar_ps(quads, factor));
+        s->channel[0] = _mm512_fmadd_ps(v, _mm512_shuffle_ps(l, l, 0x00), s->channel[0]);
+        s->channel[1] = _mm512_fmadd_ps(v, _mm512_shuffle_ps(l, l, 0x55), s->channel[1]);
+        s->channel[2] = _mm512_fmadd_ps(v, _mm512_shuffle_ps(l, l, 0xaa), s->channel[2]);
+        return;
+    }
+    const __m512i halves = _mm512_setr_epi32(0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1);
+    const __m512i from = _mm512_slli_epi32(halves, 2);
+    v = _mm512_mul_ps(v, _mm512_permutexvar_ps(halves, factor));
+    for (int ch = 0; ch < 3; ch++) {
+        __m512i at = _mm512_add_epi32(from, _mm512_set1_epi32(ch));
+        s->channel[ch] = _mm512_fmadd_ps(v, _mm512_permutexvar_ps(at, l), s->channel[ch]);
+    }
+}
+
+// A row of at most 16 / together directions.
+INLINE struct sums few(const struct prt_rows *rows, uint32_t row, uint32_t n,
+                       const float *light, const int together)
+{
+    const uint64_t stop = rows->begin[row + 1];
+    const int8_t *value = (const int8_t *)rows->entry + rows->value_begin[row];
+    const __m128i control = spread_control(n, together);
+    const __mmask16 bytes = lane_mask(n * (uint32_t)together);
+    struct sums s[2]; // two chains hide the latency of the additions
+    for (int i = 0; i < 2; i++)
+        for (int ch = 0; ch < 3; ch++) s[i].channel[ch] = _mm512_setzero_ps();
+    uint64_t e = rows->begin[row];
+    const uint64_t step = (uint64_t)together;
+    for (; e + 2 * step <= stop; e += 2 * step, value += 2 * step * n) {
+        _mm_prefetch((const char *)value + 1024, _MM_HINT_T0);
+        add_entries(rows, e, value, bytes, control, light, together, &s[0]);
+        add_entries(rows, e + step, value + step * n, bytes, control, light, together, &s[1]);
+    }
+    for (; e < stop; e++, value += n) add_entry(rows, e, value, lane_mask(n), light, &s[0]);
+    for (int ch = 0; ch < 3; ch++) {
+        __m512 sum = _mm512_add_ps(s[0].channel[ch], s[1].channel[ch]);
+        __m256 half =
+            _mm256_add_ps(_mm512_castps512_ps256(sum), _mm512_extractf32x8_ps(sum, 1));
+        if (together == 4)
+            half = _mm256_castps128_ps256(
+                _mm_add_ps(_mm256_castps256_ps128(half), _mm256_extractf128_ps(half, 1)));
+        s[0].channel[ch] = _mm512_zextps256_ps512(half);
+    }
+    return s[0];
+}
+
+// Directions [d0, d0 + 16) of a row of n.
+INLINE struct sums many(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t d0,
+                        const float *light)
 {
     const __mmask16 mask = lane_mask(n - d0);
     const uint64_t stop = rows->begin[row + 1];
     const int8_t *value = (const int8_t *)rows->entry + rows->value_begin[row] + d0;
-    struct sums s[2]; // two chains hide the latency of the additions
+    struct sums s[2];
     for (int i = 0; i < 2; i++)
         for (int ch = 0; ch < 3; ch++) s[i].channel[ch] = _mm512_setzero_ps();
     uint64_t e = rows->begin[row];
@@ -40,11 +114,22 @@ INLINE void part(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t
         add_entry(rows, e + 1, value + n, mask, light, &s[1]);
     }
     if (e < stop) add_entry(rows, e, value, mask, light, &s[0]);
-    __m512 scale = _mm512_maskz_loadu_ps(mask, rows->scale + rows->direction[row] + d0);
     for (int ch = 0; ch < 3; ch++)
-        _mm512_storeu_ps(
-            lanes[ch] + d0,
-            _mm512_mul_ps(_mm512_add_ps(s[0].channel[ch], s[1].channel[ch]), scale));
+        s[0].channel[ch] = _mm512_add_ps(s[0].channel[ch], s[1].channel[ch]);
+    return s[0];
+}
+
+// lanes[ch][d] of directions [d0, d0 + 16).
+static void part(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t d0,
+                 const float *light, float lanes[3][PRT_ROWS_MOST_DIRECTIONS])
+{
+    struct sums s = n <= 4   ? few(rows, row, n, light, 4)
+                    : n <= 8 ? few(rows, row, n, light, 2)
+                             : many(rows, row, n, d0, light);
+    __m512 scale =
+        _mm512_maskz_loadu_ps(lane_mask(n - d0), rows->scale + rows->direction[row] + d0);
+    for (int ch = 0; ch < 3; ch++)
+        _mm512_storeu_ps(lanes[ch] + d0, _mm512_mul_ps(s.channel[ch], scale));
 }
 
 // Functions [j, j + 16) of a row from its directions and its scaling coefficients.
