@@ -26,8 +26,9 @@ static const char *file(const char *name)
     return path;
 }
 
-// A dented ball of about 16 mm, so that there is shadow and curvature of every sign.
-static struct prt_mesh *body(void)
+// A dented ball of about 16 mm, so that there is shadow and curvature of every sign, or its first
+// n rows of 28.
+static struct prt_mesh *body_of(int n)
 {
     enum { U = 56, V = 28 };
     static float p[U * (V + 1)][3];
@@ -41,7 +42,7 @@ static struct prt_mesh *body(void)
             p[j * U + i][1] = (float)(r * cos(th));
             p[j * U + i][2] = (float)(r * sin(th) * sin(ph));
         }
-    for (int j = 0; j < V; j++)
+    for (int j = 0; j < n; j++)
         for (int i = 0; i < U; i++) {
             uint32_t a = (uint32_t)(j * U + i), b = (uint32_t)(j * U + (i + 1) % U);
             if (j > 0) memcpy(t[nt++], ((uint32_t[3]){a, b, a + U}), 12);
@@ -53,6 +54,11 @@ static struct prt_mesh *body(void)
                      PRT_OK);
     assert_int_equal(prt_mesh_scale(&context, mesh, 0, 1), PRT_OK);
     return mesh;
+}
+
+static struct prt_mesh *body(void)
+{
+    return body_of(28);
 }
 
 // Sky, floor and a soft box of a few texels.
@@ -207,6 +213,40 @@ static void polynomial_serves_every_medium(void **state)
 }
 
 // Equal bytes whatever the number of threads.
+// Rays inward leave through the hole and find no end: paths stay bounded, and so does the light.
+static void an_open_body_is_lit_like_others(void **state)
+{
+    struct prt_mesh *closed = body(), *open = body_of(22);
+    struct prt_bake_options o = options("skin1");
+    struct prt_cube light = light_of(16);
+    o.engine = PRT_ENGINE_JOINT;
+    o.n_sample = 2000;
+    assert_int_equal(prt_bake(&context, closed, &o, file("closed.prt")), PRT_OK);
+    assert_int_equal(prt_bake(&context, open, &o, file("open.prt")), PRT_OK);
+    struct prt_query q = {.term = PRT_ANSWER_SINGLE, .light = &light, .material = &o.material};
+    float most[2] = {0, 0};
+    for (int i = 0; i < 2; i++) {
+        struct prt_file *f;
+        const char *path = file(i ? "open.prt" : "closed.prt");
+        assert_int_equal(prt_file_open(&context, path, PRT_FILE_CHECK_ALL, &f), PRT_OK);
+        const struct prt_transport *t = prt_file_transport(f);
+        float(*got)[3] = calloc(t->mesh.n_vertex, sizeof *got);
+        assert_int_equal(prt_answer_colors(&context, t, &q, got), PRT_OK);
+        for (uint32_t k = 0; k < 3 * t->mesh.n_vertex; k++) {
+            assert_true(isfinite(got[0][k]));
+            most[i] = fmaxf(most[i], got[0][k]);
+        }
+        free(got);
+        prt_file_close(f);
+    }
+    print_message("single scattering at most %.3f, of an open body %.3f\n", (double)most[0],
+                  (double)most[1]);
+    assert_true(most[0] > 0 && most[1] > 0.5f * most[0] && most[1] < 2 * most[0]);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(closed);
+    prt_mesh_destroy(open);
+}
+
 static void threads_do_not_matter(void **state)
 {
     struct prt_mesh *mesh = body();
@@ -273,8 +313,8 @@ static void nonsense_is_refused(void **state)
 
 static int clean_up(void **state)
 {
-    static const char *const name[] = {"a", "s", "j", "p", "t1", "t2"};
-    for (int i = 0; i < 6; i++) {
+    static const char *const name[] = {"a", "s", "j", "p", "t1", "t2", "open", "closed"};
+    for (size_t i = 0; i < sizeof name / sizeof *name; i++) {
         char n[16];
         snprintf(n, sizeof n, "%s.prt", name[i]);
         unlink(file(n));
@@ -292,6 +332,7 @@ int main(void)
         cmocka_unit_test(sparse_is_what_w05_stores),
         cmocka_unit_test(joint_serves_every_medium),
         cmocka_unit_test(polynomial_serves_every_medium),
+        cmocka_unit_test(an_open_body_is_lit_like_others),
         cmocka_unit_test(threads_do_not_matter),
         cmocka_unit_test(cancelling_leaves_no_file),
         cmocka_unit_test(nonsense_is_refused),
