@@ -8,8 +8,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { SHIFT = 18 }; // 32 points an octave: index from a float's own bits
-
 static uint32_t bits_of(float x)
 {
     uint32_t b;
@@ -45,8 +43,8 @@ int extinction_table_create(const struct prt_radial *radial, struct extinction_t
     if (!t) return PRT_NOMEM;
     float last = radial->r[radial->n_grid - 1];
     t->n_function = radial->n_function;
-    t->base = bits_of(radial->r[1]) >> SHIFT;
-    t->n_grid = (bits_of(last) >> SHIFT) - t->base + 2;
+    t->base = bits_of(radial->r[1]) >> EXTINCTION_SHIFT;
+    t->n_grid = (bits_of(last) >> EXTINCTION_SHIFT) - t->base + 2;
     t->r = prt_alloc(t->n_grid, sizeof *t->r);
     t->integral = prt_calloc((size_t)t->n_grid * EXTINCTION_WIDE, sizeof *t->integral);
     if (!t->r || !t->integral) {
@@ -55,7 +53,7 @@ int extinction_table_create(const struct prt_radial *radial, struct extinction_t
     }
     double sum[EXTINCTION_WIDE] = {0}, before = 0;
     for (uint32_t i = 0; i < t->n_grid; i++) {
-        double r = fmin(float_of((t->base + i) << SHIFT), last);
+        double r = fmin(float_of((t->base + i) << EXTINCTION_SHIFT), last);
         if (r > before) add_integral(radial, before, r, sum);
         before = r;
         t->r[i] = (float)r;

@@ -52,11 +52,7 @@ static void lay_bins(struct horizon *h)
 // Vertices of wide triangles are known from the start to see nothing for certain.
 static void leave_wide(struct horizon *h, const struct prt_mesh *mesh)
 {
-    float box[2][3];
-    double limit = 0;
-    prt_mesh_bounds(mesh, box);
-    for (int k = 0; k < 3; k++) limit += pow((double)box[1][k] - box[0][k], 2);
-    limit *= widest * widest;
+    const double limit = pow(widest * prt_mesh_diagonal(mesh), 2);
     for (uint32_t t = 0; t < mesh->n_triangle; t++)
         for (int j = 0; j < 3; j++) {
             uint32_t a = mesh->triangle[t][j], b = mesh->triangle[t][(j + 1) % 3];

@@ -11,7 +11,7 @@
 #include <string.h>
 
 enum { MOST = 32 };                // directions held of a row before the choice
-static const double floor_ = 1e-5; // of the metric: media beside the training have a say, too
+static const double metric_floor = 1e-5; // of the metric: media beside the training have a say, too
 
 struct metric {
     uint32_t n;
@@ -31,7 +31,7 @@ static int metric_create(const struct factor_plan *plan, struct metric *m)
                 m->l[i * n + j] +=
                     (double)plan->train[t * n + i] * (double)plan->train[t * n + j];
     for (uint32_t i = 0; i < n; i++) trace += m->l[i * n + i];
-    for (uint32_t i = 0; i < n; i++) m->l[i * n + i] += floor_ * trace / n;
+    for (uint32_t i = 0; i < n; i++) m->l[i * n + i] += metric_floor * trace / n;
     return LAPACKE_dpotrf(LAPACK_ROW_MAJOR, 'L', (int)n, m->l, (int)n) ? PRT_INTERNAL : PRT_OK;
 }
 

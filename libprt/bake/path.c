@@ -241,7 +241,7 @@ static inline __attribute__((always_inline)) uint32_t grid_of(float r)
         float f;
         uint32_t i;
     } bits = {r > 0 ? r : 0};
-    return bits.i >> 18; // 32 points an octave (extinction.c)
+    return bits.i >> EXTINCTION_SHIFT;
 }
 
 // out[j] = integral of B_j over [0, r], linear between the table's points.

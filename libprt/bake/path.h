@@ -48,7 +48,6 @@ static inline __attribute__((always_inline)) float exp_minus(float x)
     return p * scale.f;
 }
 
-
 /* Integrates the nodes of n directions at `depth` [n_node], on to the path's `end` [mm].
  * With plan->extinction: out [n_phase][n_radial][n], or with the directions' weights rgb [n][3]
  * their sum, added to out [n_phase][n_radial][3]. Else out [n_phase*3][n] and no rgb. */

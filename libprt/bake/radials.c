@@ -29,15 +29,6 @@ struct radial_set bases_radial_set(const struct bases *s)
     return (struct radial_set){s->reflectance->n_function, reflectance_eval, s->reflectance, 12};
 }
 
-static double diagonal(const struct prt_mesh *mesh)
-{
-    float box[2][3];
-    double sum = 0;
-    prt_mesh_bounds(mesh, box);
-    for (int k = 0; k < 3; k++) sum += pow((double)box[1][k] - box[0][k], 2);
-    return sqrt(sum);
-}
-
 // The bake's material as profiles to hold exactly, where it has an R_d of its own.
 static int own_profiles(const struct bake *b, struct prt_profile out[3], uint32_t *n)
 {
@@ -56,7 +47,7 @@ int bases_create(struct bake *b, struct bases *s)
 {
     struct prt_profile own[3] = {{.kind = PRT_PROFILE_CURVE}};
     uint32_t n_own = 0;
-    double size = diagonal(b->mesh);
+    double size = prt_mesh_diagonal(b->mesh);
     memset(s, 0, sizeof *s);
     struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED, .family = PRT_FAMILY_DIPOLE,
                                    .eta = b->o.material.eta, .radius_mm = 1.01 * size,

@@ -142,15 +142,6 @@ static float largest(const float c[3])
     return fmaxf(c[0], fmaxf(c[1], c[2]));
 }
 
-// No way through the body is longer.
-static float diagonal(const struct prt_mesh *mesh)
-{
-    float box[2][3], sum = 0;
-    prt_mesh_bounds(mesh, box);
-    for (int k = 0; k < 3; k++) sum += (box[1][k] - box[0][k]) * (box[1][k] - box[0][k]);
-    return sqrtf(sum);
-}
-
 void single_plan_depths(struct single_plan *plan)
 {
     plan->doubt = 0.05f;
@@ -159,7 +150,8 @@ void single_plan_depths(struct single_plan *plan)
     if (plan->extinction) { // any extinction may come: nodes over every scale of the body
         plan->n_node = 7;
         plan->differ = 0.05f, plan->differ_texel = 0.2f;
-        plan->first_mm = 0.05f, plan->last_mm = 60, plan->inward_mm = diagonal(plan->mesh);
+        plan->first_mm = 0.05f, plan->last_mm = 60;
+        plan->inward_mm = (float)prt_mesh_diagonal(plan->mesh);
         plan->weakest = 0.05f;
         return;
     }

@@ -206,7 +206,11 @@ void sparse_builder_destroy(struct sparse_builder *b);
 
 /* Running integrals of the functions that stand for e^(-sigma_t r) (X07 eq 14), functions
  * fastest: [n_grid][EXTINCTION_WIDE] over a grid of 32 points an octave. */
-enum { EXTINCTION_WIDE = 32, SINGLE_MAX_NODES = 9 };
+enum {
+    EXTINCTION_WIDE = 32,
+    EXTINCTION_SHIFT = 18, /* 32 points an octave: a grid index is a float's own bits above these */
+    SINGLE_MAX_NODES = 9,
+};
 struct prt_radial;
 struct extinction_table {
     uint32_t n_function, n_grid, base; /* base: float bits >> 18 of the first point but 0 */

@@ -91,14 +91,19 @@ void prt_mesh_bounds(const struct prt_mesh *mesh, float box[2][3])
             include_block(mesh, &mesh->block[i], box);
 }
 
+double prt_mesh_diagonal(const struct prt_mesh *mesh)
+{
+    float box[2][3];
+    double sum = 0;
+    prt_mesh_bounds(mesh, box);
+    for (int c = 0; c < 3; c++) sum += pow((double)box[1][c] - (double)box[0][c], 2);
+    return sqrt(sum);
+}
+
 int prt_mesh_scale(const struct prt_context *ctx, struct prt_mesh *mesh, double size_mm,
                    double mm_per_unit)
 {
-    float box[2][3];
-    double diagonal = 0;
-    prt_mesh_bounds(mesh, box);
-    for (int c = 0; c < 3; c++) diagonal += pow((double)box[1][c] - box[0][c], 2);
-    diagonal = sqrt(diagonal);
+    double diagonal = prt_mesh_diagonal(mesh);
     if (mesh->mm_per_unit > 0)
         return prt_fail(ctx, PRT_ARG, "the mesh is in millimetres already");
     if (!(size_mm >= 0 && mm_per_unit >= 0)) // NaN too

@@ -32,14 +32,10 @@ int prt_screen_create(const struct prt_context *ctx, const struct prt_mesh *mesh
     if (!s) return prt_fail(ctx, PRT_NOMEM, "screen: no memory");
     s->mesh = mesh;
     s->scene = scene;
-    float box[2][3];
-    double d2 = 0;
-    prt_mesh_bounds(mesh, box);
-    for (int k = 0; k < 3; k++) d2 += ((double)box[1][k] - box[0][k]) * ((double)box[1][k] - box[0][k]);
-    s->diameter_mm = (float)sqrt(d2);
+    s->diameter_mm = (float)prt_mesh_diagonal(mesh);
     s->area_mm2 = prt_surface_area(mesh);
     int status = PRT_OK;
-    if (!isfinite(d2) || !(d2 > 0))
+    if (!isfinite(s->diameter_mm) || !(s->diameter_mm > 0))
         status = prt_fail(ctx, PRT_ARG, "screen: the model has no extent");
     if (!status && !(s->triangle_block = prt_mesh_triangle_blocks(mesh)))
         status = prt_fail(ctx, PRT_NOMEM, "screen: no memory");

@@ -30,11 +30,9 @@ static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
     cJSON *m = cJSON_AddObjectToObject(root, "mesh");
     float box[2][3];
     uint32_t translucent = 0;
-    double diagonal = 0;
     for (uint32_t i = 0; i < mesh->n_block; i++)
         translucent += mesh->surface[mesh->block[i].surface].translucent != 0;
     prt_mesh_bounds(mesh, box);
-    for (int i = 0; i < 3; i++) diagonal += pow((double)box[1][i] - (double)box[0][i], 2);
     cJSON_AddNumberToObject(m, "vertices", mesh->n_vertex);
     cJSON_AddNumberToObject(m, "welded", mesh->n_weld);
     cJSON_AddNumberToObject(m, "triangles", mesh->n_triangle);
@@ -47,7 +45,7 @@ static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
     cJSON_AddBoolToObject(m, "texture_coordinates", mesh->uv != NULL);
     add_vector(m, "box_min", box[0], 3);
     add_vector(m, "box_max", box[1], 3);
-    cJSON_AddNumberToObject(m, "diagonal", sqrt(diagonal));
+    cJSON_AddNumberToObject(m, "diagonal", prt_mesh_diagonal(mesh));
     cJSON_AddStringToObject(m, "units",
                             mesh->mm_per_unit > 0 ? "mm"
                             : mesh->units_known   ? "m"

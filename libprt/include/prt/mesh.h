@@ -72,6 +72,8 @@ int prt_mesh_create(const struct prt_context *ctx, uint32_t n_vertex, const floa
 
 /* Bounding box [2][3] of the translucent blocks' vertices (of all if none is translucent). */
 void prt_mesh_bounds(const struct prt_mesh *mesh, float box[2][3]);
+/* Its diagonal, in the mesh's unit: no way through the translucent objects is longer. */
+double prt_mesh_diagonal(const struct prt_mesh *mesh);
 /* Multiplies positions once: by mm_per_unit if > 0, else so that the translucent box's diagonal
  * is size_mm. Both 0: metres when units_known (a note is logged), else PRT_ARG.
  * Refuses non-finite, non-positive and absurd (diagonal outside 1e-3..1e6 mm) scales. */
