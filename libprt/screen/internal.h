@@ -273,6 +273,8 @@ struct grid frame_grid(const struct frame *f, float spacing_mm);
 /* Light from points of the surface as discs of their mean area: R_d, or with r_p >= 0 its part
  * that is local (C08). */
 int scatter_discs(struct frame *f, const struct samples *s, double r_p, float opening, float r_max);
+/* Points that distant light l sees, with the E it gives them, by the normals of maps. */
+int frame_light_view(struct frame *f, uint32_t l, const struct grid *grid, struct samples *out);
 int scatter_light_views(struct frame *f, double r_p, float spacing, float opening, float r_max);
 
 int engine_splat(struct frame *f);
@@ -289,14 +291,27 @@ struct media {
     uint32_t *object;          /* [n] */
     float (*rho)[3];           /* [n_point] total reflectance of the point's own coefficients */
 };
-/* Channel c of a medium whose coefficients the factors scale. */
+/* Channel c of a medium whose coefficients the factors scale; one with a profile stays as it is. */
 void mapped_dipole(const struct prt_dipole *base, const float factor[6], int c,
                    struct prt_dipole *out);
+/* Its total reflectance; of a profile: scaled as that of the nearest dipole. */
+double mapped_reflectance(const struct prt_dipole *base, const float factor[6], int c);
 int map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
               const struct prt_screen_map *map, bool factor);
 void map_lookup(const struct prt_screen_map *map, const float uv[2], float rgb[3]);
-void point_uv(const struct frame *f, uint32_t i, float uv[2]);
+void point_factor(const struct frame *f, uint32_t i, float factor[6]);
+/* Own columns of normals for samples with triangle and bary: s->normal[] is replaced, not freed. */
 int map_normals(const struct frame *f, struct samples *s);
+/* Scales radiance that was summed with the objects' plain media by every point's own reflectance. */
+int map_tint(const struct frame *f);
+static inline bool maps_turn(const struct prt_screen_options *o)
+{
+    return o->bump_map || o->normal_map;
+}
+static inline bool maps_tint(const struct prt_screen_options *o)
+{
+    return o->sigma_s_map || o->sigma_a_map;
+}
 int map_media(const struct frame *f, struct media *out);
 void media_finish(struct media *media);
 

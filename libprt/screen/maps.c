@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Images over a mesh's uv: what the medium's coefficients are at a pixel, and which way its
+// Images over a mesh's uv: what the medium's coefficients are at a pixel, and which way the
 // surface turns for the irradiance (M03's textures and bumps).
 #include "internal.h"
 
@@ -43,22 +43,41 @@ void map_lookup(const struct prt_screen_map *map, const float uv[2], float rgb[3
     }
 }
 
-void point_uv(const struct frame *f, uint32_t i, float uv[2])
+static void uv_at(const struct prt_mesh *mesh, uint32_t triangle, float a, float b, float uv[2])
 {
-    const struct prt_gbuffer *g = &f->g;
-    float w[3] = {1 - g->bary[0][i] - g->bary[1][i], g->bary[0][i], g->bary[1][i]};
+    const float w[3] = {1 - a - b, a, b};
     for (int k = 0; k < 2; k++) {
         uv[k] = 0;
-        for (int j = 0; j < 3; j++) uv[k] += w[j] * f->screen->mesh->uv[g->corner[j][i]][k];
+        for (int j = 0; j < 3; j++) uv[k] += w[j] * mesh->uv[mesh->triangle[triangle][j]][k];
         if (!isfinite(uv[k])) uv[k] = 0;
     }
 }
 
-// Change of position with u and v [mm] on a point's triangle; false where uv are folded.
-static bool uv_frame(const struct frame *f, uint32_t i, float du[3], float dv[3])
+// The map of a block's surface; NULL: none there.
+static const struct prt_screen_map *map_of(const struct frame *f, const struct prt_screen_map *map,
+                                           uint32_t block)
 {
-    const struct prt_mesh *m = f->screen->mesh;
-    const uint32_t c[3] = {f->g.corner[0][i], f->g.corner[1][i], f->g.corner[2][i]};
+    if (!map || !f->options->maps_by_surface) return map;
+    map += f->screen->mesh->block[block].surface;
+    return map->rgb ? map : NULL;
+}
+
+// Factors of sigma_s' and sigma_a at a point of the G-buffer.
+void point_factor(const struct frame *f, uint32_t i, float factor[6])
+{
+    const struct prt_screen_map *s = map_of(f, f->options->sigma_s_map, f->g.block[i]);
+    const struct prt_screen_map *a = map_of(f, f->options->sigma_a_map, f->g.block[i]);
+    float uv[2];
+    for (int k = 0; k < 6; k++) factor[k] = 1;
+    uv_at(f->screen->mesh, f->g.triangle[i], f->g.bary[0][i], f->g.bary[1][i], uv);
+    if (s) map_lookup(s, uv, factor);
+    if (a) map_lookup(a, uv, factor + 3);
+}
+
+// Change of position with u and v [mm] on a triangle; false where uv are folded.
+static bool uv_frame(const struct prt_mesh *m, uint32_t triangle, float du[3], float dv[3])
+{
+    const uint32_t *c = m->triangle[triangle];
     float s[2][2], e[2][3];
     for (int j = 0; j < 2; j++) {
         for (int k = 0; k < 2; k++) s[j][k] = m->uv[c[j + 1]][k] - m->uv[c[0]][k];
@@ -133,31 +152,45 @@ static void tangent_normal(const struct prt_screen_map *map, const float uv[2], 
 
 struct turn_job {
     const struct frame *f;
-    struct samples *s;
+    const struct samples *s;
+    float *out[3];
 };
 
 static int turn_points(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct turn_job *job = arg;
-    const struct prt_screen_options *o = job->f->options;
+    const struct prt_mesh *mesh = job->f->screen->mesh;
+    const struct samples *s = job->s;
     for (size_t i = begin; i < end; i++) {
+        uint32_t t = s->triangle[i], block = job->f->screen->triangle_block[t];
+        const struct prt_screen_map *turn = map_of(job->f, job->f->options->normal_map, block);
+        const struct prt_screen_map *height = map_of(job->f, job->f->options->bump_map, block);
         float uv[2], du[3], dv[3], n[3], out[3];
-        for (int k = 0; k < 3; k++) out[k] = n[k] = job->f->g.normal[k][i];
-        if (uv_frame(job->f, (uint32_t)i, du, dv)) {
-            point_uv(job->f, (uint32_t)i, uv);
-            if (o->normal_map) tangent_normal(o->normal_map, uv, n, du, dv, out);
+        for (int k = 0; k < 3; k++) out[k] = n[k] = s->normal[k][i];
+        if ((turn || height) && uv_frame(mesh, t, du, dv)) {
+            uv_at(mesh, t, s->bary[0][i], s->bary[1][i], uv);
+            if (turn) tangent_normal(turn, uv, n, du, dv, out);
             memcpy(n, out, sizeof n);
-            if (o->bump_map) bump(o->bump_map, uv, n, du, dv, out);
+            if (height) bump(height, uv, n, du, dv, out);
         }
-        for (int k = 0; k < 3; k++) job->s->normal[k][i] = out[k];
+        for (int k = 0; k < 3; k++) job->out[k][i] = out[k];
     }
     return PRT_OK;
 }
 
 int map_normals(const struct frame *f, struct samples *s)
 {
-    struct turn_job job = {f, s};
-    return prt_parallel_for(f->ctx, NULL, s->n, 1024, turn_points, &job);
+    struct turn_job job = {.f = f, .s = s};
+    int status = PRT_OK;
+    for (int k = 0; k < 3; k++)
+        if (!(job.out[k] = prt_alloc((size_t)s->n + 16, sizeof(float))))
+            status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for a map's normals");
+    if (!status) status = prt_parallel_for(f->ctx, NULL, s->n, 1024, turn_points, &job);
+    for (int k = 0; k < 3; k++) {
+        if (status) prt_free(job.out[k]);
+        else s->normal[k] = job.out[k];
+    }
+    return status;
 }
 
 int prt_screen_albedo_factors(const struct prt_context *ctx, const struct prt_material *material,
@@ -211,7 +244,19 @@ void mapped_dipole(const struct prt_dipole *base, const float factor[6], int c,
                    struct prt_dipole *out)
 {
     double s = base->sigma_s_prime * (double)factor[c], a = base->sigma_a * (double)factor[3 + c];
-    prt_dipole_init(out, fmin(fmax(s, 1e-5), 1000), fmin(a, 1000), base->eta);
+    if (base->n_point) *out = *base;
+    else prt_dipole_init(out, fmin(fmax(s, 1e-5), 1000), fmin(a, 1000), base->eta);
+}
+
+double mapped_reflectance(const struct prt_dipole *base, const float factor[6], int c)
+{
+    static const float one[6] = {1, 1, 1, 1, 1, 1};
+    struct prt_dipole plain = *base, own, whole;
+    plain.n_point = 0;
+    mapped_dipole(&plain, factor, c, &own);
+    if (!base->n_point) return own.rho_d;
+    mapped_dipole(&plain, one, c, &whole);
+    return base->rho_d * own.rho_d / fmax(whole.rho_d, 1e-12);
 }
 
 struct rho_job {
@@ -227,18 +272,36 @@ static int point_reflectance(void *arg, size_t begin, size_t end, unsigned worke
     const struct frame *f = job->f;
     for (size_t i = begin; i < end; i++) {
         uint32_t object = f->screen->mesh->block[f->g.block[i]].object;
+        for (int c = 0; c < 3; c++)
+            job->rho[i][c] = (float)mapped_reflectance(&f->dipole[object][c], job->scale[i], c);
+    }
+    return PRT_OK;
+}
+
+static int tint_points(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct frame *f = arg;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t object = f->screen->mesh->block[f->g.block[i]].object;
+        float factor[6];
+        if (f->g.opaque[i]) continue;
+        point_factor(f, (uint32_t)i, factor);
         for (int c = 0; c < 3; c++) {
-            struct prt_dipole d;
-            mapped_dipole(&f->dipole[object][c], job->scale[i], c, &d);
-            job->rho[i][c] = (float)d.rho_d;
+            const struct prt_dipole *d = &f->dipole[object][c];
+            f->radiance[i][c] *= (float)(mapped_reflectance(d, factor, c) / fmax(d->rho_d, 1e-12));
         }
     }
     return PRT_OK;
 }
 
+int map_tint(const struct frame *f)
+{
+    struct frame own = *f;
+    return prt_parallel_for(f->ctx, NULL, f->g.n_point, 1024, tint_points, &own);
+}
+
 int map_media(const struct frame *f, struct media *out)
 {
-    const struct prt_screen_options *o = f->options;
     uint32_t n = f->g.n_point;
     float(*scale)[6] = malloc(((size_t)n + 1) * sizeof *scale);
     double(*sum)[7] = malloc((MOST_MEDIA + 1) * sizeof *sum);
@@ -250,11 +313,7 @@ int map_media(const struct frame *f, struct media *out)
     out->rho = malloc(((size_t)n + 1) * sizeof *out->rho);
     bool good = out->rho && scale && sum && out->of && out->factor && out->object;
     for (uint32_t i = 0; i < n && good; i++) {
-        float uv[2];
-        for (int k = 0; k < 6; k++) scale[i][k] = 1;
-        point_uv(f, i, uv);
-        if (o->sigma_s_map) map_lookup(o->sigma_s_map, uv, scale[i]);
-        if (o->sigma_a_map) map_lookup(o->sigma_a_map, uv, scale[i] + 3);
+        point_factor(f, i, scale[i]);
     }
     // steps as fine as leave no more media than there is room for
     for (float per_octave = 8; good; per_octave *= 0.5f) {

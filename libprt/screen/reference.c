@@ -21,13 +21,24 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct job *job = arg;
     const struct samples *s = job->s;
+    const bool maps = maps_tint(job->f->options);
     float *r = prt_alloc(4 * CHUNK, sizeof *r);
     if (!r) return PRT_NOMEM;
     for (size_t i = begin; i < end; i++) {
         uint32_t point = job->point[i];
         uint32_t object = job->f->screen->mesh->block[job->f->g.block[point]].object;
         double sum[3] = {0};
-        float o[3];
+        float o[3], factor[6];
+        struct prt_dipole own[3], *dipole = job->f->dipole[object];
+        double scale[3] = {1, 1, 1};
+        if (maps) { // the medium where light leaves, as in M03
+            point_factor(job->f, point, factor);
+            for (int c = 0; c < 3; c++) {
+                mapped_dipole(&dipole[c], factor, c, &own[c]);
+                scale[c] = mapped_reflectance(&dipole[c], factor, c) / fmax(own[c].rho_d, 1e-12);
+            }
+            dipole = own;
+        }
         for (int k = 0; k < 3; k++) o[k] = job->f->g.position[k][point];
         uint32_t last = job->object_begin[object + 1];
         for (uint32_t at = job->object_begin[object]; at < last; at += CHUNK) {
@@ -38,14 +49,14 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
                 float z = s->p[2][at + j] - o[2];
                 r[j] = x * x + y * y + z * z;
             }
-            prt_dipole_rd3_array(job->f->dipole[object], job->cpu, n, r, r + CHUNK, r + 2 * CHUNK,
+            prt_dipole_rd3_array(dipole, job->cpu, n, r, r + CHUNK, r + 2 * CHUNK,
                                  r + 3 * CHUNK);
             for (int c = 0; c < 3; c++)
                 for (uint32_t j = 0; j < n; j++)
                     part[c] += r[(size_t)(c + 1) * CHUNK + j] * s->e[c][at + j] * s->area[at + j];
             for (int c = 0; c < 3; c++) sum[c] += part[c];
         }
-        for (int c = 0; c < 3; c++) job->out[i][c] = (float)(sum[c] / M_PI);
+        for (int c = 0; c < 3; c++) job->out[i][c] = (float)(scale[c] * sum[c] / M_PI);
     }
     prt_free(r);
     return PRT_OK;

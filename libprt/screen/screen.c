@@ -105,13 +105,17 @@ int frame_irradiance(struct frame *f, struct samples *s)
     const struct prt_screen_options *o = f->options;
     if (o->vertex_irradiance)
         return irradiance_vertices(f->ctx, f->screen->mesh, o->vertex_irradiance, s);
-    // harmonics know no shadows and no map's normals, and stand for the cube alone
-    if (o->sh_irradiance && f->cube && o->engine != PRT_SCREEN_TANGENT) {
-        irradiance_harmonics(f->cube, f->eta, s);
-        return PRT_OK;
-    }
-    return irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, f->eta, s,
-                             &f->report->n_ray);
+    struct samples lit = *s; // the columns are the same, but for normals that maps turn
+    int status = maps_turn(o) ? map_normals(f, &lit) : PRT_OK;
+    // harmonics know no shadows and stand for the cube alone
+    if (!status && o->sh_irradiance && f->cube && o->engine != PRT_SCREEN_TANGENT)
+        irradiance_harmonics(f->cube, f->eta, &lit);
+    else if (!status)
+        status = irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, f->eta, &lit,
+                                   &f->report->n_ray);
+    for (int k = 0; k < 3; k++)
+        if (lit.normal[k] != s->normal[k]) prt_free(lit.normal[k]);
+    return status;
 }
 
 // Per-object dipoles and tables.
@@ -128,10 +132,8 @@ static int make_tables(struct frame *f, const struct prt_material *material)
         int status = prt_material_check(f->ctx, m);
         if (status) return status;
         double scale = INFINITY;
-        for (int c = 0; c < 3; c++) {
-            prt_dipole_init(&f->dipole[o][c], m->sigma_s_prime[c], m->sigma_a[c], m->eta);
-            scale = fmin(scale, f->dipole[o][c].z_r);
-        }
+        prt_material_dipoles(m, f->dipole[o]); // the material's own profile, where it has one
+        for (int c = 0; c < 3; c++) scale = fmin(scale, f->dipole[o][c].z_r);
         f->eta[o] = m->eta;
         const struct prt_screen_profile *profile = f->options->profile;
         if (profile) {
@@ -219,10 +221,10 @@ static int check_options(const struct prt_context *ctx, const struct prt_screen_
     return PRT_OK;
 }
 
-// The reference knows one dipole an object, and smooth normals.
+// The reference knows materials' own profiles, but not those of the options.
 bool frame_measurable(const struct prt_screen_options *o)
 {
-    return !o->profile && !o->sigma_s_map && !o->sigma_a_map && !o->bump_map && !o->normal_map;
+    return !o->profile;
 }
 
 static int check_maps(const struct frame *f)
@@ -231,12 +233,12 @@ static int check_maps(const struct frame *f)
     const struct prt_screen_map *map[4] = {o->sigma_s_map, o->sigma_a_map, o->bump_map,
                                            o->normal_map};
     for (int k = 0; k < 4; k++) {
-        if (!map[k]) continue;
-        if (o->engine != PRT_SCREEN_TANGENT)
-            return prt_fail(f->ctx, PRT_ARG, "screen: maps are for tangent, not %s",
-                            prt_screen_engine_name(o->engine));
-        int status = map_check(f->ctx, f->screen->mesh, map[k], k < 2);
-        if (status) return status;
+        uint32_t n = map[k] && o->maps_by_surface ? f->screen->mesh->n_surface : map[k] != NULL;
+        for (uint32_t i = 0; i < n; i++) {
+            if (o->maps_by_surface && !map[k][i].rgb) continue;
+            int status = map_check(f->ctx, f->screen->mesh, &map[k][i], k < 2);
+            if (status) return status;
+        }
     }
     return PRT_OK;
 }
@@ -352,8 +354,8 @@ static int report_frame(struct frame *f, double seconds)
     plan_learn(f->screen, e, n, &view, seconds);
     struct prt_screen *s = f->screen;
     struct checked *seen = &s->checked[e][view.n_light > FEW_LIGHTS];
-    bool maps = f->options->sigma_s_map || f->options->sigma_a_map || f->options->bump_map ||
-                f->options->normal_map;
+    // the check knows one medium an object; other engines are tinted after it
+    bool maps = e == PRT_SCREEN_TANGENT && maps_tint(f->options);
     bool due = !(seen->trouble > 0) || seen->since++ >= CHECK_EVERY || changed(seen->work, n) ||
                changed(seen->path_mm, view.mean_free_path_mm);
     if (due && !f->options->frame && !maps) {
@@ -391,6 +393,8 @@ int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen
     if (!status && f.any && screen->area_mm2 > 0) {
         status = run_engine(&f);
         if (!status) status = report_frame(&f, prt_time_s() - started);
+        bool own = options->engine == PRT_SCREEN_TANGENT || options->engine == PRT_SCREEN_REFERENCE;
+        if (!status && !own && maps_tint(options)) status = map_tint(&f);
         if (!status && options->measure_error && frame_measurable(options))
             status = engine_reference(&f, measure_texels(&f), f.g.n_point / MEASURE_POINTS + 1,
                                       &f.report->error);

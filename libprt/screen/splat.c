@@ -59,6 +59,23 @@ int scatter_discs(struct frame *f, const struct samples *s, double r_p, float op
     return status;
 }
 
+int frame_light_view(struct frame *f, uint32_t l, const struct grid *grid, struct samples *out)
+{
+    int status = samples_light_view(f->ctx, f->screen->scene, &f->light[l], grid, f->eta, out,
+                                    &f->report->grid, &f->report->n_ray);
+    if (status || !maps_turn(f->options)) return status;
+    // what the light sees, by the normals of maps
+    uint32_t n = f->n_light;
+    struct prt_screen_light *all = f->light;
+    f->light += l;
+    f->n_light = 1;
+    status = frame_irradiance(f, out);
+    f->light = all;
+    f->n_light = n;
+    if (status) samples_finish(out);
+    return status;
+}
+
 // The grid points every light sees.
 int scatter_light_views(struct frame *f, double r_p, float spacing, float opening, float r_max)
 {
@@ -66,8 +83,7 @@ int scatter_light_views(struct frame *f, double r_p, float spacing, float openin
     for (uint32_t l = 0; l < f->n_light; l++) {
         struct samples s;
         double t0 = prt_time_s();
-        int status = samples_light_view(f->ctx, f->screen->scene, &f->light[l], &grid, f->eta, &s,
-                                        &f->report->grid, &f->report->n_ray);
+        int status = frame_light_view(f, l, &grid, &s);
         if (status) return status;
         double t1 = prt_time_s();
         f->report->irradiance_s += t1 - t0;

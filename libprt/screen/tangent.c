@@ -434,9 +434,7 @@ static int hidden_part(struct frame *f, const struct tangent_job *job, const str
     struct grid grid = frame_grid(f, spacing);
     for (uint32_t l = 0; l < f->n_light; l++) {
         struct samples s;
-        uint32_t n_grid;
-        int status = samples_light_view(f->ctx, f->screen->scene, &f->light[l], &grid, f->eta, &s,
-                                        &n_grid, &f->report->n_ray);
+        int status = frame_light_view(f, l, &grid, &s);
         if (status) return status;
         status = keep_hidden(f, job, seen, &s);
         if (!status) status = scatter_discs(f, &s, -1, 0.8f, far);
@@ -532,7 +530,7 @@ static int make_mix(struct frame *f, struct mix *mix, struct tangent_job *job)
     job->n_medium = f->n_object ? f->n_object : 1;
     job->dipole = f->dipole;
     job->table = f->table;
-    if (f->options->sigma_s_map || f->options->sigma_a_map) {
+    if (maps_tint(f->options)) {
         int status = map_media(f, &mix->media);
         if (status) return status;
         uint32_t n = mix->media.n ? mix->media.n : 1;
@@ -597,7 +595,6 @@ static int pick_kernel(const struct frame *f, struct tangent_job *job)
 int engine_tangent(struct frame *f)
 {
     struct tangent_job job = {.width = f->width, .height = f->height, .radiance = f->radiance};
-    const struct prt_screen_options *o = f->options;
     uint32_t n = f->report->n_asked = frame_samples(f, 64, 4096);
     job.n_uniform = n / 4;
     job.n_tangent = n - job.n_uniform;
@@ -612,12 +609,7 @@ int engine_tangent(struct frame *f)
     job.needed = view->needed;
     job.point_of = view->point_of;
     for (int k = 0; k < 3; k++) job.face[k] = seen->face[k];
-    if (o->bump_map || o->normal_map) status = map_normals(f, seen);
-    if (!status)
-        status = frame_irradiance(f, seen);
-    // the view keeps the smooth normals
-    for (int k = 0; k < 3 && (o->bump_map || o->normal_map); k++)
-        memcpy(seen->normal[k], f->g.normal[k], (size_t)f->g.n_point * sizeof(float));
+    status = frame_irradiance(f, seen);
     t1 = prt_time_s();
     struct seen *record = status ? NULL : prt_alloc((size_t)f->g.n_point + 1, sizeof *record);
     if (!status && !record) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");

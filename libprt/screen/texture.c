@@ -384,7 +384,7 @@ static int own_light(struct frame *f, const double *own_mm)
 static int local_scatter(struct frame *f, double r_p, float spacing)
 {
     float reach = (float)(r_p + 5 / SPLIT_K);
-    if (only_light_views(f) && f->options->rings)
+    if (only_light_views(f) && f->options->rings && !maps_turn(f->options))
         return scatter_pattern(f, r_p, spacing, reach);
     if (only_light_views(f)) return scatter_light_views(f, r_p, spacing, 0.7f, reach);
     return scatter_discs(f, &f->screen->atlas, r_p, 0.7f, reach);

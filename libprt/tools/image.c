@@ -2,7 +2,6 @@
 // prt image: a lit model drawn from a camera.
 #include "maps.h"
 #include "tool.h"
-#include "prt/profile.h"
 #include "prt/relight.h"
 #include "prt/screen.h"
 
@@ -60,8 +59,9 @@ static int check_usage(struct tool *tool, struct picture *p)
                            "--camera %s: expected EYE:TARGET[:UP[:FOVY]] with points x,y,z, "
                            "FOVY in (0, 170)",
                            o->camera);
-    if (maps_asked(o) && (!o->engine || strcmp(o->engine, "tangent")))
-        return usage_error(o, "maps are for --engine tangent");
+    if (maps_asked(o) && (!o->engine || !strcmp(o->engine, "vertex") ||
+                          !strcmp(o->engine, "reference")))
+        return usage_error(o, "maps are for --engine splat, tangent, texture and hybrid");
     if (o->bump_mm > 0 && !o->bump_map) return usage_error(o, "--bump-mm is for --bump-map");
     if (o->background && !strcmp(o->background, "none")) {
         p->plain = true;
@@ -212,59 +212,6 @@ static int draw_vertices(struct tool *tool, struct picture *p, bool reference, b
         tool, prt_shade_image(&tool->ctx, p->visibility, p->source.mesh, &shade, &p->image));
 }
 
-// R_d of a --material that is no dipole, a table that all objects share.
-struct rd_table {
-    struct prt_screen_profile *profile; // [n_object], or NULL: a dipole
-    float r_mm[512], rd[512][3];
-};
-
-static void rd_table_finish(struct rd_table *t)
-{
-    if (t) free(t->profile);
-    free(t);
-}
-
-static int rd_table_make(struct tool *tool, const struct prt_mesh *mesh, const char *engine,
-                         struct rd_table **out)
-{
-    enum { N = 512 };
-    struct prt_optics optics;
-    *out = NULL;
-    if (!tool->opt.material) return EXIT_DONE;
-    int status = prt_optics_load(&tool->ctx, tool->opt.material, &optics);
-    if (status) return tool_exit(tool, status);
-    bool dipole = optics.kind == PRT_PROFILE_DIPOLE, tangent = !strcmp(engine, "tangent");
-    if (!dipole && tangent)
-        prt_log(&tool->ctx, PRT_LOG_NOTE,
-                "--engine tangent knows dipoles only: the one nearest to %s answers",
-                optics.material.name);
-    struct rd_table *t = dipole || tangent ? NULL : calloc(1, sizeof *t);
-    if (t && (t->profile = calloc(mesh->n_object + 1, sizeof *t->profile))) {
-        double far = 0, near = INFINITY;
-        for (int c = 0; c < 3; c++) {
-            far = fmax(far, prt_profile_radius(&optics.channel[c], 1e-5));
-            near = fmin(near, prt_profile_radius(&optics.channel[c], 0.999));
-        }
-        // from 0, then equal steps of log r to where next to nothing is left
-        near = fmin(1e-2 * near, 1e-3 * far);
-        for (int k = 0; k < N; k++) {
-            double r = k ? near * pow(far / near, (k - 1.0) / (N - 2)) : 0;
-            t->r_mm[k] = (float)r;
-            // Burley's rises without bound towards 0
-            for (int c = 0; c < 3; c++)
-                t->rd[k][c] = (float)fmax(prt_profile_rd(&optics.channel[c], fmax(r, near)), 0);
-        }
-        for (uint32_t o = 0; o < mesh->n_object; o++)
-            t->profile[o] = (struct prt_screen_profile){N, t->r_mm, (const float(*)[3])t->rd};
-    } else if (!dipole && !tangent) {
-        status = prt_fail(&tool->ctx, PRT_NOMEM, "no memory for a profile");
-    }
-    prt_optics_finish(&optics);
-    if (status) rd_table_finish(t);
-    else *out = t;
-    return status ? tool_exit(tool, status) : EXIT_DONE;
-}
-
 // The picture by an image-space engine: irradiance and diffusion at what the camera sees.
 static int draw_on_screen(struct tool *tool, struct picture *p, const char *engine, bool total)
 {
@@ -281,18 +228,11 @@ static int draw_on_screen(struct tool *tool, struct picture *p, const char *engi
     if (status) return tool_exit(tool, status);
     if ((status = maps_load(tool, p->source.mesh, &p->source.material, &p->maps, &options)))
         return status;
-    struct rd_table *rd;
-    if ((status = rd_table_make(tool, p->source.mesh, engine, &rd))) return status;
-    if (rd) options.profile = rd->profile;
     status = prt_screen_create(&tool->ctx, p->source.mesh, NULL, &screen);
-    if (status) {
-        rd_table_finish(rd);
-        return tool_exit(tool, status);
-    }
+    if (status) return tool_exit(tool, status);
     status = prt_screen_image(&tool->ctx, screen, p->visibility, &p->source.material, &p->light,
                               0, NULL, &options, &shade_options, &p->image, &p->report);
     prt_screen_destroy(screen);
-    rd_table_finish(rd);
     return tool_exit(tool, status);
 }
 

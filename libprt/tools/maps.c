@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Images over a model's uv for `prt image --engine tangent`: tints, normals, heights.
+// Images over a model's uv for `prt image` by image-space engines: tints, normals, heights.
 #include "maps.h"
 
 #include <math.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* maps.h owns the images over uv that prt image gives to tangent-plane sampling. */
+/* maps.h owns the images over uv that prt image gives to image-space engines. */
 #ifndef PRT_TOOL_MAPS_H
 #define PRT_TOOL_MAPS_H
 

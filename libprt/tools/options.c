@@ -139,12 +139,12 @@ static const struct row table[] = {
     {"budget-ms", 0, "MS", REAL, AT(budget_ms), 0, 1e7, NULL, IMAGE,
      "image-space engines: time they may take"},
     {"albedo-map", 0, "FILE", TEXT, AT(albedo_map), 0, 0, NULL, IMAGE,
-     "tangent: an image over the model's uv (row 0 at v = 0, as glTF) whose colours multiply\n"
+     "image-space engines: an image over the model's uv (row 0 at v = 0, as glTF) whose colours multiply\n"
      "                              the medium's reflectance, by absorption"},
     {"normal-map", 0, "FILE", TEXT, AT(normal_map), 0, 0, NULL, IMAGE,
-     "tangent: tangent-space normals, for the light that falls in"},
+     "image-space engines: tangent-space normals, for the light that falls in"},
     {"bump-map", 0, "FILE", TEXT, AT(bump_map), 0, 0, NULL, IMAGE,
-     "tangent: heights (the red channel), for the light that falls in"},
+     "image-space engines: heights (the red channel), for the light that falls in"},
     {"bump-mm", 0, "H", REAL, AT(bump_mm), 0, 1e4, NULL, IMAGE,
      "height of a bump map's white (default 0.5)"},
     {"measure-error", 0, NULL, FLAG, AT(measure_error), 0, 0, NULL, IMAGE,

@@ -1,6 +1,6 @@
 #!/bin/bash
 # SPDX-License-Identifier: MIT
-# prt image --engine tangent with images over the model's uv: a uniform tint of 1/4 gives a quarter
+# prt image by image-space engines with images over the model's uv: a uniform tint of 1/4 gives a quarter
 # of the light, level normals change nothing, a bump does, and what cannot be is refused.
 #   image_maps.sh PATH/TO/prt
 set -u
@@ -47,8 +47,8 @@ hdr waves.hdr 8 '\100\100\100\200\200\200\200\200\300\300\300\200\377\377\377\20
 draw() { # OUT OPTION…
     local out=$1
     shift
-    timeout 120 "$prt" image ball.obj --material marble --size-mm 40 --env side.hdr --engine tangent \
-        --samples 64 --size 96x96 --term multiple --background none --quiet "$@" -o "$out" 2>err ||
+    timeout 120 "$prt" image ball.obj --material marble --size-mm 40 --env side.hdr --engine "$engine" \
+        --samples "$samples" --size 96x96 --term multiple --background none --quiet "$@" -o "$out" 2>err ||
         fail "$out: $*"
 }
 # near A B RMSE TOLERANCE
@@ -67,14 +67,17 @@ refused() { # STATUS PATTERN OPTION…
     grep -Eq -- "$pattern" err || fail "no '$pattern': $*"
     [ ! -e no.exr ] || fail "no.exr was written: $*"
 }
-draw plain.exr
-draw tinted.exr --albedo-map quarter.hdr
-draw level.exr --normal-map level.hdr
-draw waves.exr --bump-map waves.hdr --bump-mm 4
-near tinted.exr plain.exr 0.75 0.03
-near level.exr plain.exr 0 0.01
-near waves.exr plain.exr 0.2 0.15
-refused 2 'maps are for --engine tangent' ball.obj --engine splat --albedo-map quarter.hdr
+for pair in tangent:64 splat:80 texture:900 hybrid:900; do
+    engine=${pair%:*} samples=${pair#*:}
+    draw plain.exr
+    draw tinted.exr --albedo-map quarter.hdr
+    draw level.exr --normal-map level.hdr
+    draw waves.exr --bump-map waves.hdr --bump-mm 4
+    near tinted.exr plain.exr 0.75 0.03
+    near level.exr plain.exr 0 0.01
+    near waves.exr plain.exr 0.3 0.1
+done
+refused 2 'maps are for --engine splat, tangent' ball.obj --engine reference --albedo-map quarter.hdr
 refused 2 'bump-mm is for' ball.obj --engine tangent --bump-mm 2
 refused 2 'no texture coordinates' bare.obj --engine tangent --albedo-map quarter.hdr
 refused 1 'none.hdr' ball.obj --engine tangent --normal-map none.hdr

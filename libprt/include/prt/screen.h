@@ -81,16 +81,20 @@ struct prt_screen_options {
     float bound;            /* HYBRID: R_p is where 2 pi r R_d last crosses it [mm^-1]; 0: 0.05 */
     float epsilon;          /* SPLAT: r_max leaves this share of rho_d outside; 0: 0.002 */
     bool sh_irradiance;     /* S09's unshadowed irradiance from 16 harmonics, cube lights only */
-    bool measure_error;     /* compare some pixels with REFERENCE (costs rays); not with profiles or maps */
+    bool measure_error;     /* compare some pixels with REFERENCE (costs rays); not with `profile` */
     uint64_t seed;
     const struct prt_material *object_material; /* [n_object], or NULL: one for all */
-    const struct prt_screen_profile *profile;   /* SPLAT, TEXTURE, HYBRID: [n_object], or NULL: dipoles */
+    const struct prt_screen_profile *profile;   /* SPLAT, TEXTURE, HYBRID: [n_object] in place of
+                               the materials' own R_d, which all engines know; or NULL */
     uint32_t frame;         /* which picture of a running mean this is: each takes other samples,
                                and the mean of 0..k goes to REFERENCE as k grows (TANGENT: to
                                1 or 2 % of it); see prt_screen_progress. The same seed and frame give the same picture */
-    /* TANGENT, on meshes with uv: factors >= 0 of the medium's coefficients at each pixel; heights
-       [mm] (first channel) or tangent-space normals (0.5 + 0.5 n) for the irradiance */
+    /* On meshes with uv: factors >= 0 of the medium's coefficients at each pixel (TANGENT and
+       REFERENCE take R_d of the medium where light leaves; the others spread light in the plain
+       medium and scale it by the pixel's total reflectance); heights [mm] (first channel) or
+       tangent-space normals (0.5 + 0.5 n) for the irradiance. NULL: none */
     const struct prt_screen_map *sigma_s_map, *sigma_a_map, *bump_map, *normal_map;
+    bool maps_by_surface;   /* each of them is [n_surface], rgb NULL: none on that surface */
     const float (*vertex_irradiance)[3]; /* [n_vertex] E of all the lights where it is known already
                                (a bake's, prt_reference's): interpolated, no rays; or NULL */
     uint32_t rings, spokes; /* HYBRID under at most 4 distant lights: > 0: the near part from C08's

@@ -1,0 +1,275 @@
+// SPDX-License-Identifier: MIT
+// screen/: frames of a view: kernels, receivers, budgets, foreseen errors, running means.
+#include "screen_stage.h"
+
+// Every kernel gives the C kernel's sums, guarded at odd counts, and says how fast it is.
+static void pair_kernels_agree(void **state)
+{
+    struct prt_dipole d[3];
+    for (int c = 0; c < 3; c++) prt_dipole_init(&d[c], 1 + c, 0.01, 1.3);
+    struct radial_table t;
+    radial_table_fit(&t, prt_screen_dipole_profile, d, d[2].z_r, 60);
+    struct prt_rng rng;
+    prt_rng_init(&rng, 2, 0);
+    // the table: R_d where it matters
+    for (int i = 0; i < 1000; i++) {
+        double r = 0.01 * pow(2000, i / 1000.0), exact[3];
+        float got[3];
+        prt_screen_dipole_profile(d, r, exact);
+        radial_table_eval(&t, (float)(r * r), got);
+        for (int c = 0; c < 3; c++)
+            assert_true(fabs(got[c] - exact[c]) < 0.02 * exact[c] + 1e-6 * d[c].rho_d);
+    }
+    struct emitters e = {0};
+    assert_true(emitters_reserve(&e, 3000));
+    for (int i = 0; i < 2777; i++) {
+        float p[3], w[3];
+        for (int k = 0; k < 3; k++) {
+            p[k] = 40 * prt_rng_f32(&rng);
+            w[k] = prt_rng_f32(&rng);
+        }
+        emitters_push(&e, p, w);
+    }
+    struct {
+        float p[3][64], sum[3][64];
+    } __attribute__((aligned(64))) block;
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < 64; i++) block.p[k][i] = 40 * prt_rng_f32(&rng);
+    const float *const p[3] = {block.p[0], block.p[1], block.p[2]};
+    float *const sum[3] = {block.sum[0], block.sum[1], block.sum[2]};
+    float first[3][64];
+    static const char *const word[] = {"c", "avx2", "avx512"};
+    for (int k = 0; k < 3; k++) {
+        unsigned mask;
+        assert_int_equal(prt_cpu_parse(word[k], &mask), PRT_OK);
+        pair_fn run = pair_kernel(mask & prt_cpu_detect());
+        memset(block.sum, 0, sizeof block.sum);
+        run(&t, &e, 3, 2771, 48, p, sum);
+        if (!k) memcpy(first, block.sum, sizeof first);
+        for (int c = 0; c < 3; c++) {
+            for (int i = 0; i < 48; i++)
+                assert_true(fabsf(block.sum[c][i] - first[c][i]) < 2e-4f * first[c][i]);
+            for (int i = 48; i < 64; i++) assert_true(block.sum[c][i] == 0);
+        }
+        double t0 = prt_time_s();
+        for (int r = 0; r < 20; r++) run(&t, &e, 0, 2777, 64, p, sum);
+        print_message("pairs, %s: %.2f G/s\n", word[k], 20 * 2777 * 64 / (prt_time_s() - t0) / 1e9);
+    }
+    emitters_finish(&e);
+}
+
+// Receivers share light among pixels of one patch only: a picture with a few looks like one with
+// a receiver at every pixel, and weights of a point add up to one.
+static void receivers_stand_for_their_patch(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_box(&model, (float[3]){-6, 0, 0}, (float[3]){5, 6, 4}, 8);
+    add_sphere(&model, (float[3]){6, 0, 5}, 6, 24);
+    struct prt_camera camera = {.eye = {10, 20, 60}, .up = {0, 1, 0}, .fovy_deg = 28};
+    struct stage s;
+    stage_init(&s, &model, camera, 128, 128);
+    struct prt_screen_options options = {.engine = PRT_SCREEN_SPLAT};
+    struct frame f = {.ctx = &quiet, .screen = s.screen, .vis = s.vis, .options = &options,
+                      .width = 128, .height = 128, .g = s.g, .view_key = 77};
+    uint32_t before = UINT32_MAX;
+    for (uint32_t size = 1; size <= 4; size *= 2) {
+        const struct view_cache *v, *again;
+        assert_int_equal(view_get(&f, size, &v), PRT_OK);
+        assert_int_equal(view_get(&f, size, &again), PRT_OK);
+        assert_true(v == again && v->n_receiver < before && v->n_receiver <= s.g.n_point);
+        before = v->n_receiver;
+        uint32_t *object = malloc((v->n_column + 1) * sizeof *object);
+        for (uint32_t t = 0; t < v->n_tile; t++)
+            for (uint32_t i = v->begin[t]; i < v->begin[t + 1]; i++) object[i] = v->object[t];
+        double worst = 0;
+        for (uint32_t i = 0; i < s.g.n_point; i++) {
+            float sum = 0, p[3] = {0, 0, 0}, d = 0;
+            for (int k = 0; k < 4; k++) {
+                uint32_t at = v->from[i][k];
+                assert_true(at < v->n_column);
+                assert_true(v->weight[i][k] == 0 ||
+                            object[at] == model.block[s.g.block[i]].object);
+                sum += v->weight[i][k];
+                for (int j = 0; j < 3; j++) p[j] += v->weight[i][k] * v->p[j][at];
+            }
+            assert_true(fabsf(sum - 1) < 1e-5f);
+            for (int j = 0; j < 3; j++) d += powf(p[j] - s.g.position[j][i], 2);
+            worst = fmax(worst, sqrt((double)d));
+        }
+        // a pixel is 0.25 mm wide here
+        assert_true(worst < 0.5 * (1 + 3.0 * size));
+        free(object);
+    }
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// More time, more samples, less error foreseen; nonsense is refused.
+static void budgets_buy_samples(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 24);
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct stage s;
+    stage_init(&s, &model, camera, 100, 100);
+    for (int e = 0; e < 4; e++) {
+        struct prt_screen_plan plan, before = {0};
+        for (double ms = 2; ms < 500; ms *= 2) {
+            struct prt_screen_options options = {0};
+            assert_int_equal(prt_screen_plan(&quiet, s.screen, s.vis, &marble,
+                                             (enum prt_screen_engine)e, false, 0, ms, &options,
+                                             &plan), PRT_OK);
+            assert_true(options.n_sample == plan.n_sample && (int)options.engine == e);
+            assert_true(plan.expected_error > 0 && plan.expected_error <= 1);
+            assert_true(plan.n_sample >= before.n_sample);
+            assert_true(!before.n_sample || plan.expected_error <= before.expected_error);
+            before = plan;
+        }
+        assert_true(before.n_sample > 200);
+        // the options' own budget means the same
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e, .budget_ms = 20};
+        struct prt_screen_report report;
+        free(render(&s, &marble, NULL, &from_front, options, &report));
+        assert_true(report.n_asked >= 16 && report.expected_error > 0);
+    }
+    struct prt_screen_options options = {0};
+    struct prt_screen_plan plan;
+    assert_int_equal(prt_screen_choose(&quiet, s.screen, s.vis, &marble, false, 0, 50, &options,
+                                       &plan), PRT_OK);
+    assert_true(options.n_sample == plan.n_sample && options.engine == plan.engine);
+    assert_int_equal(prt_screen_plan(&quiet, s.screen, s.vis, &marble, PRT_SCREEN_REFERENCE, false,
+                                     0, 50, &options, &plan), PRT_ARG);
+    static const double bad[] = {0, -1, NAN, INFINITY};
+    for (int i = 0; i < 4; i++)
+        assert_int_equal(prt_screen_choose(&quiet, s.screen, s.vis, &marble, false, 0, bad[i],
+                                           &options, &plan), PRT_ARG);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// What a frame says of its own error is not much less than it is, whatever light and medium: the
+// first frame is checked, later ones go by it.
+static void errors_are_foreseen(void **state)
+{
+    static const float sigma[3][2] = {{0.7f, 0.0014f}, {2.19f, 0.0021f}, {7.38f, 0.0002f}};
+    static const uint32_t count[4][2] = {{64, 128}, {64, 192}, {400, 1600}, {200, 900}};
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 6, 32);
+    add_box(&model, (float[3]){4, 4, 6}, (float[3]){1, 2, 0.5f}, 4); // an edge, and its shadow
+    struct prt_camera camera = {.eye = {0, 3, 30}, .up = {0, 1, 0}, .fovy_deg = 30};
+    struct prt_screen_light light = {{0.5f, 0.4f, 0.8f}, {5, 5, 5}, false};
+    struct prt_cube cube = constant_cube(16, (float[3]){0.2f, 0.2f, 0.2f});
+    for (int i = 0; i < 12; i++) cube.texel[(4 * 256 + 40) * 3 + i] = 90; // a small lamp
+    double worst = 0, mean = 0;
+    int n = 0;
+    for (int l = 0; l < 2; l++) {
+        struct stage s;
+        stage_init(&s, &model, camera, 56, 56);
+        for (int m = 0; m < 3; m++) {
+            struct prt_material medium = marble;
+            for (int c = 0; c < 3; c++) {
+                medium.sigma_s_prime[c] = sigma[m][0];
+                medium.sigma_a[c] = sigma[m][1] * (float)(1 + c);
+            }
+            struct prt_screen_options exact = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 60000};
+            const struct prt_cube *sky = l ? &cube : NULL;
+            const struct prt_screen_light *sun = l ? NULL : &light;
+            pixels want = render(&s, &medium, sky, sun, exact, NULL);
+            for (int e = 0; e < 4; e++) {
+                for (int k = 0; k < 2; k++) {
+                    struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                                         .n_sample = count[e][k]};
+                    struct prt_screen_report report;
+                    pixels b = render(&s, &medium, sky, sun, options, &report);
+                    double error = relative(b, want, s.g.n_point);
+                    double ratio = error / report.expected_error;
+                    if (ratio > 1.2 || ratio < 0.25)
+                        print_message("%s %u, medium %d, light %d: %.2f %%, foreseen %.2f %%\n",
+                                      prt_screen_engine_name(options.engine), options.n_sample, m,
+                                      l, 100 * error, 100 * report.expected_error);
+                    worst = fmax(worst, ratio);
+                    mean += log(ratio);
+                    n++;
+                    free(b);
+                }
+            }
+            free(want);
+        }
+        stage_finish(&s);
+    }
+    print_message("error over what was foreseen: %.2f at most, %.2f in the mean of %d\n", worst,
+                  exp(mean / n), n);
+    assert_true(worst < 1.5);
+    assert_true(exp(mean / n) > 0.4 && exp(mean / n) < 1);
+    prt_cube_finish(&cube);
+    model_finish(&model);
+}
+
+// The mean of frames goes to the exact sum; a frame's number and seed make its picture.
+static void frames_average_to_the_reference(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 5, 32);
+    struct prt_camera camera = {.eye = {0, 3, 30}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct prt_screen_light light = {{0.3f, 0.8f, 0.5f}, {3, 3, 3}, false};
+    struct prt_shade shade = {.eta = 1.5f, .fresnel = true};
+    static const uint32_t count[4] = {48, 16, 400, 100};
+    struct stage s;
+    stage_init(&s, &model, camera, 64, 64);
+    for (int e = 0; e < 4; e++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                             .n_sample = count[e], .measure_error = true};
+        struct prt_screen_progress *p;
+        assert_int_equal(prt_screen_progress_create(&quiet, s.screen, s.vis, &p), PRT_OK);
+        double before = 0, after = 0;
+        for (uint32_t k = 0; k < 24; k++) {
+            struct prt_screen_report report;
+            struct prt_image image;
+            assert_int_equal(prt_screen_progress_image(&quiet, p, &marble, NULL, 1, &light,
+                                                       &options, &shade, &image, &report), PRT_OK);
+            assert_int_equal(report.frame, k);
+            for (int i = 0; i < 64 * 64 * 3; i++) assert_true(isfinite(image.rgb[i]));
+            prt_image_finish(&image);
+            if (!k) before = report.error;
+            after = report.error;
+        }
+        assert_int_equal(prt_screen_progress_frames(p), 24);
+        print_message("24 frames, %s: %.2f %%, then %.2f %%\n",
+                      prt_screen_engine_name(options.engine), 100 * before, 100 * after);
+        // tangent's irradiance is no finer than these pixels, however many the samples
+        assert_true(after < 0.8 * before && after < 0.022);
+        prt_screen_progress_restart(p);
+        assert_int_equal(prt_screen_progress_frames(p), 0);
+        prt_screen_progress_destroy(p);
+        options.measure_error = false;
+        options.frame = 5;
+        options.seed = 3;
+        pixels a = render(&s, &marble, NULL, &light, options, NULL);
+        pixels b = render(&s, &marble, NULL, &light, options, NULL);
+        assert_true(memcmp(a, b, s.g.n_point * sizeof *a) == 0);
+        options.frame = 6;
+        pixels c = render(&s, &marble, NULL, &light, options, NULL);
+        assert_true(memcmp(a, c, s.g.n_point * sizeof *a) != 0);
+        free(a);
+        free(b);
+        free(c);
+    }
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(pair_kernels_agree),
+        cmocka_unit_test(receivers_stand_for_their_patch),
+        cmocka_unit_test(budgets_buy_samples),
+        cmocka_unit_test(errors_are_foreseen),
+        cmocka_unit_test(frames_average_to_the_reference),
+    };
+    return cmocka_run_group_tests(tests, screen_setup, screen_teardown);
+}

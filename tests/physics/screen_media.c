@@ -1,0 +1,384 @@
+// SPDX-License-Identifier: MIT
+// screen/: media other than one dipole: slabs, profiles, images over uv.
+#include "screen_stage.h"
+
+#include "prt/profile.h"
+
+// A thick slab's multipole is the dipole; a thinner slab reflects less; the profile integrates to
+// its closed-form total; engines use it in the dipole's place.
+static void multipole_limits(void **state)
+{
+    enum { N = 3000 };
+    static float r[N], rd[N][3];
+    double rho[3], before[3] = {0, 0, 0};
+    for (int k = 0; k < N; k++) r[k] = k ? (float)(0.002 * pow(100000, k / (double)N)) : 0;
+    static const double thickness[] = {0.5, 2, 8, 500};
+    for (int t = 0; t < 4; t++) {
+        assert_int_equal(prt_screen_multipole(&quiet, &marble, thickness[t], N, r, rd, rho), PRT_OK);
+        for (int c = 0; c < 3; c++) {
+            struct prt_dipole d;
+            prt_dipole_init(&d, marble.sigma_s_prime[c], marble.sigma_a[c], marble.eta);
+            double sum = 0;
+            for (int k = 1; k < N; k++)
+                sum += M_PI * ((double)r[k] - r[k - 1]) * (r[k] * rd[k][c] + r[k - 1] * rd[k - 1][c]);
+            assert_true(fabs(sum / rho[c] - 1) < 0.01);
+            assert_true(rho[c] > before[c] && rho[c] <= d.rho_d * 1.0001);
+            before[c] = rho[c];
+            if (t < 3) continue;
+            for (int k = 0; k < N; k++)
+                assert_true(fabs(rd[k][c] - prt_dipole_rd(&d, r[k])) < 1e-3 * rd[k][c] + 1e-7);
+        }
+    }
+    assert_int_equal(prt_screen_multipole(&quiet, &marble, 0, N, r, rd, rho), PRT_ARG);
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 24);
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct stage s;
+    stage_init(&s, &model, camera, 40, 40);
+    struct prt_screen_profile profile = {N, r, (const float(*)[3])rd};
+    static const enum prt_screen_engine engine[2] = {PRT_SCREEN_SPLAT, PRT_SCREEN_TEXTURE};
+    for (int e = 0; e < 2; e++) {
+        struct prt_screen_options options = {.engine = engine[e]};
+        pixels a = render(&s, &marble, NULL, &from_front, options, NULL);
+        options.profile = &profile;
+        pixels b = render(&s, &marble, NULL, &from_front, options, NULL);
+        assert_true(relative(b, a, s.g.n_point) < 0.01);
+        free(a);
+        free(b);
+    }
+    struct prt_screen_options wrong = {.engine = PRT_SCREEN_TANGENT, .profile = &profile};
+    pixels b = malloc(s.g.n_point * sizeof *b);
+    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &from_front,
+                                         &wrong, b, NULL), PRT_ARG);
+    free(b);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// A profile of another shape keeps its total: on a large plane B = total E (S09's tables, any R_d).
+static void profiles_keep_their_total(void **state)
+{
+    enum { N = 512 };
+    static float r_mm[N], rd[N][3];
+    struct prt_profile burley;
+    assert_int_equal(prt_profile_init_burley(&quiet, &burley, 0.7, 1.5), PRT_OK);
+    double near = 0.01 * prt_profile_radius(&burley, 0.999), far = prt_profile_radius(&burley, 1e-5);
+    for (int k = 0; k < N; k++) {
+        double r = k ? near * pow(far / near, (k - 1.0) / (N - 2)) : 0;
+        r_mm[k] = (float)r;
+        for (int c = 0; c < 3; c++) rd[k][c] = (float)prt_profile_rd(&burley, fmax(r, near));
+    }
+    struct prt_screen_profile table = {N, r_mm, (const float(*)[3])rd};
+    struct model model;
+    model_init(&model, 20000, 40000);
+    struct prt_block *block = begin_block(&model, true);
+    add_sheet(&model, (float[3]){0, 0, 0}, (float[3]){30, 0, 0}, (float[3]){0, 30, 0}, 20);
+    end_block(&model, block);
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 12};
+    struct stage s;
+    stage_init(&s, &model, camera, 48, 48);
+    for (int e = 0; e < 4; e++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                             .profile = &table};
+        pixels b = malloc((s.g.n_point + 1) * sizeof *b);
+        int status = prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &from_front,
+                                         &options, b, NULL);
+        assert_int_equal(status, e == PRT_SCREEN_TANGENT ? PRT_ARG : PRT_OK);
+        double mean = 0;
+        for (uint32_t i = 0; i < s.g.n_point && !status; i++) mean += b[i][1] / s.g.n_point;
+        double want = burley.total * 2 * prt_fresnel_transmittance(marble.eta, 1) / M_PI;
+        if (!status) {
+            print_message("Burley, %s: %+.2f %%\n", prt_screen_engine_name(options.engine),
+                          100 * (mean / want - 1));
+            assert_true(fabs(mean / want - 1) < 0.03);
+        }
+        free(b);
+    }
+    prt_profile_finish(&burley);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// A sheet with uv over [0,1]², seen by a wide camera.
+static const struct prt_camera sheet_camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 54};
+
+static void sheet_with_uv(struct model *model, struct stage *s)
+{
+    model_init(model, 20000, 40000);
+    struct prt_block *block = begin_block(model, true);
+    add_sheet(model, (float[3]){0, 0, 0}, (float[3]){30, 0, 0}, (float[3]){0, 30, 0}, 20);
+    end_block(model, block);
+    model->mesh.uv = calloc(model->mesh.n_vertex, sizeof *model->mesh.uv);
+    for (uint32_t v = 0; v < model->mesh.n_vertex; v++)
+        for (int k = 0; k < 2; k++)
+            model->mesh.uv[v][k] = (model->mesh.position[v][k] + 30) / 60;
+    stage_init(s, model, sheet_camera, 160, 160);
+}
+
+static double middle(const struct stage *s, pixels b, int c)
+{
+    double sum = 0;
+    uint32_t n = 0;
+    for (uint32_t i = 0; i < s->g.n_point; i++) {
+        if (hypotf(s->g.position[0][i], s->g.position[1][i]) > 8) continue;
+        sum += (double)b[i][c];
+        n++;
+    }
+    return sum / n;
+}
+
+// Maps: factors of 2 everywhere are a medium of twice the coefficients; a flat normal map changes
+// nothing; a slope of heights tips the normal as far as it says; two halves of different media
+// look each as its own.
+static void maps_change_the_medium(void **state)
+{
+    struct prt_material m = marble;
+    for (int c = 0; c < 3; c++) m.sigma_a[c] = 0.05f;
+    struct model model;
+    struct stage s;
+    sheet_with_uv(&model, &s);
+    struct prt_screen_options options = {.engine = PRT_SCREEN_TANGENT, .n_sample = 64};
+    struct prt_screen_report report;
+    pixels base = render(&s, &m, NULL, &from_front, options, NULL);
+    static const float two[1][3] = {{2, 2, 2}}, flat[1][3] = {{0.5f, 0.5f, 1}};
+    struct prt_screen_map twice = {1, 1, two}, level = {1, 1, flat};
+    struct prt_material denser = m;
+    for (int c = 0; c < 3; c++) {
+        denser.sigma_s_prime[c] *= 2;
+        denser.sigma_a[c] *= 2;
+    }
+    pixels want = render(&s, &denser, NULL, &from_front, options, NULL);
+    struct prt_screen_options mapped = options;
+    mapped.sigma_s_map = mapped.sigma_a_map = &twice;
+    pixels b = render(&s, &m, NULL, &from_front, mapped, &report);
+    for (int c = 0; c < 3; c++)
+        assert_true(fabs(middle(&s, b, c) / middle(&s, want, c) - 1) < 0.01);
+    assert_int_equal(report.n_medium, 1);
+    free(b);
+    // absorption sixty times as strong on one half: it is darker there, and no darker elsewhere
+    static float halves[64][3];
+    for (int i = 0; i < 64; i++)
+        for (int c = 0; c < 3; c++) halves[i][c] = i < 32 ? 1 : 60;
+    struct prt_screen_map half = {64, 1, (const float(*)[3])halves};
+    mapped = options;
+    mapped.sigma_a_map = &half;
+    b = render(&s, &m, NULL, &from_front, mapped, &report);
+    assert_true(report.n_medium >= 2);
+    for (uint32_t i = 0; i < s.g.n_point; i++) {
+        float x = s.g.position[0][i], y = s.g.position[1][i];
+        if (fabsf(y) > 8 || fabsf(x) > 20 || fabsf(x) < 4) continue;
+        float share = b[i][1] / base[i][1];
+        assert_true(x < 0 ? fabsf(share - 1) < 0.1f : share < 0.5f);
+    }
+    free(b);
+    mapped = options;
+    mapped.normal_map = &level;
+    b = render(&s, &m, NULL, &from_front, mapped, NULL);
+    assert_true(relative(b, base, s.g.n_point) < 1e-3);
+    free(b);
+    // a tint of 0.4 by absorption gives 0.4 of the light in every channel
+    float tint[1][3] = {{0.4f, 0.4f, 0.4f}};
+    assert_int_equal(prt_screen_albedo_factors(&quiet, &m, 1, (const float(*)[3])tint, tint),
+                     PRT_OK);
+    struct prt_screen_map tinted = {1, 1, (const float(*)[3])tint};
+    mapped = options;
+    mapped.sigma_a_map = &tinted;
+    b = render(&s, &m, NULL, &from_front, mapped, NULL);
+    for (int c = 0; c < 3; c++) {
+        print_message("tinted 0.4: %.4f of the light\n", middle(&s, b, c) / middle(&s, base, c));
+        assert_true(tint[0][c] > 1);
+        assert_true(fabs(middle(&s, b, c) / middle(&s, base, c) / 0.4 - 1) < 0.02);
+    }
+    free(b);
+    // heights that rise by 12 mm to a side of 60: a normal tipped by atan(0.2); the light's angle
+    static float ramp[256][3];
+    for (int i = 0; i < 256; i++) ramp[i][0] = 12 * ((float)i + 0.5f) / 256;
+    struct prt_screen_map heights = {256, 1, (const float(*)[3])ramp};
+    struct prt_screen_light slant = {{0.6f, 0, 0.8f}, {2, 2, 2}, false};
+    pixels level_lit = render(&s, &m, NULL, &slant, options, NULL);
+    mapped = options;
+    mapped.bump_map = &heights;
+    b = render(&s, &m, NULL, &slant, mapped, NULL);
+    double l = sqrt(1 + 0.04), tipped = (0.8 - 0.2 * 0.6) / l;
+    double share = prt_fresnel_transmittance(m.eta, tipped) * tipped /
+                   (prt_fresnel_transmittance(m.eta, 0.8) * 0.8);
+    print_message("a slope of 0.2: %.4f of the light, closed form %.4f\n",
+                  middle(&s, b, 1) / middle(&s, level_lit, 1), share);
+    assert_true(fabs(middle(&s, b, 1) / middle(&s, level_lit, 1) / share - 1) < 0.02);
+    free(b);
+    // refusals
+    static const float bad[1][3] = {{NAN, 0, 0}}, negative[1][3] = {{-1, 0, 0}};
+    struct prt_screen_map wrong[] = {{1, 1, bad}, {1, 1, negative}, {0, 1, two}, {1, 1, NULL}};
+    b = malloc(s.g.n_point * sizeof *b);
+    for (int i = 0; i < 4; i++) {
+        mapped = options;
+        mapped.sigma_s_map = &wrong[i];
+        assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &m, NULL, 1, &from_front,
+                                             &mapped, b, NULL), PRT_ARG);
+    }
+    // uv folded to a line: no frame for bumps, a picture all the same
+    for (uint32_t v = 0; v < model.mesh.n_vertex; v++) model.mesh.uv[v][1] = 0.5f;
+    mapped = options;
+    mapped.bump_map = &heights;
+    mapped.normal_map = &level;
+    mapped.sigma_a_map = &half;
+    free(render(&s, &m, NULL, &slant, mapped, NULL));
+    float(*kept)[2] = model.mesh.uv;
+    model.mesh.uv = NULL;
+    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &m, NULL, 1, &from_front, &mapped,
+                                         b, NULL), PRT_ARG);
+    free(kept);
+    free(b);
+    free(base);
+    free(want);
+    free(level_lit);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// Every engine takes maps: a tint of 0.4 gives 0.4 of the light, a level normal map changes
+// nothing, a slope of heights tips the normal as far as it says; surfaces may have maps of their
+// own, or none. Two halves of different media look as where light leaves the one or the other,
+// within what lies about the seam.
+static void every_engine_takes_maps(void **state)
+{
+    static const uint32_t count[5] = {160, 64, 2500, 900, 60000};
+    struct prt_material m = marble;
+    for (int c = 0; c < 3; c++) m.sigma_a[c] = 0.05f;
+    struct model model;
+    struct stage s;
+    sheet_with_uv(&model, &s);
+    stage_finish(&s);
+    stage_init(&s, &model, sheet_camera, 32, 32);
+    static float tint[1][3] = {{0.4f, 0.4f, 0.4f}}, flat[1][3] = {{0.5f, 0.5f, 1}};
+    static float ramp[256][3], halves[64][3];
+    for (int i = 0; i < 256; i++) ramp[i][0] = 12 * ((float)i + 0.5f) / 256;
+    for (int i = 0; i < 64; i++)
+        for (int c = 0; c < 3; c++) halves[i][c] = i < 32 ? 1 : 0.3f;
+    const struct prt_material *medium = &m;
+    assert_int_equal(prt_screen_albedo_factors(&quiet, medium, 1, (const float(*)[3])tint, tint), 0);
+    assert_int_equal(prt_screen_albedo_factors(&quiet, medium, 64, (const float(*)[3])halves, halves),
+                     0);
+    const struct prt_screen_map tinted = {1, 1, (const float(*)[3])tint}, none = {0, 0, NULL};
+    const struct prt_screen_map level = {1, 1, (const float(*)[3])flat};
+    const struct prt_screen_map heights = {256, 1, (const float(*)[3])ramp};
+    const struct prt_screen_map half = {64, 1, (const float(*)[3])halves};
+    const struct prt_screen_light slant = {{0.6f, 0, 0.8f}, {2, 2, 2}, false};
+    double l = sqrt(1 + 0.04), tipped = (0.8 - 0.2 * 0.6) / l;
+    double slope = prt_fresnel_transmittance(m.eta, tipped) * tipped /
+                   (prt_fresnel_transmittance(m.eta, 0.8) * 0.8);
+    for (int e = PRT_SCREEN_REFERENCE; e >= 0; e--) {
+        if (e + 1 == PRT_SCREEN_REFERENCE) { // the others with a picture that shows what lies about
+            stage_finish(&s);
+            stage_init(&s, &model, sheet_camera, 160, 160);
+        }
+        struct prt_screen_options plain = {.engine = (enum prt_screen_engine)e,
+                                           .n_sample = count[e]}, o = plain;
+        pixels base = render(&s, &m, NULL, &slant, plain, NULL);
+        o.sigma_a_map = &tinted;
+        pixels b = render(&s, &m, NULL, &slant, o, NULL);
+        double tint_share = middle(&s, b, 1) / middle(&s, base, 1);
+        o.maps_by_surface = true;
+        pixels own = render(&s, &m, NULL, &slant, o, NULL);
+        assert_memory_equal(own, b, s.g.n_point * sizeof *b);
+        free(own);
+        o.sigma_a_map = &none;
+        own = render(&s, &m, NULL, &slant, o, NULL);
+        assert_true(relative(own, base, s.g.n_point) < 1e-4);
+        free(own);
+        free(b);
+        o = plain;
+        o.normal_map = &level;
+        b = render(&s, &m, NULL, &slant, o, NULL);
+        double level_share = middle(&s, b, 1) / middle(&s, base, 1);
+        free(b);
+        o = plain;
+        o.bump_map = &heights;
+        b = render(&s, &m, NULL, &slant, o, NULL);
+        double slope_share = middle(&s, b, 1) / middle(&s, base, 1);
+        free(b);
+        o = plain;
+        o.sigma_a_map = &half;
+        o.measure_error = e != PRT_SCREEN_REFERENCE;
+        struct prt_screen_report report;
+        b = render(&s, &m, NULL, &slant, o, &report);
+        print_message("%-9s tint %.4f, level %.4f, slope %.4f of %.4f, halves %.2f %% off\n",
+                      prt_screen_engine_name(plain.engine), tint_share, level_share, slope_share,
+                      slope, 100 * report.error);
+        assert_true(fabs(tint_share / 0.4 - 1) < 0.02);
+        assert_true(fabs(level_share - 1) < 0.01);
+        assert_true(fabs(slope_share / slope - 1) < 0.03);
+        assert_true(report.error < 0.1);
+        free(b);
+        free(base);
+    }
+    free(model.mesh.uv);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// A material's own profile is what every engine spreads light by: its total on a large plane, and
+// on a ball what the sum over its own R_d says.
+static void materials_bring_their_profile(void **state)
+{
+    static const char *const text[2] = {
+        "{\"profile\":\"burley\",\"albedo\":[0.7,0.6,0.8],\"mean_free_path\":[3,2.5,2],"
+        "\"eta\":1.4}",
+        "{\"profile\":\"curve\",\"radius\":[0,1,2,4],\"rd\":[[0.05,0.04,0.02,0],[0.05,0.04,0.02,"
+        "0],[0.03,0.02,0.01,0]],\"eta\":1.4}"};
+    static const uint32_t count[5] = {160, 256, 2500, 900, 60000};
+    for (int k = 0; k < 2; k++) {
+        struct prt_material m;
+        assert_int_equal(prt_material_parse(&quiet, "test", text[k], strlen(text[k]), &m), PRT_OK);
+        struct prt_dipole d[3];
+        prt_material_dipoles(&m, d);
+        struct model sheet, ball;
+        struct stage flat, round;
+        sheet_with_uv(&sheet, &flat);
+        stage_finish(&flat);
+        stage_init(&flat, &sheet, sheet_camera, 32, 32);
+        model_init(&ball, 20000, 40000);
+        add_sphere(&ball, (float[3]){0, 0, 0}, 10, 32);
+        stage_init(&round, &ball, (struct prt_camera){.eye = {0, 0, 60}, .up = {0, 1, 0},
+                                                      .fovy_deg = 24}, 48, 48);
+        pixels want = NULL;
+        for (int e = PRT_SCREEN_REFERENCE; e >= 0; e--) {
+            struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                                 .n_sample = count[e]};
+            if (e + 1 == PRT_SCREEN_REFERENCE) {
+                stage_finish(&flat);
+                stage_init(&flat, &sheet, sheet_camera, 160, 160);
+            }
+            pixels b = render(&flat, &m, NULL, &from_front, options, NULL);
+            double total = middle(&flat, b, 0) * M_PI / prt_fresnel_transmittance(m.eta, 1);
+            free(b);
+            b = render(&round, &m, NULL, &from_front, options, NULL);
+            if (!want) want = b;
+            double off = relative(b, want, round.g.n_point);
+            print_message("%s: %s: %.4f of %.4f, ball %.2f %% off\n", m.name,
+                          prt_screen_engine_name(options.engine), total, d[0].rho_d, 100 * off);
+            assert_true(fabs(total / d[0].rho_d - 1) < 0.03);
+            assert_true(off < 0.05);
+            if (b != want) free(b);
+        }
+        free(want);
+        free(sheet.mesh.uv);
+        stage_finish(&flat);
+        stage_finish(&round);
+        model_finish(&sheet);
+        model_finish(&ball);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(multipole_limits),
+        cmocka_unit_test(profiles_keep_their_total),
+        cmocka_unit_test(maps_change_the_medium),
+        cmocka_unit_test(every_engine_takes_maps),
+        cmocka_unit_test(materials_bring_their_profile),
+    };
+    return cmocka_run_group_tests(tests, screen_setup, screen_teardown);
+}

@@ -1,0 +1,264 @@
+// SPDX-License-Identifier: MIT
+// screen/: C08's samples, split, atlas and pattern.
+#include "screen_stage.h"
+
+// C08's texels come in proportion to their value, dark ones never.
+static void mip_samples_follow_value(void **state)
+{
+    enum { N = 256, DRAWS = 100000 };
+    float mip[N / 3 * 4 + 4];
+    double want[N], total = 0, value;
+    uint32_t got[N] = {0};
+    struct prt_rng rng;
+    prt_rng_init(&rng, 9, 0);
+    for (int i = 0; i < N; i++) {
+        mip[i] = prt_rng_u32(&rng) % 3 ? prt_rng_f32(&rng) * prt_rng_f32(&rng) : 0;
+        total += mip[i];
+    }
+    float *at = mip;
+    for (int size = N; size > 1; size /= 4) {
+        for (int i = 0; i < size / 4; i++)
+            at[size + i] = at[4 * i] + at[4 * i + 1] + at[4 * i + 2] + at[4 * i + 3];
+        at += size;
+    }
+    for (int i = 0; i < N; i++) want[i] = DRAWS * mip[i] / total;
+    for (int i = 0; i < DRAWS; i++) got[prt_screen_mip_sample(mip, N, prt_rng_f32(&rng))]++;
+    for (int i = 0; i < N; i++) assert_true(mip[i] > 0 || got[i] == 0);
+    assert_true(chi_square_ok(want, got, N, &value));
+    for (float u = 0.9999f; u < 1; u += 1e-6f)
+        assert_true(mip[prt_screen_mip_sample(mip, N, u)] > 0);
+}
+
+static void split_weights(void **state)
+{
+    const double k = 1.5;
+    for (double r_p = 0.2; r_p < 6; r_p += 0.4) {
+        assert_true(fabs(prt_screen_local_weight(0, r_p) - (1 - 0.5 * exp(-k * r_p))) < 1e-12);
+        assert_true(fabs(prt_screen_local_weight(r_p, r_p) - 0.5) < 1e-12);
+        double before = 2;
+        for (double r = 0; r < 12; r += 0.01) {
+            double w = prt_screen_local_weight(r, r_p);
+            assert_true(w > 0 && w < 1 && w < before); // W_g = 1 - W_l: both in (0,1)
+            assert_true(before > 1 || before - w < 0.01); // continuous at R_p
+            before = w;
+        }
+    }
+    struct prt_dipole d[3];
+    for (int c = 0; c < 3; c++) prt_dipole_init(&d[c], 1 + c, 0.01, 1.3);
+    double r_p = prt_screen_split_radius(d, 0.05), most = 0, beyond = 0;
+    for (int c = 0; c < 3; c++) {
+        most = fmax(most, 2 * M_PI * r_p * prt_dipole_rd(&d[c], r_p));
+        beyond = fmax(beyond, 2 * M_PI * 1.01 * r_p * prt_dipole_rd(&d[c], 1.01 * r_p));
+    }
+    assert_true(most >= 0.0499 && beyond < 0.05);
+}
+
+// Local and global part together are R_d, as tables too, and a disc keeps the total.
+static void split_parts_add_up(void **state)
+{
+    struct prt_dipole dipole[1][3];
+    for (int c = 0; c < 3; c++) prt_dipole_init(&dipole[0][c], 1 + c, 0.02, 1.3);
+    struct prt_screen_options options = {0};
+    struct frame f = {.ctx = &quiet, .dipole = dipole, .options = &options};
+    struct radial_table whole, near, far;
+    split_table(&f, 0, -1, 0, true, 0, 40, &whole);
+    // C08's split, and texture sampling's by the pixel's own irradiance
+    for (int own = 0; own < 2; own++) {
+        split_table(&f, 0, own ? -1 : 1.5, own ? 0.8 : 0, true, 0, 40, &near);
+        split_table(&f, 0, own ? -1 : 1.5, own ? 0.8 : 0, false, 0, 40, &far);
+        for (float r = 0; r < 30; r += 0.05f) {
+            float a[3], b[3], d[3];
+            radial_table_eval(&whole, r * r, a);
+            radial_table_eval(&near, r * r, b);
+            radial_table_eval(&far, r * r, d);
+            for (int c = 0; c < 3; c++)
+                assert_true(fabsf(b[c] + d[c] - a[c]) < 0.01f * a[c] + 1e-6f);
+        }
+    }
+    double share[3], sum[3] = {0};
+    own_share(&f, 0, 0.8, share);
+    for (int i = 0; i < 40000; i++) {
+        double r = (i + 0.5) * 1e-4, w = 2 * M_PI * r * exp(-r * r / 0.64) * 1e-4;
+        for (int c = 0; c < 3; c++) sum[c] += w * prt_dipole_rd(&dipole[0][c], r);
+    }
+    for (int c = 0; c < 3; c++) assert_true(fabs(share[c] / sum[c] - 1) < 0.002);
+    struct radial_table disc;
+    split_table(&f, 0, -1, 0, true, 0.8, 40, &disc);
+    double total[2][3] = {{0}};
+    for (int i = 0; i < 40000; i++) {
+        double r = (i + 0.5) * 1e-3;
+        float a[2][3];
+        radial_table_eval(&whole, (float)(r * r), a[0]);
+        radial_table_eval(&disc, (float)(r * r), a[1]);
+        for (int k = 0; k < 2; k++)
+            for (int c = 0; c < 3; c++) total[k][c] += 2 * M_PI * r * (double)a[k][c] * 1e-3;
+    }
+    for (int c = 0; c < 3; c++) {
+        assert_true(fabs(total[0][c] / dipole[0][c].rho_d - 1) < 0.01);
+        assert_true(fabs(total[1][c] / dipole[0][c].rho_d - 1) < 0.02);
+    }
+}
+
+// C08 under light of short ways: points lie four mean free paths apart, and what is nearer comes
+// from the pixel's own irradiance. Blurred over the points' cells it would be off by 10 %.
+static void short_ways_stay_sharp(void **state)
+{
+    struct prt_material cream = {.name = "cream", .sigma_s_prime = {7.38f, 5.47f, 3.15f},
+                                 .sigma_a = {0.0002f, 0.0028f, 0.0163f}, .eta = 1.3f,
+                                 .roughness = 0.3f};
+    struct prt_screen_light light = {{0.5f, 0.4f, 0.8f}, {5, 5, 5}, false};
+    struct model model;
+    model_init(&model, 12000, 24000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 12, 32);
+    add_sphere(&model, (float[3]){7, 5, 13}, 3, 16); // a shadow
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct stage s;
+    stage_init(&s, &model, camera, 96, 96);
+    struct prt_screen_options options = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 400000};
+    pixels want = render(&s, &cream, NULL, &light, options, NULL);
+    static const double most[3] = {0.05, 0.035, 0.02};
+    double last = 1;
+    for (int k = 0; k < 3; k++) {
+        options = (struct prt_screen_options){.engine = PRT_SCREEN_TEXTURE,
+                                              .n_sample = k ? k > 1 ? 16000 : 1600 : 400};
+        pixels b = render(&s, &cream, NULL, &light, options, NULL);
+        double error = relative(b, want, s.g.n_point);
+        print_message("cream, texture %u: %.2f %%\n", options.n_sample, 100 * error);
+        assert_true(error < most[k] && error < last);
+        last = error;
+        free(b);
+    }
+    free(want);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// A sphere whose uv unfold it; `fold` says how they are spoilt.
+static void add_uv(struct model *m, uint32_t n, int fold)
+{
+    m->mesh.uv = calloc(m->mesh.n_vertex, sizeof *m->mesh.uv);
+    uint32_t row = 2 * n + 1, one = (n + 1) * row;
+    for (uint32_t v = 0; v < m->mesh.n_vertex; v++) {
+        float *uv = m->mesh.uv[v];
+        uv[0] = (float)(v % one % row) / (float)(2 * n);
+        uv[1] = (float)(v % one / row) / (float)n;
+        if (fold == 1) uv[0] = uv[1] = 0.25f;                 // all in one place
+        if (fold == 2) uv[0] = fabsf(2 * uv[0] - 1);          // mirrored halves lie on each other
+        if (fold == 3) uv[1] = NAN;
+        if (fold == 4) uv[0] = 3 * uv[0] + 1;                 // outside the square
+        if (fold == 5) uv[1] = 0.5f;                          // a line
+    }
+}
+
+// C08's atlas lies in the model's uv where they are one to one, and the picture is the same;
+// where they are not it lies along the triangles.
+static void uv_are_the_atlas(void **state)
+{
+    enum { N = 24 };
+    struct prt_camera camera = {.eye = {0, 8, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct prt_screen_light light = {{0.3f, 0.5f, 0.8f}, {3, 3, 3}, false};
+    pixels plain = NULL;
+    for (int fold = -1; fold < 6; fold++) {
+        struct model model;
+        model_init(&model, 20000, 40000);
+        add_sphere(&model, (float[3]){0, 0, 0}, 10, N);
+        if (fold == 0) add_sphere(&model, (float[3]){0, 22, 0}, 5, N); // each has the whole square
+        if (fold >= 0) add_uv(&model, N, fold);
+        struct stage s;
+        stage_init(&s, &model, camera, 60, 60);
+        for (int hybrid = 0; hybrid < 2; hybrid++) {
+            struct prt_screen_options options = {
+                .engine = hybrid ? PRT_SCREEN_HYBRID : PRT_SCREEN_TEXTURE, .n_sample = 3000};
+            struct prt_screen_report report;
+            pixels b = render(&s, &marble, NULL, &light, options, &report);
+            assert_true(report.uv_atlas == (fold == 0));
+            if (!plain) plain = b;
+            if (!hybrid && fold >= 0) {
+                double rmse = relative(b, plain, s.g.n_point);
+                if (fold == 0) print_message("in the model's uv: %.2f %%\n", 100 * rmse);
+                assert_true(fold == 0 ? rmse < 0.03 && rmse > 0 : rmse < 1e-6);
+            }
+            if (b != plain) free(b);
+        }
+        // and its texels are the whole surface
+        bool injective;
+        struct samples texels;
+        assert_int_equal(samples_uv_atlas(&quiet, &model.mesh, 20000, &texels, &injective), PRT_OK);
+        assert_true(injective == (fold == 0));
+        if (injective) {
+            double area = 0;
+            for (uint32_t i = 0; i < texels.n; i++) {
+                area += (double)texels.area[i];
+                assert_true(i == 0 || texels.object[i] >= texels.object[i - 1]);
+            }
+            assert_true(fabs(area / (500 * M_PI) - 1) < 0.01);
+            samples_finish(&texels);
+        }
+        stage_finish(&s);
+        free(model.mesh.uv);
+        model_finish(&model);
+    }
+    free(plain);
+}
+
+// C08's pattern of rings finds what the dense sum finds, in every instruction set, and keeps
+// to objects.
+static void pattern_is_the_near_part(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_box(&model, (float[3]){-6, 0, 0}, (float[3]){6, 6, 6}, 8);
+    add_box(&model, (float[3]){6, 0, 0}, (float[3]){6, 6, 6}, 8);
+    struct prt_screen_light light = {{-0.8f, 0, 0.6f}, {5, 5, 5}, false};
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 26};
+    struct stage s;
+    stage_init(&s, &model, camera, 72, 72);
+    struct prt_screen_options exact = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 80000};
+    pixels want = render(&s, &marble, NULL, &light, exact, NULL), first = NULL;
+    static const char *const word[] = {"c", "avx2", "avx512"};
+    for (int k = 0; k < 3; k++) {
+        unsigned mask, all = quiet.cpu;
+        assert_int_equal(prt_cpu_parse(word[k], &mask), PRT_OK);
+        quiet.cpu = mask & prt_cpu_detect();
+        struct prt_screen_options options = {.engine = PRT_SCREEN_HYBRID, .n_sample = 900,
+                                             .rings = 20, .spokes = 20};
+        pixels b = render(&s, &marble, NULL, &light, options, NULL);
+        quiet.cpu = all;
+        double rmse = relative(b, want, s.g.n_point);
+        if (!k) print_message("20 rings of 20: %.2f %%\n", 100 * rmse);
+        assert_true(rmse < 0.05);
+        if (!first) first = b;
+        else assert_true(relative(b, first, s.g.n_point) < 1e-3);
+        if (b != first) free(b);
+    }
+    // a light from the left leaves all of the right box dark but its front
+    struct prt_screen_light side = {{-1, 0, 0}, {5, 5, 5}, false};
+    struct prt_screen_options options = {.engine = PRT_SCREEN_HYBRID, .rings = 20, .spokes = 20};
+    pixels b = render(&s, &marble, NULL, &side, options, NULL);
+    for (uint32_t i = 0; i < s.g.n_point; i++)
+        assert_true(model.block[s.g.block[i]].object == 0 ||
+                    (b[i][0] == 0 && b[i][1] == 0 && b[i][2] == 0));
+    free(b);
+    b = malloc(s.g.n_point * sizeof *b);
+    options.spokes = 0;
+    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &side, &options,
+                                         b, NULL), PRT_ARG);
+    free(b);
+    free(first);
+    free(want);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(mip_samples_follow_value),
+        cmocka_unit_test(split_weights),
+        cmocka_unit_test(split_parts_add_up),
+        cmocka_unit_test(short_ways_stay_sharp),
+        cmocka_unit_test(uv_are_the_atlas),
+        cmocka_unit_test(pattern_is_the_near_part),
+    };
+    return cmocka_run_group_tests(tests, screen_setup, screen_teardown);
+}
