@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Expanding bases in 16-bit integers: two rows of U meet their coefficients in one instruction,
-// twice what floating point does. For eight triples at once, where arithmetic is the limit.
+// twice what floating point does. For eight triples at once, or four (the phase planes of single
+// scattering), where arithmetic is the limit.
 //
 // Over a stretch of vertices a row of U becomes integers up to U_MOST, the largest of them that
 // value; the coefficients of a triple's channel become integers whose absolute sum is at most
@@ -63,23 +64,30 @@ static bool scale_rows(const struct expand_job *job, uint32_t v, uint32_t end,
     return !worst;
 }
 
-INLINE __m512 weights(const struct expand_job *job, const struct integers *q, uint32_t r,
-                      uint32_t t, int part)
+// Which columns of a part are there: 24 of eight triples, 12 of four.
+INLINE __mmask16 columns(uint32_t nt, int part)
 {
-    const float *b = job->b + r * job->b_stride + 3 * t + 16 * part;
-    return _mm512_mul_ps(_mm512_maskz_loadu_ps(part ? 0xff : 0xffff, b),
-                         _mm512_set1_ps(q->inverse[r]));
+    return part ? 0xff : nt == 8 ? 0xffff : 0x0fff;
 }
 
-// Coefficients of eight triples from t on as integers; false when they are not finite.
-static bool scale_columns(const struct expand_job *job, uint32_t t, struct integers *q)
+INLINE __m512 weights(const struct expand_job *job, const struct integers *q, uint32_t r,
+                      uint32_t t, __mmask16 mask, int part)
+{
+    const float *b = job->b + r * job->b_stride + 3 * t + 16 * part;
+    return _mm512_mul_ps(_mm512_maskz_loadu_ps(mask, b), _mm512_set1_ps(q->inverse[r]));
+}
+
+// Coefficients of nt triples from t on as integers; false when they are not finite.
+static bool scale_columns(const struct expand_job *job, uint32_t t, uint32_t nt,
+                          struct integers *q)
 {
     __mmask16 finite = 0xffff;
-    for (int part = 0; part < 2; part++) {
+    for (int part = 0; part < (nt == 8 ? 2 : 1); part++) {
+        const __mmask16 mask = columns(nt, part);
         const __m512 zero = _mm512_setzero_ps();
         __m512 sum = zero, most = zero;
         for (uint32_t r = 0; r < job->rank; r++) {
-            __m512 x = _mm512_abs_ps(weights(job, q, r, t, part));
+            __m512 x = _mm512_abs_ps(weights(job, q, r, t, mask, part));
             sum = _mm512_add_ps(sum, x);
             most = _mm512_max_ps(most, x);
         }
@@ -87,11 +95,11 @@ static bool scale_columns(const struct expand_job *job, uint32_t t, struct integ
         __mmask16 some = _mm512_cmp_ps_mask(sum, _mm512_set1_ps(1e-30f), _CMP_GT_OQ);
         __m512 scale = _mm512_min_ps(_mm512_maskz_div_ps(some, _mm512_set1_ps(SUM_MOST), sum),
                                      _mm512_maskz_div_ps(some, _mm512_set1_ps(C_MOST), most));
-        _mm512_mask_storeu_ps(q->back + 16 * part, part ? 0xff : 0xffff,
+        _mm512_mask_storeu_ps(q->back + 16 * part, mask,
                               _mm512_maskz_div_ps(some, _mm512_set1_ps(1), scale));
         for (uint32_t r = 0; r < job->rank; r += 2) {
-            __m512 x = _mm512_mul_ps(weights(job, q, r, t, part), scale), y = zero;
-            if (r + 1 < job->rank) y = _mm512_mul_ps(weights(job, q, r + 1, t, part), scale);
+            __m512 x = _mm512_mul_ps(weights(job, q, r, t, mask, part), scale), y = zero;
+            if (r + 1 < job->rank) y = _mm512_mul_ps(weights(job, q, r + 1, t, mask, part), scale);
             __m512i pair =
                 _mm512_mask_blend_epi16(0xaaaaaaaa, _mm512_cvtps_epi32(x),
                                         _mm512_slli_epi32(_mm512_cvtps_epi32(y), 16));
@@ -118,112 +126,105 @@ INLINE void add_products(__m512i *sum, __m512i x, const int32_t *c)
     __asm__("vpdpwssd %2%{1to16%}, %1, %0" : "+v"(*sum) : "v"(x), "m"(*c));
 }
 
-// A tile whose colours wait: they leave for their vertices while the next one is computed, since
-// stores of a few bytes take as long as the sums and want other parts of the processor.
-struct waiting {
-    float rgb[3 * TILE] __attribute__((aligned(64))); // [triple][16][3]
-    uint32_t n;                                       // portions left of PORTIONS
-    float *color;                                     // of the first triple
-    size_t plane;
-    const uint32_t *order;
-};
-enum { PORTIONS = 16, PORTION = TILE / PORTIONS };
-
-INLINE void put_portion(struct waiting *w)
-{
-    const uint32_t k = PORTIONS - w->n--;
-    const uint32_t *order = w->order + k % 2 * PORTION;
-    const float *rgb = w->rgb + 3 * PORTION * k;
-    float *color = w->color + k / 2 * w->plane;
-    for (uint32_t i = 0; i < PORTION; i++) put1(color + 3ull * order[i], rgb + 3 * i, false);
-}
-
-INLINE void put_rest(struct waiting *w)
-{
-    while (w->n) put_portion(w);
-}
-
-// Triples [t0, t0 + 8) of 16 vertices from v on.
+// Triples [t0, t0 + nt) of nv vectors of 16 vertices from v on, nt * nv = 8: 24 sums. The second
+// vector is the first again where it would lie behind the padded block.
 INLINE void integer_tile(const struct expand_job *job, const struct integers *q, uint32_t v,
-                         uint32_t t0, struct waiting *waiting)
+                         uint32_t t0, struct waiting *waiting, const uint32_t nt,
+                         const uint32_t nv)
 {
+    const uint32_t width = 16 * nv, each = width / PORTION;
+    const size_t second = nv == 2 && v + 32 <= job->stride ? 16 : 0;
     // two tiles ahead: one is computed sooner than memory answers
-    const struct places next = places_of(job, v + 32, t0, 16);
+    const struct places next = places_of(job, v + 2 * width, t0, width);
     const uint16_t *u = job->u + v;
-    __m512i sum[8][3];
-    for (int t = 0; t < 8; t++)
-        for (int ch = 0; ch < 3; ch++) sum[t][ch] = _mm512_setzero_si512();
+    __m512i sum[24];
+#pragma GCC unroll 24
+    for (uint32_t k = 0; k < 24; k++) sum[k] = _mm512_setzero_si512();
     for (uint32_t r = 0; r < job->rank; r += 2, u += 2 * job->stride) {
-        const __m512i x = pairs(u, r + 1 < job->rank ? u + job->stride : u, q->scale + r);
+        const uint16_t *other = r + 1 < job->rank ? u + job->stride : u;
+        __m512i x[2];
+        x[0] = pairs(u, other, q->scale + r);
+        if (nv == 2) x[1] = pairs(u + second, other + second, q->scale + r);
         const int32_t *c = q->c[r / 2];
-        for (int t = 0; t < 8; t++)
-            for (int ch = 0; ch < 3; ch++) add_products(&sum[t][ch], x, &c[3 * t + ch]);
-        ask(&next, r, 8);
-        ask(&next, r + 1, 8);
-        if (waiting->n) put_portion(waiting);
+#pragma GCC unroll 24
+        for (uint32_t k = 0; k < 24; k++) // k / nv: column
+            add_products(&sum[k], x[k % nv], &c[k / nv]);
+        ask(&next, r, nt);
+        ask(&next, r + 1, nt);
+        if (waiting->n) put_portion(waiting, each);
     }
-    put_rest(waiting);
-    const bool row = !job->add && in_a_row(job, v, 16);
+    put_rest(waiting, each);
+    const bool row = !job->add && in_a_row(job, v, width);
     float *first = job->color + t0 * job->plane + 3ull * job->order[v];
-    for (int t = 0; t < 8; t++) {
+#pragma GCC unroll 8
+    for (uint32_t k = 0; k < 8; k++) {
+        const uint32_t t = k / nv, i = k % nv;
         __m512 x[3];
-        for (int ch = 0; ch < 3; ch++)
-            x[ch] = _mm512_mul_ps(_mm512_cvtepi32_ps(sum[t][ch]),
+#pragma GCC unroll 3
+        for (uint32_t ch = 0; ch < 3; ch++)
+            x[ch] = _mm512_mul_ps(_mm512_cvtepi32_ps(sum[(3 * t + ch) * nv + i]),
                                   _mm512_set1_ps(q->back[3 * t + ch]));
-        put_row(row ? first + (size_t)t * job->plane : waiting->rgb + 48 * t, x[0], x[1], x[2],
-                false);
+        float *to = row ? first + t * job->plane : waiting->rgb + 3 * width * t;
+        put_row(to + 48 * i, x[0], x[1], x[2], false);
     }
     if (row) return;
-    if (job->add || job->end - v < 16) {
-        put_tile(job, v, t0, 8, 16, waiting->rgb);
-        return;
-    }
-    waiting->n = PORTIONS;
-    waiting->color = job->color + t0 * job->plane;
-    waiting->plane = job->plane;
-    waiting->order = job->order + v;
+    put_later(job, v, t0, nt, waiting);
 }
 
-// Triples [0, n8) of vertices [v0, end), a part of the job; false where floating point must do.
+INLINE void integer_tiles(const struct expand_job *job, const struct integers *q, uint32_t v,
+                          uint32_t end, uint32_t t0, const uint32_t nt, const uint32_t nv)
+{
+    struct waiting waiting;
+    waiting.n = 0;
+    for (; v < end; v += 16 * nv) {
+        if (t0 == 0) fetch_share(job, v, 16 * nv);
+        integer_tile(job, q, v, t0, &waiting, nt, nv);
+    }
+    put_rest(&waiting, 16 * nv / PORTION);
+}
+
+// Triples of this tile: eight, or the last four.
+static uint32_t tile_triples(uint32_t t, uint32_t n)
+{
+    return n - t >= 8 ? 8 : 4;
+}
+
+// Triples [0, n) of vertices [v0, end), a part of the job; false where floating point must do.
 static bool expand_stretch(const struct expand_job *job, struct integers *q, uint32_t v0,
-                           uint32_t end, uint32_t n8)
+                           uint32_t end, uint32_t n)
 {
     if (!scale_rows(job, v0, end, q)) return false;
     // all are looked at before anything is stored
-    for (uint32_t t = 8; t < n8; t += 8)
-        if (!scale_columns(job, t, q)) return false;
-    if (!scale_columns(job, 0, q)) return false;
-    struct waiting waiting;
-    waiting.n = 0;
-    for (uint32_t t = 0; t < n8; t += 8) {
-        if (t) scale_columns(job, t, q);
-        for (uint32_t v = v0; v < end; v += 16) {
-            if (t == 0) fetch_share(job, v, 16);
-            integer_tile(job, q, v, t, &waiting);
-        }
+    for (uint32_t t = tile_triples(0, n); t < n; t += tile_triples(t, n))
+        if (!scale_columns(job, t, tile_triples(t, n), q)) return false;
+    if (!scale_columns(job, 0, tile_triples(0, n), q)) return false;
+    for (uint32_t t = 0, nt; t < n; t += nt) {
+        nt = tile_triples(t, n);
+        if (t) scale_columns(job, t, nt, q);
+        if (nt == 8) integer_tiles(job, q, v0, end, t, 8, 1);
+        else integer_tiles(job, q, v0, end, t, 4, 2);
     }
-    put_rest(&waiting);
     return true;
 }
 
 void relight_expand_vnni(const struct expand_job *job)
 {
-    const uint32_t n8 = job->rank <= RANK_MOST ? job->n_triple & ~7u : 0;
+    const uint32_t n = job->rank <= RANK_MOST ? job->n_triple & ~3u : 0;
     struct expand_job part = *job;
     struct integers q;
-    part.n_triple = n8;
-    for (uint32_t v = job->begin; n8 && v < job->end; v = part.end) {
+    part.n_triple = n;
+    for (uint32_t v = job->begin; n && v < job->end; v = part.end) {
         part.begin = v;
         // no small rest: integers have a price a stretch
         part.end = job->end - v < AHEAD + AHEAD / 2 ? job->end : v + AHEAD;
-        if (expand_stretch(job, &q, v, part.end, n8)) continue;
+        if (expand_stretch(job, &q, v, part.end, n)) continue;
         relight_expand_avx512(&part);
     }
-    if (n8 == job->n_triple) return;
+    if (n == job->n_triple) return;
     part = *job;
-    part.b += 3 * n8;
-    part.color += n8 * part.plane;
-    part.n_triple -= n8;
+    part.b += 3 * n;
+    part.color += n * part.plane;
+    part.n_triple -= n;
     relight_expand_avx512(&part);
 }
 #endif

@@ -468,30 +468,61 @@ static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, cons
     }
 }
 
-// Products run along in three vectors (48 = 16 * 3), so that a lane keeps its channel.
+// Five functions a vector, 15 lanes: a lane keeps its channel.
+enum { FIVE = 15, MOST_FIVES = 8 };
+
+INLINE __m512 five_mask(const float *p, uint32_t j, uint32_t width)
+{
+    return _mm512_maskz_loadu_ps(width - j >= FIVE ? 0x7fff : lane_mask(width - j), p + j);
+}
+
+// r g b 0 of the sums of the five triples in each of four vectors.
+INLINE __m512 sum_fives(const __m512 x[4])
+{
+    const __m512i four = _mm512_setr_epi32(0, 1, 2, 15, 3, 4, 5, 15, 6, 7, 8, 15, 9, 10, 11, 15);
+    const __m512i fifth = _mm512_setr_epi32(12, 13, 14, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15,
+                                            15, 15);
+    __m512 y[4];
+    for (int i = 0; i < 4; i++)
+        y[i] = _mm512_add_ps(_mm512_permutexvar_ps(four, x[i]),
+                             _mm512_permutexvar_ps(fifth, x[i]));
+    // quarters of four vectors, transposed while they are summed
+    __m512 lo = _mm512_add_ps(_mm512_shuffle_f32x4(y[0], y[1], 0x44),
+                              _mm512_shuffle_f32x4(y[0], y[1], 0xee));
+    __m512 hi = _mm512_add_ps(_mm512_shuffle_f32x4(y[2], y[3], 0x44),
+                              _mm512_shuffle_f32x4(y[2], y[3], 0xee));
+    return _mm512_add_ps(_mm512_shuffle_f32x4(lo, hi, 0x88), _mm512_shuffle_f32x4(lo, hi, 0xdd));
+}
+
+// Items [0, m) of four from `in` on.
+INLINE __m512 material_four(const float *in, uint32_t m, uint32_t width, const float *coef,
+                            const __m512 first[MOST_FIVES])
+{
+    __m512 x[4];
+    for (uint32_t i = 0; i < 4; i++) {
+        const float *p = in + (i < m ? i : 0) * (size_t)width;
+        x[i] = _mm512_setzero_ps();
+        uint32_t j = 0;
+        for (uint32_t k = 0; k < MOST_FIVES && j < width; k++, j += FIVE)
+            x[i] = _mm512_fmadd_ps(five_mask(p, j, width), first[k], x[i]);
+        for (; j < width; j += FIVE)
+            x[i] = _mm512_fmadd_ps(five_mask(p, j, width), five_mask(coef, j, width), x[i]);
+    }
+    return sum_fives(x);
+}
+
 static void material(const float *in, size_t n, uint32_t n_radial, const float *coef,
                      float *out)
 {
+    const __m512i close = _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 0, 0, 0, 0);
     const uint32_t width = 3 * n_radial;
-    for (size_t i = 0; i < n; i++, in += width, out += 3) {
-        __m512 sum[3] = {_mm512_setzero_ps(), _mm512_setzero_ps(), _mm512_setzero_ps()};
-        for (uint32_t j = 0; j < width; j += 48)
-            for (uint32_t z = 0; z < 3 && j + 16 * z < width; z++) {
-                __mmask16 mask = lane_mask(width - j - 16 * z);
-                sum[z] =
-                    _mm512_fmadd_ps(_mm512_maskz_loadu_ps(mask, in + j + 16 * z),
-                                    _mm512_maskz_loadu_ps(mask, coef + j + 16 * z), sum[z]);
-            }
-        // lane i of vector z has channel (z + i) % 3
-        out[0] = _mm512_mask_reduce_add_ps(0x9249, sum[0]) +
-                 _mm512_mask_reduce_add_ps(0x4924, sum[1]) +
-                 _mm512_mask_reduce_add_ps(0x2492, sum[2]);
-        out[1] = _mm512_mask_reduce_add_ps(0x2492, sum[0]) +
-                 _mm512_mask_reduce_add_ps(0x9249, sum[1]) +
-                 _mm512_mask_reduce_add_ps(0x4924, sum[2]);
-        out[2] = _mm512_mask_reduce_add_ps(0x4924, sum[0]) +
-                 _mm512_mask_reduce_add_ps(0x2492, sum[1]) +
-                 _mm512_mask_reduce_add_ps(0x9249, sum[2]);
+    __m512 first[MOST_FIVES];
+    for (uint32_t k = 0; k < MOST_FIVES; k++)
+        first[k] = FIVE * k < width ? five_mask(coef, FIVE * k, width) : _mm512_setzero_ps();
+    for (size_t i = 0; i < n; i += 4, in += 4 * (size_t)width, out += 12) {
+        const uint32_t m = n - i < 4 ? (uint32_t)(n - i) : 4;
+        __m512 x = material_four(in, m, width, coef, first);
+        _mm512_mask_storeu_ps(out, lane_mask(3 * m), _mm512_permutexvar_ps(close, x));
     }
 }
 

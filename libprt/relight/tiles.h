@@ -110,6 +110,47 @@ INLINE void put_tile(const struct expand_job *job, uint32_t v, uint32_t t0, cons
     }
 }
 
+// A tile whose colours wait: they leave for their vertices while the next one is computed, since
+// stores of a few bytes take as long as the sums and want other parts of the processor.
+struct waiting {
+    float rgb[3 * TILE] __attribute__((aligned(64))); // [triple][width][3]
+    uint32_t n;                                       // portions left of PORTIONS
+    float *color;                                     // of the first triple
+    size_t plane;
+    const uint32_t *order;
+};
+enum { PORTIONS = 16, PORTION = TILE / PORTIONS };
+
+// each: portions of a triple.
+INLINE void put_portion(struct waiting *w, const uint32_t each)
+{
+    const uint32_t k = PORTIONS - w->n--;
+    const uint32_t *order = w->order + k % each * PORTION;
+    const float *rgb = w->rgb + 3 * PORTION * k;
+    float *color = w->color + k / each * w->plane;
+    for (uint32_t i = 0; i < PORTION; i++) put1(color + 3ull * order[i], rgb + 3 * i, false);
+}
+
+INLINE void put_rest(struct waiting *w, const uint32_t each)
+{
+    while (w->n) put_portion(w, each);
+}
+
+// What waiting->rgb holds of the tile from v on is to go to nt triples from t0 on.
+INLINE void put_later(const struct expand_job *job, uint32_t v, uint32_t t0, const uint32_t nt,
+                      struct waiting *waiting)
+{
+    const uint32_t width = TILE / nt;
+    if (job->add || job->end - v < width) {
+        put_tile(job, v, t0, nt, width, waiting->rgb);
+        return;
+    }
+    waiting->n = PORTIONS;
+    waiting->color = job->color + t0 * job->plane;
+    waiting->plane = job->plane;
+    waiting->order = job->order + v;
+}
+
 // Fetches a share of the next AHEAD vertices' rows, each row's bytes in one go.
 INLINE void fetch_share(const struct expand_job *job, uint32_t v, uint32_t width)
 {

@@ -200,6 +200,12 @@ static double difference(const float *a, const float *b, size_t n)
     return sqrt(d / (s > 0 ? s : 1));
 }
 
+// RMS that kernels may differ by: four phase planes or more are summed in 16-bit integers.
+static double tolerance(const struct prt_tensor *t)
+{
+    return t->n_phase >= 4 ? 5e-5 : 1e-5;
+}
+
 static void colours_are_what_is_defined(void **state)
 {
     static const unsigned cpus[] = {PRT_CPU_C, PRT_CPU_AVX2, ~0u};
@@ -218,11 +224,11 @@ static void colours_are_what_is_defined(void **state)
             ctx.cpu = prt_cpu_detect() & cpus[c];
             memset(got, 0xff, 4 * n);
             assert_int_equal(prt_relight(&ctx, &t, 1, lights, coef, false, got), 0);
-            assert_true(difference(got, expect, n) < 1e-5);
+            assert_true(difference(got, expect, n) < tolerance(&t));
             // adding to what is there
             assert_int_equal(prt_relight(&ctx, &t, 1, lights, coef, true, got), 0);
             for (size_t k = 0; k < n; k++) got[k] *= 0.5f;
-            assert_true(difference(got, expect, n) < 1e-5);
+            assert_true(difference(got, expect, n) < tolerance(&t));
         }
         free(expect);
         free(got);
@@ -251,7 +257,7 @@ static void lights_superpose(void **state)
             assert_int_equal(prt_relight(&ctx, &t, 1, one, coef, false, color[l]), 0);
         }
         for (size_t k = 0; k < n; k++) sum[k] = 0.3f * color[0][k] + 2 * color[1][k];
-        assert_true(difference(color[2], sum, n) < 1e-5);
+        assert_true(difference(color[2], sum, n) < tolerance(&t));
         free(sum);
         for (int l = 0; l < 3; l++) {
             free(color[l]);

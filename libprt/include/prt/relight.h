@@ -10,7 +10,7 @@
 extern "C" {
 #endif
 
-/* Several lights in one call share the reading. Eight phase planes or more at once are summed in
+/* Several lights in one call share the reading. Four phase planes or more at once are summed in
  * 16-bit integers where the machine has VNNI: colours then differ from those of one light alone
  * by some 3e-5 RMS, at most 1e-4 of the largest; fewer, and other machines, by f32 rounding. */
 enum { PRT_RELIGHT_MAX_LIGHTS = 16 };
