@@ -103,6 +103,8 @@ static int prepare(struct bake *b)
     if (status == PRT_OK && any)
         status = prt_surface_create(b->ctx, mesh, sample_count(b), fine, b->o.seed,
                                     &b->surface);
+    if (status == PRT_OK && any && b->o.engine == PRT_ENGINE_WAVELET)
+        status = prt_surface_check(b->ctx, b->surface, mesh, finest, b->o.n_sample != 0);
     if (status == PRT_OK && any) status = hierarchy_create(b->surface, &b->hierarchy);
     uint32_t patterns = b->o.cube <= 32 ? 16 : b->o.cube <= 64 ? 8 : 4;
     if (status == PRT_OK)

@@ -76,7 +76,8 @@ PRT_CLONES static void refract16(const struct prt_packet *packet, const struct c
         float cosine = x * dx + y * dy + z * dz;
         cosine = cosine > 1 ? 1 : cosine;
         bool out_of_body = packet->triangle[i] != UINT32_MAX && facing > 0 && cosine > 0;
-        float root = sqrtf(1 - inv * inv * (1 - cosine * cosine));
+        // not 1 - inv^2 (1 - cos^2), which is 0 for grazing rays at eta 1
+        float root = sqrtf((1 - inv * inv) + inv * inv * cosine * cosine + 1e-20f);
         float bend = root - cosine * inv;
         out->cosine[i] = out_of_body ? cosine : 0;
         out->way[i] = out_of_body ? packet->t[i] * cosine / root : 0;

@@ -469,6 +469,9 @@ static int prepare_multiple(struct job *j, const struct prt_cube *const light[])
 {
     int status = prt_surface_create(j->ctx, j->mesh, sample_count(j), (float)finest_path(j) / 8,
                                     j->o->seed + 11, &j->surface);
+    if (!status)
+        status = prt_surface_check(j->ctx, j->surface, j->mesh, finest_path(j),
+                                   j->o->n_sample != 0);
     if (status) return status;
     size_t n = j->surface->n_sample;
     float *all = prt_alloc(3 * n * j->n_light, sizeof *all);

@@ -9,11 +9,13 @@
 #include <limits.h>
 #include <math.h>
 #include <signal.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
 #include <unistd.h>
 
 static volatile sig_atomic_t stop_signal;
+static atomic_bool error_told; // a line said what is wrong
 static bool bar_drawn; // the terminal's line holds a bar; touched under stderr's lock
 
 static void on_signal(int signal)
@@ -26,6 +28,7 @@ static void log_line(void *user, enum prt_log_level level, const char *line)
     static const char *const prefix[] = {"error: ", "warning: ", "note: "};
     const struct tool *tool = user;
     if (tool->opt.quiet && level == PRT_LOG_NOTE) return;
+    if (level == PRT_LOG_ERROR) error_told = true;
     flockfile(stderr);
     fprintf(stderr, "%s%s%s\n", bar_drawn ? "\r\033[K" : "", prefix[level], line);
     bar_drawn = false;
@@ -124,6 +127,9 @@ int tool_exit(const struct tool *tool, int status)
     if (status == PRT_CANCELLED)
         prt_log(&tool->ctx, PRT_LOG_ERROR, "cancelled%s",
                 stop_signal ? " by a signal; nothing was written" : "; nothing was written");
+    else if (!error_told)
+        prt_log(&tool->ctx, PRT_LOG_ERROR, "%s: %s", tool->opt.input[0],
+                prt_status_text(status));
     // What a library function calls an argument was an option here.
     return status == PRT_ARG ? EXIT_USAGE : EXIT_FAILED;
 }

@@ -444,7 +444,7 @@ static int build_fine(const struct prt_context *ctx, struct prt_surface_points *
     float *area = NULL;
     int status = start ? PRT_OK : PRT_NOMEM;
     double fine = fine_mm;
-    for (int attempt = 0; status == PRT_OK && attempt < 40; attempt++) {
+    while (status == PRT_OK) { // ends: at the latest when every triangle is one point
         total = 0;
         for (uint32_t o = 0; o < s->n_object; o++)
             for (uint32_t i = 0; i < list[o].n; i++) {
@@ -456,7 +456,10 @@ static int build_fine(const struct prt_context *ctx, struct prt_surface_points *
         if (total <= 16ull * s->n_sample + n_triangle) break;
         fine *= 1.15;
     }
-    if (status == PRT_OK && total > UINT32_MAX / 4) status = PRT_LIMIT;
+    if (status == PRT_OK && total > UINT32_MAX / 4)
+        status = prt_fail(ctx, PRT_LIMIT,
+                          "%llu surface points are too many: at most %u samples and triangles",
+                          (unsigned long long)total, UINT32_MAX / 4);
     if (status == PRT_OK) {
         s->n_fine = (uint32_t)total;
         s->fine = prt_alloc(total, sizeof *s->fine);
@@ -520,6 +523,27 @@ int prt_surface_create(const struct prt_context *ctx, const struct prt_mesh *mes
         prt_surface_destroy(s);
     if (status == PRT_NOMEM) prt_fail(ctx, status, "no memory for %u surface samples", n_sample);
     return status;
+}
+
+int prt_surface_check(const struct prt_context *ctx, const struct prt_surface_points *s,
+                      const struct prt_mesh *mesh, double mean_free_path_mm, bool chosen)
+{
+    static const double most = 256, many = 16;
+    double paths = s->spacing / mean_free_path_mm, over = paths / most;
+    double size = prt_mesh_diagonal(mesh);
+    if (over > 1)
+        return prt_fail(ctx, PRT_ARG,
+                        "a mean free path of %.3g mm on a model of %.5g mm, with samples %.3g mm "
+                        "apart: at most %.0f mean free paths are allowed; scale it to %.3g mm or "
+                        "less (--size-mm) or give --samples %.0f",
+                        mean_free_path_mm, size, s->spacing, most, size / over,
+                        ceil(s->n_sample * over * over));
+    if (paths > many && chosen)
+        prt_log(ctx, PRT_LOG_WARNING,
+                "samples are %.3g mm apart, the mean free path is %.3g mm: expect errors of "
+                "percents; --samples %.0f would leave none of it",
+                s->spacing, mean_free_path_mm, ceil(s->n_sample * paths * paths));
+    return PRT_OK;
 }
 
 void prt_surface_destroy(struct prt_surface_points *s)

@@ -104,6 +104,8 @@ expect 2 'choose one' "$prt" bake ball.obj $scaled --mm-per-unit 3 -o x.prt
 expect 2 'needs --env' "$prt" bake ball.obj $scaled --transport polynomial -o x.prt
 expect 2 'no such open file descriptor' "$prt" bake ball.obj $scaled --progress-fd 77 -o x.prt
 expect 2 'marble' "$prt" bake ball.obj --material granite --size-mm 20 -o x.prt
+expect 2 'mean free path .* at most 256 ' "$prt" bake ball.obj --material marble --size-mm 1e6 --samples 2000 -o x.prt
+expect 2 'mean free path .* at most 256 ' "$prt" colors ball.obj --material marble --size-mm 1e6 --samples 2000 --env constant -o x.csv
 expect 2 '-o OUT.prt is missing' "$prt" bake ball.obj $scaled
 expect 2 'needs --material' "$prt" bake ball.obj --size-mm 20 --transport wavelet -o x.prt
 expect 2 'no material or node named "flor"' "$prt" bake tetra.gltf $scaled --opaque flor -o x.prt

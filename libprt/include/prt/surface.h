@@ -33,6 +33,11 @@ struct prt_surface_points {
 int prt_surface_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
                        uint32_t n_sample, float fine_mm, uint64_t seed,
                        struct prt_surface_points **out);
+/* Whether the samples can serve a medium of this mean free path [mm]: PRT_ARG with what would be
+ * allowed when they are more than 256 of it apart (R_d falls to nothing between them); a warning
+ * from 16 on, when `chosen` (--samples was given). */
+int prt_surface_check(const struct prt_context *ctx, const struct prt_surface_points *surface,
+                      const struct prt_mesh *mesh, double mean_free_path_mm, bool chosen);
 void prt_surface_destroy(struct prt_surface_points *surface);
 /* Area of translucent triangles [mm^2]. */
 double prt_surface_area(const struct prt_mesh *mesh);
