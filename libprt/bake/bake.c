@@ -2,6 +2,7 @@
 // Runs the stages of a bake in order and writes the .prt.
 #include "bake/measure.h"
 #include "bake/run.h"
+#include "bake/shard.h"
 #include "bake/sources.h"
 
 #include "prt/relight.h"
@@ -58,9 +59,9 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
         return prt_fail(ctx, PRT_ARG, "--storage sparse goes with --transport wavelet only");
     if (o->engine == PRT_ENGINE_POLYNOMIAL && !o->env)
         return prt_fail(ctx, PRT_ARG, "--transport polynomial fixes the light: give it --env");
-    if (o->n_shard > 1)
-        return prt_fail(ctx, PRT_UNSUPPORTED,
-                        "--shard: a bake cannot be split yet; leave it out to bake the whole");
+    if (o->n_shard > 1 && o->shard >= o->n_shard)
+        return prt_fail(ctx, PRT_ARG, "--shard %u/%u: I must lie in [0, %u]", o->shard, o->n_shard,
+                        o->n_shard - 1);
     if (o->n_single > 1024)
         return prt_fail(ctx, PRT_ARG, "single-scattering points %u: must lie in [1, 1024]",
                         o->n_single);
@@ -288,15 +289,17 @@ int bake_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_
         status = sparse_builder_create(b->clusters, b->mesh->n_vertex, b->o.cube, n_function,
                                        b->o.n_coef, &b->sparse);
     if (status == PRT_OK)
-        status = prt_parallel_for(b->ctx, stage, b->clusters->n_cluster, 1, range,
-                                  b->loop_arg ? b->loop_arg : b);
+        status = shard_for(b, stage, range, b->loop_arg ? b->loop_arg : b);
+    bool part = false;
+    if (status == PRT_OK)
+        status = b->sparse ? shard_sparse(b, &part) : shard_factored(b, n_function, &part);
     b->seconds[clock] = prt_time_s() - started;
     started = prt_time_s();
     struct pack_options pack = {.rank = b->o.rank, .n_basis_coef = b->o.n_basis_coef,
                                 .energy_error = b->o.max_error * (term ? 1.5 : 0.75),
                                 .mixed = b->train != NULL,
                                 .max_bytes = byte_budget(b, term, n_phase)};
-    if (status == PRT_OK)
+    if (status == PRT_OK && !part)
         status = b->sparse ? sparse_builder_finish(b->sparse, t)
                            : pack_factored(b->ctx, b->clusters, b->factored, n_function,
                                            b->o.cube, &pack, t);
@@ -332,7 +335,7 @@ static int bake_wavelet(struct bake *b)
 {
     double started = prt_time_s();
     int status = PRT_OK;
-    if (b->surface)
+    if (b->surface && !shard_assembling(b))
         status = irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
                                  b->o.material.eta, &b->irradiance, &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
@@ -407,11 +410,56 @@ static void release(struct bake *b)
     prt_scene_destroy(b->scene);
 }
 
+// The same for every part of one bake: all that decides what clusters hold.
+static uint64_t shard_key(const struct bake *b)
+{
+    char settings[4096];
+    describe(b, settings, sizeof settings);
+    const uint32_t more[] = {b->o.rank, b->o.n_basis_coef, b->o.no_single, b->o.every_ray};
+    uint64_t key = prt_hash64(settings, strlen(settings), b->out.mesh_hash);
+    key = prt_hash64(more, sizeof more, key);
+    key = prt_hash64(&b->o.rotate_deg, sizeof b->o.rotate_deg, key);
+    const struct prt_env *env = b->o.engine == PRT_ENGINE_POLYNOMIAL ? b->o.env : NULL;
+    if (env && env->kind == PRT_ENV_CUBE)
+        key = prt_hash64(env->cube.texel, (size_t)env->cube.n * env->cube.n * 72, key);
+    else if (env)
+        key = prt_hash64(env->latlong.rgb,
+                         (size_t)env->latlong.width * env->latlong.height * 12, key);
+    return key;
+}
+
+static int run_engine(struct bake *b)
+{
+    return b->o.engine == PRT_ENGINE_JOINT        ? bake_joint(b)
+           : b->o.engine == PRT_ENGINE_POLYNOMIAL ? bake_polynomial(b)
+                                                  : bake_wavelet(b);
+}
+
+// Runs the engine on this process' clusters and, when it has the last part, once more to
+// assemble them all.
+static int run_shard(struct bake *b, const char *out_path, uint32_t *missing)
+{
+    *missing = 0;
+    int status = shard_create(b, out_path, b->o.n_shard > 1 ? shard_key(b) : 0);
+    if (status == PRT_OK && !shard_done(b)) status = run_engine(b);
+    if (status == PRT_OK) status = shard_close(b, missing);
+    if (status != PRT_OK || !shard_assembling(b)) return status;
+    for (uint32_t t = 0; t < b->out.n_tensor; t++) tensor_finish(&b->out.tensor[t]);
+    memset(b->out.tensor, 0, sizeof b->out.tensor);
+    b->out.n_tensor = 0;
+    prt_free(b->probe);
+    b->probe = NULL;
+    b->n_probe = default_probes;
+    single_plan_finish(&b->single);
+    return run_engine(b);
+}
+
 int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
              const struct prt_bake_options *options, const char *out_path)
 {
     struct bake b = {.ctx = ctx, .mesh = mesh, .o = *options};
     char settings[4096], errors[2048] = "{}";
+    uint32_t missing = 0;
     int status = check_options(ctx, &b.o);
     if (status) return status;
     if (!(mesh->mm_per_unit > 0))
@@ -425,12 +473,10 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
     b.out.mesh_hash = mesh_hash(mesh);
     status = prepare(&b);
     if (status == PRT_OK)
-        status = b.o.engine == PRT_ENGINE_JOINT        ? bake_joint(&b)
-                 : b.o.engine == PRT_ENGINE_POLYNOMIAL ? bake_polynomial(&b)
-                                                       : bake_wavelet(&b);
-    if (status == PRT_OK && b.surface)
+        status = run_shard(&b, out_path, &missing);
+    if (status == PRT_OK && b.surface && !missing)
         status = examine(&b, errors, sizeof errors);
-    if (status == PRT_OK) {
+    if (status == PRT_OK && !missing) {
         // Times are told, not stored: equal bakes are equal bytes.
         prt_log(ctx, PRT_LOG_NOTE,
                 "seconds: samples %.2f, irradiance %.2f, multiple %.2f, single %.2f, pack %.2f",
@@ -441,6 +487,8 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
         b.out.errors = errors;
         status = prt_file_write(ctx, out_path, &b.out);
     }
+    shard_destroy(&b, status == PRT_OK);
+    if (options->parts_missing) *options->parts_missing = missing;
     release(&b);
     if (status == PRT_NOMEM) prt_fail(ctx, status, "not enough memory for this bake");
     return status;

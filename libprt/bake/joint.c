@@ -3,6 +3,7 @@
 // wavelet transport with a radial basis in place of one medium's R_d, and one U that serves
 // training materials over the whole range.
 #include "bake/radials.h"
+#include "bake/shard.h"
 #include "bake/sources.h"
 
 #include <stdlib.h>
@@ -108,7 +109,7 @@ int bake_joint(struct bake *b)
     if (!b->surface)
         return prt_fail(b->ctx, PRT_ARG, "nothing is translucent: a joint bake has no material");
     int status = bases_create(b, &j.bases);
-    if (status == PRT_OK)
+    if (status == PRT_OK && !shard_assembling(b))
         status = irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
                                  b->o.material.eta, &b->irradiance, &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;

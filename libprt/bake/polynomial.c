@@ -2,6 +2,7 @@
 // Polynomial transport (X07): the light is contracted while baking, radial functions stay.
 // T_j (X07 eq 12) by the cut of the hierarchy, S_j (X07 eq 14) over the light's own directions.
 #include "bake/radials.h"
+#include "bake/shard.h"
 
 #include "prt/light.h"
 #include "reference/lights.h"
@@ -253,18 +254,18 @@ int bake_polynomial(struct bake *b)
     if (status == PRT_OK) status = bases_create(b, &p.bases);
     if (status == PRT_OK)
         status = light_rays_create(&cube, PATTERNS, SAMPLE_RAYS, b->o.seed + 1, &p.rays);
-    if (status == PRT_OK) status = irradiance(&p);
+    if (status == PRT_OK && !shard_assembling(b)) status = irradiance(&p);
     b->rays_irradiance = (uint64_t)b->surface->n_sample * SAMPLE_RAYS / 2;
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
     started = prt_time_s();
     if (status == PRT_OK) status = shape(&p, PRT_TERM_MULTIPLE, 1, p.bases.reflectance);
     if (status == PRT_OK)
-        status = prt_parallel_for(b->ctx, "multiple scattering", b->clusters->n_cluster, 1,
-                                  multiple_range, &p);
+        status = shard_for(b, "multiple scattering", multiple_range, &p);
+    if (status == PRT_OK) status = shard_radial(b, p.tensor);
     if (status == PRT_OK && opaque) status = shape(&p, PRT_TERM_MULTIPLE, 1, NULL);
     if (status == PRT_OK && opaque)
-        status = prt_parallel_for(b->ctx, "opaque surfaces", b->clusters->n_cluster, 1,
-                                  opaque_range, &p);
+        status = shard_for(b, "opaque surfaces", opaque_range, &p);
+    if (status == PRT_OK && opaque) status = shard_radial(b, p.tensor);
     b->seconds[T_MULTIPLE] = prt_time_s() - started;
     started = prt_time_s();
     light_rays_destroy(p.rays);
@@ -278,8 +279,8 @@ int bake_polynomial(struct bake *b)
         if (status == PRT_OK)
             status = shape(&p, PRT_TERM_SINGLE, b->o.n_phase, p.bases.extinction);
         if (status == PRT_OK)
-            status = prt_parallel_for(b->ctx, "single scattering", b->clusters->n_cluster, 1,
-                                      single_range, &p);
+            status = shard_for(b, "single scattering", single_range, &p);
+        if (status == PRT_OK) status = shard_radial(b, p.tensor);
     }
     b->seconds[T_SINGLE] = prt_time_s() - started;
     light_rays_destroy(p.rays);

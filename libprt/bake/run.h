@@ -26,6 +26,7 @@ struct bake {
     const float *train;                // [n_train][n_function] of factor_plan, or NULL
     uint32_t n_train, n_probe;
     uint64_t rays_irradiance, *rays_single;
+    struct shard *shard;               // one part of several; NULL: the whole bake
     double seconds[8];
 };
 enum { T_SAMPLES, T_IRRADIANCE, T_MULTIPLE, T_SINGLE, T_PACK, T_MEASURE };

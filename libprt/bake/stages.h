@@ -199,6 +199,13 @@ int sparse_builder_create(const struct clusters *clusters, uint32_t n_vertex, ui
                           uint32_t n_function, uint32_t n_coef, struct sparse_builder **out);
 /* dense [n_vertex of cluster][n_function][n_coef_all] per texel incl. solid angle; overwritten. */
 void sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense);
+/* The four arrays of a cluster's rows, to be written out or filled in. */
+struct sparse_rows {
+    void *at;
+    size_t bytes;
+};
+void sparse_builder_rows(const struct sparse_builder *b, uint32_t cluster,
+                         struct sparse_rows out[4]);
 int sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out);
 void sparse_builder_destroy(struct sparse_builder *b);
 

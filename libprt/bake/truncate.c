@@ -99,6 +99,17 @@ void sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense
     free(rank);
 }
 
+void sparse_builder_rows(const struct sparse_builder *b, uint32_t cluster,
+                         struct sparse_rows out[4])
+{
+    const struct prt_cluster *c = &b->clusters->cluster[cluster];
+    size_t first = c->vertex_begin, n = c->n_vertex, J = b->n_function, keep = b->keep;
+    out[0] = (struct sparse_rows){b->scaling + first * 6 * J, n * 6 * J * sizeof *b->scaling};
+    out[1] = (struct sparse_rows){b->scale + first * J, n * J * sizeof *b->scale};
+    out[2] = (struct sparse_rows){b->index + first * keep, n * keep * sizeof *b->index};
+    out[3] = (struct sparse_rows){b->entry + first * keep * J, n * keep * J};
+}
+
 int sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out)
 {
     memset(out, 0, sizeof *out);

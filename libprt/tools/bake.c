@@ -116,6 +116,29 @@ static int report(struct tool *tool, double seconds)
     return EXIT_DONE;
 }
 
+// A part of several is there; what is still to come.
+static int report_part(const struct options *o, double seconds, uint32_t missing)
+{
+    bool elsewhere = missing == UINT32_MAX;
+    if (o->json) {
+        cJSON *root = cJSON_CreateObject();
+        cJSON_AddStringToObject(root, "out", o->out);
+        cJSON_AddNumberToObject(root, "shard", o->shard);
+        cJSON_AddNumberToObject(root, "shards", o->n_shard);
+        cJSON_AddNumberToObject(root, "parts_missing", elsewhere ? 0 : missing);
+        cJSON_AddNumberToObject(root, "seconds", seconds);
+        char *text = cJSON_PrintUnformatted(root);
+        puts(text ? text : "{}");
+        free(text);
+        cJSON_Delete(root);
+    } else if (!o->quiet) {
+        printf("%s: shard %u/%u done in %.1f s, ", o->out, o->shard, o->n_shard, seconds);
+        if (elsewhere) puts("another process assembles the parts");
+        else printf("%u of %u to come\n", missing, o->n_shard);
+    }
+    return EXIT_DONE;
+}
+
 int run_bake(struct tool *tool)
 {
     const struct options *o = &tool->opt;
@@ -123,6 +146,7 @@ int run_bake(struct tool *tool)
     struct source source = {0};
     struct prt_env *env = NULL;
     char *settings = NULL;
+    uint32_t missing = 0;
     double started = prt_time_s();
     int exit_status = check_usage(o, engine);
     if (exit_status) return exit_status;
@@ -149,8 +173,11 @@ int run_bake(struct tool *tool)
     options.material = source.material;
     options.env = env;
     options.settings_json = settings;
+    options.parts_missing = &missing;
     exit_status = tool_exit(tool, prt_bake(&tool->ctx, source.mesh, &options, o->out));
-    if (!exit_status && o->n_shard < 2) exit_status = report(tool, prt_time_s() - started);
+    double seconds = prt_time_s() - started;
+    if (!exit_status)
+        exit_status = missing ? report_part(o, seconds, missing) : report(tool, seconds);
 done:
     free(settings);
     if (env) prt_env_destroy(env);

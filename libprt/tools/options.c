@@ -123,7 +123,9 @@ static const struct row table[] = {
      "reference: single scattering along -n_o even with an eye, as W05 does"},
     {"seed", 0, "N", WHOLE, AT(seed), 0, 1.8e19, NULL, BAKE | LIGHTS,
      "of all random numbers (default 0)"},
-    {"shard", 0, "I/N", SHARD, AT(shard), 0, 0, NULL, BAKE, "do part I of N, I from 0 to N-1 (not possible yet: refused)"},
+    {"shard", 0, "I/N", SHARD, AT(shard), 0, 0, NULL, BAKE,
+     "do part I of N, I from 0 to N-1, and leave it beside OUT.prt; the shard that ends last\n"
+     "                              assembles OUT.prt, as one bake alone would write it"},
     {"size", 0, "WxH", SIZE, AT(width), 1, 4096, NULL, IMAGE, "pixels (default 800x600)"},
     {"size", 0, "N|WxH", SIDE, AT(width), 1, 16384, NULL, ENV,
      "cube side, or lat-long width and height"},

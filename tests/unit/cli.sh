@@ -163,6 +163,15 @@ expect 0 '' "$prt" bake ball.obj $scaled $bake -o ball.prt
 check grep -q 'ball.prt' out
 expect 0 '' "$prt" bake ball.obj $scaled $bake --threads 1 --progress-fd 1 -o again.prt
 check cmp ball.prt again.prt
+expect 0 '' "$prt" bake ball.obj $scaled $bake --shard 1/2 -o parts.prt
+check grep -q 'shard 1/2 done .* 1 of 2 to come' out
+check [ ! -e parts.prt ]
+expect 0 '' "$prt" bake ball.obj $scaled $bake --shard 1/2 --json -o parts.prt
+check grep -q '"parts_missing":1' out
+expect 0 '' "$prt" bake ball.obj $scaled $bake --shard 0/2 -o parts.prt
+check cmp ball.prt parts.prt
+check [ -z "$(ls parts.prt.* 2>/dev/null)" ]
+expect 0 '' "$prt" bake ball.obj $scaled $bake --threads 1 --progress-fd 1 -o again.prt
 check grep -Eq '^[^ ]+ [01]\.[0-9]+ -?[0-9.]+$' out
 expect 0 '' "$prt" info ball.prt --json
 check grep -q '"engine":"wavelet"' out

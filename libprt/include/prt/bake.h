@@ -28,7 +28,12 @@ struct prt_bake_options {
     const struct prt_env *env;    /* polynomial: the fixed light */
     double rotate_deg;
     uint64_t seed;
-    uint32_t shard, n_shard;      /* this process does shard of n_shard; 0,0: all */
+    /* This process does shard of n_shard (0,0: all) and leaves its part beside out_path, as
+     * OUT.I-of-N.part; the last one to end assembles the .prt, the same bytes as one process'
+     * alone, and removes the parts. A part that is there already is not made again. */
+    uint32_t shard, n_shard;
+    uint32_t *parts_missing;      /* out, or NULL: parts not there yet; 0: out_path is written;
+                                   * UINT32_MAX: another process assembles it */
     const char *settings_json;    /* extra provenance to record, may be NULL */
 };
 /* Bakes `mesh` (scaled) and writes the .prt. Same bytes for any thread count. Progress and
