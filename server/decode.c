@@ -25,10 +25,12 @@ extern char **environ;
 
 enum { PACKET = 64 << 10, MAX_AT_ONCE = 4, MAX_RUNNING = 64, MAX_SIDE = 65536, MAX_WORD = 68 };
 
+enum asked { ASK_ENV, ASK_MODEL, ASK_IMAGE };
+
 struct ask {
     uint64_t number, memory_bytes;
     uint32_t n_word;   // what follows: path, name, and of a model the .prt and opaque names
-    uint32_t model;    // 1: a model, 0: an image
+    uint32_t model;    // enum asked
     double size_mm, mm_per_unit;
     struct prt_material material;
 };
@@ -131,12 +133,14 @@ static void hide_path(char *text, size_t size, const char *path, const char *nam
     }
 }
 
-static int read_image(const struct prt_context *ctx, const char *path, const char *name,
-                      struct reply *reply)
+static int read_image(const struct prt_context *ctx, bool as_env, const char *path,
+                      const char *name, struct reply *reply)
 {
-    struct prt_env *env = NULL;
-    int status = prt_env_load(ctx, path, &env), pixels_fd = -1;
+    struct prt_env *env = NULL, plain = {.kind = PRT_ENV_LATLONG};
+    int status = as_env ? prt_env_load(ctx, path, &env) : prt_image_load(ctx, path, &plain.latlong);
+    int pixels_fd = -1;
     if ((reply->status = status)) return -1;
+    if (!as_env) env = &plain;
     reply->kind = env->kind;
     reply->width = env->latlong.width;
     reply->height = env->latlong.height;
@@ -194,8 +198,8 @@ static void serve(int socket_fd, const struct ask *ask, char *const *word)
     ctx.memory_limit = ask->memory_bytes;
     double start = prt_time_s();
     int pixels_fd = -1;
-    if (ask->model) reply.status = read_model(&ctx, ask, word);
-    else pixels_fd = read_image(&ctx, word[0], word[1], &reply);
+    if (ask->model == ASK_MODEL) reply.status = read_model(&ctx, ask, word);
+    else pixels_fd = read_image(&ctx, ask->model == ASK_ENV, word[0], word[1], &reply);
     if (reply.status && !reply.error[0])
         snprintf(reply.error, sizeof reply.error, "%s: %s", word[1],
                  prt_status_text(reply.status));
@@ -209,7 +213,7 @@ static void serve(int socket_fd, const struct ask *ask, char *const *word)
 static bool split_words(char *packet, size_t n, const struct ask *ask, char *word[MAX_WORD + 1])
 {
     size_t at = sizeof *ask;
-    if (ask->n_word > MAX_WORD || ask->n_word < (ask->model ? 3u : 2u)) return false;
+    if (ask->n_word > MAX_WORD || ask->n_word < (ask->model == ASK_MODEL ? 3u : 2u)) return false;
     for (uint32_t i = 0; i < ask->n_word; i++) {
         size_t length = strnlen(packet + at, n - at);
         if (at + length >= n) return false;
@@ -518,11 +522,11 @@ static void enqueue(struct decoder *decoder, struct wait_for *w)
     send_waiting(decoder);
 }
 
-void decoder_env(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
-                 void *user)
+static void ask_pixels(struct decoder *decoder, enum asked what, const char *path,
+                       const char *name, decode_fn fn, void *user)
 {
     const char *const word[] = {path, name};
-    struct ask ask = {.model = 0};
+    struct ask ask = {.model = what};
     struct wait_for *w = new_wait(decoder, &ask, word, 2);
     if (!w) {
         fn(user, NULL, PRT_NOMEM, "not enough memory");
@@ -533,12 +537,24 @@ void decoder_env(struct decoder *decoder, const char *path, const char *name, de
     enqueue(decoder, w);
 }
 
+void decoder_env(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
+                 void *user)
+{
+    ask_pixels(decoder, ASK_ENV, path, name, fn, user);
+}
+
+void decoder_image(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
+                   void *user)
+{
+    ask_pixels(decoder, ASK_IMAGE, path, name, fn, user);
+}
+
 void decoder_model(struct decoder *decoder, const struct decode_model *m, decode_model_fn fn,
                    void *user)
 {
     const char *word[MAX_WORD] = {m->path, m->name, m->out};
     size_t n = 3;
-    struct ask ask = {.model = 1, .size_mm = m->size_mm, .mm_per_unit = m->mm_per_unit,
+    struct ask ask = {.model = ASK_MODEL, .size_mm = m->size_mm, .mm_per_unit = m->mm_per_unit,
                       .material = *m->material};
     for (size_t i = 0; i < m->n_opaque && n < MAX_WORD; i++) word[n++] = m->opaque[i];
     struct wait_for *w = new_wait(decoder, &ask, word, n);

@@ -29,6 +29,9 @@ void decoder_destroy(struct decoder *decoder);
 /* Decodes the file at `path` (or the words "constant…"); errors call it `name`. */
 void decoder_env(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
                  void *user);
+/* The same of a plain image, whatever its shape: always a lat-long's pixels. */
+void decoder_image(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
+                   void *user);
 /* What a model's file is read with, as `prt bake` takes it. */
 struct decode_model {
     const char *path, *name;   /* errors call the file `name` */

@@ -70,6 +70,14 @@ struct memo_entry *irradiance_get(struct server *server, const char *key,
                                   const struct answer_query *query, struct memo_entry *file,
                                   struct memo_entry *light);
 
+/* ---- surface_maps.c: struct prt_screen_map ---- */
+
+/* The map of an uploaded image, shrunk to 1024 texels a side; material: of an albedo map. NULL
+ * with code and error when it was never uploaded. */
+struct memo_entry *surface_map_get(struct server *server, enum prt_screen_map_kind kind,
+                                   const char *hash, const struct prt_material *material,
+                                   float bump_mm, int *code, char error[300]);
+
 /* ---- screen.c: struct screen_answer, by image-space engines ---- */
 
 struct screen_answer {
@@ -86,10 +94,11 @@ struct screen_query {
     bool background, has_material;
     struct prt_material material;
 };
-/* shape, seen and light are held while it is made. Who gives up waiting says screen_unwant. */
+/* map: by enum prt_screen_map_kind, NULL: none. All entries are held while it is made. Who gives up waiting says screen_unwant. */
 struct memo_entry *screen_get(struct server *server, const char *key,
                               const struct screen_query *query, struct memo_entry *shape,
-                              struct memo_entry *seen, struct memo_entry *light);
+                              struct memo_entry *seen, struct memo_entry *light,
+                              struct memo_entry *const map[3]);
 
 /* One of those who asked for this pending entry does so no more. */
 void screen_unwant(struct memo_entry *shape, struct memo_entry *entry);

@@ -45,7 +45,7 @@ struct render {
     struct need shape, screen_answer;
     struct need file, env[RENDER_MAX_LIGHTS], light[RENDER_MAX_LIGHTS], answer[RENDER_MAX_LIGHTS];
     struct need contracted[RENDER_MAX_LIGHTS];
-    struct need visibility, specular, background;
+    struct need visibility, specular, background, map[3];
     struct prt_camera camera;
     uint64_t start_ns;
     struct render_result result;
@@ -80,6 +80,10 @@ static void release_needs(struct render *r)
     for (size_t i = 0; i < sizeof one / sizeof *one; i++) {
         memo_release(one[i]->entry);
         one[i]->entry = NULL;
+    }
+    for (int k = 0; k < 3; k++) {
+        memo_release(r->map[k].entry);
+        r->map[k].entry = NULL;
     }
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) {
         memo_release(r->env[i].entry);
@@ -420,10 +424,20 @@ static void final(struct render *r)
 
 // ---- the walk
 
+static bool has_maps(const struct render_spec *s)
+{
+    return s->map[0][0] || s->map[1][0] || s->map[2][0];
+}
+
 // What image-space engines cannot do. Returns 0 or an error code.
 static int judge_screen(const struct render *r, char error[300])
 {
     const struct render_spec *s = &r->spec;
+    if (has_maps(s) && !shape_of(r)->mesh.uv) {
+        snprintf(error, 300, "%.100s has no texture coordinates for a map to lie on",
+                 r->model->name);
+        return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
+    }
     if (s->term != RELIGHT__TERM__TERM_TOTAL && s->term != RELIGHT__TERM__TERM_MULTIPLE) {
         snprintf(error, 300, "image-space engines give terms total and multiple, not %s",
                  s->term == RELIGHT__TERM__TERM_SINGLE ? "single" : "irradiance");
@@ -447,6 +461,10 @@ static int judge(const struct render *r, char error[300])
     static const char *const names[] = {"the default", "reference", "wavelet", "polynomial",
                                         "joint", "splat", "tangent", "texture", "hybrid"};
     bool traced = s->term == RELIGHT__TERM__TERM_IRRADIANCE;
+    if (has_maps(s)) {
+        snprintf(error, 300, "maps are for pictures by image-space engines");
+        return RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
+    }
     if (traced && s->engine > RELIGHT__ENGINE__ENGINE_REFERENCE) {
         snprintf(error, 300, "term irradiance is traced by engine reference, not %s",
                  names[s->engine]);
@@ -495,6 +513,7 @@ static bool wants_screen(const struct render *r)
 {
     const struct model *m = r->model;
     if (!r->spec.picture) return false;
+    if (!r->spec.engine && has_maps(&r->spec)) return true; // no bake knows them
     if (r->spec.engine) return r->spec.engine >= RELIGHT__ENGINE__ENGINE_SPLAT;
     return m->pose
            || (m->state != RELIGHT__MODEL_STATE__MODEL_READY && m->mesh != MESH_NONE
@@ -524,6 +543,15 @@ static void ask_envs(struct render *r)
         if (!r->spec.light[i].env[0]) continue;
         struct memo_entry *entry = env_get(r->server, r->spec.light[i].env, &r->result.code, error);
         if (entry) need_entry(r, &r->env[i], entry);
+    }
+    for (int k = 0; !r->result.code && r->screen && k < 3; k++) {
+        if (!r->spec.map[k][0]) continue;
+        const struct prt_material *material =
+            r->spec.has_material ? &r->spec.material : shape_of(r)->material;
+        struct memo_entry *entry =
+            surface_map_get(r->server, (enum prt_screen_map_kind)k, r->spec.map[k], material,
+                            r->spec.bump_mm, &r->result.code, error);
+        if (entry) need_entry(r, &r->map[k], entry);
     }
     if (r->result.code) snprintf(r->result.error, sizeof r->result.error, "%s", error);
     if (r->result.code || !r->spec.picture) return;
@@ -582,19 +610,21 @@ static void ask_screen(struct render *r)
         query.frame = mean->n_frame;
         query.background = true;
     }
-    size_t size = strlen(seen) + strlen(light) + 200;
+    size_t size = strlen(seen) + strlen(light) + 420;
     char *key = malloc(size);
     if (!key) {
         r->result.code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
         snprintf(r->result.error, sizeof r->result.error, "not enough memory");
         return;
     }
-    snprintf(key, size, "%s/%llu/screen/%u/%d/%u/%u/%.0f/%s/%s/%s", r->model->key,
+    snprintf(key, size, "%s/%llu/screen/%u/%d/%u/%u/%.0f/%s/%s/%s/%s/%.9g/%s/%s", r->model->key,
              (unsigned long long)r->generation, query.slot, query.engine, query.n_sample,
-             query.frame, (double)s->budget_ms, s->material_key, seen, light);
+             query.frame, (double)s->budget_ms, s->material_key, s->map[0], s->map[1], s->map[2],
+             (double)s->bump_mm, seen, light);
+    struct memo_entry *map[3] = {r->map[0].entry, r->map[1].entry, r->map[2].entry};
     need_entry(r, &r->screen_answer,
                screen_get(r->server, key, &query, r->shape.entry, r->visibility.entry,
-                          r->light[0].entry));
+                          r->light[0].entry, map));
     r->passing = query.frame != 0;
     free(key);
 }
@@ -673,7 +703,8 @@ static bool any_failed(struct render *r)
         if (failed(r, &r->contracted[i])) return true;
     if (failed(r, &r->file) || failed(r, &r->shape) || failed(r, &r->screen_answer)
         || failed(r, &r->visibility) || failed(r, &r->specular)
-        || failed(r, &r->background))
+        || failed(r, &r->background) || failed(r, &r->map[0]) || failed(r, &r->map[1])
+        || failed(r, &r->map[2]))
         return true;
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
         if (failed(r, &r->env[i]) || failed(r, &r->light[i]) || failed(r, &r->answer[i]))

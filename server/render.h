@@ -37,6 +37,8 @@ struct render_spec {
     float eye[3];          /* model's own units */
     float max_error;
     uint32_t budget_ms;
+    char map[3][65];       /* uploads by enum prt_screen_map_kind; "": none */
+    float bump_mm;
     bool picture;
     /* colours */
     int format;            /* Relight__ColorFormat */

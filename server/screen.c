@@ -17,7 +17,7 @@ struct screen_job {
     struct screen_job *next;
     struct screen_slot *slot;
     struct server *server;
-    struct memo_entry *entry, *shape, *seen, *light;
+    struct memo_entry *entry, *shape, *seen, *light, *map[3];
     struct screen_query query;
     struct screen_answer *answer;
     unsigned n_want;          // who asked and still wants it
@@ -31,6 +31,7 @@ static void end_job(struct screen_job *job)
     memo_release(job->shape);
     memo_release(job->seen);
     memo_release(job->light);
+    for (int k = 0; k < 3; k++) memo_release(job->map[k]);
     free(job);
 }
 
@@ -110,7 +111,10 @@ static int run_job(struct work *work, const struct prt_context *shared)
     int status = shape_scene(ctx, shape, &scene);
     if (!status && !job->slot->screen)
         status = prt_screen_create(ctx, &shape->mesh, scene, &job->slot->screen);
-    struct prt_screen_options options = {.frame = q->frame};
+    struct prt_screen_options options = {.frame = q->frame, .maps_checked = true};
+    options.sigma_a_map = job->map[0] ? job->map[0]->value : NULL;
+    options.normal_map = job->map[1] ? job->map[1]->value : NULL;
+    options.bump_map = job->map[2] ? job->map[2]->value : NULL;
     if (!status) status = choose(ctx, job, material, &options);
     if (!status) status = prt_progress(ctx, "screen", 0);
     if (!status)
@@ -182,7 +186,8 @@ void screen_unwant(struct memo_entry *shape, struct memo_entry *entry)
 
 struct memo_entry *screen_get(struct server *server, const char *key,
                               const struct screen_query *query, struct memo_entry *shape,
-                              struct memo_entry *seen, struct memo_entry *light)
+                              struct memo_entry *seen, struct memo_entry *light,
+                              struct memo_entry *const map[3])
 {
     bool fresh;
     struct memo_entry *entry = memo_get(server->memo, key, &fresh);
@@ -202,6 +207,9 @@ struct memo_entry *screen_get(struct server *server, const char *key,
     memo_hold(shape);
     memo_hold(seen);
     memo_hold(light);
+    for (int k = 0; k < 3; k++) {
+        if ((job->map[k] = map[k])) memo_hold(map[k]);
+    }
     // What somebody looks at goes before what refines a picture that is there.
     struct screen_job **at = &slot->first;
     while (*at && (query->background || !(*at)->query.background)) at = &(*at)->next;

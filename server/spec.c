@@ -122,6 +122,21 @@ int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const
     return 0;
 }
 
+static int parse_maps(struct render_spec *spec, const Relight__Shade *shade, char error[300])
+{
+    const char *const map[3] = {shade->albedo_map, shade->normal_map, shade->bump_map};
+    static const char *const name[3] = {"albedo_map", "normal_map", "bump_map"};
+    for (int k = 0; k < 3; k++) {
+        if (map[k][0] && !relight_hash_valid(map[k]))
+            REFUSE(BAD_REQUEST, "shade.%s %.70s: not the SHA-256 of an upload", name[k], map[k]);
+        snprintf(spec->map[k], sizeof spec->map[k], "%s", map[k]);
+    }
+    if (!(shade->bump_mm >= 0 && shade->bump_mm <= 1e4f))
+        REFUSE(OUT_OF_RANGE, "shade.bump_mm is outside [0, 1e4] mm");
+    spec->bump_mm = shade->bump_mm;
+    return 0;
+}
+
 int render_spec_shade(struct render_spec *spec, struct server *server,
                       const Relight__Shade *shade, char error[300])
 {
@@ -146,7 +161,7 @@ int render_spec_shade(struct render_spec *spec, struct server *server,
         REFUSE(OUT_OF_RANGE, "shade.max_error is negative or not a number");
     spec->max_error = shade->max_error;
     spec->budget_ms = shade->budget_ms;
-    return 0;
+    return parse_maps(spec, shade, error);
 }
 
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev, char error[300])

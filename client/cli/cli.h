@@ -20,6 +20,8 @@ struct options {
     size_t n_env, n_rotate, n_gain;
     struct relight_shade shade;
     char *material;                        /* text of shade.material, owned */
+    const char *map[3];                    /* files of albedo, normals, heights; their uploads */
+    char map_hash[3][65];
     enum relight_color_format format;
     struct relight_picture picture;
     struct relight_load load;              /* name, scale, bake, pin */

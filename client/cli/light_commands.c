@@ -53,6 +53,23 @@ static int get_lights(struct relight_client *client, struct options *o,
     return EXIT_DONE;
 }
 
+// Uploads what --albedo-map, --normal-map and --bump-map name.
+static int get_maps(struct relight_client *client, struct options *o)
+{
+    struct relight_error error;
+    const char **use[3] = {&o->shade.albedo_map, &o->shade.normal_map, &o->shade.bump_map};
+    if (o->shade.bump_mm > 0 && !o->map[2]) return report_usage(o, "--bump-mm is for --bump-map");
+    for (int k = 0; k < 3; k++) {
+        if (!o->map[k]) continue;
+        if (relight_upload_file(client, o->map[k], progress_bar, NULL, o->map_hash[k], NULL,
+                                &error))
+            return report_error(o, &error);
+        *use[k] = o->map_hash[k];
+    }
+    progress_clear();
+    return EXIT_DONE;
+}
+
 static void add_cost(cJSON *json, const struct relight_cost *cost)
 {
     cJSON_AddStringToObject(json, "engine", relight_engine_name(cost->engine));
@@ -161,6 +178,7 @@ int run_image(struct relight_client *client, struct options *o)
     o->picture.format = kind == OUTPUT_PNG ? RELIGHT_PNG
                         : kind == OUTPUT_EXR ? RELIGHT_EXR : RELIGHT_JPEG;
     int status = get_lights(client, o, lights, names);
+    if (!status) status = get_maps(client, o);
     if (status) return status;
     struct relight_image_request request = {.model = o->target,
                                             .n_light = o->n_env,

@@ -36,6 +36,12 @@ static const struct {
     {'X', {"max-error", 'X', "X", 0, "load: error target of the bake; else refuse an answer whose "
            "measured error bound is larger", 0}},
     {'b', {"budget-ms", 'b', "MS", 0, "time the image-space engines aim for", 0}},
+    {'Y', {"albedo-map", 'Y', "FILE", 0, "an image over the model's uv whose colours multiply the "
+           "medium's reflectance; pictures by image-space engines", 0}},
+    {'y', {"normal-map", 'y', "FILE", 0, "the same of tangent-space normals, for the light that "
+           "falls in", 0}},
+    {'J', {"bump-map", 'J', "FILE", 0, "the same of heights", 0}},
+    {'W', {"bump-mm", 'W', "H", 0, "height of a bump map's white (default 0.5)", 0}},
     {'f', {"format", 'f', "FORMAT", 0, "colours travel as f32 (default), f16, rgb9e5 or srgb8", 0}},
     {'c', {"camera", 'c', "CAMERA", 0, "EYE:TARGET[:UP][:FOVY] as x,y,z:x,y,z:x,y,z:deg "
            "(default: frames the model)", 0}},
@@ -72,7 +78,7 @@ static const struct {
 enum { N_TABLE = sizeof table / sizeof *table };
 #define COMMON "sTkj"
 #define LIGHT "erGtEgXbm"
-#define PICTURE "czqnxBaS"
+#define PICTURE "czqnxBaSYyJW"
 
 const struct command commands[] = {
     {"ping", "", "Asks whether the daemon answers.\v"
@@ -107,7 +113,9 @@ const struct command commands[] = {
     {"image", "ID", "Relights a model to a picture.\v"
      "FILE ends in .png, .jpg or .exr (linear radiance).\n\n"
      "Examples:\n  relight image bunny --env sunrise.exr --size 1280x720 -o bunny.png\n"
-     "  relight image bunny --env env:HASH --camera 0,1,3:0,1,0 --exposure -1 -o bunny.exr",
+     "  relight image bunny --env env:HASH --camera 0,1,3:0,1,0 --exposure -1 -o bunny.exr\n"
+     "  relight image head --env studio.exr --albedo-map skin.jpg --normal-map skin_n.png "
+     "-o head.png",
      COMMON LIGHT PICTURE "o", true, run_image},
     {"edit", "ID", "Gives a model another material, without a bake.\v"
      "Writes a picture or vertex colours, by FILE's suffix. Needs a model with joint or polynomial "
@@ -275,6 +283,10 @@ static error_t set(int key, char *arg, struct argp_state *state)
     case 'X': o->load.bake.max_error = o->shade.max_error =
         (float)number(state, "max-error", arg, 1e-6, 1); break;
     case 'b': o->shade.budget_ms = (uint32_t)whole(state, "budget-ms", arg, 1, 1000000); break;
+    case 'Y': o->map[0] = arg; break;
+    case 'y': o->map[1] = arg; break;
+    case 'J': o->map[2] = arg; break;
+    case 'W': o->shade.bump_mm = (float)number(state, "bump-mm", arg, 1e-6, 1e4); break;
     case 'f':
         o->format = (enum relight_color_format)word(state, "format", arg,
                                                     "f32\0f16\0rgb9e5\0srgb8\0");

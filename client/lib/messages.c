@@ -94,6 +94,10 @@ void relight_put_shade(struct request_parts *parts, const struct relight_shade *
     m->material = relight_text(shade->material);
     m->max_error = shade->max_error;
     m->budget_ms = shade->budget_ms;
+    m->albedo_map = relight_text(shade->albedo_map);
+    m->normal_map = relight_text(shade->normal_map);
+    m->bump_map = relight_text(shade->bump_map);
+    m->bump_mm = shade->bump_mm;
     if (shade->has_eye) {
         parts->shade_eye = vec3(shade->eye);
         m->eye = &parts->shade_eye;

@@ -297,7 +297,7 @@ void mapped_dipole(const struct prt_dipole *base, const float factor[6], int c,
 /* Its total reflectance; of a profile: scaled as that of the nearest dipole. */
 double mapped_reflectance(const struct prt_dipole *base, const float factor[6], int c);
 int map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
-              const struct prt_screen_map *map, bool factor);
+              const struct prt_screen_map *map, bool factor, bool checked);
 void map_lookup(const struct prt_screen_map *map, const float uv[2], float rgb[3]);
 void point_factor(const struct frame *f, uint32_t i, float factor[6]);
 /* Own columns of normals for samples with triangle and bary: s->normal[] is replaced, not freed. */

@@ -8,13 +8,13 @@
 #include <string.h>
 
 int map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
-              const struct prt_screen_map *map, bool factor)
+              const struct prt_screen_map *map, bool factor, bool checked)
 {
     if (!mesh->uv) return prt_fail(ctx, PRT_ARG, "screen: a map on a model without uv");
     if (!map->rgb || !map->width || !map->height || map->width > 16384 || map->height > 16384)
         return prt_fail(ctx, PRT_ARG, "screen: a map of %ux%u: 1 to 16384 of both", map->width,
                         map->height);
-    for (size_t i = 0; i < (size_t)map->width * map->height; i++)
+    for (size_t i = 0; !checked && i < (size_t)map->width * map->height; i++)
         for (int c = 0; c < 3; c++)
             if (!isfinite(map->rgb[i][c]) || (factor && map->rgb[i][c] < 0))
                 return prt_fail(ctx, PRT_ARG, "screen: a map's value %zu is not finite%s", i,

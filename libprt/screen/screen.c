@@ -236,7 +236,7 @@ static int check_maps(const struct frame *f)
         uint32_t n = map[k] && o->maps_by_surface ? f->screen->mesh->n_surface : map[k] != NULL;
         for (uint32_t i = 0; i < n; i++) {
             if (o->maps_by_surface && !map[k][i].rgb) continue;
-            int status = map_check(f->ctx, f->screen->mesh, &map[k][i], k < 2);
+            int status = map_check(f->ctx, f->screen->mesh, &map[k][i], k < 2, o->maps_checked);
             if (status) return status;
         }
     }

@@ -7,8 +7,7 @@
 #include "tool.h"
 
 struct maps {
-    struct prt_image image[3];     /* albedo, normals, heights */
-    struct prt_screen_map map[3];
+    struct prt_screen_map map[3]; /* albedo, normals, heights */
 };
 bool maps_asked(const struct options *options);
 /* Loads what --albedo-map, --normal-map and --bump-map name, for this medium, and points `screen`

@@ -1,4 +1,7 @@
 # Models without a bake, with a live relightd; the exact sum they are measured against is libprt's.
-prt_test(instant SOURCES service/instant.c LIBS librelight prt LABELS service TIMEOUT 400)
-target_include_directories(test_instant PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/service)
-add_dependencies(test_instant relightd prt_program)
+foreach(name instant preview_shape preview_media)
+  prt_test(${name} SOURCES service/${name}.c service/ball.c LIBS librelight prt LABELS service
+    TIMEOUT 400)
+  target_include_directories(test_${name} PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/service)
+  add_dependencies(test_${name} relightd prt_program)
+endforeach()

@@ -312,6 +312,9 @@ struct relight_shade {
     float eye[3];               /* the model's own units */
     float max_error;            /* refuse above this error bound; 0: never */
     uint32_t budget_ms;
+    /* images over the model's uv, SHA-256 of uploads; NULL: none; pictures by image-space engines */
+    const char *albedo_map, *normal_map, *bump_map;
+    float bump_mm;              /* height of the bump map's white; 0: 0.5 */
 };
 struct relight_camera {
     bool set;                   /* false: the model is framed */

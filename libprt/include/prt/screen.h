@@ -64,6 +64,20 @@ struct prt_screen_map {
     const float (*rgb)[3];
 };
 
+/* What an image's numbers mean: colours that multiply a medium's reflectance by absorption;
+ * tangent-space normals 0.5 + 0.5 n; heights, of which white is height_mm (0: 0.5). */
+enum prt_screen_map_kind { PRT_SCREEN_MAP_ALBEDO, PRT_SCREEN_MAP_NORMAL, PRT_SCREEN_MAP_HEIGHT };
+/* A map of an image whose pixels were decoded to linear RGB; `linear`: so were they stored, else
+ * normals and heights are taken back to what was stored. Shrunk to most_side (0: as it is).
+ * material: of ALBEDO. The caller finishes *out. */
+int prt_screen_map_make(const struct prt_context *ctx, enum prt_screen_map_kind kind,
+                        const struct prt_image *image, bool linear, uint32_t most_side,
+                        const struct prt_material *material, float height_mm,
+                        struct prt_screen_map *out);
+void prt_screen_map_finish(struct prt_screen_map *map);
+/* Whether files of this name keep numbers as they are meant (.exr .hdr .pfm .pic); others are sRGB. */
+bool prt_screen_map_linear(const char *file);
+
 /* Factors of sigma_a (>= 1) that give a medium albedo[n] (clamped to [0,1]) times its own total
  * reflectance, for sigma_a_map. PRT_ARG where sigma_a is 0. */
 int prt_screen_albedo_factors(const struct prt_context *ctx, const struct prt_material *material,
@@ -95,6 +109,7 @@ struct prt_screen_options {
        tangent-space normals (0.5 + 0.5 n) for the irradiance. NULL: none */
     const struct prt_screen_map *sigma_s_map, *sigma_a_map, *bump_map, *normal_map;
     bool maps_by_surface;   /* each of them is [n_surface], rgb NULL: none on that surface */
+    bool maps_checked;      /* they come from prt_screen_map_make: values are not looked through */
     const float (*vertex_irradiance)[3]; /* [n_vertex] E of all the lights where it is known already
                                (a bake's, prt_reference's): interpolated, no rays; or NULL */
     uint32_t rings, spokes; /* HYBRID under at most 4 distant lights: > 0: the near part from C08's

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: MIT
+// Image files as maps: what their numbers mean, and no more of them than a picture can show.
+#include "internal.h"
+
+#include <math.h>
+#include <string.h>
+#include <strings.h>
+
+bool prt_screen_map_linear(const char *file)
+{
+    static const char *const ending[] = {".exr", ".hdr", ".pfm", ".pic"};
+    const char *dot = strrchr(file, '.');
+    for (size_t k = 0; dot && k < sizeof ending / sizeof *ending; k++)
+        if (!strcasecmp(dot, ending[k])) return true;
+    return false;
+}
+
+static float as_stored(float v)
+{
+    return v <= 0.0031308f ? 12.92f * v : 1.055f * powf(v, 1 / 2.4f) - 0.055f;
+}
+
+struct shrink_job {
+    const struct prt_image *in;
+    float (*out)[3];
+    uint32_t width, height;
+    bool stored;
+};
+
+// Rows of means over the texels' shares of the image.
+static int shrink(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct shrink_job *job = arg;
+    const uint64_t w = job->in->width, h = job->in->height;
+    for (size_t y = begin; y < end; y++) {
+        size_t y0 = y * h / job->height, y1 = (y + 1) * h / job->height;
+        for (size_t x = 0; x < job->width; x++) {
+            size_t x0 = x * w / job->width, x1 = (x + 1) * w / job->width;
+            double sum[3] = {0, 0, 0};
+            for (size_t j = y0; j < y1; j++)
+                for (size_t i = x0; i < x1; i++)
+                    for (size_t c = 0; c < 3; c++) {
+                        float v = job->in->rgb[3 * (j * w + i) + c];
+                        sum[c] += (double)(job->stored ? as_stored(v) : v);
+                    }
+            double n = (double)(x1 - x0) * (double)(y1 - y0);
+            for (int c = 0; c < 3; c++) {
+                float v = (float)(sum[c] / n);
+                job->out[y * job->width + x][c] = isfinite(v) ? v : 0;
+            }
+        }
+    }
+    return PRT_OK;
+}
+
+int prt_screen_map_make(const struct prt_context *ctx, enum prt_screen_map_kind kind,
+                        const struct prt_image *image, bool linear, uint32_t most_side,
+                        const struct prt_material *material, float height_mm,
+                        struct prt_screen_map *out)
+{
+    memset(out, 0, sizeof *out);
+    if (!image->rgb || !image->width || !image->height)
+        return prt_fail(ctx, PRT_ARG, "map: an image without pixels");
+    uint32_t side = image->width > image->height ? image->width : image->height;
+    double by = most_side && side > most_side ? (double)most_side / side : 1;
+    uint32_t w = (uint32_t)(image->width * by + 0.5), h = (uint32_t)(image->height * by + 0.5);
+    w = w ? w : 1;
+    h = h ? h : 1;
+    float(*rgb)[3] = prt_alloc((size_t)w * h, sizeof *rgb);
+    if (!rgb) return prt_fail(ctx, PRT_NOMEM, "map: no memory for %ux%u texels", w, h);
+    struct shrink_job job = {image, rgb, w, h, !linear && kind != PRT_SCREEN_MAP_ALBEDO};
+    int status = prt_parallel_for(ctx, NULL, h, 16, shrink, &job);
+    size_t n = (size_t)w * h;
+    if (!status && kind == PRT_SCREEN_MAP_ALBEDO)
+        status = prt_screen_albedo_factors(ctx, material, n, (const float(*)[3])rgb, rgb);
+    for (size_t i = 0; !status && kind == PRT_SCREEN_MAP_HEIGHT && i < n; i++)
+        for (int c = 0; c < 3; c++) rgb[i][c] *= height_mm > 0 ? height_mm : 0.5f;
+    if (status) {
+        prt_free(rgb);
+        return status;
+    }
+    *out = (struct prt_screen_map){w, h, (const float(*)[3])rgb};
+    return PRT_OK;
+}
+
+void prt_screen_map_finish(struct prt_screen_map *map)
+{
+    prt_free((void *)(uintptr_t)map->rgb);
+    memset(map, 0, sizeof *map);
+}
