@@ -24,6 +24,7 @@ struct answer {
     size_t n_vertex;
     unsigned n_plane;
     float *planes; // [n_plane][n_vertex][3]
+    unsigned done; // bit i: tensor i is in the planes
 };
 
 static bool is_free(const struct prt_tensor *t)
@@ -81,24 +82,6 @@ static unsigned plane_count(const struct prt_transport *t, const struct prt_quer
             t->tensor[i].n_phase > n)
             n = t->tensor[i].n_phase;
     return n;
-}
-
-// Adds a tensor's planes [n_phase][n_vertex][3] to `out`.
-static int relight(const struct answer *a, const struct prt_tensor *t, float *out)
-{
-    float *coef = NULL;
-    const struct prt_light *light = &a->light;
-    int status = PRT_OK;
-    if (is_free(t)) {
-        coef = prt_alloc(3 * (size_t)t->n_radial, sizeof *coef);
-        status = coef ? relight_material_coef(a->ctx, a->transport, t, a->material, coef)
-                      : prt_fail(a->ctx, PRT_NOMEM, "no memory for a material");
-    }
-    if (!status && a->query->lit)
-        status = relight_lit(a->ctx, a->query->lit, t, coef, true, out);
-    else if (!status) status = prt_relight(a->ctx, t, 1, &light, coef, true, out);
-    prt_free(coef);
-    return status;
 }
 
 // What plane k of a single-scattering tensor is multiplied by, beside Y_k(w_o').
@@ -165,30 +148,144 @@ static int mix_tensor(const struct answer *a, const struct prt_tensor *t, const 
     return status;
 }
 
-static int add_single(const struct answer *a, const struct prt_tensor *t)
+// ---- tensors of one question that are summed in one pass
+
+// A part and what it owns.
+struct owned {
+    struct prt_part part;
+    float *lit, *coef, (*factor)[3];
+    uint8_t *dark;
+};
+
+static void disown(struct owned *o)
 {
-    float *own = prt_calloc(3 * a->n_vertex * t->n_phase, sizeof *own);
-    if (!own) return prt_fail(a->ctx, PRT_NOMEM, "no memory for %u phase planes", t->n_phase);
-    int status = relight(a, t, own);
-    if (!status) status = mix_tensor(a, t, own);
-    prt_free(own);
+    prt_free(o->lit);
+    prt_free(o->coef);
+    prt_free(o->factor);
+    prt_free(o->dark);
+}
+
+// Which clusters are opaque, which single scattering leaves alone: NULL when none is. *mixed:
+// some cluster is neither, as no bake makes them.
+static int find_dark(const struct answer *a, const struct prt_tensor *t, uint8_t **out,
+                     bool *mixed)
+{
+    const struct prt_mesh *mesh = &a->transport->mesh;
+    bool any = false;
+    *out = NULL;
+    *mixed = false;
+    for (uint32_t i = 0; i < mesh->n_block; i++)
+        any |= !mesh->surface[mesh->block[i].surface].translucent;
+    if (!any) return PRT_OK;
+    uint8_t *opaque = prt_calloc(a->n_vertex, 1), *dark = prt_calloc(t->n_cluster + 1ull, 1);
+    for (uint32_t i = 0; opaque && i < mesh->n_block; i++)
+        if (!mesh->surface[mesh->block[i].surface].translucent)
+            memset(opaque + mesh->block[i].vertex_begin, 1, mesh->block[i].n_vertex);
+    for (uint32_t c = 0; opaque && dark && c < t->n_cluster; c++) {
+        const struct prt_cluster *k = &t->cluster[c];
+        uint32_t n = 0;
+        for (uint32_t v = 0; v < k->n_vertex; v++) n += opaque[t->order[k->vertex_begin + v]];
+        dark[c] = n > 0;
+        *mixed |= n > 0 && n < k->n_vertex;
+    }
+    prt_free(opaque);
+    if (opaque && dark) *out = dark;
+    else prt_free(dark);
+    return *out ? PRT_OK : PRT_NOMEM;
+}
+
+static int find_coef(const struct answer *a, const struct prt_tensor *t, float **out)
+{
+    *out = prt_alloc(3 * (size_t)t->n_radial + 1, sizeof **out);
+    if (!*out) return PRT_NOMEM;
+    return relight_material_coef(a->ctx, a->transport, t, a->material, *out);
+}
+
+static int find_lit(const struct answer *a, const struct prt_tensor *t, float **own,
+                    const float **out)
+{
+    const struct prt_light *light = &a->light;
+    if (a->query->lit) {
+        *out = relight_lit_rows(a->query->lit, t);
+        return PRT_OK;
+    }
+    *out = *own = prt_alloc(relight_lit_floats(t), sizeof **own);
+    return *own ? prt_contract_light(a->ctx, t, 1, &light, *own) : PRT_NOMEM;
+}
+
+// Single scattering's plane 0 is view-free once it is times Y_00 and joins the multiple plane.
+static int find_factors(const struct answer *a, const struct prt_tensor *t, float (**out)[3])
+{
+    *out = prt_alloc(t->n_phase, sizeof **out);
+    for (unsigned k = 0; *out && k < t->n_phase; k++) {
+        plane_factor(a, t, k, (*out)[k]);
+        for (int ch = 0; ch < 3 && !k; ch++) (*out)[k][ch] *= Y00;
+    }
+    return *out ? PRT_OK : PRT_NOMEM;
+}
+
+// Makes o->part of tensor t; *fits false where it cannot be one.
+static int make_part(const struct answer *a, const struct prt_tensor *t, struct owned *o,
+                     bool *fits)
+{
+    bool mixed = false;
+    int status = PRT_OK;
+    *o = (struct owned){.part.tensor = t};
+    *fits = false;
+    if (t->storage == PRT_STORAGE_SPARSE) return PRT_OK;
+    if (t->term == PRT_TERM_SINGLE) {
+        status = find_dark(a, t, &o->dark, &mixed);
+        if (!status && !mixed) status = find_factors(a, t, &o->factor);
+    }
+    *fits = !status && !mixed;
+    if (*fits && is_free(t)) status = find_coef(a, t, &o->coef);
+    if (*fits && !status && t->storage == PRT_STORAGE_FACTORED)
+        status = find_lit(a, t, &o->lit, &o->part.lit);
+    o->part.coef = o->coef;
+    o->part.factor = (const float(*)[3])o->factor;
+    o->part.dark = o->dark;
+    return status == PRT_NOMEM ? prt_fail(a->ctx, status, "no memory for a material") : status;
+}
+
+// Overwrites the planes with the tensors that can be summed in one pass: all of them, or those
+// that no other question shares.
+static int fill_parts(struct answer *a, bool alone)
+{
+    const struct prt_transport *t = a->transport;
+    struct owned owned[PRT_MOST_PARTS];
+    struct prt_part part[PRT_MOST_PARTS];
+    unsigned n = 0;
+    int status = PRT_OK;
+    a->done = 0;
+    for (uint32_t i = 0; i < t->n_tensor && n < PRT_MOST_PARTS && !status; i++) {
+        const struct prt_tensor *x = &t->tensor[i];
+        bool fits;
+        if (!asked(a->query, x) || !(alone || is_free(x) || a->query->lit)) continue;
+        status = make_part(a, x, &owned[n], &fits);
+        part[n] = owned[n].part;
+        if (fits || status) n++;
+        else disown(&owned[n]);
+        if (fits) a->done |= 1u << i;
+    }
+    if (!status && n) status = prt_sum_parts(a->ctx, n, part, a->n_plane, a->planes);
+    else memset(a->planes, 0, 3 * a->n_vertex * a->n_plane * sizeof *a->planes);
+    for (unsigned i = 0; i < n; i++) disown(&owned[i]);
     return status;
 }
 
-static int fill_planes(struct answer *a)
+// Adds a tensor of a free material whose clusters are mixed.
+static int add_mixed(const struct answer *a, const struct prt_tensor *t)
 {
-    const struct prt_transport *t = a->transport;
-    int status = PRT_OK;
-    memset(a->planes, 0, 3 * a->n_vertex * a->n_plane * sizeof *a->planes);
-    if (a->query->light && !a->query->lit &&
-        (status = prt_light_from_cube(a->query->light, &a->light)))
-        return prt_fail(a->ctx, status, "the light cannot be transformed");
-    for (uint32_t i = 0; i < t->n_tensor && !status; i++) {
-        if (!asked(a->query, &t->tensor[i])) continue;
-        if (t->tensor[i].term == PRT_TERM_SINGLE) status = add_single(a, &t->tensor[i]);
-        else status = relight(a, &t->tensor[i], a->planes);
-    }
-    if (a->light.coef) prt_light_finish(&a->light);
+    float *own = prt_calloc(3 * a->n_vertex * t->n_phase, sizeof *own), *coef = NULL;
+    const struct prt_light *light = &a->light;
+    int status = own ? find_coef(a, t, &coef) : PRT_NOMEM;
+    if (status == PRT_NOMEM) prt_fail(a->ctx, status, "no memory for %u planes", t->n_phase);
+    if (!status && a->query->lit)
+        status = relight_lit(a->ctx, a->query->lit, t, coef, false, own);
+    else if (!status) status = prt_relight(a->ctx, t, 1, &light, coef, false, own);
+    if (!status) status = mix_tensor(a, t, own);
+    prt_free(coef);
+    prt_free(own);
     return status;
 }
 
@@ -203,6 +300,55 @@ static void begin(struct answer *a, const struct prt_context *ctx,
                          .n_plane = plane_count(transport, query)};
 }
 
+// ---- several questions, one reading of the transport
+
+enum { MANY_BYTES = 256 << 20 }; // of planes between the two steps
+
+// One tensor for the answers that ask for it, as many lights a pass as the memory allows.
+static int relight_many(struct answer *const answer[], unsigned n, const struct prt_tensor *t)
+{
+    size_t each = 3 * answer[0]->n_vertex * t->n_phase;
+    size_t fit = MANY_BYTES / (each * sizeof(float));
+    unsigned most = fit < 1 ? 1 : fit < n ? (unsigned)fit : n;
+    float *own = prt_alloc(most * each, sizeof *own);
+    if (!own) return prt_fail(answer[0]->ctx, PRT_NOMEM, "no memory for %u lights", most);
+    int status = PRT_OK;
+    for (unsigned i = 0; i < n && !status; i += most) {
+        const struct prt_light *light[PRT_RELIGHT_MAX_LIGHTS];
+        unsigned m = n - i < most ? n - i : most;
+        for (unsigned k = 0; k < m; k++) light[k] = &answer[i + k]->light;
+        status = prt_relight(answer[0]->ctx, t, m, light, NULL, false, own);
+        for (unsigned k = 0; k < m && !status; k++)
+            status = mix_tensor(answer[i + k], t, own + k * each);
+    }
+    prt_free(own);
+    return status;
+}
+
+static int fill_many(struct answer *a, unsigned n)
+{
+    const struct prt_transport *t = a[0].transport;
+    int status = PRT_OK;
+    for (unsigned i = 0; i < n && !status; i++)
+        if (a[i].query->light && !a[i].query->lit &&
+            prt_light_from_cube(a[i].query->light, &a[i].light))
+            status = prt_fail(a[i].ctx, PRT_NOMEM, "the light cannot be transformed");
+    for (unsigned i = 0; i < n && !status; i++) status = fill_parts(&a[i], n == 1);
+    for (uint32_t k = 0; k < t->n_tensor && !status; k++) {
+        struct answer *group[PRT_RELIGHT_MAX_LIGHTS];
+        unsigned m = 0;
+        for (unsigned i = 0; i < n && !status; i++) {
+            if (!asked(a[i].query, &t->tensor[k]) || a[i].done >> k & 1) continue;
+            if (is_free(&t->tensor[k]) || a[i].query->lit) status = add_mixed(&a[i], &t->tensor[k]);
+            else group[m++] = &a[i];
+        }
+        if (m && !status) status = relight_many(group, m, &t->tensor[k]);
+    }
+    for (unsigned i = 0; i < n; i++)
+        if (a[i].light.coef) prt_light_finish(&a[i].light);
+    return status;
+}
+
 int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, unsigned *n_plane, float *planes)
 {
@@ -211,7 +357,7 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
     if (status) return status;
     begin(&a, ctx, transport, query);
     a.planes = planes;
-    if (planes && (status = fill_planes(&a))) return status;
+    if (planes && (status = fill_many(&a, 1))) return status;
     *n_plane = a.n_plane;
     return PRT_OK;
 }
@@ -307,59 +453,10 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
     begin(&a, ctx, transport, query);
     if (!query->eye) a.n_plane = 1; // no other plane is looked at
     a.planes = prt_alloc(3 * a.n_vertex * a.n_plane, sizeof *a.planes);
-    status = a.planes ? fill_planes(&a)
+    status = a.planes ? fill_many(&a, 1)
                       : prt_fail(ctx, PRT_NOMEM, "no memory for %zu vertices", a.n_vertex);
     if (!status) status = shade_colors(&a, color);
     prt_free(a.planes);
-    return status;
-}
-
-// ---- several questions, one reading of the transport
-
-enum { MANY_BYTES = 256 << 20 }; // of planes between the two steps
-
-// One tensor for the answers that ask for it, as many lights a pass as the memory allows.
-static int relight_many(struct answer *const answer[], unsigned n, const struct prt_tensor *t)
-{
-    size_t each = 3 * answer[0]->n_vertex * t->n_phase;
-    size_t fit = MANY_BYTES / (each * sizeof(float));
-    unsigned most = fit < 1 ? 1 : fit < n ? (unsigned)fit : n;
-    float *own = prt_alloc(most * each, sizeof *own);
-    if (!own) return prt_fail(answer[0]->ctx, PRT_NOMEM, "no memory for %u lights", most);
-    int status = PRT_OK;
-    for (unsigned i = 0; i < n && !status; i += most) {
-        const struct prt_light *light[PRT_RELIGHT_MAX_LIGHTS];
-        unsigned m = n - i < most ? n - i : most;
-        for (unsigned k = 0; k < m; k++) light[k] = &answer[i + k]->light;
-        status = prt_relight(answer[0]->ctx, t, m, light, NULL, false, own);
-        for (unsigned k = 0; k < m && !status; k++)
-            status = mix_tensor(answer[i + k], t, own + k * each);
-    }
-    prt_free(own);
-    return status;
-}
-
-static int fill_many(struct answer *a, unsigned n)
-{
-    const struct prt_transport *t = a[0].transport;
-    int status = PRT_OK;
-    for (unsigned i = 0; i < n && !status; i++)
-        if (a[i].query->light && !a[i].query->lit &&
-            prt_light_from_cube(a[i].query->light, &a[i].light))
-            status = prt_fail(a[i].ctx, PRT_NOMEM, "the light cannot be transformed");
-    for (uint32_t k = 0; k < t->n_tensor && !status; k++) {
-        struct answer *group[PRT_RELIGHT_MAX_LIGHTS];
-        unsigned m = 0;
-        for (unsigned i = 0; i < n && !status; i++) {
-            if (!asked(a[i].query, &t->tensor[k])) continue;
-            if (n > 1 && !is_free(&t->tensor[k]) && !a[i].query->lit) group[m++] = &a[i];
-            else if (t->tensor[k].term == PRT_TERM_SINGLE) status = add_single(&a[i], &t->tensor[k]);
-            else status = relight(&a[i], &t->tensor[k], a[i].planes);
-        }
-        if (m && !status) status = relight_many(group, m, &t->tensor[k]);
-    }
-    for (unsigned i = 0; i < n; i++)
-        if (a[i].light.coef) prt_light_finish(&a[i].light);
     return status;
 }
 
@@ -379,8 +476,8 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
         if (!planes[i] && !query[i].eye) a[i].n_plane = 1;
         size_t size = 3 * a[i].n_vertex * a[i].n_plane;
         a[i].planes = planes[i] ? out[i] : prt_alloc(size, sizeof *a[i].planes);
-        if (a[i].planes) memset(a[i].planes, 0, size * sizeof *a[i].planes);
-        else status = prt_fail(ctx, PRT_NOMEM, "no memory for %zu vertices", a[i].n_vertex);
+        if (!a[i].planes)
+            status = prt_fail(ctx, PRT_NOMEM, "no memory for %zu vertices", a[i].n_vertex);
     }
     if (!status) status = fill_many(a, n);
     for (unsigned i = 0; i < n; i++) {

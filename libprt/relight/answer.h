@@ -17,6 +17,9 @@ int relight_material_coef(const struct prt_context *ctx, const struct prt_transp
 // A tensor of lit's transport under its light. coef NULL unless FULL, RADIAL.
 int relight_lit(const struct prt_context *ctx, const struct prt_lit *lit,
                 const struct prt_tensor *tensor, const float *coef, bool add, float *color);
+// What the light was contracted to: [relight_lit_floats] of prt_contract_light; NULL for RADIAL.
+const float *relight_lit_rows(const struct prt_lit *lit, const struct prt_tensor *tensor);
+size_t relight_lit_floats(const struct prt_tensor *tensor);
 bool relight_lit_is_of(const struct prt_lit *lit, const struct prt_transport *transport);
 
 #endif

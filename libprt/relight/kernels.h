@@ -68,6 +68,14 @@ const struct relight_kernels *relight_kernels_for(unsigned cpu);
 void relight_fill_table(unsigned n_light, const struct prt_light *const light[], uint32_t begin,
                         uint32_t end, float *table);
 
+// A range of one cluster's vertices: at most some thousands, so that threads share the work.
+struct relight_piece {
+    uint32_t cluster, begin, end;
+};
+// All of a tensor's, in a fresh array (free); grain: how many go to a thread at a time.
+int relight_pieces(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                   struct relight_piece **out, size_t *n_out, size_t *grain);
+
 // 2^-shift of an entry of mixed rows.
 static inline float rows_factor(const struct prt_rows *rows, uint64_t entry)
 {

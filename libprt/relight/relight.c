@@ -157,31 +157,31 @@ int prt_contract_material(const struct prt_context *ctx, const struct prt_tensor
                             run_material, &job);
 }
 
-// A range of one cluster's vertices.
-struct piece {
-    uint32_t cluster, begin, end;
-};
-
-static int make_pieces(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                       struct piece **out, size_t *n_out)
+int relight_pieces(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                   struct relight_piece **out, size_t *n_out, size_t *grain)
 {
     size_t n = 0, most = (size_t)tensor->n_cluster + tensor->n_vertex / VERTEX_GRAIN;
-    struct piece *pieces = malloc((most + 1) * sizeof *pieces);
+    struct relight_piece *pieces = malloc((most + 1) * sizeof *pieces);
     if (!pieces) return prt_fail(ctx, PRT_NOMEM, "no memory for %zu pieces of work", most);
     for (uint32_t i = 0; i < tensor->n_cluster; i++) {
         uint32_t end = tensor->cluster[i].n_vertex;
         for (uint32_t b = 0; b < end; b += VERTEX_GRAIN)
-            pieces[n++] = (struct piece){i, b, end - b < VERTEX_GRAIN ? end : b + VERTEX_GRAIN};
+            pieces[n++] = (struct relight_piece){
+                i, b, end - b < VERTEX_GRAIN ? end : b + VERTEX_GRAIN};
     }
     *out = pieces;
     *n_out = n;
+    // small clusters go several at a time: about two thousand vertices
+    size_t mean = n ? tensor->n_vertex / n : 1;
+    *grain = 2048 / (mean + 1);
+    if (!*grain) *grain = 1;
     return PRT_OK;
 }
 
 struct expand_run {
     const struct relight_kernels *kernels;
     const struct prt_tensor *tensor;
-    const struct piece *pieces;
+    const struct relight_piece *pieces;
     const float *b;
     size_t b_stride;
     uint32_t n_triple;
@@ -195,7 +195,7 @@ static int run_expand(void *arg, size_t begin, size_t end, unsigned worker)
     const struct prt_tensor *t = run->tensor;
     bool radial = t->storage == PRT_STORAGE_RADIAL;
     for (size_t i = begin; i < end; i++) {
-        const struct piece *p = &run->pieces[i];
+        const struct relight_piece *p = &run->pieces[i];
         const struct prt_cluster *c = &t->cluster[p->cluster];
         struct expand_job job = {.u = t->u + c->u_begin,
                                  .stride = ((size_t)c->n_vertex + 15) & ~(size_t)15,
@@ -217,15 +217,13 @@ static int run_expand(void *arg, size_t begin, size_t end, unsigned worker)
 
 static int expand_all(const struct prt_context *ctx, struct expand_run *run)
 {
-    struct piece *pieces = NULL;
-    size_t n = 0;
-    int status = make_pieces(ctx, run->tensor, &pieces, &n);
+    struct relight_piece *pieces = NULL;
+    size_t n = 0, grain = 1;
+    int status = relight_pieces(ctx, run->tensor, &pieces, &n, &grain);
     if (status) return status;
     run->kernels = relight_kernels_for(ctx->cpu);
     run->pieces = pieces;
-    // small clusters go several at a time: about two thousand vertices a piece
-    size_t mean = n ? run->tensor->n_vertex / n : 1, grain = 2048 / (mean + 1);
-    status = prt_parallel_for(ctx, NULL, n, grain ? grain : 1, run_expand, run);
+    status = prt_parallel_for(ctx, NULL, n, grain, run_expand, run);
     free(pieces);
     return status;
 }

@@ -49,6 +49,21 @@ int prt_relight(const struct prt_context *ctx, const struct prt_tensor *tensor,
                 unsigned n_light, const struct prt_light *const light[], const float *coef,
                 bool add, float *color);
 
+/* What one tensor gives to a sum of several: FACTORED or RADIAL. */
+struct prt_part {
+    const struct prt_tensor *tensor;
+    const float *lit;          /* FACTORED: prt_contract_light's, of one light */
+    const float *coef;         /* FULL, RADIAL: [n_radial][3]; NULL otherwise */
+    const float (*factor)[3];  /* [n_phase] plane k's channels are multiplied by; NULL: 1 */
+    const uint8_t *dark;       /* [n_cluster] not 0: gives nothing to this cluster; NULL: none */
+};
+enum { PRT_MOST_PARTS = 4 };
+/* color[k][n_vertex][3] = the sum over parts of their plane k, k < n_plane, overwritten; planes
+ * from n_plane on are not computed. All tensors are of one model. One pass: materials are folded
+ * into a cluster's contracted rows just before its vertices. n_part in [1, PRT_MOST_PARTS]. */
+int prt_sum_parts(const struct prt_context *ctx, unsigned n_part, const struct prt_part part[],
+                  unsigned n_plane, float *color);
+
 /* What is asked of a transport, in the words of the command contract. */
 enum prt_answer_term {
     PRT_ANSWER_MULTIPLE,

@@ -18,7 +18,7 @@ struct edit {
     unsigned n_tensor, n_plane;
     const struct prt_tensor *tensor[MOST_TENSORS];
     struct prt_radial *radial[MOST_TENSORS];
-    float *coef[MOST_TENSORS], *lit[MOST_TENSORS], *folded, *color;
+    float *coef[MOST_TENSORS], *lit[MOST_TENSORS], *color;
     struct prt_material material;
     struct prt_cube cube;
     unsigned turn;
@@ -52,25 +52,23 @@ static int solve(void *arg)
     return status;
 }
 
+// What an answer does: phase planes weighted by the medium's, the view-free one among multiple
+// scattering.
 static int colours(struct edit *e)
 {
-    const struct prt_context *ctx = &e->env->ctx;
-    float *color = e->color;
-    int status = PRT_OK;
-    for (unsigned i = 0; i < e->n_tensor && !status; i++) {
+    static const float factor[16][3] = {{.5f, .6f, .7f}, {.2f, .3f, .1f}, {.2f, .3f, .1f},
+                                        {.2f, .3f, .1f}, {.1f, .1f, .1f}, {.1f, .1f, .1f},
+                                        {.1f, .1f, .1f}, {.1f, .1f, .1f}, {.1f, .1f, .1f}};
+    struct prt_part part[MOST_TENSORS];
+    for (unsigned i = 0; i < e->n_tensor; i++) {
         const struct prt_tensor *t = e->tensor[i];
-        if (t->storage == PRT_STORAGE_RADIAL) {
-            status = prt_relight_radial(ctx, t, e->coef[i], false, color);
-        } else {
-            if (full(t))
-                status = prt_contract_material(ctx, t, e->lit[i], e->coef[i], e->folded);
-            if (!status)
-                status =
-                    prt_expand(ctx, t, 1, full(t) ? e->folded : e->lit[i], false, color);
-        }
-        color += 3ull * t->n_vertex * t->n_phase;
+        const bool moves = full(t) || t->storage == PRT_STORAGE_RADIAL;
+        part[i] = (struct prt_part){.tensor = t,
+                                    .lit = e->lit[i],
+                                    .coef = moves ? e->coef[i] : NULL,
+                                    .factor = t->term == PRT_TERM_SINGLE ? factor : NULL};
     }
-    return status;
+    return prt_sum_parts(&e->env->ctx, e->n_tensor, part, e->n_plane, e->color);
 }
 
 static int edit_once(void *arg)
@@ -106,7 +104,6 @@ static void stop(struct edit *e)
         prt_free(e->coef[i]);
         prt_free(e->lit[i]);
     }
-    prt_free(e->folded);
     prt_free(e->color);
     prt_cube_finish(&e->cube);
 }
@@ -115,22 +112,19 @@ static int start(struct edit *e, struct bench_env *env, uint32_t cube, unsigned 
                  const struct prt_tensor *const tensor[], double eta)
 {
     *e = (struct edit){.env = env, .n_tensor = n, .material = some_material(eta)};
-    size_t most_rows = 1;
     int status = bench_cube(cube, env->seed, &e->cube);
     for (unsigned i = 0; i < n && !status; i++) {
         const struct prt_tensor *t = e->tensor[i] = tensor[i];
         size_t rows = (size_t)t->rows.n_row, lit = rows * t->n_function * (full(t) ? 3u : 1u);
-        if (rows * t->n_phase * 3 > most_rows) most_rows = rows * t->n_phase * 3;
-        e->n_plane += t->n_phase;
+        if (t->n_phase > e->n_plane) e->n_plane = t->n_phase;
         e->coef[i] = prt_calloc(3ull * t->n_radial + 1, sizeof(float));
         e->lit[i] = prt_alloc(lit + 1, sizeof(float));
         if (!e->coef[i] || !e->lit[i]) return PRT_NOMEM;
         for (uint32_t k = 0; k < 3 * t->n_radial; k++)
             e->coef[i][k] = 1.0f / (float)(k + 1);
     }
-    e->folded = prt_alloc(most_rows, sizeof(float));
     e->color = prt_calloc(3ull * tensor[0]->n_vertex * e->n_plane, sizeof(float));
-    return status ? status : e->folded && e->color ? PRT_OK : PRT_NOMEM;
+    return status ? status : e->color ? PRT_OK : PRT_NOMEM;
 }
 
 // Bases are slow to make and the same for many figures: [family][functions].
@@ -200,8 +194,9 @@ static int edit_figure(struct edit *e, const char *name, bool single)
         uint64_t u_bytes, row_bytes;
         prt_tensor_bytes(t, &u_bytes, &row_bytes);
         span[n_span++] = (struct bench_span){t->u, 2 * t->u_count};
-        bytes += (double)u_bytes + lit_bytes(t) + (4.0 + 12.0 * t->n_phase) * t->n_vertex;
+        bytes += (double)u_bytes + lit_bytes(t) + 4.0 * t->n_vertex;
     }
+    bytes += 12.0 * e->n_plane * e->tensor[0]->n_vertex;
     double bandwidth = bench_read_bandwidth(e->env, span, n_span);
     if (!status) status = bench_measure(e->env, solve, e, &fit);
     if (!status) status = bench_measure(e->env, edit_once, e, &all);
