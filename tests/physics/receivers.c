@@ -1,0 +1,237 @@
+// SPDX-License-Identifier: MIT
+// Opaque surfaces beside a translucent body (W05 fig. 1's floor): albedo/pi times shadowed
+// irradiance by every engine, as the reference has it; nothing of it scatters. And the one limit of
+// eta, 1, where a boundary is none.
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "prt/bake.h"
+#include "prt/reference.h"
+#include "prt/relight.h"
+
+enum { U = 40, V = 24, POLES = 2, BALL = U * (V - 1) + POLES, SIDE = 25, FLOOR = SIDE * SIDE };
+
+static struct prt_context context;
+static char folder[] = "/tmp/prt-receivers-XXXXXX";
+static char path[64];
+
+static void put(float (*p)[3], uint32_t i, double x, double y, double z)
+{
+    p[i][0] = (float)x, p[i][1] = (float)y, p[i][2] = (float)z;
+}
+
+// A ball of 16 mm that hovers over the middle of a square of 48 mm; without the square, the ball.
+static struct prt_mesh *scene(bool floor)
+{
+    static float p[BALL + FLOOR][3];
+    static uint32_t t[U * V * 2 + 2 * FLOOR][3];
+    static struct prt_surface surface[2];
+    static struct prt_block block[2];
+    uint32_t nt = 0, south = BALL - 2, north = BALL - 1;
+    for (uint32_t j = 1; j < V; j++)
+        for (uint32_t i = 0; i < U; i++) {
+            double th = M_PI * j / V, ph = 2 * M_PI * i / U;
+            put(p, (j - 1) * U + i, 8 * sin(th) * cos(ph), 8 * cos(th), 8 * sin(th) * sin(ph));
+        }
+    put(p, south, 0, -8, 0), put(p, north, 0, 8, 0);
+    for (uint32_t i = 0; i < U; i++) {
+        uint32_t k = (i + 1) % U, end = (V - 2) * U;
+        memcpy(t[nt++], ((uint32_t[3]){north, k, i}), 12);
+        memcpy(t[nt++], ((uint32_t[3]){south, end + i, end + k}), 12);
+        for (uint32_t j = 0; j + 2 < V; j++) {
+            uint32_t a = j * U + i, b = j * U + k;
+            memcpy(t[nt++], ((uint32_t[3]){a, b, a + U}), 12);
+            memcpy(t[nt++], ((uint32_t[3]){b, b + U, a + U}), 12);
+        }
+    }
+    uint32_t ball = nt;
+    for (uint32_t i = 0; i < FLOOR; i++)
+        put(p, BALL + i, 2.0 * (i % SIDE) - 24, -10, 2.0 * (i / SIDE) - 24);
+    for (uint32_t y = 0; floor && y + 1 < SIDE; y++)
+        for (uint32_t x = 0; x + 1 < SIDE; x++) {
+            uint32_t a = BALL + y * SIDE + x;
+            memcpy(t[nt++], ((uint32_t[3]){a, a + SIDE, a + 1}), 12);
+            memcpy(t[nt++], ((uint32_t[3]){a + 1, a + SIDE, a + SIDE + 1}), 12);
+        }
+    struct prt_mesh *mesh;
+    assert_int_equal(prt_mesh_create(&context, floor ? BALL + FLOOR : BALL, (const float(*)[3])p,
+                                     NULL, nt, (const uint32_t(*)[3])t, &mesh),
+                     PRT_OK);
+    if (floor) { // prt_mesh_create makes one object: the square becomes another, opaque
+        surface[0] = mesh->surface[0];
+        surface[1] = (struct prt_surface){.name = "floor", .base_color = {0.8f, 0.5f, 0.2f, 1}};
+        block[0] = (struct prt_block){0, 0, 0, BALL, 0, ball};
+        block[1] = (struct prt_block){1, 1, BALL, FLOOR, ball, nt - ball};
+        mesh->surface = surface, mesh->n_surface = 2;
+        mesh->block = block, mesh->n_block = 2, mesh->n_object = 2;
+    }
+    assert_int_equal(prt_mesh_scale(&context, mesh, 0, 1), PRT_OK);
+    return mesh;
+}
+
+// A sky, brighter above, and a lamp straight over the ball.
+static struct prt_cube light_of(uint32_t n)
+{
+    struct prt_cube cube;
+    assert_int_equal(prt_cube_init(&cube, n), PRT_OK);
+    for (uint32_t i = 0; i < 6 * n * n; i++) {
+        uint32_t face = i / (n * n), y = i / n % n, x = i % n;
+        bool lamp = face == 2 && x >= n / 2 - 1 && x <= n / 2 && y >= n / 2 - 1 && y <= n / 2;
+        for (uint32_t c = 0; c < 3; c++)
+            cube.texel[i * 3 + c] = (face == 2 ? 0.5f : 0.2f) + (lamp ? 40 - 6.0f * (float)c : 0);
+    }
+    return cube;
+}
+
+static struct prt_bake_options options(enum prt_engine_kind engine)
+{
+    struct prt_bake_options o = {.engine = engine, .n_sample = 3000, .cube = 16, .seed = 1};
+    assert_int_equal(prt_material_load(&context, "skin1", &o.material), PRT_OK);
+    return o;
+}
+
+// Colours of a bake of `mesh`, its own material given again where that is free.
+static float (*baked(const struct prt_mesh *mesh, const struct prt_bake_options *o,
+                     const struct prt_cube *light, enum prt_answer_term term))[3]
+{
+    struct prt_file *f;
+    assert_int_equal(prt_file_open(&context, path, PRT_FILE_CHECK_ALL, &f), PRT_OK);
+    float(*color)[3] = calloc(mesh->n_vertex, sizeof *color);
+    struct prt_query q = {.term = term,
+                          .light = o->engine == PRT_ENGINE_POLYNOMIAL ? NULL : light,
+                          .material = o->engine == PRT_ENGINE_WAVELET ? NULL : &o->material};
+    assert_int_equal(prt_answer_colors(&context, prt_file_transport(f), &q, color), PRT_OK);
+    prt_file_close(f);
+    return color;
+}
+
+static float (*reference(const struct prt_mesh *mesh, const struct prt_material *m,
+                         const struct prt_cube *light, enum prt_reference_term term))[3]
+{
+    float(*color)[3] = calloc(mesh->n_vertex, sizeof *color);
+    struct prt_reference_options o = {.term = term, .n_sample = 20000, .n_ray = 2048,
+                                      .n_single = 2048, .straight_single = true, .seed = 31};
+    assert_int_equal(prt_reference_colors(&context, mesh, m, light, &o, color), PRT_OK);
+    return color;
+}
+
+static void floor_is_lit_by(enum prt_engine_kind engine, const char *name)
+{
+    struct prt_mesh *mesh = scene(true);
+    struct prt_cube light = light_of(16);
+    struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
+    struct prt_bake_options o = options(engine);
+    if (engine == PRT_ENGINE_POLYNOMIAL) o.env = &env;
+    assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
+    static const enum prt_answer_term term[] = {PRT_ANSWER_MULTIPLE, PRT_ANSWER_TOTAL};
+    float(*want)[3] = reference(mesh, &o.material, &light, PRT_REFERENCE_MULTIPLE);
+    for (int k = 0; k < 2; k++) {
+        float(*got)[3] = baked(mesh, &o, &light, term[k]);
+        double error = prt_relative_rmse(got[BALL], want[BALL], (size_t)FLOOR * 3);
+        print_message("%s: the floor, %s: %.2f %%\n", name, k ? "total" : "multiple", 100 * error);
+        assert_true(error < 0.025); // the wavelet storage, under a lamp of four texels
+        // The lamp's shadow lies under the ball.
+        const float *under = got[BALL + SIDE / 2 * SIDE + SIDE / 2], *corner = got[BALL];
+        for (int c = 0; c < 3; c++) assert_true(under[c] < 0.25f * corner[c] && under[c] > 0);
+        free(got);
+    }
+    float(*single)[3] = baked(mesh, &o, &light, PRT_ANSWER_SINGLE);
+    for (uint32_t i = 0; i < FLOOR; i++)
+        for (int c = 0; c < 3; c++) assert_true(single[BALL + i][c] == 0);
+    double lit = 0;
+    for (uint32_t i = 0; i < BALL; i++) lit += (double)single[i][1];
+    assert_true(lit > 0);
+    free(single);
+    free(want);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
+static void wavelet_floor(void **state)
+{
+    floor_is_lit_by(PRT_ENGINE_WAVELET, "wavelet");
+}
+
+static void joint_floor(void **state)
+{
+    floor_is_lit_by(PRT_ENGINE_JOINT, "joint");
+}
+
+static void polynomial_floor(void **state)
+{
+    floor_is_lit_by(PRT_ENGINE_POLYNOMIAL, "polynomial");
+}
+
+// A floor far from the body, under a constant light of 1, gives its albedo back: albedo/pi E with
+// E = pi, less what the ball hides of the sky.
+static void floor_returns_its_albedo(void **state)
+{
+    struct prt_mesh *mesh = scene(true);
+    struct prt_cube light;
+    struct prt_bake_options o = options(PRT_ENGINE_WAVELET);
+    o.no_single = true;
+    assert_int_equal(prt_cube_init(&light, 16), PRT_OK);
+    for (uint32_t i = 0; i < 6 * 16 * 16 * 3; i++) light.texel[i] = 1;
+    assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
+    float(*got)[3] = baked(mesh, &o, &light, PRT_ANSWER_MULTIPLE);
+    static const double albedo[3] = {0.8, 0.5, 0.2};
+    // A ball of radius r in direction cos from the normal, wholly above the horizon, hides
+    // cos (r/d)^2 of the cosine-weighted sky.
+    double d2 = 24 * 24 + 24 * 24 + 10 * 10, hidden = 10 / sqrt(d2) * 64 / d2;
+    for (int c = 0; c < 3; c++)
+        assert_true(fabs((double)got[BALL][c] / (albedo[c] * (1 - hidden)) - 1) < 0.01);
+    free(got);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
+static void eta_one_has_no_boundary(void **state)
+{
+    struct prt_mesh *mesh = scene(false);
+    struct prt_cube light = light_of(16);
+    struct prt_bake_options o = options(PRT_ENGINE_WAVELET);
+    o.material.eta = 1;
+    assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
+    float(*got)[3] = baked(mesh, &o, &light, PRT_ANSWER_SINGLE);
+    float(*want)[3] = reference(mesh, &o.material, &light, PRT_REFERENCE_SINGLE);
+    double error = prt_relative_rmse(got[0], want[0], (size_t)mesh->n_vertex * 3);
+    print_message("single scattering at eta 1: %.2f %%\n", 100 * error);
+    assert_true(error < 0.06);
+    free(got);
+    free(want);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
+static int clean_up(void **state)
+{
+    unlink(path);
+    return rmdir(folder);
+}
+
+int main(void)
+{
+    prt_context_init(&context);
+    prt_pool_create(0, &context.pool);
+    if (!mkdtemp(folder)) return 1;
+    snprintf(path, sizeof path, "%s/a.prt", folder);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(wavelet_floor),
+        cmocka_unit_test(joint_floor),
+        cmocka_unit_test(polynomial_floor),
+        cmocka_unit_test(floor_returns_its_albedo),
+        cmocka_unit_test(eta_one_has_no_boundary),
+    };
+    int failed = cmocka_run_group_tests(tests, NULL, clean_up);
+    prt_pool_destroy(context.pool);
+    return failed;
+}

@@ -1,0 +1,1 @@
+prt_test(receivers SOURCES ${CMAKE_CURRENT_LIST_DIR}/receivers.c LIBS prt_bake LABELS physics TIMEOUT 600)
