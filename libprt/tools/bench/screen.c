@@ -18,6 +18,7 @@ struct stage {
     struct prt_gbuffer g;
     struct prt_material material;
     struct prt_cube *cube;
+    const char *light; // its name
     struct prt_screen_options options;
     struct prt_screen_report report;
     unsigned turn;
@@ -69,6 +70,7 @@ static int stage_init(struct bench_env *env, struct stage *s)
 {
     memset(s, 0, sizeof *s);
     s->env = env;
+    s->light = "distant";
     int status = stage_mesh(env, s);
     if (!status) status = prt_scene_create(&env->ctx, s->mesh, &s->scene);
     if (!status) status = prt_screen_create(&env->ctx, s->mesh, s->scene, &s->screen);
@@ -221,7 +223,7 @@ static void say_error(struct stage *s, const struct row *r, int i, const char *m
     bench_begin(s->env, "screen_error");
     bench_text("engine", prt_screen_engine_name(r->engine));
     bench_text("medium", medium);
-    bench_text("light", s->cube ? "environment" : "distant");
+    bench_text("light", s->light);
     bench_number("asked", r->n[i]);
     bench_number("samples", report->n_sample);
     bench_number("relative_rmse", error);
@@ -235,7 +237,7 @@ static void say_error(struct stage *s, const struct row *r, int i, const char *m
 
 // Errors over covered pixels against the sum over all of the reference's texels, same camera, same
 // lights.
-static int convergence(struct stage *s, const char *medium)
+static int convergence(struct stage *s, const char *medium, unsigned engines)
 {
     struct prt_screen_light light = {{0.4f, 0.5f, 0.75f}, {5, 5, 5}, false};
     uint32_t side = s->env->quick ? 48 : 160;
@@ -249,7 +251,7 @@ static int convergence(struct stage *s, const char *medium)
     status = prt_screen_radiance(&s->env->ctx, s->screen, s->vis, &s->material, s->cube, !s->cube,
                                  &light, &options, exact, NULL);
     for (size_t k = 0; k < sizeof row / sizeof *row && !status; k++) {
-        for (int i = 0; i < 5 && !status; i++) {
+        for (int i = 0; engines >> k & 1 && i < 5 && !status; i++) {
             struct prt_screen_report report;
             options = (struct prt_screen_options){.engine = row[k].engine, .n_sample = row[k].n[i]};
             double t0 = prt_time_s();
@@ -316,8 +318,10 @@ static int under_environment(struct stage *s, int (*work)(struct stage *s))
     struct prt_cube cube = {0};
     int status = bench_cube(32, s->env->seed, &cube);
     s->cube = &cube;
+    s->light = "environment";
     if (!status) status = work(s);
     s->cube = NULL;
+    s->light = "distant";
     prt_cube_finish(&cube);
     return status;
 }
@@ -340,14 +344,34 @@ static int environment(struct stage *s)
 
 static int marble_convergence(struct stage *s)
 {
-    return convergence(s, "marble");
+    return convergence(s, "marble", 15);
 }
 
 static int error(struct stage *s)
 {
     int status = PRT_OK;
-    for (int k = 0; k < 3 && !status; k++) status = convergence(s, media[k]);
+    for (int k = 0; k < 3 && !status; k++) status = convergence(s, media[k], 15);
     return status ? status : under_environment(s, marble_convergence);
+}
+
+// C08's error under every --env, made into 64 lights as the daemon does.
+static int texture_lights(struct stage *s)
+{
+    int status = PRT_OK;
+    for (unsigned l = 0; l < s->env->n_light && !status; l++) {
+        struct prt_env *light = NULL;
+        struct prt_cube cube = {0};
+        status = prt_env_load(&s->env->ctx, s->env->light[l], &light);
+        if (!status) status = prt_env_to_cube(&s->env->ctx, light, 32, 0, &cube);
+        s->cube = &cube;
+        s->light = s->env->light[l];
+        for (int k = 0; k < 3 && !status; k++)
+            status = convergence(s, media[k], 1u << PRT_SCREEN_TEXTURE);
+        s->cube = NULL;
+        prt_cube_finish(&cube);
+        prt_env_destroy(light);
+    }
+    return status;
 }
 
 // The running mean of frames goes to the reference.
@@ -474,6 +498,10 @@ static int run_error(struct bench_env *env)
 {
     return with_stage(env, error);
 }
+static int run_lights(struct bench_env *env)
+{
+    return with_stage(env, texture_lights);
+}
 static int run_progress(struct bench_env *env)
 {
     return with_stage(env, progress);
@@ -490,6 +518,7 @@ BENCH(screen_hybrid, "C08 hybrid at 512x512, 900 + 401: >= 20 fps, <= 2 %", run_
 BENCH(screen_environment, "every image-space engine under an environment at 800x600",
       run_environment)
 BENCH(screen_error, "convergence of the image-space engines to the reference", run_error)
+BENCH(screen_lights, "convergence of texture sampling under every --env: <= 0.014 tone-mapped", run_lights)
 BENCH(screen_progress, "running means of image-space frames against the reference", run_progress)
 BENCH(screen_budget, "image-space sample counts by time budget, planned and measured", run_budget)
 BENCH(screen_first, "a model's file to its first shaded picture, no daemon", run_first)
