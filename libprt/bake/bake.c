@@ -110,8 +110,10 @@ static int prepare(struct bake *b)
     uint32_t patterns = b->o.cube <= 32 ? 16 : b->o.cube <= 64 ? 8 : 4;
     if (status == PRT_OK)
         status = directions_create(b->o.cube, patterns, b->o.seed, &b->directions);
-    uint32_t target = mesh->n_vertex / 128 + 1;
-    if (target < 640) target = 640;
+    // What serves every medium needs more columns than one medium: of smaller clusters, fewer.
+    uint32_t smaller = b->o.engine == PRT_ENGINE_JOINT ? 2 : 1;
+    uint32_t target = mesh->n_vertex / (128 * smaller) + 1;
+    if (target < 640 / smaller) target = 640 / smaller;
     if (status == PRT_OK) status = clusters_create(mesh, target, &b->clusters);
     if (status == PRT_OK) {
         b->factored = calloc(b->clusters->n_cluster + 1u, sizeof *b->factored);

@@ -148,6 +148,44 @@ static void energies(const struct factored *f, uint32_t r, uint32_t width, uint3
     }
 }
 
+// The largest of a direction's coefficients among entries that are kept.
+static float largest(const float *x, const float *sum, float limit, uint32_t n)
+{
+    float most = 1e-30f;
+    for (uint32_t k = 0; k < n; k++) most = sum[k] > limit ? fmaxf(most, fabsf(x[k])) : most;
+    return most;
+}
+
+// Entries as bytes lose a step's twelfth in energy, a step being a 127th of the largest value at
+// most halved: where that is dearer than another entry, what the first one left is laid beside
+// it. The share of the row's largest values above which an entry is laid twice; unit2: the sum
+// of the directions' squared steps.
+static float twice_above(float unit2, float limit)
+{
+    int exponent; // a step above 2^(exponent-1), the largest power below, loses more than limit
+    frexp(sqrt(12 * (double)limit / fmax((double)unit2, 1e-300)), &exponent);
+    return ldexpf(1, exponent < 1 ? exponent - 1 : 0);
+}
+
+// Entries a row takes with the first `width` directions. room: [3 n_coef], energies in its second.
+static uint64_t count_entries(const struct factored *f, uint32_t r, uint32_t width, float limit,
+                              uint32_t n_coef, float *room)
+{
+    float *x = room, *sum = room + n_coef, *share = sum + n_coef, unit2 = 0;
+    memset(share, 0, n_coef * sizeof *share);
+    for (uint32_t d = 0; d < width; d++) {
+        coefficients(f, r, d, n_coef, x);
+        float most = largest(x, sum, limit, n_coef);
+        unit2 += most / 127 * (most / 127);
+        for (uint32_t k = 0; k < n_coef; k++) share[k] = fmaxf(share[k], fabsf(x[k]) / most);
+    }
+    float above = twice_above(unit2, limit);
+    uint64_t n = 0;
+    for (uint32_t k = 0; k < n_coef; k++)
+        n += sum[k] > limit ? 1u + (share[k] > above) : 0;
+    return n;
+}
+
 // A direction stays when the energy it has in the entries that are kept pays its byte in each.
 void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mix_price *price,
                 float *room, struct mix_row *out)
@@ -172,13 +210,16 @@ void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mi
             if (next == d && (!d || (double)all > cost)) next = d + 1;
         }
     }
+    energies(f, r, out->width, n_coef, x, sum);
+    out->entries = count_entries(f, r, out->width, out->limit, n_coef, room);
     f->width[r] = (uint8_t)out->width;
     f->limit[r] = out->limit;
     f->count[r] = (uint32_t)out->entries;
 }
 
 // An entry as bytes: the largest of its values, each in its direction's unit, takes all 7 bits.
-static uint8_t put_bytes(const float *value, uint32_t n, int8_t *out)
+// What they leave stays in value.
+static uint8_t put_bytes(float *value, uint32_t n, int8_t *out)
 {
     float most = 0, up;
     int exponent;
@@ -186,7 +227,10 @@ static uint8_t put_bytes(const float *value, uint32_t n, int8_t *out)
     frexpf(fmaxf(most, 1e-30f) / 127.0001f, &exponent); // most <= 127 * 2^exponent
     int shift = exponent > 0 ? 0 : exponent < -63 ? 63 : -exponent;
     up = ldexpf(1, shift);
-    for (uint32_t d = 0; d < n; d++) out[d] = (int8_t)lrintf(value[d] * up);
+    for (uint32_t d = 0; d < n; d++) {
+        out[d] = (int8_t)lrintf(value[d] * up);
+        value[d] -= out[d] / up;
+    }
     return (uint8_t)shift;
 }
 
@@ -212,26 +256,32 @@ int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows
     float *sum = prt_alloc((size_t)(width + 1) * n_coef, sizeof *sum), *x = sum + n_coef;
     if (!sum) return PRT_NOMEM;
     energies(f, r, width, n_coef, x, sum);
+    float unit2 = 0;
     for (uint32_t d = 0; d < width; d++) {
-        float *own = x + (size_t)d * n_coef, most = 1e-30f;
+        float *own = x + (size_t)d * n_coef;
         coefficients(f, r, d, n_coef, own);
-        for (uint32_t k = 0; k < n_coef; k++)
-            if (sum[k] > f->limit[r]) most = fmaxf(most, fabsf(own[k]));
+        float most = largest(own, sum, f->limit[r], n_coef);
+        unit2 += most / 127 * (most / 127);
         for (uint32_t k = 0; k < n_coef; k++) own[k] *= 127 / most;
         OWN(float, rows->scale)
         [first + d] =
             most / 127 * s *
             lay_direction(f, r, d, J, OWN(uint16_t, rows->mix) + (uint64_t)(first + d) * J);
     }
+    float above = 127 * twice_above(unit2, f->limit[r]);
     for (uint32_t k = 0; k < n_coef; k++) {
-        float value[MOST];
+        float value[MOST], share = 0;
         if (!(sum[k] > f->limit[r])) continue;
-        for (uint32_t d = 0; d < width; d++) value[d] = x[(size_t)d * n_coef + k];
-        OWN(uint8_t, rows->shift)[at] = put_bytes(value, width, entry);
-        if (rows->index_bytes == 2) OWN(uint16_t, rows->index)[at] = (uint16_t)k;
-        else OWN(uint32_t, rows->index)[at] = k;
-        entry += width;
-        at++;
+        for (uint32_t d = 0; d < width; d++) {
+            value[d] = x[(size_t)d * n_coef + k];
+            share = fmaxf(share, fabsf(value[d]));
+        }
+        for (int turn = 0; turn < 1 + (share > above) && at < rows->begin[row + 1]; turn++, at++) {
+            OWN(uint8_t, rows->shift)[at] = put_bytes(value, width, entry);
+            if (rows->index_bytes == 2) OWN(uint16_t, rows->index)[at] = (uint16_t)k;
+            else OWN(uint32_t, rows->index)[at] = k;
+            entry += width;
+        }
     }
     for (uint32_t k = 0; k < 6 * J; k++)
         OWN(uint16_t, rows->scaling)

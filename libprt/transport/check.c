@@ -149,14 +149,14 @@ static int check_clusters(const struct check *c, uint32_t i, const struct prt_te
     return PRT_OK;
 }
 
-// Ascending, below n_coef, and none a scaling coefficient (they stand apart). n*n is a power of
-// two, so a face's scaling coefficient has the low bits 0.
+// Never falling, below n_coef, and none a scaling coefficient (they stand apart). n*n is a power
+// of two, so a face's scaling coefficient has the low bits 0.
 #define DEFINE_GOOD_ROW(name, type)                                                            \
     static bool name(const type *index, uint64_t n, uint32_t n_coef, uint32_t face)            \
     {                                                                                          \
         type found = 0, low = (type)(face - 1);                                                \
         for (uint64_t i = 0; i < n; i++) found |= (type)((index[i] & low) == 0);               \
-        for (uint64_t i = 1; i < n; i++) found |= (type)(index[i - 1] >= index[i]);            \
+        for (uint64_t i = 1; i < n; i++) found |= (type)(index[i - 1] > index[i]);            \
         return !found && index[n - 1] < n_coef;                                                \
     }
 DEFINE_GOOD_ROW(good_row16, uint16_t)
@@ -168,7 +168,7 @@ static int check_entries(const struct check *c, uint32_t i, const struct prt_row
     if (r->begin[0]) return bad(c, "tensor %u: rows do not start at entry 0", i);
     for (uint32_t k = 0; k < r->n_row; k++) {
         uint64_t b = r->begin[k], e = r->begin[k + 1];
-        if (b > e || e > r->begin[r->n_row] || e - b > r->n_coef)
+        if (b > e || e > r->begin[r->n_row] || e - b > 2ull * r->n_coef)
             return bad(c, "tensor %u: row %u is out of range", i, k);
         if (e == b) continue;
         bool good = r->index_bytes == 2

@@ -310,7 +310,7 @@ static bool broken(struct prt_transport *t, int rule)
         W(uint64_t, a->rows.begin)[0] = 1;
         return true;
     case 4:
-        W(uint16_t, a->rows.index)[1] = W(uint16_t, a->rows.index)[0];
+        W(uint16_t, a->rows.index)[1] = W(uint16_t, a->rows.index)[0] - 1;
         return true;
     case 5:
         W(uint16_t, a->rows.index)[a->rows.begin[1] - 1] = 6 * 256;

@@ -21,8 +21,8 @@ enum prt_coupling { PRT_COUPLE_DIAGONAL = 0, PRT_COUPLE_FULL = 1 };
 
 /* Sparse wavelet vectors ("rows"): a cluster's basis vectors, or W05's per-vertex transport.
  * Row i owns entries [begin[i], begin[i+1]). An entry is one Haar index and J values, J =
- * n_function. The six scaling coefficients of a row stand apart, dense, in half precision:
- * every row keeps them, and they would spoil the range of 8-bit values. */
+ * n_function; at most 2 n_coef a row. The six scaling coefficients of a row stand apart, dense,
+ * in half precision: every row keeps them, and they would spoil the range of 8-bit values. */
 struct prt_rows {
     uint32_t n_row;
     uint32_t n_function;         /* J */
@@ -31,7 +31,8 @@ struct prt_rows {
     uint32_t index_bytes;        /* 2, or 4 when n_coef > 65536 */
     uint32_t reserved;
     const uint64_t *begin;       /* [n_row+1] */
-    const void *index;           /* [n_entry] u16/u32, ascending within a row, never scaling */
+    const void *index;           /* [n_entry] u16/u32, never falling within a row (one twice: both
+                                    count, what the first entry's bytes left), never scaling */
     const void *entry;           /* [n_entry][J] i8 or f16 (IEEE half bits), unpadded; or mixed */
     const float *scale;          /* [n_row][J], mixed [n_direction], multiplies i8 values; NULL: F16 */
     const uint16_t *scaling;     /* [n_row][6][J] f16: coefficient 0 of each face */
