@@ -11,6 +11,7 @@
 #include "server.h"
 #include "warm.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
@@ -140,6 +141,18 @@ static int read_token(void)
     return -1;
 }
 
+static int check_models(void)
+{
+    const char *folder = server.options.models;
+    DIR *dir = folder[0] ? opendir(folder) : NULL;
+    if (folder[0] && !dir) {
+        log_line(LOG_ERR, "models folder %s: %s", folder, strerror(errno));
+        return -1;
+    }
+    if (dir) closedir(dir);
+    return 0;
+}
+
 static int listen_everywhere(void)
 {
     int n = sd_listen_fds(1);
@@ -171,7 +184,7 @@ static int start(void)
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
     unsigned threads = o->threads ? o->threads : server.n_core;
-    if (read_token() || loop_create(&server.loop)
+    if (read_token() || check_models() || loop_create(&server.loop)
         || loop_signals(server.loop, signals, 3, on_signal, NULL) || open_data()
         || memo_create(o->cache, &server.memo) || memo_create(o->memory, &server.files)
         || decoder_create(server.loop, o->decode_memory, &server.decoder)

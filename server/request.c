@@ -35,7 +35,7 @@ const char *error_hint(int code)
     case RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN:
         return "connect again in a moment";
     case RELIGHT__ERROR_CODE__ERROR_LIMIT:
-        return "the daemon's configuration sets this limit";
+        return "the daemon's configuration, or its machine, sets this limit";
     case RELIGHT__ERROR_CODE__ERROR_MISMATCH:
         return "bake the model with these settings, or ask with the model's own; another material "
                "needs a bake with transport joint or polynomial";

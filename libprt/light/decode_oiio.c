@@ -82,6 +82,9 @@ int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8
                         name);
     if (decode(name_for_sniffing(name, bytes, n), bytes, n, is_chroma, allow, &job,
                &image)) {
+        // Its own words for bytes that no reader knows speak of a file that does not exist.
+        if (strstr(image.error, "does not exist") || strstr(image.error, "find a format reader"))
+            return prt_fail(ctx, PRT_FORMAT, "%s: not an image of a known format", name);
         for (char *p = image.error; *p; p++)
             *p = *p == '\n' || *p == '\r' ? ' ' : *p;
         return prt_fail(ctx, job.err, "%s: %s", name, image.error);

@@ -139,7 +139,8 @@ int check_writable(const struct tool *tool, const char *path)
     char folder[PATH_MAX];
     if ((size_t)snprintf(folder, sizeof folder, "%s", path) >= sizeof folder)
         return tool_exit(tool, prt_fail(&tool->ctx, PRT_IO, "%s: the path is too long", path));
-    if (access(dirname(folder), W_OK) && access(path, W_OK))
-        return tool_exit(tool, prt_fail(&tool->ctx, PRT_IO, "%s: %s", path, strerror(errno)));
+    int fault = access(dirname(folder), W_OK) ? errno : 0;
+    if (fault && access(path, W_OK))
+        return tool_exit(tool, prt_fail(&tool->ctx, PRT_IO, "%s: %s", path, strerror(fault)));
     return EXIT_DONE;
 }

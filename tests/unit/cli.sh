@@ -99,6 +99,8 @@ expect 2 '1, 4 or 9' "$prt" bake ball.obj $scaled --phase-terms 3 -o x.prt
 expect 2 'whole number' "$prt" bake ball.obj $scaled --samples 1e5 -o x.prt
 expect 2 '\[0, N-1\]' "$prt" bake ball.obj $scaled --shard 3/3 -o x.prt
 expect 2 'one of factored, sparse' "$prt" bake ball.obj $scaled --storage dense -o x.prt
+expect 2 'one of reduced, polynomial, hat' "$prt" bake ball.obj $scaled --basis dense -o x.prt
+expect 2 '--basis is for --transport polynomial' "$prt" bake ball.obj $scaled --basis hat -o x.prt
 expect 2 '--coeffs is for --storage sparse' "$prt" bake ball.obj $scaled --coeffs 64 -o x.prt
 expect 2 'choose one' "$prt" bake ball.obj $scaled --mm-per-unit 3 -o x.prt
 expect 2 'needs --env' "$prt" bake ball.obj $scaled --transport polynomial -o x.prt
@@ -113,6 +115,8 @@ expect 2 'no material or node named "flor"' "$prt" info tetra.gltf --opaque flor
 expect 2 'units' "$prt" bake ball.obj --material marble -o x.prt
 expect 1 'No such file' "$prt" bake nowhere.obj $scaled -o x.prt
 expect 1 'No such file' "$prt" bake ball.obj $scaled -o no/such/folder/x.prt
+echo words >words.txt
+expect 1 'words.txt: not an image of a known format' "$prt" colors ball.obj $scaled --env words.txt -o x.csv
 expect 2 '.csv, .npy, .ply or .glb' "$prt" colors ball.obj $scaled --env constant -o x.txt
 expect 2 '--env is missing' "$prt" colors ball.obj $scaled -o x.csv
 expect 2 'bake .* first' "$prt" colors ball.obj $scaled --env constant --engine wavelet -o x.csv
@@ -243,6 +247,12 @@ for material in skin1 "$wax"; do
     expect 0 '' "$prt" compare poly.prt reference --materials "$material" --env constant:1,1,2 --term multiple \
         --samples 4000 --vertices 20 --max-rmse 0.1
 done
+expect 0 '' "$prt" bake ball.obj --size-mm 20 $bake --transport polynomial --basis polynomial --env constant:1,1,2 -o x07.prt
+expect 0 '' "$prt" info x07.prt --json
+check grep -q '"kind":"polynomial","of":"R_d","functions":32' out
+check grep -q '"kind":"polynomial","of":"e^(-sigma_t r)","functions":16' out
+expect 0 '' "$prt" compare x07.prt reference --materials skin1 --env constant:1,1,2 --term multiple \
+    --samples 4000 --vertices 20 --max-rmse 0.1
 expect 2 'was baked under' "$prt" compare poly.prt reference --materials skin1 --env constant:3 --term multiple
 expect 0 '' "$prt" bake ball.obj --material slab.json --size-mm 20 $bake -o slab.prt
 expect 0 '' "$prt" info slab.prt --json
