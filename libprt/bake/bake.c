@@ -5,6 +5,7 @@
 #include "bake/shard.h"
 #include "bake/sources.h"
 
+#include "prt/radial.h"
 #include "prt/relight.h"
 
 #include <cblas.h>
@@ -59,6 +60,9 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
         return prt_fail(ctx, PRT_ARG, "--storage sparse goes with --transport wavelet only");
     if (o->engine == PRT_ENGINE_POLYNOMIAL && !o->env)
         return prt_fail(ctx, PRT_ARG, "--transport polynomial fixes the light: give it --env");
+    if (o->basis > PRT_RADIAL_HAT || (o->basis && o->engine != PRT_ENGINE_POLYNOMIAL))
+        return prt_fail(ctx, PRT_ARG,
+                        "--basis polynomial and hat go with --transport polynomial only");
     if (o->n_shard > 1 && o->shard >= o->n_shard)
         return prt_fail(ctx, PRT_ARG, "--shard %u/%u: I must lie in [0, %u]", o->shard, o->n_shard,
                         o->n_shard - 1);
@@ -417,7 +421,8 @@ static uint64_t shard_key(const struct bake *b)
 {
     char settings[4096];
     describe(b, settings, sizeof settings);
-    const uint32_t more[] = {b->o.rank, b->o.n_basis_coef, b->o.no_single, b->o.every_ray};
+    const uint32_t more[] = {b->o.rank, b->o.n_basis_coef, b->o.no_single, b->o.every_ray,
+                             b->o.basis};
     uint64_t key = prt_hash64(settings, strlen(settings), b->out.mesh_hash);
     key = prt_hash64(more, sizeof more, key);
     key = prt_hash64(&b->o.rotate_deg, sizeof b->o.rotate_deg, key);

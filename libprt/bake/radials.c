@@ -43,6 +43,17 @@ static int own_profiles(const struct bake *b, struct prt_profile out[3], uint32_
     return status;
 }
 
+// X07's sizes for its own kinds of basis: 32 coefficients for R_d, 16 for the exponential, as 16
+// and 8 linear pieces; hats on the same knots.
+static void x07_size(const struct bake *b, uint32_t pieces, struct prt_radial_options *o)
+{
+    o->kind = (enum prt_radial_kind)b->o.basis;
+    if (o->kind == PRT_RADIAL_REDUCED) return;
+    o->degree = 1;
+    o->n_function = o->kind == PRT_RADIAL_HAT ? pieces + 1 : 2 * pieces;
+    o->extra = NULL, o->n_extra = 0;
+}
+
 int bases_create(struct bake *b, struct bases *s)
 {
     struct prt_profile own[3] = {{.kind = PRT_PROFILE_CURVE}};
@@ -54,6 +65,7 @@ int bases_create(struct bake *b, struct bases *s)
                                    .max_error = 0.5 * b->o.max_error};
     int status = own_profiles(b, own, &n_own);
     o.extra = own, o.n_extra = n_own;
+    x07_size(b, 16, &o);
     if (status == PRT_OK) status = prt_radial_create(b->ctx, &o, &s->reflectance);
     for (uint32_t i = 0; i < n_own; i++) prt_profile_finish(&own[i]);
     o.extra = NULL, o.n_extra = 0;
@@ -61,6 +73,7 @@ int bases_create(struct bake *b, struct bases *s)
         o.family = PRT_FAMILY_EXTINCTION;
         o.radius_mm = 3 * size;
         o.max_error = 0.2 * b->o.max_error;
+        x07_size(b, 8, &o);
         status = prt_radial_create(b->ctx, &o, &s->extinction);
         if (status == PRT_OK) status = extinction_table_create(s->extinction, &s->integral);
     }

@@ -84,19 +84,27 @@ static unsigned plane_count(const struct prt_transport *t, const struct prt_quer
     return n;
 }
 
-// What plane k of a single-scattering tensor is multiplied by, beside Y_k(w_o').
-static void plane_factor(const struct answer *a, const struct prt_tensor *t, unsigned k,
-                         float factor[3])
+void relight_plane_factor(const struct prt_material *material, const struct prt_tensor *tensor,
+                          unsigned k, float factor[3])
 {
     unsigned l = k == 0 ? 0 : k < 4 ? 1 : k < 9 ? 2 : 3;
     for (int ch = 0; ch < 3; ch++) {
         struct prt_phase phase;
-        float g = a->material->g[ch];
+        float g = material->g[ch];
         factor[ch] = 1;
-        if (a->material->profile) factor[ch] = 0; // its R_d holds all light that leaves
-        if (factor[ch] == 0 || !is_free(t) || prt_phase_hg(&phase, (double)g, t->n_phase)) continue;
-        factor[ch] = (float)phase.a[l] * a->material->sigma_s_prime[ch] / (1 - g);
+        if (!prt_phase_hg(&phase, (double)g, tensor->n_phase))
+            factor[ch] = (float)phase.a[l] * material->sigma_s_prime[ch] / (1 - g);
     }
+}
+
+// The same for any single-scattering tensor: what a fixed material gives is in the tensor.
+static void plane_factor(const struct answer *a, const struct prt_tensor *t, unsigned k,
+                         float factor[3])
+{
+    for (int ch = 0; ch < 3; ch++) factor[ch] = 1;
+    if (is_free(t)) relight_plane_factor(a->material, t, k, factor);
+    // a profile's R_d holds all light that leaves
+    for (int ch = 0; ch < 3 && a->material->profile; ch++) factor[ch] = 0;
 }
 
 struct mix_job {

@@ -14,6 +14,15 @@ int relight_material_coef(const struct prt_context *ctx, const struct prt_transp
                           const struct prt_tensor *tensor, const struct prt_material *material,
                           float *coef);
 
+// What plane k of a single-scattering tensor of a free material is multiplied by, beside Y_k: the
+// phase function's a_l and sigma_s.
+void relight_plane_factor(const struct prt_material *material, const struct prt_tensor *tensor,
+                          unsigned k, float factor[3]);
+// prt_rows_fold with coefficients [n_phase][n_radial][3] of each plane its own; entries worth
+// up to error^2 of the energy of all colours are dropped.
+int relight_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                      const float *coef, double error, struct prt_rows *out);
+
 // A tensor of lit's transport under its light. coef NULL unless FULL, RADIAL.
 int relight_lit(const struct prt_context *ctx, const struct prt_lit *lit,
                 const struct prt_tensor *tensor, const float *coef, bool add, float *color);

@@ -114,6 +114,12 @@ __attribute__((destructor)) static void drop_all(void)
     for (int i = 0; i < N_KEPT; i++) prt_radial_destroy(kept[i].radial);
 }
 
+static double most_error(const struct prt_radial *radial)
+{
+    return radial->kind == PRT_RADIAL_REDUCED ? PRT_MATERIAL_MOST_ERROR
+                                              : PRT_MATERIAL_MOST_ERROR_X07;
+}
+
 // Says which parameter lies outside what the basis was made for.
 static int refuse(const struct prt_context *ctx, const struct prt_radial *radial,
                   const struct prt_material *m, double error)
@@ -133,12 +139,12 @@ static int refuse(const struct prt_context *ctx, const struct prt_radial *radial
                                 : dipole  ? "sigma_s_prime"
                                           : "extinction sigma_a + sigma_s_prime/(1-g) of channel",
                                 c, value[k], radial->range[k][0], radial->range[k][1],
-                                100 * error, 100 * PRT_MATERIAL_MOST_ERROR);
+                                100 * error, 100 * most_error(radial));
     }
     return prt_fail(ctx, PRT_ARG,
                     "%s: this bake's basis misses %.0f %% of its profile (at most %.0f %%); bake "
                     "with it as --material to hold it exactly",
-                    name, 100 * error, 100 * PRT_MATERIAL_MOST_ERROR);
+                    name, 100 * error, 100 * most_error(radial));
 }
 
 static int fit(const struct prt_context *ctx, const struct prt_transport *transport,
@@ -159,7 +165,7 @@ static int fit(const struct prt_context *ctx, const struct prt_transport *transp
     status = prt_radial_fit_material(radial, material, coef, error);
     if (status)
         status = prt_fail(ctx, status, "the material cannot be expressed in the transport's basis");
-    else if (!(*error <= PRT_MATERIAL_MOST_ERROR))
+    else if (!(*error <= most_error(radial)))
         status = refuse(ctx, radial, material, *error);
     release(slot, radial);
     return status;

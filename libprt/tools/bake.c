@@ -2,6 +2,7 @@
 // prt bake: a model, a material and settings to a .prt.
 #include "tool.h"
 #include "prt/bake.h"
+#include "prt/radial.h"
 
 #include <cjson/cJSON.h>
 #include <stdio.h>
@@ -31,6 +32,8 @@ static int check_usage(const struct options *o, enum prt_engine_kind engine)
                            "--transport polynomial is baked under one light: it needs --env");
     if (sparse && engine != PRT_ENGINE_WAVELET)
         return usage_error(o, "--storage sparse is for --transport wavelet");
+    if (o->basis && engine != PRT_ENGINE_POLYNOMIAL)
+        return usage_error(o, "--basis is for --transport polynomial");
     if (sparse && (o->rank || o->basis_coeffs))
         return usage_error(o, "--rank and --basis-coeffs are for --storage factored");
     if (!sparse && o->coeffs) return usage_error(o, "--coeffs is for --storage sparse");
@@ -64,6 +67,9 @@ static struct prt_bake_options bake_options(const struct options *o,
         .every_ray = o->every_ray,
         .max_error = o->max_error,
         .rotate_deg = o->rotate_deg,
+        .basis = !o->basis || !strcmp(o->basis, "reduced") ? PRT_RADIAL_REDUCED
+                 : !strcmp(o->basis, "hat")                ? PRT_RADIAL_HAT
+                                                           : PRT_RADIAL_POLYNOMIAL,
         .seed = o->seed,
         .shard = o->shard,
         .n_shard = o->n_shard,

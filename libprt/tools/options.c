@@ -50,6 +50,7 @@ struct row {
 };
 
 static const char *const transports[] = {"wavelet", "polynomial", "joint", NULL};
+static const char *const bases[] = {"reduced", "polynomial", "hat", NULL}; // prt_radial_kind
 static const char *const storages[] = {"factored", "sparse", NULL};
 static const char *const engines[] = {"reference", "wavelet", "polynomial", "joint", NULL};
 static const char *const pictures[] = {"vertex", "splat",     "tangent", "texture",
@@ -95,6 +96,9 @@ static const struct row table[] = {
      "                              material (polynomial), or both (joint; default without)"},
     {"storage", 0, "KIND", WORD, AT(storage), 0, 0, storages, BAKE,
      "factored (default): shared bases; sparse: W05's vectors"},
+    {"basis", 0, "KIND", WORD, AT(basis), 0, 0, bases, BAKE,
+     "polynomial: functions of radius; reduced (default): the range's singular vectors;\n"
+     "                              polynomial: X07's 32 (single: 16), linear pieces; hat: on the same knots"},
     {"rank", 0, "R", WHOLE, AT(rank), 1, 1024, NULL, BAKE,
      "factored: dense numbers a vertex and term; default: from --max-error"},
     {"basis-coeffs", 0, "N", WHOLE, AT(basis_coeffs), 1, 98304, NULL, BAKE,

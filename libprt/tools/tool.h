@@ -28,7 +28,8 @@ struct options {
     enum command command;
     const char *input[MAX_INPUT];
     unsigned n_input;
-    const char *out, *material, *env, *engine, *term, *transport, *storage, *camera, *cpu;
+    const char *out, *material, *env, *engine, *term, *transport, *storage, *basis, *camera,
+        *cpu;
     const char *tone, *background, *layout;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;

@@ -643,6 +643,21 @@ static void materials_move(void **state)
     assert_int_equal(prt_answer_many(&ctx, &t, 2, both, as_planes, pair), 0);
     assert_memory_equal(again, planes, 4 * 12 * N);
     assert_memory_equal(own, planes, 4 * 12 * N);
+    // the material first, whichever light comes
+    struct prt_fixed *fixed;
+    assert_int_equal(prt_fixed_create(&ctx, &t, &m, &fixed), 0);
+    assert_true(prt_fixed_bytes(fixed) > 0);
+    const struct prt_query lit_only = {.term = PRT_ANSWER_TOTAL, .light = &cube};
+    assert_int_equal(prt_answer_planes(&ctx, prt_fixed_transport(fixed), &lit_only, &n_plane, again), 0);
+    assert_int_equal(n_plane, 4);
+    double off = difference(again, planes, 4 * 3 * N);
+    assert_true(off > 0 && off < 2 * PRT_FIXED_ERROR);
+    const struct prt_query wavelet = {.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &m};
+    assert_int_equal(prt_answer_planes(&ctx, prt_fixed_transport(fixed), &wavelet, &n_plane, again),
+                     PRT_MISMATCH);
+    struct prt_fixed *twice;
+    assert_int_equal(prt_fixed_create(&ctx, prt_fixed_transport(fixed), &m, &twice), PRT_MISMATCH);
+    prt_fixed_destroy(fixed);
     q.lit = other;
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_ARG);
     q.lit = NULL;

@@ -27,6 +27,8 @@ struct prt_bake_options {
     double max_error;             /* 0: 0.01 */
     const struct prt_env *env;    /* polynomial: the fixed light */
     double rotate_deg;
+    uint32_t basis;               /* polynomial: enum prt_radial_kind; POLYNOMIAL and HAT are X07's:
+                                   * 16 linear pieces of R_d, 8 of e^(-sigma_t r) */
     uint64_t seed;
     /* This process does shard of n_shard (0,0: all) and leaves its part beside out_path, as
      * OUT.I-of-N.part; the last one to end assembles the .prt, the same bytes as one process'

@@ -79,6 +79,20 @@ int prt_lit_create(const struct prt_context *ctx, const struct prt_transport *tr
 void prt_lit_destroy(struct prt_lit *lit);
 size_t prt_lit_bytes(const struct prt_lit *lit);
 
+/* A joint transport with one material put in, contracted by the material first (METHODS
+ * section 5, the other way round): what is left is a wavelet transport, for lights that move
+ * while the material stays. A question's material is NULL then. The least entries,
+ * PRT_FIXED_ERROR of what colours are made of (RMS over lights), are dropped.
+ * Takes some tenths of a second. PRT_MISMATCH unless both light and material are free; refers to
+ * `transport`, which must outlive it; read-only after. */
+#define PRT_FIXED_ERROR 3e-3
+struct prt_fixed;
+int prt_fixed_create(const struct prt_context *ctx, const struct prt_transport *transport,
+                     const struct prt_material *material, struct prt_fixed **out);
+void prt_fixed_destroy(struct prt_fixed *fixed);
+const struct prt_transport *prt_fixed_transport(const struct prt_fixed *fixed);
+size_t prt_fixed_bytes(const struct prt_fixed *fixed);
+
 struct prt_query {
     enum prt_answer_term term;
     const struct prt_cube *light;        /* of the transport's cube size; NULL for polynomial */
@@ -100,11 +114,13 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
                       const struct prt_query *query, unsigned *n_plane, float *planes);
 /* The largest share of R_d (of e^(-sigma_t r)) that a free material may lose to the basis. */
 #define PRT_MATERIAL_MOST_ERROR 0.10
+/* To a basis of X07's kinds, polynomials and hats, which are there to be compared with. */
+#define PRT_MATERIAL_MOST_ERROR_X07 0.30
 /* What the radial bases of a joint or polynomial transport leave of a material: the largest
  * integral |dR| over that of R of the tensors that `term` asks, and for multiple scattering 4 % for
  * each sample spacing that a mean free path is short of: what the answer may lose beside the bake's
  * own measured error. <= 0.5 ms. PRT_ARG, naming the parameter and its range,
- * above PRT_MATERIAL_MOST_ERROR (as answers do); PRT_MISMATCH for another eta or a fixed medium. */
+ * above these (as answers do); PRT_MISMATCH for another eta or a fixed medium. */
 int prt_answer_material_error(const struct prt_context *ctx,
                               const struct prt_transport *transport,
                               const struct prt_material *material, enum prt_answer_term term,

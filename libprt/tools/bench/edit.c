@@ -448,6 +448,62 @@ static int answer_figure(struct bench_env *env, const struct prt_transport *t)
     return status;
 }
 
+// Another light each time, under a material that stays: fixed, or put in anew.
+static int ask_turned(void *arg)
+{
+    struct asking *a = arg;
+    unsigned n_plane;
+    ((struct prt_cube *)(uintptr_t)a->query.light)->texel[a->turn++ % 64] *= 1.01f;
+    return prt_answer_planes(&a->env->ctx, a->transport, &a->query, &n_plane, a->planes);
+}
+
+static int turn_figures(struct bench_env *env, const struct prt_transport *t)
+{
+    struct asking a = {.env = env, .transport = t, .material = some_material(1)};
+    struct prt_cube cube = {0};
+    struct prt_fixed *fixed = NULL;
+    struct bench_time plain = {0}, time = {0};
+    unsigned n_plane = 0;
+    a.material.eta = t->material.eta;
+    a.query = (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &a.material};
+    int status = bench_cube(t->cube, env->seed, &cube);
+    if (!status) status = prt_answer_planes(&env->ctx, t, &a.query, &n_plane, NULL);
+    a.planes = prt_calloc(3ull * n_plane * t->mesh.n_vertex, sizeof *a.planes);
+    if (!status) status = a.planes ? bench_measure(env, ask_turned, &a, &plain) : PRT_NOMEM;
+    const size_t n = 3ull * n_plane * t->mesh.n_vertex;
+    float *free_planes = prt_alloc(n, sizeof *free_planes);
+    if (!status && free_planes) memcpy(free_planes, a.planes, n * sizeof *free_planes);
+    double started = prt_time_s(), off = 0, all = 0;
+    if (!status) status = prt_fixed_create(&env->ctx, t, &a.material, &fixed);
+    double seconds = prt_time_s() - started;
+    a.query.material = NULL;
+    if (!status) a.transport = prt_fixed_transport(fixed);
+    if (!status) status = prt_answer_planes(&env->ctx, a.transport, &a.query, &n_plane, a.planes);
+    for (size_t i = 0; i < n && free_planes; i++) {
+        off += pow((double)(a.planes[i] - free_planes[i]), 2);
+        all += pow((double)free_planes[i], 2);
+    }
+    prt_free(free_planes);
+    if (!status) status = bench_measure(env, ask_turned, &a, &time);
+    if (!status) {
+        bench_begin(env, "joint_file_turned");
+        bench_number("relative_difference", sqrt(off / all));
+        bench_number("vertices", t->mesh.n_vertex);
+        bench_number("planes", n_plane);
+        bench_number("ms", 1e3 * time.best);
+        bench_number("ms_median", 1e3 * time.median);
+        bench_number("ms_material_free", 1e3 * plain.best);
+        bench_number("ms_material_free_median", 1e3 * plain.median);
+        bench_number("s_to_put_in", seconds);
+        bench_number("MB_of_material", 1e-6 * (double)prt_fixed_bytes(fixed));
+        bench_end();
+    }
+    prt_fixed_destroy(fixed);
+    prt_free(a.planes);
+    prt_cube_finish(&cube);
+    return status;
+}
+
 static int edit_file(struct bench_env *env)
 {
     struct prt_file *f;
@@ -463,7 +519,15 @@ static int edit_file(struct bench_env *env)
 
 static int joint_file(struct bench_env *env)
 {
-    return file_figures(env, frame_figure, "joint_file", true);
+    struct prt_file *f;
+    int status = file_figures(env, frame_figure, "joint_file", true);
+    if (status || !env->file) return status;
+    status = prt_file_open(&env->ctx, env->file, PRT_FILE_CHECK_HEADERS, &f);
+    if (status) return status;
+    const struct prt_transport *t = prt_file_transport(f);
+    if (t->engine == PRT_ENGINE_JOINT) status = turn_figures(env, t);
+    prt_file_close(f);
+    return status;
 }
 
 BENCH(edit_joint, "Joint transport, light contracted: new material to colours", edit_joint)
