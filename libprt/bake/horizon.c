@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// What the surface sees for certain: of each vertex's directions those that are open together
-// with all their neighbours. Most light leaves a body where nothing else is near; a shadow ray
-// there is not worth casting.
+// What the surface sees for certain: of each vertex's directions those that are open, or blocked,
+// together with all their neighbours. Most light leaves a body where nothing else is near; a
+// shadow ray there is not worth casting, nor one deep in a fold.
 
 #include "bake/stages.h"
 
@@ -12,12 +12,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WIDE = HORIZON_WIDE, BINS = 6 * WIDE * WIDE, WORDS = BINS / 64 };
+enum { WIDE = HORIZON_WIDE, BINS = 6 * WIDE * WIDE, WORDS = HORIZON_WORDS };
 enum { EMPTY, KNOWN };
 
 struct horizon {
     const struct prt_scene *scene;
-    _Atomic uint64_t (*open)[WORDS];  // [n_vertex] filled as they are asked for
+    // [n_vertex] filled as they are asked for: bins that are open with all that touch them, and
+    // bins that are blocked with them.
+    _Atomic uint64_t (*open)[WORDS], (*shut)[WORDS];
     _Atomic uint8_t *state;           // [n_vertex]
     float direction[BINS][3];
     uint16_t around[BINS][8];         // the bins that touch one
@@ -73,8 +75,9 @@ int horizon_create(const struct prt_scene *scene, struct horizon **out)
     if (!h) return PRT_NOMEM;
     h->scene = scene;
     h->open = prt_calloc(mesh->n_vertex, sizeof *h->open);
+    h->shut = prt_calloc(mesh->n_vertex, sizeof *h->shut);
     h->state = prt_calloc(mesh->n_vertex, sizeof *h->state);
-    if (!h->open || !h->state) {
+    if (!h->open || !h->shut || !h->state) {
         horizon_destroy(h);
         return PRT_NOMEM;
     }
@@ -88,8 +91,14 @@ void horizon_destroy(struct horizon *h)
 {
     if (!h) return;
     prt_free(h->open);
+    prt_free(h->shut);
     prt_free(h->state);
     free(h);
+}
+
+static inline bool has(const uint64_t set[WORDS], unsigned bin)
+{
+    return set[bin / 64] >> bin % 64 & 1;
 }
 
 // Two threads may look at once: both find and write the same.
@@ -98,7 +107,7 @@ static void look_around(struct horizon *h, uint32_t vertex)
     const struct prt_mesh *mesh = prt_scene_mesh(h->scene);
     const float *p = mesh->position[vertex], *n = mesh->normal[vertex];
     float eps = prt_scene_epsilon(h->scene);
-    uint64_t seen[WORDS] = {0}, sure[WORDS] = {0};
+    uint64_t seen[WORDS] = {0}, hidden[WORDS] = {0}, open[WORDS] = {0}, shut[WORDS] = {0};
     uint16_t bin[16];
     struct prt_packet packet;
     uint32_t fill = 0;
@@ -121,19 +130,27 @@ static void look_around(struct horizon *h, uint32_t vertex)
         }
         if (!fill || (fill < 16 && b < BINS)) continue;
         uint32_t mask = fill == 16 ? 0xffff : (1u << fill) - 1;
-        uint32_t open = mask & ~prt_scene_occluded16(h->scene, &packet, mask);
-        for (uint32_t i = 0; i < fill; i++)
-            seen[bin[i] / 64] |= (uint64_t)(open >> i & 1) << bin[i] % 64;
+        uint32_t blocked = prt_scene_occluded16(h->scene, &packet, mask);
+        for (uint32_t i = 0; i < fill; i++) {
+            uint64_t bit = 1ull << bin[i] % 64;
+            if (blocked >> i & 1) hidden[bin[i] / 64] |= bit;
+            else seen[bin[i] / 64] |= bit;
+        }
         fill = 0;
     }
     for (unsigned b = 0; b < BINS; b++) {
-        bool all = seen[b / 64] >> b % 64 & 1;
-        for (int k = 0; all && k < 8; k++)
-            all = seen[h->around[b][k] / 64] >> h->around[b][k] % 64 & 1;
-        sure[b / 64] |= (uint64_t)all << b % 64;
+        bool lit = has(seen, b), dark = has(hidden, b);
+        for (int k = 0; k < 8; k++) {
+            lit &= has(seen, h->around[b][k]);
+            dark &= !has(seen, h->around[b][k]); // below the surface is as good as blocked
+        }
+        open[b / 64] |= (uint64_t)lit << b % 64;
+        shut[b / 64] |= (uint64_t)dark << b % 64;
     }
-    for (int k = 0; k < WORDS; k++)
-        atomic_store_explicit(&h->open[vertex][k], sure[k], memory_order_relaxed);
+    for (int k = 0; k < WORDS; k++) {
+        atomic_store_explicit(&h->open[vertex][k], open[k], memory_order_relaxed);
+        atomic_store_explicit(&h->shut[vertex][k], shut[k], memory_order_relaxed);
+    }
     atomic_store_explicit(&h->state[vertex], KNOWN, memory_order_release);
 }
 
@@ -147,4 +164,18 @@ bool horizon_open(struct horizon *h, uint32_t triangle, uint32_t bin)
         all &= atomic_load_explicit(&h->open[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
     }
     return all;
+}
+
+void horizon_all(struct horizon *h, uint32_t triangle, struct horizon_view *view)
+{
+    const uint32_t *v = prt_scene_mesh(h->scene)->triangle[triangle];
+    memset(view, 0xff, sizeof *view);
+    for (int k = 0; k < 3; k++) {
+        if (atomic_load_explicit(&h->state[v[k]], memory_order_acquire) == EMPTY)
+            look_around(h, v[k]);
+        for (int w = 0; w < WORDS; w++) {
+            view->open[w] &= atomic_load_explicit(&h->open[v[k]][w], memory_order_relaxed);
+            view->shut[w] &= atomic_load_explicit(&h->shut[v[k]][w], memory_order_relaxed);
+        }
+    }
 }

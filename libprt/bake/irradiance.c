@@ -10,6 +10,9 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+// Of full light through a sub-sample: below it one ray of four is asked first.
+static const float faint_light = 0.03f;
+
 // cosines, mask and weights of one packet; returns the lanes worth a ray.
 PRT_CLONES static uint32_t prepare(const struct directions *d, size_t at, const float n[3],
                                    const float f[3], const struct fresnel_table *fresnel,
@@ -32,36 +35,135 @@ PRT_CLONES static uint32_t prepare(const struct directions *d, size_t at, const 
     return mask;
 }
 
+// What is known of the four texels of a packet: 1 that all are open, -1 that all are blocked.
+static inline int known(const struct directions *d, const uint32_t texel[4],
+                        const struct horizon_view *view)
+{
+    uint64_t open = 1, shut = 1;
+    for (int j = 0; j < 4; j++) {
+        uint32_t bin = d->bin[texel[j]];
+        open &= view->open[bin / 64] >> bin % 64;
+        shut &= view->shut[bin / 64] >> bin % 64;
+    }
+    return (int)open - (int)shut;
+}
+
+// Packets whose visibility is not known, until there are four: the same origin, 2 x 2 texels each.
+struct unsure {
+    const struct prt_scene *scene;
+    struct prt_packet packet[4], probe;
+    float value[4][16];
+    uint32_t mask[4], n;
+    const uint32_t *texel[4];
+    uint64_t rays;
+};
+
+static void set_origin(struct prt_packet *p, const float origin[3], const float f[3], float eps)
+{
+    for (int i = 0; i < 16; i++) {
+        p->ox[i] = origin[0] + eps * f[0];
+        p->oy[i] = origin[1] + eps * f[1];
+        p->oz[i] = origin[2] + eps * f[2];
+        p->tnear[i] = 0;
+        p->tfar[i] = INFINITY;
+    }
+}
+
+static void write_texels(const uint32_t texel[4], const float value[16], uint32_t open, float *out)
+{
+    for (int j = 0; j < 4; j++) {
+        float sum = 0;
+        for (int i = 4 * j; i < 4 * j + 4; i++) sum += open >> i & 1 ? value[i] : 0;
+        out[texel[j]] = sum;
+    }
+}
+
+// Whether a packet's light counts little wherever it comes from: it grazes the surface.
+static bool faint(const float value[16])
+{
+    float most = 0;
+    for (int i = 0; i < 16; i++) most = fmaxf(most, value[i]);
+    return most < faint_light;
+}
+
+// One ray of each texel of the four packets in one packet; where a packet's four disagree the rest
+// of its rays are cast, else these stand for all.
+static void settle(struct unsure *u, unsigned turn, float *out)
+{
+    uint32_t lanes = 0, probed[4] = {0};
+    uint8_t from[16] = {0};
+    for (uint32_t i = 0; i < 4 * u->n; i++) {
+        uint32_t four = u->mask[i / 4] >> (i % 4 * 4) & 15, sub = (turn + i + i / 4) & 3;
+        if (!four) continue;
+        while (!(four >> sub & 1)) sub = (sub + 1) & 3;
+        from[i] = (uint8_t)(i % 4 * 4 + sub);
+        lanes |= 1u << i;
+        probed[i / 4] |= 1u << from[i];
+    }
+    for (int i = 0; i < 16; i++) {
+        const struct prt_packet *p = &u->packet[lanes >> i & 1 ? i / 4 : 0];
+        u->probe.dx[i] = p->dx[from[i]], u->probe.dy[i] = p->dy[from[i]];
+        u->probe.dz[i] = p->dz[from[i]];
+    }
+    uint32_t blocked = lanes ? prt_scene_occluded16(u->scene, &u->probe, lanes) : 0;
+    u->rays += (unsigned)__builtin_popcount(lanes);
+    for (uint32_t k = 0; k < u->n; k++) {
+        uint32_t here = lanes >> (4 * k) & 15, hit = blocked >> (4 * k) & 15, open = 0;
+        uint32_t rest = u->mask[k] & ~probed[k];
+        if (!hit) {
+            open = u->mask[k];
+        } else if (hit != here) {
+            if (rest) open = rest & ~prt_scene_occluded16(u->scene, &u->packet[k], rest);
+            for (uint32_t i = 0; i < 4; i++)
+                if ((here & ~hit) >> i & 1) open |= 1u << from[4 * k + i];
+            u->rays += (unsigned)__builtin_popcount(rest);
+        }
+        write_texels(u->texel[k], u->value[k], open, out);
+    }
+    u->n = 0;
+}
+
+uint64_t irradiance_row_seen(const struct prt_scene *scene, const struct directions *d,
+                             unsigned pattern, const struct fresnel_table *fresnel,
+                             const float origin[3], const float normal[3],
+                             const float face_normal[3], const struct horizon_view *view,
+                             float *out)
+{
+    struct unsure u = {.scene = scene};
+    float eps = prt_scene_epsilon(scene);
+    size_t base = (size_t)(pattern % d->n_pattern) * d->n_packet * 16;
+    for (int k = 0; k < 4; k++) set_origin(&u.packet[k], origin, face_normal, eps);
+    set_origin(&u.probe, origin, face_normal, eps);
+    for (uint32_t k = 0; k < d->n_packet; k++) {
+        const uint32_t *texel = d->texel + (size_t)k * 4;
+        struct prt_packet *packet = &u.packet[u.n];
+        uint32_t mask = prepare(d, base + (size_t)k * 16, normal, face_normal, fresnel, packet,
+                                u.value[u.n]);
+        int sure = view ? known(d, texel, view) : 0;
+        if (!mask || sure) {
+            write_texels(texel, u.value[u.n], sure > 0 ? mask : 0, out);
+            continue;
+        }
+        if (!view || !faint(u.value[u.n])) {
+            uint32_t open = mask & ~prt_scene_occluded16(scene, packet, mask);
+            u.rays += (unsigned)__builtin_popcount(mask);
+            write_texels(texel, u.value[u.n], open, out);
+            continue;
+        }
+        u.mask[u.n] = mask;
+        u.texel[u.n] = texel;
+        if (++u.n == 4) settle(&u, pattern + k, out);
+    }
+    settle(&u, pattern, out);
+    return u.rays;
+}
+
 uint64_t irradiance_row(const struct prt_scene *scene, const struct directions *d,
                         unsigned pattern, const struct fresnel_table *fresnel,
                         const float origin[3], const float normal[3],
                         const float face_normal[3], float *out)
 {
-    struct prt_packet packet;
-    float value[16] __attribute__((aligned(64)));
-    float eps = prt_scene_epsilon(scene);
-    uint64_t rays = 0;
-    for (int i = 0; i < 16; i++) {
-        packet.ox[i] = origin[0] + eps * face_normal[0];
-        packet.oy[i] = origin[1] + eps * face_normal[1];
-        packet.oz[i] = origin[2] + eps * face_normal[2];
-        packet.tnear[i] = 0;
-        packet.tfar[i] = INFINITY;
-    }
-    size_t base = (size_t)(pattern % d->n_pattern) * d->n_packet * 16;
-    for (uint32_t k = 0; k < d->n_packet; k++) {
-        const uint32_t *texel = d->texel + (size_t)k * 4;
-        uint32_t mask = prepare(d, base + (size_t)k * 16, normal, face_normal, fresnel, &packet,
-                                value);
-        uint32_t open = mask ? mask & ~prt_scene_occluded16(scene, &packet, mask) : 0;
-        rays += (unsigned)__builtin_popcount(mask);
-        for (int j = 0; j < 4; j++) {
-            float sum = 0;
-            for (int i = 4 * j; i < 4 * j + 4; i++) sum += open >> i & 1 ? value[i] : 0;
-            out[texel[j]] = sum;
-        }
-    }
-    return rays;
+    return irradiance_row_seen(scene, d, pattern, fresnel, origin, normal, face_normal, NULL, out);
 }
 
 int half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
@@ -110,9 +212,26 @@ struct pass_one {
     const struct hierarchy *h;
     const struct directions *d;
     const struct fresnel_table *fresnel;
+    struct horizon *horizon; // or NULL: every ray is cast
     struct half_rows *rows;
     atomic_uint_fast64_t rays;
 };
+
+// What the horizon knows of the triangle that sample s lies on; false where there is none.
+static bool look_up(const struct pass_one *p, uint32_t s, struct horizon_view *view)
+{
+    float eps = prt_scene_epsilon(p->scene), from[3], down[3], t, u, v;
+    uint32_t triangle;
+    for (int k = 0; k < 3; k++) {
+        from[k] = p->surface->position[s][k] + eps * p->surface->face_normal[s][k];
+        down[k] = -p->surface->face_normal[s][k];
+    }
+    if (!p->horizon ||
+        !prt_scene_intersect(p->scene, from, down, 0, 2 * eps, &t, &triangle, &u, &v))
+        return false;
+    horizon_all(p->horizon, triangle, view);
+    return true;
+}
 
 static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
@@ -120,12 +239,15 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
     prt_trace_thread_init();
     float *row = prt_alloc(p->rows->n_coef, sizeof *row);
     if (!row) return PRT_NOMEM;
+    struct horizon_view view;
     uint64_t rays = 0;
     for (size_t i = begin; i < end; i++) {
         uint32_t s = p->h->order[i];
         unsigned pattern = (unsigned)(prt_hash64(&s, sizeof s, 7) >> 32);
-        rays += irradiance_row(p->scene, p->d, pattern, p->fresnel, p->surface->position[s],
-                               p->surface->normal[s], p->surface->face_normal[s], row);
+        bool seen = look_up(p, s, &view);
+        rays += irradiance_row_seen(p->scene, p->d, pattern, p->fresnel,
+                                    p->surface->position[s], p->surface->normal[s],
+                                    p->surface->face_normal[s], seen ? &view : NULL, row);
         prt_f32_to_f16_array(row, p->rows->n_coef, p->rows->half + i * p->rows->n_coef);
     }
     atomic_fetch_add(&p->rays, rays);
@@ -180,6 +302,7 @@ int irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene
     if (status) return status;
     struct pass_one p = {.scene = scene, .surface = surface, .h = h, .d = d, .fresnel = &fresnel,
                          .rows = out};
+    (void)horizon_create(scene, &p.horizon); // without memory for it every ray is cast
     status = prt_parallel_for(ctx, "irradiance", surface->n_sample, 64, pass_one_range, &p);
     if (status == PRT_OK)
         status = prt_parallel_for(ctx, "hierarchy", h->n_node, 256, leaf_range, &p);
@@ -188,6 +311,7 @@ int irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene
     for (uint32_t i = h->n_node; status == PRT_OK && i-- > 0;)
         if (h->node[i].child[0]) sum_node(&p, i, scratch, scratch + d->n_coef);
     prt_free(scratch);
+    horizon_destroy(p.horizon);
     *rays = atomic_load(&p.rays);
     if (status) half_rows_finish(out);
     return status;

@@ -51,6 +51,14 @@ uint64_t irradiance_row(const struct prt_scene *scene, const struct directions *
                         unsigned pattern, const struct fresnel_table *fresnel,
                         const float origin[3], const float normal[3],
                         const float face_normal[3], float *out);
+/* The same where a horizon knows what lies above the triangle: rays only for what it does not
+ * know, and for light that grazes the surface one a texel where the four of 2 x 2 texels agree. */
+struct horizon_view;
+uint64_t irradiance_row_seen(const struct prt_scene *scene, const struct directions *d,
+                             unsigned pattern, const struct fresnel_table *fresnel,
+                             const float origin[3], const float normal[3],
+                             const float face_normal[3], const struct horizon_view *view,
+                             float *out);
 
 /* ---- irradiance transport and its hierarchy ---------------------------------------------- */
 
@@ -228,12 +236,20 @@ void extinction_table_destroy(struct extinction_table *table);
 
 /* Which directions the surface sees unhindered, found at the vertices as it is asked (the answer
  * does not depend on who asks first). Thread-safe after creation; uses the scene. */
-enum { HORIZON_WIDE = 16 }; /* bins: 6 x 16 x 16 of a cubemap, [face][y][x] */
+enum {
+    HORIZON_WIDE = 16, /* bins: 6 x 16 x 16 of a cubemap, [face][y][x] */
+    HORIZON_WORDS = 6 * HORIZON_WIDE * HORIZON_WIDE / 64,
+};
 struct horizon;
 int horizon_create(const struct prt_scene *scene, struct horizon **out);
 void horizon_destroy(struct horizon *horizon);
 /* Whether rays that leave a triangle into a bin are open for certain; else cast one. */
 bool horizon_open(struct horizon *horizon, uint32_t triangle, uint32_t bin);
+/* What is known of every bin above a triangle: bit b % 64 of word b / 64. */
+struct horizon_view {
+    uint64_t open[HORIZON_WORDS], shut[HORIZON_WORDS];
+};
+void horizon_all(struct horizon *horizon, uint32_t triangle, struct horizon_view *view);
 
 struct single_plan {
     const struct prt_scene *scene;
