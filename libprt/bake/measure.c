@@ -4,6 +4,7 @@
 
 #include "prt/reference.h"
 #include "prt/relight.h"
+#include "prt/surface.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -70,31 +71,94 @@ static uint32_t draw_vertices(const struct prt_mesh *mesh, uint32_t n, uint64_t 
     return found;
 }
 
+// The bake's own material and, where the material is free, media beside the training's grid.
+enum { MEDIA = 4 };
+static const char *const free_media[MEDIA - 1] = {"skin1", "ketchup", "skimmilk"};
+
 struct examination {
     const struct prt_context *ctx;
     const struct prt_transport *transport;
     uint32_t n, *vertex;
-    float (*all)[3], (*got)[3], (*want)[3];
-    double worst[2];
+    float (*all)[3], (*got)[3];
+    float (*want[MEDIA])[3];
+    unsigned n_medium;
+    struct prt_material medium[MEDIA];
+    double worst[MEDIA]; // of the term at hand
 };
 
+static int choose_media(struct examination *e)
+{
+    const struct prt_transport *t = e->transport;
+    e->medium[0] = t->material;
+    e->n_medium = 1;
+    for (unsigned i = 0; t->engine != PRT_ENGINE_WAVELET && i < MEDIA - 1; i++) {
+        struct prt_material *m = &e->medium[e->n_medium];
+        int status = prt_material_load(e->ctx, free_media[i], m);
+        if (status) return status;
+        m->eta = t->material.eta;
+        if (strcmp(m->name, t->material.name)) e->n_medium++;
+    }
+    return PRT_OK;
+}
+
+static void drop_warnings(void *user, enum prt_log_level level, const char *line)
+{
+    const struct prt_context *ctx = user;
+    if (level == PRT_LOG_ERROR) prt_log(ctx, level, "%s", line);
+}
+
+// The reference's samples: as many as it needs to take a medium that dense (prt_surface_check).
+static uint32_t reference_samples(const struct examination *e)
+{
+    double densest = 0;
+    for (unsigned m = 0; m < e->n_medium; m++)
+        for (int c = 0; c < 3; c++)
+            densest = fmax(densest, (double)e->medium[m].sigma_s_prime[c] +
+                                        (double)e->medium[m].sigma_a[c]);
+    double least = prt_surface_area(&e->transport->mesh) * densest * densest / (200.0 * 200.0);
+    return (uint32_t)fmin(fmax(60000, least), 2e7);
+}
+
+// Every medium under one light; *error: of the bake's own.
 static int examine(struct examination *e, enum prt_answer_term answer,
                    enum prt_reference_term term, const struct prt_cube *light, double *error)
 {
     const struct prt_transport *t = e->transport;
-    struct prt_query query = {.term = answer, .light = light};
+    const struct prt_material *medium[MEDIA];
     struct prt_reference_options options = {.term = term, .vertex = e->vertex, .n_vertex = e->n,
-                                            .n_sample = 60000, .n_ray = 512, .n_single = 4096,
+                                            .n_sample = reference_samples(e), .n_ray = 512, .n_single = 4096,
                                             .seed = 99};
     struct prt_context quiet = *e->ctx;
     quiet.progress = NULL;
-    int status = prt_answer_colors(e->ctx, t, &query, e->all);
-    if (status == PRT_OK)
-        status = prt_reference_colors(&quiet, &t->mesh, &t->material, light, &options, e->want);
-    for (uint32_t i = 0; status == PRT_OK && i < e->n; i++)
-        memcpy(e->got[i], e->all[e->vertex[i]], sizeof e->got[i]);
-    if (status == PRT_OK) *error = prt_relative_rmse(e->got[0], e->want[0], (size_t)e->n * 3);
+    quiet.log = drop_warnings, quiet.log_user = (void *)(uintptr_t)e->ctx;
+    for (unsigned m = 0; m < e->n_medium; m++) medium[m] = &e->medium[m];
+    int status = prt_reference_many(&quiet, &t->mesh, e->n_medium, medium, 1, &light, &options,
+                                    e->want);
+    for (unsigned m = 0; status == PRT_OK && m < e->n_medium; m++) {
+        struct prt_query query = {.term = answer, .light = light,
+                                  .material = m ? &e->medium[m] : NULL};
+        status = prt_answer_colors(e->ctx, t, &query, e->all);
+        for (uint32_t i = 0; status == PRT_OK && i < e->n; i++)
+            memcpy(e->got[i], e->all[e->vertex[i]], sizeof e->got[i]);
+        if (status) break;
+        double now = prt_relative_rmse(e->got[0], e->want[m][0], (size_t)e->n * 3);
+        e->worst[m] = fmax(e->worst[m], now);
+        if (!m) *error = now;
+    }
     return status;
+}
+
+// "media":{...} of a free material's, the worst light each, and the worst of all.
+static size_t tell_worst(const struct examination *e, char *out, size_t n)
+{
+    double worst = e->worst[0];
+    size_t at = 0;
+    for (unsigned m = 1; m < e->n_medium; m++) {
+        at += (size_t)snprintf(out + at, n - at, "%s\"%s\":%.6f", m > 1 ? "," : "\"media\":{",
+                               e->medium[m].name, e->worst[m]);
+        worst = fmax(worst, e->worst[m]);
+    }
+    return at + (size_t)snprintf(out + at, n - at, "%s\"worst\":%.6f", at ? "}," : "", worst);
 }
 
 int measure_bake(const struct prt_context *ctx, const struct prt_transport *transport,
@@ -105,8 +169,9 @@ int measure_bake(const struct prt_context *ctx, const struct prt_transport *tran
     e.vertex = prt_alloc(n_vertex, sizeof *e.vertex);
     e.all = prt_alloc(transport->mesh.n_vertex, sizeof *e.all);
     e.got = prt_alloc(n_vertex, sizeof *e.got);
-    e.want = prt_alloc(n_vertex, sizeof *e.want);
-    int status = e.vertex && e.all && e.got && e.want ? PRT_OK : PRT_NOMEM;
+    int status = e.vertex && e.all && e.got ? choose_media(&e) : PRT_NOMEM;
+    for (unsigned m = 0; status == PRT_OK && m < e.n_medium; m++)
+        if (!(e.want[m] = prt_alloc(n_vertex, sizeof *e.want[m]))) status = PRT_NOMEM;
     if (status == PRT_OK)
         e.n = draw_vertices(&transport->mesh, n_vertex, seed, e.vertex);
     bool single = false;
@@ -115,6 +180,7 @@ int measure_bake(const struct prt_context *ctx, const struct prt_transport *tran
     size_t at = (size_t)snprintf(errors, n, "{\"vertices\":%u,\"multiple\":{", e.n);
     for (unsigned term = 0; term < (single ? 2u : 1u); term++) {
         if (term) at += (size_t)snprintf(errors + at, n - at, "},\"single\":{");
+        memset(e.worst, 0, sizeof e.worst);
         for (unsigned l = 0; status == PRT_OK && e.n && l < (own ? 1 : MEASURE_LIGHTS); l++) {
             struct prt_cube light = {0};
             double error = 0;
@@ -125,17 +191,16 @@ int measure_bake(const struct prt_context *ctx, const struct prt_transport *tran
                                  term ? PRT_REFERENCE_SINGLE : PRT_REFERENCE_MULTIPLE,
                                  own ? own : &light, &error);
             prt_cube_finish(&light);
-            e.worst[term] = fmax(e.worst[term], error);
             at += (size_t)snprintf(errors + at, n - at, "\"%s\":%.6f,",
                                    own ? "own" : measure_light_name[l],
                                    error);
         }
-        at += (size_t)snprintf(errors + at, n - at, "\"worst\":%.6f", e.worst[term]);
+        at += tell_worst(&e, errors + at, n - at);
     }
     snprintf(errors + at, n - at, "}}");
     prt_free(e.vertex);
     prt_free(e.all);
     prt_free(e.got);
-    prt_free(e.want);
+    for (unsigned m = 0; m < e.n_medium; m++) prt_free(e.want[m]);
     return status;
 }

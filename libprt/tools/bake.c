@@ -100,13 +100,19 @@ static int report(struct tool *tool, double seconds)
     int status = prt_file_open(&tool->ctx, o->out, PRT_FILE_CHECK_HEADERS, &file);
     if (status) return tool_exit(tool, status);
     const struct prt_transport *t = prt_file_transport(file);
-    double bytes = (double)prt_file_bytes(file);
+    double bytes = (double)prt_file_bytes(file), a_vertex = 0;
+    for (uint32_t i = 0; i < t->n_tensor; i++) {
+        uint64_t u_bytes, row_bytes;
+        prt_tensor_bytes(&t->tensor[i], &u_bytes, &row_bytes);
+        a_vertex += (double)(u_bytes + row_bytes) / t->mesh.n_vertex;
+    }
     if (o->json) {
         cJSON *root = cJSON_CreateObject();
         cJSON_AddStringToObject(root, "out", o->out);
         cJSON_AddNumberToObject(root, "seconds", seconds);
         cJSON_AddNumberToObject(root, "bytes", bytes);
         cJSON_AddNumberToObject(root, "vertices", t->mesh.n_vertex);
+        cJSON_AddNumberToObject(root, "bytes_per_vertex", a_vertex);
         cJSON *errors = t->errors ? cJSON_Parse(t->errors) : NULL;
         if (errors) cJSON_AddItemToObject(root, "errors", errors);
         char *text = cJSON_PrintUnformatted(root);
@@ -114,8 +120,8 @@ static int report(struct tool *tool, double seconds)
         free(text);
         cJSON_Delete(root);
     } else if (!o->quiet) {
-        printf("%s: %u vertices, %.1f MB, baked in %.1f s\n", o->out, t->mesh.n_vertex,
-               bytes * 1e-6, seconds);
+        printf("%s: %u vertices, %.1f MB, %.0f bytes of transport a vertex, baked in %.1f s\n",
+               o->out, t->mesh.n_vertex, bytes * 1e-6, a_vertex, seconds);
         if (t->errors && *t->errors) printf("measured error: %s\n", t->errors);
     }
     prt_file_close(file);

@@ -161,16 +161,6 @@ static void wavelet_floor(void **state)
     floor_is_lit_by(PRT_ENGINE_WAVELET, "wavelet");
 }
 
-static void joint_floor(void **state)
-{
-    floor_is_lit_by(PRT_ENGINE_JOINT, "joint");
-}
-
-static void polynomial_floor(void **state)
-{
-    floor_is_lit_by(PRT_ENGINE_POLYNOMIAL, "polynomial");
-}
-
 // A floor far from the body, under a constant light of 1, gives its albedo back: albedo/pi E with
 // E = pi, less what the ball hides of the sky.
 static void floor_returns_its_albedo(void **state)
@@ -226,8 +216,6 @@ int main(void)
     snprintf(path, sizeof path, "%s/a.prt", folder);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(wavelet_floor),
-        cmocka_unit_test(joint_floor),
-        cmocka_unit_test(polynomial_floor),
         cmocka_unit_test(floor_returns_its_albedo),
         cmocka_unit_test(eta_one_has_no_boundary),
     };

@@ -164,7 +164,7 @@ check grep -q '"engine":"reference"' out
 # bake, then everything a .prt answers.
 bake="--samples 2000 --cube 16 --single-points 4 --threads 2"
 expect 0 '' "$prt" bake ball.obj $scaled $bake -o ball.prt
-check grep -q 'ball.prt' out
+check grep -Eq 'ball.prt: .* [0-9]+ bytes of transport a vertex' out
 expect 0 '' "$prt" bake ball.obj $scaled $bake --threads 1 --progress-fd 1 -o again.prt
 check cmp ball.prt again.prt
 expect 0 '' "$prt" bake ball.obj $scaled $bake --shard 1/2 -o parts.prt
@@ -209,6 +209,7 @@ awk 'BEGIN { print "r,R_d"; for (i = 0; i <= 60; i++) { r = i * i / 200; print r
 wax='{"name":"wax","profile":"burley","albedo":[0.9,0.8,0.7],"mean_free_path":3}'
 expect 0 'baked for eta 1.3' "$prt" bake ball.obj --size-mm 20 $bake --no-single -o joint.prt
 expect 0 '' "$prt" info joint.prt --json
+check grep -Eq '"media":\{"skin1":[0-9.]+,"ketchup":[0-9.]+,"skimmilk":[0-9.]+\},"worst"' out
 check grep -q '"engine":"joint"' out
 check grep -q '"cluster_rank":{"min":' out
 check grep -q '"preset_worst_error":' out
