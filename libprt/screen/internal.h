@@ -263,6 +263,9 @@ int scatter_tree(struct frame *f, const struct radial_table *table, const struct
 int frame_atlas(struct frame *f, uint32_t n);
 float smallest_mean_free_path(const struct frame *f);
 
+/* R_d exp(-(r / own_mm[object])^2) at every point, from the picture's own irradiance. */
+int own_light(struct frame *f, const double *own_mm);
+
 /* C08's local pattern at every receiver. */
 int scatter_pattern(struct frame *f, double r_p, float spacing, float reach);
 

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { CELL_TURNS = 2, OWN_LIGHTS = 4 };
+enum { CELL_TURNS = 2 };
 
 double prt_screen_split_radius(const struct prt_dipole dipole[3], double bound)
 {
@@ -347,37 +347,6 @@ static struct radial_table *disc_tables(const struct frame *f, const struct draw
             split_table(f, o, r_p, own_mm[o], false, drawn->disc_mm[o][k],
                         f->screen->diameter_mm, &table[o * CLASSES + k]);
     return table;
-}
-
-// Light of what lies nearer than the drawn points can tell, from the receiver's own irradiance: a
-// control variate, so that the points stand only for what lies further. Under few lights every
-// point of the G-buffer has E of its own, else receivers a mean free path apart do.
-static int own_light(struct frame *f, const double *own_mm)
-{
-    bool all = f->n_light <= OWN_LIGHTS || f->options->vertex_irradiance;
-    double(*share)[3] = calloc((size_t)f->n_object + 1, sizeof *share);
-    struct samples s = {0};
-    int status = PRT_OK;
-    if (!share) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    for (uint32_t o = 0; o < f->n_object; o++)
-        if (own_mm[o] > 0) own_share(f, o, own_mm[o], share[o]);
-    if (!all) status = receive_begin(f, (double)smallest_mean_free_path(f));
-    uint32_t n = all || status ? f->g.n_point : f->view->n_column;
-    if (!status && !seen_samples(f, n, all ? NULL : f->view->leader, &s))
-        status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for %u points", n);
-    if (!status) status = frame_irradiance(f, &s);
-    for (uint32_t i = 0; i < n && !status; i++) {
-        const double *own = share[s.object[i]];
-        for (int c = 0; c < 3; c++) {
-            float b = s.e[c][i] * (float)own[c];
-            if (!all) f->sum[c][i] = b;
-            else if (!f->g.opaque[i]) f->radiance[i][c] += b * (float)(1 / M_PI);
-        }
-    }
-    if (!status && !all) status = receive_end(f);
-    samples_finish(&s);
-    free(share);
-    return status;
 }
 
 // The near part: every light-view point or texel within reach.
