@@ -11,7 +11,7 @@
 // One evaluation that a pass makes.
 struct want {
     struct want *next;
-    struct memo_entry *entry, *file, *light, *contracted;
+    struct memo_entry *entry, *file, *light, *contracted, *fixed;
     struct answer_query query;
     struct answer *answer;
     int status;
@@ -30,6 +30,13 @@ struct pass {
 static const struct prt_transport *transport_of(const struct want *w)
 {
     return prt_file_transport(w->file->value);
+}
+
+// The transport with the material put in has no question of material left.
+static const struct prt_transport *asked_of(const struct want *w)
+{
+    return w->fixed ? prt_fixed_transport(((struct fixed *)w->fixed->value)->fixed)
+                    : transport_of(w);
 }
 
 static struct prt_query query_of(const struct want *w)
@@ -64,17 +71,27 @@ static int make_room(const struct prt_context *ctx, struct want *w)
     return PRT_OK;
 }
 
+// Those of one transport share a reading of it.
 static int answer_together(const struct prt_context *ctx, struct want *const want[], unsigned n)
 {
     struct prt_query query[PRT_RELIGHT_MAX_LIGHTS];
-    bool planes[PRT_RELIGHT_MAX_LIGHTS];
+    bool planes[PRT_RELIGHT_MAX_LIGHTS], done[PRT_RELIGHT_MAX_LIGHTS] = {false};
     float *out[PRT_RELIGHT_MAX_LIGHTS];
-    for (unsigned i = 0; i < n; i++) {
-        query[i] = query_of(want[i]);
-        planes[i] = want[i]->query.planes;
-        out[i] = want[i]->answer->values;
+    int status = PRT_OK;
+    for (unsigned first = 0; first < n && !status; first++) {
+        const struct prt_transport *t = asked_of(want[first]);
+        unsigned m = 0;
+        for (unsigned i = first; i < n; i++) {
+            if (done[i] || asked_of(want[i]) != t) continue;
+            done[i] = true;
+            query[m] = query_of(want[i]);
+            if (want[i]->fixed) query[m].material = NULL;
+            planes[m] = want[i]->query.planes;
+            out[m++] = want[i]->answer->values;
+        }
+        if (m) status = prt_answer_many(ctx, t, m, query, planes, out);
     }
-    return prt_answer_many(ctx, transport_of(want[0]), n, query, planes, out);
+    return status;
 }
 
 static void fail_want(struct work *work, struct want *w, int status)
@@ -164,6 +181,7 @@ static void done_pass(struct work *work)
         memo_release(w->file);
         memo_release(w->light);
         memo_release(w->contracted);
+        memo_release(w->fixed);
         free(w);
         w = next;
     }
@@ -171,7 +189,8 @@ static void done_pass(struct work *work)
 
 struct memo_entry *answer_get(struct model *model, const char *key,
                               const struct answer_query *query, struct memo_entry *file,
-                              struct memo_entry *light, struct memo_entry *contracted)
+                              struct memo_entry *light, struct memo_entry *contracted,
+                              struct memo_entry *fixed)
 {
     bool fresh;
     struct memo_entry *entry = memo_get(model->server->memo, key, &fresh);
@@ -191,10 +210,14 @@ struct memo_entry *answer_get(struct model *model, const char *key,
         return entry;
     }
     *w = (struct want){.entry = entry, .file = file, .light = light, .contracted = contracted,
-                       .query = *query};
+                       .fixed = fixed, .query = *query};
     if (contracted) {
         memo_hold(contracted);
         model->server->stats.edits++;
+    }
+    if (fixed) {
+        memo_hold(fixed);
+        model->server->stats.fixed_used++;
     }
     memo_hold(entry);
     memo_hold(file);

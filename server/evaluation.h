@@ -37,9 +37,21 @@ struct contracted {
     struct memo_entry *file; /* whose transport it refers to */
 };
 /* A joint transport under a light, contracted once it has been asked for twice, for whatever
- * material comes. NULL: a plain pass is as good. */
+ * material comes. NULL: a plain pass is as good. Not `make`: only what is there already. */
 struct memo_entry *contracted_get(struct model *model, uint64_t generation,
-                                  struct memo_entry *file, struct memo_entry *light);
+                                  struct memo_entry *file, struct memo_entry *light, bool make);
+
+/* ---- fixed.c: struct fixed ---- */
+
+struct fixed {
+    struct prt_fixed *fixed;
+    struct memo_entry *file; /* whose transport it refers to */
+};
+/* A joint transport with a material put in, for whatever light comes, once it is there: after so
+ * many lights have been asked for with the material (NULL: the bake's). NULL: a plain pass. */
+struct memo_entry *fixed_get(struct model *model, uint64_t generation, struct memo_entry *file,
+                             const struct memo_entry *light, const struct prt_material *material,
+                             const char *material_key);
 
 /* ---- answers.c: struct answer, through passes that are shared ---- */
 
@@ -57,11 +69,12 @@ struct answer_query {
     struct prt_material material;
     float eye[3];          /* mm */
 };
-/* The entry of `key`; when it is not there yet, it joins the model's next pass. file, light and
- * contracted are held by the pass (the last two may be NULL). */
+/* The entry of `key`; when it is not there yet, it joins the model's next pass. file, light,
+ * contracted and fixed are held by the pass (the last three may be NULL). */
 struct memo_entry *answer_get(struct model *model, const char *key,
                               const struct answer_query *query, struct memo_entry *file,
-                              struct memo_entry *light, struct memo_entry *contracted);
+                              struct memo_entry *light, struct memo_entry *contracted,
+                              struct memo_entry *fixed);
 
 /* ---- irradiance.c: struct answer of one plane, E at the vertices ---- */
 

@@ -85,7 +85,7 @@ static bool takes_light_first(const struct prt_transport *t)
 }
 
 struct memo_entry *contracted_get(struct model *model, uint64_t generation,
-                                  struct memo_entry *file, struct memo_entry *light)
+                                  struct memo_entry *file, struct memo_entry *light, bool make)
 {
     char key[RENDER_MAX_LIGHTS * 200 + 200];
     struct memo *memo = model->server->memo;
@@ -96,7 +96,7 @@ struct memo_entry *contracted_get(struct model *model, uint64_t generation,
              (unsigned long long)generation, (unsigned long long)(uintptr_t)file->value,
              light->key);
     struct memo_entry *entry = memo_find(memo, key);
-    if (entry) return entry;
+    if (entry || !make) return entry;
     char mark[sizeof key];
     snprintf(mark, sizeof mark, "%s/%llu/asked/%s", model->key, (unsigned long long)generation,
              light->key);

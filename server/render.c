@@ -45,6 +45,7 @@ struct render {
     struct need shape, screen_answer;
     struct need file, env[RENDER_MAX_LIGHTS], light[RENDER_MAX_LIGHTS], answer[RENDER_MAX_LIGHTS];
     struct need contracted[RENDER_MAX_LIGHTS];
+    struct memo_entry *fixed[RENDER_MAX_LIGHTS]; // held, ready; NULL: the file does
     struct need visibility, specular, background, map[3];
     struct prt_camera camera;
     uint64_t start_ns;
@@ -92,6 +93,8 @@ static void release_needs(struct render *r)
         memo_release(r->answer[i].entry);
         r->env[i].entry = r->light[i].entry = r->answer[i].entry = NULL;
         r->contracted[i].entry = NULL;
+        memo_release(r->fixed[i]);
+        r->fixed[i] = NULL;
     }
 }
 
@@ -656,7 +659,8 @@ static void answer_query(const struct render *r, unsigned i, struct answer_query
                  query->term, s->material_key, eye, light ? light->key : "fixed");
 }
 
-// Lights that somebody has asked for before: their part of the answer is made once.
+// Materials that stay and lights that somebody has asked for before: their part of the answer is
+// made once.
 static void ask_contracted(struct render *r)
 {
     if (r->screen || fixed_light(r) || r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE) return;
@@ -667,8 +671,15 @@ static void ask_contracted(struct render *r)
         struct memo_entry *answer = memo_find(r->server->memo, key);
         memo_release(answer);
         if (answer) continue; // or is on its way
-        struct memo_entry *entry = contracted_get(r->model, r->generation, r->file.entry,
-                                                  r->light[i].entry);
+        struct memo_entry *light = r->light[i].entry;
+        struct memo_entry *entry = contracted_get(r->model, r->generation, r->file.entry, light,
+                                                  false);
+        if (!entry)
+            r->fixed[i] = fixed_get(r->model, r->generation, r->file.entry, light,
+                                    query.has_material ? &query.material : NULL,
+                                    r->spec.material_key);
+        if (!entry && !r->fixed[i])
+            entry = contracted_get(r->model, r->generation, r->file.entry, light, true);
         if (entry) need_entry(r, &r->contracted[i], entry);
     }
 }
@@ -688,7 +699,7 @@ static void ask_answers(struct render *r)
                    r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE
                        ? irradiance_get(r->server, key, &query, r->file.entry, light)
                        : answer_get(r->model, key, &query, r->file.entry, light,
-                                    r->contracted[i].entry));
+                                    r->contracted[i].entry, r->fixed[i]));
     }
 }
 

@@ -95,6 +95,8 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     C("relights_shared", s->shared, "evaluations that shared a pass");
     C("lights_contracted", s->contractions, "joint transports contracted with a light, to be kept");
     C("edits", s->edits, "evaluations made of a contracted light");
+    C("materials_fixed", s->materials_fixed, "materials put into joint transports, to be kept");
+    C("relights_fixed", s->fixed_used, "evaluations made of a material put in");
     C("cache_hits", cache.hits, "shared results found");
     C("cache_misses", cache.misses, "shared results made");
     C("cache_evictions", cache.evictions, "shared results dropped for room");
