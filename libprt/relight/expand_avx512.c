@@ -40,8 +40,9 @@ INLINE void put16(const struct expand_job *job, uint32_t v, uint32_t t, bool row
 
 // One triple. Reading 64 bytes of each of some forty rows in turn defeats the memory system, so
 // rows come in groups of up to eight, read along CHUNK vertices while sums wait in the first
-// cache; the next group's bytes are fetched meanwhile.
-enum { CHUNK = 1024 };
+// cache; the next group's bytes are fetched meanwhile. Polynomial transport, three times the rows,
+// comes to the second cache: the first has too few places for lines that are still to come.
+enum { CHUNK = 1024, RADIAL_CHUNK = 2048 };
 
 struct chunk {
     const uint16_t *u;    // first row of the group, first vertex of the chunk
@@ -88,7 +89,7 @@ INLINE void radial_group(const struct chunk *c, const int n_function, bool first
             __m512 x = first ? _mm512_setzero_ps() : _mm512_load_ps(sum + 16 * ch);
             for (int k = 0; k < n_function; k++) {
                 size_t row = (size_t)(3 * k + ch) * stride;
-                if (!(v & 16)) _mm_prefetch((const char *)(next + row), _MM_HINT_T0);
+                if (!(v & 16)) _mm_prefetch((const char *)(next + row), _MM_HINT_T1);
                 x = _mm512_fmadd_ps(load_u(u + row),
                                     _mm512_set1_ps(b[(size_t)k * c->b_stride + (size_t)ch]), x);
             }
@@ -115,14 +116,15 @@ INLINE uint32_t run_group(const struct chunk *c, uint32_t left, bool first, bool
 
 INLINE void expand_chunks(const struct expand_job *job, uint32_t t, bool radial)
 {
-    float sum[3 * CHUNK] __attribute__((aligned(64)));
+    const uint32_t most = radial ? RADIAL_CHUNK : CHUNK;
+    float sum[3 * RADIAL_CHUNK] __attribute__((aligned(64)));
     const size_t rows = radial ? 3 : 1, group = radial ? 4 : 8;
     const uint16_t *base = job->u + (radial ? (size_t)t * job->rank * 3 * job->stride : 0);
-    for (uint32_t v0 = job->begin; v0 < job->end; v0 += CHUNK) {
-        uint32_t n = job->end - v0 < CHUNK ? job->end - v0 : CHUNK;
+    for (uint32_t v0 = job->begin; v0 < job->end; v0 += most) {
+        uint32_t n = job->end - v0 < most ? job->end - v0 : most;
         struct chunk c = {
             .stride = job->stride, .b_stride = job->b_stride, .n = (n + 15) & ~15u, .sum = sum};
-        if (!job->rank) memset(sum, 0, sizeof sum);
+        if (!job->rank) memset(sum, 0, 3 * c.n * sizeof *sum);
         claim(job, t, v0, n);
         for (uint32_t r = 0; r < job->rank;) {
             c.u = base + v0 + r * rows * job->stride;
@@ -130,8 +132,8 @@ INLINE void expand_chunks(const struct expand_job *job, uint32_t t, bool radial)
             // memory: the next plane or cluster; a prefetch of nothing does no harm
             uint32_t left = job->rank - r;
             c.next = left > group                 ? c.u + group * rows * job->stride
-                     : v0 + CHUNK < job->end ? base + v0 + CHUNK
-                                                  : c.u + left * rows * job->stride;
+                     : v0 + most < job->end ? base + v0 + most
+                                            : c.u + left * rows * job->stride;
             c.b = job->b + r * job->b_stride + (radial ? 0 : 3 * t);
             r += run_group(&c, left, r == 0, radial);
         }
