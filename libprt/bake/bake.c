@@ -210,7 +210,7 @@ int bake_opaque_rows(struct bake *b, uint32_t c, uint32_t *block)
                     row[2 * (size_t)n_coef + k] * (albedo[ch] / (float)M_PI);
     }
     struct dense_rows rows = {t, n, 3, n_coef};
-    struct row_source source = {&rows, n, dense_multiply, dense_project};
+    struct row_source source = {&rows, n, dense_multiply, dense_project, NULL};
     int status = bake_take_rows(b, c, 3, &source);
     prt_free(t);
     return status;
@@ -232,7 +232,8 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
         status = cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters, (uint32_t)c,
                            &b->radial, &cut);
         struct product_rows rows = {&b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3};
-        struct row_source source = {&rows, rows.n_vertex, product_multiply, product_project};
+        struct row_source source = {&rows, rows.n_vertex, product_multiply, product_project,
+                                    product_blend};
         if (status == PRT_OK) status = bake_take_rows(b, (uint32_t)c, 3, &source);
         cut_finish(&cut);
     }
@@ -260,7 +261,7 @@ int bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
                 single_rows(&b->single, &fresnel, b->clusters->order[cluster->vertex_begin + i],
                             t + (size_t)i * F * n_coef, scratch);
         struct dense_rows rows = {t, cluster->n_vertex, F, n_coef};
-        struct row_source source = {&rows, cluster->n_vertex, dense_multiply, dense_project};
+        struct row_source source = {&rows, cluster->n_vertex, dense_multiply, dense_project, NULL};
         if (status == PRT_OK) status = bake_take_rows(b, (uint32_t)c, F, &source);
         prt_free(t);
     }

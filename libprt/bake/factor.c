@@ -133,35 +133,62 @@ static int keep_rows(const struct factor_plan *plan, float *b, struct factored *
     return PRT_OK;
 }
 
-int factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan,
-                   const struct row_source *source, struct factored *out)
+// The first m of `wide` columns, [rows][m].
+static float *narrow(const float *y, size_t rows, uint32_t wide, uint32_t m)
 {
-    uint32_t n_vertex = source->n_vertex, m = plan->n_probe, n_coef = 6 * plan->n * plan->n;
-    size_t block = (size_t)n_vertex * m;
-    memset(out, 0, sizeof *out);
-    out->n_vertex = n_vertex;
-    float *y = prt_alloc(plan->n_function * block, sizeof *y);
-    float *t = prt_alloc(plan->n_train * block, sizeof *t), *b = NULL;
-    int status = y && t ? source->multiply(source->user, plan->probe, m, y) : PRT_NOMEM;
-    if (status == PRT_OK) {
-        combine(plan, y, block, t);
-        status = basis_of(t, n_vertex, plan->n_train, m, plan->max_rank, out);
-    }
-    prt_free(y);
-    prt_free(t);
-    if (status == PRT_OK) {
-        b = prt_alloc((size_t)out->rank * plan->n_function * n_coef + 1, sizeof *b);
-        status = b ? PRT_OK : PRT_NOMEM;
-    }
-    while (status == PRT_OK && out->rank > 1 &&
-           out->tail[out->rank - 1] <= plan->tail_error * plan->tail_error * out->tail[0])
-        out->rank--;
+    float *out = prt_alloc(rows * m, sizeof *out);
+    for (size_t i = 0; out && i < rows; i++) memcpy(out + i * m, y + i * wide, m * sizeof *out);
+    return out;
+}
+
+// Every function of every column of U.
+static int project_all(const struct factor_plan *plan, const struct row_source *source,
+                       struct factored *out)
+{
+    uint32_t n_coef = 6 * plan->n * plan->n;
+    float *b = prt_alloc((size_t)out->rank * plan->n_function * n_coef + 1, sizeof *b);
+    int status = b ? PRT_OK : PRT_NOMEM;
     if (status == PRT_OK && out->rank)
         status = source->project(source->user, out->u, out->rank, b);
     for (size_t i = 0; status == PRT_OK && i < (size_t)out->rank * plan->n_function; i++)
         to_haar(plan, b + i * n_coef);
     if (status == PRT_OK) status = plan->train ? mix_rows(plan, b, out) : keep_rows(plan, b, out);
     prt_free(b);
+    return status;
+}
+
+int factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan,
+                   const struct row_source *source, struct factored *out)
+{
+    uint32_t n_vertex = source->n_vertex, m = plan->n_probe;
+    bool blend = plan->train && source->blend;
+    uint32_t wide = blend ? m + 6 : m;
+    size_t block = (size_t)n_vertex * m;
+    memset(out, 0, sizeof *out);
+    out->n_vertex = n_vertex;
+    float *faces = blend ? mix_faces(plan) : NULL, *own = NULL;
+    float *y = prt_alloc((size_t)plan->n_function * n_vertex * wide, sizeof *y);
+    float *t = prt_alloc(plan->n_train * block, sizeof *t);
+    int status = y && t && (faces || !blend) ? PRT_OK : PRT_NOMEM;
+    if (status == PRT_OK)
+        status = source->multiply(source->user, faces ? faces : plan->probe, wide, y);
+    if (status == PRT_OK && blend) {
+        own = narrow(y, (size_t)plan->n_function * n_vertex, wide, m);
+        if (!own) status = PRT_NOMEM;
+    }
+    if (status == PRT_OK) {
+        combine(plan, own ? own : y, block, t);
+        status = basis_of(t, n_vertex, plan->n_train, m, plan->max_rank, out);
+    }
+    prt_free(faces);
+    prt_free(own);
+    prt_free(t);
+    while (status == PRT_OK && out->rank > 1 &&
+           out->tail[out->rank - 1] <= plan->tail_error * plan->tail_error * out->tail[0])
+        out->rank--;
+    if (status == PRT_OK)
+        status = blend ? mix_blend(plan, source, y, out) : project_all(plan, source, out);
+    prt_free(y);
     if (status == PRT_INTERNAL)
         status = prt_fail(ctx, status, "transport of a cluster of %u vertices does not factor",
                           n_vertex);

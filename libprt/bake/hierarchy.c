@@ -48,7 +48,7 @@ static void measure_node(const struct prt_surface_points *s, const uint32_t *ord
         double a = fmax(s->area[id], 1e-30);
         area += a;
         for (int k = 0; k < 3; k++) {
-            float p = s->position[id][k];
+            float p = s->centre[id][k];
             sum[k] += a * p;
             node->box[0][k] = fminf(node->box[0][k], p);
             node->box[1][k] = fmaxf(node->box[1][k], p);
@@ -56,6 +56,15 @@ static void measure_node(const struct prt_surface_points *s, const uint32_t *ord
     }
     node->area = (float)area;
     for (int k = 0; k < 3; k++) node->centre[k] = (float)(sum[k] / area);
+    double spread = 0;
+    for (uint32_t i = node->begin; i < node->begin + node->count; i++) {
+        uint32_t id = order[i];
+        double own = pow((double)s->spread[id], 2);
+        for (int k = 0; k < 3; k++)
+            own += 0.5 * pow((double)s->centre[id][k] - (double)node->centre[k], 2);
+        spread += fmax(s->area[id], 1e-30) * own;
+    }
+    node->spread = (float)sqrt(spread / area);
 }
 
 static uint32_t build(const struct prt_surface_points *s, struct hierarchy *h, uint32_t begin,

@@ -27,7 +27,8 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
                            &radial, &cut);
         struct product_rows rows = {&b->irradiance, &cut, b->clusters->cluster[c].n_vertex,
                                     radial.n};
-        struct row_source source = {&rows, rows.n_vertex, product_multiply, product_project};
+        struct row_source source = {&rows, rows.n_vertex, product_multiply, product_project,
+                                    product_blend};
         if (status == PRT_OK) status = bake_take_rows(b, (uint32_t)c, radial.n, &source);
         cut_finish(&cut);
     }

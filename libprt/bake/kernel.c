@@ -7,11 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const float open_solid_angle = 0.02f;  // JB02's epsilon [sr]
-static const float open_extent = 0.5f;        // node extent against the kernel's own scale,
+static const float open_solid_angle = 0.04f;  // JB02's epsilon [sr]
+static const float open_extent = 1;           // node extent against the kernel's own scale,
 static const float open_lengths = 4;          // which is 1/sigma_tr but not below r/4: what falls
                                               // faster has nothing left at r
-static const float near_spacings = 5;         // within them the cell is integrated
+static const float near_spacings = 3.5f;      // within them the cell is integrated
 
 struct cut_build {
     const struct prt_surface_points *s;
@@ -91,20 +91,25 @@ static void fill_column(const struct prt_mesh *mesh, const struct cut_build *b,
     bool is_sample = row < b->s->n_sample;
     uint32_t sample = is_sample ? b->h->order[row] : 0;
     const struct node *node = is_sample ? NULL : &b->h->node[row - b->s->n_sample];
-    const float *p = is_sample ? b->s->position[sample] : node->centre;
-    float area = (is_sample ? b->s->area[sample] : node->area) * (float)(1 / M_PI);
+    const float *p = is_sample ? b->s->centre[sample] : node->centre;
+    float area = (is_sample ? b->s->area[sample] : node->area) * (float)(0.5 / M_PI);
+    float spread = is_sample ? b->s->spread[sample] : node->spread;
     size_t stride = (size_t)n * b->cut->n_column;
-    float *r2 = scratch, *value[64], *inner = scratch + n, one[64];
-    for (uint32_t f = 0; f < radial->n; f++)
+    float *r2 = scratch, *afar = r2 + n, *both = afar + 2 * n, *value[64], *at[64];
+    float *inner = both + 2 * (size_t)n * radial->n, one[64];
+    for (uint32_t f = 0; f < radial->n; f++) {
         value[f] = b->cut->k + f * stride + (size_t)column * n;
+        at[f] = both + 2 * (size_t)n * f;
+    }
     for (uint32_t v = 0; v < n; v++) {
         const float *x = mesh->position[clusters->order[cluster->vertex_begin + v]];
         float d0 = p[0] - x[0], d1 = p[1] - x[1], d2 = p[2] - x[2];
         r2[v] = d0 * d0 + d1 * d1 + d2 * d2;
+        prt_surface_afar(r2[v], spread, &afar[v], &afar[n + v]);
     }
-    radial->eval(radial->user, cpu, n, r2, value);
+    radial->eval(radial->user, cpu, 2 * (size_t)n, afar, at);
     for (uint32_t f = 0; f < radial->n; f++)
-        for (uint32_t v = 0; v < n; v++) value[f][v] *= area;
+        for (uint32_t v = 0; v < n; v++) value[f][v] = area * (at[f][v] + at[f][n + v]);
     if (!is_sample) return;
     for (uint32_t v = 0; v < n; v++) {
         if (r2[v] > b->near_mm * b->near_mm) continue;
@@ -140,7 +145,8 @@ int cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
         cut->k = prt_alloc(cut->k_capacity, sizeof *cut->k);
         if (!cut->k) cut->k_capacity = 0, status = PRT_NOMEM;
     }
-    float *scratch = prt_alloc(cluster->n_vertex + 128u * (radial->n + 1), sizeof *scratch);
+    float *scratch = prt_alloc((3 + 2 * (size_t)radial->n) * cluster->n_vertex + 128 * (radial->n + 1),
+                               sizeof *scratch);
     if (!scratch) status = PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < cut->n_column; i++)
         fill_column(mesh, &b, clusters, cluster, radial, ctx->cpu, i, scratch);

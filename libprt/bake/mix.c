@@ -11,6 +11,7 @@
 #include <string.h>
 
 enum { MOST = 32 };                // directions held of a row before the choice
+static const double direction_share = 2e-8; // of a cluster's energy: a direction with less is not made
 static const double metric_floor = 1e-5; // of the metric: media beside the training have a say, too
 
 struct metric {
@@ -35,16 +36,14 @@ static int metric_create(const struct factor_plan *plan, struct metric *m)
     return LAPACKE_dpotrf(LAPACK_ROW_MAJOR, 'L', (int)n, m->l, (int)n) ? PRT_INTERNAL : PRT_OK;
 }
 
-// Directions of one row's b [n][n_coef] by falling energy over training: forward [d][n] makes
-// their coefficients, back [d][n] the functions of them. work: [2 n n + n].
-static int directions(const struct metric *m, const float *b, uint32_t n_coef,
-                      uint32_t n_direction, double *work, float *gram, float *forward,
-                      float *back)
+// Directions of one row by falling energy over training, from its gram [n][n] (lower) of
+// functions: forward [d][n] makes their coefficients, back [d][n] the functions of them, value
+// [d] is their energy. work: [2 n n + n].
+static int directions(const struct metric *m, const float *gram, uint32_t n_direction,
+                      double *work, float *forward, float *back, double *energy)
 {
     const int n = (int)m->n;
     double *g = work, *v = work + (size_t)n * (size_t)n, *value = v + (size_t)n * (size_t)n;
-    cblas_ssyrk(CblasRowMajor, CblasLower, CblasNoTrans, n, (int)n_coef, 1, b, (int)n_coef, 0,
-                gram, n);
     for (int i = 0; i < n; i++)
         for (int j = 0; j <= i; j++) g[i * n + j] = g[j * n + i] = (double)gram[i * n + j];
     // l^T (b b^T) l
@@ -59,11 +58,13 @@ static int directions(const struct metric *m, const float *b, uint32_t n_coef,
     cblas_dtrsm(CblasRowMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, n, 1, m->l,
                 n, g,
                 n); // l^-T v
-    for (uint32_t d = 0; d < n_direction; d++)
+    for (uint32_t d = 0; d < n_direction; d++) {
+        energy[d] = fmax(value[n - 1 - (int)d], 0);
         for (int j = 0; j < n; j++) {
             forward[d * m->n + (uint32_t)j] = (float)v[j * n + n - 1 - (int)d];
             back[d * m->n + (uint32_t)j] = (float)g[j * n + n - 1 - (int)d];
         }
+    }
     return PRT_OK;
 }
 
@@ -77,53 +78,190 @@ static void keep(const float *x, uint32_t n, uint16_t *out, float *scale, float 
     prt_f32_to_f16_array(room, n, out);
 }
 
-int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
+// Room for rows of nd directions.
+static int allocate(const struct factor_plan *plan, uint32_t nd, struct factored *f)
 {
-    const uint32_t J = plan->n_function, n_coef = 6 * plan->n * plan->n,
-                   face = plan->n * plan->n;
-    const uint32_t nd = f->n_direction = J < MOST ? J : MOST;
+    const uint32_t J = plan->n_function, n_coef = 6 * plan->n * plan->n;
     size_t rows = (size_t)f->rank * nd;
-    struct metric m = {0};
-    double *work = malloc((2 * (size_t)J * J + J) * sizeof *work);
-    float *turned = prt_alloc((size_t)nd * n_coef + (size_t)J * J + (size_t)nd * J + n_coef,
-                              sizeof *turned);
-    f->b = prt_alloc(rows * n_coef + 1, sizeof *f->b);
-    f->scale = prt_alloc(rows + 1, sizeof *f->scale);
-    f->mix = prt_alloc(rows * J + 1, sizeof *f->mix);
+    f->n_direction = nd;
+    f->b = prt_calloc(rows * n_coef + 1, sizeof *f->b);
+    f->scale = prt_calloc(rows + 1, sizeof *f->scale);
+    f->mix = prt_calloc(rows * J + 1, sizeof *f->mix);
     f->scaling = prt_alloc((size_t)f->rank * 6 * J + 1, sizeof *f->scaling);
     f->energy = prt_calloc((size_t)f->rank * n_coef + 1, sizeof *f->energy);
     f->width = calloc(f->rank + 1u, 1);
     f->limit = calloc(f->rank + 1u, sizeof *f->limit);
     f->count = calloc(f->rank + 1u, sizeof *f->count);
-    int status = work && turned && f->b && f->scale && f->mix && f->scaling && f->energy &&
-                         f->width && f->limit && f->count
-                     ? metric_create(plan, &m)
-                     : PRT_NOMEM;
+    return f->b && f->scale && f->mix && f->scaling && f->energy && f->width && f->limit && f->count
+               ? PRT_OK
+               : PRT_NOMEM;
+}
+
+// Takes direction d of row r, Haar coefficients without scaling ones. room: [n_coef].
+static void take(struct factored *f, uint32_t r, uint32_t d, const float *x, uint32_t n_coef,
+                 float *room)
+{
+    size_t at = (size_t)r * f->n_direction + d;
+    float *energy = f->energy + (size_t)r * n_coef;
+    for (uint32_t k = 0; k < n_coef; k++) energy[k] += x[k] * x[k];
+    keep(x, n_coef, f->b + at * n_coef, f->scale + at, room);
+}
+
+int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
+{
+    const uint32_t J = plan->n_function, n_coef = 6 * plan->n * plan->n,
+                   face = plan->n * plan->n, nd = J < MOST ? J : MOST;
+    struct metric m = {0};
+    double *work = malloc((2 * (size_t)J * J + J + nd) * sizeof *work);
+    float *turned = prt_alloc((size_t)nd * n_coef + (size_t)J * J + (size_t)nd * J + n_coef,
+                              sizeof *turned);
+    int status = allocate(plan, nd, f);
+    if (!work || !turned) status = PRT_NOMEM;
+    if (status == PRT_OK) status = metric_create(plan, &m);
     float *gram = turned ? turned + (size_t)nd * n_coef : NULL;
     float *forward = turned ? gram + (size_t)J * J : NULL,
           *room = forward ? forward + nd * J : NULL;
     for (uint32_t r = 0; r < f->rank && !status; r++) {
-        float *row = b + (size_t)r * J * n_coef, *energy = f->energy + (size_t)r * n_coef;
+        float *row = b + (size_t)r * J * n_coef;
         for (uint32_t k = 0; k < 6; k++)
             for (uint32_t j = 0; j < J; j++) {
                 float *x = &row[(size_t)j * n_coef + (size_t)k * face];
                 f->scaling[((size_t)r * 6 + k) * J + j] = *x;
                 *x = 0;
             }
-        status =
-            directions(&m, row, n_coef, nd, work, gram, forward, f->mix + (size_t)r * nd * J);
+        cblas_ssyrk(CblasRowMajor, CblasLower, CblasNoTrans, (int)J, (int)n_coef, 1, row,
+                    (int)n_coef, 0, gram, (int)J);
+        status = directions(&m, gram, nd, work, forward, f->mix + (size_t)r * nd * J,
+                            work + 2 * (size_t)J * J + J);
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)nd, (int)n_coef, (int)J, 1,
                     forward, (int)J, row, (int)n_coef, 0, turned, (int)n_coef);
-        for (uint32_t d = 0; d < nd; d++) {
-            const float *x = turned + (size_t)d * n_coef;
-            for (uint32_t k = 0; k < n_coef; k++) energy[k] += x[k] * x[k];
-            keep(x, n_coef, f->b + ((size_t)r * nd + d) * n_coef, f->scale + (size_t)r * nd + d,
-                 room);
-        }
+        for (uint32_t d = 0; d < nd; d++) take(f, r, d, turned + (size_t)d * n_coef, n_coef, room);
     }
     free(m.l);
     free(work);
     prt_free(turned);
+    return status;
+}
+
+float *mix_faces(const struct factor_plan *plan)
+{
+    const uint32_t m = plan->n_probe, wide = m + 6, face = plan->n * plan->n;
+    float *x = prt_calloc(6 * (size_t)face * wide, sizeof *x);
+    for (uint32_t k = 0; x && k < 6 * face; k++) {
+        memcpy(x + (size_t)k * wide, plan->probe + (size_t)k * m, m * sizeof *x);
+        x[(size_t)k * wide + m + k / face] = plan->solid_angle[k] / (float)plan->n;
+    }
+    return x;
+}
+
+// The part of the probes' scaling coefficients, [6][n_probe].
+static void probe_scaling(const struct factor_plan *plan, float *out)
+{
+    const uint32_t m = plan->n_probe, face = plan->n * plan->n;
+    memset(out, 0, 6 * (size_t)m * sizeof *out);
+    for (uint32_t k = 0; k < 6 * face; k++)
+        for (uint32_t i = 0; i < m; i++)
+            out[k / face * m + i] +=
+                plan->probe[(size_t)k * m + i] / (plan->solid_angle[k] * (float)plan->n);
+}
+
+// What is known of the rows before they are made.
+struct blends {
+    uint32_t J, wide, m, nd;
+    float *row;             // [rank][J][wide] U's projection of the answers
+    float *lit;             // [6][m] scaling coefficients of the probes
+    float *forward;         // [rank][nd][J]
+    uint32_t *held;         // [rank] directions worth making
+};
+
+// Directions of every row from its answers to white lights, whose mean product is the gram of
+// functions; those without energy are left out and what they had is noted.
+static int find_directions(const struct factor_plan *plan, struct blends *s, struct factored *f)
+{
+    const uint32_t J = s->J, nd = s->nd, n_coef = 6 * plan->n * plan->n;
+    struct metric m = {0};
+    double *work = malloc((2 * (size_t)J * J + J + nd) * sizeof *work);
+    float *gram = prt_alloc((size_t)J * J, sizeof *gram);
+    int status = work && gram ? metric_create(plan, &m) : PRT_NOMEM;
+    for (uint32_t r = 0; r < f->rank && !status; r++) {
+        float *z = s->row + (size_t)r * J * s->wide;
+        double *energy = work + 2 * (size_t)J * J + J;
+        for (uint32_t j = 0; j < J; j++)
+            for (uint32_t k = 0; k < 6; k++)
+                f->scaling[((size_t)r * 6 + k) * J + j] = z[(size_t)j * s->wide + s->m + k];
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)J, (int)s->m, 6, -1, z + s->m,
+                    (int)s->wide, s->lit, (int)s->m, 1, z, (int)s->wide);
+        cblas_ssyrk(CblasRowMajor, CblasLower, CblasNoTrans, (int)J, (int)s->m,
+                    1 / (float)s->m, z, (int)s->wide, 0, gram, (int)J);
+        status = directions(&m, gram, nd, work, s->forward + (size_t)r * nd * J,
+                            f->mix + (size_t)r * nd * J, energy);
+        for (uint32_t d = 0; d < nd; d++) {
+            if (energy[d] > direction_share * f->tail[0] || !d) s->held[r] = d + 1;
+            else f->energy[(size_t)r * n_coef] += (float)energy[d];
+        }
+    }
+    free(m.l);
+    free(work);
+    prt_free(gram);
+    return status;
+}
+
+// The directions that are held, made in one go, to Haar coefficients and halves.
+static int make_rows(const struct factor_plan *plan, const struct row_source *source,
+                     const struct blends *s, struct factored *f)
+{
+    const uint32_t J = s->J, n_coef = 6 * plan->n * plan->n, face = plan->n * plan->n;
+    uint32_t n = 0;
+    for (uint32_t r = 0; r < f->rank; r++) n += s->held[r];
+    float *w = prt_alloc((size_t)n * J + 1, sizeof *w), *x = prt_alloc((n + 1) * (size_t)n_coef, 4);
+    uint32_t *row = prt_alloc(n + 1u, sizeof *row);
+    int status = w && x && row ? PRT_OK : PRT_NOMEM;
+    for (uint32_t r = 0, i = 0; r < f->rank && !status; r++)
+        for (uint32_t d = 0; d < s->held[r]; d++, i++) {
+            row[i] = r;
+            memcpy(w + (size_t)i * J, s->forward + ((size_t)r * s->nd + d) * J, J * sizeof *w);
+        }
+    if (!status) status = source->blend(source->user, f->u, f->rank, n, w, row, x);
+    for (uint32_t r = 0, i = 0; r < f->rank && !status; r++)
+        for (uint32_t d = 0; d < s->held[r]; d++, i++) {
+            float *own = x + (size_t)i * n_coef;
+            for (uint32_t k = 0; k < n_coef; k++) own[k] *= plan->solid_angle[k];
+            for (uint32_t k = 0; k < 6; k++) {
+                prt_haar_forward(plan->n, own + (size_t)k * face);
+                own[(size_t)k * face] = 0;
+            }
+            take(f, r, d, own, n_coef, x + (size_t)n * n_coef);
+        }
+    prt_free(w);
+    prt_free(x);
+    prt_free(row);
+    return status;
+}
+
+int mix_blend(const struct factor_plan *plan, const struct row_source *source,
+              const float *answers, struct factored *f)
+{
+    const uint32_t J = plan->n_function, n_vertex = source->n_vertex;
+    struct blends s = {.J = J, .m = plan->n_probe, .wide = plan->n_probe + 6,
+                       .nd = J < MOST ? J : MOST};
+    s.row = prt_alloc((size_t)f->rank * J * s.wide + 1, sizeof *s.row);
+    s.lit = prt_alloc(6 * (size_t)s.m, sizeof *s.lit);
+    s.forward = prt_alloc((size_t)f->rank * s.nd * J + 1, sizeof *s.forward);
+    s.held = prt_calloc(f->rank + 1u, sizeof *s.held);
+    int status = s.row && s.lit && s.forward && s.held ? allocate(plan, s.nd, f) : PRT_NOMEM;
+    for (uint32_t j = 0; j < J && f->rank && !status; j++)
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)f->rank, (int)s.wide,
+                    (int)n_vertex, 1, f->u, (int)n_vertex, answers + (size_t)j * n_vertex * s.wide,
+                    (int)s.wide, 0, s.row + (size_t)j * s.wide, (int)(J * s.wide));
+    if (!status) {
+        probe_scaling(plan, s.lit);
+        status = find_directions(plan, &s, f);
+    }
+    if (!status) status = make_rows(plan, source, &s, f);
+    prt_free(s.row);
+    prt_free(s.lit);
+    prt_free(s.forward);
+    prt_free(s.held);
     return status;
 }
 

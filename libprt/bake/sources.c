@@ -7,7 +7,7 @@
 
 enum { BLOCK = 192 }; // rows of E converted to float at a time
 
-// Calls back with float rows [first, first+n) of the cut.
+// Rows [first, first+n) of the cut as floats.
 static void load_rows(const struct product_rows *p, uint32_t first, uint32_t n, float *out)
 {
     size_t n_coef = p->rows->n_coef;
@@ -43,27 +43,62 @@ int product_multiply(void *user, const float *x, uint32_t m, float *out)
     return status;
 }
 
+// q [n][C] times the cut's rows, [n][n_coef].
+static int weigh_rows(const struct product_rows *p, const float *q, uint32_t n, float *out)
+{
+    uint32_t C = p->cut->n_column, n_coef = (uint32_t)p->rows->n_coef;
+    float *e = prt_alloc((size_t)BLOCK * n_coef, sizeof *e);
+    if (!e) return PRT_NOMEM;
+    memset(out, 0, (size_t)n * n_coef * sizeof *out);
+    for (uint32_t first = 0; first < C; first += BLOCK) {
+        uint32_t rows = C - first < BLOCK ? C - first : BLOCK;
+        load_rows(p, first, rows, e);
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)n_coef, (int)rows, 1,
+                    q + first, (int)C, e, (int)n_coef, 1, out, (int)n_coef);
+    }
+    prt_free(e);
+    return PRT_OK;
+}
+
+// U K_f^T into [r][C], rows `stride` apart.
+static void weights_of(const struct product_rows *p, const float *u, uint32_t r, uint32_t f,
+                       float *q, size_t stride)
+{
+    uint32_t C = p->cut->n_column;
+    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasTrans, (int)r, (int)C, (int)p->n_vertex, 1, u,
+                (int)p->n_vertex, p->cut->k + f * ((size_t)p->n_vertex * C), (int)p->n_vertex, 0, q,
+                (int)stride);
+}
+
 int product_project(void *user, const float *u, uint32_t r, float *out)
 {
     struct product_rows *p = user;
-    uint32_t C = p->cut->n_column, n_coef = (uint32_t)p->rows->n_coef, F = p->n_function;
-    size_t stride = (size_t)p->n_vertex * C, wide = (size_t)F * C;
-    memset(out, 0, (size_t)r * F * n_coef * sizeof *out);
-    if (!C) return PRT_OK;
-    float *e = prt_alloc((size_t)BLOCK * n_coef, sizeof *e);
-    float *q = prt_alloc((size_t)r * wide, sizeof *q); // [r][F][C] = U K_f^T
-    int status = e && q ? PRT_OK : PRT_NOMEM;
-    for (uint32_t f = 0; status == PRT_OK && f < F; f++)
-        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasTrans, (int)r, (int)C, (int)p->n_vertex, 1,
-                    u, (int)p->n_vertex, p->cut->k + f * stride, (int)p->n_vertex, 0,
-                    q + (size_t)f * C, (int)wide);
-    for (uint32_t first = 0; status == PRT_OK && first < C; first += BLOCK) {
-        uint32_t n = C - first < BLOCK ? C - first : BLOCK;
-        load_rows(p, first, n, e);
-        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)(r * F), (int)n_coef, (int)n,
-                    1, q + first, (int)C, e, (int)n_coef, 1, out, (int)n_coef);
+    uint32_t C = p->cut->n_column, F = p->n_function;
+    float *q = prt_alloc((size_t)r * F * C + 1, sizeof *q); // [r][F][C]
+    if (!q) return PRT_NOMEM;
+    for (uint32_t f = 0; f < F && C; f++)
+        weights_of(p, u, r, f, q + (size_t)f * C, (size_t)F * C);
+    int status = weigh_rows(p, q, r * F, out);
+    prt_free(q);
+    return status;
+}
+
+int product_blend(void *user, const float *u, uint32_t r, uint32_t n, const float *w,
+                  const uint32_t *row, float *out)
+{
+    struct product_rows *p = user;
+    uint32_t C = p->cut->n_column, F = p->n_function;
+    float *one = prt_alloc((size_t)r * C + 1, sizeof *one); // [r][C] of one function
+    float *q = prt_calloc((size_t)n * C + 1, sizeof *q);    // [n][C]
+    int status = one && q ? PRT_OK : PRT_NOMEM;
+    for (uint32_t f = 0; f < F && C && !status; f++) {
+        weights_of(p, u, r, f, one, C);
+        for (uint32_t i = 0; i < n; i++)
+            cblas_saxpy((int)C, w[(size_t)i * F + f], one + (size_t)row[i] * C, 1,
+                        q + (size_t)i * C, 1);
     }
-    prt_free(e);
+    if (!status) status = weigh_rows(p, q, n, out);
+    prt_free(one);
     prt_free(q);
     return status;
 }

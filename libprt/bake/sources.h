@@ -13,6 +13,8 @@ struct product_rows {
 };
 int product_multiply(void *user, const float *x, uint32_t m, float *out);
 int product_project(void *user, const float *u, uint32_t r, float *out);
+int product_blend(void *user, const float *u, uint32_t r, uint32_t n, const float *w,
+                  const uint32_t *row, float *out);
 
 /* Dense rows [n_vertex][n_function][n_coef]. */
 struct dense_rows {

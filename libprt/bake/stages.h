@@ -76,6 +76,7 @@ struct node {
     float centre[3];          /* area-weighted mean position [mm] */
     float box[2][3];
     float area;               /* mm^2 */
+    float spread;             /* standard deviation along an axis [mm] */
     uint32_t begin, count;    /* samples in tree order */
     uint32_t child[2];        /* 0: leaf */
 };
@@ -159,12 +160,16 @@ struct factored {
     double *tail;                /* [rank+1] energy left when only the first r are kept */
 };
 /* A source of a cluster's rows T[f][v][texel] (per texel, solid angle not yet applied):
- * multiply(X [n_coef][m]) -> [f][n_vertex][m], and project(U [r][n_vertex]) -> [r][f][n_coef]. */
+ * multiply(X [n_coef][m]) -> [f][n_vertex][m], and project(U [r][n_vertex]) -> [r][f][n_coef].
+ * blend, where projecting is what takes the time and few blends of the functions are wanted:
+ * (U, w [n][f], row [n]) -> [n][n_coef], sum_f w[i][f] of row[i] (rising) of U's projection. */
 struct row_source {
     void *user;
     uint32_t n_vertex;
     int (*multiply)(void *user, const float *x, uint32_t m, float *out);
     int (*project)(void *user, const float *u, uint32_t r, float *out);
+    int (*blend)(void *user, const float *u, uint32_t r, uint32_t n, const float *w,
+                 const uint32_t *row, float *out);
 };
 int factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan,
                    const struct row_source *source, struct factored *out);
@@ -183,7 +188,9 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
                   const struct pack_options *options, struct prt_tensor *out);
 
 /* Rows of many functions as a few directions (mix.c). mix_rows makes them of b [rank][J][n_coef],
- * which it overwrites; mix_choose decides for one row at a price and leaves width and limit, with
+ * which it overwrites; mix_blend has the source make them alone, having found them in what the
+ * rows answer to the probes: answers [J][n_vertex][n_probe + 6], the last six (mix_faces) the
+ * scaling coefficients. mix_choose decides for one row at a price and leaves width and limit, with
  * room for [2 n_coef]; mix_lay writes the row, times s, where rows says. */
 struct mix_price {
     double byte;                           /* energy one byte must be worth */
@@ -196,6 +203,11 @@ struct mix_row {
     double energy;            /* of what is kept */
 };
 int mix_rows(const struct factor_plan *plan, float *b, struct factored *f);
+int mix_blend(const struct factor_plan *plan, const struct row_source *source,
+              const float *answers, struct factored *f);
+/* The plan's probes and behind them the six lights that ask for a face's scaling coefficient,
+ * [n_coef][n_probe + 6]; NULL without memory. Caller prt_free()s. */
+float *mix_faces(const struct factor_plan *plan);
 void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mix_price *price,
                 float *room, struct mix_row *out);
 int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows, uint32_t row);

@@ -168,19 +168,21 @@ static void multiple_at(const struct job *j, uint32_t v, const struct prt_dipole
     const struct prt_surface_points *s = j->surface;
     uint32_t object = j->mesh->block[j->vertex_block[v]].object;
     const float *x = j->mesh->position[v];
-    float near_mm = 6 * s->spacing, r2[CHUNK], rd[3][CHUNK];
+    float near_mm = 6 * s->spacing, r2[CHUNK], afar[2 * CHUNK], rd[3][2 * CHUNK];
     memset(out, 0, j->n_light * sizeof *out);
     for (uint32_t begin = s->object_begin[object], end = s->object_begin[object + 1]; begin < end;
          begin += CHUNK) {
         uint32_t n = end - begin < CHUNK ? end - begin : CHUNK;
         for (uint32_t i = 0; i < n; i++) {
-            const float *p = s->position[begin + i];
+            const float *p = s->centre[begin + i];
             float a = p[0] - x[0], b = p[1] - x[1], c = p[2] - x[2];
             r2[i] = a * a + b * b + c * c;
+            prt_surface_afar(r2[i], s->spread[begin + i], &afar[i], &afar[n + i]);
         }
         for (int c = 0; c < 3; c++) {
-            prt_dipole_rd_array(&dipole[c], j->ctx->cpu, n, r2, rd[c]);
-            for (uint32_t i = 0; i < n; i++) rd[c][i] *= s->area[begin + i];
+            prt_dipole_rd_array(&dipole[c], j->ctx->cpu, 2 * n, afar, rd[c]);
+            for (uint32_t i = 0; i < n; i++)
+                rd[c][i] = 0.5f * s->area[begin + i] * (rd[c][i] + rd[c][n + i]);
         }
         for (uint32_t i = 0; i < n; i++) {
             float k[3];

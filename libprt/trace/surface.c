@@ -395,10 +395,22 @@ static int gather_cells(struct prt_surface_points *s, const struct neighbour *ne
             s->cell_weight[at] = neighbour[q].weight[k] * area[q];
         }
     for (uint32_t i = 0; i < s->n_sample; i++) {
-        double sum = 0;
-        for (uint64_t k = s->cell_begin[i]; k < s->cell_begin[i + 1]; k++)
-            sum += s->cell_weight[k];
+        double sum = 0, mean[3] = {0, 0, 0};
+        for (uint64_t k = s->cell_begin[i]; k < s->cell_begin[i + 1]; k++) {
+            double w = (double)s->cell_weight[k];
+            sum += w;
+            for (int d = 0; d < 3; d++) mean[d] += w * (double)s->fine[s->cell_fine[k]][d];
+        }
         s->area[i] = (float)sum;
+        for (int d = 0; d < 3; d++)
+            s->centre[i][d] = sum > 0 ? (float)(mean[d] / sum) : s->position[i][d];
+        double spread = 0;
+        for (uint64_t k = s->cell_begin[i]; k < s->cell_begin[i + 1]; k++)
+            for (int d = 0; d < 3; d++) {
+                double off = (double)s->fine[s->cell_fine[k]][d] - (double)s->centre[i][d];
+                spread += 0.5 * (double)s->cell_weight[k] * off * off;
+            }
+        s->spread[i] = sum > 0 ? (float)sqrt(spread / sum) : 0;
     }
     return PRT_OK;
 }
@@ -409,9 +421,12 @@ static int alloc_samples(struct prt_surface_points *s, uint32_t n)
     s->normal = prt_alloc(n, sizeof *s->normal);
     s->face_normal = prt_alloc(n, sizeof *s->face_normal);
     s->area = prt_calloc(n, sizeof *s->area);
+    s->centre = prt_calloc(n, sizeof *s->centre);
+    s->spread = prt_calloc(n, sizeof *s->spread);
     s->object = prt_alloc(n, sizeof *s->object);
-    return s->position && s->normal && s->face_normal && s->area && s->object ? PRT_OK
-                                                                             : PRT_NOMEM;
+    bool all = s->position && s->normal && s->face_normal && s->area && s->centre && s->spread &&
+               s->object;
+    return all ? PRT_OK : PRT_NOMEM;
 }
 
 // Shares n_sample between objects by area, at least 16 each that has any.
@@ -553,6 +568,8 @@ void prt_surface_destroy(struct prt_surface_points *s)
     prt_free(s->normal);
     prt_free(s->face_normal);
     prt_free(s->area);
+    prt_free(s->centre);
+    prt_free(s->spread);
     prt_free(s->object);
     prt_free(s->object_begin);
     prt_free(s->fine);
@@ -567,13 +584,14 @@ void prt_surface_kernel(const struct prt_surface_points *s, const struct prt_dip
 {
     enum { CHUNK = 64 };
     float r2[CHUNK], weight[CHUNK], rd[CHUNK];
-    const float *p = s->position[i];
+    const float *p = s->centre[i];
     float dx = p[0] - x[0], dy = p[1] - x[1], dz = p[2] - x[2];
     float d2 = dx * dx + dy * dy + dz * dz;
     if (d2 > near_mm * near_mm) {
+        prt_surface_afar(d2, s->spread[i], &r2[0], &r2[1]);
         for (int c = 0; c < 3; c++) {
-            prt_dipole_rd_array(&d[c], cpu, 1, &d2, rd);
-            out[c] = rd[0] * s->area[i];
+            prt_dipole_rd_array(&d[c], cpu, 2, r2, rd);
+            out[c] = 0.5f * (rd[0] + rd[1]) * s->area[i];
         }
         return;
     }

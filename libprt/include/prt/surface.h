@@ -6,6 +6,8 @@
 #include "prt/medium.h"
 #include "prt/mesh.h"
 
+#include <math.h>
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -19,6 +21,8 @@ struct prt_surface_points {
     float (*normal)[3];        /* [n_sample] interpolated vertex normals, unit */
     float (*face_normal)[3];   /* [n_sample] unit */
     float *area;               /* [n_sample] mm^2 of the cell; sums to each object's area */
+    float (*centre)[3];        /* [n_sample] mm, mean of the cell: where it acts from afar */
+    float *spread;             /* [n_sample] mm, the cell's standard deviation along an axis */
     uint32_t *object;          /* [n_sample] */
     uint32_t *object_begin;    /* [n_object+1] first sample of each object */
     float spacing;             /* sqrt(area / n) of the coarsest object [mm] */
@@ -42,8 +46,18 @@ void prt_surface_destroy(struct prt_surface_points *surface);
 /* Area of translucent triangles [mm^2]. */
 double prt_surface_area(const struct prt_mesh *mesh);
 
+/* The two squared distances at which the mean of a radial function stands for its mean over a
+ * piece of surface, r2 away with standard deviation `spread` along an axis: across the line of
+ * sight the spread adds to r2, along it it is the step to both sides. Exact to second order. */
+static inline void prt_surface_afar(float r2, float spread, float *nearer, float *farther)
+{
+    float r = sqrtf(r2 + spread * spread);
+    *nearer = (r - spread) * (r - spread);
+    *farther = (r + spread) * (r + spread);
+}
+
 /* Transport kernel between point x and sample i, integral of R_d over the sample's cell [1]:
- * the point value R_d(|x-x_i|) A_i beyond near_mm, the cell's quadrature within it. Three
+ * the mean of R_d A_i at two distances beyond near_mm, the cell's quadrature within it. Three
  * channels. */
 void prt_surface_kernel(const struct prt_surface_points *surface, const struct prt_dipole d[3],
                         unsigned cpu, const float x[3], uint32_t sample, float near_mm,
