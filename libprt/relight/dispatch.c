@@ -18,12 +18,14 @@ const struct relight_kernels *relight_kernels_for(unsigned cpu)
 void relight_fill_table(unsigned n_light, const struct prt_light *const light[], uint32_t begin,
                         uint32_t end, float *table)
 {
-    float lanes[LIGHT_LANES + 1] = {0};
+    const size_t unused = LIGHT_LANES - 3 * (size_t)n_light;
     for (uint32_t i = begin; i < end; i++) {
-        // four floats at a time, each overwritten by the next light
-        for (unsigned l = 0; l < n_light; l++)
-            memcpy(lanes + 3 * l, light[l]->coef + 4 * (size_t)i, 16);
-        lanes[3 * n_light] = 0;
-        memcpy(table + (size_t)LIGHT_LANES * i, lanes, LIGHT_LANES * sizeof *lanes);
+        float *row = table + (size_t)LIGHT_LANES * i;
+        // four floats at a time, each overwritten by the next light: straight to the table, since
+        // reading a row back that was stored in pieces waits for all of them
+        for (unsigned l = 0; l + 1 < n_light; l++)
+            memcpy(row + 3 * l, light[l]->coef + 4 * (size_t)i, 16);
+        memcpy(row + 3 * (n_light - 1), light[n_light - 1]->coef + 4 * (size_t)i, 12);
+        memset(row + 3 * n_light, 0, unused * sizeof *row);
     }
 }
