@@ -51,6 +51,7 @@ static int run(struct bench_env *env)
         bench_number("bytes", (double)job.bytes);
         bench_number("ms", 1e3 * time.best);
         bench_number("ms_median", 1e3 * time.median);
+        bench_number("target_ms", 50);
         bench_end();
     }
     if (!env->file) unlink(temp);
