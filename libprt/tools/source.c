@@ -55,6 +55,22 @@ const char *source_engine_name(const struct prt_transport *transport)
     return "unknown";
 }
 
+// A bake with --no-single answers `single` with 0 and `total` without it: that is said.
+static void tell_no_single(const struct tool *tool, const struct source *source)
+{
+    const struct options *o = &tool->opt;
+    const struct prt_transport *t = source->transport;
+    bool own = !o->engine || !strcmp(o->engine, "vertex") ||
+               !strcmp(o->engine, source_engine_name(t));
+    bool wanted = !o->term || !strcmp(o->term, "single") || !strcmp(o->term, "total");
+    bool lights = o->command == CMD_COLORS || o->command == CMD_IMAGE;
+    if (!lights || !own || !wanted || t->material.profile) return;
+    for (uint32_t i = 0; i < t->n_tensor; i++)
+        if (t->tensor[i].term == PRT_TERM_SINGLE) return;
+    prt_log(&tool->ctx, o->term && !strcmp(o->term, "single") ? PRT_LOG_WARNING : PRT_LOG_NOTE,
+            "%s was baked without single scattering: it counts 0", source->path);
+}
+
 static int open_prt(struct tool *tool, struct source *source)
 {
     const struct options *o = &tool->opt;
@@ -68,6 +84,7 @@ static int open_prt(struct tool *tool, struct source *source)
     source->transport = prt_file_transport(source->file);
     source->mesh = &source->transport->mesh;
     source->material = source->transport->material;
+    tell_no_single(tool, source);
     if (!o->material) return EXIT_DONE;
     if (source->transport->engine == PRT_ENGINE_WAVELET)
         return usage_error(o,

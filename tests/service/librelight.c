@@ -252,7 +252,7 @@ static void view_latest_wins(void **state)
     }
     for (seen = 0; seen < last; drawn++) {
         struct relight_frame_out frame;
-        CALL(relight_view_next(view, 10, &frame, &error));
+        CALL(relight_view_next(view, 60, &frame, &error));
         assert_true(frame.sequence >= seen);
         assert_true(frame.has_image && frame.image.width == 400 && frame.image.n_byte > 100);
         seen = frame.sequence;
@@ -263,9 +263,9 @@ static void view_latest_wins(void **state)
     struct relight_shade shade = {.material = "marble"};
     struct relight_frame_out frame;
     CALL(relight_view_set(view, 0, NULL, &shade, NULL, &last, &error));
-    assert_int_equal(relight_view_next(view, 10, &frame, &error), -RELIGHT_E_MISMATCH);
+    assert_int_equal(relight_view_next(view, 60, &frame, &error), -RELIGHT_E_MISMATCH);
     CALL(relight_view_set(view, 0, NULL, &(struct relight_shade){0}, NULL, &last, &error));
-    CALL(relight_view_next(view, 10, &frame, &error));
+    CALL(relight_view_next(view, 60, &frame, &error));
     assert_int_equal(frame.sequence, last);
     relight_frame_out_finish(&frame);
     CALL(relight_view_close(view, &seen, &dropped, &error));
@@ -280,7 +280,7 @@ static void view_of_colors(void **state)
                                            .colors = true, .color_format = RELIGHT_RGB9E5};
     struct relight_frame_out frame;
     CALL(relight_view_open(client, &request, &view, &error));
-    CALL(relight_view_next(view, 10, &frame, &error));
+    CALL(relight_view_next(view, 60, &frame, &error));
     assert_true(frame.has_colors && frame.colors.n_vertex == N_VERTEX);
     relight_frame_out_finish(&frame);
     CALL(relight_view_close(view, NULL, NULL, &error));

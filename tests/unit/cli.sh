@@ -212,6 +212,7 @@ expect 0 '' "$prt" info joint.prt --json
 check grep -Eq '"media":\{"skin1":[0-9.]+,"ketchup":[0-9.]+,"skimmilk":[0-9.]+\},"worst"' out
 check grep -q '"engine":"joint"' out
 check grep -q '"cluster_rank":{"min":' out
+expect 0 'warning: joint.prt was baked without single scattering' "$prt" colors joint.prt --env constant --term single -o s.csv
 check grep -q '"preset_worst_error":' out
 check grep -q '"spectralon":' out
 expect 0 '' "$prt" info joint.prt
