@@ -212,11 +212,11 @@ expect 0 '' "$prt" info joint.prt --json
 check grep -Eq '"media":\{"skin1":[0-9.]+,"ketchup":[0-9.]+,"skimmilk":[0-9.]+\},"worst"' out
 check grep -q '"engine":"joint"' out
 check grep -q '"cluster_rank":{"min":' out
-expect 0 'warning: joint.prt was baked without single scattering' "$prt" colors joint.prt --env constant --term single -o s.csv
 check grep -q '"preset_worst_error":' out
 check grep -q '"spectralon":' out
 expect 0 '' "$prt" info joint.prt
 check grep -q 'histogram_by_8: \[' out
+expect 0 'warning: joint.prt was baked without single scattering' "$prt" colors joint.prt --env constant --term single -o s.csv
 for material in skin1 slab.json felt.json "$wax"; do
     expect 0 '' "$prt" colors joint.prt --engine joint --material "$material" --env constant --term multiple -o j.csv --json
     check grep -q '"material_error":' out
