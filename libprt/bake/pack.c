@@ -9,6 +9,7 @@
 struct choice {
     struct factored *f;
     uint32_t n_cluster, n_function, n, n_coef;
+    uint32_t stride;         // every stride-th cluster is looked at
     bool mixed;              // rows of few directions, in bytes; else of functions, in halves
     double entry_bytes, row_bytes; // mixed: beside a byte a direction of each entry, and directions
     double direction_bytes;
@@ -115,7 +116,8 @@ static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
     struct choice *c = arg;
     float *room = c->mixed ? prt_alloc(3 * (size_t)c->n_coef, sizeof *room) : NULL;
     if (c->mixed && !room) return PRT_NOMEM;
-    for (size_t i = begin; i < end; i++) {
+    for (size_t turn = begin; turn < end; turn++) {
+        size_t i = turn * c->stride;
         struct factored *f = &c->f[i];
         int status = PRT_OK;
         c->bytes[i] = 0;
@@ -149,14 +151,15 @@ static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// What a price keeps, in bytes, and loses, in energy.
+// What a price keeps, in bytes, and loses, in energy; of every stride-th cluster.
 static int weigh(const struct prt_context *ctx, struct choice *c, double log_price,
                  double *bytes, double *lost)
 {
     c->price = exp(log_price);
-    int status = prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
+    uint32_t n = (c->n_cluster + c->stride - 1) / c->stride;
+    int status = prt_parallel_for(ctx, NULL, n, 1, choose_range, c);
     *bytes = *lost = 0;
-    for (uint32_t i = 0; i < c->n_cluster; i++) {
+    for (uint32_t i = 0; i < c->n_cluster; i += c->stride) {
         *lost += c->dropped[i];
         *bytes += c->bytes[i];
     }
@@ -170,26 +173,94 @@ static double mean_entries(const struct choice *c)
     return rows > 0 ? entries / rows : 0;
 }
 
+struct goal {
+    double bytes, lost; // at most, of the clusters looked at
+};
+
+static struct goal goal_of(const struct choice *c)
+{
+    double total = 0, vertices = 0, all = 0;
+    for (uint32_t i = 0; i < c->n_cluster; i++) {
+        bool own = i % c->stride == 0;
+        all += c->f[i].n_vertex;
+        vertices += own ? c->f[i].n_vertex : 0;
+        if (own && c->f[i].tail) total += c->f[i].tail[0];
+    }
+    double e = c->options->energy_error;
+    return (struct goal){c->options->max_bytes * vertices / fmax(all, 1), total * e * e};
+}
+
+// > 0 where a lower price is wanted: more is lost than allowed, and there is room for it.
+static int excess(const struct prt_context *ctx, struct choice *c, double log_price, double *out)
+{
+    struct goal goal = goal_of(c);
+    double bytes, lost;
+    int status = weigh(ctx, c, log_price, &bytes, &lost);
+    *out = fmin(log(fmax(lost, 1e-300) / fmax(goal.lost, 1e-300)),
+                log(fmax(goal.bytes, 1) / fmax(bytes, 1)));
+    if (c->options->n_basis_coef)
+        *out = log(c->options->n_basis_coef / fmax(mean_entries(c), 1e-3));
+    return status;
+}
+
+static int bisect(const struct prt_context *ctx, struct choice *c, double *lo, double *hi)
+{
+    for (int step = 0; step < 24; step++) {
+        double mid = 0.5 * (*lo + *hi), more;
+        int status = excess(ctx, c, mid, &more);
+        if (status) return status;
+        if (more > 0) *hi = mid;
+        else *lo = mid;
+    }
+    return PRT_OK;
+}
+
+// The price of all clusters from that of some: a bracket around it, then regula falsi, until no
+// more than a thousandth is left over. Ends with the choice made at *hi.
+static int refine(const struct prt_context *ctx, struct choice *c, double *lo, double *hi)
+{
+    enum { TURNS = 12 };
+    const double enough = 1e-3;
+    double x = *hi, above = 0, below = 0, step = 0.05, least = *lo, most = *hi;
+    bool has_lo = false, has_hi = false;
+    for (int turn = 0; turn < TURNS; turn++) {
+        double more;
+        int status = excess(ctx, c, x, &more);
+        if (status) return status;
+        if (more >= 0 && more < enough) return *hi = x, PRT_OK;
+        if (more > 0) most = x, above = more, has_hi = true;
+        else least = x, below = more, has_lo = true;
+        if (!has_lo || !has_hi) {
+            x += more > 0 ? -step : step;
+            step *= 2;
+            continue;
+        }
+        double part = fmin(fmax((0.5 * enough - below) / (above - below), 0.05), 0.95);
+        x = least + part * (most - least);
+    }
+    if (has_hi) *lo = least, *hi = most;
+    double more;
+    return excess(ctx, c, *hi, &more);
+}
+
 // Finds the highest price at which the whole model loses no more than the allowed energy; or,
-// where noise or detail would take more than max_bytes for that, the price of max_bytes.
+// where noise or detail would take more than max_bytes for that, the price of max_bytes. Of many
+// clusters some tell about what it is.
 static int choose(const struct prt_context *ctx, struct choice *c)
 {
+    enum { SOME = 8 };
     if (c->options->n_basis_coef && !c->mixed)
         return prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
-    double total = 0, bytes, lost;
+    double total = 0, more;
     for (uint32_t i = 0; i < c->n_cluster; i++)
         if (c->f[i].tail) total += c->f[i].tail[0];
-    double allowed = total * c->options->energy_error * c->options->energy_error;
-    double lo = log(fmax(total, 1e-300) * 1e-16), hi = log(fmax(total, 1e-300));
-    for (int step = 0; step < 24; step++) {
-        int status = weigh(ctx, c, 0.5 * (lo + hi), &bytes, &lost);
-        if (status) return status;
-        bool cheaper = lost > allowed && bytes < c->options->max_bytes;
-        if (c->options->n_basis_coef) cheaper = mean_entries(c) < c->options->n_basis_coef;
-        if (cheaper) hi = 0.5 * (lo + hi);
-        else lo = 0.5 * (lo + hi);
-    }
-    return weigh(ctx, c, hi, &bytes, &lost);
+    double hi = log(fmax(total, 1e-300)), lo = hi + log(1e-16);
+    bool some = c->n_cluster >= 4 * SOME && !c->options->n_basis_coef;
+    if (some) c->stride = c->n_cluster / SOME;
+    int status = bisect(ctx, c, &lo, &hi);
+    c->stride = 1;
+    if (status) return status;
+    return some ? refine(ctx, c, &lo, &hi) : excess(ctx, c, hi, &more);
 }
 
 static void set_index(struct prt_rows *rows, uint64_t at, uint32_t k)
@@ -340,7 +411,7 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
 {
     uint32_t nc = clusters->n_cluster;
     struct choice c = {.f = factored, .n_cluster = nc, .n_function = n_function, .n = n,
-                       .n_coef = 6 * n * n, .options = options, .mixed = options->mixed};
+                       .n_coef = 6 * n * n, .stride = 1, .options = options, .mixed = options->mixed};
     const double index = c.n_coef > 65536 ? 4 : 2;
     c.entry_bytes = c.mixed ? index + 1 : index + 2.0 * n_function;
     c.row_bytes = 12.0 * n_function + (c.mixed ? 20 : 8);
