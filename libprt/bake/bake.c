@@ -241,34 +241,6 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
     return status;
 }
 
-int bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
-{
-    struct bake *b = arg;
-    struct fresnel_table fresnel;
-    uint32_t n_coef = b->directions->n_coef;
-    uint32_t F = b->o.n_phase * (b->single.extinction ? b->single.extinction->n_function : 3);
-    int status = PRT_OK;
-    prt_trace_thread_init();
-    fresnel_table_init(&fresnel, b->o.material.eta);
-    void *scratch = prt_alloc(single_scratch_bytes(&b->single), 1);
-    for (size_t c = begin; status == PRT_OK && c < end; c++) {
-        if (!b->clusters->translucent[c]) continue;
-        const struct prt_cluster *cluster = &b->clusters->cluster[c];
-        float *t = prt_alloc((size_t)cluster->n_vertex * F * n_coef, sizeof *t);
-        if (!t || !scratch) status = PRT_NOMEM;
-        for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++)
-            b->rays_single[c] +=
-                single_rows(&b->single, &fresnel, b->clusters->order[cluster->vertex_begin + i],
-                            t + (size_t)i * F * n_coef, scratch);
-        struct dense_rows rows = {t, cluster->n_vertex, F, n_coef};
-        struct row_source source = {&rows, cluster->n_vertex, dense_multiply, dense_project, NULL};
-        if (status == PRT_OK) status = bake_take_rows(b, (uint32_t)c, F, &source);
-        prt_free(t);
-    }
-    prt_free(scratch);
-    return status;
-}
-
 static void drop_factored(struct bake *b)
 {
     for (uint32_t c = 0; b->factored && c < b->clusters->n_cluster; c++)

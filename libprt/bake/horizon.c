@@ -154,16 +154,17 @@ static void look_around(struct horizon *h, uint32_t vertex)
     atomic_store_explicit(&h->state[vertex], KNOWN, memory_order_release);
 }
 
-bool horizon_open(struct horizon *h, uint32_t triangle, uint32_t bin)
+int horizon_known(struct horizon *h, uint32_t triangle, uint32_t bin)
 {
     const uint32_t *v = prt_scene_mesh(h->scene)->triangle[triangle];
-    uint64_t all = 1;
+    uint64_t open = 1, shut = 1;
     for (int k = 0; k < 3; k++) {
         if (atomic_load_explicit(&h->state[v[k]], memory_order_acquire) == EMPTY)
             look_around(h, v[k]);
-        all &= atomic_load_explicit(&h->open[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
+        open &= atomic_load_explicit(&h->open[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
+        shut &= atomic_load_explicit(&h->shut[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
     }
-    return all;
+    return (int)open - (int)shut;
 }
 
 void horizon_all(struct horizon *h, uint32_t triangle, struct horizon_view *view)

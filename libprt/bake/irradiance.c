@@ -78,11 +78,19 @@ static void write_texels(const uint32_t texel[4], const float value[16], uint32_
     }
 }
 
+// Whether all of a packet lies below the surface: its first ray does by more than the packet is
+// wide (two texels of at most 2/n across either way).
+static inline bool below(const struct directions *d, size_t at, const float n[3])
+{
+    float wide = 6.0f / (float)d->n;
+    return n[0] * d->x[at] + n[1] * d->y[at] + n[2] * d->z[at] < -wide;
+}
+
 // Whether a packet's light counts little wherever it comes from: it grazes the surface.
 static bool faint(const float value[16])
 {
     float most = 0;
-    for (int i = 0; i < 16; i++) most = fmaxf(most, value[i]);
+    for (int i = 0; i < 16; i++) most = value[i] > most ? value[i] : most;
     return most < faint_light;
 }
 
@@ -137,11 +145,17 @@ uint64_t irradiance_row_seen(const struct prt_scene *scene, const struct directi
     for (uint32_t k = 0; k < d->n_packet; k++) {
         const uint32_t *texel = d->texel + (size_t)k * 4;
         struct prt_packet *packet = &u.packet[u.n];
-        uint32_t mask = prepare(d, base + (size_t)k * 16, normal, face_normal, fresnel, packet,
-                                u.value[u.n]);
         int sure = view ? known(d, texel, view) : 0;
-        if (!mask || sure) {
-            write_texels(texel, u.value[u.n], sure > 0 ? mask : 0, out);
+        bool dark = sure < 0 || below(d, base + (size_t)k * 16, normal);
+        uint32_t mask = dark ? 0
+                             : prepare(d, base + (size_t)k * 16, normal, face_normal, fresnel,
+                                       packet, u.value[u.n]);
+        if (!mask) {
+            for (int j = 0; j < 4; j++) out[texel[j]] = 0;
+            continue;
+        }
+        if (sure) {
+            write_texels(texel, u.value[u.n], mask, out);
             continue;
         }
         if (!view || !faint(u.value[u.n])) {

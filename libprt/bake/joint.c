@@ -9,6 +9,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+// Twice the columns of U that are kept, so that they are not those of a few lights alone.
+static const uint32_t joint_probes = 128;
+
 struct joint {
     struct bake *b;
     struct bases bases;
@@ -72,7 +75,7 @@ static int bake_terms(struct joint *j)
     struct bake *b = j->b;
     bool opaque = false;
     int status = bases_train_reflectance(b, &j->bases);
-    b->n_probe = 64;
+    b->n_probe = joint_probes;
     if (status == PRT_OK) status = bake_probe(b, b->n_probe);
     for (uint32_t c = 0; c < b->clusters->n_cluster; c++) opaque |= !b->clusters->translucent[c];
     if (status == PRT_OK)
@@ -89,7 +92,7 @@ static int bake_terms(struct joint *j)
     if (status || b->o.no_single) return status;
     if (opaque) {
         prt_free(b->probe);
-        b->n_probe = 64;
+        b->n_probe = joint_probes;
         if ((status = bake_probe(b, b->n_probe))) return status;
     }
     bake_plan_single(b);

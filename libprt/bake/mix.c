@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST = 32 };                // directions held of a row before the choice
+enum { MOST = 20 };                // directions held of a row before the choice
 static const double direction_share = 2e-8; // of a cluster's energy: a direction with less is not made
 static const double metric_floor = 1e-5; // of the metric: media beside the training have a say, too
 

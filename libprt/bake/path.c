@@ -246,7 +246,7 @@ static inline __attribute__((always_inline)) uint32_t grid_of(float r)
 
 // out[j] = integral of B_j over [0, r], linear between the table's points.
 static inline __attribute__((always_inline)) void
-extinction_integral(const struct extinction_table *table, float r, float *out)
+extinction_integral(const struct extinction_table *table, int wide, float r, float *out)
 {
     uint32_t b = grid_of(r), i = b < table->base ? 0 : b - table->base;
     if (i > table->n_grid - 2) i = table->n_grid - 2;
@@ -255,19 +255,20 @@ extinction_integral(const struct extinction_table *table, float r, float *out)
     f = f < 1 ? f : 1;
     if (b < table->base) { // below the first point the functions are flat
         f = r / table->r[0];
-        for (int j = 0; j < EXTINCTION_WIDE; j++) out[j] = f * lo[j];
+        for (int j = 0; j < wide; j++) out[j] = f * lo[j];
         return;
     }
-    for (int j = 0; j < EXTINCTION_WIDE; j++) out[j] = lo[j] + f * (hi[j] - lo[j]);
+    for (int j = 0; j < wide; j++) out[j] = lo[j] + f * (hi[j] - lo[j]);
 }
 
 // Integrals of every function of a radial basis over a tile, X07 eq 14: with s + s'(s)
 // piecewise linear they are differences of the functions' running integrals. Without `rgb` out
 // is [n_phase][n_radial][n] per direction; with it (X07: the light is fixed) the directions are
-// summed into out [n_phase][n_radial][3].
-PRT_CLONES static void integrate_radial(const struct single_plan *plan, const struct path *path,
-                                        float end, const struct scratch *s, uint32_t first,
-                                        uint32_t m, uint32_t n, const float *rgb, float *out)
+// summed into out [n_phase][n_radial][3]. wide: a constant, at least the functions there are.
+static inline __attribute__((always_inline)) void
+radial_sums(const struct single_plan *plan, const struct path *path, float end,
+            const struct scratch *s, uint32_t first, uint32_t m, uint32_t n, const float *rgb,
+            int wide, float *out)
 {
     const struct extinction_table *table = plan->extinction;
     uint32_t K = plan->n_phase, J = table->n_function, points = path->n_point;
@@ -276,8 +277,8 @@ PRT_CLONES static void integrate_radial(const struct single_plan *plan, const st
         float sum[PATH_MAX_PHASE][WIDE], y[SINGLE_MAX_NODES][PATH_MAX_PHASE], mid[PATH_MAX_PHASE];
         float before[WIDE], after[WIDE], u = path->u[0][t];
         bool any = node_sh(plan, s, direction_of(s, first + t), y);
-        memset(sum, 0, sizeof sum);
-        if (any) extinction_integral(table, u, before);
+        memset(sum, 0, K * sizeof *sum);
+        if (any) extinction_integral(table, wide, u, before);
         for (uint32_t i = 1; any && i <= points; i++) {
             // The last step goes on to the end of the path with the last slope.
             bool last = i == points;
@@ -287,17 +288,17 @@ PRT_CLONES static void integrate_radial(const struct single_plan *plan, const st
             float open = 0.5f * (path->open[i - 1][t] + path->open[last ? i - 1 : i][t]);
             if (fabsf(next - u) < 1e-3f * step) next = u + 1e-3f * step;
             if (open <= 0 && i + 1 < points && path->open[i + 1][t] <= 0) { // dark on both sides
-                u = next, extinction_integral(table, u, before);
+                u = next, extinction_integral(table, wide, u, before);
                 continue;
             }
-            extinction_integral(table, next, after);
+            extinction_integral(table, wide, next, after);
             if (last) memcpy(mid, y[plan->n_node - 1], sizeof mid);
             else middle_sh(plan, path, i, y, mid);
             for (uint32_t k = 0; k < K; k++) {
                 float w = open * mid[k] * step / (next - u);
-                for (int j = 0; j < WIDE; j++) sum[k][j] += w * (after[j] - before[j]);
+                for (int j = 0; j < wide; j++) sum[k][j] += w * (after[j] - before[j]);
             }
-            memcpy(before, after, sizeof before);
+            memcpy(before, after, (size_t)wide * sizeof *before);
             u = next;
         }
         for (uint32_t k = 0; k < K; k++)
@@ -308,6 +309,15 @@ PRT_CLONES static void integrate_radial(const struct single_plan *plan, const st
                     out[(k * J + j) * 3 + (uint32_t)c] += sum[k][j] * light[c];
             }
     }
+}
+
+PRT_CLONES static void integrate_radial(const struct single_plan *plan, const struct path *path,
+                                        float end, const struct scratch *s, uint32_t first,
+                                        uint32_t m, uint32_t n, const float *rgb, float *out)
+{
+    if (plan->extinction->n_function <= EXTINCTION_WIDE / 2)
+        radial_sums(plan, path, end, s, first, m, n, rgb, EXTINCTION_WIDE / 2, out);
+    else radial_sums(plan, path, end, s, first, m, n, rgb, EXTINCTION_WIDE, out);
 }
 
 void path_integrate(const struct single_plan *plan, const struct fresnel_table *fresnel,

@@ -134,7 +134,7 @@ static int horizon_range(void *arg, size_t begin, size_t end, unsigned worker)
     struct single_job *j = arg;
     prt_trace_thread_init();
     for (size_t t = begin; j->plan.horizon && t < end; t++)
-        (void)horizon_open(j->plan.horizon, (uint32_t)t, 0);
+        (void)horizon_known(j->plan.horizon, (uint32_t)t, 0);
     return PRT_OK;
 }
 

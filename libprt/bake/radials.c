@@ -72,7 +72,8 @@ int bases_create(struct bake *b, struct bases *s)
     if (status == PRT_OK && !b->o.no_single) {
         o.family = PRT_FAMILY_EXTINCTION;
         o.radius_mm = 3 * size;
-        o.max_error = 0.2 * b->o.max_error;
+        // The worst medium; the mean has a third of it. A polynomial bake's functions cost little.
+        o.max_error = (b->o.engine == PRT_ENGINE_JOINT ? 1 : 0.2) * b->o.max_error;
         x07_size(b, 8, &o);
         status = prt_radial_create(b->ctx, &o, &s->extinction);
         if (status == PRT_OK) status = extinction_table_create(s->extinction, &s->integral);

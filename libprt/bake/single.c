@@ -149,11 +149,11 @@ void single_plan_depths(struct single_plan *plan)
     plan->lost = 6;
     if (!plan->horizon) (void)horizon_create(plan->scene, &plan->horizon); // else all are cast
     if (plan->extinction) { // any extinction may come: nodes over every scale of the body
-        plan->n_node = 7;
+        plan->n_node = 6;
         plan->differ = 0.05f, plan->differ_texel = 0.2f;
         plan->first_mm = 0.05f, plan->last_mm = 60;
         plan->inward_mm = (float)prt_mesh_diagonal(plan->mesh);
-        plan->weakest = 0.05f;
+        plan->weakest = 0.2f; // what is weaker still is answered, with coarser shadows
         return;
     }
     plan->n_node = 9;
@@ -257,12 +257,12 @@ static void flush_shadows(struct queue *q)
     q->n_shadow = 0;
 }
 
-// Whether the ray out of lane i must be cast: the horizon does not know it open.
-static bool unsure(const struct queue *q, uint32_t i)
+// What the horizon knows of the ray out of lane i.
+static int known(const struct queue *q, uint32_t i)
 {
     const struct single_plan *plan = q->plan;
-    return !q->ask_horizon || !plan->horizon ||
-           !horizon_open(plan->horizon, q->packet.triangle[i],
+    if (!q->ask_horizon || !plan->horizon) return 0;
+    return horizon_known(plan->horizon, q->packet.triangle[i],
                          plan->directions->bin[q->target[i].texel]);
 }
 
@@ -287,10 +287,12 @@ static void flush_exits(struct queue *q)
         const struct target *to = &q->target[i];
         struct exits *e = &q->s->node[to->node];
         uint32_t at[TILE], n = texels_of(q->plan->directions, to, at);
+        int sure = leave >> i & 1 ? known(q, i) : 1;
+        bool cast = !sure;
+        if (sure < 0) lane.open[i] = 0;
         for (uint32_t j = 0; j < n; j++) store(e, at[j], &lane, i);
         for (uint32_t j = 0; q->keep_directions && j < n; j++)
             store_direction(e, at[j], &lane, i);
-        bool cast = leave >> i & 1 && unsure(q, i);
         if (n > 1)
             q->s->doubt[to->node][to->block] =
                 cast ? exp_minus(q->plan->weakest * lane.way[i]) : 0;
@@ -360,11 +362,14 @@ static uint32_t block_of(uint32_t t, uint32_t j, uint32_t wide)
     return (t / wide * 2 + (j >> 1)) * 2 * wide + t % wide * 2 + (j & 1);
 }
 
-// What the ray of block b brings, to compare with its neighbours.
-static float brings(const struct single_plan *plan, const struct exits *e, uint32_t b)
+// What the ray of block b brings, to compare with its neighbours. A medium that is given has
+// weighed the nodes (weigh_nodes); where it is free the way in weakens what is deep.
+static float brings(const struct single_plan *plan, const struct exits *e, uint32_t b,
+                    float depth)
 {
     uint32_t t = plan->directions->texel[(size_t)b * 4];
-    return e->open[t] * exp_minus(plan->weakest * e->way[t]);
+    float u = e->way[t] + (plan->extinction ? depth : 0);
+    return e->open[t] * exp_minus(plan->weakest * u);
 }
 
 static void copy_tile(const struct directions *d, uint32_t t, uint32_t wide,
@@ -398,6 +403,7 @@ static void weigh_nodes(const struct single_plan *plan, const float *depth, floa
 // is half lit along the path.
 struct layout {
     uint32_t half, wide, n_tile, n_node;
+    const float *depth; // [n_node]
     unsigned pattern[SINGLE_MAX_NODES];
     float rise[SINGLE_MAX_NODES];
 };
@@ -450,7 +456,7 @@ static void trace_blocks(struct queue *q, const struct layout *l)
     struct scratch *s = q->s;
     for (uint32_t a = 0; a < l->n_node; a++)
         for (uint32_t t = 0; t < l->n_tile; t++)
-            s->coarse[a][t] = brings(plan, &s->node[a], block_of(t, 0, l->wide));
+            s->coarse[a][t] = brings(plan, &s->node[a], block_of(t, 0, l->wide), l->depth[a]);
     for (uint32_t k = 0; k < l->n_tile; k++) {
         uint32_t t = tiled(k, l->wide);
         for (uint32_t a = 0; a < l->n_node; a++) {
@@ -470,7 +476,7 @@ static void trace_blocks(struct queue *q, const struct layout *l)
         for (uint32_t t = 0; t < l->n_tile; t++)
             for (uint32_t j = 0; s->fine[a][t] > 0 && j < 4; j++) {
                 uint32_t b = block_of(t, j, l->wide);
-                s->value[a][b] = brings(plan, &s->node[a], b);
+                s->value[a][b] = brings(plan, &s->node[a], b, l->depth[a]);
             }
 }
 
@@ -501,7 +507,7 @@ static uint64_t trace_nodes(const struct single_plan *plan, const struct fresnel
 {
     uint32_t half = plan->directions->n / 2;
     struct layout l = {.half = half, .wide = half / 2, .n_tile = 6 * (half / 2) * (half / 2),
-                       .n_node = plan->n_node};
+                       .n_node = plan->n_node, .depth = depth};
     struct queue q = {.plan = plan, .fresnel = fresnel, .s = s, .ask_horizon = true,
                       .keep_directions = plan->n_phase > 1};
     weigh_nodes(plan, depth, l.rise);
@@ -657,22 +663,8 @@ static uint64_t every_ray(const struct single_plan *plan, const struct fresnel_t
     return rays;
 }
 
-// From [plane][n_cell] to [plane][n_coef] in place, the last plane first.
-static void spread_cells(const struct single_plan *plan, const struct scratch *s,
-                         uint32_t n_cell, float *out)
-{
-    uint32_t n = plan->directions->n_coef;
-    uint32_t n_plane = plan->n_phase * (plan->extinction ? plan->extinction->n_function : 3);
-    float *row = s->node[0].way; // no longer wanted
-    for (uint32_t p = n_plane; p-- > 0;) {
-        float *to = out + (size_t)p * n;
-        memcpy(row, out + (size_t)p * n_cell, n_cell * sizeof *row);
-        for (uint32_t t = 0; t < n; t++) to[t] = row[s->cell[t]];
-    }
-}
-
-uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                     uint32_t vertex, float *out, void *memory)
+uint64_t single_cells(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                      uint32_t vertex, float *value, struct single_cells *out, void *memory)
 {
     const struct directions *d = plan->directions;
     const float *x = plan->mesh->position[vertex], *n = plan->mesh->normal[vertex];
@@ -681,8 +673,11 @@ uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table 
     uint64_t rays = 1;
     float thickness = thickness_at(plan, x, n);
     unsigned pattern = (unsigned)(prt_hash64(&vertex, sizeof vertex, plan->seed) >> 20);
-    if (plan->every_ray)
-        return rays + every_ray(plan, fresnel, x, n, thickness, pattern, &s, out);
+    *out = (struct single_cells){d->n_coef, s.cell, value};
+    if (plan->every_ray) {
+        for (uint32_t t = 0; t < d->n_coef; t++) s.cell[t] = t;
+        return rays + every_ray(plan, fresnel, x, n, thickness, pattern, &s, value);
+    }
     float depth[SINGLE_MAX_NODES], end;
     place_nodes(plan, thickness, depth);
     for (uint32_t k = 0; k < d->n_packet * 4; k++) {
@@ -691,8 +686,25 @@ uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table 
     }
     rays += trace_nodes(plan, fresnel, x, n, pattern, depth, &s);
     end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
-    uint32_t n_cell = make_cells(plan, &s);
-    path_integrate(plan, fresnel, &s, depth, end, n_cell, NULL, out);
-    spread_cells(plan, &s, n_cell, out);
+    out->n_cell = make_cells(plan, &s);
+    path_integrate(plan, fresnel, &s, depth, end, out->n_cell, NULL, value);
+    return rays;
+}
+
+uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                     uint32_t vertex, float *out, void *memory)
+{
+    uint32_t n = plan->directions->n_coef;
+    uint32_t n_plane = plan->n_phase * (plan->extinction ? plan->extinction->n_function : 3);
+    struct single_cells c;
+    struct scratch s = {0};
+    uint64_t rays = single_cells(plan, fresnel, vertex, out, &c, memory);
+    carve(plan, memory, &s);
+    float *row = s.node[0].way; // no longer wanted
+    for (uint32_t p = n_plane; p-- > 0;) { // in place, the last plane first
+        float *to = out + (size_t)p * n;
+        memcpy(row, out + (size_t)p * c.n_cell, c.n_cell * sizeof *row);
+        for (uint32_t t = 0; t < n; t++) to[t] = row[c.cell[t]];
+    }
     return rays;
 }

@@ -255,8 +255,8 @@ enum {
 struct horizon;
 int horizon_create(const struct prt_scene *scene, struct horizon **out);
 void horizon_destroy(struct horizon *horizon);
-/* Whether rays that leave a triangle into a bin are open for certain; else cast one. */
-bool horizon_open(struct horizon *horizon, uint32_t triangle, uint32_t bin);
+/* Rays that leave a triangle into a bin: 1 all open, -1 all blocked, 0 cast one to know. */
+int horizon_known(struct horizon *horizon, uint32_t triangle, uint32_t bin);
 /* What is known of every bin above a triangle: bit b % 64 of word b / 64. */
 struct horizon_view {
     uint64_t open[HORIZON_WORDS], shut[HORIZON_WORDS];
@@ -292,6 +292,15 @@ void single_plan_finish(struct single_plan *plan);
  * basis) per texel mean (solid angle not applied). Returns rays cast. */
 uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table *fresnel,
                      uint32_t vertex, float *out, void *scratch);
+/* The same as cells of texels that share their rays: value (room for [planes][n_coef]) gets
+ * [planes][n_cell], and out's cell lies in scratch. */
+struct single_cells {
+    uint32_t n_cell;
+    const uint32_t *cell;                /* [n_coef], a face's cells contiguous */
+    const float *value;
+};
+uint64_t single_cells(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                      uint32_t vertex, float *value, struct single_cells *out, void *scratch);
 /* A fixed light's rays (weights rgb [n][3]): out [n_phase][n_radial][3], X07 eq 14. */
 uint64_t single_light(const struct single_plan *plan, const struct fresnel_table *fresnel,
                       uint32_t vertex, uint32_t n, const float *x, const float *y,
