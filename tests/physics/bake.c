@@ -232,10 +232,11 @@ static void an_open_body_is_lit_like_others(void **state)
         const struct prt_transport *t = prt_file_transport(f);
         float(*got)[3] = calloc(t->mesh.n_vertex, sizeof *got);
         assert_int_equal(prt_answer_colors(&context, t, &q, got), PRT_OK);
-        for (uint32_t k = 0; k < 3 * t->mesh.n_vertex; k++) {
-            assert_true(isfinite(got[0][k]));
-            most[i] = fmaxf(most[i], got[0][k]);
-        }
+        for (uint32_t v = 0; v < t->mesh.n_vertex; v++)
+            for (int c = 0; c < 3; c++) {
+                assert_true(isfinite(got[v][c]));
+                most[i] = fmaxf(most[i], got[v][c]);
+            }
         free(got);
         prt_file_close(f);
     }
