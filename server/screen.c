@@ -239,7 +239,7 @@ void refinement_release(struct refinement *r)
 // What the daemon foresees of the mean: engines have part of their error in common to all frames.
 double refinement_error(const struct refinement *r)
 {
-    static const double tangent_floor = 0.02; // what curves away from a tangent plane
+    static const double tangent_floor = 0.01; // one irradiance and one plane for a pixel
     double e = r->expected_error * pow(r->n_mean > 1 ? r->n_mean : 1, -0.4);
     return r->engine == PRT_SCREEN_TANGENT ? fmax(e, fmin(tangent_floor, r->expected_error)) : e;
 }

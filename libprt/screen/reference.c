@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The exact sum the engines are measured against: every texel, the dipole itself.
+// The exact sum the engines are measured against: every texel, the dipole itself. R_d changes much
+// over the texel nearest to a point: there it is integrated, with the point's own irradiance, and
+// texels stand for what lies further, so that the sum does not jump as points pass texels.
 #include "internal.h"
 
 #include <math.h>
@@ -13,15 +15,35 @@ struct job {
     const struct samples *s;
     uint32_t *object_begin; // [n_object+1] texels
     const uint32_t *point;
+    const struct samples *own;  // the points, with their irradiance
+    double near_mm;
+    double (*share)[3];         // [n_object] of R_d exp(-(r / near_mm)^2)
     float (*out)[3];
     unsigned cpu;
 };
+
+// What a flat surface gets from its own irradiance.
+static void near_share(const struct prt_dipole d[3], double near_mm, double share[3])
+{
+    enum { STEPS = 256 };
+    for (int c = 0; c < 3; c++) {
+        // r dr at equal steps of log r: the weight is gone at 4 near_mm
+        double top = 4 * near_mm, ratio = top / (1e-3 * fmin(near_mm, d[c].z_r));
+        share[c] = 0;
+        for (int k = 0; k < STEPS; k++) {
+            double r = top * pow(ratio, -(k + 0.5) / STEPS);
+            share[c] += 2 * M_PI * r * r * prt_dipole_rd(&d[c], r) *
+                        exp(-(r / near_mm) * (r / near_mm)) * log(ratio) / STEPS;
+        }
+    }
+}
 
 static int run(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct job *job = arg;
     const struct samples *s = job->s;
     const bool maps = maps_tint(job->f->options);
+    const float inv_near = (float)(1 / (job->near_mm * job->near_mm)), reach = 16 / inv_near;
     float *r = prt_alloc(4 * CHUNK, sizeof *r);
     if (!r) return PRT_NOMEM;
     for (size_t i = begin; i < end; i++) {
@@ -30,7 +52,8 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
         double sum[3] = {0};
         float o[3], factor[6];
         struct prt_dipole own[3], *dipole = job->f->dipole[object];
-        double scale[3] = {1, 1, 1};
+        double scale[3] = {1, 1, 1}, share[3];
+        memcpy(share, job->share[object], sizeof share);
         if (maps) { // the medium where light leaves, as in M03
             point_factor(job->f, point, factor);
             for (int c = 0; c < 3; c++) {
@@ -38,6 +61,7 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
                 scale[c] = mapped_reflectance(&dipole[c], factor, c) / fmax(own[c].rho_d, 1e-12);
             }
             dipole = own;
+            near_share(own, job->near_mm, share);
         }
         for (int k = 0; k < 3; k++) o[k] = job->f->g.position[k][point];
         uint32_t last = job->object_begin[object + 1];
@@ -51,12 +75,17 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
             }
             prt_dipole_rd3_array(dipole, job->cpu, n, r, r + CHUNK, r + 2 * CHUNK,
                                  r + 3 * CHUNK);
+            for (uint32_t j = 0; j < n; j++) {
+                if (!(r[j] < reach)) continue;
+                float far = 1 - expf(-r[j] * inv_near);
+                for (int c = 1; c < 4; c++) r[(size_t)c * CHUNK + j] *= far;
+            }
             for (int c = 0; c < 3; c++)
                 for (uint32_t j = 0; j < n; j++)
                     part[c] += r[(size_t)(c + 1) * CHUNK + j] * s->e[c][at + j] * s->area[at + j];
             for (int c = 0; c < 3; c++) sum[c] += part[c];
         }
-        for (int c = 0; c < 3; c++) job->out[i][c] = (float)(scale[c] * sum[c] / M_PI);
+        for (int c = 0; c < 3; c++) job->out[i][c] = (float)(scale[c] * (sum[c] + share[c] * (double)job->own->e[c][i]) / M_PI);
     }
     prt_free(r);
     return PRT_OK;
@@ -73,14 +102,22 @@ int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double 
     uint32_t *point = malloc(((size_t)f->g.n_point + 1) * sizeof *point);
     uint32_t *begin = calloc((size_t)f->n_object + 2, sizeof *begin);
     float(*out)[3] = malloc(((size_t)f->g.n_point / stride + 2) * sizeof *out);
-    struct job job = {f, s, begin, point, out, f->ctx ? f->ctx->cpu : prt_cpu_detect()};
-    if (!point || !begin || !out) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    double(*share)[3] = calloc((size_t)f->n_object + 1, sizeof *share);
+    // wide enough that what is left is smooth from texel to texel
+    double near_mm = s->n ? 2.5 * sqrt(f->screen->area_mm2 / s->n / M_PI) : 1;
+    struct samples own = {0};
+    struct job job = {f, s, begin, point, &own, near_mm, share, out,
+                      f->ctx ? f->ctx->cpu : prt_cpu_detect()};
+    if (!point || !begin || !out || !share) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     if (!status) {
         for (uint32_t i = 0; i < f->g.n_point; i++)
             if (!f->g.opaque[i] && skip++ % stride == 0) point[n++] = i;
         for (uint32_t i = 0; i < s->n; i++) begin[s->object[i] + 1]++;
         for (uint32_t o = 0; o < f->n_object; o++) begin[o + 1] += begin[o];
-        status = screen_loop(f->ctx, n, 16, run, &job);
+        for (uint32_t o = 0; o < f->n_object; o++) near_share(f->dipole[o], near_mm, share[o]);
+        if (!seen_samples(f, n, point, &own)) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+        if (!status) status = frame_irradiance(f, &own);
+        if (!status) status = screen_loop(f->ctx, n, 16, run, &job);
     }
     if (!status && error) {
         double num = 0, den = 0;
@@ -99,6 +136,8 @@ int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double 
         f->report->scatter_s = prt_time_s() - t1;
     }
     f->report->n_pair += (uint64_t)n * s->n / (f->n_object ? f->n_object : 1);
+    samples_finish(&own);
+    free(share);
     free(point);
     free(begin);
     free(out);

@@ -176,7 +176,11 @@ static bool make_patterns(struct tangent_job *job, const struct frame *f, const 
 {
     uint32_t n = job->n_tangent;
     struct prt_rng rng;
-    prt_rng_init(&rng, f->seed, 100);
+    // frames of a running mean go on with one sequence: a pixel's angles and uniform samples fill
+    // the gaps that those before left, where new random ones would leave their noise in the mean
+    const uint32_t frame = f->options->frame;
+    const double turned = frame * 0.6180339887498949, moved = frame * 0.7548776662466927;
+    prt_rng_init(&rng, f->options->seed, 100);
     for (uint32_t v = 0; v < VARIANTS; v++) {
         struct pattern *p = &job->pattern[v];
         p->cosine = malloc((n + 1) * sizeof(float));
@@ -185,7 +189,7 @@ static bool make_patterns(struct tangent_job *job, const struct frame *f, const 
         p->radius = calloc(job->n_medium + 1, sizeof *p->radius);
         p->density = calloc(job->n_medium + 1, sizeof *p->density);
         if (!p->cosine || !p->sine || !p->uniform || !p->radius || !p->density) return false;
-        double turn = radical_inverse(2, v) + (double)prt_rng_f32(&rng);
+        double turn = radical_inverse(2, v) + (double)prt_rng_f32(&rng) + turned;
         for (uint32_t i = 0; i < n; i++) {
             double phi = 2 * M_PI * (i * 0.3819660112501051 + turn);
             p->cosine[i] = (float)cos(phi);
@@ -197,7 +201,8 @@ static bool make_patterns(struct tangent_job *job, const struct frame *f, const 
             if (!p->radius[o] || !p->density[o]) return false;
         }
         for (uint32_t i = 0; i < job->n_uniform; i++) {
-            double u = (i * VARIANTS + v + (double)prt_rng_f32(&rng)) /
+            double within = fmod((double)prt_rng_f32(&rng) + moved, 1);
+            double u = (i * VARIANTS + (v + frame * 5) % VARIANTS + within) /
                        ((double)job->n_uniform * VARIANTS) * area_cdf[f->g.n_point];
             uint32_t lo = 0, hi = f->g.n_point;
             while (hi - lo > 1) {
