@@ -262,6 +262,46 @@ static void frames_average_to_the_reference(void **state)
     model_finish(&model);
 }
 
+// A light that turns by half a degree changes the picture as the exact sum says, and no more: its
+// samples stay where they were as far as they can (S09: no flicker).
+static void samples_stay_from_frame_to_frame(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 32);
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct stage s;
+    stage_init(&s, &model, camera, 48, 48);
+    pixels exact[2] = {NULL, NULL};
+    for (int e = PRT_SCREEN_REFERENCE; e >= 0; e--) {
+        static const uint32_t count[] = {0, 64, 2500, 900, 60000};
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                             .n_sample = count[e]};
+        pixels b[2];
+        for (int k = 0; k < 2; k++) {
+            double a = 0.4 + k * M_PI / 360;
+            struct prt_screen_light light = {{(float)sin(a), 0, (float)cos(a)}, {5, 5, 5}, false};
+            b[k] = render(&s, &marble, NULL, &light, options, NULL);
+            if (e == PRT_SCREEN_REFERENCE) exact[k] = b[k];
+        }
+        double moved = 0, all = 0;
+        for (uint32_t i = 0; i < s.g.n_point; i++) {
+            double own = (double)b[1][i][1] - b[0][i][1];
+            double want = (double)exact[1][i][1] - exact[0][i][1];
+            moved += (own - want) * (own - want);
+            all += (double)exact[0][i][1] * exact[0][i][1];
+        }
+        print_message("half a degree, %s: %.3f %% more or less than the exact sum\n",
+                      prt_screen_engine_name(options.engine), 100 * sqrt(moved / all));
+        assert_true(sqrt(moved / all) < 0.008);
+        for (int k = 0; k < 2 && e != PRT_SCREEN_REFERENCE; k++) free(b[k]);
+    }
+    free(exact[0]);
+    free(exact[1]);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -270,6 +310,7 @@ int main(void)
         cmocka_unit_test(budgets_buy_samples),
         cmocka_unit_test(errors_are_foreseen),
         cmocka_unit_test(frames_average_to_the_reference),
+        cmocka_unit_test(samples_stay_from_frame_to_frame),
     };
     return cmocka_run_group_tests(tests, screen_setup, screen_teardown);
 }

@@ -101,8 +101,8 @@ struct prt_screen_options {
     const struct prt_screen_profile *profile;   /* SPLAT, TEXTURE, HYBRID: [n_object] in place of
                                the materials' own R_d, which all engines know; or NULL */
     uint32_t frame;         /* which picture of a running mean this is: each takes other samples,
-                               and the mean of 0..k goes to REFERENCE as k grows (TANGENT: to
-                               1 or 2 % of it); see prt_screen_progress. The same seed and frame give the same picture */
+                               and the mean of 0..k goes to REFERENCE as k grows (TANGENT: to some
+                               1 % of it); see prt_screen_progress. The same seed and frame give the same picture */
     /* On meshes with uv: factors >= 0 of the medium's coefficients at each pixel (TANGENT and
        REFERENCE take R_d of the medium where light leaves; the others spread light in the plain
        medium and scale it by the pixel's total reflectance); heights [mm] (first channel) or
