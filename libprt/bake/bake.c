@@ -252,7 +252,7 @@ static void drop_factored(struct bake *b)
 static double byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
 {
     bool joint = b->o.engine == PRT_ENGINE_JOINT;
-    double per_vertex = joint ? (term ? 2200 : 1085) : 620.0 * n_phase;
+    double per_vertex = joint ? (term ? 2200 : 1088) : 620.0 * n_phase;
     double least = joint ? (term ? 40e6 : 24e6) : (term ? 6e6 : 16e6) * n_phase;
     return fmax(per_vertex * b->mesh->n_vertex, least);
 }

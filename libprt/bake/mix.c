@@ -330,7 +330,9 @@ void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mi
 {
     enum { AHEAD = 4, TURNS = 4 };
     float *x = room, *sum = room + n_coef;
-    uint32_t width = f->n_direction < AHEAD ? f->n_direction : AHEAD, next = width;
+    uint32_t width = f->width[r] ? f->width[r] : AHEAD, next; // what another price chose
+    if (width > f->n_direction) width = f->n_direction;
+    next = width;
     for (int turn = 0; turn < TURNS && (!turn || next != width); turn++) {
         uint32_t look = next + AHEAD < f->n_direction ? next + AHEAD : f->n_direction;
         width = next;
