@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST = 20 };                // directions held of a row before the choice
+enum { MOST = MIX_ROOM - 2 };      // directions held of a row before the choice
 static const double direction_share = 2e-8; // of a cluster's energy: a direction with less is not made
 static const double metric_floor = 1e-5; // of the metric: media beside the training have a say, too
 
@@ -274,24 +274,50 @@ static void coefficients(const struct factored *f, uint32_t r, uint32_t d, uint3
     for (uint32_t k = 0; k < n_coef; k++) out[k] *= f->scale[from];
 }
 
-// Energies of a row's coefficients in its first `width` directions. x: room for one's
-// coefficients.
-static void energies(const struct factored *f, uint32_t r, uint32_t width, uint32_t n_coef,
-                     float *x, float *sum)
-{
-    memset(sum, 0, n_coef * sizeof *sum);
-    for (uint32_t d = 0; d < width; d++) {
-        coefficients(f, r, d, n_coef, x);
-        for (uint32_t k = 0; k < n_coef; k++) sum[k] += x[k] * x[k];
-    }
-}
+enum { LANES = 16 }; // sums and maxima kept apart, in a register; divides 6 n n, as n >= 16
 
 // The largest of a direction's coefficients among entries that are kept.
-static float largest(const float *x, const float *sum, float limit, uint32_t n)
+PRT_CLONES static float largest(const float *x, const float *sum, float limit, uint32_t n)
 {
-    float most = 1e-30f;
-    for (uint32_t k = 0; k < n; k++) most = sum[k] > limit ? fmaxf(most, fabsf(x[k])) : most;
-    return most;
+    float most[LANES] = {0}, all = 1e-30f;
+    for (uint32_t k = 0; k < n; k += LANES)
+        for (uint32_t i = 0; i < LANES; i++) {
+            float own = sum[k + i] > limit ? fabsf(x[k + i]) : 0;
+            most[i] = own > most[i] ? own : most[i];
+        }
+    for (uint32_t i = 0; i < LANES; i++) all = most[i] > all ? most[i] : all;
+    return all;
+}
+
+// What entries that are kept have of a direction.
+PRT_CLONES static float kept_energy(const float *x, const float *sum, float limit, uint32_t n)
+{
+    float part[LANES] = {0}, all = 0;
+    for (uint32_t k = 0; k < n; k += LANES)
+        for (uint32_t i = 0; i < LANES; i++)
+            part[i] += sum[k + i] > limit ? x[k + i] * x[k + i] : 0;
+    for (uint32_t i = 0; i < LANES; i++) all += part[i];
+    return all;
+}
+
+// Entries above a limit, and those of them whose share is above another.
+PRT_CLONES static uint32_t count_above(const float *sum, float limit, const float *share,
+                                       float above, uint32_t n)
+{
+    uint32_t part[LANES] = {0}, all = 0;
+    for (uint32_t k = 0; k < n; k += LANES)
+        for (uint32_t i = 0; i < LANES; i++)
+            part[i] += sum[k + i] > limit ? 1u + (share[k + i] > above) : 0u;
+    for (uint32_t i = 0; i < LANES; i++) all += part[i];
+    return all;
+}
+
+PRT_CLONES static void raise_share(const float *x, float scale, float *share, uint32_t n)
+{
+    for (uint32_t k = 0; k < n; k++) {
+        float own = fabsf(x[k]) * scale;
+        share[k] = own > share[k] ? own : share[k];
+    }
 }
 
 // Entries as bytes lose a step's twelfth in energy, a step being a 127th of the largest value at
@@ -305,23 +331,48 @@ static float twice_above(float unit2, float limit)
     return ldexpf(1, exponent < 1 ? exponent - 1 : 0);
 }
 
-// Entries a row takes with the first `width` directions. room: [3 n_coef], energies in its second.
-static uint64_t count_entries(const struct factored *f, uint32_t r, uint32_t width, float limit,
-                              uint32_t n_coef, float *room)
+// A row's directions as floats, as far as they were asked for: room [MIX_ROOM][n_coef], the sums
+// of their squares and the shares of the largest values before them.
+struct shown {
+    const struct factored *f;
+    uint32_t r, n_coef, n;
+    float *sum, *share, *x;
+};
+
+static struct shown show(const struct factored *f, uint32_t r, uint32_t n_coef, float *room)
 {
-    float *x = room, *sum = room + n_coef, *share = sum + n_coef, unit2 = 0;
-    memset(share, 0, n_coef * sizeof *share);
+    return (struct shown){.f = f, .r = r, .n_coef = n_coef, .sum = room, .share = room + n_coef,
+                          .x = room + 2 * (size_t)n_coef};
+}
+
+static const float *shown_direction(struct shown *s, uint32_t d)
+{
+    for (; s->n <= d; s->n++)
+        coefficients(s->f, s->r, s->n, s->n_coef, s->x + (size_t)s->n * s->n_coef);
+    return s->x + (size_t)d * s->n_coef;
+}
+
+static void sum_energies(struct shown *s, uint32_t width)
+{
+    memset(s->sum, 0, s->n_coef * sizeof *s->sum);
     for (uint32_t d = 0; d < width; d++) {
-        coefficients(f, r, d, n_coef, x);
-        float most = largest(x, sum, limit, n_coef);
-        unit2 += most / 127 * (most / 127);
-        for (uint32_t k = 0; k < n_coef; k++) share[k] = fmaxf(share[k], fabsf(x[k]) / most);
+        const float *x = shown_direction(s, d);
+        for (uint32_t k = 0; k < s->n_coef; k++) s->sum[k] += x[k] * x[k];
     }
-    float above = twice_above(unit2, limit);
-    uint64_t n = 0;
-    for (uint32_t k = 0; k < n_coef; k++)
-        n += sum[k] > limit ? 1u + (share[k] > above) : 0;
-    return n;
+}
+
+// Entries a row takes with the first `width` directions, whose energies are summed.
+static uint64_t count_entries(struct shown *s, uint32_t width, float limit)
+{
+    float unit2 = 0;
+    memset(s->share, 0, s->n_coef * sizeof *s->share);
+    for (uint32_t d = 0; d < width; d++) {
+        const float *x = shown_direction(s, d);
+        float most = largest(x, s->sum, limit, s->n_coef);
+        unit2 += most / 127 * (most / 127);
+        raise_share(x, 127 / most, s->share, s->n_coef);
+    }
+    return count_above(s->sum, limit, s->share, 127 * twice_above(unit2, limit), s->n_coef);
 }
 
 // A direction stays when the energy it has in the entries that are kept pays its byte in each.
@@ -329,7 +380,7 @@ void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mi
                 float *room, struct mix_row *out)
 {
     enum { AHEAD = 4, TURNS = 4 };
-    float *x = room, *sum = room + n_coef;
+    struct shown s = show(f, r, n_coef, room);
     uint32_t width = f->width[r] ? f->width[r] : AHEAD, next; // what another price chose
     if (width > f->n_direction) width = f->n_direction;
     next = width;
@@ -338,20 +389,17 @@ void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mi
         width = next;
         *out = (struct mix_row){.width = width,
                                 .limit = (float)(price->byte * (price->entry_bytes + width))};
-        energies(f, r, width, n_coef, x, sum);
-        for (uint32_t k = 0; k < n_coef; k++) out->entries += sum[k] > out->limit;
+        sum_energies(&s, width);
+        out->entries = count_above(s.sum, out->limit, s.sum, INFINITY, n_coef);
+        double cost = price->byte * ((double)out->entries + price->direction_bytes);
         next = 0;
-        for (uint32_t d = 0; d < look; d++) {
-            float all = 0;
-            coefficients(f, r, d, n_coef, x);
-            for (uint32_t k = 0; k < n_coef; k++) all += sum[k] > out->limit ? x[k] * x[k] : 0;
+        for (uint32_t d = 0; d < look && (d < width || next == d); d++) {
+            float all = kept_energy(shown_direction(&s, d), s.sum, out->limit, n_coef);
             if (d < width) out->energy += (double)all;
-            double cost = price->byte * ((double)out->entries + price->direction_bytes);
             if (next == d && (!d || (double)all > cost)) next = d + 1;
         }
     }
-    energies(f, r, out->width, n_coef, x, sum);
-    out->entries = count_entries(f, r, out->width, out->limit, n_coef, room);
+    out->entries = count_entries(&s, out->width, out->limit);
     f->width[r] = (uint8_t)out->width;
     f->limit[r] = out->limit;
     f->count[r] = (uint32_t)out->entries;
@@ -393,13 +441,13 @@ int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows
     const uint32_t first = rows->direction[row];
     uint64_t at = rows->begin[row];
     int8_t *entry = OWN(int8_t, rows->entry) + rows->value_begin[row];
-    float *sum = prt_alloc((size_t)(width + 1) * n_coef, sizeof *sum), *x = sum + n_coef;
-    if (!sum) return PRT_NOMEM;
-    energies(f, r, width, n_coef, x, sum);
-    float unit2 = 0;
+    float *room = prt_alloc(MIX_ROOM * (size_t)n_coef, sizeof *room), unit2 = 0;
+    if (!room) return PRT_NOMEM;
+    struct shown shown = show(f, r, n_coef, room);
+    float *sum = shown.sum, *x = shown.x;
+    sum_energies(&shown, width);
     for (uint32_t d = 0; d < width; d++) {
         float *own = x + (size_t)d * n_coef;
-        coefficients(f, r, d, n_coef, own);
         float most = largest(own, sum, f->limit[r], n_coef);
         unit2 += most / 127 * (most / 127);
         for (uint32_t k = 0; k < n_coef; k++) own[k] *= 127 / most;
@@ -426,6 +474,6 @@ int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows
     for (uint32_t k = 0; k < 6 * J; k++)
         OWN(uint16_t, rows->scaling)
         [(size_t)row * 6 * J + k] = prt_f32_to_f16(f->scaling[(size_t)r * 6 * J + k] * s);
-    prt_free(sum);
+    prt_free(room);
     return at == rows->begin[row + 1] ? PRT_OK : PRT_INTERNAL;
 }

@@ -114,7 +114,7 @@ static void mixed_choice(struct choice *c, size_t i, float *room)
 static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct choice *c = arg;
-    float *room = c->mixed ? prt_alloc(3 * (size_t)c->n_coef, sizeof *room) : NULL;
+    float *room = c->mixed ? prt_alloc(MIX_ROOM * (size_t)c->n_coef, sizeof *room) : NULL;
     if (c->mixed && !room) return PRT_NOMEM;
     for (size_t turn = begin; turn < end; turn++) {
         size_t i = turn * c->stride;
