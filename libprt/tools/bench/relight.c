@@ -221,7 +221,60 @@ static int sparse(struct bench_env *env)
     return status;
 }
 
-// The tensors of a baked file, each by itself.
+struct answer_job {
+    struct bench_env *env;
+    const struct prt_transport *transport;
+    struct prt_cube cube[8];
+    unsigned n_light;
+    float *color[8];
+};
+
+static int answer_cubes(void *arg)
+{
+    struct answer_job *job = arg;
+    struct prt_query query[8];
+    const bool planes[8] = {false};
+    memset(query, 0, sizeof query);
+    for (unsigned i = 0; i < job->n_light; i++)
+        query[i] = (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &job->cube[i]};
+    return prt_answer_many(&job->env->ctx, job->transport, job->n_light, query, planes, job->color);
+}
+
+// What a request for the whole answer costs, all tensors: one light, and eight at once.
+static int answers(struct bench_env *env, const struct prt_transport *t)
+{
+    struct answer_job job = {.env = env, .transport = t};
+    struct bench_time time, one = {0};
+    int status = PRT_OK;
+    for (unsigned i = 0; i < 8 && !status; i++) {
+        status = bench_cube(t->cube, env->seed + i, &job.cube[i]);
+        job.color[i] = prt_calloc(3ull * t->mesh.n_vertex, sizeof *job.color[i]);
+        if (!job.color[i]) status = PRT_NOMEM;
+    }
+    for (job.n_light = 1; job.n_light <= 8 && !status; job.n_light *= 8) {
+        status = bench_measure(env, answer_cubes, &job, &time);
+        if (status) break;
+        bench_begin(env, job.n_light > 1 ? "file_answer_8_lights" : "file_answer");
+        bench_number("vertices", t->mesh.n_vertex);
+        bench_number("lights", job.n_light);
+        bench_number("ms", 1e3 * time.best);
+        bench_number("ms_median", 1e3 * time.median);
+        if (job.n_light > 1) {
+            bench_number("times_one", time.best / one.best);
+            bench_number("times_one_median", time.median / one.median);
+            bench_number("target_times_one", 3);
+        }
+        bench_end();
+        one = time;
+    }
+    for (unsigned i = 0; i < 8; i++) {
+        prt_cube_finish(&job.cube[i]);
+        prt_free(job.color[i]);
+    }
+    return status;
+}
+
+// The tensors of a baked file, each by itself, and where nothing else is asked the whole answer.
 static int file(struct bench_env *env)
 {
     struct prt_file *f;
@@ -241,6 +294,7 @@ static int file(struct bench_env *env)
             one_and_eight(env, label, x, t->cube ? t->cube : 32, free_material ? coef : NULL,
                           x->storage != PRT_STORAGE_RADIAL, &one);
     }
+    if (!status && t->engine == PRT_ENGINE_WAVELET) status = answers(env, t);
     prt_file_close(f);
     return status;
 }
