@@ -333,14 +333,20 @@ static int relight_many(struct answer *const answer[], unsigned n, const struct 
     return status;
 }
 
+static int transform_lights(void *arg, size_t begin_i, size_t end, unsigned worker)
+{
+    struct answer *a = arg;
+    for (size_t i = begin_i; i < end; i++)
+        if (a[i].query->light && !a[i].query->lit &&
+            prt_light_from_cube(a[i].query->light, &a[i].light))
+            return prt_fail(a[i].ctx, PRT_NOMEM, "the light cannot be transformed");
+    return PRT_OK;
+}
+
 static int fill_many(struct answer *a, unsigned n)
 {
     const struct prt_transport *t = a[0].transport;
-    int status = PRT_OK;
-    for (unsigned i = 0; i < n && !status; i++)
-        if (a[i].query->light && !a[i].query->lit &&
-            prt_light_from_cube(a[i].query->light, &a[i].light))
-            status = prt_fail(a[i].ctx, PRT_NOMEM, "the light cannot be transformed");
+    int status = prt_parallel_for(a[0].ctx, NULL, n, 1, transform_lights, a);
     for (unsigned i = 0; i < n && !status; i++) status = fill_parts(&a[i], n == 1);
     for (uint32_t k = 0; k < t->n_tensor && !status; k++) {
         struct answer *group[PRT_RELIGHT_MAX_LIGHTS];
