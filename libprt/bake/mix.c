@@ -97,14 +97,24 @@ static int allocate(const struct factor_plan *plan, uint32_t nd, struct factored
                : PRT_NOMEM;
 }
 
+// Direction d of row r: its coefficients.
+static void coefficients(const struct factored *f, uint32_t r, uint32_t d, uint32_t n_coef,
+                         float *out)
+{
+    size_t from = (size_t)r * f->n_direction + d;
+    prt_f16_to_f32_array(f->b + from * n_coef, n_coef, out);
+    for (uint32_t k = 0; k < n_coef; k++) out[k] *= f->scale[from];
+}
+
 // Takes direction d of row r, Haar coefficients without scaling ones. room: [n_coef].
 static void take(struct factored *f, uint32_t r, uint32_t d, const float *x, uint32_t n_coef,
                  float *room)
 {
     size_t at = (size_t)r * f->n_direction + d;
     float *energy = f->energy + (size_t)r * n_coef;
-    for (uint32_t k = 0; k < n_coef; k++) energy[k] += x[k] * x[k];
     keep(x, n_coef, f->b + at * n_coef, f->scale + at, room);
+    coefficients(f, r, d, n_coef, room); // of what halves hold, so that losses add up to all
+    for (uint32_t k = 0; k < n_coef; k++) energy[k] += room[k] * room[k];
 }
 
 int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
@@ -265,15 +275,6 @@ int mix_blend(const struct factor_plan *plan, const struct row_source *source,
     return status;
 }
 
-// Direction d of row r: its coefficients.
-static void coefficients(const struct factored *f, uint32_t r, uint32_t d, uint32_t n_coef,
-                         float *out)
-{
-    size_t from = (size_t)r * f->n_direction + d;
-    prt_f16_to_f32_array(f->b + from * n_coef, n_coef, out);
-    for (uint32_t k = 0; k < n_coef; k++) out[k] *= f->scale[from];
-}
-
 enum { LANES = 16 }; // sums and maxima kept apart, in a register; divides 6 n n, as n >= 16
 
 // The largest of a direction's coefficients among entries that are kept.
@@ -308,6 +309,26 @@ PRT_CLONES static uint32_t count_above(const float *sum, float limit, const floa
     for (uint32_t k = 0; k < n; k += LANES)
         for (uint32_t i = 0; i < LANES; i++)
             part[i] += sum[k + i] > limit ? 1u + (share[k + i] > above) : 0u;
+    for (uint32_t i = 0; i < LANES; i++) all += part[i];
+    return all;
+}
+
+// Sum of squared steps of the entries that are laid once: each the power of two that its share of
+// 127 lies below.
+PRT_CLONES static float squared_steps(const float *sum, float limit, const float *share,
+                                      float above, uint32_t n)
+{
+    float part[LANES] = {0}, all = 0;
+    for (uint32_t k = 0; k < n; k += LANES)
+        for (uint32_t i = 0; i < LANES; i++) {
+            union {
+                float value;
+                uint32_t bits;
+            } step = {.value = share[k + i] / 127};
+            step.bits = (step.bits & 0x7f800000u) + 0x00800000u;
+            bool once = sum[k + i] > limit && !(share[k + i] > above);
+            part[i] += once ? step.value * step.value : 0;
+        }
     for (uint32_t i = 0; i < LANES; i++) all += part[i];
     return all;
 }
@@ -361,10 +382,11 @@ static void sum_energies(struct shown *s, uint32_t width)
     }
 }
 
-// Entries a row takes with the first `width` directions, whose energies are summed.
-static uint64_t count_entries(struct shown *s, uint32_t width, float limit)
+// Entries a row takes with the first `width` directions, whose energies are summed; *lost is
+// the energy that their bytes lose.
+static uint64_t count_entries(struct shown *s, uint32_t width, float limit, double *lost)
 {
-    float unit2 = 0;
+    float unit2 = 0, above;
     memset(s->share, 0, s->n_coef * sizeof *s->share);
     for (uint32_t d = 0; d < width; d++) {
         const float *x = shown_direction(s, d);
@@ -372,7 +394,9 @@ static uint64_t count_entries(struct shown *s, uint32_t width, float limit)
         unit2 += most / 127 * (most / 127);
         raise_share(x, 127 / most, s->share, s->n_coef);
     }
-    return count_above(s->sum, limit, s->share, 127 * twice_above(unit2, limit), s->n_coef);
+    above = 127 * twice_above(unit2, limit);
+    *lost = (double)unit2 / 12 * (double)squared_steps(s->sum, limit, s->share, above, s->n_coef);
+    return count_above(s->sum, limit, s->share, above, s->n_coef);
 }
 
 // A direction stays when the energy it has in the entries that are kept pays its byte in each.
@@ -399,7 +423,9 @@ void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mi
             if (next == d && (!d || (double)all > cost)) next = d + 1;
         }
     }
-    out->entries = count_entries(&s, out->width, out->limit);
+    double lost;
+    out->entries = count_entries(&s, out->width, out->limit, &lost);
+    out->energy -= lost;
     f->width[r] = (uint8_t)out->width;
     f->limit[r] = out->limit;
     f->count[r] = (uint32_t)out->entries;

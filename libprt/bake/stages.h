@@ -201,7 +201,7 @@ struct mix_row {
     uint32_t width;
     float limit;
     uint64_t entries;
-    double energy;            /* of what is kept */
+    double energy;            /* of what is kept, less what its bytes lose */
 };
 int mix_rows(const struct factor_plan *plan, float *b, struct factored *f);
 int mix_blend(const struct factor_plan *plan, const struct row_source *source,
