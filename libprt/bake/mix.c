@@ -10,7 +10,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST = MIX_ROOM - 2 };      // directions held of a row before the choice
 static const double direction_share = 2e-8; // of a cluster's energy: a direction with less is not made
 static const double metric_floor = 1e-5; // of the metric: media beside the training have a say, too
 
@@ -120,7 +119,7 @@ static void take(struct factored *f, uint32_t r, uint32_t d, const float *x, uin
 int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
 {
     const uint32_t J = plan->n_function, n_coef = 6 * plan->n * plan->n,
-                   face = plan->n * plan->n, nd = J < MOST ? J : MOST;
+                   face = plan->n * plan->n, nd = J < MIX_MOST ? J : MIX_MOST;
     struct metric m = {0};
     double *work = malloc((2 * (size_t)J * J + J + nd) * sizeof *work);
     float *turned = prt_alloc((size_t)nd * n_coef + (size_t)J * J + (size_t)nd * J + n_coef,
@@ -253,7 +252,7 @@ int mix_blend(const struct factor_plan *plan, const struct row_source *source,
 {
     const uint32_t J = plan->n_function, n_vertex = source->n_vertex;
     struct blends s = {.J = J, .m = plan->n_probe, .wide = plan->n_probe + 6,
-                       .nd = J < MOST ? J : MOST};
+                       .nd = J < MIX_MOST ? J : MIX_MOST};
     s.row = prt_alloc((size_t)f->rank * J * s.wide + 1, sizeof *s.row);
     s.lit = prt_alloc(6 * (size_t)s.m, sizeof *s.lit);
     s.forward = prt_alloc((size_t)f->rank * s.nd * J + 1, sizeof *s.forward);
@@ -484,7 +483,7 @@ int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows
     }
     float above = 127 * twice_above(unit2, f->limit[r]);
     for (uint32_t k = 0; k < n_coef; k++) {
-        float value[MOST], share = 0;
+        float value[MIX_MOST], share = 0;
         if (!(sum[k] > f->limit[r])) continue;
         for (uint32_t d = 0; d < width; d++) {
             value[d] = x[(size_t)d * n_coef + k];

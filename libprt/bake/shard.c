@@ -345,7 +345,8 @@ static int read_factored(struct bake *b, uint32_t c, uint32_t J)
     struct view view[MAX_VIEW];
     if (!p) return PRT_OK; // a cluster without rows in this slot
     uint32_t n_vertex = b->clusters->cluster[c].n_vertex;
-    if (p->record.rank > n_vertex || p->record.n_direction > J) return damaged(b, c);
+    uint32_t most = J < MIX_MOST ? J : MIX_MOST;
+    if (p->record.rank > n_vertex || p->record.n_direction > most) return damaged(b, c);
     factored_finish(f);
     f->n_vertex = n_vertex, f->rank = p->record.rank, f->n_direction = p->record.n_direction;
     int status = allocate_factored(b, J, f);

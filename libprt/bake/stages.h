@@ -192,7 +192,7 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
  * rows answer to the probes: answers [J][n_vertex][n_probe + 6], the last six (mix_faces) the
  * scaling coefficients. mix_choose decides for one row at a price and leaves width and limit, with
  * room for [MIX_ROOM][n_coef]; mix_lay writes the row, times s, where rows says. */
-enum { MIX_ROOM = 22 };
+enum { MIX_MOST = 20, MIX_ROOM = MIX_MOST + 2 }; /* directions held of a row */
 struct mix_price {
     double byte;                           /* energy one byte must be worth */
     double entry_bytes, direction_bytes;   /* beside a byte a direction of each entry */

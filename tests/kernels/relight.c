@@ -248,7 +248,7 @@ static void check_expand(const struct expand_shape *s, uint64_t seed, const char
     for (int i = 0; i < n_variant; i++) {
         memcpy(out, start, 4 * n_out);
         (s->radial ? variants[i]->radial : variants[i]->expand)(&job);
-        // 16-bit integers (expand_vnni.c), used for eight triples or more
+        // 16-bit integers (expand_vnni.c), used for four triples or more
         bool coarse = variants[i]->expand == relight_kernels_vnni.expand && !s->radial;
         closer_than(coarse && s->n_triple >= 4 ? 1e-4 : 2e-5, out, expect, n_out,
                     variants[i]->name);
