@@ -113,11 +113,11 @@ INLINE void put_tile(const struct expand_job *job, uint32_t v, uint32_t t0, cons
 // A tile whose colours wait: they leave for their vertices while the next one is computed, since
 // stores of a few bytes take as long as the sums and want other parts of the processor.
 struct waiting {
-    float rgb[3 * TILE] __attribute__((aligned(64))); // [triple][width][3]
+    float rgb[3 * TILE + 1] __attribute__((aligned(64))); // [triple][width][3], one read behind
     uint32_t n;                                       // portions left of PORTIONS
     float *color;                                     // of the first triple
     size_t plane;
-    const uint32_t *order;
+    size_t at[32]; // floats: where each position's vertex is
 };
 enum { PORTIONS = 16, PORTION = TILE / PORTIONS };
 
@@ -125,10 +125,11 @@ enum { PORTIONS = 16, PORTION = TILE / PORTIONS };
 INLINE void put_portion(struct waiting *w, const uint32_t each)
 {
     const uint32_t k = PORTIONS - w->n--;
-    const uint32_t *order = w->order + k % each * PORTION;
+    const size_t *at = w->at + k % each * PORTION;
     const float *rgb = w->rgb + 3 * PORTION * k;
     float *color = w->color + k / each * w->plane;
-    for (uint32_t i = 0; i < PORTION; i++) put1(color + 3ull * order[i], rgb + 3 * i, false);
+    for (uint32_t i = 0; i < PORTION; i++)
+        _mm_mask_storeu_ps(color + at[i], 7, _mm_loadu_ps(rgb + 3 * i));
 }
 
 INLINE void put_rest(struct waiting *w, const uint32_t each)
@@ -148,7 +149,7 @@ INLINE void put_later(const struct expand_job *job, uint32_t v, uint32_t t0, con
     waiting->n = PORTIONS;
     waiting->color = job->color + t0 * job->plane;
     waiting->plane = job->plane;
-    waiting->order = job->order + v;
+    for (uint32_t i = 0; i < width; i++) waiting->at[i] = 3ull * job->order[v + i];
 }
 
 // Fetches a share of the next AHEAD vertices' rows, each row's bytes in one go.
