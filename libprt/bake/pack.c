@@ -405,6 +405,17 @@ static int allocate(struct choice *c, const struct clusters *clusters, struct la
     return c->mixed ? allocate_mixed(c, t) : PRT_OK;
 }
 
+// Rows of one phase term: integers, for several lights at a time.
+static int pair_rows(struct prt_tensor *t)
+{
+    struct prt_rows pairs;
+    const int status = prt_rows_pair(&t->rows, &pairs);
+    if (status) return status;
+    prt_rows_finish(&t->rows);
+    t->rows = pairs;
+    return PRT_OK;
+}
+
 int pack_factored(const struct prt_context *ctx, const struct clusters *clusters,
                   struct factored *factored, uint32_t n_function, uint32_t n,
                   const struct pack_options *options, struct prt_tensor *out)
@@ -414,7 +425,9 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
                        .n_coef = 6 * n * n, .stride = 1, .options = options, .mixed = options->mixed};
     const double index = c.n_coef > 65536 ? 4 : 2;
     c.entry_bytes = c.mixed ? index + 1 : index + 2.0 * n_function;
+    const bool pairs = !c.mixed && n_function == 3 && index == 2;
     c.row_bytes = 12.0 * n_function + (c.mixed ? 20 : 8);
+    if (pairs) c.row_bytes += 4.0 * n_function + c.entry_bytes; // scales, and a half pair
     c.direction_bytes = 2.0 * n_function + 4;
     struct layout l = {&c, out, prt_alloc(nc, sizeof *l.cluster_entry)};
     c.dropped = prt_alloc(nc, sizeof *c.dropped);
@@ -429,6 +442,7 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
     if (status == PRT_OK) status = choose(ctx, &c);
     if (status == PRT_OK) status = allocate(&c, clusters, &l, out);
     if (status == PRT_OK) status = prt_parallel_for(ctx, NULL, nc, 1, lay_range, &l);
+    if (status == PRT_OK && pairs) status = pair_rows(out);
     prt_free(l.cluster_entry);
     prt_free(c.dropped);
     prt_free(c.entries);

@@ -287,13 +287,3 @@ int relight_rows_fold(const struct prt_context *ctx, const struct prt_tensor *te
     prt_rows_finish(out);
     return prt_fail(ctx, status, "no memory to fold a material");
 }
-
-void prt_rows_finish(struct prt_rows *rows)
-{
-    prt_free((void *)(uintptr_t)rows->begin);
-    prt_free((void *)(uintptr_t)rows->index);
-    prt_free((void *)(uintptr_t)rows->entry);
-    prt_free((void *)(uintptr_t)rows->scale);
-    prt_free((void *)(uintptr_t)rows->scaling);
-    *rows = (struct prt_rows){0};
-}

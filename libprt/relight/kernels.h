@@ -32,6 +32,17 @@ struct expand_job {
     bool add;
 };
 
+// Up to LIGHT_GROUP lights, times the gains of pairs, as 16-bit integers (pairs_vnni.c).
+struct integer_lights {
+    uint32_t n;                       // of the cube
+    float gain[64];                   // by x | y
+    int16_t *lane;                    // [n_coef][4][2][4]: of lights l and 4 + l, r g b 0
+    float scale[LIGHT_GROUP][4];      // from floats
+    float back[LIGHT_GROUP][4];       // and back
+    float scaling[6][LIGHT_GROUP][4]; // each face's scaling coefficient, in floating point
+};
+
+// Rows of pairs meet lights that are times their gains (prt_pair_gain).
 struct relight_kernels {
     const char *name;
     // DIAGONAL rows [begin, end) under one light [n_coef][4]: out[row - begin][3P]
@@ -42,6 +53,10 @@ struct relight_kernels {
     void (*diagonal_group)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                            const float *table, unsigned n_light, size_t light_pitch,
                            size_t row_pitch, float *out);
+    // rows of pairs under integer lights, which agree to 1e-4 of the colours; NULL: there is none
+    void (*pairs_group)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                        const struct integer_lights *lights, unsigned n_light,
+                        size_t light_pitch, size_t row_pitch, float *out);
     // FULL rows of f16, or mixed ones, under one light: out[row - begin][J][3]
     void (*full)(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
                  float *out);
@@ -65,8 +80,19 @@ const struct relight_kernels *relight_kernels_for(unsigned cpu);
 // Coefficients [begin, end) of a table of up to LIGHT_GROUP lights: [n_coef][light][ch], with 0
 // for the lights that are missing. In f32: halves are read no faster, since they are to be
 // widened, and move colours under a sun or a lamp by 2e-4.
-void relight_fill_table(unsigned n_light, const struct prt_light *const light[], uint32_t begin,
-                        uint32_t end, float *table);
+void relight_fill_table(unsigned n_light, const float *const coef[], uint32_t begin, uint32_t end,
+                        float *table);
+
+// Lights of n-cubes (n <= 64) as integers: the scales from what each is at most in every channel
+// once it has its gains, scaling coefficients aside, false where one is not finite; then the lanes
+// of coefficients [begin, end).
+bool relight_integers_begin(struct integer_lights *q, unsigned n_light, uint32_t n,
+                            const float *const coef[], const float most[][4]);
+void relight_integers_fill(const struct integer_lights *q, unsigned n_light,
+                           const float *const coef[], uint32_t begin, uint32_t end);
+void relight_pairs_vnni(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                        const struct integer_lights *lights, unsigned n_light,
+                        size_t light_pitch, size_t row_pitch, float *out);
 
 // A range of one cluster's vertices: at most some thousands, so that threads share the work.
 struct relight_piece {

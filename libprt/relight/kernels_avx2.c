@@ -43,6 +43,20 @@ INLINE __m128 load3(const void *p, bool i8, bool whole)
     return _mm_cvtph_ps(_mm_cvtsi64_si128((long long)raw));
 }
 
+// Entry e of rows of one phase term; `whole` as above.
+INLINE __m128 load_entry(const void *entry, uint64_t e, uint32_t kind, bool whole)
+{
+    if (kind == PRT_VALUE_PAIR) {
+        const int16_t *p = (const int16_t *)entry + e / 2 * 6;
+        int32_t blue;
+        memcpy(&blue, p + 4, 4);
+        __m128i rgb = _mm_insert_epi32(_mm_loadl_epi64((const __m128i *)p), blue, 2);
+        return _mm_cvtepi32_ps(_mm_srai_epi32(e % 2 ? rgb : _mm_slli_epi32(rgb, 16), 16));
+    }
+    const bool i8 = kind == PRT_VALUE_I8;
+    return load3((const char *)entry + (i8 ? 3 : 6) * e, i8, whole);
+}
+
 INLINE void store3(float *out, __m128 x)
 {
     float lanes[4];
@@ -51,29 +65,28 @@ INLINE void store3(float *out, __m128 x)
 }
 
 INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                      const float *light, float *out, bool i8)
+                      const float *light, float *out, uint32_t kind)
 {
     const uint64_t n_entry = rows->begin[rows->n_row];
-    const size_t face = rows->n_coef / 6, pitch = i8 ? 3 : 6;
+    const size_t face = rows->n_coef / 6;
     for (uint32_t row = begin; row < end; row++, out += 3) {
         __m128 sum[4], dc = _mm_setzero_ps();
         for (int i = 0; i < 4; i++) sum[i] = _mm_setzero_ps();
         uint64_t e = rows->begin[row], stop = rows->begin[row + 1];
         uint64_t safe = stop < n_entry ? stop : stop - (stop > e);
-        const char *entry = (const char *)rows->entry + e * pitch;
-        for (; e + 4 <= safe; e += 4, entry += 4 * pitch)
+        for (; e + 4 <= safe; e += 4)
             for (int i = 0; i < 4; i++)
                 sum[i] = _mm_fmadd_ps(
-                    load3(entry + (size_t)i * pitch, i8, true),
+                    load_entry(rows->entry, e + (uint64_t)i, kind, true),
                     _mm_loadu_ps(light + 4ull * rows_index(rows, e + (uint64_t)i)), sum[i]);
-        for (; e < stop; e++, entry += pitch)
-            sum[0] = _mm_fmadd_ps(load3(entry, i8, false),
+        for (; e < stop; e++)
+            sum[0] = _mm_fmadd_ps(load_entry(rows->entry, e, kind, false),
                                   _mm_loadu_ps(light + 4ull * rows_index(rows, e)), sum[0]);
         for (size_t f = 0; f < 6; f++)
             dc = _mm_fmadd_ps(load3(rows->scaling + (6ull * row + f) * 3, false, f < 5),
                               _mm_loadu_ps(light + 4 * face * f), dc);
         __m128 x = _mm_add_ps(_mm_add_ps(sum[0], sum[1]), _mm_add_ps(sum[2], sum[3]));
-        if (i8) {
+        if (kind != PRT_VALUE_F16) {
             const float *s = rows->scale + 3ull * row;
             x = _mm_mul_ps(x, _mm_setr_ps(s[0], s[1], s[2], 0));
         }
@@ -155,8 +168,10 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
     const bool i8 = rows->value == PRT_VALUE_I8;
     const uint32_t n = rows->n_function;
     if (n == 3) {
-        if (i8) diagonal3(rows, begin, end, light, out, true);
-        if (!i8) diagonal3(rows, begin, end, light, out, false);
+        if (i8) diagonal3(rows, begin, end, light, out, PRT_VALUE_I8);
+        else if (rows->value == PRT_VALUE_F16)
+            diagonal3(rows, begin, end, light, out, PRT_VALUE_F16);
+        else diagonal3(rows, begin, end, light, out, PRT_VALUE_PAIR);
         return;
     }
     for (uint32_t row = begin; row < end; row++, out += n)
@@ -183,9 +198,10 @@ INLINE void group_fma(struct group_sum *sum, __m128 rgb, const __m256 light[3])
 
 INLINE void group_phase(const struct prt_rows *rows, uint32_t row,
                         const float *table, unsigned n_light, size_t light_pitch, float *out,
-                        uint32_t k, bool i8)
+                        uint32_t k, uint32_t kind)
 {
     const uint32_t n = rows->n_function;
+    const bool i8 = kind == PRT_VALUE_I8;
     const size_t size = i8 ? 1 : 2, face = rows->n_coef / 6;
     struct group_sum fine, dc;
     __m256 light[3];
@@ -196,7 +212,9 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t row,
     for (uint64_t e = rows->begin[row]; e < stop; e++, entry += n * size) {
         const float *p = table + (size_t)LIGHT_LANES * rows_index(rows, e);
         for (int z = 0; z < 3; z++) light[z] = _mm256_loadu_ps(p + 8 * z);
-        group_fma(&fine, load3(entry, i8, e + 1 < n_entry), light);
+        __m128 v = kind == PRT_VALUE_PAIR ? load_entry(rows->entry, e, kind, true)
+                                          : load3(entry, i8, e + 1 < n_entry);
+        group_fma(&fine, v, light);
     }
     for (size_t f = 0; f < 6; f++) {
         const float *p = table + LIGHT_LANES * face * f;
@@ -208,7 +226,8 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t row,
         _mm256_storeu_ps(lanes + 8 * z, fine.part[z]);
         _mm256_storeu_ps(base + 8 * z, dc.part[z]);
     }
-    const float *scale = i8 ? rows->scale + (uint64_t)n * row + 3 * k : NULL;
+    const float *scale =
+        kind == PRT_VALUE_F16 ? NULL : rows->scale + (uint64_t)n * row + 3 * k;
     for (unsigned l = 0; l < n_light; l++)
         for (int ch = 0; ch < 3; ch++)
             out[l * light_pitch + 3 * k + ch] =
@@ -219,13 +238,15 @@ static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t
                            const float *table, unsigned n_light, size_t light_pitch,
                            size_t row_pitch, float *out)
 {
-    const bool i8 = rows->value == PRT_VALUE_I8;
-    const uint32_t n = rows->n_function;
+    const uint32_t n = rows->n_function, kind = rows->value;
+#define GROUP_PHASE(kind) group_phase(rows, row, table, n_light, light_pitch, out, k, kind)
     for (uint32_t row = begin; row < end; row++, out += row_pitch)
         for (uint32_t k = 0; k < n / 3; k++) {
-            if (i8) group_phase(rows, row, table, n_light, light_pitch, out, k, true);
-            if (!i8) group_phase(rows, row, table, n_light, light_pitch, out, k, false);
+            if (kind == PRT_VALUE_I8) GROUP_PHASE(PRT_VALUE_I8);
+            if (kind == PRT_VALUE_F16) GROUP_PHASE(PRT_VALUE_F16);
+            if (kind == PRT_VALUE_PAIR) GROUP_PHASE(PRT_VALUE_PAIR);
         }
+#undef GROUP_PHASE
 }
 
 // FULL, halves: nz vectors of 8 functions from j0 on, each with three channels.

@@ -17,46 +17,51 @@ INLINE __m512 light4(const float *light, size_t i0, size_t i1, size_t i2, size_t
 
 // Values of four entries with three functions, spread to r g b 0 each. `n` is 4 for whole
 // groups with at least two entries more in the array, else the entries that are there.
-INLINE __m512 spread4(const void *entry, uint64_t e, bool i8, uint32_t n)
+INLINE __m512 spread4(const void *entry, uint64_t e, uint32_t kind, uint32_t n)
 {
-    if (i8) {
+    if (kind == PRT_VALUE_I8) {
         const __m128i map = _mm_setr_epi8(0, 1, 2, -1, 3, 4, 5, -1, 6, 7, 8, -1, 9, 10, 11, -1);
         const char *p = (const char *)entry + 3 * e;
         __m128i raw = n == 5 ? _mm_loadu_si128((const __m128i *)p)
                              : _mm_maskz_loadu_epi8((__mmask16)((1u << 3 * n) - 1), p);
         return _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(_mm_shuffle_epi8(raw, map)));
     }
-    const __m256i map = _mm256_setr_epi16(0, 1, 2, 15, 3, 4, 5, 15, 6, 7, 8, 15, 9, 10, 11, 15);
+    const __m256i map =
+        kind == PRT_VALUE_PAIR
+            ? _mm256_setr_epi16(0, 2, 4, 15, 1, 3, 5, 15, 6, 8, 10, 15, 7, 9, 11, 15)
+            : _mm256_setr_epi16(0, 1, 2, 15, 3, 4, 5, 15, 6, 7, 8, 15, 9, 10, 11, 15);
     const char *p = (const char *)entry + 6 * e;
     __m256i raw = n == 5 ? _mm256_loadu_si256((const __m256i *)p)
                          : _mm256_maskz_loadu_epi16((__mmask16)((1u << 3 * n) - 1), p);
-    return _mm512_cvtph_ps(_mm256_maskz_permutexvar_epi16(0x7777, map, raw));
+    raw = _mm256_maskz_permutexvar_epi16(0x7777, map, raw);
+    if (kind == PRT_VALUE_PAIR) return _mm512_cvtepi32_ps(_mm512_cvtepi16_epi32(raw));
+    return _mm512_cvtph_ps(raw);
 }
 
 #define INDEX(e) (wide ? ((const uint32_t *)index)[e] : ((const uint16_t *)index)[e])
 
 INLINE __m512 diagonal3_sum(const void *index, const void *entry, uint64_t e, uint64_t end,
-                            uint64_t safe, const float *light, bool i8, bool wide)
+                            uint64_t safe, const float *light, uint32_t kind, bool wide)
 {
     __m512 a = _mm512_setzero_ps(), b = a;
     // `safe` keeps the reads of whole vectors inside the array
     uint64_t stop = end < safe ? end : safe;
     for (; e + 8 <= stop; e += 8) {
         // rows are read once, from memory: ask early
-        _mm_prefetch((const char *)entry + (i8 ? 3 : 6) * e + 1024, _MM_HINT_T0);
+        _mm_prefetch((const char *)entry + (kind == PRT_VALUE_I8 ? 3 : 6) * e + 1024, _MM_HINT_T0);
         _mm_prefetch((const char *)index + (wide ? 4 : 2) * e + 512, _MM_HINT_T0);
-        a = _mm512_fmadd_ps(spread4(entry, e, i8, 5),
+        a = _mm512_fmadd_ps(spread4(entry, e, kind, 5),
                             light4(light, INDEX(e), INDEX(e + 1), INDEX(e + 2), INDEX(e + 3)),
                             a);
         b = _mm512_fmadd_ps(
-            spread4(entry, e + 4, i8, 5),
+            spread4(entry, e + 4, kind, 5),
             light4(light, INDEX(e + 4), INDEX(e + 5), INDEX(e + 6), INDEX(e + 7)), b);
     }
     for (; e < end; e += 4) {
         uint32_t n = end - e < 4 ? (uint32_t)(end - e) : 4;
         size_t i0 = INDEX(e), i1 = n > 1 ? INDEX(e + 1) : i0, i2 = n > 2 ? INDEX(e + 2) : i0;
         size_t i3 = n > 3 ? INDEX(e + 3) : i0;
-        a = _mm512_fmadd_ps(spread4(entry, e, i8, n), light4(light, i0, i1, i2, i3), a);
+        a = _mm512_fmadd_ps(spread4(entry, e, kind, n), light4(light, i0, i1, i2, i3), a);
     }
     return _mm512_add_ps(a, b);
 }
@@ -68,7 +73,7 @@ INLINE __m128 fold4(__m512 z)
 }
 
 INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                      const float *light, float *out, bool i8, bool wide)
+                      const float *light, float *out, uint32_t kind, bool wide)
 {
     uint64_t n_entry = rows->begin[rows->n_row], safe = n_entry > 2 ? n_entry - 2 : 0;
     size_t face = rows->n_coef / 6;
@@ -77,11 +82,11 @@ INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
     for (uint32_t row = begin; row < end; row++, out += 3) {
         const uint16_t *scaling = rows->scaling + 18ull * row;
         __m512 z = diagonal3_sum(rows->index, rows->entry, rows->begin[row],
-                                 rows->begin[row + 1], safe, light, i8, wide);
-        __m512 dc = _mm512_mul_ps(spread4(scaling, 0, false, 4), dc0);
-        dc = _mm512_fmadd_ps(spread4(scaling, 4, false, 2), dc1, dc);
+                                 rows->begin[row + 1], safe, light, kind, wide);
+        __m512 dc = _mm512_mul_ps(spread4(scaling, 0, PRT_VALUE_F16, 4), dc0);
+        dc = _mm512_fmadd_ps(spread4(scaling, 4, PRT_VALUE_F16, 2), dc1, dc);
         __m128 x;
-        if (i8)
+        if (kind != PRT_VALUE_F16)
             x = _mm_fmadd_ps(fold4(z), _mm_maskz_loadu_ps(7, rows->scale + 3ull * row),
                              fold4(dc));
         else x = fold4(_mm512_add_ps(z, dc));
@@ -171,10 +176,12 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
     bool i8 = rows->value == PRT_VALUE_I8, wide = rows->index_bytes == 4;
     uint32_t n = rows->n_function;
     if (n == 3) {
-        if (i8 && !wide) diagonal3(rows, begin, end, light, out, true, false);
-        if (!i8 && !wide) diagonal3(rows, begin, end, light, out, false, false);
-        if (i8 && wide) diagonal3(rows, begin, end, light, out, true, true);
-        if (!i8 && wide) diagonal3(rows, begin, end, light, out, false, true);
+        if (rows->value == PRT_VALUE_PAIR)
+            diagonal3(rows, begin, end, light, out, PRT_VALUE_PAIR, false);
+        else if (i8 && !wide) diagonal3(rows, begin, end, light, out, PRT_VALUE_I8, false);
+        else if (!wide) diagonal3(rows, begin, end, light, out, PRT_VALUE_F16, false);
+        else if (i8) diagonal3(rows, begin, end, light, out, PRT_VALUE_I8, true);
+        else diagonal3(rows, begin, end, light, out, PRT_VALUE_F16, true);
     } else if (n <= 16) {
         if (i8) diagonal_many(rows, begin, end, light, out, true, 1);
         if (!i8) diagonal_many(rows, begin, end, light, out, false, 1);
@@ -248,6 +255,14 @@ INLINE __m256 load_two(const char *p, bool i8)
     return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)p));
 }
 
+// Two entries of a pair, in the order of load_two.
+INLINE __m256 load_pair(const char *p)
+{
+    const __m128i map = _mm_setr_epi8(0, 1, 4, 5, 8, 9, 2, 3, 6, 7, 10, 11, -1, -1, -1, -1);
+    const __m128i raw = _mm_maskz_loadu_epi16(0x3f, p);
+    return _mm256_cvtepi32_ps(_mm256_cvtepi16_epi32(_mm_shuffle_epi8(raw, map)));
+}
+
 // The first n triples of two; 0 for the others, which are not read.
 INLINE __m256 load_some(const char *p, bool i8, uint32_t n)
 {
@@ -303,9 +318,10 @@ INLINE struct lanes group_scaling(const struct prt_rows *rows, uint64_t first, u
 
 // Entries [e, stop) of one phase term: four sums at a time, since each waits for itself.
 INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t stop,
-                               const float *table, const struct group_maps *m, bool i8,
+                               const float *table, const struct group_maps *m, uint32_t kind,
                                bool wide)
 {
+    const bool i8 = kind == PRT_VALUE_I8, pair = kind == PRT_VALUE_PAIR;
     const void *index = rows->index;
     const size_t size = i8 ? 3 : 6;
     const uint64_t n_entry = rows->begin[rows->n_row];
@@ -318,7 +334,8 @@ INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t
         // rows are read once, from memory: ask early
         _mm_prefetch(entry + 1024, _MM_HINT_T0);
         _mm_prefetch((const char *)index + (wide ? 4 : 2) * e + 512, _MM_HINT_T0);
-        const __m256 v = load_two(entry, i8), w = load_two(entry + 2 * size, i8);
+        const __m256 v = pair ? load_pair(entry) : load_two(entry, i8);
+        const __m256 w = pair ? load_pair(entry + 2 * size) : load_two(entry + 2 * size, i8);
         meet(&s[0], v, 0, m, lights_at(table, INDEX(e)));
         meet(&s[1], v, 1, m, lights_at(table, INDEX(e + 1)));
         meet(&s[2], w, 0, m, lights_at(table, INDEX(e + 2)));
@@ -326,8 +343,10 @@ INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t
     }
     for (; e < stop; e += 4, entry += 4 * size) {
         const uint32_t n = stop - e < 4 ? (uint32_t)(stop - e) : 4;
-        const __m256 v = load_some(entry, i8, n < 2 ? 1 : 2);
-        const __m256 w = load_some(entry + 2 * size, i8, n < 3 ? 0 : n - 2);
+        const __m256 v = pair ? load_pair(entry) : load_some(entry, i8, n < 2 ? 1 : 2);
+        const __m256 w = !pair   ? load_some(entry + 2 * size, i8, n < 3 ? 0 : n - 2)
+                         : n > 2 ? load_pair(entry + 2 * size)
+                                 : _mm256_setzero_ps();
         meet(&s[0], v, 0, m, lights_at(table, INDEX(e)));
         meet(&s[1], v, 1, m, lights_at(table, INDEX(e + (n > 1 ? 1 : 0))));
         meet(&s[2], w, 0, m, lights_at(table, INDEX(e + (n > 2 ? 2 : 0))));
@@ -339,14 +358,14 @@ INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t
 // One phase term.
 INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                    const float *table, unsigned n_light, size_t light_pitch, size_t row_pitch,
-                   float *out, bool i8, bool wide)
+                   float *out, uint32_t kind, bool wide)
 {
     const struct group_maps m = group_maps();
     for (uint32_t row = begin; row < end; row++, out += row_pitch) {
         struct lanes x = group3_sum(rows, rows->begin[row], rows->begin[row + 1], table, &m,
-                                    i8, wide);
+                                    kind, wide);
         struct lanes base = group_scaling(rows, 6ull * row, 1, table, &m);
-        x = scaled(x, i8 ? rows->scale + 3ull * row : NULL, base, &m);
+        x = scaled(x, kind == PRT_VALUE_F16 ? NULL : rows->scale + 3ull * row, base, &m);
         group_store(x, n_light, light_pitch, out);
     }
 }
@@ -394,13 +413,14 @@ static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t
 {
     const uint32_t p = rows->n_function / 3;
     const bool i8 = rows->value == PRT_VALUE_I8, wide = rows->index_bytes == 4;
-#define GROUP3(i8, wide)                                                                       \
-    group3(rows, begin, end, table, n_light, light_pitch, row_pitch, out, i8, wide)
+#define GROUP3(kind, wide)                                                                     \
+    group3(rows, begin, end, table, n_light, light_pitch, row_pitch, out, kind, wide)
     if (p == 1) {
-        if (i8 && !wide) GROUP3(true, false);
-        if (!i8 && !wide) GROUP3(false, false);
-        if (i8 && wide) GROUP3(true, true);
-        if (!i8 && wide) GROUP3(false, true);
+        if (rows->value == PRT_VALUE_PAIR) GROUP3(PRT_VALUE_PAIR, false);
+        else if (i8 && !wide) GROUP3(PRT_VALUE_I8, false);
+        else if (!wide) GROUP3(PRT_VALUE_F16, false);
+        else if (i8) GROUP3(PRT_VALUE_I8, true);
+        else GROUP3(PRT_VALUE_F16, true);
         return;
     }
     uint32_t k = 0;
@@ -538,6 +558,7 @@ const struct relight_kernels relight_kernels_avx512 = {.name = "avx512",
 const struct relight_kernels relight_kernels_vnni = {.name = "vnni",
                                                      .diagonal = diagonal,
                                                      .diagonal_group = diagonal_group,
+                                                     .pairs_group = relight_pairs_vnni,
                                                      .full = full,
                                                      .mixed = relight_mixed_avx512,
                                                      .expand = relight_expand_vnni,

@@ -6,6 +6,10 @@
 
 static float value(const struct prt_rows *rows, uint64_t i)
 {
+    if (rows->value == PRT_VALUE_PAIR) {
+        const uint64_t e = i / 3;
+        return (float)((const int16_t *)rows->entry)[e / 2 * 6 + i % 3 * 2 + e % 2];
+    }
     return rows->value == PRT_VALUE_I8 ? (float)((const int8_t *)rows->entry)[i]
                                        : prt_f16_to_f32(((const uint16_t *)rows->entry)[i]);
 }
@@ -23,7 +27,7 @@ static void row_diagonal(const struct prt_rows *rows, uint32_t row, const float 
         for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++)
             fine += (double)value(rows, e * n + j) *
                     (double)light[rows_index(rows, e) * (size_t)4 + j % 3];
-        if (rows->value == PRT_VALUE_I8) fine *= (double)rows->scale[(uint64_t)row * n + j];
+        if (rows->value != PRT_VALUE_F16) fine *= (double)rows->scale[(uint64_t)row * n + j];
         out[j] = (float)(sum + fine);
     }
 }
@@ -47,7 +51,7 @@ static float group_value(const struct prt_rows *rows, uint32_t row, uint32_t j, 
     for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++)
         fine += (double)value(rows, e * n + j) *
                 (double)light[(size_t)LIGHT_LANES * rows_index(rows, e)];
-    if (rows->value == PRT_VALUE_I8) fine *= (double)rows->scale[(uint64_t)row * n + j];
+    if (rows->value != PRT_VALUE_F16) fine *= (double)rows->scale[(uint64_t)row * n + j];
     return (float)(sum + fine);
 }
 

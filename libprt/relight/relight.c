@@ -26,16 +26,81 @@ static int check_lights(const struct prt_context *ctx, const struct prt_tensor *
     return PRT_OK;
 }
 
-struct table_job {
+// The lights of a group as a tensor's rows want them: as they are, or times the gains of pairs.
+struct asked_lights {
+    uint32_t n, n_coef;          // of the cube
     unsigned n_light;
-    const struct prt_light *const *light;
+    const float *coef[LIGHT_GROUP];
+    float *own;                  // room for gains, [LIGHT_GROUP][n_coef][4]
+    float most[LIGHT_GROUP][4];  // largest coefficients times gains, scaling ones aside
+};
+
+typedef int32_t lanes4 __attribute__((vector_size(16), aligned(4)));
+typedef float floats4 __attribute__((vector_size(16), aligned(4)));
+
+// n coefficients times a gain, kept unless out is NULL; bits of absolute values are ordered as
+// these are.
+static inline lanes4 gain_span(const float *in, uint32_t n, float gain, lanes4 most, float *out)
+{
+    for (uint32_t i = 0; i < n; i++) {
+        const floats4 x = *(const floats4 *)(in + 4 * (size_t)i) * gain;
+        const lanes4 bits = (lanes4)x & 0x7fffffff, larger = bits > most;
+        if (out) *(floats4 *)(out + 4 * (size_t)i) = x;
+        most = (bits & larger) | (most & ~larger);
+    }
+    return most;
+}
+
+static inline void gain_light(struct asked_lights *a, size_t l, float *out)
+{
+    const uint32_t n = a->n;
+    lanes4 most = {0};
+    for (uint32_t i = 0; i < 6 * n * n; i += n)
+        // along a line: what is of its own level, then level by level
+        for (uint32_t x = 0, y = i / n % n, stop; x < n; x = stop) {
+            for (stop = 1; stop <= (x | y) && stop < n;) stop *= 2;
+            const size_t at = 4 * (size_t)(i + x);
+            const lanes4 span = gain_span(a->coef[l] + at, stop - x, prt_pair_gain(n, i + x), most,
+                                          out ? out + at : NULL);
+            if (x | y) most = span; // scaling coefficients do not become integers
+        }
+    memcpy(a->most[l], &most, sizeof most);
+}
+
+static int find_most(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    for (size_t l = begin; l < end; l++) gain_light(arg, l, NULL);
+    return PRT_OK;
+}
+
+static int gain_lights(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    struct asked_lights *a = arg;
+    for (size_t l = begin; l < end; l++) {
+        float *out = a->own + 4 * l * a->n_coef;
+        gain_light(a, l, out);
+        a->coef[l] = out;
+    }
+    return PRT_OK;
+}
+
+struct table_job {
+    const struct asked_lights *asked;
     float *table;
+    const struct integer_lights *integers; // in place of the table
 };
 
 static int fill_table(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct table_job *job = arg;
-    relight_fill_table(job->n_light, job->light, (uint32_t)begin, (uint32_t)end, job->table);
+    const uint32_t b = (uint32_t)begin, e = (uint32_t)end;
+#if defined(__x86_64__)
+    if (job->integers) {
+        relight_integers_fill(job->integers, job->asked->n_light, job->asked->coef, b, e);
+        return PRT_OK;
+    }
+#endif
+    relight_fill_table(job->asked->n_light, job->asked->coef, b, e, job->table);
     return PRT_OK;
 }
 
@@ -46,19 +111,14 @@ static unsigned group_size(unsigned left, bool together)
     return left <= 2 && !together ? 1 : left < LIGHT_GROUP ? left : LIGHT_GROUP;
 }
 
-static int make_table(const struct prt_context *ctx, uint32_t n_coef, unsigned n_light,
-                      const struct prt_light *const light[], float *table)
-{
-    struct table_job job = {n_light, light, table};
-    return prt_parallel_for(ctx, NULL, n_coef, TABLE_GRAIN, fill_table, &job);
-}
 
 struct rows_job {
     const struct relight_kernels *kernels;
     const struct prt_tensor *tensor;
     unsigned n_light;               // of this group
     const float *light;             // the only one, or
-    const float *table;             // those of the group
+    const float *table;             // those of the group, or
+    const struct integer_lights *integers; // the same
     float *out;
     size_t light_pitch, row_pitch;
     bool together; // rows of several lights beside each other: every light in a group
@@ -73,11 +133,44 @@ static int run_rows(void *arg, size_t begin, size_t end, unsigned worker)
     float *out = job->out + begin * job->row_pitch;
     if (full && rows->direction) job->kernels->mixed(rows, b, e, job->light, out);
     else if (full) job->kernels->full(rows, b, e, job->light, out);
+    else if (job->integers)
+        job->kernels->pairs_group(rows, b, e, job->integers, job->n_light, job->light_pitch,
+                                  job->row_pitch, out);
     else if (job->table)
         job->kernels->diagonal_group(rows, b, e, job->table, job->n_light, job->light_pitch,
                                      job->row_pitch, out);
     else job->kernels->diagonal(rows, b, e, job->light, out);
     return PRT_OK;
+}
+
+// A group's lights as its kernel wants them: job->integers, job->table or job->light.
+static int make_group(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                      struct asked_lights *asked, float *table, struct integer_lights *integers,
+                      struct rows_job *job)
+{
+    const bool pairs = tensor->rows.value == PRT_VALUE_PAIR;
+    struct table_job fill = {asked, table, NULL};
+    int status = PRT_OK;
+    job->table = NULL;
+    job->integers = NULL;
+#if defined(__x86_64__)
+    if (pairs && table && job->kernels->pairs_group) {
+        integers->lane = (int16_t *)table;
+        status = prt_parallel_for(ctx, NULL, asked->n_light, 1, find_most, asked);
+        if (!status && relight_integers_begin(integers, asked->n_light, asked->n, asked->coef,
+                                              (const float(*)[4])asked->most))
+            job->integers = fill.integers = integers;
+    }
+#endif
+    if (pairs && !job->integers && !status) {
+        if (!asked->own) asked->own = prt_alloc((table ? LIGHT_GROUP : 1) * (size_t)asked->n_coef, 16);
+        if (!asked->own) return prt_fail(ctx, PRT_NOMEM, "no memory for a group of lights");
+        status = prt_parallel_for(ctx, NULL, asked->n_light, 1, gain_lights, asked);
+    }
+    if (!job->integers) job->table = table;
+    job->light = asked->coef[0];
+    if (!table || status) return status;
+    return prt_parallel_for(ctx, NULL, asked->n_coef, TABLE_GRAIN, fill_table, &fill);
 }
 
 // Runs fn for every group of lights, with the group's table made.
@@ -87,22 +180,26 @@ static int for_groups(const struct prt_context *ctx, const struct prt_tensor *te
 {
     float *table = NULL;
     float *out = job->out;
+    struct asked_lights asked = {.n = light[0]->n, .n_coef = tensor->rows.n_coef};
+    struct integer_lights integers;
     int status = PRT_OK;
     bool full = tensor->coupling == PRT_COUPLE_FULL;
     if (!full && n_light > 2) {
         table = prt_alloc(tensor->rows.n_coef, LIGHT_LANES * sizeof *table);
-        if (!table) return prt_fail(ctx, PRT_NOMEM, "no memory for a table of lights");
+        if (!table) status = prt_fail(ctx, PRT_NOMEM, "no memory for a table of lights");
     }
     for (unsigned l = 0, n; l < n_light && !status; l += n) {
         n = full ? 1 : group_size(n_light - l, job->together);
         job->n_light = n;
-        job->light = light[l]->coef;
-        job->table = n > 1 || job->together ? table : NULL;
         job->out = out + l * job->light_pitch;
-        if (job->table) status = make_table(ctx, tensor->rows.n_coef, n, light + l, table);
+        asked.n_light = n;
+        for (unsigned k = 0; k < n; k++) asked.coef[k] = light[l + k]->coef;
+        status = make_group(ctx, tensor, &asked, n > 1 || job->together ? table : NULL, &integers,
+                            job);
         if (!status) status = prt_parallel_for(ctx, NULL, n_item, grain, fn, job);
     }
     prt_free(table);
+    prt_free(asked.own);
     return status;
 }
 

@@ -151,7 +151,9 @@ static int add_tensor(struct tool *tool, cJSON *to, const struct prt_transport *
     if (t->n_cluster) cJSON_AddNumberToObject(o, "mean_rank", rank / t->n_vertex);
     cJSON_AddNumberToObject(o, "rows", t->rows.n_row);
     cJSON_AddNumberToObject(o, "entries", (double)entries);
-    cJSON_AddStringToObject(o, "values", t->rows.value == PRT_VALUE_I8 ? "i8" : "f16");
+    cJSON_AddStringToObject(o, "values", t->rows.value == PRT_VALUE_I8     ? "i8"
+                            : t->rows.value == PRT_VALUE_PAIR ? "i16"
+                                                              : "f16");
     if (t->rows.direction && entries) // bytes an entry beside its index and shift
         cJSON_AddNumberToObject(o, "mean_directions",
                                 (double)t->rows.value_begin[t->rows.n_row] / (double)entries);

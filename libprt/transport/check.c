@@ -203,6 +203,17 @@ static int check_mixed(const struct check *c, uint32_t i, const struct prt_rows 
     return PRT_OK;
 }
 
+static int check_pairs(const struct check *c, uint32_t i, const struct prt_tensor *t)
+{
+    const struct prt_rows *r = &t->rows;
+    if (t->coupling != PRT_COUPLE_DIAGONAL || r->n_function != 3 || r->index_bytes != 2)
+        return bad(c, "tensor %u: pairs of %u functions", i, r->n_function);
+    for (uint32_t row = 0; row < r->n_row; row++)
+        if (r->begin[row + 1] % 2)
+            return bad(c, "tensor %u: row %u has half a pair", i, row);
+    return PRT_OK;
+}
+
 static int check_rows(const struct check *c, uint32_t i, const struct prt_tensor *t)
 {
     const struct prt_rows *r = &t->rows;
@@ -216,12 +227,12 @@ static int check_rows(const struct check *c, uint32_t i, const struct prt_tensor
     if (r->n_row && (!r->begin || !r->scaling)) return bad(c, "tensor %u: rows are missing", i);
     if (t->storage == PRT_STORAGE_SPARSE && r->n_row != t->n_vertex)
         return bad(c, "tensor %u: %u rows for %u vertices", i, r->n_row, t->n_vertex);
-    if (r->value > PRT_VALUE_F16 || r->n_function != t->n_function ||
+    if (r->value > PRT_VALUE_PAIR || r->n_function != t->n_function ||
         r->index_bytes != (r->n_coef > 65536 ? 4 : 2))
         return bad(c, "tensor %u: unknown kind of rows", i);
     if (!r->n_row) return PRT_OK;
     uint64_t n_entry = r->begin[r->n_row], n_scale = (uint64_t)r->n_row * r->n_function;
-    if ((n_entry && (!r->index || !r->entry)) || (r->value == PRT_VALUE_I8 && !r->scale))
+    if ((n_entry && (!r->index || !r->entry)) || (r->value != PRT_VALUE_F16 && !r->scale))
         return bad(c, "tensor %u: entries are missing", i);
     int status = check_entries(c, i, r);
     if (status) return status;
@@ -229,8 +240,9 @@ static int check_rows(const struct check *c, uint32_t i, const struct prt_tensor
     if (mixed != (r->direction != NULL))
         return bad(c, "tensor %u: directions of functions are missing or too many", i);
     if (mixed && (status = check_mixed(c, i, r))) return status;
+    if (r->value == PRT_VALUE_PAIR && (status = check_pairs(c, i, t))) return status;
     if ((r->value == PRT_VALUE_F16 && !finite_f16(r->entry, n_entry * r->n_function)) ||
-        (r->value == PRT_VALUE_I8 && !mixed && !finite_f32(r->scale, n_scale)) ||
+        (r->value != PRT_VALUE_F16 && !mixed && !finite_f32(r->scale, n_scale)) ||
         !finite_f16(r->scaling, 6 * n_scale))
         return bad(c, "tensor %u: rows have values that are not finite", i);
     return PRT_OK;
@@ -317,5 +329,5 @@ void prt_tensor_bytes(const struct prt_tensor *t, uint64_t *u_bytes, uint64_t *r
         *row_bytes += n_entry + 12 * (r->n_row + 1ull) + r->value_begin[r->n_row] +
                       (4 + 2 * j) * r->direction[r->n_row];
     else if (r->value == PRT_VALUE_I8) *row_bytes += n_entry * j + 4 * j * r->n_row;
-    else *row_bytes += 2 * n_entry * j;
+    else *row_bytes += 2 * n_entry * j + (r->scale ? 4 * j * r->n_row : 0);
 }

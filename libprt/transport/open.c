@@ -208,7 +208,7 @@ static int take_rows(struct prt_file *f, uint32_t i, const struct format_tensor 
     if (ft->value == PRT_VALUE_I8 && ft->coupling == PRT_COUPLE_FULL)
         return take_mixed(f, i, ft, r);
     TAKE(f, SECTION_ROW_ENTRY, i, n_entry * j * (ft->value == PRT_VALUE_I8 ? 1 : 2), r->entry);
-    if (ft->value == PRT_VALUE_I8) TAKE(f, SECTION_ROW_SCALE, i, 4 * j * ft->n_row, r->scale);
+    if (ft->value != PRT_VALUE_F16) TAKE(f, SECTION_ROW_SCALE, i, 4 * j * ft->n_row, r->scale);
     return PRT_OK;
 }
 

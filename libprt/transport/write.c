@@ -82,7 +82,7 @@ static void put_tensor(struct layout *l, uint32_t i, const struct prt_tensor *t)
         put(l, SECTION_ROW_SCALING, i, r->scaling, 12ull * r->n_row * t->n_function);
         if (r->direction) put_mixed(l, i, r);
         else put(l, SECTION_ROW_ENTRY, i, r->entry, n_entry * t->n_function * value);
-        if (r->value == PRT_VALUE_I8 && !r->direction)
+        if (r->value != PRT_VALUE_F16 && !r->direction)
             put(l, SECTION_ROW_SCALE, i, r->scale, 4ull * r->n_row * t->n_function);
     }
     put(l, SECTION_KNOT, i, t->knot, 4ull * t->n_knot);

@@ -89,26 +89,55 @@ static void run_rows(const struct relight_kernels *k, enum which which,
     if (which == FULL) (rows->direction ? k->mixed : k->full)(rows, begin, end, light, out);
 }
 
+static void gain(struct prt_light *light, bool back)
+{
+    for (uint32_t i = 0; i < 24 * light->n * light->n; i++) {
+        const float g = prt_pair_gain(light->n, i / 4);
+        light->coef[i] *= back ? 1 / g : g;
+    }
+}
+
+static void make_integers(unsigned n_light, uint32_t n, const float *const coef[],
+                          struct integer_lights *out)
+{
+    const uint32_t n_coef = 6 * n * n;
+    float most[LIGHT_GROUP][4] = {{0}};
+    for (unsigned l = 0; l < n_light; l++)
+        for (uint32_t i = 0; i < n_coef; i++)
+            for (uint32_t ch = 0; ch < 3 && i % (n_coef / 6); ch++)
+                most[l][ch] =
+                    fmaxf(most[l][ch], fabsf(prt_pair_gain(n, i) * coef[l][4 * (size_t)i + ch]));
+    out->lane = prt_alloc(n_coef, 64);
+    assert_true(relight_integers_begin(out, n_light, n, coef, (const float(*)[4])most));
+    relight_integers_fill(out, n_light, coef, 0, n_coef);
+}
+
 static void check_rows(enum which which, const struct synthetic_options *o, unsigned n_light,
                        const char *label)
 {
     struct prt_tensor t;
     struct prt_rows rows;
     struct prt_light light[LIGHT_GROUP];
-    const struct prt_light *lights[LIGHT_GROUP];
+    const float *lights[LIGHT_GROUP];
     assert_int_equal(synthetic_tensor(o, &t), 0);
     uint32_t n_coef = 6 * o->cube * o->cube, n_row = t.rows.n_row, begin = n_row / 3;
     for (unsigned l = 0; l < n_light; l++) {
         assert_int_equal(synthetic_light(o->cube, l + 1, &light[l]), 0);
-        lights[l] = &light[l];
+        lights[l] = light[l].coef;
     }
     size_t width = t.n_function * (which == FULL ? 3u : 1u);
     size_t n_out = (n_row - begin) * width * n_light;
     size_t table_bytes = (which == GROUP ? 4ull * LIGHT_LANES : 16) * n_coef;
     void *filled = calloc(1, table_bytes);
     float *expect = malloc(n_out * 4 + 4);
-    if (which == GROUP) relight_fill_table(n_light, lights, 0, n_coef, filled);
-    else memcpy(filled, light[0].coef, table_bytes);
+    if (which == GROUP) {
+        // pairs meet lights times their gains, integers have them of their own
+        const bool pairs = t.rows.value == PRT_VALUE_PAIR;
+        for (unsigned l = 0; l < n_light && pairs; l++) gain(&light[l], false);
+        relight_fill_table(n_light, lights, 0, n_coef, filled);
+        for (unsigned l = 0; l < n_light && pairs; l++) gain(&light[l], true);
+    }
+    if (which != GROUP) memcpy(filled, light[0].coef, table_bytes);
     guard_rows(&t.rows, &rows);
     void *table = guarded(filled, table_bytes);
     float *out = guarded(expect, n_out * 4);
@@ -121,6 +150,23 @@ static void check_rows(enum which which, const struct synthetic_options *o, unsi
         memset(out, 0xff, n_out * 4);
         run_rows(variants[i], which, &rows, begin, n_row, table, n_light, pitch, out);
         close_enough(out, expect, n_out, variants[i]->name);
+        if (which != GROUP || rows.value != PRT_VALUE_PAIR || !variants[i]->pairs_group) continue;
+        struct integer_lights integers;
+        make_integers(n_light, o->cube, lights, &integers);
+        memset(out, 0xff, n_out * 4);
+        variants[i]->pairs_group(&rows, begin, n_row, &integers, n_light, pitch[0], pitch[1], out);
+        closer_than(1e-4, out, expect, n_out, "integers");
+        double best = 1e9;
+        for (int rep = 0; rep < 5 && label; rep++) {
+            double start = prt_time_s();
+            variants[i]->pairs_group(&rows, begin, n_row, &integers, n_light, pitch[0], pitch[1],
+                                     out);
+            best = fmin(best, prt_time_s() - start);
+        }
+        if (label)
+            print_message("%-36s  %.3f ns an entry\n", "the next one in integers",
+                          1e9 * best / (double)(rows.begin[n_row] - rows.begin[begin]));
+        prt_free(integers.lane);
     }
     if (label) {
         uint64_t n_entry = rows.begin[n_row] - rows.begin[begin];
@@ -160,6 +206,15 @@ static void rows_meet_light(void **state)
                                       .seed = (uint64_t)i};
         check_rows(DIAGONAL, &o, 1, NULL);
         check_rows(GROUP, &o, pick(&rng, 1, 8), NULL);
+        if (!large) {
+            const uint32_t value = o.value, n_phase = o.n_phase;
+            o.value = PRT_VALUE_PAIR;
+            o.n_phase = 1;
+            check_rows(DIAGONAL, &o, 1, NULL);
+            check_rows(GROUP, &o, pick(&rng, 1, 8), NULL);
+            o.value = value;
+            o.n_phase = n_phase;
+        }
         o.storage = PRT_STORAGE_FACTORED;
         o.coupling = PRT_COUPLE_FULL;
         o.n_cluster = 1;
@@ -189,6 +244,10 @@ static void rows_meet_light(void **state)
                                    .seed = 6};
     check_rows(DIAGONAL, &o, 1, "rows x light, half");
     check_rows(GROUP, &o, 8, "rows x 8 lights, half");
+    o.value = PRT_VALUE_PAIR;
+    check_rows(DIAGONAL, &o, 1, "rows x light, pairs");
+    check_rows(GROUP, &o, 8, "rows x 8 lights, pairs");
+    o.value = PRT_VALUE_F16;
     o.n_phase = 4;
     check_rows(DIAGONAL, &o, 1, "rows x light, 4 terms, half");
     check_rows(GROUP, &o, 8, "rows x 8 lights, 4 terms, half");

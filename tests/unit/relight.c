@@ -29,7 +29,7 @@ static struct prt_context quiet(void)
     return ctx;
 }
 
-enum { N = 1357, N_KIND = 7 };
+enum { N = 1357, N_KIND = 8 };
 static const struct synthetic_options kind[N_KIND] = {
     {.storage = PRT_STORAGE_FACTORED,
      .value = PRT_VALUE_F16,
@@ -88,6 +88,15 @@ static const struct synthetic_options kind[N_KIND] = {
      .coefs = 30,
      .seed = 6,
      .term = PRT_TERM_SINGLE},
+    {.storage = PRT_STORAGE_FACTORED,
+     .value = PRT_VALUE_PAIR,
+     .n_vertex = N,
+     .n_cluster = 5,
+     .rank = 21,
+     .n_phase = 1,
+     .cube = 32,
+     .coefs = 61,
+     .seed = 8},
     {.storage = PRT_STORAGE_RADIAL,
      .n_vertex = N,
      .n_cluster = 3,
@@ -131,7 +140,11 @@ static double row_light(const struct prt_rows *r, uint32_t row, uint32_t j, int 
                  (double)r->scale[first + d] *
                  (double)prt_f16_to_f32(r->mix[(uint64_t)(first + d) * n + j]);
         }
-        if (!n_direction)
+        if (r->value == PRT_VALUE_PAIR)
+            v = (double)((const int16_t *)r->entry)[e / 2 * 2 * n + 2 * j + e % 2] *
+                (double)r->scale[(uint64_t)row * n + j] *
+                (double)prt_pair_gain(light->n, i);
+        else if (!n_direction)
             v = r->value == PRT_VALUE_F16
                     ? (double)prt_f16_to_f32(((const uint16_t *)r->entry)[e * n + j])
                     : (double)((const int8_t *)r->entry)[e * n + j] *
@@ -287,7 +300,7 @@ static void many_lights_are_single_ones(void **state)
             assert_int_equal(prt_relight(&ctx, &t, counts[c], lights, coef, false, all), 0);
             for (unsigned l = 0; l < counts[c]; l++) {
                 assert_int_equal(prt_relight(&ctx, &t, 1, lights + l, coef, false, one), 0);
-                // eight and more meet in 16-bit integers (expand_vnni.c)
+                // eight and more meet in 16-bit integers (expand_vnni.c, pairs_vnni.c)
                 assert_true(difference(all + l * n, one, n) < 1.5e-4);
             }
         }

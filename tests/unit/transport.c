@@ -483,6 +483,103 @@ static void failed_writes_leave_nothing(void **state)
     snprintf(path, sizeof path, "%s/x.prt", folder);
 }
 
+// Rows of halves with an odd number of entries, none and a value only.
+static void make_halves(struct prt_tensor *t)
+{
+    const struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
+                                        .value = PRT_VALUE_F16,
+                                        .n_vertex = 101,
+                                        .n_cluster = 3,
+                                        .rank = 5,
+                                        .n_phase = 1,
+                                        .cube = 16,
+                                        .coefs = 33,
+                                        .seed = 11};
+    assert_int_equal(synthetic_tensor(&o, t), 0);
+    uint64_t *begin = (uint64_t *)(uintptr_t)t->rows.begin;
+    uint16_t *entry = (uint16_t *)(uintptr_t)t->rows.entry;
+    begin[1] = 0;                  // of none
+    begin[2] = begin[1] + 1;       // of one
+    begin[3] = begin[2] + 7;       // odd
+    uint16_t *index = (uint16_t *)(uintptr_t)t->rows.index;
+    for (uint32_t row = 0; row < 4; row++)
+        for (uint64_t e = begin[row]; e < begin[row + 1]; e++)
+            index[e] = (uint16_t)(1 + (e - begin[row]));
+    for (int i = 0; i < 3; i++) entry[3 * begin[2] + i] = 0x7bff; // as large as a half can be
+    for (uint64_t e = begin[3]; e < begin[4]; e++) entry[3 * e + 1] = 0; // a channel of zeros
+}
+
+static void pairs_keep_their_rows(void **state)
+{
+    struct prt_tensor t;
+    struct prt_rows pairs;
+    make_halves(&t);
+    const struct prt_rows *halves = &t.rows;
+    assert_int_equal(prt_rows_pair(halves, &pairs), 0);
+    for (uint32_t row = 0; row < halves->n_row; row++) {
+        const uint64_t from = halves->begin[row], to = pairs.begin[row];
+        const uint64_t n = halves->begin[row + 1] - from, m = pairs.begin[row + 1] - to;
+        assert_int_equal(m, (n + 1) / 2 * 2);
+        for (uint32_t ch = 0; ch < 3; ch++) {
+            const float scale = pairs.scale[3 * row + ch];
+            long sum = 0;
+            assert_true(isfinite(scale));
+            for (uint64_t e = 0; e < m; e++) {
+                const uint32_t i = ((const uint16_t *)pairs.index)[to + e];
+                const int16_t x = ((const int16_t *)pairs.entry)[(to + e) / 2 * 6 + 2 * ch + e % 2];
+                const float back = (float)x * scale * prt_pair_gain(16, i);
+                if (e % PRT_PAIR_BLOCK == 0) sum = 0;
+                sum += labs(x);
+                assert_true(sum <= PRT_PAIR_MOST && x > -32768);
+                if (e >= n) {
+                    assert_int_equal(x, 0);
+                    continue;
+                }
+                assert_int_equal(i, ((const uint16_t *)halves->index)[from + e]);
+                const float want =
+                    prt_f16_to_f32(((const uint16_t *)halves->entry)[3 * (from + e) + ch]);
+                assert_true(fabsf(back - want) <= 0.5001f * scale * prt_pair_gain(16, i));
+            }
+        }
+    }
+    // a coefficient's gain: 2 for every level above the finest
+    assert_float_equal(prt_pair_gain(16, 0), 1, 0);
+    assert_float_equal(prt_pair_gain(16, 256 + 1), 8, 0);
+    assert_float_equal(prt_pair_gain(16, 16 + 1), 8, 0);
+    assert_float_equal(prt_pair_gain(16, 3 * 16), 4, 0);
+    assert_float_equal(prt_pair_gain(16, 7 * 16 + 8), 1, 0);
+    prt_rows_finish(&pairs);
+    synthetic_tensor_finish(&t);
+}
+
+static void broken_pairs_are_refused(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t = {.cube = 16, .n_tensor = 1, .material = {.eta = 1.3f}};
+    struct prt_rows pairs;
+    struct prt_file *file;
+    make_halves(&t.tensor[0]);
+    assert_int_equal(synthetic_mesh(101, true, &t.mesh), 0);
+    assert_int_equal(prt_rows_pair(&t.tensor[0].rows, &pairs), 0);
+    prt_rows_finish(&t.tensor[0].rows);
+    t.tensor[0].rows = pairs;
+    if (prt_file_write(&ctx, path, &t)) fail_msg("%s", last_line);
+    assert_int_equal(prt_file_open(&ctx, path, PRT_FILE_CHECK_ALL, &file), 0);
+    const struct prt_rows *back = &prt_file_transport(file)->tensor[0].rows;
+    const uint64_t n = pairs.begin[pairs.n_row];
+    assert_int_equal(back->value, PRT_VALUE_PAIR);
+    assert_memory_equal(back->entry, pairs.entry, 6 * n);
+    assert_memory_equal(back->scale, pairs.scale, 12ull * pairs.n_row);
+    prt_file_close(file);
+    ((uint64_t *)(uintptr_t)pairs.begin)[2]++; // half a pair
+    assert_int_equal(prt_file_write(&ctx, path, &t), PRT_FORMAT);
+    ((uint64_t *)(uintptr_t)pairs.begin)[2]--;
+    ((float *)(uintptr_t)pairs.scale)[4] = NAN;
+    assert_int_equal(prt_file_write(&ctx, path, &t), PRT_FORMAT);
+    synthetic_tensor_finish(&t.tensor[0]);
+    synthetic_mesh_finish(&t.mesh);
+}
+
 // Not a limit, a number to look at: a bunny's file should open in well under 50 ms.
 static void opening_is_timed(void **state)
 {
@@ -524,6 +621,8 @@ int main(void)
         cmocka_unit_test(broken_structure_is_refused),
         cmocka_unit_test(foreign_files_are_refused),
         cmocka_unit_test(failed_writes_leave_nothing),
+        cmocka_unit_test(pairs_keep_their_rows),
+        cmocka_unit_test(broken_pairs_are_refused),
         cmocka_unit_test(opening_is_timed),
     };
     if (!mkdtemp(strcpy(folder, "/tmp/prt-transport-XXXXXX"))) return 1;

@@ -10,9 +10,10 @@
 extern "C" {
 #endif
 
-/* Several lights in one call share the reading. Four phase planes or more at once are summed in
- * 16-bit integers where the machine has VNNI: colours then differ from those of one light alone
- * by some 3e-5 RMS, at most 1e-4 of the largest; fewer, and other machines, by f32 rounding. */
+/* Several lights in one call share the reading. Where the machine has VNNI, three lights or more
+ * meet rows of pairs, and four phase planes or more are expanded, in 16-bit integers: colours then
+ * differ from those of one light alone by up to 8e-5 RMS under lamps and suns, some 3e-5 under a
+ * sky, and by 1.4e-4 of the largest at most; otherwise, and elsewhere, by f32 rounding. */
 enum { PRT_RELIGHT_MAX_LIGHTS = 16 };
 
 /* Number of colour planes a tensor gives: its n_phase. */
@@ -30,7 +31,6 @@ int prt_contract_material(const struct prt_context *ctx, const struct prt_tensor
  * f16, freshly allocated (free with prt_rows_finish). Same answers either way round. */
 int prt_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor,
                   const float *coef, struct prt_rows *out);
-void prt_rows_finish(struct prt_rows *rows);
 /* Step 2, FACTORED: colours from contracted rows b[light][n_row][n_phase][3], weighting the
  * phase planes: color[light][plane][n_vertex][3] in FILE vertex order, linear RGB. Adds to
  * color when `add`, else overwrites. */

@@ -12,7 +12,7 @@ extern "C" {
 
 enum prt_term { PRT_TERM_MULTIPLE = 0, PRT_TERM_SINGLE = 1 };
 enum prt_storage { PRT_STORAGE_FACTORED = 0, PRT_STORAGE_SPARSE = 1, PRT_STORAGE_RADIAL = 2 };
-enum prt_value { PRT_VALUE_I8 = 0, PRT_VALUE_F16 = 1 };
+enum prt_value { PRT_VALUE_I8 = 0, PRT_VALUE_F16 = 1, PRT_VALUE_PAIR = 2 };
 
 /* How a value meets the light's RGB.
  * DIAGONAL: n_function = 3*n_phase, value [k][ch] multiplies light channel ch: out [k][ch].
@@ -33,8 +33,9 @@ struct prt_rows {
     const uint64_t *begin;       /* [n_row+1] */
     const void *index;           /* [n_entry] u16/u32, never falling within a row (one twice: both
                                     count, what the first entry's bytes left), never scaling */
-    const void *entry;           /* [n_entry][J] i8 or f16 (IEEE half bits), unpadded; or mixed */
-    const float *scale;          /* [n_row][J], mixed [n_direction], multiplies i8 values; NULL: F16 */
+    const void *entry;           /* [n_entry][J] i8 or f16 (IEEE half bits), unpadded; or mixed;
+                                    or i16 [n_entry/2][J][2] (pairs) */
+    const float *scale;          /* [n_row][J], mixed [n_direction], multiplies integers; NULL: F16 */
     const uint16_t *scaling;     /* [n_row][6][J] f16: coefficient 0 of each face */
     /* Mixed rows (FULL coupling, i8): what a row's entries hold spans few directions of function
      * space, at most PRT_ROWS_MOST_DIRECTIONS. Row i has D = direction[i+1] - direction[i] of them
@@ -46,6 +47,20 @@ struct prt_rows {
     const uint8_t *shift;        /* [n_entry] 0 to 63 */
 };
 enum { PRT_ROWS_MOST_DIRECTIONS = 64 };
+
+/* Rows of pairs (DIAGONAL, J = 3, 16-bit indices): two entries' integers lie side by side, as
+ * instructions that sum two products want them. Every row has an even number of entries, and the
+ * absolute sum of each 16 entries from its first on is at most PRT_PAIR_MOST in every channel.
+ * channel c of entry e = entry[e/2][c][e%2] scale[row][c] prt_pair_gain(n, index of e): a light
+ * times the gains has its levels of Haar alike in size under a sun, so that it may be rounded. */
+enum { PRT_PAIR_MOST = 65008, PRT_PAIR_BLOCK = 16 };
+/* 2^(levels between the finest one and that of coefficient `index` of an n-cube, n a power of
+ * two); 1 for scaling coefficients. */
+float prt_pair_gain(uint32_t n, uint32_t index);
+/* F16 rows (J = 3, 16-bit indices) as pairs in fresh arrays; PRT_NOMEM. Rounds to 3e-5 of a
+ * row's largest entry. Free with prt_rows_finish. */
+int prt_rows_pair(const struct prt_rows *rows, struct prt_rows *out);
+void prt_rows_finish(struct prt_rows *rows); /* of DIAGONAL rows that own their arrays */
 
 /* A cluster of vertices that share a basis. Never mixes objects or translucent with opaque. */
 struct prt_cluster {

@@ -152,7 +152,7 @@ static int made_up(struct bench_env *env, const char *name, const struct synthet
 static int factored(struct bench_env *env)
 {
     struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
-                                  .value = PRT_VALUE_F16,
+                                  .value = PRT_VALUE_PAIR,
                                   .n_vertex = 34835,
                                   .n_cluster = 64,
                                   .rank = 48,
@@ -178,7 +178,7 @@ static int factored(struct bench_env *env)
 static int phase(struct bench_env *env)
 {
     struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
-                                  .value = PRT_VALUE_F16,
+                                  .value = PRT_VALUE_PAIR,
                                   .n_vertex = 34835,
                                   .n_cluster = 64,
                                   .rank = 48,
@@ -190,6 +190,7 @@ static int phase(struct bench_env *env)
     double one = 0;
     int status = made_up(env, "phase_1_factored", &o, NULL, false, &one);
     o.n_phase = 4;
+    o.value = PRT_VALUE_F16;
     if (!status) status = made_up(env, "phase_4_factored", &o, NULL, false, &one);
     o.storage = PRT_STORAGE_SPARSE;
     o.value = PRT_VALUE_I8;

@@ -133,8 +133,25 @@ static int random_directions(struct prt_rng *rng, uint32_t n_row, uint32_t n_fun
 }
 
 static int random_rows(struct prt_rng *rng, const struct synthetic_options *o, uint32_t n_row,
+                       uint32_t n_function, struct prt_rows *r);
+
+// Made as halves and turned into pairs.
+static int random_pairs(struct prt_rng *rng, const struct synthetic_options *o, uint32_t n_row,
+                        uint32_t n_function, struct prt_rows *r)
+{
+    struct synthetic_options halves = *o;
+    struct prt_rows from;
+    halves.value = PRT_VALUE_F16;
+    int status = random_rows(rng, &halves, n_row, n_function, &from);
+    if (!status) status = prt_rows_pair(&from, r);
+    prt_rows_finish(&from);
+    return status;
+}
+
+static int random_rows(struct prt_rng *rng, const struct synthetic_options *o, uint32_t n_row,
                        uint32_t n_function, struct prt_rows *r)
 {
+    if (o->value == PRT_VALUE_PAIR) return random_pairs(rng, o, n_row, n_function, r);
     uint32_t n_coef = 6 * o->cube * o->cube;
     struct patterns p = {0};
     uint64_t *begin = prt_alloc(n_row + 1ull, 8);
@@ -345,7 +362,7 @@ int synthetic_light(uint32_t cube, uint64_t seed, struct prt_light *out)
 int synthetic_bunny(const struct prt_context *ctx, const char *path, bool quick, uint64_t seed)
 {
     struct synthetic_options o = {.storage = PRT_STORAGE_FACTORED,
-                                  .value = PRT_VALUE_F16,
+                                  .value = PRT_VALUE_PAIR,
                                   .n_vertex = quick ? 3000 : 34835,
                                   .n_cluster = 64,
                                   .rank = 40,
