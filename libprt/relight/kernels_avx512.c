@@ -134,6 +134,10 @@ INLINE void diagonal_many(const struct prt_rows *rows, uint32_t begin, uint32_t 
         for (int z = 0; z < nz; z++) sum[z] = odd[z] = dc[z] = _mm512_setzero_ps();
         uint64_t e = rows->begin[row], stop = rows->begin[row + 1];
         for (; e + 2 <= stop; e += 2, entry += 2 * pitch) {
+            // rows are read once, from memory: ask early
+            for (size_t ahead = 0; ahead < 32 * (size_t)nz * size; ahead += 64)
+                _mm_prefetch(entry + 3072 + ahead, _MM_HINT_T0);
+            _mm_prefetch((const char *)rows->index + rows->index_bytes * e + 512, _MM_HINT_T0);
             __m512 l = _mm512_castps128_ps512(_mm_loadu_ps(light + 4ull * rows_index(rows, e)));
             __m512 m =
                 _mm512_castps128_ps512(_mm_loadu_ps(light + 4ull * rows_index(rows, e + 1)));
