@@ -48,8 +48,8 @@ INLINE __m512 diagonal3_sum(const void *index, const void *entry, uint64_t e, ui
     uint64_t stop = end < safe ? end : safe;
     for (; e + 8 <= stop; e += 8) {
         // rows are read once, from memory: ask early
-        _mm_prefetch((const char *)entry + (kind == PRT_VALUE_I8 ? 3 : 6) * e + 1024, _MM_HINT_T0);
-        _mm_prefetch((const char *)index + (wide ? 4 : 2) * e + 512, _MM_HINT_T0);
+        _mm_prefetch((const char *)entry + (kind == PRT_VALUE_I8 ? 3 : 6) * e + 3072, _MM_HINT_T0);
+        _mm_prefetch((const char *)index + (wide ? 4 : 2) * e + 1536, _MM_HINT_T0);
         a = _mm512_fmadd_ps(spread4(entry, e, kind, 5),
                             light4(light, INDEX(e), INDEX(e + 1), INDEX(e + 2), INDEX(e + 3)),
                             a);
