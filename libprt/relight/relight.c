@@ -111,7 +111,6 @@ static unsigned group_size(unsigned left, bool together)
     return left <= 2 && !together ? 1 : left < LIGHT_GROUP ? left : LIGHT_GROUP;
 }
 
-
 struct rows_job {
     const struct relight_kernels *kernels;
     const struct prt_tensor *tensor;
@@ -416,7 +415,8 @@ int prt_relight_sparse(const struct prt_context *ctx, const struct prt_tensor *t
 {
     int status = check_lights(ctx, tensor, n_light, light);
     if (status) return status;
-    if (tensor->storage != PRT_STORAGE_SPARSE || tensor->coupling != PRT_COUPLE_DIAGONAL)
+    if (tensor->storage != PRT_STORAGE_SPARSE || tensor->coupling != PRT_COUPLE_DIAGONAL ||
+        tensor->rows.value == PRT_VALUE_PAIR)
         return prt_fail(ctx, PRT_ARG, "this transport is not sparse");
     struct sparse_job job = {
         .rows = {.kernels = relight_kernels_for(ctx->cpu),

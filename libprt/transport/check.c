@@ -206,6 +206,8 @@ static int check_mixed(const struct check *c, uint32_t i, const struct prt_rows 
 static int check_pairs(const struct check *c, uint32_t i, const struct prt_tensor *t)
 {
     const struct prt_rows *r = &t->rows;
+    if (t->storage != PRT_STORAGE_FACTORED)
+        return bad(c, "tensor %u: pairs in storage %u", i, t->storage);
     if (t->coupling != PRT_COUPLE_DIAGONAL || r->n_function != 3 || r->index_bytes != 2)
         return bad(c, "tensor %u: pairs of %u functions", i, r->n_function);
     for (uint32_t row = 0; row < r->n_row; row++)

@@ -577,6 +577,16 @@ static void broken_pairs_are_refused(void **state)
     ((float *)(uintptr_t)pairs.scale)[4] = NAN;
     assert_int_equal(prt_file_write(&ctx, path, &t), PRT_FORMAT);
     synthetic_tensor_finish(&t.tensor[0]);
+    const struct synthetic_options sparse = {.storage = PRT_STORAGE_SPARSE,
+                                             .value = PRT_VALUE_PAIR,
+                                             .n_vertex = 101,
+                                             .n_phase = 1,
+                                             .cube = 16,
+                                             .coefs = 8,
+                                             .seed = 12};
+    assert_int_equal(synthetic_tensor(&sparse, &t.tensor[0]), 0);
+    assert_int_equal(prt_file_write(&ctx, path, &t), PRT_FORMAT);
+    synthetic_tensor_finish(&t.tensor[0]);
     synthetic_mesh_finish(&t.mesh);
 }
 

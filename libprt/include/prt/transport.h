@@ -48,7 +48,7 @@ struct prt_rows {
 };
 enum { PRT_ROWS_MOST_DIRECTIONS = 64 };
 
-/* Rows of pairs (DIAGONAL, J = 3, 16-bit indices): two entries' integers lie side by side, as
+/* Rows of pairs (FACTORED, DIAGONAL, J = 3, 16-bit indices): two entries' integers lie side by side, as
  * instructions that sum two products want them. Every row has an even number of entries, and the
  * absolute sum of each 16 entries from its first on is at most PRT_PAIR_MOST in every channel.
  * channel c of entry e = entry[e/2][c][e%2] scale[row][c] prt_pair_gain(n, index of e): a light
