@@ -299,8 +299,16 @@ static uint64_t lay_row(const struct choice *c, size_t i, uint32_t r, uint64_t a
     return at;
 }
 
+// Row r of U over 64 * most as integers, beside its partner.
+static void lay_u(const struct factored *f, uint32_t r, float most, uint32_t padded, uint16_t *out)
+{
+    const float *u = f->u + (size_t)r * f->n_vertex, scale = PRT_U_MOST / most;
+    int16_t *to = (int16_t *)out + 2 * (size_t)padded * (r / 2) + r % 2;
+    for (uint32_t v = 0; v < f->n_vertex; v++) to[2 * (size_t)v] = (int16_t)lrintf(u[v] * scale);
+}
+
 // One cluster's rows and U. A power-of-two-free balance: U's largest becomes 1/64, which keeps
-// both sides well inside a half float's range.
+// the rows well inside a half float's range.
 static int lay_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct layout *l = arg;
@@ -317,12 +325,9 @@ static int lay_range(void *arg, size_t begin, size_t end, unsigned worker)
         for (uint32_t r = 0; r < cluster->rank && !status; r++) {
             uint32_t row = cluster->row_begin + r;
             const float *u = f->u + (size_t)r * f->n_vertex;
-            uint16_t *out = (uint16_t *)(uintptr_t)l->tensor->u + cluster->u_begin +
-                            (size_t)r * padded;
             float most = 1e-30f;
             for (uint32_t v = 0; v < f->n_vertex; v++) most = fmaxf(most, fabsf(u[v]));
-            for (uint32_t v = 0; v < padded; v++)
-                out[v] = v < f->n_vertex ? prt_f32_to_f16(u[v] / (64 * most)) : 0;
+            lay_u(f, r, most, padded, (uint16_t *)(uintptr_t)l->tensor->u + cluster->u_begin);
             if (c->mixed) {
                 status = mix_lay(f, r, 64 * most, rows, row);
                 continue;
@@ -378,7 +383,7 @@ static int allocate(struct choice *c, const struct clusters *clusters, struct la
         l->cluster_entry[i] = entries;
         n_row += c->rank[i];
         n_vertex += cluster[i].n_vertex;
-        u += (uint64_t)c->rank[i] * ((cluster[i].n_vertex + 15) / 16 * 16);
+        u += (c->rank[i] + 1ull) / 2 * 2 * ((cluster[i].n_vertex + 15) / 16 * 16);
         entries += c->entries[i];
     }
     uint32_t J = c->n_function;
@@ -390,7 +395,7 @@ static int allocate(struct choice *c, const struct clusters *clusters, struct la
     t->rows.index = prt_alloc(entries + 32, t->rows.index_bytes);
     if (!c->mixed) t->rows.entry = prt_alloc((entries + 32) * J, 2);
     t->rows.scaling = prt_alloc((size_t)n_row * 6 * J + 32, 2);
-    t->u = prt_alloc(u + 32, 2);
+    t->u = prt_calloc(u + 32, 2);
     t->u_count = u;
     t->rows.begin = begin;
     t->order = order;

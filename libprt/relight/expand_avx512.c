@@ -54,26 +54,29 @@ struct chunk {
     float *sum; // [n/16][3][16]
 };
 
+INLINE void add_row(__m512 sum[3], __m512 x, const float *b)
+{
+    for (int ch = 0; ch < 3; ch++) sum[ch] = _mm512_fmadd_ps(x, _mm512_set1_ps(b[ch]), sum[ch]);
+}
+
+// n_row: 1, or even.
 INLINE void expand_group(const struct chunk *c, const int n_row, bool first)
 {
-    const size_t stride = c->stride, bs = c->b_stride;
+    const size_t stride = 2 * c->stride, bs = c->b_stride;
     const float *b = c->b;
     for (uint32_t v = 0; v < c->n; v += 16) {
         float *sum = c->sum + 3 * v;
-        const uint16_t *u = c->u + v, *next = c->next + v;
-        __m512 x0 = first ? _mm512_setzero_ps() : _mm512_load_ps(sum);
-        __m512 x1 = first ? _mm512_setzero_ps() : _mm512_load_ps(sum + 16);
-        __m512 x2 = first ? _mm512_setzero_ps() : _mm512_load_ps(sum + 32);
-        for (int k = 0; k < n_row; k++) {
-            __m512 x = load_u(u + (size_t)k * stride);
-            if (!(v & 16)) _mm_prefetch((const char *)(next + (size_t)k * stride), _MM_HINT_T0);
-            x0 = _mm512_fmadd_ps(x, _mm512_set1_ps(b[k * bs]), x0);
-            x1 = _mm512_fmadd_ps(x, _mm512_set1_ps(b[k * bs + 1]), x1);
-            x2 = _mm512_fmadd_ps(x, _mm512_set1_ps(b[k * bs + 2]), x2);
+        const uint16_t *u = c->u + 2 * v, *next = c->next + 2 * v;
+        __m512 x[3];
+        for (int ch = 0; ch < 3; ch++)
+            x[ch] = first ? _mm512_setzero_ps() : _mm512_load_ps(sum + 16 * ch);
+        for (int k = 0; k < n_row; k += 2) {
+            const struct two two = load_pairs((const int16_t *)u + k / 2 * stride);
+            _mm_prefetch((const char *)(next + k / 2 * stride), _MM_HINT_T0);
+            add_row(x, two.x[0], b + k * bs);
+            if (n_row > 1) add_row(x, two.x[1], b + (k + 1) * bs);
         }
-        _mm512_store_ps(sum, x0);
-        _mm512_store_ps(sum + 16, x1);
-        _mm512_store_ps(sum + 32, x2);
+        for (int ch = 0; ch < 3; ch++) _mm512_store_ps(sum + 16 * ch, x[ch]);
     }
 }
 
@@ -118,8 +121,11 @@ INLINE void expand_chunks(const struct expand_job *job, uint32_t t, bool radial)
 {
     const uint32_t most = radial ? RADIAL_CHUNK : CHUNK;
     float sum[3 * RADIAL_CHUNK] __attribute__((aligned(64)));
-    const size_t rows = radial ? 3 : 1, group = radial ? 4 : 8;
-    const uint16_t *base = job->u + (radial ? (size_t)t * job->rank * 3 * job->stride : 0);
+    const uint32_t group = radial ? 4 : 8;
+    // numbers of U from vertex to vertex, and from function to function, of pairs half that
+    const size_t each = radial ? 1 : 2, row = radial ? 3 * job->stride : job->stride;
+    const uint16_t *base = job->u + (radial ? (size_t)t * job->rank * row : 0);
+    const __m512 unit = _mm512_set1_ps(radial ? 1 : PRT_U_UNIT);
     for (uint32_t v0 = job->begin; v0 < job->end; v0 += most) {
         uint32_t n = job->end - v0 < most ? job->end - v0 : most;
         struct chunk c = {
@@ -127,77 +133,65 @@ INLINE void expand_chunks(const struct expand_job *job, uint32_t t, bool radial)
         if (!job->rank) memset(sum, 0, 3 * c.n * sizeof *sum);
         claim(job, t, v0, n);
         for (uint32_t r = 0; r < job->rank;) {
-            c.u = base + v0 + r * rows * job->stride;
+            c.u = base + each * v0 + r * row;
             // past the last group comes the next chunk, past the last chunk what follows in
             // memory: the next plane or cluster; a prefetch of nothing does no harm
             uint32_t left = job->rank - r;
-            c.next = left > group                 ? c.u + group * rows * job->stride
-                     : v0 + most < job->end ? base + v0 + most
-                                            : c.u + left * rows * job->stride;
+            c.next = left > group           ? c.u + group * row
+                     : v0 + most < job->end ? base + each * (v0 + most)
+                                            : c.u + left * row;
             c.b = job->b + r * job->b_stride + (radial ? 0 : 3 * t);
             r += run_group(&c, left, r == 0, radial);
         }
         for (uint32_t v = 0; v < n; v += 16)
-            put16(job, v0 + v, t, in_a_row(job, v0 + v, 16), _mm512_load_ps(sum + 3 * v),
-                  _mm512_load_ps(sum + 3 * v + 16), _mm512_load_ps(sum + 3 * v + 32));
+            put16(job, v0 + v, t, in_a_row(job, v0 + v, 16),
+                  _mm512_mul_ps(_mm512_load_ps(sum + 3 * v), unit),
+                  _mm512_mul_ps(_mm512_load_ps(sum + 3 * v + 16), unit),
+                  _mm512_mul_ps(_mm512_load_ps(sum + 3 * v + 32), unit));
     }
 }
 
 // Several triples: 24 sums, for nt triples and nv vectors of 16 vertices (nt * nv = 8), stay in
 // registers, so that a row of U costs 24 fused multiply-adds and little else.
-// Triples [t0, t0 + nt) of vertices from v on; the second vector is the first again where it
-// would lie behind the padded block: its vertices do not exist then.
-INLINE void expand_tile(const struct expand_job *job, uint32_t v, uint32_t t0,
-                        const uint32_t nt, const uint32_t nv)
+// Triples [t0, t0 + nt) of vertices from v on to rgb[triple][ROW]; the second vector is the
+// first again where it would lie behind the padded rows: its vertices do not exist then.
+INLINE void expand_tile(const struct expand_job *job, const void *user, uint32_t v, uint32_t t0,
+                        float *rgb, uint32_t nt, uint32_t nv)
 {
-    const uint32_t width = 16 * nv;
-    const size_t second = nv == 2 && v + 32 <= job->stride ? 16 : 0;
-    const struct places next = places_of(job, v + width, t0, width);
+    const size_t second = nv == 2 && v + 32 <= job->stride ? 32 : 0;
+    const __m512 unit = _mm512_set1_ps(PRT_U_UNIT);
     __m512 sum[8][3][2];
-    float rgb[3 * TILE] __attribute__((aligned(64)));
-    const uint16_t *u = job->u + v;
+    const int16_t *u = (const int16_t *)job->u + 2 * (size_t)v;
     const float *b = job->b + 3 * t0;
     for (uint32_t t = 0; t < nt; t++)
         for (int ch = 0; ch < 3; ch++)
             for (uint32_t i = 0; i < nv; i++) sum[t][ch][i] = _mm512_setzero_ps();
-    for (uint32_t r = 0; r < job->rank; r++, u += job->stride, b += job->b_stride) {
-        const __m512 x[2] = {load_u(u), load_u(u + second)};
-        ask(&next, r, nt);
-        for (uint32_t t = 0; t < nt; t++)
-            for (uint32_t ch = 0; ch < 3; ch++)
-                for (uint32_t i = 0; i < nv; i++)
-                    sum[t][ch][i] =
-                        _mm512_fmadd_ps(x[i], _mm512_set1_ps(b[3 * t + ch]), sum[t][ch][i]);
+    for (uint32_t r = 0; r < job->rank; r += 2, u += 2 * job->stride) {
+        const struct two two[2] = {load_pairs(u), load_pairs(u + second)};
+        for (uint32_t i = 0; i < nv; i++)
+            _mm_prefetch((const char *)(u + 2 * AHEAD + 32 * i), _MM_HINT_T0);
+        for (uint32_t k = 0; k < 2 && r + k < job->rank; k++, b += job->b_stride)
+            for (uint32_t t = 0; t < nt; t++)
+                for (uint32_t ch = 0; ch < 3; ch++)
+                    for (uint32_t i = 0; i < nv; i++)
+                        sum[t][ch][i] = _mm512_fmadd_ps(
+                            two[i].x[k], _mm512_set1_ps(b[3 * t + ch]), sum[t][ch][i]);
     }
-    const bool row = !job->add && in_a_row(job, v, width);
-    float *first = job->color + t0 * job->plane + 3ull * job->order[v];
     for (uint32_t t = 0; t < nt; t++)
         for (uint32_t i = 0; i < nv; i++)
-            put_row((row ? first + t * job->plane : rgb + 3 * width * t) + 48 * i, sum[t][0][i],
-                    sum[t][1][i], sum[t][2][i], false);
-    if (!row) put_tile(job, v, t0, nt, width, rgb);
-}
-
-INLINE void expand_tiles(const struct expand_job *job, uint32_t begin, uint32_t end, uint32_t t,
-                         const uint32_t nt, const uint32_t nv)
-{
-    for (uint32_t v = begin; v < end; v += 16 * nv) {
-        if (t == 0) fetch_share(job, v, 16 * nv);
-        expand_tile(job, v, t, nt, nv);
-    }
+            put_row(rgb + ROW * t + 48 * i, _mm512_mul_ps(sum[t][0][i], unit),
+                    _mm512_mul_ps(sum[t][1][i], unit), _mm512_mul_ps(sum[t][2][i], unit), false);
 }
 
 // Eight triples at a time, then four; those left over one by one.
 void relight_expand_avx512(const struct expand_job *job)
 {
-    const uint32_t n = job->n_triple, n4 = n & ~3u;
-    for (uint32_t v0 = job->begin; n4 && v0 < job->end; v0 += AHEAD) {
-        const uint32_t end = job->end - v0 < AHEAD ? job->end : v0 + AHEAD;
-        uint32_t t = 0;
-        for (; t + 8 <= n; t += 8) expand_tiles(job, v0, end, t, 8, 1);
-        if (t + 4 <= n) expand_tiles(job, v0, end, t, 4, 2);
-    }
-    for (uint32_t t = n4; t < n; t++) expand_chunks(job, t, false);
+    const uint32_t n = job->n_triple;
+    uint32_t t = 0;
+    for (; t + 8 <= n; t += 8) expand_blocks(job, NULL, t, 8, 1, expand_tile);
+    if (t + 4 <= n) expand_blocks(job, NULL, t, 4, 2, expand_tile), t += 4;
+    if (t && job->stream) _mm_sfence();
+    for (; t < n; t++) expand_chunks(job, t, false);
 }
 
 void relight_radial_avx512(const struct expand_job *job)

@@ -207,10 +207,14 @@ static void weigh(const struct prt_tensor *t, float *weight)
     for (uint32_t c = 0; c < t->n_cluster; c++) {
         const struct prt_cluster *k = &t->cluster[c];
         const size_t padded = ((size_t)k->n_vertex + 15) & ~(size_t)15;
+        const int16_t *u = (const int16_t *)t->u + k->u_begin;
         for (uint32_t r = 0; r < k->rank; r++) {
+            const int16_t *row = u + 2 * padded * (r / 2) + r % 2;
             float sum = 0;
-            for (size_t v = 0; v < padded; v += 16)
-                sum += energy_of(t->u + k->u_begin + r * padded + v, 16);
+            for (size_t v = 0; v < k->n_vertex; v++) {
+                const float x = (float)row[2 * v] * PRT_U_UNIT;
+                sum += x * x;
+            }
             weight[k->row_begin + r] += sum;
         }
     }

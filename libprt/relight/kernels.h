@@ -19,8 +19,8 @@ enum {
 // Colours of vertices [begin, end) of one cluster:
 // color[t*plane + 3*order[v] + ch] (+)= sum_r U[r][v] b[r*b_stride + 3*t + ch].
 struct expand_job {
-    const uint16_t *u; // [rank][stride] f16; radial: [n_triple][rank][3][stride]
-    size_t stride;     // halves, a multiple of 16
+    const uint16_t *u; // [(rank + 1) / 2][stride][2] i16; radial: [n_triple][rank][3][stride] f16
+    size_t stride;     // vertices, a multiple of 16
     uint32_t rank;
     const float *b;    // [rank][b_stride]; radial: coef [rank][3]
     size_t b_stride;   // floats
@@ -30,6 +30,7 @@ struct expand_job {
     float *color;
     size_t plane; // floats from one triple's colours to the next one's
     bool add;
+    bool stream; // not with add: colours are many times the caches, whole lines go past them
 };
 
 // Up to LIGHT_GROUP lights, times the gains of pairs, as 16-bit integers (pairs_vnni.c).

@@ -316,6 +316,18 @@ INLINE __m256 load_u(const uint16_t *u)
     return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)u));
 }
 
+// Two rows of U for 8 vertices, and their two numbers to be met.
+struct two {
+    __m256 x[2];
+};
+
+INLINE struct two load_pairs(const int16_t *u)
+{
+    const __m256i x = _mm256_loadu_si256((const __m256i *)u);
+    return (struct two){{_mm256_cvtepi32_ps(_mm256_srai_epi32(_mm256_slli_epi32(x, 16), 16)),
+                         _mm256_cvtepi32_ps(_mm256_srai_epi32(x, 16))}};
+}
+
 INLINE void put8(const struct expand_job *job, uint32_t v, uint32_t t, __m256 r, __m256 g,
                  __m256 b)
 {
@@ -333,26 +345,33 @@ INLINE void expand_block(const struct expand_job *job, uint32_t v, uint32_t t0, 
                          const int nv)
 {
     __m256 sum[4][3][4];
-    const uint16_t *u = job->u + v;
+    const int16_t *u = (const int16_t *)job->u + 2 * (size_t)v;
     const float *b = job->b + 3 * t0;
+    const __m256 unit = _mm256_set1_ps(PRT_U_UNIT);
     for (int t = 0; t < nt; t++)
         for (int ch = 0; ch < 3; ch++)
             for (int i = 0; i < nv; i++) sum[t][ch][i] = _mm256_setzero_ps();
-    for (uint32_t r = 0; r < job->rank; r++, u += job->stride, b += job->b_stride) {
+    for (uint32_t r = 0; r < job->rank; r += 2, u += 2 * job->stride, b += 2 * job->b_stride) {
+        const float *other = r + 1 < job->rank ? b + job->b_stride : b; // or U has 0
         for (int i = 0; i < nv; i++) {
-            __m256 x = load_u(u + 8 * i);
+            const struct two two = load_pairs(u + 16 * i);
             for (int t = 0; t < nt; t++)
-                for (int ch = 0; ch < 3; ch++)
+                for (int ch = 0; ch < 3; ch++) {
+                    const int k = 3 * t + ch;
                     sum[t][ch][i] =
-                        _mm256_fmadd_ps(x, _mm256_broadcast_ss(b + 3 * t + ch), sum[t][ch][i]);
+                        _mm256_fmadd_ps(two.x[0], _mm256_broadcast_ss(b + k), sum[t][ch][i]);
+                    sum[t][ch][i] =
+                        _mm256_fmadd_ps(two.x[1], _mm256_broadcast_ss(other + k), sum[t][ch][i]);
+                }
         }
-        _mm_prefetch((const char *)(u + 128), _MM_HINT_T0);
+        _mm_prefetch((const char *)(u + 256), _MM_HINT_T0);
     }
     for (int t = 0; t < nt; t++)
         for (int i = 0; i < nv; i++)
             if (v + 8 * (uint32_t)i < job->end)
-                put8(job, v + 8 * (uint32_t)i, t0 + (uint32_t)t, sum[t][0][i], sum[t][1][i],
-                     sum[t][2][i]);
+                put8(job, v + 8 * (uint32_t)i, t0 + (uint32_t)t,
+                     _mm256_mul_ps(sum[t][0][i], unit), _mm256_mul_ps(sum[t][1][i], unit),
+                     _mm256_mul_ps(sum[t][2][i], unit));
 }
 
 static void expand(const struct expand_job *job)

@@ -125,7 +125,8 @@ static void expand(const struct expand_job *job)
         for (uint32_t t = 0; t < job->n_triple; t++) {
             float sum[3] = {0, 0, 0}, *out = job->color + t * job->plane + 3ull * job->order[v];
             for (uint32_t r = 0; r < job->rank; r++) {
-                float u = prt_f16_to_f32(job->u[r * job->stride + v]);
+                const size_t at = 2 * (r / 2 * job->stride + v) + r % 2;
+                const float u = (float)((const int16_t *)job->u)[at] * PRT_U_UNIT;
                 for (int ch = 0; ch < 3; ch++)
                     sum[ch] += u * job->b[r * job->b_stride + 3 * t + ch];
             }

@@ -10,6 +10,7 @@ enum {
     VERTEX_GRAIN = 4096, // vertices a piece of a cluster, a multiple of EXPAND_ALIGN
     SPARSE_BLOCK = 32,   // vertices between two scatters
     TABLE_GRAIN = 1536,
+    STREAM_BYTES = 1 << 24, // colours that no cache will hold until they are read
 };
 
 static int check_lights(const struct prt_context *ctx, const struct prt_tensor *tensor,
@@ -282,7 +283,7 @@ struct expand_run {
     size_t b_stride;
     uint32_t n_triple;
     float *color;
-    bool add;
+    bool add, stream;
 };
 
 static int run_expand(void *arg, size_t begin, size_t end, unsigned worker)
@@ -304,7 +305,8 @@ static int run_expand(void *arg, size_t begin, size_t end, unsigned worker)
                                  .order = t->order + c->vertex_begin,
                                  .color = run->color,
                                  .plane = 3 * (size_t)t->n_vertex,
-                                 .add = run->add};
+                                 .add = run->add,
+                                 .stream = run->stream};
         if (radial) run->kernels->radial(&job);
         else run->kernels->expand(&job);
     }
@@ -334,6 +336,7 @@ static int expand_together(const struct prt_context *ctx, const struct prt_tenso
                              .n_triple = n_light * tensor->n_phase,
                              .color = color,
                              .add = add};
+    run.stream = !add && 12ull * run.n_triple * tensor->n_vertex >= STREAM_BYTES;
     return expand_all(ctx, &run);
 }
 

@@ -14,6 +14,28 @@ INLINE __m512 load_u(const uint16_t *u)
     return _mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)u));
 }
 
+// Two rows of U for 16 vertices.
+struct two {
+    __m512 x[2];
+};
+
+INLINE struct two load_pairs(const int16_t *u)
+{
+    const __m512i x = _mm512_loadu_si512(u);
+    return (struct two){{_mm512_cvtepi32_ps(_mm512_srai_epi32(_mm512_slli_epi32(x, 16), 16)),
+                         _mm512_cvtepi32_ps(_mm512_srai_epi32(x, 16))}};
+}
+
+// Whether `width` positions are as many vertices in a row in the file.
+INLINE bool in_a_row(const struct expand_job *job, uint32_t v, uint32_t width)
+{
+    const uint32_t first = job->order[v];
+    uint32_t other = 0;
+    if (job->end - v < width) return false;
+    for (uint32_t i = 0; i < width; i++) other |= job->order[v + i] ^ (first + i);
+    return !other;
+}
+
 // r g b of 16 positions to 48 floats r g b r g b ...
 INLINE void put_row(float *out, __m512 r, __m512 g, __m512 b, bool add)
 {
@@ -39,128 +61,159 @@ INLINE void put_row(float *out, __m512 r, __m512 g, __m512 b, bool add)
     _mm512_storeu_ps(out + 32, z);
 }
 
-// Colours leave in tiles of nt triples for width vertices, nt * width = 128. Their places, all
-// over the arrays, are asked for while the tile before is computed, a line or two between two
-// rows of U; loops with more than that between the rows make the compiler spill the sums.
-enum { AHEAD = 512, TILE = 8 * 16 };
+// Colours leave block by block, for several triples at once. Where the vertices of a block are a
+// few runs of neighbours in the file, a run's colours are written as whole vectors; elsewhere
+// vertex by vertex.
+enum { BLOCK = 128, ROW = 3 * BLOCK + 16, MOST_TRIPLES = 8, LONG_RUN = 8 };
 
-struct places {
-    float *color;
-    size_t plane, at[8]; // floats: from triple to triple, eight of the vertices
+// Vertices ahead whose U a tile asks for, row by row as it reads its own; a prefetch behind the
+// end does no harm.
+enum { AHEAD = 64 };
+
+struct run {
+    uint32_t from, n; // floats in a triple's row of the block
+    size_t to;        // floats in a triple's plane
 };
 
-// Places of the tile from v on, in case that there is one.
-INLINE struct places places_of(const struct expand_job *job, uint32_t v, uint32_t t0,
-                               const uint32_t width)
-{
-    struct places p = {job->color + t0 * job->plane, job->plane, {0}};
-    for (uint32_t i = 0; i < 8; i++) {
-        // every fourth of the positions first: of few rows, not all get their turn
-        uint32_t at = v + (i % 4 * 2 + i / 4) * (width / 8);
-        p.at[i] = 3ull * job->order[at < job->end ? at : job->end - 1];
-    }
-    return p;
-}
-
-// Any 8 * nt successive numbers k ask for all. The second cache has them come: the first can wait
-// for few lines at once, and is needed for U.
-INLINE void ask(const struct places *p, uint32_t k, const uint32_t nt)
-{
-    __builtin_prefetch(p->color + k % nt * p->plane + p->at[k / nt % 8], 0, 2);
-}
-
-// Whether `width` positions are as many vertices in a row in the file.
-INLINE bool in_a_row(const struct expand_job *job, uint32_t v, uint32_t width)
-{
-    const uint32_t first = job->order[v];
-    uint32_t other = 0;
-    if (job->end - v < width) return false;
-    for (uint32_t i = 0; i < width; i++) other |= job->order[v + i] ^ (first + i);
-    return !other;
-}
-
-INLINE void put1(float *out, const float *rgb, bool add)
-{
-    uint64_t rg;
-    uint32_t b;
-    if (add) {
-        for (int ch = 0; ch < 3; ch++) out[ch] += rgb[ch];
-        return;
-    }
-    memcpy(&rg, rgb, 8);
-    memcpy(&b, rgb + 2, 4);
-    memcpy(out, &rg, 8);
-    memcpy(out + 2, &b, 4);
-}
-
-// A tile in rgb[triple][width][3] to the vertices from v on.
-INLINE void put_tile(const struct expand_job *job, uint32_t v, uint32_t t0, const uint32_t nt,
-                     const uint32_t width, const float *rgb)
-{
-    const uint32_t *order = job->order + v, n = job->end - v < width ? job->end - v : width;
-    for (uint32_t t = 0; t < nt; t++, rgb += 3 * width) {
-        float *color = job->color + (t0 + t) * job->plane;
-        if (job->add)
-            for (uint32_t i = 0; i < n; i++) put1(color + 3ull * order[i], rgb + 3 * i, true);
-        else if (n == width)
-            for (uint32_t i = 0; i < width; i++)
-                put1(color + 3ull * order[i], rgb + 3 * i, false);
-        else
-            for (uint32_t i = 0; i < n; i++) put1(color + 3ull * order[i], rgb + 3 * i, false);
-    }
-}
-
-// A tile whose colours wait: they leave for their vertices while the next one is computed, since
-// stores of a few bytes take as long as the sums and want other parts of the processor.
-struct waiting {
-    float rgb[3 * TILE + 1] __attribute__((aligned(64))); // [triple][width][3], one read behind
-    uint32_t n;                                       // portions left of PORTIONS
-    float *color;                                     // of the first triple
-    size_t plane;
-    size_t at[32]; // floats: where each position's vertex is
+struct block {
+    float rgb[MOST_TRIPLES][ROW] __attribute__((aligned(64))); // [triple][vertex][3]
+    uint32_t n, n_run; // vertices; runs, 0 when they are short
+    union {
+        struct run run[BLOCK / LONG_RUN];
+        size_t at[BLOCK]; // floats in a triple's plane
+    };
 };
-enum { PORTIONS = 16, PORTION = TILE / PORTIONS };
 
-// each: portions of a triple.
-INLINE void put_portion(struct waiting *w, const uint32_t each)
+// Finds the runs of positions [v, v + n), n <= BLOCK, or their places.
+INLINE void find_places(const struct expand_job *job, uint32_t v, uint32_t n, struct block *block)
 {
-    const uint32_t k = PORTIONS - w->n--;
-    const size_t *at = w->at + k % each * PORTION;
-    const float *rgb = w->rgb + 3 * PORTION * k;
-    float *color = w->color + k / each * w->plane;
-    for (uint32_t i = 0; i < PORTION; i++)
-        _mm_mask_storeu_ps(color + at[i], 7, _mm_loadu_ps(rgb + 3 * i));
-}
-
-INLINE void put_rest(struct waiting *w, const uint32_t each)
-{
-    while (w->n) put_portion(w, each);
-}
-
-// What waiting->rgb holds of the tile from v on is to go to nt triples from t0 on.
-INLINE void put_later(const struct expand_job *job, uint32_t v, uint32_t t0, const uint32_t nt,
-                      struct waiting *waiting)
-{
-    const uint32_t width = TILE / nt;
-    if (job->add || job->end - v < width) {
-        put_tile(job, v, t0, nt, width, waiting->rgb);
+    const uint32_t *order = job->order + v;
+    uint32_t breaks = 0;
+    for (uint32_t i = 1; i < n; i++) breaks += order[i] != order[i - 1] + 1;
+    block->n = n;
+    block->n_run = 0;
+    if ((breaks + 1) * LONG_RUN > n) {
+        for (uint32_t i = 0; i < n; i++) block->at[i] = 3ull * order[i];
         return;
     }
-    waiting->n = PORTIONS;
-    waiting->color = job->color + t0 * job->plane;
-    waiting->plane = job->plane;
-    for (uint32_t i = 0; i < width; i++) waiting->at[i] = 3ull * job->order[v + i];
+    for (uint32_t i = 0, stop; i < n; i = stop) {
+        for (stop = i + 1; stop < n && order[stop] == order[stop - 1] + 1;) stop++;
+        block->run[block->n_run++] = (struct run){3 * i, 3 * (stop - i), 3ull * order[i]};
+    }
 }
 
-// Fetches a share of the next AHEAD vertices' rows, each row's bytes in one go.
-INLINE void fetch_share(const struct expand_job *job, uint32_t v, uint32_t width)
+// Asks for the lines of a plane that are to be read before they are written: all of them, or
+// when whole lines go past the caches the others, where runs begin and end. The second cache has
+// them come: the first can wait for few lines at once, and is needed for U.
+INLINE void ask_plane(const struct block *block, const float *plane, bool stream)
 {
-    const uint32_t share = v % AHEAD / width, n_share = AHEAD / width;
-    const uint32_t from = v - v % AHEAD + AHEAD;
-    if (from >= job->end) return;
-    for (uint32_t r = job->rank * share / n_share; r < job->rank * (share + 1) / n_share; r++)
-        for (uint32_t i = 0; i < AHEAD; i += 32)
-            _mm_prefetch((const char *)(job->u + r * job->stride + from + i), _MM_HINT_T1);
+    const uintptr_t line = 63;
+    if (!block->n_run)
+        for (uint32_t i = 0; i < block->n; i += 2)
+            __builtin_prefetch(plane + block->at[i], 0, 2);
+    for (uint32_t i = 0; i < block->n_run; i++) {
+        const struct run *run = &block->run[i];
+        const float *first = plane + run->to, *end = first + run->n;
+        if (!stream || (uintptr_t)first & line) __builtin_prefetch(first, 0, 2);
+        for (const float *p = first + 16; !stream && p < end; p += 16)
+            __builtin_prefetch(p, 0, 2);
+        if (!stream || (uintptr_t)end & line) __builtin_prefetch(end - 1, 0, 2);
+    }
+}
+
+// n < 16 floats, in whole stores: a masked one that misses the caches waits for its line.
+INLINE void put_few(float *out, const float *in, size_t n, bool add)
+{
+    if (n & 8) {
+        const __m256 x = _mm256_loadu_ps(in);
+        _mm256_storeu_ps(out, add ? _mm256_add_ps(x, _mm256_loadu_ps(out)) : x);
+        in += 8, out += 8;
+    }
+    if (n & 4) {
+        const __m128 x = _mm_loadu_ps(in);
+        _mm_storeu_ps(out, add ? _mm_add_ps(x, _mm_loadu_ps(out)) : x);
+        in += 4, out += 4;
+    }
+    if (n & 2) {
+        out[0] = add ? out[0] + in[0] : in[0];
+        out[1] = add ? out[1] + in[1] : in[1];
+        in += 2, out += 2;
+    }
+    if (n & 1) *out = add ? *out + *in : *in;
+}
+
+INLINE void put_run(float *out, const float *in, size_t n, bool add, bool stream)
+{
+    if (stream && n >= 16) {
+        const size_t head = (size_t)(-((uintptr_t)out / sizeof *out) & 15);
+        put_few(out, in, head, false);
+        out += head, in += head, n -= head;
+    }
+    for (; n >= 16; n -= 16, in += 16, out += 16) {
+        __m512 x = _mm512_loadu_ps(in);
+        if (add) x = _mm512_add_ps(x, _mm512_loadu_ps(out));
+        if (stream) _mm512_stream_ps(out, x);
+        else _mm512_storeu_ps(out, x);
+    }
+    put_few(out, in, n, add);
+}
+
+INLINE void put_vertices(const struct block *block, const float *rgb, float *plane, bool add)
+{
+    for (uint32_t i = 0; i < block->n; i++, rgb += 3) {
+        float *out = plane + block->at[i];
+        __m128 x = _mm_loadu_ps(rgb); // one behind
+        if (add) x = _mm_add_ps(x, _mm_maskz_loadu_ps(7, out));
+        _mm_mask_storeu_ps(out, 7, x);
+    }
+}
+
+INLINE void put_runs(const struct block *block, const float *rgb, float *plane, bool add,
+                     bool stream)
+{
+    if (!block->n_run) {
+        put_vertices(block, rgb, plane, add);
+        return;
+    }
+    for (uint32_t i = 0; i < block->n_run; i++) {
+        const struct run *run = &block->run[i];
+        put_run(plane + run->to, rgb + run->from, run->n, add, stream);
+    }
+}
+
+INLINE void put_plane(const struct expand_job *job, const struct block *block, uint32_t t0,
+                      uint32_t t)
+{
+    float *plane = job->color + (t0 + t) * job->plane;
+    if (job->stream) put_runs(block, block->rgb[t], plane, false, true);
+    else if (job->add) put_runs(block, block->rgb[t], plane, true, false);
+    else put_runs(block, block->rgb[t], plane, false, false);
+}
+
+// nt triples from t0 on of all the job's vertices, in tiles of 16 * nv vertices, nt * nv = 8, which
+// `tile` computes: a block has as many tiles as triples. With every tile a plane of the block
+// before leaves, since stores take their time and want other parts of the processor, and a plane's
+// lines are asked for.
+INLINE void expand_blocks(const struct expand_job *job, const void *user, uint32_t t0,
+                          const uint32_t nt, const uint32_t nv,
+                          void (*tile)(const struct expand_job *job, const void *user,
+                                       uint32_t v, uint32_t t0, float *rgb, uint32_t nt,
+                                       uint32_t nv))
+{
+    struct block block[2], *last = NULL;
+    for (uint32_t v = job->begin, n; v < job->end; v += n) {
+        struct block *now = last == block ? block + 1 : block;
+        n = job->end - v < BLOCK ? job->end - v : BLOCK;
+        find_places(job, v, n, now);
+        for (uint32_t t = 0; t < nt; t++) {
+            const uint32_t at = t * 16 * nv;
+            ask_plane(now, job->color + (t0 + t) * job->plane, job->stream);
+            if (at < n) tile(job, user, v + at, t0, now->rgb[0] + 3 * at, nt, nv);
+            if (last) put_plane(job, last, t0, t);
+        }
+        last = now;
+    }
+    for (uint32_t t = 0; last && t < nt; t++) put_plane(job, last, t0, t);
 }
 
 #endif

@@ -38,6 +38,14 @@ static bool finite_f16(const uint16_t *h, uint64_t n)
     return !found;
 }
 
+// No magnitude beyond `most`.
+static bool within(const int16_t *x, uint64_t n, int most)
+{
+    uint16_t found = 0;
+    for (uint64_t i = 0; i < n; i++) found |= x[i] > most || x[i] < -most;
+    return !found;
+}
+
 static bool below(const uint32_t *u, uint64_t n, uint32_t limit)
 {
     uint32_t found = 0;
@@ -123,14 +131,14 @@ static bool good_cluster(const struct prt_tensor *t, const struct prt_cluster *k
 {
     bool radial = t->storage == PRT_STORAGE_RADIAL;
     uint64_t padded = ((uint64_t)k->n_vertex + 15) & ~15ull;
-    uint64_t halves = padded * k->rank * (radial ? 3 : 1); // < 2^33 * 2^12 * 3
+    uint64_t rows = radial ? 3ull * k->rank : (k->rank + 1ull) & ~1ull; // 3 * 2^12 at most
     if (k->vertex_begin != vertex || k->n_vertex > t->n_vertex - vertex || k->rank > 4096)
         return false;
     if (radial ? k->rank && k->rank != t->n_function
                : k->row_begin > t->rows.n_row || k->rank > t->rows.n_row - k->row_begin)
         return false;
     return k->u_begin % 16 == 0 && k->u_begin <= t->u_count &&
-           halves <= t->u_count - k->u_begin;
+           padded * rows <= t->u_count - k->u_begin;
 }
 
 static int check_clusters(const struct check *c, uint32_t i, const struct prt_tensor *t)
@@ -145,8 +153,11 @@ static int check_clusters(const struct check *c, uint32_t i, const struct prt_te
     }
     if (vertex != t->n_vertex)
         return bad(c, "tensor %u: clusters do not cover the vertices", i);
-    if (!finite_f16(t->u, t->u_count)) return bad(c, "tensor %u: U is not finite", i);
-    return PRT_OK;
+    if (t->storage == PRT_STORAGE_RADIAL)
+        return finite_f16(t->u, t->u_count) ? PRT_OK : bad(c, "tensor %u: U is not finite", i);
+    return within((const int16_t *)t->u, t->u_count, PRT_U_MOST)
+               ? PRT_OK
+               : bad(c, "tensor %u: U is out of range", i);
 }
 
 // Never falling, below n_coef, and none a scaling coefficient (they stand apart). n*n is a power

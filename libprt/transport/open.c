@@ -55,8 +55,8 @@ static int check_header(struct prt_file *f)
         return bad_header(f->ctx, f->name, "the .prt has another byte order");
     if (h.version != FORMAT_VERSION)
         return prt_fail(f->ctx, PRT_FORMAT,
-                        "%s: .prt version %u, this program reads version %d", f->name,
-                        h.version, FORMAT_VERSION);
+                        "%s: .prt version %u, this program reads version %d: bake it again",
+                        f->name, h.version, FORMAT_VERSION);
     if (h.file_bytes != f->size)
         return prt_fail(f->ctx, PRT_FORMAT, "%s: %s: %llu bytes of %llu", f->name,
                         f->size < h.file_bytes ? "the file is truncated"

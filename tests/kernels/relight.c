@@ -266,7 +266,8 @@ static void rows_meet_light(void **state)
 
 struct expand_shape {
     uint32_t rank, n_vertex, begin, n_triple;
-    bool radial, add;
+    uint32_t run; // vertices that stay neighbours in the file; 0: few
+    bool radial, add, stream;
 };
 
 static void check_expand(const struct expand_shape *s, uint64_t seed, const char *label)
@@ -274,16 +275,25 @@ static void check_expand(const struct expand_shape *s, uint64_t seed, const char
     struct prt_rng rng;
     prt_rng_init(&rng, seed, 3);
     size_t stride = (s->n_vertex + 15) & ~15u, wide = s->radial ? 3 * s->n_triple : 1;
-    size_t n_u = stride * s->rank * wide, b_stride = s->radial ? 3 : 3 * s->n_triple;
+    size_t n_row = s->radial ? s->rank * wide : (s->rank + 1) & ~1u;
+    size_t n_u = stride * n_row, b_stride = s->radial ? 3 : 3 * s->n_triple;
     size_t n_b = b_stride * s->rank, n_out = 3ull * s->n_vertex * s->n_triple;
     uint16_t *u = malloc(2 * n_u + 2);
     float *b = malloc(4 * n_b + 4), *start = malloc(4 * n_out), *expect = malloc(4 * n_out);
     uint32_t *order = malloc(4ull * s->n_vertex);
-    for (size_t i = 0; i < n_u; i++) u[i] = prt_f32_to_f16(prt_rng_f32(&rng) - 0.5f);
+    for (size_t i = 0; i < n_u; i++) {
+        const float x = prt_rng_f32(&rng) - 0.5f;
+        const bool beside = !s->radial && i % 2 && i / 2 / stride * 2 + 1 >= s->rank;
+        u[i] = s->radial ? prt_f32_to_f16(x) : beside ? 0 : (uint16_t)(int16_t)(x * 2 * PRT_U_MOST);
+    }
     for (size_t i = 0; i < n_b; i++) b[i] = prt_rng_f32(&rng) - 0.5f;
     for (size_t i = 0; i < n_out; i++) start[i] = prt_rng_f32(&rng);
     for (uint32_t i = 0; i < s->n_vertex; i++) order[i] = i;
-    for (uint32_t i = s->n_vertex - 1; i > 0; i--) {
+    for (uint32_t i = 0; s->run && i < s->n_vertex; i++) { // the last run first
+        const uint32_t from = i / s->run * s->run, end = from + s->run;
+        order[i] = (end < s->n_vertex ? s->n_vertex - end : 0) + i - from;
+    }
+    for (uint32_t i = s->n_vertex - 1; !s->run && i > 0; i--) {
         uint32_t k = pick(&rng, i > 15 ? i - 15 : 0, i), swap = order[i];
         order[i] = order[k];
         order[k] = swap;
@@ -298,7 +308,8 @@ static void check_expand(const struct expand_shape *s, uint64_t seed, const char
                              .end = s->n_vertex,
                              .order = guarded(order, 4ull * s->n_vertex),
                              .plane = 3ull * s->n_vertex,
-                             .add = s->add};
+                             .add = s->add,
+                             .stream = s->stream};
     float *out = guarded(start, 4 * n_out);
     memcpy(expect, start, 4 * n_out);
     job.color = expect;
@@ -342,8 +353,10 @@ static void bases_expand(void **state)
         struct expand_shape s = {.rank = pick(&rng, 0, 20),
                                  .n_vertex = pick(&rng, 1, 200),
                                  .n_triple = pick(&rng, 1, 17),
+                                 .run = i & 4 ? pick(&rng, 1, 150) : 0,
                                  .radial = i & 1,
-                                 .add = i & 2};
+                                 .add = i & 2,
+                                 .stream = !(i & 2) && i & 8};
         s.begin = s.n_vertex > 64 ? 32 * pick(&rng, 0, 2) : 0;
         check_expand(&s, (uint64_t)i, NULL);
     }

@@ -105,7 +105,9 @@ static double error_of(const struct prt_tensor *t, const float *rows, const floa
     *twice = 0;
     for (uint32_t row = 0; row < t->cluster[0].rank; row++)
         for (uint32_t v = 0; v < V; v++) {
-            double u = (double)prt_f16_to_f32(t->u[(size_t)row * ((V + 15) / 16 * 16) + v]);
+            const size_t padded = (V + 15) / 16 * 16;
+            const int16_t *u16 = (const int16_t *)t->u + 2 * padded * (row / 2) + row % 2;
+            const double u = (double)u16[2 * v] * (double)PRT_U_UNIT;
             for (uint32_t j = 0; j < J; j++) {
                 double *own = got + ((size_t)v * J + j) * N_COEF;
                 for (uint32_t f = 0; f < 6; f++)

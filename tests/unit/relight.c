@@ -166,6 +166,17 @@ static double row_plane(const struct prt_tensor *t, uint32_t row, uint32_t k, in
     return sum;
 }
 
+static double u_of(const struct prt_tensor *t, const struct prt_cluster *c, uint32_t r,
+                   uint32_t v, uint32_t phase, int ch)
+{
+    const uint16_t *u = t->u + c->u_begin;
+    const uint64_t stride = (c->n_vertex + 15) & ~15u;
+    if (t->storage == PRT_STORAGE_RADIAL)
+        return (double)prt_f16_to_f32(
+            u[(3ull * (phase * t->n_radial + r) + (uint32_t)ch) * stride + v]);
+    return (double)(int16_t)u[(r / 2 * stride + v) * 2 + r % 2] * (double)PRT_U_UNIT;
+}
+
 static void define(const struct prt_tensor *t, const struct prt_light *light, const float *coef,
                    float *color)
 {
@@ -180,7 +191,6 @@ static void define(const struct prt_tensor *t, const struct prt_light *light, co
             }
             for (uint32_t c = 0; c < t->n_cluster; c++) {
                 const struct prt_cluster *q = &t->cluster[c];
-                uint64_t stride = (q->n_vertex + 15) & ~15u;
                 double b[64];
                 uint32_t rank = t->storage == PRT_STORAGE_RADIAL ? t->n_radial : q->rank;
                 for (uint32_t r = 0; r < rank; r++)
@@ -189,13 +199,7 @@ static void define(const struct prt_tensor *t, const struct prt_light *light, co
                                : row_plane(t, q->row_begin + r, k, ch, light, coef);
                 for (uint32_t v = 0; v < q->n_vertex; v++) {
                     double sum = 0;
-                    for (uint32_t r = 0; r < rank; r++) {
-                        uint64_t row = t->storage == PRT_STORAGE_RADIAL
-                                           ? 3ull * (k * rank + r) + (uint32_t)ch
-                                           : r;
-                        sum +=
-                            b[r] * (double)prt_f16_to_f32(t->u[q->u_begin + row * stride + v]);
-                    }
+                    for (uint32_t r = 0; r < rank; r++) sum += b[r] * u_of(t, q, r, v, k, ch);
                     color[k * plane + 3 * t->order[q->vertex_begin + v] + (uint32_t)ch] =
                         (float)sum;
                 }

@@ -66,15 +66,17 @@ void prt_rows_finish(struct prt_rows *rows); /* of DIAGONAL rows that own their 
 struct prt_cluster {
     uint32_t vertex_begin, n_vertex;   /* in the tensor's own vertex order */
     uint32_t row_begin, rank;          /* rows [row_begin, +rank) are its basis */
-    uint64_t u_begin;                  /* first half of its U block in prt_tensor.u */
+    uint64_t u_begin;                  /* first number of its U block in prt_tensor.u */
 };
 
 /* T[v][j][.] = sum_r U[v][r] rows[row_begin + r][j][.]            (FACTORED)
  * T[v][j][.] = rows[position of v]                                 (SPARSE)
  * colour[v][ch] = sum_j c[j][ch] U[v][j][ch], omega contracted     (RADIAL: polynomial)
- * U block of a cluster: [rank][padded] f16, vertex fastest, padded = n_vertex rounded up to 16
- * with zeros behind. RADIAL has U [n_phase][n_radial][3][padded], rank = J; without a basis
- * (n_knot 0) all c are 1: colours that no material changes, a polynomial bake's opaque vertices.
+ * U block of a cluster, padded = n_vertex rounded up to 16 with zeros behind:
+ * FACTORED: i16 [(rank + 1) / 2][padded][2], two rows side by side as instructions that sum two
+ * products want them, 0 beside an odd last row. U = integer * PRT_U_UNIT, at most PRT_U_MOST.
+ * RADIAL: f16 [n_phase][n_radial][3][padded], rank = J; without a basis (n_knot 0) all c are 1:
+ * colours that no material changes, a polynomial bake's opaque vertices.
  * Clusters tile the positions; one of rank 0 gives 0 to its vertices: a transport whose material
  * is free keeps its opaque vertices in a DIAGONAL tensor beside (tensors of a term add up). */
 struct prt_tensor {
@@ -89,8 +91,8 @@ struct prt_tensor {
     uint32_t n_radial;           /* radial basis functions; DIAGONAL: 0 */
     const uint32_t *order;       /* [n_vertex] file vertex at each position of the tensor order */
     const struct prt_cluster *cluster;
-    const uint16_t *u;           /* f16 */
-    uint64_t u_count;            /* halves in u */
+    const uint16_t *u;           /* bits of i16, RADIAL of f16 */
+    uint64_t u_count;            /* numbers in u */
     struct prt_rows rows;        /* n_row 0 for RADIAL */
     /* Radial basis behind j (FULL, RADIAL): values on a grid; NULL otherwise. */
     uint32_t n_knot;             /* grid points */
@@ -98,6 +100,11 @@ struct prt_tensor {
     const float *knot;           /* [n_knot] mm */
     const float *basis;          /* [n_radial][n_knot] */
 };
+
+/* Rows of U span [-1/64, 1/64]: what is left for the rows of the basis lies well inside the range
+ * of a half. */
+enum { PRT_U_MOST = 1 << 14 };
+#define PRT_U_UNIT 0x1p-20f
 
 /* Everything a .prt holds. Arrays point into the map (prt_file_open) or into the baker's
  * memory (prt_file_write). */

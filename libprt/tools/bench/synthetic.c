@@ -18,6 +18,14 @@ static uint16_t *random_f16(struct prt_rng *rng, uint64_t n, float lo, float hi)
     return out;
 }
 
+static uint16_t *random_u(struct prt_rng *rng, uint64_t n)
+{
+    uint16_t *out = prt_alloc(n ? n : 1, 2);
+    for (uint64_t i = 0; out && i < n; i++)
+        out[i] = (uint16_t)(int16_t)uniform(rng, -PRT_U_MOST, PRT_U_MOST);
+    return out;
+}
+
 // Vertex order in runs of neighbours, as a spatial clustering of a mesh in file order gives:
 // the file's vertices are cut into runs and the runs shuffled.
 static uint32_t *random_order(struct prt_rng *rng, uint32_t n, uint32_t run)
@@ -223,18 +231,23 @@ static int random_clusters(struct prt_rng *rng, const struct synthetic_options *
                                           .row_begin = wide == 1 ? row : 0,
                                           .rank = rank,
                                           .u_begin = t->u_count};
-        t->u_count += (((uint64_t)cluster[i].n_vertex + 15) & ~15ull) * rank * wide;
+        t->u_count += (((uint64_t)cluster[i].n_vertex + 15) & ~15ull) *
+                      (wide == 1 ? (rank + 1ull) & ~1ull : rank * wide);
         at = end;
         row += rank;
     }
-    uint16_t *u = random_f16(rng, t->u_count, wide == 1 ? -1 : 0, 1);
+    uint16_t *u = wide == 1 ? random_u(rng, t->u_count) : random_f16(rng, t->u_count, 0, 1);
     t->u = u;
     if (!u) return PRT_NOMEM;
     for (uint32_t i = 0; i < o->n_cluster; i++) {
         const struct prt_cluster *c = &cluster[i];
-        uint64_t padded = (c->n_vertex + 15ull) & ~15ull;
-        for (uint64_t k = 0; k < rank * wide; k++)
-            memset(u + c->u_begin + k * padded + c->n_vertex, 0, 2 * (padded - c->n_vertex));
+        const uint64_t padded = (c->n_vertex + 15ull) & ~15ull, side = wide == 1 ? 2 : 1;
+        const uint64_t there = side * c->n_vertex, all = side * padded;
+        const uint64_t rows = wide == 1 ? (rank + 1) / 2 : rank * wide;
+        for (uint64_t k = 0; k < rows; k++)
+            memset(u + c->u_begin + k * all + there, 0, 2 * (all - there));
+        for (uint64_t v = 0; wide == 1 && rank % 2 && v < padded; v++)
+            u[c->u_begin + (rows - 1) * all + 2 * v + 1] = 0;
     }
     return wide == 1 ? random_rows(rng, o, row, t->n_function, &t->rows) : PRT_OK;
 }
