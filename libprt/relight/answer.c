@@ -6,6 +6,7 @@
 // the view: the stored planes carry light part, a_l and sigma_s. A joint transport's planes do
 // not: its a_l and sigma_s come in here.
 #include "answer.h"
+#include "kernels.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -209,16 +210,24 @@ static int find_coef(const struct answer *a, const struct prt_tensor *t, float *
     return relight_material_coef(a->ctx, a->transport, t, a->material, *out);
 }
 
-static int find_lit(const struct answer *a, const struct prt_tensor *t, float **own,
+// Questions alike but for their lights, answered together.
+struct group {
+    struct answer *answer[PRT_RELIGHT_MAX_LIGHTS];
+    unsigned n;
+};
+
+static int find_lit(const struct group *g, const struct prt_tensor *t, float **own,
                     const float **out)
 {
-    const struct prt_light *light = &a->light;
+    const struct answer *a = g->answer[0];
+    const struct prt_light *light[PRT_RELIGHT_MAX_LIGHTS];
     if (a->query->lit) {
         *out = relight_lit_rows(a->query->lit, t);
         return PRT_OK;
     }
-    *out = *own = prt_alloc(relight_lit_floats(t), sizeof **own);
-    return *own ? prt_contract_light(a->ctx, t, 1, &light, *own) : PRT_NOMEM;
+    for (unsigned i = 0; i < g->n; i++) light[i] = &g->answer[i]->light;
+    *out = *own = prt_alloc(g->n * relight_lit_floats(t), sizeof **own);
+    return *own ? relight_contract(a->ctx, t, g->n, light, *own) : PRT_NOMEM;
 }
 
 // Single scattering's plane 0 is view-free once it is times Y_00 and joins the multiple plane.
@@ -233,9 +242,10 @@ static int find_factors(const struct answer *a, const struct prt_tensor *t, floa
 }
 
 // Makes o->part of tensor t; *fits false where it cannot be one.
-static int make_part(const struct answer *a, const struct prt_tensor *t, struct owned *o,
+static int make_part(const struct group *g, const struct prt_tensor *t, struct owned *o,
                      bool *fits)
 {
+    const struct answer *a = g->answer[0];
     bool mixed = false;
     int status = PRT_OK;
     *o = (struct owned){.part.tensor = t};
@@ -248,36 +258,47 @@ static int make_part(const struct answer *a, const struct prt_tensor *t, struct 
     *fits = !status && !mixed;
     if (*fits && is_free(t)) status = find_coef(a, t, &o->coef);
     if (*fits && !status && t->storage == PRT_STORAGE_FACTORED)
-        status = find_lit(a, t, &o->lit, &o->part.lit);
+        status = find_lit(g, t, &o->lit, &o->part.lit);
     o->part.coef = o->coef;
     o->part.factor = (const float(*)[3])o->factor;
     o->part.dark = o->dark;
     return status == PRT_NOMEM ? prt_fail(a->ctx, status, "no memory for a material") : status;
 }
 
-// Overwrites the planes with the tensors that can be summed in one pass: all of them, or those
-// that no other question shares.
-static int fill_parts(struct answer *a, bool alone)
+static int sum_parts(const struct group *g, unsigned n, const struct prt_part part[])
 {
+    const struct answer *a = g->answer[0];
+    float *color[PRT_RELIGHT_MAX_LIGHTS * MAX_PLANE];
+    for (unsigned i = 0; i < g->n; i++)
+        for (unsigned k = 0; k < a->n_plane; k++) {
+            float **to = &color[i * a->n_plane + k];
+            *to = g->answer[i]->planes + 3 * k * a->n_vertex;
+            if (!n) memset(*to, 0, 3 * a->n_vertex * sizeof **to);
+        }
+    return n ? relight_sum_parts(a->ctx, g->n, n, part, a->n_plane, color) : PRT_OK;
+}
+
+// Overwrites the planes with the tensors that can be summed in one pass.
+static int fill_parts(const struct group *g)
+{
+    const struct answer *a = g->answer[0];
     const struct prt_transport *t = a->transport;
     struct owned owned[PRT_MOST_PARTS];
     struct prt_part part[PRT_MOST_PARTS];
-    unsigned n = 0;
+    unsigned n = 0, done = 0;
     int status = PRT_OK;
-    a->done = 0;
     for (uint32_t i = 0; i < t->n_tensor && n < PRT_MOST_PARTS && !status; i++) {
-        const struct prt_tensor *x = &t->tensor[i];
         bool fits;
-        if (!asked(a->query, x) || !(alone || is_free(x) || a->query->lit)) continue;
-        status = make_part(a, x, &owned[n], &fits);
+        if (!asked(a->query, &t->tensor[i])) continue;
+        status = make_part(g, &t->tensor[i], &owned[n], &fits);
         part[n] = owned[n].part;
         if (fits || status) n++;
         else disown(&owned[n]);
-        if (fits) a->done |= 1u << i;
+        if (fits) done |= 1u << i;
     }
-    if (!status && n) status = prt_sum_parts(a->ctx, n, part, a->n_plane, a->planes);
-    else memset(a->planes, 0, 3 * a->n_vertex * a->n_plane * sizeof *a->planes);
+    if (!status) status = sum_parts(g, n, part);
     for (unsigned i = 0; i < n; i++) disown(&owned[i]);
+    for (unsigned i = 0; i < g->n; i++) g->answer[i]->done = done;
     return status;
 }
 
@@ -343,20 +364,48 @@ static int transform_lights(void *arg, size_t begin_i, size_t end, unsigned work
     return PRT_OK;
 }
 
+// Whether nothing but the light is asked of the transport.
+static bool only_light(const struct answer *a)
+{
+    bool any_free = false;
+    for (uint32_t i = 0; i < a->transport->n_tensor; i++)
+        any_free |= is_free(&a->transport->tensor[i]);
+    return !any_free && !a->query->lit;
+}
+
+// Those of the n answers, from the first on, that are alike but for their lights; two are cheaper
+// one by one.
+static void make_group(struct answer *a, unsigned n, const bool filled[], struct group *g)
+{
+    *g = (struct group){{a}, 1};
+    for (unsigned i = 1; i < n && only_light(a); i++)
+        if (!filled[i] && only_light(&a[i]) && a[i].query->term == a->query->term &&
+            a[i].n_plane == a->n_plane)
+            g->answer[g->n++] = &a[i];
+    if (g->n == 2) g->n = 1;
+}
+
 static int fill_many(struct answer *a, unsigned n)
 {
     const struct prt_transport *t = a[0].transport;
+    bool filled[PRT_RELIGHT_MAX_LIGHTS] = {false};
     int status = prt_parallel_for(a[0].ctx, NULL, n, 1, transform_lights, a);
-    for (unsigned i = 0; i < n && !status; i++) status = fill_parts(&a[i], n == 1);
+    for (unsigned i = 0; i < n && !status; i++) {
+        struct group group;
+        if (filled[i]) continue;
+        make_group(a + i, n - i, filled + i, &group);
+        status = fill_parts(&group);
+        for (unsigned k = 0; k < group.n; k++) filled[group.answer[k] - a] = true;
+    }
     for (uint32_t k = 0; k < t->n_tensor && !status; k++) {
-        struct answer *group[PRT_RELIGHT_MAX_LIGHTS];
+        struct answer *left[PRT_RELIGHT_MAX_LIGHTS];
         unsigned m = 0;
         for (unsigned i = 0; i < n && !status; i++) {
             if (!asked(a[i].query, &t->tensor[k]) || a[i].done >> k & 1) continue;
             if (is_free(&t->tensor[k]) || a[i].query->lit) status = add_mixed(&a[i], &t->tensor[k]);
-            else group[m++] = &a[i];
+            else left[m++] = &a[i];
         }
-        if (m && !status) status = relight_many(group, m, &t->tensor[k]);
+        if (m && !status) status = relight_many(left, m, &t->tensor[k]);
     }
     for (unsigned i = 0; i < n; i++)
         if (a[i].light.coef) prt_light_finish(&a[i].light);
@@ -378,7 +427,6 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
 
 struct shade_job {
     const struct answer *a;
-    const uint32_t *block; // [n_vertex]
     float (*color)[3];
     double mean; // outgoing transmittance without an eye
 };
@@ -402,60 +450,79 @@ static void view_of(const struct answer *a, size_t v, float w[3])
         w[i] = length > 0 ? d[i] / length : a->transport->mesh.normal[v][i];
 }
 
-static void shade_vertex(const struct shade_job *job, size_t v, bool translucent, float out[3])
+static void shade_vertex(const struct answer *a, size_t v, float out[3])
 {
-    const struct answer *a = job->a;
     const size_t size = 3 * a->n_vertex;
     const float *plane = a->planes + 3 * v;
-    double transmittance = 1, eta = (double)a->transport->material.eta;
-    memcpy(out, plane, 12);
-    // the phase function's view part: all planes with an eye, plane 0 (l = 0) without one
-    if (a->query->eye && translucent &&
-        (a->n_plane > 1 || a->query->term == PRT_ANSWER_TOTAL)) {
-        float w[3], inside[3], y[MAX_PLANE];
-        unsigned n_band = a->n_plane > 9 ? 4 : a->n_plane > 4 ? 3 : a->n_plane > 1 ? 2 : 1;
-        view_of(a, v, w);
-        float cosine = refract_out(eta, a->transport->mesh.normal[v], w, inside);
-        prt_sh_eval(n_band, inside, y);
-        for (unsigned k = 1; k < a->n_plane; k++)
-            for (int ch = 0; ch < 3; ch++) out[ch] += y[k] * plane[k * size + (size_t)ch];
-        transmittance = cosine > 0 ? prt_fresnel_transmittance(eta, (double)cosine) : 0;
-    } else {
-        transmittance = job->mean;
-    }
-    if (a->query->term != PRT_ANSWER_TOTAL || !translucent) transmittance = 1;
-    for (int ch = 0; ch < 3; ch++) out[ch] = fmaxf(0, out[ch] * (float)transmittance);
+    const double eta = (double)a->transport->material.eta;
+    // the phase function's view part
+    float w[3], inside[3], y[MAX_PLANE], rgb[3] = {plane[0], plane[1], plane[2]};
+    unsigned n_band = a->n_plane > 9 ? 4 : a->n_plane > 4 ? 3 : a->n_plane > 1 ? 2 : 1;
+    view_of(a, v, w);
+    float cosine = refract_out(eta, a->transport->mesh.normal[v], w, inside);
+    prt_sh_eval(n_band, inside, y);
+    for (unsigned k = 1; k < a->n_plane; k++)
+        for (int ch = 0; ch < 3; ch++) rgb[ch] += y[k] * plane[k * size + (size_t)ch];
+    double transmittance = cosine > 0 ? prt_fresnel_transmittance(eta, (double)cosine) : 0;
+    if (a->query->term != PRT_ANSWER_TOTAL) transmittance = 1;
+    for (int ch = 0; ch < 3; ch++) out[ch] = fmaxf(0, rgb[ch] * (float)transmittance);
 }
 
+// Vertices of one block. Without an eye plane 0 (l = 0) is all of the phase function; out may be
+// where plane 0 lies.
+static void shade_block(const struct shade_job *job, size_t begin_v, size_t end, bool translucent)
+{
+    const struct answer *a = job->a;
+    const bool total = a->query->term == PRT_ANSWER_TOTAL;
+    const float *plane = a->planes;
+    float *color = job->color[0];
+    if (a->query->eye && translucent && (a->n_plane > 1 || total)) {
+        for (size_t v = begin_v; v < end; v++) shade_vertex(a, v, job->color[v]);
+        return;
+    }
+    const float transmittance = translucent && total ? (float)job->mean : 1;
+    for (size_t i = 3 * begin_v; i < 3 * end; i++) {
+        const float x = plane[i] * transmittance;
+        color[i] = x > 0 ? x : 0;
+    }
+}
+
+// Blocks tile the vertices in order.
 static int shade(void *arg, size_t begin_v, size_t end, unsigned worker)
 {
     const struct shade_job *job = arg;
     const struct prt_mesh *mesh = &job->a->transport->mesh;
-    for (size_t v = begin_v; v < end; v++) {
-        const struct prt_block *block = &mesh->block[job->block[v]];
-        shade_vertex(job, v, mesh->surface[block->surface].translucent, job->color[v]);
+    for (uint32_t i = 0; i < mesh->n_block; i++) {
+        const struct prt_block *b = &mesh->block[i];
+        const size_t from = b->vertex_begin > begin_v ? b->vertex_begin : begin_v;
+        const size_t stop = b->vertex_begin + (size_t)b->n_vertex;
+        if (from < end && from < stop)
+            shade_block(job, from, stop < end ? stop : end,
+                        mesh->surface[b->surface].translucent);
     }
     return PRT_OK;
 }
 
-// Blocks tile the vertices in order.
-static uint32_t *vertex_blocks(const struct prt_mesh *mesh)
-{
-    uint32_t *out = prt_alloc(mesh->n_vertex, sizeof *out);
-    for (uint32_t i = 0; out && i < mesh->n_block; i++)
-        for (uint32_t v = 0; v < mesh->block[i].n_vertex; v++)
-            out[mesh->block[i].vertex_begin + v] = i;
-    return out;
-}
-
 static int shade_colors(const struct answer *a, float (*color)[3])
 {
-    struct shade_job job = {a, vertex_blocks(&a->transport->mesh), color,
+    struct shade_job job = {a, color,
                             prt_fresnel_mean_transmittance((double)a->transport->material.eta)};
-    if (!job.block) return prt_fail(a->ctx, PRT_NOMEM, "no memory for %zu vertices", a->n_vertex);
-    int status = prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, shade, &job);
-    prt_free((void *)(uintptr_t)job.block);
-    return status;
+    return prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, shade, &job);
+}
+
+// Planes that are to become colours: where the colours are to be, if there is but one.
+static int make_planes(struct answer *a, float *color)
+{
+    if (!a->query->eye) a->n_plane = 1; // no other plane is looked at
+    a->planes = color;
+    if (a->n_plane > 1) a->planes = prt_alloc(3 * a->n_vertex * a->n_plane, sizeof *a->planes);
+    return a->planes ? PRT_OK
+                     : prt_fail(a->ctx, PRT_NOMEM, "no memory for %zu vertices", a->n_vertex);
+}
+
+static void drop_planes(struct answer *a, const float *color)
+{
+    if (a->planes != color) prt_free(a->planes);
 }
 
 int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport *transport,
@@ -465,12 +532,10 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
     int status = check_query(ctx, transport, query);
     if (status) return status;
     begin(&a, ctx, transport, query);
-    if (!query->eye) a.n_plane = 1; // no other plane is looked at
-    a.planes = prt_alloc(3 * a.n_vertex * a.n_plane, sizeof *a.planes);
-    status = a.planes ? fill_many(&a, 1)
-                      : prt_fail(ctx, PRT_NOMEM, "no memory for %zu vertices", a.n_vertex);
+    status = make_planes(&a, color[0]);
+    if (!status) status = fill_many(&a, 1);
     if (!status) status = shade_colors(&a, color);
-    prt_free(a.planes);
+    drop_planes(&a, color[0]);
     return status;
 }
 
@@ -487,17 +552,13 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
     if (status) return status;
     for (unsigned i = 0; i < n; i++) {
         begin(&a[i], ctx, transport, &query[i]);
-        if (!planes[i] && !query[i].eye) a[i].n_plane = 1;
-        size_t size = 3 * a[i].n_vertex * a[i].n_plane;
-        a[i].planes = planes[i] ? out[i] : prt_alloc(size, sizeof *a[i].planes);
-        if (!a[i].planes)
-            status = prt_fail(ctx, PRT_NOMEM, "no memory for %zu vertices", a[i].n_vertex);
+        a[i].planes = out[i];
+        if (!planes[i] && !status) status = make_planes(&a[i], out[i]);
     }
     if (!status) status = fill_many(a, n);
     for (unsigned i = 0; i < n; i++) {
-        if (planes[i]) continue;
-        if (!status) status = shade_colors(&a[i], (float (*)[3])out[i]);
-        prt_free(a[i].planes);
+        if (!planes[i] && !status) status = shade_colors(&a[i], (float(*)[3])out[i]);
+        drop_planes(&a[i], out[i]);
     }
     return status;
 }

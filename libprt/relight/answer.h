@@ -31,4 +31,9 @@ const float *relight_lit_rows(const struct prt_lit *lit, const struct prt_tensor
 size_t relight_lit_floats(const struct prt_tensor *tensor);
 bool relight_lit_is_of(const struct prt_lit *lit, const struct prt_transport *transport);
 
+// prt_sum_parts for several lights, part[].lit of relight_contract: color[light][plane], each
+// [n_vertex][3]. More than one light: DIAGONAL tensors alone.
+int relight_sum_parts(const struct prt_context *ctx, unsigned n_light, unsigned n_part,
+                      const struct prt_part part[], unsigned n_plane, float *const color[]);
+
 #endif

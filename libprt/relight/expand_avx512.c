@@ -14,7 +14,7 @@ INLINE void claim(const struct expand_job *job, uint32_t t, uint32_t v, uint32_t
 {
     const uint32_t end = job->end < v + n ? job->end : v + n;
     for (; v < end; v += 4)
-        __builtin_prefetch(job->color + t * job->plane + 3ull * job->order[v], 1, 3);
+        __builtin_prefetch(job->color[t] + 3ull * job->order[v], 1, 3);
 }
 
 // Puts 16 positions' colours where their vertices are.
@@ -26,7 +26,7 @@ INLINE void put16(const struct expand_job *job, uint32_t v, uint32_t t, bool row
         _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
     const __m512i hi =
         _mm512_setr_epi32(8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31);
-    float *color = job->color + t * job->plane;
+    float *color = job->color[t];
     uint32_t n = job->end - v < 16 ? job->end - v : 16;
     if (row) {
         put_row(color + 3ull * job->order[v], r, g, b, job->add);

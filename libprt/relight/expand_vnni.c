@@ -125,7 +125,7 @@ void relight_expand_vnni(const struct expand_job *job)
     if (t && job->stream) _mm_sfence();
     if (t == job->n_triple) return;
     rest.b += 3 * t;
-    rest.color += t * rest.plane;
+    rest.color += t;
     rest.n_triple -= t;
     relight_expand_avx512(&rest);
 }

@@ -14,10 +14,12 @@ enum {
     LIGHT_GROUP = 8,               // lights of one pass
     LIGHT_LANES = 3 * LIGHT_GROUP, // floats a coefficient in a group's table
     EXPAND_ALIGN = 32,             // vertex ranges begin at multiples of it
+    MOST_PHASES = 16,              // planes of a tensor
+    MOST_TRIPLES = PRT_RELIGHT_MAX_LIGHTS * MOST_PHASES,
 };
 
 // Colours of vertices [begin, end) of one cluster:
-// color[t*plane + 3*order[v] + ch] (+)= sum_r U[r][v] b[r*b_stride + 3*t + ch].
+// color[t][3*order[v] + ch] (+)= sum_r U[r][v] b[r*b_stride + 3*t + ch].
 struct expand_job {
     const uint16_t *u; // [(rank + 1) / 2][stride][2] i16; radial: [n_triple][rank][3][stride] f16
     size_t stride;     // vertices, a multiple of 16
@@ -27,8 +29,7 @@ struct expand_job {
     uint32_t n_triple; // lights * phase planes; radial: planes
     uint32_t begin, end;
     const uint32_t *order; // file vertex of the cluster's vertex 0, 1, ...
-    float *color;
-    size_t plane; // floats from one triple's colours to the next one's
+    float *const *color;   // [n_triple]
     bool add;
     bool stream; // not with add: colours are many times the caches, whole lines go past them
 };
@@ -94,6 +95,10 @@ void relight_integers_fill(const struct integer_lights *q, unsigned n_light,
 void relight_pairs_vnni(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                         const struct integer_lights *lights, unsigned n_light,
                         size_t light_pitch, size_t row_pitch, float *out);
+
+// Step 1 for several lights whose rows lie beside each other: out[n_row][light][P][3].
+int relight_contract(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                     unsigned n_light, const struct prt_light *const light[], float *out);
 
 // A range of one cluster's vertices: at most some thousands, so that threads share the work.
 struct relight_piece {

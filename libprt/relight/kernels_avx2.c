@@ -337,7 +337,7 @@ INLINE void put8(const struct expand_job *job, uint32_t v, uint32_t t, __m256 r,
     _mm256_storeu_ps(rg, _mm256_permute2f128_ps(lo, hi, 0x20));
     _mm256_storeu_ps(rg + 8, _mm256_permute2f128_ps(lo, hi, 0x31));
     _mm256_storeu_ps(blue, b);
-    scatter(rg, blue, job->order + v, n, job->color + t * job->plane, job->add);
+    scatter(rg, blue, job->order + v, n, job->color[t], job->add);
 }
 
 // nt triples for nv vectors of 8 vertices from v on.

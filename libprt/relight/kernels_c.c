@@ -123,7 +123,7 @@ static void expand(const struct expand_job *job)
 {
     for (uint32_t v = job->begin; v < job->end; v++)
         for (uint32_t t = 0; t < job->n_triple; t++) {
-            float sum[3] = {0, 0, 0}, *out = job->color + t * job->plane + 3ull * job->order[v];
+            float sum[3] = {0, 0, 0}, *out = job->color[t] + 3ull * job->order[v];
             for (uint32_t r = 0; r < job->rank; r++) {
                 const size_t at = 2 * (r / 2 * job->stride + v) + r % 2;
                 const float u = (float)((const int16_t *)job->u)[at] * PRT_U_UNIT;
@@ -138,7 +138,7 @@ static void radial(const struct expand_job *job)
 {
     for (uint32_t v = job->begin; v < job->end; v++)
         for (uint32_t t = 0; t < job->n_triple; t++) {
-            float sum[3] = {0, 0, 0}, *out = job->color + t * job->plane + 3ull * job->order[v];
+            float sum[3] = {0, 0, 0}, *out = job->color[t] + 3ull * job->order[v];
             const uint16_t *u = job->u + (size_t)t * job->rank * 3 * job->stride;
             for (uint32_t r = 0; r < job->rank; r++)
                 for (int ch = 0; ch < 3; ch++)

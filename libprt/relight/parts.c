@@ -2,6 +2,7 @@
 // The sum of several tensors' colours, in one pass: a material meets a cluster's contracted rows
 // just before they meet the cluster's vertices, and all tensors that have the same clusters add
 // up while their colours are near.
+#include "answer.h"
 #include "kernels.h"
 
 #include <stdlib.h>
@@ -10,11 +11,11 @@
 struct sum_run {
     const struct relight_kernels *kernels;
     const struct prt_part *part[PRT_MOST_PARTS]; // the same clusters; the most planes first
-    unsigned n_part, n_plane;
+    unsigned n_part, n_light, n_plane;
     const struct relight_piece *pieces;
     size_t scratch; // floats that the largest cluster's folded rows need
-    float *color;
-    bool add;       // to what earlier passes left
+    float *const *color; // [light][plane]
+    bool add;            // to what earlier passes left
 };
 
 static bool is_radial(const struct prt_part *p)
@@ -27,19 +28,25 @@ static unsigned planes_of(const struct prt_part *p, unsigned n_plane)
     return p->tensor->n_phase < n_plane ? p->tensor->n_phase : n_plane;
 }
 
-// Rows of a cluster as they meet U: [rank][n_phase][3], in `to` unless they lie ready.
-static const float *fold(const struct relight_kernels *kernels, const struct prt_part *p,
+// Rows of a cluster as they meet U, [rank][light][planes][3], in `to` unless they lie ready.
+static const float *fold(const struct sum_run *run, const struct prt_part *p,
                          const struct prt_cluster *c, float *to)
 {
     const struct prt_tensor *t = p->tensor;
-    const size_t width = 3 * (size_t)t->n_phase;
     const bool full = t->coupling == PRT_COUPLE_FULL;
-    const float *in = p->lit + (size_t)c->row_begin * t->n_function * (full ? 3 : 1);
-    if (!full && !p->factor) return in;
-    if (full) kernels->material(in, (size_t)c->rank * t->n_phase, t->n_radial, p->coef, to);
-    else memcpy(to, in, c->rank * width * sizeof *to);
-    for (size_t r = 0; p->factor && r < c->rank; r++)
-        for (size_t k = 0; k < width; k++) to[r * width + k] *= p->factor[k / 3][k % 3];
+    const unsigned planes = planes_of(p, run->n_plane);
+    const float *in =
+        p->lit + (size_t)c->row_begin * run->n_light * t->n_function * (full ? 3 : 1);
+    if (full) run->kernels->material(in, (size_t)c->rank * t->n_phase, t->n_radial, p->coef, to);
+    else if (!p->factor && planes == t->n_phase) return in;
+    if (full) in = to;
+    const size_t n = (size_t)c->rank * run->n_light; // in place: nothing moves forwards
+    for (size_t i = 0; i < n; i++)
+        for (unsigned k = 0; k < planes; k++)
+            for (int ch = 0; ch < 3; ch++)
+                to[3 * (i * planes + k) + (size_t)ch] =
+                    in[3 * (i * t->n_phase + k) + (size_t)ch] *
+                    (p->factor ? p->factor[k][ch] : 1);
     return to;
 }
 
@@ -50,7 +57,6 @@ static void sum_radial(const struct sum_run *run, const struct prt_part *p,
     const struct prt_tensor *t = p->tensor;
     const size_t n = 3 * (size_t)t->n_radial;
     const uint16_t *u = job->u;
-    float *color = job->color;
     const uint32_t planes = planes_of(p, run->n_plane);
     job->rank = job->rank ? t->n_radial : 0;
     job->b = coef;
@@ -60,7 +66,7 @@ static void sum_radial(const struct sum_run *run, const struct prt_part *p,
         for (size_t i = 0; i < n; i++)
             coef[i] = p->coef[i] * (p->factor ? p->factor[k][i % 3] : 1);
         job->u = u + k * n * job->stride;
-        job->color = color + k * job->plane;
+        job->color = run->color + k;
         run->kernels->radial(job);
     }
 }
@@ -71,24 +77,27 @@ static void sum_piece(const struct sum_run *run, const struct relight_piece *pie
     const struct prt_tensor *t = p->tensor;
     const struct prt_cluster *c = &t->cluster[piece->cluster];
     const bool dark = p->dark && p->dark[piece->cluster];
+    const unsigned planes = planes_of(p, run->n_plane);
+    float *color[MOST_TRIPLES];
     struct expand_job job = {.u = t->u + c->u_begin,
                              .stride = ((size_t)c->n_vertex + 15) & ~(size_t)15,
                              .rank = dark ? 0 : c->rank,
                              .b = scratch,
-                             .b_stride = 3 * (size_t)t->n_phase,
-                             .n_triple = planes_of(p, run->n_plane),
+                             .b_stride = 3 * (size_t)planes * run->n_light,
+                             .n_triple = planes * run->n_light,
                              .begin = piece->begin,
                              .end = piece->end,
                              .order = t->order + c->vertex_begin,
-                             .color = run->color,
-                             .plane = 3 * (size_t)t->n_vertex,
+                             .color = color,
                              .add = add};
     if (!job.rank && add) return;
     if (is_radial(p)) {
         sum_radial(run, p, &job, scratch);
         return;
     }
-    if (job.rank) job.b = fold(run->kernels, p, c, scratch);
+    for (unsigned i = 0; i < job.n_triple; i++)
+        color[i] = run->color[i / planes * run->n_plane + i % planes];
+    if (job.rank) job.b = fold(run, p, c, scratch);
     run->kernels->expand(&job);
 }
 
@@ -121,7 +130,7 @@ static void take(struct sum_run *run, const struct prt_part *p)
     size_t most = 0, at = run->n_part++;
     for (uint32_t i = 0; i < t->n_cluster; i++)
         if (t->cluster[i].rank > most) most = t->cluster[i].rank;
-    most = is_radial(p) ? 3 * (size_t)t->n_radial : most * 3 * t->n_phase;
+    most = is_radial(p) ? 3 * (size_t)t->n_radial : most * 3 * t->n_phase * run->n_light;
     if (most >= run->scratch) run->scratch = most + 1;
     for (; at && run->part[at - 1]->tensor->n_phase < t->n_phase; at--)
         run->part[at] = run->part[at - 1];
@@ -131,7 +140,6 @@ static void take(struct sum_run *run, const struct prt_part *p)
 static int sum_run(const struct prt_context *ctx, struct sum_run *run)
 {
     const struct prt_tensor *t = run->part[0]->tensor;
-    const size_t plane = 3 * (size_t)t->n_vertex;
     struct relight_piece *pieces = NULL;
     size_t n = 0, grain = 1;
     int status = relight_pieces(ctx, t, &pieces, &n, &grain);
@@ -139,9 +147,8 @@ static int sum_run(const struct prt_context *ctx, struct sum_run *run)
     run->kernels = relight_kernels_for(ctx->cpu);
     run->pieces = pieces;
     unsigned first = planes_of(run->part[0], run->n_plane);
-    if (!run->add)
-        memset(run->color + first * plane, 0,
-               (run->n_plane - first) * plane * sizeof *run->color);
+    for (unsigned i = 0; i < run->n_light * run->n_plane && !run->add; i++)
+        if (i % run->n_plane >= first) memset(run->color[i], 0, 12ull * t->n_vertex);
     status = prt_parallel_for(ctx, NULL, n, grain, sum_pieces, run);
     free(pieces);
     return status ? prt_fail(ctx, status, "no memory for a material") : PRT_OK;
@@ -161,13 +168,14 @@ static int check(const struct prt_context *ctx, unsigned n_part, const struct pr
     return PRT_OK;
 }
 
-int prt_sum_parts(const struct prt_context *ctx, unsigned n_part, const struct prt_part part[],
-                  unsigned n_plane, float *color)
+int relight_sum_parts(const struct prt_context *ctx, unsigned n_light, unsigned n_part,
+                      const struct prt_part part[], unsigned n_plane, float *const color[])
 {
     bool done[PRT_MOST_PARTS] = {false};
     int status = check(ctx, n_part, part);
     for (unsigned i = 0; i < n_part && !status; i++) {
-        struct sum_run run = {.n_plane = n_plane, .color = color, .add = i > 0};
+        struct sum_run run = {
+            .n_light = n_light, .n_plane = n_plane, .color = color, .add = i > 0};
         if (done[i]) continue;
         for (unsigned k = i; k < n_part; k++) {
             if (done[k] || !same_clusters(part[i].tensor, part[k].tensor)) continue;
@@ -177,4 +185,15 @@ int prt_sum_parts(const struct prt_context *ctx, unsigned n_part, const struct p
         status = sum_run(ctx, &run);
     }
     return status;
+}
+
+int prt_sum_parts(const struct prt_context *ctx, unsigned n_part, const struct prt_part part[],
+                  unsigned n_plane, float *color)
+{
+    float *plane[MOST_PHASES];
+    if (n_plane < 1 || n_plane > MOST_PHASES)
+        return prt_fail(ctx, PRT_ARG, "%u planes are outside [1,%d]", n_plane, MOST_PHASES);
+    for (unsigned k = 0; k < n_plane && n_part; k++)
+        plane[k] = color + 3 * (size_t)k * part[0].tensor->n_vertex;
+    return relight_sum_parts(ctx, 1, n_part, part, n_plane, plane);
 }

@@ -184,7 +184,7 @@ static int for_groups(const struct prt_context *ctx, const struct prt_tensor *te
     struct integer_lights integers;
     int status = PRT_OK;
     bool full = tensor->coupling == PRT_COUPLE_FULL;
-    if (!full && n_light > 2) {
+    if (!full && n_light > (job->together ? 1 : 2)) {
         table = prt_alloc(tensor->rows.n_coef, LIGHT_LANES * sizeof *table);
         if (!table) status = prt_fail(ctx, PRT_NOMEM, "no memory for a table of lights");
     }
@@ -221,6 +221,12 @@ static int contract(const struct prt_context *ctx, const struct prt_tensor *tens
                            .row_pitch = together ? n_light * width : width,
                            .together = together};
     return for_groups(ctx, tensor, n_light, light, rows->n_row, ROW_GRAIN, run_rows, &job);
+}
+
+int relight_contract(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                     unsigned n_light, const struct prt_light *const light[], float *out)
+{
+    return contract(ctx, tensor, n_light, light, n_light > 1, out);
 }
 
 int prt_contract_light(const struct prt_context *ctx, const struct prt_tensor *tensor,
@@ -282,7 +288,7 @@ struct expand_run {
     const float *b;
     size_t b_stride;
     uint32_t n_triple;
-    float *color;
+    float *color[MOST_TRIPLES];
     bool add, stream;
 };
 
@@ -304,7 +310,6 @@ static int run_expand(void *arg, size_t begin, size_t end, unsigned worker)
                                  .end = p->end,
                                  .order = t->order + c->vertex_begin,
                                  .color = run->color,
-                                 .plane = 3 * (size_t)t->n_vertex,
                                  .add = run->add,
                                  .stream = run->stream};
         if (radial) run->kernels->radial(&job);
@@ -313,8 +318,14 @@ static int run_expand(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-static int expand_all(const struct prt_context *ctx, struct expand_run *run)
+// Colours of triple after triple.
+static int expand_all(const struct prt_context *ctx, struct expand_run *run, float *color)
 {
+    if (run->n_triple > MOST_TRIPLES)
+        return prt_fail(ctx, PRT_ARG, "%u planes of colours in one pass, %d are possible",
+                        run->n_triple, MOST_TRIPLES);
+    for (uint32_t t = 0; t < run->n_triple; t++)
+        run->color[t] = color + 3 * (size_t)t * run->tensor->n_vertex;
     struct relight_piece *pieces = NULL;
     size_t n = 0, grain = 1;
     int status = relight_pieces(ctx, run->tensor, &pieces, &n, &grain);
@@ -334,10 +345,9 @@ static int expand_together(const struct prt_context *ctx, const struct prt_tenso
                              .b = b,
                              .b_stride = 3 * (size_t)tensor->n_phase * n_light,
                              .n_triple = n_light * tensor->n_phase,
-                             .color = color,
                              .add = add};
     run.stream = !add && 12ull * run.n_triple * tensor->n_vertex >= STREAM_BYTES;
-    return expand_all(ctx, &run);
+    return expand_all(ctx, &run, color);
 }
 
 int prt_expand(const struct prt_context *ctx, const struct prt_tensor *tensor, unsigned n_light,
@@ -369,9 +379,8 @@ int prt_relight_radial(const struct prt_context *ctx, const struct prt_tensor *t
                              .b = coef,
                              .b_stride = 3,
                              .n_triple = tensor->n_phase,
-                             .color = color,
                              .add = add};
-    return expand_all(ctx, &run);
+    return expand_all(ctx, &run, color);
 }
 
 struct sparse_job {

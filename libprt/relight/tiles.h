@@ -64,7 +64,7 @@ INLINE void put_row(float *out, __m512 r, __m512 g, __m512 b, bool add)
 // Colours leave block by block, for several triples at once. Where the vertices of a block are a
 // few runs of neighbours in the file, a run's colours are written as whole vectors; elsewhere
 // vertex by vertex.
-enum { BLOCK = 128, ROW = 3 * BLOCK + 16, MOST_TRIPLES = 8, LONG_RUN = 8 };
+enum { BLOCK = 128, ROW = 3 * BLOCK + 16, TILE_TRIPLES = 8, LONG_RUN = 8 };
 
 // Vertices ahead whose U a tile asks for, row by row as it reads its own; a prefetch behind the
 // end does no harm.
@@ -76,7 +76,7 @@ struct run {
 };
 
 struct block {
-    float rgb[MOST_TRIPLES][ROW] __attribute__((aligned(64))); // [triple][vertex][3]
+    float rgb[TILE_TRIPLES][ROW] __attribute__((aligned(64))); // [triple][vertex][3]
     uint32_t n, n_run; // vertices; runs, 0 when they are short
     union {
         struct run run[BLOCK / LONG_RUN];
@@ -184,7 +184,7 @@ INLINE void put_runs(const struct block *block, const float *rgb, float *plane, 
 INLINE void put_plane(const struct expand_job *job, const struct block *block, uint32_t t0,
                       uint32_t t)
 {
-    float *plane = job->color + (t0 + t) * job->plane;
+    float *plane = job->color[t0 + t];
     if (job->stream) put_runs(block, block->rgb[t], plane, false, true);
     else if (job->add) put_runs(block, block->rgb[t], plane, true, false);
     else put_runs(block, block->rgb[t], plane, false, false);
@@ -207,7 +207,7 @@ INLINE void expand_blocks(const struct expand_job *job, const void *user, uint32
         find_places(job, v, n, now);
         for (uint32_t t = 0; t < nt; t++) {
             const uint32_t at = t * 16 * nv;
-            ask_plane(now, job->color + (t0 + t) * job->plane, job->stream);
+            ask_plane(now, job->color[t0 + t], job->stream);
             if (at < n) tile(job, user, v + at, t0, now->rgb[0] + 3 * at, nt, nv);
             if (last) put_plane(job, last, t0, t);
         }

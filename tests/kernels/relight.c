@@ -298,6 +298,7 @@ static void check_expand(const struct expand_shape *s, uint64_t seed, const char
         order[i] = order[k];
         order[k] = swap;
     }
+    float *color[32];
     struct expand_job job = {.u = guarded(u, 2 * n_u),
                              .stride = stride,
                              .rank = s->rank,
@@ -307,14 +308,14 @@ static void check_expand(const struct expand_shape *s, uint64_t seed, const char
                              .begin = s->begin,
                              .end = s->n_vertex,
                              .order = guarded(order, 4ull * s->n_vertex),
-                             .plane = 3ull * s->n_vertex,
+                             .color = color,
                              .add = s->add,
                              .stream = s->stream};
     float *out = guarded(start, 4 * n_out);
     memcpy(expect, start, 4 * n_out);
-    job.color = expect;
+    for (uint32_t t = 0; t < s->n_triple; t++) color[t] = expect + 3ull * t * s->n_vertex;
     (s->radial ? relight_kernels_c.radial : relight_kernels_c.expand)(&job);
-    job.color = out;
+    for (uint32_t t = 0; t < s->n_triple; t++) color[t] = out + 3ull * t * s->n_vertex;
     for (int i = 0; i < n_variant; i++) {
         memcpy(out, start, 4 * n_out);
         (s->radial ? variants[i]->radial : variants[i]->expand)(&job);

@@ -103,7 +103,7 @@ struct prt_query {
 /* Per-vertex colours [n_vertex][3] in file order (DESIGN, command contract):
  * multiple (1/pi) B; single L1; total F_t(eta, w_o) [..] with the eye, else the cosine-weighted
  * mean transmittance and the phase function's l = 0 part; opaque vertices albedo/pi E. Final
- * radiance is clamped at 0. */
+ * radiance is clamped at 0. Nothing in color[] is meant when it fails. */
 int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, float (*color)[3]);
 /* The parts a renderer needs per pixel: plane 0 holds multiple + h_0 single (view-free part),
