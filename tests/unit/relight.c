@@ -429,33 +429,38 @@ static void some_cube(struct prt_cube *cube)
     for (int i = 0; i < 6 * 16 * 16 * 3; i++) cube->texel[i] = 1 + prt_rng_f32(&rng);
 }
 
-// Several questions share one reading of the transport and hear what each would hear alone.
-static void many_questions_equal_one_by_one(void **state)
+enum { MANY = PRT_RELIGHT_MAX_LIGHTS };
+
+// Nine colours of one kind (a group and one), four of the planes behind them, and others.
+static void ask_many(struct prt_cube cube[MANY], struct prt_query q[MANY], bool planes[MANY])
 {
-    enum { MANY = 7 };
-    struct prt_context ctx = quiet();
-    struct prt_transport t;
-    struct prt_cube cube[MANY];
-    struct prt_query q[MANY];
-    float eye[3] = {30, 80, 10}, *out[MANY];
-    bool planes[MANY];
-    transport_of(&t, &kind[0], &kind[1]);
+    static const float eye[3] = {30, 80, 10};
     for (int i = 0; i < MANY; i++) {
         some_cube(&cube[i]);
         for (int k = 0; k < 6 * 16 * 16 * 3; k++) cube[i].texel[k] *= (float)(1 + (k + i) % 3);
-        q[i] = (struct prt_query){.light = &cube[i], .term = (enum prt_answer_term)(i % 3),
-                                  .eye = i % 2 ? eye : NULL};
-        planes[i] = i >= 4;
-        out[i] = malloc((size_t)4 * 12 * N);
+        q[i] = (struct prt_query){.light = &cube[i],
+                                  .term = i < 13 ? PRT_ANSWER_TOTAL : (enum prt_answer_term)(i % 3),
+                                  .eye = i >= 12 ? eye : NULL};
+        planes[i] = i >= 8 && i < 12;
     }
-    float *alone = malloc((size_t)4 * 12 * N);
-    assert_int_equal(prt_answer_many(&ctx, &t, MANY, q, planes, out), 0);
+}
+
+static void compare_many(const struct prt_transport *t)
+{
+    struct prt_context ctx = quiet();
+    struct prt_cube cube[MANY];
+    struct prt_query q[MANY];
+    bool planes[MANY];
+    float *out[MANY], *alone = malloc((size_t)9 * 12 * N);
+    ask_many(cube, q, planes);
+    for (int i = 0; i < MANY; i++) out[i] = malloc((size_t)9 * 12 * N);
+    assert_int_equal(prt_answer_many(&ctx, t, MANY, q, planes, out), 0);
     for (int i = 0; i < MANY; i++) {
         unsigned n_plane = 1;
         if (planes[i]) {
-            assert_int_equal(prt_answer_planes(&ctx, &t, &q[i], &n_plane, alone), 0);
+            assert_int_equal(prt_answer_planes(&ctx, t, &q[i], &n_plane, alone), 0);
         } else {
-            assert_int_equal(prt_answer_colors(&ctx, &t, &q[i], (float(*)[3])alone), 0);
+            assert_int_equal(prt_answer_colors(&ctx, t, &q[i], (float(*)[3])alone), 0);
         }
         float most = 0;
         for (unsigned k = 0; k < n_plane * 3 * N; k++) most = fmaxf(most, fabsf(alone[k]));
@@ -464,10 +469,49 @@ static void many_questions_equal_one_by_one(void **state)
         free(out[i]);
         prt_cube_finish(&cube[i]);
     }
+    free(alone);
+}
+
+// Several questions share one reading of the transport and hear what each would hear alone:
+// tensors with the same clusters or others, with opaque vertices among them and without, sparse.
+static void many_questions_equal_one_by_one(void **state)
+{
+    struct synthetic_options pairs = kind[6], single = kind[0];
+    pairs.cube = 16;
+    single.term = PRT_TERM_SINGLE; // on the clusters of the multiple one
+    struct {
+        const struct synthetic_options *a, *b;
+        bool opaque;
+    } c[] = {{&kind[0], &kind[1], true},
+             {&kind[0], &kind[1], false},
+             {&kind[0], &single, false},
+             {&pairs, &kind[1], false},
+             {&pairs, &kind[3], true}};
+    for (size_t i = 0; i < sizeof c / sizeof *c; i++) {
+        struct prt_transport t;
+        transport_of(&t, c[i].a, c[i].b);
+        for (uint32_t k = 0; k < t.mesh.n_surface && !c[i].opaque; k++)
+            t.mesh.surface[k].translucent = true;
+        compare_many(&t);
+        finish_transport(&t);
+    }
+}
+
+static void wrong_questions_are_refused(void **state)
+{
+    struct prt_context ctx = quiet();
+    struct prt_transport t;
+    struct prt_cube cube[MANY];
+    struct prt_query q[MANY];
+    bool planes[MANY];
+    float *out[MANY] = {NULL};
+    transport_of(&t, &kind[0], &kind[1]);
+    ask_many(cube, q, planes);
     q[0].light = NULL;
     assert_int_equal(prt_answer_many(&ctx, &t, 0, q, planes, out), PRT_ARG);
+    assert_int_equal(prt_answer_many(&ctx, &t, MANY + 1, q, planes, out), PRT_ARG);
     assert_int_equal(prt_answer_many(&ctx, &t, MANY, q, planes, out), PRT_ARG);
-    free(alone);
+    for (int i = 0; i < MANY; i++) prt_cube_finish(&cube[i]);
     finish_transport(&t);
 }
 
@@ -705,6 +749,7 @@ int main(void)
         cmocka_unit_test(material_and_light_commute),
         cmocka_unit_test(wrong_calls_are_refused),
         cmocka_unit_test(many_questions_equal_one_by_one),
+        cmocka_unit_test(wrong_questions_are_refused),
         cmocka_unit_test(answers_speak_the_contract),
         cmocka_unit_test(materials_move),
     };

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "bench.h"
+#include "subdivide.h"
 #include "synthetic.h"
 
 struct job {
@@ -300,6 +301,36 @@ static int file(struct bench_env *env)
     return status;
 }
 
+// The bases of --file on its model subdivided to a million vertices, as baking one would take an
+// hour.
+static int million(struct bench_env *env)
+{
+    const uint32_t n = env->quick ? 100000 : 1000000;
+    struct prt_file *f;
+    if (!env->file) return PRT_OK;
+    int status = prt_file_open(&env->ctx, env->file, PRT_FILE_CHECK_HEADERS, &f);
+    if (status) return status;
+    const struct prt_transport *t = prt_file_transport(f);
+    for (uint32_t i = 0; i < t->n_tensor && !status; i++) {
+        const struct prt_tensor *x = &t->tensor[i];
+        struct prt_tensor fine;
+        char label[32];
+        double one = 0;
+        if (x->storage != PRT_STORAGE_FACTORED || x->coupling != PRT_COUPLE_DIAGONAL ||
+            x->n_vertex >= n)
+            continue;
+        if (subdivided_tensor(&t->mesh, x, n, &fine)) {
+            status = prt_fail(&env->ctx, PRT_NOMEM, "no memory for %u vertices", n);
+            break;
+        }
+        snprintf(label, sizeof label, "million_tensor_%u", i);
+        status = one_and_eight(env, label, &fine, t->cube, NULL, true, &one);
+        subdivided_finish(&fine);
+    }
+    prt_file_close(f);
+    return status;
+}
+
 static int bandwidth(struct bench_env *env)
 {
     struct bench_span span = {.n = env->quick ? 1u << 26 : 1u << 30};
@@ -319,4 +350,5 @@ BENCH(bandwidth, "Plain read of 1 GB with all threads", bandwidth)
 BENCH(relight_factored, "Factored transport, 35k and 1M vertices, 1 and 8 lights", factored)
 BENCH(relight_sparse, "Sparse transport (W05), 128 coefficients a vertex", sparse)
 BENCH(relight_phase, "Four phase terms against one", phase)
+BENCH(relight_million, "A wavelet --file on its model subdivided to 1M vertices", million)
 BENCH(relight_file, "The tensors of --file X.prt", file)
