@@ -61,133 +61,159 @@ INLINE void put_row(float *out, __m512 r, __m512 g, __m512 b, bool add)
     _mm512_storeu_ps(out + 32, z);
 }
 
-// Colours leave block by block, for several triples at once. Where the vertices of a block are a
-// few runs of neighbours in the file, a run's colours are written as whole vectors; elsewhere
-// vertex by vertex.
-enum { BLOCK = 128, ROW = 3 * BLOCK + 16, TILE_TRIPLES = 8, LONG_RUN = 8 };
+// Colours leave block by block, for several triples at once: the vertices of a block are runs of
+// neighbours in the file, and what a plane's stores are is found once for all planes.
+enum { BLOCK = 128, TILE_TRIPLES = 8, BESIDE = 16, ROW = BESIDE + 3 * BLOCK + BESIDE };
 
 // Vertices ahead whose U a tile asks for, row by row as it reads its own; a prefetch behind the
 // end does no harm.
 enum { AHEAD = 64 };
 
-struct run {
-    uint32_t from, n; // floats in a triple's row of the block
-    size_t to;        // floats in a triple's plane
+struct store {
+    int32_t from;   // floats from a row's first vertex on, may lie BESIDE it
+    uint32_t lanes; // of the vector
+    ptrdiff_t to;   // floats in a plane
 };
+
+// Parts of a vector are of 4, 8 or 16 floats, lest they reach into lines that they do not touch.
+// Runs shorter than SHORT_RUN in the mean go vertex by vertex.
+enum { WIDTHS = 3, SHORT_RUN = 4 };
 
 struct block {
-    float rgb[TILE_TRIPLES][ROW] __attribute__((aligned(64))); // [triple][vertex][3]
-    uint32_t n, n_run; // vertices; runs, 0 when they are short
-    union {
-        struct run run[BLOCK / LONG_RUN];
-        size_t at[BLOCK]; // floats in a triple's plane
-    };
+    float rgb[TILE_TRIPLES][ROW] __attribute__((aligned(64))); // BESIDE, then [vertex][3]
+    const uint32_t *order; // of its n vertices
+    uint32_t n;
+    uint32_t shift;             // floats of a line before a plane begins, for which the stores are
+    uint32_t n_alone, n_whole, n_part[WIDTHS];
+    struct store whole[3 * BLOCK / 16], part[WIDTHS][2 * BLOCK / SHORT_RUN];
+    size_t alone[BLOCK]; // floats in a plane, of vertices one by one
 };
 
-// Finds the runs of positions [v, v + n), n <= BLOCK, or their places.
-INLINE void find_places(const struct expand_job *job, uint32_t v, uint32_t n, struct block *block)
+// n in [1, 15] floats, the last lanes of their vector or the first.
+INLINE void add_part(struct block *block, int32_t from, uint32_t n, ptrdiff_t to, bool last)
 {
-    const uint32_t *order = job->order + v;
-    uint32_t breaks = 0;
-    for (uint32_t i = 1; i < n; i++) breaks += order[i] != order[i - 1] + 1;
-    block->n = n;
-    block->n_run = 0;
-    if ((breaks + 1) * LONG_RUN > n) {
-        for (uint32_t i = 0; i < n; i++) block->at[i] = 3ull * order[i];
+    const uint32_t width = (n > 4) + (n > 8), lead = last ? (4u << width) - n : 0;
+    block->part[width][block->n_part[width]++] = (struct store){
+        from - (int32_t)lead, ((1u << n) - 1) << lead, to - (ptrdiff_t)lead};
+}
+
+// The stores of n > 0 floats. Streamed ones are whole lines.
+INLINE void add_run(struct block *block, int32_t from, uint32_t n, ptrdiff_t to, bool stream)
+{
+    if (stream && n >= 16) {
+        const uint32_t head = -((uint32_t)to + block->shift) & 15;
+        if (head) add_part(block, from, head, to, true);
+        from += (int32_t)head, to += (ptrdiff_t)head, n -= head;
+    }
+    for (; n >= 16; n -= 16, from += 16, to += 16)
+        block->whole[block->n_whole++] = (struct store){from, 0xffff, to};
+    if (n) add_part(block, from, n, to, false);
+}
+
+// Finds the stores for planes that begin `shift` floats behind a line.
+INLINE void find_stores(struct block *block, uint32_t shift, bool stream)
+{
+    const uint32_t *order = block->order;
+    uint32_t runs = 1;
+    block->shift = shift;
+    block->n_alone = block->n_whole = 0;
+    memset(block->n_part, 0, sizeof block->n_part);
+    for (uint32_t i = 1; i < block->n; i++) runs += order[i] != order[i - 1] + 1;
+    if (runs * SHORT_RUN > block->n) {
+        for (uint32_t i = 0; i < block->n; i++) block->alone[i] = 3ull * order[i];
+        block->n_alone = block->n;
         return;
     }
-    for (uint32_t i = 0, stop; i < n; i = stop) {
-        for (stop = i + 1; stop < n && order[stop] == order[stop - 1] + 1;) stop++;
-        block->run[block->n_run++] = (struct run){3 * i, 3 * (stop - i), 3ull * order[i]};
+    for (uint32_t i = 0, stop; i < block->n; i = stop) {
+        for (stop = i + 1; stop < block->n && order[stop] == order[stop - 1] + 1;) stop++;
+        add_run(block, (int32_t)(3 * i), 3 * (stop - i), (ptrdiff_t)(3ull * order[i]), stream);
     }
+}
+
+INLINE uint32_t shift_of(const float *plane, bool stream)
+{
+    return stream ? (uint32_t)((uintptr_t)plane / sizeof *plane & 15) : 0;
+}
+
+INLINE void begin_block(const struct expand_job *job, uint32_t v, uint32_t n, uint32_t t0,
+                        struct block *block)
+{
+    block->order = job->order + v;
+    block->n = n;
+    find_stores(block, shift_of(job->color[t0], job->stream), job->stream);
+}
+
+INLINE float *place(float *plane, const struct store *s)
+{
+    return (float *)((uintptr_t)plane + (uintptr_t)(s->to * (ptrdiff_t)sizeof *plane));
 }
 
 // Asks for the lines of a plane that are to be read before they are written: all of them, or
 // when whole lines go past the caches the others, where runs begin and end. The second cache has
 // them come: the first can wait for few lines at once, and is needed for U.
-INLINE void ask_plane(const struct block *block, const float *plane, bool stream)
+INLINE void ask_plane(const struct block *block, float *plane, bool stream)
 {
-    const uintptr_t line = 63;
-    if (!block->n_run)
-        for (uint32_t i = 0; i < block->n; i += 2)
-            __builtin_prefetch(plane + block->at[i], 0, 2);
-    for (uint32_t i = 0; i < block->n_run; i++) {
-        const struct run *run = &block->run[i];
-        const float *first = plane + run->to, *end = first + run->n;
-        if (!stream || (uintptr_t)first & line) __builtin_prefetch(first, 0, 2);
-        for (const float *p = first + 16; !stream && p < end; p += 16)
-            __builtin_prefetch(p, 0, 2);
-        if (!stream || (uintptr_t)end & line) __builtin_prefetch(end - 1, 0, 2);
-    }
+    for (uint32_t i = 0; i < block->n_alone; i += 2)
+        __builtin_prefetch(plane + block->alone[i], 0, 2);
+    for (uint32_t i = 0; !stream && i < block->n_whole; i++)
+        __builtin_prefetch(place(plane, &block->whole[i]), 0, 2);
+    for (uint32_t w = 0; w < WIDTHS; w++)
+        for (uint32_t i = 0; i < block->n_part[w]; i++)
+            __builtin_prefetch(place(plane, &block->part[w][i]), 0, 2);
 }
 
-// n < 16 floats, in whole stores: a masked one that misses the caches waits for its line.
-INLINE void put_few(float *out, const float *in, size_t n, bool add)
+INLINE void put_stores(const struct block *block, const float *rgb, float *plane, bool add,
+                       bool stream)
 {
-    if (n & 8) {
-        const __m256 x = _mm256_loadu_ps(in);
-        _mm256_storeu_ps(out, add ? _mm256_add_ps(x, _mm256_loadu_ps(out)) : x);
-        in += 8, out += 8;
-    }
-    if (n & 4) {
-        const __m128 x = _mm_loadu_ps(in);
-        _mm_storeu_ps(out, add ? _mm_add_ps(x, _mm_loadu_ps(out)) : x);
-        in += 4, out += 4;
-    }
-    if (n & 2) {
-        out[0] = add ? out[0] + in[0] : in[0];
-        out[1] = add ? out[1] + in[1] : in[1];
-        in += 2, out += 2;
-    }
-    if (n & 1) *out = add ? *out + *in : *in;
-}
-
-INLINE void put_run(float *out, const float *in, size_t n, bool add, bool stream)
-{
-    if (stream && n >= 16) {
-        const size_t head = (size_t)(-((uintptr_t)out / sizeof *out) & 15);
-        put_few(out, in, head, false);
-        out += head, in += head, n -= head;
-    }
-    for (; n >= 16; n -= 16, in += 16, out += 16) {
-        __m512 x = _mm512_loadu_ps(in);
-        if (add) x = _mm512_add_ps(x, _mm512_loadu_ps(out));
-        if (stream) _mm512_stream_ps(out, x);
-        else _mm512_storeu_ps(out, x);
-    }
-    put_few(out, in, n, add);
-}
-
-INLINE void put_vertices(const struct block *block, const float *rgb, float *plane, bool add)
-{
-    for (uint32_t i = 0; i < block->n; i++, rgb += 3) {
-        float *out = plane + block->at[i];
-        __m128 x = _mm_loadu_ps(rgb); // one behind
+    for (uint32_t i = 0; i < block->n_alone; i++) {
+        float *out = plane + block->alone[i];
+        __m128 x = _mm_loadu_ps(rgb + 3 * i);
         if (add) x = _mm_add_ps(x, _mm_maskz_loadu_ps(7, out));
         _mm_mask_storeu_ps(out, 7, x);
     }
+    for (uint32_t i = 0; i < block->n_whole; i++) {
+        const struct store *s = &block->whole[i];
+        float *out = place(plane, s);
+        __m512 x = _mm512_loadu_ps(rgb + s->from);
+        if (add) x = _mm512_add_ps(x, _mm512_loadu_ps(out));
+        if (stream && (uintptr_t)out % 64 == 0) _mm512_stream_ps(out, x);
+        else _mm512_storeu_ps(out, x);
+    }
+    for (uint32_t i = 0; i < block->n_part[0]; i++) {
+        const struct store *s = &block->part[0][i];
+        const __mmask8 lanes = (__mmask8)s->lanes;
+        float *out = place(plane, s);
+        __m128 x = _mm_loadu_ps(rgb + s->from);
+        if (add) x = _mm_add_ps(x, _mm_maskz_loadu_ps(lanes, out));
+        _mm_mask_storeu_ps(out, lanes, x);
+    }
+    for (uint32_t i = 0; i < block->n_part[1]; i++) {
+        const struct store *s = &block->part[1][i];
+        const __mmask8 lanes = (__mmask8)s->lanes;
+        float *out = place(plane, s);
+        __m256 x = _mm256_loadu_ps(rgb + s->from);
+        if (add) x = _mm256_add_ps(x, _mm256_maskz_loadu_ps(lanes, out));
+        _mm256_mask_storeu_ps(out, lanes, x);
+    }
+    for (uint32_t i = 0; i < block->n_part[2]; i++) {
+        const struct store *s = &block->part[2][i];
+        const __mmask16 lanes = (__mmask16)s->lanes;
+        float *out = place(plane, s);
+        __m512 x = _mm512_loadu_ps(rgb + s->from);
+        if (add) x = _mm512_add_ps(x, _mm512_maskz_loadu_ps(lanes, out));
+        _mm512_mask_storeu_ps(out, lanes, x);
+    }
 }
 
-INLINE void put_runs(const struct block *block, const float *rgb, float *plane, bool add,
-                     bool stream)
-{
-    if (!block->n_run) {
-        put_vertices(block, rgb, plane, add);
-        return;
-    }
-    for (uint32_t i = 0; i < block->n_run; i++) {
-        const struct run *run = &block->run[i];
-        put_run(plane + run->to, rgb + run->from, run->n, add, stream);
-    }
-}
-
-INLINE void put_plane(const struct expand_job *job, const struct block *block, uint32_t t0,
-                      uint32_t t)
+INLINE void put_plane(const struct expand_job *job, struct block *block, uint32_t t0, uint32_t t)
 {
     float *plane = job->color[t0 + t];
-    if (job->stream) put_runs(block, block->rgb[t], plane, false, true);
-    else if (job->add) put_runs(block, block->rgb[t], plane, true, false);
-    else put_runs(block, block->rgb[t], plane, false, false);
+    const float *rgb = block->rgb[t] + BESIDE;
+    const uint32_t shift = shift_of(plane, job->stream);
+    if (shift != block->shift) find_stores(block, shift, job->stream);
+    if (job->stream) put_stores(block, rgb, plane, false, true);
+    else if (job->add) put_stores(block, rgb, plane, true, false);
+    else put_stores(block, rgb, plane, false, false);
 }
 
 // nt triples from t0 on of all the job's vertices, in tiles of 16 * nv vertices, nt * nv = 8, which
@@ -204,11 +230,11 @@ INLINE void expand_blocks(const struct expand_job *job, const void *user, uint32
     for (uint32_t v = job->begin, n; v < job->end; v += n) {
         struct block *now = last == block ? block + 1 : block;
         n = job->end - v < BLOCK ? job->end - v : BLOCK;
-        find_places(job, v, n, now);
+        begin_block(job, v, n, t0, now);
         for (uint32_t t = 0; t < nt; t++) {
             const uint32_t at = t * 16 * nv;
             ask_plane(now, job->color[t0 + t], job->stream);
-            if (at < n) tile(job, user, v + at, t0, now->rgb[0] + 3 * at, nt, nv);
+            if (at < n) tile(job, user, v + at, t0, now->rgb[0] + BESIDE + 3 * at, nt, nv);
             if (last) put_plane(job, last, t0, t);
         }
         last = now;
