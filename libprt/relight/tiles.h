@@ -176,7 +176,7 @@ INLINE void put_stores(const struct block *block, const float *rgb, float *plane
         float *out = place(plane, s);
         __m512 x = _mm512_loadu_ps(rgb + s->from);
         if (add) x = _mm512_add_ps(x, _mm512_loadu_ps(out));
-        if (stream && (uintptr_t)out % 64 == 0) _mm512_stream_ps(out, x);
+        if (stream) _mm512_stream_ps(out, x); // they begin at lines
         else _mm512_storeu_ps(out, x);
     }
     for (uint32_t i = 0; i < block->n_part[0]; i++) {
