@@ -67,3 +67,25 @@ double prt_time_s(void)
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
+
+// What sanitizers are told of libraries that are not built for them; here, since every program
+// links this file.
+#if defined(__SANITIZE_ADDRESS__)
+// OSMesa keeps a few hundred bytes of its first context for good.
+__attribute__((weak)) const char *__lsan_default_suppressions(void);
+__attribute__((weak)) const char *__lsan_default_suppressions(void)
+{
+    return "leak:libOSMesa\nleak:swrast_dri\nleak:libEGL\nleak:libgallium\n";
+}
+#endif
+
+#if defined(__SANITIZE_THREAD__)
+// Locks of OSMesa, of Embree and its TBB and of OpenBLAS are not seen by the sanitizer, which then
+// takes their threads for careless; strings of theirs end in libstdc++.
+__attribute__((weak)) const char *__tsan_default_suppressions(void);
+__attribute__((weak)) const char *__tsan_default_suppressions(void)
+{
+    return "race:libOSMesa\nrace:swrast_dri\nrace:libgallium\nmutex:libOSMesa\n"
+           "race:libembree\nrace:libtbb\nrace:libopenblas\nrace:libstdc++\n";
+}
+#endif

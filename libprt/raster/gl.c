@@ -452,23 +452,3 @@ int gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend bac
                     first ? "" : osmesa_driver.why, first || last == 0 ? "" : "; ",
                     last ? egl_driver.why : "");
 }
-
-#if defined(__SANITIZE_ADDRESS__)
-// OSMesa keeps a few hundred bytes of its first context for good.
-__attribute__((weak)) const char *__lsan_default_suppressions(void);
-__attribute__((weak)) const char *__lsan_default_suppressions(void)
-{
-    return "leak:libOSMesa\nleak:swrast_dri\nleak:libEGL\nleak:libgallium\n";
-}
-#endif
-
-#if defined(__SANITIZE_THREAD__)
-// The locks of OSMesa, and of Embree and its TBB, are not seen by the sanitizer, which then takes
-// their threads for careless.
-__attribute__((weak)) const char *__tsan_default_suppressions(void);
-__attribute__((weak)) const char *__tsan_default_suppressions(void)
-{
-    return "race:libOSMesa\nrace:swrast_dri\nrace:libgallium\nmutex:libOSMesa\n"
-           "race:libembree\nrace:libtbb\n";
-}
-#endif

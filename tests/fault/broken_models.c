@@ -114,7 +114,10 @@ static void the_right_ones(void **state)
         {"mesh/derived/obj_int_overflow.obj", "line", PRT_FORMAT},
         {"mesh/derived/ply_vertex_count_4e9.ply", "shorter", PRT_FORMAT},
     };
-    if (access(PRT_SHARED_DATA "/broken", R_OK)) skip();
+    if (access(PRT_SHARED_DATA "/broken", R_OK)) {
+        print_message("no " PRT_SHARED_DATA "/broken: skipped\n");
+        skip();
+    }
     for (size_t i = 0; i < sizeof want / sizeof *want; i++) {
         char path[512];
         struct prt_context ctx;
