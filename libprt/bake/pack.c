@@ -51,13 +51,18 @@ static int fixed_choice(struct choice *c, size_t i)
     return PRT_OK;
 }
 
+// Bytes of U that row r adds: rows lie in pairs.
+static double u_bytes(const struct factored *f, uint32_t r)
+{
+    return r % 2 ? 0 : 4.0 * f->n_vertex;
+}
+
 // Lagrangian choice: an entry stays when its energy pays its bytes, a basis vector when its
 // entries' surplus pays its column of U.
 static void priced_choice(struct choice *c, size_t i)
 {
     struct factored *f = &c->f[i];
     float limit = (float)(c->price * c->entry_bytes);
-    double column = c->price * (2.0 * f->n_vertex + c->row_bytes);
     uint32_t most = c->options->rank && c->options->rank < f->rank ? c->options->rank : f->rank;
     uint32_t keep = 0;
     c->threshold[i] = limit;
@@ -68,7 +73,7 @@ static void priced_choice(struct choice *c, size_t i)
     double surplus = 0, best = 0;
     for (uint32_t r = 0; r < most; r++) {
         const float *e = f->energy + (size_t)r * c->n_coef;
-        double own = -column;
+        double own = -c->price * (u_bytes(f, r) + c->row_bytes);
         for (uint32_t k = 0; k < c->n_coef; k++)
             if (e[k] > limit || is_scaling(c->n, k)) own += (double)e[k] - limit;
         surplus += own;
@@ -94,7 +99,7 @@ static void mixed_choice(struct choice *c, size_t i, float *room)
         mix_choose(f, r, c->n_coef, &price, room, &row);
         for (uint32_t k = 0; k < c->n_coef; k++) all += (double)e[k];
         double own = (double)row.entries * (c->entry_bytes + row.width) +
-                     row.width * c->direction_bytes + 2.0 * f->n_vertex + c->row_bytes;
+                     row.width * c->direction_bytes + u_bytes(f, r) + c->row_bytes;
         // What a column of U holds is in its scaling coefficients and its entries.
         double held = f->tail[r] - f->tail[r + 1] - all + row.energy;
         surplus += held - c->price * own;
@@ -144,8 +149,8 @@ static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
         }
         c->dropped[i] = lost;
         c->entries[i] = entries;
-        c->bytes[i] = (double)entries * c->entry_bytes +
-                      c->rank[i] * (2.0 * f->n_vertex + c->row_bytes);
+        c->bytes[i] = (double)entries * c->entry_bytes + c->rank[i] * c->row_bytes;
+        for (uint32_t r = 0; r < c->rank[i]; r++) c->bytes[i] += u_bytes(f, r);
     }
     prt_free(room);
     return PRT_OK;
