@@ -51,6 +51,10 @@ struct bench_time {
 };
 typedef int (*bench_fn)(void *arg);
 int bench_measure(const struct bench_env *env, bench_fn fn, void *arg, struct bench_time *out);
+// The same of two things, some calls of each by turns: for their ratio where a machine's speed
+// drifts.
+int bench_compare(const struct bench_env *env, bench_fn fn, void *const arg[2],
+                  struct bench_time out[2]);
 
 // Bytes/s of a plain sum over the given pieces of memory, with all threads. Best of the time.
 struct bench_span {

@@ -41,21 +41,56 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
+enum { MOST_CALLS = 1000, TURN = 8 };
+
+struct calls {
+    double time[MOST_CALLS];
+    unsigned n;
+};
+
+static int call_some(bench_fn fn, void *arg, unsigned n, struct calls *calls)
+{
+    for (; n && calls->n < MOST_CALLS; n--) {
+        const double start = prt_time_s();
+        const int status = fn(arg);
+        if (status) return status;
+        calls->time[calls->n++] = prt_time_s() - start;
+    }
+    return PRT_OK;
+}
+
+static struct bench_time time_of(struct calls *calls)
+{
+    qsort(calls->time, calls->n, sizeof *calls->time, ascending);
+    return (struct bench_time){calls->time[0], calls->time[calls->n / 2], calls->n};
+}
+
 int bench_measure(const struct bench_env *env, bench_fn fn, void *arg, struct bench_time *out)
 {
-    enum { MOST = 1000 };
-    double time[MOST], start = prt_time_s();
-    unsigned n = 0;
+    struct calls calls = {.n = 0};
+    const double start = prt_time_s();
     int status = fn(arg);
-    if (status) return status;
     do {
-        double t = prt_time_s();
-        if ((status = fn(arg))) return status;
-        time[n++] = prt_time_s() - t;
-    } while (n < MOST && prt_time_s() - start < env->seconds);
-    qsort(time, n, sizeof *time, ascending);
-    *out = (struct bench_time){time[0], time[n / 2], n};
-    return PRT_OK;
+        if (!status) status = call_some(fn, arg, 1, &calls);
+    } while (!status && calls.n < MOST_CALLS && prt_time_s() - start < env->seconds);
+    if (!status) *out = time_of(&calls);
+    return status;
+}
+
+int bench_compare(const struct bench_env *env, bench_fn fn, void *const arg[2],
+                  struct bench_time out[2])
+{
+    struct calls calls[2] = {{.n = 0}, {.n = 0}};
+    const double start = prt_time_s();
+    int status = PRT_OK;
+    do {
+        for (int i = 0; i < 2 && !status; i++) {
+            status = fn(arg[i]); // the first of a turn finds the other's bytes in the caches
+            if (!status) status = call_some(fn, arg[i], TURN, &calls[i]);
+        }
+    } while (!status && calls[0].n < MOST_CALLS && prt_time_s() - start < 2 * env->seconds);
+    for (int i = 0; i < 2 && !status; i++) out[i] = time_of(&calls[i]);
+    return status;
 }
 
 struct reading {

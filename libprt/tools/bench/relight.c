@@ -17,7 +17,6 @@ struct job {
     unsigned n_light;
     const float *coef;
     float *color;
-    double median; // of one light, seconds
 };
 
 static int transform(void *arg, size_t begin, size_t end, unsigned worker)
@@ -43,16 +42,11 @@ static int relight_cubes(void *arg)
     return status;
 }
 
-// Prints the figure; *seconds gets the best time.
-static int figure(struct job *job, const char *name, unsigned n_light, double bandwidth,
-                  double *seconds)
+static void print(struct job *job, const char *name, unsigned n_light, double bandwidth,
+                  const struct bench_time *time, const struct bench_time *one)
 {
-    struct bench_time time;
     const struct prt_tensor *t = job->tensor;
     uint64_t u_bytes, row_bytes;
-    job->n_light = n_light;
-    int status = bench_measure(job->env, relight_cubes, job, &time);
-    if (status) return status;
     prt_tensor_bytes(t, &u_bytes, &row_bytes);
     double read = (double)(u_bytes + row_bytes) + 4.0 * t->n_vertex;
     double written = 12.0 * t->n_vertex * t->n_phase * n_light;
@@ -64,23 +58,22 @@ static int figure(struct job *job, const char *name, unsigned n_light, double ba
     bench_number("phase_terms", t->n_phase);
     bench_number("functions", t->n_function);
     bench_number("lights", n_light);
-    bench_number("ms", 1e3 * time.best);
-    bench_number("ms_median", 1e3 * time.median);
-    bench_number("ms_per_light", 1e3 * time.best / n_light);
-    bench_number("Mvertices_per_s", 1e-6 * t->n_vertex * n_light / time.best);
-    bench_number("GB_per_s_read", 1e-9 * read / time.best);
-    bench_number("GB_per_s_read_and_written", 1e-9 * (read + written) / time.best);
+    bench_number("ms", 1e3 * time->best);
+    bench_number("ms_median", 1e3 * time->median);
+    bench_number("ms_per_light", 1e3 * time->best / n_light);
+    bench_number("Mvertices_per_s", 1e-6 * t->n_vertex * n_light / time->best);
+    bench_number("GB_per_s_read", 1e-9 * read / time->best);
+    bench_number("GB_per_s_read_and_written", 1e-9 * (read + written) / time->best);
     if (bandwidth > 0) {
         bench_number("GB_per_s_plain_read", 1e-9 * bandwidth);
-        bench_number("of_plain_read", read / time.best / bandwidth);
-        bench_number("of_plain_read_with_writes", (read + written) / time.best / bandwidth);
+        bench_number("of_plain_read", read / time->best / bandwidth);
+        bench_number("of_plain_read_with_writes", (read + written) / time->best / bandwidth);
     }
-    if (*seconds > 0) bench_number("times_one", time.best / *seconds);
-    if (*seconds > 0 && job->median > 0)
-        bench_number("times_one_median", time.median / job->median);
-    if (*seconds > 0 && n_light > 1) bench_number("target_times_one", 3);
-    if (*seconds > 0 && n_light == 1 && t->n_phase == 4)
-        bench_number("target_times_one", 4.5);
+    if (one) {
+        bench_number("times_one", time->best / one->best);
+        bench_number("times_one_median", time->median / one->median);
+        bench_number("target_times_one", n_light > 1 ? 3 : 4.5);
+    }
     if (n_light == 1 && t->n_phase == 1 && t->coupling == PRT_COUPLE_DIAGONAL) {
         if (t->storage == PRT_STORAGE_SPARSE) {
             bench_number("target_Mvertices_per_s", 30);
@@ -92,9 +85,19 @@ static int figure(struct job *job, const char *name, unsigned n_light, double ba
         }
     }
     bench_end();
-    if (*seconds <= 0) *seconds = time.best;
-    if (n_light == 1 && t->n_phase == 1) job->median = time.median;
-    return PRT_OK;
+}
+
+// So many lights of a job.
+struct turn {
+    struct job *job;
+    unsigned n_light;
+};
+
+static int relight_turn(void *arg)
+{
+    const struct turn *turn = arg;
+    turn->job->n_light = turn->n_light;
+    return relight_cubes(turn->job);
 }
 
 static int start(struct job *job, struct bench_env *env, const struct prt_tensor *tensor,
@@ -115,32 +118,38 @@ static void stop(struct job *job)
     prt_free(job->color);
 }
 
-// One and eight lights on one tensor. *one, if > 0, is what the first is compared with.
+// One and eight lights on one tensor. *one is what one light takes: compared with when it is known
+// before (best > 0).
 static int one_and_eight(struct bench_env *env, const char *name,
                          const struct prt_tensor *tensor, uint32_t cube, const float *coef,
-                         bool eight, double *one)
+                         bool eight, struct bench_time *one)
 {
     struct bench_span span[BENCH_SPANS];
+    struct bench_time time[2];
     struct job job;
+    struct turn turn[2] = {{&job, 1}, {&job, 8}};
     char label[64];
-    double seconds = 0, bandwidth = 0;
+    double bandwidth = 0;
     int status = start(&job, env, tensor, cube);
     job.coef = coef;
     if (!status) {
         bandwidth = bench_read_bandwidth(env, span, bench_tensor_spans(tensor, span));
-        status = figure(&job, name, 1, bandwidth, *one > 0 ? one : &seconds);
-        if (*one <= 0) *one = seconds;
+        status = bench_measure(env, relight_turn, &turn[0], time);
     }
+    if (!status) print(&job, name, 1, bandwidth, time, one->best > 0 ? one : NULL);
+    if (!status && one->best <= 0) *one = time[0];
     if (!status && eight) {
+        void *const turns[2] = {&turn[0], &turn[1]};
         snprintf(label, sizeof label, "%s_8_lights", name);
-        status = figure(&job, label, 8, bandwidth, one);
+        status = bench_compare(env, relight_turn, turns, time);
+        if (!status) print(&job, label, 8, bandwidth, &time[1], &time[0]);
     }
     stop(&job);
     return status;
 }
 
 static int made_up(struct bench_env *env, const char *name, const struct synthetic_options *o,
-                   const float *coef, bool eight, double *one)
+                   const float *coef, bool eight, struct bench_time *one)
 {
     struct prt_tensor tensor;
     int status = synthetic_tensor(o, &tensor);
@@ -162,7 +171,7 @@ static int factored(struct bench_env *env)
                                   .coefs = 506,
                                   .seed = env->seed,
                                   .run = 24};
-    double bunny = 0, million = 0;
+    struct bench_time bunny = {0}, million = {0};
     int status = made_up(env, "factored_bunny", &o, NULL, true, &bunny);
     o.n_vertex = env->quick ? 50000 : 1000000;
     o.rank = 40;
@@ -170,7 +179,7 @@ static int factored(struct bench_env *env)
     if (!status) status = made_up(env, "factored_million", &o, NULL, true, &million);
     // a grid of 1000 by 1000 in patches
     o.patch = env->quick ? 28 : 125;
-    million = 0;
+    million = (struct bench_time){0};
     if (!status) status = made_up(env, "factored_million_grid", &o, NULL, true, &million);
     return status;
 }
@@ -188,7 +197,7 @@ static int phase(struct bench_env *env)
                                   .coefs = 506,
                                   .seed = env->seed,
                                   .run = 24};
-    double one = 0;
+    struct bench_time one = {0};
     int status = made_up(env, "phase_1_factored", &o, NULL, false, &one);
     o.n_phase = 4;
     o.value = PRT_VALUE_F16;
@@ -197,7 +206,7 @@ static int phase(struct bench_env *env)
     o.value = PRT_VALUE_I8;
     o.coefs = 122;
     o.n_phase = 1;
-    one = 0;
+    one = (struct bench_time){0};
     if (!status) status = made_up(env, "phase_1_sparse", &o, NULL, false, &one);
     o.n_phase = 4;
     if (!status) status = made_up(env, "phase_4_sparse", &o, NULL, false, &one);
@@ -215,10 +224,10 @@ static int sparse(struct bench_env *env)
                                   .coefs = 122,
                                   .seed = env->seed,
                                   .run = 24};
-    double one = 0;
+    struct bench_time one = {0};
     int status = made_up(env, "sparse_8_bit", &o, NULL, true, &one);
     o.value = PRT_VALUE_F16;
-    one = 0;
+    one = (struct bench_time){0};
     if (!status) status = made_up(env, "sparse_half", &o, NULL, false, &one);
     return status;
 }
@@ -242,32 +251,44 @@ static int answer_cubes(void *arg)
     return prt_answer_many(&job->env->ctx, job->transport, job->n_light, query, planes, job->color);
 }
 
+struct answer_turn {
+    struct answer_job *job;
+    unsigned n_light;
+};
+
+static int answer_turn(void *arg)
+{
+    const struct answer_turn *turn = arg;
+    turn->job->n_light = turn->n_light;
+    return answer_cubes(turn->job);
+}
+
 // What a request for the whole answer costs, all tensors: one light, and eight at once.
 static int answers(struct bench_env *env, const struct prt_transport *t)
 {
     struct answer_job job = {.env = env, .transport = t};
-    struct bench_time time, one = {0};
+    struct answer_turn turn[2] = {{&job, 1}, {&job, 8}};
+    void *const turns[2] = {&turn[0], &turn[1]};
+    struct bench_time time[2];
     int status = PRT_OK;
     for (unsigned i = 0; i < 8 && !status; i++) {
         status = bench_cube(t->cube, env->seed + i, &job.cube[i]);
         job.color[i] = prt_calloc(3ull * t->mesh.n_vertex, sizeof *job.color[i]);
         if (!job.color[i]) status = PRT_NOMEM;
     }
-    for (job.n_light = 1; job.n_light <= 8 && !status; job.n_light *= 8) {
-        status = bench_measure(env, answer_cubes, &job, &time);
-        if (status) break;
-        bench_begin(env, job.n_light > 1 ? "file_answer_8_lights" : "file_answer");
+    if (!status) status = bench_compare(env, answer_turn, turns, time);
+    for (int i = 0; i < 2 && !status; i++) {
+        bench_begin(env, i ? "file_answer_8_lights" : "file_answer");
         bench_number("vertices", t->mesh.n_vertex);
-        bench_number("lights", job.n_light);
-        bench_number("ms", 1e3 * time.best);
-        bench_number("ms_median", 1e3 * time.median);
-        if (job.n_light > 1) {
-            bench_number("times_one", time.best / one.best);
-            bench_number("times_one_median", time.median / one.median);
+        bench_number("lights", turn[i].n_light);
+        bench_number("ms", 1e3 * time[i].best);
+        bench_number("ms_median", 1e3 * time[i].median);
+        if (i) {
+            bench_number("times_one", time[1].best / time[0].best);
+            bench_number("times_one_median", time[1].median / time[0].median);
             bench_number("target_times_one", 3);
         }
         bench_end();
-        one = time;
     }
     for (unsigned i = 0; i < 8; i++) {
         prt_cube_finish(&job.cube[i]);
@@ -289,7 +310,7 @@ static int file(struct bench_env *env)
     for (uint32_t i = 0; i < t->n_tensor && !status; i++) {
         const struct prt_tensor *x = &t->tensor[i];
         char label[32];
-        double one = 0;
+        struct bench_time one = {0};
         snprintf(label, sizeof label, "file_tensor_%u", i);
         bool free_material = x->coupling == PRT_COUPLE_FULL || x->storage == PRT_STORAGE_RADIAL;
         status =
@@ -315,7 +336,7 @@ static int million(struct bench_env *env)
         const struct prt_tensor *x = &t->tensor[i];
         struct prt_tensor fine;
         char label[32];
-        double one = 0;
+        struct bench_time one = {0};
         if (x->storage != PRT_STORAGE_FACTORED || x->coupling != PRT_COUPLE_DIAGONAL ||
             x->n_vertex >= n)
             continue;
