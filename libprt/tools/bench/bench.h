@@ -62,6 +62,8 @@ struct bench_span {
     size_t n;
 };
 double bench_read_bandwidth(struct bench_env *env, const struct bench_span *span, unsigned n);
+// Reads them once; returns the bytes.
+double bench_read(struct bench_env *env, const struct bench_span *span, unsigned n);
 enum { BENCH_SPANS = 10 };
 // The arrays of a tensor that a relight reads; returns how many.
 unsigned bench_tensor_spans(const struct prt_tensor *tensor, struct bench_span span[BENCH_SPANS]);

@@ -17,6 +17,9 @@ struct job {
     unsigned n_light;
     const float *coef;
     float *color;
+    struct bench_span span[BENCH_SPANS]; // of the tensor
+    unsigned n_span;
+    double bytes; // in them
 };
 
 static int transform(void *arg, size_t begin, size_t end, unsigned worker)
@@ -87,7 +90,7 @@ static void print(struct job *job, const char *name, unsigned n_light, double ba
     bench_end();
 }
 
-// So many lights of a job.
+// So many lights of a job; none: its bytes are read.
 struct turn {
     struct job *job;
     unsigned n_light;
@@ -96,8 +99,11 @@ struct turn {
 static int relight_turn(void *arg)
 {
     const struct turn *turn = arg;
-    turn->job->n_light = turn->n_light;
-    return relight_cubes(turn->job);
+    struct job *job = turn->job;
+    job->n_light = turn->n_light;
+    if (job->n_light) return relight_cubes(job);
+    job->bytes = bench_read(job->env, job->span, job->n_span);
+    return PRT_OK;
 }
 
 static int start(struct job *job, struct bench_env *env, const struct prt_tensor *tensor,
@@ -124,24 +130,24 @@ static int one_and_eight(struct bench_env *env, const char *name,
                          const struct prt_tensor *tensor, uint32_t cube, const float *coef,
                          bool eight, struct bench_time *one)
 {
-    struct bench_span span[BENCH_SPANS];
     struct bench_time time[2];
     struct job job;
-    struct turn turn[2] = {{&job, 1}, {&job, 8}};
+    struct turn none = {&job, 0}, single = {&job, 1}, many = {&job, 8};
+    void *const of_read[2] = {&none, &single}, *const of_one[2] = {&single, &many};
     char label[64];
     double bandwidth = 0;
     int status = start(&job, env, tensor, cube);
     job.coef = coef;
     if (!status) {
-        bandwidth = bench_read_bandwidth(env, span, bench_tensor_spans(tensor, span));
-        status = bench_measure(env, relight_turn, &turn[0], time);
+        job.n_span = bench_tensor_spans(tensor, job.span);
+        status = bench_compare(env, relight_turn, of_read, time);
+        bandwidth = job.bytes / time[0].best;
     }
-    if (!status) print(&job, name, 1, bandwidth, time, one->best > 0 ? one : NULL);
-    if (!status && one->best <= 0) *one = time[0];
+    if (!status) print(&job, name, 1, bandwidth, &time[1], one->best > 0 ? one : NULL);
+    if (!status && one->best <= 0) *one = time[1];
     if (!status && eight) {
-        void *const turns[2] = {&turn[0], &turn[1]};
         snprintf(label, sizeof label, "%s_8_lights", name);
-        status = bench_compare(env, relight_turn, turns, time);
+        status = bench_compare(env, relight_turn, of_one, time);
         if (!status) print(&job, label, 8, bandwidth, &time[1], &time[0]);
     }
     stop(&job);
