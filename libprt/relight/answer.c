@@ -14,7 +14,7 @@
 
 static const float Y00 = 0.28209479177387814f; // 1/sqrt(4 pi)
 
-enum { MAX_PLANE = 16, VERTEX_GRAIN = 4096 };
+enum { VERTEX_GRAIN = 4096 };
 
 struct answer {
     const struct prt_context *ctx;
@@ -268,7 +268,7 @@ static int make_part(const struct group *g, const struct prt_tensor *t, struct o
 static int sum_parts(const struct group *g, unsigned n, const struct prt_part part[])
 {
     const struct answer *a = g->answer[0];
-    float *color[PRT_RELIGHT_MAX_LIGHTS * MAX_PLANE];
+    float *color[MOST_TRIPLES];
     for (unsigned i = 0; i < g->n; i++)
         for (unsigned k = 0; k < a->n_plane; k++) {
             float **to = &color[i * a->n_plane + k];
@@ -456,7 +456,7 @@ static void shade_vertex(const struct answer *a, size_t v, float out[3])
     const float *plane = a->planes + 3 * v;
     const double eta = (double)a->transport->material.eta;
     // the phase function's view part
-    float w[3], inside[3], y[MAX_PLANE], rgb[3] = {plane[0], plane[1], plane[2]};
+    float w[3], inside[3], y[MOST_PHASES], rgb[3] = {plane[0], plane[1], plane[2]};
     unsigned n_band = a->n_plane > 9 ? 4 : a->n_plane > 4 ? 3 : a->n_plane > 1 ? 2 : 1;
     view_of(a, v, w);
     float cosine = refract_out(eta, a->transport->mesh.normal[v], w, inside);

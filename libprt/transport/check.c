@@ -141,6 +141,16 @@ static bool good_cluster(const struct prt_tensor *t, const struct prt_cluster *k
            padded * rows <= t->u_count - k->u_begin;
 }
 
+// What lies beside an odd last row of U.
+static bool nothing_beside(const struct prt_tensor *t, const struct prt_cluster *k)
+{
+    const uint64_t padded = ((uint64_t)k->n_vertex + 15) & ~15ull;
+    const uint16_t *last = t->u + k->u_begin + padded * (k->rank - 1ull);
+    uint16_t found = 0;
+    for (uint64_t v = 0; v < padded; v++) found |= last[2 * v + 1];
+    return !found;
+}
+
 static int check_clusters(const struct check *c, uint32_t i, const struct prt_tensor *t)
 {
     uint32_t vertex = 0;
@@ -155,9 +165,12 @@ static int check_clusters(const struct check *c, uint32_t i, const struct prt_te
         return bad(c, "tensor %u: clusters do not cover the vertices", i);
     if (t->storage == PRT_STORAGE_RADIAL)
         return finite_f16(t->u, t->u_count) ? PRT_OK : bad(c, "tensor %u: U is not finite", i);
-    return within((const int16_t *)t->u, t->u_count, PRT_U_MOST)
-               ? PRT_OK
-               : bad(c, "tensor %u: U is out of range", i);
+    if (!within((const int16_t *)t->u, t->u_count, PRT_U_MOST))
+        return bad(c, "tensor %u: U is out of range", i);
+    for (uint32_t k = 0; k < t->n_cluster; k++)
+        if (t->cluster[k].rank % 2 && !nothing_beside(t, &t->cluster[k]))
+            return bad(c, "tensor %u: cluster %u has more rows of U than its rank", i, k);
+    return PRT_OK;
 }
 
 // Never falling, below n_coef, and none a scaling coefficient (they stand apart). n*n is a power

@@ -431,6 +431,10 @@ static bool broken(struct prt_transport *t, int rule)
     case 43:
         W(int16_t, a->u)[a->u_count - 1] = INT16_MIN;
         return true;
+    case 44: // a number beside an odd last row
+        assert_int_equal(c[0].rank % 2, 1);
+        W(int16_t, a->u)[(c[0].rank - 1) * ((c[0].n_vertex + 15) / 16 * 16) + 1] = 1;
+        return true;
     default:
         return false;
     }
