@@ -11,9 +11,10 @@ extern "C" {
 #endif
 
 /* Several lights in one call share the reading. Where the machine has VNNI, three lights or more
- * meet rows of pairs, and four phase planes or more are expanded, in 16-bit integers: colours then
- * differ from those of one light alone by up to 8e-5 RMS under lamps and suns, some 3e-5 under a
- * sky, and by 1.4e-4 of the largest at most; otherwise, and elsewhere, by f32 rounding. */
+ * meet rows of pairs, and four phase planes or more are expanded, in 16-bit integers: a bake's
+ * colours then differ from those of one light alone by some 3e-5 RMS under a sky, up to 8e-5 under
+ * lamps and suns, and by about 1e-4 of the largest; rows of random signs, whose sums cancel, by 2e-4
+ * (prt-bench relight_file, relight_factored print both). Otherwise, and elsewhere, by f32 rounding. */
 enum { PRT_RELIGHT_MAX_LIGHTS = 16 };
 
 /* Number of colour planes a tensor gives: its n_phase. */

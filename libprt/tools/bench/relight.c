@@ -2,6 +2,7 @@
 // Relighting: from decoded cubemaps to colours in file order.
 #include "prt/relight.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -19,7 +20,8 @@ struct job {
     float *color;
     struct bench_span span[BENCH_SPANS]; // of the tensor
     unsigned n_span;
-    double bytes; // in them
+    double bytes;     // in them
+    double rms, most; // of from_one
 };
 
 static int transform(void *arg, size_t begin, size_t end, unsigned worker)
@@ -77,6 +79,10 @@ static void print(struct job *job, const char *name, unsigned n_light, double ba
         bench_number("times_one_median", time->median / one->median);
         bench_number("target_times_one", n_light > 1 ? 3 : 4.5);
     }
+    if (n_light > 1) {
+        bench_number("from_one_rms", job->rms);
+        bench_number("from_one_most", job->most);
+    }
     if (n_light == 1 && t->n_phase == 1 && t->coupling == PRT_COUPLE_DIAGONAL) {
         if (t->storage == PRT_STORAGE_SPARSE) {
             bench_number("target_Mvertices_per_s", 30);
@@ -104,6 +110,37 @@ static int relight_turn(void *arg)
     if (job->n_light) return relight_cubes(job);
     job->bytes = bench_read(job->env, job->span, job->n_span);
     return PRT_OK;
+}
+
+// How far the eight lights' colours, which are in job->color, are from each light's alone: the
+// largest RMS difference of a light, and the largest one of all over its light's largest colour.
+static int from_one(struct job *job, double *rms, double *most)
+{
+    const size_t n = 3ull * job->tensor->n_vertex * job->tensor->n_phase;
+    float *alone = prt_alloc(n, sizeof *alone);
+    int status = alone ? PRT_OK : PRT_NOMEM;
+    *rms = *most = 0;
+    for (unsigned l = 0; l < 8 && !status; l++) {
+        const float *together = job->color + l * n;
+        struct prt_light light = {0};
+        const struct prt_light *lights[1] = {&light};
+        double all = 0, off = 0, largest = 0, worst = 0;
+        status = prt_light_from_cube(&job->cube[l], &light);
+        if (!status)
+            status = prt_relight(&job->env->ctx, job->tensor, 1, lights, job->coef, false, alone);
+        for (size_t i = 0; i < n && !status; i++) {
+            const double x = (double)alone[i], d = (double)together[i] - x;
+            all += x * x;
+            off += d * d;
+            largest = fmax(largest, fabs(x));
+            worst = fmax(worst, fabs(d));
+        }
+        if (all > 0) *rms = fmax(*rms, sqrt(off / all));
+        if (largest > 0) *most = fmax(*most, worst / largest);
+        prt_light_finish(&light);
+    }
+    prt_free(alone);
+    return status;
 }
 
 static int start(struct job *job, struct bench_env *env, const struct prt_tensor *tensor,
@@ -148,6 +185,8 @@ static int one_and_eight(struct bench_env *env, const char *name,
     if (!status && eight) {
         snprintf(label, sizeof label, "%s_8_lights", name);
         status = bench_compare(env, relight_turn, of_one, time);
+        if (!status) status = relight_turn(&many);
+        if (!status) status = from_one(&job, &job.rms, &job.most);
         if (!status) print(&job, label, 8, bandwidth, &time[1], &time[0]);
     }
     stop(&job);
