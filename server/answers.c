@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Passes over a model's transport. While one runs, evaluations of the same model gather, and the
-// next pass takes all of them at once: their lights share one reading of the transport.
+// Passes over a model's transport. While one runs, evaluations of the same model gather, and
+// the next pass takes all of them at once: their lights share one reading of the transport.
 #include "evaluation.h"
 #include "request.h"
 
@@ -42,12 +42,12 @@ static const struct prt_transport *asked_of(const struct want *w)
 static struct prt_query query_of(const struct want *w)
 {
     const struct answer_query *q = &w->query;
-    return (struct prt_query){.term = q->term, .light = w->light ? w->light->value : NULL,
-                              .material = q->has_material ? &q->material : NULL,
-                              .eye = q->has_eye ? q->eye : NULL,
-                              .lit = w->contracted
-                                         ? ((struct contracted *)w->contracted->value)->lit
-                                         : NULL};
+    return (struct prt_query){
+        .term = q->term,
+        .light = w->light ? w->light->value : NULL,
+        .material = q->has_material ? &q->material : NULL,
+        .eye = q->has_eye ? q->eye : NULL,
+        .lit = w->contracted ? ((struct contracted *)w->contracted->value)->lit : NULL};
 }
 
 // Room for one answer; its size is known from the transport.
@@ -59,8 +59,8 @@ static int make_room(const struct prt_context *ctx, struct want *w)
     int status = w->query.planes ? prt_answer_planes(ctx, t, &query, &n_plane, NULL) : PRT_OK;
     if (status) return status;
     double lost = 0;
-    if (query.material
-        && (status = prt_answer_material_error(ctx, t, query.material, query.term, &lost)))
+    if (query.material &&
+        (status = prt_answer_material_error(ctx, t, query.material, query.term, &lost)))
         return status;
     size_t n = (size_t)n_plane * t->mesh.n_vertex * 3;
     w->answer = malloc(sizeof *w->answer + n * sizeof(float));
@@ -173,8 +173,8 @@ static void done_pass(struct work *work)
             free(w->answer);
         } else {
             w->answer->shared = n;
-            size_t bytes = sizeof *w->answer
-                           + (size_t)w->answer->n_plane * w->answer->n_vertex * 12;
+            size_t bytes =
+                sizeof *w->answer + (size_t)w->answer->n_plane * w->answer->n_vertex * 12;
             memo_fill(w->entry, w->answer, bytes, free);
         }
         memo_release(w->entry);
@@ -209,8 +209,12 @@ struct memo_entry *answer_get(struct model *model, const char *key,
         memo_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return entry;
     }
-    *w = (struct want){.entry = entry, .file = file, .light = light, .contracted = contracted,
-                       .fixed = fixed, .query = *query};
+    *w = (struct want){.entry = entry,
+                       .file = file,
+                       .light = light,
+                       .contracted = contracted,
+                       .fixed = fixed,
+                       .query = *query};
     if (contracted) {
         memo_hold(contracted);
         model->server->stats.edits++;

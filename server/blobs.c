@@ -60,10 +60,8 @@ int blobs_open(const char *folder, uint64_t max_blob, uint64_t disk, struct blob
     for (struct dirent *d; (d = readdir(dir));) {
         struct stat st;
         if (fstatat(dirfd(dir), d->d_name, &st, 0) || !S_ISREG(st.st_mode)) continue;
-        if (relight_hash_valid(d->d_name))
-            blobs->bytes += st.st_size;
-        else if (strstr(d->d_name, ".part"))
-            unlinkat(dirfd(dir), d->d_name, 0);
+        if (relight_hash_valid(d->d_name)) blobs->bytes += st.st_size;
+        else if (strstr(d->d_name, ".part")) unlinkat(dirfd(dir), d->d_name, 0);
     }
     closedir(dir);
     *out = blobs;
@@ -153,8 +151,8 @@ static void make_room(struct blobs *blobs, uint64_t wanted)
         DIR *dir = opendir(blobs->folder);
         for (struct dirent *d; dir && (d = readdir(dir));) {
             struct stat st;
-            if (!relight_hash_valid(d->d_name) || fstatat(dirfd(dir), d->d_name, &st, 0)
-                || st.st_mtime >= when)
+            if (!relight_hash_valid(d->d_name) || fstatat(dirfd(dir), d->d_name, &st, 0) ||
+                st.st_mtime >= when)
                 continue;
             when = st.st_mtime;
             size = st.st_size;
@@ -221,7 +219,8 @@ static int finish_upload(struct blobs *blobs, struct upload *u, char error[256])
     char hash[65], path[4096], part[4096];
     relight_sha256_hex(&u->sha, hash);
     if (strcmp(hash, u->hash)) {
-        snprintf(error, 256, "the bytes have hash %.12s…, not the promised %.12s…", hash, u->hash);
+        snprintf(error, 256, "the bytes have hash %.12s…, not the promised %.12s…", hash,
+                 u->hash);
         drop_upload(blobs, u);
         return RELIGHT__ERROR_CODE__ERROR_HASH;
     }
@@ -256,7 +255,8 @@ int blobs_put(struct blobs *blobs, const char *hash, uint64_t size, uint64_t off
     if (!size || size > blobs->max_blob) {
         snprintf(error, 256, "size %llu is outside 1..%llu bytes", (unsigned long long)size,
                  (unsigned long long)blobs->max_blob);
-        return size ? RELIGHT__ERROR_CODE__ERROR_LIMIT : RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
+        return size ? RELIGHT__ERROR_CODE__ERROR_LIMIT
+                    : RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
     }
     struct upload *u = find_upload(blobs, hash);
     if (u) *received = u->received;
@@ -308,7 +308,8 @@ int blobs_hash_file(const char *path, char out[65])
     enum { PIECE = 1 << 20 };
     char *piece = malloc(PIECE);
     ssize_t n = piece ? 1 : -1;
-    while (n > 0 && (n = read(fd, piece, PIECE)) > 0) relight_sha256_add(&sha, piece, (size_t)n);
+    while (n > 0 && (n = read(fd, piece, PIECE)) > 0)
+        relight_sha256_add(&sha, piece, (size_t)n);
     int err = n < 0 ? errno : 0;
     free(piece);
     close(fd);

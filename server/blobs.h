@@ -24,9 +24,9 @@ uint64_t blobs_bytes(const struct blobs *blobs);
 /* Space for a file of ours that is not a blob (bakes) counts against the same disk budget. */
 void blobs_charge(struct blobs *blobs, int64_t bytes);
 
-/* One chunk of an upload; n 0 only asks. *received says how much is there, *complete whether the
- * whole is and its hash is right. A chunk past what is there is an error, one that overlaps is
- * taken from there on. Returns 0, or the protocol's error code with its text. */
+/* One chunk of an upload; n 0 only asks. *received says how much is there, *complete whether
+ * the whole is and its hash is right. A chunk past what is there is an error, one that overlaps
+ * is taken from there on. Returns 0, or the protocol's error code with its text. */
 int blobs_put(struct blobs *blobs, const char *hash, uint64_t size, uint64_t offset,
               const void *bytes, size_t n, uint64_t *received, bool *complete, char error[256]);
 /* Marks a blob as used now: the longest unused go first when the disk budget is spent. */

@@ -5,8 +5,9 @@
 
 #include "connection.h"
 
-/* Opens tcp:HOST:PORT or unix:PATH and accepts clients on it. Logs why it cannot; 0 or -1. A unix
- * socket that a dead daemon left is replaced, one that a living daemon serves is an error. */
+/* Opens tcp:HOST:PORT or unix:PATH and accepts clients on it. Logs why it cannot; 0 or -1. A
+ * unix socket that a dead daemon left is replaced, one that a living daemon serves is an error.
+ */
 int sockets_listen(struct server *server, const char *address);
 /* Takes a listening socket that was handed over (systemd socket activation). */
 int sockets_adopt(struct server *server, int fd);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // HTTP and WebSocket through libwebsockets: /healthz, /metrics, the page's files, and frames as
-// binary messages on /ws. libwebsockets runs its own poll loop; ours is nested in it as a single
-// descriptor, so that everything stays on one thread.
+// binary messages on /ws. libwebsockets runs its own poll loop; ours is nested in it as a
+// single descriptor, so that everything stays on one thread.
 #include "carrier.h"
 
 #include "log.h"
@@ -13,7 +13,7 @@
 #include <strings.h>
 
 enum {
-    CHUNK = 64 << 10,              // largest piece of a message handed to libwebsockets
+    CHUNK = 64 << 10, // largest piece of a message handed to libwebsockets
     MESSAGE_MAX = SERVER_MAX_PAYLOAD + SERVER_MAX_HEADER + 4096,
 };
 
@@ -21,7 +21,7 @@ enum {
 struct session {
     struct connection *conn;
     struct lws *wsi;
-    uint8_t *message;              // what came of the current one
+    uint8_t *message; // what came of the current one
     size_t n, room;
 };
 
@@ -145,10 +145,11 @@ static int on_ws(struct lws *wsi, enum lws_callback_reasons reason, void *user, 
     switch (reason) {
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: {
         char path[16];
-        if (lws_hdr_copy(wsi, path, sizeof path, WSI_TOKEN_GET_URI) < 0 || strcmp(path, "/ws")
-            || !origin_allowed(wsi))
+        if (lws_hdr_copy(wsi, path, sizeof path, WSI_TOKEN_GET_URI) < 0 ||
+            strcmp(path, "/ws") || !origin_allowed(wsi))
             return -1;
-        if (the_server->draining || the_server->n_connection >= the_server->options.connections) {
+        if (the_server->draining ||
+            the_server->n_connection >= the_server->options.connections) {
             the_server->stats.connections_refused++;
             return -1;
         }
@@ -161,8 +162,10 @@ static int on_ws(struct lws *wsi, enum lws_callback_reasons reason, void *user, 
         s->conn = connection_open(the_server, &ws_carrier, s, peer);
         return s->conn ? 0 : -1;
     }
-    case LWS_CALLBACK_RECEIVE: return ws_receive(s, wsi, in, n);
-    case LWS_CALLBACK_SERVER_WRITEABLE: return ws_write(s, wsi);
+    case LWS_CALLBACK_RECEIVE:
+        return ws_receive(s, wsi, in, n);
+    case LWS_CALLBACK_SERVER_WRITEABLE:
+        return ws_write(s, wsi);
     case LWS_CALLBACK_CLOSED: {
         struct connection *conn = s->conn;
         if (conn) connection_close(conn, "closed by peer");
@@ -170,22 +173,23 @@ static int on_ws(struct lws *wsi, enum lws_callback_reasons reason, void *user, 
         s->message = NULL;
         return 0;
     }
-    default: return 0;
+    default:
+        return 0;
     }
 }
 
 // ---- plain HTTP
 
-static int answer_text(struct lws *wsi, struct page_session *p, unsigned status, const char *type,
-                       char *body, size_t n)
+static int answer_text(struct lws *wsi, struct page_session *p, unsigned status,
+                       const char *type, char *body, size_t n)
 {
     uint8_t head[LWS_PRE + 1024], *start = head + LWS_PRE, *at = start,
                                   *end = head + sizeof head - 1;
     p->body = body;
     p->n = n;
     p->sent = 0;
-    if (!body || lws_add_http_common_headers(wsi, status, type, n, &at, end)
-        || lws_finalize_write_http_header(wsi, start, &at, end))
+    if (!body || lws_add_http_common_headers(wsi, status, type, n, &at, end) ||
+        lws_finalize_write_http_header(wsi, start, &at, end))
         return -1;
     lws_callback_on_writable(wsi);
     return 0;
@@ -197,7 +201,8 @@ static int page_write(struct lws *wsi, struct page_session *p)
     size_t n = p->n - p->sent < CHUNK ? p->n - p->sent : CHUNK;
     bool last = p->sent + n == p->n;
     memcpy(piece + LWS_PRE, p->body + p->sent, n);
-    if (lws_write(wsi, piece + LWS_PRE, n, last ? LWS_WRITE_HTTP_FINAL : LWS_WRITE_HTTP) < (int)n)
+    if (lws_write(wsi, piece + LWS_PRE, n, last ? LWS_WRITE_HTTP_FINAL : LWS_WRITE_HTTP) <
+        (int)n)
         return -1;
     p->sent += n;
     if (!last) {
@@ -233,16 +238,20 @@ static int on_page(struct lws *wsi, enum lws_callback_reasons reason, void *user
 {
     struct page_session *p = user;
     switch (reason) {
-    case LWS_CALLBACK_HTTP: return page_request(wsi, p);
-    case LWS_CALLBACK_HTTP_WRITEABLE: return page_write(wsi, p);
+    case LWS_CALLBACK_HTTP:
+        return page_request(wsi, p);
+    case LWS_CALLBACK_HTTP_WRITEABLE:
+        return page_write(wsi, p);
     case LWS_CALLBACK_CLOSED_HTTP:
         if (p) {
             free(p->body);
             p->body = NULL;
         }
         return 0;
-    case LWS_CALLBACK_HTTP_FILE_COMPLETION: return lws_http_transaction_completed(wsi) ? -1 : 0;
-    default: return lws_callback_http_dummy(wsi, reason, user, in, n);
+    case LWS_CALLBACK_HTTP_FILE_COMPLETION:
+        return lws_http_transaction_completed(wsi) ? -1 : 0;
+    default:
+        return lws_callback_http_dummy(wsi, reason, user, in, n);
     }
 }
 
@@ -274,12 +283,23 @@ static const struct lws_protocol_vhost_options mimetypes[] = {
 };
 
 static struct lws_http_mount mount[3] = {
-    {.mountpoint = "/healthz", .mountpoint_len = 8, .origin = "http", .protocol = "http",
+    {.mountpoint = "/healthz",
+     .mountpoint_len = 8,
+     .origin = "http",
+     .protocol = "http",
      .origin_protocol = LWSMPRO_CALLBACK},
-    {.mountpoint = "/metrics", .mountpoint_len = 8, .origin = "http", .protocol = "http",
+    {.mountpoint = "/metrics",
+     .mountpoint_len = 8,
+     .origin = "http",
+     .protocol = "http",
      .origin_protocol = LWSMPRO_CALLBACK},
-    {.mountpoint = "/", .mountpoint_len = 1, .def = "index.html", .extra_mimetypes = mimetypes,
-     .origin_protocol = LWSMPRO_FILE, .cache_max_age = 60, .cache_revalidate = 1},
+    {.mountpoint = "/",
+     .mountpoint_len = 1,
+     .def = "index.html",
+     .extra_mimetypes = mimetypes,
+     .origin_protocol = LWSMPRO_FILE,
+     .cache_max_age = 60,
+     .cache_revalidate = 1},
 };
 
 static void on_lws_log(int level, const char *line)
@@ -314,15 +334,15 @@ int http_open(struct server *server, const char *address)
     info.fd_limit_per_thread = server->options.connections + 64;
     info.keepalive_timeout = 30;
     info.timeout_secs = 15;
-    info.options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS
-                   | LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE;
+    info.options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS |
+                   LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE;
     if (!info.iface) info.options |= LWS_SERVER_OPTION_DISABLE_IPV6;
     context = lws_create_context(&info);
     vhost = context ? lws_create_vhost(context, &info) : NULL;
     lws_sock_file_fd_type fd;
     fd.filefd = dup(loop_fd(server->loop)); // closed by libwebsockets
-    if (!vhost || fd.filefd < 0
-        || !lws_adopt_descriptor_vhost(vhost, LWS_ADOPT_RAW_FILE_DESC, fd, "loop", NULL)) {
+    if (!vhost || fd.filefd < 0 ||
+        !lws_adopt_descriptor_vhost(vhost, LWS_ADOPT_RAW_FILE_DESC, fd, "loop", NULL)) {
         log_line(LOG_ERR, "http %s: cannot be served (in use?)", address);
         return -1;
     }

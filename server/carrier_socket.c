@@ -118,8 +118,7 @@ static void receive(struct stream *s)
         if (direct)
             connection_committed(conn, (size_t)n,
                                  relight_decoder_commit(&conn->decoder, (size_t)n));
-        else
-            connection_bytes(conn, buffer, (size_t)n);
+        else connection_bytes(conn, buffer, (size_t)n);
     }
 }
 
@@ -151,12 +150,11 @@ static void refuse(int fd)
 static void name_peer(const struct sockaddr_storage *a, socklen_t n, char *out, size_t room)
 {
     char host[64], port[16];
-    if (a->ss_family == AF_UNIX
-        || getnameinfo((const struct sockaddr *)a, n, host, sizeof host, port, sizeof port,
-                       NI_NUMERICHOST | NI_NUMERICSERV))
+    if (a->ss_family == AF_UNIX ||
+        getnameinfo((const struct sockaddr *)a, n, host, sizeof host, port, sizeof port,
+                    NI_NUMERICHOST | NI_NUMERICSERV))
         snprintf(out, room, "local");
-    else
-        snprintf(out, room, "%s:%s", host, port);
+    else snprintf(out, room, "%s:%s", host, port);
 }
 
 static void accept_ready(struct loop_watch *watch, uint32_t events)
@@ -261,8 +259,7 @@ static int listen_tcp(struct server *server, const char *text)
     size_t n = (size_t)(colon - text);
     if (text[0] == '[' && n >= 2 && text[n - 1] == ']') // [::1]:7413
         snprintf(host, sizeof host, "%.*s", (int)n - 2, text + 1);
-    else
-        snprintf(host, sizeof host, "%.*s", (int)n, text);
+    else snprintf(host, sizeof host, "%.*s", (int)n, text);
     struct addrinfo hints = {.ai_flags = AI_PASSIVE, .ai_socktype = SOCK_STREAM}, *list;
     int err = getaddrinfo(*host && strcmp(host, "*") ? host : NULL, colon + 1, &hints, &list);
     if (err) {

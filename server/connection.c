@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // A client's frames. Input is refused before it is stored (limits in the frame's fixed part);
-// output is bounded: above --send-buffer nothing more is read from the client, so that it cannot
-// ask for more, and above four times that it is disconnected.
+// output is bounded: above --send-buffer nothing more is read from the client, so that it
+// cannot ask for more, and above four times that it is disconnected.
 #include "connection.h"
 
 #include "dispatch.h"
@@ -35,10 +35,8 @@ static void clock_fired(struct loop_timer *timer)
     }
     // Who waits for an answer, or watches a job, is not idle.
     if (conn->n_request || conn->out) conn->heard_ns = now;
-    if ((double)(now - conn->heard_ns) >= o->idle * 1e9)
-        connection_close(conn, "idle");
-    else
-        watch_clock(conn);
+    if ((double)(now - conn->heard_ns) >= o->idle * 1e9) connection_close(conn, "idle");
+    else watch_clock(conn);
 }
 
 struct connection *connection_open(struct server *server, const struct carrier *carrier,
@@ -80,7 +78,8 @@ void connection_close(struct connection *conn, const char *why)
     if (conn->dead) return;
     struct server *server = conn->server;
     conn->dead = true;
-    log_line(LOG_EVENT, "disconnect conn=%llu why=\"%s\"", (unsigned long long)conn->number, why);
+    log_line(LOG_EVENT, "disconnect conn=%llu why=\"%s\"", (unsigned long long)conn->number,
+             why);
     loop_timer_stop(server->loop, &conn->timer);
     while (conn->requests) request_abandon(conn->requests);
     materials_drop(conn);
@@ -238,16 +237,20 @@ void connection_send(struct connection *conn, uint16_t type, uint8_t flags, uint
         return;
     }
     size_t size = payload ? payload->size : 0;
-    size_t piece = conn->max_payload && conn->max_payload < size ? conn->max_payload / 64 * 64
-                                                                 : size;
+    size_t piece =
+        conn->max_payload && conn->max_payload < size ? conn->max_payload / 64 * 64 : size;
     bool ok = true;
     for (size_t at = 0; ok && (at < size || at == 0); at += piece) {
         size_t n = size - at < piece ? size - at : piece;
         bool last = at + n == size;
         struct relight_frame frame = {
-            .flags = last ? flags : (uint8_t)((flags & ~RELIGHT_FRAME_LAST) | RELIGHT_FRAME_MORE),
-            .type = type, .id = id, .payload_size = n};
-        struct payload part = {payload ? (const char *)payload->bytes + at : NULL, n, NULL, NULL};
+            .flags =
+                last ? flags : (uint8_t)((flags & ~RELIGHT_FRAME_LAST) | RELIGHT_FRAME_MORE),
+            .type = type,
+            .id = id,
+            .payload_size = n};
+        struct payload part = {payload ? (const char *)payload->bytes + at : NULL, n, NULL,
+                               NULL};
         if (last && payload) {
             part.owner = payload->owner;
             part.release = payload->release;

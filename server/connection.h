@@ -11,7 +11,8 @@
 
 struct request;
 
-/* How bytes travel. Each function is given the connection; its carrier_data is the carrier's. */
+/* How bytes travel. Each function is given the connection; its carrier_data is the carrier's.
+ */
 struct carrier {
     const char *name;
     void (*want_write)(struct connection *conn);           /* there is output */
@@ -44,14 +45,14 @@ struct connection {
     char peer[96];
     struct relight_decoder decoder; /* byte streams */
     bool greeted, dead, closing, reading;
-    uint64_t max_payload;           /* what the client takes in one frame */
+    uint64_t max_payload; /* what the client takes in one frame */
     struct out_frame *out, **out_last;
     size_t out_bytes;
     struct request *requests;
     unsigned n_request;
-    struct material_wait *waits;    /* materials.c: what was said of views, in its order */
+    struct material_wait *waits; /* materials.c: what was said of views, in its order */
     struct loop_timer timer;
-    uint64_t heard_ns, frame_ns;    /* last byte; first byte of the frame being read, 0: none */
+    uint64_t heard_ns, frame_ns; /* last byte; first byte of the frame being read, 0: none */
 };
 
 /* NULL when there is no memory or no room for one more (then the peer is told). */

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Both ends of the decode helper. Messages are packets on a socket pair: a request is struct ask
-// and its words, a reply {number, status, sizes} + error text, with the pixels of an image in a
-// memory file passed along.
+// Both ends of the decode helper. Messages are packets on a socket pair: a request is struct
+// ask and its words, a reply {number, status, sizes} + error text, with the pixels of an image
+// in a memory file passed along.
 #include "decode.h"
 
 #include "log.h"
@@ -29,8 +29,8 @@ enum asked { ASK_ENV, ASK_MODEL, ASK_IMAGE };
 
 struct ask {
     uint64_t number, memory_bytes;
-    uint32_t n_word;   // what follows: path, name, and of a model the .prt and opaque names
-    uint32_t model;    // enum asked
+    uint32_t n_word; // what follows: path, name, and of a model the .prt and opaque names
+    uint32_t model;  // enum asked
     double size_mm, mm_per_unit;
     struct prt_material material;
 };
@@ -88,8 +88,8 @@ static int write_pixels(const struct prt_env *env, size_t n)
 {
     int fd = memfd_create("environment", MFD_CLOEXEC | MFD_ALLOW_SEALING);
     if (fd < 0) return -1;
-    const char *pixels = (const char *)(env->kind == PRT_ENV_CUBE ? env->cube.texel
-                                                                  : env->latlong.rgb);
+    const char *pixels =
+        (const char *)(env->kind == PRT_ENV_CUBE ? env->cube.texel : env->latlong.rgb);
     for (size_t put = 0; put < n;) {
         ssize_t done = write(fd, pixels + put, n - put);
         if (done < 0 && errno == EINTR) continue;
@@ -115,7 +115,8 @@ static void send_reply(int socket_fd, const struct reply *reply, int pixels_fd)
         message.msg_control = &control;
         message.msg_controllen = sizeof control.room;
         control.head = (struct cmsghdr){.cmsg_len = CMSG_LEN(sizeof(int)),
-                                        .cmsg_level = SOL_SOCKET, .cmsg_type = SCM_RIGHTS};
+                                        .cmsg_level = SOL_SOCKET,
+                                        .cmsg_type = SCM_RIGHTS};
         memcpy(CMSG_DATA(&control.head), &pixels_fd, sizeof pixels_fd);
     }
     while (sendmsg(socket_fd, &message, MSG_NOSIGNAL) < 0 && errno == EINTR) continue;
@@ -137,7 +138,8 @@ static int read_image(const struct prt_context *ctx, bool as_env, const char *pa
                       const char *name, struct reply *reply)
 {
     struct prt_env *env = NULL, plain = {.kind = PRT_ENV_LATLONG};
-    int status = as_env ? prt_env_load(ctx, path, &env) : prt_image_load(ctx, path, &plain.latlong);
+    int status =
+        as_env ? prt_env_load(ctx, path, &env) : prt_image_load(ctx, path, &plain.latlong);
     int pixels_fd = -1;
     if ((reply->status = status)) return -1;
     if (!as_env) env = &plain;
@@ -147,8 +149,8 @@ static int read_image(const struct prt_context *ctx, bool as_env, const char *pa
     reply->cube_n = env->cube.n;
     reply->n_negative = env->n_negative;
     reply->n_nonfinite = env->n_nonfinite;
-    pixels_fd = write_pixels(env,
-                             pixel_bytes(reply->kind, reply->width, reply->height, reply->cube_n));
+    pixels_fd =
+        write_pixels(env, pixel_bytes(reply->kind, reply->width, reply->height, reply->cube_n));
     if (pixels_fd < 0) {
         reply->status = PRT_NOMEM;
         snprintf(reply->error, sizeof reply->error, "%s: no memory for its pixels", name);
@@ -157,19 +159,28 @@ static int read_image(const struct prt_context *ctx, bool as_env, const char *pa
 }
 
 // The mesh as a .prt whose only tensor gives no light to anybody.
-static int write_mesh(const struct prt_context *ctx, const char *out, const struct prt_mesh *mesh,
-                      const struct prt_material *material)
+static int write_mesh(const struct prt_context *ctx, const char *out,
+                      const struct prt_mesh *mesh, const struct prt_material *material)
 {
     struct prt_cluster all = {.n_vertex = mesh->n_vertex};
-    struct prt_transport t = {.mesh = *mesh, .material = *material, .cube = 16,
-                              .engine = PRT_ENGINE_JOINT, .n_tensor = 1,
-                              .settings = "{}", .errors = "{}"};
+    struct prt_transport t = {.mesh = *mesh,
+                              .material = *material,
+                              .cube = 16,
+                              .engine = PRT_ENGINE_JOINT,
+                              .n_tensor = 1,
+                              .settings = "{}",
+                              .errors = "{}"};
     uint32_t *order = prt_alloc(mesh->n_vertex, sizeof *order);
     if (!order) return prt_fail(ctx, PRT_NOMEM, "no memory for %u vertices", mesh->n_vertex);
     for (uint32_t i = 0; i < mesh->n_vertex; i++) order[i] = i;
-    t.tensor[0] = (struct prt_tensor){.storage = PRT_STORAGE_RADIAL, .coupling = PRT_COUPLE_FULL,
-                                      .n_vertex = mesh->n_vertex, .n_function = 1, .n_phase = 1,
-                                      .n_radial = 1, .n_cluster = 1, .order = order,
+    t.tensor[0] = (struct prt_tensor){.storage = PRT_STORAGE_RADIAL,
+                                      .coupling = PRT_COUPLE_FULL,
+                                      .n_vertex = mesh->n_vertex,
+                                      .n_function = 1,
+                                      .n_phase = 1,
+                                      .n_radial = 1,
+                                      .n_cluster = 1,
+                                      .order = order,
                                       .cluster = &all};
     int status = prt_file_write(ctx, out, &t);
     prt_free(order);
@@ -213,7 +224,8 @@ static void serve(int socket_fd, const struct ask *ask, char *const *word)
 static bool split_words(char *packet, size_t n, const struct ask *ask, char *word[MAX_WORD + 1])
 {
     size_t at = sizeof *ask;
-    if (ask->n_word > MAX_WORD || ask->n_word < (ask->model == ASK_MODEL ? 3u : 2u)) return false;
+    if (ask->n_word > MAX_WORD || ask->n_word < (ask->model == ASK_MODEL ? 3u : 2u))
+        return false;
     for (uint32_t i = 0; i < ask->n_word; i++) {
         size_t length = strnlen(packet + at, n - at);
         if (at + length >= n) return false;
@@ -242,7 +254,8 @@ static void reap(int fd, struct running *running)
             if (running[i].pid != pid) continue;
             running[i].pid = 0;
             if (WIFEXITED(how) && !WEXITSTATUS(how)) continue;
-            struct reply reply = {.number = running[i].number, .status = PRT_FORMAT,
+            struct reply reply = {.number = running[i].number,
+                                  .status = PRT_FORMAT,
                                   .error = "the process that read the file died"};
             send_reply(fd, &reply, -1);
         }
@@ -264,7 +277,8 @@ static void start_decoding(int fd, char *packet, ssize_t n, struct running *runn
         _exit(0);
     }
     if (pid < 0) {
-        struct reply reply = {.number = ask.number, .status = PRT_NOMEM,
+        struct reply reply = {.number = ask.number,
+                              .status = PRT_NOMEM,
                               .error = "no process could be started to read the file"};
         send_reply(fd, &reply, -1);
         return;
@@ -319,7 +333,9 @@ static void finish(struct decoder *decoder, struct wait_for *w, struct decoded_e
     *at = w->next;
     decoder->n_sent -= w->sent;
     if (w->env_fn) w->env_fn(w->user, env, status, error);
-    else w->model_fn(w->user, status, error, reply ? reply->warnings : "", reply ? reply->ms : 0);
+    else
+        w->model_fn(w->user, status, error, reply ? reply->warnings : "",
+                    reply ? reply->ms : 0);
     free(w);
 }
 
@@ -327,8 +343,8 @@ static struct decoded_env *map_pixels(const struct reply *reply, int fd)
 {
     bool cube = reply->kind == PRT_ENV_CUBE;
     if (cube ? reply->cube_n < 1 || reply->cube_n > MAX_SIDE
-             : !reply->width || reply->width > MAX_SIDE || !reply->height
-                   || reply->height > MAX_SIDE)
+             : !reply->width || reply->width > MAX_SIDE || !reply->height ||
+                   reply->height > MAX_SIDE)
         return NULL;
     size_t n = pixel_bytes(reply->kind, reply->width, reply->height, reply->cube_n);
     off_t size = lseek(fd, 0, SEEK_END);
@@ -347,10 +363,8 @@ static struct decoded_env *map_pixels(const struct reply *reply, int fd)
     env->env.n_nonfinite = reply->n_nonfinite;
     if (cube && !prt_env_cache_create(&env->env)) // without it a turn only takes longer
         env->cache_bytes = (size_t)384 * reply->cube_n * reply->cube_n;
-    if (cube)
-        env->env.cube = (struct prt_cube){reply->cube_n, env->map};
-    else
-        env->env.latlong = (struct prt_image){reply->width, reply->height, env->map};
+    if (cube) env->env.cube = (struct prt_cube){reply->cube_n, env->map};
+    else env->env.latlong = (struct prt_image){reply->width, reply->height, env->map};
     return env;
 }
 
@@ -397,7 +411,9 @@ static void helper_ready(struct loop_watch *watch, uint32_t events)
             struct cmsghdr head;
             char room[CMSG_SPACE(sizeof(int))];
         } control;
-        struct msghdr message = {.msg_iov = &iov, .msg_iovlen = 1, .msg_control = &control,
+        struct msghdr message = {.msg_iov = &iov,
+                                 .msg_iovlen = 1,
+                                 .msg_control = &control,
                                  .msg_controllen = sizeof control.room};
         ssize_t n = recvmsg(watch->fd, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
         if (n < 0 && (errno == EAGAIN || errno == EINTR)) break;
@@ -453,11 +469,13 @@ static void send_waiting(struct decoder *decoder)
         while (w && w->sent) w = w->next;
         if (!w || decoder->n_sent >= MAX_AT_ONCE) return;
         if (decoder->watch.fd < 0 && start_helper(decoder)) {
-            finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process cannot be started", NULL);
+            finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process cannot be started",
+                   NULL);
             continue;
         }
         if (send(decoder->watch.fd, w->packet, w->size, MSG_NOSIGNAL) < 0) {
-            finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process does not answer", NULL);
+            finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process does not answer",
+                   NULL);
             continue;
         }
         w->sent = true;
@@ -500,7 +518,8 @@ static struct wait_for *new_wait(struct decoder *decoder, struct ask *ask,
 {
     size_t size = sizeof *ask;
     for (size_t i = 0; i < n_word; i++) size += strlen(word[i]) + 1;
-    struct wait_for *w = n_word <= MAX_WORD && size <= PACKET ? calloc(1, sizeof *w + size) : NULL;
+    struct wait_for *w =
+        n_word <= MAX_WORD && size <= PACKET ? calloc(1, sizeof *w + size) : NULL;
     if (!w) return NULL;
     ask->number = w->number = ++decoder->last_number;
     ask->memory_bytes = decoder->memory_bytes;
@@ -554,7 +573,9 @@ void decoder_model(struct decoder *decoder, const struct decode_model *m, decode
 {
     const char *word[MAX_WORD] = {m->path, m->name, m->out};
     size_t n = 3;
-    struct ask ask = {.model = ASK_MODEL, .size_mm = m->size_mm, .mm_per_unit = m->mm_per_unit,
+    struct ask ask = {.model = ASK_MODEL,
+                      .size_mm = m->size_mm,
+                      .mm_per_unit = m->mm_per_unit,
                       .material = *m->material};
     for (size_t i = 0; i < m->n_opaque && n < MAX_WORD; i++) word[n++] = m->opaque[i];
     struct wait_for *w = new_wait(decoder, &ask, word, n);

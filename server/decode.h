@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT */
-/* decode.h owns the helper process that decodes untrusted files: a second, single-threaded copy of
- * the program that forks an isolated child for each. Pixels of an image come back in a sealed
- * memory file, the mesh of a model as a .prt without light transport, which the daemon maps as it
- * maps its bakes. The daemon parses nothing and may have as many threads as it likes. */
+/* decode.h owns the helper process that decodes untrusted files: a second, single-threaded copy
+ * of the program that forks an isolated child for each. Pixels of an image come back in a
+ * sealed memory file, the mesh of a model as a .prt without light transport, which the daemon
+ * maps as it maps its bakes. The daemon parses nothing and may have as many threads as it
+ * likes. */
 #ifndef RELIGHTD_DECODE_H
 #define RELIGHTD_DECODE_H
 
@@ -34,8 +35,8 @@ void decoder_image(struct decoder *decoder, const char *path, const char *name, 
                    void *user);
 /* What a model's file is read with, as `prt bake` takes it. */
 struct decode_model {
-    const char *path, *name;   /* errors call the file `name` */
-    const char *out;           /* the .prt to write */
+    const char *path, *name; /* errors call the file `name` */
+    const char *out;         /* the .prt to write */
     double size_mm, mm_per_unit;
     const struct prt_material *material; /* kept in the .prt */
     size_t n_opaque;
@@ -44,8 +45,8 @@ struct decode_model {
 /* status PRT_OK: `out` is there, `warnings` has a line each. Called on the loop's thread. */
 typedef void (*decode_model_fn)(void *user, int status, const char *error, const char *warnings,
                                 float ms);
-void decoder_model(struct decoder *decoder, const struct decode_model *model, decode_model_fn fn,
-                   void *user);
+void decoder_model(struct decoder *decoder, const struct decode_model *model,
+                   decode_model_fn fn, void *user);
 /* A child ended; true when it was the helper (a new one starts with the next request). */
 bool decoder_reap(struct decoder *decoder, int pid);
 

@@ -39,8 +39,9 @@ _Static_assert((int)N_OPERATION <= (int)STATS_N_TYPE, "a counter for each type")
 // What a draining daemon still does: finish what is under way, and say how it is.
 static bool while_draining(uint16_t type)
 {
-    return type == RELIGHT_TYPE_CANCEL || type == RELIGHT_TYPE_PING || type == RELIGHT_TYPE_STATS
-           || type == RELIGHT_TYPE_VIEW_CLOSE || type == RELIGHT_TYPE_CANCEL_JOB;
+    return type == RELIGHT_TYPE_CANCEL || type == RELIGHT_TYPE_PING ||
+           type == RELIGHT_TYPE_STATS || type == RELIGHT_TYPE_VIEW_CLOSE ||
+           type == RELIGHT_TYPE_CANCEL_JOB;
 }
 
 static void run_operation(struct request *request)
@@ -48,11 +49,11 @@ static void run_operation(struct request *request)
     if (request->server->draining && !while_draining(request->type))
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
                      "the daemon is draining: it finishes what is open and takes nothing new");
-    else
-        operation[request->type](request);
+    else operation[request->type](request);
 }
 
-void dispatch_frame(struct connection *conn, const struct relight_frame *frame, uint8_t *payload)
+void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
+                    uint8_t *payload)
 {
     struct server *server = conn->server;
     struct request *request = request_create(conn, frame, payload);
@@ -63,12 +64,12 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame, 
              relight_type_name(type), (unsigned long long)frame->payload_size);
     if (type < N_OPERATION) server->stats.requests_total[type]++;
     if (type >= N_OPERATION || !operation[type])
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED, "type %u is unknown", type);
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED, "type %u is unknown",
+                     type);
     else if (!conn->greeted && type != RELIGHT_TYPE_HELLO)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection is HELLO");
-    else
-        material_then(request, run_operation);
+    else material_then(request, run_operation);
 }
 
 // ---- waiting for a model
@@ -120,7 +121,10 @@ static void with(struct request *request, const char *name, with_model_fn fn,
         request_fail(request, code, "%s", error);
         return;
     }
-    *w = (struct opening_wait){.request = request, .model = model, .file = file, .fn = fn,
+    *w = (struct opening_wait){.request = request,
+                               .model = model,
+                               .file = file,
+                               .fn = fn,
                                .waiter.wake = model_opened};
     model_hold(model);
     request->state = w;

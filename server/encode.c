@@ -54,7 +54,8 @@ static int encode_range(void *arg, size_t begin, size_t end, unsigned worker)
         if (e->format == RELIGHT__COLOR_FORMAT__COLOR_RGB9E5) {
             ((uint32_t *)e->to)[v] = rgb9e5(c);
         } else {
-            for (int i = 0; i < 3; i++) e->to[4 * v + (size_t)i] = (uint8_t)srgb(c[i] * e->scale);
+            for (int i = 0; i < 3; i++)
+                e->to[4 * v + (size_t)i] = (uint8_t)srgb(c[i] * e->scale);
             e->to[4 * v + 3] = 255;
         }
     }
@@ -81,10 +82,10 @@ int encode_image(const struct prt_context *ctx, const struct render_spec *s,
     size_t n = (size_t)image->width * image->height;
     struct prt_blob blob = {0};
     int status = PRT_OK;
-    if (s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_EXR
-        || s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT) {
-        status = prt_encode_exr(ctx, image, s->image_format
-                                                == RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT, &blob);
+    if (s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_EXR ||
+        s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT) {
+        status = prt_encode_exr(
+            ctx, image, s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT, &blob);
     } else if (s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_F16) {
         blob = (struct prt_blob){prt_alloc(n, 6), n * 6};
         if (!blob.bytes) return PRT_NOMEM;
@@ -96,8 +97,8 @@ int encode_image(const struct prt_context *ctx, const struct render_spec *s,
         if (!status && s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_PNG)
             status = prt_encode_png(ctx, rgb8, image->width, image->height, 3, &blob);
         else if (!status && s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_JPEG)
-            status = prt_encode_jpeg(ctx, rgb8, image->width, image->height, (int)s->quality,
-                                     &blob);
+            status =
+                prt_encode_jpeg(ctx, rgb8, image->width, image->height, (int)s->quality, &blob);
         else if (!status) {
             blob = (struct prt_blob){rgb8, n * 3};
             rgb8 = NULL;

@@ -22,8 +22,8 @@ int env_canonical(const char *env, char out[96], char error[300])
         return 0;
     }
     bool plain = !strcmp(env, "constant");
-    if (!plain && (strncmp(env, "constant:", 9)
-                   || sscanf(env + 9, "%f,%f,%f%c", &c[0], &c[1], &c[2], &tail) != 3)) {
+    if (!plain && (strncmp(env, "constant:", 9) ||
+                   sscanf(env + 9, "%f,%f,%f%c", &c[0], &c[1], &c[2], &tail) != 3)) {
         snprintf(error, 300, "light.env %.60s: neither env:HASH nor constant[:R,G,B]", env);
         return RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
     }

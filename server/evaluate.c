@@ -77,9 +77,9 @@ void op_colors(struct request *request)
     int code;
     render_spec_init(&spec);
     if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request->payload,
-                                   request->payload_size, error))
-        || (code = render_spec_shade(&spec, request->server, in->shade, error))
-        || (code = render_spec_colors(&spec, (int)in->format, in->exposure_ev, error))) {
+                                   request->payload_size, error)) ||
+        (code = render_spec_shade(&spec, request->server, in->shade, error)) ||
+        (code = render_spec_colors(&spec, (int)in->format, in->exposure_ev, error))) {
         render_spec_finish(&spec);
         request_fail(request, code, "%s", error);
         return;
@@ -96,9 +96,9 @@ void op_image(struct request *request)
     int code;
     render_spec_init(&spec);
     if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request->payload,
-                                   request->payload_size, error))
-        || (code = render_spec_shade(&spec, request->server, in->shade, error))
-        || (code = render_spec_picture(&spec, request->server, in->picture, error))) {
+                                   request->payload_size, error)) ||
+        (code = render_spec_shade(&spec, request->server, in->shade, error)) ||
+        (code = render_spec_picture(&spec, request->server, in->picture, error))) {
         render_spec_finish(&spec);
         request_fail(request, code, "%s", error);
         return;

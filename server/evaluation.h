@@ -47,11 +47,12 @@ struct fixed {
     struct prt_fixed *fixed;
     struct memo_entry *file; /* whose transport it refers to */
 };
-/* A joint transport with a material put in, for whatever light comes, once it is there: after so
- * many lights have been asked for with the material (NULL: the bake's). NULL: a plain pass. */
+/* A joint transport with a material put in, for whatever light comes, once it is there: after
+ * so many lights have been asked for with the material (NULL: the bake's). NULL: a plain pass.
+ */
 struct memo_entry *fixed_get(struct model *model, uint64_t generation, struct memo_entry *file,
-                             const struct memo_entry *light, const struct prt_material *material,
-                             const char *material_key);
+                             const struct memo_entry *light,
+                             const struct prt_material *material, const char *material_key);
 
 /* ---- answers.c: struct answer, through passes that are shared ---- */
 
@@ -59,15 +60,16 @@ struct memo_entry *fixed_get(struct model *model, uint64_t generation, struct me
 struct answer {
     unsigned n_plane;
     uint32_t n_vertex, shared; /* shared: evaluations of its pass */
-    float material_error;  /* what the transport's radial bases leave of a material given to it */
-    float values[];        /* [n_plane][n_vertex][3] */
+    float
+        material_error; /* what the transport's radial bases leave of a material given to it */
+    float values[];     /* [n_plane][n_vertex][3] */
 };
 struct answer_query {
-    int term;              /* enum prt_answer_term */
-    bool planes;           /* per-phase planes for pictures, else final colours */
+    int term;    /* enum prt_answer_term */
+    bool planes; /* per-phase planes for pictures, else final colours */
     bool has_material, has_eye;
     struct prt_material material;
-    float eye[3];          /* mm */
+    float eye[3]; /* mm */
 };
 /* The entry of `key`; when it is not there yet, it joins the model's next pass. file, light,
  * contracted and fixed are held by the pass (the last three may be NULL). */
@@ -96,18 +98,19 @@ struct memo_entry *surface_map_get(struct server *server, enum prt_screen_map_ki
 struct screen_answer {
     uint32_t n_point;
     struct prt_screen_report report;
-    float rgb[][3];        /* [n_point] of the visibility's G-buffer */
+    float rgb[][3]; /* [n_point] of the visibility's G-buffer */
 };
 struct screen_query {
-    unsigned slot;         /* of the shape */
-    int engine;            /* enum prt_screen_engine, < 0: the daemon chooses */
-    uint32_t n_sample;     /* 0: from the budget, else the engine's own */
-    float budget_ms;       /* 0: none */
-    uint32_t frame;        /* of a running mean */
+    unsigned slot;     /* of the shape */
+    int engine;        /* enum prt_screen_engine, < 0: the daemon chooses */
+    uint32_t n_sample; /* 0: from the budget, else the engine's own */
+    float budget_ms;   /* 0: none */
+    uint32_t frame;    /* of a running mean */
     bool background, has_material;
     struct prt_material material;
 };
-/* map: by enum prt_screen_map_kind, NULL: none. All entries are held while it is made. Who gives up waiting says screen_unwant. */
+/* map: by enum prt_screen_map_kind, NULL: none. All entries are held while it is made. Who
+ * gives up waiting says screen_unwant. */
 struct memo_entry *screen_get(struct server *server, const char *key,
                               const struct screen_query *query, struct memo_entry *shape,
                               struct memo_entry *seen, struct memo_entry *light,
@@ -119,7 +122,7 @@ void screen_unwant(struct memo_entry *shape, struct memo_entry *entry);
 /* The running mean of a view's pictures while nothing changes. Held by the view and by the
  * evaluation that adds to it; changed by the evaluation's worker alone. */
 struct refinement {
-    unsigned refs;         /* loop thread */
+    unsigned refs;            /* loop thread */
     uint32_t n_frame, n_mean; /* drawn; of them in the mean: those by the engine */
     uint32_t n_point, n_sample;
     int engine;

@@ -12,8 +12,8 @@
 
 static bool is_bake(const struct model *m, struct stat *st)
 {
-    return !m->foreign && m->state == RELIGHT__MODEL_STATE__MODEL_READY && m->prt[0]
-           && !stat(m->prt, st);
+    return !m->foreign && m->state == RELIGHT__MODEL_STATE__MODEL_READY && m->prt[0] &&
+           !stat(m->prt, st);
 }
 
 uint64_t bakes_bytes(const struct server *server)
@@ -33,8 +33,8 @@ static struct model *oldest(const struct server *server, const struct model *new
         struct stat st;
         if (m == newest || m->pinned || !is_bake(m, &st)) continue;
         if ((model_state(m) == RELIGHT__MODEL_STATE__MODEL_READY) != open) continue;
-        bool older = st.st_mtim.tv_sec < when.tv_sec
-                     || (st.st_mtim.tv_sec == when.tv_sec && st.st_mtim.tv_nsec < when.tv_nsec);
+        bool older = st.st_mtim.tv_sec < when.tv_sec ||
+                     (st.st_mtim.tv_sec == when.tv_sec && st.st_mtim.tv_nsec < when.tv_nsec);
         if (found && !older) continue;
         found = m;
         when = st.st_mtim;

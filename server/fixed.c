@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // Joint transport under a material that stays while lights move: once so many lights have been
-// asked for with it, it is put into the transport, on a worker, and new lights cost what they cost
-// a wavelet transport. Nobody waits for that; meanwhile, and for fewer lights, a plain pass does.
+// asked for with it, it is put into the transport, on a worker, and new lights cost what they
+// cost a wavelet transport. Nobody waits for that; meanwhile, and for fewer lights, a plain
+// pass does.
 #include "evaluation.h"
 #include "relight.pb-c.h"
 #include "request.h"
@@ -117,8 +118,8 @@ static unsigned lights_of(struct memo *memo, const char *prefix, const char *lig
 }
 
 struct memo_entry *fixed_get(struct model *model, uint64_t generation, struct memo_entry *file,
-                             const struct memo_entry *light, const struct prt_material *material,
-                             const char *material_key)
+                             const struct memo_entry *light,
+                             const struct prt_material *material, const char *material_key)
 {
     const struct prt_transport *t = prt_file_transport(file->value);
     struct memo *memo = model->server->memo;
@@ -127,7 +128,8 @@ struct memo_entry *fixed_get(struct model *model, uint64_t generation, struct me
     if (!takes_material_first(model->server, t)) return NULL;
     snprintf(prefix, sizeof prefix, "%s/%llu/material/%s", model->key,
              (unsigned long long)generation, material_key);
-    // It refers to this very map of the file, which it holds: no other has its address meanwhile.
+    // It refers to this very map of the file, which it holds: no other has its address
+    // meanwhile.
     snprintf(key, sizeof key, "%s/fixed/%llx", prefix,
              (unsigned long long)(uintptr_t)file->value);
     struct memo_entry *entry = memo_find(memo, key);

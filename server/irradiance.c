@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Irradiance at the vertices: no bake holds it, so it is traced when it is asked for, behind every
-// request that has its answer at hand.
+// Irradiance at the vertices: no bake holds it, so it is traced when it is asked for, behind
+// every request that has its answer at hand.
 #include "evaluation.h"
 #include "prt/reference.h"
 #include "relight.pb-c.h"
@@ -27,10 +27,9 @@ static int run_tracing(struct work *work, const struct prt_context *ctx)
     t->answer = malloc(sizeof *t->answer + (size_t)mesh->n_vertex * 12);
     if (!t->answer) return PRT_NOMEM;
     *t->answer = (struct answer){.n_plane = 1, .n_vertex = mesh->n_vertex, .shared = 1};
-    int status = prt_reference_colors(ctx, mesh,
-                                      t->has_material ? &t->material : &transport->material,
-                                      t->light->value, &options,
-                                      (float(*)[3])t->answer->values);
+    int status =
+        prt_reference_colors(ctx, mesh, t->has_material ? &t->material : &transport->material,
+                             t->light->value, &options, (float(*)[3])t->answer->values);
     t->ms = (float)((prt_time_s() - start) * 1e3);
     return status;
 }
@@ -64,8 +63,11 @@ struct memo_entry *irradiance_get(struct server *server, const char *key,
         memo_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return entry;
     }
-    *t = (struct tracing){.entry = entry, .file = file, .light = light,
-                          .has_material = query->has_material, .material = query->material};
+    *t = (struct tracing){.entry = entry,
+                          .file = file,
+                          .light = light,
+                          .has_material = query->has_material,
+                          .material = query->material};
     memo_hold(entry);
     memo_hold(file);
     memo_hold(light);

@@ -51,14 +51,14 @@ struct jobs {
 
 static void start_next(struct jobs *jobs);
 
-// Stages of `prt bake` in their order with the share of the time they take, so that one fraction
-// can be told for the whole. An unknown stage holds the fraction where it is.
+// Stages of `prt bake` in their order with the share of the time they take, so that one
+// fraction can be told for the whole. An unknown stage holds the fraction where it is.
 static const struct {
     const char *stage;
     double from, to;
 } stages[] = {
-    {"irradiance", 0, 0.3},  {"hierarchy", 0.3, 0.33}, {"multiple", 0.33, 0.55},
-    {"single", 0.55, 0.85},  {"measuring", 0.85, 0.99}, {"reference", 0.85, 0.99},
+    {"irradiance", 0, 0.3}, {"hierarchy", 0.3, 0.33},  {"multiple", 0.33, 0.55},
+    {"single", 0.55, 0.85}, {"measuring", 0.85, 0.99}, {"reference", 0.85, 0.99},
 };
 
 static double overall(const char *stage, double fraction, double before)
@@ -296,9 +296,15 @@ struct job *jobs_add(struct jobs *jobs, const char *model_id, struct job_order *
         free_order(order);
         return NULL;
     }
-    *job = (struct job){.next = jobs->job, .jobs = jobs, .eta_s = -1, .order = *order,
-                        .queued_ns = loop_now_ns(), .done = done, .user = user,
-                        .state = RELIGHT__JOB_STATE__JOB_QUEUED, .stage = "queued"};
+    *job = (struct job){.next = jobs->job,
+                        .jobs = jobs,
+                        .eta_s = -1,
+                        .order = *order,
+                        .queued_ns = loop_now_ns(),
+                        .done = done,
+                        .user = user,
+                        .state = RELIGHT__JOB_STATE__JOB_QUEUED,
+                        .stage = "queued"};
     snprintf(job->id, sizeof job->id, "job-%llu", (unsigned long long)++jobs->last_id);
     snprintf(job->model, sizeof job->model, "%s", model_id);
     jobs->job = job;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// Joint transport under lights that are asked for again: contracted with the light once, for every
-// material and every user to come. The first question under a light is answered by a plain pass,
-// which costs as much and keeps nothing: a light that is being turned is not seen again.
+// Joint transport under lights that are asked for again: contracted with the light once, for
+// every material and every user to come. The first question under a light is answered by a
+// plain pass, which costs as much and keeps nothing: a light that is being turned is not seen
+// again.
 #include "evaluation.h"
 #include "relight.pb-c.h"
 #include "request.h"
@@ -29,8 +30,8 @@ static int run_contracting(struct work *work, const struct prt_context *ctx)
 {
     struct contracting *c = (struct contracting *)work;
     double start = prt_time_s();
-    int status = prt_lit_create(ctx, prt_file_transport(c->file->value), c->light->value,
-                                &c->made->lit);
+    int status =
+        prt_lit_create(ctx, prt_file_transport(c->file->value), c->light->value, &c->made->lit);
     c->ms = (float)((prt_time_s() - start) * 1e3);
     return status;
 }
@@ -91,7 +92,8 @@ struct memo_entry *contracted_get(struct model *model, uint64_t generation,
     struct memo *memo = model->server->memo;
     bool fresh;
     if (!takes_light_first(prt_file_transport(file->value))) return NULL;
-    // It refers to this very map of the file, which it holds: no other has its address meanwhile.
+    // It refers to this very map of the file, which it holds: no other has its address
+    // meanwhile.
     snprintf(key, sizeof key, "%s/%llu/contracted/%llx/%s", model->key,
              (unsigned long long)generation, (unsigned long long)(uintptr_t)file->value,
              light->key);

@@ -23,18 +23,18 @@ enum { MAX_FILES = 64, MAX_OPAQUE = 64, MAX_ARGS = 64 + MAX_OPAQUE };
 
 // One LOAD under way: its request waits for a hash, then for the model to open.
 struct load {
-    struct work work;              // hashing a file of --models
+    struct work work; // hashing a file of --models
     struct memo_waiter waiter;
-    struct memo_entry *entry;      // the opening waited for
+    struct memo_entry *entry; // the opening waited for
     struct server *server;
-    struct request *request;       // NULL: nobody waits any more
-    char path[PATH_MAX];           // the model in --models, absolute; "" for uploaded files
-    char source[65];               // hash that names the source
+    struct request *request; // NULL: nobody waits any more
+    char path[PATH_MAX];     // the model in --models, absolute; "" for uploaded files
+    char source[65];         // hash that names the source
     char name[128];
-    char material[PRT_MATERIAL_TEXT];  // preset's name or canonical JSON; "" none
+    char material[PRT_MATERIAL_TEXT]; // preset's name or canonical JSON; "" none
     bool material_json;
-    struct prt_material resolved;  // the same, or what a bake without one takes
-    struct model *model;           // NULL: not known yet
+    struct prt_material resolved; // the same, or what a bake without one takes
+    struct model *model;          // NULL: not known yet
 };
 
 static void drop_load(struct load *load)
@@ -56,10 +56,10 @@ static const Relight__LoadRequest *message_of(const struct load *load)
 }
 
 // Ends the load with an error.
-#define FAIL(load, code, ...)                                                                  \
-    do {                                                                                       \
-        request_fail((load)->request, RELIGHT__ERROR_CODE__ERROR_##code, __VA_ARGS__);         \
-        drop_load(load);                                                                       \
+#define FAIL(load, code, ...)                                                          \
+    do {                                                                               \
+        request_fail((load)->request, RELIGHT__ERROR_CODE__ERROR_##code, __VA_ARGS__); \
+        drop_load(load);                                                               \
     } while (0)
 
 static void answer(struct load *load, const struct model *m)
@@ -90,7 +90,8 @@ static void opened(struct memo_waiter *waiter)
     if (load->entry->state == MEMO_FAILED) {
         request_fail(load->request, load->entry->error_code, "%s", load->entry->error);
         // Without a bake there is nothing to know such a model for.
-        if (!m->gone && m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW && m->mesh == MESH_FAILED)
+        if (!m->gone && m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW &&
+            m->mesh == MESH_FAILED)
             model_unload(m, true);
         drop_load(load);
     } else if (m->gone) {
@@ -142,7 +143,8 @@ struct args {
     size_t n;
 };
 
-static void add_arg(struct args *args, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+static void add_arg(struct args *args, const char *fmt, ...)
+    __attribute__((format(printf, 2, 3)));
 static void add_arg(struct args *args, const char *fmt, ...)
 {
     va_list list;
@@ -235,7 +237,8 @@ static bool stage_files(const struct load *load, const char *folder)
     remove_tree(folder);
     if (mkdir(folder, 0700)) return false;
     for (size_t i = 0; i < r->n_files; i++)
-        if (!stage_blob(load->server, folder, r->files[i]->name, r->files[i]->blob)) return false;
+        if (!stage_blob(load->server, folder, r->files[i]->name, r->files[i]->blob))
+            return false;
     return true;
 }
 
@@ -244,8 +247,8 @@ static bool stage(const struct load *load, struct baking *b)
     const Relight__LoadRequest *r = message_of(load);
     snprintf(b->folder, sizeof b->folder, "%s/work/%s", load->server->data, b->model->key);
     if (!stage_files(load, b->folder)) return false;
-    if (r->bake && !strncmp(r->bake->env, "env:", 4)
-        && !stage_blob(load->server, b->folder, ".environment", r->bake->env + 4))
+    if (r->bake && !strncmp(r->bake->env, "env:", 4) &&
+        !stage_blob(load->server, b->folder, ".environment", r->bake->env + 4))
         return false;
     if (!load->material_json) return true;
     char path[PATH_MAX + 16];
@@ -269,9 +272,13 @@ static void order_preview(const struct load *load, struct model *m)
             return;
         }
     }
-    struct decode_model order = {.path = path, .name = load->name, .size_mm = r->size_mm,
-                                 .mm_per_unit = r->mm_per_unit, .material = &load->resolved,
-                                 .n_opaque = r->n_opaque, .opaque = r->opaque};
+    struct decode_model order = {.path = path,
+                                 .name = load->name,
+                                 .size_mm = r->size_mm,
+                                 .mm_per_unit = r->mm_per_unit,
+                                 .material = &load->resolved,
+                                 .n_opaque = r->n_opaque,
+                                 .opaque = r->opaque};
     bool reading = m->mesh == MESH_THERE || m->mesh == MESH_READING;
     if (!reading) preview_start(m, &order, folder);
 }
@@ -387,8 +394,8 @@ static void source_known(struct load *load)
     log_line(LOG_EVENT, "load model=%s name=\"%s\" conn=%llu %s", m->id, m->name,
              (unsigned long long)load->request->conn->number, fresh ? "new" : "known");
     model_bake_path(server, id, bake);
-    if (m->state != RELIGHT__MODEL_STATE__MODEL_READY
-        && m->state != RELIGHT__MODEL_STATE__MODEL_BAKING && !access(bake, R_OK)) {
+    if (m->state != RELIGHT__MODEL_STATE__MODEL_READY &&
+        m->state != RELIGHT__MODEL_STATE__MODEL_BAKING && !access(bake, R_OK)) {
         m->state = RELIGHT__MODEL_STATE__MODEL_READY;
         snprintf(m->prt, sizeof m->prt, "%s", bake);
         server->stats.bakes_cached++;
@@ -415,8 +422,8 @@ static void source_known(struct load *load)
     answer(load, m);
 }
 
-// A .gltf names its buffers: they are part of the source. Their names are looked for as text, so
-// that nothing is parsed here; one that is missed only makes two models count as one source.
+// A .gltf names its buffers: they are part of the source. Their names are looked for as text,
+// so that nothing is parsed here; one that is missed only makes two models count as one source.
 static void add_siblings(struct relight_sha256 *sha, const char *path)
 {
     struct prt_blob text;
@@ -469,7 +476,8 @@ static bool safe_name(const char *name)
 {
     if (!name[0] || name[0] == '/' || name[0] == '.' || strlen(name) > 200) return false;
     for (const char *p = name; *p; p++)
-        if ((unsigned char)*p < 32 || *p == '\\' || (p[0] == '/' && (p[1] == '.' || p[1] == '/')))
+        if ((unsigned char)*p < 32 || *p == '\\' ||
+            (p[0] == '/' && (p[1] == '.' || p[1] == '/')))
             return false;
     return true;
 }
@@ -490,10 +498,12 @@ static bool inside_models(struct load *load, const char *path, char error[300])
     }
     size_t n = strlen(root);
     struct stat st;
-    if (strncmp(load->path, root, n) || load->path[n] != '/' || stat(load->path, &st)
-        || !S_ISREG(st.st_mode)) {
-        snprintf(error, 300, "%.100s: not a file inside the models folder (links that lead out of "
-                 "it are not followed)", path);
+    if (strncmp(load->path, root, n) || load->path[n] != '/' || stat(load->path, &st) ||
+        !S_ISREG(st.st_mode)) {
+        snprintf(error, 300,
+                 "%.100s: not a file inside the models folder (links that lead out of "
+                 "it are not followed)",
+                 path);
         return false;
     }
     return true;
@@ -526,8 +536,10 @@ static const char *bad_setting(const Relight__LoadRequest *r)
     if (b->rank > 1024) return "rank is outside [1, 1024]";
     if (b->coeffs > 98304) return "coeffs is outside [1, 98304]";
     if (b->single_points > 1 << 20) return "single_points is outside [1, 1048576]";
-    if (b->max_error != 0 && bad_real(b->max_error, 1e-6f, 1)) return "max_error is outside (0, 1]";
-    if (bad_real(b->rotate_deg, -1e6f, 1e6f)) return "rotate_deg is outside [-1e6, 1e6] degrees";
+    if (b->max_error != 0 && bad_real(b->max_error, 1e-6f, 1))
+        return "max_error is outside (0, 1]";
+    if (bad_real(b->rotate_deg, -1e6f, 1e6f))
+        return "rotate_deg is outside [-1e6, 1e6] degrees";
     return NULL;
 }
 
@@ -540,7 +552,8 @@ static bool check_material(struct load *load)
     bool preset;
     load->resolved = *prt_material_preset(0); // as prt bake
     if (!r->material[0]) {
-        // As prt bake: where no transport is named either, a bake that leaves the material open.
+        // As prt bake: where no transport is named either, a bake that leaves the material
+        // open.
         bool fixed = r->bake && r->bake->transport == RELIGHT__TRANSPORT__TRANSPORT_WAVELET;
         if (fixed)
             request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
@@ -576,7 +589,8 @@ static bool check_files(struct load *load)
                          "%.100s: its blob was not uploaded", f->name);
             return false;
         }
-        // The first file's name matters for its ending only, the others are referred to by theirs.
+        // The first file's name matters for its ending only, the others are referred to by
+        // theirs.
         const char *dot = strrchr(f->name, '.');
         const char *name = i ? f->name : dot ? dot : "";
         relight_sha256_add(&sha, name, strlen(name) + 1);
@@ -618,13 +632,13 @@ void models_load(struct request *request)
         FAIL(load, OUT_OF_RANGE, "%s", bad);
         return;
     }
-    if (r->bake && !strncmp(r->bake->env, "env:", 4)
-        && !blobs_has(load->server->blobs, r->bake->env + 4)) {
+    if (r->bake && !strncmp(r->bake->env, "env:", 4) &&
+        !blobs_has(load->server->blobs, r->bake->env + 4)) {
         FAIL(load, NOT_FOUND, "bake.env: %.80s was not uploaded", r->bake->env);
         return;
     }
-    if (r->bake && r->bake->env[0] && strncmp(r->bake->env, "env:", 4)
-        && strncmp(r->bake->env, "constant", 8)) {
+    if (r->bake && r->bake->env[0] && strncmp(r->bake->env, "env:", 4) &&
+        strncmp(r->bake->env, "constant", 8)) {
         FAIL(load, BAD_REQUEST, "bake.env: neither env:HASH nor constant");
         return;
     }

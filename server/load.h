@@ -16,8 +16,8 @@ bool model_is_last(const struct model *model);
 /* Opens a .prt on a worker and fills the entry, of which it takes a reference. */
 void model_start_opening(struct model *model, struct memo_entry *entry, const char *path,
                          bool preview);
-/* Reads a model's file into DATA/previews/ID.prt, unless that is there or under way. folder: what
- * to remove when it was read; "" for none. */
+/* Reads a model's file into DATA/previews/ID.prt, unless that is there or under way. folder:
+ * what to remove when it was read; "" for none. */
 struct decode_model;
 void preview_start(struct model *model, const struct decode_model *order, const char *folder);
 /* The bake is there, or the model is forgotten. */

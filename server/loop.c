@@ -22,8 +22,8 @@ struct loop {
     struct loop_watch wake, clock, signal;
     struct loop_timer **heap;
     size_t n_timer, timer_room;
-    uint64_t armed_ns;             // what timerfd is set to; 0: nothing
-    pthread_mutex_t lock;          // guards the message list
+    uint64_t armed_ns;    // what timerfd is set to; 0: nothing
+    pthread_mutex_t lock; // guards the message list
     struct loop_message *first, **last;
     struct epoll_event batch[BATCH];
     int n_batch, next_batch;
@@ -83,8 +83,8 @@ static void heap_down(struct loop *loop, size_t i)
     for (;;) {
         size_t child = 2 * i + 1;
         if (child >= loop->n_timer) break;
-        if (child + 1 < loop->n_timer
-            && loop->heap[child + 1]->at_ns < loop->heap[child]->at_ns)
+        if (child + 1 < loop->n_timer &&
+            loop->heap[child + 1]->at_ns < loop->heap[child]->at_ns)
             child++;
         if (loop->heap[child]->at_ns >= timer->at_ns) break;
         heap_put(loop, i, loop->heap[child]);
@@ -98,7 +98,8 @@ static void arm_clock(struct loop *loop)
     uint64_t at = loop->n_timer ? loop->heap[0]->at_ns : 0;
     if (at == loop->armed_ns) return;
     loop->armed_ns = at;
-    struct itimerspec spec = {.it_value = {(time_t)(at / 1000000000u), (long)(at % 1000000000u)}};
+    struct itimerspec spec = {
+        .it_value = {(time_t)(at / 1000000000u), (long)(at % 1000000000u)}};
     timerfd_settime(loop->clock.fd, TFD_TIMER_ABSTIME, &spec, NULL);
 }
 
@@ -156,7 +157,8 @@ void loop_post(struct loop *loop, struct loop_message *message)
     loop->last = &message->next;
     pthread_mutex_unlock(&loop->lock);
     uint64_t one = 1;
-    if (first && write(loop->wake.fd, &one, sizeof one) < 0) return; // counter full: awake anyway
+    if (first && write(loop->wake.fd, &one, sizeof one) < 0)
+        return; // counter full: awake anyway
 }
 
 static void wake_ready(struct loop_watch *watch, uint32_t events)
@@ -221,9 +223,9 @@ int loop_create(struct loop **out)
     loop->clock = (struct loop_watch){
         timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC), clock_ready};
     the_loop = loop;
-    if (loop->epoll_fd < 0 || loop->wake.fd < 0 || loop->clock.fd < 0
-        || loop_watch_add(loop, &loop->wake, EPOLLIN)
-        || loop_watch_add(loop, &loop->clock, EPOLLIN)) {
+    if (loop->epoll_fd < 0 || loop->wake.fd < 0 || loop->clock.fd < 0 ||
+        loop_watch_add(loop, &loop->wake, EPOLLIN) ||
+        loop_watch_add(loop, &loop->clock, EPOLLIN)) {
         int err = -errno;
         loop_destroy(loop);
         return err;

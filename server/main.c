@@ -116,8 +116,8 @@ static int open_data(void)
                  fd < 0 ? strerror(errno) : "another relightd uses it");
         return -1;
     }
-    if (make_folder("blobs") || make_folder("bakes") || make_folder("models")
-        || make_folder("work") || make_folder("previews"))
+    if (make_folder("blobs") || make_folder("bakes") || make_folder("models") ||
+        make_folder("work") || make_folder("previews"))
         return -1;
     snprintf(path, sizeof path, "%s/blobs", server.data);
     return blobs_open(path, server.options.max_blob, server.options.disk, &server.blobs);
@@ -171,8 +171,8 @@ static int start(void)
     unsigned cpu = prt_cpu_detect();
     int level = log_level_parse(o->log);
     if (level < 0 || (o->cpu[0] && prt_cpu_parse(o->cpu, &cpu))) {
-        fprintf(stderr, "relightd: --%s\n", level < 0 ? "log: error, warning, event or trace"
-                                                      : "cpu: c, avx2 or avx512");
+        fprintf(stderr, "relightd: --%s\n",
+                level < 0 ? "log: error, warning, event or trace" : "cpu: c, avx2 or avx512");
         exit(2);
     }
     log_set_level((enum log_level)level);
@@ -184,19 +184,19 @@ static int start(void)
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
     unsigned threads = o->threads ? o->threads : server.n_core;
-    if (read_token() || check_models() || loop_create(&server.loop)
-        || loop_signals(server.loop, signals, 3, on_signal, NULL) || open_data()
-        || memo_create(o->cache, &server.memo) || memo_create(o->memory, &server.files)
-        || decoder_create(server.loop, o->decode_memory, &server.decoder)
-        || work_pool_create(server.loop, threads, cpu, &server.work)
-        || jobs_create(&server, &job_runner_child, &server.jobs)
-        || models_create(&server, &server.models) || listen_everywhere())
+    if (read_token() || check_models() || loop_create(&server.loop) ||
+        loop_signals(server.loop, signals, 3, on_signal, NULL) || open_data() ||
+        memo_create(o->cache, &server.memo) || memo_create(o->memory, &server.files) ||
+        decoder_create(server.loop, o->decode_memory, &server.decoder) ||
+        work_pool_create(server.loop, threads, cpu, &server.work) ||
+        jobs_create(&server, &job_runner_child, &server.jobs) ||
+        models_create(&server, &server.models) || listen_everywhere())
         return -1;
     memo_hold_files(server.memo, server.files);
     house_timer.fire = keep_house;
     keep_house(&house_timer);
-    log_line(LOG_EVENT, "start version=0.1.0 pid=%d threads=%u data=%s%s", (int)getpid(), threads,
-             server.data, server.data_temporary ? " (temporary)" : "");
+    log_line(LOG_EVENT, "start version=0.1.0 pid=%d threads=%u data=%s%s", (int)getpid(),
+             threads, server.data, server.data_temporary ? " (temporary)" : "");
     warm_start(server.work);
     sd_notify(0, "READY=1");
     return 0;
@@ -236,14 +236,15 @@ static void stop(void)
     jobs_destroy(server.jobs);
     blobs_close(server.blobs);
     loop_destroy(server.loop);
-    if (server.data_temporary && server.data[0]
-        && nftw(server.data, remove_one, 16, FTW_DEPTH | FTW_PHYS))
+    if (server.data_temporary && server.data[0] &&
+        nftw(server.data, remove_one, 16, FTW_DEPTH | FTW_PHYS))
         log_line(LOG_WARN, "temporary data folder %s could not be removed", server.data);
 }
 
 int main(int argc, char **argv)
 {
-    if (argc == 3 && !strcmp(argv[1], "--decode-helper")) return decode_helper_main(atoi(argv[2]));
+    if (argc == 3 && !strcmp(argv[1], "--decode-helper"))
+        return decode_helper_main(atoi(argv[2]));
     for (int fd = 0; fd < 3; fd++) // children are given descriptors by these numbers
         if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", O_RDWR) < 0) return 1;
     options_parse(argc, argv, &server.options);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Materials by their text. Those with a profile of their own are parsed on a worker and kept in the
-// memo; requests that name one wait for it.
+// Materials by their text. Those with a profile of their own are parsed on a worker and kept in
+// the memo; requests that name one wait for it.
 #include "materials.h"
 
 #include "frame.h"
@@ -30,13 +30,13 @@ static void parse(const struct prt_context *ctx, const char *text, struct resolv
              keep.error[0] ? keep.error : prt_status_text(out->status));
 }
 
-// Four numbers for each channel are read in microseconds. What may be more: an escaped letter may
-// spell the same word.
+// Four numbers for each channel are read in microseconds. What may be more: an escaped letter
+// may spell the same word.
 static bool is_slow(const char *text)
 {
-    return text[0] == '{'
-           && (strlen(text) > QUICK_BYTES || strstr(text, "profile") || strchr(text, '\\'))
-           && strlen(text) <= MATERIAL_BYTES;
+    return text[0] == '{' &&
+           (strlen(text) > QUICK_BYTES || strstr(text, "profile") || strchr(text, '\\')) &&
+           strlen(text) <= MATERIAL_BYTES;
 }
 
 static void name(const char *text, char key[64])
@@ -135,11 +135,11 @@ static struct memo_entry *resolved_get(struct server *server, const char *text)
 // ---- requests that wait
 
 struct material_wait {
-    struct memo_waiter waiter; // first
+    struct memo_waiter waiter;  // first
     struct material_wait *next; // of the connection's views, in their order
-    struct connection *conn;   // NULL: not about a view, or closed
-    struct request *request;   // NULL: nobody waits any more
-    struct memo_entry *entry;  // NULL: waits for its turn alone
+    struct connection *conn;    // NULL: not about a view, or closed
+    struct request *request;    // NULL: nobody waits any more
+    struct memo_entry *entry;   // NULL: waits for its turn alone
     bool ready;
     void (*run)(struct request *request);
 };
@@ -191,8 +191,8 @@ void materials_drop(struct connection *conn)
 
 static bool about_views(uint16_t type)
 {
-    return type == RELIGHT_TYPE_VIEW_OPEN || type == RELIGHT_TYPE_VIEW_SET
-           || type == RELIGHT_TYPE_VIEW_CLOSE;
+    return type == RELIGHT_TYPE_VIEW_OPEN || type == RELIGHT_TYPE_VIEW_SET ||
+           type == RELIGHT_TYPE_VIEW_CLOSE;
 }
 
 static const char *material_of(const struct request *request)
@@ -201,12 +201,22 @@ static const char *material_of(const struct request *request)
     const Relight__Shade *shade = NULL;
     const Relight__ViewState *state = NULL;
     switch (request->type) {
-    case RELIGHT_TYPE_LOAD: return ((const Relight__LoadRequest *)m)->material;
-    case RELIGHT_TYPE_COLORS: shade = ((const Relight__ColorsRequest *)m)->shade; break;
-    case RELIGHT_TYPE_IMAGE: shade = ((const Relight__ImageRequest *)m)->shade; break;
-    case RELIGHT_TYPE_VIEW_OPEN: state = ((const Relight__ViewOpenRequest *)m)->state; break;
-    case RELIGHT_TYPE_VIEW_SET: state = ((const Relight__ViewSetRequest *)m)->state; break;
-    default: break;
+    case RELIGHT_TYPE_LOAD:
+        return ((const Relight__LoadRequest *)m)->material;
+    case RELIGHT_TYPE_COLORS:
+        shade = ((const Relight__ColorsRequest *)m)->shade;
+        break;
+    case RELIGHT_TYPE_IMAGE:
+        shade = ((const Relight__ImageRequest *)m)->shade;
+        break;
+    case RELIGHT_TYPE_VIEW_OPEN:
+        state = ((const Relight__ViewOpenRequest *)m)->state;
+        break;
+    case RELIGHT_TYPE_VIEW_SET:
+        state = ((const Relight__ViewSetRequest *)m)->state;
+        break;
+    default:
+        break;
     }
     if (state) shade = state->shade;
     return shade ? shade->material : "";
@@ -231,8 +241,12 @@ void material_then(struct request *request, void (*run)(struct request *request)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
-    *w = (struct material_wait){.waiter.wake = resolved, .request = request, .entry = entry,
-                                .ready = !pending, .run = run, .conn = views ? conn : NULL};
+    *w = (struct material_wait){.waiter.wake = resolved,
+                                .request = request,
+                                .entry = entry,
+                                .ready = !pending,
+                                .run = run,
+                                .conn = views ? conn : NULL};
     request->state = w;
     request->abandon = abandon;
     struct material_wait **last = &conn->waits;

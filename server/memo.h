@@ -18,8 +18,8 @@ struct memo_waiter {
 };
 
 struct memo_entry {
-    struct memo_entry *chain;          /* of its hash bucket */
-    struct memo_entry *newer, *older;  /* use order, while unreferenced */
+    struct memo_entry *chain;         /* of its hash bucket */
+    struct memo_entry *newer, *older; /* use order, while unreferenced */
     uint64_t hash;
     char *key;
     enum memo_state state;
@@ -27,13 +27,13 @@ struct memo_entry {
     void *value;
     size_t bytes;
     void (*destroy)(void *value);
-    float ms;                          /* what making it took */
-    int error_code;                    /* protocol's error code when FAILED */
+    float ms;       /* what making it took */
+    int error_code; /* protocol's error code when FAILED */
     char error[320];
     struct memo_waiter *waiters;
     struct memo *memo;
-    bool forgotten;                    /* left the table; freed with its last reference */
-    bool holds_file;                   /* its value holds an entry of another memo */
+    bool forgotten;  /* left the table; freed with its last reference */
+    bool holds_file; /* its value holds an entry of another memo */
 };
 
 struct memo;
@@ -52,13 +52,13 @@ void memo_fill(struct memo_entry *entry, void *value, size_t bytes, void (*destr
 /* Wakes the waiters; the entry is forgotten, so that a later request tries anew. */
 void memo_fail(struct memo_entry *entry, int error_code, const char *text);
 void memo_wait(struct memo_entry *entry, struct memo_waiter *waiter);
-/* Forgets all entries whose key starts so (a model was unloaded): nobody finds them any more, and
- * who uses one keeps it. `pending`: those that are still being made, too. */
+/* Forgets all entries whose key starts so (a model was unloaded): nobody finds them any more,
+ * and who uses one keeps it. `pending`: those that are still being made, too. */
 void memo_forget(struct memo *memo, const char *prefix, bool pending);
 /* The same of one entry, found or not. */
 void memo_forget_entry(struct memo_entry *entry);
-/* Values of `holders` (holds_file) hold entries of `files`: where those are over their budget and
- * all in use, holders that nobody uses go first. */
+/* Values of `holders` (holds_file) hold entries of `files`: where those are over their budget
+ * and all in use, holders that nobody uses go first. */
 void memo_hold_files(struct memo *holders, struct memo *files);
 
 struct memo_counts {

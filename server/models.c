@@ -75,8 +75,9 @@ struct model *models_find(struct models *models, const char *text, char error[25
         found = find_once(models, text, &n);
     }
     if (n == 1) return found;
-    snprintf(error, 256, n ? "%.100s: %u models are called so; use an id" : "%.100s: no such model",
-             text, n);
+    snprintf(error, 256,
+             n ? "%.100s: %u models are called so; use an id" : "%.100s: no such model", text,
+             n);
     return NULL;
 }
 
@@ -93,8 +94,8 @@ bool model_is_last(const struct model *m)
     return !other || other == m;
 }
 
-// What was opened and computed for it: who uses some of it keeps that. A file that is being read or
-// opened comes to its end, unless the model goes altogether.
+// What was opened and computed for it: who uses some of it keeps that. A file that is being
+// read or opened comes to its end, unless the model goes altogether.
 static void model_forget_results(struct model *m, bool all)
 {
     char prefix[sizeof m->key + 1];
@@ -194,7 +195,8 @@ static void recall(struct models *models, const char *path, const char *id)
     if (json && !strcmp(json_text(json, "id"), id) && (baked || read))
         m = model_add(models, id, json_text(json, "name"));
     if (m) {
-        m->state = baked ? RELIGHT__MODEL_STATE__MODEL_READY : RELIGHT__MODEL_STATE__MODEL_PREVIEW;
+        m->state =
+            baked ? RELIGHT__MODEL_STATE__MODEL_READY : RELIGHT__MODEL_STATE__MODEL_PREVIEW;
         if (read) m->mesh = MESH_THERE;
         m->pinned = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "pinned"));
         if (json_text(json, "warnings")[0]) m->warnings = strdup(json_text(json, "warnings"));
@@ -368,9 +370,9 @@ static int run_opening(struct work *work, const struct prt_context *ctx)
 {
     struct opening *o = (struct opening *)work;
     double start = prt_time_s();
-    int status = prt_file_open(ctx, o->path,
-                               o->entry || o->glance ? PRT_FILE_CHECK_HEADERS
-                                                     : PRT_FILE_CHECK_ALL, &o->file);
+    int status = prt_file_open(
+        ctx, o->path, o->entry || o->glance ? PRT_FILE_CHECK_HEADERS : PRT_FILE_CHECK_ALL,
+        &o->file);
     o->ms = (float)((prt_time_s() - start) * 1e3);
     return status;
 }
@@ -391,8 +393,10 @@ static void learn_mesh(struct model *m, const struct prt_file *file)
     const struct prt_mesh *mesh = &prt_file_transport(file)->mesh;
     struct model_facts *f = &m->facts;
     if (f->known) return;
-    *f = (struct model_facts){.known = true, .n_vertex = mesh->n_vertex,
-                              .n_triangle = mesh->n_triangle, .n_object = mesh->n_object,
+    *f = (struct model_facts){.known = true,
+                              .n_vertex = mesh->n_vertex,
+                              .n_triangle = mesh->n_triangle,
+                              .n_object = mesh->n_object,
                               .mm_per_unit = mesh->mm_per_unit};
     prt_mesh_bounds(mesh, f->file_box);
     memcpy(f->box, f->file_box, sizeof f->box);
@@ -404,11 +408,16 @@ static void learn_facts(struct model *m, const struct prt_file *file)
     struct model_facts *f = &m->facts;
     float box[2][3];
     memcpy(box, f->box, sizeof box);
-    *f = (struct model_facts){.known = true, .baked = true, .n_vertex = t->mesh.n_vertex,
-                              .n_triangle = t->mesh.n_triangle, .n_object = t->mesh.n_object,
-                              .mm_per_unit = t->mesh.mm_per_unit, .engine = t->engine,
+    *f = (struct model_facts){.known = true,
+                              .baked = true,
+                              .n_vertex = t->mesh.n_vertex,
+                              .n_triangle = t->mesh.n_triangle,
+                              .n_object = t->mesh.n_object,
+                              .mm_per_unit = t->mesh.mm_per_unit,
+                              .engine = t->engine,
                               .storage = t->n_tensor ? t->tensor[0].storage : 0,
-                              .cube = t->cube, .bytes = prt_file_bytes(file),
+                              .cube = t->cube,
+                              .bytes = prt_file_bytes(file),
                               .error_multiple = json_error(t->errors, "multiple"),
                               .error_single = json_error(t->errors, "single"),
                               .error_total = json_error(t->errors, "total")};
@@ -480,7 +489,8 @@ static void is_open(struct opening *o)
     if (!m->gone) bakes_touch(m);
     o->entry->ms = o->ms;
     memo_fill(o->entry, o->file, prt_file_bytes(o->file), close_file);
-    if (o->preview && m->state == RELIGHT__MODEL_STATE__MODEL_READY && !m->gone) preview_remove(m);
+    if (o->preview && m->state == RELIGHT__MODEL_STATE__MODEL_READY && !m->gone)
+        preview_remove(m);
     // Reads every byte once, behind the requests.
     if (first && !m->gone) start_opening(m, NULL, m->prt, false, false);
 }
@@ -518,7 +528,8 @@ static void start_opening(struct model *m, struct memo_entry *entry, const char 
     work_submit(m->server->work, &o->work);
 }
 
-void model_start_opening(struct model *m, struct memo_entry *entry, const char *path, bool preview)
+void model_start_opening(struct model *m, struct memo_entry *entry, const char *path,
+                         bool preview)
 {
     start_opening(m, entry, path, preview, false);
 }

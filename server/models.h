@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT */
 /* models.h owns the registry: what is loaded, how it came to be, and the open .prt files that
  * requests lease. received -> preview -> baking -> ready <-> unloaded, or failed. A model's id
- * is the hash of its source's bytes, material and settings, so the same load twice is one model,
- * and its bake DATA/bakes/ID.prt is found again after a restart. Until it is baked, its mesh is
- * DATA/previews/ID.prt, a file without light transport. */
+ * is the hash of its source's bytes, material and settings, so the same load twice is one
+ * model, and its bake DATA/bakes/ID.prt is found again after a restart. Until it is baked, its
+ * mesh is DATA/previews/ID.prt, a file without light transport. */
 #ifndef RELIGHTD_MODELS_H
 #define RELIGHTD_MODELS_H
 
@@ -18,7 +18,7 @@ enum { MODEL_ID = 16 };
 
 /* Known once a model was opened; kept while it is unloaded. */
 struct model_facts {
-    bool known, baked;      /* of a bake: else of the mesh alone */
+    bool known, baked; /* of a bake: else of the mesh alone */
     uint32_t n_vertex, n_triangle, n_object;
     float mm_per_unit, box[2][3], file_box[2][3]; /* mm; as it is, and in the file */
     uint32_t engine, storage, cube;
@@ -36,38 +36,43 @@ struct model_watcher {
     void (*changed)(struct model_watcher *watcher);
 };
 
-enum mesh_state { MESH_NONE, MESH_READING, MESH_THERE, MESH_FAILED }; /* of the preview's file */
+enum mesh_state {
+    MESH_NONE,
+    MESH_READING,
+    MESH_THERE,
+    MESH_FAILED
+}; /* of the preview's file */
 
 struct model {
     struct model *next;
     struct server *server;
     char id[MODEL_ID + 1], name[128];
-    char key[MODEL_ID + 12]; /* begins its memo keys and names its folders: no other struct has it,
-                              * not even of the same id, forgotten and loaded again */
-    int state;              /* Relight__ModelState; READY and UNLOADED by model_state() */
-    bool checked;           /* every byte of its bake was read once */
-    bool pinned, foreign;   /* foreign: the .prt lies in --models and is not ours to delete */
+    char key[MODEL_ID + 12]; /* begins its memo keys and names its folders: no other struct has
+                              * it, not even of the same id, forgotten and loaded again */
+    int state;               /* Relight__ModelState; READY and UNLOADED by model_state() */
+    bool checked;            /* every byte of its bake was read once */
+    bool pinned, foreign;    /* foreign: the .prt lies in --models and is not ours to delete */
     char prt[PATH_MAX];
-    struct job *job;        /* while it is open */
-    char job_id[24];        /* the last one's; "": none was */
+    struct job *job; /* while it is open */
+    char job_id[24]; /* the last one's; "": none was */
     struct memo_entry *pin;
     struct model_facts facts;
-    char *warnings;         /* lines; NULL: none */
+    char *warnings; /* lines; NULL: none */
     int error_code;
     char error[400];
-    uint64_t generation;    /* of the geometry: grows when vertices move */
+    uint64_t generation;       /* of the geometry: grows when vertices move */
     uint64_t baked_generation; /* what the file's mesh is */
-    struct pose *pose;      /* NULL: vertices are where the file has them */
+    struct pose *pose;         /* NULL: vertices are where the file has them */
     enum mesh_state mesh;
     int mesh_error_code;
     char mesh_error[300];
-    bool gone;              /* forgotten; only who holds it knows it still */
+    bool gone; /* forgotten; only who holds it knows it still */
     struct model_watcher *watcher;
     struct pass *pass;
-    struct prt_camera frame; /* what frames this generation at this aspect, worked out once */
+    struct prt_camera frame;   /* what frames this generation at this aspect, worked out once */
     uint64_t frame_generation; /* 0: none was */
     float frame_aspect;
-    unsigned users;         /* the registry and who computes with it */
+    unsigned users; /* the registry and who computes with it */
 };
 
 int models_create(struct server *server, struct models **out);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The operations that look and store: hello, ping, list, put-blob, watch, cancel, info, geometry,
-// unload, stats.
+// The operations that look and store: hello, ping, list, put-blob, watch, cancel, info,
+// geometry, unload, stats.
 #include "dispatch.h"
 #include "log.h"
 #include "models.h"
@@ -26,7 +26,8 @@ static bool token_is_right(const struct server *server, const char *said)
     size_t n = strlen(server->token), m = strlen(said);
     unsigned differs = n != m;
     if (!n) return true; // none is wanted
-    for (size_t i = 0; i < n; i++) differs |= (unsigned char)(server->token[i] ^ said[m ? i % m : 0]);
+    for (size_t i = 0; i < n; i++)
+        differs |= (unsigned char)(server->token[i] ^ said[m ? i % m : 0]);
     return !differs;
 }
 
@@ -35,7 +36,8 @@ void op_hello(struct request *request)
     const Relight__HelloRequest *in = MESSAGE(HelloRequest);
     const struct options *o = &request->server->options;
     struct connection *conn = request->conn;
-    if (in->version_min > RELIGHT_PROTOCOL_VERSION || in->version_max < RELIGHT_PROTOCOL_VERSION) {
+    if (in->version_min > RELIGHT_PROTOCOL_VERSION ||
+        in->version_max < RELIGHT_PROTOCOL_VERSION) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_VERSION,
                      "the client speaks versions %u to %u, this daemon version %d",
                      in->version_min, in->version_max, RELIGHT_PROTOCOL_VERSION);
@@ -54,8 +56,8 @@ void op_hello(struct request *request)
         return;
     }
     conn->greeted = true;
-    conn->decoder.limits = (struct relight_frame_limits){SERVER_MAX_HEADER, SERVER_MAX_PAYLOAD,
-                                                         true};
+    conn->decoder.limits =
+        (struct relight_frame_limits){SERVER_MAX_HEADER, SERVER_MAX_PAYLOAD, true};
     conn->max_payload = in->max_payload;
     log_line(LOG_EVENT, "hello conn=%llu client=\"%s\"", (unsigned long long)conn->number,
              in->client);
@@ -69,8 +71,8 @@ void op_hello(struct request *request)
     out.max_blob = o->max_blob;
     out.chunk = SERVER_CHUNK;
     out.presets = presets;
-    for (const struct prt_material *m; out.n_presets < 64
-                                       && (m = prt_material_preset((unsigned)out.n_presets));)
+    for (const struct prt_material *m;
+         out.n_presets < 64 && (m = prt_material_preset((unsigned)out.n_presets));)
         presets[out.n_presets++] = (char *)m->name;
     request_answer(request, &out.base, NULL);
 }
@@ -101,8 +103,8 @@ static bool looks_like_light(const struct server *server, const char *hash)
     FILE *file = fopen(path, "rbe");
     size_t n = file ? fread(bytes, 1, sizeof bytes, file) : 0;
     if (file) fclose(file);
-    return n == 4 && (!memcmp(bytes, "#?", 2) || !memcmp(bytes, "\x76\x2f\x31\x01", 4)
-                      || !memcmp(bytes, "DDS ", 4));
+    return n == 4 && (!memcmp(bytes, "#?", 2) || !memcmp(bytes, "\x76\x2f\x31\x01", 4) ||
+                      !memcmp(bytes, "DDS ", 4));
 }
 
 void op_put_blob(struct request *request)
@@ -211,8 +213,8 @@ static size_t list_files(const char *folder, Relight__FileEntry **out)
     DIR *dir = folder[0] ? opendir(folder) : NULL;
     for (struct dirent *d; dir && n < MAX_LISTED && (d = readdir(dir));) {
         struct stat st;
-        if (!is_model_file(d->d_name) || fstatat(dirfd(dir), d->d_name, &st, 0)
-            || !S_ISREG(st.st_mode))
+        if (!is_model_file(d->d_name) || fstatat(dirfd(dir), d->d_name, &st, 0) ||
+            !S_ISREG(st.st_mode))
             continue;
         Relight__FileEntry *e = malloc(sizeof *e);
         if (!e) break;
@@ -412,8 +414,11 @@ static void geometry_ready(struct request *request, struct model *m, struct memo
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
-    *g = (struct geometry){.request = request, .shape = shape, .generation = m->generation,
-                           .normals = !in->no_normals, .triangles = !in->no_triangles};
+    *g = (struct geometry){.request = request,
+                           .shape = shape,
+                           .generation = m->generation,
+                           .normals = !in->no_normals,
+                           .triangles = !in->no_triangles};
     g->scale = in->own_units && mesh->mm_per_unit > 0 ? 1 / mesh->mm_per_unit : 1;
     size_t vectors = (size_t)mesh->n_vertex * 12;
     g->size = vectors;
@@ -452,7 +457,8 @@ void op_unload(struct request *request)
     if (!forget) m->pinned = false;
     model_hold(m);
     out.freed_bytes = model_unload(m, forget);
-    out.state = forget ? RELIGHT__MODEL_STATE__MODEL_UNKNOWN : (Relight__ModelState)model_state(m);
+    out.state =
+        forget ? RELIGHT__MODEL_STATE__MODEL_UNKNOWN : (Relight__ModelState)model_state(m);
     model_release(m);
     request_answer(request, &out.base, NULL);
 }
@@ -479,7 +485,9 @@ void op_watch(struct request *request)
         }
     }
     if (job) jobs_watch(server->jobs, job, request);
-    else request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%.100s: no such job", name);
+    else
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%.100s: no such job",
+                     name);
 }
 
 void op_cancel_job(struct request *request)

@@ -18,13 +18,18 @@ struct row {
     const char *word, *value, *preset, *text;
 };
 static const struct row table[] = {
-#define X(kind, field, word, value, preset, text)                                              \
+#define X(kind, field, word, value, preset, text) \
     {KIND_##kind, offsetof(struct options, field), word, value, preset, text},
     OPTIONS_LIST(X)
 #undef X
 };
-enum { N_ROW = sizeof table / sizeof *table, KEY_FIRST = 0x100, KEY_CONFIG = 0x400,
-       KEY_LISTEN, KEY_PRINT };
+enum {
+    N_ROW = sizeof table / sizeof *table,
+    KEY_FIRST = 0x100,
+    KEY_CONFIG = 0x400,
+    KEY_LISTEN,
+    KEY_PRINT
+};
 
 const char *argp_program_version = "relightd 0.1.0";
 
@@ -187,8 +192,8 @@ void options_parse(int argc, char **argv, struct options *options)
     for (size_t i = 0; i < N_ROW; i++) {
         snprintf(doc[i], sizeof doc[i], "%s%s%s%s", table[i].text, *table[i].preset ? " (" : "",
                  table[i].preset, *table[i].preset ? ")" : "");
-        list[i + 3] = (struct argp_option){table[i].word, KEY_FIRST + (int)i, table[i].value, 0,
-                                           doc[i], 0};
+        list[i + 3] = (struct argp_option){
+            table[i].word, KEY_FIRST + (int)i, table[i].value, 0, doc[i], 0};
     }
     struct argp argp = {list, parse_one, NULL,
                         "The relighting daemon: holds precomputed light transport and answers "

@@ -10,56 +10,56 @@
 enum { OPTIONS_MAX_LISTEN = 16 };
 
 /* kind, field, word, value's name, default, explanation */
-#define OPTIONS_LIST(X)                                                                        \
-    X(TEXT, models, "models", "DIR", "",                                                       \
-      "Folder whose model files (.glb .gltf .obj .ply) and .prt files are available by name")  \
-    X(TEXT, data, "data", "DIR", "",                                                           \
-      "Folder for uploads, bakes and the catalogue; survives restarts. Empty: a temporary "    \
-      "folder that is removed at the end")                                                     \
-    X(TEXT, http, "http", "HOST:PORT", "",                                                     \
-      "Serve HTTP and WebSocket here: /healthz /metrics /ws and the page. Empty: no HTTP")     \
-    X(TEXT, page, "page", "DIR", "", "Folder of static files that HTTP serves at /")           \
-    X(TEXT, origins, "origins", "LIST", "",                                                    \
-      "Web origins, comma-separated, that may open the WebSocket beside the page's own; * for "\
-      "all")                                                                                   \
-    X(TEXT, token_file, "token-file", "FILE", "",                                              \
-      "First line: the token a client must say in HELLO. Empty: none is wanted")               \
-    X(TEXT, prt, "prt", "PROGRAM", "",                                                         \
-      "The prt program that bakes. Empty: the one beside relightd, else on PATH")              \
-    X(TEXT, log, "log", "LEVEL", "event", "error, warning, event or trace")                    \
-    X(TEXT, cpu, "cpu", "ISA", "", "Widest instruction set: c, avx2, avx512. Empty: detect")   \
-    X(COUNT, threads, "threads", "N", "0", "Worker threads. 0: one a core")                    \
-    X(COUNT, bakes, "bakes", "N", "1", "Bakes that run at once; others wait their turn")       \
-    X(COUNT, bake_queue, "bake-queue", "N", "64", "Bakes that may wait; more are refused")     \
-    X(COUNT, bake_threads, "bake-threads", "N", "0", "Threads of one bake. 0: one a core")     \
-    X(COUNT, bake_nice, "bake-nice", "N", "5",                                                 \
-      "How far a bake steps back for relighting, 0 to 19. On a machine that is busy with other " \
-      "things a large value may starve it")                                                    \
-    X(BYTES, memory, "memory", "BYTES", "8G",                                                  \
-      "Baked transport held ready; beyond it the least recently used model is unloaded")       \
-    X(BYTES, cache, "cache", "BYTES", "1G",                                                    \
-      "Decoded environments, lights, visibility buffers and colours kept for reuse")           \
-    X(BYTES, disk, "disk", "BYTES", "64G", "Uploads and bakes kept under --data in all")       \
-    X(BYTES, bakes_disk, "bakes-disk", "BYTES", "32G",                                         \
+#define OPTIONS_LIST(X)                                                                           \
+    X(TEXT, models, "models", "DIR", "",                                                          \
+      "Folder whose model files (.glb .gltf .obj .ply) and .prt files are available by name")     \
+    X(TEXT, data, "data", "DIR", "",                                                              \
+      "Folder for uploads, bakes and the catalogue; survives restarts. Empty: a temporary "       \
+      "folder that is removed at the end")                                                        \
+    X(TEXT, http, "http", "HOST:PORT", "",                                                        \
+      "Serve HTTP and WebSocket here: /healthz /metrics /ws and the page. Empty: no HTTP")        \
+    X(TEXT, page, "page", "DIR", "", "Folder of static files that HTTP serves at /")              \
+    X(TEXT, origins, "origins", "LIST", "",                                                       \
+      "Web origins, comma-separated, that may open the WebSocket beside the page's own; * for "   \
+      "all")                                                                                      \
+    X(TEXT, token_file, "token-file", "FILE", "",                                                 \
+      "First line: the token a client must say in HELLO. Empty: none is wanted")                  \
+    X(TEXT, prt, "prt", "PROGRAM", "",                                                            \
+      "The prt program that bakes. Empty: the one beside relightd, else on PATH")                 \
+    X(TEXT, log, "log", "LEVEL", "event", "error, warning, event or trace")                       \
+    X(TEXT, cpu, "cpu", "ISA", "", "Widest instruction set: c, avx2, avx512. Empty: detect")      \
+    X(COUNT, threads, "threads", "N", "0", "Worker threads. 0: one a core")                       \
+    X(COUNT, bakes, "bakes", "N", "1", "Bakes that run at once; others wait their turn")          \
+    X(COUNT, bake_queue, "bake-queue", "N", "64", "Bakes that may wait; more are refused")        \
+    X(COUNT, bake_threads, "bake-threads", "N", "0", "Threads of one bake. 0: one a core")        \
+    X(COUNT, bake_nice, "bake-nice", "N", "5",                                                    \
+      "How far a bake steps back for relighting, 0 to 19. On a machine that is busy with other "  \
+      "things a large value may starve it")                                                       \
+    X(BYTES, memory, "memory", "BYTES", "8G",                                                     \
+      "Baked transport held ready; beyond it the least recently used model is unloaded")          \
+    X(BYTES, cache, "cache", "BYTES", "1G",                                                       \
+      "Decoded environments, lights, visibility buffers and colours kept for reuse")              \
+    X(BYTES, disk, "disk", "BYTES", "64G", "Uploads and bakes kept under --data in all")          \
+    X(BYTES, bakes_disk, "bakes-disk", "BYTES", "32G",                                            \
       "Bakes kept under --data; beyond it the longest unused one that is not pinned is deleted, " \
-      "and baked anew when it is loaded again")                                                \
-    X(BYTES, max_blob, "max-blob", "BYTES", "1G", "Largest upload")                            \
-    X(BYTES, decode_memory, "decode-memory", "BYTES", "4G",                                    \
-      "Memory a process that decodes an untrusted image may take")                             \
-    X(COUNT, connections, "connections", "N", "512", "Connections at once, over all carriers") \
-    X(COUNT, requests, "requests", "N", "256",                                                 \
-      "Requests one connection may have open; more are answered busy")                         \
-    X(COUNT, queue, "queue", "N", "4096", "Requests open in all; more are answered busy")      \
-    X(BYTES, send_buffer, "send-buffer", "BYTES", "64M",                                       \
-      "Answers waiting for one slow reader before its requests are no longer read; at four "   \
-      "times that it is disconnected")                                                         \
-    X(SECONDS, idle, "idle", "SECONDS", "600", "Close a connection that says nothing so long") \
-    X(SECONDS, frame_time, "frame-time", "SECONDS", "30",                                      \
-      "Close a connection that has begun a frame and does not finish it")                      \
-    X(SECONDS, deadline, "deadline", "SECONDS", "120",                                         \
-      "Longest a request may take; clients may ask for less")                                  \
-    X(SECONDS, drain, "drain", "SECONDS", "10",                                                \
-      "After SIGTERM, how long open requests get before the daemon leaves anyway")             \
+      "and baked anew when it is loaded again")                                                   \
+    X(BYTES, max_blob, "max-blob", "BYTES", "1G", "Largest upload")                               \
+    X(BYTES, decode_memory, "decode-memory", "BYTES", "4G",                                       \
+      "Memory a process that decodes an untrusted image may take")                                \
+    X(COUNT, connections, "connections", "N", "512", "Connections at once, over all carriers")    \
+    X(COUNT, requests, "requests", "N", "256",                                                    \
+      "Requests one connection may have open; more are answered busy")                            \
+    X(COUNT, queue, "queue", "N", "4096", "Requests open in all; more are answered busy")         \
+    X(BYTES, send_buffer, "send-buffer", "BYTES", "64M",                                          \
+      "Answers waiting for one slow reader before its requests are no longer read; at four "      \
+      "times that it is disconnected")                                                            \
+    X(SECONDS, idle, "idle", "SECONDS", "600", "Close a connection that says nothing so long")    \
+    X(SECONDS, frame_time, "frame-time", "SECONDS", "30",                                         \
+      "Close a connection that has begun a frame and does not finish it")                         \
+    X(SECONDS, deadline, "deadline", "SECONDS", "120",                                            \
+      "Longest a request may take; clients may ask for less")                                     \
+    X(SECONDS, drain, "drain", "SECONDS", "10",                                                   \
+      "After SIGTERM, how long open requests get before the daemon leaves anyway")                \
     X(COUNT, max_side, "max-side", "PIXELS", "4096", "Largest width and height of an image")
 
 struct options {

@@ -103,11 +103,13 @@ struct memo_entry *model_mesh_open(struct model *m, int *code, char error[256])
 {
     char key[sizeof m->key + 8], path[PATH_MAX];
     bool fresh;
-    if (m->gone || m->state == RELIGHT__MODEL_STATE__MODEL_READY) return model_open(m, code, error);
+    if (m->gone || m->state == RELIGHT__MODEL_STATE__MODEL_READY)
+        return model_open(m, code, error);
     if (m->mesh == MESH_NONE && m->state == RELIGHT__MODEL_STATE__MODEL_FAILED)
         return model_open(m, code, error);
     if (m->mesh == MESH_FAILED || m->mesh == MESH_NONE) {
-        *code = m->mesh == MESH_FAILED ? m->mesh_error_code : RELIGHT__ERROR_CODE__ERROR_NOT_READY;
+        *code =
+            m->mesh == MESH_FAILED ? m->mesh_error_code : RELIGHT__ERROR_CODE__ERROR_NOT_READY;
         snprintf(error, 256, "%.100s: %.150s", m->name,
                  m->mesh == MESH_FAILED ? m->mesh_error : "its file was not read yet");
         return NULL;

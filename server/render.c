@@ -38,12 +38,13 @@ struct render {
     enum step step;
     unsigned n_waiting;
     bool walking;
-    bool *ended;    // told while render_start is still running
-    bool screen;    // an image-space engine answers, on the shape as it is now
+    bool *ended; // told while render_start is still running
+    bool screen; // an image-space engine answers, on the shape as it is now
     uint64_t generation;
-    bool passing;   // one of many frames: nobody will ask for its light again
+    bool passing; // one of many frames: nobody will ask for its light again
     struct need shape, screen_answer;
-    struct need file, env[RENDER_MAX_LIGHTS], light[RENDER_MAX_LIGHTS], answer[RENDER_MAX_LIGHTS];
+    struct need file, env[RENDER_MAX_LIGHTS], light[RENDER_MAX_LIGHTS],
+        answer[RENDER_MAX_LIGHTS];
     struct need contracted[RENDER_MAX_LIGHTS];
     struct memo_entry *fixed[RENDER_MAX_LIGHTS]; // held, ready; NULL: the file does
     struct need visibility, specular, background, map[3];
@@ -76,7 +77,7 @@ static void need_entry(struct render *r, struct need *need, struct memo_entry *e
 
 static void release_needs(struct render *r)
 {
-    struct need *one[] = {&r->file,     &r->shape,      &r->screen_answer,
+    struct need *one[] = {&r->file,       &r->shape,    &r->screen_answer,
                           &r->visibility, &r->specular, &r->background};
     for (size_t i = 0; i < sizeof one / sizeof *one; i++) {
         memo_release(one[i]->entry);
@@ -149,7 +150,6 @@ static bool failed(struct render *r, const struct need *need)
     return true;
 }
 
-
 static unsigned n_answer(const struct render_spec *spec)
 {
     return spec->picture || spec->sum || !spec->n_light ? 1 : spec->n_light;
@@ -192,13 +192,15 @@ static int compose(const struct render *r, const struct prt_context *ctx,
                    const struct prt_specular *specular, struct prt_image *image)
 {
     const struct prt_material *material = r->spec.has_material ? &r->spec.material
-                                          : r->screen ? shape_of(r)->material
-                                                      : &transport_of(r)->material;
+                                          : r->screen          ? shape_of(r)->material
+                                                               : &transport_of(r)->material;
     bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
-    struct prt_shade shade = {.eta = material->eta, .roughness = material->roughness,
-                              .fresnel = total, .specular = specular,
-                              .background = r->background.entry ? r->background.entry->value
-                                                                : NULL};
+    struct prt_shade shade = {.eta = material->eta,
+                              .roughness = material->roughness,
+                              .fresnel = total,
+                              .specular = specular,
+                              .background =
+                                  r->background.entry ? r->background.entry->value : NULL};
     if (shade.background) shade.background_rotate_deg = (float)r->spec.light[0].rotate_deg;
     memcpy(shade.background_rgb, r->spec.background, sizeof shade.background_rgb);
     if (r->screen) {
@@ -210,7 +212,8 @@ static int compose(const struct render *r, const struct prt_context *ctx,
     const struct answer *a = r->answer[0].entry->value;
     shade.n_plane = a->n_plane;
     shade.planes = a->values;
-    return prt_shade_image(ctx, r->visibility.entry->value, &transport_of(r)->mesh, &shade, image);
+    return prt_shade_image(ctx, r->visibility.entry->value, &transport_of(r)->mesh, &shade,
+                           image);
 }
 
 static int run_picture(struct render *r, const struct prt_context *ctx)
@@ -243,8 +246,8 @@ static int run_final(struct work *work, const struct prt_context *ctx)
 static void learn_finish_time(struct render *r)
 {
     float *ns = &r->server->stats.finish_ns_a_pixel;
-    float seen = (r->result.shade_ms + r->result.encode_ms) * 1e6f
-                 / (float)(r->spec.width * r->spec.height);
+    float seen = (r->result.shade_ms + r->result.encode_ms) * 1e6f /
+                 (float)(r->spec.width * r->spec.height);
     *ns = *ns > 0 ? 0.8f * *ns + 0.2f * seen : seen;
 }
 
@@ -282,7 +285,8 @@ static void parts_of_total(const struct prt_material *m, double *multiple, doubl
 }
 
 // Of the sum of two parts: |e_m + e_s| <= |e_m| + |e_s|, and as no radiance is negative
-// |M + S|^2 >= |M|^2 + |S|^2. Never more than the worse part's, which it is where both are alike.
+// |M + S|^2 >= |M|^2 + |S|^2. Never more than the worse part's, which it is where both are
+// alike.
 static float total_error(const struct render *r)
 {
     const struct model_facts *f = &r->model->facts;
@@ -302,10 +306,14 @@ static float error_bound(const struct render *r)
 {
     const struct model_facts *f = &r->model->facts;
     switch (r->spec.term) {
-    case RELIGHT__TERM__TERM_IRRADIANCE: return 0; // brute force, no bake
-    case RELIGHT__TERM__TERM_MULTIPLE: return f->error_multiple;
-    case RELIGHT__TERM__TERM_SINGLE: return f->error_single;
-    default: return total_error(r);
+    case RELIGHT__TERM__TERM_IRRADIANCE:
+        return 0; // brute force, no bake
+    case RELIGHT__TERM__TERM_MULTIPLE:
+        return f->error_multiple;
+    case RELIGHT__TERM__TERM_SINGLE:
+        return f->error_single;
+    default:
+        return total_error(r);
     }
 }
 
@@ -314,7 +322,8 @@ static float material_error(const struct render *r)
 {
     float error = 0;
     for (unsigned i = 0; i < n_answer(&r->spec); i++)
-        error = fmaxf(error, ((const struct answer *)r->answer[i].entry->value)->material_error);
+        error =
+            fmaxf(error, ((const struct answer *)r->answer[i].entry->value)->material_error);
     return error;
 }
 
@@ -334,8 +343,9 @@ static const char *preview_note(const struct render *r, char note[120])
     note[0] = 0;
     if (m->pose)
         snprintf(note, 120, "preview: vertices moved%s",
-                 m->state == RELIGHT__MODEL_STATE__MODEL_READY ? ", the bake is of another shape"
-                                                               : "");
+                 m->state == RELIGHT__MODEL_STATE__MODEL_READY
+                     ? ", the bake is of another shape"
+                     : "");
     else if (m->state == RELIGHT__MODEL_STATE__MODEL_BAKING)
         snprintf(note, 120, "preview: the bake is at %.0f %%",
                  m->job ? 100 * job_fraction(m->job) : 0.0);
@@ -395,13 +405,15 @@ static void final(struct render *r)
     }
     if (s->has_material && s->max_error > 0 && out->error_bound > s->max_error) {
         char text[120];
-        snprintf(text, sizeof text, "the error bound %.3g of this material is above max_error %.3g",
+        snprintf(text, sizeof text,
+                 "the error bound %.3g of this material is above max_error %.3g",
                  (double)out->error_bound, (double)s->max_error);
         finish_error(r, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE, text);
         return;
     }
     for (unsigned i = 0; i < s->n_light; i++)
-        out->light_ms += cost_of(&r->env[i]) + cost_of(&r->light[i]) + cost_of(&r->contracted[i]);
+        out->light_ms +=
+            cost_of(&r->env[i]) + cost_of(&r->light[i]) + cost_of(&r->contracted[i]);
     if (r->specular.entry != r->light[0].entry) out->light_ms += cost_of(&r->specular);
     out->light_ms += cost_of(&r->background);
     for (unsigned i = 0; i < n_answer(s); i++)
@@ -421,7 +433,9 @@ static void final(struct render *r)
     }
     r->work.run = run_final;
     r->work.done = done_final;
-    r->work.class = s->quiet ? WORK_BACKGROUND : s->picture ? picture_class(s) : WORK_INTERACTIVE;
+    r->work.class = s->quiet     ? WORK_BACKGROUND
+                    : s->picture ? picture_class(s)
+                                 : WORK_INTERACTIVE;
     work_submit(r->server->work, &r->work);
 }
 
@@ -461,8 +475,9 @@ static int judge(const struct render *r, char error[300])
 {
     const struct prt_transport *t = transport_of(r);
     const struct render_spec *s = &r->spec;
-    static const char *const names[] = {"the default", "reference", "wavelet", "polynomial",
-                                        "joint", "splat", "tangent", "texture", "hybrid"};
+    static const char *const names[] = {"the default", "reference", "wavelet",
+                                        "polynomial",  "joint",     "splat",
+                                        "tangent",     "texture",   "hybrid"};
     bool traced = s->term == RELIGHT__TERM__TERM_IRRADIANCE;
     if (has_maps(s)) {
         snprintf(error, 300, "maps are for pictures by image-space engines");
@@ -473,13 +488,12 @@ static int judge(const struct render *r, char error[300])
                  names[s->engine]);
         return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
     }
-    if (!traced && s->engine
-        && s->engine != RELIGHT__ENGINE__ENGINE_WAVELET + (int)t->engine) {
+    if (!traced && s->engine && s->engine != RELIGHT__ENGINE__ENGINE_WAVELET + (int)t->engine) {
         snprintf(error, 300, "%.100s was baked for engine %s, not %s", r->model->name,
                  names[RELIGHT__ENGINE__ENGINE_WAVELET + (int)t->engine], names[s->engine]);
-        return s->engine == RELIGHT__ENGINE__ENGINE_WAVELET
-                       || s->engine == RELIGHT__ENGINE__ENGINE_POLYNOMIAL
-                       || s->engine == RELIGHT__ENGINE__ENGINE_JOINT
+        return s->engine == RELIGHT__ENGINE__ENGINE_WAVELET ||
+                       s->engine == RELIGHT__ENGINE__ENGINE_POLYNOMIAL ||
+                       s->engine == RELIGHT__ENGINE__ENGINE_JOINT
                    ? RELIGHT__ERROR_CODE__ERROR_MISMATCH
                    : RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
     }
@@ -507,8 +521,8 @@ static int judge(const struct render *r, char error[300])
 
 static bool fixed_light(const struct render *r)
 {
-    return !r->screen && transport_of(r)->engine == PRT_ENGINE_POLYNOMIAL
-           && r->spec.term != RELIGHT__TERM__TERM_IRRADIANCE;
+    return !r->screen && transport_of(r)->engine == PRT_ENGINE_POLYNOMIAL &&
+           r->spec.term != RELIGHT__TERM__TERM_IRRADIANCE;
 }
 
 // Pictures of a model without a bake, or whose vertices left it, or by an engine that is named.
@@ -518,9 +532,9 @@ static bool wants_screen(const struct render *r)
     if (!r->spec.picture) return false;
     if (!r->spec.engine && has_maps(&r->spec)) return true; // no bake knows them
     if (r->spec.engine) return r->spec.engine >= RELIGHT__ENGINE__ENGINE_SPLAT;
-    return m->pose
-           || (m->state != RELIGHT__MODEL_STATE__MODEL_READY && m->mesh != MESH_NONE
-               && !(m->state == RELIGHT__MODEL_STATE__MODEL_FAILED && m->mesh == MESH_FAILED));
+    return m->pose ||
+           (m->state != RELIGHT__MODEL_STATE__MODEL_READY && m->mesh != MESH_NONE &&
+            !(m->state == RELIGHT__MODEL_STATE__MODEL_FAILED && m->mesh == MESH_FAILED));
 }
 
 static void ask_file(struct render *r)
@@ -529,8 +543,8 @@ static void ask_file(struct render *r)
     char error[300];
     r->screen = wants_screen(r);
     r->generation = r->screen ? r->model->generation : r->model->baked_generation;
-    struct memo_entry *entry = r->screen ? shape_get(r->model, &code, error)
-                                         : model_open(r->model, &code, error);
+    struct memo_entry *entry =
+        r->screen ? shape_get(r->model, &code, error) : model_open(r->model, &code, error);
     if (entry) need_entry(r, r->screen ? &r->shape : &r->file, entry);
     else {
         r->result.code = code;
@@ -544,7 +558,8 @@ static void ask_envs(struct render *r)
     r->result.code = r->screen ? judge_screen(r, error) : judge(r, error);
     for (unsigned i = 0; !r->result.code && i < r->spec.n_light; i++) {
         if (!r->spec.light[i].env[0]) continue;
-        struct memo_entry *entry = env_get(r->server, r->spec.light[i].env, &r->result.code, error);
+        struct memo_entry *entry =
+            env_get(r->server, r->spec.light[i].env, &r->result.code, error);
         if (entry) need_entry(r, &r->env[i], entry);
     }
     for (int k = 0; !r->result.code && r->screen && k < 3; k++) {
@@ -560,8 +575,9 @@ static void ask_envs(struct render *r)
     if (r->result.code || !r->spec.picture) return;
     camera_choose(r->model, r->generation, &r->spec, mesh_of(r), &r->camera);
     need_entry(r, &r->visibility,
-               visibility_get(r->model, r->generation, r->screen ? r->shape.entry : r->file.entry,
-                              mesh_of(r), &r->spec, &r->camera));
+               visibility_get(r->model, r->generation,
+                              r->screen ? r->shape.entry : r->file.entry, mesh_of(r), &r->spec,
+                              &r->camera));
     if (r->screen && !r->visibility.was_there) shape_prepare(r->model, r->shape.entry);
 }
 
@@ -577,8 +593,8 @@ static void ask_lights(struct render *r)
         need_entry(r, &r->light[i], light_get(r->server, s, env, i, each, cube, true));
     if (!s->picture) return;
     if (s->n_light && !s->no_specular && s->term == RELIGHT__TERM__TERM_TOTAL)
-        need_entry(r, &r->specular, light_get(r->server, s, env, 0, s->n_light,
-                                              SPECULAR_CUBE, true));
+        need_entry(r, &r->specular,
+                   light_get(r->server, s, env, 0, s->n_light, SPECULAR_CUBE, true));
     if (s->n_light && !s->plain_background)
         need_entry(r, &r->background, sky_get(r->server, s, env));
 }
@@ -588,8 +604,8 @@ static float light_budget(const struct render *r)
 {
     float budget = (float)r->spec.budget_ms;
     if (!(budget > 0)) return 0;
-    float rest = r->server->stats.finish_ns_a_pixel * 1e-6f
-                 * (float)(r->spec.width * r->spec.height);
+    float rest =
+        r->server->stats.finish_ns_a_pixel * 1e-6f * (float)(r->spec.width * r->spec.height);
     return fmaxf(budget - rest - cost_of(&r->visibility), 0.25f * budget);
 }
 
@@ -598,8 +614,10 @@ static void ask_screen(struct render *r)
     const struct render_spec *s = &r->spec;
     const struct refinement *mean = s->refinement;
     const char *seen = r->visibility.entry->key, *light = r->light[0].entry->key;
-    struct screen_query query = {.engine = -1, .budget_ms = light_budget(r),
-                                 .has_material = s->has_material, .material = s->material,
+    struct screen_query query = {.engine = -1,
+                                 .budget_ms = light_budget(r),
+                                 .has_material = s->has_material,
+                                 .material = s->material,
                                  .background = picture_class(s) == WORK_BACKGROUND};
     if (s->engine) {
         query.engine = s->engine - RELIGHT__ENGINE__ENGINE_SPLAT;
@@ -622,8 +640,8 @@ static void ask_screen(struct render *r)
     }
     snprintf(key, size, "%s/%llu/screen/%u/%d/%u/%u/%.0f/%s/%s/%s/%s/%.9g/%s/%s", r->model->key,
              (unsigned long long)r->generation, query.slot, query.engine, query.n_sample,
-             query.frame, (double)s->budget_ms, s->material_key, s->map[0], s->map[1], s->map[2],
-             (double)s->bump_mm, seen, light);
+             query.frame, (double)s->budget_ms, s->material_key, s->map[0], s->map[1],
+             s->map[2], (double)s->bump_mm, seen, light);
     struct memo_entry *map[3] = {r->map[0].entry, r->map[1].entry, r->map[2].entry};
     need_entry(r, &r->screen_answer,
                screen_get(r->server, key, &query, r->shape.entry, r->visibility.entry,
@@ -642,14 +660,16 @@ static void answer_query(const struct render *r, unsigned i, struct answer_query
                                PRT_ANSWER_SINGLE};
     const struct render_spec *s = &r->spec;
     const struct memo_entry *light = r->light[i].entry;
-    *query = (struct answer_query){.term = term[s->term], .planes = s->picture,
-                                   .has_material = s->has_material, .material = s->material,
+    *query = (struct answer_query){.term = term[s->term],
+                                   .planes = s->picture,
+                                   .has_material = s->has_material,
+                                   .material = s->material,
                                    .has_eye = s->has_eye && !s->picture};
     for (int c = 0; c < 3; c++) query->eye[c] = s->eye[c] * transport_of(r)->mesh.mm_per_unit;
     char eye[64] = "";
     if (query->has_eye)
-        snprintf(eye, sizeof eye, "%.9g,%.9g,%.9g", (double)query->eye[0], (double)query->eye[1],
-                 (double)query->eye[2]);
+        snprintf(eye, sizeof eye, "%.9g,%.9g,%.9g", (double)query->eye[0],
+                 (double)query->eye[1], (double)query->eye[2]);
     if (s->term == RELIGHT__TERM__TERM_IRRADIANCE)
         snprintf(key, ANSWER_KEY, "%s/%llu/irradiance/%s/%s", r->model->key,
                  (unsigned long long)r->generation, s->material_key, light->key);
@@ -659,8 +679,8 @@ static void answer_query(const struct render *r, unsigned i, struct answer_query
                  query->term, s->material_key, eye, light ? light->key : "fixed");
 }
 
-// Materials that stay and lights that somebody has asked for before: their part of the answer is
-// made once.
+// Materials that stay and lights that somebody has asked for before: their part of the answer
+// is made once.
 static void ask_contracted(struct render *r)
 {
     if (r->screen || fixed_light(r) || r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE) return;
@@ -672,12 +692,12 @@ static void ask_contracted(struct render *r)
         memo_release(answer);
         if (answer) continue; // or is on its way
         struct memo_entry *light = r->light[i].entry;
-        struct memo_entry *entry = contracted_get(r->model, r->generation, r->file.entry, light,
-                                                  false);
+        struct memo_entry *entry =
+            contracted_get(r->model, r->generation, r->file.entry, light, false);
         if (!entry)
-            r->fixed[i] = fixed_get(r->model, r->generation, r->file.entry, light,
-                                    query.has_material ? &query.material : NULL,
-                                    r->spec.material_key);
+            r->fixed[i] =
+                fixed_get(r->model, r->generation, r->file.entry, light,
+                          query.has_material ? &query.material : NULL, r->spec.material_key);
         if (!entry && !r->fixed[i])
             entry = contracted_get(r->model, r->generation, r->file.entry, light, true);
         if (entry) need_entry(r, &r->contracted[i], entry);
@@ -712,10 +732,9 @@ static bool any_failed(struct render *r)
     }
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
         if (failed(r, &r->contracted[i])) return true;
-    if (failed(r, &r->file) || failed(r, &r->shape) || failed(r, &r->screen_answer)
-        || failed(r, &r->visibility) || failed(r, &r->specular)
-        || failed(r, &r->background) || failed(r, &r->map[0]) || failed(r, &r->map[1])
-        || failed(r, &r->map[2]))
+    if (failed(r, &r->file) || failed(r, &r->shape) || failed(r, &r->screen_answer) ||
+        failed(r, &r->visibility) || failed(r, &r->specular) || failed(r, &r->background) ||
+        failed(r, &r->map[0]) || failed(r, &r->map[1]) || failed(r, &r->map[2]))
         return true;
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
         if (failed(r, &r->env[i]) || failed(r, &r->light[i]) || failed(r, &r->answer[i]))
@@ -730,12 +749,24 @@ static void walk(struct render *r)
         if (!r->done) r->result.code = RELIGHT__ERROR_CODE__ERROR_CANCELLED;
         if (any_failed(r)) return;
         switch (r->step++) {
-        case STEP_FILE: ask_file(r); break;
-        case STEP_ENVS: ask_envs(r); break;
-        case STEP_LIGHTS: ask_lights(r); break;
-        case STEP_CONTRACTED: ask_contracted(r); break;
-        case STEP_ANSWERS: ask_answers(r); break;
-        case STEP_FINAL: final(r); return;
+        case STEP_FILE:
+            ask_file(r);
+            break;
+        case STEP_ENVS:
+            ask_envs(r);
+            break;
+        case STEP_LIGHTS:
+            ask_lights(r);
+            break;
+        case STEP_CONTRACTED:
+            ask_contracted(r);
+            break;
+        case STEP_ANSWERS:
+            ask_answers(r);
+            break;
+        case STEP_FINAL:
+            final(r);
+            return;
         }
         // An error found while others were asked for already: they come back first.
     }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* render.h owns evaluations: lights and a model become vertex colours or a picture. A request or
- * a view starts one; it gathers what it needs (open model, decoded environments, cubes, visibility
- * buffer), shares all of it with others through the memo, and calls back once. */
+/* render.h owns evaluations: lights and a model become vertex colours or a picture. A request
+ * or a view starts one; it gathers what it needs (open model, decoded environments, cubes,
+ * visibility buffer), shares all of it with others through the memo, and calls back once. */
 #ifndef RELIGHTD_RENDER_H
 #define RELIGHTD_RENDER_H
 
@@ -15,33 +15,33 @@
 enum { RENDER_MAX_LIGHTS = 16 };
 
 struct render_light {
-    char env[96];          /* "env:HASH", "constant:R,G,B"; "" for texels */
+    char env[96]; /* "env:HASH", "constant:R,G,B"; "" for texels */
     double rotate_deg;
     float gain[3];
-    uint32_t cube_n;       /* texels of this size lie at `texel` in spec.texels */
-    size_t texel;          /* floats */
-    char key[200];         /* names the light by its content */
-    char still_key[200];   /* the same without its turn */
+    uint32_t cube_n;     /* texels of this size lie at `texel` in spec.texels */
+    size_t texel;        /* floats */
+    char key[200];       /* names the light by its content */
+    char still_key[200]; /* the same without its turn */
 };
 
 /* Everything an evaluation depends on, checked. Plain data but for texels. */
 struct render_spec {
     unsigned n_light;
     struct render_light light[RENDER_MAX_LIGHTS];
-    float *texels;         /* malloc()ed; of inline cubes */
+    float *texels; /* malloc()ed; of inline cubes */
     bool sum;
-    int engine, term;      /* Relight__Engine, Relight__Term */
+    int engine, term; /* Relight__Engine, Relight__Term */
     bool has_material, has_eye;
     struct prt_material material;
     char material_key[24];
-    float eye[3];          /* model's own units */
+    float eye[3]; /* model's own units */
     float max_error;
     uint32_t budget_ms;
-    char map[3][65];       /* uploads by enum prt_screen_map_kind; "": none */
+    char map[3][65]; /* uploads by enum prt_screen_map_kind; "": none */
     float bump_mm;
     bool picture;
     /* colours */
-    int format;            /* Relight__ColorFormat */
+    int format; /* Relight__ColorFormat */
     float exposure_ev;
     /* picture */
     uint32_t width, height, samples;
@@ -54,7 +54,7 @@ struct render_spec {
     float background[3];
     /* a view's picture that gets finer: NULL for none; held by who made the spec */
     struct refinement *refinement;
-    bool quiet;            /* only adds to the mean: no picture is made */
+    bool quiet; /* only adds to the mean: no picture is made */
 };
 
 /* Fills and checks pieces of a spec from messages; a missing message leaves defaults. Return 0,
@@ -68,14 +68,15 @@ int render_spec_shade(struct render_spec *spec, struct server *server,
                       const Relight__Shade *shade, char error[300]);
 int render_spec_picture(struct render_spec *spec, const struct server *server,
                         const Relight__Picture *picture, char error[300]);
-int render_spec_colors(struct render_spec *spec, int format, float exposure_ev, char error[300]);
+int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
+                       char error[300]);
 /* Fills the keys; texels of all lights, for inline cubes. */
 void render_light_name(struct render_light *light, const float *texels);
 /* "constant" and "env:HASH" in their canonical form, 0 or an error. */
 int env_canonical(const char *env, char out[96], char error[300]);
 
 struct render_result {
-    int code;              /* 0, or a Relight__ErrorCode with `error` */
+    int code; /* 0, or a Relight__ErrorCode with `error` */
     char error[400];
     struct payload payload;
     uint32_t n_vertex, n_plane, width, height;
@@ -110,10 +111,10 @@ void render_colors_message(const struct render_result *result, const struct rend
 void render_image_message(const struct render_result *result, const struct render_spec *spec,
                           Relight__ImageAnswer *out, struct render_camera_message *camera);
 
-/* The decoded environment "env:HASH" (or a constant one); value is struct decoded_env. NULL with
- * code and error when it was never uploaded. */
-/* Decodes an uploaded image ahead of its first use, when it looks like an environment, and makes
- * the cube that backgrounds are taken from. */
+/* The decoded environment "env:HASH" (or a constant one); value is struct decoded_env. NULL
+ * with code and error when it was never uploaded. */
+/* Decodes an uploaded image ahead of its first use, when it looks like an environment, and
+ * makes the cube that backgrounds are taken from. */
 void env_prefetch(struct server *server, const char *hash);
 struct memo_entry *env_get(struct server *server, const char *env, int *code, char error[300]);
 

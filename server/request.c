@@ -183,9 +183,13 @@ struct request *request_create(struct connection *conn, const struct relight_fra
         request = calloc(1, sizeof *request);
     }
     if (!request) goto fail;
-    *request = (struct request){.server = server, .conn = conn, .id = frame->id,
-                                .type = frame->type, .arrived_ns = loop_now_ns(),
-                                .payload = payload, .payload_size = frame->payload_size};
+    *request = (struct request){.server = server,
+                                .conn = conn,
+                                .id = frame->id,
+                                .type = frame->type,
+                                .arrived_ns = loop_now_ns(),
+                                .payload = payload,
+                                .payload_size = frame->payload_size};
     request->message = relight_frame_unpack(frame);
     if (!request->message) {
         bool known = relight_type_message(frame->type) != NULL;

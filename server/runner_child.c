@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The runner that starts `prt` as a child process: progress on one pipe, error output on another,
-// SIGTERM to cancel and SIGKILL for one that does not listen.
+// The runner that starts `prt` as a child process: progress on one pipe, error output on
+// another, SIGTERM to cancel and SIGKILL for one that does not listen.
 #include "jobs.h"
 #include "log.h"
 #include "server.h"
@@ -88,8 +88,8 @@ static void finish(struct job_run *run)
         snprintf(error, sizeof error, "the bake process was killed by signal %d (%s)",
                  WTERMSIG(run->how), strsignal(WTERMSIG(run->how)));
     } else {
-        snprintf(error, sizeof error, "%s", run->last_error[0] ? run->last_error
-                                                                : "the bake process failed");
+        snprintf(error, sizeof error, "%s",
+                 run->last_error[0] ? run->last_error : "the bake process failed");
     }
     run->events.ended(run->user, outcome, error);
     free(run);
@@ -124,7 +124,8 @@ static void lines_ready(struct job_run *run, struct lines *lines,
 
 static void progress_ready(struct loop_watch *watch, uint32_t events)
 {
-    struct job_run *run = (struct job_run *)((char *)watch - offsetof(struct job_run, progress));
+    struct job_run *run =
+        (struct job_run *)((char *)watch - offsetof(struct job_run, progress));
     lines_ready(run, &run->progress, take_progress);
 }
 
@@ -164,8 +165,8 @@ static void child_cancel(struct job_run *run)
     loop_timer_set(run->server->loop, &run->kill_timer, loop_now_ns() + patience_ns);
 }
 
-static int spawn(const char *program, char **argv, const char *cwd, int progress_fd, int error_fd,
-                 pid_t *pid)
+static int spawn(const char *program, char **argv, const char *cwd, int progress_fd,
+                 int error_fd, pid_t *pid)
 {
     posix_spawn_file_actions_t actions;
     posix_spawnattr_t attr;
@@ -183,8 +184,8 @@ static int spawn(const char *program, char **argv, const char *cwd, int progress
     posix_spawnattr_setsigmask(&attr, &none);
     posix_spawnattr_setsigdefault(&attr, &standard);
     posix_spawnattr_setpgroup(&attr, 0); // a terminal's ^C is the daemon's to handle
-    posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF
-                                        | POSIX_SPAWN_SETPGROUP);
+    posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF |
+                                        POSIX_SPAWN_SETPGROUP);
     int err = posix_spawnp(pid, program, &actions, &attr, argv, environ);
     posix_spawn_file_actions_destroy(&actions);
     posix_spawnattr_destroy(&attr);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Light by an image-space engine on the points a camera sees. An engine's state serves one worker
-// at a time: evaluations of one shape and engine queue here, those of others run beside them.
+// Light by an image-space engine on the points a camera sees. An engine's state serves one
+// worker at a time: evaluations of one shape and engine queue here, those of others run beside
+// them.
 #include "evaluation.h"
 #include "relight.pb-c.h"
 #include "request.h"
@@ -20,8 +21,8 @@ struct screen_job {
     struct memo_entry *entry, *shape, *seen, *light, *map[3];
     struct screen_query query;
     struct screen_answer *answer;
-    unsigned n_want;          // who asked and still wants it
-    bool unwanted;            // nobody does: read by the worker
+    unsigned n_want; // who asked and still wants it
+    bool unwanted;   // nobody does: read by the worker
     float ms;
 };
 
@@ -46,13 +47,14 @@ static int choose_engine(const struct prt_context *ctx, const struct screen_job 
     struct screen_slot *slot = job->slot;
     struct prt_screen_plan best, last;
     struct prt_screen_options own = *o;
-    int status = prt_screen_choose(ctx, slot->screen, seen, material, true, 0, budget, o, &best);
+    int status =
+        prt_screen_choose(ctx, slot->screen, seen, material, true, 0, budget, o, &best);
     if (!status && slot->engine && (int)best.engine + 1 != slot->engine) {
         status = prt_screen_plan(ctx, slot->screen, seen, material,
-                                 (enum prt_screen_engine)(slot->engine - 1), true, 0, budget, &own,
-                                 &last);
-        if (!status && last.expected_error < worse * best.expected_error
-            && last.expected_ms < worse * fmax(budget, best.expected_ms))
+                                 (enum prt_screen_engine)(slot->engine - 1), true, 0, budget,
+                                 &own, &last);
+        if (!status && last.expected_error < worse * best.expected_error &&
+            last.expected_ms < worse * fmax(budget, best.expected_ms))
             *o = own;
     }
     if (!status) slot->engine = (int)o->engine + 1;
@@ -74,8 +76,8 @@ static int choose(const struct prt_context *ctx, const struct screen_job *job,
     if (q->engine < 0) return choose_engine(ctx, job, material, budget, o);
     o->engine = (enum prt_screen_engine)q->engine;
     if (!(q->budget_ms > 0)) return PRT_OK; // the engine's own count
-    return prt_screen_plan(ctx, job->slot->screen, seen, material, o->engine, true, 0, budget, o,
-                           NULL);
+    return prt_screen_plan(ctx, job->slot->screen, seen, material, o->engine, true, 0, budget,
+                           o, NULL);
 }
 
 // A value that is not finite would spread over the whole running mean.
@@ -105,7 +107,8 @@ static int run_job(struct work *work, const struct prt_context *shared)
     double start = prt_time_s();
     if (prt_progress(ctx, "screen", 0)) return PRT_CANCELLED;
     prt_visibility_gbuffer(job->seen->value, &g);
-    job->answer = malloc(sizeof *job->answer + ((size_t)g.n_point + 1) * sizeof *job->answer->rgb);
+    job->answer =
+        malloc(sizeof *job->answer + ((size_t)g.n_point + 1) * sizeof *job->answer->rgb);
     if (!job->answer) return PRT_NOMEM;
     job->answer->n_point = g.n_point;
     int status = shape_scene(ctx, shape, &scene);
@@ -201,8 +204,14 @@ struct memo_entry *screen_get(struct server *server, const char *key,
         return entry;
     }
     struct screen_slot *slot = &((struct shape *)shape->value)->slot[query->slot];
-    *job = (struct screen_job){.slot = slot, .server = server, .entry = entry, .shape = shape,
-                               .seen = seen, .light = light, .query = *query, .n_want = 1};
+    *job = (struct screen_job){.slot = slot,
+                               .server = server,
+                               .entry = entry,
+                               .shape = shape,
+                               .seen = seen,
+                               .light = light,
+                               .query = *query,
+                               .n_want = 1};
     memo_hold(entry);
     memo_hold(shape);
     memo_hold(seen);
@@ -236,16 +245,18 @@ void refinement_release(struct refinement *r)
     free(r);
 }
 
-// What the daemon foresees of the mean: engines have part of their error in common to all frames.
+// What the daemon foresees of the mean: engines have part of their error in common to all
+// frames.
 double refinement_error(const struct refinement *r)
 {
     static const double tangent_floor = 0.01; // one irradiance and one plane for a pixel
     double e = r->expected_error * pow(r->n_mean > 1 ? r->n_mean : 1, -0.4);
-    return r->engine == PRT_SCREEN_TANGENT ? fmax(e, fmin(tangent_floor, r->expected_error)) : e;
+    return r->engine == PRT_SCREEN_TANGENT ? fmax(e, fmin(tangent_floor, r->expected_error))
+                                           : e;
 }
 
-// Frame k weighs k + 1, as in prt_screen_progress: the first ones are coarser. The newest moves the
-// mean by 2 / (k + 1) of its own error, and the mean is off by 2 / sqrt(3 k) of that.
+// Frame k weighs k + 1, as in prt_screen_progress: the first ones are coarser. The newest moves
+// the mean by 2 / (k + 1) of its own error, and the mean is off by 2 / sqrt(3 k) of that.
 int refinement_add(struct refinement *r, const struct screen_answer *a)
 {
     enum { LEAST = 32, MOST = 256 }; // engines take finer steps at the first few
@@ -273,6 +284,7 @@ int refinement_add(struct refinement *r, const struct screen_answer *a)
     r->n_frame++;
     r->n_mean++;
     double left = all > 0 ? sqrt(moved / all * r->n_mean / 3) : 0;
-    r->converged = !(all > 0) || r->n_mean >= MOST || (r->n_mean >= LEAST && left < close_enough);
+    r->converged =
+        !(all > 0) || r->n_mean >= MOST || (r->n_mean >= LEAST && left < close_enough);
     return PRT_OK;
 }

@@ -27,15 +27,15 @@ struct server {
     struct options options;
     struct loop *loop;
     struct work_pool *work;
-    struct memo *memo;         /* decoded and computed things, --cache */
-    struct memo *files;        /* open .prt files, --memory */
+    struct memo *memo;  /* decoded and computed things, --cache */
+    struct memo *files; /* open .prt files, --memory */
     struct blobs *blobs;
     struct decoder *decoder;
     struct jobs *jobs;
     struct models *models;
     struct stats stats;
-    char data[4000];           /* absolute path of the data folder */
-    char token[256];           /* "": none is wanted */
+    char data[4000]; /* absolute path of the data folder */
+    char token[256]; /* "": none is wanted */
     bool data_temporary;
     unsigned n_core;
     struct connection *connections, *graves;

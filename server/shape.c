@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A model's geometry for image-space engines: the mesh of its file, or that mesh with the vertices
-// where a client has put them.
+// A model's geometry for image-space engines: the mesh of its file, or that mesh with the
+// vertices where a client has put them.
 #include "shape.h"
 
 #include "evaluation.h"
@@ -34,10 +34,12 @@ static void destroy_shape(void *value)
 // Mesh, scene and the engines' samples, roughly.
 static size_t shape_bytes(const struct shape *s)
 {
-    return sizeof *s + (size_t)s->mesh.n_vertex * 24 + (size_t)s->mesh.n_triangle * 150 + (8 << 20);
+    return sizeof *s + (size_t)s->mesh.n_vertex * 24 + (size_t)s->mesh.n_triangle * 150 +
+           (8 << 20);
 }
 
-// One shape being made: waits for the file, then makes normals on a worker where they are wanted.
+// One shape being made: waits for the file, then makes normals on a worker where they are
+// wanted.
 struct shaping {
     struct work work;
     struct memo_waiter waiter;
@@ -123,7 +125,8 @@ struct memo_entry *shape_get(struct model *m, int *code, char error[256])
 {
     char key[80];
     bool fresh;
-    if (m->gone) return model_open(m, code, error); // who computes with it may hold its shape still
+    if (m->gone)
+        return model_open(m, code, error); // who computes with it may hold its shape still
     snprintf(key, sizeof key, "%s/%llu/shape", m->key, (unsigned long long)m->generation);
     struct memo_entry *entry = memo_find(m->server->memo, key);
     if (entry) return entry;
@@ -137,8 +140,8 @@ struct memo_entry *shape_get(struct model *m, int *code, char error[256])
         return NULL;
     }
     entry = memo_get(m->server->memo, key, &fresh);
-    *g = (struct shaping){.model = m, .generation = m->generation, .entry = entry, .file = file,
-                          .pose = m->pose};
+    *g = (struct shaping){
+        .model = m, .generation = m->generation, .entry = entry, .file = file, .pose = m->pose};
     model_hold(m);
     memo_hold(entry); // one for the making, one for the caller
     if (g->pose) g->pose->refs++;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* shape.h owns what image-space engines work on: a model's geometry as it is now, with its scene
- * and the engines' state, one for each generation; and vertices that were moved. */
+/* shape.h owns what image-space engines work on: a model's geometry as it is now, with its
+ * scene and the engines' state, one for each generation; and vertices that were moved. */
 #ifndef RELIGHTD_SHAPE_H
 #define RELIGHTD_SHAPE_H
 
@@ -19,22 +19,23 @@ struct pose {
 };
 void pose_release(struct pose *pose); /* NULL is fine */
 
-/* The engine's own state, used by one worker at a time: whoever comes while it is busy waits. */
+/* The engine's own state, used by one worker at a time: whoever comes while it is busy waits.
+ */
 struct screen_slot {
     struct prt_screen *screen;
-    int engine;               /* 1 + the one chosen last; 0: none was */
-    struct screen_job *busy;  /* under way; NULL: none */
+    int engine;              /* 1 + the one chosen last; 0: none was */
+    struct screen_job *busy; /* under way; NULL: none */
     struct screen_job *first, **last;
 };
 enum { SHAPE_SLOTS = 5 }; /* of the engine chosen by the daemon, and of each that was named */
 
 struct shape {
-    struct memo_entry *file;  /* the open .prt whose mesh it is */
-    struct pose *pose;        /* NULL: as in the file */
+    struct memo_entry *file; /* the open .prt whose mesh it is */
+    struct pose *pose;       /* NULL: as in the file */
     struct prt_mesh mesh;
-    float (*normal)[3];       /* own, with a pose */
+    float (*normal)[3]; /* own, with a pose */
     const struct prt_material *material;
-    pthread_mutex_t lock;     /* of scene's making */
+    pthread_mutex_t lock; /* of scene's making */
     struct prt_scene *scene;
     struct screen_slot slot[SHAPE_SLOTS];
 };

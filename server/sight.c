@@ -28,8 +28,8 @@ static int run_seeing(struct work *work, const struct prt_context *ctx)
 {
     struct seeing *s = (struct seeing *)work;
     double start = prt_time_s();
-    int status = prt_visibility_create(ctx, s->mesh, &s->camera, s->width, s->height, s->samples,
-                                       PRT_RASTER_AUTO, &s->visibility);
+    int status = prt_visibility_create(ctx, s->mesh, &s->camera, s->width, s->height,
+                                       s->samples, PRT_RASTER_AUTO, &s->visibility);
     s->ms = (float)((prt_time_s() - start) * 1e3);
     return status;
 }
@@ -38,8 +38,7 @@ static void done_seeing(struct work *work)
 {
     struct seeing *s = (struct seeing *)work;
     s->entry->ms = s->ms;
-    if (work->status)
-        memo_fail(s->entry, error_of_status(work->status), work->error);
+    if (work->status) memo_fail(s->entry, error_of_status(work->status), work->error);
     else
         memo_fill(s->entry, s->visibility, prt_visibility_bytes(s->visibility),
                   destroy_visibility);
@@ -80,10 +79,10 @@ struct memo_entry *visibility_get(struct model *model, uint64_t generation,
     bool fresh;
     snprintf(key, sizeof key,
              "%s/%llu/seen/%ux%u/%u/%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g",
-             model->key, (unsigned long long)generation, s->width, s->height,
-             s->samples, (double)c->eye[0], (double)c->eye[1], (double)c->eye[2],
-             (double)c->target[0], (double)c->target[1], (double)c->target[2], (double)c->up[0],
-             (double)c->up[1], (double)c->up[2], (double)c->fovy_deg);
+             model->key, (unsigned long long)generation, s->width, s->height, s->samples,
+             (double)c->eye[0], (double)c->eye[1], (double)c->eye[2], (double)c->target[0],
+             (double)c->target[1], (double)c->target[2], (double)c->up[0], (double)c->up[1],
+             (double)c->up[2], (double)c->fovy_deg);
     struct memo_entry *entry = memo_get(model->server->memo, key, &fresh);
     if (!fresh) return entry;
     struct seeing *seeing = calloc(1, sizeof *seeing);
@@ -91,9 +90,13 @@ struct memo_entry *visibility_get(struct model *model, uint64_t generation,
         memo_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return entry;
     }
-    *seeing = (struct seeing){.entry = entry, .owner = owner, .mesh = mesh,
+    *seeing = (struct seeing){.entry = entry,
+                              .owner = owner,
+                              .mesh = mesh,
                               .camera = *c,
-                              .width = s->width, .height = s->height, .samples = s->samples};
+                              .width = s->width,
+                              .height = s->height,
+                              .samples = s->samples};
     memo_hold(entry);
     memo_hold(seeing->owner);
     seeing->work.run = run_seeing;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What a client asks to be evaluated, from messages to a checked render_spec. Every refusal names
-// the parameter, its range and its unit.
+// What a client asks to be evaluated, from messages to a checked render_spec. Every refusal
+// names the parameter, its range and its unit.
 #include "materials.h"
 #include "render.h"
 
@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define REFUSE(code, ...)                                                                      \
+#define REFUSE(code, ...) \
     return (snprintf(error, 300, __VA_ARGS__), RELIGHT__ERROR_CODE__ERROR_##code)
 
 void render_spec_init(struct render_spec *spec)
@@ -64,7 +64,8 @@ static int parse_light(struct render_light *out, const Relight__Light *in, unsig
     if (!in->cube_n == !in->env[0])
         REFUSE(BAD_REQUEST, "lights[%u]: exactly one of env and cube_n is wanted", index);
     if (in->cube_n && (in->cube_n < 16 || in->cube_n > 128 || in->cube_n & (in->cube_n - 1)))
-        REFUSE(OUT_OF_RANGE, "lights[%u].cube_n %u is not 16, 32, 64 or 128", index, in->cube_n);
+        REFUSE(OUT_OF_RANGE, "lights[%u].cube_n %u is not 16, 32, 64 or 128", index,
+               in->cube_n);
     if (!(fabsf(in->rotate_deg) <= 1e6f))
         REFUSE(OUT_OF_RANGE, "lights[%u].rotate_deg is outside [-1e6, 1e6] degrees", index);
     vec3(in->gain, out->gain);
@@ -83,8 +84,7 @@ void render_light_name(struct render_light *light, const float *texels)
         snprintf(source, sizeof source, "texels:%u:%016llx%016llx", light->cube_n,
                  (unsigned long long)prt_hash64(texels + light->texel, bytes, 1),
                  (unsigned long long)prt_hash64(texels + light->texel, bytes, 2));
-    else
-        snprintf(source, sizeof source, "%s", light->env);
+    else snprintf(source, sizeof source, "%s", light->env);
     snprintf(light->key, sizeof light->key, "%s@%.9g*%.9g,%.9g,%.9g", source, light->rotate_deg,
              (double)light->gain[0], (double)light->gain[1], (double)light->gain[2]);
     snprintf(light->still_key, sizeof light->still_key, "%s@0*%.9g,%.9g,%.9g", source,
@@ -128,7 +128,8 @@ static int parse_maps(struct render_spec *spec, const Relight__Shade *shade, cha
     static const char *const name[3] = {"albedo_map", "normal_map", "bump_map"};
     for (int k = 0; k < 3; k++) {
         if (map[k][0] && !relight_hash_valid(map[k]))
-            REFUSE(BAD_REQUEST, "shade.%s %.70s: not the SHA-256 of an upload", name[k], map[k]);
+            REFUSE(BAD_REQUEST, "shade.%s %.70s: not the SHA-256 of an upload", name[k],
+                   map[k]);
         snprintf(spec->map[k], sizeof spec->map[k], "%s", map[k]);
     }
     if (!(shade->bump_mm >= 0 && shade->bump_mm <= 1e4f))
@@ -167,13 +168,15 @@ int render_spec_shade(struct render_spec *spec, struct server *server,
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev, char error[300])
 {
     if (format < 0 || format > 3) REFUSE(UNSUPPORTED, "format %d is unknown", format);
-    if (!(fabsf(exposure_ev) <= 40)) REFUSE(OUT_OF_RANGE, "exposure_ev is outside [-40, 40] stops");
+    if (!(fabsf(exposure_ev) <= 40))
+        REFUSE(OUT_OF_RANGE, "exposure_ev is outside [-40, 40] stops");
     spec->format = format;
     spec->exposure_ev = exposure_ev;
     return 0;
 }
 
-static int parse_camera(struct render_spec *spec, const Relight__Camera *camera, char error[300])
+static int parse_camera(struct render_spec *spec, const Relight__Camera *camera,
+                        char error[300])
 {
     static const float up[3] = {0, 1, 0};
     spec->has_camera = camera != NULL;
@@ -182,8 +185,8 @@ static int parse_camera(struct render_spec *spec, const Relight__Camera *camera,
     vec3(camera->up, spec->camera_up);
     if (!vec3(camera->eye, spec->camera_eye) || !vec3(camera->target, spec->camera_target))
         REFUSE(BAD_REQUEST, "camera: eye and target are wanted");
-    if (!all_in(spec->camera_eye, -1e9f, 1e9f) || !all_in(spec->camera_target, -1e9f, 1e9f)
-        || !all_in(spec->camera_up, -1e9f, 1e9f))
+    if (!all_in(spec->camera_eye, -1e9f, 1e9f) || !all_in(spec->camera_target, -1e9f, 1e9f) ||
+        !all_in(spec->camera_up, -1e9f, 1e9f))
         REFUSE(OUT_OF_RANGE, "camera: a coordinate is outside [-1e9, 1e9]");
     spec->fovy_deg = camera->fovy_deg;
     if (!(spec->fovy_deg >= 0 && spec->fovy_deg < 170))
@@ -212,7 +215,8 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
                spec->height, side, side);
     if (p->format > 5u) REFUSE(UNSUPPORTED, "picture.format %u is unknown", p->format);
     if (p->tone > 2u) REFUSE(UNSUPPORTED, "picture.tone %u is unknown", p->tone);
-    if (p->quality > 100) REFUSE(OUT_OF_RANGE, "picture.quality %u is outside 1..100", p->quality);
+    if (p->quality > 100)
+        REFUSE(OUT_OF_RANGE, "picture.quality %u is outside 1..100", p->quality);
     if (!(fabsf(p->exposure_ev) <= 40))
         REFUSE(OUT_OF_RANGE, "picture.exposure_ev is outside [-40, 40] stops");
     spec->image_format = p->format;

@@ -43,8 +43,7 @@ static void each_type(const struct stats *s, stats_fn fn, void *user)
             sum += h->bucket[i];
             if (i < STATS_N_BUCKET)
                 snprintf(label, sizeof label, "type=\"%s\",le=\"%g\"", name, bucket_s[i]);
-            else
-                snprintf(label, sizeof label, "type=\"%s\",le=\"+Inf\"", name);
+            else snprintf(label, sizeof label, "type=\"%s\",le=\"+Inf\"", name);
             fn(user, "relightd_request_seconds_bucket", label, (double)sum,
                "time from a request's frame to its last answer", "histogram");
         }
@@ -61,7 +60,7 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     memo_count(server->memo, &cache);
     memo_count(server->files, &files);
 #define G(name, value, help) fn(user, "relightd_" name, "", (double)(value), help, "gauge")
-#define C(name, value, help)                                                                   \
+#define C(name, value, help) \
     fn(user, "relightd_" name "_total", "", (double)(value), help, "counter")
     G("uptime_seconds", (double)(loop_now_ns() - s->start_ns) * 1e-9, "since the start");
     G("draining", server->draining, "1 after SIGTERM");
@@ -93,7 +92,8 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     C("passes", s->passes, "passes over transport");
     C("relights", s->relights, "evaluations made by passes");
     C("relights_shared", s->shared, "evaluations that shared a pass");
-    C("lights_contracted", s->contractions, "joint transports contracted with a light, to be kept");
+    C("lights_contracted", s->contractions,
+      "joint transports contracted with a light, to be kept");
     C("edits", s->edits, "evaluations made of a contracted light");
     C("materials_fixed", s->materials_fixed, "materials put into joint transports, to be kept");
     C("relights_fixed", s->fixed_used, "evaluations made of a material put in");

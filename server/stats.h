@@ -24,7 +24,8 @@ struct stats {
     uint64_t bakes_done, bakes_failed, bakes_cancelled, bakes_cached, bakes_evicted;
     uint64_t passes, relights, shared; /* transport passes, answers made by them, joined ones */
     uint64_t contractions, edits; /* joint transport: lights contracted, answers made of them */
-    uint64_t materials_fixed, fixed_used; /* joint transport: materials put in, answers made so */
+    uint64_t materials_fixed,
+        fixed_used; /* joint transport: materials put in, answers made so */
     uint64_t frames_sent, frames_dropped;
     float finish_ns_a_pixel; /* shading and encoding a picture, as last seen */
     struct stats_histogram latency[STATS_N_TYPE];

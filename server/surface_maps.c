@@ -120,8 +120,12 @@ struct memo_entry *surface_map_get(struct server *server, enum prt_screen_map_ki
     }
     blobs_name(server->blobs, hash, name, sizeof name);
     entry = memo_get(server->memo, key, &fresh);
-    *m = (struct making){.server = server, .entry = entry, .image = image_get(server, hash),
-                         .kind = kind, .material = *material, .bump_mm = bump_mm,
+    *m = (struct making){.server = server,
+                         .entry = entry,
+                         .image = image_get(server, hash),
+                         .kind = kind,
+                         .material = *material,
+                         .bump_mm = bump_mm,
                          .linear = prt_screen_map_linear(name)};
     memo_hold(entry); // one for the making, one for the caller
     m->waiter.wake = image_ready;

@@ -48,7 +48,8 @@ static void put_normal(const float in[3], float out[3])
     for (int c = 0; c < 3; c++) out[c] = good ? in[c] / length : 0;
 }
 
-// What was seen of shapes that are past. The one before may still be in use: it goes the next time.
+// What was seen of shapes that are past. The one before may still be in use: it goes the next
+// time.
 static void forget_old_shapes(struct model *m)
 {
     char prefix[64];

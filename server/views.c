@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Views: state that frames follow. One evaluation a view at a time and the newest state wins, so
-// that a dragged slider costs one frame at a time however fast it is dragged; no more than
+// Views: state that frames follow. One evaluation a view at a time and the newest state wins,
+// so that a dragged slider costs one frame at a time however fast it is dragged; no more than
 // `window` frames travel unacknowledged, so that a slow reader slows only itself. While nothing
 // changes, a picture by an image-space engine gets finer, until it is as good as it gets.
 #include "dispatch.h"
@@ -19,21 +19,21 @@ static const uint64_t rest_ns = 120000000;  // a state has stood so long: it is 
 struct view {
     struct request *request;
     struct model *model;
-    struct render_spec spec;   // the newest state
-    uint64_t sequence;         // of it
-    bool dirty;                // it was not drawn yet
-    struct render *render;     // being drawn
-    struct render_spec drawn;  // its spec, without texels
+    struct render_spec spec;  // the newest state
+    uint64_t sequence;        // of it
+    bool dirty;               // it was not drawn yet
+    struct render *render;    // being drawn
+    struct render_spec drawn; // its spec, without texels
     uint64_t drawn_sequence;
     uint64_t frame, shown, dropped, window;
-    uint64_t gap_ns, next_ns;  // max_fps
+    uint64_t gap_ns, next_ns; // max_fps
     bool told_not_ready;
     struct loop_timer timer;
     struct model_watcher watcher;
     struct refinement *refinement; // of the state that was drawn; NULL: none
-    bool refining;             // what is being drawn is the same state, finer
-    uint32_t told_frames;      // pictures in the mean that was sent last
-    uint64_t changed_ns;       // when the state last changed
+    bool refining;                 // what is being drawn is the same state, finer
+    uint32_t told_frames;          // pictures in the mean that was sent last
+    uint64_t changed_ns;           // when the state last changed
 };
 
 static void draw(struct view *v);
@@ -207,8 +207,8 @@ static int apply(struct view *v, struct server *server, const Relight__ViewState
     struct render_spec next = v->spec;
     int code = 0;
     if (state && (code = render_spec_shade(&next, server, state->shade, error))) return code;
-    if (state && state->picture && v->spec.picture
-        && (code = render_spec_picture(&next, server, state->picture, error)))
+    if (state && state->picture && v->spec.picture &&
+        (code = render_spec_picture(&next, server, state->picture, error)))
         return code;
     size_t n = state ? state->n_lights : 0;
     if (n || from->payload_size)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* warm.h owns what a first picture would otherwise wait for: the specular filter's table and the
- * rasteriser's start, a few hundred milliseconds once a process. */
+/* warm.h owns what a first picture would otherwise wait for: the specular filter's table and
+ * the rasteriser's start, a few hundred milliseconds once a process. */
 #ifndef RELIGHTD_WARM_H
 #define RELIGHTD_WARM_H
 

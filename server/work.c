@@ -18,7 +18,7 @@ struct work_pool {
     pthread_cond_t more;
     struct work *first[WORK_N_CLASS], **last[WORK_N_CLASS];
     size_t n_waiting;
-    size_t n_open;              // loop thread only
+    size_t n_open;                   // loop thread only
     unsigned n_thread, n_background; // running background work
     bool stopping;
     pthread_t thread[];
@@ -39,8 +39,8 @@ static struct work *take(struct work_pool *pool)
     for (int c = 0; c < WORK_N_CLASS; c++) {
         struct work *work = pool->first[c];
         if (!work) continue;
-        if (c == WORK_BACKGROUND && pool->n_thread > 1
-            && pool->n_background + 1 >= pool->n_thread)
+        if (c == WORK_BACKGROUND && pool->n_thread > 1 &&
+            pool->n_background + 1 >= pool->n_thread)
             continue;
         pool->first[c] = work->next;
         if (!work->next) pool->last[c] = &pool->first[c];

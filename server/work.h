@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* work.h owns the worker threads: relights, rasters and encodes run there, never on the loop. */
+/* work.h owns the worker threads: relights, rasters and encodes run there, never on the loop.
+ */
 #ifndef RELIGHTD_WORK_H
 #define RELIGHTD_WORK_H
 

@@ -7,11 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const float open_solid_angle = 0.04f;  // JB02's epsilon [sr]
-static const float open_extent = 1;           // node extent against the kernel's own scale,
-static const float open_lengths = 4;          // which is 1/sigma_tr but not below r/4: what falls
-                                              // faster has nothing left at r
-static const float near_spacings = 3.5f;      // within them the cell is integrated
+static const float open_solid_angle = 0.04f; // JB02's epsilon [sr]
+static const float open_extent = 1;          // node extent against the kernel's own scale,
+static const float open_lengths = 4;     // which is 1/sigma_tr but not below r/4: what falls
+                                         // faster has nothing left at r
+static const float near_spacings = 3.5f; // within them the cell is integrated
 
 struct cut_build {
     const struct prt_surface_points *s;
@@ -39,8 +39,10 @@ static int visit(struct cut_build *b, uint32_t at)
     const struct node *node = &b->h->node[at];
     float gap2 = 0, centre2 = 0, extent2 = 0;
     for (int k = 0; k < 3; k++) {
-        float gap = fmaxf(fmaxf(node->box[0][k] - b->box[1][k], b->box[0][k] - node->box[1][k]), 0);
-        float c = fmaxf(fmaxf(node->centre[k] - b->box[1][k], b->box[0][k] - node->centre[k]), 0);
+        float gap =
+            fmaxf(fmaxf(node->box[0][k] - b->box[1][k], b->box[0][k] - node->box[1][k]), 0);
+        float c =
+            fmaxf(fmaxf(node->centre[k] - b->box[1][k], b->box[0][k] - node->centre[k]), 0);
         float e = node->box[1][k] - node->box[0][k];
         gap2 += gap * gap;
         centre2 += c * c;
@@ -125,7 +127,10 @@ int cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
               struct cut *cut)
 {
     const struct prt_cluster *cluster = &clusters->cluster[c];
-    struct cut_build b = {.s = surface, .h = h, .cut = cut, .steepest = radial->steepest,
+    struct cut_build b = {.s = surface,
+                          .h = h,
+                          .cut = cut,
+                          .steepest = radial->steepest,
                           .near_mm = near_spacings * surface->spacing};
     cut->n_column = 0;
     for (int k = 0; k < 3; k++) b.box[0][k] = INFINITY, b.box[1][k] = -INFINITY;
@@ -145,8 +150,9 @@ int cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
         cut->k = prt_alloc(cut->k_capacity, sizeof *cut->k);
         if (!cut->k) cut->k_capacity = 0, status = PRT_NOMEM;
     }
-    float *scratch = prt_alloc((3 + 2 * (size_t)radial->n) * cluster->n_vertex + 128 * (radial->n + 1),
-                               sizeof *scratch);
+    float *scratch =
+        prt_alloc((3 + 2 * (size_t)radial->n) * cluster->n_vertex + 128 * (radial->n + 1),
+                  sizeof *scratch);
     if (!scratch) status = PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < cut->n_column; i++)
         fill_column(mesh, &b, clusters, cluster, radial, ctx->cpu, i, scratch);

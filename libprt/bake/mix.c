@@ -10,8 +10,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double direction_share = 2e-8; // of a cluster's energy: a direction with less is not made
-static const double metric_floor = 1e-5; // of the metric: media beside the training have a say, too
+static const double direction_share =
+    2e-8; // of a cluster's energy: a direction with less is not made
+static const double metric_floor =
+    1e-5; // of the metric: media beside the training have a say, too
 
 struct metric {
     uint32_t n;
@@ -91,7 +93,8 @@ static int allocate(const struct factor_plan *plan, uint32_t nd, struct factored
     f->width = calloc(f->rank + 1u, 1);
     f->limit = calloc(f->rank + 1u, sizeof *f->limit);
     f->count = calloc(f->rank + 1u, sizeof *f->count);
-    return f->b && f->scale && f->mix && f->scaling && f->energy && f->width && f->limit && f->count
+    return f->b && f->scale && f->mix && f->scaling && f->energy && f->width && f->limit &&
+                   f->count
                ? PRT_OK
                : PRT_NOMEM;
 }
@@ -144,7 +147,8 @@ int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
                             work + 2 * (size_t)J * J + J);
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)nd, (int)n_coef, (int)J, 1,
                     forward, (int)J, row, (int)n_coef, 0, turned, (int)n_coef);
-        for (uint32_t d = 0; d < nd; d++) take(f, r, d, turned + (size_t)d * n_coef, n_coef, room);
+        for (uint32_t d = 0; d < nd; d++)
+            take(f, r, d, turned + (size_t)d * n_coef, n_coef, room);
     }
     free(m.l);
     free(work);
@@ -177,10 +181,10 @@ static void probe_scaling(const struct factor_plan *plan, float *out)
 // What is known of the rows before they are made.
 struct blends {
     uint32_t J, wide, m, nd;
-    float *row;             // [rank][J][wide] U's projection of the answers
-    float *lit;             // [6][m] scaling coefficients of the probes
-    float *forward;         // [rank][nd][J]
-    uint32_t *held;         // [rank] directions worth making
+    float *row;     // [rank][J][wide] U's projection of the answers
+    float *lit;     // [6][m] scaling coefficients of the probes
+    float *forward; // [rank][nd][J]
+    uint32_t *held; // [rank] directions worth making
 };
 
 // Directions of every row from its answers to white lights, whose mean product is the gram of
@@ -198,10 +202,10 @@ static int find_directions(const struct factor_plan *plan, struct blends *s, str
         for (uint32_t j = 0; j < J; j++)
             for (uint32_t k = 0; k < 6; k++)
                 f->scaling[((size_t)r * 6 + k) * J + j] = z[(size_t)j * s->wide + s->m + k];
-        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)J, (int)s->m, 6, -1, z + s->m,
-                    (int)s->wide, s->lit, (int)s->m, 1, z, (int)s->wide);
-        cblas_ssyrk(CblasRowMajor, CblasLower, CblasNoTrans, (int)J, (int)s->m,
-                    1 / (float)s->m, z, (int)s->wide, 0, gram, (int)J);
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)J, (int)s->m, 6, -1,
+                    z + s->m, (int)s->wide, s->lit, (int)s->m, 1, z, (int)s->wide);
+        cblas_ssyrk(CblasRowMajor, CblasLower, CblasNoTrans, (int)J, (int)s->m, 1 / (float)s->m,
+                    z, (int)s->wide, 0, gram, (int)J);
         status = directions(&m, gram, nd, work, s->forward + (size_t)r * nd * J,
                             f->mix + (size_t)r * nd * J, energy);
         for (uint32_t d = 0; d < nd; d++) {
@@ -222,7 +226,8 @@ static int make_rows(const struct factor_plan *plan, const struct row_source *so
     const uint32_t J = s->J, n_coef = 6 * plan->n * plan->n, face = plan->n * plan->n;
     uint32_t n = 0;
     for (uint32_t r = 0; r < f->rank; r++) n += s->held[r];
-    float *w = prt_alloc((size_t)n * J + 1, sizeof *w), *x = prt_alloc((n + 1) * (size_t)n_coef, 4);
+    float *w = prt_alloc((size_t)n * J + 1, sizeof *w),
+          *x = prt_alloc((n + 1) * (size_t)n_coef, 4);
     uint32_t *row = prt_alloc(n + 1u, sizeof *row);
     int status = w && x && row ? PRT_OK : PRT_NOMEM;
     for (uint32_t r = 0, i = 0; r < f->rank && !status; r++)
@@ -251,7 +256,9 @@ int mix_blend(const struct factor_plan *plan, const struct row_source *source,
               const float *answers, struct factored *f)
 {
     const uint32_t J = plan->n_function, n_vertex = source->n_vertex;
-    struct blends s = {.J = J, .m = plan->n_probe, .wide = plan->n_probe + 6,
+    struct blends s = {.J = J,
+                       .m = plan->n_probe,
+                       .wide = plan->n_probe + 6,
                        .nd = J < MIX_MOST ? J : MIX_MOST};
     s.row = prt_alloc((size_t)f->rank * J * s.wide + 1, sizeof *s.row);
     s.lit = prt_alloc(6 * (size_t)s.m, sizeof *s.lit);
@@ -260,8 +267,9 @@ int mix_blend(const struct factor_plan *plan, const struct row_source *source,
     int status = s.row && s.lit && s.forward && s.held ? allocate(plan, s.nd, f) : PRT_NOMEM;
     for (uint32_t j = 0; j < J && f->rank && !status; j++)
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)f->rank, (int)s.wide,
-                    (int)n_vertex, 1, f->u, (int)n_vertex, answers + (size_t)j * n_vertex * s.wide,
-                    (int)s.wide, 0, s.row + (size_t)j * s.wide, (int)(J * s.wide));
+                    (int)n_vertex, 1, f->u, (int)n_vertex,
+                    answers + (size_t)j * n_vertex * s.wide, (int)s.wide, 0,
+                    s.row + (size_t)j * s.wide, (int)(J * s.wide));
     if (!status) {
         probe_scaling(plan, s.lit);
         status = find_directions(plan, &s, f);
@@ -312,8 +320,8 @@ PRT_CLONES static uint32_t count_above(const float *sum, float limit, const floa
     return all;
 }
 
-// Sum of squared steps of the entries that are laid once: each the power of two that its share of
-// 127 lies below.
+// Sum of squared steps of the entries that are laid once: each the power of two that its share
+// of 127 lies below.
 PRT_CLONES static float squared_steps(const float *sum, float limit, const float *share,
                                       float above, uint32_t n)
 {
@@ -340,10 +348,10 @@ PRT_CLONES static void raise_share(const float *x, float scale, float *share, ui
     }
 }
 
-// Entries as bytes lose a step's twelfth in energy, a step being a 127th of the largest value at
-// most halved: where that is dearer than another entry, what the first one left is laid beside
-// it. The share of the row's largest values above which an entry is laid twice; unit2: the sum
-// of the directions' squared steps.
+// Entries as bytes lose a step's twelfth in energy, a step being a 127th of the largest value
+// at most halved: where that is dearer than another entry, what the first one left is laid
+// beside it. The share of the row's largest values above which an entry is laid twice; unit2:
+// the sum of the directions' squared steps.
 static float twice_above(float unit2, float limit)
 {
     int exponent; // a step above 2^(exponent-1), the largest power below, loses more than limit
@@ -351,8 +359,8 @@ static float twice_above(float unit2, float limit)
     return ldexpf(1, exponent < 1 ? exponent - 1 : 0);
 }
 
-// A row's directions as floats, as far as they were asked for: room [MIX_ROOM][n_coef], the sums
-// of their squares and the shares of the largest values before them.
+// A row's directions as floats, as far as they were asked for: room [MIX_ROOM][n_coef], the
+// sums of their squares and the shares of the largest values before them.
 struct shown {
     const struct factored *f;
     uint32_t r, n_coef, n;
@@ -361,7 +369,11 @@ struct shown {
 
 static struct shown show(const struct factored *f, uint32_t r, uint32_t n_coef, float *room)
 {
-    return (struct shown){.f = f, .r = r, .n_coef = n_coef, .sum = room, .share = room + n_coef,
+    return (struct shown){.f = f,
+                          .r = r,
+                          .n_coef = n_coef,
+                          .sum = room,
+                          .share = room + n_coef,
                           .x = room + 2 * (size_t)n_coef};
 }
 
@@ -394,7 +406,8 @@ static uint64_t count_entries(struct shown *s, uint32_t width, float limit, doub
         raise_share(x, 127 / most, s->share, s->n_coef);
     }
     above = 127 * twice_above(unit2, limit);
-    *lost = (double)unit2 / 12 * (double)squared_steps(s->sum, limit, s->share, above, s->n_coef);
+    *lost =
+        (double)unit2 / 12 * (double)squared_steps(s->sum, limit, s->share, above, s->n_coef);
     return count_above(s->sum, limit, s->share, above, s->n_coef);
 }
 
@@ -489,16 +502,16 @@ int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows
             value[d] = x[(size_t)d * n_coef + k];
             share = fmaxf(share, fabsf(value[d]));
         }
-        for (int turn = 0; turn < 1 + (share > above) && at < rows->begin[row + 1]; turn++, at++) {
+        for (int turn = 0; turn < 1 + (share > above) && at < rows->begin[row + 1];
+             turn++, at++) {
             OWN(uint8_t, rows->shift)[at] = put_bytes(value, width, entry);
             if (rows->index_bytes == 2) OWN(uint16_t, rows->index)[at] = (uint16_t)k;
             else OWN(uint32_t, rows->index)[at] = k;
             entry += width;
         }
     }
-    for (uint32_t k = 0; k < 6 * J; k++)
-        OWN(uint16_t, rows->scaling)
-        [(size_t)row * 6 * J + k] = prt_f32_to_f16(f->scaling[(size_t)r * 6 * J + k] * s);
+    for (uint32_t k = 0; k < 6 * J; k++) OWN(uint16_t, rows->scaling)
+    [(size_t)row * 6 * J + k] = prt_f32_to_f16(f->scaling[(size_t)r * 6 * J + k] * s);
     prt_free(room);
     return at == rows->begin[row + 1] ? PRT_OK : PRT_INTERNAL;
 }

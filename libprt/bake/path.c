@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Integrals along a vertex's path (W05 eq 10-12, X07 eq 14): the way out towards a direction is
-// nearly linear in depth, so a monotone cubic is laid through the nodes that were traced and the
-// exponentials between its points are integrated in closed form.
+// nearly linear in depth, so a monotone cubic is laid through the nodes that were traced and
+// the exponentials between its points are integrated in closed form.
 #include "bake/path.h"
 
 #include <string.h>
@@ -11,7 +11,8 @@ enum { MAX_POINTS = SINGLE_MAX_NODES * SUBSTEPS + 1 };
 
 // (e^-a - e^-b) / (b - a), the mean of an exponential between two exponents: the quotient, or
 // near a = b its series, blended around a difference of 0.1, where both hold to 1e-5.
-static inline __attribute__((always_inline)) float mean_exp(float ea, float eb, float a, float b)
+static inline __attribute__((always_inline)) float mean_exp(float ea, float eb, float a,
+                                                            float b)
 {
     float d = b - a, d2 = d * d;
     float quotient = (ea - eb) * d / (d2 + 1e-12f);
@@ -24,11 +25,11 @@ static inline __attribute__((always_inline)) float mean_exp(float ea, float eb, 
 // A tile of directions along the path: depth + way out and F_t V at the points of a monotone
 // cubic through surface and nodes.
 struct path {
-    uint32_t n_point;                       // 1 + n_node * substeps
+    uint32_t n_point; // 1 + n_node * substeps
     float depth[MAX_POINTS];
-    float u[MAX_POINTS][TILE];              // s + s' [mm]
+    float u[MAX_POINTS][TILE]; // s + s' [mm]
     float open[MAX_POINTS][TILE];
-    float slope[TILE];                      // of u beyond the last node
+    float slope[TILE]; // of u beyond the last node
 };
 
 // Slope at a point between two chords (Fritsch and Carlson's monotone cubic).
@@ -40,7 +41,7 @@ static inline __attribute__((always_inline)) float pchip(float h0, float h1, flo
 
 struct knots {
     float depth[SINGLE_MAX_NODES + 1];
-    float v[SINGLE_MAX_NODES + 1][TILE];    // values
+    float v[SINGLE_MAX_NODES + 1][TILE]; // values
 };
 
 // Lays `substeps` points into every interval of the knots.
@@ -131,7 +132,8 @@ static void follow_path(const struct single_plan *plan, const struct fresnel_tab
         path->depth[i] = u.depth[a] + x * (u.depth[a + 1] - u.depth[a]);
     }
     float inv = 1 / (u.depth[N] - u.depth[N - 1]);
-    for (int t = 0; t < TILE; t++) path->slope[t] = fmaxf((u.v[N][t] - u.v[N - 1][t]) * inv, 0.3f);
+    for (int t = 0; t < TILE; t++)
+        path->slope[t] = fmaxf((u.v[N][t] - u.v[N - 1][t]) * inv, 0.3f);
 }
 
 // Everything along the path for isotropic phase: one channel of a tile, to multiply by factor.
@@ -274,7 +276,8 @@ radial_sums(const struct single_plan *plan, const struct path *path, float end,
     uint32_t K = plan->n_phase, J = table->n_function, points = path->n_point;
     enum { WIDE = EXTINCTION_WIDE };
     for (uint32_t t = 0; t < m; t++) {
-        float sum[PATH_MAX_PHASE][WIDE], y[SINGLE_MAX_NODES][PATH_MAX_PHASE], mid[PATH_MAX_PHASE];
+        float sum[PATH_MAX_PHASE][WIDE], y[SINGLE_MAX_NODES][PATH_MAX_PHASE],
+            mid[PATH_MAX_PHASE];
         float before[WIDE], after[WIDE], u = path->u[0][t];
         bool any = node_sh(plan, s, direction_of(s, first + t), y);
         memset(sum, 0, K * sizeof *sum);
@@ -287,7 +290,8 @@ radial_sums(const struct single_plan *plan, const struct path *path, float end,
             float next = last ? fmaxf(u + path->slope[t] * step, 0) : path->u[i][t];
             float open = 0.5f * (path->open[i - 1][t] + path->open[last ? i - 1 : i][t]);
             if (fabsf(next - u) < 1e-3f * step) next = u + 1e-3f * step;
-            if (open <= 0 && i + 1 < points && path->open[i + 1][t] <= 0) { // dark on both sides
+            if (open <= 0 && i + 1 < points &&
+                path->open[i + 1][t] <= 0) { // dark on both sides
                 u = next, extinction_integral(table, wide, u, before);
                 continue;
             }

@@ -12,17 +12,18 @@ enum { PATH_MAX_PHASE = 9 };
 
 /* What a direction meets at a node: distance out s', F_t V, and the refracted way in. */
 struct exits {
-    float *way;      /* s_i' [mm] */
-    float *open;     /* F_t(eta, w_i) V, 0 when blocked */
-    float *dir[3];   /* w_i' outward */
+    float *way;    /* s_i' [mm] */
+    float *open;   /* F_t(eta, w_i) V, 0 when blocked */
+    float *dir[3]; /* w_i' outward */
 };
 
 struct scratch {
     struct exits node[SINGLE_MAX_NODES];
-    float *side;     /* [n_coef] cosine between texel and vertex normal */
+    float *side; /* [n_coef] cosine between texel and vertex normal */
     /* Per node what the rays bring, to find where neighbours differ. */
-    float *value[SINGLE_MAX_NODES];  /* [n_coef/4] of a block of 2 x 2 texels */
-    float *doubt[SINGLE_MAX_NODES];  /* [n_coef/4] most a block may hide: 0, or a ray was cast on */
+    float *value[SINGLE_MAX_NODES]; /* [n_coef/4] of a block of 2 x 2 texels */
+    float *
+        doubt[SINGLE_MAX_NODES]; /* [n_coef/4] most a block may hide: 0, or a ray was cast on */
     float *coarse[SINGLE_MAX_NODES]; /* [n_coef/16] of a tile of 2 x 2 blocks */
     float *fine[SINGLE_MAX_NODES];   /* [n_coef/16] 1: every block of the tile was traced */
     /* Cells: directions that share what every node met, integrated once. */
@@ -39,8 +40,9 @@ static inline __attribute__((always_inline)) float exp_minus(float x)
     float y = x * -1.44269504f;
     y = 0.5f * (y - 125 + fabsf(y + 125)); // max(y, -125)
     float whole = (float)(int)(y - 0.5f), f = (y - whole) * 0.69314718f;
-    float p = 1 + f * (1 + f * (0.5f + f * (0.166666667f + f * (0.0416666667f +
-              f * (0.00833333333f + f * 0.00138888889f)))));
+    float p = 1 + f * (1 + f * (0.5f + f * (0.166666667f +
+                                            f * (0.0416666667f +
+                                                 f * (0.00833333333f + f * 0.00138888889f)))));
     union {
         int32_t i;
         float f;

@@ -25,8 +25,9 @@ static int full_range(void *arg, size_t begin, size_t end, unsigned worker)
     uint16_t *half = prt_alloc(j->d->n_coef, sizeof *half);
     uint64_t rays = 0;
     for (size_t i = begin; row && half && i < end; i++) {
-        rays += irradiance_row(j->scene, j->d, (unsigned)i, &j->fresnel, j->surface->position[i],
-                               j->surface->normal[i], j->surface->face_normal[i], row);
+        rays +=
+            irradiance_row(j->scene, j->d, (unsigned)i, &j->fresnel, j->surface->position[i],
+                           j->surface->normal[i], j->surface->face_normal[i], row);
         prt_f32_to_f16_array(row, j->d->n_coef, half);
     }
     atomic_fetch_add(&j->rays, rays);
@@ -48,11 +49,13 @@ static int bare_range(void *arg, size_t begin, size_t end, unsigned worker)
         size_t base = (size_t)(i % j->d->n_pattern) * j->d->n_packet * 16;
         struct prt_packet p;
         for (int l = 0; l < 16; l++) {
-            p.ox[l] = x[0] + eps * f[0], p.oy[l] = x[1] + eps * f[1], p.oz[l] = x[2] + eps * f[2];
+            p.ox[l] = x[0] + eps * f[0], p.oy[l] = x[1] + eps * f[1],
+            p.oz[l] = x[2] + eps * f[2];
             p.tnear[l] = 0, p.tfar[l] = INFINITY;
         }
         for (uint32_t k = 0; k < j->d->n_packet; k++) {
-            const float *dx = j->d->x + base + (size_t)k * 16, *dy = j->d->y + base + (size_t)k * 16,
+            const float *dx = j->d->x + base + (size_t)k * 16,
+                        *dy = j->d->y + base + (size_t)k * 16,
                         *dz = j->d->z + base + (size_t)k * 16;
             uint32_t mask = 0;
             for (int l = 0; l < 16; l++) {
@@ -99,10 +102,10 @@ int prt_bake_measure_rays(const struct prt_context *ctx, const struct prt_mesh *
 struct single_job {
     struct single_plan plan;
     struct fresnel_table fresnel;
-    const struct prt_cube *light;  // [n_light]
+    const struct prt_cube *light; // [n_light]
     uint32_t n_light, n_vertex;
     uint32_t *vertex;
-    float (*color)[3];             // [n_light][n_vertex]
+    float (*color)[3]; // [n_light][n_vertex]
     atomic_uint_fast64_t rays;
 };
 
@@ -114,7 +117,8 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
     float *rows = prt_alloc((size_t)3 * d->n_coef, sizeof *rows);
     void *scratch = prt_alloc(single_scratch_bytes(&j->plan), 1);
     for (size_t i = begin; rows && scratch && i < end; i++) {
-        atomic_fetch_add(&j->rays, single_rows(&j->plan, &j->fresnel, j->vertex[i], rows, scratch));
+        atomic_fetch_add(&j->rays,
+                         single_rows(&j->plan, &j->fresnel, j->vertex[i], rows, scratch));
         for (uint32_t k = 0; k < 3 * j->n_light; k++) {
             uint32_t c = k % 3;
             double sum = 0;
@@ -156,10 +160,16 @@ int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh
     if (status == PRT_OK) {
         struct prt_rng rng;
         prt_rng_init(&rng, 5, 5);
-        for (uint32_t i = 0; i < n_vertex; i++) job.vertex[i] = prt_rng_u32(&rng) % mesh->n_vertex;
+        for (uint32_t i = 0; i < n_vertex; i++)
+            job.vertex[i] = prt_rng_u32(&rng) % mesh->n_vertex;
         fresnel_table_init(&job.fresnel, m->eta);
-        job.plan = (struct single_plan){.scene = scene, .mesh = mesh, .directions = d,
-                                        .eta = m->eta, .n_phase = 1, .n_point = 16, .seed = 1,
+        job.plan = (struct single_plan){.scene = scene,
+                                        .mesh = mesh,
+                                        .directions = d,
+                                        .eta = m->eta,
+                                        .n_phase = 1,
+                                        .n_point = 16,
+                                        .seed = 1,
                                         .n_direction = d->n_coef};
         for (int c = 0; c < 3; c++) {
             job.plan.sigma_s[c] = m->sigma_s_prime[c] / (1 - m->g[c]);

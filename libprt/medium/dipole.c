@@ -9,7 +9,8 @@ double prt_fresnel_dr(double eta)
     return -1.440 / (eta * eta) + 0.710 / eta + 0.668 + 0.0636 * eta;
 }
 
-void prt_dipole_init(struct prt_dipole *dipole, double sigma_s_prime, double sigma_a, double eta)
+void prt_dipole_init(struct prt_dipole *dipole, double sigma_s_prime, double sigma_a,
+                     double eta)
 {
     double f_dr = prt_fresnel_dr(eta), boundary = (1 + f_dr) / (1 - f_dr);
     double sigma_t_prime = sigma_s_prime + sigma_a;

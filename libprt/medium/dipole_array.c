@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
-// R_d over arrays of squared distances: C, AVX2 and AVX-512. Bakes spend billions of calls here.
+// R_d over arrays of squared distances: C, AVX2 and AVX-512. Bakes spend billions of calls
+// here.
 //
-// One pole is a y^2 (sigma + y) 2^(c d) with y = 1/d = rsqrt(r^2 + z^2) after one Newton step and
-// c = -sigma log2(e). The power is taken by rounding c d to a multiple of 1/16 (1/8 in AVX2) with
-// a magic addition, whose low bits look 2^(k/16) up in a register, and a short polynomial for
-// the rest: 4e-7 relative.
+// One pole is a y^2 (sigma + y) 2^(c d) with y = 1/d = rsqrt(r^2 + z^2) after one Newton step
+// and c = -sigma log2(e). The power is taken by rounding c d to a multiple of 1/16 (1/8 in
+// AVX2) with a magic addition, whose low bits look 2^(k/16) up in a register, and a short
+// polynomial for the rest: 4e-7 relative.
 #include "material.h"
 
 #include <math.h>
@@ -96,8 +97,8 @@ INLINE AVX512 __m512 pole512_add(const struct pole512 *p, __m512 r2, __m512 tabl
     __m512 t = _mm512_fmadd_ps(d, p->c, magic);
     __m512 k = _mm512_sub_ps(t, magic);
     __m512 f = _mm512_fmsub_ps(d, p->c, k);
-    __m512 q = _mm512_fmadd_ps(_mm512_set1_ps((float)EXP512_C2), f,
-                               _mm512_set1_ps((float)EXP512_C1));
+    __m512 q =
+        _mm512_fmadd_ps(_mm512_set1_ps((float)EXP512_C2), f, _mm512_set1_ps((float)EXP512_C1));
     q = _mm512_fmadd_ps(q, f, _mm512_set1_ps(1.0f));
     q = _mm512_mul_ps(q, _mm512_permutexvar_ps(_mm512_castps_si512(t), table));
     __m512 w = _mm512_mul_ps(_mm512_mul_ps(y, y), _mm512_fmadd_ps(p->a, y, p->a_sigma));
@@ -106,10 +107,10 @@ INLINE AVX512 __m512 pole512_add(const struct pole512 *p, __m512 r2, __m512 tabl
 
 INLINE AVX512 __m512 table512(void)
 {
-    static const float power[16] = {
-        1.00000000f, 1.04427378f, 1.09050773f, 1.13878863f, 1.18920712f, 1.24185781f,
-        1.29683955f, 1.35425555f, 1.41421356f, 1.47682615f, 1.54221083f, 1.61049033f,
-        1.68179283f, 1.75625216f, 1.83400809f, 1.91520656f};
+    static const float power[16] = {1.00000000f, 1.04427378f, 1.09050773f, 1.13878863f,
+                                    1.18920712f, 1.24185781f, 1.29683955f, 1.35425555f,
+                                    1.41421356f, 1.47682615f, 1.54221083f, 1.61049033f,
+                                    1.68179283f, 1.75625216f, 1.83400809f, 1.91520656f};
     return _mm512_loadu_ps(power);
 }
 
@@ -171,7 +172,7 @@ INLINE AVX2 __m256 pole256_add(const struct pole *p, __m256 r2, __m256 table, __
     __m256i exponent = _mm256_slli_epi32(_mm256_srai_epi32(bits, 3), 23);
     q = _mm256_castsi256_ps(_mm256_add_epi32(_mm256_castps_si256(q), exponent));
     __m256 w = _mm256_mul_ps(_mm256_mul_ps(y, y), _mm256_fmadd_ps(_mm256_set1_ps(p->a), y,
-                                                                   _mm256_set1_ps(p->a_sigma)));
+                                                                  _mm256_set1_ps(p->a_sigma)));
     return _mm256_fmadd_ps(w, q, accumulate);
 }
 

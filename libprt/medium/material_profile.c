@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A material's own R_d as a table that travels with it: made of any profile, checked, evaluated.
+// A material's own R_d as a table that travels with it: made of any profile, checked,
+// evaluated.
 #include "material.h"
 #include "prt/profile.h"
 
@@ -60,8 +61,7 @@ double material_table_tail(const struct prt_dipole *d, double r_mm)
     const float *r = d->radius, *f = d->reflectance;
     double sum = r_mm < (double)r[0] ? line_integral(r_mm, f[0], r[0], f[0]) : 0;
     for (uint32_t i = 0; i + 1 < d->n_point; i++)
-        if (r_mm <= (double)r[i])
-            sum += line_integral(r[i], f[i], r[i + 1], f[i + 1]);
+        if (r_mm <= (double)r[i]) sum += line_integral(r[i], f[i], r[i + 1], f[i + 1]);
         else if (r_mm < (double)r[i + 1])
             sum += line_integral(r_mm, material_table_rd(d, r_mm), r[i + 1], f[i + 1]);
     return sum;
@@ -100,9 +100,17 @@ int material_check_profile(const struct prt_context *ctx, const struct prt_mater
 
 uint64_t prt_material_hash(const struct prt_material *m)
 {
-    const float core[11] = {m->sigma_s_prime[0], m->sigma_s_prime[1], m->sigma_s_prime[2],
-                            m->sigma_a[0], m->sigma_a[1], m->sigma_a[2], m->g[0], m->g[1],
-                            m->g[2], m->eta, m->roughness};
+    const float core[11] = {m->sigma_s_prime[0],
+                            m->sigma_s_prime[1],
+                            m->sigma_s_prime[2],
+                            m->sigma_a[0],
+                            m->sigma_a[1],
+                            m->sigma_a[2],
+                            m->g[0],
+                            m->g[1],
+                            m->g[2],
+                            m->eta,
+                            m->roughness};
     uint64_t h = prt_hash64(core, sizeof core, m->profile != 0);
     if (!m->profile) return h;
     size_t bytes = m->n_point * sizeof(float);
@@ -157,8 +165,8 @@ static int dense_of(const struct prt_optics *o, struct dense *d)
     return err;
 }
 
-/* Points where the error of straight lines is the same everywhere: for the weight 2 pi r / rho_d
- * their density goes by the cube root of weight times second derivative. */
+/* Points where the error of straight lines is the same everywhere: for the weight 2 pi r /
+ * rho_d their density goes by the cube root of weight times second derivative. */
 static uint32_t choose(const struct prt_optics *o, const struct dense *d, uint32_t *pick)
 {
     double *sum = prt_calloc(d->n, sizeof *sum);
@@ -191,7 +199,8 @@ static uint32_t choose(const struct prt_optics *o, const struct dense *d, uint32
     return found;
 }
 
-/* Largest over channels of the integral |table - profile| 2 pi r dr over that of the profile. */
+/* Largest over channels of the integral |table - profile| 2 pi r dr over that of the profile.
+ */
 static double table_error(const struct prt_optics *o, const struct dense *d)
 {
     struct prt_dipole table[3];
@@ -209,8 +218,7 @@ static double table_error(const struct prt_optics *o, const struct dense *d)
     return worst;
 }
 
-int material_from_optics(const struct prt_context *ctx, const char *what,
-                         struct prt_optics *o)
+int material_from_optics(const struct prt_context *ctx, const char *what, struct prt_optics *o)
 {
     struct prt_material *m = &o->material;
     struct dense d = {0};

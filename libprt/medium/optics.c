@@ -31,10 +31,8 @@ static void nearest_dipole(const struct prt_profile *p, double eta, float *sigma
     for (int i = 0; i < 60; i++) {
         double mid = (lo + hi) / 2;
         prt_profile_init_dipole(&unit, 1, exp(mid), eta);
-        if (unit.total > p->total)
-            lo = mid;
-        else
-            hi = mid;
+        if (unit.total > p->total) lo = mid;
+        else hi = mid;
     }
     ratio = exp(lo);
     prt_profile_init_dipole(&unit, 1, ratio, eta);
@@ -78,9 +76,9 @@ static int read_layer(const struct prt_context *ctx, const char *what, const cJS
         return err;
     if (!cJSON_HasObjectItem(item, "thickness")) {
         if (!last)
-            return prt_fail(ctx, PRT_FORMAT,
-                            "%s: \"thickness\" [mm] is missing; only the last layer has no bottom",
-                            what);
+            return prt_fail(
+                ctx, PRT_FORMAT,
+                "%s: \"thickness\" [mm] is missing; only the last layer has no bottom", what);
         thickness = INFINITY;
     } else if (!isfinite(thickness)) {
         return prt_fail(ctx, PRT_ARG, "%s: thickness is %g mm", what, thickness);
@@ -98,8 +96,8 @@ static int read_multipole(const struct prt_context *ctx, const char *what, const
     int err = material_json_keys(ctx, what, object, keys), n = cJSON_GetArraySize(list);
     if (err < 0) return err;
     if (!cJSON_IsArray(list) || n < 1 || n > PRT_PROFILE_MAX_LAYER)
-        return prt_fail(ctx, PRT_FORMAT, "%s: \"layers\" must be 1 to %d layers, top first", what,
-                        PRT_PROFILE_MAX_LAYER);
+        return prt_fail(ctx, PRT_FORMAT, "%s: \"layers\" must be 1 to %d layers, top first",
+                        what, PRT_PROFILE_MAX_LAYER);
     int i = 0;
     for (const cJSON *item = list->child; item; item = item->next, i++)
         if ((err = read_layer(ctx, what, item, i + 1 == n, layer[i])) < 0) return err;
@@ -121,7 +119,8 @@ static int curve_numbers(const struct prt_context *ctx, const char *what, const 
                          const cJSON *list, double *out, unsigned *n)
 {
     *n = 0;
-    for (const cJSON *item = cJSON_IsArray(list) ? list->child : NULL; item; item = item->next) {
+    for (const cJSON *item = cJSON_IsArray(list) ? list->child : NULL; item;
+         item = item->next) {
         if (!cJSON_IsNumber(item) || *n == PRT_PROFILE_MAX_POINT) {
             *n = 0;
             break;
@@ -137,12 +136,13 @@ static int curve_inline(const struct prt_context *ctx, const char *what, const c
                         struct curve *curve)
 {
     const cJSON *rd = cJSON_GetObjectItemCaseSensitive(object, "rd");
-    int err = curve_numbers(ctx, what, "radius",
-                            cJSON_GetObjectItemCaseSensitive(object, "radius"), curve->r,
-                            &curve->n);
+    int err =
+        curve_numbers(ctx, what, "radius", cJSON_GetObjectItemCaseSensitive(object, "radius"),
+                      curve->r, &curve->n);
     if (err < 0) return err;
     if (!cJSON_IsArray(rd) || cJSON_GetArraySize(rd) != 3)
-        return prt_fail(ctx, PRT_FORMAT, "%s: \"rd\" must be three lists, red, green, blue", what);
+        return prt_fail(ctx, PRT_FORMAT, "%s: \"rd\" must be three lists, red, green, blue",
+                        what);
     int c = 0;
     for (const cJSON *item = rd->child; item; item = item->next, c++) {
         unsigned n;
@@ -155,8 +155,8 @@ static int curve_inline(const struct prt_context *ctx, const char *what, const c
 }
 
 /* One line: r and one value, or r and three. Empty lines, # comments and one header pass. */
-static int curve_line(const struct prt_context *ctx, const char *what, unsigned line, char *text,
-                      struct curve *curve)
+static int curve_line(const struct prt_context *ctx, const char *what, unsigned line,
+                      char *text, struct curve *curve)
 {
     double v[4];
     int n = 0;
@@ -166,7 +166,8 @@ static int curve_line(const struct prt_context *ctx, const char *what, unsigned 
         double x = strtod(at, &end);
         if (end == at || n == 4) {
             if (line == 1 && n == 0) return PRT_OK; /* a header */
-            return prt_fail(ctx, PRT_FORMAT, "%s: line %u: expected r,R_d or r,R,G,B", what, line);
+            return prt_fail(ctx, PRT_FORMAT, "%s: line %u: expected r,R_d or r,R,G,B", what,
+                            line);
         }
         v[n++] = x;
         end += strspn(end, " \t\r");
@@ -175,8 +176,8 @@ static int curve_line(const struct prt_context *ctx, const char *what, unsigned 
             return prt_fail(ctx, PRT_FORMAT, "%s: line %u: expected a comma", what, line);
     }
     if (n != 2 && n != 4)
-        return prt_fail(ctx, PRT_FORMAT, "%s: line %u has %d columns; expected r,R_d or r,R,G,B",
-                        what, line, n);
+        return prt_fail(ctx, PRT_FORMAT,
+                        "%s: line %u has %d columns; expected r,R_d or r,R,G,B", what, line, n);
     if (curve->n == PRT_PROFILE_MAX_POINT)
         return prt_fail(ctx, PRT_LIMIT, "%s: more than %d points", what, PRT_PROFILE_MAX_POINT);
     curve->r[curve->n] = v[0];
@@ -190,10 +191,9 @@ static int curve_file(const struct prt_context *ctx, const char *what, const cha
 {
     char path[4096];
     if (!folder)
-        return prt_fail(ctx, PRT_ARG, "%s: \"file\" is not allowed here; give \"radius\" and \"rd\"",
-                        what);
-    if (name[0] == '/' || !folder[0])
-        snprintf(path, sizeof path, "%s", name);
+        return prt_fail(ctx, PRT_ARG,
+                        "%s: \"file\" is not allowed here; give \"radius\" and \"rd\"", what);
+    if (name[0] == '/' || !folder[0]) snprintf(path, sizeof path, "%s", name);
     else if ((size_t)snprintf(path, sizeof path, "%s/%s", folder, name) >= sizeof path)
         return prt_fail(ctx, PRT_ARG, "%s: the curve's path is too long", what);
     struct prt_blob file;
@@ -220,8 +220,8 @@ static int curve_file(const struct prt_context *ctx, const char *what, const cha
 static int read_curve(const struct prt_context *ctx, const char *what, const char *folder,
                       const cJSON *object, struct prt_optics *o)
 {
-    static const char *const keys[] = {"name", "profile",   "file", "radius", "rd",
-                                       "eta",  "roughness", NULL};
+    static const char *const keys[] = {"name", "profile", "file",      "radius",
+                                       "rd",   "eta",     "roughness", NULL};
     const cJSON *file = cJSON_GetObjectItemCaseSensitive(object, "file");
     int err = material_json_keys(ctx, what, object, keys);
     if (err < 0) return err;
@@ -233,7 +233,8 @@ static int read_curve(const struct prt_context *ctx, const char *what, const cha
     err = file ? curve_file(ctx, what, folder, file->valuestring, curve)
                : curve_inline(ctx, what, object, curve);
     for (int c = 0; err == PRT_OK && c < 3; c++)
-        err = prt_profile_init_curve(ctx, what, &o->channel[c], curve->n, curve->r, curve->rd[c]);
+        err =
+            prt_profile_init_curve(ctx, what, &o->channel[c], curve->n, curve->r, curve->rd[c]);
     prt_free(curve);
     return err;
 }
@@ -248,8 +249,8 @@ static int read_object(const struct prt_context *ctx, const char *what, const ch
         (err = material_json_number(ctx, what, object, "roughness", &v.roughness)) < 0 ||
         (err = material_check_values(ctx, what, &v)) < 0)
         return err;
-    o->material = (struct prt_material){.name = "custom", .eta = (float)v.eta,
-                                        .roughness = (float)v.roughness};
+    o->material = (struct prt_material){
+        .name = "custom", .eta = (float)v.eta, .roughness = (float)v.roughness};
     if ((err = material_json_name(ctx, what, object, o->material.name)) < 0) return err;
     const char *word = cJSON_IsString(kind) ? kind->valuestring : "";
     if (!strcmp(word, "burley")) {
@@ -263,8 +264,8 @@ static int read_object(const struct prt_context *ctx, const char *what, const ch
         err = read_curve(ctx, what, folder, object, o);
     } else {
         return prt_fail(ctx, PRT_FORMAT,
-                        "%s: unknown profile \"%.40s\"; allowed: burley, multipole, curve", what,
-                        word);
+                        "%s: unknown profile \"%.40s\"; allowed: burley, multipole, curve",
+                        what, word);
     }
     for (int c = 0; err == PRT_OK && c < 3; c++)
         nearest_dipole(&o->channel[c], o->material.eta, &o->material.sigma_s_prime[c],
@@ -286,10 +287,8 @@ int prt_optics_parse(const struct prt_context *ctx, const char *what, const char
         from_material(&material, &o);
     }
     cJSON_Delete(object);
-    if (err < 0)
-        prt_optics_finish(&o);
-    else
-        *out = o;
+    if (err < 0) prt_optics_finish(&o);
+    else *out = o;
     return err;
 }
 

@@ -14,8 +14,8 @@ int relight_material_coef(const struct prt_context *ctx, const struct prt_transp
                           const struct prt_tensor *tensor, const struct prt_material *material,
                           float *coef);
 
-// What plane k of a single-scattering tensor of a free material is multiplied by, beside Y_k: the
-// phase function's a_l and sigma_s.
+// What plane k of a single-scattering tensor of a free material is multiplied by, beside Y_k:
+// the phase function's a_l and sigma_s.
 void relight_plane_factor(const struct prt_material *material, const struct prt_tensor *tensor,
                           unsigned k, float factor[3]);
 // prt_rows_fold with coefficients [n_phase][n_radial][3] of each plane its own; entries worth
@@ -26,7 +26,8 @@ int relight_rows_fold(const struct prt_context *ctx, const struct prt_tensor *te
 // A tensor of lit's transport under its light. coef NULL unless FULL, RADIAL.
 int relight_lit(const struct prt_context *ctx, const struct prt_lit *lit,
                 const struct prt_tensor *tensor, const float *coef, bool add, float *color);
-// What the light was contracted to: [relight_lit_floats] of prt_contract_light; NULL for RADIAL.
+// What the light was contracted to: [relight_lit_floats] of prt_contract_light; NULL for
+// RADIAL.
 const float *relight_lit_rows(const struct prt_lit *lit, const struct prt_tensor *tensor);
 size_t relight_lit_floats(const struct prt_tensor *tensor);
 bool relight_lit_is_of(const struct prt_lit *lit, const struct prt_transport *transport);

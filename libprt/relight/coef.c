@@ -135,21 +135,23 @@ static int refuse(const struct prt_context *ctx, const struct prt_radial *radial
                                 "%s: %s[%d] is %g, this bake covers %g to %g mm^-1: its basis "
                                 "would miss %.0f %% of the medium (at most %.0f %%)",
                                 name,
-                                k         ? "sigma_a"
-                                : dipole  ? "sigma_s_prime"
-                                          : "extinction sigma_a + sigma_s_prime/(1-g) of channel",
+                                k ? "sigma_a"
+                                : dipole
+                                    ? "sigma_s_prime"
+                                    : "extinction sigma_a + sigma_s_prime/(1-g) of channel",
                                 c, value[k], radial->range[k][0], radial->range[k][1],
                                 100 * error, 100 * most_error(radial));
     }
-    return prt_fail(ctx, PRT_ARG,
-                    "%s: this bake's basis misses %.0f %% of its profile (at most %.0f %%); bake "
-                    "with it as --material to hold it exactly",
-                    name, 100 * error, 100 * most_error(radial));
+    return prt_fail(
+        ctx, PRT_ARG,
+        "%s: this bake's basis misses %.0f %% of its profile (at most %.0f %%); bake "
+        "with it as --material to hold it exactly",
+        name, 100 * error, 100 * most_error(radial));
 }
 
 static int fit(const struct prt_context *ctx, const struct prt_transport *transport,
-               const struct prt_tensor *tensor, const struct prt_material *material, float *coef,
-               double *error)
+               const struct prt_tensor *tensor, const struct prt_material *material,
+               float *coef, double *error)
 {
     struct prt_radial *radial;
     struct kept *slot;
@@ -164,9 +166,9 @@ static int fit(const struct prt_context *ctx, const struct prt_transport *transp
     if (status) return status;
     status = prt_radial_fit_material(radial, material, coef, error);
     if (status)
-        status = prt_fail(ctx, status, "the material cannot be expressed in the transport's basis");
-    else if (!(*error <= most_error(radial)))
-        status = refuse(ctx, radial, material, *error);
+        status =
+            prt_fail(ctx, status, "the material cannot be expressed in the transport's basis");
+    else if (!(*error <= most_error(radial))) status = refuse(ctx, radial, material, *error);
     release(slot, radial);
     return status;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Material first: rows over (phase, radial function) become rows over (phase, channel), and those
-// of their entries that matter to one material are kept.
+// Material first: rows over (phase, radial function) become rows over (phase, channel), and
+// those of their entries that matter to one material are kept.
 #include "answer.h"
 #include "kernels.h"
 
@@ -9,7 +9,8 @@
 struct fold_job {
     const struct prt_tensor *tensor;
     const float *coef;
-    size_t pitch; // floats from one plane's coefficients to the next one's; 0: all have the same
+    size_t
+        pitch; // floats from one plane's coefficients to the next one's; 0: all have the same
     uint16_t *entry, *scaling;
 };
 
@@ -76,7 +77,8 @@ static int fold_rows(void *arg, size_t begin, size_t end, unsigned worker)
     for (size_t row = begin; row < end && !status; row++) {
         if (rows->direction) fold_mixed(job, (uint32_t)row, value, folded);
         for (uint64_t e = rows->begin[row]; !rows->direction && e < rows->begin[row + 1]; e++)
-            fold_halves(job, (const uint16_t *)rows->entry + e * n, value, job->entry + e * width);
+            fold_halves(job, (const uint16_t *)rows->entry + e * n, value,
+                        job->entry + e * width);
         for (uint64_t f = 6 * row; f < 6 * row + 6; f++)
             fold_halves(job, rows->scaling + f * n, value, job->scaling + f * width);
     }
@@ -125,7 +127,8 @@ int prt_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor
 
 // ---- entries that do not matter
 
-// An entry's worth is its energy times that of its row's column of U: what colours lose with it.
+// An entry's worth is its energy times that of its row's column of U: what colours lose with
+// it.
 enum { BIN_SHIFT = 21, N_BIN = 1 << (32 - BIN_SHIFT), CHUNKS = 32 }; // four bins an octave
 
 struct thin_job {

@@ -48,7 +48,8 @@ INLINE __m512 diagonal3_sum(const void *index, const void *entry, uint64_t e, ui
     uint64_t stop = end < safe ? end : safe;
     for (; e + 8 <= stop; e += 8) {
         // rows are read once, from memory: ask early
-        _mm_prefetch((const char *)entry + (kind == PRT_VALUE_I8 ? 3 : 6) * e + 3072, _MM_HINT_T0);
+        _mm_prefetch((const char *)entry + (kind == PRT_VALUE_I8 ? 3 : 6) * e + 3072,
+                     _MM_HINT_T0);
         _mm_prefetch((const char *)index + (wide ? 4 : 2) * e + 1536, _MM_HINT_T0);
         a = _mm512_fmadd_ps(spread4(entry, e, kind, 5),
                             light4(light, INDEX(e), INDEX(e + 1), INDEX(e + 2), INDEX(e + 3)),
@@ -211,8 +212,8 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
     }
 }
 
-// A light table's 24 lanes are light-major: 16 + 8. Triple t of a vector of values meets them as
-// r g b r g b ...
+// A light table's 24 lanes are light-major: 16 + 8. Triple t of a vector of values meets them
+// as r g b r g b ...
 struct group_maps {
     __m512i lo[4], hi[2]; // hi: the 8 last lanes, of two triples
     __m256i half[2];      // the 8 last lanes, of one
@@ -255,8 +256,7 @@ INLINE void meet(struct lanes *sum, __m256 v, int t, const struct group_maps *m,
 {
     __m512 wide = _mm512_permutexvar_ps(m->lo[t], _mm512_castps256_ps512(v));
     sum->lo = _mm512_fmadd_ps(wide, light.lo, sum->lo);
-    sum->hi =
-        _mm256_fmadd_ps(_mm256_permutevar8x32_ps(v, m->half[t]), light.hi, sum->hi);
+    sum->hi = _mm256_fmadd_ps(_mm256_permutevar8x32_ps(v, m->half[t]), light.hi, sum->hi);
 }
 
 INLINE struct lanes lights_at(const float *table, size_t i)
@@ -269,8 +269,7 @@ INLINE struct lanes lights_at(const float *table, size_t i)
 INLINE __m256 load_two(const char *p, bool i8)
 {
     if (i8)
-        return _mm256_cvtepi32_ps(
-            _mm256_cvtepi8_epi32(_mm_loadl_epi64((const __m128i *)p)));
+        return _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_loadl_epi64((const __m128i *)p)));
     return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)p));
 }
 
@@ -303,8 +302,7 @@ INLINE void group_store(struct lanes x, unsigned n_light, size_t pitch, float *o
     _mm512_storeu_ps(lanes, x.lo);
     _mm256_storeu_ps(lanes + 16, x.hi);
     for (unsigned l = 0; l < n_light; l++)
-        for (int ch = 0; ch < 3; ch++)
-            out[l * pitch + (size_t)ch] = lanes[3 * l + (size_t)ch];
+        for (int ch = 0; ch < 3; ch++) out[l * pitch + (size_t)ch] = lanes[3 * l + (size_t)ch];
 }
 
 // fine * scale[ch] + base, scale NULL for 1
@@ -382,8 +380,8 @@ INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
     const struct group_maps m = group_maps();
     for (uint32_t row = begin; row < end; row++, out += row_pitch) {
         ask_row(rows, row, 3, kind != PRT_VALUE_F16);
-        struct lanes x = group3_sum(rows, rows->begin[row], rows->begin[row + 1], table, &m,
-                                    kind, wide);
+        struct lanes x =
+            group3_sum(rows, rows->begin[row], rows->begin[row + 1], table, &m, kind, wide);
         struct lanes base = group_scaling(rows, 6ull * row, 1, table, &m);
         x = scaled(x, kind == PRT_VALUE_F16 ? NULL : rows->scale + 3ull * row, base, &m);
         group_store(x, n_light, light_pitch, out);
@@ -393,8 +391,7 @@ INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
 // Phase terms [k0, k0 + nk), nk 4 or 1: a vector of values holds an entry's terms.
 INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                         const float *table, unsigned n_light, size_t light_pitch,
-                        size_t row_pitch, float *out, uint32_t k0,
-                        const uint32_t nk)
+                        size_t row_pitch, float *out, uint32_t k0, const uint32_t nk)
 {
     const struct group_maps m = group_maps();
     const bool i8 = rows->value == PRT_VALUE_I8;
@@ -420,8 +417,7 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t en
         for (uint32_t t = 0; t < nk; t++) {
             struct lanes x = {lo[t], t % 2 ? _mm512_extractf32x8_ps(hi[t / 2], 1)
                                            : _mm512_castps512_ps256(hi[t / 2])};
-            struct lanes base =
-                group_scaling(rows, 6ull * p * row + k0 + t, p, table, &m);
+            struct lanes base = group_scaling(rows, 6ull * p * row + k0 + t, p, table, &m);
             x = scaled(x, i8 ? rows->scale + (uint64_t)n * row + 3 * (k0 + t) : NULL, base, &m);
             group_store(x, n_light, light_pitch, out + 3 * (k0 + t));
         }
@@ -434,7 +430,7 @@ static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t
 {
     const uint32_t p = rows->n_function / 3;
     const bool i8 = rows->value == PRT_VALUE_I8, wide = rows->index_bytes == 4;
-#define GROUP3(kind, wide)                                                                     \
+#define GROUP3(kind, wide) \
     group3(rows, begin, end, table, n_light, light_pitch, row_pitch, out, kind, wide)
     if (p == 1) {
         if (rows->value == PRT_VALUE_PAIR) GROUP3(PRT_VALUE_PAIR, false);
@@ -520,9 +516,10 @@ INLINE __m512 five_mask(const float *p, uint32_t j, uint32_t width)
 // r g b 0 of the sums of the five triples in each of four vectors.
 INLINE __m512 sum_fives(const __m512 x[4])
 {
-    const __m512i four = _mm512_setr_epi32(0, 1, 2, 15, 3, 4, 5, 15, 6, 7, 8, 15, 9, 10, 11, 15);
-    const __m512i fifth = _mm512_setr_epi32(12, 13, 14, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15,
-                                            15, 15);
+    const __m512i four =
+        _mm512_setr_epi32(0, 1, 2, 15, 3, 4, 5, 15, 6, 7, 8, 15, 9, 10, 11, 15);
+    const __m512i fifth =
+        _mm512_setr_epi32(12, 13, 14, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15);
     __m512 y[4];
     for (int i = 0; i < 4; i++)
         y[i] = _mm512_add_ps(_mm512_permutexvar_ps(four, x[i]),
@@ -532,7 +529,8 @@ INLINE __m512 sum_fives(const __m512 x[4])
                               _mm512_shuffle_f32x4(y[0], y[1], 0xee));
     __m512 hi = _mm512_add_ps(_mm512_shuffle_f32x4(y[2], y[3], 0x44),
                               _mm512_shuffle_f32x4(y[2], y[3], 0xee));
-    return _mm512_add_ps(_mm512_shuffle_f32x4(lo, hi, 0x88), _mm512_shuffle_f32x4(lo, hi, 0xdd));
+    return _mm512_add_ps(_mm512_shuffle_f32x4(lo, hi, 0x88),
+                         _mm512_shuffle_f32x4(lo, hi, 0xdd));
 }
 
 // Items [0, m) of four from `in` on.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The sum of several tensors' colours, in one pass: a material meets a cluster's contracted rows
-// just before they meet the cluster's vertices, and all tensors that have the same clusters add
-// up while their colours are near.
+// The sum of several tensors' colours, in one pass: a material meets a cluster's contracted
+// rows just before they meet the cluster's vertices, and all tensors that have the same
+// clusters add up while their colours are near.
 #include "answer.h"
 #include "kernels.h"
 
@@ -13,7 +13,7 @@ struct sum_run {
     const struct prt_part *part[PRT_MOST_PARTS]; // the same clusters; the most planes first
     unsigned n_part, n_light, n_plane;
     const struct relight_piece *pieces;
-    size_t scratch; // floats that the largest cluster's folded rows need
+    size_t scratch;      // floats that the largest cluster's folded rows need
     float *const *color; // [light][plane]
     bool add;            // to what earlier passes left
 };
@@ -37,7 +37,8 @@ static const float *fold(const struct sum_run *run, const struct prt_part *p,
     const unsigned planes = planes_of(p, run->n_plane);
     const float *in =
         p->lit + (size_t)c->row_begin * run->n_light * t->n_function * (full ? 3 : 1);
-    if (full) run->kernels->material(in, (size_t)c->rank * t->n_phase, t->n_radial, p->coef, to);
+    if (full)
+        run->kernels->material(in, (size_t)c->rank * t->n_phase, t->n_radial, p->coef, to);
     else if (!p->factor && planes == t->n_phase) return in;
     if (full) in = to;
     const size_t n = (size_t)c->rank * run->n_light; // in place: nothing moves forwards

@@ -61,8 +61,8 @@ INLINE void put_row(float *out, __m512 r, __m512 g, __m512 b, bool add)
     _mm512_storeu_ps(out + 32, z);
 }
 
-// Colours leave block by block, for several triples at once: the vertices of a block are runs of
-// neighbours in the file, and what a plane's stores are is found once for all planes.
+// Colours leave block by block, for several triples at once: the vertices of a block are runs
+// of neighbours in the file, and what a plane's stores are is found once for all planes.
 enum { BLOCK = 128, TILE_TRIPLES = 8, BESIDE = 16, ROW = BESIDE + 3 * BLOCK + BESIDE };
 
 // Vertices ahead whose U a tile asks for, row by row as it reads its own; a prefetch behind the
@@ -75,15 +75,15 @@ struct store {
     ptrdiff_t to;   // floats in a plane
 };
 
-// Parts of a vector are of 4, 8 or 16 floats, lest they reach into lines that they do not touch.
-// Runs shorter than SHORT_RUN in the mean go vertex by vertex.
+// Parts of a vector are of 4, 8 or 16 floats, lest they reach into lines that they do not
+// touch. Runs shorter than SHORT_RUN in the mean go vertex by vertex.
 enum { WIDTHS = 3, SHORT_RUN = 4 };
 
 struct block {
     float rgb[TILE_TRIPLES][ROW] __attribute__((aligned(64))); // BESIDE, then [vertex][3]
-    const uint32_t *order; // of its n vertices
+    const uint32_t *order;                                     // of its n vertices
     uint32_t n;
-    uint32_t shift;             // floats of a line before a plane begins, for which the stores are
+    uint32_t shift; // floats of a line before a plane begins, for which the stores are
     uint32_t n_alone, n_whole, n_part[WIDTHS];
     struct store whole[3 * BLOCK / 16], part[WIDTHS][2 * BLOCK / SHORT_RUN];
     size_t alone[BLOCK]; // floats in a plane, of vertices one by one
@@ -93,8 +93,8 @@ struct block {
 INLINE void add_part(struct block *block, int32_t from, uint32_t n, ptrdiff_t to, bool last)
 {
     const uint32_t width = (n > 4) + (n > 8), lead = last ? (4u << width) - n : 0;
-    block->part[width][block->n_part[width]++] = (struct store){
-        from - (int32_t)lead, ((1u << n) - 1) << lead, to - (ptrdiff_t)lead};
+    block->part[width][block->n_part[width]++] =
+        (struct store){from - (int32_t)lead, ((1u << n) - 1) << lead, to - (ptrdiff_t)lead};
 }
 
 // The stores of n > 0 floats. Streamed ones are whole lines.
@@ -149,8 +149,8 @@ INLINE float *place(float *plane, const struct store *s)
 }
 
 // Asks for the lines of a plane that are to be read before they are written: all of them, or
-// when whole lines go past the caches the others, where runs begin and end. The second cache has
-// them come: the first can wait for few lines at once, and is needed for U.
+// when whole lines go past the caches the others, where runs begin and end. The second cache
+// has them come: the first can wait for few lines at once, and is needed for U.
 INLINE void ask_plane(const struct block *block, float *plane, bool stream)
 {
     for (uint32_t i = 0; i < block->n_alone; i += 2)
@@ -205,7 +205,8 @@ INLINE void put_stores(const struct block *block, const float *rgb, float *plane
     }
 }
 
-INLINE void put_plane(const struct expand_job *job, struct block *block, uint32_t t0, uint32_t t)
+INLINE void put_plane(const struct expand_job *job, struct block *block, uint32_t t0,
+                      uint32_t t)
 {
     float *plane = job->color[t0 + t];
     const float *rgb = block->rgb[t] + BESIDE;
@@ -216,10 +217,10 @@ INLINE void put_plane(const struct expand_job *job, struct block *block, uint32_
     else put_stores(block, rgb, plane, false, false);
 }
 
-// nt triples from t0 on of all the job's vertices, in tiles of 16 * nv vertices, nt * nv = 8, which
-// `tile` computes: a block has as many tiles as triples. With every tile a plane of the block
-// before leaves, since stores take their time and want other parts of the processor, and a plane's
-// lines are asked for.
+// nt triples from t0 on of all the job's vertices, in tiles of 16 * nv vertices, nt * nv = 8,
+// which `tile` computes: a block has as many tiles as triples. With every tile a plane of the
+// block before leaves, since stores take their time and want other parts of the processor, and
+// a plane's lines are asked for.
 INLINE void expand_blocks(const struct expand_job *job, const void *user, uint32_t t0,
                           const uint32_t nt, const uint32_t nv,
                           void (*tile)(const struct expand_job *job, const void *user,

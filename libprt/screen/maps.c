@@ -54,8 +54,8 @@ static void uv_at(const struct prt_mesh *mesh, uint32_t triangle, float a, float
 }
 
 // The map of a block's surface; NULL: none there.
-static const struct prt_screen_map *map_of(const struct frame *f, const struct prt_screen_map *map,
-                                           uint32_t block)
+static const struct prt_screen_map *map_of(const struct frame *f,
+                                           const struct prt_screen_map *map, uint32_t block)
 {
     if (!map || !f->options->maps_by_surface) return map;
     map += f->screen->mesh->block[block].surface;
@@ -135,8 +135,8 @@ static void bump(const struct prt_screen_map *map, const float uv[2], const floa
     if (normalise(own)) memcpy(out, own, sizeof own);
 }
 
-static void tangent_normal(const struct prt_screen_map *map, const float uv[2], const float n[3],
-                           const float du[3], const float dv[3], float out[3])
+static void tangent_normal(const struct prt_screen_map *map, const float uv[2],
+                           const float n[3], const float du[3], const float dv[3], float out[3])
 {
     float rgb[3], t[3], b[3], own[3], along = dot(du, n);
     map_lookup(map, uv, rgb);
@@ -193,8 +193,9 @@ int map_normals(const struct frame *f, struct samples *s)
     return status;
 }
 
-int prt_screen_albedo_factors(const struct prt_context *ctx, const struct prt_material *material,
-                              size_t n, const float (*albedo)[3], float (*factor)[3])
+int prt_screen_albedo_factors(const struct prt_context *ctx,
+                              const struct prt_material *material, size_t n,
+                              const float (*albedo)[3], float (*factor)[3])
 {
     enum { STEPS = 512 };
     int status = prt_material_check(ctx, material);
@@ -202,8 +203,9 @@ int prt_screen_albedo_factors(const struct prt_context *ctx, const struct prt_ma
     for (int c = 0; c < 3; c++) {
         double base = (double)material->sigma_a[c], rho[STEPS];
         if (!(base > 0))
-            return prt_fail(ctx, PRT_ARG, "albedo map: a medium that absorbs nothing (sigma_a 0) "
-                                          "cannot be tinted by absorption");
+            return prt_fail(ctx, PRT_ARG,
+                            "albedo map: a medium that absorbs nothing (sigma_a 0) "
+                            "cannot be tinted by absorption");
         // rho_d falls as absorption grows: equal steps of its logarithm, up to 1000 mm^-1
         double top = fmax(log(1000 / base), 0.1);
         for (int k = 0; k < STEPS; k++) {
@@ -243,7 +245,8 @@ static uint64_t step_of(const float scale[6], float per_octave)
 void mapped_dipole(const struct prt_dipole *base, const float factor[6], int c,
                    struct prt_dipole *out)
 {
-    double s = base->sigma_s_prime * (double)factor[c], a = base->sigma_a * (double)factor[3 + c];
+    double s = base->sigma_s_prime * (double)factor[c],
+           a = base->sigma_a * (double)factor[3 + c];
     if (base->n_point) *out = *base;
     else prt_dipole_init(out, fmin(fmax(s, 1e-5), 1000), fmin(a, 1000), base->eta);
 }
@@ -288,7 +291,8 @@ static int tint_points(void *arg, size_t begin, size_t end, unsigned worker)
         point_factor(f, (uint32_t)i, factor);
         for (int c = 0; c < 3; c++) {
             const struct prt_dipole *d = &f->dipole[object][c];
-            f->radiance[i][c] *= (float)(mapped_reflectance(d, factor, c) / fmax(d->rho_d, 1e-12));
+            f->radiance[i][c] *=
+                (float)(mapped_reflectance(d, factor, c) / fmax(d->rho_d, 1e-12));
         }
     }
     return PRT_OK;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// Texture sampling's near part: light of what lies nearer than the drawn points can tell, a control
-// variate, so that the points stand only for what lies further. It is read from the picture: a
-// pixel's own irradiance, and, weighed by R_d, what the irradiance about it is more or less than that.
+// Texture sampling's near part: light of what lies nearer than the drawn points can tell, a
+// control variate, so that the points stand only for what lies further. It is read from the
+// picture: a pixel's own irradiance, and, weighed by R_d, what the irradiance about it is more
+// or less than that.
 #include "internal.h"
 
 #include <math.h>
@@ -14,9 +15,9 @@ enum { OWN_LIGHTS = 4 };
 struct near {
     const struct view_cache *view;
     const double *own_mm;
-    double (*share)[3];   // [n_object]
-    float *e[3], *area;   // [n_column]
-    float *weight[3];     // [n_column] of what lies about a receiver, in share's unit
+    double (*share)[3]; // [n_object]
+    float *e[3], *area; // [n_column]
+    float *weight[3];   // [n_column] of what lies about a receiver, in share's unit
 };
 
 static void near_finish(struct near *n)
@@ -46,8 +47,8 @@ static bool near_init(struct near *n, const struct frame *f, const double *own_m
     return good;
 }
 
-// Every point's surface goes to the receivers that it takes its light from; with e its irradiance
-// too, [n_point] columns, else receivers keep their own.
+// Every point's surface goes to the receivers that it takes its light from; with e its
+// irradiance too, [n_point] columns, else receivers keep their own.
 static void spread_points(struct near *n, const struct frame *f, const struct samples *points)
 {
     static const float least_cosine = 0.15f;
@@ -134,8 +135,8 @@ static int sum_near(struct frame *f, const struct near *n, bool one)
     return status;
 }
 
-// sum = irradiance about each receiver, weight = what it weighs; never more than all of the share:
-// a bent or grazed surface may seem larger than it is.
+// sum = irradiance about each receiver, weight = what it weighs; never more than all of the
+// share: a bent or grazed surface may seem larger than it is.
 static int look_about(struct frame *f, struct near *n)
 {
     const struct view_cache *v = n->view;
@@ -200,11 +201,12 @@ int own_light(struct frame *f, const double *own_mm)
     double scale = (double)smallest_mean_free_path(f), least = INFINITY;
     for (uint32_t o = 0; o < f->n_object; o++)
         if (own_mm[o] > 0) least = fmin(least, own_mm[o]);
-    // what lies about a point changes slowly; its own irradiance, where only receivers have it, does not
+    // what lies about a point changes slowly; its own irradiance, where only receivers have it,
+    // does not
     int status = receive_begin(f, all && isfinite(least) ? fmax(scale, least) : scale);
     uint32_t n = all || status ? f->g.n_point : f->view->n_column;
-    if (!status && (!near_init(&near, f, own_mm) ||
-                    !seen_samples(f, n, all ? NULL : f->view->leader, &s)))
+    if (!status &&
+        (!near_init(&near, f, own_mm) || !seen_samples(f, n, all ? NULL : f->view->leader, &s)))
         status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for %u points", n);
     if (!status) status = frame_irradiance(f, &s);
     if (!status) status = all ? own_points(f, &near, &s) : own_receivers(f, &near, &s);

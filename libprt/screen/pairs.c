@@ -34,41 +34,45 @@ void emitters_finish(struct emitters *e)
 }
 
 // The reference: 16 points at a time in plain loops.
-#define PLAIN_BODY                                                                             \
-    const float r0_sq = t->r0_sq, q_max = t->q_max;                                            \
-    const uint32_t shift = t->shift;                                                           \
-    for (uint32_t at = 0; at < n_point; at += 16) {                                            \
-        float s0[16], s1[16], s2[16];                                                          \
-        memset(s0, 0, sizeof s0);                                                              \
-        memset(s1, 0, sizeof s1);                                                              \
-        memset(s2, 0, sizeof s2);                                                              \
-        for (uint32_t j = begin; j < end; j++) {                                               \
-            const float x = e->p[0][j], y = e->p[1][j], z = e->p[2][j];                        \
-            const float w0 = e->w[0][j], w1 = e->w[1][j], w2 = e->w[2][j];                     \
-            for (int i = 0; i < 16; i++) {                                                     \
-                float dx = p[0][at + (uint32_t)i] - x, dy = p[1][at + (uint32_t)i] - y;        \
-                float dz = p[2][at + (uint32_t)i] - z;                                         \
-                float q = r0_sq + dx * dx + dy * dy + dz * dz;                                 \
-                q = q < q_max ? q : q_max;                                                     \
-                union {                                                                        \
-                    float f;                                                                   \
-                    uint32_t u;                                                                \
-                } bits = {q};                                                                  \
-                uint32_t k = bits.u >> shift & 31;                                             \
-                s0[i] += w0 * (t->coef[0][0][k] + q * (t->coef[0][1][k] + q * t->coef[0][2][k])); \
-                s1[i] += w1 * (t->coef[1][0][k] + q * (t->coef[1][1][k] + q * t->coef[1][2][k])); \
-                s2[i] += w2 * (t->coef[2][0][k] + q * (t->coef[2][1][k] + q * t->coef[2][2][k])); \
-            }                                                                                  \
-        }                                                                                      \
-        for (int i = 0; i < 16; i++) {                                                         \
-            sum[0][at + (uint32_t)i] += s0[i];                                                 \
-            sum[1][at + (uint32_t)i] += s1[i];                                                 \
-            sum[2][at + (uint32_t)i] += s2[i];                                                 \
-        }                                                                                      \
+#define PLAIN_BODY                                                                           \
+    const float r0_sq = t->r0_sq, q_max = t->q_max;                                          \
+    const uint32_t shift = t->shift;                                                         \
+    for (uint32_t at = 0; at < n_point; at += 16) {                                          \
+        float s0[16], s1[16], s2[16];                                                        \
+        memset(s0, 0, sizeof s0);                                                            \
+        memset(s1, 0, sizeof s1);                                                            \
+        memset(s2, 0, sizeof s2);                                                            \
+        for (uint32_t j = begin; j < end; j++) {                                             \
+            const float x = e->p[0][j], y = e->p[1][j], z = e->p[2][j];                      \
+            const float w0 = e->w[0][j], w1 = e->w[1][j], w2 = e->w[2][j];                   \
+            for (int i = 0; i < 16; i++) {                                                   \
+                float dx = p[0][at + (uint32_t)i] - x, dy = p[1][at + (uint32_t)i] - y;      \
+                float dz = p[2][at + (uint32_t)i] - z;                                       \
+                float q = r0_sq + dx * dx + dy * dy + dz * dz;                               \
+                q = q < q_max ? q : q_max;                                                   \
+                union {                                                                      \
+                    float f;                                                                 \
+                    uint32_t u;                                                              \
+                } bits = {q};                                                                \
+                uint32_t k = bits.u >> shift & 31;                                           \
+                s0[i] +=                                                                     \
+                    w0 * (t->coef[0][0][k] + q * (t->coef[0][1][k] + q * t->coef[0][2][k])); \
+                s1[i] +=                                                                     \
+                    w1 * (t->coef[1][0][k] + q * (t->coef[1][1][k] + q * t->coef[1][2][k])); \
+                s2[i] +=                                                                     \
+                    w2 * (t->coef[2][0][k] + q * (t->coef[2][1][k] + q * t->coef[2][2][k])); \
+            }                                                                                \
+        }                                                                                    \
+        for (int i = 0; i < 16; i++) {                                                       \
+            sum[0][at + (uint32_t)i] += s0[i];                                               \
+            sum[1][at + (uint32_t)i] += s1[i];                                               \
+            sum[2][at + (uint32_t)i] += s2[i];                                               \
+        }                                                                                    \
     }
 
 static void pairs_c(const struct radial_table *t, const struct emitters *e, uint32_t begin,
-                    uint32_t end, uint32_t n_point, const float *const p[3], float *const sum[3])
+                    uint32_t end, uint32_t n_point, const float *const p[3],
+                    float *const sum[3])
 {
     PLAIN_BODY
 }
@@ -77,7 +81,7 @@ static void pairs_c(const struct radial_table *t, const struct emitters *e, uint
 // Eight entries of a table live in one register: four permutes and blends by the index's high
 // bits find one of 32.
 __attribute__((target("avx2,fma"))) static inline __m256 pick32(const float *table, __m256i k,
-                                                               __m256 bit3, __m256 bit4)
+                                                                __m256 bit3, __m256 bit4)
 {
     __m256 a = _mm256_permutevar8x32_ps(_mm256_load_ps(table), k);
     __m256 b = _mm256_permutevar8x32_ps(_mm256_load_ps(table + 8), k);

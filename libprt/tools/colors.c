@@ -140,7 +140,8 @@ int run_colors(struct tool *tool)
     if (!status)
         status = tool_exit(
             tool, output_colors(&tool->ctx, o->out, source.mesh, (const float(*)[3])color));
-    if (!status) summary(tool, &source, engine, cube.n, seconds, lost, (const float(*)[3])color);
+    if (!status)
+        summary(tool, &source, engine, cube.n, seconds, lost, (const float(*)[3])color);
 done:
     prt_free(color);
     prt_cube_finish(&cube);

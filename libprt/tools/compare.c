@@ -157,8 +157,8 @@ static int reference_at(struct tool *tool, const struct source *source,
                                 (float(*)[3])rgb);
 }
 
-// A.prt (a polynomial one under its own light) against the reference engine at some of its vertices, both under --env; the reference
-// sees the light at --cube's resolution.
+// A.prt (a polynomial one under its own light) against the reference engine at some of its
+// vertices, both under --env; the reference sees the light at --cube's resolution.
 static int against_reference(struct tool *tool, struct values *a, struct values *b)
 {
     const struct options *o = &tool->opt;

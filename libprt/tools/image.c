@@ -24,7 +24,7 @@ struct picture {
     bool plain; // a plain background
     float background[3];
     struct prt_image image;
-    double lost; // of the material to the radial bases of a .prt
+    double lost;    // of the material to the radial bases of a .prt
     bool on_screen; // an image-space engine answers, no transport and no vertices
     struct prt_screen_report report;
     struct maps maps;
@@ -59,8 +59,8 @@ static int check_usage(struct tool *tool, struct picture *p)
                            "--camera %s: expected EYE:TARGET[:UP[:FOVY]] with points x,y,z, "
                            "FOVY in (0, 170)",
                            o->camera);
-    if (maps_asked(o) && (!o->engine || !strcmp(o->engine, "vertex") ||
-                          !strcmp(o->engine, "reference")))
+    if (maps_asked(o) &&
+        (!o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, "reference")))
         return usage_error(o, "maps are for --engine splat, tangent, texture and hybrid");
     if (o->bump_mm > 0 && !o->bump_map) return usage_error(o, "--bump-mm is for --bump-map");
     if (o->background && !strcmp(o->background, "none")) {
@@ -306,7 +306,8 @@ static int draw(struct tool *tool, struct picture *p)
                            "engines only",
                            p->source.path, p->source.transport->cube,
                            p->source.transport->cube);
-    if (vertex && (status = source_material_error(tool, &p->source, term, &p->lost))) return status;
+    if (vertex && (status = source_material_error(tool, &p->source, term, &p->lost)))
+        return status;
     place_camera(tool, p, (float)width / (float)height);
     double started = prt_time_s();
     if ((status = load_lights(tool, p, vertex, total))) return status;

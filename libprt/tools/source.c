@@ -60,8 +60,8 @@ static void tell_no_single(const struct tool *tool, const struct source *source)
 {
     const struct options *o = &tool->opt;
     const struct prt_transport *t = source->transport;
-    bool own = !o->engine || !strcmp(o->engine, "vertex") ||
-               !strcmp(o->engine, source_engine_name(t));
+    bool own =
+        !o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, source_engine_name(t));
     bool wanted = !o->term || !strcmp(o->term, "single") || !strcmp(o->term, "total");
     bool lights = o->command == CMD_COLORS || o->command == CMD_IMAGE;
     if (!lights || !own || !wanted || t->material.profile) return;

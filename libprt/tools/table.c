@@ -15,14 +15,14 @@ enum { MAX_MEDIA = 32, TABLE_SAMPLES = 120000, TABLE_RAYS = 1024 };
 struct table {
     struct tool *tool;
     struct source source;
-    unsigned n_media, n_light, n;             // n: vertices
-    struct prt_material *media;               // [MAX_MEDIA]
+    unsigned n_media, n_light, n;                // n: vertices
+    struct prt_material *media;                  // [MAX_MEDIA]
     struct prt_cube own[MAX_ENV], seen[MAX_ENV]; // the bake's resolution, the reference's
     uint32_t *vertex;
-    float *want, *got;                        // [n_media][n_light][n][3]
-    double bound[MAX_MEDIA];                  // what the bake may lose beside its own error
+    float *want, *got;       // [n_media][n_light][n][3]
+    double bound[MAX_MEDIA]; // what the bake may lose beside its own error
     double error[MAX_MEDIA][MAX_ENV];
-    double spacing_mm;                        // of the bake's samples; 0: unknown
+    double spacing_mm; // of the bake's samples; 0: unknown
 };
 
 static double path_mm(const struct prt_material *m)
@@ -53,7 +53,8 @@ static int add_measured(struct table *t)
     const struct prt_material *m;
     int status = EXIT_DONE;
     for (unsigned i = 0; !status && (m = prt_material_preset(i)); i++)
-        if (fabsf(m->eta - t->source.transport->material.eta) < 1e-6f) status = add_medium(t, m);
+        if (fabsf(m->eta - t->source.transport->material.eta) < 1e-6f)
+            status = add_medium(t, m);
     return status;
 }
 
@@ -104,8 +105,9 @@ static int choose_media(struct table *t)
     if (!t->media) return tool_exit(t->tool, prt_fail(&t->tool->ctx, PRT_NOMEM, "no memory"));
     if (!o->materials) return add_medium(t, &p->material);
     if (p->engine == PRT_ENGINE_WAVELET)
-        return usage_error(o, "%s is a wavelet .prt, whose material (%s) is fixed by the bake: "
-                              "leave --materials out",
+        return usage_error(o,
+                           "%s is a wavelet .prt, whose material (%s) is fixed by the bake: "
+                           "leave --materials out",
                            t->source.path, p->material.name);
     int status;
     bool all = !strcmp(o->materials, "all");
@@ -186,8 +188,8 @@ static int fill_reference(struct table *t, const float *eye)
     for (unsigned l = 0; l < t->n_light; l++) light[l] = &t->seen[l];
     for (unsigned i = 0; i < t->n_media * t->n_light; i++)
         color[i] = (float(*)[3])(t->want + (size_t)i * t->n * 3);
-    return prt_reference_many(&t->tool->ctx, t->source.mesh, t->n_media, media, t->n_light, light,
-                              &options, color);
+    return prt_reference_many(&t->tool->ctx, t->source.mesh, t->n_media, media, t->n_light,
+                              light, &options, color);
 }
 
 static int fill_answers(struct table *t, const float *eye)
@@ -348,7 +350,8 @@ int compare_table(struct tool *tool)
     if (!t) return tool_exit(tool, prt_fail(&tool->ctx, PRT_NOMEM, "no memory"));
     t->tool = tool;
     int status;
-    if (!tool->opt.env) status = usage_error(&tool->opt, "comparing with the reference needs --env");
+    if (!tool->opt.env)
+        status = usage_error(&tool->opt, "comparing with the reference needs --env");
     else if (tool->opt.term && !strcmp(tool->opt.term, "irradiance"))
         status = usage_error(&tool->opt, "a .prt holds no irradiance to compare");
     else if (!(status = prepare(t))) status = measure(t);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Opaque surfaces beside a translucent body (W05 fig. 1's floor): albedo/pi times shadowed
-// irradiance by every engine, as the reference has it; nothing of it scatters. And the one limit of
-// eta, 1, where a boundary is none.
+// irradiance by every engine, as the reference has it; nothing of it scatters. And the one
+// limit of eta, 1, where a boundary is none.
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -29,7 +29,8 @@ static void put(float (*p)[3], uint32_t i, double x, double y, double z)
     p[i][0] = (float)x, p[i][1] = (float)y, p[i][2] = (float)z;
 }
 
-// A ball of 16 mm that hovers over the middle of a square of 48 mm; without the square, the ball.
+// A ball of 16 mm that hovers over the middle of a square of 48 mm; without the square, the
+// ball.
 static struct prt_mesh *scene(bool floor)
 {
     static float p[BALL + FLOOR][3];
@@ -63,8 +64,9 @@ static struct prt_mesh *scene(bool floor)
             memcpy(t[nt++], ((uint32_t[3]){a + 1, a + SIDE, a + SIDE + 1}), 12);
         }
     struct prt_mesh *mesh;
-    assert_int_equal(prt_mesh_create(&context, floor ? BALL + FLOOR : BALL, (const float(*)[3])p,
-                                     NULL, nt, (const uint32_t(*)[3])t, &mesh),
+    assert_int_equal(prt_mesh_create(&context, floor ? BALL + FLOOR : BALL,
+                                     (const float(*)[3])p, NULL, nt, (const uint32_t(*)[3])t,
+                                     &mesh),
                      PRT_OK);
     if (floor) { // prt_mesh_create makes one object: the square becomes another, opaque
         surface[0] = mesh->surface[0];
@@ -87,7 +89,8 @@ static struct prt_cube light_of(uint32_t n)
         uint32_t face = i / (n * n), y = i / n % n, x = i % n;
         bool lamp = face == 2 && x >= n / 2 - 1 && x <= n / 2 && y >= n / 2 - 1 && y <= n / 2;
         for (uint32_t c = 0; c < 3; c++)
-            cube.texel[i * 3 + c] = (face == 2 ? 0.5f : 0.2f) + (lamp ? 40 - 6.0f * (float)c : 0);
+            cube.texel[i * 3 + c] =
+                (face == 2 ? 0.5f : 0.2f) + (lamp ? 40 - 6.0f * (float)c : 0);
     }
     return cube;
 }
@@ -118,8 +121,12 @@ static float (*reference(const struct prt_mesh *mesh, const struct prt_material 
                          const struct prt_cube *light, enum prt_reference_term term))[3]
 {
     float(*color)[3] = calloc(mesh->n_vertex, sizeof *color);
-    struct prt_reference_options o = {.term = term, .n_sample = 20000, .n_ray = 2048,
-                                      .n_single = 2048, .straight_single = true, .seed = 31};
+    struct prt_reference_options o = {.term = term,
+                                      .n_sample = 20000,
+                                      .n_ray = 2048,
+                                      .n_single = 2048,
+                                      .straight_single = true,
+                                      .seed = 31};
     assert_int_equal(prt_reference_colors(&context, mesh, m, light, &o, color), PRT_OK);
     return color;
 }
@@ -137,7 +144,8 @@ static void floor_is_lit_by(enum prt_engine_kind engine, const char *name)
     for (int k = 0; k < 2; k++) {
         float(*got)[3] = baked(mesh, &o, &light, term[k]);
         double error = prt_relative_rmse(got[BALL], want[BALL], (size_t)FLOOR * 3);
-        print_message("%s: the floor, %s: %.2f %%\n", name, k ? "total" : "multiple", 100 * error);
+        print_message("%s: the floor, %s: %.2f %%\n", name, k ? "total" : "multiple",
+                      100 * error);
         assert_true(error < 0.025); // the wavelet storage, under a lamp of four texels
         // The lamp's shadow lies under the ball.
         const float *under = got[BALL + SIDE / 2 * SIDE + SIDE / 2], *corner = got[BALL];
@@ -161,8 +169,8 @@ static void wavelet_floor(void **state)
     floor_is_lit_by(PRT_ENGINE_WAVELET, "wavelet");
 }
 
-// A floor far from the body, under a constant light of 1, gives its albedo back: albedo/pi E with
-// E = pi, less what the ball hides of the sky.
+// A floor far from the body, under a constant light of 1, gives its albedo back: albedo/pi E
+// with E = pi, less what the ball hides of the sky.
 static void floor_returns_its_albedo(void **state)
 {
     struct prt_mesh *mesh = scene(true);

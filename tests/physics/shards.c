@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A bake in parts writes what one process writes, byte for byte, whatever the storage; parts that
-// are missing, damaged or of another bake are told and not used.
+// A bake in parts writes what one process writes, byte for byte, whatever the storage; parts
+// that are missing, damaged or of another bake are told and not used.
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -79,8 +79,8 @@ static struct prt_mesh *scene(void)
 
 static struct prt_bake_options options(enum prt_engine_kind engine, enum prt_storage storage)
 {
-    struct prt_bake_options o = {.engine = engine, .storage = storage, .n_sample = 2000,
-                                 .cube = 16, .seed = 3};
+    struct prt_bake_options o = {
+        .engine = engine, .storage = storage, .n_sample = 2000, .cube = 16, .seed = 3};
     assert_int_equal(prt_material_load(&context, "skin1", &o.material), PRT_OK);
     return o;
 }
@@ -197,8 +197,10 @@ int main(void)
     prt_pool_create(0, &context.pool);
     if (!mkdtemp(folder)) return 1;
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(factored_wavelet), cmocka_unit_test(sparse_wavelet),
-        cmocka_unit_test(joint),            cmocka_unit_test(polynomial),
+        cmocka_unit_test(factored_wavelet),
+        cmocka_unit_test(sparse_wavelet),
+        cmocka_unit_test(joint),
+        cmocka_unit_test(polynomial),
         cmocka_unit_test(wrong_parts_are_told),
     };
     int failed = cmocka_run_group_tests(tests, NULL, clean_up);

@@ -142,8 +142,7 @@ static double row_light(const struct prt_rows *r, uint32_t row, uint32_t j, int 
         }
         if (r->value == PRT_VALUE_PAIR)
             v = (double)((const int16_t *)r->entry)[e / 2 * 2 * n + 2 * j + e % 2] *
-                (double)r->scale[(uint64_t)row * n + j] *
-                (double)prt_pair_gain(light->n, i);
+                (double)r->scale[(uint64_t)row * n + j] * (double)prt_pair_gain(light->n, i);
         else if (!n_direction)
             v = r->value == PRT_VALUE_F16
                     ? (double)prt_f16_to_f32(((const uint16_t *)r->entry)[e * n + j])
@@ -439,7 +438,8 @@ static void ask_many(struct prt_cube cube[MANY], struct prt_query q[MANY], bool 
         some_cube(&cube[i]);
         for (int k = 0; k < 6 * 16 * 16 * 3; k++) cube[i].texel[k] *= (float)(1 + (k + i) % 3);
         q[i] = (struct prt_query){.light = &cube[i],
-                                  .term = i < 13 ? PRT_ANSWER_TOTAL : (enum prt_answer_term)(i % 3),
+                                  .term =
+                                      i < 13 ? PRT_ANSWER_TOTAL : (enum prt_answer_term)(i % 3),
                                   .eye = i >= 12 ? eye : NULL};
         planes[i] = i >= 8 && i < 12;
     }
@@ -473,7 +473,8 @@ static void compare_many(const struct prt_transport *t)
 }
 
 // Several questions share one reading of the transport and hear what each would hear alone:
-// tensors with the same clusters or others, with opaque vertices among them and without, sparse.
+// tensors with the same clusters or others, with opaque vertices among them and without,
+// sparse.
 static void many_questions_equal_one_by_one(void **state)
 {
     struct synthetic_options pairs = kind[6], single = kind[0];
@@ -698,7 +699,8 @@ static void materials_move(void **state)
     memset(again, 0xff, 4 * 12 * N);
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), 0);
     assert_memory_equal(again, planes, 4 * 12 * N);
-    const struct prt_query both[2] = {q, {.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &m}};
+    const struct prt_query both[2] = {
+        q, {.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &m}};
     const bool as_planes[2] = {true, true};
     float *pair[2] = {again, own};
     assert_int_equal(prt_answer_many(&ctx, &t, 2, both, as_planes, pair), 0);
@@ -709,15 +711,18 @@ static void materials_move(void **state)
     assert_int_equal(prt_fixed_create(&ctx, &t, &m, &fixed), 0);
     assert_true(prt_fixed_bytes(fixed) > 0);
     const struct prt_query lit_only = {.term = PRT_ANSWER_TOTAL, .light = &cube};
-    assert_int_equal(prt_answer_planes(&ctx, prt_fixed_transport(fixed), &lit_only, &n_plane, again), 0);
+    assert_int_equal(
+        prt_answer_planes(&ctx, prt_fixed_transport(fixed), &lit_only, &n_plane, again), 0);
     assert_int_equal(n_plane, 4);
     double off = difference(again, planes, 4 * 3 * N);
     assert_true(off > 0 && off < 2 * PRT_FIXED_ERROR);
     const struct prt_query wavelet = {.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &m};
-    assert_int_equal(prt_answer_planes(&ctx, prt_fixed_transport(fixed), &wavelet, &n_plane, again),
-                     PRT_MISMATCH);
+    assert_int_equal(
+        prt_answer_planes(&ctx, prt_fixed_transport(fixed), &wavelet, &n_plane, again),
+        PRT_MISMATCH);
     struct prt_fixed *twice;
-    assert_int_equal(prt_fixed_create(&ctx, prt_fixed_transport(fixed), &m, &twice), PRT_MISMATCH);
+    assert_int_equal(prt_fixed_create(&ctx, prt_fixed_transport(fixed), &m, &twice),
+                     PRT_MISMATCH);
     prt_fixed_destroy(fixed);
     q.lit = other;
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_ARG);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// What a client of relightd waits for, on loopback: from the call to the answer in hand, through
-// librelight. Each figure is the median and the 95th percentile of 40 requests, beside the target
-// the project set itself (where it did).
+// What a client of relightd waits for, on loopback: from the call to the answer in hand,
+// through librelight. Each figure is the median and the 95th percentile of 40 requests, beside
+// the target the project set itself (where it did).
 #include "daemon.h"
 
 #include "relight/relight.h"
@@ -63,8 +63,8 @@ static double quantile(double *x, unsigned n, double q)
 
 static void keep(struct sample *out, double ms, const struct relight_cost *c, uint64_t bytes)
 {
-    const float part[N_PART] = {c->queue_ms,  c->light_ms,  c->relight_ms, c->raster_ms,
-                                c->shade_ms,  c->encode_ms, c->total_ms};
+    const float part[N_PART] = {c->queue_ms, c->light_ms,  c->relight_ms, c->raster_ms,
+                                c->shade_ms, c->encode_ms, c->total_ms};
     for (int i = 0; i < N_PART; i++) out->part[i][out->n] = (double)part[i];
     out->ms[out->n++] = ms;
     out->bytes = (double)bytes;
@@ -74,10 +74,9 @@ static void keep(struct sample *out, double ms, const struct relight_cost *c, ui
 static void print(struct session *s, const char *name, const char *carrier, struct sample *x,
                   double target_ms)
 {
-    static const char *const part[N_PART] = {"daemon_queue_ms", "daemon_light_ms",
-                                             "daemon_relight_ms", "daemon_raster_ms",
-                                             "daemon_shade_ms", "daemon_encode_ms",
-                                             "daemon_total_ms"};
+    static const char *const part[N_PART] = {
+        "daemon_queue_ms", "daemon_light_ms",  "daemon_relight_ms", "daemon_raster_ms",
+        "daemon_shade_ms", "daemon_encode_ms", "daemon_total_ms"};
     bench_begin(s->env, name);
     bench_text("carrier", carrier);
     double median = quantile(x->ms, x->n, 0.5);
@@ -102,9 +101,11 @@ static int time_image(struct session *s, struct relight_client *client, const ch
                       struct sample *out)
 {
     struct relight_light light = {.env = light_env, .rotate_deg = turn};
-    struct relight_image_request r = {.model = s->daemon.model, .n_light = 1, .lights = &light,
-                                      .picture = {.width = WIDTH, .height = HEIGHT,
-                                                  .format = format}};
+    struct relight_image_request r = {
+        .model = s->daemon.model,
+        .n_light = 1,
+        .lights = &light,
+        .picture = {.width = WIDTH, .height = HEIGHT, .format = format}};
     struct relight_image image;
     struct relight_error error;
     if (relight_image(client, &r, &image, &error)) return fail(s, &error);
@@ -117,8 +118,8 @@ static int time_colors(struct session *s, struct relight_client *client, float t
                        enum relight_color_format format, struct sample *out)
 {
     struct relight_light light = {.env = s->envs[0], .rotate_deg = turn};
-    struct relight_colors_request r = {.model = s->daemon.model, .n_light = 1, .lights = &light,
-                                       .format = format};
+    struct relight_colors_request r = {
+        .model = s->daemon.model, .n_light = 1, .lights = &light, .format = format};
     struct relight_colors colors;
     struct relight_error error;
     double begin = prt_time_s();
@@ -230,8 +231,8 @@ static int unused_lights(struct session *s)
         if (!status) status = settle(s);
         x.cpu_s = cpu_s(s);
         for (unsigned i = 1; i <= s->n && !status; i++)
-            status = time_image(s, s->client[0], s->envs[i], 0, png ? RELIGHT_PNG : RELIGHT_JPEG,
-                                prt_time_s(), &x);
+            status = time_image(s, s->client[0], s->envs[i], 0,
+                                png ? RELIGHT_PNG : RELIGHT_JPEG, prt_time_s(), &x);
         if (!status)
             print(s, png ? "daemon_image_png_unused_light" : "daemon_image_jpeg_unused_light",
                   "unix", &x, png ? 60 : 15);
@@ -253,8 +254,8 @@ static int colors(struct session *s)
     for (size_t f = 0; f < sizeof figure / sizeof *figure && !status; f++) {
         struct sample x = {.cpu_s = cpu_s(s)};
         for (unsigned i = 0; i < s->n && !status; i++)
-            status = time_colors(s, s->client[figure[f].client], new_turn(s), figure[f].format,
-                                 &x);
+            status =
+                time_colors(s, s->client[figure[f].client], new_turn(s), figure[f].format, &x);
         if (!status) print(s, figure[f].name, figure[f].carrier, &x, 0);
     }
     return status;
@@ -284,8 +285,8 @@ static int run_answers(struct bench_env *env)
     return with_session(env, answers);
 }
 
-// A file the daemon has never seen, from its bytes in memory to a PNG in hand. The first of each
-// kind finds a daemon that has just been started.
+// A file the daemon has never seen, from its bytes in memory to a PNG in hand. The first of
+// each kind finds a daemon that has just been started.
 static int new_files(struct session *s)
 {
     static const char *const format[] = {"hdr", "exr", "png"};
@@ -332,12 +333,17 @@ static int time_edit(struct session *s, double eta, float turn, int picture,
     char text[160];
     struct relight_light light = {.env = s->envs[0], .rotate_deg = turn};
     struct relight_shade shade = {.material = text};
-    struct relight_colors_request r = {.model = s->daemon.model, .n_light = 1, .lights = &light,
-                                       .shade = shade, .format = format};
-    struct relight_image_request p = {.model = s->daemon.model, .n_light = 1, .lights = &light,
-                                      .shade = shade,
-                                      .picture = {.width = WIDTH, .height = HEIGHT,
-                                                  .format = RELIGHT_JPEG}};
+    struct relight_colors_request r = {.model = s->daemon.model,
+                                       .n_light = 1,
+                                       .lights = &light,
+                                       .shade = shade,
+                                       .format = format};
+    struct relight_image_request p = {
+        .model = s->daemon.model,
+        .n_light = 1,
+        .lights = &light,
+        .shade = shade,
+        .picture = {.width = WIDTH, .height = HEIGHT, .format = RELIGHT_JPEG}};
     struct relight_colors colors;
     struct relight_image image;
     struct relight_error error;
@@ -376,7 +382,8 @@ static int edits(struct session *s)
     bool joint = prt_file_transport(file)->engine == PRT_ENGINE_JOINT;
     prt_file_close(file);
     if (!joint)
-        return prt_fail(&s->env->ctx, PRT_MISMATCH, "%s is not a joint transport", s->env->file);
+        return prt_fail(&s->env->ctx, PRT_MISMATCH, "%s is not a joint transport",
+                        s->env->file);
     for (size_t f = 0; f < sizeof figure / sizeof *figure && !status; f++) {
         struct sample x = {.n = 0};
         // The second asking of a light is not the first edit under it that a user makes.
@@ -475,7 +482,8 @@ static int run_crowds(struct bench_env *env)
     return with_session(env, crowds);
 }
 
-BENCH(daemon_answers, "relightd: pictures and colours under a light turned or unused", run_answers)
+BENCH(daemon_answers, "relightd: pictures and colours under a light turned or unused",
+      run_answers)
 BENCH(daemon_new_env, "relightd: a new HDR file, upload to picture", run_new_files)
 BENCH(daemon_edit, "relightd: new materials, with --file J.prt (a joint transport)", run_edits)
 BENCH(daemon_clients, "relightd: 1, 2, 4 and 8 clients at once", run_crowds)

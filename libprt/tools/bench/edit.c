@@ -120,8 +120,7 @@ static int start(struct edit *e, struct bench_env *env, uint32_t cube, unsigned 
         e->coef[i] = prt_calloc(3ull * t->n_radial + 1, sizeof(float));
         e->lit[i] = prt_alloc(lit + 1, sizeof(float));
         if (!e->coef[i] || !e->lit[i]) return PRT_NOMEM;
-        for (uint32_t k = 0; k < 3 * t->n_radial; k++)
-            e->coef[i][k] = 1.0f / (float)(k + 1);
+        for (uint32_t k = 0; k < 3 * t->n_radial; k++) e->coef[i][k] = 1.0f / (float)(k + 1);
     }
     e->color = prt_calloc(3ull * tensor[0]->n_vertex * e->n_plane, sizeof(float));
     return status ? status : e->color ? PRT_OK : PRT_NOMEM;
@@ -137,8 +136,8 @@ __attribute__((destructor)) static void drop_bases(void)
         for (int n = 0; n <= MOST_FUNCTIONS; n++) prt_radial_destroy(bases[f][n]);
 }
 
-// A real basis of as many functions as each made-up tensor has, or as a basis can have; few when
-// it only has to run.
+// A real basis of as many functions as each made-up tensor has, or as a basis can have; few
+// when it only has to run.
 static int made_up_bases(struct edit *e)
 {
     int status = PRT_OK;
@@ -148,8 +147,7 @@ static int made_up_bases(struct edit *e)
         n = e->env->quick ? 8 : n < MOST_FUNCTIONS ? n : MOST_FUNCTIONS;
         struct prt_radial_options o = {
             .kind = PRT_RADIAL_REDUCED, .family = family, .eta = 1.3, .n_function = n};
-        if (!bases[family][n])
-            status = prt_radial_create(&e->env->ctx, &o, &bases[family][n]);
+        if (!bases[family][n]) status = prt_radial_create(&e->env->ctx, &o, &bases[family][n]);
         e->radial[i] = bases[family][n];
     }
     e->own_bases = false;
@@ -385,7 +383,8 @@ static int file_figures(struct bench_env *env, figure_fn figure, const char *pre
             n_single += x->term == PRT_TERM_SINGLE;
             tensors[n++] = x;
         }
-        if (!n_free || (single && !n_single) || (lit && t->engine != PRT_ENGINE_JOINT)) continue;
+        if (!n_free || (single && !n_single) || (lit && t->engine != PRT_ENGINE_JOINT))
+            continue;
         snprintf(name, sizeof name, "%s_%s", prefix, single ? "with_single" : "multiple");
         status = start(&e, env, t->cube ? t->cube : 32, n, tensors, (double)t->material.eta);
         if (!status) status = file_bases(&e);
@@ -465,7 +464,8 @@ static int turn_figures(struct bench_env *env, const struct prt_transport *t)
     struct bench_time plain = {0}, time = {0};
     unsigned n_plane = 0;
     a.material.eta = t->material.eta;
-    a.query = (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &a.material};
+    a.query =
+        (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &a.material};
     int status = bench_cube(t->cube, env->seed, &cube);
     if (!status) status = prt_answer_planes(&env->ctx, t, &a.query, &n_plane, NULL);
     a.planes = prt_calloc(3ull * n_plane * t->mesh.n_vertex, sizeof *a.planes);
@@ -478,7 +478,8 @@ static int turn_figures(struct bench_env *env, const struct prt_transport *t)
     double seconds = prt_time_s() - started;
     a.query.material = NULL;
     if (!status) a.transport = prt_fixed_transport(fixed);
-    if (!status) status = prt_answer_planes(&env->ctx, a.transport, &a.query, &n_plane, a.planes);
+    if (!status)
+        status = prt_answer_planes(&env->ctx, a.transport, &a.query, &n_plane, a.planes);
     for (size_t i = 0; i < n && free_planes; i++) {
         off += pow((double)(a.planes[i] - free_planes[i]), 2);
         all += pow((double)free_planes[i], 2);
