@@ -178,9 +178,9 @@ int run_image(struct relight_client *client, struct options *o)
     struct relight_image image;
     enum output_kind kind = output_kind(o->output);
     if (!is_picture(kind)) return report_usage(o, "-o FILE has to end in .png, .jpg or .exr");
-    o->picture.format = kind == OUTPUT_PNG   ? RELIGHT_PNG
-                        : kind == OUTPUT_EXR ? RELIGHT_EXR
-                                             : RELIGHT_JPEG;
+    o->picture.format = kind == OUTPUT_PNG   ? RELIGHT_IMAGE_PNG
+                        : kind == OUTPUT_EXR ? RELIGHT_IMAGE_EXR
+                                             : RELIGHT_IMAGE_JPEG;
     int status = get_lights(client, o, lights, names);
     if (!status) status = get_maps(client, o);
     if (status) return status;

@@ -164,16 +164,16 @@ int relight_colors_decode(const struct relight_colors *colors, uint32_t plane, f
     const uint8_t *data = (const uint8_t *)colors->data + plane * colors->plane_bytes;
     size_t n = colors->n_vertex;
     switch (colors->format) {
-    case RELIGHT_F32:
+    case RELIGHT_COLOR_F32:
         memcpy(out, data, n * 12);
         break;
-    case RELIGHT_F16:
+    case RELIGHT_COLOR_F16:
         relight_decode_f16((const uint16_t *)data, n * 3, out);
         break;
-    case RELIGHT_RGB9E5:
+    case RELIGHT_COLOR_RGB9E5:
         relight_decode_rgb9e5((const uint32_t *)data, n, out);
         break;
-    case RELIGHT_SRGB8:
+    case RELIGHT_COLOR_SRGB8:
         relight_decode_srgb8(data, n, out);
         break;
     }

@@ -8,9 +8,9 @@
 // Public enums are the schema's numbers.
 _Static_assert((int)RELIGHT_ENGINE_HYBRID == RELIGHT__ENGINE__ENGINE_HYBRID, "engine");
 _Static_assert((int)RELIGHT_TERM_SINGLE == RELIGHT__TERM__TERM_SINGLE, "term");
-_Static_assert((int)RELIGHT_SRGB8 == RELIGHT__COLOR_FORMAT__COLOR_SRGB8, "colour format");
+_Static_assert((int)RELIGHT_COLOR_SRGB8 == RELIGHT__COLOR_FORMAT__COLOR_SRGB8, "colour format");
 _Static_assert((int)RELIGHT_IMAGE_F16 == RELIGHT__IMAGE_FORMAT__IMAGE_F16, "image format");
-_Static_assert((int)RELIGHT_NONE == RELIGHT__TONE__TONE_NONE, "tone");
+_Static_assert((int)RELIGHT_TONE_NONE == RELIGHT__TONE__TONE_NONE, "tone");
 _Static_assert((int)RELIGHT_MODEL_FAILED == RELIGHT__MODEL_STATE__MODEL_FAILED, "model state");
 _Static_assert((int)RELIGHT_JOB_CANCELLED == RELIGHT__JOB_STATE__JOB_CANCELLED, "job state");
 _Static_assert((int)RELIGHT_E_JOB_FAILED == RELIGHT__ERROR_CODE__ERROR_JOB_FAILED, "codes");
@@ -159,12 +159,12 @@ void relight_get_cost(const Relight__Cost *m, struct relight_cost *out)
 static unsigned color_bytes(Relight__ColorFormat format)
 {
     switch ((int)format) {
-    case RELIGHT_F32:
+    case RELIGHT_COLOR_F32:
         return 12;
-    case RELIGHT_F16:
+    case RELIGHT_COLOR_F16:
         return 6;
-    case RELIGHT_RGB9E5:
-    case RELIGHT_SRGB8:
+    case RELIGHT_COLOR_RGB9E5:
+    case RELIGHT_COLOR_SRGB8:
         return 4;
     default:
         return 0;

@@ -188,7 +188,7 @@ void options_parse(int argc, char **argv, struct options *options)
                                 .samples = 4,
                                 .gap = 4,
                                 .quality = 90,
-                                .format = RELIGHT_F16};
+                                .format = RELIGHT_COLOR_F16};
     options->camera.automatic = true;
     argp_err_exit_status = EXIT_USAGE;
     static const struct argp how = {

@@ -23,8 +23,8 @@ static const uint32_t default_probes = 192;
 static void dipole_eval(const void *user, unsigned cpu, size_t n, const float *r2,
                         float *const *out)
 {
-    const struct prt_dipole *d = user;
-    for (int c = 0; c < 3; c++) prt_dipole_rd_array(&d[c], cpu, n, r2, out[c]);
+    const struct prt_diffusion *d = user;
+    for (int c = 0; c < 3; c++) prt_diffusion_rd_array(&d[c], cpu, n, r2, out[c]);
 }
 
 static bool power_of_two(uint32_t n)
@@ -38,7 +38,7 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
     if (!o->n_coef) o->n_coef = 128;
     if (!o->n_phase) { // an isotropic medium needs one term; where g is free, or not 0, four
         const float *g = o->material.g;
-        bool fixed = o->engine == PRT_ENGINE_WAVELET;
+        bool fixed = o->engine == PRT_TRANSPORT_WAVELET;
         o->n_phase = fixed && g[0] == 0 && g[1] == 0 && g[2] == 0 ? 1 : 4;
     }
     if (!o->n_single) o->n_single = 16;
@@ -57,11 +57,11 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
         return prt_fail(ctx, PRT_ARG, "--rank %u: must lie in [1, 512]", o->rank);
     if (o->n_sample > 20000000)
         return prt_fail(ctx, PRT_ARG, "--samples %u: must lie in [16, 20000000]", o->n_sample);
-    if (o->engine != PRT_ENGINE_WAVELET && o->storage == PRT_STORAGE_SPARSE)
+    if (o->engine != PRT_TRANSPORT_WAVELET && o->storage == PRT_STORAGE_SPARSE)
         return prt_fail(ctx, PRT_ARG, "--storage sparse goes with --transport wavelet only");
-    if (o->engine == PRT_ENGINE_POLYNOMIAL && !o->env)
+    if (o->engine == PRT_TRANSPORT_POLYNOMIAL && !o->env)
         return prt_fail(ctx, PRT_ARG, "--transport polynomial fixes the light: give it --env");
-    if (o->basis > PRT_RADIAL_HAT || (o->basis && o->engine != PRT_ENGINE_POLYNOMIAL))
+    if (o->basis > PRT_RADIAL_HAT || (o->basis && o->engine != PRT_TRANSPORT_POLYNOMIAL))
         return prt_fail(ctx, PRT_ARG,
                         "--basis polynomial and hat go with --transport polynomial only");
     if (o->n_shard > 1 && o->shard >= o->n_shard)
@@ -100,7 +100,7 @@ static int prepare(struct bake *b)
         steepest = fmaxf(steepest, (float)b->dipole[c].sigma_tr);
     }
     // A free medium may be as dense as METHODS' range: as fine as a sample's cell is cut.
-    float fine = b->o.engine == PRT_ENGINE_WAVELET ? finest / 5 : 0.2f / 27;
+    float fine = b->o.engine == PRT_TRANSPORT_WAVELET ? finest / 5 : 0.2f / 27;
     b->radial = (struct radial_set){3, dipole_eval, b->dipole, steepest};
     int status = prt_scene_create(b->ctx, mesh, &b->scene);
     bool any = prt_surface_area(mesh) > 0;
@@ -109,14 +109,14 @@ static int prepare(struct bake *b)
     if (status == PRT_OK && any)
         status =
             prt_surface_create(b->ctx, mesh, sample_count(b), fine, b->o.seed, &b->surface);
-    if (status == PRT_OK && any && b->o.engine == PRT_ENGINE_WAVELET)
+    if (status == PRT_OK && any && b->o.engine == PRT_TRANSPORT_WAVELET)
         status = prt_surface_check(b->ctx, b->surface, mesh, finest, b->o.n_sample != 0);
     if (status == PRT_OK && any) status = hierarchy_create(b->surface, &b->hierarchy);
     uint32_t patterns = b->o.cube <= 32 ? 16 : b->o.cube <= 64 ? 8 : 4;
     if (status == PRT_OK)
         status = directions_create(b->o.cube, patterns, b->o.seed, &b->directions);
     // What serves every medium needs more columns than one medium: of smaller clusters, fewer.
-    uint32_t smaller = b->o.engine == PRT_ENGINE_JOINT ? 2 : 1;
+    uint32_t smaller = b->o.engine == PRT_TRANSPORT_JOINT ? 2 : 1;
     uint32_t target = mesh->n_vertex / (128 * smaller) + 1;
     if (target < 640 / smaller) target = 640 / smaller;
     if (status == PRT_OK) status = clusters_create(mesh, target, &b->clusters);
@@ -256,7 +256,7 @@ static void drop_factored(struct bake *b)
 // floor.
 static double byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
 {
-    bool joint = b->o.engine == PRT_ENGINE_JOINT;
+    bool joint = b->o.engine == PRT_TRANSPORT_JOINT;
     double per_vertex = joint ? (term ? 2200 : 1088) : 620.0 * n_phase;
     double least = joint ? (term ? 40e6 : 24e6) : (term ? 6e6 : 16e6) * n_phase;
     return fmax(per_vertex * b->mesh->n_vertex, least);
@@ -373,7 +373,7 @@ static void describe(const struct bake *b, char *out, size_t n)
 static int examine(struct bake *b, char *errors, size_t n)
 {
     struct prt_cube own = {0};
-    bool fixed = b->o.engine == PRT_ENGINE_POLYNOMIAL;
+    bool fixed = b->o.engine == PRT_TRANSPORT_POLYNOMIAL;
     int status =
         fixed ? prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, &own) : PRT_OK;
     if (status == PRT_OK)
@@ -408,7 +408,7 @@ static uint64_t shard_key(const struct bake *b)
     uint64_t key = prt_hash64(settings, strlen(settings), b->out.mesh_hash);
     key = prt_hash64(more, sizeof more, key);
     key = prt_hash64(&b->o.rotate_deg, sizeof b->o.rotate_deg, key);
-    const struct prt_env *env = b->o.engine == PRT_ENGINE_POLYNOMIAL ? b->o.env : NULL;
+    const struct prt_env *env = b->o.engine == PRT_TRANSPORT_POLYNOMIAL ? b->o.env : NULL;
     if (env && env->kind == PRT_ENV_CUBE)
         key = prt_hash64(env->cube.texel, (size_t)env->cube.n * env->cube.n * 72, key);
     else if (env)
@@ -419,9 +419,9 @@ static uint64_t shard_key(const struct bake *b)
 
 static int run_engine(struct bake *b)
 {
-    return b->o.engine == PRT_ENGINE_JOINT        ? bake_joint(b)
-           : b->o.engine == PRT_ENGINE_POLYNOMIAL ? bake_polynomial(b)
-                                                  : bake_wavelet(b);
+    return b->o.engine == PRT_TRANSPORT_JOINT        ? bake_joint(b)
+           : b->o.engine == PRT_TRANSPORT_POLYNOMIAL ? bake_polynomial(b)
+                                                     : bake_wavelet(b);
 }
 
 // Runs the engine on this process' clusters and, when it has the last part, once more to

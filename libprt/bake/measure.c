@@ -91,7 +91,7 @@ static int choose_media(struct examination *e)
     const struct prt_transport *t = e->transport;
     e->medium[0] = t->material;
     e->n_medium = 1;
-    for (unsigned i = 0; t->engine != PRT_ENGINE_WAVELET && i < MEDIA - 1; i++) {
+    for (unsigned i = 0; t->engine != PRT_TRANSPORT_WAVELET && i < MEDIA - 1; i++) {
         struct prt_material *m = &e->medium[e->n_medium];
         int status = prt_material_load(e->ctx, free_media[i], m);
         if (status) return status;

@@ -77,7 +77,7 @@ int bases_create(struct bake *b, struct bases *s)
         o.radius_mm = 3 * size;
         // The worst medium; the mean has a third of it. A polynomial bake's functions cost
         // little.
-        o.max_error = (b->o.engine == PRT_ENGINE_JOINT ? 1 : 0.2) * b->o.max_error;
+        o.max_error = (b->o.engine == PRT_TRANSPORT_JOINT ? 1 : 0.2) * b->o.max_error;
         x07_size(b, 8, &o);
         status = prt_radial_create(b->ctx, &o, &s->extinction);
         if (status == PRT_OK) status = extinction_table_create(s->extinction, &s->integral);
@@ -116,7 +116,7 @@ static int grey_fit(const struct prt_radial *radial, const struct bake *b, doubl
 // What a medium answers to constant irradiance, over rho_d: the mean over vertices of the
 // integral of R_d over the body. Where light travels further than the body is large that is a
 // few percent, and errors that are to be small beside the answer have to be small beside this.
-static double share_on_body(const struct bake *b, const struct prt_dipole *d)
+static double share_on_body(const struct bake *b, const struct prt_diffusion *d)
 {
     enum { SAMPLES = 4096, VERTICES = 64 };
     const struct prt_surface_points *s = b->surface;
@@ -129,7 +129,7 @@ static double share_on_body(const struct bake *b, const struct prt_dipole *d)
             double r2 = 0;
             for (int k = 0; k < 3; k++)
                 r2 += pow((double)mesh->position[v][k] - (double)s->position[i][k], 2);
-            sum += step * (double)s->area[i] * prt_dipole_rd(d, sqrt(r2));
+            sum += step * (double)s->area[i] * prt_diffusion_rd(d, sqrt(r2));
         }
     return fmin(1, sum / (n * d->rho_d));
 }
@@ -145,9 +145,9 @@ int bases_train_reflectance(struct bake *b, struct bases *s)
     int status = s->train ? PRT_OK : PRT_NOMEM;
     for (int i = 0; status == PRT_OK && i < SCATTER * ABSORB; i++) {
         double scatter = log_step(0.02, 20, i / ABSORB, SCATTER);
-        struct prt_dipole d;
+        struct prt_diffusion d;
         float *row = s->train + (size_t)i * J;
-        prt_dipole_init(&d, scatter, absorb[i % ABSORB], b->o.material.eta);
+        prt_diffusion_init(&d, scatter, absorb[i % ABSORB], b->o.material.eta);
         status = grey_fit(s->reflectance, b, scatter, absorb[i % ABSORB], row);
         double answer = d.rho_d * share_on_body(b, &d);
         // What hardly scatters and absorbs at once answers from where light enters, shadows'

@@ -9,7 +9,7 @@ struct bake {
     const struct prt_context *ctx;
     const struct prt_mesh *mesh;
     struct prt_bake_options o;
-    struct prt_dipole dipole[3];
+    struct prt_diffusion dipole[3];
     struct prt_scene *scene;
     struct prt_surface_points *surface;
     struct hierarchy *hierarchy;

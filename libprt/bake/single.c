@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 // Single scattering along -n_o (W05 eq 10-12, METHODS §3.5) with far fewer rays than texels x
-// points: along the path the way out is traced at a few depths only (path.c integrates between
-// them). Of each tile of 4 x 4 texels one is traced, then of each block of 2 x 2, then all: the
-// finer only where neighbours met something else. Beyond the surface a ray is cast only where
-// the horizon (horizon.c) does not know that all is open.
-#include "bake/path.h"
+// points: along the path the way out is traced at a few depths only (path_integral.c integrates
+// between them). Of each tile of 4 x 4 texels one is traced, then of each block of 2 x 2, then
+// all: the finer only where neighbours met something else. Beyond the surface a ray is cast
+// only where the horizon (horizon.c) does not know that all is open.
+#include "bake/path_integral.h"
 
 #include <stdlib.h>
 #include <string.h>

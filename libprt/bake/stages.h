@@ -193,7 +193,7 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
                   struct factored *factored, uint32_t n_function, uint32_t n,
                   const struct pack_options *options, struct prt_tensor *out);
 
-/* Rows of many functions as a few directions (mix.c). mix_rows makes them of b
+/* Rows of many functions as a few directions (row_compression.c). mix_rows makes them of b
  * [rank][J][n_coef], which it overwrites; mix_blend has the source make them alone, having
  * found them in what the rows answer to the probes: answers [J][n_vertex][n_probe + 6], the
  * last six (mix_faces) the scaling coefficients. mix_choose decides for one row at a price and

@@ -125,8 +125,9 @@ int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t 
 
 /* Negative and NaN become 0, infinity the image's largest finite value in that channel (a sun
  * that overflowed its format lies beside pixels that nearly did). */
-static void mend(const struct prt_context *ctx, const char *name, struct prt_image *image,
-                 uint32_t *n_negative, uint32_t *n_nonfinite)
+static void clear_non_finite(const struct prt_context *ctx, const char *name,
+                             struct prt_image *image, uint32_t *n_negative,
+                             uint32_t *n_nonfinite)
 {
     const size_t count = (size_t)image->width * image->height;
     uint32_t negative = 0, nonfinite = 0;
@@ -239,7 +240,8 @@ static int load_inputs(const struct prt_context *ctx, const char *name,
     if (!env) return prt_fail(ctx, PRT_NOMEM, "%s: no memory", name);
     int err = prt_decode_isolated(ctx, input, count, decoded);
     for (unsigned i = 0; !err && i < count; i++)
-        mend(ctx, input[i].name, &decoded[i].image, &env->n_negative, &env->n_nonfinite);
+        clear_non_finite(ctx, input[i].name, &decoded[i].image, &env->n_negative,
+                         &env->n_nonfinite);
     if (!err)
         err = count == 1 ? prt_env_from_image(ctx, name, &decoded[0], env)
                          : prt_env_from_faces(ctx, name, decoded, env);

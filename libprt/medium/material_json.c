@@ -232,7 +232,7 @@ int prt_material_summary(const struct prt_material *material, char *buf, size_t 
 {
     static const char *const kind[] = {"dipole", "burley", "multipole", "curve"};
     struct text t = {buf, n, 0};
-    struct prt_dipole d[3];
+    struct prt_diffusion d[3];
     char name[64];
     if (!material->profile) return prt_material_print(material, buf, n);
     escape_name(material->name, name);

@@ -11,7 +11,7 @@ void prt_profile_init_dipole(struct prt_profile *profile, double sigma_s_prime, 
                              double eta)
 {
     *profile = (struct prt_profile){.kind = PRT_PROFILE_DIPOLE};
-    prt_dipole_init(&profile->dipole, sigma_s_prime, sigma_a, eta);
+    prt_diffusion_init(&profile->dipole, sigma_s_prime, sigma_a, eta);
     profile->total = profile->dipole.rho_d;
 }
 
@@ -84,11 +84,11 @@ double prt_profile_rd(const struct prt_profile *profile, double r_mm)
 {
     switch (profile->kind) {
     case PRT_PROFILE_DIPOLE:
-        return prt_dipole_rd(&profile->dipole, r_mm);
+        return prt_diffusion_rd(&profile->dipole, r_mm);
     case PRT_PROFILE_BURLEY:
         return burley_rd(profile, r_mm);
     case PRT_PROFILE_MULTIPOLE:
-        return fmax(0, prt_dipole_rd(&profile->dipole, r_mm) + table_rd(profile, r_mm));
+        return fmax(0, prt_diffusion_rd(&profile->dipole, r_mm) + table_rd(profile, r_mm));
     case PRT_PROFILE_CURVE:
         break;
     }
@@ -99,11 +99,11 @@ double prt_profile_tail(const struct prt_profile *profile, double r_mm)
 {
     switch (profile->kind) {
     case PRT_PROFILE_DIPOLE:
-        return prt_dipole_tail(&profile->dipole, r_mm);
+        return prt_diffusion_tail(&profile->dipole, r_mm);
     case PRT_PROFILE_BURLEY:
         return burley_tail(profile, r_mm);
     case PRT_PROFILE_MULTIPOLE:
-        return fmax(0, prt_dipole_tail(&profile->dipole, r_mm) + table_tail(profile, r_mm));
+        return fmax(0, prt_diffusion_tail(&profile->dipole, r_mm) + table_tail(profile, r_mm));
     case PRT_PROFILE_CURVE:
         break;
     }

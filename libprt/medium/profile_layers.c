@@ -124,8 +124,9 @@ static int layers_table(struct prt_profile *profile, unsigned n, const struct sl
          * the table must cancel the dipole's own slow tail there. g(0) is the exact integral:
          * what linear interpolation misses of it (1e-4) is spread alike. */
         double beyond =
-            fmax(0, prt_dipole_rd(&profile->dipole, r_hi) + profile->rd[N_RADIUS - 1]);
-        double end = 2 * M_PI * r_hi * r_hi * beyond - prt_dipole_tail(&profile->dipole, r_hi);
+            fmax(0, prt_diffusion_rd(&profile->dipole, r_hi) + profile->rd[N_RADIUS - 1]);
+        double end =
+            2 * M_PI * r_hi * r_hi * beyond - prt_diffusion_tail(&profile->dipole, r_hi);
         double all = profile->outside[0], missing = g[0] - all - end;
         for (unsigned i = 0; i < N_RADIUS && all != 0; i++)
             profile->outside[i] += missing * (profile->outside[i] / all) + end;
@@ -170,7 +171,7 @@ int prt_profile_init_multipole(const struct prt_context *ctx, struct prt_profile
     /* one refractive index throughout: only the outer faces reflect */
     for (unsigned i = 0; i < n_layer; i++)
         slab_init(&slab[i], &layer[i], i ? 1 : eta, i + 1 < n_layer ? 1 : eta);
-    prt_dipole_init(&p.dipole, layer[0].sigma_s_prime, layer[0].sigma_a, eta);
+    prt_diffusion_init(&p.dipole, layer[0].sigma_s_prime, layer[0].sigma_a, eta);
     p.total = p.dipole.rho_d;
     if (!isinf(layer[0].thickness_mm) && (err = layers_table(&p, n_layer, slab)) < 0)
         return prt_fail(ctx, err, "multipole: no memory");

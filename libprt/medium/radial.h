@@ -16,7 +16,7 @@ enum {
 /* One member of a family: a dipole, or e^(-sigma_t r). */
 struct radial_member {
     enum prt_radial_family family;
-    struct prt_dipole dipole;
+    struct prt_diffusion dipole;
     double sigma_t;
 };
 void radial_member_init(struct radial_member *member, enum prt_radial_family family, double eta,

@@ -269,10 +269,10 @@ static double fit_members(const struct radial *radial, const struct radial_membe
     for (int c = 0; c < 3; c++)
         inside[c] = radial_member_inside(&member[c], radial->pub.r[radial->pub.n_grid - 1]);
     if (radial->pub.family == PRT_FAMILY_DIPOLE) {
-        struct prt_dipole dipole[3];
+        struct prt_diffusion dipole[3];
         for (int c = 0; c < 3; c++) dipole[c] = member[c].dipole;
-        prt_dipole_rd3_array(dipole, radial->cpu, radial->n_quad, radial->quad_r2, f[0], f[1],
-                             f[2]);
+        prt_diffusion_rd3_array(dipole, radial->cpu, radial->n_quad, radial->quad_r2, f[0],
+                                f[1], f[2]);
     } else {
         for (int c = 0; c < 3; c++)
             for (uint32_t q = 0; q < radial->n_quad; q++)
@@ -286,12 +286,13 @@ static double fit_own_profile(const struct radial *radial, const struct prt_mate
                               float *coef)
 {
     float f[3][RADIAL_MAX_QUAD];
-    struct prt_dipole d[3];
+    struct prt_diffusion d[3];
     double inside[3];
     prt_material_dipoles(m, d);
     for (int c = 0; c < 3; c++) {
-        prt_dipole_rd_array(&d[c], radial->cpu, radial->n_quad, radial->quad_r2, f[c]);
-        inside[c] = d[c].rho_d - prt_dipole_tail(&d[c], radial->pub.r[radial->pub.n_grid - 1]);
+        prt_diffusion_rd_array(&d[c], radial->cpu, radial->n_quad, radial->quad_r2, f[c]);
+        inside[c] =
+            d[c].rho_d - prt_diffusion_tail(&d[c], radial->pub.r[radial->pub.n_grid - 1]);
         if (!(inside[c] > 0)) return -1;
     }
     return radial_project(radial, 3, f, inside, coef);

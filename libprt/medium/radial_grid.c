@@ -9,19 +9,19 @@ void radial_member_init(struct radial_member *member, enum prt_radial_family fam
                         double sigma, double sigma_a)
 {
     *member = (struct radial_member){.family = family, .sigma_t = sigma};
-    if (family == PRT_FAMILY_DIPOLE) prt_dipole_init(&member->dipole, sigma, sigma_a, eta);
+    if (family == PRT_FAMILY_DIPOLE) prt_diffusion_init(&member->dipole, sigma, sigma_a, eta);
 }
 
 double radial_member_eval(const struct radial_member *member, double r)
 {
-    if (member->family == PRT_FAMILY_DIPOLE) return prt_dipole_rd(&member->dipole, r);
+    if (member->family == PRT_FAMILY_DIPOLE) return prt_diffusion_rd(&member->dipole, r);
     return exp(-member->sigma_t * r);
 }
 
 double radial_member_inside(const struct radial_member *member, double radius)
 {
     if (member->family == PRT_FAMILY_DIPOLE)
-        return member->dipole.rho_d - prt_dipole_tail(&member->dipole, radius);
+        return member->dipole.rho_d - prt_diffusion_tail(&member->dipole, radius);
     return -expm1(-member->sigma_t * radius) / member->sigma_t;
 }
 

@@ -21,7 +21,7 @@ struct job {
     uint32_t *corner_begin, *corner; // triangles around each welded vertex
     unsigned n_material, n_light;
     const struct prt_material *const *materials; // one eta
-    struct prt_dipole (*dipoles)[3];             // [n_material]
+    struct prt_diffusion (*dipoles)[3];          // [n_material]
     struct light_rays **lights; // [n_light] what vertices trace; NULL when nothing does
     float *irradiance;          // [n_light][3][n_sample]
     float (*const *color)[3];   // [n_material * n_light]
@@ -165,7 +165,7 @@ static float dot_array(const float *a, const float *b, uint32_t n)
 enum { CHUNK = 1024 };
 
 // B(x) = sum over all samples of the object: point values far away, cells nearby. out[n_light].
-static void multiple_at(const struct job *j, uint32_t v, const struct prt_dipole dipole[3],
+static void multiple_at(const struct job *j, uint32_t v, const struct prt_diffusion dipole[3],
                         double (*out)[3])
 {
     const struct prt_surface_points *s = j->surface;
@@ -183,7 +183,7 @@ static void multiple_at(const struct job *j, uint32_t v, const struct prt_dipole
             prt_surface_afar(r2[i], s->spread[begin + i], &afar[i], &afar[n + i]);
         }
         for (int c = 0; c < 3; c++) {
-            prt_dipole_rd_array(&dipole[c], j->ctx->cpu, 2 * n, afar, rd[c]);
+            prt_diffusion_rd_array(&dipole[c], j->ctx->cpu, 2 * n, afar, rd[c]);
             for (uint32_t i = 0; i < n; i++)
                 rd[c][i] = 0.5f * s->area[begin + i] * (rd[c][i] + rd[c][n + i]);
         }

@@ -165,7 +165,7 @@ static int mix_tensor(const struct answer *a, const struct prt_tensor *t, const 
 
 // A part and what it owns.
 struct owned {
-    struct prt_part part;
+    struct prt_term_input part;
     float *lit, *coef, (*factor)[3];
     uint8_t *dark;
 };
@@ -269,7 +269,7 @@ static int make_part(const struct group *g, const struct prt_tensor *t, struct o
     return status == PRT_NOMEM ? prt_fail(a->ctx, status, "no memory for a material") : status;
 }
 
-static int sum_parts(const struct group *g, unsigned n, const struct prt_part part[])
+static int sum_parts(const struct group *g, unsigned n, const struct prt_term_input part[])
 {
     const struct answer *a = g->answer[0];
     float *color[MOST_TRIPLES];
@@ -288,7 +288,7 @@ static int fill_parts(const struct group *g)
     const struct answer *a = g->answer[0];
     const struct prt_transport *t = a->transport;
     struct owned owned[PRT_MOST_PARTS];
-    struct prt_part part[PRT_MOST_PARTS];
+    struct prt_term_input part[PRT_MOST_PARTS];
     unsigned n = 0, done = 0;
     int status = PRT_OK;
     for (uint32_t i = 0; i < t->n_tensor && n < PRT_MOST_PARTS && !status; i++) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Expanding bases to colours in AVX-512: U times the contracted rows, and the polynomial
 // transport's sums.
-#include "tiles.h"
+#include "store_avx512.h"
 
 #if defined(__x86_64__)
 #include <string.h>

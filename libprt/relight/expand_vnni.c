@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
-// Expanding bases in 16-bit integers: two rows of U meet their coefficients in one instruction,
-// twice what floating point does. For eight triples at once, or four (the phase planes of
-// single scattering), where arithmetic is the limit.
+// Expanding bases in 16-bit integers: two rows of U are multiplied with their coefficients in
+// one instruction, twice what floating point does. For eight triples at once, or four (the
+// phase planes of single scattering), where arithmetic is the limit.
 //
 // U is integers of at most PRT_U_MOST; the coefficients of a triple's channel become integers
 // whose absolute sum is at most SUM_MOST, so that no sum of products leaves 32 bits.
 // Coefficients of falling size, as a singular value decomposition gives, keep 15 bits where it
 // matters: the error is some 3e-5 of the colours (1e-4 were they all alike), as much as U's own
 // rounding.
-#include "tiles.h"
+#include "store_avx512.h"
 
 #if defined(__x86_64__)
 #include <math.h>

@@ -45,7 +45,7 @@ struct integer_lights {
     float scaling[6][LIGHT_GROUP][4]; // each face's scaling coefficient, in floating point
 };
 
-// Rows of pairs meet lights that are times their gains (prt_pair_gain).
+// Rows of pairs are multiplied with lights that were scaled by their gains (prt_pair_gain).
 struct relight_kernels {
     const char *name;
     // DIAGONAL rows [begin, end) under one light [n_coef][4]: out[row - begin][3P]

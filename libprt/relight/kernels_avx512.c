@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The kernels in AVX-512 (F, BW, DQ, VL): rows meet light and material. Expanding bases is
-// expand_avx512.c's.
+// The kernels in AVX-512 (F, BW, DQ, VL): rows times light and material. Expanding bases
+// is expand_avx512.c's.
 #include "avx512.h"
 
 #if defined(__x86_64__)
@@ -71,7 +71,8 @@ enum { ROWS_AHEAD = 8 };
 
 // Asks for what stands beside the entries of a row some rows ahead: few bytes each, which no
 // stream of the processor's own keeps up with. n: functions.
-INLINE void ask_row(const struct prt_rows *rows, uint32_t row, const uint32_t n, bool scaled)
+INLINE void prefetch_row(const struct prt_rows *rows, uint32_t row, const uint32_t n,
+                         bool scaled)
 {
     const uint64_t ahead = row + (uint64_t)ROWS_AHEAD;
     const char *scaling = (const char *)(rows->scaling + 6 * n * ahead);
@@ -95,7 +96,7 @@ INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
     const __m512 dc1 = light4(light, 4 * face, 5 * face, 0, 0);
     for (uint32_t row = begin; row < end; row++, out += 3) {
         const uint16_t *scaling = rows->scaling + 18ull * row;
-        ask_row(rows, row, 3, kind != PRT_VALUE_F16);
+        prefetch_row(rows, row, 3, kind != PRT_VALUE_F16);
         __m512 z = diagonal3_sum(rows->index, rows->entry, rows->begin[row],
                                  rows->begin[row + 1], safe, light, kind, wide);
         __m512 dc = _mm512_mul_ps(spread4(scaling, 0, PRT_VALUE_F16, 4), dc0);
@@ -146,7 +147,7 @@ INLINE void diagonal_many(const struct prt_rows *rows, uint32_t begin, uint32_t 
     for (uint32_t row = begin; row < end; row++, out += n) {
         __m512 sum[3], odd[3], dc[3];
         const char *entry = (const char *)rows->entry + rows->begin[row] * pitch;
-        ask_row(rows, row, n, i8);
+        prefetch_row(rows, row, n, i8);
         for (int z = 0; z < nz; z++) sum[z] = odd[z] = dc[z] = _mm512_setzero_ps();
         uint64_t e = rows->begin[row], stop = rows->begin[row + 1];
         for (; e + 2 <= stop; e += 2, entry += 2 * pitch) {
@@ -251,8 +252,8 @@ INLINE struct lanes add_lanes(struct lanes a, struct lanes b)
 }
 
 // sum += triple t of v, 0 or 1, times the lights
-INLINE void meet(struct lanes *sum, __m256 v, int t, const struct group_maps *m,
-                 struct lanes light)
+INLINE void accumulate(struct lanes *sum, __m256 v, int t, const struct group_maps *m,
+                       struct lanes light)
 {
     __m512 wide = _mm512_permutexvar_ps(m->lo[t], _mm512_castps256_ps512(v));
     sum->lo = _mm512_fmadd_ps(wide, light.lo, sum->lo);
@@ -327,8 +328,8 @@ INLINE struct lanes group_scaling(const struct prt_rows *rows, uint64_t first, u
     for (size_t f = 0; f < 6; f += 2, p += 6 * pitch) {
         __m256 v = load_some((const char *)p, false, pitch == 1 ? 2 : 1), w = v;
         if (pitch != 1) w = load_some((const char *)(p + 3 * pitch), false, 1);
-        meet(&a, v, 0, m, lights_at(table, face * f));
-        meet(&b, w, pitch == 1, m, lights_at(table, face * (f + 1)));
+        accumulate(&a, v, 0, m, lights_at(table, face * f));
+        accumulate(&b, w, pitch == 1, m, lights_at(table, face * (f + 1)));
     }
     return add_lanes(a, b);
 }
@@ -353,10 +354,10 @@ INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t
         _mm_prefetch((const char *)index + (wide ? 4 : 2) * e + 512, _MM_HINT_T0);
         const __m256 v = pair ? load_pair(entry) : load_two(entry, i8);
         const __m256 w = pair ? load_pair(entry + 2 * size) : load_two(entry + 2 * size, i8);
-        meet(&s[0], v, 0, m, lights_at(table, INDEX(e)));
-        meet(&s[1], v, 1, m, lights_at(table, INDEX(e + 1)));
-        meet(&s[2], w, 0, m, lights_at(table, INDEX(e + 2)));
-        meet(&s[3], w, 1, m, lights_at(table, INDEX(e + 3)));
+        accumulate(&s[0], v, 0, m, lights_at(table, INDEX(e)));
+        accumulate(&s[1], v, 1, m, lights_at(table, INDEX(e + 1)));
+        accumulate(&s[2], w, 0, m, lights_at(table, INDEX(e + 2)));
+        accumulate(&s[3], w, 1, m, lights_at(table, INDEX(e + 3)));
     }
     for (; e < stop; e += 4, entry += 4 * size) {
         const uint32_t n = stop - e < 4 ? (uint32_t)(stop - e) : 4;
@@ -364,10 +365,10 @@ INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t
         const __m256 w = !pair   ? load_some(entry + 2 * size, i8, n < 3 ? 0 : n - 2)
                          : n > 2 ? load_pair(entry + 2 * size)
                                  : _mm256_setzero_ps();
-        meet(&s[0], v, 0, m, lights_at(table, INDEX(e)));
-        meet(&s[1], v, 1, m, lights_at(table, INDEX(e + (n > 1 ? 1 : 0))));
-        meet(&s[2], w, 0, m, lights_at(table, INDEX(e + (n > 2 ? 2 : 0))));
-        meet(&s[3], w, 1, m, lights_at(table, INDEX(e + (n > 3 ? 3 : 0))));
+        accumulate(&s[0], v, 0, m, lights_at(table, INDEX(e)));
+        accumulate(&s[1], v, 1, m, lights_at(table, INDEX(e + (n > 1 ? 1 : 0))));
+        accumulate(&s[2], w, 0, m, lights_at(table, INDEX(e + (n > 2 ? 2 : 0))));
+        accumulate(&s[3], w, 1, m, lights_at(table, INDEX(e + (n > 3 ? 3 : 0))));
     }
     return add_lanes(add_lanes(s[0], s[1]), add_lanes(s[2], s[3]));
 }
@@ -379,7 +380,7 @@ INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
 {
     const struct group_maps m = group_maps();
     for (uint32_t row = begin; row < end; row++, out += row_pitch) {
-        ask_row(rows, row, 3, kind != PRT_VALUE_F16);
+        prefetch_row(rows, row, 3, kind != PRT_VALUE_F16);
         struct lanes x =
             group3_sum(rows, rows->begin[row], rows->begin[row + 1], table, &m, kind, wide);
         struct lanes base = group_scaling(rows, 6ull * row, 1, table, &m);
@@ -400,7 +401,7 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t en
     const __mmask16 mask = lane_mask(3 * nk);
     for (uint32_t row = begin; row < end; row++, out += row_pitch) {
         __m512 lo[4], hi[2];
-        ask_row(rows, row, n, i8);
+        prefetch_row(rows, row, n, i8);
         for (int t = 0; t < 4; t++) lo[t] = hi[t / 2] = _mm512_setzero_ps();
         for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++) {
             const char *entry = (const char *)rows->entry + (e * n + 3ull * k0) * size;

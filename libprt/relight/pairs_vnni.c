@@ -83,9 +83,10 @@ struct integer_sum {
     __m512i lo, hi;
 };
 
-// A pair's integers in every 16 bytes of v, r g b and something, meet the lights at its
+// A pair's integers in every 16 bytes of v, r g b and one unused lane, times the lights at its
 // indices.
-INLINE void meet(struct integer_sum *s, __m512i v, const int16_t *lane, const uint16_t *index)
+INLINE void accumulate(struct integer_sum *s, __m512i v, const int16_t *lane,
+                       const uint16_t *index)
 {
     const __m512i a = _mm512_load_si512(lane + 32 * (size_t)index[0]);
     const __m512i b = _mm512_load_si512(lane + 32 * (size_t)index[1]);
@@ -105,11 +106,12 @@ INLINE void add_block(const uint16_t *index, const int16_t *entry, const uint32_
     const uint32_t last = whole ? n : n - 2;
 #pragma GCC unroll 8
     for (uint32_t k = 0; k < last; k += 2)
-        meet(&s, _mm512_broadcast_i32x4(_mm_loadu_si128((const __m128i *)(entry + 3 * k))),
-             lane, index + k);
+        accumulate(&s,
+                   _mm512_broadcast_i32x4(_mm_loadu_si128((const __m128i *)(entry + 3 * k))),
+                   lane, index + k);
     if (!whole)
-        meet(&s, _mm512_broadcast_i32x4(_mm_maskz_loadu_epi16(0x3f, entry + 3 * last)), lane,
-             index + last);
+        accumulate(&s, _mm512_broadcast_i32x4(_mm_maskz_loadu_epi16(0x3f, entry + 3 * last)),
+                   lane, index + last);
     sum->lo = _mm512_add_ps(sum->lo, _mm512_cvtepi32_ps(s.lo));
     sum->hi = _mm512_add_ps(sum->hi, _mm512_cvtepi32_ps(s.hi));
 }

@@ -235,9 +235,9 @@ struct frame {
     struct prt_gbuffer g;
     uint32_t width, height;
     uint32_t n_object;
-    struct prt_dipole (*dipole)[3]; /* [n_object] */
-    float *eta;                     /* [n_object] */
-    struct radial_table *table;     /* [n_object] R_d */
+    struct prt_diffusion (*dipole)[3]; /* [n_object] */
+    float *eta;                        /* [n_object] */
+    struct radial_table *table;        /* [n_object] R_d */
     uint64_t view_key;
     bool any;                      /* translucent points */
     const struct view_cache *view; /* while light is received */
@@ -306,10 +306,10 @@ struct media {
 };
 /* Channel c of a medium whose coefficients the factors scale; one with a profile stays as it
  * is. */
-void mapped_dipole(const struct prt_dipole *base, const float factor[6], int c,
-                   struct prt_dipole *out);
+void mapped_dipole(const struct prt_diffusion *base, const float factor[6], int c,
+                   struct prt_diffusion *out);
 /* Its total reflectance; of a profile: scaled as that of the nearest dipole. */
-double mapped_reflectance(const struct prt_dipole *base, const float factor[6], int c);
+double mapped_reflectance(const struct prt_diffusion *base, const float factor[6], int c);
 int map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
               const struct prt_screen_map *map, bool factor, bool checked);
 void map_lookup(const struct prt_screen_map *map, const float uv[2], float rgb[3]);

@@ -17,8 +17,8 @@ int prt_screen_multipole(const struct prt_context *ctx, const struct prt_materia
         return prt_fail(ctx, PRT_ARG, "multipole: thickness %g mm must be positive and finite",
                         thickness_mm);
     for (int c = 0; c < 3; c++) {
-        struct prt_dipole d;
-        prt_dipole_init(&d, material->sigma_s_prime[c], material->sigma_a[c], material->eta);
+        struct prt_diffusion d;
+        prt_diffusion_init(&d, material->sigma_s_prime[c], material->sigma_a[c], material->eta);
         // mirror images in the extrapolated boundaries z_b outside both faces (2 z_b = z_v -
         // z_r)
         double z_b = (d.z_v - d.z_r) / 2, period = 2 * (thickness_mm + 2 * z_b), s = d.sigma_tr;

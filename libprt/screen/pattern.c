@@ -32,8 +32,8 @@ static double density(const struct frame *f, uint32_t object, double r_p, double
 {
     double sum = 0;
     for (int c = 0; c < 3; c++) {
-        const struct prt_dipole *d = &f->dipole[object][c];
-        if (d->rho_d > 0) sum += prt_dipole_rd(d, r) / d->rho_d;
+        const struct prt_diffusion *d = &f->dipole[object][c];
+        if (d->rho_d > 0) sum += prt_diffusion_rd(d, r) / d->rho_d;
     }
     return 2 * M_PI * r * sum * prt_screen_local_weight(r, r_p);
 }

@@ -24,7 +24,7 @@ struct job {
 };
 
 // What a flat surface gets from its own irradiance.
-static void near_share(const struct prt_dipole d[3], double near_mm, double share[3])
+static void near_share(const struct prt_diffusion d[3], double near_mm, double share[3])
 {
     enum { STEPS = 256 };
     for (int c = 0; c < 3; c++) {
@@ -33,7 +33,7 @@ static void near_share(const struct prt_dipole d[3], double near_mm, double shar
         share[c] = 0;
         for (int k = 0; k < STEPS; k++) {
             double r = top * pow(ratio, -(k + 0.5) / STEPS);
-            share[c] += 2 * M_PI * r * r * prt_dipole_rd(&d[c], r) *
+            share[c] += 2 * M_PI * r * r * prt_diffusion_rd(&d[c], r) *
                         exp(-(r / near_mm) * (r / near_mm)) * log(ratio) / STEPS;
         }
     }
@@ -52,7 +52,7 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
         uint32_t object = job->f->screen->mesh->block[job->f->g.block[point]].object;
         double sum[3] = {0};
         float o[3], factor[6];
-        struct prt_dipole own[3], *dipole = job->f->dipole[object];
+        struct prt_diffusion own[3], *dipole = job->f->dipole[object];
         double scale[3] = {1, 1, 1}, share[3];
         memcpy(share, job->share[object], sizeof share);
         if (maps) { // the medium where light leaves, as in M03
@@ -75,8 +75,8 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
                 float z = s->p[2][at + j] - o[2];
                 r[j] = x * x + y * y + z * z;
             }
-            prt_dipole_rd3_array(dipole, job->cpu, n, r, r + CHUNK, r + 2 * CHUNK,
-                                 r + 3 * CHUNK);
+            prt_diffusion_rd3_array(dipole, job->cpu, n, r, r + CHUNK, r + 2 * CHUNK,
+                                    r + 3 * CHUNK);
             for (uint32_t j = 0; j < n; j++) {
                 if (!(r[j] < reach)) continue;
                 float far = 1 - expf(-r[j] * inv_near);

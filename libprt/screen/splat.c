@@ -14,11 +14,11 @@ static float cut_radius(const struct frame *f, double epsilon)
     double most = 0;
     for (uint32_t o = 0; o < f->n_object; o++) {
         for (int c = 0; c < 3; c++) {
-            const struct prt_dipole *d = &f->dipole[o][c];
+            const struct prt_diffusion *d = &f->dipole[o][c];
             double lo = 0, hi = 4 * (double)f->screen->diameter_mm + 1;
             for (int k = 0; k < 48; k++) {
                 double r = (lo + hi) / 2;
-                if (prt_dipole_tail(d, r) < epsilon * d->rho_d) hi = r;
+                if (prt_diffusion_tail(d, r) < epsilon * d->rho_d) hi = r;
                 else lo = r;
             }
             most = fmax(most, hi);

@@ -64,8 +64,8 @@ void radial_table_eval(const struct radial_table *t, float r_sq, float out[3])
 
 void prt_screen_dipole_profile(const void *dipole3, double r_mm, double out[3])
 {
-    const struct prt_dipole *d = dipole3;
-    for (int c = 0; c < 3; c++) out[c] = prt_dipole_rd(&d[c], r_mm);
+    const struct prt_diffusion *d = dipole3;
+    for (int c = 0; c < 3; c++) out[c] = prt_diffusion_rd(&d[c], r_mm);
 }
 
 double prt_screen_local_weight(double r_mm, double r_p_mm)
@@ -119,7 +119,7 @@ static void split_profile(const void *arg, double r_mm, double out[3])
     }
 }
 
-static double finest_scale(const struct prt_dipole *d)
+static double finest_scale(const struct prt_diffusion *d)
 {
     return fmin(d[0].z_r, fmin(d[1].z_r, d[2].z_r));
 }

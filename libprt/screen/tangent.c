@@ -15,7 +15,7 @@ enum { LANES = 64, VARIANTS = 16 };
 // A pixel that meets the surface at a more grazing angle shows too much of it to be a plane.
 #define LEAST_COSINE 0.2f
 
-double prt_screen_tangent_radius(const struct prt_dipole d[3], double xi, double from_mm)
+double prt_screen_tangent_radius(const struct prt_diffusion d[3], double xi, double from_mm)
 {
     // M03 picks one term of one channel and solves for it; the mean of the channels'
     // closed-form tails is solved here at once, so that one stratified number stratifies the
@@ -25,7 +25,7 @@ double prt_screen_tangent_radius(const struct prt_dipole d[3], double xi, double
     for (int c = 0; c < 3; c++) inv[c] = d[c].rho_d > 0 ? 1 / (3 * d[c].rho_d) : 0;
     for (int k = 0; k < 200; k++, hi *= 2) {
         double g = 0;
-        for (int c = 0; c < 3; c++) g += inv[c] * prt_dipole_tail(&d[c], hi);
+        for (int c = 0; c < 3; c++) g += inv[c] * prt_diffusion_tail(&d[c], hi);
         if (g <= want) break;
         lo = hi;
     }
@@ -33,8 +33,8 @@ double prt_screen_tangent_radius(const struct prt_dipole d[3], double xi, double
     for (int k = 0; k < 60; k++) {
         double g = 0, slope = 0;
         for (int c = 0; c < 3; c++) {
-            g += inv[c] * prt_dipole_tail(&d[c], r);
-            slope += inv[c] * 2 * M_PI * r * prt_dipole_rd(&d[c], r);
+            g += inv[c] * prt_diffusion_tail(&d[c], r);
+            slope += inv[c] * 2 * M_PI * r * prt_diffusion_rd(&d[c], r);
         }
         if (g > want) lo = r;
         else hi = r;
@@ -69,7 +69,7 @@ struct tangent_job {
     const uint8_t *needed, *variant, *medium; // [n_point]; medium NULL: the object's
     const uint32_t *point_of;                 // [pixel] or UINT32_MAX
     const struct radial_table *table;         // [medium]
-    struct prt_dipole (*dipole)[3];
+    struct prt_diffusion (*dipole)[3];
     float (*inv_rho)[3];   // [medium] 1 / (3 rho_d)
     const float (*rho)[3]; // [n_point] rho_d of the point's own medium; NULL without maps
     uint32_t n_medium;
@@ -535,7 +535,7 @@ static int tangent_view_get(struct frame *f, const struct tangent_job *job)
 // A medium for each object, or with maps for each set of like factors.
 struct mix {
     struct media media;
-    struct prt_dipole (*dipole)[3];
+    struct prt_diffusion (*dipole)[3];
     struct radial_table *table;
 };
 
@@ -554,7 +554,7 @@ static int make_mix(struct frame *f, struct mix *mix, struct tangent_job *job)
         if (!mix->dipole || !mix->table)
             return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
         for (uint32_t k = 0; k < mix->media.n; k++) {
-            const struct prt_dipole *base = f->dipole[mix->media.object[k]];
+            const struct prt_diffusion *base = f->dipole[mix->media.object[k]];
             const float *factor = mix->media.factor[k];
             double scale = INFINITY;
             for (int c = 0; c < 3; c++) {

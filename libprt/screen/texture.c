@@ -10,13 +10,13 @@
 
 enum { CELL_TURNS = 2 };
 
-double prt_screen_split_radius(const struct prt_dipole dipole[3], double bound)
+double prt_screen_split_radius(const struct prt_diffusion dipole[3], double bound)
 {
     double last = 0;
     for (int c = 0; c < 3; c++) {
         for (int i = 1; i <= 4000; i++) {
             double r = 1e-3 * pow(1e6, i / 4000.0);
-            if (2 * M_PI * r * prt_dipole_rd(&dipole[c], r) > bound) last = fmax(last, r);
+            if (2 * M_PI * r * prt_diffusion_rd(&dipole[c], r) > bound) last = fmax(last, r);
         }
     }
     return last;

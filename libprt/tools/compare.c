@@ -188,7 +188,7 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
     if (exit_status) goto done;
     struct prt_query query = {
         .term = answer_term(o->term),
-        .light = source.transport->engine == PRT_ENGINE_POLYNOMIAL ? NULL : &own,
+        .light = source.transport->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &own,
         .material = source.material_given ? &source.material : NULL,
         .eye = o->eye.set ? eye : NULL,
     };

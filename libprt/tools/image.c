@@ -129,7 +129,7 @@ static int vertex_planes(struct tool *tool, struct picture *p, const char *term)
     const struct prt_transport *t = p->source.transport;
     struct prt_query query = {
         .term = answer_term(term),
-        .light = t->engine == PRT_ENGINE_POLYNOMIAL ? NULL : &p->light,
+        .light = t->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &p->light,
         .material = p->source.material_given ? &p->source.material : NULL,
     };
     int status = prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, NULL);
@@ -168,7 +168,7 @@ static int load_lights(struct tool *tool, struct picture *p, bool vertex, bool t
     int status = prt_env_load(ctx, o->env, &p->env);
     if (status) return tool_exit(tool, status);
     uint32_t own = vertex ? p->source.transport->cube : 0;
-    if (vertex && p->source.transport->engine == PRT_ENGINE_POLYNOMIAL)
+    if (vertex && p->source.transport->engine == PRT_TRANSPORT_POLYNOMIAL)
         prt_log(ctx, PRT_LOG_NOTE,
                 "%s was baked under one light: --env and --rotate change its mirror image and "
                 "background only",

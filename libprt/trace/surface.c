@@ -580,7 +580,7 @@ void prt_surface_destroy(struct prt_surface_points *s)
     free(s);
 }
 
-void prt_surface_kernel(const struct prt_surface_points *s, const struct prt_dipole d[3],
+void prt_surface_kernel(const struct prt_surface_points *s, const struct prt_diffusion d[3],
                         unsigned cpu, const float x[3], uint32_t i, float near_mm, float out[3])
 {
     enum { CHUNK = 64 };
@@ -591,7 +591,7 @@ void prt_surface_kernel(const struct prt_surface_points *s, const struct prt_dip
     if (d2 > near_mm * near_mm) {
         prt_surface_afar(d2, s->spread[i], &r2[0], &r2[1]);
         for (int c = 0; c < 3; c++) {
-            prt_dipole_rd_array(&d[c], cpu, 2, r2, rd);
+            prt_diffusion_rd_array(&d[c], cpu, 2, r2, rd);
             out[c] = 0.5f * (rd[0] + rd[1]) * s->area[i];
         }
         return;
@@ -607,7 +607,7 @@ void prt_surface_kernel(const struct prt_surface_points *s, const struct prt_dip
             weight[k] = s->cell_weight[begin + k];
         }
         for (int c = 0; c < 3; c++) {
-            prt_dipole_rd_array(&d[c], cpu, n, r2, rd);
+            prt_diffusion_rd_array(&d[c], cpu, n, r2, rd);
             float sum = 0;
             for (size_t k = 0; k < n; k++) sum += rd[k] * weight[k];
             out[c] += sum;

@@ -335,7 +335,7 @@ int prt_transport_check(const struct prt_context *ctx, const char *name,
     if (!good) return bad(&c, "the material is damaged");
     if (transport->n_tensor < 1 || transport->n_tensor > 4)
         return bad(&c, "%u tensors, 1 to 4 are known", transport->n_tensor);
-    if (transport->engine > PRT_ENGINE_JOINT)
+    if (transport->engine > PRT_TRANSPORT_JOINT)
         return bad(&c, "unknown engine %u", transport->engine);
     for (uint32_t i = 0; i < transport->n_tensor; i++)
         if ((status = check_tensor(&c, i))) return status;

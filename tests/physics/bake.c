@@ -163,7 +163,7 @@ static void joint_serves_every_medium(void **state)
     struct prt_mesh *mesh = body();
     struct prt_bake_options o = options("skin1");
     struct prt_cube light = light_of(16);
-    o.engine = PRT_ENGINE_JOINT;
+    o.engine = PRT_TRANSPORT_JOINT;
     assert_int_equal(prt_bake(&context, mesh, &o, file("j.prt")), PRT_OK);
     for (int i = 0; i < 3; i++) {
         struct prt_material m = medium(name[i]);
@@ -191,7 +191,7 @@ static void polynomial_serves_every_medium(void **state)
     struct prt_bake_options o = options("skin1");
     struct prt_cube light = light_of(16);
     struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
-    o.engine = PRT_ENGINE_POLYNOMIAL;
+    o.engine = PRT_TRANSPORT_POLYNOMIAL;
     o.env = &env;
     assert_int_equal(prt_bake(&context, mesh, &o, file("p.prt")), PRT_OK);
     for (int i = 0; i < 3; i++) {
@@ -221,7 +221,7 @@ static void an_open_body_is_lit_like_others(void **state)
     struct prt_mesh *closed = body(), *open = body_of(22);
     struct prt_bake_options o = options("skin1");
     struct prt_cube light = light_of(16);
-    o.engine = PRT_ENGINE_JOINT;
+    o.engine = PRT_TRANSPORT_JOINT;
     o.n_sample = 2000;
     assert_int_equal(prt_bake(&context, closed, &o, file("closed.prt")), PRT_OK);
     assert_int_equal(prt_bake(&context, open, &o, file("open.prt")), PRT_OK);
@@ -309,7 +309,7 @@ static void nonsense_is_refused(void **state)
     assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
     o = options("marble"), o.material.sigma_a[1] = -1;
     assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
-    o = options("marble"), o.engine = PRT_ENGINE_POLYNOMIAL;
+    o = options("marble"), o.engine = PRT_TRANSPORT_POLYNOMIAL;
     assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
     prt_mesh_destroy(mesh);
 }

@@ -150,9 +150,9 @@ static int set_up(void **state)
     struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
     struct prt_bake_options o = options("skin1");
     if (prt_bake(&context, mesh, &o, file("wavelet.prt"))) return -1;
-    o.engine = PRT_ENGINE_JOINT;
+    o.engine = PRT_TRANSPORT_JOINT;
     if (prt_bake(&context, mesh, &o, file("joint.prt"))) return -1;
-    o.engine = PRT_ENGINE_POLYNOMIAL;
+    o.engine = PRT_TRANSPORT_POLYNOMIAL;
     o.env = &env;
     if (prt_bake(&context, mesh, &o, file("polynomial.prt"))) return -1;
     return 0;
@@ -191,7 +191,7 @@ static float (*ask(const struct prt_transport *t, const struct prt_material *m,
     float(*out)[3] = calloc(t->mesh.n_vertex, sizeof *out);
     struct prt_query q = {.term = term,
                           .material = m,
-                          .light = t->engine == PRT_ENGINE_POLYNOMIAL ? NULL : &light};
+                          .light = t->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &light};
     int status = prt_answer_colors(&context, t, &q, out);
     if (status) fail_msg("%s", said);
     return out;
@@ -306,8 +306,8 @@ static void own_profile_is_exact(void **state)
     static const char *const text[] = {bumps, wax, slab};
     for (int e = 0; e < 3; e++) {
         struct prt_bake_options o = options(text[e]);
-        o.engine = (enum prt_engine_kind[]){PRT_ENGINE_POLYNOMIAL, PRT_ENGINE_WAVELET,
-                                            PRT_ENGINE_JOINT}[e];
+        o.engine = (enum prt_transport_kind[]){PRT_TRANSPORT_POLYNOMIAL, PRT_TRANSPORT_WAVELET,
+                                               PRT_TRANSPORT_JOINT}[e];
         o.env = e ? NULL : &env;
         o.no_single = e == 2;
         assert_int_equal(prt_bake(&context, mesh, &o, file("own.prt")), PRT_OK);

@@ -38,23 +38,23 @@ static void test_dipole_values(void **state)
         {0.18, 0.061, 1.3, 2.719942e-3, 2.717269e-3, 2.471434e-3, 7.313977e-5, 0.1638360},
     };
     for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
-        struct prt_dipole d;
-        prt_dipole_init(&d, row[i][0], row[i][1], row[i][2]);
-        assert_close(prt_dipole_rd(&d, 0), row[i][3], 2e-7);
-        assert_close(prt_dipole_rd(&d, 0.1), row[i][4], 2e-7);
-        assert_close(prt_dipole_rd(&d, 1), row[i][5], 2e-7);
-        assert_close(prt_dipole_rd(&d, 10), row[i][6], 4e-7);
+        struct prt_diffusion d;
+        prt_diffusion_init(&d, row[i][0], row[i][1], row[i][2]);
+        assert_close(prt_diffusion_rd(&d, 0), row[i][3], 2e-7);
+        assert_close(prt_diffusion_rd(&d, 0.1), row[i][4], 2e-7);
+        assert_close(prt_diffusion_rd(&d, 1), row[i][5], 2e-7);
+        assert_close(prt_diffusion_rd(&d, 10), row[i][6], 4e-7);
         assert_close(d.rho_d, row[i][7], 1e-7);
     }
 }
 
 /* The integral of 2 pi r R_d from a, by midpoints in log r. */
-static double integral_beyond(const struct prt_dipole *d, double a)
+static double integral_beyond(const struct prt_diffusion *d, double a)
 {
     double sum = 0, lo = log(a > 0 ? a : 1e-7), hi = log(1e5), n = 40000;
     for (int i = 0; i < n; i++) {
         double r = exp(lo + (hi - lo) * (i + 0.5) / n);
-        sum += 2 * M_PI * r * r * prt_dipole_rd(d, r) * (hi - lo) / n;
+        sum += 2 * M_PI * r * r * prt_diffusion_rd(d, r) * (hi - lo) / n;
     }
     return sum;
 }
@@ -65,11 +65,11 @@ static void test_dipole_integral(void **state)
         const struct prt_material *m = prt_material_preset(i);
         if (m->sigma_a[0] == 0) continue; /* its tail falls as 1/r: the cut would show */
         for (int c = 0; c < 3; c++) {
-            struct prt_dipole d;
-            prt_dipole_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
+            struct prt_diffusion d;
+            prt_diffusion_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
             assert_close(integral_beyond(&d, 0), d.rho_d, 1e-5);
-            assert_close(integral_beyond(&d, 1.5), prt_dipole_tail(&d, 1.5), 1e-5);
-            assert_close(prt_dipole_tail(&d, 0), d.rho_d, 1e-12);
+            assert_close(integral_beyond(&d, 1.5), prt_diffusion_tail(&d, 1.5), 1e-5);
+            assert_close(prt_diffusion_tail(&d, 0), d.rho_d, 1e-12);
         }
     }
 }
@@ -85,20 +85,21 @@ static void test_dipole_array(void **state)
     for (size_t m = 0; m < sizeof medium / sizeof medium[0]; m++)
         for (size_t k = 0; k < 3; k++) {
             if ((masks[k] & prt_cpu_detect()) != masks[k]) continue;
-            struct prt_dipole d[3];
+            struct prt_diffusion d[3];
             for (int c = 0; c < 3; c++)
-                prt_dipole_init(&d[c], medium[m][0] * (1 + c), medium[m][1], 1.3);
+                prt_diffusion_init(&d[c], medium[m][0] * (1 + c), medium[m][1], 1.3);
             size_t n = (size_t)(N - (int)m);
             for (int c = 0; c < 3; c++) memset(out[c], 0xff, sizeof out[c]);
-            if (m & 1) prt_dipole_rd3_array(d, masks[k], n, r2, out[0], out[1], out[2]);
+            if (m & 1) prt_diffusion_rd3_array(d, masks[k], n, r2, out[0], out[1], out[2]);
             else
-                for (int c = 0; c < 3; c++) prt_dipole_rd_array(&d[c], masks[k], n, r2, out[c]);
+                for (int c = 0; c < 3; c++)
+                    prt_diffusion_rd_array(&d[c], masks[k], n, r2, out[c]);
             for (int c = 0; c < 3; c++) {
                 for (size_t i = 0; i < n; i++) {
-                    double r = sqrt((double)r2[i]), exact = prt_dipole_rd(&d[c], r);
+                    double r = sqrt((double)r2[i]), exact = prt_diffusion_rd(&d[c], r);
                     if (d[c].sigma_tr * hypot(r, d[c].z_r) <= 40)
                         assert_close(out[c][i], exact, 1e-5);
-                    else assert_within(out[c][i], exact, 1e-16 * prt_dipole_rd(&d[c], 0));
+                    else assert_within(out[c][i], exact, 1e-16 * prt_diffusion_rd(&d[c], 0));
                 }
                 for (int g = 0; g < GUARD; g++) {
                     uint32_t bits;
@@ -393,10 +394,10 @@ static void test_material_table(void **state)
         const struct prt_material *p = prt_material_preset(n++);
         assert_string_equal(p->name, name);
         for (int c = 0; c < 3; c++) {
-            struct prt_dipole d;
+            struct prt_diffusion d;
             assert_close(p->sigma_s_prime[c], v[c], 1e-6);
             assert_within(p->sigma_a[c], v[3 + c], 1e-7);
-            prt_dipole_init(&d, v[c], v[3 + c], v[9]);
+            prt_diffusion_init(&d, v[c], v[3 + c], v[9]);
             assert_within(d.rho_d, v[10 + c], 6e-5);
         }
     }

@@ -111,9 +111,9 @@ static void test_slab(void **state)
 
 static void test_layers(void **state)
 {
-    struct prt_dipole dipole;
+    struct prt_diffusion dipole;
     struct prt_profile p;
-    prt_dipole_init(&dipole, 1.5, 0.03, 1.4);
+    prt_diffusion_init(&dipole, 1.5, 0.03, 1.4);
     /* no bottom, and a bottom out of reach, are the dipole */
     struct prt_layer deep[2] = {{INFINITY, 1.5, 0.03}, {0}};
     for (int k = 0; k < 2; k++) {
@@ -121,7 +121,7 @@ static void test_layers(void **state)
         assert_int_equal(prt_profile_init_multipole(&quiet, &p, 1, deep, 1.4), PRT_OK);
         assert_close(p.total, dipole.rho_d, 1e-6);
         for (double r = 0; r < 8; r += 0.5)
-            assert_close(prt_profile_rd(&p, r), prt_dipole_rd(&dipole, r), 1e-3);
+            assert_close(prt_profile_rd(&p, r), prt_diffusion_rd(&dipole, r), 1e-3);
         prt_profile_finish(&p);
     }
     /* the same medium cut in two: layering is approximate, but not by much */
@@ -243,12 +243,12 @@ static void test_optics_fit(void **state)
         assert_int_equal(prt_material_check(&quiet, &o.material), PRT_OK);
         for (int c = 0; c < 3 && o.kind != PRT_PROFILE_DIPOLE; c++) {
             /* the dipole that stands in: same total, same half-energy radius */
-            struct prt_dipole d;
-            prt_dipole_init(&d, o.material.sigma_s_prime[c], o.material.sigma_a[c], 1.3);
+            struct prt_diffusion d;
+            prt_diffusion_init(&d, o.material.sigma_s_prime[c], o.material.sigma_a[c], 1.3);
             assert_close(d.rho_d, o.channel[c].total, 1e-3);
             double r = 1;
             for (int k = 0; k < 200; k++)
-                r *= prt_dipole_tail(&d, r) > d.rho_d / 2 ? 1.01 : 0.99;
+                r *= prt_diffusion_tail(&d, r) > d.rho_d / 2 ? 1.01 : 0.99;
             assert_close(prt_profile_tail(&o.channel[c], r), o.channel[c].total / 2, 0.03);
         }
         prt_optics_finish(&o);
@@ -257,11 +257,11 @@ static void test_optics_fit(void **state)
     struct prt_optics o = {.kind = PRT_PROFILE_CURVE, .material = *prt_material_preset(8)};
     static double r[4000], rd[4000];
     for (int c = 0; c < 3; c++) {
-        struct prt_dipole d;
-        prt_dipole_init(&d, o.material.sigma_s_prime[c], o.material.sigma_a[c], 1.3);
+        struct prt_diffusion d;
+        prt_diffusion_init(&d, o.material.sigma_s_prime[c], o.material.sigma_a[c], 1.3);
         for (int k = 0; k < 4000; k++) {
             r[k] = k ? 1e-3 * pow(1e5, (k - 1) / 3998.0) : 0;
-            rd[k] = prt_dipole_rd(&d, r[k]);
+            rd[k] = prt_diffusion_rd(&d, r[k]);
         }
         assert_int_equal(prt_profile_init_curve(&quiet, "skin", &o.channel[c], 4000, r, rd),
                          PRT_OK);
@@ -408,7 +408,7 @@ static void test_material_table(void **state)
     for (size_t i = 0; i < 3; i++) {
         struct prt_material m, back;
         struct prt_optics o;
-        struct prt_dipole d[3];
+        struct prt_diffusion d[3];
         static char text[PRT_MATERIAL_TEXT];
         assert_int_equal(prt_optics_parse(&quiet, "m", NULL, json[i], strlen(json[i]), &o),
                          PRT_OK);
@@ -421,7 +421,7 @@ static void test_material_table(void **state)
             double error = 0, before = 1e-7;
             for (int k = 0; k < 4000; k++) {
                 double next = 1e-7 * pow(1e10, (k + 1) / 4000.0), r = sqrt(before * next);
-                error += fabs(prt_dipole_rd(&d[c], r) - prt_profile_rd(&o.channel[c], r)) *
+                error += fabs(prt_diffusion_rd(&d[c], r) - prt_profile_rd(&o.channel[c], r)) *
                          M_PI * (next * next - before * before);
                 before = next;
             }
@@ -429,13 +429,13 @@ static void test_material_table(void **state)
             assert_true(fabs(d[c].rho_d - o.channel[c].total) < 2e-5);
             for (int k = 0; k < 30; k++) {
                 double r = 0.01 * pow(1.4, k);
-                assert_true(fabs(prt_dipole_tail(&d[c], r) -
+                assert_true(fabs(prt_diffusion_tail(&d[c], r) -
                                  prt_profile_tail(&o.channel[c], r)) < 5e-4);
                 float r2 = (float)(r * r), one, all[3];
-                prt_dipole_rd_array(&d[c], prt_cpu_detect(), 1, &r2, &one);
-                prt_dipole_rd3_array(d, prt_cpu_detect(), 1, &r2, &all[0], &all[1], &all[2]);
+                prt_diffusion_rd_array(&d[c], prt_cpu_detect(), 1, &r2, &one);
+                prt_diffusion_rd3_array(d, prt_cpu_detect(), 1, &r2, &all[0], &all[1], &all[2]);
                 assert_true(one == all[c]);
-                assert_true(fabs(one - prt_dipole_rd(&d[c], r)) <= 1e-4 * one + 1e-9);
+                assert_true(fabs(one - prt_diffusion_rd(&d[c], r)) <= 1e-4 * one + 1e-9);
             }
         }
         printf("%-9s %u points hold it to %.4f %%\n",

@@ -45,9 +45,9 @@ static double target(const struct prt_radial *radial, const struct prt_material 
 {
     if (radial->family == PRT_FAMILY_EXTINCTION)
         return exp(-(m->sigma_a[c] + m->sigma_s_prime[c] / (1.0 - m->g[c])) * r);
-    struct prt_dipole d;
-    prt_dipole_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
-    return prt_dipole_rd(&d, r);
+    struct prt_diffusion d;
+    prt_diffusion_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
+    return prt_diffusion_rd(&d, r);
 }
 
 /* integral |sum c B - R| d mu up to 60 mm and integral R d mu there, by `n` midpoints in log r:
@@ -57,14 +57,14 @@ static double own_error(const struct prt_radial *radial, const struct prt_materi
 {
     const double lo = log(1e-4), hi = log(60);
     double error = 0, total = 0, balance = 0;
-    struct prt_dipole d;
-    prt_dipole_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
+    struct prt_diffusion d;
+    prt_diffusion_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
     for (unsigned i = 0; i < n; i++) {
         double r = exp(lo + (hi - lo) * (i + 0.5) / n), sum = 0, exact;
         float b[MAX_FUNCTION], rf = (float)r;
         prt_radial_eval(radial, 1, &rf, b);
         for (uint32_t j = 0; j < radial->n_function; j++) sum += (double)coef[3 * j + c] * b[j];
-        exact = radial->family == PRT_FAMILY_DIPOLE ? prt_dipole_rd(&d, r)
+        exact = radial->family == PRT_FAMILY_DIPOLE ? prt_diffusion_rd(&d, r)
                                                     : target(radial, m, c, r);
         double mu =
             (radial->family == PRT_FAMILY_DIPOLE ? 2 * M_PI * r : 1) * r * (hi - lo) / n;
@@ -206,9 +206,9 @@ static void test_conservation(void **state)
                     double s = (double)m.sigma_s_prime[2] + m.sigma_a[2];
                     expected = -expm1(-s * end) / s;
                 } else {
-                    struct prt_dipole d;
-                    prt_dipole_init(&d, m.sigma_s_prime[2], m.sigma_a[2], 1.3);
-                    expected = d.rho_d - prt_dipole_tail(&d, end);
+                    struct prt_diffusion d;
+                    prt_diffusion_init(&d, m.sigma_s_prime[2], m.sigma_a[2], 1.3);
+                    expected = d.rho_d - prt_diffusion_tail(&d, end);
                 }
                 if (!(fabs(sum - expected) < 1e-5 * expected))
                     fail_msg("family %d kind %d: %g, expected %g", family, kind[k], sum,

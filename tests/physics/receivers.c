@@ -95,7 +95,7 @@ static struct prt_cube light_of(uint32_t n)
     return cube;
 }
 
-static struct prt_bake_options options(enum prt_engine_kind engine)
+static struct prt_bake_options options(enum prt_transport_kind engine)
 {
     struct prt_bake_options o = {.engine = engine, .n_sample = 3000, .cube = 16, .seed = 1};
     assert_int_equal(prt_material_load(&context, "skin1", &o.material), PRT_OK);
@@ -110,8 +110,8 @@ static float (*baked(const struct prt_mesh *mesh, const struct prt_bake_options 
     assert_int_equal(prt_file_open(&context, path, PRT_FILE_CHECK_ALL, &f), PRT_OK);
     float(*color)[3] = calloc(mesh->n_vertex, sizeof *color);
     struct prt_query q = {.term = term,
-                          .light = o->engine == PRT_ENGINE_POLYNOMIAL ? NULL : light,
-                          .material = o->engine == PRT_ENGINE_WAVELET ? NULL : &o->material};
+                          .light = o->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : light,
+                          .material = o->engine == PRT_TRANSPORT_WAVELET ? NULL : &o->material};
     assert_int_equal(prt_answer_colors(&context, prt_file_transport(f), &q, color), PRT_OK);
     prt_file_close(f);
     return color;
@@ -131,13 +131,13 @@ static float (*reference(const struct prt_mesh *mesh, const struct prt_material 
     return color;
 }
 
-static void floor_is_lit_by(enum prt_engine_kind engine, const char *name)
+static void floor_is_lit_by(enum prt_transport_kind engine, const char *name)
 {
     struct prt_mesh *mesh = scene(true);
     struct prt_cube light = light_of(16);
     struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
     struct prt_bake_options o = options(engine);
-    if (engine == PRT_ENGINE_POLYNOMIAL) o.env = &env;
+    if (engine == PRT_TRANSPORT_POLYNOMIAL) o.env = &env;
     assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
     static const enum prt_answer_term term[] = {PRT_ANSWER_MULTIPLE, PRT_ANSWER_TOTAL};
     float(*want)[3] = reference(mesh, &o.material, &light, PRT_REFERENCE_MULTIPLE);
@@ -166,7 +166,7 @@ static void floor_is_lit_by(enum prt_engine_kind engine, const char *name)
 
 static void wavelet_floor(void **state)
 {
-    floor_is_lit_by(PRT_ENGINE_WAVELET, "wavelet");
+    floor_is_lit_by(PRT_TRANSPORT_WAVELET, "wavelet");
 }
 
 // A floor far from the body, under a constant light of 1, gives its albedo back: albedo/pi E
@@ -175,7 +175,7 @@ static void floor_returns_its_albedo(void **state)
 {
     struct prt_mesh *mesh = scene(true);
     struct prt_cube light;
-    struct prt_bake_options o = options(PRT_ENGINE_WAVELET);
+    struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET);
     o.no_single = true;
     assert_int_equal(prt_cube_init(&light, 16), PRT_OK);
     for (uint32_t i = 0; i < 6 * 16 * 16 * 3; i++) light.texel[i] = 1;
@@ -196,7 +196,7 @@ static void eta_one_has_no_boundary(void **state)
 {
     struct prt_mesh *mesh = scene(false);
     struct prt_cube light = light_of(16);
-    struct prt_bake_options o = options(PRT_ENGINE_WAVELET);
+    struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET);
     o.material.eta = 1;
     assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
     float(*got)[3] = baked(mesh, &o, &light, PRT_ANSWER_SINGLE);

@@ -146,13 +146,13 @@ static void plane_returns_rho_d(void **state)
                                           .n_vertex = 1,
                                           .n_sample = 100000,
                                           .n_ray = 1024};
-        struct prt_dipole d;
+        struct prt_diffusion d;
         float color[1][3];
         assert_int_equal(prt_reference_colors(&context, mesh, &m, &light, &o, color), PRT_OK);
         double e = M_PI * prt_fresnel_mean_transmittance(m.eta);
         for (int c = 0; c < 3; c++) {
-            prt_dipole_init(&d, m.sigma_s_prime[c], m.sigma_a[c], m.eta);
-            double inside = d.rho_d - prt_dipole_tail(&d, 60) * 1.1;
+            prt_diffusion_init(&d, m.sigma_s_prime[c], m.sigma_a[c], m.eta);
+            double inside = d.rho_d - prt_diffusion_tail(&d, 60) * 1.1;
             print_message("%s channel %d: pi L / (rho_d E) = %.5f\n", m.name, c,
                           color[0][c] * M_PI / (inside * e));
             assert_true(fabs(color[0][c] * M_PI / (inside * e) - 1) < 0.005);

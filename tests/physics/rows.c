@@ -190,8 +190,8 @@ static void rows_keep_what_they_are_made_of(void **state)
 static void two_distances_stand_for_a_disc(void **state)
 {
     static const double radius[] = {0.05, 0.1, 0.2};
-    struct prt_dipole d;
-    prt_dipole_init(&d, 1, 1, 1.3);
+    struct prt_diffusion d;
+    prt_diffusion_init(&d, 1, 1, 1.3);
     for (int i = 0; i < 3; i++) {
         enum { M = 400 };
         double mean = 0, n = 0, R = radius[i];
@@ -199,14 +199,14 @@ static void two_distances_stand_for_a_disc(void **state)
             for (int b = 0; b < M; b++) {
                 double x = ((a + 0.5) / M * 2 - 1) * R, y = ((b + 0.5) / M * 2 - 1) * R;
                 if (x * x + y * y > R * R) continue;
-                mean += prt_dipole_rd(&d, sqrt((1 + x) * (1 + x) + y * y)), n++;
+                mean += prt_diffusion_rd(&d, sqrt((1 + x) * (1 + x) + y * y)), n++;
             }
         mean /= n;
         float nearer, farther;
         prt_surface_afar(1, (float)(R / 2), &nearer, &farther);
-        double two = 0.5 * (prt_dipole_rd(&d, sqrt((double)nearer)) +
-                            prt_dipole_rd(&d, sqrt((double)farther)));
-        double point = prt_dipole_rd(&d, 1);
+        double two = 0.5 * (prt_diffusion_rd(&d, sqrt((double)nearer)) +
+                            prt_diffusion_rd(&d, sqrt((double)farther)));
+        double point = prt_diffusion_rd(&d, 1);
         printf("disc of %.2f at 1: mean %.6f, two distances %.6f, its centre %.6f\n", R, mean,
                two, point);
         assert_true(fabs(two - mean) < 0.1 * fabs(point - mean));

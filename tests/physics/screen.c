@@ -39,8 +39,8 @@ static void plane_gives_total_reflectance(void **state)
         struct prt_screen_report report;
         pixels b = render(&s, &m, NULL, &from_front, options, &report);
         for (int c = 0; c < 3; c++) {
-            struct prt_dipole d;
-            prt_dipole_init(&d, m.sigma_s_prime[c], m.sigma_a[c], m.eta);
+            struct prt_diffusion d;
+            prt_diffusion_init(&d, m.sigma_s_prime[c], m.sigma_a[c], m.eta);
             double e = prt_fresnel_transmittance(m.eta, 1) * (c + 1);
             double want = d.rho_d * e / M_PI, mean = 0, worst = 0;
             uint32_t n = 0;

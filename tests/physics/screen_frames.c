@@ -5,8 +5,8 @@
 // Every kernel gives the C kernel's sums, guarded at odd counts, and says how fast it is.
 static void pair_kernels_agree(void **state)
 {
-    struct prt_dipole d[3];
-    for (int c = 0; c < 3; c++) prt_dipole_init(&d[c], 1 + c, 0.01, 1.3);
+    struct prt_diffusion d[3];
+    for (int c = 0; c < 3; c++) prt_diffusion_init(&d[c], 1 + c, 0.01, 1.3);
     struct radial_table t;
     radial_table_fit(&t, prt_screen_dipole_profile, d, d[2].z_r, 60);
     struct prt_rng rng;

@@ -17,8 +17,8 @@ static void multipole_limits(void **state)
         assert_int_equal(prt_screen_multipole(&quiet, &marble, thickness[t], N, r, rd, rho),
                          PRT_OK);
         for (int c = 0; c < 3; c++) {
-            struct prt_dipole d;
-            prt_dipole_init(&d, marble.sigma_s_prime[c], marble.sigma_a[c], marble.eta);
+            struct prt_diffusion d;
+            prt_diffusion_init(&d, marble.sigma_s_prime[c], marble.sigma_a[c], marble.eta);
             double sum = 0;
             for (int k = 1; k < N; k++)
                 sum += M_PI * ((double)r[k] - r[k - 1]) *
@@ -28,7 +28,8 @@ static void multipole_limits(void **state)
             before[c] = rho[c];
             if (t < 3) continue;
             for (int k = 0; k < N; k++)
-                assert_true(fabs(rd[k][c] - prt_dipole_rd(&d, r[k])) < 1e-3 * rd[k][c] + 1e-7);
+                assert_true(fabs(rd[k][c] - prt_diffusion_rd(&d, r[k])) <
+                            1e-3 * rd[k][c] + 1e-7);
         }
     }
     assert_int_equal(prt_screen_multipole(&quiet, &marble, 0, N, r, rd, rho), PRT_ARG);
@@ -345,7 +346,7 @@ static void materials_bring_their_profile(void **state)
         struct prt_material m;
         assert_int_equal(prt_material_parse(&quiet, "test", text[k], strlen(text[k]), &m),
                          PRT_OK);
-        struct prt_dipole d[3];
+        struct prt_diffusion d[3];
         prt_material_dipoles(&m, d);
         struct model sheet, ball;
         struct stage flat, round;

@@ -43,12 +43,12 @@ static void split_weights(void **state)
             before = w;
         }
     }
-    struct prt_dipole d[3];
-    for (int c = 0; c < 3; c++) prt_dipole_init(&d[c], 1 + c, 0.01, 1.3);
+    struct prt_diffusion d[3];
+    for (int c = 0; c < 3; c++) prt_diffusion_init(&d[c], 1 + c, 0.01, 1.3);
     double r_p = prt_screen_split_radius(d, 0.05), most = 0, beyond = 0;
     for (int c = 0; c < 3; c++) {
-        most = fmax(most, 2 * M_PI * r_p * prt_dipole_rd(&d[c], r_p));
-        beyond = fmax(beyond, 2 * M_PI * 1.01 * r_p * prt_dipole_rd(&d[c], 1.01 * r_p));
+        most = fmax(most, 2 * M_PI * r_p * prt_diffusion_rd(&d[c], r_p));
+        beyond = fmax(beyond, 2 * M_PI * 1.01 * r_p * prt_diffusion_rd(&d[c], 1.01 * r_p));
     }
     assert_true(most >= 0.0499 && beyond < 0.05);
 }
@@ -56,8 +56,8 @@ static void split_weights(void **state)
 // Local and global part together are R_d, as tables too, and a disc keeps the total.
 static void split_parts_add_up(void **state)
 {
-    struct prt_dipole dipole[1][3];
-    for (int c = 0; c < 3; c++) prt_dipole_init(&dipole[0][c], 1 + c, 0.02, 1.3);
+    struct prt_diffusion dipole[1][3];
+    for (int c = 0; c < 3; c++) prt_diffusion_init(&dipole[0][c], 1 + c, 0.02, 1.3);
     struct prt_screen_options options = {0};
     struct frame f = {.ctx = &quiet, .dipole = dipole, .options = &options};
     struct radial_table whole, near, far;
@@ -79,7 +79,7 @@ static void split_parts_add_up(void **state)
     own_share(&f, 0, 0.8, share);
     for (int i = 0; i < 40000; i++) {
         double r = (i + 0.5) * 1e-4, w = 2 * M_PI * r * exp(-r * r / 0.64) * 1e-4;
-        for (int c = 0; c < 3; c++) sum[c] += w * prt_dipole_rd(&dipole[0][c], r);
+        for (int c = 0; c < 3; c++) sum[c] += w * prt_diffusion_rd(&dipole[0][c], r);
     }
     for (int c = 0; c < 3; c++) assert_true(fabs(share[c] / sum[c] - 1) < 0.002);
     struct radial_table disc;

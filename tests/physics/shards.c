@@ -77,7 +77,7 @@ static struct prt_mesh *scene(void)
     return mesh;
 }
 
-static struct prt_bake_options options(enum prt_engine_kind engine, enum prt_storage storage)
+static struct prt_bake_options options(enum prt_transport_kind engine, enum prt_storage storage)
 {
     struct prt_bake_options o = {
         .engine = engine, .storage = storage, .n_sample = 2000, .cube = 16, .seed = 3};
@@ -122,22 +122,22 @@ static void parts_make_the_whole(struct prt_bake_options o)
 
 static void factored_wavelet(void **state)
 {
-    parts_make_the_whole(options(PRT_ENGINE_WAVELET, PRT_STORAGE_FACTORED));
+    parts_make_the_whole(options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_FACTORED));
 }
 
 static void sparse_wavelet(void **state)
 {
-    parts_make_the_whole(options(PRT_ENGINE_WAVELET, PRT_STORAGE_SPARSE));
+    parts_make_the_whole(options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_SPARSE));
 }
 
 static void joint(void **state)
 {
-    parts_make_the_whole(options(PRT_ENGINE_JOINT, PRT_STORAGE_FACTORED));
+    parts_make_the_whole(options(PRT_TRANSPORT_JOINT, PRT_STORAGE_FACTORED));
 }
 
 static void polynomial(void **state)
 {
-    struct prt_bake_options o = options(PRT_ENGINE_POLYNOMIAL, PRT_STORAGE_FACTORED);
+    struct prt_bake_options o = options(PRT_TRANSPORT_POLYNOMIAL, PRT_STORAGE_FACTORED);
     struct prt_env *env;
     assert_int_equal(prt_env_load(&context, "constant:1,0.8,0.5", &env), PRT_OK);
     o.env = env;
@@ -149,7 +149,7 @@ static void polynomial(void **state)
 static void wrong_parts_are_told(void **state)
 {
     struct prt_mesh *mesh = scene();
-    struct prt_bake_options o = options(PRT_ENGINE_WAVELET, PRT_STORAGE_FACTORED);
+    struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_FACTORED);
     struct prt_context c = context;
     uint32_t missing;
     c.log = listen_in, c.log_user = warned;

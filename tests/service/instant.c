@@ -344,7 +344,7 @@ static void test_the_first_picture_comes_soon(void **state)
     struct relight_image_request r = {.model = loaded.model,
                                       .n_light = 1,
                                       .lights = sun(),
-                                      .picture = {.format = RELIGHT_PNG}};
+                                      .picture = {.format = RELIGHT_IMAGE_PNG}};
     OK(relight_image(client, &r, &image, &error));
     double end = now_s();
     print_message("loaded in %.0f ms, seen %.0f ms later: %.0f ms\n", 1e3 * (in - begin),

@@ -145,14 +145,14 @@ static void lights(void **state)
     for (int i = 0; i < 16 * 16 * 18; i++) cube[i] = 1;
     struct relight_light two[2] = {{.env = "constant:1,1,1"}, {.cube_n = 16, .cube = cube}};
     uint32_t n_plane;
-    float *one = colors_of(&white, 1, false, RELIGHT_F32, &n_plane);
+    float *one = colors_of(&white, 1, false, RELIGHT_COLOR_F32, &n_plane);
     assert_int_equal(n_plane, 1);
-    float *both = colors_of(two, 2, false, RELIGHT_F32, &n_plane);
+    float *both = colors_of(two, 2, false, RELIGHT_COLOR_F32, &n_plane);
     assert_int_equal(n_plane, 2);
     assert_true(rmse(both, one) < 1e-5);
     assert_true(rmse(both + N_VERTEX * 3, one) < 1e-5);
     two[1].gain[0] = two[1].gain[1] = two[1].gain[2] = 3;
-    float *sum = colors_of(two, 2, true, RELIGHT_F32, &n_plane);
+    float *sum = colors_of(two, 2, true, RELIGHT_COLOR_F32, &n_plane);
     assert_int_equal(n_plane, 1);
     for (int i = 0; i < N_VERTEX * 3; i++) sum[i] /= 4;
     assert_true(rmse(sum, one) < 1e-5);
@@ -164,10 +164,10 @@ static void lights(void **state)
 
 static void formats(void **state)
 {
-    float *f32 = colors_of(&white, 1, false, RELIGHT_F32, NULL);
-    float *f16 = colors_of(&white, 1, false, RELIGHT_F16, NULL);
-    float *e5 = colors_of(&white, 1, false, RELIGHT_RGB9E5, NULL);
-    float *srgb = colors_of(&white, 1, false, RELIGHT_SRGB8, NULL);
+    float *f32 = colors_of(&white, 1, false, RELIGHT_COLOR_F32, NULL);
+    float *f16 = colors_of(&white, 1, false, RELIGHT_COLOR_F16, NULL);
+    float *e5 = colors_of(&white, 1, false, RELIGHT_COLOR_RGB9E5, NULL);
+    float *srgb = colors_of(&white, 1, false, RELIGHT_COLOR_SRGB8, NULL);
     assert_true(rmse(f16, f32) < 0x1p-11);
     assert_true(rmse(e5, f32) < 0x1p-8);
     assert_true(rmse(srgb, f32) < 0.01);
@@ -184,7 +184,7 @@ static void pipelined(void **state)
     uint64_t id[16];
     struct relight_colors_request request = {
         .model = "ball", .n_light = 1, .shade.term = RELIGHT_TERM_MULTIPLE};
-    float *one = colors_of(&white, 1, false, RELIGHT_F32, NULL);
+    float *one = colors_of(&white, 1, false, RELIGHT_COLOR_F32, NULL);
     char env[16][32];
     for (int i = 0; i < 16; i++) {
         snprintf(env[i], sizeof env[i], "constant:%d,%d,%d", i + 1, i + 1, i + 1);
@@ -237,7 +237,7 @@ static void cancelled(void **state)
         .model = "ball",
         .n_light = 1,
         .lights = &white,
-        .picture = {.width = 2048, .height = 2048, .format = RELIGHT_PNG}};
+        .picture = {.width = 2048, .height = 2048, .format = RELIGHT_IMAGE_PNG}};
     uint64_t id;
     CALL(relight_image_begin(client, &request, 0, &id, &error));
     CALL(relight_cancel(client, id, &error));
@@ -293,7 +293,7 @@ static void view_of_colors(void **state)
                                            .n_light = 1,
                                            .lights = &white,
                                            .colors = true,
-                                           .color_format = RELIGHT_RGB9E5};
+                                           .color_format = RELIGHT_COLOR_RGB9E5};
     struct relight_frame_out frame;
     CALL(relight_view_open(client, &request, &view, &error));
     CALL(relight_view_next(view, 60, &frame, &error));
@@ -354,7 +354,7 @@ static void unloaded(void **state)
     relight_close(other);
     CALL(relight_info(client, "ball", &m, &error));
     relight_model_finish(&m);
-    free(colors_of(&white, 1, false, RELIGHT_F16, NULL));
+    free(colors_of(&white, 1, false, RELIGHT_COLOR_F16, NULL));
 }
 
 int main(void)

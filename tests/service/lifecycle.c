@@ -103,7 +103,7 @@ static void test_sigterm_answers_what_is_open(void **state)
         .model = model,
         .n_light = 1,
         .lights = &light,
-        .picture = {.width = 1600, .height = 1200, .format = RELIGHT_PNG}};
+        .picture = {.width = 1600, .height = 1200, .format = RELIGHT_IMAGE_PNG}};
     uint64_t id;
     OK(relight_image_begin(client, &request, 0, &id, &error));
     sleep_ms(30); // it is being worked on

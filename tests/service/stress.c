@@ -87,7 +87,7 @@ static void look(struct worker *w, struct relight_client *c, const char *id, boo
         .model = id,
         .n_light = 1,
         .lights = &light,
-        .picture = {.width = 48 + 16 * draw(w, 2), .height = 48, .format = RELIGHT_RGB8}};
+        .picture = {.width = 48 + 16 * draw(w, 2), .height = 48, .format = RELIGHT_IMAGE_RGB8}};
     if (draw(w, 3) == 0) r.shade.engine = RELIGHT_ENGINE_SPLAT + draw(w, 4);
     if (!WENT(relight_image_begin(c, &r, 0, &request, &error))) return;
     if (!wait) WENT(relight_cancel(c, request, &error));
@@ -115,7 +115,7 @@ static void view(struct worker *w, struct relight_client *c, const char *id)
         .n_light = 1,
         .lights = &light,
         .colors = draw(w, 2),
-        .picture = {.width = 40, .height = 40, .format = RELIGHT_RGB8}};
+        .picture = {.width = 40, .height = 40, .format = RELIGHT_IMAGE_RGB8}};
     if (!WENT(relight_view_open(c, &r, &v, &error))) return;
     for (unsigned i = 0, n = 1 + draw(w, 4); i < n; i++) {
         struct relight_frame_out frame;

@@ -650,7 +650,7 @@ static void materials_move(void **state)
         assert_int_equal(prt_radial_create(&ctx, &o, &radial[f]), 0);
     }
     transport_of(&t, &kind[4], &kind[5]);
-    t.engine = PRT_ENGINE_JOINT;
+    t.engine = PRT_TRANSPORT_JOINT;
     t.material.eta = 1.3f;
     give_basis(&t.tensor[0], radial[0]);
     give_basis(&t.tensor[1], radial[1]);
@@ -689,11 +689,11 @@ static void materials_move(void **state)
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), 0);
     assert_memory_equal(again, planes, 4 * 12 * N);
     // light contracted once, whichever material comes: the same bits
-    struct prt_lit *lit, *other;
+    struct prt_contracted_light *lit, *other;
     struct prt_transport elsewhere = t;
-    assert_int_equal(prt_lit_create(&ctx, &t, &cube, &lit), 0);
-    assert_int_equal(prt_lit_create(&ctx, &elsewhere, &cube, &other), 0);
-    assert_true(prt_lit_bytes(lit) > 0);
+    assert_int_equal(prt_contracted_light_create(&ctx, &t, &cube, &lit), 0);
+    assert_int_equal(prt_contracted_light_create(&ctx, &elsewhere, &cube, &other), 0);
+    assert_true(prt_contracted_light_bytes(lit) > 0);
     q.light = NULL;
     q.lit = lit;
     memset(again, 0xff, 4 * 12 * N);
@@ -707,30 +707,32 @@ static void materials_move(void **state)
     assert_memory_equal(again, planes, 4 * 12 * N);
     assert_memory_equal(own, planes, 4 * 12 * N);
     // the material first, whichever light comes
-    struct prt_fixed *fixed;
-    assert_int_equal(prt_fixed_create(&ctx, &t, &m, &fixed), 0);
-    assert_true(prt_fixed_bytes(fixed) > 0);
+    struct prt_contracted_transport *fixed;
+    assert_int_equal(prt_contracted_transport_create(&ctx, &t, &m, &fixed), 0);
+    assert_true(prt_contracted_transport_bytes(fixed) > 0);
     const struct prt_query lit_only = {.term = PRT_ANSWER_TOTAL, .light = &cube};
-    assert_int_equal(
-        prt_answer_planes(&ctx, prt_fixed_transport(fixed), &lit_only, &n_plane, again), 0);
+    assert_int_equal(prt_answer_planes(&ctx, prt_contracted_transport_get(fixed), &lit_only,
+                                       &n_plane, again),
+                     0);
     assert_int_equal(n_plane, 4);
     double off = difference(again, planes, 4 * 3 * N);
     assert_true(off > 0 && off < 2 * PRT_FIXED_ERROR);
     const struct prt_query wavelet = {.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &m};
     assert_int_equal(
-        prt_answer_planes(&ctx, prt_fixed_transport(fixed), &wavelet, &n_plane, again),
+        prt_answer_planes(&ctx, prt_contracted_transport_get(fixed), &wavelet, &n_plane, again),
         PRT_MISMATCH);
-    struct prt_fixed *twice;
-    assert_int_equal(prt_fixed_create(&ctx, prt_fixed_transport(fixed), &m, &twice),
-                     PRT_MISMATCH);
-    prt_fixed_destroy(fixed);
+    struct prt_contracted_transport *twice;
+    assert_int_equal(
+        prt_contracted_transport_create(&ctx, prt_contracted_transport_get(fixed), &m, &twice),
+        PRT_MISMATCH);
+    prt_contracted_transport_destroy(fixed);
     q.lit = other;
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_ARG);
     q.lit = NULL;
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_ARG);
     q.light = &cube;
-    prt_lit_destroy(lit);
-    prt_lit_destroy(other);
+    prt_contracted_light_destroy(lit);
+    prt_contracted_light_destroy(other);
     m.eta = 1.5f;
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_MISMATCH);
     prt_light_finish(&light);

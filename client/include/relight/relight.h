@@ -318,16 +318,21 @@ enum relight_term {
     RELIGHT_TERM_MULTIPLE,
     RELIGHT_TERM_SINGLE
 };
-enum relight_color_format { RELIGHT_F32, RELIGHT_F16, RELIGHT_RGB9E5, RELIGHT_SRGB8 };
+enum relight_color_format {
+    RELIGHT_COLOR_F32,
+    RELIGHT_COLOR_F16,
+    RELIGHT_COLOR_RGB9E5,
+    RELIGHT_COLOR_SRGB8
+};
 enum relight_image_format {
-    RELIGHT_JPEG,
-    RELIGHT_PNG,
-    RELIGHT_EXR,
-    RELIGHT_RGB8,
-    RELIGHT_EXR_FLOAT,
+    RELIGHT_IMAGE_JPEG,
+    RELIGHT_IMAGE_PNG,
+    RELIGHT_IMAGE_EXR,
+    RELIGHT_IMAGE_RGB8,
+    RELIGHT_IMAGE_EXR_FLOAT,
     RELIGHT_IMAGE_F16
 };
-enum relight_tone { RELIGHT_FILMIC, RELIGHT_REINHARD, RELIGHT_NONE };
+enum relight_tone { RELIGHT_TONE_FILMIC, RELIGHT_TONE_REINHARD, RELIGHT_TONE_NONE };
 const char *relight_engine_name(enum relight_engine engine);
 
 struct relight_light {
@@ -388,7 +393,7 @@ struct relight_colors_request {
     bool sum; /* one plane, the sum over the lights */
     struct relight_shade shade;
     enum relight_color_format format;
-    float exposure_ev; /* RELIGHT_SRGB8 */
+    float exposure_ev; /* RELIGHT_COLOR_SRGB8 */
 };
 struct relight_colors {
     uint32_t n_vertex, n_plane;

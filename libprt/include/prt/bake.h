@@ -12,7 +12,7 @@ extern "C" {
 #endif
 
 struct prt_bake_options {
-    enum prt_engine_kind engine;
+    enum prt_transport_kind engine;
     enum prt_storage storage;     /* FACTORED default, or SPARSE (wavelet engine only) */
     struct prt_material material; /* wavelet: the medium; joint, polynomial: gives eta */
     uint32_t n_sample;            /* irradiance samples; 0: 150000 or spacing <= l_u */

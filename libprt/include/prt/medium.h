@@ -47,7 +47,7 @@ uint64_t prt_material_hash(const struct prt_material *material);
 const struct prt_material *prt_material_preset(unsigned index);
 
 /* Classical dipole of one channel (METHODS §1; JMLH01, W05 eq 3, X07 eq 4). */
-struct prt_dipole {
+struct prt_diffusion {
     double sigma_s_prime, sigma_a, sigma_t_prime, sigma_tr, albedo_prime, eta;
     double z_r, z_v; /* mm */
     double rho_d;    /* closed-form total diffuse reflectance */
@@ -57,19 +57,19 @@ struct prt_dipole {
 };
 /* R_d of a material's three channels, its own profile where it has one; evaluated by all the
  * functions below. `material` must outlive them. */
-void prt_material_dipoles(const struct prt_material *material, struct prt_dipole out[3]);
-void prt_dipole_init(struct prt_dipole *dipole, double sigma_s_prime, double sigma_a,
-                     double eta);
-double prt_dipole_rd(const struct prt_dipole *dipole, double r_mm); /* mm^-2 */
+void prt_material_dipoles(const struct prt_material *material, struct prt_diffusion out[3]);
+void prt_diffusion_init(struct prt_diffusion *dipole, double sigma_s_prime, double sigma_a,
+                        double eta);
+double prt_diffusion_rd(const struct prt_diffusion *dipole, double r_mm); /* mm^-2 */
 /* Fraction-free tail: integral of 2 pi r R_d beyond r (METHODS §7, S09 eq 4 erratum). */
-double prt_dipole_tail(const struct prt_dipole *dipole, double r_mm);
+double prt_diffusion_tail(const struct prt_diffusion *dipole, double r_mm);
 /* out[i] = R_d(sqrt(r2[i])), relative error < 1e-5 where sigma_tr d <= 40 (beyond it R_d has
  * fallen by e^-40); r2 finite, >= 0. Vectorised for ctx-free use by `cpu`. */
-void prt_dipole_rd_array(const struct prt_dipole *dipole, unsigned cpu, size_t n,
-                         const float *r2_mm2, float *out);
+void prt_diffusion_rd_array(const struct prt_diffusion *dipole, unsigned cpu, size_t n,
+                            const float *r2_mm2, float *out);
 /* The same for three channels that share r2. */
-void prt_dipole_rd3_array(const struct prt_dipole dipole[3], unsigned cpu, size_t n,
-                          const float *r2_mm2, float *out0, float *out1, float *out2);
+void prt_diffusion_rd3_array(const struct prt_diffusion dipole[3], unsigned cpu, size_t n,
+                             const float *r2_mm2, float *out0, float *out1, float *out2);
 
 double prt_fresnel_dr(double eta);                              /* F_dr, METHODS §1 */
 double prt_fresnel_transmittance(double eta, double cos_theta); /* exact, unpolarised */

@@ -22,9 +22,9 @@ enum { PRT_PROFILE_MAX_LAYER = 8, PRT_PROFILE_MAX_POINT = 4096 };
  */
 struct prt_profile {
     enum prt_profile_kind kind;
-    struct prt_dipole dipole; /* DIPOLE; MULTIPOLE: the top layer as if it had no bottom */
-    double albedo, shape_mm;  /* BURLEY: A and d = mean free path / s(A) */
-    double total;             /* integral 2 pi r R_d dr over all r, [0,1] */
+    struct prt_diffusion dipole; /* DIPOLE; MULTIPOLE: the top layer as if it had no bottom */
+    double albedo, shape_mm;     /* BURLEY: A and d = mean free path / s(A) */
+    double total;                /* integral 2 pi r R_d dr over all r, [0,1] */
     uint32_t n;      /* points of the table: CURVE all, MULTIPOLE what adds to dipole */
     double *r, *rd;  /* [n] mm ascending, mm^-2 */
     double *outside; /* [n] integral of the table's 2 pi r R_d beyond r[i] */

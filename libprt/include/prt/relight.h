@@ -52,7 +52,7 @@ int prt_relight(const struct prt_context *ctx, const struct prt_tensor *tensor,
                 bool add, float *color);
 
 /* What one tensor gives to a sum of several: FACTORED or RADIAL. */
-struct prt_part {
+struct prt_term_input {
     const struct prt_tensor *tensor;
     const float *lit;         /* FACTORED: prt_contract_light's, of one light */
     const float *coef;        /* FULL, RADIAL: [n_radial][3]; NULL otherwise */
@@ -64,8 +64,8 @@ enum { PRT_MOST_PARTS = 4 };
  * from n_plane on are not computed. All tensors are of one model. One pass: materials are
  * folded into a cluster's contracted rows just before its vertices. n_part in [1,
  * PRT_MOST_PARTS]. */
-int prt_sum_parts(const struct prt_context *ctx, unsigned n_part, const struct prt_part part[],
-                  unsigned n_plane, float *color);
+int prt_sum_parts(const struct prt_context *ctx, unsigned n_part,
+                  const struct prt_term_input part[], unsigned n_plane, float *color);
 
 /* What is asked of a transport, in the words of the command contract. */
 enum prt_answer_term {
@@ -77,11 +77,13 @@ enum prt_answer_term {
  * a question is the material (METHODS section 5: light once, then material by request). Not for
  * sparse storage, PRT_MISMATCH. Refers to `transport`, which must outlive it; read-only after.
  */
-struct prt_lit;
-int prt_lit_create(const struct prt_context *ctx, const struct prt_transport *transport,
-                   const struct prt_cube *light, struct prt_lit **out);
-void prt_lit_destroy(struct prt_lit *lit);
-size_t prt_lit_bytes(const struct prt_lit *lit);
+struct prt_contracted_light;
+int prt_contracted_light_create(const struct prt_context *ctx,
+                                const struct prt_transport *transport,
+                                const struct prt_cube *light,
+                                struct prt_contracted_light **out);
+void prt_contracted_light_destroy(struct prt_contracted_light *lit);
+size_t prt_contracted_light_bytes(const struct prt_contracted_light *lit);
 
 /* A joint transport with one material put in, contracted by the material first (METHODS
  * section 5, the other way round): what is left is a wavelet transport, for lights that move
@@ -90,19 +92,22 @@ size_t prt_lit_bytes(const struct prt_lit *lit);
  * Takes some tenths of a second. PRT_MISMATCH unless both light and material are free; refers
  * to `transport`, which must outlive it; read-only after. */
 #define PRT_FIXED_ERROR 3e-3
-struct prt_fixed;
-int prt_fixed_create(const struct prt_context *ctx, const struct prt_transport *transport,
-                     const struct prt_material *material, struct prt_fixed **out);
-void prt_fixed_destroy(struct prt_fixed *fixed);
-const struct prt_transport *prt_fixed_transport(const struct prt_fixed *fixed);
-size_t prt_fixed_bytes(const struct prt_fixed *fixed);
+struct prt_contracted_transport;
+int prt_contracted_transport_create(const struct prt_context *ctx,
+                                    const struct prt_transport *transport,
+                                    const struct prt_material *material,
+                                    struct prt_contracted_transport **out);
+void prt_contracted_transport_destroy(struct prt_contracted_transport *fixed);
+const struct prt_transport *
+prt_contracted_transport_get(const struct prt_contracted_transport *fixed);
+size_t prt_contracted_transport_bytes(const struct prt_contracted_transport *fixed);
 
 struct prt_query {
     enum prt_answer_term term;
     const struct prt_cube *light;        /* of the transport's cube size; NULL for polynomial */
     const struct prt_material *material; /* NULL: the baked one; a wavelet transport refuses */
     const float *eye;                    /* [3] mm, world; NULL: mean Fresnel, l = 0 phase */
-    const struct prt_lit *lit;           /* instead of light, when not NULL */
+    const struct prt_contracted_light *lit; /* instead of light, when not NULL */
 };
 /* Per-vertex colours [n_vertex][3] in file order (DESIGN, command contract):
  * multiple (1/pi) B; single L1; total F_t(eta, w_o) [..] with the eye, else the cosine-weighted

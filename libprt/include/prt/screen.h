@@ -208,11 +208,12 @@ int prt_screen_progress_image(const struct prt_context *ctx,
 /* Building blocks, open for tests. */
 /* M03: the radius >= from_mm below which lies a share xi in [0,1) of 2 pi r R_d / rho_d, the
  * mean of three channels. from_mm: a radius known to be smaller, 0 at first. */
-double prt_screen_tangent_radius(const struct prt_dipole dipole[3], double xi, double from_mm);
+double prt_screen_tangent_radius(const struct prt_diffusion dipole[3], double xi,
+                                 double from_mm);
 /* C08: share of R_d that is local at r (METHODS §7): 1 - 0.5 e^(K(r-R_p)) up to R_p. */
 double prt_screen_local_weight(double r_mm, double r_p_mm);
 /* C08: R_p for a bound over three channels. */
-double prt_screen_split_radius(const struct prt_dipole dipole[3], double bound);
+double prt_screen_split_radius(const struct prt_diffusion dipole[3], double bound);
 /* C08: index drawn by u in [0,1) in proportion to value[n], n a power of 4, by walking down the
  * mip chain; mip holds value first, then each coarser level: 4n/3 numbers. */
 uint32_t prt_screen_mip_sample(const float *mip, uint32_t n, float u);

@@ -60,9 +60,9 @@ static inline void prt_surface_afar(float r2, float spread, float *nearer, float
 /* Transport kernel between point x and sample i, integral of R_d over the sample's cell [1]:
  * the mean of R_d A_i at two distances beyond near_mm, the cell's quadrature within it. Three
  * channels. */
-void prt_surface_kernel(const struct prt_surface_points *surface, const struct prt_dipole d[3],
-                        unsigned cpu, const float x[3], uint32_t sample, float near_mm,
-                        float out[3]);
+void prt_surface_kernel(const struct prt_surface_points *surface,
+                        const struct prt_diffusion d[3], unsigned cpu, const float x[3],
+                        uint32_t sample, float near_mm, float out[3]);
 
 #ifdef __cplusplus
 }

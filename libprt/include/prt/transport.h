@@ -115,17 +115,17 @@ struct prt_transport {
     struct prt_mesh mesh;         /* mm; mesh.owner NULL */
     struct prt_material material; /* of the bake; wavelet transport fixes it */
     uint32_t cube;                /* n of the wavelet cubemap */
-    uint32_t engine;              /* enum prt_engine_kind */
+    uint32_t engine;              /* enum prt_transport_kind */
     uint32_t n_tensor;
     struct prt_tensor tensor[4];
     const char *settings; /* JSON text: bake settings, provenance, versions, times */
     const char *errors;   /* JSON text: measured errors against the reference */
     uint64_t mesh_hash;   /* of the mesh content (positions, triangles, blocks) */
 };
-enum prt_engine_kind {
-    PRT_ENGINE_WAVELET = 0,
-    PRT_ENGINE_POLYNOMIAL = 1,
-    PRT_ENGINE_JOINT = 2
+enum prt_transport_kind {
+    PRT_TRANSPORT_WAVELET = 0,
+    PRT_TRANSPORT_POLYNOMIAL = 1,
+    PRT_TRANSPORT_JOINT = 2
 };
 
 /* .prt: little-endian, versioned, 64-byte aligned sections each with an XXH3 checksum. */

@@ -149,7 +149,7 @@ static int upload(struct session *s, const char *format, bool timed, char word[8
                        &error))
         status = fail(s, &error);
     if (!status && timed)
-        status = time_image(s, s->client[0], word, 0, RELIGHT_PNG, begin, out);
+        status = time_image(s, s->client[0], word, 0, RELIGHT_IMAGE_PNG, begin, out);
     prt_free(blob.bytes);
     return status;
 }
@@ -188,7 +188,8 @@ static int open_session(struct bench_env *env, struct session *s)
         if (relight_connect(s->daemon.address[i], NULL, &s->client[i], &error))
             status = fail(s, &error);
     if (!status) status = upload(s, "hdr", false, s->envs[0], NULL);
-    if (!status) status = time_image(s, s->client[0], s->envs[0], 0, RELIGHT_JPEG, 0, NULL);
+    if (!status)
+        status = time_image(s, s->client[0], s->envs[0], 0, RELIGHT_IMAGE_JPEG, 0, NULL);
     if (!status) status = settle(s);
     if (status) close_session(s);
     return status;
@@ -204,10 +205,10 @@ static int images(struct session *s)
         enum relight_image_format format;
         double target_ms;
     } figure[] = {
-        {"daemon_image_jpeg_new_angle", "unix", 0, RELIGHT_JPEG, 15},
-        {"daemon_image_jpeg_new_angle", "tcp", 1, RELIGHT_JPEG, 15},
-        {"daemon_image_png_new_angle", "unix", 0, RELIGHT_PNG, 60},
-        {"daemon_image_png_new_angle", "tcp", 1, RELIGHT_PNG, 60},
+        {"daemon_image_jpeg_new_angle", "unix", 0, RELIGHT_IMAGE_JPEG, 15},
+        {"daemon_image_jpeg_new_angle", "tcp", 1, RELIGHT_IMAGE_JPEG, 15},
+        {"daemon_image_png_new_angle", "unix", 0, RELIGHT_IMAGE_PNG, 60},
+        {"daemon_image_png_new_angle", "tcp", 1, RELIGHT_IMAGE_PNG, 60},
     };
     int status = PRT_OK;
     for (size_t f = 0; f < sizeof figure / sizeof *figure && !status; f++) {
@@ -232,7 +233,7 @@ static int unused_lights(struct session *s)
         x.cpu_s = cpu_s(s);
         for (unsigned i = 1; i <= s->n && !status; i++)
             status = time_image(s, s->client[0], s->envs[i], 0,
-                                png ? RELIGHT_PNG : RELIGHT_JPEG, prt_time_s(), &x);
+                                png ? RELIGHT_IMAGE_PNG : RELIGHT_IMAGE_JPEG, prt_time_s(), &x);
         if (!status)
             print(s, png ? "daemon_image_png_unused_light" : "daemon_image_jpeg_unused_light",
                   "unix", &x, png ? 60 : 15);
@@ -246,10 +247,10 @@ static int colors(struct session *s)
         const char *name, *carrier;
         int client;
         enum relight_color_format format;
-    } figure[] = {{"daemon_colors_f32", "unix", 0, RELIGHT_F32},
-                  {"daemon_colors_f32", "tcp", 1, RELIGHT_F32},
-                  {"daemon_colors_f16", "unix", 0, RELIGHT_F16},
-                  {"daemon_colors_srgb8", "unix", 0, RELIGHT_SRGB8}};
+    } figure[] = {{"daemon_colors_f32", "unix", 0, RELIGHT_COLOR_F32},
+                  {"daemon_colors_f32", "tcp", 1, RELIGHT_COLOR_F32},
+                  {"daemon_colors_f16", "unix", 0, RELIGHT_COLOR_F16},
+                  {"daemon_colors_srgb8", "unix", 0, RELIGHT_COLOR_SRGB8}};
     int status = PRT_OK;
     for (size_t f = 0; f < sizeof figure / sizeof *figure && !status; f++) {
         struct sample x = {.cpu_s = cpu_s(s)};
@@ -343,7 +344,7 @@ static int time_edit(struct session *s, double eta, float turn, int picture,
         .n_light = 1,
         .lights = &light,
         .shade = shade,
-        .picture = {.width = WIDTH, .height = HEIGHT, .format = RELIGHT_JPEG}};
+        .picture = {.width = WIDTH, .height = HEIGHT, .format = RELIGHT_IMAGE_JPEG}};
     struct relight_colors colors;
     struct relight_image image;
     struct relight_error error;
@@ -370,16 +371,16 @@ static int edits(struct session *s)
         const char *name;
         bool new_light, picture;
         enum relight_color_format format;
-    } figure[] = {{"daemon_edit_colors_f32", false, false, RELIGHT_F32},
-                  {"daemon_edit_colors_f16", false, false, RELIGHT_F16},
-                  {"daemon_edit_and_new_light_colors_f16", true, false, RELIGHT_F16},
-                  {"daemon_edit_image_jpeg", false, true, RELIGHT_F32},
-                  {"daemon_edit_and_new_light_image_jpeg", true, true, RELIGHT_F32}};
+    } figure[] = {{"daemon_edit_colors_f32", false, false, RELIGHT_COLOR_F32},
+                  {"daemon_edit_colors_f16", false, false, RELIGHT_COLOR_F16},
+                  {"daemon_edit_and_new_light_colors_f16", true, false, RELIGHT_COLOR_F16},
+                  {"daemon_edit_image_jpeg", false, true, RELIGHT_COLOR_F32},
+                  {"daemon_edit_and_new_light_image_jpeg", true, true, RELIGHT_COLOR_F32}};
     struct prt_file *file;
     int status = prt_file_open(&s->env->ctx, s->env->file, PRT_FILE_CHECK_HEADERS, &file);
     if (status) return status;
     double eta = (double)prt_file_transport(file)->material.eta;
-    bool joint = prt_file_transport(file)->engine == PRT_ENGINE_JOINT;
+    bool joint = prt_file_transport(file)->engine == PRT_TRANSPORT_JOINT;
     prt_file_close(file);
     if (!joint)
         return prt_fail(&s->env->ctx, PRT_MISMATCH, "%s is not a joint transport",
@@ -419,7 +420,7 @@ static void *visit(void *arg)
     struct visitor *v = arg;
     struct session *s = v->session;
     for (unsigned i = 0; i < s->n && !v->status; i++)
-        v->status = time_image(s, v->client, s->envs[0], v->turn += 0.731f, RELIGHT_JPEG,
+        v->status = time_image(s, v->client, s->envs[0], v->turn += 0.731f, RELIGHT_IMAGE_JPEG,
                                prt_time_s(), &v->sample);
     return NULL;
 }

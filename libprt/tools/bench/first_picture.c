@@ -120,7 +120,7 @@ static int one(struct first *f, bool bake, struct times *out)
         struct relight_image_request r = {.model = loaded.model,
                                           .n_light = 1,
                                           .lights = &light,
-                                          .picture = {.format = RELIGHT_PNG}};
+                                          .picture = {.format = RELIGHT_IMAGE_PNG}};
         if (relight_image(f->client, &r, &image, &error)) {
             status = fail(f, &error);
         } else {

@@ -366,7 +366,7 @@ static int file(struct bench_env *env)
             one_and_eight(env, label, x, t->cube ? t->cube : 32, free_material ? coef : NULL,
                           x->storage != PRT_STORAGE_RADIAL, &one);
     }
-    if (!status && t->engine == PRT_ENGINE_WAVELET) status = answers(env, t);
+    if (!status && t->engine == PRT_TRANSPORT_WAVELET) status = answers(env, t);
     prt_file_close(f);
     return status;
 }
