@@ -184,9 +184,10 @@ static int start(void)
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
     unsigned threads = o->threads ? o->threads : server.n_core;
-    if (read_token() || check_models() || loop_create(&server.loop) ||
-        loop_signals(server.loop, signals, 3, on_signal, NULL) || open_data() ||
-        cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
+    if (!(server.ledger = ledger_create(o)) || read_token() || check_models() ||
+        loop_create(&server.loop) || loop_signals(server.loop, signals, 3, on_signal, NULL) ||
+        open_data() || cache_create(o->cache, &server.cache) ||
+        cache_create(o->memory, &server.files) ||
         decoder_create(server.loop, o->decode_memory, &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) ||
         jobs_create(&server, &job_runner_child, &server.jobs) ||
@@ -235,6 +236,7 @@ static void stop(void)
     cache_destroy(server.files);
     jobs_destroy(server.jobs);
     blobs_close(server.blobs);
+    ledger_destroy(server.ledger);
     loop_destroy(server.loop);
     if (server.data_temporary && server.data[0] &&
         nftw(server.data, remove_one, 16, FTW_DEPTH | FTW_PHYS))

@@ -46,10 +46,40 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(BYTES, max_blob, "max-blob", "BYTES", "1G", "Largest upload")                               \
     X(BYTES, decode_memory, "decode-memory", "BYTES", "4G",                                       \
       "Memory a process that decodes an untrusted image may take")                                \
-    X(COUNT, connections, "connections", "N", "512", "Connections at once, over all carriers")    \
+    X(COUNT, connections, "connections", "N", "1100",                                             \
+      "Connections at once, over all carriers")                                                   \
+    X(COUNT, client_connections, "client-connections", "N", "0",                                  \
+      "Connections of one client (token, local user or address). 0: no limit of its own")         \
     X(COUNT, requests, "requests", "N", "256",                                                    \
       "Requests one connection may have open; more are answered busy")                            \
+    X(COUNT, client_requests, "client-requests", "N", "2048",                                     \
+      "Requests one client may have open over all its connections")                               \
     X(COUNT, queue, "queue", "N", "4096", "Requests open in all; more are answered busy")         \
+    X(COUNT, client_views, "client-views", "N", "512",                                            \
+      "Views and watches one client may have open; they do not count as requests")                \
+    X(COUNT, views, "views", "N", "4096", "Views and watches open in all")                        \
+    X(BYTES, client_memory, "client-memory", "BYTES", "512M",                                     \
+      "Bytes that one client's requests and views may hold: payloads, lights, vertices")          \
+    X(BYTES, request_memory, "request-memory", "BYTES", "2G",                                     \
+      "Bytes that all requests and views may hold")                                               \
+    X(BYTES, client_output, "client-output", "BYTES", "512M",                                     \
+      "Bytes of answers that one client has not read yet")                                        \
+    X(BYTES, output_memory, "output-memory", "BYTES", "2G",                                       \
+      "Bytes of answers not read yet, of all clients")                                            \
+    X(COUNT, client_jobs, "client-jobs", "N", "32",                                               \
+      "Bakes one client may have waiting or running")                                             \
+    X(COUNT, client_uploads, "client-uploads", "N", "16",                                         \
+      "Uploads one client may have under way")                                                    \
+    X(COUNT, uploads, "uploads", "N", "256", "Uploads under way in all")                          \
+    X(COUNT, client_models, "client-models", "N", "1000",                                         \
+      "Models one client may have loaded, previews counted")                                      \
+    X(COUNT, max_models, "max-models", "N", "10000", "Models known at once")                      \
+    X(BYTES, client_disk, "client-disk", "BYTES", "16G",                                          \
+      "Uploads, previews and bakes of one client kept under --data")                              \
+    X(SECONDS, handshake, "handshake", "SECONDS", "5",                                            \
+      "Close a connection that has not sent HELLO so long after it was accepted")                 \
+    X(SECONDS, write_time, "write-time", "SECONDS", "10",                                         \
+      "Close a connection that reads nothing for so long while an answer waits for it")           \
     X(BYTES, send_buffer, "send-buffer", "BYTES", "64M",                                          \
       "Answers waiting for one slow reader before its requests are no longer read; at four "      \
       "times that it is disconnected")                                                            \

@@ -5,6 +5,7 @@
 #define RELIGHTD_SERVER_H
 
 #include "store/blobs.h"
+#include "core/ledger.h"
 #include "jobs/decode_helper.h"
 #include "jobs/jobs.h"
 #include "core/loop.h"
@@ -34,8 +35,9 @@ struct server {
     struct jobs *jobs;
     struct models *models;
     struct stats stats;
-    char data[4000]; /* absolute path of the data folder */
-    char token[256]; /* "": none is wanted */
+    struct ledger *ledger; // who holds what; every limit is checked there
+    char data[4000];       /* absolute path of the data folder */
+    char token[256];       /* "": none is wanted */
     bool data_temporary;
     unsigned n_core;
     struct connection *connections, *closed;

@@ -159,7 +159,9 @@ static int on_ws(struct lws *wsi, enum lws_callback_reasons reason, void *user, 
         char peer[96] = "?";
         lws_get_peer_simple(wsi, peer, sizeof peer);
         *s = (struct session){.wsi = wsi};
-        s->conn = connection_open(the_server, &ws_carrier, s, peer);
+        char who[96];
+        snprintf(who, sizeof who, "addr:%.80s", peer);
+        s->conn = connection_open(the_server, &ws_carrier, s, peer, who);
         return s->conn ? 0 : -1;
     }
     case LWS_CALLBACK_RECEIVE:

@@ -157,6 +157,20 @@ static void name_peer(const struct sockaddr_storage *a, socklen_t n, char *out, 
     else snprintf(out, room, "%s:%s", host, port);
 }
 
+// The principal until HELLO names another: a local user, or an address without its port.
+static void name_principal(int fd, const struct sockaddr_storage *a, socklen_t n, char who[96])
+{
+    char host[64];
+    struct ucred peer;
+    socklen_t size = sizeof peer;
+    if (a->ss_family == AF_UNIX && !getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &size))
+        snprintf(who, 96, "uid:%u", (unsigned)peer.uid);
+    else if (a->ss_family != AF_UNIX && !getnameinfo((const struct sockaddr *)a, n, host,
+                                                     sizeof host, NULL, 0, NI_NUMERICHOST))
+        snprintf(who, 96, "addr:%s", host);
+    else snprintf(who, 96, "unknown");
+}
+
 static void accept_ready(struct loop_watch *watch, uint32_t events)
 {
     struct listener *l = (struct listener *)((char *)watch - offsetof(struct listener, watch));
@@ -176,8 +190,9 @@ static void accept_ready(struct loop_watch *watch, uint32_t events)
             refuse(fd);
             continue;
         }
-        char peer[96];
+        char peer[96], who[96];
         name_peer(&address, size, peer, sizeof peer);
+        name_principal(fd, &address, size, who);
         bool local = address.ss_family == AF_UNIX;
         int one = 1;
         if (!local) setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
@@ -188,7 +203,7 @@ static void accept_ready(struct loop_watch *watch, uint32_t events)
         }
         s->watch = (struct loop_watch){fd, stream_ready};
         s->reading = true;
-        s->conn = connection_open(server, local ? &unix_carrier : &tcp_carrier, s, peer);
+        s->conn = connection_open(server, local ? &unix_carrier : &tcp_carrier, s, peer, who);
         if (!s->conn) {
             close(fd);
             free(s);

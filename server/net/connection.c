@@ -40,10 +40,15 @@ static void clock_fired(struct loop_timer *timer)
 }
 
 struct connection *connection_open(struct server *server, const struct carrier *carrier,
-                                   void *carrier_data, const char *peer)
+                                   void *carrier_data, const char *peer, const char *who)
 {
     struct connection *conn = calloc(1, sizeof *conn);
-    if (!conn) return NULL;
+    struct principal *principal = conn ? ledger_principal(server->ledger, who) : NULL;
+    if (!principal) {
+        free(conn);
+        return NULL;
+    }
+    conn->principal = principal;
     conn->server = server;
     conn->carrier = carrier;
     conn->carrier_data = carrier_data;
@@ -101,6 +106,7 @@ void connections_free_closed(struct server *server)
 {
     for (struct connection *c = server->closed, *next; c; c = next) {
         next = c->next;
+        principal_release(c->principal);
         free(c);
     }
     server->closed = NULL;

@@ -43,6 +43,7 @@ struct connection {
     void *carrier_data;
     uint64_t number;
     char peer[96];
+    struct principal *principal;    /* core/ledger.h: who pays for what this connection holds */
     struct relight_decoder decoder; /* byte streams */
     bool greeted, dead, closing, reading;
     uint64_t max_payload; /* what the client takes in one frame */
@@ -55,9 +56,10 @@ struct connection {
     uint64_t heard_ns, frame_ns; /* last byte; first byte of the frame being read, 0: none */
 };
 
-/* NULL when there is no memory or no room for one more (then the peer is told). */
+/* who: the principal's name until HELLO says another ("uid:1000", "addr:192.0.2.7"). NULL when
+ * there is no memory. */
 struct connection *connection_open(struct server *server, const struct carrier *carrier,
-                                   void *carrier_data, const char *peer);
+                                   void *carrier_data, const char *peer, const char *who);
 /* Everything open is cancelled. The struct stays until the loop's turn ends. */
 void connection_close(struct connection *conn, const char *why);
 /* Closes once what is queued was sent; nothing more is read. */
