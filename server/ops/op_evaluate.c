@@ -76,8 +76,7 @@ void op_colors(struct request *request)
     char error[300];
     int code;
     render_spec_init(&spec);
-    if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request->payload,
-                                   request->payload_size, error)) ||
+    if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request, error)) ||
         (code = render_spec_shade(&spec, request->server, in->shade, error)) ||
         (code = render_spec_colors(&spec, (int)in->format, in->exposure_ev, error))) {
         render_spec_finish(&spec);
@@ -95,8 +94,7 @@ void op_image(struct request *request)
     char error[300];
     int code;
     render_spec_init(&spec);
-    if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request->payload,
-                                   request->payload_size, error)) ||
+    if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request, error)) ||
         (code = render_spec_shade(&spec, request->server, in->shade, error)) ||
         (code = render_spec_picture(&spec, request->server, in->picture, error))) {
         render_spec_finish(&spec);

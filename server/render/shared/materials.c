@@ -41,9 +41,29 @@ static bool is_slow(const char *text)
 
 static void name(const char *text, char key[64])
 {
-    size_t n = strlen(text);
-    snprintf(key, 64, "material/%016llx%016llx", (unsigned long long)prt_hash64(text, n, 1),
-             (unsigned long long)prt_hash64(text, n, 2));
+    struct relight_sha256 sha;
+    char hex[65];
+    relight_sha256_init(&sha);
+    relight_sha256_add(&sha, text, strlen(text));
+    relight_sha256_hex(&sha, hex);
+    snprintf(key, 64, "material/%.32s", hex);
+}
+
+void material_key(const struct prt_material *m, char key[MATERIAL_KEY])
+{
+    struct relight_sha256 sha;
+    size_t bytes = m->profile ? m->n_point * sizeof(float) : 0;
+    const float optics[2] = {m->eta, m->roughness};
+    char hex[65];
+    relight_sha256_init(&sha);
+    relight_sha256_add(&sha, m->sigma_s_prime, sizeof m->sigma_s_prime);
+    relight_sha256_add(&sha, m->sigma_a, sizeof m->sigma_a);
+    relight_sha256_add(&sha, m->g, sizeof m->g);
+    relight_sha256_add(&sha, optics, sizeof optics);
+    relight_sha256_add(&sha, m->radius, bytes);
+    for (int c = 0; c < 3; c++) relight_sha256_add(&sha, m->reflectance[c], bytes);
+    relight_sha256_hex(&sha, hex);
+    snprintf(key, MATERIAL_KEY, "%.32s", hex);
 }
 
 int material_resolve(struct server *server, const char *text, struct prt_material *material,
