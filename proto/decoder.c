@@ -87,8 +87,8 @@ int relight_decoder_commit(struct relight_decoder *d, size_t n)
     if (d->have == RELIGHT_FRAME_FIXED && n && begin_frame(d)) return d->fault;
     size_t prefix = RELIGHT_FRAME_FIXED + d->head_size;
     if (d->have < prefix) return 0;
-    if (d->have == prefix && relight_frame_check_padding(d->head, d->frame.header_size,
-                                                         d->head_size))
+    if (d->have == prefix &&
+        relight_frame_check_padding(d->head, d->frame.header_size, d->head_size))
         return fail(d, RELIGHT_FAULT_PADDING);
     if (d->have < prefix + d->frame.payload_size) return 0;
     d->frame.header = d->head;

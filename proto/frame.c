@@ -12,7 +12,7 @@ static const struct {
     const char *name;
     const ProtobufCMessageDescriptor *request, *answer;
 } kinds[] = {
-#define X(name, number, request, answer)                                                       \
+#define X(name, number, request, answer) \
     [number] = {#name, &relight__##request##__descriptor, &relight__##answer##__descriptor},
     RELIGHT_TYPE_LIST(X)
 #undef X
@@ -37,15 +37,18 @@ const ProtobufCMessageDescriptor *relight_type_message(uint16_t type)
 const char *relight_frame_fault_text(int fault)
 {
     switch (fault) {
-#define X(name, code, text)                                                                    \
-    case code: return text;
+#define X(name, code, text) \
+    case code:              \
+        return text;
         RELIGHT_FRAME_FAULT_LIST(X)
 #undef X
-    default: return "no fault";
+    default:
+        return "no fault";
     }
 }
 
-// Byte by byte: the format is little-endian on every machine, and compilers see one load or store.
+// Byte by byte: the format is little-endian on every machine, and compilers see one load or
+// store.
 static void put(uint8_t *p, uint64_t value, unsigned n)
 {
     for (unsigned i = 0; i < n; i++) p[i] = (uint8_t)(value >> 8 * i);
@@ -65,7 +68,8 @@ size_t relight_frame_prefix_size(uint32_t header_size, uint64_t payload_size)
     return (size + RELIGHT_FRAME_ALIGN - 1) / RELIGHT_FRAME_ALIGN * RELIGHT_FRAME_ALIGN;
 }
 
-void relight_frame_put_fixed(const struct relight_frame *frame, uint8_t out[RELIGHT_FRAME_FIXED])
+void relight_frame_put_fixed(const struct relight_frame *frame,
+                             uint8_t out[RELIGHT_FRAME_FIXED])
 {
     put(out, RELIGHT_FRAME_MAGIC, 4);
     put(out + 4, RELIGHT_PROTOCOL_VERSION, 1);
@@ -103,8 +107,8 @@ int relight_frame_check_padding(const uint8_t *bytes, size_t begin, size_t end)
     return 0;
 }
 
-int relight_frame_pack(struct relight_frame *frame, const ProtobufCMessage *message, size_t lead,
-                       size_t room, uint8_t **out, size_t *size)
+int relight_frame_pack(struct relight_frame *frame, const ProtobufCMessage *message,
+                       size_t lead, size_t room, uint8_t **out, size_t *size)
 {
     size_t header = message ? protobuf_c_message_get_packed_size(message) : 0, total;
     if (header > UINT32_MAX / 2) return -1;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* proto/frame.h owns the frames that carry every message (PROTOCOL.md): encoding, an incremental
- * decoder for byte streams, and a parser for carriers that keep messages whole (WebSocket).
- * It knows nothing of sockets. Links protobuf-c only. */
+/* proto/frame.h owns the frames that carry every message (PROTOCOL.md): encoding, an
+ * incremental decoder for byte streams, and a parser for carriers that keep messages whole
+ * (WebSocket). It knows nothing of sockets. Links protobuf-c only. */
 #ifndef RELIGHT_FRAME_H
 #define RELIGHT_FRAME_H
 
@@ -19,8 +19,8 @@ extern "C" {
  *    0 u32 magic 0x54474c52 ("RLGT")     4 u8 version   5 u8 flags   6 u16 type
  *    8 u64 request id                   16 u32 header length         20 u32 deadline [ms]
  *   24 u64 payload length
- * then the header (protobuf), zeros up to the next multiple of 64 counted from the frame's first
- * byte when a payload follows (none otherwise), then the payload. */
+ * then the header (protobuf), zeros up to the next multiple of 64 counted from the frame's
+ * first byte when a payload follows (none otherwise), then the payload. */
 enum {
     RELIGHT_FRAME_FIXED = 32,
     RELIGHT_FRAME_ALIGN = 64,
@@ -35,32 +35,32 @@ enum relight_frame_flag {
 };
 
 /* name, number, request message, answer message */
-#define RELIGHT_TYPE_LIST(X)                                                                   \
-    X(HELLO, 1, hello_request, hello_answer)                                                   \
-    X(PING, 2, ping_request, ping_answer)                                                      \
-    X(LIST, 3, list_request, list_answer)                                                      \
-    X(PUT_BLOB, 4, put_blob_request, put_blob_answer)                                          \
-    X(ENV, 5, env_request, env_answer)                                                         \
-    X(LOAD, 6, load_request, load_answer)                                                      \
-    X(WATCH, 7, watch_request, progress)                                                       \
-    X(CANCEL_JOB, 8, cancel_job_request, cancel_job_answer)                                    \
-    X(CANCEL, 9, cancel_request, cancel_answer)                                                \
-    X(INFO, 10, info_request, model_info)                                                      \
-    X(GEOMETRY, 11, geometry_request, geometry_answer)                                         \
-    X(COLORS, 12, colors_request, colors_answer)                                               \
-    X(IMAGE, 13, image_request, image_answer)                                                  \
-    X(VIEW_OPEN, 14, view_open_request, view_frame)                                            \
-    X(VIEW_SET, 15, view_set_request, view_set_answer)                                         \
-    X(VIEW_CLOSE, 16, view_close_request, view_close_answer)                                   \
-    X(UPDATE_VERTICES, 17, update_vertices_request, update_vertices_answer)                    \
-    X(UNLOAD, 18, unload_request, unload_answer)                                               \
+#define RELIGHT_TYPE_LIST(X)                                                \
+    X(HELLO, 1, hello_request, hello_answer)                                \
+    X(PING, 2, ping_request, ping_answer)                                   \
+    X(LIST, 3, list_request, list_answer)                                   \
+    X(PUT_BLOB, 4, put_blob_request, put_blob_answer)                       \
+    X(ENV, 5, env_request, env_answer)                                      \
+    X(LOAD, 6, load_request, load_answer)                                   \
+    X(WATCH, 7, watch_request, progress)                                    \
+    X(CANCEL_JOB, 8, cancel_job_request, cancel_job_answer)                 \
+    X(CANCEL, 9, cancel_request, cancel_answer)                             \
+    X(INFO, 10, info_request, model_info)                                   \
+    X(GEOMETRY, 11, geometry_request, geometry_answer)                      \
+    X(COLORS, 12, colors_request, colors_answer)                            \
+    X(IMAGE, 13, image_request, image_answer)                               \
+    X(VIEW_OPEN, 14, view_open_request, view_frame)                         \
+    X(VIEW_SET, 15, view_set_request, view_set_answer)                      \
+    X(VIEW_CLOSE, 16, view_close_request, view_close_answer)                \
+    X(UPDATE_VERTICES, 17, update_vertices_request, update_vertices_answer) \
+    X(UNLOAD, 18, unload_request, unload_answer)                            \
     X(STATS, 19, stats_request, stats_answer)
 
 enum relight_type {
 #define X(name, number, request, answer) RELIGHT_TYPE_##name = (number),
     RELIGHT_TYPE_LIST(X)
 #undef X
-    RELIGHT_TYPE_ANSWER = 0x8000, /* an answer has the request's type with this bit */
+        RELIGHT_TYPE_ANSWER = 0x8000, /* an answer has the request's type with this bit */
     RELIGHT_TYPE_ERROR = 0xffff
 };
 /* "hello", "put_blob", … for a request's or answer's type; "error"; "unknown". */
@@ -69,21 +69,21 @@ const char *relight_type_name(uint16_t type);
 const ProtobufCMessageDescriptor *relight_type_message(uint16_t type);
 
 struct relight_frame {
-    uint8_t flags;            /* enum relight_frame_flag */
+    uint8_t flags; /* enum relight_frame_flag */
     uint16_t type;
     uint64_t id;
-    uint32_t deadline_ms;     /* requests: from their arrival; 0: none. Answers: 0 */
+    uint32_t deadline_ms; /* requests: from their arrival; 0: none. Answers: 0 */
     uint32_t header_size;
     uint64_t payload_size;
-    const uint8_t *header;    /* [header_size] */
-    uint8_t *payload;         /* [payload_size], 64-byte aligned from relight_decoder */
+    const uint8_t *header; /* [header_size] */
+    uint8_t *payload;      /* [payload_size], 64-byte aligned from relight_decoder */
 };
 
 /* Limits on one frame. Frames beyond them are refused before anything is allocated. */
 struct relight_frame_limits {
-    uint32_t max_header;      /* bytes */
-    uint64_t max_payload;     /* bytes */
-    bool whole;               /* refuse frames with MORE: what a daemon does, requests are whole */
+    uint32_t max_header;  /* bytes */
+    uint64_t max_payload; /* bytes */
+    bool whole;           /* refuse frames with MORE: what a daemon does, requests are whole */
 };
 
 /* Bytes before the payload: fixed part, header, padding. */
@@ -93,22 +93,22 @@ void relight_frame_put_fixed(const struct relight_frame *frame,
                              uint8_t out[RELIGHT_FRAME_FIXED]);
 
 /* Packs everything before the payload into one malloc()ed buffer with `lead` unused bytes in
- * front of it and `room` after it (for LWS_PRE and short payloads): (*out)[lead .. lead + *size).
- * message may be NULL (continuation frames). `frame` gives flags, type, id, deadline_ms and
- * payload_size; its header_size is set. Returns 0, or -1 without memory. */
-int relight_frame_pack(struct relight_frame *frame, const ProtobufCMessage *message, size_t lead,
-                       size_t room, uint8_t **out, size_t *size);
+ * front of it and `room` after it (for LWS_PRE and short payloads): (*out)[lead .. lead +
+ * *size). message may be NULL (continuation frames). `frame` gives flags, type, id, deadline_ms
+ * and payload_size; its header_size is set. Returns 0, or -1 without memory. */
+int relight_frame_pack(struct relight_frame *frame, const ProtobufCMessage *message,
+                       size_t lead, size_t room, uint8_t **out, size_t *size);
 
 /* What can be wrong with a frame's bytes. */
-#define RELIGHT_FRAME_FAULT_LIST(X)                                                            \
-    X(MAGIC, -1, "does not start with RLGT: not this protocol")                                \
-    X(VERSION, -2, "frame version is not 1")                                                   \
-    X(FLAGS, -3, "flags are set that are unknown or not for this direction")                                                      \
-    X(HEADER, -4, "header is longer than the limit")                                           \
-    X(PAYLOAD, -5, "payload is longer than the limit")                                         \
-    X(PADDING, -6, "padding before the payload is not zero")                                   \
-    X(SHORT, -7, "message ends before its frame does")                                         \
-    X(LONG, -8, "message goes on after its frame")                                             \
+#define RELIGHT_FRAME_FAULT_LIST(X)                                          \
+    X(MAGIC, -1, "does not start with RLGT: not this protocol")              \
+    X(VERSION, -2, "frame version is not 1")                                 \
+    X(FLAGS, -3, "flags are set that are unknown or not for this direction") \
+    X(HEADER, -4, "header is longer than the limit")                         \
+    X(PAYLOAD, -5, "payload is longer than the limit")                       \
+    X(PADDING, -6, "padding before the payload is not zero")                 \
+    X(SHORT, -7, "message ends before its frame does")                       \
+    X(LONG, -8, "message goes on after its frame")                           \
     X(MEMORY, -9, "not enough memory for the frame")
 enum relight_frame_fault {
 #define X(name, code, text) RELIGHT_FAULT_##name = (code),
@@ -122,25 +122,26 @@ const char *relight_frame_fault_text(int fault);
 int relight_frame_parse(const void *bytes, size_t n, const struct relight_frame_limits *limits,
                         struct relight_frame *out);
 
-/* Incremental decoder of a byte stream. One thread at a time. After a fault it stays faulty: the
- * stream has lost its frames and must be closed. */
+/* Incremental decoder of a byte stream. One thread at a time. After a fault it stays faulty:
+ * the stream has lost its frames and must be closed. */
 struct relight_decoder {
     struct relight_frame_limits limits;
     struct relight_frame frame; /* valid when `ready` */
     int fault;
     bool ready;
     uint8_t fixed[RELIGHT_FRAME_FIXED];
-    uint8_t *head;              /* header and padding of the current frame */
+    uint8_t *head; /* header and padding of the current frame */
     size_t head_size, head_room;
-    uint64_t have;              /* bytes of the current frame so far */
+    uint64_t have; /* bytes of the current frame so far */
 };
 void relight_decoder_init(struct relight_decoder *decoder,
                           const struct relight_frame_limits *limits);
 void relight_decoder_finish(struct relight_decoder *decoder);
 
-/* Takes bytes up to the end of the current frame; *used says how many. Returns 1 when a frame is
- * ready in decoder->frame (it stays until the next feed or commit; see relight_decoder_take), 0
- * when more bytes are needed, or a fault. Call again with the rest after 1. */
+/* Takes bytes up to the end of the current frame; *used says how many. Returns 1 when a frame
+ * is ready in decoder->frame (it stays until the next feed or commit; see
+ * relight_decoder_take), 0 when more bytes are needed, or a fault. Call again with the rest
+ * after 1. */
 int relight_decoder_feed(struct relight_decoder *decoder, const void *bytes, size_t n,
                          size_t *used);
 /* Without a copy: where the next bytes belong (up to *n of them, never beyond this frame), and
@@ -148,7 +149,8 @@ int relight_decoder_feed(struct relight_decoder *decoder, const void *bytes, siz
  * while a frame is ready (commit 0 bytes to go on). */
 uint8_t *relight_decoder_space(struct relight_decoder *decoder, size_t *n);
 int relight_decoder_commit(struct relight_decoder *decoder, size_t n);
-/* Hands the ready frame's payload to the caller, who frees it with free(). NULL without payload. */
+/* Hands the ready frame's payload to the caller, who frees it with free(). NULL without
+ * payload. */
 uint8_t *relight_decoder_take(struct relight_decoder *decoder);
 
 /* Unpacks a frame's header as the message of its type; NULL when it does not parse or its type

@@ -19,25 +19,25 @@ struct options {
     float rotate_deg[MAX_WORDS], gain[MAX_WORDS][3];
     size_t n_env, n_rotate, n_gain;
     struct relight_shade shade;
-    char *material;                        /* text of shade.material, owned */
-    const char *map[3];                    /* files of albedo, normals, heights; their uploads */
+    char *material;     /* text of shade.material, owned */
+    const char *map[3]; /* files of albedo, normals, heights; their uploads */
     char map_hash[3][65];
     enum relight_color_format format;
     struct relight_picture picture;
-    struct relight_load load;              /* name, scale, bake, pin */
+    struct relight_load load; /* name, scale, bake, pin */
     const char *opaque[MAX_WORDS];
-    const char *positions, *normals;       /* .npy files of update-vertices */
+    const char *positions, *normals; /* .npy files of update-vertices */
     uint32_t first;
     bool wait, files, remote, forget, own_units;
 };
 
 struct command {
     const char *name, *args, *doc;
-    const char *takes;                     /* keys of the options it takes, see options.c */
+    const char *takes; /* keys of the options it takes, see options.c */
     bool has_target;
     int (*run)(struct relight_client *client, struct options *options);
 };
-extern const struct command commands[];    /* ends with name NULL */
+extern const struct command commands[]; /* ends with name NULL */
 
 /* options.c: parses argv; exits with EXIT_USAGE on wrong usage. */
 const struct command *options_parse(int argc, char **argv, struct options *options);
@@ -48,7 +48,7 @@ void options_finish(struct options *options);
 int report_error(const struct options *options, const struct relight_error *error);
 int report_usage(const struct options *options, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
-void print_json(cJSON *json);              /* one line on stdout; deletes it */
+void print_json(cJSON *json); /* one line on stdout; deletes it */
 /* Numbers with the digits that a float has. */
 void add_float(cJSON *json, const char *key, double x);
 void add_floats(cJSON *json, const char *key, const float x[3]);
@@ -59,15 +59,21 @@ void progress_clear(void);
 /* output.c: files, written to a temporary file that is renamed. 0 or EXIT_FAILED, reported. */
 int write_file(const struct options *options, const char *path, const void *bytes, size_t n);
 enum output_kind {
-    OUTPUT_UNKNOWN, OUTPUT_CSV, OUTPUT_NPY, OUTPUT_PLY, OUTPUT_GLB, OUTPUT_PNG, OUTPUT_JPG,
+    OUTPUT_UNKNOWN,
+    OUTPUT_CSV,
+    OUTPUT_NPY,
+    OUTPUT_PLY,
+    OUTPUT_GLB,
+    OUTPUT_PNG,
+    OUTPUT_JPG,
     OUTPUT_EXR
 };
 enum output_kind output_kind(const char *path); /* by its suffix */
 /* Reads a .npy of little-endian f32 [n][3]; *out is malloc()ed. 0 or EXIT_FAILED, reported. */
 int read_npy(const struct options *options, const char *path, uint32_t *n, float **out);
 /* rgb [n][3] or NULL; geometry may be NULL for CSV and NPY. */
-int write_vertices(const struct options *options, const char *path, uint32_t n, const float *rgb,
-                   const struct relight_geometry *geometry);
+int write_vertices(const struct options *options, const char *path, uint32_t n,
+                   const float *rgb, const struct relight_geometry *geometry);
 
 /* The commands. */
 int run_ping(struct relight_client *client, struct options *options);

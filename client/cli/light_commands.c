@@ -58,7 +58,8 @@ static int get_maps(struct relight_client *client, struct options *o)
 {
     struct relight_error error;
     const char **use[3] = {&o->shade.albedo_map, &o->shade.normal_map, &o->shade.bump_map};
-    if (o->shade.bump_mm > 0 && !o->map[2]) return report_usage(o, "--bump-mm is for --bump-map");
+    if (o->shade.bump_mm > 0 && !o->map[2])
+        return report_usage(o, "--bump-mm is for --bump-map");
     for (int k = 0; k < 3; k++) {
         if (!o->map[k]) continue;
         if (relight_upload_file(client, o->map[k], progress_bar, NULL, o->map_hash[k], NULL,
@@ -91,7 +92,8 @@ static void print_cost(const char *what, const char *path, const struct relight_
     printf("%s: %s, %s, %.1f ms", path, what, relight_engine_name(cost->engine),
            (double)cost->total_ms);
     if (cost->error_bound > 0)
-        printf(", error %s%.2g %%", cost->samples ? "about " : "", 100 * (double)cost->error_bound);
+        printf(", error %s%.2g %%", cost->samples ? "about " : "",
+               100 * (double)cost->error_bound);
     putchar('\n');
     if (*cost->note) fprintf(stderr, "relight: %s\n", cost->note);
 }
@@ -108,7 +110,8 @@ static int save_colors(struct relight_client *client, struct options *o,
     float *rgb = malloc(((size_t)colors->n_vertex + 1) * 12);
     int status;
     if (!rgb) {
-        error = (struct relight_error){.code = RELIGHT_E_NO_MEMORY, .text = "not enough memory"};
+        error =
+            (struct relight_error){.code = RELIGHT_E_NO_MEMORY, .text = "not enough memory"};
         status = report_error(o, &error);
     } else if (solid && geometry.n_vertex != colors->n_vertex) {
         error = (struct relight_error){.code = RELIGHT_E_PROTOCOL,
@@ -175,8 +178,9 @@ int run_image(struct relight_client *client, struct options *o)
     struct relight_image image;
     enum output_kind kind = output_kind(o->output);
     if (!is_picture(kind)) return report_usage(o, "-o FILE has to end in .png, .jpg or .exr");
-    o->picture.format = kind == OUTPUT_PNG ? RELIGHT_PNG
-                        : kind == OUTPUT_EXR ? RELIGHT_EXR : RELIGHT_JPEG;
+    o->picture.format = kind == OUTPUT_PNG   ? RELIGHT_IMAGE_PNG
+                        : kind == OUTPUT_EXR ? RELIGHT_IMAGE_EXR
+                                             : RELIGHT_IMAGE_JPEG;
     int status = get_lights(client, o, lights, names);
     if (!status) status = get_maps(client, o);
     if (status) return status;
@@ -215,7 +219,8 @@ int run_edit(struct relight_client *client, struct options *o)
     if (!o->material) return report_usage(o, "--material is missing");
     enum output_kind kind = output_kind(o->output);
     if (!is_picture(kind) && !is_vertices(kind))
-        return report_usage(o, "-o FILE has to end in .png, .jpg, .exr, .csv, .npy, .ply or .glb");
+        return report_usage(o,
+                            "-o FILE has to end in .png, .jpg, .exr, .csv, .npy, .ply or .glb");
     return is_picture(kind) ? run_image(client, o) : run_colors(client, o);
 }
 

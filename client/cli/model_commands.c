@@ -66,7 +66,8 @@ int run_models(struct relight_client *client, struct options *options)
 {
     struct relight_error error;
     struct relight_list list;
-    if (relight_list(client, options->files, &list, &error)) return report_error(options, &error);
+    if (relight_list(client, options->files, &list, &error))
+        return report_error(options, &error);
     if (options->json) {
         cJSON *json = cJSON_CreateObject(), *models = cJSON_AddArrayToObject(json, "models");
         for (size_t i = 0; i < list.n_model; i++)
@@ -134,18 +135,21 @@ int run_info(struct relight_client *client, struct options *options)
         print_json(json);
     } else {
         printf("%s  %s\n  state: %s", m.id, m.name, relight_model_state_name(m.state));
-        if (m.state == RELIGHT_MODEL_BAKING) printf(" (%.0f %%, job %s)", 100 * m.fraction, m.job);
+        if (m.state == RELIGHT_MODEL_BAKING)
+            printf(" (%.0f %%, job %s)", 100 * m.fraction, m.job);
         if (*m.failure) printf(": %s", m.failure);
         if (m.stale) printf(", stale: vertices moved since the bake");
         printf("\n  geometry: %u vertices, %u triangles, %u objects, %.6g mm a unit, "
-               "%.4g x %.4g x %.4g mm\n", m.n_vertex, m.n_triangle, m.n_object, m.mm_per_unit,
+               "%.4g x %.4g x %.4g mm\n",
+               m.n_vertex, m.n_triangle, m.n_object, m.mm_per_unit,
                (double)(m.box_max[0] - m.box_min[0]), (double)(m.box_max[1] - m.box_min[1]),
                (double)(m.box_max[2] - m.box_min[2]));
         if (*m.engine)
-            printf("  transport: %s %s, 6x%ux%u, %.2f MB (%.1f bytes a vertex), %.2f MB in memory\n",
-                   m.storage, m.engine, m.cube, m.cube, (double)m.bytes * 1e-6,
-                   m.n_vertex ? (double)m.bytes / m.n_vertex : 0.0,
-                   (double)m.resident_bytes * 1e-6);
+            printf(
+                "  transport: %s %s, 6x%ux%u, %.2f MB (%.1f bytes a vertex), %.2f MB in memory\n",
+                m.storage, m.engine, m.cube, m.cube, (double)m.bytes * 1e-6,
+                m.n_vertex ? (double)m.bytes / m.n_vertex : 0.0,
+                (double)m.resident_bytes * 1e-6);
         if (m.error_bound > 0)
             printf("  measured relative RMSE: %.3g %%\n", 100 * m.error_bound);
         if (*m.material) printf("  material: %s\n", m.material);
@@ -170,11 +174,13 @@ int run_load(struct relight_client *client, struct options *options)
     const char *dot = strrchr(options->target, '.');
     bool unitless = dot && (!strcasecmp(dot, ".obj") || !strcasecmp(dot, ".ply"));
     if (unitless && !(load->size_mm > 0) && !(load->mm_per_unit > 0))
-        return report_usage(options, "%s has no unit of length: give --size-mm or --mm-per-unit",
+        return report_usage(options,
+                            "%s has no unit of length: give --size-mm or --mm-per-unit",
                             options->target);
     bool here = !options->remote && !access(options->target, F_OK);
     if (here && dot && !strcasecmp(dot, ".prt"))
-        return report_usage(options, "%s: a .prt is not uploaded, the daemon maps only files of its "
+        return report_usage(options,
+                            "%s: a .prt is not uploaded, the daemon maps only files of its "
                             "own: put it into its models folder and add --remote",
                             options->target);
     if (options->n_env > 1) return report_usage(options, "one --env at most");
@@ -209,8 +215,7 @@ int run_load(struct relight_client *client, struct options *options)
         print_json(json);
     } else if (!status) {
         printf("%s %s%s%s\n", loaded.model, relight_model_state_name(loaded.state),
-               *loaded.job && !options->wait ? " job " : "",
-               options->wait ? "" : loaded.job);
+               *loaded.job && !options->wait ? " job " : "", options->wait ? "" : loaded.job);
     }
     relight_loaded_finish(&loaded);
     return status ? report_error(options, &error) : EXIT_DONE;
@@ -271,7 +276,8 @@ int run_update(struct relight_client *client, struct options *options)
     uint64_t generation = 0;
     if (!options->positions) return report_usage(options, "--positions is missing");
     int status = read_npy(options, options->positions, &n, &position);
-    if (!status && options->normals) status = read_npy(options, options->normals, &n_normal, &normal);
+    if (!status && options->normals)
+        status = read_npy(options, options->normals, &n_normal, &normal);
     if (!status && normal && n_normal != n) {
         status = report_usage(options, "%u positions and %u normals", n, n_normal);
     } else if (!status &&
@@ -318,13 +324,10 @@ int run_stats(struct relight_client *client, struct options *options)
     for (size_t i = 0; i < stats.n_metric; i++) {
         if (options->json)
             cJSON_AddNumberToObject(json, stats.metric[i].name, stats.metric[i].value);
-        else
-            printf("%-44s %.15g\n", stats.metric[i].name, stats.metric[i].value);
+        else printf("%-44s %.15g\n", stats.metric[i].name, stats.metric[i].value);
     }
-    if (options->json)
-        print_json(json);
-    else
-        cJSON_Delete(json);
+    if (options->json) print_json(json);
+    else cJSON_Delete(json);
     relight_stats_finish(&stats);
     return EXIT_DONE;
 }

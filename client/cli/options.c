@@ -17,34 +17,60 @@ static const struct {
     char key;
     struct argp_option option;
 } table[] = {
-    {'s', {"server", 's', "ADDR", 0, "tcp:HOST:PORT or unix:PATH (default: $RELIGHT_SERVER, "
-           "unix:$XDG_RUNTIME_DIR/relightd.sock, tcp:127.0.0.1:7413)", 0}},
+    {'s',
+     {"server", 's', "ADDR", 0,
+      "tcp:HOST:PORT or unix:PATH (default: $RELIGHT_SERVER, "
+      "unix:$XDG_RUNTIME_DIR/relightd.sock, tcp:127.0.0.1:7413)",
+      0}},
     {'T', {"timeout", 'T', "SECONDS", 0, "give up after this long (default: wait)", 0}},
-    {'k', {"token", 'k', "TOKEN", 0, "for a daemon that wants one (default: $RELIGHT_TOKEN)", 0}},
+    {'k',
+     {"token", 'k', "TOKEN", 0, "for a daemon that wants one (default: $RELIGHT_TOKEN)", 0}},
     {'j', {"json", 'j', NULL, 0, "answer in JSON", 0}},
     {'o', {"output", 'o', "FILE", 0, "the answer goes here; its suffix tells the format", 0}},
-    {'e', {"env", 'e', "ENV", 0, "an image file, env:HASH, constant or constant:R,G,B; lights of "
-           "several --env add up", 0}},
-    {'r', {"rotate", 'r', "DEG", 0, "turn the light counter-clockwise about +y; the n-th belongs "
-           "to the n-th --env, a single one to all", 0}},
+    {'e',
+     {"env", 'e', "ENV", 0,
+      "an image file, env:HASH, constant or constant:R,G,B; lights of "
+      "several --env add up",
+      0}},
+    {'r',
+     {"rotate", 'r', "DEG", 0,
+      "turn the light counter-clockwise about +y; the n-th belongs "
+      "to the n-th --env, a single one to all",
+      0}},
     {'G', {"gain", 'G', "X|R,G,B", 0, "multiplies the n-th light", 0}},
     {'t', {"term", 't', "TERM", 0, "irradiance, multiple, single or total (default)", 0}},
     {'E', {"eye", 'E', "X,Y,Z", 0, "eye of view-dependent terms, in the model's units", 0}},
     {'m', {"material", 'm', "NAME|FILE", 0, "a preset's name, a JSON file or JSON text", 0}},
-    {'g', {"engine", 'g', "ENGINE", 0, "reference, wavelet, polynomial, joint, splat, tangent, "
-           "texture or hybrid (default: what the model was baked for)", 0}},
-    {'X', {"max-error", 'X', "X", 0, "load: error target of the bake; else refuse an answer whose "
-           "measured error bound is larger", 0}},
+    {'g',
+     {"engine", 'g', "ENGINE", 0,
+      "reference, wavelet, polynomial, joint, splat, tangent, "
+      "texture or hybrid (default: what the model was baked for)",
+      0}},
+    {'X',
+     {"max-error", 'X', "X", 0,
+      "load: error target of the bake; else refuse an answer whose "
+      "measured error bound is larger",
+      0}},
     {'b', {"budget-ms", 'b', "MS", 0, "time the image-space engines aim for", 0}},
-    {'Y', {"albedo-map", 'Y', "FILE", 0, "an image over the model's uv whose colours multiply the "
-           "medium's reflectance; pictures by image-space engines", 0}},
-    {'y', {"normal-map", 'y', "FILE", 0, "the same of tangent-space normals, for the light that "
-           "falls in", 0}},
+    {'Y',
+     {"albedo-map", 'Y', "FILE", 0,
+      "an image over the model's uv whose colours multiply the "
+      "medium's reflectance; pictures by image-space engines",
+      0}},
+    {'y',
+     {"normal-map", 'y', "FILE", 0,
+      "the same of tangent-space normals, for the light that "
+      "falls in",
+      0}},
     {'J', {"bump-map", 'J', "FILE", 0, "the same of heights", 0}},
     {'W', {"bump-mm", 'W', "H", 0, "height of a bump map's white (default 0.5)", 0}},
-    {'f', {"format", 'f', "FORMAT", 0, "colours travel as f32 (default), f16, rgb9e5 or srgb8", 0}},
-    {'c', {"camera", 'c', "CAMERA", 0, "EYE:TARGET[:UP][:FOVY] as x,y,z:x,y,z:x,y,z:deg "
-           "(default: frames the model)", 0}},
+    {'f',
+     {"format", 'f', "FORMAT", 0, "colours travel as f32 (default), f16, rgb9e5 or srgb8", 0}},
+    {'c',
+     {"camera", 'c', "CAMERA", 0,
+      "EYE:TARGET[:UP][:FOVY] as x,y,z:x,y,z:x,y,z:deg "
+      "(default: frames the model)",
+      0}},
     {'z', {"size", 'z', "WxH", 0, "pixels, up to 4096x4096 (default 800x600)", 0}},
     {'q', {"quality", 'q', "1..100", 0, "of a JPEG (default 90)", 0}},
     {'n', {"tone", 'n', "MAP", 0, "filmic (default), reinhard or none", 0}},
@@ -81,11 +107,16 @@ enum { N_TABLE = sizeof table / sizeof *table };
 #define PICTURE "czqnxBaSYyJW"
 
 const struct command commands[] = {
-    {"ping", "", "Asks whether the daemon answers.\v"
-     "Example:\n  relight -s unix:/run/relightd.sock ping", COMMON, false, run_ping},
-    {"models", "", "Lists the models the daemon holds.\v"
-     "Examples:\n  relight models\n  relight models --files --json", COMMON "l", false, run_models},
-    {"load", "MODEL", "Hands a model to the daemon and starts its bake.\v"
+    {"ping", "",
+     "Asks whether the daemon answers.\v"
+     "Example:\n  relight -s unix:/run/relightd.sock ping",
+     COMMON, false, run_ping},
+    {"models", "",
+     "Lists the models the daemon holds.\v"
+     "Examples:\n  relight models\n  relight models --files --json",
+     COMMON "l", false, run_models},
+    {"load", "MODEL",
+     "Hands a model to the daemon and starts its bake.\v"
      "MODEL is a local .glb, .gltf, .obj or .ply file, which is uploaded unless the daemon has it, "
      "or a path in the daemon's models folder, where a .prt may lie too. Prints the model's id and "
      "the bake's job.\n\n"
@@ -96,44 +127,59 @@ const struct command commands[] = {
      "  relight load jade.glb --material jade.json --transport joint\n"
      "  relight load draft.glb --material marble --preview",
      COMMON "DUmPRNCKAHdXOMpwZerV", true, run_load},
-    {"info", "ID", "Tells all about a model: geometry, bake, measured error.\v"
-     "Examples:\n  relight info bunny\n  relight info 3f9a --json", COMMON, true, run_info},
-    {"watch", "JOB", "Follows a job to its end; exit status 1 when it fails.\v"
+    {"info", "ID",
+     "Tells all about a model: geometry, bake, measured error.\v"
+     "Examples:\n  relight info bunny\n  relight info 3f9a --json",
+     COMMON, true, run_info},
+    {"watch", "JOB",
+     "Follows a job to its end; exit status 1 when it fails.\v"
      "JOB may also be a model's id. With --json one line for each change.\n\n"
-     "Example:\n  relight watch 12", COMMON, true, run_watch},
+     "Example:\n  relight watch 12",
+     COMMON, true, run_watch},
     {"cancel", "JOB", "Stops a job.\vExample:\n  relight cancel 12", COMMON, true, run_cancel},
-    {"env", "FILE", "Uploads an environment, has it decoded, prints env:HASH.\v"
-     "Example:\n  relight env sunrise.exr", COMMON, true, run_env},
-    {"colors", "ID", "Relights a model to vertex colours.\v"
+    {"env", "FILE",
+     "Uploads an environment, has it decoded, prints env:HASH.\v"
+     "Example:\n  relight env sunrise.exr",
+     COMMON, true, run_env},
+    {"colors", "ID",
+     "Relights a model to vertex colours.\v"
      "Linear RGB radiance, one colour for each vertex of the model's file. FILE ends in .csv, "
      ".npy, .ply or .glb; the last two hold the geometry too.\n\n"
      "Examples:\n  relight colors bunny --env sunrise.exr --rotate 90 -o bunny.csv\n"
      "  relight colors bunny --env constant:1,1,1 --term multiple -o bunny.npy",
      COMMON LIGHT "ofx", true, run_colors},
-    {"image", "ID", "Relights a model to a picture.\v"
+    {"image", "ID",
+     "Relights a model to a picture.\v"
      "FILE ends in .png, .jpg or .exr (linear radiance).\n\n"
      "Examples:\n  relight image bunny --env sunrise.exr --size 1280x720 -o bunny.png\n"
      "  relight image bunny --env env:HASH --camera 0,1,3:0,1,0 --exposure -1 -o bunny.exr\n"
      "  relight image head --env studio.exr --albedo-map skin.jpg --normal-map skin_n.png "
      "-o head.png",
      COMMON LIGHT PICTURE "o", true, run_image},
-    {"edit", "ID", "Gives a model another material, without a bake.\v"
+    {"edit", "ID",
+     "Gives a model another material, without a bake.\v"
      "Writes a picture or vertex colours, by FILE's suffix. Needs a model with joint or polynomial "
      "transport; the latter keeps its own light.\n\n"
      "Examples:\n  relight edit bunny --material skin1 --env studio.hdr -o bunny.png\n"
      "  relight edit bunny --material '{\"sigma_s_prime\":[2,3,4],\"sigma_a\":[0,0,.1],"
-     "\"eta\":1.3}' --env studio.hdr -o bunny.npy", COMMON LIGHT PICTURE "of", true, run_edit},
-    {"geometry", "ID", "Fetches positions, normals and triangles.\v"
+     "\"eta\":1.3}' --env studio.hdr -o bunny.npy",
+     COMMON LIGHT PICTURE "of", true, run_edit},
+    {"geometry", "ID",
+     "Fetches positions, normals and triangles.\v"
      "FILE ends in .ply, .glb or .npy (positions).\n\n"
-     "Example:\n  relight geometry bunny -o bunny.ply", COMMON "ou", true, run_geometry},
-    {"update-vertices", "ID", "Moves a model's vertices, without a bake.\v"
+     "Example:\n  relight geometry bunny -o bunny.ply",
+     COMMON "ou", true, run_geometry},
+    {"update-vertices", "ID",
+     "Moves a model's vertices, without a bake.\v"
      "Triangles stay. Pictures follow at once, from the image-space engines; what the bake answers "
      "stays that of the old shape. unload puts the vertices back.\n\n"
      "Example:\n  relight geometry bunny --own-units -o p.npy\n"
-     "  relight update-vertices bunny --own-units --positions moved.npy", COMMON "iIuv", true,
-     run_update},
-    {"unload", "ID", "Frees a model's memory; its bake stays unless --forget.\v"
-     "Example:\n  relight unload bunny", COMMON "F", true, run_unload},
+     "  relight update-vertices bunny --own-units --positions moved.npy",
+     COMMON "iIuv", true, run_update},
+    {"unload", "ID",
+     "Frees a model's memory; its bake stays unless --forget.\v"
+     "Example:\n  relight unload bunny",
+     COMMON "F", true, run_unload},
     {"stats", "", "Prints the daemon's counters.\vExample:\n  relight stats --json", COMMON,
      false, run_stats},
     {NULL, NULL, NULL, NULL, false, NULL},
@@ -144,7 +190,8 @@ struct input {
     const struct command *command;
 };
 
-// ---- values --------------------------------------------------------------------------------------
+// ---- values
+// --------------------------------------------------------------------------------------
 
 static double number(struct argp_state *state, const char *what, const char *text, double min,
                      double max)
@@ -157,8 +204,8 @@ static double number(struct argp_state *state, const char *what, const char *tex
     return x;
 }
 
-static uint64_t whole(struct argp_state *state, const char *what, const char *text, uint64_t min,
-                      uint64_t max)
+static uint64_t whole(struct argp_state *state, const char *what, const char *text,
+                      uint64_t min, uint64_t max)
 {
     char *end;
     errno = 0;
@@ -206,8 +253,8 @@ static void material(struct argp_state *state, struct options *o, const char *te
         char *bytes = malloc(MAX + 1);
         size_t n = bytes ? fread(bytes, 1, MAX + 1, file) : 0;
         if (!n || n > MAX || ferror(file) || strnlen(bytes, n) != n)
-            argp_failure(state, EXIT_FAILED, 0, "%s: is not a material's JSON (1 to 65536 bytes)",
-                         text);
+            argp_failure(state, EXIT_FAILED, 0,
+                         "%s: is not a material's JSON (1 to 65536 bytes)", text);
         bytes[n < MAX ? n : MAX] = 0;
         fclose(file);
         // The daemon takes a leading brace for JSON text.
@@ -225,8 +272,8 @@ static void size(struct argp_state *state, struct options *o, const char *text)
 {
     unsigned w, h;
     int used = 0;
-    if (sscanf(text, "%ux%u%n", &w, &h, &used) != 2 || text[used] || w < 1 || h < 1 || w > 4096 ||
-        h > 4096 || strchr(text, '-'))
+    if (sscanf(text, "%ux%u%n", &w, &h, &used) != 2 || text[used] || w < 1 || h < 1 ||
+        w > 4096 || h > 4096 || strchr(text, '-'))
         argp_error(state, "--size %s: expected WxH, each in [1, 4096]", text);
     o->picture.width = w;
     o->picture.height = h;
@@ -243,11 +290,21 @@ static error_t set(int key, char *arg, struct argp_state *state)
     struct options *o = input->options;
     struct relight_error error;
     switch (key) {
-    case 's': o->server = arg; break;
-    case 'T': o->timeout_s = number(state, "timeout", arg, 1e-3, 1e6); break;
-    case 'k': o->token = arg; break;
-    case 'j': o->json = true; break;
-    case 'o': o->output = arg; break;
+    case 's':
+        o->server = arg;
+        break;
+    case 'T':
+        o->timeout_s = number(state, "timeout", arg, 1e-3, 1e6);
+        break;
+    case 'k':
+        o->token = arg;
+        break;
+    case 'j':
+        o->json = true;
+        break;
+    case 'o':
+        o->output = arg;
+        break;
     case 'e':
         full(state, "env", o->n_env);
         o->env[o->n_env++] = arg;
@@ -274,43 +331,74 @@ static error_t set(int key, char *arg, struct argp_state *state)
         triple(state, "eye", arg, o->shade.eye);
         o->shade.has_eye = true;
         break;
-    case 'm': material(state, o, arg); break;
+    case 'm':
+        material(state, o, arg);
+        break;
     case 'g':
         o->shade.engine = (enum relight_engine)word(
             state, "engine", arg,
             "default\0reference\0wavelet\0polynomial\0joint\0splat\0tangent\0texture\0hybrid\0");
         break;
-    case 'X': o->load.bake.max_error = o->shade.max_error =
-        (float)number(state, "max-error", arg, 1e-6, 1); break;
-    case 'b': o->shade.budget_ms = (uint32_t)whole(state, "budget-ms", arg, 1, 1000000); break;
-    case 'Y': o->map[0] = arg; break;
-    case 'y': o->map[1] = arg; break;
-    case 'J': o->map[2] = arg; break;
-    case 'W': o->shade.bump_mm = (float)number(state, "bump-mm", arg, 1e-6, 1e4); break;
+    case 'X':
+        o->load.bake.max_error = o->shade.max_error =
+            (float)number(state, "max-error", arg, 1e-6, 1);
+        break;
+    case 'b':
+        o->shade.budget_ms = (uint32_t)whole(state, "budget-ms", arg, 1, 1000000);
+        break;
+    case 'Y':
+        o->map[0] = arg;
+        break;
+    case 'y':
+        o->map[1] = arg;
+        break;
+    case 'J':
+        o->map[2] = arg;
+        break;
+    case 'W':
+        o->shade.bump_mm = (float)number(state, "bump-mm", arg, 1e-6, 1e4);
+        break;
     case 'f':
-        o->format = (enum relight_color_format)word(state, "format", arg,
-                                                    "f32\0f16\0rgb9e5\0srgb8\0");
+        o->format =
+            (enum relight_color_format)word(state, "format", arg, "f32\0f16\0rgb9e5\0srgb8\0");
         break;
     case 'c':
         if (relight_camera_parse(arg, &o->picture.camera, &error))
             argp_error(state, "%s", error.text);
         break;
-    case 'z': size(state, o, arg); break;
-    case 'q': o->picture.quality = (uint32_t)whole(state, "quality", arg, 1, 100); break;
-    case 'n':
-        o->picture.tone = (enum relight_tone)word(state, "tone", arg, "filmic\0reinhard\0none\0");
+    case 'z':
+        size(state, o, arg);
         break;
-    case 'x': o->picture.exposure_ev = (float)number(state, "exposure", arg, -40, 40); break;
+    case 'q':
+        o->picture.quality = (uint32_t)whole(state, "quality", arg, 1, 100);
+        break;
+    case 'n':
+        o->picture.tone =
+            (enum relight_tone)word(state, "tone", arg, "filmic\0reinhard\0none\0");
+        break;
+    case 'x':
+        o->picture.exposure_ev = (float)number(state, "exposure", arg, -40, 40);
+        break;
     case 'B':
         triple(state, "background", arg, o->picture.background);
         o->picture.plain_background = true;
         break;
     case 'a':
-        o->picture.samples = 1u << word(state, "samples-per-pixel", arg, "1\0" "2\0" "4\0" "8\0");
+        o->picture.samples = 1u << word(state, "samples-per-pixel", arg,
+                                        "1\0"
+                                        "2\0"
+                                        "4\0"
+                                        "8\0");
         break;
-    case 'S': o->picture.no_specular = true; break;
-    case 'D': o->load.size_mm = (float)number(state, "size-mm", arg, 1e-3, 1e6); break;
-    case 'U': o->load.mm_per_unit = (float)number(state, "mm-per-unit", arg, 1e-6, 1e6); break;
+    case 'S':
+        o->picture.no_specular = true;
+        break;
+    case 'D':
+        o->load.size_mm = (float)number(state, "size-mm", arg, 1e-3, 1e6);
+        break;
+    case 'U':
+        o->load.mm_per_unit = (float)number(state, "mm-per-unit", arg, 1e-6, 1e6);
+        break;
     case 'P':
         o->load.bake.transport = (enum relight_transport)(
             1 + word(state, "transport", arg, "wavelet\0polynomial\0joint\0"));
@@ -319,37 +407,78 @@ static error_t set(int key, char *arg, struct argp_state *state)
         o->load.bake.storage =
             (enum relight_storage)(1 + word(state, "storage", arg, "factored\0sparse\0"));
         break;
-    case 'N': o->load.bake.samples = (uint32_t)whole(state, "samples", arg, 100, 50000000); break;
-    case 'C': o->load.bake.cube = 16u << word(state, "cube", arg, "16\0" "32\0" "64\0" "128\0"); break;
-    case 'K': o->load.bake.coeffs = (uint32_t)whole(state, "coeffs", arg, 1, 98304); break;
-    case 'A': o->load.bake.rank = (uint32_t)whole(state, "rank", arg, 1, 4096); break;
+    case 'N':
+        o->load.bake.samples = (uint32_t)whole(state, "samples", arg, 100, 50000000);
+        break;
+    case 'C':
+        o->load.bake.cube = 16u << word(state, "cube", arg,
+                                        "16\0"
+                                        "32\0"
+                                        "64\0"
+                                        "128\0");
+        break;
+    case 'K':
+        o->load.bake.coeffs = (uint32_t)whole(state, "coeffs", arg, 1, 98304);
+        break;
+    case 'A':
+        o->load.bake.rank = (uint32_t)whole(state, "rank", arg, 1, 4096);
+        break;
     case 'H': {
         static const uint32_t terms[] = {1, 4, 9};
-        o->load.bake.phase_terms = terms[word(state, "phase-terms", arg, "1\0" "4\0" "9\0")];
+        o->load.bake.phase_terms = terms[word(state, "phase-terms", arg,
+                                              "1\0"
+                                              "4\0"
+                                              "9\0")];
         break;
     }
-    case 'd': o->load.bake.seed = whole(state, "seed", arg, 0, UINT64_MAX); break;
+    case 'd':
+        o->load.bake.seed = whole(state, "seed", arg, 0, UINT64_MAX);
+        break;
     case 'O':
         full(state, "opaque", o->load.n_opaque);
         o->opaque[o->load.n_opaque++] = arg;
         break;
-    case 'M': o->load.name = arg; break;
-    case 'p': o->load.pin = true; break;
-    case 'w': o->wait = true; break;
-    case 'Z': o->remote = true; break;
-    case 'V': o->load.preview = true; break;
-    case 'i': o->positions = arg; break;
-    case 'v': o->normals = arg; break;
-    case 'I': o->first = (uint32_t)whole(state, "first", arg, 0, UINT32_MAX); break;
-    case 'l': o->files = true; break;
-    case 'F': o->forget = true; break;
-    case 'u': o->own_units = true; break;
-    default: return ARGP_ERR_UNKNOWN;
+    case 'M':
+        o->load.name = arg;
+        break;
+    case 'p':
+        o->load.pin = true;
+        break;
+    case 'w':
+        o->wait = true;
+        break;
+    case 'Z':
+        o->remote = true;
+        break;
+    case 'V':
+        o->load.preview = true;
+        break;
+    case 'i':
+        o->positions = arg;
+        break;
+    case 'v':
+        o->normals = arg;
+        break;
+    case 'I':
+        o->first = (uint32_t)whole(state, "first", arg, 0, UINT32_MAX);
+        break;
+    case 'l':
+        o->files = true;
+        break;
+    case 'F':
+        o->forget = true;
+        break;
+    case 'u':
+        o->own_units = true;
+        break;
+    default:
+        return ARGP_ERR_UNKNOWN;
     }
     return 0;
 }
 
-// ---- the two parsers -----------------------------------------------------------------------------
+// ---- the two parsers
+// -----------------------------------------------------------------------------
 
 static void pick(struct argp_option out[N_TABLE + 1], const char *keys)
 {
@@ -406,7 +535,8 @@ static char *main_doc(void)
     fputs("\n'relight COMMAND --help' tells a command's options.\n\n"
           "Exit status: 0 done, 1 failed, 2 wrong usage, 3 server unreachable.\n\n"
           "Example:\n  relight load bunny.obj --size-mm 50 --material marble --wait\n"
-          "  relight image bunny --env sunrise.exr -o bunny.png", f);
+          "  relight image bunny --env sunrise.exr -o bunny.png",
+          f);
     fclose(f);
     return text;
 }
@@ -422,14 +552,16 @@ const struct command *options_parse(int argc, char **argv, struct options *optio
 
     char *doc = main_doc();
     pick(picked, COMMON);
-    struct argp top = {picked, parse_main, "COMMAND [ARGUMENT] [OPTION...]", doc, NULL, NULL, NULL};
+    struct argp top = {picked, parse_main, "COMMAND [ARGUMENT] [OPTION...]", doc, NULL,
+                       NULL,   NULL};
     // The command is the first word that is no option and no option's value; what stands before
     // it, and it, is parsed here, the rest by the command's own parser.
     int first = 1;
     while (first < argc && argv[first][0] == '-' && argv[first][1]) {
         const char *w = argv[first];
-        bool takes = (!strcmp(w, "-s") || !strcmp(w, "-T") || !strcmp(w, "-k") ||
-                      !strcmp(w, "--server") || !strcmp(w, "--timeout") || !strcmp(w, "--token"));
+        bool takes =
+            (!strcmp(w, "-s") || !strcmp(w, "-T") || !strcmp(w, "-k") ||
+             !strcmp(w, "--server") || !strcmp(w, "--timeout") || !strcmp(w, "--token"));
         first += takes ? 2 : 1;
     }
     if (first > argc) first = argc;
@@ -440,8 +572,8 @@ const struct command *options_parse(int argc, char **argv, struct options *optio
     snprintf(name, sizeof name, "relight %s", input.command->name);
     argv[first] = name;
     pick(picked, input.command->takes);
-    struct argp sub = {picked, parse_command, input.command->args, input.command->doc, NULL, NULL,
-                       NULL};
+    struct argp sub = {picked, parse_command, input.command->args, input.command->doc, NULL,
+                       NULL,   NULL};
     argp_parse(&sub, argc - first, argv + first, 0, NULL, &input);
     return input.command;
 }

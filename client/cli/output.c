@@ -60,8 +60,8 @@ enum output_kind output_kind(const char *path)
     static const struct {
         const char *suffix;
         enum output_kind kind;
-    } kinds[] = {{"csv", OUTPUT_CSV}, {"npy", OUTPUT_NPY}, {"ply", OUTPUT_PLY},
-                 {"glb", OUTPUT_GLB}, {"png", OUTPUT_PNG}, {"jpg", OUTPUT_JPG},
+    } kinds[] = {{"csv", OUTPUT_CSV},  {"npy", OUTPUT_NPY}, {"ply", OUTPUT_PLY},
+                 {"glb", OUTPUT_GLB},  {"png", OUTPUT_PNG}, {"jpg", OUTPUT_JPG},
                  {"jpeg", OUTPUT_JPG}, {"exr", OUTPUT_EXR}};
     const char *dot = path ? strrchr(path, '.') : NULL;
     for (unsigned i = 0; dot && i < sizeof kinds / sizeof *kinds; i++)
@@ -109,7 +109,8 @@ static void write_ply(FILE *f, const float *rgb, const struct relight_geometry *
     }
 }
 
-// ---- GLB -----------------------------------------------------------------------------------------
+// ---- GLB
+// -----------------------------------------------------------------------------------------
 
 static cJSON *add_item(cJSON *array)
 {
@@ -158,7 +159,8 @@ static void add_primitive(cJSON *primitives, cJSON *accessors, const struct reli
                           const struct relight_block *b, const int view[4])
 {
     enum { FLOAT = 5126, UINT = 5125 };
-    cJSON *primitive = add_item(primitives), *map = cJSON_AddObjectToObject(primitive, "attributes");
+    cJSON *primitive = add_item(primitives),
+          *map = cJSON_AddObjectToObject(primitive, "attributes");
     size_t at = 12 * (size_t)b->vertex_begin;
     const char *name[3] = {"POSITION", "NORMAL", "COLOR_0"};
     for (int i = 0; i < 3; i++) {
@@ -168,8 +170,8 @@ static void add_primitive(cJSON *primitives, cJSON *accessors, const struct reli
         cJSON_AddNumberToObject(map, name[i], cJSON_GetArraySize(accessors) - 1);
     }
     if (view[3] >= 0 && b->n_triangle) {
-        add_accessor(accessors, view[3], 12 * (size_t)b->triangle_begin, UINT, 3 * b->n_triangle,
-                     "SCALAR");
+        add_accessor(accessors, view[3], 12 * (size_t)b->triangle_begin, UINT,
+                     3 * b->n_triangle, "SCALAR");
         cJSON_AddNumberToObject(primitive, "indices", cJSON_GetArraySize(accessors) - 1);
     }
     cJSON_AddNumberToObject(primitive, "material", 0);
@@ -188,7 +190,7 @@ static void write_u32(FILE *f, uint32_t x)
 }
 
 static int write_indices(FILE *f, const struct relight_geometry *g,
-                          const struct relight_block *block, size_t n_block)
+                         const struct relight_block *block, size_t n_block)
 {
     uint32_t *index = malloc(12 * ((size_t)g->n_triangle + 1));
     if (!index) return -1;
@@ -196,7 +198,8 @@ static int write_indices(FILE *f, const struct relight_geometry *g,
     for (size_t k = 0; k < n_block; k++) {
         if (!block_fits(g, block + k)) continue;
         uint32_t *at = index + 3 * (size_t)block[k].triangle_begin;
-        for (size_t i = 0; i < 3 * (size_t)block[k].n_triangle; i++) at[i] -= block[k].vertex_begin;
+        for (size_t i = 0; i < 3 * (size_t)block[k].n_triangle; i++)
+            at[i] -= block[k].vertex_begin;
     }
     fwrite(index, 12, g->n_triangle, f);
     free(index);
@@ -257,7 +260,8 @@ static int write_glb(FILE *f, const float *rgb, const struct relight_geometry *g
     if (!json) return -1;
     size_t size = strlen(json), padded = (size + 3) / 4 * 4;
     uint64_t rows = 12 * (uint64_t)g->n_vertex;
-    uint64_t bin = rows * (1 + (g->normal != NULL) + (rgb != NULL)) + 12 * (uint64_t)g->n_triangle;
+    uint64_t bin =
+        rows * (1 + (g->normal != NULL) + (rgb != NULL)) + 12 * (uint64_t)g->n_triangle;
     if (bin + padded + 28 > UINT32_MAX) {
         free(json);
         return -2;
@@ -278,8 +282,8 @@ static int write_glb(FILE *f, const float *rgb, const struct relight_geometry *g
     return write_indices(f, g, block, n_block);
 }
 
-int write_vertices(const struct options *options, const char *path, uint32_t n, const float *rgb,
-                   const struct relight_geometry *geometry)
+int write_vertices(const struct options *options, const char *path, uint32_t n,
+                   const float *rgb, const struct relight_geometry *geometry)
 {
     char *bytes = NULL;
     size_t size = 0;
@@ -287,22 +291,30 @@ int write_vertices(const struct options *options, const char *path, uint32_t n, 
     if (!f) return file_error(options, path, "not enough memory");
     int bad = 0;
     switch (output_kind(path)) {
-    case OUTPUT_CSV: write_csv(f, n, rgb); break;
-    case OUTPUT_NPY: write_npy(f, n, rgb ? rgb : geometry->position[0]); break;
-    case OUTPUT_PLY: write_ply(f, rgb, geometry); break;
-    default: bad = write_glb(f, rgb, geometry); break;
+    case OUTPUT_CSV:
+        write_csv(f, n, rgb);
+        break;
+    case OUTPUT_NPY:
+        write_npy(f, n, rgb ? rgb : geometry->position[0]);
+        break;
+    case OUTPUT_PLY:
+        write_ply(f, rgb, geometry);
+        break;
+    default:
+        bad = write_glb(f, rgb, geometry);
+        break;
     }
     bool failed = ferror(f) != 0;
     failed |= fclose(f) != 0;
-    int status = bad == -2  ? file_error(options, path, "more than 4 GiB do not fit a .glb")
+    int status = bad == -2 ? file_error(options, path, "more than 4 GiB do not fit a .glb")
                  : bad || failed ? file_error(options, path, "not enough memory")
-                            : write_file(options, path, bytes, size);
+                                 : write_file(options, path, bytes, size);
     free(bytes);
     return status;
 }
 
-// The header of a .npy is a Python literal; what geometry -o writes and numpy.save of a C-ordered
-// float32 array reads: {'descr': '<f4', 'fortran_order': False, 'shape': (n, 3), }.
+// The header of a .npy is a Python literal; what geometry -o writes and numpy.save of a
+// C-ordered float32 array reads: {'descr': '<f4', 'fortran_order': False, 'shape': (n, 3), }.
 static bool npy_rows(const char *header, uint32_t *n)
 {
     const char *shape = strstr(header, "'shape':");

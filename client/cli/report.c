@@ -13,11 +13,14 @@ static int exit_status(int code)
 {
     switch (code) {
     case RELIGHT_E_UNREACHABLE:
-    case RELIGHT_E_DISCONNECTED: return EXIT_UNREACHABLE;
+    case RELIGHT_E_DISCONNECTED:
+        return EXIT_UNREACHABLE;
     case RELIGHT_E_ARGUMENT:
     case RELIGHT_E_OUT_OF_RANGE:
-    case RELIGHT_E_MISMATCH: return EXIT_USAGE;
-    default: return EXIT_FAILED;
+    case RELIGHT_E_MISMATCH:
+        return EXIT_USAGE;
+    default:
+        return EXIT_FAILED;
     }
 }
 
@@ -86,7 +89,9 @@ int progress_bar(void *user, const struct relight_progress *progress)
     struct winsize window = {.ws_col = 80};
     ioctl(STDERR_FILENO, TIOCGWINSZ, &window);
     int width = window.ws_col > 70 ? 30 : 10;
-    double fraction = progress->fraction < 0 ? 0 : progress->fraction > 1 ? 1 : progress->fraction;
+    double fraction = progress->fraction < 0   ? 0
+                      : progress->fraction > 1 ? 1
+                                               : progress->fraction;
     int filled = (int)(fraction * width);
     char left[32] = "";
     if (progress->eta_s >= 0 && progress->eta_s < 1e6)

@@ -63,8 +63,8 @@ static int connect_unix(const char *path, double timeout_s, struct relight_error
                             path, sizeof to.sun_path - 1);
     memcpy(to.sun_path, path, strlen(path));
     int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    int fault = fd < 0 ? errno
-                       : connect_within(fd, (struct sockaddr *)&to, sizeof to, timeout_s);
+    int fault =
+        fd < 0 ? errno : connect_within(fd, (struct sockaddr *)&to, sizeof to, timeout_s);
     if (!fault) return fd;
     if (fd >= 0) close(fd);
     return relight_fail(error, RELIGHT_E_UNREACHABLE, start_hint, "unix:%s: %s", path,
@@ -127,6 +127,6 @@ int relight_socket(const char *address, double timeout_s, struct relight_error *
 {
     if (!strncmp(address, "unix:", 5)) return connect_unix(address + 5, timeout_s, error);
     if (!strncmp(address, "tcp:", 4)) return connect_tcp(address + 4, timeout_s, error);
-    return relight_fail(error, RELIGHT_E_ARGUMENT, "", "%s: expected tcp:HOST:PORT or unix:PATH",
-                        address);
+    return relight_fail(error, RELIGHT_E_ARGUMENT, "",
+                        "%s: expected tcp:HOST:PORT or unix:PATH", address);
 }

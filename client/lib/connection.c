@@ -18,17 +18,17 @@ enum { N_BUCKET = 64, READ_SIZE = 1 << 16 };
 static const double grace_s = 1.0; // the daemon's own "deadline passed" should arrive first
 
 struct slot {
-    struct slot *next;         // in its bucket
+    struct slot *next; // in its bucket
     uint64_t id;
-    double deadline_s;         // when its caller gives up; INFINITY none
-    bool last;                 // its last answer is queued
-    bool forgotten;            // nobody waits: drop answers, free at the last one
+    double deadline_s; // when its caller gives up; INFINITY none
+    bool last;         // its last answer is queued
+    bool forgotten;    // nobody waits: drop answers, free at the last one
     struct answer *head, **tail;
-    struct answer *part;       // message whose payload is still coming (MORE)
+    struct answer *part; // message whose payload is still coming (MORE)
     uint64_t part_room;
 };
 
-struct out_item {              // lives on the stack of the thread that sends
+struct out_item { // lives on the stack of the thread that sends
     struct out_item *next;
     const struct iovec *piece;
     int n_piece, at;
@@ -37,11 +37,11 @@ struct out_item {              // lives on the stack of the thread that sends
 };
 
 struct relight_client {
-    pthread_mutex_t lock;      // everything below
+    pthread_mutex_t lock; // everything below
     pthread_cond_t changed;
     int fd, wake_fd;
-    bool leading;              // some thread polls
-    bool lead_writes;          // and waits for POLLOUT as well
+    bool leading;     // some thread polls
+    bool lead_writes; // and waits for POLLOUT as well
     bool broken;
     struct relight_error fault; // why
     uint64_t next_id;
@@ -55,7 +55,8 @@ struct relight_client {
     struct answer *hello;
 };
 
-// ---- errors ------------------------------------------------------------------------------------
+// ---- errors
+// ------------------------------------------------------------------------------------
 
 int relight_fail(struct relight_error *error, int code, const char *hint, const char *fmt, ...)
 {
@@ -82,11 +83,13 @@ int relight_fail_message(struct relight_error *error, const Relight__Error *mess
 const char *relight_code_text(int code)
 {
     switch (code < 0 ? -code : code) {
-#define X(name, number, text)                                                                  \
-    case number: return text;
+#define X(name, number, text) \
+    case number:              \
+        return text;
         RELIGHT_CODE_LIST(X)
 #undef X
-    default: return "unknown error";
+    default:
+        return "unknown error";
     }
 }
 
@@ -114,7 +117,8 @@ static int broken(const struct relight_client *c, struct relight_error *error)
     return -c->fault.code;
 }
 
-// ---- slots -------------------------------------------------------------------------------------
+// ---- slots
+// -------------------------------------------------------------------------------------
 
 void relight_answer_free(struct answer *answer)
 {
@@ -162,7 +166,8 @@ static void drop_slot(struct relight_client *c, uint64_t id)
     free_slot(slot);
 }
 
-// ---- what arrives ------------------------------------------------------------------------------
+// ---- what arrives
+// ------------------------------------------------------------------------------
 
 // Appends a frame's payload to the message that is being put together.
 static int append_part(struct relight_client *c, struct slot *slot, uint8_t *bytes, uint64_t n)
@@ -238,8 +243,8 @@ static void read_some(struct relight_client *c)
         size_t room;
         uint8_t *to = relight_decoder_space(&c->decoder, &room);
         bool direct = to && room >= READ_SIZE;
-        ssize_t n = direct ? recv(c->fd, to, room, 0)
-                           : recv(c->fd, c->read_buffer, READ_SIZE, 0);
+        ssize_t n =
+            direct ? recv(c->fd, to, room, 0) : recv(c->fd, c->read_buffer, READ_SIZE, 0);
         if (n < 0 && errno == EINTR) continue;
         if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
         if (n <= 0) {
@@ -273,7 +278,8 @@ static void read_some(struct relight_client *c)
     }
 }
 
-// ---- what leaves -------------------------------------------------------------------------------
+// ---- what leaves
+// -------------------------------------------------------------------------------
 
 static void write_some(struct relight_client *c)
 {
@@ -352,7 +358,8 @@ static bool turn(struct relight_client *c, double end_s)
     return true;
 }
 
-// ---- requests ----------------------------------------------------------------------------------
+// ---- requests
+// ----------------------------------------------------------------------------------
 
 double relight_timeout(const struct relight_client *client)
 {
@@ -431,10 +438,8 @@ void relight_forget(struct relight_client *c, uint64_t id)
     pthread_mutex_lock(&c->lock);
     struct slot *slot = *find_slot(c, id);
     bool alive = slot && !slot->last && !c->broken;
-    if (alive)
-        slot->forgotten = true;
-    else
-        drop_slot(c, id);
+    if (alive) slot->forgotten = true;
+    else drop_slot(c, id);
     for (struct answer *a = alive ? slot->head : NULL, *next; a; a = next) {
         next = a->next;
         relight_answer_free(a);
@@ -496,8 +501,8 @@ int relight_call(struct relight_client *client, uint16_t type, const ProtobufCMe
                  struct answer **out, struct relight_error *error)
 {
     uint64_t id;
-    int status = relight_start(client, type, message, NULL, 0, client->timeout_s, false, &id,
-                               error);
+    int status =
+        relight_start(client, type, message, NULL, 0, client->timeout_s, false, &id, error);
     if (status) return status;
     return relight_end(client, id, type, out, error);
 }
@@ -519,7 +524,8 @@ int relight_end(struct relight_client *client, uint64_t id, uint16_t type, struc
                         client->address, relight_type_name(type));
 }
 
-// ---- connect and close --------------------------------------------------------------------------
+// ---- connect and close
+// --------------------------------------------------------------------------
 
 static int hello(struct relight_client *c, const struct relight_options *o,
                  struct relight_error *error)
@@ -589,10 +595,8 @@ int relight_connect(const char *address, const struct relight_options *options,
         if (error) error->code = RELIGHT_E_UNREACHABLE;
         status = -RELIGHT_E_UNREACHABLE;
     }
-    if (status)
-        relight_close(c);
-    else
-        *out = c;
+    if (status) relight_close(c);
+    else *out = c;
     return status;
 }
 

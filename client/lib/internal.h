@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* What the files of librelight share: the connection's engine, and building and reading messages. */
+/* What the files of librelight share: the connection's engine, and building and reading
+ * messages. */
 #ifndef RELIGHT_INTERNAL_H
 #define RELIGHT_INTERNAL_H
 
@@ -30,14 +31,14 @@ struct answer {
     struct answer *next;
     uint16_t type;
     bool last;
-    ProtobufCMessage *message;   /* never NULL */
-    uint8_t *payload;            /* free() */
+    ProtobufCMessage *message; /* never NULL */
+    uint8_t *payload;          /* free() */
     uint64_t payload_size;
 };
 void relight_answer_free(struct answer *answer);
 
-/* Sends a request and waits until all of it is written. payload may be NULL. deadline_s: given to
- * the daemon, 0 none. *id is set. With `forget` nobody will wait for its answers. */
+/* Sends a request and waits until all of it is written. payload may be NULL. deadline_s: given
+ * to the daemon, 0 none. *id is set. With `forget` nobody will wait for its answers. */
 int relight_start(struct relight_client *client, uint16_t type, const ProtobufCMessage *message,
                   const struct iovec *payload, int n_payload, double deadline_s, bool forget,
                   uint64_t *id, struct relight_error *error);
@@ -82,8 +83,8 @@ struct request_parts {
     Relight__Camera camera;
     Relight__Vec3 eye, target, up, background;
 };
-int relight_put_lights(struct request_parts *parts, size_t n, const struct relight_light *lights,
-                       struct relight_error *error);
+int relight_put_lights(struct request_parts *parts, size_t n,
+                       const struct relight_light *lights, struct relight_error *error);
 void relight_put_shade(struct request_parts *parts, const struct relight_shade *shade);
 void relight_put_picture(struct request_parts *parts, const struct relight_picture *picture);
 void relight_get_cost(const Relight__Cost *message, struct relight_cost *out);

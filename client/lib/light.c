@@ -9,8 +9,8 @@ static int start(struct relight_client *client, uint16_t type, const ProtobufCMe
                  struct relight_error *error)
 {
     if (!(timeout_s > 0)) timeout_s = relight_timeout(client);
-    return relight_start(client, type, message, parts->cube, parts->n_cube, timeout_s, false, id,
-                         error);
+    return relight_start(client, type, message, parts->cube, parts->n_cube, timeout_s, false,
+                         id, error);
 }
 
 int relight_colors_begin(struct relight_client *client,
@@ -116,7 +116,8 @@ void relight_image_finish(struct relight_image *image)
     *image = (struct relight_image){0};
 }
 
-// ---- colour formats ------------------------------------------------------------------------------
+// ---- colour formats
+// ------------------------------------------------------------------------------
 
 void relight_decode_f16(const uint16_t *in, size_t n, float *out)
 {
@@ -163,10 +164,18 @@ int relight_colors_decode(const struct relight_colors *colors, uint32_t plane, f
     const uint8_t *data = (const uint8_t *)colors->data + plane * colors->plane_bytes;
     size_t n = colors->n_vertex;
     switch (colors->format) {
-    case RELIGHT_F32: memcpy(out, data, n * 12); break;
-    case RELIGHT_F16: relight_decode_f16((const uint16_t *)data, n * 3, out); break;
-    case RELIGHT_RGB9E5: relight_decode_rgb9e5((const uint32_t *)data, n, out); break;
-    case RELIGHT_SRGB8: relight_decode_srgb8(data, n, out); break;
+    case RELIGHT_COLOR_F32:
+        memcpy(out, data, n * 12);
+        break;
+    case RELIGHT_COLOR_F16:
+        relight_decode_f16((const uint16_t *)data, n * 3, out);
+        break;
+    case RELIGHT_COLOR_RGB9E5:
+        relight_decode_rgb9e5((const uint32_t *)data, n, out);
+        break;
+    case RELIGHT_COLOR_SRGB8:
+        relight_decode_srgb8(data, n, out);
+        break;
     }
     return 0;
 }

@@ -8,22 +8,21 @@
 // Public enums are the schema's numbers.
 _Static_assert((int)RELIGHT_ENGINE_HYBRID == RELIGHT__ENGINE__ENGINE_HYBRID, "engine");
 _Static_assert((int)RELIGHT_TERM_SINGLE == RELIGHT__TERM__TERM_SINGLE, "term");
-_Static_assert((int)RELIGHT_SRGB8 == RELIGHT__COLOR_FORMAT__COLOR_SRGB8, "colour format");
+_Static_assert((int)RELIGHT_COLOR_SRGB8 == RELIGHT__COLOR_FORMAT__COLOR_SRGB8, "colour format");
 _Static_assert((int)RELIGHT_IMAGE_F16 == RELIGHT__IMAGE_FORMAT__IMAGE_F16, "image format");
-_Static_assert((int)RELIGHT_NONE == RELIGHT__TONE__TONE_NONE, "tone");
+_Static_assert((int)RELIGHT_TONE_NONE == RELIGHT__TONE__TONE_NONE, "tone");
 _Static_assert((int)RELIGHT_MODEL_FAILED == RELIGHT__MODEL_STATE__MODEL_FAILED, "model state");
 _Static_assert((int)RELIGHT_JOB_CANCELLED == RELIGHT__JOB_STATE__JOB_CANCELLED, "job state");
 _Static_assert((int)RELIGHT_E_JOB_FAILED == RELIGHT__ERROR_CODE__ERROR_JOB_FAILED, "codes");
-_Static_assert((int)RELIGHT_TRANSPORT_JOINT == RELIGHT__TRANSPORT__TRANSPORT_JOINT, "transport");
+_Static_assert((int)RELIGHT_TRANSPORT_JOINT == RELIGHT__TRANSPORT__TRANSPORT_JOINT,
+               "transport");
 _Static_assert((int)RELIGHT_STORAGE_SPARSE == RELIGHT__STORAGE__STORAGE_SPARSE, "storage");
 
 struct owner *relight_owner(struct answer *answer)
 {
     struct owner *owner = calloc(1, sizeof *owner);
-    if (!owner)
-        relight_answer_free(answer);
-    else
-        owner->answer = answer;
+    if (!owner) relight_answer_free(answer);
+    else owner->answer = answer;
     return owner;
 }
 
@@ -50,13 +49,13 @@ static Relight__Vec3 vec3(const float v[3])
     return m;
 }
 
-int relight_put_lights(struct request_parts *parts, size_t n, const struct relight_light *lights,
-                       struct relight_error *error)
+int relight_put_lights(struct request_parts *parts, size_t n,
+                       const struct relight_light *lights, struct relight_error *error)
 {
     parts->n_cube = 0;
     if (n > RELIGHT_MAX_LIGHT)
-        return relight_fail(error, RELIGHT_E_ARGUMENT, "", "%zu lights, at most %d a request", n,
-                            RELIGHT_MAX_LIGHT);
+        return relight_fail(error, RELIGHT_E_ARGUMENT, "", "%zu lights, at most %d a request",
+                            n, RELIGHT_MAX_LIGHT);
     for (size_t i = 0; i < n; i++) {
         const struct relight_light *in = lights + i;
         Relight__Light *m = parts->light + i;
@@ -71,7 +70,8 @@ int relight_put_lights(struct request_parts *parts, size_t n, const struct relig
             return relight_fail(error, RELIGHT_E_ARGUMENT, "",
                                 "light %zu needs either an environment or a cube", i);
         if (in->cube_n) {
-            if (in->cube_n < 16 || in->cube_n > 128 || in->cube_n & (in->cube_n - 1) || !in->cube)
+            if (in->cube_n < 16 || in->cube_n > 128 || in->cube_n & (in->cube_n - 1) ||
+                !in->cube)
                 return relight_fail(error, RELIGHT_E_ARGUMENT, "",
                                     "light %zu: cube of %u, allowed are 16, 32, 64, 128", i,
                                     in->cube_n);
@@ -159,11 +159,15 @@ void relight_get_cost(const Relight__Cost *m, struct relight_cost *out)
 static unsigned color_bytes(Relight__ColorFormat format)
 {
     switch ((int)format) {
-    case RELIGHT_F32: return 12;
-    case RELIGHT_F16: return 6;
-    case RELIGHT_RGB9E5:
-    case RELIGHT_SRGB8: return 4;
-    default: return 0;
+    case RELIGHT_COLOR_F32:
+        return 12;
+    case RELIGHT_COLOR_F16:
+        return 6;
+    case RELIGHT_COLOR_RGB9E5:
+    case RELIGHT_COLOR_SRGB8:
+        return 4;
+    default:
+        return 0;
     }
 }
 
@@ -177,9 +181,10 @@ int relight_get_colors(const Relight__ColorsAnswer *m, const uint8_t *payload,
         (m->n_plane > 1 && m->plane_bytes % RELIGHT_FRAME_ALIGN) ||
         __builtin_mul_overflow(m->plane_bytes, (uint64_t)m->n_plane - 1, &last) ||
         last > payload_size || payload_size - last < need)
-        return relight_fail(error, RELIGHT_E_PROTOCOL, "",
-                            "colours answer: %u planes of %u vertices do not fit its %llu bytes",
-                            m->n_plane, m->n_vertex, (unsigned long long)payload_size);
+        return relight_fail(
+            error, RELIGHT_E_PROTOCOL, "",
+            "colours answer: %u planes of %u vertices do not fit its %llu bytes", m->n_plane,
+            m->n_vertex, (unsigned long long)payload_size);
     *out = (struct relight_colors){.n_vertex = m->n_vertex,
                                    .n_plane = m->n_plane,
                                    .plane_bytes = m->plane_bytes,
@@ -258,8 +263,7 @@ int relight_camera_parse(const char *text, struct relight_camera *out,
             memcpy(triple[i], v, sizeof v);
         else if (i >= 2 && sscanf(at, "%f%n", v, &used) == 1 && used && v[0] > 0 && v[0] < 170)
             camera.fovy_deg = v[0];
-        else
-            break;
+        else break;
         for (int k = 0; k < (camera.fovy_deg > 0 ? 1 : 3); k++)
             if (!isfinite(v[k])) goto bad;
         at += used;
@@ -270,7 +274,9 @@ int relight_camera_parse(const char *text, struct relight_camera *out,
         if (*at++ != ':' || camera.fovy_deg > 0) break;
     }
 bad:
-    return relight_fail(error, RELIGHT_E_ARGUMENT, "",
-                        "camera '%s': expected EYE:TARGET[:UP][:FOVY] as x,y,z:x,y,z:x,y,z:deg, "
-                        "0 < FOVY < 170", text);
+    return relight_fail(
+        error, RELIGHT_E_ARGUMENT, "",
+        "camera '%s': expected EYE:TARGET[:UP][:FOVY] as x,y,z:x,y,z:x,y,z:deg, "
+        "0 < FOVY < 170",
+        text);
 }

@@ -4,11 +4,12 @@
 
 #include <stdio.h>
 
-static const char *const engine_names[] = {"default", "reference", "wavelet", "polynomial",
-                                           "joint", "splat", "tangent", "texture", "hybrid"};
+static const char *const engine_names[] = {"default",    "reference", "wavelet",
+                                           "polynomial", "joint",     "splat",
+                                           "tangent",    "texture",   "hybrid"};
 static const char *const storage_names[] = {"", "factored", "sparse"};
 static const char *const state_names[] = {"unknown", "received", "preview", "baking",
-                                          "ready", "unloaded", "failed"};
+                                          "ready",   "unloaded", "failed"};
 enum { N_ENGINE = 9, N_STORAGE = 3, N_STATE = 7 };
 
 const char *relight_engine_name(enum relight_engine engine)
@@ -26,7 +27,8 @@ static int no_memory(struct relight_error *error)
     return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory for an answer");
 }
 
-// ---- small calls -------------------------------------------------------------------------------
+// ---- small calls
+// -------------------------------------------------------------------------------
 
 int relight_ping(struct relight_client *client, double *seconds, struct relight_error *error)
 {
@@ -78,10 +80,10 @@ int relight_env_prepare(struct relight_client *client, const char *env,
     if (status) return status;
     const Relight__EnvAnswer *a = (Relight__EnvAnswer *)answer->message;
     if (out) {
-        *out = (struct relight_env_info){a->cube, a->width, a->height, a->full_cube, a->n_mended,
-                                         {0, 0, 0}, a->decode_ms};
-        if (a->mean) out->mean[0] = a->mean->x, out->mean[1] = a->mean->y,
-                     out->mean[2] = a->mean->z;
+        *out = (struct relight_env_info){a->cube,     a->width,  a->height,   a->full_cube,
+                                         a->n_mended, {0, 0, 0}, a->decode_ms};
+        if (a->mean)
+            out->mean[0] = a->mean->x, out->mean[1] = a->mean->y, out->mean[2] = a->mean->z;
     }
     relight_answer_free(answer);
     return 0;
@@ -115,7 +117,8 @@ void relight_stats_finish(struct relight_stats *stats)
     *stats = (struct relight_stats){0};
 }
 
-// ---- load and watch ----------------------------------------------------------------------------
+// ---- load and watch
+// ----------------------------------------------------------------------------
 
 static void put_bake(Relight__BakeSettings *m, const struct relight_bake *bake)
 {
@@ -210,8 +213,8 @@ int relight_watch(struct relight_client *client, const char *job, relight_progre
     Relight__WatchRequest m = RELIGHT__WATCH_REQUEST__INIT;
     uint64_t id;
     m.job = relight_text(job);
-    int status = relight_start(client, RELIGHT_TYPE_WATCH, &m.base, NULL, 0, 0, false, &id,
-                               error);
+    int status =
+        relight_start(client, RELIGHT_TYPE_WATCH, &m.base, NULL, 0, 0, false, &id, error);
     if (status) return status;
     for (;;) {
         struct answer *answer;
@@ -237,7 +240,8 @@ int relight_watch(struct relight_client *client, const char *job, relight_progre
     }
 }
 
-// ---- info and list -----------------------------------------------------------------------------
+// ---- info and list
+// -----------------------------------------------------------------------------
 
 static void get_vec3(const Relight__Vec3 *m, float out[3])
 {
@@ -247,17 +251,29 @@ static void get_vec3(const Relight__Vec3 *m, float out[3])
 static void get_model(const Relight__ModelInfo *m, struct relight_model *out)
 {
     *out = (struct relight_model){
-        .id = m->model, .name = m->name, .job = m->job,
-        .state = (enum relight_model_state)m->state, .fraction = m->fraction,
-        .n_vertex = m->n_vertex, .n_triangle = m->n_triangle, .n_object = m->n_object,
+        .id = m->model,
+        .name = m->name,
+        .job = m->job,
+        .state = (enum relight_model_state)m->state,
+        .fraction = m->fraction,
+        .n_vertex = m->n_vertex,
+        .n_triangle = m->n_triangle,
+        .n_object = m->n_object,
         .mm_per_unit = m->mm_per_unit,
         .engine = m->engine ? relight_engine_name((enum relight_engine)m->engine) : "",
         .storage = (unsigned)m->storage < N_STORAGE ? storage_names[m->storage] : "",
-        .cube = m->cube, .bytes = m->bytes, .resident_bytes = m->resident_bytes,
-        .generation = m->generation, .pinned = m->pinned, .error_bound = m->error_bound,
+        .cube = m->cube,
+        .bytes = m->bytes,
+        .resident_bytes = m->resident_bytes,
+        .generation = m->generation,
+        .pinned = m->pinned,
+        .error_bound = m->error_bound,
         .stale = m->stale,
-        .material = m->material, .settings = m->settings, .errors = m->errors,
-        .n_warning = m->n_warnings, .warning = (const char *const *)m->warnings,
+        .material = m->material,
+        .settings = m->settings,
+        .errors = m->errors,
+        .n_warning = m->n_warnings,
+        .warning = (const char *const *)m->warnings,
         .failure = m->error ? m->error->text : ""};
     get_vec3(m->box_min, out->box_min);
     get_vec3(m->box_max, out->box_max);
@@ -323,7 +339,8 @@ void relight_list_finish(struct relight_list *list)
     *list = (struct relight_list){0};
 }
 
-// ---- geometry ----------------------------------------------------------------------------------
+// ---- geometry
+// ----------------------------------------------------------------------------------
 
 static bool section_fits(uint64_t offset, uint64_t n, uint64_t payload_size)
 {
@@ -357,7 +374,7 @@ int relight_geometry(struct relight_client *client, const char *model, bool own_
     const Relight__GeometryAnswer *a = (Relight__GeometryAnswer *)answer->message;
     if (!geometry_fits(a, answer)) {
         status = relight_fail(error, RELIGHT_E_PROTOCOL, "",
-                              "geometry answer: %u vertices and %u triangles do not fit", 
+                              "geometry answer: %u vertices and %u triangles do not fit",
                               a->n_vertex, a->n_triangle);
         relight_answer_free(answer);
         return status;
@@ -370,7 +387,8 @@ int relight_geometry(struct relight_client *client, const char *model, bool own_
         .n_triangle = a->triangles_offset ? a->n_triangle : 0,
         .position = (const float(*)[3])(p + a->positions_offset),
         .normal = a->normals_offset ? (const float(*)[3])(p + a->normals_offset) : NULL,
-        .triangle = a->triangles_offset ? (const uint32_t(*)[3])(p + a->triangles_offset) : NULL,
+        .triangle =
+            a->triangles_offset ? (const uint32_t(*)[3])(p + a->triangles_offset) : NULL,
         .mm_per_unit = a->mm_per_unit,
         .generation = a->generation,
         .n_block = a->n_blocks,
@@ -399,8 +417,7 @@ static int update_range(struct relight_client *client, Relight__UpdateVerticesRe
     struct answer *answer;
     int status = relight_start(client, RELIGHT_TYPE_UPDATE_VERTICES, &m->base, piece,
                                normal ? 2 : 1, relight_timeout(client), false, &id, error);
-    if (!status)
-        status = relight_end(client, id, RELIGHT_TYPE_UPDATE_VERTICES, &answer, error);
+    if (!status) status = relight_end(client, id, RELIGHT_TYPE_UPDATE_VERTICES, &answer, error);
     if (status) return status;
     if (generation)
         *generation = ((Relight__UpdateVerticesAnswer *)answer->message)->generation;

@@ -20,16 +20,16 @@ void relight_hash(const void *bytes, size_t n, char hash[65])
     relight_sha256_hex(&sha, hash);
 }
 
-static int put_begin(struct relight_client *client, Relight__PutBlobRequest *m, const void *bytes,
-                     size_t n, uint64_t *id, struct relight_error *error)
+static int put_begin(struct relight_client *client, Relight__PutBlobRequest *m,
+                     const void *bytes, size_t n, uint64_t *id, struct relight_error *error)
 {
     struct iovec piece = {(void *)(uintptr_t)bytes, n};
     return relight_start(client, RELIGHT_TYPE_PUT_BLOB, &m->base, &piece, n ? 1 : 0,
                          relight_timeout(client), false, id, error);
 }
 
-static int put_end(struct relight_client *client, uint64_t id, bool *complete, uint64_t *received,
-                   struct relight_error *error)
+static int put_end(struct relight_client *client, uint64_t id, bool *complete,
+                   uint64_t *received, struct relight_error *error)
 {
     struct answer *answer;
     int status = relight_end(client, id, RELIGHT_TYPE_PUT_BLOB, &answer, error);
@@ -72,7 +72,8 @@ static int put_rest(struct relight_client *client, Relight__PutBlobRequest *m,
                                      rate > 0 ? ((double)n - (double)received) / rate : -1,
                                      spent, RELIGHT_JOB_RUNNING};
         if (!status && fn && fn(user, &p))
-            status = relight_fail(error, RELIGHT_E_CANCELLED, "", "%s: upload stopped", m->name);
+            status =
+                relight_fail(error, RELIGHT_E_CANCELLED, "", "%s: upload stopped", m->name);
     }
     while (outstanding--) relight_forget(client, ids[head++ % IN_FLIGHT]);
     if (!status && !complete)
@@ -130,8 +131,7 @@ static int map_file(const char *path, struct map *out, struct relight_error *err
 {
     int fd = open(path, O_RDONLY | O_CLOEXEC);
     struct stat st;
-    if (fd < 0)
-        return relight_fail(error, RELIGHT_E_FILE, "", "%s: %s", path, strerror(errno));
+    if (fd < 0) return relight_fail(error, RELIGHT_E_FILE, "", "%s: %s", path, strerror(errno));
     const char *bad = NULL;
     void *bytes = MAP_FAILED;
     if (fstat(fd, &st) || !S_ISREG(st.st_mode)) bad = "not a regular file";
@@ -162,8 +162,8 @@ int relight_env_resolve(struct relight_client *client, const char *word, relight
     bool constant = !strcmp(word, "constant") || !strncmp(word, "constant:", 9);
     if (constant || (!strncmp(word, "env:", 4) && relight_hash_valid(word + 4))) {
         if (snprintf(env, 80, "%s", word) >= 80)
-            return relight_fail(error, RELIGHT_E_ARGUMENT, "",
-                                "%s: expected constant:R,G,B", word);
+            return relight_fail(error, RELIGHT_E_ARGUMENT, "", "%s: expected constant:R,G,B",
+                                word);
         return 0;
     }
     if (!strncmp(word, "env:", 4))
@@ -173,7 +173,8 @@ int relight_env_resolve(struct relight_client *client, const char *word, relight
     return relight_upload_file(client, word, fn, user, env + 4, NULL, error);
 }
 
-// ---- a model and the files it names ----------------------------------------------------------------
+// ---- a model and the files it names
+// ----------------------------------------------------------------
 
 struct bundle {
     size_t n;
@@ -201,9 +202,10 @@ static int bundle_add(struct relight_client *client, struct bundle *bundle, cons
 
 static int hex_digit(char c)
 {
-    return c >= '0' && c <= '9' ? c - '0'
+    return c >= '0' && c <= '9'   ? c - '0'
            : c >= 'a' && c <= 'f' ? c - 'a' + 10
-           : c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
+           : c >= 'A' && c <= 'F' ? c - 'A' + 10
+                                  : -1;
 }
 
 static void unescape_uri(char *text)
@@ -229,10 +231,10 @@ static int add_buffers(struct relight_client *client, struct bundle *bundle, con
     if (status) return status;
     cJSON *json = cJSON_ParseWithLength(map.bytes, map.size);
     munmap(map.bytes, map.size);
-    if (!json)
-        return relight_fail(error, RELIGHT_E_FILE, "", "%s: is not JSON", path);
+    if (!json) return relight_fail(error, RELIGHT_E_FILE, "", "%s: is not JSON", path);
     const cJSON *buffer;
-    cJSON_ArrayForEach(buffer, cJSON_GetObjectItemCaseSensitive(json, "buffers")) {
+    cJSON_ArrayForEach(buffer, cJSON_GetObjectItemCaseSensitive(json, "buffers"))
+    {
         const char *uri = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(buffer, "uri"));
         if (!uri || !strncmp(uri, "data:", 5)) continue;
         char *name = strdup(uri), *full = NULL;
@@ -242,8 +244,9 @@ static int add_buffers(struct relight_client *client, struct bundle *bundle, con
             status = relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
         } else if (*name == '/' || strstr(name, "..")) {
             // A downloaded model must not make us send files from elsewhere.
-            status = relight_fail(error, RELIGHT_E_FILE, "move the buffer beside the model",
-                                  "%s: buffer '%s' lies outside the model's folder", path, name);
+            status =
+                relight_fail(error, RELIGHT_E_FILE, "move the buffer beside the model",
+                             "%s: buffer '%s' lies outside the model's folder", path, name);
         } else {
             status = bundle_add(client, bundle, full, uri, fn, user, error);
         }

@@ -5,9 +5,9 @@
 struct relight_view {
     struct relight_client *client;
     uint64_t id;
-    pthread_mutex_t lock;   // next_sequence, shown
+    pthread_mutex_t lock; // next_sequence, shown
     uint64_t next_sequence, shown;
-    bool ended;             // VIEW_OPEN got its last answer
+    bool ended; // VIEW_OPEN got its last answer
 };
 
 static int put_state(struct request_parts *parts, Relight__ViewState *m, size_t n_light,
@@ -62,9 +62,10 @@ int relight_view_open(struct relight_client *client, const struct relight_view_r
     return 0;
 }
 
-int relight_view_set(struct relight_view *view, size_t n_light, const struct relight_light *lights,
-                     const struct relight_shade *shade, const struct relight_picture *picture,
-                     uint64_t *sequence, struct relight_error *error)
+int relight_view_set(struct relight_view *view, size_t n_light,
+                     const struct relight_light *lights, const struct relight_shade *shade,
+                     const struct relight_picture *picture, uint64_t *sequence,
+                     struct relight_error *error)
 {
     struct request_parts parts;
     Relight__ViewState state;
@@ -119,17 +120,19 @@ static int read_frame(struct answer *answer, struct relight_frame_out *out,
     return status;
 }
 
-int relight_view_next(struct relight_view *view, double timeout_s, struct relight_frame_out *out,
-                      struct relight_error *error)
+int relight_view_next(struct relight_view *view, double timeout_s,
+                      struct relight_frame_out *out, struct relight_error *error)
 {
     struct answer *newest = NULL;
     uint64_t skipped = 0;
     int status;
-    if (view->ended)
-        return relight_fail(error, RELIGHT_E_CANCELLED, "", "the view has ended");
+    if (view->ended) return relight_fail(error, RELIGHT_E_CANCELLED, "", "the view has ended");
     do {
         struct answer *answer;
-        status = relight_next(view->client, view->id, newest ? 0 : timeout_s < 0 ? 1e9 : timeout_s,
+        status = relight_next(view->client, view->id,
+                              newest          ? 0
+                              : timeout_s < 0 ? 1e9
+                                              : timeout_s,
                               &answer, error);
         if (status == -RELIGHT_E_TIMEOUT && newest) break;
         if (status) {

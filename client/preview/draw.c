@@ -8,18 +8,18 @@
 #include <stdlib.h>
 #include <string.h>
 
-// What stays from frame to frame. A turning light keeps the visibility buffer and the background
-// (which is turned as it is drawn), a turning camera keeps colours and reflections.
+// What stays from frame to frame. A turning light keeps the visibility buffer and the
+// background (which is turned as it is drawn), a turning camera keeps colours and reflections.
 struct drawing {
     struct scene *scene;
-    float *plane;                    /* [n_vertex][3] */
+    float *plane; /* [n_vertex][3] */
     struct prt_visibility *visibility;
-    struct prt_cube background;      /* unturned, of background_of */
+    struct prt_cube background; /* unturned, of background_of */
     const struct sky *background_of;
     double rotate_deg;
     struct prt_specular *specular;
-    struct prt_image canvas;         /* a sheet's */
-    struct prt_camera camera;        /* of frame 0 */
+    struct prt_image canvas;  /* a sheet's */
+    struct prt_camera camera; /* of frame 0 */
 };
 
 static double rotation(const struct options *o, uint32_t frame)
@@ -33,7 +33,8 @@ static struct prt_camera frame_camera(const struct drawing *d, uint32_t frame)
     const struct options *o = d->scene->options;
     struct prt_camera c = d->camera;
     if (o->turn_light) return c;
-    double a = 2 * M_PI * frame / o->n_frame, x = c.eye[0] - c.target[0], z = c.eye[2] - c.target[2];
+    double a = 2 * M_PI * frame / o->n_frame, x = c.eye[0] - c.target[0],
+           z = c.eye[2] - c.target[2];
     c.eye[0] = c.target[0] + (float)(cos(a) * x + sin(a) * z);
     c.eye[2] = c.target[2] + (float)(cos(a) * z - sin(a) * x);
     double ux = c.up[0], uz = c.up[2];
@@ -91,20 +92,25 @@ static int set_camera(struct drawing *d, uint32_t frame)
     d->visibility = NULL;
     return prt_visibility_create(&d->scene->ctx, &d->scene->mesh, &camera, o->width, o->height,
                                  o->samples, PRT_RASTER_AUTO, &d->visibility)
-               ? EXIT_FAILED : EXIT_DONE;
+               ? EXIT_FAILED
+               : EXIT_DONE;
 }
 
 static int shade(struct drawing *d, struct prt_image *out)
 {
     const struct options *o = d->scene->options;
-    struct prt_shade s = {.n_plane = 1, .planes = d->plane, .eta = d->scene->eta,
-                          .roughness = d->scene->roughness, .fresnel = true,
+    struct prt_shade s = {.n_plane = 1,
+                          .planes = d->plane,
+                          .eta = d->scene->eta,
+                          .roughness = d->scene->roughness,
+                          .fresnel = true,
                           .specular = d->specular};
     if (!o->plain && d->background.texel) s.background = &d->background;
     s.background_rotate_deg = (float)d->rotate_deg;
     memcpy(s.background_rgb, o->background, sizeof s.background_rgb);
     return prt_shade_image(&d->scene->ctx, d->visibility, &d->scene->mesh, &s, out)
-               ? EXIT_FAILED : EXIT_DONE;
+               ? EXIT_FAILED
+               : EXIT_DONE;
 }
 
 static int encode(struct scene *scene, const char *path, const struct prt_image *image,
@@ -141,8 +147,7 @@ static int save(struct scene *scene, const char *path, const struct prt_image *i
         if (text) puts(text);
         free(text);
         cJSON_Delete(json);
-    } else
-        printf("%s: %u x %u\n", path, image->width, image->height);
+    } else printf("%s: %u x %u\n", path, image->width, image->height);
     return EXIT_DONE;
 }
 
@@ -151,12 +156,9 @@ static void file_name(const struct options *o, size_t env, uint32_t frame, char 
 {
     const char *dot = strrchr(o->output, '.');
     int stem = (int)(dot - o->output);
-    if (o->n_env == 1 && o->n_frame == 1)
-        snprintf(out, n, "%s", o->output);
-    else if (o->n_env == 1)
-        snprintf(out, n, "%.*s-%03u%s", stem, o->output, frame, dot);
-    else
-        snprintf(out, n, "%.*s-%zu-%03u%s", stem, o->output, env, frame, dot);
+    if (o->n_env == 1 && o->n_frame == 1) snprintf(out, n, "%s", o->output);
+    else if (o->n_env == 1) snprintf(out, n, "%.*s-%03u%s", stem, o->output, frame, dot);
+    else snprintf(out, n, "%.*s-%zu-%03u%s", stem, o->output, env, frame, dot);
 }
 
 static int keep(struct drawing *d, size_t env, uint32_t frame, const struct prt_image *image)
@@ -180,8 +182,10 @@ static int make_canvas(struct drawing *d)
     uint64_t w = (uint64_t)o->n_frame * (o->width + o->gap) - o->gap;
     uint64_t h = o->n_env * (uint64_t)(o->height + o->gap) - o->gap;
     if (w > 32768 || h > 32768 || w * h > 1u << 28) {
-        fprintf(stderr, "relight-preview: a sheet of %llu x %llu pixels, allowed are 32768 a side "
-                "and 2^28 in all\n", (unsigned long long)w, (unsigned long long)h);
+        fprintf(stderr,
+                "relight-preview: a sheet of %llu x %llu pixels, allowed are 32768 a side "
+                "and 2^28 in all\n",
+                (unsigned long long)w, (unsigned long long)h);
         return EXIT_USAGE;
     }
     d->canvas = (struct prt_image){(uint32_t)w, (uint32_t)h, prt_calloc((size_t)(w * h), 12)};

@@ -14,19 +14,26 @@ const char *argp_program_version = "relight-preview " RELIGHT_VERSION;
 static const struct argp_option table[] = {
     {"server", 's', "ADDR", 0, "tcp:HOST:PORT or unix:PATH (default as for relight)", 0},
     {"timeout", 'T', "SECONDS", 0, "give up on an answer after this long (default: wait)", 0},
-    {"env", 'e', "ENV", 0, "an image file, env:HASH, constant or constant:R,G,B; each --env makes "
-     "a row of pictures. The background and reflections need a file", 0},
+    {"env", 'e', "ENV", 0,
+     "an image file, env:HASH, constant or constant:R,G,B; each --env makes "
+     "a row of pictures. The background and reflections need a file",
+     0},
     {"rotate", 'r', "DEG", 0, "turn the light counter-clockwise about +y", 0},
     {"frames", 'N', "N", 0, "a full turn in N pictures", 0},
     {"turn", 't', "camera|light", 0, "what turns (default: camera)", 0},
-    {"sheet", 'S', NULL, 0, "all pictures in one file: a row for each --env, a column for each "
-     "frame", 0},
+    {"sheet", 'S', NULL, 0,
+     "all pictures in one file: a row for each --env, a column for each "
+     "frame",
+     0},
     {"gap", 'g', "PIXELS", 0, "between a sheet's pictures (default 4)", 0},
-    {"output", 'o', "FILE", 0, "ends in .png, .jpg or .exr; of several pictures, FILE-ENV-FRAME", 0},
+    {"output", 'o', "FILE", 0,
+     "ends in .png, .jpg or .exr; of several pictures, FILE-ENV-FRAME", 0},
     {"material", 'm', "NAME|FILE", 0, "another material (joint transport)", 0},
     {"size", 'z', "WxH", 0, "pixels of a picture, up to 4096x4096 (default 800x600)", 0},
-    {"camera", 'c', "CAMERA", 0, "EYE:TARGET[:UP[:FOVY]] as x,y,z:x,y,z:x,y,z:deg "
-     "(default: frames the model)", 0},
+    {"camera", 'c', "CAMERA", 0,
+     "EYE:TARGET[:UP[:FOVY]] as x,y,z:x,y,z:x,y,z:deg "
+     "(default: frames the model)",
+     0},
     {"samples-per-pixel", 'a', "1|2|4|8", 0, "anti-aliasing (default 4)", 0},
     {"no-specular", 'n', NULL, 0, "leave reflections out", 0},
     {"background", 'B', "R,G,B", 0, "plain background instead of the environment", 0},
@@ -51,8 +58,8 @@ static double number(struct argp_state *state, const char *what, const char *tex
 static void size(struct argp_state *state, struct options *o, const char *text)
 {
     int used = 0;
-    if (sscanf(text, "%ux%u%n", &o->width, &o->height, &used) != 2 || text[used] || o->width < 1 ||
-        o->height < 1 || o->width > 4096 || o->height > 4096)
+    if (sscanf(text, "%ux%u%n", &o->width, &o->height, &used) != 2 || text[used] ||
+        o->width < 1 || o->height < 1 || o->width > 4096 || o->height > 4096)
         argp_error(state, "--size %s: expected WxH, each in [1, 4096]", text);
 }
 
@@ -86,36 +93,75 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     struct options *o = state->input;
     int used = 0;
     switch (key) {
-    case 's': o->server = arg; break;
-    case 'T': o->timeout_s = number(state, "timeout", arg, 1e-3, 1e6); break;
+    case 's':
+        o->server = arg;
+        break;
+    case 'T':
+        o->timeout_s = number(state, "timeout", arg, 1e-3, 1e6);
+        break;
     case 'e':
         if (o->n_env == MAX_ENV) argp_error(state, "--env: at most %d", MAX_ENV);
         o->env[o->n_env++] = arg;
         break;
-    case 'r': o->rotate_deg = number(state, "rotate", arg, -1e6, 1e6); break;
-    case 'N': o->n_frame = (uint32_t)number(state, "frames", arg, 1, 3600); break;
-    case 't': o->turn_light = word(state, "turn", arg, "camera\0light\0"); break;
-    case 'S': o->sheet = true; break;
-    case 'g': o->gap = (uint32_t)number(state, "gap", arg, 0, 256); break;
-    case 'o': o->output = arg; break;
-    case 'm': o->material = arg; break;
-    case 'z': size(state, o, arg); break;
-    case 'c': camera(state, o, arg); break;
-    case 'a': o->samples = 1u << word(state, "samples-per-pixel", arg, "1\0" "2\0" "4\0" "8\0"); break;
-    case 'n': o->no_specular = true; break;
+    case 'r':
+        o->rotate_deg = number(state, "rotate", arg, -1e6, 1e6);
+        break;
+    case 'N':
+        o->n_frame = (uint32_t)number(state, "frames", arg, 1, 3600);
+        break;
+    case 't':
+        o->turn_light = word(state, "turn", arg, "camera\0light\0");
+        break;
+    case 'S':
+        o->sheet = true;
+        break;
+    case 'g':
+        o->gap = (uint32_t)number(state, "gap", arg, 0, 256);
+        break;
+    case 'o':
+        o->output = arg;
+        break;
+    case 'm':
+        o->material = arg;
+        break;
+    case 'z':
+        size(state, o, arg);
+        break;
+    case 'c':
+        camera(state, o, arg);
+        break;
+    case 'a':
+        o->samples = 1u << word(state, "samples-per-pixel", arg,
+                                "1\0"
+                                "2\0"
+                                "4\0"
+                                "8\0");
+        break;
+    case 'n':
+        o->no_specular = true;
+        break;
     case 'B':
-        if (sscanf(arg, "%f,%f,%f%n", o->background, o->background + 1, o->background + 2, &used) !=
-                3 || arg[used])
+        if (sscanf(arg, "%f,%f,%f%n", o->background, o->background + 1, o->background + 2,
+                   &used) != 3 ||
+            arg[used])
             argp_error(state, "--background %s: expected r,g,b", arg);
         o->plain = true;
         break;
-    case 'M': o->tone = (enum prt_tone)word(state, "tone", arg, "filmic\0reinhard\0none\0"); break;
-    case 'x': o->exposure_ev = (float)number(state, "exposure", arg, -40, 40); break;
-    case 'q': o->quality = (int)number(state, "quality", arg, 1, 100); break;
+    case 'M':
+        o->tone = (enum prt_tone)word(state, "tone", arg, "filmic\0reinhard\0none\0");
+        break;
+    case 'x':
+        o->exposure_ev = (float)number(state, "exposure", arg, -40, 40);
+        break;
+    case 'q':
+        o->quality = (int)number(state, "quality", arg, 1, 100);
+        break;
     case 'f':
         o->format = (enum relight_color_format)word(state, "format", arg, "f32\0f16\0rgb9e5\0");
         break;
-    case 'j': o->json = true; break;
+    case 'j':
+        o->json = true;
+        break;
     case ARGP_KEY_ARG:
         if (o->model) argp_error(state, "one argument too many: %s", arg);
         o->model = arg;
@@ -128,19 +174,27 @@ static error_t parse(int key, char *arg, struct argp_state *state)
                      strcasecmp(dot, ".jpeg") && strcasecmp(dot, ".exr")))
             argp_error(state, "-o FILE has to end in .png, .jpg or .exr");
         break;
-    default: return ARGP_ERR_UNKNOWN;
+    default:
+        return ARGP_ERR_UNKNOWN;
     }
     return 0;
 }
 
 void options_parse(int argc, char **argv, struct options *options)
 {
-    *options = (struct options){.n_frame = 1, .width = 800, .height = 600, .samples = 4, .gap = 4,
-                                .quality = 90, .format = RELIGHT_F16};
+    *options = (struct options){.n_frame = 1,
+                                .width = 800,
+                                .height = 600,
+                                .samples = 4,
+                                .gap = 4,
+                                .quality = 90,
+                                .format = RELIGHT_COLOR_F16};
     options->camera.automatic = true;
     argp_err_exit_status = EXIT_USAGE;
     static const struct argp how = {
-        table, parse, "ID",
+        table,
+        parse,
+        "ID",
         "Draws pictures of a model whose light a relightd computes.\v"
         "Geometry and colours come from the daemon, the pictures are drawn here.\n\n"
         "Examples:\n"
@@ -149,6 +203,8 @@ void options_parse(int argc, char **argv, struct options *options)
         "  relight-preview bunny --env sunrise.exr --env studio.exr --frames 6 --turn light "
         "--sheet --size 320x240 -o sheet.png\n\n"
         "Exit status: 0 done, 1 failed, 2 wrong usage, 3 server unreachable.",
-        NULL, NULL, NULL};
+        NULL,
+        NULL,
+        NULL};
     argp_parse(&how, argc, argv, 0, NULL, options);
 }

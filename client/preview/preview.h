@@ -25,8 +25,8 @@ void options_parse(int argc, char **argv, struct options *options);
 
 /* One environment as the daemon and as the picture see it. */
 struct sky {
-    char word[80];            /* for the daemon */
-    struct prt_env *env;      /* NULL: only the daemon has it; no background, no reflections */
+    char word[80];       /* for the daemon */
+    struct prt_env *env; /* NULL: only the daemon has it; no background, no reflections */
 };
 
 /* The model, fetched: geometry in mm, its medium's surface. */
@@ -35,7 +35,7 @@ struct scene {
     const struct options *options;
     struct prt_context ctx;
     struct relight_geometry geometry;
-    struct prt_mesh mesh;     /* arrays of its own */
+    struct prt_mesh mesh; /* arrays of its own */
     float eta, roughness;
     struct sky sky[MAX_ENV];
 };

@@ -22,8 +22,8 @@ static bool put_blocks(const struct relight_geometry *g, struct prt_mesh *m)
             b->triangle_begin > g->n_triangle ||
             b->n_triangle > g->n_triangle - b->triangle_begin)
             return false;
-        m->block[i] = (struct prt_block){b->object, i, b->vertex_begin, b->n_vertex,
-                                         b->triangle_begin, b->n_triangle};
+        m->block[i] = (struct prt_block){
+            b->object, i, b->vertex_begin, b->n_vertex, b->triangle_begin, b->n_triangle};
         struct prt_surface *s = m->surface + i;
         *s = (struct prt_surface){.translucent = b->translucent, .roughness = 1, .ior = 1.5f};
         snprintf(s->name, sizeof s->name, "%s", b->surface);
@@ -38,9 +38,12 @@ static int make_mesh(struct scene *scene)
     const struct relight_geometry *g = &scene->geometry;
     struct prt_mesh *m = &scene->mesh;
     if (!g->n_block || !g->n_triangle || !g->normal) return fail("the model has no triangles");
-    *m = (struct prt_mesh){.n_vertex = g->n_vertex, .n_triangle = g->n_triangle,
-                           .n_block = (uint32_t)g->n_block, .n_surface = (uint32_t)g->n_block,
-                           .n_weld = g->n_vertex, .mm_per_unit = (float)g->mm_per_unit};
+    *m = (struct prt_mesh){.n_vertex = g->n_vertex,
+                           .n_triangle = g->n_triangle,
+                           .n_block = (uint32_t)g->n_block,
+                           .n_surface = (uint32_t)g->n_block,
+                           .n_weld = g->n_vertex,
+                           .mm_per_unit = (float)g->mm_per_unit};
     m->position = prt_alloc(g->n_vertex, 12);
     m->normal = prt_alloc(g->n_vertex, 12);
     m->triangle = prt_alloc(g->n_triangle, 12);
@@ -88,7 +91,8 @@ static int find_sky(struct scene *scene, const char *word, struct sky *sky)
     struct relight_error error;
     if (relight_env_resolve(scene->client, word, NULL, NULL, sky->word, &error))
         return report(&error);
-    if (!strncmp(word, "env:", 4)) return EXIT_DONE; // the daemon's; it does not hand images out
+    if (!strncmp(word, "env:", 4))
+        return EXIT_DONE; // the daemon's; it does not hand images out
     return prt_env_load(&scene->ctx, word, &sky->env) ? EXIT_FAILED : EXIT_DONE;
 }
 
@@ -160,8 +164,7 @@ int scene_colors_end(struct scene *scene, struct colors_pending *pending, float 
         }
         if (!single || colors.n_vertex != scene->mesh.n_vertex)
             status = fail("the colours do not fit the model");
-        else
-            relight_colors_decode(&colors, 0, i ? single : plane);
+        else relight_colors_decode(&colors, 0, i ? single : plane);
         relight_colors_finish(&colors);
     }
     if (!status)

@@ -14,17 +14,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const uint32_t default_rank = 72;   // columns looked at when the error chooses
-static const uint32_t joint_rank = 64;     // the same where one U serves every medium, or more
+static const uint32_t default_rank = 72;    // columns looked at when the error chooses
+static const uint32_t joint_rank = 64;      // the same where one U serves every medium, or more
 static const uint32_t joint_columns = 3072; // on a small model: this many over all clusters
-static const double tail_share = 0.25;     // of max_error: columns below it are not projected
+static const double tail_share = 0.25;      // of max_error: columns below it are not projected
 static const uint32_t default_probes = 192;
 
 static void dipole_eval(const void *user, unsigned cpu, size_t n, const float *r2,
                         float *const *out)
 {
-    const struct prt_dipole *d = user;
-    for (int c = 0; c < 3; c++) prt_dipole_rd_array(&d[c], cpu, n, r2, out[c]);
+    const struct prt_diffusion *d = user;
+    for (int c = 0; c < 3; c++) prt_diffusion_rd_array(&d[c], cpu, n, r2, out[c]);
 }
 
 static bool power_of_two(uint32_t n)
@@ -38,7 +38,7 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
     if (!o->n_coef) o->n_coef = 128;
     if (!o->n_phase) { // an isotropic medium needs one term; where g is free, or not 0, four
         const float *g = o->material.g;
-        bool fixed = o->engine == PRT_ENGINE_WAVELET;
+        bool fixed = o->engine == PRT_TRANSPORT_WAVELET;
         o->n_phase = fixed && g[0] == 0 && g[1] == 0 && g[2] == 0 ? 1 : 4;
     }
     if (!o->n_single) o->n_single = 16;
@@ -48,7 +48,8 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
     if (o->n_phase != 1 && o->n_phase != 4 && o->n_phase != 9)
         return prt_fail(ctx, PRT_ARG, "--phase-terms %u: must be 1, 4 or 9", o->n_phase);
     if (!(o->max_error >= 1e-4 && o->max_error <= 0.5))
-        return prt_fail(ctx, PRT_ARG, "--max-error %g: must lie in [0.0001, 0.5]", o->max_error);
+        return prt_fail(ctx, PRT_ARG, "--max-error %g: must lie in [0.0001, 0.5]",
+                        o->max_error);
     if (o->n_coef < 6 || o->n_coef > 6 * o->cube * o->cube)
         return prt_fail(ctx, PRT_ARG, "--coeffs %u: must lie in [6, %u]", o->n_coef,
                         6 * o->cube * o->cube);
@@ -56,16 +57,16 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
         return prt_fail(ctx, PRT_ARG, "--rank %u: must lie in [1, 512]", o->rank);
     if (o->n_sample > 20000000)
         return prt_fail(ctx, PRT_ARG, "--samples %u: must lie in [16, 20000000]", o->n_sample);
-    if (o->engine != PRT_ENGINE_WAVELET && o->storage == PRT_STORAGE_SPARSE)
+    if (o->engine != PRT_TRANSPORT_WAVELET && o->storage == PRT_STORAGE_SPARSE)
         return prt_fail(ctx, PRT_ARG, "--storage sparse goes with --transport wavelet only");
-    if (o->engine == PRT_ENGINE_POLYNOMIAL && !o->env)
+    if (o->engine == PRT_TRANSPORT_POLYNOMIAL && !o->env)
         return prt_fail(ctx, PRT_ARG, "--transport polynomial fixes the light: give it --env");
-    if (o->basis > PRT_RADIAL_HAT || (o->basis && o->engine != PRT_ENGINE_POLYNOMIAL))
+    if (o->basis > PRT_RADIAL_HAT || (o->basis && o->engine != PRT_TRANSPORT_POLYNOMIAL))
         return prt_fail(ctx, PRT_ARG,
                         "--basis polynomial and hat go with --transport polynomial only");
     if (o->n_shard > 1 && o->shard >= o->n_shard)
-        return prt_fail(ctx, PRT_ARG, "--shard %u/%u: I must lie in [0, %u]", o->shard, o->n_shard,
-                        o->n_shard - 1);
+        return prt_fail(ctx, PRT_ARG, "--shard %u/%u: I must lie in [0, %u]", o->shard,
+                        o->n_shard, o->n_shard - 1);
     if (o->n_single > 1024)
         return prt_fail(ctx, PRT_ARG, "single-scattering points %u: must lie in [1, 1024]",
                         o->n_single);
@@ -99,23 +100,23 @@ static int prepare(struct bake *b)
         steepest = fmaxf(steepest, (float)b->dipole[c].sigma_tr);
     }
     // A free medium may be as dense as METHODS' range: as fine as a sample's cell is cut.
-    float fine = b->o.engine == PRT_ENGINE_WAVELET ? finest / 5 : 0.2f / 27;
+    float fine = b->o.engine == PRT_TRANSPORT_WAVELET ? finest / 5 : 0.2f / 27;
     b->radial = (struct radial_set){3, dipole_eval, b->dipole, steepest};
     int status = prt_scene_create(b->ctx, mesh, &b->scene);
     bool any = prt_surface_area(mesh) > 0;
     if (status == PRT_OK && !any)
         prt_log(b->ctx, PRT_LOG_WARNING, "nothing is translucent: only shadows are baked");
     if (status == PRT_OK && any)
-        status = prt_surface_create(b->ctx, mesh, sample_count(b), fine, b->o.seed,
-                                    &b->surface);
-    if (status == PRT_OK && any && b->o.engine == PRT_ENGINE_WAVELET)
+        status =
+            prt_surface_create(b->ctx, mesh, sample_count(b), fine, b->o.seed, &b->surface);
+    if (status == PRT_OK && any && b->o.engine == PRT_TRANSPORT_WAVELET)
         status = prt_surface_check(b->ctx, b->surface, mesh, finest, b->o.n_sample != 0);
     if (status == PRT_OK && any) status = hierarchy_create(b->surface, &b->hierarchy);
     uint32_t patterns = b->o.cube <= 32 ? 16 : b->o.cube <= 64 ? 8 : 4;
     if (status == PRT_OK)
         status = directions_create(b->o.cube, patterns, b->o.seed, &b->directions);
     // What serves every medium needs more columns than one medium: of smaller clusters, fewer.
-    uint32_t smaller = b->o.engine == PRT_ENGINE_JOINT ? 2 : 1;
+    uint32_t smaller = b->o.engine == PRT_TRANSPORT_JOINT ? 2 : 1;
     uint32_t target = mesh->n_vertex / (128 * smaller) + 1;
     if (target < 640 / smaller) target = 640 / smaller;
     if (status == PRT_OK) status = clusters_create(mesh, target, &b->clusters);
@@ -139,8 +140,8 @@ int bake_probe(struct bake *b, uint32_t m)
     if (!b->probe) return PRT_NOMEM;
     for (size_t i = 0; i < (size_t)n_coef * m; i++) {
         double u = 1 - prt_rng_f32(&rng), v = prt_rng_f32(&rng);
-        b->probe[i] = (float)(sqrt(-2 * log(u)) * cos(2 * M_PI * v)) *
-                      b->directions->solid_angle[i / m];
+        b->probe[i] =
+            (float)(sqrt(-2 * log(u)) * cos(2 * M_PI * v)) * b->directions->solid_angle[i / m];
     }
     return PRT_OK;
 }
@@ -152,9 +153,12 @@ static struct factor_plan plan_of(const struct bake *b, uint32_t n_function)
     if (b->o.rank) rank = b->o.rank;
     return (struct factor_plan){.n_function = n_function,
                                 .n_train = b->train ? b->n_train : n_function,
-                                .train = b->train, .max_rank = rank, .n_probe = b->n_probe,
+                                .train = b->train,
+                                .max_rank = rank,
+                                .n_probe = b->n_probe,
                                 .tail_error = b->o.rank ? 0 : tail_share * b->o.max_error,
-                                .n = b->o.cube, .solid_angle = b->directions->solid_angle,
+                                .n = b->o.cube,
+                                .solid_angle = b->directions->solid_angle,
                                 .probe = b->probe};
 }
 
@@ -167,7 +171,7 @@ static void apply_solid_angle(const struct bake *b, float *dense, size_t rows)
 
 // Hands a cluster's rows to the storage that was asked for.
 int bake_take_rows(struct bake *b, uint32_t c, uint32_t n_function,
-                     const struct row_source *source)
+                   const struct row_source *source)
 {
     if (!b->sparse) {
         struct factor_plan plan = plan_of(b, n_function);
@@ -247,11 +251,12 @@ static void drop_factored(struct bake *b)
         factored_finish(&b->factored[c]);
 }
 
-// The most a tensor may take: W05's 128 coefficients a vertex (640 bytes with their indices) and
-// METHODS §5's sizes for joint transport; small models, whose bases weigh most, get a floor.
+// The most a tensor may take: W05's 128 coefficients a vertex (640 bytes with their indices)
+// and METHODS §5's sizes for joint transport; small models, whose bases weigh most, get a
+// floor.
 static double byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
 {
-    bool joint = b->o.engine == PRT_ENGINE_JOINT;
+    bool joint = b->o.engine == PRT_TRANSPORT_JOINT;
     double per_vertex = joint ? (term ? 2200 : 1088) : 620.0 * n_phase;
     double least = joint ? (term ? 40e6 : 24e6) : (term ? 6e6 : 16e6) * n_phase;
     return fmax(per_vertex * b->mesh->n_vertex, least);
@@ -267,14 +272,14 @@ int bake_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_
     if (b->o.storage == PRT_STORAGE_SPARSE)
         status = sparse_builder_create(b->clusters, b->mesh->n_vertex, b->o.cube, n_function,
                                        b->o.n_coef, &b->sparse);
-    if (status == PRT_OK)
-        status = shard_for(b, stage, range, b->loop_arg ? b->loop_arg : b);
+    if (status == PRT_OK) status = shard_for(b, stage, range, b->loop_arg ? b->loop_arg : b);
     bool part = false;
     if (status == PRT_OK)
         status = b->sparse ? shard_sparse(b, &part) : shard_factored(b, n_function, &part);
     b->seconds[clock] = prt_time_s() - started;
     started = prt_time_s();
-    struct pack_options pack = {.rank = b->o.rank, .n_basis_coef = b->o.n_basis_coef,
+    struct pack_options pack = {.rank = b->o.rank,
+                                .n_basis_coef = b->o.n_basis_coef,
                                 .energy_error = b->o.max_error * (term ? 1.5 : 0.75),
                                 .mixed = b->train != NULL,
                                 .max_bytes = byte_budget(b, term, n_phase)};
@@ -297,10 +302,14 @@ int bake_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_
 void bake_plan_single(struct bake *b)
 {
     const struct prt_material *m = &b->o.material;
-    b->single = (struct single_plan){.scene = b->scene, .mesh = b->mesh,
-                                     .directions = b->directions, .eta = m->eta,
-                                     .n_phase = b->o.n_phase, .n_point = b->o.n_single,
-                                     .every_ray = b->o.every_ray, .seed = b->o.seed};
+    b->single = (struct single_plan){.scene = b->scene,
+                                     .mesh = b->mesh,
+                                     .directions = b->directions,
+                                     .eta = m->eta,
+                                     .n_phase = b->o.n_phase,
+                                     .n_point = b->o.n_single,
+                                     .every_ray = b->o.every_ray,
+                                     .seed = b->o.seed};
     for (int c = 0; c < 3; c++) {
         b->single.sigma_s[c] = m->sigma_s_prime[c] / (1 - m->g[c]);
         b->single.sigma_t[c] = b->single.sigma_s[c] + m->sigma_a[c];
@@ -327,8 +336,8 @@ static int bake_wavelet(struct bake *b)
     if (b->o.material.profile) // its R_d holds all light that leaves
         return PRT_OK;
     bake_plan_single(b);
-    return bake_tensor(b, PRT_TERM_SINGLE, "single scattering", bake_single_range, 3 * b->o.n_phase,
-                       b->o.n_phase, T_SINGLE);
+    return bake_tensor(b, PRT_TERM_SINGLE, "single scattering", bake_single_range,
+                       3 * b->o.n_phase, b->o.n_phase, T_SINGLE);
 }
 
 static uint64_t mesh_hash(const struct prt_mesh *m)
@@ -347,26 +356,26 @@ static void describe(const struct bake *b, char *out, size_t n)
         rays += b->rays_single[c];
     char material[512];
     prt_material_summary(&b->o.material, material, sizeof material);
-    snprintf(out, n,
-             "{\"engine\":\"%s\",\"storage\":\"%s\",\"cube\":%u,\"samples\":%u,\"spacing_mm\":%g,"
-             "\"phase_terms\":%u,\"single_points\":%u,\"coeffs\":%u,\"max_error\":%g,\"seed\":%llu,"
-             "\"clusters\":%u,\"rays_irradiance\":%llu,\"rays_single\":%llu,\"material\":%s%s%s}",
-             engine[b->o.engine], b->o.storage == PRT_STORAGE_SPARSE ? "sparse" : "factored",
-             b->o.cube, b->surface ? b->surface->n_sample : 0,
-             b->surface ? b->surface->spacing : 0, b->o.n_phase, b->o.n_single, b->o.n_coef,
-             b->o.max_error, (unsigned long long)b->o.seed, b->clusters->n_cluster,
-             (unsigned long long)b->rays_irradiance, (unsigned long long)rays, material,
-             b->o.settings_json ? ",\"source\":" : "",
-             b->o.settings_json ? b->o.settings_json : "");
+    snprintf(
+        out, n,
+        "{\"engine\":\"%s\",\"storage\":\"%s\",\"cube\":%u,\"samples\":%u,\"spacing_mm\":%g,"
+        "\"phase_terms\":%u,\"single_points\":%u,\"coeffs\":%u,\"max_error\":%g,\"seed\":%llu,"
+        "\"clusters\":%u,\"rays_irradiance\":%llu,\"rays_single\":%llu,\"material\":%s%s%s}",
+        engine[b->o.engine], b->o.storage == PRT_STORAGE_SPARSE ? "sparse" : "factored",
+        b->o.cube, b->surface ? b->surface->n_sample : 0, b->surface ? b->surface->spacing : 0,
+        b->o.n_phase, b->o.n_single, b->o.n_coef, b->o.max_error, (unsigned long long)b->o.seed,
+        b->clusters->n_cluster, (unsigned long long)b->rays_irradiance,
+        (unsigned long long)rays, material, b->o.settings_json ? ",\"source\":" : "",
+        b->o.settings_json ? b->o.settings_json : "");
 }
 
 // A polynomial bake can only be asked about the light it fixed.
 static int examine(struct bake *b, char *errors, size_t n)
 {
     struct prt_cube own = {0};
-    bool fixed = b->o.engine == PRT_ENGINE_POLYNOMIAL;
-    int status = fixed ? prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, &own)
-                       : PRT_OK;
+    bool fixed = b->o.engine == PRT_TRANSPORT_POLYNOMIAL;
+    int status =
+        fixed ? prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, &own) : PRT_OK;
     if (status == PRT_OK)
         status = measure_bake(b->ctx, &b->out, fixed ? &own : NULL, 200, b->o.seed, errors, n);
     prt_cube_finish(&own);
@@ -399,7 +408,7 @@ static uint64_t shard_key(const struct bake *b)
     uint64_t key = prt_hash64(settings, strlen(settings), b->out.mesh_hash);
     key = prt_hash64(more, sizeof more, key);
     key = prt_hash64(&b->o.rotate_deg, sizeof b->o.rotate_deg, key);
-    const struct prt_env *env = b->o.engine == PRT_ENGINE_POLYNOMIAL ? b->o.env : NULL;
+    const struct prt_env *env = b->o.engine == PRT_TRANSPORT_POLYNOMIAL ? b->o.env : NULL;
     if (env && env->kind == PRT_ENV_CUBE)
         key = prt_hash64(env->cube.texel, (size_t)env->cube.n * env->cube.n * 72, key);
     else if (env)
@@ -410,9 +419,9 @@ static uint64_t shard_key(const struct bake *b)
 
 static int run_engine(struct bake *b)
 {
-    return b->o.engine == PRT_ENGINE_JOINT        ? bake_joint(b)
-           : b->o.engine == PRT_ENGINE_POLYNOMIAL ? bake_polynomial(b)
-                                                  : bake_wavelet(b);
+    return b->o.engine == PRT_TRANSPORT_JOINT        ? bake_joint(b)
+           : b->o.engine == PRT_TRANSPORT_POLYNOMIAL ? bake_polynomial(b)
+                                                     : bake_wavelet(b);
 }
 
 // Runs the engine on this process' clusters and, when it has the last part, once more to
@@ -452,10 +461,8 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
     b.out.engine = b.o.engine;
     b.out.mesh_hash = mesh_hash(mesh);
     status = prepare(&b);
-    if (status == PRT_OK)
-        status = run_shard(&b, out_path, &missing);
-    if (status == PRT_OK && b.surface && !missing)
-        status = examine(&b, errors, sizeof errors);
+    if (status == PRT_OK) status = run_shard(&b, out_path, &missing);
+    if (status == PRT_OK && b.surface && !missing) status = examine(&b, errors, sizeof errors);
     if (status == PRT_OK && !missing) {
         // Times are told, not stored: equal bakes are equal bytes.
         prt_log(ctx, PRT_LOG_NOTE,

@@ -57,8 +57,7 @@ int directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed, struct dire
     for (uint32_t p = 0; p < n_pattern; p++)
         for (uint32_t k = 0, face = 0; face < 6; face++)
             for (uint32_t y = 0; y < n; y += 2)
-                for (uint32_t x = 0; x < n; x += 2, k++)
-                    fill_packet(d, p, k, face, x, y, &rng);
+                for (uint32_t x = 0; x < n; x += 2, k++) fill_packet(d, p, k, face, x, y, &rng);
     for (uint32_t i = 0; i < d->n_coef; i++)
         d->solid_angle[i] = (float)prt_cube_solid_angle(n, i % n, i / n % n);
     for (uint32_t i = 0; i < d->n_coef; i++) {

@@ -28,8 +28,8 @@ static int leading(double *g, int n, int rank, double *value, double *vector)
     lapack_int *support = malloc(2 * (size_t)rank * sizeof *support), found = 0;
     int info = -1;
     if (w && support)
-        info = LAPACKE_dsyevr(LAPACK_COL_MAJOR, 'V', 'I', 'U', n, g, n, 0, 0, n - rank + 1, n, 0,
-                              &found, w, vector, n, support);
+        info = LAPACKE_dsyevr(LAPACK_COL_MAJOR, 'V', 'I', 'U', n, g, n, 0, 0, n - rank + 1, n,
+                              0, &found, w, vector, n, support);
     if (!info && found == rank) {
         for (int i = 0; i < rank / 2; i++)
             cblas_dswap(n, vector + (size_t)i * (size_t)n, 1,
@@ -75,7 +75,8 @@ static int basis_of(const float *y, uint32_t n_vertex, uint32_t n_train, uint32_
     for (uint32_t r = 0; status == PRT_OK && r < rank; r++) {
         const double *w = vector + r * side;
         if (by_vertex) {
-            for (uint32_t v = 0; v < n_vertex; v++) out->u[(size_t)r * n_vertex + v] = (float)w[v];
+            for (uint32_t v = 0; v < n_vertex; v++)
+                out->u[(size_t)r * n_vertex + v] = (float)w[v];
             continue;
         }
         double norm = 1 / sqrt(value[r] * m);
@@ -152,7 +153,8 @@ static int project_all(const struct factor_plan *plan, const struct row_source *
         status = source->project(source->user, out->u, out->rank, b);
     for (size_t i = 0; status == PRT_OK && i < (size_t)out->rank * plan->n_function; i++)
         to_haar(plan, b + i * n_coef);
-    if (status == PRT_OK) status = plan->train ? mix_rows(plan, b, out) : keep_rows(plan, b, out);
+    if (status == PRT_OK)
+        status = plan->train ? mix_rows(plan, b, out) : keep_rows(plan, b, out);
     prt_free(b);
     return status;
 }

@@ -74,7 +74,7 @@ static uint32_t build(const struct prt_surface_points *s, struct hierarchy *h, u
     h->node[at] = (struct node){.begin = begin, .count = count};
     measure_node(s, h->order, &h->node[at]);
     if (count > LEAF_SAMPLES) {
-        sort_longest((const float (*)[3])s->position, h->order + begin, count, scratch);
+        sort_longest((const float(*)[3])s->position, h->order + begin, count, scratch);
         uint32_t left = build(s, h, begin, count / 2, scratch);
         uint32_t right = build(s, h, begin + count / 2, count - count / 2, scratch);
         h->node[at].child[0] = left;
@@ -126,7 +126,7 @@ static void split(const struct prt_mesh *mesh, struct clusters *c, uint32_t begi
                   uint32_t target, uint32_t object, bool translucent, struct item *scratch)
 {
     if (n > target) {
-        sort_longest((const float (*)[3])mesh->position, c->order + begin, n, scratch);
+        sort_longest((const float(*)[3])mesh->position, c->order + begin, n, scratch);
         split(mesh, c, begin, n / 2, target, object, translucent, scratch);
         split(mesh, c, begin + n / 2, n - n / 2, target, object, translucent, scratch);
         return;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// What the surface sees for certain: of each vertex's directions those that are open, or blocked,
-// together with all their neighbours. Most light leaves a body where nothing else is near; a
-// shadow ray there is not worth casting, nor one deep in a fold.
+// What the surface sees for certain: of each vertex's directions those that are open, or
+// blocked, together with all their neighbours. Most light leaves a body where nothing else is
+// near; a shadow ray there is not worth casting, nor one deep in a fold.
 
 #include "bake/stages.h"
 
@@ -20,9 +20,9 @@ struct horizon {
     // [n_vertex] filled as they are asked for: bins that are open with all that touch them, and
     // bins that are blocked with them.
     _Atomic uint64_t (*open)[WORDS], (*shut)[WORDS];
-    _Atomic uint8_t *state;           // [n_vertex]
+    _Atomic uint8_t *state; // [n_vertex]
     float direction[BINS][3];
-    uint16_t around[BINS][8];         // the bins that touch one
+    uint16_t around[BINS][8]; // the bins that touch one
 };
 
 // Triangles wider than this part of the box may hide something between their corners.
@@ -161,8 +161,10 @@ int horizon_known(struct horizon *h, uint32_t triangle, uint32_t bin)
     for (int k = 0; k < 3; k++) {
         if (atomic_load_explicit(&h->state[v[k]], memory_order_acquire) == EMPTY)
             look_around(h, v[k]);
-        open &= atomic_load_explicit(&h->open[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
-        shut &= atomic_load_explicit(&h->shut[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
+        open &=
+            atomic_load_explicit(&h->open[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
+        shut &=
+            atomic_load_explicit(&h->shut[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
     }
     return (int)open - (int)shut;
 }

@@ -48,7 +48,8 @@ static inline int known(const struct directions *d, const uint32_t texel[4],
     return (int)open - (int)shut;
 }
 
-// Packets whose visibility is not known, until there are four: the same origin, 2 x 2 texels each.
+// Packets whose visibility is not known, until there are four: the same origin, 2 x 2 texels
+// each.
 struct unsure {
     const struct prt_scene *scene;
     struct prt_packet packet[4], probe;
@@ -69,7 +70,8 @@ static void set_origin(struct prt_packet *p, const float origin[3], const float 
     }
 }
 
-static void write_texels(const uint32_t texel[4], const float value[16], uint32_t open, float *out)
+static void write_texels(const uint32_t texel[4], const float value[16], uint32_t open,
+                         float *out)
 {
     for (int j = 0; j < 4; j++) {
         float sum = 0;
@@ -94,8 +96,8 @@ static bool faint(const float value[16])
     return most < faint_light;
 }
 
-// One ray of each texel of the four packets in one packet; where a packet's four disagree the rest
-// of its rays are cast, else these stand for all.
+// One ray of each texel of the four packets in one packet; where a packet's four disagree the
+// rest of its rays are cast, else these stand for all.
 static void settle(struct unsure *u, unsigned turn, float *out)
 {
     uint32_t lanes = 0, probed[4] = {0};
@@ -177,7 +179,8 @@ uint64_t irradiance_row(const struct prt_scene *scene, const struct directions *
                         const float origin[3], const float normal[3],
                         const float face_normal[3], float *out)
 {
-    return irradiance_row_seen(scene, d, pattern, fresnel, origin, normal, face_normal, NULL, out);
+    return irradiance_row_seen(scene, d, pattern, fresnel, origin, normal, face_normal, NULL,
+                               out);
 }
 
 int half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
@@ -201,7 +204,8 @@ int half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
                             bytes >> 20);
         }
         unlink(path);
-        prt_log(ctx, PRT_LOG_NOTE, "irradiance transport (%zu MB) is kept on disk", bytes >> 20);
+        prt_log(ctx, PRT_LOG_NOTE, "irradiance transport (%zu MB) is kept on disk",
+                bytes >> 20);
     }
     void *map = mmap(NULL, bytes, PROT_READ | PROT_WRITE,
                      fd < 0 ? MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE : MAP_SHARED, fd, 0);
@@ -314,13 +318,14 @@ int irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene
     fresnel_table_init(&fresnel, eta);
     int status = half_rows_create(ctx, (size_t)surface->n_sample + h->n_node, d->n_coef, out);
     if (status) return status;
-    struct pass_one p = {.scene = scene, .surface = surface, .h = h, .d = d, .fresnel = &fresnel,
-                         .rows = out};
+    struct pass_one p = {
+        .scene = scene, .surface = surface, .h = h, .d = d, .fresnel = &fresnel, .rows = out};
     (void)horizon_create(scene, &p.horizon); // without memory for it every ray is cast
     status = prt_parallel_for(ctx, "irradiance", surface->n_sample, 64, pass_one_range, &p);
     if (status == PRT_OK)
         status = prt_parallel_for(ctx, "hierarchy", h->n_node, 256, leaf_range, &p);
-    float *scratch = status == PRT_OK ? prt_alloc(2 * (size_t)d->n_coef, sizeof *scratch) : NULL;
+    float *scratch =
+        status == PRT_OK ? prt_alloc(2 * (size_t)d->n_coef, sizeof *scratch) : NULL;
     if (status == PRT_OK && !scratch) status = PRT_NOMEM;
     for (uint32_t i = h->n_node; status == PRT_OK && i-- > 0;)
         if (h->node[i].child[0]) sum_node(&p, i, scratch, scratch + d->n_coef);

@@ -60,8 +60,8 @@ static int tensor(struct joint *j, enum prt_term term, const char *stage, prt_lo
     b->train = radial ? j->bases.train : NULL;
     b->n_train = j->bases.n_train;
     b->loop_arg = term == PRT_TERM_MULTIPLE ? j : NULL;
-    int status = bake_tensor(b, term, stage, range, n_function, n_phase,
-                             term ? T_SINGLE : T_MULTIPLE);
+    int status =
+        bake_tensor(b, term, stage, range, n_function, n_phase, term ? T_SINGLE : T_MULTIPLE);
     b->loop_arg = NULL;
     b->train = NULL;
     if (status || !radial) return status;
@@ -77,7 +77,8 @@ static int bake_terms(struct joint *j)
     int status = bases_train_reflectance(b, &j->bases);
     b->n_probe = joint_probes;
     if (status == PRT_OK) status = bake_probe(b, b->n_probe);
-    for (uint32_t c = 0; c < b->clusters->n_cluster; c++) opaque |= !b->clusters->translucent[c];
+    for (uint32_t c = 0; c < b->clusters->n_cluster; c++)
+        opaque |= !b->clusters->translucent[c];
     if (status == PRT_OK)
         status = tensor(j, PRT_TERM_MULTIPLE, "multiple scattering", multiple_range,
                         j->bases.reflectance->n_function, 1, j->bases.reflectance);
@@ -111,7 +112,8 @@ int bake_joint(struct bake *b)
     struct joint j = {.b = b};
     double started = prt_time_s();
     if (!b->surface)
-        return prt_fail(b->ctx, PRT_ARG, "nothing is translucent: a joint bake has no material");
+        return prt_fail(b->ctx, PRT_ARG,
+                        "nothing is translucent: a joint bake has no material");
     int status = bases_create(b, &j.bases);
     if (status == PRT_OK && !shard_assembling(b))
         status = irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,

@@ -91,7 +91,7 @@ static int choose_media(struct examination *e)
     const struct prt_transport *t = e->transport;
     e->medium[0] = t->material;
     e->n_medium = 1;
-    for (unsigned i = 0; t->engine != PRT_ENGINE_WAVELET && i < MEDIA - 1; i++) {
+    for (unsigned i = 0; t->engine != PRT_TRANSPORT_WAVELET && i < MEDIA - 1; i++) {
         struct prt_material *m = &e->medium[e->n_medium];
         int status = prt_material_load(e->ctx, free_media[i], m);
         if (status) return status;
@@ -125,18 +125,22 @@ static int examine(struct examination *e, enum prt_answer_term answer,
 {
     const struct prt_transport *t = e->transport;
     const struct prt_material *medium[MEDIA];
-    struct prt_reference_options options = {.term = term, .vertex = e->vertex, .n_vertex = e->n,
-                                            .n_sample = reference_samples(e), .n_ray = 512, .n_single = 4096,
+    struct prt_reference_options options = {.term = term,
+                                            .vertex = e->vertex,
+                                            .n_vertex = e->n,
+                                            .n_sample = reference_samples(e),
+                                            .n_ray = 512,
+                                            .n_single = 4096,
                                             .seed = 99};
     struct prt_context quiet = *e->ctx;
     quiet.progress = NULL;
     quiet.log = drop_warnings, quiet.log_user = (void *)(uintptr_t)e->ctx;
     for (unsigned m = 0; m < e->n_medium; m++) medium[m] = &e->medium[m];
-    int status = prt_reference_many(&quiet, &t->mesh, e->n_medium, medium, 1, &light, &options,
-                                    e->want);
+    int status =
+        prt_reference_many(&quiet, &t->mesh, e->n_medium, medium, 1, &light, &options, e->want);
     for (unsigned m = 0; status == PRT_OK && m < e->n_medium; m++) {
-        struct prt_query query = {.term = answer, .light = light,
-                                  .material = m ? &e->medium[m] : NULL};
+        struct prt_query query = {
+            .term = answer, .light = light, .material = m ? &e->medium[m] : NULL};
         status = prt_answer_colors(e->ctx, t, &query, e->all);
         for (uint32_t i = 0; status == PRT_OK && i < e->n; i++)
             memcpy(e->got[i], e->all[e->vertex[i]], sizeof e->got[i]);
@@ -172,8 +176,7 @@ int measure_bake(const struct prt_context *ctx, const struct prt_transport *tran
     int status = e.vertex && e.all && e.got ? choose_media(&e) : PRT_NOMEM;
     for (unsigned m = 0; status == PRT_OK && m < e.n_medium; m++)
         if (!(e.want[m] = prt_alloc(n_vertex, sizeof *e.want[m]))) status = PRT_NOMEM;
-    if (status == PRT_OK)
-        e.n = draw_vertices(&transport->mesh, n_vertex, seed, e.vertex);
+    if (status == PRT_OK) e.n = draw_vertices(&transport->mesh, n_vertex, seed, e.vertex);
     bool single = false;
     for (uint32_t t = 0; t < transport->n_tensor; t++)
         single |= transport->tensor[t].term == PRT_TERM_SINGLE;
@@ -192,8 +195,7 @@ int measure_bake(const struct prt_context *ctx, const struct prt_transport *tran
                                  own ? own : &light, &error);
             prt_cube_finish(&light);
             at += (size_t)snprintf(errors + at, n - at, "\"%s\":%.6f,",
-                                   own ? "own" : measure_light_name[l],
-                                   error);
+                                   own ? "own" : measure_light_name[l], error);
         }
         at += tell_worst(&e, errors + at, n - at);
     }

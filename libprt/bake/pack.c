@@ -9,17 +9,18 @@
 struct choice {
     struct factored *f;
     uint32_t n_cluster, n_function, n, n_coef;
-    uint32_t stride;         // every stride-th cluster is looked at
-    bool mixed;              // rows of few directions, in bytes; else of functions, in halves
-    double entry_bytes, row_bytes; // mixed: beside a byte a direction of each entry, and directions
+    uint32_t stride; // every stride-th cluster is looked at
+    bool mixed;      // rows of few directions, in bytes; else of functions, in halves
+    double entry_bytes,
+        row_bytes; // mixed: beside a byte a direction of each entry, and directions
     double direction_bytes;
-    double *bytes;           // [n_cluster] of what is kept
-    double price;            // energy one byte must be worth
+    double *bytes; // [n_cluster] of what is kept
+    double price;  // energy one byte must be worth
     const struct pack_options *options;
-    double *dropped;         // [n_cluster] energy lost
-    uint64_t *entries;       // [n_cluster] kept
-    uint32_t *rank;          // [n_cluster] kept
-    float *threshold;        // [n_cluster] energy an entry must reach
+    double *dropped;   // [n_cluster] energy lost
+    uint64_t *entries; // [n_cluster] kept
+    uint32_t *rank;    // [n_cluster] kept
+    float *threshold;  // [n_cluster] energy an entry must reach
 };
 
 static bool is_scaling(uint32_t n, uint32_t k)
@@ -130,10 +131,8 @@ static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
             mixed_choice(c, i, room);
             continue;
         }
-        if (c->options->n_basis_coef)
-            status = fixed_choice(c, i);
-        else
-            priced_choice(c, i);
+        if (c->options->n_basis_coef) status = fixed_choice(c, i);
+        else priced_choice(c, i);
         if (status) return status;
         double lost = f->tail ? f->tail[c->rank[i]] : 0;
         uint64_t entries = 0;
@@ -141,10 +140,8 @@ static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
             const float *e = f->energy + (size_t)r * c->n_coef;
             for (uint32_t k = 0; k < c->n_coef; k++) {
                 if (is_scaling(c->n, k)) continue;
-                if (e[k] > c->threshold[i])
-                    entries++;
-                else
-                    lost += e[k];
+                if (e[k] > c->threshold[i]) entries++;
+                else lost += e[k];
             }
         }
         c->dropped[i] = lost;
@@ -174,7 +171,8 @@ static int weigh(const struct prt_context *ctx, struct choice *c, double log_pri
 static double mean_entries(const struct choice *c)
 {
     double entries = 0, rows = 0;
-    for (uint32_t i = 0; i < c->n_cluster; i++) entries += (double)c->entries[i], rows += c->rank[i];
+    for (uint32_t i = 0; i < c->n_cluster; i++)
+        entries += (double)c->entries[i], rows += c->rank[i];
     return rows > 0 ? entries / rows : 0;
 }
 
@@ -196,7 +194,8 @@ static struct goal goal_of(const struct choice *c)
 }
 
 // > 0 where a lower price is wanted: more is lost than allowed, and there is room for it.
-static int excess(const struct prt_context *ctx, struct choice *c, double log_price, double *out)
+static int excess(const struct prt_context *ctx, struct choice *c, double log_price,
+                  double *out)
 {
     struct goal goal = goal_of(c);
     double bytes, lost;
@@ -249,8 +248,8 @@ static int refine(const struct prt_context *ctx, struct choice *c, double *lo, d
 }
 
 // Finds the highest price at which the whole model loses no more than the allowed energy; or,
-// where noise or detail would take more than max_bytes for that, the price of max_bytes. Of many
-// clusters some tell about what it is.
+// where noise or detail would take more than max_bytes for that, the price of max_bytes. Of
+// many clusters some tell about what it is.
 static int choose(const struct prt_context *ctx, struct choice *c)
 {
     enum { SOME = 8 };
@@ -270,10 +269,8 @@ static int choose(const struct prt_context *ctx, struct choice *c)
 
 static void set_index(struct prt_rows *rows, uint64_t at, uint32_t k)
 {
-    if (rows->index_bytes == 2)
-        ((uint16_t *)(uintptr_t)rows->index)[at] = (uint16_t)k;
-    else
-        ((uint32_t *)(uintptr_t)rows->index)[at] = k;
+    if (rows->index_bytes == 2) ((uint16_t *)(uintptr_t)rows->index)[at] = (uint16_t)k;
+    else ((uint32_t *)(uintptr_t)rows->index)[at] = k;
 }
 
 struct layout {
@@ -296,8 +293,9 @@ static uint64_t lay_row(const struct choice *c, size_t i, uint32_t r, uint64_t a
             size_t from = (size_t)r * J + j;
             value[j] = prt_f16_to_f32(f->b[from * c->n_coef + k]) * f->scale[from] * s;
         }
-        uint16_t *to = dc ? (uint16_t *)(uintptr_t)rows->scaling + ((size_t)row * 6 + k / face) * J
-                          : (uint16_t *)(uintptr_t)rows->entry + at * J;
+        uint16_t *to =
+            dc ? (uint16_t *)(uintptr_t)rows->scaling + ((size_t)row * 6 + k / face) * J
+               : (uint16_t *)(uintptr_t)rows->entry + at * J;
         prt_f32_to_f16_array(value, J, to);
         if (!dc) set_index(rows, at++, k);
     }
@@ -305,11 +303,13 @@ static uint64_t lay_row(const struct choice *c, size_t i, uint32_t r, uint64_t a
 }
 
 // Row r of U over 64 * most as integers, beside its partner.
-static void lay_u(const struct factored *f, uint32_t r, float most, uint32_t padded, uint16_t *out)
+static void lay_u(const struct factored *f, uint32_t r, float most, uint32_t padded,
+                  uint16_t *out)
 {
     const float *u = f->u + (size_t)r * f->n_vertex, scale = PRT_U_MOST / most;
     int16_t *to = (int16_t *)out + 2 * (size_t)padded * (r / 2) + r % 2;
-    for (uint32_t v = 0; v < f->n_vertex; v++) to[2 * (size_t)v] = (int16_t)lrintf(u[v] * scale);
+    for (uint32_t v = 0; v < f->n_vertex; v++)
+        to[2 * (size_t)v] = (int16_t)lrintf(u[v] * scale);
 }
 
 // One cluster's rows and U. A power-of-two-free balance: U's largest becomes 1/64, which keeps
@@ -363,7 +363,8 @@ static int allocate_mixed(const struct choice *c, struct prt_tensor *t)
             ((uint64_t *)(uintptr_t)rows->begin)[row] = at;
             at += c->f[i].count[r];
             direction[row + 1] = direction[row] + c->f[i].width[r];
-            value_begin[row + 1] = value_begin[row] + (uint64_t)c->f[i].count[r] * c->f[i].width[r];
+            value_begin[row + 1] =
+                value_begin[row] + (uint64_t)c->f[i].count[r] * c->f[i].width[r];
         }
     rows->entry = prt_alloc(value_begin[row] + 32, 1);
     rows->shift = prt_alloc(at + 32, 1);
@@ -394,7 +395,9 @@ static int allocate(struct choice *c, const struct clusters *clusters, struct la
     uint32_t J = c->n_function;
     uint32_t *order = prt_alloc(n_vertex, sizeof *order);
     uint64_t *begin = prt_alloc(n_row + 1u, sizeof *begin);
-    t->rows = (struct prt_rows){.n_row = n_row, .n_function = J, .n_coef = c->n_coef,
+    t->rows = (struct prt_rows){.n_row = n_row,
+                                .n_function = J,
+                                .n_coef = c->n_coef,
                                 .value = PRT_VALUE_F16,
                                 .index_bytes = c->n_coef > 65536 ? 4 : 2};
     t->rows.index = prt_alloc(entries + 32, t->rows.index_bytes);
@@ -407,8 +410,8 @@ static int allocate(struct choice *c, const struct clusters *clusters, struct la
     t->n_vertex = n_vertex;
     t->n_cluster = c->n_cluster;
     t->n_function = J;
-    if (!order || !begin || !t->rows.index || (!c->mixed && !t->rows.entry) || !t->rows.scaling ||
-        !t->u)
+    if (!order || !begin || !t->rows.index || (!c->mixed && !t->rows.entry) ||
+        !t->rows.scaling || !t->u)
         return PRT_NOMEM;
     memcpy(order, clusters->order, n_vertex * sizeof *order);
     begin[n_row] = entries;
@@ -431,8 +434,14 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
                   const struct pack_options *options, struct prt_tensor *out)
 {
     uint32_t nc = clusters->n_cluster;
-    struct choice c = {.f = factored, .n_cluster = nc, .n_function = n_function, .n = n,
-                       .n_coef = 6 * n * n, .stride = 1, .options = options, .mixed = options->mixed};
+    struct choice c = {.f = factored,
+                       .n_cluster = nc,
+                       .n_function = n_function,
+                       .n = n,
+                       .n_coef = 6 * n * n,
+                       .stride = 1,
+                       .options = options,
+                       .mixed = options->mixed};
     const double index = c.n_coef > 65536 ? 4 : 2;
     c.entry_bytes = c.mixed ? index + 1 : index + 2.0 * n_function;
     const bool pairs = !c.mixed && n_function == 3 && index == 2;
@@ -447,8 +456,9 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
     c.threshold = prt_alloc(nc, sizeof *c.threshold);
     memset(out, 0, sizeof *out);
     out->storage = PRT_STORAGE_FACTORED;
-    int status = l.cluster_entry && c.dropped && c.entries && c.rank && c.threshold && c.bytes ? PRT_OK
-                                                                                    : PRT_NOMEM;
+    int status = l.cluster_entry && c.dropped && c.entries && c.rank && c.threshold && c.bytes
+                     ? PRT_OK
+                     : PRT_NOMEM;
     if (status == PRT_OK) status = choose(ctx, &c);
     if (status == PRT_OK) status = allocate(&c, clusters, &l, out);
     if (status == PRT_OK) status = prt_parallel_for(ctx, NULL, nc, 1, lay_range, &l);

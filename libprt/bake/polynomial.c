@@ -17,7 +17,7 @@ struct polynomial {
     struct bake *b;
     struct bases bases;
     struct light_rays *rays;
-    float (*irradiance)[3];  // samples in tree order, then nodes: means under the light
+    float (*irradiance)[3]; // samples in tree order, then nodes: means under the light
     struct prt_tensor *tensor;
 };
 
@@ -102,7 +102,8 @@ static uint16_t *column(const struct prt_tensor *t, const struct prt_cluster *cl
                         uint32_t j, int channel)
 {
     uint32_t padded = (cluster->n_vertex + 15) / 16 * 16;
-    return (uint16_t *)(uintptr_t)t->u + cluster->u_begin + ((size_t)j * 3 + (size_t)channel) * padded;
+    return (uint16_t *)(uintptr_t)t->u + cluster->u_begin +
+           ((size_t)j * 3 + (size_t)channel) * padded;
 }
 
 static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
@@ -130,7 +131,8 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
                         sum[(size_t)ch * n + v] += k[(size_t)i * n + v] * e[ch];
             }
             for (int ch = 0; ch < 3; ch++)
-                prt_f32_to_f16_array(sum + (size_t)ch * n, n, column(p->tensor, cluster, j, ch));
+                prt_f32_to_f16_array(sum + (size_t)ch * n, n,
+                                     column(p->tensor, cluster, j, ch));
         }
         prt_free(sum);
         cut_finish(&cut);
@@ -155,7 +157,8 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
         if (!b->clusters->translucent[c]) continue;
         for (uint32_t i = 0; i < cluster->n_vertex; i++) {
             uint32_t v = b->clusters->order[cluster->vertex_begin + i];
-            size_t base = (size_t)((prt_hash64(&v, sizeof v, 23) >> 8) % r->n_pattern) * r->n_ray;
+            size_t base =
+                (size_t)((prt_hash64(&v, sizeof v, 23) >> 8) % r->n_pattern) * r->n_ray;
             b->rays_single[c] +=
                 single_light(&b->single, &fresnel, v, r->n_ray, r->x + base, r->y + base,
                              r->z + base, r->rgb + base * 3, out, scratch);
@@ -249,7 +252,8 @@ int bake_polynomial(struct bake *b)
     if (!b->surface)
         return prt_fail(b->ctx, PRT_ARG, "nothing is translucent: no material to edit");
     bool opaque = false;
-    for (uint32_t c = 0; c < b->clusters->n_cluster; c++) opaque |= !b->clusters->translucent[c];
+    for (uint32_t c = 0; c < b->clusters->n_cluster; c++)
+        opaque |= !b->clusters->translucent[c];
     int status = light_of(b, &cube);
     if (status == PRT_OK) status = bases_create(b, &p.bases);
     if (status == PRT_OK)
@@ -259,12 +263,10 @@ int bake_polynomial(struct bake *b)
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
     started = prt_time_s();
     if (status == PRT_OK) status = shape(&p, PRT_TERM_MULTIPLE, 1, p.bases.reflectance);
-    if (status == PRT_OK)
-        status = shard_for(b, "multiple scattering", multiple_range, &p);
+    if (status == PRT_OK) status = shard_for(b, "multiple scattering", multiple_range, &p);
     if (status == PRT_OK) status = shard_radial(b, p.tensor);
     if (status == PRT_OK && opaque) status = shape(&p, PRT_TERM_MULTIPLE, 1, NULL);
-    if (status == PRT_OK && opaque)
-        status = shard_for(b, "opaque surfaces", opaque_range, &p);
+    if (status == PRT_OK && opaque) status = shard_for(b, "opaque surfaces", opaque_range, &p);
     if (status == PRT_OK && opaque) status = shard_radial(b, p.tensor);
     b->seconds[T_MULTIPLE] = prt_time_s() - started;
     started = prt_time_s();
@@ -278,8 +280,7 @@ int bake_polynomial(struct bake *b)
         single_plan_depths(&b->single);
         if (status == PRT_OK)
             status = shape(&p, PRT_TERM_SINGLE, b->o.n_phase, p.bases.extinction);
-        if (status == PRT_OK)
-            status = shard_for(b, "single scattering", single_range, &p);
+        if (status == PRT_OK) status = shard_for(b, "single scattering", single_range, &p);
         if (status == PRT_OK) status = shard_radial(b, p.tensor);
     }
     b->seconds[T_SINGLE] = prt_time_s() - started;

@@ -26,7 +26,8 @@ static void reflectance_eval(const void *user, unsigned cpu, size_t n, const flo
 struct radial_set bases_radial_set(const struct bases *s)
 {
     // Whatever falls faster than this matters only where the cells are integrated anyway.
-    return (struct radial_set){s->reflectance->n_function, reflectance_eval, s->reflectance, 12};
+    return (struct radial_set){s->reflectance->n_function, reflectance_eval, s->reflectance,
+                               12};
 }
 
 // The bake's material as profiles to hold exactly, where it has an R_d of its own.
@@ -43,8 +44,8 @@ static int own_profiles(const struct bake *b, struct prt_profile out[3], uint32_
     return status;
 }
 
-// X07's sizes for its own kinds of basis: 32 coefficients for R_d, 16 for the exponential, as 16
-// and 8 linear pieces; hats on the same knots.
+// X07's sizes for its own kinds of basis: 32 coefficients for R_d, 16 for the exponential, as
+// 16 and 8 linear pieces; hats on the same knots.
 static void x07_size(const struct bake *b, uint32_t pieces, struct prt_radial_options *o)
 {
     o->kind = (enum prt_radial_kind)b->o.basis;
@@ -60,8 +61,10 @@ int bases_create(struct bake *b, struct bases *s)
     uint32_t n_own = 0;
     double size = prt_mesh_diagonal(b->mesh);
     memset(s, 0, sizeof *s);
-    struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED, .family = PRT_FAMILY_DIPOLE,
-                                   .eta = b->o.material.eta, .radius_mm = 1.01 * size,
+    struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED,
+                                   .family = PRT_FAMILY_DIPOLE,
+                                   .eta = b->o.material.eta,
+                                   .radius_mm = 1.01 * size,
                                    .max_error = 0.5 * b->o.max_error};
     int status = own_profiles(b, own, &n_own);
     o.extra = own, o.n_extra = n_own;
@@ -72,8 +75,9 @@ int bases_create(struct bake *b, struct bases *s)
     if (status == PRT_OK && !b->o.no_single) {
         o.family = PRT_FAMILY_EXTINCTION;
         o.radius_mm = 3 * size;
-        // The worst medium; the mean has a third of it. A polynomial bake's functions cost little.
-        o.max_error = (b->o.engine == PRT_ENGINE_JOINT ? 1 : 0.2) * b->o.max_error;
+        // The worst medium; the mean has a third of it. A polynomial bake's functions cost
+        // little.
+        o.max_error = (b->o.engine == PRT_TRANSPORT_JOINT ? 1 : 0.2) * b->o.max_error;
         x07_size(b, 8, &o);
         status = prt_radial_create(b->ctx, &o, &s->extinction);
         if (status == PRT_OK) status = extinction_table_create(s->extinction, &s->integral);
@@ -109,10 +113,10 @@ static int grey_fit(const struct prt_radial *radial, const struct bake *b, doubl
     return status;
 }
 
-// What a medium answers to constant irradiance, over rho_d: the mean over vertices of the integral
-// of R_d over the body. Where light travels further than the body is large that is a few percent,
-// and errors that are to be small beside the answer have to be small beside this.
-static double share_on_body(const struct bake *b, const struct prt_dipole *d)
+// What a medium answers to constant irradiance, over rho_d: the mean over vertices of the
+// integral of R_d over the body. Where light travels further than the body is large that is a
+// few percent, and errors that are to be small beside the answer have to be small beside this.
+static double share_on_body(const struct bake *b, const struct prt_diffusion *d)
 {
     enum { SAMPLES = 4096, VERTICES = 64 };
     const struct prt_surface_points *s = b->surface;
@@ -125,7 +129,7 @@ static double share_on_body(const struct bake *b, const struct prt_dipole *d)
             double r2 = 0;
             for (int k = 0; k < 3; k++)
                 r2 += pow((double)mesh->position[v][k] - (double)s->position[i][k], 2);
-            sum += step * (double)s->area[i] * prt_dipole_rd(d, sqrt(r2));
+            sum += step * (double)s->area[i] * prt_diffusion_rd(d, sqrt(r2));
         }
     return fmin(1, sum / (n * d->rho_d));
 }
@@ -141,9 +145,9 @@ int bases_train_reflectance(struct bake *b, struct bases *s)
     int status = s->train ? PRT_OK : PRT_NOMEM;
     for (int i = 0; status == PRT_OK && i < SCATTER * ABSORB; i++) {
         double scatter = log_step(0.02, 20, i / ABSORB, SCATTER);
-        struct prt_dipole d;
+        struct prt_diffusion d;
         float *row = s->train + (size_t)i * J;
-        prt_dipole_init(&d, scatter, absorb[i % ABSORB], b->o.material.eta);
+        prt_diffusion_init(&d, scatter, absorb[i % ABSORB], b->o.material.eta);
         status = grey_fit(s->reflectance, b, scatter, absorb[i % ABSORB], row);
         double answer = d.rho_d * share_on_body(b, &d);
         // What hardly scatters and absorbs at once answers from where light enters, shadows'

@@ -9,7 +9,7 @@ struct bake {
     const struct prt_context *ctx;
     const struct prt_mesh *mesh;
     struct prt_bake_options o;
-    struct prt_dipole dipole[3];
+    struct prt_diffusion dipole[3];
     struct prt_scene *scene;
     struct prt_surface_points *surface;
     struct hierarchy *hierarchy;
@@ -19,14 +19,14 @@ struct bake {
     struct radial_set radial;
     struct single_plan single;
     float *probe;
-    struct factored *factored;         // [n_cluster]
+    struct factored *factored; // [n_cluster]
     struct sparse_builder *sparse;
     struct prt_transport out;
-    void *loop_arg;                    // what bake_tensor hands to range; NULL: this
-    const float *train;                // [n_train][n_function] of factor_plan, or NULL
+    void *loop_arg;     // what bake_tensor hands to range; NULL: this
+    const float *train; // [n_train][n_function] of factor_plan, or NULL
     uint32_t n_train, n_probe;
     uint64_t rays_irradiance, *rays_single;
-    struct shard *shard;               // one part of several; NULL: the whole bake
+    struct shard *shard; // one part of several; NULL: the whole bake
     double seconds[8];
 };
 enum { T_SAMPLES, T_IRRADIANCE, T_MULTIPLE, T_SINGLE, T_PACK, T_MEASURE };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Parts of a bake (prt bake --shard I/N). A part is a header and a record for each slot and own
-// cluster: the cluster's factors, sparse rows or radial columns as they stand before packing, so
-// that the assembled file is the same, byte for byte, as one process would write.
+// cluster: the cluster's factors, sparse rows or radial columns as they stand before packing,
+// so that the assembled file is the same, byte for byte, as one process would write.
 #include "bake/shard.h"
 
 #include <errno.h>
@@ -24,10 +24,10 @@ struct part_header {
 };
 
 struct record {
-    uint32_t slot, cluster;      // `last` ends the part
-    uint32_t rank, n_direction;  // of a factored cluster
-    uint64_t rays;               // single scattering's; of the last record: pass 1's
-    uint64_t bytes, hash;        // of what follows
+    uint32_t slot, cluster;     // `last` ends the part
+    uint32_t rank, n_direction; // of a factored cluster
+    uint64_t rays;              // single scattering's; of the last record: pass 1's
+    uint64_t bytes, hash;       // of what follows
 };
 
 struct view {
@@ -42,7 +42,7 @@ struct place { // where a record's bytes lie
 };
 
 struct shard {
-    char path[PATH_MAX];     // OUT.prt
+    char path[PATH_MAX]; // OUT.prt
     uint64_t key;
     uint32_t index, n;
     uint32_t slot;
@@ -152,7 +152,8 @@ static uint32_t open_parts(const struct bake *b, struct shard *s)
         if (s->fd[i] >= 0 && part_whole(s, s->fd[i], i, true)) continue;
         if (s->fd[i] >= 0)
             prt_log(b->ctx, PRT_LOG_WARNING,
-                    "%s is damaged or of a bake with other settings: run that shard again", path);
+                    "%s is damaged or of a bake with other settings: run that shard again",
+                    path);
         missing++;
     }
     return missing;
@@ -284,7 +285,8 @@ static const struct place *find(const struct shard *s, uint32_t cluster)
     return NULL;
 }
 
-static int read_record(struct bake *b, const struct place *p, const struct view *view, unsigned n)
+static int read_record(struct bake *b, const struct place *p, const struct view *view,
+                       unsigned n)
 {
     uint64_t at = p->at, bytes = 0, hash = 0;
     for (unsigned i = 0; i < n; i++) bytes += view[i].bytes;
@@ -364,7 +366,8 @@ int shard_factored(struct bake *b, uint32_t n_function, bool *part)
         const struct factored *f = &b->factored[c];
         struct record r = {.cluster = c, .rank = f->rank, .n_direction = f->n_direction};
         if (s->assembling) status = read_factored(b, c, n_function);
-        else if (f->tail) status = write_record(b, &r, view, factored_views(b, f, n_function, view));
+        else if (f->tail)
+            status = write_record(b, &r, view, factored_views(b, f, n_function, view));
     }
     s->slot++;
     return status;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 // Single scattering along -n_o (W05 eq 10-12, METHODS §3.5) with far fewer rays than texels x
-// points: along the path the way out is traced at a few depths only (path.c integrates between
-// them). Of each tile of 4 x 4 texels one is traced, then of each block of 2 x 2, then all: the
-// finer only where neighbours met something else. Beyond the surface a ray is cast only where
-// the horizon (horizon.c) does not know that all is open.
-#include "bake/path.h"
+// points: along the path the way out is traced at a few depths only (path_integral.c integrates
+// between them). Of each tile of 4 x 4 texels one is traced, then of each block of 2 x 2, then
+// all: the finer only where neighbours met something else. Beyond the surface a ray is cast
+// only where the horizon (horizon.c) does not know that all is open.
+#include "bake/path_integral.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -176,7 +176,8 @@ static float luminance(const float c[3])
 }
 
 // The direction that stands for texel i (0..3) of block b: one sub-sample of one jitter.
-static size_t texel_ray(const struct directions *d, unsigned pattern, uint32_t block, uint32_t i)
+static size_t texel_ray(const struct directions *d, unsigned pattern, uint32_t block,
+                        uint32_t i)
 {
     return ((size_t)(pattern % d->n_pattern) * d->n_packet + block) * 16 + i * 4 +
            (((pattern >> 6) + i) & 3);
@@ -231,7 +232,8 @@ static float out_of_reach(const struct single_plan *plan)
 }
 
 // Texels of a target.
-static uint32_t texels_of(const struct directions *d, const struct target *to, uint32_t at[TILE])
+static uint32_t texels_of(const struct directions *d, const struct target *to,
+                          uint32_t at[TILE])
 {
     uint32_t half = d->n / 2, first = to->block;
     if (to->share == ONE) {
@@ -252,7 +254,8 @@ static void flush_shadows(struct queue *q)
     for (uint32_t i = 0; i < q->n_shadow; i++) {
         const struct target *to = &q->shadow_target[i];
         uint32_t at[TILE], n = texels_of(q->plan->directions, to, at);
-        for (uint32_t j = 0; blocked >> i & 1 && j < n; j++) q->s->node[to->node].open[at[j]] = 0;
+        for (uint32_t j = 0; blocked >> i & 1 && j < n; j++)
+            q->s->node[to->node].open[at[j]] = 0;
     }
     q->n_shadow = 0;
 }
@@ -328,7 +331,10 @@ static void push(struct queue *q, uint32_t a, unsigned pattern, uint32_t block, 
 static uint64_t trace_every(const struct single_plan *plan, const struct fresnel_table *fresnel,
                             const float p[3], unsigned pattern, struct scratch *s)
 {
-    struct queue q = {.plan = plan, .fresnel = fresnel, .s = s, .p = {{p[0], p[1], p[2]}},
+    struct queue q = {.plan = plan,
+                      .fresnel = fresnel,
+                      .s = s,
+                      .p = {{p[0], p[1], p[2]}},
                       .keep_directions = plan->n_phase > 1};
     for (uint32_t block = 0; block < plan->directions->n_packet; block++)
         for (uint32_t i = 0; i < 4; i++) push(&q, 0, pattern, block, i, ONE);
@@ -399,8 +405,8 @@ static void weigh_nodes(const struct single_plan *plan, const float *depth, floa
 }
 
 // How a vertex's rays are laid out: tiles of 2 x 2 blocks of 2 x 2 texels, `half` blocks and
-// `wide` tiles across a face; each node takes another sub-sample, so that a texel half in shadow
-// is half lit along the path.
+// `wide` tiles across a face; each node takes another sub-sample, so that a texel half in
+// shadow is half lit along the path.
 struct layout {
     uint32_t half, wide, n_tile, n_node;
     const float *depth; // [n_node]
@@ -506,9 +512,15 @@ static uint64_t trace_nodes(const struct single_plan *plan, const struct fresnel
                             const float *depth, struct scratch *s)
 {
     uint32_t half = plan->directions->n / 2;
-    struct layout l = {.half = half, .wide = half / 2, .n_tile = 6 * (half / 2) * (half / 2),
-                       .n_node = plan->n_node, .depth = depth};
-    struct queue q = {.plan = plan, .fresnel = fresnel, .s = s, .ask_horizon = true,
+    struct layout l = {.half = half,
+                       .wide = half / 2,
+                       .n_tile = 6 * (half / 2) * (half / 2),
+                       .n_node = plan->n_node,
+                       .depth = depth};
+    struct queue q = {.plan = plan,
+                      .fresnel = fresnel,
+                      .s = s,
+                      .ask_horizon = true,
                       .keep_directions = plan->n_phase > 1};
     weigh_nodes(plan, depth, l.rise);
     for (uint32_t a = 0; a < l.n_node; a++) {
@@ -700,7 +712,7 @@ uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table 
     struct scratch s = {0};
     uint64_t rays = single_cells(plan, fresnel, vertex, out, &c, memory);
     carve(plan, memory, &s);
-    float *row = s.node[0].way; // no longer wanted
+    float *row = s.node[0].way;            // no longer wanted
     for (uint32_t p = n_plane; p-- > 0;) { // in place, the last plane first
         float *to = out + (size_t)p * n;
         memcpy(row, out + (size_t)p * c.n_cell, c.n_cell * sizeof *row);

@@ -26,17 +26,17 @@ int product_multiply(void *user, const float *x, uint32_t m, float *out)
     for (uint32_t first = 0; status == PRT_OK && first < C; first += BLOCK) {
         uint32_t n = C - first < BLOCK ? C - first : BLOCK;
         load_rows(p, first, n, e);
-        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)m, (int)n_coef, 1, e,
-                    (int)n_coef, x, (int)m, 0, ex + (size_t)first * m, (int)m);
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)m, (int)n_coef, 1,
+                    e, (int)n_coef, x, (int)m, 0, ex + (size_t)first * m, (int)m);
     }
     size_t stride = (size_t)p->n_vertex * C;
     for (uint32_t f = 0; status == PRT_OK && f < p->n_function; f++) {
         float *y = out + (size_t)f * p->n_vertex * m;
-        if (!C)
-            memset(y, 0, (size_t)p->n_vertex * m * sizeof *y);
+        if (!C) memset(y, 0, (size_t)p->n_vertex * m * sizeof *y);
         else
-            cblas_sgemm(CblasRowMajor, CblasTrans, CblasNoTrans, (int)p->n_vertex, (int)m, (int)C,
-                        1, p->cut->k + f * stride, (int)p->n_vertex, ex, (int)m, 0, y, (int)m);
+            cblas_sgemm(CblasRowMajor, CblasTrans, CblasNoTrans, (int)p->n_vertex, (int)m,
+                        (int)C, 1, p->cut->k + f * stride, (int)p->n_vertex, ex, (int)m, 0, y,
+                        (int)m);
     }
     prt_free(e);
     prt_free(ex);
@@ -53,8 +53,8 @@ static int weigh_rows(const struct product_rows *p, const float *q, uint32_t n, 
     for (uint32_t first = 0; first < C; first += BLOCK) {
         uint32_t rows = C - first < BLOCK ? C - first : BLOCK;
         load_rows(p, first, rows, e);
-        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)n_coef, (int)rows, 1,
-                    q + first, (int)C, e, (int)n_coef, 1, out, (int)n_coef);
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)n_coef, (int)rows,
+                    1, q + first, (int)C, e, (int)n_coef, 1, out, (int)n_coef);
     }
     prt_free(e);
     return PRT_OK;
@@ -66,8 +66,8 @@ static void weights_of(const struct product_rows *p, const float *u, uint32_t r,
 {
     uint32_t C = p->cut->n_column;
     cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasTrans, (int)r, (int)C, (int)p->n_vertex, 1, u,
-                (int)p->n_vertex, p->cut->k + f * ((size_t)p->n_vertex * C), (int)p->n_vertex, 0, q,
-                (int)stride);
+                (int)p->n_vertex, p->cut->k + f * ((size_t)p->n_vertex * C), (int)p->n_vertex,
+                0, q, (int)stride);
 }
 
 int product_project(void *user, const float *u, uint32_t r, float *out)

@@ -7,8 +7,10 @@
 #include "prt/surface.h"
 #include "prt/trace.h"
 
-/* Not under the thread sanitizer: the resolvers of clones run before its runtime has started. */
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_THREAD__)
+/* Not under the thread sanitizer: the resolvers of clones run before its runtime has started.
+ */
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
+    !defined(__SANITIZE_THREAD__)
 #define PRT_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
 #else
 #define PRT_CLONES
@@ -52,7 +54,8 @@ uint64_t irradiance_row(const struct prt_scene *scene, const struct directions *
                         const float origin[3], const float normal[3],
                         const float face_normal[3], float *out);
 /* The same where a horizon knows what lies above the triangle: rays only for what it does not
- * know, and for light that grazes the surface one a texel where the four of 2 x 2 texels agree. */
+ * know, and for light that grazes the surface one a texel where the four of 2 x 2 texels agree.
+ */
 struct horizon_view;
 uint64_t irradiance_row_seen(const struct prt_scene *scene, const struct directions *d,
                              unsigned pattern, const struct fresnel_table *fresnel,
@@ -73,18 +76,18 @@ int half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
 void half_rows_finish(struct half_rows *rows);
 
 struct node {
-    float centre[3];          /* area-weighted mean position [mm] */
+    float centre[3]; /* area-weighted mean position [mm] */
     float box[2][3];
-    float area;               /* mm^2 */
-    float spread;             /* standard deviation along an axis [mm] */
-    uint32_t begin, count;    /* samples in tree order */
-    uint32_t child[2];        /* 0: leaf */
+    float area;            /* mm^2 */
+    float spread;          /* standard deviation along an axis [mm] */
+    uint32_t begin, count; /* samples in tree order */
+    uint32_t child[2];     /* 0: leaf */
 };
 struct hierarchy {
     uint32_t n_node;
     struct node *node;
-    uint32_t *root;           /* [n_object] node index + 1; 0 where an object has no samples */
-    uint32_t *order;          /* [n_sample] surface sample at each tree position */
+    uint32_t *root;  /* [n_object] node index + 1; 0 where an object has no samples */
+    uint32_t *order; /* [n_sample] surface sample at each tree position */
 };
 int hierarchy_create(const struct prt_surface_points *surface, struct hierarchy **out);
 void hierarchy_destroy(struct hierarchy *h);
@@ -95,7 +98,8 @@ int irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene
                     const struct directions *d, double eta, struct half_rows *out,
                     uint64_t *rays);
 
-/* ---- clusters of vertices ----------------------------------------------------------------- */
+/* ---- clusters of vertices -----------------------------------------------------------------
+ */
 
 struct clusters {
     uint32_t n_cluster;
@@ -107,20 +111,21 @@ struct clusters {
 int clusters_create(const struct prt_mesh *mesh, uint32_t target, struct clusters **out);
 void clusters_destroy(struct clusters *c);
 
-/* ---- radial kernels ------------------------------------------------------------------------ */
+/* ---- radial kernels ------------------------------------------------------------------------
+ */
 
 /* A family of radial functions: out[f][i] = function f at sqrt(r2[i]) [mm^-2]. */
 struct radial_set {
     uint32_t n;
     void (*eval)(const void *user, unsigned cpu, size_t n, const float *r2, float *const *out);
     const void *user;
-    float steepest;  /* largest effective transport coefficient, decides when to open [mm^-1] */
+    float steepest; /* largest effective transport coefficient, decides when to open [mm^-1] */
 };
 /* The columns a cluster sees: rows of half_rows, and the matrix K [n_function][n_vertex][C]. */
 struct cut {
     uint32_t n_column, capacity;
-    uint32_t *row;        /* row of half_rows of each column */
-    float *k;             /* [n_function][n_vertex][n_column] includes 1/pi and areas */
+    uint32_t *row; /* row of half_rows of each column */
+    float *k;      /* [n_function][n_vertex][n_column] includes 1/pi and areas */
     size_t k_capacity;
 };
 int cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
@@ -129,35 +134,36 @@ int cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
               struct cut *cut);
 void cut_finish(struct cut *cut);
 
-/* ---- factorisation -------------------------------------------------------------------------- */
+/* ---- factorisation --------------------------------------------------------------------------
+ */
 
 /* What is factored: training combinations choose the shared U, functions are stored. */
 struct factor_plan {
-    uint32_t n_function;     /* J stored */
-    uint32_t n_train;        /* combinations that U must serve */
-    const float *train;      /* [n_train][n_function]; NULL: identity, n_train = n_function */
+    uint32_t n_function; /* J stored */
+    uint32_t n_train;    /* combinations that U must serve */
+    const float *train;  /* [n_train][n_function]; NULL: identity, n_train = n_function */
     uint32_t max_rank, n_probe;
-    double tail_error;       /* relative Frobenius error a cluster's last columns may leave */
-    uint32_t n;              /* cube size */
-    const float *solid_angle;/* [n_coef] */
-    const float *probe;      /* [n_coef][n_probe] gaussian, times solid angle */
+    double tail_error;        /* relative Frobenius error a cluster's last columns may leave */
+    uint32_t n;               /* cube size */
+    const float *solid_angle; /* [n_coef] */
+    const float *probe;       /* [n_coef][n_probe] gaussian, times solid angle */
 };
 /* A factored cluster before the choice of what is kept: U orthonormal columns by falling
  * energy, B Haar coefficients. */
 struct factored {
-    uint32_t n_vertex, rank;     /* rank: columns held */
-    float *u;                    /* [rank][n_vertex] */
-    uint16_t *b;                 /* [rank][n_function][n_coef] halves, scaled by 1/scale */
-    float *scale;                /* [rank][n_function] */
-    float *energy;               /* [rank][n_coef] of coefficients, over training */
+    uint32_t n_vertex, rank; /* rank: columns held */
+    float *u;                /* [rank][n_vertex] */
+    uint16_t *b;             /* [rank][n_function][n_coef] halves, scaled by 1/scale */
+    float *scale;            /* [rank][n_function] */
+    float *energy;           /* [rank][n_coef] of coefficients, over training */
     /* Mixed rows (plan.train): b and scale are [rank][n_direction], by falling energy, and */
     uint32_t n_direction;
-    float *mix;                  /* [rank][n_direction][n_function] functions of a direction */
-    float *scaling;              /* [rank][6][n_function] */
-    uint8_t *width;              /* [rank] directions that pack keeps, */
-    float *limit;                /* [rank] the energy above which it keeps a coefficient, */
-    uint32_t *count;             /* [rank] and how many these are */
-    double *tail;                /* [rank+1] energy left when only the first r are kept */
+    float *mix;      /* [rank][n_direction][n_function] functions of a direction */
+    float *scaling;  /* [rank][6][n_function] */
+    uint8_t *width;  /* [rank] directions that pack keeps, */
+    float *limit;    /* [rank] the energy above which it keeps a coefficient, */
+    uint32_t *count; /* [rank] and how many these are */
+    double *tail;    /* [rank+1] energy left when only the first r are kept */
 };
 /* A source of a cluster's rows T[f][v][texel] (per texel, solid angle not yet applied):
  * multiply(X [n_coef][m]) -> [f][n_vertex][m], and project(U [r][n_vertex]) -> [r][f][n_coef].
@@ -177,31 +183,32 @@ void factored_finish(struct factored *f);
 
 /* Keeps what a threshold on energy says (or fixed rank and count) and lays out the tensor. */
 struct pack_options {
-    uint32_t rank;            /* 0: by energy */
-    uint32_t n_basis_coef;    /* mean coefficients a basis vector; 0: by energy */
-    double energy_error;      /* relative Frobenius error allowed over the whole model */
-    bool mixed;               /* factored by training combinations: rows are mixed */
-    double max_bytes;         /* of U and rows; what does not fit below it is lost */
+    uint32_t rank;         /* 0: by energy */
+    uint32_t n_basis_coef; /* mean coefficients a basis vector; 0: by energy */
+    double energy_error;   /* relative Frobenius error allowed over the whole model */
+    bool mixed;            /* factored by training combinations: rows are mixed */
+    double max_bytes;      /* of U and rows; what does not fit below it is lost */
 };
 int pack_factored(const struct prt_context *ctx, const struct clusters *clusters,
                   struct factored *factored, uint32_t n_function, uint32_t n,
                   const struct pack_options *options, struct prt_tensor *out);
 
-/* Rows of many functions as a few directions (mix.c). mix_rows makes them of b [rank][J][n_coef],
- * which it overwrites; mix_blend has the source make them alone, having found them in what the
- * rows answer to the probes: answers [J][n_vertex][n_probe + 6], the last six (mix_faces) the
- * scaling coefficients. mix_choose decides for one row at a price and leaves width and limit, with
- * room for [MIX_ROOM][n_coef]; mix_lay writes the row, times s, where rows says. */
+/* Rows of many functions as a few directions (row_compression.c). mix_rows makes them of b
+ * [rank][J][n_coef], which it overwrites; mix_blend has the source make them alone, having
+ * found them in what the rows answer to the probes: answers [J][n_vertex][n_probe + 6], the
+ * last six (mix_faces) the scaling coefficients. mix_choose decides for one row at a price and
+ * leaves width and limit, with room for [MIX_ROOM][n_coef]; mix_lay writes the row, times s,
+ * where rows says. */
 enum { MIX_MOST = 20, MIX_ROOM = MIX_MOST + 2 }; /* directions held of a row */
 struct mix_price {
-    double byte;                           /* energy one byte must be worth */
-    double entry_bytes, direction_bytes;   /* beside a byte a direction of each entry */
+    double byte;                         /* energy one byte must be worth */
+    double entry_bytes, direction_bytes; /* beside a byte a direction of each entry */
 };
 struct mix_row {
     uint32_t width;
     float limit;
     uint64_t entries;
-    double energy;            /* of what is kept, less what its bytes lose */
+    double energy; /* of what is kept, less what its bytes lose */
 };
 int mix_rows(const struct factor_plan *plan, float *b, struct factored *f);
 int mix_blend(const struct factor_plan *plan, const struct row_source *source,
@@ -214,11 +221,13 @@ void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mi
 int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows, uint32_t row);
 void tensor_finish(struct prt_tensor *tensor); /* frees what pack_* or truncate_* made */
 
-/* W05's storage: the largest n_coef Haar coefficients a vertex. Rows arrive a cluster at a time. */
+/* W05's storage: the largest n_coef Haar coefficients a vertex. Rows arrive a cluster at a
+ * time. */
 struct sparse_builder;
 int sparse_builder_create(const struct clusters *clusters, uint32_t n_vertex, uint32_t n,
                           uint32_t n_function, uint32_t n_coef, struct sparse_builder **out);
-/* dense [n_vertex of cluster][n_function][n_coef_all] per texel incl. solid angle; overwritten. */
+/* dense [n_vertex of cluster][n_function][n_coef_all] per texel incl. solid angle; overwritten.
+ */
 void sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense);
 /* The four arrays of a cluster's rows, to be written out or filled in. */
 struct sparse_rows {
@@ -230,13 +239,15 @@ void sparse_builder_rows(const struct sparse_builder *b, uint32_t cluster,
 int sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out);
 void sparse_builder_destroy(struct sparse_builder *b);
 
-/* ---- single scattering ------------------------------------------------------------------------ */
+/* ---- single scattering
+ * ------------------------------------------------------------------------ */
 
 /* Running integrals of the functions that stand for e^(-sigma_t r) (X07 eq 14), functions
  * fastest: [n_grid][EXTINCTION_WIDE] over a grid of 32 points an octave. */
 enum {
     EXTINCTION_WIDE = 32,
-    EXTINCTION_SHIFT = 18, /* 32 points an octave: a grid index is a float's own bits above these */
+    EXTINCTION_SHIFT =
+        18, /* 32 points an octave: a grid index is a float's own bits above these */
     SINGLE_MAX_NODES = 9,
 };
 struct prt_radial;
@@ -247,8 +258,8 @@ struct extinction_table {
 int extinction_table_create(const struct prt_radial *radial, struct extinction_table **out);
 void extinction_table_destroy(struct extinction_table *table);
 
-/* Which directions the surface sees unhindered, found at the vertices as it is asked (the answer
- * does not depend on who asks first). Thread-safe after creation; uses the scene. */
+/* Which directions the surface sees unhindered, found at the vertices as it is asked (the
+ * answer does not depend on who asks first). Thread-safe after creation; uses the scene. */
 enum {
     HORIZON_WIDE = 16, /* bins: 6 x 16 x 16 of a cubemap, [face][y][x] */
     HORIZON_WORDS = 6 * HORIZON_WIDE * HORIZON_WIDE / 64,
@@ -270,23 +281,24 @@ struct single_plan {
     const struct directions *directions; /* pattern 0 centres are not used: own jitter */
     float sigma_t[3], sigma_s[3];        /* mm^-1 */
     float eta;
-    unsigned n_phase;                    /* 1, 4, 9 */
-    struct prt_phase phase[3];           /* per channel */
-    uint32_t n_point;                    /* 16 */
+    unsigned n_phase;          /* 1, 4, 9 */
+    struct prt_phase phase[3]; /* per channel */
+    uint32_t n_point;          /* 16 */
     bool every_ray;
     uint64_t seed;
-    struct horizon *horizon;             /* spares shadow rays, or NULL */
+    struct horizon *horizon;                   /* spares shadow rays, or NULL */
     const struct extinction_table *extinction; /* radial basis in place of sigma_t, or NULL */
-    uint32_t n_direction;                /* most directions at once: n_coef, or light rays */
-    uint32_t n_node;                     /* depths traced */
-    float first_mm, last_mm, inward_mm;  /* depths; reach of rays through the bulk */
-    float weakest;                       /* extinction that says which rays matter [mm^-1] */
-    /* Of full light at the depth that weighs most: tiles and blocks whose neighbours differ more,
-     * and tiles that may hide more, are traced finer. */
+    uint32_t n_direction;               /* most directions at once: n_coef, or light rays */
+    uint32_t n_node;                    /* depths traced */
+    float first_mm, last_mm, inward_mm; /* depths; reach of rays through the bulk */
+    float weakest;                      /* extinction that says which rays matter [mm^-1] */
+    /* Of full light at the depth that weighs most: tiles and blocks whose neighbours differ
+     * more, and tiles that may hide more, are traced finer. */
     float differ, differ_texel, doubt;
-    float lost;                          /* optical depth from where one ray serves all nodes */
+    float lost; /* optical depth from where one ray serves all nodes */
 };
-/* Fills what follows n_direction from the extinction, and makes the horizon; finish frees it. */
+/* Fills what follows n_direction from the extinction, and makes the horizon; finish frees it.
+ */
 void single_plan_depths(struct single_plan *plan);
 void single_plan_finish(struct single_plan *plan);
 /* Rows of one vertex: out[n_phase*3][n_coef] (or [n_phase*n_radial][n_coef] with a radial
@@ -297,7 +309,7 @@ uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table 
  * [planes][n_cell], and out's cell lies in scratch. */
 struct single_cells {
     uint32_t n_cell;
-    const uint32_t *cell;                /* [n_coef], a face's cells contiguous */
+    const uint32_t *cell; /* [n_coef], a face's cells contiguous */
     const float *value;
 };
 uint64_t single_cells(const struct single_plan *plan, const struct fresnel_table *fresnel,

@@ -78,16 +78,14 @@ static void add_row(struct sparse_builder *b, uint32_t row, float *dense, struct
     qsort(rank, b->keep, sizeof *rank, by_index);
     for (uint32_t j = 0; j < J; j++) {
         float most = 0, *values = dense + j * b->n_coef;
-        for (uint32_t i = 0; i < b->keep; i++)
-            most = fmaxf(most, fabsf(values[rank[i].index]));
+        for (uint32_t i = 0; i < b->keep; i++) most = fmaxf(most, fabsf(values[rank[i].index]));
         float scale = most > 0 ? most / 127 : 1;
         b->scale[(size_t)row * J + j] = scale;
         for (uint32_t i = 0; i < b->keep; i++)
             b->entry[((size_t)row * b->keep + i) * J + j] =
                 (int8_t)lrintf(values[rank[i].index] / scale);
     }
-    for (uint32_t i = 0; i < b->keep; i++)
-        b->index[(size_t)row * b->keep + i] = rank[i].index;
+    for (uint32_t i = 0; i < b->keep; i++) b->index[(size_t)row * b->keep + i] = rank[i].index;
 }
 
 void sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense)
@@ -133,10 +131,15 @@ int sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out)
     out->n_vertex = b->n_vertex;
     out->n_function = b->n_function;
     out->order = order;
-    out->rows = (struct prt_rows){.n_row = b->n_vertex, .n_function = b->n_function,
-                                  .n_coef = b->n_coef, .value = PRT_VALUE_I8,
-                                  .index_bytes = wide ? 4 : 2, .begin = begin,
-                                  .index = b->index, .entry = b->entry, .scale = b->scale,
+    out->rows = (struct prt_rows){.n_row = b->n_vertex,
+                                  .n_function = b->n_function,
+                                  .n_coef = b->n_coef,
+                                  .value = PRT_VALUE_I8,
+                                  .index_bytes = wide ? 4 : 2,
+                                  .begin = begin,
+                                  .index = b->index,
+                                  .entry = b->entry,
+                                  .scale = b->scale,
                                   .scaling = b->scaling};
     b->index = NULL, b->entry = NULL, b->scale = NULL, b->scaling = NULL;
     return PRT_OK;

@@ -34,8 +34,7 @@ int prt_read_file(const struct prt_context *ctx, const char *path, uint64_t max_
     }
     while (status == PRT_OK && have < (size_t)st.st_size) {
         ssize_t got = read(fd, bytes + have, (size_t)st.st_size - have);
-        if (got > 0)
-            have += (size_t)got;
+        if (got > 0) have += (size_t)got;
         else if (got == 0 || errno != EINTR)
             status = prt_fail(ctx, PRT_IO, "%s: %s", path,
                               got ? strerror(errno) : "the file shrank while it was read");

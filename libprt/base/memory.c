@@ -84,13 +84,9 @@ unsigned prt_cpu_detect(void)
 int prt_cpu_parse(const char *word, unsigned *mask)
 {
     unsigned have = prt_cpu_detect();
-    if (!strcmp(word, "c"))
-        *mask = PRT_CPU_C;
-    else if (!strcmp(word, "avx2"))
-        *mask = have & PRT_CPU_AVX2;
-    else if (!strcmp(word, "avx512"))
-        *mask = have;
-    else
-        return PRT_ARG;
+    if (!strcmp(word, "c")) *mask = PRT_CPU_C;
+    else if (!strcmp(word, "avx2")) *mask = have & PRT_CPU_AVX2;
+    else if (!strcmp(word, "avx512")) *mask = have;
+    else return PRT_ARG;
     return PRT_OK;
 }

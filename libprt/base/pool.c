@@ -11,10 +11,10 @@
 struct loop {
     struct loop *next;
     size_t n, grain, n_piece;
-    atomic_size_t piece;      // next one to hand out
-    atomic_size_t done;       // pieces finished or skipped
+    atomic_size_t piece; // next one to hand out
+    atomic_size_t done;  // pieces finished or skipped
     atomic_int status;
-    unsigned helpers;         // workers inside run_pieces, under the pool's lock
+    unsigned helpers; // workers inside run_pieces, under the pool's lock
     prt_loop_fn fn;
     void *arg;
 };
@@ -23,7 +23,7 @@ struct prt_pool {
     pthread_mutex_t lock;
     pthread_cond_t work, idle;
     struct loop *open;
-    unsigned n_thread;        // workers + the caller
+    unsigned n_thread; // workers + the caller
     bool stopping;
     pthread_t *thread;
 };
@@ -141,8 +141,8 @@ int prt_parallel_for(const struct prt_context *ctx, const char *stage, size_t n,
     if (!n) return PRT_OK;
     if (!grain) grain = 1;
     struct prt_pool *pool = ctx ? ctx->pool : NULL;
-    struct loop loop = {.n = n, .grain = grain, .n_piece = (n + grain - 1) / grain, .fn = fn,
-                        .arg = arg};
+    struct loop loop = {
+        .n = n, .grain = grain, .n_piece = (n + grain - 1) / grain, .fn = fn, .arg = arg};
     bool shared = pool && pool->n_thread > 1 && loop.n_piece > 1;
     if (shared) {
         pthread_mutex_lock(&pool->lock);

@@ -9,8 +9,8 @@
 const char *prt_status_text(int status)
 {
     switch (status) {
-#define X(name, code, text)                                                                    \
-    case (code):                                                                               \
+#define X(name, code, text) \
+    case (code):            \
         return text;
         PRT_STATUS_LIST(X)
 #undef X
@@ -32,10 +32,8 @@ static void log_line(const struct prt_context *ctx, enum prt_log_level level, co
     vsnprintf(line, sizeof line, fmt, args);
     for (char *c = line; *c; c++)
         if ((unsigned char)*c < 32 || *c == 127) *c = ' ';
-    if (ctx && ctx->log)
-        ctx->log(ctx->log_user, level, line);
-    else
-        fprintf(stderr, "%s%s\n", prefix[level], line);
+    if (ctx && ctx->log) ctx->log(ctx->log_user, level, line);
+    else fprintf(stderr, "%s%s\n", prefix[level], line);
 }
 
 void prt_log(const struct prt_context *ctx, enum prt_log_level level, const char *fmt, ...)
@@ -80,8 +78,8 @@ __attribute__((weak)) const char *__lsan_default_suppressions(void)
 #endif
 
 #if defined(__SANITIZE_THREAD__)
-// Locks of OSMesa, of Embree and its TBB and of OpenBLAS are not seen by the sanitizer, which then
-// takes their threads for careless; strings of theirs end in libstdc++.
+// Locks of OSMesa, of Embree and its TBB and of OpenBLAS are not seen by the sanitizer, which
+// then takes their threads for careless; strings of theirs end in libstdc++.
 __attribute__((weak)) const char *__tsan_default_suppressions(void);
 __attribute__((weak)) const char *__tsan_default_suppressions(void)
 {

@@ -7,8 +7,7 @@
 
 void prt_image_finish(struct prt_image *image)
 {
-    if (!image)
-        return;
+    if (!image) return;
     prt_free(image->rgb);
     memset(image, 0, sizeof *image);
 }
@@ -28,8 +27,7 @@ int prt_cube_init(struct prt_cube *cube, uint32_t n)
 
 void prt_cube_finish(struct prt_cube *cube)
 {
-    if (!cube)
-        return;
+    if (!cube) return;
     prt_free(cube->texel);
     cube->texel = NULL;
     cube->n = 0;
@@ -38,10 +36,9 @@ void prt_cube_finish(struct prt_cube *cube)
 void prt_cube_direction(unsigned face, double s, double t, float dir[3])
 {
     const double d[6][3] = {{1, -t, -s}, {-1, -t, s}, {s, 1, t},
-                            {s, -1, -t}, {s, -t, 1}, {-s, -t, -1}};
+                            {s, -1, -t}, {s, -t, 1},  {-s, -t, -1}};
     const double scale = 1.0 / sqrt(1.0 + s * s + t * t);
-    for (int i = 0; i < 3; i++)
-        dir[i] = (float)(d[face][i] * scale);
+    for (int i = 0; i < 3; i++) dir[i] = (float)(d[face][i] * scale);
 }
 
 void prt_cube_lookup(const float dir[3], unsigned *face, float *s, float *t)

@@ -18,23 +18,19 @@ int prt_decode(const struct prt_context *ctx, const char *name, const void *byte
     out->hint = PRT_HINT_NONE;
     out->is_chroma = false;
     out->image = (struct prt_image){0};
-    if (n < 4)
-        return prt_fail(ctx, PRT_FORMAT, "%s: %zu bytes are no image", name, n);
-    if (prt_is_hdr(bytes, n))
-        return prt_decode_hdr(ctx, name, bytes, n, &out->image);
+    if (n < 4) return prt_fail(ctx, PRT_FORMAT, "%s: %zu bytes are no image", name, n);
+    if (prt_is_hdr(bytes, n)) return prt_decode_hdr(ctx, name, bytes, n, &out->image);
     const char *dot = strrchr(name, '.');
     if (dot && !strcasecmp(dot, ".hdr"))
-        return prt_fail(ctx, PRT_FORMAT, "%s: not a Radiance file (no #? at its beginning)", name);
+        return prt_fail(ctx, PRT_FORMAT, "%s: not a Radiance file (no #? at its beginning)",
+                        name);
     err = PRT_UNSUPPORTED;
-    if (prt_is_exr(bytes, n))
-        err = prt_decode_exr(ctx, name, bytes, n, out);
-    else if (prt_is_dds(bytes, n))
-        err = prt_decode_dds(ctx, name, bytes, n, out);
+    if (prt_is_exr(bytes, n)) err = prt_decode_exr(ctx, name, bytes, n, out);
+    else if (prt_is_dds(bytes, n)) err = prt_decode_dds(ctx, name, bytes, n, out);
     else if (!memcmp(bytes, "\x89PNG", 4))
         err = prt_decode_png(ctx, name, bytes, n, &out->image);
     else if (!memcmp(bytes, "\xff\xd8\xff", 3))
         err = prt_decode_jpeg(ctx, name, bytes, n, &out->image);
-    if (err != PRT_UNSUPPORTED)
-        return err;
+    if (err != PRT_UNSUPPORTED) return err;
     return prt_decode_oiio(ctx, name, bytes, n, out->is_chroma, &out->image);
 }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns reading plain PNG and JPEG without OpenImageIO, whose 262 libraries take half a second to
- * open. What is not plain (interlaced, small palettes, CMYK) or not in order is left to it: these
- * return PRT_UNSUPPORTED without a word. Runs in the isolated child. */
+/* Owns reading plain PNG and JPEG without OpenImageIO, whose 262 libraries take half a second
+ * to open. What is not plain (interlaced, small palettes, CMYK) or not in order is left to it:
+ * these return PRT_UNSUPPORTED without a word. Runs in the isolated child. */
 #include "light_private.h"
 
 #include <stdlib.h>
@@ -19,8 +19,7 @@ static bool inflate_all(const uint8_t *in, size_t n, uint8_t *out, size_t room)
     struct libdeflate_decompressor *d = libdeflate_alloc_decompressor();
     size_t got = 0;
     const bool ok = d && !libdeflate_zlib_decompress(d, in, n, out, room, &got) && got == room;
-    if (d)
-        libdeflate_free_decompressor(d);
+    if (d) libdeflate_free_decompressor(d);
     return ok;
 #else
     uLongf got = room;
@@ -73,14 +72,12 @@ static bool take_chunks(struct png *p, const uint8_t *bytes, size_t n)
     while (n - at >= 12) {
         const uint8_t *c = bytes + at, *body = c + 8;
         const size_t size = get_u32(c);
-        if (size > n - at - 12 || crc(c + 4, size + 4) != get_u32(body + size))
-            return false;
+        if (size > n - at - 12 || crc(c + 4, size + 4) != get_u32(body + size)) return false;
         if (first != !memcmp(c + 4, "IHDR", 4) || (first && !take_header(p, body, size)))
             return false;
         first = false;
         if (!memcmp(c + 4, "PLTE", 4)) {
-            if (size > sizeof p->color || size % 3)
-                return false;
+            if (size > sizeof p->color || size % 3) return false;
             memcpy(p->color, body, size);
             p->n_color = (unsigned)(size / 3);
         } else if (!memcmp(c + 4, "IDAT", 4)) {
@@ -106,34 +103,43 @@ static bool unfilter(unsigned filter, uint8_t *row, const uint8_t *above, size_t
         const int left = i >= step ? row[i - step] : 0;
         const int corner = i >= step ? above[i - step] : 0;
         switch (filter) {
-        case 0: return true;
-        case 1: row[i] = (uint8_t)(row[i] + left); break;
-        case 2: row[i] = (uint8_t)(row[i] + above[i]); break;
-        case 3: row[i] = (uint8_t)(row[i] + (left + above[i]) / 2); break;
-        case 4: row[i] = (uint8_t)(row[i] + paeth(left, above[i], corner)); break;
-        default: return false;
+        case 0:
+            return true;
+        case 1:
+            row[i] = (uint8_t)(row[i] + left);
+            break;
+        case 2:
+            row[i] = (uint8_t)(row[i] + above[i]);
+            break;
+        case 3:
+            row[i] = (uint8_t)(row[i] + (left + above[i]) / 2);
+            break;
+        case 4:
+            row[i] = (uint8_t)(row[i] + paeth(left, above[i], corner));
+            break;
+        default:
+            return false;
         }
     }
     return true;
 }
 
-static bool convert_row(const struct png *p, const uint8_t *row, const float *linear, float *rgb)
+static bool convert_row(const struct png *p, const uint8_t *row, const float *linear,
+                        float *rgb)
 {
     const unsigned step = p->channels * p->depth / 8;
     for (uint32_t x = 0; x < p->width; x++, row += step, rgb += 3) {
         if (p->palette) {
-            if (*row >= p->n_color)
-                return false;
-            for (int c = 0; c < 3; c++)
-                rgb[c] = linear[p->color[*row][c]];
+            if (*row >= p->n_color) return false;
+            for (int c = 0; c < 3; c++) rgb[c] = linear[p->color[*row][c]];
             continue;
         }
         for (unsigned c = 0; c < 3; c++) { /* alpha is left away */
             const unsigned from = p->channels >= 3 ? c : 0;
             rgb[c] = p->depth == 8
                          ? linear[row[from]]
-                         : prt_srgb_to_linear((float)(row[2 * from] << 8 | row[2 * from + 1])
-                                              / 65535.0f);
+                         : prt_srgb_to_linear((float)(row[2 * from] << 8 | row[2 * from + 1]) /
+                                              65535.0f);
         }
     }
     return true;
@@ -141,8 +147,7 @@ static bool convert_row(const struct png *p, const uint8_t *row, const float *li
 
 static void linear_table(float out[256])
 {
-    for (int i = 0; i < 256; i++)
-        out[i] = prt_srgb_to_linear((float)i / 255.0f);
+    for (int i = 0; i < 256; i++) out[i] = prt_srgb_to_linear((float)i / 255.0f);
 }
 
 static int decode_rows(const struct prt_context *ctx, const char *name, const struct png *p,
@@ -150,34 +155,30 @@ static int decode_rows(const struct prt_context *ctx, const char *name, const st
 {
     struct prt_image image;
     int err = prt_image_reserve(ctx, name, p->width, p->height, &image);
-    if (err)
-        return err;
+    if (err) return err;
     const size_t step = (size_t)p->channels * p->depth / 8, n = p->width * step;
     uint8_t *rows = prt_alloc((n + 1) * ((size_t)p->height + 1), 1); /* a black row is above */
     bool ok = rows && inflate_all(p->idat, p->idat_size, rows + n + 1, (n + 1) * p->height);
     float linear[256];
     linear_table(linear);
-    if (ok)
-        memset(rows, 0, n + 1);
+    if (ok) memset(rows, 0, n + 1);
     for (uint32_t y = 0; ok && y < p->height; y++) {
         uint8_t *row = rows + (n + 1) * ((size_t)y + 1);
-        ok = unfilter(row[0], row + 1, row - n, n, step)
-             && convert_row(p, row + 1, linear, image.rgb + (size_t)y * p->width * 3);
+        ok = unfilter(row[0], row + 1, row - n, n, step) &&
+             convert_row(p, row + 1, linear, image.rgb + (size_t)y * p->width * 3);
     }
     prt_free(rows);
-    if (ok)
-        *out = image;
-    else
-        prt_image_finish(&image);
+    if (ok) *out = image;
+    else prt_image_finish(&image);
     return ok ? PRT_OK : PRT_UNSUPPORTED;
 }
 
-int prt_decode_png(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
-                   struct prt_image *out)
+int prt_decode_png(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
+                   size_t n, struct prt_image *out)
 {
     struct png p = {.idat = prt_alloc(n, 1)};
-    const int err = p.idat && take_chunks(&p, bytes, n) ? decode_rows(ctx, name, &p, out)
-                                                        : PRT_UNSUPPORTED;
+    const int err =
+        p.idat && take_chunks(&p, bytes, n) ? decode_rows(ctx, name, &p, out) : PRT_UNSUPPORTED;
     prt_free(p.idat);
     return err;
 }
@@ -189,27 +190,23 @@ int prt_decode_jpeg(const struct prt_context *ctx, const char *name, const uint8
     struct prt_image image = {0};
     float linear[256];
     tjhandle tj = tjInitDecompress();
-    if (!tj || tjDecompressHeader3(tj, bytes, n, &width, &height, &sampling, &space) || width < 1
-        || height < 1 || (space != TJCS_RGB && space != TJCS_YCbCr && space != TJCS_GRAY))
+    if (!tj || tjDecompressHeader3(tj, bytes, n, &width, &height, &sampling, &space) ||
+        width < 1 || height < 1 ||
+        (space != TJCS_RGB && space != TJCS_YCbCr && space != TJCS_GRAY))
         goto done;
     err = prt_image_reserve(ctx, name, (uint64_t)width, (uint64_t)height, &image);
-    if (err)
-        goto done;
+    if (err) goto done;
     const size_t count = (size_t)width * (size_t)height * 3;
     uint8_t *rgb8 = prt_alloc(count, 1);
-    if (!rgb8
-        || tjDecompress2(tj, bytes, n, rgb8, width, 0, height, TJPF_RGB, TJFLAG_ACCURATEDCT))
+    if (!rgb8 ||
+        tjDecompress2(tj, bytes, n, rgb8, width, 0, height, TJPF_RGB, TJFLAG_ACCURATEDCT))
         err = PRT_UNSUPPORTED;
     linear_table(linear);
-    for (size_t i = 0; !err && i < count; i++)
-        image.rgb[i] = linear[rgb8[i]];
+    for (size_t i = 0; !err && i < count; i++) image.rgb[i] = linear[rgb8[i]];
     prt_free(rgb8);
-    if (err)
-        prt_image_finish(&image);
-    else
-        *out = image;
+    if (err) prt_image_finish(&image);
+    else *out = image;
 done:
-    if (tj)
-        tjDestroy(tj);
+    if (tj) tjDestroy(tj);
     return err;
 }

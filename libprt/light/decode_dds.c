@@ -29,15 +29,13 @@ static float half_to_float(uint16_t h)
 {
     const int e = h >> 10 & 31, m = h & 1023;
     const float sign = h & 0x8000 ? -1.0f : 1.0f;
-    if (e == 31)
-        return m ? NAN : sign * INFINITY;
+    if (e == 31) return m ? NAN : sign * INFINITY;
     return sign * (e ? ldexpf((float)(m + 1024), e - 25) : ldexpf((float)m, -24));
 }
 
 static float channel(const uint8_t *p, const struct texture *t, int c)
 {
-    if (t->kind == HALF4)
-        return half_to_float((uint16_t)(p[2 * c] | p[2 * c + 1] << 8));
+    if (t->kind == HALF4) return half_to_float((uint16_t)(p[2 * c] | p[2 * c + 1] << 8));
     if (t->kind == FLOAT4) {
         const uint32_t bits = u32(p + 4 * c);
         float f;
@@ -45,8 +43,7 @@ static float channel(const uint8_t *p, const struct texture *t, int c)
         return f;
     }
     uint32_t v = 0;
-    for (size_t i = 0; i < t->pixel_bytes; i++)
-        v |= (uint32_t)p[i] << 8 * i;
+    for (size_t i = 0; i < t->pixel_bytes; i++) v |= (uint32_t)p[i] << 8 * i;
     const uint32_t mask = t->mask[c];
     return mask ? prt_srgb_to_linear((float)(v & mask) / (float)mask) : 0;
 }
@@ -73,15 +70,14 @@ static int read_format(const struct prt_context *ctx, const char *name, const ui
     if (!(flags & FOURCC_FLAG) && (flags & RGB_FLAG) && (bits == 24 || bits == 32)) {
         t->kind = BYTES;
         t->pixel_bytes = bits / 8;
-        for (int c = 0; c < 3; c++)
-            t->mask[c] = u32(bytes + 92 + 4 * c);
+        for (int c = 0; c < 3; c++) t->mask[c] = u32(bytes + 92 + 4 * c);
         return PRT_OK;
     }
     return PRT_UNSUPPORTED;
 }
 
-int prt_decode_dds(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
-                   struct prt_decoded *out)
+int prt_decode_dds(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
+                   size_t n, struct prt_decoded *out)
 {
     struct texture t = {0};
     if (n < HEADER || u32(bytes + 4) != 124)
@@ -89,21 +85,19 @@ int prt_decode_dds(const struct prt_context *ctx, const char *name, const uint8_
     const uint32_t caps = u32(bytes + 112), height = u32(bytes + 12), width = u32(bytes + 16);
     int err = read_format(ctx, name, bytes, n, &t);
     const bool dx10_cube = t.data_at > HEADER && (u32(bytes + HEADER + 8) & 4);
-    if (!err && !(caps & 0x200) && !dx10_cube && t.kind == BYTES)
-        return PRT_UNSUPPORTED;
-    if (err)
-        return err;
+    if (!err && !(caps & 0x200) && !dx10_cube && t.kind == BYTES) return PRT_UNSUPPORTED;
+    if (err) return err;
     if (!dx10_cube && (caps & CUBE_ALL) != CUBE_ALL)
         return prt_fail(ctx, PRT_FORMAT, "%s: not a cubemap with six faces", name);
     if (width != height || !width || width > PRT_CUBE_MAX)
-        return prt_fail(ctx, PRT_FORMAT, "%s: cube faces of %u x %u; allowed are squares of 1..%d",
-                        name, width, height, PRT_CUBE_MAX);
+        return prt_fail(ctx, PRT_FORMAT,
+                        "%s: cube faces of %u x %u; allowed are squares of 1..%d", name, width,
+                        height, PRT_CUBE_MAX);
     uint32_t mips = u32(bytes + 8) & 0x20000 ? u32(bytes + 28) : 1;
     mips = mips ? mips : 1;
-    if (mips > 12)
-        return prt_fail(ctx, PRT_FORMAT, "%s: %u mip levels", name, mips);
+    if (mips > 12) return prt_fail(ctx, PRT_FORMAT, "%s: %u mip levels", name, mips);
     size_t stride = 0; /* bytes of a face with its mip levels */
-    for (uint32_t level = 0, side = width; level < mips; level++, side = side > 1 ? side / 2 : 1)
+    for (uint32_t level = 0, side = width; level<mips; level++, side = side> 1 ? side / 2 : 1)
         stride += (size_t)side * side * t.pixel_bytes;
     const size_t n_face = (size_t)width * width;
     if (n - t.data_at < 5 * stride + n_face * t.pixel_bytes)

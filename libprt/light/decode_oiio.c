@@ -24,12 +24,10 @@ static void *open_library(const struct prt_context *ctx, const char *name)
     const ssize_t n = readlink("/proc/self/exe", exe, sizeof exe - 1);
     exe[n > 0 ? n : 0] = 0;
     char *slash = strrchr(exe, '/');
-    if (slash)
-        *slash = 0;
+    if (slash) *slash = 0;
     for (size_t i = 0; slash && i < sizeof places / sizeof *places; i++) {
         snprintf(path, sizeof path, "%s/%s/libprt_oiio.so", exe, places[i]);
-        if (!access(path, R_OK))
-            return dlopen(path, RTLD_NOW | RTLD_LOCAL);
+        if (!access(path, R_OK)) return dlopen(path, RTLD_NOW | RTLD_LOCAL);
     }
     const char *dir = getenv("PRT_LIBDIR");
     if (dir && snprintf(path, sizeof path, "%s/libprt_oiio.so", dir) < (int)sizeof path)
@@ -40,10 +38,10 @@ static void *open_library(const struct prt_context *ctx, const char *name)
 static int allow(void *user, uint64_t width, uint64_t height)
 {
     struct job *job = user;
-    const uint64_t limit = job->ctx && job->ctx->memory_limit ? job->ctx->memory_limit
-                                                              : UINT64_C(8) << 30;
-    const bool ok = width <= PRT_IMAGE_MAX && height <= PRT_IMAGE_MAX
-                    && width * height <= PRT_IMAGE_MAX_PIXELS && width * height * 24 <= limit;
+    const uint64_t limit =
+        job->ctx && job->ctx->memory_limit ? job->ctx->memory_limit : UINT64_C(8) << 30;
+    const bool ok = width <= PRT_IMAGE_MAX && height <= PRT_IMAGE_MAX &&
+                    width * height <= PRT_IMAGE_MAX_PIXELS && width * height * 24 <= limit;
     job->err = ok ? PRT_FORMAT : PRT_LIMIT;
     return !ok;
 }
@@ -51,18 +49,12 @@ static int allow(void *user, uint64_t width, uint64_t height)
 /* OpenImageIO goes by the extension first: give it one when the name has none. */
 static const char *name_for_sniffing(const char *name, const uint8_t *bytes, size_t n)
 {
-    if (prt_is_exr(bytes, n))
-        return "image.exr";
-    if (prt_is_dds(bytes, n))
-        return "image.dds";
-    if (n > 8 && !memcmp(bytes, "\x89PNG", 4))
-        return "image.png";
-    if (n > 3 && bytes[0] == 0xff && bytes[1] == 0xd8)
-        return "image.jpg";
-    if (n > 4 && (!memcmp(bytes, "II*", 4) || !memcmp(bytes, "MM\0*", 4)))
-        return "image.tif";
-    if (n > 2 && (!memcmp(bytes, "PF", 2) || !memcmp(bytes, "Pf", 2)))
-        return "image.pfm";
+    if (prt_is_exr(bytes, n)) return "image.exr";
+    if (prt_is_dds(bytes, n)) return "image.dds";
+    if (n > 8 && !memcmp(bytes, "\x89PNG", 4)) return "image.png";
+    if (n > 3 && bytes[0] == 0xff && bytes[1] == 0xd8) return "image.jpg";
+    if (n > 4 && (!memcmp(bytes, "II*", 4) || !memcmp(bytes, "MM\0*", 4))) return "image.tif";
+    if (n > 2 && (!memcmp(bytes, "PF", 2) || !memcmp(bytes, "Pf", 2))) return "image.pfm";
     const char *slash = strrchr(name, '/');
     return slash ? slash + 1 : name;
 }
@@ -74,19 +66,18 @@ int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8
     struct prt_oiio_image image;
     void *library = open_library(ctx, name);
     prt_oiio_decode_fn decode = NULL;
-    if (library)
-        *(void **)&decode = dlsym(library, "prt_oiio_decode");
+    if (library) *(void **)&decode = dlsym(library, "prt_oiio_decode");
     if (!decode)
-        return prt_fail(ctx, PRT_UNSUPPORTED, "%s: this format needs libprt_oiio.so, which was "
+        return prt_fail(ctx, PRT_UNSUPPORTED,
+                        "%s: this format needs libprt_oiio.so, which was "
                         "not found beside the program (set PRT_LIBDIR); .hdr and .exr do not",
                         name);
-    if (decode(name_for_sniffing(name, bytes, n), bytes, n, is_chroma, allow, &job,
-               &image)) {
+    if (decode(name_for_sniffing(name, bytes, n), bytes, n, is_chroma, allow, &job, &image)) {
         // Its own words for bytes that no reader knows speak of a file that does not exist.
-        if (strstr(image.error, "does not exist") || strstr(image.error, "find a format reader"))
+        if (strstr(image.error, "does not exist") ||
+            strstr(image.error, "find a format reader"))
             return prt_fail(ctx, PRT_FORMAT, "%s: not an image of a known format", name);
-        for (char *p = image.error; *p; p++)
-            *p = *p == '\n' || *p == '\r' ? ' ' : *p;
+        for (char *p = image.error; *p; p++) *p = *p == '\n' || *p == '\r' ? ' ' : *p;
         return prt_fail(ctx, job.err, "%s: %s", name, image.error);
     }
     int err = prt_image_reserve(ctx, name, image.width, image.height, out);

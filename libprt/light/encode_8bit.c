@@ -19,14 +19,14 @@ static uint32_t crc(uint32_t start, const void *bytes, size_t n)
 
 /* Returns the compressed size, 0 on failure; *out gets prt_alloc memory with `front` bytes free
  * before the stream and `back` behind. */
-static size_t deflate_all(const uint8_t *bytes, size_t n, size_t front, size_t back, uint8_t **out)
+static size_t deflate_all(const uint8_t *bytes, size_t n, size_t front, size_t back,
+                          uint8_t **out)
 {
     struct libdeflate_compressor *c = libdeflate_alloc_compressor(1);
     const size_t bound = c ? libdeflate_zlib_compress_bound(c, n) : 0;
     *out = c ? prt_alloc(front + bound + back, 1) : NULL;
     const size_t size = *out ? libdeflate_zlib_compress(c, bytes, n, *out + front, bound) : 0;
-    if (c)
-        libdeflate_free_compressor(c);
+    if (c) libdeflate_free_compressor(c);
     return size;
 }
 #else
@@ -35,7 +35,8 @@ static uint32_t crc(uint32_t start, const void *bytes, size_t n)
     return (uint32_t)crc32(start, bytes, (uInt)n);
 }
 
-static size_t deflate_all(const uint8_t *bytes, size_t n, size_t front, size_t back, uint8_t **out)
+static size_t deflate_all(const uint8_t *bytes, size_t n, size_t front, size_t back,
+                          uint8_t **out)
 {
     uLongf size = compressBound(n);
     *out = prt_alloc(front + size + back, 1);
@@ -57,8 +58,7 @@ static uint8_t *put_chunk(uint8_t *p, const char *type, const void *body, size_t
 {
     put_u32(p, (uint32_t)n);
     memcpy(p + 4, type, 4);
-    if (body)
-        memcpy(p + 8, body, n);
+    if (body) memcpy(p + 8, body, n);
     put_u32(p + 8 + n, crc(crc(0, NULL, 0), p + 4, n + 4));
     return p + 12 + n;
 }
@@ -70,18 +70,14 @@ static void filter_row(const uint8_t *row, const uint8_t *above, size_t n, size_
     unsigned sub = 0, up = 0;
     out[0] = 1;
     spare[0] = 2;
-    for (size_t i = 0; i < step; i++)
-        out[1 + i] = row[i];
-    for (size_t i = step; i < n; i++)
-        out[1 + i] = (uint8_t)(row[i] - row[i - step]);
-    for (size_t i = 0; i < n; i++)
-        spare[1 + i] = (uint8_t)(row[i] - above[i]);
+    for (size_t i = 0; i < step; i++) out[1 + i] = row[i];
+    for (size_t i = step; i < n; i++) out[1 + i] = (uint8_t)(row[i] - row[i - step]);
+    for (size_t i = 0; i < n; i++) spare[1 + i] = (uint8_t)(row[i] - above[i]);
     for (size_t i = 1; i <= n; i++) {
         sub += (unsigned)abs((int8_t)out[i]);
         up += (unsigned)abs((int8_t)spare[i]);
     }
-    if (up < sub)
-        memcpy(out, spare, n + 1);
+    if (up < sub) memcpy(out, spare, n + 1);
 }
 
 int prt_encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_t width,
@@ -90,10 +86,12 @@ int prt_encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_
     static const uint8_t magic[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
     enum { FRONT = 8 + 25 + 13 + 8, BACK = 4 + 12 };
     memset(out, 0, sizeof *out);
-    if (!width || !height || width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX
-        || (n_channel != 3 && n_channel != 4))
-        return prt_fail(ctx, PRT_ARG, "PNG of %u x %u x %u: allowed is 1..%d a side, 3 or 4 "
-                        "channels", width, height, n_channel, PRT_IMAGE_MAX);
+    if (!width || !height || width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX ||
+        (n_channel != 3 && n_channel != 4))
+        return prt_fail(ctx, PRT_ARG,
+                        "PNG of %u x %u x %u: allowed is 1..%d a side, 3 or 4 "
+                        "channels",
+                        width, height, n_channel, PRT_IMAGE_MAX);
     const size_t n = (size_t)width * n_channel;
     uint8_t *filtered = prt_alloc((n + 1) * (height + 1) + n, 1);
     if (!filtered)
@@ -145,14 +143,12 @@ static int encode_strip(void *arg, size_t begin, size_t end, unsigned worker)
         tjhandle tj = tjInitCompress();
         s->size[i] = tjBufSize((int)s->width, rows, s->sampling);
         s->file[i] = tj ? prt_alloc(s->size[i], 1) : NULL;
-        if (!s->file[i])
-            err = PRT_NOMEM;
+        if (!s->file[i]) err = PRT_NOMEM;
         else if (tjCompress2(tj, s->rgb8 + (size_t)first * s->width * 3, (int)s->width, 0, rows,
                              TJPF_RGB, &s->file[i], &s->size[i], s->sampling, s->quality,
                              TJFLAG_NOREALLOC | TJFLAG_FASTDCT))
             err = PRT_INTERNAL;
-        if (tj)
-            tjDestroy(tj);
+        if (tj) tjDestroy(tj);
     }
     return err;
 }
@@ -163,8 +159,7 @@ static bool find_scan(const uint8_t *file, size_t size, size_t *header, size_t *
 {
     for (size_t at = 2; at + 9 < size && file[at] == 0xff;) {
         const size_t n = 2 + ((size_t)file[at + 2] << 8 | file[at + 3]);
-        if (file[at + 1] == 0xc0)
-            *frame = at;
+        if (file[at + 1] == 0xc0) *frame = at;
         if (file[at + 1] == 0xda) {
             *header = at;
             *bits = at + n;
@@ -186,8 +181,7 @@ static int join_strips(const struct strips *s, unsigned n, unsigned mcu, struct 
         total += s->size[i] + 2;
     }
     uint8_t *file = prt_alloc(total, 1), *p = file;
-    if (!file)
-        return PRT_NOMEM;
+    if (!file) return PRT_NOMEM;
     const uint32_t interval = (s->width + mcu - 1) / mcu * (s->rows / mcu);
     memcpy(p, s->file[0], header[0]);
     p[frame[0] + 5] = (uint8_t)(s->height >> 8);
@@ -213,21 +207,26 @@ int prt_encode_jpeg(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t
                     uint32_t height, int quality, struct prt_blob *out)
 {
     memset(out, 0, sizeof *out);
-    if (!width || !height || width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX || quality < 1
-        || quality > 100)
-        return prt_fail(ctx, PRT_ARG, "JPEG of %u x %u at quality %d: allowed is 1..%d a side, "
-                        "quality 1..100", width, height, quality, PRT_IMAGE_MAX);
-    struct strips s = {.rgb8 = rgb8, .width = width, .height = height, .rows = height,
-                       .sampling = quality >= 90 ? TJSAMP_444 : TJSAMP_420, .quality = quality};
+    if (!width || !height || width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX || quality < 1 ||
+        quality > 100)
+        return prt_fail(ctx, PRT_ARG,
+                        "JPEG of %u x %u at quality %d: allowed is 1..%d a side, "
+                        "quality 1..100",
+                        width, height, quality, PRT_IMAGE_MAX);
+    struct strips s = {.rgb8 = rgb8,
+                       .width = width,
+                       .height = height,
+                       .rows = height,
+                       .sampling = quality >= 90 ? TJSAMP_444 : TJSAMP_420,
+                       .quality = quality};
     const unsigned mcu = s.sampling == TJSAMP_444 ? 8 : 16;
     unsigned n = height / STRIP_ROWS_MIN;
     n = n > STRIPS_MAX ? STRIPS_MAX : n;
-    /* whole rows of blocks; an interval is counted in 16 bits. Not by the threads there are: the
-     * same picture is the same file everywhere. */
+    /* whole rows of blocks; an interval is counted in 16 bits. Not by the threads there are:
+     * the same picture is the same file everywhere. */
     if (n > 1) {
         const uint32_t rows = ((height + n - 1) / n + mcu - 1) / mcu * mcu;
-        if ((width + mcu - 1) / mcu * (rows / mcu) <= 65535)
-            s.rows = rows;
+        if ((width + mcu - 1) / mcu * (rows / mcu) <= 65535) s.rows = rows;
     }
     n = (height + s.rows - 1) / s.rows;
     int err = prt_parallel_for(ctx, NULL, n, 1, encode_strip, &s);
@@ -235,9 +234,7 @@ int prt_encode_jpeg(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t
         *out = (struct prt_blob){s.file[0], s.size[0]};
         return PRT_OK;
     }
-    if (!err)
-        err = join_strips(&s, n, mcu, out);
-    for (unsigned i = 0; i < STRIPS_MAX; i++)
-        prt_free(s.file[i]);
+    if (!err) err = join_strips(&s, n, mcu, out);
+    for (unsigned i = 0; i < STRIPS_MAX; i++) prt_free(s.file[i]);
     return err ? prt_fail(ctx, err, "cannot encode a JPEG of %u x %u", width, height) : PRT_OK;
 }

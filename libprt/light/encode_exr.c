@@ -17,10 +17,8 @@ static int64_t write_bytes(exr_const_context_t file, void *user, const void *buf
     if (offset + n > s->room) {
         const size_t room = (size_t)(offset + n) * 2;
         uint8_t *grown = prt_calloc(room, 1);
-        if (!grown)
-            return -1;
-        if (s->bytes)
-            memcpy(grown, s->bytes, s->size);
+        if (!grown) return -1;
+        if (s->bytes) memcpy(grown, s->bytes, s->size);
         prt_free(s->bytes);
         s->bytes = grown;
         s->room = room;
@@ -48,8 +46,7 @@ static exr_result_t declare(exr_context_t file, int *part, const struct prt_imag
                                EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
     if (code == EXR_ERR_SUCCESS && envmap >= 0)
         code = exr_attr_set_envmap(file, *part, "envmap", (exr_envmap_t)envmap);
-    if (code == EXR_ERR_SUCCESS)
-        code = exr_write_header(file);
+    if (code == EXR_ERR_SUCCESS) code = exr_write_header(file);
     return code;
 }
 
@@ -65,25 +62,23 @@ static exr_result_t write_chunks(exr_context_t file, int part, const struct prt_
         if (code == EXR_ERR_SUCCESS)
             code = started ? exr_encoding_update(file, part, &info, &pipe)
                            : exr_encoding_initialize(file, part, &info, &pipe);
-        if (code != EXR_ERR_SUCCESS)
-            break;
+        if (code != EXR_ERR_SUCCESS) break;
         for (int c = 0; c < pipe.channel_count; c++) {
             exr_coding_channel_info_t *ch = &pipe.channels[c];
-            const int from = ch->channel_name[0] == 'R' ? 0 : ch->channel_name[0] == 'G' ? 1 : 2;
+            const int from = ch->channel_name[0] == 'R'   ? 0
+                             : ch->channel_name[0] == 'G' ? 1
+                                                          : 2;
             ch->user_bytes_per_element = sizeof(float);
             ch->user_data_type = EXR_PIXEL_FLOAT;
             ch->user_pixel_stride = 3 * sizeof(float);
             ch->user_line_stride = (int32_t)(im->width * 3 * sizeof(float));
             ch->encode_from_ptr = (const uint8_t *)(im->rgb + (size_t)y * im->width * 3 + from);
         }
-        if (!started)
-            code = exr_encoding_choose_default_routines(file, part, &pipe);
+        if (!started) code = exr_encoding_choose_default_routines(file, part, &pipe);
         started = true;
-        if (code == EXR_ERR_SUCCESS)
-            code = exr_encoding_run(file, part, &pipe);
+        if (code == EXR_ERR_SUCCESS) code = exr_encoding_run(file, part, &pipe);
     }
-    if (started)
-        exr_encoding_destroy(file, &pipe);
+    if (started) exr_encoding_destroy(file, &pipe);
     return code;
 }
 
@@ -95,16 +90,15 @@ static int encode(const struct prt_context *ctx, const struct prt_image *image, 
     exr_context_initializer_t init = EXR_DEFAULT_CONTEXT_INITIALIZER;
     int part = 0;
     memset(out, 0, sizeof *out);
-    if (!image->rgb || !image->width || !image->height || image->width > PRT_IMAGE_MAX
-        || image->height > PRT_IMAGE_MAX)
+    if (!image->rgb || !image->width || !image->height || image->width > PRT_IMAGE_MAX ||
+        image->height > PRT_IMAGE_MAX)
         return prt_fail(ctx, PRT_ARG, "EXR of %u x %u: allowed is 1..%d a side", image->width,
                         image->height, PRT_IMAGE_MAX);
     const size_t count = (size_t)image->width * image->height * 3;
     struct prt_image copy = {image->width, image->height, NULL};
     if (!full_float) { /* the largest half, not infinity */
         copy.rgb = prt_alloc(count, sizeof(float));
-        if (!copy.rgb)
-            return prt_fail(ctx, PRT_NOMEM, "no memory for an EXR");
+        if (!copy.rgb) return prt_fail(ctx, PRT_NOMEM, "no memory for an EXR");
         for (size_t i = 0; i < count; i++) {
             const float v = image->rgb[i];
             copy.rgb[i] = v > 65504.0f ? 65504.0f : v < -65504.0f ? -65504.0f : v;
@@ -116,10 +110,8 @@ static int encode(const struct prt_context *ctx, const struct prt_image *image, 
     init.error_handler_fn = ignore_message;
     init.zip_level = 2; /* a tenth larger than the default level, three times as fast */
     exr_result_t code = exr_start_write(&file, "memory", EXR_WRITE_FILE_DIRECTLY, &init);
-    if (code == EXR_ERR_SUCCESS)
-        code = declare(file, &part, image, full_float, envmap);
-    if (code == EXR_ERR_SUCCESS)
-        code = write_chunks(file, part, image);
+    if (code == EXR_ERR_SUCCESS) code = declare(file, &part, image, full_float, envmap);
+    if (code == EXR_ERR_SUCCESS) code = write_chunks(file, part, image);
     if (file) {
         const exr_result_t end = exr_finish(&file);
         code = code == EXR_ERR_SUCCESS ? end : code;
@@ -135,22 +127,21 @@ static int encode(const struct prt_context *ctx, const struct prt_image *image, 
     return PRT_OK;
 }
 
-int prt_encode_exr(const struct prt_context *ctx, const struct prt_image *image, bool full_float,
-                   struct prt_blob *out)
+int prt_encode_exr(const struct prt_context *ctx, const struct prt_image *image,
+                   bool full_float, struct prt_blob *out)
 {
     return encode(ctx, image, full_float, -1, out);
 }
 
-int prt_write_exr(const struct prt_context *ctx, const char *path, const struct prt_image *image,
-                  bool full_float, bool envmap_cube)
+int prt_write_exr(const struct prt_context *ctx, const char *path,
+                  const struct prt_image *image, bool full_float, bool envmap_cube)
 {
     struct prt_blob blob;
     if (envmap_cube && image->height != image->width * 6)
         return prt_fail(ctx, PRT_ARG, "%s: a cube EXR is n x 6n pixels, not %u x %u", path,
                         image->width, image->height);
     int err = encode(ctx, image, full_float, envmap_cube ? EXR_ENVMAP_CUBE : -1, &blob);
-    if (!err)
-        err = prt_write_file(ctx, path, blob.bytes, blob.size);
+    if (!err) err = prt_write_file(ctx, path, blob.bytes, blob.size);
     prt_free(blob.bytes);
     return err;
 }

@@ -66,16 +66,14 @@ static int unpack(const struct prt_context *ctx, const struct prt_input *input, 
     int err = PRT_OK;
     for (unsigned i = 0; !err && i < count; i++) {
         struct blob_head head = {0};
-        if (left >= sizeof head)
-            memcpy(&head, at, sizeof head);
+        if (left >= sizeof head) memcpy(&head, at, sizeof head);
         if (head.magic != BLOB_MAGIC || head.hint >= PRT_HINT_COUNT)
             return prt_fail(ctx, PRT_FORMAT, "%s: the decoder's answer is damaged",
                             input[i].name);
         at += sizeof head;
         left -= sizeof head;
         err = prt_image_reserve(ctx, input[i].name, head.width, head.height, &out[i].image);
-        if (err)
-            return err;
+        if (err) return err;
         const size_t size = (size_t)head.width * head.height * 3 * sizeof(float);
         if (size > left)
             return prt_fail(ctx, PRT_FORMAT, "%s: the decoder's answer is cut", input[i].name);
@@ -96,11 +94,9 @@ int prt_decode_isolated(const struct prt_context *ctx, const struct prt_input *i
     struct prt_blob blob = {0};
     memset(out, 0, count * sizeof *out);
     int err = prt_isolate(ctx, input[0].name, &limits, decode_all, &job, &blob);
-    if (!err)
-        err = unpack(ctx, input, count, &blob, out);
+    if (!err) err = unpack(ctx, input, count, &blob, out);
     prt_free(blob.bytes);
-    for (unsigned i = 0; err && i < count; i++)
-        prt_image_finish(&out[i].image);
+    for (unsigned i = 0; err && i < count; i++) prt_image_finish(&out[i].image);
     return err;
 }
 
@@ -111,12 +107,13 @@ int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t 
     if (!width || !height)
         return prt_fail(ctx, PRT_FORMAT, "%s: the image is empty (%llu x %llu)", name,
                         (unsigned long long)width, (unsigned long long)height);
-    if (width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX || width * height > PRT_IMAGE_MAX_PIXELS
-        || width * height * 3 * sizeof(float) > limit)
-        return prt_fail(ctx, PRT_LIMIT, "%s: %llu x %llu pixels are above the limit (%d a side, "
-                        "%llu in all)", name, (unsigned long long)width,
-                        (unsigned long long)height, PRT_IMAGE_MAX,
-                        (unsigned long long)PRT_IMAGE_MAX_PIXELS);
+    if (width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX ||
+        width * height > PRT_IMAGE_MAX_PIXELS || width * height * 3 * sizeof(float) > limit)
+        return prt_fail(ctx, PRT_LIMIT,
+                        "%s: %llu x %llu pixels are above the limit (%d a side, "
+                        "%llu in all)",
+                        name, (unsigned long long)width, (unsigned long long)height,
+                        PRT_IMAGE_MAX, (unsigned long long)PRT_IMAGE_MAX_PIXELS);
     out->rgb = prt_alloc((size_t)(width * height) * 3, sizeof(float));
     if (!out->rgb)
         return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %llu x %llu pixels", name,
@@ -126,10 +123,11 @@ int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t 
     return PRT_OK;
 }
 
-/* Negative and NaN become 0, infinity the image's largest finite value in that channel (a sun that
- * overflowed its format lies beside pixels that nearly did). */
-static void mend(const struct prt_context *ctx, const char *name, struct prt_image *image,
-                 uint32_t *n_negative, uint32_t *n_nonfinite)
+/* Negative and NaN become 0, infinity the image's largest finite value in that channel (a sun
+ * that overflowed its format lies beside pixels that nearly did). */
+static void clear_non_finite(const struct prt_context *ctx, const char *name,
+                             struct prt_image *image, uint32_t *n_negative,
+                             uint32_t *n_nonfinite)
 {
     const size_t count = (size_t)image->width * image->height;
     uint32_t negative = 0, nonfinite = 0;
@@ -145,13 +143,13 @@ static void mend(const struct prt_context *ctx, const char *name, struct prt_ima
         float *p = image->rgb + i * 3;
         bool low = false, odd = false;
         for (int c = 0; c < 3; c++) {
-            if (p[c] >= 0 && p[c] <= PRT_RADIANCE_MAX)
-                continue;
+            if (p[c] >= 0 && p[c] <= PRT_RADIANCE_MAX) continue;
             const bool is_low = isfinite(p[c]) && p[c] < 0;
             low = low || is_low;
             odd = odd || !is_low;
-            p[c] = isinf(p[c]) && p[c] > 0 ? top[c] : isfinite(p[c]) && !is_low ? PRT_RADIANCE_MAX
-                                                                                 : 0;
+            p[c] = isinf(p[c]) && p[c] > 0     ? top[c]
+                   : isfinite(p[c]) && !is_low ? PRT_RADIANCE_MAX
+                                               : 0;
         }
         negative += low;
         nonfinite += odd;
@@ -160,9 +158,10 @@ static void mend(const struct prt_context *ctx, const char *name, struct prt_ima
         prt_log(ctx, PRT_LOG_WARNING, "%s: %u pixels had negative components, taken as 0", name,
                 negative);
     if (nonfinite)
-        prt_log(ctx, PRT_LOG_WARNING, "%s: %u pixels had NaN, infinite or components above %g; "
-                "NaN became 0, the others the largest allowed", name, nonfinite,
-                (double)PRT_RADIANCE_MAX);
+        prt_log(ctx, PRT_LOG_WARNING,
+                "%s: %u pixels had NaN, infinite or components above %g; "
+                "NaN became 0, the others the largest allowed",
+                name, nonfinite, (double)PRT_RADIANCE_MAX);
     *n_negative += negative;
     *n_nonfinite += nonfinite;
 }
@@ -170,16 +169,14 @@ static void mend(const struct prt_context *ctx, const char *name, struct prt_ima
 int prt_env_cache_create(struct prt_env *env)
 {
     env->cache = prt_calloc(1, sizeof *env->cache);
-    if (!env->cache)
-        return PRT_NOMEM;
+    if (!env->cache) return PRT_NOMEM;
     pthread_mutex_init(&env->cache->lock, NULL);
     return PRT_OK;
 }
 
 void prt_env_cache_destroy(struct prt_env *env)
 {
-    if (!env->cache)
-        return;
+    if (!env->cache) return;
     prt_image_finish(&env->cache->latlong);
     pthread_mutex_destroy(&env->cache->lock);
     prt_free(env->cache);
@@ -198,8 +195,7 @@ static struct prt_env *env_new(void)
 
 void prt_env_destroy(struct prt_env *env)
 {
-    if (!env)
-        return;
+    if (!env) return;
     prt_env_cache_destroy(env);
     prt_image_finish(&env->latlong);
     prt_cube_finish(&env->cube);
@@ -213,18 +209,17 @@ static int load_constant(const struct prt_context *ctx, const char *word, struct
     const char *at = word + strlen("constant");
     for (int c = 0; *at && c < 3; c++) {
         char *end;
-        if (*at != (c ? ',' : ':'))
-            break;
+        if (*at != (c ? ',' : ':')) break;
         rgb[c] = strtof(at + 1, &end);
-        if (end == at + 1 || !(rgb[c] >= 0 && rgb[c] <= PRT_RADIANCE_MAX))
-            break;
+        if (end == at + 1 || !(rgb[c] >= 0 && rgb[c] <= PRT_RADIANCE_MAX)) break;
         at = end;
-        if (c < 2 && !*at)
-            at = "?";
+        if (c < 2 && !*at) at = "?";
     }
     if (*at)
-        return prt_fail(ctx, PRT_ARG, "%s: expected constant or constant:R,G,B with finite "
-                        "numbers >= 0", word);
+        return prt_fail(ctx, PRT_ARG,
+                        "%s: expected constant or constant:R,G,B with finite "
+                        "numbers >= 0",
+                        word);
     struct prt_env *env = env_new();
     int err = env ? prt_image_reserve(ctx, word, 64, 32, &env->latlong) : PRT_NOMEM;
     if (err) {
@@ -242,16 +237,15 @@ static int load_inputs(const struct prt_context *ctx, const char *name,
 {
     struct prt_decoded decoded[PRT_FACES_MAX];
     struct prt_env *env = env_new();
-    if (!env)
-        return prt_fail(ctx, PRT_NOMEM, "%s: no memory", name);
+    if (!env) return prt_fail(ctx, PRT_NOMEM, "%s: no memory", name);
     int err = prt_decode_isolated(ctx, input, count, decoded);
     for (unsigned i = 0; !err && i < count; i++)
-        mend(ctx, input[i].name, &decoded[i].image, &env->n_negative, &env->n_nonfinite);
+        clear_non_finite(ctx, input[i].name, &decoded[i].image, &env->n_negative,
+                         &env->n_nonfinite);
     if (!err)
         err = count == 1 ? prt_env_from_image(ctx, name, &decoded[0], env)
                          : prt_env_from_faces(ctx, name, decoded, env);
-    for (unsigned i = 0; i < count; i++)
-        prt_image_finish(&decoded[i].image);
+    for (unsigned i = 0; i < count; i++) prt_image_finish(&decoded[i].image);
     if (err) {
         prt_env_destroy(env);
         return err;
@@ -268,7 +262,8 @@ int prt_env_load_memory(const struct prt_context *ctx, const char *name, const v
     return load_inputs(ctx, name, &input, 1, out);
 }
 
-static int load_face_set(const struct prt_context *ctx, const char *pattern, struct prt_env **out)
+static int load_face_set(const struct prt_context *ctx, const char *pattern,
+                         struct prt_env **out)
 {
     char *paths[PRT_FACES_MAX] = {0};
     struct prt_blob blob[PRT_FACES_MAX] = {{0}};
@@ -278,8 +273,7 @@ static int load_face_set(const struct prt_context *ctx, const char *pattern, str
         err = prt_read_file(ctx, paths[i], FILE_MAX_BYTES, &blob[i]);
         input[i] = (struct prt_input){paths[i], blob[i].bytes, blob[i].size};
     }
-    if (!err)
-        err = load_inputs(ctx, pattern, input, PRT_FACES_MAX, out);
+    if (!err) err = load_inputs(ctx, pattern, input, PRT_FACES_MAX, out);
     for (unsigned i = 0; i < PRT_FACES_MAX; i++) {
         prt_free(blob[i].bytes);
         free(paths[i]);
@@ -298,8 +292,7 @@ int prt_env_load(const struct prt_context *ctx, const char *path, struct prt_env
         return load_face_set(ctx, path, out);
     struct prt_blob blob = {0};
     int err = prt_read_file(ctx, path, FILE_MAX_BYTES, &blob);
-    if (!err)
-        err = prt_env_load_memory(ctx, path, blob.bytes, blob.size, out);
+    if (!err) err = prt_env_load_memory(ctx, path, blob.bytes, blob.size, out);
     prt_free(blob.bytes);
     return err;
 }
@@ -311,10 +304,8 @@ int prt_image_load(const struct prt_context *ctx, const char *path, struct prt_i
     memset(out, 0, sizeof *out);
     int err = prt_read_file(ctx, path, FILE_MAX_BYTES, &blob);
     const struct prt_input input = {path, blob.bytes, blob.size};
-    if (!err)
-        err = prt_decode_isolated(ctx, &input, 1, &decoded);
+    if (!err) err = prt_decode_isolated(ctx, &input, 1, &decoded);
     prt_free(blob.bytes);
-    if (!err)
-        *out = decoded.image;
+    if (!err) *out = decoded.image;
     return err;
 }

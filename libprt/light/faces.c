@@ -26,18 +26,15 @@ static int face_of(const char *file)
     char stem[256];
     const char *dot = strrchr(file, '.');
     const size_t n = dot ? (size_t)(dot - file) : strlen(file);
-    if (n == 0 || n >= sizeof stem)
-        return -1;
-    for (size_t i = 0; i < n; i++)
-        stem[i] = (char)tolower((unsigned char)file[i]);
+    if (n == 0 || n >= sizeof stem) return -1;
+    for (size_t i = 0; i < n; i++) stem[i] = (char)tolower((unsigned char)file[i]);
     stem[n] = 0;
     for (int face = 0; face < 6; face++)
         for (int w = 0; words[face][w]; w++) {
             const size_t len = strlen(words[face][w]);
-            if (len > n || strcmp(stem + n - len, words[face][w]))
-                continue;
-            if (len == n || !isalpha((unsigned char)stem[n - len - 1])
-                || !isalpha((unsigned char)stem[n - len]))
+            if (len > n || strcmp(stem + n - len, words[face][w])) continue;
+            if (len == n || !isalpha((unsigned char)stem[n - len - 1]) ||
+                !isalpha((unsigned char)stem[n - len]))
                 return face;
         }
     return -1;
@@ -48,17 +45,16 @@ static int scan(const struct prt_context *ctx, const char *shown, const char *fo
 {
     static const char *const axes[6] = {"posx", "negx", "posy", "negy", "posz", "negz"};
     DIR *dir = opendir(folder);
-    if (!dir)
-        return prt_fail(ctx, PRT_IO, "%s: cannot read the folder %s", shown, folder);
+    if (!dir) return prt_fail(ctx, PRT_IO, "%s: cannot read the folder %s", shown, folder);
     int err = PRT_OK;
     for (struct dirent *e; !err && (e = readdir(dir));) {
         const int face = face_of(e->d_name);
-        if (face < 0 || e->d_name[0] == '.' || fnmatch(glob, e->d_name, 0))
-            continue;
+        if (face < 0 || e->d_name[0] == '.' || fnmatch(glob, e->d_name, 0)) continue;
         if (paths[face])
-            err = prt_fail(ctx, PRT_FORMAT, "%s: both %s and %s could be the %s face; give a "
-                           "pattern such as DIR/name_*.hdr", shown, paths[face], e->d_name,
-                           axes[face]);
+            err = prt_fail(ctx, PRT_FORMAT,
+                           "%s: both %s and %s could be the %s face; give a "
+                           "pattern such as DIR/name_*.hdr",
+                           shown, paths[face], e->d_name, axes[face]);
         else if (asprintf(&paths[face], "%s/%s", folder, e->d_name) < 0) {
             paths[face] = NULL;
             err = prt_fail(ctx, PRT_NOMEM, "%s: no memory", shown);
@@ -67,9 +63,10 @@ static int scan(const struct prt_context *ctx, const char *shown, const char *fo
     closedir(dir);
     for (int face = 0; !err && face < 6; face++)
         if (!paths[face])
-            err = prt_fail(ctx, PRT_FORMAT, "%s: no file for the %s face; names must end in %s, "
-                           "%s, … as six cube faces", shown, axes[face], words[face][0],
-                           words[face][1]);
+            err = prt_fail(ctx, PRT_FORMAT,
+                           "%s: no file for the %s face; names must end in %s, "
+                           "%s, … as six cube faces",
+                           shown, axes[face], words[face][0], words[face][1]);
     return err;
 }
 
@@ -77,8 +74,7 @@ int prt_find_faces(const struct prt_context *ctx, const char *pattern, char *pat
 {
     struct stat st;
     char *copy = strdup(pattern);
-    if (!copy)
-        return prt_fail(ctx, PRT_NOMEM, "%s: no memory", pattern);
+    if (!copy) return prt_fail(ctx, PRT_NOMEM, "%s: no memory", pattern);
     int err;
     if (!stat(pattern, &st) && S_ISDIR(st.st_mode)) {
         err = scan(ctx, pattern, copy, "*", paths);
@@ -89,8 +85,7 @@ int prt_find_faces(const struct prt_context *ctx, const char *pattern, char *pat
             memmove(hole + 1, hole + 2, strlen(hole + 2) + 1);
         }
         char *slash = strrchr(copy, '/');
-        if (slash)
-            *slash = 0;
+        if (slash) *slash = 0;
         err = scan(ctx, pattern, slash ? (*copy ? copy : "/") : ".", slash ? slash + 1 : copy,
                    paths);
     }

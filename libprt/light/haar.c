@@ -14,8 +14,8 @@ enum { COLUMNS = 8 }; /* transformed together */
 
 /* One level turns each 2x2 block (a b; c d) into its orthonormal scaling and detail numbers
  * (a+b+c+d)/2, (a-b+c-d)/2, (a+b-c-d)/2, (a-b-c+d)/2 (NRH03's quadrants), put at (x,y),
- * (x+m,y), (x,y+m), (x+m,y+m) with m the half size: Mallat's nested layout. First along the rows,
- * then along the columns, which take the whole factor 1/2. */
+ * (x+m,y), (x,y+m), (x+m,y+m) with m the half size: Mallat's nested layout. First along the
+ * rows, then along the columns, which take the whole factor 1/2. */
 static void rows_forward(uint32_t n, uint32_t size, float *plane, float *tmp)
 {
     const uint32_t m = size / 2;
@@ -128,8 +128,9 @@ int prt_light_from_cube(const struct prt_cube *cube, struct prt_light *out)
     out->n = 0;
     out->coef = NULL;
     if (!is_power_of_two(n) || n < PRT_CUBE_MIN)
-        return prt_fail(NULL, PRT_ARG, "cube size %u: a light vector needs a power of two >= %d",
-                        n, PRT_CUBE_MIN);
+        return prt_fail(NULL, PRT_ARG,
+                        "cube size %u: a light vector needs a power of two >= %d", n,
+                        PRT_CUBE_MIN);
     float *coef = prt_alloc(6 * n_face * 4, sizeof(float));
     rgbx *plane = prt_alloc(n_face, sizeof *plane);
     if (!coef || !plane) {
@@ -151,8 +152,7 @@ int prt_light_from_cube(const struct prt_cube *cube, struct prt_light *out)
 
 void prt_light_finish(struct prt_light *light)
 {
-    if (!light)
-        return;
+    if (!light) return;
     prt_free(light->coef);
     light->coef = NULL;
     light->n = 0;

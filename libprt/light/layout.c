@@ -39,8 +39,9 @@ static int start_cube(const struct prt_context *ctx, const char *name, uint32_t 
     return prt_cube_init(&env->cube, n);
 }
 
-static int cut_cells(const struct prt_context *ctx, const char *name, const struct prt_image *im,
-                     const unsigned char cell[6][2], uint32_t n, struct prt_env *env)
+static int cut_cells(const struct prt_context *ctx, const char *name,
+                     const struct prt_image *im, const unsigned char cell[6][2], uint32_t n,
+                     struct prt_env *env)
 {
     int err = start_cube(ctx, name, n, env);
     for (unsigned face = 0; !err && face < 6; face++)
@@ -64,8 +65,7 @@ static int take_exr_latlong(const struct prt_context *ctx, const char *name,
     struct prt_image *im = &in->image;
     const uint32_t w = im->width, half = w / 2;
     float *line = prt_alloc((size_t)w * 3, sizeof *line);
-    if (!line)
-        return prt_fail(ctx, PRT_NOMEM, "%s: no memory", name);
+    if (!line) return prt_fail(ctx, PRT_NOMEM, "%s: no memory", name);
     for (uint32_t y = 0; y < im->height; y++) {
         float *p = im->rgb + (size_t)y * w * 3;
         memcpy(line, p + (size_t)half * 3, (size_t)(w - half) * 3 * sizeof *line);
@@ -97,24 +97,22 @@ int prt_env_from_image(const struct prt_context *ctx, const char *name, struct p
     if ((in->hint == PRT_HINT_EXR_CUBE || in->hint == PRT_HINT_GL_CUBE) && h != 6 * w)
         return prt_fail(ctx, PRT_FORMAT, "%s: a cube's six faces cannot be %llu x %llu pixels",
                         name, (unsigned long long)w, (unsigned long long)h);
-    if (in->hint == PRT_HINT_GL_CUBE)
-        return take_gl_cube(ctx, name, im, env);
+    if (in->hint == PRT_HINT_GL_CUBE) return take_gl_cube(ctx, name, im, env);
     if (in->hint == PRT_HINT_EXR_LATLONG && is_latlong)
         return take_exr_latlong(ctx, name, in, env);
-    if (is_latlong)
-        return take_latlong(in, env);
-    if (h == 6 * w)
-        return cut_cells(ctx, name, im, column, im->width, env);
-    if (w == 6 * h)
-        return cut_cells(ctx, name, im, row, im->height, env);
+    if (is_latlong) return take_latlong(in, env);
+    if (h == 6 * w) return cut_cells(ctx, name, im, column, im->width, env);
+    if (w == 6 * h) return cut_cells(ctx, name, im, row, im->height, env);
     if (w * 3 == h * 4 && w % 4 == 0)
         return cut_cells(ctx, name, im, hcross, im->width / 4, env);
     if (w * 4 == h * 3 && w % 3 == 0)
         return cut_cells(ctx, name, im, vcross, im->width / 3, env);
-    return prt_fail(ctx, PRT_FORMAT, "%s: %llu x %llu pixels are no environment: expected a "
-                    "lat-long (2:1), a cross (4:3 or 3:4) or six faces in a strip (6:1 or 1:6)%s",
-                    name, (unsigned long long)w, (unsigned long long)h,
-                    w == h ? "; light probes (angular maps) must be converted to lat-long" : "");
+    return prt_fail(
+        ctx, PRT_FORMAT,
+        "%s: %llu x %llu pixels are no environment: expected a "
+        "lat-long (2:1), a cross (4:3 or 3:4) or six faces in a strip (6:1 or 1:6)%s",
+        name, (unsigned long long)w, (unsigned long long)h,
+        w == h ? "; light probes (angular maps) must be converted to lat-long" : "");
 }
 
 int prt_env_from_faces(const struct prt_context *ctx, const char *name,
@@ -124,8 +122,10 @@ int prt_env_from_faces(const struct prt_context *ctx, const char *name,
     for (unsigned face = 0; face < 6; face++) {
         const struct prt_image *im = &faces[face].image;
         if (im->width != n || im->height != n)
-            return prt_fail(ctx, PRT_FORMAT, "%s: faces must be square and of one size, face %u "
-                            "is %u x %u, the first %u wide", name, face, im->width, im->height, n);
+            return prt_fail(ctx, PRT_FORMAT,
+                            "%s: faces must be square and of one size, face %u "
+                            "is %u x %u, the first %u wide",
+                            name, face, im->width, im->height, n);
     }
     int err = start_cube(ctx, name, n, env);
     for (unsigned face = 0; !err && face < 6; face++)

@@ -22,14 +22,16 @@ void prt_env_power(const struct prt_env *env, double power[3]);
 
 enum { PRT_IMAGE_MAX = 16384, PRT_FACES_MAX = 6 };
 #define PRT_IMAGE_MAX_PIXELS ((uint64_t)16384 * 8192)
-#define PRT_RADIANCE_MAX 1e30f /* larger finite values are cut: sums over a cube stay finite */
+#define PRT_RADIANCE_MAX                                                \
+    1e30f /* larger finite values are cut: sums over a cube stay finite \
+           */
 
 /* What a file says about its own layout. */
 enum prt_layout_hint {
     PRT_HINT_NONE,        /* by aspect ratio */
     PRT_HINT_EXR_LATLONG, /* OpenEXR's envmap attribute */
     PRT_HINT_EXR_CUBE,
-    PRT_HINT_GL_CUBE,     /* six faces stacked, OpenGL's axes (DDS) */
+    PRT_HINT_GL_CUBE, /* six faces stacked, OpenGL's axes (DDS) */
     PRT_HINT_COUNT
 };
 
@@ -46,16 +48,16 @@ int prt_decode(const struct prt_context *ctx, const char *name, const void *byte
 bool prt_is_hdr(const uint8_t *bytes, size_t n);
 bool prt_is_exr(const uint8_t *bytes, size_t n);
 bool prt_is_dds(const uint8_t *bytes, size_t n);
-int prt_decode_hdr(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
-                   struct prt_image *out);
+int prt_decode_hdr(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
+                   size_t n, struct prt_image *out);
 /* PRT_UNSUPPORTED without a log line: OpenEXRCore cannot, OpenImageIO may (DWA). */
-int prt_decode_exr(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
-                   struct prt_decoded *out);
-int prt_decode_dds(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
-                   struct prt_decoded *out);
+int prt_decode_exr(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
+                   size_t n, struct prt_decoded *out);
+int prt_decode_dds(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
+                   size_t n, struct prt_decoded *out);
 /* PRT_UNSUPPORTED without a log line: not a plain one, OpenImageIO may. */
-int prt_decode_png(const struct prt_context *ctx, const char *name, const uint8_t *bytes, size_t n,
-                   struct prt_image *out);
+int prt_decode_png(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
+                   size_t n, struct prt_image *out);
 int prt_decode_jpeg(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                     size_t n, struct prt_image *out);
 int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8_t *bytes,

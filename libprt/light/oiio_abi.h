@@ -12,8 +12,8 @@ extern "C" {
 
 struct prt_oiio_image {
     uint32_t width, height;
-    float *rgb;     /* [height][width][3], malloc()ed */
-    int is_srgb;    /* integer pixels in [0,1], still to be linearised */
+    float *rgb;  /* [height][width][3], malloc()ed */
+    int is_srgb; /* integer pixels in [0,1], still to be linearised */
     char error[256];
 };
 /* Called with the declared size before anything is allocated; non-zero refuses. */

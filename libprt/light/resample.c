@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: MIT */
 /* Owns power-conserving resampling between lat-long images and cubemaps.
  *
- * The sphere is cut into thin wedges of azimuth at every column edge of the lat-long image and of
- * the cube's side faces, so that a wedge lies in one column of either. Along a wedge's central
- * meridian both images are piecewise constant in z = sin(latitude), and dz dphi is solid angle:
- * power moves between cells by exact 1-D overlap in z. Only the cells of +Y and -Y are not
- * bounded by meridians; there the wedges are made thin enough (rays_per_texel through the corner
- * texels). Each cell's sum is divided by the solid angle it was given, so a constant stays
- * constant, and one factor a channel, within about 1e-4 of 1, makes the total power exact. */
+ * The sphere is cut into thin wedges of azimuth at every column edge of the lat-long image and
+ * of the cube's side faces, so that a wedge lies in one column of either. Along a wedge's
+ * central meridian both images are piecewise constant in z = sin(latitude), and dz dphi is
+ * solid angle: power moves between cells by exact 1-D overlap in z. Only the cells of +Y and -Y
+ * are not bounded by meridians; there the wedges are made thin enough (rays_per_texel through
+ * the corner texels). Each cell's sum is divided by the solid angle it was given, so a constant
+ * stays constant, and one factor a channel, within about 1e-4 of 1, makes the total power
+ * exact. */
 #include "light_private.h"
 
 #include <math.h>
@@ -20,13 +21,15 @@ typedef float v4f __attribute__((vector_size(16)));
 #define INLINE static inline __attribute__((always_inline)) /* into each ISA's variant */
 enum { BLOCK = 8, N_QUADRANT = 4 };
 
-/* Azimuth phi of side faces' centres (direction (sin phi, ., -cos phi)); in each, s = -tan(beta)
- * with beta = phi - centre. */
-static const struct { unsigned face; double phi; } quadrants[N_QUADRANT] = {
-    {5, 0}, {0, PI / 2}, {4, PI}, {1, -PI / 2}};
+/* Azimuth phi of side faces' centres (direction (sin phi, ., -cos phi)); in each, s =
+ * -tan(beta) with beta = phi - centre. */
+static const struct {
+    unsigned face;
+    double phi;
+} quadrants[N_QUADRANT] = {{5, 0}, {0, PI / 2}, {4, PI}, {1, -PI / 2}};
 
-/* Wedges through a corner texel of a cap: the error falls with the square. Fine cubes, whose cost
- * grows with n squared, hold few source pixels a texel and take fewer. */
+/* Wedges through a corner texel of a cap: the error falls with the square. Fine cubes, whose
+ * cost grows with n squared, hold few source pixels a texel and take fewer. */
 static const double RAYS_MIN = 8.0, RAYS_MAX = 20.0;
 
 static double rays_per_texel(uint32_t n)
@@ -47,7 +50,8 @@ static unsigned cap_rays(double n_wedge, uint32_t n, double rays_per_texel)
 INLINE double rough_atan(double x)
 {
     const double q = x * x;
-    return x * (0.9998660 + q * (-0.3302995 + q * (0.1801410 + q * (-0.0851330 + q * 0.0208351))));
+    return x *
+           (0.9998660 + q * (-0.3302995 + q * (0.1801410 + q * (-0.0851330 + q * 0.0208351))));
 }
 
 /* Walks the cells of a cube's cap along one azimuth outwards from the pole. */
@@ -95,10 +99,10 @@ INLINE double cap_walk_next(struct cap_walk *w, bool *last)
 struct to_cube {
     const struct prt_image *src;
     uint32_t n;
-    double turn;         /* [rad] */
+    double turn; /* [rad] */
     unsigned side_rays, cap_rays;
-    const double *edge;  /* [H+1] z of row edges, 1 … -1 */
-    v4d *cap[2];         /* [n*n] power and solid angle of +Y, -Y but for their diagonals */
+    const double *edge; /* [H+1] z of row edges, 1 … -1 */
+    v4d *cap[2];        /* [n*n] power and solid angle of +Y, -Y but for their diagonals */
     v4d *diagonal[N_QUADRANT]; /* [2 caps][2 diagonals][n] a quadrant's share of those */
     v4d power[N_QUADRANT];
     struct prt_cube *out;
@@ -107,25 +111,22 @@ struct to_cube {
 
 struct column {
     const double *edge;
-    const v4d *prefix;   /* [H+1] power per radian above each row edge; lane 3: solid angle */
-    const v4f *value;    /* [H] radiance, lane 3: 1 */
+    const v4d *prefix; /* [H+1] power per radian above each row edge; lane 3: solid angle */
+    const v4f *value;  /* [H] radiance, lane 3: 1 */
     int height;
 };
 
 INLINE void power_above(const struct column *col, double z, int row, v4d *out)
 {
     row = row < 0 ? 0 : row > col->height - 1 ? col->height - 1 : row;
-    while (row > 0 && z > col->edge[row])
-        row--;
-    while (row < col->height - 1 && z < col->edge[row + 1])
-        row++;
+    while (row > 0 && z > col->edge[row]) row--;
+    while (row < col->height - 1 && z < col->edge[row + 1]) row++;
     const double d = col->edge[row] - z;
     *out = col->prefix[row] + __builtin_convertvector(col->value[row], v4d) * d;
 }
 
 /* [n] += power of the texels of one side column along the meridian beta. */
-INLINE void add_side(const struct column *col, uint32_t n, double beta, double width,
-                            v4d *acc)
+INLINE void add_side(const struct column *col, uint32_t n, double beta, double width, v4d *acc)
 {
     const double c = cos(beta), row_scale = col->height / PI, step = 2.0 / n;
     v4d above = {0, 0, 0, 0};
@@ -135,15 +136,14 @@ INLINE void add_side(const struct column *col, uint32_t n, double beta, double w
         const int row = (int)((0.5 * PI + rough_atan(q)) * row_scale);
         v4d here;
         power_above(col, z, row, &here);
-        if (k)
-            acc[k - 1] += (here - above) * width;
+        if (k) acc[k - 1] += (here - above) * width;
         above = here;
     }
 }
 
 /* Adds the wedge at azimuth phi to the cells of both caps; they mirror each other in t. */
 INLINE void add_caps(const struct to_cube *job, const struct column *col, unsigned quadrant,
-                            double phi, double width)
+                     double phi, double width)
 {
     const int n = (int)job->n;
     const double row_scale = col->height / PI;
@@ -201,14 +201,12 @@ static void store_side(const struct to_cube *job, unsigned face, uint32_t x, v4d
     const uint32_t n = job->n;
     float *dst = job->out->texel + ((size_t)face * n * n + x) * 3;
     for (uint32_t y = 0; y < n; y++) {
-        for (int c = 0; c < 3; c++)
-            dst[(size_t)y * n * 3 + c] = (float)(acc[y][c] / acc[y][3]);
+        for (int c = 0; c < 3; c++) dst[(size_t)y * n * 3 + c] = (float)(acc[y][c] / acc[y][3]);
         acc[y] = (v4d){0, 0, 0, 0};
     }
 }
 
-INLINE void quadrant_body(const struct to_cube *job,
-                                                                unsigned quadrant)
+INLINE void quadrant_body(const struct to_cube *job, unsigned quadrant)
 {
     const struct prt_image *src = job->src;
     const uint32_t n = job->n, width = src->width;
@@ -262,17 +260,15 @@ INLINE void quadrant_body(const struct to_cube *job,
 
 static int quadrant_c(void *arg, size_t begin, size_t end, unsigned worker)
 {
-    for (size_t q = begin; q < end; q++)
-        quadrant_body(arg, (unsigned)q);
+    for (size_t q = begin; q < end; q++) quadrant_body(arg, (unsigned)q);
     return 0;
 }
 
 #if defined(__x86_64__)
-__attribute__((target("avx2,fma"))) static int quadrant_avx2(void *arg, size_t begin, size_t end,
-                                                             unsigned worker)
+__attribute__((target("avx2,fma"))) static int quadrant_avx2(void *arg, size_t begin,
+                                                             size_t end, unsigned worker)
 {
-    for (size_t q = begin; q < end; q++)
-        quadrant_body(arg, (unsigned)q);
+    for (size_t q = begin; q < end; q++) quadrant_body(arg, (unsigned)q);
     return 0;
 }
 #endif
@@ -282,29 +278,26 @@ static int set_power(struct prt_cube *cube, const double power[3])
 {
     const size_t n_face = (size_t)cube->n * cube->n;
     float *omega = prt_alloc(n_face, sizeof *omega);
-    if (!omega)
-        return PRT_NOMEM;
+    if (!omega) return PRT_NOMEM;
     prt_cube_solid_angles(cube->n, omega);
     double sum[3] = {0, 0, 0};
     for (unsigned face = 0; face < 6; face++) {
         const float *p = cube->texel + face * n_face * 3;
         for (size_t i = 0; i < n_face; i++)
-            for (int c = 0; c < 3; c++)
-                sum[c] += (double)p[i * 3 + c] * omega[i];
+            for (int c = 0; c < 3; c++) sum[c] += (double)p[i * 3 + c] * omega[i];
     }
     prt_free(omega);
     float scale[3];
-    for (int c = 0; c < 3; c++)
-        scale[c] = sum[c] > 0 ? (float)(power[c] / sum[c]) : 1.0f;
+    for (int c = 0; c < 3; c++) scale[c] = sum[c] > 0 ? (float)(power[c] / sum[c]) : 1.0f;
     for (size_t i = 0; i < 6 * n_face; i++)
-        for (int c = 0; c < 3; c++)
-            cube->texel[i * 3 + c] *= scale[c];
+        for (int c = 0; c < 3; c++) cube->texel[i * 3 + c] *= scale[c];
     return PRT_OK;
 }
 
-/* Power to radiance. A cap texel's wedges add up to its solid angle within some 1e-3. Dividing by
- * what they add up to keeps a plain background plain; what rises above the background (the least
- * of the texel and its neighbours) is divided by the exact solid angle, so a sun keeps its power. */
+/* Power to radiance. A cap texel's wedges add up to its solid angle within some 1e-3. Dividing
+ * by what they add up to keeps a plain background plain; what rises above the background (the
+ * least of the texel and its neighbours) is divided by the exact solid angle, so a sun keeps
+ * its power. */
 static void average_cap(const v4d *cell, uint32_t n, float *dst)
 {
     for (uint32_t y = 0; y < n; y++)
@@ -351,8 +344,8 @@ static double *row_edges(uint32_t height)
     return edge;
 }
 
-static int latlong_to_cube(const struct prt_context *ctx, const struct prt_image *src, uint32_t n,
-                           double turn, struct prt_cube *out)
+static int latlong_to_cube(const struct prt_context *ctx, const struct prt_image *src,
+                           uint32_t n, double turn, struct prt_cube *out)
 {
     struct to_cube job = {.src = src, .n = n, .turn = turn, .out = out};
     const double n_wedge = (double)src->width + 4.0 * n;
@@ -361,23 +354,21 @@ static int latlong_to_cube(const struct prt_context *ctx, const struct prt_image
     job.cap_rays = cap_rays(n_wedge, n, rays_per_texel(n));
     double *edge = row_edges(src->height);
     v4d *cap = prt_calloc(2 * n_face + (size_t)16 * n, sizeof(v4d));
-    const size_t scratch_size = ((size_t)src->height + 1 + n) * sizeof(v4d)
-                                + (size_t)BLOCK * src->height * sizeof(v4f);
+    const size_t scratch_size =
+        ((size_t)src->height + 1 + n) * sizeof(v4d) + (size_t)BLOCK * src->height * sizeof(v4f);
     const size_t scratch_stride = (scratch_size + 63) / 64 * 64;
     char *scratch = prt_alloc(N_QUADRANT, scratch_stride);
     int err = PRT_NOMEM;
     if (edge && cap && scratch) {
         job.edge = edge;
-        for (unsigned i = 0; i < 2; i++)
-            job.cap[i] = cap + i * n_face;
+        for (unsigned i = 0; i < 2; i++) job.cap[i] = cap + i * n_face;
         for (unsigned q = 0; q < N_QUADRANT; q++) {
             job.diagonal[q] = cap + 2 * n_face + (size_t)q * 4 * n;
             job.scratch[q] = scratch + q * scratch_stride;
         }
         prt_loop_fn fn = quadrant_c;
 #if defined(__x86_64__)
-        if (ctx && (ctx->cpu & PRT_CPU_AVX2))
-            fn = quadrant_avx2;
+        if (ctx && (ctx->cpu & PRT_CPU_AVX2)) fn = quadrant_avx2;
 #endif
         err = prt_parallel_for(ctx, NULL, N_QUADRANT, 1, fn, &job);
     }
@@ -385,8 +376,7 @@ static int latlong_to_cube(const struct prt_context *ctx, const struct prt_image
         finish_caps(&job);
         double power[3] = {0, 0, 0};
         for (unsigned q = 0; q < N_QUADRANT; q++)
-            for (int c = 0; c < 3; c++)
-                power[c] += job.power[q][c];
+            for (int c = 0; c < 3; c++) power[c] += job.power[q][c];
         err = set_power(out, power);
     }
     prt_free(edge);
@@ -430,8 +420,7 @@ static int cube_to_cube(const struct prt_context *ctx, const struct prt_cube *sr
     double *corner = prt_alloc((n_src + n + 1) * 2, sizeof *corner);
     double *acc = prt_calloc(n_face * 6 * 4, sizeof *acc);
     int err = PRT_NOMEM;
-    if (!cuts || !corner || !acc)
-        goto done;
+    if (!cuts || !corner || !acc) goto done;
     const uint32_t count = merge_grids(src->n, n, cuts);
     double *above = corner, *below = corner + count + 1;
     for (uint32_t r = 0; r <= count; r++) {
@@ -442,8 +431,8 @@ static int cube_to_cube(const struct prt_context *ctx, const struct prt_cube *sr
             const double omega = below[i + 1] - below[i] - above[i + 1] + above[i];
             const struct cut *row = &cuts[r - 1];
             for (unsigned face = 0; face < 6; face++) {
-                const float *s = src->texel
-                                 + ((face * n_src + row->src) * n_src + cuts[i].src) * 3;
+                const float *s =
+                    src->texel + ((face * n_src + row->src) * n_src + cuts[i].src) * 3;
                 double *a = acc + (((size_t)face * n + row->dst) * n + cuts[i].dst) * 4;
                 a[0] += omega * s[0];
                 a[1] += omega * s[1];
@@ -473,17 +462,14 @@ static int quarter_turn(struct prt_cube *cube)
     const uint32_t n = cube->n;
     const size_t n_face = (size_t)n * n * 3;
     float *old = prt_alloc(6 * n_face, sizeof *old);
-    if (!old)
-        return PRT_NOMEM;
+    if (!old) return PRT_NOMEM;
     memcpy(old, cube->texel, 6 * n_face * sizeof *old);
     for (unsigned face = 0; face < 6; face++)
         for (uint32_t y = 0; y < n; y++)
             for (uint32_t x = 0; x < n; x++) {
                 uint32_t sx = x, sy = y;
-                if (face == 2)
-                    sx = n - 1 - y, sy = x;
-                if (face == 3)
-                    sx = y, sy = n - 1 - x;
+                if (face == 2) sx = n - 1 - y, sy = x;
+                if (face == 3) sx = y, sy = n - 1 - x;
                 memcpy(cube->texel + face * n_face + ((size_t)y * n + x) * 3,
                        old + from[face] * n_face + ((size_t)sy * n + sx) * 3, 3 * sizeof *old);
             }
@@ -500,7 +486,8 @@ struct to_latlong {
     unsigned rays;
 };
 
-/* Meridian phi through the cube as descending z of cell ends and the cells; returns the count. */
+/* Meridian phi through the cube as descending z of cell ends and the cells; returns the count.
+ */
 static uint32_t meridian(const struct prt_cube *cube, const unsigned quadrant, double beta,
                          double *end, const float **cell)
 {
@@ -556,12 +543,10 @@ static int latlong_columns(void *arg, size_t begin, size_t stop, unsigned worker
             const double beta = cur - turns * PI / 2;
             double j = floor((tan(beta) + 1.0) * 0.5 * n + 1e-9) + 1;
             double far = j >= n ? PI / 4 : atan(2.0 * j / n - 1.0);
-            if (far <= beta + 1e-13)
-                far = j + 1 >= n ? PI / 4 : atan(2.0 * (j + 1) / n - 1.0);
+            if (far <= beta + 1e-13) far = j + 1 >= n ? PI / 4 : atan(2.0 * (j + 1) / n - 1.0);
             double next = turns * PI / 2 + far;
             next = next < past ? next : past;
-            if (next <= cur)
-                next = past;
+            if (next <= cur) next = past;
             const double wedge = (next - cur) / job->rays;
             for (unsigned r = 0; r < job->rays; r++) {
                 const uint32_t count =
@@ -573,8 +558,7 @@ static int latlong_columns(void *arg, size_t begin, size_t stop, unsigned worker
                         const bool row_ends = row + 1 < height && job->edge[row + 1] > end[k];
                         const double low = row_ends ? job->edge[row + 1] : end[k];
                         const double omega = (z - low) * wedge;
-                        for (int c = 0; c < 3; c++)
-                            acc[row * 3 + c] += omega * cell[k][c];
+                        for (int c = 0; c < 3; c++) acc[row * 3 + c] += omega * cell[k][c];
                         z = low;
                         row += row_ends;
                     }
@@ -584,7 +568,8 @@ static int latlong_columns(void *arg, size_t begin, size_t stop, unsigned worker
         for (uint32_t r = 0; r < height; r++) {
             const double omega = (job->edge[r] - job->edge[r + 1]) * (past - first);
             for (int c = 0; c < 3; c++)
-                job->out->rgb[((size_t)r * width + i) * 3 + c] = (float)(acc[r * 3 + c] / omega);
+                job->out->rgb[((size_t)r * width + i) * 3 + c] =
+                    (float)(acc[r * 3 + c] / omega);
         }
     }
     prt_free(acc);
@@ -599,8 +584,7 @@ static void latlong_power(const struct prt_image *im, const double *edge, double
         const float *p = im->rgb + (size_t)r * im->width * 3;
         double sum[3] = {0, 0, 0};
         for (uint32_t x = 0; x < im->width; x++)
-            for (int c = 0; c < 3; c++)
-                sum[c] += p[x * 3 + c];
+            for (int c = 0; c < 3; c++) sum[c] += p[x * 3 + c];
         for (int c = 0; c < 3; c++)
             power[c] += sum[c] * (edge[r] - edge[r + 1]) * 2 * PI / im->width;
     }
@@ -627,18 +611,19 @@ void prt_env_power(const struct prt_env *env, double power[3])
         return;
     }
     double *edge = row_edges(env->latlong.height);
-    if (edge)
-        latlong_power(&env->latlong, edge, power);
+    if (edge) latlong_power(&env->latlong, edge, power);
     prt_free(edge);
 }
 
-int prt_cube_to_latlong(const struct prt_context *ctx, const struct prt_cube *cube, uint32_t width,
-                        uint32_t height, struct prt_image *out)
+int prt_cube_to_latlong(const struct prt_context *ctx, const struct prt_cube *cube,
+                        uint32_t width, uint32_t height, struct prt_image *out)
 {
     memset(out, 0, sizeof *out);
     if (!cube->n || !width || !height || width > 16384 || height > 16384)
-        return prt_fail(ctx, PRT_ARG, "lat-long size %u x %u: allowed is 1..16384", width, height);
-    struct prt_image image = {width, height, prt_alloc((size_t)width * height * 3, sizeof(float))};
+        return prt_fail(ctx, PRT_ARG, "lat-long size %u x %u: allowed is 1..16384", width,
+                        height);
+    struct prt_image image = {width, height,
+                              prt_alloc((size_t)width * height * 3, sizeof(float))};
     double *edge = row_edges(height);
     int err = PRT_NOMEM;
     if (image.rgb && edge) {
@@ -652,14 +637,14 @@ int prt_cube_to_latlong(const struct prt_context *ctx, const struct prt_cube *cu
         latlong_power(&image, edge, have);
         for (int c = 0; c < 3; c++) {
             const float scale = have[c] > 0 ? (float)(want[c] / have[c]) : 1.0f;
-            for (size_t i = 0; i < (size_t)width * height; i++)
-                image.rgb[i * 3 + c] *= scale;
+            for (size_t i = 0; i < (size_t)width * height; i++) image.rgb[i * 3 + c] *= scale;
         }
     }
     prt_free(edge);
     if (err) {
         prt_image_finish(&image);
-        return prt_fail(ctx, err, "lat-long of %u x %u: %s", width, height, prt_status_text(err));
+        return prt_fail(ctx, err, "lat-long of %u x %u: %s", width, height,
+                        prt_status_text(err));
     }
     *out = image;
     return PRT_OK;
@@ -695,15 +680,13 @@ static int turned_cube(const struct prt_context *ctx, const struct prt_env *env,
     int err;
     if (quarters == floor(quarters)) {
         err = cube_to_cube(ctx, &env->cube, n, out);
-        for (int i = 0; !err && i < (int)quarters; i++)
-            err = quarter_turn(out);
+        for (int i = 0; !err && i < (int)quarters; i++) err = quarter_turn(out);
         return err;
     }
     struct prt_image temporary = {0};
     const struct prt_image *src = NULL;
     err = turned_source(ctx, env, &temporary, &src);
-    if (!err)
-        err = latlong_to_cube(ctx, src, n, degrees * PI / 180.0, out);
+    if (!err) err = latlong_to_cube(ctx, src, n, degrees * PI / 180.0, out);
     prt_image_finish(&temporary);
     return err;
 }
@@ -718,18 +701,13 @@ int prt_env_to_cube(const struct prt_context *ctx, const struct prt_env *env, ui
     if (!isfinite(rotate_deg))
         return prt_fail(ctx, PRT_ARG, "rotation must be a finite number of degrees");
     double degrees = fmod(rotate_deg, 360.0);
-    if (degrees < 0)
-        degrees += 360.0;
-    if (degrees >= 360.0)
-        degrees = 0;
+    if (degrees < 0) degrees += 360.0;
+    if (degrees >= 360.0) degrees = 0;
     struct prt_cube cube;
     int err = prt_cube_init(&cube, n);
-    if (err)
-        return err;
-    if (env->kind == PRT_ENV_CUBE)
-        err = turned_cube(ctx, env, n, degrees, &cube);
-    else
-        err = latlong_to_cube(ctx, &env->latlong, n, degrees * PI / 180.0, &cube);
+    if (err) return err;
+    if (env->kind == PRT_ENV_CUBE) err = turned_cube(ctx, env, n, degrees, &cube);
+    else err = latlong_to_cube(ctx, &env->latlong, n, degrees * PI / 180.0, &cube);
     if (err) {
         prt_cube_finish(&cube);
         return prt_fail(ctx, err, "resampling to 6 x %u x %u: %s", n, n, prt_status_text(err));
@@ -741,9 +719,9 @@ int prt_env_to_cube(const struct prt_context *ctx, const struct prt_env *env, ui
 uint32_t prt_env_full_cube(const struct prt_env *env)
 {
     /* a face spans a quarter of the lat-long's width */
-    const uint32_t want = env->kind == PRT_ENV_CUBE ? env->cube.n : (env->latlong.width + 3) / 4;
+    const uint32_t want =
+        env->kind == PRT_ENV_CUBE ? env->cube.n : (env->latlong.width + 3) / 4;
     uint32_t n = 16;
-    while (n < want && n < 1024)
-        n *= 2;
+    while (n < want && n < 1024) n *= 2;
     return n;
 }

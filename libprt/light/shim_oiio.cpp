@@ -15,7 +15,8 @@
 #include <stdexcept>
 #include <vector>
 
-namespace {
+namespace
+{
 
 int fail(prt_oiio_image *image, const std::string &why)
 {
@@ -26,7 +27,7 @@ int fail(prt_oiio_image *image, const std::string &why)
 
 class Memory : public OPENEXR_IMF_NAMESPACE::IStream
 {
-public:
+  public:
     Memory(const void *bytes, size_t n)
         : IStream("memory"), bytes_(static_cast<const char *>(bytes)), n_(n)
     {
@@ -39,10 +40,16 @@ public:
         at_ += size_t(count);
         return at_ < n_;
     }
-    uint64_t tellg() override { return at_; }
-    void seekg(uint64_t to) override { at_ = to < n_ ? size_t(to) : n_; }
+    uint64_t tellg() override
+    {
+        return at_;
+    }
+    void seekg(uint64_t to) override
+    {
+        at_ = to < n_ ? size_t(to) : n_;
+    }
 
-private:
+  private:
     const char *bytes_;
     size_t n_, at_ = 0;
 };
@@ -56,13 +63,13 @@ int decode_chroma(const void *bytes, size_t n, prt_oiio_size_fn allow, void *use
     Memory memory(bytes, n);
     RgbaInputFile file(memory);
     const auto box = file.dataWindow();
-    const int64_t w = int64_t(box.max.x) - box.min.x + 1, h = int64_t(box.max.y) - box.min.y + 1;
+    const int64_t w = int64_t(box.max.x) - box.min.x + 1,
+                  h = int64_t(box.max.y) - box.min.y + 1;
     if (w <= 0 || h <= 0 || allow(user, uint64_t(w), uint64_t(h)))
         return fail(image, "the image is above the size limit");
     std::vector<Rgba> line(static_cast<size_t>(w));
     image->rgb = static_cast<float *>(std::malloc(size_t(w * h) * 3 * sizeof(float)));
-    if (!image->rgb)
-        return fail(image, "no memory");
+    if (!image->rgb) return fail(image, "no memory");
     for (int64_t y = 0; y < h; y++) {
         const int at = int(box.min.y + y);
         file.setFrameBuffer(line.data() - box.min.x, 1, 0);
@@ -91,26 +98,22 @@ int decode(const char *name, const void *bytes, size_t n, prt_oiio_size_fn allow
     config.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
     config.attribute("oiio:UnassociatedAlpha", 1);
     auto input = OIIO::ImageInput::open(name, &config, &memory);
-    if (!input)
-        return fail(image, OIIO::geterror());
+    if (!input) return fail(image, OIIO::geterror());
     const OIIO::ImageSpec spec = input->spec();
     if (spec.width <= 0 || spec.height <= 0 || spec.depth > 1 || spec.nchannels < 1)
         return fail(image, "no flat image");
-    if (spec.deep)
-        return fail(image, "deep images are not supported, flatten it first");
+    if (spec.deep) return fail(image, "deep images are not supported, flatten it first");
     if (allow(user, uint64_t(spec.width), uint64_t(spec.height)))
         return fail(image, "the image is above the size limit");
     int first = 0;
     for (int c = 0; c + 2 < spec.nchannels; c++)
-        if (spec.channelnames[c] == "R" && spec.channelnames[c + 1] == "G")
-            first = c;
+        if (spec.channelnames[c] == "R" && spec.channelnames[c + 1] == "G") first = c;
     const int count = spec.nchannels >= first + 3 ? 3 : 1;
     const size_t pixels = size_t(spec.width) * size_t(spec.height);
     float *rgb = static_cast<float *>(std::calloc(pixels * 3, sizeof(float)));
-    if (!rgb)
-        return fail(image, "no memory");
-    if (!input->read_image(0, 0, first, first + count, OIIO::TypeDesc::FLOAT,
-                           rgb, sizeof(float) * 3)) {
+    if (!rgb) return fail(image, "no memory");
+    if (!input->read_image(0, 0, first, first + count, OIIO::TypeDesc::FLOAT, rgb,
+                           sizeof(float) * 3)) {
         std::free(rgb);
         return fail(image, input->geterror());
     }
@@ -132,8 +135,7 @@ prt_oiio_decode(const char *name, const void *bytes, size_t n, int is_chroma,
 {
     std::memset(image, 0, sizeof *image);
     try {
-        if (is_chroma)
-            return decode_chroma(bytes, n, allow, user, image);
+        if (is_chroma) return decode_chroma(bytes, n, allow, user, image);
         return decode(name, bytes, n, allow, user, image);
     } catch (const std::exception &e) {
         return fail(image, e.what());

@@ -19,8 +19,8 @@ double prt_fresnel_transmittance(double eta, double cos_theta)
 /* 2 integral_0^1 F_t mu dmu by composite Gauss of five points; F_t is smooth on [0,1]. */
 double prt_fresnel_mean_transmittance(double eta)
 {
-    static const double x[5] = {0, 0.5384693101056831, -0.5384693101056831,
-                                0.9061798459386640, -0.9061798459386640};
+    static const double x[5] = {0, 0.5384693101056831, -0.5384693101056831, 0.9061798459386640,
+                                -0.9061798459386640};
     static const double w[5] = {0.5688888888888889, 0.4786286704993665, 0.4786286704993665,
                                 0.2369268850561891, 0.2369268850561891};
     /* near eta = 1 the boundary layer at grazing angles is mu ~ sqrt(eta^2 - 1) wide, so the

@@ -9,10 +9,10 @@
 #include <unistd.h>
 
 /* JMLH01 fig. 5. Its g is not measured: 0; the roughness is our choice. */
-#define MEDIUM(NAME, sr, sg, sb, ar, ag, ab, ETA)                                              \
-    {                                                                                          \
-        .name = NAME, .sigma_s_prime = {sr, sg, sb}, .sigma_a = {ar, ag, ab}, .eta = ETA,      \
-        .roughness = 0.3f                                                                      \
+#define MEDIUM(NAME, sr, sg, sb, ar, ag, ab, ETA)                                         \
+    {                                                                                     \
+        .name = NAME, .sigma_s_prime = {sr, sg, sb}, .sigma_a = {ar, ag, ab}, .eta = ETA, \
+        .roughness = 0.3f                                                                 \
     }
 static const struct prt_material presets[] = {
     MEDIUM("apple", 2.29f, 2.39f, 1.97f, 0.003f, 0.0034f, 0.046f, 1.3f),

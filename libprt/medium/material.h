@@ -27,9 +27,9 @@ int material_check_values(const struct prt_context *ctx, const char *what,
                           const struct material_values *v);
 
 /* R_d of a dipole that has a profile: at r, its integral beyond r, at sqrt(r2[i]). */
-double material_table_rd(const struct prt_dipole *dipole, double r_mm);
-double material_table_tail(const struct prt_dipole *dipole, double r_mm);
-void material_table_array(const struct prt_dipole *dipole, size_t n, const float *r2_mm2,
+double material_table_rd(const struct prt_diffusion *dipole, double r_mm);
+double material_table_tail(const struct prt_diffusion *dipole, double r_mm);
+void material_table_array(const struct prt_diffusion *dipole, size_t n, const float *r2_mm2,
                           float *out);
 /* optics->channel as optics->material's profile; logs when its points are too few for it. */
 struct prt_optics;

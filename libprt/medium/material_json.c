@@ -11,13 +11,12 @@ int material_json_object(const struct prt_context *ctx, const char *what, const 
                          size_t n, cJSON **out)
 {
     if (n > MATERIAL_MAX_BYTES)
-        return prt_fail(ctx, PRT_LIMIT, "%s: material of %zu bytes, at most %d are read", what, n,
-                        MATERIAL_MAX_BYTES);
+        return prt_fail(ctx, PRT_LIMIT, "%s: material of %zu bytes, at most %d are read", what,
+                        n, MATERIAL_MAX_BYTES);
     const char *end = json;
     cJSON *object = cJSON_ParseWithLengthOpts(json, n, &end, 0);
     size_t at = object || (end >= json && end <= json + n) ? (size_t)(end - json) : 0;
-    if (!object)
-        return prt_fail(ctx, PRT_FORMAT, "%s: not valid JSON at byte %zu", what, at);
+    if (!object) return prt_fail(ctx, PRT_FORMAT, "%s: not valid JSON at byte %zu", what, at);
     while (at < n && strchr(" \t\r\n", json[at]) && json[at]) at++;
     if (at < n) {
         cJSON_Delete(object);
@@ -99,7 +98,8 @@ int material_json_name(const struct prt_context *ctx, const char *what, const cJ
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, "name");
     if (!item) return PRT_OK;
     if (!cJSON_IsString(item) || strlen(item->valuestring) > 31)
-        return prt_fail(ctx, PRT_FORMAT, "%s: \"name\" must be a text of at most 31 bytes", what);
+        return prt_fail(ctx, PRT_FORMAT, "%s: \"name\" must be a text of at most 31 bytes",
+                        what);
     for (const char *c = item->valuestring; *c; c++)
         if ((unsigned char)*c < 32 || *c == 127)
             return prt_fail(ctx, PRT_FORMAT, "%s: \"name\" holds a control character", what);
@@ -232,7 +232,7 @@ int prt_material_summary(const struct prt_material *material, char *buf, size_t 
 {
     static const char *const kind[] = {"dipole", "burley", "multipole", "curve"};
     struct text t = {buf, n, 0};
-    struct prt_dipole d[3];
+    struct prt_diffusion d[3];
     char name[64];
     if (!material->profile) return prt_material_print(material, buf, n);
     escape_name(material->name, name);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A material's own R_d as a table that travels with it: made of any profile, checked, evaluated.
+// A material's own R_d as a table that travels with it: made of any profile, checked,
+// evaluated.
 #include "material.h"
 #include "prt/profile.h"
 
@@ -9,10 +10,10 @@ enum { N_DENSE = 3072 };
 
 /* ---- evaluation: linear between points ---- */
 
-void prt_material_dipoles(const struct prt_material *m, struct prt_dipole out[3])
+void prt_material_dipoles(const struct prt_material *m, struct prt_diffusion out[3])
 {
     for (int c = 0; c < 3; c++) {
-        prt_dipole_init(&out[c], m->sigma_s_prime[c], m->sigma_a[c], m->eta);
+        prt_diffusion_init(&out[c], m->sigma_s_prime[c], m->sigma_a[c], m->eta);
         if (!m->profile) continue;
         out[c].n_point = m->n_point;
         out[c].radius = m->radius;
@@ -38,12 +39,12 @@ static inline float table_at(const float *radius, const float *value, uint32_t n
     return value[i] + (r - radius[i]) / (radius[i + 1] - radius[i]) * (value[i + 1] - value[i]);
 }
 
-double material_table_rd(const struct prt_dipole *d, double r_mm)
+double material_table_rd(const struct prt_diffusion *d, double r_mm)
 {
     return (double)table_at(d->radius, d->reflectance, d->n_point, (float)r_mm);
 }
 
-void material_table_array(const struct prt_dipole *d, size_t n, const float *r2, float *out)
+void material_table_array(const struct prt_diffusion *d, size_t n, const float *r2, float *out)
 {
     for (size_t i = 0; i < n; i++)
         out[i] = table_at(d->radius, d->reflectance, d->n_point, sqrtf(r2[i]));
@@ -55,13 +56,12 @@ static double line_integral(double a, double fa, double b, double fb)
     return M_PI / 3 * (b - a) * (fa * (2 * a + b) + fb * (a + 2 * b));
 }
 
-double material_table_tail(const struct prt_dipole *d, double r_mm)
+double material_table_tail(const struct prt_diffusion *d, double r_mm)
 {
     const float *r = d->radius, *f = d->reflectance;
     double sum = r_mm < (double)r[0] ? line_integral(r_mm, f[0], r[0], f[0]) : 0;
     for (uint32_t i = 0; i + 1 < d->n_point; i++)
-        if (r_mm <= (double)r[i])
-            sum += line_integral(r[i], f[i], r[i + 1], f[i + 1]);
+        if (r_mm <= (double)r[i]) sum += line_integral(r[i], f[i], r[i + 1], f[i + 1]);
         else if (r_mm < (double)r[i + 1])
             sum += line_integral(r_mm, material_table_rd(d, r_mm), r[i + 1], f[i + 1]);
     return sum;
@@ -87,7 +87,7 @@ int material_check_profile(const struct prt_context *ctx, const struct prt_mater
                 return prt_fail(ctx, PRT_ARG, "%s: R_d %u is %g, allowed range 0 to 1e12 mm^-2",
                                 what, i, (double)m->reflectance[c][i]);
     }
-    struct prt_dipole d[3];
+    struct prt_diffusion d[3];
     prt_material_dipoles(m, d);
     for (int c = 0; c < 3; c++)
         if (!(d[c].rho_d > 0 && d[c].rho_d <= 1.001))
@@ -100,9 +100,17 @@ int material_check_profile(const struct prt_context *ctx, const struct prt_mater
 
 uint64_t prt_material_hash(const struct prt_material *m)
 {
-    const float core[11] = {m->sigma_s_prime[0], m->sigma_s_prime[1], m->sigma_s_prime[2],
-                            m->sigma_a[0], m->sigma_a[1], m->sigma_a[2], m->g[0], m->g[1],
-                            m->g[2], m->eta, m->roughness};
+    const float core[11] = {m->sigma_s_prime[0],
+                            m->sigma_s_prime[1],
+                            m->sigma_s_prime[2],
+                            m->sigma_a[0],
+                            m->sigma_a[1],
+                            m->sigma_a[2],
+                            m->g[0],
+                            m->g[1],
+                            m->g[2],
+                            m->eta,
+                            m->roughness};
     uint64_t h = prt_hash64(core, sizeof core, m->profile != 0);
     if (!m->profile) return h;
     size_t bytes = m->n_point * sizeof(float);
@@ -157,8 +165,8 @@ static int dense_of(const struct prt_optics *o, struct dense *d)
     return err;
 }
 
-/* Points where the error of straight lines is the same everywhere: for the weight 2 pi r / rho_d
- * their density goes by the cube root of weight times second derivative. */
+/* Points where the error of straight lines is the same everywhere: for the weight 2 pi r /
+ * rho_d their density goes by the cube root of weight times second derivative. */
 static uint32_t choose(const struct prt_optics *o, const struct dense *d, uint32_t *pick)
 {
     double *sum = prt_calloc(d->n, sizeof *sum);
@@ -191,10 +199,11 @@ static uint32_t choose(const struct prt_optics *o, const struct dense *d, uint32
     return found;
 }
 
-/* Largest over channels of the integral |table - profile| 2 pi r dr over that of the profile. */
+/* Largest over channels of the integral |table - profile| 2 pi r dr over that of the profile.
+ */
 static double table_error(const struct prt_optics *o, const struct dense *d)
 {
-    struct prt_dipole table[3];
+    struct prt_diffusion table[3];
     double worst = 0;
     prt_material_dipoles(&o->material, table);
     for (int c = 0; c < 3; c++) {
@@ -209,8 +218,7 @@ static double table_error(const struct prt_optics *o, const struct dense *d)
     return worst;
 }
 
-int material_from_optics(const struct prt_context *ctx, const char *what,
-                         struct prt_optics *o)
+int material_from_optics(const struct prt_context *ctx, const char *what, struct prt_optics *o)
 {
     struct prt_material *m = &o->material;
     struct dense d = {0};
@@ -229,7 +237,7 @@ int material_from_optics(const struct prt_context *ctx, const char *what,
     int err = PRT_OK;
     if (m->n_point < 2)
         err = prt_fail(ctx, PRT_ARG, "%s: the curve's radii are too close together", what);
-    struct prt_dipole table[3];
+    struct prt_diffusion table[3];
     if (err == PRT_OK) prt_material_dipoles(m, table);
     bool exact = o->kind == PRT_PROFILE_CURVE && d.n <= PRT_MATERIAL_MAX_POINT;
     for (int c = 0; err == PRT_OK && !exact && c < 3; c++) /* lines keep the integral */

@@ -11,7 +11,7 @@ void prt_profile_init_dipole(struct prt_profile *profile, double sigma_s_prime, 
                              double eta)
 {
     *profile = (struct prt_profile){.kind = PRT_PROFILE_DIPOLE};
-    prt_dipole_init(&profile->dipole, sigma_s_prime, sigma_a, eta);
+    prt_diffusion_init(&profile->dipole, sigma_s_prime, sigma_a, eta);
     profile->total = profile->dipole.rho_d;
 }
 
@@ -24,8 +24,10 @@ int prt_profile_init_burley(const struct prt_context *ctx, struct prt_profile *p
                               "mm")) < 0)
         return err;
     double s = 1.9 - albedo + 3.5 * (albedo - 0.8) * (albedo - 0.8);
-    *profile = (struct prt_profile){.kind = PRT_PROFILE_BURLEY, .albedo = albedo,
-                                    .shape_mm = mean_free_path_mm / s, .total = albedo};
+    *profile = (struct prt_profile){.kind = PRT_PROFILE_BURLEY,
+                                    .albedo = albedo,
+                                    .shape_mm = mean_free_path_mm / s,
+                                    .total = albedo};
     return PRT_OK;
 }
 
@@ -47,10 +49,8 @@ static uint32_t table_find(const struct prt_profile *p, double r)
     uint32_t lo = 0, hi = p->n - 1;
     while (hi - lo > 1) {
         uint32_t mid = (lo + hi) / 2;
-        if (p->r[mid] <= r)
-            lo = mid;
-        else
-            hi = mid;
+        if (p->r[mid] <= r) lo = mid;
+        else hi = mid;
     }
     return lo;
 }
@@ -84,11 +84,11 @@ double prt_profile_rd(const struct prt_profile *profile, double r_mm)
 {
     switch (profile->kind) {
     case PRT_PROFILE_DIPOLE:
-        return prt_dipole_rd(&profile->dipole, r_mm);
+        return prt_diffusion_rd(&profile->dipole, r_mm);
     case PRT_PROFILE_BURLEY:
         return burley_rd(profile, r_mm);
     case PRT_PROFILE_MULTIPOLE:
-        return fmax(0, prt_dipole_rd(&profile->dipole, r_mm) + table_rd(profile, r_mm));
+        return fmax(0, prt_diffusion_rd(&profile->dipole, r_mm) + table_rd(profile, r_mm));
     case PRT_PROFILE_CURVE:
         break;
     }
@@ -99,11 +99,11 @@ double prt_profile_tail(const struct prt_profile *profile, double r_mm)
 {
     switch (profile->kind) {
     case PRT_PROFILE_DIPOLE:
-        return prt_dipole_tail(&profile->dipole, r_mm);
+        return prt_diffusion_tail(&profile->dipole, r_mm);
     case PRT_PROFILE_BURLEY:
         return burley_tail(profile, r_mm);
     case PRT_PROFILE_MULTIPOLE:
-        return fmax(0, prt_dipole_tail(&profile->dipole, r_mm) + table_tail(profile, r_mm));
+        return fmax(0, prt_diffusion_tail(&profile->dipole, r_mm) + table_tail(profile, r_mm));
     case PRT_PROFILE_CURVE:
         break;
     }
@@ -136,16 +136,16 @@ int prt_profile_init_curve(const struct prt_context *ctx, const char *what,
 {
     struct prt_profile p = {.kind = PRT_PROFILE_CURVE};
     if (n < 2 || n > PRT_PROFILE_MAX_POINT)
-        return prt_fail(ctx, PRT_ARG, "%s: a curve of %u points, allowed range 2 to %d", what, n,
-                        PRT_PROFILE_MAX_POINT);
+        return prt_fail(ctx, PRT_ARG, "%s: a curve of %u points, allowed range 2 to %d", what,
+                        n, PRT_PROFILE_MAX_POINT);
     for (unsigned i = 0; i < n; i++) {
         if (!(r_mm[i] >= 0 && r_mm[i] <= 1e5) || (i && !(r_mm[i] > r_mm[i - 1])))
             return prt_fail(ctx, PRT_ARG,
-                            "%s: radius %u is %g mm; radii ascend within 0 to 100000 mm", what, i,
-                            r_mm[i]);
+                            "%s: radius %u is %g mm; radii ascend within 0 to 100000 mm", what,
+                            i, r_mm[i]);
         if (!(rd[i] >= 0 && rd[i] <= 1e9))
-            return prt_fail(ctx, PRT_ARG, "%s: R_d %u is %g, allowed range 0 to 1e9 mm^-2", what,
-                            i, rd[i]);
+            return prt_fail(ctx, PRT_ARG, "%s: R_d %u is %g, allowed range 0 to 1e9 mm^-2",
+                            what, i, rd[i]);
     }
     if (profile_table(&p, n) < 0) return prt_fail(ctx, PRT_NOMEM, "%s: no memory", what);
     memcpy(p.r, r_mm, n * sizeof(double));
@@ -191,11 +191,13 @@ double radial_remainder(const struct radial *radial, const struct prt_profile *p
     double error = radial_project(radial, 1, f, &inside, coef);
     for (uint32_t i = 0; i < ng; i++) {
         out[i] = prt_profile_rd(profile, radial->pub.r[i]);
-        /* normalised diffusion has no value at 0: the one that keeps the first cell's integral */
+        /* normalised diffusion has no value at 0: the one that keeps the first cell's integral
+         */
         if (!i && profile->kind == PRT_PROFILE_BURLEY) {
             double r1 = radial->pub.r[1];
-            out[0] = 6 * ((profile->total - prt_profile_tail(profile, r1)) / (2 * M_PI * r1 * r1) -
-                          prt_profile_rd(profile, r1) / 3);
+            out[0] =
+                6 * ((profile->total - prt_profile_tail(profile, r1)) / (2 * M_PI * r1 * r1) -
+                     prt_profile_rd(profile, r1) / 3);
         }
         for (uint32_t j = 0; j < radial->pub.n_function; j++)
             out[i] -= (double)coef[j] * radial->pub.value[(size_t)j * ng + i];
@@ -203,8 +205,8 @@ double radial_remainder(const struct radial *radial, const struct prt_profile *p
     return error;
 }
 
-int prt_optics_fit(const struct prt_radial *radial, const struct prt_optics *optics, float *coef,
-                   double *error)
+int prt_optics_fit(const struct prt_radial *radial, const struct prt_optics *optics,
+                   float *coef, double *error)
 {
     const struct radial *self = (const struct radial *)radial;
     float f[3][RADIAL_MAX_QUAD];
@@ -227,10 +229,8 @@ double prt_profile_radius(const struct prt_profile *profile, double share)
     double lo = log(1e-6), hi = log(1e6);
     for (int i = 0; i < 60; i++) {
         double mid = (lo + hi) / 2;
-        if (prt_profile_tail(profile, exp(mid)) > share * profile->total)
-            lo = mid;
-        else
-            hi = mid;
+        if (prt_profile_tail(profile, exp(mid)) > share * profile->total) lo = mid;
+        else hi = mid;
     }
     return exp(lo);
 }

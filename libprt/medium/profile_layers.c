@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Donner & Jensen 2005: reflectance of layered slabs. A pole at depth z has the two-dimensional
-// Fourier transform e^(-s|z|), s = sqrt(k^2 + sigma_tr^2), so a slab's infinite series of poles is
-// geometric in the frequency domain and layers join there by plain products.
+// Fourier transform e^(-s|z|), s = sqrt(k^2 + sigma_tr^2), so a slab's infinite series of poles
+// is geometric in the frequency domain and layers join there by plain products.
 #include "material.h"
 #include "profile.h"
 
@@ -77,8 +77,9 @@ static double bessel_j2(double x)
     return 2 * j1(x) / x - j0(x);
 }
 
-/* (1/2pi) integral g(k) J0(kr) k dk with g linear in k^2 between nodes: integrated by parts only
- * the slopes b of g against k^2 remain, sum -b [k^2 J2(kr)]/(pi r^2), exact for every r. */
+/* (1/2pi) integral g(k) J0(kr) k dk with g linear in k^2 between nodes: integrated by parts
+ * only the slopes b of g against k^2 remain, sum -b [k^2 J2(kr)]/(pi r^2), exact for every r.
+ */
 static double inverse_transform(unsigned n, const double *k, const double *g, double r)
 {
     double sum = 0, before = 0;
@@ -119,11 +120,13 @@ static int layers_table(struct prt_profile *profile, unsigned n, const struct sl
             profile->rd[i] = inverse_transform(N_FREQUENCY, k, g, profile->r[i]);
         }
         profile_table_integrate(profile);
-        /* Beyond the last radius the sum falls as r^-3 at the slowest, and without absorption the
-         * table must cancel the dipole's own slow tail there. g(0) is the exact integral: what
-         * linear interpolation misses of it (1e-4) is spread alike. */
-        double beyond = fmax(0, prt_dipole_rd(&profile->dipole, r_hi) + profile->rd[N_RADIUS - 1]);
-        double end = 2 * M_PI * r_hi * r_hi * beyond - prt_dipole_tail(&profile->dipole, r_hi);
+        /* Beyond the last radius the sum falls as r^-3 at the slowest, and without absorption
+         * the table must cancel the dipole's own slow tail there. g(0) is the exact integral:
+         * what linear interpolation misses of it (1e-4) is spread alike. */
+        double beyond =
+            fmax(0, prt_diffusion_rd(&profile->dipole, r_hi) + profile->rd[N_RADIUS - 1]);
+        double end =
+            2 * M_PI * r_hi * r_hi * beyond - prt_diffusion_tail(&profile->dipole, r_hi);
         double all = profile->outside[0], missing = g[0] - all - end;
         for (unsigned i = 0; i < N_RADIUS && all != 0; i++)
             profile->outside[i] += missing * (profile->outside[i] / all) + end;
@@ -168,7 +171,7 @@ int prt_profile_init_multipole(const struct prt_context *ctx, struct prt_profile
     /* one refractive index throughout: only the outer faces reflect */
     for (unsigned i = 0; i < n_layer; i++)
         slab_init(&slab[i], &layer[i], i ? 1 : eta, i + 1 < n_layer ? 1 : eta);
-    prt_dipole_init(&p.dipole, layer[0].sigma_s_prime, layer[0].sigma_a, eta);
+    prt_diffusion_init(&p.dipole, layer[0].sigma_s_prime, layer[0].sigma_a, eta);
     p.total = p.dipole.rho_d;
     if (!isinf(layer[0].thickness_mm) && (err = layers_table(&p, n_layer, slab)) < 0)
         return prt_fail(ctx, err, "multipole: no memory");

@@ -61,8 +61,8 @@ static int radial_init(const struct prt_context *ctx, const struct prt_radial_op
     double r_lo = fmin(0.1 / pub->range[0][1], radius / 64);
     if (pub->range[0][0] > pub->range[0][1]) {
         prt_free(radial);
-        return prt_fail(ctx, PRT_ARG, "radial basis: sigma range %g to %g is empty", o->sigma_lo,
-                        o->sigma_hi);
+        return prt_fail(ctx, PRT_ARG, "radial basis: sigma range %g to %g is empty",
+                        o->sigma_lo, o->sigma_hi);
     }
     int err = radial_grid_init(radial, fmax(r_lo, radius * 1e-7), radius);
     if (err < 0) {
@@ -139,8 +139,7 @@ static int choose_size(const struct prt_context *ctx, struct radial *radial,
         uint32_t size = 1;
         if (radial_is_spline(radial))
             while (size < hi && functions_of(radial, size + 1) <= o->n_function) size++;
-        else
-            size = o->n_function < hi ? o->n_function : hi;
+        else size = o->n_function < hi ? o->n_function : hi;
         return build_size(radial, c, size);
     }
     const double target = o->max_error > 0 ? o->max_error : 0.001;
@@ -148,10 +147,8 @@ static int choose_size(const struct prt_context *ctx, struct radial *radial,
     while (lo < hi) { /* errors fall with size, but for noise well below the target */
         uint32_t mid = (lo + hi) / 2;
         if ((err = build_size(radial, c, mid)) < 0) return err;
-        if (radial->pub.worst_error <= target)
-            hi = mid;
-        else
-            lo = mid + 1;
+        if (radial->pub.worst_error <= target) hi = mid;
+        else lo = mid + 1;
     }
     if ((err = build_size(radial, c, hi)) < 0) return err;
     if (radial->pub.worst_error > target)
@@ -265,13 +262,15 @@ static int rebuild(struct radial *radial, uint32_t n_function, const float *valu
     return err == PRT_OK ? radial_measure(radial) : err;
 }
 
-int prt_radial_from_table(const struct prt_context *ctx, const struct prt_radial_options *options,
-                          uint32_t n_function, uint32_t n_grid, const float *r,
-                          const float *value, struct prt_radial **out)
+int prt_radial_from_table(const struct prt_context *ctx,
+                          const struct prt_radial_options *options, uint32_t n_function,
+                          uint32_t n_grid, const float *r, const float *value,
+                          struct prt_radial **out)
 {
     struct prt_radial_options o = *options;
     struct radial *radial = NULL;
-    if (!n_function || n_function > RADIAL_MAX_FUNCTION || n_grid < 3 || n_grid > RADIAL_MAX_GRID)
+    if (!n_function || n_function > RADIAL_MAX_FUNCTION || n_grid < 3 ||
+        n_grid > RADIAL_MAX_GRID)
         return prt_fail(ctx, PRT_FORMAT, "radial basis: %u functions on %u radii", n_function,
                         n_grid);
     for (size_t i = 0; i < (size_t)n_function * n_grid; i++)
@@ -292,8 +291,8 @@ int prt_radial_from_table(const struct prt_context *ctx, const struct prt_radial
     prt_free(radial->weight);
     radial->pub.r = NULL;
     err = radial_grid_init(radial, r[1], r[n_grid - 1]);
-    if (err == PRT_OK && (radial->pub.n_grid != n_grid ||
-                          memcmp(radial->pub.r, r, n_grid * sizeof *r)))
+    if (err == PRT_OK &&
+        (radial->pub.n_grid != n_grid || memcmp(radial->pub.r, r, n_grid * sizeof *r)))
         err = PRT_FORMAT;
     if (err == PRT_OK) err = rebuild(radial, n_function, value);
     if (err < 0) {

@@ -6,7 +6,7 @@
 #include "prt/radial.h"
 
 enum {
-    RADIAL_OCTAVE_SHIFT = 17,  /* 64 grid intervals an octave: index = float bits >> 17 */
+    RADIAL_OCTAVE_SHIFT = 17, /* 64 grid intervals an octave: index = float bits >> 17 */
     RADIAL_MAX_FUNCTION = 64,
     RADIAL_MAX_EXTRA = 8,
     RADIAL_MAX_GRID = 24 * 64 + 2,
@@ -16,11 +16,11 @@ enum {
 /* One member of a family: a dipole, or e^(-sigma_t r). */
 struct radial_member {
     enum prt_radial_family family;
-    struct prt_dipole dipole;
+    struct prt_diffusion dipole;
     double sigma_t;
 };
-void radial_member_init(struct radial_member *member, enum prt_radial_family family,
-                        double eta, double sigma, double sigma_a);
+void radial_member_init(struct radial_member *member, enum prt_radial_family family, double eta,
+                        double sigma, double sigma_a);
 double radial_member_eval(const struct radial_member *member, double r);
 /* integral over [0, radius] of the member: 2 pi r dr (dipole) or dr (extinction) */
 double radial_member_inside(const struct radial_member *member, double radius);
@@ -31,18 +31,18 @@ double radial_member_inside(const struct radial_member *member, double radius);
 struct radial {
     struct prt_radial pub; /* first: a struct prt_radial * is a struct radial * */
     unsigned cpu;
-    uint32_t degree;   /* of spline kinds */
-    uint32_t n_quad;   /* 2 (n_grid - 1) */
-    uint32_t stride;   /* n_function rounded up to 8 */
-    uint32_t base;     /* bits of r[1] >> RADIAL_OCTAVE_SHIFT */
-    float *quad_r2;    /* [n_quad] */
+    uint32_t degree; /* of spline kinds */
+    uint32_t n_quad; /* 2 (n_grid - 1) */
+    uint32_t stride; /* n_function rounded up to 8 */
+    uint32_t base;   /* bits of r[1] >> RADIAL_OCTAVE_SHIFT */
+    float *quad_r2;  /* [n_quad] */
     double *quad_r, *measure, *weight;
-    float *measure32;  /* [n_quad] */
-    float *phi;        /* [n_function][n_quad]: B_j at the points */
-    float *project;    /* [n_quad][stride]: coef = project^T f + moment * inside */
-    float *moment;     /* [stride] */
-    float *table;      /* [n_grid][stride]: value, transposed */
-    float *inv_step;   /* [n_grid] */
+    float *measure32; /* [n_quad] */
+    float *phi;       /* [n_function][n_quad]: B_j at the points */
+    float *project;   /* [n_quad][stride]: coef = project^T f + moment * inside */
+    float *moment;    /* [stride] */
+    float *table;     /* [n_grid][stride]: value, transposed */
+    float *inv_step;  /* [n_grid] */
 };
 
 int radial_grid_init(struct radial *radial, double r_lo, double radius);

@@ -41,8 +41,8 @@ static int left_vectors(uint32_t n, uint32_t nq, double *row, double *l, double 
         !LAPACKE_dgelqf(LAPACK_ROW_MAJOR, (int)n, (int)nq, row, (int)nq, tau)) {
         for (uint32_t i = 0; i < n; i++)
             memcpy(l + (size_t)i * n, row + (size_t)i * nq, (i + 1) * sizeof *l);
-        if (!LAPACKE_dgesvd(LAPACK_ROW_MAJOR, 'O', 'N', (int)n, (int)n, l, (int)n, value, NULL, 1,
-                            NULL, 1, superb))
+        if (!LAPACKE_dgesvd(LAPACK_ROW_MAJOR, 'O', 'N', (int)n, (int)n, l, (int)n, value, NULL,
+                            1, NULL, 1, superb))
             err = PRT_OK;
     }
     prt_free(tau);
@@ -83,7 +83,8 @@ int radial_reduced(const struct radial *radial, uint32_t n_max, double *out, uin
     if ((err = nq >= n ? PRT_OK : PRT_ARG) < 0) goto done;
     /* rows sqrt(w) f / inside: the L1 error of each member counts alike */
     for (uint32_t m = 0; m < n; m++) {
-        double scale = 1 / radial_member_inside(&member[m], radial->pub.r[radial->pub.n_grid - 1]);
+        double scale =
+            1 / radial_member_inside(&member[m], radial->pub.r[radial->pub.n_grid - 1]);
         for (uint32_t q = 0; q < nq; q++)
             row[(size_t)m * nq + q] = scale * sqrt(radial->weight[q]) *
                                       radial_member_eval(&member[m], radial->quad_r[q]);
@@ -235,7 +236,8 @@ done:
 /* ---- splines ---- */
 
 /* The d+1 B-splines of degree d that live on interval k, at r: their numbers are k … k+d. */
-static void bspline(uint32_t d, uint32_t m, const double *x, uint32_t k, double r, double out[3])
+static void bspline(uint32_t d, uint32_t m, const double *x, uint32_t k, double r,
+                    double out[3])
 {
 #define KNOT(i) x[(i) < 0 ? 0 : (i) > (int)m ? (int)m : (i)]
     out[0] = 1;
@@ -255,10 +257,8 @@ static void bspline(uint32_t d, uint32_t m, const double *x, uint32_t k, double 
 static void bernstein(uint32_t d, double t, double out[3])
 {
     double s = 1 - t;
-    if (d == 2)
-        out[0] = s * s, out[1] = 2 * s * t, out[2] = t * t;
-    else
-        out[0] = s, out[1] = t, out[2] = 0;
+    if (d == 2) out[0] = s * s, out[1] = 2 * s * t, out[2] = t * t;
+    else out[0] = s, out[1] = t, out[2] = 0;
 }
 
 static void fill_splines(const struct radial *radial, uint32_t m, const uint32_t *knot,

@@ -35,10 +35,10 @@ static void scale_rows(const struct radial *radial, uint32_t n, double *function
 }
 
 struct workspace {
-    double *a;      /* [n_quad][s]: sqrt(w) phi, then Q */
-    double *r;      /* [s][s] upper */
+    double *a; /* [n_quad][s]: sqrt(w) phi, then Q */
+    double *r; /* [s][s] upper */
     double *tau, *integral, *h, *scale;
-    double *op;     /* [s][n_quad]: the operator onto the fit functions */
+    double *op; /* [s][n_quad]: the operator onto the fit functions */
 };
 
 static void workspace_free(struct workspace *w)
@@ -61,7 +61,8 @@ static int workspace_init(struct workspace *w, size_t s, size_t n_quad)
     w->h = prt_calloc(s, sizeof(double));
     w->scale = prt_calloc(s, sizeof(double));
     w->op = prt_calloc(s * n_quad, sizeof(double));
-    return w->a && w->r && w->tau && w->integral && w->h && w->scale && w->op ? PRT_OK : PRT_NOMEM;
+    return w->a && w->r && w->tau && w->integral && w->h && w->scale && w->op ? PRT_OK
+                                                                              : PRT_NOMEM;
 }
 
 /* x := R^-1 x and x := R^-T x, R upper [s][s] row-major */
@@ -152,7 +153,8 @@ static int alloc_functions(struct radial *radial, uint32_t n)
     radial->project = prt_calloc((size_t)radial->stride * radial->n_quad, sizeof(float));
     radial->moment = prt_calloc(radial->stride, sizeof(float));
     radial->table = prt_calloc((size_t)radial->stride * radial->pub.n_grid, sizeof(float));
-    return radial->pub.value && radial->phi && radial->project && radial->moment && radial->table
+    return radial->pub.value && radial->phi && radial->project && radial->moment &&
+                   radial->table
                ? PRT_OK
                : PRT_NOMEM;
 }
@@ -160,7 +162,8 @@ static int alloc_functions(struct radial *radial, uint32_t n)
 static void store_operator(struct radial *radial, const struct radial_functions *f,
                            const struct workspace *w)
 {
-    const uint32_t n = f->n_function, s = f->n_fit, nq = radial->n_quad, ng = radial->pub.n_grid;
+    const uint32_t n = f->n_function, s = f->n_fit, nq = radial->n_quad,
+                   ng = radial->pub.n_grid;
     const double *stored = f->map ? f->stored : f->fit;
     for (uint32_t j = 0; j < n; j++) {
         for (uint32_t i = 0; i < ng; i++) {
@@ -185,10 +188,8 @@ int radial_build(struct radial *radial, struct radial_functions *f)
 {
     struct workspace w = {0};
     int err = PRT_NOMEM;
-    if (f->map)
-        scale_rows(radial, f->n_function, f->stored, f->map, f->n_fit);
-    else
-        scale_rows(radial, f->n_fit, f->fit, NULL, 0);
+    if (f->map) scale_rows(radial, f->n_function, f->stored, f->map, f->n_fit);
+    else scale_rows(radial, f->n_fit, f->fit, NULL, 0);
     if ((err = workspace_init(&w, f->n_fit, radial->n_quad)) == PRT_OK &&
         (err = solve_operator(radial, f, &w)) == PRT_OK &&
         (err = alloc_functions(radial, f->n_function)) == PRT_OK)
@@ -228,7 +229,8 @@ project_body(const struct radial *radial, unsigned n_channel,
             for (uint32_t q = 0; q < nq; q++) f[c][q] -= v * phi[q];
         }
         double error = 0;
-        for (uint32_t q = 0; q < nq; q++) error += (double)radial->measure32[q] * fabsf(f[c][q]);
+        for (uint32_t q = 0; q < nq; q++)
+            error += (double)radial->measure32[q] * fabsf(f[c][q]);
         error /= inside[c];
         if (!(error <= worst)) worst = error;
     }
@@ -267,10 +269,10 @@ static double fit_members(const struct radial *radial, const struct radial_membe
     for (int c = 0; c < 3; c++)
         inside[c] = radial_member_inside(&member[c], radial->pub.r[radial->pub.n_grid - 1]);
     if (radial->pub.family == PRT_FAMILY_DIPOLE) {
-        struct prt_dipole dipole[3];
+        struct prt_diffusion dipole[3];
         for (int c = 0; c < 3; c++) dipole[c] = member[c].dipole;
-        prt_dipole_rd3_array(dipole, radial->cpu, radial->n_quad, radial->quad_r2, f[0], f[1],
-                             f[2]);
+        prt_diffusion_rd3_array(dipole, radial->cpu, radial->n_quad, radial->quad_r2, f[0],
+                                f[1], f[2]);
     } else {
         for (int c = 0; c < 3; c++)
             for (uint32_t q = 0; q < radial->n_quad; q++)
@@ -284,19 +286,20 @@ static double fit_own_profile(const struct radial *radial, const struct prt_mate
                               float *coef)
 {
     float f[3][RADIAL_MAX_QUAD];
-    struct prt_dipole d[3];
+    struct prt_diffusion d[3];
     double inside[3];
     prt_material_dipoles(m, d);
     for (int c = 0; c < 3; c++) {
-        prt_dipole_rd_array(&d[c], radial->cpu, radial->n_quad, radial->quad_r2, f[c]);
-        inside[c] = d[c].rho_d - prt_dipole_tail(&d[c], radial->pub.r[radial->pub.n_grid - 1]);
+        prt_diffusion_rd_array(&d[c], radial->cpu, radial->n_quad, radial->quad_r2, f[c]);
+        inside[c] =
+            d[c].rho_d - prt_diffusion_tail(&d[c], radial->pub.r[radial->pub.n_grid - 1]);
         if (!(inside[c] > 0)) return -1;
     }
     return radial_project(radial, 3, f, inside, coef);
 }
 
-int prt_radial_fit_material(const struct prt_radial *radial, const struct prt_material *material,
-                            float *coef, double *error)
+int prt_radial_fit_material(const struct prt_radial *radial,
+                            const struct prt_material *material, float *coef, double *error)
 {
     const struct radial *self = (const struct radial *)radial;
     struct radial_member member[3];
@@ -357,8 +360,11 @@ int radial_measure(struct radial *radial)
         double e[3];
         for (int c = 0; c < 3; c++) {
             int k = 3 * i + c; /* the first four are the corners */
-            double u = k < 4 ? (k & 1) : prt_rng_f32(&rng), v = k < 4 ? k >> 1 : prt_rng_f32(&rng);
-            double sigma_a = k >= 4 && v < 0.1 ? a[0] : a_lo > 0 ? log_between(a_lo, a[1], v) : 0;
+            double u = k < 4 ? (k & 1) : prt_rng_f32(&rng),
+                   v = k < 4 ? k >> 1 : prt_rng_f32(&rng);
+            double sigma_a = k >= 4 && v < 0.1 ? a[0]
+                             : a_lo > 0        ? log_between(a_lo, a[1], v)
+                                               : 0;
             radial_member_init(&m[0], radial->pub.family, radial->pub.eta,
                                log_between(s[0], s[1], u), k < 4 ? a[v > 0] : sigma_a);
             m[1] = m[2] = m[0];

@@ -5,23 +5,23 @@
 #include <math.h>
 #include <string.h>
 
-void radial_member_init(struct radial_member *member, enum prt_radial_family family,
-                        double eta, double sigma, double sigma_a)
+void radial_member_init(struct radial_member *member, enum prt_radial_family family, double eta,
+                        double sigma, double sigma_a)
 {
     *member = (struct radial_member){.family = family, .sigma_t = sigma};
-    if (family == PRT_FAMILY_DIPOLE) prt_dipole_init(&member->dipole, sigma, sigma_a, eta);
+    if (family == PRT_FAMILY_DIPOLE) prt_diffusion_init(&member->dipole, sigma, sigma_a, eta);
 }
 
 double radial_member_eval(const struct radial_member *member, double r)
 {
-    if (member->family == PRT_FAMILY_DIPOLE) return prt_dipole_rd(&member->dipole, r);
+    if (member->family == PRT_FAMILY_DIPOLE) return prt_diffusion_rd(&member->dipole, r);
     return exp(-member->sigma_t * r);
 }
 
 double radial_member_inside(const struct radial_member *member, double radius)
 {
     if (member->family == PRT_FAMILY_DIPOLE)
-        return member->dipole.rho_d - prt_dipole_tail(&member->dipole, radius);
+        return member->dipole.rho_d - prt_diffusion_tail(&member->dipole, radius);
     return -expm1(-member->sigma_t * radius) / member->sigma_t;
 }
 
@@ -90,9 +90,8 @@ int radial_grid_init(struct radial *radial, double r_lo, double radius)
     return PRT_OK;
 }
 
-static inline __attribute__((always_inline)) void eval_body(const struct radial *radial, size_t n,
-                                                            const float *restrict r,
-                                                            float *restrict out)
+static inline __attribute__((always_inline)) void
+eval_body(const struct radial *radial, size_t n, const float *restrict r, float *restrict out)
 {
     const uint32_t n_function = radial->pub.n_function, stride = radial->stride;
     const float r1 = radial->pub.r[1], end = radial->pub.r[radial->pub.n_grid - 1];
@@ -101,7 +100,8 @@ static inline __attribute__((always_inline)) void eval_body(const struct radial 
             memset(out, 0, n_function * sizeof *out);
             continue;
         }
-        uint32_t k = r[i] < r1 ? 0 : (float_bits(r[i]) >> RADIAL_OCTAVE_SHIFT) - radial->base + 1;
+        uint32_t k =
+            r[i] < r1 ? 0 : (float_bits(r[i]) >> RADIAL_OCTAVE_SHIFT) - radial->base + 1;
         float t = (r[i] - radial->pub.r[k]) * radial->inv_step[k];
         const float *restrict a = radial->table + (size_t)k * stride, *restrict b = a + stride;
         for (uint32_t j = 0; j < n_function; j++) out[j] = a[j] + t * (b[j] - a[j]);

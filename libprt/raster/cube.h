@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Cube maps with a one-texel border round each face, so that bilinear look-ups need no seams. */
+/* Cube maps with a one-texel border round each face, so that bilinear look-ups need no seams.
+ */
 #ifndef RASTER_CUBE_H
 #define RASTER_CUBE_H
 
@@ -24,6 +25,7 @@ void border_cube_sample(const struct border_cube *cube, const float dir[3], floa
 bool border_cube_copy(struct border_cube *out, const struct prt_cube *cube);
 
 /* One cube of this lobe's roughness, mixed from the levels of a specular. */
-bool specular_mix(const struct prt_specular *specular, float roughness, struct border_cube *out);
+bool specular_mix(const struct prt_specular *specular, float roughness,
+                  struct border_cube *out);
 
 #endif

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The GL driver: found with dlopen, one context per backend and process, draws triangle numbers.
+// The GL driver: found with dlopen, one context per backend and process, draws triangle
+// numbers.
 #include "internal.h"
 
 #include <EGL/egl.h>
@@ -10,54 +11,54 @@
 #include <stdio.h>
 #include <string.h>
 
-#define GL_FUNCTIONS(X)                                                                        \
-    X(PFNGLGETSTRINGPROC, GetString)                                                           \
-    X(PFNGLGETINTEGERVPROC, GetIntegerv)                                                       \
-    X(PFNGLGETERRORPROC, GetError)                                                             \
-    X(PFNGLCREATESHADERPROC, CreateShader)                                                     \
-    X(PFNGLSHADERSOURCEPROC, ShaderSource)                                                     \
-    X(PFNGLCOMPILESHADERPROC, CompileShader)                                                   \
-    X(PFNGLGETSHADERIVPROC, GetShaderiv)                                                       \
-    X(PFNGLGETSHADERINFOLOGPROC, GetShaderInfoLog)                                             \
-    X(PFNGLDELETESHADERPROC, DeleteShader)                                                     \
-    X(PFNGLCREATEPROGRAMPROC, CreateProgram)                                                   \
-    X(PFNGLATTACHSHADERPROC, AttachShader)                                                     \
-    X(PFNGLLINKPROGRAMPROC, LinkProgram)                                                       \
-    X(PFNGLGETPROGRAMIVPROC, GetProgramiv)                                                     \
-    X(PFNGLUSEPROGRAMPROC, UseProgram)                                                         \
-    X(PFNGLUNIFORM3FPROC, Uniform3f)                                                           \
-    X(PFNGLUNIFORM1IPROC, Uniform1i)                                                           \
-    X(PFNGLUNIFORMMATRIX4FVPROC, UniformMatrix4fv)                                             \
-    X(PFNGLGENVERTEXARRAYSPROC, GenVertexArrays)                                               \
-    X(PFNGLBINDVERTEXARRAYPROC, BindVertexArray)                                               \
-    X(PFNGLGENBUFFERSPROC, GenBuffers)                                                         \
-    X(PFNGLDELETEBUFFERSPROC, DeleteBuffers)                                                   \
-    X(PFNGLBINDBUFFERPROC, BindBuffer)                                                         \
-    X(PFNGLBUFFERDATAPROC, BufferData)                                                         \
-    X(PFNGLVERTEXATTRIBPOINTERPROC, VertexAttribPointer)                                       \
-    X(PFNGLENABLEVERTEXATTRIBARRAYPROC, EnableVertexAttribArray)                               \
-    X(PFNGLDISABLEVERTEXATTRIBARRAYPROC, DisableVertexAttribArray)                             \
-    X(PFNGLGENTEXTURESPROC, GenTextures)                                                       \
-    X(PFNGLDELETETEXTURESPROC, DeleteTextures)                                                 \
-    X(PFNGLBINDTEXTUREPROC, BindTexture)                                                       \
-    X(PFNGLTEXSTORAGE2DPROC, TexStorage2D)                                                     \
-    X(PFNGLTEXSTORAGE2DMULTISAMPLEPROC, TexStorage2DMultisample)                               \
-    X(PFNGLGENFRAMEBUFFERSPROC, GenFramebuffers)                                               \
-    X(PFNGLBINDFRAMEBUFFERPROC, BindFramebuffer)                                               \
-    X(PFNGLFRAMEBUFFERTEXTUREPROC, FramebufferTexture)                                         \
-    X(PFNGLCHECKFRAMEBUFFERSTATUSPROC, CheckFramebufferStatus)                                 \
-    X(PFNGLDELETEFRAMEBUFFERSPROC, DeleteFramebuffers)                                         \
-    X(PFNGLGETMULTISAMPLEFVPROC, GetMultisamplefv)                                             \
-    X(PFNGLVIEWPORTPROC, Viewport)                                                             \
-    X(PFNGLENABLEPROC, Enable)                                                                 \
-    X(PFNGLDISABLEPROC, Disable)                                                               \
-    X(PFNGLDEPTHFUNCPROC, DepthFunc)                                                           \
-    X(PFNGLCLIPCONTROLPROC, ClipControl)                                                       \
-    X(PFNGLCLEARBUFFERUIVPROC, ClearBufferuiv)                                                 \
-    X(PFNGLCLEARBUFFERFVPROC, ClearBufferfv)                                                   \
-    X(PFNGLDRAWELEMENTSPROC, DrawElements)                                                     \
-    X(PFNGLDRAWARRAYSPROC, DrawArrays)                                                         \
-    X(PFNGLPIXELSTOREIPROC, PixelStorei)                                                       \
+#define GL_FUNCTIONS(X)                                            \
+    X(PFNGLGETSTRINGPROC, GetString)                               \
+    X(PFNGLGETINTEGERVPROC, GetIntegerv)                           \
+    X(PFNGLGETERRORPROC, GetError)                                 \
+    X(PFNGLCREATESHADERPROC, CreateShader)                         \
+    X(PFNGLSHADERSOURCEPROC, ShaderSource)                         \
+    X(PFNGLCOMPILESHADERPROC, CompileShader)                       \
+    X(PFNGLGETSHADERIVPROC, GetShaderiv)                           \
+    X(PFNGLGETSHADERINFOLOGPROC, GetShaderInfoLog)                 \
+    X(PFNGLDELETESHADERPROC, DeleteShader)                         \
+    X(PFNGLCREATEPROGRAMPROC, CreateProgram)                       \
+    X(PFNGLATTACHSHADERPROC, AttachShader)                         \
+    X(PFNGLLINKPROGRAMPROC, LinkProgram)                           \
+    X(PFNGLGETPROGRAMIVPROC, GetProgramiv)                         \
+    X(PFNGLUSEPROGRAMPROC, UseProgram)                             \
+    X(PFNGLUNIFORM3FPROC, Uniform3f)                               \
+    X(PFNGLUNIFORM1IPROC, Uniform1i)                               \
+    X(PFNGLUNIFORMMATRIX4FVPROC, UniformMatrix4fv)                 \
+    X(PFNGLGENVERTEXARRAYSPROC, GenVertexArrays)                   \
+    X(PFNGLBINDVERTEXARRAYPROC, BindVertexArray)                   \
+    X(PFNGLGENBUFFERSPROC, GenBuffers)                             \
+    X(PFNGLDELETEBUFFERSPROC, DeleteBuffers)                       \
+    X(PFNGLBINDBUFFERPROC, BindBuffer)                             \
+    X(PFNGLBUFFERDATAPROC, BufferData)                             \
+    X(PFNGLVERTEXATTRIBPOINTERPROC, VertexAttribPointer)           \
+    X(PFNGLENABLEVERTEXATTRIBARRAYPROC, EnableVertexAttribArray)   \
+    X(PFNGLDISABLEVERTEXATTRIBARRAYPROC, DisableVertexAttribArray) \
+    X(PFNGLGENTEXTURESPROC, GenTextures)                           \
+    X(PFNGLDELETETEXTURESPROC, DeleteTextures)                     \
+    X(PFNGLBINDTEXTUREPROC, BindTexture)                           \
+    X(PFNGLTEXSTORAGE2DPROC, TexStorage2D)                         \
+    X(PFNGLTEXSTORAGE2DMULTISAMPLEPROC, TexStorage2DMultisample)   \
+    X(PFNGLGENFRAMEBUFFERSPROC, GenFramebuffers)                   \
+    X(PFNGLBINDFRAMEBUFFERPROC, BindFramebuffer)                   \
+    X(PFNGLFRAMEBUFFERTEXTUREPROC, FramebufferTexture)             \
+    X(PFNGLCHECKFRAMEBUFFERSTATUSPROC, CheckFramebufferStatus)     \
+    X(PFNGLDELETEFRAMEBUFFERSPROC, DeleteFramebuffers)             \
+    X(PFNGLGETMULTISAMPLEFVPROC, GetMultisamplefv)                 \
+    X(PFNGLVIEWPORTPROC, Viewport)                                 \
+    X(PFNGLENABLEPROC, Enable)                                     \
+    X(PFNGLDISABLEPROC, Disable)                                   \
+    X(PFNGLDEPTHFUNCPROC, DepthFunc)                               \
+    X(PFNGLCLIPCONTROLPROC, ClipControl)                           \
+    X(PFNGLCLEARBUFFERUIVPROC, ClearBufferuiv)                     \
+    X(PFNGLCLEARBUFFERFVPROC, ClearBufferfv)                       \
+    X(PFNGLDRAWELEMENTSPROC, DrawElements)                         \
+    X(PFNGLDRAWARRAYSPROC, DrawArrays)                             \
+    X(PFNGLPIXELSTOREIPROC, PixelStorei)                           \
     X(PFNGLREADPIXELSPROC, ReadPixels)
 
 struct gl {
@@ -69,8 +70,8 @@ struct gl {
 // One driver with its context and the objects kept between calls.
 struct driver {
     pthread_mutex_t lock;
-    int state;                    // 0 untried, 1 usable, -1 not there
-    char why[160];                // what went wrong when state is -1
+    int state;     // 0 untried, 1 usable, -1 not there
+    char why[160]; // what went wrong when state is -1
     struct gl gl;
     void *context;
     // OSMesa
@@ -91,11 +92,11 @@ typedef void *(*get_proc_fn)(const char *name);
 
 static bool load_functions(struct driver *d, get_proc_fn get_proc)
 {
-#define X(type, name)                                                                          \
-    d->gl.name = (type)get_proc("gl" #name);                                                   \
-    if (!d->gl.name) {                                                                         \
-        snprintf(d->why, sizeof d->why, "GL function gl%s is missing", #name);                 \
-        return false;                                                                          \
+#define X(type, name)                                                          \
+    d->gl.name = (type)get_proc("gl" #name);                                   \
+    if (!d->gl.name) {                                                         \
+        snprintf(d->why, sizeof d->why, "GL function gl%s is missing", #name); \
+        return false;                                                          \
     }
     GL_FUNCTIONS(X)
 #undef X
@@ -106,7 +107,8 @@ static bool make_current(struct driver *d, bool on)
 {
     if (d == &osmesa_driver)
         return d->osmesa_make_current(on ? d->context : NULL, on ? d->osmesa_pixels : NULL,
-                                      GL_UNSIGNED_BYTE, on ? 16 : 0, on ? 16 : 0) || !on;
+                                      GL_UNSIGNED_BYTE, on ? 16 : 0, on ? 16 : 0) ||
+               !on;
     return d->egl_make_current(d->display, EGL_NO_SURFACE, EGL_NO_SURFACE,
                                on ? d->context : EGL_NO_CONTEXT);
 }
@@ -122,11 +124,11 @@ static bool open_osmesa(struct driver *d)
     void *(*create)(const int *, void *) =
         (void *(*)(const int *, void *))dlsym(lib, "OSMesaCreateContextAttribs");
     get_proc_fn get_proc = (get_proc_fn)dlsym(lib, "OSMesaGetProcAddress");
-    d->osmesa_make_current = (unsigned char (*)(void *, void *, unsigned, int, int))dlsym(
-        lib, "OSMesaMakeCurrent");
+    d->osmesa_make_current =
+        (unsigned char (*)(void *, void *, unsigned, int, int))dlsym(lib, "OSMesaMakeCurrent");
     // OSMESA_FORMAT RGBA, no depth of its own, PROFILE core, version 4.5
     static const int attributes[] = {0x22, GL_RGBA, 0x30, 0, 0x31, 0, 0x32, 0,
-                                     0x33, 0x34, 0x36, 4, 0x37, 5, 0};
+                                     0x33, 0x34,    0x36, 4, 0x37, 5, 0};
     if (create && get_proc && d->osmesa_make_current) d->context = create(attributes, NULL);
     if (!d->context) {
         snprintf(d->why, sizeof d->why, "OSMesa gives no OpenGL 4.5 core context");
@@ -158,10 +160,13 @@ static bool open_egl(struct driver *d)
         snprintf(d->why, sizeof d->why, "EGL has no surfaceless display");
         return false;
     }
-    static const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION, 4,
-                                        EGL_CONTEXT_MINOR_VERSION, 5,
+    static const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION,
+                                        4,
+                                        EGL_CONTEXT_MINOR_VERSION,
+                                        5,
                                         EGL_CONTEXT_OPENGL_PROFILE_MASK,
-                                        EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
+                                        EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
+                                        EGL_NONE};
     d->context = create(d->display, (EGLConfig)0, EGL_NO_CONTEXT, attributes);
     if (!d->context) {
         snprintf(d->why, sizeof d->why, "EGL gives no OpenGL 4.5 core context");
@@ -172,11 +177,12 @@ static bool open_egl(struct driver *d)
 
 // Positions come relative to the eye before the matrix, so that a scene far from the origin
 // loses nothing beyond its own single precision.
-static const char draw_vertex[] = "#version 450 core\n"
-                                  "layout(location=0) in vec3 position;\n"
-                                  "layout(location=0) uniform vec3 eye;\n"
-                                  "layout(location=1) uniform mat4 clip;\n"
-                                  "void main() { gl_Position = clip*vec4(position - eye, 1); }\n";
+static const char draw_vertex[] =
+    "#version 450 core\n"
+    "layout(location=0) in vec3 position;\n"
+    "layout(location=0) uniform vec3 eye;\n"
+    "layout(location=1) uniform mat4 clip;\n"
+    "void main() { gl_Position = clip*vec4(position - eye, 1); }\n";
 static const char draw_fragment[] = "#version 450 core\n"
                                     "layout(location=0) out uint id;\n"
                                     "void main() { id = uint(gl_PrimitiveID); }\n";
@@ -268,8 +274,7 @@ static bool make_targets(const struct gl *gl, uint32_t w, uint32_t h, unsigned n
         if (n_sub > 1)
             gl->TexStorage2DMultisample(kind, (GLsizei)n_sub, format[i], (GLsizei)w, (GLsizei)h,
                                         GL_TRUE);
-        else
-            gl->TexStorage2D(kind, 1, format[i], (GLsizei)w, (GLsizei)h);
+        else gl->TexStorage2D(kind, 1, format[i], (GLsizei)w, (GLsizei)h);
         gl->FramebufferTexture(GL_FRAMEBUFFER, where[i], t->texture[i], 0);
     }
     bool good = gl->CheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
@@ -348,7 +353,8 @@ static void draw_band(struct driver *d, struct gl_draw *draw, const struct targe
                   (float)draw->frame->eye[2]);
     gl->UniformMatrix4fv(1, 1, GL_FALSE, m);
     gl->EnableVertexAttribArray(0);
-    gl->DrawElements(GL_TRIANGLES, (GLsizei)(draw->mesh->n_triangle * 3), GL_UNSIGNED_INT, NULL);
+    gl->DrawElements(GL_TRIANGLES, (GLsizei)(draw->mesh->n_triangle * 3), GL_UNSIGNED_INT,
+                     NULL);
     bool several = samples_at_once(draw->n_sub) > 1;
     if (several) {
         gl->BindFramebuffer(GL_FRAMEBUFFER, t->framebuffer[1]);
@@ -365,8 +371,8 @@ static void draw_band(struct driver *d, struct gl_draw *draw, const struct targe
 
 // No two in one column or row, as Direct3D's standard patterns; in 1/16 pixel.
 static const uint8_t two[2][2] = {{12, 12}, {4, 4}};
-static const uint8_t eight[8][2] = {{9, 5}, {7, 11}, {13, 9}, {5, 3},
-                                    {3, 13}, {1, 7}, {11, 15}, {15, 1}};
+static const uint8_t eight[8][2] = {{9, 5},  {7, 11}, {13, 9},  {5, 3},
+                                    {3, 13}, {1, 7},  {11, 15}, {15, 1}};
 
 static void sub_positions(const struct gl *gl, struct gl_draw *draw)
 {
@@ -376,8 +382,7 @@ static void sub_positions(const struct gl *gl, struct gl_draw *draw)
         if (samples_at_once(draw->n_sub) > 1)
             gl->GetMultisamplefv(GL_SAMPLE_POSITION, s, draw->sub_position[s]);
         else
-            for (int i = 0; i < 2; i++)
-                draw->sub_position[s][i] = (float)pattern[s][i] / 16;
+            for (int i = 0; i < 2; i++) draw->sub_position[s][i] = (float)pattern[s][i] / 16;
     }
 }
 
@@ -406,12 +411,14 @@ static int draw_all(const struct prt_context *ctx, struct driver *d, struct gl_d
     int status = PRT_OK;
     uint32_t *id = prt_alloc((size_t)draw->width * band * (draw->n_sub + 1), sizeof *id);
     uint32_t *plane = id + (size_t)draw->width * band * draw->n_sub;
-    if (!id) return prt_fail(ctx, PRT_NOMEM, "raster: no memory for %ux%u pixels", draw->width,
-                             draw->height);
+    if (!id)
+        return prt_fail(ctx, PRT_NOMEM, "raster: no memory for %ux%u pixels", draw->width,
+                        draw->height);
     if (!make_targets(gl, draw->width, band, samples_at_once(draw->n_sub), &t))
-        status = prt_fail(ctx, PRT_UNSUPPORTED, "raster: the GL driver refuses %u-sample integer "
-                          "targets of %ux%u", samples_at_once(draw->n_sub), draw->width,
-                          band);
+        status = prt_fail(ctx, PRT_UNSUPPORTED,
+                          "raster: the GL driver refuses %u-sample integer "
+                          "targets of %ux%u",
+                          samples_at_once(draw->n_sub), draw->width, band);
     upload_mesh(d, draw->mesh);
     sub_positions(gl, draw);
     for (uint32_t row = 0; !status && row < draw->height; row += band) {
@@ -420,8 +427,7 @@ static int draw_all(const struct prt_context *ctx, struct driver *d, struct gl_d
         GLenum error = gl->GetError();
         if (error)
             status = prt_fail(ctx, PRT_INTERNAL, "raster: GL error 0x%x while drawing", error);
-        else
-            status = draw->band(draw->user, row, row + rows, id);
+        else status = draw->band(draw->user, row, row + rows, id);
     }
     gl->DeleteFramebuffers(2, t.framebuffer);
     gl->DeleteTextures(3, t.texture);

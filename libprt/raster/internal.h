@@ -42,12 +42,12 @@ struct prt_visibility {
     uint32_t n_mesh_vertex, n_mesh_triangle;
     /* covered pixels, row-major */
     uint32_t n_covered;
-    uint32_t *row_covered;                 /* [height+1] first covered pixel of a row */
-    uint32_t *pixel;                       /* [n_covered] y*width + x */
-    uint32_t *sample_triangle;             /* [n_covered][n_sub] */
-    uint16_t (*sample_uv)[2];              /* [n_covered][n_sub] barycentrics, unorm16 */
+    uint32_t *row_covered;     /* [height+1] first covered pixel of a row */
+    uint32_t *pixel;           /* [n_covered] y*width + x */
+    uint32_t *sample_triangle; /* [n_covered][n_sub] */
+    uint16_t (*sample_uv)[2];  /* [n_covered][n_sub] barycentrics, unorm16 */
     /* shading points: groups of a pixel's sub-samples that lie on one smooth patch */
-    uint32_t *row_point;                   /* [height+1] */
+    uint32_t *row_point; /* [height+1] */
     struct prt_gbuffer g;
 };
 

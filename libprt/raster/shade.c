@@ -135,8 +135,8 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     if (cpu & PRT_CPU_AVX512) job->row = shade_row_avx512;
 #endif
     int status = good ? prt_parallel_for(ctx, NULL, vis->height, 8, shade_rows, job)
-                      : prt_fail(ctx, PRT_NOMEM, "shade: no memory for %ux%u pixels", vis->width,
-                                 vis->height);
+                      : prt_fail(ctx, PRT_NOMEM, "shade: no memory for %ux%u pixels",
+                                 vis->width, vis->height);
     border_cube_finish(&lobe);
     border_cube_finish(&sky);
     if (status) {
@@ -148,22 +148,25 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
 }
 
 int prt_shade_image(const struct prt_context *ctx, const struct prt_visibility *vis,
-                    const struct prt_mesh *mesh, const struct prt_shade *s, struct prt_image *out)
+                    const struct prt_mesh *mesh, const struct prt_shade *s,
+                    struct prt_image *out)
 {
     if (mesh->n_vertex != vis->n_mesh_vertex || mesh->n_triangle != vis->n_mesh_triangle)
         return prt_fail(ctx, PRT_MISMATCH, "shade: the visibility buffer is of another mesh");
     if (!s->planes || !s->n_plane || s->n_plane > 16)
         return prt_fail(ctx, PRT_ARG, "shade: %u phase planes are outside [1,16]", s->n_plane);
     if (s->n_plane > 1 && s->n_plane != 4 && s->n_plane != 9 && s->n_plane != 16)
-        return prt_fail(ctx, PRT_ARG, "shade: %u phase planes are not 1, 4, 9 or 16", s->n_plane);
-    struct shade_job job = {.planes = s->planes, .n_plane = s->n_plane,
-                            .plane_floats = (size_t)mesh->n_vertex * 3};
+        return prt_fail(ctx, PRT_ARG, "shade: %u phase planes are not 1, 4, 9 or 16",
+                        s->n_plane);
+    struct shade_job job = {
+        .planes = s->planes, .n_plane = s->n_plane, .plane_floats = (size_t)mesh->n_vertex * 3};
     if (s->n_plane > 1) harmonic_signs(job.sign);
     return shade(ctx, vis, s, &job, out);
 }
 
 int prt_shade_points(const struct prt_context *ctx, const struct prt_visibility *vis,
-                     const float (*radiance)[3], const struct prt_shade *s, struct prt_image *out)
+                     const float (*radiance)[3], const struct prt_shade *s,
+                     struct prt_image *out)
 {
     struct shade_job job = {.radiance = radiance};
     return shade(ctx, vis, s, &job, out);

@@ -38,8 +38,8 @@ TARGET static void KERNEL(cube_lookup)(const struct cube_view *cube, int n, cons
     }
 }
 
-TARGET static void KERNEL(cube_fetch)(const struct cube_view *cube, int n, const struct lookup *at,
-                                      float *r, float *g, float *b)
+TARGET static void KERNEL(cube_fetch)(const struct cube_view *cube, int n,
+                                      const struct lookup *at, float *r, float *g, float *b)
 {
     const float *texel = cube->texel;
     for (int i = 0; i < n; i++) {
@@ -156,8 +156,8 @@ TARGET static void KERNEL(shade_points)(const struct shade_job *job, size_t at, 
             KERNEL(harmonics)(&v, n, job->n_plane, job->sign, y);
             for (unsigned k = 1; k < job->n_plane; k++) {
                 for (int i = 0; i < n; i++) y[k - 1][i] = opaque[i] ? 0 : y[k - 1][i];
-                KERNEL(add_plane)(job, job->planes + (size_t)k * job->plane_floats, at, n,
-                                  y[k - 1], r, g, b);
+                KERNEL(add_plane)
+                (job, job->planes + (size_t)k * job->plane_floats, at, n, y[k - 1], r, g, b);
             }
         }
     }
@@ -240,8 +240,7 @@ TARGET static void KERNEL(shade_row)(const struct shade_job *job, uint32_t y, fl
             gap_weight[n_gap++] = left;
         }
         if (n_gap < LANES && x + 1 < width) continue;
-        if (job->background)
-            KERNEL(background)(job, y, n_gap, gap, r, g, b);
+        if (job->background) KERNEL(background)(job, y, n_gap, gap, r, g, b);
         else
             for (int i = 0; i < n_gap; i++) {
                 r[i] = job->plain[0];

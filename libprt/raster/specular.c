@@ -14,8 +14,8 @@ enum { N_LEVEL = 6, BASE = 32 };
 static const struct {
     float roughness;
     uint32_t n, from;
-} level_shape[N_LEVEL] = {{0, 32, 32},     {0.15f, 32, 32}, {0.3f, 16, 16},
-                          {0.45f, 16, 8},  {0.65f, 8, 8},   {1, 8, 8}};
+} level_shape[N_LEVEL] = {{0, 32, 32},    {0.15f, 32, 32}, {0.3f, 16, 16},
+                          {0.45f, 16, 8}, {0.65f, 8, 8},   {1, 8, 8}};
 
 struct prt_specular {
     struct border_cube level[N_LEVEL];
@@ -23,7 +23,7 @@ struct prt_specular {
 
 // Sparse rows: level texel -> input texels with weights that sum to one.
 struct filter {
-    uint32_t *begin;   // [6 n n + 1]
+    uint32_t *begin; // [6 n n + 1]
     uint16_t *index;
     float *weight;
 };
@@ -78,7 +78,8 @@ static void seal_texel(struct border_cube *c, unsigned face, uint32_t x, uint32_
     unsigned other;
     face_direction(face, 2 * ((double)x - 0.5) / c->n - 1, 2 * ((double)y - 0.5) / c->n - 1, d);
     face_lookup(d, &other, &s, &t);
-    int px = (int)((s * 0.5f + 0.5f) * (float)c->n), py = (int)((t * 0.5f + 0.5f) * (float)c->n);
+    int px = (int)((s * 0.5f + 0.5f) * (float)c->n),
+        py = (int)((t * 0.5f + 0.5f) * (float)c->n);
     int last = (int)c->n - 1;
     px = px < 0 ? 0 : px > last ? last : px;
     py = py < 0 ? 0 : py > last ? last : py;
@@ -104,7 +105,8 @@ void border_cube_sample(const struct border_cube *c, const float dir[3], float r
     unsigned face;
     float s, t;
     face_lookup(dir, &face, &s, &t);
-    float x = (s * 0.5f + 0.5f) * (float)c->n + 0.5f, y = (t * 0.5f + 0.5f) * (float)c->n + 0.5f;
+    float x = (s * 0.5f + 0.5f) * (float)c->n + 0.5f,
+          y = (t * 0.5f + 0.5f) * (float)c->n + 0.5f;
     int x0 = (int)x, y0 = (int)y, last = (int)c->n;
     x0 = x0 < 0 ? 0 : x0 > last ? last : x0;
     y0 = y0 < 0 ? 0 : y0 > last ? last : y0;
@@ -207,7 +209,9 @@ static int make_filter(const struct prt_context *ctx, unsigned level)
     double alpha = (double)level_shape[level].roughness * level_shape[level].roughness;
     // cut where the lobe is 1/500 of its peak
     double theta = atan(alpha * sqrt(sqrt(500) - 1));
-    struct filter_job job = {.level = level, .n_in = n_in, .alpha = alpha,
+    struct filter_job job = {.level = level,
+                             .n_in = n_in,
+                             .alpha = alpha,
                              .cos_cut = 2 * theta < M_PI / 2 ? cos(2 * theta) : 0};
     job.in_direction = malloc(in * sizeof *job.in_direction);
     job.solid_angle = malloc(in * sizeof *job.solid_angle);
@@ -219,7 +223,8 @@ static int make_filter(const struct prt_context *ctx, unsigned level)
     job.place = malloc((size_t)in * job.n_place * sizeof *job.place);
     int status = PRT_NOMEM;
     struct filter f = {calloc(rows + 1, 4), NULL, NULL};
-    if (job.in_direction && job.solid_angle && job.index && job.weight && job.count && f.begin && job.place) {
+    if (job.in_direction && job.solid_angle && job.index && job.weight && job.count &&
+        f.begin && job.place) {
         for (uint32_t i = 0; i < in; i++) {
             double x = i % n_in, y = i / n_in % n_in, k = 2.0 / n_in;
             face_direction(i / (n_in * n_in), (x + 0.5) * k - 1, (y + 0.5) * k - 1,
@@ -317,13 +322,15 @@ static bool to_base(const struct prt_cube *light, float *base)
     if (n > BASE && n % BASE == 0) {
         float *wide = prt_calloc((size_t)6 * n * n, 16);
         if (!wide) return false;
-        for (size_t i = 0; i < (size_t)6 * n * n; i++) memcpy(wide + 4 * i, light->texel + 3 * i, 12);
+        for (size_t i = 0; i < (size_t)6 * n * n; i++)
+            memcpy(wide + 4 * i, light->texel + 3 * i, 12);
         bool good = reduce(wide, n, BASE, base);
         prt_free(wide);
         return good;
     }
     for (uint32_t i = 0; i < 6 * BASE * BASE; i++) {
-        uint32_t face = i / (BASE * BASE), y = i / BASE % BASE * n / BASE, x = i % BASE * n / BASE;
+        uint32_t face = i / (BASE * BASE), y = i / BASE % BASE * n / BASE,
+                 x = i % BASE * n / BASE;
         memcpy(base + 4 * i, light->texel + (((size_t)face * n + y) * n + x) * 3, 12);
         base[4 * i + 3] = 0;
     }
@@ -385,8 +392,8 @@ int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *li
         if (!border_cube_init(&s->level[k], level_shape[k].n)) status = PRT_NOMEM;
         if (k) rows += (size_t)6 * level_shape[k].n * level_shape[k].n;
     }
-    if (!status && !(to_base(light, base) && reduce(base, BASE, 16, half) &&
-                     reduce(half, 16, 8, quarter)))
+    if (!status &&
+        !(to_base(light, base) && reduce(base, BASE, 16, half) && reduce(half, 16, 8, quarter)))
         status = PRT_NOMEM;
     if (!status) {
         copy_level(&s->level[0], base);

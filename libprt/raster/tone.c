@@ -85,7 +85,8 @@ int prt_tone_map(const struct prt_context *ctx, const struct prt_image *image,
         return prt_fail(ctx, PRT_ARG, "tone map %d is not one of filmic, reinhard, none",
                         (int)tone);
     if (!(exposure_ev >= -64 && exposure_ev <= 64))
-        return prt_fail(ctx, PRT_ARG, "exposure %g EV is outside [-64,64]", (double)exposure_ev);
+        return prt_fail(ctx, PRT_ARG, "exposure %g EV is outside [-64,64]",
+                        (double)exposure_ev);
     pthread_once(&once, make_tables);
     struct job job = {image->rgb, rgb8, table[tone], exp2f(exposure_ev)};
     return prt_parallel_for(ctx, NULL, (size_t)image->width * image->height * 3, 65536, encode,

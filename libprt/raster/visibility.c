@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The visibility buffer: which triangle each sub-sample sees, kept compactly for covered pixels,
-// and the shading points made of them.
+// The visibility buffer: which triangle each sub-sample sees, kept compactly for covered
+// pixels, and the shading points made of them.
 #include "internal.h"
 
 #include <math.h>
@@ -28,7 +28,7 @@ struct builder {
     struct row_points *row;
     uint32_t band_begin;
     const uint32_t *id;
-    double pixel_scale;  // pixel footprint at depth 1
+    double pixel_scale; // pixel footprint at depth 1
 };
 
 // Ray through (x,y) in pixels, not normalised: 1 along forward.
@@ -199,7 +199,8 @@ static int count_rows(void *arg, size_t begin, size_t end, unsigned worker)
     for (size_t y = begin; y < end; y++) {
         const uint32_t *id = b->id + y * vis->width * vis->n_sub;
         uint32_t n = 0;
-        for (uint32_t x = 0; x < vis->width; x++) n += covered_pixel(id + x * vis->n_sub, vis->n_sub);
+        for (uint32_t x = 0; x < vis->width; x++)
+            n += covered_pixel(id + x * vis->n_sub, vis->n_sub);
         vis->row_covered[b->band_begin + y + 1] = n;
     }
     return PRT_OK;
@@ -275,12 +276,12 @@ static bool alloc_points(struct prt_gbuffer *g)
 {
     size_t n = g->n_point ? g->n_point : 1;
     // kernels read whole vectors: room for 16 more
-    void **array[] = {(void **)&g->pixel, (void **)&g->triangle, (void **)&g->block,
-                      (void **)&g->corner[0], (void **)&g->corner[1], (void **)&g->corner[2],
-                      (void **)&g->bary[0], (void **)&g->bary[1], (void **)&g->position[0],
-                      (void **)&g->position[1], (void **)&g->position[2],
-                      (void **)&g->normal[0], (void **)&g->normal[1], (void **)&g->normal[2],
-                      (void **)&g->weight};
+    void **array[] = {
+        (void **)&g->pixel,       (void **)&g->triangle,    (void **)&g->block,
+        (void **)&g->corner[0],   (void **)&g->corner[1],   (void **)&g->corner[2],
+        (void **)&g->bary[0],     (void **)&g->bary[1],     (void **)&g->position[0],
+        (void **)&g->position[1], (void **)&g->position[2], (void **)&g->normal[0],
+        (void **)&g->normal[1],   (void **)&g->normal[2],   (void **)&g->weight};
     bool good = true;
     for (size_t i = 0; i < sizeof array / sizeof *array; i++)
         good &= (*array[i] = prt_calloc(n + 16, 4)) != NULL;
@@ -337,8 +338,12 @@ static int build(struct builder *b, enum prt_raster_backend backend)
     vis->row_point = prt_calloc((size_t)vis->height + 1, 4);
     if (!b->triangle_block || !b->row || !vis->row_covered || !vis->row_point)
         return prt_fail(b->ctx, PRT_NOMEM, "raster: no memory for %u rows", vis->height);
-    b->draw = (struct gl_draw){.mesh = b->mesh, .frame = &vis->frame, .width = vis->width,
-                               .height = vis->height, .n_sub = vis->n_sub, .band = take_band,
+    b->draw = (struct gl_draw){.mesh = b->mesh,
+                               .frame = &vis->frame,
+                               .width = vis->width,
+                               .height = vis->height,
+                               .n_sub = vis->n_sub,
+                               .band = take_band,
                                .user = b};
     b->pixel_scale = 2 * vis->frame.tan_y / vis->height;
     if (b->mesh->n_triangle && depth_range(b)) {
@@ -376,8 +381,8 @@ int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *
     vis->n_sub = n_sub;
     vis->n_mesh_vertex = mesh->n_vertex;
     vis->n_mesh_triangle = mesh->n_triangle;
-    int status = camera_frame_init(ctx, &c, mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1, width,
-                                   height, &vis->frame);
+    int status = camera_frame_init(ctx, &c, mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1,
+                                   width, height, &vis->frame);
     if (!status) {
         struct builder b = {.ctx = ctx, .mesh = mesh, .vis = vis};
         status = build(&b, backend);

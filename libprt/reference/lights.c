@@ -75,7 +75,8 @@ static void draw_pattern(struct light_rays *r, uint32_t p, const struct prt_cube
         prt_cube_direction(t / face, s, v, dir);
         r->x[i] = dir[0], r->y[i] = dir[1], r->z[i] = dir[2];
         for (int c = 0; c < 3; c++)
-            r->rgb[i * 3 + (size_t)c] = (float)(light->texel[(size_t)t * 3 + (size_t)c] * weight);
+            r->rgb[i * 3 + (size_t)c] =
+                (float)(light->texel[(size_t)t * 3 + (size_t)c] * weight);
     }
 }
 
@@ -93,8 +94,8 @@ int light_rays_create(const struct prt_cube *light, uint32_t n_pattern, uint32_t
         r->x = prt_alloc(all, 4), r->y = prt_alloc(all, 4), r->z = prt_alloc(all, 4);
         r->rgb = prt_alloc(all * 3, 4);
     }
-    int status = r && r->x && r->y && r->z && r->rgb && order && solid_angle ? PRT_OK
-                                                                            : PRT_NOMEM;
+    int status =
+        r && r->x && r->y && r->z && r->rgb && order && solid_angle ? PRT_OK : PRT_NOMEM;
     if (status == PRT_OK) {
         prt_cube_solid_angles(light->n, solid_angle);
         for (uint32_t i = 0; i < n; i++)

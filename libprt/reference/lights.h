@@ -9,8 +9,8 @@
  * sum_k rgb[k] f(dir[k]) for each pattern. The light is constant over a texel. */
 struct light_rays {
     uint32_t n_pattern, n_ray;
-    float *x, *y, *z;        /* [n_pattern][n_ray] unit */
-    float *rgb;              /* [n_pattern][n_ray][3] radiance * solid angle / density */
+    float *x, *y, *z; /* [n_pattern][n_ray] unit */
+    float *rgb;       /* [n_pattern][n_ray][3] radiance * solid angle / density */
 };
 int light_rays_create(const struct prt_cube *light, uint32_t n_pattern, uint32_t n_ray,
                       uint64_t seed, struct light_rays **out);

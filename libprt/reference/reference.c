@@ -18,13 +18,13 @@ struct job {
     struct prt_surface_points *surface;
     struct light_rays *rays;
     uint32_t *vertex_block;
-    uint32_t *corner_begin, *corner;   // triangles around each welded vertex
+    uint32_t *corner_begin, *corner; // triangles around each welded vertex
     unsigned n_material, n_light;
     const struct prt_material *const *materials; // one eta
-    struct prt_dipole (*dipoles)[3];   // [n_material]
-    struct light_rays **lights;        // [n_light] what vertices trace; NULL when nothing does
-    float *irradiance;                 // [n_light][3][n_sample]
-    float (*const *color)[3];          // [n_material * n_light]
+    struct prt_diffusion (*dipoles)[3];          // [n_material]
+    struct light_rays **lights; // [n_light] what vertices trace; NULL when nothing does
+    float *irradiance;          // [n_light][3][n_sample]
+    float (*const *color)[3];   // [n_material * n_light]
 };
 
 static bool translucent(const struct job *j, uint32_t vertex)
@@ -68,10 +68,12 @@ static void irradiance_at(const struct job *j, uint32_t pattern, const float ori
             if (cosine <= 0) continue;
             for (unsigned f = 0; f < n_face; f++) above = fmaxf(above, dot3(faces[f], d));
             if (above <= 0) continue;
-            packet.ox[fill] = origin[0], packet.oy[fill] = origin[1], packet.oz[fill] = origin[2];
+            packet.ox[fill] = origin[0], packet.oy[fill] = origin[1],
+            packet.oz[fill] = origin[2];
             packet.dx[fill] = d[0], packet.dy[fill] = d[1], packet.dz[fill] = d[2];
             packet.tnear[fill] = 0, packet.tfar[fill] = INFINITY;
-            weight[fill] = cosine * (float)(eta > 0 ? prt_fresnel_transmittance(eta, cosine) : 1);
+            weight[fill] =
+                cosine * (float)(eta > 0 ? prt_fresnel_transmittance(eta, cosine) : 1);
             index[fill++] = k;
         }
         if (fill == 16 || (k == r->n_ray && fill)) {
@@ -117,13 +119,14 @@ static void vertex_irradiance(const struct job *j, uint32_t v, double eta, float
         face_normal(j->mesh, j->corner[k], faces[n++]);
     if (!n) memcpy(faces[n++], j->mesh->normal[v], sizeof faces[0]);
     for (int k = 0; k < 3; k++)
-        origin[k] = j->mesh->position[v][k] + prt_scene_epsilon(j->scene) * j->mesh->normal[v][k];
+        origin[k] =
+            j->mesh->position[v][k] + prt_scene_epsilon(j->scene) * j->mesh->normal[v][k];
     double sum[3] = {0, 0, 0};
     uint32_t first = (uint32_t)(prt_hash64(&v, sizeof v, j->o->seed + 3) >> 8);
     for (uint32_t p = 0; p < 4; p++) {
         float e[3];
-        irradiance_at(j, first + p, origin, j->mesh->normal[v], (const float (*)[3])faces, n, eta,
-                      e);
+        irradiance_at(j, first + p, origin, j->mesh->normal[v], (const float(*)[3])faces, n,
+                      eta, e);
         for (int c = 0; c < 3; c++) sum[c] += 0.25 * e[c];
     }
     for (int c = 0; c < 3; c++) out[c] = (float)sum[c];
@@ -140,7 +143,7 @@ static int sample_range(void *arg, size_t begin, size_t end, unsigned worker)
         for (int k = 0; k < 3; k++) origin[k] = j->surface->position[i][k] + eps * f[k];
         uint32_t pattern = (uint32_t)(prt_hash64(&i, sizeof i, j->o->seed) >> 8);
         float e[3];
-        irradiance_at(j, pattern, origin, j->surface->normal[i], (const float (*)[3])f, 1,
+        irradiance_at(j, pattern, origin, j->surface->normal[i], (const float(*)[3])f, 1,
                       j->material->eta, e);
         for (size_t c = 0; c < 3; c++) j->irradiance[c * j->surface->n_sample + i] = e[c];
     }
@@ -162,7 +165,7 @@ static float dot_array(const float *a, const float *b, uint32_t n)
 enum { CHUNK = 1024 };
 
 // B(x) = sum over all samples of the object: point values far away, cells nearby. out[n_light].
-static void multiple_at(const struct job *j, uint32_t v, const struct prt_dipole dipole[3],
+static void multiple_at(const struct job *j, uint32_t v, const struct prt_diffusion dipole[3],
                         double (*out)[3])
 {
     const struct prt_surface_points *s = j->surface;
@@ -170,8 +173,8 @@ static void multiple_at(const struct job *j, uint32_t v, const struct prt_dipole
     const float *x = j->mesh->position[v];
     float near_mm = 6 * s->spacing, r2[CHUNK], afar[2 * CHUNK], rd[3][2 * CHUNK];
     memset(out, 0, j->n_light * sizeof *out);
-    for (uint32_t begin = s->object_begin[object], end = s->object_begin[object + 1]; begin < end;
-         begin += CHUNK) {
+    for (uint32_t begin = s->object_begin[object], end = s->object_begin[object + 1];
+         begin < end; begin += CHUNK) {
         uint32_t n = end - begin < CHUNK ? end - begin : CHUNK;
         for (uint32_t i = 0; i < n; i++) {
             const float *p = s->centre[begin + i];
@@ -180,7 +183,7 @@ static void multiple_at(const struct job *j, uint32_t v, const struct prt_dipole
             prt_surface_afar(r2[i], s->spread[begin + i], &afar[i], &afar[n + i]);
         }
         for (int c = 0; c < 3; c++) {
-            prt_dipole_rd_array(&dipole[c], j->ctx->cpu, 2 * n, afar, rd[c]);
+            prt_diffusion_rd_array(&dipole[c], j->ctx->cpu, 2 * n, afar, rd[c]);
             for (uint32_t i = 0; i < n; i++)
                 rd[c][i] = 0.5f * s->area[begin + i] * (rd[c][i] + rd[c][n + i]);
         }
@@ -212,9 +215,9 @@ static double phase_at(const struct job *j, const struct phases *p, int c, doubl
 }
 
 struct path {
-    float x[3], inward[3];   // from the vertex into the body, unit
-    float out_dir[3];        // w_o' outward
-    double length;           // to the far side [mm]
+    float x[3], inward[3]; // from the vertex into the body, unit
+    float out_dir[3];      // w_o' outward
+    double length;         // to the far side [mm]
     float sigma_t[3], sigma_s[3];
 };
 
@@ -340,8 +343,7 @@ static void single_at(const struct job *j, uint32_t v, float out[3])
     for (int c = 0; c < 3; c++) {
         path.sigma_s[c] = m->sigma_s_prime[c] / (1 - m->g[c]);
         path.sigma_t[c] = path.sigma_s[c] + m->sigma_a[c];
-        if (!phases.exact)
-            (void)prt_phase_hg(&phases.cut[c], m->g[c], j->o->n_phase_term);
+        if (!phases.exact) (void)prt_phase_hg(&phases.cut[c], m->g[c], j->o->n_phase_term);
     }
     path.length = 40 / fmin(path.sigma_t[0], fmin(path.sigma_t[1], path.sigma_t[2]));
     if (prt_scene_intersect(j->scene, start, down, eps, INFINITY, &t, &triangle, &bu, &bv))
@@ -441,7 +443,8 @@ static int build_corners(struct job *j)
     if (!j->corner_begin || !j->corner) return PRT_NOMEM;
     for (uint32_t t = 0; t < mesh->n_triangle; t++)
         for (int k = 0; k < 3; k++) j->corner_begin[mesh->weld[mesh->triangle[t][k]] + 2]++;
-    for (uint32_t w = 0; w < mesh->n_weld; w++) j->corner_begin[w + 2] += j->corner_begin[w + 1];
+    for (uint32_t w = 0; w < mesh->n_weld; w++)
+        j->corner_begin[w + 2] += j->corner_begin[w + 1];
     for (uint32_t t = 0; t < mesh->n_triangle; t++)
         for (int k = 0; k < 3; k++)
             j->corner[j->corner_begin[mesh->weld[mesh->triangle[t][k]] + 1]++] = t;
@@ -472,8 +475,8 @@ static int prepare_multiple(struct job *j, const struct prt_cube *const light[])
     int status = prt_surface_create(j->ctx, j->mesh, sample_count(j), (float)finest_path(j) / 8,
                                     j->o->seed + 11, &j->surface);
     if (!status)
-        status = prt_surface_check(j->ctx, j->surface, j->mesh, finest_path(j),
-                                   j->o->n_sample != 0);
+        status =
+            prt_surface_check(j->ctx, j->surface, j->mesh, finest_path(j), j->o->n_sample != 0);
     if (status) return status;
     size_t n = j->surface->n_sample;
     float *all = prt_alloc(3 * n * j->n_light, sizeof *all);
@@ -530,23 +533,28 @@ int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mes
         n_light > PRT_REFERENCE_MAX_MANY)
         return prt_fail(ctx, PRT_ARG, "%u media under %u lights: 1 to %d of each", n_material,
                         n_light, PRT_REFERENCE_MAX_MANY);
-    struct job j = {.ctx = ctx, .mesh = mesh, .material = material[0], .o = options,
-                    .n_material = n_material, .n_light = n_light, .materials = material,
+    struct job j = {.ctx = ctx,
+                    .mesh = mesh,
+                    .material = material[0],
+                    .o = options,
+                    .n_material = n_material,
+                    .n_light = n_light,
+                    .materials = material,
                     .color = color};
     bool any = false;
     for (uint32_t b = 0; b < mesh->n_block; b++)
         any |= mesh->surface[mesh->block[b].surface].translucent && mesh->block[b].n_triangle;
-    bool multiple = options->term == PRT_REFERENCE_MULTIPLE ||
-                    options->term == PRT_REFERENCE_TOTAL;
+    bool multiple =
+        options->term == PRT_REFERENCE_MULTIPLE || options->term == PRT_REFERENCE_TOTAL;
     int status = check_materials(&j);
-    if (status == PRT_OK && !(j.vertex_block = prt_mesh_vertex_blocks(mesh))) status = PRT_NOMEM;
+    if (status == PRT_OK && !(j.vertex_block = prt_mesh_vertex_blocks(mesh)))
+        status = PRT_NOMEM;
     if (status == PRT_OK) status = build_corners(&j);
     if (status == PRT_OK) status = prt_scene_create(ctx, mesh, &j.scene);
     if (status == PRT_OK && multiple && any) status = prepare_multiple(&j, light);
     if (status == PRT_OK) status = prepare_lights(&j, light);
     size_t n = options->vertex ? options->n_vertex : mesh->n_vertex;
-    if (status == PRT_OK)
-        status = prt_parallel_for(ctx, "reference", n, 16, vertex_range, &j);
+    if (status == PRT_OK) status = prt_parallel_for(ctx, "reference", n, 16, vertex_range, &j);
     for (unsigned l = 0; j.lights && l < n_light; l++) light_rays_destroy(j.lights[l]);
     prt_free(j.lights);
     prt_free(j.dipoles);

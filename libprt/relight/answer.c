@@ -66,7 +66,8 @@ static int check_query(const struct prt_context *ctx, const struct prt_transport
     if (status) return status;
     if (q->lit && !relight_lit_is_of(q->lit, t))
         return prt_fail(ctx, PRT_ARG, "the contracted light is another transport's");
-    if (any_light && !q->light && !q->lit) return prt_fail(ctx, PRT_ARG, "this transport needs a light");
+    if (any_light && !q->light && !q->lit)
+        return prt_fail(ctx, PRT_ARG, "this transport needs a light");
     if (q->light && any_light && q->light->n != t->cube)
         return prt_fail(ctx, PRT_MISMATCH, "a light of 6x%ux%u for a transport of 6x%ux%u",
                         q->light->n, q->light->n, t->cube, t->cube);
@@ -140,16 +141,19 @@ static int mix_translucent(const struct answer *a, const struct mix_job *whole)
     return status;
 }
 
-// Adds a tensor's own planes: single scattering's plane 0 is view-free once it is times Y_00 and
-// joins the multiple plane.
+// Adds a tensor's own planes: single scattering's plane 0 is view-free once it is times Y_00
+// and joins the multiple plane.
 static int mix_tensor(const struct answer *a, const struct prt_tensor *t, const float *own)
 {
     size_t size = 3 * a->n_vertex;
     bool single = t->term == PRT_TERM_SINGLE;
     int status = PRT_OK;
     for (unsigned k = 0; k < t->n_phase && k < a->n_plane && !status; k++) {
-        struct mix_job job = {.a = a, .in = own + k * size, .out = a->planes + k * size,
-                              .factor = {1, 1, 1}, .constant = single && !k ? Y00 : 1};
+        struct mix_job job = {.a = a,
+                              .in = own + k * size,
+                              .out = a->planes + k * size,
+                              .factor = {1, 1, 1},
+                              .constant = single && !k ? Y00 : 1};
         if (single) plane_factor(a, t, k, job.factor);
         status = single ? mix_translucent(a, &job)
                         : prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, mix, &job);
@@ -161,7 +165,7 @@ static int mix_tensor(const struct answer *a, const struct prt_tensor *t, const 
 
 // A part and what it owns.
 struct owned {
-    struct prt_part part;
+    struct prt_term_input part;
     float *lit, *coef, (*factor)[3];
     uint8_t *dark;
 };
@@ -265,7 +269,7 @@ static int make_part(const struct group *g, const struct prt_tensor *t, struct o
     return status == PRT_NOMEM ? prt_fail(a->ctx, status, "no memory for a material") : status;
 }
 
-static int sum_parts(const struct group *g, unsigned n, const struct prt_part part[])
+static int sum_parts(const struct group *g, unsigned n, const struct prt_term_input part[])
 {
     const struct answer *a = g->answer[0];
     float *color[MOST_TRIPLES];
@@ -284,7 +288,7 @@ static int fill_parts(const struct group *g)
     const struct answer *a = g->answer[0];
     const struct prt_transport *t = a->transport;
     struct owned owned[PRT_MOST_PARTS];
-    struct prt_part part[PRT_MOST_PARTS];
+    struct prt_term_input part[PRT_MOST_PARTS];
     unsigned n = 0, done = 0;
     int status = PRT_OK;
     for (uint32_t i = 0; i < t->n_tensor && n < PRT_MOST_PARTS && !status; i++) {
@@ -373,8 +377,8 @@ static bool only_light(const struct answer *a)
     return !any_free && !a->query->lit;
 }
 
-// Those of the n answers, from the first on, that are alike but for their lights; two are cheaper
-// one by one.
+// Those of the n answers, from the first on, that are alike but for their lights; two are
+// cheaper one by one.
 static void make_group(struct answer *a, unsigned n, const bool filled[], struct group *g)
 {
     *g = (struct group){{a}, 1};
@@ -402,7 +406,8 @@ static int fill_many(struct answer *a, unsigned n)
         unsigned m = 0;
         for (unsigned i = 0; i < n && !status; i++) {
             if (!asked(a[i].query, &t->tensor[k]) || a[i].done >> k & 1) continue;
-            if (is_free(&t->tensor[k]) || a[i].query->lit) status = add_mixed(&a[i], &t->tensor[k]);
+            if (is_free(&t->tensor[k]) || a[i].query->lit)
+                status = add_mixed(&a[i], &t->tensor[k]);
             else left[m++] = &a[i];
         }
         if (m && !status) status = relight_many(left, m, &t->tensor[k]);
@@ -468,9 +473,10 @@ static void shade_vertex(const struct answer *a, size_t v, float out[3])
     for (int ch = 0; ch < 3; ch++) out[ch] = fmaxf(0, rgb[ch] * (float)transmittance);
 }
 
-// Vertices of one block. Without an eye plane 0 (l = 0) is all of the phase function; out may be
-// where plane 0 lies.
-static void shade_block(const struct shade_job *job, size_t begin_v, size_t end, bool translucent)
+// Vertices of one block. Without an eye plane 0 (l = 0) is all of the phase function; out may
+// be where plane 0 lies.
+static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
+                        bool translucent)
 {
     const struct answer *a = job->a;
     const bool total = a->query->term == PRT_ANSWER_TOTAL;

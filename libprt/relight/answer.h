@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Between answer.c, coef.c and lit.c.
+// Between answer.c, basis_cache.c and contracted_light.c.
 #ifndef PRT_RELIGHT_ANSWER_H
 #define PRT_RELIGHT_ANSWER_H
 
@@ -14,8 +14,8 @@ int relight_material_coef(const struct prt_context *ctx, const struct prt_transp
                           const struct prt_tensor *tensor, const struct prt_material *material,
                           float *coef);
 
-// What plane k of a single-scattering tensor of a free material is multiplied by, beside Y_k: the
-// phase function's a_l and sigma_s.
+// What plane k of a single-scattering tensor of a free material is multiplied by, beside Y_k:
+// the phase function's a_l and sigma_s.
 void relight_plane_factor(const struct prt_material *material, const struct prt_tensor *tensor,
                           unsigned k, float factor[3]);
 // prt_rows_fold with coefficients [n_phase][n_radial][3] of each plane its own; entries worth
@@ -24,16 +24,20 @@ int relight_rows_fold(const struct prt_context *ctx, const struct prt_tensor *te
                       const float *coef, double error, struct prt_rows *out);
 
 // A tensor of lit's transport under its light. coef NULL unless FULL, RADIAL.
-int relight_lit(const struct prt_context *ctx, const struct prt_lit *lit,
+int relight_lit(const struct prt_context *ctx, const struct prt_contracted_light *lit,
                 const struct prt_tensor *tensor, const float *coef, bool add, float *color);
-// What the light was contracted to: [relight_lit_floats] of prt_contract_light; NULL for RADIAL.
-const float *relight_lit_rows(const struct prt_lit *lit, const struct prt_tensor *tensor);
+// What the light was contracted to: [relight_lit_floats] of prt_contract_light; NULL for
+// RADIAL.
+const float *relight_lit_rows(const struct prt_contracted_light *lit,
+                              const struct prt_tensor *tensor);
 size_t relight_lit_floats(const struct prt_tensor *tensor);
-bool relight_lit_is_of(const struct prt_lit *lit, const struct prt_transport *transport);
+bool relight_lit_is_of(const struct prt_contracted_light *lit,
+                       const struct prt_transport *transport);
 
 // prt_sum_parts for several lights, part[].lit of relight_contract: color[light][plane], each
 // [n_vertex][3]. More than one light: DIAGONAL tensors alone.
 int relight_sum_parts(const struct prt_context *ctx, unsigned n_light, unsigned n_part,
-                      const struct prt_part part[], unsigned n_plane, float *const color[]);
+                      const struct prt_term_input part[], unsigned n_plane,
+                      float *const color[]);
 
 #endif

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Expanding bases to colours in AVX-512: U times the contracted rows, and the polynomial
 // transport's sums.
-#include "tiles.h"
+#include "store_avx512.h"
 
 #if defined(__x86_64__)
 #include <string.h>
@@ -13,8 +13,7 @@
 INLINE void claim(const struct expand_job *job, uint32_t t, uint32_t v, uint32_t n)
 {
     const uint32_t end = job->end < v + n ? job->end : v + n;
-    for (; v < end; v += 4)
-        __builtin_prefetch(job->color[t] + 3ull * job->order[v], 1, 3);
+    for (; v < end; v += 4) __builtin_prefetch(job->color[t] + 3ull * job->order[v], 1, 3);
 }
 
 // Puts 16 positions' colours where their vertices are.
@@ -40,8 +39,9 @@ INLINE void put16(const struct expand_job *job, uint32_t v, uint32_t t, bool row
 
 // One triple. Reading 64 bytes of each of some forty rows in turn defeats the memory system, so
 // rows come in groups of up to eight, read along CHUNK vertices while sums wait in the first
-// cache; the next group's bytes are fetched meanwhile. Polynomial transport, three times the rows,
-// comes to the second cache: the first has too few places for lines that are still to come.
+// cache; the next group's bytes are fetched meanwhile. Polynomial transport, three times the
+// rows, comes to the second cache: the first has too few places for lines that are still to
+// come.
 enum { CHUNK = 1024, RADIAL_CHUNK = 2048 };
 
 struct chunk {
@@ -180,7 +180,8 @@ INLINE void expand_tile(const struct expand_job *job, const void *user, uint32_t
     for (uint32_t t = 0; t < nt; t++)
         for (uint32_t i = 0; i < nv; i++)
             put_row(rgb + ROW * t + 48 * i, _mm512_mul_ps(sum[t][0][i], unit),
-                    _mm512_mul_ps(sum[t][1][i], unit), _mm512_mul_ps(sum[t][2][i], unit), false);
+                    _mm512_mul_ps(sum[t][1][i], unit), _mm512_mul_ps(sum[t][2][i], unit),
+                    false);
 }
 
 // Eight triples at a time, then four; those left over one by one.

@@ -1,22 +1,19 @@
 // SPDX-License-Identifier: MIT
-// Expanding bases in 16-bit integers: two rows of U meet their coefficients in one instruction,
-// twice what floating point does. For eight triples at once, or four (the phase planes of single
-// scattering), where arithmetic is the limit.
+// Expanding bases in 16-bit integers: two rows of U are multiplied with their coefficients in
+// one instruction, twice what floating point does. For eight triples at once, or four (the
+// phase planes of single scattering), where arithmetic is the limit.
 //
 // U is integers of at most PRT_U_MOST; the coefficients of a triple's channel become integers
-// whose absolute sum is at most SUM_MOST, so that no sum of products leaves 32 bits. Coefficients
-// of falling size, as a singular value decomposition gives, keep 15 bits where it matters: the
-// error is some 3e-5 of the colours (1e-4 were they all alike), as much as U's own rounding.
-#include "tiles.h"
+// whose absolute sum is at most SUM_MOST, so that no sum of products leaves 32 bits.
+// Coefficients of falling size, as a singular value decomposition gives, keep 15 bits where it
+// matters: the error is some 3e-5 of the colours (1e-4 were they all alike), as much as U's own
+// rounding.
+#include "store_avx512.h"
 
 #if defined(__x86_64__)
 #include <math.h>
 
-enum {
-    RANK_MOST = 256,
-    SUM_MOST = INT32_MAX / PRT_U_MOST - RANK_MOST / 2 - 1,
-    C_MOST = 32767
-};
+enum { RANK_MOST = 256, SUM_MOST = INT32_MAX / PRT_U_MOST - RANK_MOST / 2 - 1, C_MOST = 32767 };
 enum { COLUMNS = 24 };
 
 struct integers {
@@ -78,8 +75,8 @@ INLINE void add_products(__m512i *sum, __m512i x, const int32_t *c)
 
 // nt triples of nv vectors of 16 vertices from v on to rgb[triple][ROW], nt * nv = 8: 24
 // sums. The second vector is the first again where it would lie behind the padded rows.
-INLINE void integer_tile(const struct expand_job *job, const void *user, uint32_t v, uint32_t t0,
-                         float *rgb, uint32_t nt, uint32_t nv)
+INLINE void integer_tile(const struct expand_job *job, const void *user, uint32_t v,
+                         uint32_t t0, float *rgb, uint32_t nt, uint32_t nv)
 {
     const struct integers *q = user;
     const size_t second = nv == 2 && v + 32 <= job->stride ? 32 : 0;

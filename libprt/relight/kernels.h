@@ -21,8 +21,9 @@ enum {
 // Colours of vertices [begin, end) of one cluster:
 // color[t][3*order[v] + ch] (+)= sum_r U[r][v] b[r*b_stride + 3*t + ch].
 struct expand_job {
-    const uint16_t *u; // [(rank + 1) / 2][stride][2] i16; radial: [n_triple][rank][3][stride] f16
-    size_t stride;     // vertices, a multiple of 16
+    const uint16_t
+        *u;        // [(rank + 1) / 2][stride][2] i16; radial: [n_triple][rank][3][stride] f16
+    size_t stride; // vertices, a multiple of 16
     uint32_t rank;
     const float *b;    // [rank][b_stride]; radial: coef [rank][3]
     size_t b_stride;   // floats
@@ -44,7 +45,7 @@ struct integer_lights {
     float scaling[6][LIGHT_GROUP][4]; // each face's scaling coefficient, in floating point
 };
 
-// Rows of pairs meet lights that are times their gains (prt_pair_gain).
+// Rows of pairs are multiplied with lights that were scaled by their gains (prt_pair_gain).
 struct relight_kernels {
     const char *name;
     // DIAGONAL rows [begin, end) under one light [n_coef][4]: out[row - begin][3P]
@@ -55,7 +56,8 @@ struct relight_kernels {
     void (*diagonal_group)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                            const float *table, unsigned n_light, size_t light_pitch,
                            size_t row_pitch, float *out);
-    // rows of pairs under integer lights, which agree to 1e-4 of the colours; NULL: there is none
+    // rows of pairs under integer lights, which agree to 1e-4 of the colours; NULL: there is
+    // none
     void (*pairs_group)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                         const struct integer_lights *lights, unsigned n_light,
                         size_t light_pitch, size_t row_pitch, float *out);
@@ -82,12 +84,12 @@ const struct relight_kernels *relight_kernels_for(unsigned cpu);
 // Coefficients [begin, end) of a table of up to LIGHT_GROUP lights: [n_coef][light][ch], with 0
 // for the lights that are missing. In f32: halves are read no faster, since they are to be
 // widened, and move colours under a sun or a lamp by 2e-4.
-void relight_fill_table(unsigned n_light, const float *const coef[], uint32_t begin, uint32_t end,
-                        float *table);
+void relight_fill_table(unsigned n_light, const float *const coef[], uint32_t begin,
+                        uint32_t end, float *table);
 
-// Lights of n-cubes (n <= 64) as integers: the scales from what each is at most in every channel
-// once it has its gains, scaling coefficients aside, false where one is not finite; then the lanes
-// of coefficients [begin, end).
+// Lights of n-cubes (n <= 64) as integers: the scales from what each is at most in every
+// channel once it has its gains, scaling coefficients aside, false where one is not finite;
+// then the lanes of coefficients [begin, end).
 bool relight_integers_begin(struct integer_lights *q, unsigned n_light, uint32_t n,
                             const float *const coef[], const float most[][4]);
 void relight_integers_fill(const struct integer_lights *q, unsigned n_light,

@@ -196,9 +196,9 @@ INLINE void group_fma(struct group_sum *sum, __m128 rgb, const __m256 light[3])
                                        sum->part[z]);
 }
 
-INLINE void group_phase(const struct prt_rows *rows, uint32_t row,
-                        const float *table, unsigned n_light, size_t light_pitch, float *out,
-                        uint32_t k, uint32_t kind)
+INLINE void group_phase(const struct prt_rows *rows, uint32_t row, const float *table,
+                        unsigned n_light, size_t light_pitch, float *out, uint32_t k,
+                        uint32_t kind)
 {
     const uint32_t n = rows->n_function;
     const bool i8 = kind == PRT_VALUE_I8;
@@ -226,8 +226,7 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t row,
         _mm256_storeu_ps(lanes + 8 * z, fine.part[z]);
         _mm256_storeu_ps(base + 8 * z, dc.part[z]);
     }
-    const float *scale =
-        kind == PRT_VALUE_F16 ? NULL : rows->scale + (uint64_t)n * row + 3 * k;
+    const float *scale = kind == PRT_VALUE_F16 ? NULL : rows->scale + (uint64_t)n * row + 3 * k;
     for (unsigned l = 0; l < n_light; l++)
         for (int ch = 0; ch < 3; ch++)
             out[l * light_pitch + 3 * k + ch] =
@@ -360,8 +359,8 @@ INLINE void expand_block(const struct expand_job *job, uint32_t v, uint32_t t0, 
                     const int k = 3 * t + ch;
                     sum[t][ch][i] =
                         _mm256_fmadd_ps(two.x[0], _mm256_broadcast_ss(b + k), sum[t][ch][i]);
-                    sum[t][ch][i] =
-                        _mm256_fmadd_ps(two.x[1], _mm256_broadcast_ss(other + k), sum[t][ch][i]);
+                    sum[t][ch][i] = _mm256_fmadd_ps(two.x[1], _mm256_broadcast_ss(other + k),
+                                                    sum[t][ch][i]);
                 }
         }
         _mm_prefetch((const char *)(u + 256), _MM_HINT_T0);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The kernels in AVX-512 (F, BW, DQ, VL): rows meet light and material. Expanding bases is
-// expand_avx512.c's.
+// The kernels in AVX-512 (F, BW, DQ, VL): rows times light and material. Expanding bases
+// is expand_avx512.c's.
 #include "avx512.h"
 
 #if defined(__x86_64__)
@@ -48,7 +48,8 @@ INLINE __m512 diagonal3_sum(const void *index, const void *entry, uint64_t e, ui
     uint64_t stop = end < safe ? end : safe;
     for (; e + 8 <= stop; e += 8) {
         // rows are read once, from memory: ask early
-        _mm_prefetch((const char *)entry + (kind == PRT_VALUE_I8 ? 3 : 6) * e + 3072, _MM_HINT_T0);
+        _mm_prefetch((const char *)entry + (kind == PRT_VALUE_I8 ? 3 : 6) * e + 3072,
+                     _MM_HINT_T0);
         _mm_prefetch((const char *)index + (wide ? 4 : 2) * e + 1536, _MM_HINT_T0);
         a = _mm512_fmadd_ps(spread4(entry, e, kind, 5),
                             light4(light, INDEX(e), INDEX(e + 1), INDEX(e + 2), INDEX(e + 3)),
@@ -70,7 +71,8 @@ enum { ROWS_AHEAD = 8 };
 
 // Asks for what stands beside the entries of a row some rows ahead: few bytes each, which no
 // stream of the processor's own keeps up with. n: functions.
-INLINE void ask_row(const struct prt_rows *rows, uint32_t row, const uint32_t n, bool scaled)
+INLINE void prefetch_row(const struct prt_rows *rows, uint32_t row, const uint32_t n,
+                         bool scaled)
 {
     const uint64_t ahead = row + (uint64_t)ROWS_AHEAD;
     const char *scaling = (const char *)(rows->scaling + 6 * n * ahead);
@@ -94,7 +96,7 @@ INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
     const __m512 dc1 = light4(light, 4 * face, 5 * face, 0, 0);
     for (uint32_t row = begin; row < end; row++, out += 3) {
         const uint16_t *scaling = rows->scaling + 18ull * row;
-        ask_row(rows, row, 3, kind != PRT_VALUE_F16);
+        prefetch_row(rows, row, 3, kind != PRT_VALUE_F16);
         __m512 z = diagonal3_sum(rows->index, rows->entry, rows->begin[row],
                                  rows->begin[row + 1], safe, light, kind, wide);
         __m512 dc = _mm512_mul_ps(spread4(scaling, 0, PRT_VALUE_F16, 4), dc0);
@@ -145,7 +147,7 @@ INLINE void diagonal_many(const struct prt_rows *rows, uint32_t begin, uint32_t 
     for (uint32_t row = begin; row < end; row++, out += n) {
         __m512 sum[3], odd[3], dc[3];
         const char *entry = (const char *)rows->entry + rows->begin[row] * pitch;
-        ask_row(rows, row, n, i8);
+        prefetch_row(rows, row, n, i8);
         for (int z = 0; z < nz; z++) sum[z] = odd[z] = dc[z] = _mm512_setzero_ps();
         uint64_t e = rows->begin[row], stop = rows->begin[row + 1];
         for (; e + 2 <= stop; e += 2, entry += 2 * pitch) {
@@ -211,8 +213,8 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
     }
 }
 
-// A light table's 24 lanes are light-major: 16 + 8. Triple t of a vector of values meets them as
-// r g b r g b ...
+// A light table's 24 lanes are light-major: 16 + 8. Triple t of a vector of values meets them
+// as r g b r g b ...
 struct group_maps {
     __m512i lo[4], hi[2]; // hi: the 8 last lanes, of two triples
     __m256i half[2];      // the 8 last lanes, of one
@@ -250,13 +252,12 @@ INLINE struct lanes add_lanes(struct lanes a, struct lanes b)
 }
 
 // sum += triple t of v, 0 or 1, times the lights
-INLINE void meet(struct lanes *sum, __m256 v, int t, const struct group_maps *m,
-                 struct lanes light)
+INLINE void accumulate(struct lanes *sum, __m256 v, int t, const struct group_maps *m,
+                       struct lanes light)
 {
     __m512 wide = _mm512_permutexvar_ps(m->lo[t], _mm512_castps256_ps512(v));
     sum->lo = _mm512_fmadd_ps(wide, light.lo, sum->lo);
-    sum->hi =
-        _mm256_fmadd_ps(_mm256_permutevar8x32_ps(v, m->half[t]), light.hi, sum->hi);
+    sum->hi = _mm256_fmadd_ps(_mm256_permutevar8x32_ps(v, m->half[t]), light.hi, sum->hi);
 }
 
 INLINE struct lanes lights_at(const float *table, size_t i)
@@ -269,8 +270,7 @@ INLINE struct lanes lights_at(const float *table, size_t i)
 INLINE __m256 load_two(const char *p, bool i8)
 {
     if (i8)
-        return _mm256_cvtepi32_ps(
-            _mm256_cvtepi8_epi32(_mm_loadl_epi64((const __m128i *)p)));
+        return _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_loadl_epi64((const __m128i *)p)));
     return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)p));
 }
 
@@ -303,8 +303,7 @@ INLINE void group_store(struct lanes x, unsigned n_light, size_t pitch, float *o
     _mm512_storeu_ps(lanes, x.lo);
     _mm256_storeu_ps(lanes + 16, x.hi);
     for (unsigned l = 0; l < n_light; l++)
-        for (int ch = 0; ch < 3; ch++)
-            out[l * pitch + (size_t)ch] = lanes[3 * l + (size_t)ch];
+        for (int ch = 0; ch < 3; ch++) out[l * pitch + (size_t)ch] = lanes[3 * l + (size_t)ch];
 }
 
 // fine * scale[ch] + base, scale NULL for 1
@@ -329,8 +328,8 @@ INLINE struct lanes group_scaling(const struct prt_rows *rows, uint64_t first, u
     for (size_t f = 0; f < 6; f += 2, p += 6 * pitch) {
         __m256 v = load_some((const char *)p, false, pitch == 1 ? 2 : 1), w = v;
         if (pitch != 1) w = load_some((const char *)(p + 3 * pitch), false, 1);
-        meet(&a, v, 0, m, lights_at(table, face * f));
-        meet(&b, w, pitch == 1, m, lights_at(table, face * (f + 1)));
+        accumulate(&a, v, 0, m, lights_at(table, face * f));
+        accumulate(&b, w, pitch == 1, m, lights_at(table, face * (f + 1)));
     }
     return add_lanes(a, b);
 }
@@ -355,10 +354,10 @@ INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t
         _mm_prefetch((const char *)index + (wide ? 4 : 2) * e + 512, _MM_HINT_T0);
         const __m256 v = pair ? load_pair(entry) : load_two(entry, i8);
         const __m256 w = pair ? load_pair(entry + 2 * size) : load_two(entry + 2 * size, i8);
-        meet(&s[0], v, 0, m, lights_at(table, INDEX(e)));
-        meet(&s[1], v, 1, m, lights_at(table, INDEX(e + 1)));
-        meet(&s[2], w, 0, m, lights_at(table, INDEX(e + 2)));
-        meet(&s[3], w, 1, m, lights_at(table, INDEX(e + 3)));
+        accumulate(&s[0], v, 0, m, lights_at(table, INDEX(e)));
+        accumulate(&s[1], v, 1, m, lights_at(table, INDEX(e + 1)));
+        accumulate(&s[2], w, 0, m, lights_at(table, INDEX(e + 2)));
+        accumulate(&s[3], w, 1, m, lights_at(table, INDEX(e + 3)));
     }
     for (; e < stop; e += 4, entry += 4 * size) {
         const uint32_t n = stop - e < 4 ? (uint32_t)(stop - e) : 4;
@@ -366,10 +365,10 @@ INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t
         const __m256 w = !pair   ? load_some(entry + 2 * size, i8, n < 3 ? 0 : n - 2)
                          : n > 2 ? load_pair(entry + 2 * size)
                                  : _mm256_setzero_ps();
-        meet(&s[0], v, 0, m, lights_at(table, INDEX(e)));
-        meet(&s[1], v, 1, m, lights_at(table, INDEX(e + (n > 1 ? 1 : 0))));
-        meet(&s[2], w, 0, m, lights_at(table, INDEX(e + (n > 2 ? 2 : 0))));
-        meet(&s[3], w, 1, m, lights_at(table, INDEX(e + (n > 3 ? 3 : 0))));
+        accumulate(&s[0], v, 0, m, lights_at(table, INDEX(e)));
+        accumulate(&s[1], v, 1, m, lights_at(table, INDEX(e + (n > 1 ? 1 : 0))));
+        accumulate(&s[2], w, 0, m, lights_at(table, INDEX(e + (n > 2 ? 2 : 0))));
+        accumulate(&s[3], w, 1, m, lights_at(table, INDEX(e + (n > 3 ? 3 : 0))));
     }
     return add_lanes(add_lanes(s[0], s[1]), add_lanes(s[2], s[3]));
 }
@@ -381,9 +380,9 @@ INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
 {
     const struct group_maps m = group_maps();
     for (uint32_t row = begin; row < end; row++, out += row_pitch) {
-        ask_row(rows, row, 3, kind != PRT_VALUE_F16);
-        struct lanes x = group3_sum(rows, rows->begin[row], rows->begin[row + 1], table, &m,
-                                    kind, wide);
+        prefetch_row(rows, row, 3, kind != PRT_VALUE_F16);
+        struct lanes x =
+            group3_sum(rows, rows->begin[row], rows->begin[row + 1], table, &m, kind, wide);
         struct lanes base = group_scaling(rows, 6ull * row, 1, table, &m);
         x = scaled(x, kind == PRT_VALUE_F16 ? NULL : rows->scale + 3ull * row, base, &m);
         group_store(x, n_light, light_pitch, out);
@@ -393,8 +392,7 @@ INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
 // Phase terms [k0, k0 + nk), nk 4 or 1: a vector of values holds an entry's terms.
 INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                         const float *table, unsigned n_light, size_t light_pitch,
-                        size_t row_pitch, float *out, uint32_t k0,
-                        const uint32_t nk)
+                        size_t row_pitch, float *out, uint32_t k0, const uint32_t nk)
 {
     const struct group_maps m = group_maps();
     const bool i8 = rows->value == PRT_VALUE_I8;
@@ -403,7 +401,7 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t en
     const __mmask16 mask = lane_mask(3 * nk);
     for (uint32_t row = begin; row < end; row++, out += row_pitch) {
         __m512 lo[4], hi[2];
-        ask_row(rows, row, n, i8);
+        prefetch_row(rows, row, n, i8);
         for (int t = 0; t < 4; t++) lo[t] = hi[t / 2] = _mm512_setzero_ps();
         for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++) {
             const char *entry = (const char *)rows->entry + (e * n + 3ull * k0) * size;
@@ -420,8 +418,7 @@ INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t en
         for (uint32_t t = 0; t < nk; t++) {
             struct lanes x = {lo[t], t % 2 ? _mm512_extractf32x8_ps(hi[t / 2], 1)
                                            : _mm512_castps512_ps256(hi[t / 2])};
-            struct lanes base =
-                group_scaling(rows, 6ull * p * row + k0 + t, p, table, &m);
+            struct lanes base = group_scaling(rows, 6ull * p * row + k0 + t, p, table, &m);
             x = scaled(x, i8 ? rows->scale + (uint64_t)n * row + 3 * (k0 + t) : NULL, base, &m);
             group_store(x, n_light, light_pitch, out + 3 * (k0 + t));
         }
@@ -434,7 +431,7 @@ static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t
 {
     const uint32_t p = rows->n_function / 3;
     const bool i8 = rows->value == PRT_VALUE_I8, wide = rows->index_bytes == 4;
-#define GROUP3(kind, wide)                                                                     \
+#define GROUP3(kind, wide) \
     group3(rows, begin, end, table, n_light, light_pitch, row_pitch, out, kind, wide)
     if (p == 1) {
         if (rows->value == PRT_VALUE_PAIR) GROUP3(PRT_VALUE_PAIR, false);
@@ -520,9 +517,10 @@ INLINE __m512 five_mask(const float *p, uint32_t j, uint32_t width)
 // r g b 0 of the sums of the five triples in each of four vectors.
 INLINE __m512 sum_fives(const __m512 x[4])
 {
-    const __m512i four = _mm512_setr_epi32(0, 1, 2, 15, 3, 4, 5, 15, 6, 7, 8, 15, 9, 10, 11, 15);
-    const __m512i fifth = _mm512_setr_epi32(12, 13, 14, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15,
-                                            15, 15);
+    const __m512i four =
+        _mm512_setr_epi32(0, 1, 2, 15, 3, 4, 5, 15, 6, 7, 8, 15, 9, 10, 11, 15);
+    const __m512i fifth =
+        _mm512_setr_epi32(12, 13, 14, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15, 15);
     __m512 y[4];
     for (int i = 0; i < 4; i++)
         y[i] = _mm512_add_ps(_mm512_permutexvar_ps(four, x[i]),
@@ -532,7 +530,8 @@ INLINE __m512 sum_fives(const __m512 x[4])
                               _mm512_shuffle_f32x4(y[0], y[1], 0xee));
     __m512 hi = _mm512_add_ps(_mm512_shuffle_f32x4(y[2], y[3], 0x44),
                               _mm512_shuffle_f32x4(y[2], y[3], 0xee));
-    return _mm512_add_ps(_mm512_shuffle_f32x4(lo, hi, 0x88), _mm512_shuffle_f32x4(lo, hi, 0xdd));
+    return _mm512_add_ps(_mm512_shuffle_f32x4(lo, hi, 0x88),
+                         _mm512_shuffle_f32x4(lo, hi, 0xdd));
 }
 
 // Items [0, m) of four from `in` on.

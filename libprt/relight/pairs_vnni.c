@@ -2,10 +2,10 @@
 // Rows of pairs under eight lights in 16-bit integers: an instruction takes two entries, and a
 // coefficient's lights are one line of the cache instead of two.
 //
-// A light's coefficients, times the gains of their levels, are integers up to LIGHT_MOST; a block
-// of entries keeps its sums within 32 bits (PRT_PAIR_MOST), and sums of blocks are added as
-// floats. Colours differ from those in floating point by at most 1e-4 RMS under lamps and suns,
-// 1e-5 under a sky.
+// A light's coefficients, times the gains of their levels, are integers up to LIGHT_MOST; a
+// block of entries keeps its sums within 32 bits (PRT_PAIR_MOST), and sums of blocks are added
+// as floats. Colours differ from those in floating point by at most 1e-4 RMS under lamps and
+// suns, 1e-5 under a sky.
 #include "avx512.h"
 
 #if defined(__x86_64__)
@@ -83,8 +83,10 @@ struct integer_sum {
     __m512i lo, hi;
 };
 
-// A pair's integers in every 16 bytes of v, r g b and something, meet the lights at its indices.
-INLINE void meet(struct integer_sum *s, __m512i v, const int16_t *lane, const uint16_t *index)
+// A pair's integers in every 16 bytes of v, r g b and one unused lane, times the lights at its
+// indices.
+INLINE void accumulate(struct integer_sum *s, __m512i v, const int16_t *lane,
+                       const uint16_t *index)
 {
     const __m512i a = _mm512_load_si512(lane + 32 * (size_t)index[0]);
     const __m512i b = _mm512_load_si512(lane + 32 * (size_t)index[1]);
@@ -104,11 +106,12 @@ INLINE void add_block(const uint16_t *index, const int16_t *entry, const uint32_
     const uint32_t last = whole ? n : n - 2;
 #pragma GCC unroll 8
     for (uint32_t k = 0; k < last; k += 2)
-        meet(&s, _mm512_broadcast_i32x4(_mm_loadu_si128((const __m128i *)(entry + 3 * k))), lane,
-             index + k);
+        accumulate(&s,
+                   _mm512_broadcast_i32x4(_mm_loadu_si128((const __m128i *)(entry + 3 * k))),
+                   lane, index + k);
     if (!whole)
-        meet(&s, _mm512_broadcast_i32x4(_mm_maskz_loadu_epi16(0x3f, entry + 3 * last)), lane,
-             index + last);
+        accumulate(&s, _mm512_broadcast_i32x4(_mm_maskz_loadu_epi16(0x3f, entry + 3 * last)),
+                   lane, index + last);
     sum->lo = _mm512_add_ps(sum->lo, _mm512_cvtepi32_ps(s.lo));
     sum->hi = _mm512_add_ps(sum->hi, _mm512_cvtepi32_ps(s.hi));
 }
@@ -139,8 +142,10 @@ INLINE void put_lights(__m512 x, unsigned n_light, size_t pitch, float *out)
     float lanes[16];
     const unsigned n = n_light < 4 ? n_light : 4;
     if (pitch == 3) {
-        const __m512i close = _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 0, 0, 0, 0);
-        _mm512_mask_storeu_ps(out, (__mmask16)((1u << 3 * n) - 1), _mm512_permutexvar_ps(close, x));
+        const __m512i close =
+            _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 0, 0, 0, 0);
+        _mm512_mask_storeu_ps(out, (__mmask16)((1u << 3 * n) - 1),
+                              _mm512_permutexvar_ps(close, x));
         return;
     }
     _mm512_storeu_ps(lanes, x);

@@ -29,11 +29,11 @@ static int check_lights(const struct prt_context *ctx, const struct prt_tensor *
 
 // The lights of a group as a tensor's rows want them: as they are, or times the gains of pairs.
 struct asked_lights {
-    uint32_t n, n_coef;          // of the cube
+    uint32_t n, n_coef; // of the cube
     unsigned n_light;
     const float *coef[LIGHT_GROUP];
-    float *own;                  // room for gains, [LIGHT_GROUP][n_coef][4]
-    float most[LIGHT_GROUP][4];  // largest coefficients times gains, scaling ones aside
+    float *own;                 // room for gains, [LIGHT_GROUP][n_coef][4]
+    float most[LIGHT_GROUP][4]; // largest coefficients times gains, scaling ones aside
 };
 
 typedef int32_t lanes4 __attribute__((vector_size(16), aligned(4)));
@@ -61,8 +61,8 @@ static inline void gain_light(struct asked_lights *a, size_t l, float *out)
         for (uint32_t x = 0, y = i / n % n, stop; x < n; x = stop) {
             for (stop = 1; stop <= (x | y) && stop < n;) stop *= 2;
             const size_t at = 4 * (size_t)(i + x);
-            const lanes4 span = gain_span(a->coef[l] + at, stop - x, prt_pair_gain(n, i + x), most,
-                                          out ? out + at : NULL);
+            const lanes4 span = gain_span(a->coef[l] + at, stop - x, prt_pair_gain(n, i + x),
+                                          most, out ? out + at : NULL);
             if (x | y) most = span; // scaling coefficients do not become integers
         }
     memcpy(a->most[l], &most, sizeof most);
@@ -115,9 +115,9 @@ static unsigned group_size(unsigned left, bool together)
 struct rows_job {
     const struct relight_kernels *kernels;
     const struct prt_tensor *tensor;
-    unsigned n_light;               // of this group
-    const float *light;             // the only one, or
-    const float *table;             // those of the group, or
+    unsigned n_light;                      // of this group
+    const float *light;                    // the only one, or
+    const float *table;                    // those of the group, or
     const struct integer_lights *integers; // the same
     float *out;
     size_t light_pitch, row_pitch;
@@ -163,7 +163,8 @@ static int make_group(const struct prt_context *ctx, const struct prt_tensor *te
     }
 #endif
     if (pairs && !job->integers && !status) {
-        if (!asked->own) asked->own = prt_alloc((table ? LIGHT_GROUP : 1) * (size_t)asked->n_coef, 16);
+        if (!asked->own)
+            asked->own = prt_alloc((table ? LIGHT_GROUP : 1) * (size_t)asked->n_coef, 16);
         if (!asked->own) return prt_fail(ctx, PRT_NOMEM, "no memory for a group of lights");
         status = prt_parallel_for(ctx, NULL, asked->n_light, 1, gain_lights, asked);
     }
@@ -194,8 +195,8 @@ static int for_groups(const struct prt_context *ctx, const struct prt_tensor *te
         job->out = out + l * job->light_pitch;
         asked.n_light = n;
         for (unsigned k = 0; k < n; k++) asked.coef[k] = light[l + k]->coef;
-        status = make_group(ctx, tensor, &asked, n > 1 || job->together ? table : NULL, &integers,
-                            job);
+        status = make_group(ctx, tensor, &asked, n > 1 || job->together ? table : NULL,
+                            &integers, job);
         if (!status) status = prt_parallel_for(ctx, NULL, n_item, grain, fn, job);
     }
     prt_free(table);
@@ -269,8 +270,8 @@ int relight_pieces(const struct prt_context *ctx, const struct prt_tensor *tenso
     for (uint32_t i = 0; i < tensor->n_cluster; i++) {
         uint32_t end = tensor->cluster[i].n_vertex;
         for (uint32_t b = 0; b < end; b += VERTEX_GRAIN)
-            pieces[n++] = (struct relight_piece){
-                i, b, end - b < VERTEX_GRAIN ? end : b + VERTEX_GRAIN};
+            pieces[n++] =
+                (struct relight_piece){i, b, end - b < VERTEX_GRAIN ? end : b + VERTEX_GRAIN};
     }
     *out = pieces;
     *n_out = n;
@@ -375,11 +376,8 @@ int prt_relight_radial(const struct prt_context *ctx, const struct prt_tensor *t
 {
     if (tensor->storage != PRT_STORAGE_RADIAL)
         return prt_fail(ctx, PRT_ARG, "this transport is not polynomial");
-    struct expand_run run = {.tensor = tensor,
-                             .b = coef,
-                             .b_stride = 3,
-                             .n_triple = tensor->n_phase,
-                             .add = add};
+    struct expand_run run = {
+        .tensor = tensor, .b = coef, .b_stride = 3, .n_triple = tensor->n_phase, .add = add};
     return expand_all(ctx, &run, color);
 }
 

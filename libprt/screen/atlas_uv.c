@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// C08's atlas in the model's own texture coordinates, where no two places of an object share one.
+// C08's atlas in the model's own texture coordinates, where no two places of an object share
+// one.
 #include "internal.h"
 
 #include <math.h>
@@ -12,9 +13,9 @@ enum { MOST_SIDE = 4096 };
 struct chart {
     const struct prt_mesh *mesh;
     uint32_t side, object;
-    uint32_t *owner;           // [side][side] triangle or UINT32_MAX
+    uint32_t *owner; // [side][side] triangle or UINT32_MAX
     uint64_t covered, twice;
-    double area_hit;           // mm^2 of triangles with a texel
+    double area_hit; // mm^2 of triangles with a texel
 };
 
 static double uv_area(const struct prt_mesh *mesh, uint32_t t)
@@ -87,13 +88,15 @@ static void mark_texel(void *arg, uint32_t x, uint32_t y, double bu, double bv)
 }
 
 // Triangles of an object, in [0,1]² and none folded to a line; their areas.
-static bool measure_object(const struct prt_mesh *mesh, uint32_t object, double *uv, double *area)
+static bool measure_object(const struct prt_mesh *mesh, uint32_t object, double *uv,
+                           double *area)
 {
     bool good = true;
     for (uint32_t b = 0; b < mesh->n_block && good; b++) {
         const struct prt_block *k = &mesh->block[b];
         if (k->object != object || !block_translucent(mesh, b)) continue;
-        for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle && good; t++) {
+        for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle && good;
+             t++) {
             double own = triangle_area(mesh, t), flat = fabs(uv_area(mesh, t));
             if (!(own > 0)) continue;
             for (int j = 0; j < 3; j++)
@@ -149,15 +152,16 @@ struct fill {
 static void fill_texel(void *arg, uint32_t x, uint32_t y, double bu, double bv)
 {
     struct fill *f = arg;
-    if (f->chart->owner[(size_t)y * f->chart->side + x] != f->triangle || f->n == f->most) return;
+    if (f->chart->owner[(size_t)y * f->chart->side + x] != f->triangle || f->n == f->most)
+        return;
     f->texel[f->n] = (struct texel){f->triangle, (float)bu, (float)bv, f->area};
-    f->key[f->n] = (struct key){(uint64_t)f->chart->object << CODE_BITS | spread2(x) |
-                                    spread2(y) << 1, f->n};
+    f->key[f->n] = (struct key){
+        (uint64_t)f->chart->object << CODE_BITS | spread2(x) | spread2(y) << 1, f->n};
     f->n++;
 }
 
-// Texels of one object; each stands for A_S / A_T of its own area. What no texel's centre meets is
-// made up for by the others.
+// Texels of one object; each stands for A_S / A_T of its own area. What no texel's centre meets
+// is made up for by the others.
 static void fill_object(struct fill *f)
 {
     const struct prt_mesh *mesh = f->chart->mesh;
@@ -230,7 +234,8 @@ int samples_uv_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh,
             good = false;
         }
     }
-    if (!good) status = prt_fail(ctx, PRT_NOMEM, "screen: no memory for an atlas of %u texels", n);
+    if (!good)
+        status = prt_fail(ctx, PRT_NOMEM, "screen: no memory for an atlas of %u texels", n);
     free(chart.owner);
     free(fill.texel);
     free(fill.key);

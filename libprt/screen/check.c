@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// How far off frames are: at a few points of the picture a frame is held against a sum over many
-// texels. What came out, as a multiple of what the plan foresaw, goes for the frames that follow.
+// How far off frames are: at a few points of the picture a frame is held against a sum over
+// many texels. What came out, as a multiple of what the plan foresaw, goes for the frames that
+// follow.
 #include "internal.h"
 
 #include <math.h>

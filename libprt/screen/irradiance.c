@@ -62,7 +62,8 @@ static uint32_t block16(struct job *job, size_t at, int n)
             packet.dz[i] = d[2];
             packet.tfar[i] = far;
             scale[i] = inv;
-            cosine[i] = d[0] * s->normal[0][k] + d[1] * s->normal[1][k] + d[2] * s->normal[2][k];
+            cosine[i] =
+                d[0] * s->normal[0][k] + d[1] * s->normal[1][k] + d[2] * s->normal[2][k];
             face[i] = d[0] * s->face[0][k] + d[1] * s->face[1][k] + d[2] * s->face[2][k];
             cosine[i] = cosine[i] < 1 ? cosine[i] : 1;
         }
@@ -98,7 +99,11 @@ int irradiance_traced(const struct prt_context *ctx, const struct prt_scene *sce
                       uint32_t n_light, const struct prt_screen_light *light, const float *eta,
                       struct samples *s, uint64_t *n_ray)
 {
-    struct job job = {.scene = scene, .light = light, .n_light = n_light, .eta = eta, .s = s,
+    struct job job = {.scene = scene,
+                      .light = light,
+                      .n_light = n_light,
+                      .eta = eta,
+                      .s = s,
                       .epsilon = prt_scene_epsilon(scene)};
     int status = screen_loop(ctx, s->n, 512, run, &job);
     *n_ray += atomic_load(&job.rays);
@@ -171,8 +176,8 @@ void irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct 
         for (uint32_t y = 0; y < cube->n; y++) {
             for (uint32_t x = 0; x < cube->n; x++) {
                 float d[3], h[16];
-                prt_cube_direction(face, (2 * x + 1.0) / cube->n - 1, (2 * y + 1.0) / cube->n - 1,
-                                   d);
+                prt_cube_direction(face, (2 * x + 1.0) / cube->n - 1,
+                                   (2 * y + 1.0) / cube->n - 1, d);
                 prt_sh_eval(4, d, h);
                 double omega = prt_cube_solid_angle(cube->n, x, y);
                 const float *t = cube->texel + (((size_t)face * cube->n + y) * cube->n + x) * 3;
@@ -200,7 +205,8 @@ void irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct 
         for (int c = 0; c < 3; c++) {
             double e = 0;
             for (int l = 0; l < 4; l++)
-                for (int k = l * l; k < (l + 1) * (l + 1); k++) e += zonal[l] * light[k][c] * h[k];
+                for (int k = l * l; k < (l + 1) * (l + 1); k++)
+                    e += zonal[l] * light[k][c] * h[k];
             s->e[c][i] = e > 0 ? (float)e : 0;
         }
     }

@@ -58,8 +58,8 @@ static struct texel *order_texels(const struct prt_cube *cube, size_t *n_out, do
 
 // Strata of at most `goal` (a brighter texel is one of its own), none across faces; writes them
 // when out is not NULL.
-static uint32_t cut(const struct prt_cube *cube, const struct texel *texel, size_t n, double goal,
-                    struct prt_screen_light *out)
+static uint32_t cut(const struct prt_cube *cube, const struct texel *texel, size_t n,
+                    double goal, struct prt_screen_light *out)
 {
     uint32_t made = 0, size = cube->n;
     size_t face_texels = (size_t)size * size;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Reflectance profiles other than the dipole's: one slab by the multipole, and tables in general.
+// Reflectance profiles other than the dipole's: one slab by the multipole, and tables in
+// general.
 #include "internal.h"
 
 #include <math.h>
@@ -16,9 +17,10 @@ int prt_screen_multipole(const struct prt_context *ctx, const struct prt_materia
         return prt_fail(ctx, PRT_ARG, "multipole: thickness %g mm must be positive and finite",
                         thickness_mm);
     for (int c = 0; c < 3; c++) {
-        struct prt_dipole d;
-        prt_dipole_init(&d, material->sigma_s_prime[c], material->sigma_a[c], material->eta);
-        // mirror images in the extrapolated boundaries z_b outside both faces (2 z_b = z_v - z_r)
+        struct prt_diffusion d;
+        prt_diffusion_init(&d, material->sigma_s_prime[c], material->sigma_a[c], material->eta);
+        // mirror images in the extrapolated boundaries z_b outside both faces (2 z_b = z_v -
+        // z_r)
         double z_b = (d.z_v - d.z_r) / 2, period = 2 * (thickness_mm + 2 * z_b), s = d.sigma_tr;
         if (rho) rho[c] = 0;
         for (uint32_t k = 0; k < n; k++) rd[k][c] = 0;
@@ -26,11 +28,12 @@ int prt_screen_multipole(const struct prt_context *ctx, const struct prt_materia
             double z[2] = {i * period + d.z_r, i * period - d.z_v};
             for (int j = 0; j < 2; j++) {
                 double sign = j ? -1 : 1;
-                if (rho) rho[c] += sign * d.albedo_prime / 2 * copysign(exp(-s * fabs(z[j])), z[j]);
+                if (rho)
+                    rho[c] += sign * d.albedo_prime / 2 * copysign(exp(-s * fabs(z[j])), z[j]);
                 for (uint32_t k = 0; k < n; k++) {
                     double e = sqrt((double)r_mm[k] * r_mm[k] + z[j] * z[j]);
-                    rd[k][c] += (float)(sign * d.albedo_prime / (4 * M_PI) * z[j] * (1 + s * e) *
-                                        exp(-s * e) / (e * e * e));
+                    rd[k][c] += (float)(sign * d.albedo_prime / (4 * M_PI) * z[j] *
+                                        (1 + s * e) * exp(-s * e) / (e * e * e));
                 }
             }
         }
@@ -47,8 +50,9 @@ int prt_screen_profile_check(const struct prt_context *ctx, const struct prt_scr
         for (int c = 0; c < 3; c++) good &= isfinite(p->rd[k][c]) && p->rd[k][c] >= 0;
     }
     if (good) return PRT_OK;
-    return prt_fail(ctx, PRT_ARG, "screen: a profile needs radii ascending from 0 and finite "
-                                  "reflectances >= 0");
+    return prt_fail(ctx, PRT_ARG,
+                    "screen: a profile needs radii ascending from 0 and finite "
+                    "reflectances >= 0");
 }
 
 void prt_screen_table_profile(const void *arg, double r_mm, double out[3])
@@ -63,5 +67,6 @@ void prt_screen_table_profile(const void *arg, double r_mm, double out[3])
         else hi = mid;
     }
     double f = (r_mm - p->r_mm[lo]) / ((double)p->r_mm[hi] - p->r_mm[lo]);
-    for (int c = 0; c < 3; c++) out[c] = p->rd[lo][c] + f * ((double)p->rd[hi][c] - p->rd[lo][c]);
+    for (int c = 0; c < 3; c++)
+        out[c] = p->rd[lo][c] + f * ((double)p->rd[hi][c] - p->rd[lo][c]);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// C08's local pattern: rings of points about a receiver in the light's view, at radii drawn from
-// the local part of R_d, and one point in the middle.
+// C08's local pattern: rings of points about a receiver in the light's view, at radii drawn
+// from the local part of R_d, and one point in the middle.
 #include "internal.h"
 
 #include <math.h>
@@ -32,8 +32,8 @@ static double density(const struct frame *f, uint32_t object, double r_p, double
 {
     double sum = 0;
     for (int c = 0; c < 3; c++) {
-        const struct prt_dipole *d = &f->dipole[object][c];
-        if (d->rho_d > 0) sum += prt_dipole_rd(d, r) / d->rho_d;
+        const struct prt_diffusion *d = &f->dipole[object][c];
+        if (d->rho_d > 0) sum += prt_diffusion_rd(d, r) / d->rho_d;
     }
     return 2 * M_PI * r * sum * prt_screen_local_weight(r, r_p);
 }
@@ -62,7 +62,8 @@ static bool make_pattern(const struct frame *f, uint32_t object, double r_p, dou
         cdf[k] = cdf[k - 1] + density(f, object, r_p, mid) * (radius[k] - radius[k - 1]);
     }
     // the middle stands for the first of rings * spokes + 1 equal shares, ring l for the spokes
-    // shares after its own; a point's area is its share over the density there, as M03's weights
+    // shares after its own; a point's area is its share over the density there, as M03's
+    // weights
     double share = cdf[KNOTS] / out->n;
     int at = 1;
     out->a[0] = out->b[0] = 0;
@@ -71,8 +72,8 @@ static bool make_pattern(const struct frame *f, uint32_t object, double r_p, dou
         double want = share * (1 + ((double)l + 0.5) * spokes);
         while (at < KNOTS && cdf[at] < want) at++;
         double step = cdf[at] - cdf[at - 1];
-        double r = radius[at - 1] + (step > 0 ? (want - cdf[at - 1]) / step : 0) *
-                                        (radius[at] - radius[at - 1]);
+        double r = radius[at - 1] +
+                   (step > 0 ? (want - cdf[at - 1]) / step : 0) * (radius[at] - radius[at - 1]);
         double area = share / (density(f, object, r_p, r) / (2 * M_PI * r));
         for (uint32_t s = 0; s < spokes; s++) {
             double phi = 2 * M_PI * ((s + phase) / spokes + 0.381966011250105 * l);
@@ -113,10 +114,10 @@ typedef void (*receive_fn)(const struct light_map *m, const struct pattern *pat,
 struct job {
     struct frame *f;
     const struct light_map *map;
-    const struct pattern *pattern;     // [object]
-    const struct radial_table *table;  // [object]
+    const struct pattern *pattern;    // [object]
+    const struct radial_table *table; // [object]
     receive_fn receive;
-    const float *rgb;                  // of the light
+    const float *rgb; // of the light
     atomic_uint_fast64_t n_pair;
 };
 
@@ -167,8 +168,12 @@ int scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
         status = light_map_make(f->ctx, f->screen->scene, &f->light[l], &grid, f->eta, &map,
                                 &f->report->n_ray);
         double t1 = prt_time_s();
-        struct job job = {.f = f, .map = &map, .pattern = pattern, .table = table,
-                          .receive = receive_c, .rgb = f->light[l].rgb};
+        struct job job = {.f = f,
+                          .map = &map,
+                          .pattern = pattern,
+                          .table = table,
+                          .receive = receive_c,
+                          .rgb = f->light[l].rgb};
 #if defined(__x86_64__)
         unsigned cpu = f->ctx ? f->ctx->cpu : prt_cpu_detect();
         if (cpu & PRT_CPU_AVX2) job.receive = receive_avx2;

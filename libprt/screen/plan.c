@@ -6,12 +6,14 @@
 #include <string.h>
 
 // Seconds of two cores: fixed + points * per_point + receivers * per_receiver + samples *
-// per_sample + receivers (points for TANGENT) * samples * per_pair. Learned speeds scale all of it.
+// per_sample + receivers (points for TANGENT) * samples * per_pair. Learned speeds scale all of
+// it.
 struct cost {
     double fixed, per_point, per_receiver, per_sample, per_pair;
 };
 static const struct cost cost_of[4] = {
-    [PRT_SCREEN_SPLAT] = {1e-3, 4e-8, 2.5e-7, 1.5e-7, 0}, // samples: n x n; the tree makes pairs few
+    [PRT_SCREEN_SPLAT] = {1e-3, 4e-8, 2.5e-7, 1.5e-7,
+                          0}, // samples: n x n; the tree makes pairs few
     [PRT_SCREEN_TANGENT] = {2e-3, 5e-8, 0, 0, 1.1e-8},
     [PRT_SCREEN_TEXTURE] = {2e-3, 2.2e-8, 0, 1e-6, 2e-10},
     [PRT_SCREEN_HYBRID] = {3e-3, 2.2e-8, 1.7e-7, 2e-6, 2e-10},
@@ -40,21 +42,21 @@ double plan_seconds(enum prt_screen_engine e, uint32_t n, const struct plan_view
     double disc = sqrt(0.35 * v->area_mm2 / w / M_PI), l = v->mean_free_path_mm;
     double pairs = e == PRT_SCREEN_TANGENT ? v->n_point : receivers(v, fmax(l, disc));
     // many lights: every sample traces a ray to each
-    double rays = e == PRT_SCREEN_TANGENT  ? v->n_point + 4e4
+    double rays = e == PRT_SCREEN_TANGENT ? v->n_point + 4e4
                   : e == PRT_SCREEN_SPLAT ? w
                                           : 16 * w + 16384;
     return c->fixed + v->n_point * c->per_point + receivers(v, l) * c->per_receiver +
            pairs * w * c->per_pair + w * c->per_sample + (lights - 1) * rays * 5e-8;
 }
 
-// Fits of the convergence table (prt-bench screen_error). x: samples to a mean free path's square
-// of surface; TANGENT's samples are a pixel's own.
+// Fits of the convergence table (prt-bench screen_error). x: samples to a mean free path's
+// square of surface; TANGENT's samples are a pixel's own.
 double plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
 {
     double l = v->mean_free_path_mm > 0 ? v->mean_free_path_mm : 1e-3, w = work_of(e, n);
     double diameter_mm = v->diameter_mm;
-    double x = w * l * l / (e == PRT_SCREEN_SPLAT ? diameter_mm * diameter_mm
-                                                  : v->area_mm2 + 1e-12);
+    double x =
+        w * l * l / (e == PRT_SCREEN_SPLAT ? diameter_mm * diameter_mm : v->area_mm2 + 1e-12);
     // the table's media: 0.8 of 50 mm and shorter
     double shorter = fmax(1, 0.016 * diameter_mm / l), few = pow(fmax(1, 900.0 / n), 0.25);
     switch (e) {
@@ -62,12 +64,14 @@ double plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *
         // under many lights: layers from all sides in place of what one light sees
         return fmin(1, (v->n_light > FEW_LIGHTS ? 2 : 1) *
                            (0.004 + 0.0105 * pow(x, -0.75) / sqrt(1 + 0.05 / x)));
-    case PRT_SCREEN_TANGENT: return fmin(1, (0.02 + 0.5 * pow(n, -0.9)) * pow(shorter, 0.2));
+    case PRT_SCREEN_TANGENT:
+        return fmin(1, (0.02 + 0.5 * pow(n, -0.9)) * pow(shorter, 0.2));
     case PRT_SCREEN_TEXTURE:
         return fmin(1, 0.0045 * few * pow(x, -0.5) / (1 + 0.08 * pow(x, -0.5)));
     case PRT_SCREEN_HYBRID:
         return fmin(1, (0.004 + 0.005 * pow(900.0 / n, 0.4)) * pow(shorter, 0.35));
-    case PRT_SCREEN_REFERENCE: break;
+    case PRT_SCREEN_REFERENCE:
+        break;
     }
     return 0;
 }
@@ -127,7 +131,8 @@ static int check(const struct prt_context *ctx, const struct prt_screen *screen,
                  const struct prt_visibility *vis, const struct prt_material *material,
                  double budget_ms)
 {
-    if (!screen || !vis || !material) return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
+    if (!screen || !vis || !material)
+        return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
     if (!(budget_ms > 0) || !isfinite(budget_ms))
         return prt_fail(ctx, PRT_ARG, "screen: a budget of %g ms: must be positive", budget_ms);
     return PRT_OK;
@@ -180,9 +185,8 @@ int prt_screen_choose(const struct prt_context *ctx, const struct prt_screen *sc
         bool fits = plan.expected_ms <= 1.1 * budget_ms;
         bool best_fits = best.n_sample && best.expected_ms <= 1.1 * budget_ms;
         bool better = !best.n_sample || (fits && !best_fits) ||
-                      (fits == best_fits &&
-                       (fits ? plan.expected_error < best.expected_error
-                             : plan.expected_ms < best.expected_ms));
+                      (fits == best_fits && (fits ? plan.expected_error < best.expected_error
+                                                  : plan.expected_ms < best.expected_ms));
         if (better) best = plan;
     }
     if (options) {

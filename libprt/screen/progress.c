@@ -12,7 +12,8 @@ struct prt_screen_progress {
 };
 
 int prt_screen_progress_create(const struct prt_context *ctx, struct prt_screen *screen,
-                               const struct prt_visibility *vis, struct prt_screen_progress **out)
+                               const struct prt_visibility *vis,
+                               struct prt_screen_progress **out)
 {
     struct prt_gbuffer g;
     if (!screen || !vis) return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
@@ -56,7 +57,8 @@ int prt_screen_progress_image(const struct prt_context *ctx, struct prt_screen_p
                               const struct prt_shade *shade, struct prt_image *out,
                               struct prt_screen_report *report)
 {
-    if (!options || !shade || !out) return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
+    if (!options || !shade || !out)
+        return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
     struct prt_screen_options own = *options;
     struct prt_screen_report unused;
     if (!report) report = &unused;
@@ -64,8 +66,8 @@ int prt_screen_progress_image(const struct prt_context *ctx, struct prt_screen_p
     own.refine = 0;
     own.measure_error = false;
     // a count chosen anew each time would weigh frames that differ alike
-    int status = prt_screen_radiance(ctx, p->screen, p->vis, material, cube, n_extra, extra, &own,
-                                     p->next, report);
+    int status = prt_screen_radiance(ctx, p->screen, p->vis, material, cube, n_extra, extra,
+                                     &own, p->next, report);
     if (status) return status;
     // frame k weighs k+1: what the first ones smoothed away fades
     float share = 2 / (float)(p->n_frame + 2);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// The exact sum the engines are measured against: every texel, the dipole itself. R_d changes much
-// over the texel nearest to a point: there it is integrated, with the point's own irradiance, and
-// texels stand for what lies further, so that the sum does not jump as points pass texels.
+// The exact sum the engines are measured against: every texel, the dipole itself. R_d changes
+// much over the texel nearest to a point: there it is integrated, with the point's own
+// irradiance, and texels stand for what lies further, so that the sum does not jump as points
+// pass texels.
 #include "internal.h"
 
 #include <math.h>
@@ -15,15 +16,15 @@ struct job {
     const struct samples *s;
     uint32_t *object_begin; // [n_object+1] texels
     const uint32_t *point;
-    const struct samples *own;  // the points, with their irradiance
+    const struct samples *own; // the points, with their irradiance
     double near_mm;
-    double (*share)[3];         // [n_object] of R_d exp(-(r / near_mm)^2)
+    double (*share)[3]; // [n_object] of R_d exp(-(r / near_mm)^2)
     float (*out)[3];
     unsigned cpu;
 };
 
 // What a flat surface gets from its own irradiance.
-static void near_share(const struct prt_dipole d[3], double near_mm, double share[3])
+static void near_share(const struct prt_diffusion d[3], double near_mm, double share[3])
 {
     enum { STEPS = 256 };
     for (int c = 0; c < 3; c++) {
@@ -32,7 +33,7 @@ static void near_share(const struct prt_dipole d[3], double near_mm, double shar
         share[c] = 0;
         for (int k = 0; k < STEPS; k++) {
             double r = top * pow(ratio, -(k + 0.5) / STEPS);
-            share[c] += 2 * M_PI * r * r * prt_dipole_rd(&d[c], r) *
+            share[c] += 2 * M_PI * r * r * prt_diffusion_rd(&d[c], r) *
                         exp(-(r / near_mm) * (r / near_mm)) * log(ratio) / STEPS;
         }
     }
@@ -51,14 +52,15 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
         uint32_t object = job->f->screen->mesh->block[job->f->g.block[point]].object;
         double sum[3] = {0};
         float o[3], factor[6];
-        struct prt_dipole own[3], *dipole = job->f->dipole[object];
+        struct prt_diffusion own[3], *dipole = job->f->dipole[object];
         double scale[3] = {1, 1, 1}, share[3];
         memcpy(share, job->share[object], sizeof share);
         if (maps) { // the medium where light leaves, as in M03
             point_factor(job->f, point, factor);
             for (int c = 0; c < 3; c++) {
                 mapped_dipole(&dipole[c], factor, c, &own[c]);
-                scale[c] = mapped_reflectance(&dipole[c], factor, c) / fmax(own[c].rho_d, 1e-12);
+                scale[c] =
+                    mapped_reflectance(&dipole[c], factor, c) / fmax(own[c].rho_d, 1e-12);
             }
             dipole = own;
             near_share(own, job->near_mm, share);
@@ -73,8 +75,8 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
                 float z = s->p[2][at + j] - o[2];
                 r[j] = x * x + y * y + z * z;
             }
-            prt_dipole_rd3_array(dipole, job->cpu, n, r, r + CHUNK, r + 2 * CHUNK,
-                                 r + 3 * CHUNK);
+            prt_diffusion_rd3_array(dipole, job->cpu, n, r, r + CHUNK, r + 2 * CHUNK,
+                                    r + 3 * CHUNK);
             for (uint32_t j = 0; j < n; j++) {
                 if (!(r[j] < reach)) continue;
                 float far = 1 - expf(-r[j] * inv_near);
@@ -82,10 +84,13 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
             }
             for (int c = 0; c < 3; c++)
                 for (uint32_t j = 0; j < n; j++)
-                    part[c] += r[(size_t)(c + 1) * CHUNK + j] * s->e[c][at + j] * s->area[at + j];
+                    part[c] +=
+                        r[(size_t)(c + 1) * CHUNK + j] * s->e[c][at + j] * s->area[at + j];
             for (int c = 0; c < 3; c++) sum[c] += part[c];
         }
-        for (int c = 0; c < 3; c++) job->out[i][c] = (float)(scale[c] * (sum[c] + share[c] * (double)job->own->e[c][i]) / M_PI);
+        for (int c = 0; c < 3; c++)
+            job->out[i][c] =
+                (float)(scale[c] * (sum[c] + share[c] * (double)job->own->e[c][i]) / M_PI);
     }
     prt_free(r);
     return PRT_OK;
@@ -106,16 +111,18 @@ int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double 
     // wide enough that what is left is smooth from texel to texel
     double near_mm = s->n ? 2.5 * sqrt(f->screen->area_mm2 / s->n / M_PI) : 1;
     struct samples own = {0};
-    struct job job = {f, s, begin, point, &own, near_mm, share, out,
-                      f->ctx ? f->ctx->cpu : prt_cpu_detect()};
-    if (!point || !begin || !out || !share) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    struct job job = {
+        f, s, begin, point, &own, near_mm, share, out, f->ctx ? f->ctx->cpu : prt_cpu_detect()};
+    if (!point || !begin || !out || !share)
+        status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     if (!status) {
         for (uint32_t i = 0; i < f->g.n_point; i++)
             if (!f->g.opaque[i] && skip++ % stride == 0) point[n++] = i;
         for (uint32_t i = 0; i < s->n; i++) begin[s->object[i] + 1]++;
         for (uint32_t o = 0; o < f->n_object; o++) begin[o + 1] += begin[o];
         for (uint32_t o = 0; o < f->n_object; o++) near_share(f->dipole[o], near_mm, share[o]);
-        if (!seen_samples(f, n, point, &own)) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+        if (!seen_samples(f, n, point, &own))
+            status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
         if (!status) status = frame_irradiance(f, &own);
         if (!status) status = screen_loop(f->ctx, n, 16, run, &job);
     }

@@ -13,9 +13,11 @@ bool samples_init(struct samples *s, uint32_t capacity)
     capacity = (capacity + 47) & ~15u;
     bool good = (s->area = prt_calloc(capacity, 4)) && (s->object = prt_calloc(capacity, 4)) &&
                 (s->triangle = prt_calloc(capacity, 4)) &&
-                (s->bary[0] = prt_calloc(capacity, 4)) && (s->bary[1] = prt_calloc(capacity, 4));
+                (s->bary[0] = prt_calloc(capacity, 4)) &&
+                (s->bary[1] = prt_calloc(capacity, 4));
     for (int k = 0; k < 3 && good; k++)
-        good = (s->p[k] = prt_calloc(capacity, 4)) && (s->normal[k] = prt_calloc(capacity, 4)) &&
+        good = (s->p[k] = prt_calloc(capacity, 4)) &&
+               (s->normal[k] = prt_calloc(capacity, 4)) &&
                (s->face[k] = prt_calloc(capacity, 4)) && (s->e[k] = prt_calloc(capacity, 4));
     s->capacity = capacity;
     if (!good) samples_finish(s);
@@ -44,8 +46,8 @@ bool block_translucent(const struct prt_mesh *mesh, uint32_t block)
 }
 
 // Position, smooth normal and face normal of a place in a triangle; its area.
-double place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv,
-                    struct samples *s, uint32_t at)
+double place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv, struct samples *s,
+             uint32_t at)
 {
     const uint32_t *v = mesh->triangle[t];
     double w[3] = {1 - bu - bv, bu, bv}, n[3], e1[3], e2[3], face[3], length = 0, fl = 0;
@@ -111,7 +113,8 @@ struct key *sort_keys(struct key *key, struct key *other, size_t n)
         size_t start[DIGITS + 1] = {0};
         for (size_t i = 0; i < n; i++) start[(key[i].code >> shift & (DIGITS - 1)) + 1]++;
         for (int k = 0; k < DIGITS; k++) start[k + 1] += start[k];
-        for (size_t i = 0; i < n; i++) other[start[key[i].code >> shift & (DIGITS - 1)]++] = key[i];
+        for (size_t i = 0; i < n; i++)
+            other[start[key[i].code >> shift & (DIGITS - 1)]++] = key[i];
         struct key *swap = key;
         key = other;
         other = swap;
@@ -179,7 +182,8 @@ static struct key *order_triangles(const struct prt_mesh *mesh, uint32_t *n_out,
             float c[3] = {0, 0, 0};
             for (int i = 0; i < 3; i++)
                 for (int j = 0; j < 3; j++) c[i] += mesh->position[mesh->triangle[t][j]][i] / 3;
-            key[n++] = (struct key){(uint64_t)k->object << CODE_BITS | morton(box[0], inv, c), t};
+            key[n++] =
+                (struct key){(uint64_t)k->object << CODE_BITS | morton(box[0], inv, c), t};
         }
     }
     *n_out = n;
@@ -265,7 +269,7 @@ struct view {
     float origin[3], u[3], v[3], d[3];
     float step, length, epsilon, lo[3], inv_edge;
     uint32_t nu, nv;
-    int axis;              // >= 0: peel all layers, keep what faces this axis most
+    int axis; // >= 0: peel all layers, keep what faces this axis most
     struct row *row;
     atomic_uint_fast64_t rays;
 };
@@ -474,8 +478,8 @@ static void set_view(struct view *view, const struct prt_mesh *mesh, const struc
     view->nv = (uint32_t)fmax(1, ceil((vhi - b) / view->step) + 1);
     view->length = (float)(ends[1] - ends[0] + 2 * margin);
     for (int k = 0; k < 3; k++)
-        view->origin[k] = a * view->u[k] + b * view->v[k] +
-                          (float)(ends[0] - margin) * view->d[k];
+        view->origin[k] =
+            a * view->u[k] + b * view->v[k] + (float)(ends[0] - margin) * view->d[k];
 }
 
 int samples_peel(const struct prt_context *ctx, const struct prt_scene *scene,
@@ -508,7 +512,10 @@ int samples_peel(const struct prt_context *ctx, const struct prt_scene *scene,
 static void aim(struct view *view, const struct prt_mesh *mesh, const struct prt_scene *scene,
                 const struct prt_screen_light *light, const struct grid *grid)
 {
-    *view = (struct view){.scene = scene, .mesh = mesh, .axis = -1, .step = grid->spacing_mm,
+    *view = (struct view){.scene = scene,
+                          .mesh = mesh,
+                          .axis = -1,
+                          .step = grid->spacing_mm,
                           .epsilon = prt_scene_epsilon(scene),
                           .triangle_block = grid->triangle_block};
     const float *w = light->where;
@@ -600,7 +607,9 @@ static int fill_map(void *arg, size_t begin, size_t end, unsigned worker)
             c = l > 0 ? c / sqrtf(l) : 0;
             // E dA is F_t cos L dA: per area across the light the cosine to the face goes
             double f = c > 0 ? prt_fresnel_transmittance((double)job->eta[q->object],
-                                                         fmin((double)c, 1)) * (double)c : 0;
+                                                         fmin((double)c, 1)) *
+                                   (double)c
+                             : 0;
             double area = (double)(h->area / (view->step * view->step)), face[3], a = 0, b = 0;
             face_normal(view->mesh, h->triangle, face);
             double along = 0;

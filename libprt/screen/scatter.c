@@ -11,11 +11,11 @@ struct job {
     struct frame *f;
     pair_fn pairs;
     const struct radial_table *table;
-    const struct emitters *list;   // per object, in classes; or
+    const struct emitters *list; // per object, in classes; or
     const uint32_t (*class_end)[CLASSES];
     const struct tree *tree;
     float opening, r_max;
-    struct emitters *scratch;      // per worker
+    struct emitters *scratch; // per worker
     atomic_uint_fast64_t n_pair;
 };
 
@@ -38,7 +38,8 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
     const struct view_cache *v = f->view;
     uint64_t pairs = 0;
     for (size_t tile = begin; tile < end; tile++) {
-        uint32_t first = v->begin[tile], n = v->begin[tile + 1] - first, object = v->object[tile];
+        uint32_t first = v->begin[tile], n = v->begin[tile + 1] - first,
+                 object = v->object[tile];
         const float *const p[3] = {v->p[0] + first, v->p[1] + first, v->p[2] + first};
         float *const sum[3] = {f->sum[0] + first, f->sum[1] + first, f->sum[2] + first};
         if (job->list) {
@@ -58,9 +59,11 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
         struct emitters *e = &job->scratch[worker];
         tile_box(v, (uint32_t)tile, lo, hi);
         e->n = 0;
-        if (!tree_gather(job->tree, object, lo, hi, job->opening, job->r_max, e)) return PRT_NOMEM;
+        if (!tree_gather(job->tree, object, lo, hi, job->opening, job->r_max, e))
+            return PRT_NOMEM;
         for (uint32_t at = 0; at < e->n; at += 512)
-            job->pairs(&job->table[object], e, at, at + 512 < e->n ? at + 512 : e->n, n, p, sum);
+            job->pairs(&job->table[object], e, at, at + 512 < e->n ? at + 512 : e->n, n, p,
+                       sum);
         pairs += (uint64_t)n * e->n;
     }
     atomic_fetch_add(&job->n_pair, pairs);
@@ -94,7 +97,8 @@ int scatter_tree(struct frame *f, const struct radial_table *table, const struct
     struct tree tree;
     int status = tree_build(f->ctx, s, f->n_object, &tree);
     if (status) return prt_fail(f->ctx, status, "screen: no memory for a tree of %u", s->n);
-    struct job job = {.f = f, .table = table, .tree = &tree, .opening = opening, .r_max = r_max};
+    struct job job = {
+        .f = f, .table = table, .tree = &tree, .opening = opening, .r_max = r_max};
     status = go(&job);
     tree_finish(&tree);
     return status;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The public calls: a frame's lights and tables are set up, an engine runs, the result composed.
+// The public calls: a frame's lights and tables are set up, an engine runs, the result
+// composed.
 #include "internal.h"
 #include "prt/surface.h"
 
@@ -64,7 +65,8 @@ void prt_screen_destroy(struct prt_screen *s)
     prt_free(s);
 }
 
-int screen_loop(const struct prt_context *ctx, size_t n, size_t grain, prt_loop_fn fn, void *arg)
+int screen_loop(const struct prt_context *ctx, size_t n, size_t grain, prt_loop_fn fn,
+                void *arg)
 {
     int status = prt_progress(ctx, "picture", 0);
     return status ? status : prt_parallel_for(ctx, "picture", n, grain, fn, arg);
@@ -125,7 +127,8 @@ static int make_tables(struct frame *f, const struct prt_material *material)
     f->dipole = calloc(n, sizeof *f->dipole);
     f->eta = calloc(n, sizeof *f->eta);
     f->table = prt_alloc(n, sizeof *f->table);
-    if (!f->dipole || !f->eta || !f->table) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    if (!f->dipole || !f->eta || !f->table)
+        return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     for (uint32_t o = 0; o < f->n_object; o++) {
         const struct prt_material *m = material;
         if (f->options->object_material) m = &f->options->object_material[o];
@@ -167,7 +170,8 @@ static int make_lights(struct frame *f, uint32_t n_extra, const struct prt_scree
             good &= isfinite(l.where[k]) && isfinite(l.rgb[k]) && l.rgb[k] >= 0;
         }
         if (!good || (!l.point && !(length > 1e-12f)))
-            return prt_fail(f->ctx, PRT_ARG, "screen: light %u needs a finite place and colour", i);
+            return prt_fail(f->ctx, PRT_ARG, "screen: light %u needs a finite place and colour",
+                            i);
         for (int k = 0; k < 3 && !l.point; k++) l.where[k] /= sqrtf(length);
         f->light[f->n_light++] = l;
     }
@@ -197,7 +201,8 @@ static int light_opaque(struct frame *f)
     for (uint32_t i = 0, at = 0; !status && i < f->g.n_point; i++) {
         if (!f->g.opaque[i]) continue;
         const float *albedo = mesh->surface[mesh->block[f->g.block[i]].surface].base_color;
-        for (int k = 0; k < 3; k++) f->radiance[i][k] = albedo[k] * s.e[k][at] * (float)(1 / M_PI);
+        for (int k = 0; k < 3; k++)
+            f->radiance[i][k] = albedo[k] * s.e[k][at] * (float)(1 / M_PI);
         at++;
     }
     samples_finish(&s);
@@ -211,13 +216,14 @@ static int check_options(const struct prt_context *ctx, const struct prt_screen_
     if ((unsigned)o->engine >= N_ENGINE)
         return prt_fail(ctx, PRT_ARG, "screen: unknown engine %d", (int)o->engine);
     if (o->n_sample > most[o->engine] || o->n_sample == 1)
-        return prt_fail(ctx, PRT_ARG, "screen: %u samples for %s: 2 to %u are allowed", o->n_sample,
-                        engine_name[o->engine], most[o->engine]);
+        return prt_fail(ctx, PRT_ARG, "screen: %u samples for %s: 2 to %u are allowed",
+                        o->n_sample, engine_name[o->engine], most[o->engine]);
     if ((o->rings > 0) != (o->spokes > 0) || o->rings > 256 || o->spokes > 256)
         return prt_fail(ctx, PRT_ARG, "screen: a pattern of %u rings of %u: 1 to 256 of both",
                         o->rings, o->spokes);
     if (!(o->budget_ms >= 0 && o->bound >= 0 && o->epsilon >= 0 && o->epsilon < 1))
-        return prt_fail(ctx, PRT_ARG, "screen: budget and bound must be >= 0, epsilon in [0,1)");
+        return prt_fail(ctx, PRT_ARG,
+                        "screen: budget and bound must be >= 0, epsilon in [0,1)");
     return PRT_OK;
 }
 
@@ -250,12 +256,17 @@ static int run_engine(struct frame *f)
         return prt_fail(f->ctx, PRT_ARG, "screen: profiles are not for %s",
                         prt_screen_engine_name(f->options->engine));
     switch (f->options->engine) {
-    case PRT_SCREEN_SPLAT: return engine_splat(f);
-    case PRT_SCREEN_TANGENT: return engine_tangent(f);
-    case PRT_SCREEN_TEXTURE: return engine_texture(f, false);
-    case PRT_SCREEN_HYBRID: return engine_texture(f, true);
+    case PRT_SCREEN_SPLAT:
+        return engine_splat(f);
+    case PRT_SCREEN_TANGENT:
+        return engine_tangent(f);
+    case PRT_SCREEN_TEXTURE:
+        return engine_texture(f, false);
+    case PRT_SCREEN_HYBRID:
+        return engine_texture(f, true);
     case PRT_SCREEN_REFERENCE:
-        return engine_reference(f, f->options->n_sample ? f->options->n_sample : 262144, 1, NULL);
+        return engine_reference(f, f->options->n_sample ? f->options->n_sample : 262144, 1,
+                                NULL);
     }
     return prt_fail(f->ctx, PRT_ARG, "screen: unknown engine %d", (int)f->options->engine);
 }
@@ -288,7 +299,8 @@ static int begin_frame(struct frame *f, const struct prt_material *material, uin
 
 struct plan_view frame_plan(const struct frame *f)
 {
-    return (struct plan_view){.n_point = f->g.n_point, .n_light = f->n_light,
+    return (struct plan_view){.n_point = f->g.n_point,
+                              .n_light = f->n_light,
                               .pixel_mm = (double)view_pixel_mm(f->vis),
                               .area_mm2 = f->screen->area_mm2,
                               .diameter_mm = (double)f->screen->diameter_mm,
@@ -320,17 +332,23 @@ static uint32_t measure_texels(const struct frame *f)
 int screen_measure(const struct prt_context *ctx, struct prt_screen *screen,
                    const struct prt_visibility *vis, const struct prt_material *material,
                    const struct prt_cube *cube, uint32_t n_extra,
-                   const struct prt_screen_light *extra, const struct prt_screen_options *options,
-                   const float (*radiance)[3], double *error)
+                   const struct prt_screen_light *extra,
+                   const struct prt_screen_options *options, const float (*radiance)[3],
+                   double *error)
 {
     struct prt_screen_report report = {0};
-    struct frame f = {.ctx = ctx, .screen = screen, .vis = vis, .cube = cube, .options = options,
+    struct frame f = {.ctx = ctx,
+                      .screen = screen,
+                      .vis = vis,
+                      .cube = cube,
+                      .options = options,
                       .report = &report};
     int status = begin_frame(&f, material, n_extra, extra);
     // read only: engine_reference compares
     f.radiance = (float(*)[3])(uintptr_t)radiance;
     if (!status && f.any && screen->area_mm2 > 0)
-        status = engine_reference(&f, measure_texels(&f), f.g.n_point / MEASURE_POINTS + 1, error);
+        status =
+            engine_reference(&f, measure_texels(&f), f.g.n_point / MEASURE_POINTS + 1, error);
     finish_frame(&f);
     return status;
 }
@@ -341,8 +359,8 @@ static bool changed(double before, double now)
     return now > 1.5 * before || before > 1.5 * now;
 }
 
-// What the daemon and the plan are told afterwards. The first frame of a kind is checked, and every
-// CHECK_EVERY-th one: bodies and lights differ more than sample counts tell.
+// What the daemon and the plan are told afterwards. The first frame of a kind is checked, and
+// every CHECK_EVERY-th one: bodies and lights differ more than sample counts tell.
 static int report_frame(struct frame *f, double seconds)
 {
     enum { CHECK_EVERY = 16 };
@@ -382,18 +400,24 @@ int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen
     struct prt_screen_report unused;
     if (!screen || !vis || !material || !options || !radiance)
         return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
-    struct frame f = {.ctx = ctx, .screen = screen, .vis = vis, .cube = cube, .options = options,
-                      .radiance = radiance, .report = report ? report : &unused};
+    struct frame f = {.ctx = ctx,
+                      .screen = screen,
+                      .vis = vis,
+                      .cube = cube,
+                      .options = options,
+                      .radiance = radiance,
+                      .report = report ? report : &unused};
     double started = prt_time_s();
-    *f.report = (struct prt_screen_report){.engine = options->engine, .error = -1,
-                                           .frame = options->frame};
+    *f.report = (struct prt_screen_report){
+        .engine = options->engine, .error = -1, .frame = options->frame};
     int status = begin_frame(&f, material, n_extra, extra);
     memset(radiance, 0, f.g.n_point * sizeof *radiance);
     if (!status) status = light_opaque(&f);
     if (!status && f.any && screen->area_mm2 > 0) {
         status = run_engine(&f);
         if (!status) status = report_frame(&f, prt_time_s() - started);
-        bool own = options->engine == PRT_SCREEN_TANGENT || options->engine == PRT_SCREEN_REFERENCE;
+        bool own =
+            options->engine == PRT_SCREEN_TANGENT || options->engine == PRT_SCREEN_REFERENCE;
         if (!status && !own && maps_tint(options)) status = map_tint(&f);
         if (!status && options->measure_error && frame_measurable(options))
             status = engine_reference(&f, measure_texels(&f), f.g.n_point / MEASURE_POINTS + 1,
@@ -413,11 +437,11 @@ int prt_screen_image(const struct prt_context *ctx, struct prt_screen *screen,
     struct prt_gbuffer g;
     prt_visibility_gbuffer(vis, &g);
     float(*radiance)[3] = prt_alloc((size_t)g.n_point + 1, sizeof *radiance);
-    if (!radiance) return prt_fail(ctx, PRT_NOMEM, "screen: no memory for %u points", g.n_point);
+    if (!radiance)
+        return prt_fail(ctx, PRT_NOMEM, "screen: no memory for %u points", g.n_point);
     int status = prt_screen_radiance(ctx, screen, vis, material, cube, n_extra, extra, options,
                                      radiance, report);
-    if (!status)
-        status = prt_shade_points(ctx, vis, (const float(*)[3])radiance, shade, out);
+    if (!status) status = prt_shade_points(ctx, vis, (const float(*)[3])radiance, shade, out);
     prt_free(radiance);
     return status;
 }

@@ -14,11 +14,11 @@ static float cut_radius(const struct frame *f, double epsilon)
     double most = 0;
     for (uint32_t o = 0; o < f->n_object; o++) {
         for (int c = 0; c < 3; c++) {
-            const struct prt_dipole *d = &f->dipole[o][c];
+            const struct prt_diffusion *d = &f->dipole[o][c];
             double lo = 0, hi = 4 * (double)f->screen->diameter_mm + 1;
             for (int k = 0; k < 48; k++) {
                 double r = (lo + hi) / 2;
-                if (prt_dipole_tail(d, r) < epsilon * d->rho_d) hi = r;
+                if (prt_diffusion_tail(d, r) < epsilon * d->rho_d) hi = r;
                 else lo = r;
             }
             most = fmax(most, hi);
@@ -38,7 +38,8 @@ struct grid frame_grid(const struct frame *f, float spacing_mm)
     return grid;
 }
 
-int scatter_discs(struct frame *f, const struct samples *s, double r_p, float opening, float r_max)
+int scatter_discs(struct frame *f, const struct samples *s, double r_p, float opening,
+                  float r_max)
 {
     struct radial_table *table = prt_calloc(f->n_object ? f->n_object : 1, sizeof *table);
     if (!table) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
@@ -46,7 +47,8 @@ int scatter_discs(struct frame *f, const struct samples *s, double r_p, float op
         uint32_t object = s->object[first];
         double area = 0, power = 0;
         for (last = first; last < s->n && s->object[last] == object; last++) {
-            double w = (double)((s->e[0][last] + s->e[1][last] + s->e[2][last]) * s->area[last]);
+            double w =
+                (double)((s->e[0][last] + s->e[1][last] + s->e[2][last]) * s->area[last]);
             area += w * (double)s->area[last];
             power += w;
         }
@@ -134,8 +136,7 @@ int engine_splat(struct frame *f)
     if (!screen->peel.n || screen->peel_spacing != spacing || screen->peel_seed != f->seed) {
         struct grid grid = frame_grid(f, spacing);
         samples_finish(&screen->peel);
-        status = samples_peel(f->ctx, screen->scene, &grid, &screen->peel,
-                                  &f->report->n_ray);
+        status = samples_peel(f->ctx, screen->scene, &grid, &screen->peel, &f->report->n_ray);
         if (status) return status;
         screen->peel_spacing = spacing;
         screen->peel_seed = f->seed;

@@ -64,8 +64,8 @@ void radial_table_eval(const struct radial_table *t, float r_sq, float out[3])
 
 void prt_screen_dipole_profile(const void *dipole3, double r_mm, double out[3])
 {
-    const struct prt_dipole *d = dipole3;
-    for (int c = 0; c < 3; c++) out[c] = prt_dipole_rd(&d[c], r_mm);
+    const struct prt_diffusion *d = dipole3;
+    for (int c = 0; c < 3; c++) out[c] = prt_diffusion_rd(&d[c], r_mm);
 }
 
 double prt_screen_local_weight(double r_mm, double r_p_mm)
@@ -77,12 +77,12 @@ double prt_screen_local_weight(double r_mm, double r_p_mm)
 
 // What a table is fitted to: R_d, its local or its global part, averaged over a disc.
 struct split {
-    profile_fn fn;   // three dipoles or a table, and its argument
+    profile_fn fn; // three dipoles or a table, and its argument
     const void *profile;
-    double r_p;      // < 0: no split
+    double r_p; // < 0: no split
     bool local;
-    double own_mm;   // > 0, without r_p: what texture sampling reads at the pixel itself
-    double disc_mm;  // radius; 0: a point
+    double own_mm;  // > 0, without r_p: what texture sampling reads at the pixel itself
+    double disc_mm; // radius; 0: a point
 };
 
 // What share of R_d light at r comes from the pixel's own irradiance.
@@ -119,7 +119,7 @@ static void split_profile(const void *arg, double r_mm, double out[3])
     }
 }
 
-static double finest_scale(const struct prt_dipole *d)
+static double finest_scale(const struct prt_diffusion *d)
 {
     return fmin(d[0].z_r, fmin(d[1].z_r, d[2].z_r));
 }
@@ -127,8 +127,8 @@ static double finest_scale(const struct prt_dipole *d)
 static struct split split_of(const struct frame *f, uint32_t object, double r_p, double own_mm,
                              bool local, double disc_mm)
 {
-    struct split split = {prt_screen_dipole_profile, f->dipole[object], r_p, local, own_mm,
-                          disc_mm};
+    struct split split = {
+        prt_screen_dipole_profile, f->dipole[object], r_p, local, own_mm, disc_mm};
     if (f->options->profile) {
         split.fn = prt_screen_table_profile;
         split.profile = &f->options->profile[object];
@@ -149,11 +149,13 @@ void own_share(const struct frame *f, uint32_t object, double own_mm, double sha
     enum { STEPS = 256 };
     struct split split = split_of(f, object, -1, own_mm, true, 0);
     // r dr at equal steps of log r: the weight is gone at 4 own_mm
-    double top = 4 * own_mm, ratio = 4 * own_mm / (1e-3 * fmin(own_mm, finest_scale(f->dipole[object])));
+    double top = 4 * own_mm,
+           ratio = 4 * own_mm / (1e-3 * fmin(own_mm, finest_scale(f->dipole[object])));
     for (int c = 0; c < 3; c++) share[c] = 0;
     for (int k = 0; k < STEPS; k++) {
         double r = top * pow(ratio, -(k + 0.5) / STEPS), value[3];
         split_profile(&split, r, value);
-        for (int c = 0; c < 3; c++) share[c] += 2 * M_PI * r * r * value[c] * log(ratio) / STEPS;
+        for (int c = 0; c < 3; c++)
+            share[c] += 2 * M_PI * r * r * value[c] * log(ratio) / STEPS;
     }
 }

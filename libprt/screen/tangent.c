@@ -15,16 +15,17 @@ enum { LANES = 64, VARIANTS = 16 };
 // A pixel that meets the surface at a more grazing angle shows too much of it to be a plane.
 #define LEAST_COSINE 0.2f
 
-double prt_screen_tangent_radius(const struct prt_dipole d[3], double xi, double from_mm)
+double prt_screen_tangent_radius(const struct prt_diffusion d[3], double xi, double from_mm)
 {
-    // M03 picks one term of one channel and solves for it; the mean of the channels' closed-form
-    // tails is solved here at once, so that one stratified number stratifies the radius
+    // M03 picks one term of one channel and solves for it; the mean of the channels'
+    // closed-form tails is solved here at once, so that one stratified number stratifies the
+    // radius
     double want = 1 - xi, lo = from_mm, hi = fmax(2 * from_mm, d[0].z_r), r;
     double inv[3];
     for (int c = 0; c < 3; c++) inv[c] = d[c].rho_d > 0 ? 1 / (3 * d[c].rho_d) : 0;
     for (int k = 0; k < 200; k++, hi *= 2) {
         double g = 0;
-        for (int c = 0; c < 3; c++) g += inv[c] * prt_dipole_tail(&d[c], hi);
+        for (int c = 0; c < 3; c++) g += inv[c] * prt_diffusion_tail(&d[c], hi);
         if (g <= want) break;
         lo = hi;
     }
@@ -32,8 +33,8 @@ double prt_screen_tangent_radius(const struct prt_dipole d[3], double xi, double
     for (int k = 0; k < 60; k++) {
         double g = 0, slope = 0;
         for (int c = 0; c < 3; c++) {
-            g += inv[c] * prt_dipole_tail(&d[c], r);
-            slope += inv[c] * 2 * M_PI * r * prt_dipole_rd(&d[c], r);
+            g += inv[c] * prt_diffusion_tail(&d[c], r);
+            slope += inv[c] * 2 * M_PI * r * prt_diffusion_rd(&d[c], r);
         }
         if (g > want) lo = r;
         else hi = r;
@@ -57,20 +58,20 @@ struct seen {
     float p[3];
     uint32_t object;
     float n[3];
-    float plane;        // (p - eye).n
+    float plane; // (p - eye).n
     float e[3];
-    float depth;        // (p - eye) along the view
+    float depth; // (p - eye) along the view
 };
 
 struct tangent_job {
-    const struct seen *seen;   // [n_point]
+    const struct seen *seen; // [n_point]
     const float *face[3];
     const uint8_t *needed, *variant, *medium; // [n_point]; medium NULL: the object's
-    const uint32_t *point_of;  // [pixel] or UINT32_MAX
-    const struct radial_table *table; // [medium]
-    struct prt_dipole (*dipole)[3];
-    float (*inv_rho)[3];       // [medium] 1 / (3 rho_d)
-    const float (*rho)[3];     // [n_point] rho_d of the point's own medium; NULL without maps
+    const uint32_t *point_of;                 // [pixel] or UINT32_MAX
+    const struct radial_table *table;         // [medium]
+    struct prt_diffusion (*dipole)[3];
+    float (*inv_rho)[3];   // [medium] 1 / (3 rho_d)
+    const float (*rho)[3]; // [n_point] rho_d of the point's own medium; NULL without maps
     uint32_t n_medium;
     struct pattern pattern[VARIANTS];
     uint32_t n_tangent, n_uniform, width, height;
@@ -172,12 +173,14 @@ static int make_radii(void *arg, size_t begin, size_t end, unsigned worker)
 }
 
 // Golden-angle spirals, each variant's turned; uniform points at equal steps of visible area.
-static bool make_patterns(struct tangent_job *job, const struct frame *f, const double *area_cdf)
+static bool make_patterns(struct tangent_job *job, const struct frame *f,
+                          const double *area_cdf)
 {
     uint32_t n = job->n_tangent;
     struct prt_rng rng;
-    // frames of a running mean go on with one sequence: a pixel's angles and uniform samples fill
-    // the gaps that those before left, where new random ones would leave their noise in the mean
+    // frames of a running mean go on with one sequence: a pixel's angles and uniform samples
+    // fill the gaps that those before left, where new random ones would leave their noise in
+    // the mean
     const uint32_t frame = f->options->frame;
     const double turned = frame * 0.6180339887498949, moved = frame * 0.7548776662466927;
     prt_rng_init(&rng, f->options->seed, 100);
@@ -217,7 +220,8 @@ static bool make_patterns(struct tangent_job *job, const struct frame *f, const 
     return prt_parallel_for(f->ctx, NULL, job->n_medium, 1, make_radii, &radii) == PRT_OK;
 }
 
-// Surface area behind each visible translucent point, running: its pixel's share of solid angle.
+// Surface area behind each visible translucent point, running: its pixel's share of solid
+// angle.
 static double *visible_areas(const struct frame *f, const struct tangent_job *job,
                              const struct tangent_view *view)
 {
@@ -280,8 +284,8 @@ static bool map_pixels(const struct frame *f, struct tangent_view *v)
     float pixel = view_pixel_mm(f->vis);
     for (uint32_t i = 0; i < f->g.n_point; i++) {
         uint32_t own = v->point_of[f->g.pixel[i]];
-        v->needed[i] = !f->g.opaque[i] &&
-                       (own == i || !alike(f, &v->seen, i, own, 4 * pixel * pixel));
+        v->needed[i] =
+            !f->g.opaque[i] && (own == i || !alike(f, &v->seen, i, own, 4 * pixel * pixel));
     }
     return true;
 }
@@ -296,8 +300,8 @@ struct filter_job {
 };
 
 // Interleaved samples are put together again: each of the 16 variants weighs the same in a 5x5
-// window whose rim counts half. Only pixels on the same patch of surface take part. Later frames
-// of a running mean need less of it.
+// window whose rim counts half. Only pixels on the same patch of surface take part. Later
+// frames of a running mean need less of it.
 static int filter_points(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct filter_job *job = arg;
@@ -331,8 +335,8 @@ static int filter_points(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// With maps light is filtered per total reflectance: media differ from point to point, and each has
-// its own colour. What came from elsewhere was summed with the object's plain medium.
+// With maps light is filtered per total reflectance: media differ from point to point, and each
+// has its own colour. What came from elsewhere was summed with the object's plain medium.
 static void per_reflectance(const struct frame *f, const struct tangent_job *job,
                             const struct samples *seen, bool plain, float (*rgb)[3])
 {
@@ -346,7 +350,8 @@ static void per_reflectance(const struct frame *f, const struct tangent_job *job
     }
 }
 
-static int sample_and_filter(struct frame *f, struct tangent_job *job, const struct samples *seen)
+static int sample_and_filter(struct frame *f, struct tangent_job *job,
+                             const struct samples *seen)
 {
     float(*own)[3] = prt_alloc((size_t)f->g.n_point + 1, sizeof *own);
     if (!own) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
@@ -362,7 +367,8 @@ static int sample_and_filter(struct frame *f, struct tangent_job *job, const str
     // the pattern repeats after four pixels, however short light's way is
     float least = max_f(scale, 3 * view_pixel_mm(f->vis));
     struct filter_job filter = {f, job, seen, (const float(*)[3])own, least * least, half};
-    if (!status) status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 1024, filter_points, &filter);
+    if (!status)
+        status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 1024, filter_points, &filter);
     prt_free(own);
     return status;
 }
@@ -425,12 +431,15 @@ static int keep_hidden(const struct frame *f, const struct tangent_job *job,
 }
 
 // Light from what the eye does not see, through the light's view or the atlas.
-static int hidden_part(struct frame *f, const struct tangent_job *job, const struct samples *seen)
+static int hidden_part(struct frame *f, const struct tangent_job *job,
+                       const struct samples *seen)
 {
     float lu = smallest_mean_free_path(f), far = 4 * f->screen->diameter_mm;
     if (!only_light_views(f)) {
         double texels = f->screen->area_mm2 / (0.5 * (double)lu * lu);
-        int status = frame_atlas(f, texels < 8192 ? 8192 : texels > 65536 ? 65536 : (uint32_t)texels);
+        int status = frame_atlas(f, texels < 8192    ? 8192
+                                    : texels > 65536 ? 65536
+                                                     : (uint32_t)texels);
         if (status) return status;
         status = keep_hidden(f, job, seen, &f->screen->atlas);
         return status ? status : scatter_discs(f, &f->screen->atlas, -1, 0.8f, far);
@@ -449,9 +458,10 @@ static int hidden_part(struct frame *f, const struct tangent_job *job, const str
     return PRT_OK;
 }
 
-// Whether the plane of point i is all that its pixel shows of the surface: the pixel is full of one
-// smooth patch that goes on in its neighbours and does not graze the view. Light on the surface
-// of other pixels comes from points that the light sees, so that none counts twice or not at all.
+// Whether the plane of point i is all that its pixel shows of the surface: the pixel is full of
+// one smooth patch that goes on in its neighbours and does not graze the view. Light on the
+// surface of other pixels comes from points that the light sees, so that none counts twice or
+// not at all.
 static bool readable(const struct frame *f, const struct tangent_job *job,
                      const struct tangent_view *v, uint32_t i)
 {
@@ -525,7 +535,7 @@ static int tangent_view_get(struct frame *f, const struct tangent_job *job)
 // A medium for each object, or with maps for each set of like factors.
 struct mix {
     struct media media;
-    struct prt_dipole (*dipole)[3];
+    struct prt_diffusion (*dipole)[3];
     struct radial_table *table;
 };
 
@@ -541,9 +551,10 @@ static int make_mix(struct frame *f, struct mix *mix, struct tangent_job *job)
         uint32_t n = mix->media.n ? mix->media.n : 1;
         mix->dipole = calloc(n, sizeof *mix->dipole);
         mix->table = prt_calloc(n, sizeof *mix->table);
-        if (!mix->dipole || !mix->table) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+        if (!mix->dipole || !mix->table)
+            return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
         for (uint32_t k = 0; k < mix->media.n; k++) {
-            const struct prt_dipole *base = f->dipole[mix->media.object[k]];
+            const struct prt_diffusion *base = f->dipole[mix->media.object[k]];
             const float *factor = mix->media.factor[k];
             double scale = INFINITY;
             for (int c = 0; c < 3; c++) {

@@ -5,12 +5,13 @@
 #include "radial_kernel.h"
 
 /* sum += R_d E / density over lanes. Lane i looks along x (tangent-plane point relative to the
- * eye) at G-buffer point index[i], whose plane it meets at t x; f is the number of tangent samples
- * times their density per area, uniform the other technique's density. */
-TARGET static void KERNEL(gather)(const struct tangent_job *job, const struct radial_table *table,
-                                  int n, const float rel[3], uint32_t object, float height,
-                                  const uint32_t *index, const float *x, const float *y,
-                                  const float *z, const float *f, float uniform, float sum[3])
+ * eye) at G-buffer point index[i], whose plane it meets at t x; f is the number of tangent
+ * samples times their density per area, uniform the other technique's density. */
+TARGET static void KERNEL(gather)(const struct tangent_job *job,
+                                  const struct radial_table *table, int n, const float rel[3],
+                                  uint32_t object, float height, const uint32_t *index,
+                                  const float *x, const float *y, const float *z,
+                                  const float *f, float uniform, float sum[3])
 {
     float r_sq[LANES], r0[LANES], r1[LANES], r2[LANES], k[LANES];
     const struct seen *seen = job->seen;
@@ -79,7 +80,8 @@ TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, 
         uint32_t index[LANES];
         for (int i = 0; i < lanes; i++) {
             float r = radius[first + (uint32_t)i];
-            float cr = r * pat->cosine[first + (uint32_t)i], sr = r * pat->sine[first + (uint32_t)i];
+            float cr = r * pat->cosine[first + (uint32_t)i],
+                  sr = r * pat->sine[first + (uint32_t)i];
             float px, py, xx = rel[0] + cr * t[0] + sr * b[0];
             float yy = rel[1] + cr * t[1] + sr * b[1], zz = rel[2] + cr * t[2] + sr * b[2];
             float w = xx * F[0] + yy * F[1] + zz * F[2], iw = 1 / (w > 1e-12f ? w : 1e-12f);
@@ -105,8 +107,8 @@ TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, 
             f[hit] = n_t * density[first + (uint32_t)i];
             hit += j != UINT32_MAX;
         }
-        KERNEL(gather)(job, table, hit, rel, object, fabsf(height), index, x, y, z, f, uniform,
-                       sum);
+        KERNEL(gather)
+        (job, table, hit, rel, object, fabsf(height), index, x, y, z, f, uniform, sum);
     }
     for (uint32_t first = 0; first < job->n_uniform; first += LANES) {
         int lanes = job->n_uniform - first < LANES ? (int)(job->n_uniform - first) : LANES;
@@ -131,8 +133,8 @@ TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, 
         const float *inv = job->inv_rho[medium];
         for (int i = 0; i < lanes; i++)
             f[i] *= inv[0] * r0[i] + inv[1] * r1[i] + inv[2] * r2[i];
-        KERNEL(gather)(job, table, lanes, rel, object, fabsf(height), index, x, y, z, f, uniform,
-                       sum);
+        KERNEL(gather)
+        (job, table, lanes, rel, object, fabsf(height), index, x, y, z, f, uniform, sum);
     }
 }
 

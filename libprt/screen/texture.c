@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// C08: points drawn from irradiance over an area-preserving atlas, the same for all pixels. What
-// lies nearer to a pixel than they do to each other comes from the pixel's own irradiance; hybrid:
-// it is summed densely.
+// C08: points drawn from irradiance over an area-preserving atlas, the same for all pixels.
+// What lies nearer to a pixel than they do to each other comes from the pixel's own irradiance;
+// hybrid: it is summed densely.
 #include "internal.h"
 
 #include <math.h>
@@ -10,13 +10,13 @@
 
 enum { CELL_TURNS = 2 };
 
-double prt_screen_split_radius(const struct prt_dipole dipole[3], double bound)
+double prt_screen_split_radius(const struct prt_diffusion dipole[3], double bound)
 {
     double last = 0;
     for (int c = 0; c < 3; c++) {
         for (int i = 1; i <= 4000; i++) {
             double r = 1e-3 * pow(1e6, i / 4000.0);
-            if (2 * M_PI * r * prt_dipole_rd(&dipole[c], r) > bound) last = fmax(last, r);
+            if (2 * M_PI * r * prt_diffusion_rd(&dipole[c], r) > bound) last = fmax(last, r);
         }
     }
     return last;
@@ -67,11 +67,11 @@ static float *make_mip(const struct samples *s, uint32_t first, uint32_t last, u
 // Drawn points and the cells of texels that are nearest to them.
 struct cells {
     const struct samples *s;
-    uint32_t first, last;      // the object's texels
+    uint32_t first, last; // the object's texels
     uint32_t n;
-    float (*p)[3];             // [n] mean of the cell, by power
-    double (*sum)[8];          // [n] power * position, power, rgb, power * second moment
-    uint32_t *owner;           // [last - first]
+    float (*p)[3];    // [n] mean of the cell, by power
+    double (*sum)[8]; // [n] power * position, power, rgb, power * second moment
+    uint32_t *owner;  // [last - first]
     // points by buckets of a grid
     float lo[3], inv_edge;
     uint32_t size[3], *start, *point;
@@ -153,7 +153,8 @@ static int own_texels(void *arg, size_t begin, size_t end, unsigned worker)
                 for (int y = b[1] - reach; y <= b[1] + reach; y++) {
                     if (y < 0 || y >= (int)c->size[1]) continue;
                     int x0 = b[0] - reach < 0 ? 0 : b[0] - reach;
-                    int x1 = b[0] + reach >= (int)c->size[0] ? (int)c->size[0] - 1 : b[0] + reach;
+                    int x1 =
+                        b[0] + reach >= (int)c->size[0] ? (int)c->size[0] - 1 : b[0] + reach;
                     if (x0 > x1) continue;
                     uint32_t to = c->start[bucket_index(c, x1, y, z) + 1];
                     for (uint32_t k = c->start[bucket_index(c, x0, y, z)]; k < to; k++) {
@@ -217,9 +218,9 @@ static int by_radius(const void *a, const void *b)
 
 // What the objects' cells look like from a pixel: points, in classes of like discs.
 struct drawn {
-    struct emitters *list;              // [n_object]
-    uint32_t (*class_end)[CLASSES];     // [n_object]
-    double (*disc_mm)[CLASSES];         // [n_object] radii
+    struct emitters *list;          // [n_object]
+    uint32_t (*class_end)[CLASSES]; // [n_object]
+    double (*disc_mm)[CLASSES];     // [n_object] radii
 };
 
 static bool emit_cells(const struct cells *c, uint32_t object, struct drawn *out)

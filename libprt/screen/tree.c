@@ -138,7 +138,8 @@ int tree_build(const struct prt_context *ctx, const struct samples *s, uint32_t 
             for (uint32_t i = level; i < end; i += FAN) {
                 struct tree_node *up = &out->node[out->n_node++];
                 for (int k = 0; k < FAN; k++) {
-                    if (i + (uint32_t)k < end) join(&out->node[i + (uint32_t)k], i + (uint32_t)k, up, k);
+                    if (i + (uint32_t)k < end)
+                        join(&out->node[i + (uint32_t)k], i + (uint32_t)k, up, k);
                     else clear_node(up, k);
                 }
             }
@@ -163,7 +164,8 @@ void tree_finish(struct tree *tree)
 }
 
 // Copied whole, but only the object's own samples count.
-static void push_leaf(const struct tree *tree, uint32_t first, uint32_t end, struct emitters *out)
+static void push_leaf(const struct tree *tree, uint32_t first, uint32_t end,
+                      struct emitters *out)
 {
     for (int c = 0; c < 3; c++) {
         memcpy(out->p[c] + out->n, tree->p[c] + first, LEAF * sizeof(float));

@@ -80,12 +80,12 @@ struct builder {
     const struct prt_gbuffer *g;
     struct footprint foot;
     uint32_t size, across, down, blocks_across, n_cell;
-    uint32_t *start;   // [n_cell+1] into order
-    uint32_t *order;   // points by cell
-    uint32_t *first;   // [n_cell+1] into group
+    uint32_t *start; // [n_cell+1] into order
+    uint32_t *order; // points by cell
+    uint32_t *first; // [n_cell+1] into group
     struct group *group;
     uint32_t n_group;
-    uint32_t *own;     // [n_point] group
+    uint32_t *own; // [n_point] group
 };
 
 static uint32_t cell_at(const struct builder *b, uint32_t cx, uint32_t cy)
@@ -105,8 +105,8 @@ static uint32_t object_of(const struct builder *b, uint32_t point)
 }
 
 // A point may share a group's light: same object, same patch of surface.
-static bool alike(const struct builder *b, const struct group *group, uint32_t object, uint32_t i,
-                  float reach)
+static bool alike(const struct builder *b, const struct group *group, uint32_t object,
+                  uint32_t i, float reach)
 {
     if (group->object != object) return false;
     float d2 = 0, c = 0;
@@ -191,7 +191,8 @@ static bool make_tiles(struct builder *b, struct view_cache *v)
     }
     if (!(v->leader = malloc(((size_t)column + 1) * sizeof *v->leader))) return false;
     memset(v->leader, 0xff, ((size_t)column + 1) * sizeof *v->leader);
-    for (uint32_t q = 0; q < b->n_group; q++) v->leader[b->group[q].column] = b->group[q].leader;
+    for (uint32_t q = 0; q < b->n_group; q++)
+        v->leader[b->group[q].column] = b->group[q].leader;
     for (uint32_t t = 0; t < v->n_tile; t++) {
         for (uint32_t i = v->begin[t]; i < v->begin[t + 1]; i++) {
             if (v->leader[i] != UINT32_MAX) continue;
@@ -226,7 +227,8 @@ static int link_points(void *arg, size_t begin, size_t end, unsigned worker)
                 int cx = x0 + (k & 1), cy = y0 + (k >> 1);
                 if (cx < 0 || cy < 0 || cx >= (int)b->across || cy >= (int)b->down) continue;
                 uint32_t c = cell_at(b, (uint32_t)cx, (uint32_t)cy), q = b->first[c];
-                while (q < b->first[c + 1] && !alike(b, &b->group[q], object, (uint32_t)i, reach))
+                while (q < b->first[c + 1] &&
+                       !alike(b, &b->group[q], object, (uint32_t)i, reach))
                     q++;
                 if (q == b->first[c + 1]) continue;
                 float w = (1 - fabsf(fx - (float)cx)) * (1 - fabsf(fy - (float)cy));

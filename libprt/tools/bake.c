@@ -11,28 +11,28 @@
 #include <unistd.h>
 
 // Without a material to fix, nor words that only wavelet transport knows, nothing is fixed.
-static enum prt_engine_kind engine_of(const struct options *o)
+static enum prt_transport_kind engine_of(const struct options *o)
 {
     bool sparse = o->coeffs || (o->storage && !strcmp(o->storage, "sparse"));
-    if (!o->transport && !o->material && !sparse) return PRT_ENGINE_JOINT;
-    if (o->transport && !strcmp(o->transport, "polynomial")) return PRT_ENGINE_POLYNOMIAL;
-    if (o->transport && !strcmp(o->transport, "joint")) return PRT_ENGINE_JOINT;
-    return PRT_ENGINE_WAVELET;
+    if (!o->transport && !o->material && !sparse) return PRT_TRANSPORT_JOINT;
+    if (o->transport && !strcmp(o->transport, "polynomial")) return PRT_TRANSPORT_POLYNOMIAL;
+    if (o->transport && !strcmp(o->transport, "joint")) return PRT_TRANSPORT_JOINT;
+    return PRT_TRANSPORT_WAVELET;
 }
 
 // Wrong combinations that the parser of single options cannot see.
-static int check_usage(const struct options *o, enum prt_engine_kind engine)
+static int check_usage(const struct options *o, enum prt_transport_kind engine)
 {
     bool sparse = o->storage && !strcmp(o->storage, "sparse");
     if (!o->out) return usage_error(o, "-o OUT.prt is missing");
-    if (!o->material && engine == PRT_ENGINE_WAVELET)
+    if (!o->material && engine == PRT_TRANSPORT_WAVELET)
         return usage_error(o, "%s is a model: it needs --material", o->input[0]);
-    if (!o->env && engine == PRT_ENGINE_POLYNOMIAL)
+    if (!o->env && engine == PRT_TRANSPORT_POLYNOMIAL)
         return usage_error(o,
                            "--transport polynomial is baked under one light: it needs --env");
-    if (sparse && engine != PRT_ENGINE_WAVELET)
+    if (sparse && engine != PRT_TRANSPORT_WAVELET)
         return usage_error(o, "--storage sparse is for --transport wavelet");
-    if (o->basis && engine != PRT_ENGINE_POLYNOMIAL)
+    if (o->basis && engine != PRT_TRANSPORT_POLYNOMIAL)
         return usage_error(o, "--basis is for --transport polynomial");
     if (sparse && (o->rank || o->basis_coeffs))
         return usage_error(o, "--rank and --basis-coeffs are for --storage factored");
@@ -50,7 +50,7 @@ static int check_usage(const struct options *o, enum prt_engine_kind engine)
 }
 
 static struct prt_bake_options bake_options(const struct options *o,
-                                            enum prt_engine_kind engine)
+                                            enum prt_transport_kind engine)
 {
     bool sparse = o->storage && !strcmp(o->storage, "sparse");
     return (struct prt_bake_options){
@@ -154,7 +154,7 @@ static int report_part(const struct options *o, double seconds, uint32_t missing
 int run_bake(struct tool *tool)
 {
     const struct options *o = &tool->opt;
-    enum prt_engine_kind engine = engine_of(o);
+    enum prt_transport_kind engine = engine_of(o);
     struct source source = {0};
     struct prt_env *env = NULL;
     char *settings = NULL;
@@ -166,7 +166,8 @@ int run_bake(struct tool *tool)
     if (access(o->input[0], R_OK) == 0 && prt_file_probe(o->input[0]))
         return usage_error(o, "%s is a .prt already: bake takes a model", o->input[0]);
     struct prt_bake_options options = bake_options(o, engine);
-    if ((exit_status = source_open(tool, o->input[0], engine == PRT_ENGINE_WAVELET, &source)))
+    if ((exit_status =
+             source_open(tool, o->input[0], engine == PRT_TRANSPORT_WAVELET, &source)))
         return exit_status;
     if (!source.material_given) {
         // Only eta is read of it; every other number stays free.
@@ -174,7 +175,7 @@ int run_bake(struct tool *tool)
         prt_log(&tool->ctx, PRT_LOG_NOTE, "no --material: baked for eta %g",
                 (double)source.material.eta);
     }
-    if (o->env && engine == PRT_ENGINE_POLYNOMIAL) {
+    if (o->env && engine == PRT_TRANSPORT_POLYNOMIAL) {
         exit_status = tool_exit(tool, prt_env_load(&tool->ctx, o->env, &env));
         if (exit_status) goto done;
     } else if (o->env) {

@@ -86,7 +86,7 @@ static int load_light(struct tool *tool, const struct source *source, bool refer
 {
     const struct options *o = &tool->opt;
     struct prt_env *env = NULL;
-    bool fixed = !reference && source->transport->engine == PRT_ENGINE_POLYNOMIAL;
+    bool fixed = !reference && source->transport->engine == PRT_TRANSPORT_POLYNOMIAL;
     if (fixed) {
         if (o->env || o->rotate_deg != 0)
             prt_log(&tool->ctx, PRT_LOG_NOTE,
@@ -140,7 +140,8 @@ int run_colors(struct tool *tool)
     if (!status)
         status = tool_exit(
             tool, output_colors(&tool->ctx, o->out, source.mesh, (const float(*)[3])color));
-    if (!status) summary(tool, &source, engine, cube.n, seconds, lost, (const float(*)[3])color);
+    if (!status)
+        summary(tool, &source, engine, cube.n, seconds, lost, (const float(*)[3])color);
 done:
     prt_free(color);
     prt_cube_finish(&cube);

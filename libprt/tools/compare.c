@@ -157,8 +157,8 @@ static int reference_at(struct tool *tool, const struct source *source,
                                 (float(*)[3])rgb);
 }
 
-// A.prt (a polynomial one under its own light) against the reference engine at some of its vertices, both under --env; the reference
-// sees the light at --cube's resolution.
+// A.prt (a polynomial one under its own light) against the reference engine at some of its
+// vertices, both under --env; the reference sees the light at --cube's resolution.
 static int against_reference(struct tool *tool, struct values *a, struct values *b)
 {
     const struct options *o = &tool->opt;
@@ -188,7 +188,7 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
     if (exit_status) goto done;
     struct prt_query query = {
         .term = answer_term(o->term),
-        .light = source.transport->engine == PRT_ENGINE_POLYNOMIAL ? NULL : &own,
+        .light = source.transport->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &own,
         .material = source.material_given ? &source.material : NULL,
         .eye = o->eye.set ? eye : NULL,
     };

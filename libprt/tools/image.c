@@ -24,7 +24,7 @@ struct picture {
     bool plain; // a plain background
     float background[3];
     struct prt_image image;
-    double lost; // of the material to the radial bases of a .prt
+    double lost;    // of the material to the radial bases of a .prt
     bool on_screen; // an image-space engine answers, no transport and no vertices
     struct prt_screen_report report;
     struct maps maps;
@@ -59,8 +59,8 @@ static int check_usage(struct tool *tool, struct picture *p)
                            "--camera %s: expected EYE:TARGET[:UP[:FOVY]] with points x,y,z, "
                            "FOVY in (0, 170)",
                            o->camera);
-    if (maps_asked(o) && (!o->engine || !strcmp(o->engine, "vertex") ||
-                          !strcmp(o->engine, "reference")))
+    if (maps_asked(o) &&
+        (!o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, "reference")))
         return usage_error(o, "maps are for --engine splat, tangent, texture and hybrid");
     if (o->bump_mm > 0 && !o->bump_map) return usage_error(o, "--bump-mm is for --bump-map");
     if (o->background && !strcmp(o->background, "none")) {
@@ -129,7 +129,7 @@ static int vertex_planes(struct tool *tool, struct picture *p, const char *term)
     const struct prt_transport *t = p->source.transport;
     struct prt_query query = {
         .term = answer_term(term),
-        .light = t->engine == PRT_ENGINE_POLYNOMIAL ? NULL : &p->light,
+        .light = t->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &p->light,
         .material = p->source.material_given ? &p->source.material : NULL,
     };
     int status = prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, NULL);
@@ -168,7 +168,7 @@ static int load_lights(struct tool *tool, struct picture *p, bool vertex, bool t
     int status = prt_env_load(ctx, o->env, &p->env);
     if (status) return tool_exit(tool, status);
     uint32_t own = vertex ? p->source.transport->cube : 0;
-    if (vertex && p->source.transport->engine == PRT_ENGINE_POLYNOMIAL)
+    if (vertex && p->source.transport->engine == PRT_TRANSPORT_POLYNOMIAL)
         prt_log(ctx, PRT_LOG_NOTE,
                 "%s was baked under one light: --env and --rotate change its mirror image and "
                 "background only",
@@ -306,7 +306,8 @@ static int draw(struct tool *tool, struct picture *p)
                            "engines only",
                            p->source.path, p->source.transport->cube,
                            p->source.transport->cube);
-    if (vertex && (status = source_material_error(tool, &p->source, term, &p->lost))) return status;
+    if (vertex && (status = source_material_error(tool, &p->source, term, &p->lost)))
+        return status;
     place_camera(tool, p, (float)width / (float)height);
     double started = prt_time_s();
     if ((status = load_lights(tool, p, vertex, total))) return status;

@@ -86,8 +86,8 @@ static void add_ranks(cJSON *o, const struct prt_tensor *t)
     cJSON_AddItemToObject(r, "histogram_by_8", cJSON_CreateIntArray(bins, last + 1));
 }
 
-// How well the tensor's radial basis holds the twelve measured media (METHODS §4's weighted L1),
-// at the bake's eta, and the whole range it was made for.
+// How well the tensor's radial basis holds the twelve measured media (METHODS §4's weighted
+// L1), at the bake's eta, and the whole range it was made for.
 static int add_basis(struct tool *tool, cJSON *o, const struct prt_transport *transport,
                      const struct prt_tensor *t)
 {
@@ -100,8 +100,8 @@ static int add_basis(struct tool *tool, cJSON *o, const struct prt_transport *tr
     if (status) return status;
     cJSON *b = cJSON_AddObjectToObject(o, "basis");
     cJSON_AddStringToObject(b, "kind", kinds[radial->kind & 3]);
-    cJSON_AddStringToObject(b, "of", radial->family == PRT_FAMILY_EXTINCTION ? "e^(-sigma_t r)"
-                                                                            : "R_d");
+    cJSON_AddStringToObject(b, "of",
+                            radial->family == PRT_FAMILY_EXTINCTION ? "e^(-sigma_t r)" : "R_d");
     cJSON_AddNumberToObject(b, "functions", radial->n_function);
     cJSON_AddNumberToObject(b, "radius_mm", (double)radial->r[radial->n_grid - 1]);
     bool dipole = radial->family == PRT_FAMILY_DIPOLE;
@@ -151,7 +151,8 @@ static int add_tensor(struct tool *tool, cJSON *to, const struct prt_transport *
     if (t->n_cluster) cJSON_AddNumberToObject(o, "mean_rank", rank / t->n_vertex);
     cJSON_AddNumberToObject(o, "rows", t->rows.n_row);
     cJSON_AddNumberToObject(o, "entries", (double)entries);
-    cJSON_AddStringToObject(o, "values", t->rows.value == PRT_VALUE_I8     ? "i8"
+    cJSON_AddStringToObject(o, "values",
+                            t->rows.value == PRT_VALUE_I8     ? "i8"
                             : t->rows.value == PRT_VALUE_PAIR ? "i16"
                                                               : "f16");
     if (t->rows.direction && entries) // bytes an entry beside its index and shift

@@ -189,13 +189,14 @@ static const struct {
                     "prt colors bunny.glb --material marble --size-mm 50 --env studio.exr \\\n"
                     "    --engine reference --term multiple -o truth.npy\n"
                     "prt colors bunny.prt --env constant --term irradiance -o e.ply"},
-    [CMD_IMAGE] = {"image", "SOURCE --env ENV -o OUT.{png,jpg,exr}",
-                   "light a .prt, or a model, and draw it", 1, 1,
-                   "prt image bunny.prt --env grace.exr --size 800x600 -o bunny.png\n"
-                   "prt image bunny.prt --env grace.exr --rotate 45 --background none \\\n"
-                   "    --camera 0,0.1,0.5:0,0.08,0:0,1,0:30 -o bunny.exr\n"
-                   "prt image head.glb --material skin1 --size-mm 300 --env grace.exr \\\n"
-                   "    --engine tangent --albedo-map skin.jpg --normal-map skin_n.jpg -o head.png"},
+    [CMD_IMAGE] =
+        {"image", "SOURCE --env ENV -o OUT.{png,jpg,exr}",
+         "light a .prt, or a model, and draw it", 1, 1,
+         "prt image bunny.prt --env grace.exr --size 800x600 -o bunny.png\n"
+         "prt image bunny.prt --env grace.exr --rotate 45 --background none \\\n"
+         "    --camera 0,0.1,0.5:0,0.08,0:0,1,0:30 -o bunny.exr\n"
+         "prt image head.glb --material skin1 --size-mm 300 --env grace.exr \\\n"
+         "    --engine tangent --albedo-map skin.jpg --normal-map skin_n.jpg -o head.png"},
     [CMD_INFO] = {"info", "FILE", "what a .prt, a model or an environment holds", 1, 1,
                   "prt info bunny.prt\n"
                   "prt info studio.exr --json"},

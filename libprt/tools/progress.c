@@ -16,7 +16,7 @@
 
 static volatile sig_atomic_t stop_signal;
 static atomic_bool error_told; // a line said what is wrong
-static bool bar_drawn; // the terminal's line holds a bar; touched under stderr's lock
+static bool bar_drawn;         // the terminal's line holds a bar; touched under stderr's lock
 
 static void on_signal(int signal)
 {

@@ -44,12 +44,12 @@ int material_option(struct tool *tool, struct prt_material *out)
 
 const char *source_engine_name(const struct prt_transport *transport)
 {
-    switch ((enum prt_engine_kind)transport->engine) {
-    case PRT_ENGINE_WAVELET:
+    switch ((enum prt_transport_kind)transport->engine) {
+    case PRT_TRANSPORT_WAVELET:
         return "wavelet";
-    case PRT_ENGINE_POLYNOMIAL:
+    case PRT_TRANSPORT_POLYNOMIAL:
         return "polynomial";
-    case PRT_ENGINE_JOINT:
+    case PRT_TRANSPORT_JOINT:
         return "joint";
     }
     return "unknown";
@@ -60,8 +60,8 @@ static void tell_no_single(const struct tool *tool, const struct source *source)
 {
     const struct options *o = &tool->opt;
     const struct prt_transport *t = source->transport;
-    bool own = !o->engine || !strcmp(o->engine, "vertex") ||
-               !strcmp(o->engine, source_engine_name(t));
+    bool own =
+        !o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, source_engine_name(t));
     bool wanted = !o->term || !strcmp(o->term, "single") || !strcmp(o->term, "total");
     bool lights = o->command == CMD_COLORS || o->command == CMD_IMAGE;
     if (!lights || !own || !wanted || t->material.profile) return;
@@ -86,7 +86,7 @@ static int open_prt(struct tool *tool, struct source *source)
     source->material = source->transport->material;
     tell_no_single(tool, source);
     if (!o->material) return EXIT_DONE;
-    if (source->transport->engine == PRT_ENGINE_WAVELET)
+    if (source->transport->engine == PRT_TRANSPORT_WAVELET)
         return usage_error(o,
                            "%s is a wavelet .prt, whose material (%s) is fixed by the bake: "
                            "leave --material out, or bake again",

@@ -35,9 +35,10 @@ struct options {
     unsigned n_opaque;
     const char *envs[MAX_ENV]; /* compare: every --env; env is the first */
     unsigned n_env;
-    const char *materials; /* compare: --materials */
+    const char *materials;                          /* compare: --materials */
     const char *albedo_map, *normal_map, *bump_map; /* image: of --engine tangent */
-    double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms, bump_mm;
+    double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms,
+        bump_mm;
     uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed;
     uint64_t threads, msaa, quality, vertices;
     uint32_t cube; /* 0: not given */
@@ -89,8 +90,8 @@ int source_open(struct tool *tool, const char *path, bool need_material, struct 
 void source_close(struct source *source);
 /* --engine, or the source's own; NULL after a usage error. */
 const char *source_engine_name(const struct prt_transport *transport);
-/* What a .prt's bases leave of --material (0 for the baked one). Returns an exit status: refused
- * with the parameter and its range when that is too much. */
+/* What a .prt's bases leave of --material (0 for the baked one). Returns an exit status:
+ * refused with the parameter and its range when that is too much. */
 int source_material_error(struct tool *tool, const struct source *source, const char *term,
                           double *error);
 enum prt_answer_term answer_term(const char *word); /* NULL: total */

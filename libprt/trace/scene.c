@@ -49,7 +49,8 @@ static int attach(const struct prt_context *ctx, struct prt_scene *s)
                                               RTC_FORMAT_UINT3, 12, mesh->n_triangle);
     if (!vertex || !index) {
         rtcReleaseGeometry(geometry);
-        return prt_fail(ctx, PRT_NOMEM, "no memory for the ray tracing structure of %u triangles",
+        return prt_fail(ctx, PRT_NOMEM,
+                        "no memory for the ray tracing structure of %u triangles",
                         mesh->n_triangle);
     }
     memcpy(vertex, mesh->position, (size_t)mesh->n_vertex * 12);
@@ -57,8 +58,8 @@ static int attach(const struct prt_context *ctx, struct prt_scene *s)
     rtcCommitGeometry(geometry);
     rtcAttachGeometryByID(s->scene, geometry, 0);
     rtcReleaseGeometry(geometry);
-    // Not RTC_SCENE_FLAG_ROBUST: one ray in two million slips through a seam without it, and the
-    // rays take a fifth longer with it.
+    // Not RTC_SCENE_FLAG_ROBUST: one ray in two million slips through a seam without it, and
+    // the rays take a fifth longer with it.
     rtcCommitScene(s->scene);
     enum RTCError error = rtcGetDeviceError(s->device);
     if (error != RTC_ERROR_NONE)

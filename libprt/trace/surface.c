@@ -277,8 +277,9 @@ static void nearest(const struct prt_surface_points *s, const struct grid *g, co
                         if (x < 0 || y < 0 || z < 0 || x >= g->dim[0] || y >= g->dim[1] ||
                             z >= g->dim[2])
                             continue;
-                        size_t cell = ((size_t)z * (size_t)g->dim[1] + (size_t)y) *
-                                          (size_t)g->dim[0] + (size_t)x;
+                        size_t cell =
+                            ((size_t)z * (size_t)g->dim[1] + (size_t)y) * (size_t)g->dim[0] +
+                            (size_t)x;
                         for (uint32_t k = g->begin[cell]; k < g->begin[cell + 1]; k++) {
                             uint32_t i = g->item[k];
                             const float *q = s->position[i], *m = s->face_normal[i];
@@ -333,10 +334,10 @@ struct fine_job {
     const struct prt_mesh *mesh;
     const struct piece_list *list;
     const struct grid *grid;
-    const uint64_t *start;   // first fine point of each listed triangle
+    const uint64_t *start; // first fine point of each listed triangle
     double fine_mm;
     struct neighbour *neighbour;
-    float *area;             // [n_fine]
+    float *area; // [n_fine]
 };
 
 static int fine_range(void *arg, size_t begin, size_t end, unsigned worker)
@@ -424,8 +425,8 @@ static int alloc_samples(struct prt_surface_points *s, uint32_t n)
     s->centre = prt_calloc(n, sizeof *s->centre);
     s->spread = prt_calloc(n, sizeof *s->spread);
     s->object = prt_alloc(n, sizeof *s->object);
-    bool all = s->position && s->normal && s->face_normal && s->area && s->centre && s->spread &&
-               s->object;
+    bool all = s->position && s->normal && s->face_normal && s->area && s->centre &&
+               s->spread && s->object;
     return all ? PRT_OK : PRT_NOMEM;
 }
 
@@ -532,11 +533,10 @@ int prt_surface_create(const struct prt_context *ctx, const struct prt_mesh *mes
     if (status == PRT_OK) status = build_fine(ctx, s, mesh, list, fine_mm);
     for (uint32_t o = 0; list && o < mesh->n_object; o++) free_pieces(&list[o]);
     free(list);
-    if (status == PRT_OK)
-        *out = s;
-    else
-        prt_surface_destroy(s);
-    if (status == PRT_NOMEM) prt_fail(ctx, status, "no memory for %u surface samples", n_sample);
+    if (status == PRT_OK) *out = s;
+    else prt_surface_destroy(s);
+    if (status == PRT_NOMEM)
+        prt_fail(ctx, status, "no memory for %u surface samples", n_sample);
     return status;
 }
 
@@ -547,12 +547,13 @@ int prt_surface_check(const struct prt_context *ctx, const struct prt_surface_po
     double paths = s->spacing / mean_free_path_mm, over = paths / most;
     double size = prt_mesh_diagonal(mesh);
     if (over > 1)
-        return prt_fail(ctx, PRT_ARG,
-                        "a mean free path of %.3g mm on a model of %.5g mm, with samples %.3g mm "
-                        "apart: at most %.0f mean free paths are allowed; scale it to %.3g mm or "
-                        "less (--size-mm) or give --samples %.0f",
-                        mean_free_path_mm, size, s->spacing, most, size / over,
-                        ceil(s->n_sample * over * over));
+        return prt_fail(
+            ctx, PRT_ARG,
+            "a mean free path of %.3g mm on a model of %.5g mm, with samples %.3g mm "
+            "apart: at most %.0f mean free paths are allowed; scale it to %.3g mm or "
+            "less (--size-mm) or give --samples %.0f",
+            mean_free_path_mm, size, s->spacing, most, size / over,
+            ceil(s->n_sample * over * over));
     if (paths > many && chosen)
         prt_log(ctx, PRT_LOG_WARNING,
                 "samples are %.3g mm apart, the mean free path is %.3g mm: expect errors of "
@@ -579,7 +580,7 @@ void prt_surface_destroy(struct prt_surface_points *s)
     free(s);
 }
 
-void prt_surface_kernel(const struct prt_surface_points *s, const struct prt_dipole d[3],
+void prt_surface_kernel(const struct prt_surface_points *s, const struct prt_diffusion d[3],
                         unsigned cpu, const float x[3], uint32_t i, float near_mm, float out[3])
 {
     enum { CHUNK = 64 };
@@ -590,7 +591,7 @@ void prt_surface_kernel(const struct prt_surface_points *s, const struct prt_dip
     if (d2 > near_mm * near_mm) {
         prt_surface_afar(d2, s->spread[i], &r2[0], &r2[1]);
         for (int c = 0; c < 3; c++) {
-            prt_dipole_rd_array(&d[c], cpu, 2, r2, rd);
+            prt_diffusion_rd_array(&d[c], cpu, 2, r2, rd);
             out[c] = 0.5f * (rd[0] + rd[1]) * s->area[i];
         }
         return;
@@ -606,7 +607,7 @@ void prt_surface_kernel(const struct prt_surface_points *s, const struct prt_dip
             weight[k] = s->cell_weight[begin + k];
         }
         for (int c = 0; c < 3; c++) {
-            prt_dipole_rd_array(&d[c], cpu, n, r2, rd);
+            prt_diffusion_rd_array(&d[c], cpu, n, r2, rd);
             float sum = 0;
             for (size_t k = 0; k < n; k++) sum += rd[k] * weight[k];
             out[c] += sum;

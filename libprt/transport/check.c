@@ -173,15 +173,15 @@ static int check_clusters(const struct check *c, uint32_t i, const struct prt_te
     return PRT_OK;
 }
 
-// Never falling, below n_coef, and none a scaling coefficient (they stand apart). n*n is a power
-// of two, so a face's scaling coefficient has the low bits 0.
-#define DEFINE_GOOD_ROW(name, type)                                                            \
-    static bool name(const type *index, uint64_t n, uint32_t n_coef, uint32_t face)            \
-    {                                                                                          \
-        type found = 0, low = (type)(face - 1);                                                \
-        for (uint64_t i = 0; i < n; i++) found |= (type)((index[i] & low) == 0);               \
-        for (uint64_t i = 1; i < n; i++) found |= (type)(index[i - 1] > index[i]);            \
-        return !found && index[n - 1] < n_coef;                                                \
+// Never falling, below n_coef, and none a scaling coefficient (they stand apart). n*n is a
+// power of two, so a face's scaling coefficient has the low bits 0.
+#define DEFINE_GOOD_ROW(name, type)                                                 \
+    static bool name(const type *index, uint64_t n, uint32_t n_coef, uint32_t face) \
+    {                                                                               \
+        type found = 0, low = (type)(face - 1);                                     \
+        for (uint64_t i = 0; i < n; i++) found |= (type)((index[i] & low) == 0);    \
+        for (uint64_t i = 1; i < n; i++) found |= (type)(index[i - 1] > index[i]);  \
+        return !found && index[n - 1] < n_coef;                                     \
     }
 DEFINE_GOOD_ROW(good_row16, uint16_t)
 DEFINE_GOOD_ROW(good_row32, uint32_t)
@@ -235,8 +235,7 @@ static int check_pairs(const struct check *c, uint32_t i, const struct prt_tenso
     if (t->coupling != PRT_COUPLE_DIAGONAL || r->n_function != 3 || r->index_bytes != 2)
         return bad(c, "tensor %u: pairs of %u functions", i, r->n_function);
     for (uint32_t row = 0; row < r->n_row; row++)
-        if (r->begin[row + 1] % 2)
-            return bad(c, "tensor %u: row %u has half a pair", i, row);
+        if (r->begin[row + 1] % 2) return bad(c, "tensor %u: row %u has half a pair", i, row);
     return PRT_OK;
 }
 
@@ -336,7 +335,7 @@ int prt_transport_check(const struct prt_context *ctx, const char *name,
     if (!good) return bad(&c, "the material is damaged");
     if (transport->n_tensor < 1 || transport->n_tensor > 4)
         return bad(&c, "%u tensors, 1 to 4 are known", transport->n_tensor);
-    if (transport->engine > PRT_ENGINE_JOINT)
+    if (transport->engine > PRT_TRANSPORT_JOINT)
         return bad(&c, "unknown engine %u", transport->engine);
     for (uint32_t i = 0; i < transport->n_tensor; i++)
         if ((status = check_tensor(&c, i))) return status;

@@ -138,12 +138,12 @@ static int take_text(struct prt_file *f, uint32_t type, const char **out)
 }
 
 // The map is read-only; struct prt_mesh has plain pointers because loaders fill them.
-#define TAKE(f, type, tensor, bytes, field)                                                    \
-    do {                                                                                       \
-        const void *taken;                                                                     \
-        int taken_status = take(f, type, tensor, bytes, &taken);                               \
-        if (taken_status) return taken_status;                                                 \
-        (field) = (void *)(uintptr_t)taken;                                                    \
+#define TAKE(f, type, tensor, bytes, field)                      \
+    do {                                                         \
+        const void *taken;                                       \
+        int taken_status = take(f, type, tensor, bytes, &taken); \
+        if (taken_status) return taken_status;                   \
+        (field) = (void *)(uintptr_t)taken;                      \
     } while (0)
 
 static int take_mesh(struct prt_file *f, const struct format_info *info)

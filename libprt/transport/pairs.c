@@ -45,7 +45,8 @@ static float steps(const struct source *s, uint64_t begin, uint64_t end, uint32_
     return step < 1e30 ? (float)step : 0;
 }
 
-static void fill_row(const struct source *s, uint32_t row, uint64_t at, const struct prt_rows *out)
+static void fill_row(const struct source *s, uint32_t row, uint64_t at,
+                     const struct prt_rows *out)
 {
     const uint64_t begin = s->rows->begin[row], end = s->rows->begin[row + 1];
     uint16_t *index = (uint16_t *)(uintptr_t)out->index + at;
@@ -93,7 +94,8 @@ int prt_rows_pair(const struct prt_rows *rows, struct prt_rows *out)
 
 void prt_rows_finish(struct prt_rows *rows)
 {
-    const void *const own[] = {rows->begin, rows->index, rows->entry, rows->scale, rows->scaling};
+    const void *const own[] = {rows->begin, rows->index, rows->entry, rows->scale,
+                               rows->scaling};
     for (size_t i = 0; i < sizeof own / sizeof *own; i++) prt_free((void *)(uintptr_t)own[i]);
     *rows = (struct prt_rows){0};
 }

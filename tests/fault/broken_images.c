@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Real broken images: each is refused with an error line that names it, or loads to sane pixels;
- * none crashes this process, hangs, or takes more than its limit. */
+/* Real broken images: each is refused with an error line that names it, or loads to sane
+ * pixels; none crashes this process, hangs, or takes more than its limit. */
 #include "prt/light.h"
 
 #include <ftw.h>
@@ -19,8 +19,7 @@ static char last_error[1100];
 static void keep_line(void *user, enum prt_log_level level, const char *line)
 {
     n_warning += level == PRT_LOG_WARNING;
-    if (level != PRT_LOG_ERROR)
-        return;
+    if (level != PRT_LOG_ERROR) return;
     n_error++;
     snprintf(last_error, sizeof last_error, "%s", line);
 }
@@ -38,14 +37,19 @@ static bool must_load(const char *path)
 
 static bool must_fail(const char *path)
 {
-    static const char *const parts[] = {
-        "hdr/derived/header_only", "hdr/derived/no_resolution",
-        "hdr/derived/res_", "hdr/derived/rle_", "hdr/oiio/bomb", "dds/derived/",
-        "exr/derived/datawindow_", "exr/derived/magic_only", "exr/derived/truncated_header",
-        "exr/derived/compression_wrong", "exr/openexr_damaged/memory_DOS"};
+    static const char *const parts[] = {"hdr/derived/header_only",
+                                        "hdr/derived/no_resolution",
+                                        "hdr/derived/res_",
+                                        "hdr/derived/rle_",
+                                        "hdr/oiio/bomb",
+                                        "dds/derived/",
+                                        "exr/derived/datawindow_",
+                                        "exr/derived/magic_only",
+                                        "exr/derived/truncated_header",
+                                        "exr/derived/compression_wrong",
+                                        "exr/openexr_damaged/memory_DOS"};
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++)
-        if (strstr(path, parts[i]))
-            return true;
+        if (strstr(path, parts[i])) return true;
     return false;
 }
 
@@ -53,8 +57,7 @@ static int one_file(const char *path, const struct stat *st, int type, struct FT
 {
     struct prt_context ctx;
     struct prt_image image;
-    if (type != FTW_F)
-        return 0;
+    if (type != FTW_F) return 0;
     prt_context_init(&ctx);
     ctx.log = keep_line;
     ctx.memory_limit = 1u << 30;
@@ -62,15 +65,13 @@ static int one_file(const char *path, const struct stat *st, int type, struct FT
     last_error[0] = 0;
     const double begin = prt_time_s();
     const int status = prt_image_load(&ctx, path, &image);
-    if (prt_time_s() - begin > 10)
-        complain(path, "took more than 10 s");
+    if (prt_time_s() - begin > 10) complain(path, "took more than 10 s");
     n_file++;
     if (status) {
         n_refused++;
         if (n_error < 1 || !strstr(last_error, path))
             complain(path, "no error line that names the file");
-        if (must_load(path))
-            complain(path, "a valid file was refused");
+        if (must_load(path)) complain(path, "a valid file was refused");
         if (strstr(last_error, "crashed")) {
             n_crash++;
             print_message("in the child: %s\n", last_error);
@@ -81,10 +82,8 @@ static int one_file(const char *path, const struct stat *st, int type, struct FT
     }
     if (n_warning == 0 && (strstr(path, "compression_77") || strstr(path, "bad_magic")))
         complain(path, "a damaged file was accepted without a warning");
-    if (must_fail(path))
-        complain(path, "a damaged file was accepted");
-    if (!image.rgb || !image.width || !image.height)
-        complain(path, "success without pixels");
+    if (must_fail(path)) complain(path, "a damaged file was accepted");
+    if (!image.rgb || !image.width || !image.height) complain(path, "success without pixels");
     prt_image_finish(&image);
     struct prt_env *env = NULL; /* whatever loads as an environment has sane radiance */
     if (!prt_env_load(&ctx, path, &env)) {
@@ -109,10 +108,9 @@ static void every_broken_image(void **state)
         skip();
     }
     setenv("PRT_LIBDIR", PRT_BINARY_DIR, 1);
-    for (int i = 0; i < 3; i++)
-        assert_int_equal(nftw(folder[i], one_file, 16, FTW_PHYS), 0);
-    print_message("%d files, %d refused, %d of them by a crash of the child\n", n_file, n_refused,
-                  n_crash);
+    for (int i = 0; i < 3; i++) assert_int_equal(nftw(folder[i], one_file, 16, FTW_PHYS), 0);
+    print_message("%d files, %d refused, %d of them by a crash of the child\n", n_file,
+                  n_refused, n_crash);
     assert_true(n_file > 100);
     assert_int_equal(n_failed, 0);
 }
@@ -139,8 +137,7 @@ static void a_cut_or_changed_file(void **state)
     }
     for (size_t i = 0; i < n; i += 2) {
         file[i] ^= 0xff;
-        if (!prt_env_load_memory(&ctx, "changed.hdr", file, n, &env))
-            prt_env_destroy(env);
+        if (!prt_env_load_memory(&ctx, "changed.hdr", file, n, &env)) prt_env_destroy(env);
         assert_null(strstr(last_error, "crashed"));
         file[i] ^= 0xff;
     }

@@ -112,8 +112,9 @@ static void one_change(void)
     }
 }
 
-// CPU time, and a generous wall clock: the first image that our own parsers leave to OpenImageIO
-// loads its hundreds of libraries, which on a cold, busy machine is ten seconds of waiting.
+// CPU time, and a generous wall clock: the first image that our own parsers leave to
+// OpenImageIO loads its hundreds of libraries, which on a cold, busy machine is ten seconds of
+// waiting.
 static void set_limit(int seconds)
 {
     struct itimerval limit = {.it_value.tv_sec = seconds};

@@ -55,7 +55,8 @@ static void guard_rows(const struct prt_rows *from, struct prt_rows *to)
 }
 
 // Relative to the largest result: cancellation within a row is no kernel's fault.
-static void closer_than(double limit, const float *a, const float *b, size_t n, const char *what)
+static void closer_than(double limit, const float *a, const float *b, size_t n,
+                        const char *what)
 {
     float most = 0, worst = 0;
     for (size_t i = 0; i < n; i++) most = fmaxf(most, fabsf(b[i]));
@@ -84,7 +85,7 @@ static void run_rows(const struct relight_kernels *k, enum which which,
                      const void *light, unsigned n_light, const size_t pitch[2], float *out)
 {
     if (which == DIAGONAL) k->diagonal(rows, begin, end, light, out);
-    if (which == GROUP) 
+    if (which == GROUP)
         k->diagonal_group(rows, begin, end, light, n_light, pitch[0], pitch[1], out);
     if (which == FULL) (rows->direction ? k->mixed : k->full)(rows, begin, end, light, out);
 }
@@ -105,8 +106,8 @@ static void make_integers(unsigned n_light, uint32_t n, const float *const coef[
     for (unsigned l = 0; l < n_light; l++)
         for (uint32_t i = 0; i < n_coef; i++)
             for (uint32_t ch = 0; ch < 3 && i % (n_coef / 6); ch++)
-                most[l][ch] =
-                    fmaxf(most[l][ch], fabsf(prt_pair_gain(n, i) * coef[l][4 * (size_t)i + ch]));
+                most[l][ch] = fmaxf(most[l][ch],
+                                    fabsf(prt_pair_gain(n, i) * coef[l][4 * (size_t)i + ch]));
     out->lane = prt_alloc(n_coef, 64);
     assert_true(relight_integers_begin(out, n_light, n, coef, (const float(*)[4])most));
     relight_integers_fill(out, n_light, coef, 0, n_coef);
@@ -150,17 +151,19 @@ static void check_rows(enum which which, const struct synthetic_options *o, unsi
         memset(out, 0xff, n_out * 4);
         run_rows(variants[i], which, &rows, begin, n_row, table, n_light, pitch, out);
         close_enough(out, expect, n_out, variants[i]->name);
-        if (which != GROUP || rows.value != PRT_VALUE_PAIR || !variants[i]->pairs_group) continue;
+        if (which != GROUP || rows.value != PRT_VALUE_PAIR || !variants[i]->pairs_group)
+            continue;
         struct integer_lights integers;
         make_integers(n_light, o->cube, lights, &integers);
         memset(out, 0xff, n_out * 4);
-        variants[i]->pairs_group(&rows, begin, n_row, &integers, n_light, pitch[0], pitch[1], out);
+        variants[i]->pairs_group(&rows, begin, n_row, &integers, n_light, pitch[0], pitch[1],
+                                 out);
         closer_than(1e-4, out, expect, n_out, "integers");
         double best = 1e9;
         for (int rep = 0; rep < 5 && label; rep++) {
             double start = prt_time_s();
-            variants[i]->pairs_group(&rows, begin, n_row, &integers, n_light, pitch[0], pitch[1],
-                                     out);
+            variants[i]->pairs_group(&rows, begin, n_row, &integers, n_light, pitch[0],
+                                     pitch[1], out);
             best = fmin(best, prt_time_s() - start);
         }
         if (label)
@@ -284,7 +287,9 @@ static void check_expand(const struct expand_shape *s, uint64_t seed, const char
     for (size_t i = 0; i < n_u; i++) {
         const float x = prt_rng_f32(&rng) - 0.5f;
         const bool beside = !s->radial && i % 2 && i / 2 / stride * 2 + 1 >= s->rank;
-        u[i] = s->radial ? prt_f32_to_f16(x) : beside ? 0 : (uint16_t)(int16_t)(x * 2 * PRT_U_MOST);
+        u[i] = s->radial ? prt_f32_to_f16(x)
+               : beside  ? 0
+                         : (uint16_t)(int16_t)(x * 2 * PRT_U_MOST);
     }
     for (size_t i = 0; i < n_b; i++) b[i] = prt_rng_f32(&rng) - 0.5f;
     for (size_t i = 0; i < n_out; i++) start[i] = prt_rng_f32(&rng);

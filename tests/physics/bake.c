@@ -26,8 +26,8 @@ static const char *file(const char *name)
     return path;
 }
 
-// A dented ball of about 16 mm, so that there is shadow and curvature of every sign, or its first
-// n rows of 28.
+// A dented ball of about 16 mm, so that there is shadow and curvature of every sign, or its
+// first n rows of 28.
 static struct prt_mesh *body_of(int n)
 {
     enum { U = 56, V = 28 };
@@ -70,7 +70,8 @@ static struct prt_cube light_of(uint32_t n)
         uint32_t face = i / (n * n), y = i / n % n, x = i % n;
         bool lamp = face == 4 && x > n / 2 && x < n / 2 + 4 && y > 2 && y < 6;
         for (uint32_t c = 0; c < 3; c++)
-            cube.texel[i * 3 + c] = (face == 2 ? 0.6f : 0.15f) + (lamp ? 25 - 4.0f * (float)c : 0);
+            cube.texel[i * 3 + c] =
+                (face == 2 ? 0.6f : 0.15f) + (lamp ? 25 - 4.0f * (float)c : 0);
     }
     return cube;
 }
@@ -84,16 +85,16 @@ static struct prt_material medium(const char *name)
 
 static struct prt_bake_options options(const char *name)
 {
-    return (struct prt_bake_options){.material = medium(name), .n_sample = 12000, .cube = 16,
-                                     .seed = 1};
+    return (struct prt_bake_options){
+        .material = medium(name), .n_sample = 12000, .cube = 16, .seed = 1};
 }
 
 static float (*reference(const struct prt_mesh *mesh, const struct prt_material *m,
                          const struct prt_cube *light, enum prt_reference_term term))[3]
 {
     float(*color)[3] = calloc(mesh->n_vertex, sizeof *color);
-    struct prt_reference_options o = {.term = term, .n_sample = 40000, .n_ray = 1024,
-                                      .n_single = 2048, .seed = 31};
+    struct prt_reference_options o = {
+        .term = term, .n_sample = 40000, .n_ray = 1024, .n_single = 2048, .seed = 31};
     assert_int_equal(prt_reference_colors(&context, mesh, m, light, &o, color), PRT_OK);
     return color;
 }
@@ -162,7 +163,7 @@ static void joint_serves_every_medium(void **state)
     struct prt_mesh *mesh = body();
     struct prt_bake_options o = options("skin1");
     struct prt_cube light = light_of(16);
-    o.engine = PRT_ENGINE_JOINT;
+    o.engine = PRT_TRANSPORT_JOINT;
     assert_int_equal(prt_bake(&context, mesh, &o, file("j.prt")), PRT_OK);
     for (int i = 0; i < 3; i++) {
         struct prt_material m = medium(name[i]);
@@ -190,7 +191,7 @@ static void polynomial_serves_every_medium(void **state)
     struct prt_bake_options o = options("skin1");
     struct prt_cube light = light_of(16);
     struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
-    o.engine = PRT_ENGINE_POLYNOMIAL;
+    o.engine = PRT_TRANSPORT_POLYNOMIAL;
     o.env = &env;
     assert_int_equal(prt_bake(&context, mesh, &o, file("p.prt")), PRT_OK);
     for (int i = 0; i < 3; i++) {
@@ -213,13 +214,14 @@ static void polynomial_serves_every_medium(void **state)
 }
 
 // Equal bytes whatever the number of threads.
-// Rays inward leave through the hole and find no end: paths stay bounded, and so does the light.
+// Rays inward leave through the hole and find no end: paths stay bounded, and so does the
+// light.
 static void an_open_body_is_lit_like_others(void **state)
 {
     struct prt_mesh *closed = body(), *open = body_of(22);
     struct prt_bake_options o = options("skin1");
     struct prt_cube light = light_of(16);
-    o.engine = PRT_ENGINE_JOINT;
+    o.engine = PRT_TRANSPORT_JOINT;
     o.n_sample = 2000;
     assert_int_equal(prt_bake(&context, closed, &o, file("closed.prt")), PRT_OK);
     assert_int_equal(prt_bake(&context, open, &o, file("open.prt")), PRT_OK);
@@ -278,7 +280,7 @@ static void cancelling_leaves_no_file(void **state)
     struct prt_bake_options o = options("marble");
     struct prt_context c = context;
     c.progress = stop;
-    c.progress_user = (void *)(uintptr_t)"irradiance";
+    c.progress_user = (void *)(uintptr_t) "irradiance";
     o.n_sample = 60000;
     assert_int_equal(prt_bake(&c, mesh, &o, file("c.prt")), PRT_CANCELLED);
     assert_int_not_equal(access(file("c.prt"), F_OK), 0);
@@ -307,7 +309,7 @@ static void nonsense_is_refused(void **state)
     assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
     o = options("marble"), o.material.sigma_a[1] = -1;
     assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
-    o = options("marble"), o.engine = PRT_ENGINE_POLYNOMIAL;
+    o = options("marble"), o.engine = PRT_TRANSPORT_POLYNOMIAL;
     assert_int_equal(prt_bake(&c, mesh, &o, file("n.prt")), PRT_ARG);
     prt_mesh_destroy(mesh);
 }

@@ -48,8 +48,8 @@ static double cube_power(const struct prt_cube *cube)
     double sum = 0;
     const uint32_t n = cube->n;
     for (uint32_t i = 0; i < 6 * n * n; i++)
-        sum += luminance(cube->texel + (size_t)i * 3)
-               * prt_cube_solid_angle(n, i % n, i / n % n);
+        sum +=
+            luminance(cube->texel + (size_t)i * 3) * prt_cube_solid_angle(n, i % n, i / n % n);
     return sum;
 }
 
@@ -57,8 +57,8 @@ static double latlong_power(const struct prt_image *im)
 {
     double sum = 0;
     for (uint32_t y = 0; y < im->height; y++) {
-        const double w = (cos(PI * y / im->height) - cos(PI * (y + 1.0) / im->height))
-                         * 2 * PI / im->width;
+        const double w =
+            (cos(PI * y / im->height) - cos(PI * (y + 1.0) / im->height)) * 2 * PI / im->width;
         for (uint32_t x = 0; x < im->width; x++)
             sum += w * luminance(im->rgb + ((size_t)y * im->width + x) * 3);
     }
@@ -98,8 +98,7 @@ static void files_keep_their_power(void **state)
         for (struct dirent *e; (e = readdir(dir));) {
             struct prt_env *env = NULL;
             snprintf(path, sizeof path, PRT_SHARED_DATA "/env/%s/%s", folders[f], e->d_name);
-            if (e->d_name[0] == '.' || strstr(e->d_name, "angularprobe"))
-                continue;
+            if (e->d_name[0] == '.' || strstr(e->d_name, "angularprobe")) continue;
             assert_int_equal(prt_env_load(&ctx, path, &env), 0);
             check_power(e->d_name, env);
             prt_env_destroy(env);
@@ -111,9 +110,11 @@ static void files_keep_their_power(void **state)
 }
 
 /* Direction of a lat-long position after the light is turned by degrees (CCW from above). */
-static void turned_direction(double x, double y, uint32_t w, uint32_t h, double degrees, double d[3])
+static void turned_direction(double x, double y, uint32_t w, uint32_t h, double degrees,
+                             double d[3])
 {
-    const double phi = 2 * PI * (x / w - 0.5), theta = PI * (0.5 - y / h), a = degrees * PI / 180;
+    const double phi = 2 * PI * (x / w - 0.5), theta = PI * (0.5 - y / h),
+                 a = degrees * PI / 180;
     const double v[3] = {sin(phi) * cos(theta), sin(theta), -cos(phi) * cos(theta)};
     d[0] = cos(a) * v[0] + sin(a) * v[2]; /* rotation about +y */
     d[1] = v[1];
@@ -125,9 +126,12 @@ static void turned_direction(double x, double y, uint32_t w, uint32_t h, double 
 static void one_pixel_sun(void **state)
 {
     enum { W = 512, H = 256 };
-    static const struct { uint32_t x, y; } places[] = {
-        {0, 0}, {300, 0}, {77, 1}, {W - 1, H - 1}, {0, H / 2}, {W - 1, H / 2 - 1}, {64, 128},
-        {191, 64}, {192, 63}, {320, 81}, {448, 90}, {256, 128}, {123, 200}, {400, 250}};
+    static const struct {
+        uint32_t x, y;
+    } places[] = {{0, 0},     {300, 0},           {77, 1},   {W - 1, H - 1},
+                  {0, H / 2}, {W - 1, H / 2 - 1}, {64, 128}, {191, 64},
+                  {192, 63},  {320, 81},          {448, 90}, {256, 128},
+                  {123, 200}, {400, 250}};
     const float sky = 0.01f, sun = 1e5f;
     struct prt_env env = {.kind = PRT_ENV_LATLONG, .latlong = {W, H, NULL}};
     env.latlong.rgb = prt_alloc(W * H * 3, sizeof(float));
@@ -135,8 +139,7 @@ static void one_pixel_sun(void **state)
         for (int k = 0; k < 6; k++) {
             const uint32_t n = k < 4 ? 16u << k : 32;
             const double degrees = k < 3 ? 0 : 73.21 * k;
-            for (int i = 0; i < W * H * 3; i++)
-                env.latlong.rgb[i] = sky;
+            for (int i = 0; i < W * H * 3; i++) env.latlong.rgb[i] = sky;
             float *pixel = env.latlong.rgb + ((size_t)places[p].y * W + places[p].x) * 3;
             pixel[0] = pixel[1] = pixel[2] = sun;
             struct prt_cube cube;
@@ -148,18 +151,18 @@ static void one_pixel_sun(void **state)
             for (uint32_t i = 0; i < 6 * n * n; i++) {
                 const uint32_t x = i % n, y = i / n % n;
                 float dir[3];
-                prt_cube_direction(i / n / n, 2 * (x + 0.5) / n - 1, 2 * (y + 0.5) / n - 1, dir);
+                prt_cube_direction(i / n / n, 2 * (x + 0.5) / n - 1, 2 * (y + 0.5) / n - 1,
+                                   dir);
                 const double c = dir[0] * d[0] + dir[1] * d[1] + dir[2] * d[2];
                 const double reach = 1.5 * 2.0 / n + 1.5 * 2 * PI / W;
                 if (c > cos(reach))
                     near_power += (cube.texel[i * 3] - sky) * prt_cube_solid_angle(n, x, y);
-                else
-                    far = fmax(far, fabs(cube.texel[i * 3] / sky - 1));
+                else far = fmax(far, fabs(cube.texel[i * 3] / sky - 1));
             }
             assert_float_equal(near_power / (want - sky * 4 * PI), 1, 2e-3);
             if (!(far < 3e-3))
-                fail_msg("sun at %u %u, n %u: the sky is off by %g", places[p].x, places[p].y, n,
-                         far);
+                fail_msg("sun at %u %u, n %u: the sky is off by %g", places[p].x, places[p].y,
+                         n, far);
             prt_cube_finish(&cube);
         }
     prt_free(env.latlong.rgb);
@@ -174,8 +177,7 @@ static void texels_are_averages(void **state)
     double worst = 0, sum = 0;
     env.latlong.rgb = prt_alloc(W * H * 3, sizeof(float));
     prt_rng_init(&rng, 11, 1);
-    for (int i = 0; i < W * H * 3; i++)
-        env.latlong.rgb[i] = expf(3 * prt_rng_f32(&rng));
+    for (int i = 0; i < W * H * 3; i++) env.latlong.rgb[i] = expf(3 * prt_rng_f32(&rng));
     struct prt_cube cube;
     const double degrees = 123.4;
     assert_int_equal(prt_env_to_cube(&ctx, &env, N, degrees, &cube), 0);
@@ -189,13 +191,15 @@ static void texels_are_averages(void **state)
                 const double w = pow(1 + s * s + t * t, -1.5), a = -degrees * PI / 180;
                 float d[3];
                 prt_cube_direction(face, s, t, d);
-                const double dx = cos(a) * d[0] + sin(a) * d[2], dz = -sin(a) * d[0] + cos(a) * d[2];
+                const double dx = cos(a) * d[0] + sin(a) * d[2],
+                             dz = -sin(a) * d[0] + cos(a) * d[2];
                 const int px = (int)(W * (atan2(dx, -dz) / (2 * PI) + 0.5)) % W;
                 const int py = (int)(H * (0.5 - asin(d[1]) / PI));
                 total += w * env.latlong.rgb[(py * W + px) * 3];
                 weight += w;
             }
-        const double error = fabs(cube.texel[((face * N + y) * N + x) * 3] / (total / weight) - 1);
+        const double error =
+            fabs(cube.texel[((face * N + y) * N + x) * 3] / (total / weight) - 1);
         worst = fmax(worst, error);
         sum += error / 60;
     }
@@ -211,8 +215,7 @@ static void upsampling_has_no_holes(void **state)
     struct prt_env env = {.kind = PRT_ENV_LATLONG, .latlong = {16, 8, NULL}};
     struct prt_cube cube;
     env.latlong.rgb = prt_alloc(16 * 8 * 3, sizeof(float));
-    for (int i = 0; i < 16 * 8 * 3; i++)
-        env.latlong.rgb[i] = 1 + (float)(i % 7);
+    for (int i = 0; i < 16 * 8 * 3; i++) env.latlong.rgb[i] = 1 + (float)(i % 7);
     assert_int_equal(prt_env_to_cube(&ctx, &env, 128, 10, &cube), 0);
     for (int i = 0; i < 6 * 128 * 128 * 3; i++)
         assert_true(cube.texel[i] > 0.95f && cube.texel[i] < 7.1f);
@@ -246,19 +249,21 @@ static void load_cube(const char *file, uint32_t n, double degrees, struct prt_c
  * OpenEXR pairs were sampled with pixel centres on the edges, half a pixel from ours. */
 static void layouts_agree(void **state)
 {
-    static const struct { const char *file, *other; double tolerance; } pairs[] = {
-        {"cube/lobby_gl.dds", "latlong/lobby.exr", 0.04},
-        {"cube/lobby_hcross.exr", "cube/lobby_gl.dds", 1e-3},
-        {"cube/lobby_vcross.hdr", "cube/lobby_gl.dds", 0.01},
-        {"cube/lobby_faces", "cube/lobby_gl.dds", 0.01},
-        {"latlong/lobby.hdr", "latlong/lobby.exr", 0.01},
-        {"cube/studio_hcross.exr", "latlong/studio.exr", 0.03},
-        {"cube/studio_vcross.hdr", "latlong/studio.exr", 0.03},
-        {"cube/sunrise_hcross.exr", "cube/sunrise_vcross.hdr", 0.02},
-        {"cube/sunrise_hcross.exr", "latlong/sunrise.exr", 0.15},
-        {"cube/grace_vcross.hdr", "latlong/grace.exr", 0.03},
-        {"cube/stage_openexr_cube.exr", "latlong/stage_openexr.exr", 0.2},
-        {"cube/wavylines_openexr_cube.exr", "latlong/wavylines_openexr.exr", 0.2}};
+    static const struct {
+        const char *file, *other;
+        double tolerance;
+    } pairs[] = {{"cube/lobby_gl.dds", "latlong/lobby.exr", 0.04},
+                 {"cube/lobby_hcross.exr", "cube/lobby_gl.dds", 1e-3},
+                 {"cube/lobby_vcross.hdr", "cube/lobby_gl.dds", 0.01},
+                 {"cube/lobby_faces", "cube/lobby_gl.dds", 0.01},
+                 {"latlong/lobby.hdr", "latlong/lobby.exr", 0.01},
+                 {"cube/studio_hcross.exr", "latlong/studio.exr", 0.03},
+                 {"cube/studio_vcross.hdr", "latlong/studio.exr", 0.03},
+                 {"cube/sunrise_hcross.exr", "cube/sunrise_vcross.hdr", 0.02},
+                 {"cube/sunrise_hcross.exr", "latlong/sunrise.exr", 0.15},
+                 {"cube/grace_vcross.hdr", "latlong/grace.exr", 0.03},
+                 {"cube/stage_openexr_cube.exr", "latlong/stage_openexr.exr", 0.2},
+                 {"cube/wavylines_openexr_cube.exr", "latlong/wavylines_openexr.exr", 0.2}};
     want_data();
     for (size_t i = 0; i < sizeof pairs / sizeof *pairs; i++)
         for (int turn = 0; turn < 2; turn++) {
@@ -266,7 +271,8 @@ static void layouts_agree(void **state)
             load_cube(pairs[i].file, 32, turn * 40.0, &a);
             load_cube(pairs[i].other, 32, turn * 40.0, &b);
             const double d = relative_rms(&a, &b);
-            print_message("%s - %s, %d deg: %.4f\n", pairs[i].file, pairs[i].other, turn * 40, d);
+            print_message("%s - %s, %d deg: %.4f\n", pairs[i].file, pairs[i].other, turn * 40,
+                          d);
             if (!(d <= pairs[i].tolerance))
                 fail_msg("%s and %s differ by %g", pairs[i].file, pairs[i].other, d);
             prt_cube_finish(&a);
@@ -283,11 +289,9 @@ static void quarter_turns_map_faces(void **state)
     struct prt_rng rng;
     prt_rng_init(&rng, 3, 3);
     latlong.latlong.rgb = prt_alloc(256 * 128 * 3, sizeof(float));
-    for (int i = 0; i < 256 * 128 * 3; i++)
-        latlong.latlong.rgb[i] = prt_rng_f32(&rng);
+    for (int i = 0; i < 256 * 128 * 3; i++) latlong.latlong.rgb[i] = prt_rng_f32(&rng);
     assert_int_equal(prt_cube_init(&cube.cube, N), 0);
-    for (int i = 0; i < 6 * N * N * 3; i++)
-        cube.cube.texel[i] = prt_rng_f32(&rng);
+    for (int i = 0; i < 6 * N * N * 3; i++) cube.cube.texel[i] = prt_rng_f32(&rng);
     for (int k = 0; k < 2; k++) {
         const struct prt_env *env = k ? &cube : &latlong;
         struct prt_cube still, turned;
@@ -345,8 +349,7 @@ static void threads_and_isa_agree(void **state)
     plain.cpu = PRT_CPU_C;
     prt_rng_init(&rng, 9, 9);
     env.latlong.rgb = prt_alloc(512 * 256 * 3, sizeof(float));
-    for (int i = 0; i < 512 * 256 * 3; i++)
-        env.latlong.rgb[i] = prt_rng_f32(&rng);
+    for (int i = 0; i < 512 * 256 * 3; i++) env.latlong.rgb[i] = prt_rng_f32(&rng);
     assert_int_equal(prt_env_to_cube(&one, &env, 32, 12.3, &a), 0);
     assert_int_equal(prt_env_to_cube(&two, &env, 32, 12.3, &b), 0);
     assert_int_equal(prt_env_to_cube(&plain, &env, 32, 12.3, &c), 0);

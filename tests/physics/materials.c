@@ -23,9 +23,8 @@ static char folder[] = "/tmp/prt-materials-test-XXXXXX", said[512];
 static struct prt_mesh *mesh;
 static struct prt_cube light;
 
-static const char wax[] =
-    "{\"name\":\"wax\",\"profile\":\"burley\",\"albedo\":[0.9,0.7,0.4],"
-    "\"mean_free_path\":[5,3,2],\"eta\":1.3}";
+static const char wax[] = "{\"name\":\"wax\",\"profile\":\"burley\",\"albedo\":[0.9,0.7,0.4],"
+                          "\"mean_free_path\":[5,3,2],\"eta\":1.3}";
 static const char slab[] =
     "{\"name\":\"slab\",\"profile\":\"multipole\",\"layers\":[{\"thickness\":2,"
     "\"sigma_s_prime\":[1,1.5,2],\"sigma_a\":[0.01,0.03,0.1]},{\"sigma_s_prime\":[0.5,0.5,0.5],"
@@ -72,7 +71,8 @@ static void write_scene(const char *path, const char *bin)
         }
     for (int i = 0; i < FLOOR; i++) {
         float *x = p[BALL + i];
-        x[0] = (float)(i / (N + 1) * 5 - 30), x[1] = -9.5f, x[2] = (float)(i % (N + 1) * 5 - 30);
+        x[0] = (float)(i / (N + 1) * 5 - 30), x[1] = -9.5f,
+        x[2] = (float)(i % (N + 1) * 5 - 30);
     }
     for (uint32_t j = 0; j < V; j++)
         for (uint32_t i = 0; i < U; i++) {
@@ -94,14 +94,15 @@ static void write_scene(const char *path, const char *bin)
     assert_int_equal(fclose(f), 0);
     f = fopen(path, "w");
     assert_non_null(f);
-    fprintf(f,
-            "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0,1]}],"
-            "\"nodes\":[{\"mesh\":0,\"name\":\"ball\"},{\"mesh\":1,\"name\":\"floor\"}],"
-            "\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.6,0.4,0.2,1]}}],"
-            "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":2}]},"
-            "{\"primitives\":[{\"attributes\":{\"POSITION\":1},\"indices\":3,\"material\":0}]}],"
-            "\"buffers\":[{\"byteLength\":%zu,\"uri\":\"scene.bin\"}],\"bufferViews\":[",
-            sizeof p + n * sizeof *t);
+    fprintf(
+        f,
+        "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0,1]}],"
+        "\"nodes\":[{\"mesh\":0,\"name\":\"ball\"},{\"mesh\":1,\"name\":\"floor\"}],"
+        "\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.6,0.4,0.2,1]}}],"
+        "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":2}]},"
+        "{\"primitives\":[{\"attributes\":{\"POSITION\":1},\"indices\":3,\"material\":0}]}],"
+        "\"buffers\":[{\"byteLength\":%zu,\"uri\":\"scene.bin\"}],\"bufferViews\":[",
+        sizeof p + n * sizeof *t);
     size_t size[4] = {BALL * 12, FLOOR * 12, ball * 12, (n - ball) * 12}, at = 0;
     for (int i = 0; i < 4; at += size[i++])
         fprintf(f, "%s{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu}", i ? "," : "", at,
@@ -118,8 +119,11 @@ static void write_scene(const char *path, const char *bin)
 
 static struct prt_bake_options options(const char *material)
 {
-    return (struct prt_bake_options){.material = medium(material), .n_sample = 8000, .cube = 16,
-                                     .seed = 1, .no_single = true};
+    return (struct prt_bake_options){.material = medium(material),
+                                     .n_sample = 8000,
+                                     .cube = 16,
+                                     .seed = 1,
+                                     .no_single = true};
 }
 
 static int set_up(void **state)
@@ -146,9 +150,9 @@ static int set_up(void **state)
     struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
     struct prt_bake_options o = options("skin1");
     if (prt_bake(&context, mesh, &o, file("wavelet.prt"))) return -1;
-    o.engine = PRT_ENGINE_JOINT;
+    o.engine = PRT_TRANSPORT_JOINT;
     if (prt_bake(&context, mesh, &o, file("joint.prt"))) return -1;
-    o.engine = PRT_ENGINE_POLYNOMIAL;
+    o.engine = PRT_TRANSPORT_POLYNOMIAL;
     o.env = &env;
     if (prt_bake(&context, mesh, &o, file("polynomial.prt"))) return -1;
     return 0;
@@ -156,8 +160,8 @@ static int set_up(void **state)
 
 static int clean_up(void **state)
 {
-    static const char *const name[] = {"scene.gltf", "scene.bin", "wavelet.prt", "joint.prt", "polynomial.prt",
-                                       "own.prt"};
+    static const char *const name[] = {"scene.gltf", "scene.bin",      "wavelet.prt",
+                                       "joint.prt",  "polynomial.prt", "own.prt"};
     for (int i = 0; i < 6; i++) unlink(file(name[i]));
     prt_mesh_destroy(mesh);
     prt_cube_finish(&light);
@@ -185,8 +189,9 @@ static float (*ask(const struct prt_transport *t, const struct prt_material *m,
                    enum prt_answer_term term))[3]
 {
     float(*out)[3] = calloc(t->mesh.n_vertex, sizeof *out);
-    struct prt_query q = {.term = term, .material = m,
-                          .light = t->engine == PRT_ENGINE_POLYNOMIAL ? NULL : &light};
+    struct prt_query q = {.term = term,
+                          .material = m,
+                          .light = t->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &light};
     int status = prt_answer_colors(&context, t, &q, out);
     if (status) fail_msg("%s", said);
     return out;
@@ -195,8 +200,8 @@ static float (*ask(const struct prt_transport *t, const struct prt_material *m,
 static float (*truth(const struct prt_material *m))[3]
 {
     float(*out)[3] = calloc(mesh->n_vertex, sizeof *out);
-    struct prt_reference_options o = {.term = PRT_REFERENCE_MULTIPLE, .n_sample = 30000,
-                                      .n_ray = 1024, .seed = 7};
+    struct prt_reference_options o = {
+        .term = PRT_REFERENCE_MULTIPLE, .n_sample = 30000, .n_ray = 1024, .seed = 7};
     assert_int_equal(prt_reference_colors(&context, mesh, m, &light, &o, out), PRT_OK);
     return out;
 }
@@ -258,8 +263,8 @@ static void opaque_receivers(void **state)
     free(want);
 }
 
-// A user's curve, a layered slab and normalised diffusion in place of sigma: in bakes made for a
-// dipole, with what the basis misses as bound.
+// A user's curve, a layered slab and normalised diffusion in place of sigma: in bakes made for
+// a dipole, with what the basis misses as bound.
 static void profiles_are_materials(void **state)
 {
     static const char *const text[] = {wax, slab, bumps};
@@ -293,16 +298,16 @@ static void profiles_are_materials(void **state)
     }
 }
 
-// Baked with, a profile is held exactly: polynomial = reference where the basis is exact, and the
-// .prt remembers the profile.
+// Baked with, a profile is held exactly: polynomial = reference where the basis is exact, and
+// the .prt remembers the profile.
 static void own_profile_is_exact(void **state)
 {
     struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
     static const char *const text[] = {bumps, wax, slab};
     for (int e = 0; e < 3; e++) {
         struct prt_bake_options o = options(text[e]);
-        o.engine = (enum prt_engine_kind[]){PRT_ENGINE_POLYNOMIAL, PRT_ENGINE_WAVELET,
-                                            PRT_ENGINE_JOINT}[e];
+        o.engine = (enum prt_transport_kind[]){PRT_TRANSPORT_POLYNOMIAL, PRT_TRANSPORT_WAVELET,
+                                               PRT_TRANSPORT_JOINT}[e];
         o.env = e ? NULL : &env;
         o.no_single = e == 2;
         assert_int_equal(prt_bake(&context, mesh, &o, file("own.prt")), PRT_OK);
@@ -313,9 +318,9 @@ static void own_profile_is_exact(void **state)
         float(*want)[3] = truth(&o.material), (*got)[3] = ask(t, NULL, PRT_ANSWER_MULTIPLE);
         double error = ERROR(got, want, false), bound = 0;
         if (e != 1)
-            assert_int_equal(prt_answer_material_error(&context, t, &o.material, PRT_ANSWER_TOTAL,
-                                                       &bound),
-                             PRT_OK);
+            assert_int_equal(
+                prt_answer_material_error(&context, t, &o.material, PRT_ANSWER_TOTAL, &bound),
+                PRT_OK);
         print_message("%s baked with: %.2f %%, bound %.3f %%\n", o.material.name, 100 * error,
                       100 * bound);
         assert_true(bound < 0.004);
@@ -348,11 +353,12 @@ static void beyond_the_range(void **state)
             struct prt_file *f = open_prt(engine[e]);
             const struct prt_transport *t = prt_file_transport(f);
             float(*got)[3] = calloc(t->mesh.n_vertex, sizeof *got);
-            struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .material = &m,
-                                  .light = e == 2 ? NULL : &light};
+            struct prt_query q = {
+                .term = PRT_ANSWER_MULTIPLE, .material = &m, .light = e == 2 ? NULL : &light};
             double bound = 0;
             said[0] = 0;
-            int status = prt_answer_material_error(&context, t, &m, PRT_ANSWER_MULTIPLE, &bound);
+            int status =
+                prt_answer_material_error(&context, t, &m, PRT_ANSWER_MULTIPLE, &bound);
             if (row[i].says) {
                 assert_true(status == PRT_ARG || status == PRT_MISMATCH);
                 if (!strstr(said, row[i].says)) fail_msg("%s: said %s", row[i].json, said);
@@ -379,11 +385,12 @@ static void refusals_name_range_and_unit(void **state)
     static const struct {
         const char *json, *parameter, *range, *unit;
     } row[] = {
-        {"{\"sigma_s_prime\":[1,-1,1],\"sigma_a\":[0,0,0]}", "sigma_s_prime[1]", "1e-05 to 1000",
-         "mm^-1"},
+        {"{\"sigma_s_prime\":[1,-1,1],\"sigma_a\":[0,0,0]}", "sigma_s_prime[1]",
+         "1e-05 to 1000", "mm^-1"},
         {"{\"sigma_s_prime\":[1,1,1e39],\"sigma_a\":[0,0,0]}", "sigma_s_prime[2]", "to 1000",
          "mm^-1"},
-        {"{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0,0,-0.1]}", "sigma_a[2]", "0 to 1000", "mm^-1"},
+        {"{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0,0,-0.1]}", "sigma_a[2]", "0 to 1000",
+         "mm^-1"},
         {"{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0,0,0],\"g\":1}", "g[0]", "-0.95 to 0.95",
          "no unit"},
         {"{\"sigma_s_prime\":[1000,1,1],\"sigma_a\":[0,0,0],\"g\":0.9}", "extinction",
@@ -392,12 +399,13 @@ static void refusals_name_range_and_unit(void **state)
          "no unit"},
         {"{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0,0,0],\"roughness\":0}", "roughness",
          "0.01 to 1", "no unit"},
-        {"{\"profile\":\"burley\",\"albedo\":1.5,\"mean_free_path\":1}", "albedo", "0.0001 to 1",
-         "no unit"},
+        {"{\"profile\":\"burley\",\"albedo\":1.5,\"mean_free_path\":1}", "albedo",
+         "0.0001 to 1", "no unit"},
         {"{\"profile\":\"burley\",\"albedo\":0.5,\"mean_free_path\":-3}", "mean_free_path",
          "0.001 to 10000", "mm"},
         {"{\"profile\":\"multipole\",\"layers\":[{\"thickness\":0.001,\"sigma_s_prime\":1,"
-         "\"sigma_a\":0.1},{\"sigma_s_prime\":1,\"sigma_a\":1}]}", "thickness", "", "mm"},
+         "\"sigma_a\":0.1},{\"sigma_s_prime\":1,\"sigma_a\":1}]}",
+         "thickness", "", "mm"},
         {"{\"profile\":\"curve\",\"radius\":[0,1],\"rd\":[[-1,0],[1,0],[1,0]]}", "R_d",
          "0 to 1e9", "mm^-2"},
         {"{\"profile\":\"curve\",\"radius\":[0,-1],\"rd\":[[1,0],[1,0],[1,0]]}", "radius",
@@ -472,8 +480,8 @@ static void linear_in_the_light(void **state)
             part[k].texel[i] = light.texel[i] * (i % 7 < 3 ? (float)k : (float)(1 - k));
     }
     for (int k = 0; k < 3; k++) {
-        struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .material = &m,
-                              .light = k < 2 ? &part[k] : &light};
+        struct prt_query q = {
+            .term = PRT_ANSWER_MULTIPLE, .material = &m, .light = k < 2 ? &part[k] : &light};
         got[k] = calloc(mesh->n_vertex, sizeof **got);
         assert_int_equal(prt_answer_colors(&context, t, &q, got[k]), PRT_OK);
     }
@@ -507,9 +515,11 @@ static void either_way_round(void **state)
         fixed.n_function = 3;
         fixed.n_radial = 0;
         assert_int_equal(prt_rows_fold(&context, free_tensor, coef, &fixed.rows), PRT_OK);
-        float(*a)[3] = calloc(mesh->n_vertex, sizeof *a), (*b)[3] = calloc(mesh->n_vertex, sizeof *b);
+        float(*a)[3] = calloc(mesh->n_vertex, sizeof *a),
+        (*b)[3] = calloc(mesh->n_vertex, sizeof *b);
         const struct prt_light *one = &haar;
-        assert_int_equal(prt_relight(&context, free_tensor, 1, &one, coef, false, a[0]), PRT_OK);
+        assert_int_equal(prt_relight(&context, free_tensor, 1, &one, coef, false, a[0]),
+                         PRT_OK);
         assert_int_equal(prt_relight(&context, &fixed, 1, &one, NULL, false, b[0]), PRT_OK);
         double d = distance((const float(*)[3])b, (const float(*)[3])a);
         print_message("%s: the two ways differ by %.4f %%\n", name[i], 100 * d);
@@ -534,12 +544,17 @@ static void reference_of_many(void **state)
     float many[4][40][3], one[40][3];
     float(*const color[4])[3] = {many[0], many[1], many[2], many[3]};
     for (uint32_t i = 0; i < 40; i++) vertex[i] = i * 13 % mesh->n_vertex;
-    struct prt_reference_options o = {.term = PRT_REFERENCE_TOTAL, .n_sample = 4000, .n_ray = 256,
-                                      .n_single = 256, .vertex = vertex, .n_vertex = 40};
-    assert_int_equal(prt_reference_many(&context, mesh, 2, media, 2, lights, &o, color), PRT_OK);
+    struct prt_reference_options o = {.term = PRT_REFERENCE_TOTAL,
+                                      .n_sample = 4000,
+                                      .n_ray = 256,
+                                      .n_single = 256,
+                                      .vertex = vertex,
+                                      .n_vertex = 40};
+    assert_int_equal(prt_reference_many(&context, mesh, 2, media, 2, lights, &o, color),
+                     PRT_OK);
     for (int k = 0; k < 4; k++) {
-        assert_int_equal(prt_reference_colors(&context, mesh, media[k / 2], lights[k % 2], &o, one),
-                         PRT_OK);
+        assert_int_equal(
+            prt_reference_colors(&context, mesh, media[k / 2], lights[k % 2], &o, one), PRT_OK);
         // media of other mean free paths have other cells
         assert_true(prt_relative_rmse(many[k][0], one[0], 120) < 0.01);
     }

@@ -29,7 +29,8 @@ static void assert_within(double value, double expected, double absolute)
 
 static void test_dipole_values(void **state)
 {
-    /* METHODS §1, JMLH01 red channels: sigma_s', sigma_a, eta, R_d at 0, 0.1, 1, 10 mm, rho_d */
+    /* METHODS §1, JMLH01 red channels: sigma_s', sigma_a, eta, R_d at 0, 0.1, 1, 10 mm, rho_d
+     */
     static const double row[][8] = {
         {2.19, 0.0021, 1.5, 3.907465e-1, 3.647715e-1, 3.484669e-2, 1.566956e-4, 0.8301915},
         {0.74, 0.032, 1.3, 4.443106e-2, 4.403511e-2, 2.201903e-2, 7.425801e-5, 0.4359564},
@@ -37,23 +38,23 @@ static void test_dipole_values(void **state)
         {0.18, 0.061, 1.3, 2.719942e-3, 2.717269e-3, 2.471434e-3, 7.313977e-5, 0.1638360},
     };
     for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
-        struct prt_dipole d;
-        prt_dipole_init(&d, row[i][0], row[i][1], row[i][2]);
-        assert_close(prt_dipole_rd(&d, 0), row[i][3], 2e-7);
-        assert_close(prt_dipole_rd(&d, 0.1), row[i][4], 2e-7);
-        assert_close(prt_dipole_rd(&d, 1), row[i][5], 2e-7);
-        assert_close(prt_dipole_rd(&d, 10), row[i][6], 4e-7);
+        struct prt_diffusion d;
+        prt_diffusion_init(&d, row[i][0], row[i][1], row[i][2]);
+        assert_close(prt_diffusion_rd(&d, 0), row[i][3], 2e-7);
+        assert_close(prt_diffusion_rd(&d, 0.1), row[i][4], 2e-7);
+        assert_close(prt_diffusion_rd(&d, 1), row[i][5], 2e-7);
+        assert_close(prt_diffusion_rd(&d, 10), row[i][6], 4e-7);
         assert_close(d.rho_d, row[i][7], 1e-7);
     }
 }
 
 /* The integral of 2 pi r R_d from a, by midpoints in log r. */
-static double integral_beyond(const struct prt_dipole *d, double a)
+static double integral_beyond(const struct prt_diffusion *d, double a)
 {
     double sum = 0, lo = log(a > 0 ? a : 1e-7), hi = log(1e5), n = 40000;
     for (int i = 0; i < n; i++) {
         double r = exp(lo + (hi - lo) * (i + 0.5) / n);
-        sum += 2 * M_PI * r * r * prt_dipole_rd(d, r) * (hi - lo) / n;
+        sum += 2 * M_PI * r * r * prt_diffusion_rd(d, r) * (hi - lo) / n;
     }
     return sum;
 }
@@ -64,18 +65,18 @@ static void test_dipole_integral(void **state)
         const struct prt_material *m = prt_material_preset(i);
         if (m->sigma_a[0] == 0) continue; /* its tail falls as 1/r: the cut would show */
         for (int c = 0; c < 3; c++) {
-            struct prt_dipole d;
-            prt_dipole_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
+            struct prt_diffusion d;
+            prt_diffusion_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
             assert_close(integral_beyond(&d, 0), d.rho_d, 1e-5);
-            assert_close(integral_beyond(&d, 1.5), prt_dipole_tail(&d, 1.5), 1e-5);
-            assert_close(prt_dipole_tail(&d, 0), d.rho_d, 1e-12);
+            assert_close(integral_beyond(&d, 1.5), prt_diffusion_tail(&d, 1.5), 1e-5);
+            assert_close(prt_diffusion_tail(&d, 0), d.rho_d, 1e-12);
         }
     }
 }
 
 static void test_dipole_array(void **state)
 {
-    static const double medium[][2] = {{2.19, 0.0021}, {25, 2},  {0.02, 2},
+    static const double medium[][2] = {{2.19, 0.0021}, {25, 2},   {0.02, 2},
                                        {0.02, 0},      {7, 2e-4}, {900, 1000}};
     static const unsigned masks[] = {PRT_CPU_C, PRT_CPU_AVX2, PRT_CPU_AVX2 | PRT_CPU_AVX512};
     enum { N = 1037, GUARD = 8 };
@@ -84,23 +85,21 @@ static void test_dipole_array(void **state)
     for (size_t m = 0; m < sizeof medium / sizeof medium[0]; m++)
         for (size_t k = 0; k < 3; k++) {
             if ((masks[k] & prt_cpu_detect()) != masks[k]) continue;
-            struct prt_dipole d[3];
+            struct prt_diffusion d[3];
             for (int c = 0; c < 3; c++)
-                prt_dipole_init(&d[c], medium[m][0] * (1 + c), medium[m][1], 1.3);
+                prt_diffusion_init(&d[c], medium[m][0] * (1 + c), medium[m][1], 1.3);
             size_t n = (size_t)(N - (int)m);
             for (int c = 0; c < 3; c++) memset(out[c], 0xff, sizeof out[c]);
-            if (m & 1)
-                prt_dipole_rd3_array(d, masks[k], n, r2, out[0], out[1], out[2]);
+            if (m & 1) prt_diffusion_rd3_array(d, masks[k], n, r2, out[0], out[1], out[2]);
             else
                 for (int c = 0; c < 3; c++)
-                    prt_dipole_rd_array(&d[c], masks[k], n, r2, out[c]);
+                    prt_diffusion_rd_array(&d[c], masks[k], n, r2, out[c]);
             for (int c = 0; c < 3; c++) {
                 for (size_t i = 0; i < n; i++) {
-                    double r = sqrt((double)r2[i]), exact = prt_dipole_rd(&d[c], r);
+                    double r = sqrt((double)r2[i]), exact = prt_diffusion_rd(&d[c], r);
                     if (d[c].sigma_tr * hypot(r, d[c].z_r) <= 40)
                         assert_close(out[c][i], exact, 1e-5);
-                    else
-                        assert_within(out[c][i], exact, 1e-16 * prt_dipole_rd(&d[c], 0));
+                    else assert_within(out[c][i], exact, 1e-16 * prt_diffusion_rd(&d[c], 0));
                 }
                 for (int g = 0; g < GUARD; g++) {
                     uint32_t bits;
@@ -271,7 +270,8 @@ static void directions(unsigned n_phi, float (*dir)[3], double *weight)
         for (unsigned j = 0; j < n_phi; j++) {
             double phi = 2 * M_PI * (j + 0.3) / n_phi, s = sqrt(1 - gauss_x[k] * gauss_x[k]);
             float *d = dir[k * n_phi + j];
-            d[0] = (float)(s * cos(phi)), d[1] = (float)(s * sin(phi)), d[2] = (float)gauss_x[k];
+            d[0] = (float)(s * cos(phi)), d[1] = (float)(s * sin(phi)),
+            d[2] = (float)gauss_x[k];
             weight[k * n_phi + j] = gauss_w[k] * 2 * M_PI / n_phi;
         }
 }
@@ -302,7 +302,8 @@ static void test_spherical_harmonics(void **state)
         }
 }
 
-/* W05 tabulates p over pairs of directions and takes an SVD: its values are |a_l|, 2l+1 times. */
+/* W05 tabulates p over pairs of directions and takes an SVD: its values are |a_l|, 2l+1 times.
+ */
 static void test_phase_svd(void **state)
 {
     enum { N_PHI = 16, N = 8 * N_PHI };
@@ -317,11 +318,12 @@ static void test_phase_svd(void **state)
             for (int k = 0; k < 3; k++) c += (double)dir[i][k] * dir[j][k];
             m[i * N + j] = sqrt(weight[i] * weight[j]) * prt_phase_eval(&phase, c);
         }
-    assert_int_equal(LAPACKE_dgesvd(LAPACK_ROW_MAJOR, 'N', 'N', N, N, m, N, value, NULL, 1, NULL,
-                                    1, superb),
-                     0);
+    assert_int_equal(
+        LAPACKE_dgesvd(LAPACK_ROW_MAJOR, 'N', 'N', N, N, m, N, value, NULL, 1, NULL, 1, superb),
+        0);
     for (int l = 0; l < 4; l++)
-        for (int k = l * l; k < (l + 1) * (l + 1); k++) assert_within(value[k], pow(0.6, l), 1e-6);
+        for (int k = l * l; k < (l + 1) * (l + 1); k++)
+            assert_within(value[k], pow(0.6, l), 1e-6);
     assert_true(value[16] < 1e-6);
 }
 
@@ -332,7 +334,7 @@ struct capture {
 };
 static void capture_log(void *user, enum prt_log_level level, const char *line)
 {
-    snprintf(((struct capture *)user)->line, sizeof ((struct capture *)user)->line, "%s", line);
+    snprintf(((struct capture *)user)->line, sizeof((struct capture *)user)->line, "%s", line);
 }
 
 static int load(struct capture *capture, const char *text, struct prt_material *m)
@@ -347,9 +349,9 @@ static int load(struct capture *capture, const char *text, struct prt_material *
 
 static void test_material_presets(void **state)
 {
-    static const char *const names[] = {"apple",  "chicken1", "chicken2", "cream",
-                                        "ketchup", "marble",  "potato",   "skimmilk",
-                                        "skin1",  "skin2",    "spectralon", "wholemilk"};
+    static const char *const names[] = {"apple",   "chicken1", "chicken2",   "cream",
+                                        "ketchup", "marble",   "potato",     "skimmilk",
+                                        "skin1",   "skin2",    "spectralon", "wholemilk"};
     struct capture capture;
     struct prt_material m;
     for (unsigned i = 0; i < 12; i++) {
@@ -392,10 +394,10 @@ static void test_material_table(void **state)
         const struct prt_material *p = prt_material_preset(n++);
         assert_string_equal(p->name, name);
         for (int c = 0; c < 3; c++) {
-            struct prt_dipole d;
+            struct prt_diffusion d;
             assert_close(p->sigma_s_prime[c], v[c], 1e-6);
             assert_within(p->sigma_a[c], v[3 + c], 1e-7);
-            prt_dipole_init(&d, v[c], v[3 + c], v[9]);
+            prt_diffusion_init(&d, v[c], v[3 + c], v[9]);
             assert_within(d.rho_d, v[10 + c], 6e-5);
         }
     }
@@ -412,11 +414,12 @@ static void test_material_faults(void **state)
         int status;
         const char *says;
     } fault[] = {
-        {"{" SS "," SA ",\"sigma_t\":1}", PRT_FORMAT, "unknown key \"sigma_t\"; allowed: name, "},
+        {"{" SS "," SA ",\"sigma_t\":1}", PRT_FORMAT,
+         "unknown key \"sigma_t\"; allowed: name, "},
         {"{" SA "}", PRT_FORMAT, "\"sigma_s_prime\" is missing"},
         {"{" SS "}", PRT_FORMAT, "\"sigma_a\" is missing"},
         {"{" SS "," SS "," SA "}", PRT_FORMAT, "twice"},
-        {"{\"sigma_s_prime\":[1,2],"  SA "}", PRT_FORMAT, "three numbers"},
+        {"{\"sigma_s_prime\":[1,2]," SA "}", PRT_FORMAT, "three numbers"},
         {"{\"sigma_s_prime\":[1,2,\"3\"]," SA "}", PRT_FORMAT, "three numbers"},
         {"{\"sigma_s_prime\":[1,-2,3]," SA "}", PRT_ARG,
          "sigma_s_prime[1] is -2, allowed range 1e-05 to 1000 mm^-1"},
@@ -458,7 +461,8 @@ static void test_material_faults(void **state)
     char path[] = "/tmp/prt-material-XXXXXX";
     int fd = mkstemp(path);
     assert_true(fd >= 0);
-    const char *json = "  {" SS "," SA ",\"g\":[0.1,0.2,0.3],\"eta\":1.4,\"name\":\"a\\\"b\"}\n";
+    const char *json =
+        "  {" SS "," SA ",\"g\":[0.1,0.2,0.3],\"eta\":1.4,\"name\":\"a\\\"b\"}\n";
     assert_int_equal(write(fd, json, strlen(json)), (ssize_t)strlen(json));
     assert_int_equal(load(&capture, path, &m), PRT_OK);
     assert_close(m.g[2], 0.3, 1e-6);

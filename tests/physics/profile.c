@@ -53,7 +53,8 @@ static void test_burley(void **state)
     /* s = 1.1 at A = 0.8: R_d(1 mm) = 0.8 s (e^-s + e^(-s/3)) / 8 pi */
     struct prt_profile p;
     prt_profile_init_burley(&quiet, &p, 0.8, 1);
-    assert_close(prt_profile_rd(&p, 1), 0.8 * 1.1 * (exp(-1.1) + exp(-1.1 / 3)) / (8 * M_PI), 1e-12);
+    assert_close(prt_profile_rd(&p, 1), 0.8 * 1.1 * (exp(-1.1) + exp(-1.1 / 3)) / (8 * M_PI),
+                 1e-12);
     assert_int_equal(prt_profile_init_burley(&quiet, &p, 1.2, 1), PRT_ARG);
     assert_non_null(strstr(last_line, "albedo is 1.2, allowed range 0.0001 to 1"));
     assert_int_equal(prt_profile_init_burley(&quiet, &p, 0.5, NAN), PRT_ARG);
@@ -75,7 +76,8 @@ static double slab_series(double s, double a, double d, double eta, double r)
 
 static void test_slab(void **state)
 {
-    static const double row[][3] = {{1, 0.01, 2}, {2.19, 0.0021, 5}, {5, 0.5, 0.4}, {0.7, 0, 3}};
+    static const double row[][3] = {
+        {1, 0.01, 2}, {2.19, 0.0021, 5}, {5, 0.5, 0.4}, {0.7, 0, 3}};
     for (size_t i = 0; i < 4; i++) {
         const double s = row[i][0], a = row[i][1], d = row[i][2];
         struct prt_layer layer = {d, s, a};
@@ -88,8 +90,8 @@ static void test_slab(void **state)
             worst = fmax(worst, fabs(got - exact) / r0);
             mass += 2 * M_PI * r * r * 0.0677 * fabs(got - exact);
         }
-        print_message("slab %g/%g/%g mm: largest error %.1e of R_d(0), L1 %.1e of total %.4f\n", s, a,
-                      d, worst, mass / p.total, p.total);
+        print_message("slab %g/%g/%g mm: largest error %.1e of R_d(0), L1 %.1e of total %.4f\n",
+                      s, a, d, worst, mass / p.total, p.total);
         assert_true(worst < 1e-4 && mass < 5e-4 * p.total);
         assert_close(integral(&p, 1e-6, 300), p.total, 1e-3);
         double tail = p.total;
@@ -109,9 +111,9 @@ static void test_slab(void **state)
 
 static void test_layers(void **state)
 {
-    struct prt_dipole dipole;
+    struct prt_diffusion dipole;
     struct prt_profile p;
-    prt_dipole_init(&dipole, 1.5, 0.03, 1.4);
+    prt_diffusion_init(&dipole, 1.5, 0.03, 1.4);
     /* no bottom, and a bottom out of reach, are the dipole */
     struct prt_layer deep[2] = {{INFINITY, 1.5, 0.03}, {0}};
     for (int k = 0; k < 2; k++) {
@@ -119,7 +121,7 @@ static void test_layers(void **state)
         assert_int_equal(prt_profile_init_multipole(&quiet, &p, 1, deep, 1.4), PRT_OK);
         assert_close(p.total, dipole.rho_d, 1e-6);
         for (double r = 0; r < 8; r += 0.5)
-            assert_close(prt_profile_rd(&p, r), prt_dipole_rd(&dipole, r), 1e-3);
+            assert_close(prt_profile_rd(&p, r), prt_diffusion_rd(&dipole, r), 1e-3);
         prt_profile_finish(&p);
     }
     /* the same medium cut in two: layering is approximate, but not by much */
@@ -159,7 +161,8 @@ static void test_curve(void **state)
     assert_true(prt_profile_rd(&p, 2.1) == 0 && prt_profile_tail(&p, 2.1) == 0);
     prt_profile_finish(&p);
     assert_int_equal(prt_profile_init_curve(&quiet, "late", &p, 2, r_late, flat), PRT_OK);
-    assert_close(prt_profile_tail(&p, 0), M_PI * 4 * 0.05, 1e-12); /* constant inside the first */
+    assert_close(prt_profile_tail(&p, 0), M_PI * 4 * 0.05,
+                 1e-12); /* constant inside the first */
     prt_profile_finish(&p);
     const double loud[] = {1, 1}, negative[] = {0.1, -0.1}, back[] = {2, 1};
     assert_int_equal(prt_profile_init_curve(&quiet, "x", &p, 2, r, loud), PRT_ARG);
@@ -189,7 +192,8 @@ static double fit_error(const struct prt_radial *radial, const struct prt_optics
             double r = exp(lo + (hi - lo) * (i + 0.5) / n), sum = 0;
             float b[64], rf = (float)r;
             prt_radial_eval(radial, 1, &rf, b);
-            for (uint32_t j = 0; j < radial->n_function; j++) sum += (double)coef[3 * j + c] * b[j];
+            for (uint32_t j = 0; j < radial->n_function; j++)
+                sum += (double)coef[3 * j + c] * b[j];
             double exact = prt_profile_rd(&o->channel[c], r), mu = r * r;
             error += mu * fabs(sum - exact);
             mass += mu * exact;
@@ -206,23 +210,31 @@ static void test_optics_fit(void **state)
         double limit;
     } row[] = {
         {"preset", "{\"sigma_s_prime\":[0.74,0.88,1.01],\"sigma_a\":[0.032,0.17,0.48]}", 0.001},
-        {"burley", "{\"profile\":\"burley\",\"albedo\":[0.8,0.5,0.3],"
-                   "\"mean_free_path\":[3,1.5,0.8],\"eta\":1.3}", 0.03},
-        {"slab", "{\"profile\":\"multipole\",\"layers\":[{\"thickness\":3,\"sigma_s_prime\":"
-                 "[1,1.2,1.5],\"sigma_a\":[0.01,0.03,0.1]}]}", 0.02},
-        {"two layers", "{\"profile\":\"multipole\",\"layers\":[{\"thickness\":1.2,"
-                       "\"sigma_s_prime\":[1,1.2,1.5],\"sigma_a\":[0.05,0.2,0.5]},"
-                       "{\"sigma_s_prime\":[2,2,2],\"sigma_a\":[0.003,0.02,0.1]}]}", 0.02},
-        {"curve", "{\"profile\":\"curve\",\"radius\":[0,0.5,1,2,4,8],\"rd\":[[0.05,0.045,0.03,0.01,"
-                  "0.001,0],[0.04,0.03,0.02,0.005,0.0005,0],[0.03,0.02,0.01,0.001,0,0]]}", 0.15},
+        {"burley",
+         "{\"profile\":\"burley\",\"albedo\":[0.8,0.5,0.3],"
+         "\"mean_free_path\":[3,1.5,0.8],\"eta\":1.3}",
+         0.03},
+        {"slab",
+         "{\"profile\":\"multipole\",\"layers\":[{\"thickness\":3,\"sigma_s_prime\":"
+         "[1,1.2,1.5],\"sigma_a\":[0.01,0.03,0.1]}]}",
+         0.02},
+        {"two layers",
+         "{\"profile\":\"multipole\",\"layers\":[{\"thickness\":1.2,"
+         "\"sigma_s_prime\":[1,1.2,1.5],\"sigma_a\":[0.05,0.2,0.5]},"
+         "{\"sigma_s_prime\":[2,2,2],\"sigma_a\":[0.003,0.02,0.1]}]}",
+         0.02},
+        {"curve",
+         "{\"profile\":\"curve\",\"radius\":[0,0.5,1,2,4,8],\"rd\":[[0.05,0.045,0.03,0.01,"
+         "0.001,0],[0.04,0.03,0.02,0.005,0.0005,0],[0.03,0.02,0.01,0.001,0,0]]}",
+         0.15},
     };
     struct prt_radial *radial = whole_range();
     for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
         struct prt_optics o;
         float coef[3 * 64];
         double error;
-        assert_int_equal(prt_optics_parse(&quiet, "m", NULL, row[i].json, strlen(row[i].json), &o),
-                         PRT_OK);
+        assert_int_equal(
+            prt_optics_parse(&quiet, "m", NULL, row[i].json, strlen(row[i].json), &o), PRT_OK);
         assert_int_equal(prt_optics_fit(radial, &o, coef, &error), PRT_OK);
         double own = fit_error(radial, &o, coef);
         print_message("%-10s fit error %.3f %%, measured %.3f %%\n", row[i].name, 100 * error,
@@ -231,12 +243,12 @@ static void test_optics_fit(void **state)
         assert_int_equal(prt_material_check(&quiet, &o.material), PRT_OK);
         for (int c = 0; c < 3 && o.kind != PRT_PROFILE_DIPOLE; c++) {
             /* the dipole that stands in: same total, same half-energy radius */
-            struct prt_dipole d;
-            prt_dipole_init(&d, o.material.sigma_s_prime[c], o.material.sigma_a[c], 1.3);
+            struct prt_diffusion d;
+            prt_diffusion_init(&d, o.material.sigma_s_prime[c], o.material.sigma_a[c], 1.3);
             assert_close(d.rho_d, o.channel[c].total, 1e-3);
             double r = 1;
             for (int k = 0; k < 200; k++)
-                r *= prt_dipole_tail(&d, r) > d.rho_d / 2 ? 1.01 : 0.99;
+                r *= prt_diffusion_tail(&d, r) > d.rho_d / 2 ? 1.01 : 0.99;
             assert_close(prt_profile_tail(&o.channel[c], r), o.channel[c].total / 2, 0.03);
         }
         prt_optics_finish(&o);
@@ -245,18 +257,20 @@ static void test_optics_fit(void **state)
     struct prt_optics o = {.kind = PRT_PROFILE_CURVE, .material = *prt_material_preset(8)};
     static double r[4000], rd[4000];
     for (int c = 0; c < 3; c++) {
-        struct prt_dipole d;
-        prt_dipole_init(&d, o.material.sigma_s_prime[c], o.material.sigma_a[c], 1.3);
+        struct prt_diffusion d;
+        prt_diffusion_init(&d, o.material.sigma_s_prime[c], o.material.sigma_a[c], 1.3);
         for (int k = 0; k < 4000; k++) {
             r[k] = k ? 1e-3 * pow(1e5, (k - 1) / 3998.0) : 0;
-            rd[k] = prt_dipole_rd(&d, r[k]);
+            rd[k] = prt_diffusion_rd(&d, r[k]);
         }
-        assert_int_equal(prt_profile_init_curve(&quiet, "skin", &o.channel[c], 4000, r, rd), PRT_OK);
+        assert_int_equal(prt_profile_init_curve(&quiet, "skin", &o.channel[c], 4000, r, rd),
+                         PRT_OK);
     }
     float curve[3 * 64], exact[3 * 64], largest = 0;
     assert_int_equal(prt_optics_fit(radial, &o, curve, NULL), PRT_OK);
     assert_int_equal(prt_radial_fit_material(radial, &o.material, exact, NULL), PRT_OK);
-    for (uint32_t j = 0; j < 3 * radial->n_function; j++) largest = fmaxf(largest, fabsf(exact[j]));
+    for (uint32_t j = 0; j < 3 * radial->n_function; j++)
+        largest = fmaxf(largest, fabsf(exact[j]));
     for (uint32_t j = 0; j < 3 * radial->n_function; j++)
         assert_true(fabsf(curve[j] - exact[j]) < 1e-3f * largest);
     prt_optics_finish(&o);
@@ -271,8 +285,8 @@ static void test_extra_functions(void **state)
         "[0.04,0.03,0.02,0.005,0.0005,0],[0.03,0.02,0.01,0.001,0,0]]}";
     struct prt_optics o, burley;
     assert_int_equal(prt_optics_parse(&quiet, "m", NULL, json, strlen(json), &o), PRT_OK);
-    struct prt_radial_options options = {.eta = 1.3, .n_function = 16, .extra = o.channel,
-                                         .n_extra = 3};
+    struct prt_radial_options options = {
+        .eta = 1.3, .n_function = 16, .extra = o.channel, .n_extra = 3};
     struct prt_radial *radial = NULL, *back = NULL;
     float coef[3 * 64];
     double error;
@@ -359,18 +373,22 @@ static void test_optics_files(void **state)
         {"{\"profile\":\"phong\"}", "allowed: burley, multipole, curve"},
         {"{\"profile\":\"burley\",\"albedo\":0.5}", "\"mean_free_path\" is missing"},
         {"{\"profile\":\"burley\",\"albedo\":0.5,\"mean_free_path\":-1}", "allowed range"},
-        {"{\"profile\":\"burley\",\"albedo\":0.5,\"mean_free_path\":1,\"sigma_a\":1}", "unknown key"},
+        {"{\"profile\":\"burley\",\"albedo\":0.5,\"mean_free_path\":1,\"sigma_a\":1}",
+         "unknown key"},
         {"{\"profile\":\"burley\",\"albedo\":0.5,\"mean_free_path\":1,\"eta\":7}", "eta is 7"},
         {"{\"profile\":\"multipole\",\"layers\":[]}", "1 to 8 layers"},
         {"{\"profile\":\"multipole\",\"layers\":[1]}", "a layer is an object"},
         {"{\"profile\":\"multipole\",\"layers\":[{\"sigma_s_prime\":1,\"sigma_a\":1},"
-         "{\"sigma_s_prime\":1,\"sigma_a\":1}]}", "\"thickness\" [mm] is missing"},
+         "{\"sigma_s_prime\":1,\"sigma_a\":1}]}",
+         "\"thickness\" [mm] is missing"},
         {"{\"profile\":\"curve\",\"file\":\"/etc/passwd\"}", "not allowed here"},
         {"{\"profile\":\"curve\",\"radius\":[0,1],\"rd\":[[1,1],[1,1]]}", "three lists"},
-        {"{\"profile\":\"curve\",\"radius\":[0,1],\"rd\":[[0.1,0],[0.1,0],[0.1]]}", "1 values for 2"},
+        {"{\"profile\":\"curve\",\"radius\":[0,1],\"rd\":[[0.1,0],[0.1,0],[0.1]]}",
+         "1 values for 2"},
     };
     for (size_t i = 0; i < sizeof fault / sizeof fault[0]; i++)
-        if (prt_optics_parse(&quiet, "m", NULL, fault[i].json, strlen(fault[i].json), &o) >= 0 ||
+        if (prt_optics_parse(&quiet, "m", NULL, fault[i].json, strlen(fault[i].json), &o) >=
+                0 ||
             !strstr(last_line, fault[i].says))
             fail_msg("%s: said \"%s\"", fault[i].json, last_line);
 }
@@ -390,9 +408,10 @@ static void test_material_table(void **state)
     for (size_t i = 0; i < 3; i++) {
         struct prt_material m, back;
         struct prt_optics o;
-        struct prt_dipole d[3];
+        struct prt_diffusion d[3];
         static char text[PRT_MATERIAL_TEXT];
-        assert_int_equal(prt_optics_parse(&quiet, "m", NULL, json[i], strlen(json[i]), &o), PRT_OK);
+        assert_int_equal(prt_optics_parse(&quiet, "m", NULL, json[i], strlen(json[i]), &o),
+                         PRT_OK);
         assert_int_equal(prt_material_load(&quiet, json[i], &m), PRT_OK);
         assert_int_equal(m.profile, o.kind);
         assert_int_equal(prt_material_check(&quiet, &m), PRT_OK);
@@ -402,24 +421,27 @@ static void test_material_table(void **state)
             double error = 0, before = 1e-7;
             for (int k = 0; k < 4000; k++) {
                 double next = 1e-7 * pow(1e10, (k + 1) / 4000.0), r = sqrt(before * next);
-                error += fabs(prt_dipole_rd(&d[c], r) - prt_profile_rd(&o.channel[c], r)) * M_PI *
-                         (next * next - before * before);
+                error += fabs(prt_diffusion_rd(&d[c], r) - prt_profile_rd(&o.channel[c], r)) *
+                         M_PI * (next * next - before * before);
                 before = next;
             }
             worst = fmax(worst, error / o.channel[c].total);
             assert_true(fabs(d[c].rho_d - o.channel[c].total) < 2e-5);
             for (int k = 0; k < 30; k++) {
                 double r = 0.01 * pow(1.4, k);
-                assert_true(fabs(prt_dipole_tail(&d[c], r) -
+                assert_true(fabs(prt_diffusion_tail(&d[c], r) -
                                  prt_profile_tail(&o.channel[c], r)) < 5e-4);
                 float r2 = (float)(r * r), one, all[3];
-                prt_dipole_rd_array(&d[c], prt_cpu_detect(), 1, &r2, &one);
-                prt_dipole_rd3_array(d, prt_cpu_detect(), 1, &r2, &all[0], &all[1], &all[2]);
+                prt_diffusion_rd_array(&d[c], prt_cpu_detect(), 1, &r2, &one);
+                prt_diffusion_rd3_array(d, prt_cpu_detect(), 1, &r2, &all[0], &all[1], &all[2]);
                 assert_true(one == all[c]);
-                assert_true(fabs(one - prt_dipole_rd(&d[c], r)) <= 1e-4 * one + 1e-9);
+                assert_true(fabs(one - prt_diffusion_rd(&d[c], r)) <= 1e-4 * one + 1e-9);
             }
         }
-        printf("%-9s %u points hold it to %.4f %%\n", i == 0 ? "burley" : i == 1 ? "slabs" : "curve",
+        printf("%-9s %u points hold it to %.4f %%\n",
+               i == 0   ? "burley"
+               : i == 1 ? "slabs"
+                        : "curve",
                m.n_point, 100 * worst);
         assert_true(worst < (i == 2 ? 1e-5 : 2e-3));
         int n = prt_material_print(&m, text, sizeof text);
@@ -428,7 +450,8 @@ static void test_material_table(void **state)
         assert_int_equal(back.n_point, m.n_point);
         assert_memory_equal(back.radius, m.radius, m.n_point * sizeof *m.radius);
         for (int c = 0; c < 3; c++)
-            assert_memory_equal(back.reflectance[c], m.reflectance[c], m.n_point * sizeof(float));
+            assert_memory_equal(back.reflectance[c], m.reflectance[c],
+                                m.n_point * sizeof(float));
         assert_string_equal(back.name, m.name);
         assert_true(prt_material_summary(&m, text, sizeof text) < 512);
         uint64_t hash = prt_material_hash(&m);
@@ -441,8 +464,11 @@ static void test_material_table(void **state)
         assert_non_null(strstr(last_line, "mm^-2"));
         /* in a basis: as the profile itself, with the residual measured */
         struct prt_radial *radial;
-        struct prt_radial_options ro = {.kind = PRT_RADIAL_REDUCED, .family = PRT_FAMILY_DIPOLE,
-                                        .eta = o.material.eta, .n_function = 16, .radius_mm = 50};
+        struct prt_radial_options ro = {.kind = PRT_RADIAL_REDUCED,
+                                        .family = PRT_FAMILY_DIPOLE,
+                                        .eta = o.material.eta,
+                                        .n_function = 16,
+                                        .radius_mm = 50};
         float a[3 * 64], b[3 * 64];
         double ea, eb;
         assert_int_equal(prt_radial_create(&quiet, &ro, &radial), PRT_OK);
@@ -459,9 +485,9 @@ int main(void)
     prt_context_init(&quiet);
     quiet.log = capture_log;
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_burley), cmocka_unit_test(test_slab),
-        cmocka_unit_test(test_layers), cmocka_unit_test(test_curve),
-        cmocka_unit_test(test_optics_fit), cmocka_unit_test(test_extra_functions),
+        cmocka_unit_test(test_burley),       cmocka_unit_test(test_slab),
+        cmocka_unit_test(test_layers),       cmocka_unit_test(test_curve),
+        cmocka_unit_test(test_optics_fit),   cmocka_unit_test(test_extra_functions),
         cmocka_unit_test(test_optics_files), cmocka_unit_test(test_material_table),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -22,8 +22,8 @@ static void ignore_log(void *user, enum prt_log_level level, const char *line)
 static struct prt_radial *create(enum prt_radial_kind kind, enum prt_radial_family family,
                                  uint32_t n, uint32_t degree, bool narrow)
 {
-    struct prt_radial_options o = {.kind = kind, .family = family, .eta = 1.3, .n_function = n,
-                                   .degree = degree};
+    struct prt_radial_options o = {
+        .kind = kind, .family = family, .eta = 1.3, .n_function = n, .degree = degree};
     if (narrow) o.sigma_lo = 0.1, o.sigma_hi = 10, o.sigma_a_lo = 0.0005, o.sigma_a_hi = 1.5;
     struct prt_radial *radial = NULL;
     assert_int_equal(prt_radial_create(&quiet, &o, &radial), PRT_OK);
@@ -40,13 +40,14 @@ static struct prt_material medium(double sigma_s_prime, double sigma_a)
     return m;
 }
 
-static double target(const struct prt_radial *radial, const struct prt_material *m, int c, double r)
+static double target(const struct prt_radial *radial, const struct prt_material *m, int c,
+                     double r)
 {
     if (radial->family == PRT_FAMILY_EXTINCTION)
         return exp(-(m->sigma_a[c] + m->sigma_s_prime[c] / (1.0 - m->g[c])) * r);
-    struct prt_dipole d;
-    prt_dipole_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
-    return prt_dipole_rd(&d, r);
+    struct prt_diffusion d;
+    prt_diffusion_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
+    return prt_diffusion_rd(&d, r);
 }
 
 /* integral |sum c B - R| d mu up to 60 mm and integral R d mu there, by `n` midpoints in log r:
@@ -56,16 +57,17 @@ static double own_error(const struct prt_radial *radial, const struct prt_materi
 {
     const double lo = log(1e-4), hi = log(60);
     double error = 0, total = 0, balance = 0;
-    struct prt_dipole d;
-    prt_dipole_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
+    struct prt_diffusion d;
+    prt_diffusion_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
     for (unsigned i = 0; i < n; i++) {
         double r = exp(lo + (hi - lo) * (i + 0.5) / n), sum = 0, exact;
         float b[MAX_FUNCTION], rf = (float)r;
         prt_radial_eval(radial, 1, &rf, b);
         for (uint32_t j = 0; j < radial->n_function; j++) sum += (double)coef[3 * j + c] * b[j];
-        exact = radial->family == PRT_FAMILY_DIPOLE ? prt_dipole_rd(&d, r)
+        exact = radial->family == PRT_FAMILY_DIPOLE ? prt_diffusion_rd(&d, r)
                                                     : target(radial, m, c, r);
-        double mu = (radial->family == PRT_FAMILY_DIPOLE ? 2 * M_PI * r : 1) * r * (hi - lo) / n;
+        double mu =
+            (radial->family == PRT_FAMILY_DIPOLE ? 2 * M_PI * r : 1) * r * (hi - lo) / n;
         error += mu * fabs(sum - exact);
         balance += mu * (sum - exact);
         total += mu * exact;
@@ -84,8 +86,7 @@ static void measure(const struct prt_radial *radial, bool narrow, unsigned n_mat
         double u = prt_rng_f32(&rng), v = prt_rng_f32(&rng);
         struct prt_material m = narrow ? medium(0.1 * pow(100, u), 0.0005 * pow(3000, v))
                                        : medium(0.02 * pow(1250, u), 1e-4 * pow(2e4, v));
-        if (radial->family == PRT_FAMILY_EXTINCTION)
-            m = medium(0.02 * pow(2500, u), 0);
+        if (radial->family == PRT_FAMILY_EXTINCTION) m = medium(0.02 * pow(2500, u), 0);
         float coef[3 * MAX_FUNCTION];
         assert_int_equal(prt_radial_fit_material(radial, &m, coef, NULL), PRT_OK);
         double e = own_error(radial, &m, 1, coef, 1500, NULL);
@@ -114,7 +115,8 @@ static void test_methods_table(void **state)
         {PRT_RADIAL_POLYNOMIAL, 32, 1, 0.040, 0.10, "linear pieces, 32"},
         {PRT_RADIAL_POLYNOMIAL, 33, 2, 0.040, 0.12, "quadratic pieces, 33"},
     };
-    print_message("%-22s %4s %10s %10s   recorded mean, worst\n", "basis", "n", "mean %", "worst %");
+    print_message("%-22s %4s %10s %10s   recorded mean, worst\n", "basis", "n", "mean %",
+                  "worst %");
     for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
         struct prt_radial *radial =
             create(row[i].kind, PRT_FAMILY_DIPOLE, row[i].n, row[i].degree, true);
@@ -144,9 +146,9 @@ static void test_whole_range(void **state)
         struct prt_radial *radial = create(PRT_RADIAL_REDUCED, family, 0, 0, false);
         double mean, worst;
         measure(radial, false, 200, &mean, &worst);
-        print_message("%s, whole range, target 0.1 %%: %u functions, mean %.4f %%, worst %.4f %%\n",
-                      family ? "extinction" : "dipole", radial->n_function, 100 * mean,
-                      100 * worst);
+        print_message(
+            "%s, whole range, target 0.1 %%: %u functions, mean %.4f %%, worst %.4f %%\n",
+            family ? "extinction" : "dipole", radial->n_function, 100 * mean, 100 * worst);
         assert_true(radial->n_function <= 20);
         assert_true(radial->worst_error <= 0.001 && worst <= 0.0012);
         for (unsigned i = 0; prt_material_preset(i); i++) {
@@ -155,7 +157,8 @@ static void test_whole_range(void **state)
             double error, own = 0;
             m.eta = 1.3f;
             assert_int_equal(prt_radial_fit_material(radial, &m, coef, &error), PRT_OK);
-            for (int c = 0; c < 3; c++) own = fmax(own, own_error(radial, &m, c, coef, 3000, NULL));
+            for (int c = 0; c < 3; c++)
+                own = fmax(own, own_error(radial, &m, c, coef, 3000, NULL));
             print_message("  %-10s %.4f %%\n", m.name, 100 * error);
             assert_true(error <= 0.001 && own < 1.3 * error + 2e-5);
         }
@@ -203,12 +206,13 @@ static void test_conservation(void **state)
                     double s = (double)m.sigma_s_prime[2] + m.sigma_a[2];
                     expected = -expm1(-s * end) / s;
                 } else {
-                    struct prt_dipole d;
-                    prt_dipole_init(&d, m.sigma_s_prime[2], m.sigma_a[2], 1.3);
-                    expected = d.rho_d - prt_dipole_tail(&d, end);
+                    struct prt_diffusion d;
+                    prt_diffusion_init(&d, m.sigma_s_prime[2], m.sigma_a[2], 1.3);
+                    expected = d.rho_d - prt_diffusion_tail(&d, end);
                 }
                 if (!(fabs(sum - expected) < 1e-5 * expected))
-                    fail_msg("family %d kind %d: %g, expected %g", family, kind[k], sum, expected);
+                    fail_msg("family %d kind %d: %g, expected %g", family, kind[k], sum,
+                             expected);
             }
             prt_radial_destroy(radial);
         }
@@ -231,7 +235,8 @@ static double walk_bend(const struct prt_radial *radial, int n)
 }
 
 /* A slider dragged over the whole range: coefficients bend, they do not jump. Half the step
- * leaves a quarter of a smooth curve's second difference, and all of a jump; 5e-6 is what single precision sums leave. */
+ * leaves a quarter of a smooth curve's second difference, and all of a jump; 5e-6 is what
+ * single precision sums leave. */
 static void test_material_walk(void **state)
 {
     for (int family = 0; family < 2; family++)
@@ -250,15 +255,19 @@ static void test_exact_in_span(void **state)
     static const struct {
         enum prt_radial_kind kind;
         uint32_t n, degree;
-    } row[] = {{PRT_RADIAL_REDUCED, 12, 0}, {PRT_RADIAL_HAT, 17, 1}, {PRT_RADIAL_X07, 32, 1},
-               {PRT_RADIAL_POLYNOMIAL, 16, 1}, {PRT_RADIAL_POLYNOMIAL, 24, 2}};
+    } row[] = {{PRT_RADIAL_REDUCED, 12, 0},
+               {PRT_RADIAL_HAT, 17, 1},
+               {PRT_RADIAL_X07, 32, 1},
+               {PRT_RADIAL_POLYNOMIAL, 16, 1},
+               {PRT_RADIAL_POLYNOMIAL, 24, 2}};
     for (size_t i = 0; i < 5; i++) {
         struct prt_radial *radial =
             create(row[i].kind, PRT_FAMILY_DIPOLE, row[i].n, row[i].degree, true);
         double profile[4096];
         float coef[MAX_FUNCTION], c0[MAX_FUNCTION];
         double error;
-        const bool pieces = row[i].kind == PRT_RADIAL_POLYNOMIAL || row[i].kind == PRT_RADIAL_X07;
+        const bool pieces =
+            row[i].kind == PRT_RADIAL_POLYNOMIAL || row[i].kind == PRT_RADIAL_X07;
         for (uint32_t k = 0; k < radial->n_grid; k++) {
             double r = radial->r[k], end = radial->r[radial->n_grid - 1];
             profile[k] = pieces && row[i].degree == 2 ? (end - r) * (end - r) : end + 2 - r;
@@ -335,8 +344,8 @@ static void test_table_round_trip(void **state)
             for (uint32_t degree = 1; degree <= (kind == 1 ? 2u : 1u); degree++) {
                 struct prt_radial *a = create(kind, family, n[kind], degree, false), *b = NULL;
                 struct prt_radial_options o = {.kind = kind, .family = family, .eta = 1.3};
-                assert_int_equal(prt_radial_from_table(&quiet, &o, a->n_function, a->n_grid, a->r,
-                                                       a->value, &b),
+                assert_int_equal(prt_radial_from_table(&quiet, &o, a->n_function, a->n_grid,
+                                                       a->r, a->value, &b),
                                  PRT_OK);
                 struct prt_material m = *prt_material_preset(8);
                 float ca[3 * MAX_FUNCTION], cb[3 * MAX_FUNCTION], largest = 0;
@@ -346,9 +355,10 @@ static void test_table_round_trip(void **state)
                     largest = fmaxf(largest, fabsf(ca[j]));
                 for (uint32_t j = 0; j < 3 * a->n_function; j++)
                     if (!(fabsf(ca[j] - cb[j]) < 1e-3f * largest))
-                        fail_msg("family %d kind %d degree %u: coef %u %g %g", family, kind, degree,
-                                 j / 3, ca[j], cb[j]);
-                assert_true(fabs(a->worst_error - b->worst_error) < 0.05 * a->worst_error + 1e-5);
+                        fail_msg("family %d kind %d degree %u: coef %u %g %g", family, kind,
+                                 degree, j / 3, ca[j], cb[j]);
+                assert_true(fabs(a->worst_error - b->worst_error) <
+                            0.05 * a->worst_error + 1e-5);
                 prt_radial_destroy(b);
                 /* damage */
                 float keep = a->value[3], *r = a->r;
@@ -387,7 +397,8 @@ static void test_eval_variants(void **state)
             while (k + 2 < fast->n_grid && fast->r[k + 1] <= r[i]) k++;
             const float *v = fast->value + (size_t)j * fast->n_grid + k;
             if (r[i] < last)
-                expected = v[0] + (v[1] - v[0]) * (r[i] - fast->r[k]) / (fast->r[k + 1] - fast->r[k]);
+                expected =
+                    v[0] + (v[1] - v[0]) * (r[i] - fast->r[k]) / (fast->r[k + 1] - fast->r[k]);
             float scale = fmaxf(fabsf(v[0]), fabsf(v[1]));
             assert_true(fabsf(a[i * 13 + (int)j] - expected) <= 1e-5f * scale);
             assert_true(fabsf(b[i * 13 + (int)j] - expected) <= 2e-4f * scale);
@@ -447,9 +458,9 @@ int main(void)
     prt_context_init(&quiet);
     quiet.log = ignore_log;
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_methods_table),   cmocka_unit_test(test_whole_range),
-        cmocka_unit_test(test_conservation),    cmocka_unit_test(test_material_walk),
-        cmocka_unit_test(test_exact_in_span),   cmocka_unit_test(test_continuity),
+        cmocka_unit_test(test_methods_table),    cmocka_unit_test(test_whole_range),
+        cmocka_unit_test(test_conservation),     cmocka_unit_test(test_material_walk),
+        cmocka_unit_test(test_exact_in_span),    cmocka_unit_test(test_continuity),
         cmocka_unit_test(test_table_round_trip), cmocka_unit_test(test_eval_variants),
         cmocka_unit_test(test_speed_and_faults),
     };

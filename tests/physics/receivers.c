@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Opaque surfaces beside a translucent body (W05 fig. 1's floor): albedo/pi times shadowed
-// irradiance by every engine, as the reference has it; nothing of it scatters. And the one limit of
-// eta, 1, where a boundary is none.
+// irradiance by every engine, as the reference has it; nothing of it scatters. And the one
+// limit of eta, 1, where a boundary is none.
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -29,7 +29,8 @@ static void put(float (*p)[3], uint32_t i, double x, double y, double z)
     p[i][0] = (float)x, p[i][1] = (float)y, p[i][2] = (float)z;
 }
 
-// A ball of 16 mm that hovers over the middle of a square of 48 mm; without the square, the ball.
+// A ball of 16 mm that hovers over the middle of a square of 48 mm; without the square, the
+// ball.
 static struct prt_mesh *scene(bool floor)
 {
     static float p[BALL + FLOOR][3];
@@ -63,8 +64,9 @@ static struct prt_mesh *scene(bool floor)
             memcpy(t[nt++], ((uint32_t[3]){a + 1, a + SIDE, a + SIDE + 1}), 12);
         }
     struct prt_mesh *mesh;
-    assert_int_equal(prt_mesh_create(&context, floor ? BALL + FLOOR : BALL, (const float(*)[3])p,
-                                     NULL, nt, (const uint32_t(*)[3])t, &mesh),
+    assert_int_equal(prt_mesh_create(&context, floor ? BALL + FLOOR : BALL,
+                                     (const float(*)[3])p, NULL, nt, (const uint32_t(*)[3])t,
+                                     &mesh),
                      PRT_OK);
     if (floor) { // prt_mesh_create makes one object: the square becomes another, opaque
         surface[0] = mesh->surface[0];
@@ -87,12 +89,13 @@ static struct prt_cube light_of(uint32_t n)
         uint32_t face = i / (n * n), y = i / n % n, x = i % n;
         bool lamp = face == 2 && x >= n / 2 - 1 && x <= n / 2 && y >= n / 2 - 1 && y <= n / 2;
         for (uint32_t c = 0; c < 3; c++)
-            cube.texel[i * 3 + c] = (face == 2 ? 0.5f : 0.2f) + (lamp ? 40 - 6.0f * (float)c : 0);
+            cube.texel[i * 3 + c] =
+                (face == 2 ? 0.5f : 0.2f) + (lamp ? 40 - 6.0f * (float)c : 0);
     }
     return cube;
 }
 
-static struct prt_bake_options options(enum prt_engine_kind engine)
+static struct prt_bake_options options(enum prt_transport_kind engine)
 {
     struct prt_bake_options o = {.engine = engine, .n_sample = 3000, .cube = 16, .seed = 1};
     assert_int_equal(prt_material_load(&context, "skin1", &o.material), PRT_OK);
@@ -107,8 +110,8 @@ static float (*baked(const struct prt_mesh *mesh, const struct prt_bake_options 
     assert_int_equal(prt_file_open(&context, path, PRT_FILE_CHECK_ALL, &f), PRT_OK);
     float(*color)[3] = calloc(mesh->n_vertex, sizeof *color);
     struct prt_query q = {.term = term,
-                          .light = o->engine == PRT_ENGINE_POLYNOMIAL ? NULL : light,
-                          .material = o->engine == PRT_ENGINE_WAVELET ? NULL : &o->material};
+                          .light = o->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : light,
+                          .material = o->engine == PRT_TRANSPORT_WAVELET ? NULL : &o->material};
     assert_int_equal(prt_answer_colors(&context, prt_file_transport(f), &q, color), PRT_OK);
     prt_file_close(f);
     return color;
@@ -118,26 +121,31 @@ static float (*reference(const struct prt_mesh *mesh, const struct prt_material 
                          const struct prt_cube *light, enum prt_reference_term term))[3]
 {
     float(*color)[3] = calloc(mesh->n_vertex, sizeof *color);
-    struct prt_reference_options o = {.term = term, .n_sample = 20000, .n_ray = 2048,
-                                      .n_single = 2048, .straight_single = true, .seed = 31};
+    struct prt_reference_options o = {.term = term,
+                                      .n_sample = 20000,
+                                      .n_ray = 2048,
+                                      .n_single = 2048,
+                                      .straight_single = true,
+                                      .seed = 31};
     assert_int_equal(prt_reference_colors(&context, mesh, m, light, &o, color), PRT_OK);
     return color;
 }
 
-static void floor_is_lit_by(enum prt_engine_kind engine, const char *name)
+static void floor_is_lit_by(enum prt_transport_kind engine, const char *name)
 {
     struct prt_mesh *mesh = scene(true);
     struct prt_cube light = light_of(16);
     struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = light};
     struct prt_bake_options o = options(engine);
-    if (engine == PRT_ENGINE_POLYNOMIAL) o.env = &env;
+    if (engine == PRT_TRANSPORT_POLYNOMIAL) o.env = &env;
     assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
     static const enum prt_answer_term term[] = {PRT_ANSWER_MULTIPLE, PRT_ANSWER_TOTAL};
     float(*want)[3] = reference(mesh, &o.material, &light, PRT_REFERENCE_MULTIPLE);
     for (int k = 0; k < 2; k++) {
         float(*got)[3] = baked(mesh, &o, &light, term[k]);
         double error = prt_relative_rmse(got[BALL], want[BALL], (size_t)FLOOR * 3);
-        print_message("%s: the floor, %s: %.2f %%\n", name, k ? "total" : "multiple", 100 * error);
+        print_message("%s: the floor, %s: %.2f %%\n", name, k ? "total" : "multiple",
+                      100 * error);
         assert_true(error < 0.025); // the wavelet storage, under a lamp of four texels
         // The lamp's shadow lies under the ball.
         const float *under = got[BALL + SIDE / 2 * SIDE + SIDE / 2], *corner = got[BALL];
@@ -158,16 +166,16 @@ static void floor_is_lit_by(enum prt_engine_kind engine, const char *name)
 
 static void wavelet_floor(void **state)
 {
-    floor_is_lit_by(PRT_ENGINE_WAVELET, "wavelet");
+    floor_is_lit_by(PRT_TRANSPORT_WAVELET, "wavelet");
 }
 
-// A floor far from the body, under a constant light of 1, gives its albedo back: albedo/pi E with
-// E = pi, less what the ball hides of the sky.
+// A floor far from the body, under a constant light of 1, gives its albedo back: albedo/pi E
+// with E = pi, less what the ball hides of the sky.
 static void floor_returns_its_albedo(void **state)
 {
     struct prt_mesh *mesh = scene(true);
     struct prt_cube light;
-    struct prt_bake_options o = options(PRT_ENGINE_WAVELET);
+    struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET);
     o.no_single = true;
     assert_int_equal(prt_cube_init(&light, 16), PRT_OK);
     for (uint32_t i = 0; i < 6 * 16 * 16 * 3; i++) light.texel[i] = 1;
@@ -188,7 +196,7 @@ static void eta_one_has_no_boundary(void **state)
 {
     struct prt_mesh *mesh = scene(false);
     struct prt_cube light = light_of(16);
-    struct prt_bake_options o = options(PRT_ENGINE_WAVELET);
+    struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET);
     o.material.eta = 1;
     assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
     float(*got)[3] = baked(mesh, &o, &light, PRT_ANSWER_SINGLE);

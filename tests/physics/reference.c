@@ -31,7 +31,8 @@ static struct prt_mesh *sphere(float r)
     for (int j = 0; j <= V; j++)
         for (int i = 0; i < U; i++) {
             double th = M_PI * j / V, ph = 2 * M_PI * i / U;
-            float d[3] = {(float)(sin(th) * cos(ph)), (float)cos(th), (float)(sin(th) * sin(ph))};
+            float d[3] = {(float)(sin(th) * cos(ph)), (float)cos(th),
+                          (float)(sin(th) * sin(ph))};
             for (int k = 0; k < 3; k++) n[j * U + i][k] = d[k], p[j * U + i][k] = r * d[k];
         }
     for (int j = 0; j < V; j++)
@@ -91,8 +92,10 @@ static struct prt_material medium(const char *name)
 // Law: E on a convex body under a constant unit environment is 2 pi int F_t mu dmu.
 static void irradiance_of_a_convex_body(void **state)
 {
-    static const struct { const char *name; double e; } want[] = {{"skin1", 2.949541},
-                                                                  {"marble", 2.853264}};
+    static const struct {
+        const char *name;
+        double e;
+    } want[] = {{"skin1", 2.949541}, {"marble", 2.853264}};
     struct prt_mesh *mesh = sphere(10);
     struct prt_cube light;
     make_light(&light, 16, 1);
@@ -138,15 +141,18 @@ static void plane_returns_rho_d(void **state)
     uint32_t centre = 30 * 61 + 30;
     for (int i = 0; i < 2; i++) {
         struct prt_material m = medium(i ? "ketchup" : "marble");
-        struct prt_reference_options o = {.term = PRT_REFERENCE_MULTIPLE, .vertex = &centre,
-                                          .n_vertex = 1, .n_sample = 100000, .n_ray = 1024};
-        struct prt_dipole d;
+        struct prt_reference_options o = {.term = PRT_REFERENCE_MULTIPLE,
+                                          .vertex = &centre,
+                                          .n_vertex = 1,
+                                          .n_sample = 100000,
+                                          .n_ray = 1024};
+        struct prt_diffusion d;
         float color[1][3];
         assert_int_equal(prt_reference_colors(&context, mesh, &m, &light, &o, color), PRT_OK);
         double e = M_PI * prt_fresnel_mean_transmittance(m.eta);
         for (int c = 0; c < 3; c++) {
-            prt_dipole_init(&d, m.sigma_s_prime[c], m.sigma_a[c], m.eta);
-            double inside = d.rho_d - prt_dipole_tail(&d, 60) * 1.1;
+            prt_diffusion_init(&d, m.sigma_s_prime[c], m.sigma_a[c], m.eta);
+            double inside = d.rho_d - prt_diffusion_tail(&d, 60) * 1.1;
             print_message("%s channel %d: pi L / (rho_d E) = %.5f\n", m.name, c,
                           color[0][c] * M_PI / (inside * e));
             assert_true(fabs(color[0][c] * M_PI / (inside * e) - 1) < 0.005);
@@ -165,14 +171,15 @@ static void single_scattering_of_a_half_space(void **state)
     uint32_t lit = (2 * 16 + 10) * 16 + 9, centre = 2 * 5 + 2; // a texel of +Y
     for (int c = 0; c < 3; c++) light.texel[lit * 3 + (uint32_t)c] = 1;
     struct prt_material m = medium("marble");
-    struct prt_reference_options o = {.term = PRT_REFERENCE_SINGLE, .vertex = &centre,
-                                      .n_vertex = 1, .n_single = 65536};
+    struct prt_reference_options o = {
+        .term = PRT_REFERENCE_SINGLE, .vertex = &centre, .n_vertex = 1, .n_single = 65536};
     float color[1][3];
     assert_int_equal(prt_reference_colors(&context, mesh, &m, &light, &o, color), PRT_OK);
     for (int c = 0; c < 3; c++) {
         double sum = 0, st = m.sigma_s_prime[c] + m.sigma_a[c];
         for (int k = 0; k < 64 * 64; k++) { // the texel's own integral
-            double s = 2 * (9 + (k % 64 + 0.5) / 64) / 16 - 1, t = 2 * (10 + (k / 64 + 0.5) / 64) / 16 - 1;
+            double s = 2 * (9 + (k % 64 + 0.5) / 64) / 16 - 1,
+                   t = 2 * (10 + (k / 64 + 0.5) / 64) / 16 - 1;
             double q = 1 + s * s + t * t, mu = 1 / sqrt(q);
             double mu_in = sqrt(1 - (1 - mu * mu) / (m.eta * m.eta));
             sum += prt_fresnel_transmittance(m.eta, mu) * m.sigma_s_prime[c] / (4 * M_PI) /
@@ -197,8 +204,8 @@ static void linear_and_converged(void **state)
         twice.texel[(2 * 256 + 70) * 3 + c] = 600;
     }
     struct prt_material m = medium("skin1");
-    struct prt_reference_options o = {.term = PRT_REFERENCE_MULTIPLE, .n_sample = 20000,
-                                      .n_ray = 1024, .seed = 5};
+    struct prt_reference_options o = {
+        .term = PRT_REFERENCE_MULTIPLE, .n_sample = 20000, .n_ray = 1024, .seed = 5};
     size_t n = mesh->n_vertex;
     float(*a)[3] = calloc(n, sizeof *a), (*b)[3] = calloc(n, sizeof *b);
     assert_int_equal(prt_reference_colors(&context, mesh, &m, &light, &o, a), PRT_OK);

@@ -84,8 +84,8 @@ static double value_of(const struct prt_tensor *t, uint32_t row, uint64_t e, uin
 {
     const struct prt_rows *r = &t->rows;
     uint32_t width = r->direction[row + 1] - r->direction[row];
-    const int8_t *entry = (const int8_t *)r->entry + r->value_begin[row] +
-                          (e - r->begin[row]) * width;
+    const int8_t *entry =
+        (const int8_t *)r->entry + r->value_begin[row] + (e - r->begin[row]) * width;
     double sum = 0;
     for (uint32_t d = 0; d < width; d++)
         sum += entry[d] * (double)r->scale[r->direction[row] + d] *
@@ -111,8 +111,8 @@ static double error_of(const struct prt_tensor *t, const float *rows, const floa
             for (uint32_t j = 0; j < J; j++) {
                 double *own = got + ((size_t)v * J + j) * N_COEF;
                 for (uint32_t f = 0; f < 6; f++)
-                    own[f * N * N] +=
-                        u * (double)prt_f16_to_f32(t->rows.scaling[((size_t)row * 6 + f) * J + j]);
+                    own[f * N * N] += u * (double)prt_f16_to_f32(
+                                              t->rows.scaling[((size_t)row * 6 + f) * J + j]);
                 for (uint64_t e = t->rows.begin[row]; e < t->rows.begin[row + 1]; e++) {
                     own[index[e]] += u * value_of(t, row, e, j);
                     if (!v && !j && e > t->rows.begin[row]) {
@@ -150,9 +150,15 @@ static void rows_keep_what_they_are_made_of(void **state)
         probe[i] = (float)(sqrt(-2 * log(u)) * cos(2 * M_PI * a)) * omega[i / PROBES];
     }
     for (int j = 0; j < J; j++) train[j * J + j] = 1;
-    struct factor_plan plan = {.n_function = J, .n_train = J, .train = train, .max_rank = V,
-                               .n_probe = PROBES, .tail_error = 1e-5, .n = N,
-                               .solid_angle = omega, .probe = probe};
+    struct factor_plan plan = {.n_function = J,
+                               .n_train = J,
+                               .train = train,
+                               .max_rank = V,
+                               .n_probe = PROBES,
+                               .tail_error = 1e-5,
+                               .n = N,
+                               .solid_angle = omega,
+                               .probe = probe};
     struct prt_cluster cluster = {0, V, 0, 0, 0};
     uint32_t order[V];
     for (uint32_t v = 0; v < V; v++) order[v] = v;
@@ -184,8 +190,8 @@ static void rows_keep_what_they_are_made_of(void **state)
 static void two_distances_stand_for_a_disc(void **state)
 {
     static const double radius[] = {0.05, 0.1, 0.2};
-    struct prt_dipole d;
-    prt_dipole_init(&d, 1, 1, 1.3);
+    struct prt_diffusion d;
+    prt_diffusion_init(&d, 1, 1, 1.3);
     for (int i = 0; i < 3; i++) {
         enum { M = 400 };
         double mean = 0, n = 0, R = radius[i];
@@ -193,16 +199,16 @@ static void two_distances_stand_for_a_disc(void **state)
             for (int b = 0; b < M; b++) {
                 double x = ((a + 0.5) / M * 2 - 1) * R, y = ((b + 0.5) / M * 2 - 1) * R;
                 if (x * x + y * y > R * R) continue;
-                mean += prt_dipole_rd(&d, sqrt((1 + x) * (1 + x) + y * y)), n++;
+                mean += prt_diffusion_rd(&d, sqrt((1 + x) * (1 + x) + y * y)), n++;
             }
         mean /= n;
         float nearer, farther;
         prt_surface_afar(1, (float)(R / 2), &nearer, &farther);
-        double two = 0.5 * (prt_dipole_rd(&d, sqrt((double)nearer)) +
-                            prt_dipole_rd(&d, sqrt((double)farther)));
-        double point = prt_dipole_rd(&d, 1);
-        printf("disc of %.2f at 1: mean %.6f, two distances %.6f, its centre %.6f\n", R, mean, two,
-               point);
+        double two = 0.5 * (prt_diffusion_rd(&d, sqrt((double)nearer)) +
+                            prt_diffusion_rd(&d, sqrt((double)farther)));
+        double point = prt_diffusion_rd(&d, 1);
+        printf("disc of %.2f at 1: mean %.6f, two distances %.6f, its centre %.6f\n", R, mean,
+               two, point);
         assert_true(fabs(two - mean) < 0.1 * fabs(point - mean));
     }
 }

@@ -55,7 +55,8 @@ static void known_directions_take_no_rays(void **state)
     assert_int_equal(horizon_create(scene, &horizon), PRT_OK);
     assert_int_equal(directions_create(32, 4, 1, &d), PRT_OK);
     fresnel_table_init(&fresnel, 1.3);
-    float *every = prt_alloc(d->n_coef, sizeof *every), *seen = prt_alloc(d->n_coef, sizeof *seen);
+    float *every = prt_alloc(d->n_coef, sizeof *every),
+          *seen = prt_alloc(d->n_coef, sizeof *seen);
     assert_true(every && seen);
     uint64_t rays = 0, all = 0;
     double error = 0, sum = 0, hidden = 0, texels = 0;
@@ -163,8 +164,8 @@ static void the_bytes_allowed_are_used(void **state)
                     if (at == t.rows.begin[row] || index[at] != index[at - 1]) // no half pair
                         kept += (double)e[index[at]];
             }
-        double bytes = (double)t.rows.begin[t.rows.n_row] * (2 + 2 * J) +
-                       t.rows.n_row * (16.0 * J + 8);
+        double bytes =
+            (double)t.rows.begin[t.rows.n_row] * (2 + 2 * J) + t.rows.n_row * (16.0 * J + 8);
         for (uint32_t c = 0; c < CLUSTERS; c++) // rows of U lie in pairs
             bytes += (t.cluster[c].rank + 1) / 2 * 4.0 * VERTICES;
         double error = sqrt((total - kept) / total);

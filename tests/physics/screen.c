@@ -39,8 +39,8 @@ static void plane_gives_total_reflectance(void **state)
         struct prt_screen_report report;
         pixels b = render(&s, &m, NULL, &from_front, options, &report);
         for (int c = 0; c < 3; c++) {
-            struct prt_dipole d;
-            prt_dipole_init(&d, m.sigma_s_prime[c], m.sigma_a[c], m.eta);
+            struct prt_diffusion d;
+            prt_diffusion_init(&d, m.sigma_s_prime[c], m.sigma_a[c], m.eta);
             double e = prt_fresnel_transmittance(m.eta, 1) * (c + 1);
             double want = d.rho_d * e / M_PI, mean = 0, worst = 0;
             uint32_t n = 0;
@@ -70,8 +70,8 @@ static void touching_objects_exchange_nothing(void **state)
     model_init(&model, 20000, 40000);
     add_box(&model, (float[3]){-5, 0, 0}, (float[3]){5, 5, 5}, 8);
     add_box(&model, (float[3]){5, 0, 0}, (float[3]){5, 5, 5}, 8);
-    // light along +x comes from the left: only the left box's left side is lit; the camera is in
-    // front, so the pixels of the right box see only its own, dark, surface
+    // light along +x comes from the left: only the left box's left side is lit; the camera is
+    // in front, so the pixels of the right box see only its own, dark, surface
     struct prt_screen_light light = {{-1, 0, 0}, {5, 5, 5}, false};
     struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 30};
     struct stage s;
@@ -106,7 +106,8 @@ static void media_keep_apart(void **state)
     for (int c = 0; c < 3; c++) medium[1].sigma_a[c] = 0.3f;
     struct prt_screen_options options = {.engine = PRT_SCREEN_TEXTURE};
     pixels alone[2];
-    for (int k = 0; k < 2; k++) alone[k] = render(&s, &medium[k], NULL, &from_front, options, NULL);
+    for (int k = 0; k < 2; k++)
+        alone[k] = render(&s, &medium[k], NULL, &from_front, options, NULL);
     options.object_material = medium;
     pixels both = render(&s, &marble, NULL, &from_front, options, NULL);
     double apart = 0;
@@ -172,7 +173,8 @@ static void translation_changes_nothing(void **state)
         stage_init(&s, &model, camera, 64, 64);
         for (int e = 0; e < 4; e++) {
             struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
-                                                 .n_sample = e == PRT_SCREEN_TEXTURE ? 4000 : 0};
+                                                 .n_sample =
+                                                     e == PRT_SCREEN_TEXTURE ? 4000 : 0};
             b[moved][e] = render(&s, &marble, NULL, &light, options, NULL);
         }
         n[moved] = s.g.n_point;
@@ -190,8 +192,8 @@ static void translation_changes_nothing(void **state)
     }
 }
 
-// The list of lights carries the cube's power; E on a convex body under a constant unit light is
-// 2 pi int F_t mu dmu (METHODS §1), traced or by harmonics.
+// The list of lights carries the cube's power; E on a convex body under a constant unit light
+// is 2 pi int F_t mu dmu (METHODS §1), traced or by harmonics.
 static void irradiance_closed_forms(void **state)
 {
     struct prt_cube cube = constant_cube(16, (float[3]){1, 1, 1});
@@ -220,8 +222,9 @@ static void irradiance_closed_forms(void **state)
         for (int harmonic = 0; harmonic < 2; harmonic++) {
             uint64_t rays = 0;
             if (harmonic) irradiance_harmonics(&cube, &eta[k], &s);
-            else assert_int_equal(irradiance_traced(&quiet, scene, n, light, &eta[k], &s, &rays),
-                                  PRT_OK);
+            else
+                assert_int_equal(irradiance_traced(&quiet, scene, n, light, &eta[k], &s, &rays),
+                                 PRT_OK);
             double mean = 0;
             for (uint32_t i = 0; i < s.n; i++) mean += s.e[0][i] / s.n;
             assert_true(fabs(mean / want[k] - 1) < (harmonic ? 2e-3 : 0.01));
@@ -231,7 +234,9 @@ static void irradiance_closed_forms(void **state)
     uint64_t rays = 0;
     struct samples peel;
     uint32_t *block = prt_mesh_triangle_blocks(&model.mesh);
-    assert_int_equal(samples_peel(&quiet, scene, &(struct grid){block, 0.5f, {0, 0}, 0}, &peel, &rays), PRT_OK);
+    assert_int_equal(
+        samples_peel(&quiet, scene, &(struct grid){block, 0.5f, {0, 0}, 0}, &peel, &rays),
+        PRT_OK);
     area = 0;
     for (uint32_t i = 0; i < peel.n; i++) area += peel.area[i];
     assert_true(fabs(area / (400 * M_PI) - 1) < 0.02);
@@ -271,7 +276,8 @@ static void errors_fall(void **state)
                 assert_true(report.n_light >= 1 && report.n_sample > 0 && report.n_ray > 0);
                 free(b);
             }
-            print_message("%s, %s: %u %.2f %%, %u %.2f %%\n", lit ? "environment" : "distant light",
+            print_message("%s, %s: %u %.2f %%, %u %.2f %%\n",
+                          lit ? "environment" : "distant light",
                           prt_screen_engine_name((enum prt_screen_engine)e), n[e][0],
                           100 * rmse[0], n[e][1], 100 * rmse[1]);
             assert_true(rmse[1] < rmse[0] && rmse[1] < 0.07);
@@ -295,17 +301,18 @@ static void odd_input_gives_pictures(void **state)
         memcpy(model.mesh.triangle[model.mesh.n_triangle++], t, 12);
     }
     end_block(&model, &model.block[0]);
-    struct prt_camera inside = {.eye = {0, 0, 0}, .target = {0, 0, -1}, .up = {0, 1, 0},
-                                .fovy_deg = 60};
-    struct prt_camera away = {.eye = {0, 0, 50}, .target = {0, 0, 90}, .up = {0, 1, 0},
-                              .fovy_deg = 30};
+    struct prt_camera inside = {
+        .eye = {0, 0, 0}, .target = {0, 0, -1}, .up = {0, 1, 0}, .fovy_deg = 60};
+    struct prt_camera away = {
+        .eye = {0, 0, 50}, .target = {0, 0, 90}, .up = {0, 1, 0}, .fovy_deg = 30};
     struct prt_screen_light point = {{3, 30, 30}, {900, 900, 900}, true};
     for (int k = 0; k < 2; k++) {
         struct stage s;
         stage_init(&s, &model, k ? away : inside, 24, 24);
         for (int e = 0; e <= PRT_SCREEN_REFERENCE; e++) {
             struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
-                                                 .n_sample = e == PRT_SCREEN_REFERENCE ? 9000 : 0,
+                                                 .n_sample =
+                                                     e == PRT_SCREEN_REFERENCE ? 9000 : 0,
                                                  .budget_ms = e == 2 ? 5 : 0};
             struct prt_screen_report report;
             pixels b = render(&s, &marble, NULL, &point, options, &report);
@@ -317,7 +324,8 @@ static void odd_input_gives_pictures(void **state)
         struct prt_screen_report report;
         struct prt_image image;
         assert_int_equal(prt_screen_image(&quiet, s.screen, s.vis, &marble, NULL, 1, &point,
-                                          &options, &shade, &image, &report), PRT_OK);
+                                          &options, &shade, &image, &report),
+                         PRT_OK);
         for (int i = 0; i < 24 * 24 * 3; i++) assert_true(isfinite(image.rgb[i]));
         assert_true(k || (report.error > 0 && report.error < 0.1));
         prt_image_finish(&image);
@@ -335,19 +343,27 @@ static void odd_input_gives_pictures(void **state)
     struct prt_screen_light bad = {{NAN, 0, 0}, {1, 1, 1}, false};
     struct prt_screen_options options = {0};
     b = malloc(s.g.n_point * sizeof *b);
-    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &bad, &options,
-                                         b, NULL), PRT_ARG);
+    assert_int_equal(
+        prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &bad, &options, b, NULL),
+        PRT_ARG);
     static const struct prt_screen_options nonsense[] = {
-        {.n_sample = 5000}, {.n_sample = 1}, {.engine = PRT_SCREEN_TANGENT, .n_sample = 1u << 20},
-        {.engine = PRT_SCREEN_TEXTURE, .n_sample = 1u << 30}, {.budget_ms = -1}, {.epsilon = 1},
-        {.bound = NAN}, {.engine = (enum prt_screen_engine)9}};
+        {.n_sample = 5000},
+        {.n_sample = 1},
+        {.engine = PRT_SCREEN_TANGENT, .n_sample = 1u << 20},
+        {.engine = PRT_SCREEN_TEXTURE, .n_sample = 1u << 30},
+        {.budget_ms = -1},
+        {.epsilon = 1},
+        {.bound = NAN},
+        {.engine = (enum prt_screen_engine)9}};
     for (size_t i = 0; i < sizeof nonsense / sizeof *nonsense; i++)
-        assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &from_front,
-                                             &nonsense[i], b, NULL), PRT_ARG);
+        assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1,
+                                             &from_front, &nonsense[i], b, NULL),
+                         PRT_ARG);
     struct prt_material broken = marble;
     broken.sigma_a[1] = NAN;
     assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &broken, NULL, 1, &from_front,
-                                         &options, b, NULL), PRT_ARG);
+                                         &options, b, NULL),
+                     PRT_ARG);
     free(b);
     stage_finish(&s);
     model_finish(&model);
@@ -373,17 +389,22 @@ static void reference_engine_agrees(void **state)
     for (uint32_t i = 0; i < N; i++)
         for (int k = 0; k < 3; k++)
             vertex[3 * i + (uint32_t)k] = s.g.corner[k][(uint64_t)i * s.g.n_point / N];
-    struct prt_reference_options reference = {.term = PRT_REFERENCE_MULTIPLE, .n_sample = 12000,
-                                              .n_ray = 512, .vertex = vertex, .n_vertex = 3 * N};
-    assert_int_equal(prt_reference_colors(&quiet, &model.mesh, &medium, &cube, &reference, want),
-                     PRT_OK);
+    struct prt_reference_options reference = {.term = PRT_REFERENCE_MULTIPLE,
+                                              .n_sample = 12000,
+                                              .n_ray = 512,
+                                              .vertex = vertex,
+                                              .n_vertex = 3 * N};
+    assert_int_equal(
+        prt_reference_colors(&quiet, &model.mesh, &medium, &cube, &reference, want), PRT_OK);
     for (int e = 0; e < 4; e++) {
-        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e, .n_light = 128};
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                             .n_light = 128};
         pixels b = render(&s, &medium, &cube, NULL, options, NULL);
         double num = 0, den = 0;
         for (uint32_t i = 0; i < N; i++) {
             uint32_t at = (uint32_t)((uint64_t)i * s.g.n_point / N);
-            float w[3] = {1 - s.g.bary[0][at] - s.g.bary[1][at], s.g.bary[0][at], s.g.bary[1][at]};
+            float w[3] = {1 - s.g.bary[0][at] - s.g.bary[1][at], s.g.bary[0][at],
+                          s.g.bary[1][at]};
             for (int c = 0; c < 3; c++) {
                 double q = 0;
                 for (uint32_t k = 0; k < 3; k++) q += (double)w[k] * want[3 * i + k][c];
@@ -434,8 +455,8 @@ static void refinement_converges(void **state)
     model_finish(&model);
 }
 
-// E known at the vertices takes the place of rays: the same picture under the same light, by every
-// engine, and none traced.
+// E known at the vertices takes the place of rays: the same picture under the same light, by
+// every engine, and none traced.
 static void known_irradiance_needs_no_rays(void **state)
 {
     struct model model;
@@ -491,7 +512,8 @@ static void frames_can_be_stopped(void **state)
     stage_init(&s, &model, camera, 40, 40);
     for (int e = 0; e < 5; e++) {
         struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
-                                             .n_sample = e == PRT_SCREEN_REFERENCE ? 4000 : 100};
+                                             .n_sample =
+                                                 e == PRT_SCREEN_REFERENCE ? 4000 : 100};
         pixels out = malloc((s.g.n_point + 1) * sizeof *out);
         int stops = 0;
         for (int at = 0; at < 40; at++) {

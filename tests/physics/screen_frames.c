@@ -5,8 +5,8 @@
 // Every kernel gives the C kernel's sums, guarded at odd counts, and says how fast it is.
 static void pair_kernels_agree(void **state)
 {
-    struct prt_dipole d[3];
-    for (int c = 0; c < 3; c++) prt_dipole_init(&d[c], 1 + c, 0.01, 1.3);
+    struct prt_diffusion d[3];
+    for (int c = 0; c < 3; c++) prt_diffusion_init(&d[c], 1 + c, 0.01, 1.3);
     struct radial_table t;
     radial_table_fit(&t, prt_screen_dipole_profile, d, d[2].z_r, 60);
     struct prt_rng rng;
@@ -53,13 +53,14 @@ static void pair_kernels_agree(void **state)
         }
         double t0 = prt_time_s();
         for (int r = 0; r < 20; r++) run(&t, &e, 0, 2777, 64, p, sum);
-        print_message("pairs, %s: %.2f G/s\n", word[k], 20 * 2777 * 64 / (prt_time_s() - t0) / 1e9);
+        print_message("pairs, %s: %.2f G/s\n", word[k],
+                      20 * 2777 * 64 / (prt_time_s() - t0) / 1e9);
     }
     emitters_finish(&e);
 }
 
-// Receivers share light among pixels of one patch only: a picture with a few looks like one with
-// a receiver at every pixel, and weights of a point add up to one.
+// Receivers share light among pixels of one patch only: a picture with a few looks like one
+// with a receiver at every pixel, and weights of a point add up to one.
 static void receivers_stand_for_their_patch(void **state)
 {
     struct model model;
@@ -70,8 +71,14 @@ static void receivers_stand_for_their_patch(void **state)
     struct stage s;
     stage_init(&s, &model, camera, 128, 128);
     struct prt_screen_options options = {.engine = PRT_SCREEN_SPLAT};
-    struct frame f = {.ctx = &quiet, .screen = s.screen, .vis = s.vis, .options = &options,
-                      .width = 128, .height = 128, .g = s.g, .view_key = 77};
+    struct frame f = {.ctx = &quiet,
+                      .screen = s.screen,
+                      .vis = s.vis,
+                      .options = &options,
+                      .width = 128,
+                      .height = 128,
+                      .g = s.g,
+                      .view_key = 77};
     uint32_t before = UINT32_MAX;
     for (uint32_t size = 1; size <= 4; size *= 2) {
         const struct view_cache *v, *again;
@@ -120,7 +127,8 @@ static void budgets_buy_samples(void **state)
             struct prt_screen_options options = {0};
             assert_int_equal(prt_screen_plan(&quiet, s.screen, s.vis, &marble,
                                              (enum prt_screen_engine)e, false, 0, ms, &options,
-                                             &plan), PRT_OK);
+                                             &plan),
+                             PRT_OK);
             assert_true(options.n_sample == plan.n_sample && (int)options.engine == e);
             assert_true(plan.expected_error > 0 && plan.expected_error <= 1);
             assert_true(plan.n_sample >= before.n_sample);
@@ -129,28 +137,32 @@ static void budgets_buy_samples(void **state)
         }
         assert_true(before.n_sample > 200);
         // the options' own budget means the same
-        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e, .budget_ms = 20};
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                             .budget_ms = 20};
         struct prt_screen_report report;
         free(render(&s, &marble, NULL, &from_front, options, &report));
         assert_true(report.n_asked >= 16 && report.expected_error > 0);
     }
     struct prt_screen_options options = {0};
     struct prt_screen_plan plan;
-    assert_int_equal(prt_screen_choose(&quiet, s.screen, s.vis, &marble, false, 0, 50, &options,
-                                       &plan), PRT_OK);
+    assert_int_equal(
+        prt_screen_choose(&quiet, s.screen, s.vis, &marble, false, 0, 50, &options, &plan),
+        PRT_OK);
     assert_true(options.n_sample == plan.n_sample && options.engine == plan.engine);
-    assert_int_equal(prt_screen_plan(&quiet, s.screen, s.vis, &marble, PRT_SCREEN_REFERENCE, false,
-                                     0, 50, &options, &plan), PRT_ARG);
+    assert_int_equal(prt_screen_plan(&quiet, s.screen, s.vis, &marble, PRT_SCREEN_REFERENCE,
+                                     false, 0, 50, &options, &plan),
+                     PRT_ARG);
     static const double bad[] = {0, -1, NAN, INFINITY};
     for (int i = 0; i < 4; i++)
         assert_int_equal(prt_screen_choose(&quiet, s.screen, s.vis, &marble, false, 0, bad[i],
-                                           &options, &plan), PRT_ARG);
+                                           &options, &plan),
+                         PRT_ARG);
     stage_finish(&s);
     model_finish(&model);
 }
 
-// What a frame says of its own error is not much less than it is, whatever light and medium: the
-// first frame is checked, later ones go by it.
+// What a frame says of its own error is not much less than it is, whatever light and medium:
+// the first frame is checked, later ones go by it.
 static void errors_are_foreseen(void **state)
 {
     static const float sigma[3][2] = {{0.7f, 0.0014f}, {2.19f, 0.0021f}, {7.38f, 0.0002f}};
@@ -174,7 +186,8 @@ static void errors_are_foreseen(void **state)
                 medium.sigma_s_prime[c] = sigma[m][0];
                 medium.sigma_a[c] = sigma[m][1] * (float)(1 + c);
             }
-            struct prt_screen_options exact = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 60000};
+            struct prt_screen_options exact = {.engine = PRT_SCREEN_REFERENCE,
+                                               .n_sample = 60000};
             const struct prt_cube *sky = l ? &cube : NULL;
             const struct prt_screen_light *sun = l ? NULL : &light;
             pixels want = render(&s, &medium, sky, sun, exact, NULL);
@@ -188,8 +201,8 @@ static void errors_are_foreseen(void **state)
                     double ratio = error / report.expected_error;
                     if (ratio > 1.2 || ratio < 0.25)
                         print_message("%s %u, medium %d, light %d: %.2f %%, foreseen %.2f %%\n",
-                                      prt_screen_engine_name(options.engine), options.n_sample, m,
-                                      l, 100 * error, 100 * report.expected_error);
+                                      prt_screen_engine_name(options.engine), options.n_sample,
+                                      m, l, 100 * error, 100 * report.expected_error);
                     worst = fmax(worst, ratio);
                     mean += log(ratio);
                     n++;
@@ -221,8 +234,8 @@ static void frames_average_to_the_reference(void **state)
     struct stage s;
     stage_init(&s, &model, camera, 64, 64);
     for (int e = 0; e < 4; e++) {
-        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
-                                             .n_sample = count[e], .measure_error = true};
+        struct prt_screen_options options = {
+            .engine = (enum prt_screen_engine)e, .n_sample = count[e], .measure_error = true};
         struct prt_screen_progress *p;
         assert_int_equal(prt_screen_progress_create(&quiet, s.screen, s.vis, &p), PRT_OK);
         double before = 0, after = 0;
@@ -230,7 +243,8 @@ static void frames_average_to_the_reference(void **state)
             struct prt_screen_report report;
             struct prt_image image;
             assert_int_equal(prt_screen_progress_image(&quiet, p, &marble, NULL, 1, &light,
-                                                       &options, &shade, &image, &report), PRT_OK);
+                                                       &options, &shade, &image, &report),
+                             PRT_OK);
             assert_int_equal(report.frame, k);
             for (int i = 0; i < 64 * 64 * 3; i++) assert_true(isfinite(image.rgb[i]));
             prt_image_finish(&image);
@@ -262,8 +276,8 @@ static void frames_average_to_the_reference(void **state)
     model_finish(&model);
 }
 
-// A light that turns by half a degree changes the picture as the exact sum says, and no more: its
-// samples stay where they were as far as they can (S09: no flicker).
+// A light that turns by half a degree changes the picture as the exact sum says, and no more:
+// its samples stay where they were as far as they can (S09: no flicker).
 static void samples_stay_from_frame_to_frame(void **state)
 {
     struct model model;
@@ -280,7 +294,8 @@ static void samples_stay_from_frame_to_frame(void **state)
         pixels b[2];
         for (int k = 0; k < 2; k++) {
             double a = 0.4 + k * M_PI / 360;
-            struct prt_screen_light light = {{(float)sin(a), 0, (float)cos(a)}, {5, 5, 5}, false};
+            struct prt_screen_light light = {
+                {(float)sin(a), 0, (float)cos(a)}, {5, 5, 5}, false};
             b[k] = render(&s, &marble, NULL, &light, options, NULL);
             if (e == PRT_SCREEN_REFERENCE) exact[k] = b[k];
         }

@@ -4,8 +4,8 @@
 
 #include "prt/profile.h"
 
-// A thick slab's multipole is the dipole; a thinner slab reflects less; the profile integrates to
-// its closed-form total; engines use it in the dipole's place.
+// A thick slab's multipole is the dipole; a thinner slab reflects less; the profile integrates
+// to its closed-form total; engines use it in the dipole's place.
 static void multipole_limits(void **state)
 {
     enum { N = 3000 };
@@ -14,19 +14,22 @@ static void multipole_limits(void **state)
     for (int k = 0; k < N; k++) r[k] = k ? (float)(0.002 * pow(100000, k / (double)N)) : 0;
     static const double thickness[] = {0.5, 2, 8, 500};
     for (int t = 0; t < 4; t++) {
-        assert_int_equal(prt_screen_multipole(&quiet, &marble, thickness[t], N, r, rd, rho), PRT_OK);
+        assert_int_equal(prt_screen_multipole(&quiet, &marble, thickness[t], N, r, rd, rho),
+                         PRT_OK);
         for (int c = 0; c < 3; c++) {
-            struct prt_dipole d;
-            prt_dipole_init(&d, marble.sigma_s_prime[c], marble.sigma_a[c], marble.eta);
+            struct prt_diffusion d;
+            prt_diffusion_init(&d, marble.sigma_s_prime[c], marble.sigma_a[c], marble.eta);
             double sum = 0;
             for (int k = 1; k < N; k++)
-                sum += M_PI * ((double)r[k] - r[k - 1]) * (r[k] * rd[k][c] + r[k - 1] * rd[k - 1][c]);
+                sum += M_PI * ((double)r[k] - r[k - 1]) *
+                       (r[k] * rd[k][c] + r[k - 1] * rd[k - 1][c]);
             assert_true(fabs(sum / rho[c] - 1) < 0.01);
             assert_true(rho[c] > before[c] && rho[c] <= d.rho_d * 1.0001);
             before[c] = rho[c];
             if (t < 3) continue;
             for (int k = 0; k < N; k++)
-                assert_true(fabs(rd[k][c] - prt_dipole_rd(&d, r[k])) < 1e-3 * rd[k][c] + 1e-7);
+                assert_true(fabs(rd[k][c] - prt_diffusion_rd(&d, r[k])) <
+                            1e-3 * rd[k][c] + 1e-7);
         }
     }
     assert_int_equal(prt_screen_multipole(&quiet, &marble, 0, N, r, rd, rho), PRT_ARG);
@@ -50,20 +53,23 @@ static void multipole_limits(void **state)
     struct prt_screen_options wrong = {.engine = PRT_SCREEN_TANGENT, .profile = &profile};
     pixels b = malloc(s.g.n_point * sizeof *b);
     assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &from_front,
-                                         &wrong, b, NULL), PRT_ARG);
+                                         &wrong, b, NULL),
+                     PRT_ARG);
     free(b);
     stage_finish(&s);
     model_finish(&model);
 }
 
-// A profile of another shape keeps its total: on a large plane B = total E (S09's tables, any R_d).
+// A profile of another shape keeps its total: on a large plane B = total E (S09's tables, any
+// R_d).
 static void profiles_keep_their_total(void **state)
 {
     enum { N = 512 };
     static float r_mm[N], rd[N][3];
     struct prt_profile burley;
     assert_int_equal(prt_profile_init_burley(&quiet, &burley, 0.7, 1.5), PRT_OK);
-    double near = 0.01 * prt_profile_radius(&burley, 0.999), far = prt_profile_radius(&burley, 1e-5);
+    double near = 0.01 * prt_profile_radius(&burley, 0.999),
+           far = prt_profile_radius(&burley, 1e-5);
     for (int k = 0; k < N; k++) {
         double r = k ? near * pow(far / near, (k - 1.0) / (N - 2)) : 0;
         r_mm[k] = (float)r;
@@ -101,7 +107,8 @@ static void profiles_keep_their_total(void **state)
 }
 
 // A sheet with uv over [0,1]², seen by a wide camera.
-static const struct prt_camera sheet_camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 54};
+static const struct prt_camera sheet_camera = {
+    .eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 54};
 
 static void sheet_with_uv(struct model *model, struct stage *s)
 {
@@ -128,9 +135,9 @@ static double middle(const struct stage *s, pixels b, int c)
     return sum / n;
 }
 
-// Maps: factors of 2 everywhere are a medium of twice the coefficients; a flat normal map changes
-// nothing; a slope of heights tips the normal as far as it says; two halves of different media
-// look each as its own.
+// Maps: factors of 2 everywhere are a medium of twice the coefficients; a flat normal map
+// changes nothing; a slope of heights tips the normal as far as it says; two halves of
+// different media look each as its own.
 static void maps_change_the_medium(void **state)
 {
     struct prt_material m = marble;
@@ -186,12 +193,14 @@ static void maps_change_the_medium(void **state)
     mapped.sigma_a_map = &tinted;
     b = render(&s, &m, NULL, &from_front, mapped, NULL);
     for (int c = 0; c < 3; c++) {
-        print_message("tinted 0.4: %.4f of the light\n", middle(&s, b, c) / middle(&s, base, c));
+        print_message("tinted 0.4: %.4f of the light\n",
+                      middle(&s, b, c) / middle(&s, base, c));
         assert_true(tint[0][c] > 1);
         assert_true(fabs(middle(&s, b, c) / middle(&s, base, c) / 0.4 - 1) < 0.02);
     }
     free(b);
-    // heights that rise by 12 mm to a side of 60: a normal tipped by atan(0.2); the light's angle
+    // heights that rise by 12 mm to a side of 60: a normal tipped by atan(0.2); the light's
+    // angle
     static float ramp[256][3];
     for (int i = 0; i < 256; i++) ramp[i][0] = 12 * ((float)i + 0.5f) / 256;
     struct prt_screen_map heights = {256, 1, (const float(*)[3])ramp};
@@ -215,7 +224,8 @@ static void maps_change_the_medium(void **state)
         mapped = options;
         mapped.sigma_s_map = &wrong[i];
         assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &m, NULL, 1, &from_front,
-                                             &mapped, b, NULL), PRT_ARG);
+                                             &mapped, b, NULL),
+                         PRT_ARG);
     }
     // uv folded to a line: no frame for bumps, a picture all the same
     for (uint32_t v = 0; v < model.mesh.n_vertex; v++) model.mesh.uv[v][1] = 0.5f;
@@ -226,8 +236,9 @@ static void maps_change_the_medium(void **state)
     free(render(&s, &m, NULL, &slant, mapped, NULL));
     float(*kept)[2] = model.mesh.uv;
     model.mesh.uv = NULL;
-    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &m, NULL, 1, &from_front, &mapped,
-                                         b, NULL), PRT_ARG);
+    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &m, NULL, 1, &from_front,
+                                         &mapped, b, NULL),
+                     PRT_ARG);
     free(kept);
     free(b);
     free(base);
@@ -238,9 +249,9 @@ static void maps_change_the_medium(void **state)
 }
 
 // Every engine takes maps: a tint of 0.4 gives 0.4 of the light, a level normal map changes
-// nothing, a slope of heights tips the normal as far as it says; surfaces may have maps of their
-// own, or none. Two halves of different media look as where light leaves the one or the other,
-// within what lies about the seam.
+// nothing, a slope of heights tips the normal as far as it says; surfaces may have maps of
+// their own, or none. Two halves of different media look as where light leaves the one or the
+// other, within what lies about the seam.
 static void every_engine_takes_maps(void **state)
 {
     static const uint32_t count[5] = {160, 64, 2500, 900, 60000};
@@ -257,9 +268,10 @@ static void every_engine_takes_maps(void **state)
     for (int i = 0; i < 64; i++)
         for (int c = 0; c < 3; c++) halves[i][c] = i < 32 ? 1 : 0.3f;
     const struct prt_material *medium = &m;
-    assert_int_equal(prt_screen_albedo_factors(&quiet, medium, 1, (const float(*)[3])tint, tint), 0);
-    assert_int_equal(prt_screen_albedo_factors(&quiet, medium, 64, (const float(*)[3])halves, halves),
-                     0);
+    assert_int_equal(
+        prt_screen_albedo_factors(&quiet, medium, 1, (const float(*)[3])tint, tint), 0);
+    assert_int_equal(
+        prt_screen_albedo_factors(&quiet, medium, 64, (const float(*)[3])halves, halves), 0);
     const struct prt_screen_map tinted = {1, 1, (const float(*)[3])tint}, none = {0, 0, NULL};
     const struct prt_screen_map level = {1, 1, (const float(*)[3])flat};
     const struct prt_screen_map heights = {256, 1, (const float(*)[3])ramp};
@@ -269,12 +281,14 @@ static void every_engine_takes_maps(void **state)
     double slope = prt_fresnel_transmittance(m.eta, tipped) * tipped /
                    (prt_fresnel_transmittance(m.eta, 0.8) * 0.8);
     for (int e = PRT_SCREEN_REFERENCE; e >= 0; e--) {
-        if (e + 1 == PRT_SCREEN_REFERENCE) { // the others with a picture that shows what lies about
+        if (e + 1 ==
+            PRT_SCREEN_REFERENCE) { // the others with a picture that shows what lies about
             stage_finish(&s);
             stage_init(&s, &model, sheet_camera, 160, 160);
         }
         struct prt_screen_options plain = {.engine = (enum prt_screen_engine)e,
-                                           .n_sample = count[e]}, o = plain;
+                                           .n_sample = count[e]},
+                                  o = plain;
         pixels base = render(&s, &m, NULL, &slant, plain, NULL);
         o.sigma_a_map = &tinted;
         pixels b = render(&s, &m, NULL, &slant, o, NULL);
@@ -304,8 +318,8 @@ static void every_engine_takes_maps(void **state)
         struct prt_screen_report report;
         b = render(&s, &m, NULL, &slant, o, &report);
         print_message("%-9s tint %.4f, level %.4f, slope %.4f of %.4f, halves %.2f %% off\n",
-                      prt_screen_engine_name(plain.engine), tint_share, level_share, slope_share,
-                      slope, 100 * report.error);
+                      prt_screen_engine_name(plain.engine), tint_share, level_share,
+                      slope_share, slope, 100 * report.error);
         assert_true(fabs(tint_share / 0.4 - 1) < 0.02);
         assert_true(fabs(level_share - 1) < 0.01);
         assert_true(fabs(slope_share / slope - 1) < 0.03);
@@ -318,8 +332,8 @@ static void every_engine_takes_maps(void **state)
     model_finish(&model);
 }
 
-// A material's own profile is what every engine spreads light by: its total on a large plane, and
-// on a ball what the sum over its own R_d says.
+// A material's own profile is what every engine spreads light by: its total on a large plane,
+// and on a ball what the sum over its own R_d says.
 static void materials_bring_their_profile(void **state)
 {
     static const char *const text[2] = {
@@ -330,8 +344,9 @@ static void materials_bring_their_profile(void **state)
     static const uint32_t count[5] = {160, 256, 2500, 900, 60000};
     for (int k = 0; k < 2; k++) {
         struct prt_material m;
-        assert_int_equal(prt_material_parse(&quiet, "test", text[k], strlen(text[k]), &m), PRT_OK);
-        struct prt_dipole d[3];
+        assert_int_equal(prt_material_parse(&quiet, "test", text[k], strlen(text[k]), &m),
+                         PRT_OK);
+        struct prt_diffusion d[3];
         prt_material_dipoles(&m, d);
         struct model sheet, ball;
         struct stage flat, round;
@@ -340,8 +355,9 @@ static void materials_bring_their_profile(void **state)
         stage_init(&flat, &sheet, sheet_camera, 32, 32);
         model_init(&ball, 20000, 40000);
         add_sphere(&ball, (float[3]){0, 0, 0}, 10, 32);
-        stage_init(&round, &ball, (struct prt_camera){.eye = {0, 0, 60}, .up = {0, 1, 0},
-                                                      .fovy_deg = 24}, 48, 48);
+        stage_init(&round, &ball,
+                   (struct prt_camera){.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24}, 48,
+                   48);
         pixels want = NULL;
         for (int e = PRT_SCREEN_REFERENCE; e >= 0; e--) {
             struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,

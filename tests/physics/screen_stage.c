@@ -3,9 +3,11 @@
 #include "screen_stage.h"
 
 struct prt_context quiet;
-struct prt_material marble = {.name = "marble", .sigma_s_prime = {2.19f, 2.62f, 3.0f},
-                                     .sigma_a = {0.0021f, 0.0041f, 0.0071f}, .eta = 1.5f,
-                                     .roughness = 0.3f};
+struct prt_material marble = {.name = "marble",
+                              .sigma_s_prime = {2.19f, 2.62f, 3.0f},
+                              .sigma_a = {0.0021f, 0.0041f, 0.0071f},
+                              .eta = 1.5f,
+                              .roughness = 0.3f};
 
 static void swallow(void *user, enum prt_log_level level, const char *line)
 {
@@ -34,8 +36,8 @@ void model_finish(struct model *m)
 struct prt_block *begin_block(struct model *m, bool translucent)
 {
     uint32_t i = m->mesh.n_block++;
-    m->block[i] = (struct prt_block){m->mesh.n_object++, m->mesh.n_surface, m->mesh.n_vertex, 0,
-                                     m->mesh.n_triangle, 0};
+    m->block[i] = (struct prt_block){
+        m->mesh.n_object++, m->mesh.n_surface, m->mesh.n_vertex, 0, m->mesh.n_triangle, 0};
     struct prt_surface *s = &m->surface[m->mesh.n_surface++];
     s->translucent = translucent;
     for (int k = 0; k < 4; k++) s->base_color[k] = 0.5f;
@@ -124,14 +126,15 @@ void add_sphere(struct model *m, const float c[3], float radius, uint32_t n)
     end_block(m, b);
 }
 
-void stage_init(struct stage *s, const struct model *m, struct prt_camera camera,
-                uint32_t w, uint32_t h)
+void stage_init(struct stage *s, const struct model *m, struct prt_camera camera, uint32_t w,
+                uint32_t h)
 {
     memset(s, 0, sizeof *s);
     assert_int_equal(prt_scene_create(&quiet, &m->mesh, &s->scene), PRT_OK);
     assert_int_equal(prt_screen_create(&quiet, &m->mesh, s->scene, &s->screen), PRT_OK);
-    assert_int_equal(prt_visibility_create(&quiet, &m->mesh, &camera, w, h, 4, PRT_RASTER_AUTO,
-                                           &s->vis), PRT_OK);
+    assert_int_equal(
+        prt_visibility_create(&quiet, &m->mesh, &camera, w, h, 4, PRT_RASTER_AUTO, &s->vis),
+        PRT_OK);
     prt_visibility_gbuffer(s->vis, &s->g);
 }
 
@@ -142,13 +145,14 @@ void stage_finish(struct stage *s)
     prt_visibility_destroy(s->vis);
 }
 
-pixels render(struct stage *s, const struct prt_material *material,
-              const struct prt_cube *cube, const struct prt_screen_light *light,
-              struct prt_screen_options options, struct prt_screen_report *report)
+pixels render(struct stage *s, const struct prt_material *material, const struct prt_cube *cube,
+              const struct prt_screen_light *light, struct prt_screen_options options,
+              struct prt_screen_report *report)
 {
     pixels out = malloc(((size_t)s->g.n_point + 1) * sizeof *out);
-    assert_int_equal(prt_screen_radiance(&quiet, s->screen, s->vis, material, cube, light ? 1 : 0,
-                                         light, &options, out, report), PRT_OK);
+    assert_int_equal(prt_screen_radiance(&quiet, s->screen, s->vis, material, cube,
+                                         light ? 1 : 0, light, &options, out, report),
+                     PRT_OK);
     for (uint32_t i = 0; i < s->g.n_point; i++)
         for (int k = 0; k < 3; k++) assert_true(isfinite(out[i][k]) && out[i][k] >= 0);
     return out;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* screen_stage.h owns what the tests of screen/ share: small models, a stage they are seen on, and
- * comparisons. */
+/* screen_stage.h owns what the tests of screen/ share: small models, a stage they are seen on,
+ * and comparisons. */
 #ifndef SCREEN_STAGE_H
 #define SCREEN_STAGE_H
 
@@ -15,7 +15,7 @@
 
 #include <cmocka.h>
 
-extern struct prt_context quiet;       // with a pool, from screen_setup on
+extern struct prt_context quiet; // with a pool, from screen_setup on
 extern struct prt_material marble;
 extern const struct prt_screen_light from_front; // along -z, irradiance 1, 2, 3
 typedef float (*pixels)[3];
@@ -43,12 +43,12 @@ struct stage {
     struct prt_visibility *vis;
     struct prt_gbuffer g;
 };
-void stage_init(struct stage *s, const struct model *m, struct prt_camera camera,
-                uint32_t w, uint32_t h);
+void stage_init(struct stage *s, const struct model *m, struct prt_camera camera, uint32_t w,
+                uint32_t h);
 void stage_finish(struct stage *s);
-pixels render(struct stage *s, const struct prt_material *material,
-              const struct prt_cube *cube, const struct prt_screen_light *light,
-              struct prt_screen_options options, struct prt_screen_report *report);
+pixels render(struct stage *s, const struct prt_material *material, const struct prt_cube *cube,
+              const struct prt_screen_light *light, struct prt_screen_options options,
+              struct prt_screen_report *report);
 // Relative RMSE over points and channels.
 double relative(pixels a, pixels b, uint32_t n);
 // Chi-square of counts against expectations; true below the 99.9 % point (Wilson-Hilferty).

@@ -5,9 +5,9 @@
 // M03's radii have density 2 pi r R_d / rho_d, the mean over channels.
 static void tangent_radii_follow_rd(void **state)
 {
-    struct prt_dipole d[3];
+    struct prt_diffusion d[3];
     for (int c = 0; c < 3; c++)
-        prt_dipole_init(&d[c], marble.sigma_s_prime[c], 0.01 + 0.03 * c, marble.eta);
+        prt_diffusion_init(&d[c], marble.sigma_s_prime[c], 0.01 + 0.03 * c, marble.eta);
     enum { BINS = 40, DRAWS = 40000 };
     double want[BINS], edge[BINS + 1], value;
     uint32_t got[BINS] = {0};
@@ -15,8 +15,8 @@ static void tangent_radii_follow_rd(void **state)
     for (int i = 0; i < BINS; i++) {
         want[i] = 0;
         for (int c = 0; c < 3; c++) {
-            double in = prt_dipole_tail(&d[c], edge[i]);
-            double out = i + 1 < BINS ? prt_dipole_tail(&d[c], edge[i + 1]) : 0;
+            double in = prt_diffusion_tail(&d[c], edge[i]);
+            double out = i + 1 < BINS ? prt_diffusion_tail(&d[c], edge[i + 1]) : 0;
             want[i] += DRAWS * (in - out) / d[c].rho_d / 3;
         }
     }
@@ -34,9 +34,9 @@ static void tangent_radii_follow_rd(void **state)
         double sum = 0;
         for (int i = 0; i < 20000; i++) {
             double r = (i + 0.5) * 1e-3;
-            sum += 2 * M_PI * r * prt_dipole_rd(&d[c], r) * 1e-3;
+            sum += 2 * M_PI * r * prt_diffusion_rd(&d[c], r) * 1e-3;
         }
-        assert_true(fabs(sum + prt_dipole_tail(&d[c], 20) - d[c].rho_d) < 1e-4 * d[c].rho_d);
+        assert_true(fabs(sum + prt_diffusion_tail(&d[c], 20) - d[c].rho_d) < 1e-4 * d[c].rho_d);
     }
 }
 

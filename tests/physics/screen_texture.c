@@ -38,17 +38,17 @@ static void split_weights(void **state)
         double before = 2;
         for (double r = 0; r < 12; r += 0.01) {
             double w = prt_screen_local_weight(r, r_p);
-            assert_true(w > 0 && w < 1 && w < before); // W_g = 1 - W_l: both in (0,1)
+            assert_true(w > 0 && w < 1 && w < before);    // W_g = 1 - W_l: both in (0,1)
             assert_true(before > 1 || before - w < 0.01); // continuous at R_p
             before = w;
         }
     }
-    struct prt_dipole d[3];
-    for (int c = 0; c < 3; c++) prt_dipole_init(&d[c], 1 + c, 0.01, 1.3);
+    struct prt_diffusion d[3];
+    for (int c = 0; c < 3; c++) prt_diffusion_init(&d[c], 1 + c, 0.01, 1.3);
     double r_p = prt_screen_split_radius(d, 0.05), most = 0, beyond = 0;
     for (int c = 0; c < 3; c++) {
-        most = fmax(most, 2 * M_PI * r_p * prt_dipole_rd(&d[c], r_p));
-        beyond = fmax(beyond, 2 * M_PI * 1.01 * r_p * prt_dipole_rd(&d[c], 1.01 * r_p));
+        most = fmax(most, 2 * M_PI * r_p * prt_diffusion_rd(&d[c], r_p));
+        beyond = fmax(beyond, 2 * M_PI * 1.01 * r_p * prt_diffusion_rd(&d[c], 1.01 * r_p));
     }
     assert_true(most >= 0.0499 && beyond < 0.05);
 }
@@ -56,8 +56,8 @@ static void split_weights(void **state)
 // Local and global part together are R_d, as tables too, and a disc keeps the total.
 static void split_parts_add_up(void **state)
 {
-    struct prt_dipole dipole[1][3];
-    for (int c = 0; c < 3; c++) prt_dipole_init(&dipole[0][c], 1 + c, 0.02, 1.3);
+    struct prt_diffusion dipole[1][3];
+    for (int c = 0; c < 3; c++) prt_diffusion_init(&dipole[0][c], 1 + c, 0.02, 1.3);
     struct prt_screen_options options = {0};
     struct frame f = {.ctx = &quiet, .dipole = dipole, .options = &options};
     struct radial_table whole, near, far;
@@ -79,7 +79,7 @@ static void split_parts_add_up(void **state)
     own_share(&f, 0, 0.8, share);
     for (int i = 0; i < 40000; i++) {
         double r = (i + 0.5) * 1e-4, w = 2 * M_PI * r * exp(-r * r / 0.64) * 1e-4;
-        for (int c = 0; c < 3; c++) sum[c] += w * prt_dipole_rd(&dipole[0][c], r);
+        for (int c = 0; c < 3; c++) sum[c] += w * prt_diffusion_rd(&dipole[0][c], r);
     }
     for (int c = 0; c < 3; c++) assert_true(fabs(share[c] / sum[c] - 1) < 0.002);
     struct radial_table disc;
@@ -99,12 +99,15 @@ static void split_parts_add_up(void **state)
     }
 }
 
-// C08 under light of short ways: points lie four mean free paths apart, and what is nearer comes
-// from the pixel's own irradiance. Blurred over the points' cells it would be off by 10 %.
+// C08 under light of short ways: points lie four mean free paths apart, and what is nearer
+// comes from the pixel's own irradiance. Blurred over the points' cells it would be off by 10
+// %.
 static void short_ways_stay_sharp(void **state)
 {
-    struct prt_material cream = {.name = "cream", .sigma_s_prime = {7.38f, 5.47f, 3.15f},
-                                 .sigma_a = {0.0002f, 0.0028f, 0.0163f}, .eta = 1.3f,
+    struct prt_material cream = {.name = "cream",
+                                 .sigma_s_prime = {7.38f, 5.47f, 3.15f},
+                                 .sigma_a = {0.0002f, 0.0028f, 0.0163f},
+                                 .eta = 1.3f,
                                  .roughness = 0.3f};
     struct prt_screen_light light = {{0.5f, 0.4f, 0.8f}, {5, 5, 5}, false};
     struct model model;
@@ -142,11 +145,11 @@ static void add_uv(struct model *m, uint32_t n, int fold)
         float *uv = m->mesh.uv[v];
         uv[0] = (float)(v % one % row) / (float)(2 * n);
         uv[1] = (float)(v % one / row) / (float)n;
-        if (fold == 1) uv[0] = uv[1] = 0.25f;                 // all in one place
-        if (fold == 2) uv[0] = fabsf(2 * uv[0] - 1);          // mirrored halves lie on each other
+        if (fold == 1) uv[0] = uv[1] = 0.25f;        // all in one place
+        if (fold == 2) uv[0] = fabsf(2 * uv[0] - 1); // mirrored halves lie on each other
         if (fold == 3) uv[1] = NAN;
-        if (fold == 4) uv[0] = 3 * uv[0] + 1;                 // outside the square
-        if (fold == 5) uv[1] = 0.5f;                          // a line
+        if (fold == 4) uv[0] = 3 * uv[0] + 1; // outside the square
+        if (fold == 5) uv[1] = 0.5f;          // a line
     }
 }
 
@@ -162,7 +165,8 @@ static void uv_are_the_atlas(void **state)
         struct model model;
         model_init(&model, 20000, 40000);
         add_sphere(&model, (float[3]){0, 0, 0}, 10, N);
-        if (fold == 0) add_sphere(&model, (float[3]){0, 22, 0}, 5, N); // each has the whole square
+        if (fold == 0)
+            add_sphere(&model, (float[3]){0, 22, 0}, 5, N); // each has the whole square
         if (fold >= 0) add_uv(&model, N, fold);
         struct stage s;
         stage_init(&s, &model, camera, 60, 60);
@@ -183,7 +187,8 @@ static void uv_are_the_atlas(void **state)
         // and its texels are the whole surface
         bool injective;
         struct samples texels;
-        assert_int_equal(samples_uv_atlas(&quiet, &model.mesh, 20000, &texels, &injective), PRT_OK);
+        assert_int_equal(samples_uv_atlas(&quiet, &model.mesh, 20000, &texels, &injective),
+                         PRT_OK);
         assert_true(injective == (fold == 0));
         if (injective) {
             double area = 0;
@@ -220,8 +225,8 @@ static void pattern_is_the_near_part(void **state)
         unsigned mask, all = quiet.cpu;
         assert_int_equal(prt_cpu_parse(word[k], &mask), PRT_OK);
         quiet.cpu = mask & prt_cpu_detect();
-        struct prt_screen_options options = {.engine = PRT_SCREEN_HYBRID, .n_sample = 900,
-                                             .rings = 20, .spokes = 20};
+        struct prt_screen_options options = {
+            .engine = PRT_SCREEN_HYBRID, .n_sample = 900, .rings = 20, .spokes = 20};
         pixels b = render(&s, &marble, NULL, &light, options, NULL);
         quiet.cpu = all;
         double rmse = relative(b, want, s.g.n_point);
@@ -233,7 +238,8 @@ static void pattern_is_the_near_part(void **state)
     }
     // a light from the left leaves all of the right box dark but its front
     struct prt_screen_light side = {{-1, 0, 0}, {5, 5, 5}, false};
-    struct prt_screen_options options = {.engine = PRT_SCREEN_HYBRID, .rings = 20, .spokes = 20};
+    struct prt_screen_options options = {
+        .engine = PRT_SCREEN_HYBRID, .rings = 20, .spokes = 20};
     pixels b = render(&s, &marble, NULL, &side, options, NULL);
     for (uint32_t i = 0; i < s.g.n_point; i++)
         assert_true(model.block[s.g.block[i]].object == 0 ||
@@ -241,8 +247,9 @@ static void pattern_is_the_near_part(void **state)
     free(b);
     b = malloc(s.g.n_point * sizeof *b);
     options.spokes = 0;
-    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &side, &options,
-                                         b, NULL), PRT_ARG);
+    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &side,
+                                         &options, b, NULL),
+                     PRT_ARG);
     free(b);
     free(first);
     free(want);
@@ -253,12 +260,9 @@ static void pattern_is_the_near_part(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(mip_samples_follow_value),
-        cmocka_unit_test(split_weights),
-        cmocka_unit_test(split_parts_add_up),
-        cmocka_unit_test(short_ways_stay_sharp),
-        cmocka_unit_test(uv_are_the_atlas),
-        cmocka_unit_test(pattern_is_the_near_part),
+        cmocka_unit_test(mip_samples_follow_value), cmocka_unit_test(split_weights),
+        cmocka_unit_test(split_parts_add_up),       cmocka_unit_test(short_ways_stay_sharp),
+        cmocka_unit_test(uv_are_the_atlas),         cmocka_unit_test(pattern_is_the_near_part),
     };
     return cmocka_run_group_tests(tests, screen_setup, screen_teardown);
 }

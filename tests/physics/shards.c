@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A bake in parts writes what one process writes, byte for byte, whatever the storage; parts that
-// are missing, damaged or of another bake are told and not used.
+// A bake in parts writes what one process writes, byte for byte, whatever the storage; parts
+// that are missing, damaged or of another bake are told and not used.
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -77,10 +77,10 @@ static struct prt_mesh *scene(void)
     return mesh;
 }
 
-static struct prt_bake_options options(enum prt_engine_kind engine, enum prt_storage storage)
+static struct prt_bake_options options(enum prt_transport_kind engine, enum prt_storage storage)
 {
-    struct prt_bake_options o = {.engine = engine, .storage = storage, .n_sample = 2000,
-                                 .cube = 16, .seed = 3};
+    struct prt_bake_options o = {
+        .engine = engine, .storage = storage, .n_sample = 2000, .cube = 16, .seed = 3};
     assert_int_equal(prt_material_load(&context, "skin1", &o.material), PRT_OK);
     return o;
 }
@@ -122,22 +122,22 @@ static void parts_make_the_whole(struct prt_bake_options o)
 
 static void factored_wavelet(void **state)
 {
-    parts_make_the_whole(options(PRT_ENGINE_WAVELET, PRT_STORAGE_FACTORED));
+    parts_make_the_whole(options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_FACTORED));
 }
 
 static void sparse_wavelet(void **state)
 {
-    parts_make_the_whole(options(PRT_ENGINE_WAVELET, PRT_STORAGE_SPARSE));
+    parts_make_the_whole(options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_SPARSE));
 }
 
 static void joint(void **state)
 {
-    parts_make_the_whole(options(PRT_ENGINE_JOINT, PRT_STORAGE_FACTORED));
+    parts_make_the_whole(options(PRT_TRANSPORT_JOINT, PRT_STORAGE_FACTORED));
 }
 
 static void polynomial(void **state)
 {
-    struct prt_bake_options o = options(PRT_ENGINE_POLYNOMIAL, PRT_STORAGE_FACTORED);
+    struct prt_bake_options o = options(PRT_TRANSPORT_POLYNOMIAL, PRT_STORAGE_FACTORED);
     struct prt_env *env;
     assert_int_equal(prt_env_load(&context, "constant:1,0.8,0.5", &env), PRT_OK);
     o.env = env;
@@ -149,7 +149,7 @@ static void polynomial(void **state)
 static void wrong_parts_are_told(void **state)
 {
     struct prt_mesh *mesh = scene();
-    struct prt_bake_options o = options(PRT_ENGINE_WAVELET, PRT_STORAGE_FACTORED);
+    struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_FACTORED);
     struct prt_context c = context;
     uint32_t missing;
     c.log = listen_in, c.log_user = warned;
@@ -197,8 +197,10 @@ int main(void)
     prt_pool_create(0, &context.pool);
     if (!mkdtemp(folder)) return 1;
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(factored_wavelet), cmocka_unit_test(sparse_wavelet),
-        cmocka_unit_test(joint),            cmocka_unit_test(polynomial),
+        cmocka_unit_test(factored_wavelet),
+        cmocka_unit_test(sparse_wavelet),
+        cmocka_unit_test(joint),
+        cmocka_unit_test(polynomial),
         cmocka_unit_test(wrong_parts_are_told),
     };
     int failed = cmocka_run_group_tests(tests, NULL, clean_up);

@@ -18,7 +18,8 @@ void write_ball(const char *path, float stretch)
         double a = M_PI * i / RINGS;
         for (int j = 0; j < SIDES; j++) {
             double b = 2 * M_PI * j / SIDES;
-            fprintf(f, "v %.7f %.7f %.7f\n", sin(a) * cos(b), cos(a) * stretch, -sin(a) * sin(b));
+            fprintf(f, "v %.7f %.7f %.7f\n", sin(a) * cos(b), cos(a) * stretch,
+                    -sin(a) * sin(b));
         }
     }
     fprintf(f, "v 0 %g 0\n", -(double)stretch);
@@ -36,7 +37,9 @@ void write_ball(const char *path, float stretch)
 
 struct relight_load small_load(bool preview)
 {
-    return (struct relight_load){.size_mm = 20, .material = "skin1", .preview = preview,
+    return (struct relight_load){.size_mm = 20,
+                                 .material = "skin1",
+                                 .preview = preview,
                                  .bake = {.samples = 1500, .cube = 16, .no_single = true}};
 }
 
@@ -62,8 +65,10 @@ int ball_setup(void **state)
     // brighter from +x and from above
     for (int i = 0; i < 6 * CUBE * CUBE; i++)
         for (int c = 0; c < 3; c++)
-            cube_texel[3 * i + c] = (i < CUBE * CUBE ? 3 : i / (CUBE * CUBE) == 2 ? 1 : 0.2f)
-                                    * (c == 0 ? 1 : 0.8f);
+            cube_texel[3 * i + c] = (i < CUBE * CUBE          ? 3
+                                     : i / (CUBE * CUBE) == 2 ? 1
+                                                              : 0.2f) *
+                                    (c == 0 ? 1 : 0.8f);
     return 0;
 }
 
@@ -84,10 +89,15 @@ const struct relight_light *sun(void)
 
 struct relight_image_request request_of(const char *model, enum relight_engine engine)
 {
-    return (struct relight_image_request){
-        .model = model, .n_light = 1, .lights = sun(), .shade = {.engine = engine},
-        .picture = {.width = SIDE, .height = SIDE, .format = RELIGHT_IMAGE_F16,
-                    .plain_background = true, .no_specular = true}};
+    return (struct relight_image_request){.model = model,
+                                          .n_light = 1,
+                                          .lights = sun(),
+                                          .shade = {.engine = engine},
+                                          .picture = {.width = SIDE,
+                                                      .height = SIDE,
+                                                      .format = RELIGHT_IMAGE_F16,
+                                                      .plain_background = true,
+                                                      .no_specular = true}};
 }
 
 float *pixels_of(const struct relight_image *image)
@@ -151,17 +161,18 @@ float *exact_by(const struct relight_camera *seen, const char *file,
     memcpy(camera.eye, seen->eye, sizeof camera.eye);
     memcpy(camera.target, seen->target, sizeof camera.target);
     memcpy(camera.up, seen->up, sizeof camera.up);
-    assert_int_equal(prt_visibility_create(&ctx, mesh, &camera, SIDE, SIDE, 4, PRT_RASTER_AUTO,
-                                           &vis), 0);
+    assert_int_equal(
+        prt_visibility_create(&ctx, mesh, &camera, SIDE, SIDE, 4, PRT_RASTER_AUTO, &vis), 0);
     struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = {CUBE, cube_texel}};
     assert_int_equal(prt_env_to_cube(&ctx, &env, 32, 0, &cube), 0);
     assert_int_equal(prt_screen_create(&ctx, mesh, NULL, &screen), 0);
     options.engine = PRT_SCREEN_REFERENCE;
     options.n_sample = 65536;
-    struct prt_shade shade = {.eta = material->eta, .roughness = material->roughness,
-                              .fresnel = true};
+    struct prt_shade shade = {
+        .eta = material->eta, .roughness = material->roughness, .fresnel = true};
     assert_int_equal(prt_screen_image(&ctx, screen, vis, material, &cube, 0, NULL, &options,
-                                      &shade, &image, NULL), 0);
+                                      &shade, &image, NULL),
+                     0);
     float *out = malloc((size_t)SIDE * SIDE * 12);
     assert_non_null(out);
     memcpy(out, image.rgb, (size_t)SIDE * SIDE * 12);
@@ -192,8 +203,11 @@ void next_frame(struct relight_view *view, struct relight_frame_out *frame)
 struct relight_view *open_view(const char *model, enum relight_engine engine)
 {
     struct relight_image_request r = request_of(model, engine);
-    struct relight_view_request v = {.model = model, .n_light = 1, .lights = r.lights,
-                                     .shade = r.shade, .picture = r.picture};
+    struct relight_view_request v = {.model = model,
+                                     .n_light = 1,
+                                     .lights = r.lights,
+                                     .shade = r.shade,
+                                     .picture = r.picture};
     struct relight_view *view;
     OK(relight_view_open(client, &v, &view, &error));
     return view;

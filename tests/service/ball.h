@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// What the tests of pictures without a bake share: a relightd, a client, a ball of a few hundred
-// vertices loaded for previews, its pictures, and the exact sum they are measured against.
+// What the tests of pictures without a bake share: a relightd, a client, a ball of a few
+// hundred vertices loaded for previews, its pictures, and the exact sum they are measured
+// against.
 #ifndef TESTS_SERVICE_BALL_H
 #define TESTS_SERVICE_BALL_H
 
@@ -29,8 +30,8 @@ float *pixels_of(const struct relight_image *image);
 double difference(const float *a, const float *b, size_t n);
 void expect(int status, int code, const char *word);
 float *picture(const struct relight_image_request *r, struct relight_cost *cost);
-// The exact sum over the surface of a file of the daemon's folder at 20 mm, under sun() by the same
-// camera; maps are the options'.
+// The exact sum over the surface of a file of the daemon's folder at 20 mm, under sun() by the
+// same camera; maps are the options'.
 float *exact_by(const struct relight_camera *seen, const char *file,
                 const struct prt_material *material, struct prt_screen_options options);
 float *exact_picture(const struct relight_camera *seen); // of ball.obj in skin1

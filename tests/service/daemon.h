@@ -98,8 +98,15 @@ static inline void daemon_folder(struct daemon *d)
 // extra: further options, NULL-terminated; NULL for none.
 static inline pid_t daemon_spawn(struct daemon *d, const char *const extra[])
 {
-    const char *argv[40] = {PRT_BINARY_DIR "/relightd", "--data", d->data, "--models", d->models,
-                            "--listen", d->address, "--listen", "tcp:127.0.0.1:0"};
+    const char *argv[40] = {PRT_BINARY_DIR "/relightd",
+                            "--data",
+                            d->data,
+                            "--models",
+                            d->models,
+                            "--listen",
+                            d->address,
+                            "--listen",
+                            "tcp:127.0.0.1:0"};
     int n = 9;
     for (int i = 0; extra && extra[i]; i++) argv[n++] = extra[i];
     pid_t pid = fork();
@@ -152,13 +159,15 @@ static inline int daemon_end(struct daemon *d)
     if (status) {
         char *text = read_text(d->log);
         size_t n = strlen(text);
-        fprintf(stderr, "status %d; its log ends with:\n%s", status, n > 6000 ? text + n - 6000 : text);
+        fprintf(stderr, "status %d; its log ends with:\n%s", status,
+                n > 6000 ? text + n - 6000 : text);
         free(text);
     }
     return status;
 }
 
-static inline int remove_one(const char *path, const struct stat *st, int kind, struct FTW *where)
+static inline int remove_one(const char *path, const struct stat *st, int kind,
+                             struct FTW *where)
 {
     return remove(path);
 }
@@ -179,9 +188,9 @@ static inline struct relight_client *client_open(const char *address)
     return client;
 }
 
-#define OK(call)                                                                               \
-    do {                                                                                       \
-        if (call) fail_msg("%s: %s", #call, error.text);                                       \
+#define OK(call)                                         \
+    do {                                                 \
+        if (call) fail_msg("%s: %s", #call, error.text); \
     } while (0)
 
 // Loads the octahedron from a file of this name.
@@ -197,7 +206,8 @@ static inline int load_octahedron(struct relight_client *client, const struct da
 
 // The same, and waits for its bake.
 static inline void bake_octahedron(struct relight_client *client, const struct daemon *d,
-                                   const char *name, const struct relight_load *load, char id[32])
+                                   const char *name, const struct relight_load *load,
+                                   char id[32])
 {
     struct relight_error error;
     struct relight_loaded loaded;
@@ -210,9 +220,10 @@ static inline void bake_octahedron(struct relight_client *client, const struct d
 // With settings that bake in seconds.
 static inline struct relight_load small_bake(uint64_t seed, uint32_t samples)
 {
-    return (struct relight_load){.size_mm = 10, .material = "marble",
-                                 .bake = {.samples = samples, .cube = 16, .single_points = 2,
-                                          .seed = seed}};
+    return (struct relight_load){
+        .size_mm = 10,
+        .material = "marble",
+        .bake = {.samples = samples, .cube = 16, .single_points = 2, .seed = seed}};
 }
 
 static inline int load_small(struct relight_client *client, const struct daemon *d,
@@ -224,7 +235,8 @@ static inline int load_small(struct relight_client *client, const struct daemon 
 }
 
 // The one small bake that most tests use.
-static inline void bake_small(struct relight_client *client, const struct daemon *d, char id[32])
+static inline void bake_small(struct relight_client *client, const struct daemon *d,
+                              char id[32])
 {
     struct relight_load load = small_bake(0, 200);
     bake_octahedron(client, d, "small.obj", &load, id);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Material editing through the daemon: a joint and a polynomial model take media and lights over
-// the socket, views follow a dragged slider, what is out of range is refused or told.
+// Material editing through the daemon: a joint and a polynomial model take media and lights
+// over the socket, views follow a dragged slider, what is out of range is refused or told.
 #include "ask.h"
 
 static struct daemon d;
@@ -16,9 +16,14 @@ static const char slab_text[] = "{\"profile\":\"multipole\",\"layers\":[{\"thick
 static void bake(struct relight_client *client, const char *name, const char *material,
                  enum relight_transport transport, const char *env, char id[32])
 {
-    struct relight_load load = {.size_mm = 10, .material = material,
-                                .bake = {.samples = 2000, .cube = 16, .single_points = 2,
-                                         .phase_terms = 1, .transport = transport, .env = env}};
+    struct relight_load load = {.size_mm = 10,
+                                .material = material,
+                                .bake = {.samples = 2000,
+                                         .cube = 16,
+                                         .single_points = 2,
+                                         .phase_terms = 1,
+                                         .transport = transport,
+                                         .env = env}};
     bake_octahedron(client, &d, name, &load, id);
 }
 
@@ -28,7 +33,8 @@ static int group_setup(void **state)
     daemon_start(&d, NULL);
     struct relight_client *client = client_open(d.address);
     bake(client, "joint.obj", NULL, RELIGHT_TRANSPORT_DEFAULT, NULL, joint);
-    bake(client, "poly.obj", "skin1", RELIGHT_TRANSPORT_POLYNOMIAL, "constant:1,2,3", polynomial);
+    bake(client, "poly.obj", "skin1", RELIGHT_TRANSPORT_POLYNOMIAL, "constant:1,2,3",
+         polynomial);
     relight_close(client);
     return 0;
 }
@@ -46,7 +52,9 @@ static int ask(struct relight_client *client, const char *model, const char *env
 {
     struct relight_light light = {.env = env};
     struct relight_colors_request request = {
-        .model = model, .n_light = env ? 1 : 0, .lights = &light,
+        .model = model,
+        .n_light = env ? 1 : 0,
+        .lights = &light,
         .shade = {.material = material, .term = RELIGHT_TERM_MULTIPLE, .max_error = max_error}};
     return ask_colors(client, &request, out, bound, error);
 }
@@ -75,13 +83,14 @@ static void test_edit_equals_prt(void **state)
         float want[N_COLOR], got[N_COLOR];
         snprintf(path, sizeof path, "%s/want.csv", d.folder);
         snprintf(command, sizeof command,
-                 PRT_BINARY_DIR "/prt colors %s/bakes/%s.prt --env %s --material %s -q -o %s", d.data,
-                 joint, env[i / 2], material[i % 2], path);
+                 PRT_BINARY_DIR "/prt colors %s/bakes/%s.prt --env %s --material %s -q -o %s",
+                 d.data, joint, env[i / 2], material[i % 2], path);
         assert_int_equal(system(command), 0);
         read_csv(path, want);
         snprintf(path, sizeof path, "%s/got.csv", d.folder);
         snprintf(command, sizeof command,
-                 PRT_BINARY_DIR "/relight -s %s edit %s --env %s --material %s -o %s >/dev/null",
+                 PRT_BINARY_DIR
+                 "/relight -s %s edit %s --env %s --material %s -o %s >/dev/null",
                  d.address, joint, env[i / 2], material[i % 2], path);
         assert_int_equal(system(command), 0);
         read_csv(path, got);
@@ -118,8 +127,8 @@ static void test_out_of_range(void **state)
          "this bake covers 0 to 2 mm^-1"},
         {"{\"sigma_s_prime\":[-1,1,1],\"sigma_a\":[0,0,0]}", RELIGHT_E_OUT_OF_RANGE,
          "allowed range 1e-05 to 1000 mm^-1"},
-        {"{\"profile\":\"burley\",\"albedo\":0.5,\"mean_free_path\":-1}", RELIGHT_E_OUT_OF_RANGE,
-         "allowed range 0.001 to 10000 mm"},
+        {"{\"profile\":\"burley\",\"albedo\":0.5,\"mean_free_path\":-1}",
+         RELIGHT_E_OUT_OF_RANGE, "allowed range 0.001 to 10000 mm"},
         {"marble", RELIGHT_E_MISMATCH, "eta is 1.5, this bake is for 1.3"},
         {"{\"profile\":\"curve\",\"file\":\"/etc/passwd\"}", RELIGHT_E_OUT_OF_RANGE,
          "not allowed here"},
@@ -129,8 +138,8 @@ static void test_out_of_range(void **state)
     float out[N_COLOR], usual, bound;
     for (size_t i = 0; i < sizeof row / sizeof *row; i++)
         for (int k = 0; k < 2; k++) {
-            expect(ask(client, k ? polynomial : joint, k ? NULL : "constant", row[i].json, 0, out,
-                       NULL, &error),
+            expect(ask(client, k ? polynomial : joint, k ? NULL : "constant", row[i].json, 0,
+                       out, NULL, &error),
                    row[i].code, &error, row[i].says);
         }
     OK(ask(client, joint, "constant", "skin1", 0, out, &usual, &error));
@@ -150,7 +159,9 @@ static void test_slider(void **state)
     struct relight_error error;
     struct relight_view *view;
     struct relight_light light = {.env = "constant:1,1,1"};
-    struct relight_view_request request = {.model = joint, .n_light = 1, .lights = &light,
+    struct relight_view_request request = {.model = joint,
+                                           .n_light = 1,
+                                           .lights = &light,
                                            .shade = {.term = RELIGHT_TERM_MULTIPLE},
                                            .colors = true};
     OK(relight_view_open(client, &request, &view, &error));
@@ -212,22 +223,22 @@ static void test_profile_bakes(void **state)
     bake(client, "wax.obj", info.material, RELIGHT_TRANSPORT_WAVELET, NULL, again);
     assert_string_equal(again, id); // the same medium, so the same bake
     relight_model_finish(&info);
-    expect(ask(client, id, "constant", "skin1", 0, out, NULL, &error), RELIGHT_E_MISMATCH, &error,
-           NULL);
+    expect(ask(client, id, "constant", "skin1", 0, out, NULL, &error), RELIGHT_E_MISMATCH,
+           &error, NULL);
     relight_close(client);
 }
 
-// A light that comes again is contracted once, for all materials, terms and formats; the answers
-// are those of a plain pass, which the same light under another name gets.
+// A light that comes again is contracted once, for all materials, terms and formats; the
+// answers are those of a plain pass, which the same light under another name gets.
 static void test_lights_contracted_once(void **state)
 {
     static const struct {
         const char *material;
         enum relight_term term;
         bool eye;
-    } row[] = {{"skin1", RELIGHT_TERM_TOTAL, false},   {"ketchup", RELIGHT_TERM_TOTAL, false},
-               {"ketchup", RELIGHT_TERM_TOTAL, true},  {"ketchup", RELIGHT_TERM_SINGLE, false},
-               {wax, RELIGHT_TERM_MULTIPLE, false},    {"skin2", RELIGHT_TERM_MULTIPLE, false}};
+    } row[] = {{"skin1", RELIGHT_TERM_TOTAL, false},  {"ketchup", RELIGHT_TERM_TOTAL, false},
+               {"ketchup", RELIGHT_TERM_TOTAL, true}, {"ketchup", RELIGHT_TERM_SINGLE, false},
+               {wax, RELIGHT_TERM_MULTIPLE, false},   {"skin2", RELIGHT_TERM_MULTIPLE, false}};
     enum { N = sizeof row / sizeof *row };
     static float cube[CUBE_FLOATS], twice[CUBE_FLOATS];
     struct relight_client *client = client_open(d.address);
@@ -239,13 +250,16 @@ static void test_lights_contracted_once(void **state)
     for (int i = 0; i < N; i++) {
         float got[N_COLOR], want[N_COLOR], gain = (float)(1 << i);
         struct relight_light light = {.cube_n = 16, .cube = cube, .gain = {1, 1, 1}};
-        struct relight_colors_request request = {
-            .model = joint, .n_light = 1, .lights = &light,
-            .shade = {.material = row[i].material, .term = row[i].term, .has_eye = row[i].eye,
-                      .eye = {3, 2, 4}}};
+        struct relight_colors_request request = {.model = joint,
+                                                 .n_light = 1,
+                                                 .lights = &light,
+                                                 .shade = {.material = row[i].material,
+                                                           .term = row[i].term,
+                                                           .has_eye = row[i].eye,
+                                                           .eye = {3, 2, 4}}};
         OK(ask_colors(client, &request, got, NULL, &error));
-        light = (struct relight_light){.cube_n = 16, .cube = twice,
-                                       .gain = {0.5f * gain, 0.5f * gain, 0.5f * gain}};
+        light = (struct relight_light){
+            .cube_n = 16, .cube = twice, .gain = {0.5f * gain, 0.5f * gain, 0.5f * gain}};
         OK(ask_colors(client, &request, want, NULL, &error));
         for (int k = 0; k < N_COLOR; k++) want[k] /= gain; // powers of two: exact
         assert_close(got, want, N_COLOR, 1e-5f);
@@ -257,8 +271,8 @@ static void test_lights_contracted_once(void **state)
 }
 
 // Ketchup under a light, and two other materials before so that the light is contracted.
-static void ask_under(struct relight_client *client, const float *cube, float gain, bool contracted,
-                      float *out)
+static void ask_under(struct relight_client *client, const float *cube, float gain,
+                      bool contracted, float *out)
 {
     struct relight_error error;
     struct relight_light light = {.cube_n = 16, .cube = cube, .gain = {gain, gain, gain}};
@@ -300,8 +314,8 @@ static void test_material_put_in(void **state)
     relight_close(client);
 }
 
-// What is contracted counts against --cache and goes when that is spent; it keeps no transport in
-// memory that --memory has no room for.
+// What is contracted counts against --cache and goes when that is spent; it keeps no transport
+// in memory that --memory has no room for.
 static void test_contracted_lights_leave(void **state)
 {
     static const char *const extra[] = {"--cache", "96k", "--memory", "1k", NULL};
@@ -345,8 +359,8 @@ static void test_slow_materials_hold_nobody_up(void **state)
     for (int i = 0; i < 6 && best > 0.5; i++) {
         char slab[300];
         struct relight_light light = {.env = "constant"};
-        struct relight_colors_request request = {.model = joint, .n_light = 1, .lights = &light,
-                                                 .shade.material = slab};
+        struct relight_colors_request request = {
+            .model = joint, .n_light = 1, .lights = &light, .shade.material = slab};
         struct relight_colors colors;
         struct timespec t0, t1, t2;
         uint64_t id;
@@ -360,8 +374,10 @@ static void test_slow_materials_hold_nobody_up(void **state)
         OK(relight_colors_end(client, id, &colors, &error));
         clock_gettime(CLOCK_MONOTONIC, &t2);
         relight_colors_finish(&colors);
-        double pinged = (double)(t1.tv_sec - t0.tv_sec) + 1e-9 * (double)(t1.tv_nsec - t0.tv_nsec);
-        double answered = (double)(t2.tv_sec - t0.tv_sec) + 1e-9 * (double)(t2.tv_nsec - t0.tv_nsec);
+        double pinged =
+            (double)(t1.tv_sec - t0.tv_sec) + 1e-9 * (double)(t1.tv_nsec - t0.tv_nsec);
+        double answered =
+            (double)(t2.tv_sec - t0.tv_sec) + 1e-9 * (double)(t2.tv_nsec - t0.tv_nsec);
         best = fmin(best, pinged / answered);
     }
     print_message("a ping beside a new slab took %.2f of its time\n", best);
@@ -382,11 +398,16 @@ static void test_slow_materials_keep_their_order(void **state)
     uint64_t sequence = 0, seen = 0, frames, dropped;
     snprintf(slab, sizeof slab, slab_text, 2.0);
     struct relight_view_request request = {
-        .model = joint, .n_light = 1, .lights = &light, .colors = true,
+        .model = joint,
+        .n_light = 1,
+        .lights = &light,
+        .colors = true,
         .shade = {.term = RELIGHT_TERM_MULTIPLE, .material = slab}};
     OK(relight_view_open(client, &request, &view, &error));
     for (int i = 0; i < 9; i++) {
-        if (i % 3) snprintf(last, sizeof last, "{\"sigma_s_prime\":[%d,1,1],\"sigma_a\":[0.1,0.1,0.2]}", i + 1);
+        if (i % 3)
+            snprintf(last, sizeof last,
+                     "{\"sigma_s_prime\":[%d,1,1],\"sigma_a\":[0.1,0.1,0.2]}", i + 1);
         else snprintf(last, sizeof last, slab_text, 2.1 + 0.1 * i);
         struct relight_shade shade = {.term = RELIGHT_TERM_MULTIPLE, .material = last};
         OK(relight_view_set(view, 0, NULL, &shade, NULL, &sequence, &error));
@@ -417,8 +438,8 @@ static void test_slow_materials_keep_their_order(void **state)
     assert_int_equal(how, 0);
     // One that is refused is refused as ever, also when it is known already.
     for (int i = 0; i < 2; i++)
-        expect(ask(client, joint, "constant", "{\"profile\":\"multipole\",\"layers\":[]}", 0, out,
-                   NULL, &error),
+        expect(ask(client, joint, "constant", "{\"profile\":\"multipole\",\"layers\":[]}", 0,
+                   out, NULL, &error),
                RELIGHT_E_OUT_OF_RANGE, &error, "layers");
     relight_close(client);
 }

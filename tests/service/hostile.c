@@ -9,8 +9,8 @@ static struct daemon d;
 
 static int setup(void **state)
 {
-    static const char *const extra[] = {"--frame-time", "1", "--send-buffer", "1M",
-                                        "--connections", "200", NULL};
+    static const char *const extra[] = {
+        "--frame-time", "1", "--send-buffer", "1M", "--connections", "200", NULL};
     daemon_folder(&d);
     daemon_start(&d, extra);
     return 0;
@@ -81,7 +81,8 @@ static void test_garbage(void **state)
 {
     uint8_t noise[512];
     unsigned x = 12345;
-    for (size_t i = 0; i < sizeof noise; i++) noise[i] = (uint8_t)((x = x * 1103515245 + 12345) >> 16);
+    for (size_t i = 0; i < sizeof noise; i++)
+        noise[i] = (uint8_t)((x = x * 1103515245 + 12345) >> 16);
     expect_bad_frame(noise, sizeof noise, false);
     static const char http[] = "GET / HTTP/1.1\r\nHost: somebody\r\n\r\n";
     expect_bad_frame(http, sizeof http - 1, false);
@@ -222,8 +223,8 @@ static void test_reader_that_does_not_read(void **state)
             }
         }
     }
-    assert_int_equal(stuck, 20);           // back pressure reached us
-    assert_true(sent < 64u << 20);         // long before all was taken
+    assert_int_equal(stuck, 20);   // back pressure reached us
+    assert_true(sent < 64u << 20); // long before all was taken
     assert_true(resident_kb() - before < 64 << 10);
     served();
     close(fd);

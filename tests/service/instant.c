@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Pictures of models without a bake: a real relightd answers at once with the image-space engines,
-// refines while nothing changes, and goes over to the bake when it is there. One scenario a test.
+// Pictures of models without a bake: a real relightd answers at once with the image-space
+// engines, refines while nothing changes, and goes over to the bake when it is there. One
+// scenario a test.
 #include "ball.h"
 
 static void test_a_model_without_a_bake_is_seen(void **state)
@@ -64,7 +65,7 @@ static void test_a_budget_buys_samples(void **state)
     r.picture.width = r.picture.height = 400;
     r.lights = &light;
     for (int i = 0; i < 3; i++) { // speeds are learned
-        light.gain[0] += 0.1f; // another light each time
+        light.gain[0] += 0.1f;    // another light each time
         r.shade.budget_ms = 4;
         free(picture(&r, &few));
         r.shade.budget_ms = 1000;
@@ -340,8 +341,10 @@ static void test_the_first_picture_comes_soon(void **state)
     double begin = now_s();
     OK(relight_load_file(client, path, &load, NULL, NULL, &loaded, &error));
     double in = now_s();
-    struct relight_image_request r = {.model = loaded.model, .n_light = 1, .lights = sun(),
-                                      .picture = {.format = RELIGHT_PNG}};
+    struct relight_image_request r = {.model = loaded.model,
+                                      .n_light = 1,
+                                      .lights = sun(),
+                                      .picture = {.format = RELIGHT_IMAGE_PNG}};
     OK(relight_image(client, &r, &image, &error));
     double end = now_s();
     print_message("loaded in %.0f ms, seen %.0f ms later: %.0f ms\n", 1e3 * (in - begin),

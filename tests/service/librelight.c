@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// librelight with a live relightd: pipelining, inline lights, formats, views, cancelling, geometry
-// that moves, stats. The model is a small ball, baked once at the start.
+// librelight with a live relightd: pipelining, inline lights, formats, views, cancelling,
+// geometry that moves, stats. The model is a small ball, baked once at the start.
 #include "relight/relight.h"
 
 #include <setjmp.h>
@@ -57,16 +57,19 @@ static int start(void **state)
     if (!f) return -1;
     write_ball(f);
     if (fclose(f)) return -1;
-    snprintf(command, sizeof command,
-             "%s/prt bake -q %s/ball.obj --size-mm 20 --material skin1 --samples 3000 --cube 16 "
-             "--no-single -o %s/ball.prt >/dev/null", PRT_BINARY_DIR, folder, folder);
+    snprintf(
+        command, sizeof command,
+        "%s/prt bake -q %s/ball.obj --size-mm 20 --material skin1 --samples 3000 --cube 16 "
+        "--no-single -o %s/ball.prt >/dev/null",
+        PRT_BINARY_DIR, folder, folder);
     if (system(command)) return -1;
     snprintf(address, sizeof address, "unix:%s/sock", folder);
     daemon_pid = fork();
     if (!daemon_pid) {
         char program[512];
         snprintf(program, sizeof program, "%s/relightd", PRT_BINARY_DIR);
-        execl(program, "relightd", "--models", folder, "--listen", address, "--log", "error", NULL);
+        execl(program, "relightd", "--models", folder, "--listen", address, "--log", "error",
+              NULL);
         _exit(127);
     }
     struct relight_options options = {.timeout_s = 20};
@@ -100,16 +103,19 @@ static int stop(void **state)
     return WIFEXITED(status) && WEXITSTATUS(status) == 0 ? 0 : -1;
 }
 
-#define CALL(call)                                                                             \
-    do {                                                                                       \
-        if (call) fail_msg("%s: %s", #call, error.text);                                       \
+#define CALL(call)                                       \
+    do {                                                 \
+        if (call) fail_msg("%s: %s", #call, error.text); \
     } while (0)
 
 static float *colors_of(const struct relight_light *lights, size_t n_light, bool sum,
                         enum relight_color_format format, uint32_t *n_plane)
 {
-    struct relight_colors_request request = {.model = "ball", .n_light = n_light, .lights = lights,
-                                             .sum = sum, .format = format,
+    struct relight_colors_request request = {.model = "ball",
+                                             .n_light = n_light,
+                                             .lights = lights,
+                                             .sum = sum,
+                                             .format = format,
                                              .shade.term = RELIGHT_TERM_MULTIPLE};
     struct relight_colors colors;
     CALL(relight_colors(client, &request, &colors, &error));
@@ -139,14 +145,14 @@ static void lights(void **state)
     for (int i = 0; i < 16 * 16 * 18; i++) cube[i] = 1;
     struct relight_light two[2] = {{.env = "constant:1,1,1"}, {.cube_n = 16, .cube = cube}};
     uint32_t n_plane;
-    float *one = colors_of(&white, 1, false, RELIGHT_F32, &n_plane);
+    float *one = colors_of(&white, 1, false, RELIGHT_COLOR_F32, &n_plane);
     assert_int_equal(n_plane, 1);
-    float *both = colors_of(two, 2, false, RELIGHT_F32, &n_plane);
+    float *both = colors_of(two, 2, false, RELIGHT_COLOR_F32, &n_plane);
     assert_int_equal(n_plane, 2);
     assert_true(rmse(both, one) < 1e-5);
     assert_true(rmse(both + N_VERTEX * 3, one) < 1e-5);
     two[1].gain[0] = two[1].gain[1] = two[1].gain[2] = 3;
-    float *sum = colors_of(two, 2, true, RELIGHT_F32, &n_plane);
+    float *sum = colors_of(two, 2, true, RELIGHT_COLOR_F32, &n_plane);
     assert_int_equal(n_plane, 1);
     for (int i = 0; i < N_VERTEX * 3; i++) sum[i] /= 4;
     assert_true(rmse(sum, one) < 1e-5);
@@ -158,10 +164,10 @@ static void lights(void **state)
 
 static void formats(void **state)
 {
-    float *f32 = colors_of(&white, 1, false, RELIGHT_F32, NULL);
-    float *f16 = colors_of(&white, 1, false, RELIGHT_F16, NULL);
-    float *e5 = colors_of(&white, 1, false, RELIGHT_RGB9E5, NULL);
-    float *srgb = colors_of(&white, 1, false, RELIGHT_SRGB8, NULL);
+    float *f32 = colors_of(&white, 1, false, RELIGHT_COLOR_F32, NULL);
+    float *f16 = colors_of(&white, 1, false, RELIGHT_COLOR_F16, NULL);
+    float *e5 = colors_of(&white, 1, false, RELIGHT_COLOR_RGB9E5, NULL);
+    float *srgb = colors_of(&white, 1, false, RELIGHT_COLOR_SRGB8, NULL);
     assert_true(rmse(f16, f32) < 0x1p-11);
     assert_true(rmse(e5, f32) < 0x1p-8);
     assert_true(rmse(srgb, f32) < 0.01);
@@ -176,9 +182,9 @@ static void formats(void **state)
 static void pipelined(void **state)
 {
     uint64_t id[16];
-    struct relight_colors_request request = {.model = "ball", .n_light = 1,
-                                             .shade.term = RELIGHT_TERM_MULTIPLE};
-    float *one = colors_of(&white, 1, false, RELIGHT_F32, NULL);
+    struct relight_colors_request request = {
+        .model = "ball", .n_light = 1, .shade.term = RELIGHT_TERM_MULTIPLE};
+    float *one = colors_of(&white, 1, false, RELIGHT_COLOR_F32, NULL);
     char env[16][32];
     for (int i = 0; i < 16; i++) {
         snprintf(env[i], sizeof env[i], "constant:%d,%d,%d", i + 1, i + 1, i + 1);
@@ -215,8 +221,11 @@ static void refusals(void **state)
     struct relight_light bad = {.env = "constant:-1,0,0"};
     request.lights = &bad;
     assert_int_not_equal(relight_colors(client, &request, &colors, &error), 0);
-    struct relight_image_request picture = {.model = "ball", .n_light = 1, .lights = &white,
-                                            .picture.width = 5000, .picture.height = 10};
+    struct relight_image_request picture = {.model = "ball",
+                                            .n_light = 1,
+                                            .lights = &white,
+                                            .picture.width = 5000,
+                                            .picture.height = 10};
     assert_int_not_equal(relight_image(client, &picture, &image, &error), 0);
     assert_int_equal(relight_ping(client, NULL, &error), 0);
 }
@@ -224,9 +233,11 @@ static void refusals(void **state)
 static void cancelled(void **state)
 {
     struct relight_image image;
-    struct relight_image_request request = {.model = "ball", .n_light = 1, .lights = &white,
-                                            .picture = {.width = 2048, .height = 2048,
-                                                        .format = RELIGHT_PNG}};
+    struct relight_image_request request = {
+        .model = "ball",
+        .n_light = 1,
+        .lights = &white,
+        .picture = {.width = 2048, .height = 2048, .format = RELIGHT_IMAGE_PNG}};
     uint64_t id;
     CALL(relight_image_begin(client, &request, 0, &id, &error));
     CALL(relight_cancel(client, id, &error));
@@ -241,7 +252,9 @@ static void cancelled(void **state)
 static void view_latest_wins(void **state)
 {
     struct relight_view *view;
-    struct relight_view_request request = {.model = "ball", .n_light = 1, .lights = &white,
+    struct relight_view_request request = {.model = "ball",
+                                           .n_light = 1,
+                                           .lights = &white,
                                            .picture = {.width = 400, .height = 300}};
     struct relight_light light = {.env = "constant:1,.5,.2"};
     uint64_t last = 0, drawn = 0, seen, dropped;
@@ -276,8 +289,11 @@ static void view_latest_wins(void **state)
 static void view_of_colors(void **state)
 {
     struct relight_view *view;
-    struct relight_view_request request = {.model = "ball", .n_light = 1, .lights = &white,
-                                           .colors = true, .color_format = RELIGHT_RGB9E5};
+    struct relight_view_request request = {.model = "ball",
+                                           .n_light = 1,
+                                           .lights = &white,
+                                           .colors = true,
+                                           .color_format = RELIGHT_COLOR_RGB9E5};
     struct relight_frame_out frame;
     CALL(relight_view_open(client, &request, &view, &error));
     CALL(relight_view_next(view, 60, &frame, &error));
@@ -327,7 +343,8 @@ static void info_list_stats(void **state)
     relight_stats_finish(&stats);
 }
 
-// Both carriers, one daemon; a second client does not disturb the first. Unloaded, it comes back.
+// Both carriers, one daemon; a second client does not disturb the first. Unloaded, it comes
+// back.
 static void unloaded(void **state)
 {
     struct relight_client *other;
@@ -337,17 +354,17 @@ static void unloaded(void **state)
     relight_close(other);
     CALL(relight_info(client, "ball", &m, &error));
     relight_model_finish(&m);
-    free(colors_of(&white, 1, false, RELIGHT_F16, NULL));
+    free(colors_of(&white, 1, false, RELIGHT_COLOR_F16, NULL));
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(lights),           cmocka_unit_test(formats),
-        cmocka_unit_test(pipelined),        cmocka_unit_test(refusals),
-        cmocka_unit_test(cancelled),        cmocka_unit_test(view_latest_wins),
-        cmocka_unit_test(view_of_colors),   cmocka_unit_test(geometry),
-        cmocka_unit_test(info_list_stats),  cmocka_unit_test(unloaded),
+        cmocka_unit_test(lights),          cmocka_unit_test(formats),
+        cmocka_unit_test(pipelined),       cmocka_unit_test(refusals),
+        cmocka_unit_test(cancelled),       cmocka_unit_test(view_latest_wins),
+        cmocka_unit_test(view_of_colors),  cmocka_unit_test(geometry),
+        cmocka_unit_test(info_list_stats), cmocka_unit_test(unloaded),
     };
     return cmocka_run_group_tests_name("librelight", tests, start, stop);
 }

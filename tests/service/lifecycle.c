@@ -100,8 +100,10 @@ static void test_sigterm_answers_what_is_open(void **state)
     struct relight_image image;
     struct relight_light light = {.env = "constant"};
     struct relight_image_request request = {
-        .model = model, .n_light = 1, .lights = &light,
-        .picture = {.width = 1600, .height = 1200, .format = RELIGHT_PNG}};
+        .model = model,
+        .n_light = 1,
+        .lights = &light,
+        .picture = {.width = 1600, .height = 1200, .format = RELIGHT_IMAGE_PNG}};
     uint64_t id;
     OK(relight_image_begin(client, &request, 0, &id, &error));
     sleep_ms(30); // it is being worked on
@@ -221,7 +223,9 @@ static void test_disk_budget_of_bakes(void **state)
     assert_true(metric(client, "relightd_bakes_evicted_total") == 2);
     assert_true(metric(client, "relightd_bakes_bytes") > 1000);
 
-    struct relight_load load = {.size_mm = 10, .material = "marble", .pin = true,
+    struct relight_load load = {.size_mm = 10,
+                                .material = "marble",
+                                .pin = true,
                                 .bake = {.samples = 200, .cube = 16, .single_points = 2}};
     snprintf(path, sizeof path, "%s/small.obj", d.folder);
     OK(relight_load_file(client, path, &load, NULL, NULL, &loaded, &error));
@@ -239,8 +243,8 @@ static void test_disk_budget_of_bakes(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
-// A .prt of the models folder is known under its file's name and the one that a load gave it, and
-// listed with its facts before anybody opens it.
+// A .prt of the models folder is known under its file's name and the one that a load gave it,
+// and listed with its facts before anybody opens it.
 static void test_names_of_a_file(void **state)
 {
     daemon_start(&d, NULL);
@@ -294,7 +298,9 @@ static void test_busy_at_the_limit(void **state)
         char env[40];
         snprintf(env, sizeof env, "constant:%d,3,2", i + 1);
         struct relight_light light = {.env = env};
-        struct relight_image_request request = {.model = model, .n_light = 1, .lights = &light,
+        struct relight_image_request request = {.model = model,
+                                                .n_light = 1,
+                                                .lights = &light,
                                                 .picture = {.width = 400, .height = 300}};
         OK(relight_image_begin(client, &request, 0, &id[i], &error));
     }
@@ -334,8 +340,11 @@ static void test_configuration(void **state)
     char path[128];
     snprintf(path, sizeof path, "%s/conf", d.folder);
     // The printed default, with every line switched on, is read back.
-    assert_int_equal(shell(PRT_BINARY_DIR "/relightd --print-config | sed 's/^#\\([a-z]\\)/\\1/'"
-                                          " > %s", path), 0);
+    assert_int_equal(shell(PRT_BINARY_DIR
+                           "/relightd --print-config | sed 's/^#\\([a-z]\\)/\\1/'"
+                           " > %s",
+                           path),
+                     0);
     char *text = read_text(path);
     assert_non_null(strstr(text, "\nbakes = 1\n"));
     free(text);
@@ -343,7 +352,8 @@ static void test_configuration(void **state)
     daemon_start(&d, extra);
     assert_int_equal(daemon_stop(&d), 0);
     write_text(path, "bakes = many\n");
-    assert_int_equal(shell(PRT_BINARY_DIR "/relightd --config %s 2> %s/err", path, d.folder), 2);
+    assert_int_equal(shell(PRT_BINARY_DIR "/relightd --config %s 2> %s/err", path, d.folder),
+                     2);
     snprintf(path, sizeof path, "%s/err", d.folder);
     text = read_text(path);
     assert_non_null(strstr(text, "conf:1: bakes: a number"));
@@ -356,7 +366,8 @@ static void test_configuration(void **state)
 static int http_connect(void)
 {
     int port = atoi(strrchr(d.http, ':') + 1), fd = socket(AF_INET, SOCK_STREAM, 0);
-    struct sockaddr_in a = {.sin_family = AF_INET, .sin_port = htons((uint16_t)port),
+    struct sockaddr_in a = {.sin_family = AF_INET,
+                            .sin_port = htons((uint16_t)port),
                             .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
     assert_int_equal(connect(fd, (struct sockaddr *)&a, sizeof a), 0);
     return fd;
@@ -400,7 +411,8 @@ static void test_http(void **state)
     assert_non_null(strstr(text, "200"));
     assert_non_null(strstr(text, "ok\n"));
     get("/metrics", text, sizeof text);
-    assert_non_null(strstr(text, "# TYPE relightd_passes_total counter\nrelightd_passes_total 0"));
+    assert_non_null(
+        strstr(text, "# TYPE relightd_passes_total counter\nrelightd_passes_total 0"));
     get("/", text, sizeof text);
     assert_non_null(strstr(text, "<title>page</title>"));
     get("/nothing", text, sizeof text);
@@ -441,7 +453,8 @@ static int ws_ask(const char *origin, char *text, size_t room)
     snprintf(ask, sizeof ask,
              "GET /ws HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
              "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
-             "Sec-WebSocket-Protocol: relight.v1\r\nOrigin: %s\r\n\r\n", origin);
+             "Sec-WebSocket-Protocol: relight.v1\r\nOrigin: %s\r\n\r\n",
+             origin);
     int fd = http_connect();
     assert_true(write(fd, ask, strlen(ask)) > 0);
     struct pollfd p = {fd, POLLIN, 0};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Media of previews through a real relightd: profiles that are no dipole, and images over the
-// model's uv that tint the medium and turn its normals, by every engine, held against the exact sum.
+// model's uv that tint the medium and turn its normals, by every engine, held against the exact
+// sum.
 #include "ball.h"
 
 static char dressed[32]; // a ball with uv
@@ -46,7 +47,8 @@ static struct prt_material parsed(const char *text)
     struct prt_material m;
     prt_context_init(&ctx);
     assert_int_equal(text[0] == '{' ? prt_material_parse(&ctx, "test", text, strlen(text), &m)
-                                    : prt_material_load(&ctx, text, &m), 0);
+                                    : prt_material_load(&ctx, text, &m),
+                     0);
     return m;
 }
 
@@ -71,8 +73,8 @@ static struct relight_camera default_camera(const char *model)
     return camera;
 }
 
-// Profiles of a shape of their own are what previews show, by every engine and the daemon's choice:
-// nearer to the exact sum over them than the nearest dipole is.
+// Profiles of a shape of their own are what previews show, by every engine and the daemon's
+// choice: nearer to the exact sum over them than the nearest dipole is.
 static void test_profiles_are_shown(void **state)
 {
     static const char *const text[] = {
@@ -125,10 +127,11 @@ static void upload_hdr(const char *name, uint32_t w, uint32_t h, const uint8_t (
                        char hash[65])
 {
     static char bytes[1 << 16];
-    int n = snprintf(bytes, sizeof bytes, "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %u +X %u\n", h, w);
+    int n = snprintf(bytes, sizeof bytes, "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %u +X %u\n",
+                     h, w);
     memcpy(bytes + n, rgbe, (size_t)w * h * 4);
-    OK(relight_upload(client, name, bytes, (size_t)n + (size_t)w * h * 4, NULL, NULL, hash, NULL,
-                      &error));
+    OK(relight_upload(client, name, bytes, (size_t)n + (size_t)w * h * 4, NULL, NULL, hash,
+                      NULL, &error));
 }
 
 static void decode(const uint8_t (*rgbe)[4], size_t n, float (*rgb)[3])
@@ -177,7 +180,8 @@ static void test_maps_are_shown(void **state)
         struct prt_screen_map map;
         decode((const uint8_t(*)[4])source[k], MAP_W * MAP_H, rgb);
         assert_int_equal(prt_screen_map_make(&ctx, (enum prt_screen_map_kind)k, &image, true, 0,
-                                             &skin, 2, &map), 0);
+                                             &skin, 2, &map),
+                         0);
         struct prt_screen_options options = {.sigma_a_map = k == 0 ? &map : NULL,
                                              .normal_map = k == 1 ? &map : NULL,
                                              .bump_map = k == 2 ? &map : NULL};
@@ -201,7 +205,8 @@ static void test_maps_are_shown(void **state)
     }
     // 0.5, 0.5, 1 is level
     static const uint8_t grey[4] = {128, 128, 255, 128};
-    struct relight_image_request plain = request_of(dressed, RELIGHT_ENGINE_HYBRID), level = plain;
+    struct relight_image_request plain = request_of(dressed, RELIGHT_ENGINE_HYBRID),
+                                 level = plain;
     char flat[65];
     upload_hdr("flat.hdr", 1, 1, &grey, flat);
     level.shade.normal_map = flat;
@@ -230,7 +235,8 @@ static void test_what_cannot_be_mapped(void **state)
     expect(relight_image(client, &r, &image, &error), RELIGHT_E_FORMAT, "words.png");
     r.shade.albedo_map = hash;
     r.model = ball;
-    expect(relight_image(client, &r, &image, &error), RELIGHT_E_MISMATCH, "texture coordinates");
+    expect(relight_image(client, &r, &image, &error), RELIGHT_E_MISMATCH,
+           "texture coordinates");
     r.model = dressed;
     r.shade.bump_mm = -1;
     expect(relight_image(client, &r, &image, &error), RELIGHT_E_OUT_OF_RANGE, "bump_mm");
@@ -238,14 +244,15 @@ static void test_what_cannot_be_mapped(void **state)
     r.shade.engine = RELIGHT_ENGINE_WAVELET;
     int status = relight_image(client, &r, &image, &error);
     assert_true(status == -RELIGHT_E_NOT_READY || status == -RELIGHT_E_UNSUPPORTED);
-    struct relight_colors_request c = {.model = dressed, .n_light = 1, .lights = &white,
-                                       .shade.albedo_map = hash};
+    struct relight_colors_request c = {
+        .model = dressed, .n_light = 1, .lights = &white, .shade.albedo_map = hash};
     status = relight_colors(client, &c, &colors, &error);
     assert_true(status == -RELIGHT_E_NOT_READY || status == -RELIGHT_E_UNSUPPORTED);
     // a medium that absorbs nothing has no absorption to tint it by
     r.shade.engine = 0;
     r.shade.material = "{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0,0,0]}";
-    expect(relight_image(client, &r, &image, &error), RELIGHT_E_OUT_OF_RANGE, "absorbs nothing");
+    expect(relight_image(client, &r, &image, &error), RELIGHT_E_OUT_OF_RANGE,
+           "absorbs nothing");
     r.shade.material = NULL;
     free(picture(&r, NULL));
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Previews of odd shapes through a real relightd: vertices that move under a picture and a view,
-// cameras inside and far away, models with nothing to see.
+// Previews of odd shapes through a real relightd: vertices that move under a picture and a
+// view, cameras inside and far away, models with nothing to see.
 #include "ball.h"
 
 static void test_vertices_move(void **state)
@@ -26,7 +26,8 @@ static void test_vertices_move(void **state)
     assert_non_null(moved);
     for (int i = 0; i < N_VERTEX; i++)
         for (int c = 0; c < 3; c++) moved[i][c] = g.position[i][c] * (c == 1 ? 1.6f : 1);
-    OK(relight_update_vertices(client, id, 0, N_VERTEX, moved[0], NULL, true, &generation, &error));
+    OK(relight_update_vertices(client, id, 0, N_VERTEX, moved[0], NULL, true, &generation,
+                               &error));
     assert_int_equal(generation, 2);
     next_frame(view, &frame); // unasked
     assert_true(frame.image.cost.engine >= RELIGHT_ENGINE_SPLAT);
@@ -111,8 +112,8 @@ static void test_a_view_follows_a_wobble(void **state)
         for (int i = 0; i < N_VERTEX; i++)
             for (int c = 0; c < 3; c++)
                 moved[i][c] = g.position[i][c] * (1 + 0.2f * sinf((float)(k + c)));
-        OK(relight_update_vertices(client, ball, 0, N_VERTEX, moved[0], NULL, false, &generation,
-                                   &error));
+        OK(relight_update_vertices(client, ball, 0, N_VERTEX, moved[0], NULL, false,
+                                   &generation, &error));
     }
     for (int i = 0; i < 40 && seen < generation; i++) {
         struct relight_frame_out frame;
@@ -132,10 +133,10 @@ static void test_a_view_follows_a_wobble(void **state)
 static void test_odd_cameras(void **state)
 {
     static const char *const camera[] = {
-        "0,0,0:1,0,0",              // inside
-        "0,0,0.999:0,0,1",          // inside, close to the surface
-        "0,0,5:0,0,9",              // away from it: an empty view
-        "0,0,1e6:0,0,0:0,1,0:1",    // less than a pixel
+        "0,0,0:1,0,0",                // inside
+        "0,0,0.999:0,0,1",            // inside, close to the surface
+        "0,0,5:0,0,9",                // away from it: an empty view
+        "0,0,1e6:0,0,0:0,1,0:1",      // less than a pixel
         "0,0,1.0001:0,0,0:0,1,0:169", // all but touching
     };
     for (int e = 0; e <= RELIGHT_ENGINE_HYBRID; e++) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The daemon at its work: a real relightd, real sockets, librelight as the client. One scenario a
-// test. The model is an octahedron, so that a bake takes seconds.
+// The daemon at its work: a real relightd, real sockets, librelight as the client. One scenario
+// a test. The model is an octahedron, so that a bake takes seconds.
 #include "ask.h"
 
 #include <pthread.h>
@@ -25,12 +25,12 @@ static int group_teardown(void **state)
     return status;
 }
 
-static void colors_of(struct relight_client *client, const struct relight_light *lights, size_t n,
-                      bool sum, enum relight_color_format format, float *out)
+static void colors_of(struct relight_client *client, const struct relight_light *lights,
+                      size_t n, bool sum, enum relight_color_format format, float *out)
 {
     struct relight_error error;
-    struct relight_colors_request request = {.model = model, .n_light = n, .lights = lights,
-                                             .sum = sum, .format = format};
+    struct relight_colors_request request = {
+        .model = model, .n_light = n, .lights = lights, .sum = sum, .format = format};
     OK(ask_colors(client, &request, out, NULL, &error));
 }
 
@@ -60,21 +60,23 @@ static void test_colors_equal_prt(void **state)
     struct relight_client *client = client_open(d.address);
     struct relight_light light = {.env = "constant:1,0.5,0.25"};
     float got[N_COLOR], want[N_COLOR];
-    colors_of(client, &light, 1, false, RELIGHT_F32, got);
+    colors_of(client, &light, 1, false, RELIGHT_COLOR_F32, got);
     read_csv(path, want);
     assert_close(got, want, N_COLOR, 1e-6f);
     relight_close(client);
 }
 
-// Law: under radiance 1 from everywhere E on a convex body is pi times the cosine-weighted mean of
-// F_t, 0.908222 at eta 1.5 (METHODS section 1). A picture of it shows what the colours say.
+// Law: under radiance 1 from everywhere E on a convex body is pi times the cosine-weighted mean
+// of F_t, 0.908222 at eta 1.5 (METHODS section 1). A picture of it shows what the colours say.
 static void test_irradiance(void **state)
 {
     struct relight_client *client = client_open(d.address);
     struct relight_error error;
     struct relight_colors colors;
     struct relight_light light = {.env = "constant"};
-    struct relight_colors_request request = {.model = model, .n_light = 1, .lights = &light,
+    struct relight_colors_request request = {.model = model,
+                                             .n_light = 1,
+                                             .lights = &light,
                                              .shade = {.term = RELIGHT_TERM_IRRADIANCE}};
     OK(relight_colors(client, &request, &colors, &error));
     assert_int_equal(colors.n_vertex, OCTAHEDRON_VERTICES);
@@ -86,10 +88,12 @@ static void test_irradiance(void **state)
     assert_int_equal(relight_colors(client, &request, &colors, &error), -RELIGHT_E_MISMATCH);
     struct relight_image image;
     struct relight_image_request picture = {
-        .model = model, .n_light = 1, .lights = &light,
+        .model = model,
+        .n_light = 1,
+        .lights = &light,
         .shade = {.term = RELIGHT_TERM_IRRADIANCE},
-        .picture = {.width = 64, .height = 48, .format = RELIGHT_IMAGE_F16,
-                    .plain_background = true}};
+        .picture = {
+            .width = 64, .height = 48, .format = RELIGHT_IMAGE_F16, .plain_background = true}};
     OK(relight_image(client, &picture, &image, &error));
     float rgb[3];
     relight_decode_f16((const uint16_t *)image.data + 3 * (24 * 64 + 32), 3, rgb);
@@ -103,14 +107,17 @@ static void test_color_formats_agree(void **state)
     struct relight_client *client = client_open(d.address);
     struct relight_light light = {.env = "constant:0.5,0.4,0.3"};
     float want[N_COLOR], got[N_COLOR];
-    colors_of(client, &light, 1, false, RELIGHT_F32, want);
+    colors_of(client, &light, 1, false, RELIGHT_COLOR_F32, want);
     static const struct {
         enum relight_color_format format;
         float tolerance;
-    } each[] = {{RELIGHT_F16, 1e-3f}, {RELIGHT_RGB9E5, 4e-3f}, {RELIGHT_SRGB8, 1e-2f}};
+    } each[] = {{RELIGHT_COLOR_F16, 1e-3f},
+                {RELIGHT_COLOR_RGB9E5, 4e-3f},
+                {RELIGHT_COLOR_SRGB8, 1e-2f}};
     for (int i = 0; i < 3; i++) {
         colors_of(client, &light, 1, false, each[i].format, got);
-        for (int k = 0; k < N_COLOR; k++) assert_true(fabsf(got[k] - want[k]) <= each[i].tolerance);
+        for (int k = 0; k < N_COLOR; k++)
+            assert_true(fabsf(got[k] - want[k]) <= each[i].tolerance);
     }
     relight_close(client);
 }
@@ -125,8 +132,8 @@ static void test_lights_add(void **state)
                                      {.env = "constant", .gain = {0.5f, 1, 2}},
                                      {.cube_n = 16, .cube = cube, .rotate_deg = 90}};
     float each[3 * N_COLOR], sum[N_COLOR];
-    colors_of(client, lights, 3, false, RELIGHT_F32, each);
-    colors_of(client, lights, 3, true, RELIGHT_F32, sum);
+    colors_of(client, lights, 3, false, RELIGHT_COLOR_F32, each);
+    colors_of(client, lights, 3, true, RELIGHT_COLOR_F32, sum);
     for (int k = 0; k < N_COLOR; k++) {
         float want = each[k] + each[N_COLOR + k] + each[2 * N_COLOR + k];
         assert_true(fabsf(sum[k] - want) <= 1e-4f * want);
@@ -143,8 +150,8 @@ static void test_rotation_turns_the_light(void **state)
     struct relight_light still = {.cube_n = 16, .cube = cube}, turned = still;
     turned.rotate_deg = 90;
     float a[N_COLOR], b[N_COLOR];
-    colors_of(client, &still, 1, false, RELIGHT_F32, a);
-    colors_of(client, &turned, 1, false, RELIGHT_F32, b);
+    colors_of(client, &still, 1, false, RELIGHT_COLOR_F32, a);
+    colors_of(client, &turned, 1, false, RELIGHT_COLOR_F32, b);
     for (int v = 1; v < OCTAHEDRON_VERTICES; v++) assert_true(a[0] > 2 * a[3 * v]);
     for (int v = 0; v < 5; v++) assert_true(b[15] > 2 * b[3 * v]);
     relight_close(client);
@@ -156,16 +163,18 @@ static void test_pictures(void **state)
         enum relight_image_format format;
         const char *magic;
         size_t n;
-    } each[] = {{RELIGHT_JPEG, "\xff\xd8\xff", 3},
-                {RELIGHT_PNG, "\x89PNG", 4},
-                {RELIGHT_EXR, "\x76\x2f\x31\x01", 4}};
+    } each[] = {{RELIGHT_IMAGE_JPEG, "\xff\xd8\xff", 3},
+                {RELIGHT_IMAGE_PNG, "\x89PNG", 4},
+                {RELIGHT_IMAGE_EXR, "\x76\x2f\x31\x01", 4}};
     struct relight_client *client = client_open(d.address);
     struct relight_light light = {.env = "constant"};
     struct relight_error error;
     for (int i = 0; i < 3; i++) {
         struct relight_image image;
         struct relight_image_request request = {
-            .model = model, .n_light = 1, .lights = &light,
+            .model = model,
+            .n_light = 1,
+            .lights = &light,
             .picture = {.width = 96, .height = 64, .format = each[i].format}};
         OK(relight_image(client, &request, &image, &error));
         assert_int_equal(image.width, 96);
@@ -184,8 +193,11 @@ static void test_picture_shows_the_model(void **state)
     struct relight_error error;
     struct relight_image image;
     struct relight_image_request request = {
-        .model = model, .n_light = 1, .lights = &light,
-        .picture = {.width = 64, .height = 64, .format = RELIGHT_RGB8, .plain_background = true}};
+        .model = model,
+        .n_light = 1,
+        .lights = &light,
+        .picture = {
+            .width = 64, .height = 64, .format = RELIGHT_IMAGE_RGB8, .plain_background = true}};
     OK(relight_image(client, &request, &image, &error));
     const uint8_t *p = image.data;
     assert_int_equal(image.n_byte, 64 * 64 * 3);
@@ -221,7 +233,8 @@ static void test_nonsense_is_refused_by_name(void **state)
     struct relight_image image;
     struct relight_light light = {.env = "constant", .rotate_deg = NAN};
     struct relight_colors_request c = {.model = model, .n_light = 1, .lights = &light};
-    expect(relight_colors(client, &c, &colors, &error), RELIGHT_E_OUT_OF_RANGE, &error, "rotate");
+    expect(relight_colors(client, &c, &colors, &error), RELIGHT_E_OUT_OF_RANGE, &error,
+           "rotate");
     light = (struct relight_light){.env = "constant", .gain = {-1, 1, 1}};
     expect(relight_colors(client, &c, &colors, &error), RELIGHT_E_OUT_OF_RANGE, &error, "gain");
     light = (struct relight_light){.env = "constant:1,nan,1"};
@@ -236,11 +249,15 @@ static void test_nonsense_is_refused_by_name(void **state)
     c.shade.material = NULL;
     c.model = "nothing";
     expect(relight_colors(client, &c, &colors, &error), RELIGHT_E_NOT_FOUND, &error, "nothing");
-    struct relight_image_request p = {.model = model, .n_light = 1, .lights = &light,
+    struct relight_image_request p = {.model = model,
+                                      .n_light = 1,
+                                      .lights = &light,
                                       .picture = {.width = 5000, .height = 10}};
     expect(relight_image(client, &p, &image, &error), RELIGHT_E_OUT_OF_RANGE, &error, "4096");
     p.picture = (struct relight_picture){
-        .width = 8, .height = 8, .camera = {.set = true, .eye = {0, 1, 0}, .target = {0, 0, 0}}};
+        .width = 8,
+        .height = 8,
+        .camera = {.set = true, .eye = {0, 1, 0}, .target = {0, 0, 0}}};
     expect(relight_image(client, &p, &image, &error), RELIGHT_E_OUT_OF_RANGE, &error, "line");
     struct relight_load load = {.path = "../../etc/passwd", .material = "marble"};
     struct relight_loaded loaded;
@@ -273,8 +290,8 @@ static void test_uploaded_environment(void **state)
     snprintf(env, sizeof env, "env:%s", hash);
     struct relight_light light = {.env = env}, white = {.env = "constant"};
     float a[N_COLOR], b[N_COLOR];
-    colors_of(client, &light, 1, false, RELIGHT_F32, a);
-    colors_of(client, &white, 1, false, RELIGHT_F32, b);
+    colors_of(client, &light, 1, false, RELIGHT_COLOR_F32, a);
+    colors_of(client, &white, 1, false, RELIGHT_COLOR_F32, b);
     for (int k = 0; k < N_COLOR; k++) assert_true(fabsf(a[k] - b[k]) <= 2e-3f * b[k]);
     relight_close(client);
 }
@@ -345,12 +362,12 @@ static void test_killed_bake_fails_and_others_go_on(void **state)
     assert_true(pid > 0);
     struct relight_light light = {.env = "constant:0.1,0.2,0.3"};
     float out[N_COLOR];
-    colors_of(client, &light, 1, false, RELIGHT_F32, out); // while it bakes
+    colors_of(client, &light, 1, false, RELIGHT_COLOR_F32, out); // while it bakes
     kill(pid, SIGKILL);
     expect(relight_watch(client, loaded.job, NULL, NULL, &error), RELIGHT_E_JOB_FAILED, &error,
            "killed");
     light.env = "constant:0.3,0.2,0.1";
-    colors_of(client, &light, 1, false, RELIGHT_F32, out);
+    colors_of(client, &light, 1, false, RELIGHT_COLOR_F32, out);
     relight_loaded_finish(&loaded);
     relight_close(client);
 }
@@ -394,7 +411,7 @@ static void test_unload_and_return(void **state)
     uint64_t freed;
     float out[N_COLOR];
     struct relight_light light = {.env = "constant:0.7,0.7,0.7"};
-    colors_of(client, &light, 1, false, RELIGHT_F32, out);
+    colors_of(client, &light, 1, false, RELIGHT_COLOR_F32, out);
     OK(relight_unload(client, model, false, &freed, &error));
     assert_true(freed > 0);
     OK(relight_list(client, true, &list, &error));
@@ -403,14 +420,15 @@ static void test_unload_and_return(void **state)
             assert_int_equal(list.model[i].state, RELIGHT_MODEL_UNLOADED);
     relight_list_finish(&list);
     light.env = "constant:0.8,0.7,0.7";
-    colors_of(client, &light, 1, false, RELIGHT_F32, out);
+    colors_of(client, &light, 1, false, RELIGHT_COLOR_F32, out);
     relight_close(client);
 }
 
 static void test_prt_in_models_folder(void **state)
 {
     char command[400];
-    snprintf(command, sizeof command, "cp %s/bakes/%s.prt %s/placed.prt", d.data, model, d.models);
+    snprintf(command, sizeof command, "cp %s/bakes/%s.prt %s/placed.prt", d.data, model,
+             d.models);
     assert_int_equal(system(command), 0);
     sleep_ms(1100); // the folder is looked at once a second at most
     struct relight_client *client = client_open(d.address);
@@ -432,8 +450,10 @@ static void test_deadline(void **state)
     uint64_t id;
     struct relight_light light = {.env = "constant:0.1,0.9,0.4"};
     struct relight_image_request request = {
-        .model = model, .n_light = 1, .lights = &light,
-        .picture = {.width = 1500, .height = 1500, .format = RELIGHT_PNG}};
+        .model = model,
+        .n_light = 1,
+        .lights = &light,
+        .picture = {.width = 1500, .height = 1500, .format = RELIGHT_IMAGE_PNG}};
     OK(relight_image_begin(client, &request, 0.005, &id, &error));
     int status = relight_image_end(client, id, &image, &error);
     assert_true(status == -RELIGHT_E_DEADLINE || status == -RELIGHT_E_TIMEOUT);
@@ -450,8 +470,10 @@ static void test_cancelled_request(void **state)
     uint64_t id;
     struct relight_light light = {.env = "constant:0.2,0.9,0.4"};
     struct relight_image_request request = {
-        .model = model, .n_light = 1, .lights = &light,
-        .picture = {.width = 1500, .height = 1400, .format = RELIGHT_PNG}};
+        .model = model,
+        .n_light = 1,
+        .lights = &light,
+        .picture = {.width = 1500, .height = 1400, .format = RELIGHT_IMAGE_PNG}};
     OK(relight_image_begin(client, &request, 0, &id, &error));
     OK(relight_cancel(client, id, &error));
     int status = relight_image_end(client, id, &image, &error);
@@ -471,14 +493,17 @@ static void test_large_pictures_leave_room(void **state)
     uint64_t id[N];
     struct relight_light light = {.env = "constant"};
     for (int i = 0; i < N; i++) {
-        struct relight_image_request request = {
-            .model = model, .n_light = 1, .lights = &light,
-            .picture = {.width = 2200, .height = 2100 + (uint32_t)i, .format = RELIGHT_PNG}};
+        struct relight_image_request request = {.model = model,
+                                                .n_light = 1,
+                                                .lights = &light,
+                                                .picture = {.width = 2200,
+                                                            .height = 2100 + (uint32_t)i,
+                                                            .format = RELIGHT_IMAGE_PNG}};
         OK(relight_image_begin(client, &request, 0, &id[i], &error));
     }
     float out[N_COLOR];
     light.env = "constant:0.11,0.22,0.33";
-    colors_of(client, &light, 1, false, RELIGHT_F32, out);
+    colors_of(client, &light, 1, false, RELIGHT_COLOR_F32, out);
     double open = metric(client, "relightd_requests_open");
     assert_true(open >= 2); // a picture at least, and this question
     for (int i = 0; i < N; i++) {
@@ -544,8 +569,8 @@ static void test_view_draws_the_last_state(void **state)
     struct relight_error error;
     struct relight_view *view;
     struct relight_light light = {.env = "constant:1,1,1"};
-    struct relight_view_request request = {.model = model, .n_light = 1, .lights = &light,
-                                           .colors = true};
+    struct relight_view_request request = {
+        .model = model, .n_light = 1, .lights = &light, .colors = true};
     OK(relight_view_open(client, &request, &view, &error));
     uint64_t sequence = 0, seen = 0;
     for (int i = 1; i <= 50; i++) {
@@ -565,7 +590,7 @@ static void test_view_draws_the_last_state(void **state)
         relight_frame_out_finish(&frame);
     }
     light.env = "constant:50,1,1";
-    colors_of(client, &light, 1, false, RELIGHT_F32, want);
+    colors_of(client, &light, 1, false, RELIGHT_COLOR_F32, want);
     assert_close(out, want, N_COLOR, 1e-5f);
     uint64_t frames, dropped;
     OK(relight_view_close(view, &frames, &dropped, &error));
@@ -592,14 +617,16 @@ static void *crowd_member(void *arg)
     for (int i = 0; i < 20; i++) {
         snprintf(env, sizeof env, "constant:%d,%d,1", c->number + 1, i + 1);
         struct relight_light light = {.env = env};
-        struct relight_colors_request request = {.model = model, .n_light = 1, .lights = &light};
+        struct relight_colors_request request = {
+            .model = model, .n_light = 1, .lights = &light};
         struct relight_colors colors;
         if (relight_colors(client, &request, &colors, &error)) {
             c->failed++;
             continue;
         }
         const float *rgb = colors.data; // a convex body: red to green as in the light
-        if (fabsf(rgb[0] / rgb[1] * (float)(i + 1) / (float)(c->number + 1) - 1) > 0.2f) c->failed++;
+        if (fabsf(rgb[0] / rgb[1] * (float)(i + 1) / (float)(c->number + 1) - 1) > 0.2f)
+            c->failed++;
         relight_colors_finish(&colors);
     }
     relight_close(client);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Clients that get in each other's way: models are loaded, moved, looked at, unloaded and forgotten
-// by several at once, while memory, cache and disk are too small for them. Any answer will do that
-// says what happened; the daemon stays whole and keeps its books.
+// Clients that get in each other's way: models are loaded, moved, looked at, unloaded and
+// forgotten by several at once, while memory, cache and disk are too small for them. Any answer
+// will do that says what happened; the daemon stays whole and keeps its books.
 #include "ask.h"
 
 #include <dirent.h>
@@ -37,12 +37,13 @@ static unsigned draw(struct worker *w, unsigned n)
 // What may happen to who is overtaken by another.
 static bool is_fair(int code)
 {
-    return code == RELIGHT_E_NOT_FOUND || code == RELIGHT_E_NOT_READY
-           || code == RELIGHT_E_CANCELLED || code == RELIGHT_E_JOB_FAILED
-           || code == RELIGHT_E_TIMEOUT || code == RELIGHT_E_DEADLINE || code == RELIGHT_E_BUSY;
+    return code == RELIGHT_E_NOT_FOUND || code == RELIGHT_E_NOT_READY ||
+           code == RELIGHT_E_CANCELLED || code == RELIGHT_E_JOB_FAILED ||
+           code == RELIGHT_E_TIMEOUT || code == RELIGHT_E_DEADLINE || code == RELIGHT_E_BUSY;
 }
 
-static bool went(struct worker *w, const char *what, int status, const struct relight_error *error)
+static bool went(struct worker *w, const char *what, int status,
+                 const struct relight_error *error)
 {
     if (!status) {
         w->done++;
@@ -83,8 +84,10 @@ static void look(struct worker *w, struct relight_client *c, const char *id, boo
     snprintf(env, sizeof env, "constant:1,%u,1", 1 + draw(w, 5));
     struct relight_light light = {.env = env};
     struct relight_image_request r = {
-        .model = id, .n_light = 1, .lights = &light,
-        .picture = {.width = 48 + 16 * draw(w, 2), .height = 48, .format = RELIGHT_RGB8}};
+        .model = id,
+        .n_light = 1,
+        .lights = &light,
+        .picture = {.width = 48 + 16 * draw(w, 2), .height = 48, .format = RELIGHT_IMAGE_RGB8}};
     if (draw(w, 3) == 0) r.shade.engine = RELIGHT_ENGINE_SPLAT + draw(w, 4);
     if (!WENT(relight_image_begin(c, &r, 0, &request, &error))) return;
     if (!wait) WENT(relight_cancel(c, request, &error));
@@ -107,10 +110,12 @@ static void view(struct worker *w, struct relight_client *c, const char *id)
     struct relight_error error;
     struct relight_view *v;
     struct relight_light light = {.env = "constant"};
-    struct relight_view_request r = {.model = id, .n_light = 1, .lights = &light,
-                                     .colors = draw(w, 2),
-                                     .picture = {.width = 40, .height = 40,
-                                                 .format = RELIGHT_RGB8}};
+    struct relight_view_request r = {
+        .model = id,
+        .n_light = 1,
+        .lights = &light,
+        .colors = draw(w, 2),
+        .picture = {.width = 40, .height = 40, .format = RELIGHT_IMAGE_RGB8}};
     if (!WENT(relight_view_open(c, &r, &v, &error))) return;
     for (unsigned i = 0, n = 1 + draw(w, 4); i < n; i++) {
         struct relight_frame_out frame;
@@ -136,7 +141,8 @@ static void look_up(struct worker *w, struct relight_client *c, const char *id)
     struct relight_geometry geometry;
     struct relight_list list;
     if (WENT(relight_info(c, id, &info, &error))) relight_model_finish(&info);
-    if (WENT(relight_geometry(c, id, false, &geometry, &error))) relight_geometry_finish(&geometry);
+    if (WENT(relight_geometry(c, id, false, &geometry, &error)))
+        relight_geometry_finish(&geometry);
     if (WENT(relight_list(c, true, &list, &error))) relight_list_finish(&list);
 }
 
@@ -151,14 +157,30 @@ static void *race(void *arg)
     while (now_s() < end && !w->wrong[0]) {
         switch (draw(w, 10)) {
         case 0:
-        case 1: load_one(w, c, !bakes || draw(w, 3) == 0, id); break;
-        case 2: look(w, c, id, true); break;
-        case 3: look(w, c, id, false); break;
-        case 4: ask_some(w, c, id); break;
-        case 5: view(w, c, id); break;
-        case 6: move(w, c, id); break;
-        case 7: look_up(w, c, id); break;
-        case 8: WENT(relight_unload(c, id, false, NULL, &error)); break;
+        case 1:
+            load_one(w, c, !bakes || draw(w, 3) == 0, id);
+            break;
+        case 2:
+            look(w, c, id, true);
+            break;
+        case 3:
+            look(w, c, id, false);
+            break;
+        case 4:
+            ask_some(w, c, id);
+            break;
+        case 5:
+            view(w, c, id);
+            break;
+        case 6:
+            move(w, c, id);
+            break;
+        case 7:
+            look_up(w, c, id);
+            break;
+        case 8:
+            WENT(relight_unload(c, id, false, NULL, &error));
+            break;
         default:
             if (!bakes || draw(w, 2)) WENT(relight_unload(c, id, true, NULL, &error));
             else if (draw(w, 2)) WENT(relight_watch(c, id, NULL, NULL, &error));
@@ -197,8 +219,8 @@ static void check_empty(struct daemon *d)
     relight_list_finish(&list);
     for (int i = 0; i < 500; i++) { // what is under way comes to its end
         disk = metric(c, "relightd_disk_bytes");
-        if (metric(c, "relightd_models_bytes") == 0 && metric(c, "relightd_jobs_open") == 0
-            && !files_in(d, "previews") && !files_in(d, "bakes") && !files_in(d, "work"))
+        if (metric(c, "relightd_models_bytes") == 0 && metric(c, "relightd_jobs_open") == 0 &&
+            !files_in(d, "previews") && !files_in(d, "bakes") && !files_in(d, "work"))
             break;
         sleep_ms(20);
     }
@@ -247,8 +269,8 @@ static void test_previews(void **state)
 
 static void test_bakes_without_room(void **state)
 {
-    static const char *const extra[] = {"--memory", "100k", "--cache", "300k", "--bakes-disk",
-                                        "200k", "--bakes", "2", NULL};
+    static const char *const extra[] = {
+        "--memory", "100k", "--cache", "300k", "--bakes-disk", "200k", "--bakes", "2", NULL};
     run(10, extra);
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// librelight against a scripted peer on a unix socket: what a real daemon rarely does on purpose:
-// answers in crumbs, out of order, in parts, late, damaged, or not at all.
+// librelight against a scripted peer on a unix socket: what a real daemon rarely does on
+// purpose: answers in crumbs, out of order, in parts, late, damaged, or not at all.
 #include "frame.h"
 #include "relight.pb-c.h"
 #include "relight/relight.h"
@@ -20,7 +20,8 @@
 
 #include <cmocka.h>
 
-// ---- the peer ------------------------------------------------------------------------------------
+// ---- the peer
+// ------------------------------------------------------------------------------------
 
 struct peer;
 typedef void (*script_fn)(struct peer *peer);
@@ -30,7 +31,7 @@ struct peer {
     script_fn script;
     pthread_t thread;
     struct relight_decoder decoder;
-    size_t crumb;              // bytes a write; 0: whole
+    size_t crumb; // bytes a write; 0: whole
     // what the scripts learn
     uint64_t blob_bytes, cancelled;
     unsigned n_cancel, n_ack, deadline_ms;
@@ -146,7 +147,8 @@ static void peer_stop(struct peer *p, struct relight_client *client)
     unlink(p->path);
 }
 
-// ---- scripts and tests -----------------------------------------------------------------------------
+// ---- scripts and tests
+// -----------------------------------------------------------------------------
 
 static void pong_script(struct peer *p)
 {
@@ -183,8 +185,8 @@ static void reverse_script(struct peer *p)
         m.n_vertex = (uint32_t)i + 1;
         m.n_plane = 1;
         m.plane_bytes = 12 * m.n_vertex;
-        peer_send(p, RELIGHT_TYPE_COLORS | RELIGHT_TYPE_ANSWER, RELIGHT_FRAME_LAST, id[i], &m.base,
-                  rgb, m.plane_bytes);
+        peer_send(p, RELIGHT_TYPE_COLORS | RELIGHT_TYPE_ANSWER, RELIGHT_FRAME_LAST, id[i],
+                  &m.base, rgb, m.plane_bytes);
     }
     while (peer_read(p)) peer_pong(p);
 }
@@ -261,7 +263,8 @@ static void error_script(struct peer *p)
     m.hint = "wait";
     m.retry_after_ms = 70;
     if (peer_read(p))
-        peer_send(p, RELIGHT_TYPE_ERROR, RELIGHT_FRAME_LAST, p->decoder.frame.id, &m.base, NULL, 0);
+        peer_send(p, RELIGHT_TYPE_ERROR, RELIGHT_FRAME_LAST, p->decoder.frame.id, &m.base, NULL,
+                  0);
     if (peer_read(p)) peer_pong(p);
     m.code = RELIGHT__ERROR_CODE__ERROR_BAD_FRAME;
     m.text = "that was no frame";
@@ -299,7 +302,8 @@ static void late_script(struct peer *p)
     if (p->decoder.frame.deadline_ms != 50) return;
     while (peer_read(p)) {
         if (p->decoder.frame.type == RELIGHT_TYPE_CANCEL) {
-            Relight__CancelRequest *m = (Relight__CancelRequest *)relight_frame_unpack(&p->decoder.frame);
+            Relight__CancelRequest *m =
+                (Relight__CancelRequest *)relight_frame_unpack(&p->decoder.frame);
             Relight__CancelAnswer answer = RELIGHT__CANCEL_ANSWER__INIT;
             p->n_cancel++;
             p->cancelled = m->id;
@@ -307,8 +311,8 @@ static void late_script(struct peer *p)
             peer_answer(p, &answer.base, NULL, 0);
             continue;
         }
-        peer_send(p, RELIGHT_TYPE_PING | RELIGHT_TYPE_ANSWER, RELIGHT_FRAME_LAST, late, &pong.base,
-                  NULL, 0);
+        peer_send(p, RELIGHT_TYPE_PING | RELIGHT_TYPE_ANSWER, RELIGHT_FRAME_LAST, late,
+                  &pong.base, NULL, 0);
         peer_pong(p);
     }
 }
@@ -360,7 +364,8 @@ static void unreachable(void **state)
     assert_int_equal(relight_connect("tcp:[::1", NULL, &client, &error), -RELIGHT_E_ARGUMENT);
     peer_start(&p, silent_script, 0);
     struct relight_options hurry = {.connect_timeout_s = 0.1};
-    assert_int_equal(relight_connect(p.address, &hurry, &client, &error), -RELIGHT_E_UNREACHABLE);
+    assert_int_equal(relight_connect(p.address, &hurry, &client, &error),
+                     -RELIGHT_E_UNREACHABLE);
     peer_stop(&p, NULL);
     peer_start(&p, foreign_script, 0);
     assert_int_equal(relight_connect(p.address, NULL, &client, &error), -RELIGHT_E_UNREACHABLE);
@@ -374,7 +379,8 @@ static void unreachable(void **state)
     peer_stop(&p, client);
 }
 
-// Answers that describe more than they carry, one after the other; the connection survives them.
+// Answers that describe more than they carry, one after the other; the connection survives
+// them.
 static void lies_script(struct peer *p)
 {
     static uint8_t bytes[256];
@@ -417,7 +423,8 @@ static void lies(void **state)
     peer_start(&p, lies_script, 0);
     struct relight_client *client = connect_to(&p, 5);
     for (int i = 0; i < 6; i++)
-        assert_int_equal(relight_colors(client, &request, &colors, &error), -RELIGHT_E_PROTOCOL);
+        assert_int_equal(relight_colors(client, &request, &colors, &error),
+                         -RELIGHT_E_PROTOCOL);
     for (int i = 0; i < 4; i++)
         assert_int_equal(relight_geometry(client, "m", false, &geometry, &error),
                          -RELIGHT_E_PROTOCOL);
@@ -433,7 +440,8 @@ static const struct {
     const char *bytes;
     size_t n;
 } damage[] = {
-    {"RLGT\x01\x02\x02\x80\x02\0\0\0\0\0\0\0\x04\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\xff\xff\xff\xff", 36},
+    {"RLGT\x01\x02\x02\x80\x02\0\0\0\0\0\0\0\x04\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\xff\xff\xff\xff",
+     36},
     {"RLGT\x01\x02\x02\x80\x02\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\xff", 32},
     {"RLGT\x01\x02\x02\x80\x02\0\0\0\0\0\0\0\xff\xff\xff\x7f\0\0\0\0\0\0\0\0\0\0\0\0", 32},
     {"RLGT\x01\x02\x02\x00\x02\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0", 32},
@@ -494,20 +502,22 @@ static void uploads(void **state)
     for (size_t i = 0; i < sizeof bytes; i++) bytes[i] = (char)(i * 7);
     peer_start(&p, blob_script, 0);
     struct relight_client *client = connect_to(&p, 5);
-    assert_int_equal(relight_upload(client, "x", bytes, sizeof bytes, count_progress, &calls, hash,
-                                    &sent, &error), 0);
+    assert_int_equal(relight_upload(client, "x", bytes, sizeof bytes, count_progress, &calls,
+                                    hash, &sent, &error),
+                     0);
     assert_int_equal(sent, sizeof bytes);
     assert_int_equal(calls, 11); // chunks of 1000
-    assert_int_equal(relight_upload(client, "x", bytes, sizeof bytes, NULL, NULL, again, &sent,
-                                    &error), 0);
+    assert_int_equal(
+        relight_upload(client, "x", bytes, sizeof bytes, NULL, NULL, again, &sent, &error), 0);
     assert_int_equal(sent, 0);
     assert_string_equal(hash, again);
     relight_hash(bytes, sizeof bytes, again);
     assert_string_equal(hash, again);
     assert_int_equal(relight_upload(client, "x", bytes, 0, NULL, NULL, again, NULL, &error),
                      -RELIGHT_E_ARGUMENT);
-    assert_int_equal(relight_upload_file(client, "/nowhere.hdr", NULL, NULL, again, NULL, &error),
-                     -RELIGHT_E_FILE);
+    assert_int_equal(
+        relight_upload_file(client, "/nowhere.hdr", NULL, NULL, again, NULL, &error),
+        -RELIGHT_E_FILE);
     assert_non_null(strstr(error.text, "/nowhere.hdr"));
     peer_stop(&p, client);
     assert_int_equal(p.blob_bytes, sizeof bytes);
@@ -536,8 +546,8 @@ static void threads(void **state)
     peer_stop(&p, client);
 }
 
-// Answers before it has read the request whole, more than the socket buffers hold: a client that
-// only writes while it sends would never finish.
+// Answers before it has read the request whole, more than the socket buffers hold: a client
+// that only writes while it sends would never finish.
 static void flood_script(struct peer *p)
 {
     static uint8_t bytes[4 << 20];
@@ -575,7 +585,8 @@ static void both_ways(void **state)
         relight_colors_finish(&colors);
     }
     lights[0].cube_n = 20;
-    assert_int_equal(relight_colors_begin(client, &request, 0, id, &error), -RELIGHT_E_ARGUMENT);
+    assert_int_equal(relight_colors_begin(client, &request, 0, id, &error),
+                     -RELIGHT_E_ARGUMENT);
     peer_stop(&p, client);
     free(cube);
 }
@@ -653,7 +664,8 @@ static void formats(void **state)
         relight_decode_f16(&half, 1, &got);
         unsigned e = h >> 10 & 31, m = h & 1023;
         double want = e == 31 ? (m ? NAN : INFINITY)
-                      : e ? ldexp(1024 + m, (int)e - 25) : ldexp(m, -24);
+                      : e     ? ldexp(1024 + m, (int)e - 25)
+                              : ldexp(m, -24);
         if (h >> 15) want = -want;
         if (isnan(want)) assert_true(isnan(got));
         else assert_true((double)got == want);
@@ -682,9 +694,16 @@ static void cameras(void **state)
     assert_true(c.up[2] == 1 && c.fovy_deg == 35);
     assert_int_equal(relight_camera_parse("0,1,3:0,0,0:35", &c, NULL), 0);
     assert_true(c.up[2] == 0 && c.fovy_deg == 35);
-    static const char *const bad[] = {"", "1,2,3", "1,2:3,4,5", "1,2,3:4,5,6:", "1,2,3:4,5,6:170",
-                                      "1,2,3:4,5,6:0,1,0:35:1", "nan,0,0:0,0,0", "1,2,3:4,5,6x",
-                                      "1,2,3:4,5,6:0,1,0:0,1,0", "1,2,3:4,5,6:35:0,1,0"};
+    static const char *const bad[] = {"",
+                                      "1,2,3",
+                                      "1,2:3,4,5",
+                                      "1,2,3:4,5,6:",
+                                      "1,2,3:4,5,6:170",
+                                      "1,2,3:4,5,6:0,1,0:35:1",
+                                      "nan,0,0:0,0,0",
+                                      "1,2,3:4,5,6x",
+                                      "1,2,3:4,5,6:0,1,0:0,1,0",
+                                      "1,2,3:4,5,6:35:0,1,0"};
     for (unsigned i = 0; i < sizeof bad / sizeof *bad; i++)
         assert_int_equal(relight_camera_parse(bad[i], &c, NULL), -RELIGHT_E_ARGUMENT);
 }
@@ -692,11 +711,13 @@ static void cameras(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(crumbs),  cmocka_unit_test(out_of_order), cmocka_unit_test(parts),
-        cmocka_unit_test(errors),  cmocka_unit_test(timeouts),     cmocka_unit_test(unreachable),
-        cmocka_unit_test(lies),    cmocka_unit_test(damaged),      cmocka_unit_test(uploads),
-        cmocka_unit_test(threads), cmocka_unit_test(both_ways),    cmocka_unit_test(views),
-        cmocka_unit_test(formats), cmocka_unit_test(cameras),
+        cmocka_unit_test(crumbs),    cmocka_unit_test(out_of_order),
+        cmocka_unit_test(parts),     cmocka_unit_test(errors),
+        cmocka_unit_test(timeouts),  cmocka_unit_test(unreachable),
+        cmocka_unit_test(lies),      cmocka_unit_test(damaged),
+        cmocka_unit_test(uploads),   cmocka_unit_test(threads),
+        cmocka_unit_test(both_ways), cmocka_unit_test(views),
+        cmocka_unit_test(formats),   cmocka_unit_test(cameras),
     };
     return cmocka_run_group_tests_name("client", tests, NULL, NULL);
 }

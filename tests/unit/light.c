@@ -69,7 +69,8 @@ static void directions_look_up_themselves(void **state)
     prt_rng_init(&rng, 1, 1);
     for (unsigned i = 0; i < 20000; i++) {
         const unsigned face = i % 6;
-        const double s = 1.998 * prt_rng_f32(&rng) - 0.999, t = 1.998 * prt_rng_f32(&rng) - 0.999;
+        const double s = 1.998 * prt_rng_f32(&rng) - 0.999,
+                     t = 1.998 * prt_rng_f32(&rng) - 0.999;
         float dir[3], s2, t2;
         unsigned face2;
         prt_cube_direction(face, s, t, dir);
@@ -83,13 +84,12 @@ static void directions_look_up_themselves(void **state)
 
 static void faces_look_along_their_axes(void **state)
 {
-    static const float axis[6][3] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0},
-                                     {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+    static const float axis[6][3] = {{1, 0, 0},  {-1, 0, 0}, {0, 1, 0},
+                                     {0, -1, 0}, {0, 0, 1},  {0, 0, -1}};
     for (unsigned face = 0; face < 6; face++) {
         float dir[3];
         prt_cube_direction(face, 0, 0, dir);
-        for (int c = 0; c < 3; c++)
-            assert_float_equal(dir[c], axis[face][c], 0);
+        for (int c = 0; c < 3; c++) assert_float_equal(dir[c], axis[face][c], 0);
     }
     float up[3]; /* OpenGL: the top of the sides is +y, the top of +Y is -z */
     prt_cube_direction(4, 0, -1, up);
@@ -105,7 +105,8 @@ static void haar_is_orthonormal(void **state)
     struct prt_rng rng;
     prt_rng_init(&rng, 7, 3);
     for (uint32_t n = 2; n <= 128; n *= 2) {
-        float *a = prt_alloc((size_t)n * n, sizeof *a), *b = prt_alloc((size_t)n * n, sizeof *b);
+        float *a = prt_alloc((size_t)n * n, sizeof *a),
+              *b = prt_alloc((size_t)n * n, sizeof *b);
         double before = 0, after = 0, sum = 0;
         for (uint32_t i = 0; i < n * n; i++) {
             a[i] = b[i] = prt_rng_f32(&rng) - 0.3f;
@@ -113,13 +114,11 @@ static void haar_is_orthonormal(void **state)
             sum += a[i];
         }
         prt_haar_forward(n, b);
-        for (uint32_t i = 0; i < n * n; i++)
-            after += (double)b[i] * b[i];
+        for (uint32_t i = 0; i < n * n; i++) after += (double)b[i] * b[i];
         assert_float_equal(after / before, 1, 1e-5); /* Parseval */
-        assert_float_equal(b[0], sum / n, 1e-3);      /* scaling function 1/n */
+        assert_float_equal(b[0], sum / n, 1e-3);     /* scaling function 1/n */
         prt_haar_inverse(n, b);
-        for (uint32_t i = 0; i < n * n; i++)
-            assert_float_equal(a[i], b[i], 1e-5);
+        for (uint32_t i = 0; i < n * n; i++) assert_float_equal(a[i], b[i], 1e-5);
         prt_free(a);
         prt_free(b);
     }
@@ -161,15 +160,18 @@ static void constant_light_has_six_coefficients(void **state)
     for (uint32_t i = 0; i < 6 * 32 * 32; i++)
         for (int c = 0; c < 4; c++)
             assert_float_equal(light.coef[i * 4 + c],
-                               (i % 1024 || c == 3 ? 0 : 32 * (c == 0 ? 2 : c == 1 ? 0.5 : 3)),
+                               (i % 1024 || c == 3 ? 0
+                                                   : 32 * (c == 0   ? 2
+                                                           : c == 1 ? 0.5
+                                                                    : 3)),
                                2e-5);
     prt_light_finish(&light);
     prt_cube_finish(&cube);
     prt_env_destroy(env);
     struct prt_env *none;
-    const char *const bad[] = {"constant:", "constant:1", "constant:1,2", "constant:1,2,3,4",
-                               "constant:-1,1,1", "constant:nan,1,1", "constant:1,2,inf",
-                               "constant:1,2,3x"};
+    const char *const bad[] = {"constant:",        "constant:1",      "constant:1,2",
+                               "constant:1,2,3,4", "constant:-1,1,1", "constant:nan,1,1",
+                               "constant:1,2,inf", "constant:1,2,3x"};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
         assert_int_equal(prt_env_load(&ctx, bad[i], &none), PRT_ARG);
 }
@@ -191,8 +193,7 @@ static void light_wants_power_of_two(void **state)
 static void radiance(const double d[3], float rgb[3])
 {
     const double r = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-    for (int c = 0; c < 3; c++)
-        rgb[c] = (float)(1.5 + d[c] / r);
+    for (int c = 0; c < 3; c++) rgb[c] = (float)(1.5 + d[c] / r);
 }
 
 /* What a camera looking along `face` sees at (s,t), right-handed, t down; up is +y, and for the
@@ -200,13 +201,14 @@ static void radiance(const double d[3], float rgb[3])
 static void camera_view(unsigned face, double s, double t, double d[3])
 {
     const double v[6][3] = {{1, -t, s}, {-1, -t, -s}, {s, 1, -t},
-                            {s, -1, t}, {-s, -t, 1}, {s, -t, -1}};
+                            {s, -1, t}, {-s, -t, 1},  {s, -t, -1}};
     memcpy(d, v[face], sizeof v[face]);
 }
 
 enum { N = 16 };
 
-static void draw_face(struct prt_image *im, unsigned face, uint32_t col, uint32_t row, bool turned)
+static void draw_face(struct prt_image *im, unsigned face, uint32_t col, uint32_t row,
+                      bool turned)
 {
     for (uint32_t y = 0; y < N; y++)
         for (uint32_t x = 0; x < N; x++) {
@@ -262,12 +264,10 @@ static void crosses_and_strips(void **state)
         draw_face(&im, face, face == 4 ? 1 : h[face][0], face == 4 ? 3 : h[face][1], face == 4);
     check_image(&im);
     im = blank(6 * N, N);
-    for (unsigned face = 0; face < 6; face++)
-        draw_face(&im, face, face, 0, false);
+    for (unsigned face = 0; face < 6; face++) draw_face(&im, face, face, 0, false);
     check_image(&im);
     im = blank(N, 6 * N);
-    for (unsigned face = 0; face < 6; face++)
-        draw_face(&im, face, 0, face, false);
+    for (unsigned face = 0; face < 6; face++) draw_face(&im, face, 0, face, false);
     check_image(&im);
 }
 
@@ -365,8 +365,7 @@ static void exr_round_trip(void **state)
         struct prt_image im = blank(37, 53), back;
         char path[] = "/tmp/prt-light-XXXXXX";
         close(mkstemp(path));
-        for (size_t i = 0; i < 37 * 53 * 3; i++)
-            im.rgb[i] = expf(20 * prt_rng_f32(&rng) - 10);
+        for (size_t i = 0; i < 37 * 53 * 3; i++) im.rgb[i] = expf(20 * prt_rng_f32(&rng) - 10);
         im.rgb[0] = 1e6f;
         assert_int_equal(prt_write_exr(&ctx, path, &im, full, false), 0);
         assert_int_equal(prt_image_load(&ctx, path, &back), 0);
@@ -448,10 +447,15 @@ static int png_predict(int filter, int a, int b, int c)
 {
     int p = a + b - c, pa = abs(p - a), pb = abs(p - b), pc = abs(p - c);
     int paeth = pa <= pb && pa <= pc ? a : pb <= pc ? b : c;
-    return filter == 1 ? a : filter == 2 ? b : filter == 3 ? (a + b) / 2 : filter == 4 ? paeth : 0;
+    return filter == 1   ? a
+           : filter == 2 ? b
+           : filter == 3 ? (a + b) / 2
+           : filter == 4 ? paeth
+                         : 0;
 }
 
-// raw [h][row_bytes]; filters change from row to row. One stored deflate block. Returns the size.
+// raw [h][row_bytes]; filters change from row to row. One stored deflate block. Returns the
+// size.
 static size_t make_png(uint32_t w, uint32_t h, int depth, int type, const uint8_t *raw,
                        size_t row_bytes, size_t step, const uint8_t *palette, uint8_t *out)
 {
@@ -462,7 +466,8 @@ static size_t make_png(uint32_t w, uint32_t h, int depth, int type, const uint8_
     assert_true(n < 65000);
     *p++ = 0x78;
     *p++ = 1;
-    const uint8_t stored[5] = {1, (uint8_t)n, (uint8_t)(n >> 8), (uint8_t)~n, (uint8_t)(~n >> 8)};
+    const uint8_t stored[5] = {1, (uint8_t)n, (uint8_t)(n >> 8), (uint8_t)~n,
+                               (uint8_t)(~n >> 8)};
     memcpy(p, stored, 5);
     p += 5;
     for (uint32_t y = 0; y < h; y++) {
@@ -470,10 +475,9 @@ static size_t make_png(uint32_t w, uint32_t h, int depth, int type, const uint8_
         int filter = (int)(y % 5);
         *p++ = (uint8_t)filter;
         for (size_t i = 0; i < row_bytes; i++)
-            *p++ = (uint8_t)(row[i]
-                             - png_predict(filter, i >= step ? row[i - step] : 0,
-                                           above ? above[i] : 0,
-                                           above && i >= step ? above[i - step] : 0));
+            *p++ = (uint8_t)(row[i] - png_predict(filter, i >= step ? row[i - step] : 0,
+                                                  above ? above[i] : 0,
+                                                  above && i >= step ? above[i - step] : 0));
     }
     for (uint8_t *q = body + 7; q < p; q++) {
         low = (low + *q) % 65521;
@@ -493,7 +497,7 @@ static size_t make_png(uint32_t w, uint32_t h, int depth, int type, const uint8_
 static void png_of_every_plain_kind(void **state)
 {
     enum { W = 64, H = 32 };
-    static const int kind[][3] = {{8, 0, 1}, {8, 2, 3}, {8, 3, 1}, {8, 4, 2}, {8, 6, 4},
+    static const int kind[][3] = {{8, 0, 1},  {8, 2, 3},  {8, 3, 1},  {8, 4, 2}, {8, 6, 4},
                                   {16, 0, 1}, {16, 2, 3}, {16, 4, 2}, {16, 6, 4}};
     static uint8_t raw[W * H * 8], palette[768], file[1 << 17];
     struct prt_rng rng;
@@ -528,8 +532,7 @@ static void load_image(const char *folder, const char *file, struct prt_image *i
 {
     char path[512];
     snprintf(path, sizeof path, "%s/%s", folder, file);
-    if (prt_image_load(&ctx, path, im))
-        fail_msg("%s: %s", file, last_line);
+    if (prt_image_load(&ctx, path, im)) fail_msg("%s: %s", file, last_line);
 }
 
 static double worst_difference(const struct prt_image *a, const struct prt_image *b)
@@ -546,14 +549,19 @@ static double worst_difference(const struct prt_image *a, const struct prt_image
 
 static void exr_variants(void **state)
 {
-    static const struct { const char *file; double tolerance; } same[] = {
-        {"float_zip.exr", 0}, {"float_piz.exr", 0}, {"float_pxr24.exr", 1.6e-5},
-        {"half_none.exr", 5e-4}, {"half_rle.exr", 5e-4}, {"half_zip.exr", 5e-4},
-        {"half_zips.exr", 5e-4}, {"half_piz.exr", 5e-4}, {"half_pxr24.exr", 5e-4},
-        {"half_b44.exr", 0.21}, {"half_b44a.exr", 0.21}, {"half_dwaa.exr", 0.33},
-        {"half_dwab.exr", 0.33}, {"decreasing_y.exr", 5e-4}, {"tiled32.exr", 5e-4},
-        {"multipart.exr", 5e-4}, {"layered_names.exr", 5e-4}, {"mixed_types.exr", 5e-4},
-        {"rgba_alpha1.exr", 5e-4}, {"datawindow_negative_origin.exr", 5e-4}};
+    static const struct {
+        const char *file;
+        double tolerance;
+    } same[] = {{"float_zip.exr", 0},        {"float_piz.exr", 0},
+                {"float_pxr24.exr", 1.6e-5}, {"half_none.exr", 5e-4},
+                {"half_rle.exr", 5e-4},      {"half_zip.exr", 5e-4},
+                {"half_zips.exr", 5e-4},     {"half_piz.exr", 5e-4},
+                {"half_pxr24.exr", 5e-4},    {"half_b44.exr", 0.21},
+                {"half_b44a.exr", 0.21},     {"half_dwaa.exr", 0.33},
+                {"half_dwab.exr", 0.33},     {"decreasing_y.exr", 5e-4},
+                {"tiled32.exr", 5e-4},       {"multipart.exr", 5e-4},
+                {"layered_names.exr", 5e-4}, {"mixed_types.exr", 5e-4},
+                {"rgba_alpha1.exr", 5e-4},   {"datawindow_negative_origin.exr", 5e-4}};
     const char *dir = PRT_SHARED_DATA "/env/exr_variants";
     struct prt_image ref, im;
     want_data(dir);
@@ -561,8 +569,7 @@ static void exr_variants(void **state)
     for (size_t i = 0; i < sizeof same / sizeof *same; i++) {
         load_image(dir, same[i].file, &im);
         const double d = worst_difference(&im, &ref);
-        if (!(d <= same[i].tolerance))
-            fail_msg("%s differs by %g", same[i].file, d);
+        if (!(d <= same[i].tolerance)) fail_msg("%s differs by %g", same[i].file, d);
         prt_image_finish(&im);
     }
     load_image(dir, "gray_Y_only.exr", &im);
@@ -619,10 +626,15 @@ static void pixels_are_mended(void **state)
 
 static void hdr_variants(void **state)
 {
-    static const char *const same[] = {"flat.hdr", "gamma_and_comments.hdr", "magic_rgbe.hdr",
-                                       "no_format_line.hdr", "trailing_garbage.hdr",
-                                       "bottom_up_plusY.hdr", "mirrored_minusX.hdr",
-                                       "rotated_X_first.hdr", "exposure_2.hdr",
+    static const char *const same[] = {"flat.hdr",
+                                       "gamma_and_comments.hdr",
+                                       "magic_rgbe.hdr",
+                                       "no_format_line.hdr",
+                                       "trailing_garbage.hdr",
+                                       "bottom_up_plusY.hdr",
+                                       "mirrored_minusX.hdr",
+                                       "rotated_X_first.hdr",
+                                       "exposure_2.hdr",
                                        "exposure_twice_2x4.hdr"};
     const char *dir = PRT_SHARED_DATA "/env/hdr_variants";
     struct prt_image ref, im;
@@ -631,11 +643,11 @@ static void hdr_variants(void **state)
     for (size_t i = 0; i < sizeof same / sizeof *same; i++) {
         load_image(dir, same[i], &im);
         const double d = worst_difference(&im, &ref);
-        if (d > 1e-6)
-            fail_msg("%s differs by %g", same[i], d);
+        if (d > 1e-6) fail_msg("%s differs by %g", same[i], d);
         prt_image_finish(&im);
     }
-    load_image(dir, "xyze.hdr", &im); /* 8-bit mantissas of XYZ: a few percent in saturated colours */
+    load_image(dir, "xyze.hdr",
+               &im); /* 8-bit mantissas of XYZ: a few percent in saturated colours */
     double sum = 0, error = 0;
     for (size_t i = 0; i < 128 * 64 * 3; i++) {
         sum += ref.rgb[i] * ref.rgb[i];
@@ -660,7 +672,8 @@ static void hdr_variants(void **state)
 // coefficient, whatever the height, the sampling and the threads.
 static void jpeg_in_strips_is_one_picture(void **state)
 {
-    static const uint32_t size[][2] = {{61, 127}, {200, 128}, {37, 600}, {640, 333}, {16, 1500}};
+    static const uint32_t size[][2] = {
+        {61, 127}, {200, 128}, {37, 600}, {640, 333}, {16, 1500}};
     struct prt_context pooled;
     prt_context_init(&pooled);
     assert_int_equal(prt_pool_create(3, &pooled.pool), PRT_OK);
@@ -681,11 +694,13 @@ static void jpeg_in_strips_is_one_picture(void **state)
         tjhandle pack = tjInitCompress(), unpack = tjInitDecompress();
         unsigned char *whole = NULL;
         unsigned long n = 0;
-        assert_int_equal(tjCompress2(pack, rgb, (int)w, 0, (int)h, TJPF_RGB, &whole, &n, sampling,
-                                     quality, TJFLAG_FASTDCT), 0);
+        assert_int_equal(tjCompress2(pack, rgb, (int)w, 0, (int)h, TJPF_RGB, &whole, &n,
+                                     sampling, quality, TJFLAG_FASTDCT),
+                         0);
         assert_int_equal(tjDecompress2(unpack, whole, n, a, (int)w, 0, (int)h, TJPF_RGB, 0), 0);
-        assert_int_equal(tjDecompress2(unpack, strips.bytes, strips.size, b, (int)w, 0, (int)h,
-                                       TJPF_RGB, 0), 0);
+        assert_int_equal(
+            tjDecompress2(unpack, strips.bytes, strips.size, b, (int)w, 0, (int)h, TJPF_RGB, 0),
+            0);
         assert_memory_equal(a, b, w * h * 3);
         tjFree(whole);
         tjDestroy(pack);

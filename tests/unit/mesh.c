@@ -80,10 +80,10 @@ struct tetrahedron {
 };
 static const struct tetrahedron tetrahedron = {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}},
                                                {0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3}};
-#define TETRA_VIEWS                                                                            \
-    "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},"                                       \
-    "{\"buffer\":0,\"byteOffset\":48,\"byteLength\":24}],"                                     \
-    "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"  \
+#define TETRA_VIEWS                                                                           \
+    "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},"                                      \
+    "{\"buffer\":0,\"byteOffset\":48,\"byteLength\":24}],"                                    \
+    "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}," \
     "{\"bufferView\":1,\"componentType\":5123,\"count\":12,\"type\":\"SCALAR\"}]"
 
 static double volume(const struct prt_mesh *m)
@@ -223,12 +223,12 @@ static void sparse_and_normalised(void **state)
     prt_mesh_destroy(m);
 }
 
-#define TWO_MATERIALS(first)                                                                   \
-    TETRA_VIEWS ",\"materials\":[{\"name\":\"wax\"" first "},{\"name\":\"floor\","             \
-                "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.5,0.25,0.125,1],"            \
-                "\"roughnessFactor\":0.4}}],\"meshes\":[{\"primitives\":[{\"attributes\":{"    \
-                "\"POSITION\":0},\"indices\":1,\"material\":0},{\"attributes\":{"              \
-                "\"POSITION\":0},\"indices\":1,\"material\":1}]}],\"nodes\":[{\"mesh\":0,"     \
+#define TWO_MATERIALS(first)                                                                \
+    TETRA_VIEWS ",\"materials\":[{\"name\":\"wax\"" first "},{\"name\":\"floor\","          \
+                "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.5,0.25,0.125,1],"         \
+                "\"roughnessFactor\":0.4}}],\"meshes\":[{\"primitives\":[{\"attributes\":{" \
+                "\"POSITION\":0},\"indices\":1,\"material\":0},{\"attributes\":{"           \
+                "\"POSITION\":0},\"indices\":1,\"material\":1}]}],\"nodes\":[{\"mesh\":0,"  \
                 "\"name\":\"thing\"}]"
 
 static void materials_decide(void **state)

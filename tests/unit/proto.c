@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Frames: the vectors byte for byte both ways, every cut of the stream, hostile lengths, SHA-256.
-// `test_proto --write DIR` writes the vectors.
+// Frames: the vectors byte for byte both ways, every cut of the stream, hostile lengths,
+// SHA-256. `test_proto --write DIR` writes the vectors.
 #include "proto_vectors.h"
 
 #include <setjmp.h>
@@ -70,8 +70,8 @@ static void decode_exact(void **state)
         }
         ProtobufCMessage *message = v->message ? relight_frame_unpack(&frame) : NULL;
         assert_true(!v->message || message);
-        assert_int_equal(
-            relight_frame_pack(&frame, message, 0, frame.payload_size, &again, &m), 0);
+        assert_int_equal(relight_frame_pack(&frame, message, 0, frame.payload_size, &again, &m),
+                         0);
         if (frame.payload_size) memcpy(again + m, frame.payload, frame.payload_size);
         m += frame.payload_size;
         assert_int_equal(n, m);
@@ -200,7 +200,8 @@ static void whole_message_lengths(void **state)
     memcpy(longer, all, size);
     for (size_t n = 0; n < size; n++)
         assert_int_equal(relight_frame_parse(all, n, &limits, &frame), RELIGHT_FAULT_SHORT);
-    assert_int_equal(relight_frame_parse(longer, size + 1, &limits, &frame), RELIGHT_FAULT_LONG);
+    assert_int_equal(relight_frame_parse(longer, size + 1, &limits, &frame),
+                     RELIGHT_FAULT_LONG);
     free(longer);
     free(all);
 }
@@ -244,11 +245,14 @@ static void sha256(void **state)
 {
     char out[65];
     hex("", 0, 1, out);
-    assert_string_equal(out, "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+    assert_string_equal(out,
+                        "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
     hex("abc", 3, 1, out);
-    assert_string_equal(out, "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+    assert_string_equal(out,
+                        "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
     hex("abcdbcdecdefdefgefghfghighijhijkijkljklmklmnlmnomnopnopq", 56, 56, out);
-    assert_string_equal(out, "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1");
+    assert_string_equal(out,
+                        "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1");
     char *a = malloc(1000000);
     memset(a, 'a', 1000000);
     for (size_t piece = 61; piece < 1000; piece += 101) {
@@ -286,9 +290,12 @@ static int write_vectors(const char *folder)
         FILE *file = fopen(path, "wb");
         if (!file || fwrite(bytes, 1, n, file) != n || fclose(file)) return 1;
         free(bytes);
-        fprintf(list, "%-18s %3d  0x%04x  %-5s %6zu  %s\n", vectors[i].name, (int)f->id, f->type,
-                f->flags & RELIGHT_FRAME_MORE ? "MORE" : f->flags ? "LAST" : "-", n,
-                vectors[i].note);
+        fprintf(list, "%-18s %3d  0x%04x  %-5s %6zu  %s\n", vectors[i].name, (int)f->id,
+                f->type,
+                f->flags & RELIGHT_FRAME_MORE ? "MORE"
+                : f->flags                    ? "LAST"
+                                              : "-",
+                n, vectors[i].note);
     }
     return fclose(list) != 0;
 }
@@ -298,11 +305,15 @@ int main(int argc, char **argv)
     n_vector = vectors_make(vectors);
     if (argc == 3 && !strcmp(argv[1], "--write")) return write_vectors(argv[2]);
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(encode_exact),          cmocka_unit_test(decode_exact),
-        cmocka_unit_test(decode_in_pieces),      cmocka_unit_test(refuses),
-        cmocka_unit_test(whole_message_lengths), cmocka_unit_test(lead_and_room),
+        cmocka_unit_test(encode_exact),
+        cmocka_unit_test(decode_exact),
+        cmocka_unit_test(decode_in_pieces),
+        cmocka_unit_test(refuses),
+        cmocka_unit_test(whole_message_lengths),
+        cmocka_unit_test(lead_and_room),
         cmocka_unit_test(whole_only),
-        cmocka_unit_test(names),                 cmocka_unit_test(sha256),
+        cmocka_unit_test(names),
+        cmocka_unit_test(sha256),
         cmocka_unit_test(vector_hash),
     };
     return cmocka_run_group_tests_name("proto", tests, NULL, NULL);

@@ -13,8 +13,11 @@ static unsigned add(struct vector *out, unsigned n, const char *name, const char
                     uint16_t type, uint8_t flags, uint64_t id, const ProtobufCMessage *message,
                     const void *payload, uint64_t size)
 {
-    out[n] = (struct vector){name, note, {.type = type, .flags = flags, .id = id,
-                                          .payload_size = size}, message, payload};
+    out[n] = (struct vector){name,
+                             note,
+                             {.type = type, .flags = flags, .id = id, .payload_size = size},
+                             message,
+                             payload};
     return n + 1;
 }
 
@@ -57,18 +60,19 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     ask.size = sizeof blob;
     ask.name = "sky.hdr";
     put = ask;
-    n = add(out, n, "put_blob_ask", "C: PUT_BLOB, is it there?", 4, LAST, 3, &ask.base, NULL, 0);
+    n = add(out, n, "put_blob_ask", "C: PUT_BLOB, is it there?", 4, LAST, 3, &ask.base, NULL,
+            0);
     static Relight__PutBlobAnswer missing, there;
     relight__put_blob_answer__init(&missing);
     there = missing;
-    n = add(out, n, "put_blob_missing", "S: PUT_BLOB, no (an empty header)", 4 | ANSWER, LAST, 3,
-            &missing.base, NULL, 0);
+    n = add(out, n, "put_blob_missing", "S: PUT_BLOB, no (an empty header)", 4 | ANSWER, LAST,
+            3, &missing.base, NULL, 0);
     n = add(out, n, "put_blob_chunk", "C: PUT_BLOB, all 100 bytes: 0,1,2,...", 4, LAST, 4,
             &put.base, blob, sizeof blob);
     there.complete = 1;
     there.received = sizeof blob;
-    n = add(out, n, "put_blob_complete", "S: PUT_BLOB, complete", 4 | ANSWER, LAST, 4, &there.base,
-            NULL, 0);
+    n = add(out, n, "put_blob_complete", "S: PUT_BLOB, complete", 4 | ANSWER, LAST, 4,
+            &there.base, NULL, 0);
 
     static Relight__LoadRequest load;
     static Relight__FileRef file, *files[] = {&file};
@@ -113,7 +117,8 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     done.fraction = 1;
     done.eta_s = 0;
     done.elapsed_s = 120;
-    n = add(out, n, "watch_done", "S: WATCH, done: LAST", 7 | ANSWER, LAST, 6, &done.base, NULL, 0);
+    n = add(out, n, "watch_done", "S: WATCH, done: LAST", 7 | ANSWER, LAST, 6, &done.base, NULL,
+            0);
 
     static Relight__ColorsRequest ask_colors;
     static Relight__Light light, second, *lights[] = {&light, &second};
@@ -138,8 +143,10 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     shade.term = RELIGHT__TERM__TERM_MULTIPLE;
     ask_colors.shade = &shade;
     ask_colors.format = RELIGHT__COLOR_FORMAT__COLOR_RGB9E5;
-    n = add(out, n, "colors_request", "C: COLORS, deadline 500 ms, an image and a cube of 16: texel "
-            "float i is (i mod 7) / 4", 12, LAST, 7, &ask_colors.base, cube, sizeof cube);
+    n = add(out, n, "colors_request",
+            "C: COLORS, deadline 500 ms, an image and a cube of 16: texel "
+            "float i is (i mod 7) / 4",
+            12, LAST, 7, &ask_colors.base, cube, sizeof cube);
     out[n - 1].frame.deadline_ms = 500;
     out[n - 1].payload = (const uint8_t *)cube;
     static Relight__ColorsAnswer answer;
@@ -156,16 +163,20 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     cost.engine = RELIGHT__ENGINE__ENGINE_WAVELET;
     answer.cost = &cost;
     // (1, 0.5, 0.25), (0, 0, 0), (65408, 0, 1/65536 is lost): exponent is shared.
-    static const uint8_t rgb9e5[12] = {0x00, 0x01, 0x01, 0x81, 0, 0, 0, 0, 0xff, 0x01, 0x00, 0xf8};
+    static const uint8_t rgb9e5[12] = {0x00, 0x01, 0x01, 0x81, 0,    0,
+                                       0,    0,    0xff, 0x01, 0x00, 0xf8};
     memcpy(colors, rgb9e5, sizeof rgb9e5);
     memcpy(colors + 64, rgb9e5, sizeof rgb9e5);
-    n = add(out, n, "colors_answer", "S: COLORS, 2 planes of 3 vertices: (1,.5,.25) (0,0,0) "
-            "(65408,0,0)", 12 | ANSWER, LAST, 7, &answer.base, colors, sizeof colors);
+    n = add(out, n, "colors_answer",
+            "S: COLORS, 2 planes of 3 vertices: (1,.5,.25) (0,0,0) "
+            "(65408,0,0)",
+            12 | ANSWER, LAST, 7, &answer.base, colors, sizeof colors);
 
     static Relight__CancelRequest cancel;
     relight__cancel_request__init(&cancel);
     cancel.id = 8;
-    n = add(out, n, "cancel_request", "C: CANCEL of request 8", 9, LAST, 9, &cancel.base, NULL, 0);
+    n = add(out, n, "cancel_request", "C: CANCEL of request 8", 9, LAST, 9, &cancel.base, NULL,
+            0);
     static Relight__Error error;
     relight__error__init(&error);
     error.code = RELIGHT__ERROR_CODE__ERROR_CANCELLED;
@@ -198,7 +209,8 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     set.view = 10;
     set.sequence = 1;
     set.state = &material;
-    n = add(out, n, "view_set", "C: VIEW_SET, another material", 15, LAST, 11, &set.base, NULL, 0);
+    n = add(out, n, "view_set", "C: VIEW_SET, another material", 15, LAST, 11, &set.base, NULL,
+            0);
     static Relight__ViewFrame frame;
     static Relight__ImageAnswer image;
     relight__view_frame__init(&frame);
@@ -208,17 +220,20 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     frame.frame = 1;
     frame.sequence = 1;
     frame.image = &image;
-    n = add(out, n, "view_frame_more", "S: ViewFrame, first 256 payload bytes: 255,254,...: MORE",
-            14 | ANSWER, MORE, 10, &frame.base, parts, sizeof parts);
-    n = add(out, n, "view_frame_rest", "S: the other 100 payload bytes of that frame: no header",
-            14 | ANSWER, 0, 10, NULL, blob, sizeof blob);
+    n = add(out, n, "view_frame_more",
+            "S: ViewFrame, first 256 payload bytes: 255,254,...: MORE", 14 | ANSWER, MORE, 10,
+            &frame.base, parts, sizeof parts);
+    n = add(out, n, "view_frame_rest",
+            "S: the other 100 payload bytes of that frame: no header", 14 | ANSWER, 0, 10, NULL,
+            blob, sizeof blob);
 
     static Relight__LoadRequest instant;
     static Relight__LoadAnswer seen;
     instant = load;
     instant.preview = 1;
     instant.bake = NULL;
-    n = add(out, n, "load_preview", "C: LOAD without a bake", 6, LAST, 12, &instant.base, NULL, 0);
+    n = add(out, n, "load_preview", "C: LOAD without a bake", 6, LAST, 12, &instant.base, NULL,
+            0);
     relight__load_answer__init(&seen);
     seen.model = "3f9ad2c1";
     seen.state = RELIGHT__MODEL_STATE__MODEL_PREVIEW;
@@ -235,8 +250,8 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     ask_image.lights = lights;
     ask_image.shade = &hurry;
     ask_image.picture = &picture;
-    n = add(out, n, "image_request", "C: IMAGE by splats in 40 ms", 13, LAST, 13, &ask_image.base,
-            NULL, 0);
+    n = add(out, n, "image_request", "C: IMAGE by splats in 40 ms", 13, LAST, 13,
+            &ask_image.base, NULL, 0);
     static Relight__ImageAnswer drawn;
     static Relight__Cost spent;
     relight__cost__init(&spent);
@@ -261,8 +276,10 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     update.first = 7;
     update.n = 2;
     update.has_normals = 1;
-    n = add(out, n, "update_vertices", "C: UPDATE_VERTICES 7 and 8 to (1,2,3) (-1,.5,0) mm, normals "
-            "+y +x", 17, LAST, 14, &update.base, moved, sizeof moved);
+    n = add(out, n, "update_vertices",
+            "C: UPDATE_VERTICES 7 and 8 to (1,2,3) (-1,.5,0) mm, normals "
+            "+y +x",
+            17, LAST, 14, &update.base, moved, sizeof moved);
     updated.generation = 2;
     n = add(out, n, "update_vertices_answer", "S: UPDATE_VERTICES", 17 | ANSWER, LAST, 14,
             &updated.base, NULL, 0);

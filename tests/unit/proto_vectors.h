@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* The frames of proto/vectors: how each is made. Shared by the test that checks the files and by
- * its `--write DIR` mode that made them. */
+/* The frames of proto/vectors: how each is made. Shared by the test that checks the files and
+ * by its `--write DIR` mode that made them. */
 #ifndef PROTO_VECTORS_H
 #define PROTO_VECTORS_H
 
@@ -8,8 +8,8 @@
 #include "relight.pb-c.h"
 
 struct vector {
-    const char *name;         /* file NAME.bin */
-    const char *note;         /* line of session.txt */
+    const char *name;           /* file NAME.bin */
+    const char *note;           /* line of session.txt */
     struct relight_frame frame; /* flags, type, id, deadline_ms, payload_size */
     const ProtobufCMessage *message;
     const uint8_t *payload;

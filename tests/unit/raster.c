@@ -49,8 +49,8 @@ static void scene_finish(struct scene *s)
 static struct prt_block *begin_block(struct scene *s, bool translucent)
 {
     struct prt_block *b = &s->block[s->mesh.n_block];
-    *b = (struct prt_block){s->mesh.n_object++, s->mesh.n_block, s->mesh.n_vertex, 0,
-                            s->mesh.n_triangle, 0};
+    *b = (struct prt_block){
+        s->mesh.n_object++, s->mesh.n_block, s->mesh.n_vertex, 0, s->mesh.n_triangle, 0};
     s->surface[s->mesh.n_surface++].translucent = translucent;
     s->mesh.n_block++;
     return b;
@@ -107,15 +107,17 @@ static void add_square(struct scene *s, float h, float x, float z, bool transluc
 // Eye on +z at this distance in mm, looking at the origin (cameras speak model units).
 static struct prt_camera front(float distance_mm, float fovy)
 {
-    return (struct prt_camera){.eye = {0, 0, distance_mm / 2}, .up = {0, 1, 0}, .fovy_deg = fovy};
+    return (struct prt_camera){
+        .eye = {0, 0, distance_mm / 2}, .up = {0, 1, 0}, .fovy_deg = fovy};
 }
 
 static struct prt_visibility *see(const struct scene *s, const struct prt_camera *camera,
                                   uint32_t w, uint32_t h, unsigned n_sub)
 {
     struct prt_visibility *vis = NULL;
-    assert_int_equal(prt_visibility_create(&quiet, &s->mesh, camera, w, h, n_sub,
-                                           PRT_RASTER_AUTO, &vis), PRT_OK);
+    assert_int_equal(
+        prt_visibility_create(&quiet, &s->mesh, camera, w, h, n_sub, PRT_RASTER_AUTO, &vis),
+        PRT_OK);
     return vis;
 }
 
@@ -173,10 +175,11 @@ static void barycentrics_project_back(void **state)
                 if (n_sub != 4) {
                     // at a silhouette the clamp to a triangle seen edge-on may move one far: GL
                     // snaps vertices
-                    off += fabs(px - x - last[n_sub][0] / 16) > 0.01
-                           || fabs(py - y - last[n_sub][1] / 16) > 0.01;
+                    off += fabs(px - x - last[n_sub][0] / 16) > 0.01 ||
+                           fabs(py - y - last[n_sub][1] / 16) > 0.01;
                 } else {
-                    assert_true(px > x - 0.01 && px < x + 1.01 && py > y - 0.01 && py < y + 1.01);
+                    assert_true(px > x - 0.01 && px < x + 1.01 && py > y - 0.01 &&
+                                py < y + 1.01);
                 }
                 seen++;
             }
@@ -194,8 +197,10 @@ static uint32_t cast(const struct prt_mesh *m, const double o[3], const double d
     for (uint32_t i = 0; i < m->n_triangle; i++) {
         double e[2][3], q[3], h[3], r[3];
         for (int k = 0; k < 3; k++) {
-            e[0][k] = (double)m->position[m->triangle[i][1]][k] - m->position[m->triangle[i][0]][k];
-            e[1][k] = (double)m->position[m->triangle[i][2]][k] - m->position[m->triangle[i][0]][k];
+            e[0][k] =
+                (double)m->position[m->triangle[i][1]][k] - m->position[m->triangle[i][0]][k];
+            e[1][k] =
+                (double)m->position[m->triangle[i][2]][k] - m->position[m->triangle[i][0]][k];
             r[k] = o[k] - m->position[m->triangle[i][0]][k];
         }
         for (int k = 0; k < 3; k++) {
@@ -357,7 +362,8 @@ static void phase_planes_meet_harmonics(void **state)
         for (int v = 0; v < 4; v++) {
             planes[3 * v] = planes[3 * v + 1] = planes[3 * v + 2] = 5; // stays positive
             for (unsigned j = 1; j < 16; j++)
-                for (int ch = 0; ch < 3; ch++) planes[(j * 4 + (unsigned)v) * 3 + (unsigned)ch] = j == k;
+                for (int ch = 0; ch < 3; ch++)
+                    planes[(j * 4 + (unsigned)v) * 3 + (unsigned)ch] = j == k;
         }
         struct prt_shade shade = {.eta = 1.4f, .n_plane = 16, .planes = planes};
         struct prt_image image = shade_const(&s, vis, &shade, (float[3]){0, 0, 0});
@@ -448,8 +454,8 @@ static void background_is_looked_up(void **state)
     struct prt_image image = shade_const(&s, vis, &shade, (float[3]){1, 1, 1});
     for (uint32_t y = 0; y < 200; y++) {
         for (uint32_t x = 0; x < 300; x++) {
-            double k = tan(60 * M_PI / 180), d[3] = {((x + 0.5) / 150 - 1) * k * 1.5,
-                                                     (1 - (y + 0.5) / 100) * k, -1};
+            double k = tan(60 * M_PI / 180),
+                   d[3] = {((x + 0.5) / 150 - 1) * k * 1.5, (1 - (y + 0.5) / 100) * k, -1};
             double l = sqrt(d[0] * d[0] + d[1] * d[1] + 1);
             for (uint32_t j = 0; j < 3; j++)
                 assert_true(fabs(image.rgb[(y * 300 + x) * 3 + j] - 2 - d[j] / l) < 0.012);
@@ -478,8 +484,13 @@ static void kernels_agree(void **state)
     for (size_t i = 0; i < 6 * 32 * 32 * 3; i++) cube.texel[i] = prt_rng_f32(&rng);
     struct prt_specular *spec = NULL;
     assert_int_equal(prt_specular_create(&quiet, &cube, &spec), PRT_OK);
-    struct prt_shade shade = {.n_plane = 9, .planes = planes, .eta = 1.3f, .roughness = 0.3f,
-                              .fresnel = true, .specular = spec, .background = &cube};
+    struct prt_shade shade = {.n_plane = 9,
+                              .planes = planes,
+                              .eta = 1.3f,
+                              .roughness = 0.3f,
+                              .fresnel = true,
+                              .specular = spec,
+                              .background = &cube};
     struct prt_image image[3];
     static const char *const word[] = {"c", "avx2", "avx512"};
     for (int k = 0; k < 3; k++) {
@@ -552,8 +563,8 @@ static void tone_values(void **state)
     assert_int_equal(prt_tone_map(&quiet, &three, PRT_TONE_REINHARD, 2, nine), PRT_OK);
     assert_true(abs(nine[2] - 231) <= 1); // two stops: 1 becomes 4
     assert_int_equal(prt_tone_map(&quiet, &three, PRT_TONE_FILMIC, 0, nine), PRT_OK);
-    assert_true(nine[0] == 0 && nine[1] > 100 && nine[1] < 130 && nine[2] > 190 && nine[2] < 220 &&
-                nine[3] > nine[2] && nine[4] == 255);
+    assert_true(nine[0] == 0 && nine[1] > 100 && nine[1] < 130 && nine[2] > 190 &&
+                nine[2] < 220 && nine[3] > nine[2] && nine[4] == 255);
     assert_int_equal(prt_tone_map(&quiet, &three, PRT_TONE_FILMIC, 1000, nine), PRT_ARG);
     // every value of a ramp is within one step of the exact curve
     float ramp[3 * 4096];
@@ -576,12 +587,20 @@ static void camera_faults(void **state)
     assert_true(c.target[2] == -1 && c.up[2] == 1 && c.fovy_deg == 60);
     assert_int_equal(prt_camera_parse(&quiet, "auto", &c), PRT_OK);
     assert_true(c.automatic);
-    static const char *const bad[][2] = {
-        {"", "EYE"}, {"1,2", "EYE"}, {"1,2,3", "TARGET"}, {"1,2,3:", "TARGET"},
-        {"1,2,3:4,5", "TARGET"}, {"1,2,3:4,5,6:0,1", "UP"}, {"1,2,3:4,5,6:0,1,0:x", "FOVY"},
-        {"1,2,3:4,5,6:0,1,0:170", "(0,170)"}, {"1,2,3:4,5,6:0,1,0:0", "(0,170)"},
-        {"1,2,3:4,5,6:0,1,0:nan", "(0,170)"}, {"1,2,3:1,2,3", "same point"},
-        {"nan,2,3:1,2,3", "EYE"}, {"1,2,3:4,5,6:0,1,0:30:9", "FOVY"}, {"1 2 3:4,5,6", "EYE"}};
+    static const char *const bad[][2] = {{"", "EYE"},
+                                         {"1,2", "EYE"},
+                                         {"1,2,3", "TARGET"},
+                                         {"1,2,3:", "TARGET"},
+                                         {"1,2,3:4,5", "TARGET"},
+                                         {"1,2,3:4,5,6:0,1", "UP"},
+                                         {"1,2,3:4,5,6:0,1,0:x", "FOVY"},
+                                         {"1,2,3:4,5,6:0,1,0:170", "(0,170)"},
+                                         {"1,2,3:4,5,6:0,1,0:0", "(0,170)"},
+                                         {"1,2,3:4,5,6:0,1,0:nan", "(0,170)"},
+                                         {"1,2,3:1,2,3", "same point"},
+                                         {"nan,2,3:1,2,3", "EYE"},
+                                         {"1,2,3:4,5,6:0,1,0:30:9", "FOVY"},
+                                         {"1 2 3:4,5,6", "EYE"}};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         last_line[0] = 0;
         assert_int_equal(prt_camera_parse(&quiet, bad[i][0], &c), PRT_ARG);
@@ -602,11 +621,12 @@ static void sizes_are_limited(void **state)
     static const uint32_t bad[][2] = {{0, 10}, {10, 0}, {4097, 10}, {10, 4097}};
     for (int i = 0; i < 4; i++) {
         assert_int_equal(prt_visibility_create(&quiet, &s.mesh, &c, bad[i][0], bad[i][1], 1,
-                                               PRT_RASTER_AUTO, &vis), PRT_ARG);
+                                               PRT_RASTER_AUTO, &vis),
+                         PRT_ARG);
         assert_non_null(strstr(last_line, "4096"));
     }
-    assert_int_equal(prt_visibility_create(&quiet, &s.mesh, &c, 10, 10, 3, PRT_RASTER_AUTO, &vis),
-                     PRT_ARG);
+    assert_int_equal(
+        prt_visibility_create(&quiet, &s.mesh, &c, 10, 10, 3, PRT_RASTER_AUTO, &vis), PRT_ARG);
     // a picture cut into several bands has no seam: the square's rows are all there
     vis = see(&s, &c, 4096, 2048, 1);
     double side = 10 / (50 * tan(20 * M_PI / 180)) * 2048;
@@ -642,8 +662,8 @@ static void default_camera_frames(void **state)
         assert_true(made.eye[2] > made.target[2] && made.eye[1] > made.target[1]);
         prt_visibility_destroy(vis);
     }
-    struct prt_camera inside = {.eye = {50, 10, -15}, .target = {51, 10, -15}, .up = {0, 1, 0},
-                                .fovy_deg = 60};
+    struct prt_camera inside = {
+        .eye = {50, 10, -15}, .target = {51, 10, -15}, .up = {0, 1, 0}, .fovy_deg = 60};
     struct prt_visibility *vis = see(&s, &inside, 50, 50, 4);
     assert_int_equal(prt_visibility_covered(vis), 2500);
     struct prt_shade shade = {.eta = 1.3f, .fresnel = true};

@@ -142,8 +142,7 @@ static double row_light(const struct prt_rows *r, uint32_t row, uint32_t j, int 
         }
         if (r->value == PRT_VALUE_PAIR)
             v = (double)((const int16_t *)r->entry)[e / 2 * 2 * n + 2 * j + e % 2] *
-                (double)r->scale[(uint64_t)row * n + j] *
-                (double)prt_pair_gain(light->n, i);
+                (double)r->scale[(uint64_t)row * n + j] * (double)prt_pair_gain(light->n, i);
         else if (!n_direction)
             v = r->value == PRT_VALUE_F16
                     ? (double)prt_f16_to_f32(((const uint16_t *)r->entry)[e * n + j])
@@ -439,7 +438,8 @@ static void ask_many(struct prt_cube cube[MANY], struct prt_query q[MANY], bool 
         some_cube(&cube[i]);
         for (int k = 0; k < 6 * 16 * 16 * 3; k++) cube[i].texel[k] *= (float)(1 + (k + i) % 3);
         q[i] = (struct prt_query){.light = &cube[i],
-                                  .term = i < 13 ? PRT_ANSWER_TOTAL : (enum prt_answer_term)(i % 3),
+                                  .term =
+                                      i < 13 ? PRT_ANSWER_TOTAL : (enum prt_answer_term)(i % 3),
                                   .eye = i >= 12 ? eye : NULL};
         planes[i] = i >= 8 && i < 12;
     }
@@ -473,7 +473,8 @@ static void compare_many(const struct prt_transport *t)
 }
 
 // Several questions share one reading of the transport and hear what each would hear alone:
-// tensors with the same clusters or others, with opaque vertices among them and without, sparse.
+// tensors with the same clusters or others, with opaque vertices among them and without,
+// sparse.
 static void many_questions_equal_one_by_one(void **state)
 {
     struct synthetic_options pairs = kind[6], single = kind[0];
@@ -649,7 +650,7 @@ static void materials_move(void **state)
         assert_int_equal(prt_radial_create(&ctx, &o, &radial[f]), 0);
     }
     transport_of(&t, &kind[4], &kind[5]);
-    t.engine = PRT_ENGINE_JOINT;
+    t.engine = PRT_TRANSPORT_JOINT;
     t.material.eta = 1.3f;
     give_basis(&t.tensor[0], radial[0]);
     give_basis(&t.tensor[1], radial[1]);
@@ -688,44 +689,50 @@ static void materials_move(void **state)
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), 0);
     assert_memory_equal(again, planes, 4 * 12 * N);
     // light contracted once, whichever material comes: the same bits
-    struct prt_lit *lit, *other;
+    struct prt_contracted_light *lit, *other;
     struct prt_transport elsewhere = t;
-    assert_int_equal(prt_lit_create(&ctx, &t, &cube, &lit), 0);
-    assert_int_equal(prt_lit_create(&ctx, &elsewhere, &cube, &other), 0);
-    assert_true(prt_lit_bytes(lit) > 0);
+    assert_int_equal(prt_contracted_light_create(&ctx, &t, &cube, &lit), 0);
+    assert_int_equal(prt_contracted_light_create(&ctx, &elsewhere, &cube, &other), 0);
+    assert_true(prt_contracted_light_bytes(lit) > 0);
     q.light = NULL;
     q.lit = lit;
     memset(again, 0xff, 4 * 12 * N);
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), 0);
     assert_memory_equal(again, planes, 4 * 12 * N);
-    const struct prt_query both[2] = {q, {.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &m}};
+    const struct prt_query both[2] = {
+        q, {.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &m}};
     const bool as_planes[2] = {true, true};
     float *pair[2] = {again, own};
     assert_int_equal(prt_answer_many(&ctx, &t, 2, both, as_planes, pair), 0);
     assert_memory_equal(again, planes, 4 * 12 * N);
     assert_memory_equal(own, planes, 4 * 12 * N);
     // the material first, whichever light comes
-    struct prt_fixed *fixed;
-    assert_int_equal(prt_fixed_create(&ctx, &t, &m, &fixed), 0);
-    assert_true(prt_fixed_bytes(fixed) > 0);
+    struct prt_contracted_transport *fixed;
+    assert_int_equal(prt_contracted_transport_create(&ctx, &t, &m, &fixed), 0);
+    assert_true(prt_contracted_transport_bytes(fixed) > 0);
     const struct prt_query lit_only = {.term = PRT_ANSWER_TOTAL, .light = &cube};
-    assert_int_equal(prt_answer_planes(&ctx, prt_fixed_transport(fixed), &lit_only, &n_plane, again), 0);
+    assert_int_equal(prt_answer_planes(&ctx, prt_contracted_transport_get(fixed), &lit_only,
+                                       &n_plane, again),
+                     0);
     assert_int_equal(n_plane, 4);
     double off = difference(again, planes, 4 * 3 * N);
     assert_true(off > 0 && off < 2 * PRT_FIXED_ERROR);
     const struct prt_query wavelet = {.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &m};
-    assert_int_equal(prt_answer_planes(&ctx, prt_fixed_transport(fixed), &wavelet, &n_plane, again),
-                     PRT_MISMATCH);
-    struct prt_fixed *twice;
-    assert_int_equal(prt_fixed_create(&ctx, prt_fixed_transport(fixed), &m, &twice), PRT_MISMATCH);
-    prt_fixed_destroy(fixed);
+    assert_int_equal(
+        prt_answer_planes(&ctx, prt_contracted_transport_get(fixed), &wavelet, &n_plane, again),
+        PRT_MISMATCH);
+    struct prt_contracted_transport *twice;
+    assert_int_equal(
+        prt_contracted_transport_create(&ctx, prt_contracted_transport_get(fixed), &m, &twice),
+        PRT_MISMATCH);
+    prt_contracted_transport_destroy(fixed);
     q.lit = other;
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_ARG);
     q.lit = NULL;
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_ARG);
     q.light = &cube;
-    prt_lit_destroy(lit);
-    prt_lit_destroy(other);
+    prt_contracted_light_destroy(lit);
+    prt_contracted_light_destroy(other);
     m.eta = 1.5f;
     assert_int_equal(prt_answer_planes(&ctx, &t, &q, &n_plane, again), PRT_MISMATCH);
     prt_light_finish(&light);

@@ -509,9 +509,9 @@ static void make_halves(struct prt_tensor *t)
     assert_int_equal(synthetic_tensor(&o, t), 0);
     uint64_t *begin = (uint64_t *)(uintptr_t)t->rows.begin;
     uint16_t *entry = (uint16_t *)(uintptr_t)t->rows.entry;
-    begin[1] = 0;                  // of none
-    begin[2] = begin[1] + 1;       // of one
-    begin[3] = begin[2] + 7;       // odd
+    begin[1] = 0;            // of none
+    begin[2] = begin[1] + 1; // of one
+    begin[3] = begin[2] + 7; // odd
     uint16_t *index = (uint16_t *)(uintptr_t)t->rows.index;
     for (uint32_t row = 0; row < 4; row++)
         for (uint64_t e = begin[row]; e < begin[row + 1]; e++)
@@ -537,7 +537,8 @@ static void pairs_keep_their_rows(void **state)
             assert_true(isfinite(scale));
             for (uint64_t e = 0; e < m; e++) {
                 const uint32_t i = ((const uint16_t *)pairs.index)[to + e];
-                const int16_t x = ((const int16_t *)pairs.entry)[(to + e) / 2 * 6 + 2 * ch + e % 2];
+                const int16_t x =
+                    ((const int16_t *)pairs.entry)[(to + e) / 2 * 6 + 2 * ch + e % 2];
                 const float back = (float)x * scale * prt_pair_gain(16, i);
                 if (e % PRT_PAIR_BLOCK == 0) sum = 0;
                 sum += labs(x);

@@ -12,31 +12,31 @@ extern "C" {
 #endif
 
 struct prt_bake_options {
-    enum prt_engine_kind engine;
+    enum prt_transport_kind engine;
     enum prt_storage storage;     /* FACTORED default, or SPARSE (wavelet engine only) */
     struct prt_material material; /* wavelet: the medium; joint, polynomial: gives eta */
     uint32_t n_sample;            /* irradiance samples; 0: 150000 or spacing <= l_u */
     uint32_t cube;                /* 16..128 power of two; 0: 32 */
     uint32_t n_coef;              /* sparse: coefficients a vertex; 0: 128 */
     uint32_t rank;                /* factored: fixed rank a cluster; 0: chosen from max_error */
-    uint32_t n_basis_coef;        /* factored: mean coefficients a basis vector; 0: from error */
-    uint32_t n_phase;             /* 1, 4, 9 */
-    uint32_t n_single;            /* single-scattering points a vertex; 0: 16 */
-    bool no_single;               /* leave single scattering out */
-    bool every_ray;               /* single scattering without ray saving (measurement) */
-    double max_error;             /* 0: 0.01 */
-    const struct prt_env *env;    /* polynomial: the fixed light */
+    uint32_t n_basis_coef;     /* factored: mean coefficients a basis vector; 0: from error */
+    uint32_t n_phase;          /* 1, 4, 9 */
+    uint32_t n_single;         /* single-scattering points a vertex; 0: 16 */
+    bool no_single;            /* leave single scattering out */
+    bool every_ray;            /* single scattering without ray saving (measurement) */
+    double max_error;          /* 0: 0.01 */
+    const struct prt_env *env; /* polynomial: the fixed light */
     double rotate_deg;
-    uint32_t basis;               /* polynomial: enum prt_radial_kind; POLYNOMIAL and HAT are X07's:
-                                   * 16 linear pieces of R_d, 8 of e^(-sigma_t r) */
+    uint32_t basis; /* polynomial: enum prt_radial_kind; POLYNOMIAL and HAT are X07's:
+                     * 16 linear pieces of R_d, 8 of e^(-sigma_t r) */
     uint64_t seed;
     /* This process does shard of n_shard (0,0: all) and leaves its part beside out_path, as
      * OUT.I-of-N.part; the last one to end assembles the .prt, the same bytes as one process'
      * alone, and removes the parts. A part that is there already is not made again. */
     uint32_t shard, n_shard;
-    uint32_t *parts_missing;      /* out, or NULL: parts not there yet; 0: out_path is written;
-                                   * UINT32_MAX: another process assembles it */
-    const char *settings_json;    /* extra provenance to record, may be NULL */
+    uint32_t *parts_missing;   /* out, or NULL: parts not there yet; 0: out_path is written;
+                                * UINT32_MAX: another process assembles it */
+    const char *settings_json; /* extra provenance to record, may be NULL */
 };
 /* Bakes `mesh` (scaled) and writes the .prt. Same bytes for any thread count. Progress and
  * cancellation through ctx. */

@@ -13,16 +13,16 @@ extern "C" {
 #endif
 
 /* name, code, text. Functions return 0 or one of the negative codes. */
-#define PRT_STATUS_LIST(X)                                                                     \
-    X(OK, 0, "done")                                                                           \
-    X(ARG, -1, "argument out of range")                                                        \
-    X(NOMEM, -2, "not enough memory")                                                          \
-    X(IO, -3, "file could not be read or written")                                             \
-    X(FORMAT, -4, "file is damaged or not of a supported format")                              \
-    X(LIMIT, -5, "a limit was exceeded")                                                       \
-    X(CANCELLED, -6, "cancelled")                                                              \
-    X(UNSUPPORTED, -7, "not supported")                                                        \
-    X(INTERNAL, -8, "internal error")                                                          \
+#define PRT_STATUS_LIST(X)                                        \
+    X(OK, 0, "done")                                              \
+    X(ARG, -1, "argument out of range")                           \
+    X(NOMEM, -2, "not enough memory")                             \
+    X(IO, -3, "file could not be read or written")                \
+    X(FORMAT, -4, "file is damaged or not of a supported format") \
+    X(LIMIT, -5, "a limit was exceeded")                          \
+    X(CANCELLED, -6, "cancelled")                                 \
+    X(UNSUPPORTED, -7, "not supported")                           \
+    X(INTERNAL, -8, "internal error")                             \
     X(MISMATCH, -9, "inputs do not belong together")
 
 enum prt_status {
@@ -57,13 +57,13 @@ struct prt_pool;
 /* What a call works with. A plain struct: fill it with prt_context_init and change fields.
  * It may be shared by threads as long as its callbacks may. */
 struct prt_context {
-    prt_log_fn log;             /* NULL: errors and warnings to stderr */
+    prt_log_fn log; /* NULL: errors and warnings to stderr */
     void *log_user;
-    prt_progress_fn progress;   /* NULL: none */
+    prt_progress_fn progress; /* NULL: none */
     void *progress_user;
-    struct prt_pool *pool;      /* NULL: everything on the calling thread */
-    unsigned cpu;               /* enum prt_cpu mask */
-    uint64_t memory_limit;      /* bytes one call may allocate for a file's content; 0: 8 GiB */
+    struct prt_pool *pool; /* NULL: everything on the calling thread */
+    unsigned cpu;          /* enum prt_cpu mask */
+    uint64_t memory_limit; /* bytes one call may allocate for a file's content; 0: 8 GiB */
 };
 void prt_context_init(struct prt_context *ctx);
 
@@ -101,7 +101,7 @@ typedef int (*prt_loop_fn)(void *arg, size_t begin, size_t end, unsigned worker)
 int prt_parallel_for(const struct prt_context *ctx, const char *stage, size_t n, size_t grain,
                      prt_loop_fn fn, void *arg);
 
-double prt_time_s(void); /* monotonic seconds */
+double prt_time_s(void);                                         /* monotonic seconds */
 uint64_t prt_hash64(const void *bytes, size_t n, uint64_t seed); /* XXH3 */
 
 /* PCG32: small, seekable by (seed, stream), the same everywhere. */
@@ -114,8 +114,8 @@ float prt_rng_f32(struct prt_rng *rng); /* [0,1) */
 
 /* Runs fn(arg, result) in a forked child under limits and hands back what it left in `result`:
  * for decoding untrusted bytes (DESIGN: parsed only in a child process). The child may not open
- * sockets or start programs; a crash or exceeded limit is PRT_FORMAT / PRT_LIMIT with a log line
- * naming `what`; its log lines are forwarded. In the child the context has no pool and no
+ * sockets or start programs; a crash or exceeded limit is PRT_FORMAT / PRT_LIMIT with a log
+ * line naming `what`; its log lines are forwarded. In the child the context has no pool and no
  * progress, stdin to stderr lead nowhere and every other file the parent had open is closed.
  * Thread-safe; blocks. Call it before threads hold locks fn needs. */
 struct prt_isolate_limits {
@@ -136,7 +136,8 @@ int prt_isolate(const struct prt_context *ctx, const char *what,
 int prt_read_file(const struct prt_context *ctx, const char *path, uint64_t max_bytes,
                   struct prt_blob *out);
 /* Writes to PATH.tmp-PID, fsync, rename, fsync of the folder: nothing half-written. */
-int prt_write_file(const struct prt_context *ctx, const char *path, const void *bytes, size_t n);
+int prt_write_file(const struct prt_context *ctx, const char *path, const void *bytes,
+                   size_t n);
 /* The same piece by piece, for files too large to build in memory. After a failed write only
  * prt_writer_abandon (removes the temporary file) is left; finish fsyncs, renames and frees. */
 struct prt_writer;

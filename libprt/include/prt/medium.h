@@ -20,11 +20,11 @@ struct prt_material {
     float g[3];             /* |g| <= 0.95; sigma_a + sigma_s'/(1-g) <= 5000 */
     float eta;              /* [1, 3] relative index inside/outside */
     float roughness;        /* [0.01, 1] of the specular lobe */
-    /* R_d of its own in place of the dipole's (prt/profile.h): linear between n_point radii, flat
-     * before the first, 0 beyond the last. The coefficients above are then those of the dipole
-     * medium nearest to it, by which samples are spaced; it has no single scattering. */
-    uint32_t profile;       /* enum prt_profile_kind it came from; 0: the dipole */
-    uint32_t n_point;       /* [2, PRT_MATERIAL_MAX_POINT] with a profile, else 0 */
+    /* R_d of its own in place of the dipole's (prt/profile.h): linear between n_point radii,
+     * flat before the first, 0 beyond the last. The coefficients above are then those of the
+     * dipole medium nearest to it, by which samples are spaced; it has no single scattering. */
+    uint32_t profile; /* enum prt_profile_kind it came from; 0: the dipole */
+    uint32_t n_point; /* [2, PRT_MATERIAL_MAX_POINT] with a profile, else 0 */
     float radius[PRT_MATERIAL_MAX_POINT];         /* mm, ascending from >= 0 */
     float reflectance[3][PRT_MATERIAL_MAX_POINT]; /* mm^-2, >= 0; 2 pi r R_d dr <= 1 */
 };
@@ -36,7 +36,8 @@ int prt_material_load(const struct prt_context *ctx, const char *name_or_file,
                       struct prt_material *out);
 int prt_material_parse(const struct prt_context *ctx, const char *what, const char *json,
                        size_t n, struct prt_material *out);
-/* JSON text of a material into buf, that reads back as the same; returns the length as snprintf. */
+/* JSON text of a material into buf, that reads back as the same; returns the length as
+ * snprintf. */
 int prt_material_print(const struct prt_material *material, char *buf, size_t n);
 /* The same, but of a profile only its kind, points and totals: at most 512 bytes. */
 int prt_material_summary(const struct prt_material *material, char *buf, size_t n);
@@ -46,44 +47,45 @@ uint64_t prt_material_hash(const struct prt_material *material);
 const struct prt_material *prt_material_preset(unsigned index);
 
 /* Classical dipole of one channel (METHODS §1; JMLH01, W05 eq 3, X07 eq 4). */
-struct prt_dipole {
+struct prt_diffusion {
     double sigma_s_prime, sigma_a, sigma_t_prime, sigma_tr, albedo_prime, eta;
-    double z_r, z_v;   /* mm */
-    double rho_d;      /* closed-form total diffuse reflectance */
+    double z_r, z_v; /* mm */
+    double rho_d;    /* closed-form total diffuse reflectance */
     /* A profile in place of the formula, n_point 0: none. Borrowed from a prt_material. */
     uint32_t n_point;
     const float *radius, *reflectance;
 };
 /* R_d of a material's three channels, its own profile where it has one; evaluated by all the
  * functions below. `material` must outlive them. */
-void prt_material_dipoles(const struct prt_material *material, struct prt_dipole out[3]);
-void prt_dipole_init(struct prt_dipole *dipole, double sigma_s_prime, double sigma_a, double eta);
-double prt_dipole_rd(const struct prt_dipole *dipole, double r_mm);          /* mm^-2 */
+void prt_material_dipoles(const struct prt_material *material, struct prt_diffusion out[3]);
+void prt_diffusion_init(struct prt_diffusion *dipole, double sigma_s_prime, double sigma_a,
+                        double eta);
+double prt_diffusion_rd(const struct prt_diffusion *dipole, double r_mm); /* mm^-2 */
 /* Fraction-free tail: integral of 2 pi r R_d beyond r (METHODS §7, S09 eq 4 erratum). */
-double prt_dipole_tail(const struct prt_dipole *dipole, double r_mm);
-/* out[i] = R_d(sqrt(r2[i])), relative error < 1e-5 where sigma_tr d <= 40 (beyond it R_d has fallen
- * by e^-40); r2 finite, >= 0. Vectorised for ctx-free use by `cpu`. */
-void prt_dipole_rd_array(const struct prt_dipole *dipole, unsigned cpu, size_t n,
-                         const float *r2_mm2, float *out);
+double prt_diffusion_tail(const struct prt_diffusion *dipole, double r_mm);
+/* out[i] = R_d(sqrt(r2[i])), relative error < 1e-5 where sigma_tr d <= 40 (beyond it R_d has
+ * fallen by e^-40); r2 finite, >= 0. Vectorised for ctx-free use by `cpu`. */
+void prt_diffusion_rd_array(const struct prt_diffusion *dipole, unsigned cpu, size_t n,
+                            const float *r2_mm2, float *out);
 /* The same for three channels that share r2. */
-void prt_dipole_rd3_array(const struct prt_dipole dipole[3], unsigned cpu, size_t n,
-                          const float *r2_mm2, float *out0, float *out1, float *out2);
+void prt_diffusion_rd3_array(const struct prt_diffusion dipole[3], unsigned cpu, size_t n,
+                             const float *r2_mm2, float *out0, float *out1, float *out2);
 
-double prt_fresnel_dr(double eta);                            /* F_dr, METHODS §1 */
+double prt_fresnel_dr(double eta);                              /* F_dr, METHODS §1 */
 double prt_fresnel_transmittance(double eta, double cos_theta); /* exact, unpolarised */
 /* Cosine-weighted hemispherical mean of F_t: 0.938868 at 1.3, 0.908222 at 1.5. */
 double prt_fresnel_mean_transmittance(double eta);
-/* Refracts the outside direction w (away from the surface, w.n >= 0) at a surface of unit normal
- * n: out is the unit direction in which light from w travels on, INTO the body (out.n < 0).
- * The outward inside direction w' of METHODS is its negative. */
+/* Refracts the outside direction w (away from the surface, w.n >= 0) at a surface of unit
+ * normal n: out is the unit direction in which light from w travels on, INTO the body (out.n <
+ * 0). The outward inside direction w' of METHODS is its negative. */
 void prt_refract_in(double eta, const float n[3], const float w[3], float out[3]);
 
-/* Phase functions as Legendre coefficients: p(c) = sum_l (2l+1)/(4 pi) a_l P_l(c), a_0 = 1, c the
- * cosine between OUTWARD light and view directions (so HG has a_l = (-g)^l). */
+/* Phase functions as Legendre coefficients: p(c) = sum_l (2l+1)/(4 pi) a_l P_l(c), a_0 = 1, c
+ * the cosine between OUTWARD light and view directions (so HG has a_l = (-g)^l). */
 enum { PRT_PHASE_MAX_L = 4 };
 struct prt_phase {
-    unsigned degree;                 /* highest l kept */
-    double a[PRT_PHASE_MAX_L];       /* a[l], l <= degree < PRT_PHASE_MAX_L */
+    unsigned degree;           /* highest l kept */
+    double a[PRT_PHASE_MAX_L]; /* a[l], l <= degree < PRT_PHASE_MAX_L */
 };
 enum { PRT_PHASE_ISOTROPIC = 1, PRT_PHASE_EDDINGTON = 4, PRT_PHASE_9 = 9, PRT_PHASE_16 = 16 };
 /* Henyey-Greenstein cut to n_term = (degree+1)^2 in {1,4,9,16}. n_term 4 is not Eddington: it
@@ -94,8 +96,8 @@ int prt_phase_tabulated(struct prt_phase *phase, unsigned n, const double *cosin
                         const double *p, unsigned n_term);
 double prt_phase_eval(const struct prt_phase *phase, double cos_outward);
 double prt_hg_eval(double g, double cos_scatter); /* exact HG, scattering angle, sr^-1 */
-/* Real spherical harmonics Y_lm, l < n_band <= 4, out[l*l+l+m], at a unit direction. Orthonormal.
- * p(w.w') = sum_l a_l sum_m Y_lm(w) Y_lm(w'). */
+/* Real spherical harmonics Y_lm, l < n_band <= 4, out[l*l+l+m], at a unit direction.
+ * Orthonormal. p(w.w') = sum_l a_l sum_m Y_lm(w) Y_lm(w'). */
 void prt_sh_eval(unsigned n_band, const float dir[3], float *out);
 
 #ifdef __cplusplus

@@ -12,18 +12,18 @@ extern "C" {
 /* A glTF material as far as light transport cares. Opaque ones are Lambertian receivers. */
 struct prt_surface {
     char name[64];
-    uint8_t translucent;   /* 1: the bake's --material applies; 0: opaque */
+    uint8_t translucent; /* 1: the bake's --material applies; 0: opaque */
     uint8_t double_sided;
     uint8_t reserved[2];
-    float base_color[4];   /* linear RGB + alpha in [0,1]; the albedo of opaque surfaces */
-    float roughness;       /* (0,1] */
-    float ior;             /* KHR_materials_ior, else 1.5 */
+    float base_color[4]; /* linear RGB + alpha in [0,1]; the albedo of opaque surfaces */
+    float roughness;     /* (0,1] */
+    float ior;           /* KHR_materials_ior, else 1.5 */
 };
 
 /* One (node, primitive): vertices [vertex_begin, +n_vertex) in the file's order. */
 struct prt_block {
-    uint32_t object;       /* index of the node instance; light never crosses objects */
-    uint32_t surface;      /* into prt_mesh.surface */
+    uint32_t object;  /* index of the node instance; light never crosses objects */
+    uint32_t surface; /* into prt_mesh.surface */
     uint32_t vertex_begin, n_vertex;
     uint32_t triangle_begin, n_triangle;
 };
@@ -32,27 +32,27 @@ struct prt_block {
  * Arrays are contiguous; those a reader maps from a .prt file are owned by the map. */
 struct prt_mesh {
     uint32_t n_vertex, n_triangle, n_block, n_object, n_surface;
-    uint32_t n_weld;                 /* distinct (object, position) pairs */
-    float (*position)[3];            /* [n_vertex] mm (model units before prt_mesh_scale) */
-    float (*normal)[3];              /* [n_vertex] unit; angle-weighted where the file has none */
-    float (*uv)[2];                  /* [n_vertex] TEXCOORD_0, or NULL */
-    uint32_t (*triangle)[3];         /* [n_triangle] global vertex indices */
-    uint32_t *weld;                  /* [n_vertex] -> [0,n_weld): same object, same position */
+    uint32_t n_weld;         /* distinct (object, position) pairs */
+    float (*position)[3];    /* [n_vertex] mm (model units before prt_mesh_scale) */
+    float (*normal)[3];      /* [n_vertex] unit; angle-weighted where the file has none */
+    float (*uv)[2];          /* [n_vertex] TEXCOORD_0, or NULL */
+    uint32_t (*triangle)[3]; /* [n_triangle] global vertex indices */
+    uint32_t *weld;          /* [n_vertex] -> [0,n_weld): same object, same position */
     struct prt_block *block;
     struct prt_surface *surface;
-    float mm_per_unit;               /* model units * mm_per_unit = mm; 0 while not scaled */
-    uint32_t units_known;            /* 1: the format says metres (glTF) */
+    float mm_per_unit;    /* model units * mm_per_unit = mm; 0 while not scaled */
+    uint32_t units_known; /* 1: the format says metres (glTF) */
     /* of the translucent blocks, welded: edges of one triangle, of more than two, triangles
      * whose corners coincide */
     uint32_t n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
-    void *owner;                     /* memory behind the arrays; NULL when mapped */
+    void *owner; /* memory behind the arrays; NULL when mapped */
 };
 
 struct prt_mesh_options {
-    const char *const *opaque;   /* material or node names made opaque, NULL-terminated; NULL */
-    uint32_t max_vertices;       /* 0: 50 million */
-    uint32_t max_triangles;      /* 0: 100 million */
-    bool in_process;             /* parse without a child process (fuzzers only) */
+    const char *const *opaque; /* material or node names made opaque, NULL-terminated; NULL */
+    uint32_t max_vertices;     /* 0: 50 million */
+    uint32_t max_triangles;    /* 0: 100 million */
+    bool in_process;           /* parse without a child process (fuzzers only) */
 };
 
 /* Loads .glb, .gltf (+ .bin, data URIs), .obj, .ply by content. Warnings tell what an open or
@@ -66,9 +66,9 @@ int prt_mesh_load_memory(const struct prt_context *ctx, const char *name, const 
 void prt_mesh_destroy(struct prt_mesh *mesh);
 
 /* From plain arrays (copied): one object, one translucent surface; normals may be NULL. */
-int prt_mesh_create(const struct prt_context *ctx, uint32_t n_vertex, const float (*position)[3],
-                    const float (*normal)[3], uint32_t n_triangle, const uint32_t (*triangle)[3],
-                    struct prt_mesh **out);
+int prt_mesh_create(const struct prt_context *ctx, uint32_t n_vertex,
+                    const float (*position)[3], const float (*normal)[3], uint32_t n_triangle,
+                    const uint32_t (*triangle)[3], struct prt_mesh **out);
 
 /* Bounding box [2][3] of the translucent blocks' vertices (of all if none is translucent). */
 void prt_mesh_bounds(const struct prt_mesh *mesh, float box[2][3]);
@@ -79,8 +79,8 @@ double prt_mesh_diagonal(const struct prt_mesh *mesh);
  * Refuses non-finite, non-positive and absurd (diagonal outside 1e-3..1e6 mm) scales. */
 int prt_mesh_scale(const struct prt_context *ctx, struct prt_mesh *mesh, double size_mm,
                    double mm_per_unit);
-/* Makes the normals that are 0,0,0 from the triangles around them, weighted by angle: for vertices
- * that moved. Needs position, normal, triangle and weld; changes nothing else. */
+/* Makes the normals that are 0,0,0 from the triangles around them, weighted by angle: for
+ * vertices that moved. Needs position, normal, triangle and weld; changes nothing else. */
 int prt_mesh_normals(const struct prt_context *ctx, struct prt_mesh *mesh);
 /* [n_triangle] block index of each triangle; caller prt_free()s. */
 uint32_t *prt_mesh_triangle_blocks(const struct prt_mesh *mesh);

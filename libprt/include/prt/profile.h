@@ -18,15 +18,16 @@ enum prt_profile_kind {
 };
 enum { PRT_PROFILE_MAX_LAYER = 8, PRT_PROFILE_MAX_POINT = 4096 };
 
-/* R_d of one channel. Owns its table: finish it. Read-only, so free to share between threads. */
+/* R_d of one channel. Owns its table: finish it. Read-only, so free to share between threads.
+ */
 struct prt_profile {
     enum prt_profile_kind kind;
-    struct prt_dipole dipole; /* DIPOLE; MULTIPOLE: the top layer as if it had no bottom */
-    double albedo, shape_mm;  /* BURLEY: A and d = mean free path / s(A) */
-    double total;             /* integral 2 pi r R_d dr over all r, [0,1] */
-    uint32_t n;               /* points of the table: CURVE all, MULTIPOLE what adds to dipole */
-    double *r, *rd;           /* [n] mm ascending, mm^-2 */
-    double *outside;          /* [n] integral of the table's 2 pi r R_d beyond r[i] */
+    struct prt_diffusion dipole; /* DIPOLE; MULTIPOLE: the top layer as if it had no bottom */
+    double albedo, shape_mm;     /* BURLEY: A and d = mean free path / s(A) */
+    double total;                /* integral 2 pi r R_d dr over all r, [0,1] */
+    uint32_t n;      /* points of the table: CURVE all, MULTIPOLE what adds to dipole */
+    double *r, *rd;  /* [n] mm ascending, mm^-2 */
+    double *outside; /* [n] integral of the table's 2 pi r R_d beyond r[i] */
 };
 struct prt_layer {
     double thickness_mm; /* >= 1/sigma_t'; INFINITY for the last: no bottom */
@@ -53,10 +54,10 @@ double prt_profile_tail(const struct prt_profile *profile, double r_mm); /* beyo
 /* The radius [mm] beyond which a share (0 to 1) of the light leaves; 1e-6 to 1e6. */
 double prt_profile_radius(const struct prt_profile *profile, double share);
 
-/* A material of any kind. `material` is what the user said (DIPOLE), or the dipole medium of the
- * same total reflectance and the same half-energy radius, channel by channel: what engines that
- * know only dipoles use, and where sample spacing comes from. Only DIPOLE materials have single
- * scattering of their own; the other profiles hold all light that leaves. */
+/* A material of any kind. `material` is what the user said (DIPOLE), or the dipole medium of
+ * the same total reflectance and the same half-energy radius, channel by channel: what engines
+ * that know only dipoles use, and where sample spacing comes from. Only DIPOLE materials have
+ * single scattering of their own; the other profiles hold all light that leaves. */
 struct prt_optics {
     enum prt_profile_kind kind;
     struct prt_material material;
@@ -77,8 +78,8 @@ void prt_optics_finish(struct prt_optics *optics);
 
 /* coef[n_function][3] as prt_radial_fit_material; for profiles other than DIPOLE the basis must
  * be of the dipole family (PRT_UNSUPPORTED for extinction). Thread-safe. */
-int prt_optics_fit(const struct prt_radial *radial, const struct prt_optics *optics, float *coef,
-                   double *error);
+int prt_optics_fit(const struct prt_radial *radial, const struct prt_optics *optics,
+                   float *coef, double *error);
 
 #ifdef __cplusplus
 }

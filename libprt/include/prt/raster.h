@@ -14,8 +14,8 @@ extern "C" {
 /* In the model's own units as --camera gives it; raster multiplies by mm_per_unit. */
 struct prt_camera {
     float eye[3], target[3], up[3];
-    float fovy_deg;              /* (0,170) */
-    bool automatic;              /* frame the model; other fields are filled in */
+    float fovy_deg; /* (0,170) */
+    bool automatic; /* frame the model; other fields are filled in */
 };
 /* "x,y,z:x,y,z:x,y,z:deg", UP and FOVY optional. */
 int prt_camera_parse(const struct prt_context *ctx, const char *text, struct prt_camera *out);
@@ -23,7 +23,8 @@ int prt_camera_parse(const struct prt_context *ctx, const char *text, struct prt
 void prt_camera_frame(const struct prt_mesh *mesh, float aspect, struct prt_camera *out);
 
 /* What a camera sees of a mesh: n_sub sub-samples a pixel (1, 2, 4 or 8), each a triangle and
- * barycentrics; 1 and 4 are drawn at once, 2 and 8 one by one. Kept for as long as model, camera and size stay. */
+ * barycentrics; 1 and 4 are drawn at once, 2 and 8 one by one. Kept for as long as model,
+ * camera and size stay. */
 struct prt_visibility;
 enum prt_raster_backend { PRT_RASTER_AUTO, PRT_RASTER_OSMESA, PRT_RASTER_EGL };
 int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
@@ -40,20 +41,20 @@ void prt_visibility_camera(const struct prt_visibility *visibility, struct prt_c
 uint32_t prt_visibility_sample(const struct prt_visibility *visibility, uint32_t x, uint32_t y,
                                unsigned s, float uv[2]);
 
-/* The same as points to shade: a pixel's sub-samples that lie on one smooth patch are one point,
- * standing for weight = their share of the pixel. Points are in row-major order of pixels. The
- * arrays belong to the visibility buffer. position [mm]; normal is unit and turned towards the
- * eye where the back of a face is seen; corners and weights of the triangle's vertices 1 and 2
- * interpolate anything kept per vertex. */
+/* The same as points to shade: a pixel's sub-samples that lie on one smooth patch are one
+ * point, standing for weight = their share of the pixel. Points are in row-major order of
+ * pixels. The arrays belong to the visibility buffer. position [mm]; normal is unit and turned
+ * towards the eye where the back of a face is seen; corners and weights of the triangle's
+ * vertices 1 and 2 interpolate anything kept per vertex. */
 struct prt_gbuffer {
     uint32_t n_point;
-    uint32_t *pixel;                 /* [n_point] y*width + x */
-    uint32_t *triangle, *block;      /* [n_point] */
-    uint32_t *corner[3];             /* [n_point] mesh vertices */
-    float *bary[2];                  /* [n_point] */
-    float *position[3], *normal[3];  /* [n_point] */
-    float *weight;                   /* [n_point] (0,1] */
-    uint8_t *opaque;                 /* [n_point] 1: Lambertian receiver */
+    uint32_t *pixel;                /* [n_point] y*width + x */
+    uint32_t *triangle, *block;     /* [n_point] */
+    uint32_t *corner[3];            /* [n_point] mesh vertices */
+    float *bary[2];                 /* [n_point] */
+    float *position[3], *normal[3]; /* [n_point] */
+    float *weight;                  /* [n_point] (0,1] */
+    uint8_t *opaque;                /* [n_point] 1: Lambertian receiver */
 };
 void prt_visibility_gbuffer(const struct prt_visibility *visibility, struct prt_gbuffer *out);
 
@@ -73,15 +74,15 @@ void prt_specular_eval(const struct prt_specular *specular, const float r[3], fl
                        float rgb[3]);
 
 struct prt_shade {
-    unsigned n_plane;             /* phase planes; plane 0 is view-free */
-    const float *planes;          /* [n_plane][n_vertex][3] before outgoing Fresnel */
-    float eta, roughness;         /* of the translucent material */
-    bool fresnel;                 /* multiply translucent radiance by F_t(eta, w_o) */
-    const struct prt_specular *specular;  /* NULL: none */
-    const struct prt_cube *background;    /* NULL: plain */
+    unsigned n_plane;                    /* phase planes; plane 0 is view-free */
+    const float *planes;                 /* [n_plane][n_vertex][3] before outgoing Fresnel */
+    float eta, roughness;                /* of the translucent material */
+    bool fresnel;                        /* multiply translucent radiance by F_t(eta, w_o) */
+    const struct prt_specular *specular; /* NULL: none */
+    const struct prt_cube *background;   /* NULL: plain */
     float background_rgb[3];
-    float background_rotate_deg;  /* turns `background` counter-clockwise about +y, seen from
-                                     above: a turned light needs no new background cube */
+    float background_rotate_deg; /* turns `background` counter-clockwise about +y, seen from
+                                    above: a turned light needs no new background cube */
 };
 /* Linear radiance image [height][width][3]; pixels of opaque surfaces take plane 0 as it is. */
 int prt_shade_image(const struct prt_context *ctx, const struct prt_visibility *visibility,

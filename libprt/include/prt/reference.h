@@ -19,15 +19,15 @@ enum prt_reference_term {
 };
 struct prt_reference_options {
     enum prt_reference_term term;
-    const float *eye;           /* [3] mm, or NULL: METHODS' view-free convention; single
-                                   scattering then follows -n_o */
-    bool straight_single;       /* follow -n_o even with an eye (W05's approximation) */
-    uint32_t n_sample;          /* irradiance samples; 0: spacing <= l_u/4, within limits */
-    uint32_t n_ray;             /* rays a sample; 0: 2048 */
-    uint32_t n_single;          /* paths a vertex for single scattering; 0: 4096 */
-    unsigned n_phase_term;      /* 0: exact Henyey-Greenstein; else cut to 1,4,9,16 */
+    const float *eye;      /* [3] mm, or NULL: METHODS' view-free convention; single
+                              scattering then follows -n_o */
+    bool straight_single;  /* follow -n_o even with an eye (W05's approximation) */
+    uint32_t n_sample;     /* irradiance samples; 0: spacing <= l_u/4, within limits */
+    uint32_t n_ray;        /* rays a sample; 0: 2048 */
+    uint32_t n_single;     /* paths a vertex for single scattering; 0: 4096 */
+    unsigned n_phase_term; /* 0: exact Henyey-Greenstein; else cut to 1,4,9,16 */
     uint64_t seed;
-    const uint32_t *vertex;     /* only these file vertices; NULL: all */
+    const uint32_t *vertex; /* only these file vertices; NULL: all */
     uint32_t n_vertex;
 };
 /* color [n_vertex of options or mesh][3]. The light is piecewise constant over cube texels. */

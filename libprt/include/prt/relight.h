@@ -10,11 +10,12 @@
 extern "C" {
 #endif
 
-/* Several lights in one call share the reading. Where the machine has VNNI, three lights or more
- * meet rows of pairs, and four phase planes or more are expanded, in 16-bit integers: a bake's
- * colours then differ from those of one light alone by some 3e-5 RMS under a sky, up to 8e-5 under
- * lamps and suns, and by about 1e-4 of the largest; rows of random signs, whose sums cancel, by 2e-4
- * (prt-bench relight_file, relight_factored print both). Otherwise, and elsewhere, by f32 rounding. */
+/* Several lights in one call share the reading. Where the machine has VNNI, three lights or
+ * more meet rows of pairs, and four phase planes or more are expanded, in 16-bit integers: a
+ * bake's colours then differ from those of one light alone by some 3e-5 RMS under a sky, up to
+ * 8e-5 under lamps and suns, and by about 1e-4 of the largest; rows of random signs, whose sums
+ * cancel, by 2e-4 (prt-bench relight_file, relight_factored print both). Otherwise, and
+ * elsewhere, by f32 rounding. */
 enum { PRT_RELIGHT_MAX_LIGHTS = 16 };
 
 /* Number of colour planes a tensor gives: its n_phase. */
@@ -51,19 +52,20 @@ int prt_relight(const struct prt_context *ctx, const struct prt_tensor *tensor,
                 bool add, float *color);
 
 /* What one tensor gives to a sum of several: FACTORED or RADIAL. */
-struct prt_part {
+struct prt_term_input {
     const struct prt_tensor *tensor;
-    const float *lit;          /* FACTORED: prt_contract_light's, of one light */
-    const float *coef;         /* FULL, RADIAL: [n_radial][3]; NULL otherwise */
-    const float (*factor)[3];  /* [n_phase] plane k's channels are multiplied by; NULL: 1 */
-    const uint8_t *dark;       /* [n_cluster] not 0: gives nothing to this cluster; NULL: none */
+    const float *lit;         /* FACTORED: prt_contract_light's, of one light */
+    const float *coef;        /* FULL, RADIAL: [n_radial][3]; NULL otherwise */
+    const float (*factor)[3]; /* [n_phase] plane k's channels are multiplied by; NULL: 1 */
+    const uint8_t *dark;      /* [n_cluster] not 0: gives nothing to this cluster; NULL: none */
 };
 enum { PRT_MOST_PARTS = 4 };
 /* color[k][n_vertex][3] = the sum over parts of their plane k, k < n_plane, overwritten; planes
- * from n_plane on are not computed. All tensors are of one model. One pass: materials are folded
- * into a cluster's contracted rows just before its vertices. n_part in [1, PRT_MOST_PARTS]. */
-int prt_sum_parts(const struct prt_context *ctx, unsigned n_part, const struct prt_part part[],
-                  unsigned n_plane, float *color);
+ * from n_plane on are not computed. All tensors are of one model. One pass: materials are
+ * folded into a cluster's contracted rows just before its vertices. n_part in [1,
+ * PRT_MOST_PARTS]. */
+int prt_sum_parts(const struct prt_context *ctx, unsigned n_part,
+                  const struct prt_term_input part[], unsigned n_plane, float *color);
 
 /* What is asked of a transport, in the words of the command contract. */
 enum prt_answer_term {
@@ -73,33 +75,39 @@ enum prt_answer_term {
 };
 /* A transport's bases contracted with one light, shared by every edit under it: what is left of
  * a question is the material (METHODS section 5: light once, then material by request). Not for
- * sparse storage, PRT_MISMATCH. Refers to `transport`, which must outlive it; read-only after. */
-struct prt_lit;
-int prt_lit_create(const struct prt_context *ctx, const struct prt_transport *transport,
-                   const struct prt_cube *light, struct prt_lit **out);
-void prt_lit_destroy(struct prt_lit *lit);
-size_t prt_lit_bytes(const struct prt_lit *lit);
+ * sparse storage, PRT_MISMATCH. Refers to `transport`, which must outlive it; read-only after.
+ */
+struct prt_contracted_light;
+int prt_contracted_light_create(const struct prt_context *ctx,
+                                const struct prt_transport *transport,
+                                const struct prt_cube *light,
+                                struct prt_contracted_light **out);
+void prt_contracted_light_destroy(struct prt_contracted_light *lit);
+size_t prt_contracted_light_bytes(const struct prt_contracted_light *lit);
 
 /* A joint transport with one material put in, contracted by the material first (METHODS
  * section 5, the other way round): what is left is a wavelet transport, for lights that move
  * while the material stays. A question's material is NULL then. The least entries,
  * PRT_FIXED_ERROR of what colours are made of (RMS over lights), are dropped.
- * Takes some tenths of a second. PRT_MISMATCH unless both light and material are free; refers to
- * `transport`, which must outlive it; read-only after. */
+ * Takes some tenths of a second. PRT_MISMATCH unless both light and material are free; refers
+ * to `transport`, which must outlive it; read-only after. */
 #define PRT_FIXED_ERROR 3e-3
-struct prt_fixed;
-int prt_fixed_create(const struct prt_context *ctx, const struct prt_transport *transport,
-                     const struct prt_material *material, struct prt_fixed **out);
-void prt_fixed_destroy(struct prt_fixed *fixed);
-const struct prt_transport *prt_fixed_transport(const struct prt_fixed *fixed);
-size_t prt_fixed_bytes(const struct prt_fixed *fixed);
+struct prt_contracted_transport;
+int prt_contracted_transport_create(const struct prt_context *ctx,
+                                    const struct prt_transport *transport,
+                                    const struct prt_material *material,
+                                    struct prt_contracted_transport **out);
+void prt_contracted_transport_destroy(struct prt_contracted_transport *fixed);
+const struct prt_transport *
+prt_contracted_transport_get(const struct prt_contracted_transport *fixed);
+size_t prt_contracted_transport_bytes(const struct prt_contracted_transport *fixed);
 
 struct prt_query {
     enum prt_answer_term term;
     const struct prt_cube *light;        /* of the transport's cube size; NULL for polynomial */
     const struct prt_material *material; /* NULL: the baked one; a wavelet transport refuses */
     const float *eye;                    /* [3] mm, world; NULL: mean Fresnel, l = 0 phase */
-    const struct prt_lit *lit;           /* instead of light, when not NULL */
+    const struct prt_contracted_light *lit; /* instead of light, when not NULL */
 };
 /* Per-vertex colours [n_vertex][3] in file order (DESIGN, command contract):
  * multiple (1/pi) B; single L1; total F_t(eta, w_o) [..] with the eye, else the cosine-weighted
@@ -118,16 +126,17 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
 /* To a basis of X07's kinds, polynomials and hats, which are there to be compared with. */
 #define PRT_MATERIAL_MOST_ERROR_X07 0.30
 /* What the radial bases of a joint or polynomial transport leave of a material: the largest
- * integral |dR| over that of R of the tensors that `term` asks, and for multiple scattering 4 % for
- * each sample spacing that a mean free path is short of: what the answer may lose beside the bake's
- * own measured error. <= 0.5 ms. PRT_ARG, naming the parameter and its range,
- * above these (as answers do); PRT_MISMATCH for another eta or a fixed medium. */
+ * integral |dR| over that of R of the tensors that `term` asks, and for multiple scattering 4 %
+ * for each sample spacing that a mean free path is short of: what the answer may lose beside
+ * the bake's own measured error. <= 0.5 ms. PRT_ARG, naming the parameter and its range, above
+ * these (as answers do); PRT_MISMATCH for another eta or a fixed medium. */
 int prt_answer_material_error(const struct prt_context *ctx,
                               const struct prt_transport *transport,
                               const struct prt_material *material, enum prt_answer_term term,
                               double *error);
 struct prt_radial; /* prt/radial.h */
-/* The radial basis of a FULL or RADIAL tensor, made from its table; caller prt_radial_destroy()s. */
+/* The radial basis of a FULL or RADIAL tensor, made from its table; caller
+ * prt_radial_destroy()s. */
 int prt_tensor_radial(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_tensor *tensor, struct prt_radial **out);
 /* Several questions with one reading of the transport: question i goes to out[i], colours

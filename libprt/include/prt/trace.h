@@ -22,13 +22,14 @@ float prt_scene_epsilon(const struct prt_scene *scene);
 void prt_trace_thread_init(void);
 
 enum { PRT_PACKET = 16 };
-/* n <= 16 rays as arrays; dir need not be unit (t in its length). Lanes with mask bit 0 idle. */
+/* n <= 16 rays as arrays; dir need not be unit (t in its length). Lanes with mask bit 0 idle.
+ */
 struct prt_packet {
     float ox[16], oy[16], oz[16], dx[16], dy[16], dz[16], tnear[16], tfar[16];
     /* results of prt_scene_intersect16 */
-    float t[16], u[16], v[16];      /* t = tfar kept where missed */
-    float gx[16], gy[16], gz[16];   /* (b - a) x (c - a) of the triangle met */
-    uint32_t triangle[16];          /* mesh triangle index, UINT32_MAX where missed */
+    float t[16], u[16], v[16];    /* t = tfar kept where missed */
+    float gx[16], gy[16], gz[16]; /* (b - a) x (c - a) of the triangle met */
+    uint32_t triangle[16];        /* mesh triangle index, UINT32_MAX where missed */
 };
 /* Bit i set: ray i is blocked in (tnear, tfar). coherent: common origin, near directions. */
 uint32_t prt_scene_occluded16(const struct prt_scene *scene, const struct prt_packet *packet,

@@ -92,10 +92,12 @@ static int run_single(struct bench_env *env)
             status = prt_bake_measure_single(&env->ctx, mesh, &material, light, n,
                                              env->quick ? 8 : 300, &s);
         for (unsigned l = 0; status == PRT_OK && l < n; l++)
-            print_single(env, media[i], env->n_light ? env->light[l] : "made up", &s, s.error[l]);
+            print_single(env, media[i], env->n_light ? env->light[l] : "made up", &s,
+                         s.error[l]);
     }
     for (unsigned l = 0; l < n; l++) prt_cube_finish(&light[l]);
     prt_mesh_destroy(mesh);
     return status;
 }
-BENCH(bake_single, "single scattering's rays saved, the error under each --env (--model)", run_single)
+BENCH(bake_single, "single scattering's rays saved, the error under each --env (--model)",
+      run_single)

@@ -15,12 +15,12 @@ struct bench_env {
     struct prt_context ctx; // its pool has `threads` threads
     const char *cpu_name;   // kernels in use
     unsigned threads;
-    const char *file; // --file, or NULL
-    const char *mesh; // --model, or NULL
+    const char *file;     // --file, or NULL
+    const char *mesh;     // --model, or NULL
     const char *light[8]; // --env, n_light of them
     unsigned n_light;
-    double seconds;   // each figure is measured for about this long
-    bool quick;       // small sizes: to see that it runs
+    double seconds; // each figure is measured for about this long
+    bool quick;     // small sizes: to see that it runs
     uint64_t seed;
 };
 
@@ -31,11 +31,11 @@ struct bench {
 };
 void bench_register(struct bench *bench);
 
-#define BENCH(id, text, function)                                                              \
-    static struct bench bench_##id = {#id, text, function, NULL};                              \
-    __attribute__((constructor)) static void bench_register_##id(void)                         \
-    {                                                                                          \
-        bench_register(&bench_##id);                                                           \
+#define BENCH(id, text, function)                                      \
+    static struct bench bench_##id = {#id, text, function, NULL};      \
+    __attribute__((constructor)) static void bench_register_##id(void) \
+    {                                                                  \
+        bench_register(&bench_##id);                                   \
     }
 
 // One JSON object: {"bench": figure, "cpu": ..., "threads": ..., keys..., }
@@ -66,7 +66,8 @@ double bench_read_bandwidth(struct bench_env *env, const struct bench_span *span
 double bench_read(struct bench_env *env, const struct bench_span *span, unsigned n);
 enum { BENCH_SPANS = 10 };
 // The arrays of a tensor that a relight reads; returns how many.
-unsigned bench_tensor_spans(const struct prt_tensor *tensor, struct bench_span span[BENCH_SPANS]);
+unsigned bench_tensor_spans(const struct prt_tensor *tensor,
+                            struct bench_span span[BENCH_SPANS]);
 
 // A cubemap with a sky, a floor and a small sun: what a decoded environment is like.
 int bench_cube(uint32_t n, uint64_t seed, struct prt_cube *out);

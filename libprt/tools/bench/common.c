@@ -141,18 +141,19 @@ unsigned bench_tensor_spans(const struct prt_tensor *t, struct bench_span span[B
     const struct prt_rows *r = &t->rows;
     uint64_t n_entry = r->n_row ? r->begin[r->n_row] : 0, j = t->n_function;
     const uint64_t n = r->direction ? r->direction[r->n_row] : 0;
-    const struct bench_span all[] = {
-        {t->u, 2 * t->u_count},
-        {t->order, 4ull * t->n_vertex},
-        {r->begin, r->n_row ? 8 * (r->n_row + 1ull) : 0},
-        {r->index, n_entry * r->index_bytes},
-        {r->entry, r->direction                 ? r->value_begin[r->n_row]
-                   : r->value == PRT_VALUE_I8 ? n_entry * j
-                                              : 2 * n_entry * j},
-        {r->scale, r->direction ? 4 * n : r->scale ? 4 * j * r->n_row : 0},
-        {r->shift, r->direction ? n_entry : 0},
-        {r->mix, 2 * n * j},
-        {r->scaling, 12 * j * r->n_row}};
+    const struct bench_span all[] = {{t->u, 2 * t->u_count},
+                                     {t->order, 4ull * t->n_vertex},
+                                     {r->begin, r->n_row ? 8 * (r->n_row + 1ull) : 0},
+                                     {r->index, n_entry * r->index_bytes},
+                                     {r->entry, r->direction ? r->value_begin[r->n_row]
+                                                : r->value == PRT_VALUE_I8 ? n_entry * j
+                                                                           : 2 * n_entry * j},
+                                     {r->scale, r->direction ? 4 * n
+                                                : r->scale   ? 4 * j * r->n_row
+                                                             : 0},
+                                     {r->shift, r->direction ? n_entry : 0},
+                                     {r->mix, 2 * n * j},
+                                     {r->scaling, 12 * j * r->n_row}};
     unsigned used = 0;
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         if (all[i].n) span[used++] = all[i];

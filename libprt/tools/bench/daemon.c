@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// What a client of relightd waits for, on loopback: from the call to the answer in hand, through
-// librelight. Each figure is the median and the 95th percentile of 40 requests, beside the target
-// the project set itself (where it did).
+// What a client of relightd waits for, on loopback: from the call to the answer in hand,
+// through librelight. Each figure is the median and the 95th percentile of 40 requests, beside
+// the target the project set itself (where it did).
 #include "daemon.h"
 
 #include "relight/relight.h"
@@ -63,8 +63,8 @@ static double quantile(double *x, unsigned n, double q)
 
 static void keep(struct sample *out, double ms, const struct relight_cost *c, uint64_t bytes)
 {
-    const float part[N_PART] = {c->queue_ms,  c->light_ms,  c->relight_ms, c->raster_ms,
-                                c->shade_ms,  c->encode_ms, c->total_ms};
+    const float part[N_PART] = {c->queue_ms, c->light_ms,  c->relight_ms, c->raster_ms,
+                                c->shade_ms, c->encode_ms, c->total_ms};
     for (int i = 0; i < N_PART; i++) out->part[i][out->n] = (double)part[i];
     out->ms[out->n++] = ms;
     out->bytes = (double)bytes;
@@ -74,10 +74,9 @@ static void keep(struct sample *out, double ms, const struct relight_cost *c, ui
 static void print(struct session *s, const char *name, const char *carrier, struct sample *x,
                   double target_ms)
 {
-    static const char *const part[N_PART] = {"daemon_queue_ms", "daemon_light_ms",
-                                             "daemon_relight_ms", "daemon_raster_ms",
-                                             "daemon_shade_ms", "daemon_encode_ms",
-                                             "daemon_total_ms"};
+    static const char *const part[N_PART] = {
+        "daemon_queue_ms", "daemon_light_ms",  "daemon_relight_ms", "daemon_raster_ms",
+        "daemon_shade_ms", "daemon_encode_ms", "daemon_total_ms"};
     bench_begin(s->env, name);
     bench_text("carrier", carrier);
     double median = quantile(x->ms, x->n, 0.5);
@@ -102,9 +101,11 @@ static int time_image(struct session *s, struct relight_client *client, const ch
                       struct sample *out)
 {
     struct relight_light light = {.env = light_env, .rotate_deg = turn};
-    struct relight_image_request r = {.model = s->daemon.model, .n_light = 1, .lights = &light,
-                                      .picture = {.width = WIDTH, .height = HEIGHT,
-                                                  .format = format}};
+    struct relight_image_request r = {
+        .model = s->daemon.model,
+        .n_light = 1,
+        .lights = &light,
+        .picture = {.width = WIDTH, .height = HEIGHT, .format = format}};
     struct relight_image image;
     struct relight_error error;
     if (relight_image(client, &r, &image, &error)) return fail(s, &error);
@@ -117,8 +118,8 @@ static int time_colors(struct session *s, struct relight_client *client, float t
                        enum relight_color_format format, struct sample *out)
 {
     struct relight_light light = {.env = s->envs[0], .rotate_deg = turn};
-    struct relight_colors_request r = {.model = s->daemon.model, .n_light = 1, .lights = &light,
-                                       .format = format};
+    struct relight_colors_request r = {
+        .model = s->daemon.model, .n_light = 1, .lights = &light, .format = format};
     struct relight_colors colors;
     struct relight_error error;
     double begin = prt_time_s();
@@ -148,7 +149,7 @@ static int upload(struct session *s, const char *format, bool timed, char word[8
                        &error))
         status = fail(s, &error);
     if (!status && timed)
-        status = time_image(s, s->client[0], word, 0, RELIGHT_PNG, begin, out);
+        status = time_image(s, s->client[0], word, 0, RELIGHT_IMAGE_PNG, begin, out);
     prt_free(blob.bytes);
     return status;
 }
@@ -187,7 +188,8 @@ static int open_session(struct bench_env *env, struct session *s)
         if (relight_connect(s->daemon.address[i], NULL, &s->client[i], &error))
             status = fail(s, &error);
     if (!status) status = upload(s, "hdr", false, s->envs[0], NULL);
-    if (!status) status = time_image(s, s->client[0], s->envs[0], 0, RELIGHT_JPEG, 0, NULL);
+    if (!status)
+        status = time_image(s, s->client[0], s->envs[0], 0, RELIGHT_IMAGE_JPEG, 0, NULL);
     if (!status) status = settle(s);
     if (status) close_session(s);
     return status;
@@ -203,10 +205,10 @@ static int images(struct session *s)
         enum relight_image_format format;
         double target_ms;
     } figure[] = {
-        {"daemon_image_jpeg_new_angle", "unix", 0, RELIGHT_JPEG, 15},
-        {"daemon_image_jpeg_new_angle", "tcp", 1, RELIGHT_JPEG, 15},
-        {"daemon_image_png_new_angle", "unix", 0, RELIGHT_PNG, 60},
-        {"daemon_image_png_new_angle", "tcp", 1, RELIGHT_PNG, 60},
+        {"daemon_image_jpeg_new_angle", "unix", 0, RELIGHT_IMAGE_JPEG, 15},
+        {"daemon_image_jpeg_new_angle", "tcp", 1, RELIGHT_IMAGE_JPEG, 15},
+        {"daemon_image_png_new_angle", "unix", 0, RELIGHT_IMAGE_PNG, 60},
+        {"daemon_image_png_new_angle", "tcp", 1, RELIGHT_IMAGE_PNG, 60},
     };
     int status = PRT_OK;
     for (size_t f = 0; f < sizeof figure / sizeof *figure && !status; f++) {
@@ -230,8 +232,8 @@ static int unused_lights(struct session *s)
         if (!status) status = settle(s);
         x.cpu_s = cpu_s(s);
         for (unsigned i = 1; i <= s->n && !status; i++)
-            status = time_image(s, s->client[0], s->envs[i], 0, png ? RELIGHT_PNG : RELIGHT_JPEG,
-                                prt_time_s(), &x);
+            status = time_image(s, s->client[0], s->envs[i], 0,
+                                png ? RELIGHT_IMAGE_PNG : RELIGHT_IMAGE_JPEG, prt_time_s(), &x);
         if (!status)
             print(s, png ? "daemon_image_png_unused_light" : "daemon_image_jpeg_unused_light",
                   "unix", &x, png ? 60 : 15);
@@ -245,16 +247,16 @@ static int colors(struct session *s)
         const char *name, *carrier;
         int client;
         enum relight_color_format format;
-    } figure[] = {{"daemon_colors_f32", "unix", 0, RELIGHT_F32},
-                  {"daemon_colors_f32", "tcp", 1, RELIGHT_F32},
-                  {"daemon_colors_f16", "unix", 0, RELIGHT_F16},
-                  {"daemon_colors_srgb8", "unix", 0, RELIGHT_SRGB8}};
+    } figure[] = {{"daemon_colors_f32", "unix", 0, RELIGHT_COLOR_F32},
+                  {"daemon_colors_f32", "tcp", 1, RELIGHT_COLOR_F32},
+                  {"daemon_colors_f16", "unix", 0, RELIGHT_COLOR_F16},
+                  {"daemon_colors_srgb8", "unix", 0, RELIGHT_COLOR_SRGB8}};
     int status = PRT_OK;
     for (size_t f = 0; f < sizeof figure / sizeof *figure && !status; f++) {
         struct sample x = {.cpu_s = cpu_s(s)};
         for (unsigned i = 0; i < s->n && !status; i++)
-            status = time_colors(s, s->client[figure[f].client], new_turn(s), figure[f].format,
-                                 &x);
+            status =
+                time_colors(s, s->client[figure[f].client], new_turn(s), figure[f].format, &x);
         if (!status) print(s, figure[f].name, figure[f].carrier, &x, 0);
     }
     return status;
@@ -284,8 +286,8 @@ static int run_answers(struct bench_env *env)
     return with_session(env, answers);
 }
 
-// A file the daemon has never seen, from its bytes in memory to a PNG in hand. The first of each
-// kind finds a daemon that has just been started.
+// A file the daemon has never seen, from its bytes in memory to a PNG in hand. The first of
+// each kind finds a daemon that has just been started.
 static int new_files(struct session *s)
 {
     static const char *const format[] = {"hdr", "exr", "png"};
@@ -332,12 +334,17 @@ static int time_edit(struct session *s, double eta, float turn, int picture,
     char text[160];
     struct relight_light light = {.env = s->envs[0], .rotate_deg = turn};
     struct relight_shade shade = {.material = text};
-    struct relight_colors_request r = {.model = s->daemon.model, .n_light = 1, .lights = &light,
-                                       .shade = shade, .format = format};
-    struct relight_image_request p = {.model = s->daemon.model, .n_light = 1, .lights = &light,
-                                      .shade = shade,
-                                      .picture = {.width = WIDTH, .height = HEIGHT,
-                                                  .format = RELIGHT_JPEG}};
+    struct relight_colors_request r = {.model = s->daemon.model,
+                                       .n_light = 1,
+                                       .lights = &light,
+                                       .shade = shade,
+                                       .format = format};
+    struct relight_image_request p = {
+        .model = s->daemon.model,
+        .n_light = 1,
+        .lights = &light,
+        .shade = shade,
+        .picture = {.width = WIDTH, .height = HEIGHT, .format = RELIGHT_IMAGE_JPEG}};
     struct relight_colors colors;
     struct relight_image image;
     struct relight_error error;
@@ -364,19 +371,20 @@ static int edits(struct session *s)
         const char *name;
         bool new_light, picture;
         enum relight_color_format format;
-    } figure[] = {{"daemon_edit_colors_f32", false, false, RELIGHT_F32},
-                  {"daemon_edit_colors_f16", false, false, RELIGHT_F16},
-                  {"daemon_edit_and_new_light_colors_f16", true, false, RELIGHT_F16},
-                  {"daemon_edit_image_jpeg", false, true, RELIGHT_F32},
-                  {"daemon_edit_and_new_light_image_jpeg", true, true, RELIGHT_F32}};
+    } figure[] = {{"daemon_edit_colors_f32", false, false, RELIGHT_COLOR_F32},
+                  {"daemon_edit_colors_f16", false, false, RELIGHT_COLOR_F16},
+                  {"daemon_edit_and_new_light_colors_f16", true, false, RELIGHT_COLOR_F16},
+                  {"daemon_edit_image_jpeg", false, true, RELIGHT_COLOR_F32},
+                  {"daemon_edit_and_new_light_image_jpeg", true, true, RELIGHT_COLOR_F32}};
     struct prt_file *file;
     int status = prt_file_open(&s->env->ctx, s->env->file, PRT_FILE_CHECK_HEADERS, &file);
     if (status) return status;
     double eta = (double)prt_file_transport(file)->material.eta;
-    bool joint = prt_file_transport(file)->engine == PRT_ENGINE_JOINT;
+    bool joint = prt_file_transport(file)->engine == PRT_TRANSPORT_JOINT;
     prt_file_close(file);
     if (!joint)
-        return prt_fail(&s->env->ctx, PRT_MISMATCH, "%s is not a joint transport", s->env->file);
+        return prt_fail(&s->env->ctx, PRT_MISMATCH, "%s is not a joint transport",
+                        s->env->file);
     for (size_t f = 0; f < sizeof figure / sizeof *figure && !status; f++) {
         struct sample x = {.n = 0};
         // The second asking of a light is not the first edit under it that a user makes.
@@ -412,7 +420,7 @@ static void *visit(void *arg)
     struct visitor *v = arg;
     struct session *s = v->session;
     for (unsigned i = 0; i < s->n && !v->status; i++)
-        v->status = time_image(s, v->client, s->envs[0], v->turn += 0.731f, RELIGHT_JPEG,
+        v->status = time_image(s, v->client, s->envs[0], v->turn += 0.731f, RELIGHT_IMAGE_JPEG,
                                prt_time_s(), &v->sample);
     return NULL;
 }
@@ -475,7 +483,8 @@ static int run_crowds(struct bench_env *env)
     return with_session(env, crowds);
 }
 
-BENCH(daemon_answers, "relightd: pictures and colours under a light turned or unused", run_answers)
+BENCH(daemon_answers, "relightd: pictures and colours under a light turned or unused",
+      run_answers)
 BENCH(daemon_new_env, "relightd: a new HDR file, upload to picture", run_new_files)
 BENCH(daemon_edit, "relightd: new materials, with --file J.prt (a joint transport)", run_edits)
 BENCH(daemon_clients, "relightd: 1, 2, 4 and 8 clients at once", run_crowds)

@@ -64,13 +64,15 @@ static void watch_for_ending(void)
     static bool watching;
     pthread_t thread;
     struct sigaction act = {.sa_handler = on_ending, .sa_flags = SA_RESTART};
-    if (watching || pipe2(told, O_CLOEXEC) || pthread_create(&thread, NULL, clean_up, NULL)) return;
+    if (watching || pipe2(told, O_CLOEXEC) || pthread_create(&thread, NULL, clean_up, NULL))
+        return;
     watching = true;
     pthread_detach(thread);
     for (size_t i = 0; i < sizeof ending / sizeof *ending; i++) {
         struct sigaction old;
         sigaction(ending[i], NULL, &old);
-        if (old.sa_handler == SIG_DFL) sigaction(ending[i], &act, NULL); // nohup's stays ignored
+        if (old.sa_handler == SIG_DFL)
+            sigaction(ending[i], &act, NULL); // nohup's stays ignored
     }
 }
 
@@ -123,9 +125,11 @@ static int spawn(struct bench_env *env, struct bench_daemon *d, const char *log)
     snprintf(d->address[0], sizeof d->address[0], "unix:%s/socket", d->folder);
     snprintf(threads, sizeof threads, "%u", env->threads);
     snprintf(cpu, sizeof cpu, "%s", env->cpu_name);
-    char *const all[] = {"relightd", "--models", models, "--data", data, "--listen",
-                         d->address[0], "--listen", "tcp:127.0.0.1:0", "--threads", threads,
-                         "--cpu", cpu, NULL};
+    char *const all[] = {"relightd",    "--models", models,
+                         "--data",      data,       "--listen",
+                         d->address[0], "--listen", "tcp:127.0.0.1:0",
+                         "--threads",   threads,    "--cpu",
+                         cpu,           NULL};
     for (; all[n]; n++) argv[n] = all[n];
     argv[n] = NULL;
     int fd = open(log, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);

@@ -59,14 +59,14 @@ static int colours(struct edit *e)
     static const float factor[16][3] = {{.5f, .6f, .7f}, {.2f, .3f, .1f}, {.2f, .3f, .1f},
                                         {.2f, .3f, .1f}, {.1f, .1f, .1f}, {.1f, .1f, .1f},
                                         {.1f, .1f, .1f}, {.1f, .1f, .1f}, {.1f, .1f, .1f}};
-    struct prt_part part[MOST_TENSORS];
+    struct prt_term_input part[MOST_TENSORS];
     for (unsigned i = 0; i < e->n_tensor; i++) {
         const struct prt_tensor *t = e->tensor[i];
         const bool moves = full(t) || t->storage == PRT_STORAGE_RADIAL;
-        part[i] = (struct prt_part){.tensor = t,
-                                    .lit = e->lit[i],
-                                    .coef = moves ? e->coef[i] : NULL,
-                                    .factor = t->term == PRT_TERM_SINGLE ? factor : NULL};
+        part[i] = (struct prt_term_input){.tensor = t,
+                                          .lit = e->lit[i],
+                                          .coef = moves ? e->coef[i] : NULL,
+                                          .factor = t->term == PRT_TERM_SINGLE ? factor : NULL};
     }
     return prt_sum_parts(&e->env->ctx, e->n_tensor, part, e->n_plane, e->color);
 }
@@ -120,8 +120,7 @@ static int start(struct edit *e, struct bench_env *env, uint32_t cube, unsigned 
         e->coef[i] = prt_calloc(3ull * t->n_radial + 1, sizeof(float));
         e->lit[i] = prt_alloc(lit + 1, sizeof(float));
         if (!e->coef[i] || !e->lit[i]) return PRT_NOMEM;
-        for (uint32_t k = 0; k < 3 * t->n_radial; k++)
-            e->coef[i][k] = 1.0f / (float)(k + 1);
+        for (uint32_t k = 0; k < 3 * t->n_radial; k++) e->coef[i][k] = 1.0f / (float)(k + 1);
     }
     e->color = prt_calloc(3ull * tensor[0]->n_vertex * e->n_plane, sizeof(float));
     return status ? status : e->color ? PRT_OK : PRT_NOMEM;
@@ -137,8 +136,8 @@ __attribute__((destructor)) static void drop_bases(void)
         for (int n = 0; n <= MOST_FUNCTIONS; n++) prt_radial_destroy(bases[f][n]);
 }
 
-// A real basis of as many functions as each made-up tensor has, or as a basis can have; few when
-// it only has to run.
+// A real basis of as many functions as each made-up tensor has, or as a basis can have; few
+// when it only has to run.
 static int made_up_bases(struct edit *e)
 {
     int status = PRT_OK;
@@ -148,8 +147,7 @@ static int made_up_bases(struct edit *e)
         n = e->env->quick ? 8 : n < MOST_FUNCTIONS ? n : MOST_FUNCTIONS;
         struct prt_radial_options o = {
             .kind = PRT_RADIAL_REDUCED, .family = family, .eta = 1.3, .n_function = n};
-        if (!bases[family][n])
-            status = prt_radial_create(&e->env->ctx, &o, &bases[family][n]);
+        if (!bases[family][n]) status = prt_radial_create(&e->env->ctx, &o, &bases[family][n]);
         e->radial[i] = bases[family][n];
     }
     e->own_bases = false;
@@ -385,7 +383,8 @@ static int file_figures(struct bench_env *env, figure_fn figure, const char *pre
             n_single += x->term == PRT_TERM_SINGLE;
             tensors[n++] = x;
         }
-        if (!n_free || (single && !n_single) || (lit && t->engine != PRT_ENGINE_JOINT)) continue;
+        if (!n_free || (single && !n_single) || (lit && t->engine != PRT_TRANSPORT_JOINT))
+            continue;
         snprintf(name, sizeof name, "%s_%s", prefix, single ? "with_single" : "multiple");
         status = start(&e, env, t->cube ? t->cube : 32, n, tensors, (double)t->material.eta);
         if (!status) status = file_bases(&e);
@@ -418,13 +417,13 @@ static int answer_figure(struct bench_env *env, const struct prt_transport *t)
 {
     struct asking a = {.env = env, .transport = t, .material = some_material(1)};
     struct prt_cube cube = {0};
-    struct prt_lit *lit = NULL;
+    struct prt_contracted_light *lit = NULL;
     struct bench_time time = {0};
     unsigned n_plane = 0;
     a.material.eta = t->material.eta;
     a.query = (struct prt_query){.term = PRT_ANSWER_TOTAL, .material = &a.material};
     int status = bench_cube(t->cube ? t->cube : 32, env->seed, &cube);
-    if (!status) status = prt_lit_create(&env->ctx, t, &cube, &lit);
+    if (!status) status = prt_contracted_light_create(&env->ctx, t, &cube, &lit);
     a.query.lit = lit;
     if (!status) status = prt_answer_planes(&env->ctx, t, &a.query, &n_plane, NULL);
     if (!status) {
@@ -435,7 +434,7 @@ static int answer_figure(struct bench_env *env, const struct prt_transport *t)
         bench_begin(env, "edit_file_answer");
         bench_number("vertices", t->mesh.n_vertex);
         bench_number("planes", n_plane);
-        bench_number("MB_of_contracted_light", 1e-6 * (double)prt_lit_bytes(lit));
+        bench_number("MB_of_contracted_light", 1e-6 * (double)prt_contracted_light_bytes(lit));
         bench_number("ms", 1e3 * time.best);
         bench_number("ms_median", 1e3 * time.median);
         bench_number("Mvertices_per_s", 1e-6 * t->mesh.n_vertex / time.best);
@@ -443,7 +442,7 @@ static int answer_figure(struct bench_env *env, const struct prt_transport *t)
         bench_end();
     }
     prt_free(a.planes);
-    prt_lit_destroy(lit);
+    prt_contracted_light_destroy(lit);
     prt_cube_finish(&cube);
     return status;
 }
@@ -461,11 +460,12 @@ static int turn_figures(struct bench_env *env, const struct prt_transport *t)
 {
     struct asking a = {.env = env, .transport = t, .material = some_material(1)};
     struct prt_cube cube = {0};
-    struct prt_fixed *fixed = NULL;
+    struct prt_contracted_transport *fixed = NULL;
     struct bench_time plain = {0}, time = {0};
     unsigned n_plane = 0;
     a.material.eta = t->material.eta;
-    a.query = (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &a.material};
+    a.query =
+        (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &cube, .material = &a.material};
     int status = bench_cube(t->cube, env->seed, &cube);
     if (!status) status = prt_answer_planes(&env->ctx, t, &a.query, &n_plane, NULL);
     a.planes = prt_calloc(3ull * n_plane * t->mesh.n_vertex, sizeof *a.planes);
@@ -474,11 +474,12 @@ static int turn_figures(struct bench_env *env, const struct prt_transport *t)
     float *free_planes = prt_alloc(n, sizeof *free_planes);
     if (!status && free_planes) memcpy(free_planes, a.planes, n * sizeof *free_planes);
     double started = prt_time_s(), off = 0, all = 0;
-    if (!status) status = prt_fixed_create(&env->ctx, t, &a.material, &fixed);
+    if (!status) status = prt_contracted_transport_create(&env->ctx, t, &a.material, &fixed);
     double seconds = prt_time_s() - started;
     a.query.material = NULL;
-    if (!status) a.transport = prt_fixed_transport(fixed);
-    if (!status) status = prt_answer_planes(&env->ctx, a.transport, &a.query, &n_plane, a.planes);
+    if (!status) a.transport = prt_contracted_transport_get(fixed);
+    if (!status)
+        status = prt_answer_planes(&env->ctx, a.transport, &a.query, &n_plane, a.planes);
     for (size_t i = 0; i < n && free_planes; i++) {
         off += pow((double)(a.planes[i] - free_planes[i]), 2);
         all += pow((double)free_planes[i], 2);
@@ -495,10 +496,10 @@ static int turn_figures(struct bench_env *env, const struct prt_transport *t)
         bench_number("ms_material_free", 1e3 * plain.best);
         bench_number("ms_material_free_median", 1e3 * plain.median);
         bench_number("s_to_put_in", seconds);
-        bench_number("MB_of_material", 1e-6 * (double)prt_fixed_bytes(fixed));
+        bench_number("MB_of_material", 1e-6 * (double)prt_contracted_transport_bytes(fixed));
         bench_end();
     }
-    prt_fixed_destroy(fixed);
+    prt_contracted_transport_destroy(fixed);
     prt_free(a.planes);
     prt_cube_finish(&cube);
     return status;
@@ -512,7 +513,7 @@ static int edit_file(struct bench_env *env)
     status = prt_file_open(&env->ctx, env->file, PRT_FILE_CHECK_HEADERS, &f);
     if (status) return status;
     const struct prt_transport *t = prt_file_transport(f);
-    if (t->engine != PRT_ENGINE_WAVELET) status = answer_figure(env, t);
+    if (t->engine != PRT_TRANSPORT_WAVELET) status = answer_figure(env, t);
     prt_file_close(f);
     return status;
 }
@@ -525,7 +526,7 @@ static int joint_file(struct bench_env *env)
     status = prt_file_open(&env->ctx, env->file, PRT_FILE_CHECK_HEADERS, &f);
     if (status) return status;
     const struct prt_transport *t = prt_file_transport(f);
-    if (t->engine == PRT_ENGINE_JOINT) status = turn_figures(env, t);
+    if (t->engine == PRT_TRANSPORT_JOINT) status = turn_figures(env, t);
     prt_file_close(f);
     return status;
 }

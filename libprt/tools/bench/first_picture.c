@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A model file the daemon has never seen: from its bytes on the client's disk to a PNG in hand, on
-// loopback, with the light's file uploaded in between. Target: 1 s.
+// A model file the daemon has never seen: from its bytes on the client's disk to a PNG in hand,
+// on loopback, with the light's file uploaded in between. Target: 1 s.
 #include "daemon.h"
 
 #include "relight/relight.h"
@@ -117,19 +117,27 @@ static int one(struct first *f, bool bake, struct times *out)
     double in = prt_time_s();
     if (!status) {
         struct relight_light light = {.env = word};
-        struct relight_image_request r = {.model = loaded.model, .n_light = 1, .lights = &light,
-                                          .picture = {.format = RELIGHT_PNG}};
+        struct relight_image_request r = {.model = loaded.model,
+                                          .n_light = 1,
+                                          .lights = &light,
+                                          .picture = {.format = RELIGHT_IMAGE_PNG}};
         if (relight_image(f->client, &r, &image, &error)) {
             status = fail(f, &error);
         } else {
             double end = prt_time_s();
-            *out = (struct times){(lit - begin) * 1e3, (in - lit) * 1e3, (end - in) * 1e3,
-                                  (end - begin) * 1e3, (double)image.cost.relight_ms,
-                                  (double)image.cost.raster_ms, (cpu_s(f) - cpu) * 1e3,
-                                  image.cost.error_bound, image.cost.engine};
+            *out = (struct times){(lit - begin) * 1e3,
+                                  (in - lit) * 1e3,
+                                  (end - in) * 1e3,
+                                  (end - begin) * 1e3,
+                                  (double)image.cost.relight_ms,
+                                  (double)image.cost.raster_ms,
+                                  (cpu_s(f) - cpu) * 1e3,
+                                  image.cost.error_bound,
+                                  image.cost.engine};
             relight_image_finish(&image);
         }
-        if (relight_unload(f->client, loaded.model, true, NULL, &error)) status = fail(f, &error);
+        if (relight_unload(f->client, loaded.model, true, NULL, &error))
+            status = fail(f, &error);
         relight_loaded_finish(&loaded);
     }
     prt_free(hdr.bytes);
@@ -184,7 +192,8 @@ static int run(struct bench_env *env)
     int status = make_mesh(env, &f.mesh);
     if (!status) status = bench_daemon_start(env, &f.daemon);
     if (!status) {
-        if (relight_connect(f.daemon.address[1], NULL, &f.client, &error)) status = fail(&f, &error);
+        if (relight_connect(f.daemon.address[1], NULL, &f.client, &error))
+            status = fail(&f, &error);
         if (!status) status = measure(&f);
         relight_close(f.client);
         bench_daemon_stop(&f.daemon);
@@ -193,4 +202,5 @@ static int run(struct bench_env *env)
     return status;
 }
 
-BENCH(first_picture, "relightd: a new model of 35k vertices and a new light, upload to PNG", run)
+BENCH(first_picture, "relightd: a new model of 35k vertices and a new light, upload to PNG",
+      run)

@@ -26,13 +26,23 @@ struct options {
     unsigned n_name;
 };
 
-enum { KEY_LIST = 256, KEY_FILE, KEY_MODEL, KEY_ENV, KEY_CPU, KEY_SECONDS, KEY_QUICK, KEY_SEED };
+enum {
+    KEY_LIST = 256,
+    KEY_FILE,
+    KEY_MODEL,
+    KEY_ENV,
+    KEY_CPU,
+    KEY_SECONDS,
+    KEY_QUICK,
+    KEY_SEED
+};
 
 static const struct argp_option option_table[] = {
     {"list", KEY_LIST, 0, 0, "List the benchmarks and stop", 0},
     {"file", KEY_FILE, "X.prt", 0, "Measure this transport instead of made-up ones", 0},
     {"model", KEY_MODEL, "FILE", 0, "Measure bakes and images of this model", 0},
-    {"env", KEY_ENV, "FILE", 0, "Under this light too (up to 8 times); default: a made-up one", 0},
+    {"env", KEY_ENV, "FILE", 0, "Under this light too (up to 8 times); default: a made-up one",
+     0},
     {"threads", 't', "N", 0, "Threads (default: the machine's cores)", 0},
     {"cpu", KEY_CPU, "c|avx2|avx512", 0, "Use at most these instructions", 0},
     {"seconds", KEY_SECONDS, "S", 0, "Time spent on each figure (default 0.5)", 0},

@@ -113,7 +113,8 @@ static int relight_turn(void *arg)
 }
 
 // How far the eight lights' colours, which are in job->color, are from each light's alone: the
-// largest RMS difference of a light, and the largest one of all over its light's largest colour.
+// largest RMS difference of a light, and the largest one of all over its light's largest
+// colour.
 static int from_one(struct job *job, double *rms, double *most)
 {
     const size_t n = 3ull * job->tensor->n_vertex * job->tensor->n_phase;
@@ -127,7 +128,8 @@ static int from_one(struct job *job, double *rms, double *most)
         double all = 0, off = 0, largest = 0, worst = 0;
         status = prt_light_from_cube(&job->cube[l], &light);
         if (!status)
-            status = prt_relight(&job->env->ctx, job->tensor, 1, lights, job->coef, false, alone);
+            status =
+                prt_relight(&job->env->ctx, job->tensor, 1, lights, job->coef, false, alone);
         for (size_t i = 0; i < n && !status; i++) {
             const double x = (double)alone[i], d = (double)together[i] - x;
             all += x * x;
@@ -161,8 +163,8 @@ static void stop(struct job *job)
     prt_free(job->color);
 }
 
-// One and eight lights on one tensor. *one is what one light takes: compared with when it is known
-// before (best > 0).
+// One and eight lights on one tensor. *one is what one light takes: compared with when it is
+// known before (best > 0).
 static int one_and_eight(struct bench_env *env, const char *name,
                          const struct prt_tensor *tensor, uint32_t cube, const float *coef,
                          bool eight, struct bench_time *one)
@@ -293,7 +295,8 @@ static int answer_cubes(void *arg)
     memset(query, 0, sizeof query);
     for (unsigned i = 0; i < job->n_light; i++)
         query[i] = (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &job->cube[i]};
-    return prt_answer_many(&job->env->ctx, job->transport, job->n_light, query, planes, job->color);
+    return prt_answer_many(&job->env->ctx, job->transport, job->n_light, query, planes,
+                           job->color);
 }
 
 struct answer_turn {
@@ -342,7 +345,8 @@ static int answers(struct bench_env *env, const struct prt_transport *t)
     return status;
 }
 
-// The tensors of a baked file, each by itself, and where nothing else is asked the whole answer.
+// The tensors of a baked file, each by itself, and where nothing else is asked the whole
+// answer.
 static int file(struct bench_env *env)
 {
     struct prt_file *f;
@@ -362,13 +366,13 @@ static int file(struct bench_env *env)
             one_and_eight(env, label, x, t->cube ? t->cube : 32, free_material ? coef : NULL,
                           x->storage != PRT_STORAGE_RADIAL, &one);
     }
-    if (!status && t->engine == PRT_ENGINE_WAVELET) status = answers(env, t);
+    if (!status && t->engine == PRT_TRANSPORT_WAVELET) status = answers(env, t);
     prt_file_close(f);
     return status;
 }
 
-// The bases of --file on its model subdivided to a million vertices, as baking one would take an
-// hour.
+// The bases of --file on its model subdivided to a million vertices, as baking one would take
+// an hour.
 static int million(struct bench_env *env)
 {
     const uint32_t n = env->quick ? 100000 : 1000000;

@@ -110,14 +110,14 @@ static int look(struct stage *s, uint32_t w, uint32_t h, float share)
 static struct prt_screen_light next_light(struct stage *s)
 {
     double phi = 0.3 + 0.05 * (s->turn++ % 20);
-    return (struct prt_screen_light){{(float)(0.8 * sin(phi)), 0.5f, (float)(0.8 * cos(phi))},
-                                     {5, 5, 5}, false};
+    return (struct prt_screen_light){
+        {(float)(0.8 * sin(phi)), 0.5f, (float)(0.8 * cos(phi))}, {5, 5, 5}, false};
 }
 
 static struct prt_shade plain_shade(const struct stage *s)
 {
-    return (struct prt_shade){.eta = s->material.eta, .fresnel = true,
-                              .background_rgb = {0.05f, 0.05f, 0.05f}};
+    return (struct prt_shade){
+        .eta = s->material.eta, .fresnel = true, .background_rgb = {0.05f, 0.05f, 0.05f}};
 }
 
 static int one_image(void *arg)
@@ -161,8 +161,8 @@ static int time_engine(struct stage *s, const char *figure, const char *medium, 
     struct prt_screen_options measured = s->options;
     measured.measure_error = true;
     struct prt_screen_light light = next_light(s);
-    status = prt_screen_radiance(&s->env->ctx, s->screen, s->vis, &s->material, s->cube, !s->cube,
-                                 &light, &measured, s->radiance, &s->report);
+    status = prt_screen_radiance(&s->env->ctx, s->screen, s->vis, &s->material, s->cube,
+                                 !s->cube, &light, &measured, s->radiance, &s->report);
     if (status) return status;
     bench_begin(s->env, figure);
     bench_text("engine", prt_screen_engine_name(s->options.engine));
@@ -217,9 +217,11 @@ static const struct row {
            {PRT_SCREEN_HYBRID, {200, 400, 900, 1600, 4000}, 0.02, 0, 0x1c}};
 
 static void say_error(struct stage *s, const struct row *r, int i, const char *medium,
-                      const struct prt_screen_report *report, const float (*exact)[3], double ms)
+                      const struct prt_screen_report *report, const float (*exact)[3],
+                      double ms)
 {
-    double absolute, error = relative((const float(*)[3])s->radiance, exact, s->g.n_point, &absolute);
+    double absolute,
+        error = relative((const float(*)[3])s->radiance, exact, s->g.n_point, &absolute);
     bench_begin(s->env, "screen_error");
     bench_text("engine", prt_screen_engine_name(r->engine));
     bench_text("medium", medium);
@@ -227,7 +229,8 @@ static void say_error(struct stage *s, const struct row *r, int i, const char *m
     bench_number("asked", r->n[i]);
     bench_number("samples", report->n_sample);
     bench_number("relative_rmse", error);
-    if (r->marked >> i & 1 && r->relative > 0) bench_number("target_relative_rmse", r->relative);
+    if (r->marked >> i & 1 && r->relative > 0)
+        bench_number("target_relative_rmse", r->relative);
     bench_number("tone_mapped_rmse", absolute);
     if (r->marked >> i & 1 && r->tone > 0) bench_number("target_tone_mapped_rmse", r->tone);
     bench_number("expected_error", report->expected_error);
@@ -235,8 +238,8 @@ static void say_error(struct stage *s, const struct row *r, int i, const char *m
     bench_end();
 }
 
-// Errors over covered pixels against the sum over all of the reference's texels, same camera, same
-// lights.
+// Errors over covered pixels against the sum over all of the reference's texels, same camera,
+// same lights.
 static int convergence(struct stage *s, const char *medium, unsigned engines)
 {
     struct prt_screen_light light = {{0.4f, 0.5f, 0.75f}, {5, 5, 5}, false};
@@ -248,12 +251,13 @@ static int convergence(struct stage *s, const char *medium, unsigned engines)
     if (!exact) return PRT_NOMEM;
     struct prt_screen_options options = {.engine = PRT_SCREEN_REFERENCE,
                                          .n_sample = s->env->quick ? 20000 : 400000};
-    status = prt_screen_radiance(&s->env->ctx, s->screen, s->vis, &s->material, s->cube, !s->cube,
-                                 &light, &options, exact, NULL);
+    status = prt_screen_radiance(&s->env->ctx, s->screen, s->vis, &s->material, s->cube,
+                                 !s->cube, &light, &options, exact, NULL);
     for (size_t k = 0; k < sizeof row / sizeof *row && !status; k++) {
         for (int i = 0; engines >> k & 1 && i < 5 && !status; i++) {
             struct prt_screen_report report;
-            options = (struct prt_screen_options){.engine = row[k].engine, .n_sample = row[k].n[i]};
+            options =
+                (struct prt_screen_options){.engine = row[k].engine, .n_sample = row[k].n[i]};
             double t0 = prt_time_s();
             status = prt_screen_radiance(&s->env->ctx, s->screen, s->vis, &s->material, s->cube,
                                          !s->cube, &light, &options, s->radiance, &report);
@@ -282,8 +286,8 @@ static int splat(struct stage *s)
     int status = PRT_OK;
     for (int k = 0; k < 3 && !status; k++) {
         s->options = (struct prt_screen_options){.engine = PRT_SCREEN_SPLAT};
-        status = time_engine(s, "screen_splat", media[k], 800, 600, 0.5f,
-                             (struct target){15, 0.04});
+        status =
+            time_engine(s, "screen_splat", media[k], 800, 600, 0.5f, (struct target){15, 0.04});
     }
     return status;
 }
@@ -304,8 +308,8 @@ static int texture(struct stage *s)
 static int hybrid(struct stage *s)
 {
     s->options = (struct prt_screen_options){.engine = PRT_SCREEN_HYBRID, .n_sample = 900};
-    int status = time_engine(s, "screen_hybrid", "marble", 512, 512, 0.9f,
-                             (struct target){20, 0.02});
+    int status =
+        time_engine(s, "screen_hybrid", "marble", 512, 512, 0.9f, (struct target){20, 0.02});
     s->options.rings = s->options.spokes = 20;
     if (!status)
         status = time_engine(s, "screen_hybrid", "marble", 512, 512, 0.9f,
@@ -381,7 +385,8 @@ static int progress(struct stage *s)
     uint32_t side = s->env->quick ? 48 : 256;
     if (!status) status = look(s, side, side, 0.9f);
     for (int e = 0; e < 4 && !status; e++) {
-        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e, .n_sample = 64};
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
+                                             .n_sample = 64};
         struct prt_screen_light light = {{0.4f, 0.5f, 0.75f}, {5, 5, 5}, false};
         struct prt_screen_progress *p;
         struct prt_shade shade = plain_shade(s);
@@ -422,8 +427,8 @@ static int budget(struct stage *s)
             struct prt_screen_options options = {0};
             struct bench_time t;
             status = prt_screen_plan(&s->env->ctx, s->screen, s->vis, &s->material,
-                                     (enum prt_screen_engine)e, false, 0, budget_ms[k], &options,
-                                     &plan);
+                                     (enum prt_screen_engine)e, false, 0, budget_ms[k],
+                                     &options, &plan);
             s->options = options;
             if (!status) status = bench_measure(s->env, one_image, s, &t);
             s->options.measure_error = true;
@@ -511,16 +516,20 @@ static int run_budget(struct bench_env *env)
     return with_stage(env, budget);
 }
 
-BENCH(screen_splat, "S09 at 800x600, a new distant light each time: >= 15 fps, <= 4 %", run_splat)
+BENCH(screen_splat, "S09 at 800x600, a new distant light each time: >= 15 fps, <= 4 %",
+      run_splat)
 BENCH(screen_tangent, "M03 at 500x500, 64 samples a pixel: >= 20 fps, <= 5 %", run_tangent)
 BENCH(screen_texture, "C08 at 512x512, 900 samples: >= 25 fps", run_texture)
 BENCH(screen_hybrid, "C08 hybrid at 512x512, 900 + 401: >= 20 fps, <= 2 %", run_hybrid)
 BENCH(screen_environment, "every image-space engine under an environment at 800x600",
       run_environment)
 BENCH(screen_error, "convergence of the image-space engines to the reference", run_error)
-BENCH(screen_lights, "convergence of texture sampling under every --env: <= 0.014 tone-mapped", run_lights)
-BENCH(screen_progress, "running means of image-space frames against the reference", run_progress)
-BENCH(screen_budget, "image-space sample counts by time budget, planned and measured", run_budget)
+BENCH(screen_lights, "convergence of texture sampling under every --env: <= 0.014 tone-mapped",
+      run_lights)
+BENCH(screen_progress, "running means of image-space frames against the reference",
+      run_progress)
+BENCH(screen_budget, "image-space sample counts by time budget, planned and measured",
+      run_budget)
 BENCH(screen_first, "a model's file to its first shaded picture, no daemon", run_first)
 
 struct raster_job {
@@ -541,7 +550,8 @@ static int shade_once(void *arg)
 {
     struct raster_job *job = arg;
     struct prt_image image;
-    int status = prt_shade_image(&job->s->env->ctx, job->s->vis, job->s->mesh, &job->shade, &image);
+    int status =
+        prt_shade_image(&job->s->env->ctx, job->s->vis, job->s->mesh, &job->shade, &image);
     if (!status)
         status = prt_tone_map(&job->s->env->ctx, &image, PRT_TONE_FILMIC, 0, job->rgb8);
     if (!status) prt_image_finish(&image);
@@ -588,11 +598,16 @@ static int run_raster(struct bench_env *env)
         status = planes && job.rgb8 ? PRT_OK : PRT_NOMEM;
     }
     for (unsigned n = 1; n <= 4 && !status; n += 3) {
-        job.shade = (struct prt_shade){.n_plane = n, .planes = planes, .eta = 1.5f,
-                                       .roughness = 0.3f, .fresnel = true,
-                                       .specular = job.specular, .background = &sky};
+        job.shade = (struct prt_shade){.n_plane = n,
+                                       .planes = planes,
+                                       .eta = 1.5f,
+                                       .roughness = 0.3f,
+                                       .fresnel = true,
+                                       .specular = job.specular,
+                                       .background = &sky};
         status = bench_measure(env, shade_once, &job, &t);
-        if (!status) say(env, n == 1 ? "shade_and_tone_map" : "shade_and_tone_map_4_planes", &t, &s);
+        if (!status)
+            say(env, n == 1 ? "shade_and_tone_map" : "shade_and_tone_map_4_planes", &t, &s);
     }
     prt_specular_destroy(job.specular);
     prt_free(planes);

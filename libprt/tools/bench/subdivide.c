@@ -122,8 +122,8 @@ static int lay_clusters(const struct prt_tensor *from, uint32_t n, struct places
         cluster[c].rank = from->cluster[c].rank;
         cluster[c].u_begin = out->u_count;
         at += cluster[c].n_vertex;
-        out->u_count +=
-            (((uint64_t)cluster[c].n_vertex + 15) & ~15ull) * ((cluster[c].rank + 1ull) & ~1ull);
+        out->u_count += (((uint64_t)cluster[c].n_vertex + 15) & ~15ull) *
+                        ((cluster[c].rank + 1ull) & ~1ull);
     }
     for (uint32_t v = 0; v < n; v++)
         order[cluster[p->cluster[v]].vertex_begin + p->position[v]] = v;
@@ -146,8 +146,9 @@ static void fill_u(const struct prt_tensor *from, const struct fine *f, const st
         uint32_t a = f->parent[v][0], b = f->parent[v][1];
         if (p->cluster[b] != p->cluster[v]) b = a;
         for (uint32_t r = 0; r < c->rank; r++)
-            *u_at(out, c, r, p->position[v]) = (int16_t)(
-                (*u_at(out, c, r, p->position[a]) + *u_at(out, c, r, p->position[b])) / 2);
+            *u_at(out, c, r, p->position[v]) = (int16_t)((*u_at(out, c, r, p->position[a]) +
+                                                          *u_at(out, c, r, p->position[b])) /
+                                                         2);
     }
 }
 

@@ -115,7 +115,8 @@ static int make_patterns(struct prt_rng *rng, const struct synthetic_options *o,
     return PRT_OK;
 }
 
-// Three to seven directions a row, as a bake of a dozen functions keeps, where there are as many.
+// Three to seven directions a row, as a bake of a dozen functions keeps, where there are as
+// many.
 static int random_directions(struct prt_rng *rng, uint32_t n_row, uint32_t n_function,
                              struct prt_rows *r)
 {

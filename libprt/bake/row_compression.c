@@ -1,0 +1,517 @@
+// SPDX-License-Identifier: MIT
+// Rows of many functions as few directions (prt_rows, mixed): what a spatial pattern answers to
+// all media of the training spans four or five directions of function space to a percent, so
+// that an entry takes as many bytes instead of one a function.
+#include "bake/stages.h"
+
+#include <cblas.h>
+#include <lapacke.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double direction_share =
+    2e-8; // of a cluster's energy: a direction with less is not made
+static const double metric_floor =
+    1e-5; // of the metric: media beside the training have a say, too
+
+struct metric {
+    uint32_t n;
+    double *l; // [n][n] lower: train^T train = l l^T
+};
+
+static int metric_create(const struct factor_plan *plan, struct metric *m)
+{
+    const uint32_t n = plan->n_function;
+    double trace = 0;
+    m->n = n;
+    m->l = calloc((size_t)n * n, sizeof *m->l);
+    if (!m->l) return PRT_NOMEM;
+    for (uint32_t t = 0; t < plan->n_train; t++)
+        for (uint32_t i = 0; i < n; i++)
+            for (uint32_t j = 0; j <= i; j++)
+                m->l[i * n + j] +=
+                    (double)plan->train[t * n + i] * (double)plan->train[t * n + j];
+    for (uint32_t i = 0; i < n; i++) trace += m->l[i * n + i];
+    for (uint32_t i = 0; i < n; i++) m->l[i * n + i] += metric_floor * trace / n;
+    return LAPACKE_dpotrf(LAPACK_ROW_MAJOR, 'L', (int)n, m->l, (int)n) ? PRT_INTERNAL : PRT_OK;
+}
+
+// Directions of one row by falling energy over training, from its gram [n][n] (lower) of
+// functions: forward [d][n] makes their coefficients, back [d][n] the functions of them, value
+// [d] is their energy. work: [2 n n + n].
+static int directions(const struct metric *m, const float *gram, uint32_t n_direction,
+                      double *work, float *forward, float *back, double *energy)
+{
+    const int n = (int)m->n;
+    double *g = work, *v = work + (size_t)n * (size_t)n, *value = v + (size_t)n * (size_t)n;
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j <= i; j++) g[i * n + j] = g[j * n + i] = (double)gram[i * n + j];
+    // l^T (b b^T) l
+    cblas_dtrmm(CblasRowMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, n, 1, m->l,
+                n, g, n);
+    cblas_dtrmm(CblasRowMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, n, n, 1,
+                m->l, n, g, n);
+    if (LAPACKE_dsyev(LAPACK_ROW_MAJOR, 'V', 'L', n, g, n, value)) return PRT_INTERNAL;
+    memcpy(v, g, (size_t)n * (size_t)n * sizeof *v); // columns, by rising energy
+    cblas_dtrmm(CblasRowMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, n, 1, m->l,
+                n, v, n); // l v: its columns make coefficients
+    cblas_dtrsm(CblasRowMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, n, 1, m->l,
+                n, g,
+                n); // l^-T v
+    for (uint32_t d = 0; d < n_direction; d++) {
+        energy[d] = fmax(value[n - 1 - (int)d], 0);
+        for (int j = 0; j < n; j++) {
+            forward[d * m->n + (uint32_t)j] = (float)v[j * n + n - 1 - (int)d];
+            back[d * m->n + (uint32_t)j] = (float)g[j * n + n - 1 - (int)d];
+        }
+    }
+    return PRT_OK;
+}
+
+// Halves of one direction's coefficients by their largest.
+static void keep(const float *x, uint32_t n, uint16_t *out, float *scale, float *room)
+{
+    float most = 0;
+    for (uint32_t k = 0; k < n; k++) most = fmaxf(most, fabsf(x[k]));
+    *scale = most > 0 ? most : 1;
+    for (uint32_t k = 0; k < n; k++) room[k] = x[k] / *scale;
+    prt_f32_to_f16_array(room, n, out);
+}
+
+// Room for rows of nd directions.
+static int allocate(const struct factor_plan *plan, uint32_t nd, struct factored *f)
+{
+    const uint32_t J = plan->n_function, n_coef = 6 * plan->n * plan->n;
+    size_t rows = (size_t)f->rank * nd;
+    f->n_direction = nd;
+    f->b = prt_calloc(rows * n_coef + 1, sizeof *f->b);
+    f->scale = prt_calloc(rows + 1, sizeof *f->scale);
+    f->mix = prt_calloc(rows * J + 1, sizeof *f->mix);
+    f->scaling = prt_alloc((size_t)f->rank * 6 * J + 1, sizeof *f->scaling);
+    f->energy = prt_calloc((size_t)f->rank * n_coef + 1, sizeof *f->energy);
+    f->width = calloc(f->rank + 1u, 1);
+    f->limit = calloc(f->rank + 1u, sizeof *f->limit);
+    f->count = calloc(f->rank + 1u, sizeof *f->count);
+    return f->b && f->scale && f->mix && f->scaling && f->energy && f->width && f->limit &&
+                   f->count
+               ? PRT_OK
+               : PRT_NOMEM;
+}
+
+// Direction d of row r: its coefficients.
+static void coefficients(const struct factored *f, uint32_t r, uint32_t d, uint32_t n_coef,
+                         float *out)
+{
+    size_t from = (size_t)r * f->n_direction + d;
+    prt_f16_to_f32_array(f->b + from * n_coef, n_coef, out);
+    for (uint32_t k = 0; k < n_coef; k++) out[k] *= f->scale[from];
+}
+
+// Takes direction d of row r, Haar coefficients without scaling ones. room: [n_coef].
+static void take(struct factored *f, uint32_t r, uint32_t d, const float *x, uint32_t n_coef,
+                 float *room)
+{
+    size_t at = (size_t)r * f->n_direction + d;
+    float *energy = f->energy + (size_t)r * n_coef;
+    keep(x, n_coef, f->b + at * n_coef, f->scale + at, room);
+    coefficients(f, r, d, n_coef, room); // of what halves hold, so that losses add up to all
+    for (uint32_t k = 0; k < n_coef; k++) energy[k] += room[k] * room[k];
+}
+
+int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
+{
+    const uint32_t J = plan->n_function, n_coef = 6 * plan->n * plan->n,
+                   face = plan->n * plan->n, nd = J < MIX_MOST ? J : MIX_MOST;
+    struct metric m = {0};
+    double *work = malloc((2 * (size_t)J * J + J + nd) * sizeof *work);
+    float *turned = prt_alloc((size_t)nd * n_coef + (size_t)J * J + (size_t)nd * J + n_coef,
+                              sizeof *turned);
+    int status = allocate(plan, nd, f);
+    if (!work || !turned) status = PRT_NOMEM;
+    if (status == PRT_OK) status = metric_create(plan, &m);
+    float *gram = turned ? turned + (size_t)nd * n_coef : NULL;
+    float *forward = turned ? gram + (size_t)J * J : NULL,
+          *room = forward ? forward + nd * J : NULL;
+    for (uint32_t r = 0; r < f->rank && !status; r++) {
+        float *row = b + (size_t)r * J * n_coef;
+        for (uint32_t k = 0; k < 6; k++)
+            for (uint32_t j = 0; j < J; j++) {
+                float *x = &row[(size_t)j * n_coef + (size_t)k * face];
+                f->scaling[((size_t)r * 6 + k) * J + j] = *x;
+                *x = 0;
+            }
+        cblas_ssyrk(CblasRowMajor, CblasLower, CblasNoTrans, (int)J, (int)n_coef, 1, row,
+                    (int)n_coef, 0, gram, (int)J);
+        status = directions(&m, gram, nd, work, forward, f->mix + (size_t)r * nd * J,
+                            work + 2 * (size_t)J * J + J);
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)nd, (int)n_coef, (int)J, 1,
+                    forward, (int)J, row, (int)n_coef, 0, turned, (int)n_coef);
+        for (uint32_t d = 0; d < nd; d++)
+            take(f, r, d, turned + (size_t)d * n_coef, n_coef, room);
+    }
+    free(m.l);
+    free(work);
+    prt_free(turned);
+    return status;
+}
+
+float *mix_faces(const struct factor_plan *plan)
+{
+    const uint32_t m = plan->n_probe, wide = m + 6, face = plan->n * plan->n;
+    float *x = prt_calloc(6 * (size_t)face * wide, sizeof *x);
+    for (uint32_t k = 0; x && k < 6 * face; k++) {
+        memcpy(x + (size_t)k * wide, plan->probe + (size_t)k * m, m * sizeof *x);
+        x[(size_t)k * wide + m + k / face] = plan->solid_angle[k] / (float)plan->n;
+    }
+    return x;
+}
+
+// The part of the probes' scaling coefficients, [6][n_probe].
+static void probe_scaling(const struct factor_plan *plan, float *out)
+{
+    const uint32_t m = plan->n_probe, face = plan->n * plan->n;
+    memset(out, 0, 6 * (size_t)m * sizeof *out);
+    for (uint32_t k = 0; k < 6 * face; k++)
+        for (uint32_t i = 0; i < m; i++)
+            out[k / face * m + i] +=
+                plan->probe[(size_t)k * m + i] / (plan->solid_angle[k] * (float)plan->n);
+}
+
+// What is known of the rows before they are made.
+struct blends {
+    uint32_t J, wide, m, nd;
+    float *row;     // [rank][J][wide] U's projection of the answers
+    float *lit;     // [6][m] scaling coefficients of the probes
+    float *forward; // [rank][nd][J]
+    uint32_t *held; // [rank] directions worth making
+};
+
+// Directions of every row from its answers to white lights, whose mean product is the gram of
+// functions; those without energy are left out and what they had is noted.
+static int find_directions(const struct factor_plan *plan, struct blends *s, struct factored *f)
+{
+    const uint32_t J = s->J, nd = s->nd, n_coef = 6 * plan->n * plan->n;
+    struct metric m = {0};
+    double *work = malloc((2 * (size_t)J * J + J + nd) * sizeof *work);
+    float *gram = prt_alloc((size_t)J * J, sizeof *gram);
+    int status = work && gram ? metric_create(plan, &m) : PRT_NOMEM;
+    for (uint32_t r = 0; r < f->rank && !status; r++) {
+        float *z = s->row + (size_t)r * J * s->wide;
+        double *energy = work + 2 * (size_t)J * J + J;
+        for (uint32_t j = 0; j < J; j++)
+            for (uint32_t k = 0; k < 6; k++)
+                f->scaling[((size_t)r * 6 + k) * J + j] = z[(size_t)j * s->wide + s->m + k];
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)J, (int)s->m, 6, -1,
+                    z + s->m, (int)s->wide, s->lit, (int)s->m, 1, z, (int)s->wide);
+        cblas_ssyrk(CblasRowMajor, CblasLower, CblasNoTrans, (int)J, (int)s->m, 1 / (float)s->m,
+                    z, (int)s->wide, 0, gram, (int)J);
+        status = directions(&m, gram, nd, work, s->forward + (size_t)r * nd * J,
+                            f->mix + (size_t)r * nd * J, energy);
+        for (uint32_t d = 0; d < nd; d++) {
+            if (energy[d] > direction_share * f->tail[0] || !d) s->held[r] = d + 1;
+            else f->energy[(size_t)r * n_coef] += (float)energy[d];
+        }
+    }
+    free(m.l);
+    free(work);
+    prt_free(gram);
+    return status;
+}
+
+// The directions that are held, made in one go, to Haar coefficients and halves.
+static int make_rows(const struct factor_plan *plan, const struct row_source *source,
+                     const struct blends *s, struct factored *f)
+{
+    const uint32_t J = s->J, n_coef = 6 * plan->n * plan->n, face = plan->n * plan->n;
+    uint32_t n = 0;
+    for (uint32_t r = 0; r < f->rank; r++) n += s->held[r];
+    float *w = prt_alloc((size_t)n * J + 1, sizeof *w),
+          *x = prt_alloc((n + 1) * (size_t)n_coef, 4);
+    uint32_t *row = prt_alloc(n + 1u, sizeof *row);
+    int status = w && x && row ? PRT_OK : PRT_NOMEM;
+    for (uint32_t r = 0, i = 0; r < f->rank && !status; r++)
+        for (uint32_t d = 0; d < s->held[r]; d++, i++) {
+            row[i] = r;
+            memcpy(w + (size_t)i * J, s->forward + ((size_t)r * s->nd + d) * J, J * sizeof *w);
+        }
+    if (!status) status = source->blend(source->user, f->u, f->rank, n, w, row, x);
+    for (uint32_t r = 0, i = 0; r < f->rank && !status; r++)
+        for (uint32_t d = 0; d < s->held[r]; d++, i++) {
+            float *own = x + (size_t)i * n_coef;
+            for (uint32_t k = 0; k < n_coef; k++) own[k] *= plan->solid_angle[k];
+            for (uint32_t k = 0; k < 6; k++) {
+                prt_haar_forward(plan->n, own + (size_t)k * face);
+                own[(size_t)k * face] = 0;
+            }
+            take(f, r, d, own, n_coef, x + (size_t)n * n_coef);
+        }
+    prt_free(w);
+    prt_free(x);
+    prt_free(row);
+    return status;
+}
+
+int mix_blend(const struct factor_plan *plan, const struct row_source *source,
+              const float *answers, struct factored *f)
+{
+    const uint32_t J = plan->n_function, n_vertex = source->n_vertex;
+    struct blends s = {.J = J,
+                       .m = plan->n_probe,
+                       .wide = plan->n_probe + 6,
+                       .nd = J < MIX_MOST ? J : MIX_MOST};
+    s.row = prt_alloc((size_t)f->rank * J * s.wide + 1, sizeof *s.row);
+    s.lit = prt_alloc(6 * (size_t)s.m, sizeof *s.lit);
+    s.forward = prt_alloc((size_t)f->rank * s.nd * J + 1, sizeof *s.forward);
+    s.held = prt_calloc(f->rank + 1u, sizeof *s.held);
+    int status = s.row && s.lit && s.forward && s.held ? allocate(plan, s.nd, f) : PRT_NOMEM;
+    for (uint32_t j = 0; j < J && f->rank && !status; j++)
+        cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)f->rank, (int)s.wide,
+                    (int)n_vertex, 1, f->u, (int)n_vertex,
+                    answers + (size_t)j * n_vertex * s.wide, (int)s.wide, 0,
+                    s.row + (size_t)j * s.wide, (int)(J * s.wide));
+    if (!status) {
+        probe_scaling(plan, s.lit);
+        status = find_directions(plan, &s, f);
+    }
+    if (!status) status = make_rows(plan, source, &s, f);
+    prt_free(s.row);
+    prt_free(s.lit);
+    prt_free(s.forward);
+    prt_free(s.held);
+    return status;
+}
+
+enum { LANES = 16 }; // sums and maxima kept apart, in a register; divides 6 n n, as n >= 16
+
+// The largest of a direction's coefficients among entries that are kept.
+PRT_CLONES static float largest(const float *x, const float *sum, float limit, uint32_t n)
+{
+    float most[LANES] = {0}, all = 1e-30f;
+    for (uint32_t k = 0; k < n; k += LANES)
+        for (uint32_t i = 0; i < LANES; i++) {
+            float own = sum[k + i] > limit ? fabsf(x[k + i]) : 0;
+            most[i] = own > most[i] ? own : most[i];
+        }
+    for (uint32_t i = 0; i < LANES; i++) all = most[i] > all ? most[i] : all;
+    return all;
+}
+
+// What entries that are kept have of a direction.
+PRT_CLONES static float kept_energy(const float *x, const float *sum, float limit, uint32_t n)
+{
+    float part[LANES] = {0}, all = 0;
+    for (uint32_t k = 0; k < n; k += LANES)
+        for (uint32_t i = 0; i < LANES; i++)
+            part[i] += sum[k + i] > limit ? x[k + i] * x[k + i] : 0;
+    for (uint32_t i = 0; i < LANES; i++) all += part[i];
+    return all;
+}
+
+// Entries above a limit, and those of them whose share is above another.
+PRT_CLONES static uint32_t count_above(const float *sum, float limit, const float *share,
+                                       float above, uint32_t n)
+{
+    uint32_t part[LANES] = {0}, all = 0;
+    for (uint32_t k = 0; k < n; k += LANES)
+        for (uint32_t i = 0; i < LANES; i++)
+            part[i] += sum[k + i] > limit ? 1u + (share[k + i] > above) : 0u;
+    for (uint32_t i = 0; i < LANES; i++) all += part[i];
+    return all;
+}
+
+// Sum of squared steps of the entries that are laid once: each the power of two that its share
+// of 127 lies below.
+PRT_CLONES static float squared_steps(const float *sum, float limit, const float *share,
+                                      float above, uint32_t n)
+{
+    float part[LANES] = {0}, all = 0;
+    for (uint32_t k = 0; k < n; k += LANES)
+        for (uint32_t i = 0; i < LANES; i++) {
+            union {
+                float value;
+                uint32_t bits;
+            } step = {.value = share[k + i] / 127};
+            step.bits = (step.bits & 0x7f800000u) + 0x00800000u;
+            bool once = sum[k + i] > limit && !(share[k + i] > above);
+            part[i] += once ? step.value * step.value : 0;
+        }
+    for (uint32_t i = 0; i < LANES; i++) all += part[i];
+    return all;
+}
+
+PRT_CLONES static void raise_share(const float *x, float scale, float *share, uint32_t n)
+{
+    for (uint32_t k = 0; k < n; k++) {
+        float own = fabsf(x[k]) * scale;
+        share[k] = own > share[k] ? own : share[k];
+    }
+}
+
+// Entries as bytes lose a step's twelfth in energy, a step being a 127th of the largest value
+// at most halved: where that is dearer than another entry, what the first one left is laid
+// beside it. The share of the row's largest values above which an entry is laid twice; unit2:
+// the sum of the directions' squared steps.
+static float twice_above(float unit2, float limit)
+{
+    int exponent; // a step above 2^(exponent-1), the largest power below, loses more than limit
+    frexp(sqrt(12 * (double)limit / fmax((double)unit2, 1e-300)), &exponent);
+    return ldexpf(1, exponent < 1 ? exponent - 1 : 0);
+}
+
+// A row's directions as floats, as far as they were asked for: room [MIX_ROOM][n_coef], the
+// sums of their squares and the shares of the largest values before them.
+struct shown {
+    const struct factored *f;
+    uint32_t r, n_coef, n;
+    float *sum, *share, *x;
+};
+
+static struct shown show(const struct factored *f, uint32_t r, uint32_t n_coef, float *room)
+{
+    return (struct shown){.f = f,
+                          .r = r,
+                          .n_coef = n_coef,
+                          .sum = room,
+                          .share = room + n_coef,
+                          .x = room + 2 * (size_t)n_coef};
+}
+
+static const float *shown_direction(struct shown *s, uint32_t d)
+{
+    for (; s->n <= d; s->n++)
+        coefficients(s->f, s->r, s->n, s->n_coef, s->x + (size_t)s->n * s->n_coef);
+    return s->x + (size_t)d * s->n_coef;
+}
+
+static void sum_energies(struct shown *s, uint32_t width)
+{
+    memset(s->sum, 0, s->n_coef * sizeof *s->sum);
+    for (uint32_t d = 0; d < width; d++) {
+        const float *x = shown_direction(s, d);
+        for (uint32_t k = 0; k < s->n_coef; k++) s->sum[k] += x[k] * x[k];
+    }
+}
+
+// Entries a row takes with the first `width` directions, whose energies are summed; *lost is
+// the energy that their bytes lose.
+static uint64_t count_entries(struct shown *s, uint32_t width, float limit, double *lost)
+{
+    float unit2 = 0, above;
+    memset(s->share, 0, s->n_coef * sizeof *s->share);
+    for (uint32_t d = 0; d < width; d++) {
+        const float *x = shown_direction(s, d);
+        float most = largest(x, s->sum, limit, s->n_coef);
+        unit2 += most / 127 * (most / 127);
+        raise_share(x, 127 / most, s->share, s->n_coef);
+    }
+    above = 127 * twice_above(unit2, limit);
+    *lost =
+        (double)unit2 / 12 * (double)squared_steps(s->sum, limit, s->share, above, s->n_coef);
+    return count_above(s->sum, limit, s->share, above, s->n_coef);
+}
+
+// A direction stays when the energy it has in the entries that are kept pays its byte in each.
+void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mix_price *price,
+                float *room, struct mix_row *out)
+{
+    enum { AHEAD = 4, TURNS = 4 };
+    struct shown s = show(f, r, n_coef, room);
+    uint32_t width = f->width[r] ? f->width[r] : AHEAD, next; // what another price chose
+    if (width > f->n_direction) width = f->n_direction;
+    next = width;
+    for (int turn = 0; turn < TURNS && (!turn || next != width); turn++) {
+        uint32_t look = next + AHEAD < f->n_direction ? next + AHEAD : f->n_direction;
+        width = next;
+        *out = (struct mix_row){.width = width,
+                                .limit = (float)(price->byte * (price->entry_bytes + width))};
+        sum_energies(&s, width);
+        out->entries = count_above(s.sum, out->limit, s.sum, INFINITY, n_coef);
+        double cost = price->byte * ((double)out->entries + price->direction_bytes);
+        next = 0;
+        for (uint32_t d = 0; d < look && (d < width || next == d); d++) {
+            float all = kept_energy(shown_direction(&s, d), s.sum, out->limit, n_coef);
+            if (d < width) out->energy += (double)all;
+            if (next == d && (!d || (double)all > cost)) next = d + 1;
+        }
+    }
+    double lost;
+    out->entries = count_entries(&s, out->width, out->limit, &lost);
+    out->energy -= lost;
+    f->width[r] = (uint8_t)out->width;
+    f->limit[r] = out->limit;
+    f->count[r] = (uint32_t)out->entries;
+}
+
+// An entry as bytes: the largest of its values, each in its direction's unit, takes all 7 bits.
+// What they leave stays in value.
+static uint8_t put_bytes(float *value, uint32_t n, int8_t *out)
+{
+    float most = 0, up;
+    int exponent;
+    for (uint32_t d = 0; d < n; d++) most = fmaxf(most, fabsf(value[d]));
+    frexpf(fmaxf(most, 1e-30f) / 127.0001f, &exponent); // most <= 127 * 2^exponent
+    int shift = exponent > 0 ? 0 : exponent < -63 ? 63 : -exponent;
+    up = ldexpf(1, shift);
+    for (uint32_t d = 0; d < n; d++) {
+        out[d] = (int8_t)lrintf(value[d] * up);
+        value[d] -= out[d] / up;
+    }
+    return (uint8_t)shift;
+}
+
+#define OWN(type, p) ((type *)(uintptr_t)(p))
+
+// Direction d's functions, the largest of them 1; returns what that took.
+static float lay_direction(const struct factored *f, uint32_t r, uint32_t d, uint32_t J,
+                           uint16_t *out)
+{
+    const float *mix = f->mix + ((size_t)r * f->n_direction + d) * J;
+    float most = 1e-30f;
+    for (uint32_t j = 0; j < J; j++) most = fmaxf(most, fabsf(mix[j]));
+    for (uint32_t j = 0; j < J; j++) out[j] = prt_f32_to_f16(mix[j] / most);
+    return most;
+}
+
+int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows, uint32_t row)
+{
+    const uint32_t J = rows->n_function, n_coef = rows->n_coef, width = f->width[r];
+    const uint32_t first = rows->direction[row];
+    uint64_t at = rows->begin[row];
+    int8_t *entry = OWN(int8_t, rows->entry) + rows->value_begin[row];
+    float *room = prt_alloc(MIX_ROOM * (size_t)n_coef, sizeof *room), unit2 = 0;
+    if (!room) return PRT_NOMEM;
+    struct shown shown = show(f, r, n_coef, room);
+    float *sum = shown.sum, *x = shown.x;
+    sum_energies(&shown, width);
+    for (uint32_t d = 0; d < width; d++) {
+        float *own = x + (size_t)d * n_coef;
+        float most = largest(own, sum, f->limit[r], n_coef);
+        unit2 += most / 127 * (most / 127);
+        for (uint32_t k = 0; k < n_coef; k++) own[k] *= 127 / most;
+        OWN(float, rows->scale)
+        [first + d] =
+            most / 127 * s *
+            lay_direction(f, r, d, J, OWN(uint16_t, rows->mix) + (uint64_t)(first + d) * J);
+    }
+    float above = 127 * twice_above(unit2, f->limit[r]);
+    for (uint32_t k = 0; k < n_coef; k++) {
+        float value[MIX_MOST], share = 0;
+        if (!(sum[k] > f->limit[r])) continue;
+        for (uint32_t d = 0; d < width; d++) {
+            value[d] = x[(size_t)d * n_coef + k];
+            share = fmaxf(share, fabsf(value[d]));
+        }
+        for (int turn = 0; turn < 1 + (share > above) && at < rows->begin[row + 1];
+             turn++, at++) {
+            OWN(uint8_t, rows->shift)[at] = put_bytes(value, width, entry);
+            if (rows->index_bytes == 2) OWN(uint16_t, rows->index)[at] = (uint16_t)k;
+            else OWN(uint32_t, rows->index)[at] = k;
+            entry += width;
+        }
+    }
+    for (uint32_t k = 0; k < 6 * J; k++) OWN(uint16_t, rows->scaling)
+    [(size_t)row * 6 * J + k] = prt_f32_to_f16(f->scaling[(size_t)r * 6 * J + k] * s);
+    prt_free(room);
+    return at == rows->begin[row + 1] ? PRT_OK : PRT_INTERNAL;
+}

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: MIT
+// A transport under one light: every basis contracted, kept for the materials to come.
+#include "answer.h"
+
+#include <string.h>
+
+enum { MOST_TENSORS = 4 };
+
+struct prt_contracted_light {
+    const struct prt_transport *transport;
+    size_t bytes;
+    float *b[MOST_TENSORS]; // of step 1 (prt_contract_light); NULL where there are no bases
+};
+
+size_t relight_lit_floats(const struct prt_tensor *t)
+{
+    size_t wide = t->coupling == PRT_COUPLE_FULL ? 3 : 1;
+    size_t n = (size_t)t->rows.n_row * t->n_function * wide;
+    return t->storage == PRT_STORAGE_FACTORED ? n + 1 : 0; // not nothing without rows
+}
+
+static int contract_all(const struct prt_context *ctx, const struct prt_light *light,
+                        struct prt_contracted_light *lit)
+{
+    const struct prt_transport *t = lit->transport;
+    int status = PRT_OK;
+    for (uint32_t i = 0; i < t->n_tensor && !status; i++) {
+        size_t n = relight_lit_floats(&t->tensor[i]);
+        if (!n) continue;
+        lit->b[i] = prt_alloc(n, sizeof *lit->b[i]);
+        lit->bytes += n * sizeof *lit->b[i];
+        if (!lit->b[i]) return prt_fail(ctx, PRT_NOMEM, "no memory for a contracted light");
+        status = prt_contract_light(ctx, &t->tensor[i], 1, &light, lit->b[i]);
+    }
+    return status;
+}
+
+int prt_contracted_light_create(const struct prt_context *ctx,
+                                const struct prt_transport *transport,
+                                const struct prt_cube *light, struct prt_contracted_light **out)
+{
+    *out = NULL;
+    for (uint32_t i = 0; i < transport->n_tensor; i++)
+        if (transport->tensor[i].storage == PRT_STORAGE_SPARSE)
+            return prt_fail(ctx, PRT_MISMATCH,
+                            "a sparse transport has no bases to contract with a light");
+    struct prt_contracted_light *lit = prt_calloc(1, sizeof *lit);
+    struct prt_light haar = {0};
+    int status = lit ? prt_light_from_cube(light, &haar) : PRT_NOMEM;
+    if (status) {
+        prt_free(lit);
+        return prt_fail(ctx, status, "the light cannot be transformed");
+    }
+    lit->transport = transport;
+    status = contract_all(ctx, &haar, lit);
+    prt_light_finish(&haar);
+    if (status) prt_contracted_light_destroy(lit);
+    else *out = lit;
+    return status;
+}
+
+void prt_contracted_light_destroy(struct prt_contracted_light *lit)
+{
+    for (int i = 0; lit && i < MOST_TENSORS; i++) prt_free(lit->b[i]);
+    prt_free(lit);
+}
+
+size_t prt_contracted_light_bytes(const struct prt_contracted_light *lit)
+{
+    return lit->bytes;
+}
+
+bool relight_lit_is_of(const struct prt_contracted_light *lit,
+                       const struct prt_transport *transport)
+{
+    return lit->transport == transport;
+}
+
+const float *relight_lit_rows(const struct prt_contracted_light *lit,
+                              const struct prt_tensor *tensor)
+{
+    return lit->b[tensor - lit->transport->tensor];
+}
+
+int relight_lit(const struct prt_context *ctx, const struct prt_contracted_light *lit,
+                const struct prt_tensor *tensor, const float *coef, bool add, float *color)
+{
+    const float *b = relight_lit_rows(lit, tensor);
+    if (!b) return prt_relight(ctx, tensor, 1, NULL, coef, add, color); // RADIAL: no light
+    if (tensor->coupling != PRT_COUPLE_FULL) return prt_expand(ctx, tensor, 1, b, add, color);
+    float *folded =
+        prt_alloc((size_t)tensor->rows.n_row * 3 * tensor->n_phase + 1, sizeof *folded);
+    int status = folded ? prt_contract_material(ctx, tensor, b, coef, folded)
+                        : prt_fail(ctx, PRT_NOMEM, "no memory for a material");
+    if (!status) status = prt_expand(ctx, tensor, 1, folded, add, color);
+    prt_free(folded);
+    return status;
+}

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: MIT
+// A joint transport with a material put in: its own rows, the rest is the transport's.
+#include "answer.h"
+
+#include <string.h>
+
+enum { MOST_TENSORS = 4 };
+
+struct prt_contracted_transport {
+    struct prt_transport transport;
+    struct prt_rows rows[MOST_TENSORS]; // owned; n_row 0: the transport's own
+    size_t bytes;
+};
+
+static bool moves(const struct prt_tensor *t)
+{
+    return t->coupling == PRT_COUPLE_FULL && t->storage == PRT_STORAGE_FACTORED;
+}
+
+// coef[n_phase][n_radial][3], what a phase plane is multiplied by included.
+static int plane_coefs(const struct prt_context *ctx, const struct prt_transport *transport,
+                       const struct prt_tensor *t, const struct prt_material *material,
+                       float *coef)
+{
+    const size_t n = 3 * (size_t)t->n_radial;
+    int status = relight_material_coef(ctx, transport, t, material, coef);
+    for (uint32_t k = t->n_phase; k-- > 0 && !status;) {
+        float factor[3] = {1, 1, 1};
+        if (t->term == PRT_TERM_SINGLE) relight_plane_factor(material, t, k, factor);
+        for (size_t i = 0; i < n; i++) coef[k * n + i] = coef[i] * factor[i % 3];
+    }
+    return status;
+}
+
+static int fix(const struct prt_context *ctx, const struct prt_transport *transport,
+               const struct prt_material *material, uint32_t i,
+               struct prt_contracted_transport *fixed)
+{
+    const struct prt_tensor *from = &transport->tensor[i];
+    struct prt_tensor *t = &fixed->transport.tensor[i];
+    struct prt_rows *rows = &fixed->rows[i];
+    float *coef = prt_alloc(3ull * from->n_radial * from->n_phase, sizeof *coef);
+    int status = coef ? plane_coefs(ctx, transport, from, material, coef)
+                      : prt_fail(ctx, PRT_NOMEM, "no memory for a material");
+    if (!status) status = relight_rows_fold(ctx, from, coef, PRT_FIXED_ERROR, rows);
+    prt_free(coef);
+    if (status) return status;
+    const uint64_t n = rows->begin[rows->n_row];
+    fixed->bytes += n * (rows->index_bytes + 2ull * rows->n_function) +
+                    rows->n_row * (8 + 12ull * rows->n_function);
+    t->coupling = PRT_COUPLE_DIAGONAL;
+    t->n_function = rows->n_function;
+    t->n_radial = t->n_knot = 0;
+    t->knot = t->basis = NULL;
+    t->rows = *rows;
+    return PRT_OK;
+}
+
+int prt_contracted_transport_create(const struct prt_context *ctx,
+                                    const struct prt_transport *transport,
+                                    const struct prt_material *material,
+                                    struct prt_contracted_transport **out)
+{
+    bool any = false;
+    *out = NULL;
+    for (uint32_t i = 0; i < transport->n_tensor; i++) any |= moves(&transport->tensor[i]);
+    if (!any)
+        return prt_fail(ctx, PRT_MISMATCH,
+                        "only where light and material are free can a material be put in");
+    int status = relight_material_check(ctx, transport, material);
+    if (status) return status;
+    struct prt_contracted_transport *fixed = prt_calloc(1, sizeof *fixed);
+    if (!fixed) return prt_fail(ctx, PRT_NOMEM, "no memory for a material");
+    fixed->transport = *transport;
+    fixed->transport.material = *material;
+    fixed->transport.engine = PRT_TRANSPORT_WAVELET;
+    fixed->bytes = sizeof *fixed;
+    for (uint32_t i = 0; i < transport->n_tensor && !status; i++)
+        if (moves(&transport->tensor[i])) status = fix(ctx, transport, material, i, fixed);
+    if (status) prt_contracted_transport_destroy(fixed);
+    else *out = fixed;
+    return status;
+}
+
+void prt_contracted_transport_destroy(struct prt_contracted_transport *fixed)
+{
+    for (int i = 0; fixed && i < MOST_TENSORS; i++) prt_rows_finish(&fixed->rows[i]);
+    prt_free(fixed);
+}
+
+const struct prt_transport *
+prt_contracted_transport_get(const struct prt_contracted_transport *fixed)
+{
+    return &fixed->transport;
+}
+
+size_t prt_contracted_transport_bytes(const struct prt_contracted_transport *fixed)
+{
+    return fixed->bytes;
+}

@@ -1,0 +1,296 @@
+// SPDX-License-Identifier: MIT
+// Material first: rows over (phase, radial function) become rows over (phase, channel), and
+// those of their entries that matter to one material are kept.
+#include "answer.h"
+#include "kernels.h"
+
+#include <string.h>
+
+struct fold_job {
+    const struct prt_tensor *tensor;
+    const float *coef;
+    size_t
+        pitch; // floats from one plane's coefficients to the next one's; 0: all have the same
+    uint16_t *entry, *scaling;
+};
+
+// n values to n_phase * 3: out[3 k + ch] = sum_j value[k * n_radial + j] coef[j][ch].
+static void fold_values(const struct fold_job *job, const float *value, float *out)
+{
+    const uint32_t n_radial = job->tensor->n_radial;
+    for (uint32_t k = 0; k < job->tensor->n_phase; k++, value += n_radial) {
+        float sum[3] = {0, 0, 0};
+        for (uint32_t j = 0; j < n_radial; j++)
+            for (int ch = 0; ch < 3; ch++)
+                sum[ch] += value[j] * job->coef[k * job->pitch + 3 * j + (size_t)ch];
+        memcpy(out + 3 * k, sum, sizeof sum);
+    }
+}
+
+// The same of halves, to halves. value: room for [n_function + 3 * n_phase].
+static void fold_halves(const struct fold_job *job, const uint16_t *in, float *value,
+                        uint16_t *out)
+{
+    const uint32_t n = job->tensor->rows.n_function;
+    prt_f16_to_f32_array(in, n, value);
+    fold_values(job, value, value + n);
+    prt_f32_to_f16_array(value + n, 3 * job->tensor->n_phase, out);
+}
+
+// A mixed row: its directions are folded, then its entries are sums of these. Of entries at one
+// coefficient the first gets the sum, the others nothing.
+static void fold_mixed(const struct fold_job *job, uint32_t row, float *value, float *folded)
+{
+    const struct prt_rows *rows = &job->tensor->rows;
+    const uint32_t J = rows->n_function, width = 3 * job->tensor->n_phase;
+    const uint32_t first = rows->direction[row], n = rows->direction[row + 1] - first;
+    const int8_t *entry = (const int8_t *)rows->entry + rows->value_begin[row];
+    for (uint32_t d = 0; d < n; d++) {
+        prt_f16_to_f32_array(rows->mix + (uint64_t)(first + d) * J, J, value);
+        for (uint32_t j = 0; j < J; j++) value[j] *= rows->scale[first + d];
+        fold_values(job, value, folded + (size_t)d * width);
+    }
+    uint64_t at = rows->begin[row];
+    for (uint64_t e = at; e < rows->begin[row + 1]; e++, entry += n) {
+        const float factor = rows_factor(rows, e);
+        if (e == at || rows_index(rows, e) != rows_index(rows, at)) {
+            at = e;
+            memset(value, 0, width * sizeof *value);
+        } else {
+            memset(job->entry + e * width, 0, 2 * (size_t)width);
+        }
+        for (uint32_t d = 0; d < n; d++)
+            for (uint32_t k = 0; k < width; k++)
+                value[k] += factor * entry[d] * folded[(size_t)d * width + k];
+        prt_f32_to_f16_array(value, width, job->entry + at * width);
+    }
+}
+
+static int fold_rows(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct fold_job *job = arg;
+    const struct prt_rows *rows = &job->tensor->rows;
+    const uint32_t n = rows->n_function, width = 3 * job->tensor->n_phase;
+    float *value = prt_alloc((size_t)n + width, sizeof *value);
+    float *folded = prt_alloc((size_t)PRT_ROWS_MOST_DIRECTIONS * width, sizeof *folded);
+    int status = value && folded ? PRT_OK : PRT_NOMEM;
+    for (size_t row = begin; row < end && !status; row++) {
+        if (rows->direction) fold_mixed(job, (uint32_t)row, value, folded);
+        for (uint64_t e = rows->begin[row]; !rows->direction && e < rows->begin[row + 1]; e++)
+            fold_halves(job, (const uint16_t *)rows->entry + e * n, value,
+                        job->entry + e * width);
+        for (uint64_t f = 6 * row; f < 6 * row + 6; f++)
+            fold_halves(job, rows->scaling + f * n, value, job->scaling + f * width);
+    }
+    prt_free(value);
+    prt_free(folded);
+    return status;
+}
+
+static int fold_all(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                    const float *coef, size_t pitch, struct prt_rows *out)
+{
+    const struct prt_rows *rows = &tensor->rows;
+    if (tensor->coupling != PRT_COUPLE_FULL || tensor->storage != PRT_STORAGE_FACTORED)
+        return prt_fail(ctx, PRT_ARG, "this transport's material is fixed");
+    if (!rows->n_row) return prt_fail(ctx, PRT_ARG, "this transport has no rows");
+    uint64_t n_entry = rows->begin[rows->n_row], width = 3ull * tensor->n_phase;
+    uint64_t *begin = prt_alloc(rows->n_row + 1ull, 8);
+    char *index = prt_alloc(n_entry + 1, rows->index_bytes);
+    struct fold_job job = {tensor, coef, pitch, prt_alloc(n_entry * width + 1, 2),
+                           prt_alloc(6 * width * rows->n_row, 2)};
+    *out = (struct prt_rows){.n_row = rows->n_row,
+                             .n_function = (uint32_t)width,
+                             .n_coef = rows->n_coef,
+                             .value = PRT_VALUE_F16,
+                             .index_bytes = rows->index_bytes,
+                             .begin = begin,
+                             .index = index,
+                             .entry = job.entry,
+                             .scaling = job.scaling};
+    int status = PRT_NOMEM;
+    if (begin && index && job.entry && job.scaling) {
+        memcpy(begin, rows->begin, 8 * (rows->n_row + 1ull));
+        memcpy(index, rows->index, n_entry * rows->index_bytes);
+        status = prt_parallel_for(ctx, NULL, rows->n_row, 16, fold_rows, &job);
+    }
+    if (!status) return PRT_OK;
+    prt_rows_finish(out);
+    return prt_fail(ctx, status, "no memory to fold a material");
+}
+
+int prt_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                  const float *coef, struct prt_rows *out)
+{
+    return fold_all(ctx, tensor, coef, 0, out);
+}
+
+// ---- entries that do not matter
+
+// An entry's worth is its energy times that of its row's column of U: what colours lose with
+// it.
+enum { BIN_SHIFT = 21, N_BIN = 1 << (32 - BIN_SHIFT), CHUNKS = 32 }; // four bins an octave
+
+struct thin_job {
+    const struct prt_rows *rows;
+    const float *weight; // [n_row]
+    size_t grain;        // rows a chunk
+    double *bin;         // [CHUNKS][N_BIN] worth of entries, and
+    double *scaling;     // [CHUNKS] of scaling coefficients
+    uint32_t from;       // bins below go
+    uint8_t *keep;       // [n_entry]
+};
+
+static float energy_of(const uint16_t *half, uint32_t n)
+{
+    float value[48], sum = 0;
+    for (uint32_t m; n; n -= m, half += m) {
+        m = n < 48 ? n : 48;
+        prt_f16_to_f32_array(half, m, value);
+        for (uint32_t k = 0; k < m; k++) sum += value[k] * value[k];
+    }
+    return sum;
+}
+
+static uint32_t bin_of(float worth)
+{
+    uint32_t bits;
+    memcpy(&bits, &worth, 4);
+    return bits >> BIN_SHIFT;
+}
+
+static float worth_of(const struct thin_job *job, size_t row, uint64_t e)
+{
+    const uint32_t n = job->rows->n_function;
+    return job->weight[row] * energy_of((const uint16_t *)job->rows->entry + e * n, n);
+}
+
+static int count_worth(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct thin_job *job = arg;
+    const struct prt_rows *rows = job->rows;
+    const uint32_t n = 6 * rows->n_function;
+    double *bin = job->bin + begin / job->grain * N_BIN;
+    for (size_t row = begin; row < end; row++) {
+        job->scaling[begin / job->grain] +=
+            (double)(job->weight[row] * energy_of(rows->scaling + row * n, n));
+        for (uint64_t e = rows->begin[row]; e < rows->begin[row + 1]; e++) {
+            float x = worth_of(job, row, e);
+            bin[bin_of(x)] += (double)x;
+        }
+    }
+    return PRT_OK;
+}
+
+static int mark(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct thin_job *job = arg;
+    for (size_t row = begin; row < end; row++)
+        for (uint64_t e = job->rows->begin[row]; e < job->rows->begin[row + 1]; e++)
+            job->keep[e] = bin_of(worth_of(job, row, e)) >= job->from;
+    return PRT_OK;
+}
+
+// Least first, entries go until the next bin of them would exceed the share of all.
+static void find_threshold(struct thin_job *job, double share)
+{
+    double all = 0, gone = 0;
+    for (int c = 0; c < CHUNKS; c++) {
+        all += job->scaling[c];
+        for (int i = 0; i < N_BIN; i++) all += job->bin[(size_t)c * N_BIN + i];
+    }
+    for (job->from = 0; job->from < N_BIN; job->from++) {
+        for (int c = 0; c < CHUNKS; c++) gone += job->bin[(size_t)c * N_BIN + job->from];
+        if (gone > share * all) break;
+    }
+}
+
+static void weigh(const struct prt_tensor *t, float *weight)
+{
+    for (uint32_t c = 0; c < t->n_cluster; c++) {
+        const struct prt_cluster *k = &t->cluster[c];
+        const size_t padded = ((size_t)k->n_vertex + 15) & ~(size_t)15;
+        const int16_t *u = (const int16_t *)t->u + k->u_begin;
+        for (uint32_t r = 0; r < k->rank; r++) {
+            const int16_t *row = u + 2 * padded * (r / 2) + r % 2;
+            float sum = 0;
+            for (size_t v = 0; v < k->n_vertex; v++) {
+                const float x = (float)row[2 * v] * PRT_U_UNIT;
+                sum += x * x;
+            }
+            weight[k->row_begin + r] += sum;
+        }
+    }
+}
+
+// Entries that are kept move together, in place.
+static void compact(struct prt_rows *rows, const struct thin_job *job)
+{
+    uint16_t *entry = (uint16_t *)(uintptr_t)rows->entry;
+    char *index = (char *)(uintptr_t)rows->index;
+    uint64_t *begin = (uint64_t *)(uintptr_t)rows->begin, to = 0, e = 0;
+    const uint32_t n = rows->n_function, size = rows->index_bytes;
+    for (uint32_t row = 0; row < rows->n_row; row++) {
+        const uint64_t stop = begin[row + 1];
+        begin[row] = to;
+        for (; e < stop; e++) {
+            if (!job->keep[e]) continue;
+            memmove(entry + to * n, entry + e * n, 2 * n);
+            memmove(index + to * size, index + e * size, size);
+            to++;
+        }
+    }
+    begin[rows->n_row] = to;
+}
+
+// The front of `p` alone.
+static void *shorter(void *p, size_t bytes)
+{
+    void *q = prt_alloc(bytes + 1, 1);
+    if (!q) return p; // a long one will do
+    memcpy(q, p, bytes);
+    prt_free(p);
+    return q;
+}
+
+// Leaves in `rows`, just folded, what is worth more than error^2 of all.
+static int thin(const struct prt_context *ctx, const struct prt_tensor *tensor, double error,
+                struct prt_rows *rows)
+{
+    float *weight = prt_calloc(rows->n_row, sizeof *weight);
+    struct thin_job job = {.rows = rows,
+                           .weight = weight,
+                           .grain = (rows->n_row + CHUNKS - 1) / CHUNKS,
+                           .bin = prt_calloc((size_t)CHUNKS * N_BIN, sizeof *job.bin),
+                           .scaling = prt_calloc(CHUNKS, sizeof *job.scaling),
+                           .keep = prt_alloc(rows->begin[rows->n_row] + 1, 1)};
+    int status = weight && job.bin && job.scaling && job.keep ? PRT_OK : PRT_NOMEM;
+    if (!status) {
+        weigh(tensor, weight);
+        status = prt_parallel_for(ctx, NULL, rows->n_row, job.grain, count_worth, &job);
+    }
+    if (!status) {
+        find_threshold(&job, error * error);
+        status = prt_parallel_for(ctx, NULL, rows->n_row, job.grain, mark, &job);
+    }
+    if (!status) {
+        compact(rows, &job);
+        const uint64_t kept = rows->begin[rows->n_row];
+        rows->entry = shorter((void *)(uintptr_t)rows->entry, 2 * kept * rows->n_function);
+        rows->index = shorter((void *)(uintptr_t)rows->index, kept * rows->index_bytes);
+    }
+    prt_free(weight);
+    prt_free(job.bin);
+    prt_free(job.scaling);
+    prt_free(job.keep);
+    return status;
+}
+
+int relight_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                      const float *coef, double error, struct prt_rows *out)
+{
+    int status = fold_all(ctx, tensor, coef, 3 * (size_t)tensor->n_radial, out);
+    if (status || !(status = thin(ctx, tensor, error, out))) return status;
+    prt_rows_finish(out);
+    return prt_fail(ctx, status, "no memory to fold a material");
+}

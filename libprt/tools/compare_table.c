@@ -1,0 +1,369 @@
+// SPDX-License-Identifier: MIT
+// prt compare A.prt reference, as a table: media by lights, each against brute force. What the
+// reference traces under a light is shared by all media, so that a table costs little more than
+// a row.
+#include "tool.h"
+
+#include <cjson/cJSON.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MAX_MEDIA = 32, TABLE_SAMPLES = 120000, TABLE_RAYS = 1024 };
+
+struct table {
+    struct tool *tool;
+    struct source source;
+    unsigned n_media, n_light, n;                // n: vertices
+    struct prt_material *media;                  // [MAX_MEDIA]
+    struct prt_cube own[MAX_ENV], seen[MAX_ENV]; // the bake's resolution, the reference's
+    uint32_t *vertex;
+    float *want, *got;       // [n_media][n_light][n][3]
+    double bound[MAX_MEDIA]; // what the bake may lose beside its own error
+    double error[MAX_MEDIA][MAX_ENV];
+    double spacing_mm; // of the bake's samples; 0: unknown
+};
+
+static double path_mm(const struct prt_material *m)
+{
+    double finest = INFINITY;
+    for (int c = 0; c < 3; c++)
+        finest = fmin(finest, 1 / ((double)m->sigma_s_prime[c] + (double)m->sigma_a[c]));
+    return finest;
+}
+
+// Media whose mean free path the bake's samples do not resolve are told, not judged.
+static bool judged(const struct table *t, unsigned m)
+{
+    return path_mm(&t->media[m]) >= t->spacing_mm;
+}
+
+static int add_medium(struct table *t, const struct prt_material *m)
+{
+    if (t->n_media == MAX_MEDIA)
+        return usage_error(&t->tool->opt, "--materials: at most %d", MAX_MEDIA);
+    t->media[t->n_media++] = *m;
+    return EXIT_DONE;
+}
+
+// The measured media of the bake's eta.
+static int add_measured(struct table *t)
+{
+    const struct prt_material *m;
+    int status = EXIT_DONE;
+    for (unsigned i = 0; !status && (m = prt_material_preset(i)); i++)
+        if (fabsf(m->eta - t->source.transport->material.eta) < 1e-6f)
+            status = add_medium(t, m);
+    return status;
+}
+
+// Both ends of METHODS' range, grey.
+static int add_ends(struct table *t)
+{
+    static const float scatter[2] = {0.02f, 25}, absorb[2] = {0, 2};
+    int status = EXIT_DONE;
+    for (int i = 0; i < 4 && !status; i++) {
+        struct prt_material m = {.eta = t->source.transport->material.eta, .roughness = 0.3f};
+        for (int c = 0; c < 3; c++)
+            m.sigma_s_prime[c] = scatter[i / 2], m.sigma_a[c] = absorb[i % 2];
+        snprintf(m.name, sizeof m.name, "s' %g a %g", (double)scatter[i / 2],
+                 (double)absorb[i % 2]);
+        status = add_medium(t, &m);
+    }
+    return status;
+}
+
+static int add_named(struct table *t, const char *list)
+{
+    bool json = *list == '{';
+    int status = EXIT_DONE;
+    for (const char *at = list; !status && *at;) {
+        char name[4096];
+        struct prt_material m;
+        size_t n = json ? strlen(at) : strcspn(at, ",");
+        if (json) {
+            status = material_named(t->tool, "materials", at, &m);
+        } else {
+            if (n >= sizeof name) n = sizeof name - 1;
+            memcpy(name, at, n);
+            name[n] = 0;
+            status = material_named(t->tool, "materials", name, &m);
+        }
+        if (!status) status = add_medium(t, &m);
+        at += n;
+        at += *at == ',';
+    }
+    return status;
+}
+
+static int choose_media(struct table *t)
+{
+    const struct options *o = &t->tool->opt;
+    const struct prt_transport *p = t->source.transport;
+    t->media = prt_calloc(MAX_MEDIA, sizeof *t->media);
+    if (!t->media) return tool_exit(t->tool, prt_fail(&t->tool->ctx, PRT_NOMEM, "no memory"));
+    if (!o->materials) return add_medium(t, &p->material);
+    if (p->engine == PRT_TRANSPORT_WAVELET)
+        return usage_error(o,
+                           "%s is a wavelet .prt, whose material (%s) is fixed by the bake: "
+                           "leave --materials out",
+                           t->source.path, p->material.name);
+    int status;
+    bool all = !strcmp(o->materials, "all");
+    if (all || !strcmp(o->materials, "media")) {
+        status = add_measured(t);
+        if (!status && all) status = add_ends(t);
+    } else if (!strcmp(o->materials, "range")) {
+        status = add_ends(t);
+    } else {
+        status = add_named(t, o->materials);
+    }
+    if (!status && !t->n_media)
+        return usage_error(o, "--materials %s: no measured medium has the bake's eta, %g",
+                           o->materials, (double)p->material.eta);
+    return status;
+}
+
+static double setting(const cJSON *settings, const char *name)
+{
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(settings, name);
+    return cJSON_IsNumber(item) ? item->valuedouble : 0;
+}
+
+// A polynomial bake answers for its own light only: the reference must see that one.
+static int check_own_light(struct table *t, const cJSON *settings)
+{
+    const struct options *o = &t->tool->opt;
+    if (t->source.transport->engine != PRT_TRANSPORT_POLYNOMIAL) return EXIT_DONE;
+    const cJSON *source = cJSON_GetObjectItemCaseSensitive(settings, "source");
+    const cJSON *env = cJSON_GetObjectItemCaseSensitive(source, "env");
+    const char *slash = strrchr(o->env, '/'), *given = slash ? slash + 1 : o->env;
+    if (o->n_env > 1 || (cJSON_IsString(env) && strcmp(env->valuestring, given)))
+        return usage_error(o, "%s was baked under %s: give that one light as --env",
+                           t->source.path, cJSON_IsString(env) ? env->valuestring : "its own");
+    return EXIT_DONE;
+}
+
+static int load_lights(struct table *t)
+{
+    const struct options *o = &t->tool->opt;
+    int status = EXIT_DONE;
+    for (; !status && t->n_light < o->n_env; t->n_light++) {
+        struct prt_env *env = NULL;
+        status = tool_exit(t->tool, prt_env_load(&t->tool->ctx, o->envs[t->n_light], &env));
+        if (!status)
+            status = source_light(t->tool, &t->source, env, t->source.transport->cube,
+                                  &t->own[t->n_light]);
+        if (!status) status = source_light(t->tool, &t->source, env, 0, &t->seen[t->n_light]);
+        if (env) prt_env_destroy(env);
+    }
+    return status;
+}
+
+static enum prt_reference_term reference_word(const char *word)
+{
+    return word && !strcmp(word, "multiple") ? PRT_REFERENCE_MULTIPLE
+           : word && !strcmp(word, "single") ? PRT_REFERENCE_SINGLE
+                                             : PRT_REFERENCE_TOTAL;
+}
+
+static int fill_reference(struct table *t, const float *eye)
+{
+    const struct options *o = &t->tool->opt;
+    struct prt_reference_options options = {
+        .term = reference_word(o->term),
+        .eye = eye,
+        .n_sample = o->samples ? (uint32_t)o->samples : TABLE_SAMPLES,
+        .n_ray = o->rays ? (uint32_t)o->rays : TABLE_RAYS,
+        .n_single = (uint32_t)o->single_points,
+        .seed = o->seed,
+        .vertex = t->vertex,
+        .n_vertex = t->n,
+    };
+    const struct prt_material *media[MAX_MEDIA];
+    const struct prt_cube *light[MAX_ENV];
+    float(*color[MAX_MEDIA * MAX_ENV])[3];
+    for (unsigned m = 0; m < t->n_media; m++) media[m] = &t->media[m];
+    for (unsigned l = 0; l < t->n_light; l++) light[l] = &t->seen[l];
+    for (unsigned i = 0; i < t->n_media * t->n_light; i++)
+        color[i] = (float(*)[3])(t->want + (size_t)i * t->n * 3);
+    return prt_reference_many(&t->tool->ctx, t->source.mesh, t->n_media, media, t->n_light,
+                              light, &options, color);
+}
+
+static int fill_answers(struct table *t, const float *eye)
+{
+    const struct prt_transport *p = t->source.transport;
+    const struct prt_context *ctx = &t->tool->ctx;
+    bool fixed = p->engine == PRT_TRANSPORT_WAVELET;
+    float(*all)[3] = prt_alloc(p->mesh.n_vertex, sizeof *all);
+    int status = all ? PRT_OK : prt_fail(ctx, PRT_NOMEM, "no memory for the colours");
+    for (unsigned m = 0; m < t->n_media && !status; m++) {
+        struct prt_query query = {.term = answer_term(t->tool->opt.term),
+                                  .material = fixed ? NULL : &t->media[m],
+                                  .eye = eye};
+        if (!fixed)
+            status = prt_answer_material_error(ctx, p, &t->media[m], query.term, &t->bound[m]);
+        for (unsigned l = 0; l < t->n_light && !status; l++) {
+            float *got = t->got + ((size_t)m * t->n_light + l) * t->n * 3;
+            query.light = p->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &t->own[l];
+            status = prt_answer_colors(ctx, p, &query, all);
+            for (uint32_t i = 0; i < t->n && !status; i++)
+                memcpy(got + 3 * (size_t)i, all[t->vertex[i]], sizeof *all);
+        }
+    }
+    prt_free(all);
+    return status;
+}
+
+static const char *light_name(const struct options *o, unsigned l, char buf[16])
+{
+    const char *slash = strrchr(o->envs[l], '/'), *name = slash ? slash + 1 : o->envs[l];
+    size_t n = strcspn(name, ".");
+    snprintf(buf, 16, "%.*s", (int)(n < 11 ? n : 11), name);
+    return buf;
+}
+
+// Worst of the judged media; false when none is.
+static bool worst_of(const struct table *t, double *worst)
+{
+    bool any = false;
+    *worst = 0;
+    for (unsigned m = 0; m < t->n_media; m++)
+        for (unsigned l = 0; judged(t, m) && l < t->n_light; l++) {
+            any = true;
+            if (!(t->error[m][l] <= *worst)) *worst = t->error[m][l];
+        }
+    return any;
+}
+
+// Without --max-rmse there is nothing that could be met.
+static void print_json(const struct table *t, double worst)
+{
+    const struct options *o = &t->tool->opt;
+    char name[16];
+    cJSON *root = cJSON_CreateObject();
+    cJSON_AddStringToObject(root, "file", t->source.path);
+    cJSON_AddStringToObject(root, "engine", source_engine_name(t->source.transport));
+    cJSON_AddStringToObject(root, "term", o->term ? o->term : "total");
+    cJSON_AddNumberToObject(root, "vertices", t->n);
+    cJSON *rows = cJSON_AddArrayToObject(root, "media");
+    for (unsigned m = 0; m < t->n_media; m++) {
+        cJSON *row = cJSON_CreateObject();
+        cJSON_AddStringToObject(row, "material", t->media[m].name);
+        cJSON_AddNumberToObject(row, "material_error", t->bound[m]);
+        cJSON_AddNumberToObject(row, "mean_free_path_mm", path_mm(&t->media[m]));
+        cJSON_AddBoolToObject(row, "judged", judged(t, m));
+        cJSON *errors = cJSON_AddObjectToObject(row, "rmse");
+        for (unsigned l = 0; l < t->n_light; l++)
+            cJSON_AddNumberToObject(errors, light_name(o, l, name), t->error[m][l]);
+        cJSON_AddItemToArray(rows, row);
+    }
+    cJSON_AddNumberToObject(root, "worst", worst);
+    if (o->max_rmse_set) {
+        cJSON_AddNumberToObject(root, "target", o->max_rmse);
+        cJSON_AddBoolToObject(root, "within", worst <= o->max_rmse);
+    }
+    char *text = cJSON_PrintUnformatted(root);
+    puts(text ? text : "{}");
+    free(text);
+    cJSON_Delete(root);
+}
+
+static void print_text(const struct table *t, double worst, bool any)
+{
+    const struct options *o = &t->tool->opt;
+    char name[16];
+    bool starred = false;
+    printf("%s (%s), --term %s, %u vertices: relative RMSE against the reference, %%\n",
+           t->source.path, source_engine_name(t->source.transport), o->term ? o->term : "total",
+           t->n);
+    printf("%-16s %8s", "medium", "bound");
+    for (unsigned l = 0; l < t->n_light; l++) printf(" %11s", light_name(o, l, name));
+    putchar('\n');
+    for (unsigned m = 0; m < t->n_media; m++) {
+        starred |= !judged(t, m);
+        printf("%-15s%c %8.3f", t->media[m].name, judged(t, m) ? ' ' : '*', 100 * t->bound[m]);
+        for (unsigned l = 0; l < t->n_light; l++) printf(" %11.3f", 100 * t->error[m][l]);
+        putchar('\n');
+    }
+    if (starred)
+        printf("* mean free path below the bake's sample spacing (%.3g mm): told, not judged\n",
+               t->spacing_mm);
+    if (any && o->max_rmse_set)
+        printf("worst %.3f %%, target %.3g %%: %s\n", 100 * worst, 100 * o->max_rmse,
+               worst <= o->max_rmse ? "met" : "not met");
+    else if (any) printf("worst %.3f %%\n", 100 * worst);
+}
+
+static int prepare(struct table *t)
+{
+    const struct options *o = &t->tool->opt;
+    int status = source_open(t->tool, o->input[0], true, &t->source);
+    if (status) return status;
+    if (!t->source.transport) return usage_error(o, "%s is not a .prt", o->input[0]);
+    cJSON *settings = cJSON_Parse(t->source.transport->settings);
+    t->spacing_mm = setting(settings, "spacing_mm");
+    status = check_own_light(t, settings);
+    cJSON_Delete(settings);
+    if (!status) status = choose_media(t);
+    if (!status) status = load_lights(t);
+    uint64_t want = o->vertices ? o->vertices : 512;
+    t->n = want < t->source.mesh->n_vertex ? (uint32_t)want : t->source.mesh->n_vertex;
+    if (status) return status;
+    size_t all = (size_t)t->n_media * t->n_light * t->n * 3;
+    t->want = prt_alloc(all, sizeof *t->want);
+    t->got = prt_alloc(all, sizeof *t->got);
+    t->vertex = pick_vertices(t->source.mesh->n_vertex, t->n, o->seed);
+    if (t->want && t->got && t->vertex) return EXIT_DONE;
+    return tool_exit(t->tool, prt_fail(&t->tool->ctx, PRT_NOMEM, "no memory for the colours"));
+}
+
+static int measure(struct table *t)
+{
+    const struct options *o = &t->tool->opt;
+    float eye[3];
+    for (int i = 0; i < 3; i++) eye[i] = o->eye.v[i] * t->source.mesh->mm_per_unit;
+    int status = fill_answers(t, o->eye.set ? eye : NULL); // refusals come before long work
+    if (!status) status = fill_reference(t, o->eye.set ? eye : NULL);
+    for (unsigned m = 0; m < t->n_media && !status; m++)
+        for (unsigned l = 0; l < t->n_light; l++) {
+            size_t at = ((size_t)m * t->n_light + l) * t->n * 3;
+            t->error[m][l] = prt_relative_rmse(t->got + at, t->want + at, 3 * (size_t)t->n);
+        }
+    if (status == PRT_MISMATCH) return EXIT_USAGE; // a medium of another eta
+    if (status) return tool_exit(t->tool, status);
+    double worst;
+    bool any = worst_of(t, &worst);
+    if (o->json) print_json(t, worst);
+    else print_text(t, worst, any);
+    if (!o->max_rmse_set || worst <= o->max_rmse) return EXIT_DONE;
+    prt_log(&t->tool->ctx, PRT_LOG_ERROR, "relative RMSE %.6g is above --max-rmse %g", worst,
+            o->max_rmse);
+    return EXIT_FAILED;
+}
+
+int compare_table(struct tool *tool)
+{
+    struct table *t = prt_calloc(1, sizeof *t);
+    if (!t) return tool_exit(tool, prt_fail(&tool->ctx, PRT_NOMEM, "no memory"));
+    t->tool = tool;
+    int status;
+    if (!tool->opt.env)
+        status = usage_error(&tool->opt, "comparing with the reference needs --env");
+    else if (tool->opt.term && !strcmp(tool->opt.term, "irradiance"))
+        status = usage_error(&tool->opt, "a .prt holds no irradiance to compare");
+    else if (!(status = prepare(t))) status = measure(t);
+    prt_free(t->want);
+    prt_free(t->got);
+    prt_free(t->vertex);
+    prt_free(t->media);
+    for (unsigned l = 0; l < MAX_ENV; l++) {
+        prt_cube_finish(&t->own[l]);
+        prt_cube_finish(&t->seen[l]);
+    }
+    source_close(&t->source);
+    prt_free(t);
+    return status;
+}

@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: MIT */
+/* ledger.h owns what each principal holds of the daemon: one table of resources, with a limit
+ * by principal and a limit in all, checked before anything is allocated. A principal is who the
+ * daemon deals with: a token's name, a local user (unix socket), or a network address.
+ * Thread-safety: loop thread only. */
+#ifndef RELIGHTD_LEDGER_H
+#define RELIGHTD_LEDGER_H
+
+#include <stdint.h>
+
+struct ledger;
+struct options;
+
+/* resource, words of a refusal, unit, option with the limit by principal, option with the limit
+ * in all. Options are fields of struct options; 0 stands for no limit. */
+#define LEDGER_LIST(X)                                                                      \
+    X(CONNECTIONS, "open connections", "", client_connections, connections)                 \
+    X(REQUESTS, "open requests", "", client_requests, queue)                                \
+    X(LONG_REQUESTS, "open views and watches", "", client_views, views)                     \
+    X(PAYLOAD, "bytes held by requests and views", " bytes", client_memory, request_memory) \
+    X(OUTPUT, "bytes of answers not yet read", " bytes", client_output, output_memory)      \
+    X(JOBS, "bakes that wait or run", "", client_jobs, bake_queue)                          \
+    X(UPLOADS, "uploads under way", "", client_uploads, uploads)                            \
+    X(MODELS, "models", "", client_models, max_models)                                      \
+    X(DISK, "bytes on disk", " bytes", client_disk, disk)
+
+enum ledger_resource {
+#define X(name, words, unit, by_client, in_all) LEDGER_##name,
+    LEDGER_LIST(X)
+#undef X
+        LEDGER_N
+};
+
+/* One client of the daemon. `name` is unique while the principal exists: "token:NAME",
+ * "uid:1000" or "addr:192.0.2.7". */
+struct principal {
+    struct principal *next;
+    struct ledger *ledger;
+    char name[96];
+    unsigned refs;
+    uint64_t held[LEDGER_N];
+};
+
+/* NULL when there is no memory. The options must outlive the ledger. */
+struct ledger *ledger_create(const struct options *options);
+/* Every principal must have been released. */
+void ledger_destroy(struct ledger *ledger);
+
+/* The principal of this name, made where there is none, with a reference for the caller. NULL
+ * when there is no memory. A principal that holds resources stays after its last reference. */
+struct principal *ledger_principal(struct ledger *ledger, const char *name);
+void principal_hold(struct principal *principal);
+void principal_release(struct principal *principal); /* NULL is fine */
+
+enum ledger_refusal { LEDGER_GRANTED, LEDGER_CLIENT_FULL, LEDGER_ALL_FULL };
+/* Charges `amount` to the principal unless a limit would be passed. On refusal nothing is
+ * charged and error says which limit, how much is held and which option sets it. */
+enum ledger_refusal ledger_take(struct principal *principal, enum ledger_resource resource,
+                                uint64_t amount, char error[256]);
+/* Charges without asking: for what exists already (files found at start, bytes already queued).
+ */
+void ledger_force(struct principal *principal, enum ledger_resource resource, uint64_t amount);
+/* Gives back what was taken. More than is held is a broken invariant. */
+void ledger_give(struct principal *principal, enum ledger_resource resource, uint64_t amount);
+
+/* What all principals together hold, and the limits (0: none). */
+uint64_t ledger_total(const struct ledger *ledger, enum ledger_resource resource);
+uint64_t ledger_limit_client(const struct ledger *ledger, enum ledger_resource resource);
+uint64_t ledger_limit_all(const struct ledger *ledger, enum ledger_resource resource);
+const char *ledger_name(enum ledger_resource resource); /* "connections", for metrics */
+/* Every principal there is, in no order. */
+const struct principal *ledger_first(const struct ledger *ledger);
+
+#endif

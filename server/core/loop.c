@@ -1,0 +1,265 @@
+// SPDX-License-Identifier: MIT
+// The event loop on epoll. Timers live in a binary heap behind one timerfd and messages behind
+// one eventfd, so that the epoll descriptor alone tells whether there is work.
+#include "core/loop.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <sys/eventfd.h>
+#include <sys/timerfd.h>
+#include <time.h>
+#include <unistd.h>
+
+enum { BATCH = 64 };
+
+struct loop {
+    int epoll_fd;
+    struct loop_watch wake, clock, signal;
+    struct loop_timer **heap;
+    size_t n_timer, timer_room;
+    uint64_t armed_ns;    // what timerfd is set to; 0: nothing
+    pthread_mutex_t lock; // guards the message list
+    struct loop_message *first, **last;
+    struct epoll_event batch[BATCH];
+    int n_batch, next_batch;
+    void (*on_signal)(void *user, int signal);
+    void *signal_user;
+};
+
+// The three built-in watches find their loop through this: one loop a process is enough.
+static struct loop *the_loop;
+
+uint64_t loop_now_ns(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
+}
+
+int loop_watch_add(struct loop *loop, struct loop_watch *watch, uint32_t events)
+{
+    struct epoll_event e = {.events = events, .data.ptr = watch};
+    return epoll_ctl(loop->epoll_fd, EPOLL_CTL_ADD, watch->fd, &e) ? -errno : 0;
+}
+
+void loop_watch_change(struct loop *loop, struct loop_watch *watch, uint32_t events)
+{
+    struct epoll_event e = {.events = events, .data.ptr = watch};
+    epoll_ctl(loop->epoll_fd, EPOLL_CTL_MOD, watch->fd, &e);
+}
+
+void loop_watch_remove(struct loop *loop, struct loop_watch *watch)
+{
+    epoll_ctl(loop->epoll_fd, EPOLL_CTL_DEL, watch->fd, NULL);
+    // The batch being handled may still name it.
+    for (int i = loop->next_batch; i < loop->n_batch; i++)
+        if (loop->batch[i].data.ptr == watch) loop->batch[i].data.ptr = NULL;
+}
+
+static void heap_put(struct loop *loop, size_t i, struct loop_timer *timer)
+{
+    loop->heap[i] = timer;
+    timer->slot = i + 1;
+}
+
+static void heap_up(struct loop *loop, size_t i)
+{
+    struct loop_timer *timer = loop->heap[i];
+    while (i && loop->heap[(i - 1) / 2]->at_ns > timer->at_ns) {
+        heap_put(loop, i, loop->heap[(i - 1) / 2]);
+        i = (i - 1) / 2;
+    }
+    heap_put(loop, i, timer);
+}
+
+static void heap_down(struct loop *loop, size_t i)
+{
+    struct loop_timer *timer = loop->heap[i];
+    for (;;) {
+        size_t child = 2 * i + 1;
+        if (child >= loop->n_timer) break;
+        if (child + 1 < loop->n_timer &&
+            loop->heap[child + 1]->at_ns < loop->heap[child]->at_ns)
+            child++;
+        if (loop->heap[child]->at_ns >= timer->at_ns) break;
+        heap_put(loop, i, loop->heap[child]);
+        i = child;
+    }
+    heap_put(loop, i, timer);
+}
+
+static void arm_clock(struct loop *loop)
+{
+    uint64_t at = loop->n_timer ? loop->heap[0]->at_ns : 0;
+    if (at == loop->armed_ns) return;
+    loop->armed_ns = at;
+    struct itimerspec spec = {
+        .it_value = {(time_t)(at / 1000000000u), (long)(at % 1000000000u)}};
+    timerfd_settime(loop->clock.fd, TFD_TIMER_ABSTIME, &spec, NULL);
+}
+
+void loop_timer_stop(struct loop *loop, struct loop_timer *timer)
+{
+    if (!timer->slot) return;
+    size_t i = timer->slot - 1;
+    timer->slot = 0;
+    struct loop_timer *moved = loop->heap[--loop->n_timer];
+    if (moved != timer) {
+        heap_put(loop, i, moved);
+        heap_up(loop, i);
+        heap_down(loop, moved->slot - 1);
+    }
+    arm_clock(loop);
+}
+
+void loop_timer_set(struct loop *loop, struct loop_timer *timer, uint64_t at_ns)
+{
+    loop_timer_stop(loop, timer);
+    if (loop->n_timer == loop->timer_room) {
+        size_t room = loop->timer_room ? 2 * loop->timer_room : 64;
+        struct loop_timer **heap = realloc(loop->heap, room * sizeof *heap);
+        if (!heap) abort(); // a daemon without its clock keeps no promise
+        loop->heap = heap;
+        loop->timer_room = room;
+    }
+    timer->at_ns = at_ns ? at_ns : 1;
+    heap_put(loop, loop->n_timer++, timer);
+    heap_up(loop, loop->n_timer - 1);
+    arm_clock(loop);
+}
+
+static void clock_ready(struct loop_watch *watch, uint32_t events)
+{
+    struct loop *loop = the_loop;
+    uint64_t n;
+    if (read(watch->fd, &n, sizeof n) < 0) n = 0;
+    loop->armed_ns = 0;
+    uint64_t now = loop_now_ns();
+    while (loop->n_timer && loop->heap[0]->at_ns <= now) {
+        struct loop_timer *timer = loop->heap[0];
+        loop_timer_stop(loop, timer);
+        timer->fire(timer);
+    }
+    arm_clock(loop);
+}
+
+void loop_post(struct loop *loop, struct loop_message *message)
+{
+    message->next = NULL;
+    pthread_mutex_lock(&loop->lock);
+    bool first = !loop->first;
+    *loop->last = message;
+    loop->last = &message->next;
+    pthread_mutex_unlock(&loop->lock);
+    uint64_t one = 1;
+    if (first && write(loop->wake.fd, &one, sizeof one) < 0)
+        return; // counter full: awake anyway
+}
+
+static void wake_ready(struct loop_watch *watch, uint32_t events)
+{
+    struct loop *loop = the_loop;
+    uint64_t n;
+    if (read(watch->fd, &n, sizeof n) < 0) n = 0;
+    pthread_mutex_lock(&loop->lock);
+    struct loop_message *message = loop->first;
+    loop->first = NULL;
+    loop->last = &loop->first;
+    pthread_mutex_unlock(&loop->lock);
+    while (message) {
+        struct loop_message *next = message->next;
+        message->handle(message);
+        message = next;
+    }
+}
+
+static int signal_pipe_in = -1;
+
+static void note_signal(int number)
+{
+    int saved = errno;
+    unsigned char byte = (unsigned char)number;
+    // A full pipe holds enough of them: handling one SIGCHLD looks at every child.
+    if (write(signal_pipe_in, &byte, 1) < 0) errno = 0;
+    errno = saved;
+}
+
+static void signal_ready(struct loop_watch *watch, uint32_t events)
+{
+    unsigned char bytes[64];
+    for (ssize_t n; (n = read(watch->fd, bytes, sizeof bytes)) > 0;)
+        for (ssize_t i = 0; i < n; i++) the_loop->on_signal(the_loop->signal_user, bytes[i]);
+}
+
+// A pipe and a handler: with signalfd the loop without HTTP never heard of its signals.
+int loop_signals(struct loop *loop, const int *signals, size_t n,
+                 void (*fn)(void *user, int signal), void *user)
+{
+    int pipe_fd[2];
+    if (pipe2(pipe_fd, O_NONBLOCK | O_CLOEXEC)) return -errno;
+    loop->on_signal = fn;
+    loop->signal_user = user;
+    loop->signal = (struct loop_watch){pipe_fd[0], signal_ready};
+    signal_pipe_in = pipe_fd[1];
+    struct sigaction act = {.sa_handler = note_signal, .sa_flags = SA_RESTART};
+    for (size_t i = 0; i < n; i++) sigaction(signals[i], &act, NULL);
+    return loop_watch_add(loop, &loop->signal, EPOLLIN);
+}
+
+int loop_create(struct loop **out)
+{
+    struct loop *loop = calloc(1, sizeof *loop);
+    if (!loop) return -ENOMEM;
+    loop->last = &loop->first;
+    pthread_mutex_init(&loop->lock, NULL);
+    loop->signal.fd = -1;
+    loop->epoll_fd = epoll_create1(EPOLL_CLOEXEC);
+    loop->wake = (struct loop_watch){eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC), wake_ready};
+    loop->clock = (struct loop_watch){
+        timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC), clock_ready};
+    the_loop = loop;
+    if (loop->epoll_fd < 0 || loop->wake.fd < 0 || loop->clock.fd < 0 ||
+        loop_watch_add(loop, &loop->wake, EPOLLIN) ||
+        loop_watch_add(loop, &loop->clock, EPOLLIN)) {
+        int err = -errno;
+        loop_destroy(loop);
+        return err;
+    }
+    *out = loop;
+    return 0;
+}
+
+void loop_destroy(struct loop *loop)
+{
+    if (!loop) return;
+    if (loop->signal.fd >= 0) close(loop->signal.fd); // the handler's end stays open
+    if (loop->clock.fd >= 0) close(loop->clock.fd);
+    if (loop->wake.fd >= 0) close(loop->wake.fd);
+    if (loop->epoll_fd >= 0) close(loop->epoll_fd);
+    pthread_mutex_destroy(&loop->lock);
+    free(loop->heap);
+    free(loop);
+    the_loop = NULL;
+}
+
+void loop_turn(struct loop *loop, int timeout_ms)
+{
+    loop->next_batch = 0;
+    loop->n_batch = epoll_wait(loop->epoll_fd, loop->batch, BATCH, timeout_ms);
+    while (loop->next_batch < loop->n_batch) {
+        struct epoll_event *e = &loop->batch[loop->next_batch++];
+        struct loop_watch *watch = e->data.ptr;
+        if (watch) watch->ready(watch, e->events);
+    }
+    loop->n_batch = 0;
+}
+
+int loop_fd(const struct loop *loop)
+{
+    return loop->epoll_fd;
+}

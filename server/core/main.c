@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: MIT
+// relightd: the order of starting, the loop, and the order of stopping.
+#include "net/carrier.h"
+#include "jobs/decode_helper.h"
+#include "net/dispatch.h"
+#include "store/bake_eviction.h"
+#include "core/log.h"
+#include "store/models.h"
+#include "relight.pb-c.h"
+#include "net/request.h"
+#include "core/server.h"
+#include "render/shared/warm_up.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <ftw.h>
+#include <malloc.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <systemd/sd-daemon.h>
+#include <unistd.h>
+
+static struct server server;
+static struct loop_timer drain_timer, maintenance_timer;
+static bool give_up;
+
+static void drain_over(struct loop_timer *timer)
+{
+    give_up = true;
+}
+
+static void begin_drain(int signal_number)
+{
+    if (server.draining) { // a second signal: now
+        give_up = true;
+        return;
+    }
+    server.draining = true;
+    sd_notify(0, "STOPPING=1");
+    log_line(LOG_EVENT, "drain signal=%s requests=%u jobs=%u", strsignal(signal_number),
+             server.n_request, jobs_open(server.jobs));
+    sockets_close(&server);
+    http_drain();
+    jobs_stop(server.jobs);
+    // Watching and viewing would never end by themselves.
+    for (struct connection *c = server.connections, *next; c; c = next) {
+        next = c->next;
+        for (struct request *r = c->requests, *after; r && !c->dead; r = after) {
+            after = r->next;
+            if (r->type == RELIGHT_TYPE_VIEW_OPEN)
+                request_stop(r, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
+                             "the daemon is stopping");
+        }
+    }
+    drain_timer.fire = drain_over;
+    loop_timer_set(server.loop, &drain_timer,
+                   loop_now_ns() + (uint64_t)(server.options.drain * 1e9));
+}
+
+static void on_signal(void *user, int signal_number)
+{
+    if (signal_number != SIGCHLD) {
+        begin_drain(signal_number);
+        return;
+    }
+    // Bakes and the decode helper are all the children there are.
+    int how;
+    for (pid_t pid; (pid = waitpid(-1, &how, WNOHANG)) > 0;)
+        if (!jobs_reap(server.jobs, pid, how)) decoder_reap(server.decoder, pid);
+}
+
+static void run_maintenance(struct loop_timer *timer)
+{
+    blobs_expire(server.blobs, 600);
+    if (server.models) bakes_make_room(&server, NULL);
+    loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
+}
+
+static int make_folder(const char *name)
+{
+    char path[4096];
+    snprintf(path, sizeof path, "%s/%s", server.data, name);
+    if (!mkdir(path, 0700) || errno == EEXIST) return 0;
+    log_line(LOG_ERR, "data folder %s: %s", path, strerror(errno));
+    return -1;
+}
+
+static int open_data(void)
+{
+    const char *wanted = server.options.data;
+    char temporary[] = "/tmp/relightd-XXXXXX", path[PATH_MAX];
+    if (!wanted[0]) {
+        wanted = mkdtemp(temporary);
+        server.data_temporary = true;
+    } else if (mkdir(wanted, 0700) && errno != EEXIST) {
+        wanted = NULL;
+    }
+    if (!wanted || !realpath(wanted, path) || strlen(path) >= sizeof server.data - 100) {
+        log_line(LOG_ERR, "data folder %s: %s", server.options.data, strerror(errno));
+        return -1;
+    }
+    strcpy(server.data, path);
+    // A second daemon on the same folder would clean up under the first one's feet.
+    char lock[4096];
+    snprintf(lock, sizeof lock, "%s/lock", server.data);
+    int fd = open(lock, O_CREAT | O_RDWR | O_CLOEXEC, 0600);
+    struct flock whole = {.l_type = F_WRLCK, .l_whence = SEEK_SET};
+    if (fd < 0 || fcntl(fd, F_SETLK, &whole)) {
+        log_line(LOG_ERR, "data folder %s: %s", server.data,
+                 fd < 0 ? strerror(errno) : "another relightd uses it");
+        return -1;
+    }
+    if (make_folder("blobs") || make_folder("bakes") || make_folder("models") ||
+        make_folder("work") || make_folder("previews"))
+        return -1;
+    snprintf(path, sizeof path, "%s/blobs", server.data);
+    return blobs_open(path, server.options.max_blob, server.options.disk, &server.blobs);
+}
+
+static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *where)
+{
+    return remove(path);
+}
+
+static int read_token(void)
+{
+    const char *path = server.options.token_file;
+    if (!path[0]) return 0;
+    FILE *file = fopen(path, "re");
+    bool ok = file && fgets(server.token, sizeof server.token, file);
+    if (file) fclose(file);
+    server.token[strcspn(server.token, "\r\n")] = 0;
+    if (ok && server.token[0]) return 0;
+    log_line(LOG_ERR, "token file %s: no token in its first line", path);
+    return -1;
+}
+
+static int check_models(void)
+{
+    const char *folder = server.options.models;
+    DIR *dir = folder[0] ? opendir(folder) : NULL;
+    if (folder[0] && !dir) {
+        log_line(LOG_ERR, "models folder %s: %s", folder, strerror(errno));
+        return -1;
+    }
+    if (dir) closedir(dir);
+    return 0;
+}
+
+static int listen_everywhere(void)
+{
+    int n = sd_listen_fds(1);
+    for (int i = 0; i < n; i++)
+        if (sockets_adopt(&server, SD_LISTEN_FDS_START + i)) return -1;
+    if (n <= 0)
+        for (unsigned i = 0; i < server.options.n_listen; i++)
+            if (sockets_listen(&server, server.options.listen[i])) return -1;
+    return server.options.http[0] ? http_open(&server, server.options.http) : 0;
+}
+
+static int start(void)
+{
+    static const int signals[] = {SIGTERM, SIGINT, SIGCHLD};
+    const struct options *o = &server.options;
+    unsigned cpu = prt_cpu_detect();
+    int level = log_level_parse(o->log);
+    if (level < 0 || (o->cpu[0] && prt_cpu_parse(o->cpu, &cpu))) {
+        fprintf(stderr, "relightd: --%s\n",
+                level < 0 ? "log: error, warning, event or trace" : "cpu: c, avx2 or avx512");
+        exit(2);
+    }
+    log_set_level((enum log_level)level);
+    long cores = sysconf(_SC_NPROCESSORS_ONLN);
+    server.n_core = cores > 0 ? (unsigned)cores : 1;
+    server.stats.start_ns = loop_now_ns();
+    signal(SIGPIPE, SIG_IGN);
+    // Images and planes of a few MB come and go: keep their pages.
+    mallopt(M_MMAP_THRESHOLD, 32 << 20);
+    mallopt(M_TRIM_THRESHOLD, 256 << 20);
+    unsigned threads = o->threads ? o->threads : server.n_core;
+    if (!(server.ledger = ledger_create(o)) || read_token() || check_models() ||
+        loop_create(&server.loop) || loop_signals(server.loop, signals, 3, on_signal, NULL) ||
+        open_data() || cache_create(o->cache, &server.cache) ||
+        cache_create(o->memory, &server.files) ||
+        decoder_create(server.loop, o->decode_memory, &server.decoder) ||
+        work_pool_create(server.loop, threads, cpu, &server.work) ||
+        jobs_create(&server, &job_runner_child, &server.jobs) ||
+        models_create(&server, &server.models) || listen_everywhere())
+        return -1;
+    cache_hold_files(server.cache, server.files);
+    maintenance_timer.fire = run_maintenance;
+    run_maintenance(&maintenance_timer);
+    log_line(LOG_EVENT, "start version=0.1.0 pid=%d threads=%u data=%s%s", (int)getpid(),
+             threads, server.data, server.data_temporary ? " (temporary)" : "");
+    warm_start(server.work);
+    sd_notify(0, "READY=1");
+    return 0;
+}
+
+static bool drained(void)
+{
+    if (!server.draining) return false;
+    if (give_up) return true;
+    if (server.n_request || jobs_open(server.jobs)) return false;
+    for (const struct connection *c = server.connections; c; c = c->next)
+        if (c->out) return false;
+    return true;
+}
+
+static void stop(void)
+{
+    if (server.loop) sockets_close(&server);
+    while (server.connections) connection_close(server.connections, "the daemon stops");
+    http_close();
+    connections_free_closed(&server);
+    // Work under way comes back to find nobody waiting; then everything is released.
+    decoder_destroy(server.decoder);
+    server.decoder = NULL;
+    uint64_t patience = loop_now_ns() + 20000000000u;
+    while (server.work && work_busy(server.work)) {
+        if (loop_now_ns() > patience) { // nothing is lost but tidiness
+            log_line(LOG_WARN, "stop with work under way");
+            _exit(0);
+        }
+        loop_turn(server.loop, 50);
+    }
+    work_pool_destroy(server.work);
+    models_destroy(server.models);
+    cache_destroy(server.cache); // shapes hold files
+    cache_destroy(server.files);
+    jobs_destroy(server.jobs);
+    blobs_close(server.blobs);
+    ledger_destroy(server.ledger);
+    loop_destroy(server.loop);
+    if (server.data_temporary && server.data[0] &&
+        nftw(server.data, remove_one, 16, FTW_DEPTH | FTW_PHYS))
+        log_line(LOG_WARN, "temporary data folder %s could not be removed", server.data);
+}
+
+int main(int argc, char **argv)
+{
+    if (argc == 3 && !strcmp(argv[1], "--decode-helper"))
+        return decode_helper_main(atoi(argv[2]));
+    for (int fd = 0; fd < 3; fd++) // children are given descriptors by these numbers
+        if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", O_RDWR) < 0) return 1;
+    options_parse(argc, argv, &server.options);
+    int failed = start();
+    while (!failed && !drained()) {
+        if (http_is_open()) http_turn(&server);
+        else loop_turn(server.loop, -1);
+        connections_free_closed(&server);
+    }
+    if (failed) log_line(LOG_ERR, "start failed: the lines above say why");
+    stop();
+    if (!failed) log_line(LOG_EVENT, "stop");
+    return failed ? 1 : 0;
+}

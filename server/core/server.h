@@ -1,0 +1,49 @@
+/* SPDX-License-Identifier: MIT */
+/* server.h owns the daemon as a whole: what its rooms share. Loop thread only, but for what
+ * work.h and loop.h say is thread-safe. */
+#ifndef RELIGHTD_SERVER_H
+#define RELIGHTD_SERVER_H
+
+#include "store/blobs.h"
+#include "core/ledger.h"
+#include "jobs/decode_helper.h"
+#include "jobs/jobs.h"
+#include "core/loop.h"
+#include "store/cache.h"
+#include "core/options.h"
+#include "core/stats.h"
+#include "core/work.h"
+
+struct connection;
+struct models;
+
+enum {
+    SERVER_HELLO_HEADER = 4096, /* before HELLO; no payload then */
+    SERVER_MAX_HEADER = 1 << 20,
+    SERVER_MAX_PAYLOAD = 48 << 20, /* sixteen 128-cubes of floats are 18 MB */
+    SERVER_CHUNK = 1 << 20,
+};
+
+struct server {
+    struct options options;
+    struct loop *loop;
+    struct work_pool *work;
+    struct cache *cache; /* decoded and computed things, --cache */
+    struct cache *files; /* open .prt files, --memory */
+    struct blobs *blobs;
+    struct decoder *decoder;
+    struct jobs *jobs;
+    struct models *models;
+    struct stats stats;
+    struct ledger *ledger; // who holds what; every limit is checked there
+    char data[4000];       /* absolute path of the data folder */
+    char token[256];       /* "": none is wanted */
+    bool data_temporary;
+    unsigned n_core;
+    struct connection *connections, *closed;
+    unsigned n_connection, n_request;
+    uint64_t last_connection;
+    bool draining;
+};
+
+#endif

@@ -1,0 +1,597 @@
+// SPDX-License-Identifier: MIT
+// Both ends of the decode helper. Messages are packets on a socket pair: a request is struct
+// ask and its words, a reply {number, status, sizes} + error text, with the pixels of an image
+// in a memory file passed along.
+#include "jobs/decode_helper.h"
+
+#include "core/log.h"
+#include "prt/transport.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <spawn.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+extern char **environ;
+
+enum { PACKET = 64 << 10, MAX_AT_ONCE = 4, MAX_RUNNING = 64, MAX_SIDE = 65536, MAX_WORD = 68 };
+
+enum asked { ASK_ENV, ASK_MODEL, ASK_IMAGE };
+
+struct ask {
+    uint64_t number, memory_bytes;
+    uint32_t n_word; // what follows: path, name, and of a model the .prt and opaque names
+    uint32_t model;  // enum asked
+    double size_mm, mm_per_unit;
+    struct prt_material material;
+};
+
+struct reply {
+    uint64_t number;
+    int32_t status;
+    uint32_t kind, width, height, cube_n, n_negative, n_nonfinite;
+    float ms;
+    char error[400];
+    char warnings[2000]; // a line each
+};
+
+struct wait_for {
+    struct wait_for *next;
+    uint64_t number;
+    decode_fn env_fn; // one of the two
+    decode_model_fn model_fn;
+    void *user;
+    bool sent, lost;
+    size_t size; // of the packet
+    char packet[];
+};
+
+struct decoder {
+    struct loop *loop;
+    struct loop_watch watch; // fd -1: no helper runs
+    pid_t pid;
+    uint64_t memory_bytes, last_number;
+    struct wait_for *waiting;
+    unsigned n_sent;
+};
+
+static struct decoder *the_decoder; // the watch's way back; one helper a process
+
+// ---- the helper's side
+
+static void keep_error(void *user, enum prt_log_level level, const char *line)
+{
+    struct reply *reply = user;
+    size_t n = strlen(reply->warnings);
+    if (level == PRT_LOG_ERROR && !reply->error[0])
+        snprintf(reply->error, sizeof reply->error, "%s", line);
+    if (level == PRT_LOG_WARNING)
+        snprintf(reply->warnings + n, sizeof reply->warnings - n, "%s\n", line);
+}
+
+static size_t pixel_bytes(uint32_t kind, uint32_t width, uint32_t height, uint32_t cube_n)
+{
+    return kind == PRT_ENV_CUBE ? (size_t)6 * cube_n * cube_n * 12
+                                : (size_t)width * height * 12;
+}
+
+static int write_pixels(const struct prt_env *env, size_t n)
+{
+    int fd = memfd_create("environment", MFD_CLOEXEC | MFD_ALLOW_SEALING);
+    if (fd < 0) return -1;
+    const char *pixels =
+        (const char *)(env->kind == PRT_ENV_CUBE ? env->cube.texel : env->latlong.rgb);
+    for (size_t put = 0; put < n;) {
+        ssize_t done = write(fd, pixels + put, n - put);
+        if (done < 0 && errno == EINTR) continue;
+        if (done <= 0) {
+            close(fd);
+            return -1;
+        }
+        put += (size_t)done;
+    }
+    fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE);
+    return fd;
+}
+
+static void send_reply(int socket_fd, const struct reply *reply, int pixels_fd)
+{
+    struct iovec iov = {(void *)reply, sizeof *reply};
+    union {
+        struct cmsghdr head;
+        char room[CMSG_SPACE(sizeof(int))];
+    } control = {0};
+    struct msghdr message = {.msg_iov = &iov, .msg_iovlen = 1};
+    if (pixels_fd >= 0) {
+        message.msg_control = &control;
+        message.msg_controllen = sizeof control.room;
+        control.head = (struct cmsghdr){.cmsg_len = CMSG_LEN(sizeof(int)),
+                                        .cmsg_level = SOL_SOCKET,
+                                        .cmsg_type = SCM_RIGHTS};
+        memcpy(CMSG_DATA(&control.head), &pixels_fd, sizeof pixels_fd);
+    }
+    while (sendmsg(socket_fd, &message, MSG_NOSIGNAL) < 0 && errno == EINTR) continue;
+}
+
+// The store's path means nothing to who uploaded the file.
+static void hide_path(char *text, size_t size, const char *path, const char *name)
+{
+    size_t n = strlen(path);
+    for (char *at = strcmp(path, name) ? text : NULL; at && (at = strstr(at, path));) {
+        char *tail = strdup(at + n);
+        snprintf(at, size - (size_t)(at - text), "%s%s", name, tail ? tail : "");
+        at += strlen(name) < strlen(at) ? strlen(name) : strlen(at);
+        free(tail);
+    }
+}
+
+static int read_image(const struct prt_context *ctx, bool as_env, const char *path,
+                      const char *name, struct reply *reply)
+{
+    struct prt_env *env = NULL, plain = {.kind = PRT_ENV_LATLONG};
+    int status =
+        as_env ? prt_env_load(ctx, path, &env) : prt_image_load(ctx, path, &plain.latlong);
+    int pixels_fd = -1;
+    if ((reply->status = status)) return -1;
+    if (!as_env) env = &plain;
+    reply->kind = env->kind;
+    reply->width = env->latlong.width;
+    reply->height = env->latlong.height;
+    reply->cube_n = env->cube.n;
+    reply->n_negative = env->n_negative;
+    reply->n_nonfinite = env->n_nonfinite;
+    pixels_fd =
+        write_pixels(env, pixel_bytes(reply->kind, reply->width, reply->height, reply->cube_n));
+    if (pixels_fd < 0) {
+        reply->status = PRT_NOMEM;
+        snprintf(reply->error, sizeof reply->error, "%s: no memory for its pixels", name);
+    }
+    return pixels_fd;
+}
+
+// The mesh as a .prt whose only tensor gives no light to anybody.
+static int write_mesh(const struct prt_context *ctx, const char *out,
+                      const struct prt_mesh *mesh, const struct prt_material *material)
+{
+    struct prt_cluster all = {.n_vertex = mesh->n_vertex};
+    struct prt_transport t = {.mesh = *mesh,
+                              .material = *material,
+                              .cube = 16,
+                              .engine = PRT_TRANSPORT_JOINT,
+                              .n_tensor = 1,
+                              .settings = "{}",
+                              .errors = "{}"};
+    uint32_t *order = prt_alloc(mesh->n_vertex, sizeof *order);
+    if (!order) return prt_fail(ctx, PRT_NOMEM, "no memory for %u vertices", mesh->n_vertex);
+    for (uint32_t i = 0; i < mesh->n_vertex; i++) order[i] = i;
+    t.tensor[0] = (struct prt_tensor){.storage = PRT_STORAGE_RADIAL,
+                                      .coupling = PRT_COUPLE_FULL,
+                                      .n_vertex = mesh->n_vertex,
+                                      .n_function = 1,
+                                      .n_phase = 1,
+                                      .n_radial = 1,
+                                      .n_cluster = 1,
+                                      .order = order,
+                                      .cluster = &all};
+    int status = prt_file_write(ctx, out, &t);
+    prt_free(order);
+    return status;
+}
+
+static int read_model(const struct prt_context *ctx, const struct ask *ask, char *const *word)
+{
+    struct prt_mesh_options options = {.opaque = (const char *const *)word + 3};
+    struct prt_mesh *mesh = NULL;
+    int status = prt_mesh_load(ctx, word[0], &options, &mesh);
+    if (!status) status = prt_mesh_scale(ctx, mesh, ask->size_mm, ask->mm_per_unit);
+    if (!status) status = write_mesh(ctx, word[2], mesh, &ask->material);
+    prt_mesh_destroy(mesh);
+    return status;
+}
+
+// word: path, name, ... and NULL at the end.
+static void serve(int socket_fd, const struct ask *ask, char *const *word)
+{
+    struct reply reply = {.number = ask->number};
+    struct prt_context ctx;
+    prt_context_init(&ctx);
+    ctx.log = keep_error;
+    ctx.log_user = &reply;
+    ctx.memory_limit = ask->memory_bytes;
+    double start = prt_time_s();
+    int pixels_fd = -1;
+    if (ask->model == ASK_MODEL) reply.status = read_model(&ctx, ask, word);
+    else pixels_fd = read_image(&ctx, ask->model == ASK_ENV, word[0], word[1], &reply);
+    if (reply.status && !reply.error[0])
+        snprintf(reply.error, sizeof reply.error, "%s: %s", word[1],
+                 prt_status_text(reply.status));
+    hide_path(reply.error, sizeof reply.error, word[0], word[1]);
+    hide_path(reply.warnings, sizeof reply.warnings, word[0], word[1]);
+    reply.ms = (float)((prt_time_s() - start) * 1e3);
+    send_reply(socket_fd, &reply, pixels_fd);
+}
+
+// The words of a packet; false when they are not all there.
+static bool split_words(char *packet, size_t n, const struct ask *ask, char *word[MAX_WORD + 1])
+{
+    size_t at = sizeof *ask;
+    if (ask->n_word > MAX_WORD || ask->n_word < (ask->model == ASK_MODEL ? 3u : 2u))
+        return false;
+    for (uint32_t i = 0; i < ask->n_word; i++) {
+        size_t length = strnlen(packet + at, n - at);
+        if (at + length >= n) return false;
+        word[i] = packet + at;
+        at += length + 1;
+    }
+    word[ask->n_word] = NULL;
+    return at == n;
+}
+
+struct running {
+    pid_t pid;
+    uint64_t number;
+};
+
+static void on_child(int signal)
+{
+}
+
+// Answers for decoders that died instead of answering.
+static void reap(int fd, struct running *running)
+{
+    int how;
+    for (pid_t pid; (pid = waitpid(-1, &how, WNOHANG)) > 0;)
+        for (int i = 0; i < MAX_RUNNING; i++) {
+            if (running[i].pid != pid) continue;
+            running[i].pid = 0;
+            if (WIFEXITED(how) && !WEXITSTATUS(how)) continue;
+            struct reply reply = {.number = running[i].number,
+                                  .status = PRT_FORMAT,
+                                  .error = "the process that read the file died"};
+            send_reply(fd, &reply, -1);
+        }
+}
+
+static void start_decoding(int fd, char *packet, ssize_t n, struct running *running)
+{
+    struct ask ask;
+    char *word[MAX_WORD + 1];
+    memcpy(&ask, packet, sizeof ask);
+    if (!split_words(packet, (size_t)n, &ask, word)) return;
+    pid_t pid = fork();
+    if (pid == 0) {
+        signal(SIGCHLD, SIG_DFL); // its own isolated child is waited for
+        sigset_t none;
+        sigemptyset(&none);
+        sigprocmask(SIG_SETMASK, &none, NULL);
+        serve(fd, &ask, word);
+        _exit(0);
+    }
+    if (pid < 0) {
+        struct reply reply = {.number = ask.number,
+                              .status = PRT_NOMEM,
+                              .error = "no process could be started to read the file"};
+        send_reply(fd, &reply, -1);
+        return;
+    }
+    for (int i = 0; i < MAX_RUNNING; i++)
+        if (!running[i].pid) {
+            running[i] = (struct running){pid, ask.number};
+            break;
+        }
+}
+
+int decode_helper_main(int fd)
+{
+    static char packet[PACKET];
+    struct running running[MAX_RUNNING] = {0};
+    sigset_t child, none;
+    sigemptyset(&none);
+    sigemptyset(&child);
+    sigaddset(&child, SIGCHLD);
+    sigprocmask(SIG_SETMASK, &child, NULL);
+    signal(SIGPIPE, SIG_IGN);
+    signal(SIGINT, SIG_IGN); // a terminal's ^C goes to the whole group: the daemon decides
+    struct sigaction act = {.sa_handler = on_child};
+    sigaction(SIGCHLD, &act, NULL);
+    for (;;) {
+        reap(fd, running);
+        struct pollfd poll_fd = {fd, POLLIN, 0};
+        if (ppoll(&poll_fd, 1, NULL, &none) < 0) continue;
+        ssize_t n = recv(fd, packet, sizeof packet, MSG_DONTWAIT);
+        if (n < 0 && (errno == EINTR || errno == EAGAIN)) continue;
+        if (n < (ssize_t)sizeof(struct ask)) return 0; // the daemon is gone
+        start_decoding(fd, packet, n, running);
+    }
+}
+
+// ---- the daemon's side
+
+void decoded_env_destroy(void *value)
+{
+    struct decoded_env *env = value;
+    if (!env) return;
+    prt_env_cache_destroy(&env->env);
+    if (env->map) munmap(env->map, env->map_bytes);
+    free(env);
+}
+
+static void finish(struct decoder *decoder, struct wait_for *w, struct decoded_env *env,
+                   int status, const char *error, const struct reply *reply)
+{
+    struct wait_for **at = &decoder->waiting;
+    while (*at != w) at = &(*at)->next;
+    *at = w->next;
+    decoder->n_sent -= w->sent;
+    if (w->env_fn) w->env_fn(w->user, env, status, error);
+    else
+        w->model_fn(w->user, status, error, reply ? reply->warnings : "",
+                    reply ? reply->ms : 0);
+    free(w);
+}
+
+static struct decoded_env *map_pixels(const struct reply *reply, int fd)
+{
+    bool cube = reply->kind == PRT_ENV_CUBE;
+    if (cube ? reply->cube_n < 1 || reply->cube_n > MAX_SIDE
+             : !reply->width || reply->width > MAX_SIDE || !reply->height ||
+                   reply->height > MAX_SIDE)
+        return NULL;
+    size_t n = pixel_bytes(reply->kind, reply->width, reply->height, reply->cube_n);
+    off_t size = lseek(fd, 0, SEEK_END);
+    if (size < 0 || (size_t)size != n) return NULL;
+    struct decoded_env *env = calloc(1, sizeof *env);
+    if (!env) return NULL;
+    env->map = mmap(NULL, n, PROT_READ, MAP_PRIVATE | MAP_POPULATE, fd, 0);
+    if (env->map == MAP_FAILED) {
+        free(env);
+        return NULL;
+    }
+    env->map_bytes = n;
+    env->decode_ms = reply->ms;
+    env->env.kind = cube ? PRT_ENV_CUBE : PRT_ENV_LATLONG;
+    env->env.n_negative = reply->n_negative;
+    env->env.n_nonfinite = reply->n_nonfinite;
+    if (cube && !prt_env_cache_create(&env->env)) // without it a turn only takes longer
+        env->cache_bytes = (size_t)384 * reply->cube_n * reply->cube_n;
+    if (cube) env->env.cube = (struct prt_cube){reply->cube_n, env->map};
+    else env->env.latlong = (struct prt_image){reply->width, reply->height, env->map};
+    return env;
+}
+
+static void take_reply(struct decoder *decoder, const struct reply *reply, int fd)
+{
+    struct wait_for *w = decoder->waiting;
+    while (w && w->number != reply->number) w = w->next;
+    if (!w) return;
+    struct decoded_env *env = NULL;
+    int status = reply->status;
+    const char *error = reply->error;
+    if (!status && w->env_fn && (fd < 0 || !(env = map_pixels(reply, fd)))) {
+        status = PRT_NOMEM;
+        error = "no memory for the decoded image";
+    }
+    finish(decoder, w, env, status, error, reply);
+}
+
+static void send_waiting(struct decoder *decoder);
+
+static void helper_gone(struct decoder *decoder)
+{
+    if (decoder->watch.fd < 0) return;
+    loop_watch_remove(decoder->loop, &decoder->watch);
+    close(decoder->watch.fd);
+    decoder->watch.fd = -1;
+    for (struct wait_for *w = decoder->waiting; w; w = w->next) w->lost = w->sent;
+    // Who is told may ask again, of the next helper: looked for anew each time.
+    for (;;) {
+        struct wait_for *w = decoder->waiting;
+        while (w && !w->lost) w = w->next;
+        if (!w) return;
+        finish(decoder, w, NULL, PRT_FORMAT, "the decoding process died", NULL);
+    }
+}
+
+static void helper_ready(struct loop_watch *watch, uint32_t events)
+{
+    struct decoder *decoder = the_decoder;
+    for (;;) {
+        struct reply reply;
+        struct iovec iov = {&reply, sizeof reply};
+        union {
+            struct cmsghdr head;
+            char room[CMSG_SPACE(sizeof(int))];
+        } control;
+        struct msghdr message = {.msg_iov = &iov,
+                                 .msg_iovlen = 1,
+                                 .msg_control = &control,
+                                 .msg_controllen = sizeof control.room};
+        ssize_t n = recvmsg(watch->fd, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
+        if (n < 0 && (errno == EAGAIN || errno == EINTR)) break;
+        if (n <= 0) {
+            helper_gone(decoder);
+            break;
+        }
+        int fd = -1;
+        struct cmsghdr *head = CMSG_FIRSTHDR(&message);
+        if (head && head->cmsg_type == SCM_RIGHTS) memcpy(&fd, CMSG_DATA(head), sizeof fd);
+        reply.error[sizeof reply.error - 1] = 0;
+        reply.warnings[sizeof reply.warnings - 1] = 0;
+        if (n == (ssize_t)sizeof reply) take_reply(decoder, &reply, fd);
+        if (fd >= 0) close(fd);
+    }
+    send_waiting(decoder);
+}
+
+static int start_helper(struct decoder *decoder)
+{
+    int pair[2];
+    if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair)) return -errno;
+    char word[16];
+    posix_spawn_file_actions_t actions;
+    posix_spawnattr_t attr;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_adddup2(&actions, pair[1], 3);
+    posix_spawnattr_init(&attr);
+    sigset_t none;
+    sigemptyset(&none);
+    posix_spawnattr_setsigmask(&attr, &none);
+    posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK);
+    snprintf(word, sizeof word, "%d", 3);
+    char *argv[] = {"relightd", "--decode-helper", word, NULL};
+    int err = posix_spawn(&decoder->pid, "/proc/self/exe", &actions, &attr, argv, environ);
+    posix_spawn_file_actions_destroy(&actions);
+    posix_spawnattr_destroy(&attr);
+    close(pair[1]);
+    if (err) {
+        close(pair[0]);
+        return -err;
+    }
+    decoder->watch = (struct loop_watch){pair[0], helper_ready};
+    loop_watch_add(decoder->loop, &decoder->watch, EPOLLIN);
+    return 0;
+}
+
+// Sends what waits, as far as the helper may be busy at once; restarts a helper that died.
+static void send_waiting(struct decoder *decoder)
+{
+    for (;;) {
+        struct wait_for *w = decoder->waiting;
+        while (w && w->sent) w = w->next;
+        if (!w || decoder->n_sent >= MAX_AT_ONCE) return;
+        if (decoder->watch.fd < 0 && start_helper(decoder)) {
+            finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process cannot be started",
+                   NULL);
+            continue;
+        }
+        if (send(decoder->watch.fd, w->packet, w->size, MSG_NOSIGNAL) < 0) {
+            finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process does not answer",
+                   NULL);
+            continue;
+        }
+        w->sent = true;
+        decoder->n_sent++;
+    }
+}
+
+int decoder_create(struct loop *loop, uint64_t memory_bytes, struct decoder **out)
+{
+    struct decoder *decoder = calloc(1, sizeof *decoder);
+    if (!decoder) return -ENOMEM;
+    *decoder = (struct decoder){.loop = loop, .memory_bytes = memory_bytes, .watch.fd = -1};
+    the_decoder = decoder;
+    int err = start_helper(decoder);
+    if (err) {
+        free(decoder);
+        return err;
+    }
+    *out = decoder;
+    return 0;
+}
+
+void decoder_destroy(struct decoder *decoder)
+{
+    if (!decoder) return;
+    while (decoder->waiting)
+        finish(decoder, decoder->waiting, NULL, PRT_CANCELLED, "the daemon is stopping", NULL);
+    if (decoder->watch.fd >= 0) {
+        loop_watch_remove(decoder->loop, &decoder->watch);
+        close(decoder->watch.fd); // the helper ends when its socket does
+        waitpid(decoder->pid, NULL, 0);
+    }
+    free(decoder);
+    the_decoder = NULL;
+}
+
+// NULL when there is no memory or the words are too long.
+static struct wait_for *new_wait(struct decoder *decoder, struct ask *ask,
+                                 const char *const word[], size_t n_word)
+{
+    size_t size = sizeof *ask;
+    for (size_t i = 0; i < n_word; i++) size += strlen(word[i]) + 1;
+    struct wait_for *w =
+        n_word <= MAX_WORD && size <= PACKET ? calloc(1, sizeof *w + size) : NULL;
+    if (!w) return NULL;
+    ask->number = w->number = ++decoder->last_number;
+    ask->memory_bytes = decoder->memory_bytes;
+    ask->n_word = (uint32_t)n_word;
+    memcpy(w->packet, ask, sizeof *ask);
+    w->size = sizeof *ask;
+    for (size_t i = 0; i < n_word; i++) {
+        strcpy(w->packet + w->size, word[i]);
+        w->size += strlen(word[i]) + 1;
+    }
+    return w;
+}
+
+static void enqueue(struct decoder *decoder, struct wait_for *w)
+{
+    struct wait_for **last = &decoder->waiting;
+    while (*last) last = &(*last)->next;
+    *last = w;
+    send_waiting(decoder);
+}
+
+static void ask_pixels(struct decoder *decoder, enum asked what, const char *path,
+                       const char *name, decode_fn fn, void *user)
+{
+    const char *const word[] = {path, name};
+    struct ask ask = {.model = what};
+    struct wait_for *w = new_wait(decoder, &ask, word, 2);
+    if (!w) {
+        fn(user, NULL, PRT_NOMEM, "not enough memory");
+        return;
+    }
+    w->env_fn = fn;
+    w->user = user;
+    enqueue(decoder, w);
+}
+
+void decoder_env(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
+                 void *user)
+{
+    ask_pixels(decoder, ASK_ENV, path, name, fn, user);
+}
+
+void decoder_image(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
+                   void *user)
+{
+    ask_pixels(decoder, ASK_IMAGE, path, name, fn, user);
+}
+
+void decoder_model(struct decoder *decoder, const struct decode_model *m, decode_model_fn fn,
+                   void *user)
+{
+    const char *word[MAX_WORD] = {m->path, m->name, m->out};
+    size_t n = 3;
+    struct ask ask = {.model = ASK_MODEL,
+                      .size_mm = m->size_mm,
+                      .mm_per_unit = m->mm_per_unit,
+                      .material = *m->material};
+    for (size_t i = 0; i < m->n_opaque && n < MAX_WORD; i++) word[n++] = m->opaque[i];
+    struct wait_for *w = new_wait(decoder, &ask, word, n);
+    if (!w) {
+        fn(user, PRT_LIMIT, "the names of opaque parts are too long", "", 0);
+        return;
+    }
+    w->model_fn = fn;
+    w->user = user;
+    enqueue(decoder, w);
+}
+
+bool decoder_reap(struct decoder *decoder, int pid)
+{
+    if (!decoder || pid != decoder->pid) return false;
+    log_line(LOG_WARN, "decode helper=%d died; the next image starts another", pid);
+    helper_gone(decoder);
+    return true;
+}

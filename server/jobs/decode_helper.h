@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: MIT */
+/* decode.h owns the helper process that decodes untrusted files: a second, single-threaded copy
+ * of the program that forks an isolated child for each. Pixels of an image come back in a
+ * sealed memory file, the mesh of a model as a .prt without light transport, which the daemon
+ * maps as it maps its bakes. The daemon parses nothing and may have as many threads as it
+ * likes. */
+#ifndef RELIGHTD_DECODE_H
+#define RELIGHTD_DECODE_H
+
+#include "core/loop.h"
+#include "prt/light.h"
+#include "prt/medium.h"
+
+struct decoder;
+
+/* A decoded environment; its pixels lie in a read-only map. */
+struct decoded_env {
+    struct prt_env env;
+    void *map;
+    size_t map_bytes, cache_bytes;
+    float decode_ms;
+};
+void decoded_env_destroy(void *env); /* struct decoded_env* */
+
+/* env NULL: code (enum prt_status) and error say why. Called on the loop's thread. */
+typedef void (*decode_fn)(void *user, struct decoded_env *env, int status, const char *error);
+
+int decoder_create(struct loop *loop, uint64_t memory_bytes, struct decoder **out);
+void decoder_destroy(struct decoder *decoder);
+/* Decodes the file at `path` (or the words "constant…"); errors call it `name`. */
+void decoder_env(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
+                 void *user);
+/* The same of a plain image, whatever its shape: always a lat-long's pixels. */
+void decoder_image(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
+                   void *user);
+/* What a model's file is read with, as `prt bake` takes it. */
+struct decode_model {
+    const char *path, *name; /* errors call the file `name` */
+    const char *out;         /* the .prt to write */
+    double size_mm, mm_per_unit;
+    const struct prt_material *material; /* kept in the .prt */
+    size_t n_opaque;
+    char *const *opaque;
+};
+/* status PRT_OK: `out` is there, `warnings` has a line each. Called on the loop's thread. */
+typedef void (*decode_model_fn)(void *user, int status, const char *error, const char *warnings,
+                                float ms);
+void decoder_model(struct decoder *decoder, const struct decode_model *model,
+                   decode_model_fn fn, void *user);
+/* A child ended; true when it was the helper (a new one starts with the next request). */
+bool decoder_reap(struct decoder *decoder, int pid);
+
+/* What the helper process runs: requests come over `fd` until it closes. */
+int decode_helper_main(int fd);
+
+#endif

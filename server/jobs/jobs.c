@@ -1,0 +1,377 @@
+// SPDX-License-Identifier: MIT
+// The queue of bakes. A finished job is remembered for a while, so that who asks late still
+// hears how it ended.
+#include "jobs/jobs.h"
+
+#include "core/log.h"
+#include "prt/base.h"
+#include "relight.pb-c.h"
+#include "net/request.h"
+#include "core/server.h"
+
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { REMEMBERED = 256, WARNING_BYTES = 8000 };
+static const uint64_t notify_gap_ns = 100000000; // watchers hear at most ten times a second
+
+struct watcher {
+    struct watcher *next;
+    struct request *request;
+};
+
+struct job {
+    struct job *next; // newest first
+    struct jobs *jobs;
+    char id[24], model[24];
+    int state;
+    char stage[64];
+    double fraction, eta_s;
+    uint64_t queued_ns, started_ns, ended_ns, told_ns;
+    char error[400];
+    char warnings[WARNING_BYTES];
+    struct watcher *watcher;
+    struct job_order order;
+    struct job_run *run;
+    bool cancel_asked;
+    job_done_fn done;
+    void *user;
+};
+
+struct jobs {
+    struct server *server;
+    const struct job_runner *runner;
+    struct job *job;
+    uint64_t last_id;
+    unsigned n_queued, n_running, n_kept;
+    bool stopping;
+};
+
+static void start_next(struct jobs *jobs);
+
+// Stages of `prt bake` in their order with the share of the time they take, so that one
+// fraction can be told for the whole. An unknown stage holds the fraction where it is.
+static const struct {
+    const char *stage;
+    double from, to;
+} stages[] = {
+    {"irradiance", 0, 0.3}, {"hierarchy", 0.3, 0.33},  {"multiple", 0.33, 0.55},
+    {"single", 0.55, 0.85}, {"measuring", 0.85, 0.99}, {"reference", 0.85, 0.99},
+};
+
+static double overall(const char *stage, double fraction, double before)
+{
+    for (size_t i = 0; i < sizeof stages / sizeof *stages; i++)
+        if (!strncmp(stage, stages[i].stage, strlen(stages[i].stage))) {
+            double f = stages[i].from + (stages[i].to - stages[i].from) * fraction;
+            return f > before ? f : before;
+        }
+    return before;
+}
+
+static void tell(struct job *job, struct request *request, bool last)
+{
+    Relight__Progress progress = RELIGHT__PROGRESS__INIT;
+    Relight__Error error = RELIGHT__ERROR__INIT;
+    uint64_t end = job->ended_ns ? job->ended_ns : loop_now_ns();
+    progress.job = job->id;
+    progress.model = job->model;
+    progress.state = job->state;
+    progress.stage = job->stage;
+    progress.fraction = (float)job->fraction;
+    progress.eta_s = (float)job->eta_s;
+    if (job->started_ns) progress.elapsed_s = (float)((double)(end - job->started_ns) * 1e-9);
+    if (job->state == RELIGHT__JOB_STATE__JOB_FAILED) {
+        error.code = RELIGHT__ERROR_CODE__ERROR_JOB_FAILED;
+        error.text = job->error;
+        error.hint = (char *)error_hint(error.code);
+        progress.error = &error;
+    }
+    if (last) request_answer(request, &progress.base, NULL);
+    else request_part(request, &progress.base, NULL);
+}
+
+static void remove_watcher(struct request *request)
+{
+    struct job *job = request->state;
+    struct watcher **at = &job->watcher;
+    while (*at && (*at)->request != request) at = &(*at)->next;
+    if (!*at) return;
+    struct watcher *w = *at;
+    *at = w->next;
+    free(w);
+}
+
+static void tell_all(struct job *job, bool now)
+{
+    uint64_t t = loop_now_ns();
+    if (!now && t - job->told_ns < notify_gap_ns) return;
+    job->told_ns = t;
+    // A watcher whose connection breaks removes itself while it is told: look ahead by number.
+    for (unsigned i = 0;; i++) {
+        struct watcher *w = job->watcher;
+        for (unsigned k = 0; w && k < i; k++) w = w->next;
+        if (!w) break;
+        tell(job, w->request, false);
+    }
+}
+
+static void tell_end(struct job *job)
+{
+    while (job->watcher) {
+        struct watcher *w = job->watcher;
+        job->watcher = w->next;
+        struct request *request = w->request;
+        free(w);
+        request->abandon = NULL;
+        tell(job, request, true);
+    }
+}
+
+static void free_order(struct job_order *order)
+{
+    for (char **a = order->argv; a && *a; a++) free(*a);
+    free(order->argv);
+    free(order->cwd);
+    *order = (struct job_order){0};
+}
+
+static void forget_old(struct jobs *jobs)
+{
+    struct job **at = &jobs->job;
+    for (unsigned n = 0; *at;) {
+        struct job *job = *at;
+        if (!job->ended_ns || ++n <= REMEMBERED) {
+            at = &job->next;
+            continue;
+        }
+        *at = job->next;
+        free_order(&job->order);
+        free(job);
+    }
+}
+
+// Where the models folder lies is nobody's business.
+static void keep_error(struct job *job, const char *text)
+{
+    const char *models = job->jobs->server->options.models, *at = NULL;
+    char root[PATH_MAX + 1] = "";
+    if (models[0] && realpath(models, root)) {
+        strcat(root, "/");
+        at = strstr(text, root);
+    }
+    snprintf(job->error, sizeof job->error, "%.*s%s", at ? (int)(at - text) : 0, text,
+             at ? at + strlen(root) : text);
+}
+
+static void end_job(struct job *job, enum job_outcome outcome, const char *error)
+{
+    static const int state[] = {RELIGHT__JOB_STATE__JOB_DONE, RELIGHT__JOB_STATE__JOB_FAILED,
+                                RELIGHT__JOB_STATE__JOB_CANCELLED};
+    struct jobs *jobs = job->jobs;
+    struct stats *stats = &jobs->server->stats;
+    job->ended_ns = loop_now_ns();
+    job->state = state[outcome];
+    job->eta_s = outcome == JOB_OUT_DONE ? 0 : -1;
+    job->run = NULL;
+    if (outcome == JOB_OUT_DONE) job->fraction = 1;
+    keep_error(job, error ? error : "");
+    uint64_t *count[] = {&stats->bakes_done, &stats->bakes_failed, &stats->bakes_cancelled};
+    ++*count[outcome];
+    static const char *const word[] = {"done", "failed", "cancelled"};
+    log_line(outcome == JOB_OUT_FAILED ? LOG_WARN : LOG_EVENT,
+             "job id=%s model=%s %s after=%.1fs%s%s", job->id, job->model, word[outcome],
+             job->started_ns ? (double)(job->ended_ns - job->started_ns) * 1e-9 : 0.0,
+             job->error[0] ? " error=" : "", job->error);
+    job->done(job->user, job, outcome);
+    tell_end(job);
+    if (!jobs->stopping) forget_old(jobs);
+}
+
+static void on_progress(void *user, const char *stage, double fraction, double eta_s)
+{
+    struct job *job = user;
+    bool fresh = strcmp(job->stage, stage) != 0;
+    snprintf(job->stage, sizeof job->stage, "%s", stage);
+    job->fraction = overall(stage, fraction, job->fraction);
+    double elapsed = (double)(loop_now_ns() - job->started_ns) * 1e-9;
+    job->eta_s = job->fraction > 0.03 ? elapsed * (1 - job->fraction) / job->fraction : eta_s;
+    tell_all(job, fresh);
+}
+
+static void on_line(void *user, const char *line)
+{
+    struct job *job = user;
+    log_line(LOG_EVENT, "job id=%s says=\"%s\"", job->id, line);
+    if (strncmp(line, "warning: ", 9)) return;
+    size_t n = strlen(job->warnings);
+    snprintf(job->warnings + n, sizeof job->warnings - n, "%s\n", line + 9);
+}
+
+static void on_ended(void *user, enum job_outcome outcome, const char *error)
+{
+    struct job *job = user;
+    struct jobs *jobs = job->jobs;
+    jobs->n_running--;
+    if (job->cancel_asked && outcome == JOB_OUT_FAILED) outcome = JOB_OUT_CANCELLED;
+    end_job(job, outcome, error);
+    start_next(jobs);
+}
+
+static void start_next(struct jobs *jobs)
+{
+    static const struct job_events events = {on_progress, on_line, on_ended};
+    unsigned limit = jobs->server->options.bakes;
+    while (!jobs->stopping && jobs->n_running < (limit ? limit : 1) && jobs->n_queued) {
+        struct job *job = NULL;
+        for (struct job *j = jobs->job; j; j = j->next)
+            if (j->state == RELIGHT__JOB_STATE__JOB_QUEUED) job = j; // the oldest is the last
+        if (!job) return;
+        char error[256];
+        jobs->n_queued--;
+        job->started_ns = loop_now_ns();
+        job->run = jobs->runner->start(jobs->server, &job->order, &events, job, error);
+        if (!job->run) {
+            end_job(job, JOB_OUT_FAILED, error);
+            continue;
+        }
+        jobs->n_running++;
+        job->state = RELIGHT__JOB_STATE__JOB_RUNNING;
+        log_line(LOG_EVENT, "job id=%s model=%s started", job->id, job->model);
+        tell_all(job, true);
+    }
+}
+
+int jobs_create(struct server *server, const struct job_runner *runner, struct jobs **out)
+{
+    struct jobs *jobs = calloc(1, sizeof *jobs);
+    if (!jobs) return PRT_NOMEM;
+    *jobs = (struct jobs){.server = server, .runner = runner};
+    *out = jobs;
+    return PRT_OK;
+}
+
+void jobs_destroy(struct jobs *jobs)
+{
+    if (!jobs) return;
+    for (struct job *job = jobs->job, *next; job; job = next) {
+        next = job->next;
+        free_order(&job->order);
+        free(job);
+    }
+    free(jobs);
+}
+
+bool jobs_reap(struct jobs *jobs, int pid, int how)
+{
+    return jobs->runner->reap(pid, how);
+}
+
+void jobs_stop(struct jobs *jobs)
+{
+    jobs->stopping = true;
+    for (struct job *job = jobs->job; job; job = job->next)
+        if (!job->ended_ns) jobs_cancel(jobs, job);
+}
+
+unsigned jobs_open(const struct jobs *jobs)
+{
+    return jobs->n_queued + jobs->n_running;
+}
+
+unsigned jobs_running(const struct jobs *jobs)
+{
+    return jobs->n_running;
+}
+
+struct job *jobs_add(struct jobs *jobs, const char *model_id, struct job_order *order,
+                     job_done_fn done, void *user)
+{
+    struct job *job = NULL;
+    if (!jobs->stopping && jobs->n_queued < jobs->server->options.bake_queue)
+        job = calloc(1, sizeof *job);
+    if (!job) {
+        free_order(order);
+        return NULL;
+    }
+    *job = (struct job){.next = jobs->job,
+                        .jobs = jobs,
+                        .eta_s = -1,
+                        .order = *order,
+                        .queued_ns = loop_now_ns(),
+                        .done = done,
+                        .user = user,
+                        .state = RELIGHT__JOB_STATE__JOB_QUEUED,
+                        .stage = "queued"};
+    snprintf(job->id, sizeof job->id, "job-%llu", (unsigned long long)++jobs->last_id);
+    snprintf(job->model, sizeof job->model, "%s", model_id);
+    jobs->job = job;
+    jobs->n_queued++;
+    start_next(jobs);
+    return job;
+}
+
+struct job *jobs_find(struct jobs *jobs, const char *id)
+{
+    for (struct job *job = jobs->job; job; job = job->next)
+        if (!strcmp(job->id, id) || !strcmp(job->model, id)) return job;
+    return NULL;
+}
+
+void jobs_cancel(struct jobs *jobs, struct job *job)
+{
+    if (job->ended_ns || job->cancel_asked) return;
+    job->cancel_asked = true;
+    if (job->run) {
+        jobs->runner->cancel(job->run);
+        return;
+    }
+    jobs->n_queued--;
+    end_job(job, JOB_OUT_CANCELLED, "cancelled while it waited for its turn");
+}
+
+void jobs_watch(struct jobs *jobs, struct job *job, struct request *request)
+{
+    if (job->ended_ns) {
+        tell(job, request, true);
+        return;
+    }
+    struct watcher *w = calloc(1, sizeof *w);
+    if (!w) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return;
+    }
+    w->request = request;
+    w->next = job->watcher;
+    job->watcher = w;
+    request->state = job;
+    request->abandon = remove_watcher;
+    tell(job, request, false);
+}
+
+const char *job_id(const struct job *job)
+{
+    return job->id;
+}
+
+int job_state(const struct job *job)
+{
+    return job->state;
+}
+
+double job_fraction(const struct job *job)
+{
+    return job->fraction;
+}
+
+const char *job_error(const struct job *job)
+{
+    return job->error;
+}
+
+const char *job_warnings(const struct job *job)
+{
+    return job->warnings;
+}

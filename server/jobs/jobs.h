@@ -1,0 +1,70 @@
+/* SPDX-License-Identifier: MIT */
+/* jobs.h owns bakes under way: their queue, their progress, who watches them, and the runner
+ * that does the work. The runner is an interface: one here starts a child process, another may
+ * hand the same command to a batch scheduler. Loop thread only. */
+#ifndef RELIGHTD_JOBS_H
+#define RELIGHTD_JOBS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct server;
+struct request;
+struct job;
+
+/* A command to run: argv without the program, in folder cwd. `{progress}` in argv becomes the
+ * descriptor number that takes "stage fraction eta" lines. */
+struct job_order {
+    char **argv; /* NULL-terminated, malloc()ed strings; owned by the job */
+    char *cwd;
+};
+
+enum job_outcome { JOB_OUT_DONE, JOB_OUT_FAILED, JOB_OUT_CANCELLED };
+
+/* What a runner tells about a run. ended comes exactly once and is the last. */
+struct job_events {
+    void (*progress)(void *user, const char *stage, double fraction, double eta_s);
+    void (*line)(void *user, const char *line); /* of its error output */
+    void (*ended)(void *user, enum job_outcome outcome, const char *error);
+};
+
+struct job_run; /* the runner's own */
+struct job_runner {
+    const char *name;
+    /* NULL: could not be started, error says why. */
+    struct job_run *(*start)(struct server *server, const struct job_order *order,
+                             const struct job_events *events, void *user, char error[256]);
+    void (*cancel)(struct job_run *run);
+    /* A child process ended; true when it was a run's. */
+    bool (*reap)(int pid, int how);
+};
+extern const struct job_runner job_runner_child;
+
+struct jobs;
+int jobs_create(struct server *server, const struct job_runner *runner, struct jobs **out);
+void jobs_destroy(struct jobs *jobs);
+bool jobs_reap(struct jobs *jobs, int pid, int how);
+/* Cancels everything; ended calls follow. */
+void jobs_stop(struct jobs *jobs);
+unsigned jobs_open(const struct jobs *jobs); /* queued and running */
+unsigned jobs_running(const struct jobs *jobs);
+
+/* Called when a job has ended, before its watchers hear of it. */
+typedef void (*job_done_fn)(void *user, struct job *job, enum job_outcome outcome);
+
+/* Takes the order. NULL when the queue is full. */
+struct job *jobs_add(struct jobs *jobs, const char *model_id, struct job_order *order,
+                     job_done_fn done, void *user);
+/* By job id, or a model id for its newest. */
+struct job *jobs_find(struct jobs *jobs, const char *id);
+void jobs_cancel(struct jobs *jobs, struct job *job);
+/* Answers a WATCH request now and at every change, until the job ends. */
+void jobs_watch(struct jobs *jobs, struct job *job, struct request *request);
+
+const char *job_id(const struct job *job);
+int job_state(const struct job *job); /* Relight__JobState */
+double job_fraction(const struct job *job);
+const char *job_error(const struct job *job);
+const char *job_warnings(const struct job *job); /* lines */
+
+#endif

@@ -1,0 +1,25 @@
+/* SPDX-License-Identifier: MIT */
+/* carrier.h owns the ways in: byte-stream sockets here, HTTP and WebSocket beside them. */
+#ifndef RELIGHTD_CARRIER_H
+#define RELIGHTD_CARRIER_H
+
+#include "net/connection.h"
+
+/* Opens tcp:HOST:PORT or unix:PATH and accepts clients on it. Logs why it cannot; 0 or -1. A
+ * unix socket that a dead daemon left is replaced, one that a living daemon serves is an error.
+ */
+int sockets_listen(struct server *server, const char *address);
+/* Takes a listening socket that was handed over (systemd socket activation). */
+int sockets_adopt(struct server *server, int fd);
+/* Stops accepting and removes the unix sockets' files. */
+void sockets_close(struct server *server);
+
+/* HTTP and WebSocket on HOST:PORT. While it is open, http_turn runs the loop. */
+int http_open(struct server *server, const char *address);
+bool http_is_open(void);
+void http_turn(struct server *server);
+/* Stops accepting. */
+void http_drain(void);
+void http_close(void);
+
+#endif

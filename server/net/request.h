@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: MIT */
+/* request.h owns one operation a client asked for, from its frame to its last answer. */
+#ifndef RELIGHTD_REQUEST_H
+#define RELIGHTD_REQUEST_H
+
+#include "net/connection.h"
+
+struct request {
+    struct request *next, *prev; /* of the connection's open requests */
+    struct server *server;
+    struct connection *conn;
+    uint64_t id, arrived_ns;
+    uint16_t type;
+    ProtobufCMessage *message;
+    uint8_t *payload;
+    size_t payload_size;
+    struct loop_timer deadline;
+    /* Where a long operation keeps its state, and how it is told that nobody waits any more:
+     * called once, before the request is freed, unless the operation ended it itself. */
+    void *state;
+    void (*abandon)(struct request *request);
+};
+
+/* Answers and frees the request. The payload (may be NULL) is taken. */
+void request_answer(struct request *request, const ProtobufCMessage *message,
+                    const struct payload *payload);
+/* An answer that others follow. */
+void request_part(struct request *request, const ProtobufCMessage *message,
+                  const struct payload *payload);
+/* Ends the request with an error; code is a Relight__ErrorCode. */
+void request_fail(struct request *request, int code, const char *fmt, ...)
+    __attribute__((format(printf, 3, 4)));
+/* Ends the request with nobody to tell (its connection closes). */
+void request_abandon(struct request *request);
+/* A failed request's state is told so and the client gets the error (cancel, deadline). */
+void request_stop(struct request *request, int code, const char *text);
+
+/* Made by dispatch. Takes the payload. Returns NULL when answered already. */
+struct request *request_create(struct connection *conn, const struct relight_frame *frame,
+                               uint8_t *payload);
+
+/* What a user can do about an error. */
+const char *error_hint(int code);
+/* The protocol's error for a library status. */
+int error_of_status(int status);
+
+#endif

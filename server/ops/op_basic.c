@@ -1,0 +1,562 @@
+// SPDX-License-Identifier: MIT
+// The operations that look and store: hello, ping, list, put-blob, watch, cancel, info,
+// geometry, unload, stats.
+#include "net/dispatch.h"
+#include "core/log.h"
+#include "store/models.h"
+#include "relight.pb-c.h"
+#include "render/render.h"
+#include "net/request.h"
+#include "render/shared/geometry.h"
+
+#include <dirent.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <time.h>
+
+enum { MAX_PING = 64 << 10 };
+#define MESSAGE(type) ((const Relight__##type *)request->message)
+
+// Takes as long for a nearly right token as for a wrong one.
+static bool token_is_right(const struct server *server, const char *said)
+{
+    size_t n = strlen(server->token), m = strlen(said);
+    unsigned differs = n != m;
+    if (!n) return true; // none is wanted
+    for (size_t i = 0; i < n; i++)
+        differs |= (unsigned char)(server->token[i] ^ said[m ? i % m : 0]);
+    return !differs;
+}
+
+void op_hello(struct request *request)
+{
+    const Relight__HelloRequest *in = MESSAGE(HelloRequest);
+    const struct options *o = &request->server->options;
+    struct connection *conn = request->conn;
+    if (in->version_min > RELIGHT_PROTOCOL_VERSION ||
+        in->version_max < RELIGHT_PROTOCOL_VERSION) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_VERSION,
+                     "the client speaks versions %u to %u, this daemon version %d",
+                     in->version_min, in->version_max, RELIGHT_PROTOCOL_VERSION);
+        if (!conn->dead) connection_finish(conn, "no common version");
+        return;
+    }
+    if (!token_is_right(request->server, in->token)) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN, "the token is %s",
+                     in->token[0] ? "wrong" : "missing");
+        if (!conn->dead) connection_finish(conn, "no token");
+        return;
+    }
+    if (in->max_payload && in->max_payload < 4096) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
+                     "max_payload is below 4096 bytes");
+        return;
+    }
+    conn->greeted = true;
+    conn->decoder.limits =
+        (struct relight_frame_limits){SERVER_MAX_HEADER, SERVER_MAX_PAYLOAD, true};
+    conn->max_payload = in->max_payload;
+    log_line(LOG_EVENT, "hello conn=%llu client=\"%s\"", (unsigned long long)conn->number,
+             in->client);
+    Relight__HelloAnswer out = RELIGHT__HELLO_ANSWER__INIT;
+    char *presets[64];
+    out.server = "relightd 0.1.0";
+    out.version = RELIGHT_PROTOCOL_VERSION;
+    out.max_payload = SERVER_MAX_PAYLOAD;
+    out.max_header = SERVER_MAX_HEADER;
+    out.max_in_flight = o->requests;
+    out.max_blob = o->max_blob;
+    out.chunk = SERVER_CHUNK;
+    out.presets = presets;
+    for (const struct prt_material *m;
+         out.n_presets < 64 && (m = prt_material_preset((unsigned)out.n_presets));)
+        presets[out.n_presets++] = (char *)m->name;
+    request_answer(request, &out.base, NULL);
+}
+
+void op_ping(struct request *request)
+{
+    struct timespec now;
+    if (request->payload_size > MAX_PING) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_LIMIT, "a ping takes up to %d bytes",
+                     MAX_PING);
+        return;
+    }
+    Relight__PingAnswer out = RELIGHT__PING_ANSWER__INIT;
+    clock_gettime(CLOCK_REALTIME, &now);
+    out.time_us = (uint64_t)now.tv_sec * 1000000 + (uint64_t)now.tv_nsec / 1000;
+    struct payload payload = {request->payload, request->payload_size, request->payload, free};
+    request->payload = NULL;
+    request_answer(request, &out.base, &payload);
+}
+
+// ---- blobs and environments
+
+// Radiance, OpenEXR and DDS files are uploaded to be lights; other images may be textures.
+static bool looks_like_light(const struct server *server, const char *hash)
+{
+    char path[4096], bytes[4] = "";
+    blobs_path(server->blobs, hash, path, sizeof path);
+    FILE *file = fopen(path, "rbe");
+    size_t n = file ? fread(bytes, 1, sizeof bytes, file) : 0;
+    if (file) fclose(file);
+    return n == 4 && (!memcmp(bytes, "#?", 2) || !memcmp(bytes, "\x76\x2f\x31\x01", 4) ||
+                      !memcmp(bytes, "DDS ", 4));
+}
+
+void op_put_blob(struct request *request)
+{
+    const Relight__PutBlobRequest *in = MESSAGE(PutBlobRequest);
+    struct server *server = request->server;
+    Relight__PutBlobAnswer out = RELIGHT__PUT_BLOB_ANSWER__INIT;
+    char error[256];
+    bool complete;
+    int code = blobs_put(server->blobs, in->hash, in->size, in->offset, request->payload,
+                         request->payload_size, &out.received, &complete, error);
+    if (code) {
+        request_fail(request, code, "%s", error);
+        return;
+    }
+    if (complete) blobs_set_name(server->blobs, in->hash, in->name);
+    if (complete && request->payload_size && looks_like_light(server, in->hash))
+        env_prefetch(server, in->hash);
+    if (complete && request->payload_size)
+        log_line(LOG_EVENT, "blob hash=%.12s size=%llu conn=%llu", in->hash,
+                 (unsigned long long)in->size, (unsigned long long)request->conn->number);
+    out.complete = complete;
+    request_answer(request, &out.base, NULL);
+}
+
+// ---- models
+
+struct info_text {
+    Relight__ModelInfo info;
+    Relight__Vec3 low, high;
+    Relight__Error error;
+    char *warnings[64], *warning_text;
+    char *settings, *errors;
+    char material[PRT_MATERIAL_TEXT];
+};
+
+static void fill_vec3(Relight__Vec3 *out, const float v[3])
+{
+    relight__vec3__init(out);
+    out->x = v[0];
+    out->y = v[1];
+    out->z = v[2];
+}
+
+static void fill_info(const struct model *m, struct info_text *t)
+{
+    Relight__ModelInfo *out = &t->info;
+    const struct model_facts *f = &m->facts;
+    relight__model_info__init(out);
+    out->model = (char *)m->id;
+    out->name = (char *)m->name;
+    out->state = model_state(m);
+    out->pinned = m->pinned;
+    out->generation = m->generation;
+    bool baked = m->state == RELIGHT__MODEL_STATE__MODEL_READY;
+    out->fraction = baked ? 1 : m->job ? (float)job_fraction(m->job) : 0;
+    if (!baked) out->job = (char *)m->job_id;
+    if (f->known) {
+        out->n_vertex = f->n_vertex;
+        out->n_triangle = f->n_triangle;
+        out->n_object = f->n_object;
+        out->mm_per_unit = f->mm_per_unit;
+        out->stale = m->pose && baked;
+        fill_vec3(&t->low, f->box[0]);
+        fill_vec3(&t->high, f->box[1]);
+        out->box_min = &t->low;
+        out->box_max = &t->high;
+    }
+    if (f->baked) {
+        out->engine = (Relight__Engine)(RELIGHT__ENGINE__ENGINE_WAVELET + (int)f->engine);
+        out->storage = (Relight__Storage)(RELIGHT__STORAGE__STORAGE_FACTORED + (int)f->storage);
+        out->cube = f->cube;
+        out->bytes = f->bytes;
+        out->error_bound = f->error_multiple;
+        if (out->state == RELIGHT__MODEL_STATE__MODEL_READY) out->resident_bytes = f->bytes;
+    }
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_FAILED) {
+        relight__error__init(&t->error);
+        t->error.code = m->error_code;
+        t->error.text = (char *)m->error;
+        t->error.hint = (char *)error_hint(m->error_code);
+        out->error = &t->error;
+    }
+    t->warning_text = m->warnings ? strdup(m->warnings) : NULL;
+    out->warnings = t->warnings;
+    char *save = NULL;
+    for (char *line = t->warning_text ? strtok_r(t->warning_text, "\n", &save) : NULL;
+         line && out->n_warnings < 64; line = strtok_r(NULL, "\n", &save))
+        t->warnings[out->n_warnings++] = line;
+}
+
+static bool is_model_file(const char *name)
+{
+    static const char *const ends[] = {".glb", ".gltf", ".obj", ".ply", ".prt"};
+    const char *dot = strrchr(name, '.');
+    for (size_t i = 0; dot && i < sizeof ends / sizeof *ends; i++)
+        if (!strcasecmp(dot, ends[i])) return true;
+    return false;
+}
+
+enum { MAX_LISTED = 4096 };
+
+static size_t list_files(const char *folder, Relight__FileEntry **out)
+{
+    size_t n = 0;
+    DIR *dir = folder[0] ? opendir(folder) : NULL;
+    for (struct dirent *d; dir && n < MAX_LISTED && (d = readdir(dir));) {
+        struct stat st;
+        if (!is_model_file(d->d_name) || fstatat(dirfd(dir), d->d_name, &st, 0) ||
+            !S_ISREG(st.st_mode))
+            continue;
+        Relight__FileEntry *e = malloc(sizeof *e);
+        if (!e) break;
+        relight__file_entry__init(e);
+        e->path = strdup(d->d_name);
+        e->bytes = (uint64_t)st.st_size;
+        out[n++] = e;
+    }
+    if (dir) closedir(dir);
+    return n;
+}
+
+void op_list(struct request *request)
+{
+    struct models *models = request->server->models;
+    Relight__ListAnswer out = RELIGHT__LIST_ANSWER__INIT;
+    models_scan(models);
+    size_t n = 0;
+    for (struct model *m = NULL; (m = models_next(models, m));) n++;
+    struct info_text *text = calloc(n + 1, sizeof *text);
+    out.models = calloc(n + 1, sizeof *out.models);
+    out.files = calloc(MAX_LISTED, sizeof *out.files);
+    if (!text || !out.models || !out.files) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        goto end;
+    }
+    for (struct model *m = NULL; (m = models_next(models, m)); out.n_models++) {
+        fill_info(m, &text[out.n_models]);
+        out.models[out.n_models] = &text[out.n_models].info;
+    }
+    if (MESSAGE(ListRequest)->files)
+        out.n_files = list_files(request->server->options.models, out.files);
+    request_answer(request, &out.base, NULL);
+end:
+    for (size_t i = 0; i < out.n_models; i++) free(text[i].warning_text);
+    for (size_t i = 0; i < out.n_files; i++) {
+        free(out.files[i]->path);
+        free(out.files[i]);
+    }
+    free(text);
+    free(out.models);
+    free(out.files);
+}
+
+struct block_text {
+    Relight__Block block;
+    Relight__Vec3 color;
+};
+
+// Block messages of a mesh; one allocation each for the array and the pointers.
+static struct block_text *fill_blocks(const struct prt_mesh *mesh, Relight__Block ***out)
+{
+    struct block_text *text = calloc(mesh->n_block + 1, sizeof *text);
+    *out = calloc(mesh->n_block + 1, sizeof **out);
+    for (uint32_t i = 0; text && *out && i < mesh->n_block; i++) {
+        const struct prt_block *b = &mesh->block[i];
+        const struct prt_surface *s = &mesh->surface[b->surface];
+        Relight__Block *to = &text[i].block;
+        relight__block__init(to);
+        to->object = b->object;
+        to->surface = (char *)s->name;
+        to->translucent = s->translucent;
+        to->vertex_begin = b->vertex_begin;
+        to->n_vertex = b->n_vertex;
+        to->triangle_begin = b->triangle_begin;
+        to->n_triangle = b->n_triangle;
+        fill_vec3(&text[i].color, s->base_color);
+        to->base_color = &text[i].color;
+        (*out)[i] = to;
+    }
+    return text;
+}
+
+static void info_ready(struct request *request, struct model *m, struct cache_entry *file)
+{
+    const struct prt_transport *t = prt_file_transport(file->value);
+    struct info_text *text = calloc(1, sizeof *text);
+    Relight__Block **blocks = NULL;
+    struct block_text *block_text = fill_blocks(&t->mesh, &blocks);
+    if (!text || !block_text || !blocks) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+    } else {
+        fill_info(m, text);
+        prt_material_print(&t->material, text->material, sizeof text->material);
+        text->info.material = text->material;
+        bool baked = m->state == RELIGHT__MODEL_STATE__MODEL_READY;
+        text->info.settings = (char *)(baked && t->settings ? t->settings : "");
+        text->info.errors = (char *)(baked && t->errors ? t->errors : "");
+        text->info.n_blocks = t->mesh.n_block;
+        text->info.blocks = blocks;
+        request_answer(request, &text->info.base, NULL);
+        free(text->warning_text);
+    }
+    free(text);
+    free(block_text);
+    free(blocks);
+}
+
+void op_info(struct request *request)
+{
+    const char *name = MESSAGE(InfoRequest)->model;
+    char error[256];
+    struct model *m = models_find(request->server->models, name, error);
+    if (!m) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s", error);
+        return;
+    }
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_READY || m->mesh == MESH_THERE) {
+        with_mesh(request, m->id, info_ready);
+        return;
+    }
+    struct info_text *text = calloc(1, sizeof *text);
+    if (!text) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return;
+    }
+    fill_info(m, text);
+    request_answer(request, &text->info.base, NULL);
+    free(text->warning_text);
+    free(text);
+}
+
+// ---- geometry: copied on a worker
+
+struct geometry {
+    struct work work;
+    struct request *request; // NULL: nobody waits any more
+    struct cache_entry *shape;
+    bool normals, triangles;
+    float scale;
+    uint64_t generation;
+    size_t normals_offset, triangles_offset, size;
+    char *bytes;
+};
+
+static size_t up64(size_t n)
+{
+    return (n + 63) / 64 * 64;
+}
+
+static int run_geometry(struct work *work, const struct prt_context *ctx)
+{
+    struct geometry *g = (struct geometry *)work;
+    const struct prt_mesh *mesh = &((struct shape *)g->shape->value)->mesh;
+    g->bytes = prt_calloc(g->size ? g->size : 1, 1);
+    if (!g->bytes) return PRT_NOMEM;
+    size_t n = (size_t)mesh->n_vertex * 3;
+    float *position = (float *)g->bytes;
+    const float *from = &mesh->position[0][0];
+    for (size_t i = 0; i < n; i++) position[i] = from[i] * g->scale;
+    if (g->normals) memcpy(g->bytes + g->normals_offset, mesh->normal, n * sizeof(float));
+    if (g->triangles)
+        memcpy(g->bytes + g->triangles_offset, mesh->triangle, (size_t)mesh->n_triangle * 12);
+    return PRT_OK;
+}
+
+static void done_geometry(struct work *work)
+{
+    struct geometry *g = (struct geometry *)work;
+    struct request *request = g->request;
+    const struct prt_mesh *mesh = &((struct shape *)g->shape->value)->mesh;
+    if (request) request->abandon = NULL;
+    if (request && work->status) {
+        request_fail(request, error_of_status(work->status), "%s", work->error);
+    } else if (request) {
+        Relight__GeometryAnswer out = RELIGHT__GEOMETRY_ANSWER__INIT;
+        struct payload payload = {g->bytes, g->size, g->bytes, prt_free};
+        struct block_text *text = fill_blocks(mesh, &out.blocks);
+        out.n_blocks = text && out.blocks ? mesh->n_block : 0;
+        out.n_vertex = mesh->n_vertex;
+        out.n_triangle = g->triangles ? mesh->n_triangle : 0;
+        out.normals_offset = g->normals ? g->normals_offset : 0;
+        out.triangles_offset = g->triangles ? g->triangles_offset : 0;
+        out.mm_per_unit = mesh->mm_per_unit;
+        out.generation = g->generation;
+        g->bytes = NULL;
+        request_answer(request, &out.base, &payload);
+        free(text);
+        free(out.blocks);
+    }
+    prt_free(g->bytes);
+    cache_release(g->shape);
+    free(g);
+}
+
+static void abandon_geometry(struct request *request)
+{
+    ((struct geometry *)request->state)->request = NULL;
+}
+
+static void geometry_ready(struct request *request, struct model *m, struct cache_entry *shape)
+{
+    const Relight__GeometryRequest *in = MESSAGE(GeometryRequest);
+    const struct prt_mesh *mesh = &((struct shape *)shape->value)->mesh;
+    struct geometry *g = calloc(1, sizeof *g);
+    if (!g) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return;
+    }
+    *g = (struct geometry){.request = request,
+                           .shape = shape,
+                           .generation = m->generation,
+                           .normals = !in->no_normals,
+                           .triangles = !in->no_triangles};
+    g->scale = in->own_units && mesh->mm_per_unit > 0 ? 1 / mesh->mm_per_unit : 1;
+    size_t vectors = (size_t)mesh->n_vertex * 12;
+    g->size = vectors;
+    if (g->normals) {
+        g->normals_offset = up64(g->size);
+        g->size = g->normals_offset + vectors;
+    }
+    if (g->triangles) {
+        g->triangles_offset = up64(g->size);
+        g->size = g->triangles_offset + (size_t)mesh->n_triangle * 12;
+    }
+    cache_hold(shape);
+    request->state = g;
+    request->abandon = abandon_geometry;
+    g->work.run = run_geometry;
+    g->work.done = done_geometry;
+    work_submit(request->server->work, &g->work);
+}
+
+void op_geometry(struct request *request)
+{
+    with_shape(request, MESSAGE(GeometryRequest)->model, geometry_ready);
+}
+
+void op_unload(struct request *request)
+{
+    const Relight__UnloadRequest *in = MESSAGE(UnloadRequest);
+    char error[256];
+    struct model *m = models_find(request->server->models, in->model, error);
+    if (!m) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s", error);
+        return;
+    }
+    Relight__UnloadAnswer out = RELIGHT__UNLOAD_ANSWER__INIT;
+    bool forget = in->forget;
+    if (!forget) m->pinned = false;
+    model_hold(m);
+    out.freed_bytes = model_unload(m, forget);
+    out.state =
+        forget ? RELIGHT__MODEL_STATE__MODEL_UNKNOWN : (Relight__ModelState)model_state(m);
+    model_release(m);
+    request_answer(request, &out.base, NULL);
+}
+
+// ---- jobs and requests
+
+void op_watch(struct request *request)
+{
+    struct server *server = request->server;
+    const char *name = MESSAGE(WatchRequest)->job;
+    char error[256];
+    struct job *job = jobs_find(server->jobs, name);
+    if (!job) {
+        struct model *m = models_find(server->models, name, error);
+        job = m ? jobs_find(server->jobs, m->id) : NULL;
+        if (m && !job && m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
+            // Baked before this daemon started: there is nothing left to wait for.
+            Relight__Progress done = RELIGHT__PROGRESS__INIT;
+            done.model = m->id;
+            done.state = RELIGHT__JOB_STATE__JOB_DONE;
+            done.fraction = 1;
+            request_answer(request, &done.base, NULL);
+            return;
+        }
+    }
+    if (job) jobs_watch(server->jobs, job, request);
+    else
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%.100s: no such job",
+                     name);
+}
+
+void op_cancel_job(struct request *request)
+{
+    struct server *server = request->server;
+    struct job *job = jobs_find(server->jobs, MESSAGE(CancelJobRequest)->job);
+    if (!job) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%.100s: no such job",
+                     MESSAGE(CancelJobRequest)->job);
+        return;
+    }
+    jobs_cancel(server->jobs, job);
+    Relight__CancelJobAnswer out = RELIGHT__CANCEL_JOB_ANSWER__INIT;
+    out.state = (Relight__JobState)job_state(job);
+    request_answer(request, &out.base, NULL);
+}
+
+void op_cancel(struct request *request)
+{
+    uint64_t id = MESSAGE(CancelRequest)->id;
+    Relight__CancelAnswer out = RELIGHT__CANCEL_ANSWER__INIT;
+    struct connection *conn = request->conn;
+    for (struct request *r = conn->requests; r; r = r->next)
+        if (r->id == id && r != request) {
+            out.found = true;
+            request->server->stats.cancelled_total++;
+            request_stop(r, RELIGHT__ERROR_CODE__ERROR_CANCELLED, "cancelled by the client");
+            break;
+        }
+    if (!conn->dead) request_answer(request, &out.base, NULL);
+}
+
+// ---- stats
+
+struct metrics {
+    Relight__StatsAnswer answer;
+    Relight__Metric *metric[512];
+};
+
+static void add_metric(void *user, const char *name, const char *labels, double value,
+                       const char *help, const char *kind)
+{
+    struct metrics *all = user;
+    Relight__Metric *m = malloc(sizeof *m);
+    if (!m || all->answer.n_metrics == 512) {
+        free(m);
+        return;
+    }
+    relight__metric__init(m);
+    if (asprintf(&m->name, labels[0] ? "%s{%s}" : "%s%s", name, labels) < 0) m->name = "";
+    m->value = value;
+    m->help = (char *)help;
+    all->metric[all->answer.n_metrics++] = m;
+}
+
+void op_stats(struct request *request)
+{
+    struct metrics *all = malloc(sizeof *all);
+    if (!all) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return;
+    }
+    relight__stats_answer__init(&all->answer);
+    all->answer.metrics = all->metric;
+    stats_each(request->server, add_metric, all);
+    request_answer(request, &all->answer.base, NULL);
+    for (size_t i = 0; i < all->answer.n_metrics; i++) {
+        free(all->metric[i]->name);
+        free(all->metric[i]);
+    }
+    free(all);
+}

@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: MIT
+// COLORS, IMAGE and ENV: a request's message becomes a spec, its evaluation an answer.
+#include "net/dispatch.h"
+#include "store/models.h"
+#include "render/render.h"
+#include "net/request.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct evaluation {
+    struct request *request;
+    struct render *render;
+    struct render_spec spec; // what the answer's message needs; the texels are the render's
+};
+
+static void abandon(struct request *request)
+{
+    struct evaluation *e = request->state;
+    if (e->render) render_cancel(e->render);
+    free(e);
+}
+
+static void evaluated(void *user, struct render_result *result)
+{
+    struct evaluation *e = user;
+    struct request *request = e->request;
+    request->abandon = NULL;
+    if (result->code) {
+        request_fail(request, result->code, "%s", result->error);
+        free(e);
+        return;
+    }
+    Relight__Cost cost;
+    render_cost_message(result, &cost);
+    if (e->spec.picture) {
+        Relight__ImageAnswer out;
+        struct render_camera_message camera;
+        render_image_message(result, &e->spec, &out, &camera);
+        out.cost = &cost;
+        request_answer(request, &out.base, &result->payload);
+    } else {
+        Relight__ColorsAnswer out;
+        render_colors_message(result, &e->spec, &out);
+        out.cost = &cost;
+        request_answer(request, &out.base, &result->payload);
+    }
+    free(e);
+}
+
+static void start(struct request *request, const char *name, struct render_spec *spec)
+{
+    char error[256];
+    struct model *model = models_find(request->server->models, name, error);
+    struct evaluation *e = model ? calloc(1, sizeof *e) : NULL;
+    if (!e) {
+        render_spec_finish(spec);
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s",
+                     model ? "not enough memory" : error);
+        return;
+    }
+    e->request = request;
+    e->spec = *spec;
+    e->spec.texels = NULL;
+    request->state = e;
+    request->abandon = abandon;
+    struct render *render = render_start(model, spec, evaluated, e);
+    if (render) e->render = render; // else it has been answered
+}
+
+void op_colors(struct request *request)
+{
+    const Relight__ColorsRequest *in = (const Relight__ColorsRequest *)request->message;
+    struct render_spec spec;
+    char error[300];
+    int code;
+    render_spec_init(&spec);
+    if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request->payload,
+                                   request->payload_size, error)) ||
+        (code = render_spec_shade(&spec, request->server, in->shade, error)) ||
+        (code = render_spec_colors(&spec, (int)in->format, in->exposure_ev, error))) {
+        render_spec_finish(&spec);
+        request_fail(request, code, "%s", error);
+        return;
+    }
+    spec.sum = in->sum;
+    start(request, in->model, &spec);
+}
+
+void op_image(struct request *request)
+{
+    const Relight__ImageRequest *in = (const Relight__ImageRequest *)request->message;
+    struct render_spec spec;
+    char error[300];
+    int code;
+    render_spec_init(&spec);
+    if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request->payload,
+                                   request->payload_size, error)) ||
+        (code = render_spec_shade(&spec, request->server, in->shade, error)) ||
+        (code = render_spec_picture(&spec, request->server, in->picture, error))) {
+        render_spec_finish(&spec);
+        request_fail(request, code, "%s", error);
+        return;
+    }
+    start(request, in->model, &spec);
+}
+
+// ---- ENV: decode ahead of use
+
+struct looking {
+    struct work work;
+    struct cache_waiter waiter;
+    struct request *request; // NULL: nobody waits any more
+    struct cache_entry *entry;
+    char env[96];
+    bool was_there;
+    float mean[3];
+};
+
+static void end_looking(struct looking *l)
+{
+    cache_release(l->entry);
+    free(l);
+}
+
+static int run_mean(struct work *work, const struct prt_context *ctx)
+{
+    struct looking *l = (struct looking *)work;
+    const struct decoded_env *d = l->entry->value;
+    struct prt_cube cube;
+    double sum[3] = {0}, weight = 0;
+    enum { N = 16 };
+    int status = prt_env_to_cube(ctx, &d->env, N, 0, &cube);
+    if (status) return status;
+    for (uint32_t i = 0; i < 6 * N * N; i++) {
+        double w = prt_cube_solid_angle(N, i % N, i / N % N);
+        weight += w;
+        for (uint32_t c = 0; c < 3; c++) sum[c] += w * (double)cube.texel[3 * i + c];
+    }
+    for (int c = 0; c < 3; c++) l->mean[c] = (float)(sum[c] / weight);
+    prt_cube_finish(&cube);
+    return PRT_OK;
+}
+
+static void done_mean(struct work *work)
+{
+    struct looking *l = (struct looking *)work;
+    const struct decoded_env *d = l->entry->value;
+    struct request *request = l->request;
+    if (request) request->abandon = NULL;
+    if (request && work->status) {
+        request_fail(request, error_of_status(work->status), "%s", work->error);
+    } else if (request) {
+        Relight__EnvAnswer out = RELIGHT__ENV_ANSWER__INIT;
+        Relight__Vec3 mean = RELIGHT__VEC3__INIT;
+        out.env = l->env;
+        out.cube = d->env.kind == PRT_ENV_CUBE;
+        out.width = out.cube ? d->env.cube.n : d->env.latlong.width;
+        out.height = out.cube ? d->env.cube.n : d->env.latlong.height;
+        out.full_cube = prt_env_full_cube(&d->env);
+        out.n_mended = d->env.n_negative + d->env.n_nonfinite;
+        out.decode_ms = l->was_there ? 0 : d->decode_ms;
+        mean.x = l->mean[0];
+        mean.y = l->mean[1];
+        mean.z = l->mean[2];
+        out.mean = &mean;
+        request_answer(request, &out.base, NULL);
+    }
+    end_looking(l);
+}
+
+static void env_ready(struct cache_waiter *waiter)
+{
+    struct looking *l = (struct looking *)((char *)waiter - offsetof(struct looking, waiter));
+    if (!l->request) {
+        end_looking(l);
+    } else if (l->entry->state == CACHE_FAILED) {
+        l->request->abandon = NULL;
+        request_fail(l->request, l->entry->error_code, "%s", l->entry->error);
+        end_looking(l);
+    } else {
+        l->work.run = run_mean;
+        l->work.done = done_mean;
+        work_submit(l->request->server->work, &l->work);
+    }
+}
+
+static void abandon_looking(struct request *request)
+{
+    ((struct looking *)request->state)->request = NULL;
+}
+
+void op_env(struct request *request)
+{
+    const Relight__EnvRequest *in = (const Relight__EnvRequest *)request->message;
+    char error[300], env[96];
+    struct looking *l = calloc(1, sizeof *l);
+    int code = l ? env_canonical(in->env, env, error) : RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+    if (l && !code) l->entry = env_get(request->server, env, &code, error);
+    if (!l || !l->entry) {
+        request_fail(request, code, "%s", l ? error : "not enough memory");
+        free(l);
+        return;
+    }
+    snprintf(l->env, sizeof l->env, "%s", env);
+    l->request = request;
+    request->state = l;
+    request->abandon = abandon_looking;
+    l->was_there = l->entry->state == CACHE_READY;
+    l->waiter.wake = env_ready;
+    if (l->entry->state == CACHE_PENDING) cache_wait(l->entry, &l->waiter);
+    else env_ready(&l->waiter);
+}

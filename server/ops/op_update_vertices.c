@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: MIT
+// UPDATE_VERTICES: a model's vertices are put elsewhere, its triangles stay.
+#include "net/dispatch.h"
+#include "relight.pb-c.h"
+#include "net/request.h"
+#include "render/shared/geometry.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const float farthest_mm = 1e6f;
+
+// A pose nobody else looks at: the model's own, or a copy of it or of the file's positions.
+static struct pose *own_pose(struct model *m, const struct prt_mesh *mesh)
+{
+    size_t n = mesh->n_vertex;
+    if (m->pose && m->pose->refs == 1) return m->pose;
+    struct pose *pose = calloc(1, sizeof *pose);
+    if (!pose) return NULL;
+    pose->refs = 1;
+    pose->n = mesh->n_vertex;
+    pose->position = prt_alloc(n, sizeof *pose->position);
+    pose->normal = prt_calloc(n, sizeof *pose->normal);
+    if (!pose->position || !pose->normal) {
+        pose_release(pose);
+        return NULL;
+    }
+    memcpy(pose->position, m->pose ? m->pose->position : mesh->position, n * 12);
+    if (m->pose) memcpy(pose->normal, m->pose->normal, n * 12);
+    pose_release(m->pose);
+    return m->pose = pose;
+}
+
+static bool all_within(const float *x, size_t n, float limit)
+{
+    for (size_t i = 0; i < n; i++)
+        if (!(fabsf(x[i]) <= limit)) return false; // catches NaN
+    return true;
+}
+
+// Unit, or 0 where it cannot be made so: the normal is then made from the triangles.
+static void put_normal(const float in[3], float out[3])
+{
+    float length = sqrtf(in[0] * in[0] + in[1] * in[1] + in[2] * in[2]);
+    bool good = length > 1e-12f && isfinite(length);
+    for (int c = 0; c < 3; c++) out[c] = good ? in[c] / length : 0;
+}
+
+// What was seen of shapes that are past. The one before may still be in use: it goes the next
+// time.
+static void forget_old_shapes(struct model *m)
+{
+    char prefix[64];
+    for (uint64_t g = m->generation; g > 0 && g + 2 > m->generation; g--) {
+        // What the bake answers is of the file's shape, whatever moves.
+        if (g == m->baked_generation) continue;
+        snprintf(prefix, sizeof prefix, "%s/%llu/", m->key, (unsigned long long)g);
+        cache_forget(m->server->cache, prefix, true);
+    }
+}
+
+static void mesh_ready(struct request *request, struct model *m, struct cache_entry *file)
+{
+    const Relight__UpdateVerticesRequest *in =
+        (const Relight__UpdateVerticesRequest *)request->message;
+    const struct prt_mesh *mesh = &prt_file_transport(file->value)->mesh;
+    const float *from = (const float *)request->payload;
+    const float *normal = in->has_normals ? from + 3 * (size_t)in->n : NULL;
+    float scale = in->own_units && mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1;
+    if ((uint64_t)in->first + in->n > mesh->n_vertex) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
+                     "vertices [%u, %llu) of %.100s, which has %u", in->first,
+                     (unsigned long long)in->first + in->n, m->name, mesh->n_vertex);
+        return;
+    }
+    if (!all_within(from, 3 * (size_t)in->n, farthest_mm / scale)) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
+                     "a position is not a number or outside [-1e6, 1e6] mm");
+        return;
+    }
+    if (normal && !all_within(normal, 3 * (size_t)in->n, 1e9f)) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
+                     "a normal is not a number or outside [-1e9, 1e9]");
+        return;
+    }
+    struct pose *pose = in->n ? own_pose(m, mesh) : NULL;
+    if (in->n && !pose) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return;
+    }
+    for (size_t i = 0; i < in->n; i++) {
+        float *p = pose->position[in->first + i], *q = pose->normal[in->first + i];
+        for (int c = 0; c < 3; c++) p[c] = from[3 * i + (size_t)c] * scale;
+        memset(q, 0, sizeof *pose->normal);
+        if (normal) put_normal(normal + 3 * i, q);
+    }
+    if (in->n) {
+        forget_old_shapes(m);
+        m->generation++;
+    }
+    bool moved = in->n > 0;
+    Relight__UpdateVerticesAnswer out = RELIGHT__UPDATE_VERTICES_ANSWER__INIT;
+    out.generation = m->generation;
+    request_answer(request, &out.base, NULL); // and with it what it asked
+    if (moved) model_changed(m);
+}
+
+void op_update_vertices(struct request *request)
+{
+    const Relight__UpdateVerticesRequest *in =
+        (const Relight__UpdateVerticesRequest *)request->message;
+    uint64_t want = (uint64_t)in->n * (in->has_normals ? 24 : 12);
+    if (request->payload_size != want) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                     "the payload has %zu bytes where %u vertices%s take %llu",
+                     request->payload_size, in->n, in->has_normals ? " with normals" : "",
+                     (unsigned long long)want);
+        return;
+    }
+    with_mesh(request, in->model, mesh_ready);
+}

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: MIT
+// What an evaluation came to, as messages.
+#include "render/render.h"
+
+#include <math.h>
+
+void render_cost_message(const struct render_result *r, Relight__Cost *cost)
+{
+    relight__cost__init(cost);
+    float known = r->light_ms + r->relight_ms + r->raster_ms + r->shade_ms + r->encode_ms;
+    cost->queue_ms = fmaxf(0, r->total_ms - known);
+    cost->light_ms = r->light_ms;
+    cost->relight_ms = r->relight_ms;
+    cost->raster_ms = r->raster_ms;
+    cost->shade_ms = r->shade_ms;
+    cost->encode_ms = r->encode_ms;
+    cost->total_ms = r->total_ms;
+    cost->shared = r->shared;
+    cost->error_bound = r->error_bound;
+    cost->engine = r->engine;
+    cost->samples = r->samples;
+    cost->frames = r->frames;
+    cost->converged = r->converged;
+    cost->note = (char *)r->note;
+}
+
+void render_colors_message(const struct render_result *r, const struct render_spec *spec,
+                           Relight__ColorsAnswer *out)
+{
+    relight__colors_answer__init(out);
+    out->n_vertex = r->n_vertex;
+    out->n_plane = r->n_plane;
+    out->plane_bytes = r->plane_bytes;
+    out->format = spec->format;
+    out->generation = r->generation;
+}
+
+static void vec3_message(const float v[3], Relight__Vec3 *out)
+{
+    relight__vec3__init(out);
+    out->x = v[0];
+    out->y = v[1];
+    out->z = v[2];
+}
+
+void render_image_message(const struct render_result *r, const struct render_spec *spec,
+                          Relight__ImageAnswer *out, struct render_camera_message *camera)
+{
+    relight__image_answer__init(out);
+    relight__camera__init(&camera->camera);
+    vec3_message(r->camera.eye, &camera->eye);
+    vec3_message(r->camera.target, &camera->target);
+    vec3_message(r->camera.up, &camera->up);
+    camera->camera.eye = &camera->eye;
+    camera->camera.target = &camera->target;
+    camera->camera.up = &camera->up;
+    camera->camera.fovy_deg = r->camera.fovy_deg;
+    out->width = r->width;
+    out->height = r->height;
+    out->format = spec->image_format;
+    out->camera = &camera->camera;
+    out->generation = r->generation;
+}

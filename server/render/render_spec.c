@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: MIT
+// What a client asks to be evaluated, from messages to a checked render_spec. Every refusal
+// names the parameter, its range and its unit.
+#include "render/shared/materials.h"
+#include "render/render.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define REFUSE(code, ...) \
+    return (snprintf(error, 300, __VA_ARGS__), RELIGHT__ERROR_CODE__ERROR_##code)
+
+void render_spec_init(struct render_spec *spec)
+{
+    *spec = (struct render_spec){.width = 800, .height = 600, .samples = 4, .quality = 90};
+}
+
+void render_spec_finish(struct render_spec *spec)
+{
+    free(spec->texels);
+    spec->texels = NULL;
+}
+
+static size_t texel_floats(const struct render_spec *spec)
+{
+    size_t n = 0;
+    for (unsigned i = 0; i < spec->n_light; i++)
+        n += (size_t)18 * spec->light[i].cube_n * spec->light[i].cube_n;
+    return n;
+}
+
+int render_spec_copy(const struct render_spec *from, struct render_spec *to)
+{
+    size_t n = texel_floats(from);
+    *to = *from;
+    to->texels = n ? malloc(n * sizeof(float)) : NULL;
+    if (n && !to->texels) return RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+    if (n) memcpy(to->texels, from->texels, n * sizeof(float));
+    return 0;
+}
+
+static bool vec3(const Relight__Vec3 *v, float out[3])
+{
+    if (!v) return false;
+    out[0] = v->x;
+    out[1] = v->y;
+    out[2] = v->z;
+    return true;
+}
+
+static bool all_in(const float v[3], float low, float high)
+{
+    for (int i = 0; i < 3; i++)
+        if (!(v[i] >= low && v[i] <= high)) return false;
+    return true;
+}
+
+static int parse_light(struct render_light *out, const Relight__Light *in, unsigned index,
+                       char error[300])
+{
+    *out = (struct render_light){.gain = {1, 1, 1}, .cube_n = in->cube_n};
+    if (!in->cube_n == !in->env[0])
+        REFUSE(BAD_REQUEST, "lights[%u]: exactly one of env and cube_n is wanted", index);
+    if (in->cube_n && (in->cube_n < 16 || in->cube_n > 128 || in->cube_n & (in->cube_n - 1)))
+        REFUSE(OUT_OF_RANGE, "lights[%u].cube_n %u is not 16, 32, 64 or 128", index,
+               in->cube_n);
+    if (!(fabsf(in->rotate_deg) <= 1e6f))
+        REFUSE(OUT_OF_RANGE, "lights[%u].rotate_deg is outside [-1e6, 1e6] degrees", index);
+    vec3(in->gain, out->gain);
+    if (!all_in(out->gain, 0, 1e6f))
+        REFUSE(OUT_OF_RANGE, "lights[%u].gain is outside [0, 1e6]", index);
+    out->rotate_deg = fmod(in->rotate_deg, 360);
+    if (out->rotate_deg < 0) out->rotate_deg += 360;
+    return in->env[0] ? env_canonical(in->env, out->env, error) : 0;
+}
+
+void render_light_name(struct render_light *light, const float *texels)
+{
+    char source[96];
+    size_t bytes = (size_t)72 * light->cube_n * light->cube_n;
+    if (light->cube_n)
+        snprintf(source, sizeof source, "texels:%u:%016llx%016llx", light->cube_n,
+                 (unsigned long long)prt_hash64(texels + light->texel, bytes, 1),
+                 (unsigned long long)prt_hash64(texels + light->texel, bytes, 2));
+    else snprintf(source, sizeof source, "%s", light->env);
+    snprintf(light->key, sizeof light->key, "%s@%.9g*%.9g,%.9g,%.9g", source, light->rotate_deg,
+             (double)light->gain[0], (double)light->gain[1], (double)light->gain[2]);
+    snprintf(light->still_key, sizeof light->still_key, "%s@0*%.9g,%.9g,%.9g", source,
+             (double)light->gain[0], (double)light->gain[1], (double)light->gain[2]);
+}
+
+int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const *lights,
+                       const uint8_t *payload, size_t payload_size, char error[300])
+{
+    if (n > RENDER_MAX_LIGHTS)
+        REFUSE(OUT_OF_RANGE, "%zu lights: 1 to %d are wanted", n, RENDER_MAX_LIGHTS);
+    struct render_light parsed[RENDER_MAX_LIGHTS];
+    size_t floats = 0;
+    for (unsigned i = 0; i < n; i++) {
+        int code = parse_light(&parsed[i], lights[i], i, error);
+        if (code) return code;
+        parsed[i].texel = floats;
+        floats += (size_t)18 * parsed[i].cube_n * parsed[i].cube_n;
+    }
+    if (payload_size != floats * sizeof(float))
+        REFUSE(BAD_REQUEST, "the payload has %zu bytes where the lights' cubes take %zu",
+               payload_size, floats * sizeof(float));
+    const float *texels = (const float *)payload;
+    for (size_t i = 0; i < floats; i++)
+        if (!(texels[i] >= 0 && texels[i] <= 1e9f))
+            REFUSE(OUT_OF_RANGE, "a texel of an inline cube is outside [0, 1e9]");
+    float *copy = floats ? malloc(floats * sizeof *copy) : NULL;
+    if (floats && !copy) REFUSE(NO_MEMORY, "not enough memory");
+    if (copy) memcpy(copy, texels, floats * sizeof *copy);
+    free(spec->texels);
+    spec->texels = copy;
+    spec->n_light = (unsigned)n;
+    for (unsigned i = 0; i < n; i++) spec->light[i] = parsed[i];
+    for (unsigned i = 0; i < n; i++) render_light_name(&spec->light[i], copy);
+    return 0;
+}
+
+static int parse_maps(struct render_spec *spec, const Relight__Shade *shade, char error[300])
+{
+    const char *const map[3] = {shade->albedo_map, shade->normal_map, shade->bump_map};
+    static const char *const name[3] = {"albedo_map", "normal_map", "bump_map"};
+    for (int k = 0; k < 3; k++) {
+        if (map[k][0] && !relight_hash_valid(map[k]))
+            REFUSE(BAD_REQUEST, "shade.%s %.70s: not the SHA-256 of an upload", name[k],
+                   map[k]);
+        snprintf(spec->map[k], sizeof spec->map[k], "%s", map[k]);
+    }
+    if (!(shade->bump_mm >= 0 && shade->bump_mm <= 1e4f))
+        REFUSE(OUT_OF_RANGE, "shade.bump_mm is outside [0, 1e4] mm");
+    spec->bump_mm = shade->bump_mm;
+    return 0;
+}
+
+int render_spec_shade(struct render_spec *spec, struct server *server,
+                      const Relight__Shade *shade, char error[300])
+{
+    if (!shade) return 0;
+    bool preset;
+    if (shade->engine > 8u) REFUSE(UNSUPPORTED, "engine %u is unknown", shade->engine);
+    if (shade->term > 3u) REFUSE(UNSUPPORTED, "term %u is unknown", shade->term);
+    spec->engine = shade->engine;
+    spec->term = shade->term;
+    spec->has_material = shade->material[0] != 0;
+    spec->material_key[0] = 0;
+    if (spec->has_material) {
+        if (material_resolve(server, shade->material, &spec->material, &preset, error))
+            return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
+        snprintf(spec->material_key, sizeof spec->material_key, "%016llx",
+                 (unsigned long long)prt_material_hash(&spec->material));
+    }
+    spec->has_eye = vec3(shade->eye, spec->eye);
+    if (spec->has_eye && !all_in(spec->eye, -1e9f, 1e9f))
+        REFUSE(OUT_OF_RANGE, "shade.eye is outside [-1e9, 1e9]");
+    if (!(shade->max_error >= 0 && shade->max_error <= 1e9f))
+        REFUSE(OUT_OF_RANGE, "shade.max_error is negative or not a number");
+    spec->max_error = shade->max_error;
+    spec->budget_ms = shade->budget_ms;
+    return parse_maps(spec, shade, error);
+}
+
+int render_spec_colors(struct render_spec *spec, int format, float exposure_ev, char error[300])
+{
+    if (format < 0 || format > 3) REFUSE(UNSUPPORTED, "format %d is unknown", format);
+    if (!(fabsf(exposure_ev) <= 40))
+        REFUSE(OUT_OF_RANGE, "exposure_ev is outside [-40, 40] stops");
+    spec->format = format;
+    spec->exposure_ev = exposure_ev;
+    return 0;
+}
+
+static int parse_camera(struct render_spec *spec, const Relight__Camera *camera,
+                        char error[300])
+{
+    static const float up[3] = {0, 1, 0};
+    spec->has_camera = camera != NULL;
+    if (!camera) return 0;
+    memcpy(spec->camera_up, up, sizeof up);
+    vec3(camera->up, spec->camera_up);
+    if (!vec3(camera->eye, spec->camera_eye) || !vec3(camera->target, spec->camera_target))
+        REFUSE(BAD_REQUEST, "camera: eye and target are wanted");
+    if (!all_in(spec->camera_eye, -1e9f, 1e9f) || !all_in(spec->camera_target, -1e9f, 1e9f) ||
+        !all_in(spec->camera_up, -1e9f, 1e9f))
+        REFUSE(OUT_OF_RANGE, "camera: a coordinate is outside [-1e9, 1e9]");
+    spec->fovy_deg = camera->fovy_deg;
+    if (!(spec->fovy_deg >= 0 && spec->fovy_deg < 170))
+        REFUSE(OUT_OF_RANGE, "camera.fovy_deg is outside (0, 170) degrees");
+    float look[3], u[3], cross = 0;
+    for (int i = 0; i < 3; i++) look[i] = spec->camera_target[i] - spec->camera_eye[i];
+    memcpy(u, spec->camera_up, sizeof u);
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        cross += fabsf(look[j] * u[k] - look[k] * u[j]);
+    }
+    if (!(cross > 0)) REFUSE(OUT_OF_RANGE, "camera: eye, target and up lie on one line");
+    return 0;
+}
+
+int render_spec_picture(struct render_spec *spec, const struct server *server,
+                        const Relight__Picture *p, char error[300])
+{
+    spec->picture = true;
+    if (!p) return 0;
+    uint32_t side = server->options.max_side;
+    spec->width = p->width ? p->width : 800;
+    spec->height = p->height ? p->height : 600;
+    if (spec->width > side || spec->height > side)
+        REFUSE(OUT_OF_RANGE, "picture: %ux%u is outside 1x1 to %ux%u pixels", spec->width,
+               spec->height, side, side);
+    if (p->format > 5u) REFUSE(UNSUPPORTED, "picture.format %u is unknown", p->format);
+    if (p->tone > 2u) REFUSE(UNSUPPORTED, "picture.tone %u is unknown", p->tone);
+    if (p->quality > 100)
+        REFUSE(OUT_OF_RANGE, "picture.quality %u is outside 1..100", p->quality);
+    if (!(fabsf(p->exposure_ev) <= 40))
+        REFUSE(OUT_OF_RANGE, "picture.exposure_ev is outside [-40, 40] stops");
+    spec->image_format = p->format;
+    spec->tone = p->tone;
+    spec->quality = p->quality ? p->quality : 90;
+    spec->picture_ev = p->exposure_ev;
+    spec->plain_background = p->plain_background;
+    spec->no_specular = p->no_specular;
+    spec->samples = p->samples ? p->samples : 4;
+    if (spec->samples > 8 || spec->samples & (spec->samples - 1))
+        REFUSE(OUT_OF_RANGE, "picture.samples %u is not 1, 2, 4 or 8", spec->samples);
+    memset(spec->background, 0, sizeof spec->background);
+    vec3(p->background, spec->background);
+    if (!all_in(spec->background, 0, 1e6f))
+        REFUSE(OUT_OF_RANGE, "picture.background is outside [0, 1e6]");
+    return parse_camera(spec, p->camera, error);
+}

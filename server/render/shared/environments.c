@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: MIT
+// Environments by name: uploaded images through the decode helper, and constant ones.
+#include "render/render.h"
+
+#include "core/log.h"
+#include "prt/base.h"
+#include "net/request.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { CONSTANT_CUBE = 4 };
+
+int env_canonical(const char *env, char out[96], char error[300])
+{
+    float c[3] = {1, 1, 1};
+    char tail;
+    if (!strncmp(env, "env:", 4) && relight_hash_valid(env + 4)) {
+        snprintf(out, 96, "%s", env);
+        return 0;
+    }
+    bool plain = !strcmp(env, "constant");
+    if (!plain && (strncmp(env, "constant:", 9) ||
+                   sscanf(env + 9, "%f,%f,%f%c", &c[0], &c[1], &c[2], &tail) != 3)) {
+        snprintf(error, 300, "light.env %.60s: neither env:HASH nor constant[:R,G,B]", env);
+        return RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
+    }
+    for (int i = 0; i < 3; i++)
+        if (!(c[i] >= 0 && c[i] <= 1e6f)) {
+            snprintf(error, 300, "light.env %.60s: radiance is outside [0, 1e6]", env);
+            return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
+        }
+    snprintf(out, 96, "constant:%.9g,%.9g,%.9g", (double)c[0], (double)c[1], (double)c[2]);
+    return 0;
+}
+
+static void fill_constant(struct cache_entry *entry, const char *env)
+{
+    size_t n = (size_t)6 * CONSTANT_CUBE * CONSTANT_CUBE;
+    float c[3] = {0};
+    struct decoded_env *d = calloc(1, sizeof *d + n * 3 * sizeof(float));
+    if (!d) {
+        cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return;
+    }
+    sscanf(env, "constant:%f,%f,%f", &c[0], &c[1], &c[2]);
+    float *texel = (float *)(d + 1);
+    for (size_t i = 0; i < 3 * n; i++) texel[i] = c[i % 3];
+    d->env.kind = PRT_ENV_CUBE;
+    d->env.cube = (struct prt_cube){CONSTANT_CUBE, texel};
+    cache_fill(entry, d, sizeof *d + n * 12, decoded_env_destroy);
+}
+
+static void decoded(void *user, struct decoded_env *env, int status, const char *error)
+{
+    struct cache_entry *entry = user;
+    if (env) {
+        log_line(LOG_EVENT, "environment env=%s ms=%.1f", entry->key, (double)env->decode_ms);
+        entry->ms = env->decode_ms;
+        cache_fill(entry, env, env->map_bytes + env->cache_bytes, decoded_env_destroy);
+    } else {
+        cache_fail(entry, error_of_status(status), error);
+    }
+    cache_release(entry);
+}
+
+struct cache_entry *env_get(struct server *server, const char *env, int *code, char error[300])
+{
+    bool fresh, uploaded = !strncmp(env, "env:", 4);
+    char path[4096], name[300];
+    struct cache_entry *entry = cache_find(server->cache, env);
+    if (entry) return entry;
+    if (uploaded && !blobs_has(server->blobs, env + 4)) {
+        *code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+        snprintf(error, 300, "light.env %.16s…: no such upload", env);
+        return NULL;
+    }
+    entry = cache_get(server->cache, env, &fresh);
+    if (!uploaded) {
+        fill_constant(entry, env);
+        return entry;
+    }
+    cache_hold(entry); // for the decoder
+    blobs_path(server->blobs, env + 4, path, sizeof path);
+    blobs_name(server->blobs, env + 4, name, sizeof name);
+    decoder_env(server->decoder, path, name, decoded, entry);
+    return entry;
+}

@@ -1,0 +1,256 @@
+// SPDX-License-Identifier: MIT
+// Materials by their text. Those with a profile of their own are parsed on a worker and kept in
+// the cache; requests that name one wait for it.
+#include "render/shared/materials.h"
+
+#include "frame.h"
+#include "relight.pb-c.h"
+#include "net/request.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MATERIAL_BYTES = 65536, QUICK_BYTES = 2048 };
+
+struct resolved {
+    int status;
+    char error[300];
+    struct prt_material material;
+};
+
+static void parse(const struct prt_context *ctx, const char *text, struct resolved *out)
+{
+    struct work keep = {.error = ""};
+    struct prt_context own = *ctx;
+    own.log = work_keep_error;
+    own.log_user = &keep;
+    out->status = prt_material_parse(&own, "material", text, strlen(text), &out->material);
+    snprintf(out->error, sizeof out->error, "%s",
+             keep.error[0] ? keep.error : prt_status_text(out->status));
+}
+
+// Four numbers for each channel are read in microseconds. What may be more: an escaped letter
+// may spell the same word.
+static bool is_slow(const char *text)
+{
+    return text[0] == '{' &&
+           (strlen(text) > QUICK_BYTES || strstr(text, "profile") || strchr(text, '\\')) &&
+           strlen(text) <= MATERIAL_BYTES;
+}
+
+static void name(const char *text, char key[64])
+{
+    size_t n = strlen(text);
+    snprintf(key, 64, "material/%016llx%016llx", (unsigned long long)prt_hash64(text, n, 1),
+             (unsigned long long)prt_hash64(text, n, 2));
+}
+
+int material_resolve(struct server *server, const char *text, struct prt_material *material,
+                     bool *preset, char error[300])
+{
+    *preset = false;
+    for (unsigned i = 0; text[0] != '{' && prt_material_preset(i); i++)
+        if (!strcmp(prt_material_preset(i)->name, text)) {
+            *material = *prt_material_preset(i);
+            *preset = true;
+            return PRT_OK;
+        }
+    if (text[0] != '{' || strlen(text) > MATERIAL_BYTES) {
+        snprintf(error, 300, "material %.100s: neither a preset nor JSON text", text);
+        return PRT_ARG;
+    }
+    struct resolved own;
+    const struct resolved *found = &own;
+    struct cache_entry *entry = NULL;
+    char key[64];
+    if (is_slow(text)) {
+        name(text, key);
+        entry = cache_find(server->cache, key);
+    }
+    if (entry && entry->state == CACHE_READY) {
+        found = entry->value;
+    } else {
+        struct prt_context ctx;
+        prt_context_init(&ctx);
+        parse(&ctx, text, &own);
+    }
+    int status = found->status;
+    *material = found->material;
+    snprintf(error, 300, "%s", found->error);
+    cache_release(entry);
+    return status;
+}
+
+// ---- on a worker
+
+struct resolving {
+    struct work work;
+    struct cache_entry *entry;
+    struct resolved *resolved;
+    char text[];
+};
+
+static int run_resolving(struct work *work, const struct prt_context *ctx)
+{
+    struct resolving *r = (struct resolving *)work;
+    r->resolved = calloc(1, sizeof *r->resolved);
+    if (!r->resolved) return PRT_NOMEM;
+    parse(ctx, r->text, r->resolved);
+    return PRT_OK;
+}
+
+static void done_resolving(struct work *work)
+{
+    struct resolving *r = (struct resolving *)work;
+    // A material that is refused is known, too.
+    if (work->status) cache_fail(r->entry, error_of_status(work->status), work->error);
+    else cache_fill(r->entry, r->resolved, sizeof *r->resolved, free);
+    cache_release(r->entry);
+    free(r);
+}
+
+// With a reference for the caller.
+static struct cache_entry *resolved_get(struct server *server, const char *text)
+{
+    char key[64];
+    bool fresh;
+    name(text, key);
+    struct cache_entry *entry = cache_get(server->cache, key, &fresh);
+    if (!fresh) return entry;
+    struct resolving *r = calloc(1, sizeof *r + strlen(text) + 1);
+    if (!r) {
+        cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return entry;
+    }
+    strcpy(r->text, text);
+    r->entry = entry;
+    cache_hold(entry);
+    r->work.run = run_resolving;
+    r->work.done = done_resolving;
+    work_submit(server->work, &r->work);
+    return entry;
+}
+
+// ---- requests that wait
+
+struct material_wait {
+    struct cache_waiter waiter; // first
+    struct material_wait *next; // of the connection's views, in their order
+    struct connection *conn;    // NULL: not about a view, or closed
+    struct request *request;    // NULL: nobody waits any more
+    struct cache_entry *entry;  // NULL: waits for its turn alone
+    bool ready;
+    void (*run)(struct request *request);
+};
+
+static void run_wait(struct material_wait *w)
+{
+    struct request *request = w->request;
+    if (request) {
+        request->state = NULL;
+        request->abandon = NULL;
+        w->run(request);
+    }
+    cache_release(w->entry); // held so long: it cannot be evicted before it is used
+    free(w);
+}
+
+static void run_ready(struct connection *conn)
+{
+    while (!conn->dead && conn->waits && conn->waits->ready) {
+        struct material_wait *w = conn->waits;
+        conn->waits = w->next;
+        run_wait(w);
+    }
+}
+
+static void resolved(struct cache_waiter *waiter)
+{
+    struct material_wait *w = (struct material_wait *)waiter;
+    w->ready = true;
+    if (w->conn) run_ready(w->conn);
+    else run_wait(w);
+}
+
+static void abandon(struct request *request)
+{
+    ((struct material_wait *)request->state)->request = NULL; // it goes when its turn comes
+}
+
+void materials_drop(struct connection *conn)
+{
+    for (struct material_wait *w = conn->waits, *next; w; w = next) {
+        next = w->next;
+        w->conn = NULL;
+        w->request = NULL;
+        if (w->ready) run_wait(w);
+    }
+    conn->waits = NULL;
+}
+
+static bool about_views(uint16_t type)
+{
+    return type == RELIGHT_TYPE_VIEW_OPEN || type == RELIGHT_TYPE_VIEW_SET ||
+           type == RELIGHT_TYPE_VIEW_CLOSE;
+}
+
+static const char *material_of(const struct request *request)
+{
+    const void *m = request->message;
+    const Relight__Shade *shade = NULL;
+    const Relight__ViewState *state = NULL;
+    switch (request->type) {
+    case RELIGHT_TYPE_LOAD:
+        return ((const Relight__LoadRequest *)m)->material;
+    case RELIGHT_TYPE_COLORS:
+        shade = ((const Relight__ColorsRequest *)m)->shade;
+        break;
+    case RELIGHT_TYPE_IMAGE:
+        shade = ((const Relight__ImageRequest *)m)->shade;
+        break;
+    case RELIGHT_TYPE_VIEW_OPEN:
+        state = ((const Relight__ViewOpenRequest *)m)->state;
+        break;
+    case RELIGHT_TYPE_VIEW_SET:
+        state = ((const Relight__ViewSetRequest *)m)->state;
+        break;
+    default:
+        break;
+    }
+    if (state) shade = state->shade;
+    return shade ? shade->material : "";
+}
+
+void material_then(struct request *request, void (*run)(struct request *request))
+{
+    struct connection *conn = request->conn;
+    const char *text = material_of(request);
+    bool views = about_views(request->type);
+    struct cache_entry *entry = is_slow(text) ? resolved_get(request->server, text) : NULL;
+    bool pending = entry && entry->state == CACHE_PENDING;
+    bool wait = pending || (views && conn->waits);
+    struct material_wait *w = wait ? calloc(1, sizeof *w) : NULL;
+    if (!wait) {
+        run(request);
+        cache_release(entry);
+        return;
+    }
+    if (!w) {
+        cache_release(entry);
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return;
+    }
+    *w = (struct material_wait){.waiter.wake = resolved,
+                                .request = request,
+                                .entry = entry,
+                                .ready = !pending,
+                                .run = run,
+                                .conn = views ? conn : NULL};
+    request->state = w;
+    request->abandon = abandon;
+    struct material_wait **last = &conn->waits;
+    while (views && *last) last = &(*last)->next;
+    if (views) *last = w;
+    if (pending) cache_wait(entry, &w->waiter);
+}

@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: MIT */
+/* materials.h owns materials as clients say them: what takes long to work out (layered slabs,
+ * some 0.1 s) is worked out once, on a worker, before the request that names it goes on. */
+#ifndef RELIGHTD_MATERIALS_H
+#define RELIGHTD_MATERIALS_H
+
+#include "prt/medium.h"
+#include "core/server.h"
+
+struct request;
+
+/* A preset's name or JSON text; error says what is wrong. Returns an enum prt_status. */
+int material_resolve(struct server *server, const char *text, struct prt_material *material,
+                     bool *preset, char error[300]);
+
+/* Calls run(request), now or when the material it names is known: material_resolve is quick
+ * then. What a connection says of its views keeps its order. */
+void material_then(struct request *request, void (*run)(struct request *request));
+/* The connection closes: what it said of its views is done by nobody. */
+void materials_drop(struct connection *conn);
+
+#endif

@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: MIT
+// The table of shared results: chained hashing by key text, and a use-ordered list of entries
+// that nobody holds.
+#include "store/cache.h"
+
+#include "prt/base.h"
+
+#include <assert.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { N_BUCKET = 4096 };
+
+struct cache {
+    struct cache_entry *bucket[N_BUCKET];
+    struct cache_entry *newest, *oldest;
+    size_t budget;
+    struct cache_counts counts;
+    struct cache *files;   // entries of it are held by values of this one
+    struct cache *holders; // the other way round
+    bool relieving;
+};
+
+int cache_create(size_t budget_bytes, struct cache **out)
+{
+    struct cache *cache = calloc(1, sizeof *cache);
+    if (!cache) return PRT_NOMEM;
+    cache->budget = budget_bytes;
+    *out = cache;
+    return PRT_OK;
+}
+
+static void unlink_use(struct cache *cache, struct cache_entry *e)
+{
+    *(e->newer ? &e->newer->older : &cache->newest) = e->older;
+    *(e->older ? &e->older->newer : &cache->oldest) = e->newer;
+    e->newer = e->older = NULL;
+}
+
+static void unlink_key(struct cache *cache, struct cache_entry *e)
+{
+    struct cache_entry **at = &cache->bucket[e->hash % N_BUCKET];
+    while (*at && *at != e) at = &(*at)->chain;
+    if (*at) {
+        *at = e->chain;
+        cache->counts.entries--;
+    }
+    e->chain = NULL;
+}
+
+static void free_entry(struct cache *cache, struct cache_entry *e)
+{
+    if (e->value && e->destroy) e->destroy(e->value);
+    cache->counts.bytes -= e->bytes;
+    free(e->key);
+    free(e);
+}
+
+static void drop(struct cache *cache, struct cache_entry *e)
+{
+    unlink_use(cache, e);
+    unlink_key(cache, e);
+    free_entry(cache, e);
+}
+
+// The one used longest ago, of those that nobody uses.
+static bool drop_holder(struct cache *cache)
+{
+    struct cache_entry *e = cache->oldest;
+    while (e && !e->holds_file) e = e->newer;
+    if (!e) return false;
+    cache->counts.evictions++;
+    drop(cache, e);
+    return true;
+}
+
+static void keep_budget(struct cache *cache)
+{
+    while (cache->counts.bytes > cache->budget && cache->oldest) {
+        cache->counts.evictions++;
+        drop(cache, cache->oldest);
+    }
+    if (cache->relieving || !cache->holders) return;
+    cache->relieving = true; // what is let go comes back here, and is dropped
+    while (cache->counts.bytes > cache->budget && drop_holder(cache->holders)) continue;
+    cache->relieving = false;
+}
+
+void cache_hold_files(struct cache *holders, struct cache *files)
+{
+    holders->files = files;
+    files->holders = holders;
+}
+
+void cache_destroy(struct cache *cache)
+{
+    if (!cache) return;
+    while (cache->oldest) drop(cache, cache->oldest);
+    free(cache);
+}
+
+struct cache_entry *cache_find(struct cache *cache, const char *key)
+{
+    uint64_t hash = prt_hash64(key, strlen(key), 1);
+    struct cache_entry *e = cache->bucket[hash % N_BUCKET];
+    while (e && (e->hash != hash || strcmp(e->key, key))) e = e->chain;
+    if (e) cache_hold(e);
+    return e;
+}
+
+struct cache_entry *cache_get(struct cache *cache, const char *key, bool *fresh)
+{
+    struct cache_entry *e = cache_find(cache, key);
+    *fresh = !e;
+    if (e) {
+        cache->counts.hits++;
+        return e;
+    }
+    cache->counts.misses++;
+    e = calloc(1, sizeof *e);
+    if (!e || !(e->key = strdup(key))) abort(); // a few hundred bytes: nothing left to save
+    e->cache = cache;
+    e->refs = 1;
+    e->hash = prt_hash64(key, strlen(key), 1);
+    e->chain = cache->bucket[e->hash % N_BUCKET];
+    cache->bucket[e->hash % N_BUCKET] = e;
+    cache->counts.entries++;
+    return e;
+}
+
+void cache_hold(struct cache_entry *e)
+{
+    if (!e->refs++ && e->state != CACHE_FAILED) unlink_use(e->cache, e);
+}
+
+void cache_release(struct cache_entry *e)
+{
+    if (!e) return;
+    assert(e->refs);
+    if (--e->refs) return;
+    struct cache *cache = e->cache;
+    if (e->state != CACHE_READY || e->forgotten) { // it left the table already
+        free_entry(cache, e);
+        return;
+    }
+    e->older = cache->newest;
+    *(cache->newest ? &cache->newest->newer : &cache->oldest) = e;
+    cache->newest = e;
+    bool holds_file = e->holds_file;
+    keep_budget(cache); // may drop it
+    if (holds_file && cache->files) keep_budget(cache->files);
+}
+
+static void wake_all(struct cache_entry *e)
+{
+    struct cache_waiter *w = e->waiters;
+    e->waiters = NULL;
+    while (w) {
+        struct cache_waiter *next = w->next;
+        w->wake(w);
+        w = next;
+    }
+}
+
+void cache_fill(struct cache_entry *e, void *value, size_t bytes, void (*destroy)(void *))
+{
+    assert(e->state == CACHE_PENDING && e->refs);
+    e->state = CACHE_READY;
+    e->value = value;
+    e->bytes = bytes;
+    e->destroy = destroy;
+    e->cache->counts.bytes += bytes;
+    keep_budget(e->cache);
+    wake_all(e);
+}
+
+void cache_fail(struct cache_entry *e, int error_code, const char *text)
+{
+    assert(e->state == CACHE_PENDING && e->refs);
+    e->state = CACHE_FAILED;
+    e->error_code = error_code;
+    snprintf(e->error, sizeof e->error, "%s", text);
+    unlink_key(e->cache, e);
+    wake_all(e);
+}
+
+void cache_wait(struct cache_entry *e, struct cache_waiter *waiter)
+{
+    assert(e->state == CACHE_PENDING);
+    struct cache_waiter **last = &e->waiters;
+    while (*last) last = &(*last)->next; // served in the order they came
+    waiter->next = NULL;
+    *last = waiter;
+}
+
+// Out of the table; nothing is freed yet.
+static void leave(struct cache *cache, struct cache_entry *e, struct cache_entry **unused)
+{
+    if (e->forgotten || e->state == CACHE_FAILED) return;
+    unlink_key(cache, e);
+    e->forgotten = true;
+    if (e->refs) return;
+    unlink_use(cache, e);
+    e->chain = *unused;
+    *unused = e;
+}
+
+static void free_list(struct cache *cache, struct cache_entry *e)
+{
+    for (struct cache_entry *next; e; e = next) {
+        next = e->chain;
+        free_entry(cache, e); // which may release entries of any cache
+    }
+}
+
+void cache_forget(struct cache *cache, const char *prefix, bool pending)
+{
+    size_t n = strlen(prefix);
+    struct cache_entry *unused = NULL;
+    for (int i = 0; i < N_BUCKET; i++)
+        for (struct cache_entry *e = cache->bucket[i], *next; e; e = next) {
+            next = e->chain;
+            if (!strncmp(e->key, prefix, n) && (pending || e->state != CACHE_PENDING))
+                leave(cache, e, &unused);
+        }
+    free_list(cache, unused);
+}
+
+void cache_forget_entry(struct cache_entry *e)
+{
+    struct cache_entry *unused = NULL;
+    struct cache *cache = e->cache;
+    leave(cache, e, &unused);
+    free_list(cache, unused);
+}
+
+void cache_count(const struct cache *cache, struct cache_counts *out)
+{
+    *out = cache->counts;
+}

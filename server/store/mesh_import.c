@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: MIT
+// A model before its bake: its file is read by the helper process into DATA/previews/ID.prt, a
+// .prt without light transport, and opened like a bake.
+#include "store/model_files.h"
+#include "core/log.h"
+#include "relight.pb-c.h"
+#include "net/request.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+struct reading {
+    struct model *model;
+    struct cache_entry *entry;
+    char folder[PATH_MAX]; // to remove
+};
+
+static void not_read(struct reading *r, int status, const char *error, const char *path)
+{
+    struct model *m = r->model;
+    int code = m->gone ? RELIGHT__ERROR_CODE__ERROR_NOT_FOUND : error_of_status(status);
+    if (m->gone) error = "the model was unloaded meanwhile";
+    m->mesh = MESH_FAILED;
+    m->mesh_error_code = code;
+    snprintf(m->mesh_error, sizeof m->mesh_error, "%s", error);
+    log_line(LOG_EVENT, "model id=%s not read error=\"%s\"", m->id, error);
+    if (model_is_last(m)) unlink(path); // else somebody is to write or has written the same
+    cache_fail(r->entry, code, error);
+    cache_release(r->entry);
+}
+
+static void read_done(void *user, int status, const char *error, const char *warnings, float ms)
+{
+    struct reading *r = user;
+    struct model *m = r->model;
+    char path[PATH_MAX];
+    struct stat st;
+    model_preview_path(m->server, m->id, path);
+    if (r->folder[0]) remove_tree(r->folder);
+    if (!status && stat(path, &st)) {
+        status = PRT_IO;
+        error = "the model's mesh was not written";
+    }
+    if (status || m->gone) {
+        not_read(r, status, error, path);
+    } else {
+        m->mesh = MESH_THERE;
+        if (warnings[0] && !m->warnings) m->warnings = strdup(warnings);
+        blobs_charge(m->server->blobs, st.st_size);
+        log_line(LOG_EVENT, "model id=%s read ms=%.1f", m->id, (double)ms);
+        if (m->state != RELIGHT__MODEL_STATE__MODEL_READY) model_remember(m);
+        model_start_opening(m, r->entry, path, true);
+        model_changed(m);
+    }
+    model_release(m);
+    free(r);
+}
+
+void preview_start(struct model *m, const struct decode_model *order, const char *folder)
+{
+    char key[sizeof m->key + 8], path[PATH_MAX];
+    bool fresh;
+    struct reading *r = NULL;
+    if (m->mesh == MESH_THERE || m->mesh == MESH_READING || !(r = calloc(1, sizeof *r))) {
+        if (folder[0]) remove_tree(folder);
+        return;
+    }
+    snprintf(key, sizeof key, "%s/mesh", m->key);
+    r->model = m;
+    model_hold(m);
+    // Whatever is there is of a file that has gone.
+    cache_forget(m->server->files, key, true);
+    r->entry = cache_get(m->server->files, key, &fresh);
+    snprintf(r->folder, sizeof r->folder, "%s", folder);
+    m->mesh = MESH_READING;
+    struct decode_model own = *order;
+    model_preview_path(m->server, m->id, path);
+    own.out = path;
+    decoder_model(m->server->decoder, &own, read_done, r);
+}
+
+void preview_remove(struct model *m)
+{
+    char key[sizeof m->key + 8], path[PATH_MAX];
+    struct stat st;
+    snprintf(key, sizeof key, "%s/mesh", m->key);
+    struct cache_entry *e = cache_find(m->server->files, key);
+    bool opening = e && e->state == CACHE_PENDING;
+    cache_release(e);
+    // One that is being read or opened is removed after that.
+    if (m->mesh != MESH_THERE || opening) return;
+    m->mesh = MESH_NONE;
+    cache_forget(m->server->files, key, true);
+    model_preview_path(m->server, m->id, path);
+    if (!stat(path, &st)) blobs_charge(m->server->blobs, -(int64_t)st.st_size);
+    unlink(path);
+}
+
+struct cache_entry *model_mesh_open(struct model *m, int *code, char error[256])
+{
+    char key[sizeof m->key + 8], path[PATH_MAX];
+    bool fresh;
+    if (m->gone || m->state == RELIGHT__MODEL_STATE__MODEL_READY)
+        return model_open(m, code, error);
+    if (m->mesh == MESH_NONE && m->state == RELIGHT__MODEL_STATE__MODEL_FAILED)
+        return model_open(m, code, error);
+    if (m->mesh == MESH_FAILED || m->mesh == MESH_NONE) {
+        *code =
+            m->mesh == MESH_FAILED ? m->mesh_error_code : RELIGHT__ERROR_CODE__ERROR_NOT_READY;
+        snprintf(error, 256, "%.100s: %.150s", m->name,
+                 m->mesh == MESH_FAILED ? m->mesh_error : "its file was not read yet");
+        return NULL;
+    }
+    snprintf(key, sizeof key, "%s/mesh", m->key);
+    struct cache_entry *e = cache_get(m->server->files, key, &fresh);
+    if (fresh) {
+        cache_hold(e); // one for the opening, one for the caller
+        model_preview_path(m->server, m->id, path);
+        model_start_opening(m, e, path, true);
+    }
+    return e;
+}

@@ -1,0 +1,114 @@
+/* SPDX-License-Identifier: MIT */
+/* models.h owns the registry: what is loaded, how it came to be, and the open .prt files that
+ * requests lease. received -> preview -> baking -> ready <-> unloaded, or failed. A model's id
+ * is the hash of its source's bytes, material and settings, so the same load twice is one
+ * model, and its bake DATA/bakes/ID.prt is found again after a restart. Until it is baked, its
+ * mesh is DATA/previews/ID.prt, a file without light transport. */
+#ifndef RELIGHTD_MODELS_H
+#define RELIGHTD_MODELS_H
+
+#include "store/cache.h"
+#include "prt/raster.h"
+#include "prt/transport.h"
+#include "core/server.h"
+
+#include <limits.h>
+
+enum { MODEL_ID = 16 };
+
+/* Known once a model was opened; kept while it is unloaded. */
+struct model_facts {
+    bool known, baked; /* of a bake: else of the mesh alone */
+    uint32_t n_vertex, n_triangle, n_object;
+    float mm_per_unit, box[2][3], file_box[2][3]; /* mm; as it is, and in the file */
+    uint32_t engine, storage, cube;
+    uint64_t bytes;
+    float error_multiple, error_single, error_total; /* measured relative RMSE, worst light; 0:
+                                                      * unknown */
+};
+
+struct pass; /* relight_pass.c: evaluations that wait for a pass over this model */
+struct pose; /* shape.h: vertices that were moved */
+
+/* Somebody who wants to hear that a model's state or shape has changed. */
+struct model_watcher {
+    struct model_watcher *next;
+    void (*changed)(struct model_watcher *watcher);
+};
+
+enum mesh_state {
+    MESH_NONE,
+    MESH_READING,
+    MESH_THERE,
+    MESH_FAILED
+}; /* of the preview's file */
+
+struct model {
+    struct model *next;
+    struct server *server;
+    char id[MODEL_ID + 1], name[128];
+    char key[MODEL_ID + 12]; /* begins its cache keys and names its folders: no other struct has
+                              * it, not even of the same id, forgotten and loaded again */
+    int state;               /* Relight__ModelState; READY and UNLOADED by model_state() */
+    bool checked;            /* every byte of its bake was read once */
+    bool pinned, foreign;    /* foreign: the .prt lies in --models and is not ours to delete */
+    char prt[PATH_MAX];
+    struct job *job; /* while it is open */
+    char job_id[24]; /* the last one's; "": none was */
+    struct cache_entry *pin;
+    struct model_facts facts;
+    char *warnings; /* lines; NULL: none */
+    int error_code;
+    char error[400];
+    uint64_t generation;       /* of the geometry: grows when vertices move */
+    uint64_t baked_generation; /* what the file's mesh is */
+    struct pose *pose;         /* NULL: vertices are where the file has them */
+    enum mesh_state mesh;
+    int mesh_error_code;
+    char mesh_error[300];
+    bool gone; /* forgotten; only who holds it knows it still */
+    struct model_watcher *watcher;
+    struct pass *pass;
+    struct prt_camera frame;   /* what frames this generation at this aspect, worked out once */
+    uint64_t frame_generation; /* 0: none was */
+    float frame_aspect;
+    unsigned users; /* the registry and who computes with it */
+};
+
+int models_create(struct server *server, struct models **out);
+void models_destroy(struct models *models);
+
+/* An id, its unique beginning of at least 4 letters, or a unique name (with or without its
+ * ending). NULL with error text where there is none. */
+struct model *models_find(struct models *models, const char *text, char error[256]);
+/* One after another; start with NULL. */
+struct model *models_next(const struct models *models, const struct model *model);
+/* Looks for .prt files that were put into --models. */
+void models_scan(struct models *models);
+
+int model_state(const struct model *model); /* Relight__ModelState */
+
+/* The open file of a baked model, with a lease the caller releases: READY (value is a
+ * struct prt_file), or PENDING while it is opened. NULL when the model is not baked: *code and
+ * error say why. */
+struct cache_entry *model_open(struct model *model, int *code, char error[256]);
+
+/* The same for the file that has the model's mesh: the bake, else the preview's. */
+struct cache_entry *model_mesh_open(struct model *model, int *code, char error[256]);
+
+void model_watch(struct model *model, struct model_watcher *watcher);
+void model_unwatch(struct model *model, struct model_watcher *watcher);
+void model_changed(struct model *model);
+/* Vertices go back to where the file has them. */
+void model_reset_pose(struct model *model);
+
+/* Keeps the struct alive over an unload that forgets it. */
+void model_hold(struct model *model);
+void model_release(struct model *model);
+
+struct request;
+void models_load(struct request *request);
+/* Releases memory; `forget` also deletes the bake and the entry. Returns bytes freed. */
+uint64_t model_unload(struct model *model, bool forget);
+
+#endif
