@@ -196,8 +196,8 @@ static int start(void)
     cache_hold_files(server.cache, server.files);
     maintenance_timer.fire = run_maintenance;
     run_maintenance(&maintenance_timer);
-    log_line(LOG_EVENT, "start version=0.1.0 pid=%d threads=%u data=%s%s", (int)getpid(),
-             threads, server.data, server.data_temporary ? " (temporary)" : "");
+    log_line(LOG_EVENT, "start version=" RELIGHT_VERSION " pid=%d threads=%u data=%s%s",
+             (int)getpid(), threads, server.data, server.data_temporary ? " (temporary)" : "");
     warm_start(server.work);
     sd_notify(0, "READY=1");
     return 0;
