@@ -1,8 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
 # Every citation resolves: METHODS sections to headings of libprt/METHODS.md, keys of papers to its
-# bibliography, "KEY eq N" to its table of equations; and METHODS.md names files and functions that
-# exist. Then the same check on copies that are broken on purpose, each of which must fail.
+# bibliography, "KEY eq N" to its table of equations; pages name files that exist, and METHODS.md
+# functions that are in them. Then the same check on copies that are broken on purpose, each of which
+# must fail.
 #   citations.sh SOURCE_FOLDER
 set -eu
 root=$1
@@ -118,6 +119,21 @@ sub look {
     }
 }
 
+# Files that a page names, from its own folder, the root or a part's: `net/request.c`, [x](../y.md).
+# Words in capitals stand for a name.
+sub look_paths {
+    my ($file, $text) = @_;
+    (my $name = $file) =~ s/^\Q$root\E\///;
+    (my $folder = $file) =~ s/\/[^\/]*$//;
+    $text =~ s/https?:\S+//g;
+    while ($text =~ /(?<![\w.\/~-])((?:[\w.-]+\/)+[\w-]+\.(?:c|h|cpp|cmake|proto|sh|py|md))\b/g) {
+        my $path = $1;
+        next if $path =~ /[A-Z]{3,}\w*\.(?!md)|\/[A-Z]+\//;
+        fail("$name names $path, which does not exist")
+            unless grep { -e "$_/$path" } $folder, $root, "$root/libprt", "$root/libprt/include", "$root/server";
+    }
+}
+
 my @files;
 find({no_chdir => 1, wanted => sub {
     if (-d && /\/(?:\.git|build[^\/]*|node_modules|seeds|out)$/) {
@@ -126,7 +142,11 @@ find({no_chdir => 1, wanted => sub {
     }
     push @files, $_ if -f && /\.(?:c|h|cpp|md|cmake|proto|sh|py)$/ && !/\/citations\.sh$/;
 }}, $root);
-look($_, prose($_, slurp($_))) for sort @files;
+for my $file (sort @files) {
+    my $text = slurp($file);
+    look($file, prose($file, $text));
+    look_paths($file, $text) if $file =~ /\.md$/;
+}
 printf "%u files, %u sections, %u papers, %u equations: %u errors\n", scalar @files,
     scalar keys %section, scalar keys %key, scalar keys %equation, $bad;
 exit($bad ? 1 : 0);
@@ -138,9 +158,11 @@ check "$root"
 # A small tree with METHODS.md, the files it names and one citation; NAME, TEXT, what must be said.
 copy=$(mktemp -d)
 trap 'rm -rf "$copy"' EXIT
-cp -R "$root/libprt" "$copy/libprt"
-mkdir -p "$copy/tests"
-cp -R "$root/tests/physics" "$copy/tests/physics"
+mkdir "$copy/tests"
+for part in libprt server client proto deploy README.md; do cp -R "$root/$part" "$copy/"; done
+for part in unit physics kernels service fault mutants README.md; do
+    [ ! -e "$root/tests/$part" ] || cp -R "$root/tests/$part" "$copy/tests/"
+done
 check "$copy" >/dev/null || { echo "error: the copy of a good tree fails" >&2; exit 1; }
 
 refuse() {
@@ -158,6 +180,7 @@ refuse() {
     esac
     rm "$copy/libprt/$1"
 }
+refuse a.md 'The loop is in `core/nowhere.c`.' 'core/nowhere.c, which does not exist'
 refuse a.c '// A law (METHODS §99).' 'METHODS §99'
 refuse a.c '// A law (METHODS §1, 98).' 'METHODS §98'
 refuse a.h '/* A law, contracted first (METHODS
