@@ -77,7 +77,7 @@ static void on_signal(void *user, int signal_number)
 
 static void run_maintenance(struct loop_timer *timer)
 {
-    blobs_expire(server.blobs, 600);
+    blobs_maintain(server.blobs);
     if (server.models) bakes_make_room(&server, NULL);
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
 }
@@ -120,7 +120,16 @@ static int open_data(void)
         make_folder("work") || make_folder("previews"))
         return -1;
     snprintf(path, sizeof path, "%s/blobs", server.data);
-    return blobs_open(path, server.options.max_blob, server.options.disk, &server.blobs);
+    struct blobs_setup setup = {.folder = path,
+                                .max_blob = server.options.max_blob,
+                                .ledger = server.ledger,
+                                .work = server.work,
+                                .keep_s = 600,
+                                .idle_s = 600,
+                                .wanted_s = 60};
+    int err = blobs_open(&setup, &server.blobs);
+    if (err) log_line(LOG_ERR, "data folder %s: %s", path, strerror(-err));
+    return err;
 }
 
 static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *where)
@@ -186,10 +195,9 @@ static int start(void)
     unsigned threads = o->threads ? o->threads : server.n_core;
     if (!(server.ledger = ledger_create(o)) || read_token() || check_models() ||
         loop_create(&server.loop) || loop_signals(server.loop, signals, 3, on_signal, NULL) ||
-        open_data() || cache_create(o->cache, &server.cache) ||
-        cache_create(o->memory, &server.files) ||
+        cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
         decoder_create(server.loop, o->decode_memory, &server.decoder) ||
-        work_pool_create(server.loop, threads, cpu, &server.work) ||
+        work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
         jobs_create(&server, &job_runner_child, &server.jobs) ||
         models_create(&server, &server.models) || listen_everywhere())
         return -1;
