@@ -162,6 +162,28 @@ static int check_models(void)
     return 0;
 }
 
+// Connections are descriptors; the soft limit is often 1024 for the sake of select(), which
+// nothing here uses. More than 65536 would only make libwebsockets' tables large.
+static void raise_file_limit(void)
+{
+    enum { BESIDE = 256 }; // files, children's pipes, HTTP clients
+    struct rlimit limit;
+    uint64_t wanted = (uint64_t)server.options.connections + BESIDE;
+    if (getrlimit(RLIMIT_NOFILE, &limit)) return;
+    rlim_t most = wanted > 65536 ? wanted : 65536;
+    if (limit.rlim_cur < most) {
+        limit.rlim_cur = limit.rlim_max < most ? limit.rlim_max : most;
+        setrlimit(RLIMIT_NOFILE, &limit);
+        getrlimit(RLIMIT_NOFILE, &limit);
+    }
+    if (limit.rlim_cur < wanted)
+        log_line(LOG_WARN,
+                 "--connections %u wants %llu open files and the limit is %llu: raise it "
+                 "(LimitNOFILE=, ulimit -Hn) or lower --connections",
+                 server.options.connections, (unsigned long long)wanted,
+                 (unsigned long long)limit.rlim_cur);
+}
+
 static int listen_everywhere(void)
 {
     int n = sd_listen_fds(1);
@@ -189,6 +211,7 @@ static int start(void)
     server.n_core = cores > 0 ? (unsigned)cores : 1;
     server.stats.start_ns = loop_now_ns();
     signal(SIGPIPE, SIG_IGN);
+    raise_file_limit();
     // Images and planes of a few MB come and go: keep their pages.
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
