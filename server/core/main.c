@@ -53,7 +53,7 @@ static void begin_drain(int signal_number)
         next = c->next;
         for (struct request *r = c->requests, *after; r && !c->dead; r = after) {
             after = r->next;
-            if (r->type == RELIGHT_TYPE_VIEW_OPEN)
+            if (operation_of(r->type)->flags & OPERATION_ENDS_AT_DRAIN)
                 request_stop(r, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
                              "the daemon is stopping");
         }
@@ -287,6 +287,7 @@ int main(int argc, char **argv)
     while (!failed && !drained()) {
         if (http_is_open()) http_turn(&server);
         else loop_turn(server.loop, -1);
+        connections_shed(&server);
         connections_free_closed(&server);
     }
     if (failed) log_line(LOG_ERR, "start failed: the lines above say why");
