@@ -9,6 +9,7 @@
 #include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -253,18 +254,27 @@ static int reap(pid_t pid)
     return status;
 }
 
+static atomic_uint crashes;
+
+unsigned prt_isolate_crashes(void)
+{
+    return crashes;
+}
+
 static int explain(const struct prt_context *ctx, const char *what, int how, bool late,
                    const struct prt_isolate_limits *limits)
 {
     if (late || (WIFSIGNALED(how) && (WTERMSIG(how) == SIGXCPU || WTERMSIG(how) == SIGKILL)))
         return prt_fail(ctx, PRT_LIMIT, "%s: gave up reading it after %g s", what,
                         limits->seconds);
-    if (WIFSIGNALED(how))
+    if (WIFSIGNALED(how)) {
+        crashes++;
         return prt_fail(ctx, PRT_FORMAT,
                         "%s: the decoder crashed (%s) or ran out of its %llu MB; the file is "
                         "probably damaged",
                         what, strsignal(WTERMSIG(how)),
                         (unsigned long long)(limits->memory_bytes >> 20));
+    }
     return prt_fail(ctx, PRT_FORMAT, "%s: the decoder stopped with status %d", what,
                     WIFEXITED(how) ? WEXITSTATUS(how) : -1);
 }

@@ -67,6 +67,23 @@ static int ask_for_oiio(struct prt_blob *out)
     return PRT_OK;
 }
 
+/* The first child has told the warnings already. */
+static void pass_errors(void *user, enum prt_log_level level, const char *line)
+{
+    if (level == PRT_LOG_ERROR) prt_log(user, level, "%s", line);
+}
+
+static int decode_with_oiio(const struct prt_context *ctx, const struct prt_input *in,
+                            struct prt_decoded *out)
+{
+    struct prt_context quiet = *ctx;
+    quiet.log = pass_errors;
+    quiet.log_user = (void *)ctx;
+    const int err = prt_decode_own(&quiet, in->name, in->bytes, in->size, out);
+    if (err != PRT_UNSUPPORTED) return err;
+    return prt_decode_oiio(ctx, in->name, in->bytes, in->size, out->is_chroma, &out->image);
+}
+
 static int decode_all(const struct prt_context *ctx, void *arg, struct prt_blob *out)
 {
     const struct decode_job *job = arg;
@@ -75,7 +92,7 @@ static int decode_all(const struct prt_context *ctx, void *arg, struct prt_blob 
     for (unsigned i = 0; i < job->count; i++) {
         const struct prt_input *in = &job->input[i];
         const int err = job->oiio
-                            ? prt_decode(ctx, in->name, in->bytes, in->size, &decoded[i])
+                            ? decode_with_oiio(ctx, in, &decoded[i])
                             : prt_decode_own(ctx, in->name, in->bytes, in->size, &decoded[i]);
         if (err == PRT_UNSUPPORTED && !job->oiio) return ask_for_oiio(out);
         if (err) return err;
@@ -364,15 +381,23 @@ int prt_env_load(const struct prt_context *ctx, const char *path, struct prt_env
     return err;
 }
 
+int prt_image_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
+                          size_t n, struct prt_image *out)
+{
+    struct prt_decoded decoded = {0};
+    const struct prt_input input = {name, bytes, n};
+    memset(out, 0, sizeof *out);
+    int err = prt_decode_isolated(ctx, &input, 1, &decoded);
+    if (!err) *out = decoded.image;
+    return err;
+}
+
 int prt_image_load(const struct prt_context *ctx, const char *path, struct prt_image *out)
 {
     struct prt_blob blob = {0};
-    struct prt_decoded decoded = {0};
     memset(out, 0, sizeof *out);
     int err = prt_read_file(ctx, path, FILE_MAX_BYTES, &blob);
-    const struct prt_input input = {path, blob.bytes, blob.size};
-    if (!err) err = prt_decode_isolated(ctx, &input, 1, &decoded);
+    if (!err) err = prt_image_load_memory(ctx, path, blob.bytes, blob.size, out);
     prt_free(blob.bytes);
-    if (!err) *out = decoded.image;
     return err;
 }

@@ -143,6 +143,9 @@ int prt_isolate(const struct prt_context *ctx, const char *what,
                 const struct prt_isolate_limits *limits, prt_isolate_fn fn, void *arg,
                 struct prt_blob *out);
 
+/* Isolated children of this process that a signal other than their limits' ended. */
+unsigned prt_isolate_crashes(void);
+
 /* Whole file into memory; PRT_LIMIT above max_bytes. Caller prt_free()s out->bytes. */
 int prt_read_file(const struct prt_context *ctx, const char *path, uint64_t max_bytes,
                   struct prt_blob *out);
