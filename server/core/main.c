@@ -216,10 +216,13 @@ static int start(void)
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
     unsigned threads = o->threads ? o->threads : server.n_core;
+    const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
+    if (o->accept_weak_sandbox) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1); // for all children
     if (!(server.ledger = ledger_create(o)) || read_token() || check_models() ||
         loop_create(&server.loop) || loop_signals(server.loop, signals, 3, on_signal, NULL) ||
         cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
-        decoder_create(server.loop, o->decode_memory, &server.decoder) ||
+        decoder_create(server.loop, &decoding, &server.stats.children_crashed,
+                       &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
         jobs_create(&server, &job_runner_child, &server.jobs) ||
         models_create(&server, &server.models) || listen_everywhere())
