@@ -132,6 +132,7 @@ static void open_peer(struct peer *p, bool good)
 static void mutate(struct peer *p, size_t from)
 {
     struct bytes *b = &p->to_send;
+    uint8_t again[64];
     p->answers.exact = false; // it may ask anything now
     for (uint32_t k = 1 + rnd(&r, 4); k && b->n > from; k--) {
         size_t at = from + rnd(&r, (uint32_t)(b->n - from));
@@ -146,7 +147,8 @@ static void mutate(struct peer *p, size_t from)
             b->n = at; // the frame ends early
             break;
         case 3:
-            bytes_add(b, b->at + at, b->n - at < 64 ? b->n - at : 64);
+            memcpy(again, b->at + at, b->n - at < 64 ? b->n - at : 64);
+            bytes_add(b, again, b->n - at < 64 ? b->n - at : 64);
             break;
         default: // the type, or the header's first bytes
             at = from + (rnd_chance(&r, 2) ? 6 : 32 + rnd(&r, 8));
@@ -204,23 +206,30 @@ static void send_some(struct peer *p, bool all)
     if (p->sent == p->to_send.n) p->sent = p->to_send.n = 0;
 }
 
-// Hundreds of bakes that end at once, and with them the memory of older ones.
+static void cancel_bake(struct peer *p, const char *job)
+{
+    uint64_t id = next_id(p);
+    message_cancel_job(&world, id, job, &p->to_send);
+    ask(p, RELIGHT_TYPE_CANCEL_JOB, id);
+}
+
+// Hundreds of bakes that end at once, then some that waited all the while: the daemon remembers
+// ended ones for a while only.
 static void end_many_bakes(struct peer *p)
 {
-    for (uint32_t k = 200 + rnd(&r, 100); k && p->end.conn; k--) {
+    for (uint32_t k = 200 + rnd(&r, 200); k && p->end.conn; k--) {
         uint64_t id = next_id(p);
         unsigned before = world.n_job;
-        message_load(&world, id, false, &p->to_send);
+        message_load(&world, id, LOAD_NEW_BAKE, &p->to_send);
         ask(p, RELIGHT_TYPE_LOAD, id);
         send_some(p, true);
         read_answers(p, SIZE_MAX);
         rooms_turn(0);
         read_answers(p, SIZE_MAX);
-        if (world.n_job == before || rnd_chance(&r, 50)) continue;
-        id = next_id(p);
-        message_cancel_job(&world, id, world.job[world.n_job - 1], &p->to_send);
-        ask(p, RELIGHT_TYPE_CANCEL_JOB, id);
+        if (world.n_job > before && !rnd_chance(&r, 50))
+            cancel_bake(p, world.job[world.n_job - 1]);
     }
+    for (uint32_t k = rnd(&r, 8); k; k--) cancel_bake(p, world_job(&world));
     send_some(p, true);
 }
 

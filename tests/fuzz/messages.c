@@ -373,9 +373,10 @@ void message_upload(struct world *world, uint64_t id, unsigned b, struct bytes *
     emit(world, RELIGHT_TYPE_PUT_BLOB, id, &in.base, n ? blob->bytes + from : NULL, n, out);
 }
 
-void message_load(struct world *world, uint64_t id, bool preview, struct bytes *out)
+void message_load(struct world *world, uint64_t id, enum load_kind kind, struct bytes *out)
 {
     struct rnd *r = world->rnd;
+    bool preview = kind == LOAD_PREVIEW, plain = kind == LOAD_NEW_BAKE;
     Relight__LoadRequest in = RELIGHT__LOAD_REQUEST__INIT;
     Relight__FileRef file[2] = {RELIGHT__FILE_REF__INIT, RELIGHT__FILE_REF__INIT};
     Relight__FileRef *files[2] = {&file[0], &file[1]};
@@ -383,22 +384,22 @@ void message_load(struct world *world, uint64_t id, bool preview, struct bytes *
     char text[4096], env[128];
     static char *const opaque[] = {"made up", "Cube", ""};
     file[0].name = "tiny.glb";
-    file[0].blob = world->blob[rnd_chance(r, 30) ? rnd(r, WORLD_BLOBS) : 0].hash;
+    file[0].blob = world->blob[!plain && rnd_chance(r, 30) ? rnd(r, WORLD_BLOBS) : 0].hash;
     file[1].name = RND_PICK(r, ((char *[]){"tiny.bin", "a/b", "../x", "tiny.glb", "a"}));
     file[1].blob = world->blob[rnd(r, WORLD_BLOBS)].hash;
     in.files = files;
-    in.n_files = rnd_chance(r, 20) ? rnd(r, 3) : 1;
-    if (rnd_chance(r, 40)) in.path = "../etc/passwd";
+    in.n_files = !plain && rnd_chance(r, 20) ? rnd(r, 3) : 1;
+    if (!plain && rnd_chance(r, 40)) in.path = "../etc/passwd";
     if (rnd_chance(r, 3)) in.name = RND_PICK(r, ((char *[]){"tiny", "Zwölf", "a b", ""}));
     in.size_mm = 10;
-    if (rnd_chance(r, 30)) in.mm_per_unit = real(r, 0, 2);
-    in.material = rnd_chance(r, 3) ? material(r, text) : "marble";
+    if (!plain && rnd_chance(r, 30)) in.mm_per_unit = real(r, 0, 2);
+    in.material = !plain && rnd_chance(r, 3) ? material(r, text) : "marble";
     if (!preview || rnd_chance(r, 4)) {
         in.bake = &bake;
-        bake.seed = rnd_chance(r, 3) ? rnd(r, 4) : ++world->last_seed;
-        if (rnd_chance(r, 8)) bake.transport = (Relight__Transport)rnd(r, 5);
-        if (rnd_chance(r, 12)) bake.cube = odd_number(r);
-        if (rnd_chance(r, 12)) bake.env = environment(world, env);
+        bake.seed = !plain && rnd_chance(r, 3) ? rnd(r, 4) : ++world->last_seed;
+        if (!plain && rnd_chance(r, 8)) bake.transport = (Relight__Transport)rnd(r, 5);
+        if (!plain && rnd_chance(r, 12)) bake.cube = odd_number(r);
+        if (!plain && rnd_chance(r, 12)) bake.env = environment(world, env);
     }
     if (rnd_chance(r, 10)) in.opaque = (char **)opaque, in.n_opaque = 1 + rnd(r, 3);
     in.pin = rnd_chance(r, 10);
@@ -551,7 +552,7 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
         break;
     }
     case RELIGHT_TYPE_LOAD:
-        message_load(world, id, rnd_chance(r, 2), out);
+        message_load(world, id, rnd_chance(r, 2) ? LOAD_PREVIEW : LOAD_BAKE, out);
         break;
     case RELIGHT_TYPE_WATCH: {
         Relight__WatchRequest in = RELIGHT__WATCH_REQUEST__INIT;
