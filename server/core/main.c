@@ -196,8 +196,8 @@ static int start(void)
     cache_hold_files(server.cache, server.files);
     maintenance_timer.fire = run_maintenance;
     run_maintenance(&maintenance_timer);
-    log_line(LOG_EVENT, "start version=0.1.0 pid=%d threads=%u data=%s%s", (int)getpid(),
-             threads, server.data, server.data_temporary ? " (temporary)" : "");
+    log_line(LOG_EVENT, "start version=" RELIGHT_VERSION " pid=%d threads=%u data=%s%s",
+             (int)getpid(), threads, server.data, server.data_temporary ? " (temporary)" : "");
     warm_start(server.work);
     sd_notify(0, "READY=1");
     return 0;
@@ -226,6 +226,7 @@ static void stop(void)
     while (server.work && work_busy(server.work)) {
         if (loop_now_ns() > patience) { // nothing is lost but tidiness
             log_line(LOG_WARN, "stop with work under way");
+            log_stop();
             _exit(0);
         }
         loop_turn(server.loop, 50);
@@ -250,6 +251,7 @@ int main(int argc, char **argv)
     for (int fd = 0; fd < 3; fd++) // children are given descriptors by these numbers
         if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", O_RDWR) < 0) return 1;
     options_parse(argc, argv, &server.options);
+    log_start();
     int failed = start();
     while (!failed && !drained()) {
         if (http_is_open()) http_turn(&server);
@@ -259,5 +261,6 @@ int main(int argc, char **argv)
     if (failed) log_line(LOG_ERR, "start failed: the lines above say why");
     stop();
     if (!failed) log_line(LOG_EVENT, "stop");
+    log_stop();
     return failed ? 1 : 0;
 }

@@ -70,6 +70,11 @@ int error_of_status(int status)
     }
 }
 
+void *request_state(const struct request *request, void (*abandon)(struct request *request))
+{
+    return request->abandon == abandon ? request->state : NULL;
+}
+
 static void end(struct request *request)
 {
     struct server *server = request->server;

@@ -63,7 +63,7 @@ void op_hello(struct request *request)
              in->client);
     Relight__HelloAnswer out = RELIGHT__HELLO_ANSWER__INIT;
     char *presets[64];
-    out.server = "relightd 0.1.0";
+    out.server = "relightd " RELIGHT_VERSION;
     out.version = RELIGHT_PROTOCOL_VERSION;
     out.max_payload = SERVER_MAX_PAYLOAD;
     out.max_header = SERVER_MAX_HEADER;
