@@ -49,6 +49,7 @@ enum prt_cpu {
     X("avx2", PRT_CPU_AVX2, PRT_CPU_AVX2)                                           \
     X("avx512", PRT_CPU_AVX512, PRT_CPU_AVX2 | PRT_CPU_AVX512 | PRT_CPU_AVX512VNNI) \
     X("neon", PRT_CPU_NEON, PRT_CPU_NEON)
+#define PRT_CPU_WORDS "c, avx2, avx512, neon" /* the same, for messages */
 
 /* The mask of what this machine has. Thread-safe. */
 unsigned prt_cpu_detect(void);
