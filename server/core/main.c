@@ -203,7 +203,8 @@ static int start(void)
     int level = log_level_parse(o->log);
     if (level < 0 || (o->cpu[0] && prt_cpu_parse(o->cpu, &cpu))) {
         fprintf(stderr, "relightd: --%s\n",
-                level < 0 ? "log: error, warning, event or trace" : "cpu: c, avx2 or avx512");
+                level < 0 ? "log: error, warning, event or trace"
+                          : "cpu: one of " PRT_CPU_WORDS);
         exit(2);
     }
     log_set_level((enum log_level)level);

@@ -4,6 +4,8 @@
 #ifndef RELIGHTD_OPTIONS_H
 #define RELIGHTD_OPTIONS_H
 
+#include "prt/base.h"
+
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -30,7 +32,7 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(TEXT, prt, "prt", "PROGRAM", "",                                                            \
       "The prt program that bakes. Empty: the one beside relightd, else on PATH")                 \
     X(TEXT, log, "log", "LEVEL", "event", "error, warning, event or trace")                       \
-    X(TEXT, cpu, "cpu", "ISA", "", "Widest instruction set: c, avx2, avx512. Empty: detect")      \
+    X(TEXT, cpu, "cpu", "ISA", "", "Widest instruction set: " PRT_CPU_WORDS ". Empty: detect")    \
     X(COUNT, threads, "threads", "N", "0", "Worker threads. 0: one a core")                       \
     X(COUNT, bakes, "bakes", "N", "1", "Bakes that run at once; others wait their turn")          \
     X(COUNT, bake_queue, "bake-queue", "N", "64", "Bakes that may wait; more are refused")        \
