@@ -107,6 +107,8 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     C("bakes_cancelled", s->bakes_cancelled, "bakes cancelled");
     C("bakes_cached", s->bakes_cached, "loads that found their bake on disk");
     C("bakes_evicted", s->bakes_evicted, "bakes deleted for room");
+    C("children_crashed", s->children_crashed,
+      "decoders and bakes that a signal ended, other than a cancelled bake's");
     C("passes", s->passes, "passes over transport");
     C("relights", s->relights, "evaluations made by passes");
     C("relights_shared", s->shared, "evaluations that shared a pass");

@@ -24,6 +24,7 @@ struct stats {
     uint64_t errors_total, busy_total, cancelled_total, deadline_total;
     uint64_t bytes_in, bytes_out;
     uint64_t bakes_done, bakes_failed, bakes_cancelled, bakes_cached, bakes_evicted;
+    uint64_t children_crashed; /* decoders and bakes that ended by a signal not of ours */
     uint64_t passes, relights, shared; /* transport passes, answers made by them, joined ones */
     uint64_t contractions, edits; /* joint transport: lights contracted, answers made of them */
     uint64_t materials_fixed,
