@@ -70,7 +70,7 @@ struct connection {
 };
 
 /* who: the principal's name until HELLO says another ("uid:1000", "addr:192.0.2.7"). NULL when
- * there is no memory. */
+ * there is no memory, or its client or all of them have as many as they may. */
 struct connection *connection_open(struct server *server, const struct carrier *carrier,
                                    void *carrier_data, const char *peer, const char *who);
 /* Everything open is cancelled. The struct stays until the loop's turn ends. */
