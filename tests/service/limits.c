@@ -35,6 +35,13 @@ static void served(void)
     relight_close(client);
 }
 
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
 static long resident_kb(void)
 {
     char path[64];
@@ -371,6 +378,37 @@ static void test_bytes_held_by_requests(void **state)
     end();
 }
 
+// Vertices that were moved are paid for by who moved them, until they are put back.
+static void test_poses_are_counted(void **state)
+{
+    static const char *const extra[] = {"--client-memory", "4k", NULL};
+    begin(extra);
+    struct relight_client *client = client_open(d.address);
+    char model[32];
+    load_preview(client, model);
+    struct frames *f = frames_open(&d);
+    float vertex[3] = {1, 2, 3};
+    Relight__UpdateVerticesRequest update = RELIGHT__UPDATE_VERTICES_REQUEST__INIT;
+    Relight__UnloadRequest unload = RELIGHT__UNLOAD_REQUEST__INIT;
+    update.model = unload.model = model;
+    update.n = 1;
+    double before = held(client, "payload"), pose = 24.0 * OCTAHEDRON_VERTICES;
+    for (uint64_t id = 2; id < 5; id++) { // once, however often they move
+        frames_add(f, RELIGHT_TYPE_UPDATE_VERTICES, id, &update.base, vertex, sizeof vertex);
+        frames_send(f);
+        assert_int_equal(frames_wait(f, id).code, 0);
+        assert_true(held(client, "payload") == before + pose);
+    }
+    frames_add(f, RELIGHT_TYPE_UNLOAD, 6, &unload.base, NULL, 0);
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 6).code, 0);
+    for (int i = 0; i < 100 && held(client, "payload") != before; i++) sleep_ms(20);
+    assert_true(held(client, "payload") == before);
+    frames_close(f);
+    relight_close(client);
+    end();
+}
+
 // A view's texels lie in memory once: not beside the payload that brought them.
 static void test_texels_lie_there_once(void **state)
 {
@@ -469,6 +507,34 @@ static void test_largest_output_is_closed(void **state)
     end();
 }
 
+// A reader that reads, but never catches up, has --write-time to come below the send buffer.
+static void test_reader_that_stays_behind(void **state)
+{
+    static const char *const extra[] = {"--send-buffer", "256k", "--write-time", "1", NULL};
+    begin(extra);
+    struct frames *f = frames_open(&d);
+    Relight__StatsRequest stats = RELIGHT__STATS_REQUEST__INIT;
+    frames_add(f, RELIGHT_TYPE_STATS, 2, &stats.base, NULL, 0);
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 2).code, 0);
+    size_t size = f->decoder.frame.header_size;
+    for (uint64_t id = 3; id < 3 + (640 << 10) / size; id++)
+        frames_add(f, RELIGHT_TYPE_STATS, id, &stats.base, NULL, 0);
+    frames_send(f);
+    char bytes[4096];
+    double until = now_s() + 10;
+    bool closed = false;
+    while (!closed && now_s() < until) {
+        sleep_ms(50);
+        closed =
+            recv(f->fd, bytes, sizeof bytes, 0) <= 0 || log_says(&d, "passed --send-buf", 0);
+    }
+    assert_true(log_says(&d, "why=\"its answers have passed --send-buffer", 0));
+    frames_close(f);
+    served();
+    end();
+}
+
 // One answer many times the send buffer reaches whoever reads it, in pieces or whole.
 static void test_answer_beyond_the_send_buffer(void **state)
 {
@@ -504,13 +570,6 @@ static void test_answer_beyond_the_send_buffer(void **state)
 }
 
 // ---- headers
-
-static double now_s(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 // Half a million empty messages in one header are refused before any is unpacked.
 static void test_headers_that_unpack_to_much(void **state)
@@ -678,9 +737,11 @@ int main(void)
         cmocka_unit_test_teardown(test_idle_views_leave_room_for_requests, teardown),
         cmocka_unit_test_teardown(test_some_always_pass, teardown),
         cmocka_unit_test_teardown(test_bytes_held_by_requests, teardown),
+        cmocka_unit_test_teardown(test_poses_are_counted, teardown),
         cmocka_unit_test_teardown(test_texels_lie_there_once, teardown),
         cmocka_unit_test_teardown(test_payload_where_none_belongs, teardown),
         cmocka_unit_test_teardown(test_largest_output_is_closed, teardown),
+        cmocka_unit_test_teardown(test_reader_that_stays_behind, teardown),
         cmocka_unit_test_teardown(test_answer_beyond_the_send_buffer, teardown),
         cmocka_unit_test_teardown(test_headers_that_unpack_to_much, teardown),
         cmocka_unit_test_teardown(test_idle_after_a_large_header, teardown),
