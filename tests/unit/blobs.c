@@ -332,6 +332,19 @@ static void test_upload_goes_on_after_a_restart(void **state)
     assert_int_equal(put(&s, "ann", hash, sizeof bytes, 0, NULL, 0).put.received, 3000);
     struct sent sent = put(&s, "ann", hash, sizeof bytes, 3000, bytes + 3000, 2000);
     assert_true(sent.put.complete);
+    // The last step is done when it was all that was missing.
+    memset(bytes, 'l', sizeof bytes);
+    hash_of(bytes, sizeof bytes, hash);
+    put(&s, "ann", hash, sizeof bytes, 0, bytes, 3000);
+    close_store(&s);
+    snprintf(path, sizeof path,
+             "cd %s/blobs && f=$(ls | grep part) && head -c 2000 /dev/zero | tr '\\0' l >> $f",
+             folder);
+    assert_int_equal(system(path), 0);
+    open_store(&s);
+    sent = put(&s, "ann", hash, sizeof bytes, 0, NULL, 0);
+    assert_true(sent.put.complete);
+    assert_int_equal(n_files(".part") + n_files(".upload"), 0);
     // One whose bytes a power cut has spoilt is found out at its end.
     memset(bytes, 's', sizeof bytes);
     hash_of(bytes, sizeof bytes, hash);
@@ -466,7 +479,10 @@ static void test_eviction(void **state)
     put_whole(&s, "eve", 'F', 12288, last); // now --disk is spent
     assert_false(blobs_has(s.blobs, other));
     assert_int_equal(disk_bytes(s.ledger), (N + 2) * 16384);
-    s.setup.keep_s = 600; // nothing that was used so recently
+    turn_until_idle(&s);
+    assert_int_equal(n_files("trash"), 0);
+    assert_int_equal(n_files(""), 2 + 2 * (N + 2)); // ".", "..", blobs and their owners
+    s.setup.keep_s = 600;                           // nothing that was used so recently
     reopen_store(&s);
     struct sent sent = put(&s, "eve", other, 12288, 0, ".", 1);
     assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
