@@ -53,7 +53,7 @@ static void begin_drain(int signal_number)
         next = c->next;
         for (struct request *r = c->requests, *after; r && !c->dead; r = after) {
             after = r->next;
-            if (r->type == RELIGHT_TYPE_VIEW_OPEN)
+            if (operation_of(r->type)->flags & OPERATION_ENDS_AT_DRAIN)
                 request_stop(r, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
                              "the daemon is stopping");
         }
@@ -162,6 +162,28 @@ static int check_models(void)
     return 0;
 }
 
+// Connections are descriptors; the soft limit is often 1024 for the sake of select(), which
+// nothing here uses. More than 65536 would only make libwebsockets' tables large.
+static void raise_file_limit(void)
+{
+    enum { BESIDE = 256 }; // files, children's pipes, HTTP clients
+    struct rlimit limit;
+    uint64_t wanted = (uint64_t)server.options.connections + BESIDE;
+    if (getrlimit(RLIMIT_NOFILE, &limit)) return;
+    rlim_t most = wanted > 65536 ? wanted : 65536;
+    if (limit.rlim_cur < most) {
+        limit.rlim_cur = limit.rlim_max < most ? limit.rlim_max : most;
+        setrlimit(RLIMIT_NOFILE, &limit);
+        getrlimit(RLIMIT_NOFILE, &limit);
+    }
+    if (limit.rlim_cur < wanted)
+        log_line(LOG_WARN,
+                 "--connections %u wants %llu open files and the limit is %llu: raise it "
+                 "(LimitNOFILE=, ulimit -Hn) or lower --connections",
+                 server.options.connections, (unsigned long long)wanted,
+                 (unsigned long long)limit.rlim_cur);
+}
+
 static int listen_everywhere(void)
 {
     int n = sd_listen_fds(1);
@@ -181,7 +203,8 @@ static int start(void)
     int level = log_level_parse(o->log);
     if (level < 0 || (o->cpu[0] && prt_cpu_parse(o->cpu, &cpu))) {
         fprintf(stderr, "relightd: --%s\n",
-                level < 0 ? "log: error, warning, event or trace" : "cpu: c, avx2 or avx512");
+                level < 0 ? "log: error, warning, event or trace"
+                          : "cpu: one of " PRT_CPU_WORDS);
         exit(2);
     }
     log_set_level((enum log_level)level);
@@ -189,14 +212,18 @@ static int start(void)
     server.n_core = cores > 0 ? (unsigned)cores : 1;
     server.stats.start_ns = loop_now_ns();
     signal(SIGPIPE, SIG_IGN);
+    raise_file_limit();
     // Images and planes of a few MB come and go: keep their pages.
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
     unsigned threads = o->threads ? o->threads : server.n_core;
+    const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
+    if (o->accept_weak_sandbox) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1); // for all children
     if (!(server.ledger = ledger_create(o)) || read_token() || check_models() ||
         loop_create(&server.loop) || loop_signals(server.loop, signals, 3, on_signal, NULL) ||
         cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
-        decoder_create(server.loop, o->decode_memory, &server.decoder) ||
+        decoder_create(server.loop, &decoding, &server.stats.children_crashed,
+                       &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
         jobs_create(&server, &job_runner_child, &server.jobs) ||
         models_create(&server, &server.models) || listen_everywhere())
@@ -204,8 +231,8 @@ static int start(void)
     cache_hold_files(server.cache, server.files);
     maintenance_timer.fire = run_maintenance;
     run_maintenance(&maintenance_timer);
-    log_line(LOG_EVENT, "start version=0.1.0 pid=%d threads=%u data=%s%s", (int)getpid(),
-             threads, server.data, server.data_temporary ? " (temporary)" : "");
+    log_line(LOG_EVENT, "start version=" RELIGHT_VERSION " pid=%d threads=%u data=%s%s",
+             (int)getpid(), threads, server.data, server.data_temporary ? " (temporary)" : "");
     warm_start(server.work);
     sd_notify(0, "READY=1");
     return 0;
@@ -234,6 +261,7 @@ static void stop(void)
     while (server.work && work_busy(server.work)) {
         if (loop_now_ns() > patience) { // nothing is lost but tidiness
             log_line(LOG_WARN, "stop with work under way");
+            log_stop();
             _exit(0);
         }
         loop_turn(server.loop, 50);
@@ -258,14 +286,17 @@ int main(int argc, char **argv)
     for (int fd = 0; fd < 3; fd++) // children are given descriptors by these numbers
         if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", O_RDWR) < 0) return 1;
     options_parse(argc, argv, &server.options);
+    log_start();
     int failed = start();
     while (!failed && !drained()) {
         if (http_is_open()) http_turn(&server);
         else loop_turn(server.loop, -1);
+        connections_shed(&server);
         connections_free_closed(&server);
     }
     if (failed) log_line(LOG_ERR, "start failed: the lines above say why");
     stop();
     if (!failed) log_line(LOG_EVENT, "stop");
+    log_stop();
     return failed ? 1 : 0;
 }

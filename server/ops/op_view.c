@@ -257,10 +257,14 @@ void op_view_open(struct request *request)
     draw(v);
 }
 
+// A VIEW_OPEN that still waits for its material comes later in the connection's order than this
+// request, or this request would have waited behind it: it has no view yet.
 static struct view *find_view(struct request *request, uint64_t id)
 {
-    for (struct request *r = request->conn->requests; r; r = r->next)
-        if (r->id == id && r->type == RELIGHT_TYPE_VIEW_OPEN) return r->state;
+    for (struct request *r = request->conn->requests; r; r = r->next) {
+        struct view *v = r->id == id ? request_state(r, abandon) : NULL;
+        if (v) return v;
+    }
     request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
                  "no view was opened by request %llu", (unsigned long long)id);
     return NULL;
