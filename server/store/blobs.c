@@ -338,6 +338,7 @@ void blobs_name_in_text(const struct blobs *blobs, const char *principal, const 
         }
     }
     out[at] = 0;
+    relight_utf8_cut(out);
 }
 
 // ---- checking a blob that was there at the start

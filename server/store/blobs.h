@@ -61,7 +61,8 @@ enum blob_format blobs_format(const struct blobs *blobs, const char *hash);
  * NULL, the beginning of its hash: 12 digits and "…". */
 void blobs_name(const struct blobs *blobs, const char *principal, const char *hash, char *name,
                 size_t n);
-/* Copies a message, with "123456789abc…" replaced by this principal's name of that blob. */
+/* Copies a message, with "123456789abc…" replaced by this principal's name of that blob;
+ * what does not fit is cut between two characters. */
 void blobs_name_in_text(const struct blobs *blobs, const char *principal, const char *text,
                         char *out, size_t n);
 

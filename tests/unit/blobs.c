@@ -446,6 +446,10 @@ static void test_names_and_owners(void **state)
         assert_string_equal(name, wanted);
         blobs_name_in_text(s.blobs, "bob", text, said, sizeof said);
         assert_string_equal(said, "bob.hdr: not an image, 0123456789ab…");
+        blobs_name_in_text(s.blobs, "bob", text, said, 5);
+        assert_string_equal(said, "bob.");
+        blobs_name_in_text(s.blobs, "eve", text, said, 14); // ends inside the "…"
+        assert_int_equal(strlen(said), 12);
         blobs_name_in_text(s.blobs, "eve", text, said, sizeof said);
         assert_string_equal(said, text);
         reopen_store(&s);
