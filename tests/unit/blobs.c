@@ -118,14 +118,14 @@ static void remove_files(void)
     assert_int_equal(system(command), 0);
 }
 
-static struct store new_store(void)
+// In place: the ledger keeps the options' address.
+static void new_store(struct store *s)
 {
     remove_files();
-    struct store s = {
+    *s = (struct store){
         .options = {.disk = 64 * MB, .client_disk = 32 * MB},
         .setup = {.max_blob = 64 * MB, .keep_s = 600, .idle_s = 600, .wanted_s = 60}};
-    open_store(&s);
-    return s;
+    open_store(s);
 }
 
 struct sent {
@@ -202,7 +202,8 @@ static unsigned n_files(const char *ending)
 
 static void test_room_is_charged_when_promised(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     char bytes[10000], hash[65];
     memset(bytes, 'x', sizeof bytes);
     hash_of(bytes, sizeof bytes, hash);
@@ -235,7 +236,8 @@ static void test_room_is_charged_when_promised(void **state)
 // Two principals send the same bytes at once; one of them another size before.
 static void test_first_of_two_wins(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     static char bytes[3 * MB];
     char hash[65];
     struct sent one, two;
@@ -261,7 +263,8 @@ static void test_first_of_two_wins(void **state)
 static void test_pipelined_chunks(void **state)
 {
     enum { N = 40, PIECE = 100000 };
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     static char bytes[N * PIECE];
     static struct sent sent[N + 1];
     char hash[65];
@@ -284,7 +287,8 @@ static void test_pipelined_chunks(void **state)
 
 static void test_limits_of_a_principal(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     s.options.client_uploads = 2;
     s.setup.wanted_s = 0.05;
     reopen_store(&s);
@@ -321,7 +325,8 @@ static void test_limits_of_a_principal(void **state)
 
 static void test_upload_goes_on_after_a_restart(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     char bytes[5000], hash[65], path[300];
     memset(bytes, 'r', sizeof bytes);
     hash_of(bytes, sizeof bytes, hash);
@@ -400,7 +405,8 @@ static bool check(struct store *s, const char *hash)
 
 static void test_blobs_are_checked_before_first_use(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     char good[65], bad[65], path[4096];
     put_whole(&s, "ann", 'g', 5000, good);
     put_whole(&s, "ann", 'h', 5000, bad);
@@ -426,7 +432,8 @@ static void test_blobs_are_checked_before_first_use(void **state)
 
 static void test_names_and_owners(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     char hash[65], name[256], wanted[32], text[256], said[256];
     put_whole(&s, "ann", 'n', 100, hash);
     put_whole(&s, "bob", 'n', 100, hash); // is told that it is there
@@ -460,7 +467,8 @@ static void test_names_and_owners(void **state)
 // The blob that was unused longest goes first, of the owner whose room is spent.
 static void test_eviction(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     enum { N = 5 };
     char hash[N][65], other[65], last[65];
     s.setup.keep_s = 0;
@@ -496,7 +504,8 @@ static void test_eviction(void **state)
 static void test_index_of_many(void **state)
 {
     enum { N = 3000 };
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     static char hash[N][65];
     char path[4096];
     for (int i = 0; i < N; i++) {
@@ -519,7 +528,8 @@ static void test_index_of_many(void **state)
 // Chunks that nobody waits for any more: one that a worker has, and those behind it.
 static void test_abandoned_chunks(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     enum { N = 4, PIECE = 2 * MB };
     struct sent *sent[N];
     char hash[65], *bytes[N];
