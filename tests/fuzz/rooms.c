@@ -121,7 +121,12 @@ static void closed(struct connection *conn)
     ((struct pipe_end *)conn->carrier_data)->conn = NULL;
 }
 
-static const struct carrier carrier = {"memory", want_write, set_reading, closed};
+static size_t unsent(const struct connection *conn)
+{
+    return 0;
+}
+
+static const struct carrier carrier = {"memory", want_write, set_reading, closed, unsent};
 
 bool rooms_connect(struct pipe_end *end, const char *who)
 {
@@ -137,7 +142,7 @@ void rooms_stream(struct pipe_end *end, const void *bytes, size_t n)
 
 void rooms_message(struct pipe_end *end, const void *bytes, size_t n)
 {
-    if (end->conn && !end->conn->closing) connection_message(end->conn, bytes, n);
+    if (end->conn && !end->conn->closing) connection_part(end->conn, bytes, n, true);
 }
 
 size_t rooms_output(struct pipe_end *end, uint8_t *out, size_t n)
@@ -175,7 +180,11 @@ static bool make_folders(const char *data)
         mkdir(path, 0700);
     }
     snprintf(path, sizeof path, "%s/blobs", data);
-    return !blobs_open(path, server.options.max_blob, server.options.disk, &server.blobs);
+    struct blobs_setup setup = {.folder = path,
+                                .max_blob = server.options.max_blob,
+                                .ledger = server.ledger,
+                                .work = server.work};
+    return !blobs_open(&setup, &server.blobs);
 }
 
 bool rooms_start(const struct rooms_settings *settings)
@@ -197,12 +206,14 @@ bool rooms_start(const struct rooms_settings *settings)
     log_set_level(LOG_ERR);
     server.n_core = settings->threads;
     server.stats.start_ns = loop_now_ns();
+    const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
     if (!(server.ledger = ledger_create(o)) || loop_create(&server.loop) ||
-        !make_folders(settings->data) || cache_create(o->cache, &server.cache) ||
-        cache_create(o->memory, &server.files) ||
-        decoder_create(server.loop, o->decode_memory, &server.decoder) ||
+        cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
+        decoder_create(server.loop, &decoding, &server.stats.children_crashed,
+                       &server.decoder) ||
         work_pool_create(server.loop, settings->threads, prt_cpu_detect(), &server.work) ||
-        jobs_create(&server, &runner, &server.jobs) || models_create(&server, &server.models))
+        !make_folders(settings->data) || jobs_create(&server, &runner, &server.jobs) ||
+        models_create(&server, &server.models))
         return false;
     cache_hold_files(server.cache, server.files);
     return true;
@@ -233,7 +244,7 @@ void rooms_turn(int ms)
 
 void rooms_expire(void)
 {
-    blobs_expire(server.blobs, 0);
+    blobs_maintain(server.blobs);
 }
 
 bool rooms_working(void)
