@@ -606,11 +606,6 @@ void blobs_close(struct blobs *blobs)
     free(blobs);
 }
 
-uint64_t blobs_bytes(const struct blobs *blobs)
-{
-    return disk_bytes(blobs->setup.ledger);
-}
-
 void blobs_charge(struct blobs *blobs, int64_t bytes)
 {
     disk_charge(blobs->setup.ledger, DISK_NOBODY, bytes);

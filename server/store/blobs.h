@@ -101,8 +101,7 @@ void blobs_maintain(struct blobs *blobs);
 /* Hex SHA-256 of a file into out[65]; 0 or -errno. Any thread. */
 int blobs_hash_file(const char *path, char out[65]);
 
-/* Bytes that everything under --data takes, and a charge to nobody: see store/disk.h. */
-uint64_t blobs_bytes(const struct blobs *blobs);
+/* Charges bytes under --data to nobody: see store/disk.h. */
 void blobs_charge(struct blobs *blobs, int64_t bytes);
 
 #endif

@@ -565,6 +565,46 @@ static int teardown(void **state)
     return rmdir(folder);
 }
 
+static unsigned n_freed;
+
+static void free_put(struct blob_put *put)
+{
+    n_freed++;
+    free(put->bytes);
+    free(put);
+}
+
+// As the daemon does it: whoever is answered is freed at once, the winner and the losers.
+static void test_puts_are_freed_when_done(void **state)
+{
+    struct store s;
+    new_store(&s);
+    enum { N = 3, SIZE = 200000 };
+    char hash[65], lie[65];
+    for (int round = 0; round < 2 * N; round++) {
+        bool wrong = round % 2;
+        for (int i = 0; i < N; i++)
+            for (int half = 0; half < 2; half++) {
+                struct blob_put *p = calloc(1, sizeof *p);
+                p->size = SIZE;
+                p->offset = half ? SIZE / 2 : 0;
+                p->n = SIZE / 2;
+                p->bytes = malloc(SIZE);
+                memset(p->bytes, 'A' + round, SIZE);
+                hash_of(p->bytes, SIZE, hash);
+                memset(lie, 'c', 64);
+                memcpy(p->hash, wrong ? lie : hash, 64);
+                snprintf(p->principal, sizeof p->principal, "client %d", i);
+                p->done = free_put;
+                blobs_put(s.blobs, p);
+            }
+        turn_until_idle(&s);
+        assert_int_equal(blobs_has(s.blobs, hash), !wrong);
+    }
+    assert_int_equal(n_freed, 2 * N * N * 2);
+    close_store(&s);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -580,6 +620,7 @@ int main(void)
         cmocka_unit_test(test_eviction),
         cmocka_unit_test(test_index_of_many),
         cmocka_unit_test(test_abandoned_chunks),
+        cmocka_unit_test(test_puts_are_freed_when_done),
     };
     return cmocka_run_group_tests(tests, setup, teardown);
 }
