@@ -581,6 +581,8 @@ static void test_puts_are_freed_when_done(void **state)
     new_store(&s);
     enum { N = 3, SIZE = 200000 };
     char hash[65], lie[65];
+    memset(lie, 'd', 64);
+    put(&s, "idle", lie, 2, 0, ".", 1); // which others' hashes are compared with
     for (int round = 0; round < 2 * N; round++) {
         bool wrong = round % 2;
         for (int i = 0; i < N; i++)
