@@ -5,6 +5,7 @@
 #include "net/carrier.h"
 
 #include "core/log.h"
+#include "core/token.h"
 #include "net/listener.h"
 #include "net/web_access.h"
 
@@ -14,6 +15,7 @@
 #include <netdb.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <unistd.h>
 
 enum {
@@ -256,10 +258,19 @@ static int page_write(struct lws *wsi, struct page_session *p)
     return lws_http_transaction_completed(wsi) ? -1 : 0;
 }
 
+static bool bearer_is_right(struct lws *wsi)
+{
+    char room[TOKEN_ROOM + 16];
+    const char *said = header(wsi, WSI_TOKEN_HTTP_AUTHORIZATION, room, sizeof room);
+    bool bearer = said && !strncasecmp(said, "Bearer ", 7);
+    return token_is_right(the_server->token, bearer ? said + 7 : "");
+}
+
 static int page_request(struct lws *wsi, struct page_session *p)
 {
-    char path[64] = "";
-    lws_hdr_copy(wsi, path, sizeof path, WSI_TOKEN_GET_URI);
+    char room[16];
+    const char *path = header(wsi, WSI_TOKEN_GET_URI, room, sizeof room);
+    if (!path) path = ""; // longer than any there is
     if (!strcmp(path, "/healthz")) {
         bool well = !the_server->draining;
         char *text = strdup(well ? "ok\n" : "draining\n");
@@ -267,6 +278,10 @@ static int page_request(struct lws *wsi, struct page_session *p)
                            "text/plain", text, text ? strlen(text) : 0);
     }
     if (!strcmp(path, "/metrics")) {
+        if (!bearer_is_right(wsi)) {
+            if (lws_return_http_status(wsi, HTTP_STATUS_UNAUTHORIZED, NULL)) return -1;
+            return lws_http_transaction_completed(wsi) ? -1 : 0;
+        }
         size_t n = 0;
         char *text = stats_prometheus(the_server, &n);
         return answer_text(wsi, p, HTTP_STATUS_OK, "text/plain; version=0.0.4", text, n);

@@ -234,6 +234,23 @@ static void test_host_and_origin(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// With a token set, /metrics is for who has it.
+static void test_metrics_want_the_token(void **state)
+{
+    char path[128];
+    snprintf(path, sizeof path, "%s/token", d.folder);
+    write_text(path, "open sesame\n");
+    const char *const extra[] = {"--http", "127.0.0.1:0", "--token-file", path, NULL};
+    daemon_start(&d, extra);
+    assert_int_equal(get("/metrics", "localhost", ""), 401);
+    assert_int_equal(get("/metrics", "localhost", "Authorization: Bearer open\r\n"), 401);
+    assert_int_equal(get("/metrics", "localhost", "Authorization: Basic open sesame\r\n"), 401);
+    assert_int_equal(get("/metrics", "localhost", "Authorization: Bearer open sesame\r\n"),
+                     200);
+    assert_int_equal(get("/healthz", "localhost", ""), 200);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 static void test_web_access_rules(void **state)
 {
     struct options o = {.http = "relight.lan:80", .hosts = "", .origins = ""};
@@ -651,6 +668,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(test_http_listens_where_it_is_told, after_each),
         cmocka_unit_test_teardown(test_host_and_origin, after_each),
+        cmocka_unit_test_teardown(test_metrics_want_the_token, after_each),
         cmocka_unit_test(test_web_access_rules),
         cmocka_unit_test_teardown(test_upgrades, after_each),
         cmocka_unit_test_teardown(test_full_says_busy, after_each),
