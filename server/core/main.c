@@ -57,7 +57,7 @@ static void begin_drain(int signal_number)
         next = c->next;
         for (struct request *r = c->requests, *after; r && !c->dead; r = after) {
             after = r->next;
-            if (r->type == RELIGHT_TYPE_VIEW_OPEN)
+            if (operation_of(r->type)->flags & OPERATION_ENDS_AT_DRAIN)
                 request_stop(r, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
                              "the daemon is stopping");
         }
@@ -87,7 +87,7 @@ static void on_signal(void *user, int signal_number)
 
 static void run_maintenance(struct loop_timer *timer)
 {
-    blobs_expire(server.blobs, 600);
+    blobs_maintain(server.blobs);
     if (server.models) bakes_make_room(&server, NULL);
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
 }
@@ -137,7 +137,16 @@ static int open_data(void)
         make_folder("work") || make_folder("previews"))
         return -1;
     snprintf(path, sizeof path, "%s/blobs", server.data);
-    return blobs_open(path, server.options.max_blob, server.options.disk, &server.blobs);
+    struct blobs_setup setup = {.folder = path,
+                                .max_blob = server.options.max_blob,
+                                .ledger = server.ledger,
+                                .work = server.work,
+                                .keep_s = 600,
+                                .idle_s = 600,
+                                .wanted_s = 60};
+    int err = blobs_open(&setup, &server.blobs);
+    if (err) log_line(LOG_ERR, "data folder %s: %s", path, strerror(-err));
+    return err;
 }
 
 static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *where)
@@ -198,7 +207,8 @@ static int start(void)
     int level = log_level_parse(o->log);
     if (level < 0 || (o->cpu[0] && prt_cpu_parse(o->cpu, &cpu))) {
         fprintf(stderr, "relightd: --%s\n",
-                level < 0 ? "log: error, warning, event or trace" : "cpu: c, avx2 or avx512");
+                level < 0 ? "log: error, warning, event or trace"
+                          : "cpu: one of " PRT_CPU_WORDS);
         exit(2);
     }
     log_set_level((enum log_level)level);
@@ -211,19 +221,22 @@ static int start(void)
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
     unsigned threads = o->threads ? o->threads : server.n_core;
+    const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
+    if (o->accept_weak_sandbox) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1); // for all children
     if (!(server.ledger = ledger_create(o)) || check_all() || loop_create(&server.loop) ||
-        loop_signals(server.loop, signals, N_SIGNAL, on_signal, NULL) || open_data() ||
+        loop_signals(server.loop, signals, N_SIGNAL, on_signal, NULL) ||
         cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
-        decoder_create(server.loop, o->decode_memory, &server.decoder) ||
-        work_pool_create(server.loop, threads, cpu, &server.work) ||
+        decoder_create(server.loop, &decoding, &server.stats.children_crashed,
+                       &server.decoder) ||
+        work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
         jobs_create(&server, &job_runner_child, &server.jobs) ||
         models_create(&server, &server.models) || listen_everywhere())
         return -1;
     cache_hold_files(server.cache, server.files);
     maintenance_timer.fire = run_maintenance;
     run_maintenance(&maintenance_timer);
-    log_line(LOG_EVENT, "start version=0.1.0 pid=%d threads=%u data=%s%s", (int)getpid(),
-             threads, server.data, server.data_temporary ? " (temporary)" : "");
+    log_line(LOG_EVENT, "start version=" RELIGHT_VERSION " pid=%d threads=%u data=%s%s",
+             (int)getpid(), threads, server.data, server.data_temporary ? " (temporary)" : "");
     warm_start(server.work);
     uint64_t watchdog_us;
     if (sd_watchdog_enabled(0, &watchdog_us) > 0) {
@@ -258,6 +271,7 @@ static void stop(void)
     while (server.work && work_busy(server.work)) {
         if (loop_now_ns() > patience) { // nothing is lost but tidiness
             log_line(LOG_WARN, "stop with work under way");
+            log_stop();
             _exit(0);
         }
         loop_turn(server.loop, 50);
@@ -296,14 +310,17 @@ int main(int argc, char **argv)
     args = argv;
     options_parse(argc, argv, &server.options);
     if (server.options.check) return print_check();
+    log_start();
     int failed = start();
     while (!failed && !drained()) {
         if (http_is_open()) http_turn(&server);
         else loop_turn(server.loop, -1);
+        connections_shed(&server);
         connections_free_closed(&server);
     }
     if (failed) log_line(LOG_ERR, "start failed: the lines above say why");
     stop();
     if (!failed) log_line(LOG_EVENT, "stop");
+    log_stop();
     return failed ? 1 : 0;
 }

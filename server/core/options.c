@@ -34,7 +34,7 @@ enum {
     KEY_CHECK
 };
 
-const char *argp_program_version = "relightd 0.1.0";
+const char *argp_program_version = "relightd " RELIGHT_VERSION;
 
 // NULL when fine, else what was wrong.
 static const char *set_row(struct options *options, const struct row *row, const char *text)
@@ -46,10 +46,9 @@ static const char *set_row(struct options *options, const struct row *row, const
         *(const char **)field = text; // argv, a preset or the configuration's text: all stay
         return NULL;
     }
-    if (row->kind == KIND_FLAG) {
-        if (strcmp(text, "yes") && strcmp(text, "no")) return "yes or no is wanted";
-        *(bool *)field = !strcmp(text, "yes");
-        return NULL;
+    if (row->kind == KIND_FLAG) { // the bare word says yes
+        *(bool *)field = !text || !strcmp(text, "yes");
+        return text && strcmp(text, "yes") && strcmp(text, "no") ? "yes or no is wanted" : NULL;
     }
     double x = strtod(text, &end);
     if (end == text || !isfinite(x) || x < 0 || errno) return "a number >= 0 is wanted";
@@ -208,8 +207,8 @@ static error_t parse_one(int key, char *arg, struct argp_state *state)
     }
     if (key >= KEY_FIRST && key < KEY_FIRST + N_ROW) {
         const struct row *row = &table[key - KEY_FIRST];
-        if ((fault = set_row(parse->options, row, arg ? arg : "yes")))
-            argp_error(state, "--%s %s: %s", row->word, arg, fault);
+        if ((fault = set_row(parse->options, row, arg)))
+            argp_error(state, "--%s %s: %s", row->word, arg ? arg : "", fault);
         return 0;
     }
     if (key == ARGP_KEY_ARG) argp_error(state, "%s: no plain arguments are taken", arg);
@@ -262,7 +261,9 @@ static int read_all(int argc, char **argv, struct options *options, unsigned fla
         snprintf(doc[i], sizeof doc[i], "%s%s%s%s", table[i].text, *table[i].preset ? " (" : "",
                  table[i].preset, *table[i].preset ? ")" : "");
         list[i + 4] = (struct argp_option){
-            table[i].word, KEY_FIRST + (int)i, table[i].value, 0, doc[i], 0};
+            table[i].word,  KEY_FIRST + (int)i,
+            table[i].value, table[i].kind == KIND_FLAG ? OPTION_ARG_OPTIONAL : 0,
+            doc[i],         0};
     }
     struct argp argp = {list, parse_one, NULL,
                         "The relighting daemon: holds precomputed light transport and answers "
