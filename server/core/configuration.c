@@ -76,7 +76,7 @@ static int check_words(const struct options *options, char fault[256])
     const char *why = NULL;
     if (log_level_parse(options->log) < 0) why = "--log: error, warning, event or trace";
     else if (options->cpu[0] && prt_cpu_parse(options->cpu, &cpu))
-        why = "--cpu: c, avx2 or avx512";
+        why = "--cpu: one of " PRT_CPU_WORDS;
     if (!why) return 0;
     snprintf(fault, 256, "%s", why);
     return -1;

@@ -160,11 +160,24 @@ static int confirm_upgrade(struct lws *wsi, const char *to)
     return -1;
 }
 
+// Requests have no body: one that is announced would be waited for, a byte at a time.
+static bool plain_get(struct lws *wsi)
+{
+    char room[8];
+    const char *length = header(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH, room, sizeof room);
+    return (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) ||
+            lws_hdr_total_length(wsi, WSI_TOKEN_HEAD_URI)) &&
+           !lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING) && length &&
+           (!*length || !strcmp(length, "0"));
+}
+
 static int filter_request(struct lws *wsi)
 {
-    if (admitted(wsi)) return 0;
-    lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, NULL);
-    return 1;
+    unsigned status = !plain_get(wsi)  ? HTTP_STATUS_METHOD_NOT_ALLOWED
+                      : !admitted(wsi) ? HTTP_STATUS_FORBIDDEN
+                                       : 0;
+    if (status) lws_return_http_status(wsi, status, NULL);
+    return status != 0;
 }
 
 // Counts the client as a connection; when there is no room it gets an ERROR frame instead.
@@ -406,9 +419,10 @@ static bool create_context(const struct server *server)
     info.mounts = mount;
     info.gid = info.uid = (gid_t)-1;
     info.keepalive_timeout = 15;
-    // A client has --handshake to send a request's header.
-    info.timeout_secs = (unsigned)ceil(fmax(server->options.handshake, 1));
-    info.timeout_secs_ah_idle = info.timeout_secs;
+    // A client has --handshake to begin a request; lws's other timeout restarts with each
+    // fragment of an answer.
+    info.timeout_secs = 30;
+    info.timeout_secs_ah_idle = (unsigned)ceil(fmax(server->options.handshake, 1));
     info.retry_and_idle_policy = &pings;
     info.options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS |
                    LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE;
