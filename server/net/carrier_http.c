@@ -20,7 +20,6 @@ enum {
     CHUNK = 64 << 10,       // largest piece of a message handed to libwebsockets
     PLAIN_MAX = 128,        // HTTP clients beyond --connections
     TRY_AGAIN_LATER = 1013, // WebSocket close code
-    MESSAGE_MAX = SERVER_MAX_PAYLOAD + SERVER_MAX_HEADER + 4096,
 };
 
 #define SUBPROTOCOL "relight.v1"
@@ -29,8 +28,6 @@ enum {
 struct session {
     struct connection *conn;
     struct lws *wsi;
-    uint8_t *message; // what came of the current one
-    size_t n, room;
     uint8_t *refusal; // no connection: the frame that says why
     size_t n_refusal;
 };
@@ -68,43 +65,21 @@ static void ws_close(struct connection *conn)
     lws_set_timeout(s->wsi, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_ASYNC);
 }
 
-static const struct carrier ws_carrier = {"websocket", ws_want_write, ws_set_reading, ws_close};
-
-static bool gather(struct session *s, const void *bytes, size_t n)
+static size_t ws_unsent(const struct connection *conn)
 {
-    if (n > MESSAGE_MAX - s->n) return false;
-    if (s->n + n > s->room) {
-        size_t room = 2 * s->room > s->n + n ? 2 * s->room : s->n + n;
-        uint8_t *grown = realloc(s->message, room);
-        if (!grown) return false;
-        s->message = grown;
-        s->room = room;
-    }
-    memcpy(s->message + s->n, bytes, n);
-    s->n += n;
-    return true;
+    const struct session *s = conn->carrier_data;
+    return socket_unsent(lws_get_socket_fd(s->wsi));
 }
+
+static const struct carrier ws_carrier = {"websocket", ws_want_write, ws_set_reading, ws_close,
+                                          ws_unsent};
 
 static int ws_receive(struct session *s, struct lws *wsi, const void *bytes, size_t n)
 {
     if (s->refusal) return 0;
     if (!s->conn || s->conn->closing) return s->conn ? 0 : -1;
-    // Before HELLO nobody may make us hold more than its frame.
-    size_t limit = s->conn->greeted ? MESSAGE_MAX : SERVER_HELLO_HEADER + 64;
-    if (s->n + n > limit || !gather(s, bytes, n)) {
-        connection_close(s->conn, "a message is larger than the limit");
-        return -1;
-    }
-    s->conn->heard_ns = loop_now_ns();
-    if (!lws_is_final_fragment(wsi) || lws_remaining_packet_payload(wsi)) return 0;
-    size_t size = s->n;
-    s->n = 0;
-    connection_message(s->conn, s->message, size);
-    if (s->room > 1 << 20) { // one large upload does not keep its memory
-        free(s->message);
-        s->message = NULL;
-        s->room = 0;
-    }
+    bool last = lws_is_final_fragment(wsi) && !lws_remaining_packet_payload(wsi);
+    connection_part(s->conn, bytes, n, last);
     return s->conn ? 0 : -1;
 }
 
@@ -126,6 +101,7 @@ static int ws_write(struct session *s, struct lws *wsi)
     int how = f->sent ? LWS_WRITE_CONTINUATION : LWS_WRITE_BINARY;
     if (n < left) how |= LWS_WRITE_NO_FIN;
     if (lws_write(wsi, piece + LWS_PRE, n, (enum lws_write_protocol)how) < (int)n) return -1;
+    lws_validity_confirmed(wsi); // a slow reader answers pings late, --write-time watches it
     connection_written(conn, n);
     if (s->conn && s->conn->out) lws_callback_on_writable(wsi);
     return s->conn ? 0 : -1;
@@ -235,9 +211,8 @@ static int on_ws(struct lws *wsi, enum lws_callback_reasons reason, void *user, 
     case LWS_CALLBACK_CLOSED: {
         struct connection *conn = s->conn;
         if (conn) connection_close(conn, "closed by peer");
-        free(s->message);
         free(s->refusal);
-        s->message = s->refusal = NULL;
+        s->refusal = NULL;
         return 0;
     }
     default:
@@ -399,6 +374,10 @@ static void http_accepted(struct server *server, const struct accepted *client)
     if (!lws_adopt_socket_vhost(vhost, client->fd)) n_wsi = before;
 }
 
+// A WebSocket peer that is silent is pinged after 60 s and closed after 90 s.
+static const lws_retry_bo_t pings = {.secs_since_valid_ping = 60,
+                                     .secs_since_valid_hangup = 90};
+
 static bool create_context(const struct server *server)
 {
     mount[0].mount_next = &mount[1];
@@ -412,7 +391,10 @@ static bool create_context(const struct server *server)
     info.mounts = mount;
     info.gid = info.uid = (gid_t)-1;
     info.keepalive_timeout = 15;
-    info.timeout_secs = (unsigned)ceil(fmax(server->options.handshake, 1)); // for the header
+    // A client has --handshake to send a request's header.
+    info.timeout_secs = (unsigned)ceil(fmax(server->options.handshake, 1));
+    info.timeout_secs_ah_idle = info.timeout_secs;
+    info.retry_and_idle_policy = &pings;
     info.options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS |
                    LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE;
     context = lws_create_context(&info);

@@ -118,10 +118,16 @@ static void stream_ready(struct loop_watch *watch, uint32_t events)
         connection_close(conn, "closed by peer");
 }
 
+static size_t stream_unsent(const struct connection *conn)
+{
+    const struct stream *s = conn->carrier_data;
+    return socket_unsent(s->watch.fd);
+}
+
 static const struct carrier tcp_carrier = {"tcp", stream_want_write, stream_set_reading,
-                                           stream_close};
+                                           stream_close, stream_unsent};
 static const struct carrier unix_carrier = {"unix", stream_want_write, stream_set_reading,
-                                            stream_close};
+                                            stream_close, stream_unsent};
 
 int refusal_frame(const struct server *server, const char *text, uint8_t **out, size_t *n)
 {

@@ -38,6 +38,9 @@ void accepted_describe(int fd, struct accepted *client);
 /* TCP_NODELAY, and keepalive probes that find a dead peer in 90 s. */
 void accepted_tune(int fd);
 
+/* Bytes in the socket's send buffer that the peer has not taken. */
+size_t socket_unsent(int fd);
+
 /* Splits HOST:PORT; host is without brackets, "" for all addresses. False when it is none. */
 bool address_split(const char *text, char host[256], char port[8]);
 bool address_is_loopback(const struct sockaddr *address);

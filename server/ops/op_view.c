@@ -93,12 +93,15 @@ static void send_frame(struct view *v, struct render_result *result)
     Relight__Error error = RELIGHT__ERROR__INIT;
     struct render_camera_message camera;
     Relight__Cost cost;
+    char text[500];
     render_cost_message(result, &cost);
     out.frame = ++v->frame;
     out.sequence = v->drawn_sequence;
     if (result->code) {
         error.code = (Relight__ErrorCode)result->code;
-        error.text = result->error;
+        blobs_name_in_text(v->request->server->blobs, v->request->conn->principal->name,
+                           result->error, text, sizeof text);
+        error.text = text;
         error.hint = (char *)error_hint(result->code);
         out.error = &error;
     } else if (v->spec.picture) {

@@ -1,9 +1,9 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
 # Every citation resolves: METHODS sections to headings of libprt/METHODS.md, keys of papers to its
-# bibliography, "KEY eq N" to its table of equations; pages name files that exist, and METHODS.md
-# functions that are in them. Then the same check on copies that are broken on purpose, each of which
-# must fail.
+# bibliography, "KEY eq N" to its table of equations; pages name files and functions() that exist, and
+# METHODS.md functions that are in the file named beside. Then the same check on copies that are broken
+# on purpose, each of which must fail.
 #   citations.sh SOURCE_FOLDER
 set -eu
 root=$1
@@ -134,18 +134,34 @@ sub look_paths {
     }
 }
 
+# Functions that a page names: walk().
+my %called;
+sub look_functions {
+    my ($file, $text) = @_;
+    (my $name = $file) =~ s/^\Q$root\E\///;
+    while ($text =~ /(?<![\w.])([a-z_]\w*)\(\)/g) {
+        fail("$name names $1(), which no source has") unless $called{$1};
+    }
+}
+
 my @files;
 find({no_chdir => 1, wanted => sub {
     if (-d && /\/(?:\.git|build[^\/]*|node_modules|seeds|out)$/) {
         $File::Find::prune = 1;
         return;
     }
-    push @files, $_ if -f && /\.(?:c|h|cpp|md|cmake|proto|sh|py)$/ && !/\/citations\.sh$/;
+    push @files, $_ if -f && /\.(?:c|h|cpp|md|cmake|proto|sh|py|txt)$/ && !/\/citations\.sh$/;
 }}, $root);
+for my $file (grep { !/\.md$/ } @files) {
+    my $text = slurp($file);
+    $called{$1} = 1 while $text =~ /\b([a-z_]\w*)\(/g;
+}
 for my $file (sort @files) {
     my $text = slurp($file);
     look($file, prose($file, $text));
-    look_paths($file, $text) if $file =~ /\.md$/;
+    next unless $file =~ /\.md$/;
+    look_paths($file, $text);
+    look_functions($file, $text);
 }
 printf "%u files, %u sections, %u papers, %u equations: %u errors\n", scalar @files,
     scalar keys %section, scalar keys %key, scalar keys %equation, $bad;
@@ -181,6 +197,7 @@ refuse() {
     rm "$copy/libprt/$1"
 }
 refuse a.md 'The loop is in `core/nowhere.c`.' 'core/nowhere.c, which does not exist'
+refuse a.md 'It begins in nowhere_at_all().' 'nowhere_at_all(), which no source has'
 refuse a.c '// A law (METHODS §99).' 'METHODS §99'
 refuse a.c '// A law (METHODS §1, 98).' 'METHODS §98'
 refuse a.h '/* A law, contracted first (METHODS
