@@ -86,39 +86,50 @@ static char *trim(char *s)
     return s;
 }
 
-static void fail_line(const char *path, int line, const char *word, const char *fault)
+int options_read_config(struct options *options, const char *name, char *text, char error[300])
 {
-    fprintf(stderr, "relightd: %s:%d: %s: %s\n", path, line, word, fault);
-    exit(2);
-}
-
-static char *config_text; // options point into it
-
-static void read_config(struct options *options, const char *path)
-{
-    enum { MOST = 1 << 20 };
-    FILE *file = fopen(path, "r");
-    char *text = file && !config_text ? calloc(1, MOST) : NULL;
-    if (!text || (!fread(text, 1, MOST - 1, file) && ferror(file))) {
-        fprintf(stderr, "relightd: %s: %s\n", path,
-                config_text ? "one configuration file is enough" : strerror(errno));
-        exit(2);
-    }
-    fclose(file);
-    config_text = text;
     for (int n = 1; text; n++) {
         char *word = trim(strsep(&text, "\n"));
         if (!*word || *word == '#') continue;
         char *value = strchr(word, '=');
-        if (!value) fail_line(path, n, word, "`word = value` is wanted");
-        *value++ = 0;
-        word = trim(word);
-        value = trim(value);
-        const char *fault = "no such option";
-        if (!strcmp(word, "listen")) fault = add_listen(options, value);
-        for (size_t i = 0; i < N_ROW; i++)
-            if (!strcmp(word, table[i].word)) fault = set_row(options, &table[i], value);
-        if (fault) fail_line(path, n, word, fault);
+        const char *fault = value ? "no such option" : "`word = value` is wanted";
+        if (value) {
+            *value++ = 0;
+            word = trim(word);
+            value = trim(value);
+            if (!strcmp(word, "listen")) fault = add_listen(options, value);
+            for (size_t i = 0; i < N_ROW; i++)
+                if (!strcmp(word, table[i].word)) fault = set_row(options, &table[i], value);
+        }
+        if (!fault) continue;
+        snprintf(error, 300, "%.100s:%d: %.80s: %s", name, n, word, fault);
+        return -1;
+    }
+    return 0;
+}
+
+static char *config_text; // options point into it
+
+static void read_config_file(struct options *options, const char *path)
+{
+    enum { MOST = 1 << 20 };
+    char error[300] = "";
+    FILE *file = config_text ? NULL : fopen(path, "re");
+    char *text = file ? calloc(1, MOST + 1) : NULL;
+    size_t n = text ? fread(text, 1, MOST + 1, file) : 0;
+    if (config_text) snprintf(error, sizeof error, "one configuration file is enough");
+    else if (!text || ferror(file)) snprintf(error, sizeof error, "%s", strerror(errno));
+    else if (n > MOST) snprintf(error, sizeof error, "longer than %d bytes", MOST);
+    else if (memchr(text, 0, n)) snprintf(error, sizeof error, "has a zero byte: not text");
+    if (error[0]) {
+        fprintf(stderr, "relightd: %s: %s\n", path, error);
+        exit(2);
+    }
+    fclose(file);
+    config_text = text;
+    if (options_read_config(options, path, text, error)) {
+        fprintf(stderr, "relightd: %s\n", error);
+        exit(2);
     }
 }
 
@@ -208,8 +219,9 @@ void options_parse(int argc, char **argv, struct options *options)
     *options = (struct options){0};
     for (size_t i = 0; i < N_ROW; i++) set_row(options, &table[i], table[i].preset);
     for (int i = 1; i < argc && strcmp(argv[i], "--"); i++) {
-        if (!strncmp(argv[i], "--config=", 9)) read_config(options, argv[i] + 9);
-        if (!strcmp(argv[i], "--config") && i + 1 < argc) read_config(options, argv[i + 1]);
+        if (!strncmp(argv[i], "--config=", 9)) read_config_file(options, argv[i] + 9);
+        if (!strcmp(argv[i], "--config") && i + 1 < argc)
+            read_config_file(options, argv[i + 1]);
     }
     struct parse parse = {.options = options};
     argp_err_exit_status = 2;
