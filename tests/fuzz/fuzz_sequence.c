@@ -198,7 +198,8 @@ static void send_some(struct peer *p, bool all)
         // So that a sanitizer sees who looks behind the end.
         uint8_t *exact = malloc(n);
         memcpy(exact, at, n);
-        if (p->messages) rooms_message(&p->end, exact, n);
+        if (p->messages)
+            rooms_message(&p->end, exact, n, rnd_chance(&r, 2) ? SIZE_MAX : 1 + rnd(&r, 100));
         else rooms_stream(&p->end, exact, n);
         free(exact);
         p->sent += n;
