@@ -55,7 +55,8 @@ static uint64_t next_limit(const struct connection *conn, const char **why)
 // reads.
 static void sample_output(struct connection *conn, uint64_t now)
 {
-    size_t unsent = conn->out ? conn->carrier->unsent(conn) : 0;
+    bool known = conn->out && conn->carrier->unsent;
+    size_t unsent = known ? conn->carrier->unsent(conn) : 0;
     if (unsent < conn->unsent) conn->sent_ns = now;
     conn->unsent = unsent;
 }

@@ -18,7 +18,7 @@ struct carrier {
     void (*want_write)(struct connection *conn);           /* there is output */
     void (*set_reading)(struct connection *conn, bool on); /* back pressure */
     void (*close)(struct connection *conn);                /* let go of carrier_data */
-    size_t (*unsent)(const struct connection *conn);       /* bytes the kernel holds for it */
+    size_t (*unsent)(const struct connection *conn); /* bytes the kernel holds; may be NULL */
 };
 
 /* Bytes that several answers may share; released when the last is sent. */

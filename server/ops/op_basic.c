@@ -2,6 +2,7 @@
 // The operations that look: hello, ping, list, watch, cancel, info, geometry, unload, stats.
 #include "net/dispatch.h"
 #include "core/log.h"
+#include "core/token.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
 #include "render/render.h"
@@ -18,17 +19,6 @@
 
 #define MESSAGE(type) ((const Relight__##type *)request->message)
 
-// Takes as long for a nearly right token as for a wrong one.
-static bool token_is_right(const struct server *server, const char *said)
-{
-    size_t n = strlen(server->token), m = strlen(said);
-    unsigned differs = n != m;
-    if (!n) return true; // none is wanted
-    for (size_t i = 0; i < n; i++)
-        differs |= (unsigned char)(server->token[i] ^ said[m ? i % m : 0]);
-    return !differs;
-}
-
 void op_hello(struct request *request)
 {
     const Relight__HelloRequest *in = MESSAGE(HelloRequest);
@@ -42,7 +32,7 @@ void op_hello(struct request *request)
         if (!conn->dead) connection_finish(conn, "no common version");
         return;
     }
-    if (!token_is_right(request->server, in->token)) {
+    if (!token_is_right(request->server->token, in->token)) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN, "the token is %s",
                      in->token[0] ? "wrong" : "missing");
         if (!conn->dead) connection_finish(conn, "no token");

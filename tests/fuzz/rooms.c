@@ -123,7 +123,7 @@ static void closed(struct connection *conn)
 
 static size_t unsent(const struct connection *conn)
 {
-    return 0;
+    return 0; // the pipe has no buffer of its own
 }
 
 static const struct carrier carrier = {"memory", want_write, set_reading, closed, unsent};
@@ -140,9 +140,16 @@ void rooms_stream(struct pipe_end *end, const void *bytes, size_t n)
     if (end->conn && !end->conn->closing) connection_bytes(end->conn, bytes, n);
 }
 
-void rooms_message(struct pipe_end *end, const void *bytes, size_t n)
+void rooms_message(struct pipe_end *end, const void *bytes, size_t n, size_t most)
 {
-    if (end->conn && !end->conn->closing) connection_part(end->conn, bytes, n, true);
+    const char *at = bytes;
+    while (end->conn && !end->conn->closing) {
+        size_t part = n < most ? n : most;
+        connection_part(end->conn, at, part, part == n);
+        at += part;
+        n -= part;
+        if (!n) break;
+    }
 }
 
 size_t rooms_output(struct pipe_end *end, uint8_t *out, size_t n)
@@ -183,7 +190,10 @@ static bool make_folders(const char *data)
     struct blobs_setup setup = {.folder = path,
                                 .max_blob = server.options.max_blob,
                                 .ledger = server.ledger,
-                                .work = server.work};
+                                .work = server.work,
+                                .keep_s = 600,
+                                .idle_s = 0.05,
+                                .wanted_s = 60};
     return !blobs_open(&setup, &server.blobs);
 }
 
@@ -203,10 +213,10 @@ bool rooms_start(const struct rooms_settings *settings)
     o->send_buffer = settings->send_buffer;
     o->idle = settings->idle_s;
     o->frame_time = settings->frame_time_s;
+    const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
     log_set_level(LOG_ERR);
     server.n_core = settings->threads;
     server.stats.start_ns = loop_now_ns();
-    const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
     if (!(server.ledger = ledger_create(o)) || loop_create(&server.loop) ||
         cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
@@ -239,6 +249,7 @@ void rooms_stop(void)
 void rooms_turn(int ms)
 {
     loop_turn(server.loop, ms);
+    connections_shed(&server);
     connections_free_closed(&server);
 }
 
