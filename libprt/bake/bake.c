@@ -73,7 +73,7 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
     return prt_material_check(ctx, &o->material);
 }
 
-// As many samples as the mean free path asks for, at least W05's 150,000, at most 2 million:
+// As many samples as the mean free path asks for, at least W05's 150,000, at most 600,000:
 // beyond that the near-field cells keep the integral right and the user is told.
 static uint32_t sample_count(const struct bake *b)
 {

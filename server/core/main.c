@@ -77,7 +77,7 @@ static void on_signal(void *user, int signal_number)
 
 static void run_maintenance(struct loop_timer *timer)
 {
-    blobs_expire(server.blobs, 600);
+    blobs_maintain(server.blobs);
     if (server.models) bakes_make_room(&server, NULL);
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
 }
@@ -120,7 +120,16 @@ static int open_data(void)
         make_folder("work") || make_folder("previews"))
         return -1;
     snprintf(path, sizeof path, "%s/blobs", server.data);
-    return blobs_open(path, server.options.max_blob, server.options.disk, &server.blobs);
+    struct blobs_setup setup = {.folder = path,
+                                .max_blob = server.options.max_blob,
+                                .ledger = server.ledger,
+                                .work = server.work,
+                                .keep_s = 600,
+                                .idle_s = 600,
+                                .wanted_s = 60};
+    int err = blobs_open(&setup, &server.blobs);
+    if (err) log_line(LOG_ERR, "data folder %s: %s", path, strerror(-err));
+    return err;
 }
 
 static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *where)
@@ -153,6 +162,28 @@ static int check_models(void)
     return 0;
 }
 
+// Connections are descriptors; the soft limit is often 1024 for the sake of select(), which
+// nothing here uses. More than 65536 would only make libwebsockets' tables large.
+static void raise_file_limit(void)
+{
+    enum { BESIDE = 256 }; // files, children's pipes, HTTP clients
+    struct rlimit limit;
+    uint64_t wanted = (uint64_t)server.options.connections + BESIDE;
+    if (getrlimit(RLIMIT_NOFILE, &limit)) return;
+    rlim_t most = wanted > 65536 ? wanted : 65536;
+    if (limit.rlim_cur < most) {
+        limit.rlim_cur = limit.rlim_max < most ? limit.rlim_max : most;
+        setrlimit(RLIMIT_NOFILE, &limit);
+        getrlimit(RLIMIT_NOFILE, &limit);
+    }
+    if (limit.rlim_cur < wanted)
+        log_line(LOG_WARN,
+                 "--connections %u wants %llu open files and the limit is %llu: raise it "
+                 "(LimitNOFILE=, ulimit -Hn) or lower --connections",
+                 server.options.connections, (unsigned long long)wanted,
+                 (unsigned long long)limit.rlim_cur);
+}
+
 static int listen_everywhere(void)
 {
     int n = sd_listen_fds(1);
@@ -180,6 +211,7 @@ static int start(void)
     server.n_core = cores > 0 ? (unsigned)cores : 1;
     server.stats.start_ns = loop_now_ns();
     signal(SIGPIPE, SIG_IGN);
+    raise_file_limit();
     // Images and planes of a few MB come and go: keep their pages.
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
@@ -188,19 +220,18 @@ static int start(void)
     if (o->accept_weak_sandbox) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1); // for all children
     if (!(server.ledger = ledger_create(o)) || read_token() || check_models() ||
         loop_create(&server.loop) || loop_signals(server.loop, signals, 3, on_signal, NULL) ||
-        open_data() || cache_create(o->cache, &server.cache) ||
-        cache_create(o->memory, &server.files) ||
+        cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
-        work_pool_create(server.loop, threads, cpu, &server.work) ||
+        work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
         jobs_create(&server, &job_runner_child, &server.jobs) ||
         models_create(&server, &server.models) || listen_everywhere())
         return -1;
     cache_hold_files(server.cache, server.files);
     maintenance_timer.fire = run_maintenance;
     run_maintenance(&maintenance_timer);
-    log_line(LOG_EVENT, "start version=0.1.0 pid=%d threads=%u data=%s%s", (int)getpid(),
-             threads, server.data, server.data_temporary ? " (temporary)" : "");
+    log_line(LOG_EVENT, "start version=" RELIGHT_VERSION " pid=%d threads=%u data=%s%s",
+             (int)getpid(), threads, server.data, server.data_temporary ? " (temporary)" : "");
     warm_start(server.work);
     sd_notify(0, "READY=1");
     return 0;
@@ -229,6 +260,7 @@ static void stop(void)
     while (server.work && work_busy(server.work)) {
         if (loop_now_ns() > patience) { // nothing is lost but tidiness
             log_line(LOG_WARN, "stop with work under way");
+            log_stop();
             _exit(0);
         }
         loop_turn(server.loop, 50);
@@ -253,6 +285,7 @@ int main(int argc, char **argv)
     for (int fd = 0; fd < 3; fd++) // children are given descriptors by these numbers
         if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", O_RDWR) < 0) return 1;
     options_parse(argc, argv, &server.options);
+    log_start();
     int failed = start();
     while (!failed && !drained()) {
         if (http_is_open()) http_turn(&server);
@@ -262,5 +295,6 @@ int main(int argc, char **argv)
     if (failed) log_line(LOG_ERR, "start failed: the lines above say why");
     stop();
     if (!failed) log_line(LOG_EVENT, "stop");
+    log_stop();
     return failed ? 1 : 0;
 }

@@ -31,7 +31,7 @@ enum {
     KEY_PRINT
 };
 
-const char *argp_program_version = "relightd 0.1.0";
+const char *argp_program_version = "relightd " RELIGHT_VERSION;
 
 // NULL when fine, else what was wrong.
 static const char *set_row(struct options *options, const struct row *row, const char *text)

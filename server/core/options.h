@@ -22,6 +22,9 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(TEXT, origins, "origins", "LIST", "",                                                       \
       "Web origins, comma-separated, that may open the WebSocket beside the page's own; * for "   \
       "all")                                                                                      \
+    X(TEXT, hosts, "hosts", "LIST", "",                                                           \
+      "Names, comma-separated, under which HTTP is reached, beside loopback names and the "       \
+      "address it listens on; a request for another Host is refused; * for all")                  \
     X(TEXT, token_file, "token-file", "FILE", "",                                                 \
       "First line: the token a client must say in HELLO. Empty: none is wanted")                  \
     X(TEXT, prt, "prt", "PROGRAM", "",                                                            \

@@ -14,28 +14,68 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void watch_clock(struct connection *conn)
+static uint64_t plus_seconds(uint64_t ns, double seconds)
+{
+    return ns + (uint64_t)(seconds * 1e9);
+}
+
+// The limit on this connection's silence that passes next, and its words.
+static uint64_t next_limit(const struct connection *conn, const char **why)
 {
     const struct options *o = &conn->server->options;
-    uint64_t at = conn->heard_ns + (uint64_t)(o->idle * 1e9);
-    uint64_t frame = conn->frame_ns + (uint64_t)(o->frame_time * 1e9);
-    if (conn->frame_ns && frame < at) at = frame;
-    loop_timer_set(conn->server->loop, &conn->timer, at);
+    uint64_t active = conn->heard_ns > conn->sent_ns ? conn->heard_ns : conn->sent_ns;
+    const struct {
+        bool applies;
+        uint64_t at;
+        const char *why;
+    } limits[] = {
+        {true, plus_seconds(active, o->idle), "idle"},
+        {conn->frame_ns, plus_seconds(conn->frame_ns, o->frame_time),
+         "a frame was begun and not finished in time (--frame-time)"},
+        {!conn->greeted, plus_seconds(conn->opened_ns, o->handshake),
+         "no HELLO in time (--handshake)"},
+        {conn->out, plus_seconds(conn->sent_ns, o->write_time),
+         "its answers wait and it reads nothing (--write-time)"},
+    };
+    uint64_t first = UINT64_MAX;
+    for (size_t i = 0; i < sizeof limits / sizeof *limits; i++)
+        if (limits[i].applies && limits[i].at < first) {
+            first = limits[i].at;
+            *why = limits[i].why;
+        }
+    return first;
+}
+
+// A socket becomes writable again only when a third of its buffer is free: a slow reader of a
+// large buffer may take longer than --write-time for that. What the kernel holds tells that it
+// reads.
+static void sample_output(struct connection *conn, uint64_t now)
+{
+    size_t unsent = conn->out ? conn->carrier->unsent(conn) : 0;
+    if (unsent < conn->unsent) conn->sent_ns = now;
+    conn->unsent = unsent;
+}
+
+// A limit that moved into the future is found when the timer fires.
+static void watch_clock(struct connection *conn)
+{
+    const char *why;
+    uint64_t at = next_limit(conn, &why);
+    uint64_t sample = plus_seconds(loop_now_ns(), conn->server->options.write_time / 4);
+    if (conn->out && sample < at) at = sample;
+    if (!conn->timer.slot || at < conn->timer.at_ns)
+        loop_timer_set(conn->server->loop, &conn->timer, at);
 }
 
 static void clock_fired(struct loop_timer *timer)
 {
     struct connection *conn =
         (struct connection *)((char *)timer - offsetof(struct connection, timer));
-    const struct options *o = &conn->server->options;
     uint64_t now = loop_now_ns();
-    if (conn->frame_ns && (double)(now - conn->frame_ns) >= o->frame_time * 1e9) {
-        connection_close(conn, "a frame was begun and not finished in time");
-        return;
-    }
-    // Who waits for an answer, or watches a job, is not idle.
-    if (conn->n_request || conn->out) conn->heard_ns = now;
-    if ((double)(now - conn->heard_ns) >= o->idle * 1e9) connection_close(conn, "idle");
+    const char *why;
+    sample_output(conn, now);
+    if (conn->n_request) conn->heard_ns = now; // it waits for an answer, or watches a job
+    if (next_limit(conn, &why) <= now) connection_close(conn, why);
     else watch_clock(conn);
 }
 
@@ -55,7 +95,7 @@ struct connection *connection_open(struct server *server, const struct carrier *
     conn->number = ++server->last_connection;
     conn->out_last = &conn->out;
     conn->reading = true;
-    conn->heard_ns = loop_now_ns();
+    conn->opened_ns = conn->heard_ns = conn->sent_ns = loop_now_ns();
     snprintf(conn->peer, sizeof conn->peer, "%s", peer);
     struct relight_frame_limits limits = {SERVER_HELLO_HEADER, 0, true}; // until it said hello
     relight_decoder_init(&conn->decoder, &limits);
@@ -164,20 +204,30 @@ void connection_bytes(struct connection *conn, const void *bytes, size_t n)
     }
 }
 
-void connection_message(struct connection *conn, const void *bytes, size_t n)
+// The clock of --frame-time runs until the message ends, whether its frame is complete or not.
+void connection_part(struct connection *conn, const void *bytes, size_t n, bool last)
 {
-    struct relight_frame frame;
-    int status = relight_frame_parse(bytes, n, &conn->decoder.limits, &frame);
-    conn->server->stats.bytes_in += n;
-    conn->heard_ns = loop_now_ns();
-    uint8_t *payload = NULL;
-    if (!status && frame.payload_size) {
-        payload = aligned_alloc(64, (frame.payload_size + 63) / 64 * 64);
-        if (!payload) status = RELIGHT_FAULT_MEMORY;
-        else memcpy(payload, frame.payload, frame.payload_size);
+    const char *at = bytes;
+    while (n && !conn->dead && !conn->closing) {
+        if (conn->message_full) {
+            bad_frame(conn, RELIGHT_FAULT_LONG);
+            return;
+        }
+        size_t used = 0;
+        int status = relight_decoder_feed(&conn->decoder, at, n, &used);
+        at += used;
+        n -= used;
+        conn->message_full = status > 0;
+        connection_committed(conn, used, status);
     }
-    if (status) bad_frame(conn, status);
-    else dispatch_frame(conn, &frame, payload);
+    if (conn->dead || conn->closing) return;
+    if (last) {
+        if (!conn->message_full) bad_frame(conn, RELIGHT_FAULT_SHORT);
+        conn->message_full = false;
+    } else if (!conn->frame_ns) {
+        conn->frame_ns = loop_now_ns();
+        watch_clock(conn);
+    }
 }
 
 int connection_output(const struct connection *conn, struct iovec *iov, int max)
@@ -197,6 +247,8 @@ void connection_written(struct connection *conn, size_t n)
 {
     conn->server->stats.bytes_out += n;
     conn->out_bytes -= n;
+    conn->sent_ns = loop_now_ns();
+    conn->unsent = SIZE_MAX;
     while (conn->out) {
         struct out_frame *f = conn->out;
         size_t left = f->size - f->sent;
@@ -229,9 +281,14 @@ static bool queue_frame(struct connection *conn, struct relight_frame *frame,
     }
     if (payload) out->payload = *payload;
     out->size = out->head_size + out->payload.size;
+    bool waited = conn->out != NULL;
     *conn->out_last = out;
     conn->out_last = &out->next;
     conn->out_bytes += out->size;
+    if (!waited) {
+        conn->sent_ns = loop_now_ns();
+        watch_clock(conn);
+    }
     return true;
 }
 

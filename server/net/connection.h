@@ -18,6 +18,7 @@ struct carrier {
     void (*want_write)(struct connection *conn);           /* there is output */
     void (*set_reading)(struct connection *conn, bool on); /* back pressure */
     void (*close)(struct connection *conn);                /* let go of carrier_data */
+    size_t (*unsent)(const struct connection *conn);       /* bytes the kernel holds for it */
 };
 
 /* Bytes that several answers may share; released when the last is sent. */
@@ -53,7 +54,11 @@ struct connection {
     unsigned n_request;
     struct material_wait *waits; /* materials.c: what was said of views, in its order */
     struct loop_timer timer;
+    bool message_full; /* WebSocket: the current message's frame is complete */
+    uint64_t opened_ns;
     uint64_t heard_ns, frame_ns; /* last byte; first byte of the frame being read, 0: none */
+    uint64_t sent_ns;            /* the peer took bytes, or output began to wait for it */
+    size_t unsent;               /* carrier->unsent when it was last asked */
 };
 
 /* who: the principal's name until HELLO says another ("uid:1000", "addr:192.0.2.7"). NULL when
@@ -66,9 +71,10 @@ void connection_close(struct connection *conn, const char *why);
 void connection_finish(struct connection *conn, const char *why);
 void connections_free_closed(struct server *server);
 
-/* Carriers hand in what they read: a stream's bytes, or one whole message. */
+/* Carriers hand in what they read: a stream's bytes, or a part of a message, which holds
+ * exactly one frame; `last` ends the message. */
 void connection_bytes(struct connection *conn, const void *bytes, size_t n);
-void connection_message(struct connection *conn, const void *bytes, size_t n);
+void connection_part(struct connection *conn, const void *bytes, size_t n, bool last);
 /* The decoder took `n` bytes by itself (relight_decoder_commit) and returned `status`. */
 void connection_committed(struct connection *conn, size_t n, int status);
 /* What to write next, and what was written. connection_written closes a connection that was

@@ -70,6 +70,11 @@ int error_of_status(int status)
     }
 }
 
+void *request_state(const struct request *request, void (*abandon)(struct request *request))
+{
+    return request->abandon == abandon ? request->state : NULL;
+}
+
 static void end(struct request *request)
 {
     struct server *server = request->server;
@@ -120,12 +125,13 @@ void request_part(struct request *request, const ProtobufCMessage *message,
 
 void request_fail(struct request *request, int code, const char *fmt, ...)
 {
-    char text[500];
+    char said[500], text[500];
     va_list args;
     va_start(args, fmt);
-    vsnprintf(text, sizeof text, fmt, args);
+    vsnprintf(said, sizeof said, fmt, args);
     va_end(args);
     struct connection *conn = request->conn;
+    blobs_name_in_text(conn->server->blobs, conn->principal->name, said, text, sizeof text);
     log_line(LOG_EVENT, "refused conn=%llu id=%llu op=%s code=%d text=\"%s\"",
              (unsigned long long)conn->number, (unsigned long long)request->id,
              relight_type_name(request->type), code, text);

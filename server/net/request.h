@@ -16,10 +16,15 @@ struct request {
     size_t payload_size;
     struct loop_timer deadline;
     /* Where a long operation keeps its state, and how it is told that nobody waits any more:
-     * called once, before the request is freed, unless the operation ended it itself. */
+     * called once, before the request is freed, unless the operation ended it itself. A request
+     * may hold several states one after another (it waits for its material, then it is a view):
+     * `abandon` tells which one it is. */
     void *state;
     void (*abandon)(struct request *request);
 };
+
+/* The state that was kept with this function; NULL while the request keeps another or none. */
+void *request_state(const struct request *request, void (*abandon)(struct request *request));
 
 /* Answers and frees the request. The payload (may be NULL) is taken. */
 void request_answer(struct request *request, const ProtobufCMessage *message,

@@ -25,7 +25,9 @@ enum { MAX_FILES = 64, MAX_OPAQUE = 64, MAX_ARGS = 64 + MAX_OPAQUE };
 struct load {
     struct work work; // hashing a file of --models
     struct cache_waiter waiter;
-    struct cache_entry *entry; // the opening waited for
+    struct cache_entry *entry;      // the opening waited for
+    struct blob_waiter blob_waiter; // an upload's check
+    size_t n_checked;
     struct server *server;
     struct request *request; // NULL: nobody waits any more
     char path[PATH_MAX];     // the model in --models, absolute; "" for uploaded files
@@ -600,6 +602,40 @@ static bool check_files(struct load *load)
     return true;
 }
 
+// Has every uploaded file checked, one after another, before any of them is used.
+static void check_next(struct load *load);
+
+static void blob_checked(struct blob_waiter *waiter)
+{
+    struct load *load = (struct load *)((char *)waiter - offsetof(struct load, blob_waiter));
+    if (load->request) check_next(load);
+    else drop_load(load);
+}
+
+static void check_next(struct load *load)
+{
+    const Relight__LoadRequest *r = message_of(load);
+    struct blobs *blobs = load->server->blobs;
+    bool light = r->bake && !strncmp(r->bake->env, "env:", 4);
+    size_t n = r->n_files + light, i = load->n_checked++;
+    const char *before = !i ? NULL : i <= r->n_files ? r->files[i - 1]->blob : r->bake->env + 4;
+    if (before && !blobs_has(blobs, before)) {
+        FAIL(load, NOT_FOUND, "%.12s… was damaged on the daemon's disk: upload it again",
+             before);
+    } else if (i < n) {
+        load->blob_waiter.wake = blob_checked;
+        blobs_check(blobs, i < r->n_files ? r->files[i]->blob : r->bake->env + 4,
+                    &load->blob_waiter);
+    } else if (r->n_files) {
+        source_known(load);
+    } else {
+        load->work.run = run_hash;
+        load->work.done = done_hash;
+        load->work.class = WORK_INTERACTIVE;
+        work_submit(load->server->work, &load->work);
+    }
+}
+
 static const char *file_part(const char *path)
 {
     const char *slash = strrchr(path, '/');
@@ -661,12 +697,5 @@ void models_load(struct request *request)
         free(load); // the request is answered
         return;
     }
-    if (r->n_files) {
-        source_known(load);
-        return;
-    }
-    load->work.run = run_hash;
-    load->work.done = done_hash;
-    load->work.class = WORK_INTERACTIVE;
-    work_submit(load->server->work, &load->work);
+    check_next(load);
 }
