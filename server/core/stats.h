@@ -3,11 +3,13 @@
 #ifndef RELIGHTD_STATS_H
 #define RELIGHTD_STATS_H
 
+#include "frame.h"
+
 #include <stddef.h>
 #include <stdint.h>
 
 struct server;
-enum { STATS_N_TYPE = 20, STATS_N_BUCKET = 11 };
+enum { STATS_N_TYPE = RELIGHT_TYPE_N, STATS_N_BUCKET = 11 };
 
 struct stats_histogram {
     uint64_t bucket[STATS_N_BUCKET + 1];

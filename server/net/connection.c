@@ -34,6 +34,8 @@ static uint64_t next_limit(const struct connection *conn, const char **why)
          "a frame was begun and not finished in time (--frame-time)"},
         {!conn->greeted, plus_seconds(conn->opened_ns, o->handshake),
          "no HELLO in time (--handshake)"},
+        {conn->full_ns, plus_seconds(conn->full_ns, o->write_time),
+         "its answers have passed --send-buffer for longer than --write-time"},
         {conn->out, plus_seconds(conn->sent_ns, o->write_time),
          "its answers wait and it reads nothing (--write-time)"},
     };
@@ -51,7 +53,8 @@ static uint64_t next_limit(const struct connection *conn, const char **why)
 // reads.
 static void sample_output(struct connection *conn, uint64_t now)
 {
-    size_t unsent = conn->out ? conn->carrier->unsent(conn) : 0;
+    bool known = conn->out && conn->carrier->unsent;
+    size_t unsent = known ? conn->carrier->unsent(conn) : 0;
     if (unsent < conn->unsent) conn->sent_ns = now;
     conn->unsent = unsent;
 }
@@ -79,12 +82,22 @@ static void clock_fired(struct loop_timer *timer)
     else watch_clock(conn);
 }
 
+static bool admit(void *user, const struct relight_frame *frame)
+{
+    return request_admit(user, frame);
+}
+
 struct connection *connection_open(struct server *server, const struct carrier *carrier,
                                    void *carrier_data, const char *peer, const char *who)
 {
     struct connection *conn = calloc(1, sizeof *conn);
     struct principal *principal = conn ? ledger_principal(server->ledger, who) : NULL;
-    if (!principal) {
+    char error[256] = "not enough memory";
+    if (!principal || ledger_take(principal, LEDGER_CONNECTIONS, 1, error)) {
+        server->stats.connections_refused++;
+        log_line(LOG_WARN, "connection refused carrier=%s peer=%s text=\"%s\"", carrier->name,
+                 peer, error);
+        principal_release(principal);
         free(conn);
         return NULL;
     }
@@ -99,6 +112,8 @@ struct connection *connection_open(struct server *server, const struct carrier *
     snprintf(conn->peer, sizeof conn->peer, "%s", peer);
     struct relight_frame_limits limits = {SERVER_HELLO_HEADER, 0, true}; // until it said hello
     relight_decoder_init(&conn->decoder, &limits);
+    conn->decoder.admit = admit;
+    conn->decoder.admit_user = conn;
     conn->next = server->connections;
     if (conn->next) conn->next->prev = conn;
     server->connections = conn;
@@ -111,8 +126,9 @@ struct connection *connection_open(struct server *server, const struct carrier *
     return conn;
 }
 
-static void free_frame(struct out_frame *frame)
+static void free_frame(struct connection *conn, struct out_frame *frame)
 {
+    ledger_give(conn->principal, LEDGER_OUTPUT, frame->size);
     if (frame->payload.release) frame->payload.release(frame->payload.owner);
     free(frame->head);
     free(frame);
@@ -131,10 +147,13 @@ void connection_close(struct connection *conn, const char *why)
     conn->carrier->close(conn);
     for (struct out_frame *f = conn->out, *next; f; f = next) {
         next = f->next;
-        free_frame(f);
+        free_frame(conn, f);
     }
     conn->out = NULL;
     relight_decoder_finish(&conn->decoder);
+    ledger_give(conn->principal, LEDGER_PAYLOAD, conn->payload_charged);
+    ledger_give(conn->principal, LEDGER_CONNECTIONS, 1);
+    conn->payload_charged = 0;
     *(conn->prev ? &conn->prev->next : &server->connections) = conn->next;
     if (conn->next) conn->next->prev = conn->prev;
     server->n_connection--;
@@ -158,6 +177,39 @@ void connection_finish(struct connection *conn, const char *why)
     if (conn->reading) conn->carrier->set_reading(conn, false);
     conn->reading = false;
     if (!conn->out) connection_close(conn, why);
+}
+
+static struct connection *holds_most(const struct server *server,
+                                     const struct principal *principal)
+{
+    struct connection *most = NULL;
+    for (struct connection *c = server->connections; c; c = c->next)
+        if ((!principal || c->principal == principal) &&
+            (!most || c->out_bytes > most->out_bytes))
+            most = c;
+    return most && most->out_bytes ? most : NULL;
+}
+
+void connections_shed(struct server *server)
+{
+    uint64_t mine = ledger_limit_client(server->ledger, LEDGER_OUTPUT);
+    uint64_t all = ledger_limit_all(server->ledger, LEDGER_OUTPUT);
+    struct connection *c;
+    while (all && ledger_total(server->ledger, LEDGER_OUTPUT) > all &&
+           (c = holds_most(server, NULL)))
+        connection_close(c, "unread answers fill --output-memory, most of them its own");
+    if (!mine || ledger_total(server->ledger, LEDGER_OUTPUT) <= mine) return;
+    for (c = server->connections; c;) {
+        struct connection *next = c->next, *most = c;
+        if (c->principal->held[LEDGER_OUTPUT] > mine) most = holds_most(server, c->principal);
+        else most = NULL;
+        if (!most) {
+            c = next;
+            continue;
+        }
+        connection_close(most, "its client's unread answers pass --client-output");
+        c = server->connections;
+    }
 }
 
 static void bad_frame(struct connection *conn, int fault)
@@ -190,6 +242,7 @@ void connection_committed(struct connection *conn, size_t n, int status)
     }
     conn->frame_ns = 0;
     dispatch_frame(conn, &conn->decoder.frame, relight_decoder_take(&conn->decoder));
+    if (!conn->dead) relight_decoder_commit(&conn->decoder, 0); // gives back its buffers
 }
 
 void connection_bytes(struct connection *conn, const void *bytes, size_t n)
@@ -243,6 +296,17 @@ int connection_output(const struct connection *conn, struct iovec *iov, int max)
     return n;
 }
 
+// Bytes of the message at the head of the queue.
+static size_t first_message(const struct connection *conn)
+{
+    size_t n = 0;
+    for (const struct out_frame *f = conn->out; f; f = f->next) {
+        n += f->size;
+        if (!f->more) break;
+    }
+    return n;
+}
+
 void connection_written(struct connection *conn, size_t n)
 {
     conn->server->stats.bytes_out += n;
@@ -252,15 +316,18 @@ void connection_written(struct connection *conn, size_t n)
     while (conn->out) {
         struct out_frame *f = conn->out;
         size_t left = f->size - f->sent;
-        if (n < left) {
-            f->sent += n;
-            break;
-        }
-        n -= left;
+        size_t done = n < left ? n : left;
+        f->sent += done;
+        conn->message_left -= done;
+        if (done < left) break;
+        n -= done;
         conn->out = f->next;
         if (!conn->out) conn->out_last = &conn->out;
-        free_frame(f);
+        if (!f->more) conn->message_left = first_message(conn);
+        free_frame(conn, f);
     }
+    if (conn->out_bytes - conn->message_left <= conn->server->options.send_buffer)
+        conn->full_ns = 0;
     if (conn->closing) {
         if (!conn->out) connection_close(conn, "done");
     } else if (!conn->reading && conn->out_bytes <= conn->server->options.send_buffer / 2) {
@@ -279,8 +346,12 @@ static bool queue_frame(struct connection *conn, struct relight_frame *frame,
         if (payload && payload->release) payload->release(payload->owner);
         return false;
     }
+    if (message)
+        relight_header_repair(frame->type, out->head + RELIGHT_FRAME_FIXED, frame->header_size);
     if (payload) out->payload = *payload;
     out->size = out->head_size + out->payload.size;
+    out->more = frame->flags & RELIGHT_FRAME_MORE;
+    ledger_force(conn->principal, LEDGER_OUTPUT, out->size);
     bool waited = conn->out != NULL;
     *conn->out_last = out;
     conn->out_last = &out->next;
@@ -302,7 +373,7 @@ void connection_send(struct connection *conn, uint16_t type, uint8_t flags, uint
     size_t size = payload ? payload->size : 0;
     size_t piece =
         conn->max_payload && conn->max_payload < size ? conn->max_payload / 64 * 64 : size;
-    bool ok = true;
+    bool ok = true, first = !conn->out;
     for (size_t at = 0; ok && (at < size || at == 0); at += piece) {
         size_t n = size - at < piece ? size - at : piece;
         bool last = at + n == size;
@@ -322,11 +393,15 @@ void connection_send(struct connection *conn, uint16_t type, uint8_t flags, uint
         if (!size) break;
     }
     uint64_t limit = conn->server->options.send_buffer;
+    if (first) conn->message_left = conn->out_bytes;
+    // One answer may be longer than that: its reader takes it at its own pace.
+    size_t behind = conn->out_bytes - conn->message_left;
     if (!ok) {
         connection_close(conn, "not enough memory for an answer");
-    } else if (conn->out_bytes > 4 * limit) {
+    } else if (behind > 4 * limit) {
         connection_close(conn, "reads too slowly: its answers do not fit the send buffer");
     } else {
+        if (behind > limit && !conn->full_ns) conn->full_ns = loop_now_ns();
         if (conn->out_bytes > limit && conn->reading) {
             conn->reading = false;
             conn->carrier->set_reading(conn, false);

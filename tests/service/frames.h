@@ -46,15 +46,23 @@ static inline void frames_add_raw(struct frames *f, uint16_t type, uint64_t id,
     f->n += RELIGHT_FRAME_FIXED + n;
 }
 
-// All that was added, in one write where the socket takes it.
-static inline void frames_send(struct frames *f)
+// All that was added, in one write where the socket takes it. False when the peer closed.
+static inline bool frames_try_send(struct frames *f)
 {
-    for (size_t at = 0; at < f->n;) {
+    size_t at = 0;
+    while (at < f->n) {
         ssize_t n = send(f->fd, f->bytes + at, f->n - at, MSG_NOSIGNAL);
-        if (n <= 0) fail_msg("send: %s", strerror(errno));
+        if (n <= 0) break;
         at += (size_t)n;
     }
+    bool all = at == f->n;
     f->n = 0;
+    return all;
+}
+
+static inline void frames_send(struct frames *f)
+{
+    if (!frames_try_send(f)) fail_msg("send: %s", strerror(errno));
 }
 
 // One answer's type, id, code (of an ERROR, else 0), text and size of its payload.

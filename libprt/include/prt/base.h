@@ -34,17 +34,30 @@ enum prt_status {
 /* One line of English for a status code. Never NULL. Thread-safe. */
 const char *prt_status_text(int status);
 
-/* Instruction sets a kernel may use; pass prt_cpu_detect() or a subset of it. */
+/* Instruction sets that a kernel may use, as bits of a mask; each x86 bit implies those above
+ * it. Pass prt_cpu_detect() or a subset of it. */
 enum prt_cpu {
     PRT_CPU_C = 0,
-    PRT_CPU_AVX2 = 1 << 0,       /* AVX2 + FMA + F16C */
-    PRT_CPU_AVX512 = 1 << 1,     /* F + BW + DQ + VL */
-    PRT_CPU_AVX512VBMI = 1 << 2, /* VBMI + VBMI2, as well */
-    PRT_CPU_AVX512VNNI = 1 << 3, /* VNNI, beside PRT_CPU_AVX512 */
+    PRT_CPU_AVX2 = 1 << 0,       /* AVX2, FMA, F16C */
+    PRT_CPU_AVX512 = 1 << 1,     /* AVX-512 F, BW, DQ, VL */
+    PRT_CPU_AVX512VNNI = 1 << 2, /* AVX-512 VNNI */
+    PRT_CPU_NEON = 1 << 3,       /* arm64's NEON, part of every arm64 */
 };
+/* The words of --cpu: word, the bit it stands for, everything that it allows. */
+#define PRT_CPU_WORD_LIST(X)                                                        \
+    X("c", PRT_CPU_C, PRT_CPU_C)                                                    \
+    X("avx2", PRT_CPU_AVX2, PRT_CPU_AVX2)                                           \
+    X("avx512", PRT_CPU_AVX512, PRT_CPU_AVX2 | PRT_CPU_AVX512 | PRT_CPU_AVX512VNNI) \
+    X("neon", PRT_CPU_NEON, PRT_CPU_NEON)
+#define PRT_CPU_WORDS "c, avx2, avx512, neon" /* the same, for messages */
+
+/* The mask of what this machine has. Thread-safe. */
 unsigned prt_cpu_detect(void);
-/* "c", "avx2" or "avx512" to the mask that allows at most it; PRT_ARG for other words. */
+/* A word of PRT_CPU_WORD_LIST to what it allows of this machine's instruction sets, which may
+ * be none but C. PRT_ARG for another word; *mask is untouched then. Thread-safe. */
 int prt_cpu_parse(const char *word, unsigned *mask);
+/* The word for the best instruction set in the mask: "c" for none. Never NULL. Thread-safe. */
+const char *prt_cpu_word(unsigned mask);
 
 enum prt_log_level { PRT_LOG_ERROR, PRT_LOG_WARNING, PRT_LOG_NOTE };
 typedef void (*prt_log_fn)(void *user, enum prt_log_level level, const char *line);
