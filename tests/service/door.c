@@ -223,6 +223,10 @@ static void test_host_and_origin(void **state)
     for (size_t i = 0; i < sizeof foreign / sizeof *foreign; i++)
         assert_int_equal(upgrade("relight.example", foreign[i]), 403);
     assert_int_equal(upgrade(d.http, longest), 403);
+    char unreadable[700] = "http://"; // longer than is read
+    memset(unreadable + 7, 'a', 650);
+    assert_int_equal(upgrade(d.http, unreadable), 403);
+    assert_int_equal(upgrade(unreadable + 7, NULL), 403);
     assert_int_equal(get("/metrics", "localhost", "Origin: http://evil.example\r\n"), 403);
     // No Host at all.
     char answer[2048];
@@ -605,33 +609,44 @@ static int open_files(void)
     return n - 2;
 }
 
-// Out of descriptors the daemon neither spins nor fills its log, and recovers.
+static void limit_files(rlim_t n)
+{
+    struct rlimit limit;
+    assert_int_equal(prlimit(d.pid, RLIMIT_NOFILE, NULL, &limit), 0);
+    limit.rlim_cur = n < limit.rlim_max ? n : limit.rlim_max;
+    assert_int_equal(prlimit(d.pid, RLIMIT_NOFILE, &limit, NULL), 0);
+}
+
+// Out of descriptors the daemon neither spins nor fills its log, and recovers. With none at all
+// its clients wait; with its reserve they are told.
 static void test_out_of_descriptors(void **state)
 {
-    enum { N = 60, MORE = 20 };
+    enum { N = 180, MORE = 20 };
     const char *const extra[] = {"--http", "127.0.0.1:0", "--handshake", "30", NULL};
     daemon_start(&d, extra);
     served();
-    struct rlimit limit = {(rlim_t)open_files() + MORE, (rlim_t)open_files() + MORE};
-    assert_int_equal(prlimit(d.pid, RLIMIT_NOFILE, &limit, NULL), 0);
-    int fd[3 * N], refused = 0;
-    for (int i = 0; i < 3 * N; i++)
-        fd[i] = i % 3 == 0   ? raw_connect(&d)
-                : i % 3 == 1 ? tcp_connect("127.0.0.1", port_of(d.tcp))
-                             : tcp_connect("127.0.0.1", port_of(d.http));
-    long before = cpu_ms();
-    sleep_ms(2000);
-    assert_true(cpu_ms() - before < 300);
-    assert_in_range(count_in_log("accept error"), 1, 2);
-    for (int i = 0; i < 3 * N; i++) {
-        struct pollfd p = {fd[i], POLLIN, 0};
-        if (poll(&p, 1, 0) > 0) refused++;
+    for (int reserve = 0; reserve < 2; reserve++) {
+        int fd[N], told = 0;
+        limit_files(reserve ? (rlim_t)open_files() + MORE : 10);
+        for (int i = 0; i < N; i++)
+            fd[i] = i % 3 == 0   ? raw_connect(&d)
+                    : i % 3 == 1 ? tcp_connect("127.0.0.1", port_of(d.tcp))
+                                 : tcp_connect("127.0.0.1", port_of(d.http));
+        long before = cpu_ms();
+        sleep_ms(2000);
+        assert_true(cpu_ms() - before < 300);
+        assert_in_range(count_in_log("accept error"), 1, 2);
+        for (int i = 0; i < N; i++) {
+            struct pollfd p = {fd[i], POLLIN, 0};
+            told += poll(&p, 1, 0) > 0;
+        }
+        assert_true(reserve ? told > 0 : told == 0);
+        for (int i = 0; i < N; i++) close(fd[i]);
+        limit_files(4096);
+        sleep_ms(1500);
+        served();
+        assert_int_equal(get("/healthz", "localhost", ""), 200);
     }
-    assert_true(refused > 0); // told so, rather than kept waiting
-    for (int i = 0; i < 3 * N; i++) close(fd[i]);
-    sleep_ms(1500);
-    served();
-    assert_int_equal(get("/healthz", "localhost", ""), 200);
     assert_int_equal(daemon_stop(&d), 0);
 }
 
