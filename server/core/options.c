@@ -96,21 +96,19 @@ struct config_text {
 };
 static struct config_text *config_texts;
 
-static char *read_text(const char *path)
+// NULL with *fault saying why.
+static char *read_text(const char *path, const char **fault)
 {
     enum { MOST = 1 << 20 };
     FILE *file = fopen(path, "re");
-    struct config_text *own = file ? calloc(1, sizeof *own + MOST) : NULL;
-    size_t n = own ? fread(own->text, 1, MOST, file) : 0;
-    bool failed = !own || ferror(file);
-    if (!failed && n == MOST) {
-        errno = EFBIG;
-        failed = true;
-    }
-    int fault = errno;
+    struct config_text *own = file ? calloc(1, sizeof *own + MOST + 1) : NULL;
+    size_t n = own ? fread(own->text, 1, MOST + 1, file) : 0;
+    *fault = NULL;
+    if (!own || ferror(file)) *fault = strerror(errno);
+    else if (n > MOST) *fault = "longer than 1048576 bytes";
+    else if (memchr(own->text, 0, n)) *fault = "has a zero byte: not text";
     if (file) fclose(file);
-    errno = fault;
-    if (failed) {
+    if (*fault) {
         free(own);
         return NULL;
     }
@@ -121,32 +119,37 @@ static char *read_text(const char *path)
     return own->text;
 }
 
-static int read_config(struct options *options, const char *path, char fault[256])
+int options_read_config(struct options *options, const char *name, char *text, char error[300])
 {
-    char *text = read_text(path);
-    if (!text) {
-        snprintf(fault, 256, "%s: %s", path, strerror(errno));
-        return -1;
-    }
     for (int n = 1; text; n++) {
         char *word = trim(strsep(&text, "\n"));
         if (!*word || *word == '#') continue;
         char *value = strchr(word, '=');
-        const char *wrong = value ? "no such option" : "`word = value` is wanted";
+        const char *fault = value ? "no such option" : "`word = value` is wanted";
         if (value) {
             *value++ = 0;
             word = trim(word);
             value = trim(value);
-            if (!strcmp(word, "listen")) wrong = add_listen(options, value);
+            if (!strcmp(word, "listen")) fault = add_listen(options, value);
             for (size_t i = 0; i < N_ROW; i++)
-                if (!strcmp(word, table[i].word)) wrong = set_row(options, &table[i], value);
+                if (!strcmp(word, table[i].word)) fault = set_row(options, &table[i], value);
         }
-        if (wrong) {
-            snprintf(fault, 256, "%s:%d: %s: %s", path, n, word, wrong);
-            return -1;
-        }
+        if (!fault) continue;
+        snprintf(error, 300, "%.100s:%d: %.80s: %s", name, n, word, fault);
+        return -1;
     }
     return 0;
+}
+
+static int read_config(struct options *options, const char *path, char fault[256])
+{
+    const char *wrong;
+    char error[300];
+    char *text = read_text(path, &wrong);
+    if (!text) snprintf(error, sizeof error, "%.150s: %s", path, wrong);
+    int failed = !text || options_read_config(options, path, text, error);
+    if (failed) snprintf(fault, 256, "%.255s", error);
+    return failed ? -1 : 0;
 }
 
 static void print_wrapped(const char *text)

@@ -132,6 +132,10 @@ struct options {
 /* Fills *options from defaults, then the configuration file, then the command line. Prints and
  * exits 2 on wrong usage, exits 0 after --help, --version and --print-config. */
 void options_parse(int argc, char **argv, struct options *options);
+/* Sets what the lines of a configuration say; options then point into `text`, which is cut at
+ * its ends of words. Returns 0, or -1 with the first fault and its line (errors call the text
+ * `name`). */
+int options_read_config(struct options *options, const char *name, char *text, char error[300]);
 
 /* Reads the same configuration file and command line again, into *options. 0, or -1 with the
  * fault's words; prints nothing. Texts of earlier readings stay valid. */
