@@ -479,11 +479,12 @@ static void test_reader_that_stops(void **state)
         say_hello(i, fd[i]);
         ask_unread(i, fd[i]);
     }
-    for (int ms = 0; ms < 20000 && count_in_log("reads nothing") < N_CARRIER; ms += 50)
+    for (int ms = 0; ms < 20000 && count_in_log("--write-time") < N_CARRIER; ms += 50)
         sleep_ms(50);
-    assert_int_equal(count_in_log("reads nothing"), N_CARRIER);
+    assert_int_equal(count_in_log("--write-time"), N_CARRIER);
     for (int i = 0; i < N_CARRIER; i++) close(fd[i]);
     served();
+    int n_closed = count_in_log("reads nothing");
     // A slow reader that goes on reading is left alone.
     for (int i = 0; i < N_CARRIER; i++) {
         fd[i] = carrier_connect(i);
@@ -496,7 +497,7 @@ static void test_reader_that_stops(void **state)
         }
         close(fd[i]);
     }
-    assert_int_equal(count_in_log("reads nothing"), N_CARRIER);
+    assert_int_equal(count_in_log("reads nothing"), n_closed);
     assert_int_equal(daemon_stop(&d), 0);
 }
 
