@@ -95,7 +95,13 @@ static void free_upload(struct upload *u, bool keep_charge)
 static struct blob_put *drop_upload(struct upload *u)
 {
     struct blob_put *queue = u->first;
-    if (u->begun) blob_part_remove(u->blobs->folder, u->stem);
+    char name[BLOB_STEM + 8];
+    if (u->begun) {
+        snprintf(name, sizeof name, "%s.upload", u->stem);
+        blob_discard(u->blobs, name);
+        snprintf(name, sizeof name, "%s.part", u->stem);
+        blob_discard(u->blobs, name);
+    }
     free_upload(u, false);
     return queue;
 }
