@@ -3,12 +3,32 @@
 #ifndef RELIGHTD_LOG_H
 #define RELIGHTD_LOG_H
 
+#include <stdint.h>
+
 enum log_level { LOG_ERR, LOG_WARN, LOG_EVENT, LOG_TRACE };
 
 /* "error", "warning", "event", "trace"; -1 for another word. */
 int log_level_parse(const char *word);
 void log_set_level(enum log_level level);
-/* Thread-safe; the line goes out in one write. Control characters become '?'. */
+
+/* Writes one line. Thread-safe; never blocks once log_start was called.
+ * Arguments of %s come from outside: quotes and backslashes are escaped with a backslash,
+ * control characters (C0, DEL, C1) and bytes that are no UTF-8 become \xNN, so that no argument
+ * can forge a field or reach a terminal. Conversions: d i u x c f g s, with flags, width,
+ * precision and the lengths l ll z. A call site that logs more than LOG_BURST lines and then
+ * more than LOG_RATE lines a second is cut; its next line that passes says how many were left
+ * out (`suppressed=N`). */
+enum { LOG_BURST = 200, LOG_RATE = 50 };
 void log_line(enum log_level level, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+
+/* Starts the thread that writes. Until then, and when it cannot be started, log_line writes by
+ * itself. A reader that does not read costs LOG_QUEUE bytes; lines beyond are counted and
+ * dropped, and a line `log dropped=N` follows. */
+enum { LOG_QUEUE = 256 << 10 };
+void log_start(void);
+/* Writes what is queued, for at most a second, and ends the thread. */
+void log_stop(void);
+/* Lines lost so far to a full queue and to the rate limit. */
+uint64_t log_lost(void);
 
 #endif

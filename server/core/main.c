@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: MIT
 // relightd: the order of starting, the loop, and the order of stopping.
+#include "core/configuration.h"
 #include "net/carrier.h"
 #include "jobs/decode_helper.h"
 #include "net/dispatch.h"
 #include "store/bake_eviction.h"
 #include "core/log.h"
+#include "core/token.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
 #include "net/request.h"
 #include "core/server.h"
 #include "render/shared/warm_up.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
@@ -27,7 +28,10 @@
 #include <unistd.h>
 
 static struct server server;
-static struct loop_timer drain_timer, maintenance_timer;
+static struct loop_timer drain_timer, maintenance_timer, watchdog_timer;
+static uint64_t watchdog_ns; // systemd wants a sign of life so often; 0: it does not
+static int arg_count;
+static char **args;
 static bool give_up;
 
 static void drain_over(struct loop_timer *timer)
@@ -53,7 +57,7 @@ static void begin_drain(int signal_number)
         next = c->next;
         for (struct request *r = c->requests, *after; r && !c->dead; r = after) {
             after = r->next;
-            if (r->type == RELIGHT_TYPE_VIEW_OPEN)
+            if (operation_of(r->type)->flags & OPERATION_ENDS_AT_DRAIN)
                 request_stop(r, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
                              "the daemon is stopping");
         }
@@ -65,6 +69,12 @@ static void begin_drain(int signal_number)
 
 static void on_signal(void *user, int signal_number)
 {
+    if (signal_number == SIGHUP) {
+        sd_notify(0, "RELOADING=1");
+        configuration_reload(&server, arg_count, args);
+        sd_notify(0, "READY=1");
+        return;
+    }
     if (signal_number != SIGCHLD) {
         begin_drain(signal_number);
         return;
@@ -77,9 +87,16 @@ static void on_signal(void *user, int signal_number)
 
 static void run_maintenance(struct loop_timer *timer)
 {
-    blobs_expire(server.blobs, 600);
+    blobs_maintain(server.blobs);
     if (server.models) bakes_make_room(&server, NULL);
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
+}
+
+// From the loop, so that a loop that stands still is noticed.
+static void feed_watchdog(struct loop_timer *timer)
+{
+    sd_notify(0, "WATCHDOG=1");
+    loop_timer_set(server.loop, timer, loop_now_ns() + watchdog_ns / 2);
 }
 
 static int make_folder(const char *name)
@@ -120,7 +137,16 @@ static int open_data(void)
         make_folder("work") || make_folder("previews"))
         return -1;
     snprintf(path, sizeof path, "%s/blobs", server.data);
-    return blobs_open(path, server.options.max_blob, server.options.disk, &server.blobs);
+    struct blobs_setup setup = {.folder = path,
+                                .max_blob = server.options.max_blob,
+                                .ledger = server.ledger,
+                                .work = server.work,
+                                .keep_s = 600,
+                                .idle_s = 600,
+                                .wanted_s = 60};
+    int err = blobs_open(&setup, &server.blobs);
+    if (err) log_line(LOG_ERR, "data folder %s: %s", path, strerror(-err));
+    return err;
 }
 
 static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *where)
@@ -128,29 +154,37 @@ static int remove_one(const char *path, const struct stat *st, int kind, struct 
     return remove(path);
 }
 
-static int read_token(void)
+static int check_all(void)
 {
+    char fault[256];
     const char *path = server.options.token_file;
-    if (!path[0]) return 0;
-    FILE *file = fopen(path, "re");
-    bool ok = file && fgets(server.token, sizeof server.token, file);
-    if (file) fclose(file);
-    server.token[strcspn(server.token, "\r\n")] = 0;
-    if (ok && server.token[0]) return 0;
-    log_line(LOG_ERR, "token file %s: no token in its first line", path);
+    if (!configuration_check(&server.options, fault) &&
+        (!path[0] || !token_read(path, server.token, fault)))
+        return 0;
+    log_line(LOG_ERR, "%s", fault);
     return -1;
 }
 
-static int check_models(void)
+// Connections are descriptors; the soft limit is often 1024 for the sake of select(), which
+// nothing here uses. More than 65536 would only make libwebsockets' tables large.
+static void raise_file_limit(void)
 {
-    const char *folder = server.options.models;
-    DIR *dir = folder[0] ? opendir(folder) : NULL;
-    if (folder[0] && !dir) {
-        log_line(LOG_ERR, "models folder %s: %s", folder, strerror(errno));
-        return -1;
+    enum { BESIDE = 256 }; // files, children's pipes, HTTP clients
+    struct rlimit limit;
+    uint64_t wanted = (uint64_t)server.options.connections + BESIDE;
+    if (getrlimit(RLIMIT_NOFILE, &limit)) return;
+    rlim_t most = wanted > 65536 ? wanted : 65536;
+    if (limit.rlim_cur < most) {
+        limit.rlim_cur = limit.rlim_max < most ? limit.rlim_max : most;
+        setrlimit(RLIMIT_NOFILE, &limit);
+        getrlimit(RLIMIT_NOFILE, &limit);
     }
-    if (dir) closedir(dir);
-    return 0;
+    if (limit.rlim_cur < wanted)
+        log_line(LOG_WARN,
+                 "--connections %u wants %llu open files and the limit is %llu: raise it "
+                 "(LimitNOFILE=, ulimit -Hn) or lower --connections",
+                 server.options.connections, (unsigned long long)wanted,
+                 (unsigned long long)limit.rlim_cur);
 }
 
 static int listen_everywhere(void)
@@ -166,7 +200,8 @@ static int listen_everywhere(void)
 
 static int start(void)
 {
-    static const int signals[] = {SIGTERM, SIGINT, SIGCHLD};
+    static const int signals[] = {SIGTERM, SIGINT, SIGCHLD, SIGHUP};
+    enum { N_SIGNAL = sizeof signals / sizeof *signals };
     const struct options *o = &server.options;
     unsigned cpu = prt_cpu_detect();
     int level = log_level_parse(o->log);
@@ -181,25 +216,34 @@ static int start(void)
     server.n_core = cores > 0 ? (unsigned)cores : 1;
     server.stats.start_ns = loop_now_ns();
     signal(SIGPIPE, SIG_IGN);
+    raise_file_limit();
     // Images and planes of a few MB come and go: keep their pages.
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
     unsigned threads = o->threads ? o->threads : server.n_core;
-    if (!(server.ledger = ledger_create(o)) || read_token() || check_models() ||
-        loop_create(&server.loop) || loop_signals(server.loop, signals, 3, on_signal, NULL) ||
-        open_data() || cache_create(o->cache, &server.cache) ||
-        cache_create(o->memory, &server.files) ||
-        decoder_create(server.loop, o->decode_memory, &server.decoder) ||
-        work_pool_create(server.loop, threads, cpu, &server.work) ||
+    const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
+    if (o->accept_weak_sandbox) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1); // for all children
+    if (!(server.ledger = ledger_create(o)) || check_all() || loop_create(&server.loop) ||
+        loop_signals(server.loop, signals, N_SIGNAL, on_signal, NULL) ||
+        cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
+        decoder_create(server.loop, &decoding, &server.stats.children_crashed,
+                       &server.decoder) ||
+        work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
         jobs_create(&server, &job_runner_child, &server.jobs) ||
         models_create(&server, &server.models) || listen_everywhere())
         return -1;
     cache_hold_files(server.cache, server.files);
     maintenance_timer.fire = run_maintenance;
     run_maintenance(&maintenance_timer);
-    log_line(LOG_EVENT, "start version=0.1.0 pid=%d threads=%u data=%s%s", (int)getpid(),
-             threads, server.data, server.data_temporary ? " (temporary)" : "");
+    log_line(LOG_EVENT, "start version=" RELIGHT_VERSION " pid=%d threads=%u data=%s%s",
+             (int)getpid(), threads, server.data, server.data_temporary ? " (temporary)" : "");
     warm_start(server.work);
+    uint64_t watchdog_us;
+    if (sd_watchdog_enabled(0, &watchdog_us) > 0) {
+        watchdog_ns = watchdog_us * 1000;
+        watchdog_timer.fire = feed_watchdog;
+        feed_watchdog(&watchdog_timer);
+    }
     sd_notify(0, "READY=1");
     return 0;
 }
@@ -227,6 +271,7 @@ static void stop(void)
     while (server.work && work_busy(server.work)) {
         if (loop_now_ns() > patience) { // nothing is lost but tidiness
             log_line(LOG_WARN, "stop with work under way");
+            log_stop();
             _exit(0);
         }
         loop_turn(server.loop, 50);
@@ -244,21 +289,38 @@ static void stop(void)
         log_line(LOG_WARN, "temporary data folder %s could not be removed", server.data);
 }
 
+static int print_check(void)
+{
+    char fault[256];
+    if (configuration_check(&server.options, fault)) {
+        fprintf(stderr, "relightd: %s\n", fault);
+        return 2;
+    }
+    printf("relightd: the configuration is fine\n");
+    return 0;
+}
+
 int main(int argc, char **argv)
 {
     if (argc == 3 && !strcmp(argv[1], "--decode-helper"))
         return decode_helper_main(atoi(argv[2]));
     for (int fd = 0; fd < 3; fd++) // children are given descriptors by these numbers
         if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", O_RDWR) < 0) return 1;
+    arg_count = argc;
+    args = argv;
     options_parse(argc, argv, &server.options);
+    if (server.options.check) return print_check();
+    log_start();
     int failed = start();
     while (!failed && !drained()) {
         if (http_is_open()) http_turn(&server);
         else loop_turn(server.loop, -1);
+        connections_shed(&server);
         connections_free_closed(&server);
     }
     if (failed) log_line(LOG_ERR, "start failed: the lines above say why");
     stop();
     if (!failed) log_line(LOG_EVENT, "stop");
+    log_stop();
     return failed ? 1 : 0;
 }

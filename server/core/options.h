@@ -24,8 +24,19 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(TEXT, origins, "origins", "LIST", "",                                                       \
       "Web origins, comma-separated, that may open the WebSocket beside the page's own; * for "   \
       "all")                                                                                      \
+    X(TEXT, hosts, "hosts", "LIST", "",                                                           \
+      "Names, comma-separated, under which HTTP is reached, beside loopback names and the "       \
+      "address it listens on; a request for another Host is refused; * for all")                  \
     X(TEXT, token_file, "token-file", "FILE", "",                                                 \
-      "First line: the token a client must say in HELLO. Empty: none is wanted")                  \
+      "First line: the token a client must say in HELLO, and a scraper of /metrics as "           \
+      "`Authorization: Bearer TOKEN`. Empty: none is wanted")                                     \
+    X(FLAG, accept_anyone, "accept-anyone", "yes|no", "no",                                       \
+      "Listen beyond loopback without a token file: every machine that reaches the address may "  \
+      "use this daemon")                                                                          \
+    X(TEXT, socket_mode, "socket-mode", "MODE", "0660",                                           \
+      "Permissions of unix sockets, octal: who may write may connect")                            \
+    X(TEXT, socket_group, "socket-group", "GROUP", "",                                            \
+      "Group of unix sockets. Empty: the daemon's own")                                           \
     X(TEXT, prt, "prt", "PROGRAM", "",                                                            \
       "The prt program that bakes. Empty: the one beside relightd, else on PATH")                 \
     X(TEXT, log, "log", "LEVEL", "event", "error, warning, event or trace")                       \
@@ -37,6 +48,10 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(COUNT, bake_nice, "bake-nice", "N", "5",                                                    \
       "How far a bake steps back for relighting, 0 to 19. On a machine that is busy with other "  \
       "things a large value may starve it")                                                       \
+    X(BYTES, bake_memory, "bake-memory", "BYTES", "0",                                            \
+      "Memory of one bake; one that needs more fails. 0: as its settings are estimated to need")  \
+    X(SECONDS, bake_time, "bake-time", "SECONDS", "21600",                                        \
+      "Longest a bake may run; then it is stopped. 0: no limit")                                  \
     X(BYTES, memory, "memory", "BYTES", "8G",                                                     \
       "Baked transport held ready; beyond it the least recently used model is unloaded")          \
     X(BYTES, cache, "cache", "BYTES", "1G",                                                       \
@@ -48,6 +63,12 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(BYTES, max_blob, "max-blob", "BYTES", "1G", "Largest upload")                               \
     X(BYTES, decode_memory, "decode-memory", "BYTES", "4G",                                       \
       "Memory a process that decodes an untrusted image may take")                                \
+    X(BYTES, decode_total, "decode-total", "BYTES", "0",                                          \
+      "Memory that processes which decode may take together: more wait their turn. 0: half of "   \
+      "the machine's")                                                                            \
+    X(FLAG, accept_weak_sandbox, "accept-weak-sandbox", "yes|no", "no",                           \
+      "Decode files even where the system cannot confine the process that does so (no seccomp, "  \
+      "no Landlock)")                                                                             \
     X(COUNT, connections, "connections", "N", "1100",                                             \
       "Connections at once, over all carriers")                                                   \
     X(COUNT, client_connections, "client-connections", "N", "0",                                  \
@@ -99,15 +120,29 @@ struct options {
 #define OPTION_FIELD_COUNT(f) uint32_t f;
 #define OPTION_FIELD_BYTES(f) uint64_t f;
 #define OPTION_FIELD_SECONDS(f) double f;
+#define OPTION_FIELD_FLAG(f) bool f;
 #define X(kind, field, word, value, preset, text) OPTION_FIELD_##kind(field)
     OPTIONS_LIST(X)
 #undef X
     const char *listen[OPTIONS_MAX_LISTEN]; /* tcp:HOST:PORT or unix:PATH */
     unsigned n_listen;
+    bool check; /* --check: say whether the configuration is fine, and leave */
 };
 
 /* Fills *options from defaults, then the configuration file, then the command line. Prints and
  * exits 2 on wrong usage, exits 0 after --help, --version and --print-config. */
 void options_parse(int argc, char **argv, struct options *options);
+/* Sets what the lines of a configuration say; options then point into `text`, which is cut at
+ * its ends of words. Returns 0, or -1 with the first fault and its line (errors call the text
+ * `name`). */
+int options_read_config(struct options *options, const char *name, char *text, char error[300]);
+
+/* Reads the same configuration file and command line again, into *options. 0, or -1 with the
+ * fault's words; prints nothing. Texts of earlier readings stay valid. */
+int options_reread(int argc, char **argv, struct options *options, char fault[256]);
+/* Calls tell for each option whose value in `fresh` differs from the one in `options`: taken,
+ * where it may change while the daemon runs and is copied; else it waits for a restart. */
+void options_update(struct options *options, const struct options *fresh,
+                    void (*tell)(const char *word, const char *value, bool taken));
 
 #endif

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-// The operations that look and store: hello, ping, list, put-blob, watch, cancel, info,
-// geometry, unload, stats.
+// The operations that look: hello, ping, list, watch, cancel, info, geometry, unload, stats.
 #include "net/dispatch.h"
 #include "core/log.h"
+#include "core/token.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
 #include "render/render.h"
-#include "net/request.h"
+#include "net/request_wait.h"
 #include "render/shared/geometry.h"
 
 #include <dirent.h>
@@ -17,19 +17,7 @@
 #include <sys/stat.h>
 #include <time.h>
 
-enum { MAX_PING = 64 << 10 };
 #define MESSAGE(type) ((const Relight__##type *)request->message)
-
-// Takes as long for a nearly right token as for a wrong one.
-static bool token_is_right(const struct server *server, const char *said)
-{
-    size_t n = strlen(server->token), m = strlen(said);
-    unsigned differs = n != m;
-    if (!n) return true; // none is wanted
-    for (size_t i = 0; i < n; i++)
-        differs |= (unsigned char)(server->token[i] ^ said[m ? i % m : 0]);
-    return !differs;
-}
 
 void op_hello(struct request *request)
 {
@@ -44,7 +32,7 @@ void op_hello(struct request *request)
         if (!conn->dead) connection_finish(conn, "no common version");
         return;
     }
-    if (!token_is_right(request->server, in->token)) {
+    if (!token_is_right(request->server->token, in->token)) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN, "the token is %s",
                      in->token[0] ? "wrong" : "missing");
         if (!conn->dead) connection_finish(conn, "no token");
@@ -63,7 +51,7 @@ void op_hello(struct request *request)
              in->client);
     Relight__HelloAnswer out = RELIGHT__HELLO_ANSWER__INIT;
     char *presets[64];
-    out.server = "relightd 0.1.0";
+    out.server = "relightd " RELIGHT_VERSION;
     out.version = RELIGHT_PROTOCOL_VERSION;
     out.max_payload = SERVER_MAX_PAYLOAD;
     out.max_header = SERVER_MAX_HEADER;
@@ -80,54 +68,12 @@ void op_hello(struct request *request)
 void op_ping(struct request *request)
 {
     struct timespec now;
-    if (request->payload_size > MAX_PING) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_LIMIT, "a ping takes up to %d bytes",
-                     MAX_PING);
-        return;
-    }
     Relight__PingAnswer out = RELIGHT__PING_ANSWER__INIT;
     clock_gettime(CLOCK_REALTIME, &now);
     out.time_us = (uint64_t)now.tv_sec * 1000000 + (uint64_t)now.tv_nsec / 1000;
     struct payload payload = {request->payload, request->payload_size, request->payload, free};
     request->payload = NULL;
     request_answer(request, &out.base, &payload);
-}
-
-// ---- blobs and environments
-
-// Radiance, OpenEXR and DDS files are uploaded to be lights; other images may be textures.
-static bool looks_like_light(const struct server *server, const char *hash)
-{
-    char path[4096], bytes[4] = "";
-    blobs_path(server->blobs, hash, path, sizeof path);
-    FILE *file = fopen(path, "rbe");
-    size_t n = file ? fread(bytes, 1, sizeof bytes, file) : 0;
-    if (file) fclose(file);
-    return n == 4 && (!memcmp(bytes, "#?", 2) || !memcmp(bytes, "\x76\x2f\x31\x01", 4) ||
-                      !memcmp(bytes, "DDS ", 4));
-}
-
-void op_put_blob(struct request *request)
-{
-    const Relight__PutBlobRequest *in = MESSAGE(PutBlobRequest);
-    struct server *server = request->server;
-    Relight__PutBlobAnswer out = RELIGHT__PUT_BLOB_ANSWER__INIT;
-    char error[256];
-    bool complete;
-    int code = blobs_put(server->blobs, in->hash, in->size, in->offset, request->payload,
-                         request->payload_size, &out.received, &complete, error);
-    if (code) {
-        request_fail(request, code, "%s", error);
-        return;
-    }
-    if (complete) blobs_set_name(server->blobs, in->hash, in->name);
-    if (complete && request->payload_size && looks_like_light(server, in->hash))
-        env_prefetch(server, in->hash);
-    if (complete && request->payload_size)
-        log_line(LOG_EVENT, "blob hash=%.12s size=%llu conn=%llu", in->hash,
-                 (unsigned long long)in->size, (unsigned long long)request->conn->number);
-    out.complete = complete;
-    request_answer(request, &out.base, NULL);
 }
 
 // ---- models
@@ -340,8 +286,7 @@ void op_info(struct request *request)
 // ---- geometry: copied on a worker
 
 struct geometry {
-    struct work work;
-    struct request *request; // NULL: nobody waits any more
+    struct request_wait wait;
     struct cache_entry *shape;
     bool normals, triangles;
     float scale;
@@ -371,14 +316,12 @@ static int run_geometry(struct work *work, const struct prt_context *ctx)
     return PRT_OK;
 }
 
-static void done_geometry(struct work *work)
+static void geometry_copied(struct request_wait *wait, struct request *request)
 {
-    struct geometry *g = (struct geometry *)work;
-    struct request *request = g->request;
+    struct geometry *g = (struct geometry *)wait;
     const struct prt_mesh *mesh = &((struct shape *)g->shape->value)->mesh;
-    if (request) request->abandon = NULL;
-    if (request && work->status) {
-        request_fail(request, error_of_status(work->status), "%s", work->error);
+    if (request && wait->work.status) {
+        request_fail(request, error_of_status(wait->work.status), "%s", wait->work.error);
     } else if (request) {
         Relight__GeometryAnswer out = RELIGHT__GEOMETRY_ANSWER__INIT;
         struct payload payload = {g->bytes, g->size, g->bytes, prt_free};
@@ -400,11 +343,6 @@ static void done_geometry(struct work *work)
     free(g);
 }
 
-static void abandon_geometry(struct request *request)
-{
-    ((struct geometry *)request->state)->request = NULL;
-}
-
 static void geometry_ready(struct request *request, struct model *m, struct cache_entry *shape)
 {
     const Relight__GeometryRequest *in = MESSAGE(GeometryRequest);
@@ -414,8 +352,7 @@ static void geometry_ready(struct request *request, struct model *m, struct cach
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
-    *g = (struct geometry){.request = request,
-                           .shape = shape,
+    *g = (struct geometry){.shape = shape,
                            .generation = m->generation,
                            .normals = !in->no_normals,
                            .triangles = !in->no_triangles};
@@ -431,11 +368,7 @@ static void geometry_ready(struct request *request, struct model *m, struct cach
         g->size = g->triangles_offset + (size_t)mesh->n_triangle * 12;
     }
     cache_hold(shape);
-    request->state = g;
-    request->abandon = abandon_geometry;
-    g->work.run = run_geometry;
-    g->work.done = done_geometry;
-    work_submit(request->server->work, &g->work);
+    request_await_work(request, &g->wait, run_geometry, geometry_copied);
 }
 
 void op_geometry(struct request *request)

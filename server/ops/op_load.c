@@ -5,6 +5,7 @@
 #include "store/bake_eviction.h"
 #include "core/log.h"
 #include "render/shared/materials.h"
+#include "prt/bake_limits.h"
 #include "prt/medium.h"
 #include "relight.pb-c.h"
 #include "net/request.h"
@@ -25,7 +26,9 @@ enum { MAX_FILES = 64, MAX_OPAQUE = 64, MAX_ARGS = 64 + MAX_OPAQUE };
 struct load {
     struct work work; // hashing a file of --models
     struct cache_waiter waiter;
-    struct cache_entry *entry; // the opening waited for
+    struct cache_entry *entry;      // the opening waited for
+    struct blob_waiter blob_waiter; // an upload's check
+    size_t n_checked;
     struct server *server;
     struct request *request; // NULL: nobody waits any more
     char path[PATH_MAX];     // the model in --models, absolute; "" for uploaded files
@@ -346,6 +349,7 @@ static bool order_bake(struct load *load, struct model *m)
     add_arg(&a, "--progress-fd");
     add_arg(&a, "{progress}");
     add_arg(&a, "--quiet");
+    add_arg(&a, "--memory=%llu", (unsigned long long)load->server->options.bake_memory);
     if (load->server->options.bake_threads)
         add_arg(&a, "--threads=%u", load->server->options.bake_threads);
     if (load->material_json) add_arg(&a, "--material=.material.json");
@@ -515,7 +519,7 @@ static bool bad_real(float x, float low, float high)
 }
 
 // NULL when the numbers make sense, else which one does not.
-static const char *bad_setting(const Relight__LoadRequest *r)
+static const char *bad_setting(const Relight__LoadRequest *r, char reason[128])
 {
     const Relight__BakeSettings *b = r->bake;
     if (r->size_mm != 0 && bad_real(r->size_mm, 1e-3f, 1e6f))
@@ -528,16 +532,15 @@ static const char *bad_setting(const Relight__LoadRequest *r)
     if (!b) return NULL;
     if (b->transport > 3u) return "transport is unknown";
     if (b->storage > 2u) return "storage is unknown";
-    if (b->cube && (b->cube < 16 || b->cube > 128 || b->cube & (b->cube - 1)))
-        return "cube is not 16, 32, 64 or 128";
-    if (b->phase_terms && b->phase_terms != 1 && b->phase_terms != 4 && b->phase_terms != 9)
-        return "phase_terms is not 1, 4 or 9";
-    if (b->samples > 100000000) return "samples is outside [1, 1e8]";
-    if (b->rank > 1024) return "rank is outside [1, 1024]";
-    if (b->coeffs > 98304) return "coeffs is outside [1, 98304]";
-    if (b->single_points > 1 << 20) return "single_points is outside [1, 1048576]";
-    if (b->max_error != 0 && bad_real(b->max_error, 1e-6f, 1))
-        return "max_error is outside (0, 1]";
+    // The library's bounds and its words.
+    if (!prt_bake_setting_ok(PRT_BAKE_CUBE, b->cube, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_PHASE_TERMS, b->phase_terms, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_SAMPLES, b->samples, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_RANK, b->rank, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_COEFFS, b->coeffs, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_SINGLE_POINTS, b->single_points, reason) ||
+        !prt_bake_error_ok((double)b->max_error, reason))
+        return reason;
     if (bad_real(b->rotate_deg, -1e6f, 1e6f))
         return "rotate_deg is outside [-1e6, 1e6] degrees";
     return NULL;
@@ -600,6 +603,40 @@ static bool check_files(struct load *load)
     return true;
 }
 
+// Has every uploaded file checked, one after another, before any of them is used.
+static void check_next(struct load *load);
+
+static void blob_checked(struct blob_waiter *waiter)
+{
+    struct load *load = (struct load *)((char *)waiter - offsetof(struct load, blob_waiter));
+    if (load->request) check_next(load);
+    else drop_load(load);
+}
+
+static void check_next(struct load *load)
+{
+    const Relight__LoadRequest *r = message_of(load);
+    struct blobs *blobs = load->server->blobs;
+    bool light = r->bake && !strncmp(r->bake->env, "env:", 4);
+    size_t n = r->n_files + light, i = load->n_checked++;
+    const char *before = !i ? NULL : i <= r->n_files ? r->files[i - 1]->blob : r->bake->env + 4;
+    if (before && !blobs_has(blobs, before)) {
+        FAIL(load, NOT_FOUND, "%.12s… was damaged on the daemon's disk: upload it again",
+             before);
+    } else if (i < n) {
+        load->blob_waiter.wake = blob_checked;
+        blobs_check(blobs, i < r->n_files ? r->files[i]->blob : r->bake->env + 4,
+                    &load->blob_waiter);
+    } else if (r->n_files) {
+        source_known(load);
+    } else {
+        load->work.run = run_hash;
+        load->work.done = done_hash;
+        load->work.class = WORK_INTERACTIVE;
+        work_submit(load->server->work, &load->work);
+    }
+}
+
 static const char *file_part(const char *path)
 {
     const char *slash = strrchr(path, '/');
@@ -627,7 +664,8 @@ void models_load(struct request *request)
         FAIL(load, LIMIT, "more than %d files", MAX_FILES);
         return;
     }
-    const char *bad = bad_setting(r);
+    char reason[128];
+    const char *bad = bad_setting(r, reason);
     if (bad) {
         FAIL(load, OUT_OF_RANGE, "%s", bad);
         return;
@@ -661,12 +699,5 @@ void models_load(struct request *request)
         free(load); // the request is answered
         return;
     }
-    if (r->n_files) {
-        source_known(load);
-        return;
-    }
-    load->work.run = run_hash;
-    load->work.done = done_hash;
-    load->work.class = WORK_INTERACTIVE;
-    work_submit(load->server->work, &load->work);
+    check_next(load);
 }

@@ -93,12 +93,15 @@ static void send_frame(struct view *v, struct render_result *result)
     Relight__Error error = RELIGHT__ERROR__INIT;
     struct render_camera_message camera;
     Relight__Cost cost;
+    char text[500];
     render_cost_message(result, &cost);
     out.frame = ++v->frame;
     out.sequence = v->drawn_sequence;
     if (result->code) {
         error.code = (Relight__ErrorCode)result->code;
-        error.text = result->error;
+        blobs_name_in_text(v->request->server->blobs, v->request->conn->principal->name,
+                           result->error, text, sizeof text);
+        error.text = text;
         error.hint = (char *)error_hint(result->code);
         out.error = &error;
     } else if (v->spec.picture) {
@@ -178,10 +181,7 @@ static void draw(struct view *v)
         return;
     }
     struct render_spec spec;
-    if (render_spec_copy(&v->spec, &spec)) {
-        retry(v, now + retry_ns);
-        return;
-    }
+    render_spec_copy(&v->spec, &spec);
     if (!finer) {
         v->dirty = false;
         v->next_ns = now + v->gap_ns;
@@ -202,9 +202,9 @@ static void draw(struct view *v)
 
 // Applies a state; nothing changes when it is refused.
 static int apply(struct view *v, struct server *server, const Relight__ViewState *state,
-                 const struct request *from, char error[300])
+                 struct request *from, char error[300])
 {
-    struct render_spec next = v->spec;
+    struct render_spec next = v->spec; // with its texels, unless the state brings others
     int code = 0;
     if (state && (code = render_spec_shade(&next, server, state->shade, error))) return code;
     if (state && state->picture && v->spec.picture &&
@@ -212,8 +212,7 @@ static int apply(struct view *v, struct server *server, const Relight__ViewState
         return code;
     size_t n = state ? state->n_lights : 0;
     if (n || from->payload_size)
-        code = render_spec_lights(&next, n, n ? state->lights : NULL, from->payload,
-                                  from->payload_size, error);
+        code = render_spec_lights(&next, n, n ? state->lights : NULL, from, error);
     if (!code) v->spec = next;
     return code;
 }
@@ -254,10 +253,14 @@ void op_view_open(struct request *request)
     draw(v);
 }
 
+// A VIEW_OPEN that still waits for its material comes later in the connection's order than this
+// request, or this request would have waited behind it: it has no view yet.
 static struct view *find_view(struct request *request, uint64_t id)
 {
-    for (struct request *r = request->conn->requests; r; r = r->next)
-        if (r->id == id && r->type == RELIGHT_TYPE_VIEW_OPEN) return r->state;
+    for (struct request *r = request->conn->requests; r; r = r->next) {
+        struct view *v = r->id == id ? request_state(r, abandon) : NULL;
+        if (v) return v;
+    }
     request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
                  "no view was opened by request %llu", (unsigned long long)id);
     return NULL;

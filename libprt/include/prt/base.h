@@ -84,6 +84,7 @@ struct prt_context {
     struct prt_pool *pool; /* NULL: all work on the calling thread */
     unsigned cpu;          /* mask of enum prt_cpu */
     uint64_t memory_limit; /* bytes one call may allocate for a file's content; 0: 8 GiB */
+    uint64_t image_limit;  /* bytes of one image's pixels as floats; 0: memory_limit */
 };
 /* Empty, with cpu = prt_cpu_detect(). */
 void prt_context_init(struct prt_context *ctx);
@@ -141,14 +142,24 @@ uint32_t prt_rng_u32(struct prt_rng *rng);
 float prt_rng_f32(struct prt_rng *rng); /* [0,1) */
 
 /* Runs fn(arg, result) in a forked child under limits and hands back what it left in `result`:
- * for decoding untrusted bytes (DESIGN: parsed only in a child process). The child may not open
- * sockets or start programs; a crash or exceeded limit is PRT_FORMAT / PRT_LIMIT with a log
- * line naming `what`; its log lines are forwarded. In the child the context has no pool and no
- * progress, stdin to stderr lead nowhere and every other file the parent had open is closed.
+ * for decoding untrusted bytes (DESIGN: parsed only in a child process). The child may make
+ * only the system calls that decoding needs: no sockets, programs, processes, threads or new
+ * code, and it opens no file but for reading beneath `folder`. A crash or exceeded limit is
+ * PRT_FORMAT / PRT_LIMIT with a log line naming `what`; its log lines are forwarded. In the
+ * child the context has no pool and no progress, stdin to stderr lead nowhere and every other
+ * file the parent had open is closed but `input_fd`. PRT_UNSUPPORTED where the system cannot
+ * confine it (no seccomp), unless the environment variable PRT_ACCEPT_WEAK_SANDBOX is 1.
  * Thread-safe; blocks. Call it before threads hold locks fn needs. */
+#define PRT_ACCEPT_WEAK_SANDBOX "PRT_ACCEPT_WEAK_SANDBOX"
+enum { PRT_ISOLATE_INPUT_FD = 4 };
 struct prt_isolate_limits {
-    uint64_t memory_bytes; /* address space beyond what the parent has; 0: 4 GiB */
-    double seconds;        /* CPU and wall; 0: 60 */
+    uint64_t memory_bytes;      /* address space beyond what the parent has; 0: 4 GiB */
+    double seconds;             /* CPU and wall; 0: 60 */
+    const char *folder;         /* files beneath it may be read; NULL: no file can be opened */
+    bool threads;               /* fn may start threads */
+    int input_fd;               /* the child finds it at PRT_ISOLATE_INPUT_FD; 0: none */
+    void (*prepare)(void *arg); /* in the child before it is confined, e.g. to load a library;
+                                   must not touch untrusted bytes; may be NULL */
 };
 struct prt_blob {
     void *bytes;
@@ -160,11 +171,18 @@ int prt_isolate(const struct prt_context *ctx, const char *what,
                 const struct prt_isolate_limits *limits, prt_isolate_fn fn, void *arg,
                 struct prt_blob *out);
 
+/* How many isolated children of this process ended by a signal other than those of their
+ * limits. Thread-safe. */
+unsigned prt_isolate_crashes(void);
+
 /* A regular file's bytes, with a 0 byte after them that size does not count. The caller frees
  * out->bytes with prt_free. Blocks. PRT_LIMIT: more than max_bytes; PRT_FORMAT: empty; PRT_IO.
  */
 int prt_read_file(const struct prt_context *ctx, const char *path, uint64_t max_bytes,
                   struct prt_blob *out);
+/* The same for an open file, from its beginning. name opens the error line; fd stays open. */
+int prt_read_fd(const struct prt_context *ctx, const char *name, int fd, uint64_t max_bytes,
+                struct prt_blob *out);
 /* Writes a file whole or not at all: to PATH.tmp-PID, then fsync, rename, fsync of the folder.
  * Devices and pipes are written in place. Blocks. PRT_IO: the file is as it was, no temporary
  * file stays. */

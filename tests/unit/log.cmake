@@ -1,0 +1,1 @@
+prt_test(log SOURCES unit/log.c LIBS relightd_rooms)
