@@ -3,7 +3,7 @@
 #include "net/carrier.h"
 #include "jobs/decode_helper.h"
 #include "net/dispatch.h"
-#include "store/bake_eviction.h"
+#include "store/eviction.h"
 #include "core/log.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
@@ -78,7 +78,7 @@ static void on_signal(void *user, int signal_number)
 static void run_maintenance(struct loop_timer *timer)
 {
     blobs_expire(server.blobs, 600);
-    if (server.models) bakes_make_room(&server, NULL);
+    if (server.models) evict_for_room(&server, NULL);
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
 }
 
@@ -117,7 +117,7 @@ static int open_data(void)
         return -1;
     }
     if (make_folder("blobs") || make_folder("bakes") || make_folder("models") ||
-        make_folder("work") || make_folder("previews"))
+        make_folder("work") || make_folder("previews") || make_folder("imports"))
         return -1;
     snprintf(path, sizeof path, "%s/blobs", server.data);
     return blobs_open(path, server.options.max_blob, server.options.disk, &server.blobs);
@@ -222,6 +222,7 @@ static void stop(void)
     // Work under way comes back to find nobody waiting; then everything is released.
     decoder_destroy(server.decoder);
     server.decoder = NULL;
+    imports_stop(server.imports);
     uint64_t patience = loop_now_ns() + 20000000000u;
     while (server.work && work_busy(server.work)) {
         if (loop_now_ns() > patience) { // nothing is lost but tidiness

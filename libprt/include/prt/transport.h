@@ -128,6 +128,8 @@ enum prt_transport_kind {
     PRT_TRANSPORT_JOINT = 2
 };
 
+enum { PRT_FILE_VERSION = 2 }; /* of the .prt format that this library reads and writes */
+
 /* .prt: little-endian, versioned, 64-byte aligned sections each with an XXH3 checksum. */
 int prt_file_write(const struct prt_context *ctx, const char *path,
                    const struct prt_transport *transport);
