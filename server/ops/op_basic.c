@@ -3,6 +3,7 @@
 // geometry, unload, stats.
 #include "net/dispatch.h"
 #include "core/log.h"
+#include "store/eviction.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
 #include "render/render.h"
@@ -111,6 +112,8 @@ void op_put_blob(struct request *request)
     Relight__PutBlobAnswer out = RELIGHT__PUT_BLOB_ANSWER__INIT;
     char error[256];
     bool complete;
+    if (!in->offset && request->payload_size && !blobs_has(server->blobs, in->hash))
+        evict_for_upload(server, request->conn->principal->name, in->size);
     int code = blobs_put(server->blobs, in->hash, in->size, in->offset, request->payload,
                          request->payload_size, &out.received, &complete, error);
     if (code) {

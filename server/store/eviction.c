@@ -151,6 +151,17 @@ void evict_for_room(struct server *server, const struct model *newest)
     }
 }
 
+void evict_for_upload(struct server *server, const char *owner, uint64_t bytes)
+{
+    const struct options *o = &server->options;
+    uint64_t most = o->client_disk, more = disk_size(bytes);
+    if (more > o->disk || (most && more > most)) return; // refused whatever goes
+    while (most && disk_bytes_of(server->ledger, owner) + more > most)
+        if (!evict_one(server, PREVIEW, owner, NULL)) break;
+    while (in_all(server) + more > o->disk)
+        if (!evict_one(server, PREVIEW, NULL, NULL)) break;
+}
+
 bool evict_over(const struct server *server, const char *owner, char error[256])
 {
     const struct options *o = &server->options;

@@ -17,6 +17,8 @@ uint64_t bakes_bytes(const struct server *server);
 /* Removes files until the budgets are kept. Kept are pinned models, files that somebody reads
  * (unless nothing else is left), and those of `newest` (may be NULL). */
 void evict_for_room(struct server *server, const struct model *newest);
+/* The same before an upload of so many bytes. */
+void evict_for_upload(struct server *server, const char *owner, uint64_t bytes);
 /* Forgets the preview that is longest unused, of this owner or (NULL) of all; false: none. */
 bool evict_preview(struct server *server, const char *owner);
 /* Whether more is held than allowed, by this owner or in all; error says which limit it is. */

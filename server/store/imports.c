@@ -481,6 +481,7 @@ static void scan_done(struct file_task *task)
     struct imports *imports = scan->imports;
     imports->scanning = false;
     if (!imports->stopped) {
+        log_line(LOG_TRACE, "models folder looked at files=%zu", scan->n);
         keep_list(imports, scan);
         for (struct indexed *x = imports->index; x; x = x->next)
             x->missing = !strchr(x->path, '/');
