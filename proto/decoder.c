@@ -28,11 +28,22 @@ static int fail(struct relight_decoder *d, int fault)
     return d->fault = fault;
 }
 
+// One large header does not keep its memory.
+enum { HEAD_KEPT = 4096 };
+
+// Where refused payloads are read to. Nobody reads it.
+static uint8_t dropped[64 << 10];
+
 static void next_frame(struct relight_decoder *d)
 {
     free(d->frame.payload);
     memset(&d->frame, 0, sizeof d->frame);
-    d->ready = false;
+    d->ready = d->refused = false;
+    if (d->head_room > HEAD_KEPT) {
+        free(d->head);
+        d->head = NULL;
+        d->head_room = 0;
+    }
     d->have = 0;
     d->head_size = 0;
 }
@@ -54,6 +65,10 @@ static int begin_frame(struct relight_decoder *d)
     }
     if (!frame.payload_size) return 0;
     void *payload;
+    if (d->admit && !d->admit(d->admit_user, &d->frame)) {
+        d->refused = true;
+        return 0;
+    }
     if (posix_memalign(&payload, RELIGHT_FRAME_ALIGN, (size_t)frame.payload_size))
         return fail(d, RELIGHT_FAULT_MEMORY);
     d->frame.payload = payload;
@@ -75,6 +90,10 @@ uint8_t *relight_decoder_space(struct relight_decoder *d, size_t *n)
     }
     have -= d->head_size;
     *n = (size_t)(d->frame.payload_size - have);
+    if (d->refused) {
+        if (*n > sizeof dropped) *n = sizeof dropped;
+        return dropped;
+    }
     return d->frame.payload + have;
 }
 

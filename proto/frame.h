@@ -56,6 +56,14 @@ enum relight_frame_flag {
     X(UNLOAD, 18, unload_request, unload_answer)                            \
     X(STATS, 19, stats_request, stats_answer)
 
+/* As large as the largest number and one: tables by request type have this many rows. */
+union relight_type_room {
+#define X(name, number, request, answer) char name[(number) + 1];
+    RELIGHT_TYPE_LIST(X)
+#undef X
+};
+enum { RELIGHT_TYPE_N = sizeof(union relight_type_room) };
+
 enum relight_type {
 #define X(name, number, request, answer) RELIGHT_TYPE_##name = (number),
     RELIGHT_TYPE_LIST(X)
@@ -128,7 +136,11 @@ struct relight_decoder {
     struct relight_frame_limits limits;
     struct relight_frame frame; /* valid when `ready` */
     int fault;
-    bool ready;
+    bool ready, refused; /* refused: `admit` did not take this frame's payload */
+    /* Asked before a payload is allocated; NULL: every one is taken. False: its bytes are read
+     * and dropped, and the frame comes without them. */
+    bool (*admit)(void *user, const struct relight_frame *frame);
+    void *admit_user;
     uint8_t fixed[RELIGHT_FRAME_FIXED];
     uint8_t *head; /* header and padding of the current frame */
     size_t head_size, head_room;
@@ -156,6 +168,33 @@ uint8_t *relight_decoder_take(struct relight_decoder *decoder);
 /* Unpacks a frame's header as the message of its type; NULL when it does not parse or its type
  * is unknown. Free with protobuf_c_message_free_unpacked(message, NULL). */
 ProtobufCMessage *relight_frame_unpack(const struct relight_frame *frame);
+
+/* What a header takes once it is unpacked: its messages, strings and unknown fields, and about
+ * how many bytes. */
+struct relight_header_cost {
+    uint32_t items;
+    size_t bytes;
+};
+struct relight_header_limits {
+    uint32_t max_items;
+    size_t max_bytes;
+};
+enum { RELIGHT_HEADER_ERROR = 160 };
+/* Walks a header on the wire, without allocating: true when it is a message of this type within
+ * the limits (NULL: none), every string is valid UTF-8 without zero bytes, and names hold no
+ * control characters. Else false, and error names the field. *cost is filled as far as it was
+ * walked. A header that passes may still fail to unpack. */
+bool relight_header_check(uint16_t type, const uint8_t *bytes, size_t n,
+                          const struct relight_header_limits *limits,
+                          struct relight_header_cost *cost, char error[RELIGHT_HEADER_ERROR]);
+/* Replaces what is not UTF-8 in a packed header's strings by question marks, in place:
+ * receivers refuse a whole message for one such byte. */
+void relight_header_repair(uint16_t type, uint8_t *bytes, size_t n);
+
+/* Bytes of the UTF-8 character that begins here, 0 where there is none. */
+size_t relight_utf8_next(const uint8_t *bytes, size_t n);
+/* Takes away the beginning of a character that a limit cut off at the end of the text. */
+void relight_utf8_cut(char *text);
 
 /* SHA-256, the content address of blobs. */
 struct relight_sha256 {

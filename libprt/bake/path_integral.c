@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Integrals along a vertex's path (W05 eq 10-12, X07 eq 14): the way out towards a direction is
+// Integrals along a vertex's path (W05 eq 10-12, X07 eq 15): the way out towards a direction is
 // nearly linear in depth, so a monotone cubic is laid through the nodes that were traced and
 // the exponentials between its points are integrated in closed form.
 #include "bake/path_integral.h"
@@ -263,7 +263,7 @@ extinction_integral(const struct extinction_table *table, int wide, float r, flo
     for (int j = 0; j < wide; j++) out[j] = lo[j] + f * (hi[j] - lo[j]);
 }
 
-// Integrals of every function of a radial basis over a tile, X07 eq 14: with s + s'(s)
+// Integrals of every function of a radial basis over a tile, X07 eq 15: with s + s'(s)
 // piecewise linear they are differences of the functions' running integrals. Without `rgb` out
 // is [n_phase][n_radial][n] per direction; with it (X07: the light is fixed) the directions are
 // summed into out [n_phase][n_radial][3]. wide: a constant, at least the functions there are.

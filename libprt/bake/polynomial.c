@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Polynomial transport (X07): the light is contracted while baking, radial functions stay.
-// T_j (X07 eq 12) by the cut of the hierarchy, S_j (X07 eq 14) over the light's own directions.
+// T_j (X07 eq 10) by the cut of the hierarchy, S_j (X07 eq 15) over the light's own directions.
 #include "bake/radials.h"
 #include "bake/shard.h"
 

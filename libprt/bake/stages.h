@@ -242,7 +242,7 @@ void sparse_builder_destroy(struct sparse_builder *b);
 /* ---- single scattering
  * ------------------------------------------------------------------------ */
 
-/* Running integrals of the functions that stand for e^(-sigma_t r) (X07 eq 14), functions
+/* Running integrals of the functions that stand for e^(-sigma_t r) (X07 eq 15), functions
  * fastest: [n_grid][EXTINCTION_WIDE] over a grid of 32 points an octave. */
 enum {
     EXTINCTION_WIDE = 32,
@@ -314,7 +314,7 @@ struct single_cells {
 };
 uint64_t single_cells(const struct single_plan *plan, const struct fresnel_table *fresnel,
                       uint32_t vertex, float *value, struct single_cells *out, void *scratch);
-/* A fixed light's rays (weights rgb [n][3]): out [n_phase][n_radial][3], X07 eq 14. */
+/* A fixed light's rays (weights rgb [n][3]): out [n_phase][n_radial][3], X07 eq 15. */
 uint64_t single_light(const struct single_plan *plan, const struct fresnel_table *fresnel,
                       uint32_t vertex, uint32_t n, const float *x, const float *y,
                       const float *z, const float *rgb, float *out, void *scratch);

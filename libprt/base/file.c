@@ -12,34 +12,31 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-int prt_read_file(const struct prt_context *ctx, const char *path, uint64_t max_bytes,
-                  struct prt_blob *out)
+int prt_read_fd(const struct prt_context *ctx, const char *name, int fd, uint64_t max_bytes,
+                struct prt_blob *out)
 {
     struct stat st;
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
-    if (fd < 0) return prt_fail(ctx, PRT_IO, "%s: %s", path, strerror(errno));
     int status = PRT_OK;
     char *bytes = NULL;
     size_t have = 0;
     if (fstat(fd, &st) || !S_ISREG(st.st_mode)) {
-        status = prt_fail(ctx, PRT_IO, "%s: not a regular file", path);
+        status = prt_fail(ctx, PRT_IO, "%s: not a regular file", name);
     } else if ((uint64_t)st.st_size > max_bytes) {
-        status = prt_fail(ctx, PRT_LIMIT, "%s: %lld bytes, the limit is %llu", path,
+        status = prt_fail(ctx, PRT_LIMIT, "%s: %lld bytes, the limit is %llu", name,
                           (long long)st.st_size, (unsigned long long)max_bytes);
     } else if (!st.st_size) {
-        status = prt_fail(ctx, PRT_FORMAT, "%s: the file is empty", path);
+        status = prt_fail(ctx, PRT_FORMAT, "%s: the file is empty", name);
     } else if (!(bytes = prt_alloc((size_t)st.st_size + 1, 1))) {
-        status = prt_fail(ctx, PRT_NOMEM, "%s: no memory for %lld bytes", path,
+        status = prt_fail(ctx, PRT_NOMEM, "%s: no memory for %lld bytes", name,
                           (long long)st.st_size);
     }
     while (status == PRT_OK && have < (size_t)st.st_size) {
-        ssize_t got = read(fd, bytes + have, (size_t)st.st_size - have);
+        ssize_t got = pread(fd, bytes + have, (size_t)st.st_size - have, (off_t)have);
         if (got > 0) have += (size_t)got;
         else if (got == 0 || errno != EINTR)
-            status = prt_fail(ctx, PRT_IO, "%s: %s", path,
+            status = prt_fail(ctx, PRT_IO, "%s: %s", name,
                               got ? strerror(errno) : "the file shrank while it was read");
     }
-    close(fd);
     if (status != PRT_OK) {
         prt_free(bytes);
         return status;
@@ -47,6 +44,17 @@ int prt_read_file(const struct prt_context *ctx, const char *path, uint64_t max_
     bytes[have] = 0;
     *out = (struct prt_blob){bytes, have};
     return PRT_OK;
+}
+
+int prt_read_file(const struct prt_context *ctx, const char *path, uint64_t max_bytes,
+                  struct prt_blob *out)
+{
+    // A pipe would wait for a writer before it is seen that it is no regular file.
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    if (fd < 0) return prt_fail(ctx, PRT_IO, "%s: %s", path, strerror(errno));
+    int status = prt_read_fd(ctx, path, fd, max_bytes, out);
+    close(fd);
+    return status;
 }
 
 static int write_all(int fd, const char *bytes, size_t n)

@@ -1,41 +1,26 @@
 // SPDX-License-Identifier: MIT
 // The isolated child: untrusted bytes are parsed in a forked process that has limits on memory,
-// time and system calls. One pipe carries log lines and then the result back to the parent.
+// time, files and system calls. One pipe carries log lines and then the result back to the
+// parent.
+#include "base/sandbox.h"
 #include "prt/base.h"
 
 #include <errno.h>
 #include <fcntl.h>
-#include <math.h>
 #include <poll.h>
 #include <signal.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
-#include <sys/resource.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
-#ifdef PRT_HAVE_SECCOMP
-#include <sched.h>
-#include <seccomp.h>
-#endif
-
-#if defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define SANITIZED 1
-#endif
-#endif
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1
-#endif
-#ifndef SANITIZED
-#define SANITIZED 0
-#endif
 
 enum { TAG_LOG = 0x4c4f4721, TAG_RESULT = 0x52455321, LINE_MAX_BYTES = 1024, LINES_MAX = 500 };
-enum { NOISE_BYTES = 1 << 20 }; // what the child may print to stderr
+enum { PIPE_FD = 3 };
 
 // Precedes every message in the pipe.
 struct head {
@@ -57,6 +42,22 @@ static bool put(int fd, const void *bytes, size_t n)
     return true;
 }
 
+// Each piece's pages are given back as soon as the parent has them, so that the two processes
+// together hold little more than one copy.
+static bool put_result(int fd, const struct prt_blob *blob)
+{
+    const size_t piece = 8 << 20, page = (size_t)sysconf(_SC_PAGESIZE);
+    char *bytes = blob->bytes;
+    for (size_t at = 0; at < blob->size; at += piece) {
+        size_t n = blob->size - at < piece ? blob->size - at : piece;
+        if (!put(fd, bytes + at, n)) return false;
+        uintptr_t begin = ((uintptr_t)(bytes + at) + page - 1) & ~(uintptr_t)(page - 1);
+        uintptr_t end = (uintptr_t)(bytes + at + n) & ~(uintptr_t)(page - 1);
+        if (!SANITIZED && begin < end) madvise((void *)begin, end - begin, MADV_DONTNEED);
+    }
+    return true;
+}
+
 static void child_log(void *user, enum prt_log_level level, const char *line)
 {
     char message[sizeof(struct head) + LINE_MAX_BYTES];
@@ -67,150 +68,6 @@ static void child_log(void *user, enum prt_log_level level, const char *line)
     put(*(int *)user, message, sizeof head + n); // below PIPE_BUF: atomic among threads
 }
 
-#ifdef PRT_HAVE_SECCOMP
-static const int denied[] = {
-    SCMP_SYS(socket),
-    SCMP_SYS(socketpair),
-    SCMP_SYS(connect),
-    SCMP_SYS(bind),
-    SCMP_SYS(listen),
-    SCMP_SYS(accept),
-    SCMP_SYS(accept4),
-    SCMP_SYS(sendto),
-    SCMP_SYS(sendmsg),
-    SCMP_SYS(sendmmsg),
-    SCMP_SYS(execve),
-    SCMP_SYS(execveat),
-    SCMP_SYS(ptrace),
-    SCMP_SYS(process_vm_readv),
-    SCMP_SYS(process_vm_writev),
-    SCMP_SYS(fork),
-    SCMP_SYS(vfork),
-    SCMP_SYS(kill),
-    SCMP_SYS(tkill),
-    SCMP_SYS(rt_sigqueueinfo),
-    SCMP_SYS(rt_tgsigqueueinfo),
-    SCMP_SYS(pidfd_open),
-    SCMP_SYS(pidfd_send_signal),
-    SCMP_SYS(bpf),
-    SCMP_SYS(perf_event_open),
-    SCMP_SYS(userfaultfd),
-    SCMP_SYS(io_uring_setup),
-    SCMP_SYS(keyctl),
-    SCMP_SYS(add_key),
-    SCMP_SYS(request_key),
-    SCMP_SYS(mount),
-    SCMP_SYS(umount2),
-    SCMP_SYS(pivot_root),
-    SCMP_SYS(chroot),
-    SCMP_SYS(unshare),
-    SCMP_SYS(setns),
-    SCMP_SYS(init_module),
-    SCMP_SYS(finit_module),
-    SCMP_SYS(kexec_load),
-    SCMP_SYS(reboot),
-    SCMP_SYS(creat),
-    SCMP_SYS(unlink),
-    SCMP_SYS(unlinkat),
-    SCMP_SYS(rename),
-    SCMP_SYS(renameat),
-    SCMP_SYS(renameat2),
-    SCMP_SYS(link),
-    SCMP_SYS(linkat),
-    SCMP_SYS(symlink),
-    SCMP_SYS(symlinkat),
-    SCMP_SYS(mkdir),
-    SCMP_SYS(mkdirat),
-    SCMP_SYS(rmdir),
-    SCMP_SYS(mknod),
-    SCMP_SYS(mknodat),
-    SCMP_SYS(truncate),
-    SCMP_SYS(chmod),
-    SCMP_SYS(fchmod),
-    SCMP_SYS(fchmodat),
-    SCMP_SYS(chown),
-    SCMP_SYS(fchown),
-    SCMP_SYS(lchown),
-    SCMP_SYS(fchownat),
-    SCMP_SYS(setxattr),
-    SCMP_SYS(prlimit64),
-    SCMP_SYS(setrlimit),
-    SCMP_SYS(open_by_handle_at),
-    SCMP_SYS(openat2),
-};
-
-// Threads, reading files and memory stay allowed; programs, sockets, other processes and every
-// way of changing a file answer EPERM. Best effort: without seccomp the limits still hold.
-static void deny_calls(void)
-{
-    scmp_filter_ctx filter = seccomp_init(SCMP_ACT_ALLOW);
-    if (!filter) return;
-    const uint32_t no = SCMP_ACT_ERRNO(EPERM);
-    for (size_t i = 0; i < sizeof denied / sizeof *denied; i++)
-        seccomp_rule_add(filter, no, denied[i], 0);
-    for (unsigned mode = O_WRONLY; mode <= O_ACCMODE; mode++) {
-        seccomp_rule_add(filter, no, SCMP_SYS(open), 1,
-                         SCMP_A1(SCMP_CMP_MASKED_EQ, O_ACCMODE, mode));
-        seccomp_rule_add(filter, no, SCMP_SYS(openat), 1,
-                         SCMP_A2(SCMP_CMP_MASKED_EQ, O_ACCMODE, mode));
-    }
-    seccomp_rule_add(filter, no, SCMP_SYS(open), 1,
-                     SCMP_A1(SCMP_CMP_MASKED_EQ, O_CREAT, O_CREAT));
-    seccomp_rule_add(filter, no, SCMP_SYS(openat), 1,
-                     SCMP_A2(SCMP_CMP_MASKED_EQ, O_CREAT, O_CREAT));
-    seccomp_rule_add(filter, no, SCMP_SYS(tgkill), 1,
-                     SCMP_A0(SCMP_CMP_NE, (scmp_datum_t)getpid()));
-    seccomp_rule_add(filter, no, SCMP_SYS(clone), 1,
-                     SCMP_A0(SCMP_CMP_MASKED_EQ, CLONE_THREAD, 0));
-    // its flags lie in memory, where a filter cannot look: libc falls back to clone
-    seccomp_rule_add(filter, SCMP_ACT_ERRNO(ENOSYS), SCMP_SYS(clone3), 0);
-    seccomp_load(filter);
-    seccomp_release(filter);
-}
-#else
-static void deny_calls(void)
-{
-}
-#endif
-
-static void set_limit(int which, uint64_t soft, uint64_t hard)
-{
-    struct rlimit old, limit = {soft, hard};
-    if (getrlimit(which, &old)) return;
-    if (limit.rlim_max > old.rlim_max) limit.rlim_max = old.rlim_max;
-    if (limit.rlim_cur > limit.rlim_max) limit.rlim_cur = limit.rlim_max;
-    setrlimit(which, &limit);
-}
-
-// Pages the process has, after /proc/self/statm: field 0 is all of them, 5 is private data.
-static uint64_t pages(int field)
-{
-    unsigned long long value[7] = {0};
-    FILE *f = fopen("/proc/self/statm", "re");
-    if (!f) return 0;
-    for (int i = 0; i < 7; i++)
-        if (fscanf(f, "%llu", &value[i]) != 1) break;
-    fclose(f);
-    return value[field];
-}
-
-static void set_limits(uint64_t memory_bytes, double seconds)
-{
-    uint64_t page = (uint64_t)sysconf(_SC_PAGESIZE);
-    // A sanitizer reserves terabytes of address space as it runs; only data can be bounded.
-    if (SANITIZED)
-        set_limit(RLIMIT_DATA, pages(5) * page + 4 * memory_bytes,
-                  pages(5) * page + 4 * memory_bytes);
-    else set_limit(RLIMIT_AS, pages(0) * page + memory_bytes, pages(0) * page + memory_bytes);
-    uint64_t cpu = (uint64_t)ceil(seconds);
-    struct rusage used;
-    if (!getrusage(RUSAGE_SELF, &used)) // 0 after fork, but be exact
-        cpu += (uint64_t)used.ru_utime.tv_sec + (uint64_t)used.ru_stime.tv_sec;
-    set_limit(RLIMIT_CPU, cpu, cpu + 1);
-    set_limit(RLIMIT_CORE, 0, 0);
-    set_limit(RLIMIT_FSIZE, NOISE_BYTES, NOISE_BYTES);
-}
-
 static void close_from(int first)
 {
     if (!syscall(SYS_close_range, first, ~0u, 0)) return;
@@ -218,19 +75,19 @@ static void close_from(int first)
     for (int fd = first; fd < (n > 0 && n < 65536 ? n : 65536); fd++) close(fd);
 }
 
-// 0-2 become nothing, nothing and the noise file; 3 is the pipe; everything else is closed.
-static int settle_files(int pipe_fd, int noise_fd)
+// 0-2 become nothing, nothing and the noise file; 3 is the pipe, 4 the input; everything else
+// is closed.
+static void settle_files(int pipe_fd, int noise_fd, int input_fd)
 {
     int null = open("/dev/null", O_RDWR | O_CLOEXEC);
-    int keep = fcntl(pipe_fd, F_DUPFD_CLOEXEC, 10),
-        noise = fcntl(noise_fd, F_DUPFD_CLOEXEC, 10);
-    if (null < 0 || keep < 0) _exit(3);
-    dup2(null, 0);
-    dup2(null, 1);
-    dup2(noise >= 0 ? noise : null, 2);
-    dup2(keep, 3);
-    close_from(4);
-    return 3;
+    int keep = fcntl(pipe_fd, F_DUPFD_CLOEXEC, 10), input = -1;
+    int noise = noise_fd >= 0 ? fcntl(noise_fd, F_DUPFD_CLOEXEC, 10) : null;
+    if (input_fd > 0) input = fcntl(input_fd, F_DUPFD_CLOEXEC, 10);
+    if (null < 0 || keep < 0 || noise < 0 || (input_fd > 0 && input < 0) || dup2(null, 0) < 0 ||
+        dup2(null, 1) < 0 || dup2(noise, 2) < 0 || dup2(keep, PIPE_FD) < 0 ||
+        (input >= 0 && dup2(input, PRT_ISOLATE_INPUT_FD) < 0))
+        _exit(3);
+    close_from(input >= 0 ? PRT_ISOLATE_INPUT_FD + 1 : PIPE_FD + 1);
 }
 
 static void settle_signals(pid_t parent)
@@ -248,15 +105,53 @@ static void settle_signals(pid_t parent)
     sigprocmask(SIG_SETMASK, &none, NULL);
 }
 
-_Noreturn static void child(const struct prt_context *parent_ctx, pid_t parent, int pipe_fd,
-                            int noise_fd, const struct prt_isolate_limits *limits,
-                            prt_isolate_fn fn, void *arg)
+static bool weak_accepted(void)
+{
+    const char *word = getenv(PRT_ACCEPT_WEAK_SANDBOX);
+    return word && !strcmp(word, "1");
+}
+
+// Confines the child or says why the file is not read.
+static int confine(const struct prt_context *ctx, const char *what,
+                   const struct prt_isolate_limits *limits)
+{
+    bool weak = weak_accepted();
+    const char *part = "resource limits";
+    int error = 0;
+    if (!sandbox_limits(limits->memory_bytes, limits->seconds, limits->threads) ||
+        prctl(PR_SET_DUMPABLE, 0) || prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0))
+        error = errno;
+    enum landlock_state landlock = error ? LANDLOCK_ABSENT : sandbox_landlock(limits->folder);
+    if (landlock == LANDLOCK_FAILED) {
+        part = "Landlock";
+        error = errno;
+    }
+    if (!error) {
+        // Without Landlock any file could be read: then none can be opened.
+        bool may_open = limits->folder && (landlock == LANDLOCK_ON || weak);
+        part = "seccomp";
+        error = -sandbox_filter(may_open, limits->threads);
+        if (!error && limits->folder && !may_open)
+            prt_log(ctx, PRT_LOG_NOTE,
+                    "%s: files beside it cannot be read: this kernel has no Landlock; "
+                    "--accept-weak-sandbox allows it",
+                    what);
+    }
+    if (!error || weak) return PRT_OK;
+    return prt_fail(ctx, PRT_UNSUPPORTED,
+                    "%s: not read, as the process that decodes it cannot be confined (%s: %s); "
+                    "--accept-weak-sandbox or %s=1 reads it all the same",
+                    what, part, strerror(error), PRT_ACCEPT_WEAK_SANDBOX);
+}
+
+_Noreturn static void child(const struct prt_context *parent_ctx, const char *what,
+                            pid_t parent, int pipe_fd, int noise_fd,
+                            const struct prt_isolate_limits *limits, prt_isolate_fn fn,
+                            void *arg)
 {
     settle_signals(parent);
-    int fd = settle_files(pipe_fd, noise_fd);
-    set_limits(limits->memory_bytes, limits->seconds);
-    prctl(PR_SET_DUMPABLE, 0);
-    deny_calls();
+    settle_files(pipe_fd, noise_fd, limits->input_fd);
+    int fd = PIPE_FD;
     struct prt_context ctx;
     if (parent_ctx) ctx = *parent_ctx;
     else prt_context_init(&ctx);
@@ -265,10 +160,12 @@ _Noreturn static void child(const struct prt_context *parent_ctx, pid_t parent, 
     ctx.progress = NULL;
     ctx.pool = NULL; // its threads were not forked
     struct prt_blob out = {NULL, 0};
-    int status = fn(&ctx, arg, &out);
+    if (limits->prepare) limits->prepare(arg);
+    int status = confine(&ctx, what, limits);
+    if (!status) status = fn(&ctx, arg, &out);
     if (!out.bytes || status) out.size = 0;
     struct head head = {TAG_RESULT, status, out.size};
-    _exit(put(fd, &head, sizeof head) && put(fd, out.bytes, out.size) ? 0 : 3);
+    _exit(put(fd, &head, sizeof head) && put_result(fd, &out) ? 0 : 3);
 }
 
 enum got { GOT_ALL, GOT_END, GOT_LATE };
@@ -357,18 +254,27 @@ static int reap(pid_t pid)
     return status;
 }
 
+static atomic_uint crashes;
+
+unsigned prt_isolate_crashes(void)
+{
+    return crashes;
+}
+
 static int explain(const struct prt_context *ctx, const char *what, int how, bool late,
                    const struct prt_isolate_limits *limits)
 {
     if (late || (WIFSIGNALED(how) && (WTERMSIG(how) == SIGXCPU || WTERMSIG(how) == SIGKILL)))
         return prt_fail(ctx, PRT_LIMIT, "%s: gave up reading it after %g s", what,
                         limits->seconds);
-    if (WIFSIGNALED(how))
+    if (WIFSIGNALED(how)) {
+        crashes++;
         return prt_fail(ctx, PRT_FORMAT,
                         "%s: the decoder crashed (%s) or ran out of its %llu MB; the file is "
                         "probably damaged",
                         what, strsignal(WTERMSIG(how)),
                         (unsigned long long)(limits->memory_bytes >> 20));
+    }
     return prt_fail(ctx, PRT_FORMAT, "%s: the decoder stopped with status %d", what,
                     WIFEXITED(how) ? WEXITSTATUS(how) : -1);
 }
@@ -385,9 +291,10 @@ int prt_isolate(const struct prt_context *ctx, const char *what,
     int end[2];
     if (pipe2(end, O_CLOEXEC)) return prt_fail(ctx, PRT_IO, "%s: %s", what, strerror(errno));
     (void)fcntl(end[1], F_SETPIPE_SZ, 1 << 20);
-    int noise = memfd_create("prt-isolate", MFD_CLOEXEC);
+    // What libraries print is dropped; a sanitizer's report is not.
+    int noise = SANITIZED ? memfd_create("prt-isolate", MFD_CLOEXEC) : -1;
     pid_t parent = getpid(), pid = fork();
-    if (pid == 0) child(ctx, parent, end[1], noise, &own, fn, arg);
+    if (pid == 0) child(ctx, what, parent, end[1], noise, &own, fn, arg);
     int error = errno;
     close(end[1]);
     if (pid < 0) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Aligned memory, hashing, random numbers, CPU detection.
+// Aligned memory, hashing, random numbers.
 #include "prt/base.h"
 
 #include <stdlib.h>
@@ -62,31 +62,4 @@ uint32_t prt_rng_u32(struct prt_rng *rng)
 float prt_rng_f32(struct prt_rng *rng)
 {
     return (float)(prt_rng_u32(rng) >> 8) * 0x1p-24f;
-}
-
-unsigned prt_cpu_detect(void)
-{
-    unsigned mask = PRT_CPU_C;
-    __builtin_cpu_init();
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) mask |= PRT_CPU_AVX2;
-    if ((mask & PRT_CPU_AVX2) && __builtin_cpu_supports("avx512f") &&
-        __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512vl"))
-        mask |= PRT_CPU_AVX512;
-    if ((mask & PRT_CPU_AVX512) && __builtin_cpu_supports("avx512vbmi") &&
-        __builtin_cpu_supports("avx512vbmi2"))
-        mask |= PRT_CPU_AVX512VBMI;
-    if ((mask & PRT_CPU_AVX512) && __builtin_cpu_supports("avx512vnni"))
-        mask |= PRT_CPU_AVX512VNNI;
-    return mask;
-}
-
-int prt_cpu_parse(const char *word, unsigned *mask)
-{
-    unsigned have = prt_cpu_detect();
-    if (!strcmp(word, "c")) *mask = PRT_CPU_C;
-    else if (!strcmp(word, "avx2")) *mask = have & PRT_CPU_AVX2;
-    else if (!strcmp(word, "avx512")) *mask = have;
-    else return PRT_ARG;
-    return PRT_OK;
 }

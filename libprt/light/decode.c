@@ -11,8 +11,8 @@ float prt_srgb_to_linear(float v)
     return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
 }
 
-int prt_decode(const struct prt_context *ctx, const char *name, const void *bytes, size_t n,
-               struct prt_decoded *out)
+int prt_decode_own(const struct prt_context *ctx, const char *name, const void *bytes, size_t n,
+                   struct prt_decoded *out)
 {
     int err;
     out->hint = PRT_HINT_NONE;
@@ -31,6 +31,13 @@ int prt_decode(const struct prt_context *ctx, const char *name, const void *byte
         err = prt_decode_png(ctx, name, bytes, n, &out->image);
     else if (!memcmp(bytes, "\xff\xd8\xff", 3))
         err = prt_decode_jpeg(ctx, name, bytes, n, &out->image);
+    return err;
+}
+
+int prt_decode(const struct prt_context *ctx, const char *name, const void *bytes, size_t n,
+               struct prt_decoded *out)
+{
+    const int err = prt_decode_own(ctx, name, bytes, n, out);
     if (err != PRT_UNSUPPORTED) return err;
     return prt_decode_oiio(ctx, name, bytes, n, out->is_chroma, &out->image);
 }

@@ -395,7 +395,8 @@ static int decode_file(struct exr *x, struct prt_decoded *out)
     if (compression == EXR_COMPRESSION_DWAA || compression == EXR_COMPRESSION_DWAB ||
         out->is_chroma)
         return PRT_UNSUPPORTED;
-    err = reserve_planes(x);
+    err = prt_image_check(x->ctx, x->name, (uint64_t)x->width, (uint64_t)x->height);
+    if (!err) err = reserve_planes(x);
     if (!err) err = read_pixels(x);
     if (!err) err = compose(x, has_envmap, &out->image);
     return err;

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns the way to OpenImageIO: finding and opening libprt_oiio.so, in the child only, since it
- * drags in 262 libraries. */
+/* Owns the way to OpenImageIO: finding and opening libprt_oiio.so, in a child only, since it
+ * drags in 262 libraries, and before that child is confined. */
 #include "light_private.h"
 #include "oiio_abi.h"
 
 #include <dlfcn.h>
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,10 +15,11 @@ struct job {
     const struct prt_context *ctx;
     const char *name;
     int err;
+    bool told; /* the error has its line already */
 };
 
 /* Beside the program, in ../lib/relight, in $PRT_LIBDIR. */
-static void *open_library(const struct prt_context *ctx, const char *name)
+static void *find_library(void)
 {
     char exe[3072], path[4096];
     static const char *const places[] = {".", "../lib/relight", "../bin"};
@@ -35,15 +37,27 @@ static void *open_library(const struct prt_context *ctx, const char *name)
     return NULL;
 }
 
+static void *library;
+
+void prt_oiio_open(void)
+{
+    if (!library) library = find_library();
+}
+
 static int allow(void *user, uint64_t width, uint64_t height)
 {
     struct job *job = user;
     const uint64_t limit =
         job->ctx && job->ctx->memory_limit ? job->ctx->memory_limit : UINT64_C(8) << 30;
-    const bool ok = width <= PRT_IMAGE_MAX && height <= PRT_IMAGE_MAX &&
-                    width * height <= PRT_IMAGE_MAX_PIXELS && width * height * 24 <= limit;
-    job->err = ok ? PRT_FORMAT : PRT_LIMIT;
-    return !ok;
+    int err = prt_image_check(job->ctx, job->name, width, height);
+    if (!err && width * height * 24 > limit) /* it holds the pixels twice for a while */
+        err = prt_fail(job->ctx, PRT_LIMIT,
+                       "%s: decoding %llu x %llu pixels needs more than %llu MB", job->name,
+                       (unsigned long long)width, (unsigned long long)height,
+                       (unsigned long long)(limit >> 20));
+    job->err = err ? err : PRT_FORMAT;
+    job->told = err;
+    return err != 0;
 }
 
 /* OpenImageIO goes by the extension first: give it one when the name has none. */
@@ -62,10 +76,10 @@ static const char *name_for_sniffing(const char *name, const uint8_t *bytes, siz
 int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                     size_t n, bool is_chroma, struct prt_image *out)
 {
-    struct job job = {ctx, name, PRT_FORMAT};
+    struct job job = {ctx, name, PRT_FORMAT, false};
     struct prt_oiio_image image;
-    void *library = open_library(ctx, name);
     prt_oiio_decode_fn decode = NULL;
+    prt_oiio_open();
     if (library) *(void **)&decode = dlsym(library, "prt_oiio_decode");
     if (!decode)
         return prt_fail(ctx, PRT_UNSUPPORTED,
@@ -73,8 +87,9 @@ int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8
                         "not found beside the program (set PRT_LIBDIR); .hdr and .exr do not",
                         name);
     if (decode(name_for_sniffing(name, bytes, n), bytes, n, is_chroma, allow, &job, &image)) {
-        // Its own words for bytes that no reader knows speak of a file that does not exist.
-        if (strstr(image.error, "does not exist") ||
+        if (job.told) return job.err;
+        // For bytes that no reader knows it opens a file of this name, which is refused.
+        if (strstr(image.error, "does not exist") || strstr(image.error, strerror(EPERM)) ||
             strstr(image.error, "find a format reader"))
             return prt_fail(ctx, PRT_FORMAT, "%s: not an image of a known format", name);
         for (char *p = image.error; *p; p++) *p = *p == '\n' || *p == '\r' ? ' ' : *p;

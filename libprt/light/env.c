@@ -8,113 +8,197 @@
 #include <string.h>
 #include <sys/stat.h>
 
-enum { BLOB_MAGIC = 0x474d4950 };
+enum { BLOB_MAGIC = 0x474d4950, BLOB_WANTS_OIIO = 0x4f49494f };
 #define FILE_MAX_BYTES ((uint64_t)2 << 30)
 
+/* The child's answer: the pixels of all images one after the other, then a head for each. */
 struct blob_head {
     uint32_t magic, hint, width, height;
 };
+_Static_assert(sizeof(struct blob_head) <= PRT_IMAGE_TAIL, "one head fits behind the pixels");
+
+static size_t pixel_bytes(uint64_t width, uint64_t height)
+{
+    return (size_t)(width * height) * 3 * sizeof(float);
+}
 
 /* ---- the child's side ---- */
 
 struct decode_job {
     const struct prt_input *input;
     unsigned count;
+    bool oiio; /* the second child, where OpenImageIO is loaded */
 };
+
+static void load_oiio(void *arg)
+{
+    prt_oiio_open();
+}
+
+/* One image's pixels have room for its head behind them and are the answer themselves. */
+static int pack(struct prt_decoded *decoded, unsigned count, struct prt_blob *out)
+{
+    size_t at = 0, pixels = 0;
+    for (unsigned i = 0; i < count; i++)
+        pixels += pixel_bytes(decoded[i].image.width, decoded[i].image.height);
+    out->size = pixels + count * sizeof(struct blob_head);
+    out->bytes = count == 1 ? (void *)decoded[0].image.rgb : prt_alloc(out->size, 1);
+    if (!out->bytes) return PRT_NOMEM;
+    char *bytes = out->bytes;
+    for (unsigned i = 0; i < count; i++) {
+        struct prt_image *im = &decoded[i].image;
+        const struct blob_head head = {BLOB_MAGIC, decoded[i].hint, im->width, im->height};
+        const size_t size = pixel_bytes(im->width, im->height);
+        memcpy(bytes + pixels + i * sizeof head, &head, sizeof head);
+        if (count == 1) break;
+        memcpy(bytes + at, im->rgb, size);
+        at += size;
+        prt_image_finish(im);
+    }
+    return PRT_OK;
+}
+
+static int ask_for_oiio(struct prt_blob *out)
+{
+    const struct blob_head head = {.magic = BLOB_WANTS_OIIO};
+    if (!(out->bytes = prt_alloc(1, sizeof head))) return PRT_NOMEM;
+    memcpy(out->bytes, &head, sizeof head);
+    out->size = sizeof head;
+    return PRT_OK;
+}
+
+/* The first child has told the warnings already. */
+static void pass_errors(void *user, enum prt_log_level level, const char *line)
+{
+    if (level == PRT_LOG_ERROR) prt_log(user, level, "%s", line);
+}
+
+static int decode_with_oiio(const struct prt_context *ctx, const struct prt_input *in,
+                            struct prt_decoded *out)
+{
+    struct prt_context quiet = *ctx;
+    quiet.log = pass_errors;
+    quiet.log_user = (void *)ctx;
+    const int err = prt_decode_own(&quiet, in->name, in->bytes, in->size, out);
+    if (err != PRT_UNSUPPORTED) return err;
+    return prt_decode_oiio(ctx, in->name, in->bytes, in->size, out->is_chroma, &out->image);
+}
 
 static int decode_all(const struct prt_context *ctx, void *arg, struct prt_blob *out)
 {
     const struct decode_job *job = arg;
     struct prt_decoded decoded[PRT_FACES_MAX];
-    size_t total = 0;
-    int err = PRT_OK;
-    unsigned done = 0;
     memset(decoded, 0, sizeof decoded);
-    for (; !err && done < job->count; done++) {
-        const struct prt_input *in = &job->input[done];
-        err = prt_decode(ctx, in->name, in->bytes, in->size, &decoded[done]);
-        const struct prt_image *im = &decoded[done].image;
-        total += sizeof(struct blob_head) + (size_t)im->width * im->height * 3 * sizeof(float);
+    for (unsigned i = 0; i < job->count; i++) {
+        const struct prt_input *in = &job->input[i];
+        const int err = job->oiio
+                            ? decode_with_oiio(ctx, in, &decoded[i])
+                            : prt_decode_own(ctx, in->name, in->bytes, in->size, &decoded[i]);
+        if (err == PRT_UNSUPPORTED && !job->oiio) return ask_for_oiio(out);
+        if (err) return err;
     }
-    if (!err) {
-        out->bytes = prt_alloc(total, 1);
-        out->size = total;
-        err = out->bytes ? PRT_OK : PRT_NOMEM;
-    }
-    char *at = out->bytes;
-    for (unsigned i = 0; i < done; i++) {
-        struct prt_image *im = &decoded[i].image;
-        if (!err) {
-            const struct blob_head head = {BLOB_MAGIC, decoded[i].hint, im->width, im->height};
-            const size_t size = (size_t)im->width * im->height * 3 * sizeof(float);
-            memcpy(at, &head, sizeof head);
-            memcpy(at + sizeof head, im->rgb, size);
-            at += sizeof head + size;
-        }
-        prt_image_finish(im);
-    }
-    return err;
+    return pack(decoded, job->count, out);
 }
 
 /* ---- the parent's side ---- */
 
+/* Takes a single image's blob over. */
 static int unpack(const struct prt_context *ctx, const struct prt_input *input, unsigned count,
-                  const struct prt_blob *blob, struct prt_decoded *out)
+                  struct prt_blob *blob, struct prt_decoded *out)
 {
-    const char *at = blob->bytes;
-    size_t left = blob->size;
-    int err = PRT_OK;
-    for (unsigned i = 0; !err && i < count; i++) {
-        struct blob_head head = {0};
-        if (left >= sizeof head) memcpy(&head, at, sizeof head);
+    const size_t tail = count * sizeof(struct blob_head);
+    const char *bytes = blob->bytes, *at = bytes;
+    if (blob->size < tail)
+        return prt_fail(ctx, PRT_FORMAT, "%s: the decoder's answer is cut", input[0].name);
+    size_t left = blob->size - tail;
+    for (unsigned i = 0; i < count; i++) {
+        struct blob_head head;
+        memcpy(&head, bytes + blob->size - tail + i * sizeof head, sizeof head);
         if (head.magic != BLOB_MAGIC || head.hint >= PRT_HINT_COUNT)
             return prt_fail(ctx, PRT_FORMAT, "%s: the decoder's answer is damaged",
                             input[i].name);
-        at += sizeof head;
-        left -= sizeof head;
-        err = prt_image_reserve(ctx, input[i].name, head.width, head.height, &out[i].image);
+        int err = prt_image_check(ctx, input[i].name, head.width, head.height);
         if (err) return err;
-        const size_t size = (size_t)head.width * head.height * 3 * sizeof(float);
+        const size_t size = pixel_bytes(head.width, head.height);
         if (size > left)
             return prt_fail(ctx, PRT_FORMAT, "%s: the decoder's answer is cut", input[i].name);
-        memcpy(out[i].image.rgb, at, size);
+        if (count == 1) {
+            out->image = (struct prt_image){head.width, head.height, blob->bytes};
+            blob->bytes = NULL;
+        } else {
+            err = prt_image_reserve(ctx, input[i].name, head.width, head.height, &out[i].image);
+            if (err) return err;
+            memcpy(out[i].image.rgb, at, size);
+        }
         out[i].hint = (enum prt_layout_hint)head.hint;
         at += size;
         left -= size;
     }
-    return err;
+    return PRT_OK;
+}
+
+static bool wants_oiio(const struct prt_blob *blob)
+{
+    uint32_t magic = 0;
+    if (blob->size == sizeof(struct blob_head)) memcpy(&magic, blob->bytes, sizeof magic);
+    return magic == BLOB_WANTS_OIIO;
 }
 
 int prt_decode_isolated(const struct prt_context *ctx, const struct prt_input *input,
                         unsigned count, struct prt_decoded *out)
 {
-    struct decode_job job = {input, count};
-    const struct prt_isolate_limits limits = {
-        ctx && ctx->memory_limit ? ctx->memory_limit : (uint64_t)8 << 30, 10.0};
+    struct decode_job job = {input, count, false};
+    struct prt_isolate_limits limits = {
+        .memory_bytes = ctx && ctx->memory_limit ? ctx->memory_limit : (uint64_t)8 << 30,
+        .seconds = 10.0};
     struct prt_blob blob = {0};
     memset(out, 0, count * sizeof *out);
     int err = prt_isolate(ctx, input[0].name, &limits, decode_all, &job, &blob);
+    if (!err && wants_oiio(&blob)) {
+        prt_free(blob.bytes);
+        blob = (struct prt_blob){0};
+        job.oiio = true;
+        limits.prepare = load_oiio;
+        limits.threads = true; /* it starts a pool of its own before it hears that it may not */
+        err = prt_isolate(ctx, input[0].name, &limits, decode_all, &job, &blob);
+    }
     if (!err) err = unpack(ctx, input, count, &blob, out);
     prt_free(blob.bytes);
     for (unsigned i = 0; err && i < count; i++) prt_image_finish(&out[i].image);
     return err;
 }
 
-int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t width,
-                      uint64_t height, struct prt_image *out)
+int prt_image_check(const struct prt_context *ctx, const char *name, uint64_t width,
+                    uint64_t height)
 {
-    const uint64_t limit = ctx && ctx->memory_limit ? ctx->memory_limit : (uint64_t)8 << 30;
+    uint64_t limit = ctx && ctx->memory_limit ? ctx->memory_limit : (uint64_t)8 << 30;
+    if (ctx && ctx->image_limit && ctx->image_limit < limit) limit = ctx->image_limit;
     if (!width || !height)
         return prt_fail(ctx, PRT_FORMAT, "%s: the image is empty (%llu x %llu)", name,
                         (unsigned long long)width, (unsigned long long)height);
     if (width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX ||
-        width * height > PRT_IMAGE_MAX_PIXELS || width * height * 3 * sizeof(float) > limit)
+        width * height > PRT_IMAGE_MAX_PIXELS)
         return prt_fail(ctx, PRT_LIMIT,
                         "%s: %llu x %llu pixels are above the limit (%d a side, "
                         "%llu in all)",
                         name, (unsigned long long)width, (unsigned long long)height,
                         PRT_IMAGE_MAX, (unsigned long long)PRT_IMAGE_MAX_PIXELS);
-    out->rgb = prt_alloc((size_t)(width * height) * 3, sizeof(float));
+    if (width * height * 12 > limit)
+        return prt_fail(ctx, PRT_LIMIT,
+                        "%s: %llu x %llu pixels take %llu MB decoded, the limit is %llu MB; "
+                        "make the image smaller",
+                        name, (unsigned long long)width, (unsigned long long)height,
+                        (unsigned long long)(width * height * 12 >> 20),
+                        (unsigned long long)(limit >> 20));
+    return PRT_OK;
+}
+
+int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t width,
+                      uint64_t height, struct prt_image *out)
+{
+    const int err = prt_image_check(ctx, name, width, height);
+    if (err) return err;
+    out->rgb = prt_alloc(pixel_bytes(width, height) + PRT_IMAGE_TAIL, 1);
     if (!out->rgb)
         return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %llu x %llu pixels", name,
                         (unsigned long long)width, (unsigned long long)height);
@@ -297,15 +381,23 @@ int prt_env_load(const struct prt_context *ctx, const char *path, struct prt_env
     return err;
 }
 
+int prt_image_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
+                          size_t n, struct prt_image *out)
+{
+    struct prt_decoded decoded = {0};
+    const struct prt_input input = {name, bytes, n};
+    memset(out, 0, sizeof *out);
+    int err = prt_decode_isolated(ctx, &input, 1, &decoded);
+    if (!err) *out = decoded.image;
+    return err;
+}
+
 int prt_image_load(const struct prt_context *ctx, const char *path, struct prt_image *out)
 {
     struct prt_blob blob = {0};
-    struct prt_decoded decoded = {0};
     memset(out, 0, sizeof *out);
     int err = prt_read_file(ctx, path, FILE_MAX_BYTES, &blob);
-    const struct prt_input input = {path, blob.bytes, blob.size};
-    if (!err) err = prt_decode_isolated(ctx, &input, 1, &decoded);
+    if (!err) err = prt_image_load_memory(ctx, path, blob.bytes, blob.size, out);
     prt_free(blob.bytes);
-    if (!err) *out = decoded.image;
     return err;
 }

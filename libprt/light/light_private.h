@@ -44,6 +44,12 @@ struct prt_decoded {
 /* Parses untrusted bytes; call only in the isolated child (or a fuzz target). */
 int prt_decode(const struct prt_context *ctx, const char *name, const void *bytes, size_t n,
                struct prt_decoded *out);
+/* The same without OpenImageIO: PRT_UNSUPPORTED without a log line where only it may read it.
+ */
+int prt_decode_own(const struct prt_context *ctx, const char *name, const void *bytes, size_t n,
+                   struct prt_decoded *out);
+/* Loads OpenImageIO, which the isolated child cannot do once it is confined. */
+void prt_oiio_open(void);
 /* The parsers behind it. */
 bool prt_is_hdr(const uint8_t *bytes, size_t n);
 bool prt_is_exr(const uint8_t *bytes, size_t n);
@@ -62,7 +68,12 @@ int prt_decode_jpeg(const struct prt_context *ctx, const char *name, const uint8
                     size_t n, struct prt_image *out);
 int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                     size_t n, bool is_chroma, struct prt_image *out);
-/* Checks sizes against the limits and allocates; logs and returns the status. */
+/* What the reserved pixels have room for behind them: the header of the child's answer. */
+enum { PRT_IMAGE_TAIL = 16 };
+/* Whether an image of so many pixels is within the limits; logs and returns the status. */
+int prt_image_check(const struct prt_context *ctx, const char *name, uint64_t width,
+                    uint64_t height);
+/* The same, and allocates. */
 int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t width,
                       uint64_t height, struct prt_image *out);
 /* 8-bit style sRGB value in [0,1] to linear. */

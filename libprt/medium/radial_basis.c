@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Where basis functions come from: the singular vectors of a family, or splines on knots that
-// dynamic programming places (X07 §4.2).
+// dynamic programming places (X07 §5).
 #include "radial.h"
 
 #include <lapacke.h>

@@ -3,15 +3,19 @@
 #include "internal.h"
 
 #include <ctype.h>
+#include <errno.h>
+#include <fcntl.h>
 #include <libgen.h>
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 // What the child is given.
 struct request {
-    const char *path; // NULL: bytes
+    int fd; // of the file; -1: bytes
     const void *bytes;
     size_t n;
     const char *name, *base_dir;
@@ -90,8 +94,10 @@ static int parse(const struct prt_context *ctx, void *arg, struct prt_blob *out)
     const struct request *r = arg;
     struct prt_blob file = {NULL, 0};
     int status;
-    if (r->path) {
-        status = prt_read_file(ctx, r->path, r->max_bytes, &file);
+    if (r->fd >= 0) {
+        bool here = r->options && r->options->in_process;
+        status =
+            prt_read_fd(ctx, r->name, here ? r->fd : PRT_ISOLATE_INPUT_FD, r->max_bytes, &file);
         if (status) return status;
     } else {
         if (!r->n) return prt_fail(ctx, PRT_FORMAT, "%s: the file is empty", r->name);
@@ -110,12 +116,30 @@ static int parse(const struct prt_context *ctx, void *arg, struct prt_blob *out)
     return status;
 }
 
+// Only a glTF's buffers lie in other files: nothing beside an OBJ or PLY is read.
+static bool may_have_siblings(const struct request *r)
+{
+    char head[4096];
+    ssize_t n = r->n < sizeof head ? (ssize_t)r->n : (ssize_t)sizeof head;
+    if (r->fd >= 0) n = pread(r->fd, head, sizeof head, 0);
+    else if (n) memcpy(head, r->bytes, (size_t)n);
+    if (n < 4) return false;
+    const char *start = skip_space(head, head + n);
+    return !memcmp(head, "glTF", 4) || (start < head + n && *start == '{');
+}
+
 static int load(const struct prt_context *ctx, struct request *r, struct prt_mesh **out)
 {
+    struct stat st;
     struct prt_blob blob = {NULL, 0};
     struct prt_mesh *mesh = NULL;
     r->max_bytes = ctx && ctx->memory_limit ? ctx->memory_limit : 8ull << 30;
-    struct prt_isolate_limits limits = {.memory_bytes = r->max_bytes, .seconds = 120};
+    if (r->fd >= 0 && (fstat(r->fd, &st) || !S_ISREG(st.st_mode)))
+        return prt_fail(ctx, PRT_IO, "%s: not a regular file", r->name);
+    struct prt_isolate_limits limits = {.memory_bytes = r->max_bytes,
+                                        .seconds = 120,
+                                        .input_fd = r->fd,
+                                        .folder = may_have_siblings(r) ? r->base_dir : NULL};
     int status = r->options && r->options->in_process
                      ? parse(ctx, r, &blob)
                      : prt_isolate(ctx, r->name, &limits, parse, r, &blob);
@@ -134,22 +158,37 @@ static int load(const struct prt_context *ctx, struct request *r, struct prt_mes
     return PRT_OK;
 }
 
+int prt_mesh_load_fd(const struct prt_context *ctx, const char *name, int fd,
+                     const char *base_dir, const struct prt_mesh_options *options,
+                     struct prt_mesh **out)
+{
+    struct request r = {.fd = fd, .name = name, .base_dir = base_dir, .options = options};
+    return load(ctx, &r, out);
+}
+
 int prt_mesh_load(const struct prt_context *ctx, const char *path,
                   const struct prt_mesh_options *options, struct prt_mesh **out)
 {
     char folder[PATH_MAX];
     if (snprintf(folder, sizeof folder, "%s", path) >= (int)sizeof folder)
         return prt_fail(ctx, PRT_IO, "%s: the path is too long", path);
-    struct request r = {
-        .path = path, .name = path, .base_dir = dirname(folder), .options = options};
-    return load(ctx, &r, out);
+    // A pipe would wait for a writer before it is seen that it is no regular file.
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    if (fd < 0) return prt_fail(ctx, PRT_IO, "%s: %s", path, strerror(errno));
+    int status = prt_mesh_load_fd(ctx, path, fd, dirname(folder), options, out);
+    close(fd);
+    return status;
 }
 
 int prt_mesh_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
                          size_t n, const char *base_dir, const struct prt_mesh_options *options,
                          struct prt_mesh **out)
 {
-    struct request r = {
-        .bytes = bytes, .n = n, .name = name, .base_dir = base_dir, .options = options};
+    struct request r = {.fd = -1,
+                        .bytes = bytes,
+                        .n = n,
+                        .name = name,
+                        .base_dir = base_dir,
+                        .options = options};
     return load(ctx, &r, out);
 }

@@ -3,6 +3,8 @@
 #include "cube.h"
 #include "internal.h"
 
+#include "base/isa.h"
+
 #include <math.h>
 #include <string.h>
 
@@ -39,22 +41,20 @@ struct shade_job {
     void (*row)(const struct shade_job *job, uint32_t y, float *row);
 };
 
-#define KERNEL(name) name##_c
-#define TARGET
+#define PRT_ISA_NAME c
 #include "shade_kernel.h"
-#undef KERNEL
-#undef TARGET
-#if defined(__x86_64__)
-#define KERNEL(name) name##_avx2
-#define TARGET __attribute__((target("avx2,fma")))
+#undef PRT_ISA_NAME
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX2)
+#define PRT_ISA_NAME avx2
 #include "shade_kernel.h"
-#undef KERNEL
-#undef TARGET
-#define KERNEL(name) name##_avx512
-#define TARGET __attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")))
+#undef PRT_ISA_NAME
+PRT_ISA_END
+PRT_ISA_BEGIN(PRT_ISA_AVX512)
+#define PRT_ISA_NAME avx512
 #include "shade_kernel.h"
-#undef KERNEL
-#undef TARGET
+#undef PRT_ISA_NAME
+PRT_ISA_END
 #endif
 
 static int shade_rows(void *arg, size_t begin, size_t end, unsigned worker)
@@ -129,7 +129,7 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
         job->background = &background;
     }
     job->row = shade_row_c;
-#if defined(__x86_64__)
+#if PRT_ISA_X86
     unsigned cpu = ctx ? ctx->cpu : prt_cpu_detect();
     if (cpu & PRT_CPU_AVX2) job->row = shade_row_avx2;
     if (cpu & PRT_CPU_AVX512) job->row = shade_row_avx512;

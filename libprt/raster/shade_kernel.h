@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT */
 /* Shading of up to LANES points or pixels: plain loops that the compiler turns into vectors.
- * Included by shade.c once per instruction set with KERNEL(name) and TARGET defined. */
+ * Included by shade.c once per instruction set with PRT_KERNEL(name) and TARGET defined. */
 
 /* Bilinear look-up of n directions: offsets of four texels and fractions. */
-TARGET static void KERNEL(cube_lookup)(const struct cube_view *cube, int n, const float *dx,
-                                       const float *dy, const float *dz, struct lookup *at)
+static void PRT_KERNEL(cube_lookup)(const struct cube_view *cube, int n, const float *dx,
+                                    const float *dy, const float *dz, struct lookup *at)
 {
     const float half = 0.5f * (float)cube->n, centre = half - 0.5f + (float)cube->border;
     const int row = cube->row, lo = 0, hi = cube->last;
@@ -38,8 +38,8 @@ TARGET static void KERNEL(cube_lookup)(const struct cube_view *cube, int n, cons
     }
 }
 
-TARGET static void KERNEL(cube_fetch)(const struct cube_view *cube, int n,
-                                      const struct lookup *at, float *r, float *g, float *b)
+static void PRT_KERNEL(cube_fetch)(const struct cube_view *cube, int n, const struct lookup *at,
+                                   float *r, float *g, float *b)
 {
     const float *texel = cube->texel;
     for (int i = 0; i < n; i++) {
@@ -55,8 +55,8 @@ TARGET static void KERNEL(cube_fetch)(const struct cube_view *cube, int n,
 
 /* View direction, its cosine, F_t (METHODS section 1, exact and unpolarised), the mirror
  * direction and the outward direction w_o' of the path inside. */
-TARGET static void KERNEL(view_terms)(const struct shade_job *job, size_t at, int n,
-                                      struct view_terms *v)
+static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n,
+                                   struct view_terms *v)
 {
     const struct prt_gbuffer *g = job->g;
     const float *px = g->position[0] + at, *py = g->position[1] + at, *pz = g->position[2] + at;
@@ -86,8 +86,8 @@ TARGET static void KERNEL(view_terms)(const struct shade_job *job, size_t at, in
 }
 
 /* c += weight * vertex values of one plane, interpolated. */
-TARGET static void KERNEL(add_plane)(const struct shade_job *job, const float *plane, size_t at,
-                                     int n, const float *weight, float *r, float *g, float *b)
+static void PRT_KERNEL(add_plane)(const struct shade_job *job, const float *plane, size_t at,
+                                  int n, const float *weight, float *r, float *g, float *b)
 {
     const struct prt_gbuffer *s = job->g;
     const uint32_t *v0 = s->corner[0] + at, *v1 = s->corner[1] + at, *v2 = s->corner[2] + at;
@@ -103,8 +103,8 @@ TARGET static void KERNEL(add_plane)(const struct shade_job *job, const float *p
 }
 
 /* Real spherical harmonics l = 1..3 of the outward inside direction, y[k-1] for plane k. */
-TARGET static void KERNEL(harmonics)(const struct view_terms *v, int n, unsigned n_plane,
-                                     const float *sign, float y[15][LANES])
+static void PRT_KERNEL(harmonics)(const struct view_terms *v, int n, unsigned n_plane,
+                                  const float *sign, float y[15][LANES])
 {
     for (int i = 0; i < n; i++) {
         float x = v->ox[i], yy = v->oy[i], z = v->oz[i];
@@ -135,11 +135,11 @@ TARGET static void KERNEL(harmonics)(const struct view_terms *v, int n, unsigned
 }
 
 /* Radiance of points [at, at+n), n <= LANES. */
-TARGET static void KERNEL(shade_points)(const struct shade_job *job, size_t at, int n, float *r,
-                                        float *g, float *b)
+static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int n, float *r,
+                                     float *g, float *b)
 {
     struct view_terms v;
-    KERNEL(view_terms)(job, at, n, &v);
+    PRT_KERNEL(view_terms)(job, at, n, &v);
     const uint8_t *opaque = job->g->opaque + at;
     if (job->radiance) {
         const float(*given)[3] = job->radiance + at;
@@ -150,13 +150,13 @@ TARGET static void KERNEL(shade_points)(const struct shade_job *job, size_t at, 
         }
     } else {
         for (int i = 0; i < n; i++) r[i] = g[i] = b[i] = 0;
-        KERNEL(add_plane)(job, job->planes, at, n, NULL, r, g, b);
+        PRT_KERNEL(add_plane)(job, job->planes, at, n, NULL, r, g, b);
         if (job->n_plane > 1) {
             float y[15][LANES];
-            KERNEL(harmonics)(&v, n, job->n_plane, job->sign, y);
+            PRT_KERNEL(harmonics)(&v, n, job->n_plane, job->sign, y);
             for (unsigned k = 1; k < job->n_plane; k++) {
                 for (int i = 0; i < n; i++) y[k - 1][i] = opaque[i] ? 0 : y[k - 1][i];
-                KERNEL(add_plane)
+                PRT_KERNEL(add_plane)
                 (job, job->planes + (size_t)k * job->plane_floats, at, n, y[k - 1], r, g, b);
             }
         }
@@ -164,8 +164,8 @@ TARGET static void KERNEL(shade_points)(const struct shade_job *job, size_t at, 
     float sr[LANES], sg[LANES], sb[LANES];
     if (job->specular) {
         struct lookup look;
-        KERNEL(cube_lookup)(job->specular, n, v.rx, v.ry, v.rz, &look);
-        KERNEL(cube_fetch)(job->specular, n, &look, sr, sg, sb);
+        PRT_KERNEL(cube_lookup)(job->specular, n, v.rx, v.ry, v.rz, &look);
+        PRT_KERNEL(cube_fetch)(job->specular, n, &look, sr, sg, sb);
     } else {
         for (int i = 0; i < n; i++) sr[i] = sg[i] = sb[i] = 0;
     }
@@ -181,8 +181,8 @@ TARGET static void KERNEL(shade_points)(const struct shade_job *job, size_t at, 
 }
 
 /* Background radiance of n pixels of row y at columns x. */
-TARGET static void KERNEL(background)(const struct shade_job *job, uint32_t y, int n,
-                                      const uint32_t *x, float *r, float *g, float *b)
+static void PRT_KERNEL(background)(const struct shade_job *job, uint32_t y, int n,
+                                   const uint32_t *x, float *r, float *g, float *b)
 {
     const struct camera_frame *f = job->frame;
     float dx[LANES], dy[LANES], dz[LANES];
@@ -204,12 +204,12 @@ TARGET static void KERNEL(background)(const struct shade_job *job, uint32_t y, i
         dz[i] = oz + u * az;
     }
     struct lookup look;
-    KERNEL(cube_lookup)(job->background, n, dx, dy, dz, &look);
-    KERNEL(cube_fetch)(job->background, n, &look, r, g, b);
+    PRT_KERNEL(cube_lookup)(job->background, n, dx, dy, dz, &look);
+    PRT_KERNEL(cube_fetch)(job->background, n, &look, r, g, b);
 }
 
 /* One row of the image. */
-TARGET static void KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float *row)
+static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float *row)
 {
     const uint32_t *row_point = job->vis->row_point;
     const uint32_t width = job->width;
@@ -221,7 +221,7 @@ TARGET static void KERNEL(shade_row)(const struct shade_job *job, uint32_t y, fl
     for (size_t at = row_point[y]; at < row_point[y + 1]; at += LANES) {
         size_t left = row_point[y + 1] - at;
         int n = left < LANES ? (int)left : LANES;
-        KERNEL(shade_points)(job, at, n, r, g, b);
+        PRT_KERNEL(shade_points)(job, at, n, r, g, b);
         for (int i = 0; i < n; i++) {
             float *p = row + 3 * (size_t)(job->g->pixel[at + (size_t)i] - y * width);
             float w = job->g->weight[at + (size_t)i];
@@ -240,7 +240,7 @@ TARGET static void KERNEL(shade_row)(const struct shade_job *job, uint32_t y, fl
             gap_weight[n_gap++] = left;
         }
         if (n_gap < LANES && x + 1 < width) continue;
-        if (job->background) KERNEL(background)(job, y, n_gap, gap, r, g, b);
+        if (job->background) PRT_KERNEL(background)(job, y, n_gap, gap, r, g, b);
         else
             for (int i = 0; i < n_gap; i++) {
                 r[i] = job->plain[0];

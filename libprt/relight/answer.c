@@ -39,8 +39,8 @@ static bool asked(const struct prt_query *query, const struct prt_tensor *t)
            (t->term == PRT_TERM_SINGLE) == (query->term == PRT_ANSWER_SINGLE);
 }
 
-int relight_material_check(const struct prt_context *ctx, const struct prt_transport *t,
-                           const struct prt_material *material)
+int prt_free_material_check(const struct prt_context *ctx, const struct prt_transport *t,
+                            const struct prt_material *material)
 {
     bool any_free = false;
     for (uint32_t i = 0; i < t->n_tensor; i++) any_free |= is_free(&t->tensor[i]);
@@ -62,9 +62,9 @@ static int check_query(const struct prt_context *ctx, const struct prt_transport
     bool any_light = false;
     for (uint32_t i = 0; i < t->n_tensor; i++)
         any_light |= t->tensor[i].storage != PRT_STORAGE_RADIAL;
-    int status = q->material ? relight_material_check(ctx, t, q->material) : PRT_OK;
+    int status = q->material ? prt_free_material_check(ctx, t, q->material) : PRT_OK;
     if (status) return status;
-    if (q->lit && !relight_lit_is_of(q->lit, t))
+    if (q->lit && !prt_contracted_light_is_of(q->lit, t))
         return prt_fail(ctx, PRT_ARG, "the contracted light is another transport's");
     if (any_light && !q->light && !q->lit)
         return prt_fail(ctx, PRT_ARG, "this transport needs a light");
@@ -86,8 +86,8 @@ static unsigned plane_count(const struct prt_transport *t, const struct prt_quer
     return n;
 }
 
-void relight_plane_factor(const struct prt_material *material, const struct prt_tensor *tensor,
-                          unsigned k, float factor[3])
+void prt_phase_plane_factor(const struct prt_material *material,
+                            const struct prt_tensor *tensor, unsigned k, float factor[3])
 {
     unsigned l = k == 0 ? 0 : k < 4 ? 1 : k < 9 ? 2 : 3;
     for (int ch = 0; ch < 3; ch++) {
@@ -104,7 +104,7 @@ static void plane_factor(const struct answer *a, const struct prt_tensor *t, uns
                          float factor[3])
 {
     for (int ch = 0; ch < 3; ch++) factor[ch] = 1;
-    if (is_free(t)) relight_plane_factor(a->material, t, k, factor);
+    if (is_free(t)) prt_phase_plane_factor(a->material, t, k, factor);
     // a profile's R_d holds all light that leaves
     for (int ch = 0; ch < 3 && a->material->profile; ch++) factor[ch] = 0;
 }
@@ -211,7 +211,7 @@ static int find_coef(const struct answer *a, const struct prt_tensor *t, float *
 {
     *out = prt_alloc(3 * (size_t)t->n_radial + 1, sizeof **out);
     if (!*out) return PRT_NOMEM;
-    return relight_material_coef(a->ctx, a->transport, t, a->material, *out);
+    return prt_basis_coef(a->ctx, a->transport, t, a->material, *out);
 }
 
 // Questions alike but for their lights, answered together.
@@ -226,12 +226,12 @@ static int find_lit(const struct group *g, const struct prt_tensor *t, float **o
     const struct answer *a = g->answer[0];
     const struct prt_light *light[PRT_RELIGHT_MAX_LIGHTS];
     if (a->query->lit) {
-        *out = relight_lit_rows(a->query->lit, t);
+        *out = prt_contracted_light_rows(a->query->lit, t);
         return PRT_OK;
     }
     for (unsigned i = 0; i < g->n; i++) light[i] = &g->answer[i]->light;
-    *out = *own = prt_alloc(g->n * relight_lit_floats(t), sizeof **own);
-    return *own ? relight_contract(a->ctx, t, g->n, light, *own) : PRT_NOMEM;
+    *out = *own = prt_alloc(g->n * prt_contracted_light_floats(t), sizeof **own);
+    return *own ? prt_contract_lights(a->ctx, t, g->n, light, *own) : PRT_NOMEM;
 }
 
 // Single scattering's plane 0 is view-free once it is times Y_00 and joins the multiple plane.
@@ -279,7 +279,7 @@ static int sum_parts(const struct group *g, unsigned n, const struct prt_term_in
             *to = g->answer[i]->planes + 3 * k * a->n_vertex;
             if (!n) memset(*to, 0, 3 * a->n_vertex * sizeof **to);
         }
-    return n ? relight_sum_parts(a->ctx, g->n, n, part, a->n_plane, color) : PRT_OK;
+    return n ? prt_sum_parts_lights(a->ctx, g->n, n, part, a->n_plane, color) : PRT_OK;
 }
 
 // Overwrites the planes with the tensors that can be summed in one pass.
@@ -314,7 +314,7 @@ static int add_mixed(const struct answer *a, const struct prt_tensor *t)
     int status = own ? find_coef(a, t, &coef) : PRT_NOMEM;
     if (status == PRT_NOMEM) prt_fail(a->ctx, status, "no memory for %u planes", t->n_phase);
     if (!status && a->query->lit)
-        status = relight_lit(a->ctx, a->query->lit, t, coef, false, own);
+        status = prt_contracted_light_relight(a->ctx, a->query->lit, t, coef, false, own);
     else if (!status) status = prt_relight(a->ctx, t, 1, &light, coef, false, own);
     if (!status) status = mix_tensor(a, t, own);
     prt_free(coef);
@@ -338,7 +338,7 @@ static void begin(struct answer *a, const struct prt_context *ctx,
 enum { MANY_BYTES = 256 << 20 }; // of planes between the two steps
 
 // One tensor for the answers that ask for it, as many lights a pass as the memory allows.
-static int relight_many(struct answer *const answer[], unsigned n, const struct prt_tensor *t)
+static int add_fixed(struct answer *const answer[], unsigned n, const struct prt_tensor *t)
 {
     size_t each = 3 * answer[0]->n_vertex * t->n_phase;
     size_t fit = MANY_BYTES / (each * sizeof(float));
@@ -410,7 +410,7 @@ static int fill_many(struct answer *a, unsigned n)
                 status = add_mixed(&a[i], &t->tensor[k]);
             else left[m++] = &a[i];
         }
-        if (m && !status) status = relight_many(left, m, &t->tensor[k]);
+        if (m && !status) status = add_fixed(left, m, &t->tensor[k]);
     }
     for (unsigned i = 0; i < n; i++)
         if (a[i].light.coef) prt_light_finish(&a[i].light);

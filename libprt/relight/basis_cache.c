@@ -173,9 +173,9 @@ static int fit(const struct prt_context *ctx, const struct prt_transport *transp
     return status;
 }
 
-int relight_material_coef(const struct prt_context *ctx, const struct prt_transport *transport,
-                          const struct prt_tensor *tensor, const struct prt_material *material,
-                          float *coef)
+int prt_basis_coef(const struct prt_context *ctx, const struct prt_transport *transport,
+                   const struct prt_tensor *tensor, const struct prt_material *material,
+                   float *coef)
 {
     double error = 0;
     int status = fit(ctx, transport, tensor, material, coef, &error);
@@ -205,7 +205,7 @@ int prt_answer_material_error(const struct prt_context *ctx,
                               double *error)
 {
     float coef[3 * 256];
-    int status = relight_material_check(ctx, transport, material);
+    int status = prt_free_material_check(ctx, transport, material);
     *error = 0;
     for (uint32_t i = 0; i < transport->n_tensor && !status; i++) {
         const struct prt_tensor *t = &transport->tensor[i];

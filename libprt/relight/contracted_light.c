@@ -12,7 +12,7 @@ struct prt_contracted_light {
     float *b[MOST_TENSORS]; // of step 1 (prt_contract_light); NULL where there are no bases
 };
 
-size_t relight_lit_floats(const struct prt_tensor *t)
+size_t prt_contracted_light_floats(const struct prt_tensor *t)
 {
     size_t wide = t->coupling == PRT_COUPLE_FULL ? 3 : 1;
     size_t n = (size_t)t->rows.n_row * t->n_function * wide;
@@ -25,7 +25,7 @@ static int contract_all(const struct prt_context *ctx, const struct prt_light *l
     const struct prt_transport *t = lit->transport;
     int status = PRT_OK;
     for (uint32_t i = 0; i < t->n_tensor && !status; i++) {
-        size_t n = relight_lit_floats(&t->tensor[i]);
+        size_t n = prt_contracted_light_floats(&t->tensor[i]);
         if (!n) continue;
         lit->b[i] = prt_alloc(n, sizeof *lit->b[i]);
         lit->bytes += n * sizeof *lit->b[i];
@@ -70,22 +70,24 @@ size_t prt_contracted_light_bytes(const struct prt_contracted_light *lit)
     return lit->bytes;
 }
 
-bool relight_lit_is_of(const struct prt_contracted_light *lit,
-                       const struct prt_transport *transport)
+bool prt_contracted_light_is_of(const struct prt_contracted_light *lit,
+                                const struct prt_transport *transport)
 {
     return lit->transport == transport;
 }
 
-const float *relight_lit_rows(const struct prt_contracted_light *lit,
-                              const struct prt_tensor *tensor)
+const float *prt_contracted_light_rows(const struct prt_contracted_light *lit,
+                                       const struct prt_tensor *tensor)
 {
     return lit->b[tensor - lit->transport->tensor];
 }
 
-int relight_lit(const struct prt_context *ctx, const struct prt_contracted_light *lit,
-                const struct prt_tensor *tensor, const float *coef, bool add, float *color)
+int prt_contracted_light_relight(const struct prt_context *ctx,
+                                 const struct prt_contracted_light *lit,
+                                 const struct prt_tensor *tensor, const float *coef, bool add,
+                                 float *color)
 {
-    const float *b = relight_lit_rows(lit, tensor);
+    const float *b = prt_contracted_light_rows(lit, tensor);
     if (!b) return prt_relight(ctx, tensor, 1, NULL, coef, add, color); // RADIAL: no light
     if (tensor->coupling != PRT_COUPLE_FULL) return prt_expand(ctx, tensor, 1, b, add, color);
     float *folded =

@@ -23,10 +23,10 @@ static int plane_coefs(const struct prt_context *ctx, const struct prt_transport
                        float *coef)
 {
     const size_t n = 3 * (size_t)t->n_radial;
-    int status = relight_material_coef(ctx, transport, t, material, coef);
+    int status = prt_basis_coef(ctx, transport, t, material, coef);
     for (uint32_t k = t->n_phase; k-- > 0 && !status;) {
         float factor[3] = {1, 1, 1};
-        if (t->term == PRT_TERM_SINGLE) relight_plane_factor(material, t, k, factor);
+        if (t->term == PRT_TERM_SINGLE) prt_phase_plane_factor(material, t, k, factor);
         for (size_t i = 0; i < n; i++) coef[k * n + i] = coef[i] * factor[i % 3];
     }
     return status;
@@ -42,7 +42,7 @@ static int fix(const struct prt_context *ctx, const struct prt_transport *transp
     float *coef = prt_alloc(3ull * from->n_radial * from->n_phase, sizeof *coef);
     int status = coef ? plane_coefs(ctx, transport, from, material, coef)
                       : prt_fail(ctx, PRT_NOMEM, "no memory for a material");
-    if (!status) status = relight_rows_fold(ctx, from, coef, PRT_FIXED_ERROR, rows);
+    if (!status) status = prt_rows_fold_planes(ctx, from, coef, PRT_FIXED_ERROR, rows);
     prt_free(coef);
     if (status) return status;
     const uint64_t n = rows->begin[rows->n_row];
@@ -67,7 +67,7 @@ int prt_contracted_transport_create(const struct prt_context *ctx,
     if (!any)
         return prt_fail(ctx, PRT_MISMATCH,
                         "only where light and material are free can a material be put in");
-    int status = relight_material_check(ctx, transport, material);
+    int status = prt_free_material_check(ctx, transport, material);
     if (status) return status;
     struct prt_contracted_transport *fixed = prt_calloc(1, sizeof *fixed);
     if (!fixed) return prt_fail(ctx, PRT_NOMEM, "no memory for a material");

@@ -1,24 +1,26 @@
 // SPDX-License-Identifier: MIT
 // Expanding bases to colours in AVX-512: U times the contracted rows, and the polynomial
 // transport's sums.
-#include "store_avx512.h"
+#include "avx512.h"
+#include "scatter.h"
 
-#if defined(__x86_64__)
 #include <string.h>
 
-#include "scatter.h"
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX512)
+#include "store_avx512.h"
 
 // Asks for the lines that the colours of positions [v, v + n) will be written to: most of them,
 // since neighbours in the cluster are mostly neighbours in the file.
-INLINE void claim(const struct expand_job *job, uint32_t t, uint32_t v, uint32_t n)
+PRT_INLINE void claim(const struct expand_job *job, uint32_t t, uint32_t v, uint32_t n)
 {
     const uint32_t end = job->end < v + n ? job->end : v + n;
     for (; v < end; v += 4) __builtin_prefetch(job->color[t] + 3ull * job->order[v], 1, 3);
 }
 
 // Puts 16 positions' colours where their vertices are.
-INLINE void put16(const struct expand_job *job, uint32_t v, uint32_t t, bool row, __m512 r,
-                  __m512 g, __m512 b)
+PRT_INLINE void put16(const struct expand_job *job, uint32_t v, uint32_t t, bool row, __m512 r,
+                      __m512 g, __m512 b)
 {
     float rg[32], blue[16];
     const __m512i lo =
@@ -54,13 +56,13 @@ struct chunk {
     float *sum; // [n/16][3][16]
 };
 
-INLINE void add_row(__m512 sum[3], __m512 x, const float *b)
+PRT_INLINE void add_row(__m512 sum[3], __m512 x, const float *b)
 {
     for (int ch = 0; ch < 3; ch++) sum[ch] = _mm512_fmadd_ps(x, _mm512_set1_ps(b[ch]), sum[ch]);
 }
 
 // n_row: 1, or even.
-INLINE void expand_group(const struct chunk *c, const int n_row, bool first)
+PRT_INLINE void expand_group(const struct chunk *c, const int n_row, bool first)
 {
     const size_t stride = 2 * c->stride, bs = c->b_stride;
     const float *b = c->b;
@@ -81,7 +83,7 @@ INLINE void expand_group(const struct chunk *c, const int n_row, bool first)
 }
 
 // Polynomial: the rows of a function are its three channels.
-INLINE void radial_group(const struct chunk *c, const int n_function, bool first)
+PRT_INLINE void radial_group(const struct chunk *c, const int n_function, bool first)
 {
     const size_t stride = c->stride;
     const float *b = c->b;
@@ -102,7 +104,7 @@ INLINE void radial_group(const struct chunk *c, const int n_function, bool first
 }
 
 // Runs one group of at most `left` rows (functions); returns how many.
-INLINE uint32_t run_group(const struct chunk *c, uint32_t left, bool first, bool radial)
+PRT_INLINE uint32_t run_group(const struct chunk *c, uint32_t left, bool first, bool radial)
 {
     if (radial) {
         if (left >= 4 && first) return radial_group(c, 4, true), 4;
@@ -117,7 +119,7 @@ INLINE uint32_t run_group(const struct chunk *c, uint32_t left, bool first, bool
     return expand_group(c, 1, first), 1;
 }
 
-INLINE void expand_chunks(const struct expand_job *job, uint32_t t, bool radial)
+PRT_INLINE void expand_chunks(const struct expand_job *job, uint32_t t, bool radial)
 {
     const uint32_t most = radial ? RADIAL_CHUNK : CHUNK;
     float sum[3 * RADIAL_CHUNK] __attribute__((aligned(64)));
@@ -155,8 +157,8 @@ INLINE void expand_chunks(const struct expand_job *job, uint32_t t, bool radial)
 // registers, so that a row of U costs 24 fused multiply-adds and little else.
 // Triples [t0, t0 + nt) of vertices from v on to rgb[triple][ROW]; the second vector is the
 // first again where it would lie behind the padded rows: its vertices do not exist then.
-INLINE void expand_tile(const struct expand_job *job, const void *user, uint32_t v, uint32_t t0,
-                        float *rgb, uint32_t nt, uint32_t nv)
+PRT_INLINE void expand_tile(const struct expand_job *job, const void *user, uint32_t v,
+                            uint32_t t0, float *rgb, uint32_t nt, uint32_t nv)
 {
     const size_t second = nv == 2 && v + 32 <= job->stride ? 32 : 0;
     const __m512 unit = _mm512_set1_ps(PRT_U_UNIT);
@@ -185,7 +187,7 @@ INLINE void expand_tile(const struct expand_job *job, const void *user, uint32_t
 }
 
 // Eight triples at a time, then four; those left over one by one.
-void relight_expand_avx512(const struct expand_job *job)
+void prt_expand_avx512(const struct expand_job *job)
 {
     const uint32_t n = job->n_triple;
     uint32_t t = 0;
@@ -195,8 +197,10 @@ void relight_expand_avx512(const struct expand_job *job)
     for (; t < n; t++) expand_chunks(job, t, false);
 }
 
-void relight_radial_avx512(const struct expand_job *job)
+void prt_radial_avx512(const struct expand_job *job)
 {
     for (uint32_t t = 0; t < job->n_triple; t++) expand_chunks(job, t, true);
 }
+
+PRT_ISA_END
 #endif

@@ -4,32 +4,34 @@
 // phase planes of single scattering), where arithmetic is the limit.
 //
 // U is integers of at most PRT_U_MOST; the coefficients of a triple's channel become integers
-// whose absolute sum is at most SUM_MOST, so that no sum of products leaves 32 bits.
+// whose absolute sum is at most EXPAND_SUM_MOST, so that no sum of products leaves 32 bits.
 // Coefficients of falling size, as a singular value decomposition gives, keep 15 bits where it
 // matters: the error is some 3e-5 of the colours (1e-4 were they all alike), as much as U's own
 // rounding.
-#include "store_avx512.h"
+#include "avx512.h"
 
-#if defined(__x86_64__)
 #include <math.h>
 
-enum { RANK_MOST = 256, SUM_MOST = INT32_MAX / PRT_U_MOST - RANK_MOST / 2 - 1, C_MOST = 32767 };
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_VNNI)
+#include "store_avx512.h"
+
 enum { COLUMNS = 24 };
 
 struct integers {
     float back[COLUMNS + 8]; // sums -> colours
-    int32_t c[RANK_MOST / 2 + 1][COLUMNS + 8]
+    int32_t c[EXPAND_RANK_MOST / 2 + 1][COLUMNS + 8]
         __attribute__((aligned(64))); // two rows: low, high
 };
 
 // Which columns of a part are there: 24 of eight triples, 12 of four.
-INLINE __mmask16 columns(uint32_t nt, int part)
+PRT_INLINE __mmask16 columns(uint32_t nt, int part)
 {
     return part ? 0xff : nt == 8 ? 0xffff : 0x0fff;
 }
 
-INLINE __m512 weights(const struct expand_job *job, uint32_t r, uint32_t t, __mmask16 mask,
-                      int part)
+PRT_INLINE __m512 weights(const struct expand_job *job, uint32_t r, uint32_t t, __mmask16 mask,
+                          int part)
 {
     return _mm512_maskz_loadu_ps(mask, job->b + r * job->b_stride + 3 * t + 16 * part);
 }
@@ -50,8 +52,9 @@ static bool scale_columns(const struct expand_job *job, uint32_t t, uint32_t nt,
         }
         finite &= _mm512_cmp_ps_mask(sum, _mm512_set1_ps(3e38f), _CMP_LT_OQ);
         __mmask16 some = _mm512_cmp_ps_mask(sum, _mm512_set1_ps(1e-30f), _CMP_GT_OQ);
-        __m512 scale = _mm512_min_ps(_mm512_maskz_div_ps(some, _mm512_set1_ps(SUM_MOST), sum),
-                                     _mm512_maskz_div_ps(some, _mm512_set1_ps(C_MOST), most));
+        __m512 scale =
+            _mm512_min_ps(_mm512_maskz_div_ps(some, _mm512_set1_ps(EXPAND_SUM_MOST), sum),
+                          _mm512_maskz_div_ps(some, _mm512_set1_ps(EXPAND_COEF_MOST), most));
         _mm512_mask_storeu_ps(q->back + 16 * part, mask,
                               _mm512_maskz_div_ps(some, _mm512_set1_ps(PRT_U_UNIT), scale));
         for (uint32_t r = 0; r < job->rank; r += 2) {
@@ -68,15 +71,15 @@ static bool scale_columns(const struct expand_job *job, uint32_t t, uint32_t nt,
 
 // sum += the two products of each pair with the pair at c. As an instruction: the compiler
 // moves the tied operands of its intrinsic about, which takes longer than the sums.
-INLINE void add_products(__m512i *sum, __m512i x, const int32_t *c)
+PRT_INLINE void add_products(__m512i *sum, __m512i x, const int32_t *c)
 {
     __asm__("vpdpwssd %2%{1to16%}, %1, %0" : "+v"(*sum) : "v"(x), "m"(*c));
 }
 
 // nt triples of nv vectors of 16 vertices from v on to rgb[triple][ROW], nt * nv = 8: 24
 // sums. The second vector is the first again where it would lie behind the padded rows.
-INLINE void integer_tile(const struct expand_job *job, const void *user, uint32_t v,
-                         uint32_t t0, float *rgb, uint32_t nt, uint32_t nv)
+PRT_INLINE void integer_tile(const struct expand_job *job, const void *user, uint32_t v,
+                             uint32_t t0, float *rgb, uint32_t nt, uint32_t nv)
 {
     const struct integers *q = user;
     const size_t second = nv == 2 && v + 32 <= job->stride ? 32 : 0;
@@ -107,9 +110,9 @@ INLINE void integer_tile(const struct expand_job *job, const void *user, uint32_
 }
 
 // Several passes over U if there are more than eight triples: a piece of it stays in the cache.
-void relight_expand_vnni(const struct expand_job *job)
+void prt_expand_vnni(const struct expand_job *job)
 {
-    const uint32_t n = job->rank <= RANK_MOST ? job->n_triple & ~3u : 0;
+    const uint32_t n = job->rank <= EXPAND_RANK_MOST ? job->n_triple & ~3u : 0;
     struct expand_job rest = *job;
     struct integers q;
     uint32_t t = 0;
@@ -124,6 +127,8 @@ void relight_expand_vnni(const struct expand_job *job)
     rest.b += 3 * t;
     rest.color += t;
     rest.n_triple -= t;
-    relight_expand_avx512(&rest);
+    prt_expand_avx512(&rest);
 }
+
+PRT_ISA_END
 #endif

@@ -286,8 +286,8 @@ static int thin(const struct prt_context *ctx, const struct prt_tensor *tensor, 
     return status;
 }
 
-int relight_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                      const float *coef, double error, struct prt_rows *out)
+int prt_rows_fold_planes(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                         const float *coef, double error, struct prt_rows *out)
 {
     int status = fold_all(ctx, tensor, coef, 3 * (size_t)tensor->n_radial, out);
     if (status || !(status = thin(ctx, tensor, error, out))) return status;

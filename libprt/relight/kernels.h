@@ -1,18 +1,26 @@
 // SPDX-License-Identifier: MIT
-// The kernels behind prt/relight.h: one table an instruction set, chosen once a call.
+// The kernels behind prt/relight.h: one table of functions for each instruction set. Each call
+// of the library picks its table by the context's CPU mask.
 //
-// Every variant computes what the C one does, in f32, summing in another order: results agree
-// to 1e-5 of the sum of absolute terms. None allocates, none reads or writes past its arrays.
+// Contract. Floating-point kernels compute in f32 and may sum in any order: each output value
+// differs from the C kernel's by at most KERNEL_TOLERANCE times the sum of the absolute values
+// of the terms that it is the sum of. Integer kernels (lights_to_integers, pairs_group, and
+// expand where `integers` is set) return the same bits as their C twins in
+// prt_kernels_integer_c, except where `add` adds to an earlier colour. No kernel allocates;
+// none reads or writes past its arrays. Kernels are thread-safe: they keep no state.
 #ifndef PRT_RELIGHT_KERNELS_H
 #define PRT_RELIGHT_KERNELS_H
 
+#include "base/isa.h"
 #include "prt/relight.h"
 
 #include <string.h>
 
+#define KERNEL_TOLERANCE 1e-5
+
 enum {
     LIGHT_GROUP = 8,               // lights of one pass
-    LIGHT_LANES = 3 * LIGHT_GROUP, // floats a coefficient in a group's table
+    LIGHT_LANES = 3 * LIGHT_GROUP, // floats per coefficient in the table of a group
     EXPAND_ALIGN = 32,             // vertex ranges begin at multiples of it
     MOST_PHASES = 16,              // planes of a tensor
     MOST_TRIPLES = PRT_RELIGHT_MAX_LIGHTS * MOST_PHASES,
@@ -30,42 +38,62 @@ struct expand_job {
     uint32_t n_triple; // lights * phase planes; radial: planes
     uint32_t begin, end;
     const uint32_t *order; // file vertex of the cluster's vertex 0, 1, ...
-    float *const *color;   // [n_triple]
-    bool add;
-    bool stream; // not with add: colours are many times the caches, whole lines go past them
+    float *const *color;   // [n_triple] planes [n_vertex of the file][3]
+    bool add;              // to the colours that are there; false: overwrite
+    bool stream;           // whole cache lines bypass the caches; not together with add
 };
 
-// Up to LIGHT_GROUP lights, times the gains of pairs, as 16-bit integers (pairs_vnni.c).
+// The integer expansion. Coefficients of one triple and channel are scaled so that their
+// absolute sum is at most EXPAND_SUM_MOST and each is at most EXPAND_COEF_MOST, then rounded to
+// 16 bits: no sum of products with U (at most PRT_U_MOST) leaves 32 bits. Triples go in groups
+// of eight, then four; the rest, and groups with a coefficient that is not finite, go in f32.
+enum {
+    EXPAND_RANK_MOST = 256, // larger ranks go in f32
+    EXPAND_SUM_MOST = INT32_MAX / PRT_U_MOST - EXPAND_RANK_MOST / 2 - 1,
+    EXPAND_COEF_MOST = INT16_MAX,
+};
+
+// Up to LIGHT_GROUP lights as 16-bit integers, for rows of pairs. Coefficients are multiplied
+// by the gains of pairs (prt_pair_gain) before they are rounded, so that all levels of a sun's
+// or a lamp's wavelet transform are of similar size.
+enum { LIGHT_INTEGER_MOST = INT16_MAX };
 struct integer_lights {
-    uint32_t n;                       // of the cube
-    float gain[64];                   // by x | y
-    int16_t *lane;                    // [n_coef][4][2][4]: of lights l and 4 + l, r g b 0
-    float scale[LIGHT_GROUP][4];      // from floats
-    float back[LIGHT_GROUP][4];       // and back
-    float scaling[6][LIGHT_GROUP][4]; // each face's scaling coefficient, in floating point
+    uint32_t n;                       // of the cube, a power of two, at most 64
+    float gain[64];                   // of a coefficient at (x, y) of its face: gain[x | y]
+    int16_t *lane;                    // [n_coef][4][2][4]: r g b 0 of lights l and 4 + l
+    float scale[LIGHT_GROUP][4];      // integer = float * gain * scale
+    float back[LIGHT_GROUP][4];       // 1 / scale
+    float scaling[6][LIGHT_GROUP][4]; // each face's scaling coefficient, not rounded
 };
 
-// Rows of pairs are multiplied with lights that were scaled by their gains (prt_pair_gain).
-struct relight_kernels {
+struct prt_kernels {
     const char *name;
-    // DIAGONAL rows [begin, end) under one light [n_coef][4]: out[row - begin][3P]
+    bool integers; // expand computes four triples or more in 16-bit integers
+
+    // DIAGONAL rows [begin, end) under one light [n_coef][4]: out[row - begin][3P]. Rows of
+    // pairs take a light that was multiplied by their gains; so does diagonal_group.
     void (*diagonal)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                      const float *light, float *out);
-    // the same under up to LIGHT_GROUP lights in their table:
-    // out[light*light_pitch + (row - begin)*row_pitch ...][3P] for light < n_light
+    // The same under up to LIGHT_GROUP lights in one table (prt_light_table_fill):
+    // out[light*light_pitch + (row - begin)*row_pitch ...][3P] for light < n_light.
     void (*diagonal_group)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                            const float *table, unsigned n_light, size_t light_pitch,
                            size_t row_pitch, float *out);
-    // rows of pairs under integer lights, which agree to 1e-4 of the colours; NULL: there is
-    // none
+    // Fills q->lane for coefficients [begin, end) of lights that prt_integer_lights_init has
+    // prepared. Scaling coefficients saturate; pairs_group does not read them.
+    void (*lights_to_integers)(const struct integer_lights *q, unsigned n_light,
+                               const float *const coef[], uint32_t begin, uint32_t end);
+    // Rows of pairs under integer lights. NULL, as lights_to_integers is: the instruction set
+    // has no integer kernels.
     void (*pairs_group)(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                         const struct integer_lights *lights, unsigned n_light,
                         size_t light_pitch, size_t row_pitch, float *out);
-    // FULL rows of f16, or mixed ones, under one light: out[row - begin][J][3]
+    // FULL rows under one light, of halves and low-rank: out[row - begin][J][3].
     void (*full)(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
                  float *out);
     void (*mixed)(const struct prt_rows *rows, uint32_t begin, uint32_t end, const float *light,
                   float *out);
+    // FACTORED and RADIAL storage: contracted rows to colours.
     void (*expand)(const struct expand_job *job);
     void (*radial)(const struct expand_job *job);
     // out[i][ch] = sum_j in[i][j][ch] coef[j][ch], i < n, j < n_radial
@@ -73,44 +101,53 @@ struct relight_kernels {
                      float *out);
 };
 
-extern const struct relight_kernels relight_kernels_c;
-extern const struct relight_kernels relight_kernels_avx2;
-extern const struct relight_kernels relight_kernels_avx512;
-extern const struct relight_kernels relight_kernels_vnni; // AVX-512 with VNNI
+extern const struct prt_kernels prt_kernels_c;
+extern const struct prt_kernels prt_kernels_integer_c; // C twins of the integer kernels
+#if PRT_ISA_X86
+extern const struct prt_kernels prt_kernels_avx2;
+extern const struct prt_kernels prt_kernels_avx512;
+extern const struct prt_kernels prt_kernels_vnni; // AVX-512 with integer kernels
+void prt_mixed_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                    const float *light, float *out);
+#endif
+#if PRT_ISA_ARM64
+extern const struct prt_kernels prt_kernels_neon;
+#endif
 
-// The best table that the mask of enum prt_cpu allows.
-const struct relight_kernels *relight_kernels_for(unsigned cpu);
+// Calls visit for every table whose instruction set the mask of enum prt_cpu allows, best
+// first; the last one is prt_kernels_c. Stops when visit returns false.
+void prt_kernels_visit(unsigned cpu, bool (*visit)(void *user, const struct prt_kernels *k),
+                       void *user);
+// The best of these tables. Never NULL.
+const struct prt_kernels *prt_kernels_for(unsigned cpu);
 
-// Coefficients [begin, end) of a table of up to LIGHT_GROUP lights: [n_coef][light][ch], with 0
-// for the lights that are missing. In f32: halves are read no faster, since they are to be
-// widened, and move colours under a sun or a lamp by 2e-4.
-void relight_fill_table(unsigned n_light, const float *const coef[], uint32_t begin,
-                        uint32_t end, float *table);
+// Coefficients [begin, end) of a table of up to LIGHT_GROUP lights, [n_coef][light][ch] with 0
+// for missing lights. The table is f32: halves are not read faster, since they have to be
+// widened, and they change colours under a sun or a lamp by 2e-4.
+void prt_light_table_fill(unsigned n_light, const float *const coef[], uint32_t begin,
+                          uint32_t end, float *table);
 
-// Lights of n-cubes (n <= 64) as integers: the scales from what each is at most in every
-// channel once it has its gains, scaling coefficients aside, false where one is not finite;
-// then the lanes of coefficients [begin, end).
-bool relight_integers_begin(struct integer_lights *q, unsigned n_light, uint32_t n,
-                            const float *const coef[], const float most[][4]);
-void relight_integers_fill(const struct integer_lights *q, unsigned n_light,
-                           const float *const coef[], uint32_t begin, uint32_t end);
-void relight_pairs_vnni(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                        const struct integer_lights *lights, unsigned n_light,
-                        size_t light_pitch, size_t row_pitch, float *out);
+// Prepares integer lights of n-cubes (n <= 64) but for their lanes. most[light][ch]: the
+// largest absolute coefficient after the gains, scaling coefficients left out. False where a
+// coefficient is not finite: the caller has to use f32.
+bool prt_integer_lights_init(struct integer_lights *q, unsigned n_light, uint32_t n,
+                             const float *const coef[], const float most[][4]);
 
-// Step 1 for several lights whose rows lie beside each other: out[n_row][light][P][3].
-int relight_contract(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                     unsigned n_light, const struct prt_light *const light[], float *out);
+// prt_contract_light for several lights whose rows lie beside each other:
+// out[n_row][light][P][3].
+int prt_contract_lights(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                        unsigned n_light, const struct prt_light *const light[], float *out);
 
-// A range of one cluster's vertices: at most some thousands, so that threads share the work.
-struct relight_piece {
+// A range of one cluster's vertices, at most some thousands, so that threads share the work.
+struct expand_piece {
     uint32_t cluster, begin, end;
 };
-// All of a tensor's, in a fresh array (free); grain: how many go to a thread at a time.
-int relight_pieces(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                   struct relight_piece **out, size_t *n_out, size_t *grain);
+// All pieces of a tensor in a fresh array, which the caller free()s. grain: how many pieces a
+// thread takes at a time.
+int prt_expand_pieces(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                      struct expand_piece **out, size_t *n_out, size_t *grain);
 
-// 2^-shift of an entry of mixed rows.
+// 2^-shift of an entry of low-rank rows.
 static inline float rows_factor(const struct prt_rows *rows, uint64_t entry)
 {
     uint32_t bits = (127u - rows->shift[entry]) << 23;
@@ -118,11 +155,6 @@ static inline float rows_factor(const struct prt_rows *rows, uint64_t entry)
     memcpy(&factor, &bits, 4);
     return factor;
 }
-
-void relight_mixed_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                        const float *light, float *out);
-void relight_mixed_avx512(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                          const float *light, float *out);
 
 static inline uint32_t rows_index(const struct prt_rows *rows, uint64_t entry)
 {

@@ -1,19 +1,17 @@
 // SPDX-License-Identifier: MIT
 // The kernels in AVX2 with FMA and F16C.
 #include "kernels.h"
-
-#if defined(__x86_64__)
-#include <immintrin.h>
-#include <string.h>
-
 #include "scatter.h"
 
-#define INLINE static inline __attribute__((always_inline))
+#include <string.h>
+
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX2)
 
 enum { CHUNK = 8 };
 
 // `n` <= 8 values from p, converted; no byte behind them is read.
-INLINE __m256 load_values(const void *p, bool i8, uint32_t n)
+PRT_INLINE __m256 load_values(const void *p, bool i8, uint32_t n)
 {
     if (n == CHUNK) {
         if (i8) return _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_loadl_epi64(p)));
@@ -29,7 +27,7 @@ INLINE __m256 load_values(const void *p, bool i8, uint32_t n)
 }
 
 // Three values to r g b x; `whole` allows to read a fourth, else it is 0.
-INLINE __m128 load3(const void *p, bool i8, bool whole)
+PRT_INLINE __m128 load3(const void *p, bool i8, bool whole)
 {
     if (i8) {
         int32_t raw = 0;
@@ -44,7 +42,7 @@ INLINE __m128 load3(const void *p, bool i8, bool whole)
 }
 
 // Entry e of rows of one phase term; `whole` as above.
-INLINE __m128 load_entry(const void *entry, uint64_t e, uint32_t kind, bool whole)
+PRT_INLINE __m128 load_entry(const void *entry, uint64_t e, uint32_t kind, bool whole)
 {
     if (kind == PRT_VALUE_PAIR) {
         const int16_t *p = (const int16_t *)entry + e / 2 * 6;
@@ -57,15 +55,15 @@ INLINE __m128 load_entry(const void *entry, uint64_t e, uint32_t kind, bool whol
     return load3((const char *)entry + (i8 ? 3 : 6) * e, i8, whole);
 }
 
-INLINE void store3(float *out, __m128 x)
+PRT_INLINE void store3(float *out, __m128 x)
 {
     float lanes[4];
     _mm_storeu_ps(lanes, x);
     memcpy(out, lanes, 12);
 }
 
-INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                      const float *light, float *out, uint32_t kind)
+PRT_INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                          const float *light, float *out, uint32_t kind)
 {
     const uint64_t n_entry = rows->begin[rows->n_row];
     const size_t face = rows->n_coef / 6;
@@ -104,7 +102,7 @@ static uint64_t safe_end(const struct prt_rows *rows, uint64_t stop)
 }
 
 // Lane i of vector z holds value 8z+i, whose channel is (8z+i) % 3 = (2z+i) % 3.
-INLINE __m256i channel_map(uint32_t z)
+PRT_INLINE __m256i channel_map(uint32_t z)
 {
     const __m256i map[3] = {_mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1),
                             _mm256_setr_epi32(2, 0, 1, 2, 0, 1, 2, 0),
@@ -112,14 +110,14 @@ INLINE __m256i channel_map(uint32_t z)
     return map[z % 3];
 }
 
-INLINE __m256 light_lanes(const float *light, __m256i map)
+PRT_INLINE __m256 light_lanes(const float *light, __m256i map)
 {
     return _mm256_permutevar8x32_ps(_mm256_castps128_ps256(_mm_loadu_ps(light)), map);
 }
 
 // DIAGONAL with several phase terms, nz vectors of 8 values from value j0 on.
-INLINE void diagonal_part(const struct prt_rows *rows, uint32_t row, const float *light,
-                          float *out, uint32_t j0, bool i8, const uint32_t nz)
+PRT_INLINE void diagonal_part(const struct prt_rows *rows, uint32_t row, const float *light,
+                              float *out, uint32_t j0, bool i8, const uint32_t nz)
 {
     const uint32_t n = rows->n_function;
     const size_t size = i8 ? 1 : 2, face = rows->n_coef / 6;
@@ -188,7 +186,7 @@ struct group_sum {
     __m256 part[3];
 };
 
-INLINE void group_fma(struct group_sum *sum, __m128 rgb, const __m256 light[3])
+PRT_INLINE void group_fma(struct group_sum *sum, __m128 rgb, const __m256 light[3])
 {
     const __m256 v = _mm256_castps128_ps256(rgb);
     for (uint32_t z = 0; z < 3; z++)
@@ -196,9 +194,9 @@ INLINE void group_fma(struct group_sum *sum, __m128 rgb, const __m256 light[3])
                                        sum->part[z]);
 }
 
-INLINE void group_phase(const struct prt_rows *rows, uint32_t row, const float *table,
-                        unsigned n_light, size_t light_pitch, float *out, uint32_t k,
-                        uint32_t kind)
+PRT_INLINE void group_phase(const struct prt_rows *rows, uint32_t row, const float *table,
+                            unsigned n_light, size_t light_pitch, float *out, uint32_t k,
+                            uint32_t kind)
 {
     const uint32_t n = rows->n_function;
     const bool i8 = kind == PRT_VALUE_I8;
@@ -249,8 +247,8 @@ static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t
 }
 
 // FULL, halves: nz vectors of 8 functions from j0 on, each with three channels.
-INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *light, float *out,
-                      uint32_t j0, const uint32_t nz)
+PRT_INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *light,
+                          float *out, uint32_t j0, const uint32_t nz)
 {
     const uint32_t n = rows->n_function;
     const size_t size = 2, face = rows->n_coef / 6;
@@ -310,7 +308,7 @@ static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, cons
         }
 }
 
-INLINE __m256 load_u(const uint16_t *u)
+PRT_INLINE __m256 load_u(const uint16_t *u)
 {
     return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)u));
 }
@@ -320,15 +318,15 @@ struct two {
     __m256 x[2];
 };
 
-INLINE struct two load_pairs(const int16_t *u)
+PRT_INLINE struct two load_pairs(const int16_t *u)
 {
     const __m256i x = _mm256_loadu_si256((const __m256i *)u);
     return (struct two){{_mm256_cvtepi32_ps(_mm256_srai_epi32(_mm256_slli_epi32(x, 16), 16)),
                          _mm256_cvtepi32_ps(_mm256_srai_epi32(x, 16))}};
 }
 
-INLINE void put8(const struct expand_job *job, uint32_t v, uint32_t t, __m256 r, __m256 g,
-                 __m256 b)
+PRT_INLINE void put8(const struct expand_job *job, uint32_t v, uint32_t t, __m256 r, __m256 g,
+                     __m256 b)
 {
     float rg[16], blue[8];
     __m256 lo = _mm256_unpacklo_ps(r, g), hi = _mm256_unpackhi_ps(r, g);
@@ -340,8 +338,8 @@ INLINE void put8(const struct expand_job *job, uint32_t v, uint32_t t, __m256 r,
 }
 
 // nt triples for nv vectors of 8 vertices from v on.
-INLINE void expand_block(const struct expand_job *job, uint32_t v, uint32_t t0, const int nt,
-                         const int nv)
+PRT_INLINE void expand_block(const struct expand_job *job, uint32_t v, uint32_t t0,
+                             const int nt, const int nv)
 {
     __m256 sum[4][3][4];
     const int16_t *u = (const int16_t *)job->u + 2 * (size_t)v;
@@ -426,12 +424,14 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
     }
 }
 
-const struct relight_kernels relight_kernels_avx2 = {.name = "avx2",
-                                                     .diagonal = diagonal,
-                                                     .diagonal_group = diagonal_group,
-                                                     .full = full,
-                                                     .mixed = relight_mixed_avx2,
-                                                     .expand = expand,
-                                                     .radial = radial,
-                                                     .material = material};
+const struct prt_kernels prt_kernels_avx2 = {.name = "avx2",
+                                             .diagonal = diagonal,
+                                             .diagonal_group = diagonal_group,
+                                             .full = full,
+                                             .mixed = prt_mixed_avx2,
+                                             .expand = expand,
+                                             .radial = radial,
+                                             .material = material};
+
+PRT_ISA_END
 #endif

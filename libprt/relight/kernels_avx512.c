@@ -3,10 +3,11 @@
 // is expand_avx512.c's.
 #include "avx512.h"
 
-#if defined(__x86_64__)
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX512)
 
 // Four light rows, r g b x each. Halves are joined in 256 bits: cheaper than four inserts.
-INLINE __m512 light4(const float *light, size_t i0, size_t i1, size_t i2, size_t i3)
+PRT_INLINE __m512 light4(const float *light, size_t i0, size_t i1, size_t i2, size_t i3)
 {
     __m256 lo = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(light + 4 * i0)),
                                      _mm_loadu_ps(light + 4 * i1), 1);
@@ -17,7 +18,7 @@ INLINE __m512 light4(const float *light, size_t i0, size_t i1, size_t i2, size_t
 
 // Values of four entries with three functions, spread to r g b 0 each. `n` is 4 for whole
 // groups with at least two entries more in the array, else the entries that are there.
-INLINE __m512 spread4(const void *entry, uint64_t e, uint32_t kind, uint32_t n)
+PRT_INLINE __m512 spread4(const void *entry, uint64_t e, uint32_t kind, uint32_t n)
 {
     if (kind == PRT_VALUE_I8) {
         const __m128i map = _mm_setr_epi8(0, 1, 2, -1, 3, 4, 5, -1, 6, 7, 8, -1, 9, 10, 11, -1);
@@ -40,8 +41,8 @@ INLINE __m512 spread4(const void *entry, uint64_t e, uint32_t kind, uint32_t n)
 
 #define INDEX(e) (wide ? ((const uint32_t *)index)[e] : ((const uint16_t *)index)[e])
 
-INLINE __m512 diagonal3_sum(const void *index, const void *entry, uint64_t e, uint64_t end,
-                            uint64_t safe, const float *light, uint32_t kind, bool wide)
+PRT_INLINE __m512 diagonal3_sum(const void *index, const void *entry, uint64_t e, uint64_t end,
+                                uint64_t safe, const float *light, uint32_t kind, bool wide)
 {
     __m512 a = _mm512_setzero_ps(), b = a;
     // `safe` keeps the reads of whole vectors inside the array
@@ -71,8 +72,8 @@ enum { ROWS_AHEAD = 8 };
 
 // Asks for what stands beside the entries of a row some rows ahead: few bytes each, which no
 // stream of the processor's own keeps up with. n: functions.
-INLINE void prefetch_row(const struct prt_rows *rows, uint32_t row, const uint32_t n,
-                         bool scaled)
+PRT_INLINE void prefetch_row(const struct prt_rows *rows, uint32_t row, const uint32_t n,
+                             bool scaled)
 {
     const uint64_t ahead = row + (uint64_t)ROWS_AHEAD;
     const char *scaling = (const char *)(rows->scaling + 6 * n * ahead);
@@ -81,14 +82,14 @@ INLINE void prefetch_row(const struct prt_rows *rows, uint32_t row, const uint32
     if (scaled) _mm_prefetch((const char *)(rows->scale + n * ahead), _MM_HINT_T0);
 }
 
-INLINE __m128 fold4(__m512 z)
+PRT_INLINE __m128 fold4(__m512 z)
 {
     __m256 y = _mm256_add_ps(_mm512_castps512_ps256(z), _mm512_extractf32x8_ps(z, 1));
     return _mm_add_ps(_mm256_castps256_ps128(y), _mm256_extractf128_ps(y, 1));
 }
 
-INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                      const float *light, float *out, uint32_t kind, bool wide)
+PRT_INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                          const float *light, float *out, uint32_t kind, bool wide)
 {
     uint64_t n_entry = rows->begin[rows->n_row], safe = n_entry > 2 ? n_entry - 2 : 0;
     size_t face = rows->n_coef / 6;
@@ -111,19 +112,19 @@ INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
 }
 
 // 16 values from p, converted; only the masked ones are read.
-INLINE __m512 load_values(const void *p, bool i8, __mmask16 mask)
+PRT_INLINE __m512 load_values(const void *p, bool i8, __mmask16 mask)
 {
     if (i8) return _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(_mm_maskz_loadu_epi8(mask, p)));
     return _mm512_cvtph_ps(_mm256_maskz_loadu_epi16(mask, p));
 }
 
-INLINE __mmask16 lane_mask(uint32_t n)
+PRT_INLINE __mmask16 lane_mask(uint32_t n)
 {
     return (__mmask16)(n >= 16 ? 0xffff : (1u << n) - 1);
 }
 
 // Lane i of vector z holds value 16z+i, whose channel is (16z+i) % 3 = (z+i) % 3.
-INLINE __m512i channel_map(int z)
+PRT_INLINE __m512i channel_map(int z)
 {
     __m512i map[3] = {_mm512_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0),
                       _mm512_setr_epi32(1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1),
@@ -132,8 +133,8 @@ INLINE __m512i channel_map(int z)
 }
 
 // DIAGONAL with several phase terms: the 3P values of an entry fill nz vectors.
-INLINE void diagonal_many(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                          const float *light, float *out, bool i8, const int nz)
+PRT_INLINE void diagonal_many(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                              const float *light, float *out, bool i8, const int nz)
 {
     const uint32_t n = rows->n_function;
     const size_t size = i8 ? 1 : 2, pitch = n * size;
@@ -220,7 +221,7 @@ struct group_maps {
     __m256i half[2];      // the 8 last lanes, of one
 };
 
-INLINE struct group_maps group_maps(void)
+PRT_INLINE struct group_maps group_maps(void)
 {
     struct group_maps m;
     const __m256i one = _mm512_castsi512_si256(channel_map(1));
@@ -241,33 +242,33 @@ struct lanes {
     __m256 hi;
 };
 
-INLINE struct lanes no_lanes(void)
+PRT_INLINE struct lanes no_lanes(void)
 {
     return (struct lanes){_mm512_setzero_ps(), _mm256_setzero_ps()};
 }
 
-INLINE struct lanes add_lanes(struct lanes a, struct lanes b)
+PRT_INLINE struct lanes add_lanes(struct lanes a, struct lanes b)
 {
     return (struct lanes){_mm512_add_ps(a.lo, b.lo), _mm256_add_ps(a.hi, b.hi)};
 }
 
 // sum += triple t of v, 0 or 1, times the lights
-INLINE void accumulate(struct lanes *sum, __m256 v, int t, const struct group_maps *m,
-                       struct lanes light)
+PRT_INLINE void accumulate(struct lanes *sum, __m256 v, int t, const struct group_maps *m,
+                           struct lanes light)
 {
     __m512 wide = _mm512_permutexvar_ps(m->lo[t], _mm512_castps256_ps512(v));
     sum->lo = _mm512_fmadd_ps(wide, light.lo, sum->lo);
     sum->hi = _mm256_fmadd_ps(_mm256_permutevar8x32_ps(v, m->half[t]), light.hi, sum->hi);
 }
 
-INLINE struct lanes lights_at(const float *table, size_t i)
+PRT_INLINE struct lanes lights_at(const float *table, size_t i)
 {
     const float *p = table + LIGHT_LANES * i;
     return (struct lanes){_mm512_loadu_ps(p), _mm256_loadu_ps(p + 16)};
 }
 
 // Eight values from p, two triples and what follows.
-INLINE __m256 load_two(const char *p, bool i8)
+PRT_INLINE __m256 load_two(const char *p, bool i8)
 {
     if (i8)
         return _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_loadl_epi64((const __m128i *)p)));
@@ -275,7 +276,7 @@ INLINE __m256 load_two(const char *p, bool i8)
 }
 
 // Two entries of a pair, in the order of load_two.
-INLINE __m256 load_pair(const char *p)
+PRT_INLINE __m256 load_pair(const char *p)
 {
     const __m128i map = _mm_setr_epi8(0, 1, 4, 5, 8, 9, 2, 3, 6, 7, 10, 11, -1, -1, -1, -1);
     const __m128i raw = _mm_maskz_loadu_epi16(0x3f, p);
@@ -283,7 +284,7 @@ INLINE __m256 load_pair(const char *p)
 }
 
 // The first n triples of two; 0 for the others, which are not read.
-INLINE __m256 load_some(const char *p, bool i8, uint32_t n)
+PRT_INLINE __m256 load_some(const char *p, bool i8, uint32_t n)
 {
     const __mmask8 mask = (__mmask8)((1u << 3 * n) - 1);
     if (i8) return _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_maskz_loadu_epi8(mask, p)));
@@ -291,7 +292,7 @@ INLINE __m256 load_some(const char *p, bool i8, uint32_t n)
 }
 
 // A row's 24 sums: the first 3 * n_light of them to out[light*pitch + ch].
-INLINE void group_store(struct lanes x, unsigned n_light, size_t pitch, float *out)
+PRT_INLINE void group_store(struct lanes x, unsigned n_light, size_t pitch, float *out)
 {
     float lanes[LIGHT_LANES];
     if (pitch == 3) {
@@ -307,8 +308,8 @@ INLINE void group_store(struct lanes x, unsigned n_light, size_t pitch, float *o
 }
 
 // fine * scale[ch] + base, scale NULL for 1
-INLINE struct lanes scaled(struct lanes fine, const float *scale, struct lanes base,
-                           const struct group_maps *m)
+PRT_INLINE struct lanes scaled(struct lanes fine, const float *scale, struct lanes base,
+                               const struct group_maps *m)
 {
     if (!scale) return add_lanes(fine, base);
     const __m512 s = _mm512_maskz_loadu_ps(7, scale);
@@ -319,8 +320,9 @@ INLINE struct lanes scaled(struct lanes fine, const float *scale, struct lanes b
 }
 
 // The scaling coefficients' share of the triple at scaling[3*first + 3*f*pitch ...].
-INLINE struct lanes group_scaling(const struct prt_rows *rows, uint64_t first, uint64_t pitch,
-                                  const float *table, const struct group_maps *m)
+PRT_INLINE struct lanes group_scaling(const struct prt_rows *rows, uint64_t first,
+                                      uint64_t pitch, const float *table,
+                                      const struct group_maps *m)
 {
     const uint16_t *p = rows->scaling + 3 * first;
     const size_t face = rows->n_coef / 6;
@@ -335,9 +337,9 @@ INLINE struct lanes group_scaling(const struct prt_rows *rows, uint64_t first, u
 }
 
 // Entries [e, stop) of one phase term: four sums at a time, since each waits for itself.
-INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t stop,
-                               const float *table, const struct group_maps *m, uint32_t kind,
-                               bool wide)
+PRT_INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t stop,
+                                   const float *table, const struct group_maps *m,
+                                   uint32_t kind, bool wide)
 {
     const bool i8 = kind == PRT_VALUE_I8, pair = kind == PRT_VALUE_PAIR;
     const void *index = rows->index;
@@ -374,9 +376,9 @@ INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t
 }
 
 // One phase term.
-INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                   const float *table, unsigned n_light, size_t light_pitch, size_t row_pitch,
-                   float *out, uint32_t kind, bool wide)
+PRT_INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                       const float *table, unsigned n_light, size_t light_pitch,
+                       size_t row_pitch, float *out, uint32_t kind, bool wide)
 {
     const struct group_maps m = group_maps();
     for (uint32_t row = begin; row < end; row++, out += row_pitch) {
@@ -390,9 +392,9 @@ INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end,
 }
 
 // Phase terms [k0, k0 + nk), nk 4 or 1: a vector of values holds an entry's terms.
-INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                        const float *table, unsigned n_light, size_t light_pitch,
-                        size_t row_pitch, float *out, uint32_t k0, const uint32_t nk)
+PRT_INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                            const float *table, unsigned n_light, size_t light_pitch,
+                            size_t row_pitch, float *out, uint32_t k0, const uint32_t nk)
 {
     const struct group_maps m = group_maps();
     const bool i8 = rows->value == PRT_VALUE_I8;
@@ -449,8 +451,8 @@ static void diagonal_group(const struct prt_rows *rows, uint32_t begin, uint32_t
 }
 
 // FULL, halves: nz vectors of 16 functions from j0 on, each with three channels.
-INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *light, float *out,
-                      uint32_t j0, const int nz)
+PRT_INLINE void full_part(const struct prt_rows *rows, uint32_t row, const float *light,
+                          float *out, uint32_t j0, const int nz)
 {
     const uint32_t n = rows->n_function;
     const size_t size = 2, face = rows->n_coef / 6;
@@ -509,13 +511,13 @@ static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, cons
 // Five functions a vector, 15 lanes: a lane keeps its channel.
 enum { FIVE = 15, MOST_FIVES = 8 };
 
-INLINE __m512 five_mask(const float *p, uint32_t j, uint32_t width)
+PRT_INLINE __m512 five_mask(const float *p, uint32_t j, uint32_t width)
 {
     return _mm512_maskz_loadu_ps(width - j >= FIVE ? 0x7fff : lane_mask(width - j), p + j);
 }
 
 // r g b 0 of the sums of the five triples in each of four vectors.
-INLINE __m512 sum_fives(const __m512 x[4])
+PRT_INLINE __m512 sum_fives(const __m512 x[4])
 {
     const __m512i four =
         _mm512_setr_epi32(0, 1, 2, 15, 3, 4, 5, 15, 6, 7, 8, 15, 9, 10, 11, 15);
@@ -535,8 +537,8 @@ INLINE __m512 sum_fives(const __m512 x[4])
 }
 
 // Items [0, m) of four from `in` on.
-INLINE __m512 material_four(const float *in, uint32_t m, uint32_t width, const float *coef,
-                            const __m512 first[MOST_FIVES])
+PRT_INLINE __m512 material_four(const float *in, uint32_t m, uint32_t width, const float *coef,
+                                const __m512 first[MOST_FIVES])
 {
     __m512 x[4];
     for (uint32_t i = 0; i < 4; i++) {
@@ -566,22 +568,26 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
     }
 }
 
-const struct relight_kernels relight_kernels_avx512 = {.name = "avx512",
-                                                       .diagonal = diagonal,
-                                                       .diagonal_group = diagonal_group,
-                                                       .full = full,
-                                                       .mixed = relight_mixed_avx512,
-                                                       .expand = relight_expand_avx512,
-                                                       .radial = relight_radial_avx512,
-                                                       .material = material};
+const struct prt_kernels prt_kernels_avx512 = {.name = "avx512",
+                                               .diagonal = diagonal,
+                                               .diagonal_group = diagonal_group,
+                                               .full = full,
+                                               .mixed = prt_mixed_avx512,
+                                               .expand = prt_expand_avx512,
+                                               .radial = prt_radial_avx512,
+                                               .material = material};
 
-const struct relight_kernels relight_kernels_vnni = {.name = "vnni",
-                                                     .diagonal = diagonal,
-                                                     .diagonal_group = diagonal_group,
-                                                     .pairs_group = relight_pairs_vnni,
-                                                     .full = full,
-                                                     .mixed = relight_mixed_avx512,
-                                                     .expand = relight_expand_vnni,
-                                                     .radial = relight_radial_avx512,
-                                                     .material = material};
+const struct prt_kernels prt_kernels_vnni = {.name = "vnni",
+                                             .integers = true,
+                                             .diagonal = diagonal,
+                                             .diagonal_group = diagonal_group,
+                                             .lights_to_integers = prt_integer_lights_fill_vnni,
+                                             .pairs_group = prt_pairs_vnni,
+                                             .full = full,
+                                             .mixed = prt_mixed_avx512,
+                                             .expand = prt_expand_vnni,
+                                             .radial = prt_radial_avx512,
+                                             .material = material};
+
+PRT_ISA_END
 #endif

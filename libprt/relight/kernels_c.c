@@ -159,11 +159,11 @@ static void material(const float *in, size_t n, uint32_t n_radial, const float *
         }
 }
 
-const struct relight_kernels relight_kernels_c = {.name = "c",
-                                                  .diagonal = diagonal,
-                                                  .diagonal_group = diagonal_group,
-                                                  .full = full,
-                                                  .mixed = mixed,
-                                                  .expand = expand,
-                                                  .radial = radial,
-                                                  .material = material};
+const struct prt_kernels prt_kernels_c = {.name = "c",
+                                          .diagonal = diagonal,
+                                          .diagonal_group = diagonal_group,
+                                          .full = full,
+                                          .mixed = mixed,
+                                          .expand = expand,
+                                          .radial = radial,
+                                          .material = material};

@@ -2,19 +2,17 @@
 // Mixed rows for AVX2: sums over entries in the row's few directions, then functions.
 #include "kernels.h"
 
-#if defined(__x86_64__)
-#include <immintrin.h>
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX2)
 
-#define INLINE static inline __attribute__((always_inline))
-
-INLINE __m256 bytes(const int8_t *p, uint32_t n)
+PRT_INLINE __m256 bytes(const int8_t *p, uint32_t n)
 {
     int64_t raw = 0;
     memcpy(&raw, p, n < 8 ? n : 8);
     return _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_cvtsi64_si128(raw)));
 }
 
-INLINE __m256 halves(const uint16_t *p, uint32_t n)
+PRT_INLINE __m256 halves(const uint16_t *p, uint32_t n)
 {
     int64_t raw[2] = {0, 0};
     memcpy(raw, p, 2 * (size_t)(n < 8 ? n : 8));
@@ -68,8 +66,8 @@ static void functions(const struct prt_rows *rows, uint32_t row, uint32_t n, uin
         for (int ch = 0; ch < 3; ch++) out[3 * (j + i) + ch] = column[ch][i];
 }
 
-void relight_mixed_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                        const float *light, float *out)
+void prt_mixed_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                    const float *light, float *out)
 {
     float lanes[3][PRT_ROWS_MOST_DIRECTIONS];
     for (uint32_t row = begin; row < end; row++, out += 3 * (size_t)rows->n_function) {
@@ -80,4 +78,5 @@ void relight_mixed_avx2(const struct prt_rows *rows, uint32_t begin, uint32_t en
     }
 }
 
+PRT_ISA_END
 #endif

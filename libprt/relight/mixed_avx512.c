@@ -2,9 +2,10 @@
 // Mixed rows for AVX-512: sums over entries in the row's few directions, then functions.
 #include "avx512.h"
 
-#if defined(__x86_64__)
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX512)
 
-INLINE __mmask16 lane_mask(uint32_t n)
+PRT_INLINE __mmask16 lane_mask(uint32_t n)
 {
     return (__mmask16)(n >= 16 ? 0xffff : (1u << n) - 1);
 }
@@ -13,8 +14,8 @@ struct sums {
     __m512 channel[3];
 };
 
-INLINE void add_entry(const struct prt_rows *rows, uint64_t e, const int8_t *value,
-                      __mmask16 mask, const float *light, struct sums *s)
+PRT_INLINE void add_entry(const struct prt_rows *rows, uint64_t e, const int8_t *value,
+                          __mmask16 mask, const float *light, struct sums *s)
 {
     const float *l = light + 4ull * rows_index(rows, e);
     __m512 v = _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(_mm_maskz_loadu_epi8(mask, value)));
@@ -24,7 +25,7 @@ INLINE void add_entry(const struct prt_rows *rows, uint64_t e, const int8_t *val
 }
 
 // Lane d of each of `together` entries in a vector from their bytes, n of each; zero behind.
-INLINE __m128i spread_control(uint32_t n, const int together)
+PRT_INLINE __m128i spread_control(uint32_t n, const int together)
 {
     uint8_t at[16];
     const uint32_t lanes = 16 / (uint32_t)together;
@@ -34,9 +35,9 @@ INLINE __m128i spread_control(uint32_t n, const int together)
 }
 
 // `together` (4 or 2) entries from e on in one vector, 4 or 8 lanes each.
-INLINE void add_entries(const struct prt_rows *rows, uint64_t e, const int8_t *value,
-                        __mmask16 bytes, __m128i control, const float *light,
-                        const int together, struct sums *s)
+PRT_INLINE void add_entries(const struct prt_rows *rows, uint64_t e, const int8_t *value,
+                            __mmask16 bytes, __m128i control, const float *light,
+                            const int together, struct sums *s)
 {
     __m512 l = _mm512_castps128_ps512(_mm_loadu_ps(light + 4ull * rows_index(rows, e)));
     l = _mm512_insertf32x4(l, _mm_loadu_ps(light + 4ull * rows_index(rows, e + 1)), 1);
@@ -67,8 +68,8 @@ INLINE void add_entries(const struct prt_rows *rows, uint64_t e, const int8_t *v
 }
 
 // A row of at most 16 / together directions.
-INLINE struct sums few(const struct prt_rows *rows, uint32_t row, uint32_t n,
-                       const float *light, const int together)
+PRT_INLINE struct sums few(const struct prt_rows *rows, uint32_t row, uint32_t n,
+                           const float *light, const int together)
 {
     const uint64_t stop = rows->begin[row + 1];
     const int8_t *value = (const int8_t *)rows->entry + rows->value_begin[row];
@@ -98,8 +99,8 @@ INLINE struct sums few(const struct prt_rows *rows, uint32_t row, uint32_t n,
 }
 
 // Directions [d0, d0 + 16) of a row of n.
-INLINE struct sums many(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t d0,
-                        const float *light)
+PRT_INLINE struct sums many(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t d0,
+                            const float *light)
 {
     const __mmask16 mask = lane_mask(n - d0);
     const uint64_t stop = rows->begin[row + 1];
@@ -133,8 +134,9 @@ static void part(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t
 }
 
 // Functions [j, j + 16) of a row from its directions and its scaling coefficients.
-INLINE void functions(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t j,
-                      float lanes[3][PRT_ROWS_MOST_DIRECTIONS], const float *light, float *out)
+PRT_INLINE void functions(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t j,
+                          float lanes[3][PRT_ROWS_MOST_DIRECTIONS], const float *light,
+                          float *out)
 {
     const uint32_t J = rows->n_function, left = J - j < 16 ? J - j : 16;
     const size_t face = rows->n_coef / 6;
@@ -158,8 +160,8 @@ INLINE void functions(const struct prt_rows *rows, uint32_t row, uint32_t n, uin
         for (int ch = 0; ch < 3; ch++) out[3 * (j + i) + ch] = column[ch][i];
 }
 
-void relight_mixed_avx512(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                          const float *light, float *out)
+void prt_mixed_avx512(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                      const float *light, float *out)
 {
     float lanes[3][PRT_ROWS_MOST_DIRECTIONS];
     for (uint32_t row = begin; row < end; row++, out += 3 * (size_t)rows->n_function) {
@@ -170,4 +172,5 @@ void relight_mixed_avx512(const struct prt_rows *rows, uint32_t begin, uint32_t 
     }
 }
 
+PRT_ISA_END
 #endif

@@ -2,42 +2,17 @@
 // Rows of pairs under eight lights in 16-bit integers: an instruction takes two entries, and a
 // coefficient's lights are one line of the cache instead of two.
 //
-// A light's coefficients, times the gains of their levels, are integers up to LIGHT_MOST; a
-// block of entries keeps its sums within 32 bits (PRT_PAIR_MOST), and sums of blocks are added
-// as floats. Colours differ from those in floating point by at most 1e-4 RMS under lamps and
-// suns, 1e-5 under a sky.
+// A light's coefficients, times the gains of their levels, are integers up to
+// LIGHT_INTEGER_MOST; a block of entries keeps its sums within 32 bits (PRT_PAIR_MOST), and
+// sums of blocks are added as floats. Colours differ from those in floating point by at most
+// 1e-4 RMS under lamps and suns, 1e-5 under a sky.
 #include "avx512.h"
 
-#if defined(__x86_64__)
-#include <math.h>
-
-enum { LIGHT_MOST = 32767 };
-
-bool relight_integers_begin(struct integer_lights *q, unsigned n_light, uint32_t n,
-                            const float *const coef[], const float most[][4])
-{
-    q->n = n;
-    for (uint32_t t = 0; t < 64; t++) q->gain[t] = t < n ? prt_pair_gain(n, t) : 1;
-    memset(q->scale, 0, sizeof q->scale);
-    memset(q->back, 0, sizeof q->back);
-    memset(q->scaling, 0, sizeof q->scaling);
-    for (unsigned l = 0; l < n_light; l++)
-        for (size_t ch = 0; ch < 3; ch++) {
-            if (!(most[l][ch] < 3e38f)) return false;
-            if (most[l][ch] > 1e-30f) {
-                q->scale[l][ch] = LIGHT_MOST / most[l][ch];
-                q->back[l][ch] = most[l][ch] / LIGHT_MOST;
-            }
-            for (size_t f = 0; f < 6; f++) {
-                q->scaling[f][l][ch] = coef[l][4 * ((size_t)n * n) * f + ch];
-                if (!(fabsf(q->scaling[f][l][ch]) < 3e38f)) return false;
-            }
-        }
-    return true;
-}
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_VNNI)
 
 // Coefficient i of the lights [first, first + 4) that are there.
-INLINE __m512 four(const float *const coef[], unsigned first, unsigned n_light, size_t i)
+PRT_INLINE __m512 four(const float *const coef[], unsigned first, unsigned n_light, size_t i)
 {
     float lane[4][4];
     memset(lane, 0, sizeof lane);
@@ -46,7 +21,7 @@ INLINE __m512 four(const float *const coef[], unsigned first, unsigned n_light, 
     return _mm512_loadu_ps(lane[0]);
 }
 
-INLINE __m512 four_of_eight(const float *const coef[], unsigned first, size_t i)
+PRT_INLINE __m512 four_of_eight(const float *const coef[], unsigned first, size_t i)
 {
     __m512 x = _mm512_castps128_ps512(_mm_loadu_ps(coef[first] + 4 * i));
     x = _mm512_insertf32x4(x, _mm_loadu_ps(coef[first + 1] + 4 * i), 1);
@@ -54,8 +29,8 @@ INLINE __m512 four_of_eight(const float *const coef[], unsigned first, size_t i)
     return _mm512_insertf32x4(x, _mm_loadu_ps(coef[first + 3] + 4 * i), 3);
 }
 
-void relight_integers_fill(const struct integer_lights *q, unsigned n_light,
-                           const float *const coef[], uint32_t begin, uint32_t end)
+void prt_integer_lights_fill_vnni(const struct integer_lights *q, unsigned n_light,
+                                  const float *const coef[], uint32_t begin, uint32_t end)
 {
     const uint32_t n = q->n, line = (uint32_t)__builtin_ctz(n);
     const __m512 lo = _mm512_loadu_ps(q->scale[0]), hi = _mm512_loadu_ps(q->scale[4]);
@@ -73,7 +48,7 @@ void relight_integers_fill(const struct integer_lights *q, unsigned n_light,
 
 // sum += the two products of each pair: as an instruction, for the compiler moves the tied
 // operands of its intrinsic about.
-INLINE void add_products(__m512i *sum, __m512i x, __m512i y)
+PRT_INLINE void add_products(__m512i *sum, __m512i x, __m512i y)
 {
     __asm__("vpdpwssd %2, %1, %0" : "+v"(*sum) : "v"(x), "v"(y));
 }
@@ -85,8 +60,8 @@ struct integer_sum {
 
 // A pair's integers in every 16 bytes of v, r g b and one unused lane, times the lights at its
 // indices.
-INLINE void accumulate(struct integer_sum *s, __m512i v, const int16_t *lane,
-                       const uint16_t *index)
+PRT_INLINE void accumulate(struct integer_sum *s, __m512i v, const int16_t *lane,
+                           const uint16_t *index)
 {
     const __m512i a = _mm512_load_si512(lane + 32 * (size_t)index[0]);
     const __m512i b = _mm512_load_si512(lane + 32 * (size_t)index[1]);
@@ -99,8 +74,8 @@ struct group_sum {
 };
 
 // n entries, a block or less; `whole`: what follows the last of them may be read.
-INLINE void add_block(const uint16_t *index, const int16_t *entry, const uint32_t n, bool whole,
-                      const int16_t *lane, struct group_sum *sum)
+PRT_INLINE void add_block(const uint16_t *index, const int16_t *entry, const uint32_t n,
+                          bool whole, const int16_t *lane, struct group_sum *sum)
 {
     struct integer_sum s = {_mm512_setzero_si512(), _mm512_setzero_si512()};
     const uint32_t last = whole ? n : n - 2;
@@ -116,7 +91,8 @@ INLINE void add_block(const uint16_t *index, const int16_t *entry, const uint32_
     sum->hi = _mm512_add_ps(sum->hi, _mm512_cvtepi32_ps(s.hi));
 }
 
-INLINE struct group_sum row_sum(const struct prt_rows *rows, uint32_t row, const int16_t *lane)
+PRT_INLINE struct group_sum row_sum(const struct prt_rows *rows, uint32_t row,
+                                    const int16_t *lane)
 {
     struct group_sum sum = {_mm512_setzero_ps(), _mm512_setzero_ps()};
     const uint64_t stop = rows->begin[row + 1], n_entry = rows->begin[rows->n_row];
@@ -137,7 +113,7 @@ INLINE struct group_sum row_sum(const struct prt_rows *rows, uint32_t row, const
 }
 
 // Four lights' r g b 0, those that are there, to out[light*pitch + ch].
-INLINE void put_lights(__m512 x, unsigned n_light, size_t pitch, float *out)
+PRT_INLINE void put_lights(__m512 x, unsigned n_light, size_t pitch, float *out)
 {
     float lanes[16];
     const unsigned n = n_light < 4 ? n_light : 4;
@@ -152,9 +128,9 @@ INLINE void put_lights(__m512 x, unsigned n_light, size_t pitch, float *out)
     for (unsigned l = 0; l < n; l++) memcpy(out + l * pitch, lanes + 4 * l, 12);
 }
 
-void relight_pairs_vnni(const struct prt_rows *rows, uint32_t begin, uint32_t end,
-                        const struct integer_lights *q, unsigned n_light, size_t light_pitch,
-                        size_t row_pitch, float *out)
+void prt_pairs_vnni(const struct prt_rows *rows, uint32_t begin, uint32_t end,
+                    const struct integer_lights *q, unsigned n_light, size_t light_pitch,
+                    size_t row_pitch, float *out)
 {
     const __m512 back_lo = _mm512_loadu_ps(q->back[0]), back_hi = _mm512_loadu_ps(q->back[4]);
     for (uint32_t row = begin; row < end; row++, out += row_pitch) {
@@ -174,4 +150,6 @@ void relight_pairs_vnni(const struct prt_rows *rows, uint32_t begin, uint32_t en
         if (n_light > 4) put_lights(sum.hi, n_light - 4, light_pitch, out + 4 * light_pitch);
     }
 }
+
+PRT_ISA_END
 #endif

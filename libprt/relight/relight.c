@@ -86,6 +86,7 @@ static int gain_lights(void *arg, size_t begin, size_t end, unsigned worker)
 }
 
 struct table_job {
+    const struct prt_kernels *kernels;
     const struct asked_lights *asked;
     float *table;
     const struct integer_lights *integers; // in place of the table
@@ -95,13 +96,10 @@ static int fill_table(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct table_job *job = arg;
     const uint32_t b = (uint32_t)begin, e = (uint32_t)end;
-#if defined(__x86_64__)
-    if (job->integers) {
-        relight_integers_fill(job->integers, job->asked->n_light, job->asked->coef, b, e);
-        return PRT_OK;
-    }
-#endif
-    relight_fill_table(job->asked->n_light, job->asked->coef, b, e, job->table);
+    const struct asked_lights *asked = job->asked;
+    if (job->integers)
+        job->kernels->lights_to_integers(job->integers, asked->n_light, asked->coef, b, e);
+    else prt_light_table_fill(asked->n_light, asked->coef, b, e, job->table);
     return PRT_OK;
 }
 
@@ -113,7 +111,7 @@ static unsigned group_size(unsigned left, bool together)
 }
 
 struct rows_job {
-    const struct relight_kernels *kernels;
+    const struct prt_kernels *kernels;
     const struct prt_tensor *tensor;
     unsigned n_light;                      // of this group
     const float *light;                    // the only one, or
@@ -149,19 +147,17 @@ static int make_group(const struct prt_context *ctx, const struct prt_tensor *te
                       struct rows_job *job)
 {
     const bool pairs = tensor->rows.value == PRT_VALUE_PAIR;
-    struct table_job fill = {asked, table, NULL};
+    struct table_job fill = {job->kernels, asked, table, NULL};
     int status = PRT_OK;
     job->table = NULL;
     job->integers = NULL;
-#if defined(__x86_64__)
     if (pairs && table && job->kernels->pairs_group) {
         integers->lane = (int16_t *)table;
         status = prt_parallel_for(ctx, NULL, asked->n_light, 1, find_most, asked);
-        if (!status && relight_integers_begin(integers, asked->n_light, asked->n, asked->coef,
-                                              (const float(*)[4])asked->most))
+        if (!status && prt_integer_lights_init(integers, asked->n_light, asked->n, asked->coef,
+                                               (const float(*)[4])asked->most))
             job->integers = fill.integers = integers;
     }
-#endif
     if (pairs && !job->integers && !status) {
         if (!asked->own)
             asked->own = prt_alloc((table ? LIGHT_GROUP : 1) * (size_t)asked->n_coef, 16);
@@ -215,7 +211,7 @@ static int contract(const struct prt_context *ctx, const struct prt_tensor *tens
         return prt_fail(ctx, PRT_ARG, "only a factored transport has bases to contract");
     const struct prt_rows *rows = &tensor->rows;
     size_t width = rows->n_function * (tensor->coupling == PRT_COUPLE_FULL ? 3ull : 1ull);
-    struct rows_job job = {.kernels = relight_kernels_for(ctx->cpu),
+    struct rows_job job = {.kernels = prt_kernels_for(ctx->cpu),
                            .tensor = tensor,
                            .out = out,
                            .light_pitch = together ? width : rows->n_row * width,
@@ -224,8 +220,8 @@ static int contract(const struct prt_context *ctx, const struct prt_tensor *tens
     return for_groups(ctx, tensor, n_light, light, rows->n_row, ROW_GRAIN, run_rows, &job);
 }
 
-int relight_contract(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                     unsigned n_light, const struct prt_light *const light[], float *out)
+int prt_contract_lights(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                        unsigned n_light, const struct prt_light *const light[], float *out)
 {
     return contract(ctx, tensor, n_light, light, n_light > 1, out);
 }
@@ -237,7 +233,7 @@ int prt_contract_light(const struct prt_context *ctx, const struct prt_tensor *t
 }
 
 struct material_job {
-    const struct relight_kernels *kernels;
+    const struct prt_kernels *kernels;
     const float *in, *coef;
     float *out;
     uint32_t n_radial;
@@ -256,22 +252,22 @@ int prt_contract_material(const struct prt_context *ctx, const struct prt_tensor
 {
     if (tensor->coupling != PRT_COUPLE_FULL || tensor->storage != PRT_STORAGE_FACTORED)
         return prt_fail(ctx, PRT_ARG, "this transport's material is fixed");
-    struct material_job job = {relight_kernels_for(ctx->cpu), in, coef, out, tensor->n_radial};
+    struct material_job job = {prt_kernels_for(ctx->cpu), in, coef, out, tensor->n_radial};
     return prt_parallel_for(ctx, NULL, (size_t)tensor->rows.n_row * tensor->n_phase, 2048,
                             run_material, &job);
 }
 
-int relight_pieces(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                   struct relight_piece **out, size_t *n_out, size_t *grain)
+int prt_expand_pieces(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                      struct expand_piece **out, size_t *n_out, size_t *grain)
 {
     size_t n = 0, most = (size_t)tensor->n_cluster + tensor->n_vertex / VERTEX_GRAIN;
-    struct relight_piece *pieces = malloc((most + 1) * sizeof *pieces);
+    struct expand_piece *pieces = malloc((most + 1) * sizeof *pieces);
     if (!pieces) return prt_fail(ctx, PRT_NOMEM, "no memory for %zu pieces of work", most);
     for (uint32_t i = 0; i < tensor->n_cluster; i++) {
         uint32_t end = tensor->cluster[i].n_vertex;
         for (uint32_t b = 0; b < end; b += VERTEX_GRAIN)
             pieces[n++] =
-                (struct relight_piece){i, b, end - b < VERTEX_GRAIN ? end : b + VERTEX_GRAIN};
+                (struct expand_piece){i, b, end - b < VERTEX_GRAIN ? end : b + VERTEX_GRAIN};
     }
     *out = pieces;
     *n_out = n;
@@ -283,9 +279,9 @@ int relight_pieces(const struct prt_context *ctx, const struct prt_tensor *tenso
 }
 
 struct expand_run {
-    const struct relight_kernels *kernels;
+    const struct prt_kernels *kernels;
     const struct prt_tensor *tensor;
-    const struct relight_piece *pieces;
+    const struct expand_piece *pieces;
     const float *b;
     size_t b_stride;
     uint32_t n_triple;
@@ -299,7 +295,7 @@ static int run_expand(void *arg, size_t begin, size_t end, unsigned worker)
     const struct prt_tensor *t = run->tensor;
     bool radial = t->storage == PRT_STORAGE_RADIAL;
     for (size_t i = begin; i < end; i++) {
-        const struct relight_piece *p = &run->pieces[i];
+        const struct expand_piece *p = &run->pieces[i];
         const struct prt_cluster *c = &t->cluster[p->cluster];
         struct expand_job job = {.u = t->u + c->u_begin,
                                  .stride = ((size_t)c->n_vertex + 15) & ~(size_t)15,
@@ -327,11 +323,11 @@ static int expand_all(const struct prt_context *ctx, struct expand_run *run, flo
                         run->n_triple, MOST_TRIPLES);
     for (uint32_t t = 0; t < run->n_triple; t++)
         run->color[t] = color + 3 * (size_t)t * run->tensor->n_vertex;
-    struct relight_piece *pieces = NULL;
+    struct expand_piece *pieces = NULL;
     size_t n = 0, grain = 1;
-    int status = relight_pieces(ctx, run->tensor, &pieces, &n, &grain);
+    int status = prt_expand_pieces(ctx, run->tensor, &pieces, &n, &grain);
     if (status) return status;
-    run->kernels = relight_kernels_for(ctx->cpu);
+    run->kernels = prt_kernels_for(ctx->cpu);
     run->pieces = pieces;
     status = prt_parallel_for(ctx, NULL, n, grain, run_expand, run);
     free(pieces);
@@ -429,7 +425,7 @@ int prt_relight_sparse(const struct prt_context *ctx, const struct prt_tensor *t
         tensor->rows.value == PRT_VALUE_PAIR)
         return prt_fail(ctx, PRT_ARG, "this transport is not sparse");
     struct sparse_job job = {
-        .rows = {.kernels = relight_kernels_for(ctx->cpu),
+        .rows = {.kernels = prt_kernels_for(ctx->cpu),
                  .tensor = tensor,
                  .out = color,
                  .light_pitch = 3 * (size_t)tensor->n_vertex * tensor->n_phase},
@@ -438,9 +434,9 @@ int prt_relight_sparse(const struct prt_context *ctx, const struct prt_tensor *t
                       &job.rows);
 }
 
-static int relight_factored(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                            unsigned n_light, const struct prt_light *const light[],
-                            const float *coef, bool add, float *color)
+static int factored_colors(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                           unsigned n_light, const struct prt_light *const light[],
+                           const float *coef, bool add, float *color)
 {
     bool full = tensor->coupling == PRT_COUPLE_FULL;
     size_t n_row = tensor->rows.n_row, width = 3 * (size_t)tensor->n_phase;
@@ -478,5 +474,5 @@ int prt_relight(const struct prt_context *ctx, const struct prt_tensor *tensor,
         return prt_relight_radial(ctx, tensor, coef, add, color);
     if (tensor->storage == PRT_STORAGE_SPARSE)
         return prt_relight_sparse(ctx, tensor, n_light, light, add, color);
-    return relight_factored(ctx, tensor, n_light, light, coef, add, color);
+    return factored_colors(ctx, tensor, n_light, light, coef, add, color);
 }

@@ -4,12 +4,12 @@
 #ifndef PRT_RELIGHT_SCATTER_H
 #define PRT_RELIGHT_SCATTER_H
 
-#include <stdbool.h>
-#include <stdint.h>
+#include "base/isa.h"
+
 #include <string.h>
 
-static inline void scatter_store(const float *rg, const float *b, const uint32_t *order,
-                                 uint32_t n, float *color)
+PRT_INLINE void scatter_store(const float *rg, const float *b, const uint32_t *order,
+                              uint32_t n, float *color)
 {
     for (uint32_t i = 0; i < n; i++) {
         float *out = color + 3ull * order[i];
@@ -18,8 +18,8 @@ static inline void scatter_store(const float *rg, const float *b, const uint32_t
     }
 }
 
-static inline void scatter_add(const float *rg, const float *b, const uint32_t *order,
-                               uint32_t n, float *color)
+PRT_INLINE void scatter_add(const float *rg, const float *b, const uint32_t *order, uint32_t n,
+                            float *color)
 {
     for (uint32_t i = 0; i < n; i++) {
         float *out = color + 3ull * order[i];
@@ -29,8 +29,8 @@ static inline void scatter_add(const float *rg, const float *b, const uint32_t *
     }
 }
 
-static inline void scatter(const float *rg, const float *b, const uint32_t *order, uint32_t n,
-                           float *color, bool add)
+PRT_INLINE void scatter(const float *rg, const float *b, const uint32_t *order, uint32_t n,
+                        float *color, bool add)
 {
     if (add) scatter_add(rg, b, order, n, color);
     else scatter_store(rg, b, order, n, color);

@@ -1,15 +1,10 @@
 // SPDX-License-Identifier: MIT
 // How colours of several triples get from registers to their vertices: for expand_avx512.c and
 // expand_vnni.c.
-#ifndef PRT_RELIGHT_TILES_H
-#define PRT_RELIGHT_TILES_H
+#ifndef PRT_RELIGHT_STORE_AVX512_H
+#define PRT_RELIGHT_STORE_AVX512_H
 
-#include "avx512.h"
-
-#if defined(__x86_64__)
-#include <string.h>
-
-INLINE __m512 load_u(const uint16_t *u)
+PRT_INLINE __m512 load_u(const uint16_t *u)
 {
     return _mm512_cvtph_ps(_mm256_loadu_si256((const __m256i *)u));
 }
@@ -19,7 +14,7 @@ struct two {
     __m512 x[2];
 };
 
-INLINE struct two load_pairs(const int16_t *u)
+PRT_INLINE struct two load_pairs(const int16_t *u)
 {
     const __m512i x = _mm512_loadu_si512(u);
     return (struct two){{_mm512_cvtepi32_ps(_mm512_srai_epi32(_mm512_slli_epi32(x, 16), 16)),
@@ -27,7 +22,7 @@ INLINE struct two load_pairs(const int16_t *u)
 }
 
 // Whether `width` positions are as many vertices in a row in the file.
-INLINE bool in_a_row(const struct expand_job *job, uint32_t v, uint32_t width)
+PRT_INLINE bool in_a_row(const struct expand_job *job, uint32_t v, uint32_t width)
 {
     const uint32_t first = job->order[v];
     uint32_t other = 0;
@@ -37,7 +32,7 @@ INLINE bool in_a_row(const struct expand_job *job, uint32_t v, uint32_t width)
 }
 
 // r g b of 16 positions to 48 floats r g b r g b ...
-INLINE void put_row(float *out, __m512 r, __m512 g, __m512 b, bool add)
+PRT_INLINE void put_row(float *out, __m512 r, __m512 g, __m512 b, bool add)
 {
     // lanes of each third: from r and g first (16 + i is g's lane i), then b over them
     const __m512i rg0 = _mm512_setr_epi32(0, 16, 0, 1, 17, 0, 2, 18, 0, 3, 19, 0, 4, 20, 0, 5);
@@ -90,7 +85,7 @@ struct block {
 };
 
 // n in [1, 15] floats, the last lanes of their vector or the first.
-INLINE void add_part(struct block *block, int32_t from, uint32_t n, ptrdiff_t to, bool last)
+PRT_INLINE void add_part(struct block *block, int32_t from, uint32_t n, ptrdiff_t to, bool last)
 {
     const uint32_t width = (n > 4) + (n > 8), lead = last ? (4u << width) - n : 0;
     block->part[width][block->n_part[width]++] =
@@ -98,7 +93,8 @@ INLINE void add_part(struct block *block, int32_t from, uint32_t n, ptrdiff_t to
 }
 
 // The stores of n > 0 floats. Streamed ones are whole lines.
-INLINE void add_run(struct block *block, int32_t from, uint32_t n, ptrdiff_t to, bool stream)
+PRT_INLINE void add_run(struct block *block, int32_t from, uint32_t n, ptrdiff_t to,
+                        bool stream)
 {
     if (stream && n >= 16) {
         const uint32_t head = -((uint32_t)to + block->shift) & 15;
@@ -111,7 +107,7 @@ INLINE void add_run(struct block *block, int32_t from, uint32_t n, ptrdiff_t to,
 }
 
 // Finds the stores for planes that begin `shift` floats behind a line.
-INLINE void find_stores(struct block *block, uint32_t shift, bool stream)
+PRT_INLINE void find_stores(struct block *block, uint32_t shift, bool stream)
 {
     const uint32_t *order = block->order;
     uint32_t runs = 1;
@@ -130,20 +126,20 @@ INLINE void find_stores(struct block *block, uint32_t shift, bool stream)
     }
 }
 
-INLINE uint32_t shift_of(const float *plane, bool stream)
+PRT_INLINE uint32_t shift_of(const float *plane, bool stream)
 {
     return stream ? (uint32_t)((uintptr_t)plane / sizeof *plane & 15) : 0;
 }
 
-INLINE void begin_block(const struct expand_job *job, uint32_t v, uint32_t n, uint32_t t0,
-                        struct block *block)
+PRT_INLINE void begin_block(const struct expand_job *job, uint32_t v, uint32_t n, uint32_t t0,
+                            struct block *block)
 {
     block->order = job->order + v;
     block->n = n;
     find_stores(block, shift_of(job->color[t0], job->stream), job->stream);
 }
 
-INLINE float *place(float *plane, const struct store *s)
+PRT_INLINE float *place(float *plane, const struct store *s)
 {
     return (float *)((uintptr_t)plane + (uintptr_t)(s->to * (ptrdiff_t)sizeof *plane));
 }
@@ -151,7 +147,7 @@ INLINE float *place(float *plane, const struct store *s)
 // Asks for the lines of a plane that are to be read before they are written: all of them, or
 // when whole lines go past the caches the others, where runs begin and end. The second cache
 // has them come: the first can wait for few lines at once, and is needed for U.
-INLINE void prefetch_plane(const struct block *block, float *plane, bool stream)
+PRT_INLINE void prefetch_plane(const struct block *block, float *plane, bool stream)
 {
     for (uint32_t i = 0; i < block->n_alone; i += 2)
         __builtin_prefetch(plane + block->alone[i], 0, 2);
@@ -162,8 +158,8 @@ INLINE void prefetch_plane(const struct block *block, float *plane, bool stream)
             __builtin_prefetch(place(plane, &block->part[w][i]), 0, 2);
 }
 
-INLINE void put_stores(const struct block *block, const float *rgb, float *plane, bool add,
-                       bool stream)
+PRT_INLINE void put_stores(const struct block *block, const float *rgb, float *plane, bool add,
+                           bool stream)
 {
     for (uint32_t i = 0; i < block->n_alone; i++) {
         float *out = plane + block->alone[i];
@@ -205,8 +201,8 @@ INLINE void put_stores(const struct block *block, const float *rgb, float *plane
     }
 }
 
-INLINE void put_plane(const struct expand_job *job, struct block *block, uint32_t t0,
-                      uint32_t t)
+PRT_INLINE void put_plane(const struct expand_job *job, struct block *block, uint32_t t0,
+                          uint32_t t)
 {
     float *plane = job->color[t0 + t];
     const float *rgb = block->rgb[t] + BESIDE;
@@ -221,11 +217,11 @@ INLINE void put_plane(const struct expand_job *job, struct block *block, uint32_
 // which `tile` computes: a block has as many tiles as triples. With every tile a plane of the
 // block before leaves, since stores take their time and want other parts of the processor, and
 // a plane's lines are asked for.
-INLINE void expand_blocks(const struct expand_job *job, const void *user, uint32_t t0,
-                          const uint32_t nt, const uint32_t nv,
-                          void (*tile)(const struct expand_job *job, const void *user,
-                                       uint32_t v, uint32_t t0, float *rgb, uint32_t nt,
-                                       uint32_t nv))
+PRT_INLINE void expand_blocks(const struct expand_job *job, const void *user, uint32_t t0,
+                              const uint32_t nt, const uint32_t nv,
+                              void (*tile)(const struct expand_job *job, const void *user,
+                                           uint32_t v, uint32_t t0, float *rgb, uint32_t nt,
+                                           uint32_t nv))
 {
     struct block block[2], *last = NULL;
     for (uint32_t v = job->begin, n; v < job->end; v += n) {
@@ -243,5 +239,4 @@ INLINE void expand_blocks(const struct expand_job *job, const void *user, uint32
     for (uint32_t t = 0; last && t < nt; t++) put_plane(job, last, t0, t);
 }
 
-#endif
 #endif

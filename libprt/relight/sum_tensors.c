@@ -9,11 +9,11 @@
 #include <string.h>
 
 struct sum_run {
-    const struct relight_kernels *kernels;
+    const struct prt_kernels *kernels;
     const struct prt_term_input
         *part[PRT_MOST_PARTS]; // the same clusters; the most planes first
     unsigned n_part, n_light, n_plane;
-    const struct relight_piece *pieces;
+    const struct expand_piece *pieces;
     size_t scratch;      // floats that the largest cluster's folded rows need
     float *const *color; // [light][plane]
     bool add;            // to what earlier passes left
@@ -74,7 +74,7 @@ static void sum_radial(const struct sum_run *run, const struct prt_term_input *p
     }
 }
 
-static void sum_piece(const struct sum_run *run, const struct relight_piece *piece,
+static void sum_piece(const struct sum_run *run, const struct expand_piece *piece,
                       const struct prt_term_input *p, bool add, float *scratch)
 {
     const struct prt_tensor *t = p->tensor;
@@ -143,11 +143,11 @@ static void take(struct sum_run *run, const struct prt_term_input *p)
 static int sum_run(const struct prt_context *ctx, struct sum_run *run)
 {
     const struct prt_tensor *t = run->part[0]->tensor;
-    struct relight_piece *pieces = NULL;
+    struct expand_piece *pieces = NULL;
     size_t n = 0, grain = 1;
-    int status = relight_pieces(ctx, t, &pieces, &n, &grain);
+    int status = prt_expand_pieces(ctx, t, &pieces, &n, &grain);
     if (status) return status;
-    run->kernels = relight_kernels_for(ctx->cpu);
+    run->kernels = prt_kernels_for(ctx->cpu);
     run->pieces = pieces;
     unsigned first = planes_of(run->part[0], run->n_plane);
     for (unsigned i = 0; i < run->n_light * run->n_plane && !run->add; i++)
@@ -172,9 +172,9 @@ static int check(const struct prt_context *ctx, unsigned n_part,
     return PRT_OK;
 }
 
-int relight_sum_parts(const struct prt_context *ctx, unsigned n_light, unsigned n_part,
-                      const struct prt_term_input part[], unsigned n_plane,
-                      float *const color[])
+int prt_sum_parts_lights(const struct prt_context *ctx, unsigned n_light, unsigned n_part,
+                         const struct prt_term_input part[], unsigned n_plane,
+                         float *const color[])
 {
     bool done[PRT_MOST_PARTS] = {false};
     int status = check(ctx, n_part, part);
@@ -200,5 +200,5 @@ int prt_sum_parts(const struct prt_context *ctx, unsigned n_part,
         return prt_fail(ctx, PRT_ARG, "%u planes are outside [1,%d]", n_plane, MOST_PHASES);
     for (unsigned k = 0; k < n_plane && n_part; k++)
         plane[k] = color + 3 * (size_t)k * part[0].tensor->n_vertex;
-    return relight_sum_parts(ctx, 1, n_part, part, n_plane, plane);
+    return prt_sum_parts_lights(ctx, 1, n_part, part, n_plane, plane);
 }

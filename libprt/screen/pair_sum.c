@@ -2,11 +2,10 @@
 // Sums over pairs of points: every emitter to every point of a tile.
 #include "internal.h"
 
+#include "base/isa.h"
+
 #include <math.h>
 #include <string.h>
-#if defined(__x86_64__)
-#include <immintrin.h>
-#endif
 
 bool emitters_reserve(struct emitters *e, uint32_t capacity)
 {
@@ -72,16 +71,13 @@ void emitters_finish(struct emitters *e)
 
 static void pairs_c(const struct radial_table *t, const struct emitters *e, uint32_t begin,
                     uint32_t end, uint32_t n_point, const float *const p[3],
-                    float *const sum[3])
-{
-    PLAIN_BODY
-}
+                    float *const sum[3]){PLAIN_BODY}
 
-#if defined(__x86_64__)
-// Eight entries of a table live in one register: four permutes and blends by the index's high
-// bits find one of 32.
-__attribute__((target("avx2,fma"))) static inline __m256 pick32(const float *table, __m256i k,
-                                                                __m256 bit3, __m256 bit4)
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX2)
+    // Eight entries of a table live in one register: four permutes and blends by the index's
+    // high bits find one of 32.
+    PRT_INLINE __m256 pick32(const float *table, __m256i k, __m256 bit3, __m256 bit4)
 {
     __m256 a = _mm256_permutevar8x32_ps(_mm256_load_ps(table), k);
     __m256 b = _mm256_permutevar8x32_ps(_mm256_load_ps(table + 8), k);
@@ -90,9 +86,9 @@ __attribute__((target("avx2,fma"))) static inline __m256 pick32(const float *tab
     return _mm256_blendv_ps(_mm256_blendv_ps(a, b, bit3), _mm256_blendv_ps(c, d, bit3), bit4);
 }
 
-__attribute__((target("avx2,fma"))) static void
-pairs_avx2(const struct radial_table *t, const struct emitters *e, uint32_t begin, uint32_t end,
-           uint32_t n_point, const float *const p[3], float *const sum[3])
+static void pairs_avx2(const struct radial_table *t, const struct emitters *e, uint32_t begin,
+                       uint32_t end, uint32_t n_point, const float *const p[3],
+                       float *const sum[3])
 {
     float table[9][32] __attribute__((aligned(64)));
     memcpy(table, t->coef, sizeof table);
@@ -124,11 +120,14 @@ pairs_avx2(const struct radial_table *t, const struct emitters *e, uint32_t begi
     }
 }
 
-// All of the table in 18 registers: two a coefficient, looked up by one two-source permute.
-#define TARGET512 __attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")))
-TARGET512 static void pairs_avx512(const struct radial_table *t, const struct emitters *e,
-                                   uint32_t begin, uint32_t end, uint32_t n_point,
-                                   const float *const p[3], float *const sum[3])
+PRT_ISA_END
+
+PRT_ISA_BEGIN(PRT_ISA_AVX512)
+// The whole table stays in 18 registers, two for each coefficient; one permute of two sources
+// looks an entry up.
+static void pairs_avx512(const struct radial_table *t, const struct emitters *e, uint32_t begin,
+                         uint32_t end, uint32_t n_point, const float *const p[3],
+                         float *const sum[3])
 {
     __m512 lo[9], hi[9];
     for (int k = 0; k < 9; k++) {
@@ -169,11 +168,12 @@ TARGET512 static void pairs_avx512(const struct radial_table *t, const struct em
         _mm512_store_ps(sum[2] + at, _mm512_add_ps(s2, _mm512_load_ps(sum[2] + at)));
     }
 }
+PRT_ISA_END
 #endif
 
 pair_fn pair_kernel(unsigned cpu)
 {
-#if defined(__x86_64__)
+#if PRT_ISA_X86
     if (cpu & PRT_CPU_AVX512) return pairs_avx512;
     if (cpu & PRT_CPU_AVX2) return pairs_avx2;
 #endif

@@ -3,13 +3,12 @@
 // from the local part of R_d, and one point in the middle.
 #include "internal.h"
 
+#include "base/isa.h"
+
 #include <math.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
-#if defined(__x86_64__)
-#include <immintrin.h>
-#endif
 
 enum { KNOTS = 512 };
 
@@ -87,24 +86,22 @@ static bool make_pattern(const struct frame *f, uint32_t object, double r_p, dou
 }
 
 enum { LANES = 64 };
-#define KERNEL(name) name##_c
-#define TARGET
+#define PRT_ISA_NAME c
 #include "pattern_kernel.h"
-#undef KERNEL
-#undef TARGET
-#if defined(__x86_64__)
-#define KERNEL(name) name##_avx2
-#define TARGET __attribute__((target("avx2,fma")))
+#undef PRT_ISA_NAME
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX2)
+#define PRT_ISA_NAME avx2
 #include "pattern_kernel.h"
-#undef KERNEL
-#undef TARGET
-#define KERNEL(name) name##_avx512
+#undef PRT_ISA_NAME
+PRT_ISA_END
+PRT_ISA_BEGIN(PRT_ISA_AVX512)
+#define PRT_ISA_NAME avx512
 #define RADIAL_PERMUTE
-#define TARGET __attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")))
 #include "pattern_kernel.h"
-#undef KERNEL
-#undef TARGET
 #undef RADIAL_PERMUTE
+#undef PRT_ISA_NAME
+PRT_ISA_END
 #endif
 
 typedef void (*receive_fn)(const struct light_map *m, const struct pattern *pat,
@@ -174,7 +171,7 @@ int scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
                           .table = table,
                           .receive = receive_c,
                           .rgb = f->light[l].rgb};
-#if defined(__x86_64__)
+#if PRT_ISA_X86
         unsigned cpu = f->ctx ? f->ctx->cpu : prt_cpu_detect();
         if (cpu & PRT_CPU_AVX2) job.receive = receive_avx2;
         if (cpu & PRT_CPU_AVX512) job.receive = receive_avx512;

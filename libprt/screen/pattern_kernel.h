@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: MIT */
 /* C08's local pattern about one receiver as plain loops over lanes; included by pattern.c once
- * per instruction set with KERNEL(name) and TARGET defined. */
+ * per instruction set with PRT_KERNEL(name) and TARGET defined. */
 
 #include "radial_kernel.h"
 
 /* Adds R_d dA times the share of the light that enters, over the pattern's points about a
  * receiver at (u, v, depth) of the light's view. A point lies in the plane its texel shows,
  * where the light's ray through it meets that plane. */
-TARGET static void KERNEL(receive)(const struct light_map *m, const struct pattern *pat,
-                                   const struct radial_table *table, uint32_t object, float u,
-                                   float v, float depth, float sum[3])
+static void PRT_KERNEL(receive)(const struct light_map *m, const struct pattern *pat,
+                                const struct radial_table *table, uint32_t object, float u,
+                                float v, float depth, float sum[3])
 {
     const float inv = 1 / m->step, step = m->step;
     const float nu = (float)m->nu, nv = (float)m->nv;
@@ -35,7 +35,7 @@ TARGET static void KERNEL(receive)(const struct light_map *m, const struct patte
             r_sq[i] = pa[i] * pa[i] + pb[i] * pb[i] + dz * dz;
             w[i] = (inside & (q->object == object)) ? area[i] * q->e : 0;
         }
-        KERNEL(radial)(table, n, r_sq, r0, r1, r2);
+        PRT_KERNEL(radial)(table, n, r_sq, r0, r1, r2);
         for (int i = 0; i < n; i++) {
             s0 += r0[i] * w[i];
             s1 += r1[i] * w[i];

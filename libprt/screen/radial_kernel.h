@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT */
-/* R_d over lanes; included once per instruction set with KERNEL(name) and TARGET defined, and
- * RADIAL_PERMUTE where the table is looked up in AVX-512 registers. Arrays hold LANES. */
+/* R_d over lanes; included once per instruction set with PRT_KERNEL(name) and TARGET defined,
+ * and RADIAL_PERMUTE where the table is looked up in AVX-512 registers. Arrays hold LANES. */
 
 #ifdef RADIAL_PERMUTE
-TARGET static void KERNEL(radial)(const struct radial_table *t, int n, const float *r_sq,
-                                  float *r0, float *r1, float *r2)
+static void PRT_KERNEL(radial)(const struct radial_table *t, int n, const float *r_sq,
+                               float *r0, float *r1, float *r2)
 {
     __m512 lo[9], hi[9];
     for (int k = 0; k < 9; k++) {
@@ -27,8 +27,8 @@ TARGET static void KERNEL(radial)(const struct radial_table *t, int n, const flo
 }
 #else
 /* R_d of three channels at squared distances. */
-TARGET static void KERNEL(radial)(const struct radial_table *t, int n, const float *r_sq,
-                                  float *r0, float *r1, float *r2)
+static void PRT_KERNEL(radial)(const struct radial_table *t, int n, const float *r_sq,
+                               float *r0, float *r1, float *r2)
 {
     const float base = t->r0_sq, q_max = t->q_max;
     const uint32_t shift = t->shift;

@@ -4,12 +4,11 @@
 // What the eye does not see is added from points that the light sees.
 #include "internal.h"
 
+#include "base/isa.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#if defined(__x86_64__)
-#include <immintrin.h>
-#endif
 
 enum { LANES = 64, VARIANTS = 16 };
 // A pixel that meets the surface at a more grazing angle shows too much of it to be a plane.
@@ -80,24 +79,22 @@ struct tangent_job {
     void (*run)(const struct tangent_job *job, size_t begin, size_t end);
 };
 
-#define KERNEL(name) name##_c
-#define TARGET
+#define PRT_ISA_NAME c
 #include "tangent_kernel.h"
-#undef KERNEL
-#undef TARGET
-#if defined(__x86_64__)
-#define KERNEL(name) name##_avx2
-#define TARGET __attribute__((target("avx2,fma")))
+#undef PRT_ISA_NAME
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX2)
+#define PRT_ISA_NAME avx2
 #include "tangent_kernel.h"
-#undef KERNEL
-#undef TARGET
-#define KERNEL(name) name##_avx512
+#undef PRT_ISA_NAME
+PRT_ISA_END
+PRT_ISA_BEGIN(PRT_ISA_AVX512)
+#define PRT_ISA_NAME avx512
 #define RADIAL_PERMUTE
-#define TARGET __attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")))
 #include "tangent_kernel.h"
-#undef KERNEL
-#undef TARGET
 #undef RADIAL_PERMUTE
+#undef PRT_ISA_NAME
+PRT_ISA_END
 #endif
 
 static int run_points(void *arg, size_t begin, size_t end, unsigned worker)
@@ -589,7 +586,7 @@ static void mix_finish(struct mix *mix)
 static int pick_kernel(const struct frame *f, struct tangent_job *job)
 {
     job->run = run_c;
-#if defined(__x86_64__)
+#if PRT_ISA_X86
     unsigned cpu = f->ctx ? f->ctx->cpu : prt_cpu_detect();
     if (cpu & PRT_CPU_AVX2) job->run = run_avx2;
     if (cpu & PRT_CPU_AVX512) job->run = run_avx512;

@@ -1,17 +1,16 @@
 /* SPDX-License-Identifier: MIT */
 /* M03's samples of one pixel as plain loops over lanes; included by tangent.c once per
- * instruction set with KERNEL(name) and TARGET defined. */
+ * instruction set with PRT_KERNEL(name) and TARGET defined. */
 
 #include "radial_kernel.h"
 
 /* sum += R_d E / density over lanes. Lane i looks along x (tangent-plane point relative to the
  * eye) at G-buffer point index[i], whose plane it meets at t x; f is the number of tangent
  * samples times their density per area, uniform the other technique's density. */
-TARGET static void KERNEL(gather)(const struct tangent_job *job,
-                                  const struct radial_table *table, int n, const float rel[3],
-                                  uint32_t object, float height, const uint32_t *index,
-                                  const float *x, const float *y, const float *z,
-                                  const float *f, float uniform, float sum[3])
+static void PRT_KERNEL(gather)(const struct tangent_job *job, const struct radial_table *table,
+                               int n, const float rel[3], uint32_t object, float height,
+                               const uint32_t *index, const float *x, const float *y,
+                               const float *z, const float *f, float uniform, float sum[3])
 {
     float r_sq[LANES], r0[LANES], r1[LANES], r2[LANES], k[LANES];
     const struct seen *seen = job->seen;
@@ -34,7 +33,7 @@ TARGET static void KERNEL(gather)(const struct tangent_job *job,
         int good = (q->object == object) & (density > 0);
         k[i] = good ? 1 / (density > 0 ? density : 1) : 0;
     }
-    KERNEL(radial)(table, n, r_sq, r0, r1, r2);
+    PRT_KERNEL(radial)(table, n, r_sq, r0, r1, r2);
     float s0 = 0, s1 = 0, s2 = 0;
     for (int i = 0; i < n; i++) {
         const struct seen *q = &seen[index[i]];
@@ -47,7 +46,7 @@ TARGET static void KERNEL(gather)(const struct tangent_job *job,
     sum[2] += s2;
 }
 
-TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, float sum[3])
+static void PRT_KERNEL(pixel)(const struct tangent_job *job, uint32_t point, float sum[3])
 {
     const struct pattern *pat = &job->pattern[job->variant[point]];
     const uint32_t object = job->seen[point].object;
@@ -107,7 +106,7 @@ TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, 
             f[hit] = n_t * density[first + (uint32_t)i];
             hit += j != UINT32_MAX;
         }
-        KERNEL(gather)
+        PRT_KERNEL(gather)
         (job, table, hit, rel, object, fabsf(height), index, x, y, z, f, uniform, sum);
     }
     for (uint32_t first = 0; first < job->n_uniform; first += LANES) {
@@ -129,21 +128,21 @@ TARGET static void KERNEL(pixel)(const struct tangent_job *job, uint32_t point, 
             float dx = x[i] - rel[0], dy = y[i] - rel[1], dz = z[i] - rel[2];
             r_sq[i] = dx * dx + dy * dy + dz * dz;
         }
-        KERNEL(radial)(table, lanes, r_sq, r0, r1, r2);
+        PRT_KERNEL(radial)(table, lanes, r_sq, r0, r1, r2);
         const float *inv = job->inv_rho[medium];
         for (int i = 0; i < lanes; i++)
             f[i] *= inv[0] * r0[i] + inv[1] * r1[i] + inv[2] * r2[i];
-        KERNEL(gather)
+        PRT_KERNEL(gather)
         (job, table, lanes, rel, object, fabsf(height), index, x, y, z, f, uniform, sum);
     }
 }
 
-TARGET static void KERNEL(run)(const struct tangent_job *job, size_t begin, size_t end)
+static void PRT_KERNEL(run)(const struct tangent_job *job, size_t begin, size_t end)
 {
     for (size_t i = begin; i < end; i++) {
         if (!job->needed[i]) continue;
         float sum[3] = {0, 0, 0};
-        KERNEL(pixel)(job, (uint32_t)i, sum);
+        PRT_KERNEL(pixel)(job, (uint32_t)i, sum);
         for (int k = 0; k < 3; k++) job->radiance[i][k] += sum[k] * (float)(1 / M_PI);
     }
 }

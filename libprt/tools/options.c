@@ -56,7 +56,11 @@ static const char *const engines[] = {"reference", "wavelet", "polynomial", "joi
 static const char *const pictures[] = {"vertex", "splat",     "tangent", "texture",
                                        "hybrid", "reference", NULL};
 static const char *const terms[] = {"irradiance", "multiple", "single", "total", NULL};
-static const char *const cpus[] = {"c", "avx2", "avx512", NULL};
+static const char *const cpus[] = {
+#define X(word, bit, allowed) word,
+    PRT_CPU_WORD_LIST(X)
+#undef X
+        NULL};
 static const char *const tones[] = {"filmic", "reinhard", "none", NULL};
 static const char *const layouts[] = {"latlong", "envmap", "vcross", "hcross",
                                       "vstrip",  "hstrip", NULL};

@@ -53,7 +53,7 @@ static void begin_drain(int signal_number)
         next = c->next;
         for (struct request *r = c->requests, *after; r && !c->dead; r = after) {
             after = r->next;
-            if (r->type == RELIGHT_TYPE_VIEW_OPEN)
+            if (operation_of(r->type)->flags & OPERATION_ENDS_AT_DRAIN)
                 request_stop(r, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
                              "the daemon is stopping");
         }
@@ -77,7 +77,7 @@ static void on_signal(void *user, int signal_number)
 
 static void run_maintenance(struct loop_timer *timer)
 {
-    blobs_expire(server.blobs, 600);
+    blobs_maintain(server.blobs);
     if (server.models) evict_for_room(&server, NULL);
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
 }
@@ -117,10 +117,19 @@ static int open_data(void)
         return -1;
     }
     if (make_folder("blobs") || make_folder("bakes") || make_folder("models") ||
-        make_folder("work") || make_folder("previews") || make_folder("imports"))
+        make_folder("work") || make_folder("previews"))
         return -1;
     snprintf(path, sizeof path, "%s/blobs", server.data);
-    return blobs_open(path, server.options.max_blob, server.options.disk, &server.blobs);
+    struct blobs_setup setup = {.folder = path,
+                                .max_blob = server.options.max_blob,
+                                .ledger = server.ledger,
+                                .work = server.work,
+                                .keep_s = 600,
+                                .idle_s = 600,
+                                .wanted_s = 60};
+    int err = blobs_open(&setup, &server.blobs);
+    if (err) log_line(LOG_ERR, "data folder %s: %s", path, strerror(-err));
+    return err;
 }
 
 static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *where)
@@ -153,6 +162,28 @@ static int check_models(void)
     return 0;
 }
 
+// Connections are descriptors; the soft limit is often 1024 for the sake of select(), which
+// nothing here uses. More than 65536 would only make libwebsockets' tables large.
+static void raise_file_limit(void)
+{
+    enum { BESIDE = 256 }; // files, children's pipes, HTTP clients
+    struct rlimit limit;
+    uint64_t wanted = (uint64_t)server.options.connections + BESIDE;
+    if (getrlimit(RLIMIT_NOFILE, &limit)) return;
+    rlim_t most = wanted > 65536 ? wanted : 65536;
+    if (limit.rlim_cur < most) {
+        limit.rlim_cur = limit.rlim_max < most ? limit.rlim_max : most;
+        setrlimit(RLIMIT_NOFILE, &limit);
+        getrlimit(RLIMIT_NOFILE, &limit);
+    }
+    if (limit.rlim_cur < wanted)
+        log_line(LOG_WARN,
+                 "--connections %u wants %llu open files and the limit is %llu: raise it "
+                 "(LimitNOFILE=, ulimit -Hn) or lower --connections",
+                 server.options.connections, (unsigned long long)wanted,
+                 (unsigned long long)limit.rlim_cur);
+}
+
 static int listen_everywhere(void)
 {
     int n = sd_listen_fds(1);
@@ -172,7 +203,8 @@ static int start(void)
     int level = log_level_parse(o->log);
     if (level < 0 || (o->cpu[0] && prt_cpu_parse(o->cpu, &cpu))) {
         fprintf(stderr, "relightd: --%s\n",
-                level < 0 ? "log: error, warning, event or trace" : "cpu: c, avx2 or avx512");
+                level < 0 ? "log: error, warning, event or trace"
+                          : "cpu: one of " PRT_CPU_WORDS);
         exit(2);
     }
     log_set_level((enum log_level)level);
@@ -180,16 +212,19 @@ static int start(void)
     server.n_core = cores > 0 ? (unsigned)cores : 1;
     server.stats.start_ns = loop_now_ns();
     signal(SIGPIPE, SIG_IGN);
+    raise_file_limit();
     // Images and planes of a few MB come and go: keep their pages.
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
     unsigned threads = o->threads ? o->threads : server.n_core;
+    const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
+    if (o->accept_weak_sandbox) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1); // for all children
     if (!(server.ledger = ledger_create(o)) || read_token() || check_models() ||
         loop_create(&server.loop) || loop_signals(server.loop, signals, 3, on_signal, NULL) ||
-        open_data() || cache_create(o->cache, &server.cache) ||
-        cache_create(o->memory, &server.files) ||
-        decoder_create(server.loop, o->decode_memory, &server.decoder) ||
-        work_pool_create(server.loop, threads, cpu, &server.work) ||
+        cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
+        decoder_create(server.loop, &decoding, &server.stats.children_crashed,
+                       &server.decoder) ||
+        work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
         jobs_create(&server, &job_runner_child, &server.jobs) ||
         models_create(&server, &server.models) || listen_everywhere())
         return -1;
@@ -257,6 +292,7 @@ int main(int argc, char **argv)
     while (!failed && !drained()) {
         if (http_is_open()) http_turn(&server);
         else loop_turn(server.loop, -1);
+        connections_shed(&server);
         connections_free_closed(&server);
     }
     if (failed) log_line(LOG_ERR, "start failed: the lines above say why");

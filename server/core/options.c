@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum kind { KIND_TEXT, KIND_COUNT, KIND_BYTES, KIND_SECONDS };
+enum kind { KIND_TEXT, KIND_COUNT, KIND_BYTES, KIND_SECONDS, KIND_FLAG };
 struct row {
     enum kind kind;
     size_t offset;
@@ -42,6 +42,10 @@ static const char *set_row(struct options *options, const struct row *row, const
     if (row->kind == KIND_TEXT) {
         *(const char **)field = text; // argv, a preset or the configuration's text: all stay
         return NULL;
+    }
+    if (row->kind == KIND_FLAG) { // the bare word says yes
+        *(bool *)field = !text || !strcmp(text, "yes");
+        return text && strcmp(text, "yes") && strcmp(text, "no") ? "yes or no is wanted" : NULL;
     }
     double x = strtod(text, &end);
     if (end == text || !isfinite(x) || x < 0 || errno) return "a number >= 0 is wanted";
@@ -173,7 +177,7 @@ static error_t parse_one(int key, char *arg, struct argp_state *state)
     if (key >= KEY_FIRST && key < KEY_FIRST + N_ROW) {
         const struct row *row = &table[key - KEY_FIRST];
         if ((fault = set_row(parse->options, row, arg)))
-            argp_error(state, "--%s %s: %s", row->word, arg, fault);
+            argp_error(state, "--%s %s: %s", row->word, arg ? arg : "", fault);
         return 0;
     }
     if (key == ARGP_KEY_ARG) argp_error(state, "%s: no plain arguments are taken", arg);
@@ -193,7 +197,9 @@ void options_parse(int argc, char **argv, struct options *options)
         snprintf(doc[i], sizeof doc[i], "%s%s%s%s", table[i].text, *table[i].preset ? " (" : "",
                  table[i].preset, *table[i].preset ? ")" : "");
         list[i + 3] = (struct argp_option){
-            table[i].word, KEY_FIRST + (int)i, table[i].value, 0, doc[i], 0};
+            table[i].word,  KEY_FIRST + (int)i,
+            table[i].value, table[i].kind == KIND_FLAG ? OPTION_ARG_OPTIONAL : 0,
+            doc[i],         0};
     }
     struct argp argp = {list, parse_one, NULL,
                         "The relighting daemon: holds precomputed light transport and answers "

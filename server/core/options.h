@@ -4,6 +4,8 @@
 #ifndef RELIGHTD_OPTIONS_H
 #define RELIGHTD_OPTIONS_H
 
+#include "prt/base.h"
+
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -22,12 +24,15 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(TEXT, origins, "origins", "LIST", "",                                                       \
       "Web origins, comma-separated, that may open the WebSocket beside the page's own; * for "   \
       "all")                                                                                      \
+    X(TEXT, hosts, "hosts", "LIST", "",                                                           \
+      "Names, comma-separated, under which HTTP is reached, beside loopback names and the "       \
+      "address it listens on; a request for another Host is refused; * for all")                  \
     X(TEXT, token_file, "token-file", "FILE", "",                                                 \
       "First line: the token a client must say in HELLO. Empty: none is wanted")                  \
     X(TEXT, prt, "prt", "PROGRAM", "",                                                            \
       "The prt program that bakes. Empty: the one beside relightd, else on PATH")                 \
     X(TEXT, log, "log", "LEVEL", "event", "error, warning, event or trace")                       \
-    X(TEXT, cpu, "cpu", "ISA", "", "Widest instruction set: c, avx2, avx512. Empty: detect")      \
+    X(TEXT, cpu, "cpu", "ISA", "", "Widest instruction set: " PRT_CPU_WORDS ". Empty: detect")    \
     X(COUNT, threads, "threads", "N", "0", "Worker threads. 0: one a core")                       \
     X(COUNT, bakes, "bakes", "N", "1", "Bakes that run at once; others wait their turn")          \
     X(COUNT, bake_queue, "bake-queue", "N", "64", "Bakes that may wait; more are refused")        \
@@ -35,6 +40,10 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(COUNT, bake_nice, "bake-nice", "N", "5",                                                    \
       "How far a bake steps back for relighting, 0 to 19. On a machine that is busy with other "  \
       "things a large value may starve it")                                                       \
+    X(BYTES, bake_memory, "bake-memory", "BYTES", "0",                                            \
+      "Memory of one bake; one that needs more fails. 0: as its settings are estimated to need")  \
+    X(SECONDS, bake_time, "bake-time", "SECONDS", "21600",                                        \
+      "Longest a bake may run; then it is stopped. 0: no limit")                                  \
     X(BYTES, memory, "memory", "BYTES", "8G",                                                     \
       "Baked transport held ready; beyond it the least recently used model is unloaded")          \
     X(BYTES, cache, "cache", "BYTES", "1G",                                                       \
@@ -46,6 +55,12 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(BYTES, max_blob, "max-blob", "BYTES", "1G", "Largest upload")                               \
     X(BYTES, decode_memory, "decode-memory", "BYTES", "4G",                                       \
       "Memory a process that decodes an untrusted image may take")                                \
+    X(BYTES, decode_total, "decode-total", "BYTES", "0",                                          \
+      "Memory that processes which decode may take together: more wait their turn. 0: half of "   \
+      "the machine's")                                                                            \
+    X(FLAG, accept_weak_sandbox, "accept-weak-sandbox", "yes|no", "no",                           \
+      "Decode files even where the system cannot confine the process that does so (no seccomp, "  \
+      "no Landlock)")                                                                             \
     X(COUNT, connections, "connections", "N", "1100",                                             \
       "Connections at once, over all carriers")                                                   \
     X(COUNT, client_connections, "client-connections", "N", "0",                                  \
@@ -97,6 +112,7 @@ struct options {
 #define OPTION_FIELD_COUNT(f) uint32_t f;
 #define OPTION_FIELD_BYTES(f) uint64_t f;
 #define OPTION_FIELD_SECONDS(f) double f;
+#define OPTION_FIELD_FLAG(f) bool f;
 #define X(kind, field, word, value, preset, text) OPTION_FIELD_##kind(field)
     OPTIONS_LIST(X)
 #undef X

@@ -24,6 +24,8 @@ enum {
     SERVER_MAX_HEADER = 1 << 20,
     SERVER_MAX_PAYLOAD = 48 << 20, /* sixteen 128-cubes of floats are 18 MB */
     SERVER_CHUNK = 1 << 20,
+    SERVER_MAX_ITEMS = 16384,      /* messages and strings in one header */
+    SERVER_MAX_UNPACKED = 4 << 20, /* bytes a header may take once it is unpacked */
 };
 
 struct server {

@@ -54,6 +54,24 @@ static void each_type(const struct stats *s, stats_fn fn, void *user)
     }
 }
 
+static void each_resource(const struct ledger *ledger, stats_fn fn, void *user)
+{
+    char label[80];
+    for (int limit = 0; limit < 2; limit++)
+        for (int i = 0; i < LEDGER_N; i++) {
+            enum ledger_resource resource = (enum ledger_resource)i;
+            snprintf(label, sizeof label, "resource=\"%s\"", ledger_name(resource));
+            if (limit)
+                fn(user, "relightd_resource_limit", label,
+                   (double)ledger_limit_all(ledger, resource),
+                   "most that all clients together may hold, 0 for no limit", "gauge");
+            else
+                fn(user, "relightd_resource_held", label,
+                   (double)ledger_total(ledger, resource), "what all clients together hold",
+                   "gauge");
+        }
+}
+
 void stats_each(const struct server *server, stats_fn fn, void *user)
 {
     const struct stats *s = &server->stats;
@@ -72,7 +90,7 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     G("models_open", files.entries, "open transport files");
     G("cache_bytes", cache.bytes, "bytes of shared results");
     G("cache_entries", cache.entries, "shared results");
-    G("disk_bytes", blobs_bytes(server->blobs) + disk_bytes(server->ledger),
+    G("disk_bytes", disk_bytes(server->ledger),
       "bytes of uploads, previews, copies of --models and bakes");
     G("bakes_bytes", bakes_bytes(server), "bytes of bakes alone");
     G("jobs_open", jobs_open(server->jobs), "bakes that wait or run");
@@ -91,6 +109,8 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     C("bakes_cancelled", s->bakes_cancelled, "bakes cancelled");
     C("bakes_cached", s->bakes_cached, "loads that found their bake on disk");
     C("bakes_evicted", s->bakes_evicted, "bakes deleted for room");
+    C("children_crashed", s->children_crashed,
+      "decoders and bakes that a signal ended, other than a cancelled bake's");
     C("passes", s->passes, "passes over transport");
     C("relights", s->relights, "evaluations made by passes");
     C("relights_shared", s->shared, "evaluations that shared a pass");
@@ -107,6 +127,7 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     C("view_overtaken", s->frames_dropped, "view states overtaken before they were drawn");
 #undef G
 #undef C
+    each_resource(server->ledger, fn, user);
     each_type(s, fn, user);
 }
 

@@ -3,11 +3,13 @@
 #ifndef RELIGHTD_STATS_H
 #define RELIGHTD_STATS_H
 
+#include "frame.h"
+
 #include <stddef.h>
 #include <stdint.h>
 
 struct server;
-enum { STATS_N_TYPE = 20, STATS_N_BUCKET = 11 };
+enum { STATS_N_TYPE = RELIGHT_TYPE_N, STATS_N_BUCKET = 11 };
 
 struct stats_histogram {
     uint64_t bucket[STATS_N_BUCKET + 1];
@@ -22,6 +24,7 @@ struct stats {
     uint64_t errors_total, busy_total, cancelled_total, deadline_total;
     uint64_t bytes_in, bytes_out;
     uint64_t bakes_done, bakes_failed, bakes_cancelled, bakes_cached, bakes_evicted;
+    uint64_t children_crashed; /* decoders and bakes that ended by a signal not of ours */
     uint64_t passes, relights, shared; /* transport passes, answers made by them, joined ones */
     uint64_t contractions, edits; /* joint transport: lights contracted, answers made of them */
     uint64_t materials_fixed,

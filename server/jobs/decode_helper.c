@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Both ends of the decode helper. Messages are packets on a socket pair: a request is struct
-// ask and its words, a reply {number, status, sizes} + error text, with the pixels of an image
-// in a memory file passed along.
+// ask and its words with the open file passed along, a reply {number, status, sizes} + error
+// text, with the pixels of an image in a memory file passed along.
 #include "jobs/decode_helper.h"
 
 #include "core/log.h"
@@ -9,6 +9,8 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <libgen.h>
+#include <limits.h>
 #include <poll.h>
 #include <signal.h>
 #include <spawn.h>
@@ -17,7 +19,9 @@
 #include <string.h>
 #include <sys/epoll.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -25,10 +29,12 @@ extern char **environ;
 
 enum { PACKET = 64 << 10, MAX_AT_ONCE = 4, MAX_RUNNING = 64, MAX_SIDE = 65536, MAX_WORD = 68 };
 
+#define MAX_FILE ((uint64_t)2 << 30)
+
 enum asked { ASK_ENV, ASK_MODEL, ASK_IMAGE };
 
 struct ask {
-    uint64_t number, memory_bytes;
+    uint64_t number, memory_bytes, image_bytes;
     uint32_t n_word; // what follows: path, name, and of a model the .prt and opaque names
     uint32_t model;  // enum asked
     double size_mm, mm_per_unit;
@@ -39,6 +45,7 @@ struct reply {
     uint64_t number;
     int32_t status;
     uint32_t kind, width, height, cube_n, n_negative, n_nonfinite;
+    uint32_t crashed; // decoders that a signal ended
     float ms;
     char error[400];
     char warnings[2000]; // a line each
@@ -59,7 +66,9 @@ struct decoder {
     struct loop *loop;
     struct loop_watch watch; // fd -1: no helper runs
     pid_t pid;
-    uint64_t memory_bytes, last_number;
+    struct decoder_limits limits;
+    unsigned at_once;
+    uint64_t *n_crashed, last_number;
     struct wait_for *waiting;
     unsigned n_sent;
 };
@@ -84,62 +93,95 @@ static size_t pixel_bytes(uint32_t kind, uint32_t width, uint32_t height, uint32
                                 : (size_t)width * height * 12;
 }
 
+// Pages are given back as soon as they are copied: there is one copy of a large image.
 static int write_pixels(const struct prt_env *env, size_t n)
 {
+    const size_t piece = 8 << 20, page = (size_t)sysconf(_SC_PAGESIZE);
     int fd = memfd_create("environment", MFD_CLOEXEC | MFD_ALLOW_SEALING);
     if (fd < 0) return -1;
-    const char *pixels =
-        (const char *)(env->kind == PRT_ENV_CUBE ? env->cube.texel : env->latlong.rgb);
+    char *pixels = (char *)(env->kind == PRT_ENV_CUBE ? env->cube.texel : env->latlong.rgb);
     for (size_t put = 0; put < n;) {
-        ssize_t done = write(fd, pixels + put, n - put);
+        ssize_t done = write(fd, pixels + put, n - put < piece ? n - put : piece);
         if (done < 0 && errno == EINTR) continue;
         if (done <= 0) {
             close(fd);
             return -1;
         }
+        uintptr_t begin = ((uintptr_t)(pixels + put) + page - 1) & ~(uintptr_t)(page - 1);
         put += (size_t)done;
+        uintptr_t end = (uintptr_t)(pixels + put) & ~(uintptr_t)(page - 1);
+        if (begin < end) madvise((void *)begin, end - begin, MADV_DONTNEED);
     }
-    fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE);
+    if (fcntl(fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE | F_SEAL_SEAL)) {
+        close(fd);
+        return -1;
+    }
     return fd;
 }
 
-static void send_reply(int socket_fd, const struct reply *reply, int pixels_fd)
+// False when the other end is gone or does not take it.
+static bool send_packet(int socket_fd, const void *bytes, size_t n, int passed_fd)
 {
-    struct iovec iov = {(void *)reply, sizeof *reply};
+    struct iovec iov = {(void *)bytes, n};
     union {
         struct cmsghdr head;
         char room[CMSG_SPACE(sizeof(int))];
     } control = {0};
     struct msghdr message = {.msg_iov = &iov, .msg_iovlen = 1};
-    if (pixels_fd >= 0) {
+    if (passed_fd >= 0) {
         message.msg_control = &control;
         message.msg_controllen = sizeof control.room;
         control.head = (struct cmsghdr){.cmsg_len = CMSG_LEN(sizeof(int)),
                                         .cmsg_level = SOL_SOCKET,
                                         .cmsg_type = SCM_RIGHTS};
-        memcpy(CMSG_DATA(&control.head), &pixels_fd, sizeof pixels_fd);
+        memcpy(CMSG_DATA(&control.head), &passed_fd, sizeof passed_fd);
     }
-    while (sendmsg(socket_fd, &message, MSG_NOSIGNAL) < 0 && errno == EINTR) continue;
+    ssize_t sent;
+    while ((sent = sendmsg(socket_fd, &message, MSG_NOSIGNAL)) < 0 && errno == EINTR) continue;
+    return sent >= 0;
 }
 
-// The store's path means nothing to who uploaded the file.
-static void hide_path(char *text, size_t size, const char *path, const char *name)
+// The bytes of a packet and the descriptor that came with it, -1 without one.
+static ssize_t receive_packet(int socket_fd, void *bytes, size_t n, int *passed_fd)
 {
-    size_t n = strlen(path);
-    for (char *at = strcmp(path, name) ? text : NULL; at && (at = strstr(at, path));) {
-        char *tail = strdup(at + n);
-        snprintf(at, size - (size_t)(at - text), "%s%s", name, tail ? tail : "");
-        at += strlen(name) < strlen(at) ? strlen(name) : strlen(at);
-        free(tail);
-    }
+    struct iovec iov = {bytes, n};
+    union {
+        struct cmsghdr head;
+        char room[CMSG_SPACE(sizeof(int))];
+    } control;
+    struct msghdr message = {.msg_iov = &iov,
+                             .msg_iovlen = 1,
+                             .msg_control = &control,
+                             .msg_controllen = sizeof control.room};
+    *passed_fd = -1;
+    ssize_t got = recvmsg(socket_fd, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
+    struct cmsghdr *head = got > 0 ? CMSG_FIRSTHDR(&message) : NULL;
+    if (head && head->cmsg_type == SCM_RIGHTS)
+        memcpy(passed_fd, CMSG_DATA(head), sizeof *passed_fd);
+    return got;
 }
 
-static int read_image(const struct prt_context *ctx, bool as_env, const char *path,
-                      const char *name, struct reply *reply)
+// The store's folder means nothing to who uploaded the file.
+static void hide_folder(char *text, const char *folder)
+{
+    char with_slash[PATH_MAX + 2];
+    snprintf(with_slash, sizeof with_slash, "%s/", folder);
+    size_t n = strlen(with_slash);
+    for (char *at = text; (at = strstr(at, with_slash));)
+        memmove(at, at + n, strlen(at + n) + 1);
+}
+
+static int read_image(const struct prt_context *ctx, bool as_env, int fd, const char *name,
+                      struct reply *reply)
 {
     struct prt_env *env = NULL, plain = {.kind = PRT_ENV_LATLONG};
-    int status =
-        as_env ? prt_env_load(ctx, path, &env) : prt_image_load(ctx, path, &plain.latlong);
+    struct prt_blob file = {NULL, 0};
+    int status = prt_read_fd(ctx, name, fd, MAX_FILE, &file);
+    if (!status)
+        status = as_env
+                     ? prt_env_load_memory(ctx, name, file.bytes, file.size, &env)
+                     : prt_image_load_memory(ctx, name, file.bytes, file.size, &plain.latlong);
+    prt_free(file.bytes);
     int pixels_fd = -1;
     if ((reply->status = status)) return -1;
     if (!as_env) env = &plain;
@@ -187,11 +229,12 @@ static int write_mesh(const struct prt_context *ctx, const char *out,
     return status;
 }
 
-static int read_model(const struct prt_context *ctx, const struct ask *ask, char *const *word)
+static int read_model(const struct prt_context *ctx, const struct ask *ask, int fd,
+                      const char *folder, char *const *word)
 {
     struct prt_mesh_options options = {.opaque = (const char *const *)word + 3};
     struct prt_mesh *mesh = NULL;
-    int status = prt_mesh_load(ctx, word[0], &options, &mesh);
+    int status = prt_mesh_load_fd(ctx, word[1], fd, folder, &options, &mesh);
     if (!status) status = prt_mesh_scale(ctx, mesh, ask->size_mm, ask->mm_per_unit);
     if (!status) status = write_mesh(ctx, word[2], mesh, &ask->material);
     prt_mesh_destroy(mesh);
@@ -199,25 +242,30 @@ static int read_model(const struct prt_context *ctx, const struct ask *ask, char
 }
 
 // word: path, name, ... and NULL at the end.
-static void serve(int socket_fd, const struct ask *ask, char *const *word)
+static void serve(int socket_fd, const struct ask *ask, int fd, char *const *word)
 {
     struct reply reply = {.number = ask->number};
+    char copy[PATH_MAX];
+    snprintf(copy, sizeof copy, "%s", word[0]);
+    const char *folder = dirname(copy);
     struct prt_context ctx;
     prt_context_init(&ctx);
     ctx.log = keep_error;
     ctx.log_user = &reply;
     ctx.memory_limit = ask->memory_bytes;
+    ctx.image_limit = ask->image_bytes;
     double start = prt_time_s();
     int pixels_fd = -1;
-    if (ask->model == ASK_MODEL) reply.status = read_model(&ctx, ask, word);
-    else pixels_fd = read_image(&ctx, ask->model == ASK_ENV, word[0], word[1], &reply);
+    if (ask->model == ASK_MODEL) reply.status = read_model(&ctx, ask, fd, folder, word);
+    else pixels_fd = read_image(&ctx, ask->model == ASK_ENV, fd, word[1], &reply);
     if (reply.status && !reply.error[0])
         snprintf(reply.error, sizeof reply.error, "%s: %s", word[1],
                  prt_status_text(reply.status));
-    hide_path(reply.error, sizeof reply.error, word[0], word[1]);
-    hide_path(reply.warnings, sizeof reply.warnings, word[0], word[1]);
+    hide_folder(reply.error, folder);
+    hide_folder(reply.warnings, folder);
+    reply.crashed = prt_isolate_crashes();
     reply.ms = (float)((prt_time_s() - start) * 1e3);
-    send_reply(socket_fd, &reply, pixels_fd);
+    send_packet(socket_fd, &reply, sizeof reply, pixels_fd);
 }
 
 // The words of a packet; false when they are not all there.
@@ -256,31 +304,34 @@ static void reap(int fd, struct running *running)
             if (WIFEXITED(how) && !WEXITSTATUS(how)) continue;
             struct reply reply = {.number = running[i].number,
                                   .status = PRT_FORMAT,
+                                  .crashed = 1,
                                   .error = "the process that read the file died"};
-            send_reply(fd, &reply, -1);
+            send_packet(fd, &reply, sizeof reply, -1);
         }
 }
 
-static void start_decoding(int fd, char *packet, ssize_t n, struct running *running)
+static void start_decoding(int fd, char *packet, ssize_t n, int file_fd,
+                           struct running *running)
 {
     struct ask ask;
     char *word[MAX_WORD + 1];
     memcpy(&ask, packet, sizeof ask);
     if (!split_words(packet, (size_t)n, &ask, word)) return;
-    pid_t pid = fork();
+    pid_t helper = getpid(), pid = fork();
     if (pid == 0) {
+        if (prctl(PR_SET_PDEATHSIG, SIGKILL) || getppid() != helper) _exit(1);
         signal(SIGCHLD, SIG_DFL); // its own isolated child is waited for
         sigset_t none;
         sigemptyset(&none);
         sigprocmask(SIG_SETMASK, &none, NULL);
-        serve(fd, &ask, word);
+        serve(fd, &ask, file_fd, word);
         _exit(0);
     }
     if (pid < 0) {
         struct reply reply = {.number = ask.number,
                               .status = PRT_NOMEM,
                               .error = "no process could be started to read the file"};
-        send_reply(fd, &reply, -1);
+        send_packet(fd, &reply, sizeof reply, -1);
         return;
     }
     for (int i = 0; i < MAX_RUNNING; i++)
@@ -307,10 +358,12 @@ int decode_helper_main(int fd)
         reap(fd, running);
         struct pollfd poll_fd = {fd, POLLIN, 0};
         if (ppoll(&poll_fd, 1, NULL, &none) < 0) continue;
-        ssize_t n = recv(fd, packet, sizeof packet, MSG_DONTWAIT);
+        int file_fd;
+        ssize_t n = receive_packet(fd, packet, sizeof packet, &file_fd);
         if (n < 0 && (errno == EINTR || errno == EAGAIN)) continue;
-        if (n < (ssize_t)sizeof(struct ask)) return 0; // the daemon is gone
-        start_decoding(fd, packet, n, running);
+        if (n < (ssize_t)sizeof(struct ask) || file_fd < 0) return 0; // the daemon is gone
+        start_decoding(fd, packet, n, file_fd, running);
+        close(file_fd);
     }
 }
 
@@ -351,7 +404,8 @@ static struct decoded_env *map_pixels(const struct reply *reply, int fd)
     if (size < 0 || (size_t)size != n) return NULL;
     struct decoded_env *env = calloc(1, sizeof *env);
     if (!env) return NULL;
-    env->map = mmap(NULL, n, PROT_READ, MAP_PRIVATE | MAP_POPULATE, fd, 0);
+    // Pages come with who reads them first, a worker: this is the loop.
+    env->map = mmap(NULL, n, PROT_READ, MAP_SHARED, fd, 0);
     if (env->map == MAP_FAILED) {
         free(env);
         return NULL;
@@ -373,6 +427,7 @@ static void take_reply(struct decoder *decoder, const struct reply *reply, int f
     struct wait_for *w = decoder->waiting;
     while (w && w->number != reply->number) w = w->next;
     if (!w) return;
+    *decoder->n_crashed += reply->crashed;
     struct decoded_env *env = NULL;
     int status = reply->status;
     const char *error = reply->error;
@@ -406,24 +461,13 @@ static void helper_ready(struct loop_watch *watch, uint32_t events)
     struct decoder *decoder = the_decoder;
     for (;;) {
         struct reply reply;
-        struct iovec iov = {&reply, sizeof reply};
-        union {
-            struct cmsghdr head;
-            char room[CMSG_SPACE(sizeof(int))];
-        } control;
-        struct msghdr message = {.msg_iov = &iov,
-                                 .msg_iovlen = 1,
-                                 .msg_control = &control,
-                                 .msg_controllen = sizeof control.room};
-        ssize_t n = recvmsg(watch->fd, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
+        int fd;
+        ssize_t n = receive_packet(watch->fd, &reply, sizeof reply, &fd);
         if (n < 0 && (errno == EAGAIN || errno == EINTR)) break;
         if (n <= 0) {
             helper_gone(decoder);
             break;
         }
-        int fd = -1;
-        struct cmsghdr *head = CMSG_FIRSTHDR(&message);
-        if (head && head->cmsg_type == SCM_RIGHTS) memcpy(&fd, CMSG_DATA(head), sizeof fd);
         reply.error[sizeof reply.error - 1] = 0;
         reply.warnings[sizeof reply.warnings - 1] = 0;
         if (n == (ssize_t)sizeof reply) take_reply(decoder, &reply, fd);
@@ -461,19 +505,40 @@ static int start_helper(struct decoder *decoder)
     return 0;
 }
 
+// A file of the store or of --models, where paths have been resolved: a link was put there
+// since.
+static int open_input(const char *path, char error[256])
+{
+    struct stat st;
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY);
+    if (fd >= 0 && !fstat(fd, &st) && S_ISREG(st.st_mode)) return fd;
+    snprintf(error, 256, "the file cannot be opened: %s",
+             fd < 0 ? strerror(errno) : "not a regular file");
+    if (fd >= 0) close(fd);
+    return -1;
+}
+
 // Sends what waits, as far as the helper may be busy at once; restarts a helper that died.
 static void send_waiting(struct decoder *decoder)
 {
     for (;;) {
         struct wait_for *w = decoder->waiting;
         while (w && w->sent) w = w->next;
-        if (!w || decoder->n_sent >= MAX_AT_ONCE) return;
+        if (!w || decoder->n_sent >= decoder->at_once) return;
         if (decoder->watch.fd < 0 && start_helper(decoder)) {
             finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process cannot be started",
                    NULL);
             continue;
         }
-        if (send(decoder->watch.fd, w->packet, w->size, MSG_NOSIGNAL) < 0) {
+        char error[256];
+        int fd = open_input(w->packet + sizeof(struct ask), error);
+        if (fd < 0) {
+            finish(decoder, w, NULL, PRT_IO, error, NULL);
+            continue;
+        }
+        bool sent = send_packet(decoder->watch.fd, w->packet, w->size, fd);
+        close(fd);
+        if (!sent) {
             finish(decoder, w, NULL, PRT_INTERNAL, "the decoding process does not answer",
                    NULL);
             continue;
@@ -483,11 +548,20 @@ static void send_waiting(struct decoder *decoder)
     }
 }
 
-int decoder_create(struct loop *loop, uint64_t memory_bytes, struct decoder **out)
+int decoder_create(struct loop *loop, const struct decoder_limits *limits, uint64_t *n_crashed,
+                   struct decoder **out)
 {
     struct decoder *decoder = calloc(1, sizeof *decoder);
     if (!decoder) return -ENOMEM;
-    *decoder = (struct decoder){.loop = loop, .memory_bytes = memory_bytes, .watch.fd = -1};
+    *decoder = (struct decoder){
+        .loop = loop, .limits = *limits, .n_crashed = n_crashed, .watch.fd = -1};
+    struct decoder_limits *l = &decoder->limits;
+    if (!l->total_bytes)
+        l->total_bytes =
+            (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE) / 2;
+    if (l->memory_bytes > l->total_bytes) l->memory_bytes = l->total_bytes;
+    uint64_t fit = l->memory_bytes ? l->total_bytes / l->memory_bytes : 1;
+    decoder->at_once = fit < MAX_AT_ONCE ? (unsigned)fit : MAX_AT_ONCE;
     the_decoder = decoder;
     int err = start_helper(decoder);
     if (err) {
@@ -522,7 +596,8 @@ static struct wait_for *new_wait(struct decoder *decoder, struct ask *ask,
         n_word <= MAX_WORD && size <= PACKET ? calloc(1, sizeof *w + size) : NULL;
     if (!w) return NULL;
     ask->number = w->number = ++decoder->last_number;
-    ask->memory_bytes = decoder->memory_bytes;
+    ask->memory_bytes = decoder->limits.memory_bytes;
+    ask->image_bytes = decoder->limits.image_bytes;
     ask->n_word = (uint32_t)n_word;
     memcpy(w->packet, ask, sizeof *ask);
     w->size = sizeof *ask;
@@ -592,6 +667,7 @@ bool decoder_reap(struct decoder *decoder, int pid)
 {
     if (!decoder || pid != decoder->pid) return false;
     log_line(LOG_WARN, "decode helper=%d died; the next image starts another", pid);
+    ++*decoder->n_crashed;
     helper_gone(decoder);
     return true;
 }

@@ -25,9 +25,16 @@ void decoded_env_destroy(void *env); /* struct decoded_env* */
 /* env NULL: code (enum prt_status) and error say why. Called on the loop's thread. */
 typedef void (*decode_fn)(void *user, struct decoded_env *env, int status, const char *error);
 
-int decoder_create(struct loop *loop, uint64_t memory_bytes, struct decoder **out);
+struct decoder_limits {
+    uint64_t memory_bytes; /* of one decoding process */
+    uint64_t total_bytes;  /* of all at once, at least one runs; 0: half of the machine's */
+    uint64_t image_bytes;  /* of an image's pixels: what the cache cannot hold is not decoded */
+};
+/* n_crashed counts processes that ended by a signal; it outlives the decoder. */
+int decoder_create(struct loop *loop, const struct decoder_limits *limits, uint64_t *n_crashed,
+                   struct decoder **out);
 void decoder_destroy(struct decoder *decoder);
-/* Decodes the file at `path` (or the words "constant…"); errors call it `name`. */
+/* Decodes the regular file at `path`, no link; errors call it `name`. */
 void decoder_env(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
                  void *user);
 /* The same of a plain image, whatever its shape: always a lat-long's pixels. */

@@ -138,6 +138,8 @@ static void free_order(struct job_order *order)
     *order = (struct job_order){0};
 }
 
+// Called where a job is added and nowhere else: who ends a job, and who it tells, still looks
+// at it.
 static void forget_old(struct jobs *jobs)
 {
     struct job **at = &jobs->job;
@@ -187,7 +189,6 @@ static void end_job(struct job *job, enum job_outcome outcome, const char *error
              job->error[0] ? " error=" : "", job->error);
     job->done(job->user, job, outcome);
     tell_end(job);
-    if (!jobs->stopping) forget_old(jobs);
 }
 
 static void on_progress(void *user, const char *stage, double fraction, double eta_s)
@@ -290,6 +291,7 @@ struct job *jobs_add(struct jobs *jobs, const char *model_id, struct job_order *
                      job_done_fn done, void *user)
 {
     struct job *job = NULL;
+    forget_old(jobs);
     if (!jobs->stopping && jobs->n_queued < jobs->server->options.bake_queue)
         job = calloc(1, sizeof *job);
     if (!job) {

@@ -57,6 +57,7 @@ struct job *jobs_add(struct jobs *jobs, const char *model_id, struct job_order *
                      job_done_fn done, void *user);
 /* By job id, or a model id for its newest. */
 struct job *jobs_find(struct jobs *jobs, const char *id);
+/* The job stays valid until the next jobs_add. */
 void jobs_cancel(struct jobs *jobs, struct job *job);
 /* Answers a WATCH request now and at every change, until the job ends. */
 void jobs_watch(struct jobs *jobs, struct job *job, struct request *request);

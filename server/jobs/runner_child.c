@@ -1,23 +1,24 @@
 // SPDX-License-Identifier: MIT
 // The runner that starts `prt` as a child process: progress on one pipe, error output on
-// another, SIGTERM to cancel and SIGKILL for one that does not listen.
+// another, SIGTERM to cancel and SIGKILL for one that does not listen. The child has limits on
+// memory and time, and dies with the daemon, however that ends.
 #include "jobs/jobs.h"
 #include "core/log.h"
 #include "core/server.h"
 
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
+#include <pthread.h>
 #include <signal.h>
-#include <spawn.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
-
-extern char **environ;
 
 enum { LINE = 1000, PROGRESS_FD = 3 };
 static const uint64_t patience_ns = 5000000000u;
@@ -32,10 +33,10 @@ struct job_run {
     struct job_run *next;
     struct server *server;
     pid_t pid;
-    bool ended, cancelled;
+    bool ended, cancelled, late; // late: its time is over
     int how;
     struct lines progress, errors;
-    struct loop_timer kill_timer;
+    struct loop_timer kill_timer, time_timer;
     char last_error[400];
     struct job_events events;
     void *user;
@@ -77,15 +78,24 @@ static void finish(struct job_run *run)
     close_lines(run, &run->progress);
     close_lines(run, &run->errors);
     loop_timer_stop(run->server->loop, &run->kill_timer);
+    loop_timer_stop(run->server->loop, &run->time_timer);
     enum job_outcome outcome = JOB_OUT_FAILED;
     char error[480] = "";
     if (WIFEXITED(run->how) && WEXITSTATUS(run->how) == 0) {
         outcome = JOB_OUT_DONE;
+    } else if (run->late || (WIFSIGNALED(run->how) && WTERMSIG(run->how) == SIGXCPU)) {
+        snprintf(error, sizeof error,
+                 "the bake took longer than %g s and was stopped: ask for fewer samples, or "
+                 "raise relightd's --bake-time",
+                 run->server->options.bake_time);
     } else if (run->cancelled) {
         outcome = JOB_OUT_CANCELLED;
         snprintf(error, sizeof error, "cancelled");
     } else if (WIFSIGNALED(run->how)) {
-        snprintf(error, sizeof error, "the bake process was killed by signal %d (%s)",
+        run->server->stats.children_crashed++;
+        snprintf(error, sizeof error,
+                 "the bake process was killed by signal %d (%s); it may have run out of memory "
+                 "(relightd's --bake-memory)",
                  WTERMSIG(run->how), strsignal(WTERMSIG(run->how)));
     } else {
         snprintf(error, sizeof error, "%s",
@@ -144,6 +154,21 @@ static void kill_now(struct loop_timer *timer)
     kill(run->pid, SIGKILL);
 }
 
+static void stop(struct job_run *run)
+{
+    kill(run->pid, SIGTERM);
+    run->kill_timer.fire = kill_now;
+    loop_timer_set(run->server->loop, &run->kill_timer, loop_now_ns() + patience_ns);
+}
+
+static void time_over(struct loop_timer *timer)
+{
+    struct job_run *run =
+        (struct job_run *)((char *)timer - offsetof(struct job_run, time_timer));
+    run->late = true;
+    stop(run);
+}
+
 static bool child_reap(int pid, int how)
 {
     struct job_run *run = runs;
@@ -160,36 +185,62 @@ static bool child_reap(int pid, int how)
 static void child_cancel(struct job_run *run)
 {
     run->cancelled = true;
-    kill(run->pid, SIGTERM);
-    run->kill_timer.fire = kill_now;
-    loop_timer_set(run->server->loop, &run->kill_timer, loop_now_ns() + patience_ns);
+    stop(run);
 }
 
-static int spawn(const char *program, char **argv, const char *cwd, int progress_fd,
-                 int error_fd, pid_t *pid)
+// What the child makes of itself between vfork and exec.
+struct birth {
+    const char *program, *cwd;
+    char **argv;
+    int progress_fd, error_fd;
+    pid_t daemon;
+    struct rlimit data, cpu;
+    int error; // written by the child, whose memory is ours until exec
+};
+
+static void enter(struct birth *b)
 {
-    posix_spawn_file_actions_t actions;
-    posix_spawnattr_t attr;
-    sigset_t none, standard;
+    sigset_t none;
+    const struct rlimit core = {0, 0};
     sigemptyset(&none);
-    sigemptyset(&standard);
-    sigaddset(&standard, SIGPIPE);
-    posix_spawn_file_actions_init(&actions);
-    posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
-    posix_spawn_file_actions_addopen(&actions, 1, "/dev/null", O_WRONLY, 0);
-    posix_spawn_file_actions_adddup2(&actions, error_fd, 2);
-    posix_spawn_file_actions_adddup2(&actions, progress_fd, PROGRESS_FD);
-    posix_spawn_file_actions_addchdir_np(&actions, cwd);
-    posix_spawnattr_init(&attr);
-    posix_spawnattr_setsigmask(&attr, &none);
-    posix_spawnattr_setsigdefault(&attr, &standard);
-    posix_spawnattr_setpgroup(&attr, 0); // a terminal's ^C is the daemon's to handle
-    posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF |
-                                        POSIX_SPAWN_SETPGROUP);
-    int err = posix_spawnp(pid, program, &actions, &attr, argv, environ);
-    posix_spawn_file_actions_destroy(&actions);
-    posix_spawnattr_destroy(&attr);
-    return err;
+    int null = open("/dev/null", O_RDWR | O_CLOEXEC);
+    bool ok = null >= 0 && dup2(null, 0) == 0 && dup2(null, 1) == 1 &&
+              dup2(b->error_fd, 2) == 2 && dup2(b->progress_fd, PROGRESS_FD) == PROGRESS_FD &&
+              !chdir(b->cwd) && !setpgid(0, 0) && // a terminal's ^C is the daemon's to handle
+              !prctl(PR_SET_PDEATHSIG, SIGKILL) && getppid() == b->daemon &&
+              !setrlimit(RLIMIT_CORE, &core) &&
+              (!b->data.rlim_cur || !setrlimit(RLIMIT_DATA, &b->data)) &&
+              (!b->cpu.rlim_cur || !setrlimit(RLIMIT_CPU, &b->cpu)) &&
+              signal(SIGPIPE, SIG_DFL) != SIG_ERR && !sigprocmask(SIG_SETMASK, &none, NULL);
+    if (ok) execvp(b->program, b->argv);
+    b->error = errno ? errno : ESRCH;
+    _exit(127);
+}
+
+// vfork, since posix_spawn sets neither limits nor a parent-death signal, and a fork would copy
+// the page tables of all mapped transport. No signal is handled before exec: all are blocked.
+static int spawn(struct birth *b, pid_t *pid)
+{
+    sigset_t all, old;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &old);
+    b->daemon = getpid();
+    *pid = vfork();
+    if (*pid == 0) enter(b);
+    int error = *pid < 0 ? errno : b->error;
+    if (*pid > 0 && b->error) waitpid(*pid, NULL, 0);
+    pthread_sigmask(SIG_SETMASK, &old, NULL);
+    return error;
+}
+
+// Seconds on all of its threads; a limit beside the timer, for a daemon that is stopped.
+static struct rlimit cpu_limit(const struct server *server)
+{
+    const struct options *o = &server->options;
+    double threads = o->bake_threads ? o->bake_threads : server->n_core;
+    double seconds = ceil(o->bake_time) * threads + 60;
+    if (o->bake_time <= 0) return (struct rlimit){0, 0};
+    return (struct rlimit){(rlim_t)seconds, (rlim_t)seconds + 5};
 }
 
 // The prt beside our own program, else the one on PATH.
@@ -228,10 +279,24 @@ static struct job_run *child_start(struct server *server, const struct job_order
         err = errno;
         goto fail;
     }
-    // dup2 onto the same number would leave close-on-exec set.
-    if (progress[1] == PROGRESS_FD) progress[1] = fcntl(PROGRESS_FD, F_DUPFD_CLOEXEC, 10);
+    // dup2 onto the same number would leave close-on-exec set, or close the other.
+    for (int i = 0; i < 2; i++) {
+        int *fd = i ? &errors[1] : &progress[1], low = *fd;
+        if (low > PROGRESS_FD) continue;
+        *fd = fcntl(low, F_DUPFD_CLOEXEC, 10);
+        err = errno;
+        close(low);
+        if (*fd < 0) goto fail;
+    }
     *run = (struct job_run){.server = server, .events = *events, .user = user, .next = runs};
-    err = spawn(program, argv, order->cwd, progress[1], errors[1], &run->pid);
+    struct birth birth = {.program = program,
+                          .cwd = order->cwd,
+                          .argv = argv,
+                          .progress_fd = progress[1],
+                          .error_fd = errors[1],
+                          .data = {server->options.bake_memory, server->options.bake_memory},
+                          .cpu = cpu_limit(server)};
+    err = spawn(&birth, &run->pid);
     if (err) goto fail;
     // Relighting goes first. Relative: the daemon itself may have been started with a niceness.
     int own = getpriority(PRIO_PROCESS, 0);
@@ -246,6 +311,10 @@ static struct job_run *child_start(struct server *server, const struct job_order
     run->errors.watch = (struct loop_watch){errors[0], errors_ready};
     loop_watch_add(server->loop, &run->progress.watch, EPOLLIN);
     loop_watch_add(server->loop, &run->errors.watch, EPOLLIN);
+    run->time_timer.fire = time_over;
+    if (server->options.bake_time > 0)
+        loop_timer_set(server->loop, &run->time_timer,
+                       loop_now_ns() + (uint64_t)(server->options.bake_time * 1e9));
     return run;
 fail:
     snprintf(error, 256, "%.200s cannot be started: %s", program, strerror(err));

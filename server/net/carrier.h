@@ -14,6 +14,10 @@ int sockets_adopt(struct server *server, int fd);
 /* Stops accepting and removes the unix sockets' files. */
 void sockets_close(struct server *server);
 
+/* The ERROR frame that a refused client gets before it is closed: BUSY with `text`, or
+ * SHUTTING_DOWN. malloc()ed; 0 or a frame fault. */
+int refusal_frame(const struct server *server, const char *text, uint8_t **out, size_t *n);
+
 /* HTTP and WebSocket on HOST:PORT. While it is open, http_turn runs the loop. */
 int http_open(struct server *server, const char *address);
 bool http_is_open(void);

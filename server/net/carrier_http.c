@@ -1,28 +1,35 @@
 // SPDX-License-Identifier: MIT
 // HTTP and WebSocket through libwebsockets: /healthz, /metrics, the page's files, and frames as
 // binary messages on /ws. libwebsockets runs its own poll loop; ours is nested in it as a
-// single descriptor, so that everything stays on one thread.
+// single descriptor, so that everything stays on one thread. Our listener accepts the clients.
 #include "net/carrier.h"
 
 #include "core/log.h"
+#include "net/listener.h"
+#include "net/web_access.h"
 
+#include <fcntl.h>
 #include <libwebsockets.h>
-#include <stdio.h>
+#include <math.h>
+#include <netdb.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
+#include <unistd.h>
 
 enum {
-    CHUNK = 64 << 10, // largest piece of a message handed to libwebsockets
-    MESSAGE_MAX = SERVER_MAX_PAYLOAD + SERVER_MAX_HEADER + 4096,
+    CHUNK = 64 << 10,       // largest piece of a message handed to libwebsockets
+    PLAIN_MAX = 128,        // HTTP clients beyond --connections
+    TRY_AGAIN_LATER = 1013, // WebSocket close code
 };
+
+#define SUBPROTOCOL "relight.v1"
 
 // A WebSocket client; conn NULL: closed by us, the socket follows.
 struct session {
     struct connection *conn;
     struct lws *wsi;
-    uint8_t *message; // what came of the current one
-    size_t n, room;
+    uint8_t *refusal; // no connection: the frame that says why
+    size_t n_refusal;
 };
 
 // A plain HTTP request whose answer is being sent.
@@ -35,6 +42,7 @@ static struct lws_context *context;
 static struct lws_vhost *vhost;
 static struct server *the_server;
 static uint8_t piece[LWS_PRE + CHUNK];
+static unsigned n_wsi; // what libwebsockets holds: HTTP, WebSocket, and our loop's descriptor
 
 // ---- the carrier
 
@@ -57,42 +65,21 @@ static void ws_close(struct connection *conn)
     lws_set_timeout(s->wsi, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_ASYNC);
 }
 
-static const struct carrier ws_carrier = {"websocket", ws_want_write, ws_set_reading, ws_close};
-
-static bool gather(struct session *s, const void *bytes, size_t n)
+static size_t ws_unsent(const struct connection *conn)
 {
-    if (n > MESSAGE_MAX - s->n) return false;
-    if (s->n + n > s->room) {
-        size_t room = 2 * s->room > s->n + n ? 2 * s->room : s->n + n;
-        uint8_t *grown = realloc(s->message, room);
-        if (!grown) return false;
-        s->message = grown;
-        s->room = room;
-    }
-    memcpy(s->message + s->n, bytes, n);
-    s->n += n;
-    return true;
+    const struct session *s = conn->carrier_data;
+    return socket_unsent(lws_get_socket_fd(s->wsi));
 }
+
+static const struct carrier ws_carrier = {"websocket", ws_want_write, ws_set_reading, ws_close,
+                                          ws_unsent};
 
 static int ws_receive(struct session *s, struct lws *wsi, const void *bytes, size_t n)
 {
+    if (s->refusal) return 0;
     if (!s->conn || s->conn->closing) return s->conn ? 0 : -1;
-    // Before HELLO nobody may make us hold more than its frame.
-    size_t limit = s->conn->greeted ? MESSAGE_MAX : SERVER_HELLO_HEADER + 64;
-    if (s->n + n > limit || !gather(s, bytes, n)) {
-        connection_close(s->conn, "a message is larger than the limit");
-        return -1;
-    }
-    s->conn->heard_ns = loop_now_ns();
-    if (!lws_is_final_fragment(wsi) || lws_remaining_packet_payload(wsi)) return 0;
-    size_t size = s->n;
-    s->n = 0;
-    connection_message(s->conn, s->message, size);
-    if (s->room > 1 << 20) { // one large upload does not keep its memory
-        free(s->message);
-        s->message = NULL;
-        s->room = 0;
-    }
+    bool last = lws_is_final_fragment(wsi) && !lws_remaining_packet_payload(wsi);
+    connection_part(s->conn, bytes, n, last);
     return s->conn ? 0 : -1;
 }
 
@@ -114,28 +101,93 @@ static int ws_write(struct session *s, struct lws *wsi)
     int how = f->sent ? LWS_WRITE_CONTINUATION : LWS_WRITE_BINARY;
     if (n < left) how |= LWS_WRITE_NO_FIN;
     if (lws_write(wsi, piece + LWS_PRE, n, (enum lws_write_protocol)how) < (int)n) return -1;
+    lws_validity_confirmed(wsi); // a slow reader answers pings late, --write-time watches it
     connection_written(conn, n);
     if (s->conn && s->conn->out) lws_callback_on_writable(wsi);
     return s->conn ? 0 : -1;
 }
 
-// A page of somebody else's may not use the visitor's way to us: browsers tell a page's origin.
-static bool origin_allowed(struct lws *wsi)
+// ---- admission
+
+// Copies a header. NULL when it is longer than the room or broken, "" when it is absent.
+static const char *header(struct lws *wsi, enum lws_token_indexes token, char *out, size_t room)
 {
-    char origin[256] = "", host[256] = "";
-    const char *list = the_server->options.origins;
-    if (lws_hdr_copy(wsi, origin, sizeof origin, WSI_TOKEN_ORIGIN) <= 0) return true;
-    const char *name = strstr(origin, "://");
-    lws_hdr_copy(wsi, host, sizeof host, WSI_TOKEN_HOST);
-    if (name && !strcasecmp(name + 3, host)) return true;
-    size_t n = strlen(origin);
-    for (const char *at = list; *at;) {
-        size_t m = strcspn(at, ",");
-        if ((m == 1 && *at == '*') || (m == n && !strncasecmp(at, origin, n))) return true;
-        at += m + (at[m] == ',');
-    }
-    log_line(LOG_WARN, "websocket origin=\"%s\" refused; --origins allows it", origin);
+    *out = 0;
+    if (!lws_hdr_total_length(wsi, token)) return out;
+    return lws_hdr_copy(wsi, out, (int)room, token) < 0 ? NULL : out;
+}
+
+// The numeric address that the client connected to, "" when it is unknown.
+static void local_address(struct lws *wsi, char *out, size_t room)
+{
+    struct sockaddr_storage a = {0};
+    socklen_t n = sizeof a;
+    if (getsockname(lws_get_socket_fd(wsi), (struct sockaddr *)&a, &n) ||
+        getnameinfo((const struct sockaddr *)&a, n, out, (socklen_t)room, NULL, 0,
+                    NI_NUMERICHOST))
+        *out = 0;
+}
+
+// Checks Host and Origin. Browsers send both with every request that may do harm.
+static bool admitted(struct lws *wsi)
+{
+    char host_room[300], origin_room[300], local[64];
+    const char *host = header(wsi, WSI_TOKEN_HOST, host_room, sizeof host_room);
+    const char *origin = header(wsi, WSI_TOKEN_ORIGIN, origin_room, sizeof origin_room);
+    const struct options *o = &the_server->options;
+    local_address(wsi, local, sizeof local);
+    bool host_fine = web_host_allowed(o, local, host);
+    if (host_fine && web_origin_allowed(o, host, origin)) return true;
+    log_line(LOG_WARN, "http refused host=\"%.100s\" origin=\"%.100s\"; --%s allows it",
+             host ? host : "(unreadable)", origin ? origin : "(unreadable)",
+             host_fine ? "origins" : "hosts");
     return false;
+}
+
+// An upgrade: to WebSocket on /ws with our subprotocol only. libwebsockets chooses among the
+// subprotocols that the client names; on_page and on_loop refuse theirs.
+static int confirm_upgrade(struct lws *wsi, const char *to)
+{
+    char path_room[16], protocol_room[128];
+    const char *path = header(wsi, WSI_TOKEN_GET_URI, path_room, sizeof path_room);
+    const char *names = header(wsi, WSI_TOKEN_PROTOCOL, protocol_room, sizeof protocol_room);
+    if (!strcmp(to, "websocket") && path && !strcmp(path, "/ws") && names &&
+        strstr(names, SUBPROTOCOL) && admitted(wsi))
+        return 0;
+    lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, NULL);
+    return -1;
+}
+
+static int filter_request(struct lws *wsi)
+{
+    if (admitted(wsi)) return 0;
+    lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, NULL);
+    return 1;
+}
+
+// Counts the client as a connection; when there is no room it gets an ERROR frame instead.
+static void established(struct session *s)
+{
+    const char *full = "the daemon has all the connections it takes";
+    struct accepted client = {0};
+    accepted_describe(lws_get_socket_fd(s->wsi), &client);
+    if (!the_server->draining && the_server->n_connection < the_server->options.connections) {
+        full = "no room for this connection";
+        s->conn = connection_open(the_server, &ws_carrier, s, client.peer, client.who);
+    }
+    if (s->conn) return;
+    the_server->stats.connections_refused++;
+    if (!refusal_frame(the_server, full, &s->refusal, &s->n_refusal))
+        lws_callback_on_writable(s->wsi);
+}
+
+static int write_refusal(struct session *s, struct lws *wsi)
+{
+    if (s->n_refusal > CHUNK) return -1;
+    memcpy(piece + LWS_PRE, s->refusal, s->n_refusal);
+    lws_write(wsi, piece + LWS_PRE, s->n_refusal, LWS_WRITE_BINARY);
+    lws_close_reason(wsi, (enum lws_close_status)TRY_AGAIN_LATER, NULL, 0);
+    return -1;
 }
 
 static int on_ws(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in,
@@ -144,35 +196,23 @@ static int on_ws(struct lws *wsi, enum lws_callback_reasons reason, void *user, 
     struct session *s = user;
     switch (reason) {
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: {
-        char path[16];
-        if (lws_hdr_copy(wsi, path, sizeof path, WSI_TOKEN_GET_URI) < 0 ||
-            strcmp(path, "/ws") || !origin_allowed(wsi))
-            return -1;
-        if (the_server->draining ||
-            the_server->n_connection >= the_server->options.connections) {
-            the_server->stats.connections_refused++;
-            return -1;
-        }
-        return 0;
+        char room[16];
+        const char *path = header(wsi, WSI_TOKEN_GET_URI, room, sizeof room);
+        return path && !strcmp(path, "/ws") && admitted(wsi) ? 0 : -1;
     }
-    case LWS_CALLBACK_ESTABLISHED: {
-        char peer[96] = "?";
-        lws_get_peer_simple(wsi, peer, sizeof peer);
+    case LWS_CALLBACK_ESTABLISHED:
         *s = (struct session){.wsi = wsi};
-        char who[96];
-        snprintf(who, sizeof who, "addr:%.80s", peer);
-        s->conn = connection_open(the_server, &ws_carrier, s, peer, who);
-        return s->conn ? 0 : -1;
-    }
+        established(s);
+        return s->conn || s->refusal ? 0 : -1;
     case LWS_CALLBACK_RECEIVE:
         return ws_receive(s, wsi, in, n);
     case LWS_CALLBACK_SERVER_WRITEABLE:
-        return ws_write(s, wsi);
+        return s->refusal ? write_refusal(s, wsi) : ws_write(s, wsi);
     case LWS_CALLBACK_CLOSED: {
         struct connection *conn = s->conn;
         if (conn) connection_close(conn, "closed by peer");
-        free(s->message);
-        s->message = NULL;
+        free(s->refusal);
+        s->refusal = NULL;
         return 0;
     }
     default:
@@ -240,6 +280,18 @@ static int on_page(struct lws *wsi, enum lws_callback_reasons reason, void *user
 {
     struct page_session *p = user;
     switch (reason) {
+    case LWS_CALLBACK_WSI_CREATE:
+        n_wsi++;
+        return 0;
+    case LWS_CALLBACK_WSI_DESTROY:
+        n_wsi--;
+        return 0;
+    case LWS_CALLBACK_FILTER_HTTP_CONNECTION:
+        return filter_request(wsi);
+    case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:
+        return confirm_upgrade(wsi, in);
+    case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:
+        return -1; // a WebSocket without our subprotocol
     case LWS_CALLBACK_HTTP:
         return page_request(wsi, p);
     case LWS_CALLBACK_HTTP_WRITEABLE:
@@ -263,12 +315,12 @@ static int on_loop(struct lws *wsi, enum lws_callback_reasons reason, void *user
                    size_t n)
 {
     if (reason == LWS_CALLBACK_RAW_RX_FILE) loop_turn(the_server->loop, 0);
-    return 0;
+    return reason == LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION ? -1 : 0;
 }
 
 static const struct lws_protocols protocols[] = {
     {"http", on_page, sizeof(struct page_session), 0, 0, NULL, 0},
-    {"relight.v1", on_ws, sizeof(struct session), CHUNK, 0, NULL, 0},
+    {SUBPROTOCOL, on_ws, sizeof(struct session), CHUNK, 0, NULL, 0},
     {"loop", on_loop, 0, 0, 0, NULL, 0},
     {NULL, NULL, 0, 0, 0, NULL, 0},
 };
@@ -309,47 +361,59 @@ static void on_lws_log(int level, const char *line)
     log_line(level & LLL_ERR ? LOG_ERR : LOG_WARN, "http %.*s", (int)strcspn(line, "\n"), line);
 }
 
-int http_open(struct server *server, const char *address)
+// libwebsockets takes each client that our listener accepted; it binds nothing itself.
+static void http_accepted(struct server *server, const struct accepted *client)
 {
-    static char host[256];
-    const char *colon = strrchr(address, ':');
-    char *end = NULL;
-    long port = colon ? strtol(colon + 1, &end, 10) : 0;
-    if (!colon || *end || port < 1 || port > 65535) {
-        log_line(LOG_ERR, "http %s: HOST:PORT is wanted", address);
-        return -1;
+    if (client->no_room || n_wsi >= server->options.connections + PLAIN_MAX) {
+        server->stats.connections_refused++;
+        close(client->fd);
+        return;
     }
-    snprintf(host, sizeof host, "%.*s", (int)(colon - address), address);
-    the_server = server;
-    lws_set_log_level(LLL_ERR | LLL_WARN, on_lws_log);
+    unsigned before = n_wsi;
+    // On failure it closes the descriptor, and may leave out LWS_CALLBACK_WSI_DESTROY.
+    if (!lws_adopt_socket_vhost(vhost, client->fd)) n_wsi = before;
+}
+
+// A WebSocket peer that is silent is pinged after 60 s and closed after 90 s.
+static const lws_retry_bo_t pings = {.secs_since_valid_ping = 60,
+                                     .secs_since_valid_hangup = 90};
+
+static bool create_context(const struct server *server)
+{
     mount[0].mount_next = &mount[1];
     if (server->options.page[0]) {
         mount[1].mount_next = &mount[2];
         mount[2].origin = server->options.page;
     }
     struct lws_context_creation_info info = {0};
-    info.port = (int)port;
-    info.iface = host[0] && strcmp(host, "*") && strcmp(host, "0.0.0.0") ? host : NULL;
+    info.port = CONTEXT_PORT_NO_LISTEN_SERVER;
     info.protocols = protocols;
     info.mounts = mount;
     info.gid = info.uid = (gid_t)-1;
-    info.fd_limit_per_thread = server->options.connections + 64;
-    info.keepalive_timeout = 30;
-    info.timeout_secs = 15;
+    info.keepalive_timeout = 15;
+    // A client has --handshake to send a request's header.
+    info.timeout_secs = (unsigned)ceil(fmax(server->options.handshake, 1));
+    info.timeout_secs_ah_idle = info.timeout_secs;
+    info.retry_and_idle_policy = &pings;
     info.options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS |
                    LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE;
-    if (!info.iface) info.options |= LWS_SERVER_OPTION_DISABLE_IPV6;
     context = lws_create_context(&info);
     vhost = context ? lws_create_vhost(context, &info) : NULL;
+    return vhost != NULL;
+}
+
+int http_open(struct server *server, const char *address)
+{
+    the_server = server;
+    lws_set_log_level(LLL_ERR | LLL_WARN, on_lws_log);
     lws_sock_file_fd_type fd;
-    fd.filefd = dup(loop_fd(server->loop)); // closed by libwebsockets
-    if (!vhost || fd.filefd < 0 ||
+    fd.filefd = fcntl(loop_fd(server->loop), F_DUPFD_CLOEXEC, 3); // closed by libwebsockets
+    if (fd.filefd < 0 || !create_context(server) ||
         !lws_adopt_descriptor_vhost(vhost, LWS_ADOPT_RAW_FILE_DESC, fd, "loop", NULL)) {
-        log_line(LOG_ERR, "http %s: cannot be served (in use?)", address);
+        log_line(LOG_ERR, "http %s: libwebsockets does not start", address);
         return -1;
     }
-    log_line(LOG_EVENT, "listen address=http:%s page=%s", address, server->options.page);
-    return 0;
+    return listener_open_tcp(server, "http", address, http_accepted);
 }
 
 bool http_is_open(void)
@@ -369,6 +433,7 @@ void http_drain(void)
 
 void http_close(void)
 {
+    if (the_server) listeners_close(the_server, http_accepted);
     if (context) lws_context_destroy(context);
     context = NULL;
 }

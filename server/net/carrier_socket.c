@@ -1,36 +1,23 @@
 // SPDX-License-Identifier: MIT
-// TCP and unix sockets: accepting, reading into the frame decoder, writing what is queued.
+// TCP and unix sockets: reading into the frame decoder, writing what is queued, refusing.
 #include "net/carrier.h"
 
-#include "core/log.h"
+#include "net/listener.h"
+#include "net/request.h"
+#include "relight.pb-c.h"
 
 #include <errno.h>
-#include <fcntl.h>
-#include <netdb.h>
-#include <netinet/in.h>
-#include <netinet/tcp.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
-#include <sys/file.h>
 #include <sys/socket.h>
-#include <sys/stat.h>
-#include <sys/un.h>
 #include <unistd.h>
 
 enum {
     READ_AT_ONCE = 4 << 20, // then others get their turn
     BUFFER = 64 << 10,
     MAX_IOV = 32,
-};
-
-struct listener {
-    struct listener *next;
-    struct loop_watch watch;
-    struct server *server;
-    char path[sizeof((struct sockaddr_un *)0)->sun_path]; // unix sockets
-    int lock_fd;
+    REFUSED_RETRY_MS = 1000,
 };
 
 struct stream {
@@ -39,7 +26,6 @@ struct stream {
     bool reading, writing;
 };
 
-static struct listener *listeners;
 static char buffer[BUFFER];
 
 static void update_events(struct stream *s)
@@ -132,212 +118,82 @@ static void stream_ready(struct loop_watch *watch, uint32_t events)
         connection_close(conn, "closed by peer");
 }
 
-static const struct carrier tcp_carrier = {"tcp", stream_want_write, stream_set_reading,
-                                           stream_close};
-static const struct carrier unix_carrier = {"unix", stream_want_write, stream_set_reading,
-                                            stream_close};
-
-static void refuse(int fd)
+static size_t stream_unsent(const struct connection *conn)
 {
-    // An error frame without a header tells any client at least that it was this protocol.
-    uint8_t bytes[RELIGHT_FRAME_FIXED];
+    const struct stream *s = conn->carrier_data;
+    return socket_unsent(s->watch.fd);
+}
+
+static const struct carrier tcp_carrier = {"tcp", stream_want_write, stream_set_reading,
+                                           stream_close, stream_unsent};
+static const struct carrier unix_carrier = {"unix", stream_want_write, stream_set_reading,
+                                            stream_close, stream_unsent};
+
+int refusal_frame(const struct server *server, const char *text, uint8_t **out, size_t *n)
+{
+    Relight__Error error = RELIGHT__ERROR__INIT;
+    error.code = server->draining ? RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN
+                                  : RELIGHT__ERROR_CODE__ERROR_BUSY;
+    error.text = (char *)(server->draining ? "the daemon is stopping" : text);
+    error.hint = (char *)error_hint(error.code);
+    error.retry_after_ms = REFUSED_RETRY_MS;
     struct relight_frame frame = {.type = RELIGHT_TYPE_ERROR, .flags = RELIGHT_FRAME_LAST};
-    relight_frame_put_fixed(&frame, bytes);
-    if (send(fd, bytes, sizeof bytes, MSG_NOSIGNAL | MSG_DONTWAIT) < 0) errno = 0;
+    return relight_frame_pack(&frame, &error.base, 0, 0, out, n);
+}
+
+// Tells the client why, and closes. What it has sent already is read, because closing a TCP
+// socket with unread bytes resets the connection, and the error may be lost.
+static void refuse(struct server *server, int fd, const char *text)
+{
+    uint8_t *bytes = NULL;
+    size_t n = 0;
+    server->stats.connections_refused++;
+    if (!refusal_frame(server, text, &bytes, &n) &&
+        send(fd, bytes, n, MSG_NOSIGNAL | MSG_DONTWAIT) >= 0) {
+        shutdown(fd, SHUT_WR);
+        while (recv(fd, buffer, sizeof buffer, MSG_DONTWAIT) > 0) continue;
+    }
+    free(bytes);
     close(fd);
 }
 
-static void name_peer(const struct sockaddr_storage *a, socklen_t n, char *out, size_t room)
+static void accepted(struct server *server, const struct accepted *client)
 {
-    char host[64], port[16];
-    if (a->ss_family == AF_UNIX ||
-        getnameinfo((const struct sockaddr *)a, n, host, sizeof host, port, sizeof port,
-                    NI_NUMERICHOST | NI_NUMERICSERV))
-        snprintf(out, room, "local");
-    else snprintf(out, room, "%s:%s", host, port);
-}
-
-// The principal until HELLO names another: a local user, or an address without its port.
-static void name_principal(int fd, const struct sockaddr_storage *a, socklen_t n, char who[96])
-{
-    char host[64];
-    struct ucred peer;
-    socklen_t size = sizeof peer;
-    if (a->ss_family == AF_UNIX && !getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &size))
-        snprintf(who, 96, "uid:%u", (unsigned)peer.uid);
-    else if (a->ss_family != AF_UNIX && !getnameinfo((const struct sockaddr *)a, n, host,
-                                                     sizeof host, NULL, 0, NI_NUMERICHOST))
-        snprintf(who, 96, "addr:%s", host);
-    else snprintf(who, 96, "unknown");
-}
-
-static void accept_ready(struct loop_watch *watch, uint32_t events)
-{
-    struct listener *l = (struct listener *)((char *)watch - offsetof(struct listener, watch));
-    struct server *server = l->server;
-    for (int i = 0; i < 64; i++) {
-        struct sockaddr_storage address = {0};
-        socklen_t size = sizeof address;
-        int fd = accept4(watch->fd, (struct sockaddr *)&address, &size,
-                         SOCK_NONBLOCK | SOCK_CLOEXEC);
-        if (fd < 0 && errno == EINTR) continue;
-        if (fd < 0) {
-            if (errno != EAGAIN) log_line(LOG_WARN, "accept error=\"%s\"", strerror(errno));
-            return;
-        }
-        if (server->n_connection >= server->options.connections || server->draining) {
-            server->stats.connections_refused++;
-            refuse(fd);
-            continue;
-        }
-        char peer[96], who[96];
-        name_peer(&address, size, peer, sizeof peer);
-        name_principal(fd, &address, size, who);
-        bool local = address.ss_family == AF_UNIX;
-        int one = 1;
-        if (!local) setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
-        struct stream *s = calloc(1, sizeof *s);
-        if (!s) {
-            close(fd);
-            continue;
-        }
-        s->watch = (struct loop_watch){fd, stream_ready};
+    if (client->no_room || server->draining ||
+        server->n_connection >= server->options.connections) {
+        refuse(server, client->fd,
+               client->no_room ? "the daemon has no descriptor left for a connection"
+                               : "the daemon has all the connections it takes");
+        return;
+    }
+    struct stream *s = calloc(1, sizeof *s);
+    const struct carrier *carrier = client->local ? &unix_carrier : &tcp_carrier;
+    if (s) {
+        s->watch = (struct loop_watch){client->fd, stream_ready};
         s->reading = true;
-        s->conn = connection_open(server, local ? &unix_carrier : &tcp_carrier, s, peer, who);
-        if (!s->conn) {
-            close(fd);
-            free(s);
-        } else if (loop_watch_add(server->loop, &s->watch, EPOLLIN)) {
-            connection_close(s->conn, "cannot be watched");
-        }
+        s->conn = connection_open(server, carrier, s, client->peer, client->who);
     }
-}
-
-static int add_listener(struct server *server, int fd, const char *path, int lock_fd)
-{
-    struct listener *l = calloc(1, sizeof *l);
-    if (!l) return -1;
-    l->watch = (struct loop_watch){fd, accept_ready};
-    l->server = server;
-    l->lock_fd = lock_fd;
-    if (path) snprintf(l->path, sizeof l->path, "%s", path);
-    l->next = listeners;
-    listeners = l;
-    return loop_watch_add(server->loop, &l->watch, EPOLLIN) ? -1 : 0;
-}
-
-static int listen_unix(struct server *server, const char *path)
-{
-    struct sockaddr_un address = {.sun_family = AF_UNIX};
-    if (strlen(path) >= sizeof address.sun_path) {
-        log_line(LOG_ERR, "listen unix:%s: the path is longer than %zu bytes", path,
-                 sizeof address.sun_path - 1);
-        return -1;
+    if (!s || !s->conn) {
+        free(s);
+        refuse(server, client->fd, "no room for this connection");
+    } else if (loop_watch_add(server->loop, &s->watch, EPOLLIN)) {
+        connection_close(s->conn, "cannot be watched");
     }
-    strcpy(address.sun_path, path);
-    // Who holds the lock owns the socket file; a dead daemon holds none.
-    char lock_path[sizeof address.sun_path + 8];
-    snprintf(lock_path, sizeof lock_path, "%s.lock", path);
-    int lock_fd = open(lock_path, O_CREAT | O_RDWR | O_CLOEXEC, 0600);
-    if (lock_fd < 0) {
-        log_line(LOG_ERR, "listen unix:%s: %s: %s", path, lock_path, strerror(errno));
-        return -1;
-    }
-    if (flock(lock_fd, LOCK_EX | LOCK_NB)) {
-        log_line(LOG_ERR, "listen unix:%s: another relightd serves this socket", path);
-        close(lock_fd);
-        return -1;
-    }
-    struct stat st;
-    if (!lstat(path, &st) && !S_ISSOCK(st.st_mode)) {
-        log_line(LOG_ERR, "listen unix:%s: there is a file of this name and it is no socket",
-                 path);
-        close(lock_fd);
-        return -1;
-    }
-    unlink(path);
-    int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-    if (fd < 0 || bind(fd, (struct sockaddr *)&address, sizeof address) || listen(fd, 256)) {
-        log_line(LOG_ERR, "listen unix:%s: %s", path, strerror(errno));
-        if (fd >= 0) close(fd);
-        close(lock_fd);
-        return -1;
-    }
-    log_line(LOG_EVENT, "listen address=unix:%s", path);
-    return add_listener(server, fd, path, lock_fd);
-}
-
-static int listen_tcp(struct server *server, const char *text)
-{
-    char host[256];
-    const char *colon = strrchr(text, ':');
-    size_t n = (size_t)(colon - text);
-    if (text[0] == '[' && n >= 2 && text[n - 1] == ']') // [::1]:7413
-        snprintf(host, sizeof host, "%.*s", (int)n - 2, text + 1);
-    else snprintf(host, sizeof host, "%.*s", (int)n, text);
-    struct addrinfo hints = {.ai_flags = AI_PASSIVE, .ai_socktype = SOCK_STREAM}, *list;
-    int err = getaddrinfo(*host && strcmp(host, "*") ? host : NULL, colon + 1, &hints, &list);
-    if (err) {
-        log_line(LOG_ERR, "listen tcp:%s: %s", text, gai_strerror(err));
-        return -1;
-    }
-    int n_open = 0, fault = 0;
-    for (struct addrinfo *a = list; a; a = a->ai_next) {
-        int one = 1, fd = socket(a->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-        if (fd < 0) {
-            fault = errno;
-            continue;
-        }
-        setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &one, sizeof one);
-        if (a->ai_family == AF_INET6)
-            setsockopt(fd, IPPROTO_IPV6, IPV6_V6ONLY, &one, sizeof one);
-        if (bind(fd, a->ai_addr, a->ai_addrlen) || listen(fd, 256)) {
-            fault = errno;
-            close(fd);
-            continue;
-        }
-        // Port 0 asks for any: the log says which it became.
-        struct sockaddr_storage bound;
-        socklen_t size = sizeof bound;
-        char name[96] = "?";
-        if (!getsockname(fd, (struct sockaddr *)&bound, &size))
-            name_peer(&bound, size, name, sizeof name);
-        log_line(LOG_EVENT, "listen address=tcp:%s", name);
-        if (!add_listener(server, fd, NULL, -1)) n_open++;
-    }
-    freeaddrinfo(list);
-    if (!n_open) log_line(LOG_ERR, "listen tcp:%s: %s", text, strerror(fault));
-    return n_open ? 0 : -1;
 }
 
 int sockets_listen(struct server *server, const char *address)
 {
-    return !strncmp(address, "unix:", 5) ? listen_unix(server, address + 5)
-                                         : listen_tcp(server, address + 4);
+    return !strncmp(address, "unix:", 5)
+               ? listener_open_unix(server, address + 5, accepted)
+               : listener_open_tcp(server, "tcp", address + 4, accepted);
 }
 
 int sockets_adopt(struct server *server, int fd)
 {
-    fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK);
-    fcntl(fd, F_SETFD, FD_CLOEXEC);
-    log_line(LOG_EVENT, "listen address=inherited:%d", fd);
-    return add_listener(server, fd, NULL, -1);
+    return listener_adopt(server, fd, accepted);
 }
 
 void sockets_close(struct server *server)
 {
-    while (listeners) {
-        struct listener *l = listeners;
-        listeners = l->next;
-        loop_watch_remove(server->loop, &l->watch);
-        close(l->watch.fd);
-        if (l->path[0]) {
-            char lock_path[sizeof l->path + 8];
-            snprintf(lock_path, sizeof lock_path, "%s.lock", l->path);
-            unlink(l->path);
-            unlink(lock_path);
-            close(l->lock_fd);
-        }
-        free(l);
-    }
+    listeners_close(server, accepted);
 }

@@ -14,29 +14,74 @@
 #include <stdlib.h>
 #include <string.h>
 
-static void watch_clock(struct connection *conn)
+static uint64_t plus_seconds(uint64_t ns, double seconds)
+{
+    return ns + (uint64_t)(seconds * 1e9);
+}
+
+// The limit on this connection's silence that passes next, and its words.
+static uint64_t next_limit(const struct connection *conn, const char **why)
 {
     const struct options *o = &conn->server->options;
-    uint64_t at = conn->heard_ns + (uint64_t)(o->idle * 1e9);
-    uint64_t frame = conn->frame_ns + (uint64_t)(o->frame_time * 1e9);
-    if (conn->frame_ns && frame < at) at = frame;
-    loop_timer_set(conn->server->loop, &conn->timer, at);
+    uint64_t active = conn->heard_ns > conn->sent_ns ? conn->heard_ns : conn->sent_ns;
+    const struct {
+        bool applies;
+        uint64_t at;
+        const char *why;
+    } limits[] = {
+        {true, plus_seconds(active, o->idle), "idle"},
+        {conn->frame_ns, plus_seconds(conn->frame_ns, o->frame_time),
+         "a frame was begun and not finished in time (--frame-time)"},
+        {!conn->greeted, plus_seconds(conn->opened_ns, o->handshake),
+         "no HELLO in time (--handshake)"},
+        {conn->out, plus_seconds(conn->sent_ns, o->write_time),
+         "its answers wait and it reads nothing (--write-time)"},
+    };
+    uint64_t first = UINT64_MAX;
+    for (size_t i = 0; i < sizeof limits / sizeof *limits; i++)
+        if (limits[i].applies && limits[i].at < first) {
+            first = limits[i].at;
+            *why = limits[i].why;
+        }
+    return first;
+}
+
+// A socket becomes writable again only when a third of its buffer is free: a slow reader of a
+// large buffer may take longer than --write-time for that. What the kernel holds tells that it
+// reads.
+static void sample_output(struct connection *conn, uint64_t now)
+{
+    size_t unsent = conn->out ? conn->carrier->unsent(conn) : 0;
+    if (unsent < conn->unsent) conn->sent_ns = now;
+    conn->unsent = unsent;
+}
+
+// A limit that moved into the future is found when the timer fires.
+static void watch_clock(struct connection *conn)
+{
+    const char *why;
+    uint64_t at = next_limit(conn, &why);
+    uint64_t sample = plus_seconds(loop_now_ns(), conn->server->options.write_time / 4);
+    if (conn->out && sample < at) at = sample;
+    if (!conn->timer.slot || at < conn->timer.at_ns)
+        loop_timer_set(conn->server->loop, &conn->timer, at);
 }
 
 static void clock_fired(struct loop_timer *timer)
 {
     struct connection *conn =
         (struct connection *)((char *)timer - offsetof(struct connection, timer));
-    const struct options *o = &conn->server->options;
     uint64_t now = loop_now_ns();
-    if (conn->frame_ns && (double)(now - conn->frame_ns) >= o->frame_time * 1e9) {
-        connection_close(conn, "a frame was begun and not finished in time");
-        return;
-    }
-    // Who waits for an answer, or watches a job, is not idle.
-    if (conn->n_request || conn->out) conn->heard_ns = now;
-    if ((double)(now - conn->heard_ns) >= o->idle * 1e9) connection_close(conn, "idle");
+    const char *why;
+    sample_output(conn, now);
+    if (conn->n_request) conn->heard_ns = now; // it waits for an answer, or watches a job
+    if (next_limit(conn, &why) <= now) connection_close(conn, why);
     else watch_clock(conn);
+}
+
+static bool admit(void *user, const struct relight_frame *frame)
+{
+    return request_admit(user, frame);
 }
 
 struct connection *connection_open(struct server *server, const struct carrier *carrier,
@@ -44,7 +89,12 @@ struct connection *connection_open(struct server *server, const struct carrier *
 {
     struct connection *conn = calloc(1, sizeof *conn);
     struct principal *principal = conn ? ledger_principal(server->ledger, who) : NULL;
-    if (!principal) {
+    char error[256] = "not enough memory";
+    if (!principal || ledger_take(principal, LEDGER_CONNECTIONS, 1, error)) {
+        server->stats.connections_refused++;
+        log_line(LOG_WARN, "connection refused carrier=%s peer=%s text=\"%s\"", carrier->name,
+                 peer, error);
+        principal_release(principal);
         free(conn);
         return NULL;
     }
@@ -55,10 +105,12 @@ struct connection *connection_open(struct server *server, const struct carrier *
     conn->number = ++server->last_connection;
     conn->out_last = &conn->out;
     conn->reading = true;
-    conn->heard_ns = loop_now_ns();
+    conn->opened_ns = conn->heard_ns = conn->sent_ns = loop_now_ns();
     snprintf(conn->peer, sizeof conn->peer, "%s", peer);
     struct relight_frame_limits limits = {SERVER_HELLO_HEADER, 0, true}; // until it said hello
     relight_decoder_init(&conn->decoder, &limits);
+    conn->decoder.admit = admit;
+    conn->decoder.admit_user = conn;
     conn->next = server->connections;
     if (conn->next) conn->next->prev = conn;
     server->connections = conn;
@@ -71,8 +123,9 @@ struct connection *connection_open(struct server *server, const struct carrier *
     return conn;
 }
 
-static void free_frame(struct out_frame *frame)
+static void free_frame(struct connection *conn, struct out_frame *frame)
 {
+    ledger_give(conn->principal, LEDGER_OUTPUT, frame->size);
     if (frame->payload.release) frame->payload.release(frame->payload.owner);
     free(frame->head);
     free(frame);
@@ -91,10 +144,13 @@ void connection_close(struct connection *conn, const char *why)
     conn->carrier->close(conn);
     for (struct out_frame *f = conn->out, *next; f; f = next) {
         next = f->next;
-        free_frame(f);
+        free_frame(conn, f);
     }
     conn->out = NULL;
     relight_decoder_finish(&conn->decoder);
+    ledger_give(conn->principal, LEDGER_PAYLOAD, conn->payload_charged);
+    ledger_give(conn->principal, LEDGER_CONNECTIONS, 1);
+    conn->payload_charged = 0;
     *(conn->prev ? &conn->prev->next : &server->connections) = conn->next;
     if (conn->next) conn->next->prev = conn->prev;
     server->n_connection--;
@@ -118,6 +174,39 @@ void connection_finish(struct connection *conn, const char *why)
     if (conn->reading) conn->carrier->set_reading(conn, false);
     conn->reading = false;
     if (!conn->out) connection_close(conn, why);
+}
+
+static struct connection *holds_most(const struct server *server,
+                                     const struct principal *principal)
+{
+    struct connection *most = NULL;
+    for (struct connection *c = server->connections; c; c = c->next)
+        if ((!principal || c->principal == principal) &&
+            (!most || c->out_bytes > most->out_bytes))
+            most = c;
+    return most && most->out_bytes ? most : NULL;
+}
+
+void connections_shed(struct server *server)
+{
+    uint64_t mine = ledger_limit_client(server->ledger, LEDGER_OUTPUT);
+    uint64_t all = ledger_limit_all(server->ledger, LEDGER_OUTPUT);
+    struct connection *c;
+    while (all && ledger_total(server->ledger, LEDGER_OUTPUT) > all &&
+           (c = holds_most(server, NULL)))
+        connection_close(c, "unread answers fill --output-memory, most of them its own");
+    if (!mine || ledger_total(server->ledger, LEDGER_OUTPUT) <= mine) return;
+    for (c = server->connections; c;) {
+        struct connection *next = c->next, *most = c;
+        if (c->principal->held[LEDGER_OUTPUT] > mine) most = holds_most(server, c->principal);
+        else most = NULL;
+        if (!most) {
+            c = next;
+            continue;
+        }
+        connection_close(most, "its client's unread answers pass --client-output");
+        c = server->connections;
+    }
 }
 
 static void bad_frame(struct connection *conn, int fault)
@@ -150,6 +239,7 @@ void connection_committed(struct connection *conn, size_t n, int status)
     }
     conn->frame_ns = 0;
     dispatch_frame(conn, &conn->decoder.frame, relight_decoder_take(&conn->decoder));
+    if (!conn->dead) relight_decoder_commit(&conn->decoder, 0); // gives back its buffers
 }
 
 void connection_bytes(struct connection *conn, const void *bytes, size_t n)
@@ -164,20 +254,30 @@ void connection_bytes(struct connection *conn, const void *bytes, size_t n)
     }
 }
 
-void connection_message(struct connection *conn, const void *bytes, size_t n)
+// The clock of --frame-time runs until the message ends, whether its frame is complete or not.
+void connection_part(struct connection *conn, const void *bytes, size_t n, bool last)
 {
-    struct relight_frame frame;
-    int status = relight_frame_parse(bytes, n, &conn->decoder.limits, &frame);
-    conn->server->stats.bytes_in += n;
-    conn->heard_ns = loop_now_ns();
-    uint8_t *payload = NULL;
-    if (!status && frame.payload_size) {
-        payload = aligned_alloc(64, (frame.payload_size + 63) / 64 * 64);
-        if (!payload) status = RELIGHT_FAULT_MEMORY;
-        else memcpy(payload, frame.payload, frame.payload_size);
+    const char *at = bytes;
+    while (n && !conn->dead && !conn->closing) {
+        if (conn->message_full) {
+            bad_frame(conn, RELIGHT_FAULT_LONG);
+            return;
+        }
+        size_t used = 0;
+        int status = relight_decoder_feed(&conn->decoder, at, n, &used);
+        at += used;
+        n -= used;
+        conn->message_full = status > 0;
+        connection_committed(conn, used, status);
     }
-    if (status) bad_frame(conn, status);
-    else dispatch_frame(conn, &frame, payload);
+    if (conn->dead || conn->closing) return;
+    if (last) {
+        if (!conn->message_full) bad_frame(conn, RELIGHT_FAULT_SHORT);
+        conn->message_full = false;
+    } else if (!conn->frame_ns) {
+        conn->frame_ns = loop_now_ns();
+        watch_clock(conn);
+    }
 }
 
 int connection_output(const struct connection *conn, struct iovec *iov, int max)
@@ -193,22 +293,37 @@ int connection_output(const struct connection *conn, struct iovec *iov, int max)
     return n;
 }
 
+// Bytes of the message at the head of the queue.
+static size_t first_message(const struct connection *conn)
+{
+    size_t n = 0;
+    for (const struct out_frame *f = conn->out; f; f = f->next) {
+        n += f->size;
+        if (!f->more) break;
+    }
+    return n;
+}
+
 void connection_written(struct connection *conn, size_t n)
 {
     conn->server->stats.bytes_out += n;
     conn->out_bytes -= n;
+    conn->sent_ns = loop_now_ns();
+    conn->unsent = SIZE_MAX;
     while (conn->out) {
         struct out_frame *f = conn->out;
         size_t left = f->size - f->sent;
-        if (n < left) {
-            f->sent += n;
-            break;
-        }
-        n -= left;
+        size_t done = n < left ? n : left;
+        f->sent += done;
+        conn->message_left -= done;
+        if (done < left) break;
+        n -= done;
         conn->out = f->next;
         if (!conn->out) conn->out_last = &conn->out;
-        free_frame(f);
+        if (!f->more) conn->message_left = first_message(conn);
+        free_frame(conn, f);
     }
+    if (conn->out_bytes <= conn->server->options.send_buffer) conn->full_ns = 0;
     if (conn->closing) {
         if (!conn->out) connection_close(conn, "done");
     } else if (!conn->reading && conn->out_bytes <= conn->server->options.send_buffer / 2) {
@@ -227,11 +342,20 @@ static bool queue_frame(struct connection *conn, struct relight_frame *frame,
         if (payload && payload->release) payload->release(payload->owner);
         return false;
     }
+    if (message)
+        relight_header_repair(frame->type, out->head + RELIGHT_FRAME_FIXED, frame->header_size);
     if (payload) out->payload = *payload;
     out->size = out->head_size + out->payload.size;
+    out->more = frame->flags & RELIGHT_FRAME_MORE;
+    ledger_force(conn->principal, LEDGER_OUTPUT, out->size);
+    bool waited = conn->out != NULL;
     *conn->out_last = out;
     conn->out_last = &out->next;
     conn->out_bytes += out->size;
+    if (!waited) {
+        conn->sent_ns = loop_now_ns();
+        watch_clock(conn);
+    }
     return true;
 }
 
@@ -245,7 +369,7 @@ void connection_send(struct connection *conn, uint16_t type, uint8_t flags, uint
     size_t size = payload ? payload->size : 0;
     size_t piece =
         conn->max_payload && conn->max_payload < size ? conn->max_payload / 64 * 64 : size;
-    bool ok = true;
+    bool ok = true, first = !conn->out;
     for (size_t at = 0; ok && (at < size || at == 0); at += piece) {
         size_t n = size - at < piece ? size - at : piece;
         bool last = at + n == size;
@@ -265,11 +389,15 @@ void connection_send(struct connection *conn, uint16_t type, uint8_t flags, uint
         if (!size) break;
     }
     uint64_t limit = conn->server->options.send_buffer;
+    if (first) conn->message_left = conn->out_bytes;
+    // One answer may be longer than that: its reader takes it at its own pace.
+    size_t behind = conn->out_bytes - conn->message_left;
     if (!ok) {
         connection_close(conn, "not enough memory for an answer");
-    } else if (conn->out_bytes > 4 * limit) {
+    } else if (behind > 4 * limit) {
         connection_close(conn, "reads too slowly: its answers do not fit the send buffer");
     } else {
+        if (conn->out_bytes > limit && !conn->full_ns) conn->full_ns = loop_now_ns();
         if (conn->out_bytes > limit && conn->reading) {
             conn->reading = false;
             conn->carrier->set_reading(conn, false);

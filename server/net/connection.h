@@ -18,6 +18,7 @@ struct carrier {
     void (*want_write)(struct connection *conn);           /* there is output */
     void (*set_reading)(struct connection *conn, bool on); /* back pressure */
     void (*close)(struct connection *conn);                /* let go of carrier_data */
+    size_t (*unsent)(const struct connection *conn);       /* bytes the kernel holds for it */
 };
 
 /* Bytes that several answers may share; released when the last is sent. */
@@ -30,6 +31,7 @@ struct payload {
 
 struct out_frame {
     struct out_frame *next;
+    bool more; /* its message goes on in the next frame */
     uint8_t *head;
     size_t head_size, sent;
     struct payload payload;
@@ -48,12 +50,23 @@ struct connection {
     bool greeted, dead, closing, reading;
     uint64_t max_payload; /* what the client takes in one frame */
     struct out_frame *out, **out_last;
-    size_t out_bytes;
+    size_t out_bytes;    /* queued and not sent */
+    size_t message_left; /* of them, those of the message that is being sent */
+    uint64_t full_ns;    /* since when more than --send-buffer is queued; 0: it is not */
     struct request *requests;
-    unsigned n_request;
+    unsigned n_request, n_long; /* n_long: of them, views and watches */
+    uint64_t payload_charged;   /* for the frame that is being read */
+    struct {
+        int code; /* 0: none */
+        char text[320];
+    } refusal;                   /* of the frame that is being read */
     struct material_wait *waits; /* materials.c: what was said of views, in its order */
     struct loop_timer timer;
+    bool message_full; /* WebSocket: the current message's frame is complete */
+    uint64_t opened_ns;
     uint64_t heard_ns, frame_ns; /* last byte; first byte of the frame being read, 0: none */
+    uint64_t sent_ns;            /* the peer took bytes, or output began to wait for it */
+    size_t unsent;               /* carrier->unsent when it was last asked */
 };
 
 /* who: the principal's name until HELLO says another ("uid:1000", "addr:192.0.2.7"). NULL when
@@ -65,10 +78,14 @@ void connection_close(struct connection *conn, const char *why);
 /* Closes once what is queued was sent; nothing more is read. */
 void connection_finish(struct connection *conn, const char *why);
 void connections_free_closed(struct server *server);
+/* While unread answers take more than --output-memory, or those of one client more than
+ * --client-output, the connection that holds most of them is closed. Once a turn. */
+void connections_shed(struct server *server);
 
-/* Carriers hand in what they read: a stream's bytes, or one whole message. */
+/* Carriers hand in what they read: a stream's bytes, or a part of a message, which holds
+ * exactly one frame; `last` ends the message. */
 void connection_bytes(struct connection *conn, const void *bytes, size_t n);
-void connection_message(struct connection *conn, const void *bytes, size_t n);
+void connection_part(struct connection *conn, const void *bytes, size_t n, bool last);
 /* The decoder took `n` bytes by itself (relight_decoder_commit) and returned `status`. */
 void connection_committed(struct connection *conn, size_t n, int status);
 /* What to write next, and what was written. connection_written closes a connection that was

@@ -12,64 +12,110 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static void (*const operation[])(struct request *request) = {
-    [RELIGHT_TYPE_HELLO] = op_hello,
-    [RELIGHT_TYPE_PING] = op_ping,
-    [RELIGHT_TYPE_LIST] = op_list,
-    [RELIGHT_TYPE_PUT_BLOB] = op_put_blob,
-    [RELIGHT_TYPE_ENV] = op_env,
-    [RELIGHT_TYPE_LOAD] = models_load,
-    [RELIGHT_TYPE_WATCH] = op_watch,
-    [RELIGHT_TYPE_CANCEL_JOB] = op_cancel_job,
-    [RELIGHT_TYPE_CANCEL] = op_cancel,
-    [RELIGHT_TYPE_INFO] = op_info,
-    [RELIGHT_TYPE_GEOMETRY] = op_geometry,
-    [RELIGHT_TYPE_COLORS] = op_colors,
-    [RELIGHT_TYPE_IMAGE] = op_image,
-    [RELIGHT_TYPE_VIEW_OPEN] = op_view_open,
-    [RELIGHT_TYPE_VIEW_SET] = op_view_set,
-    [RELIGHT_TYPE_VIEW_CLOSE] = op_view_close,
-    [RELIGHT_TYPE_UPDATE_VERTICES] = op_update_vertices,
-    [RELIGHT_TYPE_UNLOAD] = op_unload,
-    [RELIGHT_TYPE_STATS] = op_stats,
-};
-enum { N_OPERATION = sizeof operation / sizeof *operation };
-_Static_assert((int)N_OPERATION <= (int)STATS_N_TYPE, "a counter for each type");
+// ---- the table of operations
 
-// What a draining daemon still does: finish what is under way, and say how it is.
-static bool while_draining(uint16_t type)
+static const char *load_material(const ProtobufCMessage *message)
 {
-    return type == RELIGHT_TYPE_CANCEL || type == RELIGHT_TYPE_PING ||
-           type == RELIGHT_TYPE_STATS || type == RELIGHT_TYPE_VIEW_CLOSE ||
-           type == RELIGHT_TYPE_CANCEL_JOB;
+    return ((const Relight__LoadRequest *)message)->material;
+}
+
+static const char *shade_material(const Relight__Shade *shade)
+{
+    return shade ? shade->material : "";
+}
+
+static const char *state_material(const Relight__ViewState *state)
+{
+    return shade_material(state ? state->shade : NULL);
+}
+
+static const char *colors_material(const ProtobufCMessage *message)
+{
+    return shade_material(((const Relight__ColorsRequest *)message)->shade);
+}
+
+static const char *image_material(const ProtobufCMessage *message)
+{
+    return shade_material(((const Relight__ImageRequest *)message)->shade);
+}
+
+static const char *view_open_material(const ProtobufCMessage *message)
+{
+    return state_material(((const Relight__ViewOpenRequest *)message)->state);
+}
+
+static const char *view_set_material(const ProtobufCMessage *message)
+{
+    return state_material(((const Relight__ViewSetRequest *)message)->state);
+}
+
+enum { MAX_PING = 64 << 10, ANY = SERVER_MAX_PAYLOAD };
+#define BEFORE_HELLO OPERATION_BEFORE_HELLO
+#define DRAINING OPERATION_WHILE_DRAINING
+#define LONG OPERATION_LONG
+#define ENDS OPERATION_ENDS_AT_DRAIN
+#define ALWAYS OPERATION_ALWAYS
+#define ORDERED OPERATION_ORDERED
+
+// Named by the request's message, as frame.h's list has it: a type without a row does not
+// compile.
+#define ROW(message, ...) static const struct operation message = {__VA_ARGS__};
+ROW(hello_request, op_hello, BEFORE_HELLO | ALWAYS, 0, NULL)
+ROW(ping_request, op_ping, DRAINING | ALWAYS, MAX_PING, NULL)
+ROW(list_request, op_list, 0, 0, NULL)
+ROW(put_blob_request, op_put_blob, 0, ANY, NULL)
+ROW(env_request, op_env, 0, 0, NULL)
+ROW(load_request, models_load, 0, 0, load_material)
+ROW(watch_request, op_watch, LONG, 0, NULL)
+ROW(cancel_job_request, op_cancel_job, DRAINING | ALWAYS, 0, NULL)
+ROW(cancel_request, op_cancel, DRAINING | ALWAYS, 0, NULL)
+ROW(info_request, op_info, 0, 0, NULL)
+ROW(geometry_request, op_geometry, 0, 0, NULL)
+ROW(colors_request, op_colors, 0, ANY, colors_material)
+ROW(image_request, op_image, 0, ANY, image_material)
+ROW(view_open_request, op_view_open, LONG | ENDS | ORDERED, ANY, view_open_material)
+ROW(view_set_request, op_view_set, ORDERED, ANY, view_set_material)
+ROW(view_close_request, op_view_close, DRAINING | ALWAYS | ORDERED, 0, NULL)
+ROW(update_vertices_request, op_update_vertices, 0, ANY, NULL)
+ROW(unload_request, op_unload, 0, 0, NULL)
+ROW(stats_request, op_stats, DRAINING, 0, NULL)
+
+static const struct operation *const table[RELIGHT_TYPE_N] = {
+#define X(name, number, request, answer) [number] = &(request),
+    RELIGHT_TYPE_LIST(X)
+#undef X
+};
+
+const struct operation *operation_of(uint16_t type)
+{
+    return type < RELIGHT_TYPE_N ? table[type] : NULL;
 }
 
 static void run_operation(struct request *request)
 {
-    if (request->server->draining && !while_draining(request->type))
+    const struct operation *operation = operation_of(request->type);
+    if (request->server->draining && !(operation->flags & OPERATION_WHILE_DRAINING))
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
                      "the daemon is draining: it finishes what is open and takes nothing new");
-    else operation[request->type](request);
+    else operation->run(request);
 }
 
 void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
                     uint8_t *payload)
 {
-    struct server *server = conn->server;
     struct request *request = request_create(conn, frame, payload);
     if (!request) return;
-    uint16_t type = request->type;
+    const struct operation *operation = operation_of(request->type);
     log_line(LOG_TRACE, "request conn=%llu id=%llu op=%s payload=%llu",
              (unsigned long long)conn->number, (unsigned long long)frame->id,
-             relight_type_name(type), (unsigned long long)frame->payload_size);
-    if (type < N_OPERATION) server->stats.requests_total[type]++;
-    if (type >= N_OPERATION || !operation[type])
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED, "type %u is unknown",
-                     type);
-    else if (!conn->greeted && type != RELIGHT_TYPE_HELLO)
+             relight_type_name(request->type), (unsigned long long)frame->payload_size);
+    conn->server->stats.requests_total[request->type]++;
+    if (!conn->greeted && !(operation->flags & OPERATION_BEFORE_HELLO))
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection is HELLO");
-    else material_then(request, run_operation);
+    else
+        material_then(request, operation->material ? operation->material(request->message) : "",
+                      operation->flags & OPERATION_ORDERED, run_operation);
 }
 
 // ---- waiting for a model

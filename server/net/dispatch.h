@@ -22,7 +22,28 @@ void with_model(struct request *request, const char *model, with_model_fn fn);
 void with_mesh(struct request *request, const char *model, with_model_fn fn);
 void with_shape(struct request *request, const char *model, with_model_fn fn);
 
-/* op_basic.c, op_evaluate.c, op_view.c: one function an operation */
+/* One row an operation (dispatch.c): all that is special about a type of request. */
+enum operation_flag {
+    OPERATION_BEFORE_HELLO = 1,
+    OPERATION_WHILE_DRAINING = 2, /* finishes what is under way, or says how it is */
+    OPERATION_LONG = 4,           /* open as long as the client likes: counted as LONG_REQUESTS,
+                                     no deadline but the client's own */
+    OPERATION_ENDS_AT_DRAIN = 8,  /* would never end by itself */
+    OPERATION_ALWAYS = 16,        /* taken when all is full: it frees something, or says so */
+    OPERATION_ORDERED = 32,       /* what a connection says of its views keeps its order */
+};
+struct operation {
+    void (*run)(struct request *request);
+    unsigned flags;
+    size_t max_payload; /* bytes; 0: it takes none */
+    /* The text of the material it names, "" for none. NULL: it never does. */
+    const char *(*material)(const ProtobufCMessage *message);
+};
+/* NULL for an unknown type. */
+const struct operation *operation_of(uint16_t type);
+
+/* op_basic.c, op_evaluate.c, op_view.c, op_update_vertices.c: one function an operation;
+ * models_load is store/models.h's. */
 void op_hello(struct request *request);
 void op_ping(struct request *request);
 void op_list(struct request *request);

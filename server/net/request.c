@@ -4,6 +4,7 @@
 #include "net/request.h"
 
 #include "core/log.h"
+#include "net/dispatch.h"
 #include "prt/base.h"
 #include "relight.pb-c.h"
 
@@ -70,6 +71,11 @@ int error_of_status(int status)
     }
 }
 
+void *request_state(const struct request *request, void (*abandon)(struct request *request))
+{
+    return request->abandon == abandon ? request->state : NULL;
+}
+
 static void end(struct request *request)
 {
     struct server *server = request->server;
@@ -81,9 +87,107 @@ static void end(struct request *request)
     if (request->next) request->next->prev = request->prev;
     conn->n_request--;
     server->n_request--;
+    if (request->counted == LEDGER_LONG_REQUESTS) conn->n_long--;
     if (request->message) protobuf_c_message_free_unpacked(request->message, NULL);
-    free(request->payload);
+    request_drop_payload(request);
+    ledger_give(request->principal, LEDGER_PAYLOAD, request->header_charged);
+    ledger_give(request->principal, request->counted, 1);
+    principal_release(request->principal);
     free(request);
+}
+
+// ---- bytes that are paid for
+
+int refusal_code(const struct principal *principal, enum ledger_resource resource,
+                 uint64_t amount)
+{
+    uint64_t mine = ledger_limit_client(principal->ledger, resource);
+    uint64_t all = ledger_limit_all(principal->ledger, resource);
+    bool never = (mine && amount > mine) || (all && amount > all);
+    return never ? RELIGHT__ERROR_CODE__ERROR_LIMIT : RELIGHT__ERROR_CODE__ERROR_BUSY;
+}
+
+void request_drop_payload(struct request *request)
+{
+    free(request->payload);
+    ledger_give(request->principal, LEDGER_PAYLOAD, request->payload_charged);
+    request->payload = NULL;
+    request->payload_size = 0;
+    request->payload_charged = 0;
+}
+
+struct held_bytes *request_take_payload(struct request *request)
+{
+    struct held_bytes *held = request->payload ? calloc(1, sizeof *held) : NULL;
+    if (!held) return NULL;
+    *held = (struct held_bytes){.refs = 1,
+                                .bytes = request->payload,
+                                .size = request->payload_size,
+                                .principal = request->principal,
+                                .charged = request->payload_charged};
+    principal_hold(held->principal);
+    request->payload = NULL;
+    request->payload_size = 0;
+    request->payload_charged = 0;
+    return held;
+}
+
+void held_bytes_hold(struct held_bytes *held)
+{
+    held->refs++;
+}
+
+void held_bytes_release(struct held_bytes *held)
+{
+    if (!held || --held->refs) return;
+    free(held->bytes);
+    ledger_give(held->principal, LEDGER_PAYLOAD, held->charged);
+    principal_release(held->principal);
+    free(held);
+}
+
+static bool refuse(struct connection *conn, int code, const char *fmt, ...)
+    __attribute__((format(printf, 3, 4)));
+static bool refuse(struct connection *conn, int code, const char *fmt, ...)
+{
+    va_list args;
+    va_start(args, fmt);
+    conn->refusal.code = code;
+    vsnprintf(conn->refusal.text, sizeof conn->refusal.text, fmt, args);
+    va_end(args);
+    return false;
+}
+
+// Charged, or taken anyway where the operation always passes.
+static bool charge(struct connection *conn, const struct operation *operation,
+                   enum ledger_resource resource, uint64_t amount)
+{
+    char error[256];
+    if (operation->flags & OPERATION_ALWAYS) {
+        ledger_force(conn->principal, resource, amount);
+        return true;
+    }
+    if (ledger_take(conn->principal, resource, amount, error) == LEDGER_GRANTED) return true;
+    return refuse(conn, refusal_code(conn->principal, resource, amount), "%s", error);
+}
+
+bool request_admit(struct connection *conn, const struct relight_frame *frame)
+{
+    const struct operation *operation = operation_of(frame->type);
+    uint64_t n = frame->payload_size;
+    if (!operation)
+        return refuse(conn, RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED, "type %u is unknown",
+                      frame->type);
+    if (!operation->max_payload)
+        return refuse(conn, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                      "%s takes no payload, and one of %llu bytes came",
+                      relight_type_name(frame->type), (unsigned long long)n);
+    if (n > operation->max_payload)
+        return refuse(conn, RELIGHT__ERROR_CODE__ERROR_LIMIT, "%s takes up to %zu bytes",
+                      relight_type_name(frame->type), operation->max_payload);
+    if (!charge(conn, operation, LEDGER_PAYLOAD, n)) return false;
+    conn->payload_charged = n;
+    return true;
 }
 
 static void send_error(struct connection *conn, uint64_t id, int code, const char *text)
@@ -120,12 +224,14 @@ void request_part(struct request *request, const ProtobufCMessage *message,
 
 void request_fail(struct request *request, int code, const char *fmt, ...)
 {
-    char text[500];
+    char said[500], text[500];
     va_list args;
     va_start(args, fmt);
-    vsnprintf(text, sizeof text, fmt, args);
+    vsnprintf(said, sizeof said, fmt, args);
     va_end(args);
+    relight_utf8_cut(text);
     struct connection *conn = request->conn;
+    blobs_name_in_text(conn->server->blobs, conn->principal->name, said, text, sizeof text);
     log_line(LOG_EVENT, "refused conn=%llu id=%llu op=%s code=%d text=\"%s\"",
              (unsigned long long)conn->number, (unsigned long long)request->id,
              relight_type_name(request->type), code, text);
@@ -154,67 +260,126 @@ static void deadline_fired(struct loop_timer *timer)
     request_stop(request, RELIGHT__ERROR_CODE__ERROR_DEADLINE, "the deadline passed");
 }
 
-// Watching and viewing go on for as long as the client likes.
-static bool stays_open(uint16_t type)
+// Whether the connection may open one more request of this kind.
+static bool may_open(struct connection *conn, const struct relight_frame *frame,
+                     const struct operation *operation)
 {
-    return type == RELIGHT_TYPE_WATCH || type == RELIGHT_TYPE_VIEW_OPEN;
+    const struct options *o = &conn->server->options;
+    unsigned quick = conn->n_request - conn->n_long;
+    if (!frame->id)
+        return refuse(conn, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                      "request id 0 is not used: ids begin at 1");
+    for (const struct request *r = conn->requests; r; r = r->next)
+        if (r->id == frame->id)
+            return refuse(conn, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                          "a request with this id is open already");
+    // Those that always pass are answered at once, but for closes that wait their turn.
+    if (operation->flags & OPERATION_ALWAYS) {
+        if (quick < 2 * o->requests + 64) return true;
+    } else if (operation->flags & OPERATION_LONG || quick < o->requests) {
+        return true;
+    }
+    return refuse(conn, RELIGHT__ERROR_CODE__ERROR_BUSY,
+                  "this connection has too many open requests (--requests)");
+}
+
+// The header as a message, once it is known to be small enough and to be text.
+static ProtobufCMessage *unpack(struct connection *conn, const struct relight_frame *frame,
+                                const struct operation *operation, uint64_t *charged)
+{
+    static const struct relight_header_limits limits = {SERVER_MAX_ITEMS, SERVER_MAX_UNPACKED};
+    struct relight_header_cost cost;
+    char error[RELIGHT_HEADER_ERROR];
+    static const uint8_t empty[1];
+    const uint8_t *header = frame->header ? frame->header : empty;
+    if (!relight_header_check(frame->type, header, frame->header_size, &limits, &cost, error)) {
+        refuse(conn, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST, "%s", error);
+        return NULL;
+    }
+    if (!charge(conn, operation, LEDGER_PAYLOAD, cost.bytes)) return NULL;
+    ProtobufCMessage *message = relight_frame_unpack(frame);
+    if (message) {
+        *charged = cost.bytes;
+        return message;
+    }
+    ledger_give(conn->principal, LEDGER_PAYLOAD, cost.bytes);
+    refuse(conn, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+           "the header does not parse as this type's message");
+    return NULL;
+}
+
+static void set_deadline(struct request *request, unsigned flags, uint32_t deadline_ms)
+{
+    struct server *server = request->server;
+    double limit = flags & OPERATION_LONG ? 0 : server->options.deadline;
+    double wish = deadline_ms * 1e-3;
+    request->deadline.fire = deadline_fired;
+    if (wish > 0 && (limit == 0 || wish < limit)) limit = wish;
+    if (limit > 0)
+        loop_timer_set(server->loop, &request->deadline,
+                       request->arrived_ns + (uint64_t)(limit * 1e9));
+}
+
+static void enlist(struct request *request)
+{
+    struct connection *conn = request->conn;
+    request->next = conn->requests;
+    if (request->next) request->next->prev = request;
+    conn->requests = request;
+    conn->n_request++;
+    conn->server->n_request++;
+    if (request->counted == LEDGER_LONG_REQUESTS) conn->n_long++;
+    principal_hold(request->principal);
 }
 
 struct request *request_create(struct connection *conn, const struct relight_frame *frame,
                                uint8_t *payload)
 {
-    struct server *server = conn->server;
-    const struct options *o = &server->options;
+    const struct operation *operation = operation_of(frame->type);
+    uint64_t payload_charged = conn->payload_charged, header_charged = 0;
+    bool refused = conn->refusal.code != 0, counted = false;
+    enum ledger_resource resource = LEDGER_REQUESTS;
+    ProtobufCMessage *message = NULL;
     struct request *request = NULL;
-    const char *text = "not enough memory";
-    int code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
-    bool quick = frame->type == RELIGHT_TYPE_CANCEL; // must get through when all is full
-    if (!quick && (conn->n_request >= o->requests || server->n_request >= o->queue)) {
-        code = RELIGHT__ERROR_CODE__ERROR_BUSY;
-        text = conn->n_request >= o->requests ? "this connection has too many open requests"
-                                              : "the daemon has too many open requests";
-    } else {
-        for (const struct request *r = conn->requests; r; r = r->next)
-            if (r->id == frame->id) {
-                code = RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
-                text = "a request with this id is open already";
-                goto fail;
-            }
-        request = calloc(1, sizeof *request);
+    conn->payload_charged = 0;
+    if (!refused && !operation)
+        refused = !refuse(conn, RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED, "type %u is unknown",
+                          frame->type);
+    if (!refused) {
+        if (operation->flags & OPERATION_LONG) resource = LEDGER_LONG_REQUESTS;
+        counted = may_open(conn, frame, operation) && charge(conn, operation, resource, 1);
+        if (counted) message = unpack(conn, frame, operation, &header_charged);
+        if (message) request = calloc(1, sizeof *request);
     }
-    if (!request) goto fail;
-    *request = (struct request){.server = server,
-                                .conn = conn,
-                                .id = frame->id,
-                                .type = frame->type,
-                                .arrived_ns = loop_now_ns(),
-                                .payload = payload,
-                                .payload_size = frame->payload_size};
-    request->message = relight_frame_unpack(frame);
-    if (!request->message) {
-        bool known = relight_type_message(frame->type) != NULL;
-        code = known ? RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST
-                     : RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
-        text = known ? "the header does not parse as this type's message"
-                     : "a request of unknown type";
-        free(request);
-        goto fail;
+    if (request) {
+        *request = (struct request){.server = conn->server,
+                                    .conn = conn,
+                                    .id = frame->id,
+                                    .type = frame->type,
+                                    .arrived_ns = loop_now_ns(),
+                                    .message = message,
+                                    .payload = payload,
+                                    .payload_size = frame->payload_size,
+                                    .principal = conn->principal,
+                                    .counted = resource,
+                                    .payload_charged = payload_charged,
+                                    .header_charged = header_charged};
+        enlist(request);
+        set_deadline(request, operation->flags, frame->deadline_ms);
+        return request;
     }
-    request->next = conn->requests;
-    if (request->next) request->next->prev = request;
-    conn->requests = request;
-    conn->n_request++;
-    server->n_request++;
-    request->deadline.fire = deadline_fired;
-    double limit = stays_open(frame->type) ? 0 : o->deadline;
-    double wish = frame->deadline_ms * 1e-3;
-    if (wish > 0 && (limit == 0 || wish < limit)) limit = wish;
-    if (limit > 0)
-        loop_timer_set(server->loop, &request->deadline,
-                       request->arrived_ns + (uint64_t)(limit * 1e9));
-    return request;
-fail:
+    if (message) {
+        protobuf_c_message_free_unpacked(message, NULL);
+        refuse(conn, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+    }
     free(payload);
-    send_error(conn, frame->id, code, text);
+    ledger_give(conn->principal, LEDGER_PAYLOAD, payload_charged + header_charged);
+    if (counted) ledger_give(conn->principal, resource, 1);
+    int code = conn->refusal.code;
+    conn->refusal.code = 0;
+    log_line(LOG_EVENT, "refused conn=%llu id=%llu op=%s code=%d text=\"%s\"",
+             (unsigned long long)conn->number, (unsigned long long)frame->id,
+             relight_type_name(frame->type), code, conn->refusal.text);
+    send_error(conn, frame->id, code, conn->refusal.text);
     return NULL;
 }

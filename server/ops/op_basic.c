@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The operations that look and store: hello, ping, list, put-blob, watch, cancel, info,
-// geometry, unload, stats.
+// The operations that look: hello, ping, list, watch, cancel, info, geometry, unload, stats.
 #include "net/dispatch.h"
 #include "core/log.h"
-#include "store/eviction.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
 #include "render/render.h"
@@ -15,7 +13,6 @@
 #include <string.h>
 #include <time.h>
 
-enum { MAX_PING = 64 << 10 };
 #define MESSAGE(type) ((const Relight__##type *)request->message)
 
 // Takes as long for a nearly right token as for a wrong one.
@@ -78,56 +75,12 @@ void op_hello(struct request *request)
 void op_ping(struct request *request)
 {
     struct timespec now;
-    if (request->payload_size > MAX_PING) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_LIMIT, "a ping takes up to %d bytes",
-                     MAX_PING);
-        return;
-    }
     Relight__PingAnswer out = RELIGHT__PING_ANSWER__INIT;
     clock_gettime(CLOCK_REALTIME, &now);
     out.time_us = (uint64_t)now.tv_sec * 1000000 + (uint64_t)now.tv_nsec / 1000;
     struct payload payload = {request->payload, request->payload_size, request->payload, free};
     request->payload = NULL;
     request_answer(request, &out.base, &payload);
-}
-
-// ---- blobs and environments
-
-// Radiance, OpenEXR and DDS files are uploaded to be lights; other images may be textures.
-static bool looks_like_light(const struct server *server, const char *hash)
-{
-    char path[4096], bytes[4] = "";
-    blobs_path(server->blobs, hash, path, sizeof path);
-    FILE *file = fopen(path, "rbe");
-    size_t n = file ? fread(bytes, 1, sizeof bytes, file) : 0;
-    if (file) fclose(file);
-    return n == 4 && (!memcmp(bytes, "#?", 2) || !memcmp(bytes, "\x76\x2f\x31\x01", 4) ||
-                      !memcmp(bytes, "DDS ", 4));
-}
-
-void op_put_blob(struct request *request)
-{
-    const Relight__PutBlobRequest *in = MESSAGE(PutBlobRequest);
-    struct server *server = request->server;
-    Relight__PutBlobAnswer out = RELIGHT__PUT_BLOB_ANSWER__INIT;
-    char error[256];
-    bool complete;
-    if (!in->offset && request->payload_size && !blobs_has(server->blobs, in->hash))
-        evict_for_upload(server, request->conn->principal->name, in->size);
-    int code = blobs_put(server->blobs, in->hash, in->size, in->offset, request->payload,
-                         request->payload_size, &out.received, &complete, error);
-    if (code) {
-        request_fail(request, code, "%s", error);
-        return;
-    }
-    if (complete) blobs_set_name(server->blobs, in->hash, in->name);
-    if (complete && request->payload_size && looks_like_light(server, in->hash))
-        env_prefetch(server, in->hash);
-    if (complete && request->payload_size)
-        log_line(LOG_EVENT, "blob hash=%.12s size=%llu conn=%llu", in->hash,
-                 (unsigned long long)in->size, (unsigned long long)request->conn->number);
-    out.complete = complete;
-    request_answer(request, &out.base, NULL);
 }
 
 // ---- models

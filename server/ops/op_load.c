@@ -37,6 +37,8 @@ struct load {
     struct file_task task; // first: laying out
     struct import_request import;
     struct cache_waiter waiter;
+    struct blob_waiter blob_waiter; // an upload's check
+    size_t n_checked;
     struct load *next;         // of those that wait for the same model
     struct cache_entry *entry; // the opening waited for
     struct server *server;
@@ -842,6 +844,42 @@ static bool check_env(struct load *load)
     return !code;
 }
 
+// The uploads a load needs: its files, then its environment. NULL past the last.
+static const char *needed_blob(const struct load *load, size_t index)
+{
+    size_t n = message_of(load)->n_files ? load->n_file : 0;
+    bool light = !strncmp(load->env, "env:", 4);
+    if (index < n) return load->file[index].hash;
+    return index == n && light ? load->env + 4 : NULL;
+}
+
+// Has every upload checked, one after another, before any of them is used.
+static void check_next(struct load *load);
+
+static void blob_checked(struct blob_waiter *waiter)
+{
+    struct load *load = (struct load *)((char *)waiter - offsetof(struct load, blob_waiter));
+    if (load->request) check_next(load);
+    else drop_load(load);
+}
+
+static void check_next(struct load *load)
+{
+    size_t i = load->n_checked++;
+    const char *before = i ? needed_blob(load, i - 1) : NULL, *hash = needed_blob(load, i);
+    if (before && !blobs_has(load->server->blobs, before)) {
+        FAIL(load, NOT_FOUND, "%.12s… was damaged on the daemon's disk: upload it again",
+             before);
+    } else if (hash) {
+        load->blob_waiter.wake = blob_checked;
+        blobs_check(load->server->blobs, hash, &load->blob_waiter);
+    } else if (message_of(load)->n_files) {
+        source_known(load);
+    } else {
+        import_next(load);
+    }
+}
+
 static const char *file_part(const char *path)
 {
     const char *slash = strrchr(path, '/');
@@ -880,6 +918,5 @@ void models_load(struct request *request)
         drop_load(load); // the request is answered
         return;
     }
-    if (r->n_files) source_known(load);
-    else import_next(load);
+    check_next(load);
 }

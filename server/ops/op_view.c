@@ -93,12 +93,15 @@ static void send_frame(struct view *v, struct render_result *result)
     Relight__Error error = RELIGHT__ERROR__INIT;
     struct render_camera_message camera;
     Relight__Cost cost;
+    char text[500];
     render_cost_message(result, &cost);
     out.frame = ++v->frame;
     out.sequence = v->drawn_sequence;
     if (result->code) {
         error.code = (Relight__ErrorCode)result->code;
-        error.text = result->error;
+        blobs_name_in_text(v->request->server->blobs, v->request->conn->principal->name,
+                           result->error, text, sizeof text);
+        error.text = text;
         error.hint = (char *)error_hint(result->code);
         out.error = &error;
     } else if (v->spec.picture) {
@@ -255,10 +258,14 @@ void op_view_open(struct request *request)
     draw(v);
 }
 
+// A VIEW_OPEN that still waits for its material comes later in the connection's order than this
+// request, or this request would have waited behind it: it has no view yet.
 static struct view *find_view(struct request *request, uint64_t id)
 {
-    for (struct request *r = request->conn->requests; r; r = r->next)
-        if (r->id == id && r->type == RELIGHT_TYPE_VIEW_OPEN) return r->state;
+    for (struct request *r = request->conn->requests; r; r = r->next) {
+        struct view *v = r->id == id ? request_state(r, abandon) : NULL;
+        if (v) return v;
+    }
     request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
                  "no view was opened by request %llu", (unsigned long long)id);
     return NULL;

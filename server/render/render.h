@@ -117,5 +117,12 @@ void render_image_message(const struct render_result *result, const struct rende
  * makes the cube that backgrounds are taken from. */
 void env_prefetch(struct server *server, const char *hash);
 struct cache_entry *env_get(struct server *server, const char *env, int *code, char error[300]);
+/* Has an upload checked, then decoded by `ask` (decoder_env, decoder_image), which calls fn
+ * with the entry; without the upload the entry is failed and released. Errors call the upload
+ * by its hash's first digits: the entry is shared between principals. */
+typedef void (*upload_decoder_fn)(struct decoder *decoder, const char *path, const char *name,
+                                  decode_fn fn, void *user);
+void upload_decode(struct server *server, const char *hash, struct cache_entry *entry,
+                   upload_decoder_fn ask, decode_fn fn);
 
 #endif

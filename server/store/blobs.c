@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: MIT
-// Uploads go to HASH.part while their hash is computed chunk by chunk, and are renamed to HASH
-// when it is right: a blob that has its final name is whole.
-#include "store/blobs.h"
+// The index of blobs: found by hash, kept in the order of last use for each owner and for all,
+// checked once after the start, evicted when their room is needed.
+#include "store/blob_index.h"
 
-#include "frame.h"
-#include "core/loop.h"
-#include "relight.pb-c.h"
+#include "core/log.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -13,31 +11,23 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
-enum { MAX_UPLOADS = 64 };
+enum { FIRST_BUCKETS = 256, DIGITS = 12 };
 
-struct upload {
-    struct upload *next;
-    char hash[BLOB_HASH + 1];
-    uint64_t size, received, used_ns;
-    int fd;
-    struct relight_sha256 sha;
-};
-
-struct blobs {
-    char folder[3900];
-    uint64_t max_blob, disk;
-    int64_t bytes;
-    struct upload *upload;
-    unsigned n_upload;
-};
-
-static void part_path(const struct blobs *blobs, const char *hash, char *path, size_t n)
+uint64_t blob_clock_ns(void)
 {
-    snprintf(path, n, "%s/%s.part", blobs->folder, hash);
+    struct timespec t;
+    clock_gettime(CLOCK_REALTIME, &t);
+    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
+}
+
+uint64_t blob_charge(uint64_t size)
+{
+    return disk_size(size) + disk_size(1);
 }
 
 void blobs_path(const struct blobs *blobs, const char *hash, char *path, size_t n)
@@ -45,274 +35,555 @@ void blobs_path(const struct blobs *blobs, const char *hash, char *path, size_t 
     snprintf(path, n, "%s/%s", blobs->folder, hash);
 }
 
-int blobs_open(const char *folder, uint64_t max_blob, uint64_t disk, struct blobs **out)
+// ---- the table; blobs with the same first 12 digits share a bucket
+
+static struct blob **bucket_of(const struct blobs *blobs, const char *hash)
 {
-    struct blobs *blobs = calloc(1, sizeof *blobs);
-    if (!blobs) return -ENOMEM;
-    *blobs = (struct blobs){.max_blob = max_blob, .disk = disk};
-    snprintf(blobs->folder, sizeof blobs->folder, "%s", folder);
-    DIR *dir;
-    if ((mkdir(folder, 0700) && errno != EEXIST) || !(dir = opendir(folder))) {
-        int err = -errno;
-        free(blobs);
-        return err;
+    uint64_t x = blobs->seed;
+    for (int i = 0; i < DIGITS; i++) x = (x ^ (unsigned char)hash[i]) * 0x9e3779b97f4a7c15u;
+    return &blobs->bucket[(x >> 20) % blobs->n_bucket];
+}
+
+struct blob *blob_find(const struct blobs *blobs, const char *hash)
+{
+    struct blob *b = *bucket_of(blobs, hash);
+    while (b && strcmp(b->hash, hash)) b = b->chain;
+    return b;
+}
+
+// Without memory the chains get longer instead.
+static void grow(struct blobs *blobs)
+{
+    struct blob **old = blobs->bucket;
+    size_t n = blobs->n_bucket;
+    struct blob **fresh = calloc(2 * n, sizeof *fresh);
+    if (!fresh) return;
+    blobs->bucket = fresh;
+    blobs->n_bucket = 2 * n;
+    for (size_t i = 0; i < n; i++)
+        for (struct blob *b = old[i], *next; b; b = next) {
+            struct blob **to = bucket_of(blobs, b->hash);
+            next = b->chain;
+            b->chain = *to;
+            *to = b;
+        }
+    free(old);
+}
+
+// ---- the order of use
+
+static struct blob_lru *lru_of(struct blobs *blobs, struct blob *b, int list)
+{
+    return list == LRU_ALL ? &blobs->lru : &b->owner->lru;
+}
+
+static void leave_order(struct blobs *blobs, struct blob *b)
+{
+    for (int i = 0; i < LRU_N; i++) {
+        struct blob_lru *lru = lru_of(blobs, b, i);
+        struct blob *older = b->link[i].older, *newer = b->link[i].newer;
+        *(older ? &older->link[i].newer : &lru->oldest) = newer;
+        *(newer ? &newer->link[i].older : &lru->newest) = older;
     }
-    for (struct dirent *d; (d = readdir(dir));) {
-        struct stat st;
-        if (fstatat(dirfd(dir), d->d_name, &st, 0) || !S_ISREG(st.st_mode)) continue;
-        if (relight_hash_valid(d->d_name)) blobs->bytes += st.st_size;
-        else if (strstr(d->d_name, ".part")) unlinkat(dirfd(dir), d->d_name, 0);
+}
+
+static void enter_order(struct blobs *blobs, struct blob *b)
+{
+    for (int i = 0; i < LRU_N; i++) {
+        struct blob_lru *lru = lru_of(blobs, b, i);
+        struct blob *older = lru->newest, *newer = NULL;
+        while (older && older->used_ns > b->used_ns) {
+            newer = older;
+            older = older->link[i].older;
+        }
+        b->link[i].older = older;
+        b->link[i].newer = newer;
+        *(older ? &older->link[i].newer : &lru->oldest) = b;
+        *(newer ? &newer->link[i].older : &lru->newest) = b;
     }
-    closedir(dir);
-    *out = blobs;
+}
+
+static struct blob_owner *owner_of(struct blobs *blobs, const char *name)
+{
+    struct blob_owner *o = blobs->owners;
+    while (o && strcmp(o->name, name)) o = o->next;
+    if (o || !(o = calloc(1, sizeof *o))) return o;
+    snprintf(o->name, sizeof o->name, "%s", name);
+    o->next = blobs->owners;
+    blobs->owners = o;
+    return o;
+}
+
+static void drop_owner(struct blobs *blobs, struct blob_owner *owner)
+{
+    if (owner->lru.oldest) return;
+    struct blob_owner **at = &blobs->owners;
+    while (*at != owner) at = &(*at)->next;
+    *at = owner->next;
+    free(owner);
+}
+
+// ---- adding and removing
+
+struct blob *blob_add(struct blobs *blobs, const char *hash, uint64_t size, uint64_t charged,
+                      const char *owner, uint64_t used_ns)
+{
+    struct blob *b = calloc(1, sizeof *b);
+    if (b) b->owner = owner_of(blobs, owner);
+    if (!b || !b->owner) {
+        free(b);
+        return NULL;
+    }
+    memcpy(b->hash, hash, BLOB_HASH);
+    b->size = size;
+    b->charged = charged;
+    b->used_ns = used_ns;
+    if (blobs->n_blob >= blobs->n_bucket) grow(blobs);
+    struct blob **bucket = bucket_of(blobs, hash);
+    b->chain = *bucket;
+    *bucket = b;
+    blobs->n_blob++;
+    enter_order(blobs, b);
+    return b;
+}
+
+static void free_blob(struct blob *b)
+{
+    for (struct blob_name *n = b->names, *next; n; n = next) {
+        next = n->next;
+        free(n);
+    }
+    free(b);
+}
+
+void blob_remove(struct blobs *blobs, struct blob *b)
+{
+    char path[4096], owner[4096 + 8];
+    struct blob **at = bucket_of(blobs, b->hash);
+    while (*at != b) at = &(*at)->chain;
+    *at = b->chain;
+    blobs->n_blob--;
+    leave_order(blobs, b);
+    blobs_path(blobs, b->hash, path, sizeof path);
+    snprintf(owner, sizeof owner, "%s.owner", path);
+    unlink(path);
+    unlink(owner);
+    disk_charge(blobs->setup.ledger, b->owner->name, -(int64_t)b->charged);
+    drop_owner(blobs, b->owner);
+    free_blob(b);
+}
+
+bool blob_evict(struct blobs *blobs, const char *owner)
+{
+    struct blob_owner *o = blobs->owners;
+    while (owner && o && strcmp(o->name, owner)) o = o->next;
+    if (owner && !o) return false;
+    int list = owner ? LRU_OWNER : LRU_ALL;
+    struct blob *b = owner ? o->lru.oldest : blobs->lru.oldest;
+    while (b && b->checking) b = b->link[list].newer;
+    uint64_t now = blob_clock_ns();
+    if (!b || b->used_ns + (uint64_t)(blobs->setup.keep_s * 1e9) > now) return false;
+    log_line(LOG_EVENT, "blob hash=%.12s owner=\"%s\" dropped for room", b->hash,
+             b->owner->name);
+    blob_remove(blobs, b);
+    return true;
+}
+
+bool blobs_has(const struct blobs *blobs, const char *hash)
+{
+    return relight_hash_valid(hash) && blob_find(blobs, hash);
+}
+
+void blobs_touch(struct blobs *blobs, const char *hash)
+{
+    struct blob *b = relight_hash_valid(hash) ? blob_find(blobs, hash) : NULL;
+    if (!b) return;
+    leave_order(blobs, b);
+    b->used_ns = blob_clock_ns();
+    b->touched = true; // written by blobs_maintain
+    enter_order(blobs, b);
+}
+
+enum blob_format blobs_format(const struct blobs *blobs, const char *hash)
+{
+    const struct blob *b = relight_hash_valid(hash) ? blob_find(blobs, hash) : NULL;
+    return b ? b->format : BLOB_OTHER;
+}
+
+// ---- names
+
+struct append {
+    struct work work;
+    char path[4096 + 8], line[96 + BLOB_NAME + 3];
+};
+
+static int run_append(struct work *work, const struct prt_context *ctx)
+{
+    struct append *a = (struct append *)work;
+    // Without O_CREAT: the blob may have been evicted.
+    int fd = open(a->path, O_WRONLY | O_APPEND | O_CLOEXEC);
+    if (fd < 0) return PRT_OK;
+    size_t n = strlen(a->line);
+    if (write(fd, a->line, n) != (ssize_t)n)
+        log_line(LOG_WARN, "%s: %s", a->path, strerror(errno));
+    close(fd);
+    return PRT_OK;
+}
+
+static void done_append(struct work *work)
+{
+    free(work);
+}
+
+static struct blob_name *find_name(const struct blob *b, const char *principal)
+{
+    struct blob_name *n = b->names;
+    while (n && strcmp(n->principal, principal)) n = n->next;
+    return n;
+}
+
+void blob_add_name(struct blobs *blobs, struct blob *b, const char *principal, const char *name,
+                   bool write)
+{
+    size_t n_principal = strlen(principal) + 1, n_name = strlen(name) + 1;
+    if (!blob_name_valid(name) || find_name(b, principal) ||
+        b->names_bytes + n_principal + n_name > BLOB_OWNER_FILE)
+        return;
+    struct blob_name *n = malloc(sizeof *n + n_principal + n_name);
+    if (!n) return;
+    memcpy(n->principal, principal, n_principal);
+    n->name = n->principal + n_principal;
+    memcpy(n->name, name, n_name);
+    n->next = b->names;
+    b->names = n;
+    b->names_bytes += n_principal + n_name;
+    struct append *a = write ? calloc(1, sizeof *a) : NULL;
+    if (!a) return;
+    snprintf(a->path, sizeof a->path, "%s/%s.owner", blobs->folder, b->hash);
+    snprintf(a->line, sizeof a->line, "%s\t%s\n", principal, name);
+    a->work.run = run_append;
+    a->work.done = done_append;
+    a->work.class = WORK_BACKGROUND;
+    work_submit(blobs->setup.work, &a->work);
+}
+
+void blobs_name(const struct blobs *blobs, const char *principal, const char *hash, char *name,
+                size_t n)
+{
+    const struct blob *b = relight_hash_valid(hash) ? blob_find(blobs, hash) : NULL;
+    const struct blob_name *found = b && principal ? find_name(b, principal) : NULL;
+    if (found) snprintf(name, n, "%s", found->name);
+    else snprintf(name, n, "%.*s…", DIGITS, hash);
+}
+
+// The principal's name of the blob whose first digits these are.
+static const char *name_of_digits(const struct blobs *blobs, const char *principal,
+                                  const char *digits)
+{
+    for (const struct blob *b = *bucket_of(blobs, digits); b; b = b->chain) {
+        const struct blob_name *n = NULL;
+        if (!strncmp(b->hash, digits, DIGITS)) n = find_name(b, principal);
+        if (n) return n->name;
+    }
+    return NULL;
+}
+
+void blobs_name_in_text(const struct blobs *blobs, const char *principal, const char *text,
+                        char *out, size_t n)
+{
+    static const char mark[] = "…";
+    size_t at = 0;
+    while (*text && at + 1 < n) {
+        const char *name = NULL;
+        if (strspn(text, "0123456789abcdef") == DIGITS &&
+            !strncmp(text + DIGITS, mark, strlen(mark)))
+            name = name_of_digits(blobs, principal, text);
+        if (name) {
+            at += (size_t)snprintf(out + at, n - at, "%s", name);
+            if (at >= n) at = n - 1;
+            text += DIGITS + strlen(mark);
+        } else {
+            out[at++] = *text++;
+        }
+    }
+    out[at] = 0;
+}
+
+// ---- checking a blob that was there at the start
+
+struct check {
+    struct work work;
+    struct blobs *blobs;
+    struct blob *blob; // stays while it is checking
+    char path[4096], hash[65];
+    enum blob_format format;
+};
+
+static int run_check(struct work *work, const struct prt_context *ctx)
+{
+    struct check *c = (struct check *)work;
+    char bytes[4];
+    if (blobs_hash_file(c->path, c->hash)) c->hash[0] = 0;
+    int fd = open(c->path, O_RDONLY | O_CLOEXEC);
+    ssize_t n = fd < 0 ? 0 : read(fd, bytes, sizeof bytes);
+    if (fd >= 0) close(fd);
+    c->format = blob_format_of(bytes, n > 0 ? (size_t)n : 0);
+    return PRT_OK;
+}
+
+static void done_check(struct work *work)
+{
+    struct check *c = (struct check *)work;
+    struct blob *b = c->blob;
+    struct blob_waiter *waiters = b->waiters;
+    bool good = !strcmp(c->hash, b->hash);
+    b->waiters = NULL;
+    b->checking = false;
+    b->checked = good;
+    b->format = c->format;
+    if (!good) {
+        log_line(LOG_WARN, "blob hash=%.12s is damaged on disk and was removed", b->hash);
+        blob_remove(c->blobs, b);
+    }
+    for (struct blob_waiter *w = waiters, *next; w; w = next) {
+        next = w->next;
+        w->wake(w);
+    }
+    free(c);
+}
+
+void blobs_check(struct blobs *blobs, const char *hash, struct blob_waiter *waiter)
+{
+    struct blob *b = relight_hash_valid(hash) ? blob_find(blobs, hash) : NULL;
+    struct check *c = NULL;
+    if (b && !b->checked && !b->checking) c = calloc(1, sizeof *c);
+    if (!b || b->checked || (!b->checking && !c)) {
+        waiter->wake(waiter); // without memory: what opens the file reports what it finds
+        return;
+    }
+    struct blob_waiter **last = &b->waiters;
+    while (*last) last = &(*last)->next;
+    waiter->next = NULL;
+    *last = waiter;
+    if (!c) return;
+    b->checking = true;
+    c->blobs = blobs;
+    c->blob = b;
+    blobs_path(blobs, hash, c->path, sizeof c->path);
+    c->work.run = run_check;
+    c->work.done = done_check;
+    c->work.class = WORK_BACKGROUND;
+    work_submit(blobs->setup.work, &c->work);
+}
+
+// ---- times of use
+
+struct times {
+    struct work work;
+    char folder[BLOB_FOLDER];
+    size_t n;
+    struct {
+        char hash[BLOB_HASH + 1];
+        uint64_t used_ns;
+    } blob[];
+};
+
+static int run_times(struct work *work, const struct prt_context *ctx)
+{
+    struct times *t = (struct times *)work;
+    int folder = open(t->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    for (size_t i = 0; folder >= 0 && i < t->n; i++) {
+        struct timespec when = {(time_t)(t->blob[i].used_ns / 1000000000u),
+                                (long)(t->blob[i].used_ns % 1000000000u)};
+        struct timespec both[2] = {when, when};
+        utimensat(folder, t->blob[i].hash, both, 0); // read-only stores keep their times
+    }
+    if (folder >= 0) close(folder);
+    return PRT_OK;
+}
+
+static void done_times(struct work *work)
+{
+    free(work);
+}
+
+// Touched blobs are the newest.
+static struct times *collect_times(struct blobs *blobs)
+{
+    size_t n = 0;
+    for (struct blob *b = blobs->lru.newest; b && b->touched; b = b->link[LRU_ALL].older) n++;
+    struct times *t = n ? calloc(1, sizeof *t + n * sizeof *t->blob) : NULL;
+    if (!t) return NULL;
+    snprintf(t->folder, sizeof t->folder, "%s", blobs->folder);
+    for (struct blob *b = blobs->lru.newest; t->n < n; b = b->link[LRU_ALL].older, t->n++) {
+        memcpy(t->blob[t->n].hash, b->hash, sizeof b->hash);
+        t->blob[t->n].used_ns = b->used_ns;
+        b->touched = false;
+    }
+    return t;
+}
+
+void blobs_maintain(struct blobs *blobs)
+{
+    uploads_expire(blobs);
+    struct times *t = collect_times(blobs);
+    if (!t) return;
+    t->work.run = run_times;
+    t->work.done = done_times;
+    t->work.class = WORK_BACKGROUND;
+    work_submit(blobs->setup.work, &t->work);
+}
+
+// ---- opening and closing
+
+static void read_names(struct blobs *blobs, struct blob *b)
+{
+    char path[4096 + 8], line[96 + BLOB_NAME + 3];
+    snprintf(path, sizeof path, "%s/%s.owner", blobs->folder, b->hash);
+    FILE *file = fopen(path, "re");
+    if (!file) return;
+    while (fgets(line, sizeof line, file)) {
+        char *tab = strchr(line, '\t');
+        line[strcspn(line, "\n")] = 0;
+        if (!tab) continue;
+        *tab = 0;
+        blob_add_name(blobs, b, line, tab + 1, false);
+    }
+    fclose(file);
+}
+
+static int recover_blob(struct blobs *blobs, const char *hash, const struct stat *st)
+{
+    char path[4096], owner[96];
+    uint64_t size = (uint64_t)st->st_size, charge = blob_charge(size);
+    uint64_t used_ns =
+        (uint64_t)st->st_mtim.tv_sec * 1000000000u + (uint64_t)st->st_mtim.tv_nsec;
+    blobs_path(blobs, hash, path, sizeof path);
+    disk_owner_read(path, owner);
+    struct blob *b = blob_add(blobs, hash, size, charge, owner, used_ns);
+    if (!b) return -ENOMEM;
+    disk_charge(blobs->setup.ledger, owner, (int64_t)charge);
+    read_names(blobs, b);
     return 0;
 }
 
-static void drop_upload(struct blobs *blobs, struct upload *upload)
+struct found {
+    char hash[BLOB_HASH + 1];
+    struct stat st;
+};
+
+static int by_use(const void *a, const void *b)
 {
-    struct upload **at = &blobs->upload;
-    while (*at != upload) at = &(*at)->next;
-    *at = upload->next;
-    blobs->n_upload--;
-    char path[4096];
-    part_path(blobs, upload->hash, path, sizeof path);
-    close(upload->fd);
-    unlink(path);
-    blobs->bytes -= (int64_t)upload->received;
-    free(upload);
+    const struct timespec *s = &((const struct found *)a)->st.st_mtim;
+    const struct timespec *t = &((const struct found *)b)->st.st_mtim;
+    if (s->tv_sec != t->tv_sec) return s->tv_sec < t->tv_sec ? -1 : 1;
+    return s->tv_nsec < t->tv_nsec ? -1 : s->tv_nsec > t->tv_nsec;
+}
+
+static bool ends_with(const char *name, const char *ending)
+{
+    size_t n = strlen(name), m = strlen(ending);
+    return n > m && !strcmp(name + n - m, ending);
+}
+
+// A file that is not a blob: an upload's part, or of no use any more.
+static void recover_other(struct blobs *blobs, int folder, const char *name)
+{
+    char stem[NAME_MAX + 1], hash[BLOB_HASH + 1];
+    snprintf(stem, sizeof stem, "%s", name);
+    snprintf(hash, sizeof hash, "%.*s", BLOB_HASH, name);
+    char *dot = strrchr(stem, '.');
+    if (!dot || !relight_hash_valid(hash)) return;
+    *dot = 0;
+    if (ends_with(name, ".upload")) {
+        upload_recover(blobs, stem);
+    } else if (ends_with(name, ".part")) {
+        char promise[NAME_MAX + 8];
+        snprintf(promise, sizeof promise, "%s.upload", stem);
+        if (faccessat(folder, promise, F_OK, 0)) unlinkat(folder, name, 0);
+    } else if (ends_with(name, ".name") || // of an older version, without its principal
+               (ends_with(name, ".owner") && faccessat(folder, hash, F_OK, 0))) {
+        unlinkat(folder, name, 0);
+    }
+}
+
+static int scan(struct blobs *blobs, DIR *dir)
+{
+    struct found *found = NULL;
+    size_t n = 0, room = 0;
+    int err = 0;
+    for (struct dirent *d; !err && (d = readdir(dir));) {
+        struct stat st;
+        if (fstatat(dirfd(dir), d->d_name, &st, AT_SYMLINK_NOFOLLOW) || !S_ISREG(st.st_mode))
+            continue;
+        if (!relight_hash_valid(d->d_name)) {
+            recover_other(blobs, dirfd(dir), d->d_name);
+            continue;
+        }
+        if (n == room) {
+            struct found *more = realloc(found, (room = room ? 2 * room : 256) * sizeof *found);
+            if (!more) err = -ENOMEM;
+            if (err) break;
+            found = more;
+        }
+        memcpy(found[n].hash, d->d_name, BLOB_HASH + 1);
+        found[n++].st = st;
+    }
+    if (n) qsort(found, n, sizeof *found, by_use); // so that each becomes the newest
+    for (size_t i = 0; !err && i < n; i++)
+        err = recover_blob(blobs, found[i].hash, &found[i].st);
+    free(found);
+    return err;
+}
+
+int blobs_open(const struct blobs_setup *setup, struct blobs **out)
+{
+    struct blobs *blobs = calloc(1, sizeof *blobs);
+    if (!blobs || !(blobs->bucket = calloc(FIRST_BUCKETS, sizeof *blobs->bucket))) {
+        free(blobs);
+        return -ENOMEM;
+    }
+    blobs->setup = *setup;
+    blobs->n_bucket = FIRST_BUCKETS;
+    snprintf(blobs->folder, sizeof blobs->folder, "%s", setup->folder);
+    DIR *dir = NULL;
+    int err = getrandom(&blobs->seed, sizeof blobs->seed, 0) < 0 ? -errno : 0;
+    if (!err &&
+        ((mkdir(setup->folder, 0700) && errno != EEXIST) || !(dir = opendir(setup->folder))))
+        err = -errno;
+    if (!err) err = scan(blobs, dir);
+    if (dir) closedir(dir);
+    if (err) blobs_close(blobs);
+    else *out = blobs;
+    return err;
 }
 
 void blobs_close(struct blobs *blobs)
 {
     if (!blobs) return;
-    while (blobs->upload) drop_upload(blobs, blobs->upload);
-    free(blobs);
-}
-
-void blobs_expire(struct blobs *blobs, double seconds)
-{
-    uint64_t now = loop_now_ns();
-    for (struct upload *u = blobs->upload, *next; u; u = next) {
-        next = u->next;
-        if ((double)(now - u->used_ns) > seconds * 1e9) drop_upload(blobs, u);
+    uploads_close(blobs);
+    struct times *t = collect_times(blobs);
+    if (t) run_times(&t->work, NULL);
+    free(t);
+    for (struct blob *b = blobs->lru.oldest, *next; b; b = next) {
+        next = b->link[LRU_ALL].newer;
+        disk_charge(blobs->setup.ledger, b->owner->name, -(int64_t)b->charged);
+        free_blob(b);
     }
-}
-
-bool blobs_has(struct blobs *blobs, const char *hash)
-{
-    char path[4096];
-    if (!relight_hash_valid(hash)) return false;
-    blobs_path(blobs, hash, path, sizeof path);
-    return !access(path, R_OK);
-}
-
-void blobs_set_name(struct blobs *blobs, const char *hash, const char *name)
-{
-    char path[4096 + 8];
-    struct stat st;
-    snprintf(path, sizeof path, "%s/%s.name", blobs->folder, hash);
-    if (!name[0] || strlen(name) > 200 || strchr(name, '/') || !stat(path, &st)) return;
-    FILE *file = fopen(path, "we");
-    if (!file) return;
-    fputs(name, file);
-    fclose(file);
-}
-
-void blobs_name(const struct blobs *blobs, const char *hash, char *name, size_t n)
-{
-    char path[4096 + 8];
-    snprintf(name, n, "%.12s…", hash);
-    snprintf(path, sizeof path, "%s/%s.name", blobs->folder, hash);
-    FILE *file = fopen(path, "re");
-    if (!file) return;
-    char text[256];
-    if (fgets(text, sizeof text, file) && text[0]) snprintf(name, n, "%s", text);
-    fclose(file);
+    for (struct blob_owner *o = blobs->owners, *next; o; o = next) {
+        next = o->next;
+        free(o);
+    }
+    free(blobs->bucket);
+    free(blobs);
 }
 
 uint64_t blobs_bytes(const struct blobs *blobs)
 {
-    return blobs->bytes > 0 ? (uint64_t)blobs->bytes : 0;
+    return disk_bytes(blobs->setup.ledger);
 }
 
 void blobs_charge(struct blobs *blobs, int64_t bytes)
 {
-    blobs->bytes += bytes;
-}
-
-// Drops the longest unused blobs, none that was used in the last ten minutes.
-static void make_room(struct blobs *blobs, uint64_t wanted)
-{
-    enum { KEEP_S = 600 };
-    while (blobs_bytes(blobs) + wanted > blobs->disk) {
-        char oldest[BLOB_HASH + 1] = "";
-        time_t when = time(NULL) - KEEP_S;
-        off_t size = 0;
-        DIR *dir = opendir(blobs->folder);
-        for (struct dirent *d; dir && (d = readdir(dir));) {
-            struct stat st;
-            if (!relight_hash_valid(d->d_name) || fstatat(dirfd(dir), d->d_name, &st, 0) ||
-                st.st_mtime >= when)
-                continue;
-            when = st.st_mtime;
-            size = st.st_size;
-            memcpy(oldest, d->d_name, BLOB_HASH + 1);
-        }
-        if (dir) closedir(dir);
-        char path[4096], name[4096 + 8];
-        if (!oldest[0]) return;
-        blobs_path(blobs, oldest, path, sizeof path);
-        snprintf(name, sizeof name, "%s.name", path);
-        if (unlink(path)) return;
-        unlink(name);
-        blobs->bytes -= size;
-    }
-}
-
-void blobs_touch(const struct blobs *blobs, const char *hash)
-{
-    char path[4096];
-    blobs_path(blobs, hash, path, sizeof path);
-    utimensat(AT_FDCWD, path, NULL, 0); // read-only stores keep their times
-}
-
-static struct upload *find_upload(struct blobs *blobs, const char *hash)
-{
-    struct upload *u = blobs->upload;
-    while (u && strcmp(u->hash, hash)) u = u->next;
-    return u;
-}
-
-static int begin_upload(struct blobs *blobs, const char *hash, uint64_t size,
-                        struct upload **out, char error[256])
-{
-    if (blobs->n_upload >= MAX_UPLOADS) {
-        snprintf(error, 256, "%d uploads are under way already", MAX_UPLOADS);
-        return RELIGHT__ERROR_CODE__ERROR_BUSY;
-    }
-    make_room(blobs, size);
-    if (blobs_bytes(blobs) + size > blobs->disk) {
-        snprintf(error, 256, "the daemon's disk budget of %llu bytes is spent",
-                 (unsigned long long)blobs->disk);
-        return RELIGHT__ERROR_CODE__ERROR_LIMIT;
-    }
-    char path[4096];
-    part_path(blobs, hash, path, sizeof path);
-    int fd = open(path, O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0600);
-    struct upload *u = fd < 0 ? NULL : calloc(1, sizeof *u);
-    if (!u) {
-        snprintf(error, 256, "the upload cannot be stored: %s", strerror(errno));
-        if (fd >= 0) close(fd);
-        return RELIGHT__ERROR_CODE__ERROR_INTERNAL;
-    }
-    *u = (struct upload){.next = blobs->upload, .size = size, .fd = fd};
-    memcpy(u->hash, hash, BLOB_HASH);
-    relight_sha256_init(&u->sha);
-    blobs->upload = u;
-    blobs->n_upload++;
-    *out = u;
-    return 0;
-}
-
-static int finish_upload(struct blobs *blobs, struct upload *u, char error[256])
-{
-    char hash[65], path[4096], part[4096];
-    relight_sha256_hex(&u->sha, hash);
-    if (strcmp(hash, u->hash)) {
-        snprintf(error, 256, "the bytes have hash %.12s…, not the promised %.12s…", hash,
-                 u->hash);
-        drop_upload(blobs, u);
-        return RELIGHT__ERROR_CODE__ERROR_HASH;
-    }
-    part_path(blobs, hash, part, sizeof part);
-    blobs_path(blobs, hash, path, sizeof path);
-    int64_t size = (int64_t)u->received;
-    int err = rename(part, path) ? errno : 0;
-    drop_upload(blobs, u);
-    if (err) {
-        snprintf(error, 256, "the upload cannot be stored: %s", strerror(err));
-        return RELIGHT__ERROR_CODE__ERROR_INTERNAL;
-    }
-    blobs->bytes += size;
-    return 0;
-}
-
-int blobs_put(struct blobs *blobs, const char *hash, uint64_t size, uint64_t offset,
-              const void *bytes, size_t n, uint64_t *received, bool *complete, char error[256])
-{
-    *received = 0;
-    *complete = false;
-    if (!relight_hash_valid(hash)) {
-        snprintf(error, 256, "hash is not 64 lower-case hex digits");
-        return RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
-    }
-    if (blobs_has(blobs, hash)) {
-        blobs_touch(blobs, hash); // who asks is about to use it
-        *received = size;
-        *complete = true;
-        return 0;
-    }
-    if (!size || size > blobs->max_blob) {
-        snprintf(error, 256, "size %llu is outside 1..%llu bytes", (unsigned long long)size,
-                 (unsigned long long)blobs->max_blob);
-        return size ? RELIGHT__ERROR_CODE__ERROR_LIMIT
-                    : RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
-    }
-    struct upload *u = find_upload(blobs, hash);
-    if (u) *received = u->received;
-    if (!n) return 0;
-    if (offset > *received) {
-        snprintf(error, 256, "the chunk starts at %llu, past the %llu bytes that are there",
-                 (unsigned long long)offset, (unsigned long long)*received);
-        return RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
-    }
-    if (offset > size || n > size - offset || (u && u->size != size)) {
-        snprintf(error, 256, "the chunk reaches beyond the promised %llu bytes",
-                 (unsigned long long)size);
-        return RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
-    }
-    uint64_t known = *received - offset; // an overlap is skipped
-    if (known >= n) return 0;
-    bytes = (const char *)bytes + known;
-    n -= known;
-    int code = u ? 0 : begin_upload(blobs, hash, size, &u, error);
-    if (code) return code;
-    for (size_t put = 0; put < n;) {
-        ssize_t done = write(u->fd, (const char *)bytes + put, n - put);
-        if (done < 0 && errno == EINTR) continue;
-        if (done <= 0) {
-            snprintf(error, 256, "the upload cannot be stored: %s", strerror(errno));
-            drop_upload(blobs, u);
-            return RELIGHT__ERROR_CODE__ERROR_LIMIT;
-        }
-        put += (size_t)done;
-    }
-    relight_sha256_add(&u->sha, bytes, n);
-    u->received += n;
-    u->used_ns = loop_now_ns();
-    blobs->bytes += (int64_t)n;
-    *received = u->received;
-    if (u->received < size) return 0;
-    code = finish_upload(blobs, u, error);
-    *complete = !code;
-    if (code) *received = 0;
-    return code;
-}
-
-int blobs_hash_file(const char *path, char out[65])
-{
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
-    if (fd < 0) return -errno;
-    struct relight_sha256 sha;
-    relight_sha256_init(&sha);
-    enum { PIECE = 1 << 20 };
-    char *piece = malloc(PIECE);
-    ssize_t n = piece ? 1 : -1;
-    while (n > 0 && (n = read(fd, piece, PIECE)) > 0)
-        relight_sha256_add(&sha, piece, (size_t)n);
-    int err = n < 0 ? errno : 0;
-    free(piece);
-    close(fd);
-    relight_sha256_hex(&sha, out);
-    return -err;
+    disk_charge(blobs->setup.ledger, DISK_NOBODY, bytes);
 }

@@ -1,40 +1,107 @@
 /* SPDX-License-Identifier: MIT */
-/* blobs.h owns the content-addressed store of uploads: DATA/blobs/HASH, named by SHA-256. */
+/* blobs.h owns the content-addressed store of uploads: DATA/blobs/HASH, named by SHA-256. An
+ * index in memory knows every blob; hashing, writing and fsync happen on workers. An upload
+ * belongs to a principal, a hash and a size: no principal can be in another's way. Bytes are
+ * charged to the principal when they are promised (store/disk.h).
+ * Thread-safety: loop thread only, but for blobs_hash_file. */
 #ifndef RELIGHTD_BLOBS_H
 #define RELIGHTD_BLOBS_H
+
+#include "core/ledger.h"
+#include "core/work.h"
 
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-enum { BLOB_HASH = 64 };
+enum { BLOB_HASH = 64, BLOB_NAME = 200 };
 
 struct blobs;
-/* Opens (and makes) folder; uploads that a crash left half done are removed. 0 or -errno. */
-int blobs_open(const char *folder, uint64_t max_blob, uint64_t disk, struct blobs **out);
+
+struct blobs_setup {
+    const char *folder;     /* made where there is none */
+    uint64_t max_blob;      /* bytes of the largest upload */
+    struct ledger *ledger;  /* must outlive the store, as must the pool */
+    struct work_pool *work; /* nothing of the store may be under way when it is closed */
+    double keep_s;          /* a blob that was used so recently is not evicted */
+    double idle_s;          /* an upload that got no byte for so long is dropped */
+    double wanted_s;        /* the same while another upload needs its room */
+};
+/* Reads the folder: blobs, and uploads that a restart interrupted. 0 or -errno. */
+int blobs_open(const struct blobs_setup *setup, struct blobs **out);
+/* Parts of uploads stay on disk, to be resumed. */
 void blobs_close(struct blobs *blobs);
 
-bool blobs_has(struct blobs *blobs, const char *hash);
+/* Whether a blob of this name is there. Its bytes may not have been checked since the start. */
+bool blobs_has(const struct blobs *blobs, const char *hash);
+
+/* A blob that was there at the start is hashed before its first use. blobs_check calls `wake`
+ * when that is done, at once when it was done before; blobs_has then says whether the blob is
+ * there. A blob whose bytes do not have its hash is removed. */
+struct blob_waiter {
+    struct blob_waiter *next;
+    void (*wake)(struct blob_waiter *waiter);
+};
+void blobs_check(struct blobs *blobs, const char *hash, struct blob_waiter *waiter);
+
 /* Path of a blob that is there; n >= 4096. */
 void blobs_path(const struct blobs *blobs, const char *hash, char *path, size_t n);
-/* The file name it was uploaded under, else the beginning of its hash. */
-void blobs_name(const struct blobs *blobs, const char *hash, char *name, size_t n);
-void blobs_set_name(struct blobs *blobs, const char *hash, const char *name);
-uint64_t blobs_bytes(const struct blobs *blobs);
-/* Space for a file of ours that is not a blob (bakes) counts against the same disk budget. */
-void blobs_charge(struct blobs *blobs, int64_t bytes);
-
-/* One chunk of an upload; n 0 only asks. *received says how much is there, *complete whether
- * the whole is and its hash is right. A chunk past what is there is an error, one that overlaps
- * is taken from there on. Returns 0, or the protocol's error code with its text. */
-int blobs_put(struct blobs *blobs, const char *hash, uint64_t size, uint64_t offset,
-              const void *bytes, size_t n, uint64_t *received, bool *complete, char error[256]);
 /* Marks a blob as used now: the longest unused go first when the disk budget is spent. */
-void blobs_touch(const struct blobs *blobs, const char *hash);
-/* Uploads nobody went on with for `seconds` are dropped. */
-void blobs_expire(struct blobs *blobs, double seconds);
+void blobs_touch(struct blobs *blobs, const char *hash);
+
+/* What a checked blob's first bytes say it is. */
+enum blob_format {
+    BLOB_OTHER,
+    BLOB_DDS,
+    BLOB_FLOATS /* Radiance, OpenEXR, PFM, Softimage PIC */
+};
+enum blob_format blobs_format(const struct blobs *blobs, const char *hash);
+
+/* The file name under which this principal uploaded the blob; for others, and for principal
+ * NULL, the beginning of its hash: 12 digits and "…". */
+void blobs_name(const struct blobs *blobs, const char *principal, const char *hash, char *name,
+                size_t n);
+/* Copies a message, with "123456789abc…" replaced by this principal's name of that blob. */
+void blobs_name_in_text(const struct blobs *blobs, const char *principal, const char *text,
+                        char *out, size_t n);
+
+/* One chunk of an upload, or with n 0 a question. The owner fills the first part and leaves it
+ * alone until `done`, which is called once, perhaps before blobs_put returns, and frees it. */
+struct blob_put {
+    char principal[96];       /* who pays */
+    char hash[BLOB_HASH + 1]; /* must be valid (relight_hash_valid) */
+    char name[BLOB_NAME + 1]; /* "" where the name is not worth keeping */
+    uint64_t size, offset;    /* of the whole blob, of this chunk */
+    void *bytes;              /* [n], freed by the owner in `done` */
+    size_t n;
+    void (*done)(struct blob_put *put);
+
+    int code; /* the protocol's error code, 0: none; error is its text */
+    char error[256];
+    uint64_t received; /* bytes that are there, from the start */
+    bool complete;     /* the blob is there and has its hash */
+    bool arrived;      /* this chunk completed it */
+
+    struct blob_waiter waiter; /* the store's own from here */
+    struct blob_put *next;
+    struct blobs *blobs;
+    bool abandoned;
+};
+/* A chunk past what is there is an error, one that overlaps is taken from there on. Chunks of
+ * one upload are taken in the order they came. */
+void blobs_put(struct blobs *blobs, struct blob_put *put);
+/* Nobody waits for the answer any more: a chunk that waits its turn is dropped and done is
+ * called at once, else as soon as the worker is done with it. */
+void blobs_put_abandon(struct blob_put *put);
+
+/* Once a minute: drops abandoned uploads and writes times of use to disk. */
+void blobs_maintain(struct blobs *blobs);
 
 /* Hex SHA-256 of a file into out[65]; 0 or -errno. Any thread. */
 int blobs_hash_file(const char *path, char out[65]);
+
+/* Bytes that everything under --data takes, and a charge to nobody: see store/disk.h. */
+uint64_t blobs_bytes(const struct blobs *blobs);
+void blobs_charge(struct blobs *blobs, int64_t bytes);
 
 #endif

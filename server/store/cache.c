@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The table of shared results: chained hashing by key text, and a use-ordered list of entries
-// that nobody holds.
+// that nobody holds. Clients choose keys: the hash has a secret seed, and the table grows.
 #include "store/cache.h"
 
 #include "prt/base.h"
@@ -9,11 +9,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 
-enum { N_BUCKET = 4096 };
+enum { FIRST_BUCKETS = 1024 };
 
 struct cache {
-    struct cache_entry *bucket[N_BUCKET];
+    struct cache_entry **bucket;
+    size_t n_bucket;
+    uint64_t seed;
     struct cache_entry *newest, *oldest;
     size_t budget;
     struct cache_counts counts;
@@ -25,10 +28,48 @@ struct cache {
 int cache_create(size_t budget_bytes, struct cache **out)
 {
     struct cache *cache = calloc(1, sizeof *cache);
-    if (!cache) return PRT_NOMEM;
+    if (cache) cache->bucket = calloc(FIRST_BUCKETS, sizeof *cache->bucket);
+    if (!cache || !cache->bucket) {
+        free(cache);
+        return PRT_NOMEM;
+    }
+    if (getrandom(&cache->seed, sizeof cache->seed, 0) != sizeof cache->seed) {
+        cache_destroy(cache);
+        return PRT_IO;
+    }
+    cache->n_bucket = FIRST_BUCKETS;
     cache->budget = budget_bytes;
     *out = cache;
     return PRT_OK;
+}
+
+static struct cache_entry **bucket_of(const struct cache *cache, uint64_t hash)
+{
+    return &cache->bucket[hash % cache->n_bucket];
+}
+
+// Without memory the chains get longer instead.
+static void grow(struct cache *cache)
+{
+    size_t n = cache->n_bucket;
+    struct cache_entry **old = cache->bucket, **fresh = calloc(2 * n, sizeof *fresh);
+    if (!fresh) return;
+    cache->bucket = fresh;
+    cache->n_bucket = 2 * n;
+    for (size_t i = 0; i < n; i++)
+        for (struct cache_entry *e = old[i], *next; e; e = next) {
+            struct cache_entry **to = bucket_of(cache, e->hash);
+            next = e->chain;
+            e->chain = *to;
+            *to = e;
+        }
+    free(old);
+}
+
+// What an entry takes beside its value.
+static size_t overhead(const struct cache_entry *e)
+{
+    return sizeof *e + strlen(e->key) + 1;
 }
 
 static void unlink_use(struct cache *cache, struct cache_entry *e)
@@ -40,7 +81,7 @@ static void unlink_use(struct cache *cache, struct cache_entry *e)
 
 static void unlink_key(struct cache *cache, struct cache_entry *e)
 {
-    struct cache_entry **at = &cache->bucket[e->hash % N_BUCKET];
+    struct cache_entry **at = bucket_of(cache, e->hash);
     while (*at && *at != e) at = &(*at)->chain;
     if (*at) {
         *at = e->chain;
@@ -52,7 +93,7 @@ static void unlink_key(struct cache *cache, struct cache_entry *e)
 static void free_entry(struct cache *cache, struct cache_entry *e)
 {
     if (e->value && e->destroy) e->destroy(e->value);
-    cache->counts.bytes -= e->bytes;
+    cache->counts.bytes -= e->bytes + overhead(e);
     free(e->key);
     free(e);
 }
@@ -97,13 +138,14 @@ void cache_destroy(struct cache *cache)
 {
     if (!cache) return;
     while (cache->oldest) drop(cache, cache->oldest);
+    free(cache->bucket);
     free(cache);
 }
 
 struct cache_entry *cache_find(struct cache *cache, const char *key)
 {
-    uint64_t hash = prt_hash64(key, strlen(key), 1);
-    struct cache_entry *e = cache->bucket[hash % N_BUCKET];
+    uint64_t hash = prt_hash64(key, strlen(key), cache->seed);
+    struct cache_entry *e = *bucket_of(cache, hash);
     while (e && (e->hash != hash || strcmp(e->key, key))) e = e->chain;
     if (e) cache_hold(e);
     return e;
@@ -122,10 +164,13 @@ struct cache_entry *cache_get(struct cache *cache, const char *key, bool *fresh)
     if (!e || !(e->key = strdup(key))) abort(); // a few hundred bytes: nothing left to save
     e->cache = cache;
     e->refs = 1;
-    e->hash = prt_hash64(key, strlen(key), 1);
-    e->chain = cache->bucket[e->hash % N_BUCKET];
-    cache->bucket[e->hash % N_BUCKET] = e;
+    e->hash = prt_hash64(key, strlen(key), cache->seed);
+    if (cache->counts.entries >= cache->n_bucket) grow(cache);
+    struct cache_entry **bucket = bucket_of(cache, e->hash);
+    e->chain = *bucket;
+    *bucket = e;
     cache->counts.entries++;
+    cache->counts.bytes += overhead(e);
     return e;
 }
 
@@ -218,7 +263,7 @@ void cache_forget(struct cache *cache, const char *prefix, bool pending)
 {
     size_t n = strlen(prefix);
     struct cache_entry *unused = NULL;
-    for (int i = 0; i < N_BUCKET; i++)
+    for (size_t i = 0; i < cache->n_bucket; i++)
         for (struct cache_entry *e = cache->bucket[i], *next; e; e = next) {
             next = e->chain;
             if (!strncmp(e->key, prefix, n) && (pending || e->state != CACHE_PENDING))

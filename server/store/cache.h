@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT */
 /* cache.h owns what is computed once and shared: decoded environments, cubemaps, visibility
  * buffers, colours. An entry is pending until its maker fills or fails it; who asks meanwhile
- * waits. Unreferenced entries leave, least recently used first, when the budget is spent.
+ * waits. Unreferenced entries leave, least recently used first, when the budget is spent. An
+ * entry counts with its value, itself and its key.
  * Loop thread only; values are read by workers while their entry is held. */
-#ifndef RELIGHTD_MEMO_H
-#define RELIGHTD_MEMO_H
+#ifndef RELIGHTD_CACHE_H
+#define RELIGHTD_CACHE_H
 
 #include <stdbool.h>
 #include <stddef.h>

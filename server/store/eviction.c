@@ -19,11 +19,6 @@ struct victim {
     int64_t used_ns;
 };
 
-static uint64_t in_all(const struct server *server)
-{
-    return disk_bytes(server->ledger) + blobs_bytes(server->blobs);
-}
-
 uint64_t bakes_bytes(const struct server *server)
 {
     uint64_t bytes = 0;
@@ -144,7 +139,8 @@ void evict_for_room(struct server *server, const struct model *newest)
     const struct options *o = &server->options;
     for (;;) {
         if (evict_of_principal(server, newest)) continue;
-        if (in_all(server) > o->disk && evict_one(server, PREVIEW, NULL, newest)) continue;
+        if (disk_bytes(server->ledger) > o->disk && evict_one(server, PREVIEW, NULL, newest))
+            continue;
         if (bakes_bytes(server) > o->bakes_disk && evict_one(server, BAKE, NULL, newest))
             continue;
         return;
@@ -154,11 +150,11 @@ void evict_for_room(struct server *server, const struct model *newest)
 void evict_for_upload(struct server *server, const char *owner, uint64_t bytes)
 {
     const struct options *o = &server->options;
-    uint64_t most = o->client_disk, more = disk_size(bytes);
+    uint64_t most = o->client_disk, more = disk_size(bytes) + disk_size(1); // and who owns it
     if (more > o->disk || (most && more > most)) return; // refused whatever goes
     while (most && disk_bytes_of(server->ledger, owner) + more > most)
-        if (!evict_one(server, PREVIEW, owner, NULL)) break;
-    while (in_all(server) + more > o->disk)
+        if (!evict_one(server, PREVIEW, owner, NULL)) return; // refused, so that no other pays
+    while (disk_bytes(server->ledger) + more > o->disk)
         if (!evict_one(server, PREVIEW, NULL, NULL)) break;
 }
 
@@ -169,7 +165,7 @@ bool evict_over(const struct server *server, const char *owner, char error[256])
     if (o->client_disk && strcmp(owner, DISK_NOBODY) && mine > o->client_disk)
         snprintf(error, 256, "%s holds %llu bytes on disk, its limit is %llu (--client-disk)",
                  owner, (unsigned long long)mine, (unsigned long long)o->client_disk);
-    else if (in_all(server) > o->disk)
+    else if (disk_bytes(server->ledger) > o->disk)
         snprintf(error, 256, "the disk budget of %llu bytes is spent (--disk)",
                  (unsigned long long)o->disk);
     else return false;

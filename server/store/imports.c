@@ -535,6 +535,12 @@ int imports_create(struct server *server, struct imports **out)
     if (status) return status;
     if (server->options.models[0] && !realpath(server->options.models, imports->folder))
         imports->folder[0] = 0;
+    char path[PATH_MAX];
+    import_path(imports, "", path, sizeof path);
+    if (mkdir(path, 0700) && errno != EEXIST) {
+        log_line(LOG_ERR, "data folder %s: %s", path, strerror(errno));
+        return PRT_IO;
+    }
     read_index(imports);
     return PRT_OK;
 }
@@ -575,6 +581,7 @@ void imports_stop(struct imports *imports)
 void imports_destroy(struct imports *imports)
 {
     if (!imports) return;
+    imports_stop(imports);
     for (struct indexed *x = imports->index, *next; x; x = next) {
         next = x->next;
         free(x->path);

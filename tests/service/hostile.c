@@ -171,7 +171,7 @@ static void test_connection_limit(void **state)
 {
     enum { N = 260 };
     static int fd[N];
-    uint8_t answer[64];
+    uint8_t answer[1024];
     int refused = 0;
     for (int i = 0; i < N; i++) fd[i] = raw_connect(&d);
     for (int i = N - 1; i >= 0; i--) {

@@ -412,7 +412,8 @@ static void get(const char *path, char *out, size_t n)
     char ask[200];
     bool closed;
     int fd = http_connect();
-    snprintf(ask, sizeof ask, "GET %s HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n", path);
+    snprintf(ask, sizeof ask, "GET %s HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n",
+             path);
     assert_true(write(fd, ask, strlen(ask)) > 0);
     out[raw_read(fd, out, n - 1, 3000, &closed)] = 0;
     close(fd);
@@ -465,11 +466,12 @@ static void ws_send(int fd, const uint8_t *bytes, size_t n)
 static int ws_ask(const char *origin, char *text, size_t room)
 {
     char ask[500];
-    snprintf(ask, sizeof ask,
-             "GET /ws HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-             "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
-             "Sec-WebSocket-Protocol: relight.v1\r\nOrigin: %s\r\n\r\n",
-             origin);
+    snprintf(
+        ask, sizeof ask,
+        "GET /ws HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Protocol: relight.v1\r\nOrigin: %s\r\n\r\n",
+        origin);
     int fd = http_connect();
     assert_true(write(fd, ask, strlen(ask)) > 0);
     struct pollfd p = {fd, POLLIN, 0};
@@ -482,7 +484,7 @@ static int ws_ask(const char *origin, char *text, size_t room)
 static int ws_open(void)
 {
     char text[1024];
-    int fd = ws_ask("http://x", text, sizeof text);
+    int fd = ws_ask("http://localhost", text, sizeof text);
     assert_non_null(strstr(text, "101"));
     assert_non_null(strstr(text, "s3pPLMBiTxaQ9kYGzzhZRbK+xOo="));
     return fd;

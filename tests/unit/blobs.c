@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The store of uploads and the account of bytes on disk, without a daemon around them.
+#include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,6 +15,9 @@
 #include <cmocka.h>
 
 #include "core/options.h"
+#include "frame.h"
+#include "relight.pb-c.h"
+#include "store/blobs.h"
 #include "store/disk.h"
 
 static char folder[] = "/tmp/blobs-test-XXXXXX";
@@ -58,6 +63,467 @@ static void test_owner_is_kept_beside_the_file(void **state)
     assert_int_equal(disk_owner_write(path, "token:ann"), -ENOENT);
 }
 
+// ---- the store, with a loop and workers of its own
+
+enum { MB = 1 << 20 };
+
+struct store {
+    struct options options;
+    struct ledger *ledger;
+    struct loop *loop;
+    struct work_pool *work;
+    struct blobs_setup setup;
+    struct blobs *blobs;
+};
+
+static void turn_until_idle(struct store *s)
+{
+    while (work_busy(s->work)) loop_turn(s->loop, 10);
+}
+
+static void open_store(struct store *s)
+{
+    static char path[128];
+    snprintf(path, sizeof path, "%s/blobs", folder);
+    assert_non_null(s->ledger = ledger_create(&s->options));
+    assert_int_equal(loop_create(&s->loop), 0);
+    assert_int_equal(work_pool_create(s->loop, 2, 0, &s->work), 0);
+    s->setup.folder = path;
+    s->setup.ledger = s->ledger;
+    s->setup.work = s->work;
+    assert_int_equal(blobs_open(&s->setup, &s->blobs), 0);
+}
+
+static void close_store(struct store *s)
+{
+    turn_until_idle(s);
+    work_pool_destroy(s->work);
+    blobs_close(s->blobs);
+    assert_int_equal(disk_bytes(s->ledger), 0); // every charge was given back
+    assert_int_equal(ledger_total(s->ledger, LEDGER_UPLOADS), 0);
+    ledger_destroy(s->ledger);
+    loop_destroy(s->loop);
+}
+
+static void reopen_store(struct store *s)
+{
+    close_store(s);
+    open_store(s);
+}
+
+static void remove_files(void)
+{
+    char command[160];
+    snprintf(command, sizeof command, "rm -rf %s/blobs", folder);
+    assert_int_equal(system(command), 0);
+}
+
+static struct store new_store(void)
+{
+    remove_files();
+    struct store s = {
+        .options = {.disk = 64 * MB, .client_disk = 32 * MB},
+        .setup = {.max_blob = 64 * MB, .keep_s = 600, .idle_s = 600, .wanted_s = 60}};
+    open_store(&s);
+    return s;
+}
+
+struct sent {
+    struct blob_put put; // first
+    bool done;
+};
+
+static void put_done(struct blob_put *put)
+{
+    ((struct sent *)put)->done = true;
+}
+
+static void begin_put(struct store *s, struct sent *sent, const char *who, const char *hash,
+                      uint64_t size, uint64_t offset, const void *bytes, size_t n)
+{
+    memset(sent, 0, sizeof *sent);
+    snprintf(sent->put.principal, sizeof sent->put.principal, "%s", who);
+    snprintf(sent->put.name, sizeof sent->put.name, "%s.hdr", who);
+    memcpy(sent->put.hash, hash, BLOB_HASH);
+    sent->put.size = size;
+    sent->put.offset = offset;
+    sent->put.bytes = (void *)bytes;
+    sent->put.n = n;
+    sent->put.done = put_done;
+    blobs_put(s->blobs, &sent->put);
+}
+
+static struct sent put(struct store *s, const char *who, const char *hash, uint64_t size,
+                       uint64_t offset, const void *bytes, size_t n)
+{
+    static struct sent sent;
+    begin_put(s, &sent, who, hash, size, offset, bytes, n);
+    while (!sent.done) loop_turn(s->loop, 10);
+    return sent;
+}
+
+static void hash_of(const void *bytes, size_t n, char hash[65])
+{
+    struct relight_sha256 sha;
+    relight_sha256_init(&sha);
+    relight_sha256_add(&sha, bytes, n);
+    relight_sha256_hex(&sha, hash);
+}
+
+// A blob of n bytes of this letter.
+static void put_whole(struct store *s, const char *who, char letter, size_t n, char hash[65])
+{
+    char *bytes = malloc(n);
+    memset(bytes, letter, n);
+    hash_of(bytes, n, hash);
+    struct sent sent = put(s, who, hash, n, 0, bytes, n);
+    if (sent.put.code) fail_msg("%s", sent.put.error);
+    assert_true(sent.put.complete);
+    free(bytes);
+}
+
+static uint64_t held(const struct store *s, const char *who, enum ledger_resource resource)
+{
+    for (const struct principal *p = ledger_first(s->ledger); p; p = p->next)
+        if (!strcmp(p->name, who)) return p->held[resource];
+    return 0;
+}
+
+static unsigned n_files(const char *ending)
+{
+    char path[128];
+    unsigned n = 0;
+    snprintf(path, sizeof path, "%s/blobs", folder);
+    DIR *dir = opendir(path);
+    for (struct dirent *e; (e = readdir(dir));) n += strstr(e->d_name, ending) != NULL;
+    closedir(dir);
+    return n;
+}
+
+static void test_room_is_charged_when_promised(void **state)
+{
+    struct store s = new_store();
+    char bytes[10000], hash[65];
+    memset(bytes, 'x', sizeof bytes);
+    hash_of(bytes, sizeof bytes, hash);
+    struct sent sent = put(&s, "ann", hash, sizeof bytes, 0, bytes, 100);
+    assert_int_equal(sent.put.received, 100);
+    uint64_t room = disk_size(sizeof bytes) + disk_size(1); // and the owner's record
+    assert_int_equal(held(&s, "ann", LEDGER_DISK), room);
+    assert_int_equal(held(&s, "ann", LEDGER_UPLOADS), 1);
+    sent = put(&s, "ann", hash, sizeof bytes, 50, bytes + 50, 100); // overlaps
+    assert_int_equal(sent.put.received, 150);
+    sent = put(&s, "ann", hash, sizeof bytes, 151, bytes, 1);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    sent = put(&s, "ann", hash, sizeof bytes, 150, bytes, sizeof bytes);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    sent = put(&s, "ann", hash, sizeof bytes, 150, bytes, sizeof bytes - 150);
+    assert_true(sent.put.complete && sent.put.arrived);
+    assert_int_equal(held(&s, "ann", LEDGER_DISK), room);
+    assert_int_equal(held(&s, "ann", LEDGER_UPLOADS), 0);
+    assert_true(blobs_has(s.blobs, hash));
+    // Bytes that lie give their room back.
+    hash[0] = hash[0] == 'a' ? 'b' : 'a';
+    sent = put(&s, "ann", hash, 3, 0, "lie", 3);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_HASH);
+    assert_int_equal(held(&s, "ann", LEDGER_DISK), room);
+    assert_int_equal(held(&s, "ann", LEDGER_UPLOADS), 0);
+    assert_int_equal(n_files(".part") + n_files(".upload"), 0);
+    close_store(&s);
+}
+
+// Two principals send the same bytes at once; one of them another size before.
+static void test_first_of_two_wins(void **state)
+{
+    struct store s = new_store();
+    static char bytes[3 * MB];
+    char hash[65];
+    struct sent one, two;
+    memset(bytes, 'y', sizeof bytes);
+    hash_of(bytes, sizeof bytes, hash);
+    put(&s, "bob", hash, 17, 0, bytes, 1);
+    put(&s, "ann", hash, sizeof bytes, 0, bytes, MB);
+    put(&s, "bob", hash, sizeof bytes, 0, bytes, MB);
+    assert_int_equal(n_files(".part"), 3);
+    assert_int_equal(held(&s, "bob", LEDGER_UPLOADS), 2);
+    begin_put(&s, &one, "ann", hash, sizeof bytes, MB, bytes + MB, 2 * MB);
+    begin_put(&s, &two, "bob", hash, sizeof bytes, MB, bytes + MB, 2 * MB);
+    while (!one.done || !two.done) loop_turn(s.loop, 10);
+    assert_true(one.put.complete && two.put.complete);
+    assert_true(one.put.arrived != two.put.arrived);
+    assert_int_equal(ledger_total(s.ledger, LEDGER_UPLOADS), 0);
+    assert_int_equal(disk_bytes(s.ledger), disk_size(sizeof bytes) + disk_size(1));
+    assert_int_equal(n_files(".part") + n_files(".upload"), 0);
+    close_store(&s);
+}
+
+// Chunks of one upload are taken in their order, however many wait.
+static void test_pipelined_chunks(void **state)
+{
+    enum { N = 40, PIECE = 100000 };
+    struct store s = new_store();
+    static char bytes[N * PIECE];
+    static struct sent sent[N + 1];
+    char hash[65];
+    for (size_t i = 0; i < sizeof bytes; i++) bytes[i] = (char)(i * i >> 7);
+    hash_of(bytes, sizeof bytes, hash);
+    for (int i = 0; i < N; i++) {
+        begin_put(&s, &sent[i], "ann", hash, sizeof bytes, (uint64_t)i * PIECE,
+                  bytes + i * PIECE, PIECE);
+        if (i == 4) begin_put(&s, &sent[N], "ann", hash, sizeof bytes, 0, NULL, 0);
+    }
+    while (!sent[N - 1].done) loop_turn(s.loop, 10);
+    for (int i = 0; i < N; i++) {
+        assert_true(sent[i].done);
+        assert_int_equal(sent[i].put.received, (i + 1) * PIECE);
+    }
+    assert_int_equal(sent[N].put.received, 5 * PIECE); // a question waits its turn
+    assert_true(sent[N - 1].put.complete);
+    close_store(&s);
+}
+
+static void test_limits_of_a_principal(void **state)
+{
+    struct store s = new_store();
+    s.options.client_uploads = 2;
+    s.setup.wanted_s = 0.05;
+    reopen_store(&s);
+    char hash[65], name[65];
+    memset(name, 'e', 64);
+    name[64] = 0;
+    for (int i = 0; i < 3; i++) {
+        name[0] = (char)('0' + i);
+        struct sent sent = put(&s, "ann", name, 2, 0, ".", 1);
+        assert_int_equal(sent.put.code, i < 2 ? 0 : RELIGHT__ERROR_CODE__ERROR_BUSY);
+    }
+    assert_int_equal(put(&s, "bob", name, 2, 0, ".", 1).put.code, 0);
+    usleep(60000); // now ann's first is abandoned, and somebody wants its slot
+    assert_int_equal(put(&s, "ann", name, 2, 0, ".", 1).put.code, 0);
+    name[0] = '0';
+    assert_int_equal(put(&s, "ann", name, 2, 0, NULL, 0).put.received, 0);
+    assert_int_equal(held(&s, "ann", LEDGER_UPLOADS), 2);
+    assert_int_equal(held(&s, "bob", LEDGER_UPLOADS), 1); // was not touched
+    // A promise beyond --client-disk is refused, and evicts nothing.
+    put_whole(&s, "bob", 'b', 1000, hash);
+    struct sent sent = put(&s, "bob", name, 40 * MB, 0, ".", 1);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    assert_non_null(strstr(sent.put.error, "--client-disk"));
+    assert_true(blobs_has(s.blobs, hash));
+    s.setup.idle_s = 0.05;
+    reopen_store(&s);
+    assert_int_equal(ledger_total(s.ledger, LEDGER_UPLOADS), 3); // still there
+    usleep(60000);
+    blobs_maintain(s.blobs);
+    assert_int_equal(ledger_total(s.ledger, LEDGER_UPLOADS), 0);
+    assert_int_equal(n_files(".part") + n_files(".upload"), 0);
+    close_store(&s);
+}
+
+static void test_upload_goes_on_after_a_restart(void **state)
+{
+    struct store s = new_store();
+    char bytes[5000], hash[65], path[300];
+    memset(bytes, 'r', sizeof bytes);
+    hash_of(bytes, sizeof bytes, hash);
+    put(&s, "ann", hash, sizeof bytes, 0, bytes, 3000);
+    reopen_store(&s);
+    assert_int_equal(held(&s, "ann", LEDGER_DISK), disk_size(5000) + disk_size(1));
+    assert_int_equal(held(&s, "ann", LEDGER_UPLOADS), 1);
+    assert_int_equal(put(&s, "ann", hash, sizeof bytes, 0, NULL, 0).put.received, 3000);
+    struct sent sent = put(&s, "ann", hash, sizeof bytes, 3000, bytes + 3000, 2000);
+    assert_true(sent.put.complete);
+    // One whose bytes a power cut has spoilt is found out at its end.
+    memset(bytes, 's', sizeof bytes);
+    hash_of(bytes, sizeof bytes, hash);
+    put(&s, "ann", hash, sizeof bytes, 0, bytes, 3000);
+    close_store(&s);
+    snprintf(path, sizeof path, "%s/blobs", folder);
+    DIR *dir = opendir(path);
+    for (struct dirent *e; (e = readdir(dir));)
+        if (strstr(e->d_name, ".part")) {
+            int fd = openat(dirfd(dir), e->d_name, O_WRONLY);
+            assert_int_equal(pwrite(fd, "\0\0\0", 3, 100), 3);
+            assert_int_equal(ftruncate(fd, 2500), 0);
+            close(fd);
+        }
+    closedir(dir);
+    open_store(&s);
+    assert_int_equal(put(&s, "ann", hash, sizeof bytes, 0, NULL, 0).put.received, 2500);
+    sent = put(&s, "ann", hash, sizeof bytes, 2500, bytes, 2500);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_HASH);
+    assert_false(blobs_has(s.blobs, hash));
+    assert_int_equal(ledger_total(s.ledger, LEDGER_UPLOADS), 0);
+    // A part that nobody promised is removed, as is a promise that says something else.
+    close_store(&s);
+    snprintf(path, sizeof path, "touch %s/blobs/%s.0123456789abcdef.part", folder, hash);
+    assert_int_equal(system(path), 0);
+    snprintf(path, sizeof path, "printf '9\\tann\\n' > %s/blobs/%s.0123456789abcdee.upload",
+             folder, hash);
+    assert_int_equal(system(path), 0);
+    open_store(&s);
+    assert_int_equal(n_files(".part") + n_files(".upload"), 0);
+    assert_int_equal(ledger_total(s.ledger, LEDGER_UPLOADS), 0);
+    close_store(&s);
+}
+
+struct waiter {
+    struct blob_waiter waiter; // first
+    bool woken;
+};
+
+static void woken(struct blob_waiter *waiter)
+{
+    ((struct waiter *)waiter)->woken = true;
+}
+
+static bool check(struct store *s, const char *hash)
+{
+    struct waiter w = {.waiter.wake = woken}, v = w;
+    blobs_check(s->blobs, hash, &w.waiter);
+    blobs_check(s->blobs, hash, &v.waiter);
+    while (!w.woken || !v.woken) loop_turn(s->loop, 10);
+    return blobs_has(s->blobs, hash);
+}
+
+static void test_blobs_are_checked_before_first_use(void **state)
+{
+    struct store s = new_store();
+    char good[65], bad[65], path[4096];
+    put_whole(&s, "ann", 'g', 5000, good);
+    put_whole(&s, "ann", 'h', 5000, bad);
+    assert_true(check(&s, bad));
+    blobs_path(s.blobs, bad, path, sizeof path);
+    close_store(&s);
+    assert_int_equal(truncate(path, 4999), 0);
+    open_store(&s);
+    assert_int_equal(disk_bytes_of(s.ledger, "ann"), 2 * (8192 + 4096));
+    assert_true(check(&s, good));
+    assert_false(check(&s, bad));
+    assert_int_equal(disk_bytes_of(s.ledger, "ann"), 8192 + 4096);
+    assert_int_equal(access(path, F_OK), -1);
+    reopen_store(&s);
+    blobs_path(s.blobs, good, path, sizeof path);
+    assert_int_equal(truncate(path, 0), 0);
+    // A question about it tells the truth, too.
+    struct sent sent = put(&s, "bob", good, 5000, 0, NULL, 0);
+    assert_false(sent.put.complete);
+    assert_int_equal(sent.put.received, 0);
+    close_store(&s);
+}
+
+static void test_names_and_owners(void **state)
+{
+    struct store s = new_store();
+    char hash[65], name[256], wanted[32], text[256], said[256];
+    put_whole(&s, "ann", 'n', 100, hash);
+    put_whole(&s, "bob", 'n', 100, hash); // is told that it is there
+    turn_until_idle(&s);
+    snprintf(wanted, sizeof wanted, "%.12s…", hash);
+    snprintf(text, sizeof text, "%s: not an image, %s", wanted, "0123456789ab…");
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(disk_bytes_of(s.ledger, "ann"), 2 * 4096);
+        assert_int_equal(disk_bytes_of(s.ledger, "bob"), 0);
+        blobs_name(s.blobs, "ann", hash, name, sizeof name);
+        assert_string_equal(name, "ann.hdr");
+        blobs_name(s.blobs, "bob", hash, name, sizeof name);
+        assert_string_equal(name, "bob.hdr");
+        blobs_name(s.blobs, "eve", hash, name, sizeof name);
+        assert_string_equal(name, wanted);
+        blobs_name(s.blobs, NULL, hash, name, sizeof name);
+        assert_string_equal(name, wanted);
+        blobs_name_in_text(s.blobs, "bob", text, said, sizeof said);
+        assert_string_equal(said, "bob.hdr: not an image, 0123456789ab…");
+        blobs_name_in_text(s.blobs, "eve", text, said, sizeof said);
+        assert_string_equal(said, text);
+        reopen_store(&s);
+    }
+    close_store(&s);
+}
+
+// The blob that was unused longest goes first, of the owner whose room is spent.
+static void test_eviction(void **state)
+{
+    struct store s = new_store();
+    enum { N = 5 };
+    char hash[N][65], other[65], last[65];
+    s.setup.keep_s = 0;
+    s.options.client_disk = N * 16384;
+    s.options.disk = (N + 2) * 16384;
+    reopen_store(&s);
+    put_whole(&s, "bob", 'o', 12288, other); // the oldest of all
+    for (int i = 0; i < N; i++) put_whole(&s, "ann", (char)('a' + i), 12288, hash[i]);
+    blobs_touch(s.blobs, hash[0]);
+    blobs_maintain(s.blobs);
+    turn_until_idle(&s);
+    reopen_store(&s); // the order of use survives
+    put_whole(&s, "ann", 'z', 12288, last);
+    assert_true(blobs_has(s.blobs, hash[0]));
+    assert_false(blobs_has(s.blobs, hash[1]));
+    assert_true(blobs_has(s.blobs, hash[2]));
+    assert_true(blobs_has(s.blobs, other));
+    put_whole(&s, "eve", 'E', 12288, last);
+    assert_true(blobs_has(s.blobs, other));
+    put_whole(&s, "eve", 'F', 12288, last); // now --disk is spent
+    assert_false(blobs_has(s.blobs, other));
+    assert_int_equal(disk_bytes(s.ledger), (N + 2) * 16384);
+    s.setup.keep_s = 600; // nothing that was used so recently
+    reopen_store(&s);
+    struct sent sent = put(&s, "eve", other, 12288, 0, ".", 1);
+    assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    close_store(&s);
+}
+
+static void test_index_of_many(void **state)
+{
+    enum { N = 3000 };
+    struct store s = new_store();
+    static char hash[N][65];
+    char path[4096];
+    for (int i = 0; i < N; i++) {
+        hash_of(&i, sizeof i, hash[i]);
+        blobs_path(s.blobs, hash[i], path, sizeof path);
+        int fd = open(path, O_CREAT | O_WRONLY, 0600);
+        assert_int_equal(write(fd, &i, sizeof i), sizeof i);
+        close(fd);
+    }
+    assert_false(blobs_has(s.blobs, hash[0])); // the folder is read at the start only
+    reopen_store(&s);
+    for (int i = 0; i < N; i++) assert_true(blobs_has(s.blobs, hash[i]));
+    assert_int_equal(disk_bytes_of(s.ledger, DISK_NOBODY), N * 2 * 4096);
+    assert_false(blobs_has(s.blobs, "nonsense"));
+    hash[0][0] ^= 1;
+    assert_false(blobs_has(s.blobs, hash[0]));
+    close_store(&s);
+}
+
+// Chunks that nobody waits for any more: one that a worker has, and those behind it.
+static void test_abandoned_chunks(void **state)
+{
+    struct store s = new_store();
+    enum { N = 4, PIECE = 2 * MB };
+    struct sent *sent[N];
+    char hash[65], *bytes[N];
+    memset(hash, 'f', 64);
+    hash[64] = 0;
+    for (int i = 0; i < N; i++) {
+        bytes[i] = calloc(1, PIECE);
+        sent[i] = malloc(sizeof *sent[i]);
+        begin_put(&s, sent[i], "ann", hash, 20 * MB, (uint64_t)i * PIECE, bytes[i], PIECE);
+    }
+    for (int i = 0; i < N; i++) {
+        blobs_put_abandon(&sent[i]->put);
+        if (i) assert_true(sent[i]->done); // the first is with a worker
+        if (!i) continue;
+        free(bytes[i]);
+        free(sent[i]);
+    }
+    while (!sent[0]->done) loop_turn(s.loop, 10);
+    free(bytes[0]);
+    free(sent[0]);
+    assert_int_equal(put(&s, "ann", hash, 20 * MB, 0, NULL, 0).put.received, PIECE);
+    close_store(&s);
+}
+
 static int setup(void **state)
 {
     return mkdtemp(folder) ? 0 : -1;
@@ -65,6 +531,7 @@ static int setup(void **state)
 
 static int teardown(void **state)
 {
+    remove_files();
     return rmdir(folder);
 }
 
@@ -73,6 +540,16 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_disk_is_charged_by_owner),
         cmocka_unit_test(test_owner_is_kept_beside_the_file),
+        cmocka_unit_test(test_room_is_charged_when_promised),
+        cmocka_unit_test(test_first_of_two_wins),
+        cmocka_unit_test(test_pipelined_chunks),
+        cmocka_unit_test(test_limits_of_a_principal),
+        cmocka_unit_test(test_upload_goes_on_after_a_restart),
+        cmocka_unit_test(test_blobs_are_checked_before_first_use),
+        cmocka_unit_test(test_names_and_owners),
+        cmocka_unit_test(test_eviction),
+        cmocka_unit_test(test_index_of_many),
+        cmocka_unit_test(test_abandoned_chunks),
     };
     return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -23,9 +23,16 @@ sed -n 's/^#\{0,1\}\([a-z-]*\) =.*/\1/p' "$conf" | sort -u >"$tmp/named"
 diff "$tmp/words" "$tmp/named" >&2 || fail "relightd.conf and --print-config name different options"
 unit=$(find "$tmp" -name relightd.service)
 grep -q '^ExecStart=/.*/relightd --config /.*/relightd.conf$' "$unit" || fail "the unit's ExecStart"
-for page in man1/prt.1 man1/prt-bake.1 man1/relight.1 man8/relightd.8; do
+for page in man1/prt.1 man1/prt-bake.1 man1/relight.1 man8/relightd.8 man3/relight.3; do
     [ -s "$prefix/share/man/$page" ] || fail "no $page"
 done
+# A page of section 3 for each function that the header declares, with its name and its outcome.
+sed -n 's/^[a-z].*[ *]\(relight_[a-z0-9_]*\)(.*/\1/p' "$prefix/include/relight/relight.h" |
+    while read -r name; do
+        page=$prefix/share/man/man3/$name.3
+        grep -q "^$name .- " "$page" || fail "$page names nothing"
+        grep -q "Thread.-safety: " "$page" || grep -q "; as " "$page" || fail "$page lacks its attributes"
+    done
 # Exactly what the header declares is visible.
 lib=$(find "$tmp" -name librelight.so)
 sed -n 's/^[a-z].*[ *]\(relight_[a-z0-9_]*\)(.*/\1/p' "$prefix/include/relight/relight.h" |
@@ -50,3 +57,35 @@ export PKG_CONFIG_SYSROOT_DIR="$tmp"
 # shellcheck disable=SC2046 # flags
 "$cc" -o "$tmp/own" "$tmp/own.c" $(pkg-config --cflags --libs relight)
 LD_LIBRARY_PATH=$(dirname "$lib") "$tmp/own" >/dev/null || fail "a program of one's own does not run"
+
+# The example uploads a model, has it baked, and writes a picture. The bake is made small.
+example=$(find "$tmp" -name relight_model.c)
+[ -n "$example" ] || fail "the example is not installed"
+# shellcheck disable=SC2046 # flags
+"$cc" -Wall -Wextra -Werror -o "$tmp/relight_model" "$example" $(pkg-config --cflags --libs relight)
+printf '#!/bin/sh\nexec "%s/prt" "$@" --samples=2000 --cube=16 --no-single\n' "$bin" >"$tmp/prt"
+chmod +x "$tmp/prt"
+cat >"$tmp/box.obj" <<'OBJ'
+v 0 0 0
+v 1 0 0
+v 1 1 0
+v 0 1 0
+v 0 0 1
+v 1 0 1
+v 1 1 1
+v 0 1 1
+f 4 3 2 1
+f 5 6 7 8
+f 1 2 6 5
+f 2 3 7 6
+f 3 4 8 7
+f 4 1 5 8
+OBJ
+"$bin/relightd" --listen "unix:$tmp/socket" --prt "$tmp/prt" 2>"$tmp/relightd.log" &
+daemon=$!
+trap 'kill $daemon 2>/dev/null; wait $daemon 2>/dev/null; rm -rf "$tmp"' EXIT
+for _ in $(seq 100); do [ ! -S "$tmp/socket" ] || break; sleep 0.1; done
+RELIGHT_SERVER="unix:$tmp/socket" LD_LIBRARY_PATH=$(dirname "$lib") \
+    "$tmp/relight_model" "$tmp/box.obj" 10 marble constant "$tmp/box.png" 2>"$tmp/example.log" ||
+    { cat "$tmp/example.log" "$tmp/relightd.log" >&2; fail "the example failed"; }
+[ "$(head -c 4 "$tmp/box.png" | tail -c 3)" = PNG ] || fail "the example wrote no PNG"

@@ -5,15 +5,31 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <linux/filter.h>
+#include <linux/seccomp.h>
+#include <pthread.h>
 #include <setjmp.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include <cmocka.h>
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define PRT_TEST_SANITIZED 1
+#else
+#define PRT_TEST_SANITIZED 0
+#endif
 
 static char last_line[1024];
 static int n_line;
@@ -119,25 +135,193 @@ static void memory_is_bounded(void **state)
     assert_int_not_equal(run(hunger, NULL, 20, &out), PRT_OK);
 }
 
-static int forbidden(const struct prt_context *ctx, void *arg, struct prt_blob *out)
+// Each of what must fail has a letter; the letters of what did not are the answer.
+struct attempt {
+    int high;           // a descriptor of the parent's
+    char secret[64];    // a file that is not the input
+    char victim[64];    // the input, which must stay as it is
+    char folder[64];    // "": none
+    const char *beside; // a file in the folder
+};
+
+static void note(char *marks, char letter, bool succeeded)
 {
-    if (socket(AF_INET, SOCK_STREAM, 0) >= 0) return PRT_ARG;
-    if (fork() >= 0) return PRT_IO;
-    if (open("/dev/null", O_WRONLY) >= 0) return PRT_LIMIT;
-    if (write(*(int *)arg, "x", 1) >= 0) return PRT_NOMEM; // the parent's files are closed
-    int fd = open("/dev/null", O_RDONLY);
-    return fd >= 0 ? PRT_OK : PRT_INTERNAL;
+    size_t n = strlen(marks);
+    if (succeeded && n < 60) marks[n] = letter;
+}
+
+static void *thread_main(void *arg)
+{
+    return arg;
+}
+
+static int attempts(const struct prt_context *ctx, void *arg, struct prt_blob *out)
+{
+    const struct attempt *a = arg;
+    char *marks = prt_calloc(64, 1);
+    struct rlimit limit = {1 << 20, 1 << 20};
+    int pair[2];
+    pthread_t thread;
+    note(marks, 's', socket(AF_INET, SOCK_STREAM, 0) >= 0);
+    note(marks, 'S', socketpair(AF_UNIX, SOCK_STREAM, 0, pair) >= 0);
+    note(marks, 'f', fork() >= 0);
+    note(marks, 'e', execl("/bin/true", "true", NULL) >= 0);
+    note(marks, 'k', kill(1, 0) == 0);
+    note(marks, 'w', open("/dev/null", O_WRONLY) >= 0);
+    note(marks, 'R', open("/dev/null", O_RDWR) >= 0);
+    note(marks, 't', open(a->victim, O_RDONLY | O_TRUNC) >= 0);
+    note(marks, 'T', truncate(a->victim, 0) == 0);
+    note(marks, 'c', open("made-by-child", O_RDONLY | O_CREAT, 0600) >= 0);
+    note(marks, 'm', open("/tmp", O_RDONLY | O_TMPFILE, 0600) >= 0);
+    note(marks, 'M', memfd_create("x", 0) >= 0);
+    note(marks, 'u', unlink(a->secret) == 0);
+    note(marks, 'r', open(a->secret, O_RDONLY) >= 0);
+    note(marks, 'p', open("/etc/passwd", O_RDONLY) >= 0);
+    note(marks, 'P', open("/proc/self/environ", O_RDONLY) >= 0);
+    note(marks, 'd', write(a->high, "x", 1) >= 0); // the parent's files are closed
+    note(marks, 'x',
+         mmap(NULL, 4096, PROT_READ | PROT_EXEC, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) !=
+             MAP_FAILED);
+    note(marks, 'l', setrlimit(RLIMIT_CPU, &limit) == 0);
+    note(marks, 'i', ioctl(0, TIOCSTI, "x") == 0);
+    if (a->folder[0]) note(marks, '+', open(a->beside, O_RDONLY) < 0); // this one must be
+    if (!PRT_TEST_SANITIZED)
+        note(marks, 'h', pthread_create(&thread, NULL, thread_main, NULL) == 0);
+    *out = (struct prt_blob){marks, 64};
+    return PRT_OK;
+}
+
+static void write_text(const char *path, const char *text)
+{
+    assert_int_equal(prt_write_file(NULL, path, text, strlen(text)), PRT_OK);
+}
+
+static void try_all(bool with_folder)
+{
+    char folder[] = "/tmp/isolate-test-XXXXXX", inside[64], beside[96];
+    assert_non_null(mkdtemp(folder));
+    struct attempt a = {0};
+    snprintf(inside, sizeof inside, "%s/model", folder);
+    assert_int_equal(mkdir(inside, 0700), 0);
+    snprintf(a.secret, sizeof a.secret, "%s/token", folder);
+    snprintf(a.victim, sizeof a.victim, "%s/model/input", folder);
+    snprintf(beside, sizeof beside, "%s/model/a.bin", folder);
+    write_text(a.secret, "a token");
+    write_text(a.victim, "bytes");
+    write_text(beside, "buffer");
+    a.beside = beside;
+    if (with_folder) snprintf(a.folder, sizeof a.folder, "%s", inside);
+    int fd = open("/dev/null", O_WRONLY | O_CLOEXEC);
+    assert_true(fd >= 0);
+    a.high = fcntl(fd, F_DUPFD, 40);
+    struct prt_isolate_limits limits = {.memory_bytes = 256 << 20, .seconds = 20};
+    if (with_folder) limits.folder = a.folder;
+    struct prt_blob out = {NULL, 0};
+    assert_int_equal(prt_isolate(NULL, "thing", &limits, attempts, &a, &out), PRT_OK);
+    // A sanitizer's build may look at /proc/self.
+    const char *marks = out.bytes;
+    assert_string_equal(marks + (PRT_TEST_SANITIZED ? strspn(marks, "Pxl") : 0), "");
+    prt_free(out.bytes);
+    struct prt_blob left;
+    assert_int_equal(prt_read_file(NULL, a.victim, 100, &left), PRT_OK);
+    assert_int_equal(left.size, 5);
+    prt_free(left.bytes);
+    close(a.high);
+    close(fd);
+    assert_int_equal(unlink(beside) | unlink(a.victim) | unlink(a.secret), 0);
+    assert_int_equal(rmdir(inside) | rmdir(folder), 0);
 }
 
 static void calls_are_denied(void **state)
 {
-    struct prt_blob out;
-    int fd = open("/dev/null", O_WRONLY | O_CLOEXEC);
+    try_all(false);
+}
+
+// With a folder, files in it can be read and nothing else changes.
+static void folder_is_readable(void **state)
+{
+    if (syscall(444, NULL, 0, 1) < 1) return; // no Landlock: then no file can be opened
+    try_all(true);
+}
+
+static int start_thread(const struct prt_context *ctx, void *arg, struct prt_blob *out)
+{
+    pthread_t thread;
+    if (pthread_create(&thread, NULL, thread_main, NULL)) return PRT_NOMEM;
+    return pthread_join(thread, NULL) || fork() >= 0 ? PRT_INTERNAL : PRT_OK;
+}
+
+static void threads_where_wanted(void **state)
+{
+    struct prt_isolate_limits limits = {.threads = true};
+    struct prt_blob out = {NULL, 0};
+    assert_int_equal(prt_isolate(NULL, "thing", &limits, start_thread, NULL, &out), PRT_OK);
+}
+
+static int read_input(const struct prt_context *ctx, void *arg, struct prt_blob *out)
+{
+    return prt_read_fd(ctx, "input", PRT_ISOLATE_INPUT_FD, 1000, out);
+}
+
+static void input_comes_by_descriptor(void **state)
+{
+    char path[] = "/tmp/isolate-test-XXXXXX";
+    int fd = mkstemp(path);
     assert_true(fd >= 0);
-    int high = fcntl(fd, F_DUPFD, 40);
-    assert_int_equal(run(forbidden, &high, 5, &out), PRT_OK);
-    close(high);
+    assert_int_equal(unlink(path), 0);
+    assert_int_equal(write(fd, "twelve bytes", 12), 12);
+    struct prt_isolate_limits limits = {.input_fd = fd};
+    struct prt_blob out = {NULL, 0};
+    assert_int_equal(prt_isolate(NULL, "thing", &limits, read_input, NULL, &out), PRT_OK);
+    assert_int_equal(out.size, 12);
+    assert_memory_equal(out.bytes, "twelve bytes", 12);
+    prt_free(out.bytes);
     close(fd);
+}
+
+// A kernel without seccomp: a filter under which the child cannot load its own.
+static int without_seccomp(bool accepted)
+{
+    char text[1024] = "";
+    int how, end[2];
+    assert_int_equal(pipe(end), 0);
+    pid_t pid = fork();
+    if (pid == 0) {
+        const struct sock_filter code[] = {
+            BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
+            BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_seccomp, 3, 0),
+            BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_prctl, 0, 1),
+            BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, args[0])),
+            BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, PR_SET_SECCOMP, 0, 1),
+            BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EINVAL),
+            BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW),
+        };
+        struct sock_fprog program = {sizeof code / sizeof *code, (struct sock_filter *)code};
+        struct prt_blob out;
+        if (accepted) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1);
+        else unsetenv(PRT_ACCEPT_WEAK_SANDBOX);
+        if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) ||
+            prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program))
+            _exit(99);
+        size_t n = 10;
+        int status = run(give, &n, 20, &out);
+        if (write(end[1], last_line, strlen(last_line)) < 0) _exit(98);
+        _exit(-status);
+    }
+    close(end[1]);
+    ssize_t n = read(end[0], text, sizeof text - 1);
+    close(end[0]);
+    assert_true(n >= 0);
+    assert_int_equal(waitpid(pid, &how, 0), pid);
+    assert_true(WIFEXITED(how));
+    if (WEXITSTATUS(how)) assert_non_null(strstr(text, "--accept-weak-sandbox"));
+    return -WEXITSTATUS(how);
+}
+
+static void weak_sandbox_is_an_error(void **state)
+{
+    assert_int_equal(without_seccomp(false), PRT_UNSUPPORTED);
+    assert_int_equal(without_seccomp(true), PRT_OK);
 }
 
 static int noise(const struct prt_context *ctx, void *arg, struct prt_blob *out)
@@ -194,10 +378,12 @@ static void threads_may_fork(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(result_returns),    cmocka_unit_test(status_returns),
-        cmocka_unit_test(crash_is_format),   cmocka_unit_test(endless_is_limit),
-        cmocka_unit_test(memory_is_bounded), cmocka_unit_test(calls_are_denied),
-        cmocka_unit_test(noise_is_hidden),   cmocka_unit_test(threads_may_fork),
+        cmocka_unit_test(result_returns),           cmocka_unit_test(status_returns),
+        cmocka_unit_test(crash_is_format),          cmocka_unit_test(endless_is_limit),
+        cmocka_unit_test(memory_is_bounded),        cmocka_unit_test(calls_are_denied),
+        cmocka_unit_test(noise_is_hidden),          cmocka_unit_test(threads_may_fork),
+        cmocka_unit_test(folder_is_readable),       cmocka_unit_test(input_comes_by_descriptor),
+        cmocka_unit_test(weak_sandbox_is_an_error), cmocka_unit_test(threads_where_wanted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

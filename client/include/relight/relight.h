@@ -23,8 +23,7 @@ extern "C" {
 #pragma GCC visibility push(default)
 #endif
 
-/* ---- errors --------------------------------------------------------------------------------
- */
+/* Errors. */
 
 /* name, code, text. Below 100: sent by the daemon (relight.proto ErrorCode). */
 #define RELIGHT_CODE_LIST(X)                                      \
@@ -60,7 +59,12 @@ enum relight_code {
     RELIGHT_CODE_LIST(X)
 #undef X
 };
-/* One line of English for a code (either sign). Never NULL. */
+
+/* Says a status in English.
+ * code: an enum relight_code of either sign.
+ * Returns one line without a newline, never NULL; it lives for ever. An unknown code is
+ * "internal error".
+ * Thread-safety: Safe. Does not block. */
 const char *relight_code_text(int code);
 
 struct relight_error {
@@ -70,8 +74,7 @@ struct relight_error {
     uint32_t retry_after_ms; /* RELIGHT_E_BUSY: when to try again */
 };
 
-/* ---- connection -----------------------------------------------------------------------------
- */
+/* Connection. */
 
 struct relight_client;
 
@@ -83,12 +86,23 @@ struct relight_options {
     uint64_t max_payload; /* largest answer accepted, bytes; 0: 4 GiB */
 };
 
-/* address: "tcp:HOST[:PORT]" (IPv6 as tcp:[::1]:7413), "unix:PATH", or NULL for
+/* Connects to a relightd and says HELLO.
+ * address: "tcp:HOST[:PORT]" (IPv6 as tcp:[::1]:7413), "unix:PATH", or NULL for
  * $RELIGHT_SERVER, else unix:$XDG_RUNTIME_DIR/relightd.sock when that exists, else
- * tcp:127.0.0.1:7413. options may be NULL. Says hello. */
+ * tcp:127.0.0.1:7413. options: NULL takes every default; strings are copied.
+ * Returns 0 and a client in *out, which the caller gives to relight_close.
+ * -RELIGHT_E_ARGUMENT: the address does not parse. -RELIGHT_E_UNREACHABLE: nobody listens,
+ * or connect_timeout_s passed. -RELIGHT_E_FORBIDDEN: the daemon wants another token.
+ * -RELIGHT_E_VERSION: no common protocol version.
+ * Thread-safety: Safe. Blocks for connect_timeout_s at most. */
 int relight_connect(const char *address, const struct relight_options *options,
                     struct relight_client **out, struct relight_error *error);
-/* Frees the client; no other call may be running on it. NULL is allowed. Does not block. */
+
+/* Ends the connection and frees the client. Outstanding requests are cancelled by the
+ * daemon; jobs go on.
+ * client: NULL is allowed.
+ * Thread-safety: Unsafe: no other call may be running on the client, and its views must be
+ * closed. Does not block. */
 void relight_close(struct relight_client *client);
 
 struct relight_server {
@@ -99,18 +113,25 @@ struct relight_server {
     size_t n_preset;
     const char *const *preset; /* names of materials */
 };
-/* What hello told; lives as long as the client. Does not block. */
+
+/* Tells what the daemon said in HELLO.
+ * Returns a pointer that lives as long as the client.
+ * Thread-safety: Safe. Does not block. */
 const struct relight_server *relight_server(const struct relight_client *client);
 
-/* Stops an outstanding request of this client (id from a _begin call): its _end returns
- * RELIGHT_E_CANCELLED, or its answer when it was too late. Does not wait. */
+/* Stops an outstanding request of this client.
+ * id: from relight_colors_begin or relight_image_begin. The request still has to be ended by
+ * its _end call, which returns -RELIGHT_E_CANCELLED, or the answer when it was already made.
+ * Returns 0 once CANCEL is sent, or -RELIGHT_E_DISCONNECTED.
+ * Thread-safety: Safe. Does not wait for an answer. */
 int relight_cancel(struct relight_client *client, uint64_t id, struct relight_error *error);
 
-/* *seconds: round trip. */
+/* Measures a round trip.
+ * Returns 0 and its length [s] in *seconds. -RELIGHT_E_TIMEOUT, -RELIGHT_E_DISCONNECTED.
+ * Thread-safety: Safe. Blocks for a round trip. */
 int relight_ping(struct relight_client *client, double *seconds, struct relight_error *error);
 
-/* ---- uploads --------------------------------------------------------------------------------
- */
+/* Uploads. */
 
 enum relight_job_state {
     RELIGHT_JOB_QUEUED,
@@ -129,18 +150,35 @@ struct relight_progress {
  * on the thread that made the call, without locks held. */
 typedef int (*relight_progress_fn)(void *user, const struct relight_progress *progress);
 
-/* SHA-256 in hex. Does not block. */
+/* Computes the name of a blob: SHA-256 of bytes[n] as 64 lower-case hex digits and a zero in
+ * hash.
+ * Thread-safety: Safe. Does not block. */
 void relight_hash(const void *bytes, size_t n, char hash[65]);
 
-/* Uploads bytes unless the daemon has them (then one round trip). name: file name, tells
- * formats apart. *sent may be NULL: bytes that had to be sent. fn may be NULL. */
+/* Uploads bytes unless the daemon has them; then it is one round trip.
+ * name: file name, which tells formats apart; NULL: none. bytes [n]. fn: called between
+ * chunks, may be NULL.
+ * Returns 0 with the blob's name in hash and, where sent is not NULL, the number of bytes
+ * that had to be sent in *sent. -RELIGHT_E_LIMIT: larger than the daemon takes, or its disk
+ * is full. -RELIGHT_E_HASH: bytes were changed while they were sent. -RELIGHT_E_CANCELLED:
+ * fn returned non-zero.
+ * Thread-safety: Safe. Blocks until the blob is stored. */
 int relight_upload(struct relight_client *client, const char *name, const void *bytes, size_t n,
                    relight_progress_fn fn, void *user, char hash[65], uint64_t *sent,
                    struct relight_error *error);
+
+/* The same for a file, which is mapped, not read.
+ * path: a regular file. Its last component becomes the name.
+ * Returns as relight_upload, or -RELIGHT_E_FILE.
+ * Thread-safety: Safe. Blocks until the blob is stored. */
 int relight_upload_file(struct relight_client *client, const char *path, relight_progress_fn fn,
                         void *user, char hash[65], uint64_t *sent, struct relight_error *error);
-/* An ENV word as the commands take it to one the daemon takes: "constant…" and "env:HASH" pass,
- * a file is uploaded. env[80] gets the word. */
+
+/* Turns an ENV word of the command line into one that the daemon takes.
+ * word: "constant", "constant:R,G,B" and "env:HASH" are copied; anything else is a file and
+ * is uploaded.
+ * Returns 0 with the word in env, or as relight_upload_file.
+ * Thread-safety: Safe. Blocks while a file is uploaded. */
 int relight_env_resolve(struct relight_client *client, const char *word, relight_progress_fn fn,
                         void *user, char env[80], struct relight_error *error);
 
@@ -151,11 +189,16 @@ struct relight_env_info {
     double decode_ms;
 };
 /* Has the daemon decode an environment ahead of its use. */
+
+/* Has the daemon decode an environment ahead of its first use.
+ * env: as relight_env_resolve returns it.
+ * Returns 0 and what was decoded in *out, which holds no memory. -RELIGHT_E_NOT_FOUND: not
+ * uploaded. -RELIGHT_E_FORMAT: no image. -RELIGHT_E_LIMIT: too many pixels.
+ * Thread-safety: Safe. Blocks until it is decoded. */
 int relight_env_prepare(struct relight_client *client, const char *env,
                         struct relight_env_info *out, struct relight_error *error);
 
-/* ---- models
- * ----------------------------------------------------------------------------------- */
+/* Models. */
 
 enum relight_transport {
     RELIGHT_TRANSPORT_DEFAULT,
@@ -207,6 +250,8 @@ enum relight_model_state {
     RELIGHT_MODEL_UNLOADED,
     RELIGHT_MODEL_FAILED
 };
+
+/* Returns a state's word ("ready"), never NULL. Thread-safety: Safe. Does not block. */
 const char *relight_model_state_name(enum relight_model_state state);
 
 struct relight_loaded {
@@ -217,19 +262,45 @@ struct relight_loaded {
     const char *const *warning;
     void *owner;
 };
+
+/* Loads a model: finds its bake, or orders one.
+ * load: the model as uploaded files or as a path below the daemon's models folder, its
+ * scale, material and bake settings; nothing of it is kept.
+ * Returns 0 and the model's id and state in *out, to be freed by relight_loaded_finish;
+ * `job` is not empty while a bake waits or runs. -RELIGHT_E_NOT_FOUND: no such blob or path.
+ * -RELIGHT_E_FORMAT: the model cannot be read. -RELIGHT_E_OUT_OF_RANGE: a setting, with its
+ * range in the text. -RELIGHT_E_BUSY: too many bakes wait.
+ * Thread-safety: Safe. Blocks until the model is open or the bake is queued, not until it is
+ * baked: see relight_watch. */
 int relight_load(struct relight_client *client, const struct relight_load *load,
                  struct relight_loaded *out, struct relight_error *error);
+
+/* Frees what relight_load put into *loaded; the struct is the caller's. NULL and a zeroed
+ * struct are allowed.
+ * Thread-safety: Safe for different structs. Does not block. */
 void relight_loaded_finish(struct relight_loaded *loaded);
-/* Uploads a model file and, for .gltf, the buffers it names beside it; then as relight_load
- * with load->files replaced. */
+
+/* Uploads a model file and, for .gltf, the buffers that it names beside it, then loads it.
+ * path: .glb .gltf .obj .ply. load: as relight_load; its files and path are ignored.
+ * Returns as relight_load and relight_upload_file.
+ * Thread-safety: Safe. Blocks as both. */
 int relight_load_file(struct relight_client *client, const char *path,
                       const struct relight_load *load, relight_progress_fn fn, void *user,
                       struct relight_loaded *out, struct relight_error *error);
 
-/* Follows a job (or a model's newest job) to its end, however long that takes. 0 when it is
- * done, RELIGHT_E_JOB_FAILED or RELIGHT_E_CANCELLED otherwise. */
+/* Follows a job to its end, however long that takes; timeout_s of the client does not apply.
+ * job: a job's id, or a model's for its newest job. fn may be NULL; it runs on this thread
+ * for each change, at most ten times a second.
+ * Returns 0 when the job is done, -RELIGHT_E_JOB_FAILED with the job's own words in *error,
+ * -RELIGHT_E_CANCELLED when the job was cancelled or fn returned non-zero.
+ * Thread-safety: Safe. Blocks. */
 int relight_watch(struct relight_client *client, const char *job, relight_progress_fn fn,
                   void *user, struct relight_error *error);
+
+/* Cancels a bake for everybody who waits for it.
+ * Returns 0 and the state it had in *state (NULL is allowed); a job that has ended stays as
+ * it is. -RELIGHT_E_NOT_FOUND.
+ * Thread-safety: Safe. Blocks for a round trip. */
 int relight_cancel_job(struct relight_client *client, const char *job,
                        enum relight_job_state *state, struct relight_error *error);
 
@@ -260,8 +331,18 @@ struct relight_model {
     const char *failure; /* of RELIGHT_MODEL_FAILED, else "" */
     void *owner;         /* NULL for members of a list */
 };
+
+/* Describes a model.
+ * model: its id, the unique beginning of one (four letters or more), or its name when that
+ * is unique.
+ * Returns 0 and *out, to be freed by relight_model_finish. -RELIGHT_E_NOT_FOUND.
+ * Thread-safety: Safe. Blocks for a round trip. */
 int relight_info(struct relight_client *client, const char *model, struct relight_model *out,
                  struct relight_error *error);
+
+/* Frees what relight_info put into *model. Members of a relight_list are freed with the
+ * list.
+ * Thread-safety: Safe for different structs. Does not block. */
 void relight_model_finish(struct relight_model *model);
 
 struct relight_list {
@@ -271,8 +352,16 @@ struct relight_list {
     const uint64_t *file_bytes;
     void *owner;
 };
+
+/* Lists the models that are loaded and, with `files`, the files that relight_load takes as
+ * path.
+ * Returns 0 and *out, to be freed by relight_list_finish.
+ * Thread-safety: Safe. Blocks for a round trip. */
 int relight_list(struct relight_client *client, bool files, struct relight_list *out,
                  struct relight_error *error);
+
+/* Frees what relight_list put into *list. Thread-safety: Safe for different structs. Does
+ * not block. */
 void relight_list_finish(struct relight_list *list);
 
 struct relight_geometry {
@@ -286,20 +375,40 @@ struct relight_geometry {
     const struct relight_block *block;
     void *owner;
 };
+
+/* Fetches a model's vertices and triangles as they are now.
+ * own_units: positions in the model's own units in place of mm.
+ * Returns 0 and *out, to be freed by relight_geometry_finish: one block after another, each
+ * the vertices of a primitive in the file's order, the order of colours.
+ * -RELIGHT_E_NOT_FOUND, -RELIGHT_E_NOT_READY.
+ * Thread-safety: Safe. Blocks until the answer is here. */
 int relight_geometry(struct relight_client *client, const char *model, bool own_units,
                      struct relight_geometry *out, struct relight_error *error);
+
+/* Frees what relight_geometry put into *geometry. Thread-safety: Safe for different structs.
+ * Does not block. */
 void relight_geometry_finish(struct relight_geometry *geometry);
 
-/* position [n][3], normal [n][3] or NULL; vertices [first, first+n). */
+/* Moves vertices [first, first+n) of a model; the topology stays.
+ * position [n][3] in mm, or in the model's units with own_units. normal [n][3] unit vectors,
+ * or NULL: made from the triangles.
+ * Returns 0 and the geometry's number in *generation (NULL is allowed).
+ * -RELIGHT_E_OUT_OF_RANGE: a range outside the model, a coordinate beyond 1e6 mm or not a
+ * number; then nothing moves.
+ * Thread-safety: Safe. Blocks until the vertices are at the daemon. */
 int relight_update_vertices(struct relight_client *client, const char *model, uint32_t first,
                             uint32_t n, const float *position, const float *normal,
                             bool own_units, uint64_t *generation, struct relight_error *error);
-/* forget: delete its bake too. */
+
+/* Takes a model out of the daemon's memory.
+ * forget: its bake and its entry in the catalogue, too.
+ * Returns 0 and the bytes that became free in *freed_bytes (NULL is allowed).
+ * -RELIGHT_E_NOT_FOUND.
+ * Thread-safety: Safe. Blocks for a round trip. */
 int relight_unload(struct relight_client *client, const char *model, bool forget,
                    uint64_t *freed_bytes, struct relight_error *error);
 
-/* ---- relighting
- * --------------------------------------------------------------------------------- */
+/* Relighting. */
 
 enum relight_engine {
     RELIGHT_ENGINE_DEFAULT,
@@ -333,6 +442,8 @@ enum relight_image_format {
     RELIGHT_IMAGE_F16
 };
 enum relight_tone { RELIGHT_TONE_FILMIC, RELIGHT_TONE_REINHARD, RELIGHT_TONE_NONE };
+
+/* Returns an engine's word ("joint"), never NULL. Thread-safety: Safe. Does not block. */
 const char *relight_engine_name(enum relight_engine engine);
 
 struct relight_light {
@@ -360,7 +471,10 @@ struct relight_camera {
     float eye[3], target[3], up[3]; /* the model's own units; up 0,0,0: +y */
     float fovy_deg;                 /* 0: default */
 };
-/* "x,y,z:x,y,z[:x,y,z][:deg]". Does not block. */
+
+/* Reads "x,y,z:x,y,z[:x,y,z][:deg]": eye, target, up and vertical field of view.
+ * Returns 0 and *out, or -RELIGHT_E_ARGUMENT.
+ * Thread-safety: Safe. Does not block. */
 int relight_camera_parse(const char *text, struct relight_camera *out,
                          struct relight_error *error);
 struct relight_picture {
@@ -404,17 +518,41 @@ struct relight_colors {
     struct relight_cost cost;
     void *owner;
 };
+
+/* Asks for one colour a vertex under each light, or under their sum.
+ * Returns 0 and *out, to be freed by relight_colors_finish. -RELIGHT_E_NOT_READY: no bake
+ * yet. -RELIGHT_E_MISMATCH: the bake has the material or the light fixed.
+ * -RELIGHT_E_OUT_OF_RANGE: the material, or an error above shade.max_error. -RELIGHT_E_BUSY:
+ * try again after error->retry_after_ms. -RELIGHT_E_DEADLINE or -RELIGHT_E_TIMEOUT:
+ * timeout_s of the client passed.
+ * Thread-safety: Safe. Blocks until the answer is here. */
 int relight_colors(struct relight_client *client, const struct relight_colors_request *request,
                    struct relight_colors *out, struct relight_error *error);
-/* Pipelining: begin returns once the request is sent; end waits for the answer, in any order.
- * Every id must be ended once. timeout_s as relight_options.timeout_s; 0: the client's. */
+
+/* Sends the request of relight_colors without waiting for its answer, so that many travel at
+ * once.
+ * timeout_s: of this request [s], sent to the daemon as its deadline; 0: the client's.
+ * Returns 0 and a number in *id, which must be given to relight_colors_end exactly once, in
+ * any order. -RELIGHT_E_DISCONNECTED.
+ * Thread-safety: Safe. Blocks only while the socket is full. */
 int relight_colors_begin(struct relight_client *client,
                          const struct relight_colors_request *request, double timeout_s,
                          uint64_t *id, struct relight_error *error);
+
+/* Waits for the answer of a relight_colors_begin. Returns as relight_colors; id is used up
+ * either way.
+ * Thread-safety: Safe, each id on one thread. Blocks until the answer is here. */
 int relight_colors_end(struct relight_client *client, uint64_t id, struct relight_colors *out,
                        struct relight_error *error);
+
+/* Frees what relight_colors put into *colors. Thread-safety: Safe for different structs.
+ * Does not block. */
 void relight_colors_finish(struct relight_colors *colors);
-/* Plane to linear f32 out[n_vertex][3]. Does not block. */
+
+/* Turns a plane into linear RGB radiance.
+ * plane: [0, n_plane). out [n_vertex][3].
+ * Returns 0, or -RELIGHT_E_ARGUMENT where there is no such plane.
+ * Thread-safety: Safe. Does not block. */
 int relight_colors_decode(const struct relight_colors *colors, uint32_t plane, float *out);
 
 struct relight_image_request {
@@ -433,22 +571,43 @@ struct relight_image {
     struct relight_cost cost;
     void *owner;
 };
+
+/* Asks for a picture. The lights are summed; the first is seen in the background.
+ * Returns 0 and *out, to be freed by relight_image_finish; otherwise as relight_colors. A
+ * model whose bake is not there is drawn by an image-space engine, and out->cost.note says
+ * so.
+ * Thread-safety: Safe. Blocks until the answer is here. */
 int relight_image(struct relight_client *client, const struct relight_image_request *request,
                   struct relight_image *out, struct relight_error *error);
+
+/* Sends the request of relight_image without waiting for its answer; as
+ * relight_colors_begin. */
 int relight_image_begin(struct relight_client *client,
                         const struct relight_image_request *request, double timeout_s,
                         uint64_t *id, struct relight_error *error);
+
+/* Waits for the answer of a relight_image_begin; as relight_colors_end. */
 int relight_image_end(struct relight_client *client, uint64_t id, struct relight_image *out,
                       struct relight_error *error);
+
+/* Frees what relight_image put into *image. Thread-safety: Safe for different structs. Does
+ * not block. */
 void relight_image_finish(struct relight_image *image);
 
-/* Colour formats to linear f32, n values (or n colours). Do not block. */
+/* Turns n halves into floats. Thread-safety: Safe. Does not block. */
 void relight_decode_f16(const uint16_t *in, size_t n, float *out);
-void relight_decode_rgb9e5(const uint32_t *in, size_t n, float *out); /* out[n][3] */
-void relight_decode_srgb8(const uint8_t *in, size_t n, float *out);   /* in[n][4], out[n][3] */
 
-/* ---- views: state that frames follow, latest wins
- * -------------------------------------------------- */
+/* Turns n colours in RGB9E5 (R in bits 0-8, G 9-17, B 18-26, exponent 27-31) into linear
+ * RGB, out [n][3].
+ * Thread-safety: Safe. Does not block. */
+void relight_decode_rgb9e5(const uint32_t *in, size_t n, float *out);
+
+/* Turns n colours, in [n][4] sRGB bytes, into linear RGB in [0,1], out [n][3]; the fourth
+ * byte is ignored.
+ * Thread-safety: Safe. Does not block. */
+void relight_decode_srgb8(const uint8_t *in, size_t n, float *out);
+
+/* Views: state that frames follow, latest wins. */
 
 struct relight_view; /* Thread-safety: Safe, but relight_view_next on one thread */
 
@@ -470,25 +629,49 @@ struct relight_frame_out {
     struct relight_image image;
     void *owner;
 };
+
+/* Opens a view: a state on the daemon that frames follow. The newest state wins; states that
+ * were
+ * overtaken are never drawn. request: the first state; nothing of it is kept.
+ * Returns 0 and *out, which the caller gives to relight_view_close before it closes the
+ * client, once the request is sent. An error of the daemon, such as a model that is not there,
+ * is what the first relight_view_next returns.
+ * Thread-safety: Safe. Blocks only while the socket is full. */
 int relight_view_open(struct relight_client *client, const struct relight_view_request *request,
                       struct relight_view **out, struct relight_error *error);
-/* NULL arguments (n_light 0) leave that part as it is. Returns once sent. *sequence may be
- * NULL. */
+
+/* Changes the state of a view.
+ * n_light 0, shade NULL, picture NULL: that part stays as it is. *sequence: the number of
+ * this state, which frames repeat; NULL is allowed.
+ * Returns 0 once it is sent; a state that cannot be drawn is the error of a later
+ * relight_view_next. -RELIGHT_E_DISCONNECTED.
+ * Thread-safety: Safe. Blocks only while the socket is full. */
 int relight_view_set(struct relight_view *view, size_t n_light,
                      const struct relight_light *lights, const struct relight_shade *shade,
                      const struct relight_picture *picture, uint64_t *sequence,
                      struct relight_error *error);
-/* The newest frame; waits for one up to timeout_s (RELIGHT_E_TIMEOUT; the view stays usable).
- * A state that could not be drawn is returned as its error; the view stays open. */
+
+/* Waits for a frame and takes the newest; older ones that wait are dropped and counted in
+ * `skipped`.
+ * Returns 0 and *out, to be freed by relight_frame_out_finish. -RELIGHT_E_TIMEOUT after
+ * timeout_s: the view stays usable. A state that could not be drawn returns its own error;
+ * the view stays open.
+ * Thread-safety: one thread a view. Blocks for timeout_s at most. */
 int relight_view_next(struct relight_view *view, double timeout_s,
                       struct relight_frame_out *out, struct relight_error *error);
+
+/* Frees what relight_view_next put into *frame. Thread-safety: Safe for different structs.
+ * Does not block. */
 void relight_frame_out_finish(struct relight_frame_out *frame);
-/* Closes and frees; *frames, *dropped may be NULL. */
+
+/* Closes a view and frees it, whatever the daemon answers.
+ * *frames: frames sent; *dropped: states that were never drawn; NULL is allowed for both.
+ * Returns 0, or -RELIGHT_E_DISCONNECTED.
+ * Thread-safety: Unsafe: no other call may be running on the view. Blocks for a round trip. */
 int relight_view_close(struct relight_view *view, uint64_t *frames, uint64_t *dropped,
                        struct relight_error *error);
 
-/* ---- statistics
- * ---------------------------------------------------------------------------------- */
+/* Statistics. */
 
 struct relight_metric {
     const char *name, *help;
@@ -499,8 +682,15 @@ struct relight_stats {
     const struct relight_metric *metric;
     void *owner;
 };
+
+/* Fetches the daemon's counters, those of /metrics.
+ * Returns 0 and *out, to be freed by relight_stats_finish.
+ * Thread-safety: Safe. Blocks for a round trip. */
 int relight_stats(struct relight_client *client, struct relight_stats *out,
                   struct relight_error *error);
+
+/* Frees what relight_stats put into *stats. Thread-safety: Safe for different structs. Does
+ * not block. */
 void relight_stats_finish(struct relight_stats *stats);
 
 #if defined(__GNUC__)

@@ -34,17 +34,30 @@ enum prt_status {
 /* One line of English for a status code. Never NULL. Thread-safe. */
 const char *prt_status_text(int status);
 
-/* Instruction sets a kernel may use; pass prt_cpu_detect() or a subset of it. */
+/* Instruction sets that a kernel may use, as bits of a mask; each x86 bit implies those above
+ * it. Pass prt_cpu_detect() or a subset of it. */
 enum prt_cpu {
     PRT_CPU_C = 0,
-    PRT_CPU_AVX2 = 1 << 0,       /* AVX2 + FMA + F16C */
-    PRT_CPU_AVX512 = 1 << 1,     /* F + BW + DQ + VL */
-    PRT_CPU_AVX512VBMI = 1 << 2, /* VBMI + VBMI2, as well */
-    PRT_CPU_AVX512VNNI = 1 << 3, /* VNNI, beside PRT_CPU_AVX512 */
+    PRT_CPU_AVX2 = 1 << 0,       /* AVX2, FMA, F16C */
+    PRT_CPU_AVX512 = 1 << 1,     /* AVX-512 F, BW, DQ, VL */
+    PRT_CPU_AVX512VNNI = 1 << 2, /* AVX-512 VNNI */
+    PRT_CPU_NEON = 1 << 3,       /* arm64's NEON, part of every arm64 */
 };
+/* The words of --cpu: word, the bit it stands for, everything that it allows. */
+#define PRT_CPU_WORD_LIST(X)                                                        \
+    X("c", PRT_CPU_C, PRT_CPU_C)                                                    \
+    X("avx2", PRT_CPU_AVX2, PRT_CPU_AVX2)                                           \
+    X("avx512", PRT_CPU_AVX512, PRT_CPU_AVX2 | PRT_CPU_AVX512 | PRT_CPU_AVX512VNNI) \
+    X("neon", PRT_CPU_NEON, PRT_CPU_NEON)
+#define PRT_CPU_WORDS "c, avx2, avx512, neon" /* the same, for messages */
+
+/* The mask of what this machine has. Thread-safe. */
 unsigned prt_cpu_detect(void);
-/* "c", "avx2" or "avx512" to the mask that allows at most it; PRT_ARG for other words. */
+/* A word of PRT_CPU_WORD_LIST to what it allows of this machine's instruction sets, which may
+ * be none but C. PRT_ARG for another word; *mask is untouched then. Thread-safe. */
 int prt_cpu_parse(const char *word, unsigned *mask);
+/* The word for the best instruction set in the mask: "c" for none. Never NULL. Thread-safe. */
+const char *prt_cpu_word(unsigned mask);
 
 enum prt_log_level { PRT_LOG_ERROR, PRT_LOG_WARNING, PRT_LOG_NOTE };
 typedef void (*prt_log_fn)(void *user, enum prt_log_level level, const char *line);
@@ -64,6 +77,7 @@ struct prt_context {
     struct prt_pool *pool; /* NULL: everything on the calling thread */
     unsigned cpu;          /* enum prt_cpu mask */
     uint64_t memory_limit; /* bytes one call may allocate for a file's content; 0: 8 GiB */
+    uint64_t image_limit;  /* bytes of one image's pixels as floats; 0: memory_limit */
 };
 void prt_context_init(struct prt_context *ctx);
 
@@ -113,14 +127,24 @@ uint32_t prt_rng_u32(struct prt_rng *rng);
 float prt_rng_f32(struct prt_rng *rng); /* [0,1) */
 
 /* Runs fn(arg, result) in a forked child under limits and hands back what it left in `result`:
- * for decoding untrusted bytes (DESIGN: parsed only in a child process). The child may not open
- * sockets or start programs; a crash or exceeded limit is PRT_FORMAT / PRT_LIMIT with a log
- * line naming `what`; its log lines are forwarded. In the child the context has no pool and no
- * progress, stdin to stderr lead nowhere and every other file the parent had open is closed.
+ * for decoding untrusted bytes (DESIGN: parsed only in a child process). The child may make
+ * only the system calls that decoding needs: no sockets, programs, processes, threads or new
+ * code, and it opens no file but for reading beneath `folder`. A crash or exceeded limit is
+ * PRT_FORMAT / PRT_LIMIT with a log line naming `what`; its log lines are forwarded. In the
+ * child the context has no pool and no progress, stdin to stderr lead nowhere and every other
+ * file the parent had open is closed but `input_fd`. PRT_UNSUPPORTED where the system cannot
+ * confine it (no seccomp), unless the environment variable PRT_ACCEPT_WEAK_SANDBOX is 1.
  * Thread-safe; blocks. Call it before threads hold locks fn needs. */
+#define PRT_ACCEPT_WEAK_SANDBOX "PRT_ACCEPT_WEAK_SANDBOX"
+enum { PRT_ISOLATE_INPUT_FD = 4 };
 struct prt_isolate_limits {
-    uint64_t memory_bytes; /* address space beyond what the parent has; 0: 4 GiB */
-    double seconds;        /* CPU and wall; 0: 60 */
+    uint64_t memory_bytes;      /* address space beyond what the parent has; 0: 4 GiB */
+    double seconds;             /* CPU and wall; 0: 60 */
+    const char *folder;         /* files beneath it may be read; NULL: no file can be opened */
+    bool threads;               /* fn may start threads */
+    int input_fd;               /* the child finds it at PRT_ISOLATE_INPUT_FD; 0: none */
+    void (*prepare)(void *arg); /* in the child before it is confined, e.g. to load a library;
+                                   must not touch untrusted bytes; may be NULL */
 };
 struct prt_blob {
     void *bytes;
@@ -132,9 +156,15 @@ int prt_isolate(const struct prt_context *ctx, const char *what,
                 const struct prt_isolate_limits *limits, prt_isolate_fn fn, void *arg,
                 struct prt_blob *out);
 
+/* Isolated children of this process that a signal other than their limits' ended. */
+unsigned prt_isolate_crashes(void);
+
 /* Whole file into memory; PRT_LIMIT above max_bytes. Caller prt_free()s out->bytes. */
 int prt_read_file(const struct prt_context *ctx, const char *path, uint64_t max_bytes,
                   struct prt_blob *out);
+/* The same of an open file from its beginning; errors call it `name`. fd stays open. */
+int prt_read_fd(const struct prt_context *ctx, const char *name, int fd, uint64_t max_bytes,
+                struct prt_blob *out);
 /* Writes to PATH.tmp-PID, fsync, rename, fsync of the folder: nothing half-written. */
 int prt_write_file(const struct prt_context *ctx, const char *path, const void *bytes,
                    size_t n);

@@ -102,6 +102,8 @@ int prt_encode_jpeg(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t
 
 /* Reads any image for comparison or viewing as linear RGB (child process, as prt_env_load). */
 int prt_image_load(const struct prt_context *ctx, const char *path, struct prt_image *out);
+int prt_image_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
+                          size_t n, struct prt_image *out);
 
 #ifdef __cplusplus
 }

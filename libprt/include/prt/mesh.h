@@ -59,6 +59,11 @@ struct prt_mesh_options {
  * non-manifold mesh affects. Errors name file and fault in one line. Caller destroys *out. */
 int prt_mesh_load(const struct prt_context *ctx, const char *path,
                   const struct prt_mesh_options *options, struct prt_mesh **out);
+/* The same of an open regular file, which is read from its beginning and stays open; errors
+ * call it `name`. A glTF's other files are looked for in base_dir; NULL: it may have none. */
+int prt_mesh_load_fd(const struct prt_context *ctx, const char *name, int fd,
+                     const char *base_dir, const struct prt_mesh_options *options,
+                     struct prt_mesh **out);
 /* The same from memory; external buffers are refused unless base_dir names where they lie. */
 int prt_mesh_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
                          size_t n, const char *base_dir, const struct prt_mesh_options *options,

@@ -44,7 +44,7 @@ static const struct argp_option option_table[] = {
     {"env", KEY_ENV, "FILE", 0, "Under this light too (up to 8 times); default: a made-up one",
      0},
     {"threads", 't', "N", 0, "Threads (default: the machine's cores)", 0},
-    {"cpu", KEY_CPU, "c|avx2|avx512", 0, "Use at most these instructions", 0},
+    {"cpu", KEY_CPU, "ISA", 0, "Use at most these instructions: " PRT_CPU_WORDS, 0},
     {"seconds", KEY_SECONDS, "S", 0, "Time spent on each figure (default 0.5)", 0},
     {"quick", KEY_QUICK, 0, 0, "Small sizes, 0.02 s a figure: does it run?", 0},
     {"seed", KEY_SEED, "N", 0, "Of made-up data (default 1)", 0},
@@ -129,7 +129,7 @@ int main(int argc, char **argv)
         "  prt-bench --model bunny.glb --env studio.exr --env grace.exr bake_single\n"
         "  prt-bench --cpu avx2 --threads 1 --seconds 2 relight_sparse\n";
     const struct argp argp = {option_table, parse, "[NAME...]", doc, 0, 0, 0};
-    struct options o = {.env = {.seconds = 0.5, .seed = 1}, .cpu = "avx512"};
+    struct options o = {.env = {.seconds = 0.5, .seed = 1}};
     argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &o);
     if (o.list) {
@@ -141,12 +141,11 @@ int main(int argc, char **argv)
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
     prt_context_init(&o.env.ctx);
-    if (prt_cpu_parse(o.cpu, &o.env.ctx.cpu)) {
-        fprintf(stderr, "prt-bench: --cpu takes c, avx2 or avx512\n");
+    if (o.cpu && prt_cpu_parse(o.cpu, &o.env.ctx.cpu)) {
+        fprintf(stderr, "prt-bench: --cpu %s is none of %s\n", o.cpu, PRT_CPU_WORDS);
         return 2;
     }
-    unsigned cpu = o.env.ctx.cpu;
-    o.env.cpu_name = cpu & PRT_CPU_AVX512 ? "avx512" : cpu & PRT_CPU_AVX2 ? "avx2" : "c";
+    o.env.cpu_name = prt_cpu_word(o.env.ctx.cpu);
     if (o.env.quick) o.env.seconds = 0.02;
     if (prt_pool_create(o.env.threads, &o.env.ctx.pool)) return 1;
     o.env.threads = prt_pool_size(o.env.ctx.pool);

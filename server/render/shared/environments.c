@@ -66,10 +66,52 @@ static void decoded(void *user, struct decoded_env *env, int status, const char 
     cache_release(entry);
 }
 
+struct upload_wait {
+    struct blob_waiter waiter; // first
+    struct server *server;
+    struct cache_entry *entry;
+    upload_decoder_fn ask;
+    decode_fn fn;
+    char hash[BLOB_HASH + 1];
+};
+
+static void upload_checked(struct blob_waiter *waiter)
+{
+    struct upload_wait *w = (struct upload_wait *)waiter;
+    struct server *server = w->server;
+    char path[4096], name[300];
+    blobs_name(server->blobs, NULL, w->hash, name, sizeof name);
+    if (server->decoder && blobs_has(server->blobs, w->hash)) {
+        blobs_path(server->blobs, w->hash, path, sizeof path);
+        w->ask(server->decoder, path, name, w->fn, w->entry);
+    } else {
+        snprintf(path, sizeof path, "%s was damaged on the daemon's disk: upload it again",
+                 name);
+        cache_fail(w->entry, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, path);
+        cache_release(w->entry);
+    }
+    free(w);
+}
+
+void upload_decode(struct server *server, const char *hash, struct cache_entry *entry,
+                   upload_decoder_fn ask, decode_fn fn)
+{
+    struct upload_wait *w = calloc(1, sizeof *w);
+    if (!w) {
+        cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        cache_release(entry);
+        return;
+    }
+    *w = (struct upload_wait){
+        .waiter.wake = upload_checked, .server = server, .entry = entry, .ask = ask, .fn = fn};
+    memcpy(w->hash, hash, BLOB_HASH);
+    blobs_touch(server->blobs, hash); // so that it is not evicted before it is read
+    blobs_check(server->blobs, hash, &w->waiter);
+}
+
 struct cache_entry *env_get(struct server *server, const char *env, int *code, char error[300])
 {
     bool fresh, uploaded = !strncmp(env, "env:", 4);
-    char path[4096], name[300];
     struct cache_entry *entry = cache_find(server->cache, env);
     if (entry) return entry;
     if (uploaded && !blobs_has(server->blobs, env + 4)) {
@@ -83,8 +125,6 @@ struct cache_entry *env_get(struct server *server, const char *env, int *code, c
         return entry;
     }
     cache_hold(entry); // for the decoder
-    blobs_path(server->blobs, env + 4, path, sizeof path);
-    blobs_name(server->blobs, env + 4, name, sizeof name);
-    decoder_env(server->decoder, path, name, decoded, entry);
+    upload_decode(server, env + 4, entry, decoder_env, decoded);
     return entry;
 }

@@ -189,44 +189,10 @@ void materials_drop(struct connection *conn)
     conn->waits = NULL;
 }
 
-static bool about_views(uint16_t type)
-{
-    return type == RELIGHT_TYPE_VIEW_OPEN || type == RELIGHT_TYPE_VIEW_SET ||
-           type == RELIGHT_TYPE_VIEW_CLOSE;
-}
-
-static const char *material_of(const struct request *request)
-{
-    const void *m = request->message;
-    const Relight__Shade *shade = NULL;
-    const Relight__ViewState *state = NULL;
-    switch (request->type) {
-    case RELIGHT_TYPE_LOAD:
-        return ((const Relight__LoadRequest *)m)->material;
-    case RELIGHT_TYPE_COLORS:
-        shade = ((const Relight__ColorsRequest *)m)->shade;
-        break;
-    case RELIGHT_TYPE_IMAGE:
-        shade = ((const Relight__ImageRequest *)m)->shade;
-        break;
-    case RELIGHT_TYPE_VIEW_OPEN:
-        state = ((const Relight__ViewOpenRequest *)m)->state;
-        break;
-    case RELIGHT_TYPE_VIEW_SET:
-        state = ((const Relight__ViewSetRequest *)m)->state;
-        break;
-    default:
-        break;
-    }
-    if (state) shade = state->shade;
-    return shade ? shade->material : "";
-}
-
-void material_then(struct request *request, void (*run)(struct request *request))
+void material_then(struct request *request, const char *text, bool views,
+                   void (*run)(struct request *request))
 {
     struct connection *conn = request->conn;
-    const char *text = material_of(request);
-    bool views = about_views(request->type);
     struct cache_entry *entry = is_slow(text) ? resolved_get(request->server, text) : NULL;
     bool pending = entry && entry->state == CACHE_PENDING;
     bool wait = pending || (views && conn->waits);

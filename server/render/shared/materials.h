@@ -13,9 +13,10 @@ struct request;
 int material_resolve(struct server *server, const char *text, struct prt_material *material,
                      bool *preset, char error[300]);
 
-/* Calls run(request), now or when the material it names is known: material_resolve is quick
- * then. What a connection says of its views keeps its order. */
-void material_then(struct request *request, void (*run)(struct request *request));
+/* Calls run(request), now or when the material of this text is known: material_resolve is quick
+ * then. views: the request keeps its place among what its connection says of its views. */
+void material_then(struct request *request, const char *text, bool views,
+                   void (*run)(struct request *request));
 /* The connection closes: what it said of its views is done by nobody. */
 void materials_drop(struct connection *conn);
 

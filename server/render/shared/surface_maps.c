@@ -21,15 +21,13 @@ static void decoded(void *user, struct decoded_env *image, int status, const cha
 // The decoded pixels, with a reference for the caller.
 static struct cache_entry *image_get(struct server *server, const char *hash)
 {
-    char key[80], path[4096], name[300];
+    char key[80];
     bool fresh;
     snprintf(key, sizeof key, "image:%s", hash);
     struct cache_entry *entry = cache_get(server->cache, key, &fresh);
     if (!fresh) return entry;
     cache_hold(entry); // for the decoder
-    blobs_path(server->blobs, hash, path, sizeof path);
-    blobs_name(server->blobs, hash, name, sizeof name);
-    decoder_image(server->decoder, path, name, decoded, entry);
+    upload_decode(server, hash, entry, decoder_image, decoded);
     return entry;
 }
 
@@ -41,7 +39,8 @@ struct making {
     enum prt_screen_map_kind kind;
     struct prt_material material;
     float bump_mm;
-    bool linear;
+    char hash[BLOB_HASH + 1];
+    bool linear; // numbers as they are meant; others are sRGB
     struct prt_screen_map *map;
 };
 
@@ -89,6 +88,8 @@ static void image_ready(struct cache_waiter *waiter)
         end_making(m);
         return;
     }
+    // By its content: names differ between those who upload it.
+    m->linear = blobs_format(m->server->blobs, m->hash) == BLOB_FLOATS;
     m->work.run = run_making;
     m->work.done = done_making;
     work_submit(m->server->work, &m->work);
@@ -98,7 +99,7 @@ struct cache_entry *surface_map_get(struct server *server, enum prt_screen_map_k
                                     const char *hash, const struct prt_material *material,
                                     float bump_mm, int *code, char error[300])
 {
-    char key[160], name[300];
+    char key[160];
     bool fresh;
     bool albedo = kind == PRT_SCREEN_MAP_ALBEDO, height = kind == PRT_SCREEN_MAP_HEIGHT;
     snprintf(key, sizeof key, "map/%d/%s/%016llx/%.9g", (int)kind, hash,
@@ -118,15 +119,14 @@ struct cache_entry *surface_map_get(struct server *server, enum prt_screen_map_k
         snprintf(error, 300, "not enough memory");
         return NULL;
     }
-    blobs_name(server->blobs, hash, name, sizeof name);
     entry = cache_get(server->cache, key, &fresh);
     *m = (struct making){.server = server,
                          .entry = entry,
                          .image = image_get(server, hash),
                          .kind = kind,
                          .material = *material,
-                         .bump_mm = bump_mm,
-                         .linear = prt_screen_map_linear(name)};
+                         .bump_mm = bump_mm};
+    memcpy(m->hash, hash, BLOB_HASH);
     cache_hold(entry); // one for the making, one for the caller
     m->waiter.wake = image_ready;
     if (m->image->state == CACHE_PENDING) cache_wait(m->image, &m->waiter);

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: MIT
+// Which instruction sets this machine has, and the words for them.
+#include "base/isa.h"
+
+#include <string.h>
+
+unsigned prt_cpu_detect(void)
+{
+    unsigned mask = PRT_CPU_C;
+#if PRT_ISA_X86
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+        __builtin_cpu_supports("f16c"))
+        mask |= PRT_CPU_AVX2;
+    if ((mask & PRT_CPU_AVX2) && __builtin_cpu_supports("avx512f") &&
+        __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512vl"))
+        mask |= PRT_CPU_AVX512;
+    if ((mask & PRT_CPU_AVX512) && __builtin_cpu_supports("avx512vnni"))
+        mask |= PRT_CPU_AVX512VNNI;
+#endif
+#if PRT_ISA_ARM64
+    mask |= PRT_CPU_NEON;
+#endif
+    return mask;
+}
+
+static const struct {
+    const char *word;
+    unsigned bit, allowed;
+} words[] = {
+#define X(word, bit, allowed) {word, bit, allowed},
+    PRT_CPU_WORD_LIST(X)
+#undef X
+};
+enum { N_WORD = sizeof words / sizeof *words };
+
+int prt_cpu_parse(const char *word, unsigned *mask)
+{
+    for (int i = 0; i < N_WORD; i++)
+        if (!strcmp(word, words[i].word)) {
+            *mask = prt_cpu_detect() & words[i].allowed;
+            return PRT_OK;
+        }
+    return PRT_ARG;
+}
+
+const char *prt_cpu_word(unsigned mask)
+{
+    int best = 0;
+    for (int i = 1; i < N_WORD; i++)
+        if (mask & words[i].bit) best = i;
+    return words[best].word;
+}

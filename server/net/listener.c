@@ -1,0 +1,368 @@
+// SPDX-License-Identifier: MIT
+// Listening sockets: one way to resolve, bind, log and accept for every carrier.
+#include "net/listener.h"
+
+#include "core/log.h"
+
+#include <ctype.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/sockios.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <sys/file.h>
+#include <sys/ioctl.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+enum {
+    BACKLOG = 256,
+    ACCEPT_AT_ONCE = 64, // then others get their turn
+    REFUSE_AT_ONCE = 16, // clients told "busy" with the reserve descriptor, before a pause
+    PAUSE_MIN_MS = 100,
+    PAUSE_MAX_MS = 1000,
+    LOG_EVERY_S = 10, // one line about missing descriptors in so long
+};
+
+struct listener {
+    struct listener *next;
+    struct loop_watch watch;
+    struct loop_timer pause;
+    unsigned pause_ms;
+    struct server *server;
+    accepted_fn fn;
+    char path[sizeof((struct sockaddr_un *)0)->sun_path]; // unix sockets
+    int lock_fd;
+};
+
+static struct listener *listeners;
+static int reserve_fd = -1; // closed to accept and refuse a client when no descriptor is left
+static uint64_t logged_ns;
+
+// ---- addresses
+
+bool address_split(const char *text, char host[256], char port[8])
+{
+    const char *colon = strrchr(text, ':');
+    if (!colon || !colon[1] || strlen(colon + 1) > 5) return false;
+    for (const char *c = colon + 1; *c; c++)
+        if (!isdigit((unsigned char)*c)) return false;
+    if (atoi(colon + 1) > 65535) return false;
+    size_t n = (size_t)(colon - text);
+    bool bracket = text[0] == '[' && n >= 2 && text[n - 1] == ']';
+    if (bracket) {
+        text++;
+        n -= 2;
+    }
+    // An IPv6 address without brackets: its last group would be taken for the port.
+    if (n >= 256 || (!bracket && memchr(text, ':', n))) return false;
+    snprintf(host, 256, "%.*s", (int)n, text);
+    if (!strcmp(host, "*")) host[0] = 0;
+    strcpy(port, colon + 1);
+    return true;
+}
+
+bool address_is_loopback(const struct sockaddr *address)
+{
+    if (address->sa_family == AF_UNIX) return true;
+    if (address->sa_family == AF_INET)
+        return ntohl(((const struct sockaddr_in *)address)->sin_addr.s_addr) >> 24 == 127;
+    if (address->sa_family != AF_INET6) return false;
+    const struct in6_addr *a = &((const struct sockaddr_in6 *)address)->sin6_addr;
+    return IN6_IS_ADDR_LOOPBACK(a) || (IN6_IS_ADDR_V4MAPPED(a) && a->s6_addr[12] == 127);
+}
+
+void address_name(const struct sockaddr_storage *address, socklen_t n, char *out, size_t room)
+{
+    char host[64], port[16];
+    bool six = address->ss_family == AF_INET6;
+    if (address->ss_family == AF_UNIX ||
+        getnameinfo((const struct sockaddr *)address, n, host, sizeof host, port, sizeof port,
+                    NI_NUMERICHOST | NI_NUMERICSERV))
+        snprintf(out, room, "local");
+    else snprintf(out, room, "%s%s%s:%s", six ? "[" : "", host, six ? "]" : "", port);
+}
+
+void accepted_describe(int fd, struct accepted *client)
+{
+    struct sockaddr_storage a = {0};
+    socklen_t n = sizeof a;
+    struct ucred user;
+    socklen_t size = sizeof user;
+    char host[64];
+    client->fd = fd;
+    snprintf(client->peer, sizeof client->peer, "?");
+    snprintf(client->who, sizeof client->who, "unknown");
+    if (getpeername(fd, (struct sockaddr *)&a, &n)) return;
+    client->local = a.ss_family == AF_UNIX;
+    address_name(&a, n, client->peer, sizeof client->peer);
+    if (client->local && !getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &user, &size))
+        snprintf(client->who, sizeof client->who, "uid:%u", (unsigned)user.uid);
+    else if (!client->local && !getnameinfo((const struct sockaddr *)&a, n, host, sizeof host,
+                                            NULL, 0, NI_NUMERICHOST))
+        snprintf(client->who, sizeof client->who, "addr:%s", host);
+}
+
+void accepted_tune(int fd)
+{
+    int one = 1, idle = 60, interval = 10, probes = 3;
+    setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
+    setsockopt(fd, SOL_SOCKET, SO_KEEPALIVE, &one, sizeof one);
+    setsockopt(fd, IPPROTO_TCP, TCP_KEEPIDLE, &idle, sizeof idle);
+    setsockopt(fd, IPPROTO_TCP, TCP_KEEPINTVL, &interval, sizeof interval);
+    setsockopt(fd, IPPROTO_TCP, TCP_KEEPCNT, &probes, sizeof probes);
+}
+
+size_t socket_unsent(int fd)
+{
+    int n = 0;
+    return ioctl(fd, SIOCOUTQ, &n) || n < 0 ? 0 : (size_t)n;
+}
+
+// ---- accepting
+
+static void keep_reserve(void)
+{
+    if (reserve_fd < 0) reserve_fd = open("/dev/null", O_RDONLY | O_CLOEXEC);
+}
+
+static int accept_one(const struct listener *l)
+{
+    int fd;
+    do fd = accept4(l->watch.fd, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
+    while (fd < 0 && (errno == EINTR || errno == ECONNABORTED));
+    return fd;
+}
+
+static void hand_over(const struct listener *l, int fd, bool no_room)
+{
+    struct accepted client = {.no_room = no_room};
+    accepted_describe(fd, &client);
+    if (!client.local) accepted_tune(fd);
+    l->fn(l->server, &client);
+}
+
+// Level-triggered, the listener would be reported again and again while nothing can be
+// accepted.
+static void pause_accepting(struct listener *l, int fault)
+{
+    uint64_t now = loop_now_ns();
+    if (!logged_ns || now - logged_ns >= LOG_EVERY_S * UINT64_C(1000000000)) {
+        logged_ns = now;
+        log_line(LOG_WARN,
+                 "accept error=\"%s\" connections=%u: clients wait or are refused; raise the "
+                 "limit on open files (LimitNOFILE=, ulimit -n) or lower --connections",
+                 strerror(fault), l->server->n_connection);
+    }
+    l->pause_ms = l->pause_ms ? 2 * l->pause_ms : PAUSE_MIN_MS;
+    if (l->pause_ms > PAUSE_MAX_MS) l->pause_ms = PAUSE_MAX_MS;
+    loop_watch_change(l->server->loop, &l->watch, 0);
+    loop_timer_set(l->server->loop, &l->pause, now + l->pause_ms * UINT64_C(1000000));
+}
+
+static void pause_over(struct loop_timer *timer)
+{
+    struct listener *l = (struct listener *)((char *)timer - offsetof(struct listener, pause));
+    loop_watch_change(l->server->loop, &l->watch, EPOLLIN);
+}
+
+static void refuse_some(struct listener *l)
+{
+    for (int i = 0; i < REFUSE_AT_ONCE && reserve_fd >= 0; i++) {
+        close(reserve_fd);
+        reserve_fd = -1;
+        int fd = accept_one(l);
+        if (fd >= 0) hand_over(l, fd, true);
+        keep_reserve();
+        if (fd < 0) return;
+    }
+}
+
+static void accept_ready(struct loop_watch *watch, uint32_t events)
+{
+    struct listener *l = (struct listener *)((char *)watch - offsetof(struct listener, watch));
+    keep_reserve();
+    for (int i = 0; i < ACCEPT_AT_ONCE; i++) {
+        int fd = accept_one(l), fault = errno;
+        if (fd >= 0) {
+            l->pause_ms = 0;
+            hand_over(l, fd, false);
+        } else if (fault == EMFILE || fault == ENFILE || fault == ENOBUFS || fault == ENOMEM) {
+            if (fault == EMFILE || fault == ENFILE) refuse_some(l);
+            pause_accepting(l, fault);
+            return;
+        } else {
+            if (fault != EAGAIN) log_line(LOG_WARN, "accept error=\"%s\"", strerror(fault));
+            return;
+        }
+    }
+}
+
+static int add_listener(struct server *server, int fd, const char *path, int lock_fd,
+                        accepted_fn fn)
+{
+    struct listener *l = calloc(1, sizeof *l);
+    if (!l) return -1;
+    l->watch = (struct loop_watch){fd, accept_ready};
+    l->pause.fire = pause_over;
+    l->server = server;
+    l->fn = fn;
+    l->lock_fd = lock_fd;
+    if (path) snprintf(l->path, sizeof l->path, "%s", path);
+    l->next = listeners;
+    listeners = l;
+    keep_reserve();
+    return loop_watch_add(server->loop, &l->watch, EPOLLIN) ? -1 : 0;
+}
+
+// ---- opening
+
+// Binds one address; the descriptor, or -1 with errno set.
+static int bind_one(const struct addrinfo *a)
+{
+    int one = 1, fd = socket(a->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    if (fd < 0) return -1;
+    setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &one, sizeof one);
+    if (a->ai_family == AF_INET6) setsockopt(fd, IPPROTO_IPV6, IPV6_V6ONLY, &one, sizeof one);
+    if (!bind(fd, a->ai_addr, a->ai_addrlen) && !listen(fd, BACKLOG)) return fd;
+    int fault = errno;
+    close(fd);
+    errno = fault;
+    return -1;
+}
+
+static in_port_t port_of(const struct sockaddr_storage *a)
+{
+    return a->ss_family == AF_INET6 ? ((const struct sockaddr_in6 *)a)->sin6_port
+                                    : ((const struct sockaddr_in *)a)->sin_port;
+}
+
+static void set_port(struct sockaddr *a, in_port_t port)
+{
+    if (a->sa_family == AF_INET6) ((struct sockaddr_in6 *)a)->sin6_port = port;
+    else ((struct sockaddr_in *)a)->sin_port = port;
+}
+
+int listener_open_tcp(struct server *server, const char *kind, const char *address,
+                      accepted_fn fn)
+{
+    char host[256], port[8];
+    if (!address_split(address, host, port)) {
+        log_line(LOG_ERR, "listen %s:%s: HOST:PORT is wanted, an IPv6 address in brackets",
+                 kind, address);
+        return -1;
+    }
+    struct addrinfo hints = {.ai_flags = AI_PASSIVE, .ai_socktype = SOCK_STREAM}, *list;
+    int err = getaddrinfo(*host ? host : NULL, port, &hints, &list);
+    if (err) {
+        log_line(LOG_ERR, "listen %s:%s: %s", kind, address, gai_strerror(err));
+        return -1;
+    }
+    int n_open = 0, fault = 0;
+    in_port_t chosen = 0; // port 0 takes a free one: the same for every address of the host
+    for (struct addrinfo *a = list; a; a = a->ai_next) {
+        if (chosen) set_port(a->ai_addr, chosen);
+        int fd = bind_one(a);
+        if (fd < 0) {
+            fault = errno;
+            // A host without IPv6 has no ::1; an address in use is an error all the same.
+            if (fault == EAFNOSUPPORT || fault == EADDRNOTAVAIL) continue;
+            n_open = 0;
+            break;
+        }
+        struct sockaddr_storage bound;
+        socklen_t size = sizeof bound;
+        char name[96] = "?";
+        if (!getsockname(fd, (struct sockaddr *)&bound, &size)) {
+            address_name(&bound, size, name, sizeof name);
+            chosen = port_of(&bound);
+        }
+        log_line(LOG_EVENT, "listen address=%s:%s", kind, name);
+        if (!add_listener(server, fd, NULL, -1, fn)) n_open++;
+    }
+    freeaddrinfo(list);
+    if (!n_open) log_line(LOG_ERR, "listen %s:%s: %s", kind, address, strerror(fault));
+    return n_open ? 0 : -1;
+}
+
+int listener_open_unix(struct server *server, const char *path, accepted_fn fn)
+{
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    if (strlen(path) >= sizeof address.sun_path) {
+        log_line(LOG_ERR, "listen unix:%s: the path is longer than %zu bytes", path,
+                 sizeof address.sun_path - 1);
+        return -1;
+    }
+    strcpy(address.sun_path, path);
+    // The holder of the lock owns the socket file; a dead daemon holds none.
+    char lock_path[sizeof address.sun_path + 8];
+    snprintf(lock_path, sizeof lock_path, "%s.lock", path);
+    int lock_fd = open(lock_path, O_CREAT | O_RDWR | O_CLOEXEC, 0600);
+    if (lock_fd < 0) {
+        log_line(LOG_ERR, "listen unix:%s: %s: %s", path, lock_path, strerror(errno));
+        return -1;
+    }
+    if (flock(lock_fd, LOCK_EX | LOCK_NB)) {
+        log_line(LOG_ERR, "listen unix:%s: another relightd serves this socket", path);
+        close(lock_fd);
+        return -1;
+    }
+    struct stat st;
+    if (!lstat(path, &st) && !S_ISSOCK(st.st_mode)) {
+        log_line(LOG_ERR, "listen unix:%s: there is a file of this name and it is no socket",
+                 path);
+        close(lock_fd);
+        return -1;
+    }
+    unlink(path);
+    int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    if (fd < 0 || bind(fd, (struct sockaddr *)&address, sizeof address) ||
+        listen(fd, BACKLOG)) {
+        log_line(LOG_ERR, "listen unix:%s: %s", path, strerror(errno));
+        if (fd >= 0) close(fd);
+        close(lock_fd);
+        return -1;
+    }
+    log_line(LOG_EVENT, "listen address=unix:%s", path);
+    return add_listener(server, fd, path, lock_fd, fn);
+}
+
+int listener_adopt(struct server *server, int fd, accepted_fn fn)
+{
+    fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK);
+    fcntl(fd, F_SETFD, FD_CLOEXEC);
+    log_line(LOG_EVENT, "listen address=inherited:%d", fd);
+    return add_listener(server, fd, NULL, -1, fn);
+}
+
+void listeners_close(struct server *server, accepted_fn fn)
+{
+    for (struct listener **at = &listeners, *l; (l = *at);) {
+        if (l->fn != fn) {
+            at = &l->next;
+            continue;
+        }
+        *at = l->next;
+        loop_timer_stop(server->loop, &l->pause);
+        loop_watch_remove(server->loop, &l->watch);
+        close(l->watch.fd);
+        if (l->path[0]) {
+            char lock_path[sizeof l->path + 8];
+            snprintf(lock_path, sizeof lock_path, "%s.lock", l->path);
+            unlink(l->path);
+            unlink(lock_path);
+            close(l->lock_fd);
+        }
+        free(l);
+    }
+    if (!listeners && reserve_fd >= 0) {
+        close(reserve_fd);
+        reserve_fd = -1;
+    }
+}

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: MIT
+// PUT_BLOB: a chunk goes to the store of uploads, and its answer comes when a worker has
+// written it.
+#include "core/log.h"
+#include "net/dispatch.h"
+#include "net/request.h"
+#include "relight.pb-c.h"
+#include "render/render.h"
+#include "store/eviction.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct upload_request {
+    struct blob_put put; // first
+    struct server *server;
+    struct request *request; // NULL: nobody waits any more
+};
+
+static void abandon(struct request *request)
+{
+    struct upload_request *r = request->state;
+    r->request = NULL;
+    blobs_put_abandon(&r->put);
+}
+
+static void done(struct blob_put *put)
+{
+    struct upload_request *r = (struct upload_request *)put;
+    struct server *server = r->server;
+    struct request *request = r->request;
+    if (put->arrived) {
+        log_line(LOG_EVENT, "blob hash=%.12s size=%llu owner=\"%s\"", put->hash,
+                 (unsigned long long)put->size, put->principal);
+        // Radiance, OpenEXR and DDS files are uploaded to be lights; others may be textures.
+        if (blobs_format(server->blobs, put->hash) != BLOB_OTHER)
+            env_prefetch(server, put->hash);
+    }
+    if (request && put->code) {
+        request->abandon = NULL;
+        request_fail(request, put->code, "%s", put->error);
+    } else if (request) {
+        Relight__PutBlobAnswer out = RELIGHT__PUT_BLOB_ANSWER__INIT;
+        out.received = put->received;
+        out.complete = put->complete;
+        request->abandon = NULL;
+        request_answer(request, &out.base, NULL);
+    }
+    free(put->bytes);
+    free(r);
+}
+
+void op_put_blob(struct request *request)
+{
+    const Relight__PutBlobRequest *in = (const Relight__PutBlobRequest *)request->message;
+    if (!relight_hash_valid(in->hash)) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                     "hash is not 64 lower-case hex digits");
+        return;
+    }
+    struct upload_request *r = calloc(1, sizeof *r);
+    if (!r) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return;
+    }
+    r->server = request->server;
+    r->request = request;
+    struct blob_put *put = &r->put;
+    memcpy(put->hash, in->hash, BLOB_HASH);
+    snprintf(put->principal, sizeof put->principal, "%s", request->conn->principal->name);
+    if (strlen(in->name) <= BLOB_NAME) strcpy(put->name, in->name);
+    put->size = in->size;
+    put->offset = in->offset;
+    put->bytes = request->payload;
+    put->n = request->payload_size;
+    put->done = done;
+    request->payload = NULL; // a worker may read it when the request has gone
+    request->state = r;
+    request->abandon = abandon;
+    if (!put->offset && put->n && !blobs_has(request->server->blobs, put->hash))
+        evict_for_upload(request->server, put->principal, put->size);
+    blobs_put(request->server->blobs, put);
+}

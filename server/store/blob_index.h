@@ -1,0 +1,106 @@
+/* SPDX-License-Identifier: MIT */
+/* blob_index.h owns what the files of the blob store share: the index of blobs, the list of
+ * uploads, and the file operations that run on workers. */
+#ifndef RELIGHTD_BLOB_INDEX_H
+#define RELIGHTD_BLOB_INDEX_H
+
+#include "frame.h"
+#include "store/blobs.h"
+#include "store/disk.h"
+
+#include <limits.h>
+
+enum { BLOB_FOLDER = 3900, BLOB_OWNER_FILE = 4096, BLOB_STEM = BLOB_HASH + 17 };
+
+struct blob_name {
+    struct blob_name *next;
+    char *name;
+    char principal[]; /* and the name behind it */
+};
+
+/* The blobs of one owner, and all of them, in the order of their last use. */
+enum { LRU_ALL, LRU_OWNER, LRU_N };
+struct blob_lru {
+    struct blob *oldest, *newest;
+};
+struct blob_owner {
+    struct blob_owner *next;
+    struct blob_lru lru;
+    char name[96];
+};
+
+struct blob {
+    struct blob *chain;
+    struct {
+        struct blob *older, *newer;
+    } link[LRU_N];
+    char hash[BLOB_HASH + 1];
+    uint64_t size, charged, used_ns; /* wall clock */
+    struct blob_owner *owner;
+    struct blob_name *names;
+    size_t names_bytes; /* of the owner file */
+    enum blob_format format;
+    bool touched; /* used_ns is newer than the file's time */
+    bool checked, checking;
+    struct blob_waiter *waiters;
+};
+
+struct upload;
+
+struct blobs {
+    struct blobs_setup setup;
+    char folder[BLOB_FOLDER];
+    struct blob **bucket;
+    size_t n_bucket, n_blob;
+    uint64_t seed;
+    struct blob_lru lru;
+    struct blob_owner *owners;
+    struct upload *uploads;
+};
+
+/* NULL where there is none. */
+struct blob *blob_find(const struct blobs *blobs, const char *hash);
+/* Adds a blob as the newest, or by its time where used_ns is older; NULL without memory.
+ * `charged` was charged to the owner already. */
+struct blob *blob_add(struct blobs *blobs, const char *hash, uint64_t size, uint64_t charged,
+                      const char *owner, uint64_t used_ns);
+/* Takes it out of the index, gives its charge back and removes its files. */
+void blob_remove(struct blobs *blobs, struct blob *blob);
+/* Remembers a principal's name for it; `write`: on disk, too. */
+void blob_add_name(struct blobs *blobs, struct blob *blob, const char *principal,
+                   const char *name, bool write);
+/* Removes the blob that was unused longest, of this owner (NULL: of any), unless it was used in
+ * the last keep_s. False when there is none. */
+bool blob_evict(struct blobs *blobs, const char *owner);
+uint64_t blob_clock_ns(void); /* wall clock */
+/* Blocks that a blob takes on disk: itself and its owner file. */
+uint64_t blob_charge(uint64_t size);
+
+/* Uploads found at start: stem is HASH.ID. */
+void upload_recover(struct blobs *blobs, const char *stem);
+void uploads_close(struct blobs *blobs);
+void uploads_expire(struct blobs *blobs);
+
+/* ---- file operations, any thread. Errors are -errno. */
+
+/* What the upload of a stem promised, from STEM.upload. */
+int blob_promise_read(const char *folder, const char *stem, uint64_t *size, char principal[96]);
+int blob_promise_write(const char *folder, const char *stem, uint64_t size,
+                       const char *principal);
+/* Hashes what is there of STEM.part into *sha; *received says how much that is. More than
+ * `size` counts as nothing. */
+int blob_part_hash(const char *folder, const char *stem, uint64_t size,
+                   struct relight_sha256 *sha, uint64_t *received);
+int blob_part_write(const char *folder, const char *stem, uint64_t offset, const void *bytes,
+                    size_t n);
+/* Gives a whole part its final name, on disk for good when this returns; *first is false when
+ * the name was taken. */
+int blob_part_finish(const char *folder, const char *stem, const char *hash,
+                     const char *principal, const char *name, bool *first,
+                     enum blob_format *format);
+void blob_part_remove(const char *folder, const char *stem);
+enum blob_format blob_format_of(const void *bytes, size_t n);
+/* Whether a file name may be kept: not empty, no path, no control characters. */
+bool blob_name_valid(const char *name);
+
+#endif

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: MIT
+// Random requests that mean something: they name models, jobs, views and uploads that are
+// there, or were, or never will be.
+#ifndef TESTS_FUZZ_MESSAGES_H
+#define TESTS_FUZZ_MESSAGES_H
+
+#include <stddef.h>
+
+#include "frame.h"
+#include "random.h"
+
+enum { WORLD_MODELS = 8, WORLD_JOBS = 512, WORLD_BLOBS = 4, MODEL_VERTICES = 21 };
+
+struct blob {
+    uint8_t bytes[4096];
+    size_t n;
+    char hash[65], name[16];
+};
+
+// What the fuzzer learned from answers, over all connections.
+struct world {
+    struct rnd *rnd;
+    char model[WORLD_MODELS][32];
+    unsigned n_model;
+    char job[WORLD_JOBS][24];
+    bool cancelled[WORLD_JOBS]; // the fuzzer asked for it
+    unsigned n_job;
+    struct blob blob[WORLD_BLOBS];
+    uint64_t last_seed; // makes a LOAD differ from all before it
+};
+
+// The blobs: a model, a light, a picture of nothing, and noise.
+void world_init(struct world *world, struct rnd *rnd);
+void world_forget(struct world *world); // models and jobs: the daemon was started anew
+void world_learn_model(struct world *world, const char *id);
+void world_learn_job(struct world *world, const char *id);
+
+// Frames, one behind another.
+struct bytes {
+    uint8_t *at;
+    size_t n, room;
+};
+void bytes_add(struct bytes *out, const void *bytes, size_t n);
+
+// One frame of a random request. ids: how many different ids a connection may have open; small
+// numbers make views that others name.
+void message_hello(struct world *world, uint64_t id, bool good, struct bytes *out);
+uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct bytes *out);
+// LOAD_NEW_BAKE: one that is refused for no fault of its own and differs from all before.
+enum load_kind { LOAD_PREVIEW, LOAD_BAKE, LOAD_NEW_BAKE };
+void message_load(struct world *world, uint64_t id, enum load_kind kind, struct bytes *out);
+void message_cancel_job(struct world *world, uint64_t id, const char *job, struct bytes *out);
+void message_upload(struct world *world, uint64_t id, unsigned blob, struct bytes *out);
+// A job by chance, rather one that was not cancelled.
+const char *world_job(struct world *world);
+
+#endif

@@ -1,0 +1,461 @@
+// SPDX-License-Identifier: MIT
+// What a client may hold and say: frames in orders that no client library sends, requests,
+// views, bytes and answers beyond their limits, and text that is no text.
+#include "frames.h"
+
+static struct daemon d;
+
+static void begin(const char *const extra[])
+{
+    setenv("MALLOC_PERTURB_", "165", 1); // what was freed does not look as before
+    daemon_folder(&d);
+    daemon_start(&d, extra);
+}
+
+static void end(void)
+{
+    int status = daemon_end(&d);
+    daemon_remove(&d);
+    assert_int_equal(status, 0);
+}
+
+// A test that failed leaves no daemon behind.
+static int teardown(void **state)
+{
+    if (d.pid) daemon_remove(&d);
+    return 0;
+}
+
+static void served(void)
+{
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    double seconds;
+    OK(relight_ping(client, &seconds, &error));
+    relight_close(client);
+}
+
+// ---- the order of what is said of views
+
+// Takes a worker some 0.1 s to work out; another text each time.
+static char *slow_material(void)
+{
+    static char text[4][300];
+    static int n;
+    char *out = text[++n % 4];
+    snprintf(
+        out, sizeof *text,
+        "{\"profile\":\"multipole\",\"layers\":[{\"thickness\":2,\"sigma_s_prime\":[%d,1.5,"
+        "2],\"sigma_a\":[0.02,0.05,0.1]},{\"sigma_s_prime\":[2,2,3],\"sigma_a\":[0.1,0.2,"
+        "0.3]}]}",
+        n);
+    return out;
+}
+
+static void add_view_open(struct frames *f, uint64_t id, const char *model, char *material)
+{
+    Relight__ViewOpenRequest open = RELIGHT__VIEW_OPEN_REQUEST__INIT;
+    Relight__ViewState state = RELIGHT__VIEW_STATE__INIT;
+    Relight__Shade shade = RELIGHT__SHADE__INIT;
+    open.model = (char *)model;
+    open.colors = true;
+    open.state = &state;
+    if (material) {
+        shade.material = material;
+        state.shade = &shade;
+    }
+    frames_add(f, RELIGHT_TYPE_VIEW_OPEN, id, &open.base, NULL, 0);
+}
+
+static void add_view_set(struct frames *f, uint64_t id, uint64_t view, uint64_t sequence)
+{
+    Relight__ViewSetRequest set = RELIGHT__VIEW_SET_REQUEST__INIT;
+    Relight__ViewState state = RELIGHT__VIEW_STATE__INIT;
+    Relight__Light light = RELIGHT__LIGHT__INIT, *lights[] = {&light};
+    light.env = "constant:1,2,3";
+    state.n_lights = 1;
+    state.lights = lights;
+    set.view = view;
+    set.sequence = sequence;
+    set.state = &state;
+    frames_add(f, RELIGHT_TYPE_VIEW_SET, id, &set.base, NULL, 0);
+}
+
+static void add_view_close(struct frames *f, uint64_t id, uint64_t view)
+{
+    Relight__ViewCloseRequest request = RELIGHT__VIEW_CLOSE_REQUEST__INIT;
+    request.view = view;
+    frames_add(f, RELIGHT_TYPE_VIEW_CLOSE, id, &request.base, NULL, 0);
+}
+
+// A state, or a close, for a VIEW_OPEN that comes after it and still waits for its turn: there
+// is no such view yet.
+static void test_view_that_is_not_open_yet(void **state)
+{
+    begin(NULL);
+    for (int i = 0; i < 8; i++) {
+        struct frames *f = frames_open(&d);
+        add_view_open(f, 10, "nothing", slow_material());
+        if (i % 2) add_view_close(f, 11, 12);
+        else add_view_set(f, 11, 12, 1);
+        add_view_open(f, 12, "nothing", slow_material());
+        frames_send(f);
+        struct frames_answer a;
+        for (uint64_t id = 10; id < 13; id++) {
+            assert_true(frames_next(f, &a, 20000, NULL));
+            assert_false(a.closed);
+            assert_int_equal(a.id, id);
+            assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+            if (id == 11) assert_non_null(strstr(a.text, "no view was opened by request 12"));
+        }
+        frames_close(f);
+        served();
+    }
+    end();
+}
+
+// A state for a VIEW_OPEN before it, whose material is still being worked out, waits its turn.
+static void test_view_that_waits_for_its_material(void **state)
+{
+    begin(NULL);
+    struct relight_client *client = client_open(d.address);
+    struct relight_loaded loaded;
+    struct relight_error error;
+    struct relight_load load = {.size_mm = 10, .material = "marble", .preview = true};
+    OK(load_octahedron(client, &d, "small.obj", &load, &loaded, &error));
+    struct frames *f = frames_open(&d);
+    add_view_open(f, 10, loaded.model, slow_material());
+    add_view_set(f, 11, 10, 1);
+    add_view_set(f, 12, 10, 2);
+    add_view_close(f, 13, 10);
+    frames_send(f);
+    uint64_t next = 11;
+    while (next < 14) {
+        struct frames_answer a;
+        assert_true(frames_next(f, &a, 20000, NULL));
+        assert_false(a.closed);
+        if (a.id == 10) continue; // its frames, and its end
+        assert_int_equal(a.id, next++);
+        assert_int_equal(a.code, 0);
+    }
+    frames_close(f);
+    relight_loaded_finish(&loaded);
+    relight_close(client);
+    served();
+    end();
+}
+
+// ---- jobs
+
+// A job stays valid while its own cancellation is answered, however many ended after it.
+static void test_cancel_the_oldest_job(void **state)
+{
+    char prt[128], job[2][32];
+    daemon_folder(&d);
+    snprintf(prt, sizeof prt, "%s/slow", d.folder);
+    write_text(prt, "#!/bin/sh\nexec sleep 60 >/dev/null 2>&1\n");
+    chmod(prt, 0700);
+    const char *const extra[] = {"--prt", prt, "--client-jobs", "0", NULL};
+    setenv("MALLOC_PERTURB_", "165", 1);
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    enum relight_job_state at = 0;
+    for (unsigned i = 0; i < 2 + 257; i++) {
+        struct relight_loaded loaded;
+        OK(load_small(client, &d, "small.obj", i + 1, 200, &loaded, &error));
+        assert_true(loaded.job[0]);
+        if (i < 2) snprintf(job[i], sizeof job[i], "%s", loaded.job);
+        else {
+            OK(relight_cancel_job(client, loaded.job, &at, &error));
+            assert_int_equal(at, RELIGHT_JOB_CANCELLED);
+        }
+        relight_loaded_finish(&loaded);
+    }
+    OK(relight_cancel_job(client, job[1], &at, &error));
+    assert_int_equal(at, RELIGHT_JOB_CANCELLED);
+    OK(relight_cancel_job(client, job[0], &at, &error));
+    relight_close(client);
+    served();
+    end();
+}
+
+// ---- what a client may hold
+
+static void add_watch(struct frames *f, uint64_t id, const char *job)
+{
+    Relight__WatchRequest watch = RELIGHT__WATCH_REQUEST__INIT;
+    watch.job = (char *)job;
+    frames_add(f, RELIGHT_TYPE_WATCH, id, &watch.base, NULL, 0);
+}
+
+static double held(struct relight_client *client, const char *resource)
+{
+    char name[80];
+    snprintf(name, sizeof name, "relightd_resource_held{resource=\"%s\"}", resource);
+    return metric(client, name);
+}
+
+// Loads a preview, so that views open.
+static void load_preview(struct relight_client *client, char model[32])
+{
+    struct relight_loaded loaded;
+    struct relight_error error;
+    struct relight_load load = {.size_mm = 10, .material = "marble", .preview = true};
+    OK(load_octahedron(client, &d, "small.obj", &load, &loaded, &error));
+    snprintf(model, 32, "%s", loaded.model);
+    relight_loaded_finish(&loaded);
+}
+
+// Views that are held for ever fill their own quota and nobody's requests.
+static void test_idle_views_leave_room_for_requests(void **state)
+{
+    static const char *const extra[] = {
+        "--client-views",    "40", "--requests", "8", "--queue", "8",
+        "--client-requests", "8",  NULL};
+    begin(extra);
+    struct relight_client *client = client_open(d.address);
+    char model[32];
+    load_preview(client, model);
+    struct frames *f = frames_open(&d);
+    for (uint64_t id = 10; id < 60; id++) add_view_open(f, id, model, NULL);
+    add_watch(f, 60, "nothing");
+    frames_send(f);
+    int busy = 0;
+    for (int i = 0; i < 11; i++) {
+        struct frames_answer a;
+        do assert_true(frames_next(f, &a, 20000, NULL) && !a.closed);
+        while (a.type != RELIGHT_TYPE_ERROR);
+        assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_BUSY);
+        assert_non_null(strstr(a.text, "--client-views"));
+        busy++;
+    }
+    assert_int_equal(busy, 11);
+    assert_true(held(client, "long_requests") == 40);
+    served();                                   // HELLO, PING and others go on
+    assert_true(held(client, "requests") == 1); // this STATS
+    // A closed view makes room.
+    add_view_close(f, 70, 10);
+    add_view_open(f, 71, model, NULL);
+    add_view_close(f, 72, 71);
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 70).code, 0);
+    assert_int_equal(frames_wait(f, 72).code, 0);
+    frames_close(f);
+    sleep_ms(100);
+    assert_true(held(client, "long_requests") == 0);
+    relight_close(client);
+    end();
+}
+
+// When every request is taken, what frees or asks for little still passes.
+static void test_some_always_pass(void **state)
+{
+    static const char *const extra[] = {"--queue", "1", "--client-requests", "1", NULL};
+    begin(extra);
+    struct frames *f = frames_open(&d), *other;
+    Relight__ColorsRequest colors = RELIGHT__COLORS_REQUEST__INIT;
+    Relight__Shade shade = RELIGHT__SHADE__INIT;
+    Relight__CancelRequest cancel = RELIGHT__CANCEL_REQUEST__INIT;
+    Relight__CancelJobRequest cancel_job = RELIGHT__CANCEL_JOB_REQUEST__INIT;
+    Relight__PingRequest ping = RELIGHT__PING_REQUEST__INIT;
+    Relight__ListRequest list = RELIGHT__LIST_REQUEST__INIT;
+    colors.shade = &shade;
+    shade.material = slow_material();
+    cancel.id = 2;
+    cancel_job.job = "nothing";
+    frames_add(f, RELIGHT_TYPE_COLORS, 2, &colors.base, NULL, 0); // waits for its material
+    frames_add(f, RELIGHT_TYPE_LIST, 3, &list.base, NULL, 0);
+    frames_add(f, RELIGHT_TYPE_PING, 4, &ping.base, "payload", 7);
+    frames_add(f, RELIGHT_TYPE_CANCEL_JOB, 5, &cancel_job.base, NULL, 0);
+    add_view_close(f, 6, 77);
+    frames_add(f, RELIGHT_TYPE_CANCEL, 7, &cancel.base, NULL, 0);
+    frames_add(f, RELIGHT_TYPE_LIST, 8, &list.base, NULL, 0);
+    frames_send(f);
+    struct frames_answer a;
+    static const int code[] = {
+        [2] = RELIGHT__ERROR_CODE__ERROR_CANCELLED, [3] = RELIGHT__ERROR_CODE__ERROR_BUSY,
+        [5] = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, [6] = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
+        [8] = RELIGHT__ERROR_CODE__ERROR_NONE,
+    };
+    for (int i = 0; i < 7; i++) {
+        assert_true(frames_next(f, &a, 20000, NULL) && !a.closed);
+        assert_int_equal(a.code, code[a.id]);
+        if (a.id == 4) assert_int_equal(a.payload, 7);
+    }
+    other = frames_open(&d);
+    frames_close(other);
+    frames_close(f);
+    end();
+}
+
+// Payloads are asked for before they are stored, and counted as long as they are held.
+static void test_bytes_held_by_requests(void **state)
+{
+    enum { CUBES = 8, TEXELS = CUBES * 6 * 64 * 64 * 3 };
+    static const char *const extra[] = {"--client-memory", "8M", NULL};
+    begin(extra);
+    struct relight_client *client = client_open(d.address);
+    char model[32];
+    load_preview(client, model);
+    struct frames *f = frames_open(&d);
+    float *texels = calloc(TEXELS, sizeof *texels); // 2.25 MiB
+    Relight__ViewOpenRequest open = RELIGHT__VIEW_OPEN_REQUEST__INIT;
+    Relight__ViewState view = RELIGHT__VIEW_STATE__INIT;
+    Relight__Light light = RELIGHT__LIGHT__INIT, *lights[CUBES];
+    for (int i = 0; i < CUBES; i++) lights[i] = &light;
+    light.cube_n = 64;
+    view.n_lights = CUBES;
+    view.lights = lights;
+    open.model = model;
+    open.state = &view;
+    open.colors = true;
+    for (uint64_t id = 10; id < 20; id++)
+        frames_add(f, RELIGHT_TYPE_VIEW_OPEN, id, &open.base, texels, TEXELS * sizeof *texels);
+    frames_send(f);
+    struct frames_answer a;
+    for (int i = 0; i < 7;) {
+        assert_true(frames_next(f, &a, 20000, NULL) && !a.closed);
+        if (a.type != RELIGHT_TYPE_ERROR) continue;
+        assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_BUSY);
+        assert_non_null(strstr(a.text, "--client-memory"));
+        i++;
+    }
+    // Three views hold their texels once, and nothing else of size.
+    double bytes = held(client, "payload");
+    assert_true(bytes >= 3.0 * TEXELS * sizeof *texels);
+    assert_true(bytes < 3.2 * TEXELS * sizeof *texels);
+    // The connection goes on, and what a view let go of is there again: a payload that waiting
+    // would not help is told apart.
+    add_view_close(f, 30, 10);
+    frames_add(f, RELIGHT_TYPE_VIEW_OPEN, 31, &open.base, texels, TEXELS * sizeof *texels);
+    add_view_close(f, 32, 31);
+    Relight__UpdateVerticesRequest update = RELIGHT__UPDATE_VERTICES_REQUEST__INIT;
+    update.model = model;
+    char *large = calloc(1, 9 << 20);
+    frames_add(f, RELIGHT_TYPE_UPDATE_VERTICES, 33, &update.base, large, 9 << 20);
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 30).code, 0);
+    assert_int_equal(frames_wait(f, 32).code, 0);
+    assert_int_equal(frames_wait(f, 33).code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    free(large);
+    free(texels);
+    frames_close(f);
+    for (int i = 0; i < 100 && held(client, "payload") > 1000; i++) sleep_ms(20);
+    assert_true(held(client, "payload") < 1000);
+    relight_close(client);
+    served();
+    end();
+}
+
+// A payload where none belongs is not stored at all, and the connection goes on.
+static void test_payload_where_none_belongs(void **state)
+{
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    char *bytes = calloc(1, 40 << 20);
+    Relight__ListRequest list = RELIGHT__LIST_REQUEST__INIT;
+    Relight__PingRequest ping = RELIGHT__PING_REQUEST__INIT;
+    frames_add(f, RELIGHT_TYPE_LIST, 2, &list.base, bytes, 40 << 20);
+    frames_add(f, RELIGHT_TYPE_PING, 3, &ping.base, bytes, 65537);
+    frames_add(f, RELIGHT_TYPE_PING, 4, &ping.base, bytes, 65536);
+    frames_add(f, RELIGHT_TYPE_PING, 0, &ping.base, NULL, 0);
+    frames_send(f);
+    struct frames_answer a = frames_wait(f, 2);
+    assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    assert_non_null(strstr(a.text, "takes no payload"));
+    assert_int_equal(frames_wait(f, 3).code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    assert_int_equal(frames_wait(f, 4).payload, 65536);
+    a = frames_wait(f, 0);
+    assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    assert_non_null(strstr(a.text, "id 0"));
+    free(bytes);
+    frames_close(f);
+    end();
+}
+
+// ---- answers that are not read
+
+// Answers of 64 KiB, asked for and not read.
+static struct frames *open_sleeper(int n)
+{
+    struct frames *f = frames_open(&d);
+    static char bytes[65536];
+    Relight__PingRequest ping = RELIGHT__PING_REQUEST__INIT;
+    for (int i = 0; i < n; i++)
+        frames_add(f, RELIGHT_TYPE_PING, 10 + (uint64_t)i, &ping.base, bytes, sizeof bytes);
+    frames_try_send(f); // it may be closed meanwhile
+    return f;
+}
+
+// Of all who do not read, the one that holds most is closed first.
+static void test_largest_output_is_closed(void **state)
+{
+    static const char *const extra[] = {"--output-memory", "4M", "--send-buffer", "8M", NULL};
+    begin(extra);
+    struct relight_client *client = client_open(d.address);
+    struct frames *small = open_sleeper(16), *large = open_sleeper(100);
+    assert_true(log_says(&d, "why=\"unread answers fill --output-memory", 10000));
+    struct frames_answer a;
+    int n = 0;
+    while (frames_next(large, &a, 5000, NULL) && !a.closed) n++;
+    assert_true(a.closed);
+    assert_true(n < 100);
+    assert_int_equal(frames_wait(small, 25).payload, 65536); // this one lost nothing
+    assert_true(held(client, "output") <= 4 << 20);
+    frames_close(small);
+    frames_close(large);
+    relight_close(client);
+    end();
+}
+
+// One answer many times the send buffer reaches whoever reads it, in pieces or whole.
+static void test_answer_beyond_the_send_buffer(void **state)
+{
+    static const char *const extra[] = {"--send-buffer", "10k", NULL};
+    begin(extra);
+    for (int pieces = 0; pieces < 2; pieces++) {
+        struct frames *f = frames_connect(&d);
+        Relight__HelloRequest hello = RELIGHT__HELLO_REQUEST__INIT;
+        hello.client = "reader";
+        hello.version_min = hello.version_max = 1;
+        hello.max_payload = pieces ? 4096 : 0;
+        frames_add(f, RELIGHT_TYPE_HELLO, 1, &hello.base, NULL, 0);
+        static char bytes[65536];
+        Relight__PingRequest ping = RELIGHT__PING_REQUEST__INIT;
+        frames_send(f);
+        assert_int_equal(frames_wait(f, 1).code, 0);
+        for (uint64_t id = 2; id < 6; id++) {
+            struct frames_answer a;
+            uint64_t got = 0;
+            frames_add(f, RELIGHT_TYPE_PING, id, &ping.base, bytes, sizeof bytes);
+            frames_send(f);
+            do {
+                assert_true(frames_next(f, &a, 5000, NULL));
+                assert_false(a.closed);
+                assert_int_equal(a.id, id);
+                got += a.payload;
+            } while (!a.last);
+            assert_int_equal(got, sizeof bytes);
+        }
+        frames_close(f);
+    }
+    end();
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(test_view_that_is_not_open_yet, teardown),
+        cmocka_unit_test_teardown(test_view_that_waits_for_its_material, teardown),
+        cmocka_unit_test_teardown(test_cancel_the_oldest_job, teardown),
+        cmocka_unit_test_teardown(test_idle_views_leave_room_for_requests, teardown),
+        cmocka_unit_test_teardown(test_some_always_pass, teardown),
+        cmocka_unit_test_teardown(test_bytes_held_by_requests, teardown),
+        cmocka_unit_test_teardown(test_payload_where_none_belongs, teardown),
+        cmocka_unit_test_teardown(test_largest_output_is_closed, teardown),
+        cmocka_unit_test_teardown(test_answer_beyond_the_send_buffer, teardown),
+    };
+    signal(SIGPIPE, SIG_IGN);
+    return cmocka_run_group_tests_name("limits", tests, NULL, NULL);
+}

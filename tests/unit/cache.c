@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: MIT
+// The cache of shared results: which entry goes first, and that every byte is counted.
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "store/cache.h"
+
+enum { VALUE = 1000 };
+
+static unsigned n_destroyed;
+
+static void destroy(void *value)
+{
+    n_destroyed++;
+    free(value);
+}
+
+static size_t entry_bytes(const char *key, size_t value)
+{
+    return value + sizeof(struct cache_entry) + strlen(key) + 1;
+}
+
+static size_t bytes_of(const struct cache *cache)
+{
+    struct cache_counts counts;
+    cache_count(cache, &counts);
+    return counts.bytes;
+}
+
+// Makes the entry if it is not there, and lets go of it; true when it was there.
+static bool use(struct cache *cache, const char *key)
+{
+    bool fresh;
+    struct cache_entry *e = cache_get(cache, key, &fresh);
+    if (fresh) cache_fill(e, malloc(VALUE), VALUE, destroy);
+    cache_release(e);
+    return !fresh;
+}
+
+static bool is_there(struct cache *cache, const char *key)
+{
+    struct cache_entry *e = cache_find(cache, key);
+    if (!e) return false;
+    assert_string_equal(e->key, key);
+    cache_release(e);
+    return true;
+}
+
+static void test_least_recently_used_goes(void **state)
+{
+    struct cache *cache;
+    assert_int_equal(cache_create(2 * entry_bytes("A", VALUE), &cache), 0);
+    n_destroyed = 0;
+    assert_false(use(cache, "A"));
+    assert_false(use(cache, "B"));
+    assert_true(use(cache, "A")); // both fit
+    assert_int_equal(bytes_of(cache), 2 * entry_bytes("A", VALUE));
+    assert_int_equal(n_destroyed, 0);
+    assert_false(use(cache, "C"));
+    assert_int_equal(n_destroyed, 1);
+    assert_false(is_there(cache, "B"));
+    assert_true(is_there(cache, "A"));
+    assert_true(is_there(cache, "C"));
+    struct cache_counts counts;
+    cache_count(cache, &counts);
+    assert_int_equal(counts.evictions, 1);
+    assert_int_equal(counts.entries, 2);
+    assert_int_equal(counts.hits, 1);
+    assert_int_equal(counts.misses, 3);
+    assert_int_equal(counts.bytes, 2 * entry_bytes("A", VALUE));
+    cache_destroy(cache);
+    assert_int_equal(n_destroyed, 3);
+}
+
+// One byte less than two entries take is a budget for one.
+static void test_budget_is_exact(void **state)
+{
+    struct cache *cache;
+    assert_int_equal(cache_create(2 * entry_bytes("A", VALUE) - 1, &cache), 0);
+    use(cache, "A");
+    use(cache, "B");
+    assert_false(is_there(cache, "A"));
+    assert_true(is_there(cache, "B"));
+    assert_int_equal(bytes_of(cache), entry_bytes("B", VALUE));
+    cache_destroy(cache);
+}
+
+// Entries in use, pending, failed and forgotten ones are counted until they are freed.
+static void test_every_state_is_counted(void **state)
+{
+    struct cache *cache;
+    bool fresh;
+    assert_int_equal(cache_create(1 << 20, &cache), 0);
+    struct cache_entry *pending = cache_get(cache, "model/1", &fresh);
+    assert_int_equal(bytes_of(cache), entry_bytes("model/1", 0));
+    struct cache_entry *failing = cache_get(cache, "model/22", &fresh);
+    cache_fail(failing, 1, "no");
+    assert_int_equal(bytes_of(cache), entry_bytes("model/1", 0) + entry_bytes("model/22", 0));
+    cache_release(failing);
+    assert_int_equal(bytes_of(cache), entry_bytes("model/1", 0));
+    cache_fill(pending, malloc(VALUE), VALUE, destroy);
+    cache_forget(cache, "model/", true);
+    assert_false(is_there(cache, "model/1"));
+    assert_int_equal(bytes_of(cache), entry_bytes("model/1", VALUE));
+    cache_release(pending);
+    assert_int_equal(bytes_of(cache), 0);
+    use(cache, "model/1");
+    cache_forget(cache, "model/", true);
+    assert_int_equal(bytes_of(cache), 0);
+    cache_destroy(cache);
+}
+
+// Small values do not make a cache without end: an entry counts with its key.
+static void test_small_values_are_bounded(void **state)
+{
+    struct cache *cache;
+    char key[32];
+    assert_int_equal(cache_create(100 * entry_bytes("0001", 0), &cache), 0);
+    for (int i = 0; i < 1000; i++) {
+        bool fresh;
+        snprintf(key, sizeof key, "%04d", i);
+        struct cache_entry *e = cache_get(cache, key, &fresh);
+        cache_fill(e, NULL, 0, NULL);
+        cache_release(e);
+    }
+    struct cache_counts counts;
+    cache_count(cache, &counts);
+    assert_int_equal(counts.entries, 100);
+    assert_false(is_there(cache, "0899"));
+    assert_true(is_there(cache, "0900"));
+    cache_destroy(cache);
+}
+
+static unsigned longest_chain(const struct cache_entry *const *entry, unsigned n)
+{
+    unsigned longest = 0;
+    for (unsigned i = 0; i < n; i++) {
+        unsigned length = 0;
+        for (const struct cache_entry *e = entry[i]; e; e = e->chain) length++;
+        if (length > longest) longest = length;
+    }
+    return longest;
+}
+
+// The table grows with its load: chains stay short, and all entries are found.
+static void test_table_grows(void **state)
+{
+    enum { N = 100000 };
+    struct cache *cache;
+    char key[32];
+    bool fresh;
+    static struct cache_entry *entry[N];
+    assert_int_equal(cache_create((size_t)1 << 30, &cache), 0);
+    for (unsigned i = 0; i < N; i++) {
+        snprintf(key, sizeof key, "key %u", i);
+        entry[i] = cache_get(cache, key, &fresh);
+        assert_true(fresh);
+        cache_fill(entry[i], NULL, 0, NULL);
+    }
+    for (unsigned i = 0; i < N; i++) {
+        snprintf(key, sizeof key, "key %u", i);
+        struct cache_entry *e = cache_find(cache, key);
+        assert_ptr_equal(e, entry[i]);
+        cache_release(e);
+    }
+    // 4096 buckets would make chains of 24 and more.
+    assert_true(longest_chain((const struct cache_entry *const *)entry, N) < 16);
+    for (unsigned i = 0; i < N; i++) cache_release(entry[i]);
+    cache_forget(cache, "key ", true);
+    assert_int_equal(bytes_of(cache), 0);
+    cache_destroy(cache);
+}
+
+// Nobody can prepare keys that share a bucket: the hash differs from process to process, as it
+// does from cache to cache.
+static void test_hash_is_seeded(void **state)
+{
+    struct cache *cache[2];
+    struct cache_entry *entry[2];
+    bool fresh;
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(cache_create(1 << 20, &cache[i]), 0);
+        entry[i] = cache_get(cache[i], "the same key", &fresh);
+        cache_fill(entry[i], NULL, 0, NULL);
+    }
+    assert_int_not_equal(entry[0]->hash, entry[1]->hash);
+    for (int i = 0; i < 2; i++) {
+        cache_release(entry[i]);
+        cache_destroy(cache[i]);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_least_recently_used_goes),
+        cmocka_unit_test(test_budget_is_exact),
+        cmocka_unit_test(test_every_state_is_counted),
+        cmocka_unit_test(test_small_values_are_bounded),
+        cmocka_unit_test(test_table_grows),
+        cmocka_unit_test(test_hash_is_seeded),
+    };
+    return cmocka_run_group_tests_name("cache", tests, NULL, NULL);
+}

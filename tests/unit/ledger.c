@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: MIT
+// The ledger: what is given back is what was taken, and limits refuse before anything is
+// charged.
+#include "core/ledger.h"
+
+#include "core/options.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+static struct options options = {.client_requests = 10, .queue = 15, .client_memory = 100};
+
+static void test_limits(void **state)
+{
+    struct ledger *ledger = ledger_create(&options);
+    struct principal *a = ledger_principal(ledger, "uid:1"),
+                     *b = ledger_principal(ledger, "uid:2");
+    char error[256];
+    assert_int_equal(ledger_take(a, LEDGER_REQUESTS, 10, error), LEDGER_GRANTED);
+    assert_int_equal(ledger_take(a, LEDGER_REQUESTS, 1, error), LEDGER_CLIENT_FULL);
+    assert_non_null(strstr(error, "--client-requests"));
+    assert_non_null(strstr(error, "you hold 10"));
+    assert_int_equal(a->held[LEDGER_REQUESTS], 10);
+    assert_int_equal(ledger_take(b, LEDGER_REQUESTS, 5, error), LEDGER_GRANTED);
+    assert_int_equal(ledger_take(b, LEDGER_REQUESTS, 1, error), LEDGER_ALL_FULL);
+    assert_non_null(strstr(error, "--queue"));
+    assert_int_equal(ledger_total(ledger, LEDGER_REQUESTS), 15);
+    // What exists already is charged beyond every limit, and comes back the same way.
+    ledger_force(b, LEDGER_REQUESTS, 7);
+    assert_int_equal(ledger_total(ledger, LEDGER_REQUESTS), 22);
+    ledger_give(b, LEDGER_REQUESTS, 12);
+    ledger_give(a, LEDGER_REQUESTS, 10);
+    assert_int_equal(ledger_total(ledger, LEDGER_REQUESTS), 0);
+    // An amount that no sum may hold.
+    assert_int_equal(ledger_take(a, LEDGER_PAYLOAD, UINT64_MAX, error), LEDGER_CLIENT_FULL);
+    assert_int_equal(ledger_take(a, LEDGER_PAYLOAD, 60, error), LEDGER_GRANTED);
+    assert_int_equal(ledger_take(a, LEDGER_PAYLOAD, UINT64_MAX - 10, error),
+                     LEDGER_CLIENT_FULL);
+    ledger_give(a, LEDGER_PAYLOAD, 60);
+    // 0 stands for no limit.
+    assert_int_equal(ledger_take(a, LEDGER_JOBS, 1u << 30, error), LEDGER_GRANTED);
+    ledger_give(a, LEDGER_JOBS, 1u << 30);
+    principal_release(a);
+    principal_release(b);
+    ledger_destroy(ledger);
+}
+
+static void test_principals(void **state)
+{
+    struct ledger *ledger = ledger_create(&options);
+    struct principal *a = ledger_principal(ledger, "addr:192.0.2.7");
+    char error[256];
+    assert_ptr_equal(ledger_principal(ledger, "addr:192.0.2.7"), a);
+    assert_int_equal(a->refs, 2);
+    principal_release(a);
+    // It holds something: it stays after its last reference, and is found again.
+    assert_int_equal(ledger_take(a, LEDGER_MODELS, 1, error), LEDGER_GRANTED);
+    principal_release(a);
+    assert_ptr_equal(ledger_principal(ledger, "addr:192.0.2.7"), a);
+    assert_int_equal(a->held[LEDGER_MODELS], 1);
+    principal_release(a);
+    ledger_give(a, LEDGER_MODELS, 1);
+    assert_int_equal(ledger_total(ledger, LEDGER_MODELS), 0);
+    ledger_destroy(ledger);
+}
+
+static void test_names(void **state)
+{
+    assert_string_equal(ledger_name(LEDGER_CONNECTIONS), "connections");
+    assert_string_equal(ledger_name(LEDGER_LONG_REQUESTS), "long_requests");
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_limits),
+        cmocka_unit_test(test_principals),
+        cmocka_unit_test(test_names),
+    };
+    return cmocka_run_group_tests_name("ledger", tests, NULL, NULL);
+}
