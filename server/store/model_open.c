@@ -204,6 +204,8 @@ static void not_opened(struct opening *o)
         m->mesh_error_code = code;
         snprintf(m->mesh_error, sizeof m->mesh_error, "%s", error);
         file_remove(m->server->file_queue, o->path);
+    } else if (m->copy && o->work.status == PRT_IO) {
+        import_evict(m->server->imports, m->copy); // it is copied again when it is asked for
     } else {
         damaged(m, error);
     }

@@ -412,7 +412,8 @@ static void test_unknown_names_cost_no_scan(void **state)
         assert_int_equal(relight_info(client, "nothing", &info, &error), -RELIGHT_E_NOT_FOUND);
         sleep_ms(100);
     }
-    assert_true(log_count("looked at") - before <= 3);
+    unsigned looks = log_count("looked at") - before;
+    assert_true(looks >= 1 && looks <= 3);
     relight_close(client);
     assert_int_equal(daemon_stop(&d), 0);
 }
