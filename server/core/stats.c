@@ -7,6 +7,7 @@
 #include "frame.h"
 #include "core/log.h"
 #include "core/server.h"
+#include "store/disk.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -95,7 +95,13 @@ static void free_upload(struct upload *u, bool keep_charge)
 static struct blob_put *drop_upload(struct upload *u)
 {
     struct blob_put *queue = u->first;
-    if (u->begun) blob_part_remove(u->blobs->folder, u->stem);
+    char name[BLOB_STEM + 8];
+    if (u->begun) {
+        snprintf(name, sizeof name, "%s.upload", u->stem);
+        blob_discard(u->blobs, name);
+        snprintf(name, sizeof name, "%s.part", u->stem);
+        blob_discard(u->blobs, name);
+    }
     free_upload(u, false);
     return queue;
 }
@@ -243,6 +249,8 @@ static void arrived(struct upload *u, struct blob_put *put)
     struct blob_put *queue = u->first;
     uint64_t size = u->size;
     struct blob *b = NULL;
+    char hash[65]; // put may be freed by its own done()
+    snprintf(hash, sizeof hash, "%s", u->hash);
     if (!blob_find(blobs, u->hash))
         b = blob_add(blobs, u->hash, size, u->charged, u->principal->name, blob_clock_ns());
     if (b) {
@@ -261,7 +269,7 @@ static void arrived(struct upload *u, struct blob_put *put)
         blobs_put(blobs, put);
     }
     put_again(queue);
-    drop_others(blobs, put->hash);
+    drop_others(blobs, hash);
 }
 
 static void failed(struct upload *u, struct blob_put *put)
