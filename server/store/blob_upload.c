@@ -249,8 +249,6 @@ static void arrived(struct upload *u, struct blob_put *put)
     struct blob_put *queue = u->first;
     uint64_t size = u->size;
     struct blob *b = NULL;
-    char hash[65]; // put may be freed by its own done()
-    snprintf(hash, sizeof hash, "%s", u->hash);
     if (!blob_find(blobs, u->hash))
         b = blob_add(blobs, u->hash, size, u->charged, u->principal->name, blob_clock_ns());
     if (b) {
