@@ -248,6 +248,8 @@ static void arrived(struct upload *u, struct blob_put *put)
     struct blobs *blobs = u->blobs;
     struct blob_put *queue = u->first;
     uint64_t size = u->size;
+    char hash[BLOB_HASH + 1];
+    strcpy(hash, u->hash); // who asked frees the put when it has its answer
     struct blob *b = NULL;
     if (!blob_find(blobs, u->hash))
         b = blob_add(blobs, u->hash, size, u->charged, u->principal->name, blob_clock_ns());
