@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Checks of a bake's settings against prt/bake_limits.h; also a library of its own, for the daemon.
+// Checks of a bake's settings against prt/bake_limits.h; also a library of its own, for the
+// daemon.
 #include "prt/bake_limits.h"
 
 #include <stdio.h>

@@ -48,8 +48,8 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
              const struct prt_bake_options *options, const char *out_path);
 
 /* Upper bound of the bytes such a bake allocates with ctx->pool's threads, without the
- * program's own; PRT_ARG for settings out of bounds. Rows that do not fit into free memory are
- * mapped from a file but counted here. Thread-safe. */
+ * program's own; PRT_ARG for settings out of bounds. Rows of pass 1 that do not fit into memory
+ * are kept on disk and not counted. Thread-safe. */
 int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
                     const struct prt_bake_options *options, uint64_t *bytes);
 
