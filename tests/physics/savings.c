@@ -99,6 +99,92 @@ static void known_directions_take_no_rays(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// A place of triangle t and its normals, by barycentric coordinates.
+static void place(const struct prt_mesh *mesh, uint32_t t, float u, float v, float at[3],
+                  float normal[3], float face[3])
+{
+    const uint32_t *i = mesh->triangle[t];
+    float e[2][3], length = 0;
+    for (int k = 0; k < 3; k++) {
+        const float a = mesh->position[i[0]][k];
+        e[0][k] = mesh->position[i[1]][k] - a, e[1][k] = mesh->position[i[2]][k] - a;
+        at[k] = a + u * e[0][k] + v * e[1][k];
+        normal[k] = (1 - u - v) * mesh->normal[i[0]][k] + u * mesh->normal[i[1]][k] +
+                    v * mesh->normal[i[2]][k];
+    }
+    for (int k = 0; k < 3; k++) {
+        int a = (k + 1) % 3, b = (k + 2) % 3;
+        face[k] = e[0][a] * e[1][b] - e[0][b] * e[1][a];
+        length += face[k] * face[k];
+    }
+    for (int k = 0; k < 3; k++) face[k] /= sqrtf(length);
+}
+
+// Casts 4 x 4 rays through a bin from a place of a triangle. Returns how many of those that
+// leave above the surface are blocked; *above gets their number.
+static unsigned blocked_rays(const struct prt_scene *scene, uint32_t triangle, unsigned bin,
+                             struct prt_rng *rng, unsigned *above)
+{
+    float u = prt_rng_f32(rng), v = prt_rng_f32(rng), at[3], normal[3], face[3];
+    float eps = prt_scene_epsilon(scene);
+    unsigned x = bin % HORIZON_WIDE, y = bin / HORIZON_WIDE % HORIZON_WIDE;
+    struct prt_packet packet = {0};
+    uint32_t mask = 0;
+    if (u + v > 1) u = 1 - u, v = 1 - v;
+    place(prt_scene_mesh(scene), triangle, u, v, at, normal, face);
+    for (unsigned i = 0; i < 16; i++) {
+        float d[3], cosine = 0, rise = 0;
+        prt_cube_direction(bin / (HORIZON_WIDE * HORIZON_WIDE),
+                           2 * (x + (i % 4 + 0.5) / 4) / HORIZON_WIDE - 1,
+                           2 * (y + (i / 4 + 0.5) / 4) / HORIZON_WIDE - 1, d);
+        for (int k = 0; k < 3; k++) cosine += normal[k] * d[k], rise += face[k] * d[k];
+        mask |= (uint32_t)(cosine > 0 && rise > 0) << i;
+        packet.ox[i] = at[0] + eps * face[0], packet.oy[i] = at[1] + eps * face[1];
+        packet.oz[i] = at[2] + eps * face[2];
+        packet.dx[i] = d[0], packet.dy[i] = d[1], packet.dz[i] = d[2];
+        packet.tfar[i] = INFINITY;
+    }
+    *above = (unsigned)__builtin_popcount(mask);
+    return mask ? (unsigned)__builtin_popcount(prt_scene_occluded16(scene, &packet, mask)) : 0;
+}
+
+// Law: a ray into a bin that the horizon calls open is not blocked, and one into a bin that it
+// calls blocked is. The bins are found with one ray each, so that a detail thinner than a bin
+// may be missed.
+static void certain_bins_are_certain(void **state)
+{
+    struct prt_mesh *mesh = body();
+    struct prt_scene *scene;
+    struct horizon *horizon;
+    struct prt_rng rng;
+    double open_rays = 0, open_wrong = 0, blocked = 0, blocked_wrong = 0;
+    assert_int_equal(prt_scene_create(&context, mesh, &scene), PRT_OK);
+    assert_int_equal(horizon_create(scene, &horizon), PRT_OK);
+    prt_rng_init(&rng, 11, 0);
+    for (uint32_t t = 5; t < mesh->n_triangle; t += 97) {
+        struct horizon_view view;
+        horizon_all(horizon, t, &view);
+        for (unsigned bin = 0; bin < 6 * HORIZON_WIDE * HORIZON_WIDE; bin++) {
+            bool open = view.open[bin / 64] >> bin % 64 & 1;
+            bool shut = view.shut[bin / 64] >> bin % 64 & 1;
+            assert_false(open && shut);
+            assert_int_equal(horizon_known(horizon, t, bin), (int)open - (int)shut);
+            if (!open && !shut) continue;
+            unsigned above, hit = blocked_rays(scene, t, bin, &rng, &above);
+            *(open ? &open_rays : &blocked) += above;
+            *(open ? &open_wrong : &blocked_wrong) += open ? hit : above - hit;
+        }
+    }
+    printf("open bins: %.0f rays, %.4f %% blocked; blocked bins: %.0f rays, %.4f %% open\n",
+           open_rays, 100 * open_wrong / open_rays, blocked, 100 * blocked_wrong / blocked);
+    assert_true(open_rays > 1e5 && blocked > 1e4);
+    assert_true(open_wrong <= 1e-4 * open_rays);
+    assert_true(blocked_wrong <= 1e-3 * blocked);
+    horizon_destroy(horizon);
+    prt_scene_destroy(scene);
+    prt_mesh_destroy(mesh);
+}
+
 // Clusters of made-up rows whose coefficients fall off at very different rates.
 static struct factored *rows_of(uint32_t n_cluster, uint32_t n_vertex, uint32_t n, uint32_t J)
 {
@@ -184,6 +270,7 @@ int main(void)
     prt_context_init(&context);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(known_directions_take_no_rays),
+        cmocka_unit_test(certain_bins_are_certain),
         cmocka_unit_test(the_bytes_allowed_are_used),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
