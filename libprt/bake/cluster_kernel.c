@@ -121,10 +121,10 @@ static void fill_column(const struct prt_mesh *mesh, const struct cut_build *b,
     }
 }
 
-int cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
-              const struct prt_surface_points *surface, const struct hierarchy *h,
-              const struct clusters *clusters, uint32_t c, const struct radial_set *radial,
-              struct cut *cut)
+int prt_cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                  const struct prt_surface_points *surface, const struct hierarchy *h,
+                  const struct clusters *clusters, uint32_t c, const struct radial_set *radial,
+                  struct cut *cut)
 {
     const struct prt_cluster *cluster = &clusters->cluster[c];
     struct cut_build b = {.s = surface,
@@ -160,7 +160,7 @@ int cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
     return status;
 }
 
-void cut_finish(struct cut *cut)
+void prt_cut_finish(struct cut *cut)
 {
     free(cut->row);
     prt_free(cut->k);

@@ -83,7 +83,7 @@ static uint32_t build(const struct prt_surface_points *s, struct hierarchy *h, u
     return at;
 }
 
-int hierarchy_create(const struct prt_surface_points *s, struct hierarchy **out)
+int prt_hierarchy_create(const struct prt_surface_points *s, struct hierarchy **out)
 {
     struct hierarchy *h = calloc(1, sizeof *h);
     struct item *scratch = prt_alloc(s->n_sample, sizeof *scratch);
@@ -93,7 +93,7 @@ int hierarchy_create(const struct prt_surface_points *s, struct hierarchy **out)
         h->root = prt_calloc(s->n_object + 1u, sizeof *h->root);
     }
     if (!h || !scratch || !h->node || !h->order || !h->root) {
-        hierarchy_destroy(h);
+        prt_hierarchy_destroy(h);
         prt_free(scratch);
         return PRT_NOMEM;
     }
@@ -107,7 +107,7 @@ int hierarchy_create(const struct prt_surface_points *s, struct hierarchy **out)
     return PRT_OK;
 }
 
-void hierarchy_destroy(struct hierarchy *h)
+void prt_hierarchy_destroy(struct hierarchy *h)
 {
     if (!h) return;
     prt_free(h->node);
@@ -139,7 +139,7 @@ static void split(const struct prt_mesh *mesh, struct clusters *c, uint32_t begi
     c->translucent[at] = translucent;
 }
 
-int clusters_create(const struct prt_mesh *mesh, uint32_t target, struct clusters **out)
+int prt_clusters_create(const struct prt_mesh *mesh, uint32_t target, struct clusters **out)
 {
     struct clusters *c = calloc(1, sizeof *c);
     uint32_t *block = prt_mesh_vertex_blocks(mesh);
@@ -153,7 +153,7 @@ int clusters_create(const struct prt_mesh *mesh, uint32_t target, struct cluster
         c->order = prt_alloc(mesh->n_vertex, sizeof *c->order);
     }
     if (!c || !block || !scratch || !c->cluster || !c->object || !c->translucent || !c->order) {
-        clusters_destroy(c);
+        prt_clusters_destroy(c);
         prt_free(block);
         prt_free(scratch);
         return PRT_NOMEM;
@@ -186,7 +186,7 @@ int clusters_create(const struct prt_mesh *mesh, uint32_t target, struct cluster
     return PRT_OK;
 }
 
-void clusters_destroy(struct clusters *c)
+void prt_clusters_destroy(struct clusters *c)
 {
     if (!c) return;
     prt_free(c->cluster);

@@ -11,17 +11,17 @@ struct product_rows {
     const struct cut *cut;
     uint32_t n_vertex, n_function;
 };
-int product_multiply(void *user, const float *x, uint32_t m, float *out);
-int product_project(void *user, const float *u, uint32_t r, float *out);
-int product_blend(void *user, const float *u, uint32_t r, uint32_t n, const float *w,
-                  const uint32_t *row, float *out);
+int prt_product_multiply(void *user, const float *x, uint32_t m, float *out);
+int prt_product_project(void *user, const float *u, uint32_t r, float *out);
+int prt_product_combine(void *user, const float *u, uint32_t r, uint32_t n, const float *w,
+                        const uint32_t *row, float *out);
 
 /* Dense rows [n_vertex][n_function][n_coef]. */
 struct dense_rows {
     const float *t;
     uint32_t n_vertex, n_function, n_coef;
 };
-int dense_multiply(void *user, const float *x, uint32_t m, float *out);
-int dense_project(void *user, const float *u, uint32_t r, float *out);
+int prt_dense_multiply(void *user, const float *x, uint32_t m, float *out);
+int prt_dense_project(void *user, const float *u, uint32_t r, float *out);
 
 #endif

@@ -15,8 +15,8 @@ struct sparse_builder {
     int8_t *entry;
 };
 
-int sparse_builder_create(const struct clusters *clusters, uint32_t n_vertex, uint32_t n,
-                          uint32_t n_function, uint32_t n_coef, struct sparse_builder **out)
+int prt_sparse_builder_create(const struct clusters *clusters, uint32_t n_vertex, uint32_t n,
+                              uint32_t n_function, uint32_t n_coef, struct sparse_builder **out)
 {
     struct sparse_builder *b = calloc(1, sizeof *b);
     if (!b) return PRT_NOMEM;
@@ -29,7 +29,7 @@ int sparse_builder_create(const struct clusters *clusters, uint32_t n_vertex, ui
     b->index = prt_calloc(entries + 32, 4);
     b->entry = prt_calloc((entries + 32) * n_function, 1);
     if (!b->scaling || !b->scale || !b->index || !b->entry) {
-        sparse_builder_destroy(b);
+        prt_sparse_builder_destroy(b);
         return PRT_NOMEM;
     }
     for (uint32_t v = 0; v < n_vertex; v++) // ascending filler for rows never added
@@ -88,7 +88,7 @@ static void add_row(struct sparse_builder *b, uint32_t row, float *dense, struct
     for (uint32_t i = 0; i < b->keep; i++) b->index[(size_t)row * b->keep + i] = rank[i].index;
 }
 
-void sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense)
+void prt_sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense)
 {
     const struct prt_cluster *c = &b->clusters->cluster[cluster];
     struct ranked *rank = malloc(b->n_coef * sizeof *rank);
@@ -97,8 +97,8 @@ void sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense
     free(rank);
 }
 
-void sparse_builder_rows(const struct sparse_builder *b, uint32_t cluster,
-                         struct sparse_rows out[4])
+void prt_sparse_builder_rows(const struct sparse_builder *b, uint32_t cluster,
+                             struct sparse_rows out[4])
 {
     const struct prt_cluster *c = &b->clusters->cluster[cluster];
     size_t first = c->vertex_begin, n = c->n_vertex, J = b->n_function, keep = b->keep;
@@ -108,7 +108,7 @@ void sparse_builder_rows(const struct sparse_builder *b, uint32_t cluster,
     out[3] = (struct sparse_rows){b->entry + first * keep * J, n * keep * J};
 }
 
-int sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out)
+int prt_sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out)
 {
     memset(out, 0, sizeof *out);
     uint64_t *begin = prt_alloc(b->n_vertex + 1u, sizeof *begin);
@@ -145,7 +145,7 @@ int sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out)
     return PRT_OK;
 }
 
-void sparse_builder_destroy(struct sparse_builder *b)
+void prt_sparse_builder_destroy(struct sparse_builder *b)
 {
     if (!b) return;
     prt_free(b->scaling);

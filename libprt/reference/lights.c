@@ -80,7 +80,7 @@ static void draw_pattern(struct light_rays *r, uint32_t p, const struct prt_cube
     }
 }
 
-int light_rays_create(const struct prt_cube *light, uint32_t n_pattern, uint32_t n_ray,
+int prt_light_rays_create(const struct prt_cube *light, uint32_t n_pattern, uint32_t n_ray,
                       uint64_t seed, struct light_rays **out)
 {
     uint32_t face = light->n * light->n, n = 6 * face;
@@ -114,14 +114,14 @@ int light_rays_create(const struct prt_cube *light, uint32_t n_pattern, uint32_t
     prt_free(solid_angle);
     prt_free(end);
     if (status) {
-        light_rays_destroy(r);
+        prt_light_rays_destroy(r);
         return status;
     }
     *out = r;
     return PRT_OK;
 }
 
-void light_rays_destroy(struct light_rays *r)
+void prt_light_rays_destroy(struct light_rays *r)
 {
     if (!r) return;
     prt_free(r->x), prt_free(r->y), prt_free(r->z);

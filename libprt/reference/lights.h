@@ -12,8 +12,8 @@ struct light_rays {
     float *x, *y, *z; /* [n_pattern][n_ray] unit */
     float *rgb;       /* [n_pattern][n_ray][3] radiance * solid angle / density */
 };
-int light_rays_create(const struct prt_cube *light, uint32_t n_pattern, uint32_t n_ray,
+int prt_light_rays_create(const struct prt_cube *light, uint32_t n_pattern, uint32_t n_ray,
                       uint64_t seed, struct light_rays **out);
-void light_rays_destroy(struct light_rays *rays);
+void prt_light_rays_destroy(struct light_rays *rays);
 
 #endif

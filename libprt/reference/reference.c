@@ -483,11 +483,11 @@ static int prepare_multiple(struct job *j, const struct prt_cube *const light[])
     if (!all) return PRT_NOMEM;
     for (unsigned l = 0; l < j->n_light && !status; l++) {
         j->irradiance = all + 3 * n * l;
-        status = light_rays_create(light[l], 64, j->o->n_ray ? j->o->n_ray : 2048,
+        status = prt_light_rays_create(light[l], 64, j->o->n_ray ? j->o->n_ray : 2048,
                                    j->o->seed + 1, &j->rays);
         if (!status)
             status = prt_parallel_for(j->ctx, "reference irradiance", n, 64, sample_range, j);
-        light_rays_destroy(j->rays);
+        prt_light_rays_destroy(j->rays);
         j->rays = NULL;
     }
     j->irradiance = all;
@@ -504,7 +504,7 @@ static int prepare_lights(struct job *j, const struct prt_cube *const light[])
     j->lights = prt_calloc(j->n_light, sizeof *j->lights);
     int status = j->lights ? PRT_OK : PRT_NOMEM;
     for (unsigned l = 0; l < j->n_light && !status; l++)
-        status = light_rays_create(light[l], 64, n_ray, j->o->seed + 2, &j->lights[l]);
+        status = prt_light_rays_create(light[l], 64, n_ray, j->o->seed + 2, &j->lights[l]);
     return status;
 }
 
@@ -555,7 +555,7 @@ int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mes
     if (status == PRT_OK) status = prepare_lights(&j, light);
     size_t n = options->vertex ? options->n_vertex : mesh->n_vertex;
     if (status == PRT_OK) status = prt_parallel_for(ctx, "reference", n, 16, vertex_range, &j);
-    for (unsigned l = 0; j.lights && l < n_light; l++) light_rays_destroy(j.lights[l]);
+    for (unsigned l = 0; j.lights && l < n_light; l++) prt_light_rays_destroy(j.lights[l]);
     prt_free(j.lights);
     prt_free(j.dipoles);
     prt_surface_destroy(j.surface);

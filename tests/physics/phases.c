@@ -64,8 +64,8 @@ static struct prt_cube light_of(uint32_t n)
     return cube;
 }
 
-// The asymmetry is 0.25, -0.3 and 0.8; the mean free path of scattering, 1/sigma_s, is near 1 mm
-// in every channel, so that light crosses a good part of the body.
+// The asymmetry is 0.25, -0.3 and 0.8; the mean free path of scattering, 1/sigma_s, is near 1
+// mm in every channel, so that light crosses a good part of the body.
 static struct prt_material medium(void)
 {
     struct prt_material m = {.eta = 1.3f, .roughness = 0.3f, .g = {0.25f, -0.3f, 0.8f}};
@@ -131,15 +131,15 @@ static void shade(const struct bake *b, const struct prt_cube *light, float (*ou
     struct fresnel_table fresnel;
     uint32_t K = b->single.n_phase, n = d->n_coef;
     float *row = prt_alloc((size_t)K * 3 * n, sizeof *row);
-    void *scratch = prt_alloc(single_scratch_bytes(&b->single), 1);
+    void *scratch = prt_alloc(prt_single_scratch_bytes(&b->single), 1);
     assert_true(row && scratch);
-    fresnel_table_init(&fresnel, b->o.material.eta);
+    prt_fresnel_table_init(&fresnel, b->o.material.eta);
     for (uint32_t v = 0; v < b->mesh->n_vertex; v++) {
         float w[3], y[9];
         memset(out[v], 0, sizeof out[v]);
         if (!inside_direction(b->mesh, v, 1.3, w)) continue;
         prt_sh_eval(3, w, y);
-        single_rows(&b->single, &fresnel, v, row, scratch);
+        prt_single_rows(&b->single, &fresnel, v, row, scratch);
         for (uint32_t k = 0; k < K; k++)
             for (uint32_t c = 0; c < 3; c++)
                 for (uint32_t t = 0; t < n; t++)
@@ -163,16 +163,16 @@ static void rows_agree_with_the_reference(void **state)
     b.o.material = medium();
     b.o.n_single = 32;
     assert_int_equal(prt_scene_create(&context, mesh, &b.scene), PRT_OK);
-    assert_int_equal(directions_create(16, 4, 1, &b.directions), PRT_OK);
+    assert_int_equal(prt_directions_create(16, 4, 1, &b.directions), PRT_OK);
     for (int i = 0; i < 3; i++) {
         reference(mesh, &b.o.material, &light, terms[i], want);
         b.o.n_phase = terms[i];
         for (int every = 0; every < 2; every++) {
             double error[3];
             b.o.every_ray = every;
-            bake_plan_single(&b);
+            prt_bake_plan_single(&b);
             shade(&b, &light, got);
-            single_plan_finish(&b.single);
+            prt_single_plan_finish(&b.single);
             channel_errors(mesh, (const float(*)[3])got, (const float(*)[3])want, error);
             print_message("%u terms%s: %.2f %%, %.2f %%, %.2f %%\n", terms[i],
                           every ? ", every ray" : "", 100 * error[0], 100 * error[1],
@@ -180,7 +180,7 @@ static void rows_agree_with_the_reference(void **state)
             for (int c = 0; c < 3; c++) assert_true(error[c] < (every ? 0.02 : 0.03));
         }
     }
-    directions_destroy(b.directions);
+    prt_directions_destroy(b.directions);
     prt_scene_destroy(b.scene);
     free(want), free(got);
     prt_cube_finish(&light);

@@ -52,9 +52,9 @@ static void known_directions_take_no_rays(void **state)
     struct directions *d;
     struct fresnel_table fresnel;
     assert_int_equal(prt_scene_create(&context, mesh, &scene), PRT_OK);
-    assert_int_equal(horizon_create(scene, &horizon), PRT_OK);
-    assert_int_equal(directions_create(32, 4, 1, &d), PRT_OK);
-    fresnel_table_init(&fresnel, 1.3);
+    assert_int_equal(prt_horizon_create(scene, &horizon), PRT_OK);
+    assert_int_equal(prt_directions_create(32, 4, 1, &d), PRT_OK);
+    prt_fresnel_table_init(&fresnel, 1.3);
     float *every = prt_alloc(d->n_coef, sizeof *every),
           *seen = prt_alloc(d->n_coef, sizeof *seen);
     assert_true(every && seen);
@@ -77,9 +77,10 @@ static void known_directions_take_no_rays(void **state)
         }
         for (int k = 0; k < 3; k++) face[k] /= (float)sqrt(length);
         struct horizon_view view;
-        horizon_all(horizon, t, &view);
-        all += irradiance_row(scene, d, t, &fresnel, at, normal, face, every);
-        rays += irradiance_row_seen(scene, d, t, &fresnel, at, normal, face, &view, seen);
+        prt_horizon_view(horizon, t, &view);
+        all += prt_irradiance_row(scene, d, t, &fresnel, at, normal, face, every);
+        rays +=
+            prt_irradiance_row_horizon(scene, d, t, &fresnel, at, normal, face, &view, seen);
         for (uint32_t i = 0; i < d->n_coef; i++) {
             double w = (double)d->solid_angle[i], x = (double)every[i], y = (double)seen[i];
             error += w * (x - y) * (x - y), sum += w * x * x;
@@ -93,8 +94,8 @@ static void known_directions_take_no_rays(void **state)
     assert_true(error < 1e-4 * sum); // 1 %
     prt_free(every);
     prt_free(seen);
-    directions_destroy(d);
-    horizon_destroy(horizon);
+    prt_directions_destroy(d);
+    prt_horizon_destroy(horizon);
     prt_scene_destroy(scene);
     prt_mesh_destroy(mesh);
 }
@@ -159,17 +160,17 @@ static void certain_bins_are_certain(void **state)
     struct prt_rng rng;
     double open_rays = 0, open_wrong = 0, blocked = 0, blocked_wrong = 0;
     assert_int_equal(prt_scene_create(&context, mesh, &scene), PRT_OK);
-    assert_int_equal(horizon_create(scene, &horizon), PRT_OK);
+    assert_int_equal(prt_horizon_create(scene, &horizon), PRT_OK);
     prt_rng_init(&rng, 11, 0);
     for (uint32_t t = 5; t < mesh->n_triangle; t += 97) {
         struct horizon_view view;
-        horizon_all(horizon, t, &view);
+        prt_horizon_view(horizon, t, &view);
         for (unsigned bin = 0; bin < 6 * HORIZON_WIDE * HORIZON_WIDE; bin++) {
-            bool open = view.open[bin / 64] >> bin % 64 & 1;
-            bool shut = view.shut[bin / 64] >> bin % 64 & 1;
-            assert_false(open && shut);
-            assert_int_equal(horizon_known(horizon, t, bin), (int)open - (int)shut);
-            if (!open && !shut) continue;
+            bool open = view.visible[bin / 64] >> bin % 64 & 1;
+            bool hidden = view.blocked[bin / 64] >> bin % 64 & 1;
+            assert_false(open && hidden);
+            assert_int_equal(prt_horizon_bin(horizon, t, bin), (int)open - (int)hidden);
+            if (!open && !hidden) continue;
             unsigned above, hit = blocked_rays(scene, t, bin, &rng, &above);
             *(open ? &open_rays : &blocked) += above;
             *(open ? &open_wrong : &blocked_wrong) += open ? hit : above - hit;
@@ -180,7 +181,7 @@ static void certain_bins_are_certain(void **state)
     assert_true(open_rays > 1e5 && blocked > 1e4);
     assert_true(open_wrong <= 1e-4 * open_rays);
     assert_true(blocked_wrong <= 1e-3 * blocked);
-    horizon_destroy(horizon);
+    prt_horizon_destroy(horizon);
     prt_scene_destroy(scene);
     prt_mesh_destroy(mesh);
 }
@@ -235,7 +236,7 @@ static void the_bytes_allowed_are_used(void **state)
         struct pack_options o = {.energy_error = i < 2 ? 1e-4 : 0.05, .max_bytes = budget[i]};
         struct prt_tensor t;
         uint64_t u_bytes, row_bytes;
-        assert_int_equal(pack_factored(&context, &clusters, f, J, N, &o, &t), PRT_OK);
+        assert_int_equal(prt_pack_factored(&context, &clusters, f, J, N, &o, &t), PRT_OK);
         prt_tensor_bytes(&t, &u_bytes, &row_bytes);
         // Energies lost: all less what is kept.
         double total = 0, kept = 0;
@@ -259,9 +260,9 @@ static void the_bytes_allowed_are_used(void **state)
         assert_true(bytes <= budget[i]);
         if (i < 2) assert_true(bytes > 0.99 * budget[i]);
         else assert_true(error <= 0.0502 && error > 0.049);
-        tensor_finish(&t);
+        prt_tensor_finish(&t);
     }
-    for (uint32_t c = 0; c < CLUSTERS; c++) factored_finish(&f[c]);
+    for (uint32_t c = 0; c < CLUSTERS; c++) prt_factored_finish(&f[c]);
     free(f);
 }
 
