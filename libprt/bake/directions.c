@@ -21,7 +21,7 @@ static void fill_packet(struct directions *d, uint32_t pattern, uint32_t packet,
         double sum = 0, ju = prt_rng_f32(rng), jv = prt_rng_f32(rng);
         d->texel[packet * 4 + texel] = (face * d->n + y) * d->n + x;
         for (unsigned sub = 0; sub < SUBS; sub++, at++) {
-            // One jitter shared by the 2 x 2 strata keeps the sub-samples evenly spread.
+            // The 2 x 2 strata share one jitter, which keeps the sub-samples evenly spread.
             double s = 2 * (x + ((sub & 1) + ju) / 2) / d->n - 1;
             double t = 2 * (y + ((sub >> 1) + jv) / 2) / d->n - 1;
             float dir[3];

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LEAF_SAMPLES = 8 };
+enum { LEAF_SAMPLES = 8 }; // chosen, not measured
 
 struct item {
     float key;
@@ -20,7 +20,7 @@ static int item_order(const void *a, const void *b)
     return x->id < y->id ? -1 : x->id > y->id;
 }
 
-// Sorts id[0..n) along the longest axis of their box; the caller splits where it likes.
+// Sorts id[0..n) along the longest axis of their box.
 static void sort_longest(const float (*position)[3], uint32_t *id, uint32_t n,
                          struct item *scratch)
 {
@@ -131,7 +131,7 @@ static void split(const struct prt_mesh *mesh, struct clusters *c, uint32_t begi
         split(mesh, c, begin + n / 2, n - n / 2, target, object, translucent, scratch);
         return;
     }
-    // File order within a cluster: answers are scattered to it.
+    // File order within a cluster, because answers are scattered to file order.
     qsort(c->order + begin, n, sizeof *c->order, index_order);
     uint32_t at = c->n_cluster++;
     c->cluster[at] = (struct prt_cluster){.vertex_begin = begin, .n_vertex = n};
@@ -158,7 +158,7 @@ int prt_clusters_create(const struct prt_mesh *mesh, uint32_t target, struct clu
         prt_free(scratch);
         return PRT_NOMEM;
     }
-    // Groups (object, translucent) in turn, each split in space.
+    // One group for each (object, translucent), each split in space.
     struct item *group = scratch;
     for (uint32_t v = 0; v < mesh->n_vertex; v++) {
         const struct prt_block *b = &mesh->block[block[v]];

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The bake's inner loops measured apart from the bake, for prt-bench.
+// The inner loops of the bake, timed alone for prt-bench.
+#include "bake/measure_inner.h"
 #include "bake/stages.h"
 
 #include "prt/reference.h"
@@ -36,7 +37,7 @@ static int full_range(void *arg, size_t begin, size_t end, unsigned worker)
     return row && half ? PRT_OK : PRT_NOMEM;
 }
 
-// The same packets and lanes, with nothing done with the answers.
+// The same packets and lanes; the results are not used.
 static int bare_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct ray_job *j = arg;
@@ -81,7 +82,8 @@ int prt_bake_measure_rays(const struct prt_context *ctx, const struct prt_mesh *
     if (status == PRT_OK) status = prt_surface_create(ctx, mesh, n_sample, 1, 1, &surface);
     if (status == PRT_OK) status = prt_directions_create(cube, 8, 1, &d);
     memset(out, 0, sizeof *out);
-    for (int round = 0; status == PRT_OK && round < 3; round++) { // in turn: the machine drifts
+    for (int round = 0; status == PRT_OK && round < 3;
+         round++) { // alternating, because the speed of a machine drifts
         struct ray_job job = {.scene = scene, .surface = surface, .d = d};
         prt_fresnel_table_init(&job.fresnel, 1.5);
         double t0 = prt_time_s();
@@ -179,7 +181,8 @@ int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh
         prt_single_plan_depths(&job.plan);
     }
     memset(out, 0, sizeof *out);
-    if (status == PRT_OK) { // apart: it is filled once a mesh, whatever n_vertex
+    if (status ==
+        PRT_OK) { // timed alone: it is filled once a mesh and does not depend on n_vertex
         double t0 = prt_time_s();
         status = prt_parallel_for(ctx, NULL, mesh->n_triangle, 1024, horizon_range, &job);
         out->horizon_seconds = prt_time_s() - t0;

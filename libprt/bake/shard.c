@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Parts of a bake (prt bake --shard I/N). A part is a header and a record for each slot and own
-// cluster: the cluster's factors, sparse rows or radial columns as they stand before packing,
-// so that the assembled file is the same, byte for byte, as one process would write.
+// Parts of a bake (prt bake --shard I/N). A part is a header and one record for each slot and
+// own cluster: the cluster's factors, sparse rows or radial columns before packing. The
+// assembled file therefore equals, byte for byte, the file of a bake in one process.
 #include "bake/shard.h"
 
 #include <errno.h>
@@ -27,7 +27,7 @@ struct record {
     uint32_t slot, cluster;     // `last` ends the part
     uint32_t rank, n_component; // of a factored cluster
     uint64_t rays;              // single scattering's; of the last record: pass 1's
-    uint64_t bytes, hash;       // of what follows
+    uint64_t bytes, hash;       // of the data behind the record
 };
 
 struct view {
@@ -35,7 +35,7 @@ struct view {
     size_t bytes;
 };
 
-struct place { // where a record's bytes lie
+struct place { // of a record in a part
     struct record record;
     int fd;
     uint64_t at;
@@ -88,7 +88,7 @@ static int add_place(struct shard *s, const struct place *place)
     return PRT_OK;
 }
 
-// Whether fd is the whole part i of this bake; with `list` its records are noted.
+// Whether fd is part i of this bake and complete. `list`: adds its records to s->place.
 static bool part_whole(struct shard *s, int fd, uint32_t i, bool list)
 {
     struct part_header h;
@@ -141,7 +141,7 @@ static void close_parts(struct shard *s)
     s->n_place = 0;
 }
 
-// Opens every part; returns how many are not there, or of another bake.
+// Opens every part; returns the number that is missing, incomplete or of another bake.
 static uint32_t open_parts(const struct bake *b, struct shard *s)
 {
     char path[PART_PATH];
@@ -151,9 +151,10 @@ static uint32_t open_parts(const struct bake *b, struct shard *s)
         s->fd[i] = open(path, O_RDONLY | O_CLOEXEC);
         if (s->fd[i] >= 0 && part_whole(s, s->fd[i], i, true)) continue;
         if (s->fd[i] >= 0)
-            prt_log(b->ctx, PRT_LOG_WARNING,
-                    "%s is damaged or of a bake with other settings: run that shard again",
-                    path);
+            prt_log(
+                b->ctx, PRT_LOG_WARNING,
+                "%s is damaged or belongs to a bake with other settings: run that shard again",
+                path);
         missing++;
     }
     return missing;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Matrix products behind the two kinds of rows; BLAS on one thread, the pool runs clusters.
+// Products of rows with lights and bases. BLAS runs on one thread: the pool runs the clusters.
 #include "bake/sources.h"
 
 #include <cblas.h>

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT */
-/* Where a cluster's transport rows come from, as factor_cluster asks for them. */
+/* Row sources (struct row_source): a cluster's transport rows as matrix products. */
 #ifndef PRT_BAKE_SOURCES_H
 #define PRT_BAKE_SOURCES_H
 
 #include "bake/stages.h"
 
-/* K (functions of a cut) times E (irradiance rows): T_f = K_f E, never formed. */
+/* T_f = K_f E: K of a cut times irradiance rows E. T is never formed. */
 struct product_rows {
     const struct half_rows *rows;
     const struct cut *cut;

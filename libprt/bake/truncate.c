@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// W05's own storage: the largest Haar coefficients of every vertex, eight bits each.
+// Sparse storage (W05): the largest Haar coefficients of every vertex, eight bits each.
 #include "bake/stages.h"
 
 #include <math.h>
@@ -8,7 +8,7 @@
 
 struct sparse_builder {
     const struct clusters *clusters;
-    uint32_t n, n_function, n_coef, n_vertex, keep; // keep: entries a row besides scaling
+    uint32_t n, n_function, n_coef, n_vertex, keep; // keep: entries of a row besides scaling
     uint16_t *scaling;
     float *scale;
     uint32_t *index;
@@ -32,7 +32,8 @@ int prt_sparse_builder_create(const struct clusters *clusters, uint32_t n_vertex
         prt_sparse_builder_destroy(b);
         return PRT_NOMEM;
     }
-    for (uint32_t v = 0; v < n_vertex; v++) // ascending filler for rows never added
+    for (uint32_t v = 0; v < n_vertex;
+         v++) // rows that are never added have ascending indices, too
         for (uint32_t k = 0, at = 1; k < b->keep; k++, at++) {
             if (at % (n * n) == 0) at++;
             b->index[(size_t)v * b->keep + k] = at;
