@@ -27,6 +27,14 @@ struct bake {
 };
 enum { T_SAMPLES, T_IRRADIANCE, T_MULTIPLE, T_SINGLE, T_PACK, T_MEASURE };
 
+/* Checks the options against prt/bake_limits.h; logs the one that is out of bounds. */
+int prt_bake_check_settings(const struct prt_context *ctx,
+                            const struct prt_bake_options *options);
+/* The options' number of samples, or the number that the mean free path needs; reads mesh and
+ * dipole. */
+uint32_t prt_bake_sample_count(const struct bake *b);
+/* A log that drops every line. */
+void prt_bake_drop_line(void *user, enum prt_log_level level, const char *line);
 /* One tensor to bake: its rows and the way they are factored. `range` gets it as its argument.
  */
 struct tensor_job {

@@ -9,6 +9,7 @@
  * the corner texels). Each cell's sum is divided by the solid angle it was given, so a constant
  * stays constant, and one factor a channel, within about 1e-4 of 1, makes the total power
  * exact. */
+#include "base/isa.h"
 #include "light_private.h"
 
 #include <math.h>
@@ -264,13 +265,14 @@ static int quadrant_c(void *arg, size_t begin, size_t end, unsigned worker)
     return 0;
 }
 
-#if defined(__x86_64__)
-__attribute__((target("avx2,fma"))) static int quadrant_avx2(void *arg, size_t begin,
-                                                             size_t end, unsigned worker)
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX2)
+static int quadrant_avx2(void *arg, size_t begin, size_t end, unsigned worker)
 {
     for (size_t q = begin; q < end; q++) quadrant_body(arg, (unsigned)q);
     return 0;
 }
+PRT_ISA_END
 #endif
 
 /* Scales a cube so that its power is `power` exactly, channel by channel. */
@@ -367,7 +369,7 @@ static int latlong_to_cube(const struct prt_context *ctx, const struct prt_image
             job.scratch[q] = scratch + q * scratch_stride;
         }
         prt_loop_fn fn = quadrant_c;
-#if defined(__x86_64__)
+#if PRT_ISA_X86
         if (ctx && (ctx->cpu & PRT_CPU_AVX2)) fn = quadrant_avx2;
 #endif
         err = prt_parallel_for(ctx, NULL, N_QUADRANT, 1, fn, &job);

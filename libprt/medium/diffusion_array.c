@@ -6,12 +6,10 @@
 // and c = -sigma log2(e). The power is taken by rounding c d to a multiple of 1/16 (1/8 in
 // AVX2) with a magic addition, whose low bits look 2^(k/16) up in a register, and a short
 // polynomial for the rest: 4e-7 relative.
+#include "base/isa.h"
 #include "material.h"
 
 #include <math.h>
-#if defined(__x86_64__)
-#include <immintrin.h>
-#endif
 
 struct pole {
     float z2;      /* mm^2 */
@@ -62,10 +60,8 @@ static void rd_array_c(const struct pole *pole, size_t n, const float *restrict 
     for (size_t i = 0; i < n; i++) out[i] = pole_c(&pole[0], r2[i]) + pole_c(&pole[1], r2[i]);
 }
 
-#if defined(__x86_64__)
-#define AVX2 __attribute__((target("avx2,fma")))
-#define AVX512 __attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")))
-#define INLINE static inline __attribute__((always_inline))
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX512)
 
 /* c1 is ln 2 plus the Chebyshev share of the dropped cubic (quartic) term on |f| <= h. */
 #define LN2 0.69314718055994531
@@ -76,15 +72,15 @@ struct pole512 {
     __m512 z2, c, a, a_sigma;
 };
 
-INLINE AVX512 struct pole512 pole512_load(const struct pole *p)
+PRT_INLINE struct pole512 pole512_load(const struct pole *p)
 {
     return (struct pole512){_mm512_set1_ps(p->z2), _mm512_set1_ps(p->c), _mm512_set1_ps(p->a),
                             _mm512_set1_ps(p->a_sigma)};
 }
 
 /* accumulate + the pole at 16 squared distances */
-INLINE AVX512 __m512 pole512_add(const struct pole512 *p, __m512 r2, __m512 table,
-                                 __m512 accumulate)
+PRT_INLINE __m512 pole512_add(const struct pole512 *p, __m512 r2, __m512 table,
+                              __m512 accumulate)
 {
     const __m512 magic = _mm512_set1_ps(786432.0f); /* 1.5 * 2^19: rounds to 1/16 */
     __m512 d2 = _mm512_add_ps(r2, p->z2);
@@ -105,7 +101,7 @@ INLINE AVX512 __m512 pole512_add(const struct pole512 *p, __m512 r2, __m512 tabl
     return _mm512_fmadd_ps(w, _mm512_scalef_ps(q, k), accumulate);
 }
 
-INLINE AVX512 __m512 table512(void)
+PRT_INLINE __m512 table512(void)
 {
     static const float power[16] = {1.00000000f, 1.04427378f, 1.09050773f, 1.13878863f,
                                     1.18920712f, 1.24185781f, 1.29683955f, 1.35425555f,
@@ -114,13 +110,12 @@ INLINE AVX512 __m512 table512(void)
     return _mm512_loadu_ps(power);
 }
 
-INLINE AVX512 __mmask16 mask16(size_t left)
+PRT_INLINE __mmask16 mask16(size_t left)
 {
     return left >= 16 ? (__mmask16)0xffff : (__mmask16)((1u << left) - 1);
 }
 
-AVX512 static void rd_array_avx512(const struct pole *pole, size_t n, const float *r2,
-                                   float *out)
+static void rd_array_avx512(const struct pole *pole, size_t n, const float *r2, float *out)
 {
     const __m512 table = table512(), zero = _mm512_setzero_ps();
     const struct pole512 p0 = pole512_load(&pole[0]), p1 = pole512_load(&pole[1]);
@@ -132,8 +127,8 @@ AVX512 static void rd_array_avx512(const struct pole *pole, size_t n, const floa
     }
 }
 
-AVX512 static void rd3_array_avx512(const struct pole pole[3][2], size_t n, const float *r2,
-                                    float *const out[3])
+static void rd3_array_avx512(const struct pole pole[3][2], size_t n, const float *r2,
+                             float *const out[3])
 {
     const __m512 table = table512(), zero = _mm512_setzero_ps();
     struct pole512 p[3][2];
@@ -150,7 +145,10 @@ AVX512 static void rd3_array_avx512(const struct pole pole[3][2], size_t n, cons
     }
 }
 
-INLINE AVX2 __m256 pole256_add(const struct pole *p, __m256 r2, __m256 table, __m256 accumulate)
+PRT_ISA_END
+
+PRT_ISA_BEGIN(PRT_ISA_AVX2)
+PRT_INLINE __m256 pole256_add(const struct pole *p, __m256 r2, __m256 table, __m256 accumulate)
 {
     const __m256 magic = _mm256_set1_ps(1572864.0f); /* 1.5 * 2^20: rounds to 1/8 */
     __m256 d2 = _mm256_add_ps(r2, _mm256_set1_ps(p->z2));
@@ -176,7 +174,7 @@ INLINE AVX2 __m256 pole256_add(const struct pole *p, __m256 r2, __m256 table, __
     return _mm256_fmadd_ps(w, q, accumulate);
 }
 
-AVX2 static size_t rd_array_avx2(const struct pole *pole, size_t n, const float *r2, float *out)
+static size_t rd_array_avx2(const struct pole *pole, size_t n, const float *r2, float *out)
 {
     const __m256 table = _mm256_setr_ps(1.00000000f, 1.09050773f, 1.18920712f, 1.29683955f,
                                         1.41421356f, 1.54221083f, 1.68179283f, 1.83400809f);
@@ -188,6 +186,7 @@ AVX2 static size_t rd_array_avx2(const struct pole *pole, size_t n, const float 
     }
     return i;
 }
+PRT_ISA_END
 #endif
 
 void prt_diffusion_rd_array(const struct prt_diffusion *dipole, unsigned cpu, size_t n,
@@ -199,7 +198,7 @@ void prt_diffusion_rd_array(const struct prt_diffusion *dipole, unsigned cpu, si
         return;
     }
     poles_init(dipole, pole);
-#if defined(__x86_64__)
+#if PRT_ISA_X86
     if (cpu & PRT_CPU_AVX512) {
         rd_array_avx512(pole, n, r2_mm2, out);
         return;
@@ -217,7 +216,7 @@ void prt_diffusion_rd3_array(const struct prt_diffusion dipole[3], unsigned cpu,
                              const float *r2_mm2, float *out0, float *out1, float *out2)
 {
     float *const out[3] = {out0, out1, out2};
-#if defined(__x86_64__)
+#if PRT_ISA_X86
     if (cpu & PRT_CPU_AVX512 && !dipole->n_point) {
         struct pole pole[3][2];
         for (int c = 0; c < 3; c++) poles_init(&dipole[c], pole[c]);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The projection onto a radial basis: one weighted, integral-conserving least squares, solved
 // once into an operator, so that a material is a small matrix-vector product.
+#include "base/isa.h"
 #include "radial.h"
 
 #include <lapacke.h>
@@ -243,19 +244,20 @@ static double project_c(const struct radial *radial, unsigned n_channel,
     return project_body(radial, n_channel, f, inside, coef);
 }
 
-#if defined(__x86_64__)
-__attribute__((target("avx2,fma"))) static double
-project_avx2(const struct radial *radial, unsigned n_channel, float (*f)[RADIAL_MAX_QUAD],
-             const double *inside, float *coef)
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX2)
+static double project_avx2(const struct radial *radial, unsigned n_channel,
+                           float (*f)[RADIAL_MAX_QUAD], const double *inside, float *coef)
 {
     return project_body(radial, n_channel, f, inside, coef);
 }
+PRT_ISA_END
 #endif
 
 double radial_project(const struct radial *radial, unsigned n_channel,
                       float (*f)[RADIAL_MAX_QUAD], const double *inside, float *coef)
 {
-#if defined(__x86_64__)
+#if PRT_ISA_X86
     if (radial->cpu & PRT_CPU_AVX2) return project_avx2(radial, n_channel, f, inside, coef);
 #endif
     return project_c(radial, n_channel, f, inside, coef);

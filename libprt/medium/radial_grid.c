@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The grid of a radial basis, members of its family, and evaluation of B_j by table.
+#include "base/isa.h"
 #include "radial.h"
 
 #include <math.h>
@@ -108,12 +109,13 @@ eval_body(const struct radial *radial, size_t n, const float *restrict r, float 
     }
 }
 
-#if defined(__x86_64__)
-__attribute__((target("avx2,fma"))) static void eval_avx2(const struct radial *radial, size_t n,
-                                                          const float *r, float *out)
+#if PRT_ISA_X86
+PRT_ISA_BEGIN(PRT_ISA_AVX2)
+static void eval_avx2(const struct radial *radial, size_t n, const float *r, float *out)
 {
     eval_body(radial, n, r, out);
 }
+PRT_ISA_END
 #endif
 
 static void eval_c(const struct radial *radial, size_t n, const float *r, float *out)
@@ -124,7 +126,7 @@ static void eval_c(const struct radial *radial, size_t n, const float *r, float 
 void prt_radial_eval(const struct prt_radial *radial, size_t n, const float *r, float *out)
 {
     const struct radial *self = (const struct radial *)radial;
-#if defined(__x86_64__)
+#if PRT_ISA_X86
     if (self->cpu & PRT_CPU_AVX2) {
         eval_avx2(self, n, r, out);
         return;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
-// A transport and a question to per-vertex colours: DESIGN's terms, W05 section 5's run time
-// colour = F_t(eta, w_o) [ T_d.L + sum_k h_k(w_o') T_k.L ].
+// Answers a query from a transport: per-vertex colours, or the planes they are made of.
+// colour = F_t(eta, w_o) [ T_d.L + sum_k Y_k(w_o') T_k.L ]  (W05 section 5; METHODS section 9)
 //
-// Phase planes are weighted by h_k = Y_k(w_o'), w_o' the outward direction whose refraction is
-// the view: the stored planes carry light part, a_l and sigma_s. A joint transport's planes do
-// not: its a_l and sigma_s come in here.
+// w_o' is the direction inside whose refraction is the view. Planes of a wavelet transport
+// contain the phase function's coefficients a_l and sigma_s; those of a joint transport do not,
+// because both depend on the material: they are multiplied in here.
 #include "answer.h"
 #include "kernels.h"
 
@@ -25,7 +25,7 @@ struct answer {
     size_t n_vertex;
     unsigned n_plane;
     float *planes; // [n_plane][n_vertex][3]
-    unsigned done; // bit i: tensor i is in the planes
+    unsigned done; // bit i: tensor i has been added to the planes
 };
 
 static bool is_free(const struct prt_tensor *t)
@@ -33,7 +33,7 @@ static bool is_free(const struct prt_tensor *t)
     return t->coupling == PRT_COUPLE_FULL || t->storage == PRT_STORAGE_RADIAL;
 }
 
-static bool asked(const struct prt_query *query, const struct prt_tensor *t)
+static bool is_wanted(const struct prt_query *query, const struct prt_tensor *t)
 {
     return query->term == PRT_ANSWER_TOTAL ||
            (t->term == PRT_TERM_SINGLE) == (query->term == PRT_ANSWER_SINGLE);
@@ -46,7 +46,8 @@ int prt_free_material_check(const struct prt_context *ctx, const struct prt_tran
     for (uint32_t i = 0; i < t->n_tensor; i++) any_free |= is_free(&t->tensor[i]);
     if (!any_free)
         return prt_fail(ctx, PRT_MISMATCH,
-                        "a wavelet transport's material is fixed when it is baked");
+                        "a wavelet transport's material is fixed when it is baked: omit the "
+                        "material, or bake a joint or polynomial transport");
     int status = prt_material_check(ctx, material);
     if (status || fabsf(material->eta - t->material.eta) <= 1e-6f) return status;
     return prt_fail(ctx, PRT_MISMATCH,
@@ -65,14 +66,15 @@ static int check_query(const struct prt_context *ctx, const struct prt_transport
     int status = q->material ? prt_free_material_check(ctx, t, q->material) : PRT_OK;
     if (status) return status;
     if (q->lit && !prt_contracted_light_is_of(q->lit, t))
-        return prt_fail(ctx, PRT_ARG, "the contracted light is another transport's");
+        return prt_fail(ctx, PRT_ARG, "the contracted light was made for another transport");
     if (any_light && !q->light && !q->lit)
-        return prt_fail(ctx, PRT_ARG, "this transport needs a light");
+        return prt_fail(ctx, PRT_ARG, "the query has no light, and this transport needs one");
     if (q->light && any_light && q->light->n != t->cube)
-        return prt_fail(ctx, PRT_MISMATCH, "a light of 6x%ux%u for a transport of 6x%ux%u",
+        return prt_fail(ctx, PRT_MISMATCH,
+                        "the light is a cubemap of 6x%ux%u, the transport needs 6x%ux%u",
                         q->light->n, q->light->n, t->cube, t->cube);
     if (q->eye && !(isfinite(q->eye[0]) && isfinite(q->eye[1]) && isfinite(q->eye[2])))
-        return prt_fail(ctx, PRT_ARG, "the eye is not at a finite place");
+        return prt_fail(ctx, PRT_ARG, "the eye position is not finite");
     return PRT_OK;
 }
 
@@ -80,7 +82,7 @@ static unsigned plane_count(const struct prt_transport *t, const struct prt_quer
 {
     unsigned n = 1;
     for (uint32_t i = 0; i < t->n_tensor; i++)
-        if (t->tensor[i].term == PRT_TERM_SINGLE && asked(q, &t->tensor[i]) &&
+        if (t->tensor[i].term == PRT_TERM_SINGLE && is_wanted(q, &t->tensor[i]) &&
             t->tensor[i].n_phase > n)
             n = t->tensor[i].n_phase;
     return n;
@@ -99,78 +101,80 @@ void prt_phase_plane_factor(const struct prt_material *material,
     }
 }
 
-// The same for any single-scattering tensor: what a fixed material gives is in the tensor.
+// The factor of a single-scattering tensor's plane. A tensor whose material is fixed already
+// contains it; a material with a measured R_d has no single scattering of its own.
 static void plane_factor(const struct answer *a, const struct prt_tensor *t, unsigned k,
                          float factor[3])
 {
     for (int ch = 0; ch < 3; ch++) factor[ch] = 1;
     if (is_free(t)) prt_phase_plane_factor(a->material, t, k, factor);
-    // a profile's R_d holds all light that leaves
     for (int ch = 0; ch < 3 && a->material->profile; ch++) factor[ch] = 0;
 }
 
-struct mix_job {
+struct plane_job {
     const struct answer *a;
     const float *in;
     float *out;
     float factor[3], constant;
 };
 
-static int mix(void *arg, size_t begin, size_t end, unsigned worker)
+static int add_plane(void *arg, size_t begin, size_t end, unsigned worker)
 {
-    const struct mix_job *job = arg;
+    const struct plane_job *job = arg;
     for (size_t v = begin; v < end; v++)
         for (int ch = 0; ch < 3; ch++)
             job->out[3 * v + ch] += job->in[3 * v + ch] * job->factor[ch] * job->constant;
     return PRT_OK;
 }
 
-// Opaque surfaces scatter nothing inside, whatever a file says of them.
-static int mix_translucent(const struct answer *a, const struct mix_job *whole)
+// Adds a plane at translucent vertices only: single scattering is 0 at opaque ones, whatever
+// the file contains.
+static int add_translucent(const struct answer *a, const struct plane_job *whole)
 {
     const struct prt_mesh *mesh = &a->transport->mesh;
     int status = PRT_OK;
     for (uint32_t i = 0; i < mesh->n_block && !status; i++) {
         const struct prt_block *b = &mesh->block[i];
-        struct mix_job job = *whole;
+        struct plane_job job = *whole;
         if (!mesh->surface[b->surface].translucent) continue;
         job.in += 3 * (size_t)b->vertex_begin;
         job.out += 3 * (size_t)b->vertex_begin;
-        status = prt_parallel_for(a->ctx, NULL, b->n_vertex, VERTEX_GRAIN, mix, &job);
+        status = prt_parallel_for(a->ctx, NULL, b->n_vertex, VERTEX_GRAIN, add_plane, &job);
     }
     return status;
 }
 
-// Adds a tensor's own planes: single scattering's plane 0 is view-free once it is times Y_00
-// and joins the multiple plane.
-static int mix_tensor(const struct answer *a, const struct prt_tensor *t, const float *own)
+// Adds the planes of one tensor. Plane 0 of single scattering does not depend on the view after
+// it is multiplied by Y_00; it is added to the plane of multiple scattering.
+static int add_tensor(const struct answer *a, const struct prt_tensor *t, const float *own)
 {
     size_t size = 3 * a->n_vertex;
     bool single = t->term == PRT_TERM_SINGLE;
     int status = PRT_OK;
     for (unsigned k = 0; k < t->n_phase && k < a->n_plane && !status; k++) {
-        struct mix_job job = {.a = a,
-                              .in = own + k * size,
-                              .out = a->planes + k * size,
-                              .factor = {1, 1, 1},
-                              .constant = single && !k ? Y00 : 1};
+        struct plane_job job = {.a = a,
+                                .in = own + k * size,
+                                .out = a->planes + k * size,
+                                .factor = {1, 1, 1},
+                                .constant = single && !k ? Y00 : 1};
         if (single) plane_factor(a, t, k, job.factor);
-        status = single ? mix_translucent(a, &job)
-                        : prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, mix, &job);
+        status =
+            single ? add_translucent(a, &job)
+                   : prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, add_plane, &job);
     }
     return status;
 }
 
-// ---- tensors of one question that are summed in one pass
+// ---- tensors of one query that are summed in one pass
 
-// A part and what it owns.
-struct owned {
+// The input of one tensor and the arrays that it owns.
+struct owned_input {
     struct prt_term_input part;
     float *lit, *coef, (*factor)[3];
     uint8_t *dark;
 };
 
-static void disown(struct owned *o)
+static void owned_input_finish(struct owned_input *o)
 {
     prt_free(o->lit);
     prt_free(o->coef);
@@ -178,10 +182,10 @@ static void disown(struct owned *o)
     prt_free(o->dark);
 }
 
-// Which clusters are opaque, which single scattering leaves alone: NULL when none is. *mixed:
-// some cluster is neither, as no bake makes them.
-static int find_dark(const struct answer *a, const struct prt_tensor *t, uint8_t **out,
-                     bool *mixed)
+// *out marks the opaque clusters, for which single scattering is 0; NULL when there is none.
+// *mixed: some cluster has both kinds of vertices, which no bake makes.
+static int find_opaque_clusters(const struct answer *a, const struct prt_tensor *t,
+                                uint8_t **out, bool *mixed)
 {
     const struct prt_mesh *mesh = &a->transport->mesh;
     bool any = false;
@@ -214,14 +218,14 @@ static int find_coef(const struct answer *a, const struct prt_tensor *t, float *
     return prt_basis_coef(a->ctx, a->transport, t, a->material, *out);
 }
 
-// Questions alike but for their lights, answered together.
+// Queries that differ only in their lights and are answered in one pass.
 struct group {
     struct answer *answer[PRT_RELIGHT_MAX_LIGHTS];
     unsigned n;
 };
 
-static int find_lit(const struct group *g, const struct prt_tensor *t, float **own,
-                    const float **out)
+static int contract_group(const struct group *g, const struct prt_tensor *t, float **own,
+                          const float **out)
 {
     const struct answer *a = g->answer[0];
     const struct prt_light *light[PRT_RELIGHT_MAX_LIGHTS];
@@ -234,7 +238,7 @@ static int find_lit(const struct group *g, const struct prt_tensor *t, float **o
     return *own ? prt_contract_lights(a->ctx, t, g->n, light, *own) : PRT_NOMEM;
 }
 
-// Single scattering's plane 0 is view-free once it is times Y_00 and joins the multiple plane.
+// The factor of every plane; add_tensor says why plane 0 has Y_00.
 static int find_factors(const struct answer *a, const struct prt_tensor *t, float (**out)[3])
 {
     *out = prt_alloc(t->n_phase, sizeof **out);
@@ -245,28 +249,30 @@ static int find_factors(const struct answer *a, const struct prt_tensor *t, floa
     return *out ? PRT_OK : PRT_NOMEM;
 }
 
-// Makes o->part of tensor t; *fits false where it cannot be one.
-static int make_part(const struct group *g, const struct prt_tensor *t, struct owned *o,
-                     bool *fits)
+// Makes the input of tensor t for prt_sum_parts_lights; *fits is false where it cannot take
+// part.
+static int make_input(const struct group *g, const struct prt_tensor *t, struct owned_input *o,
+                      bool *fits)
 {
     const struct answer *a = g->answer[0];
     bool mixed = false;
     int status = PRT_OK;
-    *o = (struct owned){.part.tensor = t};
+    *o = (struct owned_input){.part.tensor = t};
     *fits = false;
     if (t->storage == PRT_STORAGE_SPARSE) return PRT_OK;
     if (t->term == PRT_TERM_SINGLE) {
-        status = find_dark(a, t, &o->dark, &mixed);
+        status = find_opaque_clusters(a, t, &o->dark, &mixed);
         if (!status && !mixed) status = find_factors(a, t, &o->factor);
     }
     *fits = !status && !mixed;
     if (*fits && is_free(t)) status = find_coef(a, t, &o->coef);
     if (*fits && !status && t->storage == PRT_STORAGE_FACTORED)
-        status = find_lit(g, t, &o->lit, &o->part.lit);
+        status = contract_group(g, t, &o->lit, &o->part.lit);
     o->part.coef = o->coef;
     o->part.factor = (const float(*)[3])o->factor;
     o->part.dark = o->dark;
-    return status == PRT_NOMEM ? prt_fail(a->ctx, status, "no memory for a material") : status;
+    return status == PRT_NOMEM ? prt_fail(a->ctx, status, "no memory to apply a material")
+                               : status;
 }
 
 static int sum_parts(const struct group *g, unsigned n, const struct prt_term_input part[])
@@ -282,32 +288,32 @@ static int sum_parts(const struct group *g, unsigned n, const struct prt_term_in
     return n ? prt_sum_parts_lights(a->ctx, g->n, n, part, a->n_plane, color) : PRT_OK;
 }
 
-// Overwrites the planes with the tensors that can be summed in one pass.
+// Overwrites the planes with the sum of those tensors that one pass can sum.
 static int fill_parts(const struct group *g)
 {
     const struct answer *a = g->answer[0];
     const struct prt_transport *t = a->transport;
-    struct owned owned[PRT_MOST_PARTS];
+    struct owned_input owned[PRT_MOST_PARTS];
     struct prt_term_input part[PRT_MOST_PARTS];
     unsigned n = 0, done = 0;
     int status = PRT_OK;
     for (uint32_t i = 0; i < t->n_tensor && n < PRT_MOST_PARTS && !status; i++) {
         bool fits;
-        if (!asked(a->query, &t->tensor[i])) continue;
-        status = make_part(g, &t->tensor[i], &owned[n], &fits);
+        if (!is_wanted(a->query, &t->tensor[i])) continue;
+        status = make_input(g, &t->tensor[i], &owned[n], &fits);
         part[n] = owned[n].part;
         if (fits || status) n++;
-        else disown(&owned[n]);
+        else owned_input_finish(&owned[n]);
         if (fits) done |= 1u << i;
     }
     if (!status) status = sum_parts(g, n, part);
-    for (unsigned i = 0; i < n; i++) disown(&owned[i]);
+    for (unsigned i = 0; i < n; i++) owned_input_finish(&owned[i]);
     for (unsigned i = 0; i < g->n; i++) g->answer[i]->done = done;
     return status;
 }
 
-// Adds a tensor of a free material whose clusters are mixed.
-static int add_mixed(const struct answer *a, const struct prt_tensor *t)
+// Adds a tensor whose material is free and that fill_parts had to leave out.
+static int add_free(const struct answer *a, const struct prt_tensor *t)
 {
     float *own = prt_calloc(3 * a->n_vertex * t->n_phase, sizeof *own), *coef = NULL;
     const struct prt_light *light = &a->light;
@@ -316,14 +322,14 @@ static int add_mixed(const struct answer *a, const struct prt_tensor *t)
     if (!status && a->query->lit)
         status = prt_contracted_light_relight(a->ctx, a->query->lit, t, coef, false, own);
     else if (!status) status = prt_relight(a->ctx, t, 1, &light, coef, false, own);
-    if (!status) status = mix_tensor(a, t, own);
+    if (!status) status = add_tensor(a, t, own);
     prt_free(coef);
     prt_free(own);
     return status;
 }
 
-static void begin(struct answer *a, const struct prt_context *ctx,
-                  const struct prt_transport *transport, const struct prt_query *query)
+static void answer_init(struct answer *a, const struct prt_context *ctx,
+                        const struct prt_transport *transport, const struct prt_query *query)
 {
     *a = (struct answer){.ctx = ctx,
                          .transport = transport,
@@ -333,11 +339,12 @@ static void begin(struct answer *a, const struct prt_context *ctx,
                          .n_plane = plane_count(transport, query)};
 }
 
-// ---- several questions, one reading of the transport
+// ---- several queries, one pass over the transport
 
-enum { MANY_BYTES = 256 << 20 }; // of planes between the two steps
+enum { MANY_BYTES = 256 << 20 }; // limit of the planes kept between the two steps
 
-// One tensor for the answers that ask for it, as many lights a pass as the memory allows.
+// Adds one tensor of fixed material to n answers, in passes of as many lights as MANY_BYTES
+// allow.
 static int add_fixed(struct answer *const answer[], unsigned n, const struct prt_tensor *t)
 {
     size_t each = 3 * answer[0]->n_vertex * t->n_phase;
@@ -352,7 +359,7 @@ static int add_fixed(struct answer *const answer[], unsigned n, const struct prt
         for (unsigned k = 0; k < m; k++) light[k] = &answer[i + k]->light;
         status = prt_relight(answer[0]->ctx, t, m, light, NULL, false, own);
         for (unsigned k = 0; k < m && !status; k++)
-            status = mix_tensor(answer[i + k], t, own + k * each);
+            status = add_tensor(answer[i + k], t, own + k * each);
     }
     prt_free(own);
     return status;
@@ -364,11 +371,12 @@ static int transform_lights(void *arg, size_t begin_i, size_t end, unsigned work
     for (size_t i = begin_i; i < end; i++)
         if (a[i].query->light && !a[i].query->lit &&
             prt_light_from_cube(a[i].query->light, &a[i].light))
-            return prt_fail(a[i].ctx, PRT_NOMEM, "the light cannot be transformed");
+            return prt_fail(a[i].ctx, PRT_NOMEM,
+                            "no memory for the wavelet transform of a light");
     return PRT_OK;
 }
 
-// Whether nothing but the light is asked of the transport.
+// Whether the query supplies a light and nothing else.
 static bool only_light(const struct answer *a)
 {
     bool any_free = false;
@@ -377,9 +385,9 @@ static bool only_light(const struct answer *a)
     return !any_free && !a->query->lit;
 }
 
-// Those of the n answers, from the first on, that are alike but for their lights; two are
-// cheaper one by one.
-static void make_group(struct answer *a, unsigned n, const bool filled[], struct group *g)
+// Groups the first of n answers with those that differ from it only in their lights. Groups of
+// two are not made: two single passes take less time.
+static void group_answers(struct answer *a, unsigned n, const bool filled[], struct group *g)
 {
     *g = (struct group){{a}, 1};
     for (unsigned i = 1; i < n && only_light(a); i++)
@@ -397,7 +405,7 @@ static int fill_many(struct answer *a, unsigned n)
     for (unsigned i = 0; i < n && !status; i++) {
         struct group group;
         if (filled[i]) continue;
-        make_group(a + i, n - i, filled + i, &group);
+        group_answers(a + i, n - i, filled + i, &group);
         status = fill_parts(&group);
         for (unsigned k = 0; k < group.n; k++) filled[group.answer[k] - a] = true;
     }
@@ -405,9 +413,9 @@ static int fill_many(struct answer *a, unsigned n)
         struct answer *left[PRT_RELIGHT_MAX_LIGHTS];
         unsigned m = 0;
         for (unsigned i = 0; i < n && !status; i++) {
-            if (!asked(a[i].query, &t->tensor[k]) || a[i].done >> k & 1) continue;
+            if (!is_wanted(a[i].query, &t->tensor[k]) || a[i].done >> k & 1) continue;
             if (is_free(&t->tensor[k]) || a[i].query->lit)
-                status = add_mixed(&a[i], &t->tensor[k]);
+                status = add_free(&a[i], &t->tensor[k]);
             else left[m++] = &a[i];
         }
         if (m && !status) status = add_fixed(left, m, &t->tensor[k]);
@@ -423,7 +431,7 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
     struct answer a;
     int status = check_query(ctx, transport, query);
     if (status) return status;
-    begin(&a, ctx, transport, query);
+    answer_init(&a, ctx, transport, query);
     a.planes = planes;
     if (planes && (status = fill_many(&a, 1))) return status;
     *n_plane = a.n_plane;
@@ -436,7 +444,7 @@ struct shade_job {
     double mean; // outgoing transmittance without an eye
 };
 
-// Outward w_o': w_o bent towards the normal, as its path inside runs (Snell).
+// w_o': the view direction refracted into the medium (Snell). Returns the cosine of w.
 static float refract_out(double eta, const float n[3], const float w[3], float out[3])
 {
     float cosine = n[0] * w[0] + n[1] * w[1] + n[2] * w[2];
@@ -460,7 +468,7 @@ static void shade_vertex(const struct answer *a, size_t v, float out[3])
     const size_t size = 3 * a->n_vertex;
     const float *plane = a->planes + 3 * v;
     const double eta = (double)a->transport->material.eta;
-    // the phase function's view part
+    // adds the planes that depend on the view
     float w[3], inside[3], y[MOST_PHASES], rgb[3] = {plane[0], plane[1], plane[2]};
     unsigned n_band = a->n_plane > 9 ? 4 : a->n_plane > 4 ? 3 : a->n_plane > 1 ? 2 : 1;
     view_of(a, v, w);
@@ -473,8 +481,8 @@ static void shade_vertex(const struct answer *a, size_t v, float out[3])
     for (int ch = 0; ch < 3; ch++) out[ch] = fmaxf(0, rgb[ch] * (float)transmittance);
 }
 
-// Vertices of one block. Without an eye plane 0 (l = 0) is all of the phase function; out may
-// be where plane 0 lies.
+// Shades the vertices of one block. Without an eye only plane 0 (l = 0) is used. The colours
+// may overwrite plane 0.
 static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
                         bool translucent)
 {
@@ -493,7 +501,7 @@ static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
     }
 }
 
-// Blocks tile the vertices in order.
+// Shades vertices [begin_v, end). Blocks partition the vertices in order.
 static int shade(void *arg, size_t begin_v, size_t end, unsigned worker)
 {
     const struct shade_job *job = arg;
@@ -516,10 +524,11 @@ static int shade_colors(const struct answer *a, float (*color)[3])
     return prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, shade, &job);
 }
 
-// Planes that are to become colours: where the colours are to be, if there is but one.
+// Room for the planes that become colours. A single plane is computed in the colours' own
+// place.
 static int make_planes(struct answer *a, float *color)
 {
-    if (!a->query->eye) a->n_plane = 1; // no other plane is looked at
+    if (!a->query->eye) a->n_plane = 1; // colours without an eye use no other
     a->planes = color;
     if (a->n_plane > 1) a->planes = prt_alloc(3 * a->n_vertex * a->n_plane, sizeof *a->planes);
     return a->planes ? PRT_OK
@@ -537,7 +546,7 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
     struct answer a;
     int status = check_query(ctx, transport, query);
     if (status) return status;
-    begin(&a, ctx, transport, query);
+    answer_init(&a, ctx, transport, query);
     status = make_planes(&a, color[0]);
     if (!status) status = fill_many(&a, 1);
     if (!status) status = shade_colors(&a, color);
@@ -552,12 +561,12 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
     struct answer a[PRT_RELIGHT_MAX_LIGHTS];
     int status = n >= 1 && n <= PRT_RELIGHT_MAX_LIGHTS
                      ? PRT_OK
-                     : prt_fail(ctx, PRT_ARG, "%u questions are outside [1,%d]", n,
+                     : prt_fail(ctx, PRT_ARG, "%u queries in one call; 1 to %d are possible", n,
                                 PRT_RELIGHT_MAX_LIGHTS);
     for (unsigned i = 0; i < n && !status; i++) status = check_query(ctx, transport, &query[i]);
     if (status) return status;
     for (unsigned i = 0; i < n; i++) {
-        begin(&a[i], ctx, transport, &query[i]);
+        answer_init(&a[i], ctx, transport, &query[i]);
         a[i].planes = out[i];
         if (!planes[i] && !status) status = make_planes(&a[i], out[i]);
     }

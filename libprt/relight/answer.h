@@ -1,44 +1,49 @@
 // SPDX-License-Identifier: MIT
-// Between answer.c, basis_cache.c and contracted_light.c.
+// Shared by answer.c, basis_cache.c, contracted_light.c, contracted_material.c, fold_material.c
+// and sum_tensors.c.
 #ifndef PRT_RELIGHT_ANSWER_H
 #define PRT_RELIGHT_ANSWER_H
 
 #include "prt/relight.h"
 
-// PRT_MISMATCH unless the material may be given to this transport: it is free and of its eta.
+// PRT_MISMATCH unless the transport's material is free and has the same eta; PRT_ARG for a
+// material that is none.
 int prt_free_material_check(const struct prt_context *ctx,
                             const struct prt_transport *transport,
                             const struct prt_material *material);
-// coef[n_radial][3] of a material in a tensor's own radial basis (FULL, RADIAL): R_d for
-// multiple, e^(-sigma_t r) for single scattering. Warns when the basis does not cover it.
+// coef[n_radial][3]: a material in the radial basis of a tensor (FULL, RADIAL), the
+// coefficients of R_d for multiple scattering and of e^(-sigma_t r) for single scattering
+// (METHODS section 4). Logs a warning above 2 % error; PRT_ARG above prt/relight.h's limits.
+// The basis comes from a cache of the process, see basis_cache.c. Thread-safe.
 int prt_basis_coef(const struct prt_context *ctx, const struct prt_transport *transport,
                    const struct prt_tensor *tensor, const struct prt_material *material,
                    float *coef);
 
-// What plane k of a single-scattering tensor of a free material is multiplied by, beside Y_k:
-// the phase function's a_l and sigma_s.
+// The factor of plane k of a single-scattering tensor whose material is free: the phase
+// function's a_l times sigma_s, channel by channel. Y_k comes in when the view is known.
 void prt_phase_plane_factor(const struct prt_material *material,
                             const struct prt_tensor *tensor, unsigned k, float factor[3]);
-// prt_rows_fold with coefficients [n_phase][n_radial][3] of each plane its own; entries worth
-// up to error^2 of the energy of all colours are dropped.
+// prt_rows_fold with separate coefficients for every plane, [n_phase][n_radial][3]. The
+// smallest entries, which together hold error^2 of the energy of all colours, are dropped.
 int prt_rows_fold_planes(const struct prt_context *ctx, const struct prt_tensor *tensor,
                          const float *coef, double error, struct prt_rows *out);
 
-// A tensor of lit's transport under its light. coef NULL unless FULL, RADIAL.
+// prt_relight of one tensor of lit's transport under lit's light. coef is NULL unless the
+// tensor is FULL or RADIAL.
 int prt_contracted_light_relight(const struct prt_context *ctx,
                                  const struct prt_contracted_light *lit,
                                  const struct prt_tensor *tensor, const float *coef, bool add,
                                  float *color);
-// What the light was contracted to: [prt_contracted_light_floats] of prt_contract_light; NULL
-// for RADIAL.
+// The result of prt_contract_light for one tensor, [prt_contracted_light_floats]; NULL for
+// RADIAL.
 const float *prt_contracted_light_rows(const struct prt_contracted_light *lit,
                                        const struct prt_tensor *tensor);
 size_t prt_contracted_light_floats(const struct prt_tensor *tensor);
 bool prt_contracted_light_is_of(const struct prt_contracted_light *lit,
                                 const struct prt_transport *transport);
 
-// prt_sum_parts for several lights, part[].lit of prt_contract_lights: color[light][plane],
-// each [n_vertex][3]. More than one light: DIAGONAL tensors alone.
+// prt_sum_parts for several lights, with part[].lit from prt_contract_lights.
+// color[light][plane], each [n_vertex][3]. Several lights need DIAGONAL tensors.
 int prt_sum_parts_lights(const struct prt_context *ctx, unsigned n_light, unsigned n_part,
                          const struct prt_term_input part[], unsigned n_plane,
                          float *const color[]);

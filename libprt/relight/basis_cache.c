@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: MIT
-// A material in the radial basis that a tensor carries. Making a basis from its table takes far
-// longer than fitting a material, so the last few bases are kept, named by their content.
+// Coefficients of a material in the radial basis of a tensor.
+//
+// Making a basis from its table takes far longer than fitting a material to it, so the last
+// N_KEPT bases are cached. The cache belongs to the process: its key is a hash of the
+// table's content, its values are read-only, its size is bounded, and neither a transport (a
+// const map, often shared) nor a context (made for each call) lives long enough or alone to own
+// it. A lock guards it; entries in use are counted and never dropped.
 #include "answer.h"
 
 #include <math.h>
@@ -40,7 +45,7 @@ static uint64_t key_of(const struct prt_radial_options *o, const struct prt_tens
     return prt_hash64(&o->eta, sizeof o->eta, key + (uint64_t)o->family);
 }
 
-// A slot that nobody uses, the least recently used; NULL when all are in use. Under the lock.
+// The least recently used slot without users; NULL when all are in use. The lock is held.
 static struct kept *free_slot(void)
 {
     struct kept *best = NULL;
@@ -49,6 +54,7 @@ static struct kept *free_slot(void)
     return best;
 }
 
+// Takes a use of the slot with this key; NULL when there is none. The lock is held.
 static struct kept *find(uint64_t key)
 {
     for (int i = 0; i < N_KEPT; i++)
@@ -64,13 +70,13 @@ int prt_tensor_radial(const struct prt_context *ctx, const struct prt_transport 
                       const struct prt_tensor *tensor, struct prt_radial **out)
 {
     if (!tensor->n_knot || !tensor->knot || !tensor->basis)
-        return prt_fail(ctx, PRT_ARG, "this tensor has no radial basis");
+        return prt_fail(ctx, PRT_ARG, "the tensor has no radial basis: its material is fixed");
     struct prt_radial_options options = options_of(transport, tensor);
     return prt_radial_from_table(ctx, &options, tensor->n_radial, tensor->n_knot, tensor->knot,
                                  tensor->basis, out);
 }
 
-// *slot is the place that keeps *radial, NULL when the caller has to destroy it.
+// *slot is the cache entry of *radial; NULL: the caller owns *radial and destroys it.
 static int acquire(const struct prt_context *ctx, const struct prt_transport *transport,
                    const struct prt_tensor *tensor, struct kept **slot,
                    struct prt_radial **radial)
@@ -120,7 +126,7 @@ static double most_error(const struct prt_radial *radial)
                                               : PRT_MATERIAL_MOST_ERROR_X07;
 }
 
-// Says which parameter lies outside what the basis was made for.
+// Logs which parameter is outside the range of the basis; returns PRT_ARG.
 static int refuse(const struct prt_context *ctx, const struct prt_radial *radial,
                   const struct prt_material *m, double error)
 {
@@ -132,8 +138,8 @@ static int refuse(const struct prt_context *ctx, const struct prt_radial *radial
         for (int k = 0; k < (dipole ? 2 : 1); k++)
             if (!(value[k] >= radial->range[k][0] && value[k] <= radial->range[k][1]))
                 return prt_fail(ctx, PRT_ARG,
-                                "%s: %s[%d] is %g, this bake covers %g to %g mm^-1: its basis "
-                                "would miss %.0f %% of the medium (at most %.0f %%)",
+                                "%s: %s[%d] is %g mm^-1, this bake covers %g to %g: its basis "
+                                "would lose %.0f %% of the medium (the limit is %.0f %%)",
                                 name,
                                 k ? "sigma_a"
                                 : dipole
@@ -144,8 +150,8 @@ static int refuse(const struct prt_context *ctx, const struct prt_radial *radial
     }
     return prt_fail(
         ctx, PRT_ARG,
-        "%s: this bake's basis misses %.0f %% of its profile (at most %.0f %%); bake "
-        "with it as --material to hold it exactly",
+        "%s: this bake's basis loses %.0f %% of its profile (the limit is %.0f %%); bake "
+        "with it as --material to keep it exactly",
         name, 100 * error, 100 * most_error(radial));
 }
 
@@ -155,19 +161,21 @@ static int fit(const struct prt_context *ctx, const struct prt_transport *transp
 {
     struct prt_radial *radial;
     struct kept *slot;
-    if (tensor->storage == PRT_STORAGE_RADIAL && !tensor->n_knot) { // fixed colours
+    if (tensor->storage == PRT_STORAGE_RADIAL &&
+        !tensor->n_knot) { // colours that no material changes
         for (uint32_t i = 0; i < 3 * tensor->n_radial; i++) coef[i] = 1;
         *error = 0;
         return PRT_OK;
     }
     if (!tensor->n_knot || !tensor->knot || !tensor->basis)
-        return prt_fail(ctx, PRT_FORMAT, "the transport has no radial basis for a material");
+        return prt_fail(ctx, PRT_FORMAT,
+                        "the file has no radial basis for its free material: bake it again");
     int status = acquire(ctx, transport, tensor, &slot, &radial);
     if (status) return status;
     status = prt_radial_fit_material(radial, material, coef, error);
     if (status)
-        status =
-            prt_fail(ctx, status, "the material cannot be expressed in the transport's basis");
+        status = prt_fail(ctx, status,
+                          "the material cannot be fitted to the transport's radial basis");
     else if (!(*error <= most_error(radial))) status = refuse(ctx, radial, material, *error);
     release(slot, radial);
     return status;
@@ -180,16 +188,16 @@ int prt_basis_coef(const struct prt_context *ctx, const struct prt_transport *tr
     double error = 0;
     int status = fit(ctx, transport, tensor, material, coef, &error);
     if (!status && error > 0.02)
-        prt_log(ctx, PRT_LOG_WARNING,
-                "the transport's %s basis represents this material to %.1f %% only",
+        prt_log(ctx, PRT_LOG_WARNING, "the transport's %s basis loses %.1f %% of this material",
                 tensor->term == PRT_TERM_SINGLE ? "extinction" : "reflectance", 100 * error);
     return status;
 }
 
-// Mean free paths below the bake's sample spacing lose near-field detail that the basis cannot
-// tell. Against the reference (spot, 20k and 150k samples) that was below 4 % for each spacing
-// beyond the first: 0.8 % at 3 spacings a path, 5 % at 6.7, 10 to 29 % at 8 to 9.
-static double unresolved(const struct prt_transport *transport, const struct prt_material *m)
+// The error of mean free paths that are shorter than the bake's sample spacing: near-field
+// detail is lost, which the fit's error does not contain. Measured against the reference (model
+// spot, 20,000 and 150,000 samples): 0.8 % where the spacing is 3 paths, 5 % at 6.7, 10 to 29 %
+// at 8 to 9.
+static double spacing_error(const struct prt_transport *transport, const struct prt_material *m)
 {
     static const char key[] = "\"spacing_mm\":";
     const char *at = transport->settings ? strstr(transport->settings, key) : NULL;
@@ -216,6 +224,6 @@ int prt_answer_material_error(const struct prt_context *ctx,
         status = fit(ctx, transport, t, material, coef, &one);
         if (one > *error) *error = one;
     }
-    if (!status && term != PRT_ANSWER_SINGLE) *error += unresolved(transport, material);
+    if (!status && term != PRT_ANSWER_SINGLE) *error += spacing_error(transport, material);
     return status;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A transport under one light: every basis contracted, kept for the materials to come.
+// A transport contracted with one light, which many materials can then be applied to.
 #include "answer.h"
 
 #include <string.h>
@@ -9,14 +9,16 @@ enum { MOST_TENSORS = 4 };
 struct prt_contracted_light {
     const struct prt_transport *transport;
     size_t bytes;
-    float *b[MOST_TENSORS]; // of step 1 (prt_contract_light); NULL where there are no bases
+    float *b[MOST_TENSORS]; // results of prt_contract_light; NULL for tensors without bases
 };
 
 size_t prt_contracted_light_floats(const struct prt_tensor *t)
 {
     size_t wide = t->coupling == PRT_COUPLE_FULL ? 3 : 1;
     size_t n = (size_t)t->rows.n_row * t->n_function * wide;
-    return t->storage == PRT_STORAGE_FACTORED ? n + 1 : 0; // not nothing without rows
+    return t->storage == PRT_STORAGE_FACTORED
+               ? n + 1
+               : 0; // at least one, so that an allocation of it succeeds
 }
 
 static int contract_all(const struct prt_context *ctx, const struct prt_light *light,
@@ -42,14 +44,16 @@ int prt_contracted_light_create(const struct prt_context *ctx,
     *out = NULL;
     for (uint32_t i = 0; i < transport->n_tensor; i++)
         if (transport->tensor[i].storage == PRT_STORAGE_SPARSE)
-            return prt_fail(ctx, PRT_MISMATCH,
-                            "a sparse transport has no bases to contract with a light");
+            return prt_fail(
+                ctx, PRT_MISMATCH,
+                "sparse storage has no bases that a light could be contracted with: bake with "
+                "--storage factored");
     struct prt_contracted_light *lit = prt_calloc(1, sizeof *lit);
     struct prt_light haar = {0};
     int status = lit ? prt_light_from_cube(light, &haar) : PRT_NOMEM;
     if (status) {
         prt_free(lit);
-        return prt_fail(ctx, status, "the light cannot be transformed");
+        return prt_fail(ctx, status, "no memory for the wavelet transform of a light");
     }
     lit->transport = transport;
     status = contract_all(ctx, &haar, lit);
@@ -93,7 +97,7 @@ int prt_contracted_light_relight(const struct prt_context *ctx,
     float *folded =
         prt_alloc((size_t)tensor->rows.n_row * 3 * tensor->n_phase + 1, sizeof *folded);
     int status = folded ? prt_contract_material(ctx, tensor, b, coef, folded)
-                        : prt_fail(ctx, PRT_NOMEM, "no memory for a material");
+                        : prt_fail(ctx, PRT_NOMEM, "no memory to apply a material");
     if (!status) status = prt_expand(ctx, tensor, 1, folded, add, color);
     prt_free(folded);
     return status;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A joint transport with a material put in: its own rows, the rest is the transport's.
+// A joint transport contracted with one material. It owns the folded rows and borrows
+// everything else from the transport.
 #include "answer.h"
 
 #include <string.h>
@@ -8,16 +9,16 @@ enum { MOST_TENSORS = 4 };
 
 struct prt_contracted_transport {
     struct prt_transport transport;
-    struct prt_rows rows[MOST_TENSORS]; // owned; n_row 0: the transport's own
+    struct prt_rows rows[MOST_TENSORS]; // owned; n_row 0: this tensor uses the transport's rows
     size_t bytes;
 };
 
-static bool moves(const struct prt_tensor *t)
+static bool is_joint(const struct prt_tensor *t)
 {
     return t->coupling == PRT_COUPLE_FULL && t->storage == PRT_STORAGE_FACTORED;
 }
 
-// coef[n_phase][n_radial][3], what a phase plane is multiplied by included.
+// coef[n_phase][n_radial][3], multiplied by each phase plane's factor.
 static int plane_coefs(const struct prt_context *ctx, const struct prt_transport *transport,
                        const struct prt_tensor *t, const struct prt_material *material,
                        float *coef)
@@ -32,16 +33,16 @@ static int plane_coefs(const struct prt_context *ctx, const struct prt_transport
     return status;
 }
 
-static int fix(const struct prt_context *ctx, const struct prt_transport *transport,
-               const struct prt_material *material, uint32_t i,
-               struct prt_contracted_transport *fixed)
+static int contract_tensor(const struct prt_context *ctx, const struct prt_transport *transport,
+                           const struct prt_material *material, uint32_t i,
+                           struct prt_contracted_transport *fixed)
 {
     const struct prt_tensor *from = &transport->tensor[i];
     struct prt_tensor *t = &fixed->transport.tensor[i];
     struct prt_rows *rows = &fixed->rows[i];
     float *coef = prt_alloc(3ull * from->n_radial * from->n_phase, sizeof *coef);
     int status = coef ? plane_coefs(ctx, transport, from, material, coef)
-                      : prt_fail(ctx, PRT_NOMEM, "no memory for a material");
+                      : prt_fail(ctx, PRT_NOMEM, "no memory to apply a material");
     if (!status) status = prt_rows_fold_planes(ctx, from, coef, PRT_FIXED_ERROR, rows);
     prt_free(coef);
     if (status) return status;
@@ -63,20 +64,22 @@ int prt_contracted_transport_create(const struct prt_context *ctx,
 {
     bool any = false;
     *out = NULL;
-    for (uint32_t i = 0; i < transport->n_tensor; i++) any |= moves(&transport->tensor[i]);
+    for (uint32_t i = 0; i < transport->n_tensor; i++) any |= is_joint(&transport->tensor[i]);
     if (!any)
-        return prt_fail(ctx, PRT_MISMATCH,
-                        "only where light and material are free can a material be put in");
+        return prt_fail(
+            ctx, PRT_MISMATCH,
+            "only a joint transport can be contracted with a material; this one is not");
     int status = prt_free_material_check(ctx, transport, material);
     if (status) return status;
     struct prt_contracted_transport *fixed = prt_calloc(1, sizeof *fixed);
-    if (!fixed) return prt_fail(ctx, PRT_NOMEM, "no memory for a material");
+    if (!fixed) return prt_fail(ctx, PRT_NOMEM, "no memory to apply a material");
     fixed->transport = *transport;
     fixed->transport.material = *material;
     fixed->transport.engine = PRT_TRANSPORT_WAVELET;
     fixed->bytes = sizeof *fixed;
     for (uint32_t i = 0; i < transport->n_tensor && !status; i++)
-        if (moves(&transport->tensor[i])) status = fix(ctx, transport, material, i, fixed);
+        if (is_joint(&transport->tensor[i]))
+            status = contract_tensor(ctx, transport, material, i, fixed);
     if (status) prt_contracted_transport_destroy(fixed);
     else *out = fixed;
     return status;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Material first: rows over (phase, radial function) become rows over (phase, channel), and
-// those of their entries that matter to one material are kept.
+// Folds a material into the rows of a joint transport: rows over (phase, radial function)
+// become rows over (phase, channel). Entries that hardly contribute under this material are
+// dropped.
 #include "answer.h"
 #include "kernels.h"
 
@@ -27,7 +28,7 @@ static void fold_values(const struct fold_job *job, const float *value, float *o
     }
 }
 
-// The same of halves, to halves. value: room for [n_function + 3 * n_phase].
+// fold_values of halves to halves. value: scratch of [n_function + 3 * n_phase].
 static void fold_halves(const struct fold_job *job, const uint16_t *in, float *value,
                         uint16_t *out)
 {
@@ -37,9 +38,9 @@ static void fold_halves(const struct fold_job *job, const uint16_t *in, float *v
     prt_f32_to_f16_array(value + n, 3 * job->tensor->n_phase, out);
 }
 
-// A mixed row: its directions are folded, then its entries are sums of these. Of entries at one
-// coefficient the first gets the sum, the others nothing.
-static void fold_mixed(const struct fold_job *job, uint32_t row, float *value, float *folded)
+// Folds a low-rank row: its components are folded first, and its entries are sums of these.
+// Where several entries have one coefficient, the first gets their sum and the others get 0.
+static void fold_low_rank(const struct fold_job *job, uint32_t row, float *value, float *folded)
 {
     const struct prt_rows *rows = &job->tensor->rows;
     const uint32_t J = rows->n_function, width = 3 * job->tensor->n_phase;
@@ -75,7 +76,7 @@ static int fold_rows(void *arg, size_t begin, size_t end, unsigned worker)
     float *folded = prt_alloc((size_t)PRT_ROWS_MOST_DIRECTIONS * width, sizeof *folded);
     int status = value && folded ? PRT_OK : PRT_NOMEM;
     for (size_t row = begin; row < end && !status; row++) {
-        if (rows->direction) fold_mixed(job, (uint32_t)row, value, folded);
+        if (rows->direction) fold_low_rank(job, (uint32_t)row, value, folded);
         for (uint64_t e = rows->begin[row]; !rows->direction && e < rows->begin[row + 1]; e++)
             fold_halves(job, (const uint16_t *)rows->entry + e * n, value,
                         job->entry + e * width);
@@ -92,8 +93,9 @@ static int fold_all(const struct prt_context *ctx, const struct prt_tensor *tens
 {
     const struct prt_rows *rows = &tensor->rows;
     if (tensor->coupling != PRT_COUPLE_FULL || tensor->storage != PRT_STORAGE_FACTORED)
-        return prt_fail(ctx, PRT_ARG, "this transport's material is fixed");
-    if (!rows->n_row) return prt_fail(ctx, PRT_ARG, "this transport has no rows");
+        return prt_fail(ctx, PRT_ARG,
+                        "the tensor's material is fixed: it has no radial functions to fold");
+    if (!rows->n_row) return prt_fail(ctx, PRT_ARG, "the tensor has no rows to fold");
     uint64_t n_entry = rows->begin[rows->n_row], width = 3ull * tensor->n_phase;
     uint64_t *begin = prt_alloc(rows->n_row + 1ull, 8);
     char *index = prt_alloc(n_entry + 1, rows->index_bytes);
@@ -125,19 +127,24 @@ int prt_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor
     return fold_all(ctx, tensor, coef, 0, out);
 }
 
-// ---- entries that do not matter
+// ---- dropping small entries
 
-// An entry's worth is its energy times that of its row's column of U: what colours lose with
-// it.
-enum { BIN_SHIFT = 21, N_BIN = 1 << (32 - BIN_SHIFT), CHUNKS = 32 }; // four bins an octave
+// The worth of an entry is its energy times the energy of its row's column of U: what the
+// colours lose without it. A histogram of worths finds the threshold; its bins are the leading
+// bits of a float, four bins an octave.
+enum {
+    BIN_SHIFT = 21,
+    N_BIN = 1 << (32 - BIN_SHIFT),
+    CHUNKS = 32
+}; // CHUNKS ranges of rows, summed in a fixed order
 
 struct thin_job {
     const struct prt_rows *rows;
     const float *weight; // [n_row]
     size_t grain;        // rows a chunk
-    double *bin;         // [CHUNKS][N_BIN] worth of entries, and
-    double *scaling;     // [CHUNKS] of scaling coefficients
-    uint32_t from;       // bins below go
+    double *bin;         // [CHUNKS][N_BIN] sums of entries' worths
+    double *scaling;     // [CHUNKS] sums of scaling coefficients' worths
+    uint32_t from;       // entries in bins below this one are dropped
     uint8_t *keep;       // [n_entry]
 };
 
@@ -191,7 +198,7 @@ static int mark(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// Least first, entries go until the next bin of them would exceed the share of all.
+// The largest threshold whose dropped entries stay below a share of all energy.
 static void find_threshold(struct thin_job *job, double share)
 {
     double all = 0, gone = 0;
@@ -205,7 +212,7 @@ static void find_threshold(struct thin_job *job, double share)
     }
 }
 
-static void weigh(const struct prt_tensor *t, float *weight)
+static void row_weights(const struct prt_tensor *t, float *weight)
 {
     for (uint32_t c = 0; c < t->n_cluster; c++) {
         const struct prt_cluster *k = &t->cluster[c];
@@ -223,7 +230,7 @@ static void weigh(const struct prt_tensor *t, float *weight)
     }
 }
 
-// Entries that are kept move together, in place.
+// Closes the gaps between the entries that are kept, in place.
 static void compact(struct prt_rows *rows, const struct thin_job *job)
 {
     uint16_t *entry = (uint16_t *)(uintptr_t)rows->entry;
@@ -243,17 +250,17 @@ static void compact(struct prt_rows *rows, const struct thin_job *job)
     begin[rows->n_row] = to;
 }
 
-// The front of `p` alone.
+// A copy of the first bytes of p, which is freed; p itself where memory is short.
 static void *shorter(void *p, size_t bytes)
 {
     void *q = prt_alloc(bytes + 1, 1);
-    if (!q) return p; // a long one will do
+    if (!q) return p;
     memcpy(q, p, bytes);
     prt_free(p);
     return q;
 }
 
-// Leaves in `rows`, just folded, what is worth more than error^2 of all.
+// Drops from freshly folded rows the entries that together hold error^2 of all energy.
 static int thin(const struct prt_context *ctx, const struct prt_tensor *tensor, double error,
                 struct prt_rows *rows)
 {
@@ -266,7 +273,7 @@ static int thin(const struct prt_context *ctx, const struct prt_tensor *tensor, 
                            .keep = prt_alloc(rows->begin[rows->n_row] + 1, 1)};
     int status = weight && job.bin && job.scaling && job.keep ? PRT_OK : PRT_NOMEM;
     if (!status) {
-        weigh(tensor, weight);
+        row_weights(tensor, weight);
         status = prt_parallel_for(ctx, NULL, rows->n_row, job.grain, count_worth, &job);
     }
     if (!status) {

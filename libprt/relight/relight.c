@@ -1,46 +1,48 @@
 // SPDX-License-Identifier: MIT
-// Contractions over whole tensors: cuts the work into pieces and runs the kernels on them.
+// Contractions of whole tensors: divides the work into pieces and runs the kernels on them.
 #include "kernels.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 enum {
-    ROW_GRAIN = 32,      // basis rows a piece: some hundred entries each
-    VERTEX_GRAIN = 4096, // vertices a piece of a cluster, a multiple of EXPAND_ALIGN
-    SPARSE_BLOCK = 32,   // vertices between two scatters
+    ROW_GRAIN = 32,      // basis rows per piece, each of some hundred entries
+    VERTEX_GRAIN = 4096, // vertices per piece of a cluster, a multiple of EXPAND_ALIGN
+    SPARSE_BLOCK = 32,   // vertices per block that is scattered to the planes
     TABLE_GRAIN = 1536,
-    STREAM_BYTES = 1 << 24, // colours that no cache will hold until they are read
+    STREAM_BYTES = 1 << 24, // colours of this size are evicted before they are read: stores
+                            // bypass the caches
 };
 
 static int check_lights(const struct prt_context *ctx, const struct prt_tensor *tensor,
                         unsigned n_light, const struct prt_light *const light[])
 {
     if (!n_light || n_light > PRT_RELIGHT_MAX_LIGHTS)
-        return prt_fail(ctx, PRT_ARG, "%u lights in one pass, 1 to %d are possible", n_light,
+        return prt_fail(ctx, PRT_ARG, "%u lights in one call; 1 to %d are possible", n_light,
                         PRT_RELIGHT_MAX_LIGHTS);
     for (unsigned i = 0; i < n_light; i++)
         if (6ull * light[i]->n * light[i]->n != tensor->rows.n_coef)
             return prt_fail(ctx, PRT_MISMATCH,
-                            "a light of 6x%ux%u coefficients for a transport of %u",
+                            "the light has 6x%ux%u coefficients, the transport needs %u",
                             light[i]->n, light[i]->n, tensor->rows.n_coef);
     return PRT_OK;
 }
 
-// The lights of a group as a tensor's rows want them: as they are, or times the gains of pairs.
-struct asked_lights {
+// The lights of one group. Rows of pairs need them multiplied by the gains of their
+// coefficients.
+struct light_group {
     uint32_t n, n_coef; // of the cube
     unsigned n_light;
     const float *coef[LIGHT_GROUP];
-    float *own;                 // room for gains, [LIGHT_GROUP][n_coef][4]
-    float most[LIGHT_GROUP][4]; // largest coefficients times gains, scaling ones aside
+    float *own;                 // the multiplied coefficients, [LIGHT_GROUP][n_coef][4]
+    float most[LIGHT_GROUP][4]; // largest product, scaling coefficients left out
 };
 
 typedef int32_t lanes4 __attribute__((vector_size(16), aligned(4)));
 typedef float floats4 __attribute__((vector_size(16), aligned(4)));
 
-// n coefficients times a gain, kept unless out is NULL; bits of absolute values are ordered as
-// these are.
+// Multiplies n coefficients by a gain and returns the largest bits of their absolute values,
+// which are ordered as the values are. out may be NULL.
 static inline lanes4 gain_span(const float *in, uint32_t n, float gain, lanes4 most, float *out)
 {
     for (uint32_t i = 0; i < n; i++) {
@@ -52,18 +54,18 @@ static inline lanes4 gain_span(const float *in, uint32_t n, float gain, lanes4 m
     return most;
 }
 
-static inline void gain_light(struct asked_lights *a, size_t l, float *out)
+static inline void gain_light(struct light_group *a, size_t l, float *out)
 {
     const uint32_t n = a->n;
     lanes4 most = {0};
     for (uint32_t i = 0; i < 6 * n * n; i += n)
-        // along a line: what is of its own level, then level by level
+        // along a row of texels, one span of equal gain after the other
         for (uint32_t x = 0, y = i / n % n, stop; x < n; x = stop) {
             for (stop = 1; stop <= (x | y) && stop < n;) stop *= 2;
             const size_t at = 4 * (size_t)(i + x);
             const lanes4 span = gain_span(a->coef[l] + at, stop - x, prt_pair_gain(n, i + x),
                                           most, out ? out + at : NULL);
-            if (x | y) most = span; // scaling coefficients do not become integers
+            if (x | y) most = span; // scaling coefficients stay in f32
         }
     memcpy(a->most[l], &most, sizeof most);
 }
@@ -76,7 +78,7 @@ static int find_most(void *arg, size_t begin, size_t end, unsigned worker)
 
 static int gain_lights(void *arg, size_t begin, size_t end, unsigned worker)
 {
-    struct asked_lights *a = arg;
+    struct light_group *a = arg;
     for (size_t l = begin; l < end; l++) {
         float *out = a->own + 4 * l * a->n_coef;
         gain_light(a, l, out);
@@ -87,7 +89,7 @@ static int gain_lights(void *arg, size_t begin, size_t end, unsigned worker)
 
 struct table_job {
     const struct prt_kernels *kernels;
-    const struct asked_lights *asked;
+    const struct light_group *group;
     float *table;
     const struct integer_lights *integers; // in place of the table
 };
@@ -96,15 +98,16 @@ static int fill_table(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct table_job *job = arg;
     const uint32_t b = (uint32_t)begin, e = (uint32_t)end;
-    const struct asked_lights *asked = job->asked;
+    const struct light_group *group = job->group;
     if (job->integers)
-        job->kernels->lights_to_integers(job->integers, asked->n_light, asked->coef, b, e);
-    else prt_light_table_fill(asked->n_light, asked->coef, b, e, job->table);
+        job->kernels->lights_to_integers(job->integers, group->n_light, group->coef, b, e);
+    else prt_light_table_fill(group->n_light, group->coef, b, e, job->table);
     return PRT_OK;
 }
 
-// Lights come in groups that share one pass; two are cheaper one by one, unless their results
-// are to lie beside those of others.
+// Lights of a group share one pass over the rows. Two single passes take less time than a group
+// of two; with `together` the results have to lie beside those of other groups, so that all are
+// groups.
 static unsigned group_size(unsigned left, bool together)
 {
     return left <= 2 && !together ? 1 : left < LIGHT_GROUP ? left : LIGHT_GROUP;
@@ -114,12 +117,12 @@ struct rows_job {
     const struct prt_kernels *kernels;
     const struct prt_tensor *tensor;
     unsigned n_light;                      // of this group
-    const float *light;                    // the only one, or
-    const float *table;                    // those of the group, or
-    const struct integer_lights *integers; // the same
+    const float *light;                    // the only light, or
+    const float *table;                    // the group's table, or
+    const struct integer_lights *integers; // the group's integers
     float *out;
     size_t light_pitch, row_pitch;
-    bool together; // rows of several lights beside each other: every light in a group
+    bool together; // results of all lights of a row lie beside each other
 };
 
 static int run_rows(void *arg, size_t begin, size_t end, unsigned worker)
@@ -141,62 +144,64 @@ static int run_rows(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// A group's lights as its kernel wants them: job->integers, job->table or job->light.
-static int make_group(const struct prt_context *ctx, const struct prt_tensor *tensor,
-                      struct asked_lights *asked, float *table, struct integer_lights *integers,
-                      struct rows_job *job)
+// Lays the group's lights out for its kernel: sets job->integers, job->table or job->light.
+static int prepare_lights(const struct prt_context *ctx, const struct prt_tensor *tensor,
+                          struct light_group *group, float *table,
+                          struct integer_lights *integers, struct rows_job *job)
 {
     const bool pairs = tensor->rows.value == PRT_VALUE_PAIR;
-    struct table_job fill = {job->kernels, asked, table, NULL};
+    struct table_job fill = {job->kernels, group, table, NULL};
     int status = PRT_OK;
     job->table = NULL;
     job->integers = NULL;
     if (pairs && table && job->kernels->pairs_group) {
         integers->lane = (int16_t *)table;
-        status = prt_parallel_for(ctx, NULL, asked->n_light, 1, find_most, asked);
-        if (!status && prt_integer_lights_init(integers, asked->n_light, asked->n, asked->coef,
-                                               (const float(*)[4])asked->most))
+        status = prt_parallel_for(ctx, NULL, group->n_light, 1, find_most, group);
+        if (!status && prt_integer_lights_init(integers, group->n_light, group->n, group->coef,
+                                               (const float(*)[4])group->most))
             job->integers = fill.integers = integers;
     }
     if (pairs && !job->integers && !status) {
-        if (!asked->own)
-            asked->own = prt_alloc((table ? LIGHT_GROUP : 1) * (size_t)asked->n_coef, 16);
-        if (!asked->own) return prt_fail(ctx, PRT_NOMEM, "no memory for a group of lights");
-        status = prt_parallel_for(ctx, NULL, asked->n_light, 1, gain_lights, asked);
+        if (!group->own)
+            group->own = prt_alloc((table ? LIGHT_GROUP : 1) * (size_t)group->n_coef, 16);
+        if (!group->own)
+            return prt_fail(ctx, PRT_NOMEM, "no memory to scale %u lights", group->n_light);
+        status = prt_parallel_for(ctx, NULL, group->n_light, 1, gain_lights, group);
     }
     if (!job->integers) job->table = table;
-    job->light = asked->coef[0];
+    job->light = group->coef[0];
     if (!table || status) return status;
-    return prt_parallel_for(ctx, NULL, asked->n_coef, TABLE_GRAIN, fill_table, &fill);
+    return prt_parallel_for(ctx, NULL, group->n_coef, TABLE_GRAIN, fill_table, &fill);
 }
 
-// Runs fn for every group of lights, with the group's table made.
+// Runs fn over n_item items for every group of lights.
 static int for_groups(const struct prt_context *ctx, const struct prt_tensor *tensor,
                       unsigned n_light, const struct prt_light *const light[], size_t n_item,
                       size_t grain, prt_loop_fn fn, struct rows_job *job)
 {
     float *table = NULL;
     float *out = job->out;
-    struct asked_lights asked = {.n = light[0]->n, .n_coef = tensor->rows.n_coef};
+    struct light_group group = {.n = light[0]->n, .n_coef = tensor->rows.n_coef};
     struct integer_lights integers;
     int status = PRT_OK;
     bool full = tensor->coupling == PRT_COUPLE_FULL;
     if (!full && n_light > (job->together ? 1 : 2)) {
         table = prt_alloc(tensor->rows.n_coef, LIGHT_LANES * sizeof *table);
-        if (!table) status = prt_fail(ctx, PRT_NOMEM, "no memory for a table of lights");
+        if (!table)
+            status = prt_fail(ctx, PRT_NOMEM, "no memory for a table of %u lights", n_light);
     }
     for (unsigned l = 0, n; l < n_light && !status; l += n) {
         n = full ? 1 : group_size(n_light - l, job->together);
         job->n_light = n;
         job->out = out + l * job->light_pitch;
-        asked.n_light = n;
-        for (unsigned k = 0; k < n; k++) asked.coef[k] = light[l + k]->coef;
-        status = make_group(ctx, tensor, &asked, n > 1 || job->together ? table : NULL,
-                            &integers, job);
+        group.n_light = n;
+        for (unsigned k = 0; k < n; k++) group.coef[k] = light[l + k]->coef;
+        status = prepare_lights(ctx, tensor, &group, n > 1 || job->together ? table : NULL,
+                                &integers, job);
         if (!status) status = prt_parallel_for(ctx, NULL, n_item, grain, fn, job);
     }
     prt_free(table);
-    prt_free(asked.own);
+    prt_free(group.own);
     return status;
 }
 
@@ -208,7 +213,8 @@ static int contract(const struct prt_context *ctx, const struct prt_tensor *tens
     int status = check_lights(ctx, tensor, n_light, light);
     if (status) return status;
     if (tensor->storage != PRT_STORAGE_FACTORED)
-        return prt_fail(ctx, PRT_ARG, "only a factored transport has bases to contract");
+        return prt_fail(ctx, PRT_ARG,
+                        "only factored storage has bases that a light can be contracted with");
     const struct prt_rows *rows = &tensor->rows;
     size_t width = rows->n_function * (tensor->coupling == PRT_COUPLE_FULL ? 3ull : 1ull);
     struct rows_job job = {.kernels = prt_kernels_for(ctx->cpu),
@@ -251,7 +257,7 @@ int prt_contract_material(const struct prt_context *ctx, const struct prt_tensor
                           const float *in, const float *coef, float *out)
 {
     if (tensor->coupling != PRT_COUPLE_FULL || tensor->storage != PRT_STORAGE_FACTORED)
-        return prt_fail(ctx, PRT_ARG, "this transport's material is fixed");
+        return prt_fail(ctx, PRT_ARG, "the tensor's material is fixed");
     struct material_job job = {prt_kernels_for(ctx->cpu), in, coef, out, tensor->n_radial};
     return prt_parallel_for(ctx, NULL, (size_t)tensor->rows.n_row * tensor->n_phase, 2048,
                             run_material, &job);
@@ -271,7 +277,7 @@ int prt_expand_pieces(const struct prt_context *ctx, const struct prt_tensor *te
     }
     *out = pieces;
     *n_out = n;
-    // small clusters go several at a time: about two thousand vertices
+    // several small clusters per task: about two thousand vertices
     size_t mean = n ? tensor->n_vertex / n : 1;
     *grain = 2048 / (mean + 1);
     if (!*grain) *grain = 1;
@@ -315,11 +321,11 @@ static int run_expand(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// Colours of triple after triple.
+// Expands every cluster; color holds one plane after the other.
 static int expand_all(const struct prt_context *ctx, struct expand_run *run, float *color)
 {
     if (run->n_triple > MOST_TRIPLES)
-        return prt_fail(ctx, PRT_ARG, "%u planes of colours in one pass, %d are possible",
+        return prt_fail(ctx, PRT_ARG, "%u planes of colours in one call; %d are possible",
                         run->n_triple, MOST_TRIPLES);
     for (uint32_t t = 0; t < run->n_triple; t++)
         run->color[t] = color + 3 * (size_t)t * run->tensor->n_vertex;
@@ -334,7 +340,7 @@ static int expand_all(const struct prt_context *ctx, struct expand_run *run, flo
     return status;
 }
 
-// b[row][light][phase][3]: one pass over U serves all lights.
+// b[row][light][phase][3]: all lights in one pass over U.
 static int expand_together(const struct prt_context *ctx, const struct prt_tensor *tensor,
                            unsigned n_light, const float *b, bool add, float *color)
 {
@@ -351,7 +357,7 @@ int prt_expand(const struct prt_context *ctx, const struct prt_tensor *tensor, u
                const float *b, bool add, float *color)
 {
     if (tensor->storage != PRT_STORAGE_FACTORED)
-        return prt_fail(ctx, PRT_ARG, "only a factored transport expands");
+        return prt_fail(ctx, PRT_ARG, "only factored storage can be expanded");
     size_t width = 3 * (size_t)tensor->n_phase, n_row = tensor->rows.n_row;
     float *rows = NULL;
     if (n_light > 1) {
@@ -371,18 +377,18 @@ int prt_relight_radial(const struct prt_context *ctx, const struct prt_tensor *t
                        const float *coef, bool add, float *color)
 {
     if (tensor->storage != PRT_STORAGE_RADIAL)
-        return prt_fail(ctx, PRT_ARG, "this transport is not polynomial");
+        return prt_fail(ctx, PRT_ARG, "the tensor's storage is not radial");
     struct expand_run run = {
         .tensor = tensor, .b = coef, .b_stride = 3, .n_triple = tensor->n_phase, .add = add};
     return expand_all(ctx, &run, color);
 }
 
 struct sparse_job {
-    struct rows_job rows; // first: for_groups fills it
+    struct rows_job rows; // the first member: for_groups fills it
     bool add;
 };
 
-// A vertex' triples in[n][3] to their planes.
+// Stores or adds one vertex's n triples to their planes.
 static void put_vertex(const float *in, uint32_t n, size_t plane, bool add, float *out)
 {
     for (uint32_t k = 0; k < n; k++, in += 3, out += plane) {
@@ -423,7 +429,8 @@ int prt_relight_sparse(const struct prt_context *ctx, const struct prt_tensor *t
     if (status) return status;
     if (tensor->storage != PRT_STORAGE_SPARSE || tensor->coupling != PRT_COUPLE_DIAGONAL ||
         tensor->rows.value == PRT_VALUE_PAIR)
-        return prt_fail(ctx, PRT_ARG, "this transport is not sparse");
+        return prt_fail(ctx, PRT_ARG,
+                        "the tensor's storage is not sparse, or its values are pairs");
     struct sparse_job job = {
         .rows = {.kernels = prt_kernels_for(ctx->cpu),
                  .tensor = tensor,
@@ -468,8 +475,8 @@ int prt_relight(const struct prt_context *ctx, const struct prt_tensor *tensor,
         tensor->coupling == PRT_COUPLE_FULL || tensor->storage == PRT_STORAGE_RADIAL;
     if (free_material != (coef != NULL))
         return prt_fail(ctx, PRT_ARG,
-                        coef ? "this transport's material is fixed"
-                             : "this transport needs a material");
+                        coef ? "the tensor's material is fixed"
+                             : "the tensor's material is free: coefficients of one are needed");
     if (tensor->storage == PRT_STORAGE_RADIAL)
         return prt_relight_radial(ctx, tensor, coef, add, color);
     if (tensor->storage == PRT_STORAGE_SPARSE)

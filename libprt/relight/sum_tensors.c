@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The sum of several tensors' colours, in one pass: a material meets a cluster's contracted
-// rows just before they are multiplied with the cluster's vertices, and all tensors that have
-// the same clusters add up while their colours are near.
+// The sum of several tensors' colours in one pass. The material is folded into a cluster's
+// contracted rows just before these are multiplied with the cluster's U, and tensors with the
+// same clusters are summed piece by piece, while a piece's colours are in the cache.
 #include "answer.h"
 #include "kernels.h"
 
@@ -11,12 +11,12 @@
 struct sum_run {
     const struct prt_kernels *kernels;
     const struct prt_term_input
-        *part[PRT_MOST_PARTS]; // the same clusters; the most planes first
+        *part[PRT_MOST_PARTS]; // with the same clusters; the one with the most planes first
     unsigned n_part, n_light, n_plane;
     const struct expand_piece *pieces;
-    size_t scratch;      // floats that the largest cluster's folded rows need
+    size_t scratch;      // floats of the largest cluster's folded rows
     float *const *color; // [light][plane]
-    bool add;            // to what earlier passes left
+    bool add;            // to the colours of earlier passes
 };
 
 static bool is_radial(const struct prt_term_input *p)
@@ -29,8 +29,8 @@ static unsigned planes_of(const struct prt_term_input *p, unsigned n_plane)
     return p->tensor->n_phase < n_plane ? p->tensor->n_phase : n_plane;
 }
 
-// Rows of a cluster as the product with U reads them, [rank][light][planes][3], in `to` unless
-// they lie ready.
+// A cluster's rows as the expansion reads them, [rank][light][planes][3]: in `to`, or in place
+// where they need no change.
 static const float *fold(const struct sum_run *run, const struct prt_term_input *p,
                          const struct prt_cluster *c, float *to)
 {
@@ -43,7 +43,8 @@ static const float *fold(const struct sum_run *run, const struct prt_term_input 
         run->kernels->material(in, (size_t)c->rank * t->n_phase, t->n_radial, p->coef, to);
     else if (!p->factor && planes == t->n_phase) return in;
     if (full) in = to;
-    const size_t n = (size_t)c->rank * run->n_light; // in place: nothing moves forwards
+    const size_t n =
+        (size_t)c->rank * run->n_light; // `to` may be `in`: no value moves to a higher address
     for (size_t i = 0; i < n; i++)
         for (unsigned k = 0; k < planes; k++)
             for (int ch = 0; ch < 3; ch++)
@@ -53,7 +54,7 @@ static const float *fold(const struct sum_run *run, const struct prt_term_input 
     return to;
 }
 
-// Plane by plane: each has its own factor in the coefficients.
+// Plane by plane, because each plane's factor goes into the coefficients.
 static void sum_radial(const struct sum_run *run, const struct prt_term_input *p,
                        struct expand_job *job, float *coef)
 {
@@ -127,7 +128,7 @@ static bool same_clusters(const struct prt_tensor *a, const struct prt_tensor *b
     return !memcmp(a->order, b->order, 4ull * a->n_vertex);
 }
 
-static void take(struct sum_run *run, const struct prt_term_input *p)
+static void add_input(struct sum_run *run, const struct prt_term_input *p)
 {
     const struct prt_tensor *t = p->tensor;
     size_t most = 0, at = run->n_part++;
@@ -154,20 +155,22 @@ static int sum_run(const struct prt_context *ctx, struct sum_run *run)
         if (i % run->n_plane >= first) memset(run->color[i], 0, 12ull * t->n_vertex);
     status = prt_parallel_for(ctx, NULL, n, grain, sum_pieces, run);
     free(pieces);
-    return status ? prt_fail(ctx, status, "no memory for a material") : PRT_OK;
+    return status ? prt_fail(ctx, status, "no memory to apply a material") : PRT_OK;
 }
 
 static int check(const struct prt_context *ctx, unsigned n_part,
                  const struct prt_term_input part[])
 {
     if (!n_part || n_part > PRT_MOST_PARTS)
-        return prt_fail(ctx, PRT_ARG, "%u parts are outside [1,%d]", n_part, PRT_MOST_PARTS);
+        return prt_fail(ctx, PRT_ARG, "%u tensors in one sum; 1 to %d are possible", n_part,
+                        PRT_MOST_PARTS);
     for (unsigned i = 0; i < n_part; i++) {
         const struct prt_tensor *t = part[i].tensor;
         const bool moves = t->coupling == PRT_COUPLE_FULL || is_radial(&part[i]);
         if (t->storage == PRT_STORAGE_SPARSE || t->n_vertex != part[0].tensor->n_vertex ||
             moves != !!part[i].coef || (!is_radial(&part[i]) && !part[i].lit))
-            return prt_fail(ctx, PRT_ARG, "part %u of a sum is not one", i);
+            return prt_fail(ctx, PRT_ARG,
+                            "input %u of a sum does not have what its tensor needs", i);
     }
     return PRT_OK;
 }
@@ -185,7 +188,7 @@ int prt_sum_parts_lights(const struct prt_context *ctx, unsigned n_light, unsign
         for (unsigned k = i; k < n_part; k++) {
             if (done[k] || !same_clusters(part[i].tensor, part[k].tensor)) continue;
             done[k] = true;
-            take(&run, &part[k]);
+            add_input(&run, &part[k]);
         }
         status = sum_run(ctx, &run);
     }
@@ -197,7 +200,8 @@ int prt_sum_parts(const struct prt_context *ctx, unsigned n_part,
 {
     float *plane[MOST_PHASES];
     if (n_plane < 1 || n_plane > MOST_PHASES)
-        return prt_fail(ctx, PRT_ARG, "%u planes are outside [1,%d]", n_plane, MOST_PHASES);
+        return prt_fail(ctx, PRT_ARG, "%u planes in one sum; 1 to %d are possible", n_plane,
+                        MOST_PHASES);
     for (unsigned k = 0; k < n_plane && n_part; k++)
         plane[k] = color + 3 * (size_t)k * part[0].tensor->n_vertex;
     return prt_sum_parts_lights(ctx, 1, n_part, part, n_plane, plane);

@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: MIT
 // relightd: the order of starting, the loop, and the order of stopping.
+#include "core/configuration.h"
 #include "net/carrier.h"
 #include "jobs/decode_helper.h"
 #include "net/dispatch.h"
 #include "store/bake_eviction.h"
 #include "core/log.h"
+#include "core/token.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
 #include "net/request.h"
 #include "core/server.h"
 #include "render/shared/warm_up.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
@@ -27,7 +28,10 @@
 #include <unistd.h>
 
 static struct server server;
-static struct loop_timer drain_timer, maintenance_timer;
+static struct loop_timer drain_timer, maintenance_timer, watchdog_timer;
+static uint64_t watchdog_ns; // systemd wants a sign of life so often; 0: it does not
+static int arg_count;
+static char **args;
 static bool give_up;
 
 static void drain_over(struct loop_timer *timer)
@@ -65,6 +69,12 @@ static void begin_drain(int signal_number)
 
 static void on_signal(void *user, int signal_number)
 {
+    if (signal_number == SIGHUP) {
+        sd_notify(0, "RELOADING=1");
+        configuration_reload(&server, arg_count, args);
+        sd_notify(0, "READY=1");
+        return;
+    }
     if (signal_number != SIGCHLD) {
         begin_drain(signal_number);
         return;
@@ -80,6 +90,13 @@ static void run_maintenance(struct loop_timer *timer)
     blobs_maintain(server.blobs);
     if (server.models) bakes_make_room(&server, NULL);
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
+}
+
+// From the loop, so that a loop that stands still is noticed.
+static void feed_watchdog(struct loop_timer *timer)
+{
+    sd_notify(0, "WATCHDOG=1");
+    loop_timer_set(server.loop, timer, loop_now_ns() + watchdog_ns / 2);
 }
 
 static int make_folder(const char *name)
@@ -137,29 +154,15 @@ static int remove_one(const char *path, const struct stat *st, int kind, struct 
     return remove(path);
 }
 
-static int read_token(void)
+static int check_all(void)
 {
+    char fault[256];
     const char *path = server.options.token_file;
-    if (!path[0]) return 0;
-    FILE *file = fopen(path, "re");
-    bool ok = file && fgets(server.token, sizeof server.token, file);
-    if (file) fclose(file);
-    server.token[strcspn(server.token, "\r\n")] = 0;
-    if (ok && server.token[0]) return 0;
-    log_line(LOG_ERR, "token file %s: no token in its first line", path);
+    if (!configuration_check(&server.options, fault) &&
+        (!path[0] || !token_read(path, server.token, fault)))
+        return 0;
+    log_line(LOG_ERR, "%s", fault);
     return -1;
-}
-
-static int check_models(void)
-{
-    const char *folder = server.options.models;
-    DIR *dir = folder[0] ? opendir(folder) : NULL;
-    if (folder[0] && !dir) {
-        log_line(LOG_ERR, "models folder %s: %s", folder, strerror(errno));
-        return -1;
-    }
-    if (dir) closedir(dir);
-    return 0;
 }
 
 // Connections are descriptors; the soft limit is often 1024 for the sake of select(), which
@@ -197,7 +200,8 @@ static int listen_everywhere(void)
 
 static int start(void)
 {
-    static const int signals[] = {SIGTERM, SIGINT, SIGCHLD};
+    static const int signals[] = {SIGTERM, SIGINT, SIGCHLD, SIGHUP};
+    enum { N_SIGNAL = sizeof signals / sizeof *signals };
     const struct options *o = &server.options;
     unsigned cpu = prt_cpu_detect();
     int level = log_level_parse(o->log);
@@ -219,8 +223,8 @@ static int start(void)
     unsigned threads = o->threads ? o->threads : server.n_core;
     const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
     if (o->accept_weak_sandbox) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1); // for all children
-    if (!(server.ledger = ledger_create(o)) || read_token() || check_models() ||
-        loop_create(&server.loop) || loop_signals(server.loop, signals, 3, on_signal, NULL) ||
+    if (!(server.ledger = ledger_create(o)) || check_all() || loop_create(&server.loop) ||
+        loop_signals(server.loop, signals, N_SIGNAL, on_signal, NULL) ||
         cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
@@ -234,6 +238,12 @@ static int start(void)
     log_line(LOG_EVENT, "start version=" RELIGHT_VERSION " pid=%d threads=%u data=%s%s",
              (int)getpid(), threads, server.data, server.data_temporary ? " (temporary)" : "");
     warm_start(server.work);
+    uint64_t watchdog_us;
+    if (sd_watchdog_enabled(0, &watchdog_us) > 0) {
+        watchdog_ns = watchdog_us * 1000;
+        watchdog_timer.fire = feed_watchdog;
+        feed_watchdog(&watchdog_timer);
+    }
     sd_notify(0, "READY=1");
     return 0;
 }
@@ -279,13 +289,27 @@ static void stop(void)
         log_line(LOG_WARN, "temporary data folder %s could not be removed", server.data);
 }
 
+static int print_check(void)
+{
+    char fault[256];
+    if (configuration_check(&server.options, fault)) {
+        fprintf(stderr, "relightd: %s\n", fault);
+        return 2;
+    }
+    printf("relightd: the configuration is fine\n");
+    return 0;
+}
+
 int main(int argc, char **argv)
 {
     if (argc == 3 && !strcmp(argv[1], "--decode-helper"))
         return decode_helper_main(atoi(argv[2]));
     for (int fd = 0; fd < 3; fd++) // children are given descriptors by these numbers
         if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", O_RDWR) < 0) return 1;
+    arg_count = argc;
+    args = argv;
     options_parse(argc, argv, &server.options);
+    if (server.options.check) return print_check();
     log_start();
     int failed = start();
     while (!failed && !drained()) {

@@ -2,6 +2,8 @@
 // The option table's three readers: argp, the configuration file, and --print-config.
 #include "core/options.h"
 
+#include "core/ledger.h"
+
 #include <argp.h>
 #include <ctype.h>
 #include <errno.h>
@@ -28,7 +30,8 @@ enum {
     KEY_FIRST = 0x100,
     KEY_CONFIG = 0x400,
     KEY_LISTEN,
-    KEY_PRINT
+    KEY_PRINT,
+    KEY_CHECK
 };
 
 const char *argp_program_version = "relightd " RELIGHT_VERSION;
@@ -86,40 +89,67 @@ static char *trim(char *s)
     return s;
 }
 
-static void fail_line(const char *path, int line, const char *word, const char *fault)
-{
-    fprintf(stderr, "relightd: %s:%d: %s: %s\n", path, line, word, fault);
-    exit(2);
-}
+// Texts of configuration files; options point into them, also after a later reading.
+struct config_text {
+    struct config_text *next;
+    char text[];
+};
+static struct config_text *config_texts;
 
-static char *config_text; // options point into it
-
-static void read_config(struct options *options, const char *path)
+// NULL with *fault saying why.
+static char *read_text(const char *path, const char **fault)
 {
     enum { MOST = 1 << 20 };
-    FILE *file = fopen(path, "r");
-    char *text = file && !config_text ? calloc(1, MOST) : NULL;
-    if (!text || (!fread(text, 1, MOST - 1, file) && ferror(file))) {
-        fprintf(stderr, "relightd: %s: %s\n", path,
-                config_text ? "one configuration file is enough" : strerror(errno));
-        exit(2);
+    FILE *file = fopen(path, "re");
+    struct config_text *own = file ? calloc(1, sizeof *own + MOST + 1) : NULL;
+    size_t n = own ? fread(own->text, 1, MOST + 1, file) : 0;
+    *fault = NULL;
+    if (!own || ferror(file)) *fault = strerror(errno);
+    else if (n > MOST) *fault = "longer than 1048576 bytes";
+    else if (memchr(own->text, 0, n)) *fault = "has a zero byte: not text";
+    if (file) fclose(file);
+    if (*fault) {
+        free(own);
+        return NULL;
     }
-    fclose(file);
-    config_text = text;
+    struct config_text *small = realloc(own, sizeof *own + n + 1);
+    own = small ? small : own;
+    own->next = config_texts;
+    config_texts = own;
+    return own->text;
+}
+
+int options_read_config(struct options *options, const char *name, char *text, char error[300])
+{
     for (int n = 1; text; n++) {
         char *word = trim(strsep(&text, "\n"));
         if (!*word || *word == '#') continue;
         char *value = strchr(word, '=');
-        if (!value) fail_line(path, n, word, "`word = value` is wanted");
-        *value++ = 0;
-        word = trim(word);
-        value = trim(value);
-        const char *fault = "no such option";
-        if (!strcmp(word, "listen")) fault = add_listen(options, value);
-        for (size_t i = 0; i < N_ROW; i++)
-            if (!strcmp(word, table[i].word)) fault = set_row(options, &table[i], value);
-        if (fault) fail_line(path, n, word, fault);
+        const char *fault = value ? "no such option" : "`word = value` is wanted";
+        if (value) {
+            *value++ = 0;
+            word = trim(word);
+            value = trim(value);
+            if (!strcmp(word, "listen")) fault = add_listen(options, value);
+            for (size_t i = 0; i < N_ROW; i++)
+                if (!strcmp(word, table[i].word)) fault = set_row(options, &table[i], value);
+        }
+        if (!fault) continue;
+        snprintf(error, 300, "%.100s:%d: %.80s: %s", name, n, word, fault);
+        return -1;
     }
+    return 0;
+}
+
+static int read_config(struct options *options, const char *path, char fault[256])
+{
+    const char *wrong;
+    char error[300];
+    char *text = read_text(path, &wrong);
+    if (!text) snprintf(error, sizeof error, "%.150s: %s", path, wrong);
+    int failed = !text || options_read_config(options, path, text, error);
+    if (failed) snprintf(fault, 256, "%.255s", error);
+    return failed ? -1 : 0;
 }
 
 static void print_wrapped(const char *text)
@@ -167,6 +197,10 @@ static error_t parse_one(int key, char *arg, struct argp_state *state)
         print_config();
         exit(0);
     }
+    if (key == KEY_CHECK) {
+        parse->options->check = true;
+        return 0;
+    }
     if (key == KEY_LISTEN) {
         if (!parse->listen_given) parse->options->n_listen = 0;
         parse->listen_given = true;
@@ -184,19 +218,52 @@ static error_t parse_one(int key, char *arg, struct argp_state *state)
     return ARGP_ERR_UNKNOWN;
 }
 
-void options_parse(int argc, char **argv, struct options *options)
+// What one option's own row cannot say.
+static const char *fault_of_values(const struct options *options)
 {
-    struct argp_option list[N_ROW + 4] = {
+    char *end;
+    if (options->bake_nice > 19) return "bake-nice is outside 0 to 19";
+    unsigned long mode = strtoul(options->socket_mode, &end, 8);
+    if (end == options->socket_mode || *end || mode > 0777)
+        return "socket-mode: octal permissions such as 0660 are wanted";
+    return NULL;
+}
+
+// The defaults, then the configuration file, which the command line names.
+static int read_defaults(int argc, char **argv, struct options *options, char fault[256])
+{
+    const char *path = NULL;
+    *options = (struct options){0};
+    for (size_t i = 0; i < N_ROW; i++) set_row(options, &table[i], table[i].preset);
+    for (int i = 1; i < argc && strcmp(argv[i], "--"); i++) {
+        const char *found = NULL;
+        if (!strncmp(argv[i], "--config=", 9)) found = argv[i] + 9;
+        if (!strcmp(argv[i], "--config") && i + 1 < argc) found = argv[i + 1];
+        if (found && path) {
+            snprintf(fault, 256, "%s: one configuration file is enough", found);
+            return -1;
+        }
+        if (found) path = found;
+    }
+    return path ? read_config(options, path, fault) : 0;
+}
+
+static int read_all(int argc, char **argv, struct options *options, unsigned flags,
+                    char fault[256])
+{
+    struct argp_option list[N_ROW + 5] = {
         {"config", KEY_CONFIG, "FILE", 0, "Read `word = value` lines first", 0},
         {"listen", KEY_LISTEN, "tcp:HOST:PORT|unix:PATH", 0,
          "Where clients connect; may be repeated (tcp:127.0.0.1:7413)", 0},
         {"print-config", KEY_PRINT, NULL, 0, "Print the annotated default configuration", 0},
+        {"check", KEY_CHECK, NULL, 0,
+         "Say in one line whether the configuration is fine, and leave with 0 or 2", 0},
     };
     char doc[N_ROW][400];
     for (size_t i = 0; i < N_ROW; i++) {
         snprintf(doc[i], sizeof doc[i], "%s%s%s%s", table[i].text, *table[i].preset ? " (" : "",
                  table[i].preset, *table[i].preset ? ")" : "");
-        list[i + 3] = (struct argp_option){
+        list[i + 4] = (struct argp_option){
             table[i].word,  KEY_FIRST + (int)i,
             table[i].value, table[i].kind == KIND_FLAG ? OPTION_ARG_OPTIONAL : 0,
             doc[i],         0};
@@ -204,19 +271,99 @@ void options_parse(int argc, char **argv, struct options *options)
     struct argp argp = {list, parse_one, NULL,
                         "The relighting daemon: holds precomputed light transport and answers "
                         "clients that send it lights and materials.\v"
+                        "SIGTERM and SIGINT: answer what is open, then leave. SIGHUP: read the "
+                        "configuration and the token file again; the log says what changed.\n\n"
                         "Exit status: 0 after SIGTERM or SIGINT, 1 failed, 2 wrong usage."};
-    *options = (struct options){0};
-    for (size_t i = 0; i < N_ROW; i++) set_row(options, &table[i], table[i].preset);
-    for (int i = 1; i < argc && strcmp(argv[i], "--"); i++) {
-        if (!strncmp(argv[i], "--config=", 9)) read_config(options, argv[i] + 9);
-        if (!strcmp(argv[i], "--config") && i + 1 < argc) read_config(options, argv[i + 1]);
-    }
+    if (read_defaults(argc, argv, options, fault)) return -1;
     struct parse parse = {.options = options};
     argp_err_exit_status = 2;
-    argp_parse(&argp, argc, argv, 0, NULL, &parse);
-    if (options->bake_nice > 19) {
-        fprintf(stderr, "relightd: bake-nice %u is outside 0..19\n", options->bake_nice);
-        exit(2);
+    if (argp_parse(&argp, argc, argv, flags, NULL, &parse)) {
+        snprintf(fault, 256, "the command line is not understood");
+        return -1;
+    }
+    const char *wrong = fault_of_values(options);
+    if (wrong) {
+        snprintf(fault, 256, "%s", wrong);
+        return -1;
     }
     if (!options->n_listen) add_listen(options, "tcp:127.0.0.1:7413");
+    return 0;
+}
+
+void options_parse(int argc, char **argv, struct options *options)
+{
+    char fault[256];
+    if (!read_all(argc, argv, options, 0, fault)) return;
+    fprintf(stderr, "relightd: %s\n", fault);
+    exit(2);
+}
+
+int options_reread(int argc, char **argv, struct options *options, char fault[256])
+{
+    return read_all(argc, argv, options, ARGP_SILENT, fault);
+}
+
+// ---- what may change while the daemon runs
+
+#define FIELD(f) offsetof(struct options, f)
+static const size_t changeable[] = {
+    FIELD(log),       FIELD(origins),    FIELD(hosts),      FIELD(token_file),  FIELD(requests),
+    FIELD(handshake), FIELD(idle),       FIELD(write_time), FIELD(send_buffer), FIELD(deadline),
+    FIELD(max_side),  FIELD(frame_time), FIELD(drain),
+#define X(name, words, unit, by_client, in_all) FIELD(by_client), FIELD(in_all),
+    LEDGER_LIST(X)
+#undef X
+};
+
+static bool may_change(const struct row *row)
+{
+    for (size_t i = 0; i < sizeof changeable / sizeof *changeable; i++)
+        if (changeable[i] == row->offset) return true;
+    return false;
+}
+
+static size_t row_size(const struct row *row)
+{
+    static const size_t sizes[] = {[KIND_TEXT] = sizeof(char *),
+                                   [KIND_COUNT] = sizeof(uint32_t),
+                                   [KIND_BYTES] = sizeof(uint64_t),
+                                   [KIND_SECONDS] = sizeof(double),
+                                   [KIND_FLAG] = sizeof(bool)};
+    return sizes[row->kind];
+}
+
+static void show_value(const struct row *row, const void *field, char out[200])
+{
+    if (row->kind == KIND_TEXT) snprintf(out, 200, "%s", *(const char *const *)field);
+    if (row->kind == KIND_COUNT) snprintf(out, 200, "%u", *(const uint32_t *)field);
+    if (row->kind == KIND_BYTES)
+        snprintf(out, 200, "%llu", (unsigned long long)*(const uint64_t *)field);
+    if (row->kind == KIND_SECONDS) snprintf(out, 200, "%g", *(const double *)field);
+    if (row->kind == KIND_FLAG) snprintf(out, 200, "%s", *(const bool *)field ? "yes" : "no");
+}
+
+static bool same_listen(const struct options *a, const struct options *b)
+{
+    bool same = a->n_listen == b->n_listen;
+    for (unsigned i = 0; same && i < a->n_listen; i++)
+        same = !strcmp(a->listen[i], b->listen[i]);
+    return same;
+}
+
+void options_update(struct options *options, const struct options *fresh,
+                    void (*tell)(const char *word, const char *value, bool taken))
+{
+    for (size_t i = 0; i < N_ROW; i++) {
+        void *to = (char *)options + table[i].offset;
+        const void *from = (const char *)fresh + table[i].offset;
+        char value[200];
+        bool same = table[i].kind == KIND_TEXT
+                        ? !strcmp(*(const char **)to, *(const char *const *)from)
+                        : !memcmp(to, from, row_size(&table[i]));
+        if (same) continue;
+        show_value(&table[i], from, value);
+        if (may_change(&table[i])) memcpy(to, from, row_size(&table[i]));
+        tell(table[i].word, value, may_change(&table[i]));
+    }
+    if (!same_listen(options, fresh)) tell("listen", fresh->listen[0], false);
 }

@@ -28,7 +28,15 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "Names, comma-separated, under which HTTP is reached, beside loopback names and the "       \
       "address it listens on; a request for another Host is refused; * for all")                  \
     X(TEXT, token_file, "token-file", "FILE", "",                                                 \
-      "First line: the token a client must say in HELLO. Empty: none is wanted")                  \
+      "First line: the token a client must say in HELLO, and a scraper of /metrics as "           \
+      "`Authorization: Bearer TOKEN`. Empty: none is wanted")                                     \
+    X(FLAG, accept_anyone, "accept-anyone", "yes|no", "no",                                       \
+      "Listen beyond loopback without a token file: every machine that reaches the address may "  \
+      "use this daemon")                                                                          \
+    X(TEXT, socket_mode, "socket-mode", "MODE", "0660",                                           \
+      "Permissions of unix sockets, octal: who may write may connect")                            \
+    X(TEXT, socket_group, "socket-group", "GROUP", "",                                            \
+      "Group of unix sockets. Empty: the daemon's own")                                           \
     X(TEXT, prt, "prt", "PROGRAM", "",                                                            \
       "The prt program that bakes. Empty: the one beside relightd, else on PATH")                 \
     X(TEXT, log, "log", "LEVEL", "event", "error, warning, event or trace")                       \
@@ -118,10 +126,23 @@ struct options {
 #undef X
     const char *listen[OPTIONS_MAX_LISTEN]; /* tcp:HOST:PORT or unix:PATH */
     unsigned n_listen;
+    bool check; /* --check: say whether the configuration is fine, and leave */
 };
 
 /* Fills *options from defaults, then the configuration file, then the command line. Prints and
  * exits 2 on wrong usage, exits 0 after --help, --version and --print-config. */
 void options_parse(int argc, char **argv, struct options *options);
+/* Sets what the lines of a configuration say; options then point into `text`, which is cut at
+ * its ends of words. Returns 0, or -1 with the first fault and its line (errors call the text
+ * `name`). */
+int options_read_config(struct options *options, const char *name, char *text, char error[300]);
+
+/* Reads the same configuration file and command line again, into *options. 0, or -1 with the
+ * fault's words; prints nothing. Texts of earlier readings stay valid. */
+int options_reread(int argc, char **argv, struct options *options, char fault[256]);
+/* Calls tell for each option whose value in `fresh` differs from the one in `options`: taken,
+ * where it may change while the daemon runs and is copied; else it waits for a restart. */
+void options_update(struct options *options, const struct options *fresh,
+                    void (*tell)(const char *word, const char *value, bool taken));
 
 #endif

@@ -6,6 +6,7 @@
 #include "frame.h"
 #include "core/log.h"
 #include "core/server.h"
+#include "store/disk.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -89,7 +90,7 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     G("models_open", files.entries, "open transport files");
     G("cache_bytes", cache.bytes, "bytes of shared results");
     G("cache_entries", cache.entries, "shared results");
-    G("disk_bytes", blobs_bytes(server->blobs), "bytes of uploads and bakes");
+    G("disk_bytes", disk_bytes(server->ledger), "bytes of uploads and bakes");
     G("bakes_bytes", bakes_bytes(server), "bytes of bakes alone");
     G("jobs_open", jobs_open(server->jobs), "bakes that wait or run");
     G("jobs_running", jobs_running(server->jobs), "bakes that run");

@@ -5,6 +5,7 @@
 #include "net/carrier.h"
 
 #include "core/log.h"
+#include "core/token.h"
 #include "net/listener.h"
 #include "net/web_access.h"
 
@@ -14,6 +15,7 @@
 #include <netdb.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <unistd.h>
 
 enum {
@@ -158,11 +160,24 @@ static int confirm_upgrade(struct lws *wsi, const char *to)
     return -1;
 }
 
+// Requests have no body: one that is announced would be waited for, a byte at a time.
+static bool plain_get(struct lws *wsi)
+{
+    char room[8];
+    const char *length = header(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH, room, sizeof room);
+    return (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) ||
+            lws_hdr_total_length(wsi, WSI_TOKEN_HEAD_URI)) &&
+           !lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING) && length &&
+           (!*length || !strcmp(length, "0"));
+}
+
 static int filter_request(struct lws *wsi)
 {
-    if (admitted(wsi)) return 0;
-    lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, NULL);
-    return 1;
+    unsigned status = !plain_get(wsi)  ? HTTP_STATUS_METHOD_NOT_ALLOWED
+                      : !admitted(wsi) ? HTTP_STATUS_FORBIDDEN
+                                       : 0;
+    if (status) lws_return_http_status(wsi, status, NULL);
+    return status != 0;
 }
 
 // Counts the client as a connection; when there is no room it gets an ERROR frame instead.
@@ -256,10 +271,19 @@ static int page_write(struct lws *wsi, struct page_session *p)
     return lws_http_transaction_completed(wsi) ? -1 : 0;
 }
 
+static bool bearer_is_right(struct lws *wsi)
+{
+    char room[TOKEN_ROOM + 16];
+    const char *said = header(wsi, WSI_TOKEN_HTTP_AUTHORIZATION, room, sizeof room);
+    bool bearer = said && !strncasecmp(said, "Bearer ", 7);
+    return token_is_right(the_server->token, bearer ? said + 7 : "");
+}
+
 static int page_request(struct lws *wsi, struct page_session *p)
 {
-    char path[64] = "";
-    lws_hdr_copy(wsi, path, sizeof path, WSI_TOKEN_GET_URI);
+    char room[16];
+    const char *path = header(wsi, WSI_TOKEN_GET_URI, room, sizeof room);
+    if (!path) path = ""; // longer than any there is
     if (!strcmp(path, "/healthz")) {
         bool well = !the_server->draining;
         char *text = strdup(well ? "ok\n" : "draining\n");
@@ -267,6 +291,10 @@ static int page_request(struct lws *wsi, struct page_session *p)
                            "text/plain", text, text ? strlen(text) : 0);
     }
     if (!strcmp(path, "/metrics")) {
+        if (!bearer_is_right(wsi)) {
+            if (lws_return_http_status(wsi, HTTP_STATUS_UNAUTHORIZED, NULL)) return -1;
+            return lws_http_transaction_completed(wsi) ? -1 : 0;
+        }
         size_t n = 0;
         char *text = stats_prometheus(the_server, &n);
         return answer_text(wsi, p, HTTP_STATUS_OK, "text/plain; version=0.0.4", text, n);
@@ -391,9 +419,10 @@ static bool create_context(const struct server *server)
     info.mounts = mount;
     info.gid = info.uid = (gid_t)-1;
     info.keepalive_timeout = 15;
-    // A client has --handshake to send a request's header.
-    info.timeout_secs = (unsigned)ceil(fmax(server->options.handshake, 1));
-    info.timeout_secs_ah_idle = info.timeout_secs;
+    // A client has --handshake to begin a request; lws's other timeout restarts with each
+    // fragment of an answer.
+    info.timeout_secs = 30;
+    info.timeout_secs_ah_idle = (unsigned)ceil(fmax(server->options.handshake, 1));
     info.retry_and_idle_policy = &pings;
     info.options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS |
                    LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE;

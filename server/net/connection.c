@@ -34,6 +34,8 @@ static uint64_t next_limit(const struct connection *conn, const char **why)
          "a frame was begun and not finished in time (--frame-time)"},
         {!conn->greeted, plus_seconds(conn->opened_ns, o->handshake),
          "no HELLO in time (--handshake)"},
+        {conn->full_ns, plus_seconds(conn->full_ns, o->write_time),
+         "its answers have passed --send-buffer for longer than --write-time"},
         {conn->out, plus_seconds(conn->sent_ns, o->write_time),
          "its answers wait and it reads nothing (--write-time)"},
     };
@@ -51,7 +53,8 @@ static uint64_t next_limit(const struct connection *conn, const char **why)
 // reads.
 static void sample_output(struct connection *conn, uint64_t now)
 {
-    size_t unsent = conn->out ? conn->carrier->unsent(conn) : 0;
+    bool known = conn->out && conn->carrier->unsent;
+    size_t unsent = known ? conn->carrier->unsent(conn) : 0;
     if (unsent < conn->unsent) conn->sent_ns = now;
     conn->unsent = unsent;
 }
@@ -323,7 +326,8 @@ void connection_written(struct connection *conn, size_t n)
         if (!f->more) conn->message_left = first_message(conn);
         free_frame(conn, f);
     }
-    if (conn->out_bytes <= conn->server->options.send_buffer) conn->full_ns = 0;
+    if (conn->out_bytes - conn->message_left <= conn->server->options.send_buffer)
+        conn->full_ns = 0;
     if (conn->closing) {
         if (!conn->out) connection_close(conn, "done");
     } else if (!conn->reading && conn->out_bytes <= conn->server->options.send_buffer / 2) {
@@ -397,7 +401,7 @@ void connection_send(struct connection *conn, uint16_t type, uint8_t flags, uint
     } else if (behind > 4 * limit) {
         connection_close(conn, "reads too slowly: its answers do not fit the send buffer");
     } else {
-        if (conn->out_bytes > limit && !conn->full_ns) conn->full_ns = loop_now_ns();
+        if (behind > limit && !conn->full_ns) conn->full_ns = loop_now_ns();
         if (conn->out_bytes > limit && conn->reading) {
             conn->reading = false;
             conn->carrier->set_reading(conn, false);

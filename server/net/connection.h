@@ -18,7 +18,7 @@ struct carrier {
     void (*want_write)(struct connection *conn);           /* there is output */
     void (*set_reading)(struct connection *conn, bool on); /* back pressure */
     void (*close)(struct connection *conn);                /* let go of carrier_data */
-    size_t (*unsent)(const struct connection *conn);       /* bytes the kernel holds for it */
+    size_t (*unsent)(const struct connection *conn); /* bytes the kernel holds; may be NULL */
 };
 
 /* Bytes that several answers may share; released when the last is sent. */
@@ -52,7 +52,7 @@ struct connection {
     struct out_frame *out, **out_last;
     size_t out_bytes;    /* queued and not sent */
     size_t message_left; /* of them, those of the message that is being sent */
-    uint64_t full_ns;    /* since when more than --send-buffer is queued; 0: it is not */
+    uint64_t full_ns; /* since when more than --send-buffer waits behind it; 0: it does not */
     struct request *requests;
     unsigned n_request, n_long; /* n_long: of them, views and watches */
     uint64_t payload_charged;   /* for the frame that is being read */
@@ -70,7 +70,7 @@ struct connection {
 };
 
 /* who: the principal's name until HELLO says another ("uid:1000", "addr:192.0.2.7"). NULL when
- * there is no memory. */
+ * there is no memory, or its client or all of them have as many as they may. */
 struct connection *connection_open(struct server *server, const struct carrier *carrier,
                                    void *carrier_data, const char *peer, const char *who);
 /* Everything open is cancelled. The struct stays until the loop's turn ends. */

@@ -6,7 +6,7 @@
 #include "render/shared/materials.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
-#include "net/request.h"
+#include "net/request_wait.h"
 #include "render/shared/geometry.h"
 
 #include <stdio.h>
@@ -120,37 +120,21 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
 
 // ---- waiting for a model
 
-struct opening_wait {
-    struct cache_waiter waiter; // first
-    struct request *request;    // NULL: nobody waits any more
+struct opening {
+    struct request_wait wait; // for the file
     struct model *model;
-    struct cache_entry *file;
     with_model_fn fn;
 };
 
-static void end_wait(struct opening_wait *w)
+static void opened(struct request_wait *wait, struct request *request)
 {
-    cache_release(w->file);
-    model_release(w->model);
-    free(w);
-}
-
-static void model_opened(struct cache_waiter *waiter)
-{
-    struct opening_wait *w = (struct opening_wait *)waiter;
-    struct request *request = w->request;
-    if (request) {
-        request->state = NULL;
-        request->abandon = NULL;
-        if (w->file->state == CACHE_READY) w->fn(request, w->model, w->file);
-        else request_fail(request, w->file->error_code, "%s", w->file->error);
-    }
-    end_wait(w);
-}
-
-static void abandon_wait(struct request *request)
-{
-    ((struct opening_wait *)request->state)->request = NULL;
+    struct opening *o = (struct opening *)wait;
+    struct cache_entry *file = wait->entry;
+    if (request && file->state == CACHE_READY) o->fn(request, o->model, file);
+    else if (request) request_fail(request, file->error_code, "%s", file->error);
+    cache_release(file);
+    model_release(o->model);
+    free(o);
 }
 
 static void with(struct request *request, const char *name, with_model_fn fn,
@@ -160,23 +144,17 @@ static void with(struct request *request, const char *name, with_model_fn fn,
     int code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
     struct model *model = models_find(request->server->models, name, error);
     struct cache_entry *file = model ? get(model, &code, error) : NULL;
-    struct opening_wait *w = file ? calloc(1, sizeof *w) : NULL;
-    if (!w) {
+    struct opening *o = file ? calloc(1, sizeof *o) : NULL;
+    if (!o) {
         if (file) snprintf(error, sizeof error, "not enough memory");
         cache_release(file);
         request_fail(request, code, "%s", error);
         return;
     }
-    *w = (struct opening_wait){.request = request,
-                               .model = model,
-                               .file = file,
-                               .fn = fn,
-                               .waiter.wake = model_opened};
+    o->model = model;
+    o->fn = fn;
     model_hold(model);
-    request->state = w;
-    request->abandon = abandon_wait;
-    if (file->state == CACHE_PENDING) cache_wait(file, &w->waiter);
-    else model_opened(&w->waiter);
+    request_await_entry(request, &o->wait, file, opened);
 }
 
 void with_model(struct request *request, const char *name, with_model_fn fn)

@@ -2,9 +2,9 @@
 // Listening sockets: one way to resolve, bind, log and accept for every carrier.
 #include "net/listener.h"
 
+#include "core/address.h"
 #include "core/log.h"
 
-#include <ctype.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/sockios.h>
@@ -44,50 +44,6 @@ struct listener {
 static struct listener *listeners;
 static int reserve_fd = -1; // closed to accept and refuse a client when no descriptor is left
 static uint64_t logged_ns;
-
-// ---- addresses
-
-bool address_split(const char *text, char host[256], char port[8])
-{
-    const char *colon = strrchr(text, ':');
-    if (!colon || !colon[1] || strlen(colon + 1) > 5) return false;
-    for (const char *c = colon + 1; *c; c++)
-        if (!isdigit((unsigned char)*c)) return false;
-    if (atoi(colon + 1) > 65535) return false;
-    size_t n = (size_t)(colon - text);
-    bool bracket = text[0] == '[' && n >= 2 && text[n - 1] == ']';
-    if (bracket) {
-        text++;
-        n -= 2;
-    }
-    // An IPv6 address without brackets: its last group would be taken for the port.
-    if (n >= 256 || (!bracket && memchr(text, ':', n))) return false;
-    snprintf(host, 256, "%.*s", (int)n, text);
-    if (!strcmp(host, "*")) host[0] = 0;
-    strcpy(port, colon + 1);
-    return true;
-}
-
-bool address_is_loopback(const struct sockaddr *address)
-{
-    if (address->sa_family == AF_UNIX) return true;
-    if (address->sa_family == AF_INET)
-        return ntohl(((const struct sockaddr_in *)address)->sin_addr.s_addr) >> 24 == 127;
-    if (address->sa_family != AF_INET6) return false;
-    const struct in6_addr *a = &((const struct sockaddr_in6 *)address)->sin6_addr;
-    return IN6_IS_ADDR_LOOPBACK(a) || (IN6_IS_ADDR_V4MAPPED(a) && a->s6_addr[12] == 127);
-}
-
-void address_name(const struct sockaddr_storage *address, socklen_t n, char *out, size_t room)
-{
-    char host[64], port[16];
-    bool six = address->ss_family == AF_INET6;
-    if (address->ss_family == AF_UNIX ||
-        getnameinfo((const struct sockaddr *)address, n, host, sizeof host, port, sizeof port,
-                    NI_NUMERICHOST | NI_NUMERICSERV))
-        snprintf(out, room, "local");
-    else snprintf(out, room, "%s%s%s:%s", six ? "[" : "", host, six ? "]" : "", port);
-}
 
 void accepted_describe(int fd, struct accepted *client)
 {
@@ -249,19 +205,23 @@ static void set_port(struct sockaddr *a, in_port_t port)
     else ((struct sockaddr_in *)a)->sin_port = port;
 }
 
+static void warn_of_anyone(const struct options *options, const struct sockaddr *address,
+                           const char *name)
+{
+    if (!options->token_file[0] && !address_is_loopback(address))
+        log_line(LOG_WARN,
+                 "listen %s: every machine that reaches this address may use this "
+                 "daemon (--accept-anyone)",
+                 name);
+}
+
 int listener_open_tcp(struct server *server, const char *kind, const char *address,
                       accepted_fn fn)
 {
-    char host[256], port[8];
-    if (!address_split(address, host, port)) {
-        log_line(LOG_ERR, "listen %s:%s: HOST:PORT is wanted, an IPv6 address in brackets",
-                 kind, address);
-        return -1;
-    }
-    struct addrinfo hints = {.ai_flags = AI_PASSIVE, .ai_socktype = SOCK_STREAM}, *list;
-    int err = getaddrinfo(*host ? host : NULL, port, &hints, &list);
-    if (err) {
-        log_line(LOG_ERR, "listen %s:%s: %s", kind, address, gai_strerror(err));
+    struct addrinfo *list;
+    char why[256];
+    if (address_resolve(&server->options, address, &list, why)) {
+        log_line(LOG_ERR, "listen %s:%s: %s", kind, address, why);
         return -1;
     }
     int n_open = 0, fault = 0;
@@ -284,6 +244,7 @@ int listener_open_tcp(struct server *server, const char *kind, const char *addre
             chosen = port_of(&bound);
         }
         log_line(LOG_EVENT, "listen address=%s:%s", kind, name);
+        warn_of_anyone(&server->options, a->ai_addr, name);
         if (!add_listener(server, fd, NULL, -1, fn)) n_open++;
     }
     freeaddrinfo(list);
@@ -291,42 +252,66 @@ int listener_open_tcp(struct server *server, const char *kind, const char *addre
     return n_open ? 0 : -1;
 }
 
-int listener_open_unix(struct server *server, const char *path, accepted_fn fn)
+// The holder of the lock owns the socket file; a dead daemon holds none. The lock file lies
+// beside the socket, maybe in /tmp: it is not followed when it is a link, and must be ours.
+static int lock_socket(const char *path, char fault[256])
+{
+    char lock_path[sizeof((struct sockaddr_un *)0)->sun_path + 8];
+    struct stat st;
+    snprintf(lock_path, sizeof lock_path, "%s.lock", path);
+    int fd = open(lock_path, O_CREAT | O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0600);
+    if (fd < 0) {
+        snprintf(fault, 256, "%s: %s", lock_path,
+                 errno == ELOOP ? "a link, which is not followed: remove it" : strerror(errno));
+        return -1;
+    }
+    if (fstat(fd, &st) || !S_ISREG(st.st_mode) || st.st_uid != geteuid())
+        snprintf(fault, 256,
+                 "%s: this file is another user's: remove it, or choose a folder "
+                 "that others cannot write to",
+                 lock_path);
+    else if (flock(fd, LOCK_EX | LOCK_NB) || fstat(fd, &st) || !st.st_nlink)
+        snprintf(fault, 256, "another relightd serves this socket");
+    else return fd;
+    close(fd);
+    return -1;
+}
+
+// The socket's descriptor, or -1. Nobody can connect before its mode and group are set.
+static int bind_unix(const struct options *options, const char *path, char fault[256])
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
-    if (strlen(path) >= sizeof address.sun_path) {
-        log_line(LOG_ERR, "listen unix:%s: the path is longer than %zu bytes", path,
-                 sizeof address.sun_path - 1);
-        return -1;
-    }
-    strcpy(address.sun_path, path);
-    // The holder of the lock owns the socket file; a dead daemon holds none.
-    char lock_path[sizeof address.sun_path + 8];
-    snprintf(lock_path, sizeof lock_path, "%s.lock", path);
-    int lock_fd = open(lock_path, O_CREAT | O_RDWR | O_CLOEXEC, 0600);
-    if (lock_fd < 0) {
-        log_line(LOG_ERR, "listen unix:%s: %s: %s", path, lock_path, strerror(errno));
-        return -1;
-    }
-    if (flock(lock_fd, LOCK_EX | LOCK_NB)) {
-        log_line(LOG_ERR, "listen unix:%s: another relightd serves this socket", path);
-        close(lock_fd);
-        return -1;
-    }
     struct stat st;
+    gid_t group;
+    strcpy(address.sun_path, path);
+    if (address_group(options->socket_group, &group, fault)) return -1;
     if (!lstat(path, &st) && !S_ISSOCK(st.st_mode)) {
-        log_line(LOG_ERR, "listen unix:%s: there is a file of this name and it is no socket",
-                 path);
-        close(lock_fd);
+        snprintf(fault, 256, "there is a file of this name and it is no socket");
         return -1;
     }
     unlink(path);
+    mode_t mode = (mode_t)strtoul(options->socket_mode, NULL, 8);
     int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-    if (fd < 0 || bind(fd, (struct sockaddr *)&address, sizeof address) ||
-        listen(fd, BACKLOG)) {
-        log_line(LOG_ERR, "listen unix:%s: %s", path, strerror(errno));
-        if (fd >= 0) close(fd);
-        close(lock_fd);
+    if (fd >= 0 && !fchmod(fd, 0) && !bind(fd, (struct sockaddr *)&address, sizeof address) &&
+        (group == (gid_t)-1 || !chown(path, (uid_t)-1, group)) && !chmod(path, mode) &&
+        !listen(fd, BACKLOG))
+        return fd;
+    snprintf(fault, 256, "%s", strerror(errno));
+    if (fd >= 0) close(fd);
+    return -1;
+}
+
+int listener_open_unix(struct server *server, const char *path, accepted_fn fn)
+{
+    char address[300], fault[256];
+    snprintf(address, sizeof address, "unix:%s", path);
+    int lock_fd = -1, fd = -1;
+    if (!address_check(&server->options, address, fault) &&
+        (lock_fd = lock_socket(path, fault)) >= 0)
+        fd = bind_unix(&server->options, path, fault);
+    if (fd < 0) {
+        log_line(LOG_ERR, "listen unix:%s: %s", path, fault);
+        if (lock_fd >= 0) close(lock_fd);
         return -1;
     }
     log_line(LOG_EVENT, "listen address=unix:%s", path);
@@ -335,6 +320,19 @@ int listener_open_unix(struct server *server, const char *path, accepted_fn fn)
 
 int listener_adopt(struct server *server, int fd, accepted_fn fn)
 {
+    struct sockaddr_storage a = {0};
+    socklen_t n = sizeof a;
+    const struct options *o = &server->options;
+    if (getsockname(fd, (struct sockaddr *)&a, &n)) {
+        log_line(LOG_ERR, "listen inherited:%d: %s", fd, strerror(errno));
+        return -1;
+    }
+    char fault[256];
+    if (address_admit(o, (struct sockaddr *)&a, fault)) {
+        log_line(LOG_ERR, "listen inherited:%d: %s", fd, fault);
+        return -1;
+    }
+    warn_of_anyone(o, (struct sockaddr *)&a, "inherited");
     fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK);
     fcntl(fd, F_SETFD, FD_CLOEXEC);
     log_line(LOG_EVENT, "listen address=inherited:%d", fd);

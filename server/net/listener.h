@@ -25,8 +25,8 @@ typedef void (*accepted_fn)(struct server *server, const struct accepted *client
  * the log's lines. Logs each bound address, or why none is; 0 or -1. */
 int listener_open_tcp(struct server *server, const char *kind, const char *address,
                       accepted_fn fn);
-/* A unix socket. A socket file that a dead daemon left is replaced; one that a living daemon
- * serves is an error. */
+/* A unix socket with --socket-mode and --socket-group. A socket file that a dead daemon left is
+ * replaced; one that a living daemon serves is an error. */
 int listener_open_unix(struct server *server, const char *path, accepted_fn fn);
 /* Takes a listening socket that was handed over (systemd socket activation). */
 int listener_adopt(struct server *server, int fd, accepted_fn fn);
@@ -40,11 +40,5 @@ void accepted_tune(int fd);
 
 /* Bytes in the socket's send buffer that the peer has not taken. */
 size_t socket_unsent(int fd);
-
-/* Splits HOST:PORT; host is without brackets, "" for all addresses. False when it is none. */
-bool address_split(const char *text, char host[256], char port[8]);
-bool address_is_loopback(const struct sockaddr *address);
-/* "192.0.2.7:80", "[::1]:80"; "local" for a unix socket. */
-void address_name(const struct sockaddr_storage *address, socklen_t n, char *out, size_t room);
 
 #endif

@@ -229,7 +229,6 @@ void request_fail(struct request *request, int code, const char *fmt, ...)
     va_start(args, fmt);
     vsnprintf(said, sizeof said, fmt, args);
     va_end(args);
-    relight_utf8_cut(text);
     struct connection *conn = request->conn;
     blobs_name_in_text(conn->server->blobs, conn->principal->name, said, text, sizeof text);
     log_line(LOG_EVENT, "refused conn=%llu id=%llu op=%s code=%d text=\"%s\"",

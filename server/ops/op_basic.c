@@ -2,10 +2,11 @@
 // The operations that look: hello, ping, list, watch, cancel, info, geometry, unload, stats.
 #include "net/dispatch.h"
 #include "core/log.h"
+#include "core/token.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
 #include "render/render.h"
-#include "net/request.h"
+#include "net/request_wait.h"
 #include "render/shared/geometry.h"
 
 #include <dirent.h>
@@ -17,17 +18,6 @@
 #include <time.h>
 
 #define MESSAGE(type) ((const Relight__##type *)request->message)
-
-// Takes as long for a nearly right token as for a wrong one.
-static bool token_is_right(const struct server *server, const char *said)
-{
-    size_t n = strlen(server->token), m = strlen(said);
-    unsigned differs = n != m;
-    if (!n) return true; // none is wanted
-    for (size_t i = 0; i < n; i++)
-        differs |= (unsigned char)(server->token[i] ^ said[m ? i % m : 0]);
-    return !differs;
-}
 
 void op_hello(struct request *request)
 {
@@ -42,7 +32,7 @@ void op_hello(struct request *request)
         if (!conn->dead) connection_finish(conn, "no common version");
         return;
     }
-    if (!token_is_right(request->server, in->token)) {
+    if (!token_is_right(request->server->token, in->token)) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN, "the token is %s",
                      in->token[0] ? "wrong" : "missing");
         if (!conn->dead) connection_finish(conn, "no token");
@@ -296,8 +286,7 @@ void op_info(struct request *request)
 // ---- geometry: copied on a worker
 
 struct geometry {
-    struct work work;
-    struct request *request; // NULL: nobody waits any more
+    struct request_wait wait;
     struct cache_entry *shape;
     bool normals, triangles;
     float scale;
@@ -327,14 +316,12 @@ static int run_geometry(struct work *work, const struct prt_context *ctx)
     return PRT_OK;
 }
 
-static void done_geometry(struct work *work)
+static void geometry_copied(struct request_wait *wait, struct request *request)
 {
-    struct geometry *g = (struct geometry *)work;
-    struct request *request = g->request;
+    struct geometry *g = (struct geometry *)wait;
     const struct prt_mesh *mesh = &((struct shape *)g->shape->value)->mesh;
-    if (request) request->abandon = NULL;
-    if (request && work->status) {
-        request_fail(request, error_of_status(work->status), "%s", work->error);
+    if (request && wait->work.status) {
+        request_fail(request, error_of_status(wait->work.status), "%s", wait->work.error);
     } else if (request) {
         Relight__GeometryAnswer out = RELIGHT__GEOMETRY_ANSWER__INIT;
         struct payload payload = {g->bytes, g->size, g->bytes, prt_free};
@@ -356,11 +343,6 @@ static void done_geometry(struct work *work)
     free(g);
 }
 
-static void abandon_geometry(struct request *request)
-{
-    ((struct geometry *)request->state)->request = NULL;
-}
-
 static void geometry_ready(struct request *request, struct model *m, struct cache_entry *shape)
 {
     const Relight__GeometryRequest *in = MESSAGE(GeometryRequest);
@@ -370,8 +352,7 @@ static void geometry_ready(struct request *request, struct model *m, struct cach
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
-    *g = (struct geometry){.request = request,
-                           .shape = shape,
+    *g = (struct geometry){.shape = shape,
                            .generation = m->generation,
                            .normals = !in->no_normals,
                            .triangles = !in->no_triangles};
@@ -387,11 +368,7 @@ static void geometry_ready(struct request *request, struct model *m, struct cach
         g->size = g->triangles_offset + (size_t)mesh->n_triangle * 12;
     }
     cache_hold(shape);
-    request->state = g;
-    request->abandon = abandon_geometry;
-    g->work.run = run_geometry;
-    g->work.done = done_geometry;
-    work_submit(request->server->work, &g->work);
+    request_await_work(request, &g->wait, run_geometry, geometry_copied);
 }
 
 void op_geometry(struct request *request)

@@ -14,7 +14,8 @@
 struct upload_request {
     struct blob_put put; // first
     struct server *server;
-    struct request *request; // NULL: nobody waits any more
+    struct request *request;  // NULL: nobody waits any more
+    struct held_bytes *bytes; // a worker may read them when the request has gone
 };
 
 static void abandon(struct request *request)
@@ -46,7 +47,7 @@ static void done(struct blob_put *put)
         request->abandon = NULL;
         request_answer(request, &out.base, NULL);
     }
-    free(put->bytes);
+    held_bytes_release(r->bytes);
     free(r);
 }
 
@@ -58,8 +59,10 @@ void op_put_blob(struct request *request)
                      "hash is not 64 lower-case hex digits");
         return;
     }
+    size_t n = request->payload_size;
     struct upload_request *r = calloc(1, sizeof *r);
-    if (!r) {
+    if (!r || (n && !(r->bytes = request_take_payload(request)))) {
+        free(r);
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
@@ -67,14 +70,13 @@ void op_put_blob(struct request *request)
     r->request = request;
     struct blob_put *put = &r->put;
     memcpy(put->hash, in->hash, BLOB_HASH);
-    snprintf(put->principal, sizeof put->principal, "%s", request->conn->principal->name);
+    snprintf(put->principal, sizeof put->principal, "%s", request->principal->name);
     if (strlen(in->name) <= BLOB_NAME) strcpy(put->name, in->name);
     put->size = in->size;
     put->offset = in->offset;
-    put->bytes = request->payload;
-    put->n = request->payload_size;
+    put->bytes = n ? r->bytes->bytes : NULL;
+    put->n = n;
     put->done = done;
-    request->payload = NULL; // a worker may read it when the request has gone
     request->state = r;
     request->abandon = abandon;
     blobs_put(request->server->blobs, put);

@@ -3,7 +3,7 @@
 #include "net/dispatch.h"
 #include "store/models.h"
 #include "render/render.h"
-#include "net/request.h"
+#include "net/request_wait.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -76,8 +76,7 @@ void op_colors(struct request *request)
     char error[300];
     int code;
     render_spec_init(&spec);
-    if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request->payload,
-                                   request->payload_size, error)) ||
+    if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request, error)) ||
         (code = render_spec_shade(&spec, request->server, in->shade, error)) ||
         (code = render_spec_colors(&spec, (int)in->format, in->exposure_ev, error))) {
         render_spec_finish(&spec);
@@ -95,8 +94,7 @@ void op_image(struct request *request)
     char error[300];
     int code;
     render_spec_init(&spec);
-    if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request->payload,
-                                   request->payload_size, error)) ||
+    if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request, error)) ||
         (code = render_spec_shade(&spec, request->server, in->shade, error)) ||
         (code = render_spec_picture(&spec, request->server, in->picture, error))) {
         render_spec_finish(&spec);
@@ -109,10 +107,7 @@ void op_image(struct request *request)
 // ---- ENV: decode ahead of use
 
 struct looking {
-    struct work work;
-    struct cache_waiter waiter;
-    struct request *request; // NULL: nobody waits any more
-    struct cache_entry *entry;
+    struct request_wait wait; // for the image, then for its mean
     char env[96];
     bool was_there;
     float mean[3];
@@ -120,14 +115,14 @@ struct looking {
 
 static void end_looking(struct looking *l)
 {
-    cache_release(l->entry);
+    cache_release(l->wait.entry);
     free(l);
 }
 
 static int run_mean(struct work *work, const struct prt_context *ctx)
 {
     struct looking *l = (struct looking *)work;
-    const struct decoded_env *d = l->entry->value;
+    const struct decoded_env *d = l->wait.entry->value;
     struct prt_cube cube;
     double sum[3] = {0}, weight = 0;
     enum { N = 16 };
@@ -143,14 +138,12 @@ static int run_mean(struct work *work, const struct prt_context *ctx)
     return PRT_OK;
 }
 
-static void done_mean(struct work *work)
+static void mean_known(struct request_wait *wait, struct request *request)
 {
-    struct looking *l = (struct looking *)work;
-    const struct decoded_env *d = l->entry->value;
-    struct request *request = l->request;
-    if (request) request->abandon = NULL;
-    if (request && work->status) {
-        request_fail(request, error_of_status(work->status), "%s", work->error);
+    struct looking *l = (struct looking *)wait;
+    const struct decoded_env *d = wait->entry->value;
+    if (request && wait->work.status) {
+        request_fail(request, error_of_status(wait->work.status), "%s", wait->work.error);
     } else if (request) {
         Relight__EnvAnswer out = RELIGHT__ENV_ANSWER__INIT;
         Relight__Vec3 mean = RELIGHT__VEC3__INIT;
@@ -170,25 +163,15 @@ static void done_mean(struct work *work)
     end_looking(l);
 }
 
-static void env_ready(struct cache_waiter *waiter)
+static void env_ready(struct request_wait *wait, struct request *request)
 {
-    struct looking *l = (struct looking *)((char *)waiter - offsetof(struct looking, waiter));
-    if (!l->request) {
-        end_looking(l);
-    } else if (l->entry->state == CACHE_FAILED) {
-        l->request->abandon = NULL;
-        request_fail(l->request, l->entry->error_code, "%s", l->entry->error);
-        end_looking(l);
-    } else {
-        l->work.run = run_mean;
-        l->work.done = done_mean;
-        work_submit(l->request->server->work, &l->work);
+    struct looking *l = (struct looking *)wait;
+    if (request && wait->entry->state == CACHE_READY) {
+        request_await_work(request, wait, run_mean, mean_known);
+        return;
     }
-}
-
-static void abandon_looking(struct request *request)
-{
-    ((struct looking *)request->state)->request = NULL;
+    if (request) request_fail(request, wait->entry->error_code, "%s", wait->entry->error);
+    end_looking(l);
 }
 
 void op_env(struct request *request)
@@ -197,18 +180,14 @@ void op_env(struct request *request)
     char error[300], env[96];
     struct looking *l = calloc(1, sizeof *l);
     int code = l ? env_canonical(in->env, env, error) : RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
-    if (l && !code) l->entry = env_get(request->server, env, &code, error);
-    if (!l || !l->entry) {
+    struct cache_entry *entry = NULL;
+    if (l && !code) entry = env_get(request->server, env, &code, error);
+    if (!l || !entry) {
         request_fail(request, code, "%s", l ? error : "not enough memory");
         free(l);
         return;
     }
     snprintf(l->env, sizeof l->env, "%s", env);
-    l->request = request;
-    request->state = l;
-    request->abandon = abandon_looking;
-    l->was_there = l->entry->state == CACHE_READY;
-    l->waiter.wake = env_ready;
-    if (l->entry->state == CACHE_PENDING) cache_wait(l->entry, &l->waiter);
-    else env_ready(&l->waiter);
+    l->was_there = entry->state == CACHE_READY;
+    request_await_entry(request, &l->wait, entry, env_ready);
 }

@@ -13,13 +13,25 @@
 static const float farthest_mm = 1e6f;
 
 // A pose nobody else looks at: the model's own, or a copy of it or of the file's positions.
-static struct pose *own_pose(struct model *m, const struct prt_mesh *mesh)
+// NULL with code and error. Whoever makes the copy pays for it while the model has it.
+static struct pose *own_pose(struct model *m, const struct prt_mesh *mesh,
+                             const struct request *request, int *code, char error[256])
 {
     size_t n = mesh->n_vertex;
     if (m->pose && m->pose->refs == 1) return m->pose;
     struct pose *pose = calloc(1, sizeof *pose);
+    *code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+    snprintf(error, 256, "not enough memory");
     if (!pose) return NULL;
     pose->refs = 1;
+    if (ledger_take(request->principal, LEDGER_PAYLOAD, n * 24, error)) {
+        *code = refusal_code(request->principal, LEDGER_PAYLOAD, n * 24);
+        free(pose);
+        return NULL;
+    }
+    pose->principal = request->principal;
+    principal_hold(pose->principal);
+    pose->charged = n * 24;
     pose->n = mesh->n_vertex;
     pose->position = prt_alloc(n, sizeof *pose->position);
     pose->normal = prt_calloc(n, sizeof *pose->normal);
@@ -85,9 +97,11 @@ static void mesh_ready(struct request *request, struct model *m, struct cache_en
                      "a normal is not a number or outside [-1e9, 1e9]");
         return;
     }
-    struct pose *pose = in->n ? own_pose(m, mesh) : NULL;
+    int code = 0;
+    char error[256] = "";
+    struct pose *pose = in->n ? own_pose(m, mesh, request, &code, error) : NULL;
     if (in->n && !pose) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        request_fail(request, code, "%s", error);
         return;
     }
     for (size_t i = 0; i < in->n; i++) {

@@ -181,10 +181,7 @@ static void draw(struct view *v)
         return;
     }
     struct render_spec spec;
-    if (render_spec_copy(&v->spec, &spec)) {
-        retry(v, now + retry_ns);
-        return;
-    }
+    render_spec_copy(&v->spec, &spec);
     if (!finer) {
         v->dirty = false;
         v->next_ns = now + v->gap_ns;
@@ -205,9 +202,9 @@ static void draw(struct view *v)
 
 // Applies a state; nothing changes when it is refused.
 static int apply(struct view *v, struct server *server, const Relight__ViewState *state,
-                 const struct request *from, char error[300])
+                 struct request *from, char error[300])
 {
-    struct render_spec next = v->spec;
+    struct render_spec next = v->spec; // with its texels, unless the state brings others
     int code = 0;
     if (state && (code = render_spec_shade(&next, server, state->shade, error))) return code;
     if (state && state->picture && v->spec.picture &&
@@ -215,8 +212,7 @@ static int apply(struct view *v, struct server *server, const Relight__ViewState
         return code;
     size_t n = state ? state->n_lights : 0;
     if (n || from->payload_size)
-        code = render_spec_lights(&next, n, n ? state->lights : NULL, from->payload,
-                                  from->payload_size, error);
+        code = render_spec_lights(&next, n, n ? state->lights : NULL, from, error);
     if (!code) v->spec = next;
     return code;
 }

@@ -6,6 +6,7 @@
 #define RELIGHTD_RENDER_H
 
 #include "net/connection.h"
+#include "render/shared/materials.h"
 #include "store/models.h"
 #include "prt/light.h"
 #include "prt/raster.h"
@@ -24,16 +25,17 @@ struct render_light {
     char still_key[200]; /* the same without its turn */
 };
 
-/* Everything an evaluation depends on, checked. Plain data but for texels. */
+/* Everything an evaluation depends on, checked. Plain data but for the texels, which all copies
+ * of a spec share. */
 struct render_spec {
     unsigned n_light;
     struct render_light light[RENDER_MAX_LIGHTS];
-    float *texels; /* malloc()ed; of inline cubes */
+    struct held_bytes *texels; /* net/request.h: floats of inline cubes; NULL: none */
     bool sum;
     int engine, term; /* Relight__Engine, Relight__Term */
     bool has_material, has_eye;
     struct prt_material material;
-    char material_key[24];
+    char material_key[MATERIAL_KEY];
     float eye[3]; /* model's own units */
     float max_error;
     uint32_t budget_ms;
@@ -61,9 +63,11 @@ struct render_spec {
  * or an error code with its text naming parameter, range and unit. */
 void render_spec_init(struct render_spec *spec);
 void render_spec_finish(struct render_spec *spec);
-int render_spec_copy(const struct render_spec *from, struct render_spec *to);
+/* Holds the texels; render_spec_finish for both. */
+void render_spec_copy(const struct render_spec *from, struct render_spec *to);
+/* Takes the request's payload, the lights' texels, when it returns 0. */
 int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const *lights,
-                       const uint8_t *payload, size_t payload_size, char error[300]);
+                       struct request *request, char error[300]);
 int render_spec_shade(struct render_spec *spec, struct server *server,
                       const Relight__Shade *shade, char error[300]);
 int render_spec_picture(struct render_spec *spec, const struct server *server,
@@ -72,6 +76,8 @@ int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
                        char error[300]);
 /* Fills the keys; texels of all lights, for inline cubes. */
 void render_light_name(struct render_light *light, const float *texels);
+/* A cube's texels lie in the spec's. */
+const float *render_texels(const struct render_spec *spec, const struct render_light *light);
 /* "constant" and "env:HASH" in their canonical form, 0 or an error. */
 int env_canonical(const char *env, char out[96], char error[300]);
 

@@ -3,6 +3,7 @@
 // names the parameter, its range and its unit.
 #include "render/shared/materials.h"
 #include "render/render.h"
+#include "net/request.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -19,26 +20,19 @@ void render_spec_init(struct render_spec *spec)
 
 void render_spec_finish(struct render_spec *spec)
 {
-    free(spec->texels);
+    held_bytes_release(spec->texels);
     spec->texels = NULL;
 }
 
-static size_t texel_floats(const struct render_spec *spec)
+void render_spec_copy(const struct render_spec *from, struct render_spec *to)
 {
-    size_t n = 0;
-    for (unsigned i = 0; i < spec->n_light; i++)
-        n += (size_t)18 * spec->light[i].cube_n * spec->light[i].cube_n;
-    return n;
+    *to = *from;
+    if (to->texels) held_bytes_hold(to->texels);
 }
 
-int render_spec_copy(const struct render_spec *from, struct render_spec *to)
+const float *render_texels(const struct render_spec *spec, const struct render_light *light)
 {
-    size_t n = texel_floats(from);
-    *to = *from;
-    to->texels = n ? malloc(n * sizeof(float)) : NULL;
-    if (n && !to->texels) return RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
-    if (n) memcpy(to->texels, from->texels, n * sizeof(float));
-    return 0;
+    return (const float *)spec->texels->bytes + light->texel;
 }
 
 static bool vec3(const Relight__Vec3 *v, float out[3])
@@ -78,13 +72,18 @@ static int parse_light(struct render_light *out, const Relight__Light *in, unsig
 
 void render_light_name(struct render_light *light, const float *texels)
 {
-    char source[96];
+    char source[96], hex[65];
+    struct relight_sha256 sha;
     size_t bytes = (size_t)72 * light->cube_n * light->cube_n;
-    if (light->cube_n)
-        snprintf(source, sizeof source, "texels:%u:%016llx%016llx", light->cube_n,
-                 (unsigned long long)prt_hash64(texels + light->texel, bytes, 1),
-                 (unsigned long long)prt_hash64(texels + light->texel, bytes, 2));
-    else snprintf(source, sizeof source, "%s", light->env);
+    // Clients share what was computed for a key: none may make another's on purpose.
+    if (light->cube_n) {
+        relight_sha256_init(&sha);
+        relight_sha256_add(&sha, texels + light->texel, bytes);
+        relight_sha256_hex(&sha, hex);
+        snprintf(source, sizeof source, "texels:%u:%s", light->cube_n, hex);
+    } else {
+        snprintf(source, sizeof source, "%s", light->env);
+    }
     snprintf(light->key, sizeof light->key, "%s@%.9g*%.9g,%.9g,%.9g", source, light->rotate_deg,
              (double)light->gain[0], (double)light->gain[1], (double)light->gain[2]);
     snprintf(light->still_key, sizeof light->still_key, "%s@0*%.9g,%.9g,%.9g", source,
@@ -92,7 +91,7 @@ void render_light_name(struct render_light *light, const float *texels)
 }
 
 int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const *lights,
-                       const uint8_t *payload, size_t payload_size, char error[300])
+                       struct request *request, char error[300])
 {
     if (n > RENDER_MAX_LIGHTS)
         REFUSE(OUT_OF_RANGE, "%zu lights: 1 to %d are wanted", n, RENDER_MAX_LIGHTS);
@@ -104,21 +103,20 @@ int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const
         parsed[i].texel = floats;
         floats += (size_t)18 * parsed[i].cube_n * parsed[i].cube_n;
     }
-    if (payload_size != floats * sizeof(float))
+    if (request->payload_size != floats * sizeof(float))
         REFUSE(BAD_REQUEST, "the payload has %zu bytes where the lights' cubes take %zu",
-               payload_size, floats * sizeof(float));
-    const float *texels = (const float *)payload;
+               request->payload_size, floats * sizeof(float));
+    const float *texels = (const float *)request->payload;
     for (size_t i = 0; i < floats; i++)
         if (!(texels[i] >= 0 && texels[i] <= 1e9f))
             REFUSE(OUT_OF_RANGE, "a texel of an inline cube is outside [0, 1e9]");
-    float *copy = floats ? malloc(floats * sizeof *copy) : NULL;
-    if (floats && !copy) REFUSE(NO_MEMORY, "not enough memory");
-    if (copy) memcpy(copy, texels, floats * sizeof *copy);
-    free(spec->texels);
-    spec->texels = copy;
+    struct held_bytes *held = request_take_payload(request);
+    if (floats && !held) REFUSE(NO_MEMORY, "not enough memory");
+    held_bytes_release(spec->texels);
+    spec->texels = held;
     spec->n_light = (unsigned)n;
     for (unsigned i = 0; i < n; i++) spec->light[i] = parsed[i];
-    for (unsigned i = 0; i < n; i++) render_light_name(&spec->light[i], copy);
+    for (unsigned i = 0; i < n; i++) render_light_name(&spec->light[i], texels);
     return 0;
 }
 
@@ -152,8 +150,7 @@ int render_spec_shade(struct render_spec *spec, struct server *server,
     if (spec->has_material) {
         if (material_resolve(server, shade->material, &spec->material, &preset, error))
             return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
-        snprintf(spec->material_key, sizeof spec->material_key, "%016llx",
-                 (unsigned long long)prt_material_hash(&spec->material));
+        material_key(&spec->material, spec->material_key);
     }
     spec->has_eye = vec3(shade->eye, spec->eye);
     if (spec->has_eye && !all_in(spec->eye, -1e9f, 1e9f))

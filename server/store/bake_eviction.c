@@ -4,6 +4,7 @@
 #include "store/bake_eviction.h"
 
 #include "core/log.h"
+#include "store/disk.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
 
@@ -46,7 +47,7 @@ void bakes_make_room(struct server *server, const struct model *newest)
 {
     const struct options *o = &server->options;
     uint64_t bytes = bakes_bytes(server);
-    while (bytes && (bytes > o->bakes_disk || blobs_bytes(server->blobs) > o->disk)) {
+    while (bytes && (bytes > o->bakes_disk || disk_bytes(server->ledger) > o->disk)) {
         struct model *m = oldest(server, newest, false);
         if (!m) m = oldest(server, newest, true);
         if (!m) return; // pinned, or not ours: an administrator's choice

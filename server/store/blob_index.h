@@ -56,6 +56,7 @@ struct blobs {
     struct blob_lru lru;
     struct blob_owner *owners;
     struct upload *uploads;
+    uint64_t last_trash;
 };
 
 /* NULL where there is none. */
@@ -72,6 +73,8 @@ void blob_add_name(struct blobs *blobs, struct blob *blob, const char *principal
 /* Removes the blob that was unused longest, of this owner (NULL: of any), unless it was used in
  * the last keep_s. False when there is none. */
 bool blob_evict(struct blobs *blobs, const char *owner);
+/* Takes a file of the store its name at once; a worker removes it. */
+void blob_discard(struct blobs *blobs, const char *name);
 uint64_t blob_clock_ns(void); /* wall clock */
 /* Blocks that a blob takes on disk: itself and its owner file. */
 uint64_t blob_charge(uint64_t size);
@@ -98,6 +101,7 @@ int blob_part_write(const char *folder, const char *stem, uint64_t offset, const
 int blob_part_finish(const char *folder, const char *stem, const char *hash,
                      const char *principal, const char *name, bool *first,
                      enum blob_format *format);
+/* Removes STEM.part and STEM.upload. */
 void blob_part_remove(const char *folder, const char *stem);
 enum blob_format blob_format_of(const void *bytes, size_t n);
 /* Whether a file name may be kept: not empty, no path, no control characters. */

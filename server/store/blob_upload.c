@@ -95,7 +95,13 @@ static void free_upload(struct upload *u, bool keep_charge)
 static struct blob_put *drop_upload(struct upload *u)
 {
     struct blob_put *queue = u->first;
-    if (u->begun) blob_part_remove(u->blobs->folder, u->stem);
+    char name[BLOB_STEM + 8];
+    if (u->begun) {
+        snprintf(name, sizeof name, "%s.upload", u->stem);
+        blob_discard(u->blobs, name);
+        snprintf(name, sizeof name, "%s.part", u->stem);
+        blob_discard(u->blobs, name);
+    }
     free_upload(u, false);
     return queue;
 }
@@ -242,6 +248,8 @@ static void arrived(struct upload *u, struct blob_put *put)
     struct blobs *blobs = u->blobs;
     struct blob_put *queue = u->first;
     uint64_t size = u->size;
+    char hash[BLOB_HASH + 1];
+    strcpy(hash, u->hash); // who asked frees the put when it has its answer
     struct blob *b = NULL;
     if (!blob_find(blobs, u->hash))
         b = blob_add(blobs, u->hash, size, u->charged, u->principal->name, blob_clock_ns());
@@ -261,7 +269,7 @@ static void arrived(struct upload *u, struct blob_put *put)
         blobs_put(blobs, put);
     }
     put_again(queue);
-    drop_others(blobs, put->hash);
+    drop_others(blobs, hash);
 }
 
 static void failed(struct upload *u, struct blob_put *put)

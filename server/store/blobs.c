@@ -16,6 +16,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#define TRASH "trash-" /* begins the name of a file that is being removed */
+
 enum { FIRST_BUCKETS = 256, DIGITS = 12 };
 
 uint64_t blob_clock_ns(void)
@@ -156,18 +158,52 @@ static void free_blob(struct blob *b)
     free(b);
 }
 
+struct discard {
+    struct work work;
+    char path[4096];
+};
+
+static int run_discard(struct work *work, const struct prt_context *ctx)
+{
+    unlink(((struct discard *)work)->path); // frees its blocks, which takes a while
+    return PRT_OK;
+}
+
+static void free_work(struct work *work)
+{
+    free(work);
+}
+
+void blob_discard(struct blobs *blobs, const char *name)
+{
+    char path[4096];
+    struct discard *d = calloc(1, sizeof *d);
+    snprintf(path, sizeof path, "%s/%s", blobs->folder, name);
+    if (d)
+        snprintf(d->path, sizeof d->path, "%s/" TRASH "%llu", blobs->folder,
+                 (unsigned long long)++blobs->last_trash);
+    if (!d || rename(path, d->path)) {
+        unlink(path);
+        free(d);
+        return;
+    }
+    d->work.run = run_discard;
+    d->work.done = free_work;
+    d->work.class = WORK_BACKGROUND;
+    work_submit(blobs->setup.work, &d->work);
+}
+
 void blob_remove(struct blobs *blobs, struct blob *b)
 {
-    char path[4096], owner[4096 + 8];
+    char owner[BLOB_HASH + 8];
     struct blob **at = bucket_of(blobs, b->hash);
     while (*at != b) at = &(*at)->chain;
     *at = b->chain;
     blobs->n_blob--;
     leave_order(blobs, b);
-    blobs_path(blobs, b->hash, path, sizeof path);
-    snprintf(owner, sizeof owner, "%s.owner", path);
-    unlink(path);
-    unlink(owner);
+    snprintf(owner, sizeof owner, "%s.owner", b->hash);
+    blob_discard(blobs, b->hash);
+    blob_discard(blobs, owner);
     disk_charge(blobs->setup.ledger, b->owner->name, -(int64_t)b->charged);
     drop_owner(blobs, b->owner);
     free_blob(b);
@@ -230,11 +266,6 @@ static int run_append(struct work *work, const struct prt_context *ctx)
     return PRT_OK;
 }
 
-static void done_append(struct work *work)
-{
-    free(work);
-}
-
 static struct blob_name *find_name(const struct blob *b, const char *principal)
 {
     struct blob_name *n = b->names;
@@ -262,7 +293,7 @@ void blob_add_name(struct blobs *blobs, struct blob *b, const char *principal, c
     snprintf(a->path, sizeof a->path, "%s/%s.owner", blobs->folder, b->hash);
     snprintf(a->line, sizeof a->line, "%s\t%s\n", principal, name);
     a->work.run = run_append;
-    a->work.done = done_append;
+    a->work.done = free_work;
     a->work.class = WORK_BACKGROUND;
     work_submit(blobs->setup.work, &a->work);
 }
@@ -307,6 +338,7 @@ void blobs_name_in_text(const struct blobs *blobs, const char *principal, const 
         }
     }
     out[at] = 0;
+    relight_utf8_cut(out);
 }
 
 // ---- checking a blob that was there at the start
@@ -402,11 +434,6 @@ static int run_times(struct work *work, const struct prt_context *ctx)
     return PRT_OK;
 }
 
-static void done_times(struct work *work)
-{
-    free(work);
-}
-
 // Touched blobs are the newest.
 static struct times *collect_times(struct blobs *blobs)
 {
@@ -429,7 +456,7 @@ void blobs_maintain(struct blobs *blobs)
     struct times *t = collect_times(blobs);
     if (!t) return;
     t->work.run = run_times;
-    t->work.done = done_times;
+    t->work.done = free_work;
     t->work.class = WORK_BACKGROUND;
     work_submit(blobs->setup.work, &t->work);
 }
@@ -493,6 +520,7 @@ static void recover_other(struct blobs *blobs, int folder, const char *name)
     snprintf(stem, sizeof stem, "%s", name);
     snprintf(hash, sizeof hash, "%.*s", BLOB_HASH, name);
     char *dot = strrchr(stem, '.');
+    if (!strncmp(name, TRASH, strlen(TRASH))) unlinkat(folder, name, 0);
     if (!dot || !relight_hash_valid(hash)) return;
     *dot = 0;
     if (ends_with(name, ".upload")) {
@@ -576,11 +604,6 @@ void blobs_close(struct blobs *blobs)
     }
     free(blobs->bucket);
     free(blobs);
-}
-
-uint64_t blobs_bytes(const struct blobs *blobs)
-{
-    return disk_bytes(blobs->setup.ledger);
 }
 
 void blobs_charge(struct blobs *blobs, int64_t bytes)

@@ -61,7 +61,8 @@ enum blob_format blobs_format(const struct blobs *blobs, const char *hash);
  * NULL, the beginning of its hash: 12 digits and "…". */
 void blobs_name(const struct blobs *blobs, const char *principal, const char *hash, char *name,
                 size_t n);
-/* Copies a message, with "123456789abc…" replaced by this principal's name of that blob. */
+/* Copies a message, with "123456789abc…" replaced by this principal's name of that blob;
+ * what does not fit is cut between two characters. */
 void blobs_name_in_text(const struct blobs *blobs, const char *principal, const char *text,
                         char *out, size_t n);
 
@@ -100,8 +101,7 @@ void blobs_maintain(struct blobs *blobs);
 /* Hex SHA-256 of a file into out[65]; 0 or -errno. Any thread. */
 int blobs_hash_file(const char *path, char out[65]);
 
-/* Bytes that everything under --data takes, and a charge to nobody: see store/disk.h. */
-uint64_t blobs_bytes(const struct blobs *blobs);
+/* Charges bytes under --data to nobody: see store/disk.h. */
 void blobs_charge(struct blobs *blobs, int64_t bytes);
 
 #endif

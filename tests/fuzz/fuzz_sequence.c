@@ -9,6 +9,7 @@
 
 #include <dirent.h>
 #include <ftw.h>
+#include <math.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,7 +22,7 @@
 #include "prt/transport.h"
 #include "synthetic.h"
 
-enum { N_PEER = 4, N_BAKE = 2, MAX_SEEDS = 64, IDS = 10, SEQUENCES = 60, HANG_S = 60 };
+enum { N_PEER = 4, N_BAKE = 2, MAX_SEEDS = 64, IDS = 10, SEQUENCES = 30, HANG_S = 60 };
 
 __attribute__((weak)) void __sanitizer_set_death_callback(void (*)(void));
 __attribute__((weak)) int __lsan_do_recoverable_leak_check(void);
@@ -197,7 +198,8 @@ static void send_some(struct peer *p, bool all)
         // So that a sanitizer sees who looks behind the end.
         uint8_t *exact = malloc(n);
         memcpy(exact, at, n);
-        if (p->messages) rooms_message(&p->end, exact, n);
+        if (p->messages)
+            rooms_message(&p->end, exact, n, rnd_chance(&r, 2) ? SIZE_MAX : 1 + rnd(&r, 100));
         else rooms_stream(&p->end, exact, n);
         free(exact);
         p->sent += n;
@@ -217,19 +219,23 @@ static void cancel_bake(struct peer *p, const char *job)
 // ended ones for a while only.
 static void end_many_bakes(struct peer *p)
 {
-    for (uint32_t k = 200 + rnd(&r, 200); k && p->end.conn; k--) {
+    close_peer(p);
+    open_peer(p, true);
+    world.n_job = 0; // what ended long ago need not be asked for again
+    bool fresh = true;
+    for (uint32_t k = 250 + rnd(&r, 200); k && p->end.conn; k--) {
         uint64_t id = next_id(p);
         unsigned before = world.n_job;
-        message_load(&world, id, LOAD_NEW_BAKE, &p->to_send);
+        message_load(&world, id, fresh ? LOAD_NEW_BAKE : LOAD_SAME_BAKE, &p->to_send);
         ask(p, RELIGHT_TYPE_LOAD, id);
         send_some(p, true);
         read_answers(p, SIZE_MAX);
         rooms_turn(0);
         read_answers(p, SIZE_MAX);
-        if (world.n_job > before && !rnd_chance(&r, 50))
-            cancel_bake(p, world.job[world.n_job - 1]);
+        fresh = world.n_job == before || rnd_chance(&r, 50);
+        if (!fresh) cancel_bake(p, world.job[world.n_job - 1]);
     }
-    for (uint32_t k = rnd(&r, 8); k; k--) cancel_bake(p, world_job(&world));
+    for (uint32_t k = rnd(&r, 16); k; k--) cancel_bake(p, world_job(&world));
     send_some(p, true);
 }
 
@@ -405,7 +411,7 @@ static int remove_one(const char *path, const struct stat *st, int kind, struct 
     return remove(path);
 }
 
-static void one_round(uint64_t number)
+static void one_round(uint64_t number, double end_s)
 {
     static const uint64_t send_buffer[] = {64 << 20, 1 << 20, 4096, 300};
     static const uint64_t cache[] = {64 << 20, 1 << 20, 1};
@@ -419,7 +425,7 @@ static void one_round(uint64_t number)
         .requests = rnd_chance(&r, 4) ? 6 : 256,
         .queue = rnd_chance(&r, 6) ? 12 : 4096,
         .bakes = 1 + rnd(&r, 2),
-        .bake_queue = rnd_chance(&r, 4) ? 2 : 64,
+        .bake_queue = rnd_chance(&r, 6) ? 2 : 64,
         .cache = RND_PICK(&r, cache),
         .memory = RND_PICK(&r, cache),
         .disk = rnd_chance(&r, 6) ? 20000 : 1 << 30,
@@ -433,7 +439,9 @@ static void one_round(uint64_t number)
         world_forget(&world);
         if (!rooms_start(&settings)) fail("the rooms cannot be opened");
         prepare();
-        for (unsigned i = 0; i < SEQUENCES / (again ? 2 : 1); i++, sequence++) one_sequence();
+        for (unsigned i = 0; i < SEQUENCES / (again ? 2 : 1) && now_s() < end_s;
+             i++, sequence++)
+            one_sequence();
         rooms_stop();
     }
     if (__lsan_do_recoverable_leak_check && __lsan_do_recoverable_leak_check())
@@ -482,7 +490,7 @@ int main(int argc, char **argv)
     double start = now_s();
     unsigned rounds = 0;
     do {
-        one_round(only ? only : 1 + rounds);
+        one_round(only ? only : 1 + rounds, only ? INFINITY : start + seconds);
         rounds++;
     } while (!only && now_s() - start < seconds);
     nftw(folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);

@@ -118,7 +118,7 @@ const char *world_job(struct world *world)
     struct rnd *r = world->rnd;
     unsigned at = rnd(r, world->n_job);
     if (!world->n_job || rnd_chance(r, 16)) return rnd_chance(r, 2) ? "job-1" : "job-none";
-    for (unsigned i = 0; i < world->n_job && world->cancelled[at] && !rnd_chance(r, 64); i++)
+    for (unsigned i = 0; i < world->n_job && world->cancelled[at] && !rnd_chance(r, 2000); i++)
         at = (at + 1) % world->n_job;
     return world->job[at];
 }
@@ -376,7 +376,7 @@ void message_upload(struct world *world, uint64_t id, unsigned b, struct bytes *
 void message_load(struct world *world, uint64_t id, enum load_kind kind, struct bytes *out)
 {
     struct rnd *r = world->rnd;
-    bool preview = kind == LOAD_PREVIEW, plain = kind == LOAD_NEW_BAKE;
+    bool preview = kind == LOAD_PREVIEW, plain = kind >= LOAD_NEW_BAKE;
     Relight__LoadRequest in = RELIGHT__LOAD_REQUEST__INIT;
     Relight__FileRef file[2] = {RELIGHT__FILE_REF__INIT, RELIGHT__FILE_REF__INIT};
     Relight__FileRef *files[2] = {&file[0], &file[1]};
@@ -396,7 +396,8 @@ void message_load(struct world *world, uint64_t id, enum load_kind kind, struct 
     in.material = !plain && rnd_chance(r, 3) ? material(r, text) : "marble";
     if (!preview || rnd_chance(r, 4)) {
         in.bake = &bake;
-        bake.seed = !plain && rnd_chance(r, 3) ? rnd(r, 4) : ++world->last_seed;
+        bool other = kind != LOAD_SAME_BAKE;
+        bake.seed = !plain && rnd_chance(r, 3) ? rnd(r, 4) : (world->last_seed += other);
         if (!plain && rnd_chance(r, 8)) bake.transport = (Relight__Transport)rnd(r, 5);
         if (!plain && rnd_chance(r, 12)) bake.cube = odd_number(r);
         if (!plain && rnd_chance(r, 12)) bake.env = environment(world, env);

@@ -46,8 +46,9 @@ void bytes_add(struct bytes *out, const void *bytes, size_t n);
 // numbers make views that others name.
 void message_hello(struct world *world, uint64_t id, bool good, struct bytes *out);
 uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct bytes *out);
-// LOAD_NEW_BAKE: one that is refused for no fault of its own and differs from all before.
-enum load_kind { LOAD_PREVIEW, LOAD_BAKE, LOAD_NEW_BAKE };
+// LOAD_NEW_BAKE is not refused for a fault of its own and differs from all before;
+// LOAD_SAME_BAKE repeats the last of those: where its bake was cancelled, another is ordered.
+enum load_kind { LOAD_PREVIEW, LOAD_BAKE, LOAD_NEW_BAKE, LOAD_SAME_BAKE };
 void message_load(struct world *world, uint64_t id, enum load_kind kind, struct bytes *out);
 void message_cancel_job(struct world *world, uint64_t id, const char *job, struct bytes *out);
 void message_upload(struct world *world, uint64_t id, unsigned blob, struct bytes *out);

@@ -121,7 +121,12 @@ static void closed(struct connection *conn)
     ((struct pipe_end *)conn->carrier_data)->conn = NULL;
 }
 
-static const struct carrier carrier = {"memory", want_write, set_reading, closed};
+static size_t unsent(const struct connection *conn)
+{
+    return 0; // the pipe has no buffer of its own
+}
+
+static const struct carrier carrier = {"memory", want_write, set_reading, closed, unsent};
 
 bool rooms_connect(struct pipe_end *end, const char *who)
 {
@@ -135,9 +140,16 @@ void rooms_stream(struct pipe_end *end, const void *bytes, size_t n)
     if (end->conn && !end->conn->closing) connection_bytes(end->conn, bytes, n);
 }
 
-void rooms_message(struct pipe_end *end, const void *bytes, size_t n)
+void rooms_message(struct pipe_end *end, const void *bytes, size_t n, size_t most)
 {
-    if (end->conn && !end->conn->closing) connection_message(end->conn, bytes, n);
+    const char *at = bytes;
+    while (end->conn && !end->conn->closing) {
+        size_t part = n < most ? n : most;
+        connection_part(end->conn, at, part, part == n);
+        at += part;
+        n -= part;
+        if (!n) break;
+    }
 }
 
 size_t rooms_output(struct pipe_end *end, uint8_t *out, size_t n)
@@ -175,7 +187,14 @@ static bool make_folders(const char *data)
         mkdir(path, 0700);
     }
     snprintf(path, sizeof path, "%s/blobs", data);
-    return !blobs_open(path, server.options.max_blob, server.options.disk, &server.blobs);
+    struct blobs_setup setup = {.folder = path,
+                                .max_blob = server.options.max_blob,
+                                .ledger = server.ledger,
+                                .work = server.work,
+                                .keep_s = 600,
+                                .idle_s = 0.05,
+                                .wanted_s = 60};
+    return !blobs_open(&setup, &server.blobs);
 }
 
 bool rooms_start(const struct rooms_settings *settings)
@@ -194,15 +213,17 @@ bool rooms_start(const struct rooms_settings *settings)
     o->send_buffer = settings->send_buffer;
     o->idle = settings->idle_s;
     o->frame_time = settings->frame_time_s;
+    const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
     log_set_level(LOG_ERR);
     server.n_core = settings->threads;
     server.stats.start_ns = loop_now_ns();
     if (!(server.ledger = ledger_create(o)) || loop_create(&server.loop) ||
-        !make_folders(settings->data) || cache_create(o->cache, &server.cache) ||
-        cache_create(o->memory, &server.files) ||
-        decoder_create(server.loop, o->decode_memory, &server.decoder) ||
+        cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
+        decoder_create(server.loop, &decoding, &server.stats.children_crashed,
+                       &server.decoder) ||
         work_pool_create(server.loop, settings->threads, prt_cpu_detect(), &server.work) ||
-        jobs_create(&server, &runner, &server.jobs) || models_create(&server, &server.models))
+        !make_folders(settings->data) || jobs_create(&server, &runner, &server.jobs) ||
+        models_create(&server, &server.models))
         return false;
     cache_hold_files(server.cache, server.files);
     return true;
@@ -228,12 +249,13 @@ void rooms_stop(void)
 void rooms_turn(int ms)
 {
     loop_turn(server.loop, ms);
+    connections_shed(&server);
     connections_free_closed(&server);
 }
 
 void rooms_expire(void)
 {
-    blobs_expire(server.blobs, 0);
+    blobs_maintain(server.blobs);
 }
 
 bool rooms_working(void)

@@ -29,9 +29,10 @@ bool rooms_start(const struct rooms_settings *settings);
 void rooms_stop(void);
 
 bool rooms_connect(struct pipe_end *end, const char *who);
-// A piece of a byte stream, or one whole message as WebSocket brings it.
+// A piece of a byte stream, or one whole message as WebSocket brings it, in parts of at most
+// `most` bytes.
 void rooms_stream(struct pipe_end *end, const void *bytes, size_t n);
-void rooms_message(struct pipe_end *end, const void *bytes, size_t n);
+void rooms_message(struct pipe_end *end, const void *bytes, size_t n, size_t most);
 // Up to n bytes of what the daemon has to say.
 size_t rooms_output(struct pipe_end *end, uint8_t *out, size_t n);
 void rooms_disconnect(struct pipe_end *end);

@@ -234,6 +234,23 @@ static void test_host_and_origin(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// With a token set, /metrics is for who has it.
+static void test_metrics_want_the_token(void **state)
+{
+    char path[128];
+    snprintf(path, sizeof path, "%s/token", d.folder);
+    write_text(path, "open sesame\n");
+    const char *const extra[] = {"--http", "127.0.0.1:0", "--token-file", path, NULL};
+    daemon_start(&d, extra);
+    assert_int_equal(get("/metrics", "localhost", ""), 401);
+    assert_int_equal(get("/metrics", "localhost", "Authorization: Bearer open\r\n"), 401);
+    assert_int_equal(get("/metrics", "localhost", "Authorization: Basic open sesame\r\n"), 401);
+    assert_int_equal(get("/metrics", "localhost", "Authorization: Bearer open sesame\r\n"),
+                     200);
+    assert_int_equal(get("/healthz", "localhost", ""), 200);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 static void test_web_access_rules(void **state)
 {
     struct options o = {.http = "relight.lan:80", .hosts = "", .origins = ""};
@@ -335,6 +352,18 @@ static void test_upgrades(void **state)
     static const char *const absent[] = {"/healthz/", "/healthz/x", "/healthzx", "/metrics/x"};
     for (size_t i = 0; i < sizeof absent / sizeof *absent; i++)
         assert_int_equal(get(absent[i], "localhost", ""), 404);
+    // A body is not waited for.
+    static const char *const bodies[] = {
+        "POST /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n",
+        "GET /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n",
+        "GET /healthz HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"};
+    for (size_t i = 0; i < sizeof bodies / sizeof *bodies; i++) {
+        char answer[2048];
+        int fd = tcp_connect("127.0.0.1", port_of(d.http));
+        assert_int_equal(http_ask(fd, bodies[i], answer, sizeof answer), 405);
+        assert_true(closes(fd, 1000));
+        close(fd);
+    }
     assert_int_equal(daemon_stop(&d), 0);
 }
 
@@ -383,6 +412,14 @@ static void test_no_hello(void **state)
     }
     int plain = tcp_connect("127.0.0.1", port_of(d.http)); // not even a request
     assert_true(closes(plain, 4000));
+    close(plain);
+    plain = tcp_connect("127.0.0.1", port_of(d.http)); // half a request, dripping
+    assert_true(write(plain, "GET / HTTP/1.1\r\nX: ", 19) == 19);
+    for (int i = 0; i < 5; i++) {
+        sleep_ms(200);
+        assert_true(write(plain, "x", 1) == 1);
+    }
+    assert_true(closes(plain, 3000));
     close(plain);
     assert_true(log_says(&d, "no HELLO in time", 1000));
     assert_int_equal(daemon_stop(&d), 0);
@@ -651,6 +688,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(test_http_listens_where_it_is_told, after_each),
         cmocka_unit_test_teardown(test_host_and_origin, after_each),
+        cmocka_unit_test_teardown(test_metrics_want_the_token, after_each),
         cmocka_unit_test(test_web_access_rules),
         cmocka_unit_test_teardown(test_upgrades, after_each),
         cmocka_unit_test_teardown(test_full_says_busy, after_each),

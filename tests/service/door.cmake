@@ -1,3 +1,5 @@
-prt_test(door SOURCES service/door.c LIBS librelight relightd_rooms LABELS service TIMEOUT 120)
-target_include_directories(test_door PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/service)
-add_dependencies(test_door relightd prt_program)
+foreach(name door reload)
+  prt_test(${name} SOURCES service/${name}.c LIBS librelight relightd_rooms LABELS service TIMEOUT 120)
+  target_include_directories(test_${name} PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/service)
+  add_dependencies(test_${name} relightd prt_program)
+endforeach()

@@ -35,6 +35,36 @@ static void served(void)
     relight_close(client);
 }
 
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static long resident_kb(void)
+{
+    char path[64];
+    snprintf(path, sizeof path, "/proc/%d/status", (int)d.pid);
+    char *text = read_text(path), *at = strstr(text, "VmRSS:");
+    long kb = at ? atol(at + 6) : 0;
+    free(text);
+    return kb;
+}
+
+// Once the daemon's own warm-up no longer adds to it.
+static long settled_kb(void)
+{
+    long kb = resident_kb();
+    for (int still = 0; still < 10;) {
+        sleep_ms(100);
+        long now = resident_kb();
+        still = now - kb < 100 ? still + 1 : 0;
+        kb = now;
+    }
+    return kb;
+}
+
 // ---- the order of what is said of views
 
 // Takes a worker some 0.1 s to work out; another text each time.
@@ -348,6 +378,74 @@ static void test_bytes_held_by_requests(void **state)
     end();
 }
 
+// Vertices that were moved are paid for by who moved them, until they are put back.
+static void test_poses_are_counted(void **state)
+{
+    static const char *const extra[] = {"--client-memory", "4k", NULL};
+    begin(extra);
+    struct relight_client *client = client_open(d.address);
+    char model[32];
+    load_preview(client, model);
+    struct frames *f = frames_open(&d);
+    float vertex[3] = {1, 2, 3};
+    Relight__UpdateVerticesRequest update = RELIGHT__UPDATE_VERTICES_REQUEST__INIT;
+    Relight__UnloadRequest unload = RELIGHT__UNLOAD_REQUEST__INIT;
+    update.model = unload.model = model;
+    update.n = 1;
+    double before = held(client, "payload"), pose = 24.0 * OCTAHEDRON_VERTICES;
+    for (uint64_t id = 2; id < 5; id++) { // once, however often they move
+        frames_add(f, RELIGHT_TYPE_UPDATE_VERTICES, id, &update.base, vertex, sizeof vertex);
+        frames_send(f);
+        assert_int_equal(frames_wait(f, id).code, 0);
+        assert_true(held(client, "payload") == before + pose);
+    }
+    frames_add(f, RELIGHT_TYPE_UNLOAD, 6, &unload.base, NULL, 0);
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 6).code, 0);
+    for (int i = 0; i < 100 && held(client, "payload") != before; i++) sleep_ms(20);
+    assert_true(held(client, "payload") == before);
+    frames_close(f);
+    relight_close(client);
+    end();
+}
+
+// A view's texels lie in memory once: not beside the payload that brought them.
+static void test_texels_lie_there_once(void **state)
+{
+    enum { CUBES = 16, TEXELS = CUBES * 6 * 64 * 64 * 3, N = 20 };
+    begin(NULL);
+    struct relight_client *client = client_open(d.address);
+    char model[32];
+    load_preview(client, model);
+    struct frames *f = frames_open(&d);
+    float *texels = calloc(TEXELS, sizeof *texels); // 4.5 MiB
+    Relight__ViewOpenRequest open = RELIGHT__VIEW_OPEN_REQUEST__INIT;
+    Relight__ViewState view = RELIGHT__VIEW_STATE__INIT;
+    Relight__Light light = RELIGHT__LIGHT__INIT, *lights[CUBES];
+    for (int i = 0; i < CUBES; i++) lights[i] = &light;
+    light.cube_n = 64;
+    view.n_lights = CUBES;
+    view.lights = lights;
+    open.model = model;
+    open.state = &view;
+    open.colors = true;
+    long before = settled_kb(), each = TEXELS * (long)sizeof *texels >> 10;
+    for (uint64_t id = 10; id < 10 + N; id++) {
+        frames_add(f, RELIGHT_TYPE_VIEW_OPEN, id, &open.base, texels, TEXELS * sizeof *texels);
+        frames_send(f);
+        struct frames_answer a;
+        assert_true(frames_next(f, &a, 20000, NULL) &&
+                    !a.closed); // not ready: it bakes nothing
+    }
+    double views = (double)(resident_kb() - before) / (double)each;
+    print_message("%d views hold the bytes of %.1f\n", N, views);
+    assert_true(views < 1.4 * N);
+    free(texels);
+    frames_close(f);
+    relight_close(client);
+    end();
+}
+
 // A payload where none belongs is not stored at all, and the connection goes on.
 static void test_payload_where_none_belongs(void **state)
 {
@@ -409,6 +507,34 @@ static void test_largest_output_is_closed(void **state)
     end();
 }
 
+// A reader that reads, but never catches up, has --write-time to come below the send buffer.
+static void test_reader_that_stays_behind(void **state)
+{
+    static const char *const extra[] = {"--send-buffer", "256k", "--write-time", "1", NULL};
+    begin(extra);
+    struct frames *f = frames_open(&d);
+    Relight__StatsRequest stats = RELIGHT__STATS_REQUEST__INIT;
+    frames_add(f, RELIGHT_TYPE_STATS, 2, &stats.base, NULL, 0);
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 2).code, 0);
+    size_t size = f->decoder.frame.header_size;
+    for (uint64_t id = 3; id < 3 + (640 << 10) / size; id++)
+        frames_add(f, RELIGHT_TYPE_STATS, id, &stats.base, NULL, 0);
+    frames_send(f);
+    char bytes[4096];
+    double until = now_s() + 10;
+    bool closed = false;
+    while (!closed && now_s() < until) {
+        sleep_ms(50);
+        closed =
+            recv(f->fd, bytes, sizeof bytes, 0) <= 0 || log_says(&d, "passed --send-buf", 0);
+    }
+    assert_true(log_says(&d, "why=\"its answers have passed --send-buffer", 0));
+    frames_close(f);
+    served();
+    end();
+}
+
 // One answer many times the send buffer reaches whoever reads it, in pieces or whole.
 static void test_answer_beyond_the_send_buffer(void **state)
 {
@@ -443,6 +569,165 @@ static void test_answer_beyond_the_send_buffer(void **state)
     end();
 }
 
+// ---- headers
+
+// Half a million empty messages in one header are refused before any is unpacked.
+static void test_headers_that_unpack_to_much(void **state)
+{
+    enum { HEADER = 1 << 20 };
+    static uint8_t lights[HEADER], opaque[HEADER], unknown[HEADER];
+    begin(NULL);
+    for (int i = 0; i < HEADER; i += 2) {
+        lights[i] = 2 << 3 | 2;   // ColorsRequest.lights
+        opaque[i] = 8 << 3 | 2;   // LoadRequest.opaque
+        unknown[i] = 15 << 3 | 0; // of no field
+        lights[i + 1] = opaque[i + 1] = unknown[i + 1] = 0;
+    }
+    struct frames *f = frames_open(&d);
+    frames_add_raw(f, RELIGHT_TYPE_COLORS, 2, lights, HEADER);
+    frames_add_raw(f, RELIGHT_TYPE_LOAD, 3, opaque, HEADER);
+    frames_add_raw(f, RELIGHT_TYPE_PING, 4, unknown, HEADER);
+    frames_send(f);
+    for (uint64_t id = 2; id < 5; id++) {
+        struct frames_answer a = frames_wait(f, id);
+        assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+        assert_non_null(strstr(a.text, "more parts"));
+    }
+    // Nor do they hold up the loop.
+    double best = 1;
+    struct relight_client *client = client_open(d.address);
+    for (int i = 0; i < 5; i++) {
+        double before = now_s();
+        frames_add_raw(f, RELIGHT_TYPE_COLORS, 10 + (uint64_t)i, lights, HEADER);
+        frames_send(f);
+        frames_wait(f, 10 + (uint64_t)i);
+        double took = now_s() - before;
+        if (took < best) best = took;
+    }
+    print_message("a header of a mebibyte was answered after %.1f ms\n", best * 1e3);
+    assert_true(best < 0.02); // reading it is most of that
+    relight_close(client);
+    frames_close(f);
+    served();
+    end();
+}
+
+// A connection that sent one large header keeps nothing of it.
+static void test_idle_after_a_large_header(void **state)
+{
+    enum { N = 400, HEADER = 1 << 20 };
+    static struct frames *f[N];
+    static uint8_t header[HEADER];
+    begin(NULL);
+    header[0] = 15 << 3 | 2; // an unknown field, long
+    size_t n = HEADER - 4;
+    header[1] = (uint8_t)(n & 127) | 128;
+    header[2] = (uint8_t)(n >> 7 & 127) | 128;
+    header[3] = (uint8_t)(n >> 14);
+    memset(header + 4, 'x', n);
+    for (int i = 0; i < N; i++) f[i] = frames_open(&d);
+    long before = 0;
+    for (int i = 0; i < N; i++) {
+        if (i == 1) before = settled_kb(); // malloc keeps the first one's memory for the rest
+        frames_add_raw(f[i], RELIGHT_TYPE_PING, 2, header, HEADER);
+        frames_send(f[i]);
+        assert_int_equal(frames_wait(f[i], 2).code, 0);
+    }
+    long each = (resident_kb() - before) / N;
+    print_message("%ld KiB a connection\n", each);
+    assert_true(each <= 16);
+    for (int i = 0; i < N; i++) frames_close(f[i]);
+    end();
+}
+
+// ---- text
+
+static struct frames_answer load_named(struct frames *f, uint64_t id, const char *name,
+                                       const char *path)
+{
+    Relight__LoadRequest load = RELIGHT__LOAD_REQUEST__INIT;
+    load.path = (char *)path;
+    load.name = (char *)name;
+    load.size_mm = 10;
+    load.material = "marble";
+    load.preview = true;
+    frames_add(f, RELIGHT_TYPE_LOAD, id, &load.base, NULL, 0);
+    frames_send(f);
+    return frames_wait(f, id);
+}
+
+static void test_text_is_text(void **state)
+{
+    static const char *const bad[] = {
+        "\xff\xfe\x80",     // no UTF-8 at all
+        "\xc0\xaf",         // overlong
+        "\xed\xa0\x80",     // a surrogate
+        "\xf4\x90\x80\x80", // beyond Unicode
+        "half \xe2\x82",    // cut off
+    };
+    static const char *const control[] = {"a\nb", "\x1b[31mred", "del\x7f",
+                                          "\xc2\x9b"
+                                          "31m"};
+    begin(NULL);
+    char path[160];
+    snprintf(path, sizeof path, "%s/model.obj", d.models);
+    write_text(path, octahedron);
+    struct frames *f = frames_open(&d);
+    uint64_t id = 2;
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        struct frames_answer a = load_named(f, id++, bad[i], "model.obj");
+        assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+        assert_string_equal(a.text, "name: the text is not valid UTF-8");
+        a = load_named(f, id++, "", bad[i]);
+        assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+        assert_string_equal(a.text, "path: the text is not valid UTF-8");
+    }
+    for (size_t i = 0; i < sizeof control / sizeof *control; i++) {
+        struct frames_answer a = load_named(f, id++, control[i], "model.obj");
+        assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+        assert_string_equal(a.text, "name: a name has no control characters");
+    }
+    // A zero byte would hide what follows it.
+    static const uint8_t zero[] = {3 << 3 | 2, 3, 'a', 0, 'b'};
+    frames_add_raw(f, RELIGHT_TYPE_LOAD, id, zero, sizeof zero);
+    frames_send(f);
+    assert_non_null(strstr(frames_wait(f, id++).text, "not valid UTF-8"));
+    assert_int_equal(
+        load_named(f, id++, "grüße \xe2\x82\xac \xf0\x9f\x90\xb0", "model.obj").code, 0);
+    // A long text is cut between characters, in an error and in a name.
+    char euros[1500], shifted[1504];
+    for (size_t i = 0; i < sizeof euros - 1; i++) euros[i] = "\xe2\x82\xac"[i % 3];
+    euros[sizeof euros - 3] = 0;
+    for (size_t shift = 0; shift < 3; shift++) {
+        memset(shifted, 'x', shift);
+        snprintf(shifted + shift, sizeof shifted - shift, "%s", euros);
+        struct frames_answer a = load_named(f, id++, "", shifted);
+        assert_true(a.code != 0);
+        for (const char *at = a.text; *at;) {
+            size_t n = relight_utf8_next((const uint8_t *)at, strlen(at));
+            assert_true(n > 0);
+            at += n;
+        }
+        assert_int_equal(load_named(f, id++, shifted, "model.obj").code, 0);
+        Relight__ListRequest list = RELIGHT__LIST_REQUEST__INIT;
+        frames_add(f, RELIGHT_TYPE_LIST, id++, &list.base, NULL, 0);
+        frames_send(f);
+        ProtobufCMessage *m = NULL;
+        assert_true(frames_next(f, &a, 5000, &m) && !a.closed);
+        const Relight__ListAnswer *all = (const Relight__ListAnswer *)m;
+        assert_true(all->n_models > 0);
+        for (size_t i = 0; i < all->n_models; i++)
+            for (const char *at = all->models[i]->name; *at;) {
+                size_t n = relight_utf8_next((const uint8_t *)at, strlen(at));
+                assert_true(n > 0);
+                at += n;
+            }
+        protobuf_c_message_free_unpacked(m, NULL);
+    }
+    frames_close(f);
+    end();
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -452,9 +737,15 @@ int main(void)
         cmocka_unit_test_teardown(test_idle_views_leave_room_for_requests, teardown),
         cmocka_unit_test_teardown(test_some_always_pass, teardown),
         cmocka_unit_test_teardown(test_bytes_held_by_requests, teardown),
+        cmocka_unit_test_teardown(test_poses_are_counted, teardown),
+        cmocka_unit_test_teardown(test_texels_lie_there_once, teardown),
         cmocka_unit_test_teardown(test_payload_where_none_belongs, teardown),
         cmocka_unit_test_teardown(test_largest_output_is_closed, teardown),
+        cmocka_unit_test_teardown(test_reader_that_stays_behind, teardown),
         cmocka_unit_test_teardown(test_answer_beyond_the_send_buffer, teardown),
+        cmocka_unit_test_teardown(test_headers_that_unpack_to_much, teardown),
+        cmocka_unit_test_teardown(test_idle_after_a_large_header, teardown),
+        cmocka_unit_test_teardown(test_text_is_text, teardown),
     };
     signal(SIGPIPE, SIG_IGN);
     return cmocka_run_group_tests_name("limits", tests, NULL, NULL);

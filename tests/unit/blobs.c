@@ -118,14 +118,14 @@ static void remove_files(void)
     assert_int_equal(system(command), 0);
 }
 
-static struct store new_store(void)
+// In place: the ledger keeps the options' address.
+static void new_store(struct store *s)
 {
     remove_files();
-    struct store s = {
+    *s = (struct store){
         .options = {.disk = 64 * MB, .client_disk = 32 * MB},
         .setup = {.max_blob = 64 * MB, .keep_s = 600, .idle_s = 600, .wanted_s = 60}};
-    open_store(&s);
-    return s;
+    open_store(s);
 }
 
 struct sent {
@@ -202,7 +202,8 @@ static unsigned n_files(const char *ending)
 
 static void test_room_is_charged_when_promised(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     char bytes[10000], hash[65];
     memset(bytes, 'x', sizeof bytes);
     hash_of(bytes, sizeof bytes, hash);
@@ -235,7 +236,8 @@ static void test_room_is_charged_when_promised(void **state)
 // Two principals send the same bytes at once; one of them another size before.
 static void test_first_of_two_wins(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     static char bytes[3 * MB];
     char hash[65];
     struct sent one, two;
@@ -261,7 +263,8 @@ static void test_first_of_two_wins(void **state)
 static void test_pipelined_chunks(void **state)
 {
     enum { N = 40, PIECE = 100000 };
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     static char bytes[N * PIECE];
     static struct sent sent[N + 1];
     char hash[65];
@@ -284,7 +287,8 @@ static void test_pipelined_chunks(void **state)
 
 static void test_limits_of_a_principal(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     s.options.client_uploads = 2;
     s.setup.wanted_s = 0.05;
     reopen_store(&s);
@@ -321,7 +325,8 @@ static void test_limits_of_a_principal(void **state)
 
 static void test_upload_goes_on_after_a_restart(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     char bytes[5000], hash[65], path[300];
     memset(bytes, 'r', sizeof bytes);
     hash_of(bytes, sizeof bytes, hash);
@@ -332,6 +337,19 @@ static void test_upload_goes_on_after_a_restart(void **state)
     assert_int_equal(put(&s, "ann", hash, sizeof bytes, 0, NULL, 0).put.received, 3000);
     struct sent sent = put(&s, "ann", hash, sizeof bytes, 3000, bytes + 3000, 2000);
     assert_true(sent.put.complete);
+    // The last step is done when it was all that was missing.
+    memset(bytes, 'l', sizeof bytes);
+    hash_of(bytes, sizeof bytes, hash);
+    put(&s, "ann", hash, sizeof bytes, 0, bytes, 3000);
+    close_store(&s);
+    snprintf(path, sizeof path,
+             "cd %s/blobs && f=$(ls | grep part) && head -c 2000 /dev/zero | tr '\\0' l >> $f",
+             folder);
+    assert_int_equal(system(path), 0);
+    open_store(&s);
+    sent = put(&s, "ann", hash, sizeof bytes, 0, NULL, 0);
+    assert_true(sent.put.complete);
+    assert_int_equal(n_files(".part") + n_files(".upload"), 0);
     // One whose bytes a power cut has spoilt is found out at its end.
     memset(bytes, 's', sizeof bytes);
     hash_of(bytes, sizeof bytes, hash);
@@ -387,7 +405,8 @@ static bool check(struct store *s, const char *hash)
 
 static void test_blobs_are_checked_before_first_use(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     char good[65], bad[65], path[4096];
     put_whole(&s, "ann", 'g', 5000, good);
     put_whole(&s, "ann", 'h', 5000, bad);
@@ -413,7 +432,8 @@ static void test_blobs_are_checked_before_first_use(void **state)
 
 static void test_names_and_owners(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     char hash[65], name[256], wanted[32], text[256], said[256];
     put_whole(&s, "ann", 'n', 100, hash);
     put_whole(&s, "bob", 'n', 100, hash); // is told that it is there
@@ -433,6 +453,10 @@ static void test_names_and_owners(void **state)
         assert_string_equal(name, wanted);
         blobs_name_in_text(s.blobs, "bob", text, said, sizeof said);
         assert_string_equal(said, "bob.hdr: not an image, 0123456789ab…");
+        blobs_name_in_text(s.blobs, "bob", text, said, 5);
+        assert_string_equal(said, "bob.");
+        blobs_name_in_text(s.blobs, "eve", text, said, 14); // ends inside the "…"
+        assert_int_equal(strlen(said), 12);
         blobs_name_in_text(s.blobs, "eve", text, said, sizeof said);
         assert_string_equal(said, text);
         reopen_store(&s);
@@ -443,7 +467,8 @@ static void test_names_and_owners(void **state)
 // The blob that was unused longest goes first, of the owner whose room is spent.
 static void test_eviction(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     enum { N = 5 };
     char hash[N][65], other[65], last[65];
     s.setup.keep_s = 0;
@@ -466,7 +491,10 @@ static void test_eviction(void **state)
     put_whole(&s, "eve", 'F', 12288, last); // now --disk is spent
     assert_false(blobs_has(s.blobs, other));
     assert_int_equal(disk_bytes(s.ledger), (N + 2) * 16384);
-    s.setup.keep_s = 600; // nothing that was used so recently
+    turn_until_idle(&s);
+    assert_int_equal(n_files("trash"), 0);
+    assert_int_equal(n_files(""), 2 + 2 * (N + 2)); // ".", "..", blobs and their owners
+    s.setup.keep_s = 600;                           // nothing that was used so recently
     reopen_store(&s);
     struct sent sent = put(&s, "eve", other, 12288, 0, ".", 1);
     assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
@@ -476,7 +504,8 @@ static void test_eviction(void **state)
 static void test_index_of_many(void **state)
 {
     enum { N = 3000 };
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     static char hash[N][65];
     char path[4096];
     for (int i = 0; i < N; i++) {
@@ -499,7 +528,8 @@ static void test_index_of_many(void **state)
 // Chunks that nobody waits for any more: one that a worker has, and those behind it.
 static void test_abandoned_chunks(void **state)
 {
-    struct store s = new_store();
+    struct store s;
+    new_store(&s);
     enum { N = 4, PIECE = 2 * MB };
     struct sent *sent[N];
     char hash[65], *bytes[N];
@@ -535,6 +565,48 @@ static int teardown(void **state)
     return rmdir(folder);
 }
 
+static unsigned n_freed;
+
+static void free_put(struct blob_put *put)
+{
+    n_freed++;
+    free(put->bytes);
+    free(put);
+}
+
+// As the daemon does it: whoever is answered is freed at once, the winner and the losers.
+static void test_puts_are_freed_when_done(void **state)
+{
+    struct store s;
+    new_store(&s);
+    enum { N = 3, SIZE = 200000 };
+    char hash[65], lie[65];
+    memset(lie, 'd', 64);
+    put(&s, "idle", lie, 2, 0, ".", 1); // which others' hashes are compared with
+    for (int round = 0; round < 2 * N; round++) {
+        bool wrong = round % 2;
+        for (int i = 0; i < N; i++)
+            for (int half = 0; half < 2; half++) {
+                struct blob_put *p = calloc(1, sizeof *p);
+                p->size = SIZE;
+                p->offset = half ? SIZE / 2 : 0;
+                p->n = SIZE / 2;
+                p->bytes = malloc(SIZE);
+                memset(p->bytes, 'A' + round, SIZE);
+                hash_of(p->bytes, SIZE, hash);
+                memset(lie, 'c', 64);
+                memcpy(p->hash, wrong ? lie : hash, 64);
+                snprintf(p->principal, sizeof p->principal, "client %d", i);
+                p->done = free_put;
+                blobs_put(s.blobs, p);
+            }
+        turn_until_idle(&s);
+        assert_int_equal(blobs_has(s.blobs, hash), !wrong);
+    }
+    assert_int_equal(n_freed, 2 * N * N * 2);
+    close_store(&s);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -550,6 +622,7 @@ int main(void)
         cmocka_unit_test(test_eviction),
         cmocka_unit_test(test_index_of_many),
         cmocka_unit_test(test_abandoned_chunks),
+        cmocka_unit_test(test_puts_are_freed_when_done),
     };
     return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -23,6 +23,17 @@ sed -n 's/^#\{0,1\}\([a-z-]*\) =.*/\1/p' "$conf" | sort -u >"$tmp/named"
 diff "$tmp/words" "$tmp/named" >&2 || fail "relightd.conf and --print-config name different options"
 unit=$(find "$tmp" -name relightd.service)
 grep -q '^ExecStart=/.*/relightd --config /.*/relightd.conf$' "$unit" || fail "the unit's ExecStart"
+for file in sysusers.d tmpfiles.d; do
+    [ -s "$prefix/lib/$file/relight.conf" ] || fail "no $file/relight.conf"
+done
+grep -q '^models = ' "$conf" && ! grep -q '^models = /var/lib/relight' "$conf" ||
+    fail "relightd.conf: the models folder lies in the data folder"
+if command -v systemd-analyze >/dev/null; then
+    sed "s#^ExecStart=[^ ]*#ExecStart=$bin/relightd#" "$unit" >"$tmp/relightd.service"
+    systemd-analyze verify --man=no --generators=no --recursive-errors=no "$tmp/relightd.service" \
+        >"$tmp/verify" 2>&1 && [ ! -s "$tmp/verify" ] ||
+        { cat "$tmp/verify" >&2; fail "systemd-analyze finds faults in the unit"; }
+fi
 for page in man1/prt.1 man1/prt-bake.1 man1/relight.1 man8/relightd.8 man3/relight.3; do
     [ -s "$prefix/share/man/$page" ] || fail "no $page"
 done

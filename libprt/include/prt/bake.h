@@ -11,24 +11,25 @@
 extern "C" {
 #endif
 
-/* Settings of a bake. A zeroed struct with `material` set is a valid wavelet bake. */
+/* Settings of a bake; prt/bake_limits.h has their bounds. A zeroed struct with `material` set
+ * is a valid wavelet bake. */
 struct prt_bake_options {
     enum prt_transport_kind engine;
     enum prt_storage storage;     /* FACTORED default, or SPARSE (wavelet engine only) */
     struct prt_material material; /* wavelet: the medium; joint, polynomial: gives eta */
-    uint32_t n_sample; /* irradiance samples, [16, 20000000]; 0: one a squared mean free path,
-                        * [150000, 600000] */
-    uint32_t cube;     /* texels along an edge of the light: 16, 32, 64, 128; 0: 32 */
-    uint32_t n_coef;   /* sparse: coefficients a vertex, [6, 6 cube^2]; 0: 128 */
-    uint32_t rank;     /* factored: rank of every cluster, [1, 512]; 0: from max_error */
+    uint32_t n_sample;            /* irradiance samples; 0: one a squared mean free path,
+                                   * [150000, 600000] */
+    uint32_t cube;         /* texels along an edge of the light: 16, 32, 64, 128; 0: 32 */
+    uint32_t n_coef;       /* sparse: coefficients a vertex, at most 6 cube^2; 0: 128 */
+    uint32_t rank;         /* factored: rank of every cluster; 0: from max_error */
     uint32_t n_basis_coef; /* factored: mean coefficients a basis vector; 0: from max_error */
     uint32_t n_phase;  /* spherical harmonics of the phase function: 1, 4, 9; 0: 1 for a fixed
                         * isotropic medium, else 4 */
-    uint32_t n_single; /* single-scattering points a vertex of every_ray, [1, 1024]; 0: 16 */
+    uint32_t n_single; /* single-scattering points a vertex of every_ray; 0: 16 */
     bool no_single;    /* leaves single scattering out */
     bool every_ray;    /* single scattering with a ray for every texel and point, for
                         * measurements */
-    double max_error;  /* relative RMSE of the storage, [1e-4, 0.5]; 0: 0.01 */
+    double max_error;  /* relative RMSE of the storage; 0: 0.01 */
     const struct prt_env *env; /* polynomial: the fixed light */
     double rotate_deg;         /* turn of env about +y */
     uint32_t basis; /* polynomial: enum prt_radial_kind; POLYNOMIAL and HAT are X07's:
@@ -39,7 +40,7 @@ struct prt_bake_options {
      * the .prt, with the bytes of a bake in one process, and removes the parts. 0,0: all. */
     uint32_t shard, n_shard;
     uint32_t *parts_missing;   /* out, or NULL: number of parts that are incomplete; 0: out_path
-                                * is   written; UINT32_MAX: another process assembles it */
+                                * is written; UINT32_MAX: another process assembles it */
     const char *settings_json; /* JSON recorded as "source" of the settings, or NULL */
 };
 /* Bakes a mesh that has a scale (prt_mesh_scale) and writes the .prt (METHODS §3 to 5). Equal
@@ -50,6 +51,12 @@ struct prt_bake_options {
  * distinct out_path. */
 int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
              const struct prt_bake_options *options, const char *out_path);
+
+/* Upper bound of the bytes that such a bake allocates with the threads of ctx->pool, without
+ * the program's own. Rows that do not fit into free memory are mapped from a file, but counted
+ * here. PRT_ARG for settings out of bounds. Thread-safe. */
+int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                    const struct prt_bake_options *options, uint64_t *bytes);
 
 #ifdef __cplusplus
 }

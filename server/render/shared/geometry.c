@@ -16,6 +16,8 @@ void pose_release(struct pose *pose)
     if (!pose || --pose->refs) return;
     prt_free(pose->position);
     prt_free(pose->normal);
+    if (pose->principal) ledger_give(pose->principal, LEDGER_PAYLOAD, pose->charged);
+    principal_release(pose->principal);
     free(pose);
 }
 

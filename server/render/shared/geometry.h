@@ -14,8 +14,10 @@
 struct pose {
     unsigned refs;
     uint32_t n;
-    float (*position)[3]; /* [n] mm */
-    float (*normal)[3];   /* [n] unit; 0,0,0: to be made */
+    float (*position)[3];        /* [n] mm */
+    float (*normal)[3];          /* [n] unit; 0,0,0: to be made */
+    struct principal *principal; /* who moved them, and pays for the bytes */
+    uint64_t charged;
 };
 void pose_release(struct pose *pose); /* NULL is fine */
 

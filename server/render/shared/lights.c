@@ -22,7 +22,7 @@ struct lighting {
     struct cache_entry *env[RENDER_MAX_LIGHTS];
     unsigned n;
     struct summand part[RENDER_MAX_LIGHTS];
-    float *texels;
+    struct held_bytes *texels; // of inline cubes
     uint32_t cube_n;
     struct prt_cube *cube;
     float ms;
@@ -79,7 +79,7 @@ static void done_lighting(struct work *work)
     }
     for (unsigned i = 0; i < l->n; i++) cache_release(l->env[i]);
     cache_release(l->entry);
-    free(l->texels);
+    held_bytes_release(l->texels);
     free(l);
 }
 
@@ -96,25 +96,21 @@ struct cache_entry *light_get(struct server *server, const struct render_spec *s
     struct cache_entry *entry = cache_get(server->cache, key, &fresh);
     if (!fresh) return entry;
     struct lighting *l = calloc(1, sizeof *l);
-    size_t floats = 0;
-    for (unsigned i = first; i < first + n; i++)
-        floats += (size_t)18 * spec->light[i].cube_n * spec->light[i].cube_n;
-    if (!l || (floats && !(l->texels = malloc(floats * sizeof(float))))) {
-        free(l);
+    if (!l) {
         cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return entry;
     }
-    size_t put = 0;
+    l->texels = spec->texels;
+    if (l->texels) held_bytes_hold(l->texels);
     for (unsigned i = 0; i < n; i++) {
         const struct render_light *light = &spec->light[first + i];
         struct summand *s = &l->part[i];
         s->rotate_deg = turned ? light->rotate_deg : 0;
         memcpy(s->gain, light->gain, sizeof s->gain);
         if (light->cube_n) {
-            size_t m = (size_t)18 * light->cube_n * light->cube_n;
-            memcpy(l->texels + put, spec->texels + light->texel, m * sizeof(float));
-            s->texels = (struct prt_cube){light->cube_n, l->texels + put};
-            put += m;
+            // Read only: prt_cube has no const texels.
+            s->texels = (struct prt_cube){light->cube_n,
+                                          (float *)(uintptr_t)render_texels(spec, light)};
         } else {
             l->env[i] = env[first + i];
             cache_hold(l->env[i]);

@@ -5,7 +5,7 @@
 
 #include "frame.h"
 #include "relight.pb-c.h"
-#include "net/request.h"
+#include "net/request_wait.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -41,9 +41,29 @@ static bool is_slow(const char *text)
 
 static void name(const char *text, char key[64])
 {
-    size_t n = strlen(text);
-    snprintf(key, 64, "material/%016llx%016llx", (unsigned long long)prt_hash64(text, n, 1),
-             (unsigned long long)prt_hash64(text, n, 2));
+    struct relight_sha256 sha;
+    char hex[65];
+    relight_sha256_init(&sha);
+    relight_sha256_add(&sha, text, strlen(text));
+    relight_sha256_hex(&sha, hex);
+    snprintf(key, 64, "material/%.32s", hex);
+}
+
+void material_key(const struct prt_material *m, char key[MATERIAL_KEY])
+{
+    struct relight_sha256 sha;
+    size_t bytes = m->profile ? m->n_point * sizeof(float) : 0;
+    const float optics[2] = {m->eta, m->roughness};
+    char hex[65];
+    relight_sha256_init(&sha);
+    relight_sha256_add(&sha, m->sigma_s_prime, sizeof m->sigma_s_prime);
+    relight_sha256_add(&sha, m->sigma_a, sizeof m->sigma_a);
+    relight_sha256_add(&sha, m->g, sizeof m->g);
+    relight_sha256_add(&sha, optics, sizeof optics);
+    relight_sha256_add(&sha, m->radius, bytes);
+    for (int c = 0; c < 3; c++) relight_sha256_add(&sha, m->reflectance[c], bytes);
+    relight_sha256_hex(&sha, hex);
+    snprintf(key, MATERIAL_KEY, "%.32s", hex);
 }
 
 int material_resolve(struct server *server, const char *text, struct prt_material *material,
@@ -135,24 +155,18 @@ static struct cache_entry *resolved_get(struct server *server, const char *text)
 // ---- requests that wait
 
 struct material_wait {
-    struct cache_waiter waiter; // first
+    struct request_wait wait;   // entry NULL: waits for its turn alone
     struct material_wait *next; // of the connection's views, in their order
     struct connection *conn;    // NULL: not about a view, or closed
-    struct request *request;    // NULL: nobody waits any more
-    struct cache_entry *entry;  // NULL: waits for its turn alone
     bool ready;
     void (*run)(struct request *request);
 };
 
 static void run_wait(struct material_wait *w)
 {
-    struct request *request = w->request;
-    if (request) {
-        request->state = NULL;
-        request->abandon = NULL;
-        w->run(request);
-    }
-    cache_release(w->entry); // held so long: it cannot be evicted before it is used
+    struct request *request = request_resume(&w->wait);
+    if (request) w->run(request);
+    cache_release(w->wait.entry); // held so long: it cannot be evicted before it is used
     free(w);
 }
 
@@ -167,15 +181,11 @@ static void run_ready(struct connection *conn)
 
 static void resolved(struct cache_waiter *waiter)
 {
-    struct material_wait *w = (struct material_wait *)waiter;
+    struct material_wait *w =
+        (struct material_wait *)((char *)waiter - offsetof(struct material_wait, wait.waiter));
     w->ready = true;
     if (w->conn) run_ready(w->conn);
     else run_wait(w);
-}
-
-static void abandon(struct request *request)
-{
-    ((struct material_wait *)request->state)->request = NULL; // it goes when its turn comes
 }
 
 void materials_drop(struct connection *conn)
@@ -183,7 +193,7 @@ void materials_drop(struct connection *conn)
     for (struct material_wait *w = conn->waits, *next; w; w = next) {
         next = w->next;
         w->conn = NULL;
-        w->request = NULL;
+        w->wait.request = NULL;
         if (w->ready) run_wait(w);
     }
     conn->waits = NULL;
@@ -207,16 +217,14 @@ void material_then(struct request *request, const char *text, bool views,
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
-    *w = (struct material_wait){.waiter.wake = resolved,
-                                .request = request,
-                                .entry = entry,
+    *w = (struct material_wait){.wait.waiter.wake = resolved,
+                                .wait.entry = entry,
                                 .ready = !pending,
                                 .run = run,
                                 .conn = views ? conn : NULL};
-    request->state = w;
-    request->abandon = abandon;
+    request_park(request, &w->wait);
     struct material_wait **last = &conn->waits;
     while (views && *last) last = &(*last)->next;
     if (views) *last = w;
-    if (pending) cache_wait(entry, &w->waiter);
+    if (pending) cache_wait(entry, &w->wait.waiter);
 }

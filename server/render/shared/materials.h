@@ -13,6 +13,11 @@ struct request;
 int material_resolve(struct server *server, const char *text, struct prt_material *material,
                      bool *preset, char error[300]);
 
+/* Names what a material looks like, whatever it is called. Cryptographic, 128 bits: clients
+ * share what was computed for a key, and none may make another's on purpose. */
+enum { MATERIAL_KEY = 33 };
+void material_key(const struct prt_material *material, char key[MATERIAL_KEY]);
+
 /* Calls run(request), now or when the material of this text is known: material_resolve is quick
  * then. views: the request keeps its place among what its connection says of its views. */
 void material_then(struct request *request, const char *text, bool views,

@@ -99,11 +99,11 @@ struct cache_entry *surface_map_get(struct server *server, enum prt_screen_map_k
                                     const char *hash, const struct prt_material *material,
                                     float bump_mm, int *code, char error[300])
 {
-    char key[160];
+    char key[160], medium[MATERIAL_KEY] = "";
     bool fresh;
     bool albedo = kind == PRT_SCREEN_MAP_ALBEDO, height = kind == PRT_SCREEN_MAP_HEIGHT;
-    snprintf(key, sizeof key, "map/%d/%s/%016llx/%.9g", (int)kind, hash,
-             albedo ? (unsigned long long)prt_material_hash(material) : 0ull,
+    if (albedo) material_key(material, medium);
+    snprintf(key, sizeof key, "map/%d/%s/%s/%.9g", (int)kind, hash, medium,
              height ? (double)bump_mm : 0);
     struct cache_entry *entry = cache_find(server->cache, key);
     if (entry) return entry;

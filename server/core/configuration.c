@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: MIT
+// The configuration as a whole: its check, and its reading anew.
+#include "core/configuration.h"
+
+#include "core/address.h"
+#include "core/log.h"
+#include "core/token.h"
+#include "prt/base.h"
+
+#include <errno.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static int check_folder(const char *word, const char *path, char fault[256])
+{
+    struct stat st;
+    const char *why = NULL;
+    if (!path[0]) return 0;
+    if (stat(path, &st)) why = strerror(errno);
+    else if (!S_ISDIR(st.st_mode)) why = "not a folder";
+    else if (access(path, R_OK | X_OK)) why = strerror(errno);
+    if (!why) return 0;
+    snprintf(fault, 256, "--%s %.180s: %s", word, path, why);
+    return -1;
+}
+
+// The data folder may be absent: it is made then.
+static int check_data(const char *path, char fault[256])
+{
+    struct stat st;
+    char parent[PATH_MAX];
+    if (!path[0]) return 0;
+    if (!stat(path, &st)) {
+        if (check_folder("data", path, fault)) return -1;
+        if (!access(path, W_OK)) return 0;
+    } else {
+        snprintf(parent, sizeof parent, "%s", path);
+        size_t n = strlen(parent);
+        while (n > 1 && parent[n - 1] == '/') parent[--n] = 0;
+        char *slash = strrchr(parent, '/');
+        if (!slash) strcpy(parent, ".");
+        else slash[slash == parent] = 0;
+        if (!access(parent, W_OK | X_OK)) return 0;
+    }
+    snprintf(fault, 256, "--data %.180s: %s", path, strerror(errno));
+    return -1;
+}
+
+// The daemon sweeps its own folders: files that others put there would be taken for its own.
+static int check_apart(const struct options *options, char fault[256])
+{
+    static const char *const own[] = {"", "/blobs", "/bakes", "/models", "/work", "/previews"};
+    char models[PATH_MAX], data[PATH_MAX];
+    if (!options->models[0] || !options->data[0] || !realpath(options->models, models) ||
+        !realpath(options->data, data))
+        return 0;
+    size_t n = strlen(data);
+    for (size_t i = 0; i < sizeof own / sizeof *own; i++)
+        if (!strncmp(models, data, n) && !strcmp(models + n, own[i])) {
+            snprintf(fault, 256,
+                     "--models %.150s: the daemon keeps its own files there; models need a "
+                     "folder outside --data",
+                     options->models);
+            return -1;
+        }
+    return 0;
+}
+
+static int check_words(const struct options *options, char fault[256])
+{
+    unsigned cpu;
+    const char *why = NULL;
+    if (log_level_parse(options->log) < 0) why = "--log: error, warning, event or trace";
+    else if (options->cpu[0] && prt_cpu_parse(options->cpu, &cpu))
+        why = "--cpu: one of " PRT_CPU_WORDS;
+    if (!why) return 0;
+    snprintf(fault, 256, "%s", why);
+    return -1;
+}
+
+static int check_addresses(const struct options *options, char fault[256])
+{
+    char http[300], why[256];
+    snprintf(http, sizeof http, "http:%s", options->http);
+    for (unsigned i = 0; i <= options->n_listen; i++) {
+        bool last = i == options->n_listen;
+        const char *address = last ? http : options->listen[i];
+        if ((last && !options->http[0]) || !address_check(options, address, why)) continue;
+        snprintf(fault, 256, "listen %.100s: %.140s", address, why);
+        return -1;
+    }
+    return 0;
+}
+
+int configuration_check(const struct options *options, char fault[256])
+{
+    char token[TOKEN_ROOM];
+    if (check_words(options, fault) || check_folder("models", options->models, fault) ||
+        check_folder("page", options->page, fault) || check_data(options->data, fault) ||
+        check_apart(options, fault) || check_addresses(options, fault))
+        return -1;
+    return options->token_file[0] ? token_read(options->token_file, token, fault) : 0;
+}
+
+static unsigned n_taken, n_waiting;
+
+static void tell_change(const char *word, const char *value, bool taken)
+{
+    if (taken) {
+        n_taken++;
+        log_line(LOG_EVENT, "reload option=%s value=\"%s\"", word, value);
+    } else {
+        n_waiting++;
+        log_line(LOG_WARN, "reload option=%s: the new value \"%s\" needs a restart", word,
+                 value);
+    }
+}
+
+void configuration_reload(struct server *server, int argc, char **argv)
+{
+    struct options fresh;
+    char fault[256], token[TOKEN_ROOM] = "";
+    bool failed = options_reread(argc, argv, &fresh, fault) || check_words(&fresh, fault) ||
+                  (fresh.token_file[0] && token_read(fresh.token_file, token, fault));
+    // What was bound for clients with a token stays bound.
+    if (!failed && server->token[0] && !token[0]) {
+        failed = true;
+        snprintf(fault, sizeof fault, "token-file: to want no token any more needs a restart");
+    }
+    if (failed) {
+        log_line(LOG_ERR, "reload refused, nothing changed: %s", fault);
+        return;
+    }
+    n_taken = n_waiting = 0;
+    if (strcmp(token, server->token)) {
+        strcpy(server->token, token);
+        tell_change("token", "(secret)", true);
+    }
+    options_update(&server->options, &fresh, tell_change);
+    log_set_level((enum log_level)log_level_parse(server->options.log));
+    log_line(LOG_EVENT, "reload done changed=%u needs_restart=%u", n_taken, n_waiting);
+}

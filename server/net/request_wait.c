@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: MIT
+// Requests that wait. A request that ends first leaves its wait behind, which then finds
+// nobody.
+#include "net/request_wait.h"
+
+#include "core/server.h"
+
+static void abandon(struct request *request)
+{
+    ((struct request_wait *)request->state)->request = NULL;
+}
+
+void request_park(struct request *request, struct request_wait *wait)
+{
+    wait->request = request;
+    request->state = wait;
+    request->abandon = abandon;
+}
+
+struct request *request_resume(struct request_wait *wait)
+{
+    struct request *request = wait->request;
+    if (!request) return NULL;
+    request->state = NULL;
+    request->abandon = NULL;
+    wait->request = NULL;
+    return request;
+}
+
+static void wake(struct cache_waiter *waiter)
+{
+    struct request_wait *wait =
+        (struct request_wait *)((char *)waiter - offsetof(struct request_wait, waiter));
+    wait->then(wait, request_resume(wait));
+}
+
+void request_await_entry(struct request *request, struct request_wait *wait,
+                         struct cache_entry *entry,
+                         void (*then)(struct request_wait *wait, struct request *request))
+{
+    wait->entry = entry;
+    wait->then = then;
+    wait->waiter.wake = wake;
+    if (entry->state != CACHE_PENDING) {
+        then(wait, request);
+        return;
+    }
+    request_park(request, wait);
+    cache_wait(entry, &wait->waiter);
+}
+
+static void worked(struct work *work)
+{
+    struct request_wait *wait = (struct request_wait *)work;
+    wait->then(wait, request_resume(wait));
+}
+
+void request_await_work(struct request *request, struct request_wait *wait,
+                        int (*run)(struct work *work, const struct prt_context *ctx),
+                        void (*then)(struct request_wait *wait, struct request *request))
+{
+    wait->then = then;
+    wait->work.run = run;
+    wait->work.done = worked;
+    request_park(request, wait);
+    work_submit(request->server->work, &wait->work);
+}
