@@ -96,7 +96,7 @@ static int prepare(struct bake *b)
         steepest = fmaxf(steepest, (float)b->dipole[c].sigma_tr);
     }
     // Distance of fine points: a fifth of the mean free path, or for a free medium of that of
-    // the densest in METHODS' range. At most 16 points a sample are laid anyway.
+    // the densest in METHODS' range. There are at most 16 points a sample.
     float fine = b->o.engine == PRT_TRANSPORT_WAVELET ? finest / 5 : 0.2f / 27;
     b->radial = (struct radial_set){3, dipole_eval, b->dipole, steepest};
     int status = prt_scene_create(b->ctx, mesh, &b->scene);

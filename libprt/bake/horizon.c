@@ -101,10 +101,10 @@ static inline bool has(const uint64_t set[WORDS], unsigned bin)
     return set[bin / 64] >> bin % 64 & 1;
 }
 
-// A bin below the tangent plane carries no light and agrees with blocked neighbours. A gap below
-// the centres of the lowest bins, less than 4 degrees above the plane, is therefore missed; its
-// light arrives at a cosine below 0.07. Two threads may trace one vertex at the same time: both
-// write the same bits.
+// A bin below the tangent plane carries no light and agrees with blocked neighbours. A gap
+// below the centres of the lowest bins, less than 4 degrees above the plane, is therefore
+// missed; its light arrives at a cosine below 0.07. Two threads may trace one vertex at the
+// same time: both write the same bits.
 static void trace_vertex(struct horizon *h, uint32_t vertex)
 {
     const struct prt_mesh *mesh = prt_scene_mesh(h->scene);

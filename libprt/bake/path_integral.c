@@ -89,7 +89,7 @@ static void interpolate_hidden(const struct knots *ft_v, uint32_t n_node, struct
         }
 }
 
-// Where the k-th direction to integrate lies in the nodes' arrays.
+// Index of the k-th direction or cell in the nodes' arrays.
 static inline uint32_t direction_of(const struct scratch *s, uint32_t k)
 {
     return s->first ? s->first[k] : k;

@@ -14,7 +14,7 @@ struct lanes {
     float cosine[16];        /* w_i . n_i; 0: no exit */
 };
 /* Traces the lanes of mask from inside the body to their exits. transmittance does not yet
- * count what blocks the ray beyond the exit. Returns the lanes that leave the body. */
+ * count occlusion beyond the exit. Returns the lanes that leave the body. */
 uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,
                          struct prt_packet *packet, uint32_t mask, struct lanes *out);
 /* Lane i of `shadow` becomes the ray from lane j's exit onwards, eps [mm] off the triangle. */

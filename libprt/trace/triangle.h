@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Triangles of a mesh and their order in space: what samplers of the surface share. Header
- * only; used by the rooms trace and screen. */
+/* Triangles of a mesh and their order in space, for the samplers of trace and screen. Header
+ * only. */
 #ifndef PRT_TRACE_TRIANGLE_H
 #define PRT_TRACE_TRIANGLE_H
 
