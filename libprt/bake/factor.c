@@ -41,58 +41,82 @@ static int leading_eigenvectors(double *g, int n, int rank, double *value, doubl
     return info || found != rank ? PRT_INTERNAL : PRT_OK;
 }
 
-// U from Y's columns, by eigenvectors of the smaller Gram matrix, in double.
+// The columns of Y as one matrix, and the eigenvectors of the smaller of its two Gram matrices.
+struct range {
+    size_t columns, side; // n_train m; the size of the Gram matrix
+    bool by_vertex;       // it is that of the rows (vertices)
+    uint32_t rank;
+    double *a;              // [n_vertex][columns]
+    double *value, *vector; // [rank] by falling value, [rank][side]
+    double total;           // trace of the Gram matrix
+};
+
+static int range_create(const float *y, uint32_t n_vertex, uint32_t n_train, uint32_t m,
+                        uint32_t max_rank, struct range *q)
+{
+    size_t block = (size_t)n_vertex * m;
+    *q = (struct range){.columns = (size_t)n_train * m};
+    q->by_vertex = n_vertex <= q->columns;
+    q->side = q->by_vertex ? n_vertex : q->columns;
+    q->rank = max_rank < q->side ? max_rank : (uint32_t)q->side;
+    q->a = malloc(q->columns * n_vertex * sizeof *q->a);
+    q->value = malloc(q->rank * sizeof *q->value);
+    q->vector = malloc(q->side * q->rank * sizeof *q->vector);
+    double *g = malloc(q->side * q->side * sizeof *g);
+    int status = q->a && g && q->value && q->vector ? PRT_OK : PRT_NOMEM;
+    for (uint32_t t = 0; status == PRT_OK && t < n_train; t++)
+        for (uint32_t v = 0; v < n_vertex; v++)
+            for (uint32_t k = 0; k < m; k++)
+                q->a[v * q->columns + t * m + k] = y[t * block + (size_t)v * m + k];
+    if (status == PRT_OK) {
+        cblas_dsyrk(CblasRowMajor, CblasLower, q->by_vertex ? CblasNoTrans : CblasTrans,
+                    (int)q->side, (int)(q->by_vertex ? q->columns : n_vertex), 1.0 / m, q->a,
+                    (int)q->columns, 0, g,
+                    (int)q->side); // row-major lower is column-major upper
+        for (size_t i = 0; i < q->side; i++) q->total += g[i * q->side + i];
+        if (q->total > 0)
+            status = leading_eigenvectors(g, (int)q->side, (int)q->rank, q->value, q->vector);
+        else q->rank = 0;
+    }
+    while (status == PRT_OK && q->rank > 0 && q->value[q->rank - 1] <= 1e-12 * q->total)
+        q->rank--; // rounding alone
+    free(g);
+    return status;
+}
+
+// Column r of U: an eigenvector of the vertices, or Y times one of the columns, normalised.
+static void fill_column(const struct range *q, uint32_t r, uint32_t n_vertex, uint32_t m,
+                        float *u)
+{
+    const double *w = q->vector + r * q->side;
+    double norm = 1 / sqrt(q->value[r] * m);
+    for (uint32_t v = 0; v < n_vertex; v++)
+        u[v] =
+            q->by_vertex
+                ? (float)w[v]
+                : (float)(norm * cblas_ddot((int)q->columns, q->a + v * q->columns, 1, w, 1));
+}
+
+// U from Y [n_train][n_vertex][m], by eigenvectors of the smaller Gram matrix, in double.
 static int range_basis(const float *y, uint32_t n_vertex, uint32_t n_train, uint32_t m,
                        uint32_t max_rank, struct factored *out)
 {
-    size_t columns = (size_t)n_train * m, block = (size_t)n_vertex * m;
-    bool by_vertex = n_vertex <= columns;
-    size_t side = by_vertex ? n_vertex : columns;
-    uint32_t rank = max_rank < side ? max_rank : (uint32_t)side;
-    double *a = malloc(columns * n_vertex * sizeof *a); // [n_vertex][columns]
-    double *g = malloc(side * side * sizeof *g), *value = malloc(rank * sizeof *value);
-    double *vector = malloc(side * rank * sizeof *vector), total = 0;
-    int status = a && g && value && vector ? PRT_OK : PRT_NOMEM;
+    struct range q;
+    int status = range_create(y, n_vertex, n_train, m, max_rank, &q);
+    out->rank = q.rank;
     if (status == PRT_OK) {
-        for (uint32_t t = 0; t < n_train; t++)
-            for (uint32_t v = 0; v < n_vertex; v++)
-                for (uint32_t k = 0; k < m; k++)
-                    a[v * columns + t * m + k] = y[t * block + (size_t)v * m + k];
-        cblas_dsyrk(CblasRowMajor, CblasLower, by_vertex ? CblasNoTrans : CblasTrans, (int)side,
-                    (int)(by_vertex ? columns : n_vertex), 1.0 / m, a, (int)columns, 0, g,
-                    (int)side); // row-major lower is column-major upper
-        for (size_t i = 0; i < side; i++) total += g[i * side + i];
-        status =
-            total > 0 ? leading_eigenvectors(g, (int)side, (int)rank, value, vector) : PRT_OK;
-    }
-    if (status == PRT_OK && total <= 0) rank = 0;
-    while (status == PRT_OK && rank > 0 && value[rank - 1] <= 1e-12 * total) rank--;
-    out->rank = rank;
-    if (status == PRT_OK) {
-        out->u = prt_alloc((size_t)rank * n_vertex + 1, sizeof *out->u);
-        out->tail = malloc((rank + 1u) * sizeof *out->tail);
+        out->u = prt_alloc((size_t)q.rank * n_vertex + 1, sizeof *out->u);
+        out->tail = malloc((q.rank + 1u) * sizeof *out->tail);
         if (!out->u || !out->tail) status = PRT_NOMEM;
     }
-    for (uint32_t r = 0; status == PRT_OK && r < rank; r++) {
-        const double *w = vector + r * side;
-        if (by_vertex) {
-            for (uint32_t v = 0; v < n_vertex; v++)
-                out->u[(size_t)r * n_vertex + v] = (float)w[v];
-            continue;
-        }
-        double norm = 1 / sqrt(value[r] * m);
-        for (uint32_t v = 0; v < n_vertex; v++)
-            out->u[(size_t)r * n_vertex + v] =
-                (float)(norm * cblas_ddot((int)columns, a + v * columns, 1, w, 1));
+    double left = q.total;
+    for (uint32_t r = 0; status == PRT_OK && r <= q.rank; r++) {
+        out->tail[r] = fmax(left, 0);
+        if (r == q.rank) break;
+        left -= q.value[r];
+        fill_column(&q, r, n_vertex, m, out->u + (size_t)r * n_vertex);
     }
-    if (status == PRT_OK) {
-        double left = total;
-        for (uint32_t r = 0; r <= rank; r++) {
-            out->tail[r] = fmax(left, 0);
-            if (r < rank) left -= value[r];
-        }
-    }
-    free(a), free(g), free(value), free(vector);
+    free(q.a), free(q.value), free(q.vector);
     return status;
 }
 

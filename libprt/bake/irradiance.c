@@ -135,25 +135,24 @@ static void resolve(struct unsure *u, unsigned turn, float *out)
     u->n = 0;
 }
 
-uint64_t prt_irradiance_row_horizon(const struct prt_scene *scene, const struct directions *d,
-                                    unsigned pattern, const struct fresnel_table *fresnel,
-                                    const float origin[3], const float normal[3],
-                                    const float face_normal[3], const struct horizon_view *view,
-                                    float *out)
+uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directions *d,
+                            unsigned pattern, const struct fresnel_table *fresnel,
+                            const struct receiver *at, const struct horizon_view *view,
+                            float *out)
 {
     struct unsure u = {.scene = scene};
     float eps = prt_scene_epsilon(scene);
     size_t base = (size_t)(pattern % d->n_pattern) * d->n_packet * 16;
-    for (int k = 0; k < 4; k++) set_origin(&u.packet[k], origin, face_normal, eps);
-    set_origin(&u.probe, origin, face_normal, eps);
+    for (int k = 0; k < 4; k++) set_origin(&u.packet[k], at->origin, at->face_normal, eps);
+    set_origin(&u.probe, at->origin, at->face_normal, eps);
     for (uint32_t k = 0; k < d->n_packet; k++) {
         const uint32_t *texel = d->texel + (size_t)k * 4;
         struct prt_packet *packet = &u.packet[u.n];
         int certain = view ? visibility(d, texel, view) : 0;
-        bool dark = certain < 0 || below(d, base + (size_t)k * 16, normal);
+        bool dark = certain < 0 || below(d, base + (size_t)k * 16, at->normal);
         uint32_t mask = dark ? 0
-                             : prepare(d, base + (size_t)k * 16, normal, face_normal, fresnel,
-                                       packet, u.value[u.n]);
+                             : prepare(d, base + (size_t)k * 16, at->normal, at->face_normal,
+                                       fresnel, packet, u.value[u.n]);
         if (!mask) {
             for (int j = 0; j < 4; j++) out[texel[j]] = 0;
             continue;
@@ -174,15 +173,6 @@ uint64_t prt_irradiance_row_horizon(const struct prt_scene *scene, const struct 
     }
     resolve(&u, pattern, out);
     return u.rays;
-}
-
-uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directions *d,
-                            unsigned pattern, const struct fresnel_table *fresnel,
-                            const float origin[3], const float normal[3],
-                            const float face_normal[3], float *out)
-{
-    return prt_irradiance_row_horizon(scene, d, pattern, fresnel, origin, normal, face_normal,
-                                      NULL, out);
 }
 
 int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
@@ -265,9 +255,10 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
         uint32_t s = p->h->order[i];
         unsigned pattern = (unsigned)(prt_hash64(&s, sizeof s, 7) >> 32);
         bool found = horizon_of(p, s, &view);
-        rays += prt_irradiance_row_horizon(
-            p->scene, p->d, pattern, p->fresnel, p->surface->position[s], p->surface->normal[s],
-            p->surface->face_normal[s], found ? &view : NULL, row);
+        const struct receiver at = {p->surface->position[s], p->surface->normal[s],
+                                    p->surface->face_normal[s]};
+        rays += prt_irradiance_row(p->scene, p->d, pattern, p->fresnel, &at,
+                                   found ? &view : NULL, row);
         prt_f32_to_f16_array(row, p->rows->n_coef, p->rows->half + i * p->rows->n_coef);
     }
     atomic_fetch_add(&p->rays, rays);

@@ -26,9 +26,9 @@ static int full_range(void *arg, size_t begin, size_t end, unsigned worker)
     uint16_t *half = prt_alloc(j->d->n_coef, sizeof *half);
     uint64_t rays = 0;
     for (size_t i = begin; row && half && i < end; i++) {
-        rays += prt_irradiance_row(j->scene, j->d, (unsigned)i, &j->fresnel,
-                                   j->surface->position[i], j->surface->normal[i],
-                                   j->surface->face_normal[i], row);
+        const struct receiver at = {j->surface->position[i], j->surface->normal[i],
+                                    j->surface->face_normal[i]};
+        rays += prt_irradiance_row(j->scene, j->d, (unsigned)i, &j->fresnel, &at, NULL, row);
         prt_f32_to_f16_array(row, j->d->n_coef, half);
     }
     atomic_fetch_add(&j->rays, rays);

@@ -54,22 +54,22 @@ static inline float fresnel_table_eval(const struct fresnel_table *table, float 
     return table->value[i] + f * (table->value[i + 1] - table->value[i]);
 }
 
+/* A point that receives light. */
+struct receiver {
+    const float *origin;               /* [3] mm */
+    const float *normal, *face_normal; /* [3] unit */
+};
+struct horizon_view;
 /* One row of pass 1, W05 eq 8: out[texel] = mean over the texel of F_t V (n.w)+, in [0,1]
- * (times the texel's solid angle it is the irradiance transport). fresnel NULL: 1. Returns the
+ * (times the texel's solid angle it is the irradiance transport). fresnel NULL: F_t = 1. With a
+ * view, the horizon of the receiver's triangle, directions whose visibility is certain take no
+ * ray; and where the light grazes the surface one ray a texel is cast first, the other three
+ * only if the four rays of 2 x 2 texels disagree. view NULL: every ray is cast. Returns the
  * number of rays cast. */
 uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directions *d,
                             unsigned pattern, const struct fresnel_table *fresnel,
-                            const float origin[3], const float normal[3],
-                            const float face_normal[3], float *out);
-/* The same with the horizon of the triangle (view NULL: none). Directions whose visibility is
- * certain take no ray. Where the light grazes the surface one ray a texel is cast first, and
- * the other three only if the four rays of 2 x 2 texels disagree. */
-struct horizon_view;
-uint64_t prt_irradiance_row_horizon(const struct prt_scene *scene, const struct directions *d,
-                                    unsigned pattern, const struct fresnel_table *fresnel,
-                                    const float origin[3], const float normal[3],
-                                    const float face_normal[3], const struct horizon_view *view,
-                                    float *out);
+                            const struct receiver *at, const struct horizon_view *view,
+                            float *out);
 
 /* ---- irradiance transport and its hierarchy ---------------------------------------------- */
 

@@ -44,62 +44,6 @@ static struct prt_mesh *body(void)
     return mesh;
 }
 
-static void known_directions_take_no_rays(void **state)
-{
-    struct prt_mesh *mesh = body();
-    struct prt_scene *scene;
-    struct horizon *horizon;
-    struct directions *d;
-    struct fresnel_table fresnel;
-    assert_int_equal(prt_scene_create(&context, mesh, &scene), PRT_OK);
-    assert_int_equal(prt_horizon_create(scene, &horizon), PRT_OK);
-    assert_int_equal(prt_directions_create(32, 4, 1, &d), PRT_OK);
-    prt_fresnel_table_init(&fresnel, 1.3);
-    float *every = prt_alloc(d->n_coef, sizeof *every),
-          *seen = prt_alloc(d->n_coef, sizeof *seen);
-    assert_true(every && seen);
-    uint64_t rays = 0, all = 0;
-    double error = 0, sum = 0, hidden = 0, texels = 0;
-    for (uint32_t t = 7; t < mesh->n_triangle; t += 211) {
-        const uint32_t *v = mesh->triangle[t];
-        float at[3], normal[3] = {0}, face[3], e[2][3];
-        for (int k = 0; k < 3; k++) {
-            const float a = mesh->position[v[0]][k], b = mesh->position[v[1]][k],
-                        c = mesh->position[v[2]][k];
-            at[k] = (a + b + c) / 3, e[0][k] = b - a, e[1][k] = c - a;
-            for (int i = 0; i < 3; i++) normal[k] += mesh->normal[v[i]][k] / 3;
-        }
-        double length = 0;
-        for (int k = 0; k < 3; k++) {
-            int i = (k + 1) % 3, j = (k + 2) % 3;
-            face[k] = e[0][i] * e[1][j] - e[0][j] * e[1][i];
-            length += (double)face[k] * (double)face[k];
-        }
-        for (int k = 0; k < 3; k++) face[k] /= (float)sqrt(length);
-        struct horizon_view view;
-        prt_horizon_view(horizon, t, &view);
-        all += prt_irradiance_row(scene, d, t, &fresnel, at, normal, face, every);
-        rays +=
-            prt_irradiance_row_horizon(scene, d, t, &fresnel, at, normal, face, &view, seen);
-        for (uint32_t i = 0; i < d->n_coef; i++) {
-            double w = (double)d->solid_angle[i], x = (double)every[i], y = (double)seen[i];
-            error += w * (x - y) * (x - y), sum += w * x * x;
-            hidden += x == 0, texels++;
-        }
-    }
-    printf("rays %.3f of all, rows differ by %.3f %%, %.0f %% of texels dark\n",
-           (double)rays / (double)all, 100 * sqrt(error / sum), 100 * hidden / texels);
-    assert_true(hidden > 0.52 * texels); // there is something to be hidden by
-    assert_true((double)rays < 0.5 * (double)all);
-    assert_true(error < 1e-4 * sum); // 1 %
-    prt_free(every);
-    prt_free(seen);
-    prt_directions_destroy(d);
-    prt_horizon_destroy(horizon);
-    prt_scene_destroy(scene);
-    prt_mesh_destroy(mesh);
-}
-
 // A place of triangle t and its normals, by barycentric coordinates.
 static void place(const struct prt_mesh *mesh, uint32_t t, float u, float v, float at[3],
                   float normal[3], float face[3])
@@ -119,6 +63,49 @@ static void place(const struct prt_mesh *mesh, uint32_t t, float u, float v, flo
         length += face[k] * face[k];
     }
     for (int k = 0; k < 3; k++) face[k] /= sqrtf(length);
+}
+
+static void known_directions_take_no_rays(void **state)
+{
+    struct prt_mesh *mesh = body();
+    struct prt_scene *scene;
+    struct horizon *horizon;
+    struct directions *d;
+    struct fresnel_table fresnel;
+    assert_int_equal(prt_scene_create(&context, mesh, &scene), PRT_OK);
+    assert_int_equal(prt_horizon_create(scene, &horizon), PRT_OK);
+    assert_int_equal(prt_directions_create(32, 4, 1, &d), PRT_OK);
+    prt_fresnel_table_init(&fresnel, 1.3);
+    float *every = prt_alloc(d->n_coef, sizeof *every),
+          *seen = prt_alloc(d->n_coef, sizeof *seen);
+    assert_true(every && seen);
+    uint64_t rays = 0, all = 0;
+    double error = 0, sum = 0, hidden = 0, texels = 0;
+    for (uint32_t t = 7; t < mesh->n_triangle; t += 211) {
+        float at[3], normal[3], face[3];
+        place(mesh, t, 1.0f / 3, 1.0f / 3, at, normal, face);
+        struct horizon_view view;
+        prt_horizon_view(horizon, t, &view);
+        const struct receiver here = {at, normal, face};
+        all += prt_irradiance_row(scene, d, t, &fresnel, &here, NULL, every);
+        rays += prt_irradiance_row(scene, d, t, &fresnel, &here, &view, seen);
+        for (uint32_t i = 0; i < d->n_coef; i++) {
+            double w = (double)d->solid_angle[i], x = (double)every[i], y = (double)seen[i];
+            error += w * (x - y) * (x - y), sum += w * x * x;
+            hidden += x == 0, texels++;
+        }
+    }
+    printf("rays %.3f of all, rows differ by %.3f %%, %.0f %% of texels dark\n",
+           (double)rays / (double)all, 100 * sqrt(error / sum), 100 * hidden / texels);
+    assert_true(hidden > 0.52 * texels); // there is something to be hidden by
+    assert_true((double)rays < 0.5 * (double)all);
+    assert_true(error < 1e-4 * sum); // 1 %
+    prt_free(every);
+    prt_free(seen);
+    prt_directions_destroy(d);
+    prt_horizon_destroy(horizon);
+    prt_scene_destroy(scene);
+    prt_mesh_destroy(mesh);
 }
 
 // Light that comes from nearer to the tangent plane may pass below the rays of the lowest bins,
