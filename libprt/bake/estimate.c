@@ -53,8 +53,9 @@ int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
     double scratch = threads * (of_cluster * functions * coef * 8 + 256e6);
     // Polynomial transport has one light, and stores no coefficients of it.
     if (b.o.engine == PRT_TRANSPORT_POLYNOMIAL) factors = 0;
-    double rows = samples * 1.5 * coef * 2 + samples * 400;
+    double rows = samples * 1.5 * coef * 2;
+    if (rows > (double)prt_half_rows_room()) rows = 0; // they are on disk
     double model = vertices * 4000 + (double)mesh->n_triangle * 1200;
-    *bytes = (uint64_t)(rows + factors + scratch + model);
+    *bytes = (uint64_t)(rows + samples * 400 + factors + scratch + model);
     return PRT_OK;
 }

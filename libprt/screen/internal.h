@@ -4,7 +4,6 @@
 #define SCREEN_INTERNAL_H
 
 #include "prt/screen.h"
-#include "trace/triangle.h"
 
 /* libm's are calls, for the sake of NaN. */
 static inline float max_f(float a, float b)

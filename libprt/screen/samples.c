@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Points of the surface: atlas texels, peeled depth layers, a distant light's view.
 #include "internal.h"
+#include "trace/triangle.h"
 
 #include <math.h>
 #include <stdatomic.h>

@@ -150,14 +150,23 @@ static int report_part(const struct options *o, double seconds, uint32_t missing
     return EXIT_DONE;
 }
 
-// The data this process may take from here on: what was said, or half as much again as the
-// estimate and a fixed sum for libraries.
+static int limit_data(struct tool *tool, uint64_t bytes)
+{
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_DATA, &limit)) return EXIT_DONE;
+    limit.rlim_cur = bytes < limit.rlim_max ? bytes : limit.rlim_max;
+    if (!setrlimit(RLIMIT_DATA, &limit)) return EXIT_DONE;
+    return tool_exit(tool, prt_fail(&tool->ctx, PRT_INTERNAL, "memory cannot be limited: %s",
+                                    strerror(errno)));
+}
+
+// The data this process may take: what was said, or half as much again as the estimate and a
+// fixed sum for libraries.
 static int limit_memory(struct tool *tool, uint64_t estimate)
 {
     const struct options *o = &tool->opt;
     uint64_t machine = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
     uint64_t most = o->memory ? o->memory : machine;
-    struct rlimit limit, wanted;
     if (!o->memory_set) return EXIT_DONE;
     if (estimate > most)
         return tool_exit(tool, prt_fail(&tool->ctx, PRT_LIMIT,
@@ -167,13 +176,8 @@ static int limit_memory(struct tool *tool, uint64_t estimate)
                                         o->input[0], (unsigned long long)(estimate >> 20),
                                         o->memory ? "the limit is" : "the machine has",
                                         (unsigned long long)(most >> 20)));
-    uint64_t bytes = o->memory ? o->memory : estimate + estimate / 2 + (UINT64_C(1) << 30);
-    if (getrlimit(RLIMIT_DATA, &limit)) return EXIT_DONE;
-    wanted = (struct rlimit){bytes, limit.rlim_max};
-    if (wanted.rlim_cur > limit.rlim_max) wanted.rlim_cur = limit.rlim_max;
-    if (setrlimit(RLIMIT_DATA, &wanted))
-        prt_log(&tool->ctx, PRT_LOG_WARNING, "memory is not limited: %s", strerror(errno));
-    return EXIT_DONE;
+    if (o->memory) return EXIT_DONE;
+    return limit_data(tool, estimate + estimate / 2 + (UINT64_C(1) << 30));
 }
 
 static int no_memory(struct tool *tool, int status)
@@ -221,6 +225,7 @@ int run_bake(struct tool *tool)
     }
     options.material = source.material;
     options.env = env;
+    if (o->memory && (exit_status = limit_data(tool, o->memory))) goto done;
     uint64_t bytes = 0;
     exit_status = tool_exit(tool, prt_bake_memory(&tool->ctx, source.mesh, &options, &bytes));
     if (!exit_status && o->estimate) printf("%llu\n", (unsigned long long)bytes);

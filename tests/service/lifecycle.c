@@ -358,6 +358,21 @@ static void test_configuration(void **state)
     text = read_text(path);
     assert_non_null(strstr(text, "conf:1: bakes: a number"));
     free(text);
+    // What is behind a zero byte, or beyond a mebibyte, is not passed over in silence.
+    assert_int_equal(shell("cd %s; printf 'bakes = 1\\n\\0bakes = x\\n' > conf; " PRT_BINARY_DIR
+                           "/relightd --config conf --print-config > out 2> err",
+                           d.folder),
+                     2);
+    text = read_text(path);
+    assert_non_null(strstr(text, "conf: has a zero byte"));
+    free(text);
+    assert_int_equal(shell("cd %s; yes '# comment' | head -c 1048577 > conf; " PRT_BINARY_DIR
+                           "/relightd --config conf --print-config > out 2> err",
+                           d.folder),
+                     2);
+    text = read_text(path);
+    assert_non_null(strstr(text, "conf: longer than 1048576 bytes"));
+    free(text);
     assert_int_equal(shell(PRT_BINARY_DIR "/relightd --nonsense 2> /dev/null"), 2);
 }
 

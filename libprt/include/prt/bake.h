@@ -53,8 +53,8 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
              const struct prt_bake_options *options, const char *out_path);
 
 /* Upper bound of the bytes that such a bake allocates with the threads of ctx->pool, without
- * the program's own. Rows that do not fit into free memory are mapped from a file, but counted
- * here. PRT_ARG for settings out of bounds. Thread-safe. */
+ * the program's own. Rows of pass 1 that do not fit into memory are kept on disk and not
+ * counted. PRT_ARG for settings out of bounds. Thread-safe. */
 int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
                     const struct prt_bake_options *options, uint64_t *bytes);
 
