@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* M03's samples of one pixel as plain loops over lanes; included by tangent.c once per
- * instruction set with PRT_KERNEL(name) and TARGET defined. */
+/* M03's samples of one pixel as plain loops over lanes. Included by tangent.c once for each
+ * instruction set, in its region of base/isa.h. */
 
 #include "radial_kernel.h"
 
@@ -46,6 +46,18 @@ static void PRT_KERNEL(gather)(const struct tangent_job *job, const struct radia
     sum[2] += s2;
 }
 
+/* Two tangents t, b of a unit normal n, without a branch on its length (Duff et al. 2017). */
+PRT_INLINE void PRT_KERNEL(frame_about)(const float n[3], float t[3], float b[3])
+{
+    const float sign = n[2] < 0 ? -1.0f : 1.0f, a = -1 / (sign + n[2]), m = n[0] * n[1] * a;
+    t[0] = 1 + sign * n[0] * n[0] * a;
+    t[1] = sign * m;
+    t[2] = -sign * n[0];
+    b[0] = m;
+    b[1] = sign + n[1] * n[1] * a;
+    b[2] = -n[1];
+}
+
 static void PRT_KERNEL(pixel)(const struct tangent_job *job, uint32_t point, float sum[3])
 {
     const struct pattern *pat = &job->pattern[job->variant[point]];
@@ -58,14 +70,7 @@ static void PRT_KERNEL(pixel)(const struct tangent_job *job, uint32_t point, flo
         o[k] = job->seen[point].p[k];
         n[k] = job->face[k][point];
     }
-    /* a frame about n without a branch on its length (Duff et al. 2017) */
-    float sign = n[2] < 0 ? -1.0f : 1.0f, a = -1 / (sign + n[2]), m = n[0] * n[1] * a;
-    t[0] = 1 + sign * n[0] * n[0] * a;
-    t[1] = sign * m;
-    t[2] = -sign * n[0];
-    b[0] = m;
-    b[1] = sign + n[1] * n[1] * a;
-    b[2] = -n[1];
+    PRT_KERNEL(frame_about)(n, t, b);
     float rel[3] = {o[0] - eye[0], o[1] - eye[1], o[2] - eye[2]};
     float height = rel[0] * n[0] + rel[1] * n[1] + rel[2] * n[2];
     const float n_t = (float)job->n_tangent, n_u = (float)job->n_uniform;
