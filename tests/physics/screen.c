@@ -63,31 +63,62 @@ static void plane_gives_total_reflectance(void **state)
     model_finish(&model);
 }
 
-// Light does not cross between objects that touch: the unlit one stays exactly black.
+// Irradiance of every vertex by its object; object 0 at x < 0.
+static void light_objects(const struct model *m, const float left[3], const float right[3],
+                          float (*e)[3])
+{
+    for (uint32_t b = 0; b < m->mesh.n_block; b++)
+        for (uint32_t v = 0; v < m->block[b].n_vertex; v++)
+            memcpy(e[m->block[b].vertex_begin + v], b ? right : left, sizeof *e);
+}
+
+static void expect_object(const struct stage *s, const struct model *m, uint32_t object,
+                          pixels a, pixels b)
+{
+    for (uint32_t i = 0; i < s->g.n_point; i++)
+        for (int c = 0; c < 3 && m->block[s->g.block[i]].object == object; c++) {
+            float want = b ? b[i][c] : 0;
+            assert_float_equal(a[i][c], want, 0);
+        }
+}
+
+// Law: light does not cross between objects that touch. When the lit right one turns from red
+// to blue, of equal power so that the same samples are drawn, the lit left one keeps every bit;
+// when the left one is dark it is black.
 static void touching_objects_exchange_nothing(void **state)
 {
+    static const float white[3] = {1, 1, 1}, red[3] = {9, 0, 0}, blue[3] = {0, 0, 9},
+                       dark[3] = {0, 0, 0};
     struct model model;
     model_init(&model, 20000, 40000);
     add_box(&model, (float[3]){-5, 0, 0}, (float[3]){5, 5, 5}, 8);
     add_box(&model, (float[3]){5, 0, 0}, (float[3]){5, 5, 5}, 8);
-    // light along +x comes from the left: only the left box's left side is lit; the camera is
-    // in front, so the pixels of the right box see only its own, dark, surface
-    struct prt_screen_light light = {{-1, 0, 0}, {5, 5, 5}, false};
     struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 30};
     struct stage s;
     stage_init(&s, &model, camera, 64, 64);
-    for (int e = 0; e <= PRT_SCREEN_REFERENCE; e++) {
-        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
-                                             .n_sample = e == PRT_SCREEN_REFERENCE ? 20000 : 0};
-        pixels b = render(&s, &marble, NULL, &light, options, NULL);
+    float(*e)[3] = calloc(model.mesh.n_vertex, sizeof *e);
+    for (int engine = 0; engine <= PRT_SCREEN_REFERENCE; engine++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)engine,
+                                             .n_sample =
+                                                 engine == PRT_SCREEN_REFERENCE ? 5000 : 0,
+                                             .vertex_irradiance = (const float(*)[3])e};
+        light_objects(&model, white, red, e);
+        pixels beside_red = render(&s, &marble, NULL, &from_front, options, NULL);
+        light_objects(&model, white, blue, e);
+        pixels beside_blue = render(&s, &marble, NULL, &from_front, options, NULL);
+        light_objects(&model, dark, blue, e);
+        pixels unlit = render(&s, &marble, NULL, &from_front, options, NULL);
         double left = 0;
-        for (uint32_t i = 0; i < s.g.n_point; i++) {
-            if (model.block[s.g.block[i]].object == 0) left += b[i][0];
-            else assert_true(b[i][0] == 0 && b[i][1] == 0 && b[i][2] == 0);
-        }
-        assert_true(left > 0);
-        free(b);
+        for (uint32_t i = 0; i < s.g.n_point; i++)
+            if (model.block[s.g.block[i]].object == 0) left += (double)beside_red[i][0];
+        assert_true(left / s.g.n_point > 0.01);
+        expect_object(&s, &model, 0, beside_blue, beside_red);
+        expect_object(&s, &model, 0, unlit, NULL);
+        free(beside_red);
+        free(beside_blue);
+        free(unlit);
     }
+    free(e);
     stage_finish(&s);
     model_finish(&model);
 }
