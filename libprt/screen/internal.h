@@ -269,6 +269,9 @@ int scatter_tree(struct frame *f, const struct radial_table *table, const struct
                  float opening, float r_max);
 /* Texels of the atlas with irradiance of this frame's lights; kept for the frame. */
 int frame_atlas(struct frame *f, uint32_t n);
+/* Distant lights that stand for the input's cube; 0 without one. options may be NULL. */
+uint32_t cube_lights(const struct prt_screen_input *input,
+                     const struct prt_screen_options *options);
 float smallest_mean_free_path(const struct frame *f);
 
 /* R_d exp(-(r / own_mm[object])^2) at every point, from the picture's own irradiance. */
@@ -349,20 +352,31 @@ double plan_expect(const struct prt_screen *screen, enum prt_screen_engine e, ui
                    const struct plan_view *view);
 /* Relative RMS difference of radiance from a sum over many texels, at some 160 points. */
 int frame_check(struct frame *f, double *error);
-bool frame_measurable(const struct prt_screen_options *options);
-/* Relative RMSE of radiance [n_point][3] against REFERENCE at some 500 points. */
-int screen_measure(const struct prt_context *ctx, struct prt_screen *screen,
-                   const struct prt_visibility *vis, const struct prt_material *material,
-                   const struct prt_cube *cube, uint32_t n_extra,
-                   const struct prt_screen_light *extra,
-                   const struct prt_screen_options *options, const float (*radiance)[3],
-                   double *error);
 /* Samples asked for: the options', a budget's, or the default, doubled by refine. */
 uint32_t frame_samples(const struct frame *f, uint32_t normal, uint32_t most);
 
-/* Profiles as tables are fitted to: three dipoles, or a prt_screen_profile. */
-void prt_screen_dipole_profile(const void *dipole3, double r_mm, double out[3]);
-void prt_screen_table_profile(const void *profile, double r_mm, double out[3]);
-int prt_screen_profile_check(const struct prt_context *ctx, const struct prt_screen_profile *p);
+/* M03: the radius >= from_mm below which lies a share xi in [0,1) of 2 pi r R_d / rho_d, the
+ * mean of three channels. from_mm: a radius known to be smaller, 0 at first. */
+double prt_screen_tangent_radius(const struct prt_diffusion dipole[3], double xi,
+                                 double from_mm);
+/* C08: share of R_d that is local at r (METHODS §7): 1 - 0.5 e^(K(r-R_p)) up to R_p. */
+double prt_screen_local_weight(double r_mm, double r_p_mm);
+/* C08: R_p for a bound [mm^-1], the largest over three channels. */
+double prt_screen_split_radius(const struct prt_diffusion dipole[3], double bound);
+/* C08 eq 9: index drawn by u in [0,1) in proportion to value[n], n a power of 4, by walking
+ * down the mip chain; mip holds value first, then each coarser level: 4n/3 numbers. */
+uint32_t prt_screen_mip_sample(const float *mip, uint32_t n, float u);
+/* At most n distant lights that stand for a cube: strata of equal power, each at the mean
+ * direction of its power. Powers add up to the cube's integral. Returns the number written. */
+uint32_t prt_screen_lights_from_cube(const struct prt_cube *cube, uint32_t n,
+                                     struct prt_screen_light *out);
+/* Factors of sigma_a (>= 1) that give a medium albedo[n] (clamped to [0,1]) times its own total
+ * reflectance, for sigma_a_map. factor may be albedo. PRT_ARG where sigma_a is 0. */
+int prt_screen_albedo_factors(const struct prt_context *ctx,
+                              const struct prt_material *material, size_t n,
+                              const float (*albedo)[3], float (*factor)[3]);
+
+/* R_d of three channels as radial_table_fit takes it; dipole3: struct prt_diffusion[3]. */
+void dipole_profile(const void *dipole3, double r_mm, double out[3]);
 
 #endif

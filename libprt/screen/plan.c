@@ -128,71 +128,95 @@ uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e,
 }
 
 static int check(const struct prt_context *ctx, const struct prt_screen *screen,
-                 const struct prt_visibility *vis, const struct prt_material *material,
-                 double budget_ms)
+                 const struct prt_screen_input *input, double budget_ms)
 {
-    if (!screen || !vis || !material)
+    if (!screen || !input || !input->visibility || !input->material)
         return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
     if (!(budget_ms > 0) || !isfinite(budget_ms))
         return prt_fail(ctx, PRT_ARG, "screen: a budget of %g ms: must be positive", budget_ms);
     return PRT_OK;
 }
 
+// Everything that cost and error depend on but the engine and its samples.
+static int plan_view_of(const struct prt_context *ctx, const struct prt_screen *screen,
+                        const struct prt_screen_input *input, double budget_ms,
+                        const struct prt_screen_options *options, struct plan_view *out)
+{
+    double path;
+    int status = check(ctx, screen, input, budget_ms);
+    if (!status) status = examine(ctx, screen, input->material, &path);
+    if (status) return status;
+    struct prt_gbuffer g;
+    prt_visibility_gbuffer(input->visibility, &g);
+    uint32_t n_light = cube_lights(input, options) + input->n_extra;
+    *out = (struct plan_view){.n_point = g.n_point,
+                              .n_light = n_light ? n_light : 1,
+                              .pixel_mm = (double)view_pixel_mm(input->visibility),
+                              .area_mm2 = screen->area_mm2,
+                              .diameter_mm = (double)screen->diameter_mm,
+                              .mean_free_path_mm = path};
+    return PRT_OK;
+}
+
+static struct prt_screen_plan plan_engine(const struct prt_screen *screen,
+                                          enum prt_screen_engine e,
+                                          const struct plan_view *view, double budget_ms)
+{
+    double slow = screen->slowness[e] > 0 ? screen->slowness[e] : 1;
+    struct prt_screen_plan plan = {.engine = e};
+    plan.n_sample = plan_samples(screen, e, view, budget_ms * 1e-3);
+    plan.expected_ms = 1e3 * slow * plan_seconds(e, plan.n_sample, view);
+    plan.expected_error = plan_expect(screen, e, plan.n_sample, view);
+    return plan;
+}
+
+static void set_options(struct prt_screen_options *options, const struct prt_screen_plan *plan)
+{
+    if (!options) return;
+    options->engine = plan->engine;
+    options->n_sample = plan->n_sample;
+}
+
 int prt_screen_plan(const struct prt_context *ctx, const struct prt_screen *screen,
-                    const struct prt_visibility *vis, const struct prt_material *material,
-                    enum prt_screen_engine engine, bool has_cube, uint32_t n_light,
+                    const struct prt_screen_input *input, enum prt_screen_engine engine,
                     double budget_ms, struct prt_screen_options *options,
                     struct prt_screen_plan *out)
 {
-    int status = check(ctx, screen, vis, material, budget_ms);
+    struct plan_view view;
+    int status = plan_view_of(ctx, screen, input, budget_ms, options, &view);
     if (status) return status;
-    if ((unsigned)engine >= 4)
-        return prt_fail(ctx, PRT_ARG, "screen: engine %d has no budget", (int)engine);
-    double path;
-    if ((status = examine(ctx, screen, material, &path))) return status;
-    struct prt_gbuffer g;
-    prt_visibility_gbuffer(vis, &g);
-    struct plan_view view = {.n_point = g.n_point,
-                             .n_light = has_cube ? n_light ? n_light : 64 : 1,
-                             .pixel_mm = (double)view_pixel_mm(vis),
-                             .area_mm2 = screen->area_mm2,
-                             .diameter_mm = (double)screen->diameter_mm,
-                             .mean_free_path_mm = path};
-    double slow = screen->slowness[engine] > 0 ? screen->slowness[engine] : 1;
-    struct prt_screen_plan plan = {.engine = engine};
-    plan.n_sample = plan_samples(screen, engine, &view, budget_ms * 1e-3);
-    plan.expected_ms = 1e3 * slow * plan_seconds(engine, plan.n_sample, &view);
-    plan.expected_error = plan_expect(screen, engine, plan.n_sample, &view);
-    if (options) {
-        options->engine = engine;
-        options->n_sample = plan.n_sample;
-    }
+    if ((unsigned)engine >= PRT_SCREEN_REFERENCE)
+        return prt_fail(ctx, PRT_ARG, "screen: engine '%s' takes no budget",
+                        prt_screen_engine_name(engine));
+    struct prt_screen_plan plan = plan_engine(screen, engine, &view, budget_ms);
+    set_options(options, &plan);
     if (out) *out = plan;
     return PRT_OK;
 }
 
+// An engine that exceeds the budget by more than a tenth is taken only when all do.
+static bool better_plan(const struct prt_screen_plan *a, const struct prt_screen_plan *b,
+                        double budget_ms)
+{
+    bool a_fits = a->expected_ms <= 1.1 * budget_ms, b_fits = b->expected_ms <= 1.1 * budget_ms;
+    if (a_fits != b_fits) return a_fits;
+    return a_fits ? a->expected_error < b->expected_error : a->expected_ms < b->expected_ms;
+}
+
 int prt_screen_choose(const struct prt_context *ctx, const struct prt_screen *screen,
-                      const struct prt_visibility *vis, const struct prt_material *material,
-                      bool has_cube, uint32_t n_light, double budget_ms,
+                      const struct prt_screen_input *input, double budget_ms,
                       struct prt_screen_options *options, struct prt_screen_plan *out)
 {
-    struct prt_screen_plan best = {0}, plan;
-    for (int e = 0; e < 4; e++) {
-        int status = prt_screen_plan(ctx, screen, vis, material, (enum prt_screen_engine)e,
-                                     has_cube, n_light, budget_ms, NULL, &plan);
-        if (status) return status;
-        // one that cannot keep the budget is taken only when none can
-        bool fits = plan.expected_ms <= 1.1 * budget_ms;
-        bool best_fits = best.n_sample && best.expected_ms <= 1.1 * budget_ms;
-        bool better = !best.n_sample || (fits && !best_fits) ||
-                      (fits == best_fits && (fits ? plan.expected_error < best.expected_error
-                                                  : plan.expected_ms < best.expected_ms));
-        if (better) best = plan;
+    struct plan_view view;
+    struct prt_screen_plan best = {0};
+    int status = plan_view_of(ctx, screen, input, budget_ms, options, &view);
+    if (status) return status;
+    for (int e = 0; e < PRT_SCREEN_REFERENCE; e++) {
+        struct prt_screen_plan plan =
+            plan_engine(screen, (enum prt_screen_engine)e, &view, budget_ms);
+        if (!e || better_plan(&plan, &best, budget_ms)) best = plan;
     }
-    if (options) {
-        options->engine = best.engine;
-        options->n_sample = best.n_sample;
-    }
+    set_options(options, &best);
     if (out) *out = best;
     return PRT_OK;
 }

@@ -138,23 +138,23 @@ static int make_tables(struct frame *f, const struct prt_material *material)
         prt_material_dipoles(m, f->dipole[o]); // the material's own profile, where it has one
         for (int c = 0; c < 3; c++) scale = fmin(scale, f->dipole[o][c].z_r);
         f->eta[o] = m->eta;
-        const struct prt_screen_profile *profile = f->options->profile;
-        if (profile) {
-            status = prt_screen_profile_check(f->ctx, &profile[o]);
-            if (status) return status;
-            radial_table_fit(&f->table[o], prt_screen_table_profile, &profile[o], scale,
-                             f->screen->diameter_mm);
-            continue;
-        }
-        radial_table_fit(&f->table[o], prt_screen_dipole_profile, f->dipole[o], scale,
+        radial_table_fit(&f->table[o], dipole_profile, f->dipole[o], scale,
                          f->screen->diameter_mm);
     }
     return PRT_OK;
 }
 
-static int make_lights(struct frame *f, uint32_t n_extra, const struct prt_screen_light *extra)
+uint32_t cube_lights(const struct prt_screen_input *input,
+                     const struct prt_screen_options *options)
 {
-    uint32_t n = f->cube ? f->options->n_light ? f->options->n_light : 64 : 0;
+    enum { DEFAULT_LIGHTS = 64 };
+    if (!input->cube) return 0;
+    return options && options->n_light ? options->n_light : DEFAULT_LIGHTS;
+}
+
+static int make_lights(struct frame *f, const struct prt_screen_input *input)
+{
+    uint32_t n = cube_lights(input, f->options), n_extra = input->n_extra;
     if (n > MAX_LIGHTS || n_extra > MAX_LIGHTS)
         return prt_fail(f->ctx, PRT_ARG, "screen: %u lights are more than %d", n + n_extra,
                         MAX_LIGHTS);
@@ -162,7 +162,7 @@ static int make_lights(struct frame *f, uint32_t n_extra, const struct prt_scree
     if (!f->light) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     if (n) f->n_light = prt_screen_lights_from_cube(f->cube, n, f->light);
     for (uint32_t i = 0; i < n_extra; i++) {
-        struct prt_screen_light l = extra[i];
+        struct prt_screen_light l = input->extra[i];
         float length = 0;
         bool good = true;
         for (int k = 0; k < 3; k++) {
@@ -227,12 +227,6 @@ static int check_options(const struct prt_context *ctx, const struct prt_screen_
     return PRT_OK;
 }
 
-// The reference knows materials' own profiles, but not those of the options.
-bool frame_measurable(const struct prt_screen_options *o)
-{
-    return !o->profile;
-}
-
 static int check_maps(const struct frame *f)
 {
     const struct prt_screen_options *o = f->options;
@@ -251,10 +245,6 @@ static int check_maps(const struct frame *f)
 
 static int run_engine(struct frame *f)
 {
-    if (f->options->profile && (f->options->engine == PRT_SCREEN_TANGENT ||
-                                f->options->engine == PRT_SCREEN_REFERENCE))
-        return prt_fail(f->ctx, PRT_ARG, "screen: profiles are not for %s",
-                        prt_screen_engine_name(f->options->engine));
     switch (f->options->engine) {
     case PRT_SCREEN_SPLAT:
         return engine_splat(f);
@@ -281,8 +271,7 @@ static void finish_frame(struct frame *f)
 }
 
 // Everything a frame needs before an engine runs.
-static int begin_frame(struct frame *f, const struct prt_material *material, uint32_t n_extra,
-                       const struct prt_screen_light *extra)
+static int begin_frame(struct frame *f, const struct prt_screen_input *input)
 {
     prt_visibility_gbuffer(f->vis, &f->g);
     prt_visibility_camera(f->vis, NULL, &f->width, &f->height, NULL);
@@ -290,8 +279,8 @@ static int begin_frame(struct frame *f, const struct prt_material *material, uin
     f->seed = f->options->seed + (uint64_t)f->options->frame * 0x9e3779b97f4a7c15ULL;
     int status = check_options(f->ctx, f->options);
     if (!status) status = check_maps(f);
-    if (!status) status = make_tables(f, material);
-    if (!status) status = make_lights(f, n_extra, extra);
+    if (!status) status = make_tables(f, input->material);
+    if (!status) status = make_lights(f, input);
     f->view_key = view_key(f);
     for (uint32_t i = 0; i < f->g.n_point && !f->any; i++) f->any = !f->g.opaque[i];
     return status;
@@ -327,30 +316,6 @@ static uint32_t measure_texels(const struct frame *f)
 {
     double l = 0.35 * (double)smallest_mean_free_path(f), n = f->screen->area_mm2 / (l * l);
     return n < MEASURE_LEAST ? MEASURE_LEAST : n > MEASURE_MOST ? MEASURE_MOST : (uint32_t)n;
-}
-
-int screen_measure(const struct prt_context *ctx, struct prt_screen *screen,
-                   const struct prt_visibility *vis, const struct prt_material *material,
-                   const struct prt_cube *cube, uint32_t n_extra,
-                   const struct prt_screen_light *extra,
-                   const struct prt_screen_options *options, const float (*radiance)[3],
-                   double *error)
-{
-    struct prt_screen_report report = {0};
-    struct frame f = {.ctx = ctx,
-                      .screen = screen,
-                      .vis = vis,
-                      .cube = cube,
-                      .options = options,
-                      .report = &report};
-    int status = begin_frame(&f, material, n_extra, extra);
-    // read only: engine_reference compares
-    f.radiance = (float(*)[3])(uintptr_t)radiance;
-    if (!status && f.any && screen->area_mm2 > 0)
-        status =
-            engine_reference(&f, measure_texels(&f), f.g.n_point / MEASURE_POINTS + 1, error);
-    finish_frame(&f);
-    return status;
 }
 
 // By so much that what was seen before says little.
@@ -390,58 +355,65 @@ static int report_frame(struct frame *f, double seconds)
     return PRT_OK;
 }
 
+// The engine's light, the frame's expected error and, where the options ask for it, the
+// measured one.
+static int draw_translucent(struct frame *f, double started)
+{
+    const struct prt_screen_options *o = f->options;
+    int status = run_engine(f);
+    if (!status) status = report_frame(f, prt_time_s() - started);
+    // these two take R_d of the mapped medium at each point; the others spread light in the
+    // plain medium and are scaled afterwards
+    bool mapped = o->engine == PRT_SCREEN_TANGENT || o->engine == PRT_SCREEN_REFERENCE;
+    if (!status && !mapped && maps_tint(o)) status = map_tint(f);
+    if (!status && o->measure_error)
+        status = engine_reference(f, measure_texels(f), f->g.n_point / MEASURE_POINTS + 1,
+                                  &f->report->error);
+    return status;
+}
+
 int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen,
-                        const struct prt_visibility *vis, const struct prt_material *material,
-                        const struct prt_cube *cube, uint32_t n_extra,
-                        const struct prt_screen_light *extra,
+                        const struct prt_screen_input *input,
                         const struct prt_screen_options *options, float (*radiance)[3],
                         struct prt_screen_report *report)
 {
     struct prt_screen_report unused;
-    if (!screen || !vis || !material || !options || !radiance)
+    if (!screen || !input || !input->visibility || !input->material || !options || !radiance)
         return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
     struct frame f = {.ctx = ctx,
                       .screen = screen,
-                      .vis = vis,
-                      .cube = cube,
+                      .vis = input->visibility,
+                      .cube = input->cube,
                       .options = options,
                       .radiance = radiance,
                       .report = report ? report : &unused};
     double started = prt_time_s();
     *f.report = (struct prt_screen_report){
         .engine = options->engine, .error = -1, .frame = options->frame};
-    int status = begin_frame(&f, material, n_extra, extra);
+    int status = begin_frame(&f, input);
     memset(radiance, 0, f.g.n_point * sizeof *radiance);
     if (!status) status = light_opaque(&f);
-    if (!status && f.any && screen->area_mm2 > 0) {
-        status = run_engine(&f);
-        if (!status) status = report_frame(&f, prt_time_s() - started);
-        bool own =
-            options->engine == PRT_SCREEN_TANGENT || options->engine == PRT_SCREEN_REFERENCE;
-        if (!status && !own && maps_tint(options)) status = map_tint(&f);
-        if (!status && options->measure_error && frame_measurable(options))
-            status = engine_reference(&f, measure_texels(&f), f.g.n_point / MEASURE_POINTS + 1,
-                                      &f.report->error);
-    }
+    if (!status && f.any && screen->area_mm2 > 0) status = draw_translucent(&f, started);
     finish_frame(&f);
     return status;
 }
 
 int prt_screen_image(const struct prt_context *ctx, struct prt_screen *screen,
-                     const struct prt_visibility *vis, const struct prt_material *material,
-                     const struct prt_cube *cube, uint32_t n_extra,
-                     const struct prt_screen_light *extra,
+                     const struct prt_screen_input *input,
                      const struct prt_screen_options *options, const struct prt_shade *shade,
                      struct prt_image *out, struct prt_screen_report *report)
 {
+    if (!input || !input->visibility || !shade || !out)
+        return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
     struct prt_gbuffer g;
-    prt_visibility_gbuffer(vis, &g);
+    prt_visibility_gbuffer(input->visibility, &g);
     float(*radiance)[3] = prt_alloc((size_t)g.n_point + 1, sizeof *radiance);
     if (!radiance)
         return prt_fail(ctx, PRT_NOMEM, "screen: no memory for %u points", g.n_point);
-    int status = prt_screen_radiance(ctx, screen, vis, material, cube, n_extra, extra, options,
-                                     radiance, report);
-    if (!status) status = prt_shade_points(ctx, vis, (const float(*)[3])radiance, shade, out);
+    int status = prt_screen_radiance(ctx, screen, input, options, radiance, report);
+    if (!status)
+        status =
+            prt_shade_points(ctx, input->visibility, (const float(*)[3])radiance, shade, out);
     prt_free(radiance);
     return status;
 }

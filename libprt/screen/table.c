@@ -62,7 +62,7 @@ void radial_table_eval(const struct radial_table *t, float r_sq, float out[3])
         out[c] = t->coef[c][0][k] + q * (t->coef[c][1][k] + q * t->coef[c][2][k]);
 }
 
-void prt_screen_dipole_profile(const void *dipole3, double r_mm, double out[3])
+void dipole_profile(const void *dipole3, double r_mm, double out[3])
 {
     const struct prt_diffusion *d = dipole3;
     for (int c = 0; c < 3; c++) out[c] = prt_diffusion_rd(&d[c], r_mm);
@@ -77,9 +77,8 @@ double prt_screen_local_weight(double r_mm, double r_p_mm)
 
 // What a table is fitted to: R_d, its local or its global part, averaged over a disc.
 struct split {
-    profile_fn fn; // three dipoles or a table, and its argument
-    const void *profile;
-    double r_p; // < 0: no split
+    const struct prt_diffusion *dipole; // [3]
+    double r_p;                         // < 0: no split
     bool local;
     double own_mm;  // > 0, without r_p: what texture sampling reads at the pixel itself
     double disc_mm; // radius; 0: a point
@@ -114,7 +113,7 @@ static void split_profile(const void *arg, double r_mm, double out[3])
             if (!s->local) w = 1 - w;
         }
         double rd[3];
-        s->fn(s->profile, r, rd);
+        dipole_profile(s->dipole, r, rd);
         for (int c = 0; c < 3; c++) out[c] += w * rd[c] / n;
     }
 }
@@ -124,22 +123,10 @@ static double finest_scale(const struct prt_diffusion *d)
     return fmin(d[0].z_r, fmin(d[1].z_r, d[2].z_r));
 }
 
-static struct split split_of(const struct frame *f, uint32_t object, double r_p, double own_mm,
-                             bool local, double disc_mm)
-{
-    struct split split = {
-        prt_screen_dipole_profile, f->dipole[object], r_p, local, own_mm, disc_mm};
-    if (f->options->profile) {
-        split.fn = prt_screen_table_profile;
-        split.profile = &f->options->profile[object];
-    }
-    return split;
-}
-
 void split_table(const struct frame *f, uint32_t object, double r_p, double own_mm, bool local,
                  double disc_mm, float r_max, struct radial_table *out)
 {
-    struct split split = split_of(f, object, r_p, own_mm, local, disc_mm);
+    struct split split = {f->dipole[object], r_p, local, own_mm, disc_mm};
     radial_table_fit(out, split_profile, &split, fmax(finest_scale(f->dipole[object]), disc_mm),
                      (double)r_max);
 }
@@ -147,7 +134,7 @@ void split_table(const struct frame *f, uint32_t object, double r_p, double own_
 void own_share(const struct frame *f, uint32_t object, double own_mm, double share[3])
 {
     enum { STEPS = 256 };
-    struct split split = split_of(f, object, -1, own_mm, true, 0);
+    struct split split = {f->dipole[object], -1, true, own_mm, 0};
     // r dr at equal steps of log r: the weight is gone at 4 own_mm
     double top = 4 * own_mm,
            ratio = 4 * own_mm / (1e-3 * fmin(own_mm, finest_scale(f->dipole[object])));

@@ -558,7 +558,7 @@ static int make_mix(struct frame *f, struct mix *mix, struct tangent_job *job)
                 mapped_dipole(&base[c], factor, c, &mix->dipole[k][c]);
                 scale = fmin(scale, mix->dipole[k][c].z_r);
             }
-            radial_table_fit(&mix->table[k], prt_screen_dipole_profile, mix->dipole[k], scale,
+            radial_table_fit(&mix->table[k], dipole_profile, mix->dipole[k], scale,
                              (double)f->screen->diameter_mm);
         }
         job->medium = mix->media.of;

@@ -354,9 +354,11 @@ static void odd_input_gives_pictures(void **state)
         struct prt_screen_options options = {.measure_error = true};
         struct prt_screen_report report;
         struct prt_image image;
-        assert_int_equal(prt_screen_image(&quiet, s.screen, s.vis, &marble, NULL, 1, &point,
-                                          &options, &shade, &image, &report),
-                         PRT_OK);
+        struct prt_screen_input input = {
+            .visibility = s.vis, .material = &marble, .n_extra = 1, .extra = &point};
+        assert_int_equal(
+            prt_screen_image(&quiet, s.screen, &input, &options, &shade, &image, &report),
+            PRT_OK);
         for (int i = 0; i < 24 * 24 * 3; i++) assert_true(isfinite(image.rgb[i]));
         assert_true(k || (report.error > 0 && report.error < 0.1));
         prt_image_finish(&image);
@@ -374,9 +376,7 @@ static void odd_input_gives_pictures(void **state)
     struct prt_screen_light bad = {{NAN, 0, 0}, {1, 1, 1}, false};
     struct prt_screen_options options = {0};
     b = malloc(s.g.n_point * sizeof *b);
-    assert_int_equal(
-        prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &bad, &options, b, NULL),
-        PRT_ARG);
+    assert_int_equal(try_render(&s, &marble, NULL, &bad, &options, b, NULL), PRT_ARG);
     static const struct prt_screen_options nonsense[] = {
         {.n_sample = 5000},
         {.n_sample = 1},
@@ -387,14 +387,11 @@ static void odd_input_gives_pictures(void **state)
         {.bound = NAN},
         {.engine = (enum prt_screen_engine)9}};
     for (size_t i = 0; i < sizeof nonsense / sizeof *nonsense; i++)
-        assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1,
-                                             &from_front, &nonsense[i], b, NULL),
+        assert_int_equal(try_render(&s, &marble, NULL, &from_front, &nonsense[i], b, NULL),
                          PRT_ARG);
     struct prt_material broken = marble;
     broken.sigma_a[1] = NAN;
-    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &broken, NULL, 1, &from_front,
-                                         &options, b, NULL),
-                     PRT_ARG);
+    assert_int_equal(try_render(&s, &broken, NULL, &from_front, &options, b, NULL), PRT_ARG);
     free(b);
     stage_finish(&s);
     model_finish(&model);
@@ -551,8 +548,7 @@ static void frames_can_be_stopped(void **state)
             struct stopper stopper = {0, at};
             quiet.progress = stop_there;
             quiet.progress_user = &stopper;
-            int status = prt_screen_radiance(&quiet, s.screen, s.vis, &marble, &cube, 0, NULL,
-                                             &options, out, NULL);
+            int status = try_render(&s, &marble, &cube, NULL, &options, out, NULL);
             quiet.progress = NULL;
             assert_int_equal(status, stopper.asked > at ? PRT_CANCELLED : PRT_OK);
             if (!status) break;

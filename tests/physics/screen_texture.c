@@ -247,9 +247,7 @@ static void pattern_is_the_near_part(void **state)
     free(b);
     b = malloc(s.g.n_point * sizeof *b);
     options.spokes = 0;
-    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &side,
-                                         &options, b, NULL),
-                     PRT_ARG);
+    assert_int_equal(try_render(&s, &marble, NULL, &side, &options, b, NULL), PRT_ARG);
     free(b);
     free(first);
     free(want);
