@@ -408,7 +408,7 @@ static error_t set(int key, char *arg, struct argp_state *state)
             (enum relight_storage)(1 + word(state, "storage", arg, "factored\0sparse\0"));
         break;
     case 'N':
-        o->load.bake.samples = (uint32_t)whole(state, "samples", arg, 100, 50000000);
+        o->load.bake.samples = (uint32_t)whole(state, "samples", arg, 1, UINT32_MAX);
         break;
     case 'C':
         o->load.bake.cube = 16u << word(state, "cube", arg,
@@ -418,10 +418,10 @@ static error_t set(int key, char *arg, struct argp_state *state)
                                         "128\0");
         break;
     case 'K':
-        o->load.bake.coeffs = (uint32_t)whole(state, "coeffs", arg, 1, 98304);
+        o->load.bake.coeffs = (uint32_t)whole(state, "coeffs", arg, 1, UINT32_MAX);
         break;
     case 'A':
-        o->load.bake.rank = (uint32_t)whole(state, "rank", arg, 1, 4096);
+        o->load.bake.rank = (uint32_t)whole(state, "rank", arg, 1, UINT32_MAX);
         break;
     case 'H': {
         static const uint32_t terms[] = {1, 4, 9};

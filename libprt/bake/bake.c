@@ -5,6 +5,7 @@
 #include "bake/shard.h"
 #include "bake/sources.h"
 
+#include "prt/bake_limits.h"
 #include "prt/radial.h"
 #include "prt/relight.h"
 
@@ -27,36 +28,22 @@ static void dipole_eval(const void *user, unsigned cpu, size_t n, const float *r
     for (int c = 0; c < 3; c++) prt_diffusion_rd_array(&d[c], cpu, n, r2, out[c]);
 }
 
-static bool power_of_two(uint32_t n)
-{
-    return n && !(n & (n - 1));
-}
-
 static int check_options(const struct prt_context *ctx, struct prt_bake_options *o)
 {
-    if (!o->cube) o->cube = 32;
-    if (!o->n_coef) o->n_coef = 128;
+    int status = bake_check_settings(ctx, o);
+    if (status) return status;
+    if (!o->cube) o->cube = PRT_BAKE_CUBE_DEFAULT;
+    if (!o->n_coef) o->n_coef = PRT_BAKE_COEFFS_DEFAULT;
     if (!o->n_phase) { // an isotropic medium needs one term; where g is free, or not 0, four
         const float *g = o->material.g;
         bool fixed = o->engine == PRT_TRANSPORT_WAVELET;
         o->n_phase = fixed && g[0] == 0 && g[1] == 0 && g[2] == 0 ? 1 : 4;
     }
-    if (!o->n_single) o->n_single = 16;
-    if (o->max_error == 0) o->max_error = 0.01;
-    if (!power_of_two(o->cube) || o->cube < PRT_BAKE_CUBE_MIN || o->cube > PRT_BAKE_CUBE_MAX)
-        return prt_fail(ctx, PRT_ARG, "--cube %u: must be 16, 32, 64 or 128", o->cube);
-    if (o->n_phase != 1 && o->n_phase != 4 && o->n_phase != 9)
-        return prt_fail(ctx, PRT_ARG, "--phase-terms %u: must be 1, 4 or 9", o->n_phase);
-    if (!(o->max_error >= 1e-4 && o->max_error <= 0.5))
-        return prt_fail(ctx, PRT_ARG, "--max-error %g: must lie in [0.0001, 0.5]",
-                        o->max_error);
-    if (o->n_coef < 6 || o->n_coef > 6 * o->cube * o->cube)
+    if (!o->n_single) o->n_single = PRT_BAKE_SINGLE_POINTS_DEFAULT;
+    if (o->max_error == 0) o->max_error = PRT_BAKE_ERROR_DEFAULT;
+    if (o->n_coef > 6 * o->cube * o->cube)
         return prt_fail(ctx, PRT_ARG, "--coeffs %u: must lie in [6, %u]", o->n_coef,
                         6 * o->cube * o->cube);
-    if (o->rank > 512)
-        return prt_fail(ctx, PRT_ARG, "--rank %u: must lie in [1, 512]", o->rank);
-    if (o->n_sample > 20000000)
-        return prt_fail(ctx, PRT_ARG, "--samples %u: must lie in [16, 20000000]", o->n_sample);
     if (o->engine != PRT_TRANSPORT_WAVELET && o->storage == PRT_STORAGE_SPARSE)
         return prt_fail(ctx, PRT_ARG, "--storage sparse goes with --transport wavelet only");
     if (o->engine == PRT_TRANSPORT_POLYNOMIAL && !o->env)
@@ -67,15 +54,12 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
     if (o->n_shard > 1 && o->shard >= o->n_shard)
         return prt_fail(ctx, PRT_ARG, "--shard %u/%u: I must lie in [0, %u]", o->shard,
                         o->n_shard, o->n_shard - 1);
-    if (o->n_single > 1024)
-        return prt_fail(ctx, PRT_ARG, "single-scattering points %u: must lie in [1, 1024]",
-                        o->n_single);
     return prt_material_check(ctx, &o->material);
 }
 
 // As many samples as the mean free path asks for, at least W05's 150,000, at most 600,000:
 // beyond that the near-field cells keep the integral right and the user is told.
-static uint32_t sample_count(const struct bake *b)
+uint32_t bake_sample_count(const struct bake *b)
 {
     if (b->o.n_sample) return b->o.n_sample;
     double area = prt_surface_area(b->mesh), finest = INFINITY;
@@ -107,8 +91,8 @@ static int prepare(struct bake *b)
     if (status == PRT_OK && !any)
         prt_log(b->ctx, PRT_LOG_WARNING, "nothing is translucent: only shadows are baked");
     if (status == PRT_OK && any)
-        status =
-            prt_surface_create(b->ctx, mesh, sample_count(b), fine, b->o.seed, &b->surface);
+        status = prt_surface_create(b->ctx, mesh, bake_sample_count(b), fine, b->o.seed,
+                                    &b->surface);
     if (status == PRT_OK && any && b->o.engine == PRT_TRANSPORT_WAVELET)
         status = prt_surface_check(b->ctx, b->surface, mesh, finest, b->o.n_sample != 0);
     if (status == PRT_OK && any) status = hierarchy_create(b->surface, &b->hierarchy);

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 // Of full light through a sub-sample: below it one ray of four is asked first.
@@ -183,15 +184,23 @@ uint64_t irradiance_row(const struct prt_scene *scene, const struct directions *
                                out);
 }
 
+size_t half_rows_room(void)
+{
+    struct rlimit limit;
+    long pages = sysconf(_SC_AVPHYS_PAGES), page = sysconf(_SC_PAGESIZE);
+    size_t room = pages > 0 && page > 0 ? (size_t)pages * (size_t)page : SIZE_MAX;
+    if (!getrlimit(RLIMIT_DATA, &limit) && limit.rlim_cur < room) room = limit.rlim_cur;
+    return room / 10 * 6;
+}
+
 int half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
                      struct half_rows *out)
 {
     size_t bytes;
     memset(out, 0, sizeof *out);
     if (prt_mul_overflow(n_row, n_coef * 2, &bytes)) return PRT_NOMEM;
-    long pages = sysconf(_SC_AVPHYS_PAGES), page = sysconf(_SC_PAGESIZE);
     int fd = -1;
-    if (pages > 0 && page > 0 && bytes > (size_t)pages / 10 * 6 * (size_t)page) {
+    if (bytes > half_rows_room()) {
         const char *dir = getenv("TMPDIR");
         char path[512];
         snprintf(path, sizeof path, "%s/prt-bake-XXXXXX", dir && *dir ? dir : "/var/tmp");

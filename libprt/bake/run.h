@@ -31,6 +31,12 @@ struct bake {
 };
 enum { T_SAMPLES, T_IRRADIANCE, T_MULTIPLE, T_SINGLE, T_PACK, T_MEASURE };
 
+/* Against prt/bake_limits.h; logs what is wrong. */
+int bake_check_settings(const struct prt_context *ctx, const struct prt_bake_options *options);
+/* Of the options, or as many as the mean free path asks for; wants mesh and dipole. */
+uint32_t bake_sample_count(const struct bake *b);
+/* A log that drops everything. */
+void bake_drop_line(void *user, enum prt_log_level level, const char *line);
 /* Gaussian lights [n_coef][m] into b->probe. */
 int bake_probe(struct bake *b, uint32_t m);
 /* Hands a cluster's rows to the storage that was asked for. Thread-safe over clusters. */

@@ -73,6 +73,8 @@ struct half_rows {
 };
 int half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
                      struct half_rows *out);
+/* Rows of more bytes are kept on disk: 60 % of the free memory, or of RLIMIT_DATA. */
+size_t half_rows_room(void);
 void half_rows_finish(struct half_rows *rows);
 
 struct node {

@@ -5,9 +5,11 @@
 #include "prt/radial.h"
 
 #include <cjson/cJSON.h>
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 // Without a material to fix, nor words that only wavelet transport knows, nothing is fixed.
@@ -24,7 +26,7 @@ static enum prt_transport_kind engine_of(const struct options *o)
 static int check_usage(const struct options *o, enum prt_transport_kind engine)
 {
     bool sparse = o->storage && !strcmp(o->storage, "sparse");
-    if (!o->out) return usage_error(o, "-o OUT.prt is missing");
+    if (!o->out && !o->estimate) return usage_error(o, "-o OUT.prt is missing");
     if (!o->material && engine == PRT_TRANSPORT_WAVELET)
         return usage_error(o, "%s is a model: it needs --material", o->input[0]);
     if (!o->env && engine == PRT_TRANSPORT_POLYNOMIAL)
@@ -43,9 +45,6 @@ static int check_usage(const struct options *o, enum prt_transport_kind engine)
                            "a light of 6x%dx%d has %d coefficients: --coeffs and "
                            "--basis-coeffs must be in [1, %d]",
                            (int)n, (int)n, (int)(6 * n * n), (int)(6 * n * n));
-    if (o->samples && o->samples < 16)
-        return usage_error(o, "--samples %d: expected a whole number in [16, 100000000]",
-                           (int)o->samples);
     return EXIT_DONE;
 }
 
@@ -151,6 +150,48 @@ static int report_part(const struct options *o, double seconds, uint32_t missing
     return EXIT_DONE;
 }
 
+static int limit_data(struct tool *tool, uint64_t bytes)
+{
+    struct rlimit limit;
+    if (getrlimit(RLIMIT_DATA, &limit)) return EXIT_DONE;
+    limit.rlim_cur = bytes < limit.rlim_max ? bytes : limit.rlim_max;
+    if (!setrlimit(RLIMIT_DATA, &limit)) return EXIT_DONE;
+    return tool_exit(tool, prt_fail(&tool->ctx, PRT_INTERNAL, "memory cannot be limited: %s",
+                                    strerror(errno)));
+}
+
+// The data this process may take: what was said, or half as much again as the estimate and a
+// fixed sum for libraries.
+static int limit_memory(struct tool *tool, uint64_t estimate)
+{
+    const struct options *o = &tool->opt;
+    uint64_t machine = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
+    uint64_t most = o->memory ? o->memory : machine;
+    if (!o->memory_set) return EXIT_DONE;
+    if (estimate > most)
+        return tool_exit(tool, prt_fail(&tool->ctx, PRT_LIMIT,
+                                        "%s: this bake is estimated to need %llu MB of memory, "
+                                        "%s %llu MB (relightd's --bake-memory); ask for fewer "
+                                        "samples or a smaller cube",
+                                        o->input[0], (unsigned long long)(estimate >> 20),
+                                        o->memory ? "the limit is" : "the machine has",
+                                        (unsigned long long)(most >> 20)));
+    if (o->memory) return EXIT_DONE;
+    return limit_data(tool, estimate + estimate / 2 + (UINT64_C(1) << 30));
+}
+
+static int no_memory(struct tool *tool, int status)
+{
+    struct rlimit limit;
+    if (status == PRT_NOMEM && !getrlimit(RLIMIT_DATA, &limit) &&
+        limit.rlim_cur != RLIM_INFINITY)
+        prt_log(&tool->ctx, PRT_LOG_ERROR,
+                "out of memory: this bake may take %llu MB (relightd's --bake-memory, prt's "
+                "--memory); ask for fewer samples or a smaller cube",
+                (unsigned long long)(limit.rlim_cur >> 20));
+    return tool_exit(tool, status);
+}
+
 int run_bake(struct tool *tool)
 {
     const struct options *o = &tool->opt;
@@ -162,7 +203,7 @@ int run_bake(struct tool *tool)
     double started = prt_time_s();
     int exit_status = check_usage(o, engine);
     if (exit_status) return exit_status;
-    if ((exit_status = check_writable(tool, o->out))) return exit_status;
+    if (!o->estimate && (exit_status = check_writable(tool, o->out))) return exit_status;
     if (access(o->input[0], R_OK) == 0 && prt_file_probe(o->input[0]))
         return usage_error(o, "%s is a .prt already: bake takes a model", o->input[0]);
     struct prt_bake_options options = bake_options(o, engine);
@@ -182,12 +223,18 @@ int run_bake(struct tool *tool)
         prt_log(&tool->ctx, PRT_LOG_WARNING,
                 "--env is for --transport polynomial; this bake serves every light");
     }
-    settings = provenance(o);
     options.material = source.material;
     options.env = env;
+    if (o->memory && (exit_status = limit_data(tool, o->memory))) goto done;
+    uint64_t bytes = 0;
+    exit_status = tool_exit(tool, prt_bake_memory(&tool->ctx, source.mesh, &options, &bytes));
+    if (!exit_status && o->estimate) printf("%llu\n", (unsigned long long)bytes);
+    if (!exit_status && !o->estimate) exit_status = limit_memory(tool, bytes);
+    if (exit_status || o->estimate) goto done;
+    settings = provenance(o);
     options.settings_json = settings;
     options.parts_missing = &missing;
-    exit_status = tool_exit(tool, prt_bake(&tool->ctx, source.mesh, &options, o->out));
+    exit_status = no_memory(tool, prt_bake(&tool->ctx, source.mesh, &options, o->out));
     double seconds = prt_time_s() - started;
     if (!exit_status)
         exit_status = missing ? report_part(o, seconds, missing) : report(tool, seconds);

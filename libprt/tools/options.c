@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The command line: one table of options is the parser and every --help.
+#include "prt/bake_limits.h"
 #include "tool.h"
 
 #include <ctype.h>
@@ -103,26 +104,31 @@ static const struct row table[] = {
     {"basis", 0, "KIND", WORD, AT(basis), 0, 0, bases, BAKE,
      "polynomial: functions of radius; reduced (default): the range's singular vectors;\n"
      "                              polynomial: X07's 32 (single: 16), linear pieces; hat: on the same knots"},
-    {"rank", 0, "R", WHOLE, AT(rank), 1, 1024, NULL, BAKE,
+    {"rank", 0, "R", WHOLE, AT(rank), PRT_BAKE_RANK_MIN, PRT_BAKE_RANK_MAX, NULL, BAKE,
      "factored: dense numbers a vertex and term; default: from --max-error"},
-    {"basis-coeffs", 0, "N", WHOLE, AT(basis_coeffs), 1, 98304, NULL, BAKE,
+    {"basis-coeffs", 0, "N", WHOLE, AT(basis_coeffs), PRT_BAKE_BASIS_COEFFS_MIN,
+     PRT_BAKE_BASIS_COEFFS_MAX, NULL, BAKE,
      "factored: mean coefficients a basis vector; default: from --max-error"},
-    {"coeffs", 0, "N", WHOLE, AT(coeffs), 1, 98304, NULL, BAKE,
+    {"coeffs", 0, "N", WHOLE, AT(coeffs), PRT_BAKE_COEFFS_MIN, PRT_BAKE_COEFFS_MAX, NULL, BAKE,
      "sparse: wavelet coefficients a vertex (default 128)"},
-    {"max-error", 0, "E", REAL, AT(max_error), 0, 1, NULL, BAKE,
-     "relative RMSE the factored storage is cut to (default 0.01)"},
-    {"cube", 0, "N", CUBE, AT(cube), 16, 128, NULL, BAKE,
+    {"max-error", 0, "E", SIGNED, AT(max_error), PRT_BAKE_ERROR_MIN, PRT_BAKE_ERROR_MAX, NULL,
+     BAKE, "relative RMSE the factored storage is cut to (default 0.01)"},
+    {"cube", 0, "N", CUBE, AT(cube), PRT_BAKE_CUBE_MIN, PRT_BAKE_CUBE_MAX, NULL, BAKE,
      "light resolution 6xNxN (default 32)"},
     {"cube", 0, "N|full", CUBE, AT(cube), PRT_CUBE_MIN, PRT_CUBE_MAX, NULL, LIGHTS,
      "light resolution for reference (default: the .prt's, else 32)"},
     {"phase-terms", 0, "K", WHOLE, AT(phase_terms), 1, 16, NULL, BAKE | COLORS | IMAGE,
      "spherical-harmonic terms of the phase function: 1, 4, 9 (reference: default exact)"},
-    {"samples", 0, "N", WHOLE, AT(samples), 1, 100000000, NULL, BAKE | LIGHTS,
+    {"samples", 0, "N", WHOLE, AT(samples), PRT_BAKE_SAMPLES_MIN, PRT_BAKE_SAMPLES_MAX, NULL,
+     BAKE, "irradiance samples on the surface (default: 150000 or one a mean free path)"},
+    {"samples", 0, "N", WHOLE, AT(samples), 1, 100000000, NULL, LIGHTS,
      "irradiance samples on the surface (default: 150000 or one a mean free path)"},
     {"rays", 0, "N", WHOLE, AT(rays), 1, 1 << 24, NULL, LIGHTS,
      "reference: rays a sample (default 2048)"},
-    {"single-points", 0, "N", WHOLE, AT(single_points), 1, 1 << 20, NULL, BAKE | LIGHTS,
-     "single scattering: points (reference: paths) a vertex (default 16; 4096)"},
+    {"single-points", 0, "N", WHOLE, AT(single_points), 1, PRT_BAKE_SINGLE_POINTS_MAX, NULL,
+     BAKE, "single scattering: points a vertex (default 16)"},
+    {"single-points", 0, "N", WHOLE, AT(single_points), 1, 1 << 20, NULL, LIGHTS,
+     "single scattering: paths a vertex (default 4096)"},
     {"no-single", 0, NULL, FLAG, AT(no_single), 0, 0, NULL, BAKE,
      "leave single scattering out"},
     {"every-ray", 0, NULL, FLAG, AT(every_ray), 0, 0, NULL, BAKE,
@@ -172,6 +178,13 @@ static const struct row table[] = {
      "use no more than this instruction set"},
     {"progress-fd", 0, "FD", FD, AT(progress_fd), 0, 0, NULL, BAKE | COLORS | IMAGE,
      "write lines \"stage fraction eta-seconds\" there"},
+    {"memory", 0, "BYTES", WHOLE, AT(memory), 0, 1e15, NULL, BAKE,
+     "fail rather than take more memory; 0: no more than the settings are estimated to need,\n"
+     "                              nor than the machine has"},
+    {"estimate", 0, NULL, FLAG, AT(estimate), 0, 0, NULL, BAKE,
+     "print the bytes of memory it is estimated to need, and do not bake"},
+    {"accept-weak-sandbox", 0, NULL, FLAG, AT(accept_weak_sandbox), 0, 0, NULL, EVERY,
+     "decode files where the system cannot confine the process that does it"},
     {"json", 0, NULL, FLAG, AT(json), 0, 0, NULL, EVERY, "the answer as one JSON object"},
     {"quiet", 'q', NULL, FLAG, AT(quiet), 0, 0, NULL, EVERY, "no notes, no progress bar"},
 };
@@ -417,6 +430,7 @@ static int set_option(struct options *o, const struct row *row, const char *valu
     case SIGNED:
     case WHOLE:
         if (field == &o->max_rmse) o->max_rmse_set = true;
+        if (field == &o->memory) o->memory_set = true;
         return set_number(o, row, value);
     case VECTOR:
         if (!parse_vector(value, ((struct vector_option *)field)->v))
@@ -510,6 +524,7 @@ int options_parse(enum command command, int argc, char **argv, struct options *o
     if (o->phase_terms && o->phase_terms != 1 && o->phase_terms != 4 && o->phase_terms != 9 &&
         (o->phase_terms != 16 || command == CMD_BAKE))
         return usage_error(o, "--phase-terms %d: expected 1, 4 or 9", (int)o->phase_terms);
+    if (o->accept_weak_sandbox) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1);
     if (o->msaa & (o->msaa - 1))
         return usage_error(o, "--msaa %d: expected 1, 2, 4 or 8", (int)o->msaa);
     if (o->size_mm > 0 && o->mm_per_unit > 0)

@@ -40,7 +40,8 @@ struct options {
     double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms,
         bump_mm;
     uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed;
-    uint64_t threads, msaa, quality, vertices;
+    uint64_t threads, msaa, quality, vertices, memory;
+    bool memory_set, estimate, accept_weak_sandbox;
     uint32_t cube; /* 0: not given */
     bool cube_full;
     struct vector_option eye;

@@ -34,7 +34,9 @@ static uint64_t next_limit(const struct connection *conn, const char **why)
          "a frame was begun and not finished in time (--frame-time)"},
         {!conn->greeted, plus_seconds(conn->opened_ns, o->handshake),
          "no HELLO in time (--handshake)"},
-        {conn->full_ns, plus_seconds(conn->full_ns, o->write_time),
+        // One that has read nothing of late is the next row's.
+        {conn->full_ns && conn->sent_ns > plus_seconds(conn->full_ns, o->write_time / 2),
+         plus_seconds(conn->full_ns, o->write_time),
          "its answers have passed --send-buffer for longer than --write-time"},
         {conn->out, plus_seconds(conn->sent_ns, o->write_time),
          "its answers wait and it reads nothing (--write-time)"},

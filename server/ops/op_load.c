@@ -5,6 +5,7 @@
 #include "store/bake_eviction.h"
 #include "core/log.h"
 #include "render/shared/materials.h"
+#include "prt/bake_limits.h"
 #include "prt/medium.h"
 #include "relight.pb-c.h"
 #include "net/request.h"
@@ -348,6 +349,7 @@ static bool order_bake(struct load *load, struct model *m)
     add_arg(&a, "--progress-fd");
     add_arg(&a, "{progress}");
     add_arg(&a, "--quiet");
+    add_arg(&a, "--memory=%llu", (unsigned long long)load->server->options.bake_memory);
     if (load->server->options.bake_threads)
         add_arg(&a, "--threads=%u", load->server->options.bake_threads);
     if (load->material_json) add_arg(&a, "--material=.material.json");
@@ -517,7 +519,7 @@ static bool bad_real(float x, float low, float high)
 }
 
 // NULL when the numbers make sense, else which one does not.
-static const char *bad_setting(const Relight__LoadRequest *r)
+static const char *bad_setting(const Relight__LoadRequest *r, char reason[128])
 {
     const Relight__BakeSettings *b = r->bake;
     if (r->size_mm != 0 && bad_real(r->size_mm, 1e-3f, 1e6f))
@@ -530,16 +532,15 @@ static const char *bad_setting(const Relight__LoadRequest *r)
     if (!b) return NULL;
     if (b->transport > 3u) return "transport is unknown";
     if (b->storage > 2u) return "storage is unknown";
-    if (b->cube && (b->cube < 16 || b->cube > 128 || b->cube & (b->cube - 1)))
-        return "cube is not 16, 32, 64 or 128";
-    if (b->phase_terms && b->phase_terms != 1 && b->phase_terms != 4 && b->phase_terms != 9)
-        return "phase_terms is not 1, 4 or 9";
-    if (b->samples > 100000000) return "samples is outside [1, 1e8]";
-    if (b->rank > 1024) return "rank is outside [1, 1024]";
-    if (b->coeffs > 98304) return "coeffs is outside [1, 98304]";
-    if (b->single_points > 1 << 20) return "single_points is outside [1, 1048576]";
-    if (b->max_error != 0 && bad_real(b->max_error, 1e-6f, 1))
-        return "max_error is outside (0, 1]";
+    // The library's bounds and its words.
+    if (!prt_bake_setting_ok(PRT_BAKE_CUBE, b->cube, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_PHASE_TERMS, b->phase_terms, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_SAMPLES, b->samples, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_RANK, b->rank, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_COEFFS, b->coeffs, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_SINGLE_POINTS, b->single_points, reason) ||
+        !prt_bake_error_ok((double)b->max_error, reason))
+        return reason;
     if (bad_real(b->rotate_deg, -1e6f, 1e6f))
         return "rotate_deg is outside [-1e6, 1e6] degrees";
     return NULL;
@@ -663,7 +664,8 @@ void models_load(struct request *request)
         FAIL(load, LIMIT, "more than %d files", MAX_FILES);
         return;
     }
-    const char *bad = bad_setting(r);
+    char reason[128];
+    const char *bad = bad_setting(r, reason);
     if (bad) {
         FAIL(load, OUT_OF_RANGE, "%s", bad);
         return;

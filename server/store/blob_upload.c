@@ -251,8 +251,6 @@ static void arrived(struct upload *u, struct blob_put *put)
     char hash[BLOB_HASH + 1];
     strcpy(hash, u->hash); // who asked frees the put when it has its answer
     struct blob *b = NULL;
-    char hash[65]; // put may be freed by its own done()
-    snprintf(hash, sizeof hash, "%s", u->hash);
     if (!blob_find(blobs, u->hash))
         b = blob_add(blobs, u->hash, size, u->charged, u->principal->name, blob_clock_ns());
     if (b) {

@@ -286,6 +286,9 @@ const char *rooms_leftover(void)
     if (server.n_connection || server.connections || server.closed) return "a connection";
     if (server.n_request) return "a request";
     if (jobs_open(server.jobs)) return "a bake";
+    // Vertices that were moved stay so, and stay paid for, until their model is unloaded.
+    for (struct model *m = NULL; (m = models_next(server.models, m));)
+        if (m->pose) model_unload(m, false);
     for (size_t i = 0; i < sizeof of_clients / sizeof *of_clients; i++)
         if (ledger_total(server.ledger, of_clients[i])) {
             snprintf(text, sizeof text, "%llu of %s in the ledger",

@@ -223,6 +223,10 @@ static void test_host_and_origin(void **state)
     for (size_t i = 0; i < sizeof foreign / sizeof *foreign; i++)
         assert_int_equal(upgrade("relight.example", foreign[i]), 403);
     assert_int_equal(upgrade(d.http, longest), 403);
+    char unreadable[700] = "http://"; // longer than is read
+    memset(unreadable + 7, 'a', 650);
+    assert_int_equal(upgrade(d.http, unreadable), 403);
+    assert_int_equal(upgrade(unreadable + 7, NULL), 403);
     assert_int_equal(get("/metrics", "localhost", "Origin: http://evil.example\r\n"), 403);
     // No Host at all.
     char answer[2048];
@@ -400,18 +404,18 @@ static void test_full_says_busy(void **state)
 
 static void test_no_hello(void **state)
 {
-    const char *const extra[] = {"--http", "127.0.0.1:0", "--handshake", "1", NULL};
+    const char *const extra[] = {"--http", "127.0.0.1:0", "--handshake", "2", NULL};
     daemon_start(&d, extra);
     for (int i = 0; i < N_CARRIER; i++) {
         int good = carrier_connect(i), mute = carrier_connect(i);
         say_hello(i, good);
-        assert_true(closes(mute, 3000));
+        assert_true(closes(mute, 15000));
         assert_false(closes(good, 500));
         close(good);
         close(mute);
     }
     int plain = tcp_connect("127.0.0.1", port_of(d.http)); // not even a request
-    assert_true(closes(plain, 4000));
+    assert_true(closes(plain, 15000));
     close(plain);
     plain = tcp_connect("127.0.0.1", port_of(d.http)); // half a request, dripping
     assert_true(write(plain, "GET / HTTP/1.1\r\nX: ", 19) == 19);
@@ -419,7 +423,7 @@ static void test_no_hello(void **state)
         sleep_ms(200);
         assert_true(write(plain, "x", 1) == 1);
     }
-    assert_true(closes(plain, 3000));
+    assert_true(closes(plain, 15000));
     close(plain);
     assert_true(log_says(&d, "no HELLO in time", 1000));
     assert_int_equal(daemon_stop(&d), 0);
@@ -466,7 +470,7 @@ static int count_in_log(const char *word)
 
 static void test_reader_that_stops(void **state)
 {
-    const char *const extra[] = {"--http", "127.0.0.1:0", "--write-time", "1", "--send-buffer",
+    const char *const extra[] = {"--http", "127.0.0.1:0", "--write-time", "2", "--send-buffer",
                                  "1M",     NULL};
     daemon_start(&d, extra);
     int fd[N_CARRIER];
@@ -475,11 +479,12 @@ static void test_reader_that_stops(void **state)
         say_hello(i, fd[i]);
         ask_unread(i, fd[i]);
     }
-    for (int ms = 0; ms < 4000 && count_in_log("reads nothing") < N_CARRIER; ms += 50)
+    for (int ms = 0; ms < 20000 && count_in_log("--write-time") < N_CARRIER; ms += 50)
         sleep_ms(50);
-    assert_int_equal(count_in_log("reads nothing"), N_CARRIER);
+    assert_int_equal(count_in_log("--write-time"), N_CARRIER);
     for (int i = 0; i < N_CARRIER; i++) close(fd[i]);
     served();
+    int n_closed = count_in_log("reads nothing");
     // A slow reader that goes on reading is left alone.
     for (int i = 0; i < N_CARRIER; i++) {
         fd[i] = carrier_connect(i);
@@ -492,14 +497,14 @@ static void test_reader_that_stops(void **state)
         }
         close(fd[i]);
     }
-    assert_int_equal(count_in_log("reads nothing"), N_CARRIER);
+    assert_int_equal(count_in_log("reads nothing"), n_closed);
     assert_int_equal(daemon_stop(&d), 0);
 }
 
 // A message that is begun and not finished, whatever drips.
 static void test_websocket_message_in_time(void **state)
 {
-    const char *const extra[] = {"--http", "127.0.0.1:0", "--frame-time", "1", NULL};
+    const char *const extra[] = {"--http", "127.0.0.1:0", "--frame-time", "2", NULL};
     daemon_start(&d, extra);
     uint8_t bytes[64];
     size_t n = hello_frame(bytes);
@@ -520,7 +525,7 @@ static void test_websocket_message_in_time(void **state)
             assert_int_equal(poll(&p, 1, 3000), 1);
             assert_true(read(fd, answer, sizeof answer) > 0);
         }
-        assert_true(closes(fd, 2500));
+        assert_true(closes(fd, 15000));
         close(fd);
     }
     assert_int_equal(count_in_log("--frame-time"), 3);
@@ -605,33 +610,44 @@ static int open_files(void)
     return n - 2;
 }
 
-// Out of descriptors the daemon neither spins nor fills its log, and recovers.
+static void limit_files(rlim_t n)
+{
+    struct rlimit limit;
+    assert_int_equal(prlimit(d.pid, RLIMIT_NOFILE, NULL, &limit), 0);
+    limit.rlim_cur = n < limit.rlim_max ? n : limit.rlim_max;
+    assert_int_equal(prlimit(d.pid, RLIMIT_NOFILE, &limit, NULL), 0);
+}
+
+// Out of descriptors the daemon neither spins nor fills its log, and recovers. With none at all
+// its clients wait; with its reserve they are told.
 static void test_out_of_descriptors(void **state)
 {
-    enum { N = 60, MORE = 20 };
+    enum { N = 180, MORE = 20 };
     const char *const extra[] = {"--http", "127.0.0.1:0", "--handshake", "30", NULL};
     daemon_start(&d, extra);
     served();
-    struct rlimit limit = {(rlim_t)open_files() + MORE, (rlim_t)open_files() + MORE};
-    assert_int_equal(prlimit(d.pid, RLIMIT_NOFILE, &limit, NULL), 0);
-    int fd[3 * N], refused = 0;
-    for (int i = 0; i < 3 * N; i++)
-        fd[i] = i % 3 == 0   ? raw_connect(&d)
-                : i % 3 == 1 ? tcp_connect("127.0.0.1", port_of(d.tcp))
-                             : tcp_connect("127.0.0.1", port_of(d.http));
-    long before = cpu_ms();
-    sleep_ms(2000);
-    assert_true(cpu_ms() - before < 300);
-    assert_in_range(count_in_log("accept error"), 1, 2);
-    for (int i = 0; i < 3 * N; i++) {
-        struct pollfd p = {fd[i], POLLIN, 0};
-        if (poll(&p, 1, 0) > 0) refused++;
+    for (int reserve = 0; reserve < 2; reserve++) {
+        int fd[N], told = 0;
+        limit_files(reserve ? (rlim_t)open_files() + MORE : 10);
+        for (int i = 0; i < N; i++)
+            fd[i] = i % 3 == 0   ? raw_connect(&d)
+                    : i % 3 == 1 ? tcp_connect("127.0.0.1", port_of(d.tcp))
+                                 : tcp_connect("127.0.0.1", port_of(d.http));
+        long before = cpu_ms();
+        sleep_ms(2000);
+        assert_true(cpu_ms() - before < 300);
+        assert_in_range(count_in_log("accept error"), 1, 2);
+        for (int i = 0; i < N; i++) {
+            struct pollfd p = {fd[i], POLLIN, 0};
+            told += poll(&p, 1, 0) > 0;
+        }
+        assert_true(reserve ? told > 0 : told == 0);
+        for (int i = 0; i < N; i++) close(fd[i]);
+        limit_files(4096);
+        sleep_ms(1500);
+        served();
+        assert_int_equal(get("/healthz", "localhost", ""), 200);
     }
-    assert_true(refused > 0); // told so, rather than kept waiting
-    for (int i = 0; i < 3 * N; i++) close(fd[i]);
-    sleep_ms(1500);
-    served();
-    assert_int_equal(get("/healthz", "localhost", ""), 200);
     assert_int_equal(daemon_stop(&d), 0);
 }
 

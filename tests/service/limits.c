@@ -635,7 +635,9 @@ static void test_idle_after_a_large_header(void **state)
     }
     long each = (resident_kb() - before) / N;
     print_message("%ld KiB a connection\n", each);
+#if !defined __SANITIZE_ADDRESS__ && !defined __SANITIZE_THREAD__ // those keep what was freed
     assert_true(each <= 16);
+#endif
     for (int i = 0; i < N; i++) frames_close(f[i]);
     end();
 }

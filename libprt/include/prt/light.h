@@ -9,7 +9,7 @@
 extern "C" {
 #endif
 
-enum { PRT_CUBE_MIN = 4, PRT_CUBE_MAX = 2048, PRT_BAKE_CUBE_MIN = 16, PRT_BAKE_CUBE_MAX = 128 };
+enum { PRT_CUBE_MIN = 4, PRT_CUBE_MAX = 2048 };
 
 /* Pixels [height][width][3], linear RGB radiance, row 0 on top. */
 struct prt_image {
