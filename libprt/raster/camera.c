@@ -72,15 +72,15 @@ int prt_camera_parse(const struct prt_context *ctx, const char *text, struct prt
                             "camera '%s': FOVY must be one number of degrees in (0,170)", text);
     }
     struct camera_frame frame;
-    int status = camera_frame_init(ctx, &c, 1, 1, 1, &frame);
+    int status = prt_camera_frame_init(ctx, &c, 1, 1, 1, &frame);
     if (status) return status;
     *out = c;
     return PRT_OK;
 }
 
-int camera_frame_init(const struct prt_context *ctx, const struct prt_camera *camera,
-                      double mm_per_unit, uint32_t width, uint32_t height,
-                      struct camera_frame *out)
+int prt_camera_frame_init(const struct prt_context *ctx, const struct prt_camera *camera,
+                          double mm_per_unit, uint32_t width, uint32_t height,
+                          struct camera_frame *out)
 {
     struct camera_frame f;
     double up[3];

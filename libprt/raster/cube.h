@@ -10,8 +10,8 @@ struct border_cube {
     uint32_t n;
     float *texel; /* [6][n+2][n+2][4] */
 };
-bool border_cube_init(struct border_cube *cube, uint32_t n);
-void border_cube_finish(struct border_cube *cube);
+bool prt_border_cube_init(struct border_cube *cube, uint32_t n);
+void prt_border_cube_finish(struct border_cube *cube);
 static inline float *border_texel(const struct border_cube *c, unsigned face, uint32_t x,
                                   uint32_t y)
 {
@@ -19,13 +19,13 @@ static inline float *border_texel(const struct border_cube *c, unsigned face, ui
     return c->texel + ((face * m + y + 1) * m + x + 1) * 4;
 }
 /* Fills the borders from the faces next door. */
-void border_cube_seal(struct border_cube *cube);
-void border_cube_sample(const struct border_cube *cube, const float dir[3], float rgb[3]);
+void prt_border_cube_seal(struct border_cube *cube);
+void prt_border_cube_sample(const struct border_cube *cube, const float dir[3], float rgb[3]);
 /* Copy of a plain cube. */
-bool border_cube_copy(struct border_cube *out, const struct prt_cube *cube);
+bool prt_border_cube_copy(struct border_cube *out, const struct prt_cube *cube);
 
 /* One cube of this lobe's roughness, mixed from the levels of a specular. */
-bool specular_mix(const struct prt_specular *specular, float roughness,
-                  struct border_cube *out);
+bool prt_specular_mix(const struct prt_specular *specular, float roughness,
+                      struct border_cube *out);
 
 #endif

@@ -436,8 +436,8 @@ static int draw_all(const struct prt_context *ctx, struct driver *d, struct gl_d
     return status;
 }
 
-int gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend backend,
-                      struct gl_draw *draw)
+int prt_gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend backend,
+                          struct gl_draw *draw)
 {
     struct driver *order[2] = {&osmesa_driver, &egl_driver};
     unsigned first = backend == PRT_RASTER_EGL, last = backend == PRT_RASTER_OSMESA ? 0 : 1;

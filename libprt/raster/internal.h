@@ -14,9 +14,9 @@ struct camera_frame {
     double tan_x, tan_y;
 };
 /* Checks a camera and works out its frame; explains refusals. */
-int camera_frame_init(const struct prt_context *ctx, const struct prt_camera *camera,
-                      double mm_per_unit, uint32_t width, uint32_t height,
-                      struct camera_frame *out);
+int prt_camera_frame_init(const struct prt_context *ctx, const struct prt_camera *camera,
+                          double mm_per_unit, uint32_t width, uint32_t height,
+                          struct camera_frame *out);
 
 /* Triangle numbers of one band of rows: id[(y*width + x)*n_sub + s], UINT32_MAX for none. */
 struct gl_draw {
@@ -31,8 +31,8 @@ struct gl_draw {
     void *user;
 };
 /* Draws with a process-wide context kept for the next call; callers queue on a lock. */
-int gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend backend,
-                      struct gl_draw *draw);
+int prt_gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend backend,
+                          struct gl_draw *draw);
 
 struct prt_visibility {
     struct prt_camera camera;

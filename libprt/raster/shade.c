@@ -118,13 +118,13 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
         job->plain[i] = s->background_rgb[i];
     }
     if (good && s->specular) {
-        good = specular_mix(s->specular, s->roughness, &lobe);
+        good = prt_specular_mix(s->specular, s->roughness, &lobe);
         specular = view_bordered(&lobe);
         job->specular = &specular;
     }
     if (good && s->background) {
         bool small = s->background->n <= SMALL_BACKGROUND;
-        if (small) good = border_cube_copy(&sky, s->background);
+        if (small) good = prt_border_cube_copy(&sky, s->background);
         background = small ? view_bordered(&sky) : view_plain(s->background);
         job->background = &background;
     }
@@ -137,8 +137,8 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     int status = good ? prt_parallel_for(ctx, NULL, vis->height, 8, shade_rows, job)
                       : prt_fail(ctx, PRT_NOMEM, "shade: no memory for %ux%u pixels",
                                  vis->width, vis->height);
-    border_cube_finish(&lobe);
-    border_cube_finish(&sky);
+    prt_border_cube_finish(&lobe);
+    prt_border_cube_finish(&sky);
     if (status) {
         prt_free(image.rgb);
         return status;

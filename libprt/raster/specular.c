@@ -58,14 +58,14 @@ static void face_lookup(const float d[3], unsigned *face, float *s, float *t)
     }
 }
 
-bool border_cube_init(struct border_cube *cube, uint32_t n)
+bool prt_border_cube_init(struct border_cube *cube, uint32_t n)
 {
     cube->n = n;
     cube->texel = prt_calloc((size_t)6 * (n + 2) * (n + 2) * 4, sizeof(float));
     return cube->texel != NULL;
 }
 
-void border_cube_finish(struct border_cube *cube)
+void prt_border_cube_finish(struct border_cube *cube)
 {
     prt_free(cube->texel);
     cube->texel = NULL;
@@ -88,7 +88,7 @@ static void seal_texel(struct border_cube *c, unsigned face, uint32_t x, uint32_
            border_texel(c, other, (uint32_t)px, (uint32_t)py), 16);
 }
 
-void border_cube_seal(struct border_cube *c)
+void prt_border_cube_seal(struct border_cube *c)
 {
     for (unsigned face = 0; face < 6; face++) {
         for (uint32_t i = 0; i < c->n + 2; i++) {
@@ -100,7 +100,7 @@ void border_cube_seal(struct border_cube *c)
     }
 }
 
-void border_cube_sample(const struct border_cube *c, const float dir[3], float rgb[3])
+void prt_border_cube_sample(const struct border_cube *c, const float dir[3], float rgb[3])
 {
     unsigned face;
     float s, t;
@@ -118,15 +118,15 @@ void border_cube_sample(const struct border_cube *c, const float dir[3], float r
                  (p[m * 4 + (size_t)k] * (1 - fx) + p[m * 4 + 4 + (size_t)k] * fx) * fy;
 }
 
-bool border_cube_copy(struct border_cube *out, const struct prt_cube *cube)
+bool prt_border_cube_copy(struct border_cube *out, const struct prt_cube *cube)
 {
-    if (!border_cube_init(out, cube->n)) return false;
+    if (!prt_border_cube_init(out, cube->n)) return false;
     for (unsigned face = 0; face < 6; face++)
         for (uint32_t y = 0; y < cube->n; y++)
             for (uint32_t x = 0; x < cube->n; x++)
                 memcpy(border_texel(out, face, x, y),
                        cube->texel + (((size_t)face * cube->n + y) * cube->n + x) * 3, 12);
-    border_cube_seal(out);
+    prt_border_cube_seal(out);
     return true;
 }
 
@@ -389,7 +389,7 @@ int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *li
     if (!status && !(s && base && half && quarter)) status = PRT_NOMEM;
     size_t rows = 0;
     for (unsigned k = 0; !status && k < N_LEVEL; k++) {
-        if (!border_cube_init(&s->level[k], level_shape[k].n)) status = PRT_NOMEM;
+        if (!prt_border_cube_init(&s->level[k], level_shape[k].n)) status = PRT_NOMEM;
         if (k) rows += (size_t)6 * level_shape[k].n * level_shape[k].n;
     }
     if (!status &&
@@ -403,7 +403,7 @@ int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *li
             job.input[k] = from == 32 ? base : from == 16 ? half : quarter;
         }
         status = prt_parallel_for(ctx, NULL, rows, 64, apply_rows, &job);
-        for (unsigned k = 0; k < N_LEVEL; k++) border_cube_seal(&s->level[k]);
+        for (unsigned k = 0; k < N_LEVEL; k++) prt_border_cube_seal(&s->level[k]);
     }
     prt_free(base);
     prt_free(half);
@@ -418,7 +418,7 @@ int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *li
 
 void prt_specular_destroy(struct prt_specular *s)
 {
-    for (unsigned k = 0; s && k < N_LEVEL; k++) border_cube_finish(&s->level[k]);
+    for (unsigned k = 0; s && k < N_LEVEL; k++) prt_border_cube_finish(&s->level[k]);
     prt_free(s);
 }
 
@@ -438,14 +438,14 @@ void prt_specular_eval(const struct prt_specular *s, const float r[3], float rou
 {
     float share, other[3];
     unsigned k = level_of(roughness, &share);
-    border_cube_sample(&s->level[k], r, rgb);
-    border_cube_sample(&s->level[k + 1], r, other);
+    prt_border_cube_sample(&s->level[k], r, rgb);
+    prt_border_cube_sample(&s->level[k + 1], r, other);
     for (int c = 0; c < 3; c++) rgb[c] += share * (other[c] - rgb[c]);
 }
 
-bool specular_mix(const struct prt_specular *s, float roughness, struct border_cube *out)
+bool prt_specular_mix(const struct prt_specular *s, float roughness, struct border_cube *out)
 {
-    if (!border_cube_init(out, BASE)) return false;
+    if (!prt_border_cube_init(out, BASE)) return false;
     for (unsigned face = 0; face < 6; face++) {
         for (uint32_t y = 0; y < BASE; y++) {
             for (uint32_t x = 0; x < BASE; x++) {
@@ -455,6 +455,6 @@ bool specular_mix(const struct prt_specular *s, float roughness, struct border_c
             }
         }
     }
-    border_cube_seal(out);
+    prt_border_cube_seal(out);
     return true;
 }

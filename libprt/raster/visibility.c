@@ -347,7 +347,7 @@ static int build(struct builder *b, enum prt_raster_backend backend)
                                .user = b};
     b->pixel_scale = 2 * vis->frame.tan_y / vis->height;
     if (b->mesh->n_triangle && depth_range(b)) {
-        int status = gl_draw_triangles(b->ctx, backend, &b->draw);
+        int status = prt_gl_draw_triangles(b->ctx, backend, &b->draw);
         if (status) return status;
     }
     for (uint32_t y = 0; y < vis->height; y++)
@@ -381,8 +381,8 @@ int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *
     vis->n_sub = n_sub;
     vis->n_mesh_vertex = mesh->n_vertex;
     vis->n_mesh_triangle = mesh->n_triangle;
-    int status = camera_frame_init(ctx, &c, mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1,
-                                   width, height, &vis->frame);
+    int status = prt_camera_frame_init(ctx, &c, mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1,
+                                       width, height, &vis->frame);
     if (!status) {
         struct builder b = {.ctx = ctx, .mesh = mesh, .vis = vis};
         status = build(&b, backend);

@@ -94,10 +94,10 @@ static bool measure_object(const struct prt_mesh *mesh, uint32_t object, double 
     bool good = true;
     for (uint32_t b = 0; b < mesh->n_block && good; b++) {
         const struct prt_block *k = &mesh->block[b];
-        if (k->object != object || !block_translucent(mesh, b)) continue;
+        if (k->object != object || !prt_block_translucent(mesh, b)) continue;
         for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle && good;
              t++) {
-            double own = triangle_area(mesh, t), flat = fabs(uv_area(mesh, t));
+            double own = prt_triangle_area(mesh, t), flat = fabs(uv_area(mesh, t));
             if (!(own > 0)) continue;
             for (int j = 0; j < 3; j++)
                 for (int i = 0; i < 2; i++) {
@@ -119,11 +119,11 @@ static void mark_object(struct chart *chart)
     chart->area_hit = 0;
     for (uint32_t b = 0; b < mesh->n_block; b++) {
         const struct prt_block *k = &mesh->block[b];
-        if (k->object != chart->object || !block_translucent(mesh, b)) continue;
+        if (k->object != chart->object || !prt_block_translucent(mesh, b)) continue;
         for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle; t++) {
             struct mark mark = {chart, t, false};
             each_texel(mesh, t, chart->side, mark_texel, &mark);
-            if (mark.hit) chart->area_hit += triangle_area(mesh, t);
+            if (mark.hit) chart->area_hit += prt_triangle_area(mesh, t);
         }
     }
 }
@@ -169,9 +169,9 @@ static void fill_object(struct fill *f)
     uint32_t first = f->n;
     for (uint32_t b = 0; b < mesh->n_block; b++) {
         const struct prt_block *k = &mesh->block[b];
-        if (k->object != f->chart->object || !block_translucent(mesh, b)) continue;
+        if (k->object != f->chart->object || !prt_block_translucent(mesh, b)) continue;
         for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle; t++) {
-            double flat = fabs(uv_area(mesh, t)), own = triangle_area(mesh, t);
+            double flat = fabs(uv_area(mesh, t)), own = prt_triangle_area(mesh, t);
             total += own;
             if (!(flat > 0)) continue;
             f->triangle = t;
@@ -184,8 +184,8 @@ static void fill_object(struct fill *f)
         f->texel[i].area = (float)((double)f->texel[i].area * total / sum);
 }
 
-int samples_uv_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
-                     struct samples *out, bool *injective)
+int prt_samples_uv_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
+                         struct samples *out, bool *injective)
 {
     double total = 0;
     *injective = false;
@@ -219,17 +219,17 @@ int samples_uv_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh,
     }
     int status = PRT_OK;
     if (good && one_to_one) {
-        if (samples_init(out, fill.n)) {
-            const struct key *key = sort_keys(fill.key, fill.key + most, fill.n);
+        if (prt_samples_init(out, fill.n)) {
+            const struct key *key = prt_sort_keys(fill.key, fill.key + most, fill.n);
             for (uint32_t i = 0; i < fill.n; i++) {
                 const struct texel *t = &fill.texel[key[i].index];
-                place(mesh, t->triangle, (double)t->bu, (double)t->bv, out, i);
+                prt_sample_place(mesh, t->triangle, (double)t->bu, (double)t->bv, out, i);
                 out->area[i] = t->area;
                 out->object[i] = (uint32_t)(key[i].code >> CODE_BITS);
             }
             out->n = fill.n;
             *injective = fill.n > 0;
-            if (!fill.n) samples_finish(out);
+            if (!fill.n) prt_samples_finish(out);
         } else {
             good = false;
         }

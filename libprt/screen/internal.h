@@ -24,8 +24,8 @@ struct frame;
 
 /* prt_parallel_for that asks the context's progress callback before it and, every tenth of a
  * second, in it whether to go on: PRT_CANCELLED when not. */
-int screen_loop(const struct prt_context *ctx, size_t n, size_t grain, prt_loop_fn fn,
-                void *arg);
+int prt_screen_loop(const struct prt_context *ctx, size_t n, size_t grain, prt_loop_fn fn,
+                    void *arg);
 
 /* Points x_i of the surface, as columns padded to 16. weight = E * area. */
 struct samples {
@@ -37,31 +37,31 @@ struct samples {
     uint32_t *triangle;                /* [n] and barycentrics of its vertices 1 and 2 */
     float *bary[2];
 };
-bool samples_init(struct samples *s, uint32_t capacity);
-void samples_finish(struct samples *s);
+bool prt_samples_init(struct samples *s, uint32_t capacity);
+void prt_samples_finish(struct samples *s);
 
 /* Atlas: n texels of equal area along a space-filling curve of each object's triangles. */
-int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
-                  struct samples *out);
+int prt_samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
+                      struct samples *out);
 struct grid {
     const uint32_t *triangle_block;
     float spacing_mm, phase[2], turn; /* where its points fall: shares of a step; radians */
 };
 /* The same in the model's own uv; *injective false, and no samples, when two places share one.
  */
-int samples_uv_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
-                     struct samples *out, bool *injective);
+int prt_samples_uv_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
+                         struct samples *out, bool *injective);
 /* Samples by object and code, 30 bits of which lie under the object. */
 enum { CODE_BITS = 30 };
 struct key {
     uint64_t code;
     uint32_t index;
 };
-struct key *sort_keys(struct key *key, struct key *other, size_t n);
-double place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv, struct samples *s,
-             uint32_t at);
-double triangle_area(const struct prt_mesh *mesh, uint32_t t);
-bool block_translucent(const struct prt_mesh *mesh, uint32_t block);
+struct key *prt_sort_keys(struct key *key, struct key *other, size_t n);
+double prt_sample_place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv,
+                        struct samples *s, uint32_t at);
+double prt_triangle_area(const struct prt_mesh *mesh, uint32_t t);
+bool prt_block_translucent(const struct prt_mesh *mesh, uint32_t block);
 /* A distant light's view as a picture: what each cell of its grid shows. */
 struct light_map {
     uint32_t nu, nv;
@@ -73,33 +73,34 @@ struct light_map {
         uint32_t object; /* UINT32_MAX: nothing translucent */
     } * texel;           /* [nv][nu] */
 };
-int light_map_make(const struct prt_context *ctx, const struct prt_scene *scene,
-                   const struct prt_screen_light *light, const struct grid *grid,
-                   const float *eta, struct light_map *out, uint64_t *n_ray);
-void light_map_finish(struct light_map *map);
-/* Depth layers along the three axes, spacing mm apart, each keeping what faces it most. */
-int samples_peel(const struct prt_context *ctx, const struct prt_scene *scene,
-                 const struct grid *grid, struct samples *out, uint64_t *n_ray);
-/* The grid of points a distant light sees, with its irradiance already in e. */
-int samples_light_view(const struct prt_context *ctx, const struct prt_scene *scene,
+int prt_light_map_make(const struct prt_context *ctx, const struct prt_scene *scene,
                        const struct prt_screen_light *light, const struct grid *grid,
-                       const float *eta, struct samples *out, uint32_t *n_grid,
-                       uint64_t *n_ray);
+                       const float *eta, struct light_map *out, uint64_t *n_ray);
+void prt_light_map_finish(struct light_map *map);
+/* Depth layers along the three axes, spacing mm apart, each keeping what faces it most. */
+int prt_samples_peel(const struct prt_context *ctx, const struct prt_scene *scene,
+                     const struct grid *grid, struct samples *out, uint64_t *n_ray);
+/* The grid of points a distant light sees, with its irradiance already in e. */
+int prt_samples_light_view(const struct prt_context *ctx, const struct prt_scene *scene,
+                           const struct prt_screen_light *light, const struct grid *grid,
+                           const float *eta, struct samples *out, uint32_t *n_grid,
+                           uint64_t *n_ray);
 
 /* E at samples: traced shadows, exact F_t (eta[object]; NULL: none, Lambertian). */
-int irradiance_traced(const struct prt_context *ctx, const struct prt_scene *scene,
-                      uint32_t n_light, const struct prt_screen_light *light, const float *eta,
-                      struct samples *s, uint64_t *n_ray);
+int prt_irradiance_traced(const struct prt_context *ctx, const struct prt_scene *scene,
+                          uint32_t n_light, const struct prt_screen_light *light,
+                          const float *eta, struct samples *s, uint64_t *n_ray);
 /* E interpolated from the mesh's vertices. */
-int irradiance_vertices(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                        const float (*e)[3], struct samples *s);
+int prt_irradiance_vertices(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                            const float (*e)[3], struct samples *s);
 /* n points of the G-buffer as samples, e not set; index NULL: the first n. False without
  * memory. */
-bool seen_samples(const struct frame *f, uint32_t n, const uint32_t *index, struct samples *s);
+bool prt_visible_samples(const struct frame *f, uint32_t n, const uint32_t *index,
+                         struct samples *s);
 /* The frame's E at samples: from vertices, harmonics or rays. */
-int frame_irradiance(struct frame *f, struct samples *s);
+int prt_frame_irradiance(struct frame *f, struct samples *s);
 /* S09: E from 16 spherical harmonics of the light, no shadows. */
-void irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s);
+void prt_irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s);
 
 /* A radial function of three channels: quadratics in q = r^2 + r0^2 on 32 segments, a power of
  * two of them an octave, so that the segment is a few bits of q and fits vector registers. */
@@ -109,9 +110,9 @@ struct radial_table {
     uint32_t shift;
 };
 typedef void (*profile_fn)(const void *arg, double r_mm, double out[3]);
-void radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg, double scale_mm,
-                      double r_max_mm);
-void radial_table_eval(const struct radial_table *t, float r_sq, float out[3]);
+void prt_radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg,
+                          double scale_mm, double r_max_mm);
+void prt_radial_table_eval(const struct radial_table *t, float r_sq, float out[3]);
 
 /* C08's split is this steep [mm^-1]. */
 #define SPLIT_K 1.5
@@ -119,19 +120,19 @@ struct frame;
 /* R_d of an object, or its local or global part, averaged over a disc; up to r_max. The split
  * is C08's with r_p >= 0, else with own_mm > 0 local light is the share exp(-(r / own_mm)^2).
  */
-void split_table(const struct frame *f, uint32_t object, double r_p, double own_mm, bool local,
-                 double disc_mm, float r_max, struct radial_table *out);
+void prt_split_table(const struct frame *f, uint32_t object, double r_p, double own_mm,
+                     bool local, double disc_mm, float r_max, struct radial_table *out);
 /* Integral of 2 pi r R_d exp(-(r / own_mm)^2): what a flat surface gets from its own
  * irradiance. */
-void own_share(const struct frame *f, uint32_t object, double own_mm, double share[3]);
+void prt_near_share(const struct frame *f, uint32_t object, double own_mm, double share[3]);
 
 /* Weighted points to sum over. Columns of `capacity`. */
 struct emitters {
     uint32_t n, capacity;
     float *p[3], *w[3];
 };
-bool emitters_reserve(struct emitters *e, uint32_t capacity);
-void emitters_finish(struct emitters *e);
+bool prt_emitters_reserve(struct emitters *e, uint32_t capacity);
+void prt_emitters_finish(struct emitters *e);
 static inline void emitters_push(struct emitters *e, const float p[3], const float w[3])
 {
     for (int k = 0; k < 3; k++) {
@@ -145,7 +146,7 @@ static inline void emitters_push(struct emitters *e, const float p[3], const flo
 typedef void (*pair_fn)(const struct radial_table *t, const struct emitters *e, uint32_t begin,
                         uint32_t end, uint32_t n_point, const float *const p[3],
                         float *const sum[3]);
-pair_fn pair_kernel(unsigned cpu);
+pair_fn prt_pair_kernel(unsigned cpu);
 
 /* Boxes over runs of consecutive samples, four side by side: lanes of children. Samples keep
  * their columns, which must be readable TREE_LEAF past the end. Leaves of an object come first,
@@ -164,13 +165,13 @@ struct tree {
     const float *p[3]; /* the samples' */
     float *w[3];       /* E * area */
 };
-int tree_build(const struct prt_context *ctx, const struct samples *s, uint32_t n_object,
-               struct tree *out);
-void tree_finish(struct tree *tree);
+int prt_tree_build(const struct prt_context *ctx, const struct samples *s, uint32_t n_object,
+                   struct tree *out);
+void prt_tree_finish(struct tree *tree);
 /* Emitters for all points in a box: nodes that look small from it, samples near it, nothing
  * beyond r_max of it. */
-bool tree_gather(const struct tree *tree, uint32_t object, const float lo[3], const float hi[3],
-                 float opening, float r_max, struct emitters *out);
+bool prt_tree_gather(const struct tree *tree, uint32_t object, const float lo[3],
+                     const float hi[3], float opening, float r_max, struct emitters *out);
 
 /* Receivers of a view in tiles of one object and one patch of the screen; a tile's columns are
  * padded to 16. Every point of the G-buffer is a mean of four. */
@@ -186,7 +187,7 @@ struct view_cache {
     uint32_t (*from)[4]; /* [n_point] columns */
     float (*weight)[4];  /* [n_point] */
 };
-void view_finish(struct view_cache *v);
+void prt_view_finish(struct view_cache *v);
 
 /* What tangent-plane sampling reads of a view, kept while the view stays. */
 struct tangent_view {
@@ -198,7 +199,7 @@ struct tangent_view {
     uint8_t *readable; /* [n_point] irradiance is read there; elsewhere light's views tell */
     double *area_cdf;  /* [n_point+1] mm^2 seen, running */
 };
-void tangent_view_finish(struct tangent_view *v);
+void prt_tangent_view_finish(struct tangent_view *v);
 
 struct prt_screen {
     const struct prt_mesh *mesh;
@@ -252,50 +253,52 @@ struct frame {
 };
 /* Receivers for light that changes over scale_mm, with sums of 0; the sums added to radiance.
  */
-int receive_begin(struct frame *f, double scale_mm);
-int receive_end(struct frame *f);
-void receive_finish(struct frame *f);
-uint64_t view_key(const struct frame *f);
-float view_pixel_mm(const struct prt_visibility *vis);
+int prt_receivers_begin(struct frame *f, double scale_mm);
+int prt_receivers_resolve(struct frame *f);
+void prt_receivers_finish(struct frame *f);
+uint64_t prt_view_key(const struct frame *f);
+float prt_view_pixel_mm(const struct prt_visibility *vis);
 /* Pixels to a receiver's side where light changes over scale_mm: 1, 2 or 4. */
-uint32_t receiver_size(double pixel_mm, double scale_mm);
-int view_get(struct frame *f, uint32_t size, const struct view_cache **out);
+uint32_t prt_receiver_size(double pixel_mm, double scale_mm);
+int prt_view_get(struct frame *f, uint32_t size, const struct view_cache **out);
 /* Adds the sum over emitters to every receiver. Emitters of each object in one list, in runs
  * that end at class_end[object][], each with its own table [object][CLASSES]. */
-int scatter_all(struct frame *f, const struct radial_table *table, const struct emitters *list,
-                const uint32_t (*class_end)[CLASSES]);
+int prt_scatter_all(struct frame *f, const struct radial_table *table,
+                    const struct emitters *list, const uint32_t (*class_end)[CLASSES]);
 /* The same over a tree of samples; one table per object. */
-int scatter_tree(struct frame *f, const struct radial_table *table, const struct samples *s,
-                 float opening, float r_max);
+int prt_scatter_tree(struct frame *f, const struct radial_table *table, const struct samples *s,
+                     float opening, float r_max);
 /* Texels of the atlas with irradiance of this frame's lights; kept for the frame. */
-int frame_atlas(struct frame *f, uint32_t n);
+int prt_frame_atlas(struct frame *f, uint32_t n);
 /* Distant lights that stand for the input's cube; 0 without one. options may be NULL. */
-uint32_t cube_lights(const struct prt_screen_input *input,
-                     const struct prt_screen_options *options);
-float smallest_mean_free_path(const struct frame *f);
+uint32_t prt_cube_lights(const struct prt_screen_input *input,
+                         const struct prt_screen_options *options);
+float prt_frame_mean_free_path(const struct frame *f);
 
 /* R_d exp(-(r / own_mm[object])^2) at every point, from the picture's own irradiance. */
-int own_light(struct frame *f, const double *own_mm);
+int prt_near_field_add(struct frame *f, const double *own_mm);
 
 /* C08's local pattern at every receiver. */
-int scatter_pattern(struct frame *f, double r_p, float spacing, float reach);
+int prt_scatter_pattern(struct frame *f, double r_p, float spacing, float reach);
 
 /* Few enough distant lights, and nothing else, that each may have its own view. */
-bool only_light_views(const struct frame *f);
+bool prt_frame_light_views_only(const struct frame *f);
 /* The frame's grid: coherent while seed and frame stay. */
-struct grid frame_grid(const struct frame *f, float spacing_mm);
+struct grid prt_frame_grid(const struct frame *f, float spacing_mm);
 /* Light from points of the surface as discs of their mean area: R_d, or with r_p >= 0 its part
  * that is local (C08). */
-int scatter_discs(struct frame *f, const struct samples *s, double r_p, float opening,
-                  float r_max);
+int prt_scatter_discs(struct frame *f, const struct samples *s, double r_p, float opening,
+                      float r_max);
 /* Points that distant light l sees, with the E it gives them, by the normals of maps. */
-int frame_light_view(struct frame *f, uint32_t l, const struct grid *grid, struct samples *out);
-int scatter_light_views(struct frame *f, double r_p, float spacing, float opening, float r_max);
+int prt_frame_light_view(struct frame *f, uint32_t l, const struct grid *grid,
+                         struct samples *out);
+int prt_scatter_light_views(struct frame *f, double r_p, float spacing, float opening,
+                            float r_max);
 
-int engine_splat(struct frame *f);
-int engine_tangent(struct frame *f);
-int engine_texture(struct frame *f, bool hybrid);
-int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double *error);
+int prt_engine_splat(struct frame *f);
+int prt_engine_tangent(struct frame *f);
+int prt_engine_texture(struct frame *f, bool hybrid);
+int prt_engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double *error);
 
 /* Maps over uv. map_media: every point's medium, objects apart: factors of sigma_s', sigma_a.
  */
@@ -309,20 +312,20 @@ struct media {
 };
 /* Channel c of a medium whose coefficients the factors scale; one with a profile stays as it
  * is. */
-void mapped_dipole(const struct prt_diffusion *base, const float factor[6], int c,
-                   struct prt_diffusion *out);
+void prt_map_medium(const struct prt_diffusion *base, const float factor[6], int c,
+                    struct prt_diffusion *out);
 /* Its total reflectance; of a profile: scaled as that of the nearest dipole. */
-double mapped_reflectance(const struct prt_diffusion *base, const float factor[6], int c);
-int map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
-              const struct prt_screen_map *map, bool factor, bool checked);
-void map_lookup(const struct prt_screen_map *map, const float uv[2], float rgb[3]);
-void point_factor(const struct frame *f, uint32_t i, float factor[6]);
+double prt_map_reflectance(const struct prt_diffusion *base, const float factor[6], int c);
+int prt_map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                  const struct prt_screen_map *map, bool factor, bool checked);
+void prt_map_lookup(const struct prt_screen_map *map, const float uv[2], float rgb[3]);
+void prt_map_point_factor(const struct frame *f, uint32_t i, float factor[6]);
 /* Own columns of normals for samples with triangle and bary: s->normal[] is replaced, not
  * freed. */
-int map_normals(const struct frame *f, struct samples *s);
+int prt_map_normals(const struct frame *f, struct samples *s);
 /* Scales radiance that was summed with the objects' plain media by every point's own
  * reflectance. */
-int map_tint(const struct frame *f);
+int prt_map_tint(const struct frame *f);
 static inline bool maps_turn(const struct prt_screen_options *o)
 {
     return o->bump_map || o->normal_map;
@@ -331,8 +334,8 @@ static inline bool maps_tint(const struct prt_screen_options *o)
 {
     return o->sigma_s_map || o->sigma_a_map;
 }
-int map_media(const struct frame *f, struct media *out);
-void media_finish(struct media *media);
+int prt_map_media(const struct frame *f, struct media *out);
+void prt_media_finish(struct media *media);
 
 /* Seconds of two cores and relative RMSE foreseen; the samples that fit; what a frame took. */
 struct plan_view {
@@ -340,20 +343,20 @@ struct plan_view {
     double pixel_mm, area_mm2, diameter_mm, mean_free_path_mm;
 };
 enum { FEW_LIGHTS = 4 };
-double plan_seconds(enum prt_screen_engine e, uint32_t n, const struct plan_view *view);
-double plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *view);
-uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e,
-                      const struct plan_view *view, double seconds);
-void plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
-                const struct plan_view *view, double seconds);
-struct plan_view frame_plan(const struct frame *f);
+double prt_plan_seconds(enum prt_screen_engine e, uint32_t n, const struct plan_view *view);
+double prt_plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *view);
+uint32_t prt_plan_samples(const struct prt_screen *screen, enum prt_screen_engine e,
+                          const struct plan_view *view, double seconds);
+void prt_plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
+                    const struct plan_view *view, double seconds);
+struct plan_view prt_frame_plan(const struct frame *f);
 /* Error to foresee: plan_error, corrected by what frames of this kind were seen to do. */
-double plan_expect(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
-                   const struct plan_view *view);
+double prt_plan_expect(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
+                       const struct plan_view *view);
 /* Relative RMS difference of radiance from a sum over many texels, at some 160 points. */
-int frame_check(struct frame *f, double *error);
+int prt_frame_check(struct frame *f, double *error);
 /* Samples asked for: the options', a budget's, or the default, doubled by refine. */
-uint32_t frame_samples(const struct frame *f, uint32_t normal, uint32_t most);
+uint32_t prt_frame_samples(const struct frame *f, uint32_t normal, uint32_t most);
 
 /* M03: the radius >= from_mm below which lies a share xi in [0,1) of 2 pi r R_d / rho_d, the
  * mean of three channels. from_mm: a radius known to be smaller, 0 at first. */
@@ -377,6 +380,6 @@ int prt_screen_albedo_factors(const struct prt_context *ctx,
                               const float (*albedo)[3], float (*factor)[3]);
 
 /* R_d of three channels as radial_table_fit takes it; dipole3: struct prt_diffusion[3]. */
-void dipole_profile(const void *dipole3, double r_mm, double out[3]);
+void prt_dipole_profile(const void *dipole3, double r_mm, double out[3]);
 
 #endif

@@ -95,9 +95,9 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int irradiance_traced(const struct prt_context *ctx, const struct prt_scene *scene,
-                      uint32_t n_light, const struct prt_screen_light *light, const float *eta,
-                      struct samples *s, uint64_t *n_ray)
+int prt_irradiance_traced(const struct prt_context *ctx, const struct prt_scene *scene,
+                          uint32_t n_light, const struct prt_screen_light *light,
+                          const float *eta, struct samples *s, uint64_t *n_ray)
 {
     struct job job = {.scene = scene,
                       .light = light,
@@ -105,7 +105,7 @@ int irradiance_traced(const struct prt_context *ctx, const struct prt_scene *sce
                       .eta = eta,
                       .s = s,
                       .epsilon = prt_scene_epsilon(scene)};
-    int status = screen_loop(ctx, s->n, 512, run, &job);
+    int status = prt_screen_loop(ctx, s->n, 512, run, &job);
     *n_ray += atomic_load(&job.rays);
     return status;
 }
@@ -131,18 +131,19 @@ static int interpolate(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int irradiance_vertices(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                        const float (*e)[3], struct samples *s)
+int prt_irradiance_vertices(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                            const float (*e)[3], struct samples *s)
 {
     struct vertex_job job = {mesh, e, s};
     return prt_parallel_for(ctx, NULL, s->n, 2048, interpolate, &job);
 }
 
-bool seen_samples(const struct frame *f, uint32_t n, const uint32_t *index, struct samples *s)
+bool prt_visible_samples(const struct frame *f, uint32_t n, const uint32_t *index,
+                         struct samples *s)
 {
     const struct prt_gbuffer *g = &f->g;
     const struct prt_mesh *mesh = f->screen->mesh;
-    if (!samples_init(s, n)) return false;
+    if (!prt_samples_init(s, n)) return false;
     s->n = n;
     for (uint32_t at = 0; at < n; at++) {
         uint32_t i = index ? index[at] : at;
@@ -169,7 +170,7 @@ bool seen_samples(const struct frame *f, uint32_t n, const uint32_t *index, stru
     return true;
 }
 
-void irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s)
+void prt_irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s)
 {
     double light[16][3] = {{0}};
     for (unsigned face = 0; face < 6; face++) {

@@ -43,7 +43,7 @@ static bool near_init(struct near *n, const struct frame *f, const double *own_m
         good = good && n->e[c] && n->weight[c];
     }
     for (uint32_t o = 0; good && o < f->n_object; o++)
-        if (own_mm[o] > 0) own_share(f, o, own_mm[o], n->share[o]);
+        if (own_mm[o] > 0) prt_near_share(f, o, own_mm[o], n->share[o]);
     return good;
 }
 
@@ -90,7 +90,7 @@ static bool gather_samples(const struct near *n, const struct frame *f, bool one
 {
     const struct view_cache *v = n->view;
     double power = 0, square = 0;
-    if (!samples_init(s, v->n_column + 1)) return false;
+    if (!prt_samples_init(s, v->n_column + 1)) return false;
     for (uint32_t o = 0; o < f->n_object; o++)
         for (uint32_t t = 0; t < v->n_tile; t++) {
             if (v->object[t] != o) continue;
@@ -125,12 +125,12 @@ static int sum_near(struct frame *f, const struct near *n, bool one)
         if (!(n->own_mm[o] > 0)) continue;
         // exp(-(r / own)^2) leaves 0.2 % there
         reach = max_f(reach, 2.5f * (float)n->own_mm[o]);
-        split_table(f, o, -1, n->own_mm[o], true, disc, f->screen->diameter_mm, &table[o]);
+        prt_split_table(f, o, -1, n->own_mm[o], true, disc, f->screen->diameter_mm, &table[o]);
     }
     for (int c = 0; c < 3; c++)
         memset(f->sum[c], 0, ((size_t)f->view->n_column + 16) * sizeof(float));
-    int status = s.n ? scatter_tree(f, table, &s, 0.7f, reach) : PRT_OK;
-    samples_finish(&s);
+    int status = s.n ? prt_scatter_tree(f, table, &s, 0.7f, reach) : PRT_OK;
+    prt_samples_finish(&s);
     prt_free(table);
     return status;
 }
@@ -174,7 +174,7 @@ static int own_points(struct frame *f, struct near *n, const struct samples *poi
             f->radiance[i][c] += max_f(b, 0) * (float)(1 / M_PI);
         }
     }
-    receive_finish(f);
+    prt_receivers_finish(f);
     return status;
 }
 
@@ -190,28 +190,28 @@ static int own_receivers(struct frame *f, struct near *n, const struct samples *
             float share = (float)n->share[s->object[i]][c];
             f->sum[c][i] = max_f(f->sum[c][i] + s->e[c][i] * (share - n->weight[c][i]), 0);
         }
-    return status ? status : receive_end(f);
+    return status ? status : prt_receivers_resolve(f);
 }
 
-int own_light(struct frame *f, const double *own_mm)
+int prt_near_field_add(struct frame *f, const double *own_mm)
 {
     bool all = f->n_light <= OWN_LIGHTS || f->options->vertex_irradiance;
     struct samples s = {0};
     struct near near = {0};
-    double scale = (double)smallest_mean_free_path(f), least = INFINITY;
+    double scale = (double)prt_frame_mean_free_path(f), least = INFINITY;
     for (uint32_t o = 0; o < f->n_object; o++)
         if (own_mm[o] > 0) least = fmin(least, own_mm[o]);
     // what lies about a point changes slowly; its own irradiance, where only receivers have it,
     // does not
-    int status = receive_begin(f, all && isfinite(least) ? fmax(scale, least) : scale);
+    int status = prt_receivers_begin(f, all && isfinite(least) ? fmax(scale, least) : scale);
     uint32_t n = all || status ? f->g.n_point : f->view->n_column;
-    if (!status &&
-        (!near_init(&near, f, own_mm) || !seen_samples(f, n, all ? NULL : f->view->leader, &s)))
+    if (!status && (!near_init(&near, f, own_mm) ||
+                    !prt_visible_samples(f, n, all ? NULL : f->view->leader, &s)))
         status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for %u points", n);
-    if (!status) status = frame_irradiance(f, &s);
+    if (!status) status = prt_frame_irradiance(f, &s);
     if (!status) status = all ? own_points(f, &near, &s) : own_receivers(f, &near, &s);
-    receive_finish(f);
-    samples_finish(&s);
+    prt_receivers_finish(f);
+    prt_samples_finish(&s);
     near_finish(&near);
     return status;
 }

@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-bool emitters_reserve(struct emitters *e, uint32_t capacity)
+bool prt_emitters_reserve(struct emitters *e, uint32_t capacity)
 {
     if (capacity <= e->capacity) return true;
     capacity = (capacity + capacity / 2 + 31) & ~15u;
@@ -23,7 +23,7 @@ bool emitters_reserve(struct emitters *e, uint32_t capacity)
     return true;
 }
 
-void emitters_finish(struct emitters *e)
+void prt_emitters_finish(struct emitters *e)
 {
     for (int k = 0; k < 3; k++) {
         prt_free(e->p[k]);
@@ -171,7 +171,7 @@ static void pairs_avx512(const struct radial_table *t, const struct emitters *e,
 PRT_ISA_END
 #endif
 
-pair_fn pair_kernel(unsigned cpu)
+pair_fn prt_pair_kernel(unsigned cpu)
 {
 #if PRT_ISA_X86
     if (cpu & PRT_CPU_AVX512) return pairs_avx512;

@@ -146,24 +146,24 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
+int prt_scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
 {
-    struct grid grid = frame_grid(f, spacing);
+    struct grid grid = prt_frame_grid(f, spacing);
     uint32_t n_object = f->n_object ? f->n_object : 1;
     struct pattern *pattern = calloc(n_object, sizeof *pattern);
     struct radial_table *table = prt_calloc(n_object, sizeof *table);
     int status = pattern && table ? PRT_OK : prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     for (uint32_t o = 0; o < f->n_object && !status; o++) {
         // a point stands for its share of a ring: the light's view is no finer than its step
-        split_table(f, o, r_p, 0, true, (double)spacing / sqrt(M_PI), reach, &table[o]);
+        prt_split_table(f, o, r_p, 0, true, (double)spacing / sqrt(M_PI), reach, &table[o]);
         if (!make_pattern(f, o, r_p, (double)reach, &pattern[o]))
             status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for a pattern");
     }
     for (uint32_t l = 0; l < f->n_light && !status; l++) {
         struct light_map map;
         double t0 = prt_time_s();
-        status = light_map_make(f->ctx, f->screen->scene, &f->light[l], &grid, f->eta, &map,
-                                &f->report->n_ray);
+        status = prt_light_map_make(f->ctx, f->screen->scene, &f->light[l], &grid, f->eta, &map,
+                                    &f->report->n_ray);
         double t1 = prt_time_s();
         struct job job = {.f = f,
                           .map = &map,
@@ -176,11 +176,11 @@ int scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
         if (cpu & PRT_CPU_AVX2) job.receive = receive_avx2;
         if (cpu & PRT_CPU_AVX512) job.receive = receive_avx512;
 #endif
-        if (!status) status = screen_loop(f->ctx, f->view->n_tile, 4, run, &job);
+        if (!status) status = prt_screen_loop(f->ctx, f->view->n_tile, 4, run, &job);
         f->report->irradiance_s += t1 - t0;
         f->report->scatter_s += prt_time_s() - t1;
         f->report->n_pair += atomic_load(&job.n_pair);
-        light_map_finish(&map);
+        prt_light_map_finish(&map);
     }
     for (uint32_t o = 0; pattern && o < f->n_object; o++) pattern_finish(&pattern[o]);
     free(pattern);

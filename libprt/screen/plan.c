@@ -30,11 +30,11 @@ static double work_of(enum prt_screen_engine e, uint32_t n)
 
 static double receivers(const struct plan_view *v, double scale_mm)
 {
-    uint32_t size = receiver_size(v->pixel_mm, scale_mm);
+    uint32_t size = prt_receiver_size(v->pixel_mm, scale_mm);
     return v->n_point * 0.85 / (size * size);
 }
 
-double plan_seconds(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
+double prt_plan_seconds(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
 {
     const struct cost *c = &cost_of[e];
     double w = work_of(e, n), lights = v->n_light > 1 ? v->n_light : 1;
@@ -51,7 +51,7 @@ double plan_seconds(enum prt_screen_engine e, uint32_t n, const struct plan_view
 
 // Fits of the convergence table (prt-bench screen_error). x: samples to a mean free path's
 // square of surface; TANGENT's samples are a pixel's own.
-double plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
+double prt_plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
 {
     double l = v->mean_free_path_mm > 0 ? v->mean_free_path_mm : 1e-3, w = work_of(e, n);
     double diameter_mm = v->diameter_mm;
@@ -76,8 +76,8 @@ double plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *
     return 0;
 }
 
-double plan_expect(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
-                   const struct plan_view *v)
+double prt_plan_expect(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
+                       const struct plan_view *v)
 {
     int many = v->n_light > FEW_LIGHTS;
     double trouble = screen->checked[e][many].trouble, sum = 0, seen = 0;
@@ -88,14 +88,14 @@ double plan_expect(const struct prt_screen *screen, enum prt_screen_engine e, ui
         seen++;
     }
     if (!(trouble > 0)) trouble = seen > 0 ? exp(sum / seen) : UNKNOWN;
-    return fmin(1, MARGIN * trouble * plan_error(e, n, v));
+    return fmin(1, MARGIN * trouble * prt_plan_error(e, n, v));
 }
 
-void plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
-                const struct plan_view *v, double seconds)
+void prt_plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
+                    const struct plan_view *v, double seconds)
 {
     if ((unsigned)e >= 4 || !(seconds > 0) || !v->n_point) return;
-    double seen = seconds / plan_seconds(e, n, v);
+    double seen = seconds / prt_plan_seconds(e, n, v);
     double *speed = &screen->slowness[e];
     // the first frame of a view also builds what later ones keep: it weighs little
     *speed = *speed > 0 ? 0.7 * *speed + 0.3 * seen : fmin(seen, 2);
@@ -114,14 +114,14 @@ static int examine(const struct prt_context *ctx, const struct prt_screen *scree
     return screen->diameter_mm > 0 ? PRT_OK : PRT_ARG;
 }
 
-uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e,
-                      const struct plan_view *v, double seconds)
+uint32_t prt_plan_samples(const struct prt_screen *screen, enum prt_screen_engine e,
+                          const struct plan_view *v, double seconds)
 {
     double slow = screen->slowness[e] > 0 ? screen->slowness[e] : 1;
     uint32_t lo = least[e], hi = most[e];
     while (hi - lo > 1) {
         uint32_t mid = lo + (hi - lo) / 2;
-        if (plan_seconds(e, mid, v) * slow <= seconds) lo = mid;
+        if (prt_plan_seconds(e, mid, v) * slow <= seconds) lo = mid;
         else hi = mid;
     }
     return lo;
@@ -148,10 +148,10 @@ static int plan_view_of(const struct prt_context *ctx, const struct prt_screen *
     if (status) return status;
     struct prt_gbuffer g;
     prt_visibility_gbuffer(input->visibility, &g);
-    uint32_t n_light = cube_lights(input, options) + input->n_extra;
+    uint32_t n_light = prt_cube_lights(input, options) + input->n_extra;
     *out = (struct plan_view){.n_point = g.n_point,
                               .n_light = n_light ? n_light : 1,
-                              .pixel_mm = (double)view_pixel_mm(input->visibility),
+                              .pixel_mm = (double)prt_view_pixel_mm(input->visibility),
                               .area_mm2 = screen->area_mm2,
                               .diameter_mm = (double)screen->diameter_mm,
                               .mean_free_path_mm = path};
@@ -164,9 +164,9 @@ static struct prt_screen_plan plan_engine(const struct prt_screen *screen,
 {
     double slow = screen->slowness[e] > 0 ? screen->slowness[e] : 1;
     struct prt_screen_plan plan = {.engine = e};
-    plan.n_sample = plan_samples(screen, e, view, budget_ms * 1e-3);
-    plan.expected_ms = 1e3 * slow * plan_seconds(e, plan.n_sample, view);
-    plan.expected_error = plan_expect(screen, e, plan.n_sample, view);
+    plan.n_sample = prt_plan_samples(screen, e, view, budget_ms * 1e-3);
+    plan.expected_ms = 1e3 * slow * prt_plan_seconds(e, plan.n_sample, view);
+    plan.expected_error = prt_plan_expect(screen, e, plan.n_sample, view);
     return plan;
 }
 

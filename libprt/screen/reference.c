@@ -56,11 +56,11 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
         double scale[3] = {1, 1, 1}, share[3];
         memcpy(share, job->share[object], sizeof share);
         if (maps) { // the medium where light leaves, as in M03
-            point_factor(job->f, point, factor);
+            prt_map_point_factor(job->f, point, factor);
             for (int c = 0; c < 3; c++) {
-                mapped_dipole(&dipole[c], factor, c, &own[c]);
+                prt_map_medium(&dipole[c], factor, c, &own[c]);
                 scale[c] =
-                    mapped_reflectance(&dipole[c], factor, c) / fmax(own[c].rho_d, 1e-12);
+                    prt_map_reflectance(&dipole[c], factor, c) / fmax(own[c].rho_d, 1e-12);
             }
             dipole = own;
             near_share(own, job->near_mm, share);
@@ -96,10 +96,10 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double *error)
+int prt_engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double *error)
 {
     double t0 = prt_time_s();
-    int status = frame_atlas(f, n_texel);
+    int status = prt_frame_atlas(f, n_texel);
     if (status) return status;
     double t1 = prt_time_s();
     const struct samples *s = &f->screen->atlas;
@@ -121,10 +121,10 @@ int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double 
         for (uint32_t i = 0; i < s->n; i++) begin[s->object[i] + 1]++;
         for (uint32_t o = 0; o < f->n_object; o++) begin[o + 1] += begin[o];
         for (uint32_t o = 0; o < f->n_object; o++) near_share(f->dipole[o], near_mm, share[o]);
-        if (!seen_samples(f, n, point, &own))
+        if (!prt_visible_samples(f, n, point, &own))
             status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-        if (!status) status = frame_irradiance(f, &own);
-        if (!status) status = screen_loop(f->ctx, n, 16, run, &job);
+        if (!status) status = prt_frame_irradiance(f, &own);
+        if (!status) status = prt_screen_loop(f->ctx, n, 16, run, &job);
     }
     if (!status && error) {
         double num = 0, den = 0;
@@ -143,7 +143,7 @@ int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double 
         f->report->scatter_s = prt_time_s() - t1;
     }
     f->report->n_pair += (uint64_t)n * s->n / (f->n_object ? f->n_object : 1);
-    samples_finish(&own);
+    prt_samples_finish(&own);
     free(share);
     free(point);
     free(begin);

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-bool samples_init(struct samples *s, uint32_t capacity)
+bool prt_samples_init(struct samples *s, uint32_t capacity)
 {
     memset(s, 0, sizeof *s);
     capacity = (capacity + 47) & ~15u;
@@ -20,11 +20,11 @@ bool samples_init(struct samples *s, uint32_t capacity)
                (s->normal[k] = prt_calloc(capacity, 4)) &&
                (s->face[k] = prt_calloc(capacity, 4)) && (s->e[k] = prt_calloc(capacity, 4));
     s->capacity = capacity;
-    if (!good) samples_finish(s);
+    if (!good) prt_samples_finish(s);
     return good;
 }
 
-void samples_finish(struct samples *s)
+void prt_samples_finish(struct samples *s)
 {
     for (int k = 0; k < 3; k++) {
         prt_free(s->p[k]);
@@ -40,14 +40,14 @@ void samples_finish(struct samples *s)
     memset(s, 0, sizeof *s);
 }
 
-bool block_translucent(const struct prt_mesh *mesh, uint32_t block)
+bool prt_block_translucent(const struct prt_mesh *mesh, uint32_t block)
 {
     return mesh->surface[mesh->block[block].surface].translucent != 0;
 }
 
 // Position, smooth normal and face normal of a place in a triangle; its area.
-double place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv, struct samples *s,
-             uint32_t at)
+double prt_sample_place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv,
+                        struct samples *s, uint32_t at)
 {
     const uint32_t *v = mesh->triangle[t];
     double w[3] = {1 - bu - bv, bu, bv}, n[3], e1[3], e2[3], face[3], length = 0, fl = 0;
@@ -105,7 +105,7 @@ static uint64_t morton(const float lo[3], float inv_edge, const float p[3])
 
 // Stable radix sort, as many digits as the largest code has. Returns the array that holds the
 // result, one of the two.
-struct key *sort_keys(struct key *key, struct key *other, size_t n)
+struct key *prt_sort_keys(struct key *key, struct key *other, size_t n)
 {
     uint64_t all = 0;
     for (size_t i = 0; i < n; i++) all |= key[i].code;
@@ -149,7 +149,7 @@ static void walk_triangle(double f, double *bu, double *bv)
     *bv = (a[1] + b[1] + c[1]) / 3;
 }
 
-double triangle_area(const struct prt_mesh *mesh, uint32_t t)
+double prt_triangle_area(const struct prt_mesh *mesh, uint32_t t)
 {
     const float *a = mesh->position[mesh->triangle[t][0]];
     const float *b = mesh->position[mesh->triangle[t][1]];
@@ -176,7 +176,7 @@ static struct key *order_triangles(const struct prt_mesh *mesh, uint32_t *n_out,
     float inv = inverse_edge(box);
     uint32_t n = 0;
     for (uint32_t b = 0; b < mesh->n_block; b++) {
-        if (!block_translucent(mesh, b)) continue;
+        if (!prt_block_translucent(mesh, b)) continue;
         const struct prt_block *k = &mesh->block[b];
         for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle; t++) {
             float c[3] = {0, 0, 0};
@@ -187,11 +187,11 @@ static struct key *order_triangles(const struct prt_mesh *mesh, uint32_t *n_out,
         }
     }
     *n_out = n;
-    return sort_keys(key, key + mesh->n_triangle + 1, n);
+    return prt_sort_keys(key, key + mesh->n_triangle + 1, n);
 }
 
-int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
-                  struct samples *out)
+int prt_samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
+                      struct samples *out)
 {
     uint32_t n_key = 0;
     void *memory;
@@ -200,7 +200,7 @@ int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, ui
     uint64_t count = 0;
     if (!key || !end) goto nomem;
     for (uint32_t i = 0; i < n_key; i++) {
-        total += triangle_area(mesh, key[i].index);
+        total += prt_triangle_area(mesh, key[i].index);
         end[i] = total;
     }
     if (!(total > 0)) {
@@ -208,7 +208,7 @@ int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, ui
         free(end);
         return prt_fail(ctx, PRT_ARG, "screen: no translucent triangle has any area");
     }
-    if (!samples_init(out, n + 64 * (mesh->n_object + 1))) goto nomem;
+    if (!prt_samples_init(out, n + 64 * (mesh->n_object + 1))) goto nomem;
     for (uint32_t first = 0, last; first < n_key; first = last) {
         double before = first ? end[first - 1] : 0;
         last = first;
@@ -223,7 +223,7 @@ int samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, ui
             while (at + 1 < last && end[at] <= a) at++;
             double low = at ? end[at - 1] : 0, size = end[at] - low;
             walk_triangle(size > 0 ? fmin(fmax((a - low) / size, 0), 1) : 0, &bu, &bv);
-            place(mesh, key[at].index, bu, bv, out, (uint32_t)count);
+            prt_sample_place(mesh, key[at].index, bu, bv, out, (uint32_t)count);
             out->area[count] = (float)(own / share);
             out->object[count] = (uint32_t)object;
         }
@@ -297,7 +297,7 @@ static void face_normal(const struct prt_mesh *mesh, uint32_t t, double n[3])
 // What a hit is worth as an area sample; 0: nothing.
 static float hit_area(const struct view *view, uint32_t t)
 {
-    if (!block_translucent(view->mesh, view->triangle_block[t])) return 0;
+    if (!prt_block_translucent(view->mesh, view->triangle_block[t])) return 0;
     double n[3], c = 0;
     face_normal(view->mesh, t, n);
     for (int k = 0; k < 3; k++) c += n[k] * view->d[k];
@@ -378,7 +378,7 @@ static int place_samples(void *arg, size_t begin, size_t end, unsigned worker)
     struct samples *s = job->out;
     for (size_t i = begin; i < end; i++) {
         const struct hit *h = &job->hit[job->key[i].index];
-        place(job->mesh, h->triangle, (double)h->u, (double)h->v, s, (uint32_t)i);
+        prt_sample_place(job->mesh, h->triangle, (double)h->u, (double)h->v, s, (uint32_t)i);
         s->area[i] = h->area;
         s->object[i] = (uint32_t)(job->key[i].code >> CODE_BITS);
         if (!job->light) continue;
@@ -400,7 +400,7 @@ static int collect(const struct prt_context *ctx, const struct view *view, uint3
         for (uint32_t j = 0; j < view[k].nv; j++) n += view[k].row[j].n;
     struct key *key = malloc(2 * (n + 1) * sizeof *key);
     struct hit *hit = malloc((n + 1) * sizeof *hit);
-    if (!key || !hit || n > UINT32_MAX / 2 || !samples_init(out, (uint32_t)n)) {
+    if (!key || !hit || n > UINT32_MAX / 2 || !prt_samples_init(out, (uint32_t)n)) {
         free(key);
         free(hit);
         return prt_fail(ctx, PRT_NOMEM, "screen: no memory for %zu surface points", n);
@@ -413,12 +413,13 @@ static int collect(const struct prt_context *ctx, const struct view *view, uint3
             }
         }
     }
-    struct place_job job = {view[0].mesh, hit, sort_keys(key, key + n + 1, n), out, light, eta};
+    struct place_job job = {view[0].mesh, hit,   prt_sort_keys(key, key + n + 1, n),
+                            out,          light, eta};
     int status = prt_parallel_for(ctx, NULL, n, 1024, place_samples, &job);
     out->n = (uint32_t)n;
     free(key);
     free(hit);
-    if (status) samples_finish(out);
+    if (status) prt_samples_finish(out);
     return status;
 }
 
@@ -426,7 +427,7 @@ static int trace_view(const struct prt_context *ctx, struct view *view, uint64_t
 {
     view->row = calloc(view->nv, sizeof *view->row);
     if (!view->row) return prt_fail(ctx, PRT_NOMEM, "screen: no memory for %u rows", view->nv);
-    int status = screen_loop(ctx, view->nv, 4, view_rows, view);
+    int status = prt_screen_loop(ctx, view->nv, 4, view_rows, view);
     *n_ray += atomic_load(&view->rays);
     return status;
 }
@@ -450,7 +451,7 @@ static void extent(const struct prt_mesh *mesh, const float d[3], double *lo, do
     *lo = INFINITY;
     *hi = -INFINITY;
     for (uint32_t b = 0; b < mesh->n_block; b++) {
-        if (!block_translucent(mesh, b)) continue;
+        if (!prt_block_translucent(mesh, b)) continue;
         const struct prt_block *k = &mesh->block[b];
         for (uint32_t v = k->vertex_begin; v < k->vertex_begin + k->n_vertex; v++) {
             double x = 0;
@@ -482,8 +483,8 @@ static void set_view(struct view *view, const struct prt_mesh *mesh, const struc
             a * view->u[k] + b * view->v[k] + (float)(ends[0] - margin) * view->d[k];
 }
 
-int samples_peel(const struct prt_context *ctx, const struct prt_scene *scene,
-                 const struct grid *grid, struct samples *out, uint64_t *n_ray)
+int prt_samples_peel(const struct prt_context *ctx, const struct prt_scene *scene,
+                     const struct grid *grid, struct samples *out, uint64_t *n_ray)
 {
     const struct prt_mesh *mesh = prt_scene_mesh(scene);
     struct view view[3];
@@ -552,9 +553,10 @@ static void aim(struct view *view, const struct prt_mesh *mesh, const struct prt
     set_view(view, mesh, grid, ends);
 }
 
-int samples_light_view(const struct prt_context *ctx, const struct prt_scene *scene,
-                       const struct prt_screen_light *light, const struct grid *grid,
-                       const float *eta, struct samples *out, uint32_t *n_grid, uint64_t *n_ray)
+int prt_samples_light_view(const struct prt_context *ctx, const struct prt_scene *scene,
+                           const struct prt_screen_light *light, const struct grid *grid,
+                           const float *eta, struct samples *out, uint32_t *n_grid,
+                           uint64_t *n_ray)
 {
     struct view view;
     aim(&view, prt_scene_mesh(scene), scene, light, grid);
@@ -627,9 +629,9 @@ static int fill_map(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int light_map_make(const struct prt_context *ctx, const struct prt_scene *scene,
-                   const struct prt_screen_light *light, const struct grid *grid,
-                   const float *eta, struct light_map *out, uint64_t *n_ray)
+int prt_light_map_make(const struct prt_context *ctx, const struct prt_scene *scene,
+                       const struct prt_screen_light *light, const struct grid *grid,
+                       const float *eta, struct light_map *out, uint64_t *n_ray)
 {
     struct view view;
     memset(out, 0, sizeof *out);
@@ -652,7 +654,7 @@ int light_map_make(const struct prt_context *ctx, const struct prt_scene *scene,
     return status;
 }
 
-void light_map_finish(struct light_map *map)
+void prt_light_map_finish(struct light_map *map)
 {
     prt_free(map->texel);
     map->texel = NULL;

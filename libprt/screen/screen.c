@@ -55,24 +55,24 @@ int prt_screen_create(const struct prt_context *ctx, const struct prt_mesh *mesh
 void prt_screen_destroy(struct prt_screen *s)
 {
     if (!s) return;
-    samples_finish(&s->atlas);
-    samples_finish(&s->peel);
-    samples_finish(&s->check);
-    for (int k = 0; k < VIEWS; k++) view_finish(&s->view[k]);
-    tangent_view_finish(&s->tangent);
+    prt_samples_finish(&s->atlas);
+    prt_samples_finish(&s->peel);
+    prt_samples_finish(&s->check);
+    for (int k = 0; k < VIEWS; k++) prt_view_finish(&s->view[k]);
+    prt_tangent_view_finish(&s->tangent);
     prt_free(s->triangle_block);
     if (s->own_scene) prt_scene_destroy(s->own_scene);
     prt_free(s);
 }
 
-int screen_loop(const struct prt_context *ctx, size_t n, size_t grain, prt_loop_fn fn,
-                void *arg)
+int prt_screen_loop(const struct prt_context *ctx, size_t n, size_t grain, prt_loop_fn fn,
+                    void *arg)
 {
     int status = prt_progress(ctx, "picture", 0);
     return status ? status : prt_parallel_for(ctx, "picture", n, grain, fn, arg);
 }
 
-float smallest_mean_free_path(const struct frame *f)
+float prt_frame_mean_free_path(const struct frame *f)
 {
     double least = INFINITY;
     for (uint32_t o = 0; o < f->n_object; o++)
@@ -80,41 +80,41 @@ float smallest_mean_free_path(const struct frame *f)
     return (float)least;
 }
 
-int frame_atlas(struct frame *f, uint32_t n)
+int prt_frame_atlas(struct frame *f, uint32_t n)
 {
     struct prt_screen *s = f->screen;
     bool exact = f->options->engine == PRT_SCREEN_REFERENCE;
     if (!s->atlas.n || s->atlas_size != n || (exact && s->atlas_uv)) {
-        samples_finish(&s->atlas);
+        prt_samples_finish(&s->atlas);
         s->atlas_size = n;
         // the reference keeps to texels of equal area
         bool own_uv = s->uv_state >= 0 && !exact;
         int status = PRT_OK;
         s->atlas_uv = false;
         if (own_uv) {
-            status = samples_uv_atlas(f->ctx, s->mesh, n, &s->atlas, &s->atlas_uv);
+            status = prt_samples_uv_atlas(f->ctx, s->mesh, n, &s->atlas, &s->atlas_uv);
             s->uv_state = s->atlas_uv ? 1 : -1;
         }
-        if (!status && !s->atlas_uv) status = samples_atlas(f->ctx, s->mesh, n, &s->atlas);
+        if (!status && !s->atlas_uv) status = prt_samples_atlas(f->ctx, s->mesh, n, &s->atlas);
         if (status) return status;
     }
     f->report->uv_atlas = s->atlas_uv;
-    return frame_irradiance(f, &s->atlas);
+    return prt_frame_irradiance(f, &s->atlas);
 }
 
-int frame_irradiance(struct frame *f, struct samples *s)
+int prt_frame_irradiance(struct frame *f, struct samples *s)
 {
     const struct prt_screen_options *o = f->options;
     if (o->vertex_irradiance)
-        return irradiance_vertices(f->ctx, f->screen->mesh, o->vertex_irradiance, s);
+        return prt_irradiance_vertices(f->ctx, f->screen->mesh, o->vertex_irradiance, s);
     struct samples lit = *s; // the columns are the same, but for normals that maps turn
-    int status = maps_turn(o) ? map_normals(f, &lit) : PRT_OK;
+    int status = maps_turn(o) ? prt_map_normals(f, &lit) : PRT_OK;
     // harmonics know no shadows and stand for the cube alone
     if (!status && o->sh_irradiance && f->cube && o->engine != PRT_SCREEN_TANGENT)
-        irradiance_harmonics(f->cube, f->eta, &lit);
+        prt_irradiance_harmonics(f->cube, f->eta, &lit);
     else if (!status)
-        status = irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, f->eta, &lit,
-                                   &f->report->n_ray);
+        status = prt_irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, f->eta,
+                                       &lit, &f->report->n_ray);
     for (int k = 0; k < 3; k++)
         if (lit.normal[k] != s->normal[k]) prt_free(lit.normal[k]);
     return status;
@@ -138,14 +138,14 @@ static int make_tables(struct frame *f, const struct prt_material *material)
         prt_material_dipoles(m, f->dipole[o]); // the material's own profile, where it has one
         for (int c = 0; c < 3; c++) scale = fmin(scale, f->dipole[o][c].z_r);
         f->eta[o] = m->eta;
-        radial_table_fit(&f->table[o], dipole_profile, f->dipole[o], scale,
-                         f->screen->diameter_mm);
+        prt_radial_table_fit(&f->table[o], prt_dipole_profile, f->dipole[o], scale,
+                             f->screen->diameter_mm);
     }
     return PRT_OK;
 }
 
-uint32_t cube_lights(const struct prt_screen_input *input,
-                     const struct prt_screen_options *options)
+uint32_t prt_cube_lights(const struct prt_screen_input *input,
+                         const struct prt_screen_options *options)
 {
     enum { DEFAULT_LIGHTS = 64 };
     if (!input->cube) return 0;
@@ -154,7 +154,7 @@ uint32_t cube_lights(const struct prt_screen_input *input,
 
 static int make_lights(struct frame *f, const struct prt_screen_input *input)
 {
-    uint32_t n = cube_lights(input, f->options), n_extra = input->n_extra;
+    uint32_t n = prt_cube_lights(input, f->options), n_extra = input->n_extra;
     if (n > MAX_LIGHTS || n_extra > MAX_LIGHTS)
         return prt_fail(f->ctx, PRT_ARG, "screen: %u lights are more than %d", n + n_extra,
                         MAX_LIGHTS);
@@ -187,7 +187,7 @@ static int light_opaque(struct frame *f)
     uint32_t n = 0;
     for (uint32_t i = 0; i < f->g.n_point; i++) n += f->g.opaque[i];
     if (!n) return PRT_OK;
-    if (!samples_init(&s, n)) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    if (!prt_samples_init(&s, n)) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     for (uint32_t i = 0; i < f->g.n_point; i++) {
         if (!f->g.opaque[i]) continue;
         for (int k = 0; k < 3; k++) {
@@ -196,8 +196,8 @@ static int light_opaque(struct frame *f)
         }
         s.n++;
     }
-    int status = irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, NULL, &s,
-                                   &f->report->n_ray);
+    int status = prt_irradiance_traced(f->ctx, f->screen->scene, f->n_light, f->light, NULL, &s,
+                                       &f->report->n_ray);
     for (uint32_t i = 0, at = 0; !status && i < f->g.n_point; i++) {
         if (!f->g.opaque[i]) continue;
         const float *albedo = mesh->surface[mesh->block[f->g.block[i]].surface].base_color;
@@ -205,7 +205,7 @@ static int light_opaque(struct frame *f)
             f->radiance[i][k] = albedo[k] * s.e[k][at] * (float)(1 / M_PI);
         at++;
     }
-    samples_finish(&s);
+    prt_samples_finish(&s);
     return status;
 }
 
@@ -236,7 +236,8 @@ static int check_maps(const struct frame *f)
         uint32_t n = map[k] && o->maps_by_surface ? f->screen->mesh->n_surface : map[k] != NULL;
         for (uint32_t i = 0; i < n; i++) {
             if (o->maps_by_surface && !map[k][i].rgb) continue;
-            int status = map_check(f->ctx, f->screen->mesh, &map[k][i], k < 2, o->maps_checked);
+            int status =
+                prt_map_check(f->ctx, f->screen->mesh, &map[k][i], k < 2, o->maps_checked);
             if (status) return status;
         }
     }
@@ -247,23 +248,23 @@ static int run_engine(struct frame *f)
 {
     switch (f->options->engine) {
     case PRT_SCREEN_SPLAT:
-        return engine_splat(f);
+        return prt_engine_splat(f);
     case PRT_SCREEN_TANGENT:
-        return engine_tangent(f);
+        return prt_engine_tangent(f);
     case PRT_SCREEN_TEXTURE:
-        return engine_texture(f, false);
+        return prt_engine_texture(f, false);
     case PRT_SCREEN_HYBRID:
-        return engine_texture(f, true);
+        return prt_engine_texture(f, true);
     case PRT_SCREEN_REFERENCE:
-        return engine_reference(f, f->options->n_sample ? f->options->n_sample : 262144, 1,
-                                NULL);
+        return prt_engine_reference(f, f->options->n_sample ? f->options->n_sample : 262144, 1,
+                                    NULL);
     }
     return prt_fail(f->ctx, PRT_ARG, "screen: unknown engine %d", (int)f->options->engine);
 }
 
 static void finish_frame(struct frame *f)
 {
-    receive_finish(f);
+    prt_receivers_finish(f);
     free(f->dipole);
     free(f->eta);
     prt_free(f->table);
@@ -281,28 +282,28 @@ static int begin_frame(struct frame *f, const struct prt_screen_input *input)
     if (!status) status = check_maps(f);
     if (!status) status = make_tables(f, input->material);
     if (!status) status = make_lights(f, input);
-    f->view_key = view_key(f);
+    f->view_key = prt_view_key(f);
     for (uint32_t i = 0; i < f->g.n_point && !f->any; i++) f->any = !f->g.opaque[i];
     return status;
 }
 
-struct plan_view frame_plan(const struct frame *f)
+struct plan_view prt_frame_plan(const struct frame *f)
 {
     return (struct plan_view){.n_point = f->g.n_point,
                               .n_light = f->n_light,
-                              .pixel_mm = (double)view_pixel_mm(f->vis),
+                              .pixel_mm = (double)prt_view_pixel_mm(f->vis),
                               .area_mm2 = f->screen->area_mm2,
                               .diameter_mm = (double)f->screen->diameter_mm,
-                              .mean_free_path_mm = (double)smallest_mean_free_path(f)};
+                              .mean_free_path_mm = (double)prt_frame_mean_free_path(f)};
 }
 
-uint32_t frame_samples(const struct frame *f, uint32_t normal, uint32_t most)
+uint32_t prt_frame_samples(const struct frame *f, uint32_t normal, uint32_t most)
 {
     const struct prt_screen_options *o = f->options;
-    struct plan_view view = frame_plan(f);
+    struct plan_view view = prt_frame_plan(f);
     uint32_t n = o->n_sample;
     if (!n && o->budget_ms > 0)
-        n = plan_samples(f->screen, o->engine, &view, (double)o->budget_ms * 1e-3);
+        n = prt_plan_samples(f->screen, o->engine, &view, (double)o->budget_ms * 1e-3);
     if (!n) n = normal;
     uint64_t finer = (uint64_t)n << min_u(o->refine, 16);
     if (finer > n) n = (uint32_t)(finer < most ? finer : n > most ? n : most);
@@ -314,7 +315,7 @@ enum { MEASURE_LEAST = 65536, MEASURE_MOST = 524288, MEASURE_POINTS = 500 };
 // Texels so fine that R_d's peak is a sum of many.
 static uint32_t measure_texels(const struct frame *f)
 {
-    double l = 0.35 * (double)smallest_mean_free_path(f), n = f->screen->area_mm2 / (l * l);
+    double l = 0.35 * (double)prt_frame_mean_free_path(f), n = f->screen->area_mm2 / (l * l);
     return n < MEASURE_LEAST ? MEASURE_LEAST : n > MEASURE_MOST ? MEASURE_MOST : (uint32_t)n;
 }
 
@@ -333,8 +334,8 @@ static int report_frame(struct frame *f, double seconds)
     struct prt_screen_report *r = f->report;
     if (e == PRT_SCREEN_REFERENCE) return PRT_OK;
     uint32_t n = e == PRT_SCREEN_SPLAT ? r->grid : r->n_asked;
-    struct plan_view view = frame_plan(f);
-    plan_learn(f->screen, e, n, &view, seconds);
+    struct plan_view view = prt_frame_plan(f);
+    prt_plan_learn(f->screen, e, n, &view, seconds);
     struct prt_screen *s = f->screen;
     struct checked *seen = &s->checked[e][view.n_light > FEW_LIGHTS];
     // the check knows one medium an object; other engines are tinted after it
@@ -342,16 +343,16 @@ static int report_frame(struct frame *f, double seconds)
     bool due = !(seen->trouble > 0) || seen->since++ >= CHECK_EVERY || changed(seen->work, n) ||
                changed(seen->path_mm, view.mean_free_path_mm);
     if (due && !f->options->frame && !maps) {
-        double error, foreseen = plan_error(e, n, &view);
+        double error, foreseen = prt_plan_error(e, n, &view);
         uint64_t rays = r->n_ray;
-        int status = frame_check(f, &error);
+        int status = prt_frame_check(f, &error);
         r->n_ray = rays; // the picture's own
         if (status) return status;
         if (foreseen > 0 && error > 0)
             *seen = (struct checked){fmin(fmax(error / foreseen, 0.05), 50), n,
                                      view.mean_free_path_mm, 0};
     }
-    r->expected_error = plan_expect(s, e, n, &view);
+    r->expected_error = prt_plan_expect(s, e, n, &view);
     return PRT_OK;
 }
 
@@ -365,10 +366,10 @@ static int draw_translucent(struct frame *f, double started)
     // these two take R_d of the mapped medium at each point; the others spread light in the
     // plain medium and are scaled afterwards
     bool mapped = o->engine == PRT_SCREEN_TANGENT || o->engine == PRT_SCREEN_REFERENCE;
-    if (!status && !mapped && maps_tint(o)) status = map_tint(f);
+    if (!status && !mapped && maps_tint(o)) status = prt_map_tint(f);
     if (!status && o->measure_error)
-        status = engine_reference(f, measure_texels(f), f->g.n_point / MEASURE_POINTS + 1,
-                                  &f->report->error);
+        status = prt_engine_reference(f, measure_texels(f), f->g.n_point / MEASURE_POINTS + 1,
+                                      &f->report->error);
     return status;
 }
 

@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-int map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
-              const struct prt_screen_map *map, bool factor, bool checked)
+int prt_map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                  const struct prt_screen_map *map, bool factor, bool checked)
 {
     if (!mesh->uv) return prt_fail(ctx, PRT_ARG, "screen: a map on a model without uv");
     if (!map->rgb || !map->width || !map->height || map->width > 16384 || map->height > 16384)
@@ -28,7 +28,7 @@ static uint32_t wrap(int64_t i, uint32_t n)
     return (uint32_t)(r < 0 ? r + n : r);
 }
 
-void map_lookup(const struct prt_screen_map *map, const float uv[2], float rgb[3])
+void prt_map_lookup(const struct prt_screen_map *map, const float uv[2], float rgb[3])
 {
     double x = ((double)uv[0] - floor((double)uv[0])) * map->width - 0.5;
     double y = ((double)uv[1] - floor((double)uv[1])) * map->height - 0.5;
@@ -63,15 +63,15 @@ static const struct prt_screen_map *map_of(const struct frame *f,
 }
 
 // Factors of sigma_s' and sigma_a at a point of the G-buffer.
-void point_factor(const struct frame *f, uint32_t i, float factor[6])
+void prt_map_point_factor(const struct frame *f, uint32_t i, float factor[6])
 {
     const struct prt_screen_map *s = map_of(f, f->options->sigma_s_map, f->g.block[i]);
     const struct prt_screen_map *a = map_of(f, f->options->sigma_a_map, f->g.block[i]);
     float uv[2];
     for (int k = 0; k < 6; k++) factor[k] = 1;
     uv_at(f->screen->mesh, f->g.triangle[i], f->g.bary[0][i], f->g.bary[1][i], uv);
-    if (s) map_lookup(s, uv, factor);
-    if (a) map_lookup(a, uv, factor + 3);
+    if (s) prt_map_lookup(s, uv, factor);
+    if (a) prt_map_lookup(a, uv, factor + 3);
 }
 
 // Change of position with u and v [mm] on a triangle; false where uv are folded.
@@ -122,8 +122,8 @@ static void bump(const struct prt_screen_map *map, const float uv[2], const floa
         float a[2] = {uv[0], uv[1]}, b[2] = {uv[0], uv[1]}, lo[3], hi[3];
         a[k] -= step[k];
         b[k] += step[k];
-        map_lookup(map, a, lo);
-        map_lookup(map, b, hi);
+        prt_map_lookup(map, a, lo);
+        prt_map_lookup(map, b, hi);
         slope[k] = (hi[0] - lo[0]) / (2 * step[k]);
     }
     float r1[3], r2[3], own[3];
@@ -139,7 +139,7 @@ static void tangent_normal(const struct prt_screen_map *map, const float uv[2],
                            const float n[3], const float du[3], const float dv[3], float out[3])
 {
     float rgb[3], t[3], b[3], own[3], along = dot(du, n);
-    map_lookup(map, uv, rgb);
+    prt_map_lookup(map, uv, rgb);
     for (int k = 0; k < 3; k++) t[k] = du[k] - along * n[k];
     if (!normalise(t)) return;
     cross(n, t, b);
@@ -178,7 +178,7 @@ static int turn_points(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int map_normals(const struct frame *f, struct samples *s)
+int prt_map_normals(const struct frame *f, struct samples *s)
 {
     struct turn_job job = {.f = f, .s = s};
     int status = PRT_OK;
@@ -242,8 +242,8 @@ static uint64_t step_of(const float scale[6], float per_octave)
     return code;
 }
 
-void mapped_dipole(const struct prt_diffusion *base, const float factor[6], int c,
-                   struct prt_diffusion *out)
+void prt_map_medium(const struct prt_diffusion *base, const float factor[6], int c,
+                    struct prt_diffusion *out)
 {
     double s = base->sigma_s_prime * (double)factor[c],
            a = base->sigma_a * (double)factor[3 + c];
@@ -251,14 +251,14 @@ void mapped_dipole(const struct prt_diffusion *base, const float factor[6], int 
     else prt_diffusion_init(out, fmin(fmax(s, 1e-5), 1000), fmin(a, 1000), base->eta);
 }
 
-double mapped_reflectance(const struct prt_diffusion *base, const float factor[6], int c)
+double prt_map_reflectance(const struct prt_diffusion *base, const float factor[6], int c)
 {
     static const float one[6] = {1, 1, 1, 1, 1, 1};
     struct prt_diffusion plain = *base, own, whole;
     plain.n_point = 0;
-    mapped_dipole(&plain, factor, c, &own);
+    prt_map_medium(&plain, factor, c, &own);
     if (!base->n_point) return own.rho_d;
-    mapped_dipole(&plain, one, c, &whole);
+    prt_map_medium(&plain, one, c, &whole);
     return base->rho_d * own.rho_d / fmax(whole.rho_d, 1e-12);
 }
 
@@ -276,7 +276,8 @@ static int point_reflectance(void *arg, size_t begin, size_t end, unsigned worke
     for (size_t i = begin; i < end; i++) {
         uint32_t object = f->screen->mesh->block[f->g.block[i]].object;
         for (int c = 0; c < 3; c++)
-            job->rho[i][c] = (float)mapped_reflectance(&f->dipole[object][c], job->scale[i], c);
+            job->rho[i][c] =
+                (float)prt_map_reflectance(&f->dipole[object][c], job->scale[i], c);
     }
     return PRT_OK;
 }
@@ -288,23 +289,23 @@ static int tint_points(void *arg, size_t begin, size_t end, unsigned worker)
         uint32_t object = f->screen->mesh->block[f->g.block[i]].object;
         float factor[6];
         if (f->g.opaque[i]) continue;
-        point_factor(f, (uint32_t)i, factor);
+        prt_map_point_factor(f, (uint32_t)i, factor);
         for (int c = 0; c < 3; c++) {
             const struct prt_diffusion *d = &f->dipole[object][c];
             f->radiance[i][c] *=
-                (float)(mapped_reflectance(d, factor, c) / fmax(d->rho_d, 1e-12));
+                (float)(prt_map_reflectance(d, factor, c) / fmax(d->rho_d, 1e-12));
         }
     }
     return PRT_OK;
 }
 
-int map_tint(const struct frame *f)
+int prt_map_tint(const struct frame *f)
 {
     struct frame own = *f;
     return prt_parallel_for(f->ctx, NULL, f->g.n_point, 1024, tint_points, &own);
 }
 
-int map_media(const struct frame *f, struct media *out)
+int prt_map_media(const struct frame *f, struct media *out)
 {
     uint32_t n = f->g.n_point;
     float(*scale)[6] = malloc(((size_t)n + 1) * sizeof *scale);
@@ -317,7 +318,7 @@ int map_media(const struct frame *f, struct media *out)
     out->rho = malloc(((size_t)n + 1) * sizeof *out->rho);
     bool good = out->rho && scale && sum && out->of && out->factor && out->object;
     for (uint32_t i = 0; i < n && good; i++) {
-        point_factor(f, i, scale[i]);
+        prt_map_point_factor(f, i, scale[i]);
     }
     // steps as fine as leave no more media than there is room for
     for (float per_octave = 8; good; per_octave *= 0.5f) {
@@ -353,11 +354,11 @@ int map_media(const struct frame *f, struct media *out)
     free(scale);
     free(sum);
     if (good) return PRT_OK;
-    media_finish(out);
+    prt_media_finish(out);
     return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for maps");
 }
 
-void media_finish(struct media *m)
+void prt_media_finish(struct media *m)
 {
     free(m->of);
     free(m->factor);

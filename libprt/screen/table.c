@@ -19,8 +19,8 @@ static float of_bits(uint32_t b)
     return x;
 }
 
-void radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg, double scale_mm,
-                      double r_max_mm)
+void prt_radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg,
+                          double scale_mm, double r_max_mm)
 {
     // r0² is the power of two under the profile's own scale: R_d is smooth in q there
     int e0 = (int)floor(log2(scale_mm * scale_mm));
@@ -54,7 +54,7 @@ void radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg, do
     }
 }
 
-void radial_table_eval(const struct radial_table *t, float r_sq, float out[3])
+void prt_radial_table_eval(const struct radial_table *t, float r_sq, float out[3])
 {
     float q = min_f(r_sq + t->r0_sq, t->q_max);
     uint32_t k = bits_of(q) >> t->shift & 31;
@@ -62,7 +62,7 @@ void radial_table_eval(const struct radial_table *t, float r_sq, float out[3])
         out[c] = t->coef[c][0][k] + q * (t->coef[c][1][k] + q * t->coef[c][2][k]);
 }
 
-void dipole_profile(const void *dipole3, double r_mm, double out[3])
+void prt_dipole_profile(const void *dipole3, double r_mm, double out[3])
 {
     const struct prt_diffusion *d = dipole3;
     for (int c = 0; c < 3; c++) out[c] = prt_diffusion_rd(&d[c], r_mm);
@@ -113,7 +113,7 @@ static void split_profile(const void *arg, double r_mm, double out[3])
             if (!s->local) w = 1 - w;
         }
         double rd[3];
-        dipole_profile(s->dipole, r, rd);
+        prt_dipole_profile(s->dipole, r, rd);
         for (int c = 0; c < 3; c++) out[c] += w * rd[c] / n;
     }
 }
@@ -123,15 +123,15 @@ static double finest_scale(const struct prt_diffusion *d)
     return fmin(d[0].z_r, fmin(d[1].z_r, d[2].z_r));
 }
 
-void split_table(const struct frame *f, uint32_t object, double r_p, double own_mm, bool local,
-                 double disc_mm, float r_max, struct radial_table *out)
+void prt_split_table(const struct frame *f, uint32_t object, double r_p, double own_mm,
+                     bool local, double disc_mm, float r_max, struct radial_table *out)
 {
     struct split split = {f->dipole[object], r_p, local, own_mm, disc_mm};
-    radial_table_fit(out, split_profile, &split, fmax(finest_scale(f->dipole[object]), disc_mm),
-                     (double)r_max);
+    prt_radial_table_fit(out, split_profile, &split,
+                         fmax(finest_scale(f->dipole[object]), disc_mm), (double)r_max);
 }
 
-void own_share(const struct frame *f, uint32_t object, double own_mm, double share[3])
+void prt_near_share(const struct frame *f, uint32_t object, double own_mm, double share[3])
 {
     enum { STEPS = 256 };
     struct split split = {f->dipole[object], -1, true, own_mm, 0};

@@ -122,9 +122,9 @@ static void finish(struct tangent_job *job)
     free(job->inv_rho);
 }
 
-void tangent_view_finish(struct tangent_view *v)
+void prt_tangent_view_finish(struct tangent_view *v)
 {
-    samples_finish(&v->seen);
+    prt_samples_finish(&v->seen);
     free(v->point_of);
     free(v->variant);
     free(v->needed);
@@ -160,7 +160,7 @@ static int make_radii(void *arg, size_t begin, size_t end, unsigned worker)
             struct pattern *p = &job->pattern[(k * 7 + frame * 5) % VARIANTS];
             float at[3], density = 0;
             r = prt_screen_tangent_radius(job->dipole[o], (k + 0.5) / n, r);
-            radial_table_eval(&job->table[o], (float)(r * r), at);
+            prt_radial_table_eval(&job->table[o], (float)(r * r), at);
             for (int c = 0; c < 3; c++) density += job->inv_rho[o][c] * at[c];
             p->radius[o][k / VARIANTS] = (float)r;
             p->density[o][k / VARIANTS] = density;
@@ -278,7 +278,7 @@ static bool map_pixels(const struct frame *f, struct tangent_view *v)
         if (*at == UINT32_MAX || f->g.weight[i] > f->g.weight[*at]) *at = i;
     }
     // a pixel's other points take its light where they lie on the same patch
-    float pixel = view_pixel_mm(f->vis);
+    float pixel = prt_view_pixel_mm(f->vis);
     for (uint32_t i = 0; i < f->g.n_point; i++) {
         uint32_t own = v->point_of[f->g.pixel[i]];
         v->needed[i] =
@@ -356,13 +356,13 @@ static int sample_and_filter(struct frame *f, struct tangent_job *job,
     memcpy(own, f->radiance, f->g.n_point * sizeof *own);
     if (job->rho) per_reflectance(f, job, seen, true, own);
     job->radiance = own;
-    int status = screen_loop(f->ctx, f->g.n_point, 256, run_points, job);
+    int status = prt_screen_loop(f->ctx, f->g.n_point, 256, run_points, job);
     if (job->rho) per_reflectance(f, job, seen, false, own);
-    float scale = smallest_mean_free_path(f);
+    float scale = prt_frame_mean_free_path(f);
     uint64_t n = (uint64_t)(job->n_tangent + job->n_uniform) * (f->options->frame + 1);
     int half = n < 256 ? 2 : n < 1024 ? 1 : 0;
     // the pattern repeats after four pixels, however short light's way is
-    float least = max_f(scale, 3 * view_pixel_mm(f->vis));
+    float least = max_f(scale, 3 * prt_view_pixel_mm(f->vis));
     struct filter_job filter = {f, job, seen, (const float(*)[3])own, least * least, half};
     if (!status)
         status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 1024, filter_points, &filter);
@@ -431,25 +431,25 @@ static int keep_hidden(const struct frame *f, const struct tangent_job *job,
 static int hidden_part(struct frame *f, const struct tangent_job *job,
                        const struct samples *seen)
 {
-    float lu = smallest_mean_free_path(f), far = 4 * f->screen->diameter_mm;
-    if (!only_light_views(f)) {
+    float lu = prt_frame_mean_free_path(f), far = 4 * f->screen->diameter_mm;
+    if (!prt_frame_light_views_only(f)) {
         double texels = f->screen->area_mm2 / (0.5 * (double)lu * lu);
-        int status = frame_atlas(f, texels < 8192    ? 8192
-                                    : texels > 65536 ? 65536
-                                                     : (uint32_t)texels);
+        int status = prt_frame_atlas(f, texels < 8192    ? 8192
+                                        : texels > 65536 ? 65536
+                                                         : (uint32_t)texels);
         if (status) return status;
         status = keep_hidden(f, job, seen, &f->screen->atlas);
-        return status ? status : scatter_discs(f, &f->screen->atlas, -1, 0.8f, far);
+        return status ? status : prt_scatter_discs(f, &f->screen->atlas, -1, 0.8f, far);
     }
     float spacing = max_f(lu, f->screen->diameter_mm / 300);
-    struct grid grid = frame_grid(f, spacing);
+    struct grid grid = prt_frame_grid(f, spacing);
     for (uint32_t l = 0; l < f->n_light; l++) {
         struct samples s;
-        int status = frame_light_view(f, l, &grid, &s);
+        int status = prt_frame_light_view(f, l, &grid, &s);
         if (status) return status;
         status = keep_hidden(f, job, seen, &s);
-        if (!status) status = scatter_discs(f, &s, -1, 0.8f, far);
-        samples_finish(&s);
+        if (!status) status = prt_scatter_discs(f, &s, -1, 0.8f, far);
+        prt_samples_finish(&s);
         if (status) return status;
     }
     return PRT_OK;
@@ -516,13 +516,13 @@ static int tangent_view_get(struct frame *f, const struct tangent_job *job)
 {
     struct tangent_view *v = &f->screen->tangent;
     if (v->key == f->view_key && v->area_cdf) return PRT_OK;
-    tangent_view_finish(v);
-    bool good = seen_samples(f, f->g.n_point, NULL, &v->seen) && map_pixels(f, v);
+    prt_tangent_view_finish(v);
+    bool good = prt_visible_samples(f, f->g.n_point, NULL, &v->seen) && map_pixels(f, v);
     good = good && (v->readable = malloc((size_t)f->g.n_point + 1));
     for (uint32_t i = 0; good && i < f->g.n_point; i++) v->readable[i] = readable(f, job, v, i);
     good = good && (v->area_cdf = visible_areas(f, job, v));
     if (!good) {
-        tangent_view_finish(v);
+        prt_tangent_view_finish(v);
         return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for a view");
     }
     v->key = f->view_key;
@@ -543,7 +543,7 @@ static int make_mix(struct frame *f, struct mix *mix, struct tangent_job *job)
     job->dipole = f->dipole;
     job->table = f->table;
     if (maps_tint(f->options)) {
-        int status = map_media(f, &mix->media);
+        int status = prt_map_media(f, &mix->media);
         if (status) return status;
         uint32_t n = mix->media.n ? mix->media.n : 1;
         mix->dipole = calloc(n, sizeof *mix->dipole);
@@ -555,11 +555,11 @@ static int make_mix(struct frame *f, struct mix *mix, struct tangent_job *job)
             const float *factor = mix->media.factor[k];
             double scale = INFINITY;
             for (int c = 0; c < 3; c++) {
-                mapped_dipole(&base[c], factor, c, &mix->dipole[k][c]);
+                prt_map_medium(&base[c], factor, c, &mix->dipole[k][c]);
                 scale = fmin(scale, mix->dipole[k][c].z_r);
             }
-            radial_table_fit(&mix->table[k], dipole_profile, mix->dipole[k], scale,
-                             (double)f->screen->diameter_mm);
+            prt_radial_table_fit(&mix->table[k], prt_dipole_profile, mix->dipole[k], scale,
+                                 (double)f->screen->diameter_mm);
         }
         job->medium = mix->media.of;
         job->rho = (const float(*)[3])mix->media.rho;
@@ -578,7 +578,7 @@ static int make_mix(struct frame *f, struct mix *mix, struct tangent_job *job)
 
 static void mix_finish(struct mix *mix)
 {
-    media_finish(&mix->media);
+    prt_media_finish(&mix->media);
     free(mix->dipole);
     prt_free(mix->table);
 }
@@ -605,10 +605,10 @@ static int pick_kernel(const struct frame *f, struct tangent_job *job)
     return PRT_OK;
 }
 
-int engine_tangent(struct frame *f)
+int prt_engine_tangent(struct frame *f)
 {
     struct tangent_job job = {.width = f->width, .height = f->height, .radiance = f->radiance};
-    uint32_t n = f->report->n_asked = frame_samples(f, 64, 4096);
+    uint32_t n = f->report->n_asked = prt_frame_samples(f, 64, 4096);
     job.n_uniform = n / 4;
     job.n_tangent = n - job.n_uniform;
     prt_visibility_frame(f->vis, job.eye, job.forward, job.right, job.up);
@@ -622,7 +622,7 @@ int engine_tangent(struct frame *f)
     job.needed = view->needed;
     job.point_of = view->point_of;
     for (int k = 0; k < 3; k++) job.face[k] = seen->face[k];
-    status = frame_irradiance(f, seen);
+    status = prt_frame_irradiance(f, seen);
     t1 = prt_time_s();
     struct seen *record = status ? NULL : prt_alloc((size_t)f->g.n_point + 1, sizeof *record);
     if (!status && !record) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
@@ -636,9 +636,9 @@ int engine_tangent(struct frame *f)
         status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 2048, pack_points, &pack);
         if (!status && !make_patterns(&job, f, view->area_cdf))
             status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for samples");
-        if (!status) status = receive_begin(f, (double)smallest_mean_free_path(f));
+        if (!status) status = prt_receivers_begin(f, (double)prt_frame_mean_free_path(f));
         if (!status) status = hidden_part(f, &job, seen);
-        if (!status) status = receive_end(f);
+        if (!status) status = prt_receivers_resolve(f);
         struct tangent_job projected = job;
         if (!status) status = pick_kernel(f, &projected);
         if (!status) status = sample_and_filter(f, &projected, seen);

@@ -227,7 +227,7 @@ static bool emit_cells(const struct cells *c, uint32_t object, struct drawn *out
 {
     struct cell_key *key = malloc(((size_t)c->n + 1) * sizeof *key);
     struct emitters *list = &out->list[object];
-    if (!key || !emitters_reserve(list, c->n + 16)) {
+    if (!key || !prt_emitters_reserve(list, c->n + 16)) {
         free(key);
         return false;
     }
@@ -292,7 +292,7 @@ static int draw_object(struct frame *f, const float *mip, uint32_t n_mip, struct
     memset(c->owner, 0xff, n_texel * sizeof *c->owner);
     for (int turn = 0; turn < CELL_TURNS; turn++) {
         if (!make_buckets(c, edge)) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-        int status = screen_loop(f->ctx, n_texel, 512, own_texels, c);
+        int status = prt_screen_loop(f->ctx, n_texel, 512, own_texels, c);
         if (status) return status;
         weigh_cells(c);
     }
@@ -345,8 +345,8 @@ static struct radial_table *disc_tables(const struct frame *f, const struct draw
     struct radial_table *table = prt_calloc((size_t)n * CLASSES, sizeof *table);
     for (uint32_t o = 0; table && o < f->n_object; o++)
         for (uint32_t k = 0; k < CLASSES && drawn->list[o].n; k++)
-            split_table(f, o, r_p, own_mm[o], false, drawn->disc_mm[o][k],
-                        f->screen->diameter_mm, &table[o * CLASSES + k]);
+            prt_split_table(f, o, r_p, own_mm[o], false, drawn->disc_mm[o][k],
+                            f->screen->diameter_mm, &table[o * CLASSES + k]);
     return table;
 }
 
@@ -354,20 +354,21 @@ static struct radial_table *disc_tables(const struct frame *f, const struct draw
 static int local_scatter(struct frame *f, double r_p, float spacing)
 {
     float reach = (float)(r_p + 5 / SPLIT_K);
-    if (only_light_views(f) && f->options->rings && !maps_turn(f->options))
-        return scatter_pattern(f, r_p, spacing, reach);
-    if (only_light_views(f)) return scatter_light_views(f, r_p, spacing, 0.7f, reach);
-    return scatter_discs(f, &f->screen->atlas, r_p, 0.7f, reach);
+    if (prt_frame_light_views_only(f) && f->options->rings && !maps_turn(f->options))
+        return prt_scatter_pattern(f, r_p, spacing, reach);
+    if (prt_frame_light_views_only(f))
+        return prt_scatter_light_views(f, r_p, spacing, 0.7f, reach);
+    return prt_scatter_discs(f, &f->screen->atlas, r_p, 0.7f, reach);
 }
 
-int engine_texture(struct frame *f, bool hybrid)
+int prt_engine_texture(struct frame *f, bool hybrid)
 {
     struct prt_screen *screen = f->screen;
-    uint32_t n = f->report->n_asked = frame_samples(f, hybrid ? 900 : 2500, 16384);
+    uint32_t n = f->report->n_asked = prt_frame_samples(f, hybrid ? 900 : 2500, 16384);
     // a running mean ends where its frames' discs do not show
     if (f->options->frame && !(f->options->budget_ms > 0))
         n = (uint32_t)fmin(fmax(n, 16384), n * fmin(1 + f->options->frame / 8.0, 4));
-    double texels = 16384, spacing = smallest_mean_free_path(f), r_p = -1;
+    double texels = 16384, spacing = prt_frame_mean_free_path(f), r_p = -1;
     if (hybrid) {
         double bound = f->options->bound > 0 ? f->options->bound : 0.1;
         for (uint32_t o = 0; o < f->n_object; o++)
@@ -375,12 +376,13 @@ int engine_texture(struct frame *f, bool hybrid)
         // the near part wants points under a mean free path apart
         spacing = fmax(0.8 * spacing, (double)screen->diameter_mm / 300);
         spacing *= fmin(fmax(pow(900.0 / n, 0.25), 0.35), 1.2);
-        if (!only_light_views(f)) texels = screen->area_mm2 / (0.4 * spacing * spacing);
+        if (!prt_frame_light_views_only(f))
+            texels = screen->area_mm2 / (0.4 * spacing * spacing);
     }
     if (texels < 16.0 * n) texels = 16.0 * n;
     uint32_t size = texels < 16384 ? 16384 : texels > 262144 ? 262144 : (uint32_t)texels;
     double t0 = prt_time_s();
-    int status = frame_atlas(f, size);
+    int status = prt_frame_atlas(f, size);
     f->report->irradiance_s = prt_time_s() - t0;
     t0 = prt_time_s();
     uint32_t n_object = f->n_object ? f->n_object : 1;
@@ -401,25 +403,27 @@ int engine_texture(struct frame *f, bool hybrid)
     if (!status && !(table = disc_tables(f, &drawn, r_p, own_mm)))
         status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     // discs, and the near part taken out, leave nothing finer than themselves
-    double own = (double)smallest_mean_free_path(f);
-    if (!status) status = receive_begin(f, fmax(own, isfinite(smooth) ? smooth : own));
+    double own = (double)prt_frame_mean_free_path(f);
+    if (!status) status = prt_receivers_begin(f, fmax(own, isfinite(smooth) ? smooth : own));
     if (!status)
-        status = scatter_all(f, table, drawn.list, (const uint32_t(*)[CLASSES])drawn.class_end);
-    if (!status) status = receive_end(f);
-    if (!status && !hybrid) status = own_light(f, own_mm);
+        status =
+            prt_scatter_all(f, table, drawn.list, (const uint32_t(*)[CLASSES])drawn.class_end);
+    if (!status) status = prt_receivers_resolve(f);
+    if (!status && !hybrid) status = prt_near_field_add(f, own_mm);
     f->report->scatter_s = prt_time_s() - t0;
     if (!status && hybrid) {
         t0 = prt_time_s();
         double other = f->report->irradiance_s + f->report->scatter_s;
-        status = receive_begin(f, own);
+        status = prt_receivers_begin(f, own);
         if (!status) status = local_scatter(f, r_p, (float)spacing);
-        if (!status) status = receive_end(f);
+        if (!status) status = prt_receivers_resolve(f);
         double part = f->report->irradiance_s + f->report->scatter_s - other;
         f->report->scatter_s += prt_time_s() - t0 - part;
         f->report->r_p_mm = (float)r_p;
     }
     prt_free(table);
-    for (uint32_t o = 0; drawn.list && o < f->n_object; o++) emitters_finish(&drawn.list[o]);
+    for (uint32_t o = 0; drawn.list && o < f->n_object; o++)
+        prt_emitters_finish(&drawn.list[o]);
     free(own_mm);
     free(drawn.list);
     free(drawn.class_end);

@@ -96,8 +96,8 @@ static void join(const struct tree_node *child, uint32_t at, struct tree_node *u
     if (mean[3] > 0) close_lane(up, k, mean);
 }
 
-int tree_build(const struct prt_context *ctx, const struct samples *s, uint32_t n_object,
-               struct tree *out)
+int prt_tree_build(const struct prt_context *ctx, const struct samples *s, uint32_t n_object,
+                   struct tree *out)
 {
     memset(out, 0, sizeof *out);
     size_t most = (size_t)s->n / LEAF / FAN * 3 / 2 + (size_t)n_object * 20 + 16;
@@ -112,7 +112,7 @@ int tree_build(const struct prt_context *ctx, const struct samples *s, uint32_t 
         out->p[c] = s->p[c];
     }
     if (!good) {
-        tree_finish(out);
+        prt_tree_finish(out);
         return PRT_NOMEM;
     }
     // a leaf is copied whole: what lies past the last sample is dark
@@ -128,7 +128,7 @@ int tree_build(const struct prt_context *ctx, const struct samples *s, uint32_t 
         struct leaf_job job = {s, out, first, last, level};
         int status = prt_parallel_for(ctx, NULL, (size_t)n * FAN, 1024, make_leaves, &job);
         if (status) {
-            tree_finish(out);
+            prt_tree_finish(out);
             return status;
         }
         out->n_node += n;
@@ -153,7 +153,7 @@ int tree_build(const struct prt_context *ctx, const struct samples *s, uint32_t 
     return PRT_OK;
 }
 
-void tree_finish(struct tree *tree)
+void prt_tree_finish(struct tree *tree)
 {
     prt_free(tree->node);
     prt_free(tree->root);
@@ -174,8 +174,8 @@ static void push_leaf(const struct tree *tree, uint32_t first, uint32_t end,
     out->n += end - first < LEAF ? end - first : LEAF;
 }
 
-bool tree_gather(const struct tree *tree, uint32_t object, const float lo[3], const float hi[3],
-                 float opening, float r_max, struct emitters *out)
+bool prt_tree_gather(const struct tree *tree, uint32_t object, const float lo[3],
+                     const float hi[3], float opening, float r_max, struct emitters *out)
 {
     uint32_t stack[256], top = 0;
     if (object >= tree->n_object || tree->root[object] == UINT32_MAX) return true;
@@ -193,7 +193,7 @@ bool tree_gather(const struct tree *tree, uint32_t object, const float lo[3], co
             gap[k] = g0 * g0 + g1 * g1 + g2 * g2;
             far[k] = open_sq * gap[k] - node->size_sq[k];
         }
-        if (!emitters_reserve(out, out->n + FAN * LEAF + 16)) return false;
+        if (!prt_emitters_reserve(out, out->n + FAN * LEAF + 16)) return false;
         bool leaf = at < leaf_end;
         for (int k = 0; k < FAN; k++) {
             // dark lanes have empty boxes, infinitely far

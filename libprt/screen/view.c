@@ -10,7 +10,7 @@
 
 enum { BLOCK = 8 }; // cells to a block's side; a block's receivers share tiles
 
-void view_finish(struct view_cache *v)
+void prt_view_finish(struct view_cache *v)
 {
     for (int k = 0; k < 3; k++) prt_free(v->p[k]);
     free(v->begin);
@@ -21,7 +21,7 @@ void view_finish(struct view_cache *v)
     memset(v, 0, sizeof *v);
 }
 
-uint64_t view_key(const struct frame *f)
+uint64_t prt_view_key(const struct frame *f)
 {
     uint64_t key = f->width * 0x9e3779b97f4a7c15ULL + f->height;
     for (int k = 0; k < 3; k++)
@@ -53,7 +53,7 @@ static float pixel_mm(const struct footprint *p, const struct prt_gbuffer *g, ui
     return fabsf(z) * p->tan_pixel;
 }
 
-float view_pixel_mm(const struct prt_visibility *vis)
+float prt_view_pixel_mm(const struct prt_visibility *vis)
 {
     struct footprint p = footprint_of(vis);
     struct prt_gbuffer g;
@@ -64,7 +64,7 @@ float view_pixel_mm(const struct prt_visibility *vis)
     return n ? (float)(sum / n) : 0;
 }
 
-uint32_t receiver_size(double pixel_mm, double scale_mm)
+uint32_t prt_receiver_size(double pixel_mm, double scale_mm)
 {
     uint32_t size = 1;
     while (size < 4 && 2 * size * pixel_mm <= RECEIVER_SHARE * scale_mm) size *= 2;
@@ -283,7 +283,7 @@ static int build(struct frame *f, uint32_t size, struct view_cache *v)
     return status;
 }
 
-int view_get(struct frame *f, uint32_t size, const struct view_cache **out)
+int prt_view_get(struct frame *f, uint32_t size, const struct view_cache **out)
 {
     struct prt_screen *s = f->screen;
     uint64_t key = f->view_key + size;
@@ -296,10 +296,10 @@ int view_get(struct frame *f, uint32_t size, const struct view_cache **out)
     struct view_cache *v = &s->view[0];
     for (int k = 1; k < VIEWS; k++)
         if (s->view[k].used < v->used) v = &s->view[k];
-    view_finish(v);
+    prt_view_finish(v);
     int status = build(f, size, v);
     if (status) {
-        view_finish(v);
+        prt_view_finish(v);
         return status;
     }
     v->key = key;
@@ -334,13 +334,13 @@ static int resolve_points(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int receive_begin(struct frame *f, double scale_mm)
+int prt_receivers_begin(struct frame *f, double scale_mm)
 {
     // light changes over scale_mm: receivers lie a share of that apart
-    uint32_t size = receiver_size((double)view_pixel_mm(f->vis), scale_mm);
+    uint32_t size = prt_receiver_size((double)prt_view_pixel_mm(f->vis), scale_mm);
     uint32_t finer = f->options->refine / 2 + f->options->frame / 4;
     while (finer-- && size > 1) size /= 2;
-    int status = view_get(f, size, &f->view);
+    int status = prt_view_get(f, size, &f->view);
     if (status) return status;
     f->report->receivers = f->view->n_receiver;
     for (int k = 0; k < 3; k++) {
@@ -350,15 +350,15 @@ int receive_begin(struct frame *f, double scale_mm)
     return PRT_OK;
 }
 
-int receive_end(struct frame *f)
+int prt_receivers_resolve(struct frame *f)
 {
     struct resolve_job job = {f, f->view};
     int status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 2048, resolve_points, &job);
-    receive_finish(f);
+    prt_receivers_finish(f);
     return status;
 }
 
-void receive_finish(struct frame *f)
+void prt_receivers_finish(struct frame *f)
 {
     for (int k = 0; k < 3; k++) {
         prt_free(f->sum[k]);

@@ -242,7 +242,7 @@ static void irradiance_closed_forms(void **state)
     struct prt_scene *scene;
     assert_int_equal(prt_scene_create(&quiet, &model.mesh, &scene), PRT_OK);
     struct samples s;
-    assert_int_equal(samples_atlas(&quiet, &model.mesh, 2000, &s), PRT_OK);
+    assert_int_equal(prt_samples_atlas(&quiet, &model.mesh, 2000, &s), PRT_OK);
     double area = 0;
     for (uint32_t i = 0; i < s.n; i++) area += s.area[i];
     assert_true(fabs(area / (400 * M_PI) - 1) < 0.01);
@@ -252,10 +252,10 @@ static void irradiance_closed_forms(void **state)
     for (int k = 0; k < 2; k++) {
         for (int harmonic = 0; harmonic < 2; harmonic++) {
             uint64_t rays = 0;
-            if (harmonic) irradiance_harmonics(&cube, &eta[k], &s);
+            if (harmonic) prt_irradiance_harmonics(&cube, &eta[k], &s);
             else
-                assert_int_equal(irradiance_traced(&quiet, scene, n, light, &eta[k], &s, &rays),
-                                 PRT_OK);
+                assert_int_equal(
+                    prt_irradiance_traced(&quiet, scene, n, light, &eta[k], &s, &rays), PRT_OK);
             double mean = 0;
             for (uint32_t i = 0; i < s.n; i++) mean += s.e[0][i] / s.n;
             assert_true(fabs(mean / want[k] - 1) < (harmonic ? 2e-3 : 0.01));
@@ -266,14 +266,14 @@ static void irradiance_closed_forms(void **state)
     struct samples peel;
     uint32_t *block = prt_mesh_triangle_blocks(&model.mesh);
     assert_int_equal(
-        samples_peel(&quiet, scene, &(struct grid){block, 0.5f, {0, 0}, 0}, &peel, &rays),
+        prt_samples_peel(&quiet, scene, &(struct grid){block, 0.5f, {0, 0}, 0}, &peel, &rays),
         PRT_OK);
     area = 0;
     for (uint32_t i = 0; i < peel.n; i++) area += peel.area[i];
     assert_true(fabs(area / (400 * M_PI) - 1) < 0.02);
-    samples_finish(&peel);
+    prt_samples_finish(&peel);
     prt_free(block);
-    samples_finish(&s);
+    prt_samples_finish(&s);
     prt_scene_destroy(scene);
     model_finish(&model);
     free(cube.texel);

@@ -8,20 +8,20 @@ static void pair_kernels_agree(void **state)
     struct prt_diffusion d[3];
     for (int c = 0; c < 3; c++) prt_diffusion_init(&d[c], 1 + c, 0.01, 1.3);
     struct radial_table t;
-    radial_table_fit(&t, dipole_profile, d, d[2].z_r, 60);
+    prt_radial_table_fit(&t, prt_dipole_profile, d, d[2].z_r, 60);
     struct prt_rng rng;
     prt_rng_init(&rng, 2, 0);
     // the table: R_d where it matters
     for (int i = 0; i < 1000; i++) {
         double r = 0.01 * pow(2000, i / 1000.0), exact[3];
         float got[3];
-        dipole_profile(d, r, exact);
-        radial_table_eval(&t, (float)(r * r), got);
+        prt_dipole_profile(d, r, exact);
+        prt_radial_table_eval(&t, (float)(r * r), got);
         for (int c = 0; c < 3; c++)
             assert_true(fabs(got[c] - exact[c]) < 0.02 * exact[c] + 1e-6 * d[c].rho_d);
     }
     struct emitters e = {0};
-    assert_true(emitters_reserve(&e, 3000));
+    assert_true(prt_emitters_reserve(&e, 3000));
     for (int i = 0; i < 2777; i++) {
         float p[3], w[3];
         for (int k = 0; k < 3; k++) {
@@ -42,7 +42,7 @@ static void pair_kernels_agree(void **state)
     for (int k = 0; k < 3; k++) {
         unsigned mask;
         assert_int_equal(prt_cpu_parse(word[k], &mask), PRT_OK);
-        pair_fn run = pair_kernel(mask & prt_cpu_detect());
+        pair_fn run = prt_pair_kernel(mask & prt_cpu_detect());
         memset(block.sum, 0, sizeof block.sum);
         run(&t, &e, 3, 2771, 48, p, sum);
         if (!k) memcpy(first, block.sum, sizeof first);
@@ -56,7 +56,7 @@ static void pair_kernels_agree(void **state)
         print_message("pairs, %s: %.2f G/s\n", word[k],
                       20 * 2777 * 64 / (prt_time_s() - t0) / 1e9);
     }
-    emitters_finish(&e);
+    prt_emitters_finish(&e);
 }
 
 // Receivers share light among pixels of one patch only: a picture with a few looks like one
@@ -82,8 +82,8 @@ static void receivers_stand_for_their_patch(void **state)
     uint32_t before = UINT32_MAX;
     for (uint32_t size = 1; size <= 4; size *= 2) {
         const struct view_cache *v, *again;
-        assert_int_equal(view_get(&f, size, &v), PRT_OK);
-        assert_int_equal(view_get(&f, size, &again), PRT_OK);
+        assert_int_equal(prt_view_get(&f, size, &v), PRT_OK);
+        assert_int_equal(prt_view_get(&f, size, &again), PRT_OK);
         assert_true(v == again && v->n_receiver < before && v->n_receiver <= s.g.n_point);
         before = v->n_receiver;
         uint32_t *object = malloc((v->n_column + 1) * sizeof *object);
