@@ -58,6 +58,11 @@ struct key {
     uint32_t index;
 };
 struct key *prt_sort_keys(struct key *key, struct key *other, size_t n);
+/* The cell of p on a Morton curve of 1024^3 cells over a cube that starts at lo; inv_edge:
+ * prt_inverse_edge of its box. */
+uint64_t prt_morton_code(const float lo[3], float inv_edge, const float p[3]);
+/* One over the longest edge of a box [mm^-1]. */
+float prt_inverse_edge(float box[2][3]);
 double prt_sample_place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv,
                         struct samples *s, uint32_t at);
 double prt_triangle_area(const struct prt_mesh *mesh, uint32_t t);

@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: MIT */
+/* What the files of tangent-plane sampling (tangent*.c, tangent_kernel.h) share. */
+#ifndef SCREEN_TANGENT_H
+#define SCREEN_TANGENT_H
+
+#include "internal.h"
+
+enum { LANES = 64, VARIANTS = 16 };
+
+/* One of the 4x4 interleaved sets of samples. */
+struct pattern {
+    float *cosine, *sine;      /* [n_tangent] */
+    float **radius, **density; /* [medium][n_tangent] mm, mm^-2 */
+    uint32_t *uniform;         /* [n_uniform] G-buffer points */
+};
+
+/* What a sample reads of the point it lands on, in a cache line. */
+struct seen {
+    float p[3];
+    uint32_t object;
+    float n[3];
+    float plane; /* (p - eye).n */
+    float e[3];
+    float depth; /* (p - eye) along the view */
+};
+
+struct tangent_job {
+    const struct seen *seen; /* [n_point] */
+    const float *face[3];
+    const uint8_t *needed, *variant, *medium; /* [n_point]; medium NULL: the object's */
+    const uint32_t *point_of;                 /* [pixel] or UINT32_MAX */
+    const struct radial_table *table;         /* [medium] */
+    struct prt_diffusion (*dipole)[3];
+    float (*inv_rho)[3];   /* [medium] 1 / (3 rho_d) */
+    const float (*rho)[3]; /* [n_point] rho_d of the point's own medium; NULL without maps */
+    uint32_t n_medium;
+    struct pattern pattern[VARIANTS];
+    uint32_t n_tangent, n_uniform, width, height;
+    float visible_area, slack, eye[3], forward[3], right[3], up[3];
+    float (*radiance)[3];
+    void (*run)(const struct tangent_job *job, size_t begin, size_t end);
+};
+
+/* tangent_view.c: the view's arrays, computed when the view is new and kept while it stays. */
+int prt_tangent_view_get(struct frame *f, const struct tangent_job *job);
+/* Two points of the view lie on one smooth patch of one object, within sqrt(reach_sq) mm. */
+bool prt_tangent_alike(const struct frame *f, const struct samples *s, uint32_t i, uint32_t j,
+                       float reach_sq);
+/* tangent_hidden.c: adds light of the surface that the picture does not hold. */
+int prt_tangent_hidden(struct frame *f, const struct tangent_job *job,
+                       const struct samples *seen);
+/* tangent_filter.c: runs the kernel at every point and filters its sums. */
+int prt_tangent_sample(struct frame *f, struct tangent_job *job, const struct samples *seen);
+
+#endif
