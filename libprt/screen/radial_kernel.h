@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* R_d over lanes; included once per instruction set with PRT_KERNEL(name) and TARGET defined,
- * and RADIAL_PERMUTE where the table is looked up in AVX-512 registers. Arrays hold LANES. */
+/* R_d over lanes; included once per instruction set (base/isa.h), with RADIAL_PERMUTE defined
+ * where the table stays in AVX-512 registers. Arrays hold LANES. */
 
 #ifdef RADIAL_PERMUTE
 static void PRT_KERNEL(radial)(const struct radial_table *t, int n, const float *r_sq,

@@ -24,6 +24,22 @@ struct seen {
     float depth; /* (p - eye) along the view */
 };
 
+/* The tangent plane at one point. */
+struct tangent_plane {
+    const struct radial_table *table; /* of its medium */
+    uint32_t object, medium;
+    float rel[3], n[3], t[3], b[3]; /* point minus eye [mm]; normal and two tangents, unit */
+    float height;                   /* rel.n [mm]: minus the eye's height above the plane */
+    float uniform;                  /* density of uniform samples [mm^-2] times their number */
+};
+
+/* Samples side by side. */
+struct tangent_lanes {
+    uint32_t index[LANES];              /* G-buffer point that the sample is seen at */
+    float x[LANES], y[LANES], z[LANES]; /* its point in the tangent plane minus the eye [mm] */
+    float f[LANES]; /* number of tangent samples times their density [mm^-2] */
+};
+
 struct tangent_job {
     const struct seen *seen; /* [n_point] */
     const float *face[3];
