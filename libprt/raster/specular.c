@@ -11,6 +11,9 @@
 
 // Levels of growing roughness: the size of the level and of the input it is filtered from.
 enum { N_LEVEL = 6, BASE = 32 };
+// The lobe is cut where it falls to one over this of its peak (METHODS §6); chosen, not
+// measured.
+#define LOBE_CUT 500.0
 static const struct {
     float roughness;
     uint32_t n, from;
@@ -202,72 +205,92 @@ static double texel_area(double x, double y)
     return atan2(x * y, sqrt(x * x + y * y + 1));
 }
 
-static int make_filter(const struct prt_context *ctx, unsigned level)
+// Solid angle of texel (x, y) of a face whose texels are k wide in [-1,1]².
+static double texel_solid_angle(double x, double y, double k)
 {
-    uint32_t n_in = level_shape[level].from, n = level_shape[level].n;
-    uint32_t in = 6 * n_in * n_in, rows = 6 * n * n;
-    double alpha = (double)level_shape[level].roughness * level_shape[level].roughness;
-    // cut where the lobe is 1/500 of its peak
-    double theta = atan(alpha * sqrt(sqrt(500) - 1));
-    struct filter_job job = {.level = level,
-                             .n_in = n_in,
-                             .alpha = alpha,
-                             .cos_cut = 2 * theta < M_PI / 2 ? cos(2 * theta) : 0};
-    job.in_direction = malloc(in * sizeof *job.in_direction);
-    job.solid_angle = malloc(in * sizeof *job.solid_angle);
-    job.index = calloc(rows, sizeof *job.index);
-    job.weight = calloc(rows, sizeof *job.weight);
-    job.count = calloc(rows, sizeof *job.count);
-    uint32_t fine = level == 1 ? 4 : 2;
-    job.n_place = fine * fine;
-    job.place = malloc((size_t)in * job.n_place * sizeof *job.place);
-    int status = PRT_NOMEM;
-    struct filter f = {calloc(rows + 1, 4), NULL, NULL};
-    if (job.in_direction && job.solid_angle && job.index && job.weight && job.count &&
-        f.begin && job.place) {
-        for (uint32_t i = 0; i < in; i++) {
-            double x = i % n_in, y = i / n_in % n_in, k = 2.0 / n_in;
-            face_direction(i / (n_in * n_in), (x + 0.5) * k - 1, (y + 0.5) * k - 1,
-                           job.in_direction[i]);
-            for (uint32_t q = 0; q < job.n_place; q++)
-                face_direction(i / (n_in * n_in), (x + (q % fine + 0.5) / fine) * k - 1,
-                               (y + (double)(q / fine + 0.5) / fine) * k - 1,
-                               job.place[(size_t)i * job.n_place + q]);
-            job.solid_angle[i] = (float)(texel_area((x + 1) * k - 1, (y + 1) * k - 1) -
-                                         texel_area(x * k - 1, (y + 1) * k - 1) -
-                                         texel_area((x + 1) * k - 1, y * k - 1) +
-                                         texel_area(x * k - 1, y * k - 1));
-        }
-        status = prt_parallel_for(ctx, NULL, rows, 16, filter_rows, &job);
+    return texel_area((x + 1) * k - 1, (y + 1) * k - 1) -
+           texel_area(x * k - 1, (y + 1) * k - 1) - texel_area((x + 1) * k - 1, y * k - 1) +
+           texel_area(x * k - 1, y * k - 1);
+}
+
+static void job_finish(struct filter_job *job, uint32_t rows)
+{
+    for (uint32_t r = 0; job->index && job->weight && r < rows; r++) {
+        free(job->index[r]);
+        free(job->weight[r]);
     }
-    if (!status) {
-        for (uint32_t r = 0; r < rows; r++) f.begin[r + 1] = f.begin[r] + job.count[r];
-        f.index = malloc(f.begin[rows] * sizeof *f.index);
-        f.weight = malloc(f.begin[rows] * sizeof *f.weight);
-        if (!f.index || !f.weight) status = PRT_NOMEM;
+    free(job->in_direction);
+    free(job->place);
+    free(job->solid_angle);
+    free(job->index);
+    free(job->weight);
+    free(job->count);
+}
+
+// Directions and solid angles of the input's texels; `fine` x `fine` directions in each.
+static bool job_init(struct filter_job *job, uint32_t rows, uint32_t fine)
+{
+    uint32_t n_in = job->n_in, in = 6 * n_in * n_in;
+    job->n_place = fine * fine;
+    job->in_direction = malloc(in * sizeof *job->in_direction);
+    job->solid_angle = malloc(in * sizeof *job->solid_angle);
+    job->place = malloc((size_t)in * job->n_place * sizeof *job->place);
+    job->index = calloc(rows, sizeof *job->index);
+    job->weight = calloc(rows, sizeof *job->weight);
+    job->count = calloc(rows, sizeof *job->count);
+    if (!job->in_direction || !job->solid_angle || !job->place || !job->index || !job->weight ||
+        !job->count)
+        return false;
+    for (uint32_t i = 0; i < in; i++) {
+        unsigned face = i / (n_in * n_in);
+        double x = i % n_in, y = i / n_in % n_in, k = 2.0 / n_in;
+        face_direction(face, (x + 0.5) * k - 1, (y + 0.5) * k - 1, job->in_direction[i]);
+        for (uint32_t q = 0; q < job->n_place; q++)
+            face_direction(face, (x + (q % fine + 0.5) / fine) * k - 1,
+                           (y + (double)(q / fine + 0.5) / fine) * k - 1,
+                           job->place[(size_t)i * job->n_place + q]);
+        job->solid_angle[i] = (float)texel_solid_angle(x, y, k);
     }
-    for (uint32_t r = 0; job.index && job.weight && r < rows; r++) {
-        if (!status && job.count[r]) {
-            memcpy(f.index + f.begin[r], job.index[r], job.count[r] * sizeof *f.index);
-            memcpy(f.weight + f.begin[r], job.weight[r], job.count[r] * sizeof *f.weight);
-        }
-        free(job.index[r]);
-        free(job.weight[r]);
-    }
-    free(job.in_direction);
-    free(job.place);
-    free(job.solid_angle);
-    free(job.index);
-    free(job.weight);
-    free(job.count);
-    if (status) {
+    return true;
+}
+
+// The job's lists as one sparse matrix.
+static bool pack_filter(const struct filter_job *job, uint32_t rows, struct filter *out)
+{
+    struct filter f = {calloc(rows + 1, sizeof *f.begin), NULL, NULL};
+    if (!f.begin) return false;
+    for (uint32_t r = 0; r < rows; r++) f.begin[r + 1] = f.begin[r] + job->count[r];
+    f.index = malloc(f.begin[rows] * sizeof *f.index);
+    f.weight = malloc(f.begin[rows] * sizeof *f.weight);
+    if (!f.index || !f.weight) {
         free(f.begin);
         free(f.index);
         free(f.weight);
-        return status;
+        return false;
     }
-    filter[level] = f;
-    return PRT_OK;
+    for (uint32_t r = 0; r < rows; r++) {
+        memcpy(f.index + f.begin[r], job->index[r], job->count[r] * sizeof *f.index);
+        memcpy(f.weight + f.begin[r], job->weight[r], job->count[r] * sizeof *f.weight);
+    }
+    *out = f;
+    return true;
+}
+
+static int make_filter(const struct prt_context *ctx, unsigned level)
+{
+    uint32_t n = level_shape[level].n, rows = 6 * n * n;
+    double alpha = (double)level_shape[level].roughness * level_shape[level].roughness;
+    double theta = atan(alpha * sqrt(sqrt(LOBE_CUT) - 1)); // half angle of the cut
+    struct filter_job job = {.level = level,
+                             .n_in = level_shape[level].from,
+                             .alpha = alpha,
+                             .cos_cut = 2 * theta < M_PI / 2 ? cos(2 * theta) : 0};
+    // the narrowest lobe is not much wider than a texel
+    int status = job_init(&job, rows, level == 1 ? 4 : 2) ? PRT_OK : PRT_NOMEM;
+    if (!status) status = prt_parallel_for(ctx, NULL, rows, 16, filter_rows, &job);
+    if (!status && !pack_filter(&job, rows, &filter[level])) status = PRT_NOMEM;
+    job_finish(&job, rows);
+    return status;
 }
 
 static int make_filters(const struct prt_context *ctx)
@@ -279,6 +302,23 @@ static int make_filters(const struct prt_context *ctx)
     if (!status) filters_made = true;
     pthread_mutex_unlock(&filter_lock);
     return status;
+}
+
+// Mean of k x k texels of one face from (x, y) on, by their weights.
+static void average_block(const float *face, const float *area, uint32_t n, uint32_t x,
+                          uint32_t y, uint32_t k, float out[4])
+{
+    float sum[3] = {0}, total = 0;
+    for (uint32_t b = y; b < y + k; b++) {
+        for (uint32_t a = x; a < x + k; a++) {
+            const float *p = face + ((size_t)b * n + a) * 4;
+            float w = area[b * n + a];
+            total += w;
+            for (int c = 0; c < 3; c++) sum[c] += w * p[c];
+        }
+    }
+    for (int c = 0; c < 3; c++) out[c] = sum[c] / total;
+    out[3] = 0;
 }
 
 // Average radiance over blocks of texels, weighted by solid angle: conserves power.
@@ -293,23 +333,10 @@ static bool reduce(const float *in, uint32_t n_in, uint32_t n, float *out)
             area[y * n_in + x] = (float)pow(1 + s * s + t * t, -1.5);
         }
     }
-    for (uint32_t face = 0; face < 6; face++) {
-        for (uint32_t y = 0; y < n; y++) {
-            for (uint32_t x = 0; x < n; x++) {
-                float sum[3] = {0}, total = 0;
-                for (uint32_t b = y * k; b < (y + 1) * k; b++) {
-                    for (uint32_t a = x * k; a < (x + 1) * k; a++) {
-                        const float *p = in + (((size_t)face * n_in + b) * n_in + a) * 4;
-                        float w = area[b * n_in + a];
-                        total += w;
-                        for (int c = 0; c < 3; c++) sum[c] += w * p[c];
-                    }
-                }
-                float *q = out + (((size_t)face * n + y) * n + x) * 4;
-                for (int c = 0; c < 3; c++) q[c] = sum[c] / total;
-                q[3] = 0;
-            }
-        }
+    for (uint32_t i = 0; i < 6 * n * n; i++) {
+        uint32_t face = i / (n * n), y = i / n % n, x = i % n;
+        average_block(in + (size_t)face * n_in * n_in * 4, area, n_in, x * k, y * k, k,
+                      out + (size_t)i * 4);
     }
     prt_free(area);
     return true;
