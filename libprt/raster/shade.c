@@ -10,7 +10,7 @@
 
 enum { LANES = 64, SMALL_BACKGROUND = 64 };
 
-// A cube as the kernel reads it; offsets in floats.
+// A cube with or without borders, as the kernel reads it; offsets in floats.
 struct cube_view {
     const float *texel;
     int n, border, texel_floats, row, face;
@@ -34,7 +34,7 @@ struct shade_job {
     size_t plane_floats;
     unsigned n_plane;
     float eye[3], eta, plain[3], sign[16];
-    float sky_cos, sky_sin; // of the background's turn about +y
+    float sky_cos, sky_sin; // of the background's rotation about +y
     bool fresnel;
     const struct cube_view *specular, *background;
     float *rgb;
@@ -77,7 +77,8 @@ static struct cube_view view_plain(const struct prt_cube *c)
     return (struct cube_view){c->texel, n, 0, 3, 3 * n, 3 * n * n, n - 1, n - 1};
 }
 
-// The signs of medium's spherical harmonics, whichever convention it follows.
+// Signs of prt_sh_eval's harmonics relative to the kernel's, found at one direction where none
+// is 0: the convention of medium/ is not repeated here.
 static void harmonic_signs(float sign[16])
 {
     static const float dir[3] = {0.48f, 0.6f, 0.64f};

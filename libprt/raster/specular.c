@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Environments pre-filtered with the GGX lobe. The filter weights depend on no light: they are
-// made once a process, so that a new light costs one sparse product.
+// Environments pre-filtered with the GGX lobe (METHODS §6). The filter's weights do not depend
+// on light: they are computed once in a process, so that a new light costs one sparse product.
 #include "internal.h"
 #include "cube.h"
 
@@ -24,7 +24,7 @@ struct prt_specular {
     struct border_cube level[N_LEVEL];
 };
 
-// Sparse rows: level texel -> input texels with weights that sum to one.
+// Sparse rows: for each texel of the level, texels of the input with weights that sum to 1.
 struct filter {
     uint32_t *begin; // [6 n n + 1]
     uint16_t *index;
@@ -133,21 +133,23 @@ bool prt_border_cube_copy(struct border_cube *out, const struct prt_cube *cube)
     return true;
 }
 
-// With view = normal = lobe axis the GGX density of reflected directions is D(h)/4.
+// One level's filter while it is computed. With view = normal = lobe axis the GGX density of
+// reflected directions is D(h)/4 (WMLT07).
 struct filter_job {
     unsigned level;
     uint32_t n_in;
-    double alpha, cos_cut; // reflected directions below cos_cut weigh nothing
+    double alpha, cos_cut; // directions at a smaller cosine to the axis weigh 0
     float (*in_direction)[3];
     float (*place)[3]; // [n_in texels][n_place] directions in each texel
     uint32_t n_place;
     float *solid_angle;
-    uint16_t **index; // a growing list for each row
+    uint16_t **index; // [rows] lists of texels and weights
     float **weight;
     uint32_t *count;
 };
 
-// Weight of input texel i about axis d: the lobe averaged over places in the texel.
+// Weight of input texel i for lobe axis d: the lobe averaged over n_place directions of the
+// texel.
 static double texel_weight(const struct filter_job *job, uint32_t i, const float d[3])
 {
     float sum = 0, a2 = (float)(job->alpha * job->alpha), cut = (float)job->cos_cut;
@@ -168,7 +170,7 @@ static int filter_rows(void *arg, size_t begin, size_t end, unsigned worker)
     uint16_t *index = malloc(n_in * sizeof *index);
     float *weight = malloc(n_in * sizeof *weight);
     int status = index && weight ? PRT_OK : PRT_NOMEM;
-    double near = job->cos_cut - 1.5 / job->n_in; // texels that reach into the cone
+    double near = job->cos_cut - 1.5 / job->n_in; // texels that overlap the cone
     for (size_t row = begin; !status && row < end; row++) {
         float d[3];
         unsigned face = (unsigned)(row / (n * n)), y = (unsigned)(row / n % n);
@@ -342,7 +344,7 @@ static bool reduce(const float *in, uint32_t n_in, uint32_t n, float *out)
     return true;
 }
 
-// Resamples a cube of any size to BASE, four floats a texel.
+// Resamples a cube of any size to BASE x BASE, four floats a texel.
 static bool to_base(const struct prt_cube *light, float *base)
 {
     uint32_t n = light->n;
@@ -371,7 +373,7 @@ struct apply_job {
 
 typedef float v4 __attribute__((vector_size(16), aligned(16)));
 
-// Rows of all levels in one list, BASE^2*6 of level 1 first.
+// Rows of all levels in one range, from level 1 on.
 static int apply_rows(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct apply_job *job = arg;
@@ -449,7 +451,7 @@ void prt_specular_destroy(struct prt_specular *s)
     prt_free(s);
 }
 
-// The two levels about a roughness and the second's share.
+// The lower of the two levels that a roughness lies between, and the share of the upper.
 static unsigned level_of(float roughness, float *share)
 {
     unsigned k = 0;
