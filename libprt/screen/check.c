@@ -1,20 +1,24 @@
 // SPDX-License-Identifier: MIT
-// How far off frames are: at a few points of the picture a frame is held against a sum over
-// many texels. What came out, as a multiple of what the plan foresaw, goes for the frames that
-// follow.
+// The error of a frame: the relative RMS difference from a sum over many texels at some 160
+// points. The ratio of this to the predicted error corrects the predictions for later frames
+// (METHODS §6).
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+// Points compared; texels of the sum, as many as keep shadow rays near CHECK_RAYS. Chosen, not
+// measured.
 enum { CHECK_POINTS = 160, CHECK_LEAST = 16384, CHECK_MOST = 65536, CHECK_RAYS = 1 << 20 };
 
-// Points of the picture, object by object; each object's are filled up to 16 by its last one.
+// Points of the picture, object by object, each object's padded to a multiple of 16 by its
+// last.
 struct spots {
     struct samples at;
-    uint32_t *point, *begin; // [at.n] of the G-buffer, UINT32_MAX: filling; [n_object+1]
-    float *sum[3];
+    uint32_t *point; // [at.n] of the G-buffer; UINT32_MAX: padding
+    uint32_t *begin; // [n_object+1]
+    float *sum[3];   // [at.n]
 };
 
 static void spots_finish(struct spots *s)
@@ -52,7 +56,8 @@ static bool spots_init(const struct frame *f, struct spots *s)
     return good || !n;
 }
 
-// Texels [first, last) of one object to its spots, as texture sampling would with all of them.
+// Adds texels [first, last) of one object to its points, as texture sampling does when it draws
+// every texel.
 static bool sum_object(const struct frame *f, const struct samples *texels, uint32_t first,
                        uint32_t last, struct spots *s)
 {
@@ -61,7 +66,8 @@ static bool sum_object(const struct frame *f, const struct samples *texels, uint
     if (!n) return true;
     struct radial_table table;
     struct emitters list = {0};
-    double share[3], area = 0; // texels are not round: half as wide again smooths their sums
+    double share[3],
+        area = 0; // a texel is no disc: one of 1.5 times its radius smooths the sum
     for (uint32_t i = first; i < last; i++) area += (double)texels->area[i];
     double disc = 1.5 * sqrt(area / (last - first) / M_PI);
     if (!prt_emitters_reserve(&list, last - first + 16)) return false;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Irradiance at samples: E = sum over lights of F_t(eta, n.w) V (n.w) L (METHODS §1).
+// Irradiance at samples: E = sum over lights of F_t(eta, n.w) V (n.w) L (METHODS §1), by shadow
+// rays, by interpolation from vertices, or by spherical harmonics without shadows.
 #include "internal.h"
 
 #include <math.h>
@@ -16,7 +17,8 @@ struct job {
     atomic_uint_fast64_t rays;
 };
 
-// F_t cos for 16 lanes, exact and unpolarised; eta 0 means a plain cosine.
+// F_t cos for 16 lanes, exact and unpolarised; eta 0: the cosine alone, for Lambertian
+// surfaces.
 static void lobe16(const float *cosine, const float *eta, float *out)
 {
     for (int i = 0; i < 16; i++) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Image files as maps: what their numbers mean, and no more of them than a picture can show.
+// Maps from image files: the meaning of their numbers, and a resolution no finer than needed.
 #include "internal.h"
 
 #include <math.h>
@@ -15,6 +15,7 @@ bool prt_screen_map_linear(const char *file)
     return false;
 }
 
+// The sRGB code that a file stored for a linear value.
 static float as_stored(float v)
 {
     return v <= 0.0031308f ? 12.92f * v : 1.055f * powf(v, 1 / 2.4f) - 0.055f;
@@ -27,7 +28,7 @@ struct shrink_job {
     bool stored;
 };
 
-// Rows of means over the texels' shares of the image.
+// Rows of the map: each texel is the mean of its share of the image.
 static int shrink(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct shrink_job *job = arg;

@@ -8,10 +8,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+// An intersection of a ray of the grid with translucent surface.
 struct hit {
     uint64_t code;
     uint32_t triangle, column;
-    float u, v, area;
+    float u, v, area; // barycentrics; mm^2 of surface that the ray stands for
 };
 struct row {
     struct hit *hit;
@@ -31,7 +32,7 @@ static bool push_hit(struct row *row, struct hit h)
     return true;
 }
 
-// A bundle of parallel rays: origin + (i u + j v) step, along d.
+// A grid of parallel rays: from origin + (i u + j v) step along d.
 struct view {
     const struct prt_scene *scene;
     const struct prt_mesh *mesh;
@@ -39,7 +40,7 @@ struct view {
     float origin[3], u[3], v[3], d[3];
     float step, length, epsilon, lo[3], inv_edge;
     uint32_t nu, nv;
-    int axis; // >= 0: peel all layers, keep what faces this axis most
+    int axis; // >= 0: peel all layers, keep surface that faces this axis most; < 0: first hits
     struct row *row;
     atomic_uint_fast64_t rays;
 };
@@ -64,7 +65,7 @@ static void face_normal(const struct prt_mesh *mesh, uint32_t t, double n[3])
     for (int k = 0; k < 3; k++) n[k] *= l;
 }
 
-// What a hit is worth as an area sample; 0: nothing.
+// Surface area that a ray stands for at its hit [mm^2]; 0: the hit is not kept.
 static float hit_area(const struct view *view, uint32_t t)
 {
     if (!prt_block_translucent(view->mesh, view->triangle_block[t])) return 0;
@@ -78,7 +79,7 @@ static float hit_area(const struct view *view, uint32_t t)
         if (!(fabs(n[a]) > fabs(n[g]) || (fabs(n[a]) == fabs(n[g]) && a < g))) return 0;
         return (float)(view->step * view->step / fabs(c));
     }
-    // seen from the light: the back of a face takes in nothing
+    // light enters the front of a face only
     if (!(c < -0.02)) return 0;
     return (float)(view->step * view->step / -c);
 }
@@ -161,7 +162,7 @@ static int place_samples(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// Rows of one or more views as samples, by object and along a Morton curve.
+// All rows of one or more grids as samples, by object and along a Morton curve.
 static int collect(const struct prt_context *ctx, const struct view *view, uint32_t n_view,
                    const struct prt_screen_light *light, const float *eta, struct samples *out)
 {
@@ -208,8 +209,8 @@ static void free_view(struct view *view)
     free(view->row);
 }
 
-// The grid starts at a multiple of its step, so that small moves of the view keep its points;
-// the fraction keeps rays off vertices that lie on round numbers.
+// The grid starts at a multiple of its step, so that small moves of the light keep its points
+// (S09: no flicker). The fraction avoids vertices at round coordinates.
 static float snap(double lo, double step, float phase)
 {
     return (float)((floor(lo / step - (double)phase) + 0.4871 + (double)phase) * step);
@@ -279,7 +280,7 @@ int prt_samples_peel(const struct prt_context *ctx, const struct prt_scene *scen
     return status;
 }
 
-// A light's view: along the light, u and v across it.
+// The grid of a distant light: d along the light, u and v across it.
 static void aim(struct view *view, const struct prt_mesh *mesh, const struct prt_scene *scene,
                 const struct prt_screen_light *light, const struct grid *grid)
 {
@@ -312,7 +313,7 @@ static void aim(struct view *view, const struct prt_mesh *mesh, const struct prt
         view->u[k] = cosine * u + sine * across[k];
         view->v[k] = cosine * across[k] - sine * u;
     }
-    // rays start before anything that could cast a shadow
+    // rays start outside all triangles, opaque ones included, since those cast shadows
     double ends[2] = {INFINITY, -INFINITY};
     for (uint32_t v = 0; v < mesh->n_vertex; v++) {
         double x = 0;
@@ -377,7 +378,7 @@ static int fill_map(void *arg, size_t begin, size_t end, unsigned worker)
             }
             q->object = (uint32_t)(h->code >> CODE_BITS);
             c = l > 0 ? c / sqrtf(l) : 0;
-            // E dA is F_t cos L dA: per area across the light the cosine to the face goes
+            // E dA = F_t cos L dA; h->area divides the cosine to the face out again
             double f = c > 0 ? prt_fresnel_transmittance((double)job->eta[q->object],
                                                          fmin((double)c, 1)) *
                                    (double)c
@@ -390,7 +391,7 @@ static int fill_map(void *arg, size_t begin, size_t end, unsigned worker)
                 a += face[k] * (double)view->u[k];
                 b += face[k] * (double)view->v[k];
             }
-            // a grazing plane is not followed for ever
+            // bounds the slope of grazing planes to 10
             along = copysign(fmax(fabs(along), 0.1), along);
             q->slope = bfloat16((float)(-a / along)) << 16 | bfloat16((float)(-b / along));
             q->e = (float)(f * area);

@@ -1,34 +1,34 @@
 // SPDX-License-Identifier: MIT
-// The exact sum the engines are measured against: every texel, the dipole itself. R_d changes
-// much over the texel nearest to a point: there it is integrated, with the point's own
-// irradiance, and texels stand for what lies further, so that the sum does not jump as points
-// pass texels.
+// The sum that the other engines are measured against: every texel, R_d itself instead of
+// tables. R_d varies much over the texel nearest to a point. The weight w = e^(-(r/near)^2)
+// takes that texel out: w R_d is integrated with the point's own irradiance, texels stand for
+// (1-w) R_d, and the sum does not jump where the nearest texel changes (METHODS §6).
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { CHUNK = 1024 };
+enum { CHUNK = 1024 }; // texels at a time: their distances and R_d stay in the L1 cache
 
 struct job {
     struct frame *f;
     const struct samples *s;
     uint32_t *object_begin; // [n_object+1] texels
     const uint32_t *point;
-    const struct samples *own; // the points, with their irradiance
+    const struct samples *own; // the points with their irradiance
     double near_mm;
     double (*share)[3]; // [n_object] of R_d exp(-(r / near_mm)^2)
     float (*out)[3];
     unsigned cpu;
 };
 
-// What a flat surface gets from its own irradiance.
+// Integral of w R_d over a plane: the response to the point's own irradiance.
 static void near_share(const struct prt_diffusion d[3], double near_mm, double share[3])
 {
     enum { STEPS = 256 };
     for (int c = 0; c < 3; c++) {
-        // r dr at equal steps of log r: the weight is gone at 4 near_mm
+        // midpoints at equal steps of log r; the weight is 1e-7 at 4 near_mm
         double top = 4 * near_mm, ratio = top / (1e-3 * fmin(near_mm, d[c].z_r));
         share[c] = 0;
         for (int k = 0; k < STEPS; k++) {
@@ -55,7 +55,7 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
         struct prt_diffusion own[3], *dipole = job->f->dipole[object];
         double scale[3] = {1, 1, 1}, share[3];
         memcpy(share, job->share[object], sizeof share);
-        if (maps) { // the medium where light leaves, as in M03
+        if (maps) { // R_d of the medium where light leaves, as in M03
             prt_map_point_factor(job->f, point, factor);
             for (int c = 0; c < 3; c++) {
                 prt_map_medium(&dipole[c], factor, c, &own[c]);
@@ -108,7 +108,7 @@ int prt_engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, dou
     uint32_t *begin = calloc((size_t)f->n_object + 2, sizeof *begin);
     float(*out)[3] = malloc(((size_t)f->g.n_point / stride + 2) * sizeof *out);
     double(*share)[3] = calloc((size_t)f->n_object + 1, sizeof *share);
-    // wide enough that what is left is smooth from texel to texel
+    // 2.5 radii of a texel's disc: (1-w) R_d is smooth from texel to texel
     double near_mm = s->n ? 2.5 * sqrt(f->screen->area_mm2 / s->n / M_PI) : 1;
     struct samples own = {0};
     struct job job = {

@@ -45,7 +45,6 @@ bool prt_block_translucent(const struct prt_mesh *mesh, uint32_t block)
     return mesh->surface[mesh->block[block].surface].translucent != 0;
 }
 
-// Position, smooth normal and face normal of a place in a triangle; its area.
 double prt_sample_place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv,
                         struct samples *s, uint32_t at)
 {
@@ -80,7 +79,7 @@ double prt_sample_place(const struct prt_mesh *mesh, uint32_t t, double bu, doub
     return fl / 2;
 }
 
-// Every third bit of ten.
+// Moves bit i of ten to bit 3i.
 static uint32_t spread3(uint32_t x)
 {
     x &= 0x3ff;
@@ -102,8 +101,7 @@ uint64_t prt_morton_code(const float lo[3], float inv_edge, const float p[3])
     return code;
 }
 
-// Stable radix sort, as many digits as the largest code has. Returns the array that holds the
-// result, one of the two.
+// Stable radix sort by as many digits as the largest code has.
 struct key *prt_sort_keys(struct key *key, struct key *other, size_t n)
 {
     uint64_t all = 0;
@@ -128,9 +126,10 @@ float prt_inverse_edge(float box[2][3])
     return 1 / edge;
 }
 
-// A place in the unit triangle from f in [0,1), along Sierpinski's curve: halving at the middle
-// of the side it runs along keeps equal steps equal areas, and the curve never jumps.
-static void walk_triangle(double f, double *bu, double *bv)
+// Barycentrics of a point at f in [0,1) along Sierpinski's curve of a triangle. Each level
+// halves the triangle at the midpoint of the curve's side, so that equal steps are equal areas
+// and the curve is continuous.
+static void sierpinski_point(double f, double *bu, double *bv)
 {
     double a[2] = {1, 0}, b[2] = {0, 1}, c[2] = {0, 0};
     for (unsigned level = 0; level < 24; level++) {
@@ -164,7 +163,7 @@ double prt_triangle_area(const struct prt_mesh *mesh, uint32_t t)
     return 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
-// Translucent triangles by object and along a Morton curve; *memory is to be freed.
+// Translucent triangles by object and along a Morton curve; the caller frees *memory.
 static struct key *order_triangles(const struct prt_mesh *mesh, uint32_t *n_out, void **memory)
 {
     struct key *key = malloc(2 * ((size_t)mesh->n_triangle + 1) * sizeof *key);
@@ -221,7 +220,7 @@ int prt_samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh
             double a = before + (i + 0.5) / share * own, bu, bv;
             while (at + 1 < last && end[at] <= a) at++;
             double low = at ? end[at - 1] : 0, size = end[at] - low;
-            walk_triangle(size > 0 ? fmin(fmax((a - low) / size, 0), 1) : 0, &bu, &bv);
+            sierpinski_point(size > 0 ? fmin(fmax((a - low) / size, 0), 1) : 0, &bu, &bv);
             prt_sample_place(mesh, key[at].index, bu, bv, out, (uint32_t)count);
             out->area[count] = (float)(own / share);
             out->object[count] = (uint32_t)object;
