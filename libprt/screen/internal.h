@@ -226,9 +226,9 @@ struct prt_screen {
     struct samples check; /* texels that frames are checked against */
     uint32_t check_size;
     struct checked {
-        double trouble;       /* error over plan_error, as last seen; 0: not yet */
-        double work, path_mm; /* samples and mean free path it was seen with */
-        uint32_t since;       /* frames */
+        double ratio;         /* error over prt_plan_error at the last check; 0: none */
+        double work, path_mm; /* samples and mean free path of that check */
+        uint32_t since;       /* frames since then */
     } checked[4][2];          /* engine, few or many lights */
     double slowness[4];       /* engine's seconds over plan_seconds, as seen; 0: not yet */
 };

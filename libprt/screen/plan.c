@@ -1,27 +1,44 @@
 // SPDX-License-Identifier: MIT
-// What a picture costs and how far off it will be: budgets turned into sample counts.
+// Cost and expected error of a picture, and from them the sample count that a budget allows
+// (METHODS §6).
 #include "internal.h"
 
 #include <math.h>
 #include <string.h>
 
+enum { N_PLANNED = PRT_SCREEN_REFERENCE }; // engines that take a budget
+
 // Seconds of two cores: fixed + points * per_point + receivers * per_receiver + samples *
-// per_sample + receivers (points for TANGENT) * samples * per_pair. Learned speeds scale all of
-// it.
+// per_sample + receivers (TANGENT: points) * samples * per_pair. Fits to the times of
+// `prt-bench screen_error` on the bunny; prt_plan_learn scales them by the speed of the
+// machine.
 struct cost {
-    double fixed, per_point, per_receiver, per_sample, per_pair;
+    double fixed, per_point, per_receiver, per_sample, per_pair; // [s]
 };
-static const struct cost cost_of[4] = {
-    [PRT_SCREEN_SPLAT] = {1e-3, 4e-8, 2.5e-7, 1.5e-7,
-                          0}, // samples: n x n; the tree makes pairs few
+static const struct cost cost_of[N_PLANNED] = {
+    // samples are n x n; the tree bounds the pairs, so that per_sample holds their cost
+    [PRT_SCREEN_SPLAT] = {1e-3, 4e-8, 2.5e-7, 1.5e-7, 0},
     [PRT_SCREEN_TANGENT] = {2e-3, 5e-8, 0, 0, 1.1e-8},
     [PRT_SCREEN_TEXTURE] = {2e-3, 2.2e-8, 0, 1e-6, 2e-10},
     [PRT_SCREEN_HYBRID] = {3e-3, 2.2e-8, 1.7e-7, 2e-6, 2e-10},
 };
-// The table's bunny is an easy body; MARGIN: better too much than too little.
-#define UNKNOWN 1.5
+#define SECONDS_PER_RAY 5e-8 // a shadow ray, two cores; the same fit
+// Receivers over points / size², and lit share of the surface, about; chosen, not measured.
+#define RECEIVER_FILL 0.85
+#define LIT_SHARE 0.35
+
+// Safety factors: costs and errors were fitted on one smooth model. Without a check of a frame
+// the error was 0.5 to 2.3 of the fit on bunny, dragon and Buddha in three media under three
+// lights, 4 under small lights: UNCHECKED is the factor assumed before the first check. With
+// checks and MARGIN it was at most 1.5 of the expected error, 0.7 in the mean.
+#define UNCHECKED 1.5
 #define MARGIN 1.25
-static const uint32_t least[4] = {32, 16, 64, 64}, most[4] = {1200, 4096, 16384, 16384};
+// Sample counts that a budget may choose; chosen, not measured.
+static const uint32_t least[N_PLANNED] = {32, 16, 64, 64};
+static const uint32_t most[N_PLANNED] = {1200, 4096, 16384, 16384};
+// Measured over planned seconds: bounds of the running value, the weight of a new frame, and
+// the most that a first frame may count, since it also builds what later frames keep.
+static const double slow_least = 0.05, slow_most = 100, new_frame = 0.3, first_frame_most = 2;
 
 static double work_of(enum prt_screen_engine e, uint32_t n)
 {
@@ -31,37 +48,42 @@ static double work_of(enum prt_screen_engine e, uint32_t n)
 static double receivers(const struct plan_view *v, double scale_mm)
 {
     uint32_t size = prt_receiver_size(v->pixel_mm, scale_mm);
-    return v->n_point * 0.85 / (size * size);
+    return v->n_point * RECEIVER_FILL / (size * size);
+}
+
+// Shadow rays to each light after the first: samples, or the points and the texels of the
+// atlas.
+static double rays_per_light(enum prt_screen_engine e, double work, const struct plan_view *v)
+{
+    if (e == PRT_SCREEN_TANGENT) return v->n_point + 4e4;
+    return e == PRT_SCREEN_SPLAT ? work : 16 * work + 16384;
 }
 
 double prt_plan_seconds(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
 {
     const struct cost *c = &cost_of[e];
     double w = work_of(e, n), lights = v->n_light > 1 ? v->n_light : 1;
-    // discs of the lit third or so of the surface
-    double disc = sqrt(0.35 * v->area_mm2 / w / M_PI), l = v->mean_free_path_mm;
+    double disc = sqrt(LIT_SHARE * v->area_mm2 / w / M_PI), l = v->mean_free_path_mm;
     double pairs = e == PRT_SCREEN_TANGENT ? v->n_point : receivers(v, fmax(l, disc));
-    // many lights: every sample traces a ray to each
-    double rays = e == PRT_SCREEN_TANGENT ? v->n_point + 4e4
-                  : e == PRT_SCREEN_SPLAT ? w
-                                          : 16 * w + 16384;
     return c->fixed + v->n_point * c->per_point + receivers(v, l) * c->per_receiver +
-           pairs * w * c->per_pair + w * c->per_sample + (lights - 1) * rays * 5e-8;
+           pairs * w * c->per_pair + w * c->per_sample +
+           (lights - 1) * rays_per_light(e, w, v) * SECONDS_PER_RAY;
 }
 
-// Fits of the convergence table (prt-bench screen_error). x: samples to a mean free path's
-// square of surface; TANGENT's samples are a pixel's own.
+// Relative RMSE against REFERENCE: fits of the table that `prt-bench --model bunny.glb
+// screen_error` prints (three media, a distant light). x: samples in a square of surface whose
+// side is a mean free path; TANGENT's samples are a pixel's.
 double prt_plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
 {
     double l = v->mean_free_path_mm > 0 ? v->mean_free_path_mm : 1e-3, w = work_of(e, n);
     double diameter_mm = v->diameter_mm;
     double x =
         w * l * l / (e == PRT_SCREEN_SPLAT ? diameter_mm * diameter_mm : v->area_mm2 + 1e-12);
-    // the table's media: 0.8 of 50 mm and shorter
+    // the longest mean free path of the table is 0.8 mm on a model of 50 mm
     double shorter = fmax(1, 0.016 * diameter_mm / l), few = pow(fmax(1, 900.0 / n), 0.25);
     switch (e) {
     case PRT_SCREEN_SPLAT:
-        // under many lights: layers from all sides in place of what one light sees
+        // many lights: layers from all sides, half of which one light does not see
         return fmin(1, (v->n_light > FEW_LIGHTS ? 2 : 1) *
                            (0.004 + 0.0105 * pow(x, -0.75) / sqrt(1 + 0.05 / x)));
     case PRT_SCREEN_TANGENT:
@@ -80,29 +102,30 @@ double prt_plan_expect(const struct prt_screen *screen, enum prt_screen_engine e
                        const struct plan_view *v)
 {
     int many = v->n_light > FEW_LIGHTS;
-    double trouble = screen->checked[e][many].trouble, sum = 0, seen = 0;
-    // what troubles one engine troubles the others
-    for (int k = 0; k < 4 && !(trouble > 0); k++) {
-        if (!(screen->checked[k][many].trouble > 0)) continue;
-        sum += log(screen->checked[k][many].trouble);
-        seen++;
+    double ratio = screen->checked[e][many].ratio, sum = 0, checked = 0;
+    // errors of the engines correlate: one without a check takes the geometric mean of the
+    // others
+    for (int k = 0; k < N_PLANNED && !(ratio > 0); k++) {
+        if (!(screen->checked[k][many].ratio > 0)) continue;
+        sum += log(screen->checked[k][many].ratio);
+        checked++;
     }
-    if (!(trouble > 0)) trouble = seen > 0 ? exp(sum / seen) : UNKNOWN;
-    return fmin(1, MARGIN * trouble * prt_plan_error(e, n, v));
+    if (!(ratio > 0)) ratio = checked > 0 ? exp(sum / checked) : UNCHECKED;
+    return fmin(1, MARGIN * ratio * prt_plan_error(e, n, v));
 }
 
 void prt_plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
                     const struct plan_view *v, double seconds)
 {
-    if ((unsigned)e >= 4 || !(seconds > 0) || !v->n_point) return;
-    double seen = seconds / prt_plan_seconds(e, n, v);
-    double *speed = &screen->slowness[e];
-    // the first frame of a view also builds what later ones keep: it weighs little
-    *speed = *speed > 0 ? 0.7 * *speed + 0.3 * seen : fmin(seen, 2);
-    *speed = fmin(fmax(*speed, 0.05), 100);
+    if ((unsigned)e >= N_PLANNED || !(seconds > 0) || !v->n_point) return;
+    double measured = seconds / prt_plan_seconds(e, n, v);
+    double *slow = &screen->slowness[e];
+    *slow = *slow > 0 ? (1 - new_frame) * *slow + new_frame * measured
+                      : fmin(measured, first_frame_most);
+    *slow = fmin(fmax(*slow, slow_least), slow_most);
 }
 
-// Translucent area and the smallest mean free path.
+// The smallest mean free path of a material; PRT_ARG where it or the model is degenerate.
 static int examine(const struct prt_context *ctx, const struct prt_screen *screen,
                    const struct prt_material *material, double *path)
 {
@@ -137,7 +160,7 @@ static int check(const struct prt_context *ctx, const struct prt_screen *screen,
     return PRT_OK;
 }
 
-// Everything that cost and error depend on but the engine and its samples.
+// All that cost and error depend on besides the engine and its samples.
 static int plan_view_of(const struct prt_context *ctx, const struct prt_screen *screen,
                         const struct prt_screen_input *input, double budget_ms,
                         const struct prt_screen_options *options, struct plan_view *out)
@@ -185,7 +208,7 @@ int prt_screen_plan(const struct prt_context *ctx, const struct prt_screen *scre
     struct plan_view view;
     int status = plan_view_of(ctx, screen, input, budget_ms, options, &view);
     if (status) return status;
-    if ((unsigned)engine >= PRT_SCREEN_REFERENCE)
+    if ((unsigned)engine >= N_PLANNED)
         return prt_fail(ctx, PRT_ARG, "screen: engine '%s' takes no budget",
                         prt_screen_engine_name(engine));
     struct prt_screen_plan plan = plan_engine(screen, engine, &view, budget_ms);
@@ -211,7 +234,7 @@ int prt_screen_choose(const struct prt_context *ctx, const struct prt_screen *sc
     struct prt_screen_plan best = {0};
     int status = plan_view_of(ctx, screen, input, budget_ms, options, &view);
     if (status) return status;
-    for (int e = 0; e < PRT_SCREEN_REFERENCE; e++) {
+    for (int e = 0; e < N_PLANNED; e++) {
         struct prt_screen_plan plan =
             plan_engine(screen, (enum prt_screen_engine)e, &view, budget_ms);
         if (!e || better_plan(&plan, &best, budget_ms)) best = plan;

@@ -33,7 +33,7 @@ static bool push_hit(struct row *row, struct hit h)
 }
 
 // A grid of parallel rays: from origin + (i u + j v) step along d.
-struct view {
+struct ray_grid {
     const struct prt_scene *scene;
     const struct prt_mesh *mesh;
     const uint32_t *triangle_block;
@@ -66,7 +66,7 @@ static void face_normal(const struct prt_mesh *mesh, uint32_t t, double n[3])
 }
 
 // Surface area that a ray stands for at its hit [mm^2]; 0: the hit is not kept.
-static float hit_area(const struct view *view, uint32_t t)
+static float hit_area(const struct ray_grid *view, uint32_t t)
 {
     if (!prt_block_translucent(view->mesh, view->triangle_block[t])) return 0;
     double n[3], c = 0;
@@ -84,7 +84,7 @@ static float hit_area(const struct view *view, uint32_t t)
     return (float)(view->step * view->step / -c);
 }
 
-static uint64_t hit_code(const struct view *view, const struct prt_packet *p, uint32_t k)
+static uint64_t hit_code(const struct ray_grid *view, const struct prt_packet *p, uint32_t k)
 {
     float at[3] = {p->ox[k] + p->t[k] * p->dx[k], p->oy[k] + p->t[k] * p->dy[k],
                    p->oz[k] + p->t[k] * p->dz[k]};
@@ -94,7 +94,7 @@ static uint64_t hit_code(const struct view *view, const struct prt_packet *p, ui
 
 static int view_rows(void *arg, size_t begin, size_t end, unsigned worker)
 {
-    struct view *view = arg;
+    struct ray_grid *view = arg;
     uint64_t rays = 0;
     prt_trace_thread_init();
     for (size_t j = begin; j < end; j++) {
@@ -163,7 +163,7 @@ static int place_samples(void *arg, size_t begin, size_t end, unsigned worker)
 }
 
 // All rows of one or more grids as samples, by object and along a Morton curve.
-static int collect(const struct prt_context *ctx, const struct view *view, uint32_t n_view,
+static int collect(const struct prt_context *ctx, const struct ray_grid *view, uint32_t n_view,
                    const struct prt_screen_light *light, const float *eta, struct samples *out)
 {
     size_t n = 0, at = 0;
@@ -194,7 +194,7 @@ static int collect(const struct prt_context *ctx, const struct view *view, uint3
     return status;
 }
 
-static int trace_view(const struct prt_context *ctx, struct view *view, uint64_t *n_ray)
+static int trace_view(const struct prt_context *ctx, struct ray_grid *view, uint64_t *n_ray)
 {
     view->row = calloc(view->nv, sizeof *view->row);
     if (!view->row) return prt_fail(ctx, PRT_NOMEM, "screen: no memory for %u rows", view->nv);
@@ -203,7 +203,7 @@ static int trace_view(const struct prt_context *ctx, struct view *view, uint64_t
     return status;
 }
 
-static void free_view(struct view *view)
+static void free_view(struct ray_grid *view)
 {
     for (uint32_t j = 0; view->row && j < view->nv; j++) free(view->row[j].hit);
     free(view->row);
@@ -233,8 +233,8 @@ static void extent(const struct prt_mesh *mesh, const float d[3], double *lo, do
     }
 }
 
-static void set_view(struct view *view, const struct prt_mesh *mesh, const struct grid *grid,
-                     const double ends[2])
+static void set_view(struct ray_grid *view, const struct prt_mesh *mesh,
+                     const struct grid *grid, const double ends[2])
 {
     float box[2][3];
     prt_mesh_bounds(mesh, box);
@@ -258,11 +258,11 @@ int prt_samples_peel(const struct prt_context *ctx, const struct prt_scene *scen
                      const struct grid *grid, struct samples *out, uint64_t *n_ray)
 {
     const struct prt_mesh *mesh = prt_scene_mesh(scene);
-    struct view view[3];
+    struct ray_grid view[3];
     memset(view, 0, sizeof view);
     int status = PRT_OK;
     for (int a = 0; a < 3 && !status; a++) {
-        struct view *v = &view[a];
+        struct ray_grid *v = &view[a];
         v->scene = scene;
         v->mesh = mesh;
         v->triangle_block = grid->triangle_block;
@@ -281,15 +281,16 @@ int prt_samples_peel(const struct prt_context *ctx, const struct prt_scene *scen
 }
 
 // The grid of a distant light: d along the light, u and v across it.
-static void aim(struct view *view, const struct prt_mesh *mesh, const struct prt_scene *scene,
-                const struct prt_screen_light *light, const struct grid *grid)
+static void aim(struct ray_grid *view, const struct prt_mesh *mesh,
+                const struct prt_scene *scene, const struct prt_screen_light *light,
+                const struct grid *grid)
 {
-    *view = (struct view){.scene = scene,
-                          .mesh = mesh,
-                          .axis = -1,
-                          .step = grid->spacing_mm,
-                          .epsilon = prt_scene_epsilon(scene),
-                          .triangle_block = grid->triangle_block};
+    *view = (struct ray_grid){.scene = scene,
+                              .mesh = mesh,
+                              .axis = -1,
+                              .step = grid->spacing_mm,
+                              .epsilon = prt_scene_epsilon(scene),
+                              .triangle_block = grid->triangle_block};
     const float *w = light->where;
     int least = fabsf(w[0]) < fabsf(w[1]) ? 0 : 1;
     if (fabsf(w[2]) < fabsf(w[least])) least = 2;
@@ -329,7 +330,7 @@ int prt_samples_light_view(const struct prt_context *ctx, const struct prt_scene
                            const float *eta, struct samples *out, uint32_t *n_grid,
                            uint64_t *n_ray)
 {
-    struct view view;
+    struct ray_grid view;
     aim(&view, prt_scene_mesh(scene), scene, light, grid);
     *n_grid = view.nu > view.nv ? view.nu : view.nv;
     int status = trace_view(ctx, &view, n_ray);
@@ -346,7 +347,7 @@ static uint32_t bfloat16(float x)
 }
 
 struct map_job {
-    struct view *view;
+    struct ray_grid *view;
     struct light_map *map;
     const struct prt_screen_light *light;
     const float *eta;
@@ -355,7 +356,7 @@ struct map_job {
 static int fill_map(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct map_job *job = arg;
-    const struct view *view = job->view;
+    const struct ray_grid *view = job->view;
     for (size_t j = begin; j < end; j++) {
         struct light_texel *row = job->map->texel + j * view->nu;
         for (uint32_t i = 0; i < view->nu; i++) row[i].object = UINT32_MAX;
@@ -404,7 +405,7 @@ int prt_light_map_make(const struct prt_context *ctx, const struct prt_scene *sc
                        const struct prt_screen_light *light, const struct grid *grid,
                        const float *eta, struct light_map *out, uint64_t *n_ray)
 {
-    struct view view;
+    struct ray_grid view;
     memset(out, 0, sizeof *out);
     aim(&view, prt_scene_mesh(scene), scene, light, grid);
     int status = trace_view(ctx, &view, n_ray);

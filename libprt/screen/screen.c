@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The public calls: a frame's lights and tables are set up, an engine runs, the result
-// composed.
+// The public calls: they set a frame's lights and tables up, run an engine and compose the
+// result.
 #include "internal.h"
 #include "prt/surface.h"
 
@@ -9,7 +9,8 @@
 #include <string.h>
 
 static const char *const engine_name[] = {"splat", "tangent", "texture", "hybrid", "reference"};
-enum { N_ENGINE = sizeof engine_name / sizeof *engine_name, MAX_LIGHTS = 4096 };
+enum { N_ENGINE = sizeof engine_name / sizeof *engine_name };
+enum { MAX_LIGHTS = 4096, DEFAULT_LIGHTS = 64 }; // chosen, not measured
 
 int prt_screen_engine_parse(const char *word, enum prt_screen_engine *out)
 {
@@ -87,7 +88,7 @@ int prt_frame_atlas(struct frame *f, uint32_t n)
     if (!s->atlas.n || s->atlas_size != n || (exact && s->atlas_uv)) {
         prt_samples_finish(&s->atlas);
         s->atlas_size = n;
-        // the reference keeps to texels of equal area
+        // the reference always has texels of equal area
         bool own_uv = s->uv_state >= 0 && !exact;
         int status = PRT_OK;
         s->atlas_uv = false;
@@ -107,9 +108,9 @@ int prt_frame_irradiance(struct frame *f, struct samples *s)
     const struct prt_screen_options *o = f->options;
     if (o->vertex_irradiance)
         return prt_irradiance_vertices(f->ctx, f->screen->mesh, o->vertex_irradiance, s);
-    struct samples lit = *s; // the columns are the same, but for normals that maps turn
+    struct samples lit = *s; // shares all columns but the normals that maps turn
     int status = maps_turn(o) ? prt_map_normals(f, &lit) : PRT_OK;
-    // harmonics know no shadows and stand for the cube alone
+    // harmonics have no shadows and represent the cube alone, without further lights
     if (!status && o->sh_irradiance && f->cube && o->engine != PRT_SCREEN_TANGENT)
         prt_irradiance_harmonics(f->cube, f->eta, &lit);
     else if (!status)
@@ -120,7 +121,7 @@ int prt_frame_irradiance(struct frame *f, struct samples *s)
     return status;
 }
 
-// Per-object dipoles and tables.
+// R_d of each object, as coefficients and as a table.
 static int make_tables(struct frame *f, const struct prt_material *material)
 {
     uint32_t n = f->n_object ? f->n_object : 1;
@@ -135,7 +136,7 @@ static int make_tables(struct frame *f, const struct prt_material *material)
         int status = prt_material_check(f->ctx, m);
         if (status) return status;
         double scale = INFINITY;
-        prt_material_dipoles(m, f->dipole[o]); // the material's own profile, where it has one
+        prt_material_dipoles(m, f->dipole[o]); // or the material's own profile
         for (int c = 0; c < 3; c++) scale = fmin(scale, f->dipole[o][c].z_r);
         f->eta[o] = m->eta;
         prt_radial_table_fit(&f->table[o], prt_dipole_profile, f->dipole[o], scale,
@@ -147,7 +148,6 @@ static int make_tables(struct frame *f, const struct prt_material *material)
 uint32_t prt_cube_lights(const struct prt_screen_input *input,
                          const struct prt_screen_options *options)
 {
-    enum { DEFAULT_LIGHTS = 64 };
     if (!input->cube) return 0;
     return options && options->n_light ? options->n_light : DEFAULT_LIGHTS;
 }
@@ -170,8 +170,11 @@ static int make_lights(struct frame *f, const struct prt_screen_input *input)
             good &= isfinite(l.where[k]) && isfinite(l.rgb[k]) && l.rgb[k] >= 0;
         }
         if (!good || (!l.point && !(length > 1e-12f)))
-            return prt_fail(f->ctx, PRT_ARG, "screen: light %u needs a finite place and colour",
-                            i);
+            return prt_fail(
+                f->ctx, PRT_ARG,
+                "screen: light %u: direction or position and colour must be finite, "
+                "the colour >= 0",
+                i);
         for (int k = 0; k < 3 && !l.point; k++) l.where[k] /= sqrtf(length);
         f->light[f->n_light++] = l;
     }
@@ -209,7 +212,7 @@ static int light_opaque(struct frame *f)
     return status;
 }
 
-// Sample counts that would only exhaust memory or patience.
+// Ranges of the options. The most samples bound memory and time; chosen, not measured.
 static int check_options(const struct prt_context *ctx, const struct prt_screen_options *o)
 {
     static const uint32_t most[N_ENGINE] = {4096, 65536, 1u << 20, 1u << 20, 1u << 24};
@@ -219,8 +222,10 @@ static int check_options(const struct prt_context *ctx, const struct prt_screen_
         return prt_fail(ctx, PRT_ARG, "screen: %u samples for %s: 2 to %u are allowed",
                         o->n_sample, engine_name[o->engine], most[o->engine]);
     if ((o->rings > 0) != (o->spokes > 0) || o->rings > 256 || o->spokes > 256)
-        return prt_fail(ctx, PRT_ARG, "screen: a pattern of %u rings of %u: 1 to 256 of both",
-                        o->rings, o->spokes);
+        return prt_fail(
+            ctx, PRT_ARG,
+            "screen: a pattern of %u rings of %u spokes: 1 to 256 of both are allowed",
+            o->rings, o->spokes);
     if (!(o->budget_ms >= 0 && o->bound >= 0 && o->epsilon >= 0 && o->epsilon < 1))
         return prt_fail(ctx, PRT_ARG,
                         "screen: budget and bound must be >= 0, epsilon in [0,1)");
@@ -271,7 +276,7 @@ static void finish_frame(struct frame *f)
     free(f->light);
 }
 
-// Everything a frame needs before an engine runs.
+// Everything that a frame needs before an engine runs.
 static int begin_frame(struct frame *f, const struct prt_screen_input *input)
 {
     prt_visibility_gbuffer(f->vis, &f->g);
@@ -310,23 +315,25 @@ uint32_t prt_frame_samples(const struct frame *f, uint32_t normal, uint32_t most
     return n;
 }
 
+// Texels of a measured error, and points compared; chosen, not measured.
 enum { MEASURE_LEAST = 65536, MEASURE_MOST = 524288, MEASURE_POINTS = 500 };
 
-// Texels so fine that R_d's peak is a sum of many.
+// Texels of 0.35 mean free paths, so that several lie under R_d's peak.
 static uint32_t measure_texels(const struct frame *f)
 {
     double l = 0.35 * (double)prt_frame_mean_free_path(f), n = f->screen->area_mm2 / (l * l);
     return n < MEASURE_LEAST ? MEASURE_LEAST : n > MEASURE_MOST ? MEASURE_MOST : (uint32_t)n;
 }
 
-// By so much that what was seen before says little.
+// A change above which earlier measurements of the error are discarded.
 static bool changed(double before, double now)
 {
     return now > 1.5 * before || before > 1.5 * now;
 }
 
-// What the daemon and the plan are told afterwards. The first frame of a kind is checked, and
-// every CHECK_EVERY-th one: bodies and lights differ more than sample counts tell.
+// Updates the speed and the expected error. The first frame of a kind (engine, few or many
+// lights, samples, mean free path) is checked, and every CHECK_EVERY-th one: errors depend on
+// the model and on light more than on sample counts.
 static int report_frame(struct frame *f, double seconds)
 {
     enum { CHECK_EVERY = 16 };
@@ -337,20 +344,20 @@ static int report_frame(struct frame *f, double seconds)
     struct plan_view view = prt_frame_plan(f);
     prt_plan_learn(f->screen, e, n, &view, seconds);
     struct prt_screen *s = f->screen;
-    struct checked *seen = &s->checked[e][view.n_light > FEW_LIGHTS];
-    // the check knows one medium an object; other engines are tinted after it
+    struct checked *checked = &s->checked[e][view.n_light > FEW_LIGHTS];
+    // the check sums with one medium an object; TANGENT mixes media, others are scaled after it
     bool maps = e == PRT_SCREEN_TANGENT && maps_tint(f->options);
-    bool due = !(seen->trouble > 0) || seen->since++ >= CHECK_EVERY || changed(seen->work, n) ||
-               changed(seen->path_mm, view.mean_free_path_mm);
+    bool due = !(checked->ratio > 0) || checked->since++ >= CHECK_EVERY ||
+               changed(checked->work, n) || changed(checked->path_mm, view.mean_free_path_mm);
     if (due && !f->options->frame && !maps) {
-        double error, foreseen = prt_plan_error(e, n, &view);
+        double error, predicted = prt_plan_error(e, n, &view);
         uint64_t rays = r->n_ray;
         int status = prt_frame_check(f, &error);
-        r->n_ray = rays; // the picture's own
+        r->n_ray = rays; // rays of the check are not the picture's
         if (status) return status;
-        if (foreseen > 0 && error > 0)
-            *seen = (struct checked){fmin(fmax(error / foreseen, 0.05), 50), n,
-                                     view.mean_free_path_mm, 0};
+        if (predicted > 0 && error > 0)
+            *checked = (struct checked){fmin(fmax(error / predicted, 0.05), 50), n,
+                                        view.mean_free_path_mm, 0};
     }
     r->expected_error = prt_plan_expect(s, e, n, &view);
     return PRT_OK;

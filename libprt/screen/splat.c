@@ -1,14 +1,23 @@
 // SPDX-License-Identifier: MIT
-// S09: points on a grid that the light sees (or on peeled layers, for an environment), each
-// spread to the pixels within r_max. Far splats are joined, so that cost does not grow with n.
+// Splatting (S09): points on a grid that the light sees, or on peeled layers under an
+// environment, each spread to the pixels within r_max. Far splats are joined in a tree, which
+// bounds the cost.
 #include "internal.h"
 
 #include <math.h>
 #include <string.h>
 
-enum { GRID_MIN = 32, GRID_MAX = 300, GRID_FINE = 1200, MAX_LIGHT_VIEWS = 4 };
+// Points a side of the grid: by default at a spacing of SPACING mean free paths, and at the
+// most after refinement. Peeled layers are three grids with all their depths, hence fewer.
+// Chosen, not measured.
+enum { GRID_MIN = 32, GRID_MAX = 300, PEEL_MAX = 160, GRID_FINE = 1200 };
+enum { MAX_LIGHT_VIEWS = 4 }; // more lights take peeled layers; chosen, not measured
+#define SPACING 0.75f
+#define DEFAULT_EPSILON 0.002f
+#define OPENING 0.8f // of the tree; chosen, not measured
 
-// S09 eq 4 with METHODS' closed form: the tail beyond r_max is epsilon of rho_d.
+// S09 eq 4 with the closed form of METHODS §1: the tail beyond r_max is epsilon of rho_d, for
+// the channel that reaches furthest.
 static float cut_radius(const struct frame *f, double epsilon)
 {
     double most = 0;
@@ -67,7 +76,7 @@ int prt_frame_light_view(struct frame *f, uint32_t l, const struct grid *grid,
     int status = prt_samples_light_view(f->ctx, f->screen->scene, &f->light[l], grid, f->eta,
                                         out, &f->report->grid, &f->report->n_ray);
     if (status || !maps_turn(f->options)) return status;
-    // what the light sees, by the normals of maps
+    // the irradiance that the light view carries has the mesh's normals: computed again
     uint32_t n = f->n_light;
     struct prt_screen_light *all = f->light;
     f->light += l;
@@ -79,7 +88,7 @@ int prt_frame_light_view(struct frame *f, uint32_t l, const struct grid *grid,
     return status;
 }
 
-// The grid points every light sees.
+// Adds light of the grid points that each light sees.
 int prt_scatter_light_views(struct frame *f, double r_p, float spacing, float opening,
                             float r_max)
 {
@@ -111,10 +120,10 @@ int prt_engine_splat(struct frame *f)
 {
     struct prt_screen *screen = f->screen;
     float lu = prt_frame_mean_free_path(f), diameter = screen->diameter_mm;
-    float epsilon = f->options->epsilon > 0 ? f->options->epsilon : 0.002f;
-    float r_max = cut_radius(f, epsilon), spacing = 0.75f * lu;
+    float epsilon = f->options->epsilon > 0 ? f->options->epsilon : DEFAULT_EPSILON;
+    float r_max = cut_radius(f, epsilon), spacing = SPACING * lu;
     bool views = prt_frame_light_views_only(f);
-    uint32_t least = GRID_MIN, most = views ? GRID_MAX : 160;
+    uint32_t least = GRID_MIN, most = views ? GRID_MAX : PEEL_MAX;
     float n = diameter / spacing;
     if (f->options->n_sample) least = most = f->options->n_sample;
     else if (f->options->budget_ms > 0) {
@@ -132,7 +141,7 @@ int prt_engine_splat(struct frame *f)
     int status = prt_receivers_begin(f, (double)lu);
     if (status) return status;
     if (views) {
-        status = prt_scatter_light_views(f, -1, spacing, 0.8f, r_max);
+        status = prt_scatter_light_views(f, -1, spacing, OPENING, r_max);
         return status ? status : prt_receivers_resolve(f);
     }
     if (!screen->peel.n || screen->peel_spacing != spacing || screen->peel_seed != f->seed) {
@@ -147,7 +156,7 @@ int prt_engine_splat(struct frame *f)
     double t0 = prt_time_s();
     status = prt_frame_irradiance(f, &screen->peel);
     double t1 = prt_time_s();
-    if (!status) status = prt_scatter_discs(f, &screen->peel, -1, 0.8f, r_max);
+    if (!status) status = prt_scatter_discs(f, &screen->peel, -1, OPENING, r_max);
     f->report->irradiance_s = t1 - t0;
     f->report->scatter_s = prt_time_s() - t1;
     f->report->n_sample = screen->peel.n;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Images over a mesh's uv: what the medium's coefficients are at a pixel, and which way the
-// surface turns for the irradiance (M03's textures and bumps).
+// Maps over a mesh's uv: factors of the medium's coefficients at a pixel, and normals that
+// irradiance is computed with (textures and bumps as in M03).
 #include "internal.h"
 
 #include <math.h>
@@ -10,14 +10,17 @@
 int prt_map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
                   const struct prt_screen_map *map, bool factor, bool checked)
 {
-    if (!mesh->uv) return prt_fail(ctx, PRT_ARG, "screen: a map on a model without uv");
+    if (!mesh->uv)
+        return prt_fail(ctx, PRT_ARG,
+                        "screen: maps need texture coordinates, and the model has none");
     if (!map->rgb || !map->width || !map->height || map->width > 16384 || map->height > 16384)
-        return prt_fail(ctx, PRT_ARG, "screen: a map of %ux%u: 1 to 16384 of both", map->width,
-                        map->height);
+        return prt_fail(ctx, PRT_ARG,
+                        "screen: a map of %ux%u texels: 1 to 16384 a side are allowed",
+                        map->width, map->height);
     for (size_t i = 0; !checked && i < (size_t)map->width * map->height; i++)
         for (int c = 0; c < 3; c++)
             if (!isfinite(map->rgb[i][c]) || (factor && map->rgb[i][c] < 0))
-                return prt_fail(ctx, PRT_ARG, "screen: a map's value %zu is not finite%s", i,
+                return prt_fail(ctx, PRT_ARG, "screen: texel %zu of a map is not finite%s", i,
                                 factor ? " and >= 0" : "");
     return PRT_OK;
 }
@@ -53,7 +56,7 @@ static void uv_at(const struct prt_mesh *mesh, uint32_t triangle, float a, float
     }
 }
 
-// The map of a block's surface; NULL: none there.
+// The map of a block's surface; NULL: none.
 static const struct prt_screen_map *map_of(const struct frame *f,
                                            const struct prt_screen_map *map, uint32_t block)
 {
@@ -74,7 +77,7 @@ void prt_map_point_factor(const struct frame *f, uint32_t i, float factor[6])
     if (a) prt_map_lookup(a, uv, factor + 3);
 }
 
-// Change of position with u and v [mm] on a triangle; false where uv are folded.
+// Derivatives of position by u and v [mm] on a triangle; false where its uv have no area.
 static bool uv_frame(const struct prt_mesh *m, uint32_t triangle, float du[3], float dv[3])
 {
     const uint32_t *c = m->triangle[triangle];
@@ -113,7 +116,7 @@ static bool normalise(float n[3])
     return true;
 }
 
-// The gradient of height along the surface tips the normal (Blinn 1978).
+// Tilts the normal by the gradient of height along the surface (B78).
 static void bump(const struct prt_screen_map *map, const float uv[2], const float n[3],
                  const float du[3], const float dv[3], float out[3])
 {
@@ -135,6 +138,7 @@ static void bump(const struct prt_screen_map *map, const float uv[2], const floa
     if (normalise(own)) memcpy(out, own, sizeof own);
 }
 
+// The normal that a tangent-space map gives; out stays as it is where uv are degenerate.
 static void tangent_normal(const struct prt_screen_map *map, const float uv[2],
                            const float n[3], const float du[3], const float dv[3], float out[3])
 {
@@ -206,7 +210,8 @@ int prt_screen_albedo_factors(const struct prt_context *ctx,
             return prt_fail(ctx, PRT_ARG,
                             "albedo map: a medium that absorbs nothing (sigma_a 0) "
                             "cannot be tinted by absorption");
-        // rho_d falls as absorption grows: equal steps of its logarithm, up to 1000 mm^-1
+        // rho_d decreases with absorption: tabulated at equal steps of log sigma_a up to 1000
+        // mm^-1, then inverted by bisection
         double top = fmax(log(1000 / base), 0.1);
         for (int k = 0; k < STEPS; k++) {
             struct prt_diffusion d;
@@ -231,7 +236,7 @@ int prt_screen_albedo_factors(const struct prt_context *ctx,
     return PRT_OK;
 }
 
-// Factors in steps of `per_octave` of an octave; 0 has a step of its own.
+// A code of the six factors rounded to 1/per_octave of an octave; factors under 1e-4 share one.
 static uint64_t step_of(const float scale[6], float per_octave)
 {
     uint64_t code = 0;
@@ -268,7 +273,8 @@ struct rho_job {
     float (*rho)[3];
 };
 
-// Media are few; every point's own total reflectance scales what its medium gives.
+// The total reflectance of every point's own coefficients: light of its class of media is
+// scaled by it.
 static int point_reflectance(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct rho_job *job = arg;
@@ -305,52 +311,60 @@ int prt_map_tint(const struct frame *f)
     return prt_parallel_for(f->ctx, NULL, f->g.n_point, 1024, tint_points, &own);
 }
 
+// Means of the factors of each class: six sums and a count.
+typedef double class_sum[7];
+
+// Sorts the points into classes of equal codes. False where there are more than MOST_MEDIA of
+// them; with `merge` the last class takes the rest.
+static bool sort_media(const struct frame *f, const float (*scale)[6], float per_octave,
+                       bool merge, struct media *out, class_sum *sum)
+{
+    uint64_t code[MOST_MEDIA];
+    out->n = 0;
+    memset(sum, 0, MOST_MEDIA * sizeof *sum);
+    for (uint32_t i = 0; i < f->g.n_point; i++) {
+        uint32_t object = f->screen->mesh->block[f->g.block[i]].object, k = 0;
+        uint64_t own = step_of(scale[i], per_octave) * 8191 + object;
+        out->of[i] = 0;
+        if (f->g.opaque[i]) continue;
+        while (k < out->n && code[k] != own) k++;
+        if (k == MOST_MEDIA && !merge) return false;
+        if (k == out->n) {
+            if (k == MOST_MEDIA) k--;
+            else out->n++;
+            code[k] = own;
+            out->object[k] = object;
+        }
+        for (int c = 0; c < 6; c++) sum[k][c] += (double)scale[i][c];
+        sum[k][6]++;
+        out->of[i] = (uint8_t)k;
+    }
+    return true;
+}
+
 int prt_map_media(const struct frame *f, struct media *out)
 {
     uint32_t n = f->g.n_point;
     float(*scale)[6] = malloc(((size_t)n + 1) * sizeof *scale);
-    double(*sum)[7] = malloc((MOST_MEDIA + 1) * sizeof *sum);
-    uint64_t code[MOST_MEDIA];
+    class_sum *sum = malloc(MOST_MEDIA * sizeof *sum);
     memset(out, 0, sizeof *out);
     out->of = malloc(((size_t)n + 1) * sizeof *out->of);
     out->factor = malloc(MOST_MEDIA * sizeof *out->factor);
     out->object = malloc(MOST_MEDIA * sizeof *out->object);
     out->rho = malloc(((size_t)n + 1) * sizeof *out->rho);
     bool good = out->rho && scale && sum && out->of && out->factor && out->object;
-    for (uint32_t i = 0; i < n && good; i++) {
-        prt_map_point_factor(f, i, scale[i]);
+    if (good) {
+        for (uint32_t i = 0; i < n; i++) prt_map_point_factor(f, i, scale[i]);
+        // steps of 1/8 octave, doubled until the classes are few enough
+        float per_octave = 8;
+        while (
+            !sort_media(f, (const float(*)[6])scale, per_octave, per_octave < 0.01f, out, sum))
+            per_octave *= 0.5f;
+        for (uint32_t k = 0; k < out->n; k++)
+            for (int c = 0; c < 6; c++) out->factor[k][c] = (float)(sum[k][c] / sum[k][6]);
+        struct rho_job job = {f, (const float(*)[6])scale, out->rho};
+        good = prt_parallel_for(f->ctx, NULL, n, 1024, point_reflectance, &job) == PRT_OK;
     }
-    // steps as fine as leave no more media than there is room for
-    for (float per_octave = 8; good; per_octave *= 0.5f) {
-        bool fits = true;
-        out->n = 0;
-        memset(sum, 0, MOST_MEDIA * sizeof *sum);
-        for (uint32_t i = 0; i < n && fits; i++) {
-            uint32_t object = f->screen->mesh->block[f->g.block[i]].object, k = 0;
-            uint64_t own = step_of(scale[i], per_octave) * 8191 + object;
-            if (f->g.opaque[i]) {
-                out->of[i] = 0;
-                continue;
-            }
-            while (k < out->n && code[k] != own) k++;
-            if (k == out->n) {
-                // the coarsest steps take what comes
-                if (k == MOST_MEDIA && !(fits = per_octave < 0.01f)) break;
-                if (k == MOST_MEDIA) k--;
-                else out->n++;
-                code[k] = own;
-                out->object[k] = object;
-            }
-            for (int c = 0; c < 6; c++) sum[k][c] += (double)scale[i][c];
-            sum[k][6]++;
-            out->of[i] = (uint8_t)k;
-        }
-        if (fits) break;
-    }
-    for (uint32_t k = 0; k < out->n && good; k++)
-        for (int c = 0; c < 6; c++) out->factor[k][c] = (float)(sum[k][c] / sum[k][6]);
-    struct rho_job job = {f, (const float(*)[6])scale, out->rho};
-    if (good) good = prt_parallel_for(f->ctx, NULL, n, 1024, point_reflectance, &job) == PRT_OK;
     free(scale);
     free(sum);
     if (good) return PRT_OK;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* What the files of tangent-plane sampling (tangent*.c, tangent_kernel.h) share. */
+/* Shared by the files of tangent-plane sampling: tangent*.c and tangent_kernel.h. */
 #ifndef SCREEN_TANGENT_H
 #define SCREEN_TANGENT_H
 
@@ -14,7 +14,7 @@ struct pattern {
     uint32_t *uniform;         /* [n_uniform] G-buffer points */
 };
 
-/* What a sample reads of the point it lands on, in a cache line. */
+/* A G-buffer point as a sample reads it; one cache line holds it. */
 struct seen {
     float p[3];
     uint32_t object;
@@ -40,6 +40,7 @@ struct tangent_lanes {
     float f[LANES]; /* number of tangent samples times their density [mm^-2] */
 };
 
+/* One frame of the engine. */
 struct tangent_job {
     const struct seen *seen; /* [n_point] */
     const float *face[3];
@@ -52,7 +53,9 @@ struct tangent_job {
     uint32_t n_medium;
     struct pattern pattern[VARIANTS];
     uint32_t n_tangent, n_uniform, width, height;
-    float visible_area, slack, eye[3], forward[3], right[3], up[3];
+    float visible_area; /* mm^2 that uniform samples are drawn from */
+    float slack;        /* share of its depth by which a pixel's plane may be extended */
+    float eye[3], forward[3], right[3], up[3];
     float (*radiance)[3];
     void (*run)(const struct tangent_job *job, size_t begin, size_t end);
 };

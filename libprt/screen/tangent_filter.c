@@ -23,9 +23,9 @@ struct filter_job {
     int half;
 };
 
-// Interleaved samples are put together again: each of the 16 variants weighs the same in a 5x5
-// window whose rim counts half. Only pixels on the same patch of surface take part. Later
-// frames of a running mean need less of it.
+// Combines the interleaved sets: in a window of 5x5 pixels whose rim weighs half, each of the
+// 16 variants has the same weight. Only pixels on the same patch of surface are read. Later
+// frames of a running mean have smaller windows.
 static int filter_points(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct filter_job *job = arg;
@@ -59,8 +59,9 @@ static int filter_points(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// With maps light is filtered per total reflectance: media differ from point to point, and each
-// has its own colour. What came from elsewhere was summed with the object's plain medium.
+// With maps light is divided by total reflectance before the filter and multiplied by the
+// point's own after it, so that the filter does not blur the media's colours. `plain`: light
+// that was summed with the object's plain medium, scaled to the class of the point.
 static void per_reflectance(const struct frame *f, const struct tangent_job *job,
                             const struct samples *seen, bool plain, float (*rgb)[3])
 {
@@ -78,7 +79,7 @@ int prt_tangent_sample(struct frame *f, struct tangent_job *job, const struct sa
 {
     float(*own)[3] = prt_alloc((size_t)f->g.n_point + 1, sizeof *own);
     if (!own) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    // filtered with what comes from elsewhere: where one begins the other ends
+    // light of hidden surface is filtered too: its edges are those of the readable surface
     memcpy(own, f->radiance, f->g.n_point * sizeof *own);
     if (job->rho) per_reflectance(f, job, seen, true, own);
     job->radiance = own;
@@ -87,7 +88,7 @@ int prt_tangent_sample(struct frame *f, struct tangent_job *job, const struct sa
     float scale = prt_frame_mean_free_path(f);
     uint64_t n = (uint64_t)(job->n_tangent + job->n_uniform) * (f->options->frame + 1);
     int half = n < 256 ? 2 : n < 1024 ? 1 : 0;
-    // the pattern repeats after four pixels, however short light's way is
+    // the pattern repeats after four pixels, however short the mean free path
     float least = max_f(scale, 3 * prt_view_pixel_mm(f->vis));
     struct filter_job filter = {f, job, seen, (const float(*)[3])own, least * least, half};
     if (!status)

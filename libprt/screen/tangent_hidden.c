@@ -13,8 +13,8 @@ struct hidden_job {
     struct samples *s;
 };
 
-// Darkens samples that the eye's image holds.
-static int hide_seen(void *arg, size_t begin, size_t end, unsigned worker)
+// Clears the irradiance of samples that the picture gives.
+static int clear_points(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct hidden_job *h = arg;
     const struct frame *f = h->f;
@@ -42,7 +42,7 @@ static int hide_seen(void *arg, size_t begin, size_t end, unsigned worker)
         if (!(px >= 0 && px < (float)f->width && py >= 0 && py < (float)f->height)) continue;
         uint32_t j = job->point_of[(uint32_t)py * f->width + (uint32_t)px];
         if (j == UINT32_MAX || !h->readable[j] || seen->object[j] != s->object[i]) continue;
-        // on the plane that the pixel shows, or nearly
+        // within a pixel of the plane of the pixel that it projects to
         float off = 0, far = 0, d = sqrtf(d2), pixel = 2 * sqrtf(tan_y) * w / (float)f->height;
         for (int k = 0; k < 3; k++) {
             float e = s->p[k][i] - seen->p[k][j];
@@ -55,14 +55,13 @@ static int hide_seen(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-static int keep_hidden(const struct frame *f, const struct tangent_job *job,
-                       const struct samples *seen, struct samples *s)
+static int clear_readable(const struct frame *f, const struct tangent_job *job,
+                          const struct samples *seen, struct samples *s)
 {
     struct hidden_job hidden = {f, job, seen, f->screen->tangent.readable, s};
-    return prt_parallel_for(f->ctx, NULL, s->n, 1024, hide_seen, &hidden);
+    return prt_parallel_for(f->ctx, NULL, s->n, 1024, clear_points, &hidden);
 }
 
-// Light from what the eye does not see, through the light's view or the atlas.
 int prt_tangent_hidden(struct frame *f, const struct tangent_job *job,
                        const struct samples *seen)
 {
@@ -73,7 +72,7 @@ int prt_tangent_hidden(struct frame *f, const struct tangent_job *job,
                                         : texels > 65536 ? 65536
                                                          : (uint32_t)texels);
         if (status) return status;
-        status = keep_hidden(f, job, seen, &f->screen->atlas);
+        status = clear_readable(f, job, seen, &f->screen->atlas);
         return status ? status : prt_scatter_discs(f, &f->screen->atlas, -1, 0.8f, far);
     }
     float spacing = max_f(lu, f->screen->diameter_mm / 300);
@@ -82,7 +81,7 @@ int prt_tangent_hidden(struct frame *f, const struct tangent_job *job,
         struct samples s;
         int status = prt_frame_light_view(f, l, &grid, &s);
         if (status) return status;
-        status = keep_hidden(f, job, seen, &s);
+        status = clear_readable(f, job, seen, &s);
         if (!status) status = prt_scatter_discs(f, &s, -1, 0.8f, far);
         prt_samples_finish(&s);
         if (status) return status;

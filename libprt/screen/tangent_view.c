@@ -23,8 +23,8 @@ void prt_tangent_view_finish(struct tangent_view *v)
     memset(v, 0, sizeof *v);
 }
 
-// Surface area behind each visible translucent point, running: its pixel's share of solid
-// angle.
+// Running sum of the surface area of readable points: each is its pixel's solid angle on the
+// surface.
 static double *visible_areas(const struct frame *f, const struct tangent_job *job,
                              const struct tangent_view *view)
 {
@@ -46,7 +46,7 @@ static double *visible_areas(const struct frame *f, const struct tangent_job *jo
             d2 += v * v;
             c += v * s->face[k][i];
         }
-        // only what can be read is drawn, with all of the pixel's area
+        // uniform samples are drawn from readable points alone, each with all of its pixel
         bool own = view->readable[i];
         double area = own ? pixel * z * z * z / fmax(fabs(c), 0.02 * sqrt(d2)) : 0;
         cdf[i + 1] = cdf[i] + (area > 0 && isfinite(area) ? area : 0);
@@ -54,7 +54,6 @@ static double *visible_areas(const struct frame *f, const struct tangent_job *jo
     return cdf;
 }
 
-// Close enough on one patch of surface to share light.
 bool prt_tangent_alike(const struct frame *f, const struct samples *s, uint32_t i, uint32_t j,
                        float reach_sq)
 {
@@ -68,7 +67,7 @@ bool prt_tangent_alike(const struct frame *f, const struct samples *s, uint32_t 
     return d2 <= reach_sq && c >= 0.8f;
 }
 
-// The point that stands for each pixel: the heaviest translucent one.
+// The point that stands for each pixel: the translucent one of the largest weight.
 static bool map_pixels(const struct frame *f, struct tangent_view *v)
 {
     size_t n = (size_t)f->width * f->height;
@@ -83,7 +82,7 @@ static bool map_pixels(const struct frame *f, struct tangent_view *v)
         if (f->g.opaque[i]) continue;
         if (*at == UINT32_MAX || f->g.weight[i] > f->g.weight[*at]) *at = i;
     }
-    // a pixel's other points take its light where they lie on the same patch
+    // a pixel's other points on the same patch copy its light
     float pixel = prt_view_pixel_mm(f->vis);
     for (uint32_t i = 0; i < f->g.n_point; i++) {
         uint32_t own = v->point_of[f->g.pixel[i]];
@@ -93,10 +92,9 @@ static bool map_pixels(const struct frame *f, struct tangent_view *v)
     return true;
 }
 
-// Whether the plane of point i is all that its pixel shows of the surface: the pixel is full of
-// one smooth patch that goes on in its neighbours and does not graze the view. Light on the
-// surface of other pixels comes from points that the light sees, so that none counts twice or
-// not at all.
+// Whether irradiance may be read at point i: its pixel is covered by one smooth patch, which
+// continues in the four neighbours and is not seen at a grazing angle. Surface of other pixels
+// is summed from points that the light sees, so that all of it counts once.
 static bool readable(const struct frame *f, const struct tangent_job *job,
                      const struct tangent_view *v, uint32_t i)
 {
@@ -122,7 +120,6 @@ static bool readable(const struct frame *f, const struct tangent_job *job,
     return true;
 }
 
-// What stays while the view stays.
 int prt_tangent_view_get(struct frame *f, const struct tangent_job *job)
 {
     struct tangent_view *v = &f->screen->tangent;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// C08: points drawn from irradiance over an area-preserving atlas, the same for all pixels.
-// What lies nearer to a pixel than they do to each other comes from the pixel's own irradiance;
-// hybrid: it is summed densely.
+// Texture-space sampling (C08): points drawn from irradiance over an area-preserving atlas, the
+// same for all pixels. Surface closer to a pixel than the points' spacing is a control variate
+// from the picture (near_field.c), or in the hybrid engine a dense sum.
 #include "internal.h"
 
 #include <math.h>
@@ -45,13 +45,13 @@ uint32_t prt_screen_mip_sample(const float *mip, uint32_t n, float u)
         index *= 4;
         uint32_t last = index + 3;
         while (index < last && x >= at[index]) x -= at[index++];
-        // rounding may step past the last texel with light
+        // rounding may step beyond the last texel with light
         while (index > (last & ~3u) && !(at[index] > 0)) index--;
     }
     return index;
 }
 
-// Values of texels [first, last) padded to a power of 4, then each coarser level.
+// Powers of texels [first, last), padded with 0 to a power of 4, then each coarser level.
 static float *make_mip(const struct samples *s, uint32_t first, uint32_t last, uint32_t *n_out)
 {
     uint32_t n = 1;
@@ -78,7 +78,7 @@ struct cells {
     float (*p)[3];    // [n] mean of the cell, by power
     double (*sum)[8]; // [n] power * position, power, rgb, power * second moment
     uint32_t *owner;  // [last - first]
-    // points by buckets of a grid
+    // points sorted into buckets of a uniform grid
     float lo[3], inv_edge;
     uint32_t size[3], *start, *point;
 };
@@ -201,7 +201,7 @@ static int own_texels(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// Mean, power and spread of each cell; points move to the means.
+// Power, mean position and second moment of each cell; points move to the means.
 static void weigh_cells(struct cells *c)
 {
     const struct samples *s = c->s;
@@ -243,7 +243,7 @@ static int by_radius(const void *a, const void *b)
     return x->cell < y->cell ? -1 : x->cell > y->cell;
 }
 
-// What the objects' cells look like from a pixel: points, in classes of like discs.
+// The drawn points as emitters, in classes of similar discs.
 struct drawn {
     struct emitters *list;          // [n_object]
     uint32_t (*class_end)[CLASSES]; // [n_object]
@@ -280,7 +280,7 @@ static bool emit_cells(const struct cells *c, uint32_t object, struct drawn *out
     return true;
 }
 
-// Mean distance of drawn points: the lit area, evenly shared.
+// Mean distance of drawn points: the side of an equal share of the lit area.
 static double cell_edge(const struct cells *c, uint32_t n)
 {
     double sum = 0, square = 0;
@@ -292,8 +292,8 @@ static double cell_edge(const struct cells *c, uint32_t n)
     return square > 0 && n ? sqrt(sum * sum / square / n) : 0;
 }
 
-// Points drawn from E' by low-discrepancy numbers through the mip chain, moved to the middle of
-// the light that is nearest to each.
+// Draws `share` points of one object from E' by stratified numbers through the mip chain, and
+// moves them to the means of their cells.
 static int draw_object(struct frame *f, const float *mip, uint32_t n_mip, struct cells *c,
                        uint32_t share, float shift)
 {
@@ -308,7 +308,7 @@ static int draw_object(struct frame *f, const float *mip, uint32_t n_mip, struct
     for (uint32_t i = 0; i < share; i++) {
         double u = (i + (double)shift) / (double)share;
         uint32_t t = prt_screen_mip_sample(mip, n_mip, (float)u);
-        // a bright texel drawn twice is one point
+        // a texel drawn twice in a row is one point
         if (t >= n_texel || !(mip[t] > 0) || t == before) continue;
         before = t;
         for (int k = 0; k < 3; k++) c->p[c->n][k] = s->p[k][c->first + t];
@@ -335,7 +335,7 @@ static void cells_finish(struct cells *c)
     free(c->point);
 }
 
-// n points, shared by the objects, drawn from E' of the frame's atlas.
+// Draws n points from E' of the frame's atlas, shared by power among the objects.
 static int draw_emitters(struct frame *f, uint32_t n, struct drawn *out)
 {
     const struct samples *s = &f->screen->atlas;
@@ -377,7 +377,7 @@ static struct radial_table *disc_tables(const struct frame *f, const struct draw
     return table;
 }
 
-// The near part: every light-view point or texel within reach.
+// The near part: the ring pattern, or every point of the light views or the atlas within reach.
 static int local_scatter(struct frame *f, double r_p, float spacing)
 {
     float reach = (float)(r_p + 5 / SPLIT_K);

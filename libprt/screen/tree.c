@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Clusters of samples as seen from afar. Leaves are runs of LEAF samples; four neighbours at a
-// time make a node of the next level, their boxes side by side so that four are tested at once.
+// A tree of clusters of samples, which stand for their samples at a distance. Leaves are runs
+// of LEAF samples. Four neighbours are a node of the next level; their boxes lie side by side
+// so that four are tested at once.
 #include "internal.h"
 
 #include <math.h>
@@ -61,7 +62,7 @@ static int make_leaves(void *arg, size_t begin, size_t end, unsigned worker)
                 node->w[c][k] += w;
                 power += w;
             }
-            // dark samples do not stretch a box
+            // dark samples do not extend a box
             if (!(power > 0)) continue;
             for (int c = 0; c < 3; c++) {
                 float x = s->p[c][i];
@@ -76,7 +77,7 @@ static int make_leaves(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// Lane k of `up` becomes the sum of node `at`.
+// Sets lane k of `up` to the sum of node `at`.
 static void join(const struct tree_node *child, uint32_t at, struct tree_node *up, int k)
 {
     float mean[4] = {0, 0, 0, 0};
@@ -115,7 +116,7 @@ int prt_tree_build(const struct prt_context *ctx, const struct samples *s, uint3
         prt_tree_finish(out);
         return PRT_NOMEM;
     }
-    // a leaf is copied whole: what lies past the last sample is dark
+    // a leaf is copied whole: samples past the last one have no power
     for (int c = 0; c < 3; c++) memset(out->w[c] + s->n, 0, 32 * sizeof(float));
     out->n_object = n_object;
     for (uint32_t o = 0; o < n_object; o++) out->root[o] = UINT32_MAX;
@@ -163,7 +164,7 @@ void prt_tree_finish(struct tree *tree)
     memset(tree, 0, sizeof *tree);
 }
 
-// Copied whole, but only the object's own samples count.
+// Appends a leaf: LEAF samples are copied, those of the object are counted.
 static void push_leaf(const struct tree *tree, uint32_t first, uint32_t end,
                       struct emitters *out)
 {
@@ -196,7 +197,7 @@ bool prt_tree_gather(const struct tree *tree, uint32_t object, const float lo[3]
         if (!prt_emitters_reserve(out, out->n + FAN * LEAF + 16)) return false;
         bool leaf = at < leaf_end;
         for (int k = 0; k < FAN; k++) {
-            // dark lanes have empty boxes, infinitely far
+            // dark lanes have empty boxes, whose gap is infinite
             if (!(gap[k] <= r_sq)) continue;
             if (far[k] > 0) {
                 float p[3] = {node->p[0][k], node->p[1][k], node->p[2][k]};

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
-// What an engine computes light for: receivers, one for each patch of s x s pixels that shows
-// smooth surface, in tiles; and how every point of the G-buffer gets its light from them. Kept
-// while the view stays.
+// Receivers: the points that engines sum light for, one for each smooth patch of s x s pixels,
+// in tiles, and the weights by which every point of the G-buffer interpolates them (METHODS
+// §6). Kept while the view stays.
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { BLOCK = 8 }; // cells to a block's side; a block's receivers share tiles
+enum { BLOCK = 8 }; // cells a side; receivers of a block share tiles; chosen, not measured
 
 void prt_view_finish(struct view_cache *v)
 {
@@ -29,7 +29,7 @@ uint64_t prt_view_key(const struct frame *f)
     return prt_hash64(f->g.pixel, (size_t)f->g.n_point * sizeof(uint32_t), key);
 }
 
-// Millimetres a pixel's side covers at a distance of 1 along the view, and the eye.
+// The eye, and the side of a pixel at a depth of 1.
 struct footprint {
     float eye[3], forward[3], tan_pixel;
 };
@@ -104,7 +104,7 @@ static uint32_t object_of(const struct builder *b, uint32_t point)
     return b->f->screen->mesh->block[b->g->block[point]].object;
 }
 
-// A point may share a group's light: same object, same patch of surface.
+// Whether a point may interpolate a group: same object, same smooth patch.
 static bool alike(const struct builder *b, const struct group *group, uint32_t object,
                   uint32_t i, float reach)
 {
@@ -155,7 +155,7 @@ static void make_groups(struct builder *b)
         for (int j = 0; j < 3; j++) b->group[k].p[j] /= b->group[k].weight;
 }
 
-// Columns: the groups of a block, object by object, in tiles padded to 16.
+// Assigns columns to groups: those of a block, object by object, in tiles padded to 16.
 static bool make_tiles(struct builder *b, struct view_cache *v)
 {
     uint32_t per_block = BLOCK * BLOCK, n_block = b->n_cell / per_block, column = 0;
@@ -185,7 +185,7 @@ static bool make_tiles(struct builder *b, struct view_cache *v)
     v->n_column = column;
     for (int k = 0; k < 3; k++)
         if (!(v->p[k] = prt_alloc((size_t)column + 16, sizeof(float)))) return false;
-    // padding repeats a tile's first receiver
+    // padding repeats the first receiver of a tile
     for (uint32_t q = 0; q < b->n_group; q++) {
         for (int k = 0; k < 3; k++) v->p[k][b->group[q].column] = b->group[q].p[k];
     }
@@ -203,7 +203,7 @@ static bool make_tiles(struct builder *b, struct view_cache *v)
     return true;
 }
 
-// Bilinear between the groups of the four nearest cells that lie on the point's own patch.
+// Bilinear weights of the groups on the point's patch in the four nearest cells.
 static int link_points(void *arg, size_t begin, size_t end, unsigned worker)
 {
     void **both = arg;
@@ -237,7 +237,7 @@ static int link_points(void *arg, size_t begin, size_t end, unsigned worker)
                 total += w;
             }
         }
-        // alone, or a cell of one pixel: its own group
+        // no such group, or cells of one pixel: the point's own group
         if (!(total > 0.05f)) {
             memset(weight, 0, sizeof v->weight[i]);
             from[0] = b->group[b->own[i]].column;
@@ -336,7 +336,7 @@ static int resolve_points(void *arg, size_t begin, size_t end, unsigned worker)
 
 int prt_receivers_begin(struct frame *f, double scale_mm)
 {
-    // light changes over scale_mm: receivers lie a share of that apart
+    // light varies over scale_mm; receivers are RECEIVER_SHARE of that apart at the most
     uint32_t size = prt_receiver_size((double)prt_view_pixel_mm(f->vis), scale_mm);
     uint32_t finer = f->options->refine / 2 + f->options->frame / 4;
     while (finer-- && size > 1) size /= 2;
