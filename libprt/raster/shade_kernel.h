@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* Shading of up to LANES points or pixels: plain loops that the compiler vectorises. Included
- * by shade.c once per instruction set (base/isa.h). */
+ * by shade.c once for each instruction set, in its region of base/isa.h. */
 
 /* Bilinear look-up of n directions: offsets of four texels and fractions. */
 static void PRT_KERNEL(cube_lookup)(const struct cube_view *cube, int n, const float *dx,

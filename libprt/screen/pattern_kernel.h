@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* C08's local pattern about one receiver as plain loops over lanes; included by pattern.c once
- * per instruction set (base/isa.h). */
+ * for each instruction set, in its region of base/isa.h. */
 
 #include "radial_kernel.h"
 

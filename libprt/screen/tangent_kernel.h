@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* M03's samples of one pixel as plain loops over lanes; included by tangent.c once per
- * instruction set (base/isa.h). */
+/* M03's samples of one pixel as plain loops over lanes. Included by tangent.c once for each
+ * instruction set, in its region of base/isa.h. */
 
 #include "radial_kernel.h"
 
@@ -47,8 +47,19 @@ static void PRT_KERNEL(gather)(const struct tangent_job *job, const struct tange
     sum[2] += s2;
 }
 
-/* The tangent plane at a point of the view, with a frame about its normal that needs no branch
- * on its length (DBCH17). */
+/* Two tangents t, b of a unit normal n, without a branch on its length (DBCH17). */
+PRT_INLINE void PRT_KERNEL(frame_about)(const float n[3], float t[3], float b[3])
+{
+    const float sign = n[2] < 0 ? -1.0f : 1.0f, a = -1 / (sign + n[2]), m = n[0] * n[1] * a;
+    t[0] = 1 + sign * n[0] * n[0] * a;
+    t[1] = sign * m;
+    t[2] = -sign * n[0];
+    b[0] = m;
+    b[1] = sign + n[1] * n[1] * a;
+    b[2] = -n[1];
+}
+
+/* The tangent plane at a point of the view. */
 static void PRT_KERNEL(plane_at)(const struct tangent_job *job, uint32_t point,
                                  struct tangent_plane *out)
 {
@@ -58,13 +69,7 @@ static void PRT_KERNEL(plane_at)(const struct tangent_job *job, uint32_t point,
         n[k] = out->n[k] = job->face[k][point];
         out->rel[k] = job->seen[point].p[k] - eye[k];
     }
-    float sign = n[2] < 0 ? -1.0f : 1.0f, a = -1 / (sign + n[2]), m = n[0] * n[1] * a;
-    out->t[0] = 1 + sign * n[0] * n[0] * a;
-    out->t[1] = sign * m;
-    out->t[2] = -sign * n[0];
-    out->b[0] = m;
-    out->b[1] = sign + n[1] * n[1] * a;
-    out->b[2] = -n[1];
+    PRT_KERNEL(frame_about)(n, out->t, out->b);
     out->height = out->rel[0] * n[0] + out->rel[1] * n[1] + out->rel[2] * n[2];
     out->object = job->seen[point].object;
     out->medium = job->medium ? job->medium[point] : out->object;

@@ -6,7 +6,7 @@
 #include <pthread.h>
 
 static struct daemon d;
-static char model[32];
+static char model[ID_SIZE];
 
 static int group_setup(void **state)
 {

@@ -11,6 +11,10 @@
 extern "C" {
 #endif
 
+/* Raised when a bake of the same inputs gives other numbers than before: what is cached by a
+ * bake's inputs has this among them. */
+enum { PRT_BAKE_VERSION = 1 };
+
 struct prt_bake_options {
     enum prt_transport_kind engine;
     enum prt_storage storage;     /* FACTORED default, or SPARSE (wavelet engine only) */
