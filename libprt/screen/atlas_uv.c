@@ -3,6 +3,8 @@
 // of an object have the same.
 #include "internal.h"
 
+#include "trace/triangle.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -99,7 +101,7 @@ static bool measure_object(const struct prt_mesh *mesh, uint32_t object, double 
         if (k->object != object || !prt_block_translucent(mesh, b)) continue;
         for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle && good;
              t++) {
-            double own = prt_triangle_area(mesh, t), flat = fabs(uv_area(mesh, t));
+            double own = triangle_area(mesh, t), flat = fabs(uv_area(mesh, t));
             if (!(own > 0)) continue;
             for (int j = 0; j < 3; j++)
                 for (int i = 0; i < 2; i++) {
@@ -125,7 +127,7 @@ static void mark_object(struct chart *chart)
         for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle; t++) {
             struct mark mark = {chart, t, false};
             each_texel(mesh, t, chart->side, mark_texel, &mark);
-            if (mark.hit) chart->area_hit += prt_triangle_area(mesh, t);
+            if (mark.hit) chart->area_hit += triangle_area(mesh, t);
         }
     }
 }
@@ -173,7 +175,7 @@ static void fill_object(struct fill *f)
         const struct prt_block *k = &mesh->block[b];
         if (k->object != f->chart->object || !prt_block_translucent(mesh, b)) continue;
         for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle; t++) {
-            double flat = fabs(uv_area(mesh, t)), own = prt_triangle_area(mesh, t);
+            double flat = fabs(uv_area(mesh, t)), own = triangle_area(mesh, t);
             total += own;
             if (!(flat > 0)) continue;
             f->triangle = t;

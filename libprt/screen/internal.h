@@ -66,7 +66,6 @@ float prt_inverse_edge(float box[2][3]);
  * area [mm^2]. */
 double prt_sample_place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv,
                         struct samples *s, uint32_t at);
-double prt_triangle_area(const struct prt_mesh *mesh, uint32_t t);
 bool prt_block_translucent(const struct prt_mesh *mesh, uint32_t block);
 /* ray_grid.c: grids of parallel rays. */
 struct grid {

@@ -3,6 +3,8 @@
 // and a distant light's view as points or as an image of depths.
 #include "internal.h"
 
+#include "trace/triangle.h"
+
 #include <math.h>
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -47,20 +49,9 @@ struct ray_grid {
 
 static void face_normal(const struct prt_mesh *mesh, uint32_t t, double n[3])
 {
-    const float *a = mesh->position[mesh->triangle[t][0]];
-    const float *b = mesh->position[mesh->triangle[t][1]];
-    const float *c = mesh->position[mesh->triangle[t][2]];
-    double e[2][3];
-    for (int k = 0; k < 3; k++) {
-        e[0][k] = (double)b[k] - a[k];
-        e[1][k] = (double)c[k] - a[k];
-    }
     double l = 0;
-    for (int k = 0; k < 3; k++) {
-        int i = (k + 1) % 3, j = (k + 2) % 3;
-        n[k] = e[0][i] * e[1][j] - e[0][j] * e[1][i];
-        l += n[k] * n[k];
-    }
+    triangle_cross(mesh, t, n);
+    for (int k = 0; k < 3; k++) l += n[k] * n[k];
     l = l > 0 ? 1 / sqrt(l) : 0;
     for (int k = 0; k < 3; k++) n[k] *= l;
 }

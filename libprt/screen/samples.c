@@ -3,6 +3,8 @@
 // texels of equal area along the triangles.
 #include "internal.h"
 
+#include "trace/triangle.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -49,7 +51,7 @@ double prt_sample_place(const struct prt_mesh *mesh, uint32_t t, double bu, doub
                         struct samples *s, uint32_t at)
 {
     const uint32_t *v = mesh->triangle[t];
-    double w[3] = {1 - bu - bv, bu, bv}, n[3], e1[3], e2[3], face[3], length = 0, fl = 0;
+    double w[3] = {1 - bu - bv, bu, bv}, n[3], face[3], length = 0, fl = 0;
     for (int k = 0; k < 3; k++) {
         double p = 0;
         n[k] = 0;
@@ -57,16 +59,11 @@ double prt_sample_place(const struct prt_mesh *mesh, uint32_t t, double bu, doub
             p += w[j] * mesh->position[v[j]][k];
             n[k] += w[j] * mesh->normal[v[j]][k];
         }
-        e1[k] = (double)mesh->position[v[1]][k] - mesh->position[v[0]][k];
-        e2[k] = (double)mesh->position[v[2]][k] - mesh->position[v[0]][k];
         s->p[k][at] = (float)p;
         length += n[k] * n[k];
     }
-    for (int k = 0; k < 3; k++) {
-        int a = (k + 1) % 3, b = (k + 2) % 3;
-        face[k] = e1[a] * e2[b] - e1[b] * e2[a];
-        fl += face[k] * face[k];
-    }
+    triangle_cross(mesh, t, face);
+    for (int k = 0; k < 3; k++) fl += face[k] * face[k];
     s->triangle[at] = t;
     s->bary[0][at] = (float)bu;
     s->bary[1][at] = (float)bv;
@@ -79,24 +76,14 @@ double prt_sample_place(const struct prt_mesh *mesh, uint32_t t, double bu, doub
     return fl / 2;
 }
 
-// Moves bit i of ten to bit 3i.
-static uint32_t spread3(uint32_t x)
-{
-    x &= 0x3ff;
-    x = (x | x << 16) & 0x030000ff;
-    x = (x | x << 8) & 0x0300f00f;
-    x = (x | x << 4) & 0x030c30c3;
-    return (x | x << 2) & 0x09249249;
-}
-
 enum { DIGIT = 11, DIGITS = 1 << DIGIT };
 
 uint64_t prt_morton_code(const float lo[3], float inv_edge, const float p[3])
 {
-    uint32_t code = 0;
+    uint64_t code = 0;
     for (int k = 0; k < 3; k++) {
         float f = (p[k] - lo[k]) * inv_edge * 1023;
-        code |= spread3(f > 0 ? f < 1023 ? (uint32_t)f : 1023 : 0) << k;
+        code |= morton_spread(f > 0 ? f < 1023 ? (uint64_t)f : 1023 : 0) << k;
     }
     return code;
 }
@@ -147,22 +134,6 @@ static void sierpinski_point(double f, double *bu, double *bv)
     *bv = (a[1] + b[1] + c[1]) / 3;
 }
 
-double prt_triangle_area(const struct prt_mesh *mesh, uint32_t t)
-{
-    const float *a = mesh->position[mesh->triangle[t][0]];
-    const float *b = mesh->position[mesh->triangle[t][1]];
-    const float *c = mesh->position[mesh->triangle[t][2]];
-    double n[3], u[3], v[3];
-    for (int k = 0; k < 3; k++) {
-        u[k] = (double)b[k] - a[k];
-        v[k] = (double)c[k] - a[k];
-    }
-    n[0] = u[1] * v[2] - u[2] * v[1];
-    n[1] = u[2] * v[0] - u[0] * v[2];
-    n[2] = u[0] * v[1] - u[1] * v[0];
-    return 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-}
-
 // Translucent triangles by object and along a Morton curve; the caller frees *memory.
 static struct key *order_triangles(const struct prt_mesh *mesh, uint32_t *n_out, void **memory)
 {
@@ -198,7 +169,7 @@ int prt_samples_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh
     uint64_t count = 0;
     if (!key || !end) goto nomem;
     for (uint32_t i = 0; i < n_key; i++) {
-        total += prt_triangle_area(mesh, key[i].index);
+        total += triangle_area(mesh, key[i].index);
         end[i] = total;
     }
     if (!(total > 0)) {
