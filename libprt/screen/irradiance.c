@@ -172,44 +172,49 @@ bool prt_visible_samples(const struct frame *f, uint32_t n, const uint32_t *inde
     return true;
 }
 
+// Coefficients of the cube's light for the 16 harmonics of 4 bands.
+static void project_cube(const struct prt_cube *cube, double light[16][3])
+{
+    const uint32_t n = cube->n;
+    memset(light, 0, 16 * sizeof *light);
+    for (uint32_t i = 0; i < 6 * n * n; i++) {
+        uint32_t y = i / n % n, x = i % n;
+        const float *t = cube->texel + (size_t)i * 3;
+        float d[3], h[16];
+        prt_cube_direction(i / (n * n), (2 * x + 1.0) / n - 1, (2 * y + 1.0) / n - 1, d);
+        prt_sh_eval(4, d, h);
+        double omega = prt_cube_solid_angle(n, x, y);
+        for (int k = 0; k < 16; k++)
+            for (int c = 0; c < 3; c++) light[k][c] += h[k] * t[c] * omega;
+    }
+}
+
+// f_l = 2 pi int F_t(c) c P_l(c) dc, by 256 midpoints.
+static void zonal_transmittance(float eta, double zonal[4])
+{
+    memset(zonal, 0, 4 * sizeof *zonal);
+    for (int k = 0; k < 256; k++) {
+        double c = (k + 0.5) / 256, f = prt_fresnel_transmittance(eta, c) * c;
+        double p[4] = {1, c, (3 * c * c - 1) / 2, (5 * c * c * c - 3 * c) / 2};
+        for (int l = 0; l < 4; l++) zonal[l] += 2 * M_PI * f * p[l] / 256;
+    }
+}
+
 void prt_irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s)
 {
-    double light[16][3] = {{0}};
-    for (unsigned face = 0; face < 6; face++) {
-        for (uint32_t y = 0; y < cube->n; y++) {
-            for (uint32_t x = 0; x < cube->n; x++) {
-                float d[3], h[16];
-                prt_cube_direction(face, (2 * x + 1.0) / cube->n - 1,
-                                   (2 * y + 1.0) / cube->n - 1, d);
-                prt_sh_eval(4, d, h);
-                double omega = prt_cube_solid_angle(cube->n, x, y);
-                const float *t = cube->texel + (((size_t)face * cube->n + y) * cube->n + x) * 3;
-                for (int k = 0; k < 16; k++)
-                    for (int c = 0; c < 3; c++) light[k][c] += h[k] * t[c] * omega;
-            }
-        }
-    }
+    static const int band[16] = {0, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3};
+    double light[16][3], zonal[4] = {0};
     float last = -1;
-    double zonal[4] = {0};
+    project_cube(cube, light);
     for (uint32_t i = 0; i < s->n; i++) {
         float own = eta[s->object[i]];
-        if (own != last) {
-            // f_l = 2 pi int F_t(c) c P_l(c) dc
-            memset(zonal, 0, sizeof zonal);
-            for (int k = 0; k < 256; k++) {
-                double c = (k + 0.5) / 256, f = prt_fresnel_transmittance(own, c) * c;
-                double p[4] = {1, c, (3 * c * c - 1) / 2, (5 * c * c * c - 3 * c) / 2};
-                for (int l = 0; l < 4; l++) zonal[l] += 2 * M_PI * f * p[l] / 256;
-            }
-            last = own;
-        }
+        if (own != last) zonal_transmittance(own, zonal);
+        last = own;
         float n[3] = {s->normal[0][i], s->normal[1][i], s->normal[2][i]}, h[16];
         prt_sh_eval(4, n, h);
         for (int c = 0; c < 3; c++) {
             double e = 0;
-            for (int l = 0; l < 4; l++)
-                for (int k = l * l; k < (l + 1) * (l + 1); k++)
-                    e += zonal[l] * light[k][c] * h[k];
+            for (int k = 0; k < 16; k++) e += zonal[band[k]] * light[k][c] * h[k];
             s->e[c][i] = e > 0 ? (float)e : 0;
         }
     }

@@ -28,6 +28,22 @@ struct shrink_job {
     bool stored;
 };
 
+// Mean of the image over [x0, x1) x [y0, y1); values that are not finite count as 0.
+static void mean_of(const struct shrink_job *job, size_t x0, size_t x1, size_t y0, size_t y1,
+                    float out[3])
+{
+    double sum[3] = {0, 0, 0}, n = (double)(x1 - x0) * (double)(y1 - y0);
+    for (size_t j = y0; j < y1; j++) {
+        const float *row = job->in->rgb + 3 * j * job->in->width;
+        for (size_t i = 3 * x0; i < 3 * x1; i++)
+            sum[i % 3] += (double)(job->stored ? as_stored(row[i]) : row[i]);
+    }
+    for (int c = 0; c < 3; c++) {
+        float v = (float)(sum[c] / n);
+        out[c] = isfinite(v) ? v : 0;
+    }
+}
+
 // Rows of the map: each texel is the mean of its share of the image.
 static int shrink(void *arg, size_t begin, size_t end, unsigned worker)
 {
@@ -35,21 +51,9 @@ static int shrink(void *arg, size_t begin, size_t end, unsigned worker)
     const uint64_t w = job->in->width, h = job->in->height;
     for (size_t y = begin; y < end; y++) {
         size_t y0 = y * h / job->height, y1 = (y + 1) * h / job->height;
-        for (size_t x = 0; x < job->width; x++) {
-            size_t x0 = x * w / job->width, x1 = (x + 1) * w / job->width;
-            double sum[3] = {0, 0, 0};
-            for (size_t j = y0; j < y1; j++)
-                for (size_t i = x0; i < x1; i++)
-                    for (size_t c = 0; c < 3; c++) {
-                        float v = job->in->rgb[3 * (j * w + i) + c];
-                        sum[c] += (double)(job->stored ? as_stored(v) : v);
-                    }
-            double n = (double)(x1 - x0) * (double)(y1 - y0);
-            for (int c = 0; c < 3; c++) {
-                float v = (float)(sum[c] / n);
-                job->out[y * job->width + x][c] = isfinite(v) ? v : 0;
-            }
-        }
+        for (size_t x = 0; x < job->width; x++)
+            mean_of(job, x * w / job->width, (x + 1) * w / job->width, y0, y1,
+                    job->out[y * job->width + x]);
     }
     return PRT_OK;
 }

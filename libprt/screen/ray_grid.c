@@ -83,41 +83,60 @@ static uint64_t hit_code(const struct ray_grid *view, const struct prt_packet *p
     return (uint64_t)object << CODE_BITS | prt_morton_code(view->lo, view->inv_edge, at);
 }
 
+// Rays [i, i + 16) of row j; returns the mask of those inside the grid.
+static uint32_t set_rays(const struct ray_grid *view, size_t j, uint32_t i,
+                         struct prt_packet *p)
+{
+    uint32_t mask = 0;
+    memset(p, 0, sizeof *p);
+    for (uint32_t k = 0; k < 16; k++) {
+        float a = (float)(i + k) * view->step, b = (float)j * view->step;
+        p->ox[k] = view->origin[0] + a * view->u[0] + b * view->v[0];
+        p->oy[k] = view->origin[1] + a * view->u[1] + b * view->v[1];
+        p->oz[k] = view->origin[2] + a * view->u[2] + b * view->v[2];
+        p->dx[k] = view->d[0];
+        p->dy[k] = view->d[1];
+        p->dz[k] = view->d[2];
+        p->tfar[k] = view->length;
+        mask |= (uint32_t)(i + k < view->nu) << k;
+    }
+    return mask;
+}
+
+// Appends the hits of one layer to row j and moves the rays behind them. Clears from the mask
+// the rays that end: all of a light's view, those without a hit of a peeled one. False without
+// memory.
+static bool take_hits(const struct ray_grid *view, size_t j, uint32_t i, struct prt_packet *p,
+                      uint32_t *mask)
+{
+    for (uint32_t k = 0; k < 16; k++) {
+        if (!(*mask >> k & 1)) continue;
+        uint32_t t = p->triangle[k];
+        if (t == UINT32_MAX || view->axis < 0) *mask &= ~(1u << k);
+        if (t == UINT32_MAX) continue;
+        float area = hit_area(view, t);
+        struct hit hit = {hit_code(view, p, k), t, i + k, p->u[k], p->v[k], area};
+        if (area > 0 && !push_hit(&view->row[j], hit)) return false;
+        p->tnear[k] = p->t[k] * 1.000001f + view->epsilon;
+        p->tfar[k] = view->length;
+    }
+    return true;
+}
+
 static int view_rows(void *arg, size_t begin, size_t end, unsigned worker)
 {
+    enum { MOST_LAYERS = 64 }; // bounds the time of degenerate surface; chosen, not measured
     struct ray_grid *view = arg;
     uint64_t rays = 0;
     prt_trace_thread_init();
     for (size_t j = begin; j < end; j++) {
         for (uint32_t i = 0; i < view->nu; i += 16) {
             struct prt_packet p;
-            uint32_t mask = 0;
-            memset(&p, 0, sizeof p);
-            for (uint32_t k = 0; k < 16; k++) {
-                float a = (float)(i + k) * view->step, b = (float)j * view->step;
-                p.ox[k] = view->origin[0] + a * view->u[0] + b * view->v[0];
-                p.oy[k] = view->origin[1] + a * view->u[1] + b * view->v[1];
-                p.oz[k] = view->origin[2] + a * view->u[2] + b * view->v[2];
-                p.dx[k] = view->d[0];
-                p.dy[k] = view->d[1];
-                p.dz[k] = view->d[2];
-                p.tfar[k] = view->length;
-                mask |= (uint32_t)(i + k < view->nu) << k;
-            }
-            for (int layer = 0; mask && layer < 64; layer++) {
+            uint32_t mask = set_rays(view, j, i, &p);
+            for (int layer = 0; mask && layer < MOST_LAYERS; layer++) {
                 rays += (uint32_t)__builtin_popcount(mask);
                 prt_scene_intersect16(view->scene, &p, mask, true);
-                for (uint32_t k = 0; k < 16; k++) {
-                    if (!(mask >> k & 1)) continue;
-                    uint32_t t = p.triangle[k];
-                    if (t == UINT32_MAX || view->axis < 0) mask &= ~(1u << k);
-                    if (t == UINT32_MAX) continue;
-                    float area = hit_area(view, t);
-                    struct hit hit = {hit_code(view, &p, k), t, i + k, p.u[k], p.v[k], area};
-                    if (area > 0 && !push_hit(&view->row[j], hit)) return PRT_NOMEM;
-                    p.tnear[k] = p.t[k] * 1.000001f + view->epsilon;
-                    p.tfar[k] = view->length;
-                }
+                if (!take_hits(view, j, i, &p, &mask)) return PRT_NOMEM;
             }
         }
     }

@@ -23,6 +23,27 @@ struct filter_job {
     int half;
 };
 
+// The weighted sum over the window about point i; `own` is the point that stands for it.
+// Returns the sum of the weights.
+static float sum_window(const struct filter_job *job, uint32_t i, uint32_t own, float sum[3])
+{
+    const struct frame *f = job->f;
+    const int width = (int)f->width, height = (int)f->height, half = job->half;
+    const int x = (int)(f->g.pixel[i] % f->width), y = (int)(f->g.pixel[i] / f->width);
+    float total = 0;
+    for (int k = 0; k < (2 * half + 1) * (2 * half + 1); k++) {
+        int dx = k % (2 * half + 1) - half, dy = k / (2 * half + 1) - half;
+        if (x + dx < 0 || x + dx >= width || y + dy < 0 || y + dy >= height) continue;
+        uint32_t j = dx || dy ? job->tangent->point_of[(y + dy) * width + x + dx] : own;
+        if (j == UINT32_MAX) continue;
+        if (j != own && !prt_tangent_alike(f, job->seen, i, j, job->reach_sq)) continue;
+        float w = (abs(dx) == 2 ? 0.5f : 1) * (abs(dy) == 2 ? 0.5f : 1);
+        for (int c = 0; c < 3; c++) sum[c] += w * job->in[j][c];
+        total += w;
+    }
+    return total;
+}
+
 // Combines the interleaved sets: in a window of 5x5 pixels whose rim weighs half, each of the
 // 16 variants has the same weight. Only pixels on the same patch of surface are read. Later
 // frames of a running mean have smaller windows.
@@ -31,28 +52,10 @@ static int filter_points(void *arg, size_t begin, size_t end, unsigned worker)
     const struct filter_job *job = arg;
     const struct frame *f = job->f;
     const struct tangent_job *t = job->tangent;
-    const struct samples *s = job->seen;
-    int width = (int)f->width, height = (int)f->height, half = job->half;
     for (size_t i = begin; i < end; i++) {
         if (f->g.opaque[i]) continue;
-        int x = (int)(f->g.pixel[i] % f->width), y = (int)(f->g.pixel[i] / f->width);
         uint32_t own = t->needed[i] ? (uint32_t)i : t->point_of[f->g.pixel[i]];
-        float sum[3] = {0, 0, 0}, total = 0;
-        for (int dy = -half; dy <= half; dy++) {
-            if (y + dy < 0 || y + dy >= height) continue;
-            for (int dx = -half; dx <= half; dx++) {
-                if (x + dx < 0 || x + dx >= width) continue;
-                uint32_t j = t->point_of[(y + dy) * width + x + dx];
-                if (!dx && !dy) j = own;
-                if (j == UINT32_MAX) continue;
-                if (j != own) {
-                    if (!prt_tangent_alike(f, s, (uint32_t)i, j, job->reach_sq)) continue;
-                }
-                float w = (abs(dx) == 2 ? 0.5f : 1) * (abs(dy) == 2 ? 0.5f : 1);
-                for (int k = 0; k < 3; k++) sum[k] += w * job->in[j][k];
-                total += w;
-            }
-        }
+        float sum[3] = {0, 0, 0}, total = sum_window(job, (uint32_t)i, own, sum);
         for (int k = 0; k < 3; k++)
             f->radiance[i][k] = sum[k] / total * (t->rho ? t->rho[i][k] : 1);
     }
