@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-// screen/: the laws every image-space engine must keep.
+// screen/: laws that hold for every image-space engine.
 #include "screen_stage.h"
 
 #include "prt/reference.h"
 
-// Law: constant E on a large plane gives B = rho_d E (METHODS §8), whatever the engine. The
-// camera looks at the middle of a sheet that is large against the medium's reach.
+// Law: constant E on a large plane gives B = rho_d E (METHODS §8), by every engine. The camera
+// sees the middle of a sheet that is large compared with the radius of R_d.
 static void plane_gives_total_reflectance(void **state)
 {
     static const struct {
@@ -25,7 +25,7 @@ static void plane_gives_total_reflectance(void **state)
     struct prt_block *block = begin_block(&model, true);
     add_sheet(&model, (float[3]){0, 0, 0}, (float[3]){30, 0, 0}, (float[3]){0, 30, 0}, 20);
     end_block(&model, block);
-    // M03 finds its light in the picture, which must show enough of the plane
+    // M03 reads irradiance from the picture, which must contain enough of the plane
     struct prt_camera near = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 12}, wide = near;
     wide.fovy_deg = 54;
     struct stage s;
@@ -123,7 +123,8 @@ static void touching_objects_exchange_nothing(void **state)
     model_finish(&model);
 }
 
-// Objects of different media in one picture look as they do among their own kind.
+// Law: an object's radiance depends on its own medium alone: two objects of different media in
+// one picture are equal to those of two pictures with one medium each.
 static void media_keep_apart(void **state)
 {
     struct model model;
@@ -157,7 +158,7 @@ static void media_keep_apart(void **state)
     model_finish(&model);
 }
 
-// A light behind a thin wall shines through it, as much as the exact sum says.
+// Light from behind a thin wall comes through it; every engine agrees with the exact sum.
 static void thin_wall_shines(void **state)
 {
     struct model model;
@@ -186,7 +187,8 @@ static void thin_wall_shines(void **state)
     model_finish(&model);
 }
 
-// Object and camera moved together: the same picture (grids may fall elsewhere).
+// Law: moving object and camera together changes nothing, but for other positions of the
+// samples.
 static void translation_changes_nothing(void **state)
 {
     pixels b[2][4];
@@ -223,7 +225,7 @@ static void translation_changes_nothing(void **state)
     }
 }
 
-// The list of lights carries the cube's power; E on a convex body under a constant unit light
+// Law: the list of lights has the cube's power; E on a convex body under a constant unit light
 // is 2 pi int F_t mu dmu (METHODS §1), traced or by harmonics.
 static void irradiance_closed_forms(void **state)
 {
@@ -279,7 +281,8 @@ static void irradiance_closed_forms(void **state)
     free(cube.texel);
 }
 
-// Errors against the exact sum fall as samples grow, also under an environment.
+// Errors against the exact sum decrease with more samples, under a distant light and an
+// environment.
 static void errors_fall(void **state)
 {
     struct model model;
@@ -320,7 +323,8 @@ static void errors_fall(void **state)
     model_finish(&model);
 }
 
-// Nothing to see, degenerate triangles, a camera inside, an opaque model: a picture, no NaN.
+// An empty view, degenerate triangles, a camera inside the object and an opaque model give
+// pictures without NaN; options out of range are refused.
 static void odd_input_gives_pictures(void **state)
 {
     struct model model;
@@ -397,8 +401,8 @@ static void odd_input_gives_pictures(void **state)
     model_finish(&model);
 }
 
-// The reference engine, with its own samples and rays, says the same under a cube of light with
-// a lamp in it.
+// Every engine agrees with prt_reference, which has its own samples and rays, under a cube with
+// a small lamp.
 static void reference_engine_agrees(void **state)
 {
     enum { N = 120 };
@@ -450,7 +454,7 @@ static void reference_engine_agrees(void **state)
     model_finish(&model);
 }
 
-// While nothing changes each picture is nearer the exact one.
+// Refined pictures are closer to the exact one.
 static void refinement_converges(void **state)
 {
     struct model model;
@@ -483,8 +487,8 @@ static void refinement_converges(void **state)
     model_finish(&model);
 }
 
-// E known at the vertices takes the place of rays: the same picture under the same light, by
-// every engine, and none traced.
+// Irradiance given at the vertices replaces shadow rays: the same picture by every engine, and
+// no ray.
 static void known_irradiance_needs_no_rays(void **state)
 {
     struct model model;
@@ -528,7 +532,8 @@ static int stop_there(void *user, const char *stage, double fraction, double eta
     return stopper->asked++ >= stopper->stop_at;
 }
 
-// A frame that is stopped anywhere says so, and the next one is as if it had never been.
+// A frame that is cancelled at any point returns PRT_CANCELLED and leaves no trace in the next
+// one.
 static void frames_can_be_stopped(void **state)
 {
     struct model model;

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
-// screen/: frames of a view: kernels, receivers, budgets, foreseen errors, running means.
+// screen/: frames of a view: kernels, receivers, budgets, expected errors, running means.
 #include "screen_stage.h"
 
-// Every kernel gives the C kernel's sums, guarded at odd counts, and says how fast it is.
+// Every kernel gives the C kernel's sums and writes nothing beyond its points; speeds are
+// printed.
 static void pair_kernels_agree(void **state)
 {
     struct prt_diffusion d[3];
@@ -59,8 +60,8 @@ static void pair_kernels_agree(void **state)
     prt_emitters_finish(&e);
 }
 
-// Receivers share light among pixels of one patch only: a picture with a few looks like one
-// with a receiver at every pixel, and weights of a point add up to one.
+// Points interpolate receivers of their own patch only, near them, with weights that add up to
+// 1; larger receivers are fewer.
 static void receivers_stand_for_their_patch(void **state)
 {
     struct model model;
@@ -112,7 +113,7 @@ static void receivers_stand_for_their_patch(void **state)
     model_finish(&model);
 }
 
-// More time, more samples, less error foreseen; nonsense is refused.
+// More time gives more samples and less expected error; budgets out of range are refused.
 static void budgets_buy_samples(void **state)
 {
     struct model model;
@@ -159,8 +160,8 @@ static void budgets_buy_samples(void **state)
     model_finish(&model);
 }
 
-// What a frame says of its own error is not much less than it is, whatever light and medium:
-// the first frame is checked, later ones go by it.
+// The expected error of a frame is not much less than its error, for all lights and media: the
+// first frame is checked, and later ones take its ratio.
 static void errors_are_foreseen(void **state)
 {
     static const float sigma[3][2] = {{0.7f, 0.0014f}, {2.19f, 0.0021f}, {7.38f, 0.0002f}};
@@ -307,8 +308,8 @@ static void frames_repeat(void **state)
     model_finish(&model);
 }
 
-// A light that turns by half a degree changes the picture as the exact sum says, and no more:
-// its samples stay where they were as far as they can (S09: no flicker).
+// A light that rotates by half a degree changes the picture by as much as the exact sum, since
+// samples keep their positions as far as possible (S09: no flicker).
 static void samples_stay_from_frame_to_frame(void **state)
 {
     struct model model;

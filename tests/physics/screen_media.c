@@ -2,7 +2,7 @@
 // screen/: media other than one dipole: images over uv, and profiles of materials.
 #include "screen_stage.h"
 
-// A sheet with uv over [0,1]², seen by a wide camera.
+// A sheet with uv over [0,1]² in a wide view.
 static const struct prt_camera sheet_camera = {
     .eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 54};
 
@@ -31,9 +31,9 @@ static double middle(const struct stage *s, pixels b, int c)
     return sum / n;
 }
 
-// Maps: factors of 2 everywhere are a medium of twice the coefficients; a flat normal map
-// changes nothing; a slope of heights tips the normal as far as it says; two halves of
-// different media look each as its own.
+// Maps: factors of 2 everywhere equal a medium of twice the coefficients; a flat normal map
+// changes nothing; a slope of heights tilts the normal by its angle; two halves of different
+// media are each as bright as their own.
 static void maps_change_the_medium(void **state)
 {
     struct prt_material m = marble;
@@ -140,10 +140,9 @@ static void maps_change_the_medium(void **state)
     model_finish(&model);
 }
 
-// Every engine takes maps: a tint of 0.4 gives 0.4 of the light, a level normal map changes
-// nothing, a slope of heights tips the normal as far as it says; surfaces may have maps of
-// their own, or none. Two halves of different media look as where light leaves the one or the
-// other, within what lies about the seam.
+// Every engine: a tint of 0.4 gives 0.4 of the light, a level normal map changes nothing, a
+// slope of heights tilts the normal by its angle; surfaces may have maps of their own, or none.
+// Two halves of different media are within the tolerance of the reference.
 static void every_engine_takes_maps(void **state)
 {
     static const uint32_t count[5] = {160, 64, 2500, 900, 60000};
@@ -224,9 +223,9 @@ static void every_engine_takes_maps(void **state)
     model_finish(&model);
 }
 
-// A material's own profile is what every engine spreads light by: its total on a large plane,
-// and on a ball what the sum over its own R_d says.
-static void materials_bring_their_profile(void **state)
+// Every engine spreads light by the material's own profile: a large plane gives its total, and
+// a ball agrees with the sum over its R_d.
+static void engines_use_the_profile_of_the_material(void **state)
 {
     static const char *const text[2] = {
         "{\"profile\":\"burley\",\"albedo\":[0.7,0.6,0.8],\"mean_free_path\":[3,2.5,2],"
@@ -284,7 +283,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(maps_change_the_medium),
         cmocka_unit_test(every_engine_takes_maps),
-        cmocka_unit_test(materials_bring_their_profile),
+        cmocka_unit_test(engines_use_the_profile_of_the_material),
     };
     return cmocka_run_group_tests(tests, screen_setup, screen_teardown);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the tests of screen/ share.
+// Shared by the tests of screen/.
 #include "screen_stage.h"
 
 struct prt_context quiet;

@@ -2,7 +2,7 @@
 // screen/: C08's samples, split, atlas and pattern.
 #include "screen_stage.h"
 
-// C08's texels come in proportion to their value, dark ones never.
+// Law (C08 eq 9): texels are drawn in proportion to their value, dark ones never.
 static void mip_samples_follow_value(void **state)
 {
     enum { N = 256, DRAWS = 100000 };
@@ -53,7 +53,8 @@ static void split_weights(void **state)
     assert_true(most >= 0.0499 && beyond < 0.05);
 }
 
-// Local and global part together are R_d, as tables too, and a disc keeps the total.
+// Law: local and global part add up to R_d, in tables too, and the mean over a disc keeps the
+// total.
 static void split_parts_add_up(void **state)
 {
     struct prt_diffusion dipole[1][3];
@@ -99,10 +100,9 @@ static void split_parts_add_up(void **state)
     }
 }
 
-// C08 under light of short ways: points lie four mean free paths apart, and what is nearer
-// comes from the pixel's own irradiance. Blurred over the points' cells it would be off by 10
-// %.
-static void short_ways_stay_sharp(void **state)
+// C08 with short mean free paths: points are four of them apart, and nearer surface is read
+// from the picture. Without that, blurred over the points' cells, the error is 10 %.
+static void short_mean_free_paths_stay_sharp(void **state)
 {
     struct prt_material cream = {.name = "cream",
                                  .sigma_s_prime = {7.38f, 5.47f, 3.15f},
@@ -136,7 +136,7 @@ static void short_ways_stay_sharp(void **state)
     model_finish(&model);
 }
 
-// A sphere whose uv unfold it; `fold` says how they are spoilt.
+// uv that unfold a sphere, one to one for fold 0; other values of fold make them degenerate.
 static void add_uv(struct model *m, uint32_t n, int fold)
 {
     m->mesh.uv = calloc(m->mesh.n_vertex, sizeof *m->mesh.uv);
@@ -153,8 +153,8 @@ static void add_uv(struct model *m, uint32_t n, int fold)
     }
 }
 
-// C08's atlas lies in the model's uv where they are one to one, and the picture is the same;
-// where they are not it lies along the triangles.
+// C08's atlas is in the model's uv where they are one to one, with the same picture; otherwise
+// it is along the triangles.
 static void uv_are_the_atlas(void **state)
 {
     enum { N = 24 };
@@ -206,8 +206,8 @@ static void uv_are_the_atlas(void **state)
     free(plain);
 }
 
-// C08's pattern of rings finds what the dense sum finds, in every instruction set, and keeps
-// to objects.
+// C08's pattern of rings agrees with the exact sum for every instruction set, and does not
+// cross between objects.
 static void pattern_is_the_near_part(void **state)
 {
     struct model model;
@@ -258,9 +258,12 @@ static void pattern_is_the_near_part(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(mip_samples_follow_value), cmocka_unit_test(split_weights),
-        cmocka_unit_test(split_parts_add_up),       cmocka_unit_test(short_ways_stay_sharp),
-        cmocka_unit_test(uv_are_the_atlas),         cmocka_unit_test(pattern_is_the_near_part),
+        cmocka_unit_test(mip_samples_follow_value),
+        cmocka_unit_test(split_weights),
+        cmocka_unit_test(split_parts_add_up),
+        cmocka_unit_test(short_mean_free_paths_stay_sharp),
+        cmocka_unit_test(uv_are_the_atlas),
+        cmocka_unit_test(pattern_is_the_near_part),
     };
     return cmocka_run_group_tests(tests, screen_setup, screen_teardown);
 }

@@ -104,7 +104,7 @@ static void add_square(struct scene *s, float h, float x, float z, bool transluc
     b->n_triangle = 2;
 }
 
-// Eye on +z at this distance in mm, looking at the origin (cameras speak model units).
+// Eye on +z at this distance [mm], looking at the origin; cameras are in model units.
 static struct prt_camera front(float distance_mm, float fovy)
 {
     return (struct prt_camera){
@@ -151,7 +151,7 @@ static void interpolate(const struct prt_mesh *m, uint32_t t, const float uv[2],
                (double)uv[1] * m->position[m->triangle[t][2]][k];
 }
 
-// The point a sample names projects back to where the sample is.
+// The point of a sample's triangle and barycentrics projects to the sample's position.
 static void barycentrics_project_back(void **state)
 {
     struct scene s;
@@ -220,7 +220,7 @@ static uint32_t cast(const struct prt_mesh *m, const double o[3], const double d
     return best;
 }
 
-// The triangle GL keeps is the first one a ray meets.
+// The triangle that GL keeps is the first one along the ray.
 static void same_as_ray_cast(void **state)
 {
     struct scene s;
@@ -354,7 +354,7 @@ static void fresnel_at_normal_incidence(void **state)
 }
 
 // Plane k is weighted by Y_k of the refracted view direction.
-static void phase_planes_meet_harmonics(void **state)
+static void phase_planes_times_harmonics(void **state)
 {
     struct scene s;
     scene_init(&s, 8, 4);
@@ -473,7 +473,7 @@ static void background_is_looked_up(void **state)
     scene_finish(&s);
 }
 
-// Every instruction set gives the C kernel's picture, to rounding.
+// Every instruction set gives the C kernel's picture up to rounding.
 static void kernels_agree(void **state)
 {
     struct scene s;
@@ -641,7 +641,7 @@ static void sizes_are_limited(void **state)
     scene_finish(&s);
 }
 
-// The default camera shows all of the translucent object, nearly filling the frame; a camera
+// The default camera frames all of the translucent object and nearly fills the image; a camera
 // inside it draws a picture too.
 static void default_camera_frames(void **state)
 {
@@ -696,7 +696,7 @@ int main(void)
         cmocka_unit_test(backends_agree),
         cmocka_unit_test(edges_are_antialiased),
         cmocka_unit_test(fresnel_at_normal_incidence),
-        cmocka_unit_test(phase_planes_meet_harmonics),
+        cmocka_unit_test(phase_planes_times_harmonics),
         cmocka_unit_test(specular_of_constant_is_constant),
         cmocka_unit_test(specular_spreads_with_roughness),
         cmocka_unit_test(background_is_looked_up),
