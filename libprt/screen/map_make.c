@@ -65,7 +65,7 @@ int prt_screen_map_make(const struct prt_context *ctx, enum prt_screen_map_kind 
 {
     memset(out, 0, sizeof *out);
     if (!image->rgb || !image->width || !image->height)
-        return prt_fail(ctx, PRT_ARG, "map: an image without pixels");
+        return prt_fail(ctx, PRT_ARG, "map: the image has no pixels");
     uint32_t side = image->width > image->height ? image->width : image->height;
     double by = most_side && side > most_side ? (double)most_side / side : 1;
     uint32_t w = (uint32_t)(image->width * by + 0.5), h = (uint32_t)(image->height * by + 0.5);

@@ -154,7 +154,7 @@ static int check(const struct prt_context *ctx, const struct prt_screen *screen,
                  const struct prt_screen_input *input, double budget_ms)
 {
     if (!screen || !input || !input->visibility || !input->material)
-        return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
+        return prt_fail(ctx, PRT_ARG, "screen: screen, visibility or material is NULL");
     if (!(budget_ms > 0) || !isfinite(budget_ms))
         return prt_fail(ctx, PRT_ARG, "screen: a budget of %g ms: must be positive", budget_ms);
     return PRT_OK;

@@ -38,7 +38,8 @@ int prt_screen_create(const struct prt_context *ctx, const struct prt_mesh *mesh
     s->area_mm2 = prt_surface_area(mesh);
     int status = PRT_OK;
     if (!isfinite(s->diameter_mm) || !(s->diameter_mm > 0))
-        status = prt_fail(ctx, PRT_ARG, "screen: the model has no extent");
+        status = prt_fail(ctx, PRT_ARG,
+                          "screen: the model's vertices are all at one point, or not finite");
     if (!status && !(s->triangle_block = prt_mesh_triangle_blocks(mesh)))
         status = prt_fail(ctx, PRT_NOMEM, "screen: no memory");
     if (!status && !scene) {
@@ -217,7 +218,10 @@ static int check_options(const struct prt_context *ctx, const struct prt_screen_
 {
     static const uint32_t most[N_ENGINE] = {4096, 65536, 1u << 20, 1u << 20, 1u << 24};
     if ((unsigned)o->engine >= N_ENGINE)
-        return prt_fail(ctx, PRT_ARG, "screen: unknown engine %d", (int)o->engine);
+        return prt_fail(ctx, PRT_ARG,
+                        "screen: engine %d is not one of splat, tangent, texture, hybrid, "
+                        "reference",
+                        (int)o->engine);
     if (o->n_sample > most[o->engine] || o->n_sample == 1)
         return prt_fail(ctx, PRT_ARG, "screen: %u samples for %s: 2 to %u are allowed",
                         o->n_sample, engine_name[o->engine], most[o->engine]);
@@ -226,9 +230,15 @@ static int check_options(const struct prt_context *ctx, const struct prt_screen_
             ctx, PRT_ARG,
             "screen: a pattern of %u rings of %u spokes: 1 to 256 of both are allowed",
             o->rings, o->spokes);
-    if (!(o->budget_ms >= 0 && o->bound >= 0 && o->epsilon >= 0 && o->epsilon < 1))
-        return prt_fail(ctx, PRT_ARG,
-                        "screen: budget and bound must be >= 0, epsilon in [0,1)");
+    if (!(o->budget_ms >= 0))
+        return prt_fail(ctx, PRT_ARG, "screen: a budget of %g ms: must be >= 0",
+                        (double)o->budget_ms);
+    if (!(o->bound >= 0))
+        return prt_fail(ctx, PRT_ARG, "screen: a bound of %g mm^-1: must be >= 0",
+                        (double)o->bound);
+    if (!(o->epsilon >= 0 && o->epsilon < 1))
+        return prt_fail(ctx, PRT_ARG, "screen: epsilon %g is outside [0,1)",
+                        (double)o->epsilon);
     return PRT_OK;
 }
 
@@ -264,7 +274,7 @@ static int run_engine(struct frame *f)
         return prt_engine_reference(f, f->options->n_sample ? f->options->n_sample : 262144, 1,
                                     NULL);
     }
-    return prt_fail(f->ctx, PRT_ARG, "screen: unknown engine %d", (int)f->options->engine);
+    return PRT_ARG; // check_options refused the others
 }
 
 static void finish_frame(struct frame *f)
@@ -387,7 +397,8 @@ int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen
 {
     struct prt_screen_report unused;
     if (!screen || !input || !input->visibility || !input->material || !options || !radiance)
-        return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
+        return prt_fail(ctx, PRT_ARG,
+                        "screen: screen, visibility, material, options or radiance is NULL");
     struct frame f = {.ctx = ctx,
                       .screen = screen,
                       .vis = input->visibility,
@@ -412,7 +423,7 @@ int prt_screen_image(const struct prt_context *ctx, struct prt_screen *screen,
                      struct prt_image *out, struct prt_screen_report *report)
 {
     if (!input || !input->visibility || !shade || !out)
-        return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
+        return prt_fail(ctx, PRT_ARG, "screen: visibility, shade or out is NULL");
     struct prt_gbuffer g;
     prt_visibility_gbuffer(input->visibility, &g);
     float(*radiance)[3] = prt_alloc((size_t)g.n_point + 1, sizeof *radiance);
