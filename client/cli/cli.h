@@ -4,6 +4,7 @@
 #define RELIGHT_CLI_H
 
 #include "relight/relight.h"
+#include "vertex_file.h"
 
 #include <cjson/cJSON.h>
 
@@ -58,20 +59,16 @@ void progress_clear(void);
 
 /* output.c: files, written to a temporary file that is renamed. 0 or EXIT_FAILED, reported. */
 int write_file(const struct options *options, const char *path, const void *bytes, size_t n);
-enum output_kind {
-    OUTPUT_UNKNOWN,
-    OUTPUT_CSV,
-    OUTPUT_NPY,
-    OUTPUT_PLY,
-    OUTPUT_GLB,
-    OUTPUT_PNG,
-    OUTPUT_JPG,
-    OUTPUT_EXR
-};
-enum output_kind output_kind(const char *path); /* by its suffix */
-/* Reads a .npy of little-endian f32 [n][3]; *out is malloc()ed. 0 or EXIT_FAILED, reported. */
+/* The image format that the ending of `path` names, NOT_A_PICTURE for any other and for NULL.
+ */
+enum { NOT_A_PICTURE = -1 };
+#define PICTURE_ENDINGS ".png, .jpg or .exr"
+bool picture_format(const char *path, enum relight_image_format *out);
+/* Reads a .npy of little-endian f32 or f64 [n][3]; *out is malloc()ed. 0 or EXIT_FAILED,
+ * reported. */
 int read_npy(const struct options *options, const char *path, uint32_t *n, float **out);
-/* rgb [n][3] or NULL; geometry may be NULL for CSV and NPY. */
+/* Writes rgb [n][3] or NULL, in the format of the path's ending; for CSV and NPY of colours
+ * geometry may be empty. 0 or EXIT_FAILED, reported. */
 int write_vertices(const struct options *options, const char *path, uint32_t n,
                    const float *rgb, const struct relight_geometry *geometry);
 

@@ -111,8 +111,7 @@ int run_colors(struct tool *tool)
 {
     const struct options *o = &tool->opt;
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    enum output_kind kind = output_kind(o->out);
-    if (kind != OUT_CSV && kind != OUT_NPY && kind != OUT_PLY && kind != OUT_GLB)
+    if (prt_vertex_format_of(o->out) == PRT_VERTEX_NONE)
         return usage_error(o, "-o %s: colours are written as .csv, .npy, .ply or .glb", o->out);
     struct source source = {0};
     struct prt_cube cube = {0};

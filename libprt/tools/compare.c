@@ -18,8 +18,8 @@ struct values {
 
 static bool is_table(const char *path)
 {
-    enum output_kind kind = output_kind(path);
-    return kind == OUT_CSV || kind == OUT_NPY;
+    enum prt_vertex_format format = prt_vertex_format_of(path);
+    return format == PRT_VERTEX_CSV || format == PRT_VERTEX_NPY;
 }
 
 static int values_load(struct tool *tool, const char *path, struct values *out)

@@ -11,7 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-// What a picture is made of, kept together so that it is released in one place.
+enum { MAX_LINE = 512 }; // of a message
+
+// The parts of a picture, in one struct so that picture_finish releases all.
 struct picture {
     struct source source;
     struct prt_env *env;
@@ -44,21 +46,32 @@ static void picture_finish(struct picture *p)
     source_close(&p->source);
 }
 
+static void keep_line(void *user, enum prt_log_level level, const char *line)
+{
+    snprintf(user, MAX_LINE, "%s", line);
+}
+
+// The library's message, which begins with "camera", becomes the one about wrong usage.
+static int parse_camera(const struct tool *tool, struct prt_camera *camera)
+{
+    char line[MAX_LINE] = "";
+    struct prt_context ctx = tool->ctx;
+    ctx.log = keep_line;
+    ctx.log_user = line;
+    if (!prt_camera_parse(&ctx, tool->opt.camera, camera)) return EXIT_DONE;
+    return usage_error(&tool->opt, "--%s", line);
+}
+
 static int check_usage(struct tool *tool, struct picture *p)
 {
     const struct options *o = &tool->opt;
+    int status;
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    enum output_kind kind = output_kind(o->out);
-    if (kind != OUT_EXR && kind != OUT_HDR && kind != OUT_PNG && kind != OUT_JPG)
-        return usage_error(o, "-o %s: pictures are written as .exr, .png or .jpg", o->out);
+    if (picture_range(o->out) == PICTURE_NONE) return picture_path_error(o, "pictures");
     if (!o->env) return usage_error(o, "--env is missing");
     if (o->camera && o->eye.set)
         return usage_error(o, "--camera says where the eye is: leave --eye out");
-    if (o->camera && prt_camera_parse(&tool->ctx, o->camera, &p->camera))
-        return usage_error(o,
-                           "--camera %s: expected EYE:TARGET[:UP[:FOVY]] with points x,y,z, "
-                           "FOVY in (0, 170)",
-                           o->camera);
+    if (o->camera && (status = parse_camera(tool, &p->camera))) return status;
     if (maps_asked(o) &&
         (!o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, "reference")))
         return usage_error(o, "maps are for --engine splat, tangent, texture and hybrid");
@@ -321,9 +334,11 @@ static int draw(struct tool *tool, struct picture *p)
                           : draw_vertices(tool, p, reference, total, term);
     if (status) return status;
     double seconds = prt_time_s() - started;
-    status = tool_exit(tool, output_image(&tool->ctx, o->out, &p->image, tone_of(o->tone),
-                                          o->exposure_ev, o->quality ? (int)o->quality : 92,
-                                          o->full_float));
+    struct picture_style style = {.tone = tone_of(o->tone),
+                                  .exposure_ev = o->exposure_ev,
+                                  .quality = o->quality ? (int)o->quality : 92,
+                                  .full_float = o->full_float};
+    status = tool_exit(tool, output_image(&tool->ctx, o->out, &p->image, &style));
     if (!status) summary(tool, p, engine, seconds);
     return status;
 }

@@ -11,6 +11,7 @@
 #include "prt/reference.h"
 #include "prt/relight.h"
 #include "prt/transport.h"
+#include "vertex_file.h"
 
 /* Exit statuses of the command contract. */
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
@@ -52,11 +53,9 @@ struct options {
     bool json, quiet, no_single, every_ray, straight, full_float, measure_error;
 };
 
-/* Fills `out` from the arguments after the subcommand's name. Returns -1 to go on, else the
- * exit status: after --help, or after a message about wrong usage. */
-int options_parse(enum command command, int argc, char **argv, struct options *out);
-int command_find(const char *name); /* enum command, or -1 */
-void usage_print(void);
+/* Fills `out` from the program's arguments. Returns -1 to go on, else the exit status: after
+ * --help or --version, or after a message about wrong usage. */
+int options_parse(int argc, char **argv, struct options *out);
 /* Prints an error and where help is; returns EXIT_USAGE. */
 int usage_error(const struct options *options, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
@@ -109,24 +108,26 @@ int material_option(struct tool *tool, struct prt_material *out);
 int reference_term(struct tool *tool, const struct source *source, const struct prt_cube *light,
                    const char *term, const float *eye_mm, float (*color)[3]);
 
-enum output_kind {
-    OUT_NONE,
-    OUT_CSV,
-    OUT_NPY,
-    OUT_PLY,
-    OUT_GLB, /* colours */
-    OUT_EXR,
-    OUT_PNG,
-    OUT_JPG,
-    OUT_HDR, /* pictures */
-};
-enum output_kind output_kind(const char *path);
-/* Colours [n_vertex][3] by the name's ending. Library status. */
+/* Colours [n_vertex][3] as CSV, NPY, PLY or GLB by the path's ending. Library status. */
 int output_colors(const struct prt_context *ctx, const char *path, const struct prt_mesh *mesh,
                   const float (*color)[3]);
-/* Linear picture by the name's ending; PNG and JPEG are tone-mapped. Library status. */
+/* What the format that a path's ending names stores: no picture, linear radiance, 8 bits. */
+enum picture_range { PICTURE_NONE, PICTURE_LINEAR, PICTURE_8BIT };
+enum picture_range picture_range(const char *path);
+/* The usage error of -o with an ending of no picture: "`things` are written as …". */
+int picture_path_error(const struct options *options, const char *things);
+struct picture_style {
+    enum prt_tone tone; /* of 8-bit formats, as exposure_ev */
+    double exposure_ev; /* stops */
+    int quality;        /* of a JPEG, [1, 100] */
+    bool full_float;    /* EXR: floats, else halves */
+    bool envmap;        /* EXR: the picture is a strip of cube faces */
+};
+/* Writes a linear picture; the path has one of the endings of pictures. Library status. */
 int output_image(const struct prt_context *ctx, const char *path, const struct prt_image *image,
-                 enum prt_tone tone, double exposure_ev, int quality, bool full_float);
+                 const struct picture_style *style);
+/* Whether the path ends in ".abc", in upper or lower case. */
+bool path_ends_in(const char *path, const char *ending);
 /* Colours of a .csv or .npy [n][3]; caller prt_free()s. Library status. */
 int table_load(const struct prt_context *ctx, const char *path, float **rgb, size_t *n);
 
