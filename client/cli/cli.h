@@ -7,12 +7,14 @@
 #include "vertex_file.h"
 
 #include <cjson/cJSON.h>
+#include <stdio.h>
 
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_UNREACHABLE = 3, MAX_WORDS = 16 };
 
 /* Every option of every command; a command's table says which it takes. */
 struct options {
     const char *server, *token;
+    char *own_token; /* copy of --token, owned */
     double timeout_s;
     bool json;
     const char *command, *target, *output; /* target: ID, MODEL, JOB or FILE */
@@ -49,6 +51,14 @@ void options_finish(struct options *options);
 int report_error(const struct options *options, const struct relight_error *error);
 int report_usage(const struct options *options, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
+/* Text of the daemon for a terminal, where an escape sequence in a name could rewrite the
+ * screen: control characters become \xNN. print_text prints all of it; escape() keeps what
+ * fits. */
+struct escaped {
+    char text[512];
+};
+struct escaped escape(const char *text);
+void print_text(FILE *file, const char *text);
 void print_json(cJSON *json); /* one line on stdout; deletes it */
 /* Numbers with the digits that a float has. */
 void add_float(cJSON *json, const char *key, double x);

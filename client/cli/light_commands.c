@@ -95,7 +95,7 @@ static void print_cost(const char *what, const char *path, const struct relight_
         printf(", error %s%.2g %%", cost->samples ? "about " : "",
                100 * (double)cost->error_bound);
     putchar('\n');
-    if (*cost->note) fprintf(stderr, "relight: %s\n", cost->note);
+    if (*cost->note) fprintf(stderr, "relight: %s\n", escape(cost->note).text);
 }
 
 static int save_colors(struct relight_client *client, struct options *o,

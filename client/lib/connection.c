@@ -58,6 +58,24 @@ struct relight_client {
 // ---- errors
 // ------------------------------------------------------------------------------------
 
+// An error's text may come from the daemon and goes to terminals: control characters (C0, DEL,
+// and C1 in UTF-8) become '?', and a character that the array cut is dropped.
+static void tidy_line(char *text, size_t room)
+{
+    size_t n = strlen(text), last = n;
+    for (size_t i = 0; i < n; i++) {
+        unsigned char c = (unsigned char)text[i], next = (unsigned char)text[i + 1];
+        if (c < 0x20 || c == 0x7f) text[i] = '?';
+        if (c == 0xc2 && next >= 0x80 && next < 0xa0) text[i] = text[i + 1] = '?';
+    }
+    if (n + 1 < room) return;
+    while (last && ((unsigned char)text[last - 1] & 0xc0) == 0x80) last--;
+    if (!last || (unsigned char)text[last - 1] < 0xc0) return;
+    unsigned char lead = (unsigned char)text[last - 1];
+    size_t needed = lead < 0xe0 ? 2 : lead < 0xf0 ? 3 : 4;
+    if (n - (last - 1) < needed) text[last - 1] = 0;
+}
+
 int relight_fail(struct relight_error *error, int code, const char *hint, const char *fmt, ...)
 {
     if (!error) return -code;
@@ -67,6 +85,8 @@ int relight_fail(struct relight_error *error, int code, const char *hint, const 
     vsnprintf(error->text, sizeof error->text, fmt, list);
     va_end(list);
     snprintf(error->hint, sizeof error->hint, "%s", hint);
+    tidy_line(error->text, sizeof error->text);
+    tidy_line(error->hint, sizeof error->hint);
     return -code;
 }
 
