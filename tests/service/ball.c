@@ -5,7 +5,7 @@
 struct daemon d;
 struct relight_client *client;
 struct relight_error error;
-char ball[32];
+char ball[ID_SIZE];
 const struct relight_light white = {.env = "constant"};
 static float cube_texel[6 * CUBE * CUBE * 3];
 
