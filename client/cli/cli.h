@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* cli.h: what the files of the relight program share. */
+/* cli.h declares the functions and types that the files of the relight program share. */
 #ifndef RELIGHT_CLI_H
 #define RELIGHT_CLI_H
 
@@ -72,8 +72,10 @@ int write_file(const struct options *options, const char *path, const void *byte
 /* The image format that the ending of `path` names, NOT_A_PICTURE for any other and for NULL.
  */
 enum { NOT_A_PICTURE = -1 };
-#define PICTURE_ENDINGS ".png, .jpg or .exr"
 bool picture_format(const char *path, enum relight_image_format *out);
+/* The usage error of an -o whose ending is none of `others` ("" or ".csv, ") and of pictures.
+ */
+int picture_usage(const struct options *options, const char *others);
 /* Reads a .npy of little-endian f32 or f64 [n][3]; *out is malloc()ed. 0 or EXIT_FAILED,
  * reported. */
 int read_npy(const struct options *options, const char *path, uint32_t *n, float **out);

@@ -53,7 +53,7 @@ static int get_lights(struct relight_client *client, struct options *o,
     return EXIT_DONE;
 }
 
-// Uploads what --albedo-map, --normal-map and --bump-map name.
+// Uploads the files of --albedo-map, --normal-map and --bump-map.
 static int get_maps(struct relight_client *client, struct options *o)
 {
     struct relight_error error;
@@ -165,8 +165,7 @@ int run_image(struct relight_client *client, struct options *o)
     struct relight_light lights[MAX_WORDS];
     char names[MAX_WORDS][80];
     struct relight_image image;
-    if (!picture_format(o->output, &o->picture.format))
-        return report_usage(o, "-o FILE has to end in " PICTURE_ENDINGS);
+    if (!picture_format(o->output, &o->picture.format)) return picture_usage(o, "");
     int status = get_lights(client, o, lights, names);
     if (!status) status = get_maps(client, o);
     if (status) return status;
@@ -205,8 +204,7 @@ int run_edit(struct relight_client *client, struct options *o)
     if (!o->material) return report_usage(o, "--material is missing");
     bool vertices = prt_vertex_format_of(o->output) != PRT_VERTEX_NONE;
     if (!vertices && !picture_format(o->output, &o->picture.format))
-        return report_usage(o,
-                            "-o FILE has to end in .csv, .npy, .ply, .glb, " PICTURE_ENDINGS);
+        return picture_usage(o, ".csv, .npy, .ply, .glb, ");
     return vertices ? run_colors(client, o) : run_image(client, o);
 }
 

@@ -181,7 +181,7 @@ int run_load(struct relight_client *client, struct options *options)
     char env[80];
     if (load->size_mm > 0 && load->mm_per_unit > 0)
         return report_usage(options, "--size-mm and --mm-per-unit exclude each other");
-    // glTF files are in metres; these have no unit, and a bake would only fail later.
+    // OBJ and PLY have no unit of length: refused here, before the upload.
     const char *dot = strrchr(options->target, '.');
     bool unitless = dot && (!strcasecmp(dot, ".obj") || !strcasecmp(dot, ".ply"));
     if (unitless && !(load->size_mm > 0) && !(load->mm_per_unit > 0))

@@ -523,8 +523,8 @@ const struct command *options_parse(int argc, char **argv, struct options *optio
     pick(picked, COMMON);
     struct argp top = {picked, parse_main, "COMMAND [ARGUMENT] [OPTION...]", doc, NULL,
                        NULL,   NULL};
-    // The command is the first word that is no option and no option's value; what stands before
-    // it, and it, is parsed here, the rest by the command's own parser.
+    // The command is the first word that is neither an option nor an option's value. The first
+    // parser takes the words up to the command, the command's own parser takes the rest.
     int first = 1;
     while (first < argc && argv[first][0] == '-' && argv[first][1]) {
         const char *w = argv[first];

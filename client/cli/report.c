@@ -100,7 +100,8 @@ void print_text(FILE *file, const char *text)
 void print_json(cJSON *json)
 {
     char *text = cJSON_PrintUnformatted(json);
-    // cJSON escapes C0 controls; DEL and C1 controls, also only inside strings, are escaped here.
+    // cJSON escapes C0 controls; DEL and C1 controls, also only inside strings, are escaped
+    // here.
     for (const char *at = text; at && *at; at++) {
         unsigned char next = (unsigned char)at[1];
         bool c1 = (unsigned char)*at == 0xc2 && next >= 0x80 && next < 0xa0;

@@ -60,7 +60,8 @@ static void summary(const struct tool *tool, const struct source *source, const 
                 tool->opt.out, n, engine, seconds, mean[0], mean[1], mean[2]);
         if (lost > 0)
             prt_log(&tool->ctx, PRT_LOG_NOTE,
-                    "the bake's radial basis holds this material to %.2g %%", 100 * lost);
+                    "the bake's radial basis represents this material within %.2g %%",
+                    100 * lost);
         return;
     }
     cJSON *root = cJSON_CreateObject();
@@ -79,7 +80,7 @@ static void summary(const struct tool *tool, const struct source *source, const 
     cJSON_Delete(root);
 }
 
-// Loads the light as the engine wants it; leaves *cube empty for a transport with its own
+// Loads the light at the engine's resolution; *cube stays empty for a transport with its own
 // light.
 static int load_light(struct tool *tool, const struct source *source, bool reference,
                       struct prt_cube *cube)

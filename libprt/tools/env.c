@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// prt env: environments between lat-long and cube layouts, turned and resized; and their power.
+// prt env: converts environments between lat-long and cube layouts, turns and resizes them, and
+// prints their power.
 #include "tool.h"
 
 #include <cjson/cJSON.h>
@@ -41,7 +42,7 @@ void env_power(const struct prt_env *env, double power[3])
     else cube_power(&env->cube, power);
 }
 
-// Where a layout puts the six camera views, in face widths, and which are turned by 180
+// Positions of the six camera views in a layout, in widths of a face; some are turned by 180
 // degrees.
 struct layout {
     const char *name;
@@ -65,7 +66,7 @@ static const float views[6][3][3] = {
     {{0, 0, 1}, {-1, 0, 0}, {0, 1, 0}}, {{0, 0, -1}, {1, 0, 0}, {0, 1, 0}},
 };
 
-// The texel of `cube` that a view's pixel shows: a permutation, nothing is filtered.
+// The texel of `cube` at a pixel of a view: a permutation without filtering.
 static const float *view_texel(const struct prt_cube *cube, unsigned view, uint32_t x,
                                uint32_t y)
 {
@@ -146,7 +147,7 @@ static int write_picture(const struct tool *tool, const struct prt_image *image,
     return output_image(&tool->ctx, o->out, image, &style);
 }
 
-// Everything goes through a cube: the light as every engine sees it.
+// Every conversion goes through a cube, which is the light that the engines use.
 static int convert(const struct tool *tool, const struct prt_env *env,
                    const struct layout *layout, struct prt_image *out, double after[3])
 {
@@ -189,7 +190,7 @@ int run_env(struct tool *tool)
     status = prt_env_load(&tool->ctx, o->input[0], &env);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     bool exr = path_ends_in(o->out, ".exr");
-    // --size WxH speaks of a lat-long, whatever came in.
+    // --size WxH means a lat-long result, for any input.
     const char *name = o->layout                                ? o->layout
                        : o->height || env->kind == PRT_ENV_CUBE ? "latlong"
                        : exr                                    ? "envmap"

@@ -26,8 +26,8 @@ struct picture {
     bool plain; // a plain background
     float background[3];
     struct prt_image image;
-    double lost;    // of the material to the radial bases of a .prt
-    bool on_screen; // an image-space engine answers, no transport and no vertices
+    double lost;    // error of the .prt's radial bases for the material
+    bool on_screen; // drawn by an image-space engine, without transport and vertices
     struct prt_screen_report report;
     struct maps maps;
 };
@@ -72,7 +72,7 @@ static int check_usage(struct tool *tool, struct picture *p)
     if (o->camera && o->eye.set)
         return usage_error(o, "--camera says where the eye is: leave --eye out");
     if (o->camera && (status = parse_camera(tool, &p->camera))) return status;
-    if (maps_asked(o) &&
+    if (maps_given(o) &&
         (!o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, "reference")))
         return usage_error(o, "maps are for --engine splat, tangent, texture and hybrid");
     if (o->bump_mm > 0 && !o->bump_map) return usage_error(o, "--bump-mm is for --bump-map");
@@ -90,7 +90,7 @@ static int check_usage(struct tool *tool, struct picture *p)
     return EXIT_DONE;
 }
 
-// The engine that answers, or NULL after a message; *status tells its exit status.
+// The engine to use, or NULL after a message with its exit status in *status.
 static const char *choose_engine(struct tool *tool, const struct source *source, int *status)
 {
     const struct options *o = &tool->opt;
@@ -214,7 +214,7 @@ static struct prt_shade shade_of(const struct picture *p, bool total)
     return shade;
 }
 
-// Colours at the vertices, interpolated and shaded.
+// Draws colours at the vertices, interpolated and shaded.
 static int draw_vertices(struct tool *tool, struct picture *p, bool reference, bool total,
                          const char *term)
 {
@@ -225,7 +225,7 @@ static int draw_vertices(struct tool *tool, struct picture *p, bool reference, b
         tool, prt_shade_image(&tool->ctx, p->visibility, p->source.mesh, &shade, &p->image));
 }
 
-// The picture by an image-space engine: irradiance and diffusion at what the camera sees.
+// Draws with an image-space engine: irradiance and diffusion at the visible surface.
 static int draw_on_screen(struct tool *tool, struct picture *p, const char *engine, bool total)
 {
     const struct options *o = &tool->opt;

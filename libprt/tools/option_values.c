@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-// A whole finite decimal number; hexadecimal, nan and inf are typing errors here.
+// A finite decimal number; hexadecimal, nan and inf are refused.
 static bool parse_real(const char *text, double *out)
 {
     if (!*text || text[strspn(text, "0123456789+-.eE")]) return false;
@@ -41,7 +41,7 @@ bool parse_vector(const char *text, float v[3])
     return true;
 }
 
-// "I/N" or "WxH": two whole numbers with a mark between them.
+// "I/N" or "WxH": two whole numbers separated by a mark.
 static bool parse_pair(const char *text, char mark, uint64_t *a, uint64_t *b)
 {
     char part[32];

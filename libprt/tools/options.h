@@ -38,7 +38,7 @@ struct option_row {
 extern const struct option_row option_table[];
 extern const unsigned n_option_row;
 
-/* Stores one value. Returns -1, or EXIT_USAGE after a message that tells the allowed values. */
+/* Stores one value. Returns -1, or EXIT_USAGE after a message with the allowed values. */
 int option_set(struct options *options, const struct option_row *row, const char *value);
 
 #endif
