@@ -63,16 +63,16 @@ static int encode_range(void *arg, size_t begin, size_t end, unsigned worker)
 }
 
 void encode_colors(const struct prt_context *ctx, const struct render_spec *spec,
-                   const struct answer *answer, uint8_t *to)
+                   const struct vertex_values *values, uint8_t *to)
 {
-    size_t n = (size_t)answer->n_vertex * 3;
+    size_t n = (size_t)values->n_vertex * 3;
     if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F32) {
-        memcpy(to, answer->values, n * sizeof(float));
+        memcpy(to, values->values, n * sizeof(float));
     } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F16) {
-        prt_f32_to_f16_array(answer->values, n, (uint16_t *)to);
+        prt_f32_to_f16_array(values->values, n, (uint16_t *)to);
     } else {
-        struct encoding e = {answer->values, to, spec->format, exp2f(spec->exposure_ev)};
-        prt_parallel_for(ctx, NULL, answer->n_vertex, 4096, encode_range, &e);
+        struct encoding e = {values->values, to, spec->format, exp2f(spec->exposure_ev)};
+        prt_parallel_for(ctx, NULL, values->n_vertex, 4096, encode_range, &e);
     }
 }
 
