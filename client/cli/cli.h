@@ -64,11 +64,13 @@ enum output_kind {
     OUTPUT_NPY,
     OUTPUT_PLY,
     OUTPUT_GLB,
-    OUTPUT_PNG,
-    OUTPUT_JPG,
-    OUTPUT_EXR
+    OUTPUT_PICTURE
 };
 enum output_kind output_kind(const char *path); /* by its suffix */
+/* The format of a picture by its suffix; false: it is none. */
+bool picture_format(const char *path, enum relight_image_format *format);
+/* ".jpg, .png, .exr": for messages. Returns text. */
+const char *picture_suffixes(char text[100]);
 /* Reads a .npy of little-endian f32 [n][3]; *out is malloc()ed. 0 or EXIT_FAILED, reported. */
 int read_npy(const struct options *options, const char *path, uint32_t *n, float **out);
 /* rgb [n][3] or NULL; geometry may be NULL for CSV and NPY. */

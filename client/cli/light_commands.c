@@ -131,11 +131,6 @@ static bool is_vertices(enum output_kind kind)
     return kind == OUTPUT_CSV || kind == OUTPUT_NPY || kind == OUTPUT_PLY || kind == OUTPUT_GLB;
 }
 
-static bool is_picture(enum output_kind kind)
-{
-    return kind == OUTPUT_PNG || kind == OUTPUT_JPG || kind == OUTPUT_EXR;
-}
-
 int run_colors(struct relight_client *client, struct options *o)
 {
     struct relight_error error;
@@ -176,11 +171,10 @@ int run_image(struct relight_client *client, struct options *o)
     struct relight_light lights[MAX_WORDS];
     char names[MAX_WORDS][80];
     struct relight_image image;
-    enum output_kind kind = output_kind(o->output);
-    if (!is_picture(kind)) return report_usage(o, "-o FILE has to end in .png, .jpg or .exr");
-    o->picture.format = kind == OUTPUT_PNG   ? RELIGHT_IMAGE_PNG
-                        : kind == OUTPUT_EXR ? RELIGHT_IMAGE_EXR
-                                             : RELIGHT_IMAGE_JPEG;
+    char suffixes[100];
+    if (!picture_format(o->output, &o->picture.format))
+        return report_usage(o, "-o FILE: the name has to end in one of %s",
+                            picture_suffixes(suffixes));
     int status = get_lights(client, o, lights, names);
     if (!status) status = get_maps(client, o);
     if (status) return status;
@@ -218,10 +212,12 @@ int run_edit(struct relight_client *client, struct options *o)
 {
     if (!o->material) return report_usage(o, "--material is missing");
     enum output_kind kind = output_kind(o->output);
-    if (!is_picture(kind) && !is_vertices(kind))
+    char suffixes[100];
+    if (kind == OUTPUT_UNKNOWN)
         return report_usage(o,
-                            "-o FILE has to end in .png, .jpg, .exr, .csv, .npy, .ply or .glb");
-    return is_picture(kind) ? run_image(client, o) : run_colors(client, o);
+                            "-o FILE: the name has to end in one of %s, .csv, .npy, .ply, .glb",
+                            picture_suffixes(suffixes));
+    return kind == OUTPUT_PICTURE ? run_image(client, o) : run_colors(client, o);
 }
 
 int run_geometry(struct relight_client *client, struct options *o)

@@ -55,18 +55,51 @@ int write_file(const struct options *options, const char *path, const void *byte
     return bad ? file_error(options, path, strerror(fault)) : EXIT_DONE;
 }
 
-enum output_kind output_kind(const char *path)
+bool picture_format(const char *path, enum relight_image_format *format)
 {
     static const struct {
         const char *suffix;
+        enum relight_image_format format;
+    } formats[] = {
+#define X(name, number, suffix) {suffix, RELIGHT_IMAGE_##name},
+        RELIGHT_IMAGE_FORMAT_LIST(X)
+#undef X
+            {"jpeg", RELIGHT_IMAGE_JPEG}};
+    const char *dot = path ? strrchr(path, '.') : NULL;
+    for (unsigned i = 0; dot && dot[1] && i < sizeof formats / sizeof *formats; i++)
+        if (!strcasecmp(dot + 1, formats[i].suffix)) {
+            *format = formats[i].format;
+            return true;
+        }
+    return false;
+}
+
+const char *picture_suffixes(char text[100])
+{
+    static const char *const suffix[] = {
+#define X(name, number, suffix) suffix,
+        RELIGHT_IMAGE_FORMAT_LIST(X)
+#undef X
+    };
+    size_t at = 0;
+    for (unsigned i = 0; at < 100 && i < sizeof suffix / sizeof *suffix; i++)
+        if (suffix[i][0])
+            at += (size_t)snprintf(text + at, 100 - at, "%s.%s", at ? ", " : "", suffix[i]);
+    return text;
+}
+
+enum output_kind output_kind(const char *path)
+{
+    enum relight_image_format format;
+    static const struct {
+        const char *suffix;
         enum output_kind kind;
-    } kinds[] = {{"csv", OUTPUT_CSV},  {"npy", OUTPUT_NPY}, {"ply", OUTPUT_PLY},
-                 {"glb", OUTPUT_GLB},  {"png", OUTPUT_PNG}, {"jpg", OUTPUT_JPG},
-                 {"jpeg", OUTPUT_JPG}, {"exr", OUTPUT_EXR}};
+    } kinds[] = {
+        {"csv", OUTPUT_CSV}, {"npy", OUTPUT_NPY}, {"ply", OUTPUT_PLY}, {"glb", OUTPUT_GLB}};
     const char *dot = path ? strrchr(path, '.') : NULL;
     for (unsigned i = 0; dot && i < sizeof kinds / sizeof *kinds; i++)
         if (!strcasecmp(dot + 1, kinds[i].suffix)) return kinds[i].kind;
-    return OUTPUT_UNKNOWN;
+    return picture_format(path, &format) ? OUTPUT_PICTURE : OUTPUT_UNKNOWN;
 }
 
 static void write_csv(FILE *f, uint32_t n, const float *rgb)

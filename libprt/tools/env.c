@@ -133,15 +133,22 @@ static enum prt_tone tone_of(const char *word)
     return PRT_TONE_NONE; // an environment is data: only encode it
 }
 
+static bool is_exr(const char *path)
+{
+    return prt_picture_format(path) == prt_picture_format(".exr");
+}
+
 static int write_picture(const struct tool *tool, const struct prt_image *image, bool envmap)
 {
     const struct options *o = &tool->opt;
-    if (output_kind(o->out) == OUT_EXR)
-        return prt_write_exr(&tool->ctx, o->out, image, o->full_float, envmap);
-    if (output_kind(o->out) != OUT_HDR)
+    const struct prt_picture_options options = {.tone = tone_of(o->tone),
+                                                .exposure_ev = (float)o->exposure_ev,
+                                                .quality = o->quality ? (int)o->quality : 92,
+                                                .full_float = o->full_float};
+    if (envmap) return prt_write_exr(&tool->ctx, o->out, image, o->full_float, true);
+    if (!prt_picture_format(o->out)->linear)
         prt_log(&tool->ctx, PRT_LOG_WARNING, "%s: 8 bits clip radiance above 1", o->out);
-    return output_image(&tool->ctx, o->out, image, tone_of(o->tone), o->exposure_ev,
-                        o->quality ? (int)o->quality : 92, false);
+    return output_image(&tool->ctx, o->out, image, &options);
 }
 
 // Everything goes through a cube: the light as every engine sees it.
@@ -168,11 +175,11 @@ static int convert(const struct tool *tool, const struct prt_env *env,
 static int check_usage(const struct options *o)
 {
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    enum output_kind kind = output_kind(o->out);
-    if (kind != OUT_EXR && kind != OUT_HDR && kind != OUT_PNG && kind != OUT_JPG)
-        return usage_error(o, "-o %s: environments are written as .exr, .hdr, .png or .jpg",
-                           o->out);
-    if (o->layout && !strcmp(o->layout, "envmap") && kind != OUT_EXR)
+    char endings[100];
+    if (!prt_picture_format(o->out))
+        return usage_error(o, "-o %s: environments are written as %s", o->out,
+                           prt_picture_endings(endings));
+    if (o->layout && !strcmp(o->layout, "envmap") && !is_exr(o->out))
         return usage_error(o,
                            "--layout envmap is an attribute of OpenEXR files: give -o OUT.exr");
     return EXIT_DONE;
@@ -189,7 +196,7 @@ int run_env(struct tool *tool)
     if (status || (status = check_writable(tool, o->out))) return status;
     status = prt_env_load(&tool->ctx, o->input[0], &env);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
-    bool exr = output_kind(o->out) == OUT_EXR;
+    bool exr = is_exr(o->out);
     // --size WxH speaks of a lat-long, whatever came in.
     const char *name = o->layout                                ? o->layout
                        : o->height || env->kind == PRT_ENV_CUBE ? "latlong"

@@ -48,9 +48,10 @@ static int check_usage(struct tool *tool, struct picture *p)
 {
     const struct options *o = &tool->opt;
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    enum output_kind kind = output_kind(o->out);
-    if (kind != OUT_EXR && kind != OUT_HDR && kind != OUT_PNG && kind != OUT_JPG)
-        return usage_error(o, "-o %s: pictures are written as .exr, .png or .jpg", o->out);
+    char endings[100];
+    if (!prt_picture_format(o->out))
+        return usage_error(o, "-o %s: pictures are written as %s", o->out,
+                           prt_picture_endings(endings));
     if (!o->env) return usage_error(o, "--env is missing");
     if (o->camera && o->eye.set)
         return usage_error(o, "--camera says where the eye is: leave --eye out");
@@ -321,9 +322,11 @@ static int draw(struct tool *tool, struct picture *p)
                           : draw_vertices(tool, p, reference, total, term);
     if (status) return status;
     double seconds = prt_time_s() - started;
-    status = tool_exit(tool, output_image(&tool->ctx, o->out, &p->image, tone_of(o->tone),
-                                          o->exposure_ev, o->quality ? (int)o->quality : 92,
-                                          o->full_float));
+    const struct prt_picture_options options = {.tone = tone_of(o->tone),
+                                                .exposure_ev = (float)o->exposure_ev,
+                                                .quality = o->quality ? (int)o->quality : 92,
+                                                .full_float = o->full_float};
+    status = tool_exit(tool, output_image(&tool->ctx, o->out, &p->image, &options));
     if (!status) summary(tool, p, engine, seconds);
     return status;
 }

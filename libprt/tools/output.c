@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: MIT
-// Answers as files: colours as CSV, NumPy, PLY or GLB; pictures as EXR, HDR, PNG or
-// JPEG. Reads the first two back for comparisons.
+// Results as files: colours as CSV, NumPy, PLY or GLB; pictures in the formats of
+// prt/picture.h. Reads CSV and NumPy back for comparisons.
 #include "tool.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,17 +13,13 @@ enum output_kind output_kind(const char *path)
     static const struct {
         const char *ending;
         enum output_kind kind;
-    } endings[] = {
-        {".csv", OUT_CSV}, {".npy", OUT_NPY},  {".ply", OUT_PLY},
-        {".glb", OUT_GLB}, {".exr", OUT_EXR},  {".png", OUT_PNG},
-        {".jpg", OUT_JPG}, {".jpeg", OUT_JPG}, {".hdr", OUT_HDR},
-    };
+    } endings[] = {{".csv", OUT_CSV}, {".npy", OUT_NPY}, {".ply", OUT_PLY}, {".glb", OUT_GLB}};
     size_t n = strlen(path);
     for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
         size_t m = strlen(endings[i].ending);
         if (n > m && !strcasecmp(path + n - m, endings[i].ending)) return endings[i].kind;
     }
-    return OUT_NONE;
+    return prt_picture_format(path) ? OUT_PICTURE : OUT_NONE;
 }
 
 static int write_csv(const struct prt_context *ctx, const char *path, uint32_t n,
@@ -80,64 +75,16 @@ int output_colors(const struct prt_context *ctx, const char *path, const struct 
     }
 }
 
-// Radiance RGBE, flat: a shared exponent, mantissas rounded to nearest. Mantissas below 128 on
-// all three channels never occur, so no pixel can be taken for a run-length mark.
-static void rgbe_encode(const float rgb[3], unsigned char out[4])
-{
-    float top = fmaxf(rgb[0], fmaxf(rgb[1], rgb[2]));
-    int exponent = 0;
-    memset(out, 0, 4);
-    if (!(top > 1e-36f)) return;
-    frexpf(top, &exponent);
-    if (roundf(ldexpf(top, 8 - exponent)) > 255) exponent++;
-    if (exponent > 127) exponent = 127;
-    for (int c = 0; c < 3; c++) {
-        float mantissa = roundf(ldexpf(fmaxf(rgb[c], 0), 8 - exponent));
-        out[c] = (unsigned char)fminf(mantissa, 255);
-    }
-    out[3] = (unsigned char)(exponent + 128);
-}
-
-static int write_hdr(const struct prt_context *ctx, const char *path,
-                     const struct prt_image *image)
-{
-    size_t n = (size_t)image->width * image->height, used;
-    unsigned char *file = prt_alloc(n + 32, 4);
-    if (!file) return prt_fail(ctx, PRT_NOMEM, "%s: no memory for the picture", path);
-    used = (size_t)snprintf((char *)file, 128,
-                            "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %u +X %u\n",
-                            image->height, image->width);
-    for (size_t i = 0; i < n; i++) rgbe_encode(image->rgb + 3 * i, file + used + 4 * i);
-    int status = prt_write_file(ctx, path, file, used + 4 * n);
-    prt_free(file);
-    return status;
-}
-
-static int encode_8bit(const struct prt_context *ctx, const struct prt_image *image, bool jpeg,
-                       enum prt_tone tone, double exposure_ev, int quality,
-                       struct prt_blob *out)
-{
-    uint8_t *rgb8 = prt_alloc((size_t)image->width * image->height, 3);
-    if (!rgb8) return prt_fail(ctx, PRT_NOMEM, "no memory for the picture");
-    int status = prt_tone_map(ctx, image, tone, (float)exposure_ev, rgb8);
-    if (!status)
-        status = jpeg ? prt_encode_jpeg(ctx, rgb8, image->width, image->height, quality, out)
-                      : prt_encode_png(ctx, rgb8, image->width, image->height, 3, out);
-    prt_free(rgb8);
-    return status;
-}
-
 int output_image(const struct prt_context *ctx, const char *path, const struct prt_image *image,
-                 enum prt_tone tone, double exposure_ev, int quality, bool full_float)
+                 const struct prt_picture_options *options)
 {
-    enum output_kind kind = output_kind(path);
-    if (kind == OUT_EXR) return prt_write_exr(ctx, path, image, full_float, false);
-    if (kind == OUT_HDR) return write_hdr(ctx, path, image);
-    if (kind != OUT_PNG && kind != OUT_JPG)
-        return prt_fail(ctx, PRT_ARG, "%s: pictures are written as .exr, .hdr, .png or .jpg",
-                        path);
+    const struct prt_picture_format *format = prt_picture_format(path);
     struct prt_blob blob = {0};
-    int status = encode_8bit(ctx, image, kind == OUT_JPG, tone, exposure_ev, quality, &blob);
+    char endings[100];
+    if (!format)
+        return prt_fail(ctx, PRT_ARG, "%s: pictures are written as %s", path,
+                        prt_picture_endings(endings));
+    int status = format->encode(ctx, image, options, &blob);
     if (!status) status = prt_write_file(ctx, path, blob.bytes, blob.size);
     prt_free(blob.bytes);
     return status;

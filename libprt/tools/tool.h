@@ -7,6 +7,7 @@
 #include "prt/light.h"
 #include "prt/medium.h"
 #include "prt/mesh.h"
+#include "prt/picture.h"
 #include "prt/raster.h"
 #include "prt/reference.h"
 #include "prt/relight.h"
@@ -114,19 +115,16 @@ enum output_kind {
     OUT_CSV,
     OUT_NPY,
     OUT_PLY,
-    OUT_GLB, /* colours */
-    OUT_EXR,
-    OUT_PNG,
-    OUT_JPG,
-    OUT_HDR, /* pictures */
+    OUT_GLB,     /* colours */
+    OUT_PICTURE, /* prt/picture.h has its format */
 };
 enum output_kind output_kind(const char *path);
 /* Colours [n_vertex][3] by the name's ending. Library status. */
 int output_colors(const struct prt_context *ctx, const char *path, const struct prt_mesh *mesh,
                   const float (*color)[3]);
-/* Linear picture by the name's ending; PNG and JPEG are tone-mapped. Library status. */
+/* Linear picture by the name's ending. Library status. */
 int output_image(const struct prt_context *ctx, const char *path, const struct prt_image *image,
-                 enum prt_tone tone, double exposure_ev, int quality, bool full_float);
+                 const struct prt_picture_options *options);
 /* Colours of a .csv or .npy [n][3]; caller prt_free()s. Library status. */
 int table_load(const struct prt_context *ctx, const char *path, float **rgb, size_t *n);
 

@@ -147,6 +147,8 @@ int refinement_add(struct refinement *refinement, const struct screen_radiance *
 size_t color_bytes(int format); /* of one colour */
 void encode_colors(const struct prt_context *ctx, const struct render_spec *spec,
                    const struct vertex_values *values, uint8_t *to);
+/* Whether the daemon encodes this Relight__ImageFormat. */
+bool image_format_known(unsigned format);
 int encode_image(const struct prt_context *ctx, const struct render_spec *s,
                  const struct prt_image *image, struct prt_blob *out);
 
