@@ -69,9 +69,7 @@ void progress_clear(void);
 
 /* output.c: files, written to a temporary file that is renamed. 0 or EXIT_FAILED, reported. */
 int write_file(const struct options *options, const char *path, const void *bytes, size_t n);
-/* The image format that the ending of `path` names, NOT_A_PICTURE for any other and for NULL.
- */
-enum { NOT_A_PICTURE = -1 };
+/* Finds the image format that the ending of `path` names; false for any other and for NULL. */
 bool picture_format(const char *path, enum relight_image_format *out);
 /* The usage error of an -o whose ending is none of `others` ("" or ".csv, ") and of pictures.
  */

@@ -55,22 +55,23 @@ int write_file(const struct options *options, const char *path, const void *byte
     return bad ? file_error(options, path, strerror(fault)) : EXIT_DONE;
 }
 
+// Rows of relight.h with an ending; raw pixels have none.
 static const struct {
     const char *ending;
     enum relight_image_format format;
 } picture_formats[] = {
-    {".png", RELIGHT_IMAGE_PNG},
-    {".jpg", RELIGHT_IMAGE_JPEG},
-    {".jpeg", RELIGHT_IMAGE_JPEG},
-    {".exr", RELIGHT_IMAGE_EXR},
+#define X(name, number, ending) {ending, RELIGHT_IMAGE_##name},
+    RELIGHT_IMAGE_FORMAT_LIST(X)
+#undef X
+        {"jpeg", RELIGHT_IMAGE_JPEG},
 };
 enum { N_PICTURE_FORMAT = sizeof picture_formats / sizeof *picture_formats };
 
 bool picture_format(const char *path, enum relight_image_format *out)
 {
     const char *dot = path ? strrchr(path, '.') : NULL;
-    for (int i = 0; dot && i < N_PICTURE_FORMAT; i++)
-        if (!strcasecmp(dot, picture_formats[i].ending)) {
+    for (int i = 0; dot && dot[1] && i < N_PICTURE_FORMAT; i++)
+        if (!strcasecmp(dot + 1, picture_formats[i].ending)) {
             *out = picture_formats[i].format;
             return true;
         }
@@ -80,12 +81,12 @@ bool picture_format(const char *path, enum relight_image_format *out)
 int picture_usage(const struct options *options, const char *others)
 {
     char list[128] = "";
-    for (int i = 0; i < N_PICTURE_FORMAT; i++) {
-        size_t n = strlen(list);
-        const char *comma = !i ? "" : i + 1 < N_PICTURE_FORMAT ? ", " : " or ";
-        snprintf(list + n, sizeof list - n, "%s%s", comma, picture_formats[i].ending);
-    }
-    return report_usage(options, "-o FILE has to end in %s%s", others, list);
+    size_t n = 0;
+    for (int i = 0; i < N_PICTURE_FORMAT && n < sizeof list; i++)
+        if (*picture_formats[i].ending)
+            n += (size_t)snprintf(list + n, sizeof list - n, "%s.%s", n ? ", " : "",
+                                  picture_formats[i].ending);
+    return report_usage(options, "-o FILE has to end in one of %s%s", others, list);
 }
 
 static struct prt_vertex_block *copy_blocks(const struct relight_geometry *g)

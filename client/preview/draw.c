@@ -113,28 +113,14 @@ static int shade(struct drawing *d, struct prt_image *out)
                : EXIT_DONE;
 }
 
-static int encode(struct scene *scene, const char *path, const struct prt_image *image,
-                  struct prt_blob *out)
-{
-    const struct options *o = scene->options;
-    const struct prt_context *ctx = &scene->ctx;
-    const char *dot = strrchr(path, '.');
-    if (!strcasecmp(dot, ".exr")) return prt_encode_exr(ctx, image, false, out);
-    uint8_t *rgb8 = prt_alloc((size_t)image->width * image->height, 3);
-    if (!rgb8) return prt_fail(ctx, PRT_NOMEM, "%s: not enough memory", path);
-    int status = prt_tone_map(ctx, image, o->tone, o->exposure_ev, rgb8);
-    if (!status)
-        status = strcasecmp(dot, ".png")
-                     ? prt_encode_jpeg(ctx, rgb8, image->width, image->height, o->quality, out)
-                     : prt_encode_png(ctx, rgb8, image->width, image->height, 3, out);
-    prt_free(rgb8);
-    return status;
-}
-
 static int save(struct scene *scene, const char *path, const struct prt_image *image)
 {
+    const struct options *o = scene->options;
+    const struct prt_picture_options options = {
+        .tone = o->tone, .exposure_ev = o->exposure_ev, .quality = o->quality};
     struct prt_blob blob;
-    if (encode(scene, path, image, &blob)) return EXIT_FAILED;
+    if (prt_picture_format(path)->encode(&scene->ctx, image, &options, &blob))
+        return EXIT_FAILED;
     int status = prt_write_file(&scene->ctx, path, blob.bytes, blob.size);
     prt_free(blob.bytes);
     if (status) return EXIT_FAILED;

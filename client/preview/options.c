@@ -27,7 +27,7 @@ static const struct argp_option table[] = {
      0},
     {"gap", 'g', "PIXELS", 0, "space between the pictures of a sheet (default 4)", 0},
     {"output", 'o', "FILE", 0,
-     "ends in .png, .jpg or .exr; of several pictures, FILE-ENV-FRAME", 0},
+     "ends in .exr, .hdr, .png or .jpg; of several pictures, FILE-ENV-FRAME", 0},
     {"material", 'm', "NAME|FILE", 0, "another material (joint transport)", 0},
     {"size", 'z', "WxH", 0, "pixels of a picture, up to 4096x4096 (default 800x600)", 0},
     {"camera", 'c', "CAMERA", 0,
@@ -170,10 +170,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case ARGP_KEY_END:
         if (!o->model) argp_error(state, "ID is missing");
         if (!o->n_env) argp_error(state, "--env is missing");
-        const char *dot = o->output ? strrchr(o->output, '.') : NULL;
-        if (!dot || (strcasecmp(dot, ".png") && strcasecmp(dot, ".jpg") &&
-                     strcasecmp(dot, ".jpeg") && strcasecmp(dot, ".exr")))
-            argp_error(state, "-o FILE has to end in .png, .jpg or .exr");
+        char endings[100];
+        if (!o->output || !prt_picture_format(o->output))
+            argp_error(state, "-o FILE has to end in %s", prt_picture_endings(endings));
         break;
     default:
         return ARGP_ERR_UNKNOWN;

@@ -3,7 +3,7 @@
 #ifndef RELIGHT_PREVIEW_H
 #define RELIGHT_PREVIEW_H
 
-#include "prt/raster.h"
+#include "prt/picture.h"
 #include "relight/relight.h"
 
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_UNREACHABLE = 3, MAX_ENV = 16 };

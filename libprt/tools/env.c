@@ -134,17 +134,22 @@ static enum prt_tone tone_of(const char *word)
     return PRT_TONE_NONE; // an environment is data: only encode it
 }
 
+static bool is_exr(const char *path)
+{
+    return prt_picture_format(path) == prt_picture_format(".exr");
+}
+
 static int write_picture(const struct tool *tool, const struct prt_image *image, bool envmap)
 {
     const struct options *o = &tool->opt;
-    struct picture_style style = {.tone = tone_of(o->tone),
-                                  .exposure_ev = o->exposure_ev,
-                                  .quality = o->quality ? (int)o->quality : 92,
-                                  .full_float = o->full_float,
-                                  .envmap = envmap};
-    if (picture_range(o->out) == PICTURE_8BIT)
+    struct prt_picture_options options = {.tone = tone_of(o->tone),
+                                          .exposure_ev = (float)o->exposure_ev,
+                                          .quality = o->quality ? (int)o->quality : 92,
+                                          .full_float = o->full_float};
+    if (envmap) return prt_write_exr(&tool->ctx, o->out, image, o->full_float, true);
+    if (!prt_picture_format(o->out)->linear)
         prt_log(&tool->ctx, PRT_LOG_WARNING, "%s: 8 bits clip radiance above 1", o->out);
-    return output_image(&tool->ctx, o->out, image, &style);
+    return output_image(&tool->ctx, o->out, image, &options);
 }
 
 // Every conversion goes through a cube, which is the light that the engines use.
@@ -171,8 +176,8 @@ static int convert(const struct tool *tool, const struct prt_env *env,
 static int check_usage(const struct options *o)
 {
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    if (picture_range(o->out) == PICTURE_NONE) return picture_path_error(o, "environments");
-    if (o->layout && !strcmp(o->layout, "envmap") && !path_ends_in(o->out, ".exr"))
+    if (!prt_picture_format(o->out)) return picture_path_error(o, "environments");
+    if (o->layout && !strcmp(o->layout, "envmap") && !is_exr(o->out))
         return usage_error(o,
                            "--layout envmap is an attribute of OpenEXR files: give -o OUT.exr");
     return EXIT_DONE;
@@ -189,7 +194,7 @@ int run_env(struct tool *tool)
     if (status || (status = check_writable(tool, o->out))) return status;
     status = prt_env_load(&tool->ctx, o->input[0], &env);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
-    bool exr = path_ends_in(o->out, ".exr");
+    bool exr = is_exr(o->out);
     // --size WxH means a lat-long result, for any input.
     const char *name = o->layout                                ? o->layout
                        : o->height || env->kind == PRT_ENV_CUBE ? "latlong"

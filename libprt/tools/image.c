@@ -67,7 +67,7 @@ static int check_usage(struct tool *tool, struct picture *p)
     const struct options *o = &tool->opt;
     int status;
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    if (picture_range(o->out) == PICTURE_NONE) return picture_path_error(o, "pictures");
+    if (!prt_picture_format(o->out)) return picture_path_error(o, "pictures");
     if (!o->env) return usage_error(o, "--env is missing");
     if (o->camera && o->eye.set)
         return usage_error(o, "--camera says where the eye is: leave --eye out");
@@ -334,11 +334,11 @@ static int draw(struct tool *tool, struct picture *p)
                           : draw_vertices(tool, p, reference, total, term);
     if (status) return status;
     double seconds = prt_time_s() - started;
-    struct picture_style style = {.tone = tone_of(o->tone),
-                                  .exposure_ev = o->exposure_ev,
-                                  .quality = o->quality ? (int)o->quality : 92,
-                                  .full_float = o->full_float};
-    status = tool_exit(tool, output_image(&tool->ctx, o->out, &p->image, &style));
+    struct prt_picture_options options = {.tone = tone_of(o->tone),
+                                          .exposure_ev = (float)o->exposure_ev,
+                                          .quality = o->quality ? (int)o->quality : 92,
+                                          .full_float = o->full_float};
+    status = tool_exit(tool, output_image(&tool->ctx, o->out, &p->image, &options));
     if (!status) summary(tool, p, engine, seconds);
     return status;
 }

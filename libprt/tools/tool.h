@@ -7,6 +7,7 @@
 #include "prt/light.h"
 #include "prt/medium.h"
 #include "prt/mesh.h"
+#include "prt/picture.h"
 #include "prt/raster.h"
 #include "prt/reference.h"
 #include "prt/relight.h"
@@ -112,23 +113,11 @@ int reference_term(struct tool *tool, const struct source *source, const struct 
 /* Colours [n_vertex][3] as CSV, NPY, PLY or GLB by the path's ending. Library status. */
 int output_colors(const struct prt_context *ctx, const char *path, const struct prt_mesh *mesh,
                   const float (*color)[3]);
-/* Values in the format that the path's ending names: no picture, linear radiance, 8 bits. */
-enum picture_range { PICTURE_NONE, PICTURE_LINEAR, PICTURE_8BIT };
-enum picture_range picture_range(const char *path);
 /* The usage error of -o with an ending of no picture: "`things` are written as …". */
 int picture_path_error(const struct options *options, const char *things);
-struct picture_style {
-    enum prt_tone tone; /* of 8-bit formats, as exposure_ev */
-    double exposure_ev; /* stops */
-    int quality;        /* of a JPEG, [1, 100] */
-    bool full_float;    /* EXR: floats, else halves */
-    bool envmap;        /* EXR: the picture is a strip of cube faces */
-};
-/* Writes a linear picture; the path has one of the endings of pictures. Library status. */
+/* Writes a linear picture; prt_picture_format has a format for the path. Library status. */
 int output_image(const struct prt_context *ctx, const char *path, const struct prt_image *image,
-                 const struct picture_style *style);
-/* Whether the path ends in ".abc", in upper or lower case. */
-bool path_ends_in(const char *path, const char *ending);
+                 const struct prt_picture_options *options);
 /* Colours of a .csv or .npy [n][3]; caller prt_free()s. Library status. */
 int table_load(const struct prt_context *ctx, const char *path, float **rgb, size_t *n);
 

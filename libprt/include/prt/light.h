@@ -94,6 +94,9 @@ int prt_write_exr(const struct prt_context *ctx, const char *path,
                   const struct prt_image *image, bool full_float, bool envmap_cube);
 int prt_encode_exr(const struct prt_context *ctx, const struct prt_image *image,
                    bool full_float, struct prt_blob *out);
+/* Radiance RGBE, a shared exponent a pixel; negative values become 0. */
+int prt_encode_hdr(const struct prt_context *ctx, const struct prt_image *image,
+                   struct prt_blob *out);
 /* rgb8 [height][width][n_channel 3|4]; PNG at a fast zlib level, JPEG quality 1..100. */
 int prt_encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_t width,
                    uint32_t height, unsigned n_channel, struct prt_blob *out);
