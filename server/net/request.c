@@ -90,6 +90,7 @@ static void end(struct request *request)
     if (request->counted == LEDGER_LONG_REQUESTS) conn->n_long--;
     if (request->message) protobuf_c_message_free_unpacked(request->message, NULL);
     request_drop_payload(request);
+    cache_release(request->material);
     ledger_give(request->principal, LEDGER_PAYLOAD, request->header_charged);
     ledger_give(request->principal, request->counted, 1);
     principal_release(request->principal);

@@ -17,6 +17,9 @@ struct request {
     struct principal *principal;              /* who pays for it */
     enum ledger_resource counted;             /* REQUESTS or LONG_REQUESTS */
     uint64_t payload_charged, header_charged; /* bytes of PAYLOAD */
+    struct cache_entry *material; /* of the material its message names, where that was parsed
+                                     on a worker: render/shared/materials.h. NULL: not yet, or
+                                     used already. Held */
     struct loop_timer deadline;
     /* Where a long operation keeps its state, and how it is told that nobody waits any more:
      * called once, before the request is freed, unless the operation ended it itself. A request

@@ -771,7 +771,7 @@ static bool check_material(struct load *load)
                          "material is missing: a preset's name or JSON text");
         return !fixed;
     }
-    int status = material_resolve(load->server, r->material, &material, &preset, error);
+    int status = material_of_request(load->request, r->material, &material, &preset, error);
     if (status) {
         request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE, "%s", error);
         return false;

@@ -206,7 +206,7 @@ static int apply(struct view *v, struct server *server, const Relight__ViewState
 {
     struct render_spec next = v->spec; // with its texels, unless the state brings others
     int code = 0;
-    if (state && (code = render_spec_shade(&next, server, state->shade, error))) return code;
+    if (state && (code = render_spec_shade(&next, from, state->shade, error))) return code;
     if (state && state->picture && v->spec.picture &&
         (code = render_spec_picture(&next, server, state->picture, error)))
         return code;

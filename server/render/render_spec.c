@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
-// What a client asks to be evaluated, from messages to a checked render_spec. Every refusal
-// names the parameter, its range and its unit.
+// From a request's messages to a checked render_spec. Every refusal names the parameter, its
+// range and its unit.
 #include "render/shared/materials.h"
-#include "render/render.h"
+#include "render/evaluation.h"
 #include "net/request.h"
 
 #include <math.h>
@@ -33,6 +33,12 @@ void render_spec_copy(const struct render_spec *from, struct render_spec *to)
 const float *render_texels(const struct render_spec *spec, const struct render_light *light)
 {
     return (const float *)spec->texels->bytes + light->texel;
+}
+
+// Whether the protocol's enum has the value: protobuf passes unknown ones on.
+static bool is_value(const ProtobufCEnumDescriptor *descriptor, int value)
+{
+    return protobuf_c_enum_descriptor_get_value(descriptor, value) != NULL;
 }
 
 static bool vec3(const Relight__Vec3 *v, float out[3])
@@ -75,7 +81,8 @@ void render_light_name(struct render_light *light, const float *texels)
     char source[96], hex[65];
     struct relight_sha256 sha;
     size_t bytes = (size_t)72 * light->cube_n * light->cube_n;
-    // Clients share what was computed for a key: none may make another's on purpose.
+    // A cryptographic hash: clients share cache entries by it, and none may construct a
+    // collision.
     if (light->cube_n) {
         relight_sha256_init(&sha);
         relight_sha256_add(&sha, texels + light->texel, bytes);
@@ -136,19 +143,21 @@ static int parse_maps(struct render_spec *spec, const Relight__Shade *shade, cha
     return 0;
 }
 
-int render_spec_shade(struct render_spec *spec, struct server *server,
+int render_spec_shade(struct render_spec *spec, struct request *request,
                       const Relight__Shade *shade, char error[300])
 {
     if (!shade) return 0;
     bool preset;
-    if (shade->engine > 8u) REFUSE(UNSUPPORTED, "engine %u is unknown", shade->engine);
-    if (shade->term > 3u) REFUSE(UNSUPPORTED, "term %u is unknown", shade->term);
+    if (!is_value(&relight__engine__descriptor, (int)shade->engine))
+        REFUSE(UNSUPPORTED, "engine %u is unknown", shade->engine);
+    if (!is_value(&relight__term__descriptor, (int)shade->term))
+        REFUSE(UNSUPPORTED, "term %u is unknown", shade->term);
     spec->engine = shade->engine;
     spec->term = shade->term;
     spec->has_material = shade->material[0] != 0;
     spec->material_key[0] = 0;
     if (spec->has_material) {
-        if (material_resolve(server, shade->material, &spec->material, &preset, error))
+        if (material_of_request(request, shade->material, &spec->material, &preset, error))
             return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
         material_key(&spec->material, spec->material_key);
     }
@@ -164,7 +173,8 @@ int render_spec_shade(struct render_spec *spec, struct server *server,
 
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev, char error[300])
 {
-    if (format < 0 || format > 3) REFUSE(UNSUPPORTED, "format %d is unknown", format);
+    if (!is_value(&relight__color_format__descriptor, format))
+        REFUSE(UNSUPPORTED, "format %d is unknown", format);
     if (!(fabsf(exposure_ev) <= 40))
         REFUSE(OUT_OF_RANGE, "exposure_ev is outside [-40, 40] stops");
     spec->format = format;
@@ -210,8 +220,10 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
     if (spec->width > side || spec->height > side)
         REFUSE(OUT_OF_RANGE, "picture: %ux%u is outside 1x1 to %ux%u pixels", spec->width,
                spec->height, side, side);
-    if (p->format > 5u) REFUSE(UNSUPPORTED, "picture.format %u is unknown", p->format);
-    if (p->tone > 2u) REFUSE(UNSUPPORTED, "picture.tone %u is unknown", p->tone);
+    if (!image_format_known(p->format))
+        REFUSE(UNSUPPORTED, "picture.format %u is unknown", p->format);
+    if (!is_value(&relight__tone__descriptor, (int)p->tone))
+        REFUSE(UNSUPPORTED, "picture.tone %u is unknown", p->tone);
     if (p->quality > 100)
         REFUSE(OUT_OF_RANGE, "picture.quality %u is outside 1..100", p->quality);
     if (!(fabsf(p->exposure_ev) <= 40))
