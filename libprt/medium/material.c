@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
-// Materials: the measured presets, the ranges every parameter must keep, and names.
+// Materials: the measured presets, the ranges of all parameters, loading by name or file.
 #include "material.h"
-#include "prt/profile.h"
+#include "profile.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <strings.h>
 #include <unistd.h>
 
-/* JMLH01 fig. 5. Its g is not measured: 0; the roughness is our choice. */
+/* JMLH01 fig. 5. It has no g, so g is 0; the roughness 0.3 is chosen, not measured. */
 #define MEDIUM(NAME, sr, sg, sb, ar, ag, ab, ETA)                                         \
     {                                                                                     \
         .name = NAME, .sigma_s_prime = {sr, sg, sb}, .sigma_a = {ar, ag, ab}, .eta = ETA, \
@@ -35,8 +35,8 @@ const struct prt_material *prt_material_preset(unsigned index)
     return index < N_PRESET ? &presets[index] : NULL;
 }
 
-int material_range(const struct prt_context *ctx, const char *what, const char *parameter,
-                   int channel, double value, double lo, double hi, const char *unit)
+int prt_material_range(const struct prt_context *ctx, const char *what, const char *parameter,
+                       int channel, double value, double lo, double hi, const char *unit)
 {
     if (value >= lo && value <= hi) return PRT_OK; /* NaN falls through */
     char index[16] = "";
@@ -45,30 +45,30 @@ int material_range(const struct prt_context *ctx, const char *what, const char *
                     index, value, lo, hi, unit[0] ? " " : "", unit);
 }
 
-int material_check_values(const struct prt_context *ctx, const char *what,
-                          const struct material_values *v)
+int prt_material_check_values(const struct prt_context *ctx, const char *what,
+                              const struct material_values *v)
 {
     int err;
     for (int c = 0; c < 3; c++) {
-        if ((err = material_range(ctx, what, "sigma_s_prime", c, v->sigma_s_prime[c],
-                                  MATERIAL_MIN_SIGMA_S, MATERIAL_MAX_SIGMA, "mm^-1")) < 0 ||
-            (err = material_range(ctx, what, "sigma_a", c, v->sigma_a[c], 0, MATERIAL_MAX_SIGMA,
-                                  "mm^-1")) < 0 ||
-            (err = material_range(ctx, what, "g", c, v->g[c], -MATERIAL_MAX_G, MATERIAL_MAX_G,
-                                  "(mean cosine, no unit)")) < 0)
+        if ((err = prt_material_range(ctx, what, "sigma_s_prime", c, v->sigma_s_prime[c],
+                                      MATERIAL_MIN_SIGMA_S, MATERIAL_MAX_SIGMA, "mm^-1")) < 0 ||
+            (err = prt_material_range(ctx, what, "sigma_a", c, v->sigma_a[c], 0,
+                                      MATERIAL_MAX_SIGMA, "mm^-1")) < 0 ||
+            (err = prt_material_range(ctx, what, "g", c, v->g[c], -MATERIAL_MAX_G,
+                                      MATERIAL_MAX_G, "(mean cosine, no unit)")) < 0)
             return err;
-        /* Single scattering steps by the unreduced mean free path. */
+        /* Single scattering is sampled in steps of the unreduced mean free path. */
         double sigma_t = v->sigma_a[c] + v->sigma_s_prime[c] / (1 - v->g[c]);
-        if ((err = material_range(ctx, what,
-                                  "extinction sigma_a + sigma_s_prime/(1-g) of channel", c,
-                                  sigma_t, 0, MATERIAL_MAX_SIGMA_T, "mm^-1")) < 0)
+        if ((err = prt_material_range(ctx, what,
+                                      "extinction sigma_a + sigma_s_prime/(1-g) of channel", c,
+                                      sigma_t, 0, MATERIAL_MAX_SIGMA_T, "mm^-1")) < 0)
             return err;
     }
-    if ((err = material_range(ctx, what, "eta", -1, v->eta, 1, 3,
-                              "(relative refractive index, no unit)")) < 0)
+    if ((err = prt_material_range(ctx, what, "eta", -1, v->eta, 1, 3,
+                                  "(relative refractive index, no unit)")) < 0)
         return err;
-    return material_range(ctx, what, "roughness", -1, v->roughness, MATERIAL_MIN_ROUGHNESS, 1,
-                          "(no unit)");
+    return prt_material_range(ctx, what, "roughness", -1, v->roughness, MATERIAL_MIN_ROUGHNESS,
+                              1, "(no unit)");
 }
 
 int prt_material_check(const struct prt_context *ctx, const struct prt_material *material)
@@ -82,8 +82,9 @@ int prt_material_check(const struct prt_context *ctx, const struct prt_material 
         v.sigma_a[c] = material->sigma_a[c];
         v.g[c] = material->g[c];
     }
-    int err = material_check_values(ctx, material->name[0] ? material->name : "material", &v);
-    return err < 0 ? err : material_check_profile(ctx, material);
+    int err =
+        prt_material_check_values(ctx, material->name[0] ? material->name : "material", &v);
+    return err < 0 ? err : prt_material_check_profile(ctx, material);
 }
 
 static void preset_names(char *buf, size_t n)
@@ -105,10 +106,10 @@ int prt_material_load(const struct prt_context *ctx, const char *name_or_file,
     if (!text && access(name_or_file, F_OK)) {
         char names[160];
         preset_names(names, sizeof names);
-        return prt_fail(ctx, PRT_ARG, "%s: no such material file, and not a preset (%s)",
+        return prt_fail(ctx, PRT_ARG, "%s: neither a material file nor a preset (%s)",
                         name_or_file, names);
     }
-    struct prt_optics optics; /* a curve's file lies beside the material's */
+    struct prt_optics optics; /* the exact profiles are not needed here */
     int err = prt_optics_load(ctx, name_or_file, &optics);
     if (err < 0) return err;
     *out = optics.material;

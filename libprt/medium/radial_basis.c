@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Where basis functions come from: the singular vectors of a family, or splines on knots that
-// dynamic programming places (X07 §5).
+// Basis functions: the singular vectors of a family, or splines on knots that dynamic
+// programming places (X07 §5).
 #include "radial.h"
 
 #include <lapacke.h>
@@ -9,6 +9,7 @@
 
 /* ---- reduced basis ---- */
 
+/* Members of the family: a logarithmic grid over its range (METHODS §4). */
 enum { N_SIGMA = 28, N_SIGMA_A = 16, N_SIGMA_T = 160 };
 
 static uint32_t family_members(const struct radial *radial, struct radial_member *out)
@@ -17,8 +18,8 @@ static uint32_t family_members(const struct radial *radial, struct radial_member
     uint32_t n = 0;
     if (radial->pub.family == PRT_FAMILY_EXTINCTION) {
         for (int i = 0; i < N_SIGMA_T; i++)
-            radial_member_init(&out[n++], PRT_FAMILY_EXTINCTION, 1,
-                               s[0] * pow(s[1] / s[0], i / (N_SIGMA_T - 1.0)), 0);
+            prt_radial_member_init(&out[n++], PRT_FAMILY_EXTINCTION, 1,
+                                   s[0] * pow(s[1] / s[0], i / (N_SIGMA_T - 1.0)), 0);
         return n;
     }
     const double a_lo = a[0] > 0 ? a[0] : fmin(1e-5, a[1]);
@@ -26,13 +27,13 @@ static uint32_t family_members(const struct radial *radial, struct radial_member
         for (int k = 0; k < N_SIGMA_A; k++) {
             double t = (k - 1) / (N_SIGMA_A - 2.0);
             double sigma_a = k && a_lo > 0 ? a_lo * pow(a[1] / a_lo, t) : a[0];
-            radial_member_init(&out[n++], PRT_FAMILY_DIPOLE, radial->pub.eta,
-                               s[0] * pow(s[1] / s[0], i / (N_SIGMA - 1.0)), sigma_a);
+            prt_radial_member_init(&out[n++], PRT_FAMILY_DIPOLE, radial->pub.eta,
+                                   s[0] * pow(s[1] / s[0], i / (N_SIGMA - 1.0)), sigma_a);
         }
     return n;
 }
 
-/* Left singular vectors from the small side: rows = L Q, then the SVD of L, into l. */
+/* Left singular vectors into l: rows = L Q, then the SVD of the small matrix L. */
 static int left_vectors(uint32_t n, uint32_t nq, double *row, double *l, double *value)
 {
     double *tau = prt_calloc(n, sizeof *tau), *superb = prt_calloc(n, sizeof *superb);
@@ -50,27 +51,28 @@ static int left_vectors(uint32_t n, uint32_t nq, double *row, double *l, double 
     return err;
 }
 
-/* B_j = sum_m U_mj f_m / s_j: combinations of exact profiles, so exact at every radius. */
+/* B_j = sum_m U_mj f_m / s_j, evaluated from the exact profiles f_m at every grid radius. */
 static uint32_t combine(const struct radial *radial, const struct radial_member *member,
                         uint32_t n, const double *l, const double *value, uint32_t n_max,
                         double *out)
 {
     const uint32_t ng = radial->pub.n_grid;
-    uint32_t sound = 0;
-    while (sound < n_max && sound < n && value[sound] > 1e-11 * value[0]) sound++;
-    memset(out, 0, (size_t)sound * ng * sizeof *out);
+    uint32_t count = 0;
+    while (count < n_max && count < n && value[count] > 1e-11 * value[0]) count++;
+    memset(out, 0, (size_t)count * ng * sizeof *out);
     for (uint32_t m = 0; m < n; m++) {
-        double scale = 1 / radial_member_inside(&member[m], radial->pub.r[ng - 1]);
+        double scale = 1 / prt_radial_member_inside(&member[m], radial->pub.r[ng - 1]);
         for (uint32_t i = 0; i < ng; i++) {
-            double f = scale * radial_member_eval(&member[m], radial->pub.r[i]);
-            for (uint32_t j = 0; j < sound; j++)
+            double f = scale * prt_radial_member_eval(&member[m], radial->pub.r[i]);
+            for (uint32_t j = 0; j < count; j++)
                 out[(size_t)j * ng + i] += f * l[(size_t)m * n + j] / value[j];
         }
     }
-    return sound;
+    return count;
 }
 
-int radial_reduced(const struct radial *radial, uint32_t n_max, double *out, uint32_t *n_out)
+int prt_radial_reduced(const struct radial *radial, uint32_t n_max, double *out,
+                       uint32_t *n_out)
 {
     const uint32_t nq = radial->n_quad;
     struct radial_member *member = prt_calloc(N_SIGMA * N_SIGMA_A, sizeof *member);
@@ -81,13 +83,13 @@ int radial_reduced(const struct radial *radial, uint32_t n_max, double *out, uin
     int err = PRT_NOMEM;
     if (!row || !l || !value) goto done;
     if ((err = nq >= n ? PRT_OK : PRT_ARG) < 0) goto done;
-    /* rows sqrt(w) f / inside: the L1 error of each member counts alike */
+    /* rows sqrt(w) f / inside: the L1 error of each member has the same weight */
     for (uint32_t m = 0; m < n; m++) {
         double scale =
-            1 / radial_member_inside(&member[m], radial->pub.r[radial->pub.n_grid - 1]);
+            1 / prt_radial_member_inside(&member[m], radial->pub.r[radial->pub.n_grid - 1]);
         for (uint32_t q = 0; q < nq; q++)
             row[(size_t)m * nq + q] = scale * sqrt(radial->weight[q]) *
-                                      radial_member_eval(&member[m], radial->quad_r[q]);
+                                      prt_radial_member_eval(&member[m], radial->quad_r[q]);
     }
     if ((err = left_vectors(n, nq, row, l, value)) == PRT_OK)
         *n_out = combine(radial, member, n, l, value, n_max, out);
@@ -101,9 +103,9 @@ done:
 
 /* ---- knots ---- */
 
-/* What the knots should resolve. X07 takes the mean of three members; the other kinds take
- * members spread over the range they cover, each scaled to the same integral, and add up their
- * costs: knots placed for the mean of three miss the ends of a wide range (55 % error). */
+/* Functions that the knots are placed for. X07 takes the mean of three members. The other kinds
+ * take members over the whole range, each scaled to the same integral, and add their costs:
+ * knots for the mean of three have an error of 55 % at the ends of a wide range. */
 enum { MAX_TARGET = 15 };
 struct knot_target {
     uint32_t n;
@@ -115,9 +117,9 @@ static void add_target(const struct radial *radial, struct knot_target *target, 
 {
     struct radial_member m;
     double *f = target->f + (size_t)target->n * radial->n_quad;
-    radial_member_init(&m, radial->pub.family, radial->pub.eta, sigma, sigma_a);
+    prt_radial_member_init(&m, radial->pub.family, radial->pub.eta, sigma, sigma_a);
     for (uint32_t q = 0; q < radial->n_quad; q++)
-        f[q] += weight * radial_member_eval(&m, radial->quad_r[q]);
+        f[q] += weight * prt_radial_member_eval(&m, radial->quad_r[q]);
 }
 
 static int knot_target_init(const struct radial *radial, struct knot_target *target)
@@ -130,7 +132,7 @@ static int knot_target_init(const struct radial *radial, struct knot_target *tar
     target->n = 0;
     target->f = prt_calloc((size_t)MAX_TARGET * radial->n_quad, sizeof *target->f);
     if (!target->f) return PRT_NOMEM;
-    if (radial_is_plain(radial)) {
+    if (prt_radial_is_plain(radial)) {
         for (int i = 0; i < 3; i++)
             add_target(radial, target, 1 / 3.0, is_dipole ? dipole[i][0] : sigma_t[i],
                        dipole[i][1]);
@@ -142,8 +144,8 @@ static int knot_target_init(const struct radial *radial, struct knot_target *tar
         double sigma = s[0] * pow(s[1] / s[0], t);
         double sigma_a = fmin(a[1], fmax(a[0], sigma * (double[]){0.0005, 0.02, 0.5}[i % 3]));
         struct radial_member m;
-        radial_member_init(&m, radial->pub.family, radial->pub.eta, sigma, sigma_a);
-        add_target(radial, target, 1 / radial_member_inside(&m, end), sigma, sigma_a);
+        prt_radial_member_init(&m, radial->pub.family, radial->pub.eta, sigma, sigma_a);
+        add_target(radial, target, 1 / prt_radial_member_inside(&m, end), sigma, sigma_a);
         target->n++;
     }
     return PRT_OK;
@@ -184,14 +186,14 @@ static double piece_cost(const struct radial *radial, const struct knot_target *
     return cost;
 }
 
-enum { KNOT_STEP = 4 };
+enum { KNOT_STEP = 4 }; /* grid intervals between candidate knots: 16 candidates an octave */
 
 static uint32_t candidate(uint32_t k, uint32_t n_candidate, uint32_t n_grid)
 {
     return k == 0 ? 0 : k == n_candidate - 1 ? n_grid - 1 : k * KNOT_STEP;
 }
 
-int radial_knots(const struct radial *radial, uint32_t m_max, uint32_t *knot)
+int prt_radial_knots(const struct radial *radial, uint32_t m_max, uint32_t *knot)
 {
     const uint32_t ng = radial->pub.n_grid, n = (ng - 1 + KNOT_STEP - 1) / KNOT_STEP + 1;
     if (m_max >= n) return PRT_ARG;
@@ -235,7 +237,7 @@ done:
 
 /* ---- splines ---- */
 
-/* The d+1 B-splines of degree d that live on interval k, at r: their numbers are k … k+d. */
+/* The d+1 B-splines of degree d that are not 0 on interval k, at r: numbers k to k+d. */
 static void bspline(uint32_t d, uint32_t m, const double *x, uint32_t k, double r,
                     double out[3])
 {
@@ -273,8 +275,8 @@ static void fill_splines(const struct radial *radial, uint32_t m, const uint32_t
         }
 }
 
-/* Piece k's own polynomials, Bernstein so that they neither cancel nor leave [0,1], and what
- * each spline contributes to them. A node shared by two pieces belongs to the right one. */
+/* The polynomials of piece k in Bernstein form, which stay in [0,1] and do not cancel, and the
+ * contribution of each spline to them. A node shared by two pieces belongs to the right one. */
 static void fill_pieces(const struct radial *radial, uint32_t m, const uint32_t *knot,
                         const double *x, struct radial_functions *f)
 {
@@ -300,8 +302,8 @@ static void fill_pieces(const struct radial *radial, uint32_t m, const uint32_t 
     }
 }
 
-int radial_spline(const struct radial *radial, uint32_t m, const uint32_t *knot,
-                  struct radial_functions *out)
+int prt_radial_spline(const struct radial *radial, uint32_t m, const uint32_t *knot,
+                      struct radial_functions *out)
 {
     const uint32_t ng = radial->pub.n_grid, d = radial->degree;
     const bool pieces = radial->pub.kind != PRT_RADIAL_HAT;
@@ -315,7 +317,7 @@ int radial_spline(const struct radial *radial, uint32_t m, const uint32_t *knot,
         f.stored = prt_calloc((size_t)f.n_function * ng, sizeof *f.stored);
     }
     if (!f.fit || (pieces && (!f.map || !f.stored))) {
-        radial_functions_finish(&f);
+        prt_radial_functions_finish(&f);
         return PRT_NOMEM;
     }
     fill_splines(radial, m, knot, x, f.fit);

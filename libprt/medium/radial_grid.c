@@ -1,53 +1,40 @@
 // SPDX-License-Identifier: MIT
-// The grid of a radial basis, members of its family, and evaluation of B_j by table.
+// The grid of a radial basis, the members of its family, and evaluation of B_j from its table.
 #include "base/isa.h"
+#include "base/log_grid.h"
 #include "radial.h"
 
 #include <math.h>
 #include <string.h>
 
-void radial_member_init(struct radial_member *member, enum prt_radial_family family, double eta,
-                        double sigma, double sigma_a)
+void prt_radial_member_init(struct radial_member *member, enum prt_radial_family family,
+                            double eta, double sigma, double sigma_a)
 {
     *member = (struct radial_member){.family = family, .sigma_t = sigma};
     if (family == PRT_FAMILY_DIPOLE) prt_diffusion_init(&member->dipole, sigma, sigma_a, eta);
 }
 
-double radial_member_eval(const struct radial_member *member, double r)
+double prt_radial_member_eval(const struct radial_member *member, double r)
 {
     if (member->family == PRT_FAMILY_DIPOLE) return prt_diffusion_rd(&member->dipole, r);
     return exp(-member->sigma_t * r);
 }
 
-double radial_member_inside(const struct radial_member *member, double radius)
+double prt_radial_member_inside(const struct radial_member *member, double radius)
 {
     if (member->family == PRT_FAMILY_DIPOLE)
         return member->dipole.rho_d - prt_diffusion_tail(&member->dipole, radius);
     return -expm1(-member->sigma_t * radius) / member->sigma_t;
 }
 
-bool radial_is_plain(const struct radial *radial)
+bool prt_radial_is_plain(const struct radial *radial)
 {
     return radial->pub.kind == PRT_RADIAL_X07;
 }
 
-bool radial_is_spline(const struct radial *radial)
+bool prt_radial_is_spline(const struct radial *radial)
 {
     return radial->pub.kind != PRT_RADIAL_REDUCED;
-}
-
-static uint32_t float_bits(float x)
-{
-    uint32_t bits;
-    memcpy(&bits, &x, 4);
-    return bits;
-}
-
-static float bits_float(uint32_t bits)
-{
-    float x;
-    memcpy(&x, &bits, 4);
-    return x;
 }
 
 static void fill_quadrature(struct radial *radial)
@@ -61,18 +48,19 @@ static void fill_quadrature(struct radial *radial)
         radial->quad_r2[q] = (float)(r * r);
         radial->measure[q] = mu * h / 2;
         radial->measure32[q] = (float)radial->measure[q];
-        radial->weight[q] = (radial_is_plain(radial) ? 1 : mu * mu * r) * h / 2;
+        radial->weight[q] = (prt_radial_is_plain(radial) ? 1 : mu * mu * r) * h / 2;
     }
 }
 
-int radial_grid_init(struct radial *radial, double r_lo, double radius)
+int prt_radial_grid_init(struct radial *radial, double r_lo, double radius)
 {
     struct prt_radial *pub = &radial->pub;
-    uint32_t first = float_bits((float)r_lo) >> 23 << 23, n = 2;
-    while (bits_float(first + ((n - 2) << RADIAL_OCTAVE_SHIFT)) < radius) n++;
+    /* the octave that holds r_lo */
+    uint32_t first = prt_float_bits((float)r_lo) >> 23 << 23 >> RADIAL_OCTAVE_SHIFT, n = 2;
+    while (prt_log_node(first + n - 2, RADIAL_OCTAVE_SHIFT) < radius) n++;
     if (n > RADIAL_MAX_GRID) return PRT_LIMIT;
     pub->n_grid = n;
-    radial->base = first >> RADIAL_OCTAVE_SHIFT;
+    radial->base = first;
     radial->n_quad = 2 * (n - 1);
     pub->r = prt_calloc(n, sizeof *pub->r);
     radial->inv_step = prt_calloc(n, sizeof(float));
@@ -85,7 +73,7 @@ int radial_grid_init(struct radial *radial, double r_lo, double radius)
         !radial->quad_r || !radial->measure || !radial->weight)
         return PRT_NOMEM;
     for (uint32_t i = 1; i < n; i++)
-        pub->r[i] = bits_float(first + ((i - 1) << RADIAL_OCTAVE_SHIFT));
+        pub->r[i] = prt_log_node(first + i - 1, RADIAL_OCTAVE_SHIFT);
     for (uint32_t i = 0; i + 1 < n; i++) radial->inv_step[i] = 1 / (pub->r[i + 1] - pub->r[i]);
     fill_quadrature(radial);
     return PRT_OK;
@@ -102,7 +90,7 @@ eval_body(const struct radial *radial, size_t n, const float *restrict r, float 
             continue;
         }
         uint32_t k =
-            r[i] < r1 ? 0 : (float_bits(r[i]) >> RADIAL_OCTAVE_SHIFT) - radial->base + 1;
+            r[i] < r1 ? 0 : prt_log_index(r[i], RADIAL_OCTAVE_SHIFT) - radial->base + 1;
         float t = (r[i] - radial->pub.r[k]) * radial->inv_step[k];
         const float *restrict a = radial->table + (size_t)k * stride, *restrict b = a + stride;
         for (uint32_t j = 0; j < n_function; j++) out[j] = a[j] + t * (b[j] - a[j]);

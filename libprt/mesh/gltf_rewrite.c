@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
-// What tinygltf cannot take is put in other words first: fallback buffers of
-// EXT_meshopt_compression, which have no bytes, and Draco primitives, whose index accessors
-// have no bufferView. The compressed bytes are decoded later, by us, from the extensions
-// themselves.
+// Rewrites the JSON that tinygltf refuses: fallback buffers of EXT_meshopt_compression, which
+// have no bytes, and Draco primitives, whose index accessors have no bufferView. gltf_buffer.c
+// and gltf_primitive.c decode the compressed bytes later, from the extensions themselves.
 #include "gltf.h"
 
 #include <cjson/cJSON.h>
@@ -20,7 +19,8 @@ static bool set(cJSON *object, const char *key, cJSON *value)
     return value && cJSON_AddItemToObject(object, key, value);
 }
 
-// One byte stands for a buffer that has none; a view of it that is not decoded reads past it.
+// Gives each buffer without bytes a single byte. A bufferView of it that is not decoded then
+// fails its bounds check.
 static bool fill_buffers(const struct gltf *g, cJSON *json)
 {
     cJSON *buffer;
@@ -49,22 +49,23 @@ static void drop_draco_indices(cJSON *json)
     }
 }
 
-bool gltf_needs_rewrite(const char *json, size_t n)
+bool prt_gltf_needs_rewrite(const char *json, size_t n)
 {
     return memmem(json, n, "EXT_meshopt_compression", 23) ||
            memmem(json, n, "KHR_draco_mesh_compression", 26);
 }
 
-int gltf_rewrite(struct gltf *g, const char *json, size_t n, char **out)
+int prt_gltf_rewrite(struct gltf *g, const char *json, size_t n, char **out)
 {
     const char *end = NULL;
     cJSON *tree = cJSON_ParseWithLengthOpts(json, n, &end, 0);
     if (!tree || end != json + n) {
         cJSON_Delete(tree);
-        return gltf_bad(g, "its JSON is damaged near byte %zu", end ? (size_t)(end - json) : 0);
+        return prt_gltf_bad(g, "its JSON is damaged near byte %zu",
+                            end ? (size_t)(end - json) : 0);
     }
     drop_draco_indices(tree);
     *out = fill_buffers(g, tree) ? cJSON_PrintUnformatted(tree) : NULL;
     cJSON_Delete(tree);
-    return *out ? PRT_OK : gltf_no_memory(g);
+    return *out ? PRT_OK : prt_gltf_no_memory(g);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Writing a mesh with a colour a vertex, as binary PLY or GLB, in the model's own units.
+// Writer of a mesh with one colour a vertex, as binary PLY or GLB, in the model's own units.
 #include "internal.h"
 
 #include <math.h>
@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-// Positions are written as the file had them, before prt_mesh_scale.
-static void own_units(const struct prt_mesh *mesh, uint32_t v, float out[3])
+// Position of a vertex in the model's units, as before prt_mesh_scale.
+static void position_in_model_units(const struct prt_mesh *mesh, uint32_t v, float out[3])
 {
     for (int c = 0; c < 3; c++)
         out[c] = mesh->mm_per_unit > 0 ? mesh->position[v][c] / mesh->mm_per_unit
@@ -35,7 +35,7 @@ static int write_ply(const struct prt_context *ctx, const char *path,
     p += n;
     for (uint32_t v = 0; v < mesh->n_vertex; v++, p += 36) {
         float x[3];
-        own_units(mesh, v, x);
+        position_in_model_units(mesh, v, x);
         memcpy(p, x, 12);
         memcpy(p + 12, mesh->normal[v], 12);
         memcpy(p + 24, color[v], 12);
@@ -54,7 +54,7 @@ static void write_bounds(FILE *f, const struct prt_mesh *mesh, const struct prt_
     float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     for (uint32_t v = b->vertex_begin; v < b->vertex_begin + b->n_vertex; v++) {
         float x[3];
-        own_units(mesh, v, x);
+        position_in_model_units(mesh, v, x);
         for (int c = 0; c < 3; c++)
             low[c] = fminf(low[c], x[c]), high[c] = fmaxf(high[c], x[c]);
     }
@@ -67,7 +67,8 @@ static bool drawn(const struct prt_block *b)
     return b->n_vertex && b->n_triangle;
 }
 
-// One node and mesh an object, one primitive a block, four views of one buffer.
+// One node and one mesh for each object, one primitive for each block, four bufferViews of one
+// buffer.
 static void write_json(FILE *f, const struct prt_mesh *mesh)
 {
     size_t v = (size_t)mesh->n_vertex * 12, t = (size_t)mesh->n_triangle * 12;
@@ -135,7 +136,7 @@ static void put_arrays(const struct prt_mesh *mesh, const float (*color)[3], cha
     size_t v = (size_t)mesh->n_vertex * 12;
     for (uint32_t i = 0; i < mesh->n_vertex; i++) {
         float x[3];
-        own_units(mesh, i, x);
+        position_in_model_units(mesh, i, x);
         memcpy(p + (size_t)i * 12, x, 12);
     }
     memcpy(p + v, mesh->normal, v);
