@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The event loop on epoll. Timers live in a binary heap behind one timerfd and messages behind
-// one eventfd, so that the epoll descriptor alone tells whether there is work.
+// one eventfd, so that the epoll descriptor is readable whenever there is work.
 #include "core/loop.h"
 
 #include <errno.h>
@@ -31,7 +31,7 @@ struct loop {
     void *signal_user;
 };
 
-// The three built-in watches find their loop through this: one loop a process is enough.
+// For the signal handler, which has no argument: one loop a process.
 static struct loop *the_loop;
 
 uint64_t loop_now_ns(void)
@@ -56,7 +56,7 @@ void loop_watch_change(struct loop *loop, struct loop_watch *watch, uint32_t eve
 void loop_watch_remove(struct loop *loop, struct loop_watch *watch)
 {
     epoll_ctl(loop->epoll_fd, EPOLL_CTL_DEL, watch->fd, NULL);
-    // The batch being handled may still name it.
+    // The batch that is being handled may still refer to it.
     for (int i = loop->next_batch; i < loop->n_batch; i++)
         if (loop->batch[i].data.ptr == watch) loop->batch[i].data.ptr = NULL;
 }
@@ -123,7 +123,7 @@ void loop_timer_set(struct loop *loop, struct loop_timer *timer, uint64_t at_ns)
     if (loop->n_timer == loop->timer_room) {
         size_t room = loop->timer_room ? 2 * loop->timer_room : 64;
         struct loop_timer **heap = realloc(loop->heap, room * sizeof *heap);
-        if (!heap) abort(); // a daemon without its clock keeps no promise
+        if (!heap) abort(); // without timers no deadline would be kept
         loop->heap = heap;
         loop->timer_room = room;
     }
@@ -158,7 +158,7 @@ void loop_post(struct loop *loop, struct loop_message *message)
     pthread_mutex_unlock(&loop->lock);
     uint64_t one = 1;
     if (first && write(loop->wake.fd, &one, sizeof one) < 0)
-        return; // counter full: awake anyway
+        return; // the counter is full: the loop wakes anyway
 }
 
 static void wake_ready(struct loop_watch *watch, uint32_t events)
@@ -184,7 +184,7 @@ static void note_signal(int number)
 {
     int saved = errno;
     unsigned char byte = (unsigned char)number;
-    // A full pipe holds enough of them: handling one SIGCHLD looks at every child.
+    // A full pipe loses nothing: handling one SIGCHLD waits for every child that ended.
     if (write(signal_pipe_in, &byte, 1) < 0) errno = 0;
     errno = saved;
 }
@@ -196,7 +196,7 @@ static void signal_ready(struct loop_watch *watch, uint32_t events)
         for (ssize_t i = 0; i < n; i++) the_loop->on_signal(the_loop->signal_user, bytes[i]);
 }
 
-// A pipe and a handler: with signalfd the loop without HTTP never heard of its signals.
+// A pipe and a handler, as signalfd did not work in the loop without HTTP.
 int loop_signals(struct loop *loop, const int *signals, size_t n,
                  void (*fn)(void *user, int signal), void *user)
 {
@@ -237,7 +237,8 @@ int loop_create(struct loop **out)
 void loop_destroy(struct loop *loop)
 {
     if (!loop) return;
-    if (loop->signal.fd >= 0) close(loop->signal.fd); // the handler's end stays open
+    if (loop->signal.fd >= 0)
+        close(loop->signal.fd); // the write end stays open for the handler
     if (loop->clock.fd >= 0) close(loop->clock.fd);
     if (loop->wake.fd >= 0) close(loop->wake.fd);
     if (loop->epoll_fd >= 0) close(loop->epoll_fd);

@@ -364,7 +364,7 @@ static void test_configuration(void **state)
                            d.folder),
                      2);
     text = read_text(path);
-    assert_non_null(strstr(text, "conf: has a zero byte"));
+    assert_non_null(strstr(text, "conf: not text: it contains a zero byte"));
     free(text);
     assert_int_equal(shell("cd %s; yes '# comment' | head -c 1048577 > conf; " PRT_BINARY_DIR
                            "/relightd --config conf --print-config > out 2> err",
