@@ -228,7 +228,7 @@ static void test_lock_of_a_stranger(void **state)
     int fd = open(lock, O_CREAT | O_RDWR | O_CLOEXEC, 0666);
     assert_int_equal(fchown(fd, 65534, 65534), 0);
     assert_int_equal(run(arguments, text, sizeof text), 1);
-    assert_non_null(strstr(text, "another user's"));
+    assert_non_null(strstr(text, "another user"));
     close(fd);
     unlink(lock);
 }
