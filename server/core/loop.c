@@ -7,6 +7,7 @@
 #include <fcntl.h>
 #include <pthread.h>
 #include <signal.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
@@ -31,8 +32,8 @@ struct loop {
     void *signal_user;
 };
 
-// For the signal handler, which has no argument: one loop a process.
-static struct loop *the_loop;
+// The loop of one of its own watches.
+#define LOOP_OF(watch, member) ((struct loop *)((char *)(watch)-offsetof(struct loop, member)))
 
 uint64_t loop_now_ns(void)
 {
@@ -135,7 +136,7 @@ void loop_timer_set(struct loop *loop, struct loop_timer *timer, uint64_t at_ns)
 
 static void clock_ready(struct loop_watch *watch, uint32_t events)
 {
-    struct loop *loop = the_loop;
+    struct loop *loop = LOOP_OF(watch, clock);
     uint64_t n;
     if (read(watch->fd, &n, sizeof n) < 0) n = 0;
     loop->armed_ns = 0;
@@ -163,7 +164,7 @@ void loop_post(struct loop *loop, struct loop_message *message)
 
 static void wake_ready(struct loop_watch *watch, uint32_t events)
 {
-    struct loop *loop = the_loop;
+    struct loop *loop = LOOP_OF(watch, wake);
     uint64_t n;
     if (read(watch->fd, &n, sizeof n) < 0) n = 0;
     pthread_mutex_lock(&loop->lock);
@@ -178,7 +179,7 @@ static void wake_ready(struct loop_watch *watch, uint32_t events)
     }
 }
 
-static int signal_pipe_in = -1;
+static int signal_pipe_in = -1; // global: a signal handler has no argument
 
 static void note_signal(int number)
 {
@@ -191,9 +192,10 @@ static void note_signal(int number)
 
 static void signal_ready(struct loop_watch *watch, uint32_t events)
 {
+    struct loop *loop = LOOP_OF(watch, signal);
     unsigned char bytes[64];
     for (ssize_t n; (n = read(watch->fd, bytes, sizeof bytes)) > 0;)
-        for (ssize_t i = 0; i < n; i++) the_loop->on_signal(the_loop->signal_user, bytes[i]);
+        for (ssize_t i = 0; i < n; i++) loop->on_signal(loop->signal_user, bytes[i]);
 }
 
 // A pipe and a handler, as signalfd did not work in the loop without HTTP.
@@ -222,7 +224,6 @@ int loop_create(struct loop **out)
     loop->wake = (struct loop_watch){eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC), wake_ready};
     loop->clock = (struct loop_watch){
         timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC), clock_ready};
-    the_loop = loop;
     if (loop->epoll_fd < 0 || loop->wake.fd < 0 || loop->clock.fd < 0 ||
         loop_watch_add(loop, &loop->wake, EPOLLIN) ||
         loop_watch_add(loop, &loop->clock, EPOLLIN)) {
@@ -245,7 +246,6 @@ void loop_destroy(struct loop *loop)
     pthread_mutex_destroy(&loop->lock);
     free(loop->heap);
     free(loop);
-    the_loop = NULL;
 }
 
 void loop_turn(struct loop *loop, int timeout_ms)

@@ -14,6 +14,7 @@
 #include <poll.h>
 #include <signal.h>
 #include <spawn.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -73,8 +74,6 @@ struct decoder {
     struct wait_for *waiting;
     unsigned n_sent;
 };
-
-static struct decoder *the_decoder; // for the watch's callback; one helper a process
 
 // ---- the helper's side
 
@@ -459,7 +458,8 @@ static void helper_gone(struct decoder *decoder)
 
 static void helper_ready(struct loop_watch *watch, uint32_t events)
 {
-    struct decoder *decoder = the_decoder;
+    struct decoder *decoder =
+        (struct decoder *)((char *)watch - offsetof(struct decoder, watch));
     for (;;) {
         struct reply reply;
         int fd;
@@ -563,7 +563,6 @@ int decoder_create(struct loop *loop, const struct decoder_limits *limits, uint6
     if (l->memory_bytes > l->total_bytes) l->memory_bytes = l->total_bytes;
     uint64_t fit = l->memory_bytes ? l->total_bytes / l->memory_bytes : 1;
     decoder->at_once = fit < MAX_AT_ONCE ? (unsigned)fit : MAX_AT_ONCE;
-    the_decoder = decoder;
     int err = start_helper(decoder);
     if (err) {
         free(decoder);
@@ -584,7 +583,6 @@ void decoder_destroy(struct decoder *decoder)
         waitpid(decoder->pid, NULL, 0);
     }
     free(decoder);
-    the_decoder = NULL;
 }
 
 // NULL without memory, or when the strings are too long.

@@ -43,9 +43,13 @@ struct page_session {
 
 static struct lws_context *context;
 static struct lws_vhost *vhost;
-static struct server *the_server;
 static uint8_t piece[LWS_PRE + CHUNK];
 static unsigned n_wsi; // sockets of libwebsockets: HTTP, WebSocket, and the loop's descriptor
+
+static struct server *server_of(struct lws *wsi)
+{
+    return lws_context_user(lws_get_context(wsi));
+}
 
 // ---- the carrier
 
@@ -138,7 +142,7 @@ static bool admitted(struct lws *wsi)
     char host_room[300], origin_room[300], local[64];
     const char *host = header(wsi, WSI_TOKEN_HOST, host_room, sizeof host_room);
     const char *origin = header(wsi, WSI_TOKEN_ORIGIN, origin_room, sizeof origin_room);
-    const struct options *o = &the_server->options;
+    const struct options *o = &server_of(wsi)->options;
     local_address(wsi, local, sizeof local);
     bool host_fine = web_host_allowed(o, local, host);
     if (host_fine && web_origin_allowed(o, host, origin)) return true;
@@ -185,16 +189,17 @@ static int filter_request(struct lws *wsi)
 // Opens a connection for the client; beyond the limits it gets an ERROR frame instead.
 static void established(struct session *s)
 {
+    struct server *server = server_of(s->wsi);
     const char *full = "the daemon is at its limit of connections (--connections)";
     struct accepted client = {0};
     accepted_describe(lws_get_socket_fd(s->wsi), &client);
-    if (!the_server->draining && the_server->n_connection < the_server->options.connections) {
+    if (!server->draining && server->n_connection < server->options.connections) {
         full = "this connection exceeds a limit";
-        s->conn = connection_open(the_server, &ws_carrier, s, client.peer, client.who);
+        s->conn = connection_open(server, &ws_carrier, s, client.peer, client.who);
     }
     if (s->conn) return;
-    the_server->stats.connections_refused++;
-    if (!refusal_frame(the_server, full, &s->refusal, &s->n_refusal))
+    server->stats.connections_refused++;
+    if (!refusal_frame(server, full, &s->refusal, &s->n_refusal))
         lws_callback_on_writable(s->wsi);
 }
 
@@ -278,7 +283,7 @@ static bool bearer_is_right(struct lws *wsi)
     char room[TOKEN_ROOM + 16];
     const char *said = header(wsi, WSI_TOKEN_HTTP_AUTHORIZATION, room, sizeof room);
     bool bearer = said && !strncasecmp(said, "Bearer ", 7);
-    return token_is_right(the_server->token, bearer ? said + 7 : "");
+    return token_is_right(server_of(wsi)->token, bearer ? said + 7 : "");
 }
 
 static int page_request(struct lws *wsi, struct page_session *p)
@@ -287,7 +292,7 @@ static int page_request(struct lws *wsi, struct page_session *p)
     const char *path = header(wsi, WSI_TOKEN_GET_URI, room, sizeof room);
     if (!path) path = ""; // longer than any path that is served
     if (!strcmp(path, "/healthz")) {
-        bool well = !the_server->draining;
+        bool well = !server_of(wsi)->draining;
         char *text = strdup(well ? "ok\n" : "draining\n");
         return answer_text(wsi, p, well ? HTTP_STATUS_OK : HTTP_STATUS_SERVICE_UNAVAILABLE,
                            "text/plain", text, text ? strlen(text) : 0);
@@ -298,7 +303,7 @@ static int page_request(struct lws *wsi, struct page_session *p)
             return lws_http_transaction_completed(wsi) ? -1 : 0;
         }
         size_t n = 0;
-        char *text = stats_prometheus(the_server, &n);
+        char *text = stats_prometheus(server_of(wsi), &n);
         return answer_text(wsi, p, HTTP_STATUS_OK, "text/plain; version=0.0.4", text, n);
     }
     if (lws_return_http_status(wsi, HTTP_STATUS_NOT_FOUND, NULL)) return -1;
@@ -344,7 +349,7 @@ static int on_page(struct lws *wsi, enum lws_callback_reasons reason, void *user
 static int on_loop(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in,
                    size_t n)
 {
-    if (reason == LWS_CALLBACK_RAW_RX_FILE) loop_turn(the_server->loop, 0);
+    if (reason == LWS_CALLBACK_RAW_RX_FILE) loop_turn(server_of(wsi)->loop, 0);
     return reason == LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION ? -1 : 0;
 }
 
@@ -408,7 +413,7 @@ static void http_accepted(struct server *server, const struct accepted *client)
 static const lws_retry_bo_t pings = {.secs_since_valid_ping = 60,
                                      .secs_since_valid_hangup = 90};
 
-static bool create_context(const struct server *server)
+static bool create_context(struct server *server)
 {
     mount[0].mount_next = &mount[1];
     if (server->options.page[0]) {
@@ -417,6 +422,7 @@ static bool create_context(const struct server *server)
     }
     struct lws_context_creation_info info = {0};
     info.port = CONTEXT_PORT_NO_LISTEN_SERVER;
+    info.user = server;
     info.protocols = protocols;
     info.mounts = mount;
     info.gid = info.uid = (gid_t)-1;
@@ -435,7 +441,6 @@ static bool create_context(const struct server *server)
 
 int http_open(struct server *server, const char *address)
 {
-    the_server = server;
     lws_set_log_level(LLL_ERR | LLL_WARN, on_lws_log);
     lws_sock_file_fd_type fd;
     fd.filefd = fcntl(loop_fd(server->loop), F_DUPFD_CLOEXEC, 3); // closed by libwebsockets
@@ -457,14 +462,9 @@ void http_turn(struct server *server)
     lws_service(context, 0);
 }
 
-void http_drain(void)
-{
-    // /healthz answers "draining" until the end, so that a proxy uses another server.
-}
-
 void http_close(void)
 {
-    if (the_server) listeners_close(the_server, http_accepted);
+    if (context) listeners_close(lws_context_user(context), http_accepted);
     if (context) lws_context_destroy(context);
     context = NULL;
 }
