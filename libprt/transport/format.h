@@ -10,7 +10,7 @@
 #include "prt/transport.h"
 
 enum {
-    FORMAT_VERSION = 2,
+    FORMAT_VERSION = PRT_FILE_VERSION,
     FORMAT_ENDIAN = 0x01020304,
     FORMAT_ALIGN = 64,
     FORMAT_MAX_SECTION = 128,

@@ -64,7 +64,7 @@ static void put_normal(const float in[3], float out[3])
 // the next call forgets it.
 static void forget_old_shapes(struct model *m)
 {
-    char prefix[64];
+    char prefix[96];
     for (uint64_t g = m->generation; g > 0 && g + 2 > m->generation; g--) {
         // The bake's results belong to the file's shape: moved vertices do not change them.
         if (g == m->baked_generation) continue;

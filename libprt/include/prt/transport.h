@@ -135,6 +135,8 @@ enum prt_transport_kind {
     PRT_TRANSPORT_JOINT = 2
 };
 
+enum { PRT_FILE_VERSION = 2 }; /* of the .prt format that this library reads and writes */
+
 /* Writes a .prt: little-endian, versioned, 64-byte aligned sections, each with an XXH3
  * checksum. The file appears whole or not at all (prt_writer). Blocks. PRT_FORMAT: the
  * transport would be refused when it is opened; PRT_IO; PRT_ARG: more than 4 tensors. */

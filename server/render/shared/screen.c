@@ -25,20 +25,18 @@ struct screen_job {
 // Chooses the engine with the least expected error. The last one stays unless its error or time
 // is `worse` times larger: errors differ between engines, and a view's pictures would flicker.
 static int choose_engine(const struct prt_context *ctx, const struct screen_job *job,
-                         const struct prt_material *material, double budget,
+                         const struct prt_screen_input *input, double budget,
                          struct prt_screen_options *o)
 {
     static const double worse = 1.5; // chosen, not measured
-    const struct prt_visibility *visibility = job->visibility->value;
     struct screen_slot *slot = job->slot;
     struct prt_screen_plan best, last;
     struct prt_screen_options own = *o;
-    int status =
-        prt_screen_choose(ctx, slot->screen, visibility, material, true, 0, budget, o, &best);
+    int status = prt_screen_choose(ctx, slot->screen, input, budget, o, &best);
     if (!status && slot->engine && (int)best.engine + 1 != slot->engine) {
-        status = prt_screen_plan(ctx, slot->screen, visibility, material,
-                                 (enum prt_screen_engine)(slot->engine - 1), true, 0, budget,
-                                 &own, &last);
+        status =
+            prt_screen_plan(ctx, slot->screen, input,
+                            (enum prt_screen_engine)(slot->engine - 1), budget, &own, &last);
         if (!status && last.expected_error < worse * best.expected_error &&
             last.expected_ms < worse * fmax(budget, best.expected_ms))
             *o = own;
@@ -49,21 +47,19 @@ static int choose_engine(const struct prt_context *ctx, const struct screen_job 
 
 // Engine and samples: the query's, or those with the least expected error within the budget.
 static int choose(const struct prt_context *ctx, const struct screen_job *job,
-                  const struct prt_material *material, struct prt_screen_options *o)
+                  const struct prt_screen_input *input, struct prt_screen_options *o)
 {
     const struct screen_query *q = &job->query;
-    const struct prt_visibility *visibility = job->visibility->value;
     if (q->n_sample) {
         o->engine = (enum prt_screen_engine)q->engine;
         o->n_sample = q->n_sample;
         return PRT_OK;
     }
     double budget = q->budget_ms > 0 ? (double)q->budget_ms : DEFAULT_MS;
-    if (q->engine < 0) return choose_engine(ctx, job, material, budget, o);
+    if (q->engine < 0) return choose_engine(ctx, job, input, budget, o);
     o->engine = (enum prt_screen_engine)q->engine;
     if (!(q->budget_ms > 0)) return PRT_OK; // the engine's own count
-    return prt_screen_plan(ctx, job->slot->screen, visibility, material, o->engine, true, 0,
-                           budget, o, NULL);
+    return prt_screen_plan(ctx, job->slot->screen, input, o->engine, budget, o, NULL);
 }
 
 // Negative and non-finite values become 0: one of them would spoil the running mean for good.
@@ -84,7 +80,10 @@ static int compute(struct screen_job *job, const struct prt_context *ctx,
 {
     struct shape *shape = job->shape->value;
     const struct screen_query *q = &job->query;
-    const struct prt_material *material = q->has_material ? &q->material : shape->material;
+    struct prt_screen_input input = {.visibility = job->visibility->value,
+                                     .material =
+                                         q->has_material ? &q->material : shape->material,
+                                     .cube = job->light->value};
     const struct prt_scene *scene;
     struct prt_screen_options options = {.frame = q->frame, .maps_checked = true};
     options.sigma_a_map = job->map[0] ? job->map[0]->value : NULL;
@@ -93,12 +92,11 @@ static int compute(struct screen_job *job, const struct prt_context *ctx,
     int status = shape_scene(ctx, shape, &scene);
     if (!status && !job->slot->screen)
         status = prt_screen_create(ctx, &shape->mesh, scene, &job->slot->screen);
-    if (!status) status = choose(ctx, job, material, &options);
+    if (!status) status = choose(ctx, job, &input, &options);
     if (!status) status = prt_progress(ctx, "screen", 0);
     if (!status)
-        status =
-            prt_screen_radiance(ctx, job->slot->screen, job->visibility->value, material,
-                                job->light->value, 0, NULL, &options, out->rgb, &out->report);
+        status = prt_screen_radiance(ctx, job->slot->screen, &input, &options, out->rgb,
+                                     &out->report);
     if (!status) clear_invalid(out->rgb, out->n_point);
     return status;
 }
@@ -228,8 +226,9 @@ double refinement_error(const struct refinement *r)
                                            : e;
 }
 
-// Frame k has weight k + 1, as the first ones are coarser. The newest changes the mean by
-// 2 / (k + 1) of its own error, and the mean's error is 2 / sqrt(3 k) of that.
+// prt_screen_mean_add() gives picture k the weight k + 1, as the first ones are coarser. The
+// newest changes the mean by 2 / (k + 1) of its own error, and the mean's error is 2 / sqrt(3
+// k) of that.
 int refinement_add(struct refinement *r, const struct screen_radiance *a)
 {
     enum { LEAST = 32, MOST = 256 }; // frames in a mean; chosen, not measured
@@ -244,20 +243,13 @@ int refinement_add(struct refinement *r, const struct screen_radiance *a)
         r->n_sample = a->report.n_asked;
         r->expected_error = a->report.expected_error;
     }
-    double moved = 0, all = 0;
-    float share = 2 / (float)(r->n_mean + 2);
-    for (uint32_t i = 0; i < a->n_point; i++)
-        for (int c = 0; c < 3; c++) {
-            float *m = &r->mean[i][c], step = first ? 0 : share * (a->rgb[i][c] - *m);
-            *m = first ? a->rgb[i][c] : *m + step;
-            moved += (double)step * step;
-            all += (double)*m * *m;
-        }
+    double change =
+        prt_screen_mean_add(r->n_mean, a->n_point, (const float(*)[3])a->rgb, r->mean);
     r->n_point = a->n_point;
     r->n_frame++;
     r->n_mean++;
-    double left = all > 0 ? sqrt(moved / all * r->n_mean / 3) : 0;
-    r->converged =
-        !(all > 0) || r->n_mean >= MOST || (r->n_mean >= LEAST && left < close_enough);
+    double left = change * sqrt(r->n_mean / 3.0);
+    bool black = change < 0;
+    r->converged = black || r->n_mean >= MOST || (r->n_mean >= LEAST && left < close_enough);
     return PRT_OK;
 }
