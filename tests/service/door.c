@@ -689,7 +689,7 @@ static void test_limit_on_open_files(void **state)
     setrlimit(RLIMIT_NOFILE, &mine);
     assert_true(theirs.rlim_cur > 300 || mine.rlim_max <= 300);
     if (mine.rlim_max < 500000000)
-        assert_true(log_says(&d, "open files and the limit is", 100));
+        assert_true(log_says(&d, "open files, and the limit is", 100));
     assert_int_equal(daemon_stop(&d), 0);
 }
 
