@@ -23,7 +23,7 @@ struct loop {
     struct loop_watch wake, clock, signal;
     struct loop_timer **heap;
     size_t n_timer, timer_room;
-    uint64_t armed_ns;    // what timerfd is set to; 0: nothing
+    uint64_t armed_ns;    // expiry of the timerfd; 0: none
     pthread_mutex_t lock; // guards the message list
     struct loop_message *first, **last;
     struct epoll_event batch[BATCH];

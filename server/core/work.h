@@ -19,7 +19,7 @@ struct work {
     struct work *next;
     struct work_pool *pool;
     enum work_class class;
-    int status; /* enum prt_status, what run returned */
+    int status; /* enum prt_status, returned by run */
     char error[300];
     int (*run)(struct work *work, const struct prt_context *ctx);
     void (*done)(struct work *work);

@@ -74,21 +74,21 @@ struct connection *connection_open(struct server *server, const struct carrier *
                                    void *carrier_data, const char *peer, const char *who);
 /* Everything open is cancelled. The struct stays until the loop's turn ends. */
 void connection_close(struct connection *conn, const char *why);
-/* Closes once what is queued was sent; nothing more is read. */
+/* Closes after the queued frames were sent; reads nothing more. */
 void connection_finish(struct connection *conn, const char *why);
 void connections_free_closed(struct server *server);
 /* While unread answers take more than --output-memory, or those of one client more than
  * --client-output, the connection that holds most of them is closed. Once a turn. */
 void connections_shed(struct server *server);
 
-/* Carriers hand in what they read: a stream's bytes, or a part of a message, which holds
+/* Carriers pass received bytes: of a stream, or a part of a message, which holds
  * exactly one frame; `last` ends the message. */
 void connection_bytes(struct connection *conn, const void *bytes, size_t n);
 void connection_part(struct connection *conn, const void *bytes, size_t n, bool last);
 /* The decoder took `n` bytes by itself (relight_decoder_commit) and returned `status`. */
 void connection_committed(struct connection *conn, size_t n, int status);
-/* What to write next, and what was written. connection_written closes a connection that was
- * only waiting to be flushed. */
+/* Next bytes to write, and the number of written bytes. connection_written closes a connection
+ * that was only waiting to be flushed. */
 int connection_output(const struct connection *conn, struct iovec *iov, int max);
 void connection_written(struct connection *conn, size_t n);
 
