@@ -12,7 +12,8 @@
 struct evaluation {
     struct request *request;
     struct render *render;
-    struct render_spec spec; // what the answer's message needs; the texels are the render's
+    struct render_spec
+        spec; // for the answer's message; without the texels, which `render` owns
 };
 
 static void abandon(struct request *request)
@@ -67,7 +68,7 @@ static void start(struct request *request, const char *name, struct render_spec 
     request->state = e;
     request->abandon = abandon;
     struct render *render = render_start(model, spec, evaluated, e);
-    if (render) e->render = render; // else it has been answered
+    if (render) e->render = render; // NULL: it was answered already
 }
 
 void op_colors(struct request *request)

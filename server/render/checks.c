@@ -31,19 +31,19 @@ static int check_screen(const struct render *r, char error[300])
 {
     const struct render_spec *s = &r->spec;
     if (has_maps(s) && !render_shape(r)->mesh.uv) {
-        snprintf(error, 300, "%.100s has no texture coordinates for a map to lie on",
+        snprintf(error, 300, "%.100s has no texture coordinates, which maps need",
                  r->model->name);
         return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
     }
     if (s->term != RELIGHT__TERM__TERM_TOTAL && s->term != RELIGHT__TERM__TERM_MULTIPLE) {
-        snprintf(error, 300, "image-space engines give terms total and multiple, not %s",
+        snprintf(error, 300, "image-space engines compute terms total and multiple, not %s",
                  s->term == RELIGHT__TERM__TERM_SINGLE ? "single" : "irradiance");
         return RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
     }
     if (!s->n_light) {
         bool later = !s->engine && r->model->state == RELIGHT__MODEL_STATE__MODEL_BAKING;
-        snprintf(error, 300, "0 lights: 1 to %d are wanted%s", RENDER_MAX_LIGHTS,
-                 later ? " until the bake, which may keep one, is ready" : "");
+        snprintf(error, 300, "0 lights: expected 1 to %d%s", RENDER_MAX_LIGHTS,
+                 later ? " until the bake, which may contain one, is ready" : "");
         return later ? RELIGHT__ERROR_CODE__ERROR_NOT_READY
                      : RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
     }
@@ -84,16 +84,16 @@ static int check_baked(const struct render *r, char error[300])
     int code = check_engine(r, traced, error);
     if (code) return code;
     if (!traced && t->engine == PRT_TRANSPORT_POLYNOMIAL && s->n_light) {
-        snprintf(error, 300, "%.100s keeps the light of its bake: leave lights out",
-                 r->model->name);
+        snprintf(error, 300, "%.100s was baked with its light: send no lights", r->model->name);
         return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
     }
     if ((traced || t->engine != PRT_TRANSPORT_POLYNOMIAL) && !s->n_light) {
-        snprintf(error, 300, "0 lights: 1 to %d are wanted", RENDER_MAX_LIGHTS);
+        snprintf(error, 300, "0 lights: expected 1 to %d", RENDER_MAX_LIGHTS);
         return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
     }
     if (!traced && s->has_material && t->engine == PRT_TRANSPORT_WAVELET) {
-        snprintf(error, 300, "%.100s has its material baked in (wavelet transport)",
+        snprintf(error, 300,
+                 "%.100s was baked with its material (wavelet transport), which cannot change",
                  r->model->name);
         return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
     }

@@ -21,13 +21,13 @@ struct render_light {
     char env[96]; /* "env:HASH", "constant:R,G,B"; "" for texels */
     double rotate_deg;
     float gain[3];
-    uint32_t cube_n;     /* texels of this size lie at `texel` in spec.texels */
-    size_t texel;        /* floats */
+    uint32_t cube_n;     /* side of the inline cube; 0: env is used */
+    size_t texel;        /* index of its first float in spec.texels */
     char key[200];       /* of its content: equal lights have equal keys */
     char still_key[200]; /* the same without the rotation */
 };
 
-/* Everything an evaluation depends on, checked. Plain data but for the texels, which all copies
+/* Everything an evaluation depends on, checked. Plain data, except the texels, which all copies
  * of a spec share. */
 struct render_spec {
     unsigned n_light;
@@ -61,13 +61,13 @@ struct render_spec {
     bool quiet;                    /* adds to the mean and makes no picture */
 };
 
-/* Fills and checks pieces of a spec from messages; a missing message leaves defaults. Return 0,
- * or an error code with its text naming parameter, range and unit. */
+/* Fill parts of a spec from messages and check them; without a message the defaults stay.
+ * Return 0, or an error code with a text that names parameter, range and unit. */
 void render_spec_init(struct render_spec *spec);
 void render_spec_finish(struct render_spec *spec);
-/* Holds the texels; render_spec_finish for both. */
+/* Shares the texels; both specs need render_spec_finish(). */
 void render_spec_copy(const struct render_spec *from, struct render_spec *to);
-/* Takes the request's payload, the lights' texels, when it returns 0. */
+/* Takes over the request's payload (the lights' texels) where it returns 0. */
 int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const *lights,
                        struct request *request, char error[300]);
 int render_spec_shade(struct render_spec *spec, struct request *request,
@@ -78,7 +78,7 @@ int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
                        char error[300]);
 /* Fills the keys; texels of all lights, for inline cubes. */
 void render_light_name(struct render_light *light, const float *texels);
-/* A cube's texels lie in the spec's. */
+/* The texels of an inline cube. */
 const float *render_texels(const struct render_spec *spec, const struct render_light *light);
 /* "constant" and "env:HASH" in their canonical form, 0 or an error. */
 int env_canonical(const char *env, char out[96], char error[300]);
@@ -102,7 +102,7 @@ struct render;
 /* The callee owns the result's payload. Called on the loop's thread, possibly before
  * render_start returns, which then returns NULL. */
 typedef void (*render_fn)(void *user, struct render_result *result);
-/* Takes the spec's texels. */
+/* Takes over the spec's texels. */
 struct render *render_start(struct model *model, struct render_spec *spec, render_fn done,
                             void *user);
 /* done is not called after this. */

@@ -62,7 +62,7 @@ static int parse_light(struct render_light *out, const Relight__Light *in, unsig
 {
     *out = (struct render_light){.gain = {1, 1, 1}, .cube_n = in->cube_n};
     if (!in->cube_n == !in->env[0])
-        REFUSE(BAD_REQUEST, "lights[%u]: exactly one of env and cube_n is wanted", index);
+        REFUSE(BAD_REQUEST, "lights[%u]: expected exactly one of env and cube_n", index);
     if (in->cube_n && (in->cube_n < 16 || in->cube_n > 128 || in->cube_n & (in->cube_n - 1)))
         REFUSE(OUT_OF_RANGE, "lights[%u].cube_n %u is not 16, 32, 64 or 128", index,
                in->cube_n);
@@ -101,7 +101,7 @@ int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const
                        struct request *request, char error[300])
 {
     if (n > RENDER_MAX_LIGHTS)
-        REFUSE(OUT_OF_RANGE, "%zu lights: 1 to %d are wanted", n, RENDER_MAX_LIGHTS);
+        REFUSE(OUT_OF_RANGE, "%zu lights: expected 1 to %d", n, RENDER_MAX_LIGHTS);
     struct render_light parsed[RENDER_MAX_LIGHTS];
     size_t floats = 0;
     for (unsigned i = 0; i < n; i++) {
@@ -111,7 +111,7 @@ int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const
         floats += (size_t)18 * parsed[i].cube_n * parsed[i].cube_n;
     }
     if (request->payload_size != floats * sizeof(float))
-        REFUSE(BAD_REQUEST, "the payload has %zu bytes where the lights' cubes take %zu",
+        REFUSE(BAD_REQUEST, "the payload has %zu bytes, and the lights' cubes need %zu",
                request->payload_size, floats * sizeof(float));
     const float *texels = (const float *)request->payload;
     for (size_t i = 0; i < floats; i++)
@@ -191,7 +191,7 @@ static int parse_camera(struct render_spec *spec, const Relight__Camera *camera,
     memcpy(spec->camera_up, up, sizeof up);
     vec3(camera->up, spec->camera_up);
     if (!vec3(camera->eye, spec->camera_eye) || !vec3(camera->target, spec->camera_target))
-        REFUSE(BAD_REQUEST, "camera: eye and target are wanted");
+        REFUSE(BAD_REQUEST, "camera: eye or target is missing");
     if (!all_in(spec->camera_eye, -1e9f, 1e9f) || !all_in(spec->camera_target, -1e9f, 1e9f) ||
         !all_in(spec->camera_up, -1e9f, 1e9f))
         REFUSE(OUT_OF_RANGE, "camera: a coordinate is outside [-1e9, 1e9]");

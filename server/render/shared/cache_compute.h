@@ -21,8 +21,8 @@ struct cache_job_kind {
     int (*run)(struct cache_job *job, const struct prt_context *ctx);
     /* Of value: when its entry is evicted, or when the job failed and value is not NULL. */
     void (*destroy)(void *value);
-    /* On the loop thread, before the entry is filled or failed: takes what the value is to
-     * hold, and frees the job's own members. job->status tells which. NULL: none. */
+    /* On the loop thread, before the entry is filled or failed: takes the value's
+     * own references, and frees the job's own members. job->status tells which. NULL: none. */
     void (*done)(struct cache_job *job);
 };
 
@@ -39,7 +39,7 @@ struct cache_job {
     void *value;     /* becomes the entry's */
     size_t bytes;    /* that the cache counts for the value */
     bool holds_file; /* the value holds an entry of another cache (store/cache.h) */
-    float ms;        /* what the entry cost; measured around run() */
+    float ms;        /* the entry's cost, measured around run() */
     struct cache_waiter waiter;
     struct cache_entry *awaited; /* one of held */
     void (*ready)(struct cache_job *job);

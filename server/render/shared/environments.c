@@ -108,7 +108,8 @@ void upload_decode(struct server *server, const char *hash, struct cache_entry *
                               .decode = decode,
                               .fn = fn};
     memcpy(w->hash, hash, BLOB_HASH);
-    blobs_touch(server->blobs, hash); // so that it is not evicted before it is read
+    blobs_touch(server->blobs,
+                hash); // marks it as used: it must not be evicted before it is read
     blobs_check(server->blobs, hash, &w->waiter);
 }
 

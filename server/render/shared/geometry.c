@@ -116,7 +116,7 @@ struct cache_entry *shape_get(struct model *m, int *code, char error[256])
     char key[80];
     struct cache_job *job;
     if (m->gone)
-        return model_open(m, code, error); // who computes with it may hold its shape still
+        return model_open(m, code, error); // its shape may still be in use under the same key
     snprintf(key, sizeof key, "%s/%llu/shape", m->key, (unsigned long long)m->generation);
     struct cache_entry *entry = cache_find(m->server->cache, key);
     if (entry) return entry;

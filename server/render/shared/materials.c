@@ -147,9 +147,9 @@ static struct cache_entry *resolved_get(struct server *server, const char *text)
 // ---- requests that wait
 
 struct material_wait {
-    struct request_wait wait;   // entry NULL: waits for its turn alone
-    struct material_wait *next; // of the connection's views, in their order
-    struct connection *conn;    // NULL: not about a view, or closed
+    struct request_wait wait;   // entry NULL: waits only for earlier requests
+    struct material_wait *next; // in the connection's order
+    struct connection *conn;    // NULL: not about a view, or its connection closed
     bool ready;
     void (*run)(struct request *request);
 };

@@ -10,7 +10,7 @@
 
 struct request;
 
-/* Parses a preset's name or JSON text on this thread; error says what is wrong with it. Returns
+/* Parses a preset's name or JSON text on this thread; error has the cause. Returns
  * an enum prt_status. */
 int material_resolve(const char *text, struct prt_material *material, bool *preset,
                      char error[300]);
