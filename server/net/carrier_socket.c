@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// TCP and unix sockets: reading into the frame decoder, writing what is queued, refusing.
+// TCP and unix sockets: reading into the frame decoder, writing queued frames, refusing
+// clients.
 #include "net/carrier.h"
 
 #include "net/listener.h"
@@ -15,8 +16,8 @@
 #include <unistd.h>
 
 enum {
-    READ_AT_ONCE = 4 << 20, // then others get their turn
-    TURN_NS = 2000000,      // frames of one connection are answered so long, then likewise
+    READ_AT_ONCE = 4 << 20, // bytes; then other connections are served
+    TURN_NS = 2000000,      // time for one connection's frames; then the same
     BUFFER = 64 << 10,
     MAX_IOV = 32,
     REFUSED_RETRY_MS = 1000,
@@ -68,7 +69,7 @@ static void stream_want_write(struct connection *conn)
 {
     struct stream *s = conn->carrier_data;
     if (!s->writing) {
-        s->writing = true; // the next turn sends what this turn queued, in one call
+        s->writing = true; // the next turn sends all frames that this turn queued in one call
         update_events(s);
     }
 }
@@ -91,7 +92,7 @@ static void stream_close(struct connection *conn)
     free(s);
 }
 
-// Keeps what of `bytes` did not get its turn.
+// Keeps bytes that were read and not decoded when the turn ended.
 static void keep_rest(struct stream *s, const char *bytes, size_t n)
 {
     s->rest = malloc(n);
@@ -105,7 +106,7 @@ static void keep_rest(struct stream *s, const char *bytes, size_t n)
     loop_timer_set(s->conn->server->loop, &s->again, loop_now_ns());
 }
 
-// True when nothing is left of it.
+// Returns true when no such bytes are left.
 static bool decode_rest(struct stream *s, uint64_t until_ns)
 {
     struct connection *conn = s->conn;
@@ -130,7 +131,7 @@ static void receive(struct stream *s)
     uint64_t until_ns = loop_now_ns() + TURN_NS;
     if (!conn->reading || !decode_rest(s, until_ns)) return;
     while (!conn->dead && conn->reading && total < READ_AT_ONCE && loop_now_ns() < until_ns) {
-        // Large payloads go straight to where they belong, small frames share one read.
+        // Large payloads are read into their own buffer, small frames share one read.
         size_t room = 0;
         uint8_t *space = relight_decoder_space(&conn->decoder, &room);
         bool direct = space && room >= BUFFER;
@@ -195,8 +196,8 @@ int refusal_frame(const struct server *server, const char *text, uint8_t **out, 
     return relight_frame_pack(&frame, &error.base, 0, 0, out, n);
 }
 
-// Tells the client why, and closes. What it has sent already is read, because closing a TCP
-// socket with unread bytes resets the connection, and the error may be lost.
+// Sends the error and closes. Received bytes are read first: closing a TCP socket with unread
+// bytes resets the connection, and the client may lose the error.
 static void refuse(struct server *server, int fd, const char *text)
 {
     uint8_t *bytes = NULL;
@@ -216,8 +217,8 @@ static void accepted(struct server *server, const struct accepted *client)
     if (client->no_room || server->draining ||
         server->n_connection >= server->options.connections) {
         refuse(server, client->fd,
-               client->no_room ? "the daemon has no descriptor left for a connection"
-                               : "the daemon has all the connections it takes");
+               client->no_room ? "the daemon is out of file descriptors"
+                               : "the daemon is at its limit of connections (--connections)");
         return;
     }
     struct stream *s = calloc(1, sizeof *s);
@@ -230,9 +231,9 @@ static void accepted(struct server *server, const struct accepted *client)
     }
     if (!s || !s->conn) {
         free(s);
-        refuse(server, client->fd, "no room for this connection");
+        refuse(server, client->fd, "this connection exceeds a limit");
     } else if (loop_watch_add(server->loop, &s->watch, EPOLLIN)) {
-        connection_close(s->conn, "cannot be watched");
+        connection_close(s->conn, "epoll refused its descriptor");
     }
 }
 
