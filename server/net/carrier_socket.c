@@ -8,6 +8,7 @@
 #include "relight.pb-c.h"
 
 #include <errno.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
@@ -16,6 +17,7 @@
 
 enum {
     READ_AT_ONCE = 4 << 20, // bytes; then other connections are served
+    TURN_NS = 2000000,      // time for one connection's frames; then the same
     BUFFER = 64 << 10,
     MAX_IOV = 32,
     REFUSED_RETRY_MS = 1000,
@@ -25,6 +27,9 @@ struct stream {
     struct loop_watch watch;
     struct connection *conn;
     bool reading, writing;
+    char *rest; // bytes that were read and not decoded: the turn was over
+    size_t rest_at, rest_size;
+    struct loop_timer again; // goes on with them
 };
 
 static char buffer[BUFFER];
@@ -74,21 +79,58 @@ static void stream_set_reading(struct connection *conn, bool on)
     struct stream *s = conn->carrier_data;
     s->reading = on;
     update_events(s);
+    if (on && s->rest) loop_timer_set(conn->server->loop, &s->again, loop_now_ns());
 }
 
 static void stream_close(struct connection *conn)
 {
     struct stream *s = conn->carrier_data;
     loop_watch_remove(conn->server->loop, &s->watch);
+    loop_timer_stop(conn->server->loop, &s->again);
     close(s->watch.fd);
+    free(s->rest);
     free(s);
+}
+
+// Keeps bytes that were read and not decoded when the turn ended.
+static void keep_rest(struct stream *s, const char *bytes, size_t n)
+{
+    s->rest = malloc(n);
+    if (!s->rest) {
+        connection_close(s->conn, "not enough memory for its requests");
+        return;
+    }
+    memcpy(s->rest, bytes, n);
+    s->rest_at = 0;
+    s->rest_size = n;
+    loop_timer_set(s->conn->server->loop, &s->again, loop_now_ns());
+}
+
+// Returns true when no such bytes are left.
+static bool decode_rest(struct stream *s, uint64_t until_ns)
+{
+    struct connection *conn = s->conn;
+    if (!s->rest) return true;
+    size_t n =
+        connection_bytes(conn, s->rest + s->rest_at, s->rest_size - s->rest_at, until_ns);
+    if (conn->dead) return false; // and the stream is freed
+    s->rest_at += n;
+    if (s->rest_at < s->rest_size && !conn->closing) {
+        loop_timer_set(conn->server->loop, &s->again, loop_now_ns());
+        return false;
+    }
+    free(s->rest);
+    s->rest = NULL;
+    return true;
 }
 
 static void receive(struct stream *s)
 {
     struct connection *conn = s->conn;
     size_t total = 0;
-    while (!conn->dead && conn->reading && total < READ_AT_ONCE) {
+    uint64_t until_ns = loop_now_ns() + TURN_NS;
+    if (!conn->reading || !decode_rest(s, until_ns)) return;
+    while (!conn->dead && conn->reading && total < READ_AT_ONCE && loop_now_ns() < until_ns) {
         // Large payloads are read into their own buffer, small frames share one read.
         size_t room = 0;
         uint8_t *space = relight_decoder_space(&conn->decoder, &room);
@@ -102,11 +144,23 @@ static void receive(struct stream *s)
             return;
         }
         total += (size_t)n;
-        if (direct)
+        if (direct) {
             connection_committed(conn, (size_t)n,
                                  relight_decoder_commit(&conn->decoder, (size_t)n));
-        else connection_bytes(conn, buffer, (size_t)n);
+            continue;
+        }
+        size_t done = connection_bytes(conn, buffer, (size_t)n, until_ns);
+        if (conn->dead || conn->closing) return;
+        if (done < (size_t)n) {
+            keep_rest(s, buffer + done, (size_t)n - done);
+            return;
+        }
     }
+}
+
+static void receive_again(struct loop_timer *timer)
+{
+    receive((struct stream *)((char *)timer - offsetof(struct stream, again)));
 }
 
 static void stream_ready(struct loop_watch *watch, uint32_t events)
@@ -171,6 +225,7 @@ static void accepted(struct server *server, const struct accepted *client)
     const struct carrier *carrier = client->local ? &unix_carrier : &tcp_carrier;
     if (s) {
         s->watch = (struct loop_watch){client->fd, stream_ready};
+        s->again.fire = receive_again;
         s->reading = true;
         s->conn = connection_open(server, carrier, s, client->peer, client->who);
     }

@@ -247,16 +247,19 @@ void connection_committed(struct connection *conn, size_t n, int status)
     if (!conn->dead) relight_decoder_commit(&conn->decoder, 0); // frees its buffers
 }
 
-void connection_bytes(struct connection *conn, const void *bytes, size_t n)
+size_t connection_bytes(struct connection *conn, const void *bytes, size_t n, uint64_t until_ns)
 {
-    const char *at = bytes;
-    while (n && !conn->dead && !conn->closing) {
+    size_t done = 0;
+    bool late = false;
+    while (done < n && !late && !conn->dead && !conn->closing) {
         size_t used = 0;
-        int status = relight_decoder_feed(&conn->decoder, at, n, &used);
-        at += used;
-        n -= used;
+        int status =
+            relight_decoder_feed(&conn->decoder, (const char *)bytes + done, n - done, &used);
+        done += used;
         connection_committed(conn, used, status);
+        late = loop_now_ns() >= until_ns;
     }
+    return done;
 }
 
 // The clock of --frame-time runs until the message ends, whether its frame is complete or not.

@@ -81,9 +81,11 @@ void connections_free_closed(struct server *server);
  * --client-output, the connection that holds most of them is closed. Once a turn. */
 void connections_shed(struct server *server);
 
-/* Carriers pass received bytes: of a stream, or a part of a message, which holds
- * exactly one frame; `last` ends the message. */
-void connection_bytes(struct connection *conn, const void *bytes, size_t n);
+/* Carriers pass received bytes: of a stream, or a part of a message, which holds exactly one
+ * frame; `last` ends the message. connection_bytes stops after the frame during which
+ * `until_ns` passes, and returns how many bytes it took. */
+size_t connection_bytes(struct connection *conn, const void *bytes, size_t n,
+                        uint64_t until_ns);
 void connection_part(struct connection *conn, const void *bytes, size_t n, bool last);
 /* The decoder took `n` bytes by itself (relight_decoder_commit) and returned `status`. */
 void connection_committed(struct connection *conn, size_t n, int status);

@@ -138,7 +138,7 @@ bool rooms_connect(struct pipe_end *end, const char *who)
 
 void rooms_stream(struct pipe_end *end, const void *bytes, size_t n)
 {
-    if (end->conn && !end->conn->closing) connection_bytes(end->conn, bytes, n);
+    if (end->conn && !end->conn->closing) connection_bytes(end->conn, bytes, n, UINT64_MAX);
 }
 
 void rooms_message(struct pipe_end *end, const void *bytes, size_t n, size_t most)
