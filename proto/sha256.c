@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // SHA-256 (FIPS 180-4): the content address of blobs. Cryptographic, because clients that do
 // not trust each other share one store. Uses the SHA instructions of the processor if it has
-// them.
+// them. The code is the project's own because nothing else here needs a cryptographic library,
+// and every program that links librelight would have to link one.
 #include "frame.h"
 
 #include <string.h>

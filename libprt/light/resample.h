@@ -2,7 +2,7 @@
 /* Geometry shared by the resamplers between lat-long images and cubemaps.
  *
  * The sphere is cut into thin wedges of azimuth at every column edge of the lat-long image and
- * of the cube's side faces, so that a wedge lies in one column of either. Along a wedge's
+ * of the cube's side faces, so that a wedge is inside one column of either. Along a wedge's
  * central meridian both images are piecewise constant in z = sin(latitude), and dz dphi is
  * solid angle: power moves between cells by exact 1-D overlap in z. Meridians do not bound the
  * cells of +Y and -Y; there the wedges are made thin (several wedges a corner

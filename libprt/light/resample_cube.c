@@ -72,10 +72,12 @@ done:
     return err;
 }
 
-/* Quarter turns permute faces: the face at azimuth phi shows what was at phi + 90 degrees. */
+/* A quarter turn permutes the faces: the one at azimuth phi gets the texels of phi + 90
+ * degrees. */
 static int quarter_turn(struct prt_cube *cube)
 {
-    static const unsigned from[6] = {4, 5, 2, 3, 1, 0}; /* +X shows +Z, -X -Z, +Z -X, -Z +X */
+    static const unsigned from[6] = {4, 5, 2, 3,
+                                     1, 0}; /* +X from +Z, -X from -Z, +Z from -X, -Z from +X */
     const uint32_t n = cube->n;
     const size_t n_face = (size_t)n * n * 3;
     float *old = prt_alloc(6 * n_face, sizeof *old);

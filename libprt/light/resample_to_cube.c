@@ -12,8 +12,9 @@ typedef float v4f __attribute__((vector_size(16)));
 #define INLINE static inline __attribute__((always_inline)) /* into each ISA's variant */
 enum { BLOCK = 8 }; /* source columns transposed together */
 
-/* Wedges through a corner texel of a cap: the error falls with the square. Fine cubes, whose
- * cost grows with n squared, hold few source pixels a texel and take fewer. */
+/* Wedges through a corner texel of a cap; the error falls with their square. Fine cubes take
+ * fewer: their cost grows with n squared, and a texel covers few source pixels. With
+ * these bounds a texel's wedges sum to its solid angle within about 1e-3. */
 static const double RAYS_MIN = 8.0, RAYS_MAX = 20.0;
 
 static double rays_per_texel(uint32_t n)
@@ -22,7 +23,7 @@ static double rays_per_texel(uint32_t n)
     return rays < RAYS_MIN ? RAYS_MIN : rays > RAYS_MAX ? RAYS_MAX : rays;
 }
 
-/* atan for 0 <= |x| <= 1 within 1.2e-5 rad: only a first guess of a row. */
+/* atan for 0 <= |x| <= 1 within 1.2e-5 rad, for the first guess of a row. */
 INLINE double rough_atan(double x)
 {
     const double q = x * x;
@@ -37,7 +38,7 @@ struct to_cube {
     unsigned side_rays, cap_rays;
     const double *edge; /* [H+1] z of row edges, 1 … -1 */
     v4d *cap[2];        /* [n*n] power and solid angle of +Y, -Y but for their diagonals */
-    v4d *diagonal[N_QUADRANT]; /* [2 caps][2 diagonals][n] a quadrant's share of those */
+    v4d *diagonal[N_QUADRANT]; /* [2 caps][2 diagonals][n], a quadrant's part */
     v4d power[N_QUADRANT];
     struct prt_cube *out;
     void *scratch[N_QUADRANT];
@@ -178,7 +179,8 @@ INLINE void quadrant_body(const struct to_cube *job, unsigned quadrant)
             stop = stop < end ? stop : end;
             const double wedge = stop - cur;
             total += prefix[height] * wedge;
-            /* towards a face's corners texel edges run askew: two meridians a wedge */
+            /* near a face's corners texel edges are oblique to meridians: two meridians a wedge
+             */
             const unsigned sides = job->side_rays * (cur < -0.3 || cur > 0.3 ? 2 : 1);
             for (unsigned i = 0; i < sides; i++)
                 add_side(&col, n, cur + wedge * (i + 0.5) / sides, wedge / sides, acc);
@@ -229,10 +231,10 @@ static int set_power(struct prt_cube *cube, const double power[3])
     return PRT_OK;
 }
 
-/* Power to radiance. A cap texel's wedges add up to its solid angle within some 1e-3. Dividing
- * by what they add up to keeps a plain background plain; what rises above the background (the
- * least of the texel and its neighbours) is divided by the exact solid angle, so a sun keeps
- * its power. */
+/* Power to radiance. The wedges of a cap's texel sum to its solid angle within about 1e-3. The
+ * background (the least of the texel and its neighbours) is divided by that sum, so a constant
+ * stays constant; the power above the background is divided by the exact solid angle, so a sun
+ * keeps its power. */
 static void average_cap(const v4d *cell, uint32_t n, float *dst)
 {
     for (uint32_t y = 0; y < n; y++)
@@ -263,7 +265,7 @@ static void finish_caps(struct to_cube *job)
             const v4d *d = job->diagonal[quadrant];
             job->cap[0][(size_t)x * n + x] += d[x];
             job->cap[0][(size_t)(n - 1 - x) * n + x] += d[n + x];
-            /* the lower cap is mirrored in t: its first diagonal is the other one */
+            /* the lower cap is mirrored in t, which exchanges its diagonals */
             job->cap[1][(size_t)(n - 1 - x) * n + x] += d[2 * n + x];
             job->cap[1][(size_t)x * n + x] += d[3 * n + x];
         }

@@ -1,4 +1,4 @@
-# What the light room links: OpenEXRCore, libturbojpeg, a deflate; and its OpenImageIO shim.
+# Libraries of the light room: OpenEXRCore, libturbojpeg, libdeflate or zlib; the OpenImageIO shim.
 # Not by find_package: Debian's OpenEXR, Imath and OpenImageIO configurations name programs and
 # Python modules that are in packages nobody needs here.
 pkg_check_modules(OPENEXR REQUIRED OpenEXR)

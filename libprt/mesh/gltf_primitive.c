@@ -50,7 +50,7 @@ static int to_world(struct gltf *g, const double *m, uint32_t first, uint32_t n,
             q[r] = good ? (float)(y[r] / length) : 0;
         }
         if (!finite3(p, 1e15f))
-            return prt_gltf_bad(g, "mesh %zu: vertex %u of a primitive lies beyond 1e15",
+            return prt_gltf_bad(g, "mesh %zu: vertex %u of a primitive is beyond 1e15",
                                 g->mesh_index, v - first);
     }
     return PRT_OK;

@@ -44,7 +44,7 @@ struct prt_radial_options {
     double sigma_lo, sigma_hi; /* sigma_s' (or sigma_t) range; 0: METHODS' whole range */
     double sigma_a_lo, sigma_a_hi;
     double radius_mm;    /* largest distance needed (object diameter); 0: 60 */
-    uint32_t n_function; /* 0: smallest that meets max_error; splines: at most this many
+    uint32_t n_function; /* 0: fewest that keep max_error; splines: at most this many
                           * (pieces have degree+1 each, hats one more than intervals) */
     double max_error;    /* worst over the range; 0: 0.001 */
     uint32_t degree;     /* POLYNOMIAL: 1 linear, 2 quadratic */
