@@ -107,7 +107,7 @@ void relight_frame_put_fixed(const struct relight_frame *frame,
 int relight_frame_pack(struct relight_frame *frame, const ProtobufCMessage *message,
                        size_t lead, size_t room, uint8_t **out, size_t *size);
 
-/* What can be wrong with a frame's bytes. */
+/* Faults of a frame's bytes. */
 #define RELIGHT_FRAME_FAULT_LIST(X)                                          \
     X(MAGIC, -1, "does not start with RLGT: not this protocol")              \
     X(VERSION, -2, "frame version is not 1")                                 \

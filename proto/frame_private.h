@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* What frame.c and decoder.c share. */
+/* Declarations that frame.c and decoder.c share. */
 #ifndef RELIGHT_FRAME_PRIVATE_H
 #define RELIGHT_FRAME_PRIVATE_H
 

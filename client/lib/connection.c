@@ -307,7 +307,7 @@ static void write_some(struct relight_client *c)
         if (put < 0 && errno == EINTR) continue;
         if (put < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
         if (put < 0) {
-            // What the server said before it closed explains more than "broken pipe".
+            // An answer from before the close explains more than "broken pipe".
             int code = errno;
             read_some(c);
             break_connection(c, RELIGHT_E_DISCONNECTED, strerror(code));
