@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-// Plain structs to messages and back; what comes from the daemon is checked before it is used.
+// Converts plain structs to messages and back; checks messages of the daemon before their use.
 #include "internal.h"
 
 #include <math.h>
 #include <stdio.h>
 
-// Public enums are the schema's numbers.
+// The public enums have the numbers of relight.proto.
 _Static_assert((int)RELIGHT_ENGINE_HYBRID == RELIGHT__ENGINE__ENGINE_HYBRID, "engine");
 _Static_assert((int)RELIGHT_TERM_SINGLE == RELIGHT__TERM__TERM_SINGLE, "term");
 _Static_assert((int)RELIGHT_COLOR_SRGB8 == RELIGHT__COLOR_FORMAT__COLOR_SRGB8, "colour format");

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// prt env: environments between lat-long and cube layouts, turned and resized; and their power.
+// prt env: converts environments between lat-long and cube layouts, turns and resizes them, and
+// prints their power.
 #include "tool.h"
 
 #include <cjson/cJSON.h>
@@ -41,7 +42,7 @@ void env_power(const struct prt_env *env, double power[3])
     else cube_power(&env->cube, power);
 }
 
-// Where a layout puts the six camera views, in face widths, and which are turned by 180
+// Positions of the six camera views in a layout, in widths of a face; some are turned by 180
 // degrees.
 struct layout {
     const char *name;
@@ -65,7 +66,7 @@ static const float views[6][3][3] = {
     {{0, 0, 1}, {-1, 0, 0}, {0, 1, 0}}, {{0, 0, -1}, {1, 0, 0}, {0, 1, 0}},
 };
 
-// The texel of `cube` that a view's pixel shows: a permutation, nothing is filtered.
+// The texel of `cube` at a pixel of a view: a permutation without filtering.
 static const float *view_texel(const struct prt_cube *cube, unsigned view, uint32_t x,
                                uint32_t y)
 {
@@ -141,17 +142,17 @@ static bool is_exr(const char *path)
 static int write_picture(const struct tool *tool, const struct prt_image *image, bool envmap)
 {
     const struct options *o = &tool->opt;
-    const struct prt_picture_options options = {.tone = tone_of(o->tone),
-                                                .exposure_ev = (float)o->exposure_ev,
-                                                .quality = o->quality ? (int)o->quality : 92,
-                                                .full_float = o->full_float};
+    struct prt_picture_options options = {.tone = tone_of(o->tone),
+                                          .exposure_ev = (float)o->exposure_ev,
+                                          .quality = o->quality ? (int)o->quality : 92,
+                                          .full_float = o->full_float};
     if (envmap) return prt_write_exr(&tool->ctx, o->out, image, o->full_float, true);
     if (!prt_picture_format(o->out)->linear)
         prt_log(&tool->ctx, PRT_LOG_WARNING, "%s: 8 bits clip radiance above 1", o->out);
     return output_image(&tool->ctx, o->out, image, &options);
 }
 
-// Everything goes through a cube: the light as every engine sees it.
+// Every conversion goes through a cube, which is the light that the engines use.
 static int convert(const struct tool *tool, const struct prt_env *env,
                    const struct layout *layout, struct prt_image *out, double after[3])
 {
@@ -175,10 +176,7 @@ static int convert(const struct tool *tool, const struct prt_env *env,
 static int check_usage(const struct options *o)
 {
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    char endings[100];
-    if (!prt_picture_format(o->out))
-        return usage_error(o, "-o %s: environments are written as %s", o->out,
-                           prt_picture_endings(endings));
+    if (!prt_picture_format(o->out)) return picture_path_error(o, "environments");
     if (o->layout && !strcmp(o->layout, "envmap") && !is_exr(o->out))
         return usage_error(o,
                            "--layout envmap is an attribute of OpenEXR files: give -o OUT.exr");
@@ -197,7 +195,7 @@ int run_env(struct tool *tool)
     status = prt_env_load(&tool->ctx, o->input[0], &env);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     bool exr = is_exr(o->out);
-    // --size WxH speaks of a lat-long, whatever came in.
+    // --size WxH means a lat-long result, for any input.
     const char *name = o->layout                                ? o->layout
                        : o->height || env->kind == PRT_ENV_CUBE ? "latlong"
                        : exr                                    ? "envmap"
