@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Checks of a header before it is unpacked: the memory that it would take, and valid UTF-8 in its
-// strings. One pass over the protobuf encoding, along the generated descriptors.
+// Checks of a header before it is unpacked: the memory that it would take, and valid UTF-8 in
+// its strings. One pass over the protobuf encoding, along the generated descriptors.
 #include "frame.h"
 
 #include "relight.pb-c.h"
