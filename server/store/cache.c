@@ -48,7 +48,7 @@ static struct cache_entry **bucket_of(const struct cache *cache, uint64_t hash)
     return &cache->bucket[hash % cache->n_bucket];
 }
 
-// Without memory the chains get longer instead.
+// Without memory the table keeps its size, and chains get longer.
 static void grow(struct cache *cache)
 {
     size_t n = cache->n_bucket;
@@ -66,7 +66,7 @@ static void grow(struct cache *cache)
     free(old);
 }
 
-// What an entry takes beside its value.
+// The size of an entry without its value.
 static size_t overhead(const struct cache_entry *e)
 {
     return sizeof *e + strlen(e->key) + 1;
@@ -105,7 +105,7 @@ static void drop(struct cache *cache, struct cache_entry *e)
     free_entry(cache, e);
 }
 
-// The one used longest ago, of those that nobody uses.
+// Evicts the least recently used unreferenced holder; false where there is none.
 static bool drop_holder(struct cache *cache)
 {
     struct cache_entry *e = cache->oldest;
@@ -123,7 +123,7 @@ static void keep_budget(struct cache *cache)
         drop(cache, cache->oldest);
     }
     if (cache->relieving || !cache->holders) return;
-    cache->relieving = true; // what is let go comes back here, and is dropped
+    cache->relieving = true; // evicted holders release files, which calls this function again
     while (cache->counts.bytes > cache->budget && drop_holder(cache->holders)) continue;
     cache->relieving = false;
 }
@@ -161,7 +161,8 @@ struct cache_entry *cache_get(struct cache *cache, const char *key, bool *fresh)
     }
     cache->counts.misses++;
     e = calloc(1, sizeof *e);
-    if (!e || !(e->key = strdup(key))) abort(); // a few hundred bytes: nothing left to save
+    if (!e || !(e->key = strdup(key)))
+        abort(); // a few hundred bytes: the process is out of memory
     e->cache = cache;
     e->refs = 1;
     e->hash = prt_hash64(key, strlen(key), cache->seed);
@@ -185,7 +186,7 @@ void cache_release(struct cache_entry *e)
     assert(e->refs);
     if (--e->refs) return;
     struct cache *cache = e->cache;
-    if (e->state != CACHE_READY || e->forgotten) { // it left the table already
+    if (e->state != CACHE_READY || e->forgotten) { // it was removed from the table already
         free_entry(cache, e);
         return;
     }
@@ -193,7 +194,7 @@ void cache_release(struct cache_entry *e)
     *(cache->newest ? &cache->newest->newer : &cache->oldest) = e;
     cache->newest = e;
     bool holds_file = e->holds_file;
-    keep_budget(cache); // may drop it
+    keep_budget(cache); // may evict it
     if (holds_file && cache->files) keep_budget(cache->files);
 }
 
@@ -234,12 +235,12 @@ void cache_wait(struct cache_entry *e, struct cache_waiter *waiter)
 {
     assert(e->state == CACHE_PENDING);
     struct cache_waiter **last = &e->waiters;
-    while (*last) last = &(*last)->next; // served in the order they came
+    while (*last) last = &(*last)->next; // woken in the order of their calls
     waiter->next = NULL;
     *last = waiter;
 }
 
-// Out of the table; nothing is freed yet.
+// Removes an entry from the table; collects unreferenced ones in *unused.
 static void leave(struct cache *cache, struct cache_entry *e, struct cache_entry **unused)
 {
     if (e->forgotten || e->state == CACHE_FAILED) return;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT */
-/* cache.h owns what is computed once and shared: decoded environments, cubemaps, visibility
- * buffers, colours. An entry is pending until its maker fills or fails it; who asks meanwhile
- * waits. Unreferenced entries leave, least recently used first, when the budget is spent. An
- * entry counts with its value, itself and its key.
- * Loop thread only; values are read by workers while their entry is held. */
+/* cache.h owns the shared results: decoded environments, cubemaps, visibility buffers, colours.
+ * An entry is pending until its creator fills or fails it; other users wait meanwhile. Beyond
+ * the budget, unreferenced entries are evicted, least recently used first. An entry's size is
+ * that of its value, its struct and its key. Loop thread only; values are read by workers while
+ * their entry is held. */
 #ifndef RELIGHTD_CACHE_H
 #define RELIGHTD_CACHE_H
 
@@ -28,12 +28,12 @@ struct cache_entry {
     void *value;
     size_t bytes;
     void (*destroy)(void *value);
-    float ms;       /* what making it took */
+    float ms;       /* time to compute it */
     int error_code; /* protocol's error code when FAILED */
     char error[320];
     struct cache_waiter *waiters;
     struct cache *cache;
-    bool forgotten;  /* left the table; freed with its last reference */
+    bool forgotten;  /* removed from the table; freed with its last reference */
     bool holds_file; /* its value holds an entry of another cache */
 };
 
@@ -41,25 +41,25 @@ struct cache;
 int cache_create(size_t budget_bytes, struct cache **out);
 void cache_destroy(struct cache *cache); /* every entry must have been released */
 
-/* The entry of this key, with a reference for the caller. *fresh: it was not there, and the
- * caller is its maker: it calls cache_fill or cache_fail once, holding the entry until then. */
+/* The entry of this key, with a reference for the caller. *fresh: it is new, and the caller
+ * has to call cache_fill or cache_fail once, and to hold the entry until then. */
 struct cache_entry *cache_get(struct cache *cache, const char *key, bool *fresh);
-/* The same, NULL where there is none. */
+/* The entry of this key, with a reference, or NULL; creates none. */
 struct cache_entry *cache_find(struct cache *cache, const char *key);
 void cache_hold(struct cache_entry *entry);
 void cache_release(struct cache_entry *entry); /* NULL is fine */
-/* Wakes the waiters. The value belongs to the entry from here on. */
+/* Takes over the value and wakes the waiters. */
 void cache_fill(struct cache_entry *entry, void *value, size_t bytes, void (*destroy)(void *));
-/* Wakes the waiters; the entry is forgotten, so that a later request tries anew. */
+/* Wakes the waiters and removes the entry from the table: a later request computes it again. */
 void cache_fail(struct cache_entry *entry, int error_code, const char *text);
 void cache_wait(struct cache_entry *entry, struct cache_waiter *waiter);
-/* Forgets all entries whose key starts so (a model was unloaded): nobody finds them any more,
- * and who uses one keeps it. `pending`: those that are still being made, too. */
+/* Removes all entries whose key begins with the prefix (a model was unloaded): they cannot be
+ * found any more, and their users keep them. `pending`: pending entries, too. */
 void cache_forget(struct cache *cache, const char *prefix, bool pending);
-/* The same of one entry, found or not. */
+/* The same for one entry, in the table or not. */
 void cache_forget_entry(struct cache_entry *entry);
 /* Values of `holders` (holds_file) hold entries of `files`: where those are over their budget
- * and all in use, holders that nobody uses go first. */
+ * and all in use, unreferenced holders are evicted. */
 void cache_hold_files(struct cache *holders, struct cache *files);
 
 struct cache_counts {

@@ -227,8 +227,8 @@ double refinement_error(const struct refinement *r)
 }
 
 // prt_screen_mean_add() gives picture k the weight k + 1, as the first ones are coarser. The
-// newest changes the mean by 2 / (k + 1) of its own error, and the mean's error is 2 / sqrt(3
-// k) of that.
+// newest changes the mean by 2 / (k + 1) of its own error; the mean's error is 2 / sqrt(3 k) of
+// that.
 int refinement_add(struct refinement *r, const struct screen_radiance *a)
 {
     enum { LEAST = 32, MOST = 256 }; // frames in a mean; chosen, not measured
