@@ -35,11 +35,17 @@ struct cache_entry {
     struct cache *cache;
     bool forgotten;  /* left the table; freed with its last reference */
     bool holds_file; /* its value holds an entry of another cache */
+    bool any_thread; /* its value, when large, is destroyed by a worker: set before cache_fill */
 };
 
 struct cache;
 int cache_create(size_t budget_bytes, struct cache **out);
 void cache_destroy(struct cache *cache); /* every entry must have been released */
+
+/* Workers destroy large values that any thread may destroy: giving back a map of hundreds of MB
+ * takes tens of milliseconds. NULL, as at first: none does. */
+struct work_pool;
+void cache_use_workers(struct cache *cache, struct work_pool *pool);
 
 /* The entry of this key, with a reference for the caller. *fresh: it was not there, and the
  * caller is its maker: it calls cache_fill or cache_fail once, holding the entry until then. */
