@@ -19,7 +19,6 @@ static const uint32_t default_rank = 72;    // columns looked at when the error 
 static const uint32_t joint_rank = 64;      // the same where one U serves every medium, or more
 static const uint32_t joint_columns = 3072; // on a small model: this many over all clusters
 static const double tail_share = 0.25;      // of max_error: columns below it are not projected
-static const uint32_t default_probes = 192;
 
 static void dipole_eval(const void *user, unsigned cpu, size_t n, const float *r2,
                         float *const *out)
@@ -28,10 +27,8 @@ static void dipole_eval(const void *user, unsigned cpu, size_t n, const float *r
     for (int c = 0; c < 3; c++) prt_diffusion_rd_array(&d[c], cpu, n, r2, out[c]);
 }
 
-static int check_options(const struct prt_context *ctx, struct prt_bake_options *o)
+void bake_set_defaults(struct prt_bake_options *o)
 {
-    int status = bake_check_settings(ctx, o);
-    if (status) return status;
     if (!o->cube) o->cube = PRT_BAKE_CUBE_DEFAULT;
     if (!o->n_coef) o->n_coef = PRT_BAKE_COEFFS_DEFAULT;
     if (!o->n_phase) { // an isotropic medium needs one term; where g is free, or not 0, four
@@ -41,6 +38,13 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
     }
     if (!o->n_single) o->n_single = PRT_BAKE_SINGLE_POINTS_DEFAULT;
     if (o->max_error == 0) o->max_error = PRT_BAKE_ERROR_DEFAULT;
+}
+
+static int check_options(const struct prt_context *ctx, struct prt_bake_options *o)
+{
+    int status = bake_check_settings(ctx, o);
+    if (status) return status;
+    bake_set_defaults(o);
     if (o->n_coef > 6 * o->cube * o->cube)
         return prt_fail(ctx, PRT_ARG, "--coeffs %u: must lie in [6, %u]", o->n_coef,
                         6 * o->cube * o->cube);
@@ -73,18 +77,45 @@ uint32_t bake_sample_count(const struct bake *b)
     return (uint32_t)fmin(fmax(want, 150000), 600000);
 }
 
+static float shortest_path(const struct bake *b)
+{
+    float finest = INFINITY;
+    for (int c = 0; c < 3; c++) finest = fminf(finest, (float)(1 / b->dipole[c].sigma_t_prime));
+    return finest;
+}
+
+float bake_fine_mm(const struct bake *b)
+{
+    return b->o.engine == PRT_TRANSPORT_WAVELET ? shortest_path(b) / 5 : 0.2f / 27;
+}
+
+uint32_t bake_patterns(const struct prt_bake_options *o)
+{
+    return o->cube <= 32 ? 16 : o->cube <= 64 ? 8 : 4;
+}
+
+uint32_t bake_cluster_size(const struct bake *b)
+{
+    uint32_t smaller = b->o.engine == PRT_TRANSPORT_JOINT ? 2 : 1;
+    uint32_t size = b->mesh->n_vertex / (128 * smaller) + 1;
+    return size < 640 / smaller ? 640 / smaller : size;
+}
+
+uint32_t bake_rank(const struct prt_bake_options *o, bool every_medium, uint32_t n_cluster)
+{
+    uint32_t rank = default_rank, spread = joint_columns / (n_cluster ? n_cluster : 1);
+    if (every_medium && spread < rank) rank = spread > joint_rank ? spread : joint_rank;
+    return o->rank ? o->rank : rank;
+}
+
 static int prepare(struct bake *b)
 {
     double started = prt_time_s();
     const struct prt_mesh *mesh = b->mesh;
-    float finest = INFINITY, steepest = 0;
+    float steepest = 0;
     prt_material_dipoles(&b->o.material, b->dipole);
-    for (int c = 0; c < 3; c++) {
-        finest = fminf(finest, (float)(1 / b->dipole[c].sigma_t_prime));
-        steepest = fmaxf(steepest, (float)b->dipole[c].sigma_tr);
-    }
-    // A free medium may be as dense as METHODS' range: as fine as a sample's cell is cut.
-    float fine = b->o.engine == PRT_TRANSPORT_WAVELET ? finest / 5 : 0.2f / 27;
+    for (int c = 0; c < 3; c++) steepest = fmaxf(steepest, (float)b->dipole[c].sigma_tr);
+    float finest = shortest_path(b), fine = bake_fine_mm(b);
     b->radial = (struct radial_set){3, dipole_eval, b->dipole, steepest};
     int status = prt_scene_create(b->ctx, mesh, &b->scene);
     bool any = prt_surface_area(mesh) > 0;
@@ -96,20 +127,15 @@ static int prepare(struct bake *b)
     if (status == PRT_OK && any && b->o.engine == PRT_TRANSPORT_WAVELET)
         status = prt_surface_check(b->ctx, b->surface, mesh, finest, b->o.n_sample != 0);
     if (status == PRT_OK && any) status = hierarchy_create(b->surface, &b->hierarchy);
-    uint32_t patterns = b->o.cube <= 32 ? 16 : b->o.cube <= 64 ? 8 : 4;
     if (status == PRT_OK)
-        status = directions_create(b->o.cube, patterns, b->o.seed, &b->directions);
-    // What serves every medium needs more columns than one medium: of smaller clusters, fewer.
-    uint32_t smaller = b->o.engine == PRT_TRANSPORT_JOINT ? 2 : 1;
-    uint32_t target = mesh->n_vertex / (128 * smaller) + 1;
-    if (target < 640 / smaller) target = 640 / smaller;
-    if (status == PRT_OK) status = clusters_create(mesh, target, &b->clusters);
+        status = directions_create(b->o.cube, bake_patterns(&b->o), b->o.seed, &b->directions);
+    if (status == PRT_OK) status = clusters_create(mesh, bake_cluster_size(b), &b->clusters);
     if (status == PRT_OK) {
         b->factored = calloc(b->clusters->n_cluster + 1u, sizeof *b->factored);
         b->rays_single = calloc(b->clusters->n_cluster + 1u, sizeof *b->rays_single);
         if (!b->factored || !b->rays_single) status = PRT_NOMEM;
     }
-    b->n_probe = default_probes;
+    b->n_probe = DEFAULT_PROBES;
     b->seconds[T_SAMPLES] = prt_time_s() - started;
     return status;
 }
@@ -132,13 +158,11 @@ int bake_probe(struct bake *b, uint32_t m)
 
 static struct factor_plan plan_of(const struct bake *b, uint32_t n_function)
 {
-    uint32_t rank = default_rank, spread = joint_columns / b->clusters->n_cluster;
-    if (b->train && spread < rank) rank = spread > joint_rank ? spread : joint_rank;
-    if (b->o.rank) rank = b->o.rank;
     return (struct factor_plan){.n_function = n_function,
                                 .n_train = b->train ? b->n_train : n_function,
                                 .train = b->train,
-                                .max_rank = rank,
+                                .max_rank =
+                                    bake_rank(&b->o, b->train != NULL, b->clusters->n_cluster),
                                 .n_probe = b->n_probe,
                                 .tail_error = b->o.rank ? 0 : tail_share * b->o.max_error,
                                 .n = b->o.cube,
@@ -238,7 +262,7 @@ static void drop_factored(struct bake *b)
 // The most a tensor may take: W05's 128 coefficients a vertex (640 bytes with their indices)
 // and METHODS §5's sizes for joint transport; small models, whose bases weigh most, get a
 // floor.
-static double byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
+double bake_byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
 {
     bool joint = b->o.engine == PRT_TRANSPORT_JOINT;
     double per_vertex = joint ? (term ? 2200 : 1088) : 620.0 * n_phase;
@@ -266,7 +290,7 @@ int bake_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_
                                 .n_basis_coef = b->o.n_basis_coef,
                                 .energy_error = b->o.max_error * (term ? 1.5 : 0.75),
                                 .mixed = b->train != NULL,
-                                .max_bytes = byte_budget(b, term, n_phase)};
+                                .max_bytes = bake_byte_budget(b, term, n_phase)};
     if (status == PRT_OK && !part)
         status = b->sparse ? sparse_builder_finish(b->sparse, t)
                            : pack_factored(b->ctx, b->clusters, b->factored, n_function,
@@ -309,9 +333,10 @@ static int bake_wavelet(struct bake *b)
     int status = PRT_OK;
     if (b->surface && !shard_assembling(b))
         status = irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
-                                 b->o.material.eta, &b->irradiance, &b->rays_irradiance);
+                                 b->o.material.eta, bake_rows_room(&b->o), &b->irradiance,
+                                 &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
-    if (status == PRT_OK) status = bake_probe(b, default_probes);
+    if (status == PRT_OK) status = bake_probe(b, DEFAULT_PROBES);
     if (status == PRT_OK)
         status = bake_tensor(b, PRT_TERM_MULTIPLE, "multiple scattering", multiple_range, 3, 1,
                              T_MULTIPLE);
@@ -422,7 +447,7 @@ static int run_shard(struct bake *b, const char *out_path, uint32_t *missing)
     b->out.n_tensor = 0;
     prt_free(b->probe);
     b->probe = NULL;
-    b->n_probe = default_probes;
+    b->n_probe = DEFAULT_PROBES;
     single_plan_finish(&b->single);
     return run_engine(b);
 }

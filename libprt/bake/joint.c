@@ -9,9 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-// Twice the columns of U that are kept, so that they are not those of a few lights alone.
-static const uint32_t joint_probes = 128;
-
 struct joint {
     struct bake *b;
     struct bases bases;
@@ -75,7 +72,7 @@ static int bake_terms(struct joint *j)
     struct bake *b = j->b;
     bool opaque = false;
     int status = bases_train_reflectance(b, &j->bases);
-    b->n_probe = joint_probes;
+    b->n_probe = JOINT_PROBES;
     if (status == PRT_OK) status = bake_probe(b, b->n_probe);
     for (uint32_t c = 0; c < b->clusters->n_cluster; c++)
         opaque |= !b->clusters->translucent[c];
@@ -85,7 +82,7 @@ static int bake_terms(struct joint *j)
     half_rows_finish(&b->irradiance);
     if (status == PRT_OK && opaque) { // shadows need more columns than what scatters
         prt_free(b->probe);
-        b->n_probe = 192;
+        b->n_probe = DEFAULT_PROBES;
         status = bake_probe(b, b->n_probe);
     }
     if (status == PRT_OK && opaque)
@@ -93,7 +90,7 @@ static int bake_terms(struct joint *j)
     if (status || b->o.no_single) return status;
     if (opaque) {
         prt_free(b->probe);
-        b->n_probe = joint_probes;
+        b->n_probe = JOINT_PROBES;
         if ((status = bake_probe(b, b->n_probe))) return status;
     }
     bake_plan_single(b);
@@ -117,7 +114,8 @@ int bake_joint(struct bake *b)
     int status = bases_create(b, &j.bases);
     if (status == PRT_OK && !shard_assembling(b))
         status = irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
-                                 b->o.material.eta, &b->irradiance, &b->rays_irradiance);
+                                 b->o.material.eta, bake_rows_room(&b->o), &b->irradiance,
+                                 &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
     if (status == PRT_OK) status = bake_terms(&j);
     bases_finish(&j.bases);

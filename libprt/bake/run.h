@@ -29,12 +29,32 @@ struct bake {
     struct shard *shard; // one part of several; NULL: the whole bake
     double seconds[8];
 };
+/* Lights a cluster's columns are found by; joint: twice the columns that are kept, so that they
+ * are not those of a few lights alone. */
+enum { DEFAULT_PROBES = 192, JOINT_PROBES = 128 };
 enum { T_SAMPLES, T_IRRADIANCE, T_MULTIPLE, T_SINGLE, T_PACK, T_MEASURE };
 
 /* Against prt/bake_limits.h; logs what is wrong. */
 int bake_check_settings(const struct prt_context *ctx, const struct prt_bake_options *options);
 /* Of the options, or as many as the mean free path asks for; wants mesh and dipole. */
 uint32_t bake_sample_count(const struct bake *b);
+/* Settings that were left to the bake. */
+void bake_set_defaults(struct prt_bake_options *options);
+/* How far apart fine points lie: a free medium may be as dense as METHODS' range, and a
+ * sample's cell is cut for that [mm]. */
+float bake_fine_mm(const struct bake *b);
+/* Jittered patterns of directions. */
+uint32_t bake_patterns(const struct prt_bake_options *options);
+/* Most vertices of a cluster. What serves every medium needs more columns than one medium: of
+ * smaller clusters, fewer. */
+uint32_t bake_cluster_size(const struct bake *b);
+/* Most columns of a cluster's U; every_medium: trained for a range of media. */
+uint32_t bake_rank(const struct prt_bake_options *options, bool every_medium,
+                   uint32_t n_cluster);
+/* Bytes that a term's packed tensor may take. */
+double bake_byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase);
+/* Rows of pass 1 of more bytes are kept on disk. */
+size_t bake_rows_room(const struct prt_bake_options *options);
 /* A log that drops everything. */
 void bake_drop_line(void *user, enum prt_log_level level, const char *line);
 /* Gaussian lights [n_coef][m] into b->probe. */

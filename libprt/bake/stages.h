@@ -65,16 +65,14 @@ uint64_t irradiance_row_seen(const struct prt_scene *scene, const struct directi
 
 /* ---- irradiance transport and its hierarchy ---------------------------------------------- */
 
-/* Rows of half floats: samples first (in tree order), then inner nodes. Large ones live in an
- * unlinked temporary file. */
+/* Rows of half floats: samples first (in tree order), then inner nodes. Those that take more
+ * bytes than `room` live in an unlinked temporary file. */
 struct half_rows {
     size_t n_row, n_coef, bytes;
     uint16_t *half;
 };
-int half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
+int half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef, size_t room,
                      struct half_rows *out);
-/* Rows of more bytes are kept on disk: 60 % of the free memory, or of RLIMIT_DATA. */
-size_t half_rows_room(void);
 void half_rows_finish(struct half_rows *rows);
 
 struct node {
@@ -91,14 +89,16 @@ struct hierarchy {
     uint32_t *root;  /* [n_object] node index + 1; 0 where an object has no samples */
     uint32_t *order; /* [n_sample] surface sample at each tree position */
 };
+/* Nodes over n samples, an upper bound that one object all but reaches. */
+uint64_t hierarchy_most_nodes(uint32_t n_sample, uint32_t n_object);
 int hierarchy_create(const struct prt_surface_points *surface, struct hierarchy **out);
 void hierarchy_destroy(struct hierarchy *h);
 
 /* Pass 1 for all samples and the nodes' area-weighted means. rays counts what was cast. */
 int irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
                     const struct prt_surface_points *surface, const struct hierarchy *h,
-                    const struct directions *d, double eta, struct half_rows *out,
-                    uint64_t *rays);
+                    const struct directions *d, double eta, size_t room,
+                    struct half_rows *out, uint64_t *rays);
 
 /* ---- clusters of vertices -----------------------------------------------------------------
  */

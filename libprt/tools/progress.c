@@ -89,7 +89,7 @@ static int on_progress(void *user, const char *stage, double fraction, double et
     }
     // Whoever watched has gone (a dead daemon): finishing for nobody would only burn the
     // machine.
-    return stop_signal || shown.broken;
+    return stop_signal || shown.broken || memory_is_over();
 }
 
 int tool_begin(struct tool *tool)

@@ -76,6 +76,14 @@ int tool_exit(const struct tool *tool, int status);
 /* 0 when `path` may be created there, else EXIT_FAILED after a message: before long work. */
 int check_writable(const struct tool *tool, const char *path);
 
+/* Ends the run with an error when it holds more than `bytes` of memory (0: any amount), or when
+ * RLIMIT_DATA is about to be met: a bake is then cancelled by the progress callback. Returns an
+ * exit status. */
+int memory_watch(struct tool *tool, uint64_t bytes);
+bool memory_is_over(void); /* the progress callback is to cancel */
+/* Stops watching: the exit status of what was watched, which returned this library status. */
+int memory_watch_end(int status);
+
 /* What SOURCE of the command contract names. */
 struct source {
     const char *path;

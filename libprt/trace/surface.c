@@ -452,6 +452,25 @@ static int share_samples(struct prt_surface_points *s, const struct piece_list *
     return n ? PRT_OK : PRT_ARG;
 }
 
+// Fine points of all translucent triangles: as fine as asked for, or as the bound of 16 a
+// sample allows.
+static uint64_t count_fine(const struct prt_mesh *mesh, uint32_t n_sample, double *fine_mm)
+{
+    for (;; *fine_mm *= 1.15) { // ends: at the latest when every triangle is one point
+        uint64_t total = 0, n_triangle = 0;
+        for (uint32_t b = 0; b < mesh->n_block; b++) {
+            const struct prt_block *block = &mesh->block[b];
+            if (!translucent(mesh, block)) continue;
+            n_triangle += block->n_triangle;
+            for (uint32_t t = 0; t < block->n_triangle; t++) {
+                uint64_t m = fine_cuts(mesh, block->triangle_begin + t, *fine_mm);
+                total += m * m;
+            }
+        }
+        if (total <= 16ull * n_sample + n_triangle) return total;
+    }
+}
+
 static int build_fine(const struct prt_context *ctx, struct prt_surface_points *s,
                       const struct prt_mesh *mesh, const struct piece_list *list, float fine_mm)
 {
@@ -460,18 +479,7 @@ static int build_fine(const struct prt_context *ctx, struct prt_surface_points *
     float *area = NULL;
     int status = start ? PRT_OK : PRT_NOMEM;
     double fine = fine_mm;
-    while (status == PRT_OK) { // ends: at the latest when every triangle is one point
-        total = 0;
-        for (uint32_t o = 0; o < s->n_object; o++)
-            for (uint32_t i = 0; i < list[o].n; i++) {
-                uint64_t m = fine_cuts(mesh, list[o].triangle[i], fine);
-                total += m * m;
-            }
-        uint64_t n_triangle = 0;
-        for (uint32_t o = 0; o < s->n_object; o++) n_triangle += list[o].n;
-        if (total <= 16ull * s->n_sample + n_triangle) break;
-        fine *= 1.15;
-    }
+    if (status == PRT_OK) total = count_fine(mesh, s->n_sample, &fine);
     if (status == PRT_OK && total > UINT32_MAX / 4)
         status = prt_fail(ctx, PRT_LIMIT,
                           "%llu surface points are too many: at most %u samples and triangles",
@@ -507,6 +515,21 @@ static int build_fine(const struct prt_context *ctx, struct prt_surface_points *
     prt_free(neighbour);
     prt_free(area);
     return status;
+}
+
+void prt_surface_memory(const struct prt_mesh *mesh, uint32_t n_sample, float fine_mm,
+                        uint64_t *making, uint64_t *kept)
+{
+    double fine = fine_mm;
+    uint64_t n_fine = count_fine(mesh, n_sample, &fine), n = n_sample;
+    const struct prt_surface_points *s = NULL;
+    uint64_t a_sample = sizeof *s->position + sizeof *s->normal + sizeof *s->face_normal +
+                        sizeof *s->area + sizeof *s->centre + sizeof *s->spread +
+                        sizeof *s->object + sizeof *s->cell_begin;
+    uint64_t a_cell = sizeof *s->cell_fine + sizeof *s->cell_weight;
+    *kept = n * a_sample + n_fine * (sizeof *s->fine + NEIGHBOURS * a_cell);
+    *making = *kept + n_fine * (sizeof(struct neighbour) + sizeof(float)) +
+              (uint64_t)mesh->n_triangle * (sizeof(struct key) + 24);
 }
 
 int prt_surface_create(const struct prt_context *ctx, const struct prt_mesh *mesh,

@@ -36,6 +36,8 @@ struct prt_bake_options {
     uint32_t shard, n_shard;
     uint32_t *parts_missing;   /* out, or NULL: parts not there yet; 0: out_path is written;
                                 * UINT32_MAX: another process assembles it */
+    uint64_t memory; /* bytes to make do with: rows of pass 1 that take more than 60 % of them
+                      * are kept on disk; 0: what is free */
     const char *settings_json; /* extra provenance to record, may be NULL */
 };
 /* Bakes `mesh` (scaled) and writes the .prt. Same bytes for any thread count. Progress and
@@ -43,9 +45,10 @@ struct prt_bake_options {
 int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
              const struct prt_bake_options *options, const char *out_path);
 
-/* Upper bound of the bytes such a bake allocates with ctx->pool's threads, without the
- * program's own; PRT_ARG for settings out of bounds. Rows of pass 1 that do not fit into memory
- * are kept on disk and not counted. Thread-safe. */
+/* The most memory that a process which does such a bake with ctx->pool's threads is expected to
+ * hold [bytes], its program and libraries included: 1.0 to 1.6 times what was measured.
+ * PRT_ARG for settings out of bounds. Rows of pass 1 that are kept on disk (`memory`) are not
+ * counted. Thread-safe. */
 int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
                     const struct prt_bake_options *options, uint64_t *bytes);
 
