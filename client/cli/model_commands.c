@@ -90,7 +90,7 @@ int run_models(struct relight_client *client, struct options *options)
             char state[32];
             snprintf(state, sizeof state, m->state == RELIGHT_MODEL_BAKING ? "%s %.0f%%" : "%s",
                      relight_model_state_name(m->state), 100 * m->fraction);
-            printf("%-18s %-9s %10u %9.1f  %s\n", m->id, state, m->n_vertex,
+            printf("%-18.16s %-9s %10u %9.1f  %s\n", m->id, state, m->n_vertex,
                    (double)m->bytes * 1e-6, m->name);
         }
         for (size_t i = 0; i < list.n_file; i++)

@@ -10,7 +10,7 @@
 //     spot, 3225        wavelet*       3000    32       222             170   1.31
 //     spot, 3225        wavelet*       3000    64       574             480   1.20
 //     dragon, 5891      sparse        20000    16       375             274   1.37
-//     dragon, 5891      polynomial    20000    32       534             355   1.50
+//     dragon, 5891      polynomial    20000    32       534             355   1.51
 //     dragon, 5891      wavelet       20000    32       660             563   1.17
 //     dragon, 5891      joint         20000    16       518             410   1.26
 //     bunny, 34835      wavelet       30000    16       433             332   1.31
@@ -31,7 +31,7 @@ static const double PROGRAM = 48e6; // code and data of the program and its libr
 static const double A_THREAD = 5e6; // OpenBLAS' buffers as far as they are used, stacks
 static const double MARGIN = 1.1;
 
-int bake_check_settings(const struct prt_context *ctx, const struct prt_bake_options *o)
+int prt_bake_check_settings(const struct prt_context *ctx, const struct prt_bake_options *o)
 {
     const struct {
         enum prt_bake_setting setting;
@@ -51,11 +51,11 @@ int bake_check_settings(const struct prt_context *ctx, const struct prt_bake_opt
     return PRT_OK;
 }
 
-void bake_drop_line(void *user, enum prt_log_level level, const char *line)
+void prt_bake_drop_line(void *user, enum prt_log_level level, const char *line)
 {
 }
 
-size_t bake_rows_room(const struct prt_bake_options *options)
+size_t prt_bake_rows_room(const struct prt_bake_options *options)
 {
     long pages = sysconf(_SC_AVPHYS_PAGES), page = sysconf(_SC_PAGESIZE);
     size_t room = pages > 0 && page > 0 ? (size_t)pages * (size_t)page : SIZE_MAX;
@@ -75,7 +75,7 @@ struct demand {
 static int count_clusters(struct demand *d, bool every_medium)
 {
     const struct prt_mesh *mesh = d->b->mesh;
-    uint32_t size = bake_cluster_size(d->b), n_group = 2 * mesh->n_object;
+    uint32_t size = prt_bake_cluster_size(d->b), n_group = 2 * mesh->n_object;
     uint32_t *group = calloc(n_group + 1u, sizeof *group);
     if (!group) return PRT_NOMEM;
     for (uint32_t i = 0; i < mesh->n_block; i++) {
@@ -91,7 +91,7 @@ static int count_clusters(struct demand *d, bool every_medium)
         d->widest = n > d->widest ? n : d->widest;
     }
     d->ranks = 0;
-    uint32_t rank = bake_rank(&d->b->o, every_medium, d->n_cluster);
+    uint32_t rank = prt_bake_rank(&d->b->o, every_medium, d->n_cluster);
     for (uint32_t i = 0; i < n_group; i++) {
         uint32_t n = group[i], pieces = 1;
         for (; n > size; n = n / 2 + n % 2) pieces *= 2;
@@ -130,11 +130,11 @@ static double factor_bytes(const struct demand *d, double functions, double trai
 {
     enum { ROWS_AT_ONCE = 192 }; // sources.c
     double n = d->widest, J = functions, C = columns;
-    double rank = fmin(bake_rank(&d->b->o, trained > J, d->n_cluster), n);
+    double rank = fmin(prt_bake_rank(&d->b->o, trained > J, d->n_cluster), n);
     double answers = J * n * (probes + 6) * 4, some = C > 0 ? ROWS_AT_ONCE * d->coef * 4 : 0;
     double multiply = some + C * probes * 4 + trained * n * probes * 4;
     double basis = trained * n * probes * 12 + n * n * 8 + 3 * n * rank * 8;
-    double made = C > 0 && trained > J ? fmin(J, MIX_MOST) / 2 : J; // of a row, functions
+    double made = C > 0 && trained > J ? fmin(J, MAX_COMPONENTS) / 2 : J; // of a row, functions
     double project = rank * made * (d->coef + C) * 4 + some;
     double faces = trained > J ? (probes + 6) * d->coef * 4 : 0;
     return J * n * C * 4 + C * 16 + answers + fmax(fmax(multiply, basis) + faces, project);
@@ -143,7 +143,7 @@ static double factor_bytes(const struct demand *d, double functions, double trai
 // All clusters' factors: halves of each function or direction, and floats of their energy.
 static double factors(const struct demand *d, double functions, bool every_medium)
 {
-    double wide = every_medium ? fmin(functions, MIX_MOST) : functions;
+    double wide = every_medium ? fmin(functions, MAX_COMPONENTS) : functions;
     double a_column = (2 * wide + 4) * d->coef + 4 * d->widest;
     if (every_medium) a_column += (wide + 6) * functions * 4;
     return d->ranks * a_column;
@@ -152,7 +152,7 @@ static double factors(const struct demand *d, double functions, bool every_mediu
 static double packed(const struct demand *d, enum prt_term term, double functions)
 {
     double all = d->ranks * (d->coef * (2 * functions + 2) + 4 * d->widest);
-    return fmin(bake_byte_budget(d->b, term, d->b->o.n_phase), all);
+    return fmin(prt_bake_byte_budget(d->b, term, d->b->o.n_phase), all);
 }
 
 static double horizon(const struct demand *d)
@@ -193,7 +193,7 @@ static double stages(struct demand *d, double rows)
         double rays = single_bytes(d, 0) - d->widest * d->coef * 4.0;
         return kept + fmax(d->threads * fmax(cut, rays), horizon(d));
     }
-    double probes = joint ? JOINT_PROBES : DEFAULT_PROBES, lights = d->coef * probes * 4;
+    double probes = joint ? JOINT_PROBES : WAVELET_PROBES, lights = d->coef * probes * 4;
     double first = rows + horizon(d), second, third = 0;
     if (sparse) {
         second = rows + sparse_bytes(d, multiple) +
@@ -218,10 +218,9 @@ static double stages(struct demand *d, double rows)
 // The bake is measured against the reference's samples, when its rows and factors are gone.
 static double measuring(const struct demand *d)
 {
-    double densest = 27; // METHODS' range of a free medium [mm^-1]
-    if (d->b->o.engine == PRT_TRANSPORT_WAVELET)
-        for (int c = (densest = 0); c < 3; c++)
-            densest = fmax(densest, d->b->dipole[c].sigma_t_prime);
+    bool fixed = d->b->o.engine == PRT_TRANSPORT_WAVELET;
+    double densest = fixed ? 0 : 27; // METHODS' range of a free medium [mm^-1]
+    for (int c = 0; fixed && c < 3; c++) densest = fmax(densest, d->b->dipole[c].sigma_t_prime);
     uint64_t making, kept;
     double n = fmin(fmax(60000, d->area * densest * densest / 4e4), 2e7);
     prt_surface_memory(d->b->mesh, (uint32_t)n, (float)(1 / densest / 8), &making, &kept);
@@ -239,11 +238,11 @@ int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
 {
     struct prt_context quiet = ctx ? *ctx : (struct prt_context){0};
     struct bake b = {.ctx = &quiet, .mesh = mesh, .o = *options};
-    int status = bake_check_settings(ctx, options);
+    int status = prt_bake_check_settings(ctx, options);
     if (status) return status;
-    bake_set_defaults(&b.o);
+    prt_bake_set_defaults(&b.o);
     prt_material_dipoles(&b.o.material, b.dipole);
-    quiet.log = bake_drop_line;
+    quiet.log = prt_bake_drop_line;
     struct demand d = {.b = &b,
                        .vertices = mesh->n_vertex,
                        .triangles = mesh->n_triangle,
@@ -254,15 +253,15 @@ int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
     if (status) return status;
     uint64_t making = 0, kept = 0;
     if (d.area > 0) {
-        uint32_t n = bake_sample_count(&b);
+        uint32_t n = prt_bake_sample_count(&b);
         d.samples = n;
-        d.nodes = (double)hierarchy_most_nodes(n, mesh->n_object);
-        prt_surface_memory(mesh, n, bake_fine_mm(&b), &making, &kept);
+        d.nodes = (double)prt_hierarchy_most_nodes(n, mesh->n_object);
+        prt_surface_memory(mesh, n, prt_bake_fine_mm(&b), &making, &kept);
     }
     double rows = (d.samples + d.nodes) * d.coef * 2;
-    if (rows > (double)bake_rows_room(&b.o)) rows = 0; // they are on disk
+    if (rows > (double)prt_bake_rows_room(&b.o)) rows = 0; // they are on disk
     double trees = d.samples * (8 + 4) + d.nodes * sizeof(struct node);
-    double rays = bake_patterns(&b.o) * d.coef * SUBS * 16;
+    double rays = prt_bake_patterns(&b.o) * d.coef * SUBS * 16;
     double work = d.area > 0 ? fmax(stages(&d, rows), measuring(&d)) : stages(&d, 0);
     double held = (double)kept + trees + rays + model_bytes(mesh);
     double all = PROGRAM + d.threads * A_THREAD + fmax(held + work, (double)making);

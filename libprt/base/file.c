@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Whole files in and out.
+// Reading whole files; writing files that appear whole or not at all.
 #include "prt/base.h"
 
 #include <errno.h>
@@ -69,7 +69,7 @@ static int write_all(int fd, const char *bytes, size_t n)
     return 0;
 }
 
-// Devices and pipes (/dev/stdout) are written in place: there is nothing to rename.
+// special: a device or pipe (/dev/stdout), which is written in place and not renamed.
 struct prt_writer {
     const struct prt_context *ctx;
     int fd;

@@ -8,8 +8,8 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
-// Large arrays are written in scattered order (colours to the file's vertices): with pages of
-// 4 KB the walks through the page table would cost as much as the work.
+// Large arrays are written in scattered order (colours to the file's vertices). With pages of 4
+// KiB the page table walks take as long as the stores.
 enum { HUGE_PAGE = 2 << 20, HUGE_FROM = 2 * HUGE_PAGE };
 
 void *prt_alloc(size_t n, size_t size)
@@ -18,9 +18,9 @@ void *prt_alloc(size_t n, size_t size)
     if (prt_mul_overflow(n, size, &bytes) || !bytes || bytes > SIZE_MAX - 64) return NULL;
     bytes = (bytes + 63) & ~(size_t)63;
     if (bytes < HUGE_FROM) return aligned_alloc(64, bytes);
-    void *p; // aligned_alloc would want whole huge pages
+    void *p; // aligned_alloc needs a multiple of the huge page
     if (posix_memalign(&p, HUGE_PAGE, bytes)) return NULL;
-    madvise(p, bytes, MADV_HUGEPAGE); // a wish: without it all works as well
+    madvise(p, bytes, MADV_HUGEPAGE); // advice; its failure changes speed only
     return p;
 }
 

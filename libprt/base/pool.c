@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A pool of threads that share loops: every loop is a list of pieces handed out by an atomic
-// counter; the caller works on its own loop, idle workers join whatever loop is open.
+// A pool of threads that share loops. An atomic counter hands out the pieces of a loop. The
+// caller works on its own loop; idle workers join any open loop.
 #include "prt/base.h"
 
 #include <pthread.h>
@@ -11,10 +11,10 @@
 struct loop {
     struct loop *next;
     size_t n, grain, n_piece;
-    atomic_size_t piece; // next one to hand out
+    atomic_size_t piece; // the next one to hand out
     atomic_size_t done;  // pieces finished or skipped
     atomic_int status;
-    unsigned helpers; // workers inside run_pieces, under the pool's lock
+    unsigned helpers; // workers that run its pieces; guarded by the pool's lock
     prt_loop_fn fn;
     void *arg;
 };
@@ -122,7 +122,7 @@ unsigned prt_pool_size(const struct prt_pool *pool)
     return pool ? pool->n_thread : 1;
 }
 
-// Tells the callback how far the loop is, at most ten times a second.
+// Calls the progress callback, at most ten times a second.
 static int report(const struct prt_context *ctx, const char *stage, const struct loop *loop,
                   double started, double *last)
 {

@@ -66,10 +66,10 @@ double prt_time_s(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-// What sanitizers are told of libraries that are not built for them; here, since every program
-// links this file.
+// Suppressions for libraries that are not built for sanitizers. They are here because every
+// program links this file.
 #if defined(__SANITIZE_ADDRESS__)
-// OSMesa keeps a few hundred bytes of its first context for good.
+// OSMesa never frees a few hundred bytes of its first context.
 __attribute__((weak)) const char *__lsan_default_suppressions(void);
 __attribute__((weak)) const char *__lsan_default_suppressions(void)
 {
@@ -78,8 +78,8 @@ __attribute__((weak)) const char *__lsan_default_suppressions(void)
 #endif
 
 #if defined(__SANITIZE_THREAD__)
-// Locks of OSMesa, of Embree and its TBB and of OpenBLAS are not seen by the sanitizer, which
-// then takes their threads for careless; strings of theirs end in libstdc++.
+// The thread sanitizer does not see the locks of OSMesa, Embree, TBB and OpenBLAS and reports
+// races between their threads; their strings are freed in libstdc++.
 __attribute__((weak)) const char *__tsan_default_suppressions(void);
 __attribute__((weak)) const char *__tsan_default_suppressions(void)
 {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Answers a query from a transport: per-vertex colours, or the planes they are made of.
-// colour = F_t(eta, w_o) [ T_d.L + sum_k Y_k(w_o') T_k.L ]  (W05 section 5; METHODS section 9)
+// colour = F_t(eta, w_o) [ T_d.L + sum_k Y_k(w_o') T_k.L ]  (W05 section 5)
 //
 // w_o' is the direction inside whose refraction is the view. Planes of a wavelet transport
 // contain the phase function's coefficients a_l and sigma_s; those of a joint transport do not,

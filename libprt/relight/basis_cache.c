@@ -138,7 +138,7 @@ static int refuse(const struct prt_context *ctx, const struct prt_radial *radial
         for (int k = 0; k < (dipole ? 2 : 1); k++)
             if (!(value[k] >= radial->range[k][0] && value[k] <= radial->range[k][1]))
                 return prt_fail(ctx, PRT_ARG,
-                                "%s: %s[%d] is %g mm^-1, this bake covers %g to %g: its basis "
+                                "%s: %s[%d] is %g, this bake covers %g to %g mm^-1: its basis "
                                 "would lose %.0f %% of the medium (the limit is %.0f %%)",
                                 name,
                                 k ? "sigma_a"

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Expanding bases to colours in AVX-512: U times the contracted rows, and the polynomial
-// transport's sums.
+// Expansion for AVX-512: U times the contracted rows, and the sums of polynomial transport.
 #include "avx512.h"
 #include "scatter.h"
 
@@ -10,15 +9,15 @@
 PRT_ISA_BEGIN(PRT_ISA_AVX512)
 #include "store_avx512.h"
 
-// Asks for the lines that the colours of positions [v, v + n) will be written to: most of them,
-// since neighbours in the cluster are mostly neighbours in the file.
+// Prefetches the cache lines that the colours of positions [v, v + n) will be written to, one
+// for every four positions: neighbours in the cluster are mostly neighbours in the file.
 PRT_INLINE void claim(const struct expand_job *job, uint32_t t, uint32_t v, uint32_t n)
 {
     const uint32_t end = job->end < v + n ? job->end : v + n;
     for (; v < end; v += 4) __builtin_prefetch(job->color[t] + 3ull * job->order[v], 1, 3);
 }
 
-// Puts 16 positions' colours where their vertices are.
+// Writes the colours of 16 positions to their vertices. row: these are consecutive in the file.
 PRT_INLINE void put16(const struct expand_job *job, uint32_t v, uint32_t t, bool row, __m512 r,
                       __m512 g, __m512 b)
 {
@@ -39,16 +38,16 @@ PRT_INLINE void put16(const struct expand_job *job, uint32_t v, uint32_t t, bool
     scatter(rg, blue, job->order + v, n, color, job->add);
 }
 
-// One triple. Reading 64 bytes of each of some forty rows in turn defeats the memory system, so
-// rows come in groups of up to eight, read along CHUNK vertices while sums wait in the first
-// cache; the next group's bytes are fetched meanwhile. Polynomial transport, three times the
-// rows, comes to the second cache: the first has too few places for lines that are still to
-// come.
+// One triple. Reading 64 bytes of each of some forty rows in turn is more streams than the
+// hardware prefetcher follows. Rows are read in groups of up to eight along CHUNK vertices; the
+// sums stay in the L1 cache, and the next group is prefetched meanwhile. Polynomial transport
+// has three times the rows and prefetches to the L2 cache: the L1 cache has too few buffers for
+// outstanding lines.
 enum { CHUNK = 1024, RADIAL_CHUNK = 2048 };
 
 struct chunk {
     const uint16_t *u;    // first row of the group, first vertex of the chunk
-    const uint16_t *next; // what the next group will read
+    const uint16_t *next; // the same of the next group
     size_t stride;
     const float *b;
     size_t b_stride;
@@ -82,7 +81,7 @@ PRT_INLINE void expand_group(const struct chunk *c, const int n_row, bool first)
     }
 }
 
-// Polynomial: the rows of a function are its three channels.
+// Polynomial transport: a function has one row for each channel.
 PRT_INLINE void radial_group(const struct chunk *c, const int n_function, bool first)
 {
     const size_t stride = c->stride;
@@ -136,8 +135,8 @@ PRT_INLINE void expand_chunks(const struct expand_job *job, uint32_t t, bool rad
         claim(job, t, v0, n);
         for (uint32_t r = 0; r < job->rank;) {
             c.u = base + each * v0 + r * row;
-            // past the last group comes the next chunk, past the last chunk what follows in
-            // memory: the next plane or cluster; a prefetch of nothing does no harm
+            // The last group prefetches the next chunk, and the last chunk what follows it in
+            // memory, which is the next plane or cluster. A prefetch never faults.
             uint32_t left = job->rank - r;
             c.next = left > group           ? c.u + group * row
                      : v0 + most < job->end ? base + each * (v0 + most)
@@ -153,10 +152,10 @@ PRT_INLINE void expand_chunks(const struct expand_job *job, uint32_t t, bool rad
     }
 }
 
-// Several triples: 24 sums, for nt triples and nv vectors of 16 vertices (nt * nv = 8), stay in
-// registers, so that a row of U costs 24 fused multiply-adds and little else.
-// Triples [t0, t0 + nt) of vertices from v on to rgb[triple][ROW]; the second vector is the
-// first again where it would lie behind the padded rows: its vertices do not exist then.
+// Several triples. The 24 sums of nt triples and nv vectors of 16 vertices (nt * nv = 8) stay
+// in registers, so that a row of U takes 24 fused multiply-adds and little else. Writes triples
+// [t0, t0 + nt) of the vertices from v on to rgb[triple][ROW]. Where the second vector would
+// lie past the padded rows, the first is used twice; those vertices do not exist.
 PRT_INLINE void expand_tile(const struct expand_job *job, const void *user, uint32_t v,
                             uint32_t t0, float *rgb, uint32_t nt, uint32_t nv)
 {
@@ -186,7 +185,7 @@ PRT_INLINE void expand_tile(const struct expand_job *job, const void *user, uint
                     false);
 }
 
-// Eight triples at a time, then four; those left over one by one.
+// Triples go in groups of eight, then four, then one by one.
 void prt_expand_avx512(const struct expand_job *job)
 {
     const uint32_t n = job->n_triple;

@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: MIT
-// Expanding bases in 16-bit integers: two rows of U are multiplied with their coefficients in
-// one instruction, twice what floating point does. For eight triples at once, or four (the
-// phase planes of single scattering), where arithmetic is the limit.
+// Expansion in 16-bit integers with AVX-512 VNNI: one instruction multiplies two rows of U with
+// their coefficients and adds the products, twice the rate of floating point. It is used for
+// groups of eight or four triples, where arithmetic and not memory is the limit.
 //
-// U is integers of at most PRT_U_MOST; the coefficients of a triple's channel become integers
-// whose absolute sum is at most EXPAND_SUM_MOST, so that no sum of products leaves 32 bits.
-// Coefficients of falling size, as a singular value decomposition gives, keep 15 bits where it
-// matters: the error is some 3e-5 of the colours (1e-4 were they all alike), as much as U's own
-// rounding.
+// kernels.h says how coefficients become integers. Coefficients of falling size, as a singular
+// value decomposition gives, keep 15 bits where it matters: the error is some 3e-5 of the
+// colours (1e-4 when all coefficients are of one size), as much as the rounding of U itself.
 #include "avx512.h"
 
 #include <math.h>
@@ -19,12 +17,12 @@ PRT_ISA_BEGIN(PRT_ISA_VNNI)
 enum { COLUMNS = 24 };
 
 struct integers {
-    float back[COLUMNS + 8]; // sums -> colours
+    float back[COLUMNS + 8]; // from sums to colours
     int32_t c[EXPAND_RANK_MOST / 2 + 1][COLUMNS + 8]
-        __attribute__((aligned(64))); // two rows: low, high
+        __attribute__((aligned(64))); // pairs of rows: low half, high half
 };
 
-// Which columns of a part are there: 24 of eight triples, 12 of four.
+// The mask of a part's columns: 24 columns of eight triples in two parts, 12 of four in one.
 PRT_INLINE __mmask16 columns(uint32_t nt, int part)
 {
     return part ? 0xff : nt == 8 ? 0xffff : 0x0fff;
@@ -36,7 +34,7 @@ PRT_INLINE __m512 weights(const struct expand_job *job, uint32_t r, uint32_t t, 
     return _mm512_maskz_loadu_ps(mask, job->b + r * job->b_stride + 3 * t + 16 * part);
 }
 
-// Coefficients of nt triples from t on as integers; false when they are not finite.
+// Rounds the coefficients of nt triples from t on; false when one is not finite.
 static bool scale_columns(const struct expand_job *job, uint32_t t, uint32_t nt,
                           struct integers *q)
 {
@@ -69,15 +67,15 @@ static bool scale_columns(const struct expand_job *job, uint32_t t, uint32_t nt,
     return finite == 0xffff;
 }
 
-// sum += the two products of each pair with the pair at c. As an instruction: the compiler
-// moves the tied operands of its intrinsic about, which takes longer than the sums.
+// Adds the two products of each pair with the pair at c. Written as an instruction because gcc
+// copies the tied operand of the intrinsic, which takes longer than the sums.
 PRT_INLINE void add_products(__m512i *sum, __m512i x, const int32_t *c)
 {
     __asm__("vpdpwssd %2%{1to16%}, %1, %0" : "+v"(*sum) : "v"(x), "m"(*c));
 }
 
-// nt triples of nv vectors of 16 vertices from v on to rgb[triple][ROW], nt * nv = 8: 24
-// sums. The second vector is the first again where it would lie behind the padded rows.
+// expand_tile of expand_avx512.c in integers: nt triples of nv vectors, nt * nv = 8, in 24
+// sums.
 PRT_INLINE void integer_tile(const struct expand_job *job, const void *user, uint32_t v,
                              uint32_t t0, float *rgb, uint32_t nt, uint32_t nv)
 {
@@ -109,7 +107,7 @@ PRT_INLINE void integer_tile(const struct expand_job *job, const void *user, uin
     }
 }
 
-// Several passes over U if there are more than eight triples: a piece of it stays in the cache.
+// More than eight triples take several passes over U, a piece of which stays in the cache.
 void prt_expand_vnni(const struct expand_job *job)
 {
     const uint32_t n = job->rank <= EXPAND_RANK_MOST ? job->n_triple & ~3u : 0;
@@ -118,7 +116,7 @@ void prt_expand_vnni(const struct expand_job *job)
     uint32_t t = 0;
     for (uint32_t nt; t < n; t += nt) {
         nt = n - t >= 8 ? 8 : 4;
-        if (!scale_columns(job, t, nt, &q)) break; // floating point must do
+        if (!scale_columns(job, t, nt, &q)) break; // the rest goes in floating point
         if (nt == 8) expand_blocks(job, &q, t, 8, 1, integer_tile);
         else expand_blocks(job, &q, t, 4, 2, integer_tile);
     }

@@ -133,7 +133,7 @@ void prt_light_table_fill(unsigned n_light, const float *const coef[], uint32_t 
 bool prt_integer_lights_init(struct integer_lights *q, unsigned n_light, uint32_t n,
                              const float *const coef[], const float most[][4]);
 
-// prt_contract_light for several lights whose rows lie beside each other:
+// prt_contract_light for several lights with the results of a row's lights adjacent:
 // out[n_row][light][P][3].
 int prt_contract_lights(const struct prt_context *ctx, const struct prt_tensor *tensor,
                         unsigned n_light, const struct prt_light *const light[], float *out);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The kernels in AVX2 with FMA and F16C.
+// The kernels for AVX2 with FMA and F16C.
 #include "kernels.h"
 #include "scatter.h"
 
@@ -10,7 +10,7 @@ PRT_ISA_BEGIN(PRT_ISA_AVX2)
 
 enum { CHUNK = 8 };
 
-// `n` <= 8 values from p, converted; no byte behind them is read.
+// Converts n <= 8 values at p; no byte past them is read.
 PRT_INLINE __m256 load_values(const void *p, bool i8, uint32_t n)
 {
     if (n == CHUNK) {
@@ -26,7 +26,8 @@ PRT_INLINE __m256 load_values(const void *p, bool i8, uint32_t n)
     return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)raw));
 }
 
-// Three values to r g b x; `whole` allows to read a fourth, else it is 0.
+// Three values to r g b x. `whole`: a fourth value lies behind them and may be read; else x is
+// 0.
 PRT_INLINE __m128 load3(const void *p, bool i8, bool whole)
 {
     if (i8) {
@@ -92,8 +93,8 @@ PRT_INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t 
     }
 }
 
-// Entries [.., safe) of a row that stops at `stop` may be read in whole vectors: what lies
-// behind an entry is then still in the array (and is not stored).
+// Entries before the returned one may be read in whole vectors: these end inside the array.
+// Values past an entry are not stored.
 static uint64_t safe_end(const struct prt_rows *rows, uint64_t stop)
 {
     uint64_t n_entry = rows->begin[rows->n_row], over = CHUNK / rows->n_function + 1;
@@ -101,7 +102,7 @@ static uint64_t safe_end(const struct prt_rows *rows, uint64_t stop)
     return stop < safe ? stop : safe;
 }
 
-// Lane i of vector z holds value 8z+i, whose channel is (8z+i) % 3 = (2z+i) % 3.
+// Channels of vector z: lane i holds value 8z+i, whose channel is (8z+i) % 3 = (2z+i) % 3.
 PRT_INLINE __m256i channel_map(uint32_t z)
 {
     const __m256i map[3] = {_mm256_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1),
@@ -180,8 +181,7 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
         }
 }
 
-// Triple r g b of a vector meets the 24 lanes of eight lights as r g b r g b ... in three
-// parts.
+// The 24 sums of eight lights and three channels, light after light, in three vectors.
 struct group_sum {
     __m256 part[3];
 };
@@ -313,7 +313,7 @@ PRT_INLINE __m256 load_u(const uint16_t *u)
     return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)u));
 }
 
-// Two rows of U for 8 vertices, and their two numbers to be met.
+// Two rows of U for 8 vertices.
 struct two {
     __m256 x[2];
 };
@@ -337,7 +337,7 @@ PRT_INLINE void put8(const struct expand_job *job, uint32_t v, uint32_t t, __m25
     scatter(rg, blue, job->order + v, n, job->color[t], job->add);
 }
 
-// nt triples for nv vectors of 8 vertices from v on.
+// Expands nt triples of nv vectors of 8 vertices from v on.
 PRT_INLINE void expand_block(const struct expand_job *job, uint32_t v, uint32_t t0,
                              const int nt, const int nv)
 {
@@ -349,7 +349,8 @@ PRT_INLINE void expand_block(const struct expand_job *job, uint32_t v, uint32_t 
         for (int ch = 0; ch < 3; ch++)
             for (int i = 0; i < nv; i++) sum[t][ch][i] = _mm256_setzero_ps();
     for (uint32_t r = 0; r < job->rank; r += 2, u += 2 * job->stride, b += 2 * job->b_stride) {
-        const float *other = r + 1 < job->rank ? b + job->b_stride : b; // or U has 0
+        const float *other =
+            r + 1 < job->rank ? b + job->b_stride : b; // past an odd last row U is 0
         for (int i = 0; i < nv; i++) {
             const struct two two = load_pairs(u + 16 * i);
             for (int t = 0; t < nt; t++)
@@ -404,7 +405,7 @@ static void radial(const struct expand_job *job)
         }
 }
 
-// Products run along in three vectors (24 = 8 * 3), so that a lane keeps its channel.
+// Sums over three vectors at a time (24 = 8 * 3), so that a lane keeps its channel.
 static void material(const float *in, size_t n, uint32_t n_radial, const float *coef,
                      float *out)
 {

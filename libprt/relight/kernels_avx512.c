@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-// The kernels in AVX-512 (F, BW, DQ, VL): rows times light and material. Expanding bases
-// is expand_avx512.c's.
+// The kernels for AVX-512 (F, BW, DQ, VL): rows times light and material. expand_avx512.c has
+// the expansion, mixed_avx512.c low-rank rows.
 #include "avx512.h"
 
 #if PRT_ISA_X86
 PRT_ISA_BEGIN(PRT_ISA_AVX512)
 
-// Four light rows, r g b x each. Halves are joined in 256 bits: cheaper than four inserts.
+// Four light rows, r g b x each. Halves are joined in 256 bits: faster than four inserts.
 PRT_INLINE __m512 light4(const float *light, size_t i0, size_t i1, size_t i2, size_t i3)
 {
     __m256 lo = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(light + 4 * i0)),
@@ -16,8 +16,9 @@ PRT_INLINE __m512 light4(const float *light, size_t i0, size_t i1, size_t i2, si
     return _mm512_insertf32x8(_mm512_castps256_ps512(lo), hi, 1);
 }
 
-// Values of four entries with three functions, spread to r g b 0 each. `n` is 4 for whole
-// groups with at least two entries more in the array, else the entries that are there.
+// Values of four entries of three functions as r g b 0 each. n: 5 when at least two more
+// entries follow in the array, so that whole vectors may be read; else how many entries there
+// are.
 PRT_INLINE __m512 spread4(const void *entry, uint64_t e, uint32_t kind, uint32_t n)
 {
     if (kind == PRT_VALUE_I8) {
@@ -45,10 +46,10 @@ PRT_INLINE __m512 diagonal3_sum(const void *index, const void *entry, uint64_t e
                                 uint64_t safe, const float *light, uint32_t kind, bool wide)
 {
     __m512 a = _mm512_setzero_ps(), b = a;
-    // `safe` keeps the reads of whole vectors inside the array
+    // reads of whole vectors before `safe` end inside the array
     uint64_t stop = end < safe ? end : safe;
     for (; e + 8 <= stop; e += 8) {
-        // rows are read once, from memory: ask early
+        // rows are read once, from memory: prefetch them
         _mm_prefetch((const char *)entry + (kind == PRT_VALUE_I8 ? 3 : 6) * e + 3072,
                      _MM_HINT_T0);
         _mm_prefetch((const char *)index + (wide ? 4 : 2) * e + 1536, _MM_HINT_T0);
@@ -70,8 +71,8 @@ PRT_INLINE __m512 diagonal3_sum(const void *index, const void *entry, uint64_t e
 
 enum { ROWS_AHEAD = 8 };
 
-// Asks for what stands beside the entries of a row some rows ahead: few bytes each, which no
-// stream of the processor's own keeps up with. n: functions.
+// Prefetches a row's metadata some rows ahead; the hardware prefetcher does not follow these
+// short streams. n: functions.
 PRT_INLINE void prefetch_row(const struct prt_rows *rows, uint32_t row, const uint32_t n,
                              bool scaled)
 {
@@ -111,7 +112,7 @@ PRT_INLINE void diagonal3(const struct prt_rows *rows, uint32_t begin, uint32_t 
     }
 }
 
-// 16 values from p, converted; only the masked ones are read.
+// Converts 16 values at p; only those in the mask are read.
 PRT_INLINE __m512 load_values(const void *p, bool i8, __mmask16 mask)
 {
     if (i8) return _mm512_cvtepi32_ps(_mm512_cvtepi8_epi32(_mm_maskz_loadu_epi8(mask, p)));
@@ -123,7 +124,7 @@ PRT_INLINE __mmask16 lane_mask(uint32_t n)
     return (__mmask16)(n >= 16 ? 0xffff : (1u << n) - 1);
 }
 
-// Lane i of vector z holds value 16z+i, whose channel is (16z+i) % 3 = (z+i) % 3.
+// Channels of vector z: lane i holds value 16z+i, whose channel is (16z+i) % 3 = (z+i) % 3.
 PRT_INLINE __m512i channel_map(int z)
 {
     __m512i map[3] = {_mm512_setr_epi32(0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0),
@@ -132,7 +133,7 @@ PRT_INLINE __m512i channel_map(int z)
     return map[z % 3];
 }
 
-// DIAGONAL with several phase terms: the 3P values of an entry fill nz vectors.
+// DIAGONAL rows of several phase terms: the 3P values of an entry fill nz vectors.
 PRT_INLINE void diagonal_many(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                               const float *light, float *out, bool i8, const int nz)
 {
@@ -152,7 +153,7 @@ PRT_INLINE void diagonal_many(const struct prt_rows *rows, uint32_t begin, uint3
         for (int z = 0; z < nz; z++) sum[z] = odd[z] = dc[z] = _mm512_setzero_ps();
         uint64_t e = rows->begin[row], stop = rows->begin[row + 1];
         for (; e + 2 <= stop; e += 2, entry += 2 * pitch) {
-            // rows are read once, from memory: ask early
+            // rows are read once, from memory: prefetch them
             for (size_t ahead = 0; ahead < 32 * (size_t)nz * size; ahead += 64)
                 _mm_prefetch(entry + 3072 + ahead, _MM_HINT_T0);
             _mm_prefetch((const char *)rows->index + rows->index_bytes * e + 512, _MM_HINT_T0);
@@ -214,8 +215,8 @@ static void diagonal(const struct prt_rows *rows, uint32_t begin, uint32_t end,
     }
 }
 
-// A light table's 24 lanes are light-major: 16 + 8. Triple t of a vector of values meets them
-// as r g b r g b ...
+// The 24 lanes of a table's row are light-major, in vectors of 16 and 8. These maps spread
+// triple t of a vector of values to r g b r g b ...
 struct group_maps {
     __m512i lo[4], hi[2]; // hi: the 8 last lanes, of two triples
     __m256i half[2];      // the 8 last lanes, of one
@@ -252,7 +253,7 @@ PRT_INLINE struct lanes add_lanes(struct lanes a, struct lanes b)
     return (struct lanes){_mm512_add_ps(a.lo, b.lo), _mm256_add_ps(a.hi, b.hi)};
 }
 
-// sum += triple t of v, 0 or 1, times the lights
+// Adds triple t (0 or 1) of v times the lights.
 PRT_INLINE void accumulate(struct lanes *sum, __m256 v, int t, const struct group_maps *m,
                            struct lanes light)
 {
@@ -267,7 +268,7 @@ PRT_INLINE struct lanes lights_at(const float *table, size_t i)
     return (struct lanes){_mm512_loadu_ps(p), _mm256_loadu_ps(p + 16)};
 }
 
-// Eight values from p, two triples and what follows.
+// Eight values at p: two triples and two values more.
 PRT_INLINE __m256 load_two(const char *p, bool i8)
 {
     if (i8)
@@ -283,7 +284,7 @@ PRT_INLINE __m256 load_pair(const char *p)
     return _mm256_cvtepi32_ps(_mm256_cvtepi16_epi32(_mm_shuffle_epi8(raw, map)));
 }
 
-// The first n triples of two; 0 for the others, which are not read.
+// The first n of two triples; the others are 0 and are not read.
 PRT_INLINE __m256 load_some(const char *p, bool i8, uint32_t n)
 {
     const __mmask8 mask = (__mmask8)((1u << 3 * n) - 1);
@@ -291,7 +292,7 @@ PRT_INLINE __m256 load_some(const char *p, bool i8, uint32_t n)
     return _mm256_cvtph_ps(_mm_maskz_loadu_epi16(mask, p));
 }
 
-// A row's 24 sums: the first 3 * n_light of them to out[light*pitch + ch].
+// Writes the first 3 * n_light of a row's 24 sums to out[light*pitch + ch].
 PRT_INLINE void group_store(struct lanes x, unsigned n_light, size_t pitch, float *out)
 {
     float lanes[LIGHT_LANES];
@@ -307,7 +308,7 @@ PRT_INLINE void group_store(struct lanes x, unsigned n_light, size_t pitch, floa
         for (int ch = 0; ch < 3; ch++) out[l * pitch + (size_t)ch] = lanes[3 * l + (size_t)ch];
 }
 
-// fine * scale[ch] + base, scale NULL for 1
+// fine * scale[ch] + base; a NULL scale is 1.
 PRT_INLINE struct lanes scaled(struct lanes fine, const float *scale, struct lanes base,
                                const struct group_maps *m)
 {
@@ -319,7 +320,7 @@ PRT_INLINE struct lanes scaled(struct lanes fine, const float *scale, struct lan
         _mm256_fmadd_ps(fine.hi, _mm256_permutevar8x32_ps(low, m->half[0]), base.hi)};
 }
 
-// The scaling coefficients' share of the triple at scaling[3*first + 3*f*pitch ...].
+// The triple's sum over the scaling coefficients at scaling[3*first + 3*f*pitch ...].
 PRT_INLINE struct lanes group_scaling(const struct prt_rows *rows, uint64_t first,
                                       uint64_t pitch, const float *table,
                                       const struct group_maps *m)
@@ -336,7 +337,7 @@ PRT_INLINE struct lanes group_scaling(const struct prt_rows *rows, uint64_t firs
     return add_lanes(a, b);
 }
 
-// Entries [e, stop) of one phase term: four sums at a time, since each waits for itself.
+// Entries [e, stop) of one phase term. Four independent sums hide the latency of the additions.
 PRT_INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint64_t stop,
                                    const float *table, const struct group_maps *m,
                                    uint32_t kind, bool wide)
@@ -345,13 +346,13 @@ PRT_INLINE struct lanes group3_sum(const struct prt_rows *rows, uint64_t e, uint
     const void *index = rows->index;
     const size_t size = i8 ? 3 : 6;
     const uint64_t n_entry = rows->begin[rows->n_row];
-    // whole vectors are read from two entries while a third follows
+    // two entries are read as whole vectors while a third one follows
     const uint64_t safe = stop < n_entry ? stop : n_entry - (n_entry > 0);
     const char *entry = (const char *)rows->entry + e * size;
     struct lanes s[4];
     for (int k = 0; k < 4; k++) s[k] = no_lanes();
     for (; e + 4 <= safe; e += 4, entry += 4 * size) {
-        // rows are read once, from memory: ask early
+        // rows are read once, from memory: prefetch them
         _mm_prefetch(entry + 1024, _MM_HINT_T0);
         _mm_prefetch((const char *)index + (wide ? 4 : 2) * e + 512, _MM_HINT_T0);
         const __m256 v = pair ? load_pair(entry) : load_two(entry, i8);
@@ -391,7 +392,7 @@ PRT_INLINE void group3(const struct prt_rows *rows, uint32_t begin, uint32_t end
     }
 }
 
-// Phase terms [k0, k0 + nk), nk 4 or 1: a vector of values holds an entry's terms.
+// Phase terms [k0, k0 + nk), nk 4 or 1: one vector holds these values of an entry.
 PRT_INLINE void group_phase(const struct prt_rows *rows, uint32_t begin, uint32_t end,
                             const float *table, unsigned n_light, size_t light_pitch,
                             size_t row_pitch, float *out, uint32_t k0, const uint32_t nk)

@@ -14,7 +14,7 @@ static float value(const struct prt_rows *rows, uint64_t i)
                                        : prt_f16_to_f32(((const uint16_t *)rows->entry)[i]);
 }
 
-// DIAGONAL has the channel in j: value j meets the light's channel j % 3 only.
+// DIAGONAL: value j is multiplied with the light's channel j % 3 only.
 static void row_diagonal(const struct prt_rows *rows, uint32_t row, const float *light,
                          float *out)
 {
@@ -85,7 +85,7 @@ static void full(const struct prt_rows *rows, uint32_t begin, uint32_t end, cons
             }
 }
 
-// Function j of entry e of a mixed row.
+// Function j of entry e of a low-rank row.
 static double mixed_value(const struct prt_rows *rows, uint32_t row, uint64_t e, uint32_t j)
 {
     const uint32_t first = rows->direction[row], n = rows->direction[row + 1] - first;

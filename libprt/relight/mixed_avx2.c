@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Mixed rows for AVX2: sums over entries in the row's few directions, then functions.
+// Low-rank rows for AVX2: each row's few components are summed over its entries, then functions
+// are sums of components.
 #include "kernels.h"
 
 #if PRT_ISA_X86
@@ -19,7 +20,7 @@ PRT_INLINE __m256 halves(const uint16_t *p, uint32_t n)
     return _mm256_cvtph_ps(_mm_loadu_si128((const __m128i *)raw));
 }
 
-// Directions [d0, d0 + 8) of a row of n: lanes[ch][d].
+// Components [d0, d0 + 8) of a row of n: lanes[ch][d].
 static void part(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t d0,
                  const float *light, float lanes[3][PRT_ROWS_MOST_DIRECTIONS])
 {
@@ -29,7 +30,7 @@ static void part(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t
     __m256 sum[3] = {_mm256_setzero_ps(), _mm256_setzero_ps(), _mm256_setzero_ps()};
     for (uint64_t e = rows->begin[row]; e < stop; e++, value += n) {
         const float *l = light + 4ull * rows_index(rows, e);
-        // What lies behind an entry may be read where there is something; it is not stored.
+        // Bytes past an entry are read where the array has some; their sums are not used.
         __m256 v = value < whole ? bytes(value, 8) : bytes(value, n - d0);
         v = _mm256_mul_ps(v, _mm256_set1_ps(rows_factor(rows, e)));
         for (int ch = 0; ch < 3; ch++)
@@ -40,7 +41,7 @@ static void part(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t
         for (int ch = 0; ch < 3; ch++) lanes[ch][d] *= rows->scale[rows->direction[row] + d];
 }
 
-// Functions [j, j + 8) of a row from its directions and its scaling coefficients.
+// Functions [j, j + 8) of a row from its components and its scaling coefficients.
 static void functions(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t j,
                       float lanes[3][PRT_ROWS_MOST_DIRECTIONS], const float *light, float *out)
 {

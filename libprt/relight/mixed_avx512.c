@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Mixed rows for AVX-512: sums over entries in the row's few directions, then functions.
+// Low-rank rows for AVX-512: each row's few components are summed over its entries, then
+// functions are sums of components.
 #include "avx512.h"
 
 #if PRT_ISA_X86
@@ -24,7 +25,8 @@ PRT_INLINE void add_entry(const struct prt_rows *rows, uint64_t e, const int8_t 
         s->channel[ch] = _mm512_fmadd_ps(v, _mm512_set1_ps(l[ch]), s->channel[ch]);
 }
 
-// Lane d of each of `together` entries in a vector from their bytes, n of each; zero behind.
+// The shuffle that moves the n bytes of each of `together` entries to their lanes; the other
+// lanes become 0.
 PRT_INLINE __m128i spread_control(uint32_t n, const int together)
 {
     uint8_t at[16];
@@ -67,7 +69,7 @@ PRT_INLINE void add_entries(const struct prt_rows *rows, uint64_t e, const int8_
     }
 }
 
-// A row of at most 16 / together directions.
+// A row of at most 16 / together components: `together` entries in one vector.
 PRT_INLINE struct sums few(const struct prt_rows *rows, uint32_t row, uint32_t n,
                            const float *light, const int together)
 {
@@ -98,7 +100,7 @@ PRT_INLINE struct sums few(const struct prt_rows *rows, uint32_t row, uint32_t n
     return s[0];
 }
 
-// Directions [d0, d0 + 16) of a row of n.
+// Components [d0, d0 + 16) of a row of n.
 PRT_INLINE struct sums many(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t d0,
                             const float *light)
 {
@@ -120,7 +122,7 @@ PRT_INLINE struct sums many(const struct prt_rows *rows, uint32_t row, uint32_t 
     return s[0];
 }
 
-// lanes[ch][d] of directions [d0, d0 + 16).
+// Components [d0, d0 + 16) of a row of n: lanes[ch][d].
 static void part(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t d0,
                  const float *light, float lanes[3][PRT_ROWS_MOST_DIRECTIONS])
 {
@@ -133,7 +135,7 @@ static void part(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t
         _mm512_storeu_ps(lanes[ch] + d0, _mm512_mul_ps(s.channel[ch], scale));
 }
 
-// Functions [j, j + 16) of a row from its directions and its scaling coefficients.
+// Functions [j, j + 16) of a row from its components and its scaling coefficients.
 PRT_INLINE void functions(const struct prt_rows *rows, uint32_t row, uint32_t n, uint32_t j,
                           float lanes[3][PRT_ROWS_MOST_DIRECTIONS], const float *light,
                           float *out)

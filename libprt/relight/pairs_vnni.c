@@ -1,17 +1,16 @@
 // SPDX-License-Identifier: MIT
-// Rows of pairs under eight lights in 16-bit integers: an instruction takes two entries, and a
-// coefficient's lights are one line of the cache instead of two.
+// Rows of pairs under eight lights in 16-bit integers with AVX-512 VNNI: one instruction takes
+// two entries, and the lights of one coefficient fill one cache line instead of two.
 //
-// A light's coefficients, times the gains of their levels, are integers up to
-// LIGHT_INTEGER_MOST; a block of entries keeps its sums within 32 bits (PRT_PAIR_MOST), and
-// sums of blocks are added as floats. Colours differ from those in floating point by at most
-// 1e-4 RMS under lamps and suns, 1e-5 under a sky.
+// kernels.h says how lights become integers. The sum of a block of entries stays within 32 bits
+// (PRT_PAIR_MOST); sums of blocks are added as floats. Measured on bakes, colours differ from
+// those in floating point by at most 1e-4 RMS under lamps and suns, and by 1e-5 under a sky.
 #include "avx512.h"
 
 #if PRT_ISA_X86
 PRT_ISA_BEGIN(PRT_ISA_VNNI)
 
-// Coefficient i of the lights [first, first + 4) that are there.
+// Coefficient i of lights [first, first + 4); 0 for lights that do not exist.
 PRT_INLINE __m512 four(const float *const coef[], unsigned first, unsigned n_light, size_t i)
 {
     float lane[4][4];
@@ -39,15 +38,16 @@ void prt_integer_lights_fill_vnni(const struct integer_lights *q, unsigned n_lig
         __m512 a = all ? four_of_eight(coef, 0, i) : four(coef, 0, n_light, i);
         __m512 b = all ? four_of_eight(coef, 4, i) : four(coef, 4, n_light, i);
         const __m512 gain = _mm512_set1_ps(q->gain[(i | i >> line) & (n - 1)]);
-        // of each 16 bytes, lights l and 4 + l; too large ones, of faces' means, are not read
+        // Each 16 bytes hold lights l and 4 + l. Scaling coefficients saturate; they are not
+        // read.
         const __m512i x = _mm512_cvtps_epi32(_mm512_mul_ps(a, _mm512_mul_ps(lo, gain)));
         const __m512i y = _mm512_cvtps_epi32(_mm512_mul_ps(b, _mm512_mul_ps(hi, gain)));
         _mm512_store_si512(q->lane + 32 * (size_t)i, _mm512_packs_epi32(x, y));
     }
 }
 
-// sum += the two products of each pair: as an instruction, for the compiler moves the tied
-// operands of its intrinsic about.
+// Adds the two products of each pair. Written as an instruction because gcc copies the tied
+// operand of the intrinsic.
 PRT_INLINE void add_products(__m512i *sum, __m512i x, __m512i y)
 {
     __asm__("vpdpwssd %2, %1, %0" : "+v"(*sum) : "v"(x), "v"(y));
@@ -58,8 +58,8 @@ struct integer_sum {
     __m512i lo, hi;
 };
 
-// A pair's integers in every 16 bytes of v, r g b and one unused lane, times the lights at its
-// indices.
+// Adds a pair times the lights at its two indices. v holds the pair in each 16 bytes: r, g, b
+// and one unused lane, two entries each.
 PRT_INLINE void accumulate(struct integer_sum *s, __m512i v, const int16_t *lane,
                            const uint16_t *index)
 {
@@ -73,7 +73,7 @@ struct group_sum {
     __m512 lo, hi;
 };
 
-// n entries, a block or less; `whole`: what follows the last of them may be read.
+// Adds n entries, at most a block. `whole`: the 4 bytes after the last one may be read.
 PRT_INLINE void add_block(const uint16_t *index, const int16_t *entry, const uint32_t n,
                           bool whole, const int16_t *lane, struct group_sum *sum)
 {
@@ -100,7 +100,7 @@ PRT_INLINE struct group_sum row_sum(const struct prt_rows *rows, uint32_t row,
     const uint16_t *index = (const uint16_t *)rows->index + e;
     const int16_t *entry = (const int16_t *)rows->entry + 3 * e;
     for (; e + PRT_PAIR_BLOCK <= stop && e + PRT_PAIR_BLOCK < n_entry; e += PRT_PAIR_BLOCK) {
-        // rows are read once, from memory: ask early
+        // rows are read once, from memory: prefetch them
         _mm_prefetch((const char *)entry + 1024, _MM_HINT_T0);
         _mm_prefetch((const char *)entry + 1088, _MM_HINT_T0);
         _mm_prefetch((const char *)index + 512, _MM_HINT_T0);
@@ -112,7 +112,7 @@ PRT_INLINE struct group_sum row_sum(const struct prt_rows *rows, uint32_t row,
     return sum;
 }
 
-// Four lights' r g b 0, those that are there, to out[light*pitch + ch].
+// Writes r g b of up to four lights to out[light*pitch + ch].
 PRT_INLINE void put_lights(__m512 x, unsigned n_light, size_t pitch, float *out)
 {
     float lanes[16];

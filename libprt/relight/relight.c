@@ -106,8 +106,7 @@ static int fill_table(void *arg, size_t begin, size_t end, unsigned worker)
 }
 
 // Lights of a group share one pass over the rows. Two single passes take less time than a group
-// of two; with `together` the results have to lie beside those of other groups, so that all are
-// groups.
+// of two. With `together` every light goes in a group: results of a row's lights are adjacent.
 static unsigned group_size(unsigned left, bool together)
 {
     return left <= 2 && !together ? 1 : left < LIGHT_GROUP ? left : LIGHT_GROUP;
@@ -122,7 +121,7 @@ struct rows_job {
     const struct integer_lights *integers; // the group's integers
     float *out;
     size_t light_pitch, row_pitch;
-    bool together; // results of all lights of a row lie beside each other
+    bool together; // the results of a row's lights are adjacent
 };
 
 static int run_rows(void *arg, size_t begin, size_t end, unsigned worker)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Colours of up to 16 neighbouring positions to their file vertices: red and green travel
-// together as 8 bytes, blue as 4, so that no store touches another vertex.
+// Writes colours of up to 16 positions to their vertices. Red and green are stored as 8 bytes
+// and blue as 4, so that no store touches another vertex.
 #ifndef PRT_RELIGHT_SCATTER_H
 #define PRT_RELIGHT_SCATTER_H
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// How colours of several triples get from registers to their vertices: for expand_avx512.c and
-// expand_vnni.c.
+// Writes colours of several triples from registers to their vertices. Included by
+// expand_avx512.c and expand_vnni.c inside their regions of base/isa.h.
 #ifndef PRT_RELIGHT_STORE_AVX512_H
 #define PRT_RELIGHT_STORE_AVX512_H
 
@@ -21,7 +21,7 @@ PRT_INLINE struct two load_pairs(const int16_t *u)
                          _mm512_cvtepi32_ps(_mm512_srai_epi32(x, 16))}};
 }
 
-// Whether `width` positions are as many vertices in a row in the file.
+// Whether `width` positions are consecutive vertices of the file.
 PRT_INLINE bool in_a_row(const struct expand_job *job, uint32_t v, uint32_t width)
 {
     const uint32_t first = job->order[v];
@@ -31,10 +31,10 @@ PRT_INLINE bool in_a_row(const struct expand_job *job, uint32_t v, uint32_t widt
     return !other;
 }
 
-// r g b of 16 positions to 48 floats r g b r g b ...
+// Writes r, g, b of 16 positions as 48 floats r g b r g b ...
 PRT_INLINE void put_row(float *out, __m512 r, __m512 g, __m512 b, bool add)
 {
-    // lanes of each third: from r and g first (16 + i is g's lane i), then b over them
+    // each third takes lanes of r and g first (16 + i is lane i of g), then of b
     const __m512i rg0 = _mm512_setr_epi32(0, 16, 0, 1, 17, 0, 2, 18, 0, 3, 19, 0, 4, 20, 0, 5);
     const __m512i rg1 =
         _mm512_setr_epi32(21, 0, 6, 22, 0, 7, 23, 0, 8, 24, 0, 9, 25, 0, 10, 26);
@@ -56,35 +56,37 @@ PRT_INLINE void put_row(float *out, __m512 r, __m512 g, __m512 b, bool add)
     _mm512_storeu_ps(out + 32, z);
 }
 
-// Colours leave block by block, for several triples at once: the vertices of a block are runs
-// of neighbours in the file, and what a plane's stores are is found once for all planes.
+// Colours are written block by block for several triples at once. The vertices of a block are
+// runs of neighbours in the file, so the stores of a plane are planned once for all planes.
 enum { BLOCK = 128, TILE_TRIPLES = 8, BESIDE = 16, ROW = BESIDE + 3 * BLOCK + BESIDE };
 
-// Vertices ahead whose U a tile asks for, row by row as it reads its own; a prefetch behind the
-// end does no harm.
+// A tile prefetches U of the vertices this far ahead, row by row as it reads its own. A
+// prefetch past the end never faults.
 enum { AHEAD = 64 };
 
 struct store {
-    int32_t from;   // floats from a row's first vertex on, may lie BESIDE it
-    uint32_t lanes; // of the vector
+    int32_t from;   // floats from a row's first vertex, at least -BESIDE
+    uint32_t lanes; // mask of the vector's lanes
     ptrdiff_t to;   // floats in a plane
 };
 
-// Parts of a vector are of 4, 8 or 16 floats, lest they reach into lines that they do not
-// touch. Runs shorter than SHORT_RUN in the mean go vertex by vertex.
+// Partial stores use vectors of 4, 8 or 16 floats, so that they do not reach into cache lines
+// where they store nothing. Blocks whose runs are shorter than SHORT_RUN on average are stored
+// vertex by vertex.
 enum { WIDTHS = 3, SHORT_RUN = 4 };
 
 struct block {
     float rgb[TILE_TRIPLES][ROW] __attribute__((aligned(64))); // BESIDE, then [vertex][3]
     const uint32_t *order;                                     // of its n vertices
     uint32_t n;
-    uint32_t shift; // floats of a line before a plane begins, for which the stores are
+    uint32_t shift; // floats between a cache line's begin and the plane's, which the stores
+                    // were planned for
     uint32_t n_alone, n_whole, n_part[WIDTHS];
     struct store whole[3 * BLOCK / 16], part[WIDTHS][2 * BLOCK / SHORT_RUN];
-    size_t alone[BLOCK]; // floats in a plane, of vertices one by one
+    size_t alone[BLOCK]; // floats in a plane, of vertices that are stored alone
 };
 
-// n in [1, 15] floats, the last lanes of their vector or the first.
+// Adds a partial store of n in [1, 15] floats, in the last lanes of its vector or the first.
 PRT_INLINE void add_part(struct block *block, int32_t from, uint32_t n, ptrdiff_t to, bool last)
 {
     const uint32_t width = (n > 4) + (n > 8), lead = last ? (4u << width) - n : 0;
@@ -92,7 +94,7 @@ PRT_INLINE void add_part(struct block *block, int32_t from, uint32_t n, ptrdiff_
         (struct store){from - (int32_t)lead, ((1u << n) - 1) << lead, to - (ptrdiff_t)lead};
 }
 
-// The stores of n > 0 floats. Streamed ones are whole lines.
+// Adds the stores of a run of n > 0 floats. Streamed stores are whole cache lines.
 PRT_INLINE void add_run(struct block *block, int32_t from, uint32_t n, ptrdiff_t to,
                         bool stream)
 {
@@ -106,7 +108,7 @@ PRT_INLINE void add_run(struct block *block, int32_t from, uint32_t n, ptrdiff_t
     if (n) add_part(block, from, n, to, false);
 }
 
-// Finds the stores for planes that begin `shift` floats behind a line.
+// Plans the stores of planes that begin `shift` floats after a cache line's begin.
 PRT_INLINE void find_stores(struct block *block, uint32_t shift, bool stream)
 {
     const uint32_t *order = block->order;
@@ -144,9 +146,9 @@ PRT_INLINE float *place(float *plane, const struct store *s)
     return (float *)((uintptr_t)plane + (uintptr_t)(s->to * (ptrdiff_t)sizeof *plane));
 }
 
-// Asks for the lines of a plane that are to be read before they are written: all of them, or
-// when whole lines go past the caches the others, where runs begin and end. The second cache
-// has them come: the first can wait for few lines at once, and is needed for U.
+// Prefetches the lines of a plane that are read before they are written: all of them, or, when
+// whole lines bypass the caches, those where runs begin and end. They go to the L2 cache: L1
+// has buffers for few outstanding lines and holds U.
 PRT_INLINE void prefetch_plane(const struct block *block, float *plane, bool stream)
 {
     for (uint32_t i = 0; i < block->n_alone; i += 2)
@@ -213,10 +215,10 @@ PRT_INLINE void put_plane(const struct expand_job *job, struct block *block, uin
     else put_stores(block, rgb, plane, false, false);
 }
 
-// nt triples from t0 on of all the job's vertices, in tiles of 16 * nv vertices, nt * nv = 8,
-// which `tile` computes: a block has as many tiles as triples. With every tile a plane of the
-// block before leaves, since stores take their time and want other parts of the processor, and
-// a plane's lines are asked for.
+// Expands nt triples from t0 on for all the job's vertices in tiles of 16 * nv vertices, nt *
+// nv = 8, which `tile` computes. A block has as many tiles as triples. Each tile is followed by
+// the stores of one plane of the block before, which overlap with its arithmetic, and by one
+// plane's prefetches.
 PRT_INLINE void expand_blocks(const struct expand_job *job, const void *user, uint32_t t0,
                               const uint32_t nt, const uint32_t nv,
                               void (*tile)(const struct expand_job *job, const void *user,

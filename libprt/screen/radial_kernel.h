@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* R_d over lanes; included once per instruction set with PRT_KERNEL(name) and TARGET defined,
- * and RADIAL_PERMUTE where the table is looked up in AVX-512 registers. Arrays hold LANES. */
+/* R_d over lanes. Included once for each instruction set, in its region of base/isa.h, with
+ * RADIAL_PERMUTE defined where AVX-512 registers hold the table. Arrays hold LANES. */
 
 #ifdef RADIAL_PERMUTE
 static void PRT_KERNEL(radial)(const struct radial_table *t, int n, const float *r_sq,
@@ -26,7 +26,7 @@ static void PRT_KERNEL(radial)(const struct radial_table *t, int n, const float 
     }
 }
 #else
-/* R_d of three channels at squared distances. */
+/* R_d of three channels at n squared distances. */
 static void PRT_KERNEL(radial)(const struct radial_table *t, int n, const float *r_sq,
                                float *r0, float *r1, float *r2)
 {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Proves a transport's structure, so that kernels and other rooms may follow it unchecked.
+// Checks a transport's structure, so that kernels and other rooms need not check what they
+// index.
 #include "format.h"
 
 #include <math.h>
@@ -38,7 +39,7 @@ static bool finite_f16(const uint16_t *h, uint64_t n)
     return !found;
 }
 
-// No magnitude beyond `most`.
+// Whether no magnitude exceeds `most`.
 static bool within(const int16_t *x, uint64_t n, int most)
 {
     uint16_t found = 0;
@@ -65,12 +66,13 @@ static int check_surfaces(const struct check *c, const struct prt_mesh *m)
         bool good = memchr(s->name, 0, sizeof s->name) && s->translucent <= 1 &&
                     s->roughness >= 0 && s->roughness <= 1 && s->ior >= 0 && s->ior < 1e3f;
         for (int k = 0; k < 4; k++) good = good && in_unit(s->base_color[k]);
-        if (!good) return bad(c, "surface %u is damaged", i);
+        if (!good) return bad(c, "surface %u has a value out of range", i);
     }
     return PRT_OK;
 }
 
-// Blocks tile vertices and triangles in order, so that maps from either to blocks are total.
+// Blocks have to partition vertices and triangles in order: every vertex and triangle has a
+// block.
 static int check_blocks(const struct check *c, const struct prt_mesh *m)
 {
     uint32_t vertex = 0, triangle = 0;
@@ -96,7 +98,7 @@ static int check_mesh(const struct check *c)
         return bad(c, "the mesh is empty");
     if (!m->position || !m->normal || !m->weld || !m->block || !m->surface ||
         (m->n_triangle && !m->triangle))
-        return bad(c, "a part of the mesh is missing");
+        return bad(c, "an array of the mesh is missing");
     if (!(m->mm_per_unit >= 0 && m->mm_per_unit < 1e12f))
         return bad(c, "the mesh's scale is %g mm a unit", (double)m->mm_per_unit);
     if (!finite_f32(m->position, 3ull * m->n_vertex) ||
@@ -104,7 +106,7 @@ static int check_mesh(const struct check *c)
         (m->uv && !finite_f32(m->uv, 2ull * m->n_vertex)))
         return bad(c, "the mesh has coordinates that are not finite");
     if (m->n_triangle && !below(&m->triangle[0][0], 3ull * m->n_triangle, m->n_vertex))
-        return bad(c, "a triangle names a vertex that is not there");
+        return bad(c, "a triangle names a vertex that does not exist");
     if (m->n_weld > m->n_vertex || !below(m->weld, m->n_vertex, m->n_weld))
         return bad(c, "the mesh's weld map is out of range");
     if ((status = check_surfaces(c, m)) || (status = check_blocks(c, m))) return status;
@@ -116,7 +118,7 @@ static int check_order(const struct check *c, uint32_t i, const struct prt_tenso
     uint32_t n = t->n_vertex, status = PRT_OK;
     uint64_t *seen = prt_calloc((n + 63) / 64, 8);
     if (!seen) return prt_fail(c->ctx, PRT_NOMEM, "%s: no memory to check it", c->name);
-    // n in range and as many distinct values as there are make a permutation
+    // n distinct values below n are a permutation
     for (uint32_t k = 0; k < n && !status; k++) {
         uint32_t v = t->order[k];
         if (v >= n || (seen[v >> 6] >> (v & 63) & 1)) status = 1;
@@ -141,8 +143,8 @@ static bool good_cluster(const struct prt_tensor *t, const struct prt_cluster *k
            padded * rows <= t->u_count - k->u_begin;
 }
 
-// What lies beside an odd last row of U.
-static bool nothing_beside(const struct prt_tensor *t, const struct prt_cluster *k)
+// Whether the half row beside an odd last row of U is 0.
+static bool odd_row_is_alone(const struct prt_tensor *t, const struct prt_cluster *k)
 {
     const uint64_t padded = ((uint64_t)k->n_vertex + 15) & ~15ull;
     const uint16_t *last = t->u + k->u_begin + padded * (k->rank - 1ull);
@@ -168,13 +170,13 @@ static int check_clusters(const struct check *c, uint32_t i, const struct prt_te
     if (!within((const int16_t *)t->u, t->u_count, PRT_U_MOST))
         return bad(c, "tensor %u: U is out of range", i);
     for (uint32_t k = 0; k < t->n_cluster; k++)
-        if (t->cluster[k].rank % 2 && !nothing_beside(t, &t->cluster[k]))
+        if (t->cluster[k].rank % 2 && !odd_row_is_alone(t, &t->cluster[k]))
             return bad(c, "tensor %u: cluster %u has more rows of U than its rank", i, k);
     return PRT_OK;
 }
 
-// Never falling, below n_coef, and none a scaling coefficient (they stand apart). n*n is a
-// power of two, so a face's scaling coefficient has the low bits 0.
+// Indices have to ascend, stay below n_coef and name no scaling coefficient (these are stored
+// apart). n*n is a power of two, so the low bits of a scaling coefficient's index are 0.
 #define DEFINE_GOOD_ROW(name, type)                                                 \
     static bool name(const type *index, uint64_t n, uint32_t n_coef, uint32_t face) \
     {                                                                               \
@@ -203,16 +205,17 @@ static int check_entries(const struct check *c, uint32_t i, const struct prt_row
     return PRT_OK;
 }
 
-static int check_mixed(const struct check *c, uint32_t i, const struct prt_rows *r)
+static int check_low_rank(const struct check *c, uint32_t i, const struct prt_rows *r)
 {
     uint64_t n_entry = r->begin[r->n_row], at = 0;
     if (!r->value_begin || (n_entry && !r->shift))
-        return bad(c, "tensor %u: parts of mixed rows are missing", i);
+        return bad(c, "tensor %u: an array of low-rank rows is missing", i);
     if (r->direction[0] || r->value_begin[0])
-        return bad(c, "tensor %u: mixed rows do not start at 0", i);
+        return bad(c, "tensor %u: low-rank rows do not start at 0", i);
     for (uint32_t k = 0; k < r->n_row; k++) {
         uint64_t n = (uint64_t)r->direction[k + 1] - r->direction[k];
-        at += n * (r->begin[k + 1] - r->begin[k]); // the last product is of checked factors
+        // unsigned: a product of wrong counts may wrap, but is not used
+        at += n * (r->begin[k + 1] - r->begin[k]);
         if (r->direction[k + 1] < r->direction[k] || n > PRT_ROWS_MOST_DIRECTIONS ||
             r->value_begin[k + 1] != at)
             return bad(c, "tensor %u: row %u's directions are out of range", i, k);
@@ -231,9 +234,10 @@ static int check_pairs(const struct check *c, uint32_t i, const struct prt_tenso
 {
     const struct prt_rows *r = &t->rows;
     if (t->storage != PRT_STORAGE_FACTORED)
-        return bad(c, "tensor %u: pairs in storage %u", i, t->storage);
+        return bad(c, "tensor %u: rows of pairs in storage %u, which has none", i, t->storage);
     if (t->coupling != PRT_COUPLE_DIAGONAL || r->n_function != 3 || r->index_bytes != 2)
-        return bad(c, "tensor %u: pairs of %u functions", i, r->n_function);
+        return bad(c, "tensor %u: rows of pairs with %u functions, or indices of another size",
+                   i, r->n_function);
     for (uint32_t row = 0; row < r->n_row; row++)
         if (r->begin[row + 1] % 2) return bad(c, "tensor %u: row %u has half a pair", i, row);
     return PRT_OK;
@@ -264,7 +268,7 @@ static int check_rows(const struct check *c, uint32_t i, const struct prt_tensor
     bool mixed = r->value == PRT_VALUE_I8 && t->coupling == PRT_COUPLE_FULL;
     if (mixed != (r->direction != NULL))
         return bad(c, "tensor %u: directions of functions are missing or too many", i);
-    if (mixed && (status = check_mixed(c, i, r))) return status;
+    if (mixed && (status = check_low_rank(c, i, r))) return status;
     if (r->value == PRT_VALUE_PAIR && (status = check_pairs(c, i, t))) return status;
     if ((r->value == PRT_VALUE_F16 && !finite_f16(r->entry, n_entry * r->n_function)) ||
         (r->value != PRT_VALUE_F16 && !mixed && !finite_f32(r->scale, n_scale)) ||
@@ -298,7 +302,7 @@ static bool good_shape(const struct prt_tensor *t)
     if (t->storage == PRT_STORAGE_SPARSE && t->n_cluster) return false;
     if (t->coupling == PRT_COUPLE_DIAGONAL && t->storage != PRT_STORAGE_RADIAL)
         return t->n_function == 3 * t->n_phase;
-    // a per-vertex row of many functions has no kernel: full coupling is factored or radial
+    // no kernel takes sparse rows of full coupling
     return t->storage != PRT_STORAGE_SPARSE && t->n_radial &&
            t->n_function == t->n_radial * t->n_phase && t->n_function <= 4096;
 }

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: MIT
 // The layout of a .prt file: a header, a table of sections, the sections.
 //
-// Everything is little-endian. The header is 64 bytes, the table follows it, sections lie in
-// the order of the table, each on a 64-byte boundary with zeros behind it up to the next one;
-// a checksum covers a section with its zeros, so that no byte of the file is unguarded.
+// Everything is little-endian. The header has 64 bytes; the table follows it. Sections lie in
+// the order of the table, each at a multiple of 64 bytes and padded with zeros to the next one.
+// A section's checksum covers its padding, so that checksums cover every byte of the file.
 #ifndef PRT_TRANSPORT_FORMAT_H
 #define PRT_TRANSPORT_FORMAT_H
 
 #include "prt/transport.h"
 
 enum {
-    FORMAT_VERSION = 2,
+    FORMAT_VERSION = PRT_FILE_VERSION,
     FORMAT_ENDIAN = 0x01020304,
     FORMAT_ALIGN = 64,
     FORMAT_MAX_SECTION = 128,
@@ -49,7 +49,7 @@ enum format_section_type {
     SECTION_KNOT,
     SECTION_BASIS,
     SECTION_PROFILE, // of a material with its own R_d
-    // of mixed rows
+    // of low-rank rows
     SECTION_ROW_SHIFT,
     SECTION_ROW_DIRECTION,
     SECTION_ROW_VALUE_BEGIN,
@@ -58,9 +58,9 @@ enum format_section_type {
 
 struct format_section {
     uint32_t type;          // enum format_section_type
-    uint32_t tensor;        // which one the section belongs to; 0 for the others
-    uint64_t offset, bytes; // bytes without the zeros behind
-    uint64_t hash;          // XXH3, with the zeros behind
+    uint32_t tensor;        // the tensor it belongs to; 0 for sections of none
+    uint64_t offset, bytes; // bytes without the padding
+    uint64_t hash;          // XXH3 with the padding
 };
 
 struct format_material {
@@ -104,8 +104,8 @@ static inline uint64_t format_padded(uint64_t bytes)
     return (bytes + FORMAT_ALIGN - 1) & ~(uint64_t)(FORMAT_ALIGN - 1);
 }
 
-// Proves that everything a kernel or another room follows in `transport` stays inside it:
-// ranges, orders, permutations, finite numbers. Section lengths are already known to match the
+// PRT_FORMAT unless everything that is used unchecked later is valid: ranges, orders,
+// permutations, finite numbers. The caller has already held the sections' lengths to the
 // counts. `name` opens the error line.
 int prt_transport_check(const struct prt_context *ctx, const char *name,
                         const struct prt_transport *transport);

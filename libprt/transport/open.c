@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Maps a .prt and makes a transport of it in place.
+// Opens a .prt: maps the file and fills a transport with pointers into the map.
 #include "format.h"
 
 #include <errno.h>
@@ -60,7 +60,7 @@ static int check_header(struct prt_file *f)
     if (h.file_bytes != f->size)
         return prt_fail(f->ctx, PRT_FORMAT, "%s: %s: %llu bytes of %llu", f->name,
                         f->size < h.file_bytes ? "the file is truncated"
-                                               : "something follows the file",
+                                               : "bytes follow the end of the file",
                         (unsigned long long)f->size, (unsigned long long)h.file_bytes);
     if (!h.n_section || h.n_section > FORMAT_MAX_SECTION)
         return bad_header(f->ctx, f->name, "the header is damaged");
@@ -74,7 +74,7 @@ static int check_header(struct prt_file *f)
     return PRT_OK;
 }
 
-// Sections follow each other without gaps up to the end of the file.
+// Sections have to follow each other without gaps and end with the file.
 static int check_table(const struct prt_file *f)
 {
     uint64_t at =
@@ -102,7 +102,7 @@ static int hash_sections(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// *out gets the section's place, or NULL when bytes is 0 and it is not there.
+// *out: where the section lies; NULL when bytes is 0 and the file has no such section.
 static int take(struct prt_file *f, uint32_t type, uint32_t tensor, uint64_t bytes,
                 const void **out)
 {
@@ -137,7 +137,8 @@ static int take_text(struct prt_file *f, uint32_t type, const char **out)
     return PRT_OK;
 }
 
-// The map is read-only; struct prt_mesh has plain pointers because loaders fill them.
+// The map is read-only. The cast is for struct prt_mesh, whose pointers are not const because
+// loaders fill them.
 #define TAKE(f, type, tensor, bytes, field)                      \
     do {                                                         \
         const void *taken;                                       \
@@ -172,8 +173,8 @@ static int take_mesh(struct prt_file *f, const struct format_info *info)
     return PRT_OK;
 }
 
-static int take_mixed(struct prt_file *f, uint32_t i, const struct format_tensor *ft,
-                      struct prt_rows *r)
+static int take_low_rank(struct prt_file *f, uint32_t i, const struct format_tensor *ft,
+                         struct prt_rows *r)
 {
     const uint64_t n_row = ft->n_row;
     TAKE(f, SECTION_ROW_SHIFT, i, ft->n_entry, r->shift);
@@ -206,7 +207,7 @@ static int take_rows(struct prt_file *f, uint32_t i, const struct format_tensor 
     TAKE(f, SECTION_ROW_INDEX, i, n_entry * ft->index_bytes, r->index);
     TAKE(f, SECTION_ROW_SCALING, i, 12 * j * ft->n_row, r->scaling);
     if (ft->value == PRT_VALUE_I8 && ft->coupling == PRT_COUPLE_FULL)
-        return take_mixed(f, i, ft, r);
+        return take_low_rank(f, i, ft, r);
     TAKE(f, SECTION_ROW_ENTRY, i, n_entry * j * (ft->value == PRT_VALUE_I8 ? 1 : 2), r->entry);
     if (ft->value != PRT_VALUE_F16) TAKE(f, SECTION_ROW_SCALE, i, 4 * j * ft->n_row, r->scale);
     return PRT_OK;
@@ -217,7 +218,7 @@ static int take_tensor(struct prt_file *f, uint32_t i)
     struct prt_tensor *t = &f->transport.tensor[i];
     const struct format_tensor *ft;
     TAKE(f, SECTION_TENSOR, i, sizeof *ft, ft);
-    // so that no product below overflows
+    // with these limits no product below overflows
     if (ft->n_function > 65536 || ft->n_radial > 65536 || ft->n_entry > f->size ||
         ft->u_count > f->size || ft->n_knot > 1u << 24)
         return prt_fail(f->ctx, PRT_FORMAT, "%s: tensor %u is damaged", f->name, i);
@@ -286,7 +287,8 @@ static int take_all(struct prt_file *f)
     for (uint32_t i = 0; i < t->n_tensor; i++)
         if ((status = take_tensor(f, i))) return status;
     if (f->n_taken != f->n_section)
-        return bad_header(f->ctx, f->name, "it has a section that does not belong there");
+        return bad_header(f->ctx, f->name,
+                          "it has a section of an unknown type, or one too many");
     return PRT_OK;
 }
 

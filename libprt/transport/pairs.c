@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Rows of halves turned into pairs of 16-bit integers.
+// Rounds rows of halves to rows of pairs of 16-bit integers.
 #include <math.h>
 #include <string.h>
 
@@ -7,7 +7,7 @@
 
 float prt_pair_gain(uint32_t n, uint32_t index)
 {
-    // a level's x and y have as many bits as its size, the larger of them
+    // the larger of x and y has as many bits as the level's size
     const uint32_t bits = (index | index / n) & (n - 1);
     if (!bits) return 1;
     float gain = 1;
@@ -27,7 +27,8 @@ static float scaled_down(const struct source *s, uint64_t e, uint32_t ch)
            prt_pair_gain(s->n, index);
 }
 
-// Integers for 1 of a row's channel: as large as its largest entry and its blocks allow.
+// The integer that stands for 1 in a row's channel, the largest that entries and block sums
+// allow.
 static float steps(const struct source *s, uint64_t begin, uint64_t end, uint32_t ch)
 {
     double most = 0, most_sum = 0;
@@ -54,7 +55,8 @@ static void fill_row(const struct source *s, uint32_t row, uint64_t at,
     float *scale = (float *)(uintptr_t)out->scale + 3ull * row;
     if (begin == end) return;
     memcpy(index, (const uint16_t *)s->rows->index + begin, 2 * (end - begin));
-    if ((end - begin) % 2) index[end - begin] = index[end - begin - 1]; // of nothing
+    if ((end - begin) % 2)
+        index[end - begin] = index[end - begin - 1]; // an entry of value 0 completes the pair
     for (uint32_t ch = 0; ch < 3; ch++) {
         const float step = steps(s, begin, end, ch);
         scale[ch] = step > 0 ? 1 / step : 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Writes a .prt: hashes the sections where they lie, then streams header, table and sections.
+// Writes a .prt: hashes the sections in place, then writes header, table and sections.
 #include "format.h"
 
 #include <string.h>
@@ -21,7 +21,7 @@ struct layout {
 
 static const char zeros[FORMAT_ALIGN];
 
-// Sections of 0 bytes are left out: a reader takes a missing array for NULL.
+// Sections of 0 bytes are left out; opening gives NULL for them.
 static void put(struct layout *l, uint32_t type, uint32_t tensor, const void *bytes, uint64_t n)
 {
     if (!n) return;
@@ -40,7 +40,7 @@ static void put_mesh(struct layout *l, const struct prt_mesh *m)
     put(l, SECTION_SURFACE, 0, m->surface, (uint64_t)sizeof *m->surface * m->n_surface);
 }
 
-static void put_mixed(struct layout *l, uint32_t i, const struct prt_rows *r)
+static void put_low_rank(struct layout *l, uint32_t i, const struct prt_rows *r)
 {
     const uint64_t n = r->direction[r->n_row];
     put(l, SECTION_ROW_SHIFT, i, r->shift, r->begin[r->n_row]);
@@ -80,7 +80,7 @@ static void put_tensor(struct layout *l, uint32_t i, const struct prt_tensor *t)
         put(l, SECTION_ROW_BEGIN, i, r->begin, 8 * (r->n_row + 1ull));
         put(l, SECTION_ROW_INDEX, i, r->index, n_entry * r->index_bytes);
         put(l, SECTION_ROW_SCALING, i, r->scaling, 12ull * r->n_row * t->n_function);
-        if (r->direction) put_mixed(l, i, r);
+        if (r->direction) put_low_rank(l, i, r);
         else put(l, SECTION_ROW_ENTRY, i, r->entry, n_entry * t->n_function * value);
         if (r->value != PRT_VALUE_F16 && !r->direction)
             put(l, SECTION_ROW_SCALE, i, r->scale, 4ull * r->n_row * t->n_function);
@@ -186,7 +186,7 @@ int prt_file_write(const struct prt_context *ctx, const char *path,
                    const struct prt_transport *transport)
 {
     struct prt_writer *w = NULL;
-    // What could not be opened again must not be written.
+    // a transport that could not be opened again is not written
     int status = prt_transport_check(ctx, path, transport);
     if (status) return status;
     struct layout *l = prt_calloc(1, sizeof *l);

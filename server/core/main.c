@@ -4,7 +4,7 @@
 #include "net/carrier.h"
 #include "jobs/decode_helper.h"
 #include "net/dispatch.h"
-#include "store/bake_eviction.h"
+#include "store/eviction.h"
 #include "core/log.h"
 #include "core/token.h"
 #include "store/models.h"
@@ -88,7 +88,7 @@ static void on_signal(void *user, int signal_number)
 static void run_maintenance(struct loop_timer *timer)
 {
     blobs_maintain(server.blobs);
-    if (server.models) bakes_make_room(&server, NULL);
+    if (server.models) evict_for_room(&server, NULL);
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
 }
 
@@ -269,6 +269,7 @@ static void stop(void)
     // Work under way comes back to find nobody waiting; then everything is released.
     decoder_destroy(server.decoder);
     server.decoder = NULL;
+    imports_stop(server.imports);
     uint64_t patience = loop_now_ns() + 20000000000u;
     while (server.work && work_busy(server.work)) {
         if (loop_now_ns() > patience) { // nothing is lost but tidiness

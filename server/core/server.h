@@ -16,6 +16,8 @@
 
 struct connection;
 struct models;
+struct imports;
+struct file_queue;
 
 enum {
     SERVER_HELLO_HEADER = 4096, /* before HELLO; no payload then */
@@ -36,6 +38,8 @@ struct server {
     struct decoder *decoder;
     struct jobs *jobs;
     struct models *models;
+    struct imports *imports;       /* the folder --models */
+    struct file_queue *file_queue; /* file operations, one after another on a worker */
     struct stats stats;
     struct ledger *ledger; // who holds what; every limit is checked there
     char data[4000];       /* absolute path of the data folder */

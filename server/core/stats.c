@@ -2,7 +2,8 @@
 // The list of metrics, once, for both who read it.
 #include "core/stats.h"
 
-#include "store/bake_eviction.h"
+#include "store/disk.h"
+#include "store/eviction.h"
 #include "frame.h"
 #include "core/log.h"
 #include "core/server.h"
@@ -90,7 +91,8 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     G("models_open", files.entries, "open transport files");
     G("cache_bytes", cache.bytes, "bytes of shared results");
     G("cache_entries", cache.entries, "shared results");
-    G("disk_bytes", disk_bytes(server->ledger), "bytes of uploads and bakes");
+    G("disk_bytes", disk_bytes(server->ledger),
+      "bytes of uploads, previews, copies of --models and bakes");
     G("bakes_bytes", bakes_bytes(server), "bytes of bakes alone");
     G("jobs_open", jobs_open(server->jobs), "bakes that wait or run");
     G("jobs_running", jobs_running(server->jobs), "bakes that run");

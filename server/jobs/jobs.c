@@ -25,7 +25,7 @@ struct watcher {
 struct job {
     struct job *next; // newest first
     struct jobs *jobs;
-    char id[24], model[24];
+    char id[24], model[40];
     int state;
     char stage[64];
     double fraction, eta_s;

@@ -175,7 +175,8 @@ static void with(struct request *request, const char *name, with_model_fn fn,
 {
     char error[256];
     int code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
-    struct model *model = models_find(request->server->models, name, error);
+    struct model *model =
+        models_find(request->server->models, request->conn->principal->name, name, error);
     struct cache_entry *file = model ? get(model, &code, error) : NULL;
     struct opening *o = file ? calloc(1, sizeof *o) : NULL;
     if (!o) {

@@ -9,12 +9,9 @@
 #include "net/request_wait.h"
 #include "render/shared/geometry.h"
 
-#include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
-#include <sys/stat.h>
 #include <time.h>
 
 #define MESSAGE(type) ((const Relight__##type *)request->message)
@@ -95,13 +92,13 @@ static void fill_vec3(Relight__Vec3 *out, const float v[3])
     out->z = v[2];
 }
 
-static void fill_info(const struct model *m, struct info_text *t)
+static void fill_info(const struct model *m, const char *asker, struct info_text *t)
 {
     Relight__ModelInfo *out = &t->info;
     const struct model_facts *f = &m->facts;
     relight__model_info__init(out);
     out->model = (char *)m->id;
-    out->name = (char *)m->name;
+    out->name = (char *)model_name_for(m, asker);
     out->state = model_state(m);
     out->pinned = m->pinned;
     out->generation = m->generation;
@@ -142,34 +139,24 @@ static void fill_info(const struct model *m, struct info_text *t)
         t->warnings[out->n_warnings++] = line;
 }
 
-static bool is_model_file(const char *name)
-{
-    static const char *const ends[] = {".glb", ".gltf", ".obj", ".ply", ".prt"};
-    const char *dot = strrchr(name, '.');
-    for (size_t i = 0; dot && i < sizeof ends / sizeof *ends; i++)
-        if (!strcasecmp(dot, ends[i])) return true;
-    return false;
-}
-
-enum { MAX_LISTED = 4096 };
-
-static size_t list_files(const char *folder, Relight__FileEntry **out)
+// Fills one entry each; their texts are the folder's list's.
+static size_t list_files(const struct server *server, Relight__FileEntry ***out)
 {
     size_t n = 0;
-    DIR *dir = folder[0] ? opendir(folder) : NULL;
-    for (struct dirent *d; dir && n < MAX_LISTED && (d = readdir(dir));) {
-        struct stat st;
-        if (!is_model_file(d->d_name) || fstatat(dirfd(dir), d->d_name, &st, 0) ||
-            !S_ISREG(st.st_mode))
-            continue;
-        Relight__FileEntry *e = malloc(sizeof *e);
-        if (!e) break;
-        relight__file_entry__init(e);
-        e->path = strdup(d->d_name);
-        e->bytes = (uint64_t)st.st_size;
-        out[n++] = e;
+    const struct import_listed *file = imports_files(server->imports, &n);
+    Relight__FileEntry *entry = calloc(n + 1, sizeof *entry);
+    *out = calloc(n + 1, sizeof **out);
+    if (!entry || !*out) {
+        free(entry);
+        return 0;
     }
-    if (dir) closedir(dir);
+    for (size_t i = 0; i < n; i++) {
+        relight__file_entry__init(&entry[i]);
+        entry[i].path = file[i].name;
+        entry[i].bytes = file[i].bytes;
+        (*out)[i] = &entry[i];
+    }
+    if (!n) free(entry);
     return n;
 }
 
@@ -177,29 +164,23 @@ void op_list(struct request *request)
 {
     struct models *models = request->server->models;
     Relight__ListAnswer out = RELIGHT__LIST_ANSWER__INIT;
-    models_scan(models);
     size_t n = 0;
     for (struct model *m = NULL; (m = models_next(models, m));) n++;
     struct info_text *text = calloc(n + 1, sizeof *text);
     out.models = calloc(n + 1, sizeof *out.models);
-    out.files = calloc(MAX_LISTED, sizeof *out.files);
-    if (!text || !out.models || !out.files) {
+    if (!text || !out.models) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         goto end;
     }
     for (struct model *m = NULL; (m = models_next(models, m)); out.n_models++) {
-        fill_info(m, &text[out.n_models]);
+        fill_info(m, request->conn->principal->name, &text[out.n_models]);
         out.models[out.n_models] = &text[out.n_models].info;
     }
-    if (MESSAGE(ListRequest)->files)
-        out.n_files = list_files(request->server->options.models, out.files);
+    if (MESSAGE(ListRequest)->files) out.n_files = list_files(request->server, &out.files);
     request_answer(request, &out.base, NULL);
 end:
     for (size_t i = 0; i < out.n_models; i++) free(text[i].warning_text);
-    for (size_t i = 0; i < out.n_files; i++) {
-        free(out.files[i]->path);
-        free(out.files[i]);
-    }
+    if (out.n_files) free(out.files[0]);
     free(text);
     free(out.models);
     free(out.files);
@@ -243,7 +224,7 @@ static void info_ready(struct request *request, struct model *m, struct cache_en
     if (!text || !block_text || !blocks) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
     } else {
-        fill_info(m, text);
+        fill_info(m, request->conn->principal->name, text);
         prt_material_print(&t->material, text->material, sizeof text->material);
         text->info.material = text->material;
         bool baked = m->state == RELIGHT__MODEL_STATE__MODEL_READY;
@@ -263,7 +244,8 @@ void op_info(struct request *request)
 {
     const char *name = MESSAGE(InfoRequest)->model;
     char error[256];
-    struct model *m = models_find(request->server->models, name, error);
+    struct model *m =
+        models_find(request->server->models, request->conn->principal->name, name, error);
     if (!m) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s", error);
         return;
@@ -277,7 +259,7 @@ void op_info(struct request *request)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
-    fill_info(m, text);
+    fill_info(m, request->conn->principal->name, text);
     request_answer(request, &text->info.base, NULL);
     free(text->warning_text);
     free(text);
@@ -380,7 +362,8 @@ void op_unload(struct request *request)
 {
     const Relight__UnloadRequest *in = MESSAGE(UnloadRequest);
     char error[256];
-    struct model *m = models_find(request->server->models, in->model, error);
+    struct model *m =
+        models_find(request->server->models, request->conn->principal->name, in->model, error);
     if (!m) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s", error);
         return;
@@ -405,7 +388,8 @@ void op_watch(struct request *request)
     char error[256];
     struct job *job = jobs_find(server->jobs, name);
     if (!job) {
-        struct model *m = models_find(server->models, name, error);
+        struct model *m =
+            models_find(server->models, request->conn->principal->name, name, error);
         job = m ? jobs_find(server->jobs, m->id) : NULL;
         if (m && !job && m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
             // Baked before this daemon started: there is nothing left to wait for.

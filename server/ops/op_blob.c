@@ -6,6 +6,7 @@
 #include "net/request.h"
 #include "relight.pb-c.h"
 #include "render/render.h"
+#include "store/eviction.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -79,5 +80,7 @@ void op_put_blob(struct request *request)
     put->done = done;
     request->state = r;
     request->abandon = abandon;
+    if (!put->offset && put->n && !blobs_has(request->server->blobs, put->hash))
+        evict_for_upload(request->server, put->principal, put->size);
     blobs_put(request->server->blobs, put);
 }

@@ -52,7 +52,8 @@ static void evaluated(void *user, struct render_result *result)
 static void start(struct request *request, const char *name, struct render_spec *spec)
 {
     char error[256];
-    struct model *model = models_find(request->server->models, name, error);
+    struct model *model =
+        models_find(request->server->models, request->conn->principal->name, name, error);
     struct evaluation *e = model ? calloc(1, sizeof *e) : NULL;
     if (!e) {
         render_spec_finish(spec);

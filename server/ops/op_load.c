@@ -1,47 +1,78 @@
 // SPDX-License-Identifier: MIT
-// LOAD: checks what is asked, names it by its content, finds the bake or orders one.
+// LOAD: checks what is asked, has files of --models copied, names the model by its content,
+// finds the bake or lays out a folder for one and orders it. Files are touched by the queue of
+// file operations alone.
 #include "store/model_files.h"
 
-#include "store/bake_eviction.h"
 #include "core/log.h"
-#include "render/shared/materials.h"
+#include "net/request.h"
+#include "prt/bake.h"
 #include "prt/bake_limits.h"
 #include "prt/medium.h"
 #include "relight.pb-c.h"
-#include "net/request.h"
+#include "render/render.h"
+#include "render/shared/materials.h"
+#include "store/disk.h"
+#include "store/eviction.h"
+#include "store/import_file.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 enum { MAX_FILES = 64, MAX_OPAQUE = 64, MAX_ARGS = 64 + MAX_OPAQUE };
 
-// One LOAD under way: its request waits for a hash, then for the model to open.
+struct load_file {
+    char *name; // relative, as the model refers to it; the model itself is the first
+    char hash[65];
+    struct import_copy *copy; // of a file of --models, held; NULL: an upload
+};
+
+// One LOAD under way: its request waits for copies of files of --models, then for its folder to
+// be laid out, then for the model to open.
 struct load {
-    struct work work; // hashing a file of --models
+    struct file_task task; // first: laying out
+    struct import_request import;
     struct cache_waiter waiter;
-    struct cache_entry *entry;      // the opening waited for
     struct blob_waiter blob_waiter; // an upload's check
     size_t n_checked;
+    struct load *next;         // of those that wait for the same model
+    struct cache_entry *entry; // the opening waited for
     struct server *server;
     struct request *request; // NULL: nobody waits any more
-    char path[PATH_MAX];     // the model in --models, absolute; "" for uploaded files
-    char source[65];         // hash that names the source
+    bool importing;
+    char owner[96]; // principal's name
+    struct load_file file[MAX_FILES];
+    size_t n_file;
+    char **sibling; // of a .gltf in --models: names of the files it refers to
+    size_t n_sibling;
+    char source[65]; // hash that names the source
     char name[128];
+    char env[96];                     // bake.env in its canonical form; "" none
     char material[PRT_MATERIAL_TEXT]; // preset's name or canonical JSON; "" none
     bool material_json;
     struct prt_material resolved; // the same, or what a bake without one takes
     struct model *model;          // NULL: not known yet
+    // Laying out: what is wanted and what came of it.
+    bool find_bake;
+    char preview_folder[PATH_MAX], bake_folder[PATH_MAX]; // "": not wanted
+    uint64_t bake_bytes;                                  // of a bake that is there; 0: none
+    int fault;                                            // errno
+    const char *fault_name;
 };
 
 static void drop_load(struct load *load)
 {
+    for (size_t i = 0; i < load->n_file; i++) {
+        if (load->file[i].copy) import_unuse(load->file[i].copy);
+        free(load->file[i].name);
+    }
+    for (size_t i = 0; i < load->n_sibling; i++) free(load->sibling[i]);
+    free(load->sibling);
     cache_release(load->entry);
     model_release(load->model);
     free(load);
@@ -51,6 +82,9 @@ static void abandon(struct request *request)
 {
     struct load *load = request->state;
     load->request = NULL; // freed when what it waits for comes
+    if (!load->importing) return;
+    imports_cancel(load->server->imports, &load->import);
+    drop_load(load);
 }
 
 static const Relight__LoadRequest *message_of(const struct load *load)
@@ -185,96 +219,130 @@ static void name_model(const struct load *load, char id[MODEL_ID + 1])
 {
     struct relight_sha256 sha;
     struct args a = {0};
-    char hex[65];
-    const Relight__LoadRequest *r = message_of(load);
-    add_settings(&a, r);
+    char hex[65], versions[64];
+    add_settings(&a, message_of(load));
+    snprintf(versions, sizeof versions, "bake %d, file %d", PRT_BAKE_VERSION, PRT_FILE_VERSION);
     relight_sha256_init(&sha);
+    relight_sha256_add(&sha, versions, strlen(versions) + 1);
     relight_sha256_add(&sha, load->source, strlen(load->source) + 1);
     relight_sha256_add(&sha, load->material, strlen(load->material) + 1);
     for (size_t i = 0; i < a.n; i++) {
         relight_sha256_add(&sha, a.argv[i], strlen(a.argv[i]) + 1);
         free(a.argv[i]);
     }
-    if (r->bake) relight_sha256_add(&sha, r->bake->env, strlen(r->bake->env) + 1);
+    relight_sha256_add(&sha, load->env, strlen(load->env) + 1);
     relight_sha256_hex(&sha, hex);
     snprintf(id, MODEL_ID + 1, "%.*s", MODEL_ID, hex);
 }
 
-// ---- the bake's folder: its inputs under the names the model refers to
+// ---- the folders: inputs under the names the model refers to (on a worker)
+
+static void file_source(const struct load *load, const char *hash, bool copy,
+                        char path[PATH_MAX])
+{
+    if (copy) import_path(load->server->imports, hash, path, PATH_MAX);
+    else blobs_path(load->server->blobs, hash, path, PATH_MAX);
+}
+
+static int link_file(const char *from, const char *folder, const char *name)
+{
+    char to[PATH_MAX];
+    if (snprintf(to, sizeof to, "%s/%s", folder, name) >= PATH_MAX) return ENAMETOOLONG;
+    for (char *slash = to + strlen(folder) + 1; (slash = strchr(slash, '/')); *slash++ = '/') {
+        *slash = 0;
+        if (mkdir(to, 0700) && errno != EEXIST) return errno;
+    }
+    return link(from, to) ? errno : 0;
+}
+
+static int link_files(struct load *load, const char *folder)
+{
+    char from[PATH_MAX];
+    remove_tree(folder);
+    load->fault_name = load->file[0].name;
+    int err = mkdir(folder, 0700) ? errno : 0;
+    for (size_t i = 0; !err && i < load->n_file; i++) {
+        const struct load_file *f = &load->file[i];
+        load->fault_name = f->name;
+        file_source(load, f->hash, f->copy != NULL, from);
+        err = link_file(from, folder, f->name);
+    }
+    return err;
+}
+
+static int lay_out_bake(struct load *load)
+{
+    char path[PATH_MAX + 16], from[PATH_MAX];
+    int err = link_files(load, load->bake_folder);
+    if (!err && !strncmp(load->env, "env:", 4)) {
+        load->fault_name = "bake.env";
+        file_source(load, load->env + 4, false, from);
+        err = link_file(from, load->bake_folder, ".environment");
+    }
+    if (err || !load->material_json) return err;
+    load->fault_name = "material";
+    snprintf(path, sizeof path, "%s/.material.json", load->bake_folder);
+    return prt_write_file(NULL, path, load->material, strlen(load->material)) ? errno : 0;
+}
+
+static int run_lay_out(struct file_task *task)
+{
+    struct load *load = (struct load *)task;
+    char bake[PATH_MAX];
+    struct stat st;
+    model_bake_path(load->server, load->model->id, bake);
+    if (load->find_bake && !stat(bake, &st)) {
+        load->bake_bytes = (uint64_t)st.st_size;
+        return PRT_OK;
+    }
+    if (load->preview_folder[0]) load->fault = link_files(load, load->preview_folder);
+    if (!load->fault && load->bake_folder[0]) load->fault = lay_out_bake(load);
+    if (load->fault && load->preview_folder[0]) remove_tree(load->preview_folder);
+    if (load->fault && load->bake_folder[0]) remove_tree(load->bake_folder);
+    return PRT_OK;
+}
+
+static void fail_lay_out(struct load *load)
+{
+    int code = RELIGHT__ERROR_CODE__ERROR_INTERNAL;
+    const char *text = strerror(load->fault);
+    switch (load->fault) {
+    case ENOENT:
+        code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+        text = "its upload is not there any more: upload it again";
+        break;
+    case EEXIST:
+    case ENOTDIR:
+    case EISDIR:
+    case ENAMETOOLONG:
+        code = RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
+        text = "the name cannot stand beside those of the other files";
+        break;
+    case ENOSPC:
+    case EDQUOT:
+    case EMLINK:
+        code = RELIGHT__ERROR_CODE__ERROR_LIMIT;
+    }
+    log_line(LOG_WARN, "model id=%s cannot be laid out file=\"%s\" error=\"%s\"",
+             load->model->id, load->fault_name, strerror(load->fault));
+    request_fail(load->request, code, "%.100s: %s", load->fault_name, text);
+    drop_load(load);
+}
+
+// ---- the bake's command
 
 struct baking {
     struct model *model;
-    char folder[PATH_MAX];
+    char folder[PATH_MAX], owner[96];
 };
-
-void remove_tree(const char *folder)
-{
-    DIR *dir = opendir(folder);
-    for (struct dirent *d; dir && (d = readdir(dir));) {
-        char path[PATH_MAX];
-        if (!strcmp(d->d_name, ".") || !strcmp(d->d_name, "..")) continue;
-        if (snprintf(path, sizeof path, "%s/%s", folder, d->d_name) >= PATH_MAX) continue;
-        if (unlink(path) && errno == EISDIR) remove_tree(path);
-    }
-    if (dir) closedir(dir);
-    rmdir(folder);
-}
-
-static bool stage_blob(const struct server *server, const char *folder, const char *name,
-                       const char *hash)
-{
-    char from[PATH_MAX], to[PATH_MAX];
-    blobs_path(server->blobs, hash, from, sizeof from);
-    blobs_touch(server->blobs, hash);
-    if (snprintf(to, sizeof to, "%s/%s", folder, name) >= PATH_MAX) return false;
-    for (char *slash = to + strlen(folder) + 1; (slash = strchr(slash, '/')); *slash++ = '/') {
-        *slash = 0;
-        if (mkdir(to, 0700) && errno != EEXIST) return false;
-    }
-    return !link(from, to) || errno == EEXIST;
-}
-
-static bool stage_files(const struct load *load, const char *folder)
-{
-    const Relight__LoadRequest *r = message_of(load);
-    remove_tree(folder);
-    if (mkdir(folder, 0700)) return false;
-    for (size_t i = 0; i < r->n_files; i++)
-        if (!stage_blob(load->server, folder, r->files[i]->name, r->files[i]->blob))
-            return false;
-    return true;
-}
-
-static bool stage(const struct load *load, struct baking *b)
-{
-    const Relight__LoadRequest *r = message_of(load);
-    snprintf(b->folder, sizeof b->folder, "%s/work/%s", load->server->data, b->model->key);
-    if (!stage_files(load, b->folder)) return false;
-    if (r->bake && !strncmp(r->bake->env, "env:", 4) &&
-        !stage_blob(load->server, b->folder, ".environment", r->bake->env + 4))
-        return false;
-    if (!load->material_json) return true;
-    char path[PATH_MAX + 16];
-    snprintf(path, sizeof path, "%s/.material.json", b->folder);
-    return !prt_write_file(NULL, path, load->material, strlen(load->material));
-}
 
 // Has the model's file read, so that image-space engines can answer.
 static void order_preview(const struct load *load, struct model *m)
 {
     const Relight__LoadRequest *r = message_of(load);
-    char folder[PATH_MAX] = "", path[2 * PATH_MAX];
-    if (load->path[0]) {
-        snprintf(path, sizeof path, "%s", load->path);
-    } else {
-        snprintf(folder, sizeof folder, "%s/work/%s.preview", load->server->data, m->key);
-        snprintf(path, sizeof path, "%s/%s", folder, r->files[0]->name);
-        if (m->mesh != MESH_THERE && m->mesh != MESH_READING && !stage_files(load, folder)) {
-            log_line(LOG_WARN, "model id=%s cannot be laid out in %s: %s", m->id, folder,
-                     strerror(errno));
-            return;
-        }
-    }
+    char path[2 * PATH_MAX];
+    if (!load->preview_folder[0]) return;
+    snprintf(path, sizeof path, "%s/%s", load->preview_folder, load->file[0].name);
     struct decode_model order = {.path = path,
                                  .name = load->name,
                                  .size_mm = r->size_mm,
@@ -282,8 +350,15 @@ static void order_preview(const struct load *load, struct model *m)
                                  .material = &load->resolved,
                                  .n_opaque = r->n_opaque,
                                  .opaque = r->opaque};
-    bool reading = m->mesh == MESH_THERE || m->mesh == MESH_READING;
-    if (!reading) preview_start(m, &order, folder);
+    preview_start(m, &order, load->preview_folder);
+}
+
+static void charge_job(struct server *server, const char *owner)
+{
+    struct principal *p = ledger_principal(server->ledger, owner);
+    if (!p) return;
+    if (p->held[LEDGER_JOBS]) ledger_give(p, LEDGER_JOBS, 1);
+    principal_release(p);
 }
 
 static void bake_ended(void *user, struct job *job, enum job_outcome outcome)
@@ -292,26 +367,23 @@ static void bake_ended(void *user, struct job *job, enum job_outcome outcome)
     struct model *m = b->model;
     struct server *server = m->server;
     char path[PATH_MAX];
-    struct stat st;
     model_bake_path(server, m->id, path);
-    remove_tree(b->folder);
+    charge_job(server, b->owner);
+    file_remove(server->file_queue, b->folder);
     m->job = NULL;
-    if (outcome == JOB_OUT_DONE && stat(path, &st)) outcome = JOB_OUT_FAILED;
     if (job_warnings(job)[0]) {
         free(m->warnings);
         m->warnings = strdup(job_warnings(job));
     }
     if (m->gone) {
-        if (model_is_last(m)) unlink(path);
+        if (model_is_last(m)) file_remove(server->file_queue, path);
     } else if (outcome == JOB_OUT_DONE) {
         int code;
         char error[256];
         m->state = RELIGHT__MODEL_STATE__MODEL_READY;
-        snprintf(m->prt, sizeof m->prt, "%s", path);
-        blobs_charge(server->blobs, st.st_size);
         model_remember(m);
-        bakes_make_room(server, m);
-        cache_release(model_open(m, &code, error)); // who watched asks for colours next
+        // Who watched asks for colours next; the opening finds out the file's size.
+        cache_release(model_open(m, &code, error));
         preview_remove(m);
     } else {
         m->state = RELIGHT__MODEL_STATE__MODEL_FAILED;
@@ -325,38 +397,43 @@ static void bake_ended(void *user, struct job *job, enum job_outcome outcome)
     free(b);
 }
 
-static bool order_bake(struct load *load, struct model *m)
+static void bake_command(const struct load *load, const struct model *m, struct args *a)
 {
-    const Relight__LoadRequest *r = message_of(load);
+    const struct options *o = &load->server->options;
+    char out[PATH_MAX];
+    model_bake_path(load->server, m->id, out);
+    add_arg(a, "bake");
+    add_arg(a, "./%s", load->file[0].name);
+    add_arg(a, "-o");
+    add_arg(a, "%s", out);
+    add_arg(a, "--progress-fd");
+    add_arg(a, "{progress}");
+    add_arg(a, "--quiet");
+    add_arg(a, "--memory=%llu", (unsigned long long)o->bake_memory);
+    if (o->bake_threads) add_arg(a, "--threads=%u", o->bake_threads);
+    if (load->material_json) add_arg(a, "--material=.material.json");
+    else if (load->material[0]) add_arg(a, "--material=%s", load->material);
+    add_settings(a, message_of(load));
+    if (!strncmp(load->env, "env:", 4)) add_arg(a, "--env=.environment");
+    else if (load->env[0]) add_arg(a, "--env=%s", load->env);
+}
+
+// False, with the limit that is in the way.
+static bool order_bake(struct load *load, struct model *m, char error[256])
+{
+    struct server *server = load->server;
     struct baking *b = calloc(1, sizeof *b);
     struct args a = {0};
+    snprintf(error, 256, "not enough memory");
     if (!b) return false;
-    b->model = m;
-    if (!stage(load, b)) {
-        log_line(LOG_ERR, "model id=%s inputs cannot be laid out in %s: %s", m->id, b->folder,
-                 strerror(errno));
-        remove_tree(b->folder);
+    if (ledger_take(load->request->conn->principal, LEDGER_JOBS, 1, error)) {
         free(b);
         return false;
     }
-    char out[PATH_MAX];
-    model_bake_path(load->server, m->id, out);
-    add_arg(&a, "bake");
-    if (load->path[0]) add_arg(&a, "%s", load->path);
-    else add_arg(&a, "./%s", r->files[0]->name);
-    add_arg(&a, "-o");
-    add_arg(&a, "%s", out);
-    add_arg(&a, "--progress-fd");
-    add_arg(&a, "{progress}");
-    add_arg(&a, "--quiet");
-    add_arg(&a, "--memory=%llu", (unsigned long long)load->server->options.bake_memory);
-    if (load->server->options.bake_threads)
-        add_arg(&a, "--threads=%u", load->server->options.bake_threads);
-    if (load->material_json) add_arg(&a, "--material=.material.json");
-    else if (load->material[0]) add_arg(&a, "--material=%s", load->material);
-    add_settings(&a, r);
-    if (r->bake && !strncmp(r->bake->env, "env:", 4)) add_arg(&a, "--env=.environment");
-    else if (r->bake && r->bake->env[0]) add_arg(&a, "--env=%s", r->bake->env);
+    b->model = m;
+    snprintf(b->folder, sizeof b->folder, "%s", load->bake_folder);
+    snprintf(b->owner, sizeof b->owner, "%s", load->owner);
+    bake_command(load, m, &a);
     struct job_order order = {calloc(a.n + 1, sizeof(char *)), strdup(b->folder)};
     if (order.argv) memcpy(order.argv, a.argv, a.n * sizeof(char *));
     m->state = RELIGHT__MODEL_STATE__MODEL_BAKING;
@@ -364,9 +441,10 @@ static bool order_bake(struct load *load, struct model *m)
     m->checked = false;
     m->job = NULL;
     model_hold(m);
-    struct job *job = jobs_add(load->server->jobs, m->id, &order, bake_ended, b);
+    struct job *job = jobs_add(server->jobs, m->id, &order, bake_ended, b);
     if (!job) {
-        remove_tree(b->folder);
+        snprintf(error, 256, "%u bakes wait already (--bake-queue)", jobs_open(server->jobs));
+        charge_job(server, b->owner);
         free(b);
         model_release(m);
         return false;
@@ -379,99 +457,256 @@ static bool order_bake(struct load *load, struct model *m)
 
 // ---- from a source's hash to an answer
 
-static void source_known(struct load *load)
+static void source_known(struct load *load);
+
+// A model of which nothing is there, and for which nobody waits.
+static bool is_bare(const struct model *m)
 {
-    struct server *server = load->server;
+    return !m->gone && !m->preparing && !m->loads && m->mesh == MESH_NONE &&
+           m->state == RELIGHT__MODEL_STATE__MODEL_RECEIVED;
+}
+
+static void go_on(struct load *load, struct model *m)
+{
     const Relight__LoadRequest *r = message_of(load);
-    char id[MODEL_ID + 1], bake[PATH_MAX];
-    name_model(load, id);
-    struct model *m = model_by_id(server->models, id);
-    bool fresh = !m;
-    if (fresh && !(m = model_add(server->models, id, load->name))) {
-        FAIL(load, NO_MEMORY, "not enough memory");
-        return;
-    }
-    bool known_better = (r->name[0] && strcmp(m->name, r->name)) || (r->pin && !m->pinned);
-    if (r->name[0]) snprintf(m->name, sizeof m->name, "%s", r->name);
-    if (r->pin) m->pinned = true;
-    if (known_better && m->state == RELIGHT__MODEL_STATE__MODEL_READY) model_remember(m);
-    log_line(LOG_EVENT, "load model=%s name=\"%s\" conn=%llu %s", m->id, m->name,
-             (unsigned long long)load->request->conn->number, fresh ? "new" : "known");
-    model_bake_path(server, id, bake);
-    if (m->state != RELIGHT__MODEL_STATE__MODEL_READY &&
-        m->state != RELIGHT__MODEL_STATE__MODEL_BAKING && !access(bake, R_OK)) {
+    int before = m->state;
+    char error[256];
+    if (load->bake_bytes) {
         m->state = RELIGHT__MODEL_STATE__MODEL_READY;
-        snprintf(m->prt, sizeof m->prt, "%s", bake);
-        server->stats.bakes_cached++;
+        model_charge_bake(m, load->bake_bytes);
+        load->server->stats.bakes_cached++;
         model_remember(m);
-    }
-    if (m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
         open_and_answer(load, m);
         return;
     }
-    bool baking = m->state == RELIGHT__MODEL_STATE__MODEL_BAKING;
     order_preview(load, m);
-    if (!baking && r->preview) {
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_BAKING) {
+        answer(load, m);
+    } else if (r->preview) {
         m->state = RELIGHT__MODEL_STATE__MODEL_PREVIEW;
         m->error[0] = 0;
         mesh_and_answer(load, m);
-        return;
+    } else if (order_bake(load, m, error)) {
+        answer(load, m);
+    } else {
+        file_remove(load->server->file_queue, load->bake_folder);
+        m->state = before;
+        if (before == RELIGHT__MODEL_STATE__MODEL_RECEIVED) model_unload(m, true);
+        FAIL(load, BUSY, "%s", error);
     }
-    if (!baking && !order_bake(load, m)) {
-        if (fresh) model_unload(m, true);
-        else m->state = RELIGHT__MODEL_STATE__MODEL_FAILED;
-        FAIL(load, BUSY, "too many bakes wait already, or their folder is full");
-        return;
-    }
-    answer(load, m);
 }
 
-// A .gltf names its buffers: they are part of the source. Their names are looked for as text,
-// so that nothing is parsed here; one that is missed only makes two models count as one source.
-static void add_siblings(struct relight_sha256 *sha, const char *path)
+static void laid_out(struct file_task *task)
 {
-    struct prt_blob text;
-    char folder[PATH_MAX], hex[65];
-    snprintf(folder, sizeof folder, "%s", path);
-    char *slash = strrchr(folder, '/');
-    const char *dot = strrchr(path, '.');
-    if (!slash || !dot || strcasecmp(dot, ".gltf")) return;
-    if (prt_read_file(NULL, path, 64 << 20, &text)) return;
-    const char *at = text.bytes, *end = at + text.size;
-    for (; (at = memmem(at, (size_t)(end - at), "\"uri\"", 5)); at += 5) {
-        const char *open = memchr(at + 5, '"', (size_t)(end - at - 5));
-        const char *close = open ? memchr(open + 1, '"', (size_t)(end - open - 1)) : NULL;
-        char sibling[PATH_MAX + 300];
-        if (!close) break;
-        if (close - open > 256) continue;
-        snprintf(sibling, sizeof sibling, "%.*s/%.*s", (int)(slash - folder), folder,
-                 (int)(close - open - 1), open + 1);
-        if (!strstr(sibling, "..") && !blobs_hash_file(sibling, hex))
-            relight_sha256_add(sha, hex, 64);
+    struct load *load = (struct load *)task;
+    struct model *m = load->model;
+    struct file_queue *queue = load->server->file_queue;
+    load->model = NULL; // the reference is this function's
+    m->preparing = false;
+    if (!load->request || m->gone) {
+        file_remove(queue, load->preview_folder);
+        file_remove(queue, load->bake_folder);
+        if (load->request) FAIL(load, NOT_FOUND, "the model was unloaded meanwhile");
+        else drop_load(load);
+    } else if (load->fault) {
+        model_hold(load->model = m);
+        fail_lay_out(load);
+    } else {
+        go_on(load, m);
     }
-    prt_free(text.bytes);
+    while (m->loads && !m->preparing) {
+        struct load *next = m->loads;
+        m->loads = next->next;
+        if (next->request) source_known(next);
+        else drop_load(next);
+    }
+    if (is_bare(m)) model_unload(m, true);
+    model_release(m);
 }
 
-static int run_hash(struct work *work, const struct prt_context *ctx)
+static void lay_out(struct load *load, struct model *m)
 {
-    struct load *load = (struct load *)work;
-    char hex[65];
-    int err = blobs_hash_file(load->path, hex);
-    if (err) return prt_fail(ctx, PRT_IO, "%s: %s", load->name, strerror(-err));
+    const char *data = load->server->data;
+    bool baking = m->state == RELIGHT__MODEL_STATE__MODEL_BAKING;
+    load->model = m;
+    model_hold(m);
+    load->find_bake = !baking;
+    if (m->mesh != MESH_THERE && m->mesh != MESH_READING)
+        snprintf(load->preview_folder, PATH_MAX, "%s/work/%s.preview", data, m->key);
+    if (!baking && !message_of(load)->preview)
+        snprintf(load->bake_folder, PATH_MAX, "%s/work/%s", data, m->key);
+    for (size_t i = 0; i < load->n_file; i++)
+        if (!load->file[i].copy) blobs_touch(load->server->blobs, load->file[i].hash);
+    if (!strncmp(load->env, "env:", 4)) blobs_touch(load->server->blobs, load->env + 4);
+    m->preparing = true;
+    load->task.run = run_lay_out;
+    load->task.done = laid_out;
+    file_queue_add(load->server->file_queue, &load->task);
+}
+
+static struct model *add_model(struct load *load, const char *id, char error[256])
+{
+    struct principal *p = load->request->conn->principal;
+    enum ledger_refusal refusal = ledger_take(p, LEDGER_MODELS, 1, error);
+    // An old preview makes room for a new one.
+    if (refusal && evict_preview(load->server, refusal == LEDGER_CLIENT_FULL ? p->name : NULL))
+        refusal = ledger_take(p, LEDGER_MODELS, 1, error);
+    if (refusal) return NULL;
+    snprintf(error, 256, "not enough memory");
+    struct model *m = model_add(load->server->models, id, load->name, load->owner);
+    ledger_give(p, LEDGER_MODELS, 1); // model_add has charged it
+    return m;
+}
+
+static void source_known(struct load *load)
+{
+    const Relight__LoadRequest *r = message_of(load);
+    char id[MODEL_ID + 1], error[256];
+    name_model(load, id);
+    struct model *m = model_by_id(load->server->models, id);
+    bool fresh = !m;
+    if (fresh && !(m = add_model(load, id, error))) {
+        FAIL(load, LIMIT, "%s", error);
+        return;
+    }
+    const char *before = model_name_for(m, load->owner);
+    bool own = !strcmp(m->owner, load->owner);
+    bool other = strcmp(before, load->name) && (r->name[0] || !own);
+    bool changed = other || (r->pin && !m->pinned);
+    if (other) model_set_name(m, load->owner, load->name);
+    if (r->pin) m->pinned = true;
+    m->used_ns = wall_ns();
+    if (changed && m->state == RELIGHT__MODEL_STATE__MODEL_READY) model_remember(m);
+    log_line(LOG_EVENT, "load model=%s name=\"%s\" conn=%llu %s", m->id, load->name,
+             (unsigned long long)load->request->conn->number, fresh ? "new" : "known");
+    bool complete = m->mesh == MESH_THERE || m->mesh == MESH_READING;
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
+        open_and_answer(load, m);
+    } else if (m->state == RELIGHT__MODEL_STATE__MODEL_BAKING && complete) {
+        answer(load, m);
+    } else if (m->preparing) {
+        struct load **last = &m->loads;
+        while (*last) last = &(*last)->next;
+        load->next = NULL;
+        *last = load;
+    } else {
+        lay_out(load, m);
+    }
+}
+
+// ---- files of --models
+
+static bool safe_name(const char *name);
+static const char *file_part(const char *path);
+
+static void hash_source(struct load *load)
+{
     struct relight_sha256 sha;
     relight_sha256_init(&sha);
-    relight_sha256_add(&sha, hex, 64);
-    add_siblings(&sha, load->path);
+    for (size_t i = 0; i < load->n_file; i++) {
+        // The first file's name matters for its ending only, the others are referred to by
+        // theirs.
+        const struct load_file *f = &load->file[i];
+        const char *dot = strrchr(f->name, '.');
+        const char *name = i ? f->name : dot ? dot : "";
+        relight_sha256_add(&sha, name, strlen(name) + 1);
+        relight_sha256_add(&sha, f->hash, BLOB_HASH);
+    }
     relight_sha256_hex(&sha, load->source);
-    return PRT_OK;
 }
 
-static void done_hash(struct work *work)
+static bool add_file(struct load *load, const char *name, const char *hash,
+                     struct import_copy *copy)
 {
-    struct load *load = (struct load *)work;
-    if (!load->request) drop_load(load);
-    else if (work->status) FAIL(load, NOT_FOUND, "%s", work->error);
-    else source_known(load);
+    struct load_file *f = &load->file[load->n_file];
+    if (load->n_file == MAX_FILES || !(f->name = strdup(name))) return false;
+    snprintf(f->hash, sizeof f->hash, "%s", hash);
+    if ((f->copy = copy)) import_use(copy);
+    load->n_file++;
+    return true;
+}
+
+static bool keep_siblings(struct load *load, char *const *name, size_t n)
+{
+    load->sibling = calloc(n + 1, sizeof *load->sibling);
+    for (size_t i = 0; load->sibling && i < n; i++) {
+        if (!safe_name(name[i])) continue; // the reader refuses it, with its reason
+        if (!(load->sibling[load->n_sibling] = strdup(name[i]))) return false;
+        load->n_sibling++;
+    }
+    return load->sibling != NULL;
+}
+
+// A .prt is a model by itself.
+static void load_prt(struct load *load, struct import_copy *copy)
+{
+    const Relight__LoadRequest *r = message_of(load);
+    struct model *m = models_found(load->server->models, copy, load->name);
+    if (!m) {
+        FAIL(load, NO_MEMORY, "not enough memory");
+        return;
+    }
+    m->pinned |= r->pin;
+    if (r->name[0]) model_set_name(m, load->owner, r->name);
+    open_and_answer(load, m);
+}
+
+static bool check_material(struct load *load);
+static void import_next(struct load *load);
+
+static void imported(struct import_request *request, struct import_copy *copy,
+                     char *const *names, size_t n_name, int code, const char *error)
+{
+    struct load *load = (struct load *)((char *)request - offsetof(struct load, import));
+    const char *path = message_of(load)->path, *base = file_part(path);
+    char plain[16];
+    bool first = !load->n_file;
+    load->importing = false;
+    if (!copy) {
+        request_fail(load->request, code, "%s", error);
+        drop_load(load);
+        return;
+    }
+    if (first && copy->prt) {
+        load_prt(load, copy);
+        return;
+    }
+    if (first && !check_material(load)) {
+        drop_load(load); // the request is answered
+        return;
+    }
+    if (first && !safe_name(base)) {
+        const char *dot = strrchr(base, '.');
+        snprintf(plain, sizeof plain, "model%.8s", dot ? dot : "");
+        base = plain;
+    }
+    if (!add_file(load, first ? base : load->sibling[load->n_file - 1], copy->hash, copy) ||
+        (first && !keep_siblings(load, names, n_name))) {
+        FAIL(load, NO_MEMORY, "not enough memory");
+        return;
+    }
+    import_next(load);
+}
+
+static void import_next(struct load *load)
+{
+    const char *path = message_of(load)->path;
+    char beside[PATH_MAX];
+    if (load->n_file > load->n_sibling) {
+        hash_source(load);
+        source_known(load);
+        return;
+    }
+    load->importing = true;
+    load->import.done = imported;
+    const char *wanted = path;
+    if (load->n_file) {
+        int folder = (int)(file_part(path) - path);
+        snprintf(beside, sizeof beside, "%.*s%s", folder, path,
+                 load->sibling[load->n_file - 1]);
+        wanted = beside;
+    }
+    imports_get(load->server->imports, wanted, load->owner, &load->import);
 }
 
 // ---- checking the request
@@ -480,36 +715,9 @@ static bool safe_name(const char *name)
 {
     if (!name[0] || name[0] == '/' || name[0] == '.' || strlen(name) > 200) return false;
     for (const char *p = name; *p; p++)
-        if ((unsigned char)*p < 32 || *p == '\\' ||
+        if ((unsigned char)*p < 32 || *p == 127 || *p == '\\' ||
             (p[0] == '/' && (p[1] == '.' || p[1] == '/')))
             return false;
-    return true;
-}
-
-// Fills load->path from the request's path; false when it leads out of --models.
-static bool inside_models(struct load *load, const char *path, char error[300])
-{
-    const char *folder = load->server->options.models;
-    char root[PATH_MAX], wanted[2 * PATH_MAX];
-    if (!folder[0]) {
-        snprintf(error, 300, "the daemon serves no models folder (--models): upload the file");
-        return false;
-    }
-    snprintf(wanted, sizeof wanted, "%s/%s", folder, path);
-    if (!realpath(folder, root) || !realpath(wanted, load->path)) {
-        snprintf(error, 300, "%.100s: %s", path, strerror(errno));
-        return false;
-    }
-    size_t n = strlen(root);
-    struct stat st;
-    if (strncmp(load->path, root, n) || load->path[n] != '/' || stat(load->path, &st) ||
-        !S_ISREG(st.st_mode)) {
-        snprintf(error, 300,
-                 "%.100s: not a file inside the models folder (links that lead out of "
-                 "it are not followed)",
-                 path);
-        return false;
-    }
     return true;
 }
 
@@ -575,35 +783,78 @@ static bool check_material(struct load *load)
     return true;
 }
 
+// Two names of which one is, or lies in, the other cannot be in one folder.
+static bool names_clash(const char *a, const char *b)
+{
+    size_t n = strlen(a), m = strlen(b), least = n < m ? n : m;
+    return !strncmp(a, b, least) && (n == m || (n < m ? b : a)[least] == '/');
+}
+
+static bool check_file(struct load *load, size_t index)
+{
+    const Relight__FileRef *f = message_of(load)->files[index];
+    if (!safe_name(f->name)) {
+        request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
+                     "files[%zu]: the name is not a plain relative path", index);
+        return false;
+    }
+    if (!blobs_has(load->server->blobs, f->blob)) {
+        request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
+                     "%.100s: its blob was not uploaded", f->name);
+        return false;
+    }
+    for (size_t i = 0; i < load->n_file; i++) {
+        const struct load_file *other = &load->file[i];
+        if (!strcmp(other->name, f->name) && !strcmp(other->hash, f->blob)) return true;
+        if (!names_clash(other->name, f->name)) continue;
+        request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                     "files[%zu]: %.100s cannot be beside %.100s: one name for two things",
+                     index, f->name, other->name);
+        return false;
+    }
+    if (add_file(load, f->name, f->blob, NULL)) return true;
+    request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+    return false;
+}
+
 static bool check_files(struct load *load)
 {
-    const Relight__LoadRequest *r = message_of(load);
-    struct relight_sha256 sha;
-    relight_sha256_init(&sha);
-    for (size_t i = 0; i < r->n_files; i++) {
-        const Relight__FileRef *f = r->files[i];
-        if (!safe_name(f->name)) {
-            request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
-                         "files[%zu]: the name is not a plain relative path", i);
-            return false;
-        }
-        if (!blobs_has(load->server->blobs, f->blob)) {
-            request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
-                         "%.100s: its blob was not uploaded", f->name);
-            return false;
-        }
-        // The first file's name matters for its ending only, the others are referred to by
-        // theirs.
-        const char *dot = strrchr(f->name, '.');
-        const char *name = i ? f->name : dot ? dot : "";
-        relight_sha256_add(&sha, name, strlen(name) + 1);
-        relight_sha256_add(&sha, f->blob, BLOB_HASH);
-    }
-    relight_sha256_hex(&sha, load->source);
+    for (size_t i = 0; i < message_of(load)->n_files; i++)
+        if (!check_file(load, i)) return false;
+    hash_source(load);
     return true;
 }
 
-// Has every uploaded file checked, one after another, before any of them is used.
+// Only an upload or words: any other text would be a path to the baker.
+static bool check_env(struct load *load)
+{
+    const Relight__LoadRequest *r = message_of(load);
+    char error[300];
+    if (!r->bake || !r->bake->env[0]) return true;
+    int code = env_canonical(r->bake->env, load->env, error);
+    if (!code && !strncmp(load->env, "env:", 4) &&
+        !blobs_has(load->server->blobs, load->env + 4)) {
+        code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+        request_fail(load->request, code, "bake.env: %.80s was not uploaded", r->bake->env);
+    } else if (code) {
+        request_fail(load->request, code,
+                     "bake.env %.60s: neither env:HASH nor constant[:R,G,B] with radiances in "
+                     "[0, 1e6]",
+                     r->bake->env);
+    }
+    return !code;
+}
+
+// The uploads a load needs: its files, then its environment. NULL past the last.
+static const char *needed_blob(const struct load *load, size_t index)
+{
+    size_t n = message_of(load)->n_files ? load->n_file : 0;
+    bool light = !strncmp(load->env, "env:", 4);
+    if (index < n) return load->file[index].hash;
+    return index == n && light ? load->env + 4 : NULL;
+}
+
+// Has every upload checked, one after another, before any of them is used.
 static void check_next(struct load *load);
 
 static void blob_checked(struct blob_waiter *waiter)
@@ -615,25 +866,18 @@ static void blob_checked(struct blob_waiter *waiter)
 
 static void check_next(struct load *load)
 {
-    const Relight__LoadRequest *r = message_of(load);
-    struct blobs *blobs = load->server->blobs;
-    bool light = r->bake && !strncmp(r->bake->env, "env:", 4);
-    size_t n = r->n_files + light, i = load->n_checked++;
-    const char *before = !i ? NULL : i <= r->n_files ? r->files[i - 1]->blob : r->bake->env + 4;
-    if (before && !blobs_has(blobs, before)) {
+    size_t i = load->n_checked++;
+    const char *before = i ? needed_blob(load, i - 1) : NULL, *hash = needed_blob(load, i);
+    if (before && !blobs_has(load->server->blobs, before)) {
         FAIL(load, NOT_FOUND, "%.12s… was damaged on the daemon's disk: upload it again",
              before);
-    } else if (i < n) {
+    } else if (hash) {
         load->blob_waiter.wake = blob_checked;
-        blobs_check(blobs, i < r->n_files ? r->files[i]->blob : r->bake->env + 4,
-                    &load->blob_waiter);
-    } else if (r->n_files) {
+        blobs_check(load->server->blobs, hash, &load->blob_waiter);
+    } else if (message_of(load)->n_files) {
         source_known(load);
     } else {
-        load->work.run = run_hash;
-        load->work.done = done_hash;
-        load->work.class = WORK_INTERACTIVE;
-        work_submit(load->server->work, &load->work);
+        import_next(load);
     }
 }
 
@@ -647,7 +891,6 @@ void models_load(struct request *request)
 {
     const Relight__LoadRequest *r = (const Relight__LoadRequest *)request->message;
     struct load *load = calloc(1, sizeof *load);
-    char error[300];
     if (!load) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
@@ -656,6 +899,7 @@ void models_load(struct request *request)
     load->request = request;
     request->state = load;
     request->abandon = abandon;
+    snprintf(load->owner, sizeof load->owner, "%s", request->conn->principal->name);
     if (!r->n_files == !r->path[0]) {
         FAIL(load, BAD_REQUEST, "either files or path names the model, not both");
         return;
@@ -670,33 +914,10 @@ void models_load(struct request *request)
         FAIL(load, OUT_OF_RANGE, "%s", bad);
         return;
     }
-    if (r->bake && !strncmp(r->bake->env, "env:", 4) &&
-        !blobs_has(load->server->blobs, r->bake->env + 4)) {
-        FAIL(load, NOT_FOUND, "bake.env: %.80s was not uploaded", r->bake->env);
-        return;
-    }
-    if (r->bake && r->bake->env[0] && strncmp(r->bake->env, "env:", 4) &&
-        strncmp(r->bake->env, "constant", 8)) {
-        FAIL(load, BAD_REQUEST, "bake.env: neither env:HASH nor constant");
-        return;
-    }
-    snprintf(load->name, sizeof load->name, "%s",
-             r->name[0] ? r->name : file_part(r->n_files ? r->files[0]->name : r->path));
-    if (r->path[0]) {
-        if (!inside_models(load, r->path, error)) {
-            FAIL(load, FORBIDDEN, "%s", error);
-            return;
-        }
-        struct model *m = model_from_prt(load->server->models, load->path, load->name);
-        if (m) {
-            m->pinned |= r->pin;
-            if (r->name[0]) snprintf(m->name, sizeof m->name, "%s", r->name);
-            open_and_answer(load, m);
-            return;
-        }
-    }
-    if (!check_material(load) || (r->n_files && !check_files(load))) {
-        free(load); // the request is answered
+    name_printable(r->name[0] ? r->name : file_part(r->n_files ? r->files[0]->name : r->path),
+                   load->name, sizeof load->name);
+    if (!check_env(load) || (r->n_files && (!check_material(load) || !check_files(load)))) {
+        drop_load(load); // the request is answered
         return;
     }
     check_next(load);

@@ -64,7 +64,7 @@ static void put_normal(const float in[3], float out[3])
 // time.
 static void forget_old_shapes(struct model *m)
 {
-    char prefix[64];
+    char prefix[96];
     for (uint64_t g = m->generation; g > 0 && g + 2 > m->generation; g--) {
         // What the bake answers is of the file's shape, whatever moves.
         if (g == m->baked_generation) continue;

@@ -221,7 +221,8 @@ void op_view_open(struct request *request)
 {
     const Relight__ViewOpenRequest *in = (const Relight__ViewOpenRequest *)request->message;
     char error[300];
-    struct model *model = models_find(request->server->models, in->model, error);
+    struct model *model =
+        models_find(request->server->models, request->conn->principal->name, in->model, error);
     struct view *v = model ? calloc(1, sizeof *v) : NULL;
     if (!v) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s",

@@ -9,8 +9,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 struct reading {
     struct model *model;
@@ -27,7 +25,8 @@ static void not_read(struct reading *r, int status, const char *error, const cha
     m->mesh_error_code = code;
     snprintf(m->mesh_error, sizeof m->mesh_error, "%s", error);
     log_line(LOG_EVENT, "model id=%s not read error=\"%s\"", m->id, error);
-    if (model_is_last(m)) unlink(path); // else somebody is to write or has written the same
+    // Else somebody is to write or has written the same.
+    if (model_is_last(m)) file_remove(m->server->file_queue, path);
     cache_fail(r->entry, code, error);
     cache_release(r->entry);
 }
@@ -37,19 +36,13 @@ static void read_done(void *user, int status, const char *error, const char *war
     struct reading *r = user;
     struct model *m = r->model;
     char path[PATH_MAX];
-    struct stat st;
     model_preview_path(m->server, m->id, path);
-    if (r->folder[0]) remove_tree(r->folder);
-    if (!status && stat(path, &st)) {
-        status = PRT_IO;
-        error = "the model's mesh was not written";
-    }
+    file_remove(m->server->file_queue, r->folder);
     if (status || m->gone) {
         not_read(r, status, error, path);
     } else {
         m->mesh = MESH_THERE;
         if (warnings[0] && !m->warnings) m->warnings = strdup(warnings);
-        blobs_charge(m->server->blobs, st.st_size);
         log_line(LOG_EVENT, "model id=%s read ms=%.1f", m->id, (double)ms);
         if (m->state != RELIGHT__MODEL_STATE__MODEL_READY) model_remember(m);
         model_start_opening(m, r->entry, path, true);
@@ -65,7 +58,7 @@ void preview_start(struct model *m, const struct decode_model *order, const char
     bool fresh;
     struct reading *r = NULL;
     if (m->mesh == MESH_THERE || m->mesh == MESH_READING || !(r = calloc(1, sizeof *r))) {
-        if (folder[0]) remove_tree(folder);
+        file_remove(m->server->file_queue, folder);
         return;
     }
     snprintf(key, sizeof key, "%s/mesh", m->key);
@@ -85,7 +78,7 @@ void preview_start(struct model *m, const struct decode_model *order, const char
 void preview_remove(struct model *m)
 {
     char key[sizeof m->key + 8], path[PATH_MAX];
-    struct stat st;
+    model_charge_preview(m, 0);
     snprintf(key, sizeof key, "%s/mesh", m->key);
     struct cache_entry *e = cache_find(m->server->files, key);
     bool opening = e && e->state == CACHE_PENDING;
@@ -95,8 +88,7 @@ void preview_remove(struct model *m)
     m->mesh = MESH_NONE;
     cache_forget(m->server->files, key, true);
     model_preview_path(m->server, m->id, path);
-    if (!stat(path, &st)) blobs_charge(m->server->blobs, -(int64_t)st.st_size);
-    unlink(path);
+    file_remove(m->server->file_queue, path);
 }
 
 struct cache_entry *model_mesh_open(struct model *m, int *code, char error[256])

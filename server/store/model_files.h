@@ -1,18 +1,37 @@
 /* SPDX-License-Identifier: MIT */
-/* load.h owns what models.c and op_load.c share of the registry. */
-#ifndef RELIGHTD_LOAD_H
-#define RELIGHTD_LOAD_H
+/* model_files.h owns what the registry's own files share: models.c, catalogue.c, model_open.c,
+ * mesh_import.c, imports.c and op_load.c. */
+#ifndef RELIGHTD_MODEL_FILES_H
+#define RELIGHTD_MODEL_FILES_H
 
 #include "store/models.h"
 
-struct model *model_by_id(struct models *models, const char *id);
-struct model *model_add(struct models *models, const char *id, const char *name);
-/* The model of a .prt in --models; NULL when it is none. */
-struct model *model_from_prt(struct models *models, const char *path, const char *name);
+struct server *models_server(const struct models *models);
+struct model *model_by_id(const struct models *models, const char *id);
+struct model *model_add(struct models *models, const char *id, const char *name,
+                        const char *owner);
+/* Out of the registry; who holds it may go on with it. */
+void model_take_out(struct model *model);
+/* Another name of a model: its owner's replaces the first, anybody else's is an alias. */
+void model_set_name(struct model *model, const char *owner, const char *name);
+/* A copy of a .prt of --models is there: it is a model. NULL when there is no memory. */
+struct model *models_found(struct models *models, struct import_copy *copy, const char *name);
+/* Forgets models whose file of --models has other content by now, unless they are in use. */
+void models_drop_replaced(struct models *models);
+/* name is text, with or without its ending. */
+bool name_matches(const char *name, const char *text);
+int64_t wall_ns(void);
+
 void model_bake_path(const struct server *server, const char *id, char path[PATH_MAX]);
 void model_preview_path(const struct server *server, const char *id, char path[PATH_MAX]);
 /* Nobody has forgotten it, or loaded it again since: its files may go with it. */
-bool model_is_last(const struct model *model);
+bool model_is_last(const struct model *m);
+/* Charges the bake's or preview's file to the owner; 0: it is gone. */
+void model_charge_bake(struct model *model, uint64_t bytes);
+void model_charge_preview(struct model *model, uint64_t bytes);
+/* What was opened and computed for it goes; `all`: also what is under way. */
+void model_forget_results(struct model *model, bool all);
+
 /* Opens a .prt on a worker and fills the entry, of which it takes a reference. */
 void model_start_opening(struct model *model, struct cache_entry *entry, const char *path,
                          bool preview);
@@ -22,9 +41,12 @@ struct decode_model;
 void preview_start(struct model *model, const struct decode_model *order, const char *folder);
 /* The bake is there, or the model is forgotten. */
 void preview_remove(struct model *model);
-void remove_tree(const char *folder);
 /* Looks what LIST is to say of a baked model before it is opened, behind every request. */
 void model_read_header(struct model *model);
-/* Writes the catalogue's entry. */
+
+/* catalogue.c: DATA/models/ID.json, from which a restart knows the models. */
 void model_remember(const struct model *model);
+void model_forget_record(const struct model *model);
+/* At start: reads the catalogue and removes what a killed daemon left half done. Blocks. */
+void catalogue_read(struct models *models);
 #endif

@@ -1,20 +1,24 @@
 /* SPDX-License-Identifier: MIT */
 /* models.h owns the registry: what is loaded, how it came to be, and the open .prt files that
  * requests lease. received -> preview -> baking -> ready <-> unloaded, or failed. A model's id
- * is the hash of its source's bytes, material and settings, so the same load twice is one
- * model, and its bake DATA/bakes/ID.prt is found again after a restart. Until it is baked, its
- * mesh is DATA/previews/ID.prt, a file without light transport. */
+ * is the hash of its source's bytes, material and settings, and of the versions of the baker
+ * and of the .prt format, so the same load twice is one model, and its bake DATA/bakes/ID.prt
+ * is found again after a restart. Until it is baked, its mesh is DATA/previews/ID.prt, a file
+ * without light transport. The file of a .prt of --models is its copy (imports.h).
+ * Thread-safety: loop thread only; nothing here blocks but models_create. */
 #ifndef RELIGHTD_MODELS_H
 #define RELIGHTD_MODELS_H
 
 #include "store/cache.h"
+#include "store/file_queue.h"
+#include "store/imports.h"
 #include "prt/raster.h"
 #include "prt/transport.h"
 #include "core/server.h"
 
 #include <limits.h>
 
-enum { MODEL_ID = 16 };
+enum { MODEL_ID = 32, MODEL_SHOWN = 16 }; /* hex digits; as many are shown to people */
 
 /* Known once a model was opened; kept while it is unloaded. */
 struct model_facts {
@@ -36,6 +40,12 @@ struct model_watcher {
     void (*changed)(struct model_watcher *watcher);
 };
 
+/* A further name of a model, which a principal other than its owner gave it. */
+struct model_alias {
+    struct model_alias *next;
+    char owner[96], name[128];
+};
+
 enum mesh_state {
     MESH_NONE,
     MESH_READING,
@@ -46,13 +56,19 @@ enum mesh_state {
 struct model {
     struct model *next;
     struct server *server;
-    char id[MODEL_ID + 1], name[128];
+    char id[MODEL_ID + 1], name[128]; /* the name its first owner gave it */
+    char owner[96]; /* principal that pays for its files; DISK_NOBODY for those of --models */
+    struct model_alias *alias;
     char key[MODEL_ID + 12]; /* begins its cache keys and names its folders: no other struct has
                               * it, not even of the same id, forgotten and loaded again */
     int state;               /* Relight__ModelState; READY and UNLOADED by model_state() */
     bool checked;            /* every byte of its bake was read once */
-    bool pinned, foreign;    /* foreign: the .prt lies in --models and is not ours to delete */
-    char prt[PATH_MAX];
+    bool pinned;
+    struct import_copy *copy; /* of a .prt of --models; NULL: the model was baked here */
+    uint64_t bake_bytes, preview_bytes; /* charged to the owner; 0: no file, or not yet known */
+    int64_t used_ns;                    /* wall clock: last opened or loaded */
+    bool preparing;                     /* a LOAD lays out its files; others wait in `loads` */
+    struct load *loads;
     struct job *job; /* while it is open */
     char job_id[24]; /* the last one's; "": none was */
     struct cache_entry *pin;
@@ -78,14 +94,16 @@ struct model {
 int models_create(struct server *server, struct models **out);
 void models_destroy(struct models *models);
 
-/* An id, its unique beginning of at least 4 letters, or a unique name (with or without its
- * ending). NULL with error text where there is none. */
-struct model *models_find(struct models *models, const char *text, char error[256]);
+/* An id, the unique beginning of one (at least 8 digits), or a name with or without its ending.
+ * Of several models with the name the asker's own goes first, then that of the file of
+ * --models; of others there may be one only. asker: a principal's name. NULL with error text,
+ * which lists the ids where the name is ambiguous. */
+struct model *models_find(struct models *models, const char *asker, const char *text,
+                          char error[256]);
+/* The name under which this principal knows the model. */
+const char *model_name_for(const struct model *model, const char *asker);
 /* One after another; start with NULL. */
 struct model *models_next(const struct models *models, const struct model *model);
-/* Looks for .prt files that were put into --models. */
-void models_scan(struct models *models);
-
 int model_state(const struct model *model); /* Relight__ModelState */
 
 /* The open file of a baked model, with a lease the caller releases: READY (value is a

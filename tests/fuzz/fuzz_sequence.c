@@ -382,7 +382,10 @@ static void one_sequence(void)
     for (int i = 0; i < N_PEER; i++) close_peer(&peers[i]);
     if (!bakes_first) end_all_bakes();
     settle();
+    // A model that is being read or opened lives on for that while, and its vertices with it.
     const char *left = rooms_leftover();
+    for (double end = now_s() + 20; left && now_s() < end; left = rooms_leftover())
+        rooms_turn(20);
     if (left) {
         fprintf(stderr, "all clients have gone and this is left: %s\n", left);
         fail("something is left");

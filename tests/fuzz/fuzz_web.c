@@ -25,7 +25,9 @@
 
 static struct rnd r;
 static struct world world;
-static struct bytes input; // of the case under way
+enum { LIFE_EVERY = 50 };
+static struct bytes inputs[LIFE_EVERY]; // of the cases since the daemon was last seen alive
+static struct bytes input;              // of the case under way
 static uint64_t seed = 1;
 static unsigned long n_case, n_answered;
 static pid_t daemon_pid;
@@ -41,12 +43,18 @@ static void show_log(void)
 
 static void fail(const char *what)
 {
-    char name[64];
+    char name[64], path[96];
     snprintf(name, sizeof name, "crash-%ld", (long)getpid());
-    FILE *file = fopen(name, "wb");
-    if (file && input.n) fwrite(input.at, 1, input.n, file);
-    if (file) fclose(file);
-    fprintf(stderr, "fuzz_web: %s; case %lu of seed %llu, its bytes are in %s; the log ends:\n",
+    mkdir(name, 0777);
+    for (unsigned i = 0; i < LIFE_EVERY; i++) {
+        snprintf(path, sizeof path, "%s/%02u", name, i);
+        FILE *file = inputs[i].n ? fopen(path, "wb") : NULL;
+        if (file) fwrite(inputs[i].at, 1, inputs[i].n, file);
+        if (file) fclose(file);
+    }
+    fprintf(stderr,
+            "fuzz_web: %s; case %lu of seed %llu, what was sent lately is in %s/; the log "
+            "ends:\n",
             what, n_case, (unsigned long long)seed, name);
     show_log();
     if (daemon_pid) kill(daemon_pid, SIGKILL);
@@ -407,12 +415,16 @@ int main(int argc, char **argv)
     for (double end = now_s() + seconds; now_s() < end; n_case++) {
         input.n = 0;
         one_case();
-        if (n_case % 50 == 0) expect_life();
+        struct bytes *kept = &inputs[n_case % LIFE_EVERY];
+        kept->n = 0;
+        bytes_add(kept, input.at, input.n);
+        if (n_case % LIFE_EVERY == LIFE_EVERY - 1) expect_life();
     }
     expect_life();
     stop_daemon();
     nftw(folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
     free(input.at);
+    for (unsigned i = 0; i < LIFE_EVERY; i++) free(inputs[i].at);
     printf("%lu cases, %lu answered\n", n_case, n_answered);
     return n_answered ? 0 : 1;
 }

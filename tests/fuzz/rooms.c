@@ -5,6 +5,7 @@
 #include "core/server.h"
 #include "net/connection.h"
 #include "net/request.h"
+#include "render/shared/geometry.h"
 #include "store/models.h"
 
 #include <stdio.h>
@@ -277,6 +278,15 @@ unsigned rooms_long_requests(void)
     return n;
 }
 
+// Moved vertices stay with their model, and who moved them pays on.
+static uint64_t charged_for_models(void)
+{
+    uint64_t n = 0;
+    for (struct model *m = NULL; (m = models_next(server.models, m));)
+        n += m->pose ? m->pose->charged : 0;
+    return n;
+}
+
 const char *rooms_leftover(void)
 {
     static const enum ledger_resource of_clients[] = {LEDGER_CONNECTIONS,   LEDGER_REQUESTS,
@@ -286,15 +296,16 @@ const char *rooms_leftover(void)
     if (server.n_connection || server.connections || server.closed) return "a connection";
     if (server.n_request) return "a request";
     if (jobs_open(server.jobs)) return "a bake";
-    // Vertices that were moved stay so, and stay paid for, until their model is unloaded.
-    for (struct model *m = NULL; (m = models_next(server.models, m));)
-        if (m->pose) model_unload(m, false);
-    for (size_t i = 0; i < sizeof of_clients / sizeof *of_clients; i++)
-        if (ledger_total(server.ledger, of_clients[i])) {
-            snprintf(text, sizeof text, "%llu of %s in the ledger",
-                     (unsigned long long)ledger_total(server.ledger, of_clients[i]),
-                     ledger_name(of_clients[i]));
-            return text;
-        }
+    // Shapes that are kept for reuse hold vertices that were moved before.
+    if (ledger_total(server.ledger, LEDGER_PAYLOAD) != charged_for_models())
+        cache_forget(server.cache, "", false);
+    for (size_t i = 0; i < sizeof of_clients / sizeof *of_clients; i++) {
+        uint64_t held = ledger_total(server.ledger, of_clients[i]);
+        if (of_clients[i] == LEDGER_PAYLOAD) held -= charged_for_models();
+        if (!held) continue;
+        snprintf(text, sizeof text, "%llu of %s in the ledger", (unsigned long long)held,
+                 ledger_name(of_clients[i]));
+        return text;
+    }
     return NULL;
 }

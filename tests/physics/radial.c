@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Radial bases: their errors against METHODS' table, conservation, continuity, exactness.
-#include "prt/radial.h"
+#include "medium/radial.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -249,6 +249,21 @@ static void test_material_walk(void **state)
         }
 }
 
+/* Fits a function given at the grid, linear in between; returns the error. */
+static double project(const struct prt_radial *pub, const double *node, float *coef)
+{
+    static const double at[2] = {0.21132486540518712, 0.78867513459481288}; /* Gauss points */
+    static float f[1][RADIAL_MAX_QUAD];
+    const struct radial *radial = (const struct radial *)pub;
+    double inside = 0;
+    for (uint32_t q = 0; q < radial->n_quad; q++) {
+        double v = node[q / 2] + at[q & 1] * (node[q / 2 + 1] - node[q / 2]);
+        f[0][q] = (float)v;
+        inside += radial->measure[q] * v;
+    }
+    return prt_radial_project(radial, 1, f, &inside, coef);
+}
+
 /* A profile in the span comes back as its own coefficients. */
 static void test_exact_in_span(void **state)
 {
@@ -280,7 +295,7 @@ static void test_exact_in_span(void **state)
                     profile[k] += (double)c0[j] * radial->value[j * radial->n_grid + k];
             }
         }
-        assert_int_equal(prt_radial_fit_profile(radial, profile, coef, &error), PRT_OK);
+        error = project(radial, profile, coef);
         if (!(error < 2e-5)) fail_msg("row %zu: error %g", i, error);
         for (uint32_t j = 0; !pieces && j < radial->n_function; j++)
             if (!(fabsf(coef[j] - c0[j]) < 2e-4f))

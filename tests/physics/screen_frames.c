@@ -1,27 +1,28 @@
 // SPDX-License-Identifier: MIT
-// screen/: frames of a view: kernels, receivers, budgets, foreseen errors, running means.
+// screen/: frames of a view: kernels, receivers, budgets, expected errors, running means.
 #include "screen_stage.h"
 
-// Every kernel gives the C kernel's sums, guarded at odd counts, and says how fast it is.
+// Every kernel gives the C kernel's sums and writes nothing beyond its points; speeds are
+// printed.
 static void pair_kernels_agree(void **state)
 {
     struct prt_diffusion d[3];
     for (int c = 0; c < 3; c++) prt_diffusion_init(&d[c], 1 + c, 0.01, 1.3);
     struct radial_table t;
-    radial_table_fit(&t, prt_screen_dipole_profile, d, d[2].z_r, 60);
+    prt_radial_table_fit(&t, prt_dipole_profile, d, d[2].z_r, 60);
     struct prt_rng rng;
     prt_rng_init(&rng, 2, 0);
     // the table: R_d where it matters
     for (int i = 0; i < 1000; i++) {
         double r = 0.01 * pow(2000, i / 1000.0), exact[3];
         float got[3];
-        prt_screen_dipole_profile(d, r, exact);
-        radial_table_eval(&t, (float)(r * r), got);
+        prt_dipole_profile(d, r, exact);
+        prt_radial_table_eval(&t, (float)(r * r), got);
         for (int c = 0; c < 3; c++)
             assert_true(fabs(got[c] - exact[c]) < 0.02 * exact[c] + 1e-6 * d[c].rho_d);
     }
     struct emitters e = {0};
-    assert_true(emitters_reserve(&e, 3000));
+    assert_true(prt_emitters_reserve(&e, 3000));
     for (int i = 0; i < 2777; i++) {
         float p[3], w[3];
         for (int k = 0; k < 3; k++) {
@@ -42,7 +43,7 @@ static void pair_kernels_agree(void **state)
     for (int k = 0; k < 3; k++) {
         unsigned mask;
         assert_int_equal(prt_cpu_parse(word[k], &mask), PRT_OK);
-        pair_fn run = pair_kernel(mask & prt_cpu_detect());
+        pair_fn run = prt_pair_kernel(mask & prt_cpu_detect());
         memset(block.sum, 0, sizeof block.sum);
         run(&t, &e, 3, 2771, 48, p, sum);
         if (!k) memcpy(first, block.sum, sizeof first);
@@ -56,11 +57,11 @@ static void pair_kernels_agree(void **state)
         print_message("pairs, %s: %.2f G/s\n", word[k],
                       20 * 2777 * 64 / (prt_time_s() - t0) / 1e9);
     }
-    emitters_finish(&e);
+    prt_emitters_finish(&e);
 }
 
-// Receivers share light among pixels of one patch only: a picture with a few looks like one
-// with a receiver at every pixel, and weights of a point add up to one.
+// Points interpolate receivers of their own patch only, near them, with weights that add up to
+// 1; larger receivers are fewer.
 static void receivers_stand_for_their_patch(void **state)
 {
     struct model model;
@@ -82,8 +83,8 @@ static void receivers_stand_for_their_patch(void **state)
     uint32_t before = UINT32_MAX;
     for (uint32_t size = 1; size <= 4; size *= 2) {
         const struct view_cache *v, *again;
-        assert_int_equal(view_get(&f, size, &v), PRT_OK);
-        assert_int_equal(view_get(&f, size, &again), PRT_OK);
+        assert_int_equal(prt_view_get(&f, size, &v), PRT_OK);
+        assert_int_equal(prt_view_get(&f, size, &again), PRT_OK);
         assert_true(v == again && v->n_receiver < before && v->n_receiver <= s.g.n_point);
         before = v->n_receiver;
         uint32_t *object = malloc((v->n_column + 1) * sizeof *object);
@@ -112,7 +113,7 @@ static void receivers_stand_for_their_patch(void **state)
     model_finish(&model);
 }
 
-// More time, more samples, less error foreseen; nonsense is refused.
+// More time gives more samples and less expected error; budgets out of range are refused.
 static void budgets_buy_samples(void **state)
 {
     struct model model;
@@ -121,13 +122,14 @@ static void budgets_buy_samples(void **state)
     struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
     struct stage s;
     stage_init(&s, &model, camera, 100, 100);
+    struct prt_screen_input input = {
+        .visibility = s.vis, .material = &marble, .n_extra = 1, .extra = &from_front};
     for (int e = 0; e < 4; e++) {
         struct prt_screen_plan plan, before = {0};
         for (double ms = 2; ms < 500; ms *= 2) {
             struct prt_screen_options options = {0};
-            assert_int_equal(prt_screen_plan(&quiet, s.screen, s.vis, &marble,
-                                             (enum prt_screen_engine)e, false, 0, ms, &options,
-                                             &plan),
+            assert_int_equal(prt_screen_plan(&quiet, s.screen, &input,
+                                             (enum prt_screen_engine)e, ms, &options, &plan),
                              PRT_OK);
             assert_true(options.n_sample == plan.n_sample && (int)options.engine == e);
             assert_true(plan.expected_error > 0 && plan.expected_error <= 1);
@@ -145,24 +147,21 @@ static void budgets_buy_samples(void **state)
     }
     struct prt_screen_options options = {0};
     struct prt_screen_plan plan;
-    assert_int_equal(
-        prt_screen_choose(&quiet, s.screen, s.vis, &marble, false, 0, 50, &options, &plan),
-        PRT_OK);
+    assert_int_equal(prt_screen_choose(&quiet, s.screen, &input, 50, &options, &plan), PRT_OK);
     assert_true(options.n_sample == plan.n_sample && options.engine == plan.engine);
-    assert_int_equal(prt_screen_plan(&quiet, s.screen, s.vis, &marble, PRT_SCREEN_REFERENCE,
-                                     false, 0, 50, &options, &plan),
-                     PRT_ARG);
+    assert_int_equal(
+        prt_screen_plan(&quiet, s.screen, &input, PRT_SCREEN_REFERENCE, 50, &options, &plan),
+        PRT_ARG);
     static const double bad[] = {0, -1, NAN, INFINITY};
     for (int i = 0; i < 4; i++)
-        assert_int_equal(prt_screen_choose(&quiet, s.screen, s.vis, &marble, false, 0, bad[i],
-                                           &options, &plan),
+        assert_int_equal(prt_screen_choose(&quiet, s.screen, &input, bad[i], &options, &plan),
                          PRT_ARG);
     stage_finish(&s);
     model_finish(&model);
 }
 
-// What a frame says of its own error is not much less than it is, whatever light and medium:
-// the first frame is checked, later ones go by it.
+// The expected error of a frame is not much less than its error, for all lights and media: the
+// first frame is checked, and later ones take its ratio.
 static void errors_are_foreseen(void **state)
 {
     static const float sigma[3][2] = {{0.7f, 0.0014f}, {2.19f, 0.0021f}, {7.38f, 0.0002f}};
@@ -221,7 +220,7 @@ static void errors_are_foreseen(void **state)
     model_finish(&model);
 }
 
-// The mean of frames goes to the exact sum; a frame's number and seed make its picture.
+// The mean of 24 frames converges to the exact sum.
 static void frames_average_to_the_reference(void **state)
 {
     struct model model;
@@ -229,45 +228,78 @@ static void frames_average_to_the_reference(void **state)
     add_sphere(&model, (float[3]){0, 0, 0}, 5, 32);
     struct prt_camera camera = {.eye = {0, 3, 30}, .up = {0, 1, 0}, .fovy_deg = 24};
     struct prt_screen_light light = {{0.3f, 0.8f, 0.5f}, {3, 3, 3}, false};
-    struct prt_shade shade = {.eta = 1.5f, .fresnel = true};
     static const uint32_t count[4] = {48, 16, 400, 100};
     struct stage s;
     stage_init(&s, &model, camera, 64, 64);
+    struct prt_screen_options exact = {.engine = PRT_SCREEN_REFERENCE, .n_sample = 80000};
+    pixels want = render(&s, &marble, NULL, &light, exact, NULL);
+    pixels mean = malloc((s.g.n_point + 1) * sizeof *mean);
     for (int e = 0; e < 4; e++) {
-        struct prt_screen_options options = {
-            .engine = (enum prt_screen_engine)e, .n_sample = count[e], .measure_error = true};
-        struct prt_screen_progress *p;
-        assert_int_equal(prt_screen_progress_create(&quiet, s.screen, s.vis, &p), PRT_OK);
-        double before = 0, after = 0;
+        double before = 0, after = 0, change = 0;
         for (uint32_t k = 0; k < 24; k++) {
+            struct prt_screen_options options = {
+                .engine = (enum prt_screen_engine)e, .n_sample = count[e], .frame = k};
             struct prt_screen_report report;
-            struct prt_image image;
-            assert_int_equal(prt_screen_progress_image(&quiet, p, &marble, NULL, 1, &light,
-                                                       &options, &shade, &image, &report),
-                             PRT_OK);
+            pixels b = render(&s, &marble, NULL, &light, options, &report);
             assert_int_equal(report.frame, k);
-            for (int i = 0; i < 64 * 64 * 3; i++) assert_true(isfinite(image.rgb[i]));
-            prt_image_finish(&image);
-            if (!k) before = report.error;
-            after = report.error;
+            change = prt_screen_mean_add(k, s.g.n_point, (const float(*)[3])b, mean);
+            after = relative(mean, want, s.g.n_point);
+            if (!k) {
+                before = after;
+                assert_memory_equal(mean, b, s.g.n_point * sizeof *b);
+                assert_float_equal(change, 0, 0);
+            }
+            free(b);
         }
-        assert_int_equal(prt_screen_progress_frames(p), 24);
-        print_message("24 frames, %s: %.2f %%, then %.2f %%\n",
-                      prt_screen_engine_name(options.engine), 100 * before, 100 * after);
+        print_message("24 frames, %s: %.2f %%, then %.2f %%; the last changed %.2f %%\n",
+                      prt_screen_engine_name((enum prt_screen_engine)e), 100 * before,
+                      100 * after, 100 * change);
         // tangent's irradiance is no finer than these pixels, however many the samples
         assert_true(after < 0.8 * before && after < 0.022);
-        prt_screen_progress_restart(p);
-        assert_int_equal(prt_screen_progress_frames(p), 0);
-        prt_screen_progress_destroy(p);
-        options.measure_error = false;
-        options.frame = 5;
-        options.seed = 3;
-        pixels a = render(&s, &marble, NULL, &light, options, NULL);
-        pixels b = render(&s, &marble, NULL, &light, options, NULL);
-        assert_true(memcmp(a, b, s.g.n_point * sizeof *a) == 0);
+        assert_true(change > 0 && change < before);
+    }
+    free(mean);
+    free(want);
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+// Frame k weighs k + 1: of frames 1, 2, 3 the mean is (1 + 4 + 9) / 6.
+static void later_frames_weigh_more(void **state)
+{
+    float mean[1][3], black[1][3] = {{0}};
+    for (uint32_t k = 0; k < 3; k++) {
+        float picture[1][3] = {{(float)(k + 1), 2 * (float)(k + 1), 0}};
+        double before = k ? (double)mean[0][0] : 0;
+        double change = prt_screen_mean_add(k, 1, (const float(*)[3])picture, mean);
+        assert_float_equal(
+            change, k ? fabs((double)mean[0][0] / before - 1) * before / (double)mean[0][0] : 0,
+            1e-6);
+    }
+    assert_float_equal(mean[0][0], 14.0 / 6, 1e-6);
+    assert_float_equal(mean[0][1], 28.0 / 6, 1e-6);
+    assert_true(prt_screen_mean_add(0, 1, (const float(*)[3])black, mean) < 0);
+}
+
+// A frame's number and seed make its picture.
+static void frames_repeat(void **state)
+{
+    struct model model;
+    model_init(&model, 20000, 40000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 5, 24);
+    struct prt_camera camera = {.eye = {0, 3, 30}, .up = {0, 1, 0}, .fovy_deg = 24};
+    static const uint32_t count[4] = {48, 16, 400, 100};
+    struct stage s;
+    stage_init(&s, &model, camera, 48, 48);
+    for (int e = 0; e < 4; e++) {
+        struct prt_screen_options options = {
+            .engine = (enum prt_screen_engine)e, .n_sample = count[e], .frame = 5, .seed = 3};
+        pixels a = render(&s, &marble, NULL, &from_front, options, NULL);
+        pixels b = render(&s, &marble, NULL, &from_front, options, NULL);
+        assert_memory_equal(a, b, s.g.n_point * sizeof *a);
         options.frame = 6;
-        pixels c = render(&s, &marble, NULL, &light, options, NULL);
-        assert_true(memcmp(a, c, s.g.n_point * sizeof *a) != 0);
+        pixels c = render(&s, &marble, NULL, &from_front, options, NULL);
+        assert_memory_not_equal(a, c, s.g.n_point * sizeof *a);
         free(a);
         free(b);
         free(c);
@@ -276,8 +308,8 @@ static void frames_average_to_the_reference(void **state)
     model_finish(&model);
 }
 
-// A light that turns by half a degree changes the picture as the exact sum says, and no more:
-// its samples stay where they were as far as they can (S09: no flicker).
+// A light that rotates by half a degree changes the picture by as much as the exact sum, since
+// samples keep their positions as far as possible (S09: no flicker).
 static void samples_stay_from_frame_to_frame(void **state)
 {
     struct model model;
@@ -325,6 +357,8 @@ int main(void)
         cmocka_unit_test(budgets_buy_samples),
         cmocka_unit_test(errors_are_foreseen),
         cmocka_unit_test(frames_average_to_the_reference),
+        cmocka_unit_test(later_frames_weigh_more),
+        cmocka_unit_test(frames_repeat),
         cmocka_unit_test(samples_stay_from_frame_to_frame),
     };
     return cmocka_run_group_tests(tests, screen_setup, screen_teardown);

@@ -2,7 +2,7 @@
 // screen/: M03's radii.
 #include "screen_stage.h"
 
-// M03's radii have density 2 pi r R_d / rho_d, the mean over channels.
+// Law (M03 eq 7): radii have the density 2 pi r R_d / rho_d, the mean over channels.
 static void tangent_radii_follow_rd(void **state)
 {
     struct prt_diffusion d[3];

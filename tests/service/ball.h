@@ -15,7 +15,7 @@ enum { RINGS = 16, SIDES = 24, N_VERTEX = 2 + (RINGS - 1) * SIDES, SIDE = 96, CU
 extern struct daemon d;
 extern struct relight_client *client;
 extern struct relight_error error;
-extern char ball[32]; // loaded with --preview, never baked
+extern char ball[ID_SIZE]; // loaded with --preview, never baked
 extern const struct relight_light white;
 
 void write_ball(const char *path, float stretch);

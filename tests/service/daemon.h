@@ -35,7 +35,7 @@ struct daemon {
 static const char octahedron[] = "v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n"
                                  "f 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\n"
                                  "f 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n";
-enum { OCTAHEDRON_VERTICES = 6 };
+enum { OCTAHEDRON_VERTICES = 6, ID_SIZE = 40 }; // a model id is 32 hex digits
 
 static inline void sleep_ms(int ms)
 {
@@ -207,12 +207,12 @@ static inline int load_octahedron(struct relight_client *client, const struct da
 // The same, and waits for its bake.
 static inline void bake_octahedron(struct relight_client *client, const struct daemon *d,
                                    const char *name, const struct relight_load *load,
-                                   char id[32])
+                                   char id[ID_SIZE])
 {
     struct relight_error error;
     struct relight_loaded loaded;
     OK(load_octahedron(client, d, name, load, &loaded, &error));
-    snprintf(id, 32, "%s", loaded.model);
+    snprintf(id, ID_SIZE, "%s", loaded.model);
     if (loaded.job[0]) OK(relight_watch(client, loaded.job, NULL, NULL, &error));
     relight_loaded_finish(&loaded);
 }
@@ -236,7 +236,7 @@ static inline int load_small(struct relight_client *client, const struct daemon 
 
 // The one small bake that most tests use.
 static inline void bake_small(struct relight_client *client, const struct daemon *d,
-                              char id[32])
+                              char id[ID_SIZE])
 {
     struct relight_load load = small_bake(0, 200);
     bake_octahedron(client, d, "small.obj", &load, id);

@@ -371,6 +371,31 @@ static void test_upgrades(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// A body that nobody reads, behind a request that is answered at once: the daemon closes, and
+// goes on serving others.
+static void test_bodies(void **state)
+{
+    static const char first[] = "GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n";
+    static const char *const second[] = {
+        "POST /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\n\r\nhello",
+        "GET /nothing HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\n\r\nhello",
+        "POST / HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+        "5\r\nhello\r\n0\r\n\r\n"};
+    const char *const extra[] = {"--http", "127.0.0.1:0", NULL};
+    daemon_start(&d, extra);
+    for (size_t i = 0; i < sizeof second / sizeof *second; i++) {
+        char both[400], answer[2048];
+        int fd = tcp_connect("127.0.0.1", port_of(d.http));
+        snprintf(both, sizeof both, "%s%s", first, second[i]);
+        assert_int_equal(http_ask(fd, both, answer, sizeof answer), 200);
+        assert_true(closes(fd, 5000));
+        close(fd);
+        assert_int_equal(get("/healthz", "localhost", ""), 200);
+        served();
+    }
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // A refused client is told so: ERROR with code 6 (BUSY), a text, and retry_after_ms.
 static void test_full_says_busy(void **state)
 {
@@ -707,6 +732,7 @@ int main(void)
         cmocka_unit_test_teardown(test_metrics_want_the_token, after_each),
         cmocka_unit_test(test_web_access_rules),
         cmocka_unit_test_teardown(test_upgrades, after_each),
+        cmocka_unit_test_teardown(test_bodies, after_each),
         cmocka_unit_test_teardown(test_full_says_busy, after_each),
         cmocka_unit_test_teardown(test_no_hello, after_each),
         cmocka_unit_test_teardown(test_reader_that_stops, after_each),

@@ -4,7 +4,7 @@
 #include "ask.h"
 
 static struct daemon d;
-static char joint[32], polynomial[32];
+static char joint[ID_SIZE], polynomial[ID_SIZE];
 
 static const char wax[] = "{\"name\":\"wax\",\"profile\":\"burley\",\"albedo\":[0.9,0.7,0.4],"
                           "\"mean_free_path\":[0.6,0.5,0.4]}";
@@ -14,7 +14,7 @@ static const char slab_text[] = "{\"profile\":\"multipole\",\"layers\":[{\"thick
                                 "{\"sigma_s_prime\":[2,2,3],\"sigma_a\":[0.1,0.2,0.3]}]}";
 
 static void bake(struct relight_client *client, const char *name, const char *material,
-                 enum relight_transport transport, const char *env, char id[32])
+                 enum relight_transport transport, const char *env, char id[ID_SIZE])
 {
     struct relight_load load = {.size_mm = 10,
                                 .material = material,
@@ -213,7 +213,7 @@ static void test_profile_bakes(void **state)
     struct relight_client *client = client_open(d.address);
     struct relight_error error;
     struct relight_model info;
-    char id[32], again[32];
+    char id[ID_SIZE], again[ID_SIZE];
     float out[N_COLOR], bound;
     bake(client, "wax.obj", wax, RELIGHT_TRANSPORT_WAVELET, NULL, id);
     OK(ask(client, id, "constant", NULL, 0, out, &bound, &error));

@@ -4,7 +4,7 @@
 // sum.
 #include "ball.h"
 
-static char dressed[32]; // a ball with uv
+static char dressed[ID_SIZE]; // a ball with uv
 
 // The ball, each vertex with a place in the unit square.
 static void write_dressed(const char *path)

@@ -58,7 +58,7 @@ static bool went(struct worker *w, const char *what, int status,
 #define WENT(call) went(w, #call, call, &error)
 
 // One of a few materials, so that ids meet; each is a model of its own.
-static bool load_one(struct worker *w, struct relight_client *c, bool preview, char id[32])
+static bool load_one(struct worker *w, struct relight_client *c, bool preview, char id[ID_SIZE])
 {
     static const char *const material[] = {"marble", "skin1"};
     struct relight_error error;
@@ -70,7 +70,7 @@ static bool load_one(struct worker *w, struct relight_client *c, bool preview, c
     load.pin = !draw(w, 8);
     snprintf(path, sizeof path, "%s/stress.obj", w->d->folder);
     if (!WENT(relight_load_file(c, path, &load, NULL, NULL, &loaded, &error))) return false;
-    snprintf(id, 32, "%s", loaded.model);
+    snprintf(id, ID_SIZE, "%s", loaded.model);
     relight_loaded_finish(&loaded);
     return true;
 }
@@ -151,7 +151,7 @@ static void *race(void *arg)
     struct worker *w = arg;
     struct relight_client *c = client_open(w->d->address);
     struct relight_error error;
-    char id[32] = "none";
+    char id[ID_SIZE] = "none";
     double end = now_s() + run_s;
     bool bakes = w->number >= 10;
     while (now_s() < end && !w->wrong[0]) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Contractions over whole tensors against their definition, the laws they keep (linearity,
-// order of contraction, sameness over threads and lights), and answers in the command's words.
+// Contractions of whole tensors against their definition and their laws (linearity, order of
+// contraction, independence of threads and of other lights), and answers against the command
+// contract.
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -569,10 +570,9 @@ static void compare_many(const struct prt_transport *t)
     free(bound);
 }
 
-// Several questions share one reading of the transport and hear what each would hear alone:
-// tensors with the same clusters or others, with opaque vertices among them and without,
-// sparse.
-static void many_questions_equal_one_by_one(void **state)
+// Queries that are answered in one pass get the values that each gets alone. Tensors have the
+// same clusters or others, opaque vertices among them or not, or are sparse.
+static void many_queries_equal_one_by_one(void **state)
 {
     struct synthetic_options pairs = kind[6], single = kind[0];
     pairs.cube = 16;
@@ -595,7 +595,7 @@ static void many_questions_equal_one_by_one(void **state)
     }
 }
 
-static void wrong_questions_are_refused(void **state)
+static void wrong_queries_are_refused(void **state)
 {
     struct prt_context ctx = quiet();
     struct prt_transport t;
@@ -614,7 +614,7 @@ static void wrong_questions_are_refused(void **state)
 }
 
 // total = F_t(eta, w_o) [multiple + sum_k Y_k(w_o') plane_k], clamped; W05 section 5.
-static void answers_speak_the_contract(void **state)
+static void answers_follow_the_command_contract(void **state)
 {
     struct prt_context ctx = quiet();
     struct prt_transport t;
@@ -860,9 +860,9 @@ int main(void)
         cmocka_unit_test(threads_change_no_bit),
         cmocka_unit_test(material_and_light_commute),
         cmocka_unit_test(wrong_calls_are_refused),
-        cmocka_unit_test(many_questions_equal_one_by_one),
-        cmocka_unit_test(wrong_questions_are_refused),
-        cmocka_unit_test(answers_speak_the_contract),
+        cmocka_unit_test(many_queries_equal_one_by_one),
+        cmocka_unit_test(wrong_queries_are_refused),
+        cmocka_unit_test(answers_follow_the_command_contract),
         cmocka_unit_test(materials_move),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -333,7 +333,7 @@ struct relight_model {
 };
 
 /* Describes a model.
- * model: its id, the unique beginning of one (four letters or more), or its name when that
+ * model: its id, the unique beginning of one (eight digits or more), or its name when that
  * is unique.
  * Returns 0 and *out, to be freed by relight_model_finish. -RELIGHT_E_NOT_FOUND.
  * Thread-safety: Safe. Blocks for a round trip. */

@@ -1,5 +1,9 @@
 /* SPDX-License-Identifier: MIT */
-/* prt/base.h owns what every room stands on: status codes, the context, memory, threads. */
+/* prt/base.h owns what every room uses: status codes, the context with its log and progress,
+ * memory, threads, random numbers, files and the isolated child process.
+ *
+ * Functions with a context log one line for an error and return a status; *out is set last, on
+ * success only. ctx may be NULL where it is said. Functions do not block unless it is said. */
 #ifndef PRT_BASE_H
 #define PRT_BASE_H
 
@@ -12,7 +16,7 @@
 extern "C" {
 #endif
 
-/* name, code, text. Functions return 0 or one of the negative codes. */
+/* name, code, text. Functions return PRT_OK or one of the negative codes. */
 #define PRT_STATUS_LIST(X)                                        \
     X(OK, 0, "done")                                              \
     X(ARG, -1, "argument out of range")                           \
@@ -60,57 +64,67 @@ int prt_cpu_parse(const char *word, unsigned *mask);
 const char *prt_cpu_word(unsigned mask);
 
 enum prt_log_level { PRT_LOG_ERROR, PRT_LOG_WARNING, PRT_LOG_NOTE };
+/* line: without newline and control characters, valid during the call. Any thread may call it.
+ */
 typedef void (*prt_log_fn)(void *user, enum prt_log_level level, const char *line);
 
-/* fraction in [0,1] of the named stage; eta_s < 0 when unknown. Non-zero return cancels. */
+/* fraction: of the named stage, [0,1]. eta_s: seconds left, negative when unknown. A return
+ * other than 0 cancels. Called on the thread that made the call. */
 typedef int (*prt_progress_fn)(void *user, const char *stage, double fraction, double eta_s);
 
 struct prt_pool;
 
-/* What a call works with. A plain struct: fill it with prt_context_init and change fields.
- * It may be shared by threads as long as its callbacks may. */
+/* The resources and callbacks of a call. Initialise it with prt_context_init, then set fields.
+ * It borrows everything it points to. Threads may share it if its callbacks are thread-safe. */
 struct prt_context {
     prt_log_fn log; /* NULL: errors and warnings to stderr */
     void *log_user;
     prt_progress_fn progress; /* NULL: none */
     void *progress_user;
-    struct prt_pool *pool; /* NULL: everything on the calling thread */
-    unsigned cpu;          /* enum prt_cpu mask */
+    struct prt_pool *pool; /* NULL: all work on the calling thread */
+    unsigned cpu;          /* mask of enum prt_cpu */
     uint64_t memory_limit; /* bytes one call may allocate for a file's content; 0: 8 GiB */
     uint64_t image_limit;  /* bytes of one image's pixels as floats; 0: memory_limit */
 };
+/* Empty, with cpu = prt_cpu_detect(). */
 void prt_context_init(struct prt_context *ctx);
 
-/* Logs one line (no newline at the end). ctx may be NULL. */
+/* Logs one line; fmt has no newline. ctx may be NULL: errors and warnings go to stderr.
+ * Thread-safe if the callback is. */
 void prt_log(const struct prt_context *ctx, enum prt_log_level level, const char *fmt, ...)
     __attribute__((format(printf, 3, 4)));
 /* Logs an error line and returns `status`, so that `return prt_fail(...)` reads well. */
 int prt_fail(const struct prt_context *ctx, int status, const char *fmt, ...)
     __attribute__((format(printf, 3, 4)));
-/* Reports progress; PRT_CANCELLED when the callback asks to stop, else 0. */
+/* Reports progress: PRT_CANCELLED when the callback returns other than 0. ctx may be NULL. */
 int prt_progress(const struct prt_context *ctx, const char *stage, double fraction);
 
-/* 64-byte aligned memory. n*size overflow and 0 bytes give NULL. Free with prt_free. */
+/* n*size bytes, aligned to 64 (from 4 MiB on to huge pages). NULL when memory is short, when
+ * n*size overflows, or for 0 bytes. The caller frees them with prt_free. Thread-safe.
+ * prt_calloc: zeroed. */
 void *prt_alloc(size_t n, size_t size);
 void *prt_calloc(size_t n, size_t size);
 void prt_free(void *p);
-/* true when a*b (or a+b) does not fit size_t; *out gets the result otherwise */
+/* True when a*b does not fit size_t; otherwise *out is the product. */
 static inline bool prt_mul_overflow(size_t a, size_t b, size_t *out)
 {
     return __builtin_mul_overflow(a, b, out);
 }
 
-/* A pool of threads. n_thread counts the caller too; 0 takes the machine's cores.
- * Thread-safe: several callers may run loops at once, they share the workers. */
+/* A pool of threads for prt_parallel_for. n_thread counts the calling thread; 0: as many as the
+ * machine has cores. Fewer are started where the system refuses more. PRT_NOMEM. Several
+ * threads may run loops at once; they share the workers. Destroy it when no loop runs; this
+ * blocks until the threads end. */
 int prt_pool_create(unsigned n_thread, struct prt_pool **out);
 void prt_pool_destroy(struct prt_pool *pool);
-unsigned prt_pool_size(const struct prt_pool *pool); /* 1 for NULL */
+unsigned prt_pool_size(const struct prt_pool *pool); /* threads with the caller; 1 for NULL */
 
-/* Calls fn(arg, begin, end, worker) over [0,n) cut into pieces of `grain` (the last may be
- * shorter): the cut does not depend on the thread count, so results need not either.
- * worker < prt_pool_size is unique among pieces running at once. Blocks until done. A non-zero
- * return of fn stops the loop early and is returned (the first one seen). Progress, when stage
- * is not NULL, is reported from the calling thread. */
+/* Calls fn(arg, begin, end, worker) for the pieces of `grain` items that make up [0,n); the
+ * last may be shorter. Pieces do not depend on the number of threads, so results need not
+ * either. worker is below prt_pool_size and unique among pieces that run at once. Blocks until
+ * all pieces are done. The first status other than 0 that fn returns stops the loop and is
+ * returned. With stage, progress is reported on the calling thread at most ten times a second,
+ * and PRT_CANCELLED is possible. ctx may be NULL. Thread-safe. */
 typedef int (*prt_loop_fn)(void *arg, size_t begin, size_t end, unsigned worker);
 int prt_parallel_for(const struct prt_context *ctx, const char *stage, size_t n, size_t grain,
                      prt_loop_fn fn, void *arg);
@@ -118,7 +132,8 @@ int prt_parallel_for(const struct prt_context *ctx, const char *stage, size_t n,
 double prt_time_s(void);                                         /* monotonic seconds */
 uint64_t prt_hash64(const void *bytes, size_t n, uint64_t seed); /* XXH3 */
 
-/* PCG32: small, seekable by (seed, stream), the same everywhere. */
+/* PCG32 (O'Neill 2014): the same numbers on every machine; streams of one seed are independent.
+ * Each generator belongs to one thread. */
 struct prt_rng {
     uint64_t state, inc;
 };
@@ -156,20 +171,27 @@ int prt_isolate(const struct prt_context *ctx, const char *what,
                 const struct prt_isolate_limits *limits, prt_isolate_fn fn, void *arg,
                 struct prt_blob *out);
 
-/* Isolated children of this process that a signal other than their limits' ended. */
+/* How many isolated children of this process ended by a signal other than those of their
+ * limits. Thread-safe. */
 unsigned prt_isolate_crashes(void);
 
-/* Whole file into memory; PRT_LIMIT above max_bytes. Caller prt_free()s out->bytes. */
+/* A regular file's bytes, with a 0 byte after them that size does not count. The caller frees
+ * out->bytes with prt_free. Blocks. PRT_LIMIT: more than max_bytes; PRT_FORMAT: empty; PRT_IO.
+ */
 int prt_read_file(const struct prt_context *ctx, const char *path, uint64_t max_bytes,
                   struct prt_blob *out);
-/* The same of an open file from its beginning; errors call it `name`. fd stays open. */
+/* The same for an open file, from its beginning. name opens the error line; fd stays open. */
 int prt_read_fd(const struct prt_context *ctx, const char *name, int fd, uint64_t max_bytes,
                 struct prt_blob *out);
-/* Writes to PATH.tmp-PID, fsync, rename, fsync of the folder: nothing half-written. */
+/* Writes a file whole or not at all: to PATH.tmp-PID, then fsync, rename, fsync of the folder.
+ * Devices and pipes are written in place. Blocks. PRT_IO: the file is as it was, no temporary
+ * file stays. */
 int prt_write_file(const struct prt_context *ctx, const char *path, const void *bytes,
                    size_t n);
-/* The same piece by piece, for files too large to build in memory. After a failed write only
- * prt_writer_abandon (removes the temporary file) is left; finish fsyncs, renames and frees. */
+/* The same piece by piece, for files too large for memory. A writer belongs to one thread and
+ * ends with prt_writer_finish, which renames the file, or with prt_writer_abandon, which
+ * removes the temporary file; both free the writer, whatever they return. After a failed write
+ * the writer can only be abandoned. */
 struct prt_writer;
 int prt_writer_open(const struct prt_context *ctx, const char *path, struct prt_writer **out);
 int prt_writer_write(struct prt_writer *writer, const void *bytes, size_t n);

@@ -1,5 +1,19 @@
 /* SPDX-License-Identifier: MIT */
-/* prt/relight.h owns the contraction kernels: light and material meet transport. */
+/* prt/relight.h owns the contraction of transport with light and material (METHODS section 5).
+ *
+ * All functions block until they are done, divide their work among ctx->pool, use the
+ * instruction sets that ctx->cpu allows, and are thread-safe: transports, contracted lights and
+ * contracted transports are read-only, and outputs belong to the caller. They return PRT_OK or
+ * a negative status and log one line for an error. After an error, arrays that were to be
+ * filled hold nothing of meaning and *out of a create function is NULL. PRT_NOMEM and, with a
+ * progress callback, PRT_CANCELLED are possible everywhere and not repeated below.
+ *
+ * Accuracy. Results of one light agree with the definition to f32 rounding: each colour to 1e-5
+ * of the sum of the absolute values of its terms. Where the machine has AVX-512 VNNI, rows of
+ * pairs under three lights or more, and expansions of four planes or more, use 16-bit integers:
+ * the colours of a bake then differ from those of one light alone by some 3e-5 RMS under a sky,
+ * up to 8e-5 under lamps and suns, and by about 1e-4 of the largest; for rows of random signs,
+ * whose sums cancel, by 2e-4 (prt-bench relight_file and relight_factored print both). */
 #ifndef PRT_RELIGHT_H
 #define PRT_RELIGHT_H
 
@@ -10,141 +24,172 @@
 extern "C" {
 #endif
 
-/* Several lights in one call share the reading. Where the machine has VNNI, three lights or
- * more meet rows of pairs, and four phase planes or more are expanded, in 16-bit integers: a
- * bake's colours then differ from those of one light alone by some 3e-5 RMS under a sky, up to
- * 8e-5 under lamps and suns, and by about 1e-4 of the largest; rows of random signs, whose sums
- * cancel, by 2e-4 (prt-bench relight_file, relight_factored print both). Otherwise, and
- * elsewhere, by f32 rounding. */
+/* Lights of one call share one pass over the transport. */
 enum { PRT_RELIGHT_MAX_LIGHTS = 16 };
 
-/* Number of colour planes a tensor gives: its n_phase. */
+/* ---- one tensor -------------------------------------------------------------------------- */
 
-/* Step 1, FACTORED only: rows . light.  out[light][n_row][P][3] with P = n_phase for DIAGONAL,
- * n_function for FULL. Lights are Haar vectors of the tensor's cube size, PRT_MISMATCH else. */
+/* Step 1: FACTORED rows times lights.
+ * light: [n_light] Haar vectors of the tensor's cube, n_light in [1, PRT_RELIGHT_MAX_LIGHTS].
+ * out: [n_light][n_row][P][3] with P = n_phase for DIAGONAL, n_function for FULL; linear RGB.
+ * PRT_MISMATCH: a light of another cube; PRT_ARG: other storage, other n_light. */
 int prt_contract_light(const struct prt_context *ctx, const struct prt_tensor *tensor,
                        unsigned n_light, const struct prt_light *const light[], float *out);
-/* FULL only: folds radial functions with material coefficients, per phase plane:
- * in [n_row][n_phase][n_radial][3] (one light of step 1), coef [n_radial][3] ->
- * out [n_row][n_phase][3]. */
+
+/* Step 1b, FULL only: folds the radial functions with a material's coefficients.
+ * in: [n_row][n_phase][n_radial][3], one light of step 1. coef: [n_radial][3].
+ * out: [n_row][n_phase][3]. PRT_ARG: the tensor is not FULL and FACTORED. */
 int prt_contract_material(const struct prt_context *ctx, const struct prt_tensor *tensor,
                           const float *in, const float *coef, float *out);
-/* Material first: rows of a FULL tensor folded with coef [n_radial][3] into DIAGONAL rows of
- * f16, freshly allocated (free with prt_rows_finish). Same answers either way round. */
+
+/* The other order: folds a material (coef [n_radial][3]) into the rows of a FULL, FACTORED
+ * tensor. *out gets DIAGONAL rows of halves [n_row] over [n_phase][3] in arrays of its own,
+ * which the caller frees with prt_rows_finish. Light then gives the colours of the order above,
+ * but for the rounding of the rows to halves. PRT_ARG: another tensor, or one without rows. */
 int prt_rows_fold(const struct prt_context *ctx, const struct prt_tensor *tensor,
                   const float *coef, struct prt_rows *out);
-/* Step 2, FACTORED: colours from contracted rows b[light][n_row][n_phase][3], weighting the
- * phase planes: color[light][plane][n_vertex][3] in FILE vertex order, linear RGB. Adds to
- * color when `add`, else overwrites. */
+
+/* Step 2, FACTORED: colour[v] = sum_r U[v][r] b[r].
+ * b: [n_light][n_row][n_phase][3], contracted rows. color: [n_light][n_phase][n_vertex][3],
+ * vertices in the file's order, linear RGB radiance. add: adds to color; false: overwrites it.
+ * PRT_ARG: other storage, more than PRT_RELIGHT_MAX_LIGHTS * 16 planes. */
 int prt_expand(const struct prt_context *ctx, const struct prt_tensor *tensor, unsigned n_light,
                const float *b, bool add, float *color);
-/* SPARSE in one step: the same output as prt_expand. */
+
+/* Both steps for SPARSE storage, DIAGONAL: color as prt_expand gives it. PRT_MISMATCH: a light
+ * of another cube; PRT_ARG: other storage, other n_light. */
 int prt_relight_sparse(const struct prt_context *ctx, const struct prt_tensor *tensor,
                        unsigned n_light, const struct prt_light *const light[], bool add,
                        float *color);
-/* RADIAL: color[plane][v][ch] = sum_j coef[j][ch] U[plane][j][ch][v]. */
+
+/* RADIAL storage (polynomial transport): color[plane][v][ch] = sum_j coef[j][ch]
+ * U[plane][j][ch][v], coef: [n_radial][3]. PRT_ARG: other storage. */
 int prt_relight_radial(const struct prt_context *ctx, const struct prt_tensor *tensor,
                        const float *coef, bool add, float *color);
-/* Any of the above: the whole tensor under lights. coef NULL unless FULL/RADIAL; lights are
- * ignored by RADIAL. color[light][n_phase][n_vertex][3]. */
+
+/* Any tensor under lights: the steps that its storage needs. coef: [n_radial][3] for FULL and
+ * RADIAL, NULL otherwise. light is ignored for RADIAL, which gives the planes once. color:
+ * [n_light][n_phase][n_vertex][3]. PRT_ARG: coef missing or not wanted. */
 int prt_relight(const struct prt_context *ctx, const struct prt_tensor *tensor,
                 unsigned n_light, const struct prt_light *const light[], const float *coef,
                 bool add, float *color);
 
-/* What one tensor gives to a sum of several: FACTORED or RADIAL. */
+/* One tensor of a sum: FACTORED or RADIAL. The arrays are borrowed for the call. */
 struct prt_term_input {
     const struct prt_tensor *tensor;
-    const float *lit;         /* FACTORED: prt_contract_light's, of one light */
+    const float *lit;         /* FACTORED: prt_contract_light's output for one light */
     const float *coef;        /* FULL, RADIAL: [n_radial][3]; NULL otherwise */
-    const float (*factor)[3]; /* [n_phase] plane k's channels are multiplied by; NULL: 1 */
-    const uint8_t *dark;      /* [n_cluster] not 0: gives nothing to this cluster; NULL: none */
+    const float (*factor)[3]; /* [n_phase] factors of plane k's channels; NULL: 1 */
+    const uint8_t *dark;      /* [n_cluster] not 0: adds nothing to this cluster; NULL: none */
 };
 enum { PRT_MOST_PARTS = 4 };
-/* color[k][n_vertex][3] = the sum over parts of their plane k, k < n_plane, overwritten; planes
- * from n_plane on are not computed. All tensors are of one model. One pass: materials are
- * folded into a cluster's contracted rows just before its vertices. n_part in [1,
- * PRT_MOST_PARTS]. */
+
+/* color[k][n_vertex][3] = the sum over the inputs of their plane k, k < n_plane in [1,16],
+ * overwritten; further planes are not computed. All tensors are of one model. Materials are
+ * folded into a cluster's contracted rows just before its vertices are computed, so one pass
+ * suffices. PRT_ARG: n_part outside [1, PRT_MOST_PARTS], n_plane, or an input without what it
+ * needs. */
 int prt_sum_parts(const struct prt_context *ctx, unsigned n_part,
                   const struct prt_term_input part[], unsigned n_plane, float *color);
 
-/* What is asked of a transport, in the words of the command contract. */
-enum prt_answer_term {
-    PRT_ANSWER_MULTIPLE,
-    PRT_ANSWER_SINGLE,
-    PRT_ANSWER_TOTAL,
-};
-/* A transport's bases contracted with one light, shared by every edit under it: what is left of
- * a question is the material (METHODS section 5: light once, then material by request). Not for
- * sparse storage, PRT_MISMATCH. Refers to `transport`, which must outlive it; read-only after.
+struct prt_radial; /* prt/radial.h */
+/* The radial basis of a FULL or RADIAL tensor, made from the table in the file. The caller
+ * destroys *out with prt_radial_destroy. PRT_ARG: the tensor has no basis. */
+int prt_tensor_radial(const struct prt_context *ctx, const struct prt_transport *transport,
+                      const struct prt_tensor *tensor, struct prt_radial **out);
+
+/* ---- a transport contracted with one of its two free quantities
+ * -------------------------------- */
+
+/* A transport's bases contracted with one light, for many materials under it (METHODS section
+ * 5: light once, then one material per query). Read-only; refers to `transport`, which must
+ * outlive it.
  */
 struct prt_contracted_light;
+/* light: of the transport's cube size. PRT_MISMATCH: sparse storage, or another cube size. */
 int prt_contracted_light_create(const struct prt_context *ctx,
                                 const struct prt_transport *transport,
                                 const struct prt_cube *light,
                                 struct prt_contracted_light **out);
-void prt_contracted_light_destroy(struct prt_contracted_light *lit);
+void prt_contracted_light_destroy(struct prt_contracted_light *lit); /* NULL: nothing */
 size_t prt_contracted_light_bytes(const struct prt_contracted_light *lit);
 
-/* A joint transport with one material put in, contracted by the material first (METHODS
- * section 5, the other way round): what is left is a wavelet transport, for lights that move
- * while the material stays. A question's material is NULL then. The least entries,
- * PRT_FIXED_ERROR of what colours are made of (RMS over lights), are dropped.
- * Takes some tenths of a second. PRT_MISMATCH unless both light and material are free; refers
- * to `transport`, which must outlive it; read-only after. */
+/* A joint transport contracted with one material, for many lights (METHODS section 5, the other
+ * order). It behaves as a wavelet transport: queries give no material. The smallest entries are
+ * dropped, up to PRT_FIXED_ERROR of the colours (RMS over lights). Read-only; refers to
+ * `transport`, which must outlive it. */
 #define PRT_FIXED_ERROR 3e-3
 struct prt_contracted_transport;
+/* Takes some tenths of a second. PRT_MISMATCH: the transport is not joint, or the material has
+ * another eta; PRT_ARG: the radial basis does not cover the material. */
 int prt_contracted_transport_create(const struct prt_context *ctx,
                                     const struct prt_transport *transport,
                                     const struct prt_material *material,
                                     struct prt_contracted_transport **out);
-void prt_contracted_transport_destroy(struct prt_contracted_transport *fixed);
+void prt_contracted_transport_destroy(
+    struct prt_contracted_transport *fixed); /* NULL: nothing */
+/* Lives as long as `fixed`. */
 const struct prt_transport *
 prt_contracted_transport_get(const struct prt_contracted_transport *fixed);
 size_t prt_contracted_transport_bytes(const struct prt_contracted_transport *fixed);
 
+/* ---- queries ------------------------------------------------------------------------------
+ */
+
+/* The command contract's --term. */
+enum prt_answer_term {
+    PRT_ANSWER_MULTIPLE, /* (1/pi) B, without outgoing Fresnel transmittance */
+    PRT_ANSWER_SINGLE,   /* L^(1), without outgoing Fresnel transmittance */
+    PRT_ANSWER_TOTAL,    /* F_t(eta, w_o) [multiple + single] */
+};
+
+/* Pointers are borrowed for the call. */
 struct prt_query {
     enum prt_answer_term term;
     const struct prt_cube *light;        /* of the transport's cube size; NULL for polynomial */
-    const struct prt_material *material; /* NULL: the baked one; a wavelet transport refuses */
+    const struct prt_material *material; /* NULL: the baked one; NULL for wavelet transport */
     const float *eye;                    /* [3] mm, world; NULL: mean Fresnel, l = 0 phase */
     const struct prt_contracted_light *lit; /* instead of light, when not NULL */
 };
-/* Per-vertex colours [n_vertex][3] in file order (DESIGN, command contract):
- * multiple (1/pi) B; single L1; total F_t(eta, w_o) [..] with the eye, else the cosine-weighted
- * mean transmittance and the phase function's l = 0 part; opaque vertices albedo/pi E. Final
- * radiance is clamped at 0. Nothing in color[] is meant when it fails. */
+
+/* Colours color[n_vertex][3] in the file's vertex order, linear RGB radiance, clamped at 0.
+ * Without an eye F_t is its cosine-weighted mean and the phase function its l = 0 part. Opaque
+ * vertices have albedo/pi E for every term but single, which is 0. PRT_MISMATCH: a light of
+ * another cube, a material for a wavelet transport or of another eta; PRT_ARG: no light where
+ * one is needed, another transport's lit, an eye that is not finite, a material that the radial
+ * basis does not cover. */
 int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, float (*color)[3]);
-/* The parts a renderer needs per pixel: plane 0 holds multiple + h_0 single (view-free part),
- * planes 1.. the other phase planes, before outgoing Fresnel and clamping.
- * planes[n_plane][n_vertex][3]; call with planes NULL to learn *n_plane. phase coefficients
- * needed to weight plane k by are already in the planes: multiply by Y_k(w_o'). */
+
+/* What a renderer shades each pixel from: planes[n_plane][n_vertex][3], before outgoing Fresnel
+ * transmittance and clamping. Plane 0 does not depend on the view: multiple + Y_00 single.
+ * Planes 1 and on are to be multiplied by Y_k(w_o'); everything else is in them. planes NULL:
+ * only *n_plane is set. Statuses as prt_answer_colors; *n_plane is set last. */
 int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, unsigned *n_plane, float *planes);
-/* The largest share of R_d (of e^(-sigma_t r)) that a free material may lose to the basis. */
+
+/* n queries, n in [1, PRT_RELIGHT_MAX_LIGHTS], in one pass over the transport where they differ
+ * only in their lights. out[i]: colours [n_vertex][3], or, where planes[i], prt_answer_planes'
+ * output. Statuses as prt_answer_colors; the first query that fails fails the call. */
+int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *transport,
+                    unsigned n, const struct prt_query query[], const bool planes[],
+                    float *const out[]);
+
+/* The largest part of R_d (of e^(-sigma_t r)) that a radial basis may lose of a material. */
 #define PRT_MATERIAL_MOST_ERROR 0.10
-/* To a basis of X07's kinds, polynomials and hats, which are there to be compared with. */
+/* The same for X07's own bases, polynomials and hats, which serve for comparison. */
 #define PRT_MATERIAL_MOST_ERROR_X07 0.30
-/* What the radial bases of a joint or polynomial transport leave of a material: the largest
- * integral |dR| over that of R of the tensors that `term` asks, and for multiple scattering 4 %
- * for each sample spacing that a mean free path is short of: what the answer may lose beside
- * the bake's own measured error. <= 0.5 ms. PRT_ARG, naming the parameter and its range, above
- * these (as answers do); PRT_MISMATCH for another eta or a fixed medium. */
+
+/* *error: what a joint or polynomial transport loses of a material, beside the bake's own
+ * measured error. The largest integral of |dR| over that of R among the tensors of `term`;
+ * multiple scattering adds 4 % for each sample spacing that a mean free path is short of
+ *. Takes at most 0.5 ms once the basis is cached. PRT_ARG, with the
+ * parameter and its range in the log: the error exceeds the limits above, as queries refuse it;
+ * PRT_MISMATCH: another eta or a fixed material. *error is set in every case. */
 int prt_answer_material_error(const struct prt_context *ctx,
                               const struct prt_transport *transport,
                               const struct prt_material *material, enum prt_answer_term term,
                               double *error);
-struct prt_radial; /* prt/radial.h */
-/* The radial basis of a FULL or RADIAL tensor, made from its table; caller
- * prt_radial_destroy()s. */
-int prt_tensor_radial(const struct prt_context *ctx, const struct prt_transport *transport,
-                      const struct prt_tensor *tensor, struct prt_radial **out);
-/* Several questions with one reading of the transport: question i goes to out[i], colours
- * [n_vertex][3], or planes as prt_answer_planes gives them where planes[i]. n in
- * [1, PRT_RELIGHT_MAX_LIGHTS]. Nothing in out[] is meant when it fails. */
-int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *transport,
-                    unsigned n, const struct prt_query query[], const bool planes[],
-                    float *const out[]);
 
 #ifdef __cplusplus
 }

@@ -1,0 +1,246 @@
+// SPDX-License-Identifier: MIT
+// The catalogue: a record for each baked or previewed model, and the look at DATA at start.
+#include "store/model_files.h"
+
+#include "core/log.h"
+#include "frame.h"
+#include "relight.pb-c.h"
+#include "store/disk.h"
+
+#include <cjson/cJSON.h>
+#include <dirent.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+enum { OLD_ID = 16 }; // digits of an id before version 0.2
+
+static void record_path(const struct server *server, const char *id, char path[PATH_MAX])
+{
+    snprintf(path, PATH_MAX, "%s/models/%s.json", server->data, id);
+}
+
+void model_remember(const struct model *m)
+{
+    char path[PATH_MAX];
+    if (m->copy) return;
+    cJSON *json = cJSON_CreateObject();
+    cJSON_AddStringToObject(json, "id", m->id);
+    cJSON_AddStringToObject(json, "name", m->name);
+    cJSON_AddStringToObject(json, "owner", m->owner);
+    cJSON_AddBoolToObject(json, "pinned", m->pinned);
+    cJSON_AddStringToObject(json, "warnings", m->warnings ? m->warnings : "");
+    cJSON *aliases = m->alias ? cJSON_AddArrayToObject(json, "aliases") : NULL;
+    for (const struct model_alias *a = m->alias; a; a = a->next) {
+        cJSON *one = cJSON_CreateObject();
+        cJSON_AddStringToObject(one, "owner", a->owner);
+        cJSON_AddStringToObject(one, "name", a->name);
+        cJSON_AddItemToArray(aliases, one);
+    }
+    record_path(m->server, m->id, path);
+    file_write(m->server->file_queue, path, cJSON_Print(json));
+    cJSON_Delete(json);
+}
+
+void model_forget_record(const struct model *m)
+{
+    char path[PATH_MAX];
+    record_path(m->server, m->id, path);
+    if (!m->copy) file_remove(m->server->file_queue, path);
+}
+
+static const char *json_text(const cJSON *json, const char *key)
+{
+    const char *text = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(json, key));
+    return text ? text : "";
+}
+
+static void recall_names(struct model *m, const cJSON *json)
+{
+    const cJSON *one;
+    cJSON_ArrayForEach(one, cJSON_GetObjectItemCaseSensitive(json, "aliases"))
+        model_set_name(m, json_text(one, "owner"), json_text(one, "name"));
+}
+
+static int64_t use_time(const struct stat *st)
+{
+    return (int64_t)st->st_mtim.tv_sec * 1000000000 + st->st_mtim.tv_nsec;
+}
+
+static void recall_files(struct model *m, const struct stat *bake, const struct stat *preview)
+{
+    m->state = bake ? RELIGHT__MODEL_STATE__MODEL_READY : RELIGHT__MODEL_STATE__MODEL_PREVIEW;
+    m->used_ns = use_time(bake ? bake : preview);
+    if (preview) {
+        m->mesh = MESH_THERE;
+        model_charge_preview(m, (uint64_t)preview->st_size);
+    }
+    if (bake) {
+        model_charge_bake(m, (uint64_t)bake->st_size);
+        preview_remove(m);
+        model_read_header(m);
+    }
+}
+
+static void recall(struct models *models, struct server *server, const char *id)
+{
+    struct prt_blob blob;
+    struct stat bake, preview;
+    char record[PATH_MAX], path[PATH_MAX];
+    record_path(server, id, record);
+    if (prt_read_file(NULL, record, 1 << 20, &blob)) return;
+    cJSON *json = cJSON_ParseWithLength(blob.bytes, blob.size);
+    prt_free(blob.bytes);
+    model_bake_path(server, id, path);
+    bool baked = !stat(path, &bake);
+    model_preview_path(server, id, path);
+    bool read = !stat(path, &preview);
+    const char *owner = json_text(json, "owner");
+    struct model *m = NULL;
+    if (json && !strcmp(json_text(json, "id"), id) && (baked || read))
+        m = model_add(models, id, json_text(json, "name"), owner[0] ? owner : DISK_NOBODY);
+    if (m) {
+        m->pinned = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "pinned"));
+        if (json_text(json, "warnings")[0]) m->warnings = strdup(json_text(json, "warnings"));
+        recall_names(m, json);
+        recall_files(m, baked ? &bake : NULL, read ? &preview : NULL);
+        log_line(LOG_EVENT, "model id=%s name=\"%s\" recalled", m->id, m->name);
+    } else {
+        log_line(LOG_WARN, "model id=%s has no bake any more", id);
+        unlink(record);
+    }
+    cJSON_Delete(json);
+}
+
+// ---- ids of 16 digits: the bake keeps its name, a LOAD of its source makes a new one
+
+static void move_file(const struct server *server, const char *from, const char *to,
+                      void (*name)(const struct server *, const char *, char[PATH_MAX]))
+{
+    char old[PATH_MAX], new[PATH_MAX];
+    name(server, from, old);
+    name(server, to, new);
+    if (!access(old, F_OK) && rename(old, new))
+        log_line(LOG_WARN, "file %s cannot be renamed to %s", old, new);
+}
+
+static void migrate(const struct server *server, const char *old)
+{
+    struct relight_sha256 sha;
+    struct prt_blob blob;
+    char hex[65], id[MODEL_ID + 1], path[PATH_MAX], new[PATH_MAX];
+    relight_sha256_init(&sha);
+    relight_sha256_add(&sha, "old id", 7);
+    relight_sha256_add(&sha, old, strlen(old));
+    relight_sha256_hex(&sha, hex);
+    snprintf(id, sizeof id, "%.*s", MODEL_ID, hex);
+    record_path(server, old, path);
+    record_path(server, id, new);
+    if (prt_read_file(NULL, path, 1 << 20, &blob)) return;
+    cJSON *json = cJSON_ParseWithLength(blob.bytes, blob.size);
+    prt_free(blob.bytes);
+    cJSON_DeleteItemFromObjectCaseSensitive(json, "id");
+    if (json) cJSON_AddStringToObject(json, "id", id);
+    char *text = json ? cJSON_Print(json) : NULL;
+    cJSON_Delete(json);
+    if (text && !prt_write_file(NULL, new, text, strlen(text))) {
+        move_file(server, old, id, model_bake_path);
+        move_file(server, old, id, model_preview_path);
+        unlink(path);
+        log_line(LOG_EVENT, "model id=%s is now id=%s: ids have %d digits", old, id, MODEL_ID);
+    }
+    free(text);
+}
+
+static void each_record(const struct server *server, size_t digits,
+                        void (*fn)(void *user, const char *id), void *user)
+{
+    char folder[PATH_MAX], id[MODEL_ID + 1];
+    snprintf(folder, sizeof folder, "%s/models", server->data);
+    DIR *dir = opendir(folder);
+    for (struct dirent *d; dir && (d = readdir(dir));) {
+        if (strlen(d->d_name) != digits + 5 || strcmp(d->d_name + digits, ".json") ||
+            strspn(d->d_name, "0123456789abcdef") != digits)
+            continue;
+        snprintf(id, sizeof id, "%.*s", (int)digits, d->d_name);
+        fn(user, id);
+    }
+    if (dir) closedir(dir);
+}
+
+static void migrate_one(void *user, const char *id)
+{
+    migrate(((struct server *)user), id);
+}
+
+struct recalling {
+    struct models *models;
+    struct server *server;
+};
+
+static void recall_one(void *user, const char *id)
+{
+    recall(((struct recalling *)user)->models, ((struct recalling *)user)->server, id);
+}
+
+// ---- what a killed daemon or baker left
+
+// A bake without a record, perhaps of another daemon, is found by a LOAD of its source.
+static void adopt(struct models *models, const char *id, const struct stat *st)
+{
+    struct model *m = model_add(models, id, id, DISK_NOBODY);
+    if (!m) return;
+    log_line(LOG_EVENT, "model id=%s has a bake and no record", id);
+    recall_files(m, st, NULL);
+}
+
+static void sweep(struct models *models, const struct server *server, const char *name)
+{
+    char folder[PATH_MAX], id[MODEL_ID + 1];
+    snprintf(folder, sizeof folder, "%s/%s", server->data, name);
+    DIR *dir = opendir(folder);
+    for (struct dirent *d; dir && (d = readdir(dir));) {
+        struct stat st;
+        if (fstatat(dirfd(dir), d->d_name, &st, AT_SYMLINK_NOFOLLOW) || !S_ISREG(st.st_mode))
+            continue;
+        snprintf(id, sizeof id, "%.*s", MODEL_ID, d->d_name);
+        bool ours = strspn(d->d_name, "0123456789abcdef") == MODEL_ID &&
+                    !strcmp(d->d_name + MODEL_ID, ".prt");
+        if (ours && model_by_id(models, id)) continue;
+        if (ours && !strcmp(name, "bakes")) {
+            adopt(models, id, &st);
+            continue;
+        }
+        log_line(LOG_EVENT, "file %s/%s belongs to no model and is removed", name, d->d_name);
+        unlinkat(dirfd(dir), d->d_name, 0);
+    }
+    if (dir) closedir(dir);
+}
+
+static void sweep_work(const struct server *server)
+{
+    char folder[PATH_MAX], path[PATH_MAX];
+    snprintf(folder, sizeof folder, "%s/work", server->data);
+    DIR *dir = opendir(folder);
+    for (struct dirent *d; dir && (d = readdir(dir));) {
+        if (!strcmp(d->d_name, ".") || !strcmp(d->d_name, "..")) continue;
+        if (snprintf(path, sizeof path, "%s/%s", folder, d->d_name) >= PATH_MAX) continue;
+        log_line(LOG_EVENT, "folder work/%s was left by a daemon that was killed", d->d_name);
+        remove_tree(path);
+    }
+    if (dir) closedir(dir);
+}
+
+void catalogue_read(struct models *models)
+{
+    struct server *server = models_server(models);
+    struct recalling recalling = {models, server};
+    sweep_work(server);
+    each_record(server, OLD_ID, migrate_one, server);
+    each_record(server, MODEL_ID, recall_one, &recalling);
+    sweep(models, server, "bakes");
+    sweep(models, server, "previews");
+}

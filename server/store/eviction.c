@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: MIT
+// The search for the file to remove next. Sizes and times of use are kept in memory.
+#include "store/eviction.h"
+
+#include "core/log.h"
+#include "relight.pb-c.h"
+#include "store/disk.h"
+#include "store/models.h"
+
+#include <stdio.h>
+#include <string.h>
+
+enum kind { PREVIEW, IMPORT, BAKE, N_KIND };
+
+struct victim {
+    struct model *model;
+    struct import_copy *copy;
+    bool over, open; // its owner holds more than its share; the file is open
+    int64_t used_ns;
+};
+
+uint64_t bakes_bytes(const struct server *server)
+{
+    uint64_t bytes = 0;
+    for (struct model *m = NULL; (m = models_next(server->models, m));) bytes += m->bake_bytes;
+    return bytes;
+}
+
+// Equal parts of the disk for all who hold some of it, none above --client-disk.
+static uint64_t share(const struct server *server)
+{
+    uint64_t n = 0, most = server->options.client_disk;
+    for (const struct principal *p = ledger_first(server->ledger); p; p = p->next)
+        n += p->held[LEDGER_DISK] > 0;
+    uint64_t part = server->options.disk / (n ? n : 1);
+    return most && most < part ? most : part;
+}
+
+// Of two that may go the first: of a principal above its share, closed, longest unused.
+static bool goes_before(const struct victim *a, const struct victim *b)
+{
+    if (a->over != b->over) return a->over;
+    if (a->open != b->open) return !a->open;
+    return a->used_ns < b->used_ns;
+}
+
+static bool may_go(const struct model *m, enum kind kind, bool busy)
+{
+    if (m->pinned || m->preparing || (m->users > 1 && !busy)) return false;
+    if (kind == BAKE)
+        return !m->copy && m->bake_bytes && m->state == RELIGHT__MODEL_STATE__MODEL_READY;
+    return kind == PREVIEW && m->preview_bytes && m->mesh == MESH_THERE &&
+           (m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW ||
+            m->state == RELIGHT__MODEL_STATE__MODEL_FAILED);
+}
+
+static bool is_open(const struct model *m)
+{
+    int state = model_state(m);
+    return state == RELIGHT__MODEL_STATE__MODEL_READY ||
+           state == RELIGHT__MODEL_STATE__MODEL_PREVIEW;
+}
+
+static bool find(const struct server *server, enum kind kind, const char *owner, bool busy,
+                 const struct model *newest, struct victim *best)
+{
+    bool found = false;
+    uint64_t most = share(server);
+    if (kind == IMPORT) {
+        struct import_copy *c = NULL;
+        while ((c = imports_next(server->imports, c))) {
+            struct victim v = {.copy = c, .used_ns = c->used_ns};
+            if (!c->present || c->users || (owner && strcmp(c->owner, owner))) continue;
+            if (!found || goes_before(&v, best)) *best = v;
+            found = true;
+        }
+        return found;
+    }
+    for (struct model *m = NULL; (m = models_next(server->models, m));) {
+        if (m == newest || !may_go(m, kind, busy) || (owner && strcmp(m->owner, owner)))
+            continue;
+        struct victim v = {.model = m, .used_ns = m->used_ns, .open = is_open(m)};
+        v.over = disk_bytes_of(server->ledger, m->owner) > most;
+        if (!found || goes_before(&v, best)) *best = v;
+        found = true;
+    }
+    return found;
+}
+
+static void evict(struct server *server, enum kind kind, const struct victim *v)
+{
+    if (kind == IMPORT) {
+        log_line(LOG_EVENT, "import hash=%.16s dropped for room", v->copy->hash);
+        import_evict(server->imports, v->copy);
+        return;
+    }
+    log_line(LOG_EVENT, "model id=%s name=\"%s\" owner=%s %s dropped for room", v->model->id,
+             v->model->name, v->model->owner, kind == BAKE ? "bake" : "preview");
+    if (kind == BAKE) server->stats.bakes_evicted++;
+    model_unload(v->model, true); // who computes with it goes on: the file stays until then
+}
+
+// owner NULL: anybody's.
+static bool evict_one(struct server *server, enum kind first, const char *owner,
+                      const struct model *newest)
+{
+    struct victim v = {0};
+    for (int busy = 0; busy < 2; busy++)
+        for (enum kind kind = first; kind < N_KIND; kind++)
+            if (find(server, kind, owner, busy, newest, &v)) {
+                evict(server, kind, &v);
+                return true;
+            }
+    return false; // pinned, or not ours: an administrator's choice
+}
+
+bool evict_preview(struct server *server, const char *owner)
+{
+    struct victim v = {0};
+    if (!find(server, PREVIEW, owner, false, NULL, &v)) return false;
+    evict(server, PREVIEW, &v);
+    return true;
+}
+
+static bool evict_of_principal(struct server *server, const struct model *newest)
+{
+    uint64_t most = server->options.client_disk;
+    for (const struct principal *p = ledger_first(server->ledger); most && p; p = p->next) {
+        char name[96];
+        if (p->held[LEDGER_DISK] <= most || !strcmp(p->name, DISK_NOBODY)) continue;
+        snprintf(name, sizeof name, "%s", p->name); // it goes with the last it holds
+        if (evict_one(server, PREVIEW, name, newest)) return true;
+    }
+    return false;
+}
+
+void evict_for_room(struct server *server, const struct model *newest)
+{
+    const struct options *o = &server->options;
+    for (;;) {
+        if (evict_of_principal(server, newest)) continue;
+        if (disk_bytes(server->ledger) > o->disk && evict_one(server, PREVIEW, NULL, newest))
+            continue;
+        if (bakes_bytes(server) > o->bakes_disk && evict_one(server, BAKE, NULL, newest))
+            continue;
+        return;
+    }
+}
+
+void evict_for_upload(struct server *server, const char *owner, uint64_t bytes)
+{
+    const struct options *o = &server->options;
+    uint64_t most = o->client_disk, more = disk_size(bytes) + disk_size(1); // and who owns it
+    if (more > o->disk || (most && more > most)) return; // refused whatever goes
+    while (most && disk_bytes_of(server->ledger, owner) + more > most)
+        if (!evict_one(server, PREVIEW, owner, NULL)) return; // refused, so that no other pays
+    while (disk_bytes(server->ledger) + more > o->disk)
+        if (!evict_one(server, PREVIEW, NULL, NULL)) break;
+}
+
+bool evict_over(const struct server *server, const char *owner, char error[256])
+{
+    const struct options *o = &server->options;
+    uint64_t mine = disk_bytes_of(server->ledger, owner);
+    if (o->client_disk && strcmp(owner, DISK_NOBODY) && mine > o->client_disk)
+        snprintf(error, 256, "%s holds %llu bytes on disk, its limit is %llu (--client-disk)",
+                 owner, (unsigned long long)mine, (unsigned long long)o->client_disk);
+    else if (disk_bytes(server->ledger) > o->disk)
+        snprintf(error, 256, "the disk budget of %llu bytes is spent (--disk)",
+                 (unsigned long long)o->disk);
+    else return false;
+    return true;
+}

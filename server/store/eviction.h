@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: MIT */
+/* eviction.h owns the choice of files under --data that are removed when a budget is spent:
+ * --disk of all, --client-disk of one principal, --bakes-disk of bakes. Previews go first, then
+ * copies of --models, then bakes; all of them can be made again. Among previews and among bakes
+ * those of a principal that holds more than its share go before others, and of these the
+ * longest unused. Loop thread only. */
+#ifndef RELIGHTD_EVICTION_H
+#define RELIGHTD_EVICTION_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct server;
+struct model;
+
+uint64_t bakes_bytes(const struct server *server);
+/* Removes files until the budgets are kept. Kept are pinned models, files that somebody reads
+ * (unless nothing else is left), and those of `newest` (may be NULL). */
+void evict_for_room(struct server *server, const struct model *newest);
+/* The same before an upload of so many bytes. */
+void evict_for_upload(struct server *server, const char *owner, uint64_t bytes);
+/* Forgets the preview that is longest unused, of this owner or (NULL) of all; false: none. */
+bool evict_preview(struct server *server, const char *owner);
+/* Whether more is held than allowed, by this owner or in all; error says which limit it is. */
+bool evict_over(const struct server *server, const char *owner, char error[256]);
+
+#endif

@@ -1,0 +1,604 @@
+// SPDX-License-Identifier: MIT
+// The table of --models' files and of their copies. Copying goes through a queue of its own,
+// one file at a time, so that it holds one worker at most.
+#include "store/imports.h"
+
+#include "core/log.h"
+#include "frame.h"
+#include "relight.pb-c.h"
+#include "core/server.h"
+#include "store/disk.h"
+#include "store/eviction.h"
+#include "store/file_queue.h"
+#include "store/import_file.h"
+#include "store/model_files.h"
+
+#include <cjson/cJSON.h>
+#include <dirent.h>
+#include <errno.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <sys/inotify.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+static const uint64_t poll_ns = 2000000000u, settle_ns = 100000000u;
+
+// A path below --models and the content it had when it was last copied.
+struct indexed {
+    struct indexed *next;
+    char *path;
+    char stamp[IMPORT_STAMP];
+    struct import_copy *copy; // NULL: what is there cannot be used
+    bool missing;             // the file is gone; its copy stays good
+};
+
+struct copying {
+    struct file_task task; // first
+    struct copying *next;
+    struct imports *imports;
+    char path[PATH_MAX], owner[96];
+    struct import_copy *known;
+    char known_stamp[IMPORT_STAMP];
+    struct import_request *waiting;
+    bool scanned; // the folder's scan wants it, whoever leaves
+    atomic_bool stop;
+    struct import_file file;
+};
+
+struct imports {
+    struct server *server;
+    struct file_queue *queue;
+    char folder[PATH_MAX];
+    struct indexed *index;
+    struct import_copy *copy;
+    struct copying *copying;
+    struct import_listed *listed;
+    size_t n_listed;
+    struct loop_timer timer;
+    struct loop_watch watch; // inotify; fd -1: none
+    bool scanning, stopped;
+};
+
+struct scan {
+    struct file_task task; // first
+    struct imports *imports;
+    struct import_entry *entry;
+    size_t n;
+};
+
+int64_t wall_ns(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_REALTIME, &t);
+    return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
+}
+
+// ---- copies
+
+static struct import_copy *find_copy(const struct imports *imports, const char *hash)
+{
+    struct import_copy *copy = imports->copy;
+    while (copy && strcmp(copy->hash, hash)) copy = copy->next;
+    return copy;
+}
+
+static struct import_copy *make_entry(struct imports *imports, const char *hash)
+{
+    struct import_copy *copy = find_copy(imports, hash);
+    if (!copy && (copy = calloc(1, sizeof *copy))) {
+        snprintf(copy->hash, sizeof copy->hash, "%s", hash);
+        copy->next = imports->copy;
+        imports->copy = copy;
+    }
+    if (copy) copy->refs++;
+    return copy;
+}
+
+void import_hold(struct import_copy *copy)
+{
+    copy->refs++;
+}
+
+// An entry without its file goes with the last who refers to it; a file that nobody refers to
+// stays for the next who asks, until there is need of room.
+static void free_unused(struct imports *imports, struct import_copy *copy)
+{
+    if (copy->refs || copy->present) return;
+    struct import_copy **at = &imports->copy;
+    while (*at != copy) at = &(*at)->next;
+    *at = copy->next;
+    free(copy);
+}
+
+void import_release(struct imports *imports, struct import_copy *copy)
+{
+    if (!copy) return;
+    copy->refs--;
+    free_unused(imports, copy);
+}
+
+void import_use(struct import_copy *copy)
+{
+    copy->refs++;
+    copy->users++;
+    copy->used_ns = wall_ns();
+}
+
+void import_unuse(struct import_copy *copy)
+{
+    copy->users--;
+    copy->refs--; // the index or a model refers to it, or the file is there
+}
+
+void import_path(const struct imports *imports, const char *hash, char *path, size_t n)
+{
+    snprintf(path, n, "%s/imports/%s", imports->server->data, hash);
+}
+
+struct import_copy *imports_next(const struct imports *imports, const struct import_copy *copy)
+{
+    return copy ? copy->next : imports->copy;
+}
+
+static void write_index(struct imports *imports);
+
+void import_evict(struct imports *imports, struct import_copy *copy)
+{
+    char path[PATH_MAX];
+    if (!copy->present) return;
+    import_path(imports, copy->hash, path, sizeof path);
+    disk_charge(imports->server->ledger, copy->owner, -(int64_t)disk_size(copy->bytes));
+    copy->present = false;
+    file_remove(imports->queue, path); // before a copying that comes after
+    write_index(imports);
+    free_unused(imports, copy);
+}
+
+// ---- the index
+
+static const char *base_name(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
+}
+
+static struct indexed *find_indexed(const struct imports *imports, const char *path)
+{
+    struct indexed *x = imports->index;
+    while (x && strcmp(x->path, path)) x = x->next;
+    return x;
+}
+
+const char *import_source(const struct imports *imports, const char *hash)
+{
+    const char *gone = NULL;
+    for (const struct indexed *x = imports->index; x; x = x->next) {
+        if (!x->copy || strcmp(x->copy->hash, hash)) continue;
+        if (!x->missing) return x->path;
+        gone = x->path;
+    }
+    return gone;
+}
+
+bool import_is_current(const struct imports *imports, const char *hash)
+{
+    return import_source(imports, hash) != NULL;
+}
+
+bool import_is_called(const struct imports *imports, const char *hash, const char *text)
+{
+    for (const struct indexed *x = imports->index; x; x = x->next)
+        if (x->copy && !strcmp(x->copy->hash, hash) && name_matches(base_name(x->path), text))
+            return true;
+    return false;
+}
+
+static struct indexed *add_indexed(struct imports *imports, const char *path)
+{
+    struct indexed *x = find_indexed(imports, path);
+    if (x || !(x = calloc(1, sizeof *x))) return x;
+    if (!(x->path = strdup(path))) {
+        free(x);
+        return NULL;
+    }
+    x->next = imports->index;
+    imports->index = x;
+    return x;
+}
+
+static void set_copy(struct imports *imports, struct indexed *x, struct import_copy *copy)
+{
+    if (copy) import_hold(copy);
+    import_release(imports, x->copy);
+    x->copy = copy;
+}
+
+// DATA/imports/index.json: which files the copies are of, so that a restart copies nothing.
+static void write_index(struct imports *imports)
+{
+    char path[PATH_MAX];
+    cJSON *all = cJSON_CreateArray();
+    for (const struct indexed *x = imports->index; x; x = x->next) {
+        if (!x->copy || !x->copy->present) continue;
+        cJSON *one = cJSON_CreateObject();
+        cJSON_AddStringToObject(one, "path", x->path);
+        cJSON_AddStringToObject(one, "stamp", x->stamp);
+        cJSON_AddStringToObject(one, "hash", x->copy->hash);
+        cJSON_AddStringToObject(one, "owner", x->copy->owner);
+        cJSON_AddBoolToObject(one, "prt", x->copy->prt);
+        cJSON_AddItemToArray(all, one);
+    }
+    snprintf(path, sizeof path, "%s/imports/index.json", imports->server->data);
+    file_write(imports->queue, path, cJSON_Print(all));
+    cJSON_Delete(all);
+}
+
+static const char *text_of(const cJSON *json, const char *key)
+{
+    const char *text = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(json, key));
+    return text ? text : "";
+}
+
+static void read_entry(struct imports *imports, const cJSON *json)
+{
+    char path[PATH_MAX];
+    struct stat st;
+    const char *hash = text_of(json, "hash");
+    if (!relight_hash_valid(hash) || !text_of(json, "path")[0]) return;
+    import_path(imports, hash, path, sizeof path);
+    if (stat(path, &st) || !S_ISREG(st.st_mode)) return;
+    struct indexed *x = add_indexed(imports, text_of(json, "path"));
+    struct import_copy *copy = make_entry(imports, hash);
+    if (x && copy) {
+        snprintf(x->stamp, sizeof x->stamp, "%s", text_of(json, "stamp"));
+        set_copy(imports, x, copy);
+        if (!copy->present) {
+            copy->present = true;
+            copy->prt = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "prt"));
+            copy->bytes = (uint64_t)st.st_size;
+            copy->used_ns = (int64_t)st.st_mtim.tv_sec * 1000000000 + st.st_mtim.tv_nsec;
+            snprintf(copy->owner, sizeof copy->owner, "%s",
+                     text_of(json, "owner")[0] ? text_of(json, "owner") : DISK_NOBODY);
+            disk_charge(imports->server->ledger, copy->owner, (int64_t)disk_size(copy->bytes));
+        }
+    }
+    import_release(imports, copy);
+}
+
+// At start: what the index does not name is left of a copying that was killed.
+static void read_index(struct imports *imports)
+{
+    char folder[PATH_MAX], path[PATH_MAX];
+    struct prt_blob blob;
+    import_path(imports, "index.json", path, sizeof path);
+    if (!access(path, R_OK) && !prt_read_file(NULL, path, 64 << 20, &blob)) {
+        cJSON *all = cJSON_ParseWithLength(blob.bytes, blob.size);
+        const cJSON *one;
+        prt_free(blob.bytes);
+        cJSON_ArrayForEach(one, all) read_entry(imports, one);
+        cJSON_Delete(all);
+    }
+    snprintf(folder, sizeof folder, "%s/imports", imports->server->data);
+    DIR *dir = opendir(folder);
+    for (struct dirent *d; dir && (d = readdir(dir));)
+        if (d->d_name[0] != '.' || !strncmp(d->d_name, ".tmp-", 5))
+            if (strcmp(d->d_name, "index.json") && !find_copy(imports, d->d_name))
+                unlinkat(dirfd(dir), d->d_name, 0);
+    if (dir) closedir(dir);
+}
+
+// ---- copying
+
+static int run_copying(struct file_task *task)
+{
+    struct copying *c = (struct copying *)task;
+    struct server *server = c->imports->server;
+    char to[PATH_MAX];
+    if (snprintf(to, sizeof to, "%s/imports", server->data) >= PATH_MAX) return PRT_IO;
+    import_copy_file(c->imports->folder, c->path, to, c->known ? c->known->hash : "",
+                     c->known_stamp, server->options.disk, &c->stop, &c->file);
+    return PRT_OK;
+}
+
+static void tell(struct copying *c, struct import_copy *copy, int code, const char *error)
+{
+    struct import_request *r;
+    while ((r = c->waiting)) {
+        c->waiting = r->next;
+        r->done(r, copy, c->file.name, c->file.n_name, code, error);
+    }
+}
+
+// What was there under this path keeps its model as long as somebody uses that.
+static void take_in(struct copying *c, struct import_copy *copy)
+{
+    struct imports *imports = c->imports;
+    struct indexed *x = add_indexed(imports, c->path);
+    if (c->file.copied) {
+        if (!copy->present) {
+            snprintf(copy->owner, sizeof copy->owner, "%s", c->owner);
+            copy->bytes = c->file.bytes;
+            disk_charge(imports->server->ledger, copy->owner, (int64_t)disk_size(copy->bytes));
+        }
+        copy->present = true;
+        copy->prt = c->file.prt;
+        log_line(LOG_EVENT, "import path=%s hash=%.16s bytes=%llu", c->path, copy->hash,
+                 (unsigned long long)copy->bytes);
+    }
+    if (x) {
+        bool other = x->copy != copy || strcmp(x->stamp, c->file.stamp);
+        snprintf(x->stamp, sizeof x->stamp, "%s", c->file.stamp);
+        set_copy(imports, x, copy);
+        x->missing = false;
+        if (other) write_index(imports);
+    }
+    if (copy->prt) {
+        char name[128];
+        name_printable(base_name(c->path), name, sizeof name);
+        models_found(imports->server->models, copy, name);
+    }
+}
+
+static void copying_done(struct file_task *task)
+{
+    struct copying *c = (struct copying *)task, **at;
+    struct imports *imports = c->imports;
+    const struct import_file *f = &c->file;
+    struct import_copy *copy = NULL;
+    char error[256] = "";
+    int code = task->status ? RELIGHT__ERROR_CODE__ERROR_INTERNAL : f->code;
+    for (at = &imports->copying; *at != c;) at = &(*at)->next;
+    *at = c->next;
+    if (!code && !(copy = make_entry(imports, f->hash)))
+        code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+    if (copy) {
+        import_use(copy);
+        take_in(c, copy);
+        evict_for_room(imports->server, NULL);
+        if (evict_over(imports->server, copy->owner, error))
+            code = RELIGHT__ERROR_CODE__ERROR_LIMIT;
+        tell(c, code ? NULL : copy, code, error);
+        import_unuse(copy);
+        if (code && !copy->users) import_evict(imports, copy);
+        import_release(imports, copy);
+    } else {
+        // Looked at again when it changes.
+        struct indexed *x = c->scanned && f->stamp[0] ? add_indexed(imports, c->path) : NULL;
+        if (x) snprintf(x->stamp, sizeof x->stamp, "%s", f->stamp);
+        if (c->scanned) log_line(LOG_WARN, "import path=%s error=\"%s\"", c->path, f->error);
+        tell(c, NULL, code, f->error[0] ? f->error : "not enough memory");
+    }
+    if (c->known) {
+        import_unuse(c->known);
+        free_unused(imports, c->known);
+    }
+    import_file_finish(&c->file);
+    free(c);
+}
+
+static struct copying *start_copying(struct imports *imports, const char *path,
+                                     const char *owner)
+{
+    struct copying *c = imports->copying;
+    while (c && (strcmp(c->path, path) || atomic_load(&c->stop))) c = c->next;
+    if (c || !(c = calloc(1, sizeof *c))) return c;
+    const struct indexed *x = find_indexed(imports, path);
+    c->task.run = run_copying;
+    c->task.done = copying_done;
+    c->imports = imports;
+    snprintf(c->path, sizeof c->path, "%s", path);
+    snprintf(c->owner, sizeof c->owner, "%s", owner);
+    if (x && x->copy && x->copy->present) {
+        c->known = x->copy;
+        import_use(c->known);
+        snprintf(c->known_stamp, sizeof c->known_stamp, "%s", x->stamp);
+    }
+    c->next = imports->copying;
+    imports->copying = c;
+    file_queue_add(imports->queue, &c->task);
+    return c;
+}
+
+void imports_get(struct imports *imports, const char *path, const char *owner,
+                 struct import_request *request)
+{
+    struct copying *c = NULL;
+    if (!imports->folder[0]) {
+        request->done(request, NULL, NULL, 0, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
+                      "the daemon serves no models folder (--models): upload the file");
+        return;
+    }
+    if (strlen(path) < PATH_MAX && !imports->stopped) c = start_copying(imports, path, owner);
+    if (!c) {
+        request->done(request, NULL, NULL, 0, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY,
+                      "the file cannot be copied now");
+        return;
+    }
+    request->next = c->waiting;
+    c->waiting = request;
+}
+
+void imports_cancel(struct imports *imports, struct import_request *request)
+{
+    for (struct copying *c = imports->copying; c; c = c->next) {
+        struct import_request **at = &c->waiting;
+        while (*at && *at != request) at = &(*at)->next;
+        if (!*at) continue;
+        *at = request->next;
+        if (!c->waiting && !c->scanned) atomic_store(&c->stop, true);
+        return;
+    }
+}
+
+// ---- the folder
+
+static int run_scan(struct file_task *task)
+{
+    struct scan *scan = (struct scan *)task;
+    scan->entry = import_list(scan->imports->folder, &scan->n);
+    return PRT_OK;
+}
+
+static void keep_list(struct imports *imports, const struct scan *scan)
+{
+    for (size_t i = 0; i < imports->n_listed; i++) free(imports->listed[i].name);
+    free(imports->listed);
+    imports->n_listed = 0;
+    imports->listed = calloc(scan->n + 1, sizeof *imports->listed);
+    for (size_t i = 0; imports->listed && i < scan->n; i++) {
+        char name[1024];
+        name_printable(scan->entry[i].name, name, sizeof name);
+        struct import_listed *l = &imports->listed[imports->n_listed];
+        l->bytes = scan->entry[i].bytes;
+        if ((l->name = strdup(name))) imports->n_listed++;
+    }
+}
+
+static void look_at(struct imports *imports, const struct import_entry *e)
+{
+    struct indexed *x = find_indexed(imports, e->name);
+    if (x) x->missing = false;
+    if (x && !strcmp(x->stamp, e->stamp)) {
+        if (x->copy && x->copy->prt) {
+            char name[128];
+            name_printable(e->name, name, sizeof name);
+            models_found(imports->server->models, x->copy, name);
+        }
+        return;
+    }
+    struct copying *c = start_copying(imports, e->name, DISK_NOBODY);
+    if (c) c->scanned = true;
+}
+
+static void scan_done(struct file_task *task)
+{
+    struct scan *scan = (struct scan *)task;
+    struct imports *imports = scan->imports;
+    imports->scanning = false;
+    if (!imports->stopped) {
+        log_line(LOG_TRACE, "models folder looked at files=%zu", scan->n);
+        keep_list(imports, scan);
+        for (struct indexed *x = imports->index; x; x = x->next)
+            x->missing = !strchr(x->path, '/');
+        for (size_t i = 0; i < scan->n; i++) {
+            struct indexed *x = find_indexed(imports, scan->entry[i].name);
+            if (x) x->missing = false;
+            if (scan->entry[i].prt) look_at(imports, &scan->entry[i]);
+        }
+        models_drop_replaced(imports->server->models);
+        loop_timer_set(imports->server->loop, &imports->timer, loop_now_ns() + poll_ns);
+    }
+    import_list_free(scan->entry, scan->n);
+    free(scan);
+}
+
+static void scan_now(struct loop_timer *timer)
+{
+    struct imports *imports =
+        (struct imports *)((char *)timer - offsetof(struct imports, timer));
+    struct scan *scan = imports->scanning ? NULL : calloc(1, sizeof *scan);
+    if (!scan) {
+        loop_timer_set(imports->server->loop, timer, loop_now_ns() + poll_ns);
+        return;
+    }
+    imports->scanning = true;
+    scan->imports = imports;
+    scan->task.run = run_scan;
+    scan->task.done = scan_done;
+    file_queue_add(imports->server->file_queue, &scan->task);
+}
+
+static void folder_changed(struct loop_watch *watch, uint32_t events)
+{
+    struct imports *imports =
+        (struct imports *)((char *)watch - offsetof(struct imports, watch));
+    char text[8192];
+    while (read(watch->fd, text, sizeof text) > 0) continue;
+    // Several changes at once are one scan.
+    if (!imports->scanning && !imports->stopped)
+        loop_timer_set(imports->server->loop, &imports->timer, loop_now_ns() + settle_ns);
+}
+
+int imports_create(struct server *server, struct imports **out)
+{
+    struct imports *imports = calloc(1, sizeof *imports);
+    if (!imports) return PRT_NOMEM;
+    imports->server = server;
+    imports->watch.fd = -1;
+    *out = imports;
+    int status = file_queue_create(server->work, &imports->queue);
+    if (status) return status;
+    if (server->options.models[0] && !realpath(server->options.models, imports->folder))
+        imports->folder[0] = 0;
+    char path[PATH_MAX];
+    import_path(imports, "", path, sizeof path);
+    if (mkdir(path, 0700) && errno != EEXIST) {
+        log_line(LOG_ERR, "data folder %s: %s", path, strerror(errno));
+        return PRT_IO;
+    }
+    read_index(imports);
+    return PRT_OK;
+}
+
+void imports_start(struct imports *imports, double seconds)
+{
+    struct server *server = imports->server;
+    if (!imports->folder[0]) return;
+    int fd = inotify_init1(IN_NONBLOCK | IN_CLOEXEC);
+    if (fd >= 0 &&
+        inotify_add_watch(fd, imports->folder,
+                          IN_CLOSE_WRITE | IN_MOVED_TO | IN_MOVED_FROM | IN_DELETE) >= 0) {
+        imports->watch = (struct loop_watch){fd, folder_changed};
+        if (loop_watch_add(server->loop, &imports->watch, EPOLLIN)) imports->watch.fd = -1;
+    }
+    if (fd >= 0 && imports->watch.fd < 0) close(fd);
+    imports->timer.fire = scan_now;
+    scan_now(&imports->timer);
+    uint64_t limit = loop_now_ns() + (uint64_t)(seconds * 1e9);
+    while ((imports->scanning || imports->copying) && loop_now_ns() < limit &&
+           !server->draining)
+        loop_turn(server->loop, 50);
+}
+
+void imports_stop(struct imports *imports)
+{
+    if (!imports) return;
+    imports->stopped = true;
+    loop_timer_stop(imports->server->loop, &imports->timer);
+    if (imports->watch.fd >= 0) {
+        loop_watch_remove(imports->server->loop, &imports->watch);
+        close(imports->watch.fd);
+        imports->watch.fd = -1;
+    }
+    for (struct copying *c = imports->copying; c; c = c->next) atomic_store(&c->stop, true);
+}
+
+void imports_destroy(struct imports *imports)
+{
+    if (!imports) return;
+    imports_stop(imports);
+    for (struct indexed *x = imports->index, *next; x; x = next) {
+        next = x->next;
+        free(x->path);
+        free(x);
+    }
+    for (struct import_copy *copy = imports->copy, *next; copy; copy = next) {
+        next = copy->next;
+        free(copy);
+    }
+    for (size_t i = 0; i < imports->n_listed; i++) free(imports->listed[i].name);
+    free(imports->listed);
+    file_queue_destroy(imports->queue);
+    free(imports);
+}
+
+const struct import_listed *imports_files(const struct imports *imports, size_t *n)
+{
+    *n = imports->n_listed;
+    return imports->listed;
+}

@@ -1,0 +1,432 @@
+// SPDX-License-Identifier: MIT
+// Opening a model's .prt on a worker, and what is learned of it; watching and unloading.
+#include "store/model_files.h"
+
+#include "core/log.h"
+#include "net/request.h"
+#include "relight.pb-c.h"
+#include "render/shared/geometry.h"
+#include "store/disk.h"
+#include "store/eviction.h"
+
+#include <cjson/cJSON.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+// What was opened and computed for it: who uses some of it keeps that. A file that is being
+// read or opened comes to its end, unless the model goes altogether.
+void model_forget_results(struct model *m, bool all)
+{
+    char prefix[sizeof m->key + 1];
+    snprintf(prefix, sizeof prefix, "%s/", m->key);
+    cache_forget(m->server->cache, prefix, true); // shapes and contracted lights hold files
+    cache_forget(m->server->files, m->key, all);
+}
+
+int model_state(const struct model *m)
+{
+    char key[sizeof m->key + 8];
+    bool preview = m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW;
+    if (!preview && m->state != RELIGHT__MODEL_STATE__MODEL_READY) return m->state;
+    if (preview && m->mesh == MESH_READING) return RELIGHT__MODEL_STATE__MODEL_RECEIVED;
+    snprintf(key, sizeof key, preview ? "%s/mesh" : "%s", m->key);
+    struct cache_entry *e = cache_find(m->server->files, key);
+    bool open = e && e->state == CACHE_READY;
+    cache_release(e);
+    return open ? m->state : RELIGHT__MODEL_STATE__MODEL_UNLOADED;
+}
+
+void model_watch(struct model *m, struct model_watcher *watcher)
+{
+    watcher->next = m->watcher;
+    m->watcher = watcher;
+}
+
+void model_unwatch(struct model *m, struct model_watcher *watcher)
+{
+    struct model_watcher **at = &m->watcher;
+    while (*at && *at != watcher) at = &(*at)->next;
+    if (*at) *at = watcher->next;
+}
+
+void model_changed(struct model *m)
+{
+    // One that is told may end others, or itself: each is found anew by its number.
+    for (unsigned i = 0;; i++) {
+        struct model_watcher *w = m->watcher;
+        for (unsigned k = 0; w && k < i; k++) w = w->next;
+        if (!w) return;
+        w->changed(w);
+    }
+}
+
+void model_reset_pose(struct model *m)
+{
+    char prefix[96];
+    if (!m->pose) return;
+    snprintf(prefix, sizeof prefix, "%s/%llu/", m->key, (unsigned long long)m->generation);
+    cache_forget(m->server->cache, prefix, true);
+    pose_release(m->pose);
+    m->pose = NULL;
+    m->baked_generation = ++m->generation;
+    memcpy(m->facts.box, m->facts.file_box, sizeof m->facts.box);
+}
+
+void model_charge_bake(struct model *m, uint64_t bytes)
+{
+    int64_t before = (int64_t)disk_size(m->bake_bytes);
+    disk_charge(m->server->ledger, m->owner, (int64_t)disk_size(bytes) - before);
+    m->bake_bytes = bytes;
+}
+
+void model_charge_preview(struct model *m, uint64_t bytes)
+{
+    int64_t before = (int64_t)disk_size(m->preview_bytes);
+    disk_charge(m->server->ledger, m->owner, (int64_t)disk_size(bytes) - before);
+    m->preview_bytes = bytes;
+}
+
+struct opening {
+    struct work work;
+    struct model *model;
+    struct cache_entry *entry; // NULL: only the checksums are looked at
+    bool preview;              // a mesh without transport
+    bool header_only;          // without entry: only what LIST shows of it
+    char path[PATH_MAX];
+    struct import_copy *used; // stays until it is mapped
+    struct prt_file *file;
+    float ms;
+};
+
+static void close_file(void *file)
+{
+    prt_file_close(file);
+}
+
+static int run_opening(struct work *work, const struct prt_context *ctx)
+{
+    struct opening *o = (struct opening *)work;
+    double start = prt_time_s();
+    int status = prt_file_open(
+        ctx, o->path, o->entry || o->header_only ? PRT_FILE_CHECK_HEADERS : PRT_FILE_CHECK_ALL,
+        &o->file);
+    o->ms = (float)((prt_time_s() - start) * 1e3);
+    return status;
+}
+
+// The worst of a term's lights in the bake's own measurement.
+static float json_error(const char *errors, const char *term)
+{
+    cJSON *json = errors ? cJSON_Parse(errors) : NULL;
+    const cJSON *worst =
+        cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(json, term), "worst");
+    float x = cJSON_IsNumber(worst) ? (float)worst->valuedouble : 0;
+    cJSON_Delete(json);
+    return x;
+}
+
+static void learn_mesh(struct model *m, const struct prt_file *file)
+{
+    const struct prt_mesh *mesh = &prt_file_transport(file)->mesh;
+    struct model_facts *f = &m->facts;
+    if (f->known) return;
+    *f = (struct model_facts){.known = true,
+                              .n_vertex = mesh->n_vertex,
+                              .n_triangle = mesh->n_triangle,
+                              .n_object = mesh->n_object,
+                              .mm_per_unit = mesh->mm_per_unit};
+    prt_mesh_bounds(mesh, f->file_box);
+    memcpy(f->box, f->file_box, sizeof f->box);
+}
+
+static void learn_facts(struct model *m, const struct prt_file *file)
+{
+    const struct prt_transport *t = prt_file_transport(file);
+    struct model_facts *f = &m->facts;
+    float box[2][3];
+    memcpy(box, f->box, sizeof box);
+    *f = (struct model_facts){.known = true,
+                              .baked = true,
+                              .n_vertex = t->mesh.n_vertex,
+                              .n_triangle = t->mesh.n_triangle,
+                              .n_object = t->mesh.n_object,
+                              .mm_per_unit = t->mesh.mm_per_unit,
+                              .engine = t->engine,
+                              .storage = t->n_tensor ? t->tensor[0].storage : 0,
+                              .cube = t->cube,
+                              .bytes = prt_file_bytes(file),
+                              .error_multiple = json_error(t->errors, "multiple"),
+                              .error_single = json_error(t->errors, "single"),
+                              .error_total = json_error(t->errors, "total")};
+    prt_mesh_bounds(&t->mesh, f->file_box);
+    memcpy(f->box, m->pose ? box : f->file_box, sizeof f->box);
+}
+
+static void damaged(struct model *m, const char *error)
+{
+    m->state = RELIGHT__MODEL_STATE__MODEL_FAILED;
+    m->error_code = RELIGHT__ERROR_CODE__ERROR_FORMAT;
+    snprintf(m->error, sizeof m->error, "%s", error);
+    log_line(LOG_ERR, "model id=%s damaged error=\"%s\"", m->id, m->error);
+    if (m->copy) return;
+    char path[PATH_MAX];
+    model_bake_path(m->server, m->id, path);
+    model_charge_bake(m, 0);
+    file_remove(m->server->file_queue, path); // the next load bakes it anew
+}
+
+static void start_opening(struct model *m, struct cache_entry *entry, const char *path,
+                          bool preview, bool header_only);
+
+// Its bytes were looked at, nobody waits for the file.
+static void looked(struct opening *o)
+{
+    struct model *m = o->model;
+    if (o->work.status && m->state == RELIGHT__MODEL_STATE__MODEL_READY && !m->gone) {
+        damaged(m, o->work.error);
+        model_unload(m, false);
+    } else if (!o->work.status && !m->facts.baked) {
+        learn_facts(m, o->file);
+    }
+    prt_file_close(o->file);
+}
+
+static void not_opened(struct opening *o)
+{
+    struct model *m = o->model;
+    const char *error = o->work.error;
+    int code = error_of_status(o->work.status);
+    if (m->gone) { // and its file with it
+    } else if (o->preview) {
+        model_charge_preview(m, 0);
+        m->mesh = MESH_FAILED;
+        m->mesh_error_code = code;
+        snprintf(m->mesh_error, sizeof m->mesh_error, "%s", error);
+        file_remove(m->server->file_queue, o->path);
+    } else if (m->copy && o->work.status == PRT_IO) {
+        import_evict(m->server->imports, m->copy); // it is copied again when it is asked for
+    } else {
+        damaged(m, error);
+    }
+    cache_fail(o->entry, code, error);
+}
+
+// The file's size is known now. A preview beyond the budgets is dropped, a bake is kept: it was
+// allowed to begin, and took its time.
+static bool charge(struct opening *o)
+{
+    struct model *m = o->model;
+    char error[256];
+    if (m->gone || m->copy) return true;
+    if (!o->preview && !m->bake_bytes) {
+        model_charge_bake(m, prt_file_bytes(o->file));
+        evict_for_room(m->server, m);
+    } else if (o->preview && !m->preview_bytes) {
+        model_charge_preview(m, prt_file_bytes(o->file));
+        evict_for_room(m->server, m);
+        if (!evict_over(m->server, m->owner, error)) return true;
+        model_charge_preview(m, 0);
+        m->mesh = MESH_FAILED;
+        m->mesh_error_code = RELIGHT__ERROR_CODE__ERROR_LIMIT;
+        snprintf(m->mesh_error, sizeof m->mesh_error, "%s", error);
+        file_remove(m->server->file_queue, o->path);
+        prt_file_close(o->file);
+        cache_fail(o->entry, RELIGHT__ERROR_CODE__ERROR_LIMIT, error);
+        return false;
+    }
+    return true;
+}
+
+static void is_open(struct opening *o)
+{
+    struct model *m = o->model;
+    bool first = !o->preview && !m->checked && !m->gone;
+    if (first) m->checked = true;
+    if (o->preview) learn_mesh(m, o->file);
+    else learn_facts(m, o->file);
+    log_line(LOG_EVENT, "model id=%s open ms=%.1f bytes=%llu", m->id, (double)o->ms,
+             (unsigned long long)prt_file_bytes(o->file));
+    if (m->pinned && !m->pin && !o->preview && !o->entry->forgotten) {
+        m->pin = o->entry;
+        cache_hold(m->pin);
+    }
+    if (!m->gone && !m->copy) file_touch(m->server->file_queue, o->path);
+    m->used_ns = wall_ns();
+    if (!charge(o)) return;
+    o->entry->ms = o->ms;
+    o->entry->any_thread = true;
+    cache_fill(o->entry, o->file, prt_file_bytes(o->file), close_file);
+    if (o->preview && m->state == RELIGHT__MODEL_STATE__MODEL_READY && !m->gone)
+        preview_remove(m);
+    // Reads every byte once, behind the requests.
+    if (first && !m->gone) start_opening(m, NULL, o->path, false, false);
+}
+
+static void done_opening(struct work *work)
+{
+    struct opening *o = (struct opening *)work;
+    if (!o->entry) looked(o);
+    else if (work->status) not_opened(o);
+    else is_open(o);
+    if (o->preview && o->model->gone && model_is_last(o->model))
+        file_remove(o->model->server->file_queue, o->path);
+    cache_release(o->entry);
+    if (o->used) import_unuse(o->used);
+    model_release(o->model);
+    free(o);
+}
+
+static void start_opening(struct model *m, struct cache_entry *entry, const char *path,
+                          bool preview, bool header_only)
+{
+    struct opening *o = calloc(1, sizeof *o);
+    if (!o) {
+        if (entry) cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        cache_release(entry);
+        return;
+    }
+    o->work.run = run_opening;
+    o->work.done = done_opening;
+    o->work.class = entry ? WORK_INTERACTIVE : WORK_BACKGROUND;
+    o->model = m;
+    model_hold(m);
+    o->entry = entry;
+    o->preview = preview;
+    o->header_only = header_only;
+    if ((o->used = m->copy)) import_use(o->used);
+    snprintf(o->path, sizeof o->path, "%s", path);
+    work_submit(m->server->work, &o->work);
+}
+
+void model_start_opening(struct model *m, struct cache_entry *entry, const char *path,
+                         bool preview)
+{
+    start_opening(m, entry, path, preview, false);
+}
+
+void model_read_header(struct model *m)
+{
+    char path[PATH_MAX];
+    if (m->copy) import_path(m->server->imports, m->copy->hash, path, sizeof path);
+    else model_bake_path(m->server, m->id, path);
+    if (!m->facts.baked) start_opening(m, NULL, path, false, true);
+}
+
+// ---- a copy of --models that was dropped for room is made again
+
+struct reopening {
+    struct import_request import; // first
+    struct model *model;
+    struct cache_entry *entry;
+};
+
+static void copied_again(struct import_request *request, struct import_copy *copy,
+                         char *const *names, size_t n_name, int code, const char *error)
+{
+    struct reopening *r = (struct reopening *)request;
+    struct model *m = r->model;
+    char path[PATH_MAX];
+    if (copy && copy != m->copy) {
+        code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+        error = "its file in the models folder has other content by now";
+    }
+    if (code) {
+        cache_fail(r->entry, code, error);
+        cache_release(r->entry);
+    } else {
+        import_path(m->server->imports, copy->hash, path, sizeof path);
+        model_start_opening(m, r->entry, path, false);
+    }
+    model_release(m);
+    free(r);
+}
+
+static void start_reopening(struct model *m, struct cache_entry *entry)
+{
+    const char *source = import_source(m->server->imports, m->copy->hash);
+    struct reopening *r = source ? calloc(1, sizeof *r) : NULL;
+    if (!r) {
+        cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
+                   "its file in the models folder has gone");
+        cache_release(entry);
+        return;
+    }
+    *r = (struct reopening){{NULL, copied_again}, m, entry};
+    model_hold(m);
+    imports_get(m->server->imports, source, m->copy->owner, &r->import);
+}
+
+static void start_opening_bake(struct model *m, struct cache_entry *entry)
+{
+    char path[PATH_MAX];
+    m->used_ns = wall_ns();
+    if (m->copy && !m->copy->present) {
+        start_reopening(m, entry);
+        return;
+    }
+    if (m->copy) import_path(m->server->imports, m->copy->hash, path, sizeof path);
+    else model_bake_path(m->server, m->id, path);
+    model_start_opening(m, entry, path, false);
+}
+
+struct cache_entry *model_open(struct model *m, int *code, char error[256])
+{
+    if (m->gone) {
+        *code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+        snprintf(error, 256, "%.100s was unloaded and forgotten", m->name);
+        return NULL;
+    }
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
+        bool fresh;
+        struct cache_entry *e = cache_get(m->server->files, m->key, &fresh);
+        if (fresh) {
+            cache_hold(e); // one for the opening, one for the caller
+            start_opening_bake(m, e);
+        }
+        return e;
+    }
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_FAILED) {
+        *code = m->error_code ? m->error_code : RELIGHT__ERROR_CODE__ERROR_JOB_FAILED;
+        snprintf(error, 256, "%.100s: %.150s", m->name, m->error);
+    } else if (m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW) {
+        *code = RELIGHT__ERROR_CODE__ERROR_NOT_READY;
+        snprintf(error, 256, "%.100s is a preview without a bake: load it without preview",
+                 m->name);
+    } else {
+        *code = RELIGHT__ERROR_CODE__ERROR_NOT_READY;
+        snprintf(error, 256, "%.100s still bakes (%.0f %%)", m->name,
+                 m->job ? 100 * job_fraction(m->job) : 0.0);
+    }
+    return NULL;
+}
+
+uint64_t model_unload(struct model *m, bool forget)
+{
+    struct server *server = m->server;
+    struct cache_counts before, after;
+    cache_count(server->files, &before);
+    cache_release(m->pin);
+    m->pin = NULL;
+    model_reset_pose(m);
+    model_forget_results(m, forget);
+    cache_count(server->files, &after);
+    uint64_t freed = before.bytes - after.bytes;
+    log_line(LOG_EVENT, "model id=%s unloaded freed=%llu", m->id, (unsigned long long)freed);
+    if (!forget || m->gone) return freed;
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_BAKING && m->job)
+        jobs_cancel(server->jobs, m->job);
+    model_forget_record(m);
+    if (!m->copy && m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
+        char path[PATH_MAX];
+        model_bake_path(server, m->id, path);
+        model_charge_bake(m, 0);
+        file_remove(server->file_queue, path);
+    }
+    model_hold(m);
+    model_take_out(m);
+    preview_remove(m);
+    model_changed(m);
+    model_release(m);
+    return freed;
+}
