@@ -472,13 +472,12 @@ static void test_bytes_held_by_requests(void **state)
     assert_int_equal(frames_wait(f, 30).code, 0); // its cubes may still have been read
     frames_add(f, RELIGHT_TYPE_VIEW_OPEN, 31, &open.base, texels, TEXELS * sizeof *texels);
     add_view_close(f, 32, 31);
-    frames_send(f);
-    assert_int_equal(frames_wait(f, 32).code, 0);
     Relight__UpdateVerticesRequest update = RELIGHT__UPDATE_VERTICES_REQUEST__INIT;
     update.model = model;
     char *large = calloc(1, 9 << 20);
     frames_add(f, RELIGHT_TYPE_UPDATE_VERTICES, 33, &update.base, large, 9 << 20);
     frames_send(f);
+    assert_int_equal(frames_wait(f, 32).code, 0);
     assert_int_equal(frames_wait(f, 33).code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
     free(large);
     free(texels);
