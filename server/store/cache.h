@@ -35,8 +35,7 @@ struct cache_entry {
     struct cache *cache;
     bool forgotten;  /* left the table; freed with its last reference */
     bool holds_file; /* its value holds an entry of another cache */
-    bool
-        any_thread; /* its value, when large, is destroyed by a worker: set before cache_fill */
+    bool any_thread; /* its value, when large, is destroyed by a worker: set before cache_fill */
 };
 
 struct cache;
