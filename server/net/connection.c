@@ -6,7 +6,7 @@
 
 #include "net/dispatch.h"
 #include "core/log.h"
-#include "render/shared/inputs.h"
+#include "render/shared/materials.h"
 #include "relight.pb-c.h"
 #include "net/request.h"
 
@@ -145,7 +145,7 @@ void connection_close(struct connection *conn, const char *why)
              why);
     loop_timer_stop(server->loop, &conn->timer);
     while (conn->requests) request_abandon(conn->requests);
-    inputs_drop(conn);
+    materials_drop(conn);
     conn->carrier->close(conn);
     for (struct out_frame *f = conn->out, *next; f; f = next) {
         next = f->next;

@@ -59,8 +59,8 @@ struct connection {
     struct {
         int code; /* 0: none */
         char text[320];
-    } refusal;                /* of the frame that is being read */
-    struct input_wait *waits; /* inputs.c: what was said of views, in its order */
+    } refusal;                   /* of the frame that is being read */
+    struct material_wait *waits; /* materials.c: what was said of views, in its order */
     struct loop_timer timer;
     bool message_full; /* WebSocket: the current message's frame is complete */
     uint64_t opened_ns;

@@ -3,7 +3,7 @@
 #include "net/dispatch.h"
 
 #include "core/log.h"
-#include "render/shared/inputs.h"
+#include "render/shared/materials.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
 #include "net/request_wait.h"
@@ -49,34 +49,6 @@ static const char *view_set_material(const ProtobufCMessage *message)
     return state_material(((const Relight__ViewSetRequest *)message)->state);
 }
 
-static size_t colors_lights(const ProtobufCMessage *message, Relight__Light *const **lights)
-{
-    *lights = ((const Relight__ColorsRequest *)message)->lights;
-    return ((const Relight__ColorsRequest *)message)->n_lights;
-}
-
-static size_t image_lights(const ProtobufCMessage *message, Relight__Light *const **lights)
-{
-    *lights = ((const Relight__ImageRequest *)message)->lights;
-    return ((const Relight__ImageRequest *)message)->n_lights;
-}
-
-static size_t state_lights(const Relight__ViewState *state, Relight__Light *const **lights)
-{
-    *lights = state ? state->lights : NULL;
-    return state ? state->n_lights : 0;
-}
-
-static size_t view_open_lights(const ProtobufCMessage *message, Relight__Light *const **lights)
-{
-    return state_lights(((const Relight__ViewOpenRequest *)message)->state, lights);
-}
-
-static size_t view_set_lights(const ProtobufCMessage *message, Relight__Light *const **lights)
-{
-    return state_lights(((const Relight__ViewSetRequest *)message)->state, lights);
-}
-
 enum { MAX_PING = 64 << 10, ANY = SERVER_MAX_PAYLOAD };
 #define BEFORE_HELLO OPERATION_BEFORE_HELLO
 #define DRAINING OPERATION_WHILE_DRAINING
@@ -99,11 +71,10 @@ ROW(cancel_job_request, op_cancel_job, DRAINING | ALWAYS, 0, NULL)
 ROW(cancel_request, op_cancel, DRAINING | ALWAYS, 0, NULL)
 ROW(info_request, op_info, 0, 0, NULL)
 ROW(geometry_request, op_geometry, 0, 0, NULL)
-ROW(colors_request, op_colors, 0, ANY, colors_material, colors_lights)
-ROW(image_request, op_image, 0, ANY, image_material, image_lights)
-ROW(view_open_request, op_view_open, LONG | ENDS | ORDERED, ANY, view_open_material,
-    view_open_lights)
-ROW(view_set_request, op_view_set, ORDERED, ANY, view_set_material, view_set_lights)
+ROW(colors_request, op_colors, 0, ANY, colors_material)
+ROW(image_request, op_image, 0, ANY, image_material)
+ROW(view_open_request, op_view_open, LONG | ENDS | ORDERED, ANY, view_open_material)
+ROW(view_set_request, op_view_set, ORDERED, ANY, view_set_material)
 ROW(view_close_request, op_view_close, DRAINING | ALWAYS | ORDERED, 0, NULL)
 ROW(update_vertices_request, op_update_vertices, 0, ANY, NULL)
 ROW(unload_request, op_unload, 0, 0, NULL)
@@ -139,16 +110,12 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
              (unsigned long long)conn->number, (unsigned long long)frame->id,
              relight_type_name(request->type), (unsigned long long)frame->payload_size);
     conn->server->stats.requests_total[request->type]++;
-    if (!conn->greeted && !(operation->flags & OPERATION_BEFORE_HELLO)) {
+    if (!conn->greeted && !(operation->flags & OPERATION_BEFORE_HELLO))
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection is HELLO");
-        return;
-    }
-    const char *material = operation->material ? operation->material(request->message) : "";
-    Relight__Light *const *lights = NULL;
-    size_t n_light = operation->lights ? operation->lights(request->message, &lights) : 0;
-    inputs_then(request, material, n_light, lights, operation->flags & OPERATION_ORDERED,
-                run_operation);
+    else
+        material_then(request, operation->material ? operation->material(request->message) : "",
+                      operation->flags & OPERATION_ORDERED, run_operation);
 }
 
 // ---- waiting for a model

@@ -4,7 +4,6 @@
 #define RELIGHTD_DISPATCH_H
 
 #include "net/connection.h"
-#include "relight.pb-c.h"
 
 struct model;
 struct cache_entry;
@@ -39,8 +38,6 @@ struct operation {
     size_t max_payload; /* bytes; 0: it takes none */
     /* The text of the material it names, "" for none. NULL: it never does. */
     const char *(*material)(const ProtobufCMessage *message);
-    /* Its lights, whose inline cubes are the payload, and how many. NULL: it has none. */
-    size_t (*lights)(const ProtobufCMessage *message, Relight__Light *const **lights);
 };
 /* NULL for an unknown type. */
 const struct operation *operation_of(uint16_t type);

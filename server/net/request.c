@@ -90,7 +90,6 @@ static void end(struct request *request)
     if (request->counted == LEDGER_LONG_REQUESTS) conn->n_long--;
     if (request->message) protobuf_c_message_free_unpacked(request->message, NULL);
     request_drop_payload(request);
-    free(request->digests);
     ledger_give(request->principal, LEDGER_PAYLOAD, request->header_charged);
     ledger_give(request->principal, request->counted, 1);
     principal_release(request->principal);
@@ -131,15 +130,6 @@ struct held_bytes *request_take_payload(struct request *request)
     request->payload_size = 0;
     request->payload_charged = 0;
     return held;
-}
-
-void request_return_payload(struct request *request, struct held_bytes *held)
-{
-    request->payload = held->bytes;
-    request->payload_size = held->size;
-    request->payload_charged = held->charged;
-    principal_release(held->principal); // the request holds its own
-    free(held);
 }
 
 void held_bytes_hold(struct held_bytes *held)

@@ -17,7 +17,6 @@ struct request {
     struct principal *principal;              /* who pays for it */
     enum ledger_resource counted;             /* REQUESTS or LONG_REQUESTS */
     uint64_t payload_charged, header_charged; /* bytes of PAYLOAD */
-    struct cube_digests *digests;             /* render/shared/inputs.h; NULL: not made ahead */
     struct loop_timer deadline;
     /* Where a long operation keeps its state, and how it is told that nobody waits any more:
      * called once, before the request is freed, unless the operation ended it itself. A request
@@ -63,8 +62,6 @@ struct held_bytes {
 /* The request's payload, moved out of it with what was charged for it; NULL when there is no
  * memory or no payload. */
 struct held_bytes *request_take_payload(struct request *request);
-/* The other way round; the caller's must be the last hold. */
-void request_return_payload(struct request *request, struct held_bytes *held);
 void held_bytes_hold(struct held_bytes *held);
 void held_bytes_release(struct held_bytes *held); /* NULL is fine */
 /* Frees the payload before the request ends. */

@@ -74,8 +74,8 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
                         const Relight__Picture *picture, char error[300]);
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
                        char error[300]);
-/* Fills the keys; hex: the SHA-256 of an inline cube's texels. */
-void render_light_name(struct render_light *light, const char *hex);
+/* Fills the keys; texels of all lights, for inline cubes. */
+void render_light_name(struct render_light *light, const float *texels);
 /* A cube's texels lie in the spec's. */
 const float *render_texels(const struct render_spec *spec, const struct render_light *light);
 /* "constant" and "env:HASH" in their canonical form, 0 or an error. */

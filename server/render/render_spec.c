@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 // What a client asks to be evaluated, from messages to a checked render_spec. Every refusal
 // names the parameter, its range and its unit.
-#include "render/shared/inputs.h"
 #include "render/shared/materials.h"
 #include "render/render.h"
 #include "net/request.h"
@@ -71,19 +70,16 @@ static int parse_light(struct render_light *out, const Relight__Light *in, unsig
     return in->env[0] ? env_canonical(in->env, out->env, error) : 0;
 }
 
-static void digest(const struct render_light *light, const float *texels, char hex[65])
+void render_light_name(struct render_light *light, const float *texels)
 {
+    char source[96], hex[65];
     struct relight_sha256 sha;
-    relight_sha256_init(&sha);
-    relight_sha256_add(&sha, texels + light->texel, (size_t)72 * light->cube_n * light->cube_n);
-    relight_sha256_hex(&sha, hex);
-}
-
-void render_light_name(struct render_light *light, const char *hex)
-{
-    char source[96];
+    size_t bytes = (size_t)72 * light->cube_n * light->cube_n;
     // Clients share what was computed for a key: none may make another's on purpose.
     if (light->cube_n) {
+        relight_sha256_init(&sha);
+        relight_sha256_add(&sha, texels + light->texel, bytes);
+        relight_sha256_hex(&sha, hex);
         snprintf(source, sizeof source, "texels:%u:%s", light->cube_n, hex);
     } else {
         snprintf(source, sizeof source, "%s", light->env);
@@ -111,20 +107,16 @@ int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const
         REFUSE(BAD_REQUEST, "the payload has %zu bytes where the lights' cubes take %zu",
                request->payload_size, floats * sizeof(float));
     const float *texels = (const float *)request->payload;
-    const struct cube_digests *known = request->digests;
-    if (known ? known->out_of_range : !texels_in_range(texels, floats))
-        REFUSE(OUT_OF_RANGE, "a texel of an inline cube is outside [0, 1e9]");
+    for (size_t i = 0; i < floats; i++)
+        if (!(texels[i] >= 0 && texels[i] <= 1e9f))
+            REFUSE(OUT_OF_RANGE, "a texel of an inline cube is outside [0, 1e9]");
     struct held_bytes *held = request_take_payload(request);
     if (floats && !held) REFUSE(NO_MEMORY, "not enough memory");
     held_bytes_release(spec->texels);
     spec->texels = held;
     spec->n_light = (unsigned)n;
     for (unsigned i = 0; i < n; i++) spec->light[i] = parsed[i];
-    for (unsigned i = 0; i < n; i++) {
-        char hex[65] = "";
-        if (parsed[i].cube_n && !known) digest(&parsed[i], texels, hex);
-        render_light_name(&spec->light[i], known ? known->hex[i] : hex);
-    }
+    for (unsigned i = 0; i < n; i++) render_light_name(&spec->light[i], texels);
     return 0;
 }
 

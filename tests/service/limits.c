@@ -4,8 +4,6 @@
 #include "frames.h"
 
 static struct daemon d;
-static double held(struct relight_client *client, const char *resource);
-static void load_preview(struct relight_client *client, char model[32]);
 
 static void begin(const char *const extra[])
 {
@@ -172,114 +170,6 @@ static void test_view_that_waits_for_its_material(void **state)
     }
     frames_close(f);
     relight_loaded_finish(&loaded);
-    relight_close(client);
-    served();
-    end();
-}
-
-// ---- large inline cubes, which a worker reads
-
-enum { LARGE_CUBES = 16, LARGE_TEXELS = LARGE_CUBES * 6 * 128 * 128 * 3 };
-
-struct large_view {
-    Relight__ViewState state;
-    Relight__Light light, *lights[LARGE_CUBES];
-    float *texels;
-};
-
-static void large_view_init(struct large_view *v)
-{
-    v->state = (Relight__ViewState)RELIGHT__VIEW_STATE__INIT;
-    v->light = (Relight__Light)RELIGHT__LIGHT__INIT;
-    v->light.cube_n = 128;
-    for (int i = 0; i < LARGE_CUBES; i++) v->lights[i] = &v->light;
-    v->state.n_lights = LARGE_CUBES;
-    v->state.lights = v->lights;
-    v->texels = calloc(LARGE_TEXELS, sizeof *v->texels); // 18 MiB
-    assert_non_null(v->texels);
-}
-
-static void add_large_open(struct frames *f, uint64_t id, char *model, struct large_view *v)
-{
-    Relight__ViewOpenRequest open = RELIGHT__VIEW_OPEN_REQUEST__INIT;
-    open.model = model;
-    open.colors = true;
-    open.state = &v->state;
-    frames_add(f, RELIGHT_TYPE_VIEW_OPEN, id, &open.base, v->texels,
-               LARGE_TEXELS * sizeof *v->texels);
-}
-
-// A ping that comes behind 18 MiB of cubes is answered before they are read.
-static void test_large_cubes_do_not_hold_up_a_ping(void **state)
-{
-    enum { TURNS = 10 };
-    begin(NULL);
-    struct frames *f = frames_open(&d);
-    struct large_view v;
-    large_view_init(&v);
-    Relight__ColorsRequest colors = RELIGHT__COLORS_REQUEST__INIT;
-    Relight__PingRequest ping = RELIGHT__PING_REQUEST__INIT;
-    colors.model = (char *)"none";
-    colors.n_lights = LARGE_CUBES;
-    colors.lights = v.lights;
-    int before = 0;
-    for (uint64_t turn = 0; turn < TURNS; turn++) {
-        struct frames_answer a, b;
-        v.texels[LARGE_TEXELS - 1] = turn % 2 ? -1 : 1;
-        frames_add(f, RELIGHT_TYPE_COLORS, 10 + 2 * turn, &colors.base, v.texels,
-                   LARGE_TEXELS * sizeof *v.texels);
-        frames_add(f, RELIGHT_TYPE_PING, 11 + 2 * turn, &ping.base, NULL, 0);
-        frames_send(f);
-        assert_true(frames_next(f, &a, 60000, NULL) && !a.closed);
-        assert_true(frames_next(f, &b, 60000, NULL) && !b.closed);
-        before += a.type != RELIGHT_TYPE_ERROR;
-        int code = a.type == RELIGHT_TYPE_ERROR ? a.code : b.code;
-        assert_int_equal(code, turn % 2 ? RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE
-                                        : RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
-    }
-    print_message("%d of %d pings were answered first\n", before, TURNS);
-    assert_true(before > 0); // a busy machine may be late with some
-    free(v.texels);
-    frames_close(f);
-    served();
-    end();
-}
-
-// What is said of a view while its cubes are read keeps its order; a connection that closes
-// meanwhile leaves nothing behind.
-static void test_view_that_waits_for_its_cubes(void **state)
-{
-    begin(NULL);
-    struct relight_client *client = client_open(d.address);
-    char model[32];
-    load_preview(client, model);
-    struct large_view v;
-    large_view_init(&v);
-    struct frames *f = frames_open(&d);
-    add_large_open(f, 10, model, &v);
-    add_view_set(f, 11, 10, 1);
-    add_view_set(f, 12, 10, 2);
-    add_view_close(f, 13, 10);
-    frames_send(f);
-    for (uint64_t next = 11; next < 14;) {
-        struct frames_answer a;
-        assert_true(frames_next(f, &a, 20000, NULL));
-        assert_false(a.closed);
-        if (a.id == 10) continue; // its frames, and its end
-        assert_int_equal(a.id, next++);
-        assert_int_equal(a.code, 0);
-    }
-    frames_close(f);
-    for (int turn = 0; turn < 4; turn++) {
-        f = frames_open(&d);
-        add_large_open(f, 10, model, &v);
-        add_view_set(f, 11, 10, 1);
-        frames_send(f);
-        frames_close(f);
-    }
-    free(v.texels);
-    for (int i = 0; i < 500 && held(client, "payload") > 1000; i++) sleep_ms(20);
-    assert_true(held(client, "payload") < 1000);
     relight_close(client);
     served();
     end();
@@ -845,8 +735,6 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(test_view_that_is_not_open_yet, teardown),
         cmocka_unit_test_teardown(test_view_that_waits_for_its_material, teardown),
-        cmocka_unit_test_teardown(test_large_cubes_do_not_hold_up_a_ping, teardown),
-        cmocka_unit_test_teardown(test_view_that_waits_for_its_cubes, teardown),
         cmocka_unit_test_teardown(test_cancel_the_oldest_job, teardown),
         cmocka_unit_test_teardown(test_idle_views_leave_room_for_requests, teardown),
         cmocka_unit_test_teardown(test_some_always_pass, teardown),

@@ -5,7 +5,7 @@
 
 #include "frame.h"
 #include "relight.pb-c.h"
-#include "net/request.h"
+#include "net/request_wait.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -130,11 +130,11 @@ static void done_resolving(struct work *work)
     free(r);
 }
 
-struct cache_entry *material_prepare(struct server *server, const char *text)
+// With a reference for the caller.
+static struct cache_entry *resolved_get(struct server *server, const char *text)
 {
     char key[64];
     bool fresh;
-    if (!is_slow(text)) return NULL;
     name(text, key);
     struct cache_entry *entry = cache_get(server->cache, key, &fresh);
     if (!fresh) return entry;
@@ -150,4 +150,81 @@ struct cache_entry *material_prepare(struct server *server, const char *text)
     r->work.done = done_resolving;
     work_submit(server->work, &r->work);
     return entry;
+}
+
+// ---- requests that wait
+
+struct material_wait {
+    struct request_wait wait;   // entry NULL: waits for its turn alone
+    struct material_wait *next; // of the connection's views, in their order
+    struct connection *conn;    // NULL: not about a view, or closed
+    bool ready;
+    void (*run)(struct request *request);
+};
+
+static void run_wait(struct material_wait *w)
+{
+    struct request *request = request_resume(&w->wait);
+    if (request) w->run(request);
+    cache_release(w->wait.entry); // held so long: it cannot be evicted before it is used
+    free(w);
+}
+
+static void run_ready(struct connection *conn)
+{
+    while (!conn->dead && conn->waits && conn->waits->ready) {
+        struct material_wait *w = conn->waits;
+        conn->waits = w->next;
+        run_wait(w);
+    }
+}
+
+static void resolved(struct cache_waiter *waiter)
+{
+    struct material_wait *w =
+        (struct material_wait *)((char *)waiter - offsetof(struct material_wait, wait.waiter));
+    w->ready = true;
+    if (w->conn) run_ready(w->conn);
+    else run_wait(w);
+}
+
+void materials_drop(struct connection *conn)
+{
+    for (struct material_wait *w = conn->waits, *next; w; w = next) {
+        next = w->next;
+        w->conn = NULL;
+        w->wait.request = NULL;
+        if (w->ready) run_wait(w);
+    }
+    conn->waits = NULL;
+}
+
+void material_then(struct request *request, const char *text, bool views,
+                   void (*run)(struct request *request))
+{
+    struct connection *conn = request->conn;
+    struct cache_entry *entry = is_slow(text) ? resolved_get(request->server, text) : NULL;
+    bool pending = entry && entry->state == CACHE_PENDING;
+    bool wait = pending || (views && conn->waits);
+    struct material_wait *w = wait ? calloc(1, sizeof *w) : NULL;
+    if (!wait) {
+        run(request);
+        cache_release(entry);
+        return;
+    }
+    if (!w) {
+        cache_release(entry);
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return;
+    }
+    *w = (struct material_wait){.wait.waiter.wake = resolved,
+                                .wait.entry = entry,
+                                .ready = !pending,
+                                .run = run,
+                                .conn = views ? conn : NULL};
+    request_park(request, &w->wait);
+    struct material_wait **last = &conn->waits;
+    while (views && *last) last = &(*last)->next;
+    if (views) *last = w;
+    if (pending) cache_wait(entry, &w->wait.waiter);
 }

@@ -7,7 +7,7 @@
 #include "prt/medium.h"
 #include "core/server.h"
 
-struct cache_entry;
+struct request;
 
 /* A preset's name or JSON text; error says what is wrong. Returns an enum prt_status. */
 int material_resolve(struct server *server, const char *text, struct prt_material *material,
@@ -18,8 +18,11 @@ int material_resolve(struct server *server, const char *text, struct prt_materia
 enum { MATERIAL_KEY = 33 };
 void material_key(const struct prt_material *material, char key[MATERIAL_KEY]);
 
-/* Has a worker read a material that takes long; NULL for one that does not. material_resolve is
- * quick once the entry is ready. With a reference for the caller. */
-struct cache_entry *material_prepare(struct server *server, const char *text);
+/* Calls run(request), now or when the material of this text is known: material_resolve is quick
+ * then. views: the request keeps its place among what its connection says of its views. */
+void material_then(struct request *request, const char *text, bool views,
+                   void (*run)(struct request *request));
+/* The connection closes: what it said of its views is done by nobody. */
+void materials_drop(struct connection *conn);
 
 #endif
