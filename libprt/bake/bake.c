@@ -24,7 +24,6 @@ static const uint32_t joint_columns = 3072;
 // Columns whose energy is below this share of --max-error are not projected. Chosen, not
 // measured.
 static const double tail_share = 0.25;
-static const uint32_t wavelet_probes = 192; // 2.7 times default_rank; chosen, not measured
 // Vertices of a cluster. A joint bake's U serves every medium and needs more columns than one
 // medium does: fewer in smaller clusters. Chosen, not measured.
 static const uint32_t cluster_vertices = 640, joint_cluster_vertices = 320;
@@ -41,10 +40,8 @@ static void dipole_eval(const void *user, unsigned cpu, size_t n, const float *r
     for (int c = 0; c < 3; c++) prt_diffusion_rd_array(&d[c], cpu, n, r2, out[c]);
 }
 
-static int check_options(const struct prt_context *ctx, struct prt_bake_options *o)
+void prt_bake_set_defaults(struct prt_bake_options *o)
 {
-    int status = prt_bake_check_settings(ctx, o);
-    if (status) return status;
     if (!o->cube) o->cube = PRT_BAKE_CUBE_DEFAULT;
     if (!o->n_coef) o->n_coef = PRT_BAKE_COEFFS_DEFAULT;
     if (!o->n_phase) { // an isotropic medium needs one term; where g is free, or not 0, four
@@ -54,6 +51,13 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
     }
     if (!o->n_single) o->n_single = PRT_BAKE_SINGLE_POINTS_DEFAULT;
     if (o->max_error == 0) o->max_error = PRT_BAKE_ERROR_DEFAULT;
+}
+
+static int check_options(const struct prt_context *ctx, struct prt_bake_options *o)
+{
+    int status = prt_bake_check_settings(ctx, o);
+    if (status) return status;
+    prt_bake_set_defaults(o);
     if (o->n_coef > 6 * o->cube * o->cube)
         return prt_fail(ctx, PRT_ARG, "--coeffs %u: must lie in [6, %u]", o->n_coef,
                         6 * o->cube * o->cube);
@@ -85,19 +89,47 @@ uint32_t prt_bake_sample_count(const struct bake *b)
     return (uint32_t)fmin(fmax(want, least_samples), most_samples);
 }
 
+static float shortest_path(const struct bake *b)
+{
+    float finest = INFINITY;
+    for (int c = 0; c < 3; c++) finest = fminf(finest, (float)(1 / b->dipole[c].sigma_t_prime));
+    return finest;
+}
+
+// A fifth of the mean free path, or for a free medium of that of the densest in METHODS' range.
+float prt_bake_fine_mm(const struct bake *b)
+{
+    return b->o.engine == PRT_TRANSPORT_WAVELET ? shortest_path(b) / 5 : 0.2f / 27;
+}
+
+uint32_t prt_bake_patterns(const struct prt_bake_options *o)
+{
+    return o->cube <= 32 ? 16 : o->cube <= 64 ? 8 : 4;
+}
+
+uint32_t prt_bake_cluster_size(const struct bake *b)
+{
+    bool joint = b->o.engine == PRT_TRANSPORT_JOINT;
+    uint32_t size = b->mesh->n_vertex / (joint ? 2 * most_clusters : most_clusters) + 1;
+    uint32_t least = joint ? joint_cluster_vertices : cluster_vertices;
+    return size < least ? least : size;
+}
+
+uint32_t prt_bake_rank(const struct prt_bake_options *o, bool every_medium, uint32_t n_cluster)
+{
+    uint32_t rank = default_rank, spread = joint_columns / (n_cluster ? n_cluster : 1);
+    if (every_medium && spread < rank) rank = spread > joint_rank ? spread : joint_rank;
+    return o->rank ? o->rank : rank;
+}
+
 static int prepare(struct bake *b)
 {
     double started = prt_time_s();
     const struct prt_mesh *mesh = b->mesh;
-    float finest = INFINITY, steepest = 0;
+    float steepest = 0;
     prt_material_dipoles(&b->o.material, b->dipole);
-    for (int c = 0; c < 3; c++) {
-        finest = fminf(finest, (float)(1 / b->dipole[c].sigma_t_prime));
-        steepest = fmaxf(steepest, (float)b->dipole[c].sigma_tr);
-    }
-    // Distance of fine points: a fifth of the mean free path, or for a free medium of that of
-    // the densest in METHODS' range. There are at most 16 points a sample.
-    float fine = b->o.engine == PRT_TRANSPORT_WAVELET ? finest / 5 : 0.2f / 27;
+    for (int c = 0; c < 3; c++) steepest = fmaxf(steepest, (float)b->dipole[c].sigma_tr);
+    float finest = shortest_path(b), fine = prt_bake_fine_mm(b);
     b->radial = (struct radial_set){3, dipole_eval, b->dipole, steepest};
     int status = prt_scene_create(b->ctx, mesh, &b->scene);
     bool any = prt_surface_area(mesh) > 0;
@@ -109,14 +141,11 @@ static int prepare(struct bake *b)
     if (status == PRT_OK && any && b->o.engine == PRT_TRANSPORT_WAVELET)
         status = prt_surface_check(b->ctx, b->surface, mesh, finest, b->o.n_sample != 0);
     if (status == PRT_OK && any) status = prt_hierarchy_create(b->surface, &b->hierarchy);
-    uint32_t patterns = b->o.cube <= 32 ? 16 : b->o.cube <= 64 ? 8 : 4;
     if (status == PRT_OK)
-        status = prt_directions_create(b->o.cube, patterns, b->o.seed, &b->directions);
-    bool joint = b->o.engine == PRT_TRANSPORT_JOINT;
-    uint32_t target = mesh->n_vertex / (joint ? 2 * most_clusters : most_clusters) + 1;
-    uint32_t least = joint ? joint_cluster_vertices : cluster_vertices;
-    if (target < least) target = least;
-    if (status == PRT_OK) status = prt_clusters_create(mesh, target, &b->clusters);
+        status = prt_directions_create(b->o.cube, prt_bake_patterns(&b->o), b->o.seed,
+                                       &b->directions);
+    if (status == PRT_OK)
+        status = prt_clusters_create(mesh, prt_bake_cluster_size(b), &b->clusters);
     if (status == PRT_OK) {
         b->factored = calloc(b->clusters->n_cluster + 1u, sizeof *b->factored);
         b->rays_single = calloc(b->clusters->n_cluster + 1u, sizeof *b->rays_single);
@@ -153,13 +182,11 @@ static struct factor_plan plan_of(const struct tensor_job *job)
 {
     const struct bake *b = job->bake;
     const struct training *t = job->training;
-    uint32_t rank = default_rank, spread = joint_columns / b->clusters->n_cluster;
-    if (t && spread < rank) rank = spread > joint_rank ? spread : joint_rank;
-    if (b->o.rank) rank = b->o.rank;
     return (struct factor_plan){.n_function = job->n_function,
                                 .n_train = t ? t->n : job->n_function,
                                 .train = t ? t->weight : NULL,
-                                .max_rank = rank,
+                                .max_rank =
+                                    prt_bake_rank(&b->o, t != NULL, b->clusters->n_cluster),
                                 .n_probe = job->probes->n,
                                 .tail_error = b->o.rank ? 0 : tail_share * b->o.max_error,
                                 .n = b->o.cube,
@@ -262,7 +289,7 @@ static void drop_factored(struct bake *b)
 // The most bytes of a tensor: W05's 128 coefficients a vertex (640 bytes with their indices),
 // and METHODS §5's sizes for joint transport. Small models, whose bases take the largest part,
 // get a least number instead (chosen, not measured).
-static double byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
+double prt_bake_byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
 {
     bool joint = b->o.engine == PRT_TRANSPORT_JOINT;
     double per_vertex = joint ? (term ? 2200 : 1088) : 620.0 * n_phase;
@@ -286,7 +313,7 @@ static int pack_rows(const struct tensor_job *job, struct prt_tensor *out)
                                 .n_basis_coef = b->o.n_basis_coef,
                                 .energy_error = energy_error(b, job->term),
                                 .low_rank = job->training != NULL,
-                                .max_bytes = byte_budget(b, job->term, job->n_phase)};
+                                .max_bytes = prt_bake_byte_budget(b, job->term, job->n_phase)};
     return prt_pack_factored(b->ctx, b->clusters, b->factored, job->n_function, b->o.cube,
                              &pack, out);
 }
@@ -347,9 +374,10 @@ static int bake_wavelet(struct bake *b)
     int status = PRT_OK;
     if (b->surface && !prt_shard_assembling(b))
         status = prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
-                                     b->o.material.eta, &b->irradiance, &b->rays_irradiance);
+                                     b->o.material.eta, prt_bake_rows_room(&b->o),
+                                     &b->irradiance, &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
-    if (status == PRT_OK) status = prt_probes_create(b, wavelet_probes, &probes);
+    if (status == PRT_OK) status = prt_probes_create(b, WAVELET_PROBES, &probes);
     struct tensor_job multiple = {.bake = b,
                                   .term = PRT_TERM_MULTIPLE,
                                   .stage = "multiple scattering",

@@ -1,9 +1,35 @@
 // SPDX-License-Identifier: MIT
-// Checks of a bake's settings, and the memory that a bake needs.
+// What a bake's settings need: bounds and memory.
+//
+// The estimate adds up the largest arrays that are held at once, stage by stage. It was
+// compared with the largest VmHWM of the process; two threads, models 50 mm across, marble
+// where a medium is wanted, those with * without single scattering:
+//
+//     model, vertices   transport   samples  cube  estimate  measured [MiB]  ratio
+//     spot, 3225        wavelet        3000    16       131             124   1.06
+//     spot, 3225        wavelet*       3000    32       222             170   1.31
+//     spot, 3225        wavelet*       3000    64       574             480   1.20
+//     dragon, 5891      sparse        20000    16       375             274   1.37
+//     dragon, 5891      polynomial    20000    32       534             355   1.51
+//     dragon, 5891      wavelet       20000    32       660             563   1.17
+//     dragon, 5891      joint         20000    16       518             410   1.26
+//     bunny, 34835      wavelet       30000    16       433             332   1.31
+//     bunny, 34835      joint*        20000    16       888             704   1.26
+//     bunny, 34835      wavelet      150000    32      3501            2970   1.18
+//     bunny, 34835      joint        150000    32      5219            4608   1.13
 #include "bake/run.h"
 #include "prt/bake_limits.h"
+#include "prt/radial.h"
 
 #include <math.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+// Combinations that joint bases are trained with, a phase term (radials.c).
+enum { TRAIN_REFLECTANCE = 28, TRAIN_EXTINCTION = 10 };
+static const double PROGRAM = 48e6; // code and data of the program and its libraries
+static const double A_THREAD = 5e6; // OpenBLAS' buffers as far as they are used, stacks
+static const double MARGIN = 1.1;
 
 int prt_bake_check_settings(const struct prt_context *ctx, const struct prt_bake_options *o)
 {
@@ -29,9 +55,184 @@ void prt_bake_drop_line(void *user, enum prt_log_level level, const char *line)
 {
 }
 
-// An upper bound, without the memory of libraries, of the rows of pass 1 (samples and half as
-// many nodes), the factors of all clusters, the dense rows of one cluster for each thread, and
-// the mesh with its scene.
+size_t prt_bake_rows_room(const struct prt_bake_options *options)
+{
+    long pages = sysconf(_SC_AVPHYS_PAGES), page = sysconf(_SC_PAGESIZE);
+    size_t room = pages > 0 && page > 0 ? (size_t)pages * (size_t)page : SIZE_MAX;
+    if (options->memory) room = options->memory;
+    return room / 10 * 6;
+}
+
+// What decides a bake's memory, in the units of its allocations.
+struct demand {
+    const struct bake *b;
+    double vertices, triangles, threads, samples, nodes, coef, area;
+    uint32_t n_cluster, widest; // clusters of vertices, vertices of the largest
+    double ranks;               // columns of U that all clusters hold while they are factored
+};
+
+// Of the groups that clusters_create splits: one for each object and kind of surface.
+static int count_clusters(struct demand *d, bool every_medium)
+{
+    const struct prt_mesh *mesh = d->b->mesh;
+    uint32_t size = prt_bake_cluster_size(d->b), n_group = 2 * mesh->n_object;
+    uint32_t *group = calloc(n_group + 1u, sizeof *group);
+    if (!group) return PRT_NOMEM;
+    for (uint32_t i = 0; i < mesh->n_block; i++) {
+        const struct prt_block *block = &mesh->block[i];
+        group[2 * block->object + (mesh->surface[block->surface].translucent != 0)] +=
+            block->n_vertex;
+    }
+    d->n_cluster = d->widest = 0;
+    for (uint32_t i = 0; i < n_group; i++) {
+        uint32_t n = group[i], pieces = n ? 1 : 0;
+        for (; n > size; n = n / 2 + n % 2) pieces *= 2;
+        d->n_cluster += pieces;
+        d->widest = n > d->widest ? n : d->widest;
+    }
+    d->ranks = 0;
+    uint32_t rank = prt_bake_rank(&d->b->o, every_medium, d->n_cluster);
+    for (uint32_t i = 0; i < n_group; i++) {
+        uint32_t n = group[i], pieces = 1;
+        for (; n > size; n = n / 2 + n % 2) pieces *= 2;
+        d->ranks += (double)pieces * (rank < n ? rank : n);
+    }
+    free(group);
+    return PRT_OK;
+}
+
+// Columns of the widest cut: samples no further from the cluster than cells are integrated,
+// and nodes that grow with distance, as cluster_kernel.c opens them. Measured, not derived.
+static double cut_columns(const struct demand *d)
+{
+    double spacing = sqrt(d->area / fmax(d->samples, 1)), side = sqrt(d->area / d->n_cluster);
+    double near = pow(side / spacing + 7, 2), far = 850 * log(1 + sqrt(d->area) / spacing);
+    return fmin(3 * near + far, 0.9 * d->samples);
+}
+
+// Functions of a free medium's basis: 14, 15 and 17 were found for models of 20, 50 and 200 mm,
+// one more where three times the size is covered.
+static double basis_size(const struct demand *d, bool extinction)
+{
+    const struct prt_bake_options *o = &d->b->o;
+    double pieces = extinction ? 8 : 16, reach = prt_mesh_diagonal(d->b->mesh);
+    if (o->engine == PRT_TRANSPORT_WAVELET) return 3;
+    if (o->basis == PRT_RADIAL_POLYNOMIAL) return 2 * pieces;
+    if (o->basis == PRT_RADIAL_HAT) return pieces + 1;
+    double finer = fmax(log(PRT_BAKE_ERROR_DEFAULT / o->max_error), 0);
+    return ceil(fmax(11 + log(fmax(reach, 1)) + 2 * finer, 4)) + (extinction ? 1 : 0);
+}
+
+// A thread's arrays while one cluster is factored (factor.c): functions stored, trained ones,
+// lights, with a cut of `columns` (0: rows that were made otherwise).
+static double factor_bytes(const struct demand *d, double functions, double trained,
+                           double probes, double columns)
+{
+    enum { ROWS_AT_ONCE = 192 }; // sources.c
+    double n = d->widest, J = functions, C = columns;
+    double rank = fmin(prt_bake_rank(&d->b->o, trained > J, d->n_cluster), n);
+    double answers = J * n * (probes + 6) * 4, some = C > 0 ? ROWS_AT_ONCE * d->coef * 4 : 0;
+    double multiply = some + C * probes * 4 + trained * n * probes * 4;
+    double basis = trained * n * probes * 12 + n * n * 8 + 3 * n * rank * 8;
+    double made = C > 0 && trained > J ? fmin(J, MAX_COMPONENTS) / 2 : J; // of a row, functions
+    double project = rank * made * (d->coef + C) * 4 + some;
+    double faces = trained > J ? (probes + 6) * d->coef * 4 : 0;
+    return J * n * C * 4 + C * 16 + answers + fmax(fmax(multiply, basis) + faces, project);
+}
+
+// All clusters' factors: halves of each function or direction, and floats of their energy.
+static double factors(const struct demand *d, double functions, bool every_medium)
+{
+    double wide = every_medium ? fmin(functions, MAX_COMPONENTS) : functions;
+    double a_column = (2 * wide + 4) * d->coef + 4 * d->widest;
+    if (every_medium) a_column += (wide + 6) * functions * 4;
+    return d->ranks * a_column;
+}
+
+static double packed(const struct demand *d, enum prt_term term, double functions)
+{
+    double all = d->ranks * (d->coef * (2 * functions + 2) + 4 * d->widest);
+    return fmin(prt_bake_byte_budget(d->b, term, d->b->o.n_phase), all);
+}
+
+static double horizon(const struct demand *d)
+{
+    return d->vertices * (2 * HORIZON_WORDS * 8 + 1);
+}
+
+// A thread's arrays of single scattering: cells of a cluster's vertices (cells.c), its rays.
+static double single_bytes(const struct demand *d, double functions)
+{
+    double cells = d->widest * d->coef * (4 + functions);
+    double rays = (SINGLE_MAX_NODES * 6 + 4) * d->coef * 4 + functions * d->coef * 4;
+    return cells + rays;
+}
+
+static double sparse_bytes(const struct demand *d, double functions)
+{
+    return d->vertices * (16 * functions + d->b->o.n_coef * (4 + functions));
+}
+
+static double sparse_scratch(const struct demand *d, double functions, double columns)
+{
+    double n = d->widest;
+    return n * n * 4 + n * functions * (d->coef + 2 * columns) * 4 + 192 * d->coef * 4;
+}
+
+// The largest of the stages, above what is held all along.
+static double stages(struct demand *d, double rows)
+{
+    const struct prt_bake_options *o = &d->b->o;
+    const bool joint = o->engine == PRT_TRANSPORT_JOINT;
+    const bool sparse = o->storage == PRT_STORAGE_SPARSE;
+    const double multiple = basis_size(d, false), single = o->n_phase * basis_size(d, true);
+    const double columns = cut_columns(d);
+    if (o->engine == PRT_TRANSPORT_POLYNOMIAL) {
+        double kept = d->vertices * 6 * (multiple + single) + (d->samples + d->nodes) * 12;
+        double cut = multiple * d->widest * columns * 4 + columns * 16;
+        double rays = single_bytes(d, 0) - d->widest * d->coef * 4.0;
+        return kept + fmax(d->threads * fmax(cut, rays), horizon(d));
+    }
+    double probes = joint ? JOINT_PROBES : WAVELET_PROBES, lights = d->coef * probes * 4;
+    double first = rows + horizon(d), second, third = 0;
+    if (sparse) {
+        second = rows + sparse_bytes(d, multiple) +
+                 d->threads * sparse_scratch(d, multiple, columns);
+        third = sparse_bytes(d, multiple) + sparse_bytes(d, single) + horizon(d) +
+                d->threads * (single_bytes(d, single) + sparse_scratch(d, single, 0));
+    } else {
+        double tensor = packed(d, PRT_TERM_MULTIPLE, multiple);
+        double train = joint ? TRAIN_REFLECTANCE : multiple;
+        second = rows + factors(d, multiple, joint) +
+                 fmax(d->threads * factor_bytes(d, multiple, train, probes, columns), tensor);
+        train = joint ? TRAIN_EXTINCTION * o->n_phase : single;
+        third = tensor + horizon(d) + factors(d, single, joint) +
+                fmax(d->threads *
+                         (single_bytes(d, single) + factor_bytes(d, single, train, probes, 0)),
+                     packed(d, PRT_TERM_SINGLE, single));
+    }
+    if (o->no_single || (d->b->o.material.profile && !joint)) third = 0;
+    return fmax(first, lights + fmax(second, third));
+}
+
+// The bake is measured against the reference's samples, when its rows and factors are gone.
+static double measuring(const struct demand *d)
+{
+    bool fixed = d->b->o.engine == PRT_TRANSPORT_WAVELET;
+    double densest = fixed ? 0 : 27; // METHODS' range of a free medium [mm^-1]
+    for (int c = 0; fixed && c < 3; c++) densest = fmax(densest, d->b->dipole[c].sigma_t_prime);
+    uint64_t making, kept;
+    double n = fmin(fmax(60000, d->area * densest * densest / 4e4), 2e7);
+    prt_surface_memory(d->b->mesh, (uint32_t)n, (float)(1 / densest / 8), &making, &kept);
+    return (double)making + n * 12 + d->vertices * 12;
+}
+
+// Embree's tree with what it takes to build it, the mesh and the file it came from.
+static double model_bytes(const struct prt_mesh *mesh)
+{
+    return mesh->n_vertex * 150.0 + mesh->n_triangle * 350.0;
+}
+
 int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
                     const struct prt_bake_options *options, uint64_t *bytes)
 {
@@ -39,23 +240,31 @@ int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
     struct bake b = {.ctx = &quiet, .mesh = mesh, .o = *options};
     int status = prt_bake_check_settings(ctx, options);
     if (status) return status;
-    if (!b.o.cube) b.o.cube = PRT_BAKE_CUBE_DEFAULT;
+    prt_bake_set_defaults(&b.o);
     prt_material_dipoles(&b.o.material, b.dipole);
     quiet.log = prt_bake_drop_line;
-    bool joint = b.o.engine == PRT_TRANSPORT_JOINT;
-    double coef = 6.0 * b.o.cube * b.o.cube, samples = prt_bake_sample_count(&b);
-    double vertices = mesh->n_vertex, threads = prt_pool_size(ctx ? ctx->pool : NULL);
-    double clusters = fmax(vertices / (joint ? 256 : 128) + 1, joint ? 320 : 640);
-    clusters = fmin(clusters, vertices / 4 + 1);
-    double functions = joint ? 16 : 3.0 * (b.o.n_phase ? b.o.n_phase : 4);
-    double rank = b.o.rank ? b.o.rank : 72, of_cluster = 4 * vertices / clusters + 16;
-    double factors = clusters * fmin(rank, of_cluster) * functions * coef * 1.25;
-    double scratch = threads * (of_cluster * functions * coef * 8 + 256e6);
-    // Polynomial transport has one light, and stores no coefficients of it.
-    if (b.o.engine == PRT_TRANSPORT_POLYNOMIAL) factors = 0;
-    double rows = samples * 1.5 * coef * 2;
-    if (rows > (double)prt_half_rows_room()) rows = 0; // they are on disk
-    double model = vertices * 4000 + (double)mesh->n_triangle * 1200;
-    *bytes = (uint64_t)(rows + samples * 400 + factors + scratch + model);
+    struct demand d = {.b = &b,
+                       .vertices = mesh->n_vertex,
+                       .triangles = mesh->n_triangle,
+                       .threads = prt_pool_size(ctx ? ctx->pool : NULL),
+                       .coef = 6.0 * b.o.cube * b.o.cube,
+                       .area = prt_surface_area(mesh)};
+    status = count_clusters(&d, b.o.engine == PRT_TRANSPORT_JOINT);
+    if (status) return status;
+    uint64_t making = 0, kept = 0;
+    if (d.area > 0) {
+        uint32_t n = prt_bake_sample_count(&b);
+        d.samples = n;
+        d.nodes = (double)prt_hierarchy_most_nodes(n, mesh->n_object);
+        prt_surface_memory(mesh, n, prt_bake_fine_mm(&b), &making, &kept);
+    }
+    double rows = (d.samples + d.nodes) * d.coef * 2;
+    if (rows > (double)prt_bake_rows_room(&b.o)) rows = 0; // they are on disk
+    double trees = d.samples * (8 + 4) + d.nodes * sizeof(struct node);
+    double rays = prt_bake_patterns(&b.o) * d.coef * SUBS * 16;
+    double work = d.area > 0 ? fmax(stages(&d, rows), measuring(&d)) : stages(&d, 0);
+    double held = (double)kept + trees + rays + model_bytes(mesh);
+    double all = PROGRAM + d.threads * A_THREAD + fmax(held + work, (double)making);
+    *bytes = (uint64_t)(MARGIN * all);
     return PRT_OK;
 }

@@ -83,6 +83,14 @@ static uint32_t build(const struct prt_surface_points *s, struct hierarchy *h, u
     return at;
 }
 
+uint64_t prt_hierarchy_most_nodes(uint32_t n_sample, uint32_t n_object)
+{
+    uint64_t leaves = 1;
+    for (uint32_t n = n_sample; n > LEAF_SAMPLES; n = n / 2 + n % 2) leaves *= 2;
+    // Of several objects each has fewer: halves of more than 8 samples have more than 4.
+    return n_object > 1 ? n_sample / 2 + 2ull * n_object : 2 * leaves;
+}
+
 int prt_hierarchy_create(const struct prt_surface_points *s, struct hierarchy **out)
 {
     struct hierarchy *h = calloc(1, sizeof *h);

@@ -10,7 +10,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 // Share of full light through a sub-sample below which one ray of four is cast first. Chosen
@@ -176,23 +175,14 @@ uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directio
     return u.rays;
 }
 
-size_t prt_half_rows_room(void)
-{
-    struct rlimit limit;
-    long pages = sysconf(_SC_AVPHYS_PAGES), page = sysconf(_SC_PAGESIZE);
-    size_t room = pages > 0 && page > 0 ? (size_t)pages * (size_t)page : SIZE_MAX;
-    if (!getrlimit(RLIMIT_DATA, &limit) && limit.rlim_cur < room) room = limit.rlim_cur;
-    return room / 10 * 6;
-}
-
 int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
-                         struct half_rows *out)
+                         size_t room, struct half_rows *out)
 {
     size_t bytes;
     memset(out, 0, sizeof *out);
     if (prt_mul_overflow(n_row, n_coef * 2, &bytes)) return PRT_NOMEM;
     int fd = -1;
-    if (bytes > prt_half_rows_room()) {
+    if (bytes > room) {
         const char *dir = getenv("TMPDIR");
         char path[512];
         snprintf(path, sizeof path, "%s/prt-bake-XXXXXX", dir && *dir ? dir : "/var/tmp");
@@ -313,13 +303,13 @@ static int leaf_range(void *arg, size_t begin, size_t end, unsigned worker)
 
 int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
                         const struct prt_surface_points *surface, const struct hierarchy *h,
-                        const struct directions *d, double eta, struct half_rows *out,
-                        uint64_t *rays)
+                        const struct directions *d, double eta, size_t room,
+                        struct half_rows *out, uint64_t *rays)
 {
     struct fresnel_table fresnel;
     prt_fresnel_table_init(&fresnel, eta);
     int status =
-        prt_half_rows_create(ctx, (size_t)surface->n_sample + h->n_node, d->n_coef, out);
+        prt_half_rows_create(ctx, (size_t)surface->n_sample + h->n_node, d->n_coef, room, out);
     if (status) return status;
     struct pass_one p = {
         .scene = scene, .surface = surface, .h = h, .d = d, .fresnel = &fresnel, .rows = out};

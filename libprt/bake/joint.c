@@ -9,10 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-// Probes of the range finder. Scattering: twice the columns of U (64), so that U serves more
-// lights than the probes. Opaque surfaces: shadows have a higher rank than scattered light.
-static const uint32_t joint_probes = 128, opaque_probes = 192;
-
 struct joint {
     struct bake *b;
     struct bases bases;
@@ -90,7 +86,7 @@ static int bake_opaque(struct bake *b)
                              .n_function = 3,
                              .n_phase = 1,
                              .probes = &probes};
-    int status = prt_probes_create(b, opaque_probes, &probes);
+    int status = prt_probes_create(b, OPAQUE_PROBES, &probes);
     if (status == PRT_OK) status = prt_bake_tensor(&job);
     prt_probes_finish(&probes);
     return status;
@@ -121,7 +117,7 @@ static int bake_terms(struct joint *j)
     bool opaque = false;
     for (uint32_t c = 0; c < b->clusters->n_cluster; c++)
         opaque |= !b->clusters->translucent[c];
-    int status = prt_probes_create(b, joint_probes, &probes);
+    int status = prt_probes_create(b, JOINT_PROBES, &probes);
     if (status == PRT_OK) status = bake_multiple(j, &probes);
     prt_half_rows_finish(&b->irradiance);
     if (status == PRT_OK && opaque) status = bake_opaque(b);
@@ -140,7 +136,8 @@ int prt_bake_joint(struct bake *b)
     int status = prt_bases_create(b, &j.bases);
     if (status == PRT_OK && !prt_shard_assembling(b))
         status = prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
-                                     b->o.material.eta, &b->irradiance, &b->rays_irradiance);
+                                     b->o.material.eta, prt_bake_rows_room(&b->o),
+                                     &b->irradiance, &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
     if (status == PRT_OK) status = bake_terms(&j);
     prt_bases_finish(&j.bases);

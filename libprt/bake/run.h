@@ -33,6 +33,25 @@ int prt_bake_check_settings(const struct prt_context *ctx,
 /* The options' number of samples, or the number that the mean free path needs; reads mesh and
  * dipole. */
 uint32_t prt_bake_sample_count(const struct bake *b);
+/* Fills in the settings that were left to the bake. */
+void prt_bake_set_defaults(struct prt_bake_options *options);
+/* Distance of fine points [mm]. */
+float prt_bake_fine_mm(const struct bake *b);
+/* Jittered patterns of directions. */
+uint32_t prt_bake_patterns(const struct prt_bake_options *options);
+/* Most vertices of a cluster. */
+uint32_t prt_bake_cluster_size(const struct bake *b);
+/* Most columns of a cluster's U; every_medium: U is trained for a range of media. */
+uint32_t prt_bake_rank(const struct prt_bake_options *options, bool every_medium,
+                       uint32_t n_cluster);
+/* The most bytes of a packed tensor. */
+double prt_bake_byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase);
+/* Rows of pass 1 that take more bytes are kept on disk. */
+size_t prt_bake_rows_room(const struct prt_bake_options *options);
+/* Probes of the range finder. A material: 2.7 times the columns of U; chosen, not measured. A
+ * range of media: twice the columns (64), so that U serves more lights than the probes. Opaque
+ * surfaces: shadows have a higher rank than scattered light. */
+enum { WAVELET_PROBES = 192, JOINT_PROBES = 128, OPAQUE_PROBES = 192 };
 /* A log that drops every line. */
 void prt_bake_drop_line(void *user, enum prt_log_level level, const char *line);
 /* One tensor to bake: its rows and the way they are factored. `range` gets it as its argument.

@@ -74,15 +74,13 @@ uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directio
 /* ---- irradiance transport and its hierarchy ---------------------------------------------- */
 
 /* Rows of half floats: samples first (in tree order), then the nodes of the hierarchy. Rows
- * that need more than 60 % of the free memory are mapped from an unlinked temporary file. */
+ * that take more bytes than `room` are mapped from an unlinked temporary file. */
 struct half_rows {
     size_t n_row, n_coef, bytes;
     uint16_t *half;
 };
 int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
-                         struct half_rows *out);
-/* Bytes above which rows are kept on disk: 60 % of the free memory, or of RLIMIT_DATA. */
-size_t prt_half_rows_room(void);
+                         size_t room, struct half_rows *out);
 void prt_half_rows_finish(struct half_rows *rows);
 
 struct node {
@@ -99,6 +97,8 @@ struct hierarchy {
     uint32_t *root;  /* [n_object] node index + 1; 0 where an object has no samples */
     uint32_t *order; /* [n_sample] surface sample at each tree position */
 };
+/* Nodes over n_sample samples: an upper bound, which one object all but reaches. */
+uint64_t prt_hierarchy_most_nodes(uint32_t n_sample, uint32_t n_object);
 int prt_hierarchy_create(const struct prt_surface_points *surface, struct hierarchy **out);
 void prt_hierarchy_destroy(struct hierarchy *h);
 
@@ -106,8 +106,8 @@ void prt_hierarchy_destroy(struct hierarchy *h);
  * the number of rays cast. Reports "irradiance" and "hierarchy" as progress. */
 int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
                         const struct prt_surface_points *surface, const struct hierarchy *h,
-                        const struct directions *d, double eta, struct half_rows *out,
-                        uint64_t *rays);
+                        const struct directions *d, double eta, size_t room,
+                        struct half_rows *out, uint64_t *rays);
 
 /* ---- clusters of vertices -----------------------------------------------------------------
  */

@@ -2,15 +2,26 @@
 // Which instruction sets this machine has, and the words for them.
 #include "base/isa.h"
 
+#if PRT_ISA_X86
+#include <cpuid.h>
+#endif
 #include <string.h>
+
+#if PRT_ISA_X86
+// clang 14 has no word for it in __builtin_cpu_supports.
+static bool has_f16c(void)
+{
+    unsigned a, b, c, d;
+    return __get_cpuid(1, &a, &b, &c, &d) && c & bit_F16C;
+}
+#endif
 
 unsigned prt_cpu_detect(void)
 {
     unsigned mask = PRT_CPU_C;
 #if PRT_ISA_X86
     __builtin_cpu_init();
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
-        __builtin_cpu_supports("f16c"))
+    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && has_f16c())
         mask |= PRT_CPU_AVX2;
     if ((mask & PRT_CPU_AVX2) && __builtin_cpu_supports("avx512f") &&
         __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&

@@ -5,11 +5,9 @@
 #include "prt/radial.h"
 
 #include <cjson/cJSON.h>
-#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 // Default: joint without --material and without options of wavelet transport, else wavelet.
@@ -150,46 +148,32 @@ static int report_part(const struct options *o, double seconds, uint32_t missing
     return EXIT_DONE;
 }
 
-static int limit_data(struct tool *tool, uint64_t bytes)
+// Has the bake make do with what is free, or with --memory when that is less.
+static uint64_t usable_memory(const struct options *o)
 {
-    struct rlimit limit;
-    if (getrlimit(RLIMIT_DATA, &limit)) return EXIT_DONE;
-    limit.rlim_cur = bytes < limit.rlim_max ? bytes : limit.rlim_max;
-    if (!setrlimit(RLIMIT_DATA, &limit)) return EXIT_DONE;
-    return tool_exit(tool, prt_fail(&tool->ctx, PRT_INTERNAL, "memory cannot be limited: %s",
-                                    strerror(errno)));
+    uint64_t page = (uint64_t)sysconf(_SC_PAGESIZE);
+    uint64_t free_bytes = (uint64_t)sysconf(_SC_AVPHYS_PAGES) * page;
+    return o->memory && o->memory < free_bytes ? o->memory : free_bytes;
 }
 
-// Limits the data segment of this process to --memory, or to 1.5 times the estimate and 1 GB
-// for libraries (chosen, not measured).
+// Watches the memory of this process: --memory, or 1.5 times the estimate (chosen, not
+// measured).
 static int limit_memory(struct tool *tool, uint64_t estimate)
 {
     const struct options *o = &tool->opt;
     uint64_t machine = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
     uint64_t most = o->memory ? o->memory : machine;
-    if (!o->memory_set) return EXIT_DONE;
-    if (estimate > most)
+    if (o->memory_set && estimate > most)
         return tool_exit(tool, prt_fail(&tool->ctx, PRT_LIMIT,
                                         "%s: this bake is estimated to need %llu MB of memory, "
-                                        "%s %llu MB (relightd's --bake-memory); use fewer "
-                                        "samples or a smaller cube",
+                                        "%s %llu MB (prt's --memory, relightd's "
+                                        "--bake-memory); ask for fewer samples or a smaller "
+                                        "cube",
                                         o->input[0], (unsigned long long)(estimate >> 20),
                                         o->memory ? "the limit is" : "the machine has",
                                         (unsigned long long)(most >> 20)));
-    if (o->memory) return EXIT_DONE;
-    return limit_data(tool, estimate + estimate / 2 + (UINT64_C(1) << 30));
-}
-
-static int no_memory(struct tool *tool, int status)
-{
-    struct rlimit limit;
-    if (status == PRT_NOMEM && !getrlimit(RLIMIT_DATA, &limit) &&
-        limit.rlim_cur != RLIM_INFINITY)
-        prt_log(&tool->ctx, PRT_LOG_ERROR,
-                "out of memory: this bake may take %llu MB (relightd's --bake-memory, prt's "
-                "--memory); use fewer samples or a smaller cube",
-                (unsigned long long)(limit.rlim_cur >> 20));
-    return tool_exit(tool, status);
+    if (!o->memory_set) return memory_watch(tool, 0);
+    return memory_watch(tool, o->memory ? o->memory : estimate + estimate / 2);
 }
 
 int run_bake(struct tool *tool)
@@ -225,7 +209,7 @@ int run_bake(struct tool *tool)
     }
     options.material = source.material;
     options.env = env;
-    if (o->memory && (exit_status = limit_data(tool, o->memory))) goto done;
+    options.memory = usable_memory(o);
     uint64_t bytes = 0;
     exit_status = tool_exit(tool, prt_bake_memory(&tool->ctx, source.mesh, &options, &bytes));
     if (!exit_status && o->estimate) printf("%llu\n", (unsigned long long)bytes);
@@ -234,7 +218,7 @@ int run_bake(struct tool *tool)
     settings = provenance(o);
     options.settings_json = settings;
     options.parts_missing = &missing;
-    exit_status = no_memory(tool, prt_bake(&tool->ctx, source.mesh, &options, o->out));
+    exit_status = memory_watch_end(prt_bake(&tool->ctx, source.mesh, &options, o->out));
     double seconds = prt_time_s() - started;
     if (!exit_status)
         exit_status = missing ? report_part(o, seconds, missing) : report(tool, seconds);

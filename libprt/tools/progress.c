@@ -88,7 +88,7 @@ static int on_progress(void *user, const char *stage, double fraction, double et
         else if (!tool->opt.quiet && isatty(STDERR_FILENO)) draw_bar(stage, fraction, eta_s);
     }
     // The reader of the progress pipe has ended: nobody needs the result any more.
-    return stop_signal || progress.broken;
+    return stop_signal || progress.broken || memory_is_over();
 }
 
 int tool_begin(struct tool *tool)

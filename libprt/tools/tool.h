@@ -77,6 +77,14 @@ int tool_exit(const struct tool *tool, int status);
 /* Checks before long work that `path` can be created: 0, or EXIT_FAILED after a message. */
 int check_writable(const struct tool *tool, const char *path);
 
+/* Ends the run with an error when it holds more than `bytes` of memory (0: any amount), or when
+ * RLIMIT_DATA is about to be reached: the progress callback then cancels the bake. Returns an
+ * exit status. */
+int memory_watch(struct tool *tool, uint64_t bytes);
+bool memory_is_over(void); /* the progress callback has to cancel */
+/* Stops watching. status: of the library call that was watched; returns the exit status. */
+int memory_watch_end(int status);
+
 /* A SOURCE of the command contract. */
 struct source {
     const char *path;

@@ -258,29 +258,49 @@ static int gather_cells(struct prt_surface_points *s, const struct neighbour *ne
 }
 
 // Total of fine points at a distance.
-static uint64_t count_fine(const struct prt_surface_points *s, const struct prt_mesh *mesh,
-                           const struct piece_list *list, double fine_mm)
+static uint64_t count_fine(const struct prt_mesh *mesh, double fine_mm)
 {
     uint64_t total = 0;
-    for (uint32_t o = 0; o < s->n_object; o++)
-        for (uint32_t i = 0; i < list[o].n; i++) {
-            uint64_t m = fine_cuts(mesh, list[o].triangle[i], fine_mm);
+    for (uint32_t b = 0; b < mesh->n_block; b++) {
+        const struct prt_block *block = &mesh->block[b];
+        if (!prt_surface_translucent(mesh, block)) continue;
+        for (uint32_t t = 0; t < block->n_triangle; t++) {
+            uint64_t m = fine_cuts(mesh, block->triangle_begin + t, fine_mm);
             total += m * m;
         }
+    }
     return total;
 }
 
 // The least distance from fine_mm on that keeps within fine_per_sample points a sample. Ends at
 // the latest when every triangle is one point.
-static double fine_distance(const struct prt_surface_points *s, const struct prt_mesh *mesh,
-                            const struct piece_list *list, double fine_mm, uint64_t *total)
+static double fine_distance(const struct prt_mesh *mesh, uint32_t n_sample, double fine_mm,
+                            uint64_t *total)
 {
     uint64_t n_triangle = 0;
-    for (uint32_t o = 0; o < s->n_object; o++) n_triangle += list[o].n;
+    for (uint32_t b = 0; b < mesh->n_block; b++)
+        if (prt_surface_translucent(mesh, &mesh->block[b]))
+            n_triangle += mesh->block[b].n_triangle;
     for (;; fine_mm *= 1.15) {
-        *total = count_fine(s, mesh, list, fine_mm);
-        if (*total <= fine_per_sample * s->n_sample + n_triangle) return fine_mm;
+        *total = count_fine(mesh, fine_mm);
+        if (*total <= fine_per_sample * n_sample + n_triangle) return fine_mm;
     }
+}
+
+void prt_surface_memory(const struct prt_mesh *mesh, uint32_t n_sample, float fine_mm,
+                        uint64_t *making, uint64_t *kept)
+{
+    enum { A_TRIANGLE = 48 }; // its key while it is sorted, its index and running area
+    uint64_t n_fine, n = n_sample;
+    fine_distance(mesh, n_sample, (double)fine_mm, &n_fine);
+    const struct prt_surface_points *s = NULL;
+    uint64_t a_sample = sizeof *s->position + sizeof *s->normal + sizeof *s->face_normal +
+                        sizeof *s->area + sizeof *s->centre + sizeof *s->spread +
+                        sizeof *s->object + sizeof *s->cell_begin;
+    uint64_t a_cell = sizeof *s->cell_fine + sizeof *s->cell_weight;
+    *kept = n * a_sample + n_fine * (sizeof *s->fine + NEIGHBOURS * a_cell);
+    *making = *kept + n_fine * (sizeof(struct neighbour) + sizeof(float)) +
+              (uint64_t)mesh->n_triangle * A_TRIANGLE;
 }
 
 // The fine points of one object from *at on, which is advanced behind them.
@@ -313,7 +333,7 @@ int prt_surface_cells(const struct prt_context *ctx, struct prt_surface_points *
                       const struct prt_mesh *mesh, const struct piece_list *list, float fine_mm)
 {
     uint64_t total, at = 0;
-    double fine = fine_distance(s, mesh, list, (double)fine_mm, &total);
+    double fine = fine_distance(mesh, s->n_sample, (double)fine_mm, &total);
     if (total > UINT32_MAX / 4)
         return prt_fail(ctx, PRT_LIMIT,
                         "%llu surface points are too many: at most %u samples and triangles",

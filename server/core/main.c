@@ -233,6 +233,8 @@ static int start(void)
         models_create(&server, &server.models) || listen_everywhere())
         return -1;
     cache_hold_files(server.cache, server.files);
+    cache_use_workers(server.cache, server.work);
+    cache_use_workers(server.files, server.work);
     maintenance_timer.fire = run_maintenance;
     run_maintenance(&maintenance_timer);
     log_line(LOG_EVENT, "start version=" RELIGHT_VERSION " pid=%d threads=%u data=%s%s",
@@ -277,6 +279,8 @@ static void stop(void)
         }
         loop_turn(server.loop, 50);
     }
+    if (server.cache) cache_use_workers(server.cache, NULL);
+    if (server.files) cache_use_workers(server.files, NULL);
     work_pool_destroy(server.work);
     models_destroy(server.models);
     cache_destroy(server.cache); // shapes hold files

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The runner that starts `prt` as a child process: progress on one pipe, error output on
-// another, SIGTERM to cancel, then SIGKILL if it does not exit. The child has limits on memory
-// and time, and is killed when the daemon exits, even by a crash.
+// another, SIGTERM to cancel, then SIGKILL if it does not exit. The child has a limit on time,
+// keeps to a limit on memory by itself (prt bake --memory), and is killed when the daemon
+// exits, even by a crash.
 #include "jobs/jobs.h"
 #include "core/log.h"
 #include "core/server.h"
@@ -194,7 +195,7 @@ struct birth {
     char **argv;
     int progress_fd, error_fd;
     pid_t daemon;
-    struct rlimit data, cpu;
+    struct rlimit cpu;
     int error; // written by the child, which shares memory until exec
 };
 
@@ -209,7 +210,6 @@ static void enter(struct birth *b)
               !chdir(b->cwd) && !setpgid(0, 0) && // the daemon handles a terminal's ^C
               !prctl(PR_SET_PDEATHSIG, SIGKILL) && getppid() == b->daemon &&
               !setrlimit(RLIMIT_CORE, &core) &&
-              (!b->data.rlim_cur || !setrlimit(RLIMIT_DATA, &b->data)) &&
               (!b->cpu.rlim_cur || !setrlimit(RLIMIT_CPU, &b->cpu)) &&
               signal(SIGPIPE, SIG_DFL) != SIG_ERR && !sigprocmask(SIG_SETMASK, &none, NULL);
     if (ok) execvp(b->program, b->argv);
@@ -294,7 +294,6 @@ static struct job_run *child_start(struct server *server, const struct job_order
                           .argv = argv,
                           .progress_fd = progress[1],
                           .error_fd = errors[1],
-                          .data = {server->options.bake_memory, server->options.bake_memory},
                           .cpu = cpu_limit(server)};
     err = spawn(&birth, &run->pid);
     if (err) goto fail;

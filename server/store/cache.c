@@ -3,6 +3,7 @@
 // that nobody holds. Clients choose keys: the hash has a secret seed, and the table grows.
 #include "store/cache.h"
 
+#include "core/work.h"
 #include "prt/base.h"
 
 #include <assert.h>
@@ -11,7 +12,7 @@
 #include <string.h>
 #include <sys/random.h>
 
-enum { FIRST_BUCKETS = 1024 };
+enum { FIRST_BUCKETS = 1024, LARGE = 4 << 20 };
 
 struct cache {
     struct cache_entry **bucket;
@@ -23,6 +24,7 @@ struct cache {
     struct cache *files;   // entries of it are held by values of this one
     struct cache *holders; // the other way round
     bool relieving;
+    struct work_pool *workers; // NULL: values are destroyed at once
 };
 
 int cache_create(size_t budget_bytes, struct cache **out)
@@ -90,9 +92,47 @@ static void unlink_key(struct cache *cache, struct cache_entry *e)
     e->chain = NULL;
 }
 
+struct disposal {
+    struct work work;
+    void (*destroy)(void *value);
+    void *value;
+};
+
+static int run_disposal(struct work *work, const struct prt_context *ctx)
+{
+    struct disposal *d = (struct disposal *)work;
+    d->destroy(d->value);
+    return PRT_OK;
+}
+
+static void done_disposal(struct work *work)
+{
+    free(work);
+}
+
+static void destroy_value(const struct cache *cache, struct cache_entry *e)
+{
+    bool large = cache->workers && e->any_thread && e->bytes >= LARGE;
+    struct disposal *d = large ? calloc(1, sizeof *d) : NULL;
+    if (!d) {
+        e->destroy(e->value);
+        return;
+    }
+    *d = (struct disposal){.work.run = run_disposal,
+                           .work.done = done_disposal,
+                           .destroy = e->destroy,
+                           .value = e->value};
+    work_submit(cache->workers, &d->work);
+}
+
+void cache_use_workers(struct cache *cache, struct work_pool *pool)
+{
+    cache->workers = pool;
+}
+
 static void free_entry(struct cache *cache, struct cache_entry *e)
 {
-    if (e->value && e->destroy) e->destroy(e->value);
+    if (e->value && e->destroy) destroy_value(cache, e);
     cache->counts.bytes -= e->bytes + overhead(e);
     free(e->key);
     free(e);

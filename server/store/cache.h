@@ -35,11 +35,18 @@ struct cache_entry {
     struct cache *cache;
     bool forgotten;  /* removed from the table; freed with its last reference */
     bool holds_file; /* its value holds an entry of another cache */
+    bool
+        any_thread; /* its value, when large, is destroyed by a worker: set before cache_fill */
 };
 
 struct cache;
 int cache_create(size_t budget_bytes, struct cache **out);
 void cache_destroy(struct cache *cache); /* every entry must have been released */
+
+/* Large values that any thread may destroy are destroyed by workers: unmapping hundreds of MB
+ * takes tens of milliseconds. NULL, as at first: the loop destroys them. */
+struct work_pool;
+void cache_use_workers(struct cache *cache, struct work_pool *pool);
 
 /* The entry of this key, with a reference for the caller. *fresh: it is new, and the caller
  * has to call cache_fill or cache_fail once, and to hold the entry until then. */

@@ -255,6 +255,7 @@ static void is_open(struct opening *o)
     m->used_ns = wall_ns();
     if (!charge(o)) return;
     o->entry->ms = o->ms;
+    o->entry->any_thread = true;
     cache_fill(o->entry, o->file, prt_file_bytes(o->file), close_file);
     if (o->preview && m->state == RELIGHT__MODEL_STATE__MODEL_READY && !m->gone)
         preview_remove(m);

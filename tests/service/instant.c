@@ -78,15 +78,20 @@ static void test_a_budget_buys_samples(void **state)
 
 static void test_a_view_refines_and_stops(void **state)
 {
+    // The exact picture takes seconds, and a client that does not read its view's frames for
+    // --write-time is disconnected: it is made before the view is opened, by the same camera.
+    struct relight_image_request r = request_of(ball, RELIGHT_ENGINE_TEXTURE);
+    struct relight_image still;
+    OK(relight_image(client, &r, &still, &error));
+    float *exact = exact_picture(&still.camera);
+    relight_image_finish(&still);
     struct relight_view *view = open_view(ball, RELIGHT_ENGINE_TEXTURE);
     struct relight_frame_out frame;
-    float *exact = NULL;
     double first = 0, last = 0;
     uint32_t frames = 0;
     bool converged = false;
     for (int i = 0; i < 20 && !converged; i++) {
         next_frame(view, &frame);
-        if (!exact) exact = exact_picture(&frame.image.camera);
         float *rgb = pixels_of(&frame.image);
         last = difference(rgb, exact, SIDE * SIDE * 3);
         if (!i) first = last;

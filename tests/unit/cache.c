@@ -10,7 +10,10 @@
 
 #include <cmocka.h>
 
+#include "core/work.h"
 #include "store/cache.h"
+
+#include <pthread.h>
 
 enum { VALUE = 1000 };
 
@@ -197,6 +200,50 @@ static void test_hash_is_seeded(void **state)
     }
 }
 
+static pthread_t destroyed_by;
+
+static void destroy_and_tell(void *value)
+{
+    n_destroyed++;
+    destroyed_by = pthread_self();
+    free(value);
+}
+
+// Giving back hundreds of MB takes long: a worker does it, where any thread may.
+static void test_large_values_are_destroyed_by_a_worker(void **state)
+{
+    enum { LARGE = 8 << 20 };
+    const struct {
+        size_t bytes;
+        bool any_thread, by_worker;
+    } rows[] = {{LARGE, true, true}, {LARGE, false, false}, {VALUE, true, false}};
+    struct loop *loop;
+    struct work_pool *pool;
+    struct cache *cache;
+    assert_int_equal(loop_create(&loop), 0);
+    assert_int_equal(work_pool_create(loop, 1, 0, &pool), 0);
+    assert_int_equal(cache_create(2 * LARGE, &cache), 0);
+    cache_use_workers(cache, pool);
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        bool fresh;
+        n_destroyed = 0;
+        struct cache_entry *e = cache_get(cache, "image", &fresh);
+        assert_true(fresh);
+        e->any_thread = rows[i].any_thread;
+        cache_fill(e, malloc(rows[i].bytes), rows[i].bytes, destroy_and_tell);
+        cache_release(e);
+        cache_forget(cache, "image", false);
+        assert_int_equal(bytes_of(cache), 0);
+        for (int turn = 0; work_busy(pool) && turn < 1000; turn++) loop_turn(loop, 10);
+        assert_int_equal(n_destroyed, 1);
+        assert_true(!pthread_equal(destroyed_by, pthread_self()) == rows[i].by_worker);
+    }
+    cache_use_workers(cache, NULL);
+    work_pool_destroy(pool);
+    cache_destroy(cache);
+    loop_destroy(loop);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -206,6 +253,7 @@ int main(void)
         cmocka_unit_test(test_small_values_are_bounded),
         cmocka_unit_test(test_table_grows),
         cmocka_unit_test(test_hash_is_seeded),
+        cmocka_unit_test(test_large_values_are_destroyed_by_a_worker),
     };
     return cmocka_run_group_tests_name("cache", tests, NULL, NULL);
 }

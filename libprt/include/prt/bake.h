@@ -43,8 +43,10 @@ struct prt_bake_options {
      * OUT.I-of-N.part; a complete part is not baked again. The process that ends last assembles
      * the .prt, with the bytes of a bake in one process, and removes the parts. 0,0: all. */
     uint32_t shard, n_shard;
-    uint32_t *parts_missing;   /* out, or NULL: number of parts that are incomplete; 0: out_path
-                                * is written; UINT32_MAX: another process assembles it */
+    uint32_t *parts_missing; /* out, or NULL: number of parts that are incomplete; 0: out_path
+                              * is written; UINT32_MAX: another process assembles it */
+    uint64_t memory; /* bytes to make do with: rows of pass 1 that take more than 60 % of them
+                      * are kept on disk; 0: the memory that is free */
     const char *settings_json; /* JSON recorded as "source" of the settings, or NULL */
 };
 /* Bakes a mesh that has a scale (prt_mesh_scale) and writes the .prt (METHODS §3 to 5). Equal
@@ -56,9 +58,10 @@ struct prt_bake_options {
 int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
              const struct prt_bake_options *options, const char *out_path);
 
-/* Upper bound of the bytes that such a bake allocates with the threads of ctx->pool, without
- * the program's own. Rows of pass 1 that do not fit into memory are kept on disk and not
- * counted. PRT_ARG for settings out of bounds. Thread-safe. */
+/* The most memory that a process which does such a bake with the threads of ctx->pool is
+ * expected to hold [bytes], its program and libraries included: 1.0 to 1.6 times what was
+ * measured. Rows of pass 1 that are kept on disk (`memory`) are not counted. PRT_ARG for
+ * settings out of bounds; PRT_NOMEM. Thread-safe. */
 int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
                     const struct prt_bake_options *options, uint64_t *bytes);
 

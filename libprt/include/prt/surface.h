@@ -33,6 +33,10 @@ struct prt_surface_points {
     float *cell_weight;      /* interpolation weight * fine area [mm^2] */
 };
 
+/* Bytes that prt_surface_create takes with these arguments: at most while it works, and of its
+ * result. Thread-safe. */
+void prt_surface_memory(const struct prt_mesh *mesh, uint32_t n_sample, float fine_mm,
+                        uint64_t *making, uint64_t *kept);
 /* About n_sample stratified samples over the translucent triangles, at least 16 on each object,
  * and fine points at most fine_mm apart, or further where that would exceed 16 a sample. Equal
  * seeds give equal samples for any number of threads. Blocks; reports "surface" as progress.

@@ -59,6 +59,7 @@ static void decoded(void *user, struct decoded_env *env, int status, const char 
     if (env) {
         log_line(LOG_EVENT, "environment env=%s ms=%.1f", entry->key, (double)env->decode_ms);
         entry->ms = env->decode_ms;
+        entry->any_thread = true;
         cache_fill(entry, env, env->map_bytes + env->cache_bytes, decoded_env_destroy);
     } else {
         cache_fail(entry, error_of_status(status), error);

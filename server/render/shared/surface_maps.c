@@ -14,6 +14,7 @@ enum { MAP_SIDE = 1024 }; // texels a side at most; chosen, not measured
 static void decoded(void *user, struct decoded_env *image, int status, const char *error)
 {
     struct cache_entry *entry = user;
+    entry->any_thread = true;
     if (image) cache_fill(entry, image, image->map_bytes, decoded_env_destroy);
     else cache_fail(entry, error_of_status(status), error);
     cache_release(entry);
