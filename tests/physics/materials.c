@@ -13,6 +13,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "bodies.h"
+#include "expect.h"
 #include "prt/bake.h"
 #include "prt/radial.h"
 #include "prt/reference.h"
@@ -58,39 +60,17 @@ static struct prt_material medium(const char *text)
 static void write_scene(const char *path, const char *bin)
 {
     enum { U = 28, V = 14, N = 12, BALL = U * (V + 1), FLOOR = (N + 1) * (N + 1) };
-    static float p[BALL + FLOOR][3];
-    static uint32_t t[2 * U * V + 2 * N * N][3];
-    uint32_t n = 0, ball;
-    for (int j = 0; j <= V; j++)
-        for (int i = 0; i < U; i++) {
-            double th = M_PI * j / V, ph = 2 * M_PI * i / U;
-            double r = 8 + 1.2 * sin(3 * ph) * sin(th) * sin(th) + 0.8 * cos(4 * th);
-            float *x = p[j * U + i];
-            x[0] = (float)(r * sin(th) * cos(ph)), x[1] = (float)(r * cos(th));
-            x[2] = (float)(r * sin(th) * sin(ph));
-        }
-    for (int i = 0; i < FLOOR; i++) {
-        float *x = p[BALL + i];
-        x[0] = (float)(i / (N + 1) * 5 - 30), x[1] = -9.5f,
-        x[2] = (float)(i % (N + 1) * 5 - 30);
-    }
-    for (uint32_t j = 0; j < V; j++)
-        for (uint32_t i = 0; i < U; i++) {
-            uint32_t a = j * U + i, b = j * U + (i + 1) % U;
-            if (j > 0) memcpy(t[n++], ((uint32_t[3]){a, b, a + U}), 12);
-            if (j < V - 1) memcpy(t[n++], ((uint32_t[3]){b, b + U, a + U}), 12);
-        }
-    ball = n;
-    for (uint32_t i = 0; i < N; i++)
-        for (uint32_t k = 0; k < N; k++) {
-            uint32_t a = i * (N + 1) + k, b = a + N + 1;
-            memcpy(t[n++], ((uint32_t[3]){a, a + 1, b}), 12);
-            memcpy(t[n++], ((uint32_t[3]){b, a + 1, b + 1}), 12);
-        }
+    struct model m;
+    model_init(&m, BALL + FLOOR, 2 * U * V + 2 * N * N);
+    add_ball(&m, U, V, V, dented_ball);
+    const uint32_t ball = m.mesh.n_triangle;
+    add_floor(&m, 30, -9.5f, N);
+    const uint32_t n = m.mesh.n_triangle;
     FILE *f = fopen(bin, "wb");
     assert_non_null(f);
-    fwrite(p, sizeof p, 1, f);
-    fwrite(t, sizeof *t, n, f);
+    fwrite(m.mesh.position, 12, m.mesh.n_vertex, f);
+    fwrite(m.mesh.triangle, 12, n, f);
+    model_finish(&m);
     assert_int_equal(fclose(f), 0);
     f = fopen(path, "w");
     assert_non_null(f);
@@ -102,7 +82,7 @@ static void write_scene(const char *path, const char *bin)
         "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":2}]},"
         "{\"primitives\":[{\"attributes\":{\"POSITION\":1},\"indices\":3,\"material\":0}]}],"
         "\"buffers\":[{\"byteLength\":%zu,\"uri\":\"scene.bin\"}],\"bufferViews\":[",
-        sizeof p + n * sizeof *t);
+        (size_t)12 * (BALL + FLOOR + n));
     size_t size[4] = {BALL * 12, FLOOR * 12, ball * 12, (n - ball) * 12}, at = 0;
     for (int i = 0; i < 4; at += size[i++])
         fprintf(f, "%s{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu}", i ? "," : "", at,
