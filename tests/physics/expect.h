@@ -25,8 +25,8 @@ static inline void expect_print(const struct expectation *e)
     char count[40] = "";
     if (e->count > 1) snprintf(count, sizeof count, " (worst of %lu)", e->count);
     if (e->kind == EXPECT_NEAR)
-        print_message("  %s: %.6g, want %.6g +- %.2g%s\n", e->name, e->value, e->want, e->bound,
-                      count);
+        print_message("  %s: %.6g, off by %.2g from %.6g, at most %.2g%s\n", e->name, e->value,
+                      fabs(e->value - e->want), e->want, e->bound, count);
     else
         print_message("  %s: %.4g, must be %s %.4g%s\n", e->name, e->value,
                       e->kind == EXPECT_BELOW ? "below" : "above", e->bound, count);
@@ -112,6 +112,22 @@ static inline void expect_near_at(const char *name, double value, double want, d
 /* Within a share of what is wanted. */
 #define expect_close(name, value, want, relative) \
     expect_near(name, value, want, (relative)*fabs((double)(want)))
+
+/* Chi-square of counts [n] against expectations: below its 99.9 % point (Wilson-Hilferty). */
+__attribute__((unused)) static void expect_chi_square(const char *name, const double *want,
+                                                      const uint32_t *got, int n)
+{
+    double x = 0, z = 3.09;
+    int k = -1;
+    for (int i = 0; i < n; i++) {
+        if (want[i] < 5) continue;
+        x += (got[i] - want[i]) * (got[i] - want[i]) / want[i];
+        k++;
+    }
+    assert_true(k > 0);
+    double a = 2.0 / (9.0 * k);
+    expect_below(name, x, k * pow(1 - a + z * sqrt(a), 3));
+}
 
 /* A name with a part that varies; valid until the next call but three. */
 __attribute__((format(printf, 1, 2), unused)) static const char *expect_name(const char *format,

@@ -2,7 +2,8 @@
 // screen/: frames of a view: kernels, receivers, budgets, foreseen errors, running means.
 #include "screen_stage.h"
 
-// Every kernel gives the C kernel's sums, guarded at odd counts, and says how fast it is.
+// Law: the table is R_d, and every instruction set gives the C kernel's sums (METHODS §6,
+// common parts).
 static void pair_kernels_agree(void **state)
 {
     struct prt_diffusion d[3];
@@ -18,7 +19,8 @@ static void pair_kernels_agree(void **state)
         prt_screen_dipole_profile(d, r, exact);
         radial_table_eval(&t, (float)(r * r), got);
         for (int c = 0; c < 3; c++)
-            assert_true(fabs(got[c] - exact[c]) < 0.02 * exact[c] + 1e-6 * d[c].rho_d);
+            expect_near("R_d from the table", got[c], exact[c],
+                        0.02 * exact[c] + 1e-6 * d[c].rho_d);
     }
     struct emitters e = {0};
     assert_true(emitters_reserve(&e, 3000));
@@ -48,7 +50,8 @@ static void pair_kernels_agree(void **state)
         if (!k) memcpy(first, block.sum, sizeof first);
         for (int c = 0; c < 3; c++) {
             for (int i = 0; i < 48; i++)
-                assert_true(fabsf(block.sum[c][i] - first[c][i]) < 2e-4f * first[c][i]);
+                expect_close(expect_name("sum, %s", word[k]), block.sum[c][i], first[c][i],
+                             2e-4);
             for (int i = 48; i < 64; i++) assert_true(block.sum[c][i] == 0);
         }
         double t0 = prt_time_s();
@@ -59,8 +62,8 @@ static void pair_kernels_agree(void **state)
     emitters_finish(&e);
 }
 
-// Receivers share light among pixels of one patch only: a picture with a few looks like one
-// with a receiver at every pixel, and weights of a point add up to one.
+// Law: a pixel's weights over receivers add up to 1 and rebuild its position from receivers of
+// its own object (METHODS §6, receivers).
 static void receivers_stand_for_their_patch(void **state)
 {
     struct model model;
@@ -100,19 +103,20 @@ static void receivers_stand_for_their_patch(void **state)
                 sum += v->weight[i][k];
                 for (int j = 0; j < 3; j++) p[j] += v->weight[i][k] * v->p[j][at];
             }
-            assert_true(fabsf(sum - 1) < 1e-5f);
+            expect_near("sum of weights", sum, 1, 1e-5);
             for (int j = 0; j < 3; j++) d += powf(p[j] - s.g.position[j][i], 2);
             worst = fmax(worst, sqrt((double)d));
         }
         // a pixel is 0.25 mm wide here
-        assert_true(worst < 0.5 * (1 + 3.0 * size));
+        expect_below(expect_name("receivers of %u pixels: distance [mm]", size), worst,
+                     0.5 * (1 + 3.0 * size));
         free(object);
     }
     stage_finish(&s);
     model_finish(&model);
 }
 
-// More time, more samples, less error foreseen; nonsense is refused.
+// Law: more time gives more samples and less expected error (METHODS §6, expected error).
 static void budgets_buy_samples(void **state)
 {
     struct model model;
@@ -161,8 +165,8 @@ static void budgets_buy_samples(void **state)
     model_finish(&model);
 }
 
-// What a frame says of its own error is not much less than it is, whatever light and medium:
-// the first frame is checked, later ones go by it.
+// Law: the expected error is the measured one to a factor of 1.5 (METHODS §6, expected error):
+// the first frame is compared, later ones are corrected by it.
 static void errors_are_foreseen(void **state)
 {
     static const float sigma[3][2] = {{0.7f, 0.0014f}, {2.19f, 0.0021f}, {7.38f, 0.0002f}};
@@ -213,15 +217,13 @@ static void errors_are_foreseen(void **state)
         }
         stage_finish(&s);
     }
-    print_message("error over what was foreseen: %.2f at most, %.2f in the mean of %d\n", worst,
-                  exp(mean / n), n);
-    assert_true(worst < 1.5);
-    assert_true(exp(mean / n) > 0.4 && exp(mean / n) < 1);
+    expect_below("measured over expected error, worst", worst, 1.5);
+    expect_near("measured over expected error, mean", exp(mean / n), 0.7, 0.3);
     prt_cube_finish(&cube);
     model_finish(&model);
 }
 
-// The mean of frames goes to the exact sum; a frame's number and seed make its picture.
+// Law: the mean of frames converges to the sum over all texels (METHODS §6, running mean).
 static void frames_average_to_the_reference(void **state)
 {
     struct model model;
@@ -255,7 +257,10 @@ static void frames_average_to_the_reference(void **state)
         print_message("24 frames, %s: %.2f %%, then %.2f %%\n",
                       prt_screen_engine_name(options.engine), 100 * before, 100 * after);
         // tangent's irradiance is no finer than these pixels, however many the samples
-        assert_true(after < 0.8 * before && after < 0.022);
+        expect_below(expect_name("%s: error of 24 frames",
+                                 prt_screen_engine_name((enum prt_screen_engine)e)),
+                     after, 0.022);
+        expect_below("error of 24 frames over that of one", after / before, 0.8);
         prt_screen_progress_restart(p);
         assert_int_equal(prt_screen_progress_frames(p), 0);
         prt_screen_progress_destroy(p);
@@ -276,8 +281,8 @@ static void frames_average_to_the_reference(void **state)
     model_finish(&model);
 }
 
-// A light that turns by half a degree changes the picture as the exact sum says, and no more:
-// its samples stay where they were as far as they can (S09: no flicker).
+// Law: a light that turns by half a degree changes the picture as the sum over all texels does
+// (S09, no flicker; METHODS §6): samples stay where they were as far as they can.
 static void samples_stay_from_frame_to_frame(void **state)
 {
     struct model model;
@@ -306,9 +311,9 @@ static void samples_stay_from_frame_to_frame(void **state)
             moved += (own - want) * (own - want);
             all += (double)exact[0][i][1] * exact[0][i][1];
         }
-        print_message("half a degree, %s: %.3f %% more or less than the exact sum\n",
-                      prt_screen_engine_name(options.engine), 100 * sqrt(moved / all));
-        assert_true(sqrt(moved / all) < 0.008);
+        expect_below(expect_name("%s: change that is not the sum's",
+                                 prt_screen_engine_name(options.engine)),
+                     sqrt(moved / all), 0.008);
         for (int k = 0; k < 2 && e != PRT_SCREEN_REFERENCE; k++) free(b[k]);
     }
     free(exact[0]);
@@ -327,5 +332,5 @@ int main(void)
         cmocka_unit_test(frames_average_to_the_reference),
         cmocka_unit_test(samples_stay_from_frame_to_frame),
     };
-    return cmocka_run_group_tests(tests, screen_setup, screen_teardown);
+    return run_physics_tests(tests, screen_setup, screen_teardown);
 }

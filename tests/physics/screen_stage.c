@@ -60,21 +60,6 @@ double relative(pixels a, pixels b, uint32_t n)
 
 const struct prt_screen_light from_front = {{0, 0, 1}, {1, 2, 3}, false};
 
-// Chi-square of counts against expectations; true below the 99.9 % point (Wilson-Hilferty).
-bool chi_square_ok(const double *want, const uint32_t *got, int n, double *value)
-{
-    double x = 0, z = 3.09;
-    int k = -1;
-    for (int i = 0; i < n; i++) {
-        if (want[i] < 5) continue;
-        x += (got[i] - want[i]) * (got[i] - want[i]) / want[i];
-        k++;
-    }
-    double a = 2.0 / (9.0 * k);
-    *value = x;
-    return k > 0 && x < k * pow(1 - a + z * sqrt(a), 3);
-}
-
 struct prt_cube constant_cube(uint32_t n, const float rgb[3])
 {
     struct prt_cube cube = {n, malloc((size_t)6 * n * n * 12)};

@@ -36,8 +36,6 @@ pixels render(struct stage *s, const struct prt_material *material, const struct
               struct prt_screen_report *report);
 // Relative RMSE over points and channels.
 double relative(pixels a, pixels b, uint32_t n);
-// Chi-square of counts against expectations; true below the 99.9 % point (Wilson-Hilferty).
-bool chi_square_ok(const double *want, const uint32_t *got, int n, double *value);
 struct prt_cube constant_cube(uint32_t n, const float rgb[3]);
 int screen_setup(void **state);
 int screen_teardown(void **state);
