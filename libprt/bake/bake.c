@@ -15,11 +15,24 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const uint32_t default_rank = 72;    // columns looked at when the error chooses
-static const uint32_t joint_rank = 64;      // the same where one U serves every medium, or more
-static const uint32_t joint_columns = 3072; // on a small model: this many over all clusters
-static const double tail_share = 0.25;      // of max_error: columns below it are not projected
-static const uint32_t default_probes = 192;
+// Columns of U that are computed when --max-error chooses the rank; packing drops some.
+static const uint32_t default_rank = 72; // chosen, not measured
+// A joint bake's columns: joint_columns over all clusters, at least joint_rank and at most
+// default_rank in each. 48 in each of a slab's eight clusters left 1.18 % where 1 % is allowed.
+static const uint32_t joint_rank = 64;
+static const uint32_t joint_columns = 3072;
+// Columns whose energy is below this share of --max-error are not projected. Chosen, not
+// measured.
+static const double tail_share = 0.25;
+static const uint32_t wavelet_probes = 192; // 2.7 times default_rank; chosen, not measured
+// Vertices of a cluster. A joint bake's U serves every medium and needs more columns than one
+// medium does: fewer in smaller clusters. Chosen, not measured.
+static const uint32_t cluster_vertices = 640, joint_cluster_vertices = 320;
+static const uint32_t most_clusters = 128; // of a large model; twice as many of a joint bake
+// Irradiance samples when --samples does not say: at least W05's number. Beyond the most the
+// near-field cells keep the integral right, and the user is warned.
+static const double least_samples = 150000, most_samples = 600000;
+static const uint32_t examined_vertices = 200; // whose error the file records
 
 static void dipole_eval(const void *user, unsigned cpu, size_t n, const float *r2,
                         float *const *out)
@@ -30,7 +43,7 @@ static void dipole_eval(const void *user, unsigned cpu, size_t n, const float *r
 
 static int check_options(const struct prt_context *ctx, struct prt_bake_options *o)
 {
-    int status = bake_check_settings(ctx, o);
+    int status = prt_bake_check_settings(ctx, o);
     if (status) return status;
     if (!o->cube) o->cube = PRT_BAKE_CUBE_DEFAULT;
     if (!o->n_coef) o->n_coef = PRT_BAKE_COEFFS_DEFAULT;
@@ -57,20 +70,19 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
     return prt_material_check(ctx, &o->material);
 }
 
-// As many samples as the mean free path asks for, at least W05's 150,000, at most 600,000:
-// beyond that the near-field cells keep the integral right and the user is told.
-uint32_t bake_sample_count(const struct bake *b)
+// One sample a squared mean free path, within the limits above.
+uint32_t prt_bake_sample_count(const struct bake *b)
 {
     if (b->o.n_sample) return b->o.n_sample;
     double area = prt_surface_area(b->mesh), finest = INFINITY;
     for (int c = 0; c < 3; c++) finest = fmin(finest, 1 / b->dipole[c].sigma_t_prime);
     double want = area / (finest * finest);
-    if (want > 600000)
+    if (want > most_samples)
         prt_log(b->ctx, PRT_LOG_WARNING,
                 "the mean free path (%.3g mm) is short against the model: %.0f samples would "
-                "resolve it, 600000 are used",
-                finest, want);
-    return (uint32_t)fmin(fmax(want, 150000), 600000);
+                "resolve it, %.0f are used",
+                finest, want, most_samples);
+    return (uint32_t)fmin(fmax(want, least_samples), most_samples);
 }
 
 static int prepare(struct bake *b)
@@ -83,7 +95,8 @@ static int prepare(struct bake *b)
         finest = fminf(finest, (float)(1 / b->dipole[c].sigma_t_prime));
         steepest = fmaxf(steepest, (float)b->dipole[c].sigma_tr);
     }
-    // A free medium may be as dense as METHODS' range: as fine as a sample's cell is cut.
+    // Distance of fine points: a fifth of the mean free path, or for a free medium of that of
+    // the densest in METHODS' range. There are at most 16 points a sample.
     float fine = b->o.engine == PRT_TRANSPORT_WAVELET ? finest / 5 : 0.2f / 27;
     b->radial = (struct radial_set){3, dipole_eval, b->dipole, steepest};
     int status = prt_scene_create(b->ctx, mesh, &b->scene);
@@ -91,59 +104,67 @@ static int prepare(struct bake *b)
     if (status == PRT_OK && !any)
         prt_log(b->ctx, PRT_LOG_WARNING, "nothing is translucent: only shadows are baked");
     if (status == PRT_OK && any)
-        status = prt_surface_create(b->ctx, mesh, bake_sample_count(b), fine, b->o.seed,
+        status = prt_surface_create(b->ctx, mesh, prt_bake_sample_count(b), fine, b->o.seed,
                                     &b->surface);
     if (status == PRT_OK && any && b->o.engine == PRT_TRANSPORT_WAVELET)
         status = prt_surface_check(b->ctx, b->surface, mesh, finest, b->o.n_sample != 0);
-    if (status == PRT_OK && any) status = hierarchy_create(b->surface, &b->hierarchy);
+    if (status == PRT_OK && any) status = prt_hierarchy_create(b->surface, &b->hierarchy);
     uint32_t patterns = b->o.cube <= 32 ? 16 : b->o.cube <= 64 ? 8 : 4;
     if (status == PRT_OK)
-        status = directions_create(b->o.cube, patterns, b->o.seed, &b->directions);
-    // What serves every medium needs more columns than one medium: of smaller clusters, fewer.
-    uint32_t smaller = b->o.engine == PRT_TRANSPORT_JOINT ? 2 : 1;
-    uint32_t target = mesh->n_vertex / (128 * smaller) + 1;
-    if (target < 640 / smaller) target = 640 / smaller;
-    if (status == PRT_OK) status = clusters_create(mesh, target, &b->clusters);
+        status = prt_directions_create(b->o.cube, patterns, b->o.seed, &b->directions);
+    bool joint = b->o.engine == PRT_TRANSPORT_JOINT;
+    uint32_t target = mesh->n_vertex / (joint ? 2 * most_clusters : most_clusters) + 1;
+    uint32_t least = joint ? joint_cluster_vertices : cluster_vertices;
+    if (target < least) target = least;
+    if (status == PRT_OK) status = prt_clusters_create(mesh, target, &b->clusters);
     if (status == PRT_OK) {
         b->factored = calloc(b->clusters->n_cluster + 1u, sizeof *b->factored);
         b->rays_single = calloc(b->clusters->n_cluster + 1u, sizeof *b->rays_single);
         if (!b->factored || !b->rays_single) status = PRT_NOMEM;
     }
-    b->n_probe = default_probes;
     b->seconds[T_SAMPLES] = prt_time_s() - started;
     return status;
 }
 
-// Gaussian lights: white noise over the sphere, as every light is met by the same energy.
-int bake_probe(struct bake *b, uint32_t m)
+// White noise over the sphere: every light is met with the same expected energy.
+int prt_probes_create(const struct bake *b, uint32_t m, struct probes *out)
 {
     uint32_t n_coef = b->directions->n_coef;
     struct prt_rng rng;
     prt_rng_init(&rng, b->o.seed, 0x9a55);
-    b->probe = prt_alloc((size_t)n_coef * m, sizeof *b->probe);
-    if (!b->probe) return PRT_NOMEM;
+    float *light = prt_alloc((size_t)n_coef * m, sizeof *light);
+    if (!light) return PRT_NOMEM;
     for (size_t i = 0; i < (size_t)n_coef * m; i++) {
         double u = 1 - prt_rng_f32(&rng), v = prt_rng_f32(&rng);
-        b->probe[i] =
+        light[i] =
             (float)(sqrt(-2 * log(u)) * cos(2 * M_PI * v)) * b->directions->solid_angle[i / m];
     }
+    *out = (struct probes){m, light};
     return PRT_OK;
 }
 
-static struct factor_plan plan_of(const struct bake *b, uint32_t n_function)
+void prt_probes_finish(struct probes *probes)
 {
+    prt_free(probes->light);
+    *probes = (struct probes){0};
+}
+
+static struct factor_plan plan_of(const struct tensor_job *job)
+{
+    const struct bake *b = job->bake;
+    const struct training *t = job->training;
     uint32_t rank = default_rank, spread = joint_columns / b->clusters->n_cluster;
-    if (b->train && spread < rank) rank = spread > joint_rank ? spread : joint_rank;
+    if (t && spread < rank) rank = spread > joint_rank ? spread : joint_rank;
     if (b->o.rank) rank = b->o.rank;
-    return (struct factor_plan){.n_function = n_function,
-                                .n_train = b->train ? b->n_train : n_function,
-                                .train = b->train,
+    return (struct factor_plan){.n_function = job->n_function,
+                                .n_train = t ? t->n : job->n_function,
+                                .train = t ? t->weight : NULL,
                                 .max_rank = rank,
-                                .n_probe = b->n_probe,
+                                .n_probe = job->probes->n,
                                 .tail_error = b->o.rank ? 0 : tail_share * b->o.max_error,
                                 .n = b->o.cube,
                                 .solid_angle = b->directions->solid_angle,
-                                .probe = b->probe};
+                                .probe = job->probes->light};
 }
 
 static void apply_solid_angle(const struct bake *b, float *dense, size_t rows)
@@ -153,15 +174,16 @@ static void apply_solid_angle(const struct bake *b, float *dense, size_t rows)
         for (uint32_t k = 0; k < n; k++) dense[i * n + k] *= b->directions->solid_angle[k];
 }
 
-// Hands a cluster's rows to the storage that was asked for.
-int bake_take_rows(struct bake *b, uint32_t c, uint32_t n_function,
-                   const struct row_source *source)
+int prt_bake_take_rows(const struct tensor_job *job, uint32_t c,
+                       const struct row_source *source)
 {
+    struct bake *b = job->bake;
     if (!b->sparse) {
-        struct factor_plan plan = plan_of(b, n_function);
-        return factor_cluster(b->ctx, &plan, source, &b->factored[c]);
+        struct factor_plan plan = plan_of(job);
+        return prt_factor_cluster(b->ctx, &plan, source, &b->factored[c]);
     }
     uint32_t n = source->n_vertex, n_coef = b->directions->n_coef;
+    uint32_t n_function = job->n_function;
     float *u = prt_calloc((size_t)n * n, sizeof *u);
     float *dense = prt_alloc((size_t)n * n_function * n_coef, sizeof *dense);
     int status = u && dense ? PRT_OK : PRT_NOMEM;
@@ -171,16 +193,17 @@ int bake_take_rows(struct bake *b, uint32_t c, uint32_t n_function,
     }
     if (status == PRT_OK) {
         apply_solid_angle(b, dense, (size_t)n * n_function);
-        sparse_builder_add(b->sparse, c, dense);
+        prt_sparse_builder_add(b->sparse, c, dense);
     }
     prt_free(u);
     prt_free(dense);
     return status;
 }
 
-// Opaque receivers (W05 fig. 1's floor): albedo/pi times shadowed irradiance.
-int bake_opaque_rows(struct bake *b, uint32_t c, uint32_t *block)
+// Opaque receivers, such as the floor in W05's first figure.
+int prt_bake_opaque_rows(const struct tensor_job *job, uint32_t c, const uint32_t *block)
 {
+    const struct bake *b = job->bake;
     const struct prt_cluster *cluster = &b->clusters->cluster[c];
     uint32_t n = cluster->n_vertex, n_coef = b->directions->n_coef;
     float *t = prt_alloc((size_t)n * 3 * n_coef, sizeof *t);
@@ -190,40 +213,41 @@ int bake_opaque_rows(struct bake *b, uint32_t c, uint32_t *block)
         const float *albedo = b->mesh->surface[b->mesh->block[block[v]].surface].base_color;
         const float *normal = b->mesh->normal[v];
         float *row = t + (size_t)i * 3 * n_coef;
-        irradiance_row(b->scene, b->directions, v, NULL, b->mesh->position[v], normal, normal,
-                       row + 2 * n_coef);
+        const struct receiver at = {b->mesh->position[v], normal, normal};
+        prt_irradiance_row(b->scene, b->directions, v, NULL, &at, NULL, row + 2 * n_coef);
         for (int ch = 0; ch < 3; ch++) // the last channel is scaled in place
             for (uint32_t k = 0; k < n_coef; k++)
                 row[(size_t)ch * n_coef + k] =
                     row[2 * (size_t)n_coef + k] * (albedo[ch] / (float)M_PI);
     }
     struct dense_rows rows = {t, n, 3, n_coef};
-    struct row_source source = {&rows, n, dense_multiply, dense_project, NULL};
-    int status = bake_take_rows(b, c, 3, &source);
+    struct row_source source = {&rows, n, prt_dense_multiply, prt_dense_project, NULL};
+    int status = prt_bake_take_rows(job, c, &source);
     prt_free(t);
     return status;
 }
 
 static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
-    struct bake *b = arg;
+    const struct tensor_job *job = arg;
+    const struct bake *b = job->bake;
     int status = PRT_OK;
     prt_trace_thread_init();
     uint32_t *block = prt_mesh_vertex_blocks(b->mesh);
     if (!block) return PRT_NOMEM;
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
         if (!b->clusters->translucent[c]) {
-            status = bake_opaque_rows(b, (uint32_t)c, block);
+            status = prt_bake_opaque_rows(job, (uint32_t)c, block);
             continue;
         }
         struct cut cut = {0};
-        status = cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters, (uint32_t)c,
-                           &b->radial, &cut);
+        status = prt_cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters,
+                               (uint32_t)c, &b->radial, &cut);
         struct product_rows rows = {&b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3};
-        struct row_source source = {&rows, rows.n_vertex, product_multiply, product_project,
-                                    product_blend};
-        if (status == PRT_OK) status = bake_take_rows(b, (uint32_t)c, 3, &source);
-        cut_finish(&cut);
+        struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
+                                    prt_product_project, prt_product_combine};
+        if (status == PRT_OK) status = prt_bake_take_rows(job, (uint32_t)c, &source);
+        prt_cut_finish(&cut);
     }
     prt_free(block);
     return status;
@@ -232,12 +256,12 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
 static void drop_factored(struct bake *b)
 {
     for (uint32_t c = 0; b->factored && c < b->clusters->n_cluster; c++)
-        factored_finish(&b->factored[c]);
+        prt_factored_finish(&b->factored[c]);
 }
 
-// The most a tensor may take: W05's 128 coefficients a vertex (640 bytes with their indices)
-// and METHODS §5's sizes for joint transport; small models, whose bases weigh most, get a
-// floor.
+// The most bytes of a tensor: W05's 128 coefficients a vertex (640 bytes with their indices),
+// and METHODS §5's sizes for joint transport. Small models, whose bases take the largest part,
+// get a least number instead (chosen, not measured).
 static double byte_budget(const struct bake *b, enum prt_term term, uint32_t n_phase)
 {
     bool joint = b->o.engine == PRT_TRANSPORT_JOINT;
@@ -246,44 +270,57 @@ static double byte_budget(const struct bake *b, enum prt_term term, uint32_t n_p
     return fmax(per_vertex * b->mesh->n_vertex, least);
 }
 
-// One term's tensor: rows by `range`, then packing.
-int bake_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_fn range,
-                uint32_t n_function, uint32_t n_phase, unsigned clock)
+// Energy error of a term's packing over --max-error. 0.75 for multiple scattering gave 0.82 %
+// on the bunny at --max-error 0.01 under the hardest light; single scattering's rows carry the
+// noise of their jitter, which is not worth its bytes.
+static double energy_error(const struct bake *b, enum prt_term term)
 {
+    return b->o.max_error * (term == PRT_TERM_SINGLE ? 1.5 : 0.75);
+}
+
+static int pack_rows(const struct tensor_job *job, struct prt_tensor *out)
+{
+    struct bake *b = job->bake;
+    if (b->sparse) return prt_sparse_builder_finish(b->sparse, out);
+    struct pack_options pack = {.rank = b->o.rank,
+                                .n_basis_coef = b->o.n_basis_coef,
+                                .energy_error = energy_error(b, job->term),
+                                .low_rank = job->training != NULL,
+                                .max_bytes = byte_budget(b, job->term, job->n_phase)};
+    return prt_pack_factored(b->ctx, b->clusters, b->factored, job->n_function, b->o.cube,
+                             &pack, out);
+}
+
+int prt_bake_tensor(struct tensor_job *job)
+{
+    struct bake *b = job->bake;
     double started = prt_time_s();
     struct prt_tensor *t = &b->out.tensor[b->out.n_tensor];
     int status = PRT_OK;
     if (b->o.storage == PRT_STORAGE_SPARSE)
-        status = sparse_builder_create(b->clusters, b->mesh->n_vertex, b->o.cube, n_function,
-                                       b->o.n_coef, &b->sparse);
-    if (status == PRT_OK) status = shard_for(b, stage, range, b->loop_arg ? b->loop_arg : b);
+        status = prt_sparse_builder_create(b->clusters, b->mesh->n_vertex, b->o.cube,
+                                           job->n_function, b->o.n_coef, &b->sparse);
+    if (status == PRT_OK) status = prt_shard_for(b, job->stage, job->range, job);
     bool part = false;
     if (status == PRT_OK)
-        status = b->sparse ? shard_sparse(b, &part) : shard_factored(b, n_function, &part);
-    b->seconds[clock] = prt_time_s() - started;
+        status = b->sparse ? prt_shard_sparse(b, &part)
+                           : prt_shard_factored(b, job->n_function, &part);
+    b->seconds[job->term == PRT_TERM_SINGLE ? T_SINGLE : T_MULTIPLE] = prt_time_s() - started;
     started = prt_time_s();
-    struct pack_options pack = {.rank = b->o.rank,
-                                .n_basis_coef = b->o.n_basis_coef,
-                                .energy_error = b->o.max_error * (term ? 1.5 : 0.75),
-                                .mixed = b->train != NULL,
-                                .max_bytes = byte_budget(b, term, n_phase)};
-    if (status == PRT_OK && !part)
-        status = b->sparse ? sparse_builder_finish(b->sparse, t)
-                           : pack_factored(b->ctx, b->clusters, b->factored, n_function,
-                                           b->o.cube, &pack, t);
-    sparse_builder_destroy(b->sparse);
+    if (status == PRT_OK && !part) status = pack_rows(job, t);
+    prt_sparse_builder_destroy(b->sparse);
     b->sparse = NULL;
     drop_factored(b);
     if (status) return status;
-    t->term = term;
+    t->term = job->term;
     t->coupling = PRT_COUPLE_DIAGONAL;
-    t->n_phase = n_phase;
+    t->n_phase = job->n_phase;
     b->out.n_tensor++;
     b->seconds[T_PACK] += prt_time_s() - started;
     return PRT_OK;
 }
 
-void bake_plan_single(struct bake *b)
+void prt_bake_plan_single(struct bake *b)
 {
     const struct prt_material *m = &b->o.material;
     b->single = (struct single_plan){.scene = b->scene,
@@ -300,28 +337,42 @@ void bake_plan_single(struct bake *b)
         (void)prt_phase_hg(&b->single.phase[c], m->g[c], b->o.n_phase);
     }
     b->single.n_direction = b->directions->n_coef;
-    single_plan_depths(&b->single);
+    prt_single_plan_depths(&b->single);
 }
 
 static int bake_wavelet(struct bake *b)
 {
     double started = prt_time_s();
+    struct probes probes = {0};
     int status = PRT_OK;
-    if (b->surface && !shard_assembling(b))
-        status = irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
-                                 b->o.material.eta, &b->irradiance, &b->rays_irradiance);
+    if (b->surface && !prt_shard_assembling(b))
+        status = prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
+                                     b->o.material.eta, &b->irradiance, &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
-    if (status == PRT_OK) status = bake_probe(b, default_probes);
-    if (status == PRT_OK)
-        status = bake_tensor(b, PRT_TERM_MULTIPLE, "multiple scattering", multiple_range, 3, 1,
-                             T_MULTIPLE);
-    half_rows_finish(&b->irradiance);
-    if (status != PRT_OK || b->o.no_single || !b->surface) return status;
-    if (b->o.material.profile) // its R_d holds all light that leaves
-        return PRT_OK;
-    bake_plan_single(b);
-    return bake_tensor(b, PRT_TERM_SINGLE, "single scattering", bake_single_range,
-                       3 * b->o.n_phase, b->o.n_phase, T_SINGLE);
+    if (status == PRT_OK) status = prt_probes_create(b, wavelet_probes, &probes);
+    struct tensor_job multiple = {.bake = b,
+                                  .term = PRT_TERM_MULTIPLE,
+                                  .stage = "multiple scattering",
+                                  .range = multiple_range,
+                                  .n_function = 3,
+                                  .n_phase = 1,
+                                  .probes = &probes};
+    if (status == PRT_OK) status = prt_bake_tensor(&multiple);
+    prt_half_rows_finish(&b->irradiance);
+    // A material's own profile holds all light that leaves: single scattering is part of it.
+    if (status == PRT_OK && !b->o.no_single && b->surface && !b->o.material.profile) {
+        struct tensor_job single = {.bake = b,
+                                    .term = PRT_TERM_SINGLE,
+                                    .stage = "single scattering",
+                                    .range = prt_bake_single_range,
+                                    .n_function = 3 * b->o.n_phase,
+                                    .n_phase = b->o.n_phase,
+                                    .probes = &probes};
+        prt_bake_plan_single(b);
+        status = prt_bake_tensor(&single);
+    }
+    prt_probes_finish(&probes);
+    return status;
 }
 
 static uint64_t mesh_hash(const struct prt_mesh *m)
@@ -332,65 +383,46 @@ static uint64_t mesh_hash(const struct prt_mesh *m)
     return prt_hash64(m->block, (size_t)m->n_block * sizeof *m->block, h);
 }
 
-static void describe(const struct bake *b, char *out, size_t n)
-{
-    static const char *const engine[] = {"wavelet", "polynomial", "joint"};
-    uint64_t rays = 0;
-    for (uint32_t c = 0; b->rays_single && c < b->clusters->n_cluster; c++)
-        rays += b->rays_single[c];
-    char material[512];
-    prt_material_summary(&b->o.material, material, sizeof material);
-    snprintf(
-        out, n,
-        "{\"engine\":\"%s\",\"storage\":\"%s\",\"cube\":%u,\"samples\":%u,\"spacing_mm\":%g,"
-        "\"phase_terms\":%u,\"single_points\":%u,\"coeffs\":%u,\"max_error\":%g,\"seed\":%llu,"
-        "\"clusters\":%u,\"rays_irradiance\":%llu,\"rays_single\":%llu,\"material\":%s%s%s}",
-        engine[b->o.engine], b->o.storage == PRT_STORAGE_SPARSE ? "sparse" : "factored",
-        b->o.cube, b->surface ? b->surface->n_sample : 0, b->surface ? b->surface->spacing : 0,
-        b->o.n_phase, b->o.n_single, b->o.n_coef, b->o.max_error, (unsigned long long)b->o.seed,
-        b->clusters->n_cluster, (unsigned long long)b->rays_irradiance,
-        (unsigned long long)rays, material, b->o.settings_json ? ",\"source\":" : "",
-        b->o.settings_json ? b->o.settings_json : "");
-}
-
-// A polynomial bake can only be asked about the light it fixed.
-static int examine(struct bake *b, char *errors, size_t n)
+// Relative errors of the finished bake as JSON, to free(). A polynomial bake is measured under
+// the light that it fixed.
+static int examine(struct bake *b, char **errors)
 {
     struct prt_cube own = {0};
     bool fixed = b->o.engine == PRT_TRANSPORT_POLYNOMIAL;
     int status =
         fixed ? prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, &own) : PRT_OK;
     if (status == PRT_OK)
-        status = measure_bake(b->ctx, &b->out, fixed ? &own : NULL, 200, b->o.seed, errors, n);
+        status = prt_measure_bake(b->ctx, &b->out, fixed ? &own : NULL, examined_vertices,
+                                  b->o.seed, errors);
     prt_cube_finish(&own);
     return status;
 }
 
 static void release(struct bake *b)
 {
-    for (uint32_t t = 0; t < b->out.n_tensor; t++) tensor_finish(&b->out.tensor[t]);
+    for (uint32_t t = 0; t < b->out.n_tensor; t++) prt_tensor_finish(&b->out.tensor[t]);
     if (b->clusters) drop_factored(b);
     free(b->factored);
     free(b->rays_single);
-    half_rows_finish(&b->irradiance);
-    prt_free(b->probe);
-    clusters_destroy(b->clusters);
-    directions_destroy(b->directions);
-    hierarchy_destroy(b->hierarchy);
+    prt_half_rows_finish(&b->irradiance);
+    prt_clusters_destroy(b->clusters);
+    prt_directions_destroy(b->directions);
+    prt_hierarchy_destroy(b->hierarchy);
     prt_surface_destroy(b->surface);
-    single_plan_finish(&b->single);
+    prt_single_plan_finish(&b->single);
     prt_scene_destroy(b->scene);
 }
 
-// The same for every part of one bake: all that decides what clusters hold.
-static uint64_t shard_key(const struct bake *b)
+// A hash of everything that determines the clusters' contents: equal for all parts of one bake.
+static int shard_key(const struct bake *b, uint64_t *out)
 {
-    char settings[4096];
-    describe(b, settings, sizeof settings);
+    char *settings = prt_bake_describe(b);
+    if (!settings) return PRT_NOMEM;
     const uint32_t more[] = {b->o.rank, b->o.n_basis_coef, b->o.no_single, b->o.every_ray,
                              b->o.basis};
     uint64_t key = prt_hash64(settings, strlen(settings), b->out.mesh_hash);
     key = prt_hash64(more, sizeof more, key);
+    free(settings);
     key = prt_hash64(&b->o.rotate_deg, sizeof b->o.rotate_deg, key);
     const struct prt_env *env = b->o.engine == PRT_TRANSPORT_POLYNOMIAL ? b->o.env : NULL;
     if (env && env->kind == PRT_ENV_CUBE)
@@ -398,46 +430,69 @@ static uint64_t shard_key(const struct bake *b)
     else if (env)
         key = prt_hash64(env->latlong.rgb,
                          (size_t)env->latlong.width * env->latlong.height * 12, key);
-    return key;
+    *out = key;
+    return PRT_OK;
 }
 
 static int run_engine(struct bake *b)
 {
-    return b->o.engine == PRT_TRANSPORT_JOINT        ? bake_joint(b)
-           : b->o.engine == PRT_TRANSPORT_POLYNOMIAL ? bake_polynomial(b)
+    return b->o.engine == PRT_TRANSPORT_JOINT        ? prt_bake_joint(b)
+           : b->o.engine == PRT_TRANSPORT_POLYNOMIAL ? prt_bake_polynomial(b)
                                                      : bake_wavelet(b);
 }
 
-// Runs the engine on this process' clusters and, when it has the last part, once more to
-// assemble them all.
+// Runs the engine on this process' clusters. When all other parts are complete it runs the
+// engine once more, to assemble them.
 static int run_shard(struct bake *b, const char *out_path, uint32_t *missing)
 {
     *missing = 0;
-    int status = shard_create(b, out_path, b->o.n_shard > 1 ? shard_key(b) : 0);
-    if (status == PRT_OK && !shard_done(b)) status = run_engine(b);
-    if (status == PRT_OK) status = shard_close(b, missing);
-    if (status != PRT_OK || !shard_assembling(b)) return status;
-    for (uint32_t t = 0; t < b->out.n_tensor; t++) tensor_finish(&b->out.tensor[t]);
+    uint64_t key = 0;
+    int status = b->o.n_shard > 1 ? shard_key(b, &key) : PRT_OK;
+    if (status == PRT_OK) status = prt_shard_create(b, out_path, key);
+    if (status == PRT_OK && !prt_shard_done(b)) status = run_engine(b);
+    if (status == PRT_OK) status = prt_shard_close(b, missing);
+    if (status != PRT_OK || !prt_shard_assembling(b)) return status;
+    for (uint32_t t = 0; t < b->out.n_tensor; t++) prt_tensor_finish(&b->out.tensor[t]);
     memset(b->out.tensor, 0, sizeof b->out.tensor);
     b->out.n_tensor = 0;
-    prt_free(b->probe);
-    b->probe = NULL;
-    b->n_probe = default_probes;
-    single_plan_finish(&b->single);
+    prt_single_plan_finish(&b->single);
     return run_engine(b);
+}
+
+// Times are logged and not stored, so that equal bakes are equal bytes.
+static void log_seconds(const struct bake *b)
+{
+    prt_log(b->ctx, PRT_LOG_NOTE,
+            "seconds: samples %.2f, irradiance %.2f, multiple %.2f, single %.2f, pack %.2f",
+            b->seconds[T_SAMPLES], b->seconds[T_IRRADIANCE], b->seconds[T_MULTIPLE],
+            b->seconds[T_SINGLE], b->seconds[T_PACK]);
+}
+
+static int measure_and_write(struct bake *b, const char *out_path)
+{
+    char *errors = NULL;
+    int status = b->surface ? examine(b, &errors) : PRT_OK;
+    if (status) return status;
+    log_seconds(b);
+    char *settings = prt_bake_describe(b);
+    b->out.settings = settings;
+    b->out.errors = errors ? errors : "{}";
+    status = settings ? prt_file_write(b->ctx, out_path, &b->out) : PRT_NOMEM;
+    free(settings);
+    free(errors);
+    return status;
 }
 
 int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
              const struct prt_bake_options *options, const char *out_path)
 {
     struct bake b = {.ctx = ctx, .mesh = mesh, .o = *options};
-    char settings[4096], errors[2048] = "{}";
     uint32_t missing = 0;
     int status = check_options(ctx, &b.o);
     if (status) return status;
     if (!(mesh->mm_per_unit > 0))
         return prt_fail(ctx, PRT_ARG, "the model has no scale: prt_mesh_scale it first");
-    openblas_set_num_threads(1);
+    openblas_set_num_threads(1); // the pool runs the clusters in parallel
     b.out.mesh = *mesh;
     b.out.mesh.owner = NULL;
     b.out.material = b.o.material;
@@ -446,19 +501,8 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
     b.out.mesh_hash = mesh_hash(mesh);
     status = prepare(&b);
     if (status == PRT_OK) status = run_shard(&b, out_path, &missing);
-    if (status == PRT_OK && b.surface && !missing) status = examine(&b, errors, sizeof errors);
-    if (status == PRT_OK && !missing) {
-        // Times are told, not stored: equal bakes are equal bytes.
-        prt_log(ctx, PRT_LOG_NOTE,
-                "seconds: samples %.2f, irradiance %.2f, multiple %.2f, single %.2f, pack %.2f",
-                b.seconds[T_SAMPLES], b.seconds[T_IRRADIANCE], b.seconds[T_MULTIPLE],
-                b.seconds[T_SINGLE], b.seconds[T_PACK]);
-        describe(&b, settings, sizeof settings);
-        b.out.settings = settings;
-        b.out.errors = errors;
-        status = prt_file_write(ctx, out_path, &b.out);
-    }
-    shard_destroy(&b, status == PRT_OK);
+    if (status == PRT_OK && !missing) status = measure_and_write(&b, out_path);
+    prt_shard_destroy(&b, status == PRT_OK);
     if (options->parts_missing) *options->parts_missing = missing;
     release(&b);
     if (status == PRT_NOMEM) prt_fail(ctx, status, "not enough memory for this bake");

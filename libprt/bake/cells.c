@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Single scattering's rows of a cluster as the cells they were integrated in (single.c): texels
-// that share their rays share one value. Half the numbers of dense rows, and those as halves.
+// A row source: single scattering of a cluster's vertices as the cells that single.c
+// integrates. Texels that share their rays share one value: half the values of dense rows, in
+// half precision, which together is a quarter of their memory (0.9 GB a cluster as dense rows).
 #include "bake/run.h"
 
 #include <cblas.h>
@@ -30,9 +31,9 @@ static void cell_rows_finish(struct cell_rows *r)
     memset(r, 0, sizeof *r);
 }
 
-// Takes the cells of one vertex.
-static int keep(const struct cell_rows *r, const struct single_cells *from,
-                struct vertex_cells *to)
+// Copies the cells of one vertex.
+static int copy_cells(const struct cell_rows *r, const struct single_cells *from,
+                      struct vertex_cells *to)
 {
     uint32_t face = r->n_coef / FACES;
     to->n_cell = from->n_cell;
@@ -50,7 +51,7 @@ static int keep(const struct cell_rows *r, const struct single_cells *from,
     return PRT_OK;
 }
 
-// Vertex by vertex, with the light summed over each cell first.
+// Vertex by vertex: the light is summed over each cell before the product.
 static int cells_multiply(void *user, const float *x, uint32_t m, float *out)
 {
     const struct cell_rows *r = user;
@@ -75,13 +76,13 @@ static int cells_multiply(void *user, const float *x, uint32_t m, float *out)
     return status;
 }
 
-PRT_CLONES static void spread(const float *value, const uint32_t *cell, uint32_t first,
+PRT_CLONES static void expand(const float *value, const uint32_t *cell, uint32_t first,
                               uint32_t n, float *out)
 {
     for (uint32_t t = 0; t < n; t++) out[t] = value[cell[t] - first];
 }
 
-// A function and a face at a time are spread to dense rows.
+// Expands one function and one face at a time to dense rows.
 static int cells_project(void *user, const float *u, uint32_t rank, float *out)
 {
     const struct cell_rows *r = user;
@@ -95,7 +96,7 @@ static int cells_project(void *user, const float *u, uint32_t rank, float *out)
             const struct vertex_cells *c = &r->vertex[v];
             prt_f16_to_f32_array(c->value + (size_t)f * c->n_cell + c->begin[k],
                                  c->begin[k + 1] - c->begin[k], value);
-            spread(value, c->cell + k * face, c->begin[k], face, dense + (size_t)v * face);
+            expand(value, c->cell + k * face, c->begin[k], face, dense + (size_t)v * face);
         }
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)rank, (int)face,
                     (int)r->n_vertex, 1, u, (int)r->n_vertex, dense, (int)face, 0,
@@ -106,39 +107,40 @@ static int cells_project(void *user, const float *u, uint32_t rank, float *out)
     return status;
 }
 
-static int bake_cluster(struct bake *b, uint32_t c, uint32_t n_function,
+static int bake_cluster(const struct tensor_job *job, uint32_t c,
                         const struct fresnel_table *fresnel, float *value, void *scratch)
 {
+    struct bake *b = job->bake;
     const struct prt_cluster *cluster = &b->clusters->cluster[c];
-    struct cell_rows rows = {cluster->n_vertex, n_function, b->directions->n_coef,
+    struct cell_rows rows = {cluster->n_vertex, job->n_function, b->directions->n_coef,
                              calloc(cluster->n_vertex, sizeof *rows.vertex)};
     int status = rows.vertex ? PRT_OK : PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++) {
         struct single_cells cells;
         b->rays_single[c] +=
-            single_cells(&b->single, fresnel, b->clusters->order[cluster->vertex_begin + i],
-                         value, &cells, scratch);
-        status = keep(&rows, &cells, &rows.vertex[i]);
+            prt_single_cells(&b->single, fresnel, b->clusters->order[cluster->vertex_begin + i],
+                             value, &cells, scratch);
+        status = copy_cells(&rows, &cells, &rows.vertex[i]);
     }
     struct row_source source = {&rows, cluster->n_vertex, cells_multiply, cells_project};
-    if (status == PRT_OK) status = bake_take_rows(b, c, n_function, &source);
+    if (status == PRT_OK) status = prt_bake_take_rows(job, c, &source);
     cell_rows_finish(&rows);
     return status;
 }
 
-int bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
+int prt_bake_single_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
-    struct bake *b = arg;
+    const struct tensor_job *job = arg;
+    const struct bake *b = job->bake;
     struct fresnel_table fresnel;
-    uint32_t F = b->o.n_phase * (b->single.extinction ? b->single.extinction->n_function : 3);
     prt_trace_thread_init();
-    fresnel_table_init(&fresnel, b->o.material.eta);
-    void *scratch = prt_alloc(single_scratch_bytes(&b->single), 1);
-    float *value = prt_alloc((size_t)F * b->directions->n_coef, sizeof *value);
+    prt_fresnel_table_init(&fresnel, b->o.material.eta);
+    void *scratch = prt_alloc(prt_single_scratch_bytes(&b->single), 1);
+    float *value = prt_alloc((size_t)job->n_function * b->directions->n_coef, sizeof *value);
     int status = scratch && value ? PRT_OK : PRT_NOMEM;
     for (size_t c = begin; status == PRT_OK && c < end; c++)
         if (b->clusters->translucent[c])
-            status = bake_cluster(b, (uint32_t)c, F, &fresnel, value, scratch);
+            status = bake_cluster(job, (uint32_t)c, &fresnel, value, scratch);
     prt_free(scratch);
     prt_free(value);
     return status;

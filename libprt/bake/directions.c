@@ -21,7 +21,7 @@ static void fill_packet(struct directions *d, uint32_t pattern, uint32_t packet,
         double sum = 0, ju = prt_rng_f32(rng), jv = prt_rng_f32(rng);
         d->texel[packet * 4 + texel] = (face * d->n + y) * d->n + x;
         for (unsigned sub = 0; sub < SUBS; sub++, at++) {
-            // One jitter shared by the 2 x 2 strata keeps the sub-samples evenly spread.
+            // The 2 x 2 strata share one jitter, which keeps the sub-samples evenly spread.
             double s = 2 * (x + ((sub & 1) + ju) / 2) / d->n - 1;
             double t = 2 * (y + ((sub >> 1) + jv) / 2) / d->n - 1;
             float dir[3];
@@ -34,7 +34,8 @@ static void fill_packet(struct directions *d, uint32_t pattern, uint32_t packet,
     }
 }
 
-int directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed, struct directions **out)
+int prt_directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed,
+                          struct directions **out)
 {
     struct directions *d = calloc(1, sizeof *d);
     if (!d) return PRT_NOMEM;
@@ -49,7 +50,7 @@ int directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed, struct dire
     d->solid_angle = prt_alloc(d->n_coef, 4);
     d->bin = prt_alloc(d->n_coef, sizeof *d->bin);
     if (!d->x || !d->y || !d->z || !d->weight || !d->texel || !d->solid_angle || !d->bin) {
-        directions_destroy(d);
+        prt_directions_destroy(d);
         return PRT_NOMEM;
     }
     struct prt_rng rng;
@@ -68,7 +69,7 @@ int directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed, struct dire
     return PRT_OK;
 }
 
-void directions_destroy(struct directions *d)
+void prt_directions_destroy(struct directions *d)
 {
     if (!d) return;
     prt_free(d->x), prt_free(d->y), prt_free(d->z);
@@ -79,7 +80,7 @@ void directions_destroy(struct directions *d)
     free(d);
 }
 
-void fresnel_table_init(struct fresnel_table *table, double eta)
+void prt_fresnel_table_init(struct fresnel_table *table, double eta)
 {
     for (int i = 0; i <= FRESNEL_STEPS; i++)
         table->value[i] = (float)prt_fresnel_transmittance(eta, (double)i / FRESNEL_STEPS);

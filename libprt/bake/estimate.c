@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-// What a bake's settings need: bounds and memory.
+// Checks of a bake's settings, and the memory that a bake needs.
 #include "bake/run.h"
 #include "prt/bake_limits.h"
 
 #include <math.h>
 
-int bake_check_settings(const struct prt_context *ctx, const struct prt_bake_options *o)
+int prt_bake_check_settings(const struct prt_context *ctx, const struct prt_bake_options *o)
 {
     const struct {
         enum prt_bake_setting setting;
@@ -25,25 +25,25 @@ int bake_check_settings(const struct prt_context *ctx, const struct prt_bake_opt
     return PRT_OK;
 }
 
-void bake_drop_line(void *user, enum prt_log_level level, const char *line)
+void prt_bake_drop_line(void *user, enum prt_log_level level, const char *line)
 {
 }
 
-// An upper bound but for the memory of libraries: rows of pass 1 for samples and half as many
-// nodes; each cluster's factors; each thread's dense rows of one cluster; the mesh with its
-// scene.
+// An upper bound, without the memory of libraries, of the rows of pass 1 (samples and half as
+// many nodes), the factors of all clusters, the dense rows of one cluster for each thread, and
+// the mesh with its scene.
 int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
                     const struct prt_bake_options *options, uint64_t *bytes)
 {
     struct prt_context quiet = ctx ? *ctx : (struct prt_context){0};
     struct bake b = {.ctx = &quiet, .mesh = mesh, .o = *options};
-    int status = bake_check_settings(ctx, options);
+    int status = prt_bake_check_settings(ctx, options);
     if (status) return status;
     if (!b.o.cube) b.o.cube = PRT_BAKE_CUBE_DEFAULT;
     prt_material_dipoles(&b.o.material, b.dipole);
-    quiet.log = bake_drop_line;
+    quiet.log = prt_bake_drop_line;
     bool joint = b.o.engine == PRT_TRANSPORT_JOINT;
-    double coef = 6.0 * b.o.cube * b.o.cube, samples = bake_sample_count(&b);
+    double coef = 6.0 * b.o.cube * b.o.cube, samples = prt_bake_sample_count(&b);
     double vertices = mesh->n_vertex, threads = prt_pool_size(ctx ? ctx->pool : NULL);
     double clusters = fmax(vertices / (joint ? 256 : 128) + 1, joint ? 320 : 640);
     clusters = fmin(clusters, vertices / 4 + 1);
@@ -51,10 +51,10 @@ int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
     double rank = b.o.rank ? b.o.rank : 72, of_cluster = 4 * vertices / clusters + 16;
     double factors = clusters * fmin(rank, of_cluster) * functions * coef * 1.25;
     double scratch = threads * (of_cluster * functions * coef * 8 + 256e6);
-    // Polynomial transport keeps one light: there is no coefficient of it to store.
+    // Polynomial transport has one light, and stores no coefficients of it.
     if (b.o.engine == PRT_TRANSPORT_POLYNOMIAL) factors = 0;
     double rows = samples * 1.5 * coef * 2;
-    if (rows > (double)half_rows_room()) rows = 0; // they are on disk
+    if (rows > (double)prt_half_rows_room()) rows = 0; // they are on disk
     double model = vertices * 4000 + (double)mesh->n_triangle * 1200;
     *bytes = (uint64_t)(rows + samples * 400 + factors + scratch + model);
     return PRT_OK;

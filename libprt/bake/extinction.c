@@ -36,7 +36,7 @@ static void add_integral(const struct prt_radial *radial, double a, double b, do
         }
 }
 
-int extinction_table_create(const struct prt_radial *radial, struct extinction_table **out)
+int prt_extinction_table_create(const struct prt_radial *radial, struct extinction_table **out)
 {
     if (radial->n_function > EXTINCTION_WIDE) return PRT_LIMIT;
     struct extinction_table *t = calloc(1, sizeof *t);
@@ -48,7 +48,7 @@ int extinction_table_create(const struct prt_radial *radial, struct extinction_t
     t->r = prt_alloc(t->n_grid, sizeof *t->r);
     t->integral = prt_calloc((size_t)t->n_grid * EXTINCTION_WIDE, sizeof *t->integral);
     if (!t->r || !t->integral) {
-        extinction_table_destroy(t);
+        prt_extinction_table_destroy(t);
         return PRT_NOMEM;
     }
     double sum[EXTINCTION_WIDE] = {0}, before = 0;
@@ -64,7 +64,7 @@ int extinction_table_create(const struct prt_radial *radial, struct extinction_t
     return PRT_OK;
 }
 
-void extinction_table_destroy(struct extinction_table *t)
+void prt_extinction_table_destroy(struct extinction_table *t)
 {
     if (!t) return;
     prt_free(t->r);

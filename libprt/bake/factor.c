@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // A cluster's transport as U (few columns a vertex) times a wavelet basis, from products with
-// random lights only: the dense rows of the model are never formed (METHODS §3, range finder).
+// random lights (METHODS §3, HMT11): the dense rows of the model are never formed.
 #include "bake/stages.h"
 
 #include <cblas.h>
@@ -22,7 +22,7 @@ static void combine(const struct factor_plan *plan, const float *y, size_t block
 }
 
 // Leading eigenvectors of the symmetric g [n][n] by falling value.
-static int leading(double *g, int n, int rank, double *value, double *vector)
+static int leading_eigenvectors(double *g, int n, int rank, double *value, double *vector)
 {
     double *w = malloc((size_t)n * sizeof *w);
     lapack_int *support = malloc(2 * (size_t)rank * sizeof *support), found = 0;
@@ -41,57 +41,82 @@ static int leading(double *g, int n, int rank, double *value, double *vector)
     return info || found != rank ? PRT_INTERNAL : PRT_OK;
 }
 
-// U from Y's columns: through whichever Gram matrix is smaller, in double.
-static int basis_of(const float *y, uint32_t n_vertex, uint32_t n_train, uint32_t m,
-                    uint32_t max_rank, struct factored *out)
+// The columns of Y as one matrix, and the eigenvectors of the smaller of its two Gram matrices.
+struct range {
+    size_t columns, side; // n_train m; the size of the Gram matrix
+    bool by_vertex;       // it is that of the rows (vertices)
+    uint32_t rank;
+    double *a;              // [n_vertex][columns]
+    double *value, *vector; // [rank] by falling value, [rank][side]
+    double total;           // trace of the Gram matrix
+};
+
+static int range_create(const float *y, uint32_t n_vertex, uint32_t n_train, uint32_t m,
+                        uint32_t max_rank, struct range *q)
 {
-    size_t columns = (size_t)n_train * m, block = (size_t)n_vertex * m;
-    bool by_vertex = n_vertex <= columns;
-    size_t side = by_vertex ? n_vertex : columns;
-    uint32_t rank = max_rank < side ? max_rank : (uint32_t)side;
-    double *a = malloc(columns * n_vertex * sizeof *a); // [n_vertex][columns]
-    double *g = malloc(side * side * sizeof *g), *value = malloc(rank * sizeof *value);
-    double *vector = malloc(side * rank * sizeof *vector), total = 0;
-    int status = a && g && value && vector ? PRT_OK : PRT_NOMEM;
+    size_t block = (size_t)n_vertex * m;
+    *q = (struct range){.columns = (size_t)n_train * m};
+    q->by_vertex = n_vertex <= q->columns;
+    q->side = q->by_vertex ? n_vertex : q->columns;
+    q->rank = max_rank < q->side ? max_rank : (uint32_t)q->side;
+    q->a = malloc(q->columns * n_vertex * sizeof *q->a);
+    q->value = malloc(q->rank * sizeof *q->value);
+    q->vector = malloc(q->side * q->rank * sizeof *q->vector);
+    double *g = malloc(q->side * q->side * sizeof *g);
+    int status = q->a && g && q->value && q->vector ? PRT_OK : PRT_NOMEM;
+    for (uint32_t t = 0; status == PRT_OK && t < n_train; t++)
+        for (uint32_t v = 0; v < n_vertex; v++)
+            for (uint32_t k = 0; k < m; k++)
+                q->a[v * q->columns + t * m + k] = y[t * block + (size_t)v * m + k];
     if (status == PRT_OK) {
-        for (uint32_t t = 0; t < n_train; t++)
-            for (uint32_t v = 0; v < n_vertex; v++)
-                for (uint32_t k = 0; k < m; k++)
-                    a[v * columns + t * m + k] = y[t * block + (size_t)v * m + k];
-        cblas_dsyrk(CblasRowMajor, CblasLower, by_vertex ? CblasNoTrans : CblasTrans, (int)side,
-                    (int)(by_vertex ? columns : n_vertex), 1.0 / m, a, (int)columns, 0, g,
-                    (int)side); // row-major lower is column-major upper
-        for (size_t i = 0; i < side; i++) total += g[i * side + i];
-        status = total > 0 ? leading(g, (int)side, (int)rank, value, vector) : PRT_OK;
+        cblas_dsyrk(CblasRowMajor, CblasLower, q->by_vertex ? CblasNoTrans : CblasTrans,
+                    (int)q->side, (int)(q->by_vertex ? q->columns : n_vertex), 1.0 / m, q->a,
+                    (int)q->columns, 0, g,
+                    (int)q->side); // row-major lower is column-major upper
+        for (size_t i = 0; i < q->side; i++) q->total += g[i * q->side + i];
+        if (q->total > 0)
+            status = leading_eigenvectors(g, (int)q->side, (int)q->rank, q->value, q->vector);
+        else q->rank = 0;
     }
-    if (status == PRT_OK && total <= 0) rank = 0;
-    while (status == PRT_OK && rank > 0 && value[rank - 1] <= 1e-12 * total) rank--;
-    out->rank = rank;
+    while (status == PRT_OK && q->rank > 0 && q->value[q->rank - 1] <= 1e-12 * q->total)
+        q->rank--; // rounding alone
+    free(g);
+    return status;
+}
+
+// Column r of U: an eigenvector of the vertices, or Y times one of the columns, normalised.
+static void fill_column(const struct range *q, uint32_t r, uint32_t n_vertex, uint32_t m,
+                        float *u)
+{
+    const double *w = q->vector + r * q->side;
+    double norm = 1 / sqrt(q->value[r] * m);
+    for (uint32_t v = 0; v < n_vertex; v++)
+        u[v] =
+            q->by_vertex
+                ? (float)w[v]
+                : (float)(norm * cblas_ddot((int)q->columns, q->a + v * q->columns, 1, w, 1));
+}
+
+// U from Y [n_train][n_vertex][m], by eigenvectors of the smaller Gram matrix, in double.
+static int range_basis(const float *y, uint32_t n_vertex, uint32_t n_train, uint32_t m,
+                       uint32_t max_rank, struct factored *out)
+{
+    struct range q;
+    int status = range_create(y, n_vertex, n_train, m, max_rank, &q);
+    out->rank = q.rank;
     if (status == PRT_OK) {
-        out->u = prt_alloc((size_t)rank * n_vertex + 1, sizeof *out->u);
-        out->tail = malloc((rank + 1u) * sizeof *out->tail);
+        out->u = prt_alloc((size_t)q.rank * n_vertex + 1, sizeof *out->u);
+        out->tail = malloc((q.rank + 1u) * sizeof *out->tail);
         if (!out->u || !out->tail) status = PRT_NOMEM;
     }
-    for (uint32_t r = 0; status == PRT_OK && r < rank; r++) {
-        const double *w = vector + r * side;
-        if (by_vertex) {
-            for (uint32_t v = 0; v < n_vertex; v++)
-                out->u[(size_t)r * n_vertex + v] = (float)w[v];
-            continue;
-        }
-        double norm = 1 / sqrt(value[r] * m);
-        for (uint32_t v = 0; v < n_vertex; v++)
-            out->u[(size_t)r * n_vertex + v] =
-                (float)(norm * cblas_ddot((int)columns, a + v * columns, 1, w, 1));
+    double left = q.total;
+    for (uint32_t r = 0; status == PRT_OK && r <= q.rank; r++) {
+        out->tail[r] = fmax(left, 0);
+        if (r == q.rank) break;
+        left -= q.value[r];
+        fill_column(&q, r, n_vertex, m, out->u + (size_t)r * n_vertex);
     }
-    if (status == PRT_OK) {
-        double left = total;
-        for (uint32_t r = 0; r <= rank; r++) {
-            out->tail[r] = fmax(left, 0);
-            if (r < rank) left -= value[r];
-        }
-    }
-    free(a), free(g), free(value), free(vector);
+    free(q.a), free(q.value), free(q.vector);
     return status;
 }
 
@@ -103,8 +128,8 @@ static void to_haar(const struct factor_plan *plan, float *row)
     for (int f = 0; f < 6; f++) prt_haar_forward(plan->n, row + f * face);
 }
 
-// b as halves, each row by its own scale; energy of each coefficient over training.
-static int keep_rows(const struct factor_plan *plan, float *b, struct factored *out)
+// b as halves, each row divided by its own scale; energy of each coefficient over training.
+static int store_rows(const struct factor_plan *plan, float *b, struct factored *out)
 {
     uint32_t n_coef = 6 * plan->n * plan->n, J = plan->n_function;
     size_t rows = (size_t)out->rank * J;
@@ -135,7 +160,7 @@ static int keep_rows(const struct factor_plan *plan, float *b, struct factored *
 }
 
 // The first m of `wide` columns, [rows][m].
-static float *narrow(const float *y, size_t rows, uint32_t wide, uint32_t m)
+static float *first_columns(const float *y, size_t rows, uint32_t wide, uint32_t m)
 {
     float *out = prt_alloc(rows * m, sizeof *out);
     for (size_t i = 0; out && i < rows; i++) memcpy(out + i * m, y + i * wide, m * sizeof *out);
@@ -154,33 +179,33 @@ static int project_all(const struct factor_plan *plan, const struct row_source *
     for (size_t i = 0; status == PRT_OK && i < (size_t)out->rank * plan->n_function; i++)
         to_haar(plan, b + i * n_coef);
     if (status == PRT_OK)
-        status = plan->train ? mix_rows(plan, b, out) : keep_rows(plan, b, out);
+        status = plan->train ? prt_compress_rows(plan, b, out) : store_rows(plan, b, out);
     prt_free(b);
     return status;
 }
 
-int factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan,
-                   const struct row_source *source, struct factored *out)
+int prt_factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan,
+                       const struct row_source *source, struct factored *out)
 {
     uint32_t n_vertex = source->n_vertex, m = plan->n_probe;
-    bool blend = plan->train && source->blend;
-    uint32_t wide = blend ? m + 6 : m;
+    bool combined = plan->train && source->combine;
+    uint32_t wide = combined ? m + 6 : m;
     size_t block = (size_t)n_vertex * m;
     memset(out, 0, sizeof *out);
     out->n_vertex = n_vertex;
-    float *faces = blend ? mix_faces(plan) : NULL, *own = NULL;
+    float *faces = combined ? prt_compression_lights(plan) : NULL, *own = NULL;
     float *y = prt_alloc((size_t)plan->n_function * n_vertex * wide, sizeof *y);
     float *t = prt_alloc(plan->n_train * block, sizeof *t);
-    int status = y && t && (faces || !blend) ? PRT_OK : PRT_NOMEM;
+    int status = y && t && (faces || !combined) ? PRT_OK : PRT_NOMEM;
     if (status == PRT_OK)
         status = source->multiply(source->user, faces ? faces : plan->probe, wide, y);
-    if (status == PRT_OK && blend) {
-        own = narrow(y, (size_t)plan->n_function * n_vertex, wide, m);
+    if (status == PRT_OK && combined) {
+        own = first_columns(y, (size_t)plan->n_function * n_vertex, wide, m);
         if (!own) status = PRT_NOMEM;
     }
     if (status == PRT_OK) {
         combine(plan, own ? own : y, block, t);
-        status = basis_of(t, n_vertex, plan->n_train, m, plan->max_rank, out);
+        status = range_basis(t, n_vertex, plan->n_train, m, plan->max_rank, out);
     }
     prt_free(faces);
     prt_free(own);
@@ -189,22 +214,26 @@ int factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan
            out->tail[out->rank - 1] <= plan->tail_error * plan->tail_error * out->tail[0])
         out->rank--;
     if (status == PRT_OK)
-        status = blend ? mix_blend(plan, source, y, out) : project_all(plan, source, out);
+        status = combined ? prt_compress_source(plan, source, y, out)
+                          : project_all(plan, source, out);
     prt_free(y);
     if (status == PRT_INTERNAL)
-        status = prt_fail(ctx, status, "transport of a cluster of %u vertices does not factor",
-                          n_vertex);
-    if (status) factored_finish(out);
+        status = prt_fail(
+            ctx, status,
+            "the transport of a cluster of %u vertices could not be factored: LAPACK found no "
+            "eigenvectors",
+            n_vertex);
+    if (status) prt_factored_finish(out);
     return status;
 }
 
-void factored_finish(struct factored *f)
+void prt_factored_finish(struct factored *f)
 {
     prt_free(f->u);
     prt_free(f->b);
     prt_free(f->scale);
     prt_free(f->energy);
-    prt_free(f->mix);
+    prt_free(f->component);
     prt_free(f->scaling);
     free(f->width);
     free(f->limit);

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LEAF_SAMPLES = 8 };
+enum { LEAF_SAMPLES = 8 }; // chosen, not measured
 
 struct item {
     float key;
@@ -20,7 +20,7 @@ static int item_order(const void *a, const void *b)
     return x->id < y->id ? -1 : x->id > y->id;
 }
 
-// Sorts id[0..n) along the longest axis of their box; the caller splits where it likes.
+// Sorts id[0..n) along the longest axis of their box.
 static void sort_longest(const float (*position)[3], uint32_t *id, uint32_t n,
                          struct item *scratch)
 {
@@ -83,7 +83,7 @@ static uint32_t build(const struct prt_surface_points *s, struct hierarchy *h, u
     return at;
 }
 
-int hierarchy_create(const struct prt_surface_points *s, struct hierarchy **out)
+int prt_hierarchy_create(const struct prt_surface_points *s, struct hierarchy **out)
 {
     struct hierarchy *h = calloc(1, sizeof *h);
     struct item *scratch = prt_alloc(s->n_sample, sizeof *scratch);
@@ -93,7 +93,7 @@ int hierarchy_create(const struct prt_surface_points *s, struct hierarchy **out)
         h->root = prt_calloc(s->n_object + 1u, sizeof *h->root);
     }
     if (!h || !scratch || !h->node || !h->order || !h->root) {
-        hierarchy_destroy(h);
+        prt_hierarchy_destroy(h);
         prt_free(scratch);
         return PRT_NOMEM;
     }
@@ -107,7 +107,7 @@ int hierarchy_create(const struct prt_surface_points *s, struct hierarchy **out)
     return PRT_OK;
 }
 
-void hierarchy_destroy(struct hierarchy *h)
+void prt_hierarchy_destroy(struct hierarchy *h)
 {
     if (!h) return;
     prt_free(h->node);
@@ -131,7 +131,7 @@ static void split(const struct prt_mesh *mesh, struct clusters *c, uint32_t begi
         split(mesh, c, begin + n / 2, n - n / 2, target, object, translucent, scratch);
         return;
     }
-    // File order within a cluster: answers are scattered to it.
+    // File order within a cluster, because answers are scattered to file order.
     qsort(c->order + begin, n, sizeof *c->order, index_order);
     uint32_t at = c->n_cluster++;
     c->cluster[at] = (struct prt_cluster){.vertex_begin = begin, .n_vertex = n};
@@ -139,7 +139,7 @@ static void split(const struct prt_mesh *mesh, struct clusters *c, uint32_t begi
     c->translucent[at] = translucent;
 }
 
-int clusters_create(const struct prt_mesh *mesh, uint32_t target, struct clusters **out)
+int prt_clusters_create(const struct prt_mesh *mesh, uint32_t target, struct clusters **out)
 {
     struct clusters *c = calloc(1, sizeof *c);
     uint32_t *block = prt_mesh_vertex_blocks(mesh);
@@ -153,12 +153,12 @@ int clusters_create(const struct prt_mesh *mesh, uint32_t target, struct cluster
         c->order = prt_alloc(mesh->n_vertex, sizeof *c->order);
     }
     if (!c || !block || !scratch || !c->cluster || !c->object || !c->translucent || !c->order) {
-        clusters_destroy(c);
+        prt_clusters_destroy(c);
         prt_free(block);
         prt_free(scratch);
         return PRT_NOMEM;
     }
-    // Groups (object, translucent) in turn, each split in space.
+    // One group for each (object, translucent), each split in space.
     struct item *group = scratch;
     for (uint32_t v = 0; v < mesh->n_vertex; v++) {
         const struct prt_block *b = &mesh->block[block[v]];
@@ -186,7 +186,7 @@ int clusters_create(const struct prt_mesh *mesh, uint32_t target, struct cluster
     return PRT_OK;
 }
 
-void clusters_destroy(struct clusters *c)
+void prt_clusters_destroy(struct clusters *c)
 {
     if (!c) return;
     prt_free(c->cluster);

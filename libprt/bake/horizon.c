@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
-// What the surface sees for certain: of each vertex's directions those that are open, or
-// blocked, together with all their neighbours. Most light leaves a body where nothing else is
-// near; a shadow ray there is not worth casting, nor one deep in a fold.
-
+// Conservative visibility per vertex and direction bin: visible, blocked, or unknown (needs a
+// ray). A bin is certain only when all eight neighbours agree with it. Most light leaves a body
+// where nothing else is near, and needs no shadow ray there, nor deep in a fold.
 #include "bake/stages.h"
 
 #include "prt/light.h"
@@ -13,22 +12,23 @@
 #include <string.h>
 
 enum { WIDE = HORIZON_WIDE, BINS = 6 * WIDE * WIDE, WORDS = HORIZON_WORDS };
-enum { EMPTY, KNOWN };
+enum { EMPTY, TRACED };
 
 struct horizon {
     const struct prt_scene *scene;
-    // [n_vertex] filled as they are asked for: bins that are open with all that touch them, and
-    // bins that are blocked with them.
-    _Atomic uint64_t (*open)[WORDS], (*shut)[WORDS];
+    // [n_vertex] filled on first use: bins that are visible with all their neighbours, and bins
+    // that are blocked with them.
+    _Atomic uint64_t (*visible)[WORDS], (*blocked)[WORDS];
     _Atomic uint8_t *state; // [n_vertex]
     float direction[BINS][3];
     uint16_t around[BINS][8]; // the bins that touch one
 };
 
-// Triangles wider than this part of the box may hide something between their corners.
+// Triangles longer than this share of the box may hide something between their corners. Chosen,
+// not measured.
 static const double widest = 0.02;
 
-static void lay_bins(struct horizon *h)
+static void init_bins(struct horizon *h)
 {
     for (unsigned b = 0; b < BINS; b++) {
         unsigned face = b / (WIDE * WIDE), x = b % WIDE, y = b / WIDE % WIDE, k = 0;
@@ -51,8 +51,8 @@ static void lay_bins(struct horizon *h)
     }
 }
 
-// Vertices of wide triangles are known from the start to see nothing for certain.
-static void leave_wide(struct horizon *h, const struct prt_mesh *mesh)
+// Vertices of wide triangles keep all bins unknown.
+static void skip_wide(struct horizon *h, const struct prt_mesh *mesh)
 {
     const double limit = pow(widest * prt_mesh_diagonal(mesh), 2);
     for (uint32_t t = 0; t < mesh->n_triangle; t++)
@@ -63,35 +63,35 @@ static void leave_wide(struct horizon *h, const struct prt_mesh *mesh)
                 d += pow((double)mesh->position[a][k] - mesh->position[b][k], 2);
             if (d <= limit) continue;
             for (int k = 0; k < 3; k++)
-                atomic_store_explicit(&h->state[mesh->triangle[t][k]], KNOWN,
+                atomic_store_explicit(&h->state[mesh->triangle[t][k]], TRACED,
                                       memory_order_relaxed);
         }
 }
 
-int horizon_create(const struct prt_scene *scene, struct horizon **out)
+int prt_horizon_create(const struct prt_scene *scene, struct horizon **out)
 {
     const struct prt_mesh *mesh = prt_scene_mesh(scene);
     struct horizon *h = calloc(1, sizeof *h);
     if (!h) return PRT_NOMEM;
     h->scene = scene;
-    h->open = prt_calloc(mesh->n_vertex, sizeof *h->open);
-    h->shut = prt_calloc(mesh->n_vertex, sizeof *h->shut);
+    h->visible = prt_calloc(mesh->n_vertex, sizeof *h->visible);
+    h->blocked = prt_calloc(mesh->n_vertex, sizeof *h->blocked);
     h->state = prt_calloc(mesh->n_vertex, sizeof *h->state);
-    if (!h->open || !h->shut || !h->state) {
-        horizon_destroy(h);
+    if (!h->visible || !h->blocked || !h->state) {
+        prt_horizon_destroy(h);
         return PRT_NOMEM;
     }
-    lay_bins(h);
-    leave_wide(h, mesh);
+    init_bins(h);
+    skip_wide(h, mesh);
     *out = h;
     return PRT_OK;
 }
 
-void horizon_destroy(struct horizon *h)
+void prt_horizon_destroy(struct horizon *h)
 {
     if (!h) return;
-    prt_free(h->open);
-    prt_free(h->shut);
+    prt_free(h->visible);
+    prt_free(h->blocked);
     prt_free(h->state);
     free(h);
 }
@@ -101,13 +101,17 @@ static inline bool has(const uint64_t set[WORDS], unsigned bin)
     return set[bin / 64] >> bin % 64 & 1;
 }
 
-// Two threads may look at once: both find and write the same.
-static void look_around(struct horizon *h, uint32_t vertex)
+// A bin below the tangent plane carries no light and agrees with blocked neighbours. A gap
+// below the centres of the lowest bins, less than 4 degrees above the plane, is therefore
+// missed; its light arrives at a cosine below 0.07. Two threads may trace one vertex at the
+// same time: both write the same bits.
+static void trace_vertex(struct horizon *h, uint32_t vertex)
 {
     const struct prt_mesh *mesh = prt_scene_mesh(h->scene);
     const float *p = mesh->position[vertex], *n = mesh->normal[vertex];
     float eps = prt_scene_epsilon(h->scene);
-    uint64_t seen[WORDS] = {0}, hidden[WORDS] = {0}, open[WORDS] = {0}, shut[WORDS] = {0};
+    uint64_t open[WORDS] = {0}, hit[WORDS] = {0}; // by the ray through the bin's centre
+    uint64_t visible[WORDS] = {0}, blocked[WORDS] = {0};
     uint16_t bin[16];
     struct prt_packet packet;
     uint32_t fill = 0;
@@ -119,7 +123,7 @@ static void look_around(struct horizon *h, uint32_t vertex)
     }
     for (unsigned b = 0; b <= BINS; b++) {
         if (b < BINS) {
-            // 4 x 4 bins in turn, so that the rays of a packet stay together.
+            // Squares of 4 x 4 bins, so that the rays of a packet have similar directions.
             unsigned i = b % 16, tile = b / 16 % (WIDE * WIDE / 16);
             unsigned x = tile % (WIDE / 4) * 4 + (i & 3), y = tile / (WIDE / 4) * 4 + (i >> 2);
             unsigned at = (b / (WIDE * WIDE) * WIDE + y) * WIDE + x;
@@ -130,55 +134,57 @@ static void look_around(struct horizon *h, uint32_t vertex)
         }
         if (!fill || (fill < 16 && b < BINS)) continue;
         uint32_t mask = fill == 16 ? 0xffff : (1u << fill) - 1;
-        uint32_t blocked = prt_scene_occluded16(h->scene, &packet, mask);
+        uint32_t lanes = prt_scene_occluded16(h->scene, &packet, mask);
         for (uint32_t i = 0; i < fill; i++) {
             uint64_t bit = 1ull << bin[i] % 64;
-            if (blocked >> i & 1) hidden[bin[i] / 64] |= bit;
-            else seen[bin[i] / 64] |= bit;
+            if (lanes >> i & 1) hit[bin[i] / 64] |= bit;
+            else open[bin[i] / 64] |= bit;
         }
         fill = 0;
     }
     for (unsigned b = 0; b < BINS; b++) {
-        bool lit = has(seen, b), dark = has(hidden, b);
+        bool all_open = has(open, b), none_open = has(hit, b);
         for (int k = 0; k < 8; k++) {
-            lit &= has(seen, h->around[b][k]);
-            dark &= !has(seen, h->around[b][k]); // below the surface is as good as blocked
+            all_open &= has(open, h->around[b][k]);
+            none_open &= !has(open, h->around[b][k]);
         }
-        open[b / 64] |= (uint64_t)lit << b % 64;
-        shut[b / 64] |= (uint64_t)dark << b % 64;
+        visible[b / 64] |= (uint64_t)all_open << b % 64;
+        blocked[b / 64] |= (uint64_t)none_open << b % 64;
     }
     for (int k = 0; k < WORDS; k++) {
-        atomic_store_explicit(&h->open[vertex][k], open[k], memory_order_relaxed);
-        atomic_store_explicit(&h->shut[vertex][k], shut[k], memory_order_relaxed);
+        atomic_store_explicit(&h->visible[vertex][k], visible[k], memory_order_relaxed);
+        atomic_store_explicit(&h->blocked[vertex][k], blocked[k], memory_order_relaxed);
     }
-    atomic_store_explicit(&h->state[vertex], KNOWN, memory_order_release);
+    atomic_store_explicit(&h->state[vertex], TRACED, memory_order_release);
 }
 
-int horizon_known(struct horizon *h, uint32_t triangle, uint32_t bin)
+int prt_horizon_bin(struct horizon *h, uint32_t triangle, uint32_t bin)
 {
     const uint32_t *v = prt_scene_mesh(h->scene)->triangle[triangle];
-    uint64_t open = 1, shut = 1;
+    uint64_t visible = 1, blocked = 1;
     for (int k = 0; k < 3; k++) {
         if (atomic_load_explicit(&h->state[v[k]], memory_order_acquire) == EMPTY)
-            look_around(h, v[k]);
-        open &=
-            atomic_load_explicit(&h->open[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
-        shut &=
-            atomic_load_explicit(&h->shut[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
+            trace_vertex(h, v[k]);
+        visible &=
+            atomic_load_explicit(&h->visible[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
+        blocked &=
+            atomic_load_explicit(&h->blocked[v[k]][bin / 64], memory_order_relaxed) >> bin % 64;
     }
-    return (int)open - (int)shut;
+    return (int)visible - (int)blocked;
 }
 
-void horizon_all(struct horizon *h, uint32_t triangle, struct horizon_view *view)
+void prt_horizon_view(struct horizon *h, uint32_t triangle, struct horizon_view *view)
 {
     const uint32_t *v = prt_scene_mesh(h->scene)->triangle[triangle];
     memset(view, 0xff, sizeof *view);
     for (int k = 0; k < 3; k++) {
         if (atomic_load_explicit(&h->state[v[k]], memory_order_acquire) == EMPTY)
-            look_around(h, v[k]);
+            trace_vertex(h, v[k]);
         for (int w = 0; w < WORDS; w++) {
-            view->open[w] &= atomic_load_explicit(&h->open[v[k]][w], memory_order_relaxed);
-            view->shut[w] &= atomic_load_explicit(&h->shut[v[k]][w], memory_order_relaxed);
+            view->visible[w] &=
+                atomic_load_explicit(&h->visible[v[k]][w], memory_order_relaxed);
+            view->blocked[w] &=
+                atomic_load_explicit(&h->blocked[v[k]][w], memory_order_relaxed);
         }
     }
 }

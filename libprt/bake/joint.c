@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Joint transport (METHODS §5): neither light nor material is contracted. The same stages as
-// wavelet transport with a radial basis in place of one medium's R_d, and one U that serves
-// training materials over the whole range.
+// Joint transport (METHODS §5): light and material are both free. The stages are those of
+// wavelet transport with a radial basis in place of one medium's R_d, and one U serves training
+// materials over the whole range.
 #include "bake/radials.h"
 #include "bake/shard.h"
 #include "bake/sources.h"
@@ -9,8 +9,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-// Twice the columns of U that are kept, so that they are not those of a few lights alone.
-static const uint32_t joint_probes = 128;
+// Probes of the range finder. Scattering: twice the columns of U (64), so that U serves more
+// lights than the probes. Opaque surfaces: shadows have a higher rank than scattered light.
+static const uint32_t joint_probes = 128, opaque_probes = 192;
 
 struct joint {
     struct bake *b;
@@ -19,107 +20,129 @@ struct joint {
 
 static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
-    struct joint *job = arg;
-    struct bake *b = job->b;
-    struct radial_set radial = bases_radial_set(&job->bases);
+    const struct tensor_job *job = arg;
+    const struct bake *b = job->bake;
+    struct radial_set radial = prt_bases_radial_set(job->user);
     int status = PRT_OK;
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
         if (!b->clusters->translucent[c]) continue;
         struct cut cut = {0};
-        status = cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters, (uint32_t)c,
-                           &radial, &cut);
+        status = prt_cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters,
+                               (uint32_t)c, &radial, &cut);
         struct product_rows rows = {&b->irradiance, &cut, b->clusters->cluster[c].n_vertex,
                                     radial.n};
-        struct row_source source = {&rows, rows.n_vertex, product_multiply, product_project,
-                                    product_blend};
-        if (status == PRT_OK) status = bake_take_rows(b, (uint32_t)c, radial.n, &source);
-        cut_finish(&cut);
+        struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
+                                    prt_product_project, prt_product_combine};
+        if (status == PRT_OK) status = prt_bake_take_rows(job, (uint32_t)c, &source);
+        prt_cut_finish(&cut);
     }
     return status;
 }
 
 static int opaque_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
-    struct joint *job = arg;
+    const struct tensor_job *job = arg;
     int status = PRT_OK;
     prt_trace_thread_init();
-    uint32_t *block = prt_mesh_vertex_blocks(job->b->mesh);
+    uint32_t *block = prt_mesh_vertex_blocks(job->bake->mesh);
     if (!block) return PRT_NOMEM;
     for (size_t c = begin; status == PRT_OK && c < end; c++)
-        if (!job->b->clusters->translucent[c])
-            status = bake_opaque_rows(job->b, (uint32_t)c, block);
+        if (!job->bake->clusters->translucent[c])
+            status = prt_bake_opaque_rows(job, (uint32_t)c, block);
     prt_free(block);
     return status;
 }
 
-// Hands `joint` to the loops of multiple scattering; single scattering's want the bake alone.
-static int tensor(struct joint *j, enum prt_term term, const char *stage, prt_loop_fn range,
-                  uint32_t n_function, uint32_t n_phase, const struct prt_radial *radial)
+// A tensor over a radial basis: every light and every training medium is served.
+static int radial_tensor(struct tensor_job *job, const struct prt_radial *radial)
 {
-    struct bake *b = j->b;
-    b->train = radial ? j->bases.train : NULL;
-    b->n_train = j->bases.n_train;
-    b->loop_arg = term == PRT_TERM_MULTIPLE ? j : NULL;
-    int status =
-        bake_tensor(b, term, stage, range, n_function, n_phase, term ? T_SINGLE : T_MULTIPLE);
-    b->loop_arg = NULL;
-    b->train = NULL;
-    if (status || !radial) return status;
+    struct bake *b = job->bake;
+    int status = prt_bake_tensor(job);
+    if (status) return status;
     struct prt_tensor *t = &b->out.tensor[b->out.n_tensor - 1];
     t->coupling = PRT_COUPLE_FULL;
-    return bases_record(radial, n_phase, t);
+    return prt_bases_record(radial, job->n_phase, t);
+}
+
+static int bake_multiple(struct joint *j, const struct probes *probes)
+{
+    struct tensor_job job = {.bake = j->b,
+                             .term = PRT_TERM_MULTIPLE,
+                             .stage = "multiple scattering",
+                             .range = multiple_range,
+                             .n_function = j->bases.reflectance->n_function,
+                             .n_phase = 1,
+                             .probes = probes,
+                             .training = &j->bases.training,
+                             .user = &j->bases};
+    int status = prt_bases_train_reflectance(j->b, &j->bases);
+    return status ? status : radial_tensor(&job, j->bases.reflectance);
+}
+
+// Opaque clusters in a tensor of three channels, which no material multiplies.
+static int bake_opaque(struct bake *b)
+{
+    struct probes probes = {0};
+    struct tensor_job job = {.bake = b,
+                             .term = PRT_TERM_MULTIPLE,
+                             .stage = "opaque surfaces",
+                             .range = opaque_range,
+                             .n_function = 3,
+                             .n_phase = 1,
+                             .probes = &probes};
+    int status = prt_probes_create(b, opaque_probes, &probes);
+    if (status == PRT_OK) status = prt_bake_tensor(&job);
+    prt_probes_finish(&probes);
+    return status;
+}
+
+static int bake_single(struct joint *j, const struct probes *probes)
+{
+    struct bake *b = j->b;
+    struct tensor_job job = {.bake = b,
+                             .term = PRT_TERM_SINGLE,
+                             .stage = "single scattering",
+                             .range = prt_bake_single_range,
+                             .n_function = b->o.n_phase * j->bases.extinction->n_function,
+                             .n_phase = b->o.n_phase,
+                             .probes = probes,
+                             .training = &j->bases.training};
+    prt_bake_plan_single(b);
+    b->single.extinction = j->bases.integral;
+    prt_single_plan_depths(&b->single);
+    int status = prt_bases_train_extinction(b, &j->bases, b->o.n_phase);
+    return status ? status : radial_tensor(&job, j->bases.extinction);
 }
 
 static int bake_terms(struct joint *j)
 {
     struct bake *b = j->b;
+    struct probes probes = {0};
     bool opaque = false;
-    int status = bases_train_reflectance(b, &j->bases);
-    b->n_probe = joint_probes;
-    if (status == PRT_OK) status = bake_probe(b, b->n_probe);
     for (uint32_t c = 0; c < b->clusters->n_cluster; c++)
         opaque |= !b->clusters->translucent[c];
-    if (status == PRT_OK)
-        status = tensor(j, PRT_TERM_MULTIPLE, "multiple scattering", multiple_range,
-                        j->bases.reflectance->n_function, 1, j->bases.reflectance);
-    half_rows_finish(&b->irradiance);
-    if (status == PRT_OK && opaque) { // shadows need more columns than what scatters
-        prt_free(b->probe);
-        b->n_probe = 192;
-        status = bake_probe(b, b->n_probe);
-    }
-    if (status == PRT_OK && opaque)
-        status = tensor(j, PRT_TERM_MULTIPLE, "opaque surfaces", opaque_range, 3, 1, NULL);
-    if (status || b->o.no_single) return status;
-    if (opaque) {
-        prt_free(b->probe);
-        b->n_probe = joint_probes;
-        if ((status = bake_probe(b, b->n_probe))) return status;
-    }
-    bake_plan_single(b);
-    b->single.extinction = j->bases.integral;
-    single_plan_depths(&b->single);
-    status = bases_train_extinction(b, &j->bases, b->o.n_phase);
-    if (status == PRT_OK)
-        status = tensor(j, PRT_TERM_SINGLE, "single scattering", bake_single_range,
-                        b->o.n_phase * j->bases.extinction->n_function, b->o.n_phase,
-                        j->bases.extinction);
+    int status = prt_probes_create(b, joint_probes, &probes);
+    if (status == PRT_OK) status = bake_multiple(j, &probes);
+    prt_half_rows_finish(&b->irradiance);
+    if (status == PRT_OK && opaque) status = bake_opaque(b);
+    if (status == PRT_OK && !b->o.no_single) status = bake_single(j, &probes);
+    prt_probes_finish(&probes);
     return status;
 }
 
-int bake_joint(struct bake *b)
+int prt_bake_joint(struct bake *b)
 {
     struct joint j = {.b = b};
     double started = prt_time_s();
     if (!b->surface)
         return prt_fail(b->ctx, PRT_ARG,
                         "nothing is translucent: a joint bake has no material");
-    int status = bases_create(b, &j.bases);
-    if (status == PRT_OK && !shard_assembling(b))
-        status = irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
-                                 b->o.material.eta, &b->irradiance, &b->rays_irradiance);
+    int status = prt_bases_create(b, &j.bases);
+    if (status == PRT_OK && !prt_shard_assembling(b))
+        status = prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
+                                     b->o.material.eta, &b->irradiance, &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
     if (status == PRT_OK) status = bake_terms(&j);
-    bases_finish(&j.bases);
+    prt_bases_finish(&j.bases);
     return status;
 }

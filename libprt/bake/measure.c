@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: MIT
-// Measures a finished transport against the reference engine, under lights made here.
+// The error of a finished transport against the reference engine, under synthetic lights.
 #include "bake/measure.h"
 
 #include "prt/reference.h"
 #include "prt/relight.h"
 #include "prt/surface.h"
 
+#include <cjson/cJSON.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-const char *const measure_light_name[MEASURE_LIGHTS] = {"sky", "boxes", "sun"};
+const char *const prt_measure_light_name[MEASURE_LIGHTS] = {"sky", "boxes", "sun"};
 
 struct lamp {
     float dir[3], cosine; // centre and cosine of the half angle
@@ -25,7 +26,7 @@ static const struct lamp boxes[] = {
 };
 static const struct lamp sun[] = {{{-0.66f, 0.33f, 0.67f}, 0.9993f, {26000, 19000, 11000}}};
 
-int measure_light(unsigned which, uint32_t n, struct prt_cube *out)
+int prt_measure_light(unsigned which, uint32_t n, struct prt_cube *out)
 {
     int status = prt_cube_init(out, n);
     const struct lamp *lamp = which == 1 ? boxes : sun;
@@ -56,7 +57,7 @@ int measure_light(unsigned which, uint32_t n, struct prt_cube *out)
     return status;
 }
 
-// Some translucent vertices, drawn without looking at what was baked.
+// Random translucent vertices; the draw does not depend on the bake.
 static uint32_t draw_vertices(const struct prt_mesh *mesh, uint32_t n, uint64_t seed,
                               uint32_t *out)
 {
@@ -71,7 +72,7 @@ static uint32_t draw_vertices(const struct prt_mesh *mesh, uint32_t n, uint64_t 
     return found;
 }
 
-// The bake's own material and, where the material is free, media beside the training's grid.
+// The bake's own material and, where the material is free, media that are not in the training.
 enum { MEDIA = 4 };
 static const char *const free_media[MEDIA - 1] = {"skin1", "ketchup", "skimmilk"};
 
@@ -83,7 +84,7 @@ struct examination {
     float (*want[MEDIA])[3];
     unsigned n_medium;
     struct prt_material medium[MEDIA];
-    double worst[MEDIA]; // of the term at hand
+    double worst[MEDIA]; // largest error over lights, of the term at hand
 };
 
 static int choose_media(struct examination *e)
@@ -107,7 +108,7 @@ static void drop_warnings(void *user, enum prt_log_level level, const char *line
     if (level == PRT_LOG_ERROR) prt_log(ctx, level, "%s", line);
 }
 
-// The reference's samples: as many as it needs to take a medium that dense (prt_surface_check).
+// The reference's samples: enough for the densest medium to pass prt_surface_check.
 static uint32_t reference_samples(const struct examination *e)
 {
     double densest = 0;
@@ -152,22 +153,66 @@ static int examine(struct examination *e, enum prt_answer_term answer,
     return status;
 }
 
-// "media":{...} of a free material's, the worst light each, and the worst of all.
-static size_t tell_worst(const struct examination *e, char *out, size_t n)
+static void add_error(cJSON *to, const char *name, double value)
 {
-    double worst = e->worst[0];
-    size_t at = 0;
-    for (unsigned m = 1; m < e->n_medium; m++) {
-        at += (size_t)snprintf(out + at, n - at, "%s\"%s\":%.6f", m > 1 ? "," : "\"media\":{",
-                               e->medium[m].name, e->worst[m]);
-        worst = fmax(worst, e->worst[m]);
-    }
-    return at + (size_t)snprintf(out + at, n - at, "%s\"worst\":%.6f", at ? "}," : "", worst);
+    char text[32]; // six decimals: the measurement has no more
+    snprintf(text, sizeof text, "%.6f", value);
+    cJSON_AddRawToObject(to, name, text);
 }
 
-int measure_bake(const struct prt_context *ctx, const struct prt_transport *transport,
-                 const struct prt_cube *own, uint32_t n_vertex, uint64_t seed, char *errors,
-                 size_t n)
+// "media": the worst light of each free medium; "worst": the largest error of all.
+static void add_worst(const struct examination *e, cJSON *to)
+{
+    double worst = e->worst[0];
+    cJSON *media = e->n_medium > 1 ? cJSON_AddObjectToObject(to, "media") : NULL;
+    for (unsigned m = 1; m < e->n_medium; m++) {
+        add_error(media, e->medium[m].name, e->worst[m]);
+        worst = fmax(worst, e->worst[m]);
+    }
+    add_error(to, "worst", worst);
+}
+
+// One term under every light.
+static int measure_term(struct examination *e, bool single, const struct prt_cube *own,
+                        cJSON *to)
+{
+    int status = PRT_OK;
+    memset(e->worst, 0, sizeof e->worst);
+    for (unsigned l = 0; status == PRT_OK && e->n && l < (own ? 1 : MEASURE_LIGHTS); l++) {
+        struct prt_cube light = {0};
+        double error = 0;
+        if (!own) status = prt_measure_light(l, e->transport->cube, &light);
+        if (status == PRT_OK)
+            status = prt_progress(e->ctx, "measuring", (l + (single ? 3.0 : 0)) / 6);
+        if (status == PRT_OK)
+            status = examine(e, single ? PRT_ANSWER_SINGLE : PRT_ANSWER_MULTIPLE,
+                             single ? PRT_REFERENCE_SINGLE : PRT_REFERENCE_MULTIPLE,
+                             own ? own : &light, &error);
+        prt_cube_finish(&light);
+        add_error(to, own ? "own" : prt_measure_light_name[l], error);
+    }
+    add_worst(e, to);
+    return status;
+}
+
+static int measure_terms(struct examination *e, const struct prt_cube *own, char **errors)
+{
+    const struct prt_transport *t = e->transport;
+    bool single = false;
+    for (uint32_t i = 0; i < t->n_tensor; i++) single |= t->tensor[i].term == PRT_TERM_SINGLE;
+    cJSON *json = cJSON_CreateObject();
+    cJSON_AddNumberToObject(json, "vertices", e->n);
+    int status = measure_term(e, false, own, cJSON_AddObjectToObject(json, "multiple"));
+    if (status == PRT_OK && single)
+        status = measure_term(e, true, own, cJSON_AddObjectToObject(json, "single"));
+    if (status == PRT_OK && !(*errors = cJSON_PrintUnformatted(json))) status = PRT_NOMEM;
+    cJSON_Delete(json);
+    return status;
+}
+
+int prt_measure_bake(const struct prt_context *ctx, const struct prt_transport *transport,
+                     const struct prt_cube *own, uint32_t n_vertex, uint64_t seed,
+                     char **errors)
 {
     struct examination e = {.ctx = ctx, .transport = transport};
     e.vertex = prt_alloc(n_vertex, sizeof *e.vertex);
@@ -177,29 +222,7 @@ int measure_bake(const struct prt_context *ctx, const struct prt_transport *tran
     for (unsigned m = 0; status == PRT_OK && m < e.n_medium; m++)
         if (!(e.want[m] = prt_alloc(n_vertex, sizeof *e.want[m]))) status = PRT_NOMEM;
     if (status == PRT_OK) e.n = draw_vertices(&transport->mesh, n_vertex, seed, e.vertex);
-    bool single = false;
-    for (uint32_t t = 0; t < transport->n_tensor; t++)
-        single |= transport->tensor[t].term == PRT_TERM_SINGLE;
-    size_t at = (size_t)snprintf(errors, n, "{\"vertices\":%u,\"multiple\":{", e.n);
-    for (unsigned term = 0; term < (single ? 2u : 1u); term++) {
-        if (term) at += (size_t)snprintf(errors + at, n - at, "},\"single\":{");
-        memset(e.worst, 0, sizeof e.worst);
-        for (unsigned l = 0; status == PRT_OK && e.n && l < (own ? 1 : MEASURE_LIGHTS); l++) {
-            struct prt_cube light = {0};
-            double error = 0;
-            if (!own) status = measure_light(l, transport->cube, &light);
-            if (status == PRT_OK) status = prt_progress(ctx, "measuring", (l + 3.0 * term) / 6);
-            if (status == PRT_OK)
-                status = examine(&e, term ? PRT_ANSWER_SINGLE : PRT_ANSWER_MULTIPLE,
-                                 term ? PRT_REFERENCE_SINGLE : PRT_REFERENCE_MULTIPLE,
-                                 own ? own : &light, &error);
-            prt_cube_finish(&light);
-            at += (size_t)snprintf(errors + at, n - at, "\"%s\":%.6f,",
-                                   own ? "own" : measure_light_name[l], error);
-        }
-        at += tell_worst(&e, errors + at, n - at);
-    }
-    snprintf(errors + at, n - at, "}}");
+    if (status == PRT_OK) status = measure_terms(&e, own, errors);
     prt_free(e.vertex);
     prt_free(e.all);
     prt_free(e.got);

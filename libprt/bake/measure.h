@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* A bake's own examination: its colours against the reference engine on some vertices. */
+/* The error of a finished bake: its colours against the reference engine at some vertices. */
 #ifndef PRT_BAKE_MEASURE_H
 #define PRT_BAKE_MEASURE_H
 
@@ -7,14 +7,15 @@
 
 /* Synthetic lights of growing contrast: 0 gradient sky, 1 soft boxes, 2 low sun. */
 enum { MEASURE_LIGHTS = 3 };
-extern const char *const measure_light_name[MEASURE_LIGHTS];
-int measure_light(unsigned which, uint32_t n, struct prt_cube *out);
-/* Relights the transport's multiple and single terms and fills errors with a JSON object of
- * relative RMSEs, by light for the bake's own material; where the material is free, also of
- * media that no training met, the worst light each ("media"). At most n_vertex vertices drawn
- * by seed. own: the light a polynomial bake fixed, used alone; NULL: the synthetic ones. */
-int measure_bake(const struct prt_context *ctx, const struct prt_transport *transport,
-                 const struct prt_cube *own, uint32_t n_vertex, uint64_t seed, char *errors,
-                 size_t n);
+extern const char *const prt_measure_light_name[MEASURE_LIGHTS];
+int prt_measure_light(unsigned which, uint32_t n, struct prt_cube *out);
+/* Relights the transport's multiple and single terms. *errors gets a JSON object of relative
+ * RMSEs, to free(): by light for the bake's own material, and where the material is free the
+ * worst light of each of three media that are not in the training ("media"). At most n_vertex
+ * translucent vertices, drawn by seed. own: the light that a polynomial bake fixed, used alone;
+ * NULL: the synthetic ones. Blocks; reports "measuring" as progress. */
+int prt_measure_bake(const struct prt_context *ctx, const struct prt_transport *transport,
+                     const struct prt_cube *own, uint32_t n_vertex, uint64_t seed,
+                     char **errors);
 
 #endif

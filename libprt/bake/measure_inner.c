@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The bake's inner loops measured apart from the bake, for prt-bench.
+// The inner loops of the bake, timed alone for prt-bench.
+#include "bake/measure_inner.h"
 #include "bake/stages.h"
 
 #include "prt/reference.h"
@@ -25,9 +26,9 @@ static int full_range(void *arg, size_t begin, size_t end, unsigned worker)
     uint16_t *half = prt_alloc(j->d->n_coef, sizeof *half);
     uint64_t rays = 0;
     for (size_t i = begin; row && half && i < end; i++) {
-        rays +=
-            irradiance_row(j->scene, j->d, (unsigned)i, &j->fresnel, j->surface->position[i],
-                           j->surface->normal[i], j->surface->face_normal[i], row);
+        const struct receiver at = {j->surface->position[i], j->surface->normal[i],
+                                    j->surface->face_normal[i]};
+        rays += prt_irradiance_row(j->scene, j->d, (unsigned)i, &j->fresnel, &at, NULL, row);
         prt_f32_to_f16_array(row, j->d->n_coef, half);
     }
     atomic_fetch_add(&j->rays, rays);
@@ -36,7 +37,7 @@ static int full_range(void *arg, size_t begin, size_t end, unsigned worker)
     return row && half ? PRT_OK : PRT_NOMEM;
 }
 
-// The same packets and lanes, with nothing done with the answers.
+// The same packets and lanes; the results are not used.
 static int bare_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct ray_job *j = arg;
@@ -79,11 +80,12 @@ int prt_bake_measure_rays(const struct prt_context *ctx, const struct prt_mesh *
     struct directions *d = NULL;
     int status = prt_scene_create(ctx, mesh, &scene);
     if (status == PRT_OK) status = prt_surface_create(ctx, mesh, n_sample, 1, 1, &surface);
-    if (status == PRT_OK) status = directions_create(cube, 8, 1, &d);
+    if (status == PRT_OK) status = prt_directions_create(cube, 8, 1, &d);
     memset(out, 0, sizeof *out);
-    for (int round = 0; status == PRT_OK && round < 3; round++) { // in turn: the machine drifts
+    for (int round = 0; status == PRT_OK && round < 3;
+         round++) { // alternating, because the speed of a machine drifts
         struct ray_job job = {.scene = scene, .surface = surface, .d = d};
-        fresnel_table_init(&job.fresnel, 1.5);
+        prt_fresnel_table_init(&job.fresnel, 1.5);
         double t0 = prt_time_s();
         status = prt_parallel_for(ctx, NULL, surface->n_sample, 32, full_range, &job);
         double t1 = prt_time_s();
@@ -93,7 +95,7 @@ int prt_bake_measure_rays(const struct prt_context *ctx, const struct prt_mesh *
         out->bare_seconds += prt_time_s() - t1;
         out->rays += atomic_load(&job.rays);
     }
-    directions_destroy(d);
+    prt_directions_destroy(d);
     prt_surface_destroy(surface);
     prt_scene_destroy(scene);
     return status;
@@ -115,10 +117,10 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
     const struct directions *d = j->plan.directions;
     prt_trace_thread_init();
     float *rows = prt_alloc((size_t)3 * d->n_coef, sizeof *rows);
-    void *scratch = prt_alloc(single_scratch_bytes(&j->plan), 1);
+    void *scratch = prt_alloc(prt_single_scratch_bytes(&j->plan), 1);
     for (size_t i = begin; rows && scratch && i < end; i++) {
         atomic_fetch_add(&j->rays,
-                         single_rows(&j->plan, &j->fresnel, j->vertex[i], rows, scratch));
+                         prt_single_rows(&j->plan, &j->fresnel, j->vertex[i], rows, scratch));
         for (uint32_t k = 0; k < 3 * j->n_light; k++) {
             uint32_t c = k % 3;
             double sum = 0;
@@ -138,7 +140,7 @@ static int horizon_range(void *arg, size_t begin, size_t end, unsigned worker)
     struct single_job *j = arg;
     prt_trace_thread_init();
     for (size_t t = begin; j->plan.horizon && t < end; t++)
-        (void)horizon_known(j->plan.horizon, (uint32_t)t, 0);
+        (void)prt_horizon_bin(j->plan.horizon, (uint32_t)t, 0);
     return PRT_OK;
 }
 
@@ -156,13 +158,13 @@ int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh
     int status = saved && every && job.vertex ? PRT_OK : PRT_NOMEM;
     if (!n_light || n_light > PRT_BAKE_SINGLE_LIGHTS) status = PRT_ARG;
     if (status == PRT_OK) status = prt_scene_create(ctx, mesh, &scene);
-    if (status == PRT_OK) status = directions_create(light->n, 16, 1, &d);
+    if (status == PRT_OK) status = prt_directions_create(light->n, 16, 1, &d);
     if (status == PRT_OK) {
         struct prt_rng rng;
         prt_rng_init(&rng, 5, 5);
         for (uint32_t i = 0; i < n_vertex; i++)
             job.vertex[i] = prt_rng_u32(&rng) % mesh->n_vertex;
-        fresnel_table_init(&job.fresnel, m->eta);
+        prt_fresnel_table_init(&job.fresnel, m->eta);
         job.plan = (struct single_plan){.scene = scene,
                                         .mesh = mesh,
                                         .directions = d,
@@ -176,10 +178,11 @@ int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh
             job.plan.sigma_t[c] = job.plan.sigma_s[c] + m->sigma_a[c];
             (void)prt_phase_hg(&job.plan.phase[c], m->g[c], 1);
         }
-        single_plan_depths(&job.plan);
+        prt_single_plan_depths(&job.plan);
     }
     memset(out, 0, sizeof *out);
-    if (status == PRT_OK) { // apart: it is filled once a mesh, whatever n_vertex
+    if (status ==
+        PRT_OK) { // timed alone: it is filled once a mesh and does not depend on n_vertex
         double t0 = prt_time_s();
         status = prt_parallel_for(ctx, NULL, mesh->n_triangle, 1024, horizon_range, &job);
         out->horizon_seconds = prt_time_s() - t0;
@@ -196,8 +199,8 @@ int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh
     for (uint32_t l = 0; status == PRT_OK && l < n_light; l++)
         out->error[l] = prt_relative_rmse(saved[(size_t)l * n_vertex],
                                           every[(size_t)l * n_vertex], (size_t)n_vertex * 3);
-    single_plan_finish(&job.plan);
-    directions_destroy(d);
+    prt_single_plan_finish(&job.plan);
+    prt_directions_destroy(d);
     prt_scene_destroy(scene);
     prt_free(saved);
     prt_free(every);

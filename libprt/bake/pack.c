@@ -1,26 +1,27 @@
 // SPDX-License-Identifier: MIT
-// Chooses which basis vectors and coefficients a factored tensor keeps, and lays it out.
+// Chooses the basis vectors and coefficients that a factored tensor keeps, and lays it out.
 #include "bake/stages.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+// The choice at one price, by cluster.
 struct choice {
     struct factored *f;
     uint32_t n_cluster, n_function, n, n_coef;
-    uint32_t stride; // every stride-th cluster is looked at
-    bool mixed;      // rows of few directions, in bytes; else of functions, in halves
-    double entry_bytes,
-        row_bytes; // mixed: beside a byte a direction of each entry, and directions
-    double direction_bytes;
-    double *bytes; // [n_cluster] of what is kept
-    double price;  // energy one byte must be worth
+    uint32_t stride;        // every stride-th cluster is evaluated
+    bool low_rank;          // rows of components, in bytes; else of functions, in halves
+    double entry_bytes;     // of an entry; low_rank: beside a byte for each component
+    double row_bytes;       // of a row beside its entries
+    double component_bytes; // low_rank: of a component beside its bytes in the entries
+    double *bytes;          // [n_cluster] kept
+    double price;           // energy that one byte has to hold
     const struct pack_options *options;
     double *dropped;   // [n_cluster] energy lost
     uint64_t *entries; // [n_cluster] kept
     uint32_t *rank;    // [n_cluster] kept
-    float *threshold;  // [n_cluster] energy an entry must reach
+    float *threshold;  // [n_cluster] energy above which an entry is kept
 };
 
 static bool is_scaling(uint32_t n, uint32_t k)
@@ -34,7 +35,7 @@ static int float_down(const void *a, const void *b)
     return x < y ? 1 : x > y ? -1 : 0;
 }
 
-// Given a rank and a mean count: the threshold that keeps rank*count over the whole basis.
+// With a given rank and mean count: the threshold that keeps rank*count over the whole basis.
 static int fixed_choice(struct choice *c, size_t i)
 {
     struct factored *f = &c->f[i];
@@ -52,14 +53,14 @@ static int fixed_choice(struct choice *c, size_t i)
     return PRT_OK;
 }
 
-// Bytes of U that row r adds: rows lie in pairs.
+// Bytes of U that row r adds: rows are stored in pairs.
 static double u_bytes(const struct factored *f, uint32_t r)
 {
     return r % 2 ? 0 : 4.0 * f->n_vertex;
 }
 
-// Lagrangian choice: an entry stays when its energy pays its bytes, a basis vector when its
-// entries' surplus pays its column of U.
+// Lagrangian choice: an entry is kept when its energy exceeds the price of its bytes, and a
+// basis vector when the surplus of its entries exceeds the price of its column of U.
 static void priced_choice(struct choice *c, size_t i)
 {
     struct factored *f = &c->f[i];
@@ -83,11 +84,11 @@ static void priced_choice(struct choice *c, size_t i)
     c->rank[i] = keep;
 }
 
-// The same of mixed rows, where directions are chosen, too.
-static void mixed_choice(struct choice *c, size_t i, float *room)
+// The same for low-rank rows, whose components are chosen, too.
+static void low_rank_choice(struct choice *c, size_t i, float *room)
 {
     struct factored *f = &c->f[i];
-    const struct mix_price price = {c->price, c->entry_bytes, c->direction_bytes};
+    const struct component_price price = {c->price, c->entry_bytes, c->component_bytes};
     uint32_t most = c->options->rank && c->options->rank < f->rank ? c->options->rank : f->rank;
     double surplus = 0, best = 0, lost = f->tail ? f->tail[0] : 0, left = lost, bytes = 0;
     uint64_t entries = 0;
@@ -95,13 +96,13 @@ static void mixed_choice(struct choice *c, size_t i, float *room)
     c->entries[i] = 0;
     for (uint32_t r = 0; r < most; r++) {
         const float *e = f->energy + (size_t)r * c->n_coef;
-        struct mix_row row;
+        struct component_choice row;
         double all = 0;
-        mix_choose(f, r, c->n_coef, &price, room, &row);
+        prt_choose_components(f, r, c->n_coef, &price, room, &row);
         for (uint32_t k = 0; k < c->n_coef; k++) all += (double)e[k];
         double own = (double)row.entries * (c->entry_bytes + row.width) +
-                     row.width * c->direction_bytes + u_bytes(f, r) + c->row_bytes;
-        // What a column of U holds is in its scaling coefficients and its entries.
+                     row.width * c->component_bytes + u_bytes(f, r) + c->row_bytes;
+        // The energy of a column of U: its scaling coefficients and its entries.
         double held = f->tail[r] - f->tail[r + 1] - all + row.energy;
         surplus += held - c->price * own;
         left -= held;
@@ -120,15 +121,16 @@ static void mixed_choice(struct choice *c, size_t i, float *room)
 static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct choice *c = arg;
-    float *room = c->mixed ? prt_alloc(MIX_ROOM * (size_t)c->n_coef, sizeof *room) : NULL;
-    if (c->mixed && !room) return PRT_NOMEM;
+    float *room =
+        c->low_rank ? prt_alloc(COMPONENT_ROOM * (size_t)c->n_coef, sizeof *room) : NULL;
+    if (c->low_rank && !room) return PRT_NOMEM;
     for (size_t turn = begin; turn < end; turn++) {
         size_t i = turn * c->stride;
         struct factored *f = &c->f[i];
         int status = PRT_OK;
         c->bytes[i] = 0;
-        if (c->mixed) {
-            mixed_choice(c, i, room);
+        if (c->low_rank) {
+            low_rank_choice(c, i, room);
             continue;
         }
         if (c->options->n_basis_coef) status = fixed_choice(c, i);
@@ -153,7 +155,7 @@ static int choose_range(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// What a price keeps, in bytes, and loses, in energy; of every stride-th cluster.
+// Bytes kept and energy lost at a price, over every stride-th cluster.
 static int weigh(const struct prt_context *ctx, struct choice *c, double log_price,
                  double *bytes, double *lost)
 {
@@ -177,7 +179,7 @@ static double mean_entries(const struct choice *c)
 }
 
 struct goal {
-    double bytes, lost; // at most, of the clusters looked at
+    double bytes, lost; // at most, of the clusters evaluated
 };
 
 static struct goal goal_of(const struct choice *c)
@@ -193,7 +195,7 @@ static struct goal goal_of(const struct choice *c)
     return (struct goal){c->options->max_bytes * vertices / fmax(all, 1), total * e * e};
 }
 
-// > 0 where a lower price is wanted: more is lost than allowed, and there is room for it.
+// > 0 where the price is too high: more energy is lost than allowed, and bytes are left.
 static int excess(const struct prt_context *ctx, struct choice *c, double log_price,
                   double *out)
 {
@@ -219,8 +221,8 @@ static int bisect(const struct prt_context *ctx, struct choice *c, double *lo, d
     return PRT_OK;
 }
 
-// The price of all clusters from that of some: a bracket around it, then regula falsi, until no
-// more than a thousandth is left over. Ends with the choice made at *hi.
+// Refines the multiplier of some clusters on all: a bracket around it, then regula falsi until
+// the remaining excess is at most a thousandth. The choice is then the one at *hi.
 static int refine(const struct prt_context *ctx, struct choice *c, double *lo, double *hi)
 {
     enum { TURNS = 12 };
@@ -247,13 +249,13 @@ static int refine(const struct prt_context *ctx, struct choice *c, double *lo, d
     return excess(ctx, c, *hi, &more);
 }
 
-// Finds the highest price at which the whole model loses no more than the allowed energy; or,
-// where noise or detail would take more than max_bytes for that, the price of max_bytes. Of
-// many clusters some tell about what it is.
+// Finds the highest price at which the whole model loses no more than the allowed energy, or,
+// where noise or detail would take more than max_bytes for that, the price of max_bytes. With
+// many clusters the price is estimated on every n-th cluster, then refined on all.
 static int choose(const struct prt_context *ctx, struct choice *c)
 {
-    enum { SOME = 8 };
-    if (c->options->n_basis_coef && !c->mixed)
+    enum { SOME = 8 }; // clusters of the estimate; chosen, not measured
+    if (c->options->n_basis_coef && !c->low_rank)
         return prt_parallel_for(ctx, NULL, c->n_cluster, 1, choose_range, c);
     double total = 0, more;
     for (uint32_t i = 0; i < c->n_cluster; i++)
@@ -279,9 +281,9 @@ struct layout {
     uint64_t *cluster_entry; // first entry of each cluster
 };
 
-// One row of halves: its entries from `at` on, its scaling coefficients, all times s.
-static uint64_t lay_row(const struct choice *c, size_t i, uint32_t r, uint64_t at, float s,
-                        struct prt_rows *rows, uint32_t row, float *value)
+// Writes one row of halves times s: its entries from `at` on and its scaling coefficients.
+static uint64_t write_row(const struct choice *c, size_t i, uint32_t r, uint64_t at, float s,
+                          struct prt_rows *rows, uint32_t row, float *value)
 {
     const struct factored *f = &c->f[i];
     const float *e = f->energy + (size_t)r * c->n_coef;
@@ -302,9 +304,10 @@ static uint64_t lay_row(const struct choice *c, size_t i, uint32_t r, uint64_t a
     return at;
 }
 
-// Row r of U over 64 * most as integers, beside its partner.
-static void lay_u(const struct factored *f, uint32_t r, float most, uint32_t padded,
-                  uint16_t *out)
+// Writes row r of U divided by 64 * most as integers, interleaved with the other row of its
+// pair.
+static void write_u(const struct factored *f, uint32_t r, float most, uint32_t padded,
+                    uint16_t *out)
 {
     const float *u = f->u + (size_t)r * f->n_vertex, scale = PRT_U_MOST / most;
     int16_t *to = (int16_t *)out + 2 * (size_t)padded * (r / 2) + r % 2;
@@ -312,9 +315,9 @@ static void lay_u(const struct factored *f, uint32_t r, float most, uint32_t pad
         to[2 * (size_t)v] = (int16_t)lrintf(u[v] * scale);
 }
 
-// One cluster's rows and U. A power-of-two-free balance: U's largest becomes 1/64, which keeps
-// the rows well inside a half float's range.
-static int lay_range(void *arg, size_t begin, size_t end, unsigned worker)
+// Writes one cluster's rows and U. U is divided so that its largest value is 1/64, which keeps
+// the rows well inside the range of half floats.
+static int write_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct layout *l = arg;
     struct choice *c = l->c;
@@ -332,21 +335,21 @@ static int lay_range(void *arg, size_t begin, size_t end, unsigned worker)
             const float *u = f->u + (size_t)r * f->n_vertex;
             float most = 1e-30f;
             for (uint32_t v = 0; v < f->n_vertex; v++) most = fmaxf(most, fabsf(u[v]));
-            lay_u(f, r, most, padded, (uint16_t *)(uintptr_t)l->tensor->u + cluster->u_begin);
-            if (c->mixed) {
-                status = mix_lay(f, r, 64 * most, rows, row);
+            write_u(f, r, most, padded, (uint16_t *)(uintptr_t)l->tensor->u + cluster->u_begin);
+            if (c->low_rank) {
+                status = prt_write_low_rank_row(f, r, 64 * most, rows, row);
                 continue;
             }
             ((uint64_t *)(uintptr_t)rows->begin)[row] = at;
-            at = lay_row(c, i, r, at, 64 * most, rows, row, value);
+            at = write_row(c, i, r, at, 64 * most, rows, row, value);
         }
     }
     prt_free(value);
     return status;
 }
 
-// Where each mixed row begins, and room for what it consists of.
-static int allocate_mixed(const struct choice *c, struct prt_tensor *t)
+// Offsets of the low-rank rows, and memory for their arrays.
+static int allocate_low_rank(const struct choice *c, struct prt_tensor *t)
 {
     struct prt_rows *rows = &t->rows;
     uint32_t *direction = prt_alloc(rows->n_row + 1u, sizeof *direction);
@@ -401,7 +404,7 @@ static int allocate(struct choice *c, const struct clusters *clusters, struct la
                                 .value = PRT_VALUE_F16,
                                 .index_bytes = c->n_coef > 65536 ? 4 : 2};
     t->rows.index = prt_alloc(entries + 32, t->rows.index_bytes);
-    if (!c->mixed) t->rows.entry = prt_alloc((entries + 32) * J, 2);
+    if (!c->low_rank) t->rows.entry = prt_alloc((entries + 32) * J, 2);
     t->rows.scaling = prt_alloc((size_t)n_row * 6 * J + 32, 2);
     t->u = prt_calloc(u + 32, 2);
     t->u_count = u;
@@ -410,15 +413,15 @@ static int allocate(struct choice *c, const struct clusters *clusters, struct la
     t->n_vertex = n_vertex;
     t->n_cluster = c->n_cluster;
     t->n_function = J;
-    if (!order || !begin || !t->rows.index || (!c->mixed && !t->rows.entry) ||
+    if (!order || !begin || !t->rows.index || (!c->low_rank && !t->rows.entry) ||
         !t->rows.scaling || !t->u)
         return PRT_NOMEM;
     memcpy(order, clusters->order, n_vertex * sizeof *order);
     begin[n_row] = entries;
-    return c->mixed ? allocate_mixed(c, t) : PRT_OK;
+    return c->low_rank ? allocate_low_rank(c, t) : PRT_OK;
 }
 
-// Rows of one phase term: integers, for several lights at a time.
+// Rows of one phase term as pairs of integers, which serve several lights at a time.
 static int pair_rows(struct prt_tensor *t)
 {
     struct prt_rows pairs;
@@ -429,9 +432,9 @@ static int pair_rows(struct prt_tensor *t)
     return PRT_OK;
 }
 
-int pack_factored(const struct prt_context *ctx, const struct clusters *clusters,
-                  struct factored *factored, uint32_t n_function, uint32_t n,
-                  const struct pack_options *options, struct prt_tensor *out)
+int prt_pack_factored(const struct prt_context *ctx, const struct clusters *clusters,
+                      struct factored *factored, uint32_t n_function, uint32_t n,
+                      const struct pack_options *options, struct prt_tensor *out)
 {
     uint32_t nc = clusters->n_cluster;
     struct choice c = {.f = factored,
@@ -441,13 +444,13 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
                        .n_coef = 6 * n * n,
                        .stride = 1,
                        .options = options,
-                       .mixed = options->mixed};
+                       .low_rank = options->low_rank};
     const double index = c.n_coef > 65536 ? 4 : 2;
-    c.entry_bytes = c.mixed ? index + 1 : index + 2.0 * n_function;
-    const bool pairs = !c.mixed && n_function == 3 && index == 2;
-    c.row_bytes = 12.0 * n_function + (c.mixed ? 20 : 8);
+    c.entry_bytes = c.low_rank ? index + 1 : index + 2.0 * n_function;
+    const bool pairs = !c.low_rank && n_function == 3 && index == 2;
+    c.row_bytes = 12.0 * n_function + (c.low_rank ? 20 : 8);
     if (pairs) c.row_bytes += 4.0 * n_function + c.entry_bytes; // scales, and a half pair
-    c.direction_bytes = 2.0 * n_function + 4;
+    c.component_bytes = 2.0 * n_function + 4;
     struct layout l = {&c, out, prt_alloc(nc, sizeof *l.cluster_entry)};
     c.dropped = prt_alloc(nc, sizeof *c.dropped);
     c.entries = prt_alloc(nc, sizeof *c.entries);
@@ -461,7 +464,7 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
                      : PRT_NOMEM;
     if (status == PRT_OK) status = choose(ctx, &c);
     if (status == PRT_OK) status = allocate(&c, clusters, &l, out);
-    if (status == PRT_OK) status = prt_parallel_for(ctx, NULL, nc, 1, lay_range, &l);
+    if (status == PRT_OK) status = prt_parallel_for(ctx, NULL, nc, 1, write_range, &l);
     if (status == PRT_OK && pairs) status = pair_rows(out);
     prt_free(l.cluster_entry);
     prt_free(c.dropped);
@@ -469,11 +472,11 @@ int pack_factored(const struct prt_context *ctx, const struct clusters *clusters
     prt_free(c.rank);
     prt_free(c.bytes);
     prt_free(c.threshold);
-    if (status) tensor_finish(out);
+    if (status) prt_tensor_finish(out);
     return status;
 }
 
-void tensor_finish(struct prt_tensor *t)
+void prt_tensor_finish(struct prt_tensor *t)
 {
     prt_free((void *)(uintptr_t)t->order);
     prt_free((void *)(uintptr_t)t->cluster);

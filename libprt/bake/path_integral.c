@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Integrals along a vertex's path (W05 eq 10-12, X07 eq 15): the way out towards a direction is
-// nearly linear in depth, so a monotone cubic is laid through the nodes that were traced and
-// the exponentials between its points are integrated in closed form.
+// Integrals along a vertex's path (W05 eq 10-12, X07 eq 15). The path length to the exit is
+// nearly linear in depth: a monotone cubic interpolates the traced nodes, and the exponentials
+// between its points are integrated in closed form.
 #include "bake/path_integral.h"
 
 #include <string.h>
@@ -22,17 +22,17 @@ static inline __attribute__((always_inline)) float mean_exp(float ea, float eb, 
     return far * quotient + (1 - far) * series;
 }
 
-// A tile of directions along the path: depth + way out and F_t V at the points of a monotone
-// cubic through surface and nodes.
+// A tile of directions along the path: s + s' and F_t V at the points of a monotone cubic
+// through the surface and the nodes.
 struct path {
     uint32_t n_point; // 1 + n_node * substeps
     float depth[MAX_POINTS];
-    float u[MAX_POINTS][TILE]; // s + s' [mm]
-    float open[MAX_POINTS][TILE];
-    float slope[TILE]; // of u beyond the last node
+    float u[MAX_POINTS][TILE];             // s + s' [mm]
+    float transmittance[MAX_POINTS][TILE]; // F_t V
+    float slope[TILE];                     // of u beyond the last node
 };
 
-// Slope at a point between two chords (Fritsch and Carlson's monotone cubic).
+// Slope at a point between two chords of a monotone cubic (FC80).
 static inline __attribute__((always_inline)) float pchip(float h0, float h1, float m0, float m1)
 {
     float w0 = 2 * h1 + h0, w1 = h1 + 2 * h0, low = w0 * m1 + w1 * m0;
@@ -44,7 +44,7 @@ struct knots {
     float v[SINGLE_MAX_NODES + 1][TILE]; // values
 };
 
-// Lays `substeps` points into every interval of the knots.
+// Evaluates the cubic at `substeps` points of every interval between the knots.
 PRT_CLONES static void subdivide(const struct knots *k, uint32_t n_node, uint32_t substeps,
                                  float out[MAX_POINTS][TILE])
 {
@@ -72,59 +72,59 @@ PRT_CLONES static void subdivide(const struct knots *k, uint32_t n_node, uint32_
     }
 }
 
-// A hidden node brings no light, but the way out at its depth weighs what lies between it and
-// its neighbours: it takes theirs.
-static void borrow_ways(const struct knots *open, uint32_t n_node, struct knots *u)
+// A node without light has no exit path of its own, but its path length weighs the intervals to
+// its neighbours: it is interpolated from theirs.
+static void interpolate_hidden(const struct knots *ft_v, uint32_t n_node, struct knots *u)
 {
     float own[SINGLE_MAX_NODES + 1][TILE];
     memcpy(own, u->v, sizeof own);
     for (uint32_t a = 1; a <= n_node; a++)
         for (int t = 0; t < TILE; t++) {
-            bool before = a > 1 && open->v[a - 1][t] > 0;
-            bool after = a < n_node && open->v[a + 1][t] > 0;
-            if (open->v[a][t] > 0 || (!before && !after)) continue;
+            bool before = a > 1 && ft_v->v[a - 1][t] > 0;
+            bool after = a < n_node && ft_v->v[a + 1][t] > 0;
+            if (ft_v->v[a][t] > 0 || (!before && !after)) continue;
             float l = before ? own[a - 1][t] - u->depth[a - 1] : 0;
             float r = after ? own[a + 1][t] - u->depth[a + 1] : 0;
             u->v[a][t] = u->depth[a] + (l + r) * (before && after ? 0.5f : 1.0f);
         }
 }
 
-// Where the k-th direction to integrate lies in the nodes' arrays.
+// Index of the k-th direction or cell in the nodes' arrays.
 static inline uint32_t direction_of(const struct scratch *s, uint32_t k)
 {
     return s->first ? s->first[k] : k;
 }
 
-// Directions [first, first+TILE) of the path; beyond n they are dark.
+// Directions [first, first+TILE) of the path; those from n on carry no light.
 static void follow_path(const struct single_plan *plan, const struct fresnel_table *fresnel,
                         const struct scratch *s, const float *depth, uint32_t first, uint32_t n,
                         uint32_t substeps, struct path *path)
 {
-    struct knots u, open;
+    struct knots u, ft_v;
     uint32_t N = plan->n_node, m = n - first < TILE ? n - first : TILE;
     memset(&u, 0, sizeof u);
-    memset(&open, 0, sizeof open);
+    memset(&ft_v, 0, sizeof ft_v);
     for (uint32_t a = 0; a < N; a++) {
-        u.depth[a + 1] = open.depth[a + 1] = depth[a];
+        u.depth[a + 1] = ft_v.depth[a + 1] = depth[a];
         for (uint32_t t = 0; t < m; t++) {
-            u.v[a + 1][t] = depth[a] + s->node[a].way[direction_of(s, first + t)];
-            open.v[a + 1][t] = s->node[a].open[direction_of(s, first + t)];
+            u.v[a + 1][t] = depth[a] + s->node[a].path_mm[direction_of(s, first + t)];
+            ft_v.v[a + 1][t] = s->node[a].transmittance[direction_of(s, first + t)];
         }
     }
-    borrow_ways(&open, N, &u);
+    interpolate_hidden(&ft_v, N, &u);
     for (uint32_t t = 0; t < m; t++) {
-        float side = s->side[direction_of(s, first + t)];
-        if (side > 0) { // leaves at once, through the vertex's own tangent plane
+        float cosine = s->cosine[direction_of(s, first + t)];
+        if (cosine > 0) { // at depth 0 the exit is the tangent plane of the vertex
             u.v[0][t] = 0;
-            open.v[0][t] = open.v[1][t] > 0 ? fresnel_table_eval(fresnel, fminf(side, 1)) : 0;
+            ft_v.v[0][t] = ft_v.v[1][t] > 0 ? fresnel_table_eval(fresnel, fminf(cosine, 1)) : 0;
         } else {
             float rise = (u.v[2][t] - u.v[1][t]) / (depth[1] - depth[0]);
             u.v[0][t] = fmaxf(u.v[1][t] - rise * depth[0], 0);
-            open.v[0][t] = open.v[1][t];
+            ft_v.v[0][t] = ft_v.v[1][t];
         }
     }
     subdivide(&u, N, substeps, path->u);
-    subdivide(&open, N, substeps, path->open);
+    subdivide(&ft_v, N, substeps, path->transmittance);
     path->n_point = N * substeps + 1;
     for (uint32_t i = 0; i < path->n_point; i++) {
         uint32_t a = i / substeps < N ? i / substeps : N - 1;
@@ -136,7 +136,7 @@ static void follow_path(const struct single_plan *plan, const struct fresnel_tab
         path->slope[t] = fmaxf((u.v[N][t] - u.v[N - 1][t]) * inv, 0.3f);
 }
 
-// Everything along the path for isotropic phase: one channel of a tile, to multiply by factor.
+// The integral along the path for isotropic phase: one channel of a tile, times factor.
 PRT_CLONES static void integrate_isotropic(const struct path *path, float sigma_t, float factor,
                                            float end, float sum[TILE])
 {
@@ -149,32 +149,33 @@ PRT_CLONES static void integrate_isotropic(const struct path *path, float sigma_
     }
     for (uint32_t i = 1; i < n; i++) {
         float step = 0.5f * (path->depth[i] - path->depth[i - 1]);
-        const float *u = path->u[i], *o0 = path->open[i - 1], *o1 = path->open[i];
+        const float *u = path->u[i], *o0 = path->transmittance[i - 1],
+                    *o1 = path->transmittance[i];
         for (int t = 0; t < TILE; t++) {
             float next = sigma_t * u[t], e = exp_minus(next);
             sum[t] += step * mean_exp(before[t], e, exponent[t], next) * (o0[t] + o1[t]);
             exponent[t] = next, before[t] = e;
         }
     }
-    // Beyond the last node the last slope goes on to the end of the path.
+    // From the last node to the end of the path the last slope continues.
     float rest = end - path->depth[n - 1];
     for (int t = 0; t < TILE; t++) {
         float last = exponent[t] + sigma_t * path->slope[t] * rest;
-        sum[t] += path->open[n - 1][t] * rest *
+        sum[t] += path->transmittance[n - 1][t] * rest *
                   mean_exp(before[t], exp_minus(last), exponent[t], last);
         sum[t] *= factor;
     }
 }
 
-// SH of the ways in at the nodes of direction t; a hidden node takes a neighbour's. Returns
-// whether any is open.
+// SH of the refracted directions w_i' at the nodes of direction t. A node without light takes a
+// neighbour's. Returns whether any node has light.
 static bool node_sh(const struct single_plan *plan, const struct scratch *s, uint32_t t,
                     float y[SINGLE_MAX_NODES][PATH_MAX_PHASE])
 {
     uint32_t K = plan->n_phase, seen = UINT32_MAX;
     for (uint32_t a = 0; a < plan->n_node; a++) {
         float w[3] = {s->node[a].dir[0][t], s->node[a].dir[1][t], s->node[a].dir[2][t]};
-        if (s->node[a].open[t] > 0) {
+        if (s->node[a].transmittance[t] > 0) {
             prt_sh_eval(K == 9 ? 3 : K == 4 ? 2 : 1, w, y[a]);
             for (uint32_t b = seen == UINT32_MAX ? 0 : a; b < a; b++)
                 memcpy(y[b], y[a], sizeof y[a]);
@@ -186,7 +187,7 @@ static bool node_sh(const struct single_plan *plan, const struct scratch *s, uin
     return seen != UINT32_MAX;
 }
 
-// Light part of the phase in the middle of interval i of the path.
+// The phase function's factor of w_i' in the middle of interval i of the path.
 static void middle_sh(const struct single_plan *plan, const struct path *path, uint32_t i,
                       float y[SINGLE_MAX_NODES][PATH_MAX_PHASE], float out[PATH_MAX_PHASE])
 {
@@ -196,7 +197,7 @@ static void middle_sh(const struct single_plan *plan, const struct path *path, u
     for (uint32_t k = 0; k < plan->n_phase; k++) out[k] = y0[k] + x * (y1[k] - y0[k]);
 }
 
-// A tile with the phase function's light part: plane k gets a_l Y_k(w_i').
+// A tile with the phase function's factor of w_i': plane k gets a_l Y_k(w_i').
 static void integrate_phase(const struct single_plan *plan, const struct path *path, float end,
                             const struct scratch *s, uint32_t first, uint32_t m, uint32_t n,
                             float *out)
@@ -212,8 +213,8 @@ static void integrate_phase(const struct single_plan *plan, const struct path *p
             before[c] = exp_minus(exponent[c]);
         }
         for (uint32_t i = 1; i <= last; i++) {
-            float open = 0.5f * (path->open[i - 1][t] + path->open[i][t]);
-            float step = open * (path->depth[i] - path->depth[i - 1]);
+            float ft_v = 0.5f * (path->transmittance[i - 1][t] + path->transmittance[i][t]);
+            float step = ft_v * (path->depth[i] - path->depth[i - 1]);
             middle_sh(plan, path, i, y, mid);
             for (int c = 0; c < 3; c++) {
                 float next = plan->sigma_t[c] * path->u[i][t], e = exp_minus(next);
@@ -225,7 +226,7 @@ static void integrate_phase(const struct single_plan *plan, const struct path *p
         float rest = end - path->depth[last];
         for (int c = 0; c < 3; c++) {
             float to = exponent[c] + plan->sigma_t[c] * path->slope[t] * rest;
-            float w = path->open[last][t] * rest *
+            float w = path->transmittance[last][t] * rest *
                       mean_exp(before[c], exp_minus(to), exponent[c], to);
             for (uint32_t k = 0; k < K; k++) sum[c][k] += w * y[plan->n_node - 1][k];
         }
@@ -255,7 +256,7 @@ extinction_integral(const struct extinction_table *table, int wide, float r, flo
     const float *lo = table->integral + (size_t)i * EXTINCTION_WIDE, *hi = lo + EXTINCTION_WIDE;
     float width = table->r[i + 1] - table->r[i], f = width > 0 ? (r - table->r[i]) / width : 0;
     f = f < 1 ? f : 1;
-    if (b < table->base) { // below the first point the functions are flat
+    if (b < table->base) { // the functions are constant below the first point
         f = r / table->r[0];
         for (int j = 0; j < wide; j++) out[j] = f * lo[j];
         return;
@@ -266,7 +267,7 @@ extinction_integral(const struct extinction_table *table, int wide, float r, flo
 // Integrals of every function of a radial basis over a tile, X07 eq 15: with s + s'(s)
 // piecewise linear they are differences of the functions' running integrals. Without `rgb` out
 // is [n_phase][n_radial][n] per direction; with it (X07: the light is fixed) the directions are
-// summed into out [n_phase][n_radial][3]. wide: a constant, at least the functions there are.
+// summed into out [n_phase][n_radial][3]. wide: a constant, at least the number of functions.
 static inline __attribute__((always_inline)) void
 radial_sums(const struct single_plan *plan, const struct path *path, float end,
             const struct scratch *s, uint32_t first, uint32_t m, uint32_t n, const float *rgb,
@@ -283,15 +284,16 @@ radial_sums(const struct single_plan *plan, const struct path *path, float end,
         memset(sum, 0, K * sizeof *sum);
         if (any) extinction_integral(table, wide, u, before);
         for (uint32_t i = 1; any && i <= points; i++) {
-            // The last step goes on to the end of the path with the last slope.
+            // The last step continues with the last slope to the end of the path.
             bool last = i == points;
             float step = (last ? end : path->depth[i]) - path->depth[i - 1];
             if (step <= 0) break;
             float next = last ? fmaxf(u + path->slope[t] * step, 0) : path->u[i][t];
-            float open = 0.5f * (path->open[i - 1][t] + path->open[last ? i - 1 : i][t]);
+            float ft_v = 0.5f * (path->transmittance[i - 1][t] +
+                                 path->transmittance[last ? i - 1 : i][t]);
             if (fabsf(next - u) < 1e-3f * step) next = u + 1e-3f * step;
-            if (open <= 0 && i + 1 < points &&
-                path->open[i + 1][t] <= 0) { // dark on both sides
+            if (ft_v <= 0 && i + 1 < points &&
+                path->transmittance[i + 1][t] <= 0) { // dark on both sides
                 u = next, extinction_integral(table, wide, u, before);
                 continue;
             }
@@ -299,7 +301,7 @@ radial_sums(const struct single_plan *plan, const struct path *path, float end,
             if (last) memcpy(mid, y[plan->n_node - 1], sizeof mid);
             else middle_sh(plan, path, i, y, mid);
             for (uint32_t k = 0; k < K; k++) {
-                float w = open * mid[k] * step / (next - u);
+                float w = ft_v * mid[k] * step / (next - u);
                 for (int j = 0; j < wide; j++) sum[k][j] += w * (after[j] - before[j]);
             }
             memcpy(before, after, (size_t)wide * sizeof *before);
@@ -324,9 +326,9 @@ PRT_CLONES static void integrate_radial(const struct single_plan *plan, const st
     else radial_sums(plan, path, end, s, first, m, n, rgb, EXTINCTION_WIDE, out);
 }
 
-void path_integrate(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                    const struct scratch *s, const float *depth, float end, uint32_t n,
-                    const float *rgb, float *out)
+void prt_path_integrate(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                        const struct scratch *s, const float *depth, float end, uint32_t n,
+                        const float *rgb, float *out)
 {
     uint32_t substeps = plan->extinction ? RADIAL_SUBSTEPS : SUBSTEPS;
     for (uint32_t first = 0; first < n; first += TILE) {

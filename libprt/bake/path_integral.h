@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* What single scattering's rays met along a vertex's path (single.c), and the integrals over it
- * (path_integral.c). Private to the two. */
+/* Exits of single scattering's rays along a vertex's path (single_nodes.c) and the integrals
+ * over them (path_integral.c). Private to the files of single scattering. */
 #ifndef PRT_BAKE_PATH_H
 #define PRT_BAKE_PATH_H
 
@@ -10,31 +10,31 @@
 
 enum { PATH_MAX_PHASE = 9 };
 
-/* What a direction meets at a node: distance out s', F_t V, and the refracted way in. */
+/* The exits of all directions from one node (depth). */
 struct exits {
-    float *way;    /* s_i' [mm] */
-    float *open;   /* F_t(eta, w_i) V, 0 when blocked */
-    float *dir[3]; /* w_i' outward */
+    float *path_mm;       /* s_i' [mm] */
+    float *transmittance; /* F_t(eta, w_i) V, 0 when blocked */
+    float *dir[3];        /* w_i' outward */
 };
 
 struct scratch {
     struct exits node[SINGLE_MAX_NODES];
-    float *side; /* [n_coef] cosine between texel and vertex normal */
-    /* Per node what the rays bring, to find where neighbours differ. */
-    float *value[SINGLE_MAX_NODES]; /* [n_coef/4] of a block of 2 x 2 texels */
-    float *
-        doubt[SINGLE_MAX_NODES]; /* [n_coef/4] most a block may hide: 0, or a ray was cast on */
-    float *coarse[SINGLE_MAX_NODES]; /* [n_coef/16] of a tile of 2 x 2 blocks */
-    float *fine[SINGLE_MAX_NODES];   /* [n_coef/16] 1: every block of the tile was traced */
-    /* Cells: directions that share what every node met, integrated once. */
+    float *cosine; /* [n_coef] between texel or cell and vertex normal */
+    /* Per node, to find where neighbours differ: */
+    float *value[SINGLE_MAX_NODES];     /* [n_coef/4] light through a block of 2 x 2 texels */
+    float *uncertain[SINGLE_MAX_NODES]; /* [n_coef/4] most light that unknown visibility of a
+                                         * block may hide; 0: visibility is certain */
+    float *coarse[SINGLE_MAX_NODES];    /* [n_coef/16] light through a tile of 2 x 2 blocks */
+    float *fine[SINGLE_MAX_NODES];      /* [n_coef/16] 1: every block of the tile was traced */
+    /* Cells: directions that share the rays of every node, integrated once. */
     uint32_t *cell;  /* [n_coef] cell of each texel */
-    uint32_t *first; /* [n_cell] a texel of each cell; NULL: every direction is its own */
-    uint8_t *split;  /* [n_coef/4] 1: texels of the block were traced apart at some node */
+    uint32_t *first; /* [n_cell] a texel of each cell; NULL: every direction is a cell */
+    uint8_t *split;  /* [n_coef/4] 1: the block's texels were traced apart at some node */
     float *y;        /* [PATH_MAX_PHASE] SH of one direction */
 };
 
-/* e^-x for x >= 0, relative error 1e-5; without a branch, or a choice that the compiler makes
- * one of, so that loops over it vectorise. */
+/* e^-x for x >= 0, relative error 1e-5. It has no branch, nor a choice that the compiler turns
+ * into one, so that loops over it vectorise. */
 static inline __attribute__((always_inline)) float exp_minus(float x)
 {
     float y = x * -1.44269504f;
@@ -53,9 +53,9 @@ static inline __attribute__((always_inline)) float exp_minus(float x)
 /* Integrates the nodes of n directions at `depth` [n_node], on to the path's `end` [mm].
  * With plan->extinction: out [n_phase][n_radial][n], or with the directions' weights rgb [n][3]
  * their sum, added to out [n_phase][n_radial][3]. Else out [n_phase*3][n] and no rgb. */
-void path_integrate(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                    const struct scratch *s, const float *depth, float end, uint32_t n,
-                    const float *rgb, float *out);
+void prt_path_integrate(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                        const struct scratch *s, const float *depth, float end, uint32_t n,
+                        const float *rgb, float *out);
 /* Degree l of spherical harmonic k. */
 static inline unsigned path_degree(uint32_t k)
 {

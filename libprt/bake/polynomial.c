@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Polynomial transport (X07): the light is contracted while baking, radial functions stay.
-// T_j (X07 eq 10) by the cut of the hierarchy, S_j (X07 eq 15) over the light's own directions.
+// Polynomial transport (X07): the light is fixed and contracted while baking; the material
+// stays free as coefficients of radial functions. T_j (X07 eq 10) is summed over the cut of the
+// hierarchy, S_j (X07 eq 15) over directions drawn from the light.
 #include "bake/radials.h"
 #include "bake/shard.h"
 
@@ -11,6 +12,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+// Rays of one sample, directions of one vertex, and independent sets of them: chosen, not
+// measured.
 enum { SAMPLE_RAYS = 1024, SINGLE_RAYS = 512, PATTERNS = 64 };
 
 struct polynomial {
@@ -62,7 +65,7 @@ static int sample_range(void *arg, size_t begin, size_t end, unsigned worker)
     struct bake *b = p->b;
     struct fresnel_table fresnel;
     prt_trace_thread_init();
-    fresnel_table_init(&fresnel, b->o.material.eta);
+    prt_fresnel_table_init(&fresnel, b->o.material.eta);
     for (size_t i = begin; i < end; i++) {
         uint32_t s = b->hierarchy->order[i];
         double sum[3];
@@ -110,14 +113,14 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct polynomial *p = arg;
     struct bake *b = p->b;
-    struct radial_set radial = bases_radial_set(&p->bases);
+    struct radial_set radial = prt_bases_radial_set(&p->bases);
     int status = PRT_OK;
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
         const struct prt_cluster *cluster = &p->tensor->cluster[c];
         if (!b->clusters->translucent[c]) continue;
         struct cut cut = {0};
-        status = cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters, (uint32_t)c,
-                           &radial, &cut);
+        status = prt_cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters,
+                               (uint32_t)c, &radial, &cut);
         uint32_t n = cluster->n_vertex;
         float *sum = prt_alloc((size_t)n * 3, sizeof *sum);
         if (!sum) status = PRT_NOMEM;
@@ -135,7 +138,7 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
                                      column(p->tensor, cluster, j, ch));
         }
         prt_free(sum);
-        cut_finish(&cut);
+        prt_cut_finish(&cut);
     }
     return status;
 }
@@ -148,8 +151,8 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
     struct fresnel_table fresnel;
     uint32_t F = b->o.n_phase * p->bases.extinction->n_function;
     prt_trace_thread_init();
-    fresnel_table_init(&fresnel, b->o.material.eta);
-    void *scratch = prt_alloc(single_scratch_bytes(&b->single), 1);
+    prt_fresnel_table_init(&fresnel, b->o.material.eta);
+    void *scratch = prt_alloc(prt_single_scratch_bytes(&b->single), 1);
     float *out = prt_alloc((size_t)F * 3, sizeof *out);
     int status = scratch && out ? PRT_OK : PRT_NOMEM;
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
@@ -159,9 +162,10 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
             uint32_t v = b->clusters->order[cluster->vertex_begin + i];
             size_t base =
                 (size_t)((prt_hash64(&v, sizeof v, 23) >> 8) % r->n_pattern) * r->n_ray;
+            const struct light_directions light = {r->n_ray, r->x + base, r->y + base,
+                                                   r->z + base, r->rgb + base * 3};
             b->rays_single[c] +=
-                single_light(&b->single, &fresnel, v, r->n_ray, r->x + base, r->y + base,
-                             r->z + base, r->rgb + base * 3, out, scratch);
+                prt_single_light(&b->single, &fresnel, v, &light, out, scratch);
             for (uint32_t j = 0; j < F; j++)
                 for (int ch = 0; ch < 3; ch++)
                     column(p->tensor, cluster, j, ch)[i] =
@@ -173,10 +177,10 @@ static int single_range(void *arg, size_t begin, size_t end, unsigned worker)
     return status;
 }
 
-// An empty RADIAL tensor over all clusters; opaque ones have no columns. radial NULL: the
-// opaque ones' own, of one colour a vertex.
-static int shape(struct polynomial *p, enum prt_term term, uint32_t n_phase,
-                 const struct prt_radial *radial)
+// An empty RADIAL tensor over all clusters, in which opaque clusters have no columns. radial
+// NULL: a tensor of the opaque clusters alone, with one colour a vertex.
+static int add_tensor(struct polynomial *p, enum prt_term term, uint32_t n_phase,
+                      const struct prt_radial *radial)
 {
     struct bake *b = p->b;
     struct prt_tensor *t = &b->out.tensor[b->out.n_tensor++];
@@ -205,10 +209,10 @@ static int shape(struct polynomial *p, enum prt_term term, uint32_t n_phase,
     t->n_phase = t->n_radial = 1;
     p->tensor = t;
     if (!t->u) return PRT_NOMEM;
-    return radial ? bases_record(radial, n_phase, t) : PRT_OK;
+    return radial ? prt_bases_record(radial, n_phase, t) : PRT_OK;
 }
 
-// Opaque vertices: albedo/pi E, whatever the material: colours without a radial basis.
+// Opaque vertices: albedo/pi E, which does not depend on the material.
 static int opaque_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     enum { PATTERNS_A_VERTEX = 4 };
@@ -239,54 +243,63 @@ static int opaque_range(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-static int light_of(struct bake *b, struct prt_cube *cube)
+static int bake_multiple(struct polynomial *p)
 {
-    return prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, cube);
-}
-
-int bake_polynomial(struct bake *b)
-{
-    struct polynomial p = {.b = b};
-    struct prt_cube cube = {0};
-    double started = prt_time_s();
-    if (!b->surface)
-        return prt_fail(b->ctx, PRT_ARG, "nothing is translucent: no material to edit");
+    struct bake *b = p->b;
     bool opaque = false;
     for (uint32_t c = 0; c < b->clusters->n_cluster; c++)
         opaque |= !b->clusters->translucent[c];
-    int status = light_of(b, &cube);
-    if (status == PRT_OK) status = bases_create(b, &p.bases);
+    int status = add_tensor(p, PRT_TERM_MULTIPLE, 1, p->bases.reflectance);
+    if (status == PRT_OK) status = prt_shard_for(b, "multiple scattering", multiple_range, p);
+    if (status == PRT_OK) status = prt_shard_radial(b, p->tensor);
+    if (status || !opaque) return status;
+    status = add_tensor(p, PRT_TERM_MULTIPLE, 1, NULL);
+    if (status == PRT_OK) status = prt_shard_for(b, "opaque surfaces", opaque_range, p);
+    if (status == PRT_OK) status = prt_shard_radial(b, p->tensor);
+    return status;
+}
+
+static int bake_single(struct polynomial *p, const struct prt_cube *light)
+{
+    struct bake *b = p->b;
+    int status = prt_light_rays_create(light, PATTERNS, SINGLE_RAYS, b->o.seed + 2, &p->rays);
+    if (status) return status;
+    prt_bake_plan_single(b);
+    b->single.extinction = p->bases.integral;
+    b->single.n_direction = SINGLE_RAYS;
+    prt_single_plan_depths(&b->single);
+    status = add_tensor(p, PRT_TERM_SINGLE, b->o.n_phase, p->bases.extinction);
+    if (status == PRT_OK) status = prt_shard_for(b, "single scattering", single_range, p);
+    if (status == PRT_OK) status = prt_shard_radial(b, p->tensor);
+    prt_light_rays_destroy(p->rays);
+    p->rays = NULL;
+    return status;
+}
+
+int prt_bake_polynomial(struct bake *b)
+{
+    struct polynomial p = {.b = b};
+    struct prt_cube light = {0};
+    double started = prt_time_s();
+    if (!b->surface)
+        return prt_fail(b->ctx, PRT_ARG, "nothing is translucent: no material to edit");
+    int status = prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, &light);
+    if (status == PRT_OK) status = prt_bases_create(b, &p.bases);
     if (status == PRT_OK)
-        status = light_rays_create(&cube, PATTERNS, SAMPLE_RAYS, b->o.seed + 1, &p.rays);
-    if (status == PRT_OK && !shard_assembling(b)) status = irradiance(&p);
+        status = prt_light_rays_create(&light, PATTERNS, SAMPLE_RAYS, b->o.seed + 1, &p.rays);
+    if (status == PRT_OK && !prt_shard_assembling(b)) status = irradiance(&p);
     b->rays_irradiance = (uint64_t)b->surface->n_sample * SAMPLE_RAYS / 2;
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
     started = prt_time_s();
-    if (status == PRT_OK) status = shape(&p, PRT_TERM_MULTIPLE, 1, p.bases.reflectance);
-    if (status == PRT_OK) status = shard_for(b, "multiple scattering", multiple_range, &p);
-    if (status == PRT_OK) status = shard_radial(b, p.tensor);
-    if (status == PRT_OK && opaque) status = shape(&p, PRT_TERM_MULTIPLE, 1, NULL);
-    if (status == PRT_OK && opaque) status = shard_for(b, "opaque surfaces", opaque_range, &p);
-    if (status == PRT_OK && opaque) status = shard_radial(b, p.tensor);
+    if (status == PRT_OK) status = bake_multiple(&p);
     b->seconds[T_MULTIPLE] = prt_time_s() - started;
     started = prt_time_s();
-    light_rays_destroy(p.rays);
+    prt_light_rays_destroy(p.rays);
     p.rays = NULL;
-    if (status == PRT_OK && !b->o.no_single) {
-        status = light_rays_create(&cube, PATTERNS, SINGLE_RAYS, b->o.seed + 2, &p.rays);
-        bake_plan_single(b);
-        b->single.extinction = p.bases.integral;
-        b->single.n_direction = SINGLE_RAYS;
-        single_plan_depths(&b->single);
-        if (status == PRT_OK)
-            status = shape(&p, PRT_TERM_SINGLE, b->o.n_phase, p.bases.extinction);
-        if (status == PRT_OK) status = shard_for(b, "single scattering", single_range, &p);
-        if (status == PRT_OK) status = shard_radial(b, p.tensor);
-    }
+    if (status == PRT_OK && !b->o.no_single) status = bake_single(&p, &light);
     b->seconds[T_SINGLE] = prt_time_s() - started;
-    light_rays_destroy(p.rays);
     prt_free(p.irradiance);
-    prt_cube_finish(&cube);
-    bases_finish(&p.bases);
+    prt_cube_finish(&light);
+    prt_bases_finish(&p.bases);
     return status;
 }

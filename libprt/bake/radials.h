@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* Radial bases at bake time: evaluation at squared distances, training materials. */
+/* Radial bases of a free material, and the training media that a joint bake serves. */
 #ifndef PRT_BAKE_RADIALS_H
 #define PRT_BAKE_RADIALS_H
 
@@ -7,23 +7,24 @@
 
 #include "prt/radial.h"
 
-/* The bases a joint or polynomial bake works with, over METHODS §4's whole material range. */
+/* Bases over the whole material range of METHODS §4. */
 struct bases {
-    struct prt_radial *reflectance, *extinction;
-    struct extinction_table *integral;
-    float *train; /* [n_train][functions], for factor_plan */
-    uint32_t n_train;
+    struct prt_radial *reflectance, *extinction; /* of R_d; of e^(-sigma_t r) or NULL */
+    struct extinction_table *integral;           /* of extinction's functions, or NULL */
+    struct training training;                    /* of the term whose train function ran last */
 };
-int bases_create(struct bake *b, struct bases *out);
-void bases_finish(struct bases *s);
-/* radial_set over the reflectance basis. */
-struct radial_set bases_radial_set(const struct bases *s);
-/* Training combinations of multiple scattering: materials over the range, each over its answer
- * to constant irradiance. */
-int bases_train_reflectance(struct bake *b, struct bases *s);
-/* Of single scattering: extinctions over the range, each plane of the phase function apart. */
-int bases_train_extinction(struct bake *b, struct bases *s, uint32_t n_phase);
-/* Copies a basis into a tensor, for the fit at run time. */
-int bases_record(const struct prt_radial *radial, uint32_t n_phase, struct prt_tensor *tensor);
+int prt_bases_create(const struct bake *b, struct bases *out);
+void prt_bases_finish(struct bases *s);
+/* The reflectance basis as the functions of a cut; refers to s. */
+struct radial_set prt_bases_radial_set(const struct bases *s);
+/* Fills s->training for multiple scattering: media over the range, each divided by its response
+ * to constant irradiance, so that all errors are relative. */
+int prt_bases_train_reflectance(const struct bake *b, struct bases *s);
+/* The same for single scattering: extinctions over the range, each plane of the phase function
+ * apart. */
+int prt_bases_train_extinction(const struct bake *b, struct bases *s, uint32_t n_phase);
+/* Copies a basis into a tensor: answers fit their material to it. */
+int prt_bases_record(const struct prt_radial *radial, uint32_t n_phase,
+                     struct prt_tensor *tensor);
 
 #endif

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Rows of many functions as few directions (prt_rows, mixed): what a spatial pattern answers to
-// all media of the training spans four or five directions of function space to a percent, so
-// that an entry takes as many bytes instead of one a function.
+// Low-rank rows (prt_rows, "mixed"): the responses of a spatial pattern to all training media
+// have rank 4 to 5 to 1 %. A row stores the components, combinations of functions, and an entry
+// one byte a component instead of one a function.
 #include "bake/stages.h"
 
 #include <cblas.h>
@@ -10,11 +10,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double direction_share =
-    2e-8; // of a cluster's energy: a direction with less is not made
-static const double metric_floor =
-    1e-5; // of the metric: media beside the training have a say, too
+// Components with a smaller share of the cluster's energy are not computed. It lies far below
+// the energy error that packing allows (0.75e-2 squared). Chosen, not measured.
+static const double component_share = 2e-8;
+// Added to the metric, relative to its mean: keeps functions that no training medium uses from
+// being free of error, for media outside the training. Chosen, not measured.
+static const double metric_floor = 1e-5;
 
+// Error of a combination of functions, summed over the training media.
 struct metric {
     uint32_t n;
     double *l; // [n][n] lower: train^T train = l l^T
@@ -37,11 +40,11 @@ static int metric_create(const struct factor_plan *plan, struct metric *m)
     return LAPACKE_dpotrf(LAPACK_ROW_MAJOR, 'L', (int)n, m->l, (int)n) ? PRT_INTERNAL : PRT_OK;
 }
 
-// Directions of one row by falling energy over training, from its gram [n][n] (lower) of
-// functions: forward [d][n] makes their coefficients, back [d][n] the functions of them, value
-// [d] is their energy. work: [2 n n + n].
-static int directions(const struct metric *m, const float *gram, uint32_t n_direction,
-                      double *work, float *forward, float *back, double *energy)
+// Components of one row by falling energy over training, from the Gram matrix [n][n] (lower) of
+// its functions: forward [d][n] maps functions to components, back [d][n] components to
+// functions, energy [d]. work: [2 n n + n].
+static int find_components(const struct metric *m, const float *gram, uint32_t n_component,
+                           double *work, float *forward, float *back, double *energy)
 {
     const int n = (int)m->n;
     double *g = work, *v = work + (size_t)n * (size_t)n, *value = v + (size_t)n * (size_t)n;
@@ -55,11 +58,11 @@ static int directions(const struct metric *m, const float *gram, uint32_t n_dire
     if (LAPACKE_dsyev(LAPACK_ROW_MAJOR, 'V', 'L', n, g, n, value)) return PRT_INTERNAL;
     memcpy(v, g, (size_t)n * (size_t)n * sizeof *v); // columns, by rising energy
     cblas_dtrmm(CblasRowMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, n, 1, m->l,
-                n, v, n); // l v: its columns make coefficients
+                n, v, n); // l v: its columns map to components
     cblas_dtrsm(CblasRowMajor, CblasLeft, CblasLower, CblasTrans, CblasNonUnit, n, n, 1, m->l,
                 n, g,
                 n); // l^-T v
-    for (uint32_t d = 0; d < n_direction; d++) {
+    for (uint32_t d = 0; d < n_component; d++) {
         energy[d] = fmax(value[n - 1 - (int)d], 0);
         for (int j = 0; j < n; j++) {
             forward[d * m->n + (uint32_t)j] = (float)v[j * n + n - 1 - (int)d];
@@ -69,8 +72,8 @@ static int directions(const struct metric *m, const float *gram, uint32_t n_dire
     return PRT_OK;
 }
 
-// Halves of one direction's coefficients by their largest.
-static void keep(const float *x, uint32_t n, uint16_t *out, float *scale, float *room)
+// One component's coefficients as halves, divided by the largest.
+static void to_halves(const float *x, uint32_t n, uint16_t *out, float *scale, float *room)
 {
     float most = 0;
     for (uint32_t k = 0; k < n; k++) most = fmaxf(most, fabsf(x[k]));
@@ -79,50 +82,52 @@ static void keep(const float *x, uint32_t n, uint16_t *out, float *scale, float 
     prt_f32_to_f16_array(room, n, out);
 }
 
-// Room for rows of nd directions.
+// Memory for rows of nd components.
 static int allocate(const struct factor_plan *plan, uint32_t nd, struct factored *f)
 {
     const uint32_t J = plan->n_function, n_coef = 6 * plan->n * plan->n;
     size_t rows = (size_t)f->rank * nd;
-    f->n_direction = nd;
+    f->n_component = nd;
     f->b = prt_calloc(rows * n_coef + 1, sizeof *f->b);
     f->scale = prt_calloc(rows + 1, sizeof *f->scale);
-    f->mix = prt_calloc(rows * J + 1, sizeof *f->mix);
+    f->component = prt_calloc(rows * J + 1, sizeof *f->component);
     f->scaling = prt_alloc((size_t)f->rank * 6 * J + 1, sizeof *f->scaling);
     f->energy = prt_calloc((size_t)f->rank * n_coef + 1, sizeof *f->energy);
     f->width = calloc(f->rank + 1u, 1);
     f->limit = calloc(f->rank + 1u, sizeof *f->limit);
     f->count = calloc(f->rank + 1u, sizeof *f->count);
-    return f->b && f->scale && f->mix && f->scaling && f->energy && f->width && f->limit &&
-                   f->count
+    return f->b && f->scale && f->component && f->scaling && f->energy && f->width &&
+                   f->limit && f->count
                ? PRT_OK
                : PRT_NOMEM;
 }
 
-// Direction d of row r: its coefficients.
+// The coefficients of component d of row r.
 static void coefficients(const struct factored *f, uint32_t r, uint32_t d, uint32_t n_coef,
                          float *out)
 {
-    size_t from = (size_t)r * f->n_direction + d;
+    size_t from = (size_t)r * f->n_component + d;
     prt_f16_to_f32_array(f->b + from * n_coef, n_coef, out);
     for (uint32_t k = 0; k < n_coef; k++) out[k] *= f->scale[from];
 }
 
-// Takes direction d of row r, Haar coefficients without scaling ones. room: [n_coef].
-static void take(struct factored *f, uint32_t r, uint32_t d, const float *x, uint32_t n_coef,
-                 float *room)
+// Stores component d of row r, Haar coefficients with the scaling ones set to 0. room:
+// [n_coef].
+static void store_component(struct factored *f, uint32_t r, uint32_t d, const float *x,
+                            uint32_t n_coef, float *room)
 {
-    size_t at = (size_t)r * f->n_direction + d;
+    size_t at = (size_t)r * f->n_component + d;
     float *energy = f->energy + (size_t)r * n_coef;
-    keep(x, n_coef, f->b + at * n_coef, f->scale + at, room);
-    coefficients(f, r, d, n_coef, room); // of what halves hold, so that losses add up to all
+    to_halves(x, n_coef, f->b + at * n_coef, f->scale + at, room);
+    coefficients(f, r, d, n_coef,
+                 room); // as rounded to halves, so that kept and lost energy add up
     for (uint32_t k = 0; k < n_coef; k++) energy[k] += room[k] * room[k];
 }
 
-int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
+int prt_compress_rows(const struct factor_plan *plan, float *b, struct factored *f)
 {
     const uint32_t J = plan->n_function, n_coef = 6 * plan->n * plan->n,
-                   face = plan->n * plan->n, nd = J < MIX_MOST ? J : MIX_MOST;
+                   face = plan->n * plan->n, nd = J < MAX_COMPONENTS ? J : MAX_COMPONENTS;
     struct metric m = {0};
     double *work = malloc((2 * (size_t)J * J + J + nd) * sizeof *work);
     float *turned = prt_alloc((size_t)nd * n_coef + (size_t)J * J + (size_t)nd * J + n_coef,
@@ -143,12 +148,12 @@ int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
             }
         cblas_ssyrk(CblasRowMajor, CblasLower, CblasNoTrans, (int)J, (int)n_coef, 1, row,
                     (int)n_coef, 0, gram, (int)J);
-        status = directions(&m, gram, nd, work, forward, f->mix + (size_t)r * nd * J,
-                            work + 2 * (size_t)J * J + J);
+        status = find_components(&m, gram, nd, work, forward, f->component + (size_t)r * nd * J,
+                                 work + 2 * (size_t)J * J + J);
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)nd, (int)n_coef, (int)J, 1,
                     forward, (int)J, row, (int)n_coef, 0, turned, (int)n_coef);
         for (uint32_t d = 0; d < nd; d++)
-            take(f, r, d, turned + (size_t)d * n_coef, n_coef, room);
+            store_component(f, r, d, turned + (size_t)d * n_coef, n_coef, room);
     }
     free(m.l);
     free(work);
@@ -156,7 +161,7 @@ int mix_rows(const struct factor_plan *plan, float *b, struct factored *f)
     return status;
 }
 
-float *mix_faces(const struct factor_plan *plan)
+float *prt_compression_lights(const struct factor_plan *plan)
 {
     const uint32_t m = plan->n_probe, wide = m + 6, face = plan->n * plan->n;
     float *x = prt_calloc(6 * (size_t)face * wide, sizeof *x);
@@ -167,7 +172,7 @@ float *mix_faces(const struct factor_plan *plan)
     return x;
 }
 
-// The part of the probes' scaling coefficients, [6][n_probe].
+// The scaling coefficients of the probes, [6][n_probe].
 static void probe_scaling(const struct factor_plan *plan, float *out)
 {
     const uint32_t m = plan->n_probe, face = plan->n * plan->n;
@@ -178,18 +183,20 @@ static void probe_scaling(const struct factor_plan *plan, float *out)
                 plan->probe[(size_t)k * m + i] / (plan->solid_angle[k] * (float)plan->n);
 }
 
-// What is known of the rows before they are made.
-struct blends {
+// The components of all rows before they are computed.
+struct combination {
     uint32_t J, wide, m, nd;
-    float *row;     // [rank][J][wide] U's projection of the answers
-    float *lit;     // [6][m] scaling coefficients of the probes
+    float *row;     // [rank][J][wide] U's projection of the response
+    float *scaling; // [6][m] scaling coefficients of the probes
     float *forward; // [rank][nd][J]
-    uint32_t *held; // [rank] directions worth making
+    uint32_t *held; // [rank] components worth computing
 };
 
-// Directions of every row from its answers to white lights, whose mean product is the gram of
-// functions; those without energy are left out and what they had is noted.
-static int find_directions(const struct factor_plan *plan, struct blends *s, struct factored *f)
+// Components of every row from its response to white lights, whose mean product is the Gram
+// matrix of the functions. Components without energy are left out; their energy is counted as
+// lost.
+static int choose_held(const struct factor_plan *plan, struct combination *s,
+                       struct factored *f)
 {
     const uint32_t J = s->J, nd = s->nd, n_coef = 6 * plan->n * plan->n;
     struct metric m = {0};
@@ -203,13 +210,13 @@ static int find_directions(const struct factor_plan *plan, struct blends *s, str
             for (uint32_t k = 0; k < 6; k++)
                 f->scaling[((size_t)r * 6 + k) * J + j] = z[(size_t)j * s->wide + s->m + k];
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)J, (int)s->m, 6, -1,
-                    z + s->m, (int)s->wide, s->lit, (int)s->m, 1, z, (int)s->wide);
+                    z + s->m, (int)s->wide, s->scaling, (int)s->m, 1, z, (int)s->wide);
         cblas_ssyrk(CblasRowMajor, CblasLower, CblasNoTrans, (int)J, (int)s->m, 1 / (float)s->m,
                     z, (int)s->wide, 0, gram, (int)J);
-        status = directions(&m, gram, nd, work, s->forward + (size_t)r * nd * J,
-                            f->mix + (size_t)r * nd * J, energy);
+        status = find_components(&m, gram, nd, work, s->forward + (size_t)r * nd * J,
+                                 f->component + (size_t)r * nd * J, energy);
         for (uint32_t d = 0; d < nd; d++) {
-            if (energy[d] > direction_share * f->tail[0] || !d) s->held[r] = d + 1;
+            if (energy[d] > component_share * f->tail[0] || !d) s->held[r] = d + 1;
             else f->energy[(size_t)r * n_coef] += (float)energy[d];
         }
     }
@@ -219,9 +226,9 @@ static int find_directions(const struct factor_plan *plan, struct blends *s, str
     return status;
 }
 
-// The directions that are held, made in one go, to Haar coefficients and halves.
-static int make_rows(const struct factor_plan *plan, const struct row_source *source,
-                     const struct blends *s, struct factored *f)
+// Computes the held components of all rows at once and stores their Haar coefficients.
+static int compute_held(const struct factor_plan *plan, const struct row_source *source,
+                        const struct combination *s, struct factored *f)
 {
     const uint32_t J = s->J, n_coef = 6 * plan->n * plan->n, face = plan->n * plan->n;
     uint32_t n = 0;
@@ -235,7 +242,7 @@ static int make_rows(const struct factor_plan *plan, const struct row_source *so
             row[i] = r;
             memcpy(w + (size_t)i * J, s->forward + ((size_t)r * s->nd + d) * J, J * sizeof *w);
         }
-    if (!status) status = source->blend(source->user, f->u, f->rank, n, w, row, x);
+    if (!status) status = source->combine(source->user, f->u, f->rank, n, w, row, x);
     for (uint32_t r = 0, i = 0; r < f->rank && !status; r++)
         for (uint32_t d = 0; d < s->held[r]; d++, i++) {
             float *own = x + (size_t)i * n_coef;
@@ -244,7 +251,7 @@ static int make_rows(const struct factor_plan *plan, const struct row_source *so
                 prt_haar_forward(plan->n, own + (size_t)k * face);
                 own[(size_t)k * face] = 0;
             }
-            take(f, r, d, own, n_coef, x + (size_t)n * n_coef);
+            store_component(f, r, d, own, n_coef, x + (size_t)n * n_coef);
         }
     prt_free(w);
     prt_free(x);
@@ -252,31 +259,32 @@ static int make_rows(const struct factor_plan *plan, const struct row_source *so
     return status;
 }
 
-int mix_blend(const struct factor_plan *plan, const struct row_source *source,
-              const float *answers, struct factored *f)
+int prt_compress_source(const struct factor_plan *plan, const struct row_source *source,
+                        const float *response, struct factored *f)
 {
     const uint32_t J = plan->n_function, n_vertex = source->n_vertex;
-    struct blends s = {.J = J,
-                       .m = plan->n_probe,
-                       .wide = plan->n_probe + 6,
-                       .nd = J < MIX_MOST ? J : MIX_MOST};
+    struct combination s = {.J = J,
+                            .m = plan->n_probe,
+                            .wide = plan->n_probe + 6,
+                            .nd = J < MAX_COMPONENTS ? J : MAX_COMPONENTS};
     s.row = prt_alloc((size_t)f->rank * J * s.wide + 1, sizeof *s.row);
-    s.lit = prt_alloc(6 * (size_t)s.m, sizeof *s.lit);
+    s.scaling = prt_alloc(6 * (size_t)s.m, sizeof *s.scaling);
     s.forward = prt_alloc((size_t)f->rank * s.nd * J + 1, sizeof *s.forward);
     s.held = prt_calloc(f->rank + 1u, sizeof *s.held);
-    int status = s.row && s.lit && s.forward && s.held ? allocate(plan, s.nd, f) : PRT_NOMEM;
+    int status =
+        s.row && s.scaling && s.forward && s.held ? allocate(plan, s.nd, f) : PRT_NOMEM;
     for (uint32_t j = 0; j < J && f->rank && !status; j++)
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)f->rank, (int)s.wide,
                     (int)n_vertex, 1, f->u, (int)n_vertex,
-                    answers + (size_t)j * n_vertex * s.wide, (int)s.wide, 0,
+                    response + (size_t)j * n_vertex * s.wide, (int)s.wide, 0,
                     s.row + (size_t)j * s.wide, (int)(J * s.wide));
     if (!status) {
-        probe_scaling(plan, s.lit);
-        status = find_directions(plan, &s, f);
+        probe_scaling(plan, s.scaling);
+        status = choose_held(plan, &s, f);
     }
-    if (!status) status = make_rows(plan, source, &s, f);
+    if (!status) status = compute_held(plan, source, &s, f);
     prt_free(s.row);
-    prt_free(s.lit);
+    prt_free(s.scaling);
     prt_free(s.forward);
     prt_free(s.held);
     return status;
@@ -284,7 +292,7 @@ int mix_blend(const struct factor_plan *plan, const struct row_source *source,
 
 enum { LANES = 16 }; // sums and maxima kept apart, in a register; divides 6 n n, as n >= 16
 
-// The largest of a direction's coefficients among entries that are kept.
+// The largest of a component's coefficients among the entries that are kept.
 PRT_CLONES static float largest(const float *x, const float *sum, float limit, uint32_t n)
 {
     float most[LANES] = {0}, all = 1e-30f;
@@ -297,7 +305,7 @@ PRT_CLONES static float largest(const float *x, const float *sum, float limit, u
     return all;
 }
 
-// What entries that are kept have of a direction.
+// Energy of a component in the entries that are kept.
 PRT_CLONES static float kept_energy(const float *x, const float *sum, float limit, uint32_t n)
 {
     float part[LANES] = {0}, all = 0;
@@ -308,7 +316,7 @@ PRT_CLONES static float kept_energy(const float *x, const float *sum, float limi
     return all;
 }
 
-// Entries above a limit, and those of them whose share is above another.
+// The number of entries above a limit, where those whose share is above another count twice.
 PRT_CLONES static uint32_t count_above(const float *sum, float limit, const float *share,
                                        float above, uint32_t n)
 {
@@ -320,8 +328,8 @@ PRT_CLONES static uint32_t count_above(const float *sum, float limit, const floa
     return all;
 }
 
-// Sum of squared steps of the entries that are laid once: each the power of two that its share
-// of 127 lies below.
+// Sum of squared quantisation steps of the entries that are stored once: a step is the least
+// power of two above the entry's share of 127.
 PRT_CLONES static float squared_steps(const float *sum, float limit, const float *share,
                                       float above, uint32_t n)
 {
@@ -348,10 +356,10 @@ PRT_CLONES static void raise_share(const float *x, float scale, float *share, ui
     }
 }
 
-// Entries as bytes lose a step's twelfth in energy, a step being a 127th of the largest value
-// at most halved: where that is dearer than another entry, what the first one left is laid
-// beside it. The share of the row's largest values above which an entry is laid twice; unit2:
-// the sum of the directions' squared steps.
+// Rounding to bytes loses a twelfth of the squared step in energy; the step is a 127th of the
+// largest value, halved as often as the entry allows. Where that exceeds the price of an entry
+// the residual is stored as a second entry. Returns the share of the row's largest values above
+// which this is so. unit2: the sum of the components' squared steps.
 static float twice_above(float unit2, float limit)
 {
     int exponent; // a step above 2^(exponent-1), the largest power below, loses more than limit
@@ -359,48 +367,49 @@ static float twice_above(float unit2, float limit)
     return ldexpf(1, exponent < 1 ? exponent - 1 : 0);
 }
 
-// A row's directions as floats, as far as they were asked for: room [MIX_ROOM][n_coef], the
-// sums of their squares and the shares of the largest values before them.
-struct shown {
+// A row's components as floats, decoded on first use into room [COMPONENT_ROOM][n_coef], whose
+// first two arrays are the sums of their squares and the shares of the largest values.
+struct decoded_row {
     const struct factored *f;
     uint32_t r, n_coef, n;
     float *sum, *share, *x;
 };
 
-static struct shown show(const struct factored *f, uint32_t r, uint32_t n_coef, float *room)
+static struct decoded_row decode_row(const struct factored *f, uint32_t r, uint32_t n_coef,
+                                     float *room)
 {
-    return (struct shown){.f = f,
-                          .r = r,
-                          .n_coef = n_coef,
-                          .sum = room,
-                          .share = room + n_coef,
-                          .x = room + 2 * (size_t)n_coef};
+    return (struct decoded_row){.f = f,
+                                .r = r,
+                                .n_coef = n_coef,
+                                .sum = room,
+                                .share = room + n_coef,
+                                .x = room + 2 * (size_t)n_coef};
 }
 
-static const float *shown_direction(struct shown *s, uint32_t d)
+static const float *decode_component(struct decoded_row *s, uint32_t d)
 {
     for (; s->n <= d; s->n++)
         coefficients(s->f, s->r, s->n, s->n_coef, s->x + (size_t)s->n * s->n_coef);
     return s->x + (size_t)d * s->n_coef;
 }
 
-static void sum_energies(struct shown *s, uint32_t width)
+static void sum_energies(struct decoded_row *s, uint32_t width)
 {
     memset(s->sum, 0, s->n_coef * sizeof *s->sum);
     for (uint32_t d = 0; d < width; d++) {
-        const float *x = shown_direction(s, d);
+        const float *x = decode_component(s, d);
         for (uint32_t k = 0; k < s->n_coef; k++) s->sum[k] += x[k] * x[k];
     }
 }
 
-// Entries a row takes with the first `width` directions, whose energies are summed; *lost is
-// the energy that their bytes lose.
-static uint64_t count_entries(struct shown *s, uint32_t width, float limit, double *lost)
+// Entries of a row with its first `width` components, whose energies are in s->sum. *lost gets
+// the energy lost by rounding to bytes.
+static uint64_t count_entries(struct decoded_row *s, uint32_t width, float limit, double *lost)
 {
     float unit2 = 0, above;
     memset(s->share, 0, s->n_coef * sizeof *s->share);
     for (uint32_t d = 0; d < width; d++) {
-        const float *x = shown_direction(s, d);
+        const float *x = decode_component(s, d);
         float most = largest(x, s->sum, limit, s->n_coef);
         unit2 += most / 127 * (most / 127);
         raise_share(x, 127 / most, s->share, s->n_coef);
@@ -411,26 +420,29 @@ static uint64_t count_entries(struct shown *s, uint32_t width, float limit, doub
     return count_above(s->sum, limit, s->share, above, s->n_coef);
 }
 
-// A direction stays when the energy it has in the entries that are kept pays its byte in each.
-void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mix_price *price,
-                float *room, struct mix_row *out)
+// A component is kept when its energy in the kept entries exceeds the price of its byte in
+// each.
+void prt_choose_components(struct factored *f, uint32_t r, uint32_t n_coef,
+                           const struct component_price *price, float *room,
+                           struct component_choice *out)
 {
     enum { AHEAD = 4, TURNS = 4 };
-    struct shown s = show(f, r, n_coef, room);
-    uint32_t width = f->width[r] ? f->width[r] : AHEAD, next; // what another price chose
-    if (width > f->n_direction) width = f->n_direction;
+    struct decoded_row s = decode_row(f, r, n_coef, room);
+    uint32_t width = f->width[r] ? f->width[r] : AHEAD,
+             next; // starts from the choice at another price
+    if (width > f->n_component) width = f->n_component;
     next = width;
     for (int turn = 0; turn < TURNS && (!turn || next != width); turn++) {
-        uint32_t look = next + AHEAD < f->n_direction ? next + AHEAD : f->n_direction;
+        uint32_t look = next + AHEAD < f->n_component ? next + AHEAD : f->n_component;
         width = next;
-        *out = (struct mix_row){.width = width,
-                                .limit = (float)(price->byte * (price->entry_bytes + width))};
+        *out = (struct component_choice){
+            .width = width, .limit = (float)(price->byte * (price->entry_bytes + width))};
         sum_energies(&s, width);
         out->entries = count_above(s.sum, out->limit, s.sum, INFINITY, n_coef);
-        double cost = price->byte * ((double)out->entries + price->direction_bytes);
+        double cost = price->byte * ((double)out->entries + price->component_bytes);
         next = 0;
         for (uint32_t d = 0; d < look && (d < width || next == d); d++) {
-            float all = kept_energy(shown_direction(&s, d), s.sum, out->limit, n_coef);
+            float all = kept_energy(decode_component(&s, d), s.sum, out->limit, n_coef);
             if (d < width) out->energy += (double)all;
             if (next == d && (!d || (double)all > cost)) next = d + 1;
         }
@@ -443,8 +455,8 @@ void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mi
     f->count[r] = (uint32_t)out->entries;
 }
 
-// An entry as bytes: the largest of its values, each in its direction's unit, takes all 7 bits.
-// What they leave stays in value.
+// Rounds an entry to bytes: the largest of its values, each in its component's unit, takes all
+// 7 bits. value keeps the residual.
 static uint8_t put_bytes(float *value, uint32_t n, int8_t *out)
 {
     float most = 0, up;
@@ -460,43 +472,46 @@ static uint8_t put_bytes(float *value, uint32_t n, int8_t *out)
     return (uint8_t)shift;
 }
 
-#define OWN(type, p) ((type *)(uintptr_t)(p))
+// Arrays of prt_rows are const for readers; packing writes them.
+#define WRITABLE(type, p) ((type *)(uintptr_t)(p))
 
-// Direction d's functions, the largest of them 1; returns what that took.
-static float lay_direction(const struct factored *f, uint32_t r, uint32_t d, uint32_t J,
-                           uint16_t *out)
+// Writes component d's weights divided by the largest; returns the largest.
+static float write_component(const struct factored *f, uint32_t r, uint32_t d, uint32_t J,
+                             uint16_t *out)
 {
-    const float *mix = f->mix + ((size_t)r * f->n_direction + d) * J;
+    const float *mix = f->component + ((size_t)r * f->n_component + d) * J;
     float most = 1e-30f;
     for (uint32_t j = 0; j < J; j++) most = fmaxf(most, fabsf(mix[j]));
     for (uint32_t j = 0; j < J; j++) out[j] = prt_f32_to_f16(mix[j] / most);
     return most;
 }
 
-int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows, uint32_t row)
+int prt_write_low_rank_row(const struct factored *f, uint32_t r, float s, struct prt_rows *rows,
+                           uint32_t row)
 {
     const uint32_t J = rows->n_function, n_coef = rows->n_coef, width = f->width[r];
     const uint32_t first = rows->direction[row];
     uint64_t at = rows->begin[row];
-    int8_t *entry = OWN(int8_t, rows->entry) + rows->value_begin[row];
-    float *room = prt_alloc(MIX_ROOM * (size_t)n_coef, sizeof *room), unit2 = 0;
+    int8_t *entry = WRITABLE(int8_t, rows->entry) + rows->value_begin[row];
+    float *room = prt_alloc(COMPONENT_ROOM * (size_t)n_coef, sizeof *room), unit2 = 0;
     if (!room) return PRT_NOMEM;
-    struct shown shown = show(f, r, n_coef, room);
-    float *sum = shown.sum, *x = shown.x;
-    sum_energies(&shown, width);
+    struct decoded_row decoded = decode_row(f, r, n_coef, room);
+    float *sum = decoded.sum, *x = decoded.x;
+    sum_energies(&decoded, width);
     for (uint32_t d = 0; d < width; d++) {
         float *own = x + (size_t)d * n_coef;
         float most = largest(own, sum, f->limit[r], n_coef);
         unit2 += most / 127 * (most / 127);
         for (uint32_t k = 0; k < n_coef; k++) own[k] *= 127 / most;
-        OWN(float, rows->scale)
+        WRITABLE(float, rows->scale)
         [first + d] =
             most / 127 * s *
-            lay_direction(f, r, d, J, OWN(uint16_t, rows->mix) + (uint64_t)(first + d) * J);
+            write_component(f, r, d, J,
+                            WRITABLE(uint16_t, rows->mix) + (uint64_t)(first + d) * J);
     }
     float above = 127 * twice_above(unit2, f->limit[r]);
     for (uint32_t k = 0; k < n_coef; k++) {
-        float value[MIX_MOST], share = 0;
+        float value[MAX_COMPONENTS], share = 0;
         if (!(sum[k] > f->limit[r])) continue;
         for (uint32_t d = 0; d < width; d++) {
             value[d] = x[(size_t)d * n_coef + k];
@@ -504,13 +519,13 @@ int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows
         }
         for (int turn = 0; turn < 1 + (share > above) && at < rows->begin[row + 1];
              turn++, at++) {
-            OWN(uint8_t, rows->shift)[at] = put_bytes(value, width, entry);
-            if (rows->index_bytes == 2) OWN(uint16_t, rows->index)[at] = (uint16_t)k;
-            else OWN(uint32_t, rows->index)[at] = k;
+            WRITABLE(uint8_t, rows->shift)[at] = put_bytes(value, width, entry);
+            if (rows->index_bytes == 2) WRITABLE(uint16_t, rows->index)[at] = (uint16_t)k;
+            else WRITABLE(uint32_t, rows->index)[at] = k;
             entry += width;
         }
     }
-    for (uint32_t k = 0; k < 6 * J; k++) OWN(uint16_t, rows->scaling)
+    for (uint32_t k = 0; k < 6 * J; k++) WRITABLE(uint16_t, rows->scaling)
     [(size_t)row * 6 * J + k] = prt_f32_to_f16(f->scaling[(size_t)r * 6 * J + k] * s);
     prt_free(room);
     return at == rows->begin[row + 1] ? PRT_OK : PRT_INTERNAL;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* The state of one bake and the steps its engines share. */
+/* The state of one bake and the steps that its engines share. */
 #ifndef PRT_BAKE_RUN_H
 #define PRT_BAKE_RUN_H
 
@@ -11,47 +11,63 @@ struct bake {
     struct prt_bake_options o;
     struct prt_diffusion dipole[3];
     struct prt_scene *scene;
-    struct prt_surface_points *surface;
+    struct prt_surface_points *surface; // NULL: nothing is translucent
     struct hierarchy *hierarchy;
     struct directions *directions;
     struct clusters *clusters;
     struct half_rows irradiance;
     struct radial_set radial;
     struct single_plan single;
-    float *probe;
-    struct factored *factored; // [n_cluster]
-    struct sparse_builder *sparse;
+    struct factored *factored;     // [n_cluster] of the tensor at hand
+    struct sparse_builder *sparse; // of the tensor at hand; NULL: factored storage
     struct prt_transport out;
-    void *loop_arg;     // what bake_tensor hands to range; NULL: this
-    const float *train; // [n_train][n_function] of factor_plan, or NULL
-    uint32_t n_train, n_probe;
-    uint64_t rays_irradiance, *rays_single;
-    struct shard *shard; // one part of several; NULL: the whole bake
-    double seconds[8];
+    uint64_t rays_irradiance, *rays_single; // rays_single [n_cluster]
+    struct shard *shard;                    // one part of several; NULL: the whole bake
+    double seconds[8];                      // by T_*
 };
 enum { T_SAMPLES, T_IRRADIANCE, T_MULTIPLE, T_SINGLE, T_PACK, T_MEASURE };
 
-/* Against prt/bake_limits.h; logs what is wrong. */
-int bake_check_settings(const struct prt_context *ctx, const struct prt_bake_options *options);
-/* Of the options, or as many as the mean free path asks for; wants mesh and dipole. */
-uint32_t bake_sample_count(const struct bake *b);
-/* A log that drops everything. */
-void bake_drop_line(void *user, enum prt_log_level level, const char *line);
-/* Gaussian lights [n_coef][m] into b->probe. */
-int bake_probe(struct bake *b, uint32_t m);
-/* Hands a cluster's rows to the storage that was asked for. Thread-safe over clusters. */
-int bake_take_rows(struct bake *b, uint32_t cluster, uint32_t n_function,
-                   const struct row_source *source);
-/* Rows of an opaque cluster: albedo/pi times shadowed irradiance, three functions. */
-int bake_opaque_rows(struct bake *b, uint32_t cluster, uint32_t *vertex_block);
-/* A tensor of the next slot: `range` over clusters takes rows, then packing. */
-int bake_tensor(struct bake *b, enum prt_term term, const char *stage, prt_loop_fn range,
-                uint32_t n_function, uint32_t n_phase, unsigned clock);
-/* A bake_tensor range over a struct bake: single scattering's rows as b->single plans them. */
-int bake_single_range(void *bake, size_t begin, size_t end, unsigned worker);
-/* Fills b->single from the material; a radial basis, when wanted, is set afterwards. */
-void bake_plan_single(struct bake *b);
-int bake_joint(struct bake *b);
-int bake_polynomial(struct bake *b);
+/* Checks the options against prt/bake_limits.h; logs the one that is out of bounds. */
+int prt_bake_check_settings(const struct prt_context *ctx,
+                            const struct prt_bake_options *options);
+/* The options' number of samples, or the number that the mean free path needs; reads mesh and
+ * dipole. */
+uint32_t prt_bake_sample_count(const struct bake *b);
+/* A log that drops every line. */
+void prt_bake_drop_line(void *user, enum prt_log_level level, const char *line);
+/* One tensor to bake: its rows and the way they are factored. `range` gets it as its argument.
+ */
+struct tensor_job {
+    struct bake *bake;
+    enum prt_term term;
+    const char *stage; /* name of the loop in progress reports */
+    prt_loop_fn range; /* over clusters: passes the rows of each to prt_bake_take_rows */
+    uint32_t n_function, n_phase;
+    const struct probes *probes;
+    const struct training *training; /* NULL: every function is a combination of its own */
+    const void *user;                /* the engine's own data */
+};
+/* Bakes the tensor of the next slot: rows by job->range over all clusters, then packing. */
+int prt_bake_tensor(struct tensor_job *job);
+/* Passes a cluster's rows to the storage of the bake. Thread-safe over clusters. */
+int prt_bake_take_rows(const struct tensor_job *job, uint32_t cluster,
+                       const struct row_source *source);
+/* Rows of an opaque cluster: albedo/pi times shadowed irradiance, three functions.
+ * vertex_block: prt_mesh_vertex_blocks. */
+int prt_bake_opaque_rows(const struct tensor_job *job, uint32_t cluster,
+                         const uint32_t *vertex_block);
+/* A range: single scattering's rows as job->bake->single plans them (cells.c). */
+int prt_bake_single_range(void *tensor_job, size_t begin, size_t end, unsigned worker);
+/* n Gaussian lights, drawn from the bake's seed. */
+int prt_probes_create(const struct bake *b, uint32_t n, struct probes *out);
+void prt_probes_finish(struct probes *probes);
+/* Fills b->single from the material. An engine sets a radial basis afterwards and calls
+ * prt_single_plan_depths again. */
+void prt_bake_plan_single(struct bake *b);
+int prt_bake_joint(struct bake *b);
+int prt_bake_polynomial(struct bake *b);
+/* The settings of the bake and its ray counts as a JSON object, for the file and for the key of
+ * shards. free() it; NULL without memory. */
+char *prt_bake_describe(const struct bake *b);
 
 #endif

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Parts of a bake (prt bake --shard I/N). A part is a header and a record for each slot and own
-// cluster: the cluster's factors, sparse rows or radial columns as they stand before packing,
-// so that the assembled file is the same, byte for byte, as one process would write.
+// Parts of a bake (prt bake --shard I/N). A part is a header and one record for each slot and
+// own cluster: the cluster's factors, sparse rows or radial columns before packing. The
+// assembled file therefore equals, byte for byte, the file of a bake in one process.
 #include "bake/shard.h"
 
 #include <errno.h>
@@ -25,9 +25,9 @@ struct part_header {
 
 struct record {
     uint32_t slot, cluster;     // `last` ends the part
-    uint32_t rank, n_direction; // of a factored cluster
+    uint32_t rank, n_component; // of a factored cluster
     uint64_t rays;              // single scattering's; of the last record: pass 1's
-    uint64_t bytes, hash;       // of what follows
+    uint64_t bytes, hash;       // of the data behind the record
 };
 
 struct view {
@@ -35,7 +35,7 @@ struct view {
     size_t bytes;
 };
 
-struct place { // where a record's bytes lie
+struct place { // of a record in a part
     struct record record;
     int fd;
     uint64_t at;
@@ -88,7 +88,7 @@ static int add_place(struct shard *s, const struct place *place)
     return PRT_OK;
 }
 
-// Whether fd is the whole part i of this bake; with `list` its records are noted.
+// Whether fd is part i of this bake and complete. `list`: adds its records to s->place.
 static bool part_whole(struct shard *s, int fd, uint32_t i, bool list)
 {
     struct part_header h;
@@ -109,7 +109,7 @@ static bool part_whole(struct shard *s, int fd, uint32_t i, bool list)
     }
 }
 
-int shard_create(struct bake *b, const char *out_path, uint64_t key)
+int prt_shard_create(struct bake *b, const char *out_path, uint64_t key)
 {
     char path[PART_PATH];
     if (b->o.n_shard < 2) return PRT_OK;
@@ -141,7 +141,7 @@ static void close_parts(struct shard *s)
     s->n_place = 0;
 }
 
-// Opens every part; returns how many are not there, or of another bake.
+// Opens every part; returns the number that is missing, incomplete or of another bake.
 static uint32_t open_parts(const struct bake *b, struct shard *s)
 {
     char path[PART_PATH];
@@ -151,15 +151,16 @@ static uint32_t open_parts(const struct bake *b, struct shard *s)
         s->fd[i] = open(path, O_RDONLY | O_CLOEXEC);
         if (s->fd[i] >= 0 && part_whole(s, s->fd[i], i, true)) continue;
         if (s->fd[i] >= 0)
-            prt_log(b->ctx, PRT_LOG_WARNING,
-                    "%s is damaged or of a bake with other settings: run that shard again",
-                    path);
+            prt_log(
+                b->ctx, PRT_LOG_WARNING,
+                "%s is damaged or belongs to a bake with other settings: run that shard again",
+                path);
         missing++;
     }
     return missing;
 }
 
-int shard_close(struct bake *b, uint32_t *missing)
+int prt_shard_close(struct bake *b, uint32_t *missing)
 {
     struct shard *s = b->shard;
     char path[PART_PATH], claimed[PART_PATH];
@@ -192,7 +193,7 @@ int shard_close(struct bake *b, uint32_t *missing)
     return PRT_OK;
 }
 
-void shard_destroy(struct bake *b, bool written)
+void prt_shard_destroy(struct bake *b, bool written)
 {
     struct shard *s = b->shard;
     char path[PART_PATH], claimed[PART_PATH];
@@ -215,12 +216,12 @@ void shard_destroy(struct bake *b, bool written)
     b->shard = NULL;
 }
 
-bool shard_assembling(const struct bake *b)
+bool prt_shard_assembling(const struct bake *b)
 {
     return b->shard && b->shard->assembling;
 }
 
-bool shard_done(const struct bake *b)
+bool prt_shard_done(const struct bake *b)
 {
     return b->shard && b->shard->done;
 }
@@ -242,7 +243,7 @@ static int own_range(void *arg, size_t begin, size_t end, unsigned worker)
     return status;
 }
 
-int shard_for(struct bake *b, const char *stage, prt_loop_fn range, void *arg)
+int prt_shard_for(struct bake *b, const char *stage, prt_loop_fn range, void *arg)
 {
     const struct shard *s = b->shard;
     size_t n = b->clusters->n_cluster;
@@ -307,15 +308,15 @@ static unsigned factored_views(const struct bake *b, const struct factored *f, u
                                struct view v[MAX_VIEW])
 {
     size_t rank = f->rank, n_coef = b->directions->n_coef;
-    size_t wide = f->n_direction ? f->n_direction : J;
+    size_t wide = f->n_component ? f->n_component : J;
     unsigned n = 0;
     v[n++] = (struct view){f->u, rank * f->n_vertex * sizeof *f->u};
     v[n++] = (struct view){f->b, rank * wide * n_coef * sizeof *f->b};
     v[n++] = (struct view){f->scale, rank * wide * sizeof *f->scale};
     v[n++] = (struct view){f->energy, rank * n_coef * sizeof *f->energy};
     v[n++] = (struct view){f->tail, (rank + 1) * sizeof *f->tail};
-    if (f->n_direction) {
-        v[n++] = (struct view){f->mix, rank * wide * J * sizeof *f->mix};
+    if (f->n_component) {
+        v[n++] = (struct view){f->component, rank * wide * J * sizeof *f->component};
         v[n++] = (struct view){f->scaling, rank * 6 * J * sizeof *f->scaling};
     }
     return n;
@@ -324,20 +325,20 @@ static unsigned factored_views(const struct bake *b, const struct factored *f, u
 static int allocate_factored(const struct bake *b, uint32_t J, struct factored *f)
 {
     size_t rank = f->rank, n_coef = b->directions->n_coef;
-    size_t wide = f->n_direction ? f->n_direction : J;
+    size_t wide = f->n_component ? f->n_component : J;
     f->u = prt_alloc(rank * f->n_vertex + 1, sizeof *f->u);
     f->b = prt_alloc(rank * wide * n_coef + 1, sizeof *f->b);
     f->scale = prt_alloc(rank * wide + 1, sizeof *f->scale);
     f->energy = prt_alloc(rank * n_coef + 1, sizeof *f->energy);
     f->tail = calloc(rank + 1, sizeof *f->tail);
     if (!f->u || !f->b || !f->scale || !f->energy || !f->tail) return PRT_NOMEM;
-    if (!f->n_direction) return PRT_OK;
-    f->mix = prt_alloc(rank * wide * J + 1, sizeof *f->mix);
+    if (!f->n_component) return PRT_OK;
+    f->component = prt_alloc(rank * wide * J + 1, sizeof *f->component);
     f->scaling = prt_alloc(rank * 6 * J + 1, sizeof *f->scaling);
     f->width = calloc(rank + 1, 1);
     f->limit = calloc(rank + 1, sizeof *f->limit);
     f->count = calloc(rank + 1, sizeof *f->count);
-    return f->mix && f->scaling && f->width && f->limit && f->count ? PRT_OK : PRT_NOMEM;
+    return f->component && f->scaling && f->width && f->limit && f->count ? PRT_OK : PRT_NOMEM;
 }
 
 static int read_factored(struct bake *b, uint32_t c, uint32_t J)
@@ -347,15 +348,15 @@ static int read_factored(struct bake *b, uint32_t c, uint32_t J)
     struct view view[MAX_VIEW];
     if (!p) return PRT_OK; // a cluster without rows in this slot
     uint32_t n_vertex = b->clusters->cluster[c].n_vertex;
-    uint32_t most = J < MIX_MOST ? J : MIX_MOST;
-    if (p->record.rank > n_vertex || p->record.n_direction > most) return damaged(b, c);
-    factored_finish(f);
-    f->n_vertex = n_vertex, f->rank = p->record.rank, f->n_direction = p->record.n_direction;
+    uint32_t most = J < MAX_COMPONENTS ? J : MAX_COMPONENTS;
+    if (p->record.rank > n_vertex || p->record.n_component > most) return damaged(b, c);
+    prt_factored_finish(f);
+    f->n_vertex = n_vertex, f->rank = p->record.rank, f->n_component = p->record.n_component;
     int status = allocate_factored(b, J, f);
     return status ? status : read_record(b, p, view, factored_views(b, f, J, view));
 }
 
-int shard_factored(struct bake *b, uint32_t n_function, bool *part)
+int prt_shard_factored(struct bake *b, uint32_t n_function, bool *part)
 {
     struct shard *s = b->shard;
     struct view view[MAX_VIEW];
@@ -364,7 +365,7 @@ int shard_factored(struct bake *b, uint32_t n_function, bool *part)
     if (!s) return PRT_OK;
     for (uint32_t c = 0; status == PRT_OK && c < b->clusters->n_cluster; c++) {
         const struct factored *f = &b->factored[c];
-        struct record r = {.cluster = c, .rank = f->rank, .n_direction = f->n_direction};
+        struct record r = {.cluster = c, .rank = f->rank, .n_component = f->n_component};
         if (s->assembling) status = read_factored(b, c, n_function);
         else if (f->tail)
             status = write_record(b, &r, view, factored_views(b, f, n_function, view));
@@ -373,7 +374,7 @@ int shard_factored(struct bake *b, uint32_t n_function, bool *part)
     return status;
 }
 
-int shard_sparse(struct bake *b, bool *part)
+int prt_shard_sparse(struct bake *b, bool *part)
 {
     struct shard *s = b->shard;
     int status = PRT_OK;
@@ -384,7 +385,7 @@ int shard_sparse(struct bake *b, bool *part)
         struct view view[4];
         const struct place *p = find(s, c);
         struct record r = {.cluster = c};
-        sparse_builder_rows(b->sparse, c, rows);
+        prt_sparse_builder_rows(b->sparse, c, rows);
         for (int i = 0; i < 4; i++) view[i] = (struct view){rows[i].at, rows[i].bytes};
         if (s->assembling) status = p ? read_record(b, p, view, 4) : damaged(b, c);
         else if (c % s->n == s->index) status = write_record(b, &r, view, 4);
@@ -393,7 +394,7 @@ int shard_sparse(struct bake *b, bool *part)
     return status;
 }
 
-int shard_radial(struct bake *b, struct prt_tensor *t)
+int prt_shard_radial(struct bake *b, struct prt_tensor *t)
 {
     struct shard *s = b->shard;
     int status = PRT_OK;

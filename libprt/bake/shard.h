@@ -1,31 +1,34 @@
 /* SPDX-License-Identifier: MIT */
-/* A bake in parts: each process works on its own clusters and leaves them in a file beside the
- * output; the one that finds the parts of all others there assembles the .prt. */
+/* A bake in parts: each process works on its own clusters and writes them to a file beside the
+ * output; the process that finds the parts of all others complete assembles the .prt. */
 #ifndef PRT_BAKE_SHARD_H
 #define PRT_BAKE_SHARD_H
 
 #include "bake/run.h"
 
-/* For options.n_shard > 1: b->shard, NULL otherwise. `key` is equal for parts of one bake. When
- * this shard's part is there already, whole, the bake goes on with what the others left. */
-int shard_create(struct bake *b, const char *out_path, uint64_t key);
-/* Ends this shard's part. *missing: parts that are not there yet; with 0 the parts are open and
- * the engine is run once more, to assemble. One process alone is told 0. */
-int shard_close(struct bake *b, uint32_t *missing);
+/* Sets b->shard for options.n_shard > 1, and leaves it NULL otherwise. `key` is equal for all
+ * parts of one bake. If this shard's part exists and is complete, prt_shard_done holds. */
+int prt_shard_create(struct bake *b, const char *out_path, uint64_t key);
+/* Ends this shard's part. *missing: the number of parts that are incomplete; UINT32_MAX:
+ * another process assembles. With 0 the parts are open, and the engine is to be run once more
+ * to assemble them; a bake in one process gets 0, too. */
+int prt_shard_close(struct bake *b, uint32_t *missing);
 /* Removes the parts of a bake that was `written`; frees b->shard. */
-void shard_destroy(struct bake *b, bool written);
+void prt_shard_destroy(struct bake *b, bool written);
 
-/* Clusters come from the parts: nothing is traced. */
-bool shard_assembling(const struct bake *b);
-/* The part is there already: nothing is to be done before shard_close. */
-bool shard_done(const struct bake *b);
-/* prt_parallel_for over the clusters of this process: all of them, its own, or none. */
-int shard_for(struct bake *b, const char *stage, prt_loop_fn range, void *arg);
+/* Clusters are read from the parts: nothing is traced. */
+bool prt_shard_assembling(const struct bake *b);
+/* The part is complete: nothing is to be done before prt_shard_close. */
+bool prt_shard_done(const struct bake *b);
+/* prt_parallel_for over the clusters of this process: all, its own, or none while assembling.
+ */
+int prt_shard_for(struct bake *b, const char *stage, prt_loop_fn range, void *arg);
 
-/* After a loop, for the next slot: writes what it left of the own clusters, or fills all. The
- * tensor of the slot is not complete before the parts are assembled: *part then is true. */
-int shard_factored(struct bake *b, uint32_t n_function, bool *part);
-int shard_sparse(struct bake *b, bool *part);
-int shard_radial(struct bake *b, struct prt_tensor *tensor);
+/* After a loop, for the next slot (tensor): writes the results of the process' own clusters to
+ * its part, or reads those of all clusters while assembling. *part: the tensor of this process
+ * is incomplete, because the other parts are not assembled yet. */
+int prt_shard_factored(struct bake *b, uint32_t n_function, bool *part);
+int prt_shard_sparse(struct bake *b, bool *part);
+int prt_shard_radial(struct bake *b, struct prt_tensor *tensor);
 
 #endif

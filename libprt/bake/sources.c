@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Matrix products behind the two kinds of rows; BLAS on one thread, the pool runs clusters.
+// Products of rows with lights and bases. BLAS runs on one thread: the pool runs the clusters.
 #include "bake/sources.h"
 
 #include <cblas.h>
@@ -16,7 +16,7 @@ static void load_rows(const struct product_rows *p, uint32_t first, uint32_t n, 
                              out + i * n_coef);
 }
 
-int product_multiply(void *user, const float *x, uint32_t m, float *out)
+int prt_product_multiply(void *user, const float *x, uint32_t m, float *out)
 {
     struct product_rows *p = user;
     uint32_t C = p->cut->n_column, n_coef = (uint32_t)p->rows->n_coef;
@@ -70,7 +70,7 @@ static void weights_of(const struct product_rows *p, const float *u, uint32_t r,
                 0, q, (int)stride);
 }
 
-int product_project(void *user, const float *u, uint32_t r, float *out)
+int prt_product_project(void *user, const float *u, uint32_t r, float *out)
 {
     struct product_rows *p = user;
     uint32_t C = p->cut->n_column, F = p->n_function;
@@ -83,8 +83,8 @@ int product_project(void *user, const float *u, uint32_t r, float *out)
     return status;
 }
 
-int product_blend(void *user, const float *u, uint32_t r, uint32_t n, const float *w,
-                  const uint32_t *row, float *out)
+int prt_product_combine(void *user, const float *u, uint32_t r, uint32_t n, const float *w,
+                        const uint32_t *row, float *out)
 {
     struct product_rows *p = user;
     uint32_t C = p->cut->n_column, F = p->n_function;
@@ -103,7 +103,7 @@ int product_blend(void *user, const float *u, uint32_t r, uint32_t n, const floa
     return status;
 }
 
-int dense_multiply(void *user, const float *x, uint32_t m, float *out)
+int prt_dense_multiply(void *user, const float *x, uint32_t m, float *out)
 {
     struct dense_rows *d = user;
     size_t row = (size_t)d->n_function * d->n_coef;
@@ -114,7 +114,7 @@ int dense_multiply(void *user, const float *x, uint32_t m, float *out)
     return PRT_OK;
 }
 
-int dense_project(void *user, const float *u, uint32_t r, float *out)
+int prt_dense_project(void *user, const float *u, uint32_t r, float *out)
 {
     struct dense_rows *d = user;
     int row = (int)(d->n_function * d->n_coef);

@@ -1,5 +1,9 @@
 /* SPDX-License-Identifier: MIT */
-/* The stages of a bake as they hand data on (README.md in this folder names the order). */
+/* The stages of a bake and the data that each passes to the next (README.md in this folder
+ * gives their order). Functions that return int give a status (prt/base.h); *out is written on
+ * PRT_OK only and belongs to the caller, who ends it with the _destroy or _finish of its type.
+ * Unless stated otherwise a function is thread-safe for distinct outputs and blocks until it is
+ * done. */
 #ifndef PRT_BAKE_STAGES_H
 #define PRT_BAKE_STAGES_H
 
@@ -7,8 +11,8 @@
 #include "prt/surface.h"
 #include "prt/trace.h"
 
-/* Not under the thread sanitizer: the resolvers of clones run before its runtime has started.
- */
+/* Compiles a function once for each of three instruction sets; the loader picks one. Off under
+ * the thread sanitizer, whose runtime starts after the loader's resolvers have run. */
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
     !defined(__SANITIZE_THREAD__)
 #define PRT_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
@@ -16,28 +20,32 @@
 #define PRT_CLONES
 #endif
 
-/* ---- directions: sub-sampled texels, jittered ------------------------------------------- */
+/* ---- directions: jittered sub-samples of texels ------------------------------------------ */
 
 enum { SUBS = 4 }; /* 2 x 2 sub-samples a texel, W05 §3 */
 
 /* Packets of 16 rays: 2 x 2 texels of one face, 4 sub-samples each. A pattern is one jitter of
- * the whole sphere; weights of a texel's sub-samples sum to 1. */
+ * the whole sphere. The weights of a texel's sub-samples sum to 1. */
 struct directions {
-    uint32_t n, n_coef, n_pattern, n_packet; /* packets a pattern */
-    float *x, *y, *z, *weight;               /* [n_pattern][n_packet][16] */
-    uint32_t *texel;                         /* [n_packet][4] texel of each four lanes */
-    float *solid_angle;                      /* [n_coef] sr */
-    uint16_t *bin;                           /* [n_coef] bin of a horizon each texel lies in */
+    uint32_t n, n_coef; /* cube size; 6 n n texels */
+    uint32_t n_pattern; /* jitters of the sphere */
+    uint32_t n_packet;  /* packets of one pattern */
+    float *x, *y, *z;   /* [n_pattern][n_packet][16] unit vectors */
+    float *weight;      /* [n_pattern][n_packet][16] */
+    uint32_t *texel;    /* [n_packet][4] texel of each four lanes */
+    float *solid_angle; /* [n_coef] sr */
+    uint16_t *bin;      /* [n_coef] bin of a horizon that contains the texel's centre */
 };
-int directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed, struct directions **out);
-void directions_destroy(struct directions *d);
+int prt_directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed,
+                          struct directions **out);
+void prt_directions_destroy(struct directions *d);
 
-/* F_t(eta, cos) as a table over cos in [0,1]. */
+/* F_t(eta, cos) tabulated over cos in [0,1], linear between points. */
 enum { FRESNEL_STEPS = 1024 };
 struct fresnel_table {
     float value[FRESNEL_STEPS + 2];
 };
-void fresnel_table_init(struct fresnel_table *table, double eta);
+void prt_fresnel_table_init(struct fresnel_table *table, double eta);
 static inline float fresnel_table_eval(const struct fresnel_table *table, float cosine)
 {
     float x = cosine * FRESNEL_STEPS;
@@ -46,36 +54,36 @@ static inline float fresnel_table_eval(const struct fresnel_table *table, float 
     return table->value[i] + f * (table->value[i + 1] - table->value[i]);
 }
 
-/* One row of pass 1, W05 eq 8: out[texel] = mean over the texel of F_t V (n.w)+, in [0,1]
- * (times the texel's solid angle it is the irradiance transport). fresnel NULL: 1. Returns the
- * number of rays cast. */
-uint64_t irradiance_row(const struct prt_scene *scene, const struct directions *d,
-                        unsigned pattern, const struct fresnel_table *fresnel,
-                        const float origin[3], const float normal[3],
-                        const float face_normal[3], float *out);
-/* The same where a horizon knows what lies above the triangle: rays only for what it does not
- * know, and for light that grazes the surface one a texel where the four of 2 x 2 texels agree.
- */
+/* A point that receives light. */
+struct receiver {
+    const float *origin;               /* [3] mm */
+    const float *normal, *face_normal; /* [3] unit */
+};
 struct horizon_view;
-uint64_t irradiance_row_seen(const struct prt_scene *scene, const struct directions *d,
-                             unsigned pattern, const struct fresnel_table *fresnel,
-                             const float origin[3], const float normal[3],
-                             const float face_normal[3], const struct horizon_view *view,
-                             float *out);
+/* One row of pass 1, W05 eq 8: out[texel] = mean over the texel of F_t V (n.w)+, in [0,1]
+ * (times the texel's solid angle it is the irradiance transport). fresnel NULL: F_t = 1. With a
+ * view, the horizon of the receiver's triangle, directions whose visibility is certain take no
+ * ray; and where the light grazes the surface one ray a texel is cast first, the other three
+ * only if the four rays of 2 x 2 texels disagree. view NULL: every ray is cast. Returns the
+ * number of rays cast. */
+uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directions *d,
+                            unsigned pattern, const struct fresnel_table *fresnel,
+                            const struct receiver *at, const struct horizon_view *view,
+                            float *out);
 
 /* ---- irradiance transport and its hierarchy ---------------------------------------------- */
 
-/* Rows of half floats: samples first (in tree order), then inner nodes. Large ones live in an
- * unlinked temporary file. */
+/* Rows of half floats: samples first (in tree order), then the nodes of the hierarchy. Rows
+ * that need more than 60 % of the free memory are mapped from an unlinked temporary file. */
 struct half_rows {
     size_t n_row, n_coef, bytes;
     uint16_t *half;
 };
-int half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
-                     struct half_rows *out);
-/* Rows of more bytes are kept on disk: 60 % of the free memory, or of RLIMIT_DATA. */
-size_t half_rows_room(void);
-void half_rows_finish(struct half_rows *rows);
+int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_coef,
+                         struct half_rows *out);
+/* Bytes above which rows are kept on disk: 60 % of the free memory, or of RLIMIT_DATA. */
+size_t prt_half_rows_room(void);
+void prt_half_rows_finish(struct half_rows *rows);
 
 struct node {
     float centre[3]; /* area-weighted mean position [mm] */
@@ -83,7 +91,7 @@ struct node {
     float area;            /* mm^2 */
     float spread;          /* standard deviation along an axis [mm] */
     uint32_t begin, count; /* samples in tree order */
-    uint32_t child[2];     /* 0: leaf */
+    uint32_t child[2];     /* indices of nodes; 0: a leaf */
 };
 struct hierarchy {
     uint32_t n_node;
@@ -91,165 +99,200 @@ struct hierarchy {
     uint32_t *root;  /* [n_object] node index + 1; 0 where an object has no samples */
     uint32_t *order; /* [n_sample] surface sample at each tree position */
 };
-int hierarchy_create(const struct prt_surface_points *surface, struct hierarchy **out);
-void hierarchy_destroy(struct hierarchy *h);
+int prt_hierarchy_create(const struct prt_surface_points *surface, struct hierarchy **out);
+void prt_hierarchy_destroy(struct hierarchy *h);
 
-/* Pass 1 for all samples and the nodes' area-weighted means. rays counts what was cast. */
-int irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
-                    const struct prt_surface_points *surface, const struct hierarchy *h,
-                    const struct directions *d, double eta, struct half_rows *out,
-                    uint64_t *rays);
+/* Pass 1: the rows of all samples, and the area-weighted mean of each node's rows. *rays gets
+ * the number of rays cast. Reports "irradiance" and "hierarchy" as progress. */
+int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
+                        const struct prt_surface_points *surface, const struct hierarchy *h,
+                        const struct directions *d, double eta, struct half_rows *out,
+                        uint64_t *rays);
 
 /* ---- clusters of vertices -----------------------------------------------------------------
  */
 
 struct clusters {
     uint32_t n_cluster;
-    struct prt_cluster *cluster; /* vertex ranges in order; rank 0 yet */
+    struct prt_cluster *cluster; /* ranges of `order`; rank and offsets are 0 until packing */
     uint32_t *object;            /* [n_cluster] */
     uint8_t *translucent;        /* [n_cluster] */
-    uint32_t *order;             /* [n_vertex] file vertices */
+    uint32_t *order;             /* [n_vertex] vertices of the file */
 };
-int clusters_create(const struct prt_mesh *mesh, uint32_t target, struct clusters **out);
-void clusters_destroy(struct clusters *c);
+/* Groups vertices of one object, all translucent or all opaque, by halving along the longest
+ * axis until at most `target` are in each. */
+int prt_clusters_create(const struct prt_mesh *mesh, uint32_t target, struct clusters **out);
+void prt_clusters_destroy(struct clusters *c);
 
 /* ---- radial kernels ------------------------------------------------------------------------
  */
 
 /* A family of radial functions: out[f][i] = function f at sqrt(r2[i]) [mm^-2]. */
 struct radial_set {
-    uint32_t n;
+    uint32_t n; /* at most 64 */
     void (*eval)(const void *user, unsigned cpu, size_t n, const float *r2, float *const *out);
     const void *user;
-    float steepest; /* largest effective transport coefficient, decides when to open [mm^-1] */
+    float
+        steepest; /* largest effective transport coefficient: bounds a node's extent [mm^-1] */
 };
-/* The columns a cluster sees: rows of half_rows, and the matrix K [n_function][n_vertex][C]. */
+/* The cut of the hierarchy that a cluster gathers from, and the matrix K between the two. */
 struct cut {
     uint32_t n_column, capacity;
     uint32_t *row; /* row of half_rows of each column */
-    float *k;      /* [n_function][n_vertex][n_column] includes 1/pi and areas */
+    float *k;      /* [n_function][n_column][n_vertex], includes 1/pi and areas */
     size_t k_capacity;
 };
-int cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
-              const struct prt_surface_points *surface, const struct hierarchy *h,
-              const struct clusters *clusters, uint32_t c, const struct radial_set *radial,
-              struct cut *cut);
-void cut_finish(struct cut *cut);
+/* The cut and the matrix of cluster c (W05 eq 7, JB02). A zeroed `cut`, or one of an earlier
+ * call, whose memory is used again; prt_cut_finish frees it. */
+int prt_cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                  const struct prt_surface_points *surface, const struct hierarchy *h,
+                  const struct clusters *clusters, uint32_t c, const struct radial_set *radial,
+                  struct cut *cut);
+void prt_cut_finish(struct cut *cut);
 
 /* ---- factorisation --------------------------------------------------------------------------
  */
 
-/* What is factored: training combinations choose the shared U, functions are stored. */
+/* Gaussian lights, white noise over the sphere: columns of the range finder's test matrix
+ * (HMT11). Each value is multiplied by its texel's solid angle. */
+struct probes {
+    uint32_t n;
+    float *light; /* [n_coef][n] */
+};
+/* Media that one U has to serve, as combinations of a row's functions. */
+struct training {
+    uint32_t n;
+    float *weight; /* [n][n_function] */
+};
+
+/* The training combinations determine U; the rows of the functions are stored. */
 struct factor_plan {
     uint32_t n_function; /* J stored */
-    uint32_t n_train;    /* combinations that U must serve */
+    uint32_t n_train;    /* combinations that U has to serve */
     const float *train;  /* [n_train][n_function]; NULL: identity, n_train = n_function */
     uint32_t max_rank, n_probe;
-    double tail_error;        /* relative Frobenius error a cluster's last columns may leave */
+    double tail_error;        /* relative Frobenius error of the columns that are dropped */
     uint32_t n;               /* cube size */
     const float *solid_angle; /* [n_coef] */
-    const float *probe;       /* [n_coef][n_probe] gaussian, times solid angle */
+    const float *probe;       /* [n_coef][n_probe], struct probes */
 };
-/* A factored cluster before the choice of what is kept: U orthonormal columns by falling
- * energy, B Haar coefficients. */
+/* A factored cluster before packing: U with orthonormal columns by falling energy, and the rows
+ * B = U^T T as Haar coefficients.
+ * Without training combinations b and scale are [rank][n_function]. With them (low-rank rows)
+ * the rows are expressed in components, combinations of functions by falling energy, and b and
+ * scale are [rank][n_component]. */
 struct factored {
     uint32_t n_vertex, rank; /* rank: columns held */
     float *u;                /* [rank][n_vertex] */
-    uint16_t *b;             /* [rank][n_function][n_coef] halves, scaled by 1/scale */
+    uint16_t *b;             /* [rank][n_function][n_coef] halves, divided by scale */
     float *scale;            /* [rank][n_function] */
     float *energy;           /* [rank][n_coef] of coefficients, over training */
-    /* Mixed rows (plan.train): b and scale are [rank][n_direction], by falling energy, and */
-    uint32_t n_direction;
-    float *mix;      /* [rank][n_direction][n_function] functions of a direction */
-    float *scaling;  /* [rank][6][n_function] */
-    uint8_t *width;  /* [rank] directions that pack keeps, */
-    float *limit;    /* [rank] the energy above which it keeps a coefficient, */
-    uint32_t *count; /* [rank] and how many these are */
-    double *tail;    /* [rank+1] energy left when only the first r are kept */
+    uint32_t n_component;    /* 0: no low-rank rows, and the fields below are NULL */
+    float *component;        /* [rank][n_component][n_function] weights of the functions */
+    float *scaling;          /* [rank][6][n_function] scaling coefficients */
+    uint8_t *width;          /* [rank] components that packing keeps, */
+    float *limit;            /* [rank] the energy above which it keeps a coefficient, */
+    uint32_t *count;         /* [rank] and the number of these */
+    double *tail;            /* [rank+1] energy that remains when only the first r are kept */
 };
-/* A source of a cluster's rows T[f][v][texel] (per texel, solid angle not yet applied):
- * multiply(X [n_coef][m]) -> [f][n_vertex][m], and project(U [r][n_vertex]) -> [r][f][n_coef].
- * blend, where projecting is what takes the time and few blends of the functions are wanted:
- * (U, w [n][f], row [n]) -> [n][n_coef], sum_f w[i][f] of row[i] (rising) of U's projection. */
+/* A source of a cluster's rows T[f][v][texel] (mean over the texel, solid angle not applied).
+ *   multiply(X [n_coef][m]) -> [f][n_vertex][m]
+ *   project(U [r][n_vertex]) -> [r][f][n_coef]
+ *   combine(U, w [n][f], row [n] rising) -> [n][n_coef]: sum_f w[i][f] of row[i] of the
+ *   projection; for sources whose projection is slow when few combinations are needed; or NULL.
+ */
 struct row_source {
     void *user;
     uint32_t n_vertex;
     int (*multiply)(void *user, const float *x, uint32_t m, float *out);
     int (*project)(void *user, const float *u, uint32_t r, float *out);
-    int (*blend)(void *user, const float *u, uint32_t r, uint32_t n, const float *w,
-                 const uint32_t *row, float *out);
+    int (*combine)(void *user, const float *u, uint32_t r, uint32_t n, const float *w,
+                   const uint32_t *row, float *out);
 };
-int factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan,
-                   const struct row_source *source, struct factored *out);
-void factored_finish(struct factored *f);
+/* The range finder (METHODS §3, HMT11). PRT_INTERNAL when LAPACK fails. */
+int prt_factor_cluster(const struct prt_context *ctx, const struct factor_plan *plan,
+                       const struct row_source *source, struct factored *out);
+void prt_factored_finish(struct factored *f);
 
-/* Keeps what a threshold on energy says (or fixed rank and count) and lays out the tensor. */
 struct pack_options {
     uint32_t rank;         /* 0: by energy */
     uint32_t n_basis_coef; /* mean coefficients a basis vector; 0: by energy */
     double energy_error;   /* relative Frobenius error allowed over the whole model */
-    bool mixed;            /* factored by training combinations: rows are mixed */
-    double max_bytes;      /* of U and rows; what does not fit below it is lost */
+    bool low_rank;         /* the clusters were factored with training combinations */
+    double max_bytes;      /* of U and rows; energy that does not fit is dropped */
 };
-int pack_factored(const struct prt_context *ctx, const struct clusters *clusters,
-                  struct factored *factored, uint32_t n_function, uint32_t n,
-                  const struct pack_options *options, struct prt_tensor *out);
+/* Chooses the basis vectors and coefficients to keep and lays out the tensor (pack.c). Ends
+ * with prt_tensor_finish. */
+int prt_pack_factored(const struct prt_context *ctx, const struct clusters *clusters,
+                      struct factored *factored, uint32_t n_function, uint32_t n,
+                      const struct pack_options *options, struct prt_tensor *out);
 
-/* Rows of many functions as a few directions (row_compression.c). mix_rows makes them of b
- * [rank][J][n_coef], which it overwrites; mix_blend has the source make them alone, having
- * found them in what the rows answer to the probes: answers [J][n_vertex][n_probe + 6], the
- * last six (mix_faces) the scaling coefficients. mix_choose decides for one row at a price and
- * leaves width and limit, with room for [MIX_ROOM][n_coef]; mix_lay writes the row, times s,
- * where rows says. */
-enum { MIX_MOST = 20, MIX_ROOM = MIX_MOST + 2 }; /* directions held of a row */
-struct mix_price {
-    double byte;                         /* energy one byte must be worth */
-    double entry_bytes, direction_bytes; /* beside a byte a direction of each entry */
-};
-struct mix_row {
-    uint32_t width;
-    float limit;
-    uint64_t entries;
-    double energy; /* of what is kept, less what its bytes lose */
-};
-int mix_rows(const struct factor_plan *plan, float *b, struct factored *f);
-int mix_blend(const struct factor_plan *plan, const struct row_source *source,
-              const float *answers, struct factored *f);
-/* The plan's probes and behind them the six lights that ask for a face's scaling coefficient,
- * [n_coef][n_probe + 6]; NULL without memory. Caller prt_free()s. */
-float *mix_faces(const struct factor_plan *plan);
-void mix_choose(struct factored *f, uint32_t r, uint32_t n_coef, const struct mix_price *price,
-                float *room, struct mix_row *out);
-int mix_lay(const struct factored *f, uint32_t r, float s, struct prt_rows *rows, uint32_t row);
-void tensor_finish(struct prt_tensor *tensor); /* frees what pack_* or truncate_* made */
+/* ---- low-rank rows (row_compression.c) ------------------------------------------------------
+ */
 
-/* W05's storage: the largest n_coef Haar coefficients a vertex. Rows arrive a cluster at a
+enum {
+    MAX_COMPONENTS = 20,                 /* of a row: 1 % takes 4 to 5; chosen with room */
+    COMPONENT_ROOM = MAX_COMPONENTS + 2, /* arrays of n_coef that a choice works in */
+};
+struct component_price {
+    double byte;                         /* energy that one byte has to hold */
+    double entry_bytes, component_bytes; /* beside one byte a component of each entry */
+};
+struct component_choice {
+    uint32_t width;   /* components kept */
+    float limit;      /* energy above which a coefficient is kept */
+    uint64_t entries; /* kept, with residual entries */
+    double energy;    /* kept, less the rounding error of the bytes */
+};
+/* Components of all rows from their coefficients b [rank][J][n_coef], which it overwrites. */
+int prt_compress_rows(const struct factor_plan *plan, float *b, struct factored *f);
+/* The same without forming every function's row: the components follow from the rows times the
+ * lights of prt_compression_lights, response [J][n_vertex][n_probe + 6], and the source
+ * combines the components alone. */
+int prt_compress_source(const struct factor_plan *plan, const struct row_source *source,
+                        const float *response, struct factored *f);
+/* The plan's probes and after them the six lights whose products are the faces' scaling
+ * coefficients, [n_coef][n_probe + 6]. NULL without memory. The caller prt_free()s it. */
+float *prt_compression_lights(const struct factor_plan *plan);
+/* Components and coefficients of row r that are worth a price. room: [COMPONENT_ROOM][n_coef].
+ * Also writes f->width, limit and count of the row. */
+void prt_choose_components(struct factored *f, uint32_t r, uint32_t n_coef,
+                           const struct component_price *price, float *room,
+                           struct component_choice *out);
+/* Writes row r times s as row `row` of `rows`, whose offsets are set. */
+int prt_write_low_rank_row(const struct factored *f, uint32_t r, float s, struct prt_rows *rows,
+                           uint32_t row);
+/* Frees the arrays of a tensor that prt_pack_factored or prt_sparse_builder_finish made. */
+void prt_tensor_finish(struct prt_tensor *tensor);
+
+/* W05's storage: the largest n_coef Haar coefficients a vertex. Rows are added a cluster at a
  * time. */
 struct sparse_builder;
-int sparse_builder_create(const struct clusters *clusters, uint32_t n_vertex, uint32_t n,
-                          uint32_t n_function, uint32_t n_coef, struct sparse_builder **out);
+int prt_sparse_builder_create(const struct clusters *clusters, uint32_t n_vertex, uint32_t n,
+                              uint32_t n_function, uint32_t n_coef,
+                              struct sparse_builder **out);
 /* dense [n_vertex of cluster][n_function][n_coef_all] per texel incl. solid angle; overwritten.
  */
-void sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense);
-/* The four arrays of a cluster's rows, to be written out or filled in. */
+void prt_sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense);
+/* The four arrays of a cluster's rows: shards write them to a part or fill them from one. */
 struct sparse_rows {
     void *at;
     size_t bytes;
 };
-void sparse_builder_rows(const struct sparse_builder *b, uint32_t cluster,
-                         struct sparse_rows out[4]);
-int sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out);
-void sparse_builder_destroy(struct sparse_builder *b);
+void prt_sparse_builder_rows(const struct sparse_builder *b, uint32_t cluster,
+                             struct sparse_rows out[4]);
+int prt_sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out);
+void prt_sparse_builder_destroy(struct sparse_builder *b);
 
 /* ---- single scattering
- * ------------------------------------------------------------------------ */
+ * -----------------------------------------------------------------------
+ */
 
 /* Running integrals of the functions that stand for e^(-sigma_t r) (X07 eq 15), functions
  * fastest: [n_grid][EXTINCTION_WIDE] over a grid of 32 points an octave. */
 enum {
     EXTINCTION_WIDE = 32,
-    EXTINCTION_SHIFT =
-        18, /* 32 points an octave: a grid index is a float's own bits above these */
+    EXTINCTION_SHIFT = 18, /* a grid index is a float's bits above these: 32 points an octave */
     SINGLE_MAX_NODES = 9,
 };
 struct prt_radial;
@@ -257,69 +300,84 @@ struct extinction_table {
     uint32_t n_function, n_grid, base; /* base: float bits >> 18 of the first point but 0 */
     float *integral, *r;
 };
-int extinction_table_create(const struct prt_radial *radial, struct extinction_table **out);
-void extinction_table_destroy(struct extinction_table *table);
+int prt_extinction_table_create(const struct prt_radial *radial, struct extinction_table **out);
+void prt_extinction_table_destroy(struct extinction_table *table);
 
-/* Which directions the surface sees unhindered, found at the vertices as it is asked (the
- * answer does not depend on who asks first). Thread-safe after creation; uses the scene. */
+/* Conservative visibility per vertex and direction bin. A vertex is traced on first use; the
+ * result does not depend on the order of uses. Thread-safe after creation; refers to the scene,
+ * which must outlive it. */
 enum {
     HORIZON_WIDE = 16, /* bins: 6 x 16 x 16 of a cubemap, [face][y][x] */
     HORIZON_WORDS = 6 * HORIZON_WIDE * HORIZON_WIDE / 64,
 };
 struct horizon;
-int horizon_create(const struct prt_scene *scene, struct horizon **out);
-void horizon_destroy(struct horizon *horizon);
-/* Rays that leave a triangle into a bin: 1 all open, -1 all blocked, 0 cast one to know. */
-int horizon_known(struct horizon *horizon, uint32_t triangle, uint32_t bin);
-/* What is known of every bin above a triangle: bit b % 64 of word b / 64. */
+int prt_horizon_create(const struct prt_scene *scene, struct horizon **out);
+void prt_horizon_destroy(struct horizon *horizon);
+/* Rays that leave a triangle into a bin: 1 all visible, -1 all blocked, 0 unknown (cast one).
+ */
+int prt_horizon_bin(struct horizon *horizon, uint32_t triangle, uint32_t bin);
+/* Every bin of a triangle: bit b % 64 of word b / 64. A bin in neither set is unknown. */
 struct horizon_view {
-    uint64_t open[HORIZON_WORDS], shut[HORIZON_WORDS];
+    uint64_t visible[HORIZON_WORDS], blocked[HORIZON_WORDS];
 };
-void horizon_all(struct horizon *horizon, uint32_t triangle, struct horizon_view *view);
+void prt_horizon_view(struct horizon *horizon, uint32_t triangle, struct horizon_view *view);
 
+/* How single scattering of a model is traced and integrated. The caller fills the fields up to
+ * n_direction, prt_single_plan_depths the rest. */
 struct single_plan {
     const struct prt_scene *scene;
     const struct prt_mesh *mesh;
-    const struct directions *directions; /* pattern 0 centres are not used: own jitter */
+    const struct directions *directions; /* one sub-sample of each texel is used */
     float sigma_t[3], sigma_s[3];        /* mm^-1 */
     float eta;
     unsigned n_phase;          /* 1, 4, 9 */
     struct prt_phase phase[3]; /* per channel */
-    uint32_t n_point;          /* 16 */
-    bool every_ray;
+    uint32_t n_point;          /* every_ray: points a path */
+    bool every_ray;            /* W05 as printed: a ray for every texel at every point */
     uint64_t seed;
-    struct horizon *horizon;                   /* spares shadow rays, or NULL */
     const struct extinction_table *extinction; /* radial basis in place of sigma_t, or NULL */
-    uint32_t n_direction;               /* most directions at once: n_coef, or light rays */
-    uint32_t n_node;                    /* depths traced */
-    float first_mm, last_mm, inward_mm; /* depths; reach of rays through the bulk */
-    float weakest;                      /* extinction that says which rays matter [mm^-1] */
-    /* Of full light at the depth that weighs most: tiles and blocks whose neighbours differ
-     * more, and tiles that may hide more, are traced finer. */
-    float differ, differ_texel, doubt;
-    float lost; /* optical depth from where one ray serves all nodes */
+    uint32_t n_direction; /* most directions at once: n_coef, or a light's rays */
+
+    struct horizon *horizon; /* saves shadow rays; NULL without memory for it */
+    uint32_t n_node;         /* depths traced */
+    float first_mm, last_mm; /* least and greatest depth */
+    float inward_mm;         /* reach of rays through the body */
+    float weakest;           /* extinction that weighs differences between rays [mm^-1] */
+    /* Thresholds relative to full light at the node that contributes most: a tile or block is
+     * refined when it differs more from a neighbour, or when its shadow ray may hide more. */
+    float differ, differ_texel, uncertain;
+    float max_optical_depth; /* beyond it one node's ray is used for all nodes */
 };
-/* Fills what follows n_direction from the extinction, and makes the horizon; finish frees it.
- */
-void single_plan_depths(struct single_plan *plan);
-void single_plan_finish(struct single_plan *plan);
+/* Fills the fields behind n_direction, and creates the horizon; finish destroys it. */
+void prt_single_plan_depths(struct single_plan *plan);
+void prt_single_plan_finish(struct single_plan *plan);
+/* Depths [mm] of the nodes along a path through `thickness` mm of the body, geometric. */
+void prt_single_plan_nodes(const struct single_plan *plan, float thickness, float *depth);
 /* Rows of one vertex: out[n_phase*3][n_coef] (or [n_phase*n_radial][n_coef] with a radial
- * basis) per texel mean (solid angle not applied). Returns rays cast. */
-uint64_t single_rows(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                     uint32_t vertex, float *out, void *scratch);
+ * basis), means over texels, solid angle not applied. Returns the number of rays cast. scratch:
+ * prt_single_scratch_bytes, 64-byte aligned, one for each thread. */
+uint64_t prt_single_rows(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                         uint32_t vertex, float *out, void *scratch);
 /* The same as cells of texels that share their rays: value (room for [planes][n_coef]) gets
- * [planes][n_cell], and out's cell lies in scratch. */
+ * [planes][n_cell]. out->cell points into scratch. */
 struct single_cells {
     uint32_t n_cell;
-    const uint32_t *cell; /* [n_coef], a face's cells contiguous */
+    const uint32_t *cell; /* [n_coef], the cells of a face are contiguous */
     const float *value;
 };
-uint64_t single_cells(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                      uint32_t vertex, float *value, struct single_cells *out, void *scratch);
-/* A fixed light's rays (weights rgb [n][3]): out [n_phase][n_radial][3], X07 eq 15. */
-uint64_t single_light(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                      uint32_t vertex, uint32_t n, const float *x, const float *y,
-                      const float *z, const float *rgb, float *out, void *scratch);
-size_t single_scratch_bytes(const struct single_plan *plan);
+uint64_t prt_single_cells(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                          uint32_t vertex, float *value, struct single_cells *out,
+                          void *scratch);
+/* n directions of a fixed light. */
+struct light_directions {
+    uint32_t n;
+    const float *x, *y, *z; /* [n] unit */
+    const float *rgb;       /* [n][3] radiance times solid angle */
+};
+/* Single scattering of one vertex under them: out [n_phase][n_radial][3], X07 eq 15. */
+uint64_t prt_single_light(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                          uint32_t vertex, const struct light_directions *light, float *out,
+                          void *scratch);
+size_t prt_single_scratch_bytes(const struct single_plan *plan);
 
 #endif

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// W05's own storage: the largest Haar coefficients of every vertex, eight bits each.
+// Sparse storage (W05): the largest Haar coefficients of every vertex, eight bits each.
 #include "bake/stages.h"
 
 #include <math.h>
@@ -8,15 +8,15 @@
 
 struct sparse_builder {
     const struct clusters *clusters;
-    uint32_t n, n_function, n_coef, n_vertex, keep; // keep: entries a row besides scaling
+    uint32_t n, n_function, n_coef, n_vertex, keep; // keep: entries of a row besides scaling
     uint16_t *scaling;
     float *scale;
     uint32_t *index;
     int8_t *entry;
 };
 
-int sparse_builder_create(const struct clusters *clusters, uint32_t n_vertex, uint32_t n,
-                          uint32_t n_function, uint32_t n_coef, struct sparse_builder **out)
+int prt_sparse_builder_create(const struct clusters *clusters, uint32_t n_vertex, uint32_t n,
+                              uint32_t n_function, uint32_t n_coef, struct sparse_builder **out)
 {
     struct sparse_builder *b = calloc(1, sizeof *b);
     if (!b) return PRT_NOMEM;
@@ -29,10 +29,11 @@ int sparse_builder_create(const struct clusters *clusters, uint32_t n_vertex, ui
     b->index = prt_calloc(entries + 32, 4);
     b->entry = prt_calloc((entries + 32) * n_function, 1);
     if (!b->scaling || !b->scale || !b->index || !b->entry) {
-        sparse_builder_destroy(b);
+        prt_sparse_builder_destroy(b);
         return PRT_NOMEM;
     }
-    for (uint32_t v = 0; v < n_vertex; v++) // ascending filler for rows never added
+    for (uint32_t v = 0; v < n_vertex;
+         v++) // rows that are never added have ascending indices, too
         for (uint32_t k = 0, at = 1; k < b->keep; k++, at++) {
             if (at % (n * n) == 0) at++;
             b->index[(size_t)v * b->keep + k] = at;
@@ -88,7 +89,7 @@ static void add_row(struct sparse_builder *b, uint32_t row, float *dense, struct
     for (uint32_t i = 0; i < b->keep; i++) b->index[(size_t)row * b->keep + i] = rank[i].index;
 }
 
-void sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense)
+void prt_sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense)
 {
     const struct prt_cluster *c = &b->clusters->cluster[cluster];
     struct ranked *rank = malloc(b->n_coef * sizeof *rank);
@@ -97,8 +98,8 @@ void sparse_builder_add(struct sparse_builder *b, uint32_t cluster, float *dense
     free(rank);
 }
 
-void sparse_builder_rows(const struct sparse_builder *b, uint32_t cluster,
-                         struct sparse_rows out[4])
+void prt_sparse_builder_rows(const struct sparse_builder *b, uint32_t cluster,
+                             struct sparse_rows out[4])
 {
     const struct prt_cluster *c = &b->clusters->cluster[cluster];
     size_t first = c->vertex_begin, n = c->n_vertex, J = b->n_function, keep = b->keep;
@@ -108,7 +109,7 @@ void sparse_builder_rows(const struct sparse_builder *b, uint32_t cluster,
     out[3] = (struct sparse_rows){b->entry + first * keep * J, n * keep * J};
 }
 
-int sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out)
+int prt_sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out)
 {
     memset(out, 0, sizeof *out);
     uint64_t *begin = prt_alloc(b->n_vertex + 1u, sizeof *begin);
@@ -145,7 +146,7 @@ int sparse_builder_finish(struct sparse_builder *b, struct prt_tensor *out)
     return PRT_OK;
 }
 
-void sparse_builder_destroy(struct sparse_builder *b)
+void prt_sparse_builder_destroy(struct sparse_builder *b)
 {
     if (!b) return;
     prt_free(b->scaling);

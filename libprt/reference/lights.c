@@ -5,8 +5,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-// Morton order within a face keeps neighbours on the sphere together in the running sum, so
-// that systematic sampling is stratified in direction.
+// Morton order within a face keeps neighbouring texels together in the running sum, so that
+// systematic sampling is stratified in direction.
 static uint32_t morton(uint32_t x, uint32_t y)
 {
     uint32_t code = 0;
@@ -26,8 +26,8 @@ static int keyed_order(const void *a, const void *b)
     return x->key < y->key ? -1 : x->key > y->key;
 }
 
-// Half the rays go by power, a third by its square root (penumbrae of dim parts), the rest by
-// solid angle.
+// Half of the rays are drawn by power, a third by its square root (for the shadows of dim
+// parts), the rest by solid angle. Shares chosen, not measured.
 static double *running_density(const struct prt_cube *light, const struct keyed *order,
                                const float *solid_angle, uint32_t n)
 {
@@ -80,8 +80,8 @@ static void draw_pattern(struct light_rays *r, uint32_t p, const struct prt_cube
     }
 }
 
-int light_rays_create(const struct prt_cube *light, uint32_t n_pattern, uint32_t n_ray,
-                      uint64_t seed, struct light_rays **out)
+int prt_light_rays_create(const struct prt_cube *light, uint32_t n_pattern, uint32_t n_ray,
+                          uint64_t seed, struct light_rays **out)
 {
     uint32_t face = light->n * light->n, n = 6 * face;
     struct light_rays *r = calloc(1, sizeof *r);
@@ -114,14 +114,14 @@ int light_rays_create(const struct prt_cube *light, uint32_t n_pattern, uint32_t
     prt_free(solid_angle);
     prt_free(end);
     if (status) {
-        light_rays_destroy(r);
+        prt_light_rays_destroy(r);
         return status;
     }
     *out = r;
     return PRT_OK;
 }
 
-void light_rays_destroy(struct light_rays *r)
+void prt_light_rays_destroy(struct light_rays *r)
 {
     if (!r) return;
     prt_free(r->x), prt_free(r->y), prt_free(r->z);

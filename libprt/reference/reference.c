@@ -1,40 +1,19 @@
 // SPDX-License-Identifier: MIT
-// The brute-force engine: irradiance, multiple scattering, single scattering at vertices.
-#include "prt/reference.h"
-#include "prt/surface.h"
-#include "prt/trace.h"
-#include "reference/lights.h"
+// The reference engine: irradiance and multiple scattering by brute force, at vertices (METHODS
+// §8).
+#include "reference/reference_private.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-struct job {
-    const struct prt_context *ctx;
-    const struct prt_mesh *mesh;
-    const struct prt_material *material;
-    const struct prt_reference_options *o;
-    struct prt_scene *scene;
-    struct prt_surface_points *surface;
-    struct light_rays *rays;
-    uint32_t *vertex_block;
-    uint32_t *corner_begin, *corner; // triangles around each welded vertex
-    unsigned n_material, n_light;
-    const struct prt_material *const *materials; // one eta
-    struct prt_diffusion (*dipoles)[3];          // [n_material]
-    struct light_rays **lights; // [n_light] what vertices trace; NULL when nothing does
-    float *irradiance;          // [n_light][3][n_sample]
-    float (*const *color)[3];   // [n_material * n_light]
-};
+// Rays of a sample, paths of a vertex, rays of a vertex's own irradiance; independent sets of
+// rays.
+enum { SAMPLE_RAYS = 2048, SINGLE_PATHS = 4096, VERTEX_RAYS = 8192, PATTERNS = 64 };
 
 static bool translucent(const struct job *j, uint32_t vertex)
 {
     return j->mesh->surface[j->mesh->block[j->vertex_block[vertex]].surface].translucent != 0;
-}
-
-static float dot3(const float a[3], const float b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
 double prt_relative_rmse(const float *a, const float *b, size_t n)
@@ -48,8 +27,8 @@ double prt_relative_rmse(const float *a, const float *b, size_t n)
     return norm > 0 ? sqrt(difference / norm) : difference > 0 ? INFINITY : 0;
 }
 
-// E(x) = sum F_t V L (n.w) over one pattern of rays. `faces` are the flat normals a direction
-// must not lie below all of; eta 0: no Fresnel (opaque).
+// E(x) = sum F_t V L (n.w) over one pattern of rays (METHODS §1). A direction counts when it is
+// above at least one of `faces`, flat normals. eta 0: no Fresnel (opaque).
 static void irradiance_at(const struct job *j, uint32_t pattern, const float origin[3],
                           const float normal[3], const float (*faces)[3], unsigned n_face,
                           double eta, float out[3])
@@ -94,7 +73,7 @@ static void irradiance_at(const struct job *j, uint32_t pattern, const float ori
     for (int c = 0; c < 3; c++) out[c] = (float)sum[c];
 }
 
-static void face_normal(const struct prt_mesh *mesh, uint32_t t, float out[3])
+void prt_reference_face_normal(const struct prt_mesh *mesh, uint32_t t, float out[3])
 {
     const float *a = mesh->position[mesh->triangle[t][0]];
     const float *b = mesh->position[mesh->triangle[t][1]];
@@ -108,15 +87,15 @@ static void face_normal(const struct prt_mesh *mesh, uint32_t t, float out[3])
     for (int k = 0; k < 3; k++) out[k] = length > 0 ? out[k] / length : 0;
 }
 
-enum { MOST_FACES = 32 };
+enum { MOST_FACES = 32 }; // of a vertex that are tested
 
-// E at a vertex: the vertex normal, blocked below all its faces (DESIGN, command contract).
+// E at a vertex, with the vertex normal, blocked below all its faces (METHODS §1, irradiance).
 static void vertex_irradiance(const struct job *j, uint32_t v, double eta, float out[3])
 {
     float faces[MOST_FACES][3], origin[3];
     uint32_t w = j->mesh->weld[v], n = 0;
     for (uint32_t k = j->corner_begin[w]; k < j->corner_begin[w + 1] && n < MOST_FACES; k++)
-        face_normal(j->mesh, j->corner[k], faces[n++]);
+        prt_reference_face_normal(j->mesh, j->corner[k], faces[n++]);
     if (!n) memcpy(faces[n++], j->mesh->normal[v], sizeof faces[0]);
     for (int k = 0; k < 3; k++)
         origin[k] =
@@ -150,7 +129,7 @@ static int sample_range(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// In sixteen sums, which a compiler may keep in registers.
+// The sum of products in sixteen partial sums, which a compiler may keep in registers.
 static float dot_array(const float *a, const float *b, uint32_t n)
 {
     float sum[16] = {0}, all = 0;
@@ -163,15 +142,17 @@ static float dot_array(const float *a, const float *b, uint32_t n)
 }
 
 enum { CHUNK = 1024 };
+static const float near_spacings = 6; // a bake integrates cells within 3.5
 
-// B(x) = sum over all samples of the object: point values far away, cells nearby. out[n_light].
+// B(x)/pi: the sum over all samples of the object, as points in the far field and as cells in
+// the near field. out[n_light].
 static void multiple_at(const struct job *j, uint32_t v, const struct prt_diffusion dipole[3],
                         double (*out)[3])
 {
     const struct prt_surface_points *s = j->surface;
     uint32_t object = j->mesh->block[j->vertex_block[v]].object;
     const float *x = j->mesh->position[v];
-    float near_mm = 6 * s->spacing, r2[CHUNK], afar[2 * CHUNK], rd[3][2 * CHUNK];
+    float near_mm = near_spacings * s->spacing, r2[CHUNK], afar[2 * CHUNK], rd[3][2 * CHUNK];
     memset(out, 0, j->n_light * sizeof *out);
     for (uint32_t begin = s->object_begin[object], end = s->object_begin[object + 1];
          begin < end; begin += CHUNK) {
@@ -202,173 +183,7 @@ static void multiple_at(const struct job *j, uint32_t v, const struct prt_diffus
         for (int c = 0; c < 3; c++) out[l][c] /= M_PI;
 }
 
-// Phase function of a channel at the scattering cosine (both forms are normalised).
-struct phases {
-    bool exact;
-    struct prt_phase cut[3];
-};
-
-static double phase_at(const struct job *j, const struct phases *p, int c, double cos_outward)
-{
-    return p->exact ? prt_hg_eval(j->material->g[c], -cos_outward)
-                    : prt_phase_eval(&p->cut[c], cos_outward);
-}
-
-struct path {
-    float x[3], inward[3]; // from the vertex into the body, unit
-    float out_dir[3];      // w_o' outward
-    double length;         // to the far side [mm]
-    float sigma_t[3], sigma_s[3];
-};
-
-// Density of depth: an equal mixture over channels, each exponential cut at the far side.
-static double depth_density(const struct path *p, double s)
-{
-    double sum = 0;
-    for (int c = 0; c < 3; c++)
-        sum += p->sigma_t[c] * exp(-p->sigma_t[c] * s) / (1 - exp(-p->sigma_t[c] * p->length));
-    return sum / 3;
-}
-
-static double depth_sample(const struct path *p, double xi)
-{
-    int c = (int)(xi * 3);
-    if (c > 2) c = 2;
-    double u = xi * 3 - c;
-    return -log(1 - u * (1 - exp(-p->sigma_t[c] * p->length))) / p->sigma_t[c];
-}
-
-// Up to 16 pairs of a depth and a light ray, traced together.
-struct batch {
-    uint32_t n;
-    double depth[16], weight[16];
-    float w[16][3];
-    const float *rgb[16];
-};
-
-// Where a ray from inside leaves: shading normal and cosine. false: not a way out.
-static bool leaves(const struct prt_mesh *mesh, const struct prt_packet *p, int i,
-                   const float w[3], float g[3], float n[3], float *cosine)
-{
-    if (p->triangle[i] == UINT32_MAX) return false;
-    face_normal(mesh, p->triangle[i], g);
-    if (dot3(g, w) <= 0) return false;
-    const uint32_t *tv = mesh->triangle[p->triangle[i]];
-    float u = p->u[i], v = p->v[i], length = 0;
-    for (int k = 0; k < 3; k++) {
-        n[k] = (1 - u - v) * mesh->normal[tv[0]][k] + u * mesh->normal[tv[1]][k] +
-               v * mesh->normal[tv[2]][k];
-        length += n[k] * n[k];
-    }
-    length = sqrtf(length);
-    for (int k = 0; k < 3; k++) n[k] /= length;
-    *cosine = fminf(dot3(n, w), 1);
-    return *cosine > 0;
-}
-
-// Adds a batch's contributions; what does not leave the body into the open adds nothing.
-static void scatter(const struct job *j, const struct path *path, const struct phases *phases,
-                    bool isotropic, struct batch *batch, double sum[3])
-{
-    struct prt_packet p = {0}, shadow = {0};
-    float n[16][3], cosine[16], eps = prt_scene_epsilon(j->scene), eta = j->material->eta;
-    uint32_t mask = batch->n == 16 ? 0xffff : (1u << batch->n) - 1, ask = 0;
-    for (uint32_t i = 0; i < batch->n; i++) {
-        const float *w = batch->w[i];
-        p.ox[i] = (float)(path->x[0] + batch->depth[i] * path->inward[0]);
-        p.oy[i] = (float)(path->x[1] + batch->depth[i] * path->inward[1]);
-        p.oz[i] = (float)(path->x[2] + batch->depth[i] * path->inward[2]);
-        p.dx[i] = w[0], p.dy[i] = w[1], p.dz[i] = w[2], p.tfar[i] = INFINITY;
-    }
-    prt_scene_intersect16(j->scene, &p, mask, false);
-    for (int i = 0; i < (int)batch->n; i++) {
-        const float *w = batch->w[i];
-        float g[3];
-        if (!leaves(j->mesh, &p, i, w, g, n[i], &cosine[i])) continue;
-        ask |= 1u << i;
-        shadow.ox[i] = p.ox[i] + p.t[i] * w[0] + eps * g[0];
-        shadow.oy[i] = p.oy[i] + p.t[i] * w[1] + eps * g[1];
-        shadow.oz[i] = p.oz[i] + p.t[i] * w[2] + eps * g[2];
-        shadow.dx[i] = w[0], shadow.dy[i] = w[1], shadow.dz[i] = w[2];
-        shadow.tfar[i] = INFINITY;
-    }
-    uint32_t open = ask ? ask & ~prt_scene_occluded16(j->scene, &shadow, ask) : 0;
-    for (int i = 0; i < (int)batch->n; i++) {
-        if (!(open >> i & 1)) continue;
-        const float *w = batch->w[i];
-        double c1 = cosine[i], root = sqrt(1 - (1 - c1 * c1) / ((double)eta * eta));
-        double way = p.t[i] * c1 / root, cos_outward = 0; // METHODS §1, s_i'
-        double ft = prt_fresnel_transmittance(eta, c1);
-        for (int k = 0; k < 3; k++)
-            cos_outward += path->out_dir[k] * (w[k] / eta + (root - c1 / eta) * n[i][k]);
-        for (int c = 0; c < 3; c++) {
-            double phase = isotropic ? 1 / (4 * M_PI) : phase_at(j, phases, c, cos_outward);
-            sum[c] += batch->weight[i] * ft * phase * path->sigma_s[c] * batch->rgb[i][c] *
-                      exp(-path->sigma_t[c] * (batch->depth[i] + way));
-        }
-    }
-    batch->n = 0;
-}
-
-// W05 eq 4 by Monte Carlo: along the refracted path with an eye, else along -n_o.
-static void single_at(const struct job *j, uint32_t v, float out[3])
-{
-    const struct prt_material *m = j->material;
-    const float *normal = j->mesh->normal[v];
-    struct path path;
-    struct phases phases = {.exact = j->o->n_phase_term == 0};
-    float down[3], t = 0, bu, bv, eps = prt_scene_epsilon(j->scene), start[3];
-    uint32_t triangle;
-    double sum[3] = {0, 0, 0};
-    memcpy(path.x, j->mesh->position[v], sizeof path.x);
-    memcpy(path.out_dir, normal, sizeof path.out_dir);
-    bool view_free = !j->o->eye;
-    if (!view_free) {
-        float w[3], length = 0, cosine;
-        for (int k = 0; k < 3; k++) w[k] = j->o->eye[k] - path.x[k], length += w[k] * w[k];
-        length = sqrtf(length);
-        for (int k = 0; k < 3; k++) w[k] /= length > 0 ? length : 1;
-        cosine = dot3(w, normal);
-        out[0] = out[1] = out[2] = 0;
-        if (cosine <= 0) return; // faces away: nothing is seen of it
-        double root = sqrt(1 - (1 - (double)cosine * cosine) / ((double)m->eta * m->eta));
-        for (int k = 0; k < 3; k++)
-            path.out_dir[k] = (float)(w[k] / m->eta + (root - cosine / m->eta) * normal[k]);
-    }
-    for (int k = 0; k < 3; k++) {
-        down[k] = !view_free && !j->o->straight_single ? -path.out_dir[k] : -normal[k];
-        start[k] = path.x[k] - eps * normal[k];
-    }
-    memcpy(path.inward, down, sizeof down);
-    for (int c = 0; c < 3; c++) {
-        path.sigma_s[c] = m->sigma_s_prime[c] / (1 - m->g[c]);
-        path.sigma_t[c] = path.sigma_s[c] + m->sigma_a[c];
-        if (!phases.exact) (void)prt_phase_hg(&phases.cut[c], m->g[c], j->o->n_phase_term);
-    }
-    path.length = 40 / fmin(path.sigma_t[0], fmin(path.sigma_t[1], path.sigma_t[2]));
-    if (prt_scene_intersect(j->scene, start, down, eps, INFINITY, &t, &triangle, &bu, &bv))
-        path.length = fmin(path.length, fmax(t, 2 * eps));
-    const struct light_rays *r = j->rays;
-    size_t base = (size_t)(prt_hash64(&v, sizeof v, j->o->seed + 5) % r->n_pattern) * r->n_ray;
-    struct prt_rng rng;
-    prt_rng_init(&rng, j->o->seed, v);
-    double xi = prt_rng_f32(&rng);
-    struct batch batch = {0};
-    for (uint32_t k = 0; k < r->n_ray; k++) {
-        uint32_t i = batch.n++;
-        xi += 0.6180339887498949;
-        xi -= floor(xi);
-        batch.depth[i] = depth_sample(&path, xi);
-        batch.weight[i] = 1 / depth_density(&path, batch.depth[i]);
-        batch.w[i][0] = r->x[base + k], batch.w[i][1] = r->y[base + k];
-        batch.w[i][2] = r->z[base + k];
-        batch.rgb[i] = r->rgb + (base + k) * 3;
-        if (batch.n == 16 || k + 1 == r->n_ray)
-            scatter(j, &path, &phases, view_free, &batch, sum);
-    }
-    for (int c = 0; c < 3; c++) out[c] = (float)sum[c];
-}
-
+// F_t of the exit: towards the eye, or its mean over the hemisphere.
 static double view_transmittance(const struct job *j, uint32_t v)
 {
     if (!j->o->eye) return prt_fresnel_mean_transmittance(j->material->eta);
@@ -381,7 +196,7 @@ static double view_transmittance(const struct job *j, uint32_t v)
     return cosine > 0 ? prt_fresnel_transmittance(j->material->eta, fmin(cosine, 1)) : 0;
 }
 
-static void opaque_at(const struct job *j, uint32_t v, float out[3])
+static void opaque_color(const struct job *j, uint32_t v, float out[3])
 {
     const float *albedo =
         j->mesh->surface[j->mesh->block[j->vertex_block[v]].surface].base_color;
@@ -389,7 +204,7 @@ static void opaque_at(const struct job *j, uint32_t v, float out[3])
     for (int c = 0; c < 3; c++) out[c] *= (float)(albedo[c] / M_PI);
 }
 
-// Material m under every light at one vertex; color[l] gets what was asked.
+// Material m under every light at one vertex: the term of the options into color[l].
 static void shade_vertex(const struct job *all, unsigned m, uint32_t v, size_t at,
                          double (*multiple)[3])
 {
@@ -405,13 +220,13 @@ static void shade_vertex(const struct job *all, unsigned m, uint32_t v, size_t a
         j.rays = j.lights ? j.lights[l] : NULL;
         for (int c = 0; c < 3; c++) out[c] = (float)multiple[l][c];
         if (!inside) {
-            if (term != PRT_REFERENCE_SINGLE) opaque_at(&j, v, out);
+            if (term != PRT_REFERENCE_SINGLE) opaque_color(&j, v, out);
             continue;
         }
         if (term == PRT_REFERENCE_IRRADIANCE) vertex_irradiance(&j, v, j.material->eta, out);
         if ((term == PRT_REFERENCE_SINGLE || term == PRT_REFERENCE_TOTAL) &&
             !j.material->profile) {
-            single_at(&j, v, part);
+            prt_reference_single(&j, v, part);
             for (int c = 0; c < 3; c++) out[c] += part[c];
         }
         if (term == PRT_REFERENCE_TOTAL) {
@@ -460,16 +275,20 @@ static double finest_path(const struct job *j)
     return finest;
 }
 
-// Samples at l_u/4 of the densest channel where the budget allows, never fewer than 60,000.
+// One sample for each (l_u/4)^2 of the densest channel, within limits. Doubling samples and
+// rays moves the result by less than 0.5 % (tests/physics/reference.c).
+static const double least_samples = 60000, most_samples = 240000;
+
 static uint32_t sample_count(const struct job *j)
 {
     if (j->o->n_sample) return j->o->n_sample;
     double finest = finest_path(j), area = prt_surface_area(j->mesh);
     double n = area / (finest * finest / 16);
-    return (uint32_t)fmin(fmax(n, 60000), 240000);
+    return (uint32_t)fmin(fmax(n, least_samples), most_samples);
 }
 
-// E depends on the light and eta alone: one pass over the samples a light serves all media.
+// E depends on the light and eta alone: one pass over the samples for each light serves all
+// media.
 static int prepare_multiple(struct job *j, const struct prt_cube *const light[])
 {
     int status = prt_surface_create(j->ctx, j->mesh, sample_count(j), (float)finest_path(j) / 8,
@@ -483,28 +302,30 @@ static int prepare_multiple(struct job *j, const struct prt_cube *const light[])
     if (!all) return PRT_NOMEM;
     for (unsigned l = 0; l < j->n_light && !status; l++) {
         j->irradiance = all + 3 * n * l;
-        status = light_rays_create(light[l], 64, j->o->n_ray ? j->o->n_ray : 2048,
-                                   j->o->seed + 1, &j->rays);
+        status =
+            prt_light_rays_create(light[l], PATTERNS, j->o->n_ray ? j->o->n_ray : SAMPLE_RAYS,
+                                  j->o->seed + 1, &j->rays);
         if (!status)
             status = prt_parallel_for(j->ctx, "reference irradiance", n, 64, sample_range, j);
-        light_rays_destroy(j->rays);
+        prt_light_rays_destroy(j->rays);
         j->rays = NULL;
     }
     j->irradiance = all;
     return status;
 }
 
-// What vertices trace themselves: single scattering, their own irradiance, opaque ones'.
+// Rays that are traced at vertices: single scattering, irradiance, opaque surfaces.
 static int prepare_lights(struct job *j, const struct prt_cube *const light[])
 {
-    uint32_t n_ray = j->o->n_ray ? j->o->n_ray : 2048;
+    uint32_t n_ray = j->o->n_ray ? j->o->n_ray : SAMPLE_RAYS;
     if (j->o->term == PRT_REFERENCE_SINGLE || j->o->term == PRT_REFERENCE_TOTAL)
-        n_ray = j->o->n_single ? j->o->n_single : 4096;
-    else if (j->o->term == PRT_REFERENCE_IRRADIANCE && !j->o->n_ray) n_ray = 8192;
+        n_ray = j->o->n_single ? j->o->n_single : SINGLE_PATHS;
+    else if (j->o->term == PRT_REFERENCE_IRRADIANCE && !j->o->n_ray) n_ray = VERTEX_RAYS;
     j->lights = prt_calloc(j->n_light, sizeof *j->lights);
     int status = j->lights ? PRT_OK : PRT_NOMEM;
     for (unsigned l = 0; l < j->n_light && !status; l++)
-        status = light_rays_create(light[l], 64, n_ray, j->o->seed + 2, &j->lights[l]);
+        status =
+            prt_light_rays_create(light[l], PATTERNS, n_ray, j->o->seed + 2, &j->lights[l]);
     return status;
 }
 
@@ -517,7 +338,7 @@ static int check_materials(struct job *j)
         if (status) return status;
         if (j->materials[m]->eta != j->materials[0]->eta)
             return prt_fail(j->ctx, PRT_MISMATCH,
-                            "eta is %g and %g: media measured together share theirs",
+                            "eta is %g and %g: the media of one call must have the same",
                             (double)j->materials[0]->eta, (double)j->materials[m]->eta);
         prt_material_dipoles(j->materials[m], j->dipoles[m]);
     }
@@ -555,7 +376,7 @@ int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mes
     if (status == PRT_OK) status = prepare_lights(&j, light);
     size_t n = options->vertex ? options->n_vertex : mesh->n_vertex;
     if (status == PRT_OK) status = prt_parallel_for(ctx, "reference", n, 16, vertex_range, &j);
-    for (unsigned l = 0; j.lights && l < n_light; l++) light_rays_destroy(j.lights[l]);
+    for (unsigned l = 0; j.lights && l < n_light; l++) prt_light_rays_destroy(j.lights[l]);
     prt_free(j.lights);
     prt_free(j.dipoles);
     prt_surface_destroy(j.surface);

@@ -2,6 +2,7 @@
 // C08's atlas in the model's own texture coordinates, where no two places of an object share
 // one.
 #include "internal.h"
+#include "trace/triangle.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -60,7 +60,6 @@ struct key {
 struct key *sort_keys(struct key *key, struct key *other, size_t n);
 double place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv, struct samples *s,
              uint32_t at);
-double triangle_area(const struct prt_mesh *mesh, uint32_t t);
 bool block_translucent(const struct prt_mesh *mesh, uint32_t block);
 /* A distant light's view as a picture: what each cell of its grid shows. */
 struct light_map {

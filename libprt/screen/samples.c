@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Points of the surface: atlas texels, peeled depth layers, a distant light's view.
 #include "internal.h"
+#include "trace/triangle.h"
 
 #include <math.h>
 #include <stdatomic.h>
@@ -80,25 +81,15 @@ double place(const struct prt_mesh *mesh, uint32_t t, double bu, double bv, stru
     return fl / 2;
 }
 
-// Every third bit of ten.
-static uint32_t spread3(uint32_t x)
-{
-    x &= 0x3ff;
-    x = (x | x << 16) & 0x030000ff;
-    x = (x | x << 8) & 0x0300f00f;
-    x = (x | x << 4) & 0x030c30c3;
-    return (x | x << 2) & 0x09249249;
-}
-
 enum { DIGIT = 11, DIGITS = 1 << DIGIT };
 
 // A place on a Morton curve of 1024³ cells.
 static uint64_t morton(const float lo[3], float inv_edge, const float p[3])
 {
-    uint32_t code = 0;
+    uint64_t code = 0;
     for (int k = 0; k < 3; k++) {
         float f = (p[k] - lo[k]) * inv_edge * 1023;
-        code |= spread3(f > 0 ? f < 1023 ? (uint32_t)f : 1023 : 0) << k;
+        code |= morton_spread(f > 0 ? f < 1023 ? (uint64_t)f : 1023 : 0) << k;
     }
     return code;
 }
@@ -147,22 +138,6 @@ static void walk_triangle(double f, double *bu, double *bv)
     }
     *bu = (a[0] + b[0] + c[0]) / 3;
     *bv = (a[1] + b[1] + c[1]) / 3;
-}
-
-double triangle_area(const struct prt_mesh *mesh, uint32_t t)
-{
-    const float *a = mesh->position[mesh->triangle[t][0]];
-    const float *b = mesh->position[mesh->triangle[t][1]];
-    const float *c = mesh->position[mesh->triangle[t][2]];
-    double n[3], u[3], v[3];
-    for (int k = 0; k < 3; k++) {
-        u[k] = (double)b[k] - a[k];
-        v[k] = (double)c[k] - a[k];
-    }
-    n[0] = u[1] * v[2] - u[2] * v[1];
-    n[1] = u[2] * v[0] - u[0] * v[2];
-    n[2] = u[0] * v[1] - u[1] * v[0];
-    return 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
 // Translucent triangles by object and along a Morton curve; *memory is to be freed.

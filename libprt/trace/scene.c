@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The BVH of a mesh and packets of rays through it.
+// The BVH of a mesh, and rays through it in packets of 16.
 #include "prt/trace.h"
 #include "trace/embree.h"
 
@@ -38,7 +38,7 @@ static float mean_edge(const struct prt_mesh *mesh)
     return n ? (float)(sum / (double)n) : 0;
 }
 
-// Embree gets its own copies: it wants 16 readable bytes behind the last vertex.
+// Embree gets copies: it reads up to 16 bytes behind the last vertex.
 static int attach(const struct prt_context *ctx, struct prt_scene *s)
 {
     const struct prt_mesh *mesh = s->mesh;
@@ -58,8 +58,8 @@ static int attach(const struct prt_context *ctx, struct prt_scene *s)
     rtcCommitGeometry(geometry);
     rtcAttachGeometryByID(s->scene, geometry, 0);
     rtcReleaseGeometry(geometry);
-    // Not RTC_SCENE_FLAG_ROBUST: one ray in two million slips through a seam without it, and
-    // the rays take a fifth longer with it.
+    // Without RTC_SCENE_FLAG_ROBUST one ray in two million misses a seam between triangles;
+    // with it rays take a fifth longer.
     rtcCommitScene(s->scene);
     enum RTCError error = rtcGetDeviceError(s->device);
     if (error != RTC_ERROR_NONE)
@@ -203,16 +203,8 @@ static void one_ray(struct prt_packet *p, const float o[3], const float d[3], fl
     p->tnear[0] = tnear, p->tfar[0] = tfar;
 }
 
-bool prt_scene_occluded(const struct prt_scene *scene, const float o[3], const float d[3],
-                        float tnear, float tfar)
-{
-    struct prt_packet p;
-    one_ray(&p, o, d, tnear, tfar);
-    return prt_scene_occluded16(scene, &p, 1) != 0;
-}
-
-// Where a ray aims exactly at a vertex or an edge (along the normals of a regular mesh, say) it
-// may slip through: a miss is only believed of four.
+// A ray that aims exactly at a vertex or an edge, as along the normals of a regular mesh, may
+// miss. A miss counts only when four slightly different rays miss.
 bool prt_scene_intersect(const struct prt_scene *scene, const float o[3], const float d[3],
                          float tnear, float tfar, float *t, uint32_t *triangle, float *u,
                          float *v)

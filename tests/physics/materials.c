@@ -66,6 +66,8 @@ static void write_scene(const char *path, const char *bin)
     const uint32_t ball = m.mesh.n_triangle;
     add_floor(&m, 30, -9.5f, N);
     const uint32_t n = m.mesh.n_triangle;
+    for (uint32_t i = ball; i < n; i++) // the floor is a mesh of its own
+        for (int k = 0; k < 3; k++) m.mesh.triangle[i][k] -= BALL;
     FILE *f = fopen(bin, "wb");
     assert_non_null(f);
     fwrite(m.mesh.position, 12, m.mesh.n_vertex, f);

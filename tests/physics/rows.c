@@ -168,12 +168,12 @@ static void rows_keep_what_they_are_made_of(void **state)
     struct clusters clusters = {.n_cluster = 1, .cluster = &cluster, .order = order};
     for (int way = 0; way < 2; way++) {
         struct row_source source = {rows, V, multiply, project, way ? blend : NULL};
-        struct pack_options o = {.energy_error = 1e-3, .max_bytes = 1e9, .mixed = true};
+        struct pack_options o = {.energy_error = 1e-3, .max_bytes = 1e9, .low_rank = true};
         struct factored f;
         struct prt_tensor t;
         uint32_t twice;
-        assert_int_equal(factor_cluster(&context, &plan, &source, &f), PRT_OK);
-        assert_int_equal(pack_factored(&context, &clusters, &f, J, N, &o, &t), PRT_OK);
+        assert_int_equal(prt_factor_cluster(&context, &plan, &source, &f), PRT_OK);
+        assert_int_equal(prt_pack_factored(&context, &clusters, &f, J, N, &o, &t), PRT_OK);
         double error = error_of(&t, rows, omega, &twice);
         printf("%s: rank %u, %llu entries, %u of them twice, %.5f lost\n",
                way ? "directions alone" : "every function", t.cluster[0].rank,
@@ -181,8 +181,8 @@ static void rows_keep_what_they_are_made_of(void **state)
         // 1e-3 was asked for; rounding to bytes adds to it
         expect_near("share lost", error, 1e-3, 0.2e-3);
         expect_above("entries with a remainder stored", twice, 0);
-        tensor_finish(&t);
-        factored_finish(&f);
+        prt_tensor_finish(&t);
+        prt_factored_finish(&f);
     }
     prt_free(rows);
     prt_free(omega);

@@ -25,6 +25,27 @@ static struct prt_mesh *body(void)
     return body_mesh(&context, &m, false);
 }
 
+// A place of triangle t and its normals, by barycentric coordinates.
+static void place(const struct prt_mesh *mesh, uint32_t t, float u, float v, float at[3],
+                  float normal[3], float face[3])
+{
+    const uint32_t *i = mesh->triangle[t];
+    float e[2][3], length = 0;
+    for (int k = 0; k < 3; k++) {
+        const float a = mesh->position[i[0]][k];
+        e[0][k] = mesh->position[i[1]][k] - a, e[1][k] = mesh->position[i[2]][k] - a;
+        at[k] = a + u * e[0][k] + v * e[1][k];
+        normal[k] = (1 - u - v) * mesh->normal[i[0]][k] + u * mesh->normal[i[1]][k] +
+                    v * mesh->normal[i[2]][k];
+    }
+    for (int k = 0; k < 3; k++) {
+        int a = (k + 1) % 3, b = (k + 2) % 3;
+        face[k] = e[0][a] * e[1][b] - e[0][b] * e[1][a];
+        length += face[k] * face[k];
+    }
+    for (int k = 0; k < 3; k++) face[k] /= sqrtf(length);
+}
+
 // Law: directions that the horizon knows give the rows of all rays (METHODS §3.2, W05 eq 8).
 static void known_directions_take_no_rays(void **state)
 {
@@ -34,34 +55,22 @@ static void known_directions_take_no_rays(void **state)
     struct directions *d;
     struct fresnel_table fresnel;
     assert_int_equal(prt_scene_create(&context, mesh, &scene), PRT_OK);
-    assert_int_equal(horizon_create(scene, &horizon), PRT_OK);
-    assert_int_equal(directions_create(32, 4, 1, &d), PRT_OK);
-    fresnel_table_init(&fresnel, 1.3);
+    assert_int_equal(prt_horizon_create(scene, &horizon), PRT_OK);
+    assert_int_equal(prt_directions_create(32, 4, 1, &d), PRT_OK);
+    prt_fresnel_table_init(&fresnel, 1.3);
     float *every = prt_alloc(d->n_coef, sizeof *every),
           *seen = prt_alloc(d->n_coef, sizeof *seen);
     assert_true(every && seen);
     uint64_t rays = 0, all = 0;
     double error = 0, sum = 0, hidden = 0, texels = 0;
     for (uint32_t t = 7; t < mesh->n_triangle; t += 211) {
-        const uint32_t *v = mesh->triangle[t];
-        float at[3], normal[3] = {0}, face[3], e[2][3];
-        for (int k = 0; k < 3; k++) {
-            const float a = mesh->position[v[0]][k], b = mesh->position[v[1]][k],
-                        c = mesh->position[v[2]][k];
-            at[k] = (a + b + c) / 3, e[0][k] = b - a, e[1][k] = c - a;
-            for (int i = 0; i < 3; i++) normal[k] += mesh->normal[v[i]][k] / 3;
-        }
-        double length = 0;
-        for (int k = 0; k < 3; k++) {
-            int i = (k + 1) % 3, j = (k + 2) % 3;
-            face[k] = e[0][i] * e[1][j] - e[0][j] * e[1][i];
-            length += (double)face[k] * (double)face[k];
-        }
-        for (int k = 0; k < 3; k++) face[k] /= (float)sqrt(length);
+        float at[3], normal[3], face[3];
+        place(mesh, t, 1.0f / 3, 1.0f / 3, at, normal, face);
         struct horizon_view view;
-        horizon_all(horizon, t, &view);
-        all += irradiance_row(scene, d, t, &fresnel, at, normal, face, every);
-        rays += irradiance_row_seen(scene, d, t, &fresnel, at, normal, face, &view, seen);
+        prt_horizon_view(horizon, t, &view);
+        const struct receiver here = {at, normal, face};
+        all += prt_irradiance_row(scene, d, t, &fresnel, &here, NULL, every);
+        rays += prt_irradiance_row(scene, d, t, &fresnel, &here, &view, seen);
         for (uint32_t i = 0; i < d->n_coef; i++) {
             double w = (double)d->solid_angle[i], x = (double)every[i], y = (double)seen[i];
             error += w * (x - y) * (x - y), sum += w * x * x;
@@ -75,10 +84,96 @@ static void known_directions_take_no_rays(void **state)
     expect_below("relative RMSE of the rows", sqrt(error / sum), 0.01);
     prt_free(every);
     prt_free(seen);
-    directions_destroy(d);
-    horizon_destroy(horizon);
+    prt_directions_destroy(d);
+    prt_horizon_destroy(horizon);
     prt_scene_destroy(scene);
     prt_mesh_destroy(mesh);
+}
+
+// Light that comes from nearer to the tangent plane may pass below the rays of the lowest bins,
+// whose centres are up to 4 degrees above it.
+static const float lowest = 0.07f; // sin 4 degrees
+
+// Casts 4 x 4 rays through a bin from a place of a triangle. Returns how many of those that
+// leave above 4 degrees are blocked; *above gets their number.
+static unsigned blocked_rays(const struct prt_scene *scene, uint32_t triangle, unsigned bin,
+                             struct prt_rng *rng, unsigned *above)
+{
+    float u = prt_rng_f32(rng), v = prt_rng_f32(rng), at[3], normal[3], face[3];
+    float eps = prt_scene_epsilon(scene);
+    unsigned x = bin % HORIZON_WIDE, y = bin / HORIZON_WIDE % HORIZON_WIDE;
+    struct prt_packet packet = {0};
+    uint32_t mask = 0;
+    if (u + v > 1) u = 1 - u, v = 1 - v;
+    place(prt_scene_mesh(scene), triangle, u, v, at, normal, face);
+    for (unsigned i = 0; i < 16; i++) {
+        float d[3], cosine = 0, rise = 0;
+        prt_cube_direction(bin / (HORIZON_WIDE * HORIZON_WIDE),
+                           2 * (x + (i % 4 + 0.5) / 4) / HORIZON_WIDE - 1,
+                           2 * (y + (i / 4 + 0.5) / 4) / HORIZON_WIDE - 1, d);
+        for (int k = 0; k < 3; k++) cosine += normal[k] * d[k], rise += face[k] * d[k];
+        mask |= (uint32_t)(cosine > lowest && rise > lowest) << i;
+        packet.ox[i] = at[0] + eps * face[0], packet.oy[i] = at[1] + eps * face[1];
+        packet.oz[i] = at[2] + eps * face[2];
+        packet.dx[i] = d[0], packet.dy[i] = d[1], packet.dz[i] = d[2];
+        packet.tfar[i] = INFINITY;
+    }
+    *above = (unsigned)__builtin_popcount(mask);
+    return mask ? (unsigned)__builtin_popcount(prt_scene_occluded16(scene, &packet, mask)) : 0;
+}
+
+// A floor of 20 mm under a plate of 14 mm that floats 0.8 mm above it: from most places of the
+// floor the sky shows only below the rim of the plate, a few degrees above the horizon.
+static struct prt_mesh *floor_under_plate(void)
+{
+    struct model m;
+    model_init(&m, 2 * 57 * 57, 4 * 56 * 56);
+    add_floor(&m, 10, 0, 56);
+    add_floor(&m, 7, 0.8f, 56);
+    return body_mesh(&context, &m, false);
+}
+
+static void check_bins(struct prt_mesh *mesh)
+{
+    struct prt_scene *scene;
+    struct horizon *horizon;
+    struct prt_rng rng;
+    double open_rays = 0, open_wrong = 0, blocked = 0, blocked_wrong = 0;
+    assert_int_equal(prt_scene_create(&context, mesh, &scene), PRT_OK);
+    assert_int_equal(prt_horizon_create(scene, &horizon), PRT_OK);
+    prt_rng_init(&rng, 11, 0);
+    for (uint32_t t = 5; t < mesh->n_triangle; t += 97) {
+        struct horizon_view view;
+        prt_horizon_view(horizon, t, &view);
+        for (unsigned bin = 0; bin < 6 * HORIZON_WIDE * HORIZON_WIDE; bin++) {
+            bool open = view.visible[bin / 64] >> bin % 64 & 1;
+            bool hidden = view.blocked[bin / 64] >> bin % 64 & 1;
+            assert_false(open && hidden);
+            assert_int_equal(prt_horizon_bin(horizon, t, bin), (int)open - (int)hidden);
+            if (!open && !hidden) continue;
+            unsigned above, hit = blocked_rays(scene, t, bin, &rng, &above);
+            *(open ? &open_rays : &blocked) += above;
+            *(open ? &open_wrong : &blocked_wrong) += open ? hit : above - hit;
+        }
+    }
+    printf("visible bins: %.0f rays, %.4f %% blocked; blocked bins: %.0f rays, %.4f %% open\n",
+           open_rays, 100 * open_wrong / open_rays, blocked, 100 * blocked_wrong / blocked);
+    expect_above("rays into visible bins", open_rays, 1e5);
+    expect_above("rays into blocked bins", blocked, 5e4);
+    // a detail thinner than a bin may be missed
+    expect_below("share of blocked rays in visible bins", open_wrong / open_rays, 1e-4);
+    expect_below("share of open rays in blocked bins", blocked_wrong / blocked, 1e-4);
+    prt_horizon_destroy(horizon);
+    prt_scene_destroy(scene);
+    prt_mesh_destroy(mesh);
+}
+
+// Law: a ray into a bin that the horizon calls visible is not blocked, and one into a bin that
+// it calls blocked is (METHODS §3.2, conservative visibility).
+static void certain_bins_are_certain(void **state)
+{
+    check_bins(body());
+    check_bins(floor_under_plate());
 }
 
 // Clusters of made-up rows whose coefficients fall off at very different rates.
@@ -132,7 +227,7 @@ static void the_bytes_allowed_are_used(void **state)
         struct pack_options o = {.energy_error = i < 2 ? 1e-4 : 0.05, .max_bytes = budget[i]};
         struct prt_tensor t;
         uint64_t u_bytes, row_bytes;
-        assert_int_equal(pack_factored(&context, &clusters, f, J, N, &o, &t), PRT_OK);
+        assert_int_equal(prt_pack_factored(&context, &clusters, f, J, N, &o, &t), PRT_OK);
         prt_tensor_bytes(&t, &u_bytes, &row_bytes);
         // Energies lost: all less what is kept.
         double total = 0, kept = 0;
@@ -156,9 +251,9 @@ static void the_bytes_allowed_are_used(void **state)
         assert_true(bytes <= budget[i]);
         if (i < 2) expect_near("bytes over the budget", bytes / budget[i], 1, 0.01);
         else expect_near("energy lost without a budget", error, 0.05, 0.001);
-        tensor_finish(&t);
+        prt_tensor_finish(&t);
     }
-    for (uint32_t c = 0; c < CLUSTERS; c++) factored_finish(&f[c]);
+    for (uint32_t c = 0; c < CLUSTERS; c++) prt_factored_finish(&f[c]);
     free(f);
 }
 
@@ -167,6 +262,7 @@ int main(void)
     prt_context_init(&context);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(known_directions_take_no_rays),
+        cmocka_unit_test(certain_bins_are_certain),
         cmocka_unit_test(the_bytes_allowed_are_used),
     };
     return run_physics_tests(tests, NULL, NULL);

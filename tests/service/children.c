@@ -222,7 +222,7 @@ static void upload(struct relight_client *client, const char *path, char env[80]
 // 16384 x 8192 pixels take 1536 MB decoded, which a cache of 1 GB would never keep.
 static void test_an_image_above_the_cache_is_not_decoded(void **state)
 {
-    char path[160], model[32], env[80];
+    char path[160], model[ID_SIZE], env[80];
     struct relight_error error;
     struct timespec begin, end;
     daemon_start(&d, NULL);
@@ -255,7 +255,7 @@ static void test_decoders_share_a_memory(void **state)
     static const char *const extra[] = {"--decode-memory", "1G", "--decode-total", "1900M",
                                         NULL};
     enum { N = 4 };
-    char path[160], model[32], env[N][80];
+    char path[160], model[ID_SIZE], env[N][80];
     struct relight_error error;
     daemon_start(&d, extra);
     struct relight_client *client = client_open(d.address);

@@ -230,24 +230,6 @@ static void refusals(void **state)
     assert_int_equal(relight_ping(client, NULL, &error), 0);
 }
 
-static void cancelled(void **state)
-{
-    struct relight_image image;
-    struct relight_image_request request = {
-        .model = "ball",
-        .n_light = 1,
-        .lights = &white,
-        .picture = {.width = 2048, .height = 2048, .format = RELIGHT_IMAGE_PNG}};
-    uint64_t id;
-    CALL(relight_image_begin(client, &request, 0, &id, &error));
-    CALL(relight_cancel(client, id, &error));
-    int status = relight_image_end(client, id, &image, &error);
-    // Either is right, but it must end, and the connection lives on.
-    assert_true(status == 0 || status == -RELIGHT_E_CANCELLED);
-    if (!status) relight_image_finish(&image);
-    CALL(relight_ping(client, NULL, &error));
-}
-
 // Forty turns of the light at once: the last one is always drawn, most others never.
 static void view_latest_wins(void **state)
 {
@@ -360,11 +342,11 @@ static void unloaded(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(lights),          cmocka_unit_test(formats),
-        cmocka_unit_test(pipelined),       cmocka_unit_test(refusals),
-        cmocka_unit_test(cancelled),       cmocka_unit_test(view_latest_wins),
-        cmocka_unit_test(view_of_colors),  cmocka_unit_test(geometry),
-        cmocka_unit_test(info_list_stats), cmocka_unit_test(unloaded),
+        cmocka_unit_test(lights),           cmocka_unit_test(formats),
+        cmocka_unit_test(pipelined),        cmocka_unit_test(refusals),
+        cmocka_unit_test(view_latest_wins), cmocka_unit_test(view_of_colors),
+        cmocka_unit_test(geometry),         cmocka_unit_test(info_list_stats),
+        cmocka_unit_test(unloaded),
     };
     return cmocka_run_group_tests_name("librelight", tests, start, stop);
 }

@@ -441,49 +441,6 @@ static void test_prt_in_models_folder(void **state)
     relight_close(client);
 }
 
-// A deadline that cannot be met is answered as one, and the connection goes on.
-static void test_deadline(void **state)
-{
-    struct relight_client *client = client_open(d.address);
-    struct relight_error error;
-    struct relight_image image;
-    uint64_t id;
-    struct relight_light light = {.env = "constant:0.1,0.9,0.4"};
-    struct relight_image_request request = {
-        .model = model,
-        .n_light = 1,
-        .lights = &light,
-        .picture = {.width = 1500, .height = 1500, .format = RELIGHT_IMAGE_PNG}};
-    OK(relight_image_begin(client, &request, 0.005, &id, &error));
-    int status = relight_image_end(client, id, &image, &error);
-    assert_true(status == -RELIGHT_E_DEADLINE || status == -RELIGHT_E_TIMEOUT);
-    double seconds;
-    OK(relight_ping(client, &seconds, &error));
-    relight_close(client);
-}
-
-static void test_cancelled_request(void **state)
-{
-    struct relight_client *client = client_open(d.address);
-    struct relight_error error;
-    struct relight_image image;
-    uint64_t id;
-    struct relight_light light = {.env = "constant:0.2,0.9,0.4"};
-    struct relight_image_request request = {
-        .model = model,
-        .n_light = 1,
-        .lights = &light,
-        .picture = {.width = 1500, .height = 1400, .format = RELIGHT_IMAGE_PNG}};
-    OK(relight_image_begin(client, &request, 0, &id, &error));
-    OK(relight_cancel(client, id, &error));
-    int status = relight_image_end(client, id, &image, &error);
-    if (!status) relight_image_finish(&image);
-    else expect(status, RELIGHT_E_CANCELLED, &error, NULL);
-    double seconds;
-    OK(relight_ping(client, &seconds, &error));
-    relight_close(client);
-}
-
 // Pictures that take seconds leave a worker to the others.
 static void test_large_pictures_leave_room(void **state)
 {
@@ -669,8 +626,6 @@ int main(void)
         cmocka_unit_test(test_load_again_is_ready_at_once),
         cmocka_unit_test(test_unload_and_return),
         cmocka_unit_test(test_prt_in_models_folder),
-        cmocka_unit_test(test_deadline),
-        cmocka_unit_test(test_cancelled_request),
         cmocka_unit_test(test_large_pictures_leave_room),
         cmocka_unit_test(test_waiting_requests_share_a_pass),
         cmocka_unit_test(test_equal_requests_are_computed_once),

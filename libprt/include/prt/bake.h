@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* prt/bake.h owns the precomputation: samples, hierarchy, two passes, single scattering. */
+/* prt/bake.h owns the precomputation of a model's transport. */
 #ifndef PRT_BAKE_H
 #define PRT_BAKE_H
 
@@ -15,65 +15,52 @@ extern "C" {
  * bake's inputs has this among them. */
 enum { PRT_BAKE_VERSION = 1 };
 
+/* Settings of a bake; prt/bake_limits.h has their bounds. A zeroed struct with `material` set
+ * is a valid wavelet bake. */
 struct prt_bake_options {
     enum prt_transport_kind engine;
     enum prt_storage storage;     /* FACTORED default, or SPARSE (wavelet engine only) */
     struct prt_material material; /* wavelet: the medium; joint, polynomial: gives eta */
-    uint32_t n_sample;            /* irradiance samples; 0: 150000 or spacing <= l_u */
-    uint32_t cube;                /* 16..128 power of two; 0: 32 */
-    uint32_t n_coef;              /* sparse: coefficients a vertex; 0: 128 */
-    uint32_t rank;                /* factored: fixed rank a cluster; 0: chosen from max_error */
-    uint32_t n_basis_coef;     /* factored: mean coefficients a basis vector; 0: from error */
-    uint32_t n_phase;          /* 1, 4, 9 */
-    uint32_t n_single;         /* single-scattering points a vertex; 0: 16 */
-    bool no_single;            /* leave single scattering out */
-    bool every_ray;            /* single scattering without ray saving (measurement) */
-    double max_error;          /* 0: 0.01 */
+    uint32_t n_sample;            /* irradiance samples; 0: one a squared mean free path,
+                                   * [150000, 600000] */
+    uint32_t cube;         /* texels along an edge of the light: 16, 32, 64, 128; 0: 32 */
+    uint32_t n_coef;       /* sparse: coefficients a vertex, at most 6 cube^2; 0: 128 */
+    uint32_t rank;         /* factored: rank of every cluster; 0: from max_error */
+    uint32_t n_basis_coef; /* factored: mean coefficients a basis vector; 0: from max_error */
+    uint32_t n_phase;  /* spherical harmonics of the phase function: 1, 4, 9; 0: 1 for a fixed
+                        * isotropic medium, else 4 */
+    uint32_t n_single; /* single-scattering points a vertex of every_ray; 0: 16 */
+    bool no_single;    /* leaves single scattering out */
+    bool every_ray;    /* single scattering with a ray for every texel and point, for
+                        * measurements */
+    double max_error;  /* relative RMSE of the storage; 0: 0.01 */
     const struct prt_env *env; /* polynomial: the fixed light */
-    double rotate_deg;
+    double rotate_deg;         /* turn of env about +y */
     uint32_t basis; /* polynomial: enum prt_radial_kind; POLYNOMIAL and HAT are X07's:
                      * 16 linear pieces of R_d, 8 of e^(-sigma_t r) */
-    uint64_t seed;
-    /* This process does shard of n_shard (0,0: all) and leaves its part beside out_path, as
-     * OUT.I-of-N.part; the last one to end assembles the .prt, the same bytes as one process'
-     * alone, and removes the parts. A part that is there already is not made again. */
+    uint64_t seed;  /* of all random numbers */
+    /* n_shard > 1: this process bakes part `shard` of n_shard and writes it beside out_path, as
+     * OUT.I-of-N.part; a complete part is not baked again. The process that ends last assembles
+     * the .prt, with the bytes of a bake in one process, and removes the parts. 0,0: all. */
     uint32_t shard, n_shard;
-    uint32_t *parts_missing;   /* out, or NULL: parts not there yet; 0: out_path is written;
-                                * UINT32_MAX: another process assembles it */
-    const char *settings_json; /* extra provenance to record, may be NULL */
+    uint32_t *parts_missing;   /* out, or NULL: number of parts that are incomplete; 0: out_path
+                                * is written; UINT32_MAX: another process assembles it */
+    const char *settings_json; /* JSON recorded as "source" of the settings, or NULL */
 };
-/* Bakes `mesh` (scaled) and writes the .prt. Same bytes for any thread count. Progress and
- * cancellation through ctx. */
+/* Bakes a mesh that has a scale (prt_mesh_scale) and writes the .prt (METHODS §3 to 5). Equal
+ * inputs give equal bytes for any number of threads. Blocks; reports stages through
+ * ctx->progress, which may cancel. Returns PRT_OK; PRT_ARG with the option and its range;
+ * PRT_CANCELLED; PRT_NOMEM; PRT_IO; PRT_LIMIT; PRT_INTERNAL; in every failure out_path is
+ * unchanged, and a line is logged. The mesh and the options stay the caller's. Thread-safe for
+ * distinct out_path. */
 int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
              const struct prt_bake_options *options, const char *out_path);
 
-/* Upper bound of the bytes such a bake allocates with ctx->pool's threads, without the
- * program's own; PRT_ARG for settings out of bounds. Rows of pass 1 that do not fit into memory
- * are kept on disk and not counted. Thread-safe. */
+/* Upper bound of the bytes that such a bake allocates with the threads of ctx->pool, without
+ * the program's own. Rows of pass 1 that do not fit into memory are kept on disk and not
+ * counted. PRT_ARG for settings out of bounds. Thread-safe. */
 int prt_bake_memory(const struct prt_context *ctx, const struct prt_mesh *mesh,
                     const struct prt_bake_options *options, uint64_t *bytes);
-
-/* For prt-bench: what the bake's inner loops do, measured apart. Both block. */
-
-/* Pass 1 over n_sample samples against a bare loop of Embree calls with the same packets. */
-struct prt_bake_rays {
-    uint64_t rays;                /* cast by pass 1 */
-    double seconds, bare_seconds; /* the same rays in a bare occlusion loop */
-};
-int prt_bake_measure_rays(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                          uint32_t n_sample, uint32_t cube, struct prt_bake_rays *out);
-/* Single scattering of n_vertex vertices under a light: as baked, and with every ray traced;
- * colours [n_vertex][3] of each (drawn by seed), rays and seconds. Uncompressed. */
-enum { PRT_BAKE_SINGLE_LIGHTS = 8 };
-struct prt_bake_single {
-    uint64_t rays, every_rays;
-    double seconds, every_seconds;
-    double horizon_seconds; /* finding the whole mesh's open directions, once a bake */
-    double error[PRT_BAKE_SINGLE_LIGHTS]; /* relative RMSE of the first against the second */
-};
-int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                            const struct prt_material *material, const struct prt_cube *light,
-                            uint32_t n_light, uint32_t n_vertex, struct prt_bake_single *out);
 
 #ifdef __cplusplus
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* prt/trace.h owns ray tracing: Embree behind one header (3.13 and 4). */
+/* prt/trace.h owns ray tracing: Embree 3.13 or 4 behind one header. */
 #ifndef PRT_TRACE_H
 #define PRT_TRACE_H
 
@@ -9,37 +9,47 @@
 extern "C" {
 #endif
 
-/* Immutable BVH of a whole mesh (all objects occlude). Thread-safe after creation. */
+/* The BVH of a whole mesh: all objects occlude, translucent or opaque. Immutable after
+ * creation; the functions below may be called for one scene by any number of threads at once.
+ */
 struct prt_scene;
+/* Builds the BVH on the threads of ctx->pool; blocks. `mesh` is referred to and must outlive
+ * the scene. PRT_ARG: the mesh has no triangles; PRT_NOMEM; PRT_INTERNAL: Embree did not start.
+ * *out is written on PRT_OK only; the caller ends it with prt_scene_destroy (NULL is allowed).
+ */
 int prt_scene_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
                      struct prt_scene **out);
 void prt_scene_destroy(struct prt_scene *scene);
+/* The mesh that was given, owned by the caller of prt_scene_create. */
 const struct prt_mesh *prt_scene_mesh(const struct prt_scene *scene);
-/* A distance that moves a ray's start off its own surface: 1e-4 of mean edge or 1e-6 of the
- * box diagonal, whichever is larger [mm]. */
+/* The distance by which a ray's start is moved off its own surface [mm]: 1e-4 of the mean edge
+ * or 1e-6 of the box's diagonal, whichever is larger. */
 float prt_scene_epsilon(const struct prt_scene *scene);
-/* Call once in every thread that traces: flush-to-zero, denormals-are-zero. */
+/* To be called once by every thread that traces: flush-to-zero and denormals-are-zero. */
 void prt_trace_thread_init(void);
 
 enum { PRT_PACKET = 16 };
-/* n <= 16 rays as arrays; dir need not be unit (t in its length). Lanes with mask bit 0 idle.
- */
+/* Up to 16 rays as arrays [mm]. Directions need not be unit vectors; t counts their lengths. A
+ * function's mask selects the lanes; the others may hold anything. */
 struct prt_packet {
     float ox[16], oy[16], oz[16], dx[16], dy[16], dz[16], tnear[16], tfar[16];
     /* results of prt_scene_intersect16 */
-    float t[16], u[16], v[16];    /* t = tfar kept where missed */
-    float gx[16], gy[16], gz[16]; /* (b - a) x (c - a) of the triangle met */
-    uint32_t triangle[16];        /* mesh triangle index, UINT32_MAX where missed */
+    float t[16];                  /* of the hit; tfar where the ray missed */
+    float u[16], v[16];           /* barycentric coordinates; 0 where the ray missed */
+    float gx[16], gy[16], gz[16]; /* (b - a) x (c - a) of the triangle that was hit */
+    uint32_t triangle[16];        /* of the mesh; UINT32_MAX where the ray missed */
 };
-/* Bit i set: ray i is blocked in (tnear, tfar). coherent: common origin, near directions. */
+/* Bit i set: ray i of the mask is blocked between tnear and tfar. */
 uint32_t prt_scene_occluded16(const struct prt_scene *scene, const struct prt_packet *packet,
                               uint32_t mask);
+/* The nearest hits of the rays of the mask. coherent: the rays have a common origin and similar
+ * directions (a hint to Embree; the results are the same). */
 void prt_scene_intersect16(const struct prt_scene *scene, struct prt_packet *packet,
                            uint32_t mask, bool coherent);
-/* Single rays, for places where speed does not matter. What passes through a seam between
- * triangles is tried again a little beside. */
-bool prt_scene_occluded(const struct prt_scene *scene, const float o[3], const float d[3],
-                        float tnear, float tfar);
+/* The nearest hit of one ray from o along d [mm], for places where speed does not matter. A ray
+ * that misses is tried again in three slightly different directions, because it may have passed
+ * through a seam between triangles. Returns whether something was hit; then *t, *triangle, *u
+ * and *v are as in a packet. */
 bool prt_scene_intersect(const struct prt_scene *scene, const float o[3], const float d[3],
                          float tnear, float tfar, float *t, uint32_t *triangle, float *u,
                          float *v);

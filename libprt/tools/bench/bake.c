@@ -2,7 +2,7 @@
 // The bake's inner loops: rays of pass 1 against bare Embree, single scattering's ray saving.
 #include "bench.h"
 
-#include "prt/bake.h"
+#include "bake/measure_inner.h"
 #include "prt/mesh.h"
 
 #include <string.h>

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: MIT
+// The settings of a bake as JSON: provenance in the .prt and part of the key of shards.
+#include "bake/run.h"
+
+#include <cjson/cJSON.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+// A number with six significant digits, as people read it.
+static void add_rounded(cJSON *to, const char *name, double value)
+{
+    char text[32];
+    snprintf(text, sizeof text, "%g", value);
+    cJSON_AddRawToObject(to, name, text);
+}
+
+// Not as a double, which holds 53 bits.
+static void add_u64(cJSON *to, const char *name, uint64_t value)
+{
+    char text[24];
+    snprintf(text, sizeof text, "%llu", (unsigned long long)value);
+    cJSON_AddRawToObject(to, name, text);
+}
+
+char *prt_bake_describe(const struct bake *b)
+{
+    static const char *const engine[] = {"wavelet", "polynomial", "joint"};
+    uint64_t rays = 0;
+    char material[512];
+    cJSON *json = cJSON_CreateObject();
+    if (!json) return NULL;
+    for (uint32_t c = 0; b->rays_single && c < b->clusters->n_cluster; c++)
+        rays += b->rays_single[c];
+    prt_material_summary(&b->o.material, material, sizeof material);
+    cJSON_AddStringToObject(json, "engine", engine[b->o.engine]);
+    cJSON_AddStringToObject(json, "storage",
+                            b->o.storage == PRT_STORAGE_SPARSE ? "sparse" : "factored");
+    add_u64(json, "cube", b->o.cube);
+    add_u64(json, "samples", b->surface ? b->surface->n_sample : 0);
+    add_rounded(json, "spacing_mm", b->surface ? (double)b->surface->spacing : 0);
+    add_u64(json, "phase_terms", b->o.n_phase);
+    add_u64(json, "single_points", b->o.n_single);
+    add_u64(json, "coeffs", b->o.n_coef);
+    add_rounded(json, "max_error", b->o.max_error);
+    add_u64(json, "seed", b->o.seed);
+    add_u64(json, "clusters", b->clusters->n_cluster);
+    add_u64(json, "rays_irradiance", b->rays_irradiance);
+    add_u64(json, "rays_single", rays);
+    cJSON_AddRawToObject(json, "material", material);
+    if (b->o.settings_json) cJSON_AddRawToObject(json, "source", b->o.settings_json);
+    char *text = cJSON_PrintUnformatted(json);
+    cJSON_Delete(json);
+    return text;
+}

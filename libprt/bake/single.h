@@ -1,0 +1,62 @@
+/* SPDX-License-Identifier: MIT */
+/* The pieces of single scattering: packets of rays to exits (single_exits.c), the rays of a
+ * vertex (single_nodes.c), cells and rows (single.c). Private to these files. */
+#ifndef PRT_BAKE_SINGLE_H
+#define PRT_BAKE_SINGLE_H
+
+#include "bake/path_integral.h"
+
+/* Exits of up to 16 rays. path_mm 0 and transmittance 0: no exit was found. */
+struct lanes {
+    float path_mm[16];       /* s_i' [mm] */
+    float transmittance[16]; /* F_t(eta, w_i), or 0 */
+    float dir[3][16];        /* w_i', outward */
+    float cosine[16];        /* w_i . n_i; 0: no exit */
+};
+/* Traces the lanes of mask from inside the body to their exits. transmittance does not yet
+ * count occlusion beyond the exit. Returns the lanes that leave the body. */
+uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                         struct prt_packet *packet, uint32_t mask, struct lanes *out);
+/* Lane i of `shadow` becomes the ray from lane j's exit onwards, eps [mm] off the triangle. */
+void prt_leave_body(const struct prt_packet *packet, uint32_t j, float eps,
+                    struct prt_packet *shadow, uint32_t i);
+/* The lanes among the first `fill` whose ray meets the surface again. Fills the idle lanes. */
+uint32_t prt_blocked_lanes(const struct single_plan *plan, struct prt_packet *shadow,
+                           uint32_t fill);
+/* Lanes without an exit get the path length `far_mm` and no light. */
+void prt_fill_missed(struct lanes *lane, float far_mm);
+/* Writes lane i to a texel: path length and transmittance; direction. */
+void prt_store_exit(struct exits *e, uint32_t texel, const struct lanes *lane, uint32_t i);
+void prt_store_direction(struct exits *e, uint32_t texel, const struct lanes *lane, uint32_t i);
+/* One ray for each of the light's directions from point p [mm]. Returns the rays cast. */
+uint64_t prt_trace_list(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                        const float p[3], const struct light_directions *light,
+                        struct exits *out);
+
+/* A path of one vertex: nodes at x - depth n. */
+struct vertex_path {
+    const float *x, *n; /* position [mm] and normal */
+    unsigned pattern;   /* jitter of the sub-samples */
+    const float *depth; /* [n_node] mm */
+};
+/* Fills the nodes for every texel, and s->fine and s->split. Returns the rays cast. */
+uint64_t prt_trace_nodes(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                         const struct vertex_path *path, struct scratch *s);
+/* A ray for every texel from point p into node 0. Returns the rays cast. */
+uint64_t prt_trace_every(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                         const float p[3], unsigned pattern, struct scratch *s);
+
+/* The sub-sample that stands for texel i (0..3) of a block: an index into directions->x. */
+static inline size_t texel_ray(const struct directions *d, unsigned pattern, uint32_t block,
+                               uint32_t i)
+{
+    return ((size_t)(pattern % d->n_pattern) * d->n_packet + block) * 16 + i * 4 +
+           (((pattern >> 6) + i) & 3);
+}
+/* The j-th block (0..3) of tile t, on faces of `wide` tiles. */
+static inline uint32_t block_of(uint32_t t, uint32_t j, uint32_t wide)
+{
+    return (t / wide * 2 + (j >> 1)) * 2 * wide + t % wide * 2 + (j & 1);
+}
+
+#endif

@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: MIT
+// Packets of rays from points inside the body to their exits, and on through the open (W05 eq
+// 5, eq 12).
+#include "bake/single.h"
+
+#include <math.h>
+
+// Vertex normals of the triangles that were hit.
+struct corners {
+    float n[3][3][16]; // [corner][axis]
+};
+
+static void gather_corners(const struct prt_mesh *mesh, const struct prt_packet *packet,
+                           struct corners *c)
+{
+    for (int i = 0; i < 16; i++) {
+        uint32_t t = packet->triangle[i];
+        const uint32_t *tv = mesh->triangle[t == UINT32_MAX ? 0 : t];
+        for (int j = 0; j < 3; j++)
+            for (int k = 0; k < 3; k++) c->n[j][k][i] = mesh->normal[tv[j]][k];
+    }
+}
+
+// Path lengths s_i' (METHODS §1, W05 eq 5) and refracted directions of 16 rays. The cosine is 0
+// where the ray hit a front face (its start is outside) or leaves below the shading normal's
+// horizon.
+PRT_CLONES static void refract16(const struct prt_packet *packet, const struct corners *corner,
+                                 float eta, struct lanes *out)
+{
+    float inv = 1 / eta;
+    for (int i = 0; i < 16; i++) {
+        float u = packet->u[i], v = packet->v[i], o = 1 - u - v;
+        float dx = packet->dx[i], dy = packet->dy[i], dz = packet->dz[i];
+        float x = o * corner->n[0][0][i] + u * corner->n[1][0][i] + v * corner->n[2][0][i];
+        float y = o * corner->n[0][1][i] + u * corner->n[1][1][i] + v * corner->n[2][1][i];
+        float z = o * corner->n[0][2][i] + u * corner->n[1][2][i] + v * corner->n[2][2][i];
+        float length2 = x * x + y * y + z * z;
+        float facing = packet->gx[i] * dx + packet->gy[i] * dy + packet->gz[i] * dz;
+        float scale = 1 / sqrtf(length2 + 1e-30f);
+        x *= scale, y *= scale, z *= scale;
+        float cosine = x * dx + y * dy + z * dz;
+        cosine = cosine > 1 ? 1 : cosine;
+        bool leaves = packet->triangle[i] != UINT32_MAX && facing > 0 && cosine > 0;
+        // not 1 - inv^2 (1 - cos^2), which is 0 for grazing rays at eta 1
+        float root = sqrtf((1 - inv * inv) + inv * inv * cosine * cosine + 1e-20f);
+        float bend = root - cosine * inv;
+        out->cosine[i] = leaves ? cosine : 0;
+        out->path_mm[i] = leaves ? packet->t[i] * cosine / root : 0;
+        // The refracted direction, pointing back outwards: w/eta + (root - cos/eta) n.
+        out->dir[0][i] = dx * inv + bend * x;
+        out->dir[1][i] = dy * inv + bend * y;
+        out->dir[2][i] = dz * inv + bend * z;
+    }
+}
+
+uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                         struct prt_packet *packet, uint32_t mask, struct lanes *out)
+{
+    struct corners corner;
+    uint32_t leave = 0;
+    prt_scene_intersect16(plan->scene, packet, mask, false);
+    gather_corners(plan->mesh, packet, &corner);
+    refract16(packet, &corner, plan->eta, out);
+    for (int i = 0; i < 16; i++) {
+        leave |= (uint32_t)(out->cosine[i] > 0) << i;
+        float transmittance = fresnel_table_eval(fresnel, out->cosine[i]);
+        out->transmittance[i] = out->cosine[i] > 0 ? transmittance : 0;
+    }
+    return leave & mask;
+}
+
+void prt_leave_body(const struct prt_packet *packet, uint32_t j, float eps,
+                    struct prt_packet *shadow, uint32_t i)
+{
+    float x = packet->gx[j], y = packet->gy[j], z = packet->gz[j], t = packet->t[j];
+    float off = eps / sqrtf(x * x + y * y + z * z + 1e-30f);
+    shadow->ox[i] = packet->ox[j] + t * packet->dx[j] + off * x;
+    shadow->oy[i] = packet->oy[j] + t * packet->dy[j] + off * y;
+    shadow->oz[i] = packet->oz[j] + t * packet->dz[j] + off * z;
+    shadow->dx[i] = packet->dx[j], shadow->dy[i] = packet->dy[j], shadow->dz[i] = packet->dz[j];
+    shadow->tnear[i] = 0, shadow->tfar[i] = INFINITY;
+}
+
+uint32_t prt_blocked_lanes(const struct single_plan *plan, struct prt_packet *shadow,
+                           uint32_t fill)
+{
+    uint32_t mask = fill == 16 ? 0xffff : (1u << fill) - 1;
+    for (uint32_t i = fill; i < 16; i++) {
+        shadow->ox[i] = shadow->oy[i] = shadow->oz[i] = 0;
+        shadow->dx[i] = 1, shadow->dy[i] = shadow->dz[i] = 0;
+        shadow->tnear[i] = 0, shadow->tfar[i] = 0;
+    }
+    return prt_scene_occluded16(plan->scene, shadow, mask);
+}
+
+void prt_store_exit(struct exits *e, uint32_t texel, const struct lanes *lane, uint32_t i)
+{
+    e->path_mm[texel] = lane->path_mm[i];
+    e->transmittance[texel] = lane->transmittance[i];
+}
+
+void prt_store_direction(struct exits *e, uint32_t texel, const struct lanes *lane, uint32_t i)
+{
+    for (int k = 0; k < 3; k++) e->dir[k][texel] = lane->dir[k][i];
+}
+
+void prt_fill_missed(struct lanes *lane, float far_mm)
+{
+    for (int i = 0; i < 16; i++) {
+        if (lane->path_mm[i] > 0) continue;
+        lane->path_mm[i] = far_mm, lane->transmittance[i] = 0;
+        for (int k = 0; k < 3; k++) lane->dir[k][i] = 0;
+    }
+}
+
+uint64_t prt_trace_list(const struct single_plan *plan, const struct fresnel_table *fresnel,
+                        const float p[3], const struct light_directions *light,
+                        struct exits *out)
+{
+    struct prt_packet packet, shadow;
+    struct lanes lane;
+    uint64_t rays = 0;
+    uint32_t n = light->n;
+    float eps = prt_scene_epsilon(plan->scene);
+    for (uint32_t first = 0; first < n; first += 16) {
+        uint32_t m = n - first < 16 ? n - first : 16, mask = m < 16 ? (1u << m) - 1 : 0xffff;
+        for (uint32_t i = 0; i < 16; i++) {
+            uint32_t k = first + (i < m ? i : 0);
+            packet.dx[i] = light->x[k], packet.dy[i] = light->y[k], packet.dz[i] = light->z[k];
+            packet.ox[i] = p[0], packet.oy[i] = p[1], packet.oz[i] = p[2];
+            packet.tnear[i] = 0, packet.tfar[i] = INFINITY;
+        }
+        uint32_t leave = prt_trace_exits(plan, fresnel, &packet, mask, &lane), fill = 0, of[16];
+        prt_fill_missed(&lane, 1e4f); // 10 m: no light comes from there
+        for (uint32_t i = 0; i < m; i++)
+            if (leave >> i & 1) prt_leave_body(&packet, i, eps, &shadow, fill), of[fill++] = i;
+        uint32_t blocked = fill ? prt_blocked_lanes(plan, &shadow, fill) : 0;
+        for (uint32_t i = 0; i < fill; i++)
+            if (blocked >> i & 1) lane.transmittance[of[i]] = 0;
+        rays += m + fill;
+        for (uint32_t i = 0; i < m; i++) {
+            prt_store_exit(out, first + i, &lane, i);
+            prt_store_direction(out, first + i, &lane, i);
+        }
+    }
+    return rays;
+}

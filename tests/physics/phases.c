@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: MIT
+// Law: single scattering with a phase function cut to 1, 4 or 9 spherical harmonics (W05 eq 10,
+// 11) is what the reference engine estimates along -n_o with the same cut phase function. The
+// channels scatter forward, backward and strongly forward, so that a wrong sign of the odd
+// Legendre terms and sigma_s' in place of sigma_s both show.
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "bodies.h"
+#include "expect.h"
+#include "bake/run.h"
+#include "prt/reference.h"
+#include "prt/relight.h"
+
+static struct prt_context context;
+static const float eye[3] = {30, 22, 41};
+
+// A ball of about 16 mm with shallow dents.
+static double shallow_dents(double theta, double phi)
+{
+    return 8 + 0.6 * sin(3 * phi) * sin(theta) * sin(theta);
+}
+
+static struct prt_mesh *body(void)
+{
+    struct model m;
+    model_init(&m, 28 * 15, 28 * 14 * 2);
+    add_ball(&m, 28, 14, 14, shallow_dents);
+    return body_mesh(&context, &m, false);
+}
+
+// A dim sky and two lamps of a few texels, one on the side of the eye and one opposite.
+static struct prt_cube light_of(uint32_t n)
+{
+    struct prt_cube cube;
+    assert_int_equal(prt_cube_init(&cube, n), PRT_OK);
+    for (uint32_t i = 0; i < 6 * n * n; i++) {
+        uint32_t face = i / (n * n), y = i / n % n, x = i % n;
+        bool lamp = face >= 4 && x > n / 2 && x < n / 2 + 4 && y > 4 && y < 8;
+        for (uint32_t c = 0; c < 3; c++) cube.texel[i * 3 + c] = 0.1f + (lamp ? 20 : 0);
+    }
+    return cube;
+}
+
+// The asymmetry is 0.25, -0.3 and 0.8; the mean free path of scattering, 1/sigma_s, is near 1
+// mm in every channel, so that light crosses a good part of the body.
+static struct prt_material medium(void)
+{
+    struct prt_material m = {.eta = 1.3f, .roughness = 0.3f, .g = {0.25f, -0.3f, 0.8f}};
+    static const float sigma_s[3] = {1, 0.8f, 1.2f}, sigma_a[3] = {0.02f, 0.05f, 0.1f};
+    for (int c = 0; c < 3; c++) {
+        m.sigma_s_prime[c] = sigma_s[c] * (1 - m.g[c]);
+        m.sigma_a[c] = sigma_a[c];
+    }
+    snprintf(m.name, sizeof m.name, "anisotropic");
+    return m;
+}
+
+// w_o' at a vertex: the outward direction inside the body that leaves towards the eye. False
+// where the vertex faces away.
+static bool inside_direction(const struct prt_mesh *mesh, uint32_t v, double eta, float out[3])
+{
+    double w[3], length = 0, c = 0;
+    for (int k = 0; k < 3; k++) w[k] = (double)eye[k] - (double)mesh->position[v][k];
+    for (int k = 0; k < 3; k++) length += w[k] * w[k];
+    for (int k = 0; k < 3; k++) {
+        w[k] /= sqrt(length);
+        c += w[k] * (double)mesh->normal[v][k];
+    }
+    double root = sqrt(1 - (1 - c * c) / (eta * eta));
+    for (int k = 0; k < 3; k++)
+        out[k] = (float)(w[k] / eta + (root - c / eta) * (double)mesh->normal[v][k]);
+    return c > 0.05; // grazing views are left out: the reference gives them no light at c <= 0
+}
+
+static void reference(const struct prt_mesh *mesh, const struct prt_material *m,
+                      const struct prt_cube *light, unsigned n_term, float (*out)[3])
+{
+    struct prt_reference_options o = {.term = PRT_REFERENCE_SINGLE,
+                                      .eye = eye,
+                                      .straight_single = true,
+                                      .n_single = 4096,
+                                      .n_phase_term = n_term,
+                                      .seed = 5};
+    assert_int_equal(prt_reference_colors(&context, mesh, m, light, &o, out), PRT_OK);
+}
+
+// Relative RMSE of each channel over the vertices that face the eye.
+static void channel_errors(const struct prt_mesh *mesh, const float (*got)[3],
+                           const float (*want)[3], double out[3])
+{
+    double difference[3] = {0}, norm[3] = {0};
+    for (uint32_t v = 0; v < mesh->n_vertex; v++) {
+        float w[3];
+        if (!inside_direction(mesh, v, 1.3, w)) continue;
+        for (int c = 0; c < 3; c++) {
+            double d = (double)got[v][c] - (double)want[v][c];
+            difference[c] += d * d;
+            norm[c] += (double)want[v][c] * (double)want[v][c];
+        }
+    }
+    for (int c = 0; c < 3; c++) out[c] = sqrt(difference[c] / norm[c]);
+}
+
+// L1 of every vertex from its rows: sum over harmonics k of Y_k(w_o') row_k . light.
+static void shade(const struct bake *b, const struct prt_cube *light, float (*out)[3])
+{
+    const struct directions *d = b->directions;
+    struct fresnel_table fresnel;
+    uint32_t K = b->single.n_phase, n = d->n_coef;
+    float *row = prt_alloc((size_t)K * 3 * n, sizeof *row);
+    void *scratch = prt_alloc(prt_single_scratch_bytes(&b->single), 1);
+    assert_true(row && scratch);
+    prt_fresnel_table_init(&fresnel, b->o.material.eta);
+    for (uint32_t v = 0; v < b->mesh->n_vertex; v++) {
+        float w[3], y[9];
+        memset(out[v], 0, sizeof out[v]);
+        if (!inside_direction(b->mesh, v, 1.3, w)) continue;
+        prt_sh_eval(3, w, y);
+        prt_single_rows(&b->single, &fresnel, v, row, scratch);
+        for (uint32_t k = 0; k < K; k++)
+            for (uint32_t c = 0; c < 3; c++)
+                for (uint32_t t = 0; t < n; t++)
+                    out[v][c] += y[k] * row[((size_t)k * 3 + c) * n + t] * d->solid_angle[t] *
+                                 light->texel[t * 3 + c];
+    }
+    prt_free(row);
+    prt_free(scratch);
+}
+
+// Law: rows of a vertex give the reference's L1 (W05 eq 10), by the bake's plan (METHODS §3.5)
+// and by W05's own sum over points (W05 eq 12).
+static void rows_agree_with_the_reference(void **state)
+{
+    static const unsigned terms[] = {1, 4, 9};
+    struct prt_mesh *mesh = body();
+    struct prt_cube light = light_of(16);
+    struct bake b = {.ctx = &context, .mesh = mesh};
+    float(*want)[3] = calloc(mesh->n_vertex, sizeof *want);
+    float(*got)[3] = calloc(mesh->n_vertex, sizeof *got);
+    assert_true(want && got);
+    b.o.material = medium();
+    b.o.n_single = 32;
+    assert_int_equal(prt_scene_create(&context, mesh, &b.scene), PRT_OK);
+    assert_int_equal(prt_directions_create(16, 4, 1, &b.directions), PRT_OK);
+    for (int i = 0; i < 3; i++) {
+        reference(mesh, &b.o.material, &light, terms[i], want);
+        b.o.n_phase = terms[i];
+        for (int every = 0; every < 2; every++) {
+            double error[3];
+            b.o.every_ray = every;
+            prt_bake_plan_single(&b);
+            shade(&b, &light, got);
+            prt_single_plan_finish(&b.single);
+            channel_errors(mesh, (const float(*)[3])got, (const float(*)[3])want, error);
+            print_message("%u terms%s: %.2f %%, %.2f %%, %.2f %%\n", terms[i],
+                          every ? ", every ray" : "", 100 * error[0], 100 * error[1],
+                          100 * error[2]);
+            for (int c = 0; c < 3; c++)
+                expect_below(expect_name("%u terms%s: relative RMSE", terms[i],
+                                         every ? ", every ray" : ""),
+                             error[c], every ? 0.02 : 0.03);
+        }
+    }
+    prt_directions_destroy(b.directions);
+    prt_scene_destroy(b.scene);
+    free(want), free(got);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
+// Law: a baked file gives the reference's L1 for an eye (W05 eq 10, METHODS §3.6).
+static void a_baked_file_agrees_with_the_reference(void **state)
+{
+    char path[] = "/tmp/prt-phases-XXXXXX";
+    int fd = mkstemp(path);
+    assert_true(fd >= 0);
+    close(fd);
+    struct prt_mesh *mesh = body();
+    struct prt_cube light = light_of(16);
+    struct prt_bake_options o = {
+        .material = medium(), .n_sample = 2000, .cube = 16, .n_phase = 9, .seed = 1};
+    float(*want)[3] = calloc(mesh->n_vertex, sizeof *want);
+    float(*got)[3] = calloc(mesh->n_vertex, sizeof *got);
+    assert_true(want && got);
+    reference(mesh, &o.material, &light, 9, want);
+    assert_int_equal(prt_bake(&context, mesh, &o, path), PRT_OK);
+    struct prt_file *f;
+    assert_int_equal(prt_file_open(&context, path, PRT_FILE_CHECK_ALL, &f), PRT_OK);
+    struct prt_query q = {.term = PRT_ANSWER_SINGLE, .light = &light, .eye = eye};
+    assert_int_equal(prt_answer_colors(&context, prt_file_transport(f), &q, got), PRT_OK);
+    double error[3]; // a cut phase function may be negative, a colour of an answer is not
+    for (uint32_t v = 0; v < mesh->n_vertex; v++)
+        for (int c = 0; c < 3; c++) want[v][c] = fmaxf(want[v][c], 0);
+    channel_errors(mesh, (const float(*)[3])got, (const float(*)[3])want, error);
+    print_message("baked file, 9 terms: %.2f %%, %.2f %%, %.2f %%\n", 100 * error[0],
+                  100 * error[1], 100 * error[2]);
+    for (int c = 0; c < 3; c++) expect_below("relative RMSE, 9 terms", error[c], 0.04);
+    prt_file_close(f);
+    unlink(path);
+    free(want), free(got);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
+int main(void)
+{
+    prt_context_init(&context);
+    if (prt_pool_create(0, &context.pool)) return 1;
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(rows_agree_with_the_reference),
+        cmocka_unit_test(a_baked_file_agrees_with_the_reference),
+    };
+    int failed = run_physics_tests(tests, NULL, NULL);
+    prt_pool_destroy(context.pool);
+    return failed;
+}

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: MIT
+// The JSON that a .prt records of its bake.
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include <cjson/cJSON.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bake/run.h"
+
+static struct prt_context context;
+
+static struct bake small_bake(struct clusters *none)
+{
+    struct bake b = {.ctx = &context, .clusters = none};
+    assert_int_equal(prt_material_load(&context, "skin1", &b.o.material), PRT_OK);
+    b.o.cube = 32, b.o.n_phase = 4, b.o.max_error = 0.01;
+    return b;
+}
+
+// A source longer than any fixed buffer is recorded whole.
+static void a_long_source_is_whole(void **state)
+{
+    enum { LONG = 20000 };
+    struct clusters none = {0};
+    struct bake b = small_bake(&none);
+    char *source = malloc(LONG + 16);
+    assert_non_null(source);
+    memcpy(source, "{\"file\":\"", 9);
+    memset(source + 9, 'x', LONG);
+    memcpy(source + 9 + LONG, "\"}", 3);
+    b.o.settings_json = source;
+    char *text = prt_bake_describe(&b);
+    assert_non_null(text);
+    cJSON *json = cJSON_Parse(text);
+    assert_non_null(json);
+    const cJSON *file = cJSON_GetObjectItem(cJSON_GetObjectItem(json, "source"), "file");
+    assert_non_null(file);
+    assert_int_equal(strlen(file->valuestring), LONG);
+    cJSON_Delete(json);
+    free(text);
+    free(source);
+}
+
+// Seeds have 64 bits, more than a double holds.
+static void a_seed_keeps_its_digits(void **state)
+{
+    struct clusters none = {0};
+    struct bake b = small_bake(&none);
+    b.o.seed = UINT64_MAX - 1;
+    char *text = prt_bake_describe(&b);
+    assert_non_null(text);
+    assert_non_null(strstr(text, "\"seed\":18446744073709551614,"));
+    assert_non_null(strstr(text, "\"max_error\":0.01,"));
+    assert_non_null(
+        strstr(text, "\"engine\":\"wavelet\",\"storage\":\"factored\",\"cube\":32,"));
+    free(text);
+}
+
+int main(void)
+{
+    prt_context_init(&context);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_long_source_is_whole),
+        cmocka_unit_test(a_seed_keeps_its_digits),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
