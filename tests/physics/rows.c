@@ -173,6 +173,8 @@ static void rows_keep_what_they_are_made_of(void **state)
         struct prt_tensor t;
         uint32_t twice;
         assert_int_equal(prt_factor_cluster(&context, &plan, &source, &f), PRT_OK);
+        expect_below("energy after the last column over that allowed",
+                     f.tail[f.rank] / (plan.tail_error * plan.tail_error * f.tail[0]), 1);
         assert_int_equal(prt_pack_factored(&context, &clusters, &f, J, N, &o, &t), PRT_OK);
         double error = error_of(&t, rows, omega, &twice);
         printf("%s: rank %u, %llu entries, %u of them twice, %.5f lost\n",
