@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns the geometry of cubemaps: face axes, look-ups, exact solid angles. */
+/* Geometry of cubemaps: face axes, look-ups, exact solid angles. */
 #include "prt/light.h"
 
 #include <math.h>
@@ -17,7 +17,7 @@ int prt_cube_init(struct prt_cube *cube, uint32_t n)
     cube->n = 0;
     cube->texel = NULL;
     if (n < 1 || n > PRT_CUBE_MAX)
-        return prt_fail(NULL, PRT_ARG, "cube size %u: allowed is 1..%d", n, PRT_CUBE_MAX);
+        return prt_fail(NULL, PRT_ARG, "cube size %u, allowed range 1 to %d", n, PRT_CUBE_MAX);
     cube->texel = prt_calloc((size_t)6 * n * n * 3, sizeof(float));
     if (!cube->texel)
         return prt_fail(NULL, PRT_NOMEM, "no memory for a cube of 6 x %u x %u", n, n);

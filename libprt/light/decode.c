@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns telling image formats apart. Everything below this runs in the isolated child. */
+/* Detects the image format by its first bytes and calls its parser. Runs in the isolated child
+ * only. */
 #include "light_private.h"
 
 #include <math.h>
@@ -18,11 +19,13 @@ int prt_decode_own(const struct prt_context *ctx, const char *name, const void *
     out->hint = PRT_HINT_NONE;
     out->is_chroma = false;
     out->image = (struct prt_image){0};
-    if (n < 4) return prt_fail(ctx, PRT_FORMAT, "%s: %zu bytes are no image", name, n);
+    if (n < 4)
+        return prt_fail(ctx, PRT_FORMAT, "%s: the file has %zu bytes; an image has at least 4",
+                        name, n);
     if (prt_is_hdr(bytes, n)) return prt_decode_hdr(ctx, name, bytes, n, &out->image);
     const char *dot = strrchr(name, '.');
     if (dot && !strcasecmp(dot, ".hdr"))
-        return prt_fail(ctx, PRT_FORMAT, "%s: not a Radiance file (no #? at its beginning)",
+        return prt_fail(ctx, PRT_FORMAT, "%s: not a Radiance file: it does not begin with #?",
                         name);
     err = PRT_UNSUPPORTED;
     if (prt_is_exr(bytes, n)) err = prt_decode_exr(ctx, name, bytes, n, out);

@@ -1,7 +1,14 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns reading plain PNG and JPEG without OpenImageIO, whose 262 libraries take half a second
- * to open. What is not plain (interlaced, small palettes, CMYK) or not in order is left to it:
- * these return PRT_UNSUPPORTED without a word. Runs in the isolated child. */
+/* Readers of common PNG and JPEG, which spare the half second that OpenImageIO's 262 libraries
+ * take to open. For other files (interlaced or below 8 bits a channel, CMYK, damaged) they
+ * return PRT_UNSUPPORTED without a log line, and OpenImageIO reads them. Runs in the isolated
+ * child.
+ *
+ * The PNG reader is the project's own because libpng 1.6.39 takes longer for the same floats:
+ * on 2048 x 1024 pixels 18.2 ms against 14.7 ms (8-bit grey), 32.7 against 26.3 (RGB), 44.8
+ * against 31.2 (RGBA), 108 against 98.7 (16-bit RGB); processor time, least of 9 runs.
+ * libdeflate inflates the whole image at once, where libpng inflates row by row through zlib.
+ */
 #include "light_private.h"
 
 #include <stdlib.h>
@@ -47,11 +54,11 @@ struct png {
     bool palette;
     uint8_t color[256][3];
     unsigned n_color;
-    uint8_t *idat; /* all of them in one piece */
+    uint8_t *idat; /* all IDAT chunks, joined */
     size_t idat_size;
 };
 
-static bool take_header(struct png *p, const uint8_t *body, size_t n)
+static bool read_header(struct png *p, const uint8_t *body, size_t n)
 {
     static const uint8_t channels[7] = {1, 0, 3, 1, 2, 0, 4};
     if (n != 13 || body[10] || body[11] || body[12] || body[9] > 6 || !channels[body[9]])
@@ -64,8 +71,9 @@ static bool take_header(struct png *p, const uint8_t *body, size_t n)
     return p->depth == 8 || (p->depth == 16 && !p->palette);
 }
 
-/* Walks the chunks; false for anything unusual. p->idat has room for every byte of the file. */
-static bool take_chunks(struct png *p, const uint8_t *bytes, size_t n)
+/* Reads the chunks; false for a file that OpenImageIO has to read. p->idat has room for every
+ * byte of the file. */
+static bool read_chunks(struct png *p, const uint8_t *bytes, size_t n)
 {
     size_t at = 8;
     bool first = true;
@@ -73,7 +81,7 @@ static bool take_chunks(struct png *p, const uint8_t *bytes, size_t n)
         const uint8_t *c = bytes + at, *body = c + 8;
         const size_t size = get_u32(c);
         if (size > n - at - 12 || crc(c + 4, size + 4) != get_u32(body + size)) return false;
-        if (first != !memcmp(c + 4, "IHDR", 4) || (first && !take_header(p, body, size)))
+        if (first != !memcmp(c + 4, "IHDR", 4) || (first && !read_header(p, body, size)))
             return false;
         first = false;
         if (!memcmp(c + 4, "PLTE", 4)) {
@@ -134,7 +142,7 @@ static bool convert_row(const struct png *p, const uint8_t *row, const float *li
             for (int c = 0; c < 3; c++) rgb[c] = linear[p->color[*row][c]];
             continue;
         }
-        for (unsigned c = 0; c < 3; c++) { /* alpha is left away */
+        for (unsigned c = 0; c < 3; c++) { /* alpha is dropped */
             const unsigned from = p->channels >= 3 ? c : 0;
             rgb[c] = p->depth == 8
                          ? linear[row[from]]
@@ -157,7 +165,8 @@ static int decode_rows(const struct prt_context *ctx, const char *name, const st
     int err = prt_image_reserve(ctx, name, p->width, p->height, &image);
     if (err) return err;
     const size_t step = (size_t)p->channels * p->depth / 8, n = p->width * step;
-    uint8_t *rows = prt_alloc((n + 1) * ((size_t)p->height + 1), 1); /* a black row is above */
+    uint8_t *rows = prt_alloc((n + 1) * ((size_t)p->height + 1),
+                              1); /* a row of zeros comes before the first */
     bool ok = rows && inflate_all(p->idat, p->idat_size, rows + n + 1, (n + 1) * p->height);
     float linear[256];
     linear_table(linear);
@@ -178,7 +187,7 @@ int prt_decode_png(const struct prt_context *ctx, const char *name, const uint8_
 {
     struct png p = {.idat = prt_alloc(n, 1)};
     const int err =
-        p.idat && take_chunks(&p, bytes, n) ? decode_rows(ctx, name, &p, out) : PRT_UNSUPPORTED;
+        p.idat && read_chunks(&p, bytes, n) ? decode_rows(ctx, name, &p, out) : PRT_UNSUPPORTED;
     prt_free(p.idat);
     return err;
 }

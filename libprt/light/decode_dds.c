@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns the DDS parser for uncompressed cubemaps (RGBA16F, RGBA32F, 8-bit), which OpenImageIO
- * 2.4 refuses or rearranges. Other DDS files go to OpenImageIO. */
+/* Parser of DDS files that hold an uncompressed cubemap (RGBA16F, RGBA32F, 8-bit). It is the
+ * project's own because OpenImageIO 2.4 refuses the float formats and rearranges the faces of
+ * the others. OpenImageIO reads all other DDS files. */
 #include "light_private.h"
 
 #include <math.h>
@@ -48,7 +49,8 @@ static float channel(const uint8_t *p, const struct texture *t, int c)
     return mask ? prt_srgb_to_linear((float)(v & mask) / (float)mask) : 0;
 }
 
-/* Pixel format of the header, or of the DX10 extension (DXGI 2, 10, 28). */
+/* Pixel format from the header (D3DFORMAT 113 RGBA16F, 116 RGBA32F) or from the DX10 extension
+ * (DXGI_FORMAT 10 RGBA16F, 2 RGBA32F). PRT_UNSUPPORTED for other formats. */
 static int read_format(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                        size_t n, struct texture *t)
 {
@@ -57,7 +59,7 @@ static int read_format(const struct prt_context *ctx, const char *name, const ui
     uint32_t format = fourcc;
     if ((flags & FOURCC_FLAG) && fourcc == 0x30315844) { /* "DX10" */
         if (n < HEADER + DX10_HEADER)
-            return prt_fail(ctx, PRT_FORMAT, "%s: the DDS header is cut", name);
+            return prt_fail(ctx, PRT_FORMAT, "%s: the file ends inside the DDS header", name);
         const uint32_t dxgi = u32(bytes + HEADER);
         t->data_at += DX10_HEADER;
         format = dxgi == 10 ? 113 : dxgi == 2 ? 116 : 0;
@@ -81,7 +83,7 @@ int prt_decode_dds(const struct prt_context *ctx, const char *name, const uint8_
 {
     struct texture t = {0};
     if (n < HEADER || u32(bytes + 4) != 124)
-        return prt_fail(ctx, PRT_FORMAT, "%s: the DDS header is cut", name);
+        return prt_fail(ctx, PRT_FORMAT, "%s: the file ends inside the DDS header", name);
     const uint32_t caps = u32(bytes + 112), height = u32(bytes + 12), width = u32(bytes + 16);
     int err = read_format(ctx, name, bytes, n, &t);
     const bool dx10_cube = t.data_at > HEADER && (u32(bytes + HEADER + 8) & 4);
@@ -91,11 +93,12 @@ int prt_decode_dds(const struct prt_context *ctx, const char *name, const uint8_
         return prt_fail(ctx, PRT_FORMAT, "%s: not a cubemap with six faces", name);
     if (width != height || !width || width > PRT_CUBE_MAX)
         return prt_fail(ctx, PRT_FORMAT,
-                        "%s: cube faces of %u x %u; allowed are squares of 1..%d", name, width,
-                        height, PRT_CUBE_MAX);
+                        "%s: cube faces of %u x %u pixels; faces are squares of 1 to %d", name,
+                        width, height, PRT_CUBE_MAX);
     uint32_t mips = u32(bytes + 8) & 0x20000 ? u32(bytes + 28) : 1;
     mips = mips ? mips : 1;
-    if (mips > 12) return prt_fail(ctx, PRT_FORMAT, "%s: %u mip levels", name, mips);
+    if (mips > 12)
+        return prt_fail(ctx, PRT_FORMAT, "%s: %u mip levels, at most 12", name, mips);
     size_t stride = 0; /* bytes of a face with its mip levels */
     for (uint32_t level = 0, side = width; level<mips; level++, side = side> 1 ? side / 2 : 1)
         stride += (size_t)side * side * t.pixel_bytes;

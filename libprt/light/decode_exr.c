@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns reading OpenEXR through OpenEXRCore: scanline and tiled parts, RGB and grey channels,
- * layers, data windows. Chunk by chunk into float planes. What OpenEXRCore 3.1 lacks (DWA) or
- * mixes up (subsampled chroma in B44) is left to libprt_oiio.so. */
+/* Reader of OpenEXR through OpenEXRCore: scanline and tiled parts, RGB and grey channels,
+ * layers, data windows; chunk by chunk into float planes. libprt_oiio.so reads the files that
+ * OpenEXRCore 3.1 does not support (DWA) or decodes wrongly (subsampled chroma in B44). */
 #include "light_private.h"
 
 #include <math.h>
@@ -64,7 +64,7 @@ static void keep_message(exr_const_context_t file, exr_result_t code, const char
     if (!x->why[0]) snprintf(x->why, sizeof x->why, "%s", message);
 }
 
-static int bad(const struct exr *x, exr_result_t code)
+static int fail_exr(const struct exr *x, exr_result_t code)
 {
     return prt_fail(x->ctx, code == EXR_ERR_OUT_OF_MEMORY ? PRT_NOMEM : PRT_FORMAT, "%s: %s",
                     x->name, x->why[0] ? x->why : exr_get_default_error_message(code));
@@ -84,8 +84,8 @@ static int find(const exr_attr_chlist_t *list, const char *prefix, size_t n_pref
     return -1;
 }
 
-static bool take(struct exr *x, const exr_attr_chlist_t *list, const char *prefix,
-                 size_t n_prefix)
+static bool choose_layer(struct exr *x, const exr_attr_chlist_t *list, const char *prefix,
+                         size_t n_prefix)
 {
     static const struct {
         enum colour colour;
@@ -110,8 +110,8 @@ static bool take(struct exr *x, const exr_attr_chlist_t *list, const char *prefi
         x->colour = COLOUR_GREY;
         for (int i = 0; i < N_PLANE; i++) x->plane[i].channel = i ? -1 : channel;
         if (s > 0)
-            prt_log(x->ctx, PRT_LOG_WARNING, "%s: only channel %s, taken as grey", x->name,
-                    list->entries[channel].name.str);
+            prt_log(x->ctx, PRT_LOG_WARNING, "%s: has only channel %s; it is read as grey",
+                    x->name, list->entries[channel].name.str);
         return true;
     }
     return false;
@@ -121,12 +121,12 @@ static bool take(struct exr *x, const exr_attr_chlist_t *list, const char *prefi
 static bool choose_channels(struct exr *x, const exr_attr_chlist_t *list)
 {
     if (list->num_channels > MAX_CHANNEL) return false;
-    if (take(x, list, "", 0)) return true;
+    if (choose_layer(x, list, "", 0)) return true;
     for (int i = 0; i < list->num_channels; i++) {
         const char *s = list->entries[i].name.str, *dot = strrchr(s, '.');
-        if (dot && take(x, list, s, (size_t)(dot + 1 - s))) {
-            prt_log(x->ctx, PRT_LOG_NOTE, "%s: colours of layer %.*s", x->name, (int)(dot - s),
-                    s);
+        if (dot && choose_layer(x, list, s, (size_t)(dot + 1 - s))) {
+            prt_log(x->ctx, PRT_LOG_NOTE, "%s: the colours are those of layer %.*s", x->name,
+                    (int)(dot - s), s);
             return true;
         }
     }
@@ -139,7 +139,7 @@ static int choose_part(struct exr *x)
     int count = 0;
     bool deep = false;
     exr_result_t code = exr_get_count(x->file, &count);
-    if (code != EXR_ERR_SUCCESS) return bad(x, code);
+    if (code != EXR_ERR_SUCCESS) return fail_exr(x, code);
     for (x->part = 0; x->part < count; x->part++) {
         exr_storage_t storage;
         const exr_attr_chlist_t *list = NULL;
@@ -154,15 +154,15 @@ static int choose_part(struct exr *x)
     }
     if (deep)
         return prt_fail(x->ctx, PRT_FORMAT,
-                        "%s: deep images are not supported, flatten it first", x->name);
-    return prt_fail(x->ctx, PRT_FORMAT, "%s: no channels R, G, B or Y", x->name);
+                        "%s: deep images are not supported; flatten it first", x->name);
+    return prt_fail(x->ctx, PRT_FORMAT, "%s: has no channels R, G, B or Y", x->name);
 }
 
 static int read_windows(struct exr *x)
 {
     exr_result_t code = exr_get_data_window(x->file, x->part, &x->data);
     if (code == EXR_ERR_SUCCESS) code = exr_get_display_window(x->file, x->part, &x->display);
-    if (code != EXR_ERR_SUCCESS) return bad(x, code);
+    if (code != EXR_ERR_SUCCESS) return fail_exr(x, code);
     const int64_t w = (int64_t)x->data.max.x - x->data.min.x + 1;
     const int64_t h = (int64_t)x->data.max.y - x->data.min.y + 1;
     if (w <= 0 || h <= 0)
@@ -177,14 +177,16 @@ static int read_windows(struct exr *x)
     return PRT_OK;
 }
 
-/* Every pixel of the smallest codings takes some byte: refuse what cannot be there. */
+/* A chunk takes at least 8 bytes: refuses a file that declares more chunks than it can hold,
+ * before memory is allocated for them. */
 static int check_plausible(struct exr *x)
 {
     int32_t chunks = 0;
     exr_result_t code = exr_get_chunk_count(x->file, x->part, &chunks);
-    if (code != EXR_ERR_SUCCESS) return bad(x, code);
+    if (code != EXR_ERR_SUCCESS) return fail_exr(x, code);
     if ((uint64_t)chunks * 8 > x->size)
-        return prt_fail(x->ctx, PRT_FORMAT, "%s: %d chunks cannot lie in %zu bytes", x->name,
+        return prt_fail(x->ctx, PRT_FORMAT,
+                        "%s: the header declares %d chunks, too many for %zu bytes", x->name,
                         chunks, x->size);
     return PRT_OK;
 }
@@ -201,12 +203,13 @@ static int reserve_planes(struct exr *x)
                             x->width, x->height);
     }
     exr_result_t code = exr_get_chunk_unpacked_size(x->file, x->part, &chunk_bytes);
-    if (code != EXR_ERR_SUCCESS) return bad(x, code);
+    if (code != EXR_ERR_SUCCESS) return fail_exr(x, code);
     const uint64_t limit =
         x->ctx && x->ctx->memory_limit ? x->ctx->memory_limit : UINT64_C(8) << 30;
     if (chunk_bytes > limit / 8)
-        return prt_fail(x->ctx, PRT_LIMIT, "%s: chunks of %llu bytes", x->name,
-                        (unsigned long long)chunk_bytes);
+        return prt_fail(x->ctx, PRT_LIMIT,
+                        "%s: chunks of %llu bytes are above the limit of %llu", x->name,
+                        (unsigned long long)chunk_bytes, (unsigned long long)(limit / 8));
     return PRT_OK;
 }
 
@@ -219,7 +222,7 @@ static int which_plane(const struct exr *x, int channel)
     return -1;
 }
 
-/* All channels decode to a scratch area each; those wanted are then copied to their planes. */
+/* Decodes every channel to scratch memory, then copies the chosen channels to their planes. */
 static int decode_chunk(struct exr *x, exr_decode_pipeline_t *pipe, int32_t left, int32_t top,
                         const exr_attr_chlist_t *list)
 {
@@ -247,7 +250,7 @@ static int decode_chunk(struct exr *x, exr_decode_pipeline_t *pipe, int32_t left
     }
     exr_result_t code = exr_decoding_choose_default_routines(x->file, x->part, pipe);
     if (code == EXR_ERR_SUCCESS) code = exr_decoding_run(x->file, x->part, pipe);
-    if (code != EXR_ERR_SUCCESS) return bad(x, code);
+    if (code != EXR_ERR_SUCCESS) return fail_exr(x, code);
     at = x->scratch;
     for (int c = 0; c < pipe->channel_count; c++) {
         const exr_coding_channel_info_t *info = &pipe->channels[c];
@@ -270,7 +273,7 @@ static int next_chunk(struct exr *x, exr_decode_pipeline_t *pipe, const exr_chun
     exr_result_t code = *started ? exr_decoding_update(x->file, x->part, info, pipe)
                                  : exr_decoding_initialize(x->file, x->part, info, pipe);
     *started = *started || code == EXR_ERR_SUCCESS;
-    if (code != EXR_ERR_SUCCESS) return bad(x, code);
+    if (code != EXR_ERR_SUCCESS) return fail_exr(x, code);
     return decode_chunk(x, pipe, left, top, list);
 }
 
@@ -279,11 +282,11 @@ static int read_scanlines(struct exr *x, exr_decode_pipeline_t *pipe, bool *star
 {
     int32_t step = 0;
     exr_result_t code = exr_get_scanlines_per_chunk(x->file, x->part, &step);
-    if (code != EXR_ERR_SUCCESS || step < 1) return bad(x, code);
+    if (code != EXR_ERR_SUCCESS || step < 1) return fail_exr(x, code);
     for (int32_t y = 0; y < x->height; y += step) {
         exr_chunk_info_t info;
         code = exr_read_scanline_chunk_info(x->file, x->part, x->data.min.y + y, &info);
-        if (code != EXR_ERR_SUCCESS) return bad(x, code);
+        if (code != EXR_ERR_SUCCESS) return fail_exr(x, code);
         int err = next_chunk(x, pipe, &info, started, 0, y, list);
         if (err) return err;
     }
@@ -295,12 +298,12 @@ static int read_tiles(struct exr *x, exr_decode_pipeline_t *pipe, bool *started,
 {
     int32_t tw = 0, th = 0;
     exr_result_t code = exr_get_tile_sizes(x->file, x->part, 0, 0, &tw, &th);
-    if (code != EXR_ERR_SUCCESS || tw < 1 || th < 1) return bad(x, code);
+    if (code != EXR_ERR_SUCCESS || tw < 1 || th < 1) return fail_exr(x, code);
     for (int32_t y = 0; y * (int64_t)th < x->height; y++)
         for (int32_t tile = 0; tile * (int64_t)tw < x->width; tile++) {
             exr_chunk_info_t info;
             code = exr_read_tile_chunk_info(x->file, x->part, tile, y, 0, 0, &info);
-            if (code != EXR_ERR_SUCCESS) return bad(x, code);
+            if (code != EXR_ERR_SUCCESS) return fail_exr(x, code);
             int err = next_chunk(x, pipe, &info, started, tile * tw, y * th, list);
             if (err) return err;
         }
@@ -321,11 +324,11 @@ static int read_pixels(struct exr *x)
     return err;
 }
 
-/* ---- the picture ---- */
+/* ---- the image ---- */
 
-/* The picture is the display window; what lies outside the data window is black. Environment
- * files (envmap attribute), files without a sane display window and those whose data window is
- * the display window moved elsewhere are their data window. */
+/* The image is the display window; pixels outside the data window are black. It is the data
+ * window for environments (envmap attribute), for display windows that are empty, above the
+ * limit or apart from the data window, and for data windows of the display window's size. */
 static int compose(struct exr *x, bool envmap, struct prt_image *out)
 {
     exr_attr_box2i_t box = x->display;
@@ -341,7 +344,7 @@ static int compose(struct exr *x, bool envmap, struct prt_image *out)
     }
     int err = prt_image_reserve(x->ctx, x->name, (uint64_t)w, (uint64_t)h, out);
     if (err) return err;
-    /* columns [first,last) and rows [top,bottom) of the picture lie in the data window */
+    /* columns [first,last) and rows [top,bottom) of the image are inside the data window */
     const int64_t off_x = (int64_t)x->data.min.x - box.min.x;
     const int64_t off_y = (int64_t)x->data.min.y - box.min.y;
     const int64_t first = off_x > 0 ? off_x : 0, top = off_y > 0 ? off_y : 0;
@@ -358,7 +361,7 @@ static int compose(struct exr *x, bool envmap, struct prt_image *out)
     }
     if (first > 0 || top > 0 || last < w || bottom < h)
         prt_log(x->ctx, PRT_LOG_WARNING,
-                "%s: the data window is smaller than the image, the rest "
+                "%s: the data window is smaller than the image; the rest "
                 "is black",
                 x->name);
     return PRT_OK;
@@ -382,7 +385,7 @@ static int decode_file(struct exr *x, struct prt_decoded *out)
     if (!err) err = check_plausible(x);
     if (err) return err;
     exr_result_t code = exr_get_compression(x->file, x->part, &compression);
-    if (code != EXR_ERR_SUCCESS) return bad(x, code);
+    if (code != EXR_ERR_SUCCESS) return fail_exr(x, code);
     const bool has_envmap =
         exr_attr_get_envmap(x->file, x->part, "envmap", &envmap) == EXR_ERR_SUCCESS;
     out->hint = !has_envmap                 ? PRT_HINT_NONE
@@ -414,8 +417,8 @@ int prt_decode_exr(const struct prt_context *ctx, const char *name, const uint8_
     init.max_image_width = init.max_image_height = PRT_IMAGE_MAX;
     init.max_tile_width = init.max_tile_height = 4096;
     exr_result_t code = exr_start_read(&x.file, "image", &init);
-    if (code != EXR_ERR_SUCCESS) return bad(&x, code);
-    if (x.why[0]) /* the library carried on with something else */
+    if (code != EXR_ERR_SUCCESS) return fail_exr(&x, code);
+    if (x.why[0]) /* a warning: the library replaced a bad value by its default */
         prt_log(ctx, PRT_LOG_WARNING, "%s: %s", name, x.why);
     x.why[0] = 0;
     int err = decode_file(&x, out);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns the Radiance .hdr parser: RGBE and XYZE, new and old run lengths, flat, every
- * orientation, EXPOSURE. Own because OpenImageIO ignores EXPOSURE and refuses XYZE. */
+/* Parser of Radiance .hdr: RGBE and XYZE, new and old run lengths, flat, every orientation,
+ * EXPOSURE. It is the project's own because OpenImageIO ignores EXPOSURE and refuses XYZE. */
 #include "light_private.h"
 
 #include <math.h>
@@ -63,7 +63,8 @@ static int read_variable(struct reader *r, const char *line, struct header *h)
     return PRT_OK;
 }
 
-/* "-Y 512 +X 1024" and its seven relatives; the first axis is the slow one. */
+/* "-Y 512 +X 1024" or one of the seven other orders and signs; the first axis is the slow one.
+ */
 static int read_resolution(struct reader *r, const char *line, struct header *h)
 {
     char sign[2], axis[2];
@@ -103,8 +104,8 @@ static int read_header(struct reader *r, struct header *h)
     if (!(n > 10 && !memcmp(r->at, "#?RADIANCE", 10)) &&
         !(n > 6 && !memcmp(r->at, "#?RGBE", 6)))
         prt_log(r->ctx, PRT_LOG_WARNING,
-                "%s: begins with neither #?RADIANCE nor #?RGBE, read as "
-                "one of them",
+                "%s: begins with neither #?RADIANCE nor #?RGBE; it is "
+                "read as Radiance all the same",
                 r->name);
     while (!ended && next_line(r, line, sizeof line)) {
         ended = line[0] == 0;
@@ -112,11 +113,12 @@ static int read_header(struct reader *r, struct header *h)
         if (err) return err;
     }
     if (!ended || !next_line(r, line, sizeof line))
-        return prt_fail(r->ctx, PRT_FORMAT, "%s: the header does not end", r->name);
+        return prt_fail(r->ctx, PRT_FORMAT, "%s: the header has no empty line at its end",
+                        r->name);
     return read_resolution(r, line, h);
 }
 
-static int cut(const struct reader *r)
+static int fail_truncated(const struct reader *r)
 {
     return prt_fail(r->ctx, PRT_FORMAT, "%s: the file ends in the middle of the pixels",
                     r->name);
@@ -127,7 +129,7 @@ static int read_old_scanline(struct reader *r, uint32_t n, uint8_t (*line)[4])
 {
     unsigned shift = 0;
     for (uint32_t i = 0; i < n;) {
-        if (r->end - r->at < 4) return cut(r);
+        if (r->end - r->at < 4) return fail_truncated(r);
         const uint8_t *p = r->at;
         r->at += 4;
         if (p[0] != 1 || p[1] != 1 || p[2] != 1) {
@@ -156,14 +158,14 @@ static int read_scanline(struct reader *r, uint32_t n, uint8_t (*line)[4])
     r->at += 4;
     for (int c = 0; c < 4; c++)
         for (uint32_t i = 0; i < n;) {
-            if (r->end - r->at < 2) return cut(r);
+            if (r->end - r->at < 2) return fail_truncated(r);
             uint32_t count = *r->at++;
             const bool run = count > 128;
             count = run ? count - 128 : count;
             if (count == 0 || count > n - i)
                 return prt_fail(r->ctx, PRT_FORMAT, "%s: a run goes past its scanline",
                                 r->name);
-            if (!run && (size_t)(r->end - r->at) < count) return cut(r);
+            if (!run && (size_t)(r->end - r->at) < count) return fail_truncated(r);
             for (uint32_t k = 0; k < count; k++) line[i + k][c] = run ? r->at[0] : r->at[k];
             r->at += run ? 1 : count;
             i += count;
@@ -207,8 +209,8 @@ int prt_decode_hdr(const struct prt_context *ctx, const char *name, const uint8_
     if (err) return err;
     const uint32_t n_slow = h.x_major ? h.width : h.height;
     const uint32_t n_fast = h.x_major ? h.height : h.width;
-    /* the densest coding: 2 bytes a run of 127 in each channel, or endless old runs */
-    if ((uint64_t)n_slow > (uint64_t)(r.end - r.at) / 4 + 1) return cut(&r);
+    /* a scanline takes at least 4 bytes */
+    if ((uint64_t)n_slow > (uint64_t)(r.end - r.at) / 4 + 1) return fail_truncated(&r);
     float scale[256];
     scale[0] = 0;
     for (int e = 1; e < 256; e++) scale[e] = (float)(ldexp(1.0, e - 136) * h.scale);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns the way to OpenImageIO: finding and opening libprt_oiio.so, in a child only, since it
- * drags in 262 libraries, and before that child is confined. */
+/* Finds and opens libprt_oiio.so and decodes through it. In a child process only, because the
+ * library loads 262 others, and before that child is confined, because it opens files. */
 #include "light_private.h"
 #include "oiio_abi.h"
 
@@ -15,10 +15,10 @@ struct job {
     const struct prt_context *ctx;
     const char *name;
     int err;
-    bool told; /* the error has its line already */
+    bool is_logged; /* the error has its log line */
 };
 
-/* Beside the program, in ../lib/relight, in $PRT_LIBDIR. */
+/* Searches beside the program, in ../lib/relight, in ../bin, then in $PRT_LIBDIR. */
 static void *find_library(void)
 {
     char exe[3072], path[4096];
@@ -50,17 +50,18 @@ static int allow(void *user, uint64_t width, uint64_t height)
     const uint64_t limit =
         job->ctx && job->ctx->memory_limit ? job->ctx->memory_limit : UINT64_C(8) << 30;
     int err = prt_image_check(job->ctx, job->name, width, height);
-    if (!err && width * height * 24 > limit) /* it holds the pixels twice for a while */
+    if (!err && width * height * 24 > limit) /* the pixels exist twice for a while */
         err = prt_fail(job->ctx, PRT_LIMIT,
                        "%s: decoding %llu x %llu pixels needs more than %llu MB", job->name,
                        (unsigned long long)width, (unsigned long long)height,
                        (unsigned long long)(limit >> 20));
     job->err = err ? err : PRT_FORMAT;
-    job->told = err;
+    job->is_logged = err;
     return err != 0;
 }
 
-/* OpenImageIO goes by the extension first: give it one when the name has none. */
+/* OpenImageIO selects its reader by the extension first: a name with the extension of the
+ * format that the bytes begin with. */
 static const char *name_for_sniffing(const char *name, const uint8_t *bytes, size_t n)
 {
     if (prt_is_exr(bytes, n)) return "image.exr";
@@ -87,8 +88,9 @@ int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8
                         "not found beside the program (set PRT_LIBDIR); .hdr and .exr do not",
                         name);
     if (decode(name_for_sniffing(name, bytes, n), bytes, n, is_chroma, allow, &job, &image)) {
-        if (job.told) return job.err;
-        // For bytes that no reader knows it opens a file of this name, which is refused.
+        if (job.is_logged) return job.err;
+        /* OpenImageIO tries to open a file of this name when no reader accepts the bytes; the
+         * sandbox refuses that. */
         if (strstr(image.error, "does not exist") || strstr(image.error, strerror(EPERM)) ||
             strstr(image.error, "find a format reader"))
             return prt_fail(ctx, PRT_FORMAT, "%s: not an image of a known format", name);

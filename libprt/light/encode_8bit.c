@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns writing 8-bit images: PNG with a cheap row filter and a fast deflate, JPEG. */
+/* Writers of 8-bit images: PNG with a choice of two row filters and the fastest deflate level;
+ * JPEG in strips that threads encode. */
 #include "light_private.h"
 
 #include <stdlib.h>
@@ -63,7 +64,7 @@ static uint8_t *put_chunk(uint8_t *p, const char *type, const void *body, size_t
     return p + 12 + n;
 }
 
-/* Of Sub and Up the filter with the smaller sum of magnitudes. */
+/* Applies the PNG filter Sub or Up, whichever has the smaller sum of magnitudes. */
 static void filter_row(const uint8_t *row, const uint8_t *above, size_t n, size_t step,
                        uint8_t *out, uint8_t *spare)
 {
@@ -89,7 +90,7 @@ int prt_encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_
     if (!width || !height || width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX ||
         (n_channel != 3 && n_channel != 4))
         return prt_fail(ctx, PRT_ARG,
-                        "PNG of %u x %u x %u: allowed is 1..%d a side, 3 or 4 "
+                        "PNG of %u x %u x %u: allowed are 1 to %d pixels a side and 3 or 4 "
                         "channels",
                         width, height, n_channel, PRT_IMAGE_MAX);
     const size_t n = (size_t)width * n_channel;
@@ -123,7 +124,10 @@ int prt_encode_png(const struct prt_context *ctx, const uint8_t *pixels, uint32_
 
 /* ---- JPEG: strips that threads encode, one scan with a restart marker between them ---- */
 
-enum { STRIPS_MAX = 16, STRIP_ROWS_MIN = 64 };
+enum {
+    STRIPS_MAX = 16,     /* chosen, not measured: more than the threads of a usual machine */
+    STRIP_ROWS_MIN = 64, /* pixels; chosen, not measured: a marker costs some bytes a strip */
+};
 
 struct strips {
     const uint8_t *rgb8;
@@ -153,7 +157,8 @@ static int encode_strip(void *arg, size_t begin, size_t end, unsigned worker)
     return err;
 }
 
-/* Where the scan's header begins and where its bits do; false in a file of another make. */
+/* Offsets of the frame header, of the scan header and of the scan's bits; false in a file that
+ * libjpeg-turbo did not write this way. */
 static bool find_scan(const uint8_t *file, size_t size, size_t *header, size_t *bits,
                       size_t *frame)
 {
@@ -170,8 +175,9 @@ static bool find_scan(const uint8_t *file, size_t size, size_t *header, size_t *
     return false;
 }
 
-/* A restart interval begins byte-aligned and with fresh predictions, as a file of its own does,
- * and the tables are the same in all: the strips' bits follow each other as they are. */
+/* Joins the strips' scans. A restart interval begins byte-aligned and with fresh predictions,
+ * as a separate file does, and all strips have the same tables: their bits are copied
+ * unchanged. */
 static int join_strips(const struct strips *s, unsigned n, unsigned mcu, struct prt_blob *out)
 {
     size_t total = 16, header[STRIPS_MAX], bits[STRIPS_MAX], frame[STRIPS_MAX] = {0};
@@ -210,8 +216,8 @@ int prt_encode_jpeg(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t
     if (!width || !height || width > PRT_IMAGE_MAX || height > PRT_IMAGE_MAX || quality < 1 ||
         quality > 100)
         return prt_fail(ctx, PRT_ARG,
-                        "JPEG of %u x %u at quality %d: allowed is 1..%d a side, "
-                        "quality 1..100",
+                        "JPEG of %u x %u at quality %d: allowed are 1 to %d pixels a side and "
+                        "quality 1 to 100",
                         width, height, quality, PRT_IMAGE_MAX);
     struct strips s = {.rgb8 = rgb8,
                        .width = width,
@@ -222,8 +228,8 @@ int prt_encode_jpeg(const struct prt_context *ctx, const uint8_t *rgb8, uint32_t
     const unsigned mcu = s.sampling == TJSAMP_444 ? 8 : 16;
     unsigned n = height / STRIP_ROWS_MIN;
     n = n > STRIPS_MAX ? STRIPS_MAX : n;
-    /* whole rows of blocks; an interval is counted in 16 bits. Not by the threads there are:
-     * the same picture is the same file everywhere. */
+    /* Strips are whole rows of blocks, and at most 65535 blocks, the largest restart interval.
+     * Their number does not depend on the threads, so that equal images give equal files. */
     if (n > 1) {
         const uint32_t rows = ((height + n - 1) / n + mcu - 1) / mcu * mcu;
         if ((width + mcu - 1) / mcu * (rows / mcu) <= 65535) s.rows = rows;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns writing OpenEXR through OpenEXRCore, to memory, ZIP-compressed scanlines. */
+/* Writer of OpenEXR through OpenEXRCore, to memory: ZIP-compressed scanlines. */
 #include "light_private.h"
 
 #include <openexr.h>
@@ -32,8 +32,8 @@ static void ignore_message(exr_const_context_t file, exr_result_t code, const ch
 {
 }
 
-static exr_result_t declare(exr_context_t file, int *part, const struct prt_image *im,
-                            bool full_float, int envmap)
+static exr_result_t write_header(exr_context_t file, int *part, const struct prt_image *im,
+                                 bool full_float, int envmap)
 {
     static const char *const names[3] = {"B", "G", "R"};
     exr_result_t code = exr_add_part(file, "rgb", EXR_STORAGE_SCANLINE, part);
@@ -92,8 +92,8 @@ static int encode(const struct prt_context *ctx, const struct prt_image *image, 
     memset(out, 0, sizeof *out);
     if (!image->rgb || !image->width || !image->height || image->width > PRT_IMAGE_MAX ||
         image->height > PRT_IMAGE_MAX)
-        return prt_fail(ctx, PRT_ARG, "EXR of %u x %u: allowed is 1..%d a side", image->width,
-                        image->height, PRT_IMAGE_MAX);
+        return prt_fail(ctx, PRT_ARG, "EXR of %u x %u: allowed are 1 to %d pixels a side",
+                        image->width, image->height, PRT_IMAGE_MAX);
     const size_t count = (size_t)image->width * image->height * 3;
     struct prt_image copy = {image->width, image->height, NULL};
     if (!full_float) { /* the largest half, not infinity */
@@ -110,7 +110,7 @@ static int encode(const struct prt_context *ctx, const struct prt_image *image, 
     init.error_handler_fn = ignore_message;
     init.zip_level = 2; /* a tenth larger than the default level, three times as fast */
     exr_result_t code = exr_start_write(&file, "memory", EXR_WRITE_FILE_DIRECTLY, &init);
-    if (code == EXR_ERR_SUCCESS) code = declare(file, &part, image, full_float, envmap);
+    if (code == EXR_ERR_SUCCESS) code = write_header(file, &part, image, full_float, envmap);
     if (code == EXR_ERR_SUCCESS) code = write_chunks(file, part, image);
     if (file) {
         const exr_result_t end = exr_finish(&file);

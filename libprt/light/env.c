@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns loading of environments and images: child process, validation, mending of pixels. */
+/* Loading of environments and images: decoding in a child process, validation of its answer,
+ * replacement of negative and non-finite pixels. */
 #include "light_private.h"
 
 #include <math.h>
@@ -11,11 +12,12 @@
 enum { BLOB_MAGIC = 0x474d4950, BLOB_WANTS_OIIO = 0x4f49494f };
 #define FILE_MAX_BYTES ((uint64_t)2 << 30)
 
-/* The child's answer: the pixels of all images one after the other, then a head for each. */
-struct blob_head {
+/* The child's answer: the pixels of all images one after the other, then a header for each. */
+struct blob_header {
     uint32_t magic, hint, width, height;
 };
-_Static_assert(sizeof(struct blob_head) <= PRT_IMAGE_TAIL, "one head fits behind the pixels");
+_Static_assert(sizeof(struct blob_header) <= PRT_IMAGE_TAIL,
+               "one header fits behind the pixels");
 
 static size_t pixel_bytes(uint64_t width, uint64_t height)
 {
@@ -27,7 +29,7 @@ static size_t pixel_bytes(uint64_t width, uint64_t height)
 struct decode_job {
     const struct prt_input *input;
     unsigned count;
-    bool oiio; /* the second child, where OpenImageIO is loaded */
+    bool oiio; /* in the second child, which has OpenImageIO loaded */
 };
 
 static void load_oiio(void *arg)
@@ -35,19 +37,19 @@ static void load_oiio(void *arg)
     prt_oiio_open();
 }
 
-/* One image's pixels have room for its head behind them and are the answer themselves. */
+/* A single image is the answer itself: its pixels have room for the header behind them. */
 static int pack(struct prt_decoded *decoded, unsigned count, struct prt_blob *out)
 {
     size_t at = 0, pixels = 0;
     for (unsigned i = 0; i < count; i++)
         pixels += pixel_bytes(decoded[i].image.width, decoded[i].image.height);
-    out->size = pixels + count * sizeof(struct blob_head);
+    out->size = pixels + count * sizeof(struct blob_header);
     out->bytes = count == 1 ? (void *)decoded[0].image.rgb : prt_alloc(out->size, 1);
     if (!out->bytes) return PRT_NOMEM;
     char *bytes = out->bytes;
     for (unsigned i = 0; i < count; i++) {
         struct prt_image *im = &decoded[i].image;
-        const struct blob_head head = {BLOB_MAGIC, decoded[i].hint, im->width, im->height};
+        const struct blob_header head = {BLOB_MAGIC, decoded[i].hint, im->width, im->height};
         const size_t size = pixel_bytes(im->width, im->height);
         memcpy(bytes + pixels + i * sizeof head, &head, sizeof head);
         if (count == 1) break;
@@ -58,16 +60,16 @@ static int pack(struct prt_decoded *decoded, unsigned count, struct prt_blob *ou
     return PRT_OK;
 }
 
-static int ask_for_oiio(struct prt_blob *out)
+static int request_oiio(struct prt_blob *out)
 {
-    const struct blob_head head = {.magic = BLOB_WANTS_OIIO};
+    const struct blob_header head = {.magic = BLOB_WANTS_OIIO};
     if (!(out->bytes = prt_alloc(1, sizeof head))) return PRT_NOMEM;
     memcpy(out->bytes, &head, sizeof head);
     out->size = sizeof head;
     return PRT_OK;
 }
 
-/* The first child has told the warnings already. */
+/* Drops warnings and notes: the first child has logged them. */
 static void pass_errors(void *user, enum prt_log_level level, const char *line)
 {
     if (level == PRT_LOG_ERROR) prt_log(user, level, "%s", line);
@@ -94,7 +96,7 @@ static int decode_all(const struct prt_context *ctx, void *arg, struct prt_blob 
         const int err = job->oiio
                             ? decode_with_oiio(ctx, in, &decoded[i])
                             : prt_decode_own(ctx, in->name, in->bytes, in->size, &decoded[i]);
-        if (err == PRT_UNSUPPORTED && !job->oiio) return ask_for_oiio(out);
+        if (err == PRT_UNSUPPORTED && !job->oiio) return request_oiio(out);
         if (err) return err;
     }
     return pack(decoded, job->count, out);
@@ -102,17 +104,18 @@ static int decode_all(const struct prt_context *ctx, void *arg, struct prt_blob 
 
 /* ---- the parent's side ---- */
 
-/* Takes a single image's blob over. */
+/* Checks the child's answer and makes images of it. A single image takes blob->bytes over. */
 static int unpack(const struct prt_context *ctx, const struct prt_input *input, unsigned count,
                   struct prt_blob *blob, struct prt_decoded *out)
 {
-    const size_t tail = count * sizeof(struct blob_head);
+    const size_t tail = count * sizeof(struct blob_header);
     const char *bytes = blob->bytes, *at = bytes;
     if (blob->size < tail)
-        return prt_fail(ctx, PRT_FORMAT, "%s: the decoder's answer is cut", input[0].name);
+        return prt_fail(ctx, PRT_FORMAT, "%s: the decoder's answer is too short",
+                        input[0].name);
     size_t left = blob->size - tail;
     for (unsigned i = 0; i < count; i++) {
-        struct blob_head head;
+        struct blob_header head;
         memcpy(&head, bytes + blob->size - tail + i * sizeof head, sizeof head);
         if (head.magic != BLOB_MAGIC || head.hint >= PRT_HINT_COUNT)
             return prt_fail(ctx, PRT_FORMAT, "%s: the decoder's answer is damaged",
@@ -121,7 +124,8 @@ static int unpack(const struct prt_context *ctx, const struct prt_input *input, 
         if (err) return err;
         const size_t size = pixel_bytes(head.width, head.height);
         if (size > left)
-            return prt_fail(ctx, PRT_FORMAT, "%s: the decoder's answer is cut", input[i].name);
+            return prt_fail(ctx, PRT_FORMAT, "%s: the decoder's answer is too short",
+                            input[i].name);
         if (count == 1) {
             out->image = (struct prt_image){head.width, head.height, blob->bytes};
             blob->bytes = NULL;
@@ -140,12 +144,12 @@ static int unpack(const struct prt_context *ctx, const struct prt_input *input, 
 static bool wants_oiio(const struct prt_blob *blob)
 {
     uint32_t magic = 0;
-    if (blob->size == sizeof(struct blob_head)) memcpy(&magic, blob->bytes, sizeof magic);
+    if (blob->size == sizeof(struct blob_header)) memcpy(&magic, blob->bytes, sizeof magic);
     return magic == BLOB_WANTS_OIIO;
 }
 
-int prt_decode_isolated(const struct prt_context *ctx, const struct prt_input *input,
-                        unsigned count, struct prt_decoded *out)
+static int decode_isolated(const struct prt_context *ctx, const struct prt_input *input,
+                           unsigned count, struct prt_decoded *out)
 {
     struct decode_job job = {input, count, false};
     struct prt_isolate_limits limits = {
@@ -159,7 +163,8 @@ int prt_decode_isolated(const struct prt_context *ctx, const struct prt_input *i
         blob = (struct prt_blob){0};
         job.oiio = true;
         limits.prepare = load_oiio;
-        limits.threads = true; /* it starts a pool of its own before it hears that it may not */
+        limits.threads =
+            true; /* OpenImageIO starts its thread pool before its limit on threads is set */
         err = prt_isolate(ctx, input[0].name, &limits, decode_all, &job, &blob);
     }
     if (!err) err = unpack(ctx, input, count, &blob, out);
@@ -207,8 +212,8 @@ int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t 
     return PRT_OK;
 }
 
-/* Negative and NaN become 0, infinity the image's largest finite value in that channel (a sun
- * that overflowed its format lies beside pixels that nearly did). */
+/* Negative values and NaN become 0. Infinity becomes the image's largest finite value in that
+ * channel: a sun that overflowed its format is next to pixels that nearly did. */
 static void clear_non_finite(const struct prt_context *ctx, const char *name,
                              struct prt_image *image, uint32_t *n_negative,
                              uint32_t *n_nonfinite)
@@ -239,8 +244,8 @@ static void clear_non_finite(const struct prt_context *ctx, const char *name,
         nonfinite += odd;
     }
     if (negative)
-        prt_log(ctx, PRT_LOG_WARNING, "%s: %u pixels had negative components, taken as 0", name,
-                negative);
+        prt_log(ctx, PRT_LOG_WARNING, "%s: %u pixels had negative components, which became 0",
+                name, negative);
     if (nonfinite)
         prt_log(ctx, PRT_LOG_WARNING,
                 "%s: %u pixels had NaN, infinite or components above %g; "
@@ -302,7 +307,7 @@ static int load_constant(const struct prt_context *ctx, const char *word, struct
     if (*at)
         return prt_fail(ctx, PRT_ARG,
                         "%s: expected constant or constant:R,G,B with finite "
-                        "numbers >= 0",
+                        "numbers of at least 0",
                         word);
     struct prt_env *env = env_new();
     int err = env ? prt_image_reserve(ctx, word, 64, 32, &env->latlong) : PRT_NOMEM;
@@ -322,7 +327,7 @@ static int load_inputs(const struct prt_context *ctx, const char *name,
     struct prt_decoded decoded[PRT_FACES_MAX];
     struct prt_env *env = env_new();
     if (!env) return prt_fail(ctx, PRT_NOMEM, "%s: no memory", name);
-    int err = prt_decode_isolated(ctx, input, count, decoded);
+    int err = decode_isolated(ctx, input, count, decoded);
     for (unsigned i = 0; !err && i < count; i++)
         clear_non_finite(ctx, input[i].name, &decoded[i].image, &env->n_negative,
                          &env->n_nonfinite);
@@ -387,7 +392,7 @@ int prt_image_load_memory(const struct prt_context *ctx, const char *name, const
     struct prt_decoded decoded = {0};
     const struct prt_input input = {name, bytes, n};
     memset(out, 0, sizeof *out);
-    int err = prt_decode_isolated(ctx, &input, 1, &decoded);
+    int err = decode_isolated(ctx, &input, 1, &decoded);
     if (!err) *out = decoded.image;
     return err;
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns finding the six files of a cubemap in a folder or by a pattern. */
+/* Finds the six files of a cubemap in a folder or by a pattern. */
 #include "light_private.h"
 
 #include <ctype.h>
@@ -10,7 +10,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-/* How people end the names of the faces; the front is -Z, where the camera looks. */
+/* Common endings of the faces' file names; the front is -Z, the view direction. */
 static const char *const words[6][8] = {
     {"posx", "px", "right", "rt", "+x", "xpos", "xp", NULL},
     {"negx", "nx", "left", "lf", "-x", "xneg", "xn", NULL},
@@ -40,12 +40,12 @@ static int face_of(const char *file)
     return -1;
 }
 
-static int scan(const struct prt_context *ctx, const char *shown, const char *folder,
+static int scan(const struct prt_context *ctx, const char *pattern, const char *folder,
                 const char *glob, char *paths[6])
 {
     static const char *const axes[6] = {"posx", "negx", "posy", "negy", "posz", "negz"};
     DIR *dir = opendir(folder);
-    if (!dir) return prt_fail(ctx, PRT_IO, "%s: cannot read the folder %s", shown, folder);
+    if (!dir) return prt_fail(ctx, PRT_IO, "%s: cannot read the folder %s", pattern, folder);
     int err = PRT_OK;
     for (struct dirent *e; !err && (e = readdir(dir));) {
         const int face = face_of(e->d_name);
@@ -54,10 +54,10 @@ static int scan(const struct prt_context *ctx, const char *shown, const char *fo
             err = prt_fail(ctx, PRT_FORMAT,
                            "%s: both %s and %s could be the %s face; give a "
                            "pattern such as DIR/name_*.hdr",
-                           shown, paths[face], e->d_name, axes[face]);
+                           pattern, paths[face], e->d_name, axes[face]);
         else if (asprintf(&paths[face], "%s/%s", folder, e->d_name) < 0) {
             paths[face] = NULL;
-            err = prt_fail(ctx, PRT_NOMEM, "%s: no memory", shown);
+            err = prt_fail(ctx, PRT_NOMEM, "%s: no memory", pattern);
         }
     }
     closedir(dir);
@@ -66,7 +66,7 @@ static int scan(const struct prt_context *ctx, const char *shown, const char *fo
             err = prt_fail(ctx, PRT_FORMAT,
                            "%s: no file for the %s face; names must end in %s, "
                            "%s, … as six cube faces",
-                           shown, axes[face], words[face][0], words[face][1]);
+                           pattern, axes[face], words[face][0], words[face][1]);
     return err;
 }
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Owns the layouts in which images hold an environment: which one it is, and cutting it up. */
+/* Layouts in which an image holds an environment: detection, and copying into an environment.
+ */
 #include "light_private.h"
 
 #include <math.h>
@@ -23,7 +24,7 @@ static void put_view(const struct prt_image *src, uint32_t x0, uint32_t y0, bool
         }
 }
 
-/* Where each face's cell lies, in cells: column, row. */
+/* Column and row of each face's cell, in cells. */
 static const unsigned char hcross[6][2] = {{2, 1}, {0, 1}, {1, 0}, {1, 2}, {3, 1}, {1, 1}};
 static const unsigned char vcross[6][2] = {{2, 1}, {0, 1}, {1, 0}, {1, 2}, {1, 3}, {1, 1}};
 static const unsigned char row[6][2] = {{0, 0}, {1, 0}, {2, 0}, {3, 0}, {4, 0}, {5, 0}};
@@ -50,7 +51,7 @@ static int cut_cells(const struct prt_context *ctx, const char *name,
     return err;
 }
 
-static int take_latlong(struct prt_decoded *in, struct prt_env *env)
+static int use_latlong(struct prt_decoded *in, struct prt_env *env)
 {
     env->kind = PRT_ENV_LATLONG;
     env->latlong = in->image;
@@ -58,9 +59,9 @@ static int take_latlong(struct prt_decoded *in, struct prt_env *env)
     return PRT_OK;
 }
 
-/* OpenEXR's centre is +Z: the same picture turned by half a circle (METHODS 2). */
-static int take_exr_latlong(const struct prt_context *ctx, const char *name,
-                            struct prt_decoded *in, struct prt_env *env)
+/* OpenEXR's lat-long has +Z at its centre: the image turned by half a circle (METHODS §2). */
+static int use_exr_latlong(const struct prt_context *ctx, const char *name,
+                           struct prt_decoded *in, struct prt_env *env)
 {
     struct prt_image *im = &in->image;
     const uint32_t w = im->width, half = w / 2;
@@ -73,11 +74,11 @@ static int take_exr_latlong(const struct prt_context *ctx, const char *name,
         memcpy(p, line, (size_t)w * 3 * sizeof *line);
     }
     prt_free(line);
-    return take_latlong(in, env);
+    return use_latlong(in, env);
 }
 
-static int take_gl_cube(const struct prt_context *ctx, const char *name,
-                        const struct prt_image *im, struct prt_env *env)
+static int use_gl_cube(const struct prt_context *ctx, const char *name,
+                       const struct prt_image *im, struct prt_env *env)
 {
     int err = start_cube(ctx, name, im->width, env);
     if (!err)
@@ -91,16 +92,17 @@ int prt_env_from_image(const struct prt_context *ctx, const char *name, struct p
     const struct prt_image *im = &in->image;
     const uint64_t w = im->width, h = im->height;
     const int64_t off = (int64_t)w - 2 * (int64_t)h;
-    /* an odd width or a border line does not make it another layout */
+    /* 2:1 up to an odd width or one border line */
     const bool is_latlong = off >= -2 && off <= 2;
 
     if ((in->hint == PRT_HINT_EXR_CUBE || in->hint == PRT_HINT_GL_CUBE) && h != 6 * w)
-        return prt_fail(ctx, PRT_FORMAT, "%s: a cube's six faces cannot be %llu x %llu pixels",
+        return prt_fail(ctx, PRT_FORMAT,
+                        "%s: a cube's six faces in a strip are n x 6n pixels, not %llu x %llu",
                         name, (unsigned long long)w, (unsigned long long)h);
-    if (in->hint == PRT_HINT_GL_CUBE) return take_gl_cube(ctx, name, im, env);
+    if (in->hint == PRT_HINT_GL_CUBE) return use_gl_cube(ctx, name, im, env);
     if (in->hint == PRT_HINT_EXR_LATLONG && is_latlong)
-        return take_exr_latlong(ctx, name, in, env);
-    if (is_latlong) return take_latlong(in, env);
+        return use_exr_latlong(ctx, name, in, env);
+    if (is_latlong) return use_latlong(in, env);
     if (h == 6 * w) return cut_cells(ctx, name, im, column, im->width, env);
     if (w == 6 * h) return cut_cells(ctx, name, im, row, im->height, env);
     if (w * 3 == h * 4 && w % 4 == 0)
@@ -109,7 +111,7 @@ int prt_env_from_image(const struct prt_context *ctx, const char *name, struct p
         return cut_cells(ctx, name, im, vcross, im->width / 3, env);
     return prt_fail(
         ctx, PRT_FORMAT,
-        "%s: %llu x %llu pixels are no environment: expected a "
+        "%s: %llu x %llu pixels are not an environment: expected a "
         "lat-long (2:1), a cross (4:3 or 3:4) or six faces in a strip (6:1 or 1:6)%s",
         name, (unsigned long long)w, (unsigned long long)h,
         w == h ? "; light probes (angular maps) must be converted to lat-long" : "");

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* What the sources of this room share. */
+/* Declarations shared by the sources of this room. */
 #ifndef PRT_LIGHT_PRIVATE_H
 #define PRT_LIGHT_PRIVATE_H
 
@@ -11,22 +11,19 @@
 extern "C" {
 #endif
 
-/* Lazily made companion of a cube environment: the lat-long it is rotated from. */
+/* Cache of a cube environment, filled at the first rotation: the lat-long image that rotations
+ * resample. */
 struct prt_env_cache {
     pthread_mutex_t lock;
     struct prt_image latlong;
 };
 
-/* The integral of radiance over the sphere, per channel, of either kind of environment. */
-void prt_env_power(const struct prt_env *env, double power[3]);
-
 enum { PRT_IMAGE_MAX = 16384, PRT_FACES_MAX = 6 };
 #define PRT_IMAGE_MAX_PIXELS ((uint64_t)16384 * 8192)
-#define PRT_RADIANCE_MAX                                                \
-    1e30f /* larger finite values are cut: sums over a cube stay finite \
-           */
+#define PRT_RADIANCE_MAX \
+    1e30f /* larger values are clamped, so that sums over a cube stay finite */
 
-/* What a file says about its own layout. */
+/* The layout that a file declares. */
 enum prt_layout_hint {
     PRT_HINT_NONE,        /* by aspect ratio */
     PRT_HINT_EXR_LATLONG, /* OpenEXR's envmap attribute */
@@ -38,17 +35,17 @@ enum prt_layout_hint {
 struct prt_decoded {
     struct prt_image image;
     enum prt_layout_hint hint;
-    bool is_chroma; /* an EXR that OpenEXRCore mixes up: Y RY BY or subsampled */
+    bool is_chroma; /* an EXR that OpenEXRCore decodes wrongly: Y RY BY or subsampled */
 };
 
 /* Parses untrusted bytes; call only in the isolated child (or a fuzz target). */
 int prt_decode(const struct prt_context *ctx, const char *name, const void *bytes, size_t n,
                struct prt_decoded *out);
-/* The same without OpenImageIO: PRT_UNSUPPORTED without a log line where only it may read it.
- */
+/* As prt_decode without OpenImageIO: PRT_UNSUPPORTED without a log line for a file that only
+ * OpenImageIO can read. */
 int prt_decode_own(const struct prt_context *ctx, const char *name, const void *bytes, size_t n,
                    struct prt_decoded *out);
-/* Loads OpenImageIO, which the isolated child cannot do once it is confined. */
+/* Loads OpenImageIO; call it before the child is confined, which cannot open files. */
 void prt_oiio_open(void);
 /* The parsers behind it. */
 bool prt_is_hdr(const uint8_t *bytes, size_t n);
@@ -56,24 +53,25 @@ bool prt_is_exr(const uint8_t *bytes, size_t n);
 bool prt_is_dds(const uint8_t *bytes, size_t n);
 int prt_decode_hdr(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                    size_t n, struct prt_image *out);
-/* PRT_UNSUPPORTED without a log line: OpenEXRCore cannot, OpenImageIO may (DWA). */
+/* PRT_UNSUPPORTED without a log line for files left to OpenImageIO (DWA, chroma). */
 int prt_decode_exr(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                    size_t n, struct prt_decoded *out);
 int prt_decode_dds(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                    size_t n, struct prt_decoded *out);
-/* PRT_UNSUPPORTED without a log line: not a plain one, OpenImageIO may. */
+/* Both return PRT_UNSUPPORTED without a log line for files left to OpenImageIO. */
 int prt_decode_png(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                    size_t n, struct prt_image *out);
 int prt_decode_jpeg(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                     size_t n, struct prt_image *out);
 int prt_decode_oiio(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                     size_t n, bool is_chroma, struct prt_image *out);
-/* What the reserved pixels have room for behind them: the header of the child's answer. */
+/* Bytes that prt_image_reserve allocates behind the pixels, for the header of the child's
+ * answer. */
 enum { PRT_IMAGE_TAIL = 16 };
-/* Whether an image of so many pixels is within the limits; logs and returns the status. */
+/* PRT_OK for an image size within the limits, else a logged PRT_FORMAT or PRT_LIMIT. */
 int prt_image_check(const struct prt_context *ctx, const char *name, uint64_t width,
                     uint64_t height);
-/* The same, and allocates. */
+/* As prt_image_check, and allocates out->rgb (prt_free). */
 int prt_image_reserve(const struct prt_context *ctx, const char *name, uint64_t width,
                       uint64_t height, struct prt_image *out);
 /* 8-bit style sRGB value in [0,1] to linear. */
@@ -84,11 +82,9 @@ struct prt_input {
     const void *bytes;
     size_t size;
 };
-/* Decodes 1 … 6 files in one child and validates what it handed back. */
-int prt_decode_isolated(const struct prt_context *ctx, const struct prt_input *input,
-                        unsigned count, struct prt_decoded *out);
 
-/* Turns an image into an environment by its hint or aspect ratio; takes image->rgb over. */
+/* Turns an image into an environment by its hint or aspect ratio. A lat-long environment takes
+ * in->image over. */
 int prt_env_from_image(const struct prt_context *ctx, const char *name, struct prt_decoded *in,
                        struct prt_env *env);
 /* Six square camera views +X -X +Y -Y +Z -Z. */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* The C face of libprt_oiio.so, which is dlopen()ed in the decoding child only. */
+/* C interface of libprt_oiio.so, which the decoding child opens with dlopen. */
 #ifndef PRT_OIIO_ABI_H
 #define PRT_OIIO_ABI_H
 
@@ -16,7 +16,7 @@ struct prt_oiio_image {
     int is_srgb; /* integer pixels in [0,1], still to be linearised */
     char error[256];
 };
-/* Called with the declared size before anything is allocated; non-zero refuses. */
+/* Called with the declared size before any allocation; a non-zero result refuses the image. */
 typedef int (*prt_oiio_size_fn)(void *user, uint64_t width, uint64_t height);
 /* is_chroma: an EXR with Y RY BY or subsampled channels. 0 or -1 with image->error set. */
 int prt_oiio_decode(const char *name, const void *bytes, size_t n, int is_chroma,

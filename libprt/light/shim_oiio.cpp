@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Owns the only C++ of this room: OpenImageIO behind extern "C", built as libprt_oiio.so; and
-// OpenEXR's own reader of luminance-chroma files, which OpenImageIO refuses.
+// OpenImageIO behind extern "C", built as libprt_oiio.so, and OpenEXR's own reader for
+// luminance-chroma files, which OpenImageIO refuses.
 #include "oiio_abi.h"
 
 #include <ImfIO.h>
@@ -18,10 +18,10 @@
 namespace
 {
 
-int fail(prt_oiio_image *image, const std::string &why)
+int fail(prt_oiio_image *image, const std::string &reason)
 {
     std::snprintf(image->error, sizeof image->error, "%s",
-                  why.empty() ? "not an image of a known format" : why.c_str());
+                  reason.empty() ? "not an image of a known format" : reason.c_str());
     return -1;
 }
 
@@ -94,15 +94,15 @@ int decode(const char *name, const void *bytes, size_t n, prt_oiio_size_fn allow
     OIIO::attribute("limits:channels", 1024);
     OIIO::Filesystem::IOMemReader memory(const_cast<void *>(bytes), n);
     OIIO::ImageSpec config;
-    void *proxy = &memory; // the EXR reader looks here, the others at open's argument
+    void *proxy = &memory; // the EXR reader takes the proxy from here, the others from open()
     config.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
     config.attribute("oiio:UnassociatedAlpha", 1);
     auto input = OIIO::ImageInput::open(name, &config, &memory);
     if (!input) return fail(image, OIIO::geterror());
     const OIIO::ImageSpec spec = input->spec();
     if (spec.width <= 0 || spec.height <= 0 || spec.depth > 1 || spec.nchannels < 1)
-        return fail(image, "no flat image");
-    if (spec.deep) return fail(image, "deep images are not supported, flatten it first");
+        return fail(image, "not a flat image (depth or channel count)");
+    if (spec.deep) return fail(image, "deep images are not supported; flatten it first");
     if (allow(user, uint64_t(spec.width), uint64_t(spec.height)))
         return fail(image, "the image is above the size limit");
     int first = 0;

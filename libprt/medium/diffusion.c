@@ -39,7 +39,7 @@ static double pole_rd(double sigma, double z, double r)
 
 double prt_diffusion_rd(const struct prt_diffusion *dipole, double r_mm)
 {
-    if (dipole->n_point) return material_table_rd(dipole, r_mm);
+    if (dipole->n_point) return prt_material_table_rd(dipole, r_mm);
     return dipole->albedo_prime / (4 * M_PI) *
            (pole_rd(dipole->sigma_tr, dipole->z_r, r_mm) +
             pole_rd(dipole->sigma_tr, dipole->z_v, r_mm));
@@ -47,7 +47,7 @@ double prt_diffusion_rd(const struct prt_diffusion *dipole, double r_mm)
 
 double prt_diffusion_tail(const struct prt_diffusion *dipole, double r_mm)
 {
-    if (dipole->n_point) return material_table_tail(dipole, r_mm);
+    if (dipole->n_point) return prt_material_table_tail(dipole, r_mm);
     double d_r = hypot(r_mm, dipole->z_r), d_v = hypot(r_mm, dipole->z_v);
     return dipole->albedo_prime / 2 *
            (dipole->z_r * exp(-dipole->sigma_tr * d_r) / d_r +

@@ -194,7 +194,7 @@ void prt_diffusion_rd_array(const struct prt_diffusion *dipole, unsigned cpu, si
 {
     struct pole pole[2];
     if (dipole->n_point) {
-        material_table_array(dipole, n, r2_mm2, out);
+        prt_material_table_array(dipole, n, r2_mm2, out);
         return;
     }
     poles_init(dipole, pole);

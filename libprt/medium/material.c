@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Materials: the measured presets, the ranges every parameter must keep, and names.
 #include "material.h"
-#include "prt/profile.h"
+#include "profile.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -35,8 +35,8 @@ const struct prt_material *prt_material_preset(unsigned index)
     return index < N_PRESET ? &presets[index] : NULL;
 }
 
-int material_range(const struct prt_context *ctx, const char *what, const char *parameter,
-                   int channel, double value, double lo, double hi, const char *unit)
+int prt_material_range(const struct prt_context *ctx, const char *what, const char *parameter,
+                       int channel, double value, double lo, double hi, const char *unit)
 {
     if (value >= lo && value <= hi) return PRT_OK; /* NaN falls through */
     char index[16] = "";
@@ -45,30 +45,30 @@ int material_range(const struct prt_context *ctx, const char *what, const char *
                     index, value, lo, hi, unit[0] ? " " : "", unit);
 }
 
-int material_check_values(const struct prt_context *ctx, const char *what,
-                          const struct material_values *v)
+int prt_material_check_values(const struct prt_context *ctx, const char *what,
+                              const struct material_values *v)
 {
     int err;
     for (int c = 0; c < 3; c++) {
-        if ((err = material_range(ctx, what, "sigma_s_prime", c, v->sigma_s_prime[c],
-                                  MATERIAL_MIN_SIGMA_S, MATERIAL_MAX_SIGMA, "mm^-1")) < 0 ||
-            (err = material_range(ctx, what, "sigma_a", c, v->sigma_a[c], 0, MATERIAL_MAX_SIGMA,
-                                  "mm^-1")) < 0 ||
-            (err = material_range(ctx, what, "g", c, v->g[c], -MATERIAL_MAX_G, MATERIAL_MAX_G,
-                                  "(mean cosine, no unit)")) < 0)
+        if ((err = prt_material_range(ctx, what, "sigma_s_prime", c, v->sigma_s_prime[c],
+                                      MATERIAL_MIN_SIGMA_S, MATERIAL_MAX_SIGMA, "mm^-1")) < 0 ||
+            (err = prt_material_range(ctx, what, "sigma_a", c, v->sigma_a[c], 0,
+                                      MATERIAL_MAX_SIGMA, "mm^-1")) < 0 ||
+            (err = prt_material_range(ctx, what, "g", c, v->g[c], -MATERIAL_MAX_G,
+                                      MATERIAL_MAX_G, "(mean cosine, no unit)")) < 0)
             return err;
         /* Single scattering steps by the unreduced mean free path. */
         double sigma_t = v->sigma_a[c] + v->sigma_s_prime[c] / (1 - v->g[c]);
-        if ((err = material_range(ctx, what,
-                                  "extinction sigma_a + sigma_s_prime/(1-g) of channel", c,
-                                  sigma_t, 0, MATERIAL_MAX_SIGMA_T, "mm^-1")) < 0)
+        if ((err = prt_material_range(ctx, what,
+                                      "extinction sigma_a + sigma_s_prime/(1-g) of channel", c,
+                                      sigma_t, 0, MATERIAL_MAX_SIGMA_T, "mm^-1")) < 0)
             return err;
     }
-    if ((err = material_range(ctx, what, "eta", -1, v->eta, 1, 3,
-                              "(relative refractive index, no unit)")) < 0)
+    if ((err = prt_material_range(ctx, what, "eta", -1, v->eta, 1, 3,
+                                  "(relative refractive index, no unit)")) < 0)
         return err;
-    return material_range(ctx, what, "roughness", -1, v->roughness, MATERIAL_MIN_ROUGHNESS, 1,
-                          "(no unit)");
+    return prt_material_range(ctx, what, "roughness", -1, v->roughness, MATERIAL_MIN_ROUGHNESS,
+                              1, "(no unit)");
 }
 
 int prt_material_check(const struct prt_context *ctx, const struct prt_material *material)
@@ -82,8 +82,9 @@ int prt_material_check(const struct prt_context *ctx, const struct prt_material 
         v.sigma_a[c] = material->sigma_a[c];
         v.g[c] = material->g[c];
     }
-    int err = material_check_values(ctx, material->name[0] ? material->name : "material", &v);
-    return err < 0 ? err : material_check_profile(ctx, material);
+    int err =
+        prt_material_check_values(ctx, material->name[0] ? material->name : "material", &v);
+    return err < 0 ? err : prt_material_check_profile(ctx, material);
 }
 
 static void preset_names(char *buf, size_t n)

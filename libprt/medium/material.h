@@ -21,35 +21,35 @@ struct material_values {
 };
 
 /* PRT_ARG and a line with parameter, value, range and unit unless lo <= value <= hi. */
-int material_range(const struct prt_context *ctx, const char *what, const char *parameter,
-                   int channel, double value, double lo, double hi, const char *unit);
-int material_check_values(const struct prt_context *ctx, const char *what,
-                          const struct material_values *v);
+int prt_material_range(const struct prt_context *ctx, const char *what, const char *parameter,
+                       int channel, double value, double lo, double hi, const char *unit);
+int prt_material_check_values(const struct prt_context *ctx, const char *what,
+                              const struct material_values *v);
 
 /* R_d of a dipole that has a profile: at r, its integral beyond r, at sqrt(r2[i]). */
-double material_table_rd(const struct prt_diffusion *dipole, double r_mm);
-double material_table_tail(const struct prt_diffusion *dipole, double r_mm);
-void material_table_array(const struct prt_diffusion *dipole, size_t n, const float *r2_mm2,
-                          float *out);
+double prt_material_table_rd(const struct prt_diffusion *dipole, double r_mm);
+double prt_material_table_tail(const struct prt_diffusion *dipole, double r_mm);
+void prt_material_table_array(const struct prt_diffusion *dipole, size_t n, const float *r2_mm2,
+                              float *out);
 /* optics->channel as optics->material's profile; logs when its points are too few for it. */
 struct prt_optics;
-int material_from_optics(const struct prt_context *ctx, const char *what,
-                         struct prt_optics *optics);
-int material_check_profile(const struct prt_context *ctx, const struct prt_material *m);
+int prt_material_from_optics(const struct prt_context *ctx, const char *what,
+                             struct prt_optics *optics);
+int prt_material_check_profile(const struct prt_context *ctx, const struct prt_material *m);
 
 /* Parses one JSON object of at most MATERIAL_MAX_BYTES; no trailing bytes. Caller deletes. */
-int material_json_object(const struct prt_context *ctx, const char *what, const char *json,
-                         size_t n, cJSON **out);
+int prt_material_json_object(const struct prt_context *ctx, const char *what, const char *json,
+                             size_t n, cJSON **out);
 /* PRT_FORMAT for keys not in `allowed` (NULL-terminated, listed in the message) or repeated. */
-int material_json_keys(const struct prt_context *ctx, const char *what, const cJSON *object,
-                       const char *const *allowed);
+int prt_material_json_keys(const struct prt_context *ctx, const char *what, const cJSON *object,
+                           const char *const *allowed);
 /* Reads [r,g,b], or one number for all three when `scalar`. Absent: PRT_FORMAT if `required`,
  * else out is left as it is. */
-int material_json_rgb(const struct prt_context *ctx, const char *what, const cJSON *object,
-                      const char *key, bool scalar, bool required, double out[3]);
-int material_json_number(const struct prt_context *ctx, const char *what, const cJSON *object,
-                         const char *key, double *out);
-int material_json_name(const struct prt_context *ctx, const char *what, const cJSON *object,
-                       char out[32]);
+int prt_material_json_rgb(const struct prt_context *ctx, const char *what, const cJSON *object,
+                          const char *key, bool scalar, bool required, double out[3]);
+int prt_material_json_number(const struct prt_context *ctx, const char *what,
+                             const cJSON *object, const char *key, double *out);
+int prt_material_json_name(const struct prt_context *ctx, const char *what, const cJSON *object,
+                           char out[32]);
 
 #endif

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: MIT
 // Material JSON, read strictly: a misspelt key is an error, not a default.
 #include "material.h"
-#include "prt/profile.h"
+#include "profile.h"
 
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 
-int material_json_object(const struct prt_context *ctx, const char *what, const char *json,
-                         size_t n, cJSON **out)
+int prt_material_json_object(const struct prt_context *ctx, const char *what, const char *json,
+                             size_t n, cJSON **out)
 {
     if (n > MATERIAL_MAX_BYTES)
         return prt_fail(ctx, PRT_LIMIT, "%s: material of %zu bytes, at most %d are read", what,
@@ -38,8 +37,8 @@ static bool key_allowed(const char *key, const char *const *allowed)
     return false;
 }
 
-int material_json_keys(const struct prt_context *ctx, const char *what, const cJSON *object,
-                       const char *const *allowed)
+int prt_material_json_keys(const struct prt_context *ctx, const char *what, const cJSON *object,
+                           const char *const *allowed)
 {
     for (const cJSON *item = object->child; item; item = item->next) {
         if (!key_allowed(item->string, allowed)) {
@@ -59,8 +58,8 @@ int material_json_keys(const struct prt_context *ctx, const char *what, const cJ
     return PRT_OK;
 }
 
-int material_json_rgb(const struct prt_context *ctx, const char *what, const cJSON *object,
-                      const char *key, bool scalar, bool required, double out[3])
+int prt_material_json_rgb(const struct prt_context *ctx, const char *what, const cJSON *object,
+                          const char *key, bool scalar, bool required, double out[3])
 {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
     if (!item) {
@@ -81,8 +80,8 @@ int material_json_rgb(const struct prt_context *ctx, const char *what, const cJS
                     scalar ? "a number or " : "");
 }
 
-int material_json_number(const struct prt_context *ctx, const char *what, const cJSON *object,
-                         const char *key, double *out)
+int prt_material_json_number(const struct prt_context *ctx, const char *what,
+                             const cJSON *object, const char *key, double *out)
 {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
     if (!item) return PRT_OK;
@@ -92,8 +91,8 @@ int material_json_number(const struct prt_context *ctx, const char *what, const 
     return PRT_OK;
 }
 
-int material_json_name(const struct prt_context *ctx, const char *what, const cJSON *object,
-                       char out[32])
+int prt_material_json_name(const struct prt_context *ctx, const char *what, const cJSON *object,
+                           char out[32])
 {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, "name");
     if (!item) return PRT_OK;
@@ -115,15 +114,16 @@ static int object_to_material(const struct prt_context *ctx, const char *what,
     struct material_values v = {.eta = 1.3, .roughness = 0.3};
     struct prt_material material = {.name = "custom"};
     int err;
-    if ((err = material_json_keys(ctx, what, object, keys)) < 0 ||
-        (err = material_json_name(ctx, what, object, material.name)) < 0 ||
-        (err = material_json_rgb(ctx, what, object, "sigma_s_prime", false, true,
-                                 v.sigma_s_prime)) < 0 ||
-        (err = material_json_rgb(ctx, what, object, "sigma_a", false, true, v.sigma_a)) < 0 ||
-        (err = material_json_rgb(ctx, what, object, "g", true, false, v.g)) < 0 ||
-        (err = material_json_number(ctx, what, object, "eta", &v.eta)) < 0 ||
-        (err = material_json_number(ctx, what, object, "roughness", &v.roughness)) < 0 ||
-        (err = material_check_values(ctx, what, &v)) < 0)
+    if ((err = prt_material_json_keys(ctx, what, object, keys)) < 0 ||
+        (err = prt_material_json_name(ctx, what, object, material.name)) < 0 ||
+        (err = prt_material_json_rgb(ctx, what, object, "sigma_s_prime", false, true,
+                                     v.sigma_s_prime)) < 0 ||
+        (err = prt_material_json_rgb(ctx, what, object, "sigma_a", false, true, v.sigma_a)) <
+            0 ||
+        (err = prt_material_json_rgb(ctx, what, object, "g", true, false, v.g)) < 0 ||
+        (err = prt_material_json_number(ctx, what, object, "eta", &v.eta)) < 0 ||
+        (err = prt_material_json_number(ctx, what, object, "roughness", &v.roughness)) < 0 ||
+        (err = prt_material_check_values(ctx, what, &v)) < 0)
         return err;
     for (int c = 0; c < 3; c++) {
         material.sigma_s_prime[c] = (float)v.sigma_s_prime[c];
@@ -141,7 +141,7 @@ int prt_material_parse(const struct prt_context *ctx, const char *what, const ch
 {
     cJSON *object;
     struct prt_optics optics;
-    int err = material_json_object(ctx, what, json, n, &object);
+    int err = prt_material_json_object(ctx, what, json, n, &object);
     if (err < 0) return err;
     bool profile = cJSON_GetObjectItemCaseSensitive(object, "profile") != NULL;
     if (!profile) err = object_to_material(ctx, what, object, out);
@@ -150,104 +150,4 @@ int prt_material_parse(const struct prt_context *ctx, const char *what, const ch
     *out = optics.material;
     prt_optics_finish(&optics);
     return PRT_OK;
-}
-
-static void escape_name(const char name[32], char out[64])
-{
-    size_t k = 0;
-    for (size_t i = 0; i < 31 && name[i]; i++) {
-        if (name[i] == '"' || name[i] == '\\') out[k++] = '\\';
-        out[k++] = name[i];
-    }
-    out[k] = 0;
-}
-
-/* The shortest digits that read back as the same float. */
-static const char *shortest(float x, char buf[24])
-{
-    for (int digits = 1; digits <= 9; digits++) {
-        snprintf(buf, 24, "%.*g", digits, x);
-        if (strtof(buf, NULL) == x) break;
-    }
-    return buf;
-}
-
-/* snprintf to the end of a text that may be cut. */
-struct text {
-    char *buf;
-    size_t n, used;
-};
-
-static void __attribute__((format(printf, 2, 3))) put(struct text *t, const char *fmt, ...)
-{
-    va_list args;
-    va_start(args, fmt);
-    bool room = t->used < t->n;
-    int k = vsnprintf(room ? t->buf + t->used : NULL, room ? t->n - t->used : 0, fmt, args);
-    va_end(args);
-    t->used += k > 0 ? (size_t)k : 0;
-}
-
-static void put_numbers(struct text *t, unsigned n, const float *x)
-{
-    char digits[24];
-    for (unsigned i = 0; i < n; i++) put(t, "%s%s", i ? "," : "[", shortest(x[i], digits));
-    put(t, "]");
-}
-
-static void put_end(struct text *t, const struct prt_material *m)
-{
-    char digits[2][24];
-    put(t, ",\"eta\":%s,\"roughness\":%s}", shortest(m->eta, digits[0]),
-        shortest(m->roughness, digits[1]));
-}
-
-int prt_material_print(const struct prt_material *material, char *buf, size_t n)
-{
-    struct text t = {buf, n, 0};
-    char name[64];
-    escape_name(material->name, name);
-    put(&t, "{\"name\":\"%s\"", name);
-    if (material->profile) {
-        put(&t, ",\"profile\":\"curve\",\"radius\":");
-        put_numbers(&t, material->n_point, material->radius);
-        for (int c = 0; c < 3; c++) {
-            put(&t, c ? "," : ",\"rd\":[");
-            put_numbers(&t, material->n_point, material->reflectance[c]);
-        }
-        put(&t, "]");
-    } else {
-        put(&t, ",\"sigma_s_prime\":");
-        put_numbers(&t, 3, material->sigma_s_prime);
-        put(&t, ",\"sigma_a\":");
-        put_numbers(&t, 3, material->sigma_a);
-        put(&t, ",\"g\":");
-        put_numbers(&t, 3, material->g);
-    }
-    put_end(&t, material);
-    return (int)t.used;
-}
-
-int prt_material_summary(const struct prt_material *material, char *buf, size_t n)
-{
-    static const char *const kind[] = {"dipole", "burley", "multipole", "curve"};
-    struct text t = {buf, n, 0};
-    struct prt_diffusion d[3];
-    char name[64];
-    if (!material->profile) return prt_material_print(material, buf, n);
-    escape_name(material->name, name);
-    prt_material_dipoles(material, d);
-    const float total[3] = {(float)d[0].rho_d, (float)d[1].rho_d, (float)d[2].rho_d};
-    put(&t, "{\"name\":\"%s\",\"profile\":\"%s\",\"points\":%u,\"radius_mm\":[%.4g,%.4g],",
-        name, kind[material->profile & 3], material->n_point, (double)material->radius[0],
-        (double)material->radius[material->n_point - 1]);
-    put(&t, "\"reflectance\":");
-    put_numbers(&t, 3, total);
-    put(&t, ",\"nearest_dipole\":{\"sigma_s_prime\":");
-    put_numbers(&t, 3, material->sigma_s_prime);
-    put(&t, ",\"sigma_a\":");
-    put_numbers(&t, 3, material->sigma_a);
-    put(&t, "}");
-    put_end(&t, material);
-    return (int)t.used;
 }

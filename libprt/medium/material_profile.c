@@ -2,7 +2,7 @@
 // A material's own R_d as a table that travels with it: made of any profile, checked,
 // evaluated.
 #include "material.h"
-#include "prt/profile.h"
+#include "profile.h"
 
 #include <math.h>
 
@@ -18,7 +18,7 @@ void prt_material_dipoles(const struct prt_material *m, struct prt_diffusion out
         out[c].n_point = m->n_point;
         out[c].radius = m->radius;
         out[c].reflectance = m->reflectance[c];
-        out[c].rho_d = material_table_tail(&out[c], 0);
+        out[c].rho_d = prt_material_table_tail(&out[c], 0);
     }
 }
 
@@ -39,39 +39,38 @@ static inline float table_at(const float *radius, const float *value, uint32_t n
     return value[i] + (r - radius[i]) / (radius[i + 1] - radius[i]) * (value[i + 1] - value[i]);
 }
 
-double material_table_rd(const struct prt_diffusion *d, double r_mm)
+double prt_material_table_rd(const struct prt_diffusion *d, double r_mm)
 {
     return (double)table_at(d->radius, d->reflectance, d->n_point, (float)r_mm);
 }
 
-void material_table_array(const struct prt_diffusion *d, size_t n, const float *r2, float *out)
+void prt_material_table_array(const struct prt_diffusion *d, size_t n, const float *r2,
+                              float *out)
 {
     for (size_t i = 0; i < n; i++)
         out[i] = table_at(d->radius, d->reflectance, d->n_point, sqrtf(r2[i]));
 }
 
-/* integral of 2 pi r (line through (a,fa),(b,fb)) from a to b */
-static double line_integral(double a, double fa, double b, double fb)
-{
-    return M_PI / 3 * (b - a) * (fa * (2 * a + b) + fb * (a + 2 * b));
-}
-
-double material_table_tail(const struct prt_diffusion *d, double r_mm)
+double prt_material_table_tail(const struct prt_diffusion *d, double r_mm)
 {
     const float *r = d->radius, *f = d->reflectance;
-    double sum = r_mm < (double)r[0] ? line_integral(r_mm, f[0], r[0], f[0]) : 0;
+    double sum = r_mm < (double)r[0] ? prt_line_integral(r_mm, f[0], r[0], f[0]) : 0;
     for (uint32_t i = 0; i + 1 < d->n_point; i++)
-        if (r_mm <= (double)r[i]) sum += line_integral(r[i], f[i], r[i + 1], f[i + 1]);
+        if (r_mm <= (double)r[i]) sum += prt_line_integral(r[i], f[i], r[i + 1], f[i + 1]);
         else if (r_mm < (double)r[i + 1])
-            sum += line_integral(r_mm, material_table_rd(d, r_mm), r[i + 1], f[i + 1]);
+            sum += prt_line_integral(r_mm, prt_material_table_rd(d, r_mm), r[i + 1], f[i + 1]);
     return sum;
 }
 
-int material_check_profile(const struct prt_context *ctx, const struct prt_material *m)
+int prt_material_check_profile(const struct prt_context *ctx, const struct prt_material *m)
 {
     const char *what = m->name[0] ? m->name : "material";
-    if (m->profile > PRT_PROFILE_CURVE || (!m->profile && m->n_point))
-        return prt_fail(ctx, PRT_ARG, "%s: unknown profile %u", what, m->profile);
+    if (!prt_profile_type(m->profile))
+        return prt_fail(ctx, PRT_ARG, "%s: unknown profile kind %u, allowed range 0 to %d",
+                        what, m->profile, PRT_PROFILE_N_KIND - 1);
+    if (!m->profile && m->n_point)
+        return prt_fail(ctx, PRT_ARG, "%s: %u profile points, but a dipole has none", what,
+                        m->n_point);
     if (!m->profile) return PRT_OK;
     if (m->n_point < 2 || m->n_point > PRT_MATERIAL_MAX_POINT)
         return prt_fail(ctx, PRT_ARG, "%s: a profile of %u points, allowed range 2 to %d", what,
@@ -144,7 +143,7 @@ static double last_radius(const struct prt_profile *p)
 static int dense_of(const struct prt_optics *o, struct dense *d)
 {
     const struct prt_profile *p = o->channel;
-    if (o->kind == PRT_PROFILE_CURVE) { /* all channels on the user's own radii */
+    if (prt_profile_type(o->kind)->is_points) { /* all channels on the user's own radii */
         int err = dense_create(d, p[0].n);
         for (uint32_t i = 0; !err && i < d->n; i++) {
             d->r[i] = p[0].r[i];
@@ -210,7 +209,7 @@ static double table_error(const struct prt_optics *o, const struct dense *d)
         double error = 0;
         for (uint32_t i = 0; i + 1 < d->n; i++) {
             double r = (d->r[i] + d->r[i + 1]) / 2, f = prt_profile_rd(&o->channel[c], r);
-            error += fabs(f - material_table_rd(&table[c], r)) * 2 * M_PI * r *
+            error += fabs(f - prt_material_table_rd(&table[c], r)) * 2 * M_PI * r *
                      (d->r[i + 1] - d->r[i]);
         }
         worst = fmax(worst, error / o->channel[c].total);
@@ -218,7 +217,8 @@ static double table_error(const struct prt_optics *o, const struct dense *d)
     return worst;
 }
 
-int material_from_optics(const struct prt_context *ctx, const char *what, struct prt_optics *o)
+int prt_material_from_optics(const struct prt_context *ctx, const char *what,
+                             struct prt_optics *o)
 {
     struct prt_material *m = &o->material;
     struct dense d = {0};
@@ -239,7 +239,7 @@ int material_from_optics(const struct prt_context *ctx, const char *what, struct
         err = prt_fail(ctx, PRT_ARG, "%s: the curve's radii are too close together", what);
     struct prt_diffusion table[3];
     if (err == PRT_OK) prt_material_dipoles(m, table);
-    bool exact = o->kind == PRT_PROFILE_CURVE && d.n <= PRT_MATERIAL_MAX_POINT;
+    bool exact = prt_profile_type(o->kind)->is_points && d.n <= PRT_MATERIAL_MAX_POINT;
     for (int c = 0; err == PRT_OK && !exact && c < 3; c++) /* lines keep the integral */
         for (uint32_t i = 0; i < m->n_point; i++)
             m->reflectance[c][i] *= (float)(o->channel[c].total / table[c].rho_d);

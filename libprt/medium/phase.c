@@ -47,41 +47,6 @@ double prt_hg_eval(double g, double cos_scatter)
     return (1 - g * g) / (4 * M_PI * d * sqrt(d));
 }
 
-/* a_l += 2 pi integral over [c0,c1] of the line through (c0,p0),(c1,p1) times P_l: the product
- * has degree 4, which three Gauss points integrate exactly. */
-static void add_segment(double c0, double p0, double c1, double p1, double a[PRT_PHASE_MAX_L])
-{
-    static const double x[3] = {-0.7745966692414834, 0, 0.7745966692414834};
-    static const double w[3] = {5 / 18.0, 8 / 18.0, 5 / 18.0};
-    for (int k = 0; k < 3; k++) {
-        double t = 0.5 + 0.5 * x[k], p[PRT_PHASE_MAX_L];
-        legendre(c0 + (c1 - c0) * t, p);
-        for (unsigned l = 0; l < PRT_PHASE_MAX_L; l++)
-            a[l] += 2 * M_PI * w[k] * (c1 - c0) * (p0 + (p1 - p0) * t) * p[l];
-    }
-}
-
-int prt_phase_tabulated(struct prt_phase *phase, unsigned n, const double *cosine,
-                        const double *p, unsigned n_term)
-{
-    struct prt_phase result = {0};
-    if (n < 2 || degree_of_terms(n_term, &result.degree)) return PRT_ARG;
-    for (unsigned i = 0; i < n; i++) {
-        if (!(p[i] >= 0) || !isfinite(p[i]) || !(cosine[i] >= -1 && cosine[i] <= 1))
-            return PRT_ARG;
-        if (i && !(cosine[i] > cosine[i - 1])) return PRT_ARG;
-    }
-    double a[PRT_PHASE_MAX_L] = {0};
-    add_segment(-1, p[0], cosine[0], p[0], a);
-    for (unsigned i = 0; i + 1 < n; i++)
-        add_segment(cosine[i], p[i], cosine[i + 1], p[i + 1], a);
-    add_segment(cosine[n - 1], p[n - 1], 1, p[n - 1], a);
-    if (!(a[0] > 0) || !isfinite(a[0])) return PRT_ARG;
-    for (unsigned l = 0; l <= result.degree; l++) result.a[l] = a[l] / a[0];
-    *phase = result;
-    return PRT_OK;
-}
-
 void prt_sh_eval(unsigned n_band, const float dir[3], float *out)
 {
     const float x = dir[0], y = dir[1], z = dir[2];

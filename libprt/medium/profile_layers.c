@@ -6,6 +6,7 @@
 #include "profile.h"
 
 #include <math.h>
+#include <stdio.h>
 
 struct slab {
     double sigma_tr2, albedo, depth, l; /* l = 1/sigma_t' */
@@ -101,7 +102,7 @@ static int layers_table(struct prt_profile *profile, unsigned n, const struct sl
     struct slab top = slab[0];
     top.depth = INFINITY;
     double *k = prt_alloc(N_FREQUENCY, sizeof *k), *g = prt_alloc(N_FREQUENCY, sizeof *g);
-    int err = k && g ? profile_table(profile, N_RADIUS) : PRT_NOMEM;
+    int err = k && g ? prt_profile_table_alloc(profile, N_RADIUS) : PRT_NOMEM;
     if (err == PRT_OK) {
         /* the difference falls at least as e^(-2 k (depth - l/2)) */
         const double k_lo = 1e-4, k_hi = 60 / slab[0].depth, r_lo = 0.01 * slab[0].l;
@@ -119,7 +120,7 @@ static int layers_table(struct prt_profile *profile, unsigned n, const struct sl
             profile->r[i] = i ? r_lo * pow(r_hi / r_lo, (i - 1) / (N_RADIUS - 2.0)) : 0;
             profile->rd[i] = inverse_transform(N_FREQUENCY, k, g, profile->r[i]);
         }
-        profile_table_integrate(profile);
+        prt_profile_table_integrate(profile);
         /* Beyond the last radius the sum falls as r^-3 at the slowest, and without absorption
          * the table must cancel the dipole's own slow tail there. g(0) is the exact integral:
          * what linear interpolation misses of it (1e-4) is spread alike. */
@@ -143,15 +144,15 @@ static int check_layer(const struct prt_context *ctx, unsigned i, unsigned n,
     char what[32];
     snprintf(what, sizeof what, "layer %u", i);
     int err;
-    if ((err = material_range(ctx, what, "sigma_s_prime", -1, layer->sigma_s_prime,
-                              MATERIAL_MIN_SIGMA_S, MATERIAL_MAX_SIGMA, "mm^-1")) < 0 ||
-        (err = material_range(ctx, what, "sigma_a", -1, layer->sigma_a, 0, MATERIAL_MAX_SIGMA,
-                              "mm^-1")) < 0)
+    if ((err = prt_material_range(ctx, what, "sigma_s_prime", -1, layer->sigma_s_prime,
+                                  MATERIAL_MIN_SIGMA_S, MATERIAL_MAX_SIGMA, "mm^-1")) < 0 ||
+        (err = prt_material_range(ctx, what, "sigma_a", -1, layer->sigma_a, 0,
+                                  MATERIAL_MAX_SIGMA, "mm^-1")) < 0)
         return err;
     if (i + 1 == n && isinf(layer->thickness_mm) && layer->thickness_mm > 0) return PRT_OK;
     /* the diffusion approximation puts the source one mean free path deep */
-    return material_range(ctx, what, "thickness", -1, layer->thickness_mm,
-                          1 / (layer->sigma_s_prime + layer->sigma_a), 1e4, "mm");
+    return prt_material_range(ctx, what, "thickness", -1, layer->thickness_mm,
+                              1 / (layer->sigma_s_prime + layer->sigma_a), 1e4, "mm");
 }
 
 int prt_profile_init_multipole(const struct prt_context *ctx, struct prt_profile *profile,
@@ -163,8 +164,8 @@ int prt_profile_init_multipole(const struct prt_context *ctx, struct prt_profile
     if (n_layer < 1 || n_layer > PRT_PROFILE_MAX_LAYER)
         return prt_fail(ctx, PRT_ARG, "multipole: %u layers, allowed range 1 to %d", n_layer,
                         PRT_PROFILE_MAX_LAYER);
-    if ((err = material_range(ctx, "multipole", "eta", -1, eta, 1, 3,
-                              "(relative refractive index, no unit)")) < 0)
+    if ((err = prt_material_range(ctx, "multipole", "eta", -1, eta, 1, 3,
+                                  "(relative refractive index, no unit)")) < 0)
         return err;
     for (unsigned i = 0; i < n_layer; i++)
         if ((err = check_layer(ctx, i, n_layer, &layer[i])) < 0) return err;
@@ -178,3 +179,66 @@ int prt_profile_init_multipole(const struct prt_context *ctx, struct prt_profile
     *profile = p;
     return PRT_OK;
 }
+
+static double multipole_rd(const struct prt_profile *profile, double r)
+{
+    return fmax(0, prt_diffusion_rd(&profile->dipole, r) + prt_profile_table_rd(profile, r));
+}
+
+static double multipole_tail(const struct prt_profile *profile, double r)
+{
+    return fmax(0,
+                prt_diffusion_tail(&profile->dipole, r) + prt_profile_table_tail(profile, r));
+}
+
+static int read_layer(const struct prt_context *ctx, const char *what, const cJSON *item,
+                      bool last, struct prt_layer out[3])
+{
+    static const char *const keys[] = {"thickness", "sigma_s_prime", "sigma_a", NULL};
+    double s[3], a[3], thickness = NAN;
+    int err;
+    if (!cJSON_IsObject(item))
+        return prt_fail(ctx, PRT_FORMAT, "%s: a layer is an object {…}", what);
+    if ((err = prt_material_json_keys(ctx, what, item, keys)) < 0 ||
+        (err = prt_material_json_rgb(ctx, what, item, "sigma_s_prime", true, true, s)) < 0 ||
+        (err = prt_material_json_rgb(ctx, what, item, "sigma_a", true, true, a)) < 0 ||
+        (err = prt_material_json_number(ctx, what, item, "thickness", &thickness)) < 0)
+        return err;
+    if (!cJSON_HasObjectItem(item, "thickness")) {
+        if (!last)
+            return prt_fail(
+                ctx, PRT_FORMAT,
+                "%s: \"thickness\" [mm] is missing; only the last layer has no bottom", what);
+        thickness = INFINITY;
+    } else if (!isfinite(thickness)) {
+        return prt_fail(ctx, PRT_ARG, "%s: thickness is %g mm", what, thickness);
+    }
+    for (int c = 0; c < 3; c++) out[c] = (struct prt_layer){thickness, s[c], a[c]};
+    return PRT_OK;
+}
+
+static int parse_multipole(const struct prt_context *ctx, const char *what, const char *folder,
+                           const cJSON *object, struct prt_optics *o)
+{
+    static const char *const keys[] = {"name", "profile", "layers", "eta", "roughness", NULL};
+    struct prt_layer layer[PRT_PROFILE_MAX_LAYER][3], one[PRT_PROFILE_MAX_LAYER];
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(object, "layers");
+    int err = prt_material_json_keys(ctx, what, object, keys), n = cJSON_GetArraySize(list);
+    if (err < 0) return err;
+    if (!cJSON_IsArray(list) || n < 1 || n > PRT_PROFILE_MAX_LAYER)
+        return prt_fail(ctx, PRT_FORMAT, "%s: \"layers\" must be 1 to %d layers, top first",
+                        what, PRT_PROFILE_MAX_LAYER);
+    int i = 0;
+    for (const cJSON *item = list->child; item; item = item->next, i++)
+        if ((err = read_layer(ctx, what, item, i + 1 == n, layer[i])) < 0) return err;
+    for (int c = 0; c < 3; c++) {
+        for (i = 0; i < n; i++) one[i] = layer[i][c];
+        if ((err = prt_profile_init_multipole(ctx, &o->channel[c], (unsigned)n, one,
+                                              o->material.eta)) < 0)
+            return err;
+    }
+    return PRT_OK;
+}
+
+const struct prt_profile_type prt_profile_type_multipole = {
+    .word = "multipole", .parse = parse_multipole, .rd = multipole_rd, .tail = multipole_tail};

@@ -64,7 +64,7 @@ static int radial_init(const struct prt_context *ctx, const struct prt_radial_op
         return prt_fail(ctx, PRT_ARG, "radial basis: sigma range %g to %g is empty",
                         o->sigma_lo, o->sigma_hi);
     }
-    int err = radial_grid_init(radial, fmax(r_lo, radius * 1e-7), radius);
+    int err = prt_radial_grid_init(radial, fmax(r_lo, radius * 1e-7), radius);
     if (err < 0) {
         prt_radial_destroy(pub);
         return prt_fail(ctx, err, "radial basis: no grid from %g to %g mm", r_lo, radius);
@@ -77,7 +77,7 @@ void prt_radial_destroy(struct prt_radial *pub)
 {
     struct radial *radial = (struct radial *)pub;
     if (!radial) return;
-    radial_free_functions(radial);
+    prt_radial_free_functions(radial);
     prt_free(pub->r);
     prt_free(radial->inv_step);
     prt_free(radial->quad_r2);
@@ -102,15 +102,16 @@ static uint32_t functions_of(const struct radial *radial, uint32_t m)
 
 static int candidates_init(const struct radial *radial, struct candidates *c)
 {
-    if (!radial_is_spline(radial)) {
+    if (!prt_radial_is_spline(radial)) {
         enum { N = 40 };
         c->reduced = prt_calloc((size_t)N * radial->pub.n_grid, sizeof *c->reduced);
-        return c->reduced ? radial_reduced(radial, N, c->reduced, &c->n_reduced) : PRT_NOMEM;
+        return c->reduced ? prt_radial_reduced(radial, N, c->reduced, &c->n_reduced)
+                          : PRT_NOMEM;
     }
     c->m_max = 1;
     while (functions_of(radial, c->m_max + 1) <= RADIAL_MAX_FUNCTION) c->m_max++;
     c->knot = prt_calloc((size_t)(c->m_max + 1) * (c->m_max + 1), sizeof *c->knot);
-    return c->knot ? radial_knots(radial, c->m_max, c->knot) : PRT_NOMEM;
+    return c->knot ? prt_radial_knots(radial, c->m_max, c->knot) : PRT_NOMEM;
 }
 
 /* `size` counts singular functions, or intervals. */
@@ -118,26 +119,26 @@ static int build_size(struct radial *radial, const struct candidates *c, uint32_
 {
     struct radial_functions f = {.n_fit = size, .n_function = size};
     int err;
-    if (radial_is_spline(radial)) {
-        err = radial_spline(radial, size, c->knot + (size_t)size * (c->m_max + 1), &f);
+    if (prt_radial_is_spline(radial)) {
+        err = prt_radial_spline(radial, size, c->knot + (size_t)size * (c->m_max + 1), &f);
     } else {
         size_t n = (size_t)size * radial->pub.n_grid;
         f.fit = prt_alloc(n, sizeof *f.fit);
         err = f.fit ? PRT_OK : PRT_NOMEM;
         if (f.fit) memcpy(f.fit, c->reduced, n * sizeof *f.fit);
     }
-    if (err == PRT_OK) err = radial_build(radial, &f);
-    radial_functions_finish(&f);
-    return err == PRT_OK ? radial_measure(radial) : err;
+    if (err == PRT_OK) err = prt_radial_build(radial, &f);
+    prt_radial_functions_finish(&f);
+    return err == PRT_OK ? prt_radial_measure(radial) : err;
 }
 
 static int choose_size(const struct prt_context *ctx, struct radial *radial,
                        const struct candidates *c, const struct prt_radial_options *o)
 {
-    uint32_t hi = radial_is_spline(radial) ? c->m_max : c->n_reduced, lo = 1;
+    uint32_t hi = prt_radial_is_spline(radial) ? c->m_max : c->n_reduced, lo = 1;
     if (o->n_function) {
         uint32_t size = 1;
-        if (radial_is_spline(radial))
+        if (prt_radial_is_spline(radial))
             while (size < hi && functions_of(radial, size + 1) <= o->n_function) size++;
         else size = o->n_function < hi ? o->n_function : hi;
         return build_size(radial, c, size);
@@ -172,12 +173,12 @@ static int add_extra(const struct prt_context *ctx, struct radial *radial,
         f.fit = prt_alloc((n + 1) * ng, sizeof *f.fit);
         if (!f.fit) return PRT_NOMEM;
         for (size_t i = 0; i < n * ng; i++) f.fit[i] = radial->pub.value[i];
-        if (radial_remainder(radial, &o->extra[k], f.fit + n * ng) >= 5e-4)
-            err = radial_build(radial, &f);
-        radial_functions_finish(&f);
+        if (prt_radial_remainder(radial, &o->extra[k], f.fit + n * ng) >= 5e-4)
+            err = prt_radial_build(radial, &f);
+        prt_radial_functions_finish(&f);
         if (err < 0) return err;
     }
-    return o->n_extra ? radial_measure(radial) : PRT_OK;
+    return o->n_extra ? prt_radial_measure(radial) : PRT_OK;
 }
 
 int prt_radial_create(const struct prt_context *ctx, const struct prt_radial_options *options,
@@ -241,14 +242,14 @@ static int same_table(const struct radial *radial, const float *value)
 static int rebuild(struct radial *radial, uint32_t n_function, const float *value)
 {
     struct radial_functions f = {.n_fit = n_function, .n_function = n_function};
-    const bool pieces = radial_is_spline(radial) && radial->pub.kind != PRT_RADIAL_HAT;
+    const bool pieces = prt_radial_is_spline(radial) && radial->pub.kind != PRT_RADIAL_HAT;
     uint32_t m, knot[RADIAL_MAX_FUNCTION + 1];
     int err;
     if (pieces) {
         radial->degree = (uint32_t)table_degree(n_function, radial->pub.n_grid, value);
         if (!radial->degree) return PRT_FORMAT;
         if ((err = table_knots(radial, n_function, value, &m, knot)) < 0 ||
-            (err = radial_spline(radial, m, knot, &f)) < 0)
+            (err = prt_radial_spline(radial, m, knot, &f)) < 0)
             return err;
     } else {
         size_t n = (size_t)n_function * radial->pub.n_grid;
@@ -256,10 +257,10 @@ static int rebuild(struct radial *radial, uint32_t n_function, const float *valu
         if (!f.fit) return PRT_NOMEM;
         for (size_t i = 0; i < n; i++) f.fit[i] = value[i];
     }
-    err = radial_build(radial, &f);
-    radial_functions_finish(&f);
+    err = prt_radial_build(radial, &f);
+    prt_radial_functions_finish(&f);
     if (err == PRT_OK && pieces) err = same_table(radial, value);
-    return err == PRT_OK ? radial_measure(radial) : err;
+    return err == PRT_OK ? prt_radial_measure(radial) : err;
 }
 
 int prt_radial_from_table(const struct prt_context *ctx,
@@ -290,7 +291,7 @@ int prt_radial_from_table(const struct prt_context *ctx,
     prt_free(radial->measure);
     prt_free(radial->weight);
     radial->pub.r = NULL;
-    err = radial_grid_init(radial, r[1], r[n_grid - 1]);
+    err = prt_radial_grid_init(radial, r[1], r[n_grid - 1]);
     if (err == PRT_OK &&
         (radial->pub.n_grid != n_grid || memcmp(radial->pub.r, r, n_grid * sizeof *r)))
         err = PRT_FORMAT;

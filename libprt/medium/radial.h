@@ -19,11 +19,11 @@ struct radial_member {
     struct prt_diffusion dipole;
     double sigma_t;
 };
-void radial_member_init(struct radial_member *member, enum prt_radial_family family, double eta,
-                        double sigma, double sigma_a);
-double radial_member_eval(const struct radial_member *member, double r);
+void prt_radial_member_init(struct radial_member *member, enum prt_radial_family family,
+                            double eta, double sigma, double sigma_a);
+double prt_radial_member_eval(const struct radial_member *member, double r);
 /* integral over [0, radius] of the member: 2 pi r dr (dipole) or dr (extinction) */
-double radial_member_inside(const struct radial_member *member, double radius);
+double prt_radial_member_inside(const struct radial_member *member, double radius);
 
 /* Two Gauss points an interval of the grid. `measure` integrates d mu = 2 pi r dr or dr;
  * `weight` is the least squares' own: (d mu / d log r)^2 d log r, so that every scale counts
@@ -45,10 +45,10 @@ struct radial {
     float *inv_step;  /* [n_grid] */
 };
 
-int radial_grid_init(struct radial *radial, double r_lo, double radius);
-bool radial_is_plain(const struct radial *radial);
-bool radial_is_spline(const struct radial *radial);
-void radial_free_functions(struct radial *radial);
+int prt_radial_grid_init(struct radial *radial, double r_lo, double radius);
+bool prt_radial_is_plain(const struct radial *radial);
+bool prt_radial_is_spline(const struct radial *radial);
+void prt_radial_free_functions(struct radial *radial);
 
 /* Functions a fit may use: fit[n_fit][n_grid] at the grid, and the stored functions they turn
  * into: stored coef = map[n_function][n_fit] fit coef (NULL: the same functions). */
@@ -56,27 +56,27 @@ struct radial_functions {
     uint32_t n_fit, n_function;
     double *fit, *map, *stored; /* stored [n_function][n_grid]; NULL when map is */
 };
-void radial_functions_finish(struct radial_functions *f);
+void prt_radial_functions_finish(struct radial_functions *f);
 
 /* Scales functions to integral |B| d mu = 1, fills pub.value and the projection operator. */
-int radial_build(struct radial *radial, struct radial_functions *functions);
+int prt_radial_build(struct radial *radial, struct radial_functions *functions);
 /* Measures pub.mean_error and worst_error over materials between the family's own. */
-int radial_measure(struct radial *radial);
+int prt_radial_measure(struct radial *radial);
 
 /* Fits up to three profiles given at the quadrature points (overwritten by the residual), whose
  * integrals over the grid are inside[c] > 0; coef[n_function][n_channel]; returns the error. */
-double radial_project(const struct radial *radial, unsigned n_channel,
-                      float (*f)[RADIAL_MAX_QUAD], const double *inside, float *coef);
+double prt_radial_project(const struct radial *radial, unsigned n_channel,
+                          float (*f)[RADIAL_MAX_QUAD], const double *inside, float *coef);
 /* The `n_max` leading singular functions [n][n_grid] of the family; *n how many are sound. */
-int radial_reduced(const struct radial *radial, uint32_t n_max, double *out, uint32_t *n);
+int prt_radial_reduced(const struct radial *radial, uint32_t n_max, double *out, uint32_t *n);
 /* What the basis leaves of `profile`, at the grid, into out[n_grid]; returns its error. */
-double radial_remainder(const struct radial *radial, const struct prt_profile *profile,
-                        double *out);
+double prt_radial_remainder(const struct radial *radial, const struct prt_profile *profile,
+                            double *out);
 /* Knots (grid indices, m+1 of them, ascending) that split the representative function into m
  * pieces at least cost, for every m <= m_max: knot[m*(m_max+1) + k]. */
-int radial_knots(const struct radial *radial, uint32_t m_max, uint32_t *knot);
+int prt_radial_knots(const struct radial *radial, uint32_t m_max, uint32_t *knot);
 /* Spline functions of radial->degree on knots. */
-int radial_spline(const struct radial *radial, uint32_t m, const uint32_t *knot,
-                  struct radial_functions *out);
+int prt_radial_spline(const struct radial *radial, uint32_t m, const uint32_t *knot,
+                      struct radial_functions *out);
 
 #endif

@@ -17,8 +17,8 @@ static uint32_t family_members(const struct radial *radial, struct radial_member
     uint32_t n = 0;
     if (radial->pub.family == PRT_FAMILY_EXTINCTION) {
         for (int i = 0; i < N_SIGMA_T; i++)
-            radial_member_init(&out[n++], PRT_FAMILY_EXTINCTION, 1,
-                               s[0] * pow(s[1] / s[0], i / (N_SIGMA_T - 1.0)), 0);
+            prt_radial_member_init(&out[n++], PRT_FAMILY_EXTINCTION, 1,
+                                   s[0] * pow(s[1] / s[0], i / (N_SIGMA_T - 1.0)), 0);
         return n;
     }
     const double a_lo = a[0] > 0 ? a[0] : fmin(1e-5, a[1]);
@@ -26,8 +26,8 @@ static uint32_t family_members(const struct radial *radial, struct radial_member
         for (int k = 0; k < N_SIGMA_A; k++) {
             double t = (k - 1) / (N_SIGMA_A - 2.0);
             double sigma_a = k && a_lo > 0 ? a_lo * pow(a[1] / a_lo, t) : a[0];
-            radial_member_init(&out[n++], PRT_FAMILY_DIPOLE, radial->pub.eta,
-                               s[0] * pow(s[1] / s[0], i / (N_SIGMA - 1.0)), sigma_a);
+            prt_radial_member_init(&out[n++], PRT_FAMILY_DIPOLE, radial->pub.eta,
+                                   s[0] * pow(s[1] / s[0], i / (N_SIGMA - 1.0)), sigma_a);
         }
     return n;
 }
@@ -60,9 +60,9 @@ static uint32_t combine(const struct radial *radial, const struct radial_member 
     while (sound < n_max && sound < n && value[sound] > 1e-11 * value[0]) sound++;
     memset(out, 0, (size_t)sound * ng * sizeof *out);
     for (uint32_t m = 0; m < n; m++) {
-        double scale = 1 / radial_member_inside(&member[m], radial->pub.r[ng - 1]);
+        double scale = 1 / prt_radial_member_inside(&member[m], radial->pub.r[ng - 1]);
         for (uint32_t i = 0; i < ng; i++) {
-            double f = scale * radial_member_eval(&member[m], radial->pub.r[i]);
+            double f = scale * prt_radial_member_eval(&member[m], radial->pub.r[i]);
             for (uint32_t j = 0; j < sound; j++)
                 out[(size_t)j * ng + i] += f * l[(size_t)m * n + j] / value[j];
         }
@@ -70,7 +70,8 @@ static uint32_t combine(const struct radial *radial, const struct radial_member 
     return sound;
 }
 
-int radial_reduced(const struct radial *radial, uint32_t n_max, double *out, uint32_t *n_out)
+int prt_radial_reduced(const struct radial *radial, uint32_t n_max, double *out,
+                       uint32_t *n_out)
 {
     const uint32_t nq = radial->n_quad;
     struct radial_member *member = prt_calloc(N_SIGMA * N_SIGMA_A, sizeof *member);
@@ -84,10 +85,10 @@ int radial_reduced(const struct radial *radial, uint32_t n_max, double *out, uin
     /* rows sqrt(w) f / inside: the L1 error of each member counts alike */
     for (uint32_t m = 0; m < n; m++) {
         double scale =
-            1 / radial_member_inside(&member[m], radial->pub.r[radial->pub.n_grid - 1]);
+            1 / prt_radial_member_inside(&member[m], radial->pub.r[radial->pub.n_grid - 1]);
         for (uint32_t q = 0; q < nq; q++)
             row[(size_t)m * nq + q] = scale * sqrt(radial->weight[q]) *
-                                      radial_member_eval(&member[m], radial->quad_r[q]);
+                                      prt_radial_member_eval(&member[m], radial->quad_r[q]);
     }
     if ((err = left_vectors(n, nq, row, l, value)) == PRT_OK)
         *n_out = combine(radial, member, n, l, value, n_max, out);
@@ -115,9 +116,9 @@ static void add_target(const struct radial *radial, struct knot_target *target, 
 {
     struct radial_member m;
     double *f = target->f + (size_t)target->n * radial->n_quad;
-    radial_member_init(&m, radial->pub.family, radial->pub.eta, sigma, sigma_a);
+    prt_radial_member_init(&m, radial->pub.family, radial->pub.eta, sigma, sigma_a);
     for (uint32_t q = 0; q < radial->n_quad; q++)
-        f[q] += weight * radial_member_eval(&m, radial->quad_r[q]);
+        f[q] += weight * prt_radial_member_eval(&m, radial->quad_r[q]);
 }
 
 static int knot_target_init(const struct radial *radial, struct knot_target *target)
@@ -130,7 +131,7 @@ static int knot_target_init(const struct radial *radial, struct knot_target *tar
     target->n = 0;
     target->f = prt_calloc((size_t)MAX_TARGET * radial->n_quad, sizeof *target->f);
     if (!target->f) return PRT_NOMEM;
-    if (radial_is_plain(radial)) {
+    if (prt_radial_is_plain(radial)) {
         for (int i = 0; i < 3; i++)
             add_target(radial, target, 1 / 3.0, is_dipole ? dipole[i][0] : sigma_t[i],
                        dipole[i][1]);
@@ -142,8 +143,8 @@ static int knot_target_init(const struct radial *radial, struct knot_target *tar
         double sigma = s[0] * pow(s[1] / s[0], t);
         double sigma_a = fmin(a[1], fmax(a[0], sigma * (double[]){0.0005, 0.02, 0.5}[i % 3]));
         struct radial_member m;
-        radial_member_init(&m, radial->pub.family, radial->pub.eta, sigma, sigma_a);
-        add_target(radial, target, 1 / radial_member_inside(&m, end), sigma, sigma_a);
+        prt_radial_member_init(&m, radial->pub.family, radial->pub.eta, sigma, sigma_a);
+        add_target(radial, target, 1 / prt_radial_member_inside(&m, end), sigma, sigma_a);
         target->n++;
     }
     return PRT_OK;
@@ -191,7 +192,7 @@ static uint32_t candidate(uint32_t k, uint32_t n_candidate, uint32_t n_grid)
     return k == 0 ? 0 : k == n_candidate - 1 ? n_grid - 1 : k * KNOT_STEP;
 }
 
-int radial_knots(const struct radial *radial, uint32_t m_max, uint32_t *knot)
+int prt_radial_knots(const struct radial *radial, uint32_t m_max, uint32_t *knot)
 {
     const uint32_t ng = radial->pub.n_grid, n = (ng - 1 + KNOT_STEP - 1) / KNOT_STEP + 1;
     if (m_max >= n) return PRT_ARG;
@@ -300,8 +301,8 @@ static void fill_pieces(const struct radial *radial, uint32_t m, const uint32_t 
     }
 }
 
-int radial_spline(const struct radial *radial, uint32_t m, const uint32_t *knot,
-                  struct radial_functions *out)
+int prt_radial_spline(const struct radial *radial, uint32_t m, const uint32_t *knot,
+                      struct radial_functions *out)
 {
     const uint32_t ng = radial->pub.n_grid, d = radial->degree;
     const bool pieces = radial->pub.kind != PRT_RADIAL_HAT;
@@ -315,7 +316,7 @@ int radial_spline(const struct radial *radial, uint32_t m, const uint32_t *knot,
         f.stored = prt_calloc((size_t)f.n_function * ng, sizeof *f.stored);
     }
     if (!f.fit || (pieces && (!f.map || !f.stored))) {
-        radial_functions_finish(&f);
+        prt_radial_functions_finish(&f);
         return PRT_NOMEM;
     }
     fill_splines(radial, m, knot, x, f.fit);

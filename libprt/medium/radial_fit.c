@@ -2,6 +2,7 @@
 // The projection onto a radial basis: one weighted, integral-conserving least squares, solved
 // once into an operator, so that a material is a small matrix-vector product.
 #include "base/isa.h"
+#include "profile.h"
 #include "radial.h"
 
 #include <lapacke.h>
@@ -120,7 +121,7 @@ static int solve_operator(const struct radial *radial, const struct radial_funct
     solve_upper(w->r, s, w->h, 1);
     double kappa = 0;
     for (uint32_t j = 0; j < s; j++) kappa += w->integral[j] * w->h[j];
-    const bool conserve = !radial_is_plain(radial) && kappa > 0;
+    const bool conserve = !prt_radial_is_plain(radial) && kappa > 0;
     for (uint32_t j = 0; j < s; j++) w->h[j] = conserve ? w->h[j] / kappa : 0;
     for (uint32_t q = 0; conserve && q < nq; q++) {
         double ic = 0;
@@ -134,7 +135,7 @@ static int solve_operator(const struct radial *radial, const struct radial_funct
     return PRT_OK;
 }
 
-void radial_free_functions(struct radial *radial)
+void prt_radial_free_functions(struct radial *radial)
 {
     prt_free(radial->pub.value);
     prt_free(radial->phi);
@@ -146,7 +147,7 @@ void radial_free_functions(struct radial *radial)
 
 static int alloc_functions(struct radial *radial, uint32_t n)
 {
-    radial_free_functions(radial);
+    prt_radial_free_functions(radial);
     radial->pub.n_function = n;
     radial->stride = (n + 7) / 8 * 8;
     radial->pub.value = prt_calloc((size_t)n * radial->pub.n_grid, sizeof(float));
@@ -185,7 +186,7 @@ static void store_operator(struct radial *radial, const struct radial_functions 
     }
 }
 
-int radial_build(struct radial *radial, struct radial_functions *f)
+int prt_radial_build(struct radial *radial, struct radial_functions *f)
 {
     struct workspace w = {0};
     int err = PRT_NOMEM;
@@ -199,7 +200,7 @@ int radial_build(struct radial *radial, struct radial_functions *f)
     return err;
 }
 
-void radial_functions_finish(struct radial_functions *f)
+void prt_radial_functions_finish(struct radial_functions *f)
 {
     prt_free(f->fit);
     prt_free(f->map);
@@ -254,8 +255,8 @@ static double project_avx2(const struct radial *radial, unsigned n_channel,
 PRT_ISA_END
 #endif
 
-double radial_project(const struct radial *radial, unsigned n_channel,
-                      float (*f)[RADIAL_MAX_QUAD], const double *inside, float *coef)
+double prt_radial_project(const struct radial *radial, unsigned n_channel,
+                          float (*f)[RADIAL_MAX_QUAD], const double *inside, float *coef)
 {
 #if PRT_ISA_X86
     if (radial->cpu & PRT_CPU_AVX2) return project_avx2(radial, n_channel, f, inside, coef);
@@ -269,7 +270,7 @@ static double fit_members(const struct radial *radial, const struct radial_membe
     float f[3][RADIAL_MAX_QUAD];
     double inside[3];
     for (int c = 0; c < 3; c++)
-        inside[c] = radial_member_inside(&member[c], radial->pub.r[radial->pub.n_grid - 1]);
+        inside[c] = prt_radial_member_inside(&member[c], radial->pub.r[radial->pub.n_grid - 1]);
     if (radial->pub.family == PRT_FAMILY_DIPOLE) {
         struct prt_diffusion dipole[3];
         for (int c = 0; c < 3; c++) dipole[c] = member[c].dipole;
@@ -280,7 +281,7 @@ static double fit_members(const struct radial *radial, const struct radial_membe
             for (uint32_t q = 0; q < radial->n_quad; q++)
                 f[c][q] = expf((float)(-member[c].sigma_t * radial->quad_r[q]));
     }
-    return radial_project(radial, 3, f, inside, coef);
+    return prt_radial_project(radial, 3, f, inside, coef);
 }
 
 /* A material's own R_d; < 0 when nothing of it lies inside the grid. */
@@ -297,7 +298,7 @@ static double fit_own_profile(const struct radial *radial, const struct prt_mate
             d[c].rho_d - prt_diffusion_tail(&d[c], radial->pub.r[radial->pub.n_grid - 1]);
         if (!(inside[c] > 0)) return -1;
     }
-    return radial_project(radial, 3, f, inside, coef);
+    return prt_radial_project(radial, 3, f, inside, coef);
 }
 
 int prt_radial_fit_material(const struct prt_radial *radial,
@@ -311,7 +312,7 @@ int prt_radial_fit_material(const struct prt_radial *radial,
         double s = material->sigma_s_prime[c], a = material->sigma_a[c], g = material->g[c];
         double sigma = dipole ? s : a + s / (1 - g);
         if (!(s > 0 && a >= 0 && g < 1) || !isfinite(sigma)) return PRT_ARG;
-        radial_member_init(&member[c], radial->family, radial->eta, sigma, a);
+        prt_radial_member_init(&member[c], radial->family, radial->eta, sigma, a);
     }
     double e;
     if (dipole && material->profile) {
@@ -323,22 +324,37 @@ int prt_radial_fit_material(const struct prt_radial *radial,
     return PRT_OK;
 }
 
-int prt_radial_fit_profile(const struct prt_radial *radial, const double *profile, float *coef,
-                           double *error)
+/* ---- profiles beside the family ---- */
+
+/* The profile at quadrature points; returns its integral over the grid. */
+static double sample_profile(const struct radial *radial, const struct prt_profile *p, float *f)
 {
-    const struct radial *self = (const struct radial *)radial;
-    float f[1][RADIAL_MAX_QUAD];
-    double inside = 0;
-    for (uint32_t i = 0; i < radial->n_grid; i++)
-        if (!isfinite(profile[i])) return PRT_ARG;
-    for (uint32_t q = 0; q < self->n_quad; q++) {
-        double v = at_quad(profile, q);
-        f[0][q] = (float)v;
-        inside += self->measure[q] * v;
+    for (uint32_t q = 0; q < radial->n_quad; q++)
+        f[q] = (float)prt_profile_rd(p, radial->quad_r[q]);
+    return p->total - prt_profile_tail(p, radial->pub.r[radial->pub.n_grid - 1]);
+}
+
+double prt_radial_remainder(const struct radial *radial, const struct prt_profile *profile,
+                            double *out)
+{
+    float f[1][RADIAL_MAX_QUAD], coef[RADIAL_MAX_FUNCTION];
+    const uint32_t ng = radial->pub.n_grid;
+    double inside = sample_profile(radial, profile, f[0]);
+    if (!(inside > 0)) return 0;
+    double error = prt_radial_project(radial, 1, f, &inside, coef);
+    for (uint32_t i = 0; i < ng; i++) {
+        out[i] = prt_profile_rd(profile, radial->pub.r[i]);
+        /* infinite at 0: the value there with which a line keeps the first cell's integral */
+        if (!i && prt_profile_type(profile->kind)->is_singular) {
+            double r1 = radial->pub.r[1];
+            out[0] =
+                6 * ((profile->total - prt_profile_tail(profile, r1)) / (2 * M_PI * r1 * r1) -
+                     prt_profile_rd(profile, r1) / 3);
+        }
+        for (uint32_t j = 0; j < radial->pub.n_function; j++)
+            out[i] -= (double)coef[j] * radial->pub.value[(size_t)j * ng + i];
     }
-    double e = radial_project(self, 1, f, &inside, coef);
-    if (error) *error = inside > 0 ? e : 0;
-    return PRT_OK;
+    return error;
 }
 
 /* ---- the basis' own error, on materials the family does not hold ---- */
@@ -348,7 +364,7 @@ static double log_between(double lo, double hi, double t)
     return lo * pow(hi / lo, t);
 }
 
-int radial_measure(struct radial *radial)
+int prt_radial_measure(struct radial *radial)
 {
     enum { N_TRIPLE = 96 };
     const double *s = radial->pub.range[0], *a = radial->pub.range[1];
@@ -367,8 +383,8 @@ int radial_measure(struct radial *radial)
             double sigma_a = k >= 4 && v < 0.1 ? a[0]
                              : a_lo > 0        ? log_between(a_lo, a[1], v)
                                                : 0;
-            radial_member_init(&m[0], radial->pub.family, radial->pub.eta,
-                               log_between(s[0], s[1], u), k < 4 ? a[v > 0] : sigma_a);
+            prt_radial_member_init(&m[0], radial->pub.family, radial->pub.eta,
+                                   log_between(s[0], s[1], u), k < 4 ? a[v > 0] : sigma_a);
             m[1] = m[2] = m[0];
             e[c] = fit_members(radial, m, coef);
             mean += e[c] / (3 * N_TRIPLE);

@@ -6,32 +6,32 @@
 #include <math.h>
 #include <string.h>
 
-void radial_member_init(struct radial_member *member, enum prt_radial_family family, double eta,
-                        double sigma, double sigma_a)
+void prt_radial_member_init(struct radial_member *member, enum prt_radial_family family,
+                            double eta, double sigma, double sigma_a)
 {
     *member = (struct radial_member){.family = family, .sigma_t = sigma};
     if (family == PRT_FAMILY_DIPOLE) prt_diffusion_init(&member->dipole, sigma, sigma_a, eta);
 }
 
-double radial_member_eval(const struct radial_member *member, double r)
+double prt_radial_member_eval(const struct radial_member *member, double r)
 {
     if (member->family == PRT_FAMILY_DIPOLE) return prt_diffusion_rd(&member->dipole, r);
     return exp(-member->sigma_t * r);
 }
 
-double radial_member_inside(const struct radial_member *member, double radius)
+double prt_radial_member_inside(const struct radial_member *member, double radius)
 {
     if (member->family == PRT_FAMILY_DIPOLE)
         return member->dipole.rho_d - prt_diffusion_tail(&member->dipole, radius);
     return -expm1(-member->sigma_t * radius) / member->sigma_t;
 }
 
-bool radial_is_plain(const struct radial *radial)
+bool prt_radial_is_plain(const struct radial *radial)
 {
     return radial->pub.kind == PRT_RADIAL_X07;
 }
 
-bool radial_is_spline(const struct radial *radial)
+bool prt_radial_is_spline(const struct radial *radial)
 {
     return radial->pub.kind != PRT_RADIAL_REDUCED;
 }
@@ -61,11 +61,11 @@ static void fill_quadrature(struct radial *radial)
         radial->quad_r2[q] = (float)(r * r);
         radial->measure[q] = mu * h / 2;
         radial->measure32[q] = (float)radial->measure[q];
-        radial->weight[q] = (radial_is_plain(radial) ? 1 : mu * mu * r) * h / 2;
+        radial->weight[q] = (prt_radial_is_plain(radial) ? 1 : mu * mu * r) * h / 2;
     }
 }
 
-int radial_grid_init(struct radial *radial, double r_lo, double radius)
+int prt_radial_grid_init(struct radial *radial, double r_lo, double radius)
 {
     struct prt_radial *pub = &radial->pub;
     uint32_t first = float_bits((float)r_lo) >> 23 << 23, n = 2;

@@ -24,7 +24,7 @@ static const char *const supported[] = {
     "KHR_materials_", // all of them: a prefix
 };
 
-int gltf_bad(const struct gltf *g, const char *fmt, ...)
+int prt_gltf_bad(const struct gltf *g, const char *fmt, ...)
 {
     char line[512];
     va_list args;
@@ -34,12 +34,12 @@ int gltf_bad(const struct gltf *g, const char *fmt, ...)
     return prt_fail(g->d->ctx, PRT_FORMAT, "%s: %s", g->d->name, line);
 }
 
-int gltf_no_memory(const struct gltf *g)
+int prt_gltf_no_memory(const struct gltf *g)
 {
     return prt_fail(g->d->ctx, PRT_NOMEM, "%s: no memory", g->d->name);
 }
 
-void *gltf_own(struct gltf *g, uint64_t bytes)
+void *prt_gltf_own(struct gltf *g, uint64_t bytes)
 {
     if (bytes > g->d->max_bytes) return NULL;
     struct gltf_owned *p = calloc(1, sizeof *p + (size_t)bytes + 8);
@@ -61,26 +61,26 @@ static void put32(uint8_t *p, uint32_t x)
 
 static int open_glb(struct gltf *g, uint8_t *bytes, size_t n, char **json, size_t *json_n)
 {
-    if (n < 20) return gltf_bad(g, "the GLB header is cut off");
+    if (n < 20) return prt_gltf_bad(g, "the GLB header is cut off");
     uint32_t version = u32(bytes + 4), length = u32(bytes + 8);
     if (version != 2)
         return prt_fail(g->d->ctx, PRT_UNSUPPORTED, "%s: GLB version %u, only 2 is known",
                         g->d->name, version);
     if (length > n || length < 20)
-        return gltf_bad(g, "the GLB header says %u bytes, the file has %zu", length, n);
+        return prt_gltf_bad(g, "the GLB header says %u bytes, the file has %zu", length, n);
     if (length < n)
         prt_log(g->d->ctx, PRT_LOG_WARNING, "%s: %zu bytes after its end are ignored",
                 g->d->name, n - length);
     g->is_glb = g->plain = true;
     g->glb_n = length;
     for (size_t at = 12, chunk = 0; at < length; chunk++) {
-        if (length - at < 8) return gltf_bad(g, "GLB chunk %zu is cut off", chunk);
+        if (length - at < 8) return prt_gltf_bad(g, "GLB chunk %zu is cut off", chunk);
         size_t size = u32(bytes + at), type = u32(bytes + at + 4);
         if (size > length - at - 8)
-            return gltf_bad(g, "GLB chunk %zu says %zu bytes, %zu are left", chunk, size,
-                            length - at - 8);
+            return prt_gltf_bad(g, "GLB chunk %zu says %zu bytes, %zu are left", chunk, size,
+                                length - at - 8);
         if (chunk == 0) {
-            if (type != 0x4e4f534a) return gltf_bad(g, "its first chunk is not JSON");
+            if (type != 0x4e4f534a) return prt_gltf_bad(g, "its first chunk is not JSON");
             *json = (char *)bytes + at + 8;
             *json_n = size;
         } else if (type == 0x004e4942 && !g->bin.known) {
@@ -102,7 +102,7 @@ static int build_glb(const struct gltf *g, const char *json, size_t json_n, void
         return prt_fail(g->d->ctx, PRT_LIMIT, "%s: %zu bytes are too many for a GLB",
                         g->d->name, n);
     uint8_t *to = calloc(1, n);
-    if (!to) return gltf_no_memory(g);
+    if (!to) return prt_gltf_no_memory(g);
     memcpy(to, "glTF\2\0\0\0", 8);
     put32(to + 8, (uint32_t)n);
     put32(to + 12, (uint32_t)a);
@@ -142,7 +142,7 @@ static int check_head(const struct gltf *g)
 
 static int run_tinygltf(struct gltf *g, const void *bytes, size_t n)
 {
-    const struct prt_gltf_files files = {g, gltf_read_external, prt_free};
+    const struct prt_gltf_files files = {g, prt_gltf_read_external, prt_free};
     char say[240];
     if (n > UINT32_MAX)
         return prt_fail(g->d->ctx, PRT_LIMIT, "%s: %zu bytes of JSON are too many", g->d->name,
@@ -150,10 +150,10 @@ static int run_tinygltf(struct gltf *g, const void *bytes, size_t n)
     int refused =
         prt_gltf_parse(bytes, (uint32_t)n, g->is_glb, &files, &g->file, say, sizeof say);
     if (g->told) return g->told;
-    if (refused == PRT_GLTF_NO_MEMORY) return gltf_no_memory(g);
+    if (refused == PRT_GLTF_NO_MEMORY) return prt_gltf_no_memory(g);
     int status = check_head(g);
     if (status) return status;
-    if (refused) return gltf_bad(g, "is damaged: %s", *say ? say : "tinygltf refuses it");
+    if (refused) return prt_gltf_bad(g, "is damaged: %s", *say ? say : "tinygltf refuses it");
     if (*say) prt_log(g->d->ctx, PRT_LOG_WARNING, "%s: tinygltf: %s", g->d->name, say);
     return PRT_OK;
 }
@@ -165,10 +165,10 @@ static int parse(struct gltf *g, uint8_t *bytes, size_t n, char *json, size_t js
     void *built = NULL;
     while (json_n && (!json[json_n - 1] || isspace((unsigned char)json[json_n - 1])))
         json[--json_n] = ' '; // some pad with zeros
-    if (!json_n) return gltf_bad(g, "its JSON is empty");
-    int status = gltf_scan(g, json, json_n);
-    if (!status && gltf_needs_rewrite(json, json_n)) {
-        status = gltf_rewrite(g, json, json_n, &other);
+    if (!json_n) return prt_gltf_bad(g, "its JSON is empty");
+    int status = prt_gltf_scan(g, json, json_n);
+    if (!status && prt_gltf_needs_rewrite(json, json_n)) {
+        status = prt_gltf_rewrite(g, json, json_n, &other);
         json = other;
         json_n = other ? strlen(other) : 0;
     }
@@ -188,12 +188,12 @@ static int parse(struct gltf *g, uint8_t *bytes, size_t n, char *json, size_t js
 static int make_tables(struct gltf *g)
 {
     size_t n_view = g->file.n_view, n_surface = g->file.n_material + 1;
-    g->view_bytes = gltf_own(g, n_view * sizeof *g->view_bytes);
-    g->draco = gltf_own(g, n_view * sizeof *g->draco);
-    g->surface_of = gltf_own(g, n_surface * sizeof *g->surface_of);
-    g->opaque_of = gltf_own(g, n_surface * sizeof *g->opaque_of);
+    g->view_bytes = prt_gltf_own(g, n_view * sizeof *g->view_bytes);
+    g->draco = prt_gltf_own(g, n_view * sizeof *g->draco);
+    g->surface_of = prt_gltf_own(g, n_surface * sizeof *g->surface_of);
+    g->opaque_of = prt_gltf_own(g, n_surface * sizeof *g->opaque_of);
     if (!g->view_bytes || !g->draco || !g->surface_of || !g->opaque_of)
-        return gltf_no_memory(g);
+        return prt_gltf_no_memory(g);
     memset(g->surface_of, 0xff, n_surface * sizeof *g->surface_of);
     memset(g->opaque_of, 0xff, n_surface * sizeof *g->opaque_of);
     return PRT_OK;
@@ -250,8 +250,8 @@ int prt_read_gltf(struct prt_draft *d, uint8_t *bytes, size_t n)
     d->units_known = true;
     if (!status) status = parse(&g, bytes, n, json, json_n);
     if (!status) status = make_tables(&g);
-    if (!status) status = gltf_walk(&g);
-    if (!status) gltf_settle_surfaces(&g);
+    if (!status) status = prt_gltf_walk(&g);
+    if (!status) prt_gltf_settle_surfaces(&g);
     if (!status) tell(&g);
     release(&g);
     return status;

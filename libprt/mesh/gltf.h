@@ -41,18 +41,19 @@ struct gltf {
 };
 
 // A line "NAME: ..." and PRT_FORMAT.
-int gltf_bad(const struct gltf *g, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
-int gltf_no_memory(const struct gltf *g);
-void *gltf_own(struct gltf *g, uint64_t bytes); // zeroed; lives until the reader ends
+int prt_gltf_bad(const struct gltf *g, const char *fmt, ...)
+    __attribute__((format(printf, 2, 3)));
+int prt_gltf_no_memory(const struct gltf *g);
+void *prt_gltf_own(struct gltf *g, uint64_t bytes); // zeroed; lives until the reader ends
 
 // Checks depth and numbers, blanks what is not read. In place.
-int gltf_scan(struct gltf *g, char *json, size_t n);
-bool gltf_needs_rewrite(const char *json, size_t n);
-int gltf_rewrite(struct gltf *g, const char *json, size_t n, char **out); // free(*out)
+int prt_gltf_scan(struct gltf *g, char *json, size_t n);
+bool prt_gltf_needs_rewrite(const char *json, size_t n);
+int prt_gltf_rewrite(struct gltf *g, const char *json, size_t n, char **out); // free(*out)
 
 // prt_gltf_files.read: the bytes of a file inside the model's folder. user: struct gltf.
-int gltf_read_external(void *user, const char *name, void **bytes, size_t *n);
-int gltf_view(struct gltf *g, size_t index, struct gltf_bytes *out);
+int prt_gltf_read_external(void *user, const char *name, void **bytes, size_t *n);
+int prt_gltf_view(struct gltf *g, size_t index, struct gltf_bytes *out);
 
 struct gltf_accessor {
     size_t index;
@@ -63,19 +64,19 @@ struct gltf_accessor {
     bool normalized;
     const struct prt_gltf_accessor *sparse; // NULL: not
 };
-int gltf_accessor(const struct gltf *g, int64_t index, struct gltf_accessor *out);
+int prt_gltf_accessor(const struct gltf *g, int64_t index, struct gltf_accessor *out);
 // out[count][n_component]; the accessor's type must have n_component
-int gltf_floats(struct gltf *g, const struct gltf_accessor *a, unsigned n_component,
-                float *out);
-int gltf_indices(struct gltf *g, const struct gltf_accessor *a, uint32_t *out);
+int prt_gltf_floats(struct gltf *g, const struct gltf_accessor *a, unsigned n_component,
+                    float *out);
+int prt_gltf_indices(struct gltf *g, const struct gltf_accessor *a, uint32_t *out);
 
 // The surface of material `index` (n_material: none given), made on first use.
-int gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out);
+int prt_gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out);
 // After all primitives: without scattering extensions in the file, all are translucent.
-void gltf_settle_surfaces(struct gltf *g);
+void prt_gltf_settle_surfaces(struct gltf *g);
 // The node's mesh, if it has one, as an object; world is column-major [16].
-int gltf_instance(struct gltf *g, size_t node_index, const double *world);
+int prt_gltf_instance(struct gltf *g, size_t node_index, const double *world);
 // Every node of the scene, parents before children.
-int gltf_walk(struct gltf *g);
+int prt_gltf_walk(struct gltf *g);
 
 #endif

@@ -20,10 +20,10 @@ static unsigned component_bytes(int type)
     return 0;
 }
 
-int gltf_accessor(const struct gltf *g, int64_t index, struct gltf_accessor *out)
+int prt_gltf_accessor(const struct gltf *g, int64_t index, struct gltf_accessor *out)
 {
     if (index < 0 || (uint64_t)index >= g->file.n_accessor)
-        return gltf_bad(g, "accessor %lld does not exist", (long long)index);
+        return prt_gltf_bad(g, "accessor %lld does not exist", (long long)index);
     size_t i = (size_t)index;
     const struct prt_gltf_accessor *o = &g->file.accessor[i];
     struct gltf_accessor a = {.index = i,
@@ -36,16 +36,17 @@ int gltf_accessor(const struct gltf *g, int64_t index, struct gltf_accessor *out
                               .normalized = o->normalized,
                               .sparse = o->sparse ? o : NULL};
     if (!a.n_component || !a.component_bytes)
-        return gltf_bad(g, "accessor %zu: unknown type or componentType %d", i, a.component);
-    if (!a.count) return gltf_bad(g, "accessor %zu: is empty", i);
+        return prt_gltf_bad(g, "accessor %zu: unknown type or componentType %d", i,
+                            a.component);
+    if (!a.count) return prt_gltf_bad(g, "accessor %zu: is empty", i);
     // before anything is allocated for it
     if (a.count > (uint64_t)g->d->max_triangles * 3)
         return prt_fail(g->d->ctx, PRT_LIMIT, "%s: accessor %zu: %llu elements are too many",
                         g->d->name, i, (unsigned long long)a.count);
     if (a.view >= 0 && (uint64_t)a.view >= g->file.n_view)
-        return gltf_bad(g, "accessor %zu: names bufferView %lld of %zu", i, (long long)a.view,
-                        g->file.n_view);
-    if (a.view < 0 && !a.sparse) return gltf_bad(g, "accessor %zu: has no data", i);
+        return prt_gltf_bad(g, "accessor %zu: names bufferView %lld of %zu", i,
+                            (long long)a.view, g->file.n_view);
+    if (a.view < 0 && !a.sparse) return prt_gltf_bad(g, "accessor %zu: has no data", i);
     *out = a;
     return PRT_OK;
 }
@@ -56,18 +57,18 @@ static int elements(struct gltf *g, size_t accessor, int64_t view, uint64_t offs
 {
     struct gltf_bytes b;
     if (view < 0 || (uint64_t)view >= g->file.n_view)
-        return gltf_bad(g, "accessor %zu: names bufferView %lld of %zu", accessor,
-                        (long long)view, g->file.n_view);
-    int status = gltf_view(g, (size_t)view, &b);
+        return prt_gltf_bad(g, "accessor %zu: names bufferView %lld of %zu", accessor,
+                            (long long)view, g->file.n_view);
+    int status = prt_gltf_view(g, (size_t)view, &b);
     if (status) return status;
     *stride = b.stride ? b.stride : size;
     if (*stride < size)
-        return gltf_bad(g, "accessor %zu: its stride %zu is less than an element", accessor,
-                        *stride);
+        return prt_gltf_bad(g, "accessor %zu: its stride %zu is less than an element", accessor,
+                            *stride);
     uint64_t need = (count - 1) * *stride + size; // count < 2^31, stride < 2^21
     if (offset > b.n || need > b.n - offset)
-        return gltf_bad(g, "accessor %zu: reads %llu bytes past bufferView %lld", accessor,
-                        (unsigned long long)(offset + need - b.n), (long long)view);
+        return prt_gltf_bad(g, "accessor %zu: reads %llu bytes past bufferView %lld", accessor,
+                            (unsigned long long)(offset + need - b.n), (long long)view);
     *at = b.at + offset;
     return PRT_OK;
 }
@@ -127,7 +128,7 @@ static int apply_sparse(struct gltf *g, const struct gltf_accessor *a, float *ou
     int status, type = o->index_component;
     if (o->sparse_count <= 0 || (uint64_t)o->sparse_count > a->count || o->index_offset < 0 ||
         o->value_offset < 0 || (type != 5121 && type != 5123 && type != 5125))
-        return gltf_bad(g, "accessor %zu: damaged sparse part", a->index);
+        return prt_gltf_bad(g, "accessor %zu: damaged sparse part", a->index);
     uint64_t n = (uint64_t)o->sparse_count;
     if ((status = elements(g, a->index, o->index_view, (uint64_t)o->index_offset, n,
                            component_bytes(type), &where, &where_stride)) ||
@@ -137,19 +138,20 @@ static int apply_sparse(struct gltf *g, const struct gltf_accessor *a, float *ou
     for (uint64_t i = 0; i < n; i++) {
         uint32_t k = index_value(where + i * where_stride, type);
         if (k >= a->count)
-            return gltf_bad(g, "accessor %zu: sparse index %u of %llu", a->index, k,
-                            (unsigned long long)a->count);
+            return prt_gltf_bad(g, "accessor %zu: sparse index %u of %llu", a->index, k,
+                                (unsigned long long)a->count);
         if (out_f) convert(a, what + i * what_stride, out_f + (size_t)k * a->n_component);
         else out_i[k] = index_value(what + i * what_stride, a->component);
     }
     return PRT_OK;
 }
 
-int gltf_floats(struct gltf *g, const struct gltf_accessor *a, unsigned n_component, float *out)
+int prt_gltf_floats(struct gltf *g, const struct gltf_accessor *a, unsigned n_component,
+                    float *out)
 {
     if (a->n_component != n_component)
-        return gltf_bad(g, "accessor %zu: has %u components where %u are needed", a->index,
-                        a->n_component, n_component);
+        return prt_gltf_bad(g, "accessor %zu: has %u components where %u are needed", a->index,
+                            a->n_component, n_component);
     const uint8_t *p;
     size_t stride;
     if (a->view < 0) {
@@ -164,11 +166,12 @@ int gltf_floats(struct gltf *g, const struct gltf_accessor *a, unsigned n_compon
     return a->sparse ? apply_sparse(g, a, out, NULL) : PRT_OK;
 }
 
-int gltf_indices(struct gltf *g, const struct gltf_accessor *a, uint32_t *out)
+int prt_gltf_indices(struct gltf *g, const struct gltf_accessor *a, uint32_t *out)
 {
     if (a->n_component != 1 ||
         (a->component != 5121 && a->component != 5123 && a->component != 5125))
-        return gltf_bad(g, "accessor %zu: indices must be unsigned whole numbers", a->index);
+        return prt_gltf_bad(g, "accessor %zu: indices must be unsigned whole numbers",
+                            a->index);
     const uint8_t *p;
     size_t stride;
     if (a->view < 0) {

@@ -27,21 +27,21 @@ static int load_file(struct gltf *g, const char *path, struct prt_blob *blob)
 {
     char joined[PATH_MAX], base[PATH_MAX], real[PATH_MAX];
     if (!is_inside(path))
-        return gltf_bad(g, "buffer file \"%.80s\" is not a path beside the model", path);
+        return prt_gltf_bad(g, "buffer file \"%.80s\" is not a path beside the model", path);
     if (!g->d->base_dir)
-        return gltf_bad(g, "buffer \"%.80s\" is outside the file; send a .glb", path);
+        return prt_gltf_bad(g, "buffer \"%.80s\" is outside the file; send a .glb", path);
     int n = snprintf(joined, sizeof joined, "%s/%s", g->d->base_dir, path);
-    if (n >= (int)sizeof joined) return gltf_bad(g, "buffer file: path too long");
+    if (n >= (int)sizeof joined) return prt_gltf_bad(g, "buffer file: path too long");
     if (!realpath(g->d->base_dir, base) || !realpath(joined, real))
         return prt_fail(g->d->ctx, PRT_IO, "%s: there is no buffer file \"%.80s\"", g->d->name,
                         path);
     size_t length = strlen(base); // a link may lead elsewhere
     if (strncmp(real, base, length) || (real[length] != '/' && strcmp(base, "/")))
-        return gltf_bad(g, "buffer file \"%.80s\" leads out of the model's folder", path);
+        return prt_gltf_bad(g, "buffer file \"%.80s\" leads out of the model's folder", path);
     return prt_read_file(g->d->ctx, real, g->d->max_bytes - g->loaded_bytes, blob);
 }
 
-int gltf_read_external(void *user, const char *name, void **bytes, size_t *n)
+int prt_gltf_read_external(void *user, const char *name, void **bytes, size_t *n)
 {
     struct gltf *g = user;
     struct prt_blob blob = {NULL, 0};
@@ -49,8 +49,9 @@ int gltf_read_external(void *user, const char *name, void **bytes, size_t *n)
     if (g->told || (g->told = load_file(g, name, &blob))) return g->told;
     if (want != UINT64_MAX && want > blob.size) {
         prt_free(blob.bytes);
-        return g->told = gltf_bad(g, "buffer file \"%.80s\": %llu bytes declared, %zu there",
-                                  name, (unsigned long long)want, blob.size);
+        return g->told =
+                   prt_gltf_bad(g, "buffer file \"%.80s\": %llu bytes declared, %zu there",
+                                name, (unsigned long long)want, blob.size);
     }
     g->n_opened++;
     g->loaded_bytes += blob.size;
@@ -64,17 +65,17 @@ static int slice(const struct gltf *g, size_t view, const struct prt_gltf_slice 
                  struct gltf_bytes *out)
 {
     if (s->buffer < 0 || (uint64_t)s->buffer >= g->file.n_buffer)
-        return gltf_bad(g, "bufferView %zu: names buffer %lld of %zu", view,
-                        (long long)s->buffer, g->file.n_buffer);
+        return prt_gltf_bad(g, "bufferView %zu: names buffer %lld of %zu", view,
+                            (long long)s->buffer, g->file.n_buffer);
     const struct prt_gltf_buffer *b = &g->file.buffer[s->buffer];
     if (s->buffer > 0 && !b->has_uri) // tinygltf gives the GLB's chunk to all such
-        return gltf_bad(g, "buffer %lld: has no data", (long long)s->buffer);
+        return prt_gltf_bad(g, "buffer %lld: has no data", (long long)s->buffer);
     if (s->offset < 0 || s->length < 0)
-        return gltf_bad(g, "bufferView %zu: offset or length are not whole numbers", view);
+        return prt_gltf_bad(g, "bufferView %zu: offset or length are not whole numbers", view);
     uint64_t offset = (uint64_t)s->offset, length = (uint64_t)s->length;
     if (offset > b->n || length > b->n - offset)
-        return gltf_bad(g, "bufferView %zu: reads %llu bytes past buffer %lld", view,
-                        (unsigned long long)(offset + length - b->n), (long long)s->buffer);
+        return prt_gltf_bad(g, "bufferView %zu: reads %llu bytes past buffer %lld", view,
+                            (unsigned long long)(offset + length - b->n), (long long)s->buffer);
     *out = (struct gltf_bytes){b->at + offset, (size_t)length, 0, true};
     return PRT_OK;
 }
@@ -108,24 +109,25 @@ static int load_meshopt(struct gltf *g, size_t view, struct gltf_bytes *out)
                      : (triangles || !strcmp(v->mode, "INDICES")) &&
                            (stride == 2 || stride == 4) && !(triangles && count % 3));
     if (!ok)
-        return gltf_bad(g, "bufferView %zu: impossible EXT_meshopt_compression settings", view);
+        return prt_gltf_bad(g, "bufferView %zu: impossible EXT_meshopt_compression settings",
+                            view);
     uint64_t bytes = (uint64_t)count * stride;
     if (bytes + g->loaded_bytes > g->d->max_bytes)
         return prt_fail(g->d->ctx, PRT_LIMIT, "%s: bufferView %zu: needs more than %llu MB",
                         g->d->name, view, (unsigned long long)(g->d->max_bytes >> 20));
-    uint8_t *to = gltf_own(g, bytes);
-    if (!to) return gltf_no_memory(g);
+    uint8_t *to = prt_gltf_own(g, bytes);
+    if (!to) return prt_gltf_no_memory(g);
     g->loaded_bytes += bytes;
     int bad = attributes  ? meshopt_decodeVertexBuffer(to, count, stride, source.at, source.n)
               : triangles ? meshopt_decodeIndexBuffer(to, count, stride, source.at, source.n)
                           : meshopt_decodeIndexSequence(to, count, stride, source.at, source.n);
     if (bad || (attributes && !meshopt_filter(v->filter, to, count, stride)))
-        return gltf_bad(g, "bufferView %zu: damaged EXT_meshopt_compression data", view);
+        return prt_gltf_bad(g, "bufferView %zu: damaged EXT_meshopt_compression data", view);
     *out = (struct gltf_bytes){to, (size_t)bytes, stride, true};
     return PRT_OK;
 }
 
-int gltf_view(struct gltf *g, size_t index, struct gltf_bytes *out)
+int prt_gltf_view(struct gltf *g, size_t index, struct gltf_bytes *out)
 {
     struct gltf_bytes *b = &g->view_bytes[index];
     if (!b->known) {
@@ -133,7 +135,7 @@ int gltf_view(struct gltf *g, size_t index, struct gltf_bytes *out)
         int status = v->meshopt ? load_meshopt(g, index, b) : slice(g, index, &v->slice, b);
         if (status) return status;
         if (v->stride > 1 << 20)
-            return gltf_bad(g, "bufferView %zu: byteStride is too large", index);
+            return prt_gltf_bad(g, "bufferView %zu: byteStride is too large", index);
         if (v->stride) b->stride = (size_t)v->stride;
     }
     *out = *b;

@@ -27,7 +27,7 @@ static int read_surface(struct gltf *g, size_t index, struct prt_surface *s)
     prt_surface_default(s, m->name);
     for (size_t c = 0; c < 4 && color->n; c++) {
         if (c >= color->n || !isfinite(color->at[c]))
-            return gltf_bad(g, "material %zu: its base colour needs 4 numbers", index);
+            return prt_gltf_bad(g, "material %zu: its base colour needs 4 numbers", index);
         double x = color->at[c];
         s->base_color[c] = x < 0 ? 0 : x > 1 ? 1 : (float)x;
     }
@@ -41,7 +41,7 @@ static int read_surface(struct gltf *g, size_t index, struct prt_surface *s)
 }
 
 // The surface of material `index` (n_material: none given), made on first use.
-int gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out)
+int prt_gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out)
 {
     uint32_t *known = opaque ? g->opaque_of : g->surface_of;
     if (known[index] == UINT32_MAX) {
@@ -61,7 +61,7 @@ int gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out)
     return PRT_OK;
 }
 
-void gltf_settle_surfaces(struct gltf *g)
+void prt_gltf_settle_surfaces(struct gltf *g)
 {
     bool any = false;
     uint32_t textured = 0;

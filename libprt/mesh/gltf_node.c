@@ -20,7 +20,7 @@ static int numbers(const struct gltf *g, size_t node, const char *what,
 {
     for (size_t i = 0; i < n && from->n; i++) {
         if (i >= from->n || !isfinite(from->at[i]))
-            return gltf_bad(g, "node %zu: %s needs %zu numbers", node, what, n);
+            return prt_gltf_bad(g, "node %zu: %s needs %zu numbers", node, what, n);
         out[i] = from->at[i];
     }
     return PRT_OK;
@@ -38,7 +38,7 @@ static int local_matrix(const struct gltf *g, size_t index, double m[16])
         return status;
     double l = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     if (!(l > 1e-9 && l < 1e9))
-        return gltf_bad(g, "node %zu: its rotation has no length", index);
+        return prt_gltf_bad(g, "node %zu: its rotation has no length", index);
     double x = q[0] / l, y = q[1] / l, z = q[2] / l, w = q[3] / l;
     const double r[9] = {
         1 - 2 * (y * y + z * z), 2 * (x * y + z * w),     2 * (x * z - y * w),
@@ -68,9 +68,9 @@ static int enter(struct gltf *g, struct walk *w, int64_t which, const double *pa
 {
     double local[16];
     if (which < 0 || (uint64_t)which >= g->file.n_node)
-        return gltf_bad(g, "node %lld does not exist", (long long)which);
+        return prt_gltf_bad(g, "node %lld does not exist", (long long)which);
     size_t index = (size_t)which;
-    if (w->on_path[index]) return gltf_bad(g, "node %zu is its own descendant", index);
+    if (w->on_path[index]) return prt_gltf_bad(g, "node %zu is its own descendant", index);
     // more visits than nodes: some have several parents, which can multiply without end
     if (++w->visits > 4 * g->file.n_node + SPARE_VISITS)
         return prt_fail(g->d->ctx, PRT_LIMIT, "%s: its %zu nodes make more than %zu instances",
@@ -83,10 +83,10 @@ static int enter(struct gltf *g, struct walk *w, int64_t which, const double *pa
     multiply(parent, local, v->m);
     for (int i = 0; i < 16; i++)
         if (!(fabs(v->m[i]) < 1e30))
-            return gltf_bad(g, "node %zu: its transform is too large", index);
+            return prt_gltf_bad(g, "node %zu: its transform is too large", index);
     w->on_path[index] = 1;
     w->depth++;
-    return gltf_instance(g, index, v->m);
+    return prt_gltf_instance(g, index, v->m);
 }
 
 static int walk_from(struct gltf *g, struct walk *w, int64_t root)
@@ -109,9 +109,9 @@ static int walk_from(struct gltf *g, struct walk *w, int64_t root)
 // Without a usable scene: every node that is nobody's child.
 static int walk_roots(struct gltf *g, struct walk *w)
 {
-    uint8_t *is_child = gltf_own(g, g->file.n_node);
+    uint8_t *is_child = prt_gltf_own(g, g->file.n_node);
     int status = PRT_OK;
-    if (!is_child) return gltf_no_memory(g);
+    if (!is_child) return prt_gltf_no_memory(g);
     for (size_t i = 0; i < g->file.n_node; i++) {
         const struct prt_gltf_node *node = &g->file.node[i];
         for (size_t c = 0; c < node->n_child; c++)
@@ -123,16 +123,16 @@ static int walk_roots(struct gltf *g, struct walk *w)
     return status;
 }
 
-int gltf_walk(struct gltf *g)
+int prt_gltf_walk(struct gltf *g)
 {
     const struct prt_gltf_document *f = &g->file;
-    struct walk w = {gltf_own(g, (f->n_node + 1) * sizeof *w.stack), gltf_own(g, f->n_node + 1),
-                     0, 0};
+    struct walk w = {prt_gltf_own(g, (f->n_node + 1) * sizeof *w.stack),
+                     prt_gltf_own(g, f->n_node + 1), 0, 0};
     uint64_t index = f->default_scene < 0 ? 0 : (uint64_t)f->default_scene;
     int status = PRT_OK;
-    if (!w.stack || !w.on_path) return gltf_no_memory(g);
+    if (!w.stack || !w.on_path) return prt_gltf_no_memory(g);
     if (f->n_scene && index >= f->n_scene)
-        return gltf_bad(g, "scene %llu does not exist", (unsigned long long)index);
+        return prt_gltf_bad(g, "scene %llu does not exist", (unsigned long long)index);
     if (!f->n_scene || !f->scene[index].n) {
         if (f->n_scene)
             prt_log(g->d->ctx, PRT_LOG_WARNING, "%s: scene %llu is empty: all nodes are loaded",

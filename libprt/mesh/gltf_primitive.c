@@ -37,8 +37,8 @@ static int to_world(struct gltf *g, const double *m, uint32_t first, uint32_t n,
         float *p = g->d->position[v], *q = g->d->normal[v];
         double x[3], y[3];
         if (!finite3(p, 1e30f))
-            return gltf_bad(g, "mesh %zu: vertex %u of a primitive is not finite",
-                            g->mesh_index, v - first);
+            return prt_gltf_bad(g, "mesh %zu: vertex %u of a primitive is not finite",
+                                g->mesh_index, v - first);
         for (int r = 0; r < 3; r++) {
             x[r] = m[r] * p[0] + m[4 + r] * p[1] + m[8 + r] * p[2] + m[12 + r];
             y[r] = sign * (cof[r] * q[0] + cof[3 + r] * q[1] + cof[6 + r] * q[2]);
@@ -50,8 +50,8 @@ static int to_world(struct gltf *g, const double *m, uint32_t first, uint32_t n,
             q[r] = good ? (float)(y[r] / length) : 0;
         }
         if (!finite3(p, 1e15f))
-            return gltf_bad(g, "mesh %zu: vertex %u of a primitive lies beyond 1e15",
-                            g->mesh_index, v - first);
+            return prt_gltf_bad(g, "mesh %zu: vertex %u of a primitive lies beyond 1e15",
+                                g->mesh_index, v - first);
     }
     return PRT_OK;
 }
@@ -60,12 +60,12 @@ static int read_attribute(struct gltf *g, int64_t accessor, unsigned n_component
                           float *out)
 {
     struct gltf_accessor a;
-    int status = gltf_accessor(g, accessor, &a);
+    int status = prt_gltf_accessor(g, accessor, &a);
     if (status) return status;
     if (a.count != n)
-        return gltf_bad(g, "accessor %zu: has %llu elements for %llu vertices", a.index,
-                        (unsigned long long)a.count, (unsigned long long)n);
-    return gltf_floats(g, &a, n_component, out);
+        return prt_gltf_bad(g, "accessor %zu: has %llu elements for %llu vertices", a.index,
+                            (unsigned long long)a.count, (unsigned long long)n);
+    return prt_gltf_floats(g, &a, n_component, out);
 }
 
 static int read_vertices(struct gltf *g, const struct prt_gltf_primitive *p, uint32_t *first,
@@ -73,11 +73,11 @@ static int read_vertices(struct gltf *g, const struct prt_gltf_primitive *p, uin
 {
     struct gltf_accessor a;
     int status;
-    if ((status = gltf_accessor(g, p->position, &a)) ||
+    if ((status = prt_gltf_accessor(g, p->position, &a)) ||
         (status = prt_draft_vertices(g->d, a.count, first)))
         return status;
     *n = (uint32_t)a.count;
-    status = gltf_floats(g, &a, 3, g->d->position[*first]);
+    status = prt_gltf_floats(g, &a, 3, g->d->position[*first]);
     if (!status && p->normal >= 0)
         status = read_attribute(g, p->normal, 3, a.count, g->d->normal[*first]);
     if (!status && p->uv >= 0) {
@@ -106,9 +106,9 @@ static int add_triangle(struct gltf *g, const struct corners *c, uint32_t i, uin
     for (int e = 0; e < 3; e++) {
         if (c->index) v[e] = c->index[v[e]];
         if (v[e] >= c->n_vertex)
-            return gltf_bad(g,
-                            "mesh %zu: index %u is out of range: the primitive has %u vertices",
-                            g->mesh_index, v[e], c->n_vertex);
+            return prt_gltf_bad(
+                g, "mesh %zu: index %u is out of range: the primitive has %u vertices",
+                g->mesh_index, v[e], c->n_vertex);
         v[e] += c->first;
     }
     return prt_draft_triangle(g->d, v[0], v[c->flip ? 2 : 1], v[c->flip ? 1 : 2]);
@@ -140,13 +140,13 @@ static int read_indices(struct gltf *g, int64_t index, struct corners *c)
     struct gltf_accessor a;
     c->n = c->n_vertex;
     if (index < 0) return PRT_OK;
-    int status = gltf_accessor(g, index, &a);
+    int status = prt_gltf_accessor(g, index, &a);
     if (status) return status;
     uint32_t *to = malloc(a.count * sizeof *to);
-    if (!to) return gltf_no_memory(g);
+    if (!to) return prt_gltf_no_memory(g);
     c->index = to;
     c->n = (uint32_t)a.count;
-    return gltf_indices(g, &a, to);
+    return prt_gltf_indices(g, &a, to);
 }
 
 static int decode_draco(struct gltf *g, const struct prt_gltf_primitive *p,
@@ -155,18 +155,18 @@ static int decode_draco(struct gltf *g, const struct prt_gltf_primitive *p,
     const int64_t view = p->draco_view;
     int status;
     if (view < 0 || (uint64_t)view >= g->file.n_view || p->draco_id[0] < 0)
-        return gltf_bad(g, "mesh %zu: damaged Draco primitive", g->mesh_index);
+        return prt_gltf_bad(g, "mesh %zu: damaged Draco primitive", g->mesh_index);
     if (!g->draco[view]) { // instances share what was decoded once
         struct gltf_bytes bytes;
         struct prt_draco mesh;
         const char *why = NULL;
-        if ((status = gltf_view(g, (size_t)view, &bytes))) return status;
-        struct gltf_mesh_data *data = gltf_own(g, sizeof *data);
-        if (!data) return gltf_no_memory(g);
+        if ((status = prt_gltf_view(g, (size_t)view, &bytes))) return status;
+        struct gltf_mesh_data *data = prt_gltf_own(g, sizeof *data);
+        if (!data) return prt_gltf_no_memory(g);
         if (prt_draco_decode(bytes.at, bytes.n, p->draco_id, g->d->max_vertices,
                              g->d->max_triangles, &mesh, &why)) {
             prt_draco_free(&mesh);
-            return gltf_bad(g, "bufferView %lld: %s", (long long)view, why);
+            return prt_gltf_bad(g, "bufferView %lld: %s", (long long)view, why);
         }
         *data = (struct gltf_mesh_data){mesh.n_vertex, mesh.n_triangle, mesh.position,
                                         mesh.normal,   mesh.uv,         mesh.triangle};
@@ -189,7 +189,7 @@ static int read_draco(struct gltf *g, const struct prt_gltf_primitive *p, struct
     if (m->uv) memcpy(g->d->uv[c->first], m->uv, (size_t)m->n_vertex * 8);
     g->d->has_uv |= m->uv != NULL;
     uint32_t *index = malloc((size_t)c->n * sizeof *index);
-    if (!index) return gltf_no_memory(g);
+    if (!index) return prt_gltf_no_memory(g);
     memcpy(index, m->triangle, (size_t)c->n * sizeof *index);
     c->index = index;
     return PRT_OK;
@@ -210,16 +210,16 @@ static int finish_primitive(struct gltf *g, int64_t given, const struct instance
     double det;
     int status = PRT_OK;
     if (given >= 0 && material >= g->file.n_material)
-        status = gltf_bad(g, "material %lld does not exist", (long long)given);
+        status = prt_gltf_bad(g, "material %lld does not exist", (long long)given);
     if (!status && !uv_finite(g, c->first, c->n_vertex))
-        status = gltf_bad(g, "a TEXCOORD_0 is not finite");
+        status = prt_gltf_bad(g, "a TEXCOORD_0 is not finite");
     if (!status) status = to_world(g, at->m, c->first, c->n_vertex, &det);
     if (!status) {
         c->flip = det < 0;
         g->n_flat += det == 0;
         status = add_triangles(g, c, mode);
     }
-    if (!status) status = gltf_surface(g, (size_t)material, at->opaque, &surface);
+    if (!status) status = prt_gltf_surface(g, (size_t)material, at->opaque, &surface);
     return status ? status
                   : prt_draft_block(g->d, (struct prt_block){at->object, surface, c->first,
                                                              c->n_vertex, before,
@@ -232,8 +232,8 @@ static int read_primitive(struct gltf *g, const struct prt_gltf_primitive *p,
     struct corners c = {0};
     int status, mode = p->draco ? 4 : p->mode;
     if (p->mode > 6)
-        return gltf_bad(g, "a primitive of mesh %zu: mode %d is too large", g->mesh_index,
-                        p->mode);
+        return prt_gltf_bad(g, "a primitive of mesh %zu: mode %d is too large", g->mesh_index,
+                            p->mode);
     if (p->mode < 4 || p->position < 0) {
         g->n_skipped++;
         return PRT_OK;
@@ -250,7 +250,7 @@ static int read_primitive(struct gltf *g, const struct prt_gltf_primitive *p,
     return status;
 }
 
-int gltf_instance(struct gltf *g, size_t node_index, const double *world)
+int prt_gltf_instance(struct gltf *g, size_t node_index, const double *world)
 {
     struct instance instance = {.object = g->d->n_object}, *at = &instance;
     const struct prt_gltf_node *node = &g->file.node[node_index];
@@ -258,14 +258,14 @@ int gltf_instance(struct gltf *g, size_t node_index, const double *world)
     memcpy(at->m, world, sizeof at->m);
     if (node->mesh < 0) return PRT_OK;
     if ((uint64_t)node->mesh >= g->file.n_mesh)
-        return gltf_bad(g, "node %zu: mesh %lld does not exist", node_index,
-                        (long long)node->mesh);
+        return prt_gltf_bad(g, "node %zu: mesh %lld does not exist", node_index,
+                            (long long)node->mesh);
     const struct prt_gltf_mesh *mesh = &g->file.mesh[node->mesh];
     g->n_deformed += node->skin >= 0;
     g->mesh_index = (size_t)node->mesh;
     at->opaque = prt_draft_opaque(g->d, node->name);
     uint32_t before = g->d->n_block;
-    if (!mesh->n) return gltf_bad(g, "mesh %lld has no primitives", (long long)node->mesh);
+    if (!mesh->n) return prt_gltf_bad(g, "mesh %lld has no primitives", (long long)node->mesh);
     for (size_t i = 0; i < mesh->n; i++)
         if ((status = read_primitive(g, &mesh->primitive[i], at))) return status;
     g->d->n_object += g->d->n_block > before;

@@ -49,22 +49,23 @@ static void drop_draco_indices(cJSON *json)
     }
 }
 
-bool gltf_needs_rewrite(const char *json, size_t n)
+bool prt_gltf_needs_rewrite(const char *json, size_t n)
 {
     return memmem(json, n, "EXT_meshopt_compression", 23) ||
            memmem(json, n, "KHR_draco_mesh_compression", 26);
 }
 
-int gltf_rewrite(struct gltf *g, const char *json, size_t n, char **out)
+int prt_gltf_rewrite(struct gltf *g, const char *json, size_t n, char **out)
 {
     const char *end = NULL;
     cJSON *tree = cJSON_ParseWithLengthOpts(json, n, &end, 0);
     if (!tree || end != json + n) {
         cJSON_Delete(tree);
-        return gltf_bad(g, "its JSON is damaged near byte %zu", end ? (size_t)(end - json) : 0);
+        return prt_gltf_bad(g, "its JSON is damaged near byte %zu",
+                            end ? (size_t)(end - json) : 0);
     }
     drop_draco_indices(tree);
     *out = fill_buffers(g, tree) ? cJSON_PrintUnformatted(tree) : NULL;
     cJSON_Delete(tree);
-    return *out ? PRT_OK : gltf_no_memory(g);
+    return *out ? PRT_OK : prt_gltf_no_memory(g);
 }

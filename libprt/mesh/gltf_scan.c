@@ -47,8 +47,8 @@ static const char *const unread[] = {"images",  "textures", "samplers", "animati
 
 static int not_whole(const struct scan *s, struct span key)
 {
-    return gltf_bad(s->g, "near byte %zu of its JSON: %.*s is not a whole number in range",
-                    s->i, (int)(key.n > 40 ? 40 : key.n), key.at);
+    return prt_gltf_bad(s->g, "near byte %zu of its JSON: %.*s is not a whole number in range",
+                        s->i, (int)(key.n > 40 ? 40 : key.n), key.at);
 }
 
 // A number's first character: sizes are at most 2^53, the others fit an int.
@@ -76,7 +76,7 @@ static int string(struct scan *s)
         if (s->json[s->i] == '\\' && ++s->i >= s->n) break;
     size_t end = s->i < s->n ? s->i : s->n;
     if (memchr(s->json + begin, 0, end - begin))
-        return gltf_bad(s->g, "a zero byte inside its JSON");
+        return prt_gltf_bad(s->g, "a zero byte inside its JSON");
     s->last = (struct span){s->json + begin, end - begin};
     if (s->key.at && !s->blank && one_of(s->key, sizes)) return not_whole(s, s->key);
     if (s->in_buffers && s->depth == 3 && is(s->key, "uri"))
@@ -88,7 +88,7 @@ static int string(struct scan *s)
 static int open_value(struct scan *s)
 {
     if (++s->depth > MAX_DEPTH)
-        return gltf_bad(s->g, "its JSON nests deeper than %d", MAX_DEPTH);
+        return prt_gltf_bad(s->g, "its JSON nests deeper than %d", MAX_DEPTH);
     bool array = s->json[s->i] == '[';
     if (!s->blank &&
         (is(s->key, "extras") || (array && s->depth == 2 && one_of(s->key, unread)))) {
@@ -113,8 +113,8 @@ static int close_value(struct scan *s)
     if (s->in_buffers && s->depth == 3 && s->has_bytes) {
         struct gltf *g = s->g;
         if (g->n_external % 64 == 0) {
-            uint64_t *more = gltf_own(g, (g->n_external + 64) * sizeof *more);
-            if (!more) return gltf_no_memory(g);
+            uint64_t *more = prt_gltf_own(g, (g->n_external + 64) * sizeof *more);
+            if (!more) return prt_gltf_no_memory(g);
             if (g->n_external) memcpy(more, g->external, g->n_external * sizeof *more);
             g->external = more;
         }
@@ -130,7 +130,7 @@ static int step(struct scan *s)
     char c = s->json[s->i];
     switch (c) {
     case 0:
-        return gltf_bad(s->g, "a zero byte inside its JSON");
+        return prt_gltf_bad(s->g, "a zero byte inside its JSON");
     case '"':
         return string(s);
     case '[':
@@ -154,7 +154,7 @@ static int step(struct scan *s)
     return PRT_OK;
 }
 
-int gltf_scan(struct gltf *g, char *json, size_t n)
+int prt_gltf_scan(struct gltf *g, char *json, size_t n)
 {
     struct scan s = {.g = g, .json = json, .n = n};
     int status = PRT_OK;

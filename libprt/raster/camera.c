@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Cameras: the text form of --camera, the default view, and the frame rays are made from.
+// Cameras: the text of --camera, the default view, and the frame that rays are computed from.
 #include "internal.h"
 
 #include <math.h>
@@ -72,15 +72,15 @@ int prt_camera_parse(const struct prt_context *ctx, const char *text, struct prt
                             "camera '%s': FOVY must be one number of degrees in (0,170)", text);
     }
     struct camera_frame frame;
-    int status = camera_frame_init(ctx, &c, 1, 1, 1, &frame);
+    int status = prt_camera_frame_init(ctx, &c, 1, 1, 1, &frame);
     if (status) return status;
     *out = c;
     return PRT_OK;
 }
 
-int camera_frame_init(const struct prt_context *ctx, const struct prt_camera *camera,
-                      double mm_per_unit, uint32_t width, uint32_t height,
-                      struct camera_frame *out)
+int prt_camera_frame_init(const struct prt_context *ctx, const struct prt_camera *camera,
+                          double mm_per_unit, uint32_t width, uint32_t height,
+                          struct camera_frame *out)
 {
     struct camera_frame f;
     double up[3];
@@ -102,7 +102,7 @@ int camera_frame_init(const struct prt_context *ctx, const struct prt_camera *ca
         parallel = dot3(f.right, f.right) < 1e-10;
     }
     if (parallel) {
-        // looking along up: take -z, or x when that is parallel too
+        // up is parallel to the view: replaced by -z, or by x when that is parallel too
         double other[3] = {0, 0, -1};
         if (fabs(f.forward[2]) > 0.9) other[0] = 1, other[2] = 0;
         prt_log(ctx, PRT_LOG_NOTE, "camera: up is parallel to the view; using %g,%g,%g",
@@ -121,7 +121,7 @@ int camera_frame_init(const struct prt_context *ctx, const struct prt_camera *ca
     return PRT_OK;
 }
 
-// Is this vertex part of what the default camera frames: translucent, or anything if none is?
+// Whether the default camera frames this block: translucent ones, or all where none is.
 static bool block_counts(const struct prt_mesh *mesh, const struct prt_block *block,
                          bool any_translucent)
 {

@@ -10,22 +10,25 @@ struct border_cube {
     uint32_t n;
     float *texel; /* [6][n+2][n+2][4] */
 };
-bool border_cube_init(struct border_cube *cube, uint32_t n);
-void border_cube_finish(struct border_cube *cube);
+/* n x n texels a face, all 0; false without memory. */
+bool prt_border_cube_init(struct border_cube *cube, uint32_t n);
+void prt_border_cube_finish(struct border_cube *cube);
+/* Texel (x, y) of a face, 4 floats. */
 static inline float *border_texel(const struct border_cube *c, unsigned face, uint32_t x,
                                   uint32_t y)
 {
     size_t m = c->n + 2;
     return c->texel + ((face * m + y + 1) * m + x + 1) * 4;
 }
-/* Fills the borders from the faces next door. */
-void border_cube_seal(struct border_cube *cube);
-void border_cube_sample(const struct border_cube *cube, const float dir[3], float rgb[3]);
-/* Copy of a plain cube. */
-bool border_cube_copy(struct border_cube *out, const struct prt_cube *cube);
+/* Fills the borders from the adjacent faces. */
+void prt_border_cube_seal(struct border_cube *cube);
+/* Bilinear radiance in a direction of any length. */
+void prt_border_cube_sample(const struct border_cube *cube, const float dir[3], float rgb[3]);
+/* A copy of a cube without borders; false without memory. */
+bool prt_border_cube_copy(struct border_cube *out, const struct prt_cube *cube);
 
-/* One cube of this lobe's roughness, mixed from the levels of a specular. */
-bool specular_mix(const struct prt_specular *specular, float roughness,
-                  struct border_cube *out);
+/* A cube for one roughness, interpolated between levels; false without memory. */
+bool prt_specular_mix(const struct prt_specular *specular, float roughness,
+                      struct border_cube *out);
 
 #endif

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The GL driver: found with dlopen, one context per backend and process, draws triangle
+// The GL driver: loaded with dlopen, one context for each backend and process, draws triangle
 // numbers.
 #include "internal.h"
 
@@ -70,8 +70,8 @@ struct gl {
 // One driver with its context and the objects kept between calls.
 struct driver {
     pthread_mutex_t lock;
-    int state;     // 0 untried, 1 usable, -1 not there
-    char why[160]; // what went wrong when state is -1
+    int state;     // 0 untried, 1 usable, -1 missing
+    char why[160]; // the reason of -1
     struct gl gl;
     void *context;
     // OSMesa
@@ -175,8 +175,8 @@ static bool open_egl(struct driver *d)
     return load_functions(d, (get_proc_fn)get);
 }
 
-// Positions come relative to the eye before the matrix, so that a scene far from the origin
-// loses nothing beyond its own single precision.
+// The eye is subtracted before the matrix is applied, so that a scene far from the origin keeps
+// the single precision of its positions.
 static const char draw_vertex[] =
     "#version 450 core\n"
     "layout(location=0) in vec3 position;\n"
@@ -233,12 +233,12 @@ static bool build_objects(struct driver *d)
     if (!d->draw_program || !d->resolve_program) return false;
     gl->GenVertexArrays(1, &d->vertex_array);
     gl->ClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
-    gl->DepthFunc(GL_GREATER); // reversed depth in float: even precision over the range
+    gl->DepthFunc(GL_GREATER); // reversed depth in float has even precision over the range
     gl->PixelStorei(GL_PACK_ALIGNMENT, 4);
     return true;
 }
 
-// Under the driver's lock: opens it on first use.
+// Opens the driver on first use. Its lock must be held.
 static bool driver_ready(struct driver *d)
 {
     if (d->state == 0) {
@@ -289,9 +289,9 @@ static bool make_targets(const struct gl *gl, uint32_t w, uint32_t h, unsigned n
     return good;
 }
 
-// Rows of the clip matrix for eye-relative positions: y down so that row 0 is on top, w the
-// depth along the view, z reversed: 1 at z_near, 0 at z_far. The picture is moved by shift, in
-// units of the clip square.
+// The clip matrix for positions relative to the eye: y down so that row 0 is on top, w the
+// depth along the view, z reversed: 1 at z_near, 0 at z_far. shift moves the picture, in units
+// of the clip square.
 static void clip_matrix(const struct camera_frame *f, double z_near, double z_far,
                         const double shift[2], float m[16])
 {
@@ -321,8 +321,8 @@ static void upload_mesh(struct driver *d, const struct prt_mesh *mesh)
     gl->EnableVertexAttribArray(0);
 }
 
-// Sub-samples that the driver takes at once: 1, or 4 as its multi-sampling places them. Others
-// are drawn one after another.
+// Sub-samples that one draw yields: 1, or 4 at the positions of the driver's multi-sampling.
+// Other counts are drawn one sub-sample after another.
 static unsigned samples_at_once(unsigned n_sub)
 {
     return n_sub == 4 ? 4 : 1;
@@ -369,7 +369,7 @@ static void draw_band(struct driver *d, struct gl_draw *draw, const struct targe
     gl->ReadPixels(0, 0, w, h, several ? GL_RGBA_INTEGER : GL_RED_INTEGER, GL_UNSIGNED_INT, id);
 }
 
-// No two in one column or row, as Direct3D's standard patterns; in 1/16 pixel.
+// Positions in 1/16 pixel, as in Direct3D's standard patterns: no two in one column or row.
 static const uint8_t two[2][2] = {{12, 12}, {4, 4}};
 static const uint8_t eight[8][2] = {{9, 5},  {7, 11}, {13, 9},  {5, 3},
                                     {3, 13}, {1, 7},  {11, 15}, {15, 1}};
@@ -386,7 +386,7 @@ static void sub_positions(const struct gl *gl, struct gl_draw *draw)
     }
 }
 
-// The band's sub-samples together, pixel by pixel. plane has room for one of them.
+// All sub-samples of a band, interleaved pixel by pixel. plane: scratch for one sub-sample.
 static void draw_samples(struct driver *d, struct gl_draw *draw, const struct targets *t,
                          uint32_t row_begin, uint32_t rows, uint32_t *plane, uint32_t *id)
 {
@@ -404,7 +404,8 @@ static void draw_samples(struct driver *d, struct gl_draw *draw, const struct ta
 static int draw_all(const struct prt_context *ctx, struct driver *d, struct gl_draw *draw)
 {
     const struct gl *gl = &d->gl;
-    // bands of at most 4 M pixels bound the memory of multi-sampled targets
+    // bands of at most 4 Mi pixels bound the memory of multi-sampled targets; chosen, not
+    // measured
     uint32_t band = (1u << 22) / draw->width;
     if (band > draw->height) band = draw->height;
     struct targets t;
@@ -436,8 +437,8 @@ static int draw_all(const struct prt_context *ctx, struct driver *d, struct gl_d
     return status;
 }
 
-int gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend backend,
-                      struct gl_draw *draw)
+int prt_gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend backend,
+                          struct gl_draw *draw)
 {
     struct driver *order[2] = {&osmesa_driver, &egl_driver};
     unsigned first = backend == PRT_RASTER_EGL, last = backend == PRT_RASTER_OSMESA ? 0 : 1;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* What the files of raster/ share: the camera's frame, the visibility buffer's insides. */
+/* Shared by the files of raster/: the camera's frame, the fields of the visibility buffer. */
 #ifndef RASTER_INTERNAL_H
 #define RASTER_INTERNAL_H
 
@@ -13,10 +13,10 @@ struct camera_frame {
     double eye[3], forward[3], right[3], up[3];
     double tan_x, tan_y;
 };
-/* Checks a camera and works out its frame; explains refusals. */
-int camera_frame_init(const struct prt_context *ctx, const struct prt_camera *camera,
-                      double mm_per_unit, uint32_t width, uint32_t height,
-                      struct camera_frame *out);
+/* Checks a camera and computes its frame; PRT_ARG with a message where it is degenerate. */
+int prt_camera_frame_init(const struct prt_context *ctx, const struct prt_camera *camera,
+                          double mm_per_unit, uint32_t width, uint32_t height,
+                          struct camera_frame *out);
 
 /* Triangle numbers of one band of rows: id[(y*width + x)*n_sub + s], UINT32_MAX for none. */
 struct gl_draw {
@@ -31,15 +31,15 @@ struct gl_draw {
     void *user;
 };
 /* Draws with a process-wide context kept for the next call; callers queue on a lock. */
-int gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend backend,
-                      struct gl_draw *draw);
+int prt_gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend backend,
+                          struct gl_draw *draw);
 
 struct prt_visibility {
     struct prt_camera camera;
     struct camera_frame frame;
     uint32_t width, height;
     unsigned n_sub;
-    uint32_t n_mesh_vertex, n_mesh_triangle;
+    uint32_t n_mesh_vertex, n_mesh_triangle; /* of the mesh it was drawn from */
     /* covered pixels, row-major */
     uint32_t n_covered;
     uint32_t *row_covered;     /* [height+1] first covered pixel of a row */

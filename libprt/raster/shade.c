@@ -10,7 +10,7 @@
 
 enum { LANES = 64, SMALL_BACKGROUND = 64 };
 
-// A cube as the kernel reads it; offsets in floats.
+// A cube with or without borders, as the kernel reads it; offsets in floats.
 struct cube_view {
     const float *texel;
     int n, border, texel_floats, row, face;
@@ -34,7 +34,7 @@ struct shade_job {
     size_t plane_floats;
     unsigned n_plane;
     float eye[3], eta, plain[3], sign[16];
-    float sky_cos, sky_sin; // of the background's turn about +y
+    float sky_cos, sky_sin; // of the background's rotation about +y
     bool fresnel;
     const struct cube_view *specular, *background;
     float *rgb;
@@ -77,7 +77,8 @@ static struct cube_view view_plain(const struct prt_cube *c)
     return (struct cube_view){c->texel, n, 0, 3, 3 * n, 3 * n * n, n - 1, n - 1};
 }
 
-// The signs of medium's spherical harmonics, whichever convention it follows.
+// Signs of prt_sh_eval's harmonics relative to the kernel's, found at one direction where none
+// is 0: the convention of medium/ is not repeated here.
 static void harmonic_signs(float sign[16])
 {
     static const float dir[3] = {0.48f, 0.6f, 0.64f};
@@ -118,13 +119,13 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
         job->plain[i] = s->background_rgb[i];
     }
     if (good && s->specular) {
-        good = specular_mix(s->specular, s->roughness, &lobe);
+        good = prt_specular_mix(s->specular, s->roughness, &lobe);
         specular = view_bordered(&lobe);
         job->specular = &specular;
     }
     if (good && s->background) {
         bool small = s->background->n <= SMALL_BACKGROUND;
-        if (small) good = border_cube_copy(&sky, s->background);
+        if (small) good = prt_border_cube_copy(&sky, s->background);
         background = small ? view_bordered(&sky) : view_plain(s->background);
         job->background = &background;
     }
@@ -137,8 +138,8 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     int status = good ? prt_parallel_for(ctx, NULL, vis->height, 8, shade_rows, job)
                       : prt_fail(ctx, PRT_NOMEM, "shade: no memory for %ux%u pixels",
                                  vis->width, vis->height);
-    border_cube_finish(&lobe);
-    border_cube_finish(&sky);
+    prt_border_cube_finish(&lobe);
+    prt_border_cube_finish(&sky);
     if (status) {
         prt_free(image.rgb);
         return status;

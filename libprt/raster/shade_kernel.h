@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* Shading of up to LANES points or pixels: plain loops that the compiler turns into vectors.
- * Included by shade.c once for each instruction set, in its region of base/isa.h. */
+/* Shading of up to LANES points or pixels: plain loops that the compiler vectorises. Included
+ * by shade.c once for each instruction set, in its region of base/isa.h. */
 
 /* Bilinear look-up of n directions: offsets of four texels and fractions. */
 static void PRT_KERNEL(cube_lookup)(const struct cube_view *cube, int n, const float *dx,
@@ -53,8 +53,8 @@ static void PRT_KERNEL(cube_fetch)(const struct cube_view *cube, int n, const st
     }
 }
 
-/* View direction, its cosine, F_t (METHODS section 1, exact and unpolarised), the mirror
- * direction and the outward direction w_o' of the path inside. */
+/* F_t of the view direction (METHODS §1, exact and unpolarised), the mirror direction, and the
+ * direction w_o' of the refracted path inside, outwards. */
 static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n,
                                    struct view_terms *v)
 {
@@ -192,7 +192,7 @@ static void PRT_KERNEL(background)(const struct shade_job *job, uint32_t y, int 
     const float cz = (float)(f->forward[2] + (double)v * f->up[2] - f->right[2]);
     const float k = 2 / (float)job->width, bx = (float)f->right[0] * k;
     const float ay = (float)f->right[1] * k, bz = (float)f->right[2] * k;
-    /* the sky is turned: its rays turn the other way */
+    /* rotating the background is rotating the rays by the opposite angle */
     const float ox = cx * job->sky_cos - cz * job->sky_sin;
     const float oz = cx * job->sky_sin + cz * job->sky_cos;
     const float ax = bx * job->sky_cos - bz * job->sky_sin;
@@ -208,7 +208,7 @@ static void PRT_KERNEL(background)(const struct shade_job *job, uint32_t y, int 
     PRT_KERNEL(cube_fetch)(job->background, n, &look, r, g, b);
 }
 
-/* One row of the image. */
+/* One row of the image: points by their weights, the rest of each pixel by the background. */
 static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float *row)
 {
     const uint32_t *row_point = job->vis->row_point;
@@ -230,7 +230,7 @@ static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float
             p[2] += w * b[i];
         }
     }
-    /* what the points leave of each pixel is background */
+    /* the share of each pixel that no point covers is background */
     size_t at = row_point[y], end = row_point[y + 1];
     for (x = 0; x < width; x++) {
         float left = 1;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Environments pre-filtered with the GGX lobe. The filter weights depend on no light: they are
-// made once a process, so that a new light costs one sparse product.
+// Environments pre-filtered with the GGX lobe (METHODS §6). The filter's weights do not depend
+// on light: they are computed once in a process, so that a new light costs one sparse product.
 #include "internal.h"
 #include "cube.h"
 
@@ -11,6 +11,9 @@
 
 // Levels of growing roughness: the size of the level and of the input it is filtered from.
 enum { N_LEVEL = 6, BASE = 32 };
+// The lobe is cut where it falls to one over this of its peak (METHODS §6); chosen, not
+// measured.
+#define LOBE_CUT 500.0
 static const struct {
     float roughness;
     uint32_t n, from;
@@ -21,7 +24,7 @@ struct prt_specular {
     struct border_cube level[N_LEVEL];
 };
 
-// Sparse rows: level texel -> input texels with weights that sum to one.
+// Sparse rows: for each texel of the level, texels of the input with weights that sum to 1.
 struct filter {
     uint32_t *begin; // [6 n n + 1]
     uint16_t *index;
@@ -58,14 +61,14 @@ static void face_lookup(const float d[3], unsigned *face, float *s, float *t)
     }
 }
 
-bool border_cube_init(struct border_cube *cube, uint32_t n)
+bool prt_border_cube_init(struct border_cube *cube, uint32_t n)
 {
     cube->n = n;
     cube->texel = prt_calloc((size_t)6 * (n + 2) * (n + 2) * 4, sizeof(float));
     return cube->texel != NULL;
 }
 
-void border_cube_finish(struct border_cube *cube)
+void prt_border_cube_finish(struct border_cube *cube)
 {
     prt_free(cube->texel);
     cube->texel = NULL;
@@ -88,7 +91,7 @@ static void seal_texel(struct border_cube *c, unsigned face, uint32_t x, uint32_
            border_texel(c, other, (uint32_t)px, (uint32_t)py), 16);
 }
 
-void border_cube_seal(struct border_cube *c)
+void prt_border_cube_seal(struct border_cube *c)
 {
     for (unsigned face = 0; face < 6; face++) {
         for (uint32_t i = 0; i < c->n + 2; i++) {
@@ -100,7 +103,7 @@ void border_cube_seal(struct border_cube *c)
     }
 }
 
-void border_cube_sample(const struct border_cube *c, const float dir[3], float rgb[3])
+void prt_border_cube_sample(const struct border_cube *c, const float dir[3], float rgb[3])
 {
     unsigned face;
     float s, t;
@@ -118,33 +121,35 @@ void border_cube_sample(const struct border_cube *c, const float dir[3], float r
                  (p[m * 4 + (size_t)k] * (1 - fx) + p[m * 4 + 4 + (size_t)k] * fx) * fy;
 }
 
-bool border_cube_copy(struct border_cube *out, const struct prt_cube *cube)
+bool prt_border_cube_copy(struct border_cube *out, const struct prt_cube *cube)
 {
-    if (!border_cube_init(out, cube->n)) return false;
+    if (!prt_border_cube_init(out, cube->n)) return false;
     for (unsigned face = 0; face < 6; face++)
         for (uint32_t y = 0; y < cube->n; y++)
             for (uint32_t x = 0; x < cube->n; x++)
                 memcpy(border_texel(out, face, x, y),
                        cube->texel + (((size_t)face * cube->n + y) * cube->n + x) * 3, 12);
-    border_cube_seal(out);
+    prt_border_cube_seal(out);
     return true;
 }
 
-// With view = normal = lobe axis the GGX density of reflected directions is D(h)/4.
+// One level's filter while it is computed. With view = normal = lobe axis the GGX density of
+// reflected directions is D(h)/4 (WMLT07).
 struct filter_job {
     unsigned level;
     uint32_t n_in;
-    double alpha, cos_cut; // reflected directions below cos_cut weigh nothing
+    double alpha, cos_cut; // directions at a smaller cosine to the axis weigh 0
     float (*in_direction)[3];
     float (*place)[3]; // [n_in texels][n_place] directions in each texel
     uint32_t n_place;
     float *solid_angle;
-    uint16_t **index; // a growing list for each row
+    uint16_t **index; // [rows] lists of texels and weights
     float **weight;
     uint32_t *count;
 };
 
-// Weight of input texel i about axis d: the lobe averaged over places in the texel.
+// Weight of input texel i for lobe axis d: the lobe averaged over n_place directions of the
+// texel.
 static double texel_weight(const struct filter_job *job, uint32_t i, const float d[3])
 {
     float sum = 0, a2 = (float)(job->alpha * job->alpha), cut = (float)job->cos_cut;
@@ -165,7 +170,7 @@ static int filter_rows(void *arg, size_t begin, size_t end, unsigned worker)
     uint16_t *index = malloc(n_in * sizeof *index);
     float *weight = malloc(n_in * sizeof *weight);
     int status = index && weight ? PRT_OK : PRT_NOMEM;
-    double near = job->cos_cut - 1.5 / job->n_in; // texels that reach into the cone
+    double near = job->cos_cut - 1.5 / job->n_in; // texels that overlap the cone
     for (size_t row = begin; !status && row < end; row++) {
         float d[3];
         unsigned face = (unsigned)(row / (n * n)), y = (unsigned)(row / n % n);
@@ -202,72 +207,92 @@ static double texel_area(double x, double y)
     return atan2(x * y, sqrt(x * x + y * y + 1));
 }
 
-static int make_filter(const struct prt_context *ctx, unsigned level)
+// Solid angle of texel (x, y) of a face whose texels are k wide in [-1,1]².
+static double texel_solid_angle(double x, double y, double k)
 {
-    uint32_t n_in = level_shape[level].from, n = level_shape[level].n;
-    uint32_t in = 6 * n_in * n_in, rows = 6 * n * n;
-    double alpha = (double)level_shape[level].roughness * level_shape[level].roughness;
-    // cut where the lobe is 1/500 of its peak
-    double theta = atan(alpha * sqrt(sqrt(500) - 1));
-    struct filter_job job = {.level = level,
-                             .n_in = n_in,
-                             .alpha = alpha,
-                             .cos_cut = 2 * theta < M_PI / 2 ? cos(2 * theta) : 0};
-    job.in_direction = malloc(in * sizeof *job.in_direction);
-    job.solid_angle = malloc(in * sizeof *job.solid_angle);
-    job.index = calloc(rows, sizeof *job.index);
-    job.weight = calloc(rows, sizeof *job.weight);
-    job.count = calloc(rows, sizeof *job.count);
-    uint32_t fine = level == 1 ? 4 : 2;
-    job.n_place = fine * fine;
-    job.place = malloc((size_t)in * job.n_place * sizeof *job.place);
-    int status = PRT_NOMEM;
-    struct filter f = {calloc(rows + 1, 4), NULL, NULL};
-    if (job.in_direction && job.solid_angle && job.index && job.weight && job.count &&
-        f.begin && job.place) {
-        for (uint32_t i = 0; i < in; i++) {
-            double x = i % n_in, y = i / n_in % n_in, k = 2.0 / n_in;
-            face_direction(i / (n_in * n_in), (x + 0.5) * k - 1, (y + 0.5) * k - 1,
-                           job.in_direction[i]);
-            for (uint32_t q = 0; q < job.n_place; q++)
-                face_direction(i / (n_in * n_in), (x + (q % fine + 0.5) / fine) * k - 1,
-                               (y + (double)(q / fine + 0.5) / fine) * k - 1,
-                               job.place[(size_t)i * job.n_place + q]);
-            job.solid_angle[i] = (float)(texel_area((x + 1) * k - 1, (y + 1) * k - 1) -
-                                         texel_area(x * k - 1, (y + 1) * k - 1) -
-                                         texel_area((x + 1) * k - 1, y * k - 1) +
-                                         texel_area(x * k - 1, y * k - 1));
-        }
-        status = prt_parallel_for(ctx, NULL, rows, 16, filter_rows, &job);
+    return texel_area((x + 1) * k - 1, (y + 1) * k - 1) -
+           texel_area(x * k - 1, (y + 1) * k - 1) - texel_area((x + 1) * k - 1, y * k - 1) +
+           texel_area(x * k - 1, y * k - 1);
+}
+
+static void job_finish(struct filter_job *job, uint32_t rows)
+{
+    for (uint32_t r = 0; job->index && job->weight && r < rows; r++) {
+        free(job->index[r]);
+        free(job->weight[r]);
     }
-    if (!status) {
-        for (uint32_t r = 0; r < rows; r++) f.begin[r + 1] = f.begin[r] + job.count[r];
-        f.index = malloc(f.begin[rows] * sizeof *f.index);
-        f.weight = malloc(f.begin[rows] * sizeof *f.weight);
-        if (!f.index || !f.weight) status = PRT_NOMEM;
+    free(job->in_direction);
+    free(job->place);
+    free(job->solid_angle);
+    free(job->index);
+    free(job->weight);
+    free(job->count);
+}
+
+// Directions and solid angles of the input's texels; `fine` x `fine` directions in each.
+static bool job_init(struct filter_job *job, uint32_t rows, uint32_t fine)
+{
+    uint32_t n_in = job->n_in, in = 6 * n_in * n_in;
+    job->n_place = fine * fine;
+    job->in_direction = malloc(in * sizeof *job->in_direction);
+    job->solid_angle = malloc(in * sizeof *job->solid_angle);
+    job->place = malloc((size_t)in * job->n_place * sizeof *job->place);
+    job->index = calloc(rows, sizeof *job->index);
+    job->weight = calloc(rows, sizeof *job->weight);
+    job->count = calloc(rows, sizeof *job->count);
+    if (!job->in_direction || !job->solid_angle || !job->place || !job->index || !job->weight ||
+        !job->count)
+        return false;
+    for (uint32_t i = 0; i < in; i++) {
+        unsigned face = i / (n_in * n_in);
+        double x = i % n_in, y = i / n_in % n_in, k = 2.0 / n_in;
+        face_direction(face, (x + 0.5) * k - 1, (y + 0.5) * k - 1, job->in_direction[i]);
+        for (uint32_t q = 0; q < job->n_place; q++)
+            face_direction(face, (x + (q % fine + 0.5) / fine) * k - 1,
+                           (y + (double)(q / fine + 0.5) / fine) * k - 1,
+                           job->place[(size_t)i * job->n_place + q]);
+        job->solid_angle[i] = (float)texel_solid_angle(x, y, k);
     }
-    for (uint32_t r = 0; job.index && job.weight && r < rows; r++) {
-        if (!status && job.count[r]) {
-            memcpy(f.index + f.begin[r], job.index[r], job.count[r] * sizeof *f.index);
-            memcpy(f.weight + f.begin[r], job.weight[r], job.count[r] * sizeof *f.weight);
-        }
-        free(job.index[r]);
-        free(job.weight[r]);
-    }
-    free(job.in_direction);
-    free(job.place);
-    free(job.solid_angle);
-    free(job.index);
-    free(job.weight);
-    free(job.count);
-    if (status) {
+    return true;
+}
+
+// The job's lists as one sparse matrix.
+static bool pack_filter(const struct filter_job *job, uint32_t rows, struct filter *out)
+{
+    struct filter f = {calloc(rows + 1, sizeof *f.begin), NULL, NULL};
+    if (!f.begin) return false;
+    for (uint32_t r = 0; r < rows; r++) f.begin[r + 1] = f.begin[r] + job->count[r];
+    f.index = malloc(f.begin[rows] * sizeof *f.index);
+    f.weight = malloc(f.begin[rows] * sizeof *f.weight);
+    if (!f.index || !f.weight) {
         free(f.begin);
         free(f.index);
         free(f.weight);
-        return status;
+        return false;
     }
-    filter[level] = f;
-    return PRT_OK;
+    for (uint32_t r = 0; r < rows; r++) {
+        memcpy(f.index + f.begin[r], job->index[r], job->count[r] * sizeof *f.index);
+        memcpy(f.weight + f.begin[r], job->weight[r], job->count[r] * sizeof *f.weight);
+    }
+    *out = f;
+    return true;
+}
+
+static int make_filter(const struct prt_context *ctx, unsigned level)
+{
+    uint32_t n = level_shape[level].n, rows = 6 * n * n;
+    double alpha = (double)level_shape[level].roughness * level_shape[level].roughness;
+    double theta = atan(alpha * sqrt(sqrt(LOBE_CUT) - 1)); // half angle of the cut
+    struct filter_job job = {.level = level,
+                             .n_in = level_shape[level].from,
+                             .alpha = alpha,
+                             .cos_cut = 2 * theta < M_PI / 2 ? cos(2 * theta) : 0};
+    // the narrowest lobe is not much wider than a texel
+    int status = job_init(&job, rows, level == 1 ? 4 : 2) ? PRT_OK : PRT_NOMEM;
+    if (!status) status = prt_parallel_for(ctx, NULL, rows, 16, filter_rows, &job);
+    if (!status && !pack_filter(&job, rows, &filter[level])) status = PRT_NOMEM;
+    job_finish(&job, rows);
+    return status;
 }
 
 static int make_filters(const struct prt_context *ctx)
@@ -279,6 +304,23 @@ static int make_filters(const struct prt_context *ctx)
     if (!status) filters_made = true;
     pthread_mutex_unlock(&filter_lock);
     return status;
+}
+
+// Mean of k x k texels of one face from (x, y) on, by their weights.
+static void average_block(const float *face, const float *area, uint32_t n, uint32_t x,
+                          uint32_t y, uint32_t k, float out[4])
+{
+    float sum[3] = {0}, total = 0;
+    for (uint32_t b = y; b < y + k; b++) {
+        for (uint32_t a = x; a < x + k; a++) {
+            const float *p = face + ((size_t)b * n + a) * 4;
+            float w = area[b * n + a];
+            total += w;
+            for (int c = 0; c < 3; c++) sum[c] += w * p[c];
+        }
+    }
+    for (int c = 0; c < 3; c++) out[c] = sum[c] / total;
+    out[3] = 0;
 }
 
 // Average radiance over blocks of texels, weighted by solid angle: conserves power.
@@ -293,29 +335,16 @@ static bool reduce(const float *in, uint32_t n_in, uint32_t n, float *out)
             area[y * n_in + x] = (float)pow(1 + s * s + t * t, -1.5);
         }
     }
-    for (uint32_t face = 0; face < 6; face++) {
-        for (uint32_t y = 0; y < n; y++) {
-            for (uint32_t x = 0; x < n; x++) {
-                float sum[3] = {0}, total = 0;
-                for (uint32_t b = y * k; b < (y + 1) * k; b++) {
-                    for (uint32_t a = x * k; a < (x + 1) * k; a++) {
-                        const float *p = in + (((size_t)face * n_in + b) * n_in + a) * 4;
-                        float w = area[b * n_in + a];
-                        total += w;
-                        for (int c = 0; c < 3; c++) sum[c] += w * p[c];
-                    }
-                }
-                float *q = out + (((size_t)face * n + y) * n + x) * 4;
-                for (int c = 0; c < 3; c++) q[c] = sum[c] / total;
-                q[3] = 0;
-            }
-        }
+    for (uint32_t i = 0; i < 6 * n * n; i++) {
+        uint32_t face = i / (n * n), y = i / n % n, x = i % n;
+        average_block(in + (size_t)face * n_in * n_in * 4, area, n_in, x * k, y * k, k,
+                      out + (size_t)i * 4);
     }
     prt_free(area);
     return true;
 }
 
-// Resamples a cube of any size to BASE, four floats a texel.
+// Resamples a cube of any size to BASE x BASE, four floats a texel.
 static bool to_base(const struct prt_cube *light, float *base)
 {
     uint32_t n = light->n;
@@ -344,7 +373,7 @@ struct apply_job {
 
 typedef float v4 __attribute__((vector_size(16), aligned(16)));
 
-// Rows of all levels in one list, BASE^2*6 of level 1 first.
+// Rows of all levels in one range, from level 1 on.
 static int apply_rows(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct apply_job *job = arg;
@@ -389,7 +418,7 @@ int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *li
     if (!status && !(s && base && half && quarter)) status = PRT_NOMEM;
     size_t rows = 0;
     for (unsigned k = 0; !status && k < N_LEVEL; k++) {
-        if (!border_cube_init(&s->level[k], level_shape[k].n)) status = PRT_NOMEM;
+        if (!prt_border_cube_init(&s->level[k], level_shape[k].n)) status = PRT_NOMEM;
         if (k) rows += (size_t)6 * level_shape[k].n * level_shape[k].n;
     }
     if (!status &&
@@ -403,7 +432,7 @@ int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *li
             job.input[k] = from == 32 ? base : from == 16 ? half : quarter;
         }
         status = prt_parallel_for(ctx, NULL, rows, 64, apply_rows, &job);
-        for (unsigned k = 0; k < N_LEVEL; k++) border_cube_seal(&s->level[k]);
+        for (unsigned k = 0; k < N_LEVEL; k++) prt_border_cube_seal(&s->level[k]);
     }
     prt_free(base);
     prt_free(half);
@@ -418,11 +447,11 @@ int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *li
 
 void prt_specular_destroy(struct prt_specular *s)
 {
-    for (unsigned k = 0; s && k < N_LEVEL; k++) border_cube_finish(&s->level[k]);
+    for (unsigned k = 0; s && k < N_LEVEL; k++) prt_border_cube_finish(&s->level[k]);
     prt_free(s);
 }
 
-// The two levels about a roughness and the second's share.
+// The lower of the two levels that a roughness lies between, and the share of the upper.
 static unsigned level_of(float roughness, float *share)
 {
     unsigned k = 0;
@@ -438,14 +467,14 @@ void prt_specular_eval(const struct prt_specular *s, const float r[3], float rou
 {
     float share, other[3];
     unsigned k = level_of(roughness, &share);
-    border_cube_sample(&s->level[k], r, rgb);
-    border_cube_sample(&s->level[k + 1], r, other);
+    prt_border_cube_sample(&s->level[k], r, rgb);
+    prt_border_cube_sample(&s->level[k + 1], r, other);
     for (int c = 0; c < 3; c++) rgb[c] += share * (other[c] - rgb[c]);
 }
 
-bool specular_mix(const struct prt_specular *s, float roughness, struct border_cube *out)
+bool prt_specular_mix(const struct prt_specular *s, float roughness, struct border_cube *out)
 {
-    if (!border_cube_init(out, BASE)) return false;
+    if (!prt_border_cube_init(out, BASE)) return false;
     for (unsigned face = 0; face < 6; face++) {
         for (uint32_t y = 0; y < BASE; y++) {
             for (uint32_t x = 0; x < BASE; x++) {
@@ -455,6 +484,6 @@ bool specular_mix(const struct prt_specular *s, float roughness, struct border_c
             }
         }
     }
-    border_cube_seal(out);
+    prt_border_cube_seal(out);
     return true;
 }

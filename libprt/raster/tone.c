@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: MIT
-// Tone curves and sRGB encoding: one table look-up a value, indexed by the float's own bits.
+// Tone curves and sRGB encoding: one table look-up for each value, indexed by the float's bits.
 #include "internal.h"
 
 #include <math.h>
 #include <pthread.h>
 #include <string.h>
 
-// Values in [2^-14, 2^12) in 1024 steps an octave: at most a quarter of an 8-bit step each.
+// Values in [2^-14, 2^12) in 1024 steps an octave: a step is at most a quarter of an 8-bit one.
 enum { OCTAVE_LO = -14, OCTAVE_HI = 12, STEP_BITS = 10, SHIFT = 23 - STEP_BITS };
 enum { N_ENTRY = (OCTAVE_HI - OCTAVE_LO) << STEP_BITS };
 
 static uint8_t table[3][N_ENTRY];
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 
-// Filmic: x (x + a) / (x (x + b) + c) has a toe, passes middle grey (0.18) through and rolls
-// off to 1: 1 stop over white is at 0.75.
+// Filmic: x (x + a) / (x (x + b) + c) has a toe, maps middle grey (0.18) to itself and
+// approaches 1: one stop over white is 0.75.
 static double filmic(double x)
 {
     return x * (x + 0.06) / (x * (x + 0.62) + 0.09);
@@ -65,7 +65,7 @@ static int encode(void *arg, size_t begin, size_t end, unsigned worker)
         int32_t index[256];
         int n = end - i < 256 ? (int)(end - i) : 256;
         for (int k = 0; k < n; k++) {
-            // a comparison with NaN is false: it becomes lo, black
+            // a comparison with NaN is false, so that NaN becomes lo, which is black
             float x = in[i + (size_t)k] * scale;
             x = x > lo ? x : lo;
             x = x < hi ? x : hi;

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
-// The visibility buffer: which triangle each sub-sample sees, kept compactly for covered
-// pixels, and the shading points made of them.
+// The visibility buffer: the triangle that each sub-sample of the covered pixels sees (MT97),
+// and the shading points that sub-samples are grouped into.
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-// One shading point while rows are being gathered.
+// One shading point before the arrays of the G-buffer exist.
 struct point {
     uint32_t pixel, triangle, block, corner[3];
     float bary[2], position[3], normal[3], weight;
@@ -28,10 +28,10 @@ struct builder {
     struct row_points *row;
     uint32_t band_begin;
     const uint32_t *id;
-    double pixel_scale; // pixel footprint at depth 1
+    double pixel_scale; // side of a pixel at depth 1
 };
 
-// Ray through (x,y) in pixels, not normalised: 1 along forward.
+// Ray through (x,y) in pixels, not normalised: its component along forward is 1.
 static void pixel_ray(const struct camera_frame *f, double x, double y, uint32_t width,
                       uint32_t height, double d[3])
 {
@@ -39,8 +39,9 @@ static void pixel_ray(const struct camera_frame *f, double x, double y, uint32_t
     for (int i = 0; i < 3; i++) d[i] = f->forward[i] + a * f->right[i] + b * f->up[i];
 }
 
-// Barycentrics of the ray's hit with the plane of a triangle (Moeller-Trumbore in double),
-// pulled into the triangle: GL snaps vertices to 1/256 pixel. False for an edge-on triangle.
+// Barycentrics of the ray's intersection with the plane of a triangle (Moeller-Trumbore in
+// double, MT97), clamped to the triangle, since GL snaps vertices to 1/256 pixel. False for a
+// triangle seen edge on.
 static bool ray_barycentrics(const double eye[3], const double d[3], const float a[3],
                              const float b[3], const float c[3], double uv[2])
 {
@@ -112,13 +113,14 @@ static void fill_point(const struct builder *b, uint32_t triangle, const double 
         facing = 1;
     }
     if (!(l > 0)) l = 1;
-    if (facing < 0) l = -l; // the back of an open surface: its normal turns to the eye
+    if (facing < 0)
+        l = -l; // the back of an open surface: the normal is flipped towards the eye
     for (int i = 0; i < 3; i++) p->normal[i] = (float)(n[i] / l);
     p->bary[0] = (float)uv[0];
     p->bary[1] = (float)uv[1];
 }
 
-// May a sub-sample be shaded together with this point? One block, one patch, no depth step.
+// Whether two sub-samples may be one point: same block, similar normals, no step in depth.
 static bool same_patch(const struct point *a, const struct point *b, double footprint)
 {
     if (a->block != b->block) return false;
@@ -144,8 +146,8 @@ static bool push_point(struct row_points *row, const struct point *p)
     return true;
 }
 
-// Cuts a pixel's sub-samples into points: the point of a group is its sub-sample nearest to
-// the group's mean position.
+// Groups a pixel's sub-samples into points: a group's point is its sub-sample nearest to the
+// group's mean position.
 static bool group_pixel(struct builder *b, struct row_points *row, const struct point *sample,
                         unsigned n)
 {
@@ -275,7 +277,7 @@ static int take_band(void *user, uint32_t row_begin, uint32_t row_end, const uin
 static bool alloc_points(struct prt_gbuffer *g)
 {
     size_t n = g->n_point ? g->n_point : 1;
-    // kernels read whole vectors: room for 16 more
+    // kernels read whole vectors: 16 more elements are allocated
     void **array[] = {
         (void **)&g->pixel,       (void **)&g->triangle,    (void **)&g->block,
         (void **)&g->corner[0],   (void **)&g->corner[1],   (void **)&g->corner[2],
@@ -312,7 +314,8 @@ static int pack_rows(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// Depth range of the vertices before the eye; a small positive near plane when some are behind.
+// Depth range of the vertices in front of the eye; where some are behind it the near plane is a
+// small share of the far one. False when all are behind.
 static bool depth_range(struct builder *b)
 {
     const struct camera_frame *f = &b->vis->frame;
@@ -347,7 +350,7 @@ static int build(struct builder *b, enum prt_raster_backend backend)
                                .user = b};
     b->pixel_scale = 2 * vis->frame.tan_y / vis->height;
     if (b->mesh->n_triangle && depth_range(b)) {
-        int status = gl_draw_triangles(b->ctx, backend, &b->draw);
+        int status = prt_gl_draw_triangles(b->ctx, backend, &b->draw);
         if (status) return status;
     }
     for (uint32_t y = 0; y < vis->height; y++)
@@ -381,8 +384,8 @@ int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *
     vis->n_sub = n_sub;
     vis->n_mesh_vertex = mesh->n_vertex;
     vis->n_mesh_triangle = mesh->n_triangle;
-    int status = camera_frame_init(ctx, &c, mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1,
-                                   width, height, &vis->frame);
+    int status = prt_camera_frame_init(ctx, &c, mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1,
+                                       width, height, &vis->frame);
     if (!status) {
         struct builder b = {.ctx = ctx, .mesh = mesh, .vis = vis};
         status = build(&b, backend);

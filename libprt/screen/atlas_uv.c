@@ -1,22 +1,23 @@
 // SPDX-License-Identifier: MIT
-// C08's atlas in the model's own texture coordinates, where no two places of an object share
-// one.
+// C08's atlas in the model's own texture coordinates, where they are one to one: no two places
+// of an object have the same.
 #include "internal.h"
+
 #include "trace/triangle.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_SIDE = 4096 };
+enum { MOST_SIDE = 4096 }; // texels, 64 MiB of owners an object; chosen, not measured
 
 // One object's triangles on a grid of side x side texels.
 struct chart {
     const struct prt_mesh *mesh;
     uint32_t side, object;
-    uint32_t *owner; // [side][side] triangle or UINT32_MAX
-    uint64_t covered, twice;
-    double area_hit; // mm^2 of triangles with a texel
+    uint32_t *owner;         // [side][side] triangle or UINT32_MAX
+    uint64_t covered, twice; // texels with a triangle; further triangles on such texels
+    double area_hit;         // mm^2 of triangles with a texel
 };
 
 static double uv_area(const struct prt_mesh *mesh, uint32_t t)
@@ -27,20 +28,21 @@ static double uv_area(const struct prt_mesh *mesh, uint32_t t)
                   ((double)b[1] - (double)a[1]) * ((double)c[0] - (double)a[0]));
 }
 
-// Inside by the rule that gives a shared edge to one side: turned so that area is positive.
+// Whether (x, y) lies in a triangle of positive area; w: twice the areas opposite its corners.
+// A point on an edge that two triangles share lies in one of them (top-left rule).
 static bool covers(const double p[3][2], double x, double y, double w[3])
 {
     for (int k = 0; k < 3; k++) {
         const double *a = p[(k + 1) % 3], *b = p[(k + 2) % 3];
         double dx = b[0] - a[0], dy = b[1] - a[1];
         w[k] = dx * (y - a[1]) - dy * (x - a[0]);
-        bool keeps = dy < 0 || (dy == 0 && dx > 0);
-        if (w[k] < 0 || (w[k] == 0 && !keeps)) return false;
+        bool inclusive = dy < 0 || (dy == 0 && dx > 0);
+        if (w[k] < 0 || (w[k] == 0 && !inclusive)) return false;
     }
     return true;
 }
 
-// Calls back for each texel centre in the triangle, with barycentrics of vertices 1 and 2.
+// Calls fn for each texel centre in the triangle, with barycentrics of vertices 1 and 2.
 typedef void (*texel_fn)(void *arg, uint32_t x, uint32_t y, double bu, double bv);
 static void each_texel(const struct prt_mesh *mesh, uint32_t t, uint32_t side, texel_fn fn,
                        void *arg)
@@ -88,14 +90,15 @@ static void mark_texel(void *arg, uint32_t x, uint32_t y, double bu, double bv)
     m->chart->covered++;
 }
 
-// Triangles of an object, in [0,1]² and none folded to a line; their areas.
+// Adds the areas of an object's triangles in uv and in mm^2. False where uv lie outside [0,1]²
+// (by more than rounding) or their area is 0 or more than that of the square.
 static bool measure_object(const struct prt_mesh *mesh, uint32_t object, double *uv,
                            double *area)
 {
     bool good = true;
     for (uint32_t b = 0; b < mesh->n_block && good; b++) {
         const struct prt_block *k = &mesh->block[b];
-        if (k->object != object || !block_translucent(mesh, b)) continue;
+        if (k->object != object || !prt_block_translucent(mesh, b)) continue;
         for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle && good;
              t++) {
             double own = triangle_area(mesh, t), flat = fabs(uv_area(mesh, t));
@@ -120,7 +123,7 @@ static void mark_object(struct chart *chart)
     chart->area_hit = 0;
     for (uint32_t b = 0; b < mesh->n_block; b++) {
         const struct prt_block *k = &mesh->block[b];
-        if (k->object != chart->object || !block_translucent(mesh, b)) continue;
+        if (k->object != chart->object || !prt_block_translucent(mesh, b)) continue;
         for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle; t++) {
             struct mark mark = {chart, t, false};
             each_texel(mesh, t, chart->side, mark_texel, &mark);
@@ -161,8 +164,8 @@ static void fill_texel(void *arg, uint32_t x, uint32_t y, double bu, double bv)
     f->n++;
 }
 
-// Texels of one object; each stands for A_S / A_T of its own area. What no texel's centre meets
-// is made up for by the others.
+// Texels of one object; each stands for its area times A_S / A_T of its triangle. Areas are
+// then scaled so that their sum is the object's, since small triangles hold no texel centre.
 static void fill_object(struct fill *f)
 {
     const struct prt_mesh *mesh = f->chart->mesh;
@@ -170,7 +173,7 @@ static void fill_object(struct fill *f)
     uint32_t first = f->n;
     for (uint32_t b = 0; b < mesh->n_block; b++) {
         const struct prt_block *k = &mesh->block[b];
-        if (k->object != f->chart->object || !block_translucent(mesh, b)) continue;
+        if (k->object != f->chart->object || !prt_block_translucent(mesh, b)) continue;
         for (uint32_t t = k->triangle_begin; t < k->triangle_begin + k->n_triangle; t++) {
             double flat = fabs(uv_area(mesh, t)), own = triangle_area(mesh, t);
             total += own;
@@ -185,8 +188,8 @@ static void fill_object(struct fill *f)
         f->texel[i].area = (float)((double)f->texel[i].area * total / sum);
 }
 
-int samples_uv_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
-                     struct samples *out, bool *injective)
+int prt_samples_uv_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh, uint32_t n,
+                         struct samples *out, bool *injective)
 {
     double total = 0;
     *injective = false;
@@ -214,23 +217,24 @@ int samples_uv_atlas(const struct prt_context *ctx, const struct prt_mesh *mesh,
         chart.owner = malloc((size_t)chart.side * chart.side * sizeof *chart.owner);
         if (!(good = chart.owner != NULL)) break;
         mark_object(&chart);
-        // rounding at seams aside; what few texels meet is no chart to sample
+        // rounding at seams may cover 0.2 % of texels twice; triangles without a texel may hold
+        // 10 % of the area
         one_to_one = chart.twice * 500 <= chart.covered && chart.area_hit > 0.9 * area;
         if (one_to_one) fill_object(&fill);
     }
     int status = PRT_OK;
     if (good && one_to_one) {
-        if (samples_init(out, fill.n)) {
-            const struct key *key = sort_keys(fill.key, fill.key + most, fill.n);
+        if (prt_samples_init(out, fill.n)) {
+            const struct key *key = prt_sort_keys(fill.key, fill.key + most, fill.n);
             for (uint32_t i = 0; i < fill.n; i++) {
                 const struct texel *t = &fill.texel[key[i].index];
-                place(mesh, t->triangle, (double)t->bu, (double)t->bv, out, i);
+                prt_sample_place(mesh, t->triangle, (double)t->bu, (double)t->bv, out, i);
                 out->area[i] = t->area;
                 out->object[i] = (uint32_t)(key[i].code >> CODE_BITS);
             }
             out->n = fill.n;
             *injective = fill.n > 0;
-            if (!fill.n) samples_finish(out);
+            if (!fill.n) prt_samples_finish(out);
         } else {
             good = false;
         }

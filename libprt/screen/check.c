@@ -1,25 +1,29 @@
 // SPDX-License-Identifier: MIT
-// How far off frames are: at a few points of the picture a frame is held against a sum over
-// many texels. What came out, as a multiple of what the plan foresaw, goes for the frames that
-// follow.
+// The error of a frame: the relative RMS difference from a sum over many texels at some 160
+// points. The ratio of this to the predicted error corrects the predictions for later frames
+// (METHODS §6).
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+// Points compared; texels of the sum, as many as keep shadow rays near CHECK_RAYS. Chosen, not
+// measured.
 enum { CHECK_POINTS = 160, CHECK_LEAST = 16384, CHECK_MOST = 65536, CHECK_RAYS = 1 << 20 };
 
-// Points of the picture, object by object; each object's are filled up to 16 by its last one.
+// Points of the picture, object by object, each object's padded to a multiple of 16 by its
+// last.
 struct spots {
     struct samples at;
-    uint32_t *point, *begin; // [at.n] of the G-buffer, UINT32_MAX: filling; [n_object+1]
-    float *sum[3];
+    uint32_t *point; // [at.n] of the G-buffer; UINT32_MAX: padding
+    uint32_t *begin; // [n_object+1]
+    float *sum[3];   // [at.n]
 };
 
 static void spots_finish(struct spots *s)
 {
-    samples_finish(&s->at);
+    prt_samples_finish(&s->at);
     free(s->point);
     free(s->begin);
     for (int k = 0; k < 3; k++) prt_free(s->sum[k]);
@@ -45,14 +49,15 @@ static bool spots_init(const struct frame *f, struct spots *s)
         }
         s->begin[o + 1] = n;
     }
-    good = good && n && seen_samples(f, n, index, &s->at);
+    good = good && n && prt_visible_samples(f, n, index, &s->at);
     for (int k = 0; k < 3 && good; k++)
         good = (s->sum[k] = prt_calloc((size_t)n + 16, sizeof(float))) != NULL;
     free(index);
     return good || !n;
 }
 
-// Texels [first, last) of one object to its spots, as texture sampling would with all of them.
+// Adds texels [first, last) of one object to its points, as texture sampling does when it draws
+// every texel.
 static bool sum_object(const struct frame *f, const struct samples *texels, uint32_t first,
                        uint32_t last, struct spots *s)
 {
@@ -61,25 +66,26 @@ static bool sum_object(const struct frame *f, const struct samples *texels, uint
     if (!n) return true;
     struct radial_table table;
     struct emitters list = {0};
-    double share[3], area = 0; // texels are not round: half as wide again smooths their sums
+    double share[3],
+        area = 0; // a texel is no disc: one of 1.5 times its radius smooths the sum
     for (uint32_t i = first; i < last; i++) area += (double)texels->area[i];
     double disc = 1.5 * sqrt(area / (last - first) / M_PI);
-    if (!emitters_reserve(&list, last - first + 16)) return false;
+    if (!prt_emitters_reserve(&list, last - first + 16)) return false;
     for (uint32_t i = first; i < last; i++) {
         float w[3], p[3] = {texels->p[0][i], texels->p[1][i], texels->p[2][i]};
         for (int c = 0; c < 3; c++) w[c] = texels->e[c][i] * texels->area[i];
         if (w[0] + w[1] + w[2] > 0) emitters_push(&list, p, w);
     }
-    split_table(f, object, -1, disc, false, disc, f->screen->diameter_mm, &table);
-    own_share(f, object, disc, share);
+    prt_split_table(f, object, -1, disc, false, disc, f->screen->diameter_mm, &table);
+    prt_near_share(f, object, disc, share);
     const float *const p[3] = {s->at.p[0] + from, s->at.p[1] + from, s->at.p[2] + from};
     float *const sum[3] = {s->sum[0] + from, s->sum[1] + from, s->sum[2] + from};
-    pair_fn pairs = pair_kernel(f->ctx ? f->ctx->cpu : prt_cpu_detect());
+    pair_fn pairs = prt_pair_kernel(f->ctx ? f->ctx->cpu : prt_cpu_detect());
     for (uint32_t k = 0; k < list.n; k += 512)
         pairs(&table, &list, k, min_u(k + 512, list.n), n, p, sum);
     for (uint32_t i = from; i < from + n; i++)
         for (int c = 0; c < 3; c++) s->sum[c][i] += s->at.e[c][i] * (float)share[c];
-    emitters_finish(&list);
+    prt_emitters_finish(&list);
     return true;
 }
 
@@ -97,23 +103,24 @@ static double difference(const struct frame *f, const struct spots *s)
     return den > 0 ? sqrt(num / den) : 0;
 }
 
-int frame_check(struct frame *f, double *error)
+int prt_frame_check(struct frame *f, double *error)
 {
     struct prt_screen *screen = f->screen;
     uint32_t n = CHECK_RAYS / (f->n_light ? f->n_light : 1);
     n = n < CHECK_LEAST ? CHECK_LEAST : n > CHECK_MOST ? CHECK_MOST : n;
     int status = PRT_OK;
     if (screen->check_size != n) {
-        samples_finish(&screen->check);
+        prt_samples_finish(&screen->check);
         screen->check_size = 0;
-        if ((status = samples_atlas(f->ctx, screen->mesh, n, &screen->check))) return status;
+        if ((status = prt_samples_atlas(f->ctx, screen->mesh, n, &screen->check)))
+            return status;
         screen->check_size = n;
     }
     const struct samples *texels = &screen->check;
     struct spots spots;
     if (!spots_init(f, &spots)) status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    if (!status) status = frame_irradiance(f, &screen->check);
-    if (!status && spots.at.n) status = frame_irradiance(f, &spots.at);
+    if (!status) status = prt_frame_irradiance(f, &screen->check);
+    if (!status && spots.at.n) status = prt_frame_irradiance(f, &spots.at);
     for (uint32_t first = 0, last; first < texels->n && spots.at.n && !status; first = last) {
         for (last = first; last < texels->n && texels->object[last] == texels->object[first];)
             last++;

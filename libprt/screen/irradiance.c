@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Irradiance at samples: E = sum over lights of F_t(eta, n.w) V (n.w) L (METHODS §1).
+// Irradiance at samples: E = sum over lights of F_t(eta, n.w) V (n.w) L (METHODS §1), by shadow
+// rays, by interpolation from vertices, or by spherical harmonics without shadows.
 #include "internal.h"
 
 #include <math.h>
@@ -16,7 +17,8 @@ struct job {
     atomic_uint_fast64_t rays;
 };
 
-// F_t cos for 16 lanes, exact and unpolarised; eta 0 means a plain cosine.
+// F_t cos for 16 lanes, exact and unpolarised; eta 0: the cosine alone, for Lambertian
+// surfaces.
 static void lobe16(const float *cosine, const float *eta, float *out)
 {
     for (int i = 0; i < 16; i++) {
@@ -95,9 +97,9 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int irradiance_traced(const struct prt_context *ctx, const struct prt_scene *scene,
-                      uint32_t n_light, const struct prt_screen_light *light, const float *eta,
-                      struct samples *s, uint64_t *n_ray)
+int prt_irradiance_traced(const struct prt_context *ctx, const struct prt_scene *scene,
+                          uint32_t n_light, const struct prt_screen_light *light,
+                          const float *eta, struct samples *s, uint64_t *n_ray)
 {
     struct job job = {.scene = scene,
                       .light = light,
@@ -105,7 +107,7 @@ int irradiance_traced(const struct prt_context *ctx, const struct prt_scene *sce
                       .eta = eta,
                       .s = s,
                       .epsilon = prt_scene_epsilon(scene)};
-    int status = screen_loop(ctx, s->n, 512, run, &job);
+    int status = prt_screen_loop(ctx, s->n, 512, run, &job);
     *n_ray += atomic_load(&job.rays);
     return status;
 }
@@ -131,18 +133,19 @@ static int interpolate(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int irradiance_vertices(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                        const float (*e)[3], struct samples *s)
+int prt_irradiance_vertices(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                            const float (*e)[3], struct samples *s)
 {
     struct vertex_job job = {mesh, e, s};
     return prt_parallel_for(ctx, NULL, s->n, 2048, interpolate, &job);
 }
 
-bool seen_samples(const struct frame *f, uint32_t n, const uint32_t *index, struct samples *s)
+bool prt_visible_samples(const struct frame *f, uint32_t n, const uint32_t *index,
+                         struct samples *s)
 {
     const struct prt_gbuffer *g = &f->g;
     const struct prt_mesh *mesh = f->screen->mesh;
-    if (!samples_init(s, n)) return false;
+    if (!prt_samples_init(s, n)) return false;
     s->n = n;
     for (uint32_t at = 0; at < n; at++) {
         uint32_t i = index ? index[at] : at;
@@ -169,44 +172,49 @@ bool seen_samples(const struct frame *f, uint32_t n, const uint32_t *index, stru
     return true;
 }
 
-void irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s)
+// Coefficients of the cube's light for the 16 harmonics of 4 bands.
+static void project_cube(const struct prt_cube *cube, double light[16][3])
 {
-    double light[16][3] = {{0}};
-    for (unsigned face = 0; face < 6; face++) {
-        for (uint32_t y = 0; y < cube->n; y++) {
-            for (uint32_t x = 0; x < cube->n; x++) {
-                float d[3], h[16];
-                prt_cube_direction(face, (2 * x + 1.0) / cube->n - 1,
-                                   (2 * y + 1.0) / cube->n - 1, d);
-                prt_sh_eval(4, d, h);
-                double omega = prt_cube_solid_angle(cube->n, x, y);
-                const float *t = cube->texel + (((size_t)face * cube->n + y) * cube->n + x) * 3;
-                for (int k = 0; k < 16; k++)
-                    for (int c = 0; c < 3; c++) light[k][c] += h[k] * t[c] * omega;
-            }
-        }
+    const uint32_t n = cube->n;
+    memset(light, 0, 16 * sizeof *light);
+    for (uint32_t i = 0; i < 6 * n * n; i++) {
+        uint32_t y = i / n % n, x = i % n;
+        const float *t = cube->texel + (size_t)i * 3;
+        float d[3], h[16];
+        prt_cube_direction(i / (n * n), (2 * x + 1.0) / n - 1, (2 * y + 1.0) / n - 1, d);
+        prt_sh_eval(4, d, h);
+        double omega = prt_cube_solid_angle(n, x, y);
+        for (int k = 0; k < 16; k++)
+            for (int c = 0; c < 3; c++) light[k][c] += h[k] * t[c] * omega;
     }
+}
+
+// f_l = 2 pi int F_t(c) c P_l(c) dc, by 256 midpoints.
+static void zonal_transmittance(float eta, double zonal[4])
+{
+    memset(zonal, 0, 4 * sizeof *zonal);
+    for (int k = 0; k < 256; k++) {
+        double c = (k + 0.5) / 256, f = prt_fresnel_transmittance(eta, c) * c;
+        double p[4] = {1, c, (3 * c * c - 1) / 2, (5 * c * c * c - 3 * c) / 2};
+        for (int l = 0; l < 4; l++) zonal[l] += 2 * M_PI * f * p[l] / 256;
+    }
+}
+
+void prt_irradiance_harmonics(const struct prt_cube *cube, const float *eta, struct samples *s)
+{
+    static const int band[16] = {0, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3};
+    double light[16][3], zonal[4] = {0};
     float last = -1;
-    double zonal[4] = {0};
+    project_cube(cube, light);
     for (uint32_t i = 0; i < s->n; i++) {
         float own = eta[s->object[i]];
-        if (own != last) {
-            // f_l = 2 pi int F_t(c) c P_l(c) dc
-            memset(zonal, 0, sizeof zonal);
-            for (int k = 0; k < 256; k++) {
-                double c = (k + 0.5) / 256, f = prt_fresnel_transmittance(own, c) * c;
-                double p[4] = {1, c, (3 * c * c - 1) / 2, (5 * c * c * c - 3 * c) / 2};
-                for (int l = 0; l < 4; l++) zonal[l] += 2 * M_PI * f * p[l] / 256;
-            }
-            last = own;
-        }
+        if (own != last) zonal_transmittance(own, zonal);
+        last = own;
         float n[3] = {s->normal[0][i], s->normal[1][i], s->normal[2][i]}, h[16];
         prt_sh_eval(4, n, h);
         for (int c = 0; c < 3; c++) {
             double e = 0;
-            for (int l = 0; l < 4; l++)
-                for (int k = l * l; k < (l + 1) * (l + 1); k++)
-                    e += zonal[l] * light[k][c] * h[k];
+            for (int k = 0; k < 16; k++) e += zonal[band[k]] * light[k][c] * h[k];
             s->e[c][i] = e > 0 ? (float)e : 0;
         }
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A cube of light as a short list of distant lights.
+// A list of distant lights that stands for an environment cube (METHODS §6).
 #include "internal.h"
 
 #include <math.h>
@@ -15,6 +15,7 @@ static uint32_t compact(uint32_t x)
     return (x | x >> 8) & 0xffff;
 }
 
+// Writes the light of a finished stratum (rgb, power-weighted direction, power) and clears it.
 static void flush(double sum[7], struct prt_screen_light *out, uint32_t *n)
 {
     double l = sqrt(sum[3] * sum[3] + sum[4] * sum[4] + sum[5] * sum[5]);
@@ -29,10 +30,10 @@ static void flush(double sum[7], struct prt_screen_light *out, uint32_t *n)
     memset(sum, 0, 7 * sizeof *sum);
 }
 
-// Texels in the order strata are cut: each face along its Z curve.
+// A texel in the order in which strata are cut: face by face along a Z curve.
 struct texel {
     float power;
-    uint32_t at; // face, y, x as in the cube
+    uint32_t at; // (face n + y) n + x
 };
 
 static struct texel *order_texels(const struct prt_cube *cube, size_t *n_out, double *total)
@@ -56,8 +57,8 @@ static struct texel *order_texels(const struct prt_cube *cube, size_t *n_out, do
     return texel;
 }
 
-// Strata of at most `goal` (a brighter texel is one of its own), none across faces; writes them
-// when out is not NULL.
+// Cuts strata of at most `goal` power, none across faces; a texel above goal is a stratum
+// alone. Returns their number; writes them when out is not NULL.
 static uint32_t cut(const struct prt_cube *cube, const struct texel *texel, size_t n,
                     double goal, struct prt_screen_light *out)
 {
@@ -108,7 +109,7 @@ uint32_t prt_screen_lights_from_cube(const struct prt_cube *cube, uint32_t n,
         }
         made = cut(cube, texel, n_texel, hi, out);
     } else if (texel && total > 0) {
-        // fewer lights than faces: one for all
+        // fewer lights than faces: a single one for all
         struct prt_screen_light six[6];
         uint32_t m = cut(cube, texel, n_texel, total * 2, six);
         double sum[7] = {0};
@@ -120,7 +121,7 @@ uint32_t prt_screen_lights_from_cube(const struct prt_cube *cube, uint32_t n,
             }
             sum[6] += power;
         }
-        // light from all sides alike has no mean direction: take the first face's
+        // equal light from all sides has no mean direction: the first face's is taken
         if (!(fabs(sum[3]) + fabs(sum[4]) + fabs(sum[5]) > 1e-9 * sum[6]))
             for (int k = 0; k < 3; k++) sum[3 + k] = six[0].where[k];
         flush(sum, out, &made);

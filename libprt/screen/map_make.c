@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Image files as maps: what their numbers mean, and no more of them than a picture can show.
+// Maps from image files: the meaning of their numbers, and a resolution no finer than needed.
 #include "internal.h"
 
 #include <math.h>
@@ -15,6 +15,7 @@ bool prt_screen_map_linear(const char *file)
     return false;
 }
 
+// The sRGB code that a file stored for a linear value.
 static float as_stored(float v)
 {
     return v <= 0.0031308f ? 12.92f * v : 1.055f * powf(v, 1 / 2.4f) - 0.055f;
@@ -27,28 +28,32 @@ struct shrink_job {
     bool stored;
 };
 
-// Rows of means over the texels' shares of the image.
+// Mean of the image over [x0, x1) x [y0, y1); values that are not finite count as 0.
+static void mean_of(const struct shrink_job *job, size_t x0, size_t x1, size_t y0, size_t y1,
+                    float out[3])
+{
+    double sum[3] = {0, 0, 0}, n = (double)(x1 - x0) * (double)(y1 - y0);
+    for (size_t j = y0; j < y1; j++) {
+        const float *row = job->in->rgb + 3 * j * job->in->width;
+        for (size_t i = 3 * x0; i < 3 * x1; i++)
+            sum[i % 3] += (double)(job->stored ? as_stored(row[i]) : row[i]);
+    }
+    for (int c = 0; c < 3; c++) {
+        float v = (float)(sum[c] / n);
+        out[c] = isfinite(v) ? v : 0;
+    }
+}
+
+// Rows of the map: each texel is the mean of its share of the image.
 static int shrink(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct shrink_job *job = arg;
     const uint64_t w = job->in->width, h = job->in->height;
     for (size_t y = begin; y < end; y++) {
         size_t y0 = y * h / job->height, y1 = (y + 1) * h / job->height;
-        for (size_t x = 0; x < job->width; x++) {
-            size_t x0 = x * w / job->width, x1 = (x + 1) * w / job->width;
-            double sum[3] = {0, 0, 0};
-            for (size_t j = y0; j < y1; j++)
-                for (size_t i = x0; i < x1; i++)
-                    for (size_t c = 0; c < 3; c++) {
-                        float v = job->in->rgb[3 * (j * w + i) + c];
-                        sum[c] += (double)(job->stored ? as_stored(v) : v);
-                    }
-            double n = (double)(x1 - x0) * (double)(y1 - y0);
-            for (int c = 0; c < 3; c++) {
-                float v = (float)(sum[c] / n);
-                job->out[y * job->width + x][c] = isfinite(v) ? v : 0;
-            }
-        }
+        for (size_t x = 0; x < job->width; x++)
+            mean_of(job, x * w / job->width, (x + 1) * w / job->width, y0, y1,
+                    job->out[y * job->width + x]);
     }
     return PRT_OK;
 }
@@ -60,7 +65,7 @@ int prt_screen_map_make(const struct prt_context *ctx, enum prt_screen_map_kind 
 {
     memset(out, 0, sizeof *out);
     if (!image->rgb || !image->width || !image->height)
-        return prt_fail(ctx, PRT_ARG, "map: an image without pixels");
+        return prt_fail(ctx, PRT_ARG, "map: the image has no pixels");
     uint32_t side = image->width > image->height ? image->width : image->height;
     double by = most_side && side > most_side ? (double)most_side / side : 1;
     uint32_t w = (uint32_t)(image->width * by + 0.5), h = (uint32_t)(image->height * by + 0.5);

@@ -1,23 +1,27 @@
 // SPDX-License-Identifier: MIT
-// Texture sampling's near part: light of what lies nearer than the drawn points can tell, a
-// control variate, so that the points stand only for what lies further. It is read from the
-// picture: a pixel's own irradiance, and, weighed by R_d, what the irradiance about it is more
-// or less than that.
+// The near-field control variate of texture sampling (METHODS §6): surface closer than the
+// spacing of the drawn points is read from the picture, and the points stand for the rest. The
+// near part is a pixel's own irradiance, plus the R_d-weighted difference of the irradiance
+// about it.
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+// Up to this many lights irradiance is traced at every point, above at receivers only: rays
+// grow with points times lights. Chosen, not measured.
 enum { OWN_LIGHTS = 4 };
+// Below this cosine a grazing pixel's area is bounded; chosen, not measured.
+#define LEAST_COSINE 0.15f
 
-// The picture's surface as emitters, one a receiver: [n] columns.
+// The picture's surface as emitters, one a receiver.
 struct near {
     const struct view_cache *view;
     const double *own_mm;
-    double (*share)[3]; // [n_object]
+    double (*share)[3]; // [n_object] prt_near_share
     float *e[3], *area; // [n_column]
-    float *weight[3];   // [n_column] of what lies about a receiver, in share's unit
+    float *weight[3];   // [n_column] near part of R_d over the surface about a receiver
 };
 
 static void near_finish(struct near *n)
@@ -43,15 +47,14 @@ static bool near_init(struct near *n, const struct frame *f, const double *own_m
         good = good && n->e[c] && n->weight[c];
     }
     for (uint32_t o = 0; good && o < f->n_object; o++)
-        if (own_mm[o] > 0) own_share(f, o, own_mm[o], n->share[o]);
+        if (own_mm[o] > 0) prt_near_share(f, o, own_mm[o], n->share[o]);
     return good;
 }
 
-// Every point's surface goes to the receivers that it takes its light from; with e its
-// irradiance too, [n_point] columns, else receivers keep their own.
+// Adds every point's area to the receivers that it interpolates; with points not NULL also its
+// irradiance, so that receivers hold means, else e stays as it is.
 static void spread_points(struct near *n, const struct frame *f, const struct samples *points)
 {
-    static const float least_cosine = 0.15f;
     const struct view_cache *v = n->view;
     float eye[3], forward[3], right[3], up[3], tan_x = 0, tan_y = 0;
     prt_visibility_frame(f->vis, eye, forward, right, up);
@@ -70,7 +73,7 @@ static void spread_points(struct near *n, const struct frame *f, const struct sa
             along += d * f->g.normal[k][i];
         }
         // a pixel's solid angle times d^2 / cos, with z = d cos(view)
-        float cosine = max_f(fabsf(along), least_cosine * sqrtf(d2));
+        float cosine = max_f(fabsf(along), LEAST_COSINE * sqrtf(d2));
         float area = f->g.weight[i] * pixel * z * z * z / max_f(cosine, 1e-20f);
         for (int k = 0; k < 4; k++) {
             float a = area * v->weight[i][k];
@@ -84,13 +87,14 @@ static void spread_points(struct near *n, const struct frame *f, const struct sa
         for (int c = 0; c < 3 && n->area[i] > 0; c++) n->e[c][i] /= n->area[i];
 }
 
-// Receivers with surface, object by object: samples in the order of the picture's tiles.
+// Receivers with area as samples, object by object in the order of tiles, with their irradiance
+// or, with `one`, with 1.
 static bool gather_samples(const struct near *n, const struct frame *f, bool one,
                            struct samples *s, double *disc_mm)
 {
     const struct view_cache *v = n->view;
     double power = 0, square = 0;
-    if (!samples_init(s, v->n_column + 1)) return false;
+    if (!prt_samples_init(s, v->n_column + 1)) return false;
     for (uint32_t o = 0; o < f->n_object; o++)
         for (uint32_t t = 0; t < v->n_tile; t++) {
             if (v->object[t] != o) continue;
@@ -110,7 +114,7 @@ static bool gather_samples(const struct near *n, const struct frame *f, bool one
     return true;
 }
 
-// sum = the near part of R_d over the picture's surface, with its irradiance or with 1.
+// f->sum = the near part of R_d over the picture's surface times its irradiance, or times 1.
 static int sum_near(struct frame *f, const struct near *n, bool one)
 {
     struct samples s;
@@ -123,21 +127,22 @@ static int sum_near(struct frame *f, const struct near *n, bool one)
     }
     for (uint32_t o = 0; o < f->n_object; o++) {
         if (!(n->own_mm[o] > 0)) continue;
-        // exp(-(r / own)^2) leaves 0.2 % there
+        // exp(-(r / own)^2) is 0.2 % there
         reach = max_f(reach, 2.5f * (float)n->own_mm[o]);
-        split_table(f, o, -1, n->own_mm[o], true, disc, f->screen->diameter_mm, &table[o]);
+        prt_split_table(f, o, -1, n->own_mm[o], true, disc, f->screen->diameter_mm, &table[o]);
     }
     for (int c = 0; c < 3; c++)
         memset(f->sum[c], 0, ((size_t)f->view->n_column + 16) * sizeof(float));
-    int status = s.n ? scatter_tree(f, table, &s, 0.7f, reach) : PRT_OK;
-    samples_finish(&s);
+    int status = s.n ? prt_scatter_tree(f, table, &s, 0.7f, reach) : PRT_OK;
+    prt_samples_finish(&s);
     prt_free(table);
     return status;
 }
 
-// sum = irradiance about each receiver, weight = what it weighs; never more than all of the
-// share: a bent or grazed surface may seem larger than it is.
-static int look_about(struct frame *f, struct near *n)
+// f->sum = R_d-weighted irradiance about each receiver, weight = the sum of its weights. Both
+// are scaled down where the weight exceeds that of a plane: areas of curved or grazing surface
+// are overestimates.
+static int sum_about(struct frame *f, struct near *n)
 {
     const struct view_cache *v = n->view;
     int status = sum_near(f, n, true);
@@ -155,12 +160,12 @@ static int look_about(struct frame *f, struct near *n)
     return status;
 }
 
-// Few lights: every point of the G-buffer has irradiance of its own.
+// The near part with irradiance known at every point of the G-buffer.
 static int own_points(struct frame *f, struct near *n, const struct samples *points)
 {
     const struct view_cache *v = n->view;
     spread_points(n, f, points);
-    int status = look_about(f, n);
+    int status = sum_about(f, n);
     for (uint32_t i = 0; i < f->g.n_point && !status; i++) {
         if (f->g.opaque[i]) continue;
         const double *share = n->share[points->object[i]];
@@ -174,44 +179,44 @@ static int own_points(struct frame *f, struct near *n, const struct samples *poi
             f->radiance[i][c] += max_f(b, 0) * (float)(1 / M_PI);
         }
     }
-    receive_finish(f);
+    prt_receivers_finish(f);
     return status;
 }
 
-// Many lights: receivers do.
+// The near part with irradiance known at receivers.
 static int own_receivers(struct frame *f, struct near *n, const struct samples *s)
 {
     const struct view_cache *v = n->view;
     for (int c = 0; c < 3; c++) memcpy(n->e[c], s->e[c], v->n_column * sizeof(float));
     spread_points(n, f, NULL);
-    int status = look_about(f, n);
+    int status = sum_about(f, n);
     for (uint32_t i = 0; i < v->n_column && !status; i++)
         for (int c = 0; c < 3; c++) {
             float share = (float)n->share[s->object[i]][c];
             f->sum[c][i] = max_f(f->sum[c][i] + s->e[c][i] * (share - n->weight[c][i]), 0);
         }
-    return status ? status : receive_end(f);
+    return status ? status : prt_receivers_resolve(f);
 }
 
-int own_light(struct frame *f, const double *own_mm)
+int prt_near_field_add(struct frame *f, const double *own_mm)
 {
     bool all = f->n_light <= OWN_LIGHTS || f->options->vertex_irradiance;
     struct samples s = {0};
     struct near near = {0};
-    double scale = (double)smallest_mean_free_path(f), least = INFINITY;
+    double scale = (double)prt_frame_mean_free_path(f), least = INFINITY;
     for (uint32_t o = 0; o < f->n_object; o++)
         if (own_mm[o] > 0) least = fmin(least, own_mm[o]);
-    // what lies about a point changes slowly; its own irradiance, where only receivers have it,
-    // does not
-    int status = receive_begin(f, all && isfinite(least) ? fmax(scale, least) : scale);
+    // the sum about a point varies over own_mm; irradiance varies faster, so that receivers are
+    // closer where only they have it
+    int status = prt_receivers_begin(f, all && isfinite(least) ? fmax(scale, least) : scale);
     uint32_t n = all || status ? f->g.n_point : f->view->n_column;
-    if (!status &&
-        (!near_init(&near, f, own_mm) || !seen_samples(f, n, all ? NULL : f->view->leader, &s)))
+    if (!status && (!near_init(&near, f, own_mm) ||
+                    !prt_visible_samples(f, n, all ? NULL : f->view->leader, &s)))
         status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for %u points", n);
-    if (!status) status = frame_irradiance(f, &s);
+    if (!status) status = prt_frame_irradiance(f, &s);
     if (!status) status = all ? own_points(f, &near, &s) : own_receivers(f, &near, &s);
-    receive_finish(f);
-    samples_finish(&s);
+    prt_receivers_finish(f);
+    prt_samples_finish(&s);
     near_finish(&near);
     return status;
 }

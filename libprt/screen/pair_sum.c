@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Sums over pairs of points: every emitter to every point of a tile.
+// Sums over pairs: every emitter of a list to every point of a tile.
 #include "internal.h"
 
 #include "base/isa.h"
@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-bool emitters_reserve(struct emitters *e, uint32_t capacity)
+bool prt_emitters_reserve(struct emitters *e, uint32_t capacity)
 {
     if (capacity <= e->capacity) return true;
     capacity = (capacity + capacity / 2 + 31) & ~15u;
@@ -23,7 +23,7 @@ bool emitters_reserve(struct emitters *e, uint32_t capacity)
     return true;
 }
 
-void emitters_finish(struct emitters *e)
+void prt_emitters_finish(struct emitters *e)
 {
     for (int k = 0; k < 3; k++) {
         prt_free(e->p[k]);
@@ -32,7 +32,7 @@ void emitters_finish(struct emitters *e)
     memset(e, 0, sizeof *e);
 }
 
-// The reference: 16 points at a time in plain loops.
+// The C reference: 16 points at a time in plain loops.
 #define PLAIN_BODY                                                                           \
     const float r0_sq = t->r0_sq, q_max = t->q_max;                                          \
     const uint32_t shift = t->shift;                                                         \
@@ -75,8 +75,8 @@ static void pairs_c(const struct radial_table *t, const struct emitters *e, uint
 
 #if PRT_ISA_X86
 PRT_ISA_BEGIN(PRT_ISA_AVX2)
-    // Eight entries of a table live in one register: four permutes and blends by the index's
-    // high bits find one of 32.
+    // Looks up one of 32 entries: four permutes of 8 entries each, blended by the index's two
+    // high bits.
     PRT_INLINE __m256 pick32(const float *table, __m256i k, __m256 bit3, __m256 bit4)
 {
     __m256 a = _mm256_permutevar8x32_ps(_mm256_load_ps(table), k);
@@ -123,8 +123,8 @@ static void pairs_avx2(const struct radial_table *t, const struct emitters *e, u
 PRT_ISA_END
 
 PRT_ISA_BEGIN(PRT_ISA_AVX512)
-// The whole table stays in 18 registers, two for each coefficient; one permute of two sources
-// looks an entry up.
+// The table stays in 18 registers, two for each coefficient; one permute of two sources is a
+// look-up.
 static void pairs_avx512(const struct radial_table *t, const struct emitters *e, uint32_t begin,
                          uint32_t end, uint32_t n_point, const float *const p[3],
                          float *const sum[3])
@@ -171,7 +171,7 @@ static void pairs_avx512(const struct radial_table *t, const struct emitters *e,
 PRT_ISA_END
 #endif
 
-pair_fn pair_kernel(unsigned cpu)
+pair_fn prt_pair_kernel(unsigned cpu)
 {
 #if PRT_ISA_X86
     if (cpu & PRT_CPU_AVX512) return pairs_avx512;

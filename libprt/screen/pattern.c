@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// C08's local pattern: rings of points about a receiver in the light's view, at radii drawn
-// from the local part of R_d, and one point in the middle.
+// The near part of the hybrid engine by C08's pattern: rings of points about a receiver in the
+// light's view, at radii drawn from the local part of R_d, and one point in the centre.
 #include "internal.h"
 
 #include "base/isa.h"
@@ -10,13 +10,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { KNOTS = 512 };
+enum { KNOTS = 512 }; // of the radius's distribution; chosen, not measured
 
-// Radii at equal steps of 2 pi r R_d W_l, the mean of three channels; what each point's area
-// across the light is.
+// Points at equal steps of the running integral of 2 pi r R_d W_l, the mean of three channels.
 struct pattern {
     uint32_t n;
-    float *a, *b, *area; // [n] offsets in the light's plane [mm], mm^2
+    float *a, *b; // [n] offsets in the light's plane [mm]
+    float *area;  // [n] area across the light [mm^2]
 };
 
 static void pattern_finish(struct pattern *p)
@@ -26,7 +26,7 @@ static void pattern_finish(struct pattern *p)
     free(p->area);
 }
 
-// 2 pi r R_d W_l of all channels, each by its own total.
+// 2 pi r W_l times the sum of R_d / rho_d over channels [mm^-1].
 static double density(const struct frame *f, uint32_t object, double r_p, double r)
 {
     double sum = 0;
@@ -54,14 +54,14 @@ static bool make_pattern(const struct frame *f, uint32_t object, double r_p, dou
     }
     cdf[0] = radius[0] = 0;
     for (int k = 1; k <= KNOTS; k++) {
-        // finer near the middle
+        // knots are finer near the centre
         double x = (double)k / KNOTS, mid;
         radius[k] = reach * x * x;
         mid = (radius[k] + radius[k - 1]) / 2;
         cdf[k] = cdf[k - 1] + density(f, object, r_p, mid) * (radius[k] - radius[k - 1]);
     }
-    // the middle stands for the first of rings * spokes + 1 equal shares, ring l for the spokes
-    // shares after its own; a point's area is its share over the density there, as M03's
+    // the centre stands for the first of rings * spokes + 1 equal shares, each ring for the
+    // next `spokes` of them; a point's area is its share over the density there, like M03's
     // weights
     double share = cdf[KNOTS] / out->n;
     int at = 1;
@@ -146,24 +146,24 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
+int prt_scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
 {
-    struct grid grid = frame_grid(f, spacing);
+    struct grid grid = prt_frame_grid(f, spacing);
     uint32_t n_object = f->n_object ? f->n_object : 1;
     struct pattern *pattern = calloc(n_object, sizeof *pattern);
     struct radial_table *table = prt_calloc(n_object, sizeof *table);
     int status = pattern && table ? PRT_OK : prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
     for (uint32_t o = 0; o < f->n_object && !status; o++) {
-        // a point stands for its share of a ring: the light's view is no finer than its step
-        split_table(f, o, r_p, 0, true, (double)spacing / sqrt(M_PI), reach, &table[o]);
+        // a point is a disc of one step of the light's view, which resolves nothing finer
+        prt_split_table(f, o, r_p, 0, true, (double)spacing / sqrt(M_PI), reach, &table[o]);
         if (!make_pattern(f, o, r_p, (double)reach, &pattern[o]))
             status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for a pattern");
     }
     for (uint32_t l = 0; l < f->n_light && !status; l++) {
         struct light_map map;
         double t0 = prt_time_s();
-        status = light_map_make(f->ctx, f->screen->scene, &f->light[l], &grid, f->eta, &map,
-                                &f->report->n_ray);
+        status = prt_light_map_make(f->ctx, f->screen->scene, &f->light[l], &grid, f->eta, &map,
+                                    &f->report->n_ray);
         double t1 = prt_time_s();
         struct job job = {.f = f,
                           .map = &map,
@@ -176,11 +176,11 @@ int scatter_pattern(struct frame *f, double r_p, float spacing, float reach)
         if (cpu & PRT_CPU_AVX2) job.receive = receive_avx2;
         if (cpu & PRT_CPU_AVX512) job.receive = receive_avx512;
 #endif
-        if (!status) status = screen_loop(f->ctx, f->view->n_tile, 4, run, &job);
+        if (!status) status = prt_screen_loop(f->ctx, f->view->n_tile, 4, run, &job);
         f->report->irradiance_s += t1 - t0;
         f->report->scatter_s += prt_time_s() - t1;
         f->report->n_pair += atomic_load(&job.n_pair);
-        light_map_finish(&map);
+        prt_light_map_finish(&map);
     }
     for (uint32_t o = 0; pattern && o < f->n_object; o++) pattern_finish(&pattern[o]);
     free(pattern);

@@ -4,9 +4,9 @@
 
 #include "radial_kernel.h"
 
-/* Adds R_d dA times the share of the light that enters, over the pattern's points about a
- * receiver at (u, v, depth) of the light's view. A point lies in the plane its texel shows,
- * where the light's ray through it meets that plane. */
+/* sum += R_d dA times the irradiance of a light of rgb 1, over the pattern's points about a
+ * receiver at (u, v, depth) of the light's view. A point is the intersection of the light's ray
+ * with the plane of the texel under it. */
 static void PRT_KERNEL(receive)(const struct light_map *m, const struct pattern *pat,
                                 const struct radial_table *table, uint32_t object, float u,
                                 float v, float depth, float sum[3])

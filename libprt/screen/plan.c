@@ -1,27 +1,44 @@
 // SPDX-License-Identifier: MIT
-// What a picture costs and how far off it will be: budgets turned into sample counts.
+// Cost and expected error of a picture, and from them the sample count that a budget allows
+// (METHODS §6).
 #include "internal.h"
 
 #include <math.h>
 #include <string.h>
 
+enum { N_PLANNED = PRT_SCREEN_REFERENCE }; // engines that take a budget
+
 // Seconds of two cores: fixed + points * per_point + receivers * per_receiver + samples *
-// per_sample + receivers (points for TANGENT) * samples * per_pair. Learned speeds scale all of
-// it.
+// per_sample + receivers (TANGENT: points) * samples * per_pair. Fits to the times of
+// `prt-bench screen_error` on the bunny; prt_plan_learn scales them by the speed of the
+// machine.
 struct cost {
-    double fixed, per_point, per_receiver, per_sample, per_pair;
+    double fixed, per_point, per_receiver, per_sample, per_pair; // [s]
 };
-static const struct cost cost_of[4] = {
-    [PRT_SCREEN_SPLAT] = {1e-3, 4e-8, 2.5e-7, 1.5e-7,
-                          0}, // samples: n x n; the tree makes pairs few
+static const struct cost cost_of[N_PLANNED] = {
+    // samples are n x n; the tree bounds the pairs, so that per_sample holds their cost
+    [PRT_SCREEN_SPLAT] = {1e-3, 4e-8, 2.5e-7, 1.5e-7, 0},
     [PRT_SCREEN_TANGENT] = {2e-3, 5e-8, 0, 0, 1.1e-8},
     [PRT_SCREEN_TEXTURE] = {2e-3, 2.2e-8, 0, 1e-6, 2e-10},
     [PRT_SCREEN_HYBRID] = {3e-3, 2.2e-8, 1.7e-7, 2e-6, 2e-10},
 };
-// The table's bunny is an easy body; MARGIN: better too much than too little.
-#define UNKNOWN 1.5
+#define SECONDS_PER_RAY 5e-8 // a shadow ray, two cores; the same fit
+// Receivers over points / size², and lit share of the surface, about; chosen, not measured.
+#define RECEIVER_FILL 0.85
+#define LIT_SHARE 0.35
+
+// Safety factors: costs and errors were fitted on one smooth model. Without a check of a frame
+// the error was 0.5 to 2.3 of the fit on bunny, dragon and Buddha in three media under three
+// lights, 4 under small lights: UNCHECKED is the factor assumed before the first check. With
+// checks and MARGIN it was at most 1.5 of the expected error, 0.7 in the mean.
+#define UNCHECKED 1.5
 #define MARGIN 1.25
-static const uint32_t least[4] = {32, 16, 64, 64}, most[4] = {1200, 4096, 16384, 16384};
+// Sample counts that a budget may choose; chosen, not measured.
+static const uint32_t least[N_PLANNED] = {32, 16, 64, 64};
+static const uint32_t most[N_PLANNED] = {1200, 4096, 16384, 16384};
+// Measured over planned seconds: bounds of the running value, the weight of a new frame, and
+// the most that a first frame may count, since it also builds what later frames keep.
+static const double slow_least = 0.05, slow_most = 100, new_frame = 0.3, first_frame_most = 2;
 
 static double work_of(enum prt_screen_engine e, uint32_t n)
 {
@@ -30,38 +47,43 @@ static double work_of(enum prt_screen_engine e, uint32_t n)
 
 static double receivers(const struct plan_view *v, double scale_mm)
 {
-    uint32_t size = receiver_size(v->pixel_mm, scale_mm);
-    return v->n_point * 0.85 / (size * size);
+    uint32_t size = prt_receiver_size(v->pixel_mm, scale_mm);
+    return v->n_point * RECEIVER_FILL / (size * size);
 }
 
-double plan_seconds(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
+// Shadow rays to each light after the first: samples, or the points and the texels of the
+// atlas.
+static double rays_per_light(enum prt_screen_engine e, double work, const struct plan_view *v)
+{
+    if (e == PRT_SCREEN_TANGENT) return v->n_point + 4e4;
+    return e == PRT_SCREEN_SPLAT ? work : 16 * work + 16384;
+}
+
+double prt_plan_seconds(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
 {
     const struct cost *c = &cost_of[e];
     double w = work_of(e, n), lights = v->n_light > 1 ? v->n_light : 1;
-    // discs of the lit third or so of the surface
-    double disc = sqrt(0.35 * v->area_mm2 / w / M_PI), l = v->mean_free_path_mm;
+    double disc = sqrt(LIT_SHARE * v->area_mm2 / w / M_PI), l = v->mean_free_path_mm;
     double pairs = e == PRT_SCREEN_TANGENT ? v->n_point : receivers(v, fmax(l, disc));
-    // many lights: every sample traces a ray to each
-    double rays = e == PRT_SCREEN_TANGENT ? v->n_point + 4e4
-                  : e == PRT_SCREEN_SPLAT ? w
-                                          : 16 * w + 16384;
     return c->fixed + v->n_point * c->per_point + receivers(v, l) * c->per_receiver +
-           pairs * w * c->per_pair + w * c->per_sample + (lights - 1) * rays * 5e-8;
+           pairs * w * c->per_pair + w * c->per_sample +
+           (lights - 1) * rays_per_light(e, w, v) * SECONDS_PER_RAY;
 }
 
-// Fits of the convergence table (prt-bench screen_error). x: samples to a mean free path's
-// square of surface; TANGENT's samples are a pixel's own.
-double plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
+// Relative RMSE against REFERENCE: fits of the table that `prt-bench --model bunny.glb
+// screen_error` prints (three media, a distant light). x: samples in a square of surface whose
+// side is a mean free path; TANGENT's samples are a pixel's.
+double prt_plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *v)
 {
     double l = v->mean_free_path_mm > 0 ? v->mean_free_path_mm : 1e-3, w = work_of(e, n);
     double diameter_mm = v->diameter_mm;
     double x =
         w * l * l / (e == PRT_SCREEN_SPLAT ? diameter_mm * diameter_mm : v->area_mm2 + 1e-12);
-    // the table's media: 0.8 of 50 mm and shorter
+    // the longest mean free path of the table is 0.8 mm on a model of 50 mm
     double shorter = fmax(1, 0.016 * diameter_mm / l), few = pow(fmax(1, 900.0 / n), 0.25);
     switch (e) {
     case PRT_SCREEN_SPLAT:
-        // under many lights: layers from all sides in place of what one light sees
+        // many lights: layers from all sides, half of which one light does not see
         return fmin(1, (v->n_light > FEW_LIGHTS ? 2 : 1) *
                            (0.004 + 0.0105 * pow(x, -0.75) / sqrt(1 + 0.05 / x)));
     case PRT_SCREEN_TANGENT:
@@ -76,33 +98,34 @@ double plan_error(enum prt_screen_engine e, uint32_t n, const struct plan_view *
     return 0;
 }
 
-double plan_expect(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
-                   const struct plan_view *v)
+double prt_plan_expect(const struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
+                       const struct plan_view *v)
 {
     int many = v->n_light > FEW_LIGHTS;
-    double trouble = screen->checked[e][many].trouble, sum = 0, seen = 0;
-    // what troubles one engine troubles the others
-    for (int k = 0; k < 4 && !(trouble > 0); k++) {
-        if (!(screen->checked[k][many].trouble > 0)) continue;
-        sum += log(screen->checked[k][many].trouble);
-        seen++;
+    double ratio = screen->checked[e][many].ratio, sum = 0, checked = 0;
+    // errors of the engines correlate: one without a check takes the geometric mean of the
+    // others
+    for (int k = 0; k < N_PLANNED && !(ratio > 0); k++) {
+        if (!(screen->checked[k][many].ratio > 0)) continue;
+        sum += log(screen->checked[k][many].ratio);
+        checked++;
     }
-    if (!(trouble > 0)) trouble = seen > 0 ? exp(sum / seen) : UNKNOWN;
-    return fmin(1, MARGIN * trouble * plan_error(e, n, v));
+    if (!(ratio > 0)) ratio = checked > 0 ? exp(sum / checked) : UNCHECKED;
+    return fmin(1, MARGIN * ratio * prt_plan_error(e, n, v));
 }
 
-void plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
-                const struct plan_view *v, double seconds)
+void prt_plan_learn(struct prt_screen *screen, enum prt_screen_engine e, uint32_t n,
+                    const struct plan_view *v, double seconds)
 {
-    if ((unsigned)e >= 4 || !(seconds > 0) || !v->n_point) return;
-    double seen = seconds / plan_seconds(e, n, v);
-    double *speed = &screen->slowness[e];
-    // the first frame of a view also builds what later ones keep: it weighs little
-    *speed = *speed > 0 ? 0.7 * *speed + 0.3 * seen : fmin(seen, 2);
-    *speed = fmin(fmax(*speed, 0.05), 100);
+    if ((unsigned)e >= N_PLANNED || !(seconds > 0) || !v->n_point) return;
+    double measured = seconds / prt_plan_seconds(e, n, v);
+    double *slow = &screen->slowness[e];
+    *slow = *slow > 0 ? (1 - new_frame) * *slow + new_frame * measured
+                      : fmin(measured, first_frame_most);
+    *slow = fmin(fmax(*slow, slow_least), slow_most);
 }
 
-// Translucent area and the smallest mean free path.
+// The smallest mean free path of a material; PRT_ARG where it or the model is degenerate.
 static int examine(const struct prt_context *ctx, const struct prt_screen *screen,
                    const struct prt_material *material, double *path)
 {
@@ -114,85 +137,109 @@ static int examine(const struct prt_context *ctx, const struct prt_screen *scree
     return screen->diameter_mm > 0 ? PRT_OK : PRT_ARG;
 }
 
-uint32_t plan_samples(const struct prt_screen *screen, enum prt_screen_engine e,
-                      const struct plan_view *v, double seconds)
+uint32_t prt_plan_samples(const struct prt_screen *screen, enum prt_screen_engine e,
+                          const struct plan_view *v, double seconds)
 {
     double slow = screen->slowness[e] > 0 ? screen->slowness[e] : 1;
     uint32_t lo = least[e], hi = most[e];
     while (hi - lo > 1) {
         uint32_t mid = lo + (hi - lo) / 2;
-        if (plan_seconds(e, mid, v) * slow <= seconds) lo = mid;
+        if (prt_plan_seconds(e, mid, v) * slow <= seconds) lo = mid;
         else hi = mid;
     }
     return lo;
 }
 
 static int check(const struct prt_context *ctx, const struct prt_screen *screen,
-                 const struct prt_visibility *vis, const struct prt_material *material,
-                 double budget_ms)
+                 const struct prt_screen_input *input, double budget_ms)
 {
-    if (!screen || !vis || !material)
-        return prt_fail(ctx, PRT_ARG, "screen: an argument is missing");
+    if (!screen || !input || !input->visibility || !input->material)
+        return prt_fail(ctx, PRT_ARG, "screen: screen, visibility or material is NULL");
     if (!(budget_ms > 0) || !isfinite(budget_ms))
         return prt_fail(ctx, PRT_ARG, "screen: a budget of %g ms: must be positive", budget_ms);
     return PRT_OK;
 }
 
+// All that cost and error depend on besides the engine and its samples.
+static int plan_view_of(const struct prt_context *ctx, const struct prt_screen *screen,
+                        const struct prt_screen_input *input, double budget_ms,
+                        const struct prt_screen_options *options, struct plan_view *out)
+{
+    double path;
+    int status = check(ctx, screen, input, budget_ms);
+    if (!status) status = examine(ctx, screen, input->material, &path);
+    if (status) return status;
+    struct prt_gbuffer g;
+    prt_visibility_gbuffer(input->visibility, &g);
+    uint32_t n_light = prt_cube_lights(input, options) + input->n_extra;
+    *out = (struct plan_view){.n_point = g.n_point,
+                              .n_light = n_light ? n_light : 1,
+                              .pixel_mm = (double)prt_view_pixel_mm(input->visibility),
+                              .area_mm2 = screen->area_mm2,
+                              .diameter_mm = (double)screen->diameter_mm,
+                              .mean_free_path_mm = path};
+    return PRT_OK;
+}
+
+static struct prt_screen_plan plan_engine(const struct prt_screen *screen,
+                                          enum prt_screen_engine e,
+                                          const struct plan_view *view, double budget_ms)
+{
+    double slow = screen->slowness[e] > 0 ? screen->slowness[e] : 1;
+    struct prt_screen_plan plan = {.engine = e};
+    plan.n_sample = prt_plan_samples(screen, e, view, budget_ms * 1e-3);
+    plan.expected_ms = 1e3 * slow * prt_plan_seconds(e, plan.n_sample, view);
+    plan.expected_error = prt_plan_expect(screen, e, plan.n_sample, view);
+    return plan;
+}
+
+static void set_options(struct prt_screen_options *options, const struct prt_screen_plan *plan)
+{
+    if (!options) return;
+    options->engine = plan->engine;
+    options->n_sample = plan->n_sample;
+}
+
 int prt_screen_plan(const struct prt_context *ctx, const struct prt_screen *screen,
-                    const struct prt_visibility *vis, const struct prt_material *material,
-                    enum prt_screen_engine engine, bool has_cube, uint32_t n_light,
+                    const struct prt_screen_input *input, enum prt_screen_engine engine,
                     double budget_ms, struct prt_screen_options *options,
                     struct prt_screen_plan *out)
 {
-    int status = check(ctx, screen, vis, material, budget_ms);
+    struct plan_view view;
+    int status = plan_view_of(ctx, screen, input, budget_ms, options, &view);
     if (status) return status;
-    if ((unsigned)engine >= 4)
-        return prt_fail(ctx, PRT_ARG, "screen: engine %d has no budget", (int)engine);
-    double path;
-    if ((status = examine(ctx, screen, material, &path))) return status;
-    struct prt_gbuffer g;
-    prt_visibility_gbuffer(vis, &g);
-    struct plan_view view = {.n_point = g.n_point,
-                             .n_light = has_cube ? n_light ? n_light : 64 : 1,
-                             .pixel_mm = (double)view_pixel_mm(vis),
-                             .area_mm2 = screen->area_mm2,
-                             .diameter_mm = (double)screen->diameter_mm,
-                             .mean_free_path_mm = path};
-    double slow = screen->slowness[engine] > 0 ? screen->slowness[engine] : 1;
-    struct prt_screen_plan plan = {.engine = engine};
-    plan.n_sample = plan_samples(screen, engine, &view, budget_ms * 1e-3);
-    plan.expected_ms = 1e3 * slow * plan_seconds(engine, plan.n_sample, &view);
-    plan.expected_error = plan_expect(screen, engine, plan.n_sample, &view);
-    if (options) {
-        options->engine = engine;
-        options->n_sample = plan.n_sample;
-    }
+    if ((unsigned)engine >= N_PLANNED)
+        return prt_fail(ctx, PRT_ARG, "screen: engine '%s' takes no budget",
+                        prt_screen_engine_name(engine));
+    struct prt_screen_plan plan = plan_engine(screen, engine, &view, budget_ms);
+    set_options(options, &plan);
     if (out) *out = plan;
     return PRT_OK;
 }
 
+// An engine that exceeds the budget by more than a tenth is taken only when all do.
+static bool better_plan(const struct prt_screen_plan *a, const struct prt_screen_plan *b,
+                        double budget_ms)
+{
+    bool a_fits = a->expected_ms <= 1.1 * budget_ms, b_fits = b->expected_ms <= 1.1 * budget_ms;
+    if (a_fits != b_fits) return a_fits;
+    return a_fits ? a->expected_error < b->expected_error : a->expected_ms < b->expected_ms;
+}
+
 int prt_screen_choose(const struct prt_context *ctx, const struct prt_screen *screen,
-                      const struct prt_visibility *vis, const struct prt_material *material,
-                      bool has_cube, uint32_t n_light, double budget_ms,
+                      const struct prt_screen_input *input, double budget_ms,
                       struct prt_screen_options *options, struct prt_screen_plan *out)
 {
-    struct prt_screen_plan best = {0}, plan;
-    for (int e = 0; e < 4; e++) {
-        int status = prt_screen_plan(ctx, screen, vis, material, (enum prt_screen_engine)e,
-                                     has_cube, n_light, budget_ms, NULL, &plan);
-        if (status) return status;
-        // one that cannot keep the budget is taken only when none can
-        bool fits = plan.expected_ms <= 1.1 * budget_ms;
-        bool best_fits = best.n_sample && best.expected_ms <= 1.1 * budget_ms;
-        bool better = !best.n_sample || (fits && !best_fits) ||
-                      (fits == best_fits && (fits ? plan.expected_error < best.expected_error
-                                                  : plan.expected_ms < best.expected_ms));
-        if (better) best = plan;
+    struct plan_view view;
+    struct prt_screen_plan best = {0};
+    int status = plan_view_of(ctx, screen, input, budget_ms, options, &view);
+    if (status) return status;
+    for (int e = 0; e < N_PLANNED; e++) {
+        struct prt_screen_plan plan =
+            plan_engine(screen, (enum prt_screen_engine)e, &view, budget_ms);
+        if (!e || better_plan(&plan, &best, budget_ms)) best = plan;
     }
-    if (options) {
-        options->engine = best.engine;
-        options->n_sample = best.n_sample;
-    }
+    set_options(options, &best);
     if (out) *out = best;
     return PRT_OK;
 }

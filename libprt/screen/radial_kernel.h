@@ -26,7 +26,7 @@ static void PRT_KERNEL(radial)(const struct radial_table *t, int n, const float 
     }
 }
 #else
-/* R_d of three channels at squared distances. */
+/* R_d of three channels at n squared distances. */
 static void PRT_KERNEL(radial)(const struct radial_table *t, int n, const float *r_sq,
                                float *r0, float *r1, float *r2)
 {

@@ -1,34 +1,34 @@
 // SPDX-License-Identifier: MIT
-// The exact sum the engines are measured against: every texel, the dipole itself. R_d changes
-// much over the texel nearest to a point: there it is integrated, with the point's own
-// irradiance, and texels stand for what lies further, so that the sum does not jump as points
-// pass texels.
+// The sum that the other engines are measured against: every texel, R_d itself instead of
+// tables. R_d varies much over the texel nearest to a point. The weight w = e^(-(r/near)^2)
+// takes that texel out: w R_d is integrated with the point's own irradiance, texels stand for
+// (1-w) R_d, and the sum does not jump where the nearest texel changes (METHODS §6).
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { CHUNK = 1024 };
+enum { CHUNK = 1024 }; // texels at a time: their distances and R_d stay in the L1 cache
 
 struct job {
     struct frame *f;
     const struct samples *s;
     uint32_t *object_begin; // [n_object+1] texels
     const uint32_t *point;
-    const struct samples *own; // the points, with their irradiance
+    const struct samples *own; // the points with their irradiance
     double near_mm;
     double (*share)[3]; // [n_object] of R_d exp(-(r / near_mm)^2)
     float (*out)[3];
     unsigned cpu;
 };
 
-// What a flat surface gets from its own irradiance.
+// Integral of w R_d over a plane: the response to the point's own irradiance.
 static void near_share(const struct prt_diffusion d[3], double near_mm, double share[3])
 {
     enum { STEPS = 256 };
     for (int c = 0; c < 3; c++) {
-        // r dr at equal steps of log r: the weight is gone at 4 near_mm
+        // midpoints at equal steps of log r; the weight is 1e-7 at 4 near_mm
         double top = 4 * near_mm, ratio = top / (1e-3 * fmin(near_mm, d[c].z_r));
         share[c] = 0;
         for (int k = 0; k < STEPS; k++) {
@@ -55,12 +55,12 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
         struct prt_diffusion own[3], *dipole = job->f->dipole[object];
         double scale[3] = {1, 1, 1}, share[3];
         memcpy(share, job->share[object], sizeof share);
-        if (maps) { // the medium where light leaves, as in M03
-            point_factor(job->f, point, factor);
+        if (maps) { // R_d of the medium where light leaves, as in M03
+            prt_map_point_factor(job->f, point, factor);
             for (int c = 0; c < 3; c++) {
-                mapped_dipole(&dipole[c], factor, c, &own[c]);
+                prt_map_medium(&dipole[c], factor, c, &own[c]);
                 scale[c] =
-                    mapped_reflectance(&dipole[c], factor, c) / fmax(own[c].rho_d, 1e-12);
+                    prt_map_reflectance(&dipole[c], factor, c) / fmax(own[c].rho_d, 1e-12);
             }
             dipole = own;
             near_share(own, job->near_mm, share);
@@ -96,10 +96,10 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double *error)
+int prt_engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double *error)
 {
     double t0 = prt_time_s();
-    int status = frame_atlas(f, n_texel);
+    int status = prt_frame_atlas(f, n_texel);
     if (status) return status;
     double t1 = prt_time_s();
     const struct samples *s = &f->screen->atlas;
@@ -108,7 +108,7 @@ int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double 
     uint32_t *begin = calloc((size_t)f->n_object + 2, sizeof *begin);
     float(*out)[3] = malloc(((size_t)f->g.n_point / stride + 2) * sizeof *out);
     double(*share)[3] = calloc((size_t)f->n_object + 1, sizeof *share);
-    // wide enough that what is left is smooth from texel to texel
+    // 2.5 radii of a texel's disc: (1-w) R_d is smooth from texel to texel
     double near_mm = s->n ? 2.5 * sqrt(f->screen->area_mm2 / s->n / M_PI) : 1;
     struct samples own = {0};
     struct job job = {
@@ -121,10 +121,10 @@ int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double 
         for (uint32_t i = 0; i < s->n; i++) begin[s->object[i] + 1]++;
         for (uint32_t o = 0; o < f->n_object; o++) begin[o + 1] += begin[o];
         for (uint32_t o = 0; o < f->n_object; o++) near_share(f->dipole[o], near_mm, share[o]);
-        if (!seen_samples(f, n, point, &own))
+        if (!prt_visible_samples(f, n, point, &own))
             status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-        if (!status) status = frame_irradiance(f, &own);
-        if (!status) status = screen_loop(f->ctx, n, 16, run, &job);
+        if (!status) status = prt_frame_irradiance(f, &own);
+        if (!status) status = prt_screen_loop(f->ctx, n, 16, run, &job);
     }
     if (!status && error) {
         double num = 0, den = 0;
@@ -143,7 +143,7 @@ int engine_reference(struct frame *f, uint32_t n_texel, uint32_t stride, double 
         f->report->scatter_s = prt_time_s() - t1;
     }
     f->report->n_pair += (uint64_t)n * s->n / (f->n_object ? f->n_object : 1);
-    samples_finish(&own);
+    prt_samples_finish(&own);
     free(share);
     free(point);
     free(begin);

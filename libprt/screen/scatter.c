@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Light spread from emitters to the tiles of a view's receivers.
+// Adds light of emitters to the tiles of a view's receivers: all pairs, or clusters of a tree.
 #include "internal.h"
 
 #include <math.h>
@@ -11,11 +11,11 @@ struct job {
     struct frame *f;
     pair_fn pairs;
     const struct radial_table *table;
-    const struct emitters *list; // per object, in classes; or
+    const struct emitters *list; // [n_object] in classes; NULL: the tree
     const uint32_t (*class_end)[CLASSES];
     const struct tree *tree;
     float opening, r_max;
-    struct emitters *scratch; // per worker
+    struct emitters *scratch; // [worker] list for a tile
     atomic_uint_fast64_t n_pair;
 };
 
@@ -47,7 +47,7 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
             uint32_t at = 0;
             for (uint32_t k = 0; k < CLASSES; k++) {
                 uint32_t last = job->class_end[object][k];
-                // long lists in pieces that stay in the first-level cache
+                // pieces of 512 emitters (12 KiB) stay in the L1 cache
                 for (; at < last; at = at + 512 < last ? at + 512 : last)
                     job->pairs(&job->table[object * CLASSES + k], e, at,
                                at + 512 < last ? at + 512 : last, n, p, sum);
@@ -59,7 +59,7 @@ static int run(void *arg, size_t begin, size_t end, unsigned worker)
         struct emitters *e = &job->scratch[worker];
         tile_box(v, (uint32_t)tile, lo, hi);
         e->n = 0;
-        if (!tree_gather(job->tree, object, lo, hi, job->opening, job->r_max, e))
+        if (!prt_tree_gather(job->tree, object, lo, hi, job->opening, job->r_max, e))
             return PRT_NOMEM;
         for (uint32_t at = 0; at < e->n; at += 512)
             job->pairs(&job->table[object], e, at, at + 512 < e->n ? at + 512 : e->n, n, p,
@@ -74,32 +74,32 @@ static int go(struct job *job)
 {
     struct frame *f = job->f;
     unsigned n_worker = prt_pool_size(f->ctx ? f->ctx->pool : NULL);
-    job->pairs = pair_kernel(f->ctx ? f->ctx->cpu : prt_cpu_detect());
+    job->pairs = prt_pair_kernel(f->ctx ? f->ctx->cpu : prt_cpu_detect());
     job->scratch = calloc(n_worker, sizeof *job->scratch);
     if (!job->scratch) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    int status = screen_loop(f->ctx, f->view->n_tile, 4, run, job);
-    for (unsigned w = 0; w < n_worker; w++) emitters_finish(&job->scratch[w]);
+    int status = prt_screen_loop(f->ctx, f->view->n_tile, 4, run, job);
+    for (unsigned w = 0; w < n_worker; w++) prt_emitters_finish(&job->scratch[w]);
     free(job->scratch);
     f->report->n_pair += atomic_load(&job->n_pair);
     return status;
 }
 
-int scatter_all(struct frame *f, const struct radial_table *table, const struct emitters *list,
-                const uint32_t (*class_end)[CLASSES])
+int prt_scatter_all(struct frame *f, const struct radial_table *table,
+                    const struct emitters *list, const uint32_t (*class_end)[CLASSES])
 {
     struct job job = {.f = f, .table = table, .list = list, .class_end = class_end};
     return go(&job);
 }
 
-int scatter_tree(struct frame *f, const struct radial_table *table, const struct samples *s,
-                 float opening, float r_max)
+int prt_scatter_tree(struct frame *f, const struct radial_table *table, const struct samples *s,
+                     float opening, float r_max)
 {
     struct tree tree;
-    int status = tree_build(f->ctx, s, f->n_object, &tree);
+    int status = prt_tree_build(f->ctx, s, f->n_object, &tree);
     if (status) return prt_fail(f->ctx, status, "screen: no memory for a tree of %u", s->n);
     struct job job = {
         .f = f, .table = table, .tree = &tree, .opening = opening, .r_max = r_max};
     status = go(&job);
-    tree_finish(&tree);
+    prt_tree_finish(&tree);
     return status;
 }

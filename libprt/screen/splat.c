@@ -1,14 +1,23 @@
 // SPDX-License-Identifier: MIT
-// S09: points on a grid that the light sees (or on peeled layers, for an environment), each
-// spread to the pixels within r_max. Far splats are joined, so that cost does not grow with n.
+// Splatting (S09): points on a grid that the light sees, or on peeled layers under an
+// environment, each spread to the pixels within r_max. Far splats are joined in a tree, which
+// bounds the cost.
 #include "internal.h"
 
 #include <math.h>
 #include <string.h>
 
-enum { GRID_MIN = 32, GRID_MAX = 300, GRID_FINE = 1200, MAX_LIGHT_VIEWS = 4 };
+// Points a side of the grid: by default at a spacing of SPACING mean free paths, and at the
+// most after refinement. Peeled layers are three grids with all their depths, hence fewer.
+// Chosen, not measured.
+enum { GRID_MIN = 32, GRID_MAX = 300, PEEL_MAX = 160, GRID_FINE = 1200 };
+enum { MAX_LIGHT_VIEWS = 4 }; // more lights take peeled layers; chosen, not measured
+#define SPACING 0.75f
+#define DEFAULT_EPSILON 0.002f
+#define OPENING 0.8f // of the tree; chosen, not measured
 
-// S09 eq 4 with METHODS' closed form: the tail beyond r_max is epsilon of rho_d.
+// S09 eq 4 with the closed form of METHODS §1: the tail beyond r_max is epsilon of rho_d, for
+// the channel that reaches furthest.
 static float cut_radius(const struct frame *f, double epsilon)
 {
     double most = 0;
@@ -27,7 +36,7 @@ static float cut_radius(const struct frame *f, double epsilon)
     return (float)most;
 }
 
-struct grid frame_grid(const struct frame *f, float spacing_mm)
+struct grid prt_frame_grid(const struct frame *f, float spacing_mm)
 {
     struct grid grid = {f->screen->triangle_block, spacing_mm, {0, 0}, 0};
     if (!f->seed) return grid;
@@ -38,8 +47,8 @@ struct grid frame_grid(const struct frame *f, float spacing_mm)
     return grid;
 }
 
-int scatter_discs(struct frame *f, const struct samples *s, double r_p, float opening,
-                  float r_max)
+int prt_scatter_discs(struct frame *f, const struct samples *s, double r_p, float opening,
+                      float r_max)
 {
     struct radial_table *table = prt_calloc(f->n_object ? f->n_object : 1, sizeof *table);
     if (!table) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
@@ -53,72 +62,74 @@ int scatter_discs(struct frame *f, const struct samples *s, double r_p, float op
             power += w;
         }
         double disc = power > 0 ? sqrt(area / power / M_PI) : 0;
-        split_table(f, object, r_p, 0, true, disc, r_p >= 0 ? r_max : f->screen->diameter_mm,
-                    &table[object]);
+        prt_split_table(f, object, r_p, 0, true, disc,
+                        r_p >= 0 ? r_max : f->screen->diameter_mm, &table[object]);
     }
-    int status = scatter_tree(f, table, s, opening, r_max);
+    int status = prt_scatter_tree(f, table, s, opening, r_max);
     prt_free(table);
     return status;
 }
 
-int frame_light_view(struct frame *f, uint32_t l, const struct grid *grid, struct samples *out)
+int prt_frame_light_view(struct frame *f, uint32_t l, const struct grid *grid,
+                         struct samples *out)
 {
-    int status = samples_light_view(f->ctx, f->screen->scene, &f->light[l], grid, f->eta, out,
-                                    &f->report->grid, &f->report->n_ray);
+    int status = prt_samples_light_view(f->ctx, f->screen->scene, &f->light[l], grid, f->eta,
+                                        out, &f->report->grid, &f->report->n_ray);
     if (status || !maps_turn(f->options)) return status;
-    // what the light sees, by the normals of maps
+    // the irradiance that the light view carries has the mesh's normals: computed again
     uint32_t n = f->n_light;
     struct prt_screen_light *all = f->light;
     f->light += l;
     f->n_light = 1;
-    status = frame_irradiance(f, out);
+    status = prt_frame_irradiance(f, out);
     f->light = all;
     f->n_light = n;
-    if (status) samples_finish(out);
+    if (status) prt_samples_finish(out);
     return status;
 }
 
-// The grid points every light sees.
-int scatter_light_views(struct frame *f, double r_p, float spacing, float opening, float r_max)
+// Adds light of the grid points that each light sees.
+int prt_scatter_light_views(struct frame *f, double r_p, float spacing, float opening,
+                            float r_max)
 {
-    struct grid grid = frame_grid(f, spacing);
+    struct grid grid = prt_frame_grid(f, spacing);
     for (uint32_t l = 0; l < f->n_light; l++) {
         struct samples s;
         double t0 = prt_time_s();
-        int status = frame_light_view(f, l, &grid, &s);
+        int status = prt_frame_light_view(f, l, &grid, &s);
         if (status) return status;
         double t1 = prt_time_s();
         f->report->irradiance_s += t1 - t0;
         f->report->n_sample += s.n;
-        status = scatter_discs(f, &s, r_p, opening, r_max);
+        status = prt_scatter_discs(f, &s, r_p, opening, r_max);
         f->report->scatter_s += prt_time_s() - t1;
-        samples_finish(&s);
+        prt_samples_finish(&s);
         if (status) return status;
     }
     return PRT_OK;
 }
 
-bool only_light_views(const struct frame *f)
+bool prt_frame_light_views_only(const struct frame *f)
 {
     bool views = !f->cube && !f->options->vertex_irradiance && f->n_light <= MAX_LIGHT_VIEWS;
     for (uint32_t l = 0; l < f->n_light; l++) views &= !f->light[l].point;
     return views;
 }
 
-int engine_splat(struct frame *f)
+int prt_engine_splat(struct frame *f)
 {
     struct prt_screen *screen = f->screen;
-    float lu = smallest_mean_free_path(f), diameter = screen->diameter_mm;
-    float epsilon = f->options->epsilon > 0 ? f->options->epsilon : 0.002f;
-    float r_max = cut_radius(f, epsilon), spacing = 0.75f * lu;
-    bool views = only_light_views(f);
-    uint32_t least = GRID_MIN, most = views ? GRID_MAX : 160;
+    float lu = prt_frame_mean_free_path(f), diameter = screen->diameter_mm;
+    float epsilon = f->options->epsilon > 0 ? f->options->epsilon : DEFAULT_EPSILON;
+    float r_max = cut_radius(f, epsilon), spacing = SPACING * lu;
+    bool views = prt_frame_light_views_only(f);
+    uint32_t least = GRID_MIN, most = views ? GRID_MAX : PEEL_MAX;
     float n = diameter / spacing;
     if (f->options->n_sample) least = most = f->options->n_sample;
     else if (f->options->budget_ms > 0) {
-        struct plan_view view = frame_plan(f);
-        n = min_f(n, (float)plan_samples(screen, PRT_SCREEN_SPLAT, &view,
-                                         (double)f->options->budget_ms * 1e-3));
+        struct plan_view view = prt_frame_plan(f);
+        n = min_f(n, (float)prt_plan_samples(screen, PRT_SCREEN_SPLAT, &view,
+                                             (double)f->options->budget_ms * 1e-3));
     }
     n = n < least ? least : n > most ? most : n;
     // refinement doubles the points, not the grid's side
@@ -127,26 +138,27 @@ int engine_splat(struct frame *f)
     spacing = diameter / n;
     f->report->r_max_mm = r_max;
     f->report->grid = (uint32_t)n;
-    int status = receive_begin(f, (double)lu);
+    int status = prt_receivers_begin(f, (double)lu);
     if (status) return status;
     if (views) {
-        status = scatter_light_views(f, -1, spacing, 0.8f, r_max);
-        return status ? status : receive_end(f);
+        status = prt_scatter_light_views(f, -1, spacing, OPENING, r_max);
+        return status ? status : prt_receivers_resolve(f);
     }
     if (!screen->peel.n || screen->peel_spacing != spacing || screen->peel_seed != f->seed) {
-        struct grid grid = frame_grid(f, spacing);
-        samples_finish(&screen->peel);
-        status = samples_peel(f->ctx, screen->scene, &grid, &screen->peel, &f->report->n_ray);
+        struct grid grid = prt_frame_grid(f, spacing);
+        prt_samples_finish(&screen->peel);
+        status =
+            prt_samples_peel(f->ctx, screen->scene, &grid, &screen->peel, &f->report->n_ray);
         if (status) return status;
         screen->peel_spacing = spacing;
         screen->peel_seed = f->seed;
     }
     double t0 = prt_time_s();
-    status = frame_irradiance(f, &screen->peel);
+    status = prt_frame_irradiance(f, &screen->peel);
     double t1 = prt_time_s();
-    if (!status) status = scatter_discs(f, &screen->peel, -1, 0.8f, r_max);
+    if (!status) status = prt_scatter_discs(f, &screen->peel, -1, OPENING, r_max);
     f->report->irradiance_s = t1 - t0;
     f->report->scatter_s = prt_time_s() - t1;
     f->report->n_sample = screen->peel.n;
-    return status ? status : receive_end(f);
+    return status ? status : prt_receivers_resolve(f);
 }

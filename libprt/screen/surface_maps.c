@@ -1,23 +1,26 @@
 // SPDX-License-Identifier: MIT
-// Images over a mesh's uv: what the medium's coefficients are at a pixel, and which way the
-// surface turns for the irradiance (M03's textures and bumps).
+// Maps over a mesh's uv: factors of the medium's coefficients at a pixel, and normals that
+// irradiance is computed with (textures and bumps as in M03).
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-int map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
-              const struct prt_screen_map *map, bool factor, bool checked)
+int prt_map_check(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                  const struct prt_screen_map *map, bool factor, bool checked)
 {
-    if (!mesh->uv) return prt_fail(ctx, PRT_ARG, "screen: a map on a model without uv");
+    if (!mesh->uv)
+        return prt_fail(ctx, PRT_ARG,
+                        "screen: maps need texture coordinates, and the model has none");
     if (!map->rgb || !map->width || !map->height || map->width > 16384 || map->height > 16384)
-        return prt_fail(ctx, PRT_ARG, "screen: a map of %ux%u: 1 to 16384 of both", map->width,
-                        map->height);
+        return prt_fail(ctx, PRT_ARG,
+                        "screen: a map of %ux%u texels: 1 to 16384 a side are allowed",
+                        map->width, map->height);
     for (size_t i = 0; !checked && i < (size_t)map->width * map->height; i++)
         for (int c = 0; c < 3; c++)
             if (!isfinite(map->rgb[i][c]) || (factor && map->rgb[i][c] < 0))
-                return prt_fail(ctx, PRT_ARG, "screen: a map's value %zu is not finite%s", i,
+                return prt_fail(ctx, PRT_ARG, "screen: texel %zu of a map is not finite%s", i,
                                 factor ? " and >= 0" : "");
     return PRT_OK;
 }
@@ -28,7 +31,7 @@ static uint32_t wrap(int64_t i, uint32_t n)
     return (uint32_t)(r < 0 ? r + n : r);
 }
 
-void map_lookup(const struct prt_screen_map *map, const float uv[2], float rgb[3])
+void prt_map_lookup(const struct prt_screen_map *map, const float uv[2], float rgb[3])
 {
     double x = ((double)uv[0] - floor((double)uv[0])) * map->width - 0.5;
     double y = ((double)uv[1] - floor((double)uv[1])) * map->height - 0.5;
@@ -53,7 +56,7 @@ static void uv_at(const struct prt_mesh *mesh, uint32_t triangle, float a, float
     }
 }
 
-// The map of a block's surface; NULL: none there.
+// The map of a block's surface; NULL: none.
 static const struct prt_screen_map *map_of(const struct frame *f,
                                            const struct prt_screen_map *map, uint32_t block)
 {
@@ -63,18 +66,18 @@ static const struct prt_screen_map *map_of(const struct frame *f,
 }
 
 // Factors of sigma_s' and sigma_a at a point of the G-buffer.
-void point_factor(const struct frame *f, uint32_t i, float factor[6])
+void prt_map_point_factor(const struct frame *f, uint32_t i, float factor[6])
 {
     const struct prt_screen_map *s = map_of(f, f->options->sigma_s_map, f->g.block[i]);
     const struct prt_screen_map *a = map_of(f, f->options->sigma_a_map, f->g.block[i]);
     float uv[2];
     for (int k = 0; k < 6; k++) factor[k] = 1;
     uv_at(f->screen->mesh, f->g.triangle[i], f->g.bary[0][i], f->g.bary[1][i], uv);
-    if (s) map_lookup(s, uv, factor);
-    if (a) map_lookup(a, uv, factor + 3);
+    if (s) prt_map_lookup(s, uv, factor);
+    if (a) prt_map_lookup(a, uv, factor + 3);
 }
 
-// Change of position with u and v [mm] on a triangle; false where uv are folded.
+// Derivatives of position by u and v [mm] on a triangle; false where its uv have no area.
 static bool uv_frame(const struct prt_mesh *m, uint32_t triangle, float du[3], float dv[3])
 {
     const uint32_t *c = m->triangle[triangle];
@@ -113,7 +116,7 @@ static bool normalise(float n[3])
     return true;
 }
 
-// The gradient of height along the surface tips the normal (Blinn 1978).
+// Tilts the normal by the gradient of height along the surface (B78).
 static void bump(const struct prt_screen_map *map, const float uv[2], const float n[3],
                  const float du[3], const float dv[3], float out[3])
 {
@@ -122,8 +125,8 @@ static void bump(const struct prt_screen_map *map, const float uv[2], const floa
         float a[2] = {uv[0], uv[1]}, b[2] = {uv[0], uv[1]}, lo[3], hi[3];
         a[k] -= step[k];
         b[k] += step[k];
-        map_lookup(map, a, lo);
-        map_lookup(map, b, hi);
+        prt_map_lookup(map, a, lo);
+        prt_map_lookup(map, b, hi);
         slope[k] = (hi[0] - lo[0]) / (2 * step[k]);
     }
     float r1[3], r2[3], own[3];
@@ -135,11 +138,12 @@ static void bump(const struct prt_screen_map *map, const float uv[2], const floa
     if (normalise(own)) memcpy(out, own, sizeof own);
 }
 
+// The normal that a tangent-space map gives; out stays as it is where uv are degenerate.
 static void tangent_normal(const struct prt_screen_map *map, const float uv[2],
                            const float n[3], const float du[3], const float dv[3], float out[3])
 {
     float rgb[3], t[3], b[3], own[3], along = dot(du, n);
-    map_lookup(map, uv, rgb);
+    prt_map_lookup(map, uv, rgb);
     for (int k = 0; k < 3; k++) t[k] = du[k] - along * n[k];
     if (!normalise(t)) return;
     cross(n, t, b);
@@ -178,7 +182,7 @@ static int turn_points(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int map_normals(const struct frame *f, struct samples *s)
+int prt_map_normals(const struct frame *f, struct samples *s)
 {
     struct turn_job job = {.f = f, .s = s};
     int status = PRT_OK;
@@ -206,7 +210,8 @@ int prt_screen_albedo_factors(const struct prt_context *ctx,
             return prt_fail(ctx, PRT_ARG,
                             "albedo map: a medium that absorbs nothing (sigma_a 0) "
                             "cannot be tinted by absorption");
-        // rho_d falls as absorption grows: equal steps of its logarithm, up to 1000 mm^-1
+        // rho_d decreases with absorption: tabulated at equal steps of log sigma_a up to 1000
+        // mm^-1, then inverted by bisection
         double top = fmax(log(1000 / base), 0.1);
         for (int k = 0; k < STEPS; k++) {
             struct prt_diffusion d;
@@ -231,7 +236,7 @@ int prt_screen_albedo_factors(const struct prt_context *ctx,
     return PRT_OK;
 }
 
-// Factors in steps of `per_octave` of an octave; 0 has a step of its own.
+// A code of the six factors rounded to 1/per_octave of an octave; factors under 1e-4 share one.
 static uint64_t step_of(const float scale[6], float per_octave)
 {
     uint64_t code = 0;
@@ -242,8 +247,8 @@ static uint64_t step_of(const float scale[6], float per_octave)
     return code;
 }
 
-void mapped_dipole(const struct prt_diffusion *base, const float factor[6], int c,
-                   struct prt_diffusion *out)
+void prt_map_medium(const struct prt_diffusion *base, const float factor[6], int c,
+                    struct prt_diffusion *out)
 {
     double s = base->sigma_s_prime * (double)factor[c],
            a = base->sigma_a * (double)factor[3 + c];
@@ -251,14 +256,14 @@ void mapped_dipole(const struct prt_diffusion *base, const float factor[6], int 
     else prt_diffusion_init(out, fmin(fmax(s, 1e-5), 1000), fmin(a, 1000), base->eta);
 }
 
-double mapped_reflectance(const struct prt_diffusion *base, const float factor[6], int c)
+double prt_map_reflectance(const struct prt_diffusion *base, const float factor[6], int c)
 {
     static const float one[6] = {1, 1, 1, 1, 1, 1};
     struct prt_diffusion plain = *base, own, whole;
     plain.n_point = 0;
-    mapped_dipole(&plain, factor, c, &own);
+    prt_map_medium(&plain, factor, c, &own);
     if (!base->n_point) return own.rho_d;
-    mapped_dipole(&plain, one, c, &whole);
+    prt_map_medium(&plain, one, c, &whole);
     return base->rho_d * own.rho_d / fmax(whole.rho_d, 1e-12);
 }
 
@@ -268,7 +273,8 @@ struct rho_job {
     float (*rho)[3];
 };
 
-// Media are few; every point's own total reflectance scales what its medium gives.
+// The total reflectance of every point's own coefficients: light of its class of media is
+// scaled by it.
 static int point_reflectance(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct rho_job *job = arg;
@@ -276,7 +282,8 @@ static int point_reflectance(void *arg, size_t begin, size_t end, unsigned worke
     for (size_t i = begin; i < end; i++) {
         uint32_t object = f->screen->mesh->block[f->g.block[i]].object;
         for (int c = 0; c < 3; c++)
-            job->rho[i][c] = (float)mapped_reflectance(&f->dipole[object][c], job->scale[i], c);
+            job->rho[i][c] =
+                (float)prt_map_reflectance(&f->dipole[object][c], job->scale[i], c);
     }
     return PRT_OK;
 }
@@ -288,76 +295,84 @@ static int tint_points(void *arg, size_t begin, size_t end, unsigned worker)
         uint32_t object = f->screen->mesh->block[f->g.block[i]].object;
         float factor[6];
         if (f->g.opaque[i]) continue;
-        point_factor(f, (uint32_t)i, factor);
+        prt_map_point_factor(f, (uint32_t)i, factor);
         for (int c = 0; c < 3; c++) {
             const struct prt_diffusion *d = &f->dipole[object][c];
             f->radiance[i][c] *=
-                (float)(mapped_reflectance(d, factor, c) / fmax(d->rho_d, 1e-12));
+                (float)(prt_map_reflectance(d, factor, c) / fmax(d->rho_d, 1e-12));
         }
     }
     return PRT_OK;
 }
 
-int map_tint(const struct frame *f)
+int prt_map_tint(const struct frame *f)
 {
     struct frame own = *f;
     return prt_parallel_for(f->ctx, NULL, f->g.n_point, 1024, tint_points, &own);
 }
 
-int map_media(const struct frame *f, struct media *out)
+// Means of the factors of each class: six sums and a count.
+typedef double class_sum[7];
+
+// Sorts the points into classes of equal codes. False where there are more than MOST_MEDIA of
+// them; with `merge` the last class takes the rest.
+static bool sort_media(const struct frame *f, const float (*scale)[6], float per_octave,
+                       bool merge, struct media *out, class_sum *sum)
+{
+    uint64_t code[MOST_MEDIA];
+    out->n = 0;
+    memset(sum, 0, MOST_MEDIA * sizeof *sum);
+    for (uint32_t i = 0; i < f->g.n_point; i++) {
+        uint32_t object = f->screen->mesh->block[f->g.block[i]].object, k = 0;
+        uint64_t own = step_of(scale[i], per_octave) * 8191 + object;
+        out->of[i] = 0;
+        if (f->g.opaque[i]) continue;
+        while (k < out->n && code[k] != own) k++;
+        if (k == MOST_MEDIA && !merge) return false;
+        if (k == out->n) {
+            if (k == MOST_MEDIA) k--;
+            else out->n++;
+            code[k] = own;
+            out->object[k] = object;
+        }
+        for (int c = 0; c < 6; c++) sum[k][c] += (double)scale[i][c];
+        sum[k][6]++;
+        out->of[i] = (uint8_t)k;
+    }
+    return true;
+}
+
+int prt_map_media(const struct frame *f, struct media *out)
 {
     uint32_t n = f->g.n_point;
     float(*scale)[6] = malloc(((size_t)n + 1) * sizeof *scale);
-    double(*sum)[7] = malloc((MOST_MEDIA + 1) * sizeof *sum);
-    uint64_t code[MOST_MEDIA];
+    class_sum *sum = malloc(MOST_MEDIA * sizeof *sum);
     memset(out, 0, sizeof *out);
     out->of = malloc(((size_t)n + 1) * sizeof *out->of);
     out->factor = malloc(MOST_MEDIA * sizeof *out->factor);
     out->object = malloc(MOST_MEDIA * sizeof *out->object);
     out->rho = malloc(((size_t)n + 1) * sizeof *out->rho);
     bool good = out->rho && scale && sum && out->of && out->factor && out->object;
-    for (uint32_t i = 0; i < n && good; i++) {
-        point_factor(f, i, scale[i]);
+    if (good) {
+        for (uint32_t i = 0; i < n; i++) prt_map_point_factor(f, i, scale[i]);
+        // steps of 1/8 octave, doubled until the classes are few enough
+        float per_octave = 8;
+        while (
+            !sort_media(f, (const float(*)[6])scale, per_octave, per_octave < 0.01f, out, sum))
+            per_octave *= 0.5f;
+        for (uint32_t k = 0; k < out->n; k++)
+            for (int c = 0; c < 6; c++) out->factor[k][c] = (float)(sum[k][c] / sum[k][6]);
+        struct rho_job job = {f, (const float(*)[6])scale, out->rho};
+        good = prt_parallel_for(f->ctx, NULL, n, 1024, point_reflectance, &job) == PRT_OK;
     }
-    // steps as fine as leave no more media than there is room for
-    for (float per_octave = 8; good; per_octave *= 0.5f) {
-        bool fits = true;
-        out->n = 0;
-        memset(sum, 0, MOST_MEDIA * sizeof *sum);
-        for (uint32_t i = 0; i < n && fits; i++) {
-            uint32_t object = f->screen->mesh->block[f->g.block[i]].object, k = 0;
-            uint64_t own = step_of(scale[i], per_octave) * 8191 + object;
-            if (f->g.opaque[i]) {
-                out->of[i] = 0;
-                continue;
-            }
-            while (k < out->n && code[k] != own) k++;
-            if (k == out->n) {
-                // the coarsest steps take what comes
-                if (k == MOST_MEDIA && !(fits = per_octave < 0.01f)) break;
-                if (k == MOST_MEDIA) k--;
-                else out->n++;
-                code[k] = own;
-                out->object[k] = object;
-            }
-            for (int c = 0; c < 6; c++) sum[k][c] += (double)scale[i][c];
-            sum[k][6]++;
-            out->of[i] = (uint8_t)k;
-        }
-        if (fits) break;
-    }
-    for (uint32_t k = 0; k < out->n && good; k++)
-        for (int c = 0; c < 6; c++) out->factor[k][c] = (float)(sum[k][c] / sum[k][6]);
-    struct rho_job job = {f, (const float(*)[6])scale, out->rho};
-    if (good) good = prt_parallel_for(f->ctx, NULL, n, 1024, point_reflectance, &job) == PRT_OK;
     free(scale);
     free(sum);
     if (good) return PRT_OK;
-    media_finish(out);
+    prt_media_finish(out);
     return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory for maps");
 }
 
-void media_finish(struct media *m)
+void prt_media_finish(struct media *m)
 {
     free(m->of);
     free(m->factor);

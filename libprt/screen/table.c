@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// R_d, or a share of it, as quadratics on 32 geometric segments of q = r² + r0².
+// R_d, or a part of it, as quadratics on 32 geometric segments of q = r² + r0² (METHODS §6).
 #include "internal.h"
 
 #include <math.h>
@@ -19,10 +19,10 @@ static float of_bits(uint32_t b)
     return x;
 }
 
-void radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg, double scale_mm,
-                      double r_max_mm)
+void prt_radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg,
+                          double scale_mm, double r_max_mm)
 {
-    // r0² is the power of two under the profile's own scale: R_d is smooth in q there
+    // r0² is the power of two below the profile's scale squared: R_d is smooth in q under it
     int e0 = (int)floor(log2(scale_mm * scale_mm));
     double r0_sq = ldexp(1, e0), need = log2((r_max_mm * r_max_mm + r0_sq) / r0_sq);
     uint32_t per_octave = 8, octaves;
@@ -42,7 +42,7 @@ void radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg, do
             fn(arg, sqrt(fmax(node[k] - r0_sq, 0)), value[k]);
         }
         for (int c = 0; c < 3; c++) {
-            // Newton's form, then powers of q
+            // divided differences, expanded to powers of q
             double d01 = (value[1][c] - value[0][c]) / (node[1] - node[0]);
             double d12 = (value[2][c] - value[1][c]) / (node[2] - node[1]);
             double d2 = (d12 - d01) / (node[2] - node[0]);
@@ -54,7 +54,7 @@ void radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg, do
     }
 }
 
-void radial_table_eval(const struct radial_table *t, float r_sq, float out[3])
+void prt_radial_table_eval(const struct radial_table *t, float r_sq, float out[3])
 {
     float q = min_f(r_sq + t->r0_sq, t->q_max);
     uint32_t k = bits_of(q) >> t->shift & 31;
@@ -62,7 +62,7 @@ void radial_table_eval(const struct radial_table *t, float r_sq, float out[3])
         out[c] = t->coef[c][0][k] + q * (t->coef[c][1][k] + q * t->coef[c][2][k]);
 }
 
-void prt_screen_dipole_profile(const void *dipole3, double r_mm, double out[3])
+void prt_dipole_profile(const void *dipole3, double r_mm, double out[3])
 {
     const struct prt_diffusion *d = dipole3;
     for (int c = 0; c < 3; c++) out[c] = prt_diffusion_rd(&d[c], r_mm);
@@ -75,17 +75,16 @@ double prt_screen_local_weight(double r_mm, double r_p_mm)
     return 0.5 * exp(-SPLIT_K * (r_mm - r_p_mm));
 }
 
-// What a table is fitted to: R_d, its local or its global part, averaged over a disc.
+// The function of a table: R_d, its local or its global part, averaged over a disc.
 struct split {
-    profile_fn fn; // three dipoles or a table, and its argument
-    const void *profile;
-    double r_p; // < 0: no split
+    const struct prt_diffusion *dipole; // [3]
+    double r_p;                         // < 0: no split
     bool local;
-    double own_mm;  // > 0, without r_p: what texture sampling reads at the pixel itself
+    double own_mm;  // > 0, without r_p: radius of the near-field control variate
     double disc_mm; // radius; 0: a point
 };
 
-// What share of R_d light at r comes from the pixel's own irradiance.
+// Weight of the near-field control variate at r.
 static double own_weight(double r_mm, double own_mm)
 {
     return exp(-(r_mm / own_mm) * (r_mm / own_mm));
@@ -95,14 +94,15 @@ static void split_profile(const void *arg, double r_mm, double out[3])
 {
     enum { RINGS = 3, SPOKES = 5 };
     const struct split *s = arg;
-    // far away a disc is a point
+    // a disc under 5 % of the distance counts as a point
     int rings = s->disc_mm > 0.05 * r_mm ? RINGS : 0, n = rings ? rings * SPOKES : 1;
     for (int c = 0; c < 3; c++) out[c] = 0;
     for (int k = 0; k < n; k++) {
         double r = r_mm;
         if (rings) {
             double a = s->disc_mm * sqrt((k / SPOKES + 0.5) / RINGS);
-            double phi = M_PI * (k % SPOKES + 0.5) / SPOKES; // the other half is its mirror
+            double phi =
+                M_PI * (k % SPOKES + 0.5) / SPOKES; // by symmetry half of the circle is enough
             r = sqrt(fmax(r * r + a * a - 2 * r * a * cos(phi), 0));
         }
         double w = 1;
@@ -114,7 +114,7 @@ static void split_profile(const void *arg, double r_mm, double out[3])
             if (!s->local) w = 1 - w;
         }
         double rd[3];
-        s->fn(s->profile, r, rd);
+        prt_dipole_profile(s->dipole, r, rd);
         for (int c = 0; c < 3; c++) out[c] += w * rd[c] / n;
     }
 }
@@ -124,31 +124,19 @@ static double finest_scale(const struct prt_diffusion *d)
     return fmin(d[0].z_r, fmin(d[1].z_r, d[2].z_r));
 }
 
-static struct split split_of(const struct frame *f, uint32_t object, double r_p, double own_mm,
-                             bool local, double disc_mm)
+void prt_split_table(const struct frame *f, uint32_t object, double r_p, double own_mm,
+                     bool local, double disc_mm, float r_max, struct radial_table *out)
 {
-    struct split split = {
-        prt_screen_dipole_profile, f->dipole[object], r_p, local, own_mm, disc_mm};
-    if (f->options->profile) {
-        split.fn = prt_screen_table_profile;
-        split.profile = &f->options->profile[object];
-    }
-    return split;
+    struct split split = {f->dipole[object], r_p, local, own_mm, disc_mm};
+    prt_radial_table_fit(out, split_profile, &split,
+                         fmax(finest_scale(f->dipole[object]), disc_mm), (double)r_max);
 }
 
-void split_table(const struct frame *f, uint32_t object, double r_p, double own_mm, bool local,
-                 double disc_mm, float r_max, struct radial_table *out)
-{
-    struct split split = split_of(f, object, r_p, own_mm, local, disc_mm);
-    radial_table_fit(out, split_profile, &split, fmax(finest_scale(f->dipole[object]), disc_mm),
-                     (double)r_max);
-}
-
-void own_share(const struct frame *f, uint32_t object, double own_mm, double share[3])
+void prt_near_share(const struct frame *f, uint32_t object, double own_mm, double share[3])
 {
     enum { STEPS = 256 };
-    struct split split = split_of(f, object, -1, own_mm, true, 0);
-    // r dr at equal steps of log r: the weight is gone at 4 own_mm
+    struct split split = {f->dipole[object], -1, true, own_mm, 0};
+    // midpoints at equal steps of log r; the weight is 1e-7 at 4 own_mm
     double top = 4 * own_mm,
            ratio = 4 * own_mm / (1e-3 * fmin(own_mm, finest_scale(f->dipole[object])));
     for (int c = 0; c < 3; c++) share[c] = 0;

@@ -4,39 +4,40 @@
 
 #include "radial_kernel.h"
 
-/* sum += R_d E / density over lanes. Lane i looks along x (tangent-plane point relative to the
- * eye) at G-buffer point index[i], whose plane it meets at t x; f is the number of tangent
- * samples times their density per area, uniform the other technique's density. */
-static void PRT_KERNEL(gather)(const struct tangent_job *job, const struct radial_table *table,
-                               int n, const float rel[3], uint32_t object, float height,
-                               const uint32_t *index, const float *x, const float *y,
-                               const float *z, const float *f, float uniform, float sum[3])
+/* sum += R_d E / density over n lanes of samples. A ray from the eye along (x, y, z), which is
+ * the sample's tangent-plane point relative to the eye, meets the plane of G-buffer point index
+ * at t (x, y, z); f is the number of tangent samples times their density per area. */
+static void PRT_KERNEL(gather)(const struct tangent_job *job, const struct tangent_plane *plane,
+                               const struct tangent_lanes *s, int n, float sum[3])
 {
     float r_sq[LANES], r0[LANES], r1[LANES], r2[LANES], k[LANES];
     const struct seen *seen = job->seen;
-    const float *F = job->forward;
-    const float slack = job->slack, inv_height = 1 / (height > 1e-12f ? height : 1e-12f);
+    const float *F = job->forward, *rel = plane->rel;
+    const float slack = job->slack, height = fabsf(plane->height), uniform = plane->uniform;
+    const float inv_height = 1 / (height > 1e-12f ? height : 1e-12f);
+    const uint32_t object = plane->object;
     if (n <= 0) return;
     for (int i = 0; i < n; i++) {
-        const struct seen *q = &seen[index[i]];
-        float along = x[i] * q->n[0] + y[i] * q->n[1] + z[i] * q->n[2];
-        float depth = x[i] * F[0] + y[i] * F[1] + z[i] * F[2];
+        const struct seen *q = &seen[s->index[i]];
+        float x = s->x[i], y = s->y[i], z = s->z[i];
+        float along = x * q->n[0] + y * q->n[1] + z * q->n[2];
+        float depth = x * F[0] + y * F[1] + z * F[2];
         float t0 = q->depth / (depth > 1e-12f ? depth : 1e-12f);
         float t = q->plane / (fabsf(along) > 1e-12f ? along : 1e-12f);
-        /* a grazing plane is not followed further than about the pixel */
+        /* a grazing plane is extended no further than about the pixel */
         t = t > t0 * (1 - slack) ? t : t0 * (1 - slack);
         t = t < t0 * (1 + slack) ? t : t0 * (1 + slack);
-        float dx = t * x[i] - rel[0], dy = t * y[i] - rel[1], dz = t * z[i] - rel[2];
+        float dx = t * x - rel[0], dy = t * y - rel[1], dz = t * z - rel[2];
         r_sq[i] = dx * dx + dy * dy + dz * dz;
         /* J = (cos_t / cos_s)(d_s² / d_t²) = height / |x.n| t², density per seen area f / J */
-        float density = f[i] * fabsf(along) * inv_height / (t * t + 1e-30f) + uniform;
+        float density = s->f[i] * fabsf(along) * inv_height / (t * t + 1e-30f) + uniform;
         int good = (q->object == object) & (density > 0);
         k[i] = good ? 1 / (density > 0 ? density : 1) : 0;
     }
-    PRT_KERNEL(radial)(table, n, r_sq, r0, r1, r2);
+    PRT_KERNEL(radial)(plane->table, n, r_sq, r0, r1, r2);
     float s0 = 0, s1 = 0, s2 = 0;
     for (int i = 0; i < n; i++) {
-        const struct seen *q = &seen[index[i]];
+        const struct seen *q = &seen[s->index[i]];
         s0 += r0[i] * q->e[0] * k[i];
         s1 += r1[i] * q->e[1] * k[i];
         s2 += r2[i] * q->e[2] * k[i];
@@ -46,7 +47,7 @@ static void PRT_KERNEL(gather)(const struct tangent_job *job, const struct radia
     sum[2] += s2;
 }
 
-/* Two tangents t, b of a unit normal n, without a branch on its length (Duff et al. 2017). */
+/* Two tangents t, b of a unit normal n, without a branch on its length (DBCH17). */
 PRT_INLINE void PRT_KERNEL(frame_about)(const float n[3], float t[3], float b[3])
 {
     const float sign = n[2] < 0 ? -1.0f : 1.0f, a = -1 / (sign + n[2]), m = n[0] * n[1] * a;
@@ -58,88 +59,119 @@ PRT_INLINE void PRT_KERNEL(frame_about)(const float n[3], float t[3], float b[3]
     b[2] = -n[1];
 }
 
-static void PRT_KERNEL(pixel)(const struct tangent_job *job, uint32_t point, float sum[3])
+/* The tangent plane at a point of the view. */
+static void PRT_KERNEL(plane_at)(const struct tangent_job *job, uint32_t point,
+                                 struct tangent_plane *out)
 {
-    const struct pattern *pat = &job->pattern[job->variant[point]];
-    const uint32_t object = job->seen[point].object;
-    const uint32_t medium = job->medium ? job->medium[point] : object;
-    const struct radial_table *table = &job->table[medium];
-    const float *F = job->forward, *R = job->right, *U = job->up, *eye = job->eye;
-    float o[3], n[3], t[3], b[3];
+    const float *eye = job->eye;
+    float n[3];
     for (int k = 0; k < 3; k++) {
-        o[k] = job->seen[point].p[k];
-        n[k] = job->face[k][point];
+        n[k] = out->n[k] = job->face[k][point];
+        out->rel[k] = job->seen[point].p[k] - eye[k];
     }
-    PRT_KERNEL(frame_about)(n, t, b);
-    float rel[3] = {o[0] - eye[0], o[1] - eye[1], o[2] - eye[2]};
-    float height = rel[0] * n[0] + rel[1] * n[1] + rel[2] * n[2];
-    const float n_t = (float)job->n_tangent, n_u = (float)job->n_uniform;
-    const float uniform = n_u / job->visible_area;
-    const float *radius = pat->radius[medium], *density = pat->density[medium];
+    PRT_KERNEL(frame_about)(n, out->t, out->b);
+    out->height = out->rel[0] * n[0] + out->rel[1] * n[1] + out->rel[2] * n[2];
+    out->object = job->seen[point].object;
+    out->medium = job->medium ? job->medium[point] : out->object;
+    out->table = &job->table[out->medium];
+    out->uniform = (float)job->n_uniform / job->visible_area;
+}
+
+/* Points of the tangent plane at radius and angle of samples [first, first + n), relative to
+ * the eye, and the pixel each projects to; -1: none. */
+static void PRT_KERNEL(project)(const struct tangent_job *job,
+                                const struct tangent_plane *plane, const struct pattern *pat,
+                                uint32_t first, int n, struct tangent_lanes *s, int *pixel)
+{
+    const float *F = job->forward, *R = job->right, *U = job->up, *rel = plane->rel;
+    const float *t = plane->t, *b = plane->b, *radius = pat->radius[plane->medium] + first;
+    const float *cosine = pat->cosine + first, *sine = pat->sine + first;
     const float half_w = 0.5f * (float)job->width, half_h = 0.5f * (float)job->height;
+    for (int i = 0; i < n; i++) {
+        float cr = radius[i] * cosine[i], sr = radius[i] * sine[i];
+        float px, py, xx = rel[0] + cr * t[0] + sr * b[0];
+        float yy = rel[1] + cr * t[1] + sr * b[1], zz = rel[2] + cr * t[2] + sr * b[2];
+        float w = xx * F[0] + yy * F[1] + zz * F[2], iw = 1 / (w > 1e-12f ? w : 1e-12f);
+        float u = (xx * R[0] + yy * R[1] + zz * R[2]) * iw;
+        float v = (xx * U[0] + yy * U[1] + zz * U[2]) * iw;
+        s->x[i] = xx;
+        s->y[i] = yy;
+        s->z[i] = zz;
+        px = (1 + u) * half_w;
+        py = (1 - v) * half_h;
+        int inside = (w > 0) & (px >= 0) & (px < (float)job->width) & (py >= 0) &
+                     (py < (float)job->height);
+        px = inside ? px : 0;
+        py = inside ? py : 0;
+        pixel[i] = inside ? (int)py * (int)job->width + (int)px : -1;
+    }
+}
+
+/* Samples of the tangent plane by R_d (M03 eq 8). */
+static void PRT_KERNEL(tangent_samples)(const struct tangent_job *job,
+                                        const struct tangent_plane *plane,
+                                        const struct pattern *pat, float sum[3])
+{
+    const float n_t = (float)job->n_tangent, *density = pat->density[plane->medium];
     for (uint32_t first = 0; first < job->n_tangent; first += LANES) {
         int lanes = job->n_tangent - first < LANES ? (int)(job->n_tangent - first) : LANES;
         int pixel[LANES], hit = 0;
-        float x[LANES], y[LANES], z[LANES], f[LANES];
-        uint32_t index[LANES];
-        for (int i = 0; i < lanes; i++) {
-            float r = radius[first + (uint32_t)i];
-            float cr = r * pat->cosine[first + (uint32_t)i],
-                  sr = r * pat->sine[first + (uint32_t)i];
-            float px, py, xx = rel[0] + cr * t[0] + sr * b[0];
-            float yy = rel[1] + cr * t[1] + sr * b[1], zz = rel[2] + cr * t[2] + sr * b[2];
-            float w = xx * F[0] + yy * F[1] + zz * F[2], iw = 1 / (w > 1e-12f ? w : 1e-12f);
-            float u = (xx * R[0] + yy * R[1] + zz * R[2]) * iw;
-            float v = (xx * U[0] + yy * U[1] + zz * U[2]) * iw;
-            x[i] = xx;
-            y[i] = yy;
-            z[i] = zz;
-            px = (1 + u) * half_w;
-            py = (1 - v) * half_h;
-            int inside = (w > 0) & (px >= 0) & (px < (float)job->width) & (py >= 0) &
-                         (py < (float)job->height);
-            px = inside ? px : 0;
-            py = inside ? py : 0;
-            pixel[i] = inside ? (int)py * (int)job->width + (int)px : -1;
-        }
+        struct tangent_lanes s;
+        PRT_KERNEL(project)(job, plane, pat, first, lanes, &s, pixel);
         for (int i = 0; i < lanes; i++) {
             uint32_t j = pixel[i] >= 0 ? job->point_of[pixel[i]] : UINT32_MAX;
-            index[hit] = j;
-            x[hit] = x[i];
-            y[hit] = y[i];
-            z[hit] = z[i];
-            f[hit] = n_t * density[first + (uint32_t)i];
+            s.index[hit] = j;
+            s.x[hit] = s.x[i];
+            s.y[hit] = s.y[i];
+            s.z[hit] = s.z[i];
+            s.f[hit] = n_t * density[first + (uint32_t)i];
             hit += j != UINT32_MAX;
         }
-        PRT_KERNEL(gather)
-        (job, table, hit, rel, object, fabsf(height), index, x, y, z, f, uniform, sum);
+        PRT_KERNEL(gather)(job, plane, &s, hit, sum);
     }
+}
+
+/* Samples of the visible area, weighed against the others by the balance heuristic (M03 eq 9).
+ */
+static void PRT_KERNEL(uniform_samples)(const struct tangent_job *job,
+                                        const struct tangent_plane *plane,
+                                        const struct pattern *pat, float sum[3])
+{
+    const float n_t = (float)job->n_tangent, *eye = job->eye, *n = plane->n;
+    const float *rel = plane->rel, *inv = job->inv_rho[plane->medium];
     for (uint32_t first = 0; first < job->n_uniform; first += LANES) {
         int lanes = job->n_uniform - first < LANES ? (int)(job->n_uniform - first) : LANES;
-        float r_sq[LANES], r0[LANES], r1[LANES], r2[LANES], f[LANES];
-        float x[LANES], y[LANES], z[LANES];
-        const uint32_t *index = pat->uniform + first;
+        float r_sq[LANES], r0[LANES], r1[LANES], r2[LANES];
+        struct tangent_lanes s;
         for (int i = 0; i < lanes; i++) {
-            const float *q = job->seen[index[i]].p;
+            s.index[i] = pat->uniform[first + (uint32_t)i];
+            const float *q = job->seen[s.index[i]].p;
             float qx = q[0] - eye[0], qy = q[1] - eye[1], qz = q[2] - eye[2];
             float along = qx * n[0] + qy * n[1] + qz * n[2];
-            /* where the line of sight meets the tangent plane; behind the eye: not at all */
-            float s = height / (fabsf(along) > 1e-12f ? along : 1e-12f);
-            f[i] = s > 0 ? n_t : 0;
-            s = s > 1e-6f ? s : 1;
-            x[i] = s * qx;
-            y[i] = s * qy;
-            z[i] = s * qz;
-            float dx = x[i] - rel[0], dy = y[i] - rel[1], dz = z[i] - rel[2];
+            /* the line of sight's intersection with the tangent plane; behind the eye: none */
+            float k = plane->height / (fabsf(along) > 1e-12f ? along : 1e-12f);
+            s.f[i] = k > 0 ? n_t : 0;
+            k = k > 1e-6f ? k : 1;
+            s.x[i] = k * qx;
+            s.y[i] = k * qy;
+            s.z[i] = k * qz;
+            float dx = s.x[i] - rel[0], dy = s.y[i] - rel[1], dz = s.z[i] - rel[2];
             r_sq[i] = dx * dx + dy * dy + dz * dz;
         }
-        PRT_KERNEL(radial)(table, lanes, r_sq, r0, r1, r2);
-        const float *inv = job->inv_rho[medium];
+        PRT_KERNEL(radial)(plane->table, lanes, r_sq, r0, r1, r2);
         for (int i = 0; i < lanes; i++)
-            f[i] *= inv[0] * r0[i] + inv[1] * r1[i] + inv[2] * r2[i];
-        PRT_KERNEL(gather)
-        (job, table, lanes, rel, object, fabsf(height), index, x, y, z, f, uniform, sum);
+            s.f[i] *= inv[0] * r0[i] + inv[1] * r1[i] + inv[2] * r2[i];
+        PRT_KERNEL(gather)(job, plane, &s, lanes, sum);
     }
+}
+
+static void PRT_KERNEL(pixel)(const struct tangent_job *job, uint32_t point, float sum[3])
+{
+    const struct pattern *pat = &job->pattern[job->variant[point]];
+    struct tangent_plane plane;
+    PRT_KERNEL(plane_at)(job, point, &plane);
+    PRT_KERNEL(tangent_samples)(job, &plane, pat, sum);
+    PRT_KERNEL(uniform_samples)(job, &plane, pat, sum);
 }
 
 static void PRT_KERNEL(run)(const struct tangent_job *job, size_t begin, size_t end)

@@ -1,14 +1,20 @@
 // SPDX-License-Identifier: MIT
-// C08: points drawn from irradiance over an area-preserving atlas, the same for all pixels.
-// What lies nearer to a pixel than they do to each other comes from the pixel's own irradiance;
-// hybrid: it is summed densely.
+// Texture-space sampling (C08): points drawn from irradiance over an area-preserving atlas, the
+// same for all pixels. Surface closer to a pixel than the points' spacing is a control variate
+// from the picture (near_field.c), or in the hybrid engine a dense sum.
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+// CELL_TURNS: steps of Lloyd's iteration (METHODS §6).
 enum { CELL_TURNS = 2 };
+// Samples without a count or a budget, and the most that refinement reaches; texels of the
+// atlas. Chosen, not measured.
+enum { TEXTURE_SAMPLES = 2500, HYBRID_SAMPLES = 900, MOST_SAMPLES = 16384 };
+enum { LEAST_TEXELS = 16384, MOST_TEXELS = 262144 };
+#define DEFAULT_BOUND 0.1 // [mm^-1], of prt_screen_options.bound
 
 double prt_screen_split_radius(const struct prt_diffusion dipole[3], double bound)
 {
@@ -39,13 +45,13 @@ uint32_t prt_screen_mip_sample(const float *mip, uint32_t n, float u)
         index *= 4;
         uint32_t last = index + 3;
         while (index < last && x >= at[index]) x -= at[index++];
-        // rounding may step past the last texel with light
+        // rounding may step beyond the last texel with light
         while (index > (last & ~3u) && !(at[index] > 0)) index--;
     }
     return index;
 }
 
-// Values of texels [first, last) padded to a power of 4, then each coarser level.
+// Powers of texels [first, last), padded with 0 to a power of 4, then each coarser level.
 static float *make_mip(const struct samples *s, uint32_t first, uint32_t last, uint32_t *n_out)
 {
     uint32_t n = 1;
@@ -72,7 +78,7 @@ struct cells {
     float (*p)[3];    // [n] mean of the cell, by power
     double (*sum)[8]; // [n] power * position, power, rgb, power * second moment
     uint32_t *owner;  // [last - first]
-    // points by buckets of a grid
+    // points sorted into buckets of a uniform grid
     float lo[3], inv_edge;
     uint32_t size[3], *start, *point;
 };
@@ -132,7 +138,47 @@ static bool make_buckets(struct cells *c, double edge)
     return true;
 }
 
-// The nearest point to each lit texel, looked for in the buckets around it.
+// Range of buckets at most `reach` from bucket b along one axis; false when it is empty.
+static bool bucket_range(uint32_t size, int b, int reach, int range[2])
+{
+    range[0] = b - reach < 0 ? 0 : b - reach;
+    range[1] = b + reach >= (int)size ? (int)size - 1 : b + reach;
+    return range[0] <= range[1];
+}
+
+struct nearest {
+    float p[3], distance_sq;
+    uint32_t point;
+};
+
+// Points of the buckets [x[0], x[1]] of one row.
+static void search_row(const struct cells *c, const int x[2], int y, int z,
+                       struct nearest *best)
+{
+    uint32_t to = c->start[bucket_index(c, x[1], y, z) + 1];
+    for (uint32_t k = c->start[bucket_index(c, x[0], y, z)]; k < to; k++) {
+        const float *q = c->p[c->point[k]];
+        float dx = q[0] - best->p[0], dy = q[1] - best->p[1], dz = q[2] - best->p[2];
+        float d2 = dx * dx + dy * dy + dz * dz;
+        if (d2 >= best->distance_sq) continue;
+        best->distance_sq = d2;
+        best->point = c->point[k];
+    }
+}
+
+// Points of the buckets at most `reach` from bucket b.
+static void search_box(const struct cells *c, const int b[3], int reach, struct nearest *best)
+{
+    int x[2], y[2], z[2];
+    if (!bucket_range(c->size[0], b[0], reach, x) ||
+        !bucket_range(c->size[1], b[1], reach, y) || !bucket_range(c->size[2], b[2], reach, z))
+        return;
+    for (int k = z[0]; k <= z[1]; k++)
+        for (int j = y[0]; j <= y[1]; j++) search_row(c, x, j, k, best);
+}
+
+// Assigns each lit texel to the nearest point of the buckets about it; the search box grows
+// until it holds a point. A texel without one keeps its owner.
 static int own_texels(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct cells *c = arg;
@@ -143,38 +189,19 @@ static int own_texels(void *arg, size_t begin, size_t end, unsigned worker)
             c->owner[i] = UINT32_MAX;
             continue;
         }
-        float p[3] = {s->p[0][at], s->p[1][at], s->p[2][at]}, least = INFINITY;
+        struct nearest best = {.p = {s->p[0][at], s->p[1][at], s->p[2][at]},
+                               .distance_sq = INFINITY,
+                               .point = c->owner[i] < c->n ? c->owner[i] : UINT32_MAX};
         int b[3];
-        uint32_t found = c->owner[i] < c->n ? c->owner[i] : UINT32_MAX;
-        bucket_of(c, p, b);
-        for (int reach = 1; reach < 64; reach *= 4) {
-            for (int z = b[2] - reach; z <= b[2] + reach; z++) {
-                if (z < 0 || z >= (int)c->size[2]) continue;
-                for (int y = b[1] - reach; y <= b[1] + reach; y++) {
-                    if (y < 0 || y >= (int)c->size[1]) continue;
-                    int x0 = b[0] - reach < 0 ? 0 : b[0] - reach;
-                    int x1 =
-                        b[0] + reach >= (int)c->size[0] ? (int)c->size[0] - 1 : b[0] + reach;
-                    if (x0 > x1) continue;
-                    uint32_t to = c->start[bucket_index(c, x1, y, z) + 1];
-                    for (uint32_t k = c->start[bucket_index(c, x0, y, z)]; k < to; k++) {
-                        const float *q = c->p[c->point[k]];
-                        float dx = q[0] - p[0], dy = q[1] - p[1], dz = q[2] - p[2];
-                        float d2 = dx * dx + dy * dy + dz * dz;
-                        if (d2 >= least) continue;
-                        least = d2;
-                        found = c->point[k];
-                    }
-                }
-            }
-            if (least < INFINITY) break;
-        }
-        c->owner[i] = found;
+        bucket_of(c, best.p, b);
+        for (int reach = 1; reach < 64 && !(best.distance_sq < INFINITY); reach *= 4)
+            search_box(c, b, reach, &best);
+        c->owner[i] = best.point;
     }
     return PRT_OK;
 }
 
-// Mean, power and spread of each cell; points move to the means.
+// Power, mean position and second moment of each cell; points move to the means.
 static void weigh_cells(struct cells *c)
 {
     const struct samples *s = c->s;
@@ -216,7 +243,7 @@ static int by_radius(const void *a, const void *b)
     return x->cell < y->cell ? -1 : x->cell > y->cell;
 }
 
-// What the objects' cells look like from a pixel: points, in classes of like discs.
+// The drawn points as emitters, in classes of similar discs.
 struct drawn {
     struct emitters *list;          // [n_object]
     uint32_t (*class_end)[CLASSES]; // [n_object]
@@ -227,7 +254,7 @@ static bool emit_cells(const struct cells *c, uint32_t object, struct drawn *out
 {
     struct cell_key *key = malloc(((size_t)c->n + 1) * sizeof *key);
     struct emitters *list = &out->list[object];
-    if (!key || !emitters_reserve(list, c->n + 16)) {
+    if (!key || !prt_emitters_reserve(list, c->n + 16)) {
         free(key);
         return false;
     }
@@ -253,7 +280,7 @@ static bool emit_cells(const struct cells *c, uint32_t object, struct drawn *out
     return true;
 }
 
-// Mean distance of drawn points: the lit area, evenly shared.
+// Mean distance of drawn points: the side of an equal share of the lit area.
 static double cell_edge(const struct cells *c, uint32_t n)
 {
     double sum = 0, square = 0;
@@ -265,8 +292,8 @@ static double cell_edge(const struct cells *c, uint32_t n)
     return square > 0 && n ? sqrt(sum * sum / square / n) : 0;
 }
 
-// Points drawn from E' by low-discrepancy numbers through the mip chain, moved to the middle of
-// the light that is nearest to each.
+// Draws `share` points of one object from E' by stratified numbers through the mip chain, and
+// moves them to the means of their cells.
 static int draw_object(struct frame *f, const float *mip, uint32_t n_mip, struct cells *c,
                        uint32_t share, float shift)
 {
@@ -281,7 +308,7 @@ static int draw_object(struct frame *f, const float *mip, uint32_t n_mip, struct
     for (uint32_t i = 0; i < share; i++) {
         double u = (i + (double)shift) / (double)share;
         uint32_t t = prt_screen_mip_sample(mip, n_mip, (float)u);
-        // a bright texel drawn twice is one point
+        // a texel drawn twice in a row is one point
         if (t >= n_texel || !(mip[t] > 0) || t == before) continue;
         before = t;
         for (int k = 0; k < 3; k++) c->p[c->n][k] = s->p[k][c->first + t];
@@ -292,7 +319,7 @@ static int draw_object(struct frame *f, const float *mip, uint32_t n_mip, struct
     memset(c->owner, 0xff, n_texel * sizeof *c->owner);
     for (int turn = 0; turn < CELL_TURNS; turn++) {
         if (!make_buckets(c, edge)) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-        int status = screen_loop(f->ctx, n_texel, 512, own_texels, c);
+        int status = prt_screen_loop(f->ctx, n_texel, 512, own_texels, c);
         if (status) return status;
         weigh_cells(c);
     }
@@ -308,7 +335,7 @@ static void cells_finish(struct cells *c)
     free(c->point);
 }
 
-// n points, shared by the objects, drawn from E' of the frame's atlas.
+// Draws n points from E' of the frame's atlas, shared by power among the objects.
 static int draw_emitters(struct frame *f, uint32_t n, struct drawn *out)
 {
     const struct samples *s = &f->screen->atlas;
@@ -345,84 +372,130 @@ static struct radial_table *disc_tables(const struct frame *f, const struct draw
     struct radial_table *table = prt_calloc((size_t)n * CLASSES, sizeof *table);
     for (uint32_t o = 0; table && o < f->n_object; o++)
         for (uint32_t k = 0; k < CLASSES && drawn->list[o].n; k++)
-            split_table(f, o, r_p, own_mm[o], false, drawn->disc_mm[o][k],
-                        f->screen->diameter_mm, &table[o * CLASSES + k]);
+            prt_split_table(f, o, r_p, own_mm[o], false, drawn->disc_mm[o][k],
+                            f->screen->diameter_mm, &table[o * CLASSES + k]);
     return table;
 }
 
-// The near part: every light-view point or texel within reach.
+// The near part: the ring pattern, or every point of the light views or the atlas within reach.
 static int local_scatter(struct frame *f, double r_p, float spacing)
 {
     float reach = (float)(r_p + 5 / SPLIT_K);
-    if (only_light_views(f) && f->options->rings && !maps_turn(f->options))
-        return scatter_pattern(f, r_p, spacing, reach);
-    if (only_light_views(f)) return scatter_light_views(f, r_p, spacing, 0.7f, reach);
-    return scatter_discs(f, &f->screen->atlas, r_p, 0.7f, reach);
+    if (prt_frame_light_views_only(f) && f->options->rings && !maps_turn(f->options))
+        return prt_scatter_pattern(f, r_p, spacing, reach);
+    if (prt_frame_light_views_only(f))
+        return prt_scatter_light_views(f, r_p, spacing, 0.7f, reach);
+    return prt_scatter_discs(f, &f->screen->atlas, r_p, 0.7f, reach);
 }
 
-int engine_texture(struct frame *f, bool hybrid)
+// One picture of an engine of this file.
+struct texture_job {
+    bool hybrid;
+    uint32_t n;          // drawn points
+    double r_p, spacing; // HYBRID: split radius, < 0: none; distance of near points [mm]
+    struct drawn drawn;
+    double *own_mm;             // [n_object] radius of the near-field control variate; 0: none
+    struct radial_table *table; // [n_object][CLASSES]
+};
+
+static bool job_init(struct texture_job *job, const struct frame *f)
 {
-    struct prt_screen *screen = f->screen;
-    uint32_t n = f->report->n_asked = frame_samples(f, hybrid ? 900 : 2500, 16384);
-    // a running mean ends where its frames' discs do not show
-    if (f->options->frame && !(f->options->budget_ms > 0))
-        n = (uint32_t)fmin(fmax(n, 16384), n * fmin(1 + f->options->frame / 8.0, 4));
-    double texels = 16384, spacing = smallest_mean_free_path(f), r_p = -1;
-    if (hybrid) {
-        double bound = f->options->bound > 0 ? f->options->bound : 0.1;
-        for (uint32_t o = 0; o < f->n_object; o++)
-            r_p = fmax(r_p, prt_screen_split_radius(f->dipole[o], bound));
-        // the near part wants points under a mean free path apart
-        spacing = fmax(0.8 * spacing, (double)screen->diameter_mm / 300);
-        spacing *= fmin(fmax(pow(900.0 / n, 0.25), 0.35), 1.2);
-        if (!only_light_views(f)) texels = screen->area_mm2 / (0.4 * spacing * spacing);
-    }
-    if (texels < 16.0 * n) texels = 16.0 * n;
-    uint32_t size = texels < 16384 ? 16384 : texels > 262144 ? 262144 : (uint32_t)texels;
-    double t0 = prt_time_s();
-    int status = frame_atlas(f, size);
-    f->report->irradiance_s = prt_time_s() - t0;
-    t0 = prt_time_s();
     uint32_t n_object = f->n_object ? f->n_object : 1;
-    struct drawn drawn = {calloc(n_object, sizeof *drawn.list),
-                          calloc(n_object, sizeof *drawn.class_end),
-                          calloc(n_object, sizeof *drawn.disc_mm)};
-    struct radial_table *table = NULL;
-    double *own_mm = calloc(n_object, sizeof *own_mm);
-    if (!status && (!own_mm || !drawn.list || !drawn.class_end || !drawn.disc_mm))
-        status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    if (!status) status = draw_emitters(f, n, &drawn);
-    double smooth = INFINITY;
-    for (uint32_t o = 0; !status && o < f->n_object; o++) {
-        f->report->n_sample += drawn.list[o].n;
-        for (int k = 0; k < CLASSES && !hybrid; k++) own_mm[o] += drawn.disc_mm[o][k] / CLASSES;
-        if (drawn.list[o].n) smooth = fmin(smooth, drawn.disc_mm[o][CLASSES / 2]);
+    job->drawn = (struct drawn){calloc(n_object, sizeof *job->drawn.list),
+                                calloc(n_object, sizeof *job->drawn.class_end),
+                                calloc(n_object, sizeof *job->drawn.disc_mm)};
+    job->own_mm = calloc(n_object, sizeof *job->own_mm);
+    return job->drawn.list && job->drawn.class_end && job->drawn.disc_mm && job->own_mm;
+}
+
+static void job_finish(struct texture_job *job, uint32_t n_object)
+{
+    prt_free(job->table);
+    for (uint32_t o = 0; job->drawn.list && o < n_object; o++)
+        prt_emitters_finish(&job->drawn.list[o]);
+    free(job->own_mm);
+    free(job->drawn.list);
+    free(job->drawn.class_end);
+    free(job->drawn.disc_mm);
+}
+
+// Counts and distances, and from them the texels of the atlas.
+static uint32_t plan_texels(const struct frame *f, struct texture_job *job)
+{
+    const uint32_t normal = job->hybrid ? HYBRID_SAMPLES : TEXTURE_SAMPLES;
+    uint32_t n = f->report->n_asked = prt_frame_samples(f, normal, MOST_SAMPLES);
+    // later frames of a running mean draw up to four times the points, so that the discs of the
+    // points do not remain visible in the mean
+    if (f->options->frame && !(f->options->budget_ms > 0))
+        n = (uint32_t)fmin(fmax(n, MOST_SAMPLES), n * fmin(1 + f->options->frame / 8.0, 4));
+    double texels = LEAST_TEXELS;
+    job->spacing = prt_frame_mean_free_path(f);
+    job->r_p = -1;
+    if (job->hybrid) {
+        double bound = f->options->bound > 0 ? f->options->bound : DEFAULT_BOUND;
+        for (uint32_t o = 0; o < f->n_object; o++)
+            job->r_p = fmax(job->r_p, prt_screen_split_radius(f->dipole[o], bound));
+        // near points lie less than a mean free path apart, and closer with more samples
+        job->spacing = fmax(0.8 * job->spacing, (double)f->screen->diameter_mm / 300);
+        job->spacing *= fmin(fmax(pow((double)HYBRID_SAMPLES / n, 0.25), 0.35), 1.2);
+        if (!prt_frame_light_views_only(f))
+            texels = f->screen->area_mm2 / (0.4 * job->spacing * job->spacing);
     }
-    if (!status && !(table = disc_tables(f, &drawn, r_p, own_mm)))
-        status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
-    // discs, and the near part taken out, leave nothing finer than themselves
-    double own = (double)smallest_mean_free_path(f);
-    if (!status) status = receive_begin(f, fmax(own, isfinite(smooth) ? smooth : own));
+    job->n = n;
+    return (uint32_t)fmin(fmax(fmax(texels, 16.0 * n), LEAST_TEXELS), MOST_TEXELS);
+}
+
+// The far part: drawn points as discs, and without a split the near field from the image.
+static int far_scatter(struct frame *f, struct texture_job *job)
+{
+    struct drawn *drawn = &job->drawn;
+    int status = draw_emitters(f, job->n, drawn);
+    if (status) return status;
+    double scale = (double)prt_frame_mean_free_path(f), disc = INFINITY;
+    for (uint32_t o = 0; o < f->n_object; o++) {
+        f->report->n_sample += drawn->list[o].n;
+        for (int k = 0; k < CLASSES && !job->hybrid; k++)
+            job->own_mm[o] += drawn->disc_mm[o][k] / CLASSES;
+        if (drawn->list[o].n) disc = fmin(disc, drawn->disc_mm[o][CLASSES / 2]);
+    }
+    job->table = disc_tables(f, drawn, job->r_p, job->own_mm);
+    if (!job->table) return prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    // light of discs, without the near field, varies over the discs' radii at the least
+    status = prt_receivers_begin(f, fmax(scale, isfinite(disc) ? disc : scale));
     if (!status)
-        status = scatter_all(f, table, drawn.list, (const uint32_t(*)[CLASSES])drawn.class_end);
-    if (!status) status = receive_end(f);
-    if (!status && !hybrid) status = own_light(f, own_mm);
-    f->report->scatter_s = prt_time_s() - t0;
-    if (!status && hybrid) {
-        t0 = prt_time_s();
-        double other = f->report->irradiance_s + f->report->scatter_s;
-        status = receive_begin(f, own);
-        if (!status) status = local_scatter(f, r_p, (float)spacing);
-        if (!status) status = receive_end(f);
-        double part = f->report->irradiance_s + f->report->scatter_s - other;
-        f->report->scatter_s += prt_time_s() - t0 - part;
-        f->report->r_p_mm = (float)r_p;
-    }
-    prt_free(table);
-    for (uint32_t o = 0; drawn.list && o < f->n_object; o++) emitters_finish(&drawn.list[o]);
-    free(own_mm);
-    free(drawn.list);
-    free(drawn.class_end);
-    free(drawn.disc_mm);
+        status = prt_scatter_all(f, job->table, drawn->list,
+                                 (const uint32_t(*)[CLASSES])drawn->class_end);
+    if (!status) status = prt_receivers_resolve(f);
+    if (!status && !job->hybrid) status = prt_near_field_add(f, job->own_mm);
+    return status;
+}
+
+// The near part of HYBRID. Light views count their own time as irradiance and scattering.
+static int near_scatter(struct frame *f, const struct texture_job *job)
+{
+    struct prt_screen_report *report = f->report;
+    double t0 = prt_time_s(), before = report->irradiance_s + report->scatter_s;
+    int status = prt_receivers_begin(f, (double)prt_frame_mean_free_path(f));
+    if (!status) status = local_scatter(f, job->r_p, (float)job->spacing);
+    if (!status) status = prt_receivers_resolve(f);
+    double counted = report->irradiance_s + report->scatter_s - before;
+    report->scatter_s += prt_time_s() - t0 - counted;
+    report->r_p_mm = (float)job->r_p;
+    return status;
+}
+
+int prt_engine_texture(struct frame *f, bool hybrid)
+{
+    struct texture_job job = {.hybrid = hybrid};
+    double t0 = prt_time_s();
+    int status = prt_frame_atlas(f, plan_texels(f, &job));
+    double t1 = prt_time_s();
+    f->report->irradiance_s = t1 - t0;
+    if (!job_init(&job, f) && !status)
+        status = prt_fail(f->ctx, PRT_NOMEM, "screen: no memory");
+    if (!status) status = far_scatter(f, &job);
+    f->report->scatter_s = prt_time_s() - t1;
+    if (!status && hybrid) status = near_scatter(f, &job);
+    job_finish(&job, f->n_object);
     return status;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Clusters of samples as seen from afar. Leaves are runs of LEAF samples; four neighbours at a
-// time make a node of the next level, their boxes side by side so that four are tested at once.
+// A tree of clusters of samples, which stand for their samples at a distance. Leaves are runs
+// of LEAF samples. Four neighbours are a node of the next level; their boxes lie side by side
+// so that four are tested at once.
 #include "internal.h"
 
 #include <math.h>
@@ -61,7 +62,7 @@ static int make_leaves(void *arg, size_t begin, size_t end, unsigned worker)
                 node->w[c][k] += w;
                 power += w;
             }
-            // dark samples do not stretch a box
+            // dark samples do not extend a box
             if (!(power > 0)) continue;
             for (int c = 0; c < 3; c++) {
                 float x = s->p[c][i];
@@ -76,7 +77,7 @@ static int make_leaves(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-// Lane k of `up` becomes the sum of node `at`.
+// Sets lane k of `up` to the sum of node `at`.
 static void join(const struct tree_node *child, uint32_t at, struct tree_node *up, int k)
 {
     float mean[4] = {0, 0, 0, 0};
@@ -96,64 +97,77 @@ static void join(const struct tree_node *child, uint32_t at, struct tree_node *u
     if (mean[3] > 0) close_lane(up, k, mean);
 }
 
-int tree_build(const struct prt_context *ctx, const struct samples *s, uint32_t n_object,
-               struct tree *out)
+static bool tree_alloc(struct tree *out, const struct samples *s, uint32_t n_object)
 {
-    memset(out, 0, sizeof *out);
     size_t most = (size_t)s->n / LEAF / FAN * 3 / 2 + (size_t)n_object * 20 + 16;
+    size_t objects = n_object ? n_object : 1;
+    memset(out, 0, sizeof *out);
+    out->n_object = n_object;
     out->node = prt_alloc(most, sizeof *out->node);
-    out->root = prt_alloc(n_object ? n_object : 1, sizeof *out->root);
-    out->n_leaf_end = prt_alloc(n_object ? n_object : 1, sizeof *out->root);
-    out->sample_end = prt_alloc(n_object ? n_object : 1, sizeof *out->root);
+    out->root = prt_alloc(objects, sizeof *out->root);
+    out->n_leaf_end = prt_alloc(objects, sizeof *out->n_leaf_end);
+    out->sample_end = prt_alloc(objects, sizeof *out->sample_end);
     bool good = out->node && out->root && out->n_leaf_end && out->sample_end;
     for (int c = 0; c < 3; c++) {
         out->w[c] = prt_alloc((size_t)s->n + 32, sizeof(float));
-        good &= out->w[c] != NULL;
         out->p[c] = s->p[c];
+        good = good && out->w[c];
     }
-    if (!good) {
-        tree_finish(out);
-        return PRT_NOMEM;
-    }
-    // a leaf is copied whole: what lies past the last sample is dark
-    for (int c = 0; c < 3; c++) memset(out->w[c] + s->n, 0, 32 * sizeof(float));
-    out->n_object = n_object;
-    for (uint32_t o = 0; o < n_object; o++) out->root[o] = UINT32_MAX;
-    for (uint32_t first = 0, last; first < s->n; first = last) {
-        uint32_t object = s->object[first];
-        last = first;
-        while (last < s->n && s->object[last] == object) last++;
-        uint32_t level = out->n_node, n = (last - first + LEAF - 1) / LEAF;
-        n = (n + FAN - 1) / FAN;
-        struct leaf_job job = {s, out, first, last, level};
-        int status = prt_parallel_for(ctx, NULL, (size_t)n * FAN, 1024, make_leaves, &job);
-        if (status) {
-            tree_finish(out);
-            return status;
+    for (uint32_t o = 0; good && o < n_object; o++) out->root[o] = UINT32_MAX;
+    // a leaf is copied whole: samples past the last one have no power
+    for (int c = 0; c < 3 && good; c++) memset(out->w[c] + s->n, 0, 32 * sizeof(float));
+    return good;
+}
+
+// Appends a level of nodes over the nodes [level, end).
+static void join_level(struct tree *out, uint32_t level, uint32_t end)
+{
+    for (uint32_t i = level; i < end; i += FAN) {
+        struct tree_node *up = &out->node[out->n_node++];
+        for (uint32_t k = 0; k < FAN; k++) {
+            if (i + k < end) join(&out->node[i + k], i + k, up, (int)k);
+            else clear_node(up, (int)k);
         }
-        out->n_node += n;
-        uint32_t leaves_end = out->n_node;
-        while (out->n_node - level > 1) {
-            uint32_t end = out->n_node;
-            for (uint32_t i = level; i < end; i += FAN) {
-                struct tree_node *up = &out->node[out->n_node++];
-                for (int k = 0; k < FAN; k++) {
-                    if (i + (uint32_t)k < end)
-                        join(&out->node[i + (uint32_t)k], i + (uint32_t)k, up, k);
-                    else clear_node(up, k);
-                }
-            }
-            level = end;
-        }
-        if (object >= n_object) continue;
-        out->root[object] = level;
-        out->n_leaf_end[object] = leaves_end;
-        out->sample_end[object] = last;
     }
+}
+
+// Appends the nodes of one object, samples [first, last); the last node is its root.
+static int build_object(const struct prt_context *ctx, const struct samples *s, uint32_t first,
+                        uint32_t last, struct tree *out)
+{
+    uint32_t object = s->object[first], level = out->n_node;
+    uint32_t n = ((last - first + LEAF - 1) / LEAF + FAN - 1) / FAN;
+    struct leaf_job job = {s, out, first, last, level};
+    int status = prt_parallel_for(ctx, NULL, (size_t)n * FAN, 1024, make_leaves, &job);
+    if (status) return status;
+    out->n_node += n;
+    uint32_t leaves_end = out->n_node;
+    while (out->n_node - level > 1) {
+        uint32_t end = out->n_node;
+        join_level(out, level, end);
+        level = end;
+    }
+    if (object >= out->n_object) return PRT_OK;
+    out->root[object] = level;
+    out->n_leaf_end[object] = leaves_end;
+    out->sample_end[object] = last;
     return PRT_OK;
 }
 
-void tree_finish(struct tree *tree)
+int prt_tree_build(const struct prt_context *ctx, const struct samples *s, uint32_t n_object,
+                   struct tree *out)
+{
+    int status = tree_alloc(out, s, n_object) ? PRT_OK : PRT_NOMEM;
+    for (uint32_t first = 0, last; first < s->n && !status; first = last) {
+        last = first;
+        while (last < s->n && s->object[last] == s->object[first]) last++;
+        status = build_object(ctx, s, first, last, out);
+    }
+    if (status) prt_tree_finish(out);
+    return status;
+}
+
+void prt_tree_finish(struct tree *tree)
 {
     prt_free(tree->node);
     prt_free(tree->root);
@@ -163,7 +177,7 @@ void tree_finish(struct tree *tree)
     memset(tree, 0, sizeof *tree);
 }
 
-// Copied whole, but only the object's own samples count.
+// Appends a leaf: LEAF samples are copied, those of the object are counted.
 static void push_leaf(const struct tree *tree, uint32_t first, uint32_t end,
                       struct emitters *out)
 {
@@ -174,8 +188,8 @@ static void push_leaf(const struct tree *tree, uint32_t first, uint32_t end,
     out->n += end - first < LEAF ? end - first : LEAF;
 }
 
-bool tree_gather(const struct tree *tree, uint32_t object, const float lo[3], const float hi[3],
-                 float opening, float r_max, struct emitters *out)
+bool prt_tree_gather(const struct tree *tree, uint32_t object, const float lo[3],
+                     const float hi[3], float opening, float r_max, struct emitters *out)
 {
     uint32_t stack[256], top = 0;
     if (object >= tree->n_object || tree->root[object] == UINT32_MAX) return true;
@@ -193,10 +207,10 @@ bool tree_gather(const struct tree *tree, uint32_t object, const float lo[3], co
             gap[k] = g0 * g0 + g1 * g1 + g2 * g2;
             far[k] = open_sq * gap[k] - node->size_sq[k];
         }
-        if (!emitters_reserve(out, out->n + FAN * LEAF + 16)) return false;
+        if (!prt_emitters_reserve(out, out->n + FAN * LEAF + 16)) return false;
         bool leaf = at < leaf_end;
         for (int k = 0; k < FAN; k++) {
-            // dark lanes have empty boxes, infinitely far
+            // dark lanes have empty boxes, whose gap is infinite
             if (!(gap[k] <= r_sq)) continue;
             if (far[k] > 0) {
                 float p[3] = {node->p[0][k], node->p[1][k], node->p[2][k]};

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: MIT
-// What an engine computes light for: receivers, one for each patch of s x s pixels that shows
-// smooth surface, in tiles; and how every point of the G-buffer gets its light from them. Kept
-// while the view stays.
+// Receivers: the points that engines sum light for, one for each smooth patch of s x s pixels,
+// in tiles, and the weights by which every point of the G-buffer interpolates them (METHODS
+// §6). Kept while the view stays.
 #include "internal.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { BLOCK = 8 }; // cells to a block's side; a block's receivers share tiles
+enum { BLOCK = 8 }; // cells a side; receivers of a block share tiles; chosen, not measured
 
-void view_finish(struct view_cache *v)
+void prt_view_finish(struct view_cache *v)
 {
     for (int k = 0; k < 3; k++) prt_free(v->p[k]);
     free(v->begin);
@@ -21,7 +21,7 @@ void view_finish(struct view_cache *v)
     memset(v, 0, sizeof *v);
 }
 
-uint64_t view_key(const struct frame *f)
+uint64_t prt_view_key(const struct frame *f)
 {
     uint64_t key = f->width * 0x9e3779b97f4a7c15ULL + f->height;
     for (int k = 0; k < 3; k++)
@@ -29,7 +29,7 @@ uint64_t view_key(const struct frame *f)
     return prt_hash64(f->g.pixel, (size_t)f->g.n_point * sizeof(uint32_t), key);
 }
 
-// Millimetres a pixel's side covers at a distance of 1 along the view, and the eye.
+// The eye, and the side of a pixel at a depth of 1.
 struct footprint {
     float eye[3], forward[3], tan_pixel;
 };
@@ -53,7 +53,7 @@ static float pixel_mm(const struct footprint *p, const struct prt_gbuffer *g, ui
     return fabsf(z) * p->tan_pixel;
 }
 
-float view_pixel_mm(const struct prt_visibility *vis)
+float prt_view_pixel_mm(const struct prt_visibility *vis)
 {
     struct footprint p = footprint_of(vis);
     struct prt_gbuffer g;
@@ -64,7 +64,7 @@ float view_pixel_mm(const struct prt_visibility *vis)
     return n ? (float)(sum / n) : 0;
 }
 
-uint32_t receiver_size(double pixel_mm, double scale_mm)
+uint32_t prt_receiver_size(double pixel_mm, double scale_mm)
 {
     uint32_t size = 1;
     while (size < 4 && 2 * size * pixel_mm <= RECEIVER_SHARE * scale_mm) size *= 2;
@@ -104,7 +104,7 @@ static uint32_t object_of(const struct builder *b, uint32_t point)
     return b->f->screen->mesh->block[b->g->block[point]].object;
 }
 
-// A point may share a group's light: same object, same patch of surface.
+// Whether a point may interpolate a group: same object, same smooth patch.
 static bool alike(const struct builder *b, const struct group *group, uint32_t object,
                   uint32_t i, float reach)
 {
@@ -155,7 +155,7 @@ static void make_groups(struct builder *b)
         for (int j = 0; j < 3; j++) b->group[k].p[j] /= b->group[k].weight;
 }
 
-// Columns: the groups of a block, object by object, in tiles padded to 16.
+// Assigns columns to groups: those of a block, object by object, in tiles padded to 16.
 static bool make_tiles(struct builder *b, struct view_cache *v)
 {
     uint32_t per_block = BLOCK * BLOCK, n_block = b->n_cell / per_block, column = 0;
@@ -185,7 +185,7 @@ static bool make_tiles(struct builder *b, struct view_cache *v)
     v->n_column = column;
     for (int k = 0; k < 3; k++)
         if (!(v->p[k] = prt_alloc((size_t)column + 16, sizeof(float)))) return false;
-    // padding repeats a tile's first receiver
+    // padding repeats the first receiver of a tile
     for (uint32_t q = 0; q < b->n_group; q++) {
         for (int k = 0; k < 3; k++) v->p[k][b->group[q].column] = b->group[q].p[k];
     }
@@ -203,7 +203,7 @@ static bool make_tiles(struct builder *b, struct view_cache *v)
     return true;
 }
 
-// Bilinear between the groups of the four nearest cells that lie on the point's own patch.
+// Bilinear weights of the groups on the point's patch in the four nearest cells.
 static int link_points(void *arg, size_t begin, size_t end, unsigned worker)
 {
     void **both = arg;
@@ -237,7 +237,7 @@ static int link_points(void *arg, size_t begin, size_t end, unsigned worker)
                 total += w;
             }
         }
-        // alone, or a cell of one pixel: its own group
+        // no such group, or cells of one pixel: the point's own group
         if (!(total > 0.05f)) {
             memset(weight, 0, sizeof v->weight[i]);
             from[0] = b->group[b->own[i]].column;
@@ -283,7 +283,7 @@ static int build(struct frame *f, uint32_t size, struct view_cache *v)
     return status;
 }
 
-int view_get(struct frame *f, uint32_t size, const struct view_cache **out)
+int prt_view_get(struct frame *f, uint32_t size, const struct view_cache **out)
 {
     struct prt_screen *s = f->screen;
     uint64_t key = f->view_key + size;
@@ -296,10 +296,10 @@ int view_get(struct frame *f, uint32_t size, const struct view_cache **out)
     struct view_cache *v = &s->view[0];
     for (int k = 1; k < VIEWS; k++)
         if (s->view[k].used < v->used) v = &s->view[k];
-    view_finish(v);
+    prt_view_finish(v);
     int status = build(f, size, v);
     if (status) {
-        view_finish(v);
+        prt_view_finish(v);
         return status;
     }
     v->key = key;
@@ -334,13 +334,13 @@ static int resolve_points(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
-int receive_begin(struct frame *f, double scale_mm)
+int prt_receivers_begin(struct frame *f, double scale_mm)
 {
-    // light changes over scale_mm: receivers lie a share of that apart
-    uint32_t size = receiver_size((double)view_pixel_mm(f->vis), scale_mm);
+    // light varies over scale_mm; receivers are RECEIVER_SHARE of that apart at the most
+    uint32_t size = prt_receiver_size((double)prt_view_pixel_mm(f->vis), scale_mm);
     uint32_t finer = f->options->refine / 2 + f->options->frame / 4;
     while (finer-- && size > 1) size /= 2;
-    int status = view_get(f, size, &f->view);
+    int status = prt_view_get(f, size, &f->view);
     if (status) return status;
     f->report->receivers = f->view->n_receiver;
     for (int k = 0; k < 3; k++) {
@@ -350,15 +350,15 @@ int receive_begin(struct frame *f, double scale_mm)
     return PRT_OK;
 }
 
-int receive_end(struct frame *f)
+int prt_receivers_resolve(struct frame *f)
 {
     struct resolve_job job = {f, f->view};
     int status = prt_parallel_for(f->ctx, NULL, f->g.n_point, 2048, resolve_points, &job);
-    receive_finish(f);
+    prt_receivers_finish(f);
     return status;
 }
 
-void receive_finish(struct frame *f)
+void prt_receivers_finish(struct frame *f)
 {
     for (int k = 0; k < 3; k++) {
         prt_free(f->sum[k]);

@@ -230,8 +230,10 @@ static int draw_on_screen(struct tool *tool, struct picture *p, const char *engi
         return status;
     status = prt_screen_create(&tool->ctx, p->source.mesh, NULL, &screen);
     if (status) return tool_exit(tool, status);
-    status = prt_screen_image(&tool->ctx, screen, p->visibility, &p->source.material, &p->light,
-                              0, NULL, &options, &shade_options, &p->image, &p->report);
+    struct prt_screen_input input = {
+        .visibility = p->visibility, .material = &p->source.material, .cube = &p->light};
+    status = prt_screen_image(&tool->ctx, screen, &input, &options, &shade_options, &p->image,
+                              &p->report);
     prt_screen_destroy(screen);
     return tool_exit(tool, status);
 }

@@ -250,24 +250,6 @@ static void test_phase_truncation(void **state)
         }
 }
 
-/* Law: a tabulated phase function gives its Legendre coefficients (METHODS §3.7). */
-static void test_phase_tabulated(void **state)
-{
-    enum { N = 400 };
-    double c[N], p[N];
-    for (int i = 0; i < N; i++) {
-        c[i] = -cos(M_PI * i / (N - 1));
-        p[i] = 17 * prt_hg_eval(0.4, -c[i]); /* any scale: it is normalised */
-    }
-    struct prt_phase phase;
-    assert_int_equal(prt_phase_tabulated(&phase, N, c, p, 16), PRT_OK);
-    for (unsigned l = 0; l < 4; l++) expect_near("a_l", phase.a[l], pow(-0.4, l), 1e-4);
-    p[3] = -1;
-    assert_int_equal(prt_phase_tabulated(&phase, N, c, p, 16), PRT_ARG);
-    p[3] = 1, c[4] = c[3];
-    assert_int_equal(prt_phase_tabulated(&phase, N, c, p, 16), PRT_ARG);
-}
-
 static void directions(unsigned n_phi, float (*dir)[3], double *weight)
 {
     for (unsigned k = 0; k < 8; k++)
@@ -484,13 +466,12 @@ static void test_material_faults(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_dipole_values),       cmocka_unit_test(test_dipole_integral),
-        cmocka_unit_test(test_dipole_array),        cmocka_unit_test(test_fresnel),
-        cmocka_unit_test(test_refraction),          cmocka_unit_test(test_phase_moments),
-        cmocka_unit_test(test_phase_truncation),    cmocka_unit_test(test_phase_tabulated),
-        cmocka_unit_test(test_spherical_harmonics), cmocka_unit_test(test_phase_svd),
-        cmocka_unit_test(test_material_presets),    cmocka_unit_test(test_material_table),
-        cmocka_unit_test(test_material_faults),
+        cmocka_unit_test(test_dipole_values),    cmocka_unit_test(test_dipole_integral),
+        cmocka_unit_test(test_dipole_array),     cmocka_unit_test(test_fresnel),
+        cmocka_unit_test(test_refraction),       cmocka_unit_test(test_phase_moments),
+        cmocka_unit_test(test_phase_truncation), cmocka_unit_test(test_spherical_harmonics),
+        cmocka_unit_test(test_phase_svd),        cmocka_unit_test(test_material_presets),
+        cmocka_unit_test(test_material_table),   cmocka_unit_test(test_material_faults),
     };
     return run_physics_tests(tests, NULL, NULL);
 }

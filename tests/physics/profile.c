@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Profiles beyond the dipole: energy, closed forms of slabs, curves, and their fits.
+#include "medium/material.h"
+#include "medium/profile.h"
 #include "prt/profile.h"
 
 #include <math.h>
@@ -108,6 +110,75 @@ static void test_slab(void **state)
         }
         prt_profile_finish(&p);
     }
+}
+
+/* One face of a slab at spatial frequency 0: light that enters there leaves again there
+ * (reflectance) or on the far side (transmittance), as sums over the poles of DJ05 eq 4. A pole
+ * at depth z carries albedo'/2 sign(z) e^(-sigma_tr |z|) through a plane. */
+struct face {
+    double reflectance, transmittance;
+};
+
+static double pole_flux(double tr, double z)
+{
+    return z < 0 ? -exp(tr * z) : exp(-tr * z);
+}
+
+/* eta_near, eta_far: refractive index relative to the neighbour; 1: no reflection there. */
+static struct face face_of(const struct prt_layer *layer, double eta_near, double eta_far)
+{
+    const double st = layer->sigma_s_prime + layer->sigma_a, l = 1 / st;
+    const double tr = sqrt(3 * layer->sigma_a * st), d = layer->thickness_mm;
+    const double f = prt_fresnel_dr(eta_near), g = prt_fresnel_dr(eta_far);
+    const double near = 2 / (3 * st) * (eta_near == 1 ? 1 : (1 + f) / (1 - f));
+    const double far = 2 / (3 * st) * (eta_far == 1 ? 1 : (1 + g) / (1 - g));
+    struct face face = {0, 0};
+    for (int i = -400; i <= 400; i++) {
+        double zr = 2 * i * (d + near + far) + l;
+        double zv = 2 * i * (d + near + far) - l - 2 * near;
+        face.reflectance += pole_flux(tr, zr) - pole_flux(tr, zv);
+        face.transmittance += pole_flux(tr, d - zr) - pole_flux(tr, d - zv);
+    }
+    face.reflectance *= layer->sigma_s_prime / st / 2;
+    face.transmittance *= layer->sigma_s_prime / st / 2;
+    return face;
+}
+
+/* Law: layers join as R1 + T1 R2 T1'/(1 - R1' R2) (METHODS §1, layered slabs; DJ05 eq 4).
+ * Light that enters the top layer bounces between it and the layers below: the sum over
+ * bounces, each one by one, is the stack's total reflectance. The top layer reflects by the
+ * refractive index above and not below, so its two faces differ. */
+static void test_bounces(void **state)
+{
+    /* not 1: there the polynomial of F_dr gives the dipole 0.0016 in place of the slab's 0 */
+    static const double eta[] = {1.1, 1.3, 1.5};
+    static const struct prt_layer stack[][3] = {
+        {{1.2, 1, 0.05}, {3, 2, 0.01}, {5, 0.5, 0.2}},
+        {{0.5, 3, 0.02}, {1, 6, 0.1}, {2, 1, 0.02}},
+        {{2, 0.9, 0.3}, {0.8, 4, 0.05}, {1.5, 8, 0.4}},
+    };
+    for (size_t e = 0; e < 3; e++)
+        for (size_t k = 0; k < 3; k++)
+            for (unsigned n = 2; n <= 3; n++) {
+                const struct prt_layer *layer = stack[k];
+                double below = face_of(&layer[n - 1], 1, eta[e]).reflectance;
+                for (unsigned i = n - 1; i-- > 0;) {
+                    double top = i ? 1 : eta[e];
+                    struct face down = face_of(&layer[i], top, 1);
+                    struct face up = face_of(&layer[i], 1, top);
+                    double sum = down.reflectance, in = down.transmittance;
+                    for (int bounce = 0; bounce < 200; bounce++) {
+                        sum += in * below * up.transmittance;
+                        in *= below * up.reflectance;
+                    }
+                    below = sum;
+                }
+                struct prt_profile p;
+                assert_int_equal(prt_profile_init_multipole(&quiet, &p, n, layer, eta[e]),
+                                 PRT_OK);
+                expect_close("total over all bounces", p.total, below, 1e-6);
+                prt_profile_finish(&p);
+            }
 }
 
 /* Law: a deep layer is the dipole; brighter floors reflect more (DJ05 eq 4, METHODS §1). */
@@ -242,7 +313,7 @@ static void test_optics_fit(void **state)
         double error;
         assert_int_equal(
             prt_optics_parse(&quiet, "m", NULL, row[i].json, strlen(row[i].json), &o), PRT_OK);
-        assert_int_equal(prt_optics_fit(radial, &o, coef, &error), PRT_OK);
+        assert_int_equal(prt_radial_fit_material(radial, &o.material, coef, &error), PRT_OK);
         double own = fit_error(radial, &o, coef);
         print_message("%-10s fit error %.3f %%, measured %.3f %%\n", row[i].name, 100 * error,
                       100 * own);
@@ -265,6 +336,7 @@ static void test_optics_fit(void **state)
     }
     /* a dipole written out as a curve gives the dipole's own coefficients */
     struct prt_optics o = {.kind = PRT_PROFILE_CURVE, .material = *prt_material_preset(8)};
+    const struct prt_material skin = o.material;
     static double r[4000], rd[4000];
     for (int c = 0; c < 3; c++) {
         struct prt_diffusion d;
@@ -277,8 +349,9 @@ static void test_optics_fit(void **state)
                          PRT_OK);
     }
     float curve[3 * 64], exact[3 * 64], largest = 0;
-    assert_int_equal(prt_optics_fit(radial, &o, curve, NULL), PRT_OK);
-    assert_int_equal(prt_radial_fit_material(radial, &o.material, exact, NULL), PRT_OK);
+    assert_int_equal(prt_material_from_optics(&quiet, "skin", &o), PRT_OK);
+    assert_int_equal(prt_radial_fit_material(radial, &o.material, curve, NULL), PRT_OK);
+    assert_int_equal(prt_radial_fit_material(radial, &skin, exact, NULL), PRT_OK);
     for (uint32_t j = 0; j < 3 * radial->n_function; j++)
         largest = fmaxf(largest, fabsf(exact[j]));
     for (uint32_t j = 0; j < 3 * radial->n_function; j++)
@@ -303,7 +376,7 @@ static void test_extra_functions(void **state)
     double error;
     assert_int_equal(prt_radial_create(&quiet, &options, &radial), PRT_OK);
     assert_int_equal(radial->n_function, 19);
-    assert_int_equal(prt_optics_fit(radial, &o, coef, &error), PRT_OK);
+    assert_int_equal(prt_radial_fit_material(radial, &o.material, coef, &error), PRT_OK);
     print_message("curve with its own functions: fit error %.4f %%\n", 100 * error);
     expect_below("fit error", error, 0.001);
     expect_below("fit error as measured", fit_error(radial, &o, coef), 0.0015);
@@ -311,7 +384,7 @@ static void test_extra_functions(void **state)
     assert_int_equal(prt_radial_from_table(&quiet, &options, 19, radial->n_grid, radial->r,
                                            radial->value, &back),
                      PRT_OK);
-    assert_int_equal(prt_optics_fit(back, &o, coef, &error), PRT_OK);
+    assert_int_equal(prt_radial_fit_material(back, &o.material, coef, &error), PRT_OK);
     expect_below("fit error after reading", error, 0.001);
     /* the other materials lose nothing, and what is in the span already adds nothing */
     struct prt_material skin = *prt_material_preset(8);
@@ -331,7 +404,7 @@ static void test_extra_functions(void **state)
     assert_int_equal(prt_optics_parse(&quiet, "m", NULL, soft, strlen(soft), &burley), PRT_OK);
     options.extra = burley.channel;
     assert_int_equal(prt_radial_create(&quiet, &options, &radial), PRT_OK);
-    assert_int_equal(prt_optics_fit(radial, &burley, coef, &error), PRT_OK);
+    assert_int_equal(prt_radial_fit_material(radial, &burley.material, coef, &error), PRT_OK);
     print_message("burley with its own functions: fit error %.4f %%\n", 100 * error);
     expect_below("fit error of burley", error,
                  0.004); /* 1/r inside the first 4 um, which no grid resolves */
@@ -477,22 +550,57 @@ static void test_material_table(void **state)
         m.reflectance[2][1] = NAN;
         assert_int_equal(prt_material_check(&quiet, &m), PRT_ARG);
         assert_non_null(strstr(last_line, "mm^-2"));
-        /* in a basis: as the profile itself, with the residual measured */
-        struct prt_radial *radial;
-        struct prt_radial_options ro = {.kind = PRT_RADIAL_REDUCED,
-                                        .family = PRT_FAMILY_DIPOLE,
-                                        .eta = o.material.eta,
-                                        .n_function = 16,
-                                        .radius_mm = 50};
-        float a[3 * 64], b[3 * 64];
-        double ea, eb;
-        assert_int_equal(prt_radial_create(&quiet, &ro, &radial), PRT_OK);
-        assert_int_equal(prt_optics_fit(radial, &o, a, &ea), PRT_OK);
-        assert_int_equal(prt_radial_fit_material(radial, &o.material, b, &eb), PRT_OK);
-        expect_near("fit error of the points", eb, ea, 2e-3 + 0.05 * ea);
-        prt_radial_destroy(radial);
         prt_optics_finish(&o);
     }
+}
+
+/* Contract of prt_profile_type: every kind has a row: a word of its own, functions, and a
+ * material that keeps the kind. */
+static void test_kinds(void **state)
+{
+    struct prt_material m = *prt_material_preset(0);
+    m.n_point = 2;
+    m.radius[1] = 1;
+    for (int c = 0; c < 3; c++) m.reflectance[c][0] = m.reflectance[c][1] = 0.1f;
+    for (uint32_t kind = 0; kind < PRT_PROFILE_N_KIND; kind++) {
+        const struct prt_profile_type *type = prt_profile_type(kind);
+        char text[PRT_MATERIAL_SUMMARY], expected[64];
+        assert_non_null(type);
+        assert_true(type->rd && type->tail && (type->parse || kind == PRT_PROFILE_DIPOLE));
+        for (uint32_t other = 0; other < kind; other++)
+            assert_string_not_equal(type->word, prt_profile_type(other)->word);
+        if (!kind) continue;
+        m.profile = kind;
+        assert_int_equal(prt_material_check(&quiet, &m), PRT_OK);
+        assert_true(prt_material_summary(&m, text, sizeof text) > 0);
+        snprintf(expected, sizeof expected, "\"profile\":\"%s\"", type->word);
+        assert_non_null(strstr(text, expected));
+    }
+    assert_null(prt_profile_type(PRT_PROFILE_N_KIND));
+    m.profile = PRT_PROFILE_N_KIND;
+    assert_int_equal(prt_material_check(&quiet, &m), PRT_ARG);
+    assert_non_null(strstr(last_line, "unknown profile kind"));
+}
+
+/* Contract of prt_material_print: JSON that does not fit its buffer is an error, and the buffer
+ * holds valid JSON all the same.
+ */
+static void test_print_limit(void **state)
+{
+    static char text[PRT_MATERIAL_TEXT];
+    struct prt_material m = *prt_material_preset(0), back;
+    int n = prt_material_print(&m, text, sizeof text);
+    assert_int_equal(n, strlen(text));
+    assert_int_equal(prt_material_print(&m, text, (size_t)n), PRT_LIMIT);
+    assert_string_equal(text, "null");
+    assert_int_equal(prt_material_print(&m, text, (size_t)n + 1), n);
+    snprintf(m.name, sizeof m.name, "a\"b\\c\n\xc3\xa9");
+    n = prt_material_print(&m, text, sizeof text);
+    assert_non_null(strstr(text, "{\"name\":\"a\\\"b\\\\c\\n\xc3\xa9\",\"sigma_s_prime\":["
+                                 "2.29,2.39,1.97],\"sigma_a\":[0.003,0.0034,0.046],\"g\":[0,0,"
+                                 "0],\"eta\":1.3,\"roughness\":0.3}"));
+    assert_int_equal(prt_material_parse(&quiet, "control character", text, (size_t)n, &back),
+                     PRT_FORMAT);
 }
 
 int main(void)
@@ -501,9 +609,11 @@ int main(void)
     quiet.log = capture_log;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_burley),       cmocka_unit_test(test_slab),
-        cmocka_unit_test(test_layers),       cmocka_unit_test(test_curve),
+        cmocka_unit_test(test_bounces),      cmocka_unit_test(test_layers),
+        cmocka_unit_test(test_curve),        cmocka_unit_test(test_kinds),
         cmocka_unit_test(test_optics_fit),   cmocka_unit_test(test_extra_functions),
         cmocka_unit_test(test_optics_files), cmocka_unit_test(test_material_table),
+        cmocka_unit_test(test_print_limit),
     };
     return run_physics_tests(tests, NULL, NULL);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Radial bases: their errors against METHODS' table, conservation, continuity, exactness.
-#include "prt/radial.h"
+#include "medium/radial.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -258,6 +258,21 @@ static void test_material_walk(void **state)
         }
 }
 
+/* Fits a function given at the grid, linear in between; returns the error. */
+static double project(const struct prt_radial *pub, const double *node, float *coef)
+{
+    static const double at[2] = {0.21132486540518712, 0.78867513459481288}; /* Gauss points */
+    static float f[1][RADIAL_MAX_QUAD];
+    const struct radial *radial = (const struct radial *)pub;
+    double inside = 0;
+    for (uint32_t q = 0; q < radial->n_quad; q++) {
+        double v = node[q / 2] + at[q & 1] * (node[q / 2 + 1] - node[q / 2]);
+        f[0][q] = (float)v;
+        inside += radial->measure[q] * v;
+    }
+    return prt_radial_project(radial, 1, f, &inside, coef);
+}
+
 /* Law: a profile in the span comes back as its own coefficients (METHODS §4.2, X07 eq 18). */
 static void test_exact_in_span(void **state)
 {
@@ -289,7 +304,7 @@ static void test_exact_in_span(void **state)
                     profile[k] += (double)c0[j] * radial->value[j * radial->n_grid + k];
             }
         }
-        assert_int_equal(prt_radial_fit_profile(radial, profile, coef, &error), PRT_OK);
+        error = project(radial, profile, coef);
         expect_below("fit error", error, 2e-5);
         for (uint32_t j = 0; !pieces && j < radial->n_function; j++)
             expect_near("coefficient", coef[j], c0[j], 2e-4);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// screen/: the laws every image-space engine must keep.
+// screen/: laws that hold for every image-space engine.
 #include "screen_stage.h"
 
 #include "prt/reference.h"
@@ -25,7 +25,7 @@ static void plane_gives_total_reflectance(void **state)
     struct prt_block *block = begin_block(&model, true);
     add_sheet(&model, (float[3]){0, 0, 0}, (float[3]){30, 0, 0}, (float[3]){0, 30, 0}, 20);
     end_block(&model, block);
-    // M03 finds its light in the picture, which must show enough of the plane
+    // M03 reads irradiance from the picture, which must contain enough of the plane
     struct prt_camera near = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 12}, wide = near;
     wide.fovy_deg = 54;
     struct stage s;
@@ -61,31 +61,62 @@ static void plane_gives_total_reflectance(void **state)
     model_finish(&model);
 }
 
-// Light does not cross between objects that touch: the unlit one stays exactly black.
+// Irradiance of every vertex by its object; object 0 at x < 0.
+static void light_objects(const struct model *m, const float left[3], const float right[3],
+                          float (*e)[3])
+{
+    for (uint32_t b = 0; b < m->mesh.n_block; b++)
+        for (uint32_t v = 0; v < m->block[b].n_vertex; v++)
+            memcpy(e[m->block[b].vertex_begin + v], b ? right : left, sizeof *e);
+}
+
+static void expect_object(const struct stage *s, const struct model *m, uint32_t object,
+                          pixels a, pixels b)
+{
+    for (uint32_t i = 0; i < s->g.n_point; i++)
+        for (int c = 0; c < 3 && m->block[s->g.block[i]].object == object; c++) {
+            float want = b ? b[i][c] : 0;
+            assert_float_equal(a[i][c], want, 0);
+        }
+}
+
+// Law: light does not cross between objects that touch. When the lit right one turns from red
+// to blue, of equal power so that the same samples are drawn, the lit left one keeps every bit;
+// when the left one is dark it is black.
 static void touching_objects_exchange_nothing(void **state)
 {
+    static const float white[3] = {1, 1, 1}, red[3] = {9, 0, 0}, blue[3] = {0, 0, 9},
+                       dark[3] = {0, 0, 0};
     struct model model;
     model_init(&model, 20000, 40000);
     add_box(&model, (float[3]){-5, 0, 0}, (float[3]){5, 5, 5}, 8);
     add_box(&model, (float[3]){5, 0, 0}, (float[3]){5, 5, 5}, 8);
-    // light along +x comes from the left: only the left box's left side is lit; the camera is
-    // in front, so the pixels of the right box see only its own, dark, surface
-    struct prt_screen_light light = {{-1, 0, 0}, {5, 5, 5}, false};
     struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 30};
     struct stage s;
     stage_init(&s, &model, camera, 64, 64);
-    for (int e = 0; e <= PRT_SCREEN_REFERENCE; e++) {
-        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
-                                             .n_sample = e == PRT_SCREEN_REFERENCE ? 20000 : 0};
-        pixels b = render(&s, &marble, NULL, &light, options, NULL);
+    float(*e)[3] = calloc(model.mesh.n_vertex, sizeof *e);
+    for (int engine = 0; engine <= PRT_SCREEN_REFERENCE; engine++) {
+        struct prt_screen_options options = {.engine = (enum prt_screen_engine)engine,
+                                             .n_sample =
+                                                 engine == PRT_SCREEN_REFERENCE ? 5000 : 0,
+                                             .vertex_irradiance = (const float(*)[3])e};
+        light_objects(&model, white, red, e);
+        pixels beside_red = render(&s, &marble, NULL, &from_front, options, NULL);
+        light_objects(&model, white, blue, e);
+        pixels beside_blue = render(&s, &marble, NULL, &from_front, options, NULL);
+        light_objects(&model, dark, blue, e);
+        pixels unlit = render(&s, &marble, NULL, &from_front, options, NULL);
         double left = 0;
-        for (uint32_t i = 0; i < s.g.n_point; i++) {
-            if (model.block[s.g.block[i]].object == 0) left += b[i][0];
-            else assert_true(b[i][0] == 0 && b[i][1] == 0 && b[i][2] == 0);
-        }
-        assert_true(left > 0);
-        free(b);
+        for (uint32_t i = 0; i < s.g.n_point; i++)
+            if (model.block[s.g.block[i]].object == 0) left += (double)beside_red[i][0];
+        assert_true(left / s.g.n_point > 0.01);
+        expect_object(&s, &model, 0, beside_blue, beside_red);
+        expect_object(&s, &model, 0, unlit, NULL);
+        free(beside_red);
+        free(beside_blue);
+        free(unlit);
     }
+    free(e);
     stage_finish(&s);
     model_finish(&model);
 }
@@ -211,7 +242,7 @@ static void irradiance_closed_forms(void **state)
     struct prt_scene *scene;
     assert_int_equal(prt_scene_create(&quiet, &model.mesh, &scene), PRT_OK);
     struct samples s;
-    assert_int_equal(samples_atlas(&quiet, &model.mesh, 2000, &s), PRT_OK);
+    assert_int_equal(prt_samples_atlas(&quiet, &model.mesh, 2000, &s), PRT_OK);
     double area = 0;
     for (uint32_t i = 0; i < s.n; i++) area += s.area[i];
     expect_near("area of the atlas over the sphere's", area / (400 * M_PI), 1, 0.01);
@@ -221,10 +252,10 @@ static void irradiance_closed_forms(void **state)
     for (int k = 0; k < 2; k++) {
         for (int harmonic = 0; harmonic < 2; harmonic++) {
             uint64_t rays = 0;
-            if (harmonic) irradiance_harmonics(&cube, &eta[k], &s);
+            if (harmonic) prt_irradiance_harmonics(&cube, &eta[k], &s);
             else
-                assert_int_equal(irradiance_traced(&quiet, scene, n, light, &eta[k], &s, &rays),
-                                 PRT_OK);
+                assert_int_equal(
+                    prt_irradiance_traced(&quiet, scene, n, light, &eta[k], &s, &rays), PRT_OK);
             double mean = 0;
             for (uint32_t i = 0; i < s.n; i++) mean += s.e[0][i] / s.n;
             expect_close(harmonic ? "mean E by harmonics" : "mean E by rays", mean, want[k],
@@ -236,14 +267,14 @@ static void irradiance_closed_forms(void **state)
     struct samples peel;
     uint32_t *block = prt_mesh_triangle_blocks(&model.mesh);
     assert_int_equal(
-        samples_peel(&quiet, scene, &(struct grid){block, 0.5f, {0, 0}, 0}, &peel, &rays),
+        prt_samples_peel(&quiet, scene, &(struct grid){block, 0.5f, {0, 0}, 0}, &peel, &rays),
         PRT_OK);
     area = 0;
     for (uint32_t i = 0; i < peel.n; i++) area += peel.area[i];
     expect_near("area of the layers over the sphere's", area / (400 * M_PI), 1, 0.02);
-    samples_finish(&peel);
+    prt_samples_finish(&peel);
     prt_free(block);
-    samples_finish(&s);
+    prt_samples_finish(&s);
     prt_scene_destroy(scene);
     model_finish(&model);
     free(cube.texel);
@@ -327,9 +358,11 @@ static void odd_input_gives_pictures(void **state)
         struct prt_screen_options options = {.measure_error = true};
         struct prt_screen_report report;
         struct prt_image image;
-        assert_int_equal(prt_screen_image(&quiet, s.screen, s.vis, &marble, NULL, 1, &point,
-                                          &options, &shade, &image, &report),
-                         PRT_OK);
+        struct prt_screen_input input = {
+            .visibility = s.vis, .material = &marble, .n_extra = 1, .extra = &point};
+        assert_int_equal(
+            prt_screen_image(&quiet, s.screen, &input, &options, &shade, &image, &report),
+            PRT_OK);
         for (int i = 0; i < 24 * 24 * 3; i++) assert_true(isfinite(image.rgb[i]));
         if (!k) expect_near("reported error", report.error, 0.05, 0.05);
         prt_image_finish(&image);
@@ -347,9 +380,7 @@ static void odd_input_gives_pictures(void **state)
     struct prt_screen_light bad = {{NAN, 0, 0}, {1, 1, 1}, false};
     struct prt_screen_options options = {0};
     b = malloc(s.g.n_point * sizeof *b);
-    assert_int_equal(
-        prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &bad, &options, b, NULL),
-        PRT_ARG);
+    assert_int_equal(try_render(&s, &marble, NULL, &bad, &options, b, NULL), PRT_ARG);
     static const struct prt_screen_options nonsense[] = {
         {.n_sample = 5000},
         {.n_sample = 1},
@@ -360,14 +391,11 @@ static void odd_input_gives_pictures(void **state)
         {.bound = NAN},
         {.engine = (enum prt_screen_engine)9}};
     for (size_t i = 0; i < sizeof nonsense / sizeof *nonsense; i++)
-        assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1,
-                                             &from_front, &nonsense[i], b, NULL),
+        assert_int_equal(try_render(&s, &marble, NULL, &from_front, &nonsense[i], b, NULL),
                          PRT_ARG);
     struct prt_material broken = marble;
     broken.sigma_a[1] = NAN;
-    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &broken, NULL, 1, &from_front,
-                                         &options, b, NULL),
-                     PRT_ARG);
+    assert_int_equal(try_render(&s, &broken, NULL, &from_front, &options, b, NULL), PRT_ARG);
     free(b);
     stage_finish(&s);
     model_finish(&model);
@@ -523,8 +551,7 @@ static void frames_can_be_stopped(void **state)
             struct stopper stopper = {0, at};
             quiet.progress = stop_there;
             quiet.progress_user = &stopper;
-            int status = prt_screen_radiance(&quiet, s.screen, s.vis, &marble, &cube, 0, NULL,
-                                             &options, out, NULL);
+            int status = try_render(&s, &marble, &cube, NULL, &options, out, NULL);
             quiet.progress = NULL;
             assert_int_equal(status, stopper.asked > at ? PRT_CANCELLED : PRT_OK);
             if (!status) break;

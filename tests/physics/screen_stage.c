@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the tests of screen/ share.
+// Shared by the tests of screen/.
 #include "screen_stage.h"
 
 struct prt_context quiet;
@@ -32,14 +32,25 @@ void stage_finish(struct stage *s)
     prt_visibility_destroy(s->vis);
 }
 
+int try_render(struct stage *s, const struct prt_material *material,
+               const struct prt_cube *cube, const struct prt_screen_light *light,
+               const struct prt_screen_options *options, pixels out,
+               struct prt_screen_report *report)
+{
+    struct prt_screen_input input = {.visibility = s->vis,
+                                     .material = material,
+                                     .cube = cube,
+                                     .n_extra = light != NULL,
+                                     .extra = light};
+    return prt_screen_radiance(&quiet, s->screen, &input, options, out, report);
+}
+
 pixels render(struct stage *s, const struct prt_material *material, const struct prt_cube *cube,
               const struct prt_screen_light *light, struct prt_screen_options options,
               struct prt_screen_report *report)
 {
     pixels out = malloc(((size_t)s->g.n_point + 1) * sizeof *out);
-    assert_int_equal(prt_screen_radiance(&quiet, s->screen, s->vis, material, cube,
-                                         light ? 1 : 0, light, &options, out, report),
-                     PRT_OK);
+    assert_int_equal(try_render(s, material, cube, light, &options, out, report), PRT_OK);
     for (uint32_t i = 0; i < s->g.n_point; i++)
         for (int k = 0; k < 3; k++) assert_true(isfinite(out[i][k]) && out[i][k] >= 0);
     return out;

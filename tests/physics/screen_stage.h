@@ -31,6 +31,12 @@ struct stage {
 void stage_init(struct stage *s, const struct model *m, struct prt_camera camera, uint32_t w,
                 uint32_t h);
 void stage_finish(struct stage *s);
+// radiance [n_point] of the stage's view; cube and light may be NULL.
+int try_render(struct stage *s, const struct prt_material *material,
+               const struct prt_cube *cube, const struct prt_screen_light *light,
+               const struct prt_screen_options *options, pixels out,
+               struct prt_screen_report *report);
+// The same in new memory; asserts success and values that are finite and >= 0.
 pixels render(struct stage *s, const struct prt_material *material, const struct prt_cube *cube,
               const struct prt_screen_light *light, struct prt_screen_options options,
               struct prt_screen_report *report);

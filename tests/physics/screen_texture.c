@@ -64,35 +64,35 @@ static void split_parts_add_up(void **state)
     struct prt_screen_options options = {0};
     struct frame f = {.ctx = &quiet, .dipole = dipole, .options = &options};
     struct radial_table whole, near, far;
-    split_table(&f, 0, -1, 0, true, 0, 40, &whole);
+    prt_split_table(&f, 0, -1, 0, true, 0, 40, &whole);
     // C08's split, and texture sampling's by the pixel's own irradiance
     for (int own = 0; own < 2; own++) {
-        split_table(&f, 0, own ? -1 : 1.5, own ? 0.8 : 0, true, 0, 40, &near);
-        split_table(&f, 0, own ? -1 : 1.5, own ? 0.8 : 0, false, 0, 40, &far);
+        prt_split_table(&f, 0, own ? -1 : 1.5, own ? 0.8 : 0, true, 0, 40, &near);
+        prt_split_table(&f, 0, own ? -1 : 1.5, own ? 0.8 : 0, false, 0, 40, &far);
         for (float r = 0; r < 30; r += 0.05f) {
             float a[3], b[3], d[3];
-            radial_table_eval(&whole, r * r, a);
-            radial_table_eval(&near, r * r, b);
-            radial_table_eval(&far, r * r, d);
+            prt_radial_table_eval(&whole, r * r, a);
+            prt_radial_table_eval(&near, r * r, b);
+            prt_radial_table_eval(&far, r * r, d);
             for (int c = 0; c < 3; c++)
                 expect_near("sum of both parts", b[c] + d[c], a[c], 0.01f * a[c] + 1e-6f);
         }
     }
     double share[3], sum[3] = {0};
-    own_share(&f, 0, 0.8, share);
+    prt_near_share(&f, 0, 0.8, share);
     for (int i = 0; i < 40000; i++) {
         double r = (i + 0.5) * 1e-4, w = 2 * M_PI * r * exp(-r * r / 0.64) * 1e-4;
         for (int c = 0; c < 3; c++) sum[c] += w * prt_diffusion_rd(&dipole[0][c], r);
     }
     for (int c = 0; c < 3; c++) expect_close("near share", share[c], sum[c], 0.002);
     struct radial_table disc;
-    split_table(&f, 0, -1, 0, true, 0.8, 40, &disc);
+    prt_split_table(&f, 0, -1, 0, true, 0.8, 40, &disc);
     double total[2][3] = {{0}};
     for (int i = 0; i < 40000; i++) {
         double r = (i + 0.5) * 1e-3;
         float a[2][3];
-        radial_table_eval(&whole, (float)(r * r), a[0]);
-        radial_table_eval(&disc, (float)(r * r), a[1]);
+        prt_radial_table_eval(&whole, (float)(r * r), a[0]);
+        prt_radial_table_eval(&disc, (float)(r * r), a[1]);
         for (int k = 0; k < 2; k++)
             for (int c = 0; c < 3; c++) total[k][c] += 2 * M_PI * r * (double)a[k][c] * 1e-3;
     }
@@ -105,7 +105,7 @@ static void split_parts_add_up(void **state)
 // Law: texture sampling converges to the sum over all texels where points lie four mean free
 // paths apart (C08, METHODS §6, control variate). Without the control variate the error is 10
 // %.
-static void short_paths_stay_sharp(void **state)
+static void short_mean_free_paths_stay_sharp(void **state)
 {
     struct prt_material cream = {.name = "cream",
                                  .sigma_s_prime = {7.38f, 5.47f, 3.15f},
@@ -140,7 +140,7 @@ static void short_paths_stay_sharp(void **state)
     model_finish(&model);
 }
 
-// A sphere whose uv unfold it; `fold` says how they are spoilt.
+// uv that unfold a sphere, one to one for fold 0; other values of fold make them degenerate.
 static void add_uv(struct model *m, uint32_t n, int fold)
 {
     m->mesh.uv = calloc(m->mesh.n_vertex, sizeof *m->mesh.uv);
@@ -195,7 +195,7 @@ static void uv_are_the_atlas(void **state)
         // and its texels are the whole surface
         bool injective;
         struct samples texels;
-        assert_int_equal(samples_uv_atlas(&quiet, &model.mesh, 20000, &texels, &injective),
+        assert_int_equal(prt_samples_uv_atlas(&quiet, &model.mesh, 20000, &texels, &injective),
                          PRT_OK);
         assert_true(injective == (fold == 0));
         if (injective) {
@@ -205,7 +205,7 @@ static void uv_are_the_atlas(void **state)
                 assert_true(i == 0 || texels.object[i] >= texels.object[i - 1]);
             }
             expect_near("area of the texels over the spheres'", area / (500 * M_PI), 1, 0.01);
-            samples_finish(&texels);
+            prt_samples_finish(&texels);
         }
         stage_finish(&s);
         free(model.mesh.uv);
@@ -256,9 +256,7 @@ static void pattern_is_the_near_part(void **state)
     free(b);
     b = malloc(s.g.n_point * sizeof *b);
     options.spokes = 0;
-    assert_int_equal(prt_screen_radiance(&quiet, s.screen, s.vis, &marble, NULL, 1, &side,
-                                         &options, b, NULL),
-                     PRT_ARG);
+    assert_int_equal(try_render(&s, &marble, NULL, &side, &options, b, NULL), PRT_ARG);
     free(b);
     free(first);
     free(want);
@@ -269,9 +267,12 @@ static void pattern_is_the_near_part(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(mip_samples_follow_value), cmocka_unit_test(split_weights),
-        cmocka_unit_test(split_parts_add_up),       cmocka_unit_test(short_paths_stay_sharp),
-        cmocka_unit_test(uv_are_the_atlas),         cmocka_unit_test(pattern_is_the_near_part),
+        cmocka_unit_test(mip_samples_follow_value),
+        cmocka_unit_test(split_weights),
+        cmocka_unit_test(split_parts_add_up),
+        cmocka_unit_test(short_mean_free_paths_stay_sharp),
+        cmocka_unit_test(uv_are_the_atlas),
+        cmocka_unit_test(pattern_is_the_near_part),
     };
     return run_physics_tests(tests, screen_setup, screen_teardown);
 }

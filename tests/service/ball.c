@@ -170,9 +170,8 @@ float *exact_by(const struct relight_camera *seen, const char *file,
     options.n_sample = 65536;
     struct prt_shade shade = {
         .eta = material->eta, .roughness = material->roughness, .fresnel = true};
-    assert_int_equal(prt_screen_image(&ctx, screen, vis, material, &cube, 0, NULL, &options,
-                                      &shade, &image, NULL),
-                     0);
+    struct prt_screen_input input = {.visibility = vis, .material = material, .cube = &cube};
+    assert_int_equal(prt_screen_image(&ctx, screen, &input, &options, &shade, &image, NULL), 0);
     float *out = malloc((size_t)SIDE * SIDE * 12);
     assert_non_null(out);
     memcpy(out, image.rgb, (size_t)SIDE * SIDE * 12);

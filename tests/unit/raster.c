@@ -106,7 +106,7 @@ static void add_square(struct scene *s, float h, float x, float z, bool transluc
     b->n_triangle = 2;
 }
 
-// Eye on +z at this distance in mm, looking at the origin (cameras speak model units).
+// Eye on +z at this distance [mm], looking at the origin; cameras are in model units.
 static struct prt_camera front(float distance_mm, float fovy)
 {
     return (struct prt_camera){
@@ -153,7 +153,7 @@ static void interpolate(const struct prt_mesh *m, uint32_t t, const float uv[2],
                (double)uv[1] * m->position[m->triangle[t][2]][k];
 }
 
-// The point a sample names projects back to where the sample is.
+// The point of a sample's triangle and barycentrics projects to the sample's position.
 static void barycentrics_project_back(void **state)
 {
     struct scene s;
@@ -222,7 +222,7 @@ static uint32_t cast(const struct prt_mesh *m, const double o[3], const double d
     return best;
 }
 
-// The triangle GL keeps is the first one a ray meets.
+// The triangle that GL keeps is the first one along the ray.
 static void same_as_ray_cast(void **state)
 {
     struct scene s;
@@ -299,7 +299,9 @@ static struct prt_image shade_const(const struct scene *s, const struct prt_visi
     return image;
 }
 
-// An edge pixel holds a multiple of 1/4; the mean is the covered area.
+// An edge pixel holds its covered quarters times the radiance, and the mean is the covered
+// area: also where the radiance is 4, since sub-samples are averaged before anything clamps
+// them.
 static void edges_are_antialiased(void **state)
 {
     struct scene s;
@@ -310,18 +312,22 @@ static void edges_are_antialiased(void **state)
     c.up[0] = 0.3f;
     struct prt_visibility *vis = see(&s, &c, 128, 128, 4);
     struct prt_shade shade = {.eta = 1.3f};
-    struct prt_image image = shade_const(&s, vis, &shade, (float[3]){1, 1, 1});
-    double sum = 0, side = 10 / (50 * tan(20 * M_PI / 180)) * 128;
-    unsigned partial = 0;
-    for (uint32_t i = 0; i < 128 * 128; i++) {
-        float v = image.rgb[3 * i] * 4;
-        assert_true(fabsf(v - roundf(v)) < 1e-5f && v >= 0 && v <= 4.0001f);
-        partial += v > 0.5f && v < 3.5f;
-        sum += v / 4;
+    for (float radiance = 1; radiance <= 4; radiance += 3) {
+        struct prt_image image =
+            shade_const(&s, vis, &shade, (float[3]){radiance, radiance, radiance});
+        double sum = 0, side = 10 / (50 * tan(20 * M_PI / 180)) * 128;
+        unsigned partial = 0;
+        for (uint32_t i = 0; i < 128 * 128; i++) {
+            float quarters = image.rgb[3 * i] * 4 / radiance;
+            assert_float_equal(quarters, roundf(quarters), 1e-5f);
+            assert_in_range((int)roundf(quarters), 0, 4);
+            partial += quarters > 0.5f && quarters < 3.5f;
+            sum += (double)image.rgb[3 * i] / (double)radiance;
+        }
+        assert_in_range(partial, 81, 128 * 8);
+        assert_float_equal(sum / (side * side), 1, 0.005);
+        prt_image_finish(&image);
     }
-    assert_true(partial > 80);
-    assert_true(fabs(sum / (side * side) - 1) < 0.005);
-    prt_image_finish(&image);
     prt_visibility_destroy(vis);
     scene_finish(&s);
 }
@@ -351,7 +357,7 @@ static void fresnel_at_normal_incidence(void **state)
 }
 
 // Plane k is weighted by Y_k of the refracted view direction.
-static void phase_planes_meet_harmonics(void **state)
+static void phase_planes_times_harmonics(void **state)
 {
     struct scene s;
     scene_init(&s, 8, 4);
@@ -470,7 +476,7 @@ static void background_is_looked_up(void **state)
     scene_finish(&s);
 }
 
-// Every instruction set gives the C kernel's picture, to rounding.
+// Every instruction set gives the C kernel's picture up to rounding.
 static void kernels_agree(void **state)
 {
     struct scene s;
@@ -638,7 +644,7 @@ static void sizes_are_limited(void **state)
     scene_finish(&s);
 }
 
-// The default camera shows all of the translucent object, nearly filling the frame; a camera
+// The default camera frames all of the translucent object and nearly fills the image; a camera
 // inside it draws a picture too.
 static void default_camera_frames(void **state)
 {
@@ -693,7 +699,7 @@ int main(void)
         cmocka_unit_test(backends_agree),
         cmocka_unit_test(edges_are_antialiased),
         cmocka_unit_test(fresnel_at_normal_incidence),
-        cmocka_unit_test(phase_planes_meet_harmonics),
+        cmocka_unit_test(phase_planes_times_harmonics),
         cmocka_unit_test(specular_of_constant_is_constant),
         cmocka_unit_test(specular_spreads_with_roughness),
         cmocka_unit_test(background_is_looked_up),

@@ -9,8 +9,11 @@
 extern "C" {
 #endif
 
-/* Points of a material's own profile; bytes that the JSON text of any material fits into. */
-enum { PRT_MATERIAL_MAX_POINT = 256, PRT_MATERIAL_TEXT = 24576 };
+enum {
+    PRT_MATERIAL_MAX_POINT = 256, /* points of a material's own profile */
+    PRT_MATERIAL_TEXT = 24576,    /* bytes: any material's JSON with its closing NUL */
+    PRT_MATERIAL_SUMMARY = 512,   /* bytes: any material's summary with its closing NUL */
+};
 
 /* What a user says. Coefficients in mm^-1, one per RGB channel. */
 struct prt_material {
@@ -91,9 +94,6 @@ enum { PRT_PHASE_ISOTROPIC = 1, PRT_PHASE_EDDINGTON = 4, PRT_PHASE_9 = 9, PRT_PH
 /* Henyey-Greenstein cut to n_term = (degree+1)^2 in {1,4,9,16}. n_term 4 is not Eddington: it
  * is HG's l <= 1, which equals Eddington's p = (1+3g cos)/4pi. */
 int prt_phase_hg(struct prt_phase *phase, double g, unsigned n_term);
-/* A tabulated p over cos theta in [-1,1] (outward convention), projected and normalised. */
-int prt_phase_tabulated(struct prt_phase *phase, unsigned n, const double *cosine,
-                        const double *p, unsigned n_term);
 double prt_phase_eval(const struct prt_phase *phase, double cos_outward);
 double prt_hg_eval(double g, double cos_scatter); /* exact HG, scattering angle, sr^-1 */
 /* Real spherical harmonics Y_lm, l < n_band <= 4, out[l*l+l+m], at a unit direction.

@@ -15,6 +15,7 @@ enum prt_profile_kind {
     PRT_PROFILE_BURLEY,     /* Christensen & Burley 2015, eq 3 and 6: normalised diffusion */
     PRT_PROFILE_MULTIPOLE,  /* Donner & Jensen 2005: layered slabs of one refractive index */
     PRT_PROFILE_CURVE,      /* points (r, R_d), linear in between, 0 beyond the last */
+    PRT_PROFILE_N_KIND      /* new kinds go before it: .prt files store the numbers */
 };
 enum { PRT_PROFILE_MAX_LAYER = 8, PRT_PROFILE_MAX_POINT = 4096 };
 
@@ -53,33 +54,6 @@ double prt_profile_rd(const struct prt_profile *profile, double r_mm);   /* mm^-
 double prt_profile_tail(const struct prt_profile *profile, double r_mm); /* beyond r */
 /* The radius [mm] beyond which a share (0 to 1) of the light leaves; 1e-6 to 1e6. */
 double prt_profile_radius(const struct prt_profile *profile, double share);
-
-/* A material of any kind. `material` is what the user said (DIPOLE), or the dipole medium of
- * the same total reflectance and the same half-energy radius, channel by channel: what engines
- * that know only dipoles use, and where sample spacing comes from. Only DIPOLE materials have
- * single scattering of their own; the other profiles hold all light that leaves. */
-struct prt_optics {
-    enum prt_profile_kind kind;
-    struct prt_material material;
-    struct prt_profile channel[3];
-};
-/* As prt_material_load, and also JSON with a "profile" key:
- *   {"profile":"burley","albedo":[r,g,b],"mean_free_path":[r,g,b]}                      mm
- *   {"profile":"multipole","layers":[{"thickness":0.25,"sigma_s_prime":[..],"sigma_a":[..]},…]}
- *   {"profile":"curve","file":"x.csv"}        columns r,R_d or r,R,G,B, relative to the JSON
- *   {"profile":"curve","radius":[..],"rd":[[..],[..],[..]]}
- * each with optional "name", "eta", "roughness". The last layer may lack "thickness". */
-int prt_optics_load(const struct prt_context *ctx, const char *name_or_file,
-                    struct prt_optics *out);
-/* `folder` is where a curve's file may lie; NULL refuses files (text from elsewhere). */
-int prt_optics_parse(const struct prt_context *ctx, const char *what, const char *folder,
-                     const char *json, size_t n, struct prt_optics *out);
-void prt_optics_finish(struct prt_optics *optics);
-
-/* coef[n_function][3] as prt_radial_fit_material; for profiles other than DIPOLE the basis must
- * be of the dipole family (PRT_UNSUPPORTED for extinction). Thread-safe. */
-int prt_optics_fit(const struct prt_radial *radial, const struct prt_optics *optics,
-                   float *coef, double *error);
 
 #ifdef __cplusplus
 }

@@ -70,11 +70,6 @@ int prt_radial_from_table(const struct prt_context *ctx,
  */
 int prt_radial_fit_material(const struct prt_radial *radial,
                             const struct prt_material *material, float *coef, double *error);
-/* coef[n_function] of any one-channel profile given as values on the radial's own grid,
- * weighted the same way. */
-int prt_radial_fit_profile(const struct prt_radial *radial, const double *profile, float *coef,
-                           double *error);
-
 #ifdef __cplusplus
 }
 #endif

@@ -1,5 +1,11 @@
 /* SPDX-License-Identifier: MIT */
-/* prt/raster.h owns pictures: visibility buffer, shading, specular, tone map. */
+/* prt/raster.h owns pictures: visibility buffer, shading, specular reflection, tone map.
+ *
+ * Colours are linear RGB; lengths are in mm where no other unit is named. Functions that return
+ * int return PRT_OK or a negative status (prt/base.h), and report its reason to ctx->log; *out
+ * is written on success only. ctx may be NULL. Functions are thread-safe: an object that was
+ * created does not change until it is destroyed. Those with a context run on ctx->pool and
+ * block until done. */
 #ifndef PRT_RASTER_H
 #define PRT_RASTER_H
 
@@ -11,91 +17,114 @@
 extern "C" {
 #endif
 
-/* In the model's own units as --camera gives it; raster multiplies by mm_per_unit. */
+/* A perspective camera in the model's units, as --camera gives it; raster/ multiplies by
+ * mm_per_unit. */
 struct prt_camera {
-    float eye[3], target[3], up[3];
+    float eye[3], target[3];
+    float up[3];    /* any length, not parallel to the view */
     float fovy_deg; /* (0,170) */
-    bool automatic; /* frame the model; other fields are filled in */
+    bool automatic; /* frame the model; the other fields are computed */
 };
-/* "x,y,z:x,y,z:x,y,z:deg", UP and FOVY optional. */
+/* Reads "x,y,z:x,y,z:x,y,z:deg" (eye, target, up, field of view; the last two may be missing),
+ * or "auto". PRT_ARG with a message that names the part at fault. Does not block. */
 int prt_camera_parse(const struct prt_context *ctx, const char *text, struct prt_camera *out);
-/* The default camera: frames the translucent box from slightly above the front (+z side). */
+/* The default camera: all translucent vertices (all vertices where none is translucent) seen
+ * from +z, 15 degrees above the horizon. aspect: width / height. Does not block. */
 void prt_camera_frame(const struct prt_mesh *mesh, float aspect, struct prt_camera *out);
 
-/* What a camera sees of a mesh: n_sub sub-samples a pixel (1, 2, 4 or 8), each a triangle and
- * barycentrics; 1 and 4 are drawn at once, 2 and 8 one by one. Kept for as long as model,
- * camera and size stay. */
+/* The surface that a camera sees: n_sub sub-samples a pixel, each a triangle and barycentrics
+ * (MT97). Valid for one mesh, camera and size; the mesh is not read after creation. */
 struct prt_visibility;
-enum prt_raster_backend { PRT_RASTER_AUTO, PRT_RASTER_OSMESA, PRT_RASTER_EGL };
+enum prt_raster_backend {
+    PRT_RASTER_AUTO, /* OSMesa, or EGL where OSMesa is missing */
+    PRT_RASTER_OSMESA,
+    PRT_RASTER_EGL
+};
+/* Draws a mesh. width, height: [1,4096]. n_sub: 1, 2, 4 or 8; 1 and 4 are one draw, 2 and 8 are
+ * n_sub draws. The caller destroys *out. PRT_ARG for values out of range, PRT_LIMIT for more
+ * triangles than one GL draw takes, PRT_NOMEM, PRT_UNSUPPORTED without a driver for off-screen
+ * OpenGL 4.5. Callers queue on a lock for each backend. */
 int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
                           const struct prt_camera *camera, uint32_t width, uint32_t height,
                           unsigned n_sub, enum prt_raster_backend backend,
                           struct prt_visibility **out);
+/* Frees a visibility buffer; NULL is allowed. */
 void prt_visibility_destroy(struct prt_visibility *visibility);
-uint32_t prt_visibility_covered(const struct prt_visibility *visibility); /* pixels touched */
+/* Number of pixels with at least one covered sub-sample. */
+uint32_t prt_visibility_covered(const struct prt_visibility *visibility);
+/* Memory that the buffer holds [bytes]. */
 uint64_t prt_visibility_bytes(const struct prt_visibility *visibility);
-/* Camera and size it was made for; sub-sample s of pixel (x,y): triangle (UINT32_MAX none) and
- * barycentrics u,v of vertices 1 and 2. */
+/* The camera (an automatic one as computed), size and sub-samples it was created with; each
+ * pointer may be NULL. */
 void prt_visibility_camera(const struct prt_visibility *visibility, struct prt_camera *out,
                            uint32_t *width, uint32_t *height, unsigned *n_sub);
+/* Sub-sample s of pixel (x,y): returns its triangle, UINT32_MAX for none or outside the image;
+ * uv: barycentrics of the triangle's vertices 1 and 2. */
 uint32_t prt_visibility_sample(const struct prt_visibility *visibility, uint32_t x, uint32_t y,
                                unsigned s, float uv[2]);
 
-/* The same as points to shade: a pixel's sub-samples that lie on one smooth patch are one
- * point, standing for weight = their share of the pixel. Points are in row-major order of
- * pixels. The arrays belong to the visibility buffer. position [mm]; normal is unit and turned
- * towards the eye where the back of a face is seen; corners and weights of the triangle's
- * vertices 1 and 2 interpolate anything kept per vertex. */
+/* The same as points to shade: a pixel's sub-samples on one smooth patch are one point. Points
+ * are in row-major order of pixels. Corners and barycentrics interpolate values kept per
+ * vertex: (1 - bary[0] - bary[1]) of corner 0, bary[0] of corner 1, bary[1] of corner 2. */
 struct prt_gbuffer {
     uint32_t n_point;
-    uint32_t *pixel;                /* [n_point] y*width + x */
-    uint32_t *triangle, *block;     /* [n_point] */
-    uint32_t *corner[3];            /* [n_point] mesh vertices */
-    float *bary[2];                 /* [n_point] */
-    float *position[3], *normal[3]; /* [n_point] */
-    float *weight;                  /* [n_point] (0,1] */
-    uint8_t *opaque;                /* [n_point] 1: Lambertian receiver */
+    uint32_t *pixel;            /* [n_point] y*width + x */
+    uint32_t *triangle, *block; /* [n_point] of the mesh */
+    uint32_t *corner[3];        /* [n_point] vertices of the mesh */
+    float *bary[2];             /* [n_point] */
+    float *position[3];         /* [n_point] mm */
+    float *normal[3];           /* [n_point] unit, on the eye's side */
+    float *weight;              /* [n_point] share of the pixel (0,1] */
+    uint8_t *opaque;            /* [n_point] 1: Lambertian surface */
 };
+/* *out points into the visibility buffer, which owns the arrays. */
 void prt_visibility_gbuffer(const struct prt_visibility *visibility, struct prt_gbuffer *out);
 
-/* The eye [mm] and the frame of its rays: through (x,y) in pixels, y down, the direction is
- * forward + (2x/W - 1) right + (1 - 2y/H) up; forward is unit, right and up are as long as the
- * tangents of half the field of view. */
+/* The eye [mm] and the frame of its rays: the ray through (x,y) in pixels, y down, has the
+ * direction forward + (2x/W - 1) right + (1 - 2y/H) up; forward is unit, right and up are as
+ * long as the tangents of half the field of view. */
 void prt_visibility_frame(const struct prt_visibility *visibility, float eye[3],
                           float forward[3], float right[3], float up[3]);
 
-/* Environment pre-filtered for specular reflection: mip levels of growing roughness. */
+/* An environment filtered by the GGX lobe (WMLT07) for six values of roughness. */
 struct prt_specular;
+/* Filters a cube; the cube is not read afterwards. The caller destroys *out. PRT_NOMEM. The
+ * first call of a process also computes the filters; concurrent callers wait for it. */
 int prt_specular_create(const struct prt_context *ctx, const struct prt_cube *light,
                         struct prt_specular **out);
+/* Frees a filtered environment; NULL is allowed. */
 void prt_specular_destroy(struct prt_specular *specular);
-/* Radiance reflected about direction r for a lobe of this roughness. */
+/* Radiance reflected about direction r, of any length, by a lobe of this roughness [0,1]. */
 void prt_specular_eval(const struct prt_specular *specular, const float r[3], float roughness,
                        float rgb[3]);
 
 struct prt_shade {
-    unsigned n_plane;                    /* phase planes; plane 0 is view-free */
-    const float *planes;                 /* [n_plane][n_vertex][3] before outgoing Fresnel */
-    float eta, roughness;                /* of the translucent material */
-    bool fresnel;                        /* multiply translucent radiance by F_t(eta, w_o) */
+    unsigned n_plane;    /* phase planes: 1, 4, 9 or 16; plane 0 does not depend on the view */
+    const float *planes; /* [n_plane][n_vertex][3] radiance before the exit's Fresnel factor */
+    float eta;           /* of the translucent material, >= 1 */
+    float roughness;     /* of its surface, [0,1] */
+    bool fresnel;        /* multiply translucent radiance by F_t(eta, w_o) (METHODS §1) */
     const struct prt_specular *specular; /* NULL: none */
-    const struct prt_cube *background;   /* NULL: plain */
+    const struct prt_cube *background;   /* NULL: background_rgb */
     float background_rgb[3];
-    float background_rotate_deg; /* turns `background` counter-clockwise about +y, seen from
-                                    above: a turned light needs no new background cube */
+    float background_rotate_deg; /* rotates `background` counter-clockwise about +y, seen from
+                                    above, so that rotating the light needs no new cube */
 };
-/* Linear radiance image [height][width][3]; pixels of opaque surfaces take plane 0 as it is. */
+/* The linear radiance image [height][width][3] of vertex values. Opaque surfaces take plane 0
+ * without Fresnel. The caller ends *out with prt_image_finish. PRT_MISMATCH for a visibility
+ * buffer of another mesh, PRT_ARG for another number of planes, PRT_NOMEM. */
 int prt_shade_image(const struct prt_context *ctx, const struct prt_visibility *visibility,
                     const struct prt_mesh *mesh, const struct prt_shade *shade,
                     struct prt_image *out);
-/* The same compositing for an image-space engine: radiance [n_point][3] per G-buffer point,
- * before outgoing Fresnel; shade->planes is ignored. */
+/* The same of radiance [n_point][3] at the points of the G-buffer, before the exit's Fresnel
+ * factor (C08 eq 11); shade->planes is not read. */
 int prt_shade_points(const struct prt_context *ctx, const struct prt_visibility *visibility,
                      const float (*radiance)[3], const struct prt_shade *shade,
                      struct prt_image *out);
 
 enum prt_tone { PRT_TONE_FILMIC, PRT_TONE_REINHARD, PRT_TONE_NONE };
-/* exposure_ev: stops; sRGB-encoded 8-bit [height][width][3]. */
+/* Multiplies by 2^exposure_ev ([-64,64] stops), applies a tone curve (METHODS §6; RSSF02) and
+ * encodes as sRGB: rgb8 [height][width][3]. PRT_ARG for values out of range. */
 int prt_tone_map(const struct prt_context *ctx, const struct prt_image *image,
                  enum prt_tone tone, float exposure_ev, uint8_t *rgb8);
 

@@ -1,6 +1,12 @@
 /* SPDX-License-Identifier: MIT */
 /* prt/screen.h owns pictures without a bake: splatting (S09), tangent-plane sampling (M03) and
- * texture-space sampling (C08) of B(x_o) = int R_d(|x_o - x_i|) E(x_i) dA (METHODS §6). */
+ * texture-space sampling (C08) of B(x_o) = int R_d(|x_o - x_i|) E(x_i) dA (METHODS §6).
+ *
+ * Colours are linear RGB. Lengths are in mm, R_d in mm^-2, coefficients of media in mm^-1.
+ * Functions that return int return PRT_OK or a negative status (prt/base.h), and report its
+ * reason to ctx->log; *out is not written then unless the function's comment says so. ctx may
+ * be NULL. Pointers that a struct holds must stay valid for as long as the call that reads
+ * them. */
 #ifndef PRT_SCREEN_H
 #define PRT_SCREEN_H
 
@@ -12,211 +18,177 @@ extern "C" {
 #endif
 
 enum prt_screen_engine {
-    PRT_SCREEN_SPLAT = 0, /* S09: surface points the light sees, each spread to all pixels */
+    PRT_SCREEN_SPLAT = 0, /* S09: points that the light sees, each spread to all pixels */
     PRT_SCREEN_TANGENT,   /* M03: radii drawn from R_d in the tangent plane of each pixel */
     PRT_SCREEN_TEXTURE,   /* C08: points drawn from irradiance over an area-preserving atlas */
     PRT_SCREEN_HYBRID,    /* C08: near part from dense points, far part as TEXTURE */
     PRT_SCREEN_REFERENCE, /* every texel of the atlas to every pixel, exact R_d: slow */
 };
-/* "splat" "tangent" "texture" "hybrid" "reference"; PRT_ARG for other words. */
+/* The engine of a word: "splat" "tangent" "texture" "hybrid" "reference". PRT_ARG, without a
+ * log line, for other words. Thread-safe. */
 int prt_screen_engine_parse(const char *word, enum prt_screen_engine *out);
+/* The word of an engine, "unknown" for values outside the enum; static storage. Thread-safe. */
 const char *prt_screen_engine_name(enum prt_screen_engine engine);
 
-/* A distant or point light. direction: unit, towards the light, and irradiance on a plane
- * facing it; or a position [mm] and radiant intensity [irradiance * mm^2]. */
+/* A distant or point light. */
 struct prt_screen_light {
-    float where[3];
-    float rgb[3];
+    float where[3]; /* direction towards the light, any length > 0; point: position [mm] */
+    float rgb[3]; /* >= 0; irradiance on a plane that faces the light; point: radiant intensity
+                     [irradiance * mm^2] */
     bool point;
 };
-/* At most n distant lights that stand for a cube: strata of equal power, each at its power's
- * mean direction. Powers add up to the cube's integral. Returns the number made. */
-uint32_t prt_screen_lights_from_cube(const struct prt_cube *cube, uint32_t n,
-                                     struct prt_screen_light *out);
 
-/* What does not depend on light, material or view: the atlas and the peeled depth layers.
- * Immutable mesh; make another when positions change. Thread-safe after creation but for
- * prt_screen_radiance, which one thread may run at a time. */
+/* A picture is computed of this. */
+struct prt_screen_input {
+    const struct prt_visibility *visibility; /* of the screen's mesh */
+    const struct prt_material *material;     /* of all objects without object_material */
+    const struct prt_cube
+        *cube;        /* environment; NULL: none. options' n_light lights replace it */
+    uint32_t n_extra; /* further lights, at most 4096 */
+    const struct prt_screen_light *extra; /* [n_extra] */
+};
+
+/* State that depends on neither light, material nor view (atlas, peeled depth layers), and
+ * caches of the last views drawn. */
 struct prt_screen;
-/* scene may be NULL: one is made. mesh and scene must outlive it. */
+/* Prepares pictures of a mesh whose positions stay; create another when they change. scene:
+ * rays against the same mesh; NULL: one is built. mesh and scene must outlive the screen.
+ * PRT_ARG for a mesh without extent, PRT_NOMEM. Different screens may be used by different
+ * threads; calls with one screen must not overlap. Blocks while a scene is built. */
 int prt_screen_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
                       const struct prt_scene *scene, struct prt_screen **out);
+/* Frees a screen; NULL is allowed. */
 void prt_screen_destroy(struct prt_screen *screen);
 
-/* A reflectance profile in place of the dipole's, for layered media: R_d at n radii, ascending
- * from 0, linear in between, 0 beyond. rd [n][3] mm^-2. */
-struct prt_screen_profile {
-    uint32_t n;
-    const float *r_mm;
-    const float (*rd)[3];
-};
-/* The multipole (Donner & Jensen 2005) of one slab of this thickness at r_mm[n]; becomes the
- * dipole as the slab grows thick. *rho, if not NULL, gets the total reflectances. PRT_ARG for a
- * thickness that is not positive. */
-int prt_screen_multipole(const struct prt_context *ctx, const struct prt_material *material,
-                         double thickness_mm, uint32_t n, const float *r_mm, float (*rd)[3],
-                         double rho[3]);
-
-/* An image over the mesh's uv, row 0 at v = 0, repeated: linear values [height][width][3],
- * finite. */
+/* An image over the mesh's uv, row 0 at v = 0, repeated beyond [0,1]. */
 struct prt_screen_map {
-    uint32_t width, height;
-    const float (*rgb)[3];
+    uint32_t width, height; /* [1,16384] */
+    const float (*rgb)[3];  /* [height][width] linear, finite */
 };
 
-/* What an image's numbers mean: colours that multiply a medium's reflectance by absorption;
- * tangent-space normals 0.5 + 0.5 n; heights, of which white is height_mm (0: 0.5). */
+/* The meaning of an image's numbers. */
 enum prt_screen_map_kind {
-    PRT_SCREEN_MAP_ALBEDO,
-    PRT_SCREEN_MAP_NORMAL,
-    PRT_SCREEN_MAP_HEIGHT
+    PRT_SCREEN_MAP_ALBEDO, /* colours: they multiply a medium's reflectance, by absorption */
+    PRT_SCREEN_MAP_NORMAL, /* tangent-space normals, stored as 0.5 + 0.5 n */
+    PRT_SCREEN_MAP_HEIGHT  /* heights, white is height_mm */
 };
-/* A map of an image whose pixels were decoded to linear RGB; `linear`: so were they stored,
- * else normals and heights are taken back to what was stored. Shrunk to most_side (0: as it
- * is). material: of ALBEDO. The caller finishes *out. */
+/* Makes a map of an image. image: linear RGB as decoded. linear: the file stored linear numbers
+ * (prt_screen_map_linear); otherwise normals and heights are encoded back to sRGB first, since
+ * their numbers are data and not colours. most_side: the longer side is reduced to this many
+ * texels by averaging; 0: kept. material: read for ALBEDO. height_mm: of white, for HEIGHT; 0:
+ * 0.5. The caller ends *out with prt_screen_map_finish; *out is all 0 after an error. PRT_ARG
+ * for an image without pixels or a medium without absorption, PRT_NOMEM. Thread-safe. Runs on
+ * ctx->pool and blocks until done. */
 int prt_screen_map_make(const struct prt_context *ctx, enum prt_screen_map_kind kind,
                         const struct prt_image *image, bool linear, uint32_t most_side,
                         const struct prt_material *material, float height_mm,
                         struct prt_screen_map *out);
+/* Frees the texels of prt_screen_map_make and clears the map. */
 void prt_screen_map_finish(struct prt_screen_map *map);
-/* Whether files of this name keep numbers as they are meant (.exr .hdr .pfm .pic); others are
- * sRGB. */
+/* Whether files of this name's ending store linear numbers (.exr .hdr .pfm .pic); others are
+ * sRGB. Thread-safe. */
 bool prt_screen_map_linear(const char *file);
-
-/* Factors of sigma_a (>= 1) that give a medium albedo[n] (clamped to [0,1]) times its own total
- * reflectance, for sigma_a_map. PRT_ARG where sigma_a is 0. */
-int prt_screen_albedo_factors(const struct prt_context *ctx,
-                              const struct prt_material *material, size_t n,
-                              const float (*albedo)[3], float (*factor)[3]);
 
 struct prt_screen_options {
     enum prt_screen_engine engine;
-    uint32_t n_sample;  /* SPLAT: grid is n x n over the light's view; TANGENT: samples a
-                           pixel; TEXTURE, HYBRID: samples; REFERENCE: texels. 0: from the
-                           material, or the engine's default (64, 2500, 900, 262144) */
-    uint32_t refine;    /* pictures drawn since anything changed: each doubles the samples, up
-                           to what the reference uses; 0 for the first */
+    uint32_t n_sample;  /* SPLAT: the grid is n x n over the light's view; TANGENT: samples a
+                           pixel; TEXTURE, HYBRID: samples; REFERENCE: texels. 0: by budget_ms,
+                           else SPLAT's spacing of 0.75 mean free paths, or 64, 2500, 900,
+                           262144 */
+    uint32_t refine;    /* pictures drawn since anything changed, 0 for the first: each doubles
+                           the samples, up to the engine's limit */
     uint32_t n_light;   /* distant lights that stand for a cube; 0: 64 */
-    float budget_ms;    /* > 0: n_sample is chosen to fit, from the speed seen so far */
-    float bound;        /* HYBRID: R_p is where 2 pi r R_d last crosses it [mm^-1]; 0: 0.05 */
-    float epsilon;      /* SPLAT: r_max leaves this share of rho_d outside; 0: 0.002 */
-    bool sh_irradiance; /* S09's unshadowed irradiance from 16 harmonics, cube lights only */
-    bool
-        measure_error; /* compare some pixels with REFERENCE (costs rays); not with `profile` */
+    float budget_ms;    /* > 0: n_sample is chosen to fit, from the speed measured so far */
+    float bound;        /* HYBRID: R_p is the last radius where 2 pi r R_d crosses it [mm^-1];
+                           0: 0.1 */
+    float epsilon;      /* SPLAT: share of rho_d outside r_max, [0,1) (S09 eq 4); 0: 0.002 */
+    bool sh_irradiance; /* cube lights: unshadowed irradiance of 16 harmonics, as in S09 */
+    bool measure_error; /* compare some 500 points with REFERENCE; costs its rays and time */
     uint64_t seed;
-    const struct prt_material *object_material; /* [n_object], or NULL: one for all */
-    const struct prt_screen_profile *profile; /* SPLAT, TEXTURE, HYBRID: [n_object] in place of
-                             the materials' own R_d, which all engines know; or NULL */
-    uint32_t frame; /* which picture of a running mean this is: each takes other samples,
-                       and the mean of 0..k goes to REFERENCE as k grows (TANGENT: to some
-                       1 % of it); see prt_screen_progress. The same seed and frame give the
-                       same picture */
-    /* On meshes with uv: factors >= 0 of the medium's coefficients at each pixel (TANGENT and
-       REFERENCE take R_d of the medium where light leaves; the others spread light in the plain
-       medium and scale it by the pixel's total reflectance); heights [mm] (first channel) or
-       tangent-space normals (0.5 + 0.5 n) for the irradiance. NULL: none */
+    const struct prt_material *object_material; /* [n_object]; NULL: the input's for all */
+    uint32_t frame; /* index in a running mean (prt_screen_mean_add): each draws other samples,
+                       and the mean converges to REFERENCE, TANGENT's to some 1 % of it. Equal
+                       seed and frame give equal pictures */
+    /* Maps on meshes with uv; NULL: none. sigma_s_map, sigma_a_map: factors >= 0 of the
+       medium's coefficients. TANGENT and REFERENCE take R_d of the medium where light leaves;
+       the others spread light in the plain medium and scale it by the pixel's total
+       reflectance. bump_map: heights [mm] in the first channel; normal_map: 0.5 + 0.5 n; both
+       turn the normals that irradiance is computed with. */
     const struct prt_screen_map *sigma_s_map, *sigma_a_map, *bump_map, *normal_map;
-    bool maps_by_surface; /* each of them is [n_surface], rgb NULL: none on that surface */
-    bool maps_checked; /* they come from prt_screen_map_make: values are not looked through */
+    bool maps_by_surface; /* each map is [n_surface]; rgb NULL: none on that surface */
+    bool maps_checked;    /* texels are not checked again: maps of prt_screen_map_make */
     const float (
-        *vertex_irradiance)[3]; /* [n_vertex] E of all the lights where it is known already
-                      (a bake's, prt_reference's): interpolated, no rays; or NULL */
-    uint32_t rings, spokes; /* HYBRID under at most 4 distant lights: > 0: the near part from
-                               C08's pattern of rings * spokes + 1 points of the light's view,
-                               instead of all points within reach. C08: 20 and 20 */
+        *vertex_irradiance)[3]; /* [n_vertex] E of all lights, where it is known already
+                    (from a bake or prt_reference): interpolated, no rays; or NULL */
+    uint32_t rings,
+        spokes; /* HYBRID under at most 4 distant lights, both > 0: the near part from
+                   C08's pattern of rings * spokes + 1 points of the light's view
+                   instead of all points within reach. C08: 20 and 20; 1 to 256 */
 };
 struct prt_screen_report {
     enum prt_screen_engine engine;
-    uint32_t n_sample;  /* points of the surface used (a pixel's own, for TANGENT) */
-    uint32_t n_asked;   /* n_sample of the options, or what was chosen in its place */
+    uint32_t n_sample;  /* surface points used; TANGENT: samples a pixel */
+    uint32_t n_asked;   /* the options' n_sample, or the count chosen in its place */
     uint32_t grid;      /* SPLAT: n */
-    uint32_t receivers; /* places light was summed for; points of the view lie between them */
+    uint32_t receivers; /* points that light was summed for; others are interpolated */
     uint32_t n_light;
     uint64_t n_ray, n_pair; /* shadow and view rays; evaluations of R_d */
-    float r_max_mm, r_p_mm;
-    bool uv_atlas;     /* texels lie in the model's own uv; else along triangles */
-    uint32_t n_medium; /* TANGENT with maps: sets of coefficients the pixels were sorted into */
+    float r_max_mm, r_p_mm; /* SPLAT; HYBRID */
+    bool uv_atlas;          /* texels lie in the model's own uv; else along triangles */
+    uint32_t n_medium;      /* TANGENT with maps: media that pixels were sorted into */
     double irradiance_s, scatter_s;
     double error;          /* relative RMSE over covered pixels; < 0: not measured */
-    double expected_error; /* the same as foreseen from engine, medium, model and n_sample, and
-                              from what a check of an earlier frame (or this, the first of its
-                              engine under few or many lights) at some points told */
-    uint32_t frame;        /* pictures before this one in the running mean */
+    double expected_error; /* the same, predicted from engine, medium, model and n_sample and
+                              corrected by the last check at 160 points: of an earlier frame, or
+                              of this one where it is the first of its engine, medium and kind
+                              of light */
+    uint32_t frame;        /* the options' */
 };
 
-/* What a budget buys. */
+/* Sample counts that a time budget buys. */
 struct prt_screen_plan {
     enum prt_screen_engine engine;
     uint32_t n_sample;
-    double expected_ms;    /* of prt_screen_radiance, from the speed seen so far */
+    double expected_ms;    /* of prt_screen_radiance, from the speed measured so far */
     double expected_error; /* relative RMSE against REFERENCE over covered pixels */
 };
-/* Sample counts for one engine so that a picture of this view takes about budget_ms (> 0);
- * lights as in prt_screen_radiance (n_light: distant lights for a cube; 0: as the options'
- * default, used only with has_cube). Sets options->engine and n_sample when options is not
- * NULL. PRT_ARG for a budget that is not positive. Does not block. */
+/* Chooses one engine's sample count so that a picture of the input takes about budget_ms (> 0).
+ * options, if not NULL: n_light is read, engine and n_sample are set. out may be NULL. PRT_ARG
+ * for a budget that is not positive and finite, a medium out of range, or REFERENCE. Does not
+ * block; must not overlap other calls with the same screen. */
 int prt_screen_plan(const struct prt_context *ctx, const struct prt_screen *screen,
-                    const struct prt_visibility *visibility,
-                    const struct prt_material *material, enum prt_screen_engine engine,
-                    bool has_cube, uint32_t n_light, double budget_ms,
-                    struct prt_screen_options *options, struct prt_screen_plan *out);
-/* The same for all four engines, and the one with the least expected error. */
+                    const struct prt_screen_input *input, enum prt_screen_engine engine,
+                    double budget_ms, struct prt_screen_options *options,
+                    struct prt_screen_plan *out);
+/* The same for the engine with the least expected error among those that keep the budget; when
+ * none does, the fastest. */
 int prt_screen_choose(const struct prt_context *ctx, const struct prt_screen *screen,
-                      const struct prt_visibility *visibility,
-                      const struct prt_material *material, bool has_cube, uint32_t n_light,
-                      double budget_ms, struct prt_screen_options *options,
-                      struct prt_screen_plan *out);
+                      const struct prt_screen_input *input, double budget_ms,
+                      struct prt_screen_options *options, struct prt_screen_plan *out);
 
-/* (1/pi) B at every point of a visibility buffer's G-buffer, albedo/pi E on opaque surfaces:
- * radiance [n_point][3], to be composed by prt_shade_points. Lights: cube (may be NULL) and
- * n_extra more. Asks ctx->progress between its stages and every tenth of a second within the
- * long ones; PRT_CANCELLED, radiance undefined, when that says stop: the screen stays good. */
+/* Computes B/pi (C08 eq 11) at every point of the visibility's G-buffer, and albedo/pi E on
+ * opaque surfaces: radiance [n_point][3], before the Fresnel transmittance of the exit;
+ * prt_shade_points composes it. report may be NULL. PRT_ARG for values out of range, PRT_NOMEM.
+ * Runs on ctx->pool and blocks until done; calls ctx->progress between its stages and every
+ * tenth of a second within the long ones: PRT_CANCELLED when that returns nonzero. After an
+ * error radiance is undefined, and the screen remains usable. */
 int prt_screen_radiance(const struct prt_context *ctx, struct prt_screen *screen,
-                        const struct prt_visibility *visibility,
-                        const struct prt_material *material, const struct prt_cube *cube,
-                        uint32_t n_extra, const struct prt_screen_light *extra,
+                        const struct prt_screen_input *input,
                         const struct prt_screen_options *options, float (*radiance)[3],
                         struct prt_screen_report *report);
-/* The same, composed: shade gives specular, background and Fresnel (its planes are ignored). */
+/* The same as an image: shade holds specular light, background and Fresnel; its planes are not
+ * read. The caller ends *out with prt_image_finish. */
 int prt_screen_image(const struct prt_context *ctx, struct prt_screen *screen,
-                     const struct prt_visibility *visibility,
-                     const struct prt_material *material, const struct prt_cube *cube,
-                     uint32_t n_extra, const struct prt_screen_light *extra,
+                     const struct prt_screen_input *input,
                      const struct prt_screen_options *options, const struct prt_shade *shade,
                      struct prt_image *out, struct prt_screen_report *report);
 
-/* Progressive pictures of one view: the running mean of frames while nothing changes. screen
- * and visibility must outlive it. One thread at a time. */
-struct prt_screen_progress;
-int prt_screen_progress_create(const struct prt_context *ctx, struct prt_screen *screen,
-                               const struct prt_visibility *visibility,
-                               struct prt_screen_progress **out);
-void prt_screen_progress_destroy(struct prt_screen_progress *progress);
-/* Light, material, options or the model changed: the next frame is the first again. */
-void prt_screen_progress_restart(struct prt_screen_progress *progress);
-uint32_t prt_screen_progress_frames(const struct prt_screen_progress *progress);
-/* One more frame; *out is the mean so far, in which frame k weighs k + 1, composed.
- * options->frame and refine are ignored. measure_error: of the mean. */
-int prt_screen_progress_image(const struct prt_context *ctx,
-                              struct prt_screen_progress *progress,
-                              const struct prt_material *material, const struct prt_cube *cube,
-                              uint32_t n_extra, const struct prt_screen_light *extra,
-                              const struct prt_screen_options *options,
-                              const struct prt_shade *shade, struct prt_image *out,
-                              struct prt_screen_report *report);
-
-/* Building blocks, open for tests. */
-/* M03: the radius >= from_mm below which lies a share xi in [0,1) of 2 pi r R_d / rho_d, the
- * mean of three channels. from_mm: a radius known to be smaller, 0 at first. */
-double prt_screen_tangent_radius(const struct prt_diffusion dipole[3], double xi,
-                                 double from_mm);
-/* C08: share of R_d that is local at r (METHODS §7): 1 - 0.5 e^(K(r-R_p)) up to R_p. */
-double prt_screen_local_weight(double r_mm, double r_p_mm);
-/* C08: R_p for a bound over three channels. */
-double prt_screen_split_radius(const struct prt_diffusion dipole[3], double bound);
-/* C08: index drawn by u in [0,1) in proportion to value[n], n a power of 4, by walking down the
- * mip chain; mip holds value first, then each coarser level: 4n/3 numbers. */
-uint32_t prt_screen_mip_sample(const float *mip, uint32_t n, float u);
+/* Adds picture n (0: the first, which is copied) of n_point points to a running mean in which
+ * picture k weighs k + 1, since the first ones are coarser: mean += 2/(n+2) (picture - mean)
+ * (METHODS §6). Returns the norm of the change as a share of the mean's: 0 for the first
+ * picture, < 0 where the mean is black. Thread-safe for different means. */
+double prt_screen_mean_add(uint32_t n, size_t n_point, const float (*picture)[3],
+                           float (*mean)[3]);
 
 #ifdef __cplusplus
 }

@@ -106,6 +106,16 @@ static int look(struct stage *s, uint32_t w, uint32_t h, float share)
     return s->radiance ? PRT_OK : PRT_NOMEM;
 }
 
+static struct prt_screen_input input_of(const struct stage *s,
+                                        const struct prt_screen_light *light)
+{
+    return (struct prt_screen_input){.visibility = s->vis,
+                                     .material = &s->material,
+                                     .cube = s->cube,
+                                     .n_extra = !s->cube,
+                                     .extra = light};
+}
+
 // A new light each time: from above in front, walking round.
 static struct prt_screen_light next_light(struct stage *s)
 {
@@ -126,8 +136,9 @@ static int one_image(void *arg)
     struct prt_screen_light light = next_light(s);
     struct prt_shade shade = plain_shade(s);
     struct prt_image image;
-    int status = prt_screen_image(&s->env->ctx, s->screen, s->vis, &s->material, s->cube,
-                                  !s->cube, &light, &s->options, &shade, &image, &s->report);
+    struct prt_screen_input input = input_of(s, &light);
+    int status = prt_screen_image(&s->env->ctx, s->screen, &input, &s->options, &shade, &image,
+                                  &s->report);
     if (!status) prt_image_finish(&image);
     return status;
 }
@@ -161,8 +172,9 @@ static int time_engine(struct stage *s, const char *figure, const char *medium, 
     struct prt_screen_options measured = s->options;
     measured.measure_error = true;
     struct prt_screen_light light = next_light(s);
-    status = prt_screen_radiance(&s->env->ctx, s->screen, s->vis, &s->material, s->cube,
-                                 !s->cube, &light, &measured, s->radiance, &s->report);
+    struct prt_screen_input input = input_of(s, &light);
+    status = prt_screen_radiance(&s->env->ctx, s->screen, &input, &measured, s->radiance,
+                                 &s->report);
     if (status) return status;
     bench_begin(s->env, figure);
     bench_text("engine", prt_screen_engine_name(s->options.engine));
@@ -251,16 +263,16 @@ static int convergence(struct stage *s, const char *medium, unsigned engines)
     if (!exact) return PRT_NOMEM;
     struct prt_screen_options options = {.engine = PRT_SCREEN_REFERENCE,
                                          .n_sample = s->env->quick ? 20000 : 400000};
-    status = prt_screen_radiance(&s->env->ctx, s->screen, s->vis, &s->material, s->cube,
-                                 !s->cube, &light, &options, exact, NULL);
+    struct prt_screen_input input = input_of(s, &light);
+    status = prt_screen_radiance(&s->env->ctx, s->screen, &input, &options, exact, NULL);
     for (size_t k = 0; k < sizeof row / sizeof *row && !status; k++) {
         for (int i = 0; engines >> k & 1 && i < 5 && !status; i++) {
             struct prt_screen_report report;
             options =
                 (struct prt_screen_options){.engine = row[k].engine, .n_sample = row[k].n[i]};
             double t0 = prt_time_s();
-            status = prt_screen_radiance(&s->env->ctx, s->screen, s->vis, &s->material, s->cube,
-                                         !s->cube, &light, &options, s->radiance, &report);
+            status = prt_screen_radiance(&s->env->ctx, s->screen, &input, &options, s->radiance,
+                                         &report);
             if (!status)
                 say_error(s, &row[k], i, medium, &report, (const float(*)[3])exact,
                           (prt_time_s() - t0) * 1e3);
@@ -378,40 +390,54 @@ static int texture_lights(struct stage *s)
     return status;
 }
 
-// The running mean of frames goes to the reference.
+// One engine's running mean against the reference, after 1, 4, 16 and 64 pictures.
+static int mean_of(struct stage *s, const struct prt_screen_input *input,
+                   struct prt_screen_options options, const float (*exact)[3], float (*mean)[3])
+{
+    for (uint32_t k = 0; k < (s->env->quick ? 4 : 64); k++) {
+        struct prt_screen_report report;
+        options.frame = k;
+        int status =
+            prt_screen_radiance(&s->env->ctx, s->screen, input, &options, s->radiance, &report);
+        if (status) return status;
+        prt_screen_mean_add(k, s->g.n_point, (const float(*)[3])s->radiance, mean);
+        if (k != 0 && k != 3 && k != 15 && k != 63) continue;
+        double tone;
+        bench_begin(s->env, "screen_progress");
+        bench_text("engine", prt_screen_engine_name(options.engine));
+        bench_number("frames", k + 1);
+        bench_number("samples", report.n_sample);
+        bench_number("relative_rmse",
+                     relative((const float(*)[3])mean, exact, s->g.n_point, &tone));
+        bench_end();
+    }
+    return PRT_OK;
+}
+
+// Running means of every engine.
 static int progress(struct stage *s)
 {
+    static const uint32_t count[4] = {128, 64, 900, 900};
     int status = prt_material_load(&s->env->ctx, "marble", &s->material);
     uint32_t side = s->env->quick ? 48 : 256;
     if (!status) status = look(s, side, side, 0.9f);
+    if (status) return status;
+    struct prt_screen_light light = {{0.4f, 0.5f, 0.75f}, {5, 5, 5}, false};
+    struct prt_screen_input input = input_of(s, &light);
+    struct prt_screen_options options = {.engine = PRT_SCREEN_REFERENCE,
+                                         .n_sample = s->env->quick ? 20000 : 400000};
+    float(*exact)[3] = prt_alloc((size_t)s->g.n_point + 1, sizeof *exact);
+    float(*mean)[3] = prt_alloc((size_t)s->g.n_point + 1, sizeof *mean);
+    status = exact && mean ? PRT_OK : PRT_NOMEM;
+    if (!status)
+        status = prt_screen_radiance(&s->env->ctx, s->screen, &input, &options, exact, NULL);
     for (int e = 0; e < 4 && !status; e++) {
-        struct prt_screen_options options = {.engine = (enum prt_screen_engine)e,
-                                             .n_sample = 64};
-        struct prt_screen_light light = {{0.4f, 0.5f, 0.75f}, {5, 5, 5}, false};
-        struct prt_screen_progress *p;
-        struct prt_shade shade = plain_shade(s);
-        status = prt_screen_progress_create(&s->env->ctx, s->screen, s->vis, &p);
-        if (status) return status;
-        if (e == PRT_SCREEN_TEXTURE || e == PRT_SCREEN_HYBRID) options.n_sample = 900;
-        if (e == PRT_SCREEN_SPLAT) options.n_sample = 128;
-        for (unsigned k = 1; k <= (s->env->quick ? 4 : 64) && !status; k++) {
-            struct prt_screen_report report;
-            struct prt_image image;
-            options.measure_error = !(k & (k - 1)) && (k == 1 || k == 4 || k == 16 || k == 64);
-            status = prt_screen_progress_image(&s->env->ctx, p, &s->material, NULL, 1, &light,
-                                               &options, &shade, &image, &report);
-            if (status) break;
-            prt_image_finish(&image);
-            if (!options.measure_error) continue;
-            bench_begin(s->env, "screen_progress");
-            bench_text("engine", prt_screen_engine_name(options.engine));
-            bench_number("frames", k);
-            bench_number("samples", report.n_sample);
-            bench_number("relative_rmse", report.error);
-            bench_end();
-        }
-        prt_screen_progress_destroy(p);
+        options = (struct prt_screen_options){.engine = (enum prt_screen_engine)e,
+                                              .n_sample = count[e]};
+        status = mean_of(s, &input, options, (const float(*)[3])exact, mean);
     }
+    prt_free(exact);
+    prt_free(mean);
     return status;
 }
 
@@ -421,14 +447,15 @@ static int budget(struct stage *s)
     static const double budget_ms[] = {10, 20, 40, 80, 160};
     int status = prt_material_load(&s->env->ctx, "marble", &s->material);
     if (!status) status = look(s, 512, 512, 0.9f);
+    struct prt_screen_light light = next_light(s);
+    struct prt_screen_input input = input_of(s, &light);
     for (int e = 0; e < 4 && !status; e++) {
         for (int k = 0; k < 5 && !status; k++) {
             struct prt_screen_plan plan;
             struct prt_screen_options options = {0};
             struct bench_time t;
-            status = prt_screen_plan(&s->env->ctx, s->screen, s->vis, &s->material,
-                                     (enum prt_screen_engine)e, false, 0, budget_ms[k],
-                                     &options, &plan);
+            status = prt_screen_plan(&s->env->ctx, s->screen, &input, (enum prt_screen_engine)e,
+                                     budget_ms[k], &options, &plan);
             s->options = options;
             if (!status) status = bench_measure(s->env, one_image, s, &t);
             s->options.measure_error = true;

@@ -39,20 +39,18 @@ static void end_job(struct screen_job *job)
 // The engine with the least expected error; the one before it stays unless it does much worse:
 // each has an error of its own, and pictures of one view are not to jump between them.
 static int choose_engine(const struct prt_context *ctx, const struct screen_job *job,
-                         const struct prt_material *material, double budget,
+                         const struct prt_screen_input *input, double budget,
                          struct prt_screen_options *o)
 {
     static const double worse = 1.5;
-    const struct prt_visibility *seen = job->seen->value;
     struct screen_slot *slot = job->slot;
     struct prt_screen_plan best, last;
     struct prt_screen_options own = *o;
-    int status =
-        prt_screen_choose(ctx, slot->screen, seen, material, true, 0, budget, o, &best);
+    int status = prt_screen_choose(ctx, slot->screen, input, budget, o, &best);
     if (!status && slot->engine && (int)best.engine + 1 != slot->engine) {
-        status = prt_screen_plan(ctx, slot->screen, seen, material,
-                                 (enum prt_screen_engine)(slot->engine - 1), true, 0, budget,
-                                 &own, &last);
+        status =
+            prt_screen_plan(ctx, slot->screen, input,
+                            (enum prt_screen_engine)(slot->engine - 1), budget, &own, &last);
         if (!status && last.expected_error < worse * best.expected_error &&
             last.expected_ms < worse * fmax(budget, best.expected_ms))
             *o = own;
@@ -63,21 +61,19 @@ static int choose_engine(const struct prt_context *ctx, const struct screen_job 
 
 // Engine and samples: as they are told, or what the time buys with the least expected error.
 static int choose(const struct prt_context *ctx, const struct screen_job *job,
-                  const struct prt_material *material, struct prt_screen_options *o)
+                  const struct prt_screen_input *input, struct prt_screen_options *o)
 {
     const struct screen_query *q = &job->query;
-    const struct prt_visibility *seen = job->seen->value;
     if (q->n_sample) {
         o->engine = (enum prt_screen_engine)q->engine;
         o->n_sample = q->n_sample;
         return PRT_OK;
     }
     double budget = q->budget_ms > 0 ? (double)q->budget_ms : DEFAULT_MS;
-    if (q->engine < 0) return choose_engine(ctx, job, material, budget, o);
+    if (q->engine < 0) return choose_engine(ctx, job, input, budget, o);
     o->engine = (enum prt_screen_engine)q->engine;
     if (!(q->budget_ms > 0)) return PRT_OK; // the engine's own count
-    return prt_screen_plan(ctx, job->slot->screen, seen, material, o->engine, true, 0, budget,
-                           o, NULL);
+    return prt_screen_plan(ctx, job->slot->screen, input, o->engine, budget, o, NULL);
 }
 
 // A value that is not finite would spread over the whole running mean.
@@ -101,7 +97,10 @@ static int run_job(struct work *work, const struct prt_context *shared)
     own.progress_user = job;
     struct shape *shape = job->shape->value;
     const struct screen_query *q = &job->query;
-    const struct prt_material *material = q->has_material ? &q->material : shape->material;
+    struct prt_screen_input input = {.visibility = job->seen->value,
+                                     .material =
+                                         q->has_material ? &q->material : shape->material,
+                                     .cube = job->light->value};
     const struct prt_scene *scene;
     struct prt_gbuffer g;
     double start = prt_time_s();
@@ -118,11 +117,10 @@ static int run_job(struct work *work, const struct prt_context *shared)
     options.sigma_a_map = job->map[0] ? job->map[0]->value : NULL;
     options.normal_map = job->map[1] ? job->map[1]->value : NULL;
     options.bump_map = job->map[2] ? job->map[2]->value : NULL;
-    if (!status) status = choose(ctx, job, material, &options);
+    if (!status) status = choose(ctx, job, &input, &options);
     if (!status) status = prt_progress(ctx, "screen", 0);
     if (!status)
-        status = prt_screen_radiance(ctx, job->slot->screen, job->seen->value, material,
-                                     job->light->value, 0, NULL, &options, job->answer->rgb,
+        status = prt_screen_radiance(ctx, job->slot->screen, &input, &options, job->answer->rgb,
                                      &job->answer->report);
     if (!status) mend(job->answer->rgb, g.n_point);
     job->ms = (float)((prt_time_s() - start) * 1e3);
@@ -255,8 +253,8 @@ double refinement_error(const struct refinement *r)
                                            : e;
 }
 
-// Frame k weighs k + 1, as in prt_screen_progress: the first ones are coarser. The newest moves
-// the mean by 2 / (k + 1) of its own error, and the mean is off by 2 / sqrt(3 k) of that.
+// The newest picture k moves the mean by 2 / (k + 1) of its own error, and the mean is off by
+// 2 / sqrt(3 k) of that.
 int refinement_add(struct refinement *r, const struct screen_answer *a)
 {
     enum { LEAST = 32, MOST = 256 }; // engines take finer steps at the first few
@@ -271,20 +269,13 @@ int refinement_add(struct refinement *r, const struct screen_answer *a)
         r->n_sample = a->report.n_asked;
         r->expected_error = a->report.expected_error;
     }
-    double moved = 0, all = 0;
-    float share = 2 / (float)(r->n_mean + 2);
-    for (uint32_t i = 0; i < a->n_point; i++)
-        for (int c = 0; c < 3; c++) {
-            float *m = &r->mean[i][c], step = first ? 0 : share * (a->rgb[i][c] - *m);
-            *m = first ? a->rgb[i][c] : *m + step;
-            moved += (double)step * step;
-            all += (double)*m * *m;
-        }
+    double change =
+        prt_screen_mean_add(r->n_mean, a->n_point, (const float(*)[3])a->rgb, r->mean);
     r->n_point = a->n_point;
     r->n_frame++;
     r->n_mean++;
-    double left = all > 0 ? sqrt(moved / all * r->n_mean / 3) : 0;
-    r->converged =
-        !(all > 0) || r->n_mean >= MOST || (r->n_mean >= LEAST && left < close_enough);
+    double left = change * sqrt(r->n_mean / 3.0);
+    bool black = change < 0;
+    r->converged = black || r->n_mean >= MOST || (r->n_mean >= LEAST && left < close_enough);
     return PRT_OK;
 }

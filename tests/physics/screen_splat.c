@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: MIT
+// screen/: S09's splat radius.
+#include "screen_stage.h"
+
+// Law (S09 eq 4, with the closed form of METHODS §1): the share of light beyond r_max is
+// epsilon, tail(r_max) = epsilon rho_d, for the channel that reaches furthest and less for the
+// others.
+static void radius_leaves_epsilon_outside(void **state)
+{
+    struct model model;
+    model_init(&model, 2000, 4000);
+    add_sphere(&model, (float[3]){0, 0, 0}, 10, 12);
+    struct prt_camera camera = {.eye = {0, 0, 60}, .up = {0, 1, 0}, .fovy_deg = 24};
+    struct stage s;
+    stage_init(&s, &model, camera, 12, 12);
+    struct prt_material medium = marble;
+    for (int c = 0; c < 3; c++) medium.sigma_a[c] = 0.1f * (float)(c + 1);
+    static const float epsilon[4] = {0, 0.002f, 0.02f, 0.3f}; // 0: the default, 0.002
+    for (int k = 0; k < 4; k++) {
+        struct prt_screen_options options = {
+            .engine = PRT_SCREEN_SPLAT, .n_sample = 32, .epsilon = epsilon[k]};
+        struct prt_screen_report report;
+        free(render(&s, &medium, NULL, &from_front, options, &report));
+        double most = 0, share = k ? (double)epsilon[k] : 0.002;
+        for (int c = 0; c < 3; c++) {
+            struct prt_diffusion d;
+            prt_diffusion_init(&d, medium.sigma_s_prime[c], medium.sigma_a[c], medium.eta);
+            most = fmax(most, prt_diffusion_tail(&d, report.r_max_mm) / d.rho_d);
+        }
+        print_message("epsilon %.3f: r_max %.3f mm, tail %.5f of rho_d\n", share,
+                      (double)report.r_max_mm, most);
+        assert_float_equal(most / share, 1, 1e-4);
+    }
+    stage_finish(&s);
+    model_finish(&model);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(radius_leaves_epsilon_outside),
+    };
+    return run_physics_tests(tests, screen_setup, screen_teardown);
+}
