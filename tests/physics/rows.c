@@ -215,7 +215,7 @@ static void two_distances_stand_for_a_disc(void **state)
         printf("disc of %.2f at 1: mean %.6f, two distances %.6f, its centre %.6f\n", R, mean,
                two, point);
         expect_below("error of two distances over that of the centre",
-                     fabs(two - mean) / fabs(point - mean), 0.1);
+                     fabs(two - mean) / fabs(point - mean), 0.05);
     }
 }
 

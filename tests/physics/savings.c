@@ -80,8 +80,8 @@ static void known_directions_take_no_rays(void **state)
     printf("rays %.3f of all, rows differ by %.3f %%, %.0f %% of texels dark\n",
            (double)rays / (double)all, 100 * sqrt(error / sum), 100 * hidden / texels);
     expect_above("share of dark texels", hidden / texels, 0.52); // flutes hide each other
-    expect_below("rays over all rays", (double)rays / (double)all, 0.5);
-    expect_below("relative RMSE of the rows", sqrt(error / sum), 0.01);
+    expect_below("rays over all rays", (double)rays / (double)all, 0.25);
+    expect_below("relative RMSE of the rows", sqrt(error / sum), 0.0022);
     prt_free(every);
     prt_free(seen);
     prt_directions_destroy(d);
@@ -249,8 +249,8 @@ static void the_bytes_allowed_are_used(void **state)
         double error = sqrt((total - kept) / total);
         printf("budget %.0f: %.0f bytes, %.4f lost\n", budget[i], bytes, error);
         assert_true(bytes <= budget[i]);
-        if (i < 2) expect_near("bytes over the budget", bytes / budget[i], 1, 0.01);
-        else expect_near("energy lost without a budget", error, 0.05, 0.001);
+        if (i < 2) expect_near("bytes over the budget", bytes / budget[i], 1, 0.005);
+        else expect_near("energy lost without a budget", error, 0.05, 1e-4);
         prt_tensor_finish(&t);
     }
     for (uint32_t c = 0; c < CLUSTERS; c++) prt_factored_finish(&f[c]);
