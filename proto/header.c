@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Headers on the wire, before they are unpacked: how much they would take, and whether their
-// strings are text. One walk over protobuf's encoding, led by the generated descriptors.
+// Checks of a header before it is unpacked: the memory that it would take, and valid UTF-8 in
+// its strings. One pass over the protobuf encoding, along the generated descriptors.
 #include "frame.h"
 
 #include "relight.pb-c.h"
@@ -8,7 +8,8 @@
 #include <stdio.h>
 #include <string.h>
 
-// What protobuf-c allocates beside the bytes themselves: malloc's own, a pointer in an array.
+// Bytes that protobuf-c allocates for each message or string beside its contents: the header of
+// malloc and a pointer in an array.
 enum { ALLOCATION = 32 };
 
 struct walk {

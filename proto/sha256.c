@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // SHA-256 (FIPS 180-4): the content address of blobs. Cryptographic, because clients that do
-// not trust each other share one store; uses the processor's SHA instructions where they are.
+// not trust each other share one store. Uses the SHA instructions of the processor if it has
+// them.
 #include "frame.h"
 
 #include <string.h>

@@ -1,17 +1,20 @@
 /* SPDX-License-Identifier: MIT */
-/* cli.h: what the files of the relight program share. */
+/* cli.h declares the functions and types that the files of the relight program share. */
 #ifndef RELIGHT_CLI_H
 #define RELIGHT_CLI_H
 
 #include "relight/relight.h"
+#include "vertex_file.h"
 
 #include <cjson/cJSON.h>
+#include <stdio.h>
 
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_UNREACHABLE = 3, MAX_WORDS = 16 };
 
 /* Every option of every command; a command's table says which it takes. */
 struct options {
     const char *server, *token;
+    char *own_token; /* copy of --token, owned */
     double timeout_s;
     bool json;
     const char *command, *target, *output; /* target: ID, MODEL, JOB or FILE */
@@ -48,6 +51,14 @@ void options_finish(struct options *options);
 int report_error(const struct options *options, const struct relight_error *error);
 int report_usage(const struct options *options, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
+/* Text of the daemon for a terminal, where an escape sequence in a name could rewrite the
+ * screen: control characters become \xNN. print_text prints all of it; escape() keeps what
+ * fits. */
+struct escaped {
+    char text[512];
+};
+struct escaped escape(const char *text);
+void print_text(FILE *file, const char *text);
 void print_json(cJSON *json); /* one line on stdout; deletes it */
 /* Numbers with the digits that a float has. */
 void add_float(cJSON *json, const char *key, double x);
@@ -58,20 +69,16 @@ void progress_clear(void);
 
 /* output.c: files, written to a temporary file that is renamed. 0 or EXIT_FAILED, reported. */
 int write_file(const struct options *options, const char *path, const void *bytes, size_t n);
-enum output_kind {
-    OUTPUT_UNKNOWN,
-    OUTPUT_CSV,
-    OUTPUT_NPY,
-    OUTPUT_PLY,
-    OUTPUT_GLB,
-    OUTPUT_PNG,
-    OUTPUT_JPG,
-    OUTPUT_EXR
-};
-enum output_kind output_kind(const char *path); /* by its suffix */
-/* Reads a .npy of little-endian f32 [n][3]; *out is malloc()ed. 0 or EXIT_FAILED, reported. */
+/* Finds the image format that the ending of `path` names; false for any other and for NULL. */
+bool picture_format(const char *path, enum relight_image_format *out);
+/* The usage error of an -o whose ending is none of `others` ("" or ".csv, ") and of pictures.
+ */
+int picture_usage(const struct options *options, const char *others);
+/* Reads a .npy of little-endian f32 or f64 [n][3]; *out is malloc()ed. 0 or EXIT_FAILED,
+ * reported. */
 int read_npy(const struct options *options, const char *path, uint32_t *n, float **out);
-/* rgb [n][3] or NULL; geometry may be NULL for CSV and NPY. */
+/* Writes rgb [n][3] or NULL, in the format of the path's ending; for CSV and NPY of colours
+ * geometry may be empty. 0 or EXIT_FAILED, reported. */
 int write_vertices(const struct options *options, const char *path, uint32_t n,
                    const float *rgb, const struct relight_geometry *geometry);
 

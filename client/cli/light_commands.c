@@ -53,7 +53,7 @@ static int get_lights(struct relight_client *client, struct options *o,
     return EXIT_DONE;
 }
 
-// Uploads what --albedo-map, --normal-map and --bump-map name.
+// Uploads the files of --albedo-map, --normal-map and --bump-map.
 static int get_maps(struct relight_client *client, struct options *o)
 {
     struct relight_error error;
@@ -95,7 +95,7 @@ static void print_cost(const char *what, const char *path, const struct relight_
         printf(", error %s%.2g %%", cost->samples ? "about " : "",
                100 * (double)cost->error_bound);
     putchar('\n');
-    if (*cost->note) fprintf(stderr, "relight: %s\n", cost->note);
+    if (*cost->note) fprintf(stderr, "relight: %s\n", escape(cost->note).text);
 }
 
 static int save_colors(struct relight_client *client, struct options *o,
@@ -103,8 +103,7 @@ static int save_colors(struct relight_client *client, struct options *o,
 {
     struct relight_error error;
     struct relight_geometry geometry = {0};
-    enum output_kind kind = output_kind(o->output);
-    bool solid = kind == OUTPUT_PLY || kind == OUTPUT_GLB;
+    bool solid = prt_vertex_format_has_mesh(prt_vertex_format_of(o->output));
     if (solid && relight_geometry(client, o->target, true, &geometry, &error))
         return report_error(o, &error);
     float *rgb = malloc(((size_t)colors->n_vertex + 1) * 12);
@@ -126,23 +125,13 @@ static int save_colors(struct relight_client *client, struct options *o,
     return status;
 }
 
-static bool is_vertices(enum output_kind kind)
-{
-    return kind == OUTPUT_CSV || kind == OUTPUT_NPY || kind == OUTPUT_PLY || kind == OUTPUT_GLB;
-}
-
-static bool is_picture(enum output_kind kind)
-{
-    return kind == OUTPUT_PNG || kind == OUTPUT_JPG || kind == OUTPUT_EXR;
-}
-
 int run_colors(struct relight_client *client, struct options *o)
 {
     struct relight_error error;
     struct relight_light lights[MAX_WORDS];
     char names[MAX_WORDS][80];
     struct relight_colors colors;
-    if (!is_vertices(output_kind(o->output)))
+    if (prt_vertex_format_of(o->output) == PRT_VERTEX_NONE)
         return report_usage(o, "-o FILE has to end in .csv, .npy, .ply or .glb");
     int status = get_lights(client, o, lights, names);
     if (status) return status;
@@ -176,11 +165,7 @@ int run_image(struct relight_client *client, struct options *o)
     struct relight_light lights[MAX_WORDS];
     char names[MAX_WORDS][80];
     struct relight_image image;
-    enum output_kind kind = output_kind(o->output);
-    if (!is_picture(kind)) return report_usage(o, "-o FILE has to end in .png, .jpg or .exr");
-    o->picture.format = kind == OUTPUT_PNG   ? RELIGHT_IMAGE_PNG
-                        : kind == OUTPUT_EXR ? RELIGHT_IMAGE_EXR
-                                             : RELIGHT_IMAGE_JPEG;
+    if (!picture_format(o->output, &o->picture.format)) return picture_usage(o, "");
     int status = get_lights(client, o, lights, names);
     if (!status) status = get_maps(client, o);
     if (status) return status;
@@ -217,19 +202,18 @@ int run_image(struct relight_client *client, struct options *o)
 int run_edit(struct relight_client *client, struct options *o)
 {
     if (!o->material) return report_usage(o, "--material is missing");
-    enum output_kind kind = output_kind(o->output);
-    if (!is_picture(kind) && !is_vertices(kind))
-        return report_usage(o,
-                            "-o FILE has to end in .png, .jpg, .exr, .csv, .npy, .ply or .glb");
-    return is_picture(kind) ? run_image(client, o) : run_colors(client, o);
+    bool vertices = prt_vertex_format_of(o->output) != PRT_VERTEX_NONE;
+    if (!vertices && !picture_format(o->output, &o->picture.format))
+        return picture_usage(o, ".csv, .npy, .ply, .glb, ");
+    return vertices ? run_colors(client, o) : run_image(client, o);
 }
 
 int run_geometry(struct relight_client *client, struct options *o)
 {
     struct relight_error error;
     struct relight_geometry geometry;
-    enum output_kind kind = output_kind(o->output);
-    if (kind != OUTPUT_PLY && kind != OUTPUT_GLB && kind != OUTPUT_NPY)
+    enum prt_vertex_format format = prt_vertex_format_of(o->output);
+    if (format == PRT_VERTEX_NONE || format == PRT_VERTEX_CSV)
         return report_usage(o, "-o FILE has to end in .ply, .glb or .npy");
     if (relight_geometry(client, o->target, o->own_units, &geometry, &error))
         return report_error(o, &error);

@@ -23,7 +23,8 @@ int run_ping(struct relight_client *client, struct options *options)
             cJSON_AddItemToArray(presets, cJSON_CreateString(server->preset[i]));
         print_json(json);
     } else {
-        printf("%s at %s answers in %.3f ms\n", server->name, server->address, seconds * 1e3);
+        printf("%s at %s answers in %.3f ms\n", escape(server->name).text, server->address,
+               seconds * 1e3);
     }
     return EXIT_DONE;
 }
@@ -90,11 +91,12 @@ int run_models(struct relight_client *client, struct options *options)
             char state[32];
             snprintf(state, sizeof state, m->state == RELIGHT_MODEL_BAKING ? "%s %.0f%%" : "%s",
                      relight_model_state_name(m->state), 100 * m->fraction);
-            printf("%-18.16s %-9s %10u %9.1f  %s\n", m->id, state, m->n_vertex,
-                   (double)m->bytes * 1e-6, m->name);
+            printf("%-18.16s %-9s %10u %9.1f  %s\n", escape(m->id).text, state, m->n_vertex,
+                   (double)m->bytes * 1e-6, escape(m->name).text);
         }
         for (size_t i = 0; i < list.n_file; i++)
-            printf("%12llu  %s\n", (unsigned long long)list.file_bytes[i], list.file[i]);
+            printf("%12llu  %s\n", (unsigned long long)list.file_bytes[i],
+                   escape(list.file[i]).text);
     }
     relight_list_finish(&list);
     return EXIT_DONE;
@@ -103,7 +105,15 @@ int run_models(struct relight_client *client, struct options *options)
 static void print_block(const struct relight_block *b)
 {
     printf("  block: object %u, %u vertices, %u triangles, %s %s\n", b->object, b->n_vertex,
-           b->n_triangle, b->translucent ? "translucent" : "opaque", b->surface);
+           b->n_triangle, b->translucent ? "translucent" : "opaque", escape(b->surface).text);
+}
+
+static void print_line(const char *label, const char *text)
+{
+    if (!*text) return;
+    printf("  %s: ", label);
+    print_text(stdout, text);
+    putchar('\n');
 }
 
 int run_info(struct relight_client *client, struct options *options)
@@ -134,10 +144,11 @@ int run_info(struct relight_client *client, struct options *options)
         }
         print_json(json);
     } else {
-        printf("%s  %s\n  state: %s", m.id, m.name, relight_model_state_name(m.state));
+        printf("%s  %s\n  state: %s", escape(m.id).text, escape(m.name).text,
+               relight_model_state_name(m.state));
         if (m.state == RELIGHT_MODEL_BAKING)
-            printf(" (%.0f %%, job %s)", 100 * m.fraction, m.job);
-        if (*m.failure) printf(": %s", m.failure);
+            printf(" (%.0f %%, job %s)", 100 * m.fraction, escape(m.job).text);
+        if (*m.failure) printf(": %s", escape(m.failure).text);
         if (m.stale) printf(", stale: vertices moved since the bake");
         printf("\n  geometry: %u vertices, %u triangles, %u objects, %.6g mm a unit, "
                "%.4g x %.4g x %.4g mm\n",
@@ -147,16 +158,16 @@ int run_info(struct relight_client *client, struct options *options)
         if (*m.engine)
             printf(
                 "  transport: %s %s, 6x%ux%u, %.2f MB (%.1f bytes a vertex), %.2f MB in memory\n",
-                m.storage, m.engine, m.cube, m.cube, (double)m.bytes * 1e-6,
-                m.n_vertex ? (double)m.bytes / m.n_vertex : 0.0,
+                escape(m.storage).text, escape(m.engine).text, m.cube, m.cube,
+                (double)m.bytes * 1e-6, m.n_vertex ? (double)m.bytes / m.n_vertex : 0.0,
                 (double)m.resident_bytes * 1e-6);
         if (m.error_bound > 0)
             printf("  measured relative RMSE: %.3g %%\n", 100 * m.error_bound);
-        if (*m.material) printf("  material: %s\n", m.material);
-        if (*m.settings) printf("  settings: %s\n", m.settings);
-        if (*m.errors) printf("  errors: %s\n", m.errors);
+        print_line("material", m.material);
+        print_line("settings", m.settings);
+        print_line("errors", m.errors);
         for (size_t i = 0; i < m.n_block; i++) print_block(m.block + i);
-        for (size_t i = 0; i < m.n_warning; i++) printf("  warning: %s\n", m.warning[i]);
+        for (size_t i = 0; i < m.n_warning; i++) print_line("warning", m.warning[i]);
     }
     relight_model_finish(&m);
     return EXIT_DONE;
@@ -170,7 +181,7 @@ int run_load(struct relight_client *client, struct options *options)
     char env[80];
     if (load->size_mm > 0 && load->mm_per_unit > 0)
         return report_usage(options, "--size-mm and --mm-per-unit exclude each other");
-    // glTF files are in metres; these have no unit, and a bake would only fail later.
+    // OBJ and PLY have no unit of length: refused here, before the upload.
     const char *dot = strrchr(options->target, '.');
     bool unitless = dot && (!strcasecmp(dot, ".obj") || !strcasecmp(dot, ".ply"));
     if (unitless && !(load->size_mm > 0) && !(load->mm_per_unit > 0))
@@ -201,7 +212,7 @@ int run_load(struct relight_client *client, struct options *options)
     if (status) return report_error(options, &error);
     progress_clear();
     for (size_t i = 0; i < loaded.n_warning; i++)
-        fprintf(stderr, "relight: %s\n", loaded.warning[i]);
+        fprintf(stderr, "relight: %s\n", escape(loaded.warning[i]).text);
     if (options->wait && *loaded.job) {
         status = relight_watch(client, loaded.job, progress_bar, NULL, &error);
         progress_clear();
@@ -214,8 +225,9 @@ int run_load(struct relight_client *client, struct options *options)
         if (*loaded.job) cJSON_AddStringToObject(json, "job", loaded.job);
         print_json(json);
     } else if (!status) {
-        printf("%s %s%s%s\n", loaded.model, relight_model_state_name(loaded.state),
-               *loaded.job && !options->wait ? " job " : "", options->wait ? "" : loaded.job);
+        printf("%s %s%s%s\n", escape(loaded.model).text, relight_model_state_name(loaded.state),
+               *loaded.job && !options->wait ? " job " : "",
+               options->wait ? "" : escape(loaded.job).text);
     }
     relight_loaded_finish(&loaded);
     return status ? report_error(options, &error) : EXIT_DONE;
@@ -324,7 +336,7 @@ int run_stats(struct relight_client *client, struct options *options)
     for (size_t i = 0; i < stats.n_metric; i++) {
         if (options->json)
             cJSON_AddNumberToObject(json, stats.metric[i].name, stats.metric[i].value);
-        else printf("%-44s %.15g\n", stats.metric[i].name, stats.metric[i].value);
+        else printf("%-44s %.15g\n", escape(stats.metric[i].name).text, stats.metric[i].value);
     }
     if (options->json) print_json(json);
     else cJSON_Delete(json);

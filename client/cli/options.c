@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The command table and its options. One table of options yields the parsers and --help.
+// The commands and their options. One table of options yields the parsers and --help.
 #include "cli.h"
 
 #include <argp.h>
@@ -12,94 +12,149 @@
 
 const char *argp_program_version = "relight " RELIGHT_VERSION;
 
-// Keys. Each command lists the ones it takes as a string of these letters.
-static const struct {
+// The type of an option's value. A plain one is stored at `field`; the others have a case in
+// set_special.
+enum kind {
+    FLAG,  // bool
+    TEXT,  // const char *
+    REAL,  // float in [low, high]
+    WHOLE, // uint32_t in [low, high]
+    WORD,  // enum: `first` + index in `words`
+    SPECIAL,
+};
+
+static const char *const terms[] = {"total", "irradiance", "multiple", "single", NULL};
+static const char *const engines[] = {"default", "reference", "wavelet", "polynomial", "joint",
+                                      "splat",   "tangent",   "texture", "hybrid",     NULL};
+static const char *const color_formats[] = {"f32", "f16", "rgb9e5", "srgb8", NULL};
+static const char *const tones[] = {"filmic", "reinhard", "none", NULL};
+static const char *const transports[] = {"wavelet", "polynomial", "joint", NULL};
+static const char *const storages[] = {"factored", "sparse", NULL};
+static const char *const sample_counts[] = {"1", "2", "4", "8", NULL}; // of a pixel
+
+// The words are in the order of the enums.
+_Static_assert(RELIGHT_TERM_TOTAL == 0 && RELIGHT_TERM_SINGLE == 3, "terms");
+_Static_assert(RELIGHT_ENGINE_HYBRID == 8, "engines");
+_Static_assert(RELIGHT_COLOR_F32 == 0 && RELIGHT_COLOR_SRGB8 == 3, "formats of colours");
+_Static_assert(RELIGHT_TONE_NONE == 2, "tones");
+_Static_assert(RELIGHT_TRANSPORT_WAVELET == 1 && RELIGHT_TRANSPORT_JOINT == 3, "transports");
+_Static_assert(RELIGHT_STORAGE_FACTORED == 1 && RELIGHT_STORAGE_SPARSE == 2, "storages");
+
+#define AT(member) offsetof(struct options, member)
+
+// Each command lists the keys of the options that it takes.
+static const struct row {
     char key;
-    struct argp_option option;
+    const char *name, *label;
+    enum kind kind;
+    size_t field;
+    double low, high;
+    const char *const *words;
+    int first;
+    const char *help;
 } table[] = {
-    {'s',
-     {"server", 's', "ADDR", 0,
-      "tcp:HOST:PORT or unix:PATH (default: $RELIGHT_SERVER, "
-      "unix:$XDG_RUNTIME_DIR/relightd.sock, tcp:127.0.0.1:7413)",
-      0}},
-    {'T', {"timeout", 'T', "SECONDS", 0, "give up after this long (default: wait)", 0}},
-    {'k',
-     {"token", 'k', "TOKEN", 0, "for a daemon that wants one (default: $RELIGHT_TOKEN)", 0}},
-    {'j', {"json", 'j', NULL, 0, "answer in JSON", 0}},
-    {'o', {"output", 'o', "FILE", 0, "the answer goes here; its suffix tells the format", 0}},
-    {'e',
-     {"env", 'e', "ENV", 0,
-      "an image file, env:HASH, constant or constant:R,G,B; lights of "
-      "several --env add up",
-      0}},
-    {'r',
-     {"rotate", 'r', "DEG", 0,
-      "turn the light counter-clockwise about +y; the n-th belongs "
-      "to the n-th --env, a single one to all",
-      0}},
-    {'G', {"gain", 'G', "X|R,G,B", 0, "multiplies the n-th light", 0}},
-    {'t', {"term", 't', "TERM", 0, "irradiance, multiple, single or total (default)", 0}},
-    {'E', {"eye", 'E', "X,Y,Z", 0, "eye of view-dependent terms, in the model's units", 0}},
-    {'m', {"material", 'm', "NAME|FILE", 0, "a preset's name, a JSON file or JSON text", 0}},
-    {'g',
-     {"engine", 'g', "ENGINE", 0,
-      "reference, wavelet, polynomial, joint, splat, tangent, "
-      "texture or hybrid (default: what the model was baked for)",
-      0}},
-    {'X',
-     {"max-error", 'X', "X", 0,
-      "load: error target of the bake; else refuse an answer whose "
-      "measured error bound is larger",
-      0}},
-    {'b', {"budget-ms", 'b', "MS", 0, "time the image-space engines aim for", 0}},
-    {'Y',
-     {"albedo-map", 'Y', "FILE", 0,
-      "an image over the model's uv whose colours multiply the "
-      "medium's reflectance; pictures by image-space engines",
-      0}},
-    {'y',
-     {"normal-map", 'y', "FILE", 0,
-      "the same of tangent-space normals, for the light that "
-      "falls in",
-      0}},
-    {'J', {"bump-map", 'J', "FILE", 0, "the same of heights", 0}},
-    {'W', {"bump-mm", 'W', "H", 0, "height of a bump map's white (default 0.5)", 0}},
-    {'f',
-     {"format", 'f', "FORMAT", 0, "colours travel as f32 (default), f16, rgb9e5 or srgb8", 0}},
-    {'c',
-     {"camera", 'c', "CAMERA", 0,
-      "EYE:TARGET[:UP][:FOVY] as x,y,z:x,y,z:x,y,z:deg "
-      "(default: frames the model)",
-      0}},
-    {'z', {"size", 'z', "WxH", 0, "pixels, up to 4096x4096 (default 800x600)", 0}},
-    {'q', {"quality", 'q', "1..100", 0, "of a JPEG (default 90)", 0}},
-    {'n', {"tone", 'n', "MAP", 0, "filmic (default), reinhard or none", 0}},
-    {'x', {"exposure", 'x', "STOPS", 0, "brighten by a factor 2^STOPS", 0}},
-    {'B', {"background", 'B', "R,G,B", 0, "plain background instead of the environment", 0}},
-    {'a', {"samples-per-pixel", 'a', "1|2|4|8", 0, "anti-aliasing (default 4)", 0}},
-    {'S', {"no-specular", 'S', NULL, 0, "leave reflections out", 0}},
-    {'D', {"size-mm", 'D', "D", 0, "diagonal of the model's bounding box in millimetres", 0}},
-    {'U', {"mm-per-unit", 'U', "X", 0, "millimetres in a unit of the model", 0}},
-    {'P', {"transport", 'P', "KIND", 0, "wavelet, polynomial or joint", 0}},
-    {'R', {"storage", 'R', "KIND", 0, "factored (default) or sparse", 0}},
-    {'N', {"samples", 'N', "N", 0, "irradiance samples of the bake", 0}},
-    {'C', {"cube", 'C', "N", 0, "size of the wavelet cubemap: 16, 32, 64 or 128", 0}},
-    {'K', {"coeffs", 'K', "N", 0, "sparse: coefficients a vertex", 0}},
-    {'A', {"rank", 'A', "R", 0, "factored: a fixed rank", 0}},
-    {'H', {"phase-terms", 'H', "1|4|9", 0, "terms of the phase function", 0}},
-    {'d', {"seed", 'd', "N", 0, "of the bake's random numbers", 0}},
-    {'O', {"opaque", 'O', "NAME", 0, "this material or node is opaque (may repeat)", 0}},
-    {'M', {"name", 'M', "NAME", 0, "what the list shows (default: the file's name)", 0}},
-    {'p', {"pin", 'p', NULL, 0, "never evict", 0}},
-    {'w', {"wait", 'w', NULL, 0, "return when the model is ready", 0}},
-    {'Z', {"remote", 'Z', NULL, 0, "MODEL is a path in the daemon's models folder", 0}},
-    {'V', {"preview", 'V', NULL, 0, "no bake: image-space engines answer at once", 0}},
-    {'i', {"positions", 'i', "FILE", 0, "a .npy of f32 [n][3]: where the vertices are now", 0}},
-    {'v', {"normals", 'v', "FILE", 0, "the same of normals (default: made anew)", 0}},
-    {'I', {"first", 'I', "N", 0, "the first vertex that moves (default 0)", 0}},
-    {'l', {"files", 'l', NULL, 0, "also list the loadable files of the daemon's folder", 0}},
-    {'F', {"forget", 'F', NULL, 0, "delete the bake as well", 0}},
-    {'u', {"own-units", 'u', NULL, 0, "positions in the model's units (default: mm)", 0}},
+    {'s', "server", "ADDR", TEXT, AT(server), 0, 0, NULL, 0,
+     "tcp:HOST:PORT or unix:PATH (default: $RELIGHT_SERVER, "
+     "unix:$XDG_RUNTIME_DIR/relightd.sock, tcp:127.0.0.1:7413)"},
+    {'T', "timeout", "SECONDS", SPECIAL, 0, 1e-3, 1e6, NULL, 0,
+     "fail after this time (default: wait)"},
+    {'k', "token", "TOKEN", SPECIAL, 0, 0, 0, NULL, 0,
+     "token for a daemon that requires one. Prefer $RELIGHT_TOKEN: other users of this machine can "
+     "see arguments until the program has overwritten them"},
+    {'j', "json", NULL, FLAG, AT(json), 0, 0, NULL, 0, "print the answer as JSON"},
+    {'o', "output", "FILE", TEXT, AT(output), 0, 0, NULL, 0,
+     "file to write; its ending chooses the format"},
+    {'e', "env", "ENV", SPECIAL, 0, 0, 0, NULL, 0,
+     "light: an image file, env:HASH, constant or constant:R,G,B; may repeat, the lights are "
+     "added"},
+    {'r', "rotate", "DEG", SPECIAL, 0, -1e6, 1e6, NULL, 0,
+     "turn the light counter-clockwise about +y, seen from above; one for every --env, or one for "
+     "all"},
+    {'G', "gain", "X|R,G,B", SPECIAL, 0, 0, 1e9, NULL, 0,
+     "multiply the light; one for every --env, or one for all"},
+    {'t', "term", "TERM", WORD, AT(shade.term), 0, 0, terms, 0,
+     "irradiance, multiple, single or total (default)"},
+    {'E', "eye", "X,Y,Z", SPECIAL, 0, 0, 0, NULL, 0,
+     "viewpoint of view-dependent terms, in the model's units"},
+    {'m', "material", "NAME|FILE", SPECIAL, 0, 0, 0, NULL, 0,
+     "a preset's name, a JSON file or JSON text"},
+    {'g', "engine", "ENGINE", WORD, AT(shade.engine), 0, 0, engines, 0,
+     "reference, wavelet, polynomial, joint, splat, tangent, texture or hybrid (default: the "
+     "transport of the bake)"},
+    {'X', "max-error", "X", SPECIAL, 0, 0, 1, NULL, 0,
+     "load: error target of the bake; other commands: refuse an answer whose measured error bound "
+     "is larger"},
+    {'b', "budget-ms", "MS", WHOLE, AT(shade.budget_ms), 1, 1e6, NULL, 0,
+     "image-space engines: time for one picture, in ms"},
+    {'Y', "albedo-map", "FILE", TEXT, AT(map[0]), 0, 0, NULL, 0,
+     "image-space engines: an image over the model's uv; its colours multiply the medium's "
+     "reflectance"},
+    {'y', "normal-map", "FILE", TEXT, AT(map[1]), 0, 0, NULL, 0,
+     "image-space engines: tangent-space normals over the model's uv; they change the incident "
+     "light"},
+    {'J', "bump-map", "FILE", TEXT, AT(map[2]), 0, 0, NULL, 0,
+     "image-space engines: heights over the model's uv; they change the incident light"},
+    {'W', "bump-mm", "H", REAL, AT(shade.bump_mm), 1e-6, 1e4, NULL, 0,
+     "height in mm of white in --bump-map (default 0.5)"},
+    {'f', "format", "FORMAT", WORD, AT(format), 0, 0, color_formats, 0,
+     "encoding of colours on the wire: f32 (default), f16, rgb9e5 or srgb8"},
+    {'c', "camera", "CAMERA", SPECIAL, 0, 0, 0, NULL, 0,
+     "EYE:TARGET[:UP][:FOVY] as x,y,z:x,y,z:x,y,z:degrees (default: frame the model)"},
+    {'z', "size", "WxH", SPECIAL, 0, 0, 0, NULL, 0,
+     "size in pixels, up to 4096x4096 (default 800x600)"},
+    {'q', "quality", "1..100", WHOLE, AT(picture.quality), 1, 100, NULL, 0,
+     "quality of a JPEG (default 90)"},
+    {'n', "tone", "MAP", WORD, AT(picture.tone), 0, 0, tones, 0,
+     "filmic (default), reinhard or none"},
+    {'x', "exposure", "STOPS", REAL, AT(picture.exposure_ev), -40, 40, NULL, 0,
+     "brighten by a factor 2^STOPS"},
+    {'B', "background", "R,G,B", SPECIAL, 0, 0, 0, NULL, 0,
+     "plain background in place of the environment"},
+    {'a', "samples-per-pixel", "1|2|4|8", SPECIAL, 0, 0, 0, sample_counts, 0,
+     "anti-aliasing (default 4)"},
+    {'S', "no-specular", NULL, FLAG, AT(picture.no_specular), 0, 0, NULL, 0,
+     "draw no specular reflection"},
+    {'D', "size-mm", "D", REAL, AT(load.size_mm), 1e-3, 1e6, NULL, 0,
+     "diagonal of the bounding box of the translucent objects, in mm"},
+    {'U', "mm-per-unit", "X", REAL, AT(load.mm_per_unit), 1e-6, 1e6, NULL, 0,
+     "millimetres in one unit of the model"},
+    {'P', "transport", "KIND", WORD, AT(load.bake.transport), 0, 0, transports,
+     RELIGHT_TRANSPORT_WAVELET, "wavelet, polynomial or joint"},
+    {'R', "storage", "KIND", WORD, AT(load.bake.storage), 0, 0, storages,
+     RELIGHT_STORAGE_FACTORED, "factored (default) or sparse"},
+    // The daemon checks the ranges of a bake's settings.
+    {'N', "samples", "N", WHOLE, AT(load.bake.samples), 1, UINT32_MAX, NULL, 0,
+     "irradiance samples on the surface"},
+    {'C', "cube", "N", WHOLE, AT(load.bake.cube), 1, UINT32_MAX, NULL, 0,
+     "resolution 6xNxN of the light: 16, 32, 64 or 128"},
+    {'K', "coeffs", "N", WHOLE, AT(load.bake.coeffs), 1, UINT32_MAX, NULL, 0,
+     "sparse: wavelet coefficients a vertex"},
+    {'A', "rank", "R", WHOLE, AT(load.bake.rank), 1, UINT32_MAX, NULL, 0,
+     "factored: dense numbers a vertex and term (default: chosen from --max-error)"},
+    {'H', "phase-terms", "1|4|9", WHOLE, AT(load.bake.phase_terms), 1, UINT32_MAX, NULL, 0,
+     "spherical-harmonic terms of the phase function"},
+    {'d', "seed", "N", SPECIAL, 0, 0, 0, NULL, 0, "seed of the bake's random numbers"},
+    {'O', "opaque", "NAME", SPECIAL, 0, 0, 0, NULL, 0,
+     "a material or node that is opaque; may repeat"},
+    {'M', "name", "NAME", TEXT, AT(load.name), 0, 0, NULL, 0,
+     "name of the model in the list (default: the file's name)"},
+    {'p', "pin", NULL, FLAG, AT(load.pin), 0, 0, NULL, 0, "never evict the model"},
+    {'w', "wait", NULL, FLAG, AT(wait), 0, 0, NULL, 0, "return when the model is ready"},
+    {'Z', "remote", NULL, FLAG, AT(remote), 0, 0, NULL, 0,
+     "MODEL is a path in the daemon's models folder"},
+    {'V', "preview", NULL, FLAG, AT(load.preview), 0, 0, NULL, 0,
+     "order no bake: image-space engines answer"},
+    {'i', "positions", "FILE", TEXT, AT(positions), 0, 0, NULL, 0,
+     "a .npy [n][3]: new positions of the vertices"},
+    {'v', "normals", "FILE", TEXT, AT(normals), 0, 0, NULL, 0,
+     "a .npy [n][3]: new normals (default: computed from the triangles)"},
+    {'I', "first", "N", WHOLE, AT(first), 0, UINT32_MAX, NULL, 0,
+     "the first vertex that moves (default 0)"},
+    {'l', "files", NULL, FLAG, AT(files), 0, 0, NULL, 0,
+     "also list the loadable files of the daemon's models folder"},
+    {'F', "forget", NULL, FLAG, AT(forget), 0, 0, NULL, 0, "delete the bake as well"},
+    {'u', "own-units", NULL, FLAG, AT(own_units), 0, 0, NULL, 0,
+     "positions in the model's units (default: mm)"},
 };
 enum { N_TABLE = sizeof table / sizeof *table };
 #define COMMON "sTkj"
@@ -108,7 +163,7 @@ enum { N_TABLE = sizeof table / sizeof *table };
 
 const struct command commands[] = {
     {"ping", "",
-     "Asks whether the daemon answers.\v"
+     "Measures the round trip to the daemon.\v"
      "Example:\n  relight -s unix:/run/relightd.sock ping",
      COMMON, false, run_ping},
     {"models", "",
@@ -116,35 +171,35 @@ const struct command commands[] = {
      "Examples:\n  relight models\n  relight models --files --json",
      COMMON "l", false, run_models},
     {"load", "MODEL",
-     "Hands a model to the daemon and starts its bake.\v"
+     "Loads a model into the daemon and starts its bake.\v"
      "MODEL is a local .glb, .gltf, .obj or .ply file, which is uploaded unless the daemon has it, "
-     "or a path in the daemon's models folder, where a .prt may lie too. Prints the model's id and "
+     "or a path in the daemon's models folder, which may also name a .prt. Prints the model's id and "
      "the bake's job.\n\n"
-     "Until the bake is ready, and with --preview for good, pictures come from the image-space "
-     "engines.\n\n"
+     "Image-space engines draw the model until the bake is ready; with --preview there is no "
+     "bake.\n\n"
      "Examples:\n  relight load bunny.obj --size-mm 50 --material marble --wait\n"
      "  relight load baked.prt --remote --name rabbit\n"
      "  relight load jade.glb --material jade.json --transport joint\n"
      "  relight load draft.glb --material marble --preview",
      COMMON "DUmPRNCKAHdXOMpwZerV", true, run_load},
     {"info", "ID",
-     "Tells all about a model: geometry, bake, measured error.\v"
+     "Prints a model's geometry, bake and measured error.\v"
      "Examples:\n  relight info bunny\n  relight info 3f9a --json",
      COMMON, true, run_info},
     {"watch", "JOB",
-     "Follows a job to its end; exit status 1 when it fails.\v"
-     "JOB may also be a model's id. With --json one line for each change.\n\n"
+     "Follows a job to its end; exit status 1 if it fails.\v"
+     "JOB may also be a model's id. With --json each change is one line.\n\n"
      "Example:\n  relight watch 12",
      COMMON, true, run_watch},
     {"cancel", "JOB", "Stops a job.\vExample:\n  relight cancel 12", COMMON, true, run_cancel},
     {"env", "FILE",
-     "Uploads an environment, has it decoded, prints env:HASH.\v"
+     "Uploads and decodes an environment; prints env:HASH.\v"
      "Example:\n  relight env sunrise.exr",
      COMMON, true, run_env},
     {"colors", "ID",
      "Relights a model to vertex colours.\v"
      "Linear RGB radiance, one colour for each vertex of the model's file. FILE ends in .csv, "
-     ".npy, .ply or .glb; the last two hold the geometry too.\n\n"
+     ".npy, .ply or .glb; the last two also hold the geometry.\n\n"
      "Examples:\n  relight colors bunny --env sunrise.exr --rotate 90 -o bunny.csv\n"
      "  relight colors bunny --env constant:1,1,1 --term multiple -o bunny.npy",
      COMMON LIGHT "ofx", true, run_colors},
@@ -157,9 +212,9 @@ const struct command commands[] = {
      "-o head.png",
      COMMON LIGHT PICTURE "o", true, run_image},
     {"edit", "ID",
-     "Gives a model another material, without a bake.\v"
-     "Writes a picture or vertex colours, by FILE's suffix. Needs a model with joint or polynomial "
-     "transport; the latter keeps its own light.\n\n"
+     "Relights a model with another material, without a bake.\v"
+     "Writes a picture or vertex colours, by the ending of FILE. The model needs joint or polynomial "
+     "transport; polynomial transport keeps the light of its bake.\n\n"
      "Examples:\n  relight edit bunny --material skin1 --env studio.hdr -o bunny.png\n"
      "  relight edit bunny --material '{\"sigma_s_prime\":[2,3,4],\"sigma_a\":[0,0,.1],"
      "\"eta\":1.3}' --env studio.hdr -o bunny.npy",
@@ -171,13 +226,13 @@ const struct command commands[] = {
      COMMON "ou", true, run_geometry},
     {"update-vertices", "ID",
      "Moves a model's vertices, without a bake.\v"
-     "Triangles stay. Pictures follow at once, from the image-space engines; what the bake answers "
-     "stays that of the old shape. unload puts the vertices back.\n\n"
+     "Triangles do not change. Image-space engines draw the new shape at once; the bake still answers "
+     "for the old shape. unload restores the vertices.\n\n"
      "Example:\n  relight geometry bunny --own-units -o p.npy\n"
      "  relight update-vertices bunny --own-units --positions moved.npy",
      COMMON "iIuv", true, run_update},
     {"unload", "ID",
-     "Frees a model's memory; its bake stays unless --forget.\v"
+     "Frees a model's memory; keeps its bake without --forget.\v"
      "Example:\n  relight unload bunny",
      COMMON "F", true, run_unload},
     {"stats", "", "Prints the daemon's counters.\vExample:\n  relight stats --json", COMMON,
@@ -190,82 +245,91 @@ struct input {
     const struct command *command;
 };
 
-// ---- values
-// --------------------------------------------------------------------------------------
-
-static double number(struct argp_state *state, const char *what, const char *text, double min,
-                     double max)
+static double number(struct argp_state *state, const struct row *row, const char *text)
 {
     char *end;
     errno = 0;
     double x = strtod(text, &end);
-    if (end == text || *end || errno || !isfinite(x) || x < min || x > max)
-        argp_error(state, "--%s %s: expected a number in [%g, %g]", what, text, min, max);
+    if (end == text || *end || errno || !isfinite(x) || x < row->low || x > row->high)
+        argp_error(state, "--%s %s: expected a number in [%g, %g]", row->name, text, row->low,
+                   row->high);
     return x;
 }
 
-static uint64_t whole(struct argp_state *state, const char *what, const char *text,
-                      uint64_t min, uint64_t max)
+static uint64_t whole(struct argp_state *state, const struct row *row, const char *text,
+                      uint64_t low, uint64_t high)
 {
     char *end;
     errno = 0;
     unsigned long long x = strtoull(text, &end, 10);
-    if (end == text || *end || errno || strchr(text, '-') || x < min || x > max)
-        argp_error(state, "--%s %s: expected a whole number in [%llu, %llu]", what, text,
-                   (unsigned long long)min, (unsigned long long)max);
+    if (end == text || *end || errno || strchr(text, '-') || x < low || x > high)
+        argp_error(state, "--%s %s: expected a whole number in [%llu, %llu]", row->name, text,
+                   (unsigned long long)low, (unsigned long long)high);
     return x;
 }
 
-static void triple(struct argp_state *state, const char *what, const char *text, float out[3])
+static void triple(struct argp_state *state, const struct row *row, const char *text,
+                   float out[3])
 {
     int used = 0;
     if (sscanf(text, "%f,%f,%f%n", out, out + 1, out + 2, &used) != 3 || text[used] ||
         !isfinite(out[0]) || !isfinite(out[1]) || !isfinite(out[2]))
-        argp_error(state, "--%s %s: expected three numbers as x,y,z", what, text);
+        argp_error(state, "--%s %s: expected three numbers x,y,z", row->name, text);
 }
 
-// Index of a word in a list "a\0b\0c\0".
-static int word(struct argp_state *state, const char *what, const char *text, const char *list)
+// Index of a word in the row's list.
+static int word(struct argp_state *state, const struct row *row, const char *text)
 {
     char all[128] = "";
-    int i = 0;
-    for (const char *at = list; *at; at += strlen(at) + 1, i++) {
-        if (!strcmp(at, text)) return i;
-        snprintf(all + strlen(all), sizeof all - strlen(all), "%s%s", i ? ", " : "", at);
+    for (int i = 0; row->words[i]; i++) {
+        if (!strcmp(row->words[i], text)) return i;
+        size_t n = strlen(all);
+        snprintf(all + n, sizeof all - n, "%s%s", i ? ", " : "", row->words[i]);
     }
-    argp_error(state, "--%s %s: expected one of %s", what, text, all);
+    argp_error(state, "--%s %s: expected one of %s", row->name, text, all);
     return 0;
 }
 
-// A preset's name and JSON text pass; a file is read.
+// The JSON text of a material's file; malloc()ed.
+static char *material_file(struct argp_state *state, const char *path, FILE *file)
+{
+    enum { MAX = 1 << 16 };
+    char *bytes = malloc(MAX + 1);
+    size_t n = bytes ? fread(bytes, 1, MAX + 1, file) : 0;
+    if (!n || n > MAX || ferror(file) || strnlen(bytes, n) != n)
+        argp_failure(state, EXIT_FAILED, 0, "%s: is not a material's JSON (1 to 65536 bytes)",
+                     path);
+    bytes[n < MAX ? n : MAX] = 0;
+    // The daemon recognises JSON text by its first character.
+    char *text = bytes + strspn(bytes, " \t\r\n");
+    if (*text != '{') argp_failure(state, EXIT_FAILED, 0, "%s: is not a material's JSON", path);
+    text = strdup(text);
+    free(bytes);
+    return text;
+}
+
+// A preset's name and JSON text are sent as they are; of a file, the contents are sent.
 static void material(struct argp_state *state, struct options *o, const char *text)
 {
-    free(o->material);
-    o->material = NULL;
     FILE *file = *text == '{' ? NULL : fopen(text, "re");
-    if (!file) {
-        size_t n = strlen(text);
-        if (n > 5 && !strcmp(text + n - 5, ".json"))
-            argp_failure(state, EXIT_FAILED, errno, "%s", text);
-        o->material = strdup(text);
-    } else {
-        enum { MAX = 1 << 16 };
-        char *bytes = malloc(MAX + 1);
-        size_t n = bytes ? fread(bytes, 1, MAX + 1, file) : 0;
-        if (!n || n > MAX || ferror(file) || strnlen(bytes, n) != n)
-            argp_failure(state, EXIT_FAILED, 0,
-                         "%s: is not a material's JSON (1 to 65536 bytes)", text);
-        bytes[n < MAX ? n : MAX] = 0;
-        fclose(file);
-        // The daemon takes a leading brace for JSON text.
-        char *text_at = bytes + strspn(bytes, " \t\r\n");
-        if (*text_at != '{')
-            argp_failure(state, EXIT_FAILED, 0, "%s: is not a material's JSON", text);
-        o->material = strdup(text_at);
-        free(bytes);
-    }
+    const char *dot = strrchr(text, '.');
+    if (!file && dot && !strcmp(dot, ".json"))
+        argp_failure(state, EXIT_FAILED, errno, "%s", text);
+    free(o->material);
+    o->material = file ? material_file(state, text, file) : strdup(text);
+    if (file) fclose(file);
     if (!o->material) argp_failure(state, EXIT_FAILED, 0, "not enough memory");
     o->shade.material = o->load.material = o->material;
+}
+
+// Arguments of a process are visible to other users: the token is copied and overwritten.
+static void take_token(struct argp_state *state, struct options *o, char *text)
+{
+    free(o->own_token);
+    o->own_token = strdup(text);
+    if (!o->own_token) argp_failure(state, EXIT_FAILED, 0, "not enough memory");
+    o->token = o->own_token;
+    memset(text, 'x', strlen(text));
 }
 
 static void size(struct argp_state *state, struct options *o, const char *text)
@@ -279,214 +343,119 @@ static void size(struct argp_state *state, struct options *o, const char *text)
     o->picture.height = h;
 }
 
-static void full(struct argp_state *state, const char *what, size_t n)
+static void gain(struct argp_state *state, const struct row *row, const char *text,
+                 float out[3])
 {
-    if (n == MAX_WORDS) argp_error(state, "--%s: at most %d", what, MAX_WORDS);
+    if (strchr(text, ',')) {
+        triple(state, row, text, out);
+        return;
+    }
+    float x = (float)number(state, row, text);
+    for (int c = 0; c < 3; c++) out[c] = x;
+}
+
+// Options that may repeat.
+static error_t append(struct options *o, const struct row *row, char *arg,
+                      struct argp_state *state)
+{
+    size_t *n = row->key == 'e'   ? &o->n_env
+                : row->key == 'r' ? &o->n_rotate
+                : row->key == 'G' ? &o->n_gain
+                                  : &o->load.n_opaque;
+    if (*n == MAX_WORDS) argp_error(state, "--%s: at most %d", row->name, MAX_WORDS);
+    if (row->key == 'e') o->env[*n] = arg;
+    else if (row->key == 'r') o->rotate_deg[*n] = (float)number(state, row, arg);
+    else if (row->key == 'G') gain(state, row, arg, o->gain[*n]);
+    else o->opaque[*n] = arg;
+    ++*n;
+    return 0;
+}
+
+static error_t set_special(struct options *o, const struct row *row, char *arg,
+                           struct argp_state *state)
+{
+    struct relight_error error;
+    switch (row->key) {
+    case 'T':
+        o->timeout_s = number(state, row, arg);
+        return 0;
+    case 'k':
+        take_token(state, o, arg);
+        return 0;
+    case 'E':
+        triple(state, row, arg, o->shade.eye);
+        o->shade.has_eye = true;
+        return 0;
+    case 'm':
+        material(state, o, arg);
+        return 0;
+    case 'X':
+        o->load.bake.max_error = o->shade.max_error = (float)number(state, row, arg);
+        return 0;
+    case 'c':
+        if (relight_camera_parse(arg, &o->picture.camera, &error))
+            argp_error(state, "%s", error.text);
+        return 0;
+    case 'z':
+        size(state, o, arg);
+        return 0;
+    case 'B':
+        triple(state, row, arg, o->picture.background);
+        o->picture.plain_background = true;
+        return 0;
+    case 'a':
+        o->picture.samples = 1u << word(state, row, arg);
+        return 0;
+    case 'd':
+        o->load.bake.seed = whole(state, row, arg, 0, UINT64_MAX);
+        return 0;
+    default:
+        return append(o, row, arg, state);
+    }
 }
 
 static error_t set(int key, char *arg, struct argp_state *state)
 {
-    struct input *input = state->input;
-    struct options *o = input->options;
-    struct relight_error error;
-    switch (key) {
-    case 's':
-        o->server = arg;
-        break;
-    case 'T':
-        o->timeout_s = number(state, "timeout", arg, 1e-3, 1e6);
-        break;
-    case 'k':
-        o->token = arg;
-        break;
-    case 'j':
-        o->json = true;
-        break;
-    case 'o':
-        o->output = arg;
-        break;
-    case 'e':
-        full(state, "env", o->n_env);
-        o->env[o->n_env++] = arg;
-        break;
-    case 'r':
-        full(state, "rotate", o->n_rotate);
-        o->rotate_deg[o->n_rotate++] = (float)number(state, "rotate", arg, -1e6, 1e6);
-        break;
-    case 'G':
-        full(state, "gain", o->n_gain);
-        if (strchr(arg, ',')) {
-            triple(state, "gain", arg, o->gain[o->n_gain]);
-        } else {
-            float x = (float)number(state, "gain", arg, 0, 1e9);
-            for (int c = 0; c < 3; c++) o->gain[o->n_gain][c] = x;
-        }
-        o->n_gain++;
-        break;
-    case 't':
-        o->shade.term = (enum relight_term)word(state, "term", arg,
-                                                "total\0irradiance\0multiple\0single\0");
-        break;
-    case 'E':
-        triple(state, "eye", arg, o->shade.eye);
-        o->shade.has_eye = true;
-        break;
-    case 'm':
-        material(state, o, arg);
-        break;
-    case 'g':
-        o->shade.engine = (enum relight_engine)word(
-            state, "engine", arg,
-            "default\0reference\0wavelet\0polynomial\0joint\0splat\0tangent\0texture\0hybrid\0");
-        break;
-    case 'X':
-        o->load.bake.max_error = o->shade.max_error =
-            (float)number(state, "max-error", arg, 1e-6, 1);
-        break;
-    case 'b':
-        o->shade.budget_ms = (uint32_t)whole(state, "budget-ms", arg, 1, 1000000);
-        break;
-    case 'Y':
-        o->map[0] = arg;
-        break;
-    case 'y':
-        o->map[1] = arg;
-        break;
-    case 'J':
-        o->map[2] = arg;
-        break;
-    case 'W':
-        o->shade.bump_mm = (float)number(state, "bump-mm", arg, 1e-6, 1e4);
-        break;
-    case 'f':
-        o->format =
-            (enum relight_color_format)word(state, "format", arg, "f32\0f16\0rgb9e5\0srgb8\0");
-        break;
-    case 'c':
-        if (relight_camera_parse(arg, &o->picture.camera, &error))
-            argp_error(state, "%s", error.text);
-        break;
-    case 'z':
-        size(state, o, arg);
-        break;
-    case 'q':
-        o->picture.quality = (uint32_t)whole(state, "quality", arg, 1, 100);
-        break;
-    case 'n':
-        o->picture.tone =
-            (enum relight_tone)word(state, "tone", arg, "filmic\0reinhard\0none\0");
-        break;
-    case 'x':
-        o->picture.exposure_ev = (float)number(state, "exposure", arg, -40, 40);
-        break;
-    case 'B':
-        triple(state, "background", arg, o->picture.background);
-        o->picture.plain_background = true;
-        break;
-    case 'a':
-        o->picture.samples = 1u << word(state, "samples-per-pixel", arg,
-                                        "1\0"
-                                        "2\0"
-                                        "4\0"
-                                        "8\0");
-        break;
-    case 'S':
-        o->picture.no_specular = true;
-        break;
-    case 'D':
-        o->load.size_mm = (float)number(state, "size-mm", arg, 1e-3, 1e6);
-        break;
-    case 'U':
-        o->load.mm_per_unit = (float)number(state, "mm-per-unit", arg, 1e-6, 1e6);
-        break;
-    case 'P':
-        o->load.bake.transport = (enum relight_transport)(
-            1 + word(state, "transport", arg, "wavelet\0polynomial\0joint\0"));
-        break;
-    case 'R':
-        o->load.bake.storage =
-            (enum relight_storage)(1 + word(state, "storage", arg, "factored\0sparse\0"));
-        break;
-    case 'N':
-        o->load.bake.samples = (uint32_t)whole(state, "samples", arg, 1, UINT32_MAX);
-        break;
-    case 'C':
-        o->load.bake.cube = 16u << word(state, "cube", arg,
-                                        "16\0"
-                                        "32\0"
-                                        "64\0"
-                                        "128\0");
-        break;
-    case 'K':
-        o->load.bake.coeffs = (uint32_t)whole(state, "coeffs", arg, 1, UINT32_MAX);
-        break;
-    case 'A':
-        o->load.bake.rank = (uint32_t)whole(state, "rank", arg, 1, UINT32_MAX);
-        break;
-    case 'H': {
-        static const uint32_t terms[] = {1, 4, 9};
-        o->load.bake.phase_terms = terms[word(state, "phase-terms", arg,
-                                              "1\0"
-                                              "4\0"
-                                              "9\0")];
-        break;
+    struct options *o = ((struct input *)state->input)->options;
+    const struct row *row = table;
+    while (row < table + N_TABLE && row->key != key) row++;
+    if (row == table + N_TABLE) return ARGP_ERR_UNKNOWN;
+    void *field = (char *)o + row->field;
+    switch (row->kind) {
+    case FLAG:
+        *(bool *)field = true;
+        return 0;
+    case TEXT:
+        *(const char **)field = arg;
+        return 0;
+    case REAL:
+        *(float *)field = (float)number(state, row, arg);
+        return 0;
+    case WHOLE:
+        *(uint32_t *)field =
+            (uint32_t)whole(state, row, arg, (uint64_t)row->low, (uint64_t)row->high);
+        return 0;
+    case WORD:
+        *(int *)field = row->first + word(state, row, arg);
+        return 0;
+    case SPECIAL:
+        return set_special(o, row, arg, state);
     }
-    case 'd':
-        o->load.bake.seed = whole(state, "seed", arg, 0, UINT64_MAX);
-        break;
-    case 'O':
-        full(state, "opaque", o->load.n_opaque);
-        o->opaque[o->load.n_opaque++] = arg;
-        break;
-    case 'M':
-        o->load.name = arg;
-        break;
-    case 'p':
-        o->load.pin = true;
-        break;
-    case 'w':
-        o->wait = true;
-        break;
-    case 'Z':
-        o->remote = true;
-        break;
-    case 'V':
-        o->load.preview = true;
-        break;
-    case 'i':
-        o->positions = arg;
-        break;
-    case 'v':
-        o->normals = arg;
-        break;
-    case 'I':
-        o->first = (uint32_t)whole(state, "first", arg, 0, UINT32_MAX);
-        break;
-    case 'l':
-        o->files = true;
-        break;
-    case 'F':
-        o->forget = true;
-        break;
-    case 'u':
-        o->own_units = true;
-        break;
-    default:
-        return ARGP_ERR_UNKNOWN;
-    }
-    return 0;
+    return ARGP_ERR_UNKNOWN;
 }
-
-// ---- the two parsers
-// -----------------------------------------------------------------------------
 
 static void pick(struct argp_option out[N_TABLE + 1], const char *keys)
 {
     unsigned n = 0;
     for (unsigned i = 0; i < N_TABLE; i++) {
         if (!strchr(keys, table[i].key)) continue;
-        out[n] = table[i].option;
-        out[n++].group = strchr(COMMON, table[i].key) ? 1 : 0;
+        out[n++] = (struct argp_option){
+            .name = table[i].name,
+            .key = table[i].key,
+            .arg = table[i].label,
+            .doc = table[i].help,
+            .group = strchr(COMMON, table[i].key) ? 1 : 0,
+        };
     }
     memset(out + n, 0, sizeof *out);
 }
@@ -526,13 +495,13 @@ static char *main_doc(void)
     size_t n;
     FILE *f = open_memstream(&text, &n);
     if (!f) return NULL;
-    fputs("Relights translucent models that a relightd holds.\vCommands:\n", f);
+    fputs("Relights translucent models with a relightd daemon.\vCommands:\n", f);
     for (const struct command *c = commands; c->name; c++) {
         char head[32];
         snprintf(head, sizeof head, "%s %s", c->name, c->args);
         fprintf(f, "  %-16s %.*s\n", head, (int)strcspn(c->doc, "\v"), c->doc);
     }
-    fputs("\n'relight COMMAND --help' tells a command's options.\n\n"
+    fputs("\n'relight COMMAND --help' prints the options of a command.\n\n"
           "Exit status: 0 done, 1 failed, 2 wrong usage, 3 server unreachable.\n\n"
           "Example:\n  relight load bunny.obj --size-mm 50 --material marble --wait\n"
           "  relight image bunny --env sunrise.exr -o bunny.png",
@@ -554,8 +523,8 @@ const struct command *options_parse(int argc, char **argv, struct options *optio
     pick(picked, COMMON);
     struct argp top = {picked, parse_main, "COMMAND [ARGUMENT] [OPTION...]", doc, NULL,
                        NULL,   NULL};
-    // The command is the first word that is no option and no option's value; what stands before
-    // it, and it, is parsed here, the rest by the command's own parser.
+    // The command is the first word that is neither an option nor an option's value. The first
+    // parser takes the words up to the command, the command's own parser takes the rest.
     int first = 1;
     while (first < argc && argv[first][0] == '-' && argv[first][1]) {
         const char *w = argv[first];
@@ -581,4 +550,5 @@ const struct command *options_parse(int argc, char **argv, struct options *optio
 void options_finish(struct options *options)
 {
     free(options->material);
+    free(options->own_token);
 }

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
-// Files: CSV, NPY, PLY, GLB of vertices; every file is whole or not there.
+// Files: written whole or not at all, through a temporary file; vertices in the formats of
+// vertex_file.h.
 #include "cli.h"
 
 #include <errno.h>
 #include <fcntl.h>
-#include <float.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -55,298 +55,112 @@ int write_file(const struct options *options, const char *path, const void *byte
     return bad ? file_error(options, path, strerror(fault)) : EXIT_DONE;
 }
 
-enum output_kind output_kind(const char *path)
+// Rows of relight.h with an ending; raw pixels have none.
+static const struct {
+    const char *ending;
+    enum relight_image_format format;
+} picture_formats[] = {
+#define X(name, number, ending) {ending, RELIGHT_IMAGE_##name},
+    RELIGHT_IMAGE_FORMAT_LIST(X)
+#undef X
+        {"jpeg", RELIGHT_IMAGE_JPEG},
+};
+enum { N_PICTURE_FORMAT = sizeof picture_formats / sizeof *picture_formats };
+
+bool picture_format(const char *path, enum relight_image_format *out)
 {
-    static const struct {
-        const char *suffix;
-        enum output_kind kind;
-    } kinds[] = {{"csv", OUTPUT_CSV},  {"npy", OUTPUT_NPY}, {"ply", OUTPUT_PLY},
-                 {"glb", OUTPUT_GLB},  {"png", OUTPUT_PNG}, {"jpg", OUTPUT_JPG},
-                 {"jpeg", OUTPUT_JPG}, {"exr", OUTPUT_EXR}};
     const char *dot = path ? strrchr(path, '.') : NULL;
-    for (unsigned i = 0; dot && i < sizeof kinds / sizeof *kinds; i++)
-        if (!strcasecmp(dot + 1, kinds[i].suffix)) return kinds[i].kind;
-    return OUTPUT_UNKNOWN;
-}
-
-static void write_csv(FILE *f, uint32_t n, const float *rgb)
-{
-    fputs("vertex,r,g,b\n", f);
-    for (uint32_t i = 0; i < n; i++, rgb += 3)
-        fprintf(f, "%u,%.9g,%.9g,%.9g\n", i, rgb[0], rgb[1], rgb[2]);
-}
-
-// NumPy 1.0 file: the header's length makes the data start at a multiple of 64.
-static void write_npy(FILE *f, uint32_t n, const float *rows)
-{
-    char head[118], dict[118];
-    int size = snprintf(dict, sizeof dict,
-                        "{'descr': '<f4', 'fortran_order': False, 'shape': (%u, 3), }", n);
-    memset(head, ' ', sizeof head);
-    memcpy(head, dict, (size_t)size);
-    head[sizeof head - 1] = '\n';
-    fwrite("\x93NUMPY\x01\x00\x76\x00", 1, 10, f);
-    fwrite(head, 1, sizeof head, f);
-    fwrite(rows, 12, n, f);
-}
-
-static void write_ply(FILE *f, const float *rgb, const struct relight_geometry *g)
-{
-    fprintf(f, "ply\nformat binary_little_endian 1.0\nelement vertex %u\n", g->n_vertex);
-    fputs("property float x\nproperty float y\nproperty float z\n", f);
-    if (g->normal) fputs("property float nx\nproperty float ny\nproperty float nz\n", f);
-    if (rgb) fputs("property float red\nproperty float green\nproperty float blue\n", f);
-    fprintf(f, "element face %u\nproperty list uchar uint vertex_indices\nend_header\n",
-            g->n_triangle);
-    for (uint32_t i = 0; i < g->n_vertex; i++) {
-        fwrite(g->position[i], 12, 1, f);
-        if (g->normal) fwrite(g->normal[i], 12, 1, f);
-        if (rgb) fwrite(rgb + 3 * (size_t)i, 12, 1, f);
-    }
-    for (uint32_t i = 0; i < g->n_triangle; i++) {
-        fputc(3, f);
-        fwrite(g->triangle[i], 12, 1, f);
-    }
-}
-
-// ---- GLB
-// -----------------------------------------------------------------------------------------
-
-static cJSON *add_item(cJSON *array)
-{
-    cJSON *item = cJSON_CreateObject();
-    cJSON_AddItemToArray(array, item);
-    return item;
-}
-
-static int add_view(cJSON *views, size_t offset, size_t size, int target)
-{
-    cJSON *view = add_item(views);
-    cJSON_AddNumberToObject(view, "buffer", 0);
-    cJSON_AddNumberToObject(view, "byteOffset", (double)offset);
-    cJSON_AddNumberToObject(view, "byteLength", (double)size);
-    cJSON_AddNumberToObject(view, "target", target);
-    return cJSON_GetArraySize(views) - 1;
-}
-
-static cJSON *add_accessor(cJSON *accessors, int view, size_t offset, int component,
-                           uint32_t count, const char *type)
-{
-    cJSON *a = add_item(accessors);
-    cJSON_AddNumberToObject(a, "bufferView", view);
-    cJSON_AddNumberToObject(a, "byteOffset", (double)offset);
-    cJSON_AddNumberToObject(a, "componentType", component);
-    cJSON_AddNumberToObject(a, "count", count);
-    cJSON_AddStringToObject(a, "type", type);
-    return a;
-}
-
-static void add_bounds(cJSON *accessor, const float (*p)[3], uint32_t n)
-{
-    float low[3] = {FLT_MAX, FLT_MAX, FLT_MAX}, high[3] = {-FLT_MAX, -FLT_MAX, -FLT_MAX};
-    for (uint32_t i = 0; i < n; i++) {
-        for (int c = 0; c < 3; c++) {
-            if (p[i][c] < low[c]) low[c] = p[i][c];
-            if (p[i][c] > high[c]) high[c] = p[i][c];
+    for (int i = 0; dot && dot[1] && i < N_PICTURE_FORMAT; i++)
+        if (!strcasecmp(dot + 1, picture_formats[i].ending)) {
+            *out = picture_formats[i].format;
+            return true;
         }
-    }
-    cJSON_AddItemToObject(accessor, "min", cJSON_CreateFloatArray(low, 3));
-    cJSON_AddItemToObject(accessor, "max", cJSON_CreateFloatArray(high, 3));
+    return false;
 }
 
-// One primitive a block, so that vertices stay in the order of the model's file.
-static void add_primitive(cJSON *primitives, cJSON *accessors, const struct relight_geometry *g,
-                          const struct relight_block *b, const int view[4])
+int picture_usage(const struct options *options, const char *others)
 {
-    enum { FLOAT = 5126, UINT = 5125 };
-    cJSON *primitive = add_item(primitives),
-          *map = cJSON_AddObjectToObject(primitive, "attributes");
-    size_t at = 12 * (size_t)b->vertex_begin;
-    const char *name[3] = {"POSITION", "NORMAL", "COLOR_0"};
-    for (int i = 0; i < 3; i++) {
-        if (view[i] < 0) continue;
-        cJSON *a = add_accessor(accessors, view[i], at, FLOAT, b->n_vertex, "VEC3");
-        if (i == 0) add_bounds(a, g->position + b->vertex_begin, b->n_vertex);
-        cJSON_AddNumberToObject(map, name[i], cJSON_GetArraySize(accessors) - 1);
-    }
-    if (view[3] >= 0 && b->n_triangle) {
-        add_accessor(accessors, view[3], 12 * (size_t)b->triangle_begin, UINT,
-                     3 * b->n_triangle, "SCALAR");
-        cJSON_AddNumberToObject(primitive, "indices", cJSON_GetArraySize(accessors) - 1);
-    }
-    cJSON_AddNumberToObject(primitive, "material", 0);
+    char list[128] = "";
+    size_t n = 0;
+    for (int i = 0; i < N_PICTURE_FORMAT && n < sizeof list; i++)
+        if (*picture_formats[i].ending)
+            n += (size_t)snprintf(list + n, sizeof list - n, "%s.%s", n ? ", " : "",
+                                  picture_formats[i].ending);
+    return report_usage(options, "-o FILE has to end in one of %s%s", others, list);
 }
 
-static bool block_fits(const struct relight_geometry *g, const struct relight_block *b)
+static struct prt_vertex_block *copy_blocks(const struct relight_geometry *g)
 {
-    return b->n_vertex && b->vertex_begin <= g->n_vertex &&
-           b->n_vertex <= g->n_vertex - b->vertex_begin && b->triangle_begin <= g->n_triangle &&
-           b->n_triangle <= g->n_triangle - b->triangle_begin;
-}
-
-static void write_u32(FILE *f, uint32_t x)
-{
-    fwrite(&x, 4, 1, f);
-}
-
-static int write_indices(FILE *f, const struct relight_geometry *g,
-                         const struct relight_block *block, size_t n_block)
-{
-    uint32_t *index = malloc(12 * ((size_t)g->n_triangle + 1));
-    if (!index) return -1;
-    if (g->n_triangle) memcpy(index, g->triangle, 12 * (size_t)g->n_triangle);
-    for (size_t k = 0; k < n_block; k++) {
-        if (!block_fits(g, block + k)) continue;
-        uint32_t *at = index + 3 * (size_t)block[k].triangle_begin;
-        for (size_t i = 0; i < 3 * (size_t)block[k].n_triangle; i++)
-            at[i] -= block[k].vertex_begin;
-    }
-    fwrite(index, 12, g->n_triangle, f);
-    free(index);
-    return 0;
-}
-
-static char *glb_json(const struct relight_geometry *g, bool colored,
-                      const struct relight_block *block, size_t n_block)
-{
-    enum { VERTICES = 34962, INDICES = 34963 };
-    size_t rows = 12 * (size_t)g->n_vertex, at = 0;
-    cJSON *root = cJSON_CreateObject(), *asset = cJSON_AddObjectToObject(root, "asset");
-    cJSON_AddStringToObject(asset, "version", "2.0");
-    cJSON_AddStringToObject(asset, "generator", "relight " RELIGHT_VERSION);
-    cJSON *used = cJSON_AddArrayToObject(root, "extensionsUsed");
-    cJSON_AddItemToArray(used, cJSON_CreateString("KHR_materials_unlit"));
-    cJSON *views = cJSON_AddArrayToObject(root, "bufferViews");
-    int view[4] = {-1, -1, -1, -1};
-    bool have[3] = {true, g->normal != NULL, colored};
-    for (int i = 0; i < 3; i++) {
-        if (!have[i]) continue;
-        view[i] = add_view(views, at, rows, VERTICES);
-        cJSON_AddNumberToObject(cJSON_GetArrayItem(views, view[i]), "byteStride", 12);
-        at += rows;
-    }
-    if (g->n_triangle) {
-        view[3] = add_view(views, at, 12 * (size_t)g->n_triangle, INDICES);
-        at += 12 * (size_t)g->n_triangle;
-    }
-    cJSON *buffer = add_item(cJSON_AddArrayToObject(root, "buffers"));
-    cJSON_AddNumberToObject(buffer, "byteLength", (double)at);
-    cJSON *accessors = cJSON_AddArrayToObject(root, "accessors");
-    cJSON *mesh = add_item(cJSON_AddArrayToObject(root, "meshes"));
-    cJSON *primitives = cJSON_AddArrayToObject(mesh, "primitives");
-    for (size_t i = 0; i < n_block; i++)
-        if (block_fits(g, block + i)) add_primitive(primitives, accessors, g, block + i, view);
-    // Colours are radiance already: nothing shades them again.
-    cJSON *material = add_item(cJSON_AddArrayToObject(root, "materials"));
-    cJSON *extensions = cJSON_AddObjectToObject(material, "extensions");
-    cJSON_AddObjectToObject(extensions, "KHR_materials_unlit");
-    cJSON_AddTrueToObject(material, "doubleSided");
-    cJSON_AddNumberToObject(add_item(cJSON_AddArrayToObject(root, "nodes")), "mesh", 0);
-    int zero = 0;
-    cJSON *scene = add_item(cJSON_AddArrayToObject(root, "scenes"));
-    cJSON_AddItemToObject(scene, "nodes", cJSON_CreateIntArray(&zero, 1));
-    cJSON_AddNumberToObject(root, "scene", 0);
-    char *text = cJSON_PrintUnformatted(root);
-    cJSON_Delete(root);
-    return text;
-}
-
-static int write_glb(FILE *f, const float *rgb, const struct relight_geometry *g)
-{
-    struct relight_block whole = {.n_vertex = g->n_vertex, .n_triangle = g->n_triangle};
-    const struct relight_block *block = g->n_block ? g->block : &whole;
-    size_t n_block = g->n_block ? g->n_block : 1;
-    char *json = glb_json(g, rgb != NULL, block, n_block);
-    if (!json) return -1;
-    size_t size = strlen(json), padded = (size + 3) / 4 * 4;
-    uint64_t rows = 12 * (uint64_t)g->n_vertex;
-    uint64_t bin =
-        rows * (1 + (g->normal != NULL) + (rgb != NULL)) + 12 * (uint64_t)g->n_triangle;
-    if (bin + padded + 28 > UINT32_MAX) {
-        free(json);
-        return -2;
-    }
-    write_u32(f, 0x46546c67);
-    write_u32(f, 2);
-    write_u32(f, (uint32_t)(28 + padded + bin));
-    write_u32(f, (uint32_t)padded);
-    write_u32(f, 0x4e4f534a);
-    fwrite(json, 1, size, f);
-    fwrite("   ", 1, padded - size, f);
-    free(json);
-    write_u32(f, (uint32_t)bin);
-    write_u32(f, 0x004e4942);
-    fwrite(g->position, 12, g->n_vertex, f);
-    if (g->normal) fwrite(g->normal, 12, g->n_vertex, f);
-    if (rgb) fwrite(rgb, 12, g->n_vertex, f);
-    return write_indices(f, g, block, n_block);
+    struct prt_vertex_block *block = calloc(g->n_block + 1, sizeof *block);
+    for (size_t i = 0; i < g->n_block && block; i++)
+        block[i] = (struct prt_vertex_block){.object = g->block[i].object,
+                                             .vertex_begin = g->block[i].vertex_begin,
+                                             .n_vertex = g->block[i].n_vertex,
+                                             .triangle_begin = g->block[i].triangle_begin,
+                                             .n_triangle = g->block[i].n_triangle};
+    return block;
 }
 
 int write_vertices(const struct options *options, const char *path, uint32_t n,
-                   const float *rgb, const struct relight_geometry *geometry)
+                   const float *rgb, const struct relight_geometry *g)
 {
     char *bytes = NULL;
     size_t size = 0;
-    FILE *f = open_memstream(&bytes, &size);
-    if (!f) return file_error(options, path, "not enough memory");
-    int bad = 0;
-    switch (output_kind(path)) {
-    case OUTPUT_CSV:
-        write_csv(f, n, rgb);
-        break;
-    case OUTPUT_NPY:
-        write_npy(f, n, rgb ? rgb : geometry->position[0]);
-        break;
-    case OUTPUT_PLY:
-        write_ply(f, rgb, geometry);
-        break;
-    default:
-        bad = write_glb(f, rgb, geometry);
-        break;
-    }
-    bool failed = ferror(f) != 0;
-    failed |= fclose(f) != 0;
-    int status = bad == -2 ? file_error(options, path, "more than 4 GiB do not fit a .glb")
-                 : bad || failed ? file_error(options, path, "not enough memory")
-                                 : write_file(options, path, bytes, size);
+    struct prt_vertex_block *block = copy_blocks(g);
+    FILE *f = block ? open_memstream(&bytes, &size) : NULL;
+    struct prt_vertex_data data = {.n_vertex = n,
+                                   .n_triangle = g->n_triangle,
+                                   .position = g->position,
+                                   .normal = g->normal,
+                                   .color = (const float(*)[3])rgb,
+                                   .triangle = g->triangle,
+                                   .block = block,
+                                   .n_block = (uint32_t)g->n_block,
+                                   .generator = "relight " RELIGHT_VERSION};
+    int result =
+        f ? prt_vertex_file_write(f, prt_vertex_format_of(path), &data) : PRT_VERTEX_NO_MEMORY;
+    bool bad = result || ferror(f);
+    if (f) bad |= fclose(f) != 0;
+    int status = result == PRT_VERTEX_TOO_LARGE
+                     ? file_error(options, path, "a GLB holds less than 4 GiB; write .ply")
+                 : bad ? file_error(options, path, "not enough memory")
+                       : write_file(options, path, bytes, size);
     free(bytes);
+    free(block);
     return status;
 }
 
-// The header of a .npy is a Python literal; what geometry -o writes and numpy.save of a
-// C-ordered float32 array reads: {'descr': '<f4', 'fortran_order': False, 'shape': (n, 3), }.
-static bool npy_rows(const char *header, uint32_t *n)
+// The bytes of a regular file or pipe, malloc()ed; NULL with errno set.
+static char *read_all(const char *path, size_t *n)
 {
-    const char *shape = strstr(header, "'shape':");
-    unsigned long long rows = 0, columns = 0;
-    if (!strstr(header, "'<f4'") || !strstr(header, "'fortran_order': False") || !shape ||
-        sscanf(shape, "'shape': (%llu, %llu", &rows, &columns) != 2 || columns != 3 ||
-        rows > UINT32_MAX)
-        return false;
-    *n = (uint32_t)rows;
-    return true;
+    char *bytes = NULL, part[1 << 16];
+    FILE *in = fopen(path, "rbe"), *out = in ? open_memstream(&bytes, n) : NULL;
+    size_t got;
+    while (out && (got = fread(part, 1, sizeof part, in)) > 0)
+        if (fwrite(part, 1, got, out) != got) break;
+    bool bad = !out || ferror(in) || ferror(out);
+    int fault = errno;
+    if (out) bad |= fclose(out) != 0;
+    if (in) fclose(in);
+    if (!bad) return bytes;
+    free(bytes);
+    errno = fault ? fault : ENOMEM;
+    return NULL;
 }
 
 int read_npy(const struct options *options, const char *path, uint32_t *n, float **out)
 {
-    unsigned char head[10];
-    char header[4096];
-    FILE *f = fopen(path, "rbe");
-    if (!f) return file_error(options, path, strerror(errno));
-    bool good = fread(head, 1, 10, f) == 10 && !memcmp(head, "\x93NUMPY\x01", 7);
-    size_t size = good ? head[8] | (size_t)head[9] << 8 : 0;
-    good = good && size < sizeof header && fread(header, 1, size, f) == size;
-    header[good ? size : 0] = 0;
-    if (!good || !npy_rows(header, n)) {
-        fclose(f);
-        return file_error(options, path, "is not a .npy of f32 [n][3]");
+    size_t size = 0;
+    struct prt_npy npy;
+    char *bytes = read_all(path, &size);
+    if (!bytes) return file_error(options, path, strerror(errno));
+    const char *reason = prt_npy_parse(bytes, size, &npy);
+    if (!reason && npy.n > UINT32_MAX) reason = "has more than 4294967295 rows";
+    *out = reason ? NULL : malloc(((size_t)npy.n + 1) * 12);
+    if (*out) {
+        *n = (uint32_t)npy.n;
+        prt_npy_rows(&npy, (float(*)[3]) * out);
     }
-    *out = malloc(((size_t)*n + 1) * 12);
-    good = *out && fread(*out, 12, *n, f) == *n;
-    fclose(f);
-    if (good) return EXIT_DONE;
-    const char *why = *out ? "is cut short" : "not enough memory";
-    free(*out);
-    *out = NULL;
-    return file_error(options, path, why);
+    free(bytes);
+    return *out ? EXIT_DONE : file_error(options, path, reason ? reason : "not enough memory");
 }

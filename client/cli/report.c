@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What the user sees beside the answer: errors with their exit status, JSON, the progress bar.
+// Output beside the answer: errors with their exit status, JSON, text of the daemon made safe
+// for terminals, the progress bar.
 #include "cli.h"
 
 #include <stdarg.h>
@@ -52,10 +53,63 @@ int report_usage(const struct options *options, const char *fmt, ...)
     return EXIT_USAGE;
 }
 
+// Copies the next character of *text as a terminal may print it and advances; returns its
+// length.
+static size_t escape_next(const char **text, char out[8])
+{
+    const unsigned char *c = (const unsigned char *)*text;
+    if (*c < 0x20 || *c == 0x7f) {
+        ++*text;
+        return (size_t)snprintf(out, 8, "\\x%02x", *c);
+    }
+    if (*c == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0) { // C1 controls, in UTF-8
+        *text += 2;
+        return (size_t)snprintf(out, 8, "\\x%02x", c[1]);
+    }
+    size_t n = 1;
+    while (n < 4 && (c[n] & 0xc0) == 0x80 && *c >= 0xc0) n++;
+    memcpy(out, c, n);
+    *text += n;
+    return n;
+}
+
+struct escaped escape(const char *text)
+{
+    struct escaped out;
+    char next[8];
+    size_t used = 0;
+    while (*text) {
+        size_t n = escape_next(&text, next);
+        if (used + n >= sizeof out.text) break;
+        memcpy(out.text + used, next, n);
+        used += n;
+    }
+    out.text[used] = 0;
+    return out;
+}
+
+void print_text(FILE *file, const char *text)
+{
+    char next[8];
+    while (*text) {
+        size_t n = escape_next(&text, next);
+        fwrite(next, 1, n, file);
+    }
+}
+
 void print_json(cJSON *json)
 {
     char *text = cJSON_PrintUnformatted(json);
-    if (text) puts(text);
+    // cJSON escapes C0 controls; DEL and C1 controls, also only inside strings, are escaped
+    // here.
+    for (const char *at = text; at && *at; at++) {
+        unsigned char next = (unsigned char)at[1];
+        bool c1 = (unsigned char)*at == 0xc2 && next >= 0x80 && next < 0xa0;
+        if (c1 || *at == 0x7f) printf("\\u%04x", c1 ? next : 0x7f);
+        else putchar(*at);
+        at += c1;
+    }
+    if (text) putchar('\n');
     free(text);
     cJSON_Delete(json);
 }
@@ -99,7 +153,7 @@ int progress_bar(void *user, const struct relight_progress *progress)
                  (int)progress->eta_s % 60);
     fprintf(stderr, "\r\033[K[%.*s%*s] %3.0f %% %.24s%s", filled,
             "##############################", width - filled, "", 100 * fraction,
-            progress->stage, left);
+            escape(progress->stage).text, left);
     fflush(stderr);
     bar_shown = true;
     return 0;

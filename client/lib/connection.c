@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The engine of a client: one socket, many requests. There is no thread of its own: among the
-// threads that wait, one (the leader) polls the socket and hands answers to their slots, the
-// others sleep on a condition until their slot is filled or the leader's place is free.
+// A client's connection: one socket, many requests, no thread of its own. Of the waiting
+// threads one, the leader, polls the socket and stores answers in their slots. The others wait
+// on a condition until their slot is filled or there is no leader.
 #include "internal.h"
 
 #include <errno.h>
@@ -55,8 +55,23 @@ struct relight_client {
     struct answer *hello;
 };
 
-// ---- errors
-// ------------------------------------------------------------------------------------
+// An error's text may come from the daemon and goes to terminals: control characters (C0, DEL,
+// and C1 in UTF-8) become '?', and a character that the array cut is dropped.
+static void tidy_line(char *text, size_t room)
+{
+    size_t n = strlen(text), last = n;
+    for (size_t i = 0; i < n; i++) {
+        unsigned char c = (unsigned char)text[i], next = (unsigned char)text[i + 1];
+        if (c < 0x20 || c == 0x7f) text[i] = '?';
+        if (c == 0xc2 && next >= 0x80 && next < 0xa0) text[i] = text[i + 1] = '?';
+    }
+    if (n + 1 < room) return;
+    while (last && ((unsigned char)text[last - 1] & 0xc0) == 0x80) last--;
+    if (!last || (unsigned char)text[last - 1] < 0xc0) return;
+    unsigned char lead = (unsigned char)text[last - 1];
+    size_t needed = lead < 0xe0 ? 2 : lead < 0xf0 ? 3 : 4;
+    if (n - (last - 1) < needed) text[last - 1] = 0;
+}
 
 int relight_fail(struct relight_error *error, int code, const char *hint, const char *fmt, ...)
 {
@@ -67,6 +82,8 @@ int relight_fail(struct relight_error *error, int code, const char *hint, const 
     vsnprintf(error->text, sizeof error->text, fmt, list);
     va_end(list);
     snprintf(error->hint, sizeof error->hint, "%s", hint);
+    tidy_line(error->text, sizeof error->text);
+    tidy_line(error->hint, sizeof error->hint);
     return -code;
 }
 
@@ -93,7 +110,7 @@ const char *relight_code_text(int code)
     }
 }
 
-// c->fault says why.
+// c->fault has the reason.
 static void hang_up(struct relight_client *c)
 {
     c->broken = true;
@@ -116,9 +133,6 @@ static int broken(const struct relight_client *c, struct relight_error *error)
     if (error) *error = c->fault;
     return -c->fault.code;
 }
-
-// ---- slots
-// -------------------------------------------------------------------------------------
 
 void relight_answer_free(struct answer *answer)
 {
@@ -166,10 +180,7 @@ static void drop_slot(struct relight_client *c, uint64_t id)
     free_slot(slot);
 }
 
-// ---- what arrives
-// ------------------------------------------------------------------------------
-
-// Appends a frame's payload to the message that is being put together.
+// Appends a frame's payload to the unfinished message.
 static int append_part(struct relight_client *c, struct slot *slot, uint8_t *bytes, uint64_t n)
 {
     struct answer *part = slot->part;
@@ -236,7 +247,7 @@ static const char *deliver(struct relight_client *c)
     return NULL;
 }
 
-// Everything the socket holds, up to the first completed frames.
+// Reads the socket until it is empty or a frame is complete.
 static void read_some(struct relight_client *c)
 {
     for (bool got_frame = false; !got_frame && !c->broken;) {
@@ -277,9 +288,6 @@ static void read_some(struct relight_client *c)
         }
     }
 }
-
-// ---- what leaves
-// -------------------------------------------------------------------------------
 
 static void write_some(struct relight_client *c)
 {
@@ -322,7 +330,7 @@ static void wake_leader(struct relight_client *c)
     (void)!write(c->wake_fd, &one, sizeof one);
 }
 
-// One turn: lead (poll, read, write) or wait for the leader. Lock held; false at `end_s`.
+// One step: leads (poll, read, write) or waits for the leader. Lock held; false at `end_s`.
 static bool turn(struct relight_client *c, double end_s)
 {
     double left = end_s - relight_now_s();
@@ -357,9 +365,6 @@ static bool turn(struct relight_client *c, double end_s)
     pthread_cond_broadcast(&c->changed);
     return true;
 }
-
-// ---- requests
-// ----------------------------------------------------------------------------------
 
 double relight_timeout(const struct relight_client *client)
 {
@@ -432,7 +437,7 @@ int relight_cancel(struct relight_client *client, uint64_t id, struct relight_er
                          error);
 }
 
-// The caller gives up: tell the daemon, drop what still comes.
+// The caller no longer waits: sends CANCEL and drops later answers.
 void relight_forget(struct relight_client *c, uint64_t id)
 {
     pthread_mutex_lock(&c->lock);
@@ -524,9 +529,6 @@ int relight_end(struct relight_client *client, uint64_t id, uint16_t type, struc
                         client->address, relight_type_name(type));
 }
 
-// ---- connect and close
-// --------------------------------------------------------------------------
-
 static int hello(struct relight_client *c, const struct relight_options *o,
                  struct relight_error *error)
 {
@@ -589,7 +591,7 @@ int relight_connect(const char *address, const struct relight_options *options,
     int status = c->address && c->read_buffer && c->wake_fd >= 0
                      ? hello(c, &o, error)
                      : relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
-    // A peer that hangs up or stays silent at once is not a relightd one can reach.
+    // A peer that closes, or does not answer HELLO, counts as unreachable.
     if (status == -RELIGHT_E_DISCONNECTED || status == -RELIGHT_E_TIMEOUT ||
         status == -RELIGHT_E_PROTOCOL) {
         if (error) error->code = RELIGHT_E_UNREACHABLE;

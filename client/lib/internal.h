@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* What the files of librelight share: the connection's engine, and building and reading
+/* Shared by the files of librelight: the connection's engine, and building and reading
  * messages. */
 #ifndef RELIGHT_INTERNAL_H
 #define RELIGHT_INTERNAL_H

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Relighting: colours and pictures, blocking and pipelined, and the colour formats.
+// Requests for colours and pictures, blocking and pipelined; decoding of colour formats.
 #include "internal.h"
 
 #include <math.h>
@@ -115,9 +115,6 @@ void relight_image_finish(struct relight_image *image)
     relight_owner_free(image->owner);
     *image = (struct relight_image){0};
 }
-
-// ---- colour formats
-// ------------------------------------------------------------------------------
 
 void relight_decode_f16(const uint16_t *in, size_t n, float *out)
 {

@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: MIT
-// Plain structs to messages and back; what comes from the daemon is checked before it is used.
+// Converts plain structs to messages and back; checks messages of the daemon before their use.
 #include "internal.h"
 
 #include <math.h>
 #include <stdio.h>
 
-// Public enums are the schema's numbers.
+// The public enums have the numbers of relight.proto.
 _Static_assert((int)RELIGHT_ENGINE_HYBRID == RELIGHT__ENGINE__ENGINE_HYBRID, "engine");
 _Static_assert((int)RELIGHT_TERM_SINGLE == RELIGHT__TERM__TERM_SINGLE, "term");
 _Static_assert((int)RELIGHT_COLOR_SRGB8 == RELIGHT__COLOR_FORMAT__COLOR_SRGB8, "colour format");
-_Static_assert((int)RELIGHT_IMAGE_F16 == RELIGHT__IMAGE_FORMAT__IMAGE_F16, "image format");
+#define X(name, number, ending) \
+    _Static_assert(number == RELIGHT__IMAGE_FORMAT__IMAGE_##name, "image format");
+RELIGHT_IMAGE_FORMAT_LIST(X)
+#undef X
 _Static_assert((int)RELIGHT_TONE_NONE == RELIGHT__TONE__TONE_NONE, "tone");
 _Static_assert((int)RELIGHT_MODEL_FAILED == RELIGHT__MODEL_STATE__MODEL_FAILED, "model state");
 _Static_assert((int)RELIGHT_JOB_CANCELLED == RELIGHT__JOB_STATE__JOB_CANCELLED, "job state");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Models: load, watch, list, info, geometry, vertices, unload; and the small calls.
+// Models: load, watch, list, info, geometry, vertices, unload; ping, stats, environments.
 #include "internal.h"
 
 #include <stdio.h>
@@ -26,9 +26,6 @@ static int no_memory(struct relight_error *error)
 {
     return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory for an answer");
 }
-
-// ---- small calls
-// -------------------------------------------------------------------------------
 
 int relight_ping(struct relight_client *client, double *seconds, struct relight_error *error)
 {
@@ -116,9 +113,6 @@ void relight_stats_finish(struct relight_stats *stats)
     relight_owner_free(stats->owner);
     *stats = (struct relight_stats){0};
 }
-
-// ---- load and watch
-// ----------------------------------------------------------------------------
 
 static void put_bake(Relight__BakeSettings *m, const struct relight_bake *bake)
 {
@@ -240,9 +234,6 @@ int relight_watch(struct relight_client *client, const char *job, relight_progre
     }
 }
 
-// ---- info and list
-// -----------------------------------------------------------------------------
-
 static void get_vec3(const Relight__Vec3 *m, float out[3])
 {
     if (m) out[0] = m->x, out[1] = m->y, out[2] = m->z;
@@ -339,16 +330,13 @@ void relight_list_finish(struct relight_list *list)
     *list = (struct relight_list){0};
 }
 
-// ---- geometry
-// ----------------------------------------------------------------------------------
-
 static bool section_fits(uint64_t offset, uint64_t n, uint64_t payload_size)
 {
     return offset % RELIGHT_FRAME_ALIGN == 0 && offset <= payload_size &&
            n * 12 <= payload_size - offset; // n is 32-bit: no overflow
 }
 
-// The payload holds what the header says, and no triangle points past the vertices.
+// Checks the payload against the header, and the indices of the triangles.
 static bool geometry_fits(const Relight__GeometryAnswer *a, const struct answer *answer)
 {
     if (!section_fits(a->positions_offset, a->n_vertex, answer->payload_size) ||
@@ -435,7 +423,7 @@ int relight_update_vertices(struct relight_client *client, const char *model, ui
     m.model = relight_text(model);
     m.has_normals = normal != NULL;
     m.own_units = own_units;
-    // As many ranges as the largest request of the daemon asks for.
+    // Divided so that every request fits the daemon's largest payload.
     for (uint32_t at = 0; !status && (at < n || !n); at += m.n) {
         m.first = first + at;
         m.n = limit && n - at > limit ? (uint32_t)limit : n - at;

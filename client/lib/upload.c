@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Uploads by content address: ask first, then send what is missing in pipelined chunks.
+// Uploads by content address: queries the state, then sends the missing bytes in pipelined
+// chunks.
 #include "internal.h"
 
 #include <cjson/cJSON.h>
@@ -173,9 +174,6 @@ int relight_env_resolve(struct relight_client *client, const char *word, relight
     return relight_upload_file(client, word, fn, user, env + 4, NULL, error);
 }
 
-// ---- a model and the files it names
-// ----------------------------------------------------------------
-
 struct bundle {
     size_t n;
     struct relight_file file[MAX_FILE];
@@ -222,7 +220,7 @@ static void unescape_uri(char *text)
     *to = 0;
 }
 
-// Uploads each file that `buffers` of a .gltf names beside it.
+// Uploads the files that `buffers` of a .gltf refers to.
 static int add_buffers(struct relight_client *client, struct bundle *bundle, const char *path,
                        relight_progress_fn fn, void *user, struct relight_error *error)
 {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Views: a state kept by the daemon, frames that follow it, the newest one wins.
+// Views: a state in the daemon and its frames; only the newest state is drawn.
 #include "internal.h"
 
 struct relight_view {
@@ -72,7 +72,7 @@ int relight_view_set(struct relight_view *view, size_t n_light,
     Relight__ViewSetRequest m = RELIGHT__VIEW_SET_REQUEST__INIT;
     int status = put_state(&parts, &state, n_light, lights, shade, picture, error);
     if (status) return status;
-    // The lock is held while sending: states must leave in the order of their numbers.
+    // The lock is held while sending, so that states are sent in the order of their numbers.
     pthread_mutex_lock(&view->lock);
     m.view = view->id;
     m.sequence = view->next_sequence++;
@@ -85,7 +85,7 @@ int relight_view_set(struct relight_view *view, size_t n_light,
     return status;
 }
 
-// Tells the daemon that a frame arrived, so that its window moves on.
+// Acknowledges a frame, so that the daemon may send the next.
 static int acknowledge(struct relight_view *view, uint64_t frame, struct relight_error *error)
 {
     Relight__ViewSetRequest m = RELIGHT__VIEW_SET_REQUEST__INIT;

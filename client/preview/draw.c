@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Frames: which light and camera each has, drawing, tiling, files.
+// Frames: light and camera of each, drawing, tiling, files.
 #include "preview.h"
 
 #include <cjson/cJSON.h>
@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-// What stays from frame to frame. A turning light keeps the visibility buffer and the
-// background (which is turned as it is drawn), a turning camera keeps colours and reflections.
+// State that frames share. While the light turns, the visibility buffer and the background are
+// reused (shading turns the background); while the camera turns, colours and reflections are.
 struct drawing {
     struct scene *scene;
     float *plane; /* [n_vertex][3] */
@@ -27,7 +27,7 @@ static double rotation(const struct options *o, uint32_t frame)
     return o->rotate_deg + (o->turn_light ? 360.0 * frame / o->n_frame : 0);
 }
 
-// The camera of a frame: it walks about the axis +y through its target, seeing the model turn.
+// The camera of a frame: it moves about the axis +y through its target.
 static struct prt_camera frame_camera(const struct drawing *d, uint32_t frame)
 {
     const struct options *o = d->scene->options;
@@ -113,28 +113,14 @@ static int shade(struct drawing *d, struct prt_image *out)
                : EXIT_DONE;
 }
 
-static int encode(struct scene *scene, const char *path, const struct prt_image *image,
-                  struct prt_blob *out)
-{
-    const struct options *o = scene->options;
-    const struct prt_context *ctx = &scene->ctx;
-    const char *dot = strrchr(path, '.');
-    if (!strcasecmp(dot, ".exr")) return prt_encode_exr(ctx, image, false, out);
-    uint8_t *rgb8 = prt_alloc((size_t)image->width * image->height, 3);
-    if (!rgb8) return prt_fail(ctx, PRT_NOMEM, "%s: not enough memory", path);
-    int status = prt_tone_map(ctx, image, o->tone, o->exposure_ev, rgb8);
-    if (!status)
-        status = strcasecmp(dot, ".png")
-                     ? prt_encode_jpeg(ctx, rgb8, image->width, image->height, o->quality, out)
-                     : prt_encode_png(ctx, rgb8, image->width, image->height, 3, out);
-    prt_free(rgb8);
-    return status;
-}
-
 static int save(struct scene *scene, const char *path, const struct prt_image *image)
 {
+    const struct options *o = scene->options;
+    const struct prt_picture_options options = {
+        .tone = o->tone, .exposure_ev = o->exposure_ev, .quality = o->quality};
     struct prt_blob blob;
-    if (encode(scene, path, image, &blob)) return EXIT_FAILED;
+    if (prt_picture_format(path)->encode(&scene->ctx, image, &options, &blob))
+        return EXIT_FAILED;
     int status = prt_write_file(&scene->ctx, path, blob.bytes, blob.size);
     prt_free(blob.bytes);
     if (status) return EXIT_FAILED;
@@ -183,8 +169,8 @@ static int make_canvas(struct drawing *d)
     uint64_t h = o->n_env * (uint64_t)(o->height + o->gap) - o->gap;
     if (w > 32768 || h > 32768 || w * h > 1u << 28) {
         fprintf(stderr,
-                "relight-preview: a sheet of %llu x %llu pixels, allowed are 32768 a side "
-                "and 2^28 in all\n",
+                "relight-preview: a sheet of %llu x %llu pixels is too large: at most 32768 a "
+                "side and 2^28 in all\n",
                 (unsigned long long)w, (unsigned long long)h);
         return EXIT_USAGE;
     }
@@ -192,8 +178,8 @@ static int make_canvas(struct drawing *d)
     return d->canvas.rgb ? EXIT_DONE : EXIT_FAILED;
 }
 
-// One row: an environment's frames. The next light's colours are on their way while this one is
-// drawn.
+// One row: the frames of an environment. The colours of the next light are requested before
+// this one is drawn, so that daemon and drawing overlap.
 static int draw_row(struct drawing *d, size_t env)
 {
     const struct options *o = d->scene->options;
@@ -214,7 +200,7 @@ static int draw_row(struct drawing *d, size_t env)
         if (!status) status = keep(d, env, k, &image);
         prt_image_finish(&image);
     }
-    if (next.begun) { // an answer that nobody will use
+    if (next.begun) { // an answer that is not needed
         float *sink = prt_alloc(d->scene->mesh.n_vertex, 12);
         if (sink) scene_colors_end(d->scene, &next, sink);
         prt_free(sink);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// relight-preview: pictures of a daemon's model drawn here: stills, turntables, contact sheets.
+// relight-preview: draws pictures of a daemon's model locally: stills, turntables, contact
+// sheets.
 #include "preview.h"
 
 #include <stdio.h>
@@ -46,7 +47,7 @@ int main(int argc, char **argv)
     if (relight_connect(options.server, &how, &scene.client, &error)) return report(&error);
     int status = EXIT_DONE;
     if (prt_pool_create(0, &scene.ctx.pool)) {
-        fprintf(stderr, "relight-preview: no threads\n");
+        fprintf(stderr, "relight-preview: threads could not be started\n");
         status = EXIT_FAILED;
     }
     if (!status) status = scene_fetch(&scene);

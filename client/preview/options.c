@@ -13,35 +13,36 @@ const char *argp_program_version = "relight-preview " RELIGHT_VERSION;
 
 static const struct argp_option table[] = {
     {"server", 's', "ADDR", 0, "tcp:HOST:PORT or unix:PATH (default as for relight)", 0},
-    {"timeout", 'T', "SECONDS", 0, "give up on an answer after this long (default: wait)", 0},
+    {"timeout", 'T', "SECONDS", 0, "fail after this time without an answer (default: wait)", 0},
     {"env", 'e', "ENV", 0,
-     "an image file, env:HASH, constant or constant:R,G,B; each --env makes "
-     "a row of pictures. The background and reflections need a file",
+     "an image file, env:HASH, constant or constant:R,G,B; each --env gives "
+     "a row of pictures. Background and reflections need a file",
      0},
     {"rotate", 'r', "DEG", 0, "turn the light counter-clockwise about +y", 0},
-    {"frames", 'N', "N", 0, "a full turn in N pictures", 0},
-    {"turn", 't', "camera|light", 0, "what turns (default: camera)", 0},
+    {"frames", 'N', "N", 0, "draw a full turn in N pictures", 0},
+    {"turn", 't', "camera|light", 0, "turn the camera (default) or the light", 0},
     {"sheet", 'S', NULL, 0,
      "all pictures in one file: a row for each --env, a column for each "
      "frame",
      0},
-    {"gap", 'g', "PIXELS", 0, "between a sheet's pictures (default 4)", 0},
+    {"gap", 'g', "PIXELS", 0, "space between the pictures of a sheet (default 4)", 0},
     {"output", 'o', "FILE", 0,
-     "ends in .png, .jpg or .exr; of several pictures, FILE-ENV-FRAME", 0},
+     "ends in .exr, .hdr, .png or .jpg; of several pictures, FILE-ENV-FRAME", 0},
     {"material", 'm', "NAME|FILE", 0, "another material (joint transport)", 0},
     {"size", 'z', "WxH", 0, "pixels of a picture, up to 4096x4096 (default 800x600)", 0},
     {"camera", 'c', "CAMERA", 0,
      "EYE:TARGET[:UP[:FOVY]] as x,y,z:x,y,z:x,y,z:deg "
-     "(default: frames the model)",
+     "(default: frame the model)",
      0},
     {"samples-per-pixel", 'a', "1|2|4|8", 0, "anti-aliasing (default 4)", 0},
-    {"no-specular", 'n', NULL, 0, "leave reflections out", 0},
-    {"background", 'B', "R,G,B", 0, "plain background instead of the environment", 0},
+    {"no-specular", 'n', NULL, 0, "draw no specular reflection", 0},
+    {"background", 'B', "R,G,B", 0, "plain background in place of the environment", 0},
     {"tone", 'M', "MAP", 0, "filmic (default), reinhard or none", 0},
     {"exposure", 'x', "STOPS", 0, "brighten by a factor 2^STOPS", 0},
-    {"quality", 'q', "1..100", 0, "of a JPEG (default 90)", 0},
-    {"format", 'f', "FORMAT", 0, "colours travel as f32, f16 (default) or rgb9e5", 0},
-    {"json", 'j', NULL, 0, "a line of JSON for each file", 0},
+    {"quality", 'q', "1..100", 0, "quality of a JPEG (default 90)", 0},
+    {"format", 'f', "FORMAT", 0,
+     "encoding of colours on the wire: f32, f16 (default) or rgb9e5", 0},
+    {"json", 'j', NULL, 0, "print a line of JSON for each file", 0},
     {0},
 };
 
@@ -169,10 +170,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case ARGP_KEY_END:
         if (!o->model) argp_error(state, "ID is missing");
         if (!o->n_env) argp_error(state, "--env is missing");
-        const char *dot = o->output ? strrchr(o->output, '.') : NULL;
-        if (!dot || (strcasecmp(dot, ".png") && strcasecmp(dot, ".jpg") &&
-                     strcasecmp(dot, ".jpeg") && strcasecmp(dot, ".exr")))
-            argp_error(state, "-o FILE has to end in .png, .jpg or .exr");
+        char endings[100];
+        if (!o->output || !prt_picture_format(o->output))
+            argp_error(state, "-o FILE has to end in %s", prt_picture_endings(endings));
         break;
     default:
         return ARGP_ERR_UNKNOWN;
@@ -195,8 +195,9 @@ void options_parse(int argc, char **argv, struct options *options)
         table,
         parse,
         "ID",
-        "Draws pictures of a model whose light a relightd computes.\v"
-        "Geometry and colours come from the daemon, the pictures are drawn here.\n\n"
+        "Draws pictures of a model with colours from a relightd daemon.\v"
+        "The daemon sends geometry and colours; this program draws the pictures. It sends the "
+        "token of $RELIGHT_TOKEN to a daemon that requires one.\n\n"
         "Examples:\n"
         "  relight-preview bunny --env sunrise.exr -o bunny.png\n"
         "  relight-preview bunny --env sunrise.exr --frames 36 -o turn.jpg\n"

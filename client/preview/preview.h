@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT */
-/* preview.h: what the files of relight-preview share. */
+/* preview.h declares the functions and types that the files of relight-preview share. */
 #ifndef RELIGHT_PREVIEW_H
 #define RELIGHT_PREVIEW_H
 
-#include "prt/raster.h"
+#include "prt/picture.h"
 #include "relight/relight.h"
 
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_UNREACHABLE = 3, MAX_ENV = 16 };
@@ -23,13 +23,13 @@ struct options {
 };
 void options_parse(int argc, char **argv, struct options *options);
 
-/* One environment as the daemon and as the picture see it. */
+/* One environment, for the daemon and for drawing. */
 struct sky {
     char word[80];       /* for the daemon */
-    struct prt_env *env; /* NULL: only the daemon has it; no background, no reflections */
+    struct prt_env *env; /* NULL: the daemon's image; no background, no reflections */
 };
 
-/* The model, fetched: geometry in mm, its medium's surface. */
+/* The fetched model: geometry in mm, surface of its medium. */
 struct scene {
     struct relight_client *client;
     const struct options *options;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The model as the daemon has it: geometry as a mesh that the raster room draws, its medium's
-// surface, environments, and colours on request.
+// Fetches the model: geometry as a mesh for the raster room, the surface of its medium,
+// environments, and colours under a light.
 #include "preview.h"
 
 #include <stdio.h>
@@ -62,7 +62,7 @@ static int make_mesh(struct scene *scene)
     return EXIT_DONE;
 }
 
-// The material's surface decides Fresnel and reflections; the model's own, or --material.
+// Refractive index and roughness of the model's material, or of --material.
 static int find_surface(struct scene *scene)
 {
     struct relight_error error;
@@ -91,8 +91,7 @@ static int find_sky(struct scene *scene, const char *word, struct sky *sky)
     struct relight_error error;
     if (relight_env_resolve(scene->client, word, NULL, NULL, sky->word, &error))
         return report(&error);
-    if (!strncmp(word, "env:", 4))
-        return EXIT_DONE; // the daemon's; it does not hand images out
+    if (!strncmp(word, "env:", 4)) return EXIT_DONE; // the daemon does not send images back
     return prt_env_load(&scene->ctx, word, &sky->env) ? EXIT_FAILED : EXIT_DONE;
 }
 

@@ -1,26 +1,13 @@
 // SPDX-License-Identifier: MIT
 // Running integrals of the basis of e^(-sigma_t r).
 #include "bake/stages.h"
+#include "base/log_grid.h"
 
 #include "prt/radial.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-static uint32_t bits_of(float x)
-{
-    uint32_t b;
-    memcpy(&b, &x, 4);
-    return b;
-}
-
-static float float_of(uint32_t b)
-{
-    float x;
-    memcpy(&x, &b, 4);
-    return x;
-}
 
 // Adds the integral over [a,b] by composite Simpson.
 static void add_integral(const struct prt_radial *radial, double a, double b, double *sum)
@@ -43,8 +30,8 @@ int prt_extinction_table_create(const struct prt_radial *radial, struct extincti
     if (!t) return PRT_NOMEM;
     float last = radial->r[radial->n_grid - 1];
     t->n_function = radial->n_function;
-    t->base = bits_of(radial->r[1]) >> EXTINCTION_SHIFT;
-    t->n_grid = (bits_of(last) >> EXTINCTION_SHIFT) - t->base + 2;
+    t->base = prt_log_index(radial->r[1], EXTINCTION_SHIFT);
+    t->n_grid = prt_log_index(last, EXTINCTION_SHIFT) - t->base + 2;
     t->r = prt_alloc(t->n_grid, sizeof *t->r);
     t->integral = prt_calloc((size_t)t->n_grid * EXTINCTION_WIDE, sizeof *t->integral);
     if (!t->r || !t->integral) {
@@ -53,7 +40,7 @@ int prt_extinction_table_create(const struct prt_radial *radial, struct extincti
     }
     double sum[EXTINCTION_WIDE] = {0}, before = 0;
     for (uint32_t i = 0; i < t->n_grid; i++) {
-        double r = fmin(float_of((t->base + i) << EXTINCTION_SHIFT), last);
+        double r = fmin(prt_log_node(t->base + i, EXTINCTION_SHIFT), last);
         if (r > before) add_integral(radial, before, r, sum);
         before = r;
         t->r[i] = (float)r;

@@ -3,6 +3,7 @@
 // nearly linear in depth: a monotone cubic interpolates the traced nodes, and the exponentials
 // between its points are integrated in closed form.
 #include "bake/path_integral.h"
+#include "base/log_grid.h"
 
 #include <string.h>
 
@@ -240,11 +241,7 @@ static void integrate_phase(const struct single_plan *plan, const struct path *p
 
 static inline __attribute__((always_inline)) uint32_t grid_of(float r)
 {
-    union {
-        float f;
-        uint32_t i;
-    } bits = {r > 0 ? r : 0};
-    return bits.i >> EXTINCTION_SHIFT;
+    return prt_log_index(r > 0 ? r : 0, EXTINCTION_SHIFT);
 }
 
 // out[j] = integral of B_j over [0, r], linear between the table's points.

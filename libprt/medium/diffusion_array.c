@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-// R_d over arrays of squared distances: C, AVX2 and AVX-512. Bakes spend billions of calls
-// here.
+// R_d over arrays of squared distances: C, AVX2 and AVX-512. A bake evaluates R_d billions of
+// times.
 //
 // One pole is a y^2 (sigma + y) 2^(c d) with y = 1/d = rsqrt(r^2 + z^2) after one Newton step
 // and c = -sigma log2(e). The power is taken by rounding c d to a multiple of 1/16 (1/8 in
-// AVX2) with a magic addition, whose low bits look 2^(k/16) up in a register, and a short
-// polynomial for the rest: 4e-7 relative.
+// AVX2) by the addition of a large constant; the low bits of the sum index 2^(k/16) in a
+// register, and a short polynomial gives the power of the remainder: relative error 4e-7.
 #include "base/isa.h"
 #include "material.h"
 
@@ -63,7 +63,7 @@ static void rd_array_c(const struct pole *pole, size_t n, const float *restrict 
 #if PRT_ISA_X86
 PRT_ISA_BEGIN(PRT_ISA_AVX512)
 
-/* c1 is ln 2 plus the Chebyshev share of the dropped cubic (quartic) term on |f| <= h. */
+/* C1 is ln 2 plus the Chebyshev correction for the dropped cubic term on |f| <= 1/32. */
 #define LN2 0.69314718055994531
 #define EXP512_C2 (LN2 * LN2 / 2)
 #define EXP512_C1 (LN2 + LN2 * LN2 * LN2 / 6 * 0.75 / 1024)
@@ -152,7 +152,8 @@ PRT_INLINE __m256 pole256_add(const struct pole *p, __m256 r2, __m256 table, __m
 {
     const __m256 magic = _mm256_set1_ps(1572864.0f); /* 1.5 * 2^20: rounds to 1/8 */
     __m256 d2 = _mm256_add_ps(r2, _mm256_set1_ps(p->z2));
-    __m256 y = _mm256_rsqrt_ps(d2); /* 3.7e-4: the step below is cubic */
+    __m256 y =
+        _mm256_rsqrt_ps(d2); /* relative error 3.7e-4, so the step below is of third order */
     __m256 d = _mm256_mul_ps(d2, y);
     __m256 e = _mm256_fnmadd_ps(d, y, _mm256_set1_ps(1.0f));
     e = _mm256_mul_ps(e, _mm256_fmadd_ps(e, _mm256_set1_ps(0.375f), _mm256_set1_ps(0.5f)));
@@ -224,8 +225,8 @@ void prt_diffusion_rd3_array(const struct prt_diffusion dipole[3], unsigned cpu,
         return;
     }
 #endif
-    /* Without 32 registers the constants of three channels do not fit: one after the other,
-     * in pieces that keep r2 in the first cache. */
+    /* The constants of three channels need 32 vector registers. Without them the channels are
+     * evaluated one after the other, in pieces whose r2 stays in the L1 cache (8 KiB). */
     for (size_t i = 0; i < n; i += 2048) {
         size_t piece = n - i < 2048 ? n - i : 2048;
         for (int c = 0; c < 3; c++)

@@ -23,8 +23,8 @@ double prt_fresnel_mean_transmittance(double eta)
                                 -0.9061798459386640};
     static const double w[5] = {0.5688888888888889, 0.4786286704993665, 0.4786286704993665,
                                 0.2369268850561891, 0.2369268850561891};
-    /* near eta = 1 the boundary layer at grazing angles is mu ~ sqrt(eta^2 - 1) wide, so the
-     * variable is mu = t^2 */
+    /* near eta = 1 F_t rises within mu ~ sqrt(eta^2 - 1) at grazing angles; the substitution mu
+     * = t^2 resolves it */
     enum { N_PIECE = 16 };
     double sum = 0;
     for (int i = 0; i < N_PIECE; i++)

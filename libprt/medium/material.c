@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Materials: the measured presets, the ranges every parameter must keep, and names.
+// Materials: the measured presets, the ranges of all parameters, loading by name or file.
 #include "material.h"
 #include "profile.h"
 
@@ -8,7 +8,7 @@
 #include <strings.h>
 #include <unistd.h>
 
-/* JMLH01 fig. 5. Its g is not measured: 0; the roughness is our choice. */
+/* JMLH01 fig. 5. It has no g, so g is 0; the roughness 0.3 is chosen, not measured. */
 #define MEDIUM(NAME, sr, sg, sb, ar, ag, ab, ETA)                                         \
     {                                                                                     \
         .name = NAME, .sigma_s_prime = {sr, sg, sb}, .sigma_a = {ar, ag, ab}, .eta = ETA, \
@@ -57,7 +57,7 @@ int prt_material_check_values(const struct prt_context *ctx, const char *what,
             (err = prt_material_range(ctx, what, "g", c, v->g[c], -MATERIAL_MAX_G,
                                       MATERIAL_MAX_G, "(mean cosine, no unit)")) < 0)
             return err;
-        /* Single scattering steps by the unreduced mean free path. */
+        /* Single scattering is sampled in steps of the unreduced mean free path. */
         double sigma_t = v->sigma_a[c] + v->sigma_s_prime[c] / (1 - v->g[c]);
         if ((err = prt_material_range(ctx, what,
                                       "extinction sigma_a + sigma_s_prime/(1-g) of channel", c,
@@ -106,10 +106,10 @@ int prt_material_load(const struct prt_context *ctx, const char *name_or_file,
     if (!text && access(name_or_file, F_OK)) {
         char names[160];
         preset_names(names, sizeof names);
-        return prt_fail(ctx, PRT_ARG, "%s: no such material file, and not a preset (%s)",
+        return prt_fail(ctx, PRT_ARG, "%s: neither a material file nor a preset (%s)",
                         name_or_file, names);
     }
-    struct prt_optics optics; /* a curve's file lies beside the material's */
+    struct prt_optics optics; /* the exact profiles are not needed here */
     int err = prt_optics_load(ctx, name_or_file, &optics);
     if (err < 0) return err;
     *out = optics.material;

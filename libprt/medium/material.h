@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* Shared by the readers of materials: limits, and range errors that read alike. */
+/* Internal to materials: limits, range checks, JSON readers, the table of a profile. */
 #ifndef MEDIUM_MATERIAL_H
 #define MEDIUM_MATERIAL_H
 
@@ -8,25 +8,27 @@
 #include <cjson/cJSON.h>
 #include <string.h>
 
-enum { MATERIAL_MAX_BYTES = 1 << 16 };
-#define MATERIAL_MIN_SIGMA_S 1e-5 /* mm^-1: a mean free path of 100 m */
-#define MATERIAL_MAX_SIGMA 1000.0
-#define MATERIAL_MAX_SIGMA_T 5000.0 /* beyond it no surface sampling can follow the walk */
+enum { MATERIAL_MAX_BYTES = 1 << 16 }; /* of JSON; a curve of 4 x 256 points takes 24 KiB */
+#define MATERIAL_MIN_SIGMA_S 1e-5      /* mm^-1: a mean free path of 100 m */
+#define MATERIAL_MAX_SIGMA 1000.0      /* mm^-1: a mean free path of 1 um */
+#define MATERIAL_MAX_SIGMA_T \
+    5000.0 /* mm^-1: shorter steps than any surface sampling resolves */
 #define MATERIAL_MAX_G 0.95
 #define MATERIAL_MIN_ROUGHNESS 0.01
 
-/* A material before it is narrowed to floats: 1e39 must be refused as 1e39. */
+/* A material in doubles, so that a message shows the number that the user gave (1e39). */
 struct material_values {
     double sigma_s_prime[3], sigma_a[3], g[3], eta, roughness;
 };
 
-/* PRT_ARG and a line with parameter, value, range and unit unless lo <= value <= hi. */
+/* PRT_OK if lo <= value <= hi, else PRT_ARG and a log line with parameter, value, range and
+ * unit. channel -1: the parameter has no channels. */
 int prt_material_range(const struct prt_context *ctx, const char *what, const char *parameter,
                        int channel, double value, double lo, double hi, const char *unit);
 int prt_material_check_values(const struct prt_context *ctx, const char *what,
                               const struct material_values *v);
 
-/* R_d of a dipole that has a profile: at r, its integral beyond r, at sqrt(r2[i]). */
+/* The table of a dipole that has one: R_d at r, its integral beyond r, R_d at sqrt(r2[i]). */
 double prt_material_table_rd(const struct prt_diffusion *dipole, double r_mm);
 double prt_material_table_tail(const struct prt_diffusion *dipole, double r_mm);
 void prt_material_table_array(const struct prt_diffusion *dipole, size_t n, const float *r2_mm2,

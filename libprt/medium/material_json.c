@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Material JSON, read strictly: a misspelt key is an error, not a default.
+// Strict readers of material JSON: an unknown or repeated key is an error.
 #include "material.h"
 #include "profile.h"
 
@@ -10,8 +10,9 @@ int prt_material_json_object(const struct prt_context *ctx, const char *what, co
                              size_t n, cJSON **out)
 {
     if (n > MATERIAL_MAX_BYTES)
-        return prt_fail(ctx, PRT_LIMIT, "%s: material of %zu bytes, at most %d are read", what,
-                        n, MATERIAL_MAX_BYTES);
+        return prt_fail(ctx, PRT_LIMIT,
+                        "%s: the material has %zu bytes, at most %d are allowed", what, n,
+                        MATERIAL_MAX_BYTES);
     const char *end = json;
     cJSON *object = cJSON_ParseWithLengthOpts(json, n, &end, 0);
     size_t at = object || (end >= json && end <= json + n) ? (size_t)(end - json) : 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Materials of any profile: their JSON, CSV curves, and the dipole medium nearest to each.
+// Materials of any profile: loading, and the dipole medium nearest to each profile.
 #include "material.h"
 #include "profile.h"
 
@@ -23,7 +23,8 @@ static void from_material(const struct prt_material *m, struct prt_optics *out)
 
 /* ---- the nearest dipole ---- */
 
-/* rho_d depends on sigma_a/sigma_s' alone, and falls with it; lengths then scale. */
+/* The dipole medium of p's total and half-energy radius. rho_d depends on sigma_a/sigma_s'
+ * alone and falls with it: bisection finds the ratio; the radius then gives the scale. */
 static void nearest_dipole(const struct prt_profile *p, double eta, float *sigma_s_prime,
                            float *sigma_a)
 {

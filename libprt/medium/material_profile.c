@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-// A material's own R_d as a table that travels with it: made of any profile, checked,
-// evaluated.
+// The table that carries a profile inside struct prt_material: made from any profile, checked,
+// evaluated, hashed.
 #include "material.h"
 #include "profile.h"
 
 #include <math.h>
 
-enum { N_DENSE = 3072 };
+enum { N_DENSE = 3072 }; /* candidate radii of closed forms; chosen, not measured: 12 a point */
 
 /* ---- evaluation: linear between points ---- */
 
@@ -22,7 +22,8 @@ void prt_material_dipoles(const struct prt_material *m, struct prt_diffusion out
     }
 }
 
-/* The last point at or before r; r >= radius[0]. */
+/* The last point at or before r; r >= radius[0]. Eight steps without a data-dependent branch,
+ * because engines evaluate a table for each pair of points. */
 static inline uint32_t find(const float *radius, uint32_t n, float r)
 {
     uint32_t i = 0;
@@ -134,7 +135,7 @@ static int dense_create(struct dense *d, uint32_t n)
     return d->r ? PRT_OK : PRT_NOMEM;
 }
 
-/* Where all but a ten-thousandth of the channel's light has left. */
+/* Radius of the table's last point: 1e-4 of the light leaves beyond it; at most 2000 mm. */
 static double last_radius(const struct prt_profile *p)
 {
     return fmin(prt_profile_radius(p, 1e-4), 2000);
@@ -143,7 +144,7 @@ static double last_radius(const struct prt_profile *p)
 static int dense_of(const struct prt_optics *o, struct dense *d)
 {
     const struct prt_profile *p = o->channel;
-    if (prt_profile_type(o->kind)->is_points) { /* all channels on the user's own radii */
+    if (prt_profile_type(o->kind)->is_points) { /* all channels on the profile's own radii */
         int err = dense_create(d, p[0].n);
         for (uint32_t i = 0; !err && i < d->n; i++) {
             d->r[i] = p[0].r[i];
@@ -164,9 +165,9 @@ static int dense_of(const struct prt_optics *o, struct dense *d)
     return err;
 }
 
-/* Points where the error of straight lines is the same everywhere: for the weight 2 pi r /
- * rho_d their density goes by the cube root of weight times second derivative. */
-static uint32_t choose(const struct prt_optics *o, const struct dense *d, uint32_t *pick)
+/* Chooses points that equalise the error of linear interpolation: with the weight 2 pi r /
+ * rho_d their density is proportional to the cube root of weight times second derivative. */
+static uint32_t choose_points(const struct prt_optics *o, const struct dense *d, uint32_t *pick)
 {
     double *sum = prt_calloc(d->n, sizeof *sum);
     uint32_t found = 0;
@@ -186,7 +187,7 @@ static uint32_t choose(const struct prt_optics *o, const struct dense *d, uint32
         sum[i] = sum[i - 1] + density * (d->r[i] - d->r[i - 1]);
     }
     double whole = sum[d->n - 1];
-    for (uint32_t i = 0; i < d->n; i++) /* a tenth of the points evenly, whatever the bends */
+    for (uint32_t i = 0; i < d->n; i++) /* a tenth of the points is spread evenly */
         sum[i] = (whole > 0 ? 0.9 * sum[i] / whole : 0) + 0.1 * i / (d->n - 1.0);
     for (uint32_t i = 0, k = 0; k < PRT_MATERIAL_MAX_POINT; k++) {
         double want = sum[d->n - 1] * k / (PRT_MATERIAL_MAX_POINT - 1.0);
@@ -225,9 +226,9 @@ int prt_material_from_optics(const struct prt_context *ctx, const char *what,
     uint32_t pick[PRT_MATERIAL_MAX_POINT];
     if (dense_of(o, &d) < 0) return prt_fail(ctx, PRT_NOMEM, "%s: no memory", what);
     m->profile = o->kind;
-    uint32_t n = choose(o, &d, pick);
+    uint32_t n = choose_points(o, &d, pick);
     m->n_point = 0;
-    for (uint32_t i = 0; i < n; i++) { /* float radii must still ascend */
+    for (uint32_t i = 0; i < n; i++) { /* radii must ascend after rounding to float too */
         float r = (float)d.r[pick[i]];
         if (m->n_point && !(r > m->radius[m->n_point - 1])) continue;
         m->radius[m->n_point] = r;
@@ -236,16 +237,19 @@ int prt_material_from_optics(const struct prt_context *ctx, const char *what,
     }
     int err = PRT_OK;
     if (m->n_point < 2)
-        err = prt_fail(ctx, PRT_ARG, "%s: the curve's radii are too close together", what);
+        err =
+            prt_fail(ctx, PRT_ARG,
+                     "%s: the curve's radii are too close together to differ as floats", what);
     struct prt_diffusion table[3];
     if (err == PRT_OK) prt_material_dipoles(m, table);
     bool exact = prt_profile_type(o->kind)->is_points && d.n <= PRT_MATERIAL_MAX_POINT;
-    for (int c = 0; err == PRT_OK && !exact && c < 3; c++) /* lines keep the integral */
+    for (int c = 0; err == PRT_OK && !exact && c < 3; c++) /* scaled to keep the integral */
         for (uint32_t i = 0; i < m->n_point; i++)
             m->reflectance[c][i] *= (float)(o->channel[c].total / table[c].rho_d);
     double error = err == PRT_OK && !exact ? table_error(o, &d) : 0;
     if (error > 0.005)
-        prt_log(ctx, PRT_LOG_WARNING, "%s: %d points hold its profile to %.2g %% only", what,
+        prt_log(ctx, PRT_LOG_WARNING,
+                "%s: the table of %d points differs from its profile by %.2g %%", what,
                 PRT_MATERIAL_MAX_POINT, 100 * error);
     prt_free(d.r);
     return err < 0 ? err : prt_material_check(ctx, m);

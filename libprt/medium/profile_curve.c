@@ -86,7 +86,8 @@ static int curve_inline(const struct prt_context *ctx, const char *what, const c
     return PRT_OK;
 }
 
-/* One line: r and one value, or r and three. Empty lines, # comments and one header pass. */
+/* Reads one line: r and one value, or r and three. Skips empty lines, # comments and a header
+ * in the first line. */
 static int curve_line(const struct prt_context *ctx, const char *what, unsigned line,
                       char *text, struct curve *curve)
 {

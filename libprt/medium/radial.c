@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-// Making a radial basis: as small as its error target allows, or back from a stored table.
+// Making a radial basis: the smallest that keeps the error target, or one from a stored table.
 #include "prt/profile.h"
 #include "radial.h"
 
 #include <math.h>
 #include <string.h>
 
-/* METHODS "Range to cover" */
+/* METHODS §4: range of media to cover. Families: dipole, extinction. */
 static const double whole_range[2][2][2] = {{{0.02, 25}, {0, 2}}, {{0.02, 50}, {0, 0}}};
 
 static int check_options(const struct prt_context *ctx, const struct prt_radial_options *o)
@@ -57,7 +57,7 @@ static int radial_init(const struct prt_context *ctx, const struct prt_radial_op
     if (o->sigma_hi > 0) pub->range[0][1] = o->sigma_hi;
     if (o->sigma_a_hi > 0) pub->range[1][0] = o->sigma_a_lo, pub->range[1][1] = o->sigma_a_hi;
     double radius = o->radius_mm > 0 ? o->radius_mm : 60;
-    /* a tenth of the shortest mean free path: R_d is flat below it */
+    /* first radius: a tenth of the shortest mean free path, below which R_d is constant */
     double r_lo = fmin(0.1 / pub->range[0][1], radius / 64);
     if (pub->range[0][0] > pub->range[0][1]) {
         prt_free(radial);
@@ -88,14 +88,15 @@ void prt_radial_destroy(struct prt_radial *pub)
     prt_free(radial);
 }
 
-/* Candidates of every size: singular functions, or knots of every count. */
+/* Candidates for every size of basis: singular functions, or knots for each number of pieces.
+ */
 struct candidates {
     double *reduced;
     uint32_t n_reduced;
     uint32_t *knot, m_max;
 };
 
-static uint32_t functions_of(const struct radial *radial, uint32_t m)
+static uint32_t count_functions(const struct radial *radial, uint32_t m)
 {
     return radial->pub.kind == PRT_RADIAL_HAT ? m + 1 : m * (radial->degree + 1);
 }
@@ -109,7 +110,7 @@ static int candidates_init(const struct radial *radial, struct candidates *c)
                           : PRT_NOMEM;
     }
     c->m_max = 1;
-    while (functions_of(radial, c->m_max + 1) <= RADIAL_MAX_FUNCTION) c->m_max++;
+    while (count_functions(radial, c->m_max + 1) <= RADIAL_MAX_FUNCTION) c->m_max++;
     c->knot = prt_calloc((size_t)(c->m_max + 1) * (c->m_max + 1), sizeof *c->knot);
     return c->knot ? prt_radial_knots(radial, c->m_max, c->knot) : PRT_NOMEM;
 }
@@ -139,13 +140,13 @@ static int choose_size(const struct prt_context *ctx, struct radial *radial,
     if (o->n_function) {
         uint32_t size = 1;
         if (prt_radial_is_spline(radial))
-            while (size < hi && functions_of(radial, size + 1) <= o->n_function) size++;
+            while (size < hi && count_functions(radial, size + 1) <= o->n_function) size++;
         else size = o->n_function < hi ? o->n_function : hi;
         return build_size(radial, c, size);
     }
     const double target = o->max_error > 0 ? o->max_error : 0.001;
     int err;
-    while (lo < hi) { /* errors fall with size, but for noise well below the target */
+    while (lo < hi) { /* the error falls with the size, except for noise far below the target */
         uint32_t mid = (lo + hi) / 2;
         if ((err = build_size(radial, c, mid)) < 0) return err;
         if (radial->pub.worst_error <= target) hi = mid;
@@ -154,12 +155,16 @@ static int choose_size(const struct prt_context *ctx, struct radial *radial,
     if ((err = build_size(radial, c, hi)) < 0) return err;
     if (radial->pub.worst_error > target)
         prt_log(ctx, PRT_LOG_WARNING,
-                "radial basis: %u functions leave an error of %.3g %%, asked for %.3g %%",
+                "radial basis: %u functions have an error of %.3g %%, the target is %.3g %%",
                 radial->pub.n_function, 100 * radial->pub.worst_error, 100 * target);
     return PRT_OK;
 }
 
-/* Adds what the finished basis leaves of each extra profile, one after the other. */
+/* Relative error below which a profile needs no function of its own: half the default error
+ * target of a basis (0.001). */
+#define MIN_EXTRA_ERROR 5e-4
+
+/* Adds to the basis the residual of each extra profile, one after the other. */
 static int add_extra(const struct prt_context *ctx, struct radial *radial,
                      const struct prt_radial_options *o)
 {
@@ -173,7 +178,7 @@ static int add_extra(const struct prt_context *ctx, struct radial *radial,
         f.fit = prt_alloc((n + 1) * ng, sizeof *f.fit);
         if (!f.fit) return PRT_NOMEM;
         for (size_t i = 0; i < n * ng; i++) f.fit[i] = radial->pub.value[i];
-        if (prt_radial_remainder(radial, &o->extra[k], f.fit + n * ng) >= 5e-4)
+        if (prt_radial_remainder(radial, &o->extra[k], f.fit + n * ng) >= MIN_EXTRA_ERROR)
             err = prt_radial_build(radial, &f);
         prt_radial_functions_finish(&f);
         if (err < 0) return err;
@@ -201,9 +206,9 @@ int prt_radial_create(const struct prt_context *ctx, const struct prt_radial_opt
     return PRT_OK;
 }
 
-/* ---- back from a table ---- */
+/* ---- a basis from a stored table ---- */
 
-/* Piece k of a piecewise table starts where its first function does. */
+/* Piece k of a piecewise table begins at the first non-zero value of its first function. */
 static int table_knots(const struct radial *radial, uint32_t n_function, const float *value,
                        uint32_t *m, uint32_t knot[RADIAL_MAX_FUNCTION + 1])
 {
@@ -298,7 +303,8 @@ int prt_radial_from_table(const struct prt_context *ctx,
     if (err == PRT_OK) err = rebuild(radial, n_function, value);
     if (err < 0) {
         prt_radial_destroy(&radial->pub);
-        return prt_fail(ctx, err, "radial basis: the stored table is not one of ours");
+        return prt_fail(ctx, err,
+                        "radial basis: the stored table was not made by this program");
     }
     *out = &radial->pub;
     return PRT_OK;

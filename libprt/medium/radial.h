@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* The inside of a radial basis: its grid, quadrature, projection operator and builders. */
+/* Internals of a radial basis: grid, quadrature, projection operator, builders. */
 #ifndef MEDIUM_RADIAL_H
 #define MEDIUM_RADIAL_H
 
@@ -25,9 +25,10 @@ double prt_radial_member_eval(const struct radial_member *member, double r);
 /* integral over [0, radius] of the member: 2 pi r dr (dipole) or dr (extinction) */
 double prt_radial_member_inside(const struct radial_member *member, double radius);
 
-/* Two Gauss points an interval of the grid. `measure` integrates d mu = 2 pi r dr or dr;
- * `weight` is the least squares' own: (d mu / d log r)^2 d log r, so that every scale counts
- * alike and the L1 error it bounds is the METHODS §4 one; for the plain kind just dr. */
+/* A basis with its quadrature: two Gauss points for each interval of the grid. `measure`
+ * integrates d mu = 2 pi r dr or dr. `weight` is that of the least squares: (d mu / d log r)^2
+ * d log r, under which every scale has the same weight and which bounds the L1 error of METHODS
+ * §4; dr for the plain kind. */
 struct radial {
     struct prt_radial pub; /* first: a struct prt_radial * is a struct radial * */
     unsigned cpu;
@@ -50,8 +51,8 @@ bool prt_radial_is_plain(const struct radial *radial);
 bool prt_radial_is_spline(const struct radial *radial);
 void prt_radial_free_functions(struct radial *radial);
 
-/* Functions a fit may use: fit[n_fit][n_grid] at the grid, and the stored functions they turn
- * into: stored coef = map[n_function][n_fit] fit coef (NULL: the same functions). */
+/* Functions of a fit: fit[n_fit][n_grid] at the grid, and the stored functions made from them:
+ * stored coef = map[n_function][n_fit] fit coef (NULL: the same functions). */
 struct radial_functions {
     uint32_t n_fit, n_function;
     double *fit, *map, *stored; /* stored [n_function][n_grid]; NULL when map is */
@@ -67,9 +68,10 @@ int prt_radial_measure(struct radial *radial);
  * integrals over the grid are inside[c] > 0; coef[n_function][n_channel]; returns the error. */
 double prt_radial_project(const struct radial *radial, unsigned n_channel,
                           float (*f)[RADIAL_MAX_QUAD], const double *inside, float *coef);
-/* The `n_max` leading singular functions [n][n_grid] of the family; *n how many are sound. */
+/* The leading singular functions [n][n_grid] of the family, at most n_max; *n: how many have a
+ * singular value above 1e-11 of the first. */
 int prt_radial_reduced(const struct radial *radial, uint32_t n_max, double *out, uint32_t *n);
-/* What the basis leaves of `profile`, at the grid, into out[n_grid]; returns its error. */
+/* The residual of `profile` in the basis, at the grid, into out[n_grid]; returns its error. */
 double prt_radial_remainder(const struct radial *radial, const struct prt_profile *profile,
                             double *out);
 /* Knots (grid indices, m+1 of them, ascending) that split the representative function into m

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Where basis functions come from: the singular vectors of a family, or splines on knots that
-// dynamic programming places (X07 §5).
+// Basis functions: the singular vectors of a family, or splines on knots that dynamic
+// programming places (X07 §5).
 #include "radial.h"
 
 #include <lapacke.h>
@@ -9,6 +9,7 @@
 
 /* ---- reduced basis ---- */
 
+/* Members of the family: a logarithmic grid over its range (METHODS §4). */
 enum { N_SIGMA = 28, N_SIGMA_A = 16, N_SIGMA_T = 160 };
 
 static uint32_t family_members(const struct radial *radial, struct radial_member *out)
@@ -32,7 +33,7 @@ static uint32_t family_members(const struct radial *radial, struct radial_member
     return n;
 }
 
-/* Left singular vectors from the small side: rows = L Q, then the SVD of L, into l. */
+/* Left singular vectors into l: rows = L Q, then the SVD of the small matrix L. */
 static int left_vectors(uint32_t n, uint32_t nq, double *row, double *l, double *value)
 {
     double *tau = prt_calloc(n, sizeof *tau), *superb = prt_calloc(n, sizeof *superb);
@@ -50,24 +51,24 @@ static int left_vectors(uint32_t n, uint32_t nq, double *row, double *l, double 
     return err;
 }
 
-/* B_j = sum_m U_mj f_m / s_j: combinations of exact profiles, so exact at every radius. */
+/* B_j = sum_m U_mj f_m / s_j, evaluated from the exact profiles f_m at every grid radius. */
 static uint32_t combine(const struct radial *radial, const struct radial_member *member,
                         uint32_t n, const double *l, const double *value, uint32_t n_max,
                         double *out)
 {
     const uint32_t ng = radial->pub.n_grid;
-    uint32_t sound = 0;
-    while (sound < n_max && sound < n && value[sound] > 1e-11 * value[0]) sound++;
-    memset(out, 0, (size_t)sound * ng * sizeof *out);
+    uint32_t count = 0;
+    while (count < n_max && count < n && value[count] > 1e-11 * value[0]) count++;
+    memset(out, 0, (size_t)count * ng * sizeof *out);
     for (uint32_t m = 0; m < n; m++) {
         double scale = 1 / prt_radial_member_inside(&member[m], radial->pub.r[ng - 1]);
         for (uint32_t i = 0; i < ng; i++) {
             double f = scale * prt_radial_member_eval(&member[m], radial->pub.r[i]);
-            for (uint32_t j = 0; j < sound; j++)
+            for (uint32_t j = 0; j < count; j++)
                 out[(size_t)j * ng + i] += f * l[(size_t)m * n + j] / value[j];
         }
     }
-    return sound;
+    return count;
 }
 
 int prt_radial_reduced(const struct radial *radial, uint32_t n_max, double *out,
@@ -82,7 +83,7 @@ int prt_radial_reduced(const struct radial *radial, uint32_t n_max, double *out,
     int err = PRT_NOMEM;
     if (!row || !l || !value) goto done;
     if ((err = nq >= n ? PRT_OK : PRT_ARG) < 0) goto done;
-    /* rows sqrt(w) f / inside: the L1 error of each member counts alike */
+    /* rows sqrt(w) f / inside: the L1 error of each member has the same weight */
     for (uint32_t m = 0; m < n; m++) {
         double scale =
             1 / prt_radial_member_inside(&member[m], radial->pub.r[radial->pub.n_grid - 1]);
@@ -102,9 +103,9 @@ done:
 
 /* ---- knots ---- */
 
-/* What the knots should resolve. X07 takes the mean of three members; the other kinds take
- * members spread over the range they cover, each scaled to the same integral, and add up their
- * costs: knots placed for the mean of three miss the ends of a wide range (55 % error). */
+/* Functions that the knots are placed for. X07 takes the mean of three members. The other kinds
+ * take members over the whole range, each scaled to the same integral, and add their costs:
+ * knots for the mean of three have an error of 55 % at the ends of a wide range. */
 enum { MAX_TARGET = 15 };
 struct knot_target {
     uint32_t n;
@@ -185,7 +186,7 @@ static double piece_cost(const struct radial *radial, const struct knot_target *
     return cost;
 }
 
-enum { KNOT_STEP = 4 };
+enum { KNOT_STEP = 4 }; /* grid intervals between candidate knots: 16 candidates an octave */
 
 static uint32_t candidate(uint32_t k, uint32_t n_candidate, uint32_t n_grid)
 {
@@ -236,7 +237,7 @@ done:
 
 /* ---- splines ---- */
 
-/* The d+1 B-splines of degree d that live on interval k, at r: their numbers are k … k+d. */
+/* The d+1 B-splines of degree d that are not 0 on interval k, at r: numbers k to k+d. */
 static void bspline(uint32_t d, uint32_t m, const double *x, uint32_t k, double r,
                     double out[3])
 {
@@ -274,8 +275,8 @@ static void fill_splines(const struct radial *radial, uint32_t m, const uint32_t
         }
 }
 
-/* Piece k's own polynomials, Bernstein so that they neither cancel nor leave [0,1], and what
- * each spline contributes to them. A node shared by two pieces belongs to the right one. */
+/* The polynomials of piece k in Bernstein form, which stay in [0,1] and do not cancel, and the
+ * contribution of each spline to them. A node shared by two pieces belongs to the right one. */
 static void fill_pieces(const struct radial *radial, uint32_t m, const uint32_t *knot,
                         const double *x, struct radial_functions *f)
 {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The projection onto a radial basis: one weighted, integral-conserving least squares, solved
-// once into an operator, so that a material is a small matrix-vector product.
+// The projection onto a radial basis: a weighted least squares that conserves the integral. It
+// is solved once into an operator; a material then takes a small matrix-vector product.
 #include "base/isa.h"
 #include "profile.h"
 #include "radial.h"
@@ -284,7 +284,7 @@ static double fit_members(const struct radial *radial, const struct radial_membe
     return prt_radial_project(radial, 3, f, inside, coef);
 }
 
-/* A material's own R_d; < 0 when nothing of it lies inside the grid. */
+/* Fits a material's table; returns the error, or -1 when it is 0 inside the grid. */
 static double fit_own_profile(const struct radial *radial, const struct prt_material *m,
                               float *coef)
 {
@@ -357,7 +357,7 @@ double prt_radial_remainder(const struct radial *radial, const struct prt_profil
     return error;
 }
 
-/* ---- the basis' own error, on materials the family does not hold ---- */
+/* ---- the error of the basis, on media between those of the family ---- */
 
 static double log_between(double lo, double hi, double t)
 {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The grid of a radial basis, members of its family, and evaluation of B_j by table.
+// The grid of a radial basis, the members of its family, and evaluation of B_j from its table.
 #include "base/isa.h"
+#include "base/log_grid.h"
 #include "radial.h"
 
 #include <math.h>
@@ -36,20 +37,6 @@ bool prt_radial_is_spline(const struct radial *radial)
     return radial->pub.kind != PRT_RADIAL_REDUCED;
 }
 
-static uint32_t float_bits(float x)
-{
-    uint32_t bits;
-    memcpy(&bits, &x, 4);
-    return bits;
-}
-
-static float bits_float(uint32_t bits)
-{
-    float x;
-    memcpy(&x, &bits, 4);
-    return x;
-}
-
 static void fill_quadrature(struct radial *radial)
 {
     const bool dipole = radial->pub.family == PRT_FAMILY_DIPOLE;
@@ -68,11 +55,12 @@ static void fill_quadrature(struct radial *radial)
 int prt_radial_grid_init(struct radial *radial, double r_lo, double radius)
 {
     struct prt_radial *pub = &radial->pub;
-    uint32_t first = float_bits((float)r_lo) >> 23 << 23, n = 2;
-    while (bits_float(first + ((n - 2) << RADIAL_OCTAVE_SHIFT)) < radius) n++;
+    /* the octave that holds r_lo */
+    uint32_t first = prt_float_bits((float)r_lo) >> 23 << 23 >> RADIAL_OCTAVE_SHIFT, n = 2;
+    while (prt_log_node(first + n - 2, RADIAL_OCTAVE_SHIFT) < radius) n++;
     if (n > RADIAL_MAX_GRID) return PRT_LIMIT;
     pub->n_grid = n;
-    radial->base = first >> RADIAL_OCTAVE_SHIFT;
+    radial->base = first;
     radial->n_quad = 2 * (n - 1);
     pub->r = prt_calloc(n, sizeof *pub->r);
     radial->inv_step = prt_calloc(n, sizeof(float));
@@ -85,7 +73,7 @@ int prt_radial_grid_init(struct radial *radial, double r_lo, double radius)
         !radial->quad_r || !radial->measure || !radial->weight)
         return PRT_NOMEM;
     for (uint32_t i = 1; i < n; i++)
-        pub->r[i] = bits_float(first + ((i - 1) << RADIAL_OCTAVE_SHIFT));
+        pub->r[i] = prt_log_node(first + i - 1, RADIAL_OCTAVE_SHIFT);
     for (uint32_t i = 0; i + 1 < n; i++) radial->inv_step[i] = 1 / (pub->r[i + 1] - pub->r[i]);
     fill_quadrature(radial);
     return PRT_OK;
@@ -102,7 +90,7 @@ eval_body(const struct radial *radial, size_t n, const float *restrict r, float 
             continue;
         }
         uint32_t k =
-            r[i] < r1 ? 0 : (float_bits(r[i]) >> RADIAL_OCTAVE_SHIFT) - radial->base + 1;
+            r[i] < r1 ? 0 : prt_log_index(r[i], RADIAL_OCTAVE_SHIFT) - radial->base + 1;
         float t = (r[i] - radial->pub.r[k]) * radial->inv_step[k];
         const float *restrict a = radial->table + (size_t)k * stride, *restrict b = a + stride;
         for (uint32_t j = 0; j < n_function; j++) out[j] = a[j] + t * (b[j] - a[j]);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The door to libdraco, which is C++ only.
+// C interface of libdraco, which has a C++ one only. Called in the isolated child.
 #ifndef PRT_MESH_DRACO_H
 #define PRT_MESH_DRACO_H
 
@@ -15,8 +15,9 @@ struct prt_draco {
     float *position, *normal, *uv; // [n_vertex][3], [3], [2]; normal and uv may be NULL
     uint32_t *triangle;            // [n_triangle][3] < n_vertex
 };
-// id: the attributes' unique ids (position, normal, uv), -1 for none. 0, or a reason as text in
-// *why. The arrays are malloc-ed; free with prt_draco_free in either case.
+// Decodes a mesh. id: the unique ids of position, normal and uv; -1: absent. Returns 0, or -1
+// with the reason in *why, a constant text. The arrays are malloc-ed; free with prt_draco_free
+// in either case.
 int prt_draco_decode(const void *bytes, size_t n, const int64_t id[3], uint32_t max_vertices,
                      uint32_t max_triangles, struct prt_draco *out, const char **why);
 void prt_draco_free(struct prt_draco *d);

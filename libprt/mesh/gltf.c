@@ -9,7 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-// Extensions that may be required: those we read, and those that change nothing in geometry.
+// Extensions that a file may require: those that are read here, and those that do not change
+// the geometry.
 static const char *const supported[] = {
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
@@ -21,7 +22,7 @@ static const char *const supported[] = {
     "MSFT_texture_dds",
     "KHR_lights_punctual",
     "KHR_animation_pointer",
-    "KHR_materials_", // all of them: a prefix
+    "KHR_materials_", // a prefix: all of these
 };
 
 int prt_gltf_bad(const struct gltf *g, const char *fmt, ...)
@@ -67,20 +68,20 @@ static int open_glb(struct gltf *g, uint8_t *bytes, size_t n, char **json, size_
         return prt_fail(g->d->ctx, PRT_UNSUPPORTED, "%s: GLB version %u, only 2 is known",
                         g->d->name, version);
     if (length > n || length < 20)
-        return prt_gltf_bad(g, "the GLB header says %u bytes, the file has %zu", length, n);
+        return prt_gltf_bad(g, "the GLB header declares %u bytes, the file has %zu", length, n);
     if (length < n)
-        prt_log(g->d->ctx, PRT_LOG_WARNING, "%s: %zu bytes after its end are ignored",
-                g->d->name, n - length);
+        prt_log(g->d->ctx, PRT_LOG_WARNING,
+                "%s: %zu bytes after the end of the GLB are ignored", g->d->name, n - length);
     g->is_glb = g->plain = true;
     g->glb_n = length;
     for (size_t at = 12, chunk = 0; at < length; chunk++) {
         if (length - at < 8) return prt_gltf_bad(g, "GLB chunk %zu is cut off", chunk);
         size_t size = u32(bytes + at), type = u32(bytes + at + 4);
         if (size > length - at - 8)
-            return prt_gltf_bad(g, "GLB chunk %zu says %zu bytes, %zu are left", chunk, size,
-                                length - at - 8);
+            return prt_gltf_bad(g, "GLB chunk %zu declares %zu bytes, %zu are left", chunk,
+                                size, length - at - 8);
         if (chunk == 0) {
-            if (type != 0x4e4f534a) return prt_gltf_bad(g, "its first chunk is not JSON");
+            if (type != 0x4e4f534a) return prt_gltf_bad(g, "the first GLB chunk is not JSON");
             *json = (char *)bytes + at + 8;
             *json_n = size;
         } else if (type == 0x004e4942 && !g->bin.known) {
@@ -92,7 +93,7 @@ static int open_glb(struct gltf *g, uint8_t *bytes, size_t n, char **json, size_
     return PRT_OK;
 }
 
-// A container of tinygltf's liking: JSON, then BIN unless that is empty.
+// Builds a GLB with the chunks that tinygltf accepts: JSON, then BIN unless it is empty.
 static int build_glb(const struct gltf *g, const char *json, size_t json_n, void **out,
                      size_t *out_n)
 {
@@ -134,7 +135,7 @@ static int check_head(const struct gltf *g)
                          : !strcmp(f->required[k], supported[i]);
         if (!known)
             return prt_fail(g->d->ctx, PRT_UNSUPPORTED,
-                            "%s: it requires the extension %.80s, which is not supported",
+                            "%s: the file requires the extension %.80s, which is not supported",
                             g->d->name, f->required[k]);
     }
     return PRT_OK;
@@ -149,7 +150,7 @@ static int run_tinygltf(struct gltf *g, const void *bytes, size_t n)
                         n);
     int refused =
         prt_gltf_parse(bytes, (uint32_t)n, g->is_glb, &files, &g->file, say, sizeof say);
-    if (g->told) return g->told;
+    if (g->file_status) return g->file_status;
     if (refused == PRT_GLTF_NO_MEMORY) return prt_gltf_no_memory(g);
     int status = check_head(g);
     if (status) return status;
@@ -158,14 +159,14 @@ static int run_tinygltf(struct gltf *g, const void *bytes, size_t n)
     return PRT_OK;
 }
 
-// The JSON lies inside bytes, which are changed.
+// json points into bytes; both are changed.
 static int parse(struct gltf *g, uint8_t *bytes, size_t n, char *json, size_t json_n)
 {
     char *other = NULL;
     void *built = NULL;
     while (json_n && (!json[json_n - 1] || isspace((unsigned char)json[json_n - 1])))
-        json[--json_n] = ' '; // some pad with zeros
-    if (!json_n) return prt_gltf_bad(g, "its JSON is empty");
+        json[--json_n] = ' '; // some exporters pad with zeros
+    if (!json_n) return prt_gltf_bad(g, "the glTF JSON is empty");
     int status = prt_gltf_scan(g, json, json_n);
     if (!status && prt_gltf_needs_rewrite(json, json_n)) {
         status = prt_gltf_rewrite(g, json, json_n, &other);
@@ -199,11 +200,11 @@ static int make_tables(struct gltf *g)
     return PRT_OK;
 }
 
-static void tell(const struct gltf *g)
+static void log_notes(const struct gltf *g)
 {
     if (g->n_skipped)
         prt_log(g->d->ctx, PRT_LOG_NOTE,
-                "%s: %u primitives of points or lines, or without positions, are left out",
+                "%s: %u primitives of points or lines, or without positions, are not loaded",
                 g->d->name, g->n_skipped);
     if (g->n_deformed)
         prt_log(g->d->ctx, PRT_LOG_NOTE,
@@ -211,16 +212,16 @@ static void tell(const struct gltf *g)
                 g->d->name);
     if (g->n_bad_normal)
         prt_log(g->d->ctx, PRT_LOG_WARNING,
-                "%s: %u normals have no direction and are made from the triangles", g->d->name,
-                g->n_bad_normal);
+                "%s: %u normals have no direction; they are computed from the triangles",
+                g->d->name, g->n_bad_normal);
     if (g->n_flat)
         prt_log(g->d->ctx, PRT_LOG_WARNING,
-                "%s: %u primitives are flattened by a node of scale 0: they have no thickness",
+                "%s: %u primitives have a node of scale 0: they are flat and have no thickness",
                 g->d->name, g->n_flat);
     if (g->n_tail)
         prt_log(g->d->ctx, PRT_LOG_WARNING,
-                "%s: the last triangle of %u primitives is incomplete and left out", g->d->name,
-                g->n_tail);
+                "%s: the last triangle of %u primitives is incomplete and not loaded",
+                g->d->name, g->n_tail);
 }
 
 static void release(struct gltf *g)
@@ -252,7 +253,7 @@ int prt_read_gltf(struct prt_draft *d, uint8_t *bytes, size_t n)
     if (!status) status = make_tables(&g);
     if (!status) status = prt_gltf_walk(&g);
     if (!status) prt_gltf_settle_surfaces(&g);
-    if (!status) tell(&g);
+    if (!status) log_notes(&g);
     release(&g);
     return status;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The glTF reader's own parts: the pre-scan, buffers, accessors. Every number is checked here.
+// The glTF reader: pre-scan, buffers, accessors, nodes. It checks every number of the file.
 #ifndef PRT_MESH_GLTF_H
 #define PRT_MESH_GLTF_H
 
@@ -25,28 +25,28 @@ struct gltf_mesh_data { // a decoded Draco primitive
 struct gltf {
     struct prt_draft *d;
     struct prt_gltf_document file;
-    bool is_glb, plain;    // plain: as tinygltf wants a container
-    uint32_t glb_n;        // the length its header says
-    struct gltf_bytes bin; // the GLB's own chunk
+    bool is_glb, plain;    // plain: the container keeps tinygltf's rules for chunk sizes
+    uint32_t glb_n;        // length in the GLB header
+    struct gltf_bytes bin; // the GLB's BIN chunk
     uint64_t *external;    // [n_external] byteLength of buffers in files, in order
     size_t n_external, n_opened;
-    int told;                      // the status of a file that could not be read
+    int file_status; // status of an external file that could not be read, logged; 0: none
     struct gltf_bytes *view_bytes; // [n_view]
     struct gltf_mesh_data **draco; // [n_view]
     struct gltf_owned *owned;
     uint64_t loaded_bytes;            // of buffers and decoded views, against d->max_bytes
     uint32_t *surface_of, *opaque_of; // [n_material + 1] into d->surface, UINT32_MAX: not yet
-    size_t mesh_index;                // being read, for messages
-    uint32_t n_skipped, n_deformed, n_bad_normal, n_tail, n_flat;
+    size_t mesh_index;                // of the mesh being read, for messages
+    uint32_t n_skipped, n_deformed, n_bad_normal, n_tail, n_flat; // counts for the notes
 };
 
-// A line "NAME: ..." and PRT_FORMAT.
+// Logs "NAME: ..." and returns PRT_FORMAT.
 int prt_gltf_bad(const struct gltf *g, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
 int prt_gltf_no_memory(const struct gltf *g);
 void *prt_gltf_own(struct gltf *g, uint64_t bytes); // zeroed; lives until the reader ends
 
-// Checks depth and numbers, blanks what is not read. In place.
+// Checks depth and numbers, and blanks the parts that are not read. In place.
 int prt_gltf_scan(struct gltf *g, char *json, size_t n);
 bool prt_gltf_needs_rewrite(const char *json, size_t n);
 int prt_gltf_rewrite(struct gltf *g, const char *json, size_t n, char **out); // free(*out)
@@ -70,7 +70,7 @@ int prt_gltf_floats(struct gltf *g, const struct gltf_accessor *a, unsigned n_co
                     float *out);
 int prt_gltf_indices(struct gltf *g, const struct gltf_accessor *a, uint32_t *out);
 
-// The surface of material `index` (n_material: none given), made on first use.
+// The surface of material `index` (n_material: none given), added at first use.
 int prt_gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out);
 // After all primitives: without scattering extensions in the file, all are translucent.
 void prt_gltf_settle_surfaces(struct gltf *g);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Accessors: typed, strided, normalised and sparse reading with every bound checked.
+// Reading accessors: typed, strided, normalised and sparse, with every bound checked.
 #include "gltf.h"
 
 #include <string.h>
@@ -38,15 +38,16 @@ int prt_gltf_accessor(const struct gltf *g, int64_t index, struct gltf_accessor 
     if (!a.n_component || !a.component_bytes)
         return prt_gltf_bad(g, "accessor %zu: unknown type or componentType %d", i,
                             a.component);
-    if (!a.count) return prt_gltf_bad(g, "accessor %zu: is empty", i);
-    // before anything is allocated for it
+    if (!a.count) return prt_gltf_bad(g, "accessor %zu: count is 0", i);
+    // checked before memory is allocated for it
     if (a.count > (uint64_t)g->d->max_triangles * 3)
         return prt_fail(g->d->ctx, PRT_LIMIT, "%s: accessor %zu: %llu elements are too many",
                         g->d->name, i, (unsigned long long)a.count);
     if (a.view >= 0 && (uint64_t)a.view >= g->file.n_view)
         return prt_gltf_bad(g, "accessor %zu: names bufferView %lld of %zu", i,
                             (long long)a.view, g->file.n_view);
-    if (a.view < 0 && !a.sparse) return prt_gltf_bad(g, "accessor %zu: has no data", i);
+    if (a.view < 0 && !a.sparse)
+        return prt_gltf_bad(g, "accessor %zu: has neither a bufferView nor sparse values", i);
     *out = a;
     return PRT_OK;
 }
@@ -123,25 +124,27 @@ static int apply_sparse(struct gltf *g, const struct gltf_accessor *a, float *ou
                         uint32_t *out_i)
 {
     const struct prt_gltf_accessor *o = a->sparse;
-    const uint8_t *where, *what;
-    size_t where_stride, what_stride, size = a->component_bytes * a->n_component;
+    const uint8_t *index, *value;
+    size_t index_stride, value_stride, size = a->component_bytes * a->n_component;
     int status, type = o->index_component;
     if (o->sparse_count <= 0 || (uint64_t)o->sparse_count > a->count || o->index_offset < 0 ||
         o->value_offset < 0 || (type != 5121 && type != 5123 && type != 5125))
-        return prt_gltf_bad(g, "accessor %zu: damaged sparse part", a->index);
+        return prt_gltf_bad(
+            g, "accessor %zu: its sparse values have an impossible count, offset or type",
+            a->index);
     uint64_t n = (uint64_t)o->sparse_count;
     if ((status = elements(g, a->index, o->index_view, (uint64_t)o->index_offset, n,
-                           component_bytes(type), &where, &where_stride)) ||
+                           component_bytes(type), &index, &index_stride)) ||
         (status = elements(g, a->index, o->value_view, (uint64_t)o->value_offset, n, size,
-                           &what, &what_stride)))
+                           &value, &value_stride)))
         return status;
     for (uint64_t i = 0; i < n; i++) {
-        uint32_t k = index_value(where + i * where_stride, type);
+        uint32_t k = index_value(index + i * index_stride, type);
         if (k >= a->count)
             return prt_gltf_bad(g, "accessor %zu: sparse index %u of %llu", a->index, k,
                                 (unsigned long long)a->count);
-        if (out_f) convert(a, what + i * what_stride, out_f + (size_t)k * a->n_component);
-        else out_i[k] = index_value(what + i * what_stride, a->component);
+        if (out_f) convert(a, value + i * value_stride, out_f + (size_t)k * a->n_component);
+        else out_i[k] = index_value(value + i * value_stride, a->component);
     }
     return PRT_OK;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Where a glTF's bytes come from: the buffers tinygltf has read, of which those in files come
-// through here, and views compressed with meshoptimizer. Nothing outside the model's own folder
-// is opened.
+// The bytes of a glTF: buffers in files, which tinygltf reads through prt_gltf_read_external,
+// and bufferViews, some of them compressed with meshoptimizer. Opens no file outside the
+// model's folder.
 #include "gltf.h"
 
 #include <limits.h>
@@ -27,17 +27,23 @@ static int load_file(struct gltf *g, const char *path, struct prt_blob *blob)
 {
     char joined[PATH_MAX], base[PATH_MAX], real[PATH_MAX];
     if (!is_inside(path))
-        return prt_gltf_bad(g, "buffer file \"%.80s\" is not a path beside the model", path);
+        return prt_gltf_bad(g, "buffer file \"%.80s\" is not a path inside the model's folder",
+                            path);
     if (!g->d->base_dir)
-        return prt_gltf_bad(g, "buffer \"%.80s\" is outside the file; send a .glb", path);
+        return prt_gltf_bad(
+            g, "buffer \"%.80s\" is a file of its own, which cannot be read here; send a .glb",
+            path);
     int n = snprintf(joined, sizeof joined, "%s/%s", g->d->base_dir, path);
-    if (n >= (int)sizeof joined) return prt_gltf_bad(g, "buffer file: path too long");
+    if (n >= (int)sizeof joined)
+        return prt_gltf_bad(g, "buffer file \"%.80s\": the path is too long", path);
     if (!realpath(g->d->base_dir, base) || !realpath(joined, real))
         return prt_fail(g->d->ctx, PRT_IO, "%s: there is no buffer file \"%.80s\"", g->d->name,
                         path);
-    size_t length = strlen(base); // a link may lead elsewhere
+    size_t length =
+        strlen(base); // symbolic links are resolved: the file must be inside the folder
     if (strncmp(real, base, length) || (real[length] != '/' && strcmp(base, "/")))
-        return prt_gltf_bad(g, "buffer file \"%.80s\" leads out of the model's folder", path);
+        return prt_gltf_bad(g, "buffer file \"%.80s\" is a link out of the model's folder",
+                            path);
     return prt_read_file(g->d->ctx, real, g->d->max_bytes - g->loaded_bytes, blob);
 }
 
@@ -46,17 +52,18 @@ int prt_gltf_read_external(void *user, const char *name, void **bytes, size_t *n
     struct gltf *g = user;
     struct prt_blob blob = {NULL, 0};
     uint64_t want = g->n_opened < g->n_external ? g->external[g->n_opened] : UINT64_MAX;
-    if (g->told || (g->told = load_file(g, name, &blob))) return g->told;
+    if (g->file_status || (g->file_status = load_file(g, name, &blob))) return g->file_status;
     if (want != UINT64_MAX && want > blob.size) {
         prt_free(blob.bytes);
-        return g->told =
+        return g->file_status =
                    prt_gltf_bad(g, "buffer file \"%.80s\": %llu bytes declared, %zu there",
                                 name, (unsigned long long)want, blob.size);
     }
     g->n_opened++;
     g->loaded_bytes += blob.size;
     *bytes = blob.bytes;
-    *n = want < blob.size ? (size_t)want : blob.size; // a longer file is legal, not to tinygltf
+    *n = want < blob.size ? (size_t)want
+                          : blob.size; // glTF allows a longer file, tinygltf does not
     return PRT_OK;
 }
 
@@ -68,10 +75,12 @@ static int slice(const struct gltf *g, size_t view, const struct prt_gltf_slice 
         return prt_gltf_bad(g, "bufferView %zu: names buffer %lld of %zu", view,
                             (long long)s->buffer, g->file.n_buffer);
     const struct prt_gltf_buffer *b = &g->file.buffer[s->buffer];
-    if (s->buffer > 0 && !b->has_uri) // tinygltf gives the GLB's chunk to all such
+    if (s->buffer > 0 &&
+        !b->has_uri) // tinygltf gives the BIN chunk to every buffer without a URI
         return prt_gltf_bad(g, "buffer %lld: has no data", (long long)s->buffer);
     if (s->offset < 0 || s->length < 0)
-        return prt_gltf_bad(g, "bufferView %zu: offset or length are not whole numbers", view);
+        return prt_gltf_bad(g, "bufferView %zu: its offset or length is not a whole number",
+                            view);
     uint64_t offset = (uint64_t)s->offset, length = (uint64_t)s->length;
     if (offset > b->n || length > b->n - offset)
         return prt_gltf_bad(g, "bufferView %zu: reads %llu bytes past buffer %lld", view,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// glTF materials: which are translucent, and what light does on the others.
+// glTF materials: which are translucent, and the reflection of the opaque ones.
 #include "gltf.h"
 
 #include <math.h>
@@ -34,13 +34,12 @@ static int read_surface(struct gltf *g, size_t index, struct prt_surface *s)
     double rough = m->roughness;
     s->roughness = rough < 1e-3 ? 1e-3f : rough <= 1 ? (float)rough : 1;
     s->double_sided = m->double_sided;
-    // 0 means "no Fresnel", which we do not know
+    // 0 means no Fresnel reflection, which is not supported
     s->ior = m->ior >= 1 ? (m->ior <= 5 ? (float)m->ior : m->ior < 1e30 ? 5 : 1.5f) : 1.5f;
     s->reserved[0] = m->textured; // for the note about textures; cleared before packing
     return PRT_OK;
 }
 
-// The surface of material `index` (n_material: none given), made on first use.
 int prt_gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out)
 {
     uint32_t *known = opaque ? g->opaque_of : g->surface_of;
@@ -52,7 +51,8 @@ int prt_gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out)
         int status = given ? read_surface(g, index, &s) : PRT_OK;
         if (status) return status;
         opaque |= prt_draft_opaque(g->d, s.name);
-        // 2: translucent unless another material is so by its extensions; see settle_surfaces
+        // 2: translucent unless an extension makes another material so;
+        // prt_gltf_settle_surfaces
         s.translucent = opaque ? 0 : extended ? 1 : 2;
         status = prt_draft_surface(g->d, &s, &known[index]);
         if (status) return status;

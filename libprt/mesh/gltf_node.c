@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { SPARE_VISITS = 1000 };
+enum { SPARE_VISITS = 1000 }; // chosen, not measured: instances beyond four a node
 
 static void multiply(const double *a, const double *b, double *out)
 {
@@ -64,16 +64,17 @@ struct walk {
     size_t depth, visits;
 };
 
-static int enter(struct gltf *g, struct walk *w, int64_t which, const double *parent)
+static int visit_node(struct gltf *g, struct walk *w, int64_t which, const double *parent)
 {
     double local[16];
     if (which < 0 || (uint64_t)which >= g->file.n_node)
         return prt_gltf_bad(g, "node %lld does not exist", (long long)which);
     size_t index = (size_t)which;
     if (w->on_path[index]) return prt_gltf_bad(g, "node %zu is its own descendant", index);
-    // more visits than nodes: some have several parents, which can multiply without end
+    // A node with several parents is visited once for each path to it; their number can grow
+    // exponentially.
     if (++w->visits > 4 * g->file.n_node + SPARE_VISITS)
-        return prt_fail(g->d->ctx, PRT_LIMIT, "%s: its %zu nodes make more than %zu instances",
+        return prt_fail(g->d->ctx, PRT_LIMIT, "%s: the %zu nodes give more than %zu instances",
                         g->d->name, g->file.n_node, w->visits - 1);
     struct visit *v = &w->stack[w->depth];
     int status = local_matrix(g, index, local);
@@ -92,12 +93,12 @@ static int enter(struct gltf *g, struct walk *w, int64_t which, const double *pa
 static int walk_from(struct gltf *g, struct walk *w, int64_t root)
 {
     static const double identity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
-    int status = enter(g, w, root, identity);
+    int status = visit_node(g, w, root, identity);
     while (!status && w->depth) {
         struct visit *v = &w->stack[w->depth - 1];
         const struct prt_gltf_node *node = &g->file.node[v->node];
         if (v->child < node->n_child) {
-            status = enter(g, w, node->child[v->child++], v->m);
+            status = visit_node(g, w, node->child[v->child++], v->m);
         } else {
             w->on_path[v->node] = 0;
             w->depth--;
@@ -106,7 +107,7 @@ static int walk_from(struct gltf *g, struct walk *w, int64_t root)
     return status;
 }
 
-// Without a usable scene: every node that is nobody's child.
+// Without a usable scene: every node that has no parent.
 static int walk_roots(struct gltf *g, struct walk *w)
 {
     uint8_t *is_child = prt_gltf_own(g, g->file.n_node);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// glTF meshes: primitives become blocks of triangles in the world.
+// glTF meshes: primitives become blocks of triangles in world space.
 #include "gltf.h"
 
 #include "draco.h"
@@ -156,7 +156,7 @@ static int decode_draco(struct gltf *g, const struct prt_gltf_primitive *p,
     int status;
     if (view < 0 || (uint64_t)view >= g->file.n_view || p->draco_id[0] < 0)
         return prt_gltf_bad(g, "mesh %zu: damaged Draco primitive", g->mesh_index);
-    if (!g->draco[view]) { // instances share what was decoded once
+    if (!g->draco[view]) { // instances share the decoded mesh
         struct gltf_bytes bytes;
         struct prt_draco mesh;
         const char *why = NULL;
@@ -232,8 +232,8 @@ static int read_primitive(struct gltf *g, const struct prt_gltf_primitive *p,
     struct corners c = {0};
     int status, mode = p->draco ? 4 : p->mode;
     if (p->mode > 6)
-        return prt_gltf_bad(g, "a primitive of mesh %zu: mode %d is too large", g->mesh_index,
-                            p->mode);
+        return prt_gltf_bad(g, "a primitive of mesh %zu: mode is %d, allowed range 0 to 6",
+                            g->mesh_index, p->mode);
     if (p->mode < 4 || p->position < 0) {
         g->n_skipped++;
         return PRT_OK;

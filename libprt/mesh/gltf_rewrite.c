@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
-// What tinygltf cannot take is put in other words first: fallback buffers of
-// EXT_meshopt_compression, which have no bytes, and Draco primitives, whose index accessors
-// have no bufferView. The compressed bytes are decoded later, by us, from the extensions
-// themselves.
+// Rewrites the JSON that tinygltf refuses: fallback buffers of EXT_meshopt_compression, which
+// have no bytes, and Draco primitives, whose index accessors have no bufferView. gltf_buffer.c
+// and gltf_primitive.c decode the compressed bytes later, from the extensions themselves.
 #include "gltf.h"
 
 #include <cjson/cJSON.h>
@@ -20,7 +19,8 @@ static bool set(cJSON *object, const char *key, cJSON *value)
     return value && cJSON_AddItemToObject(object, key, value);
 }
 
-// One byte stands for a buffer that has none; a view of it that is not decoded reads past it.
+// Gives each buffer without bytes a single byte. A bufferView of it that is not decoded then
+// fails its bounds check.
 static bool fill_buffers(const struct gltf *g, cJSON *json)
 {
     cJSON *buffer;

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
-// One pass over a glTF's JSON before the parser sees it. The parser recurses, so the depth is
-// bounded here; it reads -4 as 0 and 2^32 as 0, so the numbers we follow are checked here; and
-// what we never read (images, animations, extras) is blanked, so that it costs nothing and
-// cannot fail. Text the parser will refuse anyway may pass.
+// One pass over a glTF's JSON before tinygltf parses it. The parser recurses, so the depth is
+// bounded here. It reads -4 and 2^32 as 0, so indices, offsets and counts are checked here.
+// Parts that are never read (images, animations, extras) are blanked, so that they cost no time
+// and cannot fail. Invalid JSON may pass: the parser refuses it.
 #include "gltf.h"
 
 #include <ctype.h>
 #include <string.h>
 
-enum { MAX_DEPTH = 200 };
+enum { MAX_DEPTH = 200 }; // chosen, not measured
 
 struct span {
     const char *at; // NULL: none
@@ -19,10 +19,10 @@ struct scan {
     struct gltf *g;
     char *json;
     size_t n, i, depth;
-    struct span last, key;      // the last string; the key whose value comes next
-    size_t blank_at, blank;     // from there, while the depth is this
-    size_t list;                // the depth of an array of node numbers
-    bool in_buffers, has_bytes; // the array "buffers"; the object at hand has an external file
+    struct span last, key;      // the last string; the key of the value that follows
+    size_t blank_at, blank;     // start and depth of the part to blank; 0: none
+    size_t list;                // depth of an array of node indices; 0: none
+    bool in_buffers, has_bytes; // inside "buffers"; the current object has an external file
     uint64_t length;            // its byteLength
 };
 
@@ -55,7 +55,7 @@ static int not_whole(const struct scan *s, struct span key)
 static int number(struct scan *s)
 {
     bool size = one_of(s->key, sizes), other = one_of(s->key, numbers) || s->list == s->depth;
-    struct span what = s->key.at ? s->key : (struct span){"a node", 6};
+    struct span key = s->key.at ? s->key : (struct span){"a node", 6};
     uint64_t x = 0;
     if (!size && !other) return PRT_OK;
     size_t i = s->i;
@@ -63,7 +63,7 @@ static int number(struct scan *s)
         x = x * 10 + (uint64_t)(s->json[i] - '0');
     if (i == s->i || x > (size ? 1ull << 53 : INT32_MAX) ||
         (i < s->n && strchr(".eE+-", s->json[i])))
-        return not_whole(s, what);
+        return not_whole(s, key);
     if (s->in_buffers && s->depth == 3 && is(s->key, "byteLength")) s->length = x;
     s->i = i - 1;
     return PRT_OK;
@@ -76,7 +76,7 @@ static int string(struct scan *s)
         if (s->json[s->i] == '\\' && ++s->i >= s->n) break;
     size_t end = s->i < s->n ? s->i : s->n;
     if (memchr(s->json + begin, 0, end - begin))
-        return prt_gltf_bad(s->g, "a zero byte inside its JSON");
+        return prt_gltf_bad(s->g, "a zero byte inside the glTF JSON");
     s->last = (struct span){s->json + begin, end - begin};
     if (s->key.at && !s->blank && one_of(s->key, sizes)) return not_whole(s, s->key);
     if (s->in_buffers && s->depth == 3 && is(s->key, "uri"))
@@ -88,7 +88,7 @@ static int string(struct scan *s)
 static int open_value(struct scan *s)
 {
     if (++s->depth > MAX_DEPTH)
-        return prt_gltf_bad(s->g, "its JSON nests deeper than %d", MAX_DEPTH);
+        return prt_gltf_bad(s->g, "the glTF JSON nests deeper than %d levels", MAX_DEPTH);
     bool array = s->json[s->i] == '[';
     if (!s->blank &&
         (is(s->key, "extras") || (array && s->depth == 2 && one_of(s->key, unread)))) {
@@ -130,7 +130,7 @@ static int step(struct scan *s)
     char c = s->json[s->i];
     switch (c) {
     case 0:
-        return prt_gltf_bad(s->g, "a zero byte inside its JSON");
+        return prt_gltf_bad(s->g, "a zero byte inside the glTF JSON");
     case '"':
         return string(s);
     case '[':

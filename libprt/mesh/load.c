@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Loading: which format, in which process, under which limits.
+// Loading: detects the format and runs its reader in a child process with limits.
 #include "internal.h"
 
 #include <ctype.h>
@@ -13,9 +13,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-// What the child is given.
+// Input of the child.
 struct request {
-    int fd; // of the file; -1: bytes
+    int fd; // of the file; -1: `bytes` holds it
     const void *bytes;
     size_t n;
     const char *name, *base_dir;
@@ -30,7 +30,7 @@ static const char *skip_space(const char *p, const char *end)
     return p;
 }
 
-// An OBJ has no mark: it is text with a vertex line near its start.
+// OBJ has no signature: it is text with a vertex line in its first MiB.
 static bool looks_like_obj(const char *p, size_t n)
 {
     if (n > 1 << 20) n = 1 << 20;
@@ -102,9 +102,9 @@ static int parse(const struct prt_context *ctx, void *arg, struct prt_blob *out)
     } else {
         if (!r->n) return prt_fail(ctx, PRT_FORMAT, "%s: the file is empty", r->name);
         if (r->n > r->max_bytes)
-            return prt_fail(ctx, PRT_LIMIT, "%s: %zu bytes, the limit is %llu", r->name, r->n,
-                            (unsigned long long)r->max_bytes);
-        char *copy = prt_alloc(r->n + 1, 1); // text readers want a 0 at the end
+            return prt_fail(ctx, PRT_LIMIT, "%s: the file has %zu bytes, the limit is %llu",
+                            r->name, r->n, (unsigned long long)r->max_bytes);
+        char *copy = prt_alloc(r->n + 1, 1); // the text readers need a NUL at the end
         if (!copy)
             return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %zu bytes", r->name, r->n);
         memcpy(copy, r->bytes, r->n);
@@ -116,7 +116,7 @@ static int parse(const struct prt_context *ctx, void *arg, struct prt_blob *out)
     return status;
 }
 
-// Only a glTF's buffers lie in other files: nothing beside an OBJ or PLY is read.
+// Only glTF has other files (buffers): nothing beside an OBJ or PLY is read.
 static bool may_have_siblings(const struct request *r)
 {
     char head[4096];
@@ -172,7 +172,7 @@ int prt_mesh_load(const struct prt_context *ctx, const char *path,
     char folder[PATH_MAX];
     if (snprintf(folder, sizeof folder, "%s", path) >= (int)sizeof folder)
         return prt_fail(ctx, PRT_IO, "%s: the path is too long", path);
-    // A pipe would wait for a writer before it is seen that it is no regular file.
+    // O_NONBLOCK: opening a pipe would otherwise wait for a writer.
     int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     if (fd < 0) return prt_fail(ctx, PRT_IO, "%s: %s", path, strerror(errno));
     int status = prt_mesh_load_fd(ctx, path, fd, dirname(folder), options, out);

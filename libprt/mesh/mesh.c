@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The loaded mesh: making one from arrays, its bounds, scale and maps.
+// The loaded mesh: creation from arrays, bounds, scale, maps to blocks.
 #include "internal.h"
 
 #include <math.h>
@@ -12,7 +12,7 @@ void prt_mesh_destroy(struct prt_mesh *mesh)
     prt_free(mesh);
 }
 
-// Copies the arrays into a draft; normals of no length are made like missing ones.
+// Copies the arrays into a mesh builder; a normal of length 0 counts as missing.
 static int fill(struct prt_draft *d, uint32_t n_vertex, const float (*position)[3],
                 const float (*normal)[3], uint32_t n_triangle, const uint32_t (*triangle)[3])
 {
@@ -38,8 +38,9 @@ static int fill(struct prt_draft *d, uint32_t n_vertex, const float (*position)[
     for (uint32_t t = 0; !status && t < n_triangle; t++) {
         const uint32_t *i = triangle[t];
         if (i[0] >= n_vertex || i[1] >= n_vertex || i[2] >= n_vertex)
-            return prt_fail(d->ctx, PRT_ARG, "%s: triangle %u names a vertex beyond %u",
-                            d->name, t, n_vertex);
+            return prt_fail(d->ctx, PRT_ARG,
+                            "%s: triangle %u has an index beyond the %u vertices", d->name, t,
+                            n_vertex);
         status = prt_draft_triangle(d, i[0], i[1], i[2]);
     }
     d->n_object = 1;
@@ -114,7 +115,7 @@ int prt_mesh_scale(const struct prt_context *ctx, struct prt_mesh *mesh, double 
             return prt_fail(ctx, PRT_ARG,
                             "OBJ and PLY files have no unit: give --size-mm or --mm-per-unit");
         scale = 1000;
-        prt_log(ctx, PRT_LOG_NOTE, "the model is in metres, as glTF says: %.4g mm across",
+        prt_log(ctx, PRT_LOG_NOTE, "the model is in metres, the unit of glTF: %.4g mm across",
                 diagonal * scale);
     }
     if (!(diagonal * scale >= 1e-3 && diagonal * scale <= 1e6))

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The growing arrays a reader fills, and their passage through one block of memory.
+// The mesh builder: growing arrays that a reader fills, and their transfer from the child to
+// the parent as one block of memory.
 #include "internal.h"
 
 #include <math.h>
@@ -113,8 +114,8 @@ void prt_surface_default(struct prt_surface *s, const char *name)
     s->ior = 1.5f;
 }
 
-// The block of memory: this head, then the arrays, each at a multiple of 64 bytes.
-struct head {
+// The block of memory: this header, then the arrays, each at a multiple of 64 bytes.
+struct block_header {
     uint64_t magic;
     uint32_t n_vertex, n_triangle, n_block, n_object, n_surface, has_uv, units_known;
 };
@@ -122,10 +123,10 @@ static const uint64_t magic = 0x6873656d74727031;
 
 enum { POSITION, NORMAL, UV, TRIANGLE, WELD, BLOCK, SURFACE, N_PART };
 struct layout {
-    size_t at[N_PART + 1]; // the last is the size of all
+    size_t at[N_PART + 1]; // the last is the total size
 };
 
-static struct layout layout_of(const struct head *h)
+static struct layout layout_of(const struct block_header *h)
 {
     const size_t v = h->n_vertex;
     const size_t size[N_PART] = {v * 12,
@@ -143,8 +144,8 @@ static struct layout layout_of(const struct head *h)
 
 int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out)
 {
-    struct head h = {magic,       d->n_vertex,  d->n_triangle, d->n_block,
-                     d->n_object, d->n_surface, d->has_uv,     d->units_known};
+    struct block_header h = {magic,       d->n_vertex,  d->n_triangle, d->n_block,
+                             d->n_object, d->n_surface, d->has_uv,     d->units_known};
     struct layout l = layout_of(&h);
     char *bytes = l.at[N_PART] <= d->max_bytes ? prt_calloc(l.at[N_PART], 1) : NULL;
     if (!bytes) return no_memory(d);
@@ -178,7 +179,7 @@ static bool surfaces_ok(const struct prt_mesh *m)
     return true;
 }
 
-// Blocks tile vertices and triangles in order, objects ascend without gaps.
+// Blocks cover vertices and triangles in order; objects ascend without gaps.
 static bool blocks_ok(const struct prt_mesh *m)
 {
     uint64_t v = 0, t = 0;
@@ -202,14 +203,15 @@ static bool blocks_ok(const struct prt_mesh *m)
 int prt_blob_open(const struct prt_context *ctx, const char *name, const struct prt_blob *blob,
                   struct prt_mesh **out)
 {
-    struct head h;
+    struct block_header h;
     if (!blob->bytes || blob->size < 64)
-        return prt_fail(ctx, PRT_FORMAT, "%s: the reader gave nothing", name);
+        return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned no mesh", name);
     memcpy(&h, blob->bytes, sizeof h);
     struct layout l = layout_of(&h);
     if (h.magic != magic || h.n_vertex >> 30 || h.n_triangle >> 30 || !h.n_triangle ||
         l.at[N_PART] != blob->size)
-        return prt_fail(ctx, PRT_FORMAT, "%s: the reader's answer is damaged", name);
+        return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned a damaged mesh",
+                        name);
     struct prt_mesh *m = prt_calloc(1, sizeof *m);
     if (!m) return prt_fail(ctx, PRT_NOMEM, "%s: no memory", name);
     char *b = blob->bytes;
@@ -232,7 +234,8 @@ int prt_blob_open(const struct prt_context *ctx, const char *name, const struct 
               surfaces_ok(m) && blocks_ok(m);
     if (!ok) {
         prt_free(m);
-        return prt_fail(ctx, PRT_FORMAT, "%s: the reader's answer is damaged", name);
+        return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned a damaged mesh",
+                        name);
     }
     m->owner = blob->bytes;
     *out = m;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Wavefront OBJ. One block: vertices are the `v` lines in their order; polygons become fans.
+// Reader of Wavefront OBJ. One block: vertices are the `v` lines in their order; polygons
+// become fans of triangles.
 #include "internal.h"
 #include "text.h"
 
@@ -23,9 +24,9 @@ struct obj {
     uint32_t cap_uv;
 };
 
-static int bad(const struct obj *o, const char *what)
+static int fail_line(const struct obj *o, const char *fault)
 {
-    return prt_fail(o->d->ctx, PRT_FORMAT, "%s: line %zu: %s", o->d->name, o->line, what);
+    return prt_fail(o->d->ctx, PRT_FORMAT, "%s: line %zu: %s", o->d->name, o->line, fault);
 }
 
 static int push(struct obj *o, struct list *l, const float *x, size_t n)
@@ -42,7 +43,7 @@ static int push(struct obj *o, struct list *l, const float *x, size_t n)
     return PRT_OK;
 }
 
-// `need` finite numbers
+// Reads `need` finite numbers; NULL unless the line has them.
 static const char *numbers(const struct obj *o, const char *p, int need, float *out)
 {
     for (int i = 0; i < need; i++) {
@@ -58,7 +59,8 @@ static int read_vertex(struct obj *o, const char *p)
 {
     uint32_t at;
     float x[3];
-    if (!numbers(o, p, 3, x)) return bad(o, "a vertex needs three finite numbers below 1e15");
+    if (!numbers(o, p, 3, x))
+        return fail_line(o, "a vertex needs three finite numbers below 1e15");
     int status = prt_draft_vertices(o->d, 1, &at);
     if (!status) memcpy(o->d->position[at], x, sizeof x);
     return status;
@@ -103,10 +105,11 @@ static const char *read_corner(const struct obj *o, const char *p, struct corner
     return ok ? end : NULL;
 }
 
-static int keep_corner(struct obj *o, const struct corner *c)
+static int store_corner(struct obj *o, const struct corner *c)
 {
     struct prt_draft *d = o->d;
-    if (c->vn >= 0) // normals of a vertex's corners are averaged: one colour a vertex
+    if (c->vn >=
+        0) // the normals of a vertex's corners are averaged, because a vertex has one colour
         for (int k = 0; k < 3; k++) d->normal[c->v][k] += o->vn.x[c->vn * 3 + k];
     if (c->vt < 0) return PRT_OK;
     if (o->cap_uv < d->cap_vertex) {
@@ -120,7 +123,7 @@ static int keep_corner(struct obj *o, const struct corner *c)
     const float *from = o->vt.x + c->vt * 2;
     if (!o->has_uv[c->v]) {
         uv[0] = from[0];
-        uv[1] = 1 - from[1]; // glTF's v runs down
+        uv[1] = 1 - from[1]; // v counts downwards, as in glTF
         o->has_uv[c->v] = 1;
         d->has_uv = true;
     } else if (uv[0] != from[0] || uv[1] != 1 - from[1]) {
@@ -138,15 +141,15 @@ static int read_face(struct obj *o, const char *p)
         p = text_blank(p);
         if (!*p || *p == '\n' || *p == '#') break;
         p = read_corner(o, p, &next);
-        if (!p) return bad(o, "a face names a vertex that is not there, or is unreadable");
-        if ((status = keep_corner(o, &next))) return status;
+        if (!p) return fail_line(o, "a face has an unreadable index or one without a vertex");
+        if ((status = store_corner(o, &next))) return status;
         if (n >= 2 && (status = prt_draft_triangle(o->d, (uint32_t)first.v, (uint32_t)last.v,
                                                    (uint32_t)next.v)))
             return status;
         if (n == 0) first = next;
         last = next;
     }
-    return n < 3 ? bad(o, "a face needs three corners") : PRT_OK;
+    return n < 3 ? fail_line(o, "a face needs three corners") : PRT_OK;
 }
 
 static bool is_word(const char *p, const char *word, const char **rest)
@@ -213,11 +216,12 @@ static int finish(struct obj *o)
     unit_normals(d);
     if (o->uv_seam)
         prt_log(d->ctx, PRT_LOG_NOTE,
-                "%s: at texture seams a vertex keeps its first texture coordinate", d->name);
+                "%s: a vertex at a texture seam keeps its first texture coordinate", d->name);
     if (o->many_surfaces)
-        prt_log(d->ctx, PRT_LOG_WARNING,
-                "%s: an OBJ is taken as one object of one material; its others are ignored",
-                d->name);
+        prt_log(
+            d->ctx, PRT_LOG_WARNING,
+            "%s: an OBJ is read as one object of one material; its other materials are ignored",
+            d->name);
     prt_surface_default(&s, o->surface[0] ? o->surface : NULL);
     s.translucent = !o->opaque;
     int status = prt_draft_surface(d, &s, &index);
@@ -233,7 +237,7 @@ int prt_read_obj(struct prt_draft *d, const char *text, size_t n)
     int status = PRT_OK;
     o.c = newlocale(LC_ALL_MASK, "C", (locale_t)0);
     if (!o.c) return prt_fail(d->ctx, PRT_NOMEM, "%s: no memory", d->name);
-    if (memchr(text, 0, n)) status = bad(&o, "a zero byte in an OBJ file");
+    if (memchr(text, 0, n)) status = fail_line(&o, "a zero byte in an OBJ file");
     if (n >= 3 && !memcmp(text, "\xef\xbb\xbf", 3)) text += 3;
     for (const char *p = text; p && *p && !status; o.line++) {
         status = read_line(&o, text_blank(p));

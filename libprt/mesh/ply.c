@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Stanford PLY, ascii and binary of either byte order: vertices, polygons (as fans), strips.
+// Reader of Stanford PLY, ascii and binary of either byte order: vertices, polygons (as fans),
+// triangle strips.
 #include "internal.h"
 #include "text.h"
 
@@ -31,9 +32,9 @@ struct ply {
     bool have[N_USE];
 };
 
-static int bad(const struct ply *p, const char *what)
+static int fail_ply(const struct ply *p, const char *fault)
 {
-    return prt_fail(p->d->ctx, PRT_FORMAT, "%s: %s", p->d->name, what);
+    return prt_fail(p->d->ctx, PRT_FORMAT, "%s: %s", p->d->name, fault);
 }
 
 enum { I8 = 1, U8, I16, U16, I32, U32, F32, F64 };
@@ -65,7 +66,7 @@ static enum use use_of(const char *element, const char *name)
     return NOTHING;
 }
 
-// The next header line's words; -1 at the end of the file.
+// Splits the next header line into at most 6 words; their number, or -1 at the end of the file.
 static int words(struct ply *p, char word[6][32])
 {
     int n = 0;
@@ -88,10 +89,11 @@ static int words(struct ply *p, char word[6][32])
 static int add_element(struct ply *p, const char *name, const char *count)
 {
     char *end;
-    if (p->n_element == MAX_ELEMENTS) return bad(p, "too many PLY elements");
+    if (p->n_element == MAX_ELEMENTS) return fail_ply(p, "too many PLY elements");
     struct element *e = &p->element[p->n_element++];
     unsigned long long n = strtoull(count, &end, 10);
-    if (*end || count[0] == '-' || n > 1ull << 40) return bad(p, "an impossible element count");
+    if (*end || count[0] == '-' || n > 1ull << 40)
+        return fail_ply(p, "a PLY element count is not a number up to 2^40");
     *e = (struct element){.count = n, .first = p->n_property};
     memcpy(e->name, name, sizeof e->name);
     return PRT_OK;
@@ -101,7 +103,7 @@ static int add_property(struct ply *p, char word[6][32], int n)
 {
     bool list = n == 5 && !strcmp(word[1], "list");
     if (!p->n_element || p->n_property == MAX_PROPERTIES || (n != 3 && !list))
-        return bad(p, "a damaged property line");
+        return fail_ply(p, "a PLY property line is damaged");
     struct element *e = &p->element[p->n_element - 1];
     struct property *q = &p->property[p->n_property++];
     q->count_type = list ? type_of(word[2]) : 0;
@@ -109,9 +111,10 @@ static int add_property(struct ply *p, char word[6][32], int n)
     q->use = use_of(e->name, word[list ? 4 : 2]);
     e->n++;
     if (!q->type || (list && (!q->count_type || q->count_type >= F32)))
-        return bad(p, "a property of unknown type");
+        return fail_ply(p, "a PLY property has an unknown type");
     if ((q->use == INDICES) != list && q->use != NOTHING)
-        return bad(p, "a property is a list where a number is needed, or the reverse");
+        return fail_ply(
+            p, "a PLY property is a list in place of a number, or a number in place of a list");
     if (!strcmp(e->name, "vertex")) p->have[q->use] = true;
     return PRT_OK;
 }
@@ -121,10 +124,10 @@ static int read_header(struct ply *p)
     char word[6][32];
     int n, status = PRT_OK;
     n = words(p, word);
-    if (n != 1 || strcmp(word[0], "ply")) return bad(p, "the PLY header is damaged");
+    if (n != 1 || strcmp(word[0], "ply")) return fail_ply(p, "the PLY header is damaged");
     while (!status) {
         n = words(p, word);
-        if (n < 0) return bad(p, "the PLY header has no end");
+        if (n < 0) return fail_ply(p, "the PLY header has no end");
         if (n == 0 || !strcmp(word[0], "comment") || !strcmp(word[0], "obj_info")) continue;
         if (!strcmp(word[0], "end_header")) break;
         if (!strcmp(word[0], "format") && n == 3)
@@ -135,9 +138,9 @@ static int read_header(struct ply *p)
         else if (!strcmp(word[0], "element") && n == 3)
             status = add_element(p, word[1], word[2]);
         else if (!strcmp(word[0], "property")) status = add_property(p, word, n);
-        else status = bad(p, "an unknown line in the PLY header");
+        else status = fail_ply(p, "an unknown line in the PLY header");
     }
-    if (!status && !p->format) status = bad(p, "an unknown PLY format");
+    if (!status && !p->format) status = fail_ply(p, "an unknown PLY format");
     return status;
 }
 
@@ -179,7 +182,7 @@ static bool read_value(struct ply *p, int type, double *out)
 {
     if (p->format != 'a') return read_binary(p, type, out);
     char *end;
-    *out = strtod_l(p->p, &end, p->c); // crosses lines, as PLY allows
+    *out = strtod_l(p->p, &end, p->c); // a value may be on the next line, as PLY allows
     if (end == p->p || end > p->end) return false;
     p->p = end;
     return true;
@@ -188,13 +191,13 @@ static bool read_value(struct ply *p, int type, double *out)
 static int add_index(struct ply *p, double x, uint32_t corner[3], uint64_t *n, bool strip,
                      bool *odd)
 {
-    if (strip && x == -1) { // a new strip begins
+    if (strip && x == -1) { // -1 ends a strip
         *n = 0;
         *odd = false;
         return PRT_OK;
     }
     if (!(x >= 0 && x < p->d->n_vertex) || x != floor(x))
-        return bad(p, "a face names a vertex that is not there");
+        return fail_ply(p, "a face has an index without a vertex");
     uint32_t v = (uint32_t)x;
     int status = PRT_OK;
     if (*n >= 2)
@@ -214,10 +217,12 @@ static int read_list(struct ply *p, const struct property *q, bool strip)
     uint64_t n = 0;
     bool odd = false;
     int status = PRT_OK;
-    if (!read_value(p, q->count_type, &count)) return bad(p, "the file ends early");
-    if (!(count >= 0 && count <= (double)(p->end - p->p))) return bad(p, "an impossible list");
+    if (!read_value(p, q->count_type, &count)) return fail_ply(p, "the file ends early");
+    if (!(count >= 0 && count <= (double)(p->end - p->p)))
+        return fail_ply(p, "a list is longer than the file");
     for (uint64_t i = 0; i < (uint64_t)count && !status; i++) {
-        if (!read_value(p, q->type, &x)) return bad(p, "the file ends early or is no number");
+        if (!read_value(p, q->type, &x))
+            return fail_ply(p, "the file ends early or is no number");
         if (q->use == INDICES) status = add_index(p, x, corner, &n, strip, &odd);
     }
     return status;
@@ -227,7 +232,8 @@ static int store_vertex(struct ply *p, uint32_t v, const double *x)
 {
     struct prt_draft *d = p->d;
     for (int c = 0; c < 3; c++) {
-        if (!(fabs(x[X + c]) <= 1e15)) return bad(p, "a vertex is not finite or beyond 1e15");
+        if (!(fabs(x[X + c]) <= 1e15))
+            return fail_ply(p, "a vertex is not finite or beyond 1e15");
         d->position[v][c] = (float)x[X + c];
     }
     double s = x[NX] * x[NX] + x[NY] * x[NY] + x[NZ] * x[NZ];
@@ -235,7 +241,7 @@ static int store_vertex(struct ply *p, uint32_t v, const double *x)
         for (int c = 0; c < 3; c++) d->normal[v][c] = (float)(x[NX + c] / sqrt(s));
     if (p->have[U] && p->have[V] && fabs(x[U]) < 1e30 && fabs(x[V]) < 1e30) {
         d->uv[v][0] = (float)x[U];
-        d->uv[v][1] = 1 - (float)x[V]; // glTF's v runs down
+        d->uv[v][1] = 1 - (float)x[V]; // v counts downwards, as in glTF
         d->has_uv = true;
     }
     return PRT_OK;
@@ -251,12 +257,14 @@ static int read_element(struct ply *p, const struct element *e)
         const struct property *q = &p->property[e->first + i];
         row += p->format == 'a' ? 1 : size_of[q->count_type ? q->count_type : q->type];
     }
-    if (!row) return e->count && vertex ? bad(p, "vertices without properties") : PRT_OK;
+    if (!row)
+        return e->count && vertex ? fail_ply(p, "the vertices have no properties") : PRT_OK;
     if (e->count > (uint64_t)(p->end - p->p) / row)
-        return bad(p, "the file is shorter than its header says");
+        return fail_ply(p, "the file is shorter than its header declares");
     if (vertex) {
-        if (!p->have[X] || !p->have[Y] || !p->have[Z]) return bad(p, "vertices lack x, y or z");
-        if (p->d->n_vertex) return bad(p, "two vertex elements");
+        if (!p->have[X] || !p->have[Y] || !p->have[Z])
+            return fail_ply(p, "vertices lack x, y or z");
+        if (p->d->n_vertex) return fail_ply(p, "the PLY header has two vertex elements");
         status = prt_draft_vertices(p->d, e->count, &first);
     }
     for (uint64_t r = 0; r < e->count && !status; r++) {
@@ -265,7 +273,7 @@ static int read_element(struct ply *p, const struct element *e)
             const struct property *q = &p->property[e->first + i];
             if (q->count_type) status = read_list(p, q, strip);
             else if (!read_value(p, q->type, &value))
-                status = bad(p, "the file ends early or is no number");
+                status = fail_ply(p, "the file ends early or is no number");
             else x[q->use] = value;
         }
         if (!status && vertex) status = store_vertex(p, first + (uint32_t)r, x);

@@ -6,4 +6,4 @@ target_sources(prt_mesh PRIVATE ${CMAKE_CURRENT_LIST_DIR}/shim_tinygltf.cpp)
 # tinygltf before draco: Debian's libdraco exports an older tinygltf of its own under the same
 # names, whose classes have another layout.
 target_link_libraries(prt_mesh PRIVATE ${TINYGLTF_LIBRARY} PkgConfig::CJSON
-  ${MESHOPTIMIZER_LIBRARY} ${DRACO_LIBRARY})
+  ${MESHOPTIMIZER_LIBRARY} ${DRACO_LIBRARY} prt_formats)

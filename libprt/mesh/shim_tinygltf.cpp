@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// tinygltf behind C: parsing, with its file and image access replaced, and the hand-over of
-// what it parsed. Compiles against 2.7 (callbacks set without a word) and 2.9 (which may
-// refuse).
+// tinygltf behind C: parsing with replaced file and image access, and conversion of the
+// document to plain structs. Compiles against 2.7 (SetFsCallbacks returns void) and 2.9
+// (returns bool).
 #include "tinygltf.h"
 
 #include <cstdio>
@@ -37,7 +37,7 @@ struct Holder {
 
 struct Loader {
     const prt_gltf_files *files;
-    std::string name; // what `bytes` holds, for 2.9 asks for a file's size first
+    std::string name; // file that `bytes` holds: 2.9 asks for the size before it reads
     std::vector<unsigned char> bytes;
     bool full = false;
 
@@ -64,7 +64,7 @@ struct Loader {
 bool file_exists(const std::string &, void *)
 {
     return true;
-} // reading tells better
+} // reading reports a missing file
 
 std::string same_path(const std::string &path, void *)
 {
@@ -121,7 +121,7 @@ template <class T> bool set_files(T &t, const tinygltf::FsCallbacks &fs, long)
     return true;
 }
 
-// ---- hand-over
+// ---- conversion
 
 int64_t whole(const Value &object, const char *key)
 {
@@ -175,7 +175,7 @@ prt_gltf_accessor accessor_of(const tinygltf::Accessor &a)
                                                    : 0;
     o.normalized = a.normalized;
     o.sparse = a.sparse.isSparse;
-    if (!o.sparse) return o; // the rest is not initialised then
+    if (!o.sparse) return o; // tinygltf leaves the rest uninitialised
     o.sparse_count = a.sparse.count;
     o.index_view = a.sparse.indices.bufferView;
     o.index_offset = a.sparse.indices.byteOffset;
@@ -237,7 +237,7 @@ double ior_of(const tinygltf::Material &m)
     return v.IsNumber() ? v.GetNumberAsDouble() : 1.5;
 }
 
-// The older material model, where the newer one gives no colour.
+// Colour of the older material model, for materials whose newer model has none.
 std::vector<double> diffuse_of(const tinygltf::Material &m, bool *textured)
 {
     std::vector<double> out;
@@ -255,7 +255,7 @@ std::vector<double> diffuse_of(const tinygltf::Material &m, bool *textured)
     return out;
 }
 
-void hand_over_material(Holder &h, const tinygltf::Material &m)
+void convert_material(Holder &h, const tinygltf::Material &m)
 {
     prt_gltf_material o = {};
     o.textured = m.pbrMetallicRoughness.baseColorTexture.index >= 0;
@@ -273,7 +273,7 @@ void hand_over_material(Holder &h, const tinygltf::Material &m)
     h.material.push_back(o);
 }
 
-void hand_over_head(Holder &h, prt_gltf_document *d)
+void convert_head(Holder &h, prt_gltf_document *d)
 {
     d->version = h.model.asset.version.c_str();
     d->min_version = h.model.asset.minVersion.c_str();
@@ -282,7 +282,7 @@ void hand_over_head(Holder &h, prt_gltf_document *d)
     d->n_required = h.required.size();
 }
 
-void hand_over(Holder &h, prt_gltf_document *d)
+void convert(Holder &h, prt_gltf_document *d)
 {
     const tinygltf::Model &m = h.model;
     for (const auto &b : m.buffers)
@@ -296,7 +296,7 @@ void hand_over(Holder &h, prt_gltf_document *d)
     }
     for (const auto &n : m.nodes) h.node.push_back(node_of(n));
     for (const auto &s : m.scenes) h.scene.push_back({s.nodes.data(), s.nodes.size()});
-    for (const auto &o : m.materials) hand_over_material(h, o);
+    for (const auto &o : m.materials) convert_material(h, o);
     d->buffer = h.buffer.data();
     d->view = h.view.data();
     d->accessor = h.accessor.data();
@@ -314,7 +314,7 @@ void hand_over(Holder &h, prt_gltf_document *d)
     d->default_scene = m.defaultScene;
 }
 
-// Its first line, printable.
+// Copies the first line; characters outside ASCII become ?.
 void copy_line(const char *from, char *to, size_t size)
 {
     size_t n = 0;
@@ -338,7 +338,7 @@ int parse(const void *bytes, uint32_t n, bool binary, const prt_gltf_files *file
     fs.WriteWholeFile = write_file;
     fs.user_data = &loader;
     set_size(fs, 0);
-    if (!set_files(reader, fs, 0)) { // its own callbacks would open any path
+    if (!set_files(reader, fs, 0)) { // without these callbacks tinygltf would open any path
         copy_line("tinygltf refuses our file access", say, say_size);
         return PRT_GLTF_REFUSED;
     }
@@ -349,10 +349,10 @@ int parse(const void *bytes, uint32_t n, bool binary, const prt_gltf_files *file
                                              static_cast<const unsigned char *>(bytes), n, "")
                : reader.LoadASCIIFromString(&h->model, &error, &warning,
                                             static_cast<const char *>(bytes), n, "");
-    hand_over_head(*h, out);
+    convert_head(*h, out);
     copy_line((error.empty() ? warning : error).c_str(), say, say_size);
     if (!ok) return PRT_GLTF_REFUSED;
-    hand_over(*h, out);
+    convert(*h, out);
     return 0;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Numbers in text, read the same in every locale.
+// Reading numbers from text, independent of the locale.
 #ifndef PRT_MESH_TEXT_H
 #define PRT_MESH_TEXT_H
 
@@ -13,7 +13,7 @@ static inline const char *text_blank(const char *p)
     return p;
 }
 
-// The number after blanks on this line; NULL when there is none.
+// Reads the next number on this line; the text behind it, or NULL when there is none.
 static inline const char *text_double(const char *p, locale_t c, double *out)
 {
     char *end;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The door to tinygltf, which is C++ only: one parsed file as plain structs. tinygltf checks no
-// index and no offset, so nothing in here may be followed without a check of ours.
+// C interface of tinygltf, which has a C++ one only: a parsed file as plain structs. tinygltf
+// does not check indices and offsets, so the caller checks each before use.
 #ifndef PRT_MESH_TINYGLTF_H
 #define PRT_MESH_TINYGLTF_H
 
@@ -12,7 +12,7 @@
 extern "C" {
 #endif
 
-// Indices are -1 when the file has none.
+// An index is -1 where the file has none.
 struct prt_gltf_buffer {
     const uint8_t *at;
     size_t n;
@@ -87,19 +87,20 @@ struct prt_gltf_document {
     void *holder;
 };
 
-// Where tinygltf's file reads go instead. name is URL-decoded and otherwise as in the file. The
-// result is handed to release once copied.
+// Replaces tinygltf's file access. `name` is URL-decoded and otherwise as in the file. The
+// bytes are copied, then passed to release.
 struct prt_gltf_files {
     void *user;
-    int (*read)(void *user, const char *name, void **bytes, size_t *n); // 0, or it has told why
+    int (*read)(void *user, const char *name, void **bytes,
+                size_t *n); // 0, or a status whose reason is logged
     void (*release)(void *bytes);
 };
 
 enum { PRT_GLTF_REFUSED = 1, PRT_GLTF_NO_MEMORY = 2 };
-// bytes: a GLB with one JSON and at most one BIN chunk, or JSON. 0, or one of the above. say
-// gets what tinygltf said, of a success too. On PRT_GLTF_REFUSED only the document's version
-// and required extensions, as far as they were read, are set. Free with prt_gltf_free in any
-// case.
+// Parses a GLB with one JSON and at most one BIN chunk, or JSON. Returns 0 or one of the above;
+// `say` receives tinygltf's error or warning, "" for none. On PRT_GLTF_REFUSED only the
+// document's version and required extensions are set, as far as they were read. Free with
+// prt_gltf_free in any case.
 int prt_gltf_parse(const void *bytes, uint32_t n, bool binary,
                    const struct prt_gltf_files *files, struct prt_gltf_document *out, char *say,
                    size_t say_size);

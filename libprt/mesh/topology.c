@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Welding by exact position, angle-weighted normals, and what the edges say about the surface.
+// Welding by exact position, angle-weighted normals, and warnings about the surface from its
+// edges.
 #include "internal.h"
 
 #include <math.h>
@@ -10,19 +11,20 @@ static bool translucent(const struct prt_mesh *m, const struct prt_block *b)
     return m->surface[b->surface].translucent != 0;
 }
 
-struct place {
+struct position_key {
     float p[3];
     uint32_t object;
 };
 
-static struct place place_of(const struct prt_mesh *m, uint32_t v, uint32_t object)
+static struct position_key position_key_of(const struct prt_mesh *m, uint32_t v,
+                                           uint32_t object)
 {
-    // + 0 makes -0 and 0 one place
-    return (struct place){
+    // + 0 turns -0 into 0
+    return (struct position_key){
         {m->position[v][0] + 0.f, m->position[v][1] + 0.f, m->position[v][2] + 0.f}, object};
 }
 
-static uint64_t place_hash(struct place p)
+static uint64_t position_hash(struct position_key p)
 {
     uint64_t w[2];
     memcpy(w, &p, sizeof w);
@@ -37,7 +39,7 @@ static int weld(const struct prt_context *ctx, const char *name, struct prt_mesh
     size_t size = 16;
     while (size < (size_t)m->n_vertex * 2) size *= 2;
     uint32_t *table = prt_alloc(size, sizeof *table);
-    struct place *seen = prt_alloc(m->n_vertex, sizeof *seen);
+    struct position_key *seen = prt_alloc(m->n_vertex, sizeof *seen);
     if (!table || !seen) {
         prt_free(table);
         prt_free(seen);
@@ -48,8 +50,8 @@ static int weld(const struct prt_context *ctx, const char *name, struct prt_mesh
     for (uint32_t i = 0; i < m->n_block; i++) {
         const struct prt_block *b = &m->block[i];
         for (uint32_t v = b->vertex_begin; v < b->vertex_begin + b->n_vertex; v++) {
-            struct place p = place_of(m, v, b->object);
-            size_t at = place_hash(p) & (size - 1);
+            struct position_key p = position_key_of(m, v, b->object);
+            size_t at = position_hash(p) & (size - 1);
             while (table[at] != UINT32_MAX && memcmp(&seen[table[at]], &p, sizeof p))
                 at = (at + 1) & (size - 1);
             if (table[at] == UINT32_MAX) {
@@ -101,8 +103,9 @@ static void gather_normals(const struct prt_mesh *m, double (*sum)[3])
     }
 }
 
-// Where the faces cancel (both sides of a sheet) any of them is better than none.
-static void borrow_normals(struct prt_mesh *m)
+// A vertex whose face normals cancel (both sides of a sheet) gets the normal of one of its
+// faces.
+static void fill_cancelled_normals(struct prt_mesh *m)
 {
     for (uint32_t t = 0; t < m->n_triangle; t++) {
         double e[3][3], n[3];
@@ -133,7 +136,7 @@ static int make_normals(const struct prt_context *ctx, const char *name, struct 
         for (int c = 0; c < 3 && length > 1e-6; c++) n[c] = (float)(s[c] / length);
     }
     prt_free(sum);
-    borrow_normals(m);
+    fill_cancelled_normals(m);
     for (uint32_t v = 0; v < m->n_vertex; v++) {
         float *n = m->normal[v];
         if (n[0] || n[1] || n[2]) continue;
@@ -143,7 +146,7 @@ static int make_normals(const struct prt_context *ctx, const char *name, struct 
     if (alone)
         prt_log(ctx, PRT_LOG_WARNING,
                 "%s: %u vertices belong to no triangle with an area; their normal is +y and "
-                "their colour means nothing",
+                "their colour has no meaning",
                 name, alone);
     return PRT_OK;
 }
@@ -153,7 +156,7 @@ int prt_mesh_normals(const struct prt_context *ctx, struct prt_mesh *mesh)
     return make_normals(ctx, "mesh", mesh);
 }
 
-// Least significant digit first; `bits` of each key matter.
+// Radix sort by the lowest `bits` of each key, least significant digit first.
 static uint64_t *sort_keys(uint64_t *key, uint64_t *spare, size_t n, int bits)
 {
     for (int shift = 0; shift < bits; shift += 11) {
@@ -264,13 +267,13 @@ static void warn(const struct prt_context *ctx, const char *name, const struct p
                 "blocked on faces turned inwards",
                 name, e->flipped);
     if (m->n_degenerate_triangle)
-        prt_log(ctx, PRT_LOG_NOTE, "%s: %u triangles without area take no part", name,
+        prt_log(ctx, PRT_LOG_NOTE, "%s: %u triangles without area are ignored", name,
                 m->n_degenerate_triangle);
     uint32_t turned = e->boundary || e->crowded || e->flipped ? 0 : inside_out(m);
     if (turned)
         prt_log(ctx, PRT_LOG_WARNING,
-                "%s: %u objects are inside out: their faces are lit from within; flip the "
-                "winding",
+                "%s: %u objects are inside out: light falls on the inner side of their faces; "
+                "reverse the winding",
                 name, turned);
 }
 

@@ -1,23 +1,10 @@
 // SPDX-License-Identifier: MIT
 // R_d, or a part of it, as quadratics on 32 geometric segments of q = r² + r0² (METHODS §6).
+#include "base/log_grid.h"
 #include "internal.h"
 
 #include <math.h>
 #include <string.h>
-
-static uint32_t bits_of(float x)
-{
-    uint32_t b;
-    memcpy(&b, &x, 4);
-    return b;
-}
-
-static float of_bits(uint32_t b)
-{
-    float x;
-    memcpy(&x, &b, 4);
-    return x;
-}
 
 void prt_radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg,
                           double scale_mm, double r_max_mm)
@@ -31,11 +18,11 @@ void prt_radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg
     t->shift = 23 - (uint32_t)__builtin_ctz(per_octave);
     t->r0_sq = (float)r0_sq;
     float q_end = (float)ldexp(r0_sq, (int)octaves);
-    t->q_max = of_bits(bits_of(q_end) - 1);
-    uint32_t first = bits_of((float)r0_sq) >> t->shift;
+    t->q_max = prt_bits_float(prt_float_bits(q_end) - 1);
+    uint32_t first = prt_log_index((float)r0_sq, t->shift);
     for (uint32_t s = 0; s < 32; s++) {
-        double a = of_bits((first + s) << t->shift);
-        double b = s == 31 ? q_end : of_bits((first + s + 1) << t->shift);
+        double a = prt_log_node(first + s, t->shift);
+        double b = s == 31 ? q_end : prt_log_node(first + s + 1, t->shift);
         double node[3], value[3][3];
         for (int k = 0; k < 3; k++) {
             node[k] = (a + b) / 2 + (b - a) / 2 * cos(M_PI * (2 * k + 1) / 6);
@@ -57,7 +44,7 @@ void prt_radial_table_fit(struct radial_table *t, profile_fn fn, const void *arg
 void prt_radial_table_eval(const struct radial_table *t, float r_sq, float out[3])
 {
     float q = min_f(r_sq + t->r0_sq, t->q_max);
-    uint32_t k = bits_of(q) >> t->shift & 31;
+    uint32_t k = prt_log_index(q, t->shift) & 31;
     for (int c = 0; c < 3; c++)
         out[c] = t->coef[c][0][k] + q * (t->coef[c][1][k] + q * t->coef[c][2][k]);
 }

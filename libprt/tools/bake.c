@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// prt bake: a model, a material and settings to a .prt.
+// prt bake: precomputes the transport of a model and writes a .prt.
 #include "tool.h"
 #include "prt/bake.h"
 #include "prt/radial.h"
@@ -12,7 +12,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-// Without a material to fix, nor words that only wavelet transport knows, nothing is fixed.
+// Default: joint without --material and without options of wavelet transport, else wavelet.
 static enum prt_transport_kind engine_of(const struct options *o)
 {
     bool sparse = o->coeffs || (o->storage && !strcmp(o->storage, "sparse"));
@@ -22,7 +22,7 @@ static enum prt_transport_kind engine_of(const struct options *o)
     return PRT_TRANSPORT_WAVELET;
 }
 
-// Wrong combinations that the parser of single options cannot see.
+// Combinations that the check of a single value cannot see.
 static int check_usage(const struct options *o, enum prt_transport_kind engine)
 {
     bool sparse = o->storage && !strcmp(o->storage, "sparse");
@@ -75,7 +75,7 @@ static struct prt_bake_options bake_options(const struct options *o,
     };
 }
 
-// What the .prt should remember of the command: nothing that differs between equal bakes.
+// The settings that the .prt records: only values that are the same for equal bakes.
 static char *provenance(const struct options *o)
 {
     const char *slash = strrchr(o->input[0], '/'), *env;
@@ -127,7 +127,7 @@ static int report(struct tool *tool, double seconds)
     return EXIT_DONE;
 }
 
-// A part of several is there; what is still to come.
+// Reports one finished part and the number of missing parts.
 static int report_part(const struct options *o, double seconds, uint32_t missing)
 {
     bool elsewhere = missing == UINT32_MAX;
@@ -160,8 +160,8 @@ static int limit_data(struct tool *tool, uint64_t bytes)
                                     strerror(errno)));
 }
 
-// The data this process may take: what was said, or half as much again as the estimate and a
-// fixed sum for libraries.
+// Limits the data segment of this process to --memory, or to 1.5 times the estimate and 1 GB
+// for libraries (chosen, not measured).
 static int limit_memory(struct tool *tool, uint64_t estimate)
 {
     const struct options *o = &tool->opt;
@@ -171,7 +171,7 @@ static int limit_memory(struct tool *tool, uint64_t estimate)
     if (estimate > most)
         return tool_exit(tool, prt_fail(&tool->ctx, PRT_LIMIT,
                                         "%s: this bake is estimated to need %llu MB of memory, "
-                                        "%s %llu MB (relightd's --bake-memory); ask for fewer "
+                                        "%s %llu MB (relightd's --bake-memory); use fewer "
                                         "samples or a smaller cube",
                                         o->input[0], (unsigned long long)(estimate >> 20),
                                         o->memory ? "the limit is" : "the machine has",
@@ -187,7 +187,7 @@ static int no_memory(struct tool *tool, int status)
         limit.rlim_cur != RLIM_INFINITY)
         prt_log(&tool->ctx, PRT_LOG_ERROR,
                 "out of memory: this bake may take %llu MB (relightd's --bake-memory, prt's "
-                "--memory); ask for fewer samples or a smaller cube",
+                "--memory); use fewer samples or a smaller cube",
                 (unsigned long long)(limit.rlim_cur >> 20));
     return tool_exit(tool, status);
 }
@@ -211,7 +211,7 @@ int run_bake(struct tool *tool)
              source_open(tool, o->input[0], engine == PRT_TRANSPORT_WAVELET, &source)))
         return exit_status;
     if (!source.material_given) {
-        // Only eta is read of it; every other number stays free.
+        // Only its eta is used; the material stays free.
         source.material = *prt_material_preset(0);
         prt_log(&tool->ctx, PRT_LOG_NOTE, "no --material: baked for eta %g",
                 (double)source.material.eta);

@@ -60,7 +60,8 @@ static void summary(const struct tool *tool, const struct source *source, const 
                 tool->opt.out, n, engine, seconds, mean[0], mean[1], mean[2]);
         if (lost > 0)
             prt_log(&tool->ctx, PRT_LOG_NOTE,
-                    "the bake's radial basis holds this material to %.2g %%", 100 * lost);
+                    "the bake's radial basis represents this material within %.2g %%",
+                    100 * lost);
         return;
     }
     cJSON *root = cJSON_CreateObject();
@@ -79,7 +80,7 @@ static void summary(const struct tool *tool, const struct source *source, const 
     cJSON_Delete(root);
 }
 
-// Loads the light as the engine wants it; leaves *cube empty for a transport with its own
+// Loads the light at the engine's resolution; *cube stays empty for a transport with its own
 // light.
 static int load_light(struct tool *tool, const struct source *source, bool reference,
                       struct prt_cube *cube)
@@ -111,8 +112,7 @@ int run_colors(struct tool *tool)
 {
     const struct options *o = &tool->opt;
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    enum output_kind kind = output_kind(o->out);
-    if (kind != OUT_CSV && kind != OUT_NPY && kind != OUT_PLY && kind != OUT_GLB)
+    if (prt_vertex_format_of(o->out) == PRT_VERTEX_NONE)
         return usage_error(o, "-o %s: colours are written as .csv, .npy, .ply or .glb", o->out);
     struct source source = {0};
     struct prt_cube cube = {0};

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-// prt compare: how far A is from B, the reference: colours, pictures, or a .prt and brute
-// force.
+// prt compare: relative RMSE of A against B: colours, pictures, or a .prt against brute force.
 #include "tool.h"
 #include "prt/relight.h"
 
@@ -18,8 +17,8 @@ struct values {
 
 static bool is_table(const char *path)
 {
-    enum output_kind kind = output_kind(path);
-    return kind == OUT_CSV || kind == OUT_NPY;
+    enum prt_vertex_format format = prt_vertex_format_of(path);
+    return format == PRT_VERTEX_CSV || format == PRT_VERTEX_NPY;
 }
 
 static int values_load(struct tool *tool, const char *path, struct values *out)
@@ -84,7 +83,7 @@ static struct difference measure(const struct values *a, const struct values *b)
     return d;
 }
 
-// JSON has no infinity: null stands for it.
+// JSON has no infinity: it is written as null.
 static cJSON *number(double x)
 {
     return isfinite(x) ? cJSON_CreateNumber(x) : cJSON_CreateNull();
@@ -129,7 +128,8 @@ uint32_t *pick_vertices(uint32_t n_vertex, uint32_t n, uint64_t seed)
     struct prt_rng rng;
     if (!pick) return NULL;
     prt_rng_init(&rng, seed, 0x76657274);
-    // Selection sampling: each vertex with the chance that the rest of the sample needs.
+    // Selection sampling: a vertex is taken with probability (missing picks)/(remaining
+    // vertices).
     for (uint32_t i = 0; i < n_vertex && found < n; i++)
         if (((uint64_t)prt_rng_u32(&rng) * (n_vertex - i)) >> 32 < n - found) pick[found++] = i;
     return pick;
@@ -157,8 +157,8 @@ static int reference_at(struct tool *tool, const struct source *source,
                                 (float(*)[3])rgb);
 }
 
-// A.prt (a polynomial one under its own light) against the reference engine at some of its
-// vertices, both under --env; the reference sees the light at --cube's resolution.
+// Compares A.prt with the reference engine at random vertices under --env. Polynomial transport
+// keeps its own light; the reference engine takes the light at the resolution of --cube.
 static int against_reference(struct tool *tool, struct values *a, struct values *b)
 {
     const struct options *o = &tool->opt;
@@ -235,7 +235,7 @@ int run_compare(struct tool *tool)
         struct difference d = measure(&a, &b);
         status = report(tool, &a, &d);
     }
-    // Pictures come from the light room with the same allocator as tables.
+    // Pictures and tables come from the same allocator.
     prt_free(a.rgb);
     prt_free(b.rgb);
     return status;

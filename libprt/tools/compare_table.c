@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
-// prt compare A.prt reference, as a table: media by lights, each against brute force. What the
-// reference traces under a light is shared by all media, so that a table costs little more than
-// a row.
+// prt compare A.prt reference, as a table of media and lights, each against brute force. All
+// media share the reference's rays under a light, so a table costs little more than a row.
 #include "tool.h"
 
 #include <cjson/cJSON.h>
@@ -20,7 +19,7 @@ struct table {
     struct prt_cube own[MAX_ENV], seen[MAX_ENV]; // the bake's resolution, the reference's
     uint32_t *vertex;
     float *want, *got;       // [n_media][n_light][n][3]
-    double bound[MAX_MEDIA]; // what the bake may lose beside its own error
+    double bound[MAX_MEDIA]; // error of the radial basis, added to that of the bake
     double error[MAX_MEDIA][MAX_ENV];
     double spacing_mm; // of the bake's samples; 0: unknown
 };
@@ -33,7 +32,7 @@ static double path_mm(const struct prt_material *m)
     return finest;
 }
 
-// Media whose mean free path the bake's samples do not resolve are told, not judged.
+// Media whose mean free path the bake's samples do not resolve are listed and not counted.
 static bool judged(const struct table *t, unsigned m)
 {
     return path_mm(&t->media[m]) >= t->spacing_mm;
@@ -58,7 +57,7 @@ static int add_measured(struct table *t)
     return status;
 }
 
-// Both ends of METHODS' range, grey.
+// Grey media at both ends of the range of METHODS.
 static int add_ends(struct table *t)
 {
     static const float scatter[2] = {0.02f, 25}, absorb[2] = {0, 2};
@@ -131,7 +130,7 @@ static double setting(const cJSON *settings, const char *name)
     return cJSON_IsNumber(item) ? item->valuedouble : 0;
 }
 
-// A polynomial bake answers for its own light only: the reference must see that one.
+// A polynomial bake has one light: the reference must use the same.
 static int check_own_light(struct table *t, const cJSON *settings)
 {
     const struct options *o = &t->tool->opt;
@@ -225,7 +224,7 @@ static const char *light_name(const struct options *o, unsigned l, char buf[16])
     return buf;
 }
 
-// Worst of the judged media; false when none is.
+// Largest error of the counted media; false when there is none.
 static bool worst_of(const struct table *t, double *worst)
 {
     bool any = false;
@@ -238,7 +237,7 @@ static bool worst_of(const struct table *t, double *worst)
     return any;
 }
 
-// Without --max-rmse there is nothing that could be met.
+// "within" needs --max-rmse.
 static void print_json(const struct table *t, double worst)
 {
     const struct options *o = &t->tool->opt;
@@ -325,7 +324,7 @@ static int measure(struct table *t)
     const struct options *o = &t->tool->opt;
     float eye[3];
     for (int i = 0; i < 3; i++) eye[i] = o->eye.v[i] * t->source.mesh->mm_per_unit;
-    int status = fill_answers(t, o->eye.set ? eye : NULL); // refusals come before long work
+    int status = fill_answers(t, o->eye.set ? eye : NULL); // refusals before long work
     if (!status) status = fill_reference(t, o->eye.set ? eye : NULL);
     for (unsigned m = 0; m < t->n_media && !status; m++)
         for (unsigned l = 0; l < t->n_light; l++) {

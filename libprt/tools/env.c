@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// prt env: environments between lat-long and cube layouts, turned and resized; and their power.
+// prt env: converts environments between lat-long and cube layouts, turns and resizes them, and
+// prints their power.
 #include "tool.h"
 
 #include <cjson/cJSON.h>
@@ -41,7 +42,7 @@ void env_power(const struct prt_env *env, double power[3])
     else cube_power(&env->cube, power);
 }
 
-// Where a layout puts the six camera views, in face widths, and which are turned by 180
+// Positions of the six camera views in a layout, in widths of a face; some are turned by 180
 // degrees.
 struct layout {
     const char *name;
@@ -65,7 +66,7 @@ static const float views[6][3][3] = {
     {{0, 0, 1}, {-1, 0, 0}, {0, 1, 0}}, {{0, 0, -1}, {1, 0, 0}, {0, 1, 0}},
 };
 
-// The texel of `cube` that a view's pixel shows: a permutation, nothing is filtered.
+// The texel of `cube` at a pixel of a view: a permutation without filtering.
 static const float *view_texel(const struct prt_cube *cube, unsigned view, uint32_t x,
                                uint32_t y)
 {
@@ -133,18 +134,25 @@ static enum prt_tone tone_of(const char *word)
     return PRT_TONE_NONE; // an environment is data: only encode it
 }
 
+static bool is_exr(const char *path)
+{
+    return prt_picture_format(path) == prt_picture_format(".exr");
+}
+
 static int write_picture(const struct tool *tool, const struct prt_image *image, bool envmap)
 {
     const struct options *o = &tool->opt;
-    if (output_kind(o->out) == OUT_EXR)
-        return prt_write_exr(&tool->ctx, o->out, image, o->full_float, envmap);
-    if (output_kind(o->out) != OUT_HDR)
+    struct prt_picture_options options = {.tone = tone_of(o->tone),
+                                          .exposure_ev = (float)o->exposure_ev,
+                                          .quality = o->quality ? (int)o->quality : 92,
+                                          .full_float = o->full_float};
+    if (envmap) return prt_write_exr(&tool->ctx, o->out, image, o->full_float, true);
+    if (!prt_picture_format(o->out)->linear)
         prt_log(&tool->ctx, PRT_LOG_WARNING, "%s: 8 bits clip radiance above 1", o->out);
-    return output_image(&tool->ctx, o->out, image, tone_of(o->tone), o->exposure_ev,
-                        o->quality ? (int)o->quality : 92, false);
+    return output_image(&tool->ctx, o->out, image, &options);
 }
 
-// Everything goes through a cube: the light as every engine sees it.
+// Every conversion goes through a cube, which is the light that the engines use.
 static int convert(const struct tool *tool, const struct prt_env *env,
                    const struct layout *layout, struct prt_image *out, double after[3])
 {
@@ -168,11 +176,8 @@ static int convert(const struct tool *tool, const struct prt_env *env,
 static int check_usage(const struct options *o)
 {
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    enum output_kind kind = output_kind(o->out);
-    if (kind != OUT_EXR && kind != OUT_HDR && kind != OUT_PNG && kind != OUT_JPG)
-        return usage_error(o, "-o %s: environments are written as .exr, .hdr, .png or .jpg",
-                           o->out);
-    if (o->layout && !strcmp(o->layout, "envmap") && kind != OUT_EXR)
+    if (!prt_picture_format(o->out)) return picture_path_error(o, "environments");
+    if (o->layout && !strcmp(o->layout, "envmap") && !is_exr(o->out))
         return usage_error(o,
                            "--layout envmap is an attribute of OpenEXR files: give -o OUT.exr");
     return EXIT_DONE;
@@ -189,8 +194,8 @@ int run_env(struct tool *tool)
     if (status || (status = check_writable(tool, o->out))) return status;
     status = prt_env_load(&tool->ctx, o->input[0], &env);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
-    bool exr = output_kind(o->out) == OUT_EXR;
-    // --size WxH speaks of a lat-long, whatever came in.
+    bool exr = is_exr(o->out);
+    // --size WxH means a lat-long result, for any input.
     const char *name = o->layout                                ? o->layout
                        : o->height || env->kind == PRT_ENV_CUBE ? "latlong"
                        : exr                                    ? "envmap"

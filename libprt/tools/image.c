@@ -11,7 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-// What a picture is made of, kept together so that it is released in one place.
+enum { MAX_LINE = 512 }; // of a message
+
+// The parts of a picture, in one struct so that picture_finish releases all.
 struct picture {
     struct source source;
     struct prt_env *env;
@@ -24,8 +26,8 @@ struct picture {
     bool plain; // a plain background
     float background[3];
     struct prt_image image;
-    double lost;    // of the material to the radial bases of a .prt
-    bool on_screen; // an image-space engine answers, no transport and no vertices
+    double lost;    // error of the .prt's radial bases for the material
+    bool on_screen; // drawn by an image-space engine, without transport and vertices
     struct prt_screen_report report;
     struct maps maps;
 };
@@ -44,22 +46,33 @@ static void picture_finish(struct picture *p)
     source_close(&p->source);
 }
 
+static void keep_line(void *user, enum prt_log_level level, const char *line)
+{
+    snprintf(user, MAX_LINE, "%s", line);
+}
+
+// The library's message, which begins with "camera", becomes the one about wrong usage.
+static int parse_camera(const struct tool *tool, struct prt_camera *camera)
+{
+    char line[MAX_LINE] = "";
+    struct prt_context ctx = tool->ctx;
+    ctx.log = keep_line;
+    ctx.log_user = line;
+    if (!prt_camera_parse(&ctx, tool->opt.camera, camera)) return EXIT_DONE;
+    return usage_error(&tool->opt, "--%s", line);
+}
+
 static int check_usage(struct tool *tool, struct picture *p)
 {
     const struct options *o = &tool->opt;
+    int status;
     if (!o->out) return usage_error(o, "-o OUT is missing");
-    enum output_kind kind = output_kind(o->out);
-    if (kind != OUT_EXR && kind != OUT_HDR && kind != OUT_PNG && kind != OUT_JPG)
-        return usage_error(o, "-o %s: pictures are written as .exr, .png or .jpg", o->out);
+    if (!prt_picture_format(o->out)) return picture_path_error(o, "pictures");
     if (!o->env) return usage_error(o, "--env is missing");
     if (o->camera && o->eye.set)
         return usage_error(o, "--camera says where the eye is: leave --eye out");
-    if (o->camera && prt_camera_parse(&tool->ctx, o->camera, &p->camera))
-        return usage_error(o,
-                           "--camera %s: expected EYE:TARGET[:UP[:FOVY]] with points x,y,z, "
-                           "FOVY in (0, 170)",
-                           o->camera);
-    if (maps_asked(o) &&
+    if (o->camera && (status = parse_camera(tool, &p->camera))) return status;
+    if (maps_given(o) &&
         (!o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, "reference")))
         return usage_error(o, "maps are for --engine splat, tangent, texture and hybrid");
     if (o->bump_mm > 0 && !o->bump_map) return usage_error(o, "--bump-mm is for --bump-map");
@@ -77,7 +90,7 @@ static int check_usage(struct tool *tool, struct picture *p)
     return EXIT_DONE;
 }
 
-// The engine that answers, or NULL after a message; *status tells its exit status.
+// The engine to use, or NULL after a message with its exit status in *status.
 static const char *choose_engine(struct tool *tool, const struct source *source, int *status)
 {
     const struct options *o = &tool->opt;
@@ -201,7 +214,7 @@ static struct prt_shade shade_of(const struct picture *p, bool total)
     return shade;
 }
 
-// Colours at the vertices, interpolated and shaded.
+// Draws colours at the vertices, interpolated and shaded.
 static int draw_vertices(struct tool *tool, struct picture *p, bool reference, bool total,
                          const char *term)
 {
@@ -212,7 +225,7 @@ static int draw_vertices(struct tool *tool, struct picture *p, bool reference, b
         tool, prt_shade_image(&tool->ctx, p->visibility, p->source.mesh, &shade, &p->image));
 }
 
-// The picture by an image-space engine: irradiance and diffusion at what the camera sees.
+// Draws with an image-space engine: irradiance and diffusion at the visible surface.
 static int draw_on_screen(struct tool *tool, struct picture *p, const char *engine, bool total)
 {
     const struct options *o = &tool->opt;
@@ -323,9 +336,11 @@ static int draw(struct tool *tool, struct picture *p)
                           : draw_vertices(tool, p, reference, total, term);
     if (status) return status;
     double seconds = prt_time_s() - started;
-    status = tool_exit(tool, output_image(&tool->ctx, o->out, &p->image, tone_of(o->tone),
-                                          o->exposure_ev, o->quality ? (int)o->quality : 92,
-                                          o->full_float));
+    struct prt_picture_options options = {.tone = tone_of(o->tone),
+                                          .exposure_ev = (float)o->exposure_ev,
+                                          .quality = o->quality ? (int)o->quality : 92,
+                                          .full_float = o->full_float};
+    status = tool_exit(tool, output_image(&tool->ctx, o->out, &p->image, &options));
     if (!status) summary(tool, p, engine, seconds);
     return status;
 }

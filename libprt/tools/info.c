@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// prt info: what a .prt, a model or an environment holds, as text or JSON.
+// prt info: prints the contents of a .prt, a model or an environment, as text or JSON.
 #include "tool.h"
 #include "prt/radial.h"
 
@@ -61,7 +61,7 @@ static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
     }
 }
 
-// Ranks of the clusters that have any: how many numbers a vertex takes where.
+// Ranks of the clusters that have any: dense numbers a vertex.
 static void add_ranks(cJSON *o, const struct prt_tensor *t)
 {
     enum { BIN = 8, BINS = 16 };
@@ -86,8 +86,8 @@ static void add_ranks(cJSON *o, const struct prt_tensor *t)
     cJSON_AddItemToObject(r, "histogram_by_8", cJSON_CreateIntArray(bins, last + 1));
 }
 
-// How well the tensor's radial basis holds the twelve measured media (METHODS §4's weighted
-// L1), at the bake's eta, and the whole range it was made for.
+// Error of the tensor's radial basis (METHODS §4's weighted L1) for the twelve measured media
+// at the bake's eta, and for its whole range.
 static int add_basis(struct tool *tool, cJSON *o, const struct prt_transport *transport,
                      const struct prt_tensor *t)
 {
@@ -278,7 +278,7 @@ int run_info(struct tool *tool)
     static const char *const models[] = {".glb", ".gltf", ".obj", ".ply", NULL};
     static const char *const files[] = {".prt", NULL};
     const char *path = tool->opt.input[0];
-    // "constant" and patterns of six faces are environments without being a file.
+    // "constant" and patterns of six faces are environments that are no file.
     bool exists = access(path, R_OK) == 0;
     if (!exists && strncmp(path, "constant", 8) && !strchr(path, '*') && !strchr(path, '%'))
         return tool_exit(tool, prt_fail(&tool->ctx, PRT_IO, "%s: %s", path, strerror(errno)));

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-bool maps_asked(const struct options *o)
+bool maps_given(const struct options *o)
 {
     return o->albedo_map || o->normal_map || o->bump_map;
 }
@@ -31,10 +31,10 @@ int maps_load(struct tool *tool, const struct prt_mesh *mesh,
     const struct prt_screen_map **use[3] = {&screen->sigma_a_map, &screen->normal_map,
                                             &screen->bump_map};
     memset(out, 0, sizeof *out);
-    if (!maps_asked(o)) return EXIT_DONE;
+    if (!maps_given(o)) return EXIT_DONE;
     if (!mesh->uv)
         return tool_exit(tool, prt_fail(&tool->ctx, PRT_ARG,
-                                        "%s has no texture coordinates for a map to lie on",
+                                        "%s has no texture coordinates, which a map needs",
                                         o->input[0]));
     for (int k = 0; k < 3; k++) {
         if (!path[k]) continue;

@@ -9,8 +9,8 @@
 struct maps {
     struct prt_screen_map map[3]; /* albedo, normals, heights */
 };
-bool maps_asked(const struct options *options);
-/* Loads what --albedo-map, --normal-map and --bump-map name, for this medium, and points
+bool maps_given(const struct options *options);
+/* Loads the files of --albedo-map, --normal-map and --bump-map, for this medium, and points
  * `screen` at it; `out` must outlive the picture. Returns an exit status. */
 int maps_load(struct tool *tool, const struct prt_mesh *mesh,
               const struct prt_material *material, struct maps *out,

@@ -1,143 +1,48 @@
 // SPDX-License-Identifier: MIT
-// Answers as files: colours as CSV, NumPy, PLY or GLB; pictures as EXR, HDR, PNG or
-// JPEG. Reads the first two back for comparisons.
+// Writes colours and pictures in the format of the file's ending; reads tables of colours back.
 #include "tool.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 
-enum output_kind output_kind(const char *path)
+static int write_table(const struct prt_context *ctx, const char *path, uint32_t n_vertex,
+                       const float (*color)[3])
 {
-    static const struct {
-        const char *ending;
-        enum output_kind kind;
-    } endings[] = {
-        {".csv", OUT_CSV}, {".npy", OUT_NPY},  {".ply", OUT_PLY},
-        {".glb", OUT_GLB}, {".exr", OUT_EXR},  {".png", OUT_PNG},
-        {".jpg", OUT_JPG}, {".jpeg", OUT_JPG}, {".hdr", OUT_HDR},
-    };
-    size_t n = strlen(path);
-    for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
-        size_t m = strlen(endings[i].ending);
-        if (n > m && !strcasecmp(path + n - m, endings[i].ending)) return endings[i].kind;
-    }
-    return OUT_NONE;
-}
-
-static int write_csv(const struct prt_context *ctx, const char *path, uint32_t n,
-                     const float (*color)[3])
-{
-    // Three %.9g need at most 16 characters each, the index 10, separators 4.
-    size_t room = (size_t)n * 64 + 32, used;
-    char *text = prt_alloc(room, 1);
-    if (!text) return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %u rows", path, n);
-    used = (size_t)snprintf(text, room, "vertex,r,g,b\n");
-    for (uint32_t i = 0; i < n; i++)
-        used += (size_t)snprintf(text + used, room - used, "%u,%.9g,%.9g,%.9g\n", i,
-                                 (double)color[i][0], (double)color[i][1], (double)color[i][2]);
-    int status = prt_write_file(ctx, path, text, used);
-    prt_free(text);
-    return status;
-}
-
-// NPY 1.0: magic, version, header length, a Python dictionary padded to 64 bytes, raw rows.
-static int write_npy(const struct prt_context *ctx, const char *path, uint32_t n,
-                     const float (*color)[3])
-{
-    size_t bytes = (size_t)n * 12;
-    unsigned char *file = prt_alloc(128 + bytes, 1);
-    if (!file) return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %u rows", path, n);
-    memcpy(file, "\x93NUMPY\x01\x00\x76\x00", 10);
-    memset(file + 10, ' ', 118);
-    char header[118];
-    int m = snprintf(header, sizeof header,
-                     "{'descr': '<f4', 'fortran_order': False, 'shape': (%u, 3), }", n);
-    memcpy(file + 10, header, (size_t)m);
-    file[127] = '\n';
-    memcpy(file + 128, color, bytes);
-    int status = prt_write_file(ctx, path, file, 128 + bytes);
-    prt_free(file);
+    struct prt_vertex_data data = {.n_vertex = n_vertex, .color = color};
+    char *bytes = NULL;
+    size_t n = 0;
+    FILE *f = open_memstream(&bytes, &n);
+    if (!f) return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %u rows", path, n_vertex);
+    int bad = prt_vertex_file_write(f, prt_vertex_format_of(path), &data) || ferror(f);
+    bad |= fclose(f) != 0;
+    int status = bad ? prt_fail(ctx, PRT_NOMEM, "%s: no memory for %u rows", path, n_vertex)
+                     : prt_write_file(ctx, path, bytes, n);
+    free(bytes);
     return status;
 }
 
 int output_colors(const struct prt_context *ctx, const char *path, const struct prt_mesh *mesh,
                   const float (*color)[3])
 {
-    switch (output_kind(path)) {
-    case OUT_CSV:
-        return write_csv(ctx, path, mesh->n_vertex, color);
-    case OUT_NPY:
-        return write_npy(ctx, path, mesh->n_vertex, color);
-    case OUT_PLY:
-    case OUT_GLB:
-        return prt_mesh_write_colors(ctx, path, mesh, color);
-    default:
-        return prt_fail(ctx, PRT_ARG, "%s: colours are written as .csv, .npy, .ply or .glb",
-                        path);
-    }
+    return prt_vertex_format_has_mesh(prt_vertex_format_of(path))
+               ? prt_mesh_write_colors(ctx, path, mesh, color)
+               : write_table(ctx, path, mesh->n_vertex, color);
 }
 
-// Radiance RGBE, flat: a shared exponent, mantissas rounded to nearest. Mantissas below 128 on
-// all three channels never occur, so no pixel can be taken for a run-length mark.
-static void rgbe_encode(const float rgb[3], unsigned char out[4])
+int picture_path_error(const struct options *options, const char *things)
 {
-    float top = fmaxf(rgb[0], fmaxf(rgb[1], rgb[2]));
-    int exponent = 0;
-    memset(out, 0, 4);
-    if (!(top > 1e-36f)) return;
-    frexpf(top, &exponent);
-    if (roundf(ldexpf(top, 8 - exponent)) > 255) exponent++;
-    if (exponent > 127) exponent = 127;
-    for (int c = 0; c < 3; c++) {
-        float mantissa = roundf(ldexpf(fmaxf(rgb[c], 0), 8 - exponent));
-        out[c] = (unsigned char)fminf(mantissa, 255);
-    }
-    out[3] = (unsigned char)(exponent + 128);
-}
-
-static int write_hdr(const struct prt_context *ctx, const char *path,
-                     const struct prt_image *image)
-{
-    size_t n = (size_t)image->width * image->height, used;
-    unsigned char *file = prt_alloc(n + 32, 4);
-    if (!file) return prt_fail(ctx, PRT_NOMEM, "%s: no memory for the picture", path);
-    used = (size_t)snprintf((char *)file, 128,
-                            "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %u +X %u\n",
-                            image->height, image->width);
-    for (size_t i = 0; i < n; i++) rgbe_encode(image->rgb + 3 * i, file + used + 4 * i);
-    int status = prt_write_file(ctx, path, file, used + 4 * n);
-    prt_free(file);
-    return status;
-}
-
-static int encode_8bit(const struct prt_context *ctx, const struct prt_image *image, bool jpeg,
-                       enum prt_tone tone, double exposure_ev, int quality,
-                       struct prt_blob *out)
-{
-    uint8_t *rgb8 = prt_alloc((size_t)image->width * image->height, 3);
-    if (!rgb8) return prt_fail(ctx, PRT_NOMEM, "no memory for the picture");
-    int status = prt_tone_map(ctx, image, tone, (float)exposure_ev, rgb8);
-    if (!status)
-        status = jpeg ? prt_encode_jpeg(ctx, rgb8, image->width, image->height, quality, out)
-                      : prt_encode_png(ctx, rgb8, image->width, image->height, 3, out);
-    prt_free(rgb8);
-    return status;
+    char endings[100];
+    return usage_error(options, "-o %s: %s are written as %s", options->out, things,
+                       prt_picture_endings(endings));
 }
 
 int output_image(const struct prt_context *ctx, const char *path, const struct prt_image *image,
-                 enum prt_tone tone, double exposure_ev, int quality, bool full_float)
+                 const struct prt_picture_options *options)
 {
-    enum output_kind kind = output_kind(path);
-    if (kind == OUT_EXR) return prt_write_exr(ctx, path, image, full_float, false);
-    if (kind == OUT_HDR) return write_hdr(ctx, path, image);
-    if (kind != OUT_PNG && kind != OUT_JPG)
-        return prt_fail(ctx, PRT_ARG, "%s: pictures are written as .exr, .hdr, .png or .jpg",
-                        path);
     struct prt_blob blob = {0};
-    int status = encode_8bit(ctx, image, kind == OUT_JPG, tone, exposure_ev, quality, &blob);
+    int status = prt_picture_format(path)->encode(ctx, image, options, &blob);
     if (!status) status = prt_write_file(ctx, path, blob.bytes, blob.size);
     prt_free(blob.bytes);
     return status;
@@ -185,57 +90,30 @@ static int parse_csv(const struct prt_context *ctx, const char *path, char *text
     return PRT_OK;
 }
 
-// Little-endian float32 or float64 rows of three, C order: what NumPy writes of such an array.
-static int parse_npy(const struct prt_context *ctx, const char *path, const unsigned char *file,
-                     size_t size, float **rgb, size_t *n)
+static int load_npy(const struct prt_context *ctx, const char *path,
+                    const struct prt_blob *blob, float **rgb, size_t *n)
 {
-    unsigned long long rows = 0, columns = 0;
-    size_t begin = 0;
-    char header[256] = "";
-    bool ok = size > 12 && !memcmp(file, "\x93NUMPY", 6) && file[6] >= 1 && file[6] <= 3;
-    if (ok) {
-        size_t length = file[6] == 1 ? file[8] | (size_t)file[9] << 8
-                                     : file[8] | (size_t)file[9] << 8 | (size_t)file[10] << 16;
-        size_t at = file[6] == 1 ? 10 : 12;
-        begin = at + length;
-        ok = begin <= size;
-        if (ok)
-            snprintf(header, sizeof header, "%.*s", (int)(length < 255 ? length : 255),
-                     (const char *)file + at);
-    }
-    const char *shape = strstr(header, "'shape': (");
-    bool f8 = strstr(header, "'<f8'") != NULL, f4 = strstr(header, "'<f4'") != NULL;
-    ok = ok && shape && (f4 || f8) && strstr(header, "'fortran_order': False") &&
-         sscanf(shape + 10, "%llu , %llu", &rows, &columns) == 2 && columns == 3;
-    if (!ok)
-        return prt_fail(ctx, PRT_FORMAT, "%s: not a NumPy array of shape (n, 3) in <f4 or <f8",
-                        path);
-    size_t each = f8 ? 24 : 12;
-    if (rows > (size - begin) / each || rows * each != size - begin)
-        return prt_fail(ctx, PRT_FORMAT, "%s: %zu bytes of data do not make %llu rows", path,
-                        size - begin, rows);
-    float *value = prt_alloc((size_t)rows + 1, 3 * sizeof *value);
-    if (!value) return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %llu rows", path, rows);
-    if (f4) memcpy(value, file + begin, (size_t)rows * 12);
-    else
-        for (size_t i = 0; i < (size_t)rows * 3; i++) {
-            double x;
-            memcpy(&x, file + begin + 8 * i, 8);
-            value[i] = (float)x;
-        }
-    *rgb = value;
-    *n = (size_t)rows;
+    struct prt_npy npy;
+    const char *reason = prt_npy_parse(blob->bytes, blob->size, &npy);
+    if (reason) return prt_fail(ctx, PRT_FORMAT, "%s: the file %s", path, reason);
+    *n = (size_t)npy.n;
+    *rgb = prt_alloc(*n + 1, 3 * sizeof **rgb);
+    if (!*rgb) return prt_fail(ctx, PRT_NOMEM, "%s: no memory for %zu rows", path, *n);
+    prt_npy_rows(&npy, (float(*)[3]) * rgb);
     return PRT_OK;
 }
+
+enum { MOST_TABLE_GB = 8 }; // when the context has no limit; chosen, not measured
 
 int table_load(const struct prt_context *ctx, const char *path, float **rgb, size_t *n)
 {
     struct prt_blob blob;
-    int status =
-        prt_read_file(ctx, path, ctx->memory_limit ? ctx->memory_limit : 8ull << 30, &blob);
+    uint64_t most = ctx->memory_limit ? ctx->memory_limit : (uint64_t)MOST_TABLE_GB << 30;
+    int status = prt_read_file(ctx, path, most, &blob);
     if (status) return status;
-    status = output_kind(path) == OUT_CSV ? parse_csv(ctx, path, blob.bytes, rgb, n)
-                                          : parse_npy(ctx, path, blob.bytes, blob.size, rgb, n);
+    status = prt_vertex_format_of(path) == PRT_VERTEX_CSV
+                 ? parse_csv(ctx, path, blob.bytes, rgb, n)
+                 : load_npy(ctx, path, &blob, rgb, n);
     prt_free(blob.bytes);
     if (!status && !*n) {
         prt_free(*rgb);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a run shows and hears: log lines, the progress bar or its machine form, signals,
-// threads.
+// Log lines, the progress bar or its lines for programs, signals, and threads of a run.
 #include "tool.h"
 
 #include <errno.h>
@@ -15,8 +14,8 @@
 #include <unistd.h>
 
 static volatile sig_atomic_t stop_signal;
-static atomic_bool error_told; // a line said what is wrong
-static bool bar_drawn;         // the terminal's line holds a bar; touched under stderr's lock
+static atomic_bool error_logged; // an error line was printed
+static bool bar_drawn;           // the terminal's line holds a bar; touched under stderr's lock
 
 static void on_signal(int signal)
 {
@@ -28,19 +27,19 @@ static void log_line(void *user, enum prt_log_level level, const char *line)
     static const char *const prefix[] = {"error: ", "warning: ", "note: "};
     const struct tool *tool = user;
     if (tool->opt.quiet && level == PRT_LOG_NOTE) return;
-    if (level == PRT_LOG_ERROR) error_told = true;
+    if (level == PRT_LOG_ERROR) error_logged = true;
     flockfile(stderr);
     fprintf(stderr, "%s%s%s\n", bar_drawn ? "\r\033[K" : "", prefix[level], line);
     bar_drawn = false;
     funlockfile(stderr);
 }
 
-struct shown {
+struct progress_state {
     char stage[48];
     double started, last;
-    bool broken; // nobody reads the progress pipe any more
+    bool broken; // the reader of the progress pipe has ended
 };
-static struct shown shown;
+static struct progress_state progress;
 
 static void draw_bar(const char *stage, double fraction, double eta_s)
 {
@@ -67,29 +66,29 @@ static void write_line(int fd, const char *stage, double fraction, double eta_s)
     ssize_t put;
     do put = write(fd, line, (size_t)n);
     while (put < 0 && errno == EINTR && !stop_signal);
-    if (put < 0 && errno == EPIPE) shown.broken = true;
+    if (put < 0 && errno == EPIPE) progress.broken = true;
 }
 
 static int on_progress(void *user, const char *stage, double fraction, double eta_s)
 {
     const struct tool *tool = user;
     double now = prt_time_s();
-    bool fresh = strncmp(stage, shown.stage, sizeof shown.stage - 1) != 0;
+    bool fresh = strncmp(stage, progress.stage, sizeof progress.stage - 1) != 0;
     if (fresh) {
-        snprintf(shown.stage, sizeof shown.stage, "%s", stage);
-        shown.started = now;
+        snprintf(progress.stage, sizeof progress.stage, "%s", stage);
+        progress.started = now;
     }
     fraction = fraction > 0 ? fmin(fraction, 1) : 0;
-    if (eta_s < 0 && fraction > 0.01) eta_s = (now - shown.started) * (1 - fraction) / fraction;
-    if (fresh || fraction >= 1 || now - shown.last >= 0.1) {
-        shown.last = now;
+    if (eta_s < 0 && fraction > 0.01)
+        eta_s = (now - progress.started) * (1 - fraction) / fraction;
+    if (fresh || fraction >= 1 || now - progress.last >= 0.1) {
+        progress.last = now;
         if (tool->opt.progress_fd >= 0)
             write_line(tool->opt.progress_fd, stage, fraction, eta_s);
         else if (!tool->opt.quiet && isatty(STDERR_FILENO)) draw_bar(stage, fraction, eta_s);
     }
-    // Whoever watched has gone (a dead daemon): finishing for nobody would only burn the
-    // machine.
-    return stop_signal || shown.broken;
+    // The reader of the progress pipe has ended: nobody needs the result any more.
+    return stop_signal || progress.broken;
 }
 
 int tool_begin(struct tool *tool)
@@ -104,7 +103,7 @@ int tool_begin(struct tool *tool)
     if (tool->opt.progress_fd >= 0 && fcntl(tool->opt.progress_fd, F_GETFD) < 0)
         return usage_error(&tool->opt, "--progress-fd %d: no such open file descriptor",
                            tool->opt.progress_fd);
-    // A second signal of the kind ends the program at once.
+    // A second signal of the same number ends the program at once.
     struct sigaction act = {.sa_handler = on_signal, .sa_flags = (int)SA_RESETHAND};
     sigaction(SIGINT, &act, NULL);
     sigaction(SIGTERM, &act, NULL);
@@ -127,10 +126,10 @@ int tool_exit(const struct tool *tool, int status)
     if (status == PRT_CANCELLED)
         prt_log(&tool->ctx, PRT_LOG_ERROR, "cancelled%s",
                 stop_signal ? " by a signal; nothing was written" : "; nothing was written");
-    else if (!error_told)
+    else if (!error_logged)
         prt_log(&tool->ctx, PRT_LOG_ERROR, "%s: %s", tool->opt.input[0],
                 prt_status_text(status));
-    // What a library function calls an argument was an option here.
+    // The arguments of library functions are options of the command line.
     return status == PRT_ARG ? EXIT_USAGE : EXIT_FAILED;
 }
 

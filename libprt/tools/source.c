@@ -32,7 +32,7 @@ int material_named(struct tool *tool, const char *option, const char *name,
     }
     int status = prt_material_load(ctx, name, out);
     if (!status) status = prt_material_check(ctx, out);
-    // A bad file has failed; bad text on the command line is wrong usage.
+    // A wrong file is a failure; wrong text on the command line is wrong usage.
     if (status) return is_file ? EXIT_FAILED : EXIT_USAGE;
     return EXIT_DONE;
 }
@@ -55,8 +55,8 @@ const char *source_engine_name(const struct prt_transport *transport)
     return "unknown";
 }
 
-// A bake with --no-single answers `single` with 0 and `total` without it: that is said.
-static void tell_no_single(const struct tool *tool, const struct source *source)
+// Reports that a bake with --no-single has 0 for `single`, also in `total`.
+static void report_no_single(const struct tool *tool, const struct source *source)
 {
     const struct options *o = &tool->opt;
     const struct prt_transport *t = source->transport;
@@ -68,7 +68,7 @@ static void tell_no_single(const struct tool *tool, const struct source *source)
     for (uint32_t i = 0; i < t->n_tensor; i++)
         if (t->tensor[i].term == PRT_TERM_SINGLE) return;
     prt_log(&tool->ctx, o->term && !strcmp(o->term, "single") ? PRT_LOG_WARNING : PRT_LOG_NOTE,
-            "%s was baked without single scattering: it counts 0", source->path);
+            "%s was baked without single scattering, which is 0", source->path);
 }
 
 static int open_prt(struct tool *tool, struct source *source)
@@ -84,7 +84,7 @@ static int open_prt(struct tool *tool, struct source *source)
     source->transport = prt_file_transport(source->file);
     source->mesh = &source->transport->mesh;
     source->material = source->transport->material;
-    tell_no_single(tool, source);
+    report_no_single(tool, source);
     if (!o->material) return EXIT_DONE;
     if (source->transport->engine == PRT_TRANSPORT_WAVELET)
         return usage_error(o,
@@ -102,7 +102,7 @@ int source_material_error(struct tool *tool, const struct source *source, const 
     if (!source->transport || !source->material_given) return EXIT_DONE;
     int status = prt_answer_material_error(&tool->ctx, source->transport, &source->material,
                                            answer_term(term), error);
-    // A medium of another eta is the command line's mistake as one out of range is.
+    // A medium with another eta is wrong usage, as one out of range is.
     return status == PRT_MISMATCH ? EXIT_USAGE : tool_exit(tool, status);
 }
 
@@ -129,8 +129,7 @@ static int open_model(struct tool *tool, bool need_material, struct source *sour
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     source->mesh = source->loaded;
     if (!(o->size_mm > 0) && !(o->mm_per_unit > 0) && !source->loaded->units_known)
-        return usage_error(o,
-                           "%s says nothing about its units: give --size-mm or --mm-per-unit",
+        return usage_error(o, "%s has no units of length: give --size-mm or --mm-per-unit",
                            source->path);
     return tool_exit(tool,
                      prt_mesh_scale(&tool->ctx, source->loaded, o->size_mm, o->mm_per_unit));

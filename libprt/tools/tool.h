@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* tool.h owns what the subcommands of prt share. */
+/* tool.h declares the functions and types that the subcommands of prt share. */
 #ifndef PRT_TOOL_H
 #define PRT_TOOL_H
 
@@ -7,10 +7,12 @@
 #include "prt/light.h"
 #include "prt/medium.h"
 #include "prt/mesh.h"
+#include "prt/picture.h"
 #include "prt/raster.h"
 #include "prt/reference.h"
 #include "prt/relight.h"
 #include "prt/transport.h"
+#include "vertex_file.h"
 
 /* Exit statuses of the command contract. */
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
@@ -23,7 +25,8 @@ struct vector_option {
     float v[3];
 };
 
-/* What the command line said. Absent: NULL, 0 or false unless a comment tells otherwise. */
+/* The parsed command line. Absent options are NULL, 0 or false unless a comment says otherwise.
+ */
 struct options {
     enum command command;
     const char *input[MAX_INPUT];
@@ -52,15 +55,13 @@ struct options {
     bool json, quiet, no_single, every_ray, straight, full_float, measure_error;
 };
 
-/* Fills `out` from the arguments after the subcommand's name. Returns -1 to go on, else the
- * exit status: after --help, or after a message about wrong usage. */
-int options_parse(enum command command, int argc, char **argv, struct options *out);
-int command_find(const char *name); /* enum command, or -1 */
-void usage_print(void);
-/* Prints an error and where help is; returns EXIT_USAGE. */
+/* Fills `out` from the program's arguments. Returns -1 to go on, else the exit status: after
+ * --help or --version, or after a message about wrong usage. */
+int options_parse(int argc, char **argv, struct options *out);
+/* Prints one error line that ends with the place of the help; returns EXIT_USAGE. */
 int usage_error(const struct options *options, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
-/* "x,y,z" to three finite numbers; false when it is not that. */
+/* Parses "x,y,z" into three finite numbers; false when it is anything else. */
 bool parse_vector(const char *text, float v[3]);
 
 /* A run of the program. */
@@ -68,15 +69,15 @@ struct tool {
     struct options opt;
     struct prt_context ctx;
 };
-/* Log, progress bar, signals, threads; an exit status, or -1 to go on. */
+/* Starts log, progress bar, signals and threads. Returns an exit status, or -1 to go on. */
 int tool_begin(struct tool *tool);
 void tool_end(struct tool *tool);
-/* Library status to exit status, with a last line for what said nothing itself. */
+/* Library status to exit status; prints an error line if none was printed yet. */
 int tool_exit(const struct tool *tool, int status);
-/* 0 when `path` may be created there, else EXIT_FAILED after a message: before long work. */
+/* Checks before long work that `path` can be created: 0, or EXIT_FAILED after a message. */
 int check_writable(const struct tool *tool, const char *path);
 
-/* What SOURCE of the command contract names. */
+/* A SOURCE of the command contract. */
 struct source {
     const char *path;
     struct prt_file *file;                 /* of a .prt, else NULL */
@@ -86,21 +87,21 @@ struct source {
     struct prt_material material;          /* --material, else the baked one */
     bool material_given;
 };
-/* Opens SOURCE and holds it to the contract's rules. Returns an exit status. */
+/* Opens SOURCE and checks it by the contract. Returns an exit status. */
 int source_open(struct tool *tool, const char *path, bool need_material, struct source *out);
 void source_close(struct source *source);
-/* --engine, or the source's own; NULL after a usage error. */
+/* Name of the engine that the transport was baked for. */
 const char *source_engine_name(const struct prt_transport *transport);
-/* What a .prt's bases leave of --material (0 for the baked one). Returns an exit status:
- * refused with the parameter and its range when that is too much. */
+/* Error of a .prt's radial bases for --material (0 for the baked one). Returns an exit status:
+ * an error above the limit is refused with the parameter and its range. */
 int source_material_error(struct tool *tool, const struct source *source, const char *term,
                           double *error);
 enum prt_answer_term answer_term(const char *word); /* NULL: total */
-/* Loads --env turned by --rotate as an n-cube; n 0: what --cube says (full: the file's own),
- * else the .prt's, else 32. Returns an exit status. */
+/* Resamples env, turned by --rotate, to an n-cube. n = 0: the resolution of --cube (full: the
+ * file's own), else the .prt's, else 32. Returns an exit status. */
 int source_light(struct tool *tool, const struct source *source, const struct prt_env *env,
                  uint32_t n, struct prt_cube *out);
-/* The same for a name, file or text that --`option` gave. */
+/* Loads the preset, file or JSON text `name` that --`option` gave. Returns an exit status. */
 int material_named(struct tool *tool, const char *option, const char *name,
                    struct prt_material *out);
 /* --material by preset, file or JSON text. Returns an exit status. */
@@ -109,24 +110,14 @@ int material_option(struct tool *tool, struct prt_material *out);
 int reference_term(struct tool *tool, const struct source *source, const struct prt_cube *light,
                    const char *term, const float *eye_mm, float (*color)[3]);
 
-enum output_kind {
-    OUT_NONE,
-    OUT_CSV,
-    OUT_NPY,
-    OUT_PLY,
-    OUT_GLB, /* colours */
-    OUT_EXR,
-    OUT_PNG,
-    OUT_JPG,
-    OUT_HDR, /* pictures */
-};
-enum output_kind output_kind(const char *path);
-/* Colours [n_vertex][3] by the name's ending. Library status. */
+/* Colours [n_vertex][3] as CSV, NPY, PLY or GLB by the path's ending. Library status. */
 int output_colors(const struct prt_context *ctx, const char *path, const struct prt_mesh *mesh,
                   const float (*color)[3]);
-/* Linear picture by the name's ending; PNG and JPEG are tone-mapped. Library status. */
+/* The usage error of -o with an ending of no picture: "`things` are written as …". */
+int picture_path_error(const struct options *options, const char *things);
+/* Writes a linear picture; prt_picture_format has a format for the path. Library status. */
 int output_image(const struct prt_context *ctx, const char *path, const struct prt_image *image,
-                 enum prt_tone tone, double exposure_ev, int quality, bool full_float);
+                 const struct prt_picture_options *options);
 /* Colours of a .csv or .npy [n][3]; caller prt_free()s. Library status. */
 int table_load(const struct prt_context *ctx, const char *path, float **rgb, size_t *n);
 

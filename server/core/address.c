@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Addresses: their parts, what they resolve to, and whether the options allow to serve them.
+// Addresses: splitting and resolving them, and whether the options allow to serve them.
 #include "core/address.h"
 
 #include "core/options.h"
@@ -25,7 +25,7 @@ bool address_split(const char *text, char host[256], char port[8])
         text++;
         n -= 2;
     }
-    // An IPv6 address without brackets: its last group would be taken for the port.
+    // An IPv6 address without brackets: its last group must not be read as the port.
     if (n >= 256 || (!bracket && memchr(text, ':', n))) return false;
     snprintf(host, 256, "%.*s", (int)n, text);
     if (!strcmp(host, "*")) host[0] = 0;
@@ -59,10 +59,9 @@ int address_admit(const struct options *options, const struct sockaddr *address,
 {
     if (address_is_loopback(address) || options->token_file[0] || options->accept_anyone)
         return 0;
-    snprintf(
-        fault, 256,
-        "other machines can reach this address and there is no token: set --token-file, or "
-        "accept every client with --accept-anyone");
+    snprintf(fault, 256,
+             "other machines can reach this address and no token is set: set --token-file, or "
+             "accept every client with --accept-anyone");
     return -1;
 }
 
@@ -71,7 +70,7 @@ int address_resolve(const struct options *options, const char *address, struct a
 {
     char host[256], port[8];
     if (!address_split(address, host, port)) {
-        snprintf(fault, 256, "HOST:PORT is wanted, an IPv6 address in brackets");
+        snprintf(fault, 256, "expected HOST:PORT, with an IPv6 address in brackets");
         return -1;
     }
     struct addrinfo hints = {.ai_flags = AI_PASSIVE, .ai_socktype = SOCK_STREAM};
@@ -96,7 +95,7 @@ int address_group(const char *name, gid_t *out, char fault[256])
     *out = group ? group->gr_gid : (gid_t)number;
     if (!*name) *out = (gid_t)-1;
     if (!*name || group || (!*end && number < (gid_t)-1)) return 0;
-    snprintf(fault, 256, "there is no group %s (--socket-group)", name);
+    snprintf(fault, 256, "--socket-group %s: this machine has no such group", name);
     return -1;
 }
 

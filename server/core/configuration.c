@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The configuration as a whole: its check, and its reading anew.
+// The configuration as a whole: checking it, and reading it again.
 #include "core/configuration.h"
 
 #include "core/address.h"
@@ -28,7 +28,7 @@ static int check_folder(const char *word, const char *path, char fault[256])
     return -1;
 }
 
-// The data folder may be absent: it is made then.
+// The data folder may be absent: the daemon creates it.
 static int check_data(const char *path, char fault[256])
 {
     struct stat st;
@@ -50,7 +50,7 @@ static int check_data(const char *path, char fault[256])
     return -1;
 }
 
-// The daemon sweeps its own folders: files that others put there would be taken for its own.
+// The daemon deletes unknown files in its own folders: a models folder must not be one of them.
 static int check_apart(const struct options *options, char fault[256])
 {
     static const char *const own[] = {"", "/blobs", "/bakes", "/models", "/work", "/previews"};
@@ -126,10 +126,10 @@ void configuration_reload(struct server *server, int argc, char **argv)
     char fault[256], token[TOKEN_ROOM] = "";
     bool failed = options_reread(argc, argv, &fresh, fault) || check_words(&fresh, fault) ||
                   (fresh.token_file[0] && token_read(fresh.token_file, token, fault));
-    // What was bound for clients with a token stays bound.
+    // Addresses that were bound because a token was set stay bound: it cannot be removed.
     if (!failed && server->token[0] && !token[0]) {
         failed = true;
-        snprintf(fault, sizeof fault, "token-file: to want no token any more needs a restart");
+        snprintf(fault, sizeof fault, "token-file: removing the token needs a restart");
     }
     if (failed) {
         log_line(LOG_ERR, "reload refused, nothing changed: %s", fault);

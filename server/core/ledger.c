@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The ledger: additions and subtractions, and the words of a refusal.
+// The ledger: charging, giving back, and the text of a refusal.
 #include "core/ledger.h"
 
 #include "core/options.h"
@@ -123,7 +123,7 @@ void principal_release(struct principal *principal)
     free_if_unused(principal);
 }
 
-// An option's field as its word: client_views is --client-views.
+// An option's word from its field: client_views is --client-views.
 static void option_word(const char *field, char word[64])
 {
     snprintf(word, 64, "--%s", field);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* ledger.h owns what each principal holds of the daemon: one table of resources, with a limit
- * by principal and a limit in all, checked before anything is allocated. A principal is who the
- * daemon deals with: a token's name, a local user (unix socket), or a network address.
+/* ledger.h owns the accounts of the daemon's resources: how much each principal holds, with a
+ * limit by principal and a limit in all, checked before anything is allocated. A principal is
+ * one client: a token's name, a local user (unix socket), or a network address.
  * Thread-safety: loop thread only. */
 #ifndef RELIGHTD_LEDGER_H
 #define RELIGHTD_LEDGER_H
@@ -41,13 +41,13 @@ struct principal {
     uint64_t held[LEDGER_N];
 };
 
-/* NULL when there is no memory. The options must outlive the ledger. */
+/* NULL without memory. The options must outlive the ledger. */
 struct ledger *ledger_create(const struct options *options);
 /* Every principal must have been released. */
 void ledger_destroy(struct ledger *ledger);
 
-/* The principal of this name, made where there is none, with a reference for the caller. NULL
- * when there is no memory. A principal that holds resources stays after its last reference. */
+/* The principal of this name, created if new, with a reference for the caller. NULL without
+ * memory. A principal that holds resources outlives its last reference. */
 struct principal *ledger_principal(struct ledger *ledger, const char *name);
 void principal_hold(struct principal *principal);
 void principal_release(struct principal *principal); /* NULL is fine */
@@ -57,18 +57,18 @@ enum ledger_refusal { LEDGER_GRANTED, LEDGER_CLIENT_FULL, LEDGER_ALL_FULL };
  * charged and error says which limit, how much is held and which option sets it. */
 enum ledger_refusal ledger_take(struct principal *principal, enum ledger_resource resource,
                                 uint64_t amount, char error[256]);
-/* Charges without asking: for what exists already (files found at start, bytes already queued).
+/* Charges beyond the limits: for resources in use already (files found at start, queued bytes).
  */
 void ledger_force(struct principal *principal, enum ledger_resource resource, uint64_t amount);
-/* Gives back what was taken. More than is held is a broken invariant. */
+/* Gives back what was charged; asserts that the principal holds so much. */
 void ledger_give(struct principal *principal, enum ledger_resource resource, uint64_t amount);
 
-/* What all principals together hold, and the limits (0: none). */
+/* The sum over all principals, and the limits (0: none). */
 uint64_t ledger_total(const struct ledger *ledger, enum ledger_resource resource);
 uint64_t ledger_limit_client(const struct ledger *ledger, enum ledger_resource resource);
 uint64_t ledger_limit_all(const struct ledger *ledger, enum ledger_resource resource);
 const char *ledger_name(enum ledger_resource resource); /* "connections", for metrics */
-/* Every principal there is, in no order. */
+/* Calls for every principal, in no order. */
 const struct principal *ledger_first(const struct ledger *ledger);
 
 #endif

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The log: lines are built in a local buffer, queued whole, and written by a thread of their
-// own, so that a full pipe behind stderr never stops the daemon.
+// The log: lines are built in a local buffer, queued whole, and written by a separate thread,
+// so that a full pipe behind stderr never blocks the daemon.
 #include "core/log.h"
 
 #include <errno.h>
@@ -42,7 +42,7 @@ struct line {
 
 static void put_byte(struct line *line, char c)
 {
-    if (line->n < LINE - 2) line->text[line->n++] = c; // the newline needs a place
+    if (line->n < LINE - 2) line->text[line->n++] = c; // room for the newline
 }
 
 static void put_text(struct line *line, const char *text)
@@ -58,7 +58,7 @@ static void put_hex(struct line *line, unsigned char c)
     put_byte(line, digit[c & 15]);
 }
 
-// Bytes of the UTF-8 character at s (n bytes are there); 0 when it is none, or a C1 control.
+// Bytes of the UTF-8 character at s (n bytes); 0 for invalid bytes and for C1 controls.
 static size_t utf8_length(const unsigned char *s, size_t n)
 {
     size_t m = s[0] >= 0xf0 ? 4 : s[0] >= 0xe0 ? 3 : 2;
@@ -206,10 +206,10 @@ static struct site *find_site(const char *fmt, double now_s)
         site[i] = (struct site){fmt, LOG_BURST, now_s, 0};
         return &site[i];
     }
-    return NULL; // more call sites than places: those are not limited
+    return NULL; // more call sites than slots: the rest is not limited
 }
 
-// False when this call site has used up its share; *before: lines left out since its last one.
+// False when this call site is over its rate; *before: lines suppressed since its last one.
 static bool may_log(const char *fmt, uint64_t *before)
 {
     struct timespec now;
@@ -240,7 +240,7 @@ static void enqueue(const char *bytes, size_t n)
     pthread_cond_signal(&queue.filled);
 }
 
-// Under queue.lock. Says what was dropped as soon as there is room again.
+// Under queue.lock. Logs the number of dropped lines as soon as there is room again.
 static void tell_dropped(void)
 {
     if (queue.told == queue.dropped || queue.n > LOG_QUEUE / 2) return;
@@ -257,12 +257,12 @@ static void write_all(const char *bytes, size_t n)
     while (n) {
         ssize_t done = write(STDERR_FILENO, bytes, n);
         if (done < 0 && errno == EINTR) continue;
-        if (done < 0 && errno == EAGAIN) { // somebody made stderr non-blocking
+        if (done < 0 && errno == EAGAIN) { // another process made stderr non-blocking
             struct pollfd p = {STDERR_FILENO, POLLOUT, 0};
             poll(&p, 1, 1000);
             continue;
         }
-        if (done <= 0) return; // nowhere left to complain to
+        if (done <= 0) return; // stderr is closed: nothing can be reported
         bytes += done;
         n -= (size_t)done;
     }
@@ -294,7 +294,7 @@ void log_start(void)
 {
     sigset_t all, before;
     sigfillset(&all);
-    pthread_sigmask(SIG_SETMASK, &all, &before); // signals are for the loop's thread
+    pthread_sigmask(SIG_SETMASK, &all, &before); // the loop's thread handles signals
     pthread_mutex_lock(&queue.lock);
     queue.stopping = false;
     queue.running = !pthread_create(&queue.thread, NULL, write_queue, NULL);

@@ -12,21 +12,21 @@ int log_level_parse(const char *word);
 void log_set_level(enum log_level level);
 
 /* Writes one line. Thread-safe; never blocks once log_start was called.
- * Arguments of %s come from outside: quotes and backslashes are escaped with a backslash,
- * control characters (C0, DEL, C1) and bytes that are no UTF-8 become \xNN, so that no argument
- * can forge a field or reach a terminal. Conversions: d i u x c f g s, with flags, width,
- * precision and the lengths l ll z. A call site that logs more than LOG_BURST lines and then
- * more than LOG_RATE lines a second is cut; its next line that passes says how many were left
- * out (`suppressed=N`). */
+ * Arguments of %s are untrusted: quotes and backslashes are escaped with a backslash,
+ * control characters (C0, DEL, C1) and bytes that are not UTF-8 become \xNN, so that no
+ * argument can forge a field or reach a terminal. Conversions: d i u x c f g s, with flags,
+ * width, precision and the lengths l ll z. A call site that logs more than LOG_BURST lines and
+ * then more than LOG_RATE lines a second is limited; its next line that passes has the number
+ * of suppressed ones (`suppressed=N`). */
 enum { LOG_BURST = 200, LOG_RATE = 50 };
 void log_line(enum log_level level, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
-/* Starts the thread that writes. Until then, and when it cannot be started, log_line writes by
- * itself. A reader that does not read costs LOG_QUEUE bytes; lines beyond are counted and
- * dropped, and a line `log dropped=N` follows. */
+/* Starts the thread that writes. Until then, and when it cannot be started, log_line writes
+ * to stderr itself. While stderr blocks, LOG_QUEUE bytes are queued; further lines are dropped
+ * and counted, and a line `log dropped=N` follows. */
 enum { LOG_QUEUE = 256 << 10 };
 void log_start(void);
-/* Writes what is queued, for at most a second, and ends the thread. */
+/* Writes the queued lines, for at most a second, and ends the thread. */
 void log_stop(void);
 /* Lines lost so far to a full queue and to the rate limit. */
 uint64_t log_lost(void);

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: MIT
 // The event loop on epoll. Timers live in a binary heap behind one timerfd and messages behind
-// one eventfd, so that the epoll descriptor alone tells whether there is work.
+// one eventfd, so that the epoll descriptor is readable whenever there is work.
 #include "core/loop.h"
 
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
 #include <signal.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
@@ -22,7 +23,7 @@ struct loop {
     struct loop_watch wake, clock, signal;
     struct loop_timer **heap;
     size_t n_timer, timer_room;
-    uint64_t armed_ns;    // what timerfd is set to; 0: nothing
+    uint64_t armed_ns;    // expiry of the timerfd; 0: none
     pthread_mutex_t lock; // guards the message list
     struct loop_message *first, **last;
     struct epoll_event batch[BATCH];
@@ -31,8 +32,8 @@ struct loop {
     void *signal_user;
 };
 
-// The three built-in watches find their loop through this: one loop a process is enough.
-static struct loop *the_loop;
+// The loop of one of its own watches.
+#define LOOP_OF(watch, member) ((struct loop *)((char *)(watch)-offsetof(struct loop, member)))
 
 uint64_t loop_now_ns(void)
 {
@@ -56,7 +57,7 @@ void loop_watch_change(struct loop *loop, struct loop_watch *watch, uint32_t eve
 void loop_watch_remove(struct loop *loop, struct loop_watch *watch)
 {
     epoll_ctl(loop->epoll_fd, EPOLL_CTL_DEL, watch->fd, NULL);
-    // The batch being handled may still name it.
+    // The batch that is being handled may still refer to it.
     for (int i = loop->next_batch; i < loop->n_batch; i++)
         if (loop->batch[i].data.ptr == watch) loop->batch[i].data.ptr = NULL;
 }
@@ -123,7 +124,7 @@ void loop_timer_set(struct loop *loop, struct loop_timer *timer, uint64_t at_ns)
     if (loop->n_timer == loop->timer_room) {
         size_t room = loop->timer_room ? 2 * loop->timer_room : 64;
         struct loop_timer **heap = realloc(loop->heap, room * sizeof *heap);
-        if (!heap) abort(); // a daemon without its clock keeps no promise
+        if (!heap) abort(); // without timers no deadline would be kept
         loop->heap = heap;
         loop->timer_room = room;
     }
@@ -135,7 +136,7 @@ void loop_timer_set(struct loop *loop, struct loop_timer *timer, uint64_t at_ns)
 
 static void clock_ready(struct loop_watch *watch, uint32_t events)
 {
-    struct loop *loop = the_loop;
+    struct loop *loop = LOOP_OF(watch, clock);
     uint64_t n;
     if (read(watch->fd, &n, sizeof n) < 0) n = 0;
     loop->armed_ns = 0;
@@ -158,12 +159,12 @@ void loop_post(struct loop *loop, struct loop_message *message)
     pthread_mutex_unlock(&loop->lock);
     uint64_t one = 1;
     if (first && write(loop->wake.fd, &one, sizeof one) < 0)
-        return; // counter full: awake anyway
+        return; // the counter is full: the loop wakes anyway
 }
 
 static void wake_ready(struct loop_watch *watch, uint32_t events)
 {
-    struct loop *loop = the_loop;
+    struct loop *loop = LOOP_OF(watch, wake);
     uint64_t n;
     if (read(watch->fd, &n, sizeof n) < 0) n = 0;
     pthread_mutex_lock(&loop->lock);
@@ -178,25 +179,26 @@ static void wake_ready(struct loop_watch *watch, uint32_t events)
     }
 }
 
-static int signal_pipe_in = -1;
+static int signal_pipe_in = -1; // global: a signal handler has no argument
 
 static void note_signal(int number)
 {
     int saved = errno;
     unsigned char byte = (unsigned char)number;
-    // A full pipe holds enough of them: handling one SIGCHLD looks at every child.
+    // A full pipe loses nothing: handling one SIGCHLD waits for every child that ended.
     if (write(signal_pipe_in, &byte, 1) < 0) errno = 0;
     errno = saved;
 }
 
 static void signal_ready(struct loop_watch *watch, uint32_t events)
 {
+    struct loop *loop = LOOP_OF(watch, signal);
     unsigned char bytes[64];
     for (ssize_t n; (n = read(watch->fd, bytes, sizeof bytes)) > 0;)
-        for (ssize_t i = 0; i < n; i++) the_loop->on_signal(the_loop->signal_user, bytes[i]);
+        for (ssize_t i = 0; i < n; i++) loop->on_signal(loop->signal_user, bytes[i]);
 }
 
-// A pipe and a handler: with signalfd the loop without HTTP never heard of its signals.
+// A pipe and a handler, as signalfd did not work in the loop without HTTP.
 int loop_signals(struct loop *loop, const int *signals, size_t n,
                  void (*fn)(void *user, int signal), void *user)
 {
@@ -222,7 +224,6 @@ int loop_create(struct loop **out)
     loop->wake = (struct loop_watch){eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC), wake_ready};
     loop->clock = (struct loop_watch){
         timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC), clock_ready};
-    the_loop = loop;
     if (loop->epoll_fd < 0 || loop->wake.fd < 0 || loop->clock.fd < 0 ||
         loop_watch_add(loop, &loop->wake, EPOLLIN) ||
         loop_watch_add(loop, &loop->clock, EPOLLIN)) {
@@ -237,14 +238,14 @@ int loop_create(struct loop **out)
 void loop_destroy(struct loop *loop)
 {
     if (!loop) return;
-    if (loop->signal.fd >= 0) close(loop->signal.fd); // the handler's end stays open
+    if (loop->signal.fd >= 0)
+        close(loop->signal.fd); // the write end stays open for the handler
     if (loop->clock.fd >= 0) close(loop->clock.fd);
     if (loop->wake.fd >= 0) close(loop->wake.fd);
     if (loop->epoll_fd >= 0) close(loop->epoll_fd);
     pthread_mutex_destroy(&loop->lock);
     free(loop->heap);
     free(loop);
-    the_loop = NULL;
 }
 
 void loop_turn(struct loop *loop, int timeout_ms)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* loop.h owns the event loop: descriptors, timers, signals and messages from other threads.
- * Everything the daemon knows is changed on the loop's thread only; that is its only lock. */
+ * All state of the daemon is confined to the loop's thread; no locks. */
 #ifndef RELIGHTD_LOOP_H
 #define RELIGHTD_LOOP_H
 
@@ -46,9 +46,9 @@ void loop_post(struct loop *loop, struct loop_message *message);
 int loop_signals(struct loop *loop, const int *signals, size_t n,
                  void (*fn)(void *user, int signal), void *user);
 
-/* Handles what is there, waiting up to timeout_ms (-1: until something comes). */
+/* Handles pending events; waits up to timeout_ms for one (-1: without limit). */
 void loop_turn(struct loop *loop, int timeout_ms);
-/* A descriptor that is readable whenever loop_turn has work: for nesting in another loop. */
+/* A descriptor that is readable whenever loop_turn has work: to run inside another loop. */
 int loop_fd(const struct loop *loop);
 
 uint64_t loop_now_ns(void); /* monotonic */

@@ -29,7 +29,7 @@
 
 static struct server server;
 static struct loop_timer drain_timer, maintenance_timer, watchdog_timer;
-static uint64_t watchdog_ns; // systemd wants a sign of life so often; 0: it does not
+static uint64_t watchdog_ns; // systemd's watchdog interval; 0: none
 static int arg_count;
 static char **args;
 static bool give_up;
@@ -41,7 +41,7 @@ static void drain_over(struct loop_timer *timer)
 
 static void begin_drain(int signal_number)
 {
-    if (server.draining) { // a second signal: now
+    if (server.draining) { // a second signal: stop at once
         give_up = true;
         return;
     }
@@ -50,9 +50,8 @@ static void begin_drain(int signal_number)
     log_line(LOG_EVENT, "drain signal=%s requests=%u jobs=%u", strsignal(signal_number),
              server.n_request, jobs_open(server.jobs));
     sockets_close(&server);
-    http_drain();
     jobs_stop(server.jobs);
-    // Watching and viewing would never end by themselves.
+    // Watches and views do not end by themselves.
     for (struct connection *c = server.connections, *next; c; c = next) {
         next = c->next;
         for (struct request *r = c->requests, *after; r && !c->dead; r = after) {
@@ -79,7 +78,7 @@ static void on_signal(void *user, int signal_number)
         begin_drain(signal_number);
         return;
     }
-    // Bakes and the decode helper are all the children there are.
+    // The only children are bakes and the decode helper.
     int how;
     for (pid_t pid; (pid = waitpid(-1, &how, WNOHANG)) > 0;)
         if (!jobs_reap(server.jobs, pid, how)) decoder_reap(server.decoder, pid);
@@ -92,7 +91,7 @@ static void run_maintenance(struct loop_timer *timer)
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
 }
 
-// From the loop, so that a loop that stands still is noticed.
+// From the loop, so that systemd restarts the daemon if the loop hangs.
 static void feed_watchdog(struct loop_timer *timer)
 {
     sd_notify(0, "WATCHDOG=1");
@@ -123,7 +122,7 @@ static int open_data(void)
         return -1;
     }
     strcpy(server.data, path);
-    // A second daemon on the same folder would clean up under the first one's feet.
+    // A second daemon on the same folder would delete the first one's files.
     char lock[4096];
     snprintf(lock, sizeof lock, "%s/lock", server.data);
     int fd = open(lock, O_CREAT | O_RDWR | O_CLOEXEC, 0600);
@@ -165,8 +164,8 @@ static int check_all(void)
     return -1;
 }
 
-// Connections are descriptors; the soft limit is often 1024 for the sake of select(), which
-// nothing here uses. More than 65536 would only make libwebsockets' tables large.
+// Each connection is a descriptor. The soft limit is often 1024 because of select(), which the
+// daemon does not use. More than 65536 would only enlarge libwebsockets' tables.
 static void raise_file_limit(void)
 {
     enum { BESIDE = 256 }; // files, children's pipes, HTTP clients
@@ -181,7 +180,7 @@ static void raise_file_limit(void)
     }
     if (limit.rlim_cur < wanted)
         log_line(LOG_WARN,
-                 "--connections %u wants %llu open files and the limit is %llu: raise it "
+                 "--connections %u needs %llu open files, and the limit is %llu: raise it "
                  "(LimitNOFILE=, ulimit -Hn) or lower --connections",
                  server.options.connections, (unsigned long long)wanted,
                  (unsigned long long)limit.rlim_cur);
@@ -216,8 +215,9 @@ static int start(void)
     server.n_core = cores > 0 ? (unsigned)cores : 1;
     server.stats.start_ns = loop_now_ns();
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN); // past RLIMIT_FSIZE a write fails with EFBIG, like on a full disk
     raise_file_limit();
-    // Images and planes of a few MB come and go: keep their pages.
+    // Images and planes of a few MB are allocated and freed often: malloc keeps their pages.
     mallopt(M_MMAP_THRESHOLD, 32 << 20);
     mallopt(M_TRIM_THRESHOLD, 256 << 20);
     unsigned threads = o->threads ? o->threads : server.n_core;
@@ -264,14 +264,14 @@ static void stop(void)
     while (server.connections) connection_close(server.connections, "the daemon stops");
     http_close();
     connections_free_closed(&server);
-    // Work under way comes back to find nobody waiting; then everything is released.
+    // Running work completes without waiters; then everything is released.
     decoder_destroy(server.decoder);
     server.decoder = NULL;
     imports_stop(server.imports);
     uint64_t patience = loop_now_ns() + 20000000000u;
     while (server.work && work_busy(server.work)) {
-        if (loop_now_ns() > patience) { // nothing is lost but tidiness
-            log_line(LOG_WARN, "stop with work under way");
+        if (loop_now_ns() > patience) { // no data is lost, only memory is not freed
+            log_line(LOG_WARN, "stop while work is still running");
             log_stop();
             _exit(0);
         }
@@ -305,7 +305,7 @@ int main(int argc, char **argv)
 {
     if (argc == 3 && !strcmp(argv[1], "--decode-helper"))
         return decode_helper_main(atoi(argv[2]));
-    for (int fd = 0; fd < 3; fd++) // children are given descriptors by these numbers
+    for (int fd = 0; fd < 3; fd++) // descriptors 0 to 2 must not be reused: children get them
         if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", O_RDWR) < 0) return 1;
     arg_count = argc;
     args = argv;
@@ -319,7 +319,7 @@ int main(int argc, char **argv)
         connections_shed(&server);
         connections_free_closed(&server);
     }
-    if (failed) log_line(LOG_ERR, "start failed: the lines above say why");
+    if (failed) log_line(LOG_ERR, "start failed: see the errors above");
     stop();
     if (!failed) log_line(LOG_EVENT, "stop");
     log_stop();

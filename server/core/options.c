@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The option table's three readers: argp, the configuration file, and --print-config.
+// Readers of the option table: argp, the configuration file, and --print-config.
 #include "core/options.h"
 
 #include "core/ledger.h"
@@ -36,40 +36,41 @@ enum {
 
 const char *argp_program_version = "relightd " RELIGHT_VERSION;
 
-// NULL when fine, else what was wrong.
+// NULL, or the error's text.
 static const char *set_row(struct options *options, const struct row *row, const char *text)
 {
     void *field = (char *)options + row->offset;
     char *end;
     errno = 0;
     if (row->kind == KIND_TEXT) {
-        *(const char **)field = text; // argv, a preset or the configuration's text: all stay
+        *(const char **)field =
+            text; // argv, a preset or the configuration's text: all stay valid
         return NULL;
     }
-    if (row->kind == KIND_FLAG) { // the bare word says yes
+    if (row->kind == KIND_FLAG) { // the option without a value means yes
         *(bool *)field = !text || !strcmp(text, "yes");
-        return text && strcmp(text, "yes") && strcmp(text, "no") ? "yes or no is wanted" : NULL;
+        return text && strcmp(text, "yes") && strcmp(text, "no") ? "expected yes or no" : NULL;
     }
     double x = strtod(text, &end);
-    if (end == text || !isfinite(x) || x < 0 || errno) return "a number >= 0 is wanted";
+    if (end == text || !isfinite(x) || x < 0 || errno) return "expected a number >= 0";
     if (row->kind == KIND_BYTES) {
         static const char units[] = " kMGT";
         int power = *end ? 4 : 0;
         while (power && units[power] != *end) power--;
-        if (*end && !power) return "bytes with an optional k, M, G or T are wanted";
+        if (*end && !power) return "expected bytes with an optional k, M, G or T";
         for (int i = 0; i < power; i++) x *= 1024;
         if (power) end++;
-        if (x > 1e18) return "that many bytes do not exist";
+        if (x > 1e18) return "expected at most 1e18 bytes";
         *(uint64_t *)field = (uint64_t)x;
     } else if (row->kind == KIND_COUNT) {
-        if (x != floor(x) || x > 1e9) return "a whole number is wanted";
+        if (x != floor(x) || x > 1e9) return "expected a whole number up to 1e9";
         *(uint32_t *)field = (uint32_t)x;
     } else {
-        if (x > 1e9) return "seconds up to 1e9 are wanted";
+        if (x > 1e9) return "expected seconds up to 1e9";
         *(double *)field = x;
     }
     while (isspace((unsigned char)*end)) end++;
-    return *end ? "there is something behind the number" : NULL;
+    return *end ? "unexpected text after the number" : NULL;
 }
 
 static const char *add_listen(struct options *options, const char *text)
@@ -77,7 +78,7 @@ static const char *add_listen(struct options *options, const char *text)
     if (options->n_listen == OPTIONS_MAX_LISTEN) return "too many listen addresses";
     bool tcp = !strncmp(text, "tcp:", 4) && strrchr(text, ':') > text + 3;
     if (!tcp && (strncmp(text, "unix:", 5) || !text[5]))
-        return "tcp:HOST:PORT or unix:PATH is wanted";
+        return "expected tcp:HOST:PORT or unix:PATH";
     options->listen[options->n_listen++] = text;
     return NULL;
 }
@@ -96,7 +97,7 @@ struct config_text {
 };
 static struct config_text *config_texts;
 
-// NULL with *fault saying why.
+// NULL with the error's text in *fault.
 static char *read_text(const char *path, const char **fault)
 {
     enum { MOST = 1 << 20 };
@@ -106,7 +107,7 @@ static char *read_text(const char *path, const char **fault)
     *fault = NULL;
     if (!own || ferror(file)) *fault = strerror(errno);
     else if (n > MOST) *fault = "longer than 1048576 bytes";
-    else if (memchr(own->text, 0, n)) *fault = "has a zero byte: not text";
+    else if (memchr(own->text, 0, n)) *fault = "not text: it contains a zero byte";
     if (file) fclose(file);
     if (*fault) {
         free(own);
@@ -125,7 +126,7 @@ int options_read_config(struct options *options, const char *name, char *text, c
         char *word = trim(strsep(&text, "\n"));
         if (!*word || *word == '#') continue;
         char *value = strchr(word, '=');
-        const char *fault = value ? "no such option" : "`word = value` is wanted";
+        const char *fault = value ? "no such option" : "expected `word = value`";
         if (value) {
             *value++ = 0;
             word = trim(word);
@@ -171,8 +172,8 @@ static void print_wrapped(const char *text)
 
 static void print_config(void)
 {
-    printf("# relightd's configuration: `word = value` lines, the words of its command line,\n"
-           "# which goes before this file. Every line shows the default.\n\n"
+    printf("# relightd's configuration: `word = value` lines, with the option names of the\n"
+           "# command line, which takes precedence. Every line shows the default.\n\n"
            "# Where clients connect: tcp:HOST:PORT or unix:PATH; may be repeated.\n"
            "#listen = tcp:127.0.0.1:7413\n");
     for (size_t i = 0; i < N_ROW; i++) {
@@ -192,7 +193,7 @@ static error_t parse_one(int key, char *arg, struct argp_state *state)
 {
     struct parse *parse = state->input;
     const char *fault = NULL;
-    if (key == KEY_CONFIG) return 0; // read before, so that the command line goes first
+    if (key == KEY_CONFIG) return 0; // read already, so that the command line takes precedence
     if (key == KEY_PRINT) {
         print_config();
         exit(0);
@@ -214,18 +215,19 @@ static error_t parse_one(int key, char *arg, struct argp_state *state)
             argp_error(state, "--%s %s: %s", row->word, arg ? arg : "", fault);
         return 0;
     }
-    if (key == ARGP_KEY_ARG) argp_error(state, "%s: no plain arguments are taken", arg);
+    if (key == ARGP_KEY_ARG)
+        argp_error(state, "%s: unexpected argument; only options are accepted", arg);
     return ARGP_ERR_UNKNOWN;
 }
 
-// What one option's own row cannot say.
+// Checks that the type of a row does not cover.
 static const char *fault_of_values(const struct options *options)
 {
     char *end;
     if (options->bake_nice > 19) return "bake-nice is outside 0 to 19";
     unsigned long mode = strtoul(options->socket_mode, &end, 8);
     if (end == options->socket_mode || *end || mode > 0777)
-        return "socket-mode: octal permissions such as 0660 are wanted";
+        return "socket-mode: expected octal permissions such as 0660";
     return NULL;
 }
 
@@ -240,7 +242,7 @@ static int read_defaults(int argc, char **argv, struct options *options, char fa
         if (!strncmp(argv[i], "--config=", 9)) found = argv[i] + 9;
         if (!strcmp(argv[i], "--config") && i + 1 < argc) found = argv[i + 1];
         if (found && path) {
-            snprintf(fault, 256, "%s: one configuration file is enough", found);
+            snprintf(fault, 256, "--config %s: a configuration file was given already", found);
             return -1;
         }
         if (found) path = found;
@@ -257,7 +259,8 @@ static int read_all(int argc, char **argv, struct options *options, unsigned fla
          "Where clients connect; may be repeated (tcp:127.0.0.1:7413)", 0},
         {"print-config", KEY_PRINT, NULL, 0, "Print the annotated default configuration", 0},
         {"check", KEY_CHECK, NULL, 0,
-         "Say in one line whether the configuration is fine, and leave with 0 or 2", 0},
+         "Check the configuration, print the result in one line and exit with status 0 or 2",
+         0},
     };
     char doc[N_ROW][400];
     for (size_t i = 0; i < N_ROW; i++) {
@@ -268,17 +271,18 @@ static int read_all(int argc, char **argv, struct options *options, unsigned fla
             table[i].value, table[i].kind == KIND_FLAG ? OPTION_ARG_OPTIONAL : 0,
             doc[i],         0};
     }
-    struct argp argp = {list, parse_one, NULL,
-                        "The relighting daemon: holds precomputed light transport and answers "
-                        "clients that send it lights and materials.\v"
-                        "SIGTERM and SIGINT: answer what is open, then leave. SIGHUP: read the "
-                        "configuration and the token file again; the log says what changed.\n\n"
-                        "Exit status: 0 after SIGTERM or SIGINT, 1 failed, 2 wrong usage."};
+    struct argp argp = {
+        list, parse_one, NULL,
+        "The relighting daemon: holds precomputed light transport and answers "
+        "clients that send it lights and materials.\v"
+        "SIGTERM and SIGINT: answer the open requests, then exit. SIGHUP: read the "
+        "configuration and the token file again and log each change.\n\n"
+        "Exit status: 0 after SIGTERM or SIGINT, 1 failed, 2 wrong usage."};
     if (read_defaults(argc, argv, options, fault)) return -1;
     struct parse parse = {.options = options};
     argp_err_exit_status = 2;
     if (argp_parse(&argp, argc, argv, flags, NULL, &parse)) {
-        snprintf(fault, 256, "the command line is not understood");
+        snprintf(fault, 256, "the command line has an error");
         return -1;
     }
     const char *wrong = fault_of_values(options);
@@ -303,7 +307,7 @@ int options_reread(int argc, char **argv, struct options *options, char fault[25
     return read_all(argc, argv, options, ARGP_SILENT, fault);
 }
 
-// ---- what may change while the daemon runs
+// ---- options that may change while the daemon runs
 
 #define FIELD(f) offsetof(struct options, f)
 static const size_t changeable[] = {
@@ -351,7 +355,7 @@ static bool same_listen(const struct options *a, const struct options *b)
 }
 
 void options_update(struct options *options, const struct options *fresh,
-                    void (*tell)(const char *word, const char *value, bool taken))
+                    void (*report)(const char *word, const char *value, bool taken))
 {
     for (size_t i = 0; i < N_ROW; i++) {
         void *to = (char *)options + table[i].offset;
@@ -363,7 +367,7 @@ void options_update(struct options *options, const struct options *fresh,
         if (same) continue;
         show_value(&table[i], from, value);
         if (may_change(&table[i])) memcpy(to, from, row_size(&table[i]));
-        tell(table[i].word, value, may_change(&table[i]));
+        report(table[i].word, value, may_change(&table[i]));
     }
-    if (!same_listen(options, fresh)) tell("listen", fresh->listen[0], false);
+    if (!same_listen(options, fresh)) report("listen", fresh->listen[0], false);
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* server.h owns the daemon as a whole: what its rooms share. Loop thread only, but for what
- * work.h and loop.h say is thread-safe. */
+/* server.h owns struct server, the state that the rooms share. Loop thread only, except for the
+ * functions that work.h and loop.h declare thread-safe. */
 #ifndef RELIGHTD_SERVER_H
 #define RELIGHTD_SERVER_H
 
@@ -32,7 +32,7 @@ struct server {
     struct options options;
     struct loop *loop;
     struct work_pool *work;
-    struct cache *cache; /* decoded and computed things, --cache */
+    struct cache *cache; /* decoded and computed results, --cache */
     struct cache *files; /* open .prt files, --memory */
     struct blobs *blobs;
     struct decoder *decoder;
@@ -41,9 +41,9 @@ struct server {
     struct imports *imports;       /* the folder --models */
     struct file_queue *file_queue; /* file operations, one after another on a worker */
     struct stats stats;
-    struct ledger *ledger; // who holds what; every limit is checked there
+    struct ledger *ledger; /* resources by principal; checks every limit */
     char data[4000];       /* absolute path of the data folder */
-    char token[256];       /* "": none is wanted */
+    char token[256];       /* "": none is required */
     bool data_temporary;
     unsigned n_core;
     struct connection *connections, *closed;

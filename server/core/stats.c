@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The list of metrics, once, for both who read it.
+// The list of metrics, for STATS and for GET /metrics.
 #include "core/stats.h"
 
 #include "store/disk.h"
@@ -65,10 +65,10 @@ static void each_resource(const struct ledger *ledger, stats_fn fn, void *user)
             if (limit)
                 fn(user, "relightd_resource_limit", label,
                    (double)ledger_limit_all(ledger, resource),
-                   "most that all clients together may hold, 0 for no limit", "gauge");
+                   "limit of all clients together, 0 for no limit", "gauge");
             else
                 fn(user, "relightd_resource_held", label,
-                   (double)ledger_total(ledger, resource), "what all clients together hold",
+                   (double)ledger_total(ledger, resource), "held by all clients together",
                    "gauge");
         }
 }
@@ -82,11 +82,12 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
 #define G(name, value, help) fn(user, "relightd_" name, "", (double)(value), help, "gauge")
 #define C(name, value, help) \
     fn(user, "relightd_" name "_total", "", (double)(value), help, "counter")
-    G("uptime_seconds", (double)(loop_now_ns() - s->start_ns) * 1e-9, "since the start");
+    G("uptime_seconds", (double)(loop_now_ns() - s->start_ns) * 1e-9,
+      "seconds since the start");
     G("draining", server->draining, "1 after SIGTERM");
     G("connections", server->n_connection, "open connections");
     G("requests_open", server->n_request, "requests not answered yet");
-    G("work_waiting", work_waiting(server->work), "pieces of work that wait for a thread");
+    G("work_waiting", work_waiting(server->work), "jobs that wait for a worker thread");
     G("models_bytes", files.bytes, "bytes of open transport files");
     G("models_open", files.entries, "open transport files");
     G("cache_bytes", cache.bytes, "bytes of shared results");
@@ -109,23 +110,23 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     C("bakes_failed", s->bakes_failed, "bakes that failed");
     C("bakes_cancelled", s->bakes_cancelled, "bakes cancelled");
     C("bakes_cached", s->bakes_cached, "loads that found their bake on disk");
-    C("bakes_evicted", s->bakes_evicted, "bakes deleted for room");
+    C("bakes_evicted", s->bakes_evicted, "bakes deleted to free disk space");
     C("children_crashed", s->children_crashed,
-      "decoders and bakes that a signal ended, other than a cancelled bake's");
+      "decoders and bakes ended by a signal, cancelled bakes excluded");
     C("passes", s->passes, "passes over transport");
-    C("relights", s->relights, "evaluations made by passes");
+    C("relights", s->relights, "evaluations computed by passes");
     C("relights_shared", s->shared, "evaluations that shared a pass");
-    C("lights_contracted", s->contractions,
-      "joint transports contracted with a light, to be kept");
-    C("edits", s->edits, "evaluations made of a contracted light");
-    C("materials_fixed", s->materials_fixed, "materials put into joint transports, to be kept");
-    C("relights_fixed", s->fixed_used, "evaluations made of a material put in");
-    C("cache_hits", cache.hits, "shared results found");
-    C("cache_misses", cache.misses, "shared results made");
-    C("cache_evictions", cache.evictions, "shared results dropped for room");
-    C("models_evictions", files.evictions, "models unloaded for room");
+    C("lights_contracted", s->contractions, "contractions of joint transport with a light");
+    C("edits", s->edits, "evaluations that used a contracted light");
+    C("materials_fixed", s->materials_fixed, "contractions of joint transport with a material");
+    C("relights_fixed", s->fixed_used, "evaluations that used a contracted material");
+    C("cache_hits", cache.hits, "shared results found in the cache");
+    C("cache_misses", cache.misses, "shared results computed");
+    C("cache_evictions", cache.evictions, "shared results evicted");
+    C("models_evictions", files.evictions, "models unloaded to free memory");
     C("view_frames", s->frames_sent, "frames sent to views");
-    C("view_overtaken", s->frames_dropped, "view states overtaken before they were drawn");
+    C("view_overtaken", s->frames_dropped,
+      "view states replaced by a newer one before they were drawn");
 #undef G
 #undef C
     each_resource(server->ledger, fn, user);

@@ -24,13 +24,16 @@ struct stats {
     uint64_t errors_total, busy_total, cancelled_total, deadline_total;
     uint64_t bytes_in, bytes_out;
     uint64_t bakes_done, bakes_failed, bakes_cancelled, bakes_cached, bakes_evicted;
-    uint64_t children_crashed; /* decoders and bakes that ended by a signal not of ours */
-    uint64_t passes, relights, shared; /* transport passes, answers made by them, joined ones */
-    uint64_t contractions, edits; /* joint transport: lights contracted, answers made of them */
+    uint64_t children_crashed; /* decoders and bakes ended by a signal that the daemon did not
+                                  send */
+    uint64_t passes, relights,
+        shared; /* transport passes; evaluations by them; those that shared one */
+    uint64_t contractions,
+        edits; /* joint transport: contractions with a light, evaluations using them */
     uint64_t materials_fixed,
-        fixed_used; /* joint transport: materials put in, answers made so */
+        fixed_used; /* joint transport: contractions with a material, evaluations using them */
     uint64_t frames_sent, frames_dropped;
-    float finish_ns_a_pixel; /* shading and encoding a picture, as last seen */
+    float finish_ns_a_pixel; /* shading and encoding a picture: running mean */
     struct stats_histogram latency[STATS_N_TYPE];
 };
 

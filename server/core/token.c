@@ -14,7 +14,7 @@ int token_read(const char *path, char token[TOKEN_ROOM], char fault[256])
     if (file && !fgets(line, sizeof line, file)) line[0] = 0;
     if (file) fclose(file);
     line[strcspn(line, "\r\n")] = 0;
-    if (!why && !line[0]) why = "no token in its first line";
+    if (!why && !line[0]) why = "the first line holds no token";
     if (!why && strlen(line) >= TOKEN_ROOM) why = "the token is longer than 255 bytes";
     if (why) {
         snprintf(fault, 256, "token file %s: %s", path, why);
@@ -28,7 +28,7 @@ bool token_is_right(const char *token, const char *said)
 {
     size_t n = strlen(token), m = strlen(said);
     unsigned differs = n != m;
-    if (!n) return true; // none is wanted
+    if (!n) return true; // no token is required
     for (size_t i = 0; i < n; i++) differs |= (unsigned char)(token[i] ^ said[m ? i % m : 0]);
     return !differs;
 }

@@ -7,10 +7,11 @@
 
 enum { TOKEN_ROOM = 256 };
 
-/* Reads the file's first line. 0, or -1 with the fault's words; token is unchanged then. */
+/* Reads the file's first line. 0, or -1 with the error's text in fault; token is unchanged
+ * then. */
 int token_read(const char *path, char token[TOKEN_ROOM], char fault[256]);
-/* Whether `said` is the token; true when the token is empty. Takes as long for a nearly right
- * one as for a wrong one. */
+/* Whether `said` is the token; true when the token is empty. The time does not depend on how
+ * much of it is right. */
 bool token_is_right(const char *token, const char *said);
 
 #endif

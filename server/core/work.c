@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Worker threads with two classes of work: interactive always goes before background, and
-// background may not hold every thread.
+// Worker threads with two classes of work: interactive work always runs before
+// background work, which never occupies every thread.
 #include "core/work.h"
 
 #include "core/log.h"

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* work.h owns the worker threads: relights, rasters and encodes run there, never on the loop.
- */
+/* work.h owns the worker threads: relighting, rasterisation and encoding run there, never on
+ * the loop. */
 #ifndef RELIGHTD_WORK_H
 #define RELIGHTD_WORK_H
 
@@ -11,7 +11,7 @@ enum work_class { WORK_INTERACTIVE, WORK_BACKGROUND, WORK_N_CLASS };
 
 struct work_pool;
 
-/* A piece of work, embedded in its owner. `run` is called on a worker with a context whose pool
+/* One job, embedded in its owner. `run` is called on a worker with a context whose pool
  * is shared by all workers; `done` on the loop's thread afterwards. The first error line the
  * library logs is kept in `error`. */
 struct work {
@@ -19,7 +19,7 @@ struct work {
     struct work *next;
     struct work_pool *pool;
     enum work_class class;
-    int status; /* enum prt_status, what run returned */
+    int status; /* enum prt_status, returned by run */
     char error[300];
     int (*run)(struct work *work, const struct prt_context *ctx);
     void (*done)(struct work *work);
@@ -27,7 +27,7 @@ struct work {
 
 int work_pool_create(struct loop *loop, unsigned n_thread, unsigned cpu,
                      struct work_pool **out);
-/* Waits for what runs; what is queued is dropped. */
+/* Waits for running jobs; drops queued ones. */
 void work_pool_destroy(struct work_pool *pool);
 void work_submit(struct work_pool *pool, struct work *work);
 /* A prt_log_fn whose user is a struct work: keeps the first error line. */

@@ -14,6 +14,7 @@
 #include <poll.h>
 #include <signal.h>
 #include <spawn.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -35,7 +36,8 @@ enum asked { ASK_ENV, ASK_MODEL, ASK_IMAGE };
 
 struct ask {
     uint64_t number, memory_bytes, image_bytes;
-    uint32_t n_word; // what follows: path, name, and of a model the .prt and opaque names
+    uint32_t n_word; // strings that follow: path, name, and for a model the .prt and the opaque
+                     // names
     uint32_t model;  // enum asked
     double size_mm, mm_per_unit;
     struct prt_material material;
@@ -45,10 +47,10 @@ struct reply {
     uint64_t number;
     int32_t status;
     uint32_t kind, width, height, cube_n, n_negative, n_nonfinite;
-    uint32_t crashed; // decoders that a signal ended
+    uint32_t crashed; // decoding processes ended by a signal
     float ms;
     char error[400];
-    char warnings[2000]; // a line each
+    char warnings[2000]; // one a line
 };
 
 struct wait_for {
@@ -64,7 +66,7 @@ struct wait_for {
 
 struct decoder {
     struct loop *loop;
-    struct loop_watch watch; // fd -1: no helper runs
+    struct loop_watch watch; // fd -1: no helper is running
     pid_t pid;
     struct decoder_limits limits;
     unsigned at_once;
@@ -72,8 +74,6 @@ struct decoder {
     struct wait_for *waiting;
     unsigned n_sent;
 };
-
-static struct decoder *the_decoder; // the watch's way back; one helper a process
 
 // ---- the helper's side
 
@@ -93,7 +93,7 @@ static size_t pixel_bytes(uint32_t kind, uint32_t width, uint32_t height, uint32
                                 : (size_t)width * height * 12;
 }
 
-// Pages are given back as soon as they are copied: there is one copy of a large image.
+// Frees pages as soon as they are copied, so that memory holds one copy of a large image.
 static int write_pixels(const struct prt_env *env, size_t n)
 {
     const size_t piece = 8 << 20, page = (size_t)sysconf(_SC_PAGESIZE);
@@ -119,7 +119,7 @@ static int write_pixels(const struct prt_env *env, size_t n)
     return fd;
 }
 
-// False when the other end is gone or does not take it.
+// False when the other end is closed or its buffer is full.
 static bool send_packet(int socket_fd, const void *bytes, size_t n, int passed_fd)
 {
     struct iovec iov = {(void *)bytes, n};
@@ -161,7 +161,7 @@ static ssize_t receive_packet(int socket_fd, void *bytes, size_t n, int *passed_
     return got;
 }
 
-// The store's folder means nothing to who uploaded the file.
+// Removes the store's folder from an error: it means nothing to the client.
 static void hide_folder(char *text, const char *folder)
 {
     char with_slash[PATH_MAX + 2];
@@ -200,7 +200,7 @@ static int read_image(const struct prt_context *ctx, bool as_env, int fd, const 
     return pixels_fd;
 }
 
-// The mesh as a .prt whose only tensor gives no light to anybody.
+// Writes the mesh as a .prt with one empty tensor.
 static int write_mesh(const struct prt_context *ctx, const char *out,
                       const struct prt_mesh *mesh, const struct prt_material *material)
 {
@@ -268,7 +268,7 @@ static void serve(int socket_fd, const struct ask *ask, int fd, char *const *wor
     send_packet(socket_fd, &reply, sizeof reply, pixels_fd);
 }
 
-// The words of a packet; false when they are not all there.
+// Splits a packet into its strings; false when some are missing.
 static bool split_words(char *packet, size_t n, const struct ask *ask, char *word[MAX_WORD + 1])
 {
     size_t at = sizeof *ask;
@@ -293,7 +293,7 @@ static void on_child(int signal)
 {
 }
 
-// Answers for decoders that died instead of answering.
+// Replies in place of decoding processes that died.
 static void reap(int fd, struct running *running)
 {
     int how;
@@ -320,7 +320,7 @@ static void start_decoding(int fd, char *packet, ssize_t n, int file_fd,
     pid_t helper = getpid(), pid = fork();
     if (pid == 0) {
         if (prctl(PR_SET_PDEATHSIG, SIGKILL) || getppid() != helper) _exit(1);
-        signal(SIGCHLD, SIG_DFL); // its own isolated child is waited for
+        signal(SIGCHLD, SIG_DFL); // prt_isolate() waits for its own child
         sigset_t none;
         sigemptyset(&none);
         sigprocmask(SIG_SETMASK, &none, NULL);
@@ -351,7 +351,7 @@ int decode_helper_main(int fd)
     sigaddset(&child, SIGCHLD);
     sigprocmask(SIG_SETMASK, &child, NULL);
     signal(SIGPIPE, SIG_IGN);
-    signal(SIGINT, SIG_IGN); // a terminal's ^C goes to the whole group: the daemon decides
+    signal(SIGINT, SIG_IGN); // a terminal sends ^C to the whole group: the daemon handles it
     struct sigaction act = {.sa_handler = on_child};
     sigaction(SIGCHLD, &act, NULL);
     for (;;) {
@@ -361,7 +361,7 @@ int decode_helper_main(int fd)
         int file_fd;
         ssize_t n = receive_packet(fd, packet, sizeof packet, &file_fd);
         if (n < 0 && (errno == EINTR || errno == EAGAIN)) continue;
-        if (n < (ssize_t)sizeof(struct ask) || file_fd < 0) return 0; // the daemon is gone
+        if (n < (ssize_t)sizeof(struct ask) || file_fd < 0) return 0; // the daemon has exited
         start_decoding(fd, packet, n, file_fd, running);
         close(file_fd);
     }
@@ -404,7 +404,7 @@ static struct decoded_env *map_pixels(const struct reply *reply, int fd)
     if (size < 0 || (size_t)size != n) return NULL;
     struct decoded_env *env = calloc(1, sizeof *env);
     if (!env) return NULL;
-    // Pages come with who reads them first, a worker: this is the loop.
+    // Pages are mapped at first use, by a worker: reading them here would block the loop.
     env->map = mmap(NULL, n, PROT_READ, MAP_SHARED, fd, 0);
     if (env->map == MAP_FAILED) {
         free(env);
@@ -415,7 +415,7 @@ static struct decoded_env *map_pixels(const struct reply *reply, int fd)
     env->env.kind = cube ? PRT_ENV_CUBE : PRT_ENV_LATLONG;
     env->env.n_negative = reply->n_negative;
     env->env.n_nonfinite = reply->n_nonfinite;
-    if (cube && !prt_env_cache_create(&env->env)) // without it a turn only takes longer
+    if (cube && !prt_env_cache_create(&env->env)) // without it rotating only takes longer
         env->cache_bytes = (size_t)384 * reply->cube_n * reply->cube_n;
     if (cube) env->env.cube = (struct prt_cube){reply->cube_n, env->map};
     else env->env.latlong = (struct prt_image){reply->width, reply->height, env->map};
@@ -447,7 +447,7 @@ static void helper_gone(struct decoder *decoder)
     close(decoder->watch.fd);
     decoder->watch.fd = -1;
     for (struct wait_for *w = decoder->waiting; w; w = w->next) w->lost = w->sent;
-    // Who is told may ask again, of the next helper: looked for anew each time.
+    // Callbacks may send new requests to the next helper: the list is searched again each time.
     for (;;) {
         struct wait_for *w = decoder->waiting;
         while (w && !w->lost) w = w->next;
@@ -458,7 +458,8 @@ static void helper_gone(struct decoder *decoder)
 
 static void helper_ready(struct loop_watch *watch, uint32_t events)
 {
-    struct decoder *decoder = the_decoder;
+    struct decoder *decoder =
+        (struct decoder *)((char *)watch - offsetof(struct decoder, watch));
     for (;;) {
         struct reply reply;
         int fd;
@@ -505,8 +506,8 @@ static int start_helper(struct decoder *decoder)
     return 0;
 }
 
-// A file of the store or of --models, where paths have been resolved: a link was put there
-// since.
+// Opens a file of the store or of --models. Its path was resolved before, so a link here was
+// created since, and is refused.
 static int open_input(const char *path, char error[256])
 {
     struct stat st;
@@ -518,7 +519,7 @@ static int open_input(const char *path, char error[256])
     return -1;
 }
 
-// Sends what waits, as far as the helper may be busy at once; restarts a helper that died.
+// Sends waiting requests up to the helper's limit; restarts a helper that died.
 static void send_waiting(struct decoder *decoder)
 {
     for (;;) {
@@ -562,7 +563,6 @@ int decoder_create(struct loop *loop, const struct decoder_limits *limits, uint6
     if (l->memory_bytes > l->total_bytes) l->memory_bytes = l->total_bytes;
     uint64_t fit = l->memory_bytes ? l->total_bytes / l->memory_bytes : 1;
     decoder->at_once = fit < MAX_AT_ONCE ? (unsigned)fit : MAX_AT_ONCE;
-    the_decoder = decoder;
     int err = start_helper(decoder);
     if (err) {
         free(decoder);
@@ -579,14 +579,13 @@ void decoder_destroy(struct decoder *decoder)
         finish(decoder, decoder->waiting, NULL, PRT_CANCELLED, "the daemon is stopping", NULL);
     if (decoder->watch.fd >= 0) {
         loop_watch_remove(decoder->loop, &decoder->watch);
-        close(decoder->watch.fd); // the helper ends when its socket does
+        close(decoder->watch.fd); // the helper exits when its socket closes
         waitpid(decoder->pid, NULL, 0);
     }
     free(decoder);
-    the_decoder = NULL;
 }
 
-// NULL when there is no memory or the words are too long.
+// NULL without memory, or when the strings are too long.
 static struct wait_for *new_wait(struct decoder *decoder, struct ask *ask,
                                  const char *const word[], size_t n_word)
 {

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT */
-/* decode.h owns the helper process that decodes untrusted files: a second, single-threaded copy
- * of the program that forks an isolated child for each. Pixels of an image come back in a
- * sealed memory file, the mesh of a model as a .prt without light transport, which the daemon
- * maps as it maps its bakes. The daemon parses nothing and may have as many threads as it
- * likes. */
+/* decode_helper.h owns the helper process that decodes untrusted files: a second,
+ * single-threaded copy of the program that forks an isolated child for each. Pixels of an image
+ * come back in a sealed memory file, the mesh of a model as a .prt without light transport,
+ * which the daemon maps as it maps its bakes. The daemon parses no untrusted file and may have
+ * any number of threads. */
 #ifndef RELIGHTD_DECODE_H
 #define RELIGHTD_DECODE_H
 
@@ -13,7 +13,7 @@
 
 struct decoder;
 
-/* A decoded environment; its pixels lie in a read-only map. */
+/* A decoded environment; its pixels are in a read-only mapping. */
 struct decoded_env {
     struct prt_env env;
     void *map;
@@ -22,25 +22,27 @@ struct decoded_env {
 };
 void decoded_env_destroy(void *env); /* struct decoded_env* */
 
-/* env NULL: code (enum prt_status) and error say why. Called on the loop's thread. */
+/* env NULL: code (enum prt_status) and error have the cause. Called on the loop's thread. */
 typedef void (*decode_fn)(void *user, struct decoded_env *env, int status, const char *error);
 
 struct decoder_limits {
     uint64_t memory_bytes; /* of one decoding process */
-    uint64_t total_bytes;  /* of all at once, at least one runs; 0: half of the machine's */
-    uint64_t image_bytes;  /* of an image's pixels: what the cache cannot hold is not decoded */
+    uint64_t
+        total_bytes; /* of all together, though one always runs; 0: half of the machine's */
+    uint64_t
+        image_bytes; /* of an image's pixels: images that exceed the cache are not decoded */
 };
 /* n_crashed counts processes that ended by a signal; it outlives the decoder. */
 int decoder_create(struct loop *loop, const struct decoder_limits *limits, uint64_t *n_crashed,
                    struct decoder **out);
 void decoder_destroy(struct decoder *decoder);
-/* Decodes the regular file at `path`, no link; errors call it `name`. */
+/* Decodes the regular file at `path`, not a link; errors call it `name`. */
 void decoder_env(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
                  void *user);
-/* The same of a plain image, whatever its shape: always a lat-long's pixels. */
+/* The same for an image that is no environment: its pixels are returned as env.latlong. */
 void decoder_image(struct decoder *decoder, const char *path, const char *name, decode_fn fn,
                    void *user);
-/* What a model's file is read with, as `prt bake` takes it. */
+/* How to read a model's file: the options of `prt bake`. */
 struct decode_model {
     const char *path, *name; /* errors call the file `name` */
     const char *out;         /* the .prt to write */
@@ -49,7 +51,7 @@ struct decode_model {
     size_t n_opaque;
     char *const *opaque;
 };
-/* status PRT_OK: `out` is there, `warnings` has a line each. Called on the loop's thread. */
+/* status PRT_OK: `out` was written; `warnings` has one a line. Called on the loop's thread. */
 typedef void (*decode_model_fn)(void *user, int status, const char *error, const char *warnings,
                                 float ms);
 void decoder_model(struct decoder *decoder, const struct decode_model *model,
@@ -57,7 +59,7 @@ void decoder_model(struct decoder *decoder, const struct decode_model *model,
 /* A child ended; true when it was the helper (a new one starts with the next request). */
 bool decoder_reap(struct decoder *decoder, int pid);
 
-/* What the helper process runs: requests come over `fd` until it closes. */
+/* The helper process's main function: serves requests from `fd` until it closes. */
 int decode_helper_main(int fd);
 
 #endif

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The queue of bakes. A finished job is remembered for a while, so that who asks late still
-// hears how it ended.
+// The queue of bakes. Finished jobs are kept for a while, so that a late WATCH still gets their
+// result.
 #include "jobs/jobs.h"
 
 #include "core/log.h"
@@ -15,7 +15,8 @@
 #include <string.h>
 
 enum { REMEMBERED = 256, WARNING_BYTES = 8000 };
-static const uint64_t notify_gap_ns = 100000000; // watchers hear at most ten times a second
+static const uint64_t notify_gap_ns =
+    100000000; // between two progress messages: at most ten a second
 
 struct watcher {
     struct watcher *next;
@@ -51,8 +52,8 @@ struct jobs {
 
 static void start_next(struct jobs *jobs);
 
-// Stages of `prt bake` in their order with the share of the time they take, so that one
-// fraction can be told for the whole. An unknown stage holds the fraction where it is.
+// Stages of `prt bake` in order, with their share of the whole bake's fraction; chosen, not
+// measured. An unknown stage leaves the fraction unchanged.
 static const struct {
     const char *stage;
     double from, to;
@@ -109,7 +110,8 @@ static void tell_all(struct job *job, bool now)
     uint64_t t = loop_now_ns();
     if (!now && t - job->told_ns < notify_gap_ns) return;
     job->told_ns = t;
-    // A watcher whose connection breaks removes itself while it is told: look ahead by number.
+    // A watcher whose connection breaks removes itself during its notification: iterate by
+    // number.
     for (unsigned i = 0;; i++) {
         struct watcher *w = job->watcher;
         for (unsigned k = 0; w && k < i; k++) w = w->next;
@@ -138,8 +140,7 @@ static void free_order(struct job_order *order)
     *order = (struct job_order){0};
 }
 
-// Called where a job is added and nowhere else: who ends a job, and who it tells, still looks
-// at it.
+// Called only where a job is added: callers that end a job, and its callbacks, still read it.
 static void forget_old(struct jobs *jobs)
 {
     struct job **at = &jobs->job;
@@ -155,7 +156,7 @@ static void forget_old(struct jobs *jobs)
     }
 }
 
-// Where the models folder lies is nobody's business.
+// Removes the folder's path from errors that clients see.
 static void keep_error(struct job *job, const char *text)
 {
     const char *models = job->jobs->server->options.models, *at = NULL;
@@ -205,7 +206,7 @@ static void on_progress(void *user, const char *stage, double fraction, double e
 static void on_line(void *user, const char *line)
 {
     struct job *job = user;
-    log_line(LOG_EVENT, "job id=%s says=\"%s\"", job->id, line);
+    log_line(LOG_EVENT, "job id=%s output=\"%s\"", job->id, line);
     if (strncmp(line, "warning: ", 9)) return;
     size_t n = strlen(job->warnings);
     snprintf(job->warnings + n, sizeof job->warnings - n, "%s\n", line + 9);
@@ -331,7 +332,7 @@ void jobs_cancel(struct jobs *jobs, struct job *job)
         return;
     }
     jobs->n_queued--;
-    end_job(job, JOB_OUT_CANCELLED, "cancelled while it waited for its turn");
+    end_job(job, JOB_OUT_CANCELLED, "cancelled while it was queued");
 }
 
 void jobs_watch(struct jobs *jobs, struct job *job, struct request *request)

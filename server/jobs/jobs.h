@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* jobs.h owns bakes under way: their queue, their progress, who watches them, and the runner
- * that does the work. The runner is an interface: one here starts a child process, another may
- * hand the same command to a batch scheduler. Loop thread only. */
+/* jobs.h owns bakes: their queue, their progress, their watchers, and the runner that executes
+ * them. The runner is an interface: runner_child.c starts a child process; another one could
+ * pass the same command to a batch scheduler. Loop thread only. */
 #ifndef RELIGHTD_JOBS_H
 #define RELIGHTD_JOBS_H
 
@@ -13,7 +13,7 @@ struct request;
 struct job;
 
 /* A command to run: argv without the program, in folder cwd. `{progress}` in argv becomes the
- * descriptor number that takes "stage fraction eta" lines. */
+ * descriptor number for lines of "stage fraction eta". */
 struct job_order {
     char **argv; /* NULL-terminated, malloc()ed strings; owned by the job */
     char *cwd;
@@ -21,17 +21,17 @@ struct job_order {
 
 enum job_outcome { JOB_OUT_DONE, JOB_OUT_FAILED, JOB_OUT_CANCELLED };
 
-/* What a runner tells about a run. ended comes exactly once and is the last. */
+/* Events of a run. ended is called exactly once, as the last one. */
 struct job_events {
     void (*progress)(void *user, const char *stage, double fraction, double eta_s);
-    void (*line)(void *user, const char *line); /* of its error output */
+    void (*line)(void *user, const char *line); /* of its stderr */
     void (*ended)(void *user, enum job_outcome outcome, const char *error);
 };
 
 struct job_run; /* the runner's own */
 struct job_runner {
     const char *name;
-    /* NULL: could not be started, error says why. */
+    /* NULL: it could not be started; error has the cause. */
     struct job_run *(*start)(struct server *server, const struct job_order *order,
                              const struct job_events *events, void *user, char error[256]);
     void (*cancel)(struct job_run *run);
@@ -44,18 +44,18 @@ struct jobs;
 int jobs_create(struct server *server, const struct job_runner *runner, struct jobs **out);
 void jobs_destroy(struct jobs *jobs);
 bool jobs_reap(struct jobs *jobs, int pid, int how);
-/* Cancels everything; ended calls follow. */
+/* Cancels all jobs; their ended callbacks follow. */
 void jobs_stop(struct jobs *jobs);
 unsigned jobs_open(const struct jobs *jobs); /* queued and running */
 unsigned jobs_running(const struct jobs *jobs);
 
-/* Called when a job has ended, before its watchers hear of it. */
+/* Called when a job has ended, before its watchers are notified. */
 typedef void (*job_done_fn)(void *user, struct job *job, enum job_outcome outcome);
 
-/* Takes the order. NULL when the queue is full. */
+/* Takes over the order. NULL when the queue is full. */
 struct job *jobs_add(struct jobs *jobs, const char *model_id, struct job_order *order,
                      job_done_fn done, void *user);
-/* By job id, or a model id for its newest. */
+/* By job id; with a model id, its newest job. */
 struct job *jobs_find(struct jobs *jobs, const char *id);
 /* The job stays valid until the next jobs_add. */
 void jobs_cancel(struct jobs *jobs, struct job *job);

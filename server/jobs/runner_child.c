@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The runner that starts `prt` as a child process: progress on one pipe, error output on
-// another, SIGTERM to cancel and SIGKILL for one that does not listen. The child has limits on
-// memory and time, and dies with the daemon, however that ends.
+// another, SIGTERM to cancel, then SIGKILL if it does not exit. The child has limits on memory
+// and time, and is killed when the daemon exits, even by a crash.
 #include "jobs/jobs.h"
 #include "core/log.h"
 #include "core/server.h"
@@ -33,7 +33,7 @@ struct job_run {
     struct job_run *next;
     struct server *server;
     pid_t pid;
-    bool ended, cancelled, late; // late: its time is over
+    bool ended, cancelled, late; // late: it exceeded its time limit
     int how;
     struct lines progress, errors;
     struct loop_timer kill_timer, time_timer;
@@ -105,7 +105,7 @@ static void finish(struct job_run *run)
     free(run);
 }
 
-// Reads what is there; false when the other end is closed. Over-long lines are cut.
+// Reads the available bytes; false when the other end is closed. Over-long lines are cut.
 static bool read_lines(struct job_run *run, struct lines *lines,
                        void (*take)(struct job_run *run, char *line))
 {
@@ -149,7 +149,7 @@ static void kill_now(struct loop_timer *timer)
 {
     struct job_run *run =
         (struct job_run *)((char *)timer - offsetof(struct job_run, kill_timer));
-    log_line(LOG_WARN, "child pid=%d did not heed SIGTERM", (int)run->pid);
+    log_line(LOG_WARN, "child pid=%d did not exit after SIGTERM: it is killed", (int)run->pid);
     kill(-run->pid, SIGKILL);
     kill(run->pid, SIGKILL);
 }
@@ -175,7 +175,7 @@ static bool child_reap(int pid, int how)
     while (run && run->pid != pid) run = run->next;
     if (!run) return false;
     run->how = how;
-    // Its last words may still be in the pipes.
+    // Its last lines may still be in the pipes.
     if (run->progress.watch.fd >= 0) read_lines(run, &run->progress, take_progress);
     if (run->errors.watch.fd >= 0) read_lines(run, &run->errors, take_error);
     finish(run);
@@ -188,14 +188,14 @@ static void child_cancel(struct job_run *run)
     stop(run);
 }
 
-// What the child makes of itself between vfork and exec.
+// The child's set-up between vfork and exec.
 struct birth {
     const char *program, *cwd;
     char **argv;
     int progress_fd, error_fd;
     pid_t daemon;
     struct rlimit data, cpu;
-    int error; // written by the child, whose memory is ours until exec
+    int error; // written by the child, which shares memory until exec
 };
 
 static void enter(struct birth *b)
@@ -206,7 +206,7 @@ static void enter(struct birth *b)
     int null = open("/dev/null", O_RDWR | O_CLOEXEC);
     bool ok = null >= 0 && dup2(null, 0) == 0 && dup2(null, 1) == 1 &&
               dup2(b->error_fd, 2) == 2 && dup2(b->progress_fd, PROGRESS_FD) == PROGRESS_FD &&
-              !chdir(b->cwd) && !setpgid(0, 0) && // a terminal's ^C is the daemon's to handle
+              !chdir(b->cwd) && !setpgid(0, 0) && // the daemon handles a terminal's ^C
               !prctl(PR_SET_PDEATHSIG, SIGKILL) && getppid() == b->daemon &&
               !setrlimit(RLIMIT_CORE, &core) &&
               (!b->data.rlim_cur || !setrlimit(RLIMIT_DATA, &b->data)) &&
@@ -233,7 +233,7 @@ static int spawn(struct birth *b, pid_t *pid)
     return error;
 }
 
-// Seconds on all of its threads; a limit beside the timer, for a daemon that is stopped.
+// CPU seconds over all of its threads; holds also while the daemon itself is stopped.
 static struct rlimit cpu_limit(const struct server *server)
 {
     const struct options *o = &server->options;
@@ -243,7 +243,7 @@ static struct rlimit cpu_limit(const struct server *server)
     return (struct rlimit){(rlim_t)seconds, (rlim_t)seconds + 5};
 }
 
-// The prt beside our own program, else the one on PATH.
+// The prt next to this program, else the one on PATH.
 static void find_program(const struct server *server, char out[4096])
 {
     ssize_t n = readlink("/proc/self/exe", out, 4000);
@@ -298,7 +298,7 @@ static struct job_run *child_start(struct server *server, const struct job_order
                           .cpu = cpu_limit(server)};
     err = spawn(&birth, &run->pid);
     if (err) goto fail;
-    // Relighting goes first. Relative: the daemon itself may have been started with a niceness.
+    // Relative to the daemon's own niceness: relighting has precedence.
     int own = getpriority(PRIO_PROCESS, 0);
     setpriority(PRIO_PROCESS, (id_t)run->pid, own + (int)server->options.bake_nice);
     close(progress[1]);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // HTTP and WebSocket through libwebsockets: /healthz, /metrics, the page's files, and frames as
-// binary messages on /ws. libwebsockets runs its own poll loop; ours is nested in it as a
-// single descriptor, so that everything stays on one thread. Our listener accepts the clients.
+// binary messages on /ws. libwebsockets runs its own poll loop; the daemon's loop is
+// nested in it as a single descriptor, so that one thread serves both. net/listener.c accepts
+// the clients.
 #include "net/carrier.h"
 
 #include "core/log.h"
@@ -26,11 +27,11 @@ enum {
 
 #define SUBPROTOCOL "relight.v1"
 
-// A WebSocket client; conn NULL: closed by us, the socket follows.
+// A WebSocket client; conn NULL: the daemon closed it, and the socket closes next.
 struct session {
     struct connection *conn;
     struct lws *wsi;
-    uint8_t *refusal; // no connection: the frame that says why
+    uint8_t *refusal; // where no connection was opened: the ERROR frame to send
     size_t n_refusal;
 };
 
@@ -42,9 +43,13 @@ struct page_session {
 
 static struct lws_context *context;
 static struct lws_vhost *vhost;
-static struct server *the_server;
 static uint8_t piece[LWS_PRE + CHUNK];
-static unsigned n_wsi; // what libwebsockets holds: HTTP, WebSocket, and our loop's descriptor
+static unsigned n_wsi; // sockets of libwebsockets: HTTP, WebSocket, and the loop's descriptor
+
+static struct server *server_of(struct lws *wsi)
+{
+    return lws_context_user(lws_get_context(wsi));
+}
 
 // ---- the carrier
 
@@ -96,14 +101,15 @@ static int ws_write(struct session *s, struct lws *wsi)
     int n_iov = connection_output(conn, iov, 2);
     for (int i = 0; i < n_iov && n < CHUNK && n < left; i++) {
         size_t take = iov[i].iov_len < CHUNK - n ? iov[i].iov_len : CHUNK - n;
-        if (take > left - n) take = left - n; // a message is one frame, no more
+        if (take > left - n) take = left - n; // a message holds one frame
         memcpy(piece + LWS_PRE + n, iov[i].iov_base, take);
         n += take;
     }
     int how = f->sent ? LWS_WRITE_CONTINUATION : LWS_WRITE_BINARY;
     if (n < left) how |= LWS_WRITE_NO_FIN;
     if (lws_write(wsi, piece + LWS_PRE, n, (enum lws_write_protocol)how) < (int)n) return -1;
-    lws_validity_confirmed(wsi); // a slow reader answers pings late, --write-time watches it
+    lws_validity_confirmed(
+        wsi); // a slow reader answers pings late; --write-time limits it instead
     connection_written(conn, n);
     if (s->conn && s->conn->out) lws_callback_on_writable(wsi);
     return s->conn ? 0 : -1;
@@ -111,7 +117,7 @@ static int ws_write(struct session *s, struct lws *wsi)
 
 // ---- admission
 
-// Copies a header. NULL when it is longer than the room or broken, "" when it is absent.
+// Copies a header. NULL when it is too long or broken, "" when it is absent.
 static const char *header(struct lws *wsi, enum lws_token_indexes token, char *out, size_t room)
 {
     *out = 0;
@@ -130,13 +136,13 @@ static void local_address(struct lws *wsi, char *out, size_t room)
         *out = 0;
 }
 
-// Checks Host and Origin. Browsers send both with every request that may do harm.
+// Checks Host and Origin. Browsers send both with every request that can change something.
 static bool admitted(struct lws *wsi)
 {
     char host_room[300], origin_room[300], local[64];
     const char *host = header(wsi, WSI_TOKEN_HOST, host_room, sizeof host_room);
     const char *origin = header(wsi, WSI_TOKEN_ORIGIN, origin_room, sizeof origin_room);
-    const struct options *o = &the_server->options;
+    const struct options *o = &server_of(wsi)->options;
     local_address(wsi, local, sizeof local);
     bool host_fine = web_host_allowed(o, local, host);
     if (host_fine && web_origin_allowed(o, host, origin)) return true;
@@ -146,8 +152,8 @@ static bool admitted(struct lws *wsi)
     return false;
 }
 
-// An upgrade: to WebSocket on /ws with our subprotocol only. libwebsockets chooses among the
-// subprotocols that the client names; on_page and on_loop refuse theirs.
+// Allows an upgrade to WebSocket on /ws with subprotocol relight.v1 only. libwebsockets chooses
+// among the subprotocols that the client names; on_page and on_loop refuse their own.
 static int confirm_upgrade(struct lws *wsi, const char *to)
 {
     char path_room[16], protocol_room[128];
@@ -160,7 +166,7 @@ static int confirm_upgrade(struct lws *wsi, const char *to)
     return -1;
 }
 
-// Requests have no body: one that is announced would be waited for, a byte at a time.
+// Requests with a body are refused: libwebsockets would wait for it.
 static bool plain_get(struct lws *wsi)
 {
     char room[8];
@@ -180,19 +186,20 @@ static int filter_request(struct lws *wsi)
     return status != 0;
 }
 
-// Counts the client as a connection; when there is no room it gets an ERROR frame instead.
+// Opens a connection for the client; beyond the limits it gets an ERROR frame instead.
 static void established(struct session *s)
 {
-    const char *full = "the daemon has all the connections it takes";
+    struct server *server = server_of(s->wsi);
+    const char *full = "the daemon is at its limit of connections (--connections)";
     struct accepted client = {0};
     accepted_describe(lws_get_socket_fd(s->wsi), &client);
-    if (!the_server->draining && the_server->n_connection < the_server->options.connections) {
-        full = "no room for this connection";
-        s->conn = connection_open(the_server, &ws_carrier, s, client.peer, client.who);
+    if (!server->draining && server->n_connection < server->options.connections) {
+        full = "this connection exceeds a limit";
+        s->conn = connection_open(server, &ws_carrier, s, client.peer, client.who);
     }
     if (s->conn) return;
-    the_server->stats.connections_refused++;
-    if (!refusal_frame(the_server, full, &s->refusal, &s->n_refusal))
+    server->stats.connections_refused++;
+    if (!refusal_frame(server, full, &s->refusal, &s->n_refusal))
         lws_callback_on_writable(s->wsi);
 }
 
@@ -276,16 +283,16 @@ static bool bearer_is_right(struct lws *wsi)
     char room[TOKEN_ROOM + 16];
     const char *said = header(wsi, WSI_TOKEN_HTTP_AUTHORIZATION, room, sizeof room);
     bool bearer = said && !strncasecmp(said, "Bearer ", 7);
-    return token_is_right(the_server->token, bearer ? said + 7 : "");
+    return token_is_right(server_of(wsi)->token, bearer ? said + 7 : "");
 }
 
 static int page_request(struct lws *wsi, struct page_session *p)
 {
     char room[16];
     const char *path = header(wsi, WSI_TOKEN_GET_URI, room, sizeof room);
-    if (!path) path = ""; // longer than any there is
+    if (!path) path = ""; // longer than any path that is served
     if (!strcmp(path, "/healthz")) {
-        bool well = !the_server->draining;
+        bool well = !server_of(wsi)->draining;
         char *text = strdup(well ? "ok\n" : "draining\n");
         return answer_text(wsi, p, well ? HTTP_STATUS_OK : HTTP_STATUS_SERVICE_UNAVAILABLE,
                            "text/plain", text, text ? strlen(text) : 0);
@@ -296,7 +303,7 @@ static int page_request(struct lws *wsi, struct page_session *p)
             return lws_http_transaction_completed(wsi) ? -1 : 0;
         }
         size_t n = 0;
-        char *text = stats_prometheus(the_server, &n);
+        char *text = stats_prometheus(server_of(wsi), &n);
         return answer_text(wsi, p, HTTP_STATUS_OK, "text/plain; version=0.0.4", text, n);
     }
     if (lws_return_http_status(wsi, HTTP_STATUS_NOT_FOUND, NULL)) return -1;
@@ -319,7 +326,7 @@ static int on_page(struct lws *wsi, enum lws_callback_reasons reason, void *user
     case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:
         return confirm_upgrade(wsi, in);
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION:
-        return -1; // a WebSocket without our subprotocol
+        return -1; // a WebSocket without subprotocol relight.v1
     case LWS_CALLBACK_HTTP:
         return page_request(wsi, p);
     case LWS_CALLBACK_HTTP_WRITEABLE:
@@ -337,12 +344,12 @@ static int on_page(struct lws *wsi, enum lws_callback_reasons reason, void *user
     }
 }
 
-// ---- our loop inside theirs
+// ---- the daemon's loop inside libwebsockets' loop
 
 static int on_loop(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in,
                    size_t n)
 {
-    if (reason == LWS_CALLBACK_RAW_RX_FILE) loop_turn(the_server->loop, 0);
+    if (reason == LWS_CALLBACK_RAW_RX_FILE) loop_turn(server_of(wsi)->loop, 0);
     return reason == LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION ? -1 : 0;
 }
 
@@ -353,7 +360,7 @@ static const struct lws_protocols protocols[] = {
     {NULL, NULL, 0, 0, 0, NULL, 0},
 };
 
-// Types that libwebsockets does not know are answered 415.
+// libwebsockets answers 415 for endings without a type.
 static const struct lws_protocol_vhost_options mimetypes[] = {
     {&mimetypes[1], NULL, ".wasm", "application/wasm"},
     {&mimetypes[2], NULL, ".mjs", "text/javascript"},
@@ -389,7 +396,7 @@ static void on_lws_log(int level, const char *line)
     log_line(level & LLL_ERR ? LOG_ERR : LOG_WARN, "http %.*s", (int)strcspn(line, "\n"), line);
 }
 
-// libwebsockets takes each client that our listener accepted; it binds nothing itself.
+// Hands each accepted client to libwebsockets, which binds nothing itself.
 static void http_accepted(struct server *server, const struct accepted *client)
 {
     if (client->no_room || n_wsi >= server->options.connections + PLAIN_MAX) {
@@ -398,7 +405,7 @@ static void http_accepted(struct server *server, const struct accepted *client)
         return;
     }
     unsigned before = n_wsi;
-    // On failure it closes the descriptor, and may leave out LWS_CALLBACK_WSI_DESTROY.
+    // On failure it closes the descriptor, and may not call LWS_CALLBACK_WSI_DESTROY.
     if (!lws_adopt_socket_vhost(vhost, client->fd)) n_wsi = before;
 }
 
@@ -406,7 +413,7 @@ static void http_accepted(struct server *server, const struct accepted *client)
 static const lws_retry_bo_t pings = {.secs_since_valid_ping = 60,
                                      .secs_since_valid_hangup = 90};
 
-static bool create_context(const struct server *server)
+static bool create_context(struct server *server)
 {
     mount[0].mount_next = &mount[1];
     if (server->options.page[0]) {
@@ -415,12 +422,13 @@ static bool create_context(const struct server *server)
     }
     struct lws_context_creation_info info = {0};
     info.port = CONTEXT_PORT_NO_LISTEN_SERVER;
+    info.user = server;
     info.protocols = protocols;
     info.mounts = mount;
     info.gid = info.uid = (gid_t)-1;
     info.keepalive_timeout = 15;
-    // A client has --handshake to begin a request; lws's other timeout restarts with each
-    // fragment of an answer.
+    // A client has to begin a request within --handshake; lws's other timeout restarts with
+    // each fragment of an answer.
     info.timeout_secs = 30;
     info.timeout_secs_ah_idle = (unsigned)ceil(fmax(server->options.handshake, 1));
     info.retry_and_idle_policy = &pings;
@@ -433,13 +441,12 @@ static bool create_context(const struct server *server)
 
 int http_open(struct server *server, const char *address)
 {
-    the_server = server;
     lws_set_log_level(LLL_ERR | LLL_WARN, on_lws_log);
     lws_sock_file_fd_type fd;
     fd.filefd = fcntl(loop_fd(server->loop), F_DUPFD_CLOEXEC, 3); // closed by libwebsockets
     if (fd.filefd < 0 || !create_context(server) ||
         !lws_adopt_descriptor_vhost(vhost, LWS_ADOPT_RAW_FILE_DESC, fd, "loop", NULL)) {
-        log_line(LOG_ERR, "http %s: libwebsockets does not start", address);
+        log_line(LOG_ERR, "http %s: libwebsockets could not be initialised", address);
         return -1;
     }
     return listener_open_tcp(server, "http", address, http_accepted);
@@ -455,14 +462,9 @@ void http_turn(struct server *server)
     lws_service(context, 0);
 }
 
-void http_drain(void)
-{
-    // /healthz goes on saying "draining" until the end, so that a proxy looks elsewhere.
-}
-
 void http_close(void)
 {
-    if (the_server) listeners_close(the_server, http_accepted);
+    if (context) listeners_close(lws_context_user(context), http_accepted);
     if (context) lws_context_destroy(context);
     context = NULL;
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// TCP and unix sockets: reading into the frame decoder, writing what is queued, refusing.
+// TCP and unix sockets: reading into the frame decoder, writing queued frames, refusing
+// clients.
 #include "net/carrier.h"
 
 #include "net/listener.h"
@@ -14,7 +15,7 @@
 #include <unistd.h>
 
 enum {
-    READ_AT_ONCE = 4 << 20, // then others get their turn
+    READ_AT_ONCE = 4 << 20, // bytes; then other connections are served
     BUFFER = 64 << 10,
     MAX_IOV = 32,
     REFUSED_RETRY_MS = 1000,
@@ -63,7 +64,7 @@ static void stream_want_write(struct connection *conn)
 {
     struct stream *s = conn->carrier_data;
     if (!s->writing) {
-        s->writing = true; // the next turn sends what this turn queued, in one call
+        s->writing = true; // the next turn sends all frames that this turn queued in one call
         update_events(s);
     }
 }
@@ -88,7 +89,7 @@ static void receive(struct stream *s)
     struct connection *conn = s->conn;
     size_t total = 0;
     while (!conn->dead && conn->reading && total < READ_AT_ONCE) {
-        // Large payloads go straight to where they belong, small frames share one read.
+        // Large payloads are read into their own buffer, small frames share one read.
         size_t room = 0;
         uint8_t *space = relight_decoder_space(&conn->decoder, &room);
         bool direct = space && room >= BUFFER;
@@ -141,8 +142,8 @@ int refusal_frame(const struct server *server, const char *text, uint8_t **out, 
     return relight_frame_pack(&frame, &error.base, 0, 0, out, n);
 }
 
-// Tells the client why, and closes. What it has sent already is read, because closing a TCP
-// socket with unread bytes resets the connection, and the error may be lost.
+// Sends the error and closes. Received bytes are read first: closing a TCP socket with unread
+// bytes resets the connection, and the client may lose the error.
 static void refuse(struct server *server, int fd, const char *text)
 {
     uint8_t *bytes = NULL;
@@ -162,8 +163,8 @@ static void accepted(struct server *server, const struct accepted *client)
     if (client->no_room || server->draining ||
         server->n_connection >= server->options.connections) {
         refuse(server, client->fd,
-               client->no_room ? "the daemon has no descriptor left for a connection"
-                               : "the daemon has all the connections it takes");
+               client->no_room ? "the daemon is out of file descriptors"
+                               : "the daemon is at its limit of connections (--connections)");
         return;
     }
     struct stream *s = calloc(1, sizeof *s);
@@ -175,9 +176,9 @@ static void accepted(struct server *server, const struct accepted *client)
     }
     if (!s || !s->conn) {
         free(s);
-        refuse(server, client->fd, "no room for this connection");
+        refuse(server, client->fd, "this connection exceeds a limit");
     } else if (loop_watch_add(server->loop, &s->watch, EPOLLIN)) {
-        connection_close(s->conn, "cannot be watched");
+        connection_close(s->conn, "epoll refused its descriptor");
     }
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// A client's frames. Input is refused before it is stored (limits in the frame's fixed part);
-// output is bounded: above --send-buffer nothing more is read from the client, so that it
-// cannot ask for more, and above four times that it is disconnected.
+// A client's frames. Input beyond the limits is refused before it is stored: the frame's fixed
+// part has its sizes. Output is bounded: above --send-buffer the client is not read any more,
+// and above four times that it is disconnected.
 #include "net/connection.h"
 
 #include "net/dispatch.h"
@@ -19,7 +19,7 @@ static uint64_t plus_seconds(uint64_t ns, double seconds)
     return ns + (uint64_t)(seconds * 1e9);
 }
 
-// The limit on this connection's silence that passes next, and its words.
+// The time limit of this connection that expires next, and its text for the log.
 static uint64_t next_limit(const struct connection *conn, const char **why)
 {
     const struct options *o = &conn->server->options;
@@ -34,12 +34,12 @@ static uint64_t next_limit(const struct connection *conn, const char **why)
          "a frame was begun and not finished in time (--frame-time)"},
         {!conn->greeted, plus_seconds(conn->opened_ns, o->handshake),
          "no HELLO in time (--handshake)"},
-        // One that has read nothing of late is the next row's.
+        // One that has read nothing recently is covered by the next row.
         {conn->full_ns && conn->sent_ns > plus_seconds(conn->full_ns, o->write_time / 2),
          plus_seconds(conn->full_ns, o->write_time),
          "its answers have passed --send-buffer for longer than --write-time"},
         {conn->out, plus_seconds(conn->sent_ns, o->write_time),
-         "its answers wait and it reads nothing (--write-time)"},
+         "it does not read its waiting answers (--write-time)"},
     };
     uint64_t first = UINT64_MAX;
     for (size_t i = 0; i < sizeof limits / sizeof *limits; i++)
@@ -51,8 +51,8 @@ static uint64_t next_limit(const struct connection *conn, const char **why)
 }
 
 // A socket becomes writable again only when a third of its buffer is free: a slow reader of a
-// large buffer may take longer than --write-time for that. What the kernel holds tells that it
-// reads.
+// large buffer may take longer than --write-time for that. The bytes in the
+// kernel's buffer show that it reads.
 static void sample_output(struct connection *conn, uint64_t now)
 {
     bool known = conn->out && conn->carrier->unsent;
@@ -61,7 +61,7 @@ static void sample_output(struct connection *conn, uint64_t now)
     conn->unsent = unsent;
 }
 
-// A limit that moved into the future is found when the timer fires.
+// The timer is not moved when a limit moves into the future: it checks again when it fires.
 static void watch_clock(struct connection *conn)
 {
     const char *why;
@@ -79,7 +79,7 @@ static void clock_fired(struct loop_timer *timer)
     uint64_t now = loop_now_ns();
     const char *why;
     sample_output(conn, now);
-    if (conn->n_request) conn->heard_ns = now; // it waits for an answer, or watches a job
+    if (conn->n_request) conn->heard_ns = now; // it is waiting for an answer or watching a job
     if (next_limit(conn, &why) <= now) connection_close(conn, why);
     else watch_clock(conn);
 }
@@ -112,7 +112,7 @@ struct connection *connection_open(struct server *server, const struct carrier *
     conn->reading = true;
     conn->opened_ns = conn->heard_ns = conn->sent_ns = loop_now_ns();
     snprintf(conn->peer, sizeof conn->peer, "%s", peer);
-    struct relight_frame_limits limits = {SERVER_HELLO_HEADER, 0, true}; // until it said hello
+    struct relight_frame_limits limits = {SERVER_HELLO_HEADER, 0, true}; // before HELLO
     relight_decoder_init(&conn->decoder, &limits);
     conn->decoder.admit = admit;
     conn->decoder.admit_user = conn;
@@ -159,7 +159,7 @@ void connection_close(struct connection *conn, const char *why)
     *(conn->prev ? &conn->prev->next : &server->connections) = conn->next;
     if (conn->next) conn->next->prev = conn->prev;
     server->n_connection--;
-    conn->next = server->closed; // callers up the stack still look at `dead`
+    conn->next = server->closed; // callers up the stack still read `dead`
     server->closed = conn;
 }
 
@@ -199,7 +199,7 @@ void connections_shed(struct server *server)
     struct connection *c;
     while (all && ledger_total(server->ledger, LEDGER_OUTPUT) > all &&
            (c = holds_most(server, NULL)))
-        connection_close(c, "unread answers fill --output-memory, most of them its own");
+        connection_close(c, "all unread answers exceed --output-memory, and it holds the most");
     if (!mine || ledger_total(server->ledger, LEDGER_OUTPUT) <= mine) return;
     for (c = server->connections; c;) {
         struct connection *next = c->next, *most = c;
@@ -209,7 +209,7 @@ void connections_shed(struct server *server)
             c = next;
             continue;
         }
-        connection_close(most, "its client's unread answers pass --client-output");
+        connection_close(most, "its client's unread answers exceed --client-output");
         c = server->connections;
     }
 }
@@ -220,7 +220,7 @@ static void bad_frame(struct connection *conn, int fault)
     Relight__Error error = RELIGHT__ERROR__INIT;
     error.code = RELIGHT__ERROR_CODE__ERROR_BAD_FRAME;
     error.text = (char *)relight_frame_fault_text(fault);
-    error.hint = "the connection is closed: its frames cannot be told apart any more";
+    error.hint = "the connection is closed: the start of its next frame is unknown";
     log_line(LOG_WARN, "bad-frame conn=%llu fault=\"%s\"", (unsigned long long)conn->number,
              error.text);
     connection_send(conn, RELIGHT_TYPE_ERROR, RELIGHT_FRAME_LAST, 0, &error.base, NULL);
@@ -244,7 +244,7 @@ void connection_committed(struct connection *conn, size_t n, int status)
     }
     conn->frame_ns = 0;
     dispatch_frame(conn, &conn->decoder.frame, relight_decoder_take(&conn->decoder));
-    if (!conn->dead) relight_decoder_commit(&conn->decoder, 0); // gives back its buffers
+    if (!conn->dead) relight_decoder_commit(&conn->decoder, 0); // frees its buffers
 }
 
 void connection_bytes(struct connection *conn, const void *bytes, size_t n)
@@ -338,7 +338,7 @@ void connection_written(struct connection *conn, size_t n)
     }
 }
 
-// One frame; its payload is a piece of a shared one when the client wants small frames.
+// One frame; its payload is a part of a shared one when the client limits the size of frames.
 static bool queue_frame(struct connection *conn, struct relight_frame *frame,
                         const ProtobufCMessage *message, const struct payload *payload)
 {
@@ -396,12 +396,12 @@ void connection_send(struct connection *conn, uint16_t type, uint8_t flags, uint
     }
     uint64_t limit = conn->server->options.send_buffer;
     if (first) conn->message_left = conn->out_bytes;
-    // One answer may be longer than that: its reader takes it at its own pace.
+    // A single answer may exceed that: its reader takes it at its own pace.
     size_t behind = conn->out_bytes - conn->message_left;
     if (!ok) {
         connection_close(conn, "not enough memory for an answer");
     } else if (behind > 4 * limit) {
-        connection_close(conn, "reads too slowly: its answers do not fit the send buffer");
+        connection_close(conn, "it reads too slowly: its answers exceed the send buffer");
     } else {
         if (behind > limit && !conn->full_ns) conn->full_ns = loop_now_ns();
         if (conn->out_bytes > limit && conn->reading) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// From frame to operation: who may ask what when, and the table of operations.
+// From frame to operation: which requests are allowed when, and the table of operations.
 #include "net/dispatch.h"
 
 #include "core/log.h"
@@ -57,8 +57,8 @@ enum { MAX_PING = 64 << 10, ANY = SERVER_MAX_PAYLOAD };
 #define ALWAYS OPERATION_ALWAYS
 #define ORDERED OPERATION_ORDERED
 
-// Named by the request's message, as frame.h's list has it: a type without a row does not
-// compile.
+// Each row is named after its request's message in frame.h's list: a type without a row does
+// not compile.
 #define ROW(message, ...) static const struct operation message = {__VA_ARGS__};
 ROW(hello_request, op_hello, BEFORE_HELLO | ALWAYS, 0, NULL)
 ROW(ping_request, op_ping, DRAINING | ALWAYS, MAX_PING, NULL)
@@ -95,8 +95,9 @@ static void run_operation(struct request *request)
 {
     const struct operation *operation = operation_of(request->type);
     if (request->server->draining && !(operation->flags & OPERATION_WHILE_DRAINING))
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
-                     "the daemon is draining: it finishes what is open and takes nothing new");
+        request_fail(
+            request, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
+            "the daemon is stopping: it finishes open requests and accepts no new ones");
     else operation->run(request);
 }
 
@@ -112,7 +113,7 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
     conn->server->stats.requests_total[request->type]++;
     if (!conn->greeted && !(operation->flags & OPERATION_BEFORE_HELLO))
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
-                     "the first request of a connection is HELLO");
+                     "the first request of a connection has to be HELLO");
     else
         material_then(request, operation->material ? operation->material(request->message) : "",
                       operation->flags & OPERATION_ORDERED, run_operation);

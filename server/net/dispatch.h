@@ -17,26 +17,26 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
 typedef void (*with_model_fn)(struct request *request, struct model *model,
                               struct cache_entry *file);
 void with_model(struct request *request, const char *model, with_model_fn fn);
-/* The same with the file that has the mesh, baked or not; and with the geometry as it is now:
- * the entry's value is then a struct shape. */
+/* with_mesh: the file that has the mesh, baked or not. with_shape: the current geometry; the
+ * entry's value is a struct shape. */
 void with_mesh(struct request *request, const char *model, with_model_fn fn);
 void with_shape(struct request *request, const char *model, with_model_fn fn);
 
-/* One row an operation (dispatch.c): all that is special about a type of request. */
+/* One row an operation (dispatch.c): the properties of a type of request. */
 enum operation_flag {
     OPERATION_BEFORE_HELLO = 1,
-    OPERATION_WHILE_DRAINING = 2, /* finishes what is under way, or says how it is */
-    OPERATION_LONG = 4,           /* open as long as the client likes: counted as LONG_REQUESTS,
+    OPERATION_WHILE_DRAINING = 2, /* ends or reports work that is running */
+    OPERATION_LONG = 4,           /* open until the client ends it: counted as LONG_REQUESTS,
                                      no deadline but the client's own */
-    OPERATION_ENDS_AT_DRAIN = 8,  /* would never end by itself */
-    OPERATION_ALWAYS = 16,        /* taken when all is full: it frees something, or says so */
-    OPERATION_ORDERED = 32,       /* what a connection says of its views keeps its order */
+    OPERATION_ENDS_AT_DRAIN = 8, /* does not end by itself: the daemon ends it when it drains */
+    OPERATION_ALWAYS = 16,       /* accepted beyond the limits: it frees or reports resources */
+    OPERATION_ORDERED = 32,      /* requests of a connection about views run in their order */
 };
 struct operation {
     void (*run)(struct request *request);
     unsigned flags;
-    size_t max_payload; /* bytes; 0: it takes none */
-    /* The text of the material it names, "" for none. NULL: it never does. */
+    size_t max_payload; /* bytes; 0: no payload is allowed */
+    /* The text of the material it names, "" for none. NULL: its message has no material. */
     const char *(*material)(const ProtobufCMessage *message);
 };
 /* NULL for an unknown type. */

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Listening sockets: one way to resolve, bind, log and accept for every carrier.
+// Listening sockets: resolving, binding, logging and accepting for every carrier.
 #include "net/listener.h"
 
 #include "core/address.h"
@@ -23,11 +23,11 @@
 
 enum {
     BACKLOG = 256,
-    ACCEPT_AT_ONCE = 64, // then others get their turn
-    REFUSE_AT_ONCE = 16, // clients told "busy" with the reserve descriptor, before a pause
+    ACCEPT_AT_ONCE = 64, // clients; then other descriptors are served
+    REFUSE_AT_ONCE = 16, // clients refused with the reserve descriptor before a pause
     PAUSE_MIN_MS = 100,
     PAUSE_MAX_MS = 1000,
-    LOG_EVERY_S = 10, // one line about missing descriptors in so long
+    LOG_EVERY_S = 10, // seconds between two lines about missing descriptors
 };
 
 struct listener {
@@ -42,7 +42,8 @@ struct listener {
 };
 
 static struct listener *listeners;
-static int reserve_fd = -1; // closed to accept and refuse a client when no descriptor is left
+static int reserve_fd =
+    -1; // closed in order to accept and refuse a client without free descriptors
 static uint64_t logged_ns;
 
 void accepted_describe(int fd, struct accepted *client)
@@ -104,7 +105,7 @@ static void hand_over(const struct listener *l, int fd, bool no_room)
     l->fn(l->server, &client);
 }
 
-// Level-triggered, the listener would be reported again and again while nothing can be
+// The listener is level-triggered: it would be reported without end while nothing can be
 // accepted.
 static void pause_accepting(struct listener *l, int fault)
 {
@@ -225,13 +226,13 @@ int listener_open_tcp(struct server *server, const char *kind, const char *addre
         return -1;
     }
     int n_open = 0, fault = 0;
-    in_port_t chosen = 0; // port 0 takes a free one: the same for every address of the host
+    in_port_t chosen = 0; // port 0: a free one, the same for every address of the host
     for (struct addrinfo *a = list; a; a = a->ai_next) {
         if (chosen) set_port(a->ai_addr, chosen);
         int fd = bind_one(a);
         if (fd < 0) {
             fault = errno;
-            // A host without IPv6 has no ::1; an address in use is an error all the same.
+            // A host without IPv6 has no ::1, which is no error; an address in use is one.
             if (fault == EAFNOSUPPORT || fault == EADDRNOTAVAIL) continue;
             n_open = 0;
             break;
@@ -252,8 +253,9 @@ int listener_open_tcp(struct server *server, const char *kind, const char *addre
     return n_open ? 0 : -1;
 }
 
-// The holder of the lock owns the socket file; a dead daemon holds none. The lock file lies
-// beside the socket, maybe in /tmp: it is not followed when it is a link, and must be ours.
+// The holder of the lock owns the socket file; the lock of a dead daemon is free. The lock file
+// is next to the socket, possibly in /tmp: links are not followed, and the daemon's user must
+// own it.
 static int lock_socket(const char *path, char fault[256])
 {
     char lock_path[sizeof((struct sockaddr_un *)0)->sun_path + 8];
@@ -267,7 +269,7 @@ static int lock_socket(const char *path, char fault[256])
     }
     if (fstat(fd, &st) || !S_ISREG(st.st_mode) || st.st_uid != geteuid())
         snprintf(fault, 256,
-                 "%s: this file is another user's: remove it, or choose a folder "
+                 "%s: this file belongs to another user: remove it, or choose a folder "
                  "that others cannot write to",
                  lock_path);
     else if (flock(fd, LOCK_EX | LOCK_NB) || fstat(fd, &st) || !st.st_nlink)
@@ -277,7 +279,7 @@ static int lock_socket(const char *path, char fault[256])
     return -1;
 }
 
-// The socket's descriptor, or -1. Nobody can connect before its mode and group are set.
+// The socket's descriptor, or -1. Clients cannot connect before its mode and group are set.
 static int bind_unix(const struct options *options, const char *path, char fault[256])
 {
     struct sockaddr_un address = {.sun_family = AF_UNIX};
@@ -286,7 +288,7 @@ static int bind_unix(const struct options *options, const char *path, char fault
     strcpy(address.sun_path, path);
     if (address_group(options->socket_group, &group, fault)) return -1;
     if (!lstat(path, &st) && !S_ISSOCK(st.st_mode)) {
-        snprintf(fault, 256, "there is a file of this name and it is no socket");
+        snprintf(fault, 256, "a file of this name exists and is not a socket");
         return -1;
     }
     unlink(path);

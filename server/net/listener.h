@@ -20,9 +20,9 @@ struct accepted {
 /* The carrier takes the descriptor, which is non-blocking and closed on exec. */
 typedef void (*accepted_fn)(struct server *server, const struct accepted *client);
 
-/* Binds every address that HOST:PORT resolves to, and no other. HOST is a name, an address,
- * [an IPv6 address], or * for all; port 0 takes a free one. `kind` ("tcp" or "http") goes into
- * the log's lines. Logs each bound address, or why none is; 0 or -1. */
+/* Binds every address that HOST:PORT resolves to. HOST is a name, an address,
+ * [an IPv6 address], or * for all; port 0: a free one. `kind` ("tcp" or "http") appears in the
+ * log. Logs each bound address, or the error; 0 or -1. */
 int listener_open_tcp(struct server *server, const char *kind, const char *address,
                       accepted_fn fn);
 /* A unix socket with --socket-mode and --socket-group. A socket file that a dead daemon left is

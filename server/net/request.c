@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A request's life: created from a frame, on its connection's list while open, with a deadline,
-// ended exactly once by an answer, an error, or its connection's end.
+// Requests: created from a frame, in their connection's list while open, with a deadline, ended
+// exactly once by an answer, an error, or the connection's end.
 #include "net/request.h"
 
 #include "core/log.h"
@@ -17,31 +17,31 @@ const char *error_hint(int code)
 {
     switch (code) {
     case RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST:
-        return "see PROTOCOL.md for what this operation takes";
+        return "PROTOCOL.md lists the parameters of this operation";
     case RELIGHT__ERROR_CODE__ERROR_VERSION:
         return "update the client or the daemon";
     case RELIGHT__ERROR_CODE__ERROR_NOT_FOUND:
-        return "the list of models shows what is there (relight models); an upload must be "
-               "complete before it is used";
+        return "`relight models` lists the models; an upload has to be complete before it is "
+               "used";
     case RELIGHT__ERROR_CODE__ERROR_BUSY:
-        return "wait retry_after_ms and ask again";
+        return "repeat the request after retry_after_ms";
     case RELIGHT__ERROR_CODE__ERROR_DEADLINE:
-        return "give it more time, or ask for less";
+        return "set a longer deadline, or request less";
     case RELIGHT__ERROR_CODE__ERROR_FORMAT:
-        return "check the file with another program; prt info FILE says more";
+        return "check the file with another program; `prt info FILE` prints details";
     case RELIGHT__ERROR_CODE__ERROR_NOT_READY:
-        return "watch its job until it is done";
+        return "watch its job until the bake is done";
     case RELIGHT__ERROR_CODE__ERROR_HASH:
         return "upload it again from offset 0";
     case RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN:
         return "connect again in a moment";
     case RELIGHT__ERROR_CODE__ERROR_LIMIT:
-        return "the daemon's configuration, or its machine, sets this limit";
+        return "the daemon's configuration or its machine sets this limit";
     case RELIGHT__ERROR_CODE__ERROR_MISMATCH:
-        return "bake the model with these settings, or ask with the model's own; another material "
+        return "bake the model with these settings, or use the model's own; another material "
                "needs a bake with transport joint or polynomial";
     case RELIGHT__ERROR_CODE__ERROR_JOB_FAILED:
-        return "mend what the text names and load the model again";
+        return "correct the named cause and load the model again";
     default:
         return "";
     }
@@ -90,13 +90,14 @@ static void end(struct request *request)
     if (request->counted == LEDGER_LONG_REQUESTS) conn->n_long--;
     if (request->message) protobuf_c_message_free_unpacked(request->message, NULL);
     request_drop_payload(request);
+    cache_release(request->material);
     ledger_give(request->principal, LEDGER_PAYLOAD, request->header_charged);
     ledger_give(request->principal, request->counted, 1);
     principal_release(request->principal);
     free(request);
 }
 
-// ---- bytes that are paid for
+// ---- charged bytes
 
 int refusal_code(const struct principal *principal, enum ledger_resource resource,
                  uint64_t amount)
@@ -158,7 +159,7 @@ static bool refuse(struct connection *conn, int code, const char *fmt, ...)
     return false;
 }
 
-// Charged, or taken anyway where the operation always passes.
+// Charges the principal; operations with OPERATION_ALWAYS are charged beyond its limits.
 static bool charge(struct connection *conn, const struct operation *operation,
                    enum ledger_resource resource, uint64_t amount)
 {
@@ -180,10 +181,11 @@ bool request_admit(struct connection *conn, const struct relight_frame *frame)
                       frame->type);
     if (!operation->max_payload)
         return refuse(conn, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
-                      "%s takes no payload, and one of %llu bytes came",
+                      "%s has no payload, and %llu bytes were sent",
                       relight_type_name(frame->type), (unsigned long long)n);
     if (n > operation->max_payload)
-        return refuse(conn, RELIGHT__ERROR_CODE__ERROR_LIMIT, "%s takes up to %zu bytes",
+        return refuse(conn, RELIGHT__ERROR_CODE__ERROR_LIMIT,
+                      "the payload of %s is limited to %zu bytes",
                       relight_type_name(frame->type), operation->max_payload);
     if (!charge(conn, operation, LEDGER_PAYLOAD, n)) return false;
     conn->payload_charged = n;
@@ -212,7 +214,7 @@ void request_answer(struct request *request, const ProtobufCMessage *message,
     uint64_t id = request->id;
     request->abandon = NULL;
     connection_send(conn, type, RELIGHT_FRAME_LAST, id, message, payload);
-    if (!conn->dead) end(request); // a connection that died here has ended it already
+    if (!conn->dead) end(request); // a connection that closed here has ended it already
 }
 
 void request_part(struct request *request, const ProtobufCMessage *message,
@@ -272,7 +274,8 @@ static bool may_open(struct connection *conn, const struct relight_frame *frame,
         if (r->id == frame->id)
             return refuse(conn, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
                           "a request with this id is open already");
-    // Those that always pass are answered at once, but for closes that wait their turn.
+    // Operations with OPERATION_ALWAYS are answered at once, except closes, which keep their
+    // order.
     if (operation->flags & OPERATION_ALWAYS) {
         if (quick < 2 * o->requests + 64) return true;
     } else if (operation->flags & OPERATION_LONG || quick < o->requests) {
@@ -282,7 +285,7 @@ static bool may_open(struct connection *conn, const struct relight_frame *frame,
                   "this connection has too many open requests (--requests)");
 }
 
-// The header as a message, once it is known to be small enough and to be text.
+// Unpacks the header after checking its size and that its strings are UTF-8.
 static ProtobufCMessage *unpack(struct connection *conn, const struct relight_frame *frame,
                                 const struct operation *operation, uint64_t *charged)
 {
@@ -303,7 +306,7 @@ static ProtobufCMessage *unpack(struct connection *conn, const struct relight_fr
     }
     ledger_give(conn->principal, LEDGER_PAYLOAD, cost.bytes);
     refuse(conn, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
-           "the header does not parse as this type's message");
+           "the header is not a valid message of this type");
     return NULL;
 }
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Requests that wait. A request that ends first leaves its wait behind, which then finds
-// nobody.
+// Requests that wait. Where the request ends first, its wait continues without a request.
 #include "net/request_wait.h"
 
 #include "core/server.h"

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* request_wait.h owns requests that wait: for a shared result to be made, or for work of their
- * own on another thread. Who waits embeds a struct request_wait as its first member. */
+/* request_wait.h owns requests that wait: for a cache entry, or for a job of their own on a
+ * worker. The waiting operation's state begins with a struct request_wait. */
 #ifndef RELIGHTD_REQUEST_WAIT_H
 #define RELIGHTD_REQUEST_WAIT_H
 
@@ -16,9 +16,9 @@ struct request_wait {
     void (*then)(struct request_wait *wait, struct request *request);
 };
 
-/* Each calls then(wait, request) once, now or later, and frees nothing: the wait and what it
- * holds are then's to free. request is NULL when it ended meanwhile (cancelled, past its
- * deadline, its connection closed); otherwise then answers it or lets it wait again. */
+/* Each calls then(wait, request) once, now or later, and frees nothing: then() frees the wait
+ * and its contents. request is NULL if it ended meanwhile (cancelled, past its deadline, its
+ * connection closed); otherwise then() answers it or lets it wait again. */
 
 /* Until the entry is ready or failed. The caller's reference stays in wait->entry. */
 void request_await_entry(struct request *request, struct request_wait *wait,
@@ -29,8 +29,8 @@ void request_await_work(struct request *request, struct request_wait *wait,
                         int (*run)(struct work *work, const struct prt_context *ctx),
                         void (*then)(struct request_wait *wait, struct request *request));
 
-/* The two halves, for waits that come to their end in another way. resume returns the request,
- * or NULL. */
+/* The two halves, for waits that end in another way. resume returns the request, or NULL if it
+ * ended. */
 void request_park(struct request *request, struct request_wait *wait);
 struct request *request_resume(struct request_wait *wait);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The operations that look: hello, ping, list, watch, cancel, info, geometry, unload, stats.
+// HELLO, PING, LIST, WATCH, CANCEL, CANCEL_JOB, INFO, GEOMETRY, UNLOAD and STATS.
 #include "net/dispatch.h"
 #include "core/log.h"
 #include "core/token.h"
@@ -392,7 +392,7 @@ void op_watch(struct request *request)
             models_find(server->models, request->conn->principal->name, name, error);
         job = m ? jobs_find(server->jobs, m->id) : NULL;
         if (m && !job && m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
-            // Baked before this daemon started: there is nothing left to wait for.
+            // It was baked before this daemon started: no job exists.
             Relight__Progress done = RELIGHT__PROGRESS__INIT;
             done.model = m->id;
             done.state = RELIGHT__JOB_STATE__JOB_DONE;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-// PUT_BLOB: a chunk goes to the store of uploads, and its answer comes when a worker has
-// written it.
+// PUT_BLOB: passes a chunk to the store of uploads, and answers when a worker has written it.
 #include "core/log.h"
 #include "net/dispatch.h"
 #include "net/request.h"
@@ -15,8 +14,8 @@
 struct upload_request {
     struct blob_put put; // first
     struct server *server;
-    struct request *request;  // NULL: nobody waits any more
-    struct held_bytes *bytes; // a worker may read them when the request has gone
+    struct request *request;  // NULL: it ended
+    struct held_bytes *bytes; // a worker may read them after the request ended
 };
 
 static void abandon(struct request *request)
@@ -34,7 +33,7 @@ static void done(struct blob_put *put)
     if (put->arrived) {
         log_line(LOG_EVENT, "blob hash=%.12s size=%llu owner=\"%s\"", put->hash,
                  (unsigned long long)put->size, put->principal);
-        // Radiance, OpenEXR and DDS files are uploaded to be lights; others may be textures.
+        // Radiance, OpenEXR and DDS files are probably environments; others may be textures.
         if (blobs_format(server->blobs, put->hash) != BLOB_OTHER)
             env_prefetch(server, put->hash);
     }

@@ -12,7 +12,8 @@
 struct evaluation {
     struct request *request;
     struct render *render;
-    struct render_spec spec; // what the answer's message needs; the texels are the render's
+    struct render_spec
+        spec; // for the answer's message; without the texels, which `render` owns
 };
 
 static void abandon(struct request *request)
@@ -67,7 +68,7 @@ static void start(struct request *request, const char *name, struct render_spec 
     request->state = e;
     request->abandon = abandon;
     struct render *render = render_start(model, spec, evaluated, e);
-    if (render) e->render = render; // else it has been answered
+    if (render) e->render = render; // NULL: it was answered already
 }
 
 void op_colors(struct request *request)
@@ -78,7 +79,7 @@ void op_colors(struct request *request)
     int code;
     render_spec_init(&spec);
     if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request, error)) ||
-        (code = render_spec_shade(&spec, request->server, in->shade, error)) ||
+        (code = render_spec_shade(&spec, request, in->shade, error)) ||
         (code = render_spec_colors(&spec, (int)in->format, in->exposure_ev, error))) {
         render_spec_finish(&spec);
         request_fail(request, code, "%s", error);
@@ -96,7 +97,7 @@ void op_image(struct request *request)
     int code;
     render_spec_init(&spec);
     if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request, error)) ||
-        (code = render_spec_shade(&spec, request->server, in->shade, error)) ||
+        (code = render_spec_shade(&spec, request, in->shade, error)) ||
         (code = render_spec_picture(&spec, request->server, in->picture, error))) {
         render_spec_finish(&spec);
         request_fail(request, code, "%s", error);
@@ -107,23 +108,23 @@ void op_image(struct request *request)
 
 // ---- ENV: decode ahead of use
 
-struct looking {
+struct env_job {
     struct request_wait wait; // for the image, then for its mean
     char env[96];
-    bool was_there;
+    bool was_ready;
     float mean[3];
 };
 
-static void end_looking(struct looking *l)
+static void end_env_job(struct env_job *job)
 {
-    cache_release(l->wait.entry);
-    free(l);
+    cache_release(job->wait.entry);
+    free(job);
 }
 
 static int run_mean(struct work *work, const struct prt_context *ctx)
 {
-    struct looking *l = (struct looking *)work;
-    const struct decoded_env *d = l->wait.entry->value;
+    struct env_job *job = (struct env_job *)work;
+    const struct decoded_env *d = job->wait.entry->value;
     struct prt_cube cube;
     double sum[3] = {0}, weight = 0;
     enum { N = 16 };
@@ -134,61 +135,61 @@ static int run_mean(struct work *work, const struct prt_context *ctx)
         weight += w;
         for (uint32_t c = 0; c < 3; c++) sum[c] += w * (double)cube.texel[3 * i + c];
     }
-    for (int c = 0; c < 3; c++) l->mean[c] = (float)(sum[c] / weight);
+    for (int c = 0; c < 3; c++) job->mean[c] = (float)(sum[c] / weight);
     prt_cube_finish(&cube);
     return PRT_OK;
 }
 
 static void mean_known(struct request_wait *wait, struct request *request)
 {
-    struct looking *l = (struct looking *)wait;
+    struct env_job *job = (struct env_job *)wait;
     const struct decoded_env *d = wait->entry->value;
     if (request && wait->work.status) {
         request_fail(request, error_of_status(wait->work.status), "%s", wait->work.error);
     } else if (request) {
         Relight__EnvAnswer out = RELIGHT__ENV_ANSWER__INIT;
         Relight__Vec3 mean = RELIGHT__VEC3__INIT;
-        out.env = l->env;
+        out.env = job->env;
         out.cube = d->env.kind == PRT_ENV_CUBE;
         out.width = out.cube ? d->env.cube.n : d->env.latlong.width;
         out.height = out.cube ? d->env.cube.n : d->env.latlong.height;
         out.full_cube = prt_env_full_cube(&d->env);
         out.n_mended = d->env.n_negative + d->env.n_nonfinite;
-        out.decode_ms = l->was_there ? 0 : d->decode_ms;
-        mean.x = l->mean[0];
-        mean.y = l->mean[1];
-        mean.z = l->mean[2];
+        out.decode_ms = job->was_ready ? 0 : d->decode_ms;
+        mean.x = job->mean[0];
+        mean.y = job->mean[1];
+        mean.z = job->mean[2];
         out.mean = &mean;
         request_answer(request, &out.base, NULL);
     }
-    end_looking(l);
+    end_env_job(job);
 }
 
 static void env_ready(struct request_wait *wait, struct request *request)
 {
-    struct looking *l = (struct looking *)wait;
+    struct env_job *job = (struct env_job *)wait;
     if (request && wait->entry->state == CACHE_READY) {
         request_await_work(request, wait, run_mean, mean_known);
         return;
     }
     if (request) request_fail(request, wait->entry->error_code, "%s", wait->entry->error);
-    end_looking(l);
+    end_env_job(job);
 }
 
 void op_env(struct request *request)
 {
     const Relight__EnvRequest *in = (const Relight__EnvRequest *)request->message;
     char error[300], env[96];
-    struct looking *l = calloc(1, sizeof *l);
-    int code = l ? env_canonical(in->env, env, error) : RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+    struct env_job *job = calloc(1, sizeof *job);
+    int code = job ? env_canonical(in->env, env, error) : RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
     struct cache_entry *entry = NULL;
-    if (l && !code) entry = env_get(request->server, env, &code, error);
-    if (!l || !entry) {
-        request_fail(request, code, "%s", l ? error : "not enough memory");
-        free(l);
+    if (job && !code) entry = env_get(request->server, env, &code, error);
+    if (!job || !entry) {
+        request_fail(request, code, "%s", job ? error : "not enough memory");
+        free(job);
         return;
     }
-    snprintf(l->env, sizeof l->env, "%s", env);
-    l->was_there = entry->state == CACHE_READY;
-    request_await_entry(request, &l->wait, entry, env_ready);
+    snprintf(job->env, sizeof job->env, "%s", env);
+    job->was_ready = entry->state == CACHE_READY;
+    request_await_entry(request, &job->wait, entry, env_ready);
 }

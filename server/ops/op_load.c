@@ -55,7 +55,7 @@ struct load {
     char env[96];                     // bake.env in its canonical form; "" none
     char material[PRT_MATERIAL_TEXT]; // preset's name or canonical JSON; "" none
     bool material_json;
-    struct prt_material resolved; // the same, or what a bake without one takes
+    struct prt_material resolved; // the same, or the default material of a bake
     struct model *model;          // NULL: not known yet
     // Laying out: what is wanted and what came of it.
     bool find_bake;
@@ -81,7 +81,7 @@ static void drop_load(struct load *load)
 static void abandon(struct request *request)
 {
     struct load *load = request->state;
-    load->request = NULL; // freed when what it waits for comes
+    load->request = NULL; // freed when its wait ends
     if (!load->importing) return;
     imports_cancel(load->server->imports, &load->import);
     drop_load(load);
@@ -382,7 +382,8 @@ static void bake_ended(void *user, struct job *job, enum job_outcome outcome)
         char error[256];
         m->state = RELIGHT__MODEL_STATE__MODEL_READY;
         model_remember(m);
-        // Who watched asks for colours next; the opening finds out the file's size.
+        // Opened at once: watchers request colours next, and opening determines the file's
+        // size.
         cache_release(model_open(m, &code, error));
         preview_remove(m);
     } else {
@@ -738,8 +739,11 @@ static const char *bad_setting(const Relight__LoadRequest *r, char reason[128])
         return "size_mm and mm_per_unit are both given: one scale is wanted";
     if (r->n_opaque > MAX_OPAQUE) return "more than 64 opaque names";
     if (!b) return NULL;
-    if (b->transport > 3u) return "transport is unknown";
-    if (b->storage > 2u) return "storage is unknown";
+    if (!protobuf_c_enum_descriptor_get_value(&relight__transport__descriptor,
+                                              (int)b->transport))
+        return "transport is unknown";
+    if (!protobuf_c_enum_descriptor_get_value(&relight__storage__descriptor, (int)b->storage))
+        return "storage is unknown";
     // The library's bounds and its words.
     if (!prt_bake_setting_ok(PRT_BAKE_CUBE, b->cube, reason) ||
         !prt_bake_setting_ok(PRT_BAKE_PHASE_TERMS, b->phase_terms, reason) ||
@@ -771,7 +775,7 @@ static bool check_material(struct load *load)
                          "material is missing: a preset's name or JSON text");
         return !fixed;
     }
-    int status = material_resolve(load->server, r->material, &material, &preset, error);
+    int status = material_of_request(load->request, r->material, &material, &preset, error);
     if (status) {
         request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE, "%s", error);
         return false;
@@ -783,7 +787,7 @@ static bool check_material(struct load *load)
     return true;
 }
 
-// Two names of which one is, or lies in, the other cannot be in one folder.
+// True when one name equals the other or is a folder above it: one folder cannot hold both.
 static bool names_clash(const char *a, const char *b)
 {
     size_t n = strlen(a), m = strlen(b), least = n < m ? n : m;

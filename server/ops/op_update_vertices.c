@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// UPDATE_VERTICES: a model's vertices are put elsewhere, its triangles stay.
+// UPDATE_VERTICES: moves a model's vertices and keeps its triangles.
 #include "net/dispatch.h"
 #include "relight.pb-c.h"
 #include "net/request.h"
@@ -12,8 +12,8 @@
 
 static const float farthest_mm = 1e6f;
 
-// A pose nobody else looks at: the model's own, or a copy of it or of the file's positions.
-// NULL with code and error. Whoever makes the copy pays for it while the model has it.
+// A pose that only the model holds: its own, or a copy of it or of the file's positions. NULL
+// with code and error. The principal that caused the copy is charged while the model holds it.
 static struct pose *own_pose(struct model *m, const struct prt_mesh *mesh,
                              const struct request *request, int *code, char error[256])
 {
@@ -52,7 +52,7 @@ static bool all_within(const float *x, size_t n, float limit)
     return true;
 }
 
-// Unit, or 0 where it cannot be made so: the normal is then made from the triangles.
+// Normalises; 0 where that is impossible: the normal is then computed from the triangles.
 static void put_normal(const float in[3], float out[3])
 {
     float length = sqrtf(in[0] * in[0] + in[1] * in[1] + in[2] * in[2]);
@@ -60,13 +60,13 @@ static void put_normal(const float in[3], float out[3])
     for (int c = 0; c < 3; c++) out[c] = good ? in[c] / length : 0;
 }
 
-// What was seen of shapes that are past. The one before may still be in use: it goes the next
-// time.
+// Forgets cached results of earlier shapes, except the previous one, which may still be in use:
+// the next call forgets it.
 static void forget_old_shapes(struct model *m)
 {
     char prefix[96];
     for (uint64_t g = m->generation; g > 0 && g + 2 > m->generation; g--) {
-        // What the bake answers is of the file's shape, whatever moves.
+        // The bake's results belong to the file's shape: moved vertices do not change them.
         if (g == m->baked_generation) continue;
         snprintf(prefix, sizeof prefix, "%s/%llu/", m->key, (unsigned long long)g);
         cache_forget(m->server->cache, prefix, true);
@@ -117,7 +117,7 @@ static void mesh_ready(struct request *request, struct model *m, struct cache_en
     bool moved = in->n > 0;
     Relight__UpdateVerticesAnswer out = RELIGHT__UPDATE_VERTICES_ANSWER__INIT;
     out.generation = m->generation;
-    request_answer(request, &out.base, NULL); // and with it what it asked
+    request_answer(request, &out.base, NULL); // and frees the request
     if (moved) model_changed(m);
 }
 

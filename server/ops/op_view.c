@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
-// Views: state that frames follow. One evaluation a view at a time and the newest state wins,
-// so that a dragged slider costs one frame at a time however fast it is dragged; no more than
-// `window` frames travel unacknowledged, so that a slow reader slows only itself. While nothing
-// changes, a picture by an image-space engine gets finer, until it is as good as it gets.
+// Views: a state whose changes the daemon answers with frames. A view has one evaluation at a
+// time and draws the newest state next, so that fast changes skip states and do not queue. At
+// most `window` frames are unacknowledged, so that a slow reader delays only itself. While the
+// state does not change, a picture by an image-space engine is refined until it converges.
 #include "net/dispatch.h"
 #include "render/evaluation.h"
 #include "core/log.h"
@@ -13,16 +13,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const uint64_t retry_ns = 250000000; // a model that bakes is looked at this often
-static const uint64_t rest_ns = 120000000;  // a state has stood so long: it is worth refining
+static const uint64_t retry_ns = 250000000; // between two attempts while the model is baking
+static const uint64_t rest_ns = 120000000;  // refinement begins when the state is this old
 
 struct view {
     struct request *request;
     struct model *model;
     struct render_spec spec;  // the newest state
     uint64_t sequence;        // of it
-    bool dirty;               // it was not drawn yet
-    struct render *render;    // being drawn
+    bool dirty;               // the state was not drawn yet
+    struct render *render;    // of the frame that is being drawn; NULL: none
     struct render_spec drawn; // its spec, without texels
     uint64_t drawn_sequence;
     uint64_t frame, shown, dropped, window;
@@ -31,8 +31,8 @@ struct view {
     struct loop_timer timer;
     struct model_watcher watcher;
     struct refinement *refinement; // of the state that was drawn; NULL: none
-    bool refining;                 // what is being drawn is the same state, finer
-    uint32_t told_frames;          // pictures in the mean that was sent last
+    bool refining;                 // `render` refines the state that was drawn
+    uint32_t told_frames;          // pictures in the mean of the last sent frame
     uint64_t changed_ns;           // when the state last changed
 };
 
@@ -65,7 +65,7 @@ static void retry(struct view *v, uint64_t at_ns)
     loop_timer_set(v->model->server->loop, &v->timer, at_ns);
 }
 
-// The state is another than was drawn: what it was refined to is of no use.
+// The state differs from the drawn one: discards the running mean.
 static void invalidate(struct view *v)
 {
     v->dirty = true;
@@ -82,7 +82,7 @@ static void model_has_changed(struct model_watcher *watcher)
 {
     struct view *v = (struct view *)((char *)watcher - offsetof(struct view, watcher));
     invalidate(v);
-    retry(v, loop_now_ns()); // not here: the model is still being changed
+    retry(v, loop_now_ns()); // not at once: the model is still being changed
 }
 
 static void send_frame(struct view *v, struct render_result *result)
@@ -133,7 +133,7 @@ static void drawn(void *user, struct render_result *result)
     bool not_ready = result->code == RELIGHT__ERROR_CODE__ERROR_NOT_READY;
     bool silent = not_ready && v->told_not_ready;
     v->told_not_ready = not_ready;
-    if (finer && result->code) { // the picture that is there stays as good as it is
+    if (finer && result->code) { // the last picture remains
         refinement_release(v->refinement);
         v->refinement = NULL;
         silent = true;
@@ -142,11 +142,11 @@ static void drawn(void *user, struct render_result *result)
     if (!silent) {
         v->told_frames = result->frames;
         send_frame(v, result);
-        if (conn->dead) return; // and the view with it
+        if (conn->dead) return; // the view was freed with it
     } else if (result->payload.release) {
         result->payload.release(result->payload.owner);
     }
-    // Baked transport is as good as it gets.
+    // Pictures by baked transport are not refined.
     if (!finer && (result->code || !result->preview)) {
         refinement_release(v->refinement);
         v->refinement = NULL;
@@ -159,11 +159,11 @@ static void drawn(void *user, struct render_result *result)
     }
 }
 
-// True when the picture that is there is to get finer.
-static bool want_finer(struct view *v, uint64_t now)
+// True when the last picture should be refined now; sets the timer where it should be later.
+static bool should_refine(struct view *v, uint64_t now)
 {
     const struct refinement *mean = v->refinement;
-    // The best one is sent, too.
+    // A converged mean is still sent once.
     if (v->dirty || !mean || (mean->converged && v->told_frames >= mean->n_frame)) return false;
     if (now >= v->changed_ns + rest_ns) return true;
     retry(v, v->changed_ns + rest_ns);
@@ -174,7 +174,7 @@ static void draw(struct view *v)
 {
     uint64_t now = loop_now_ns();
     if (v->render || v->frame - v->shown >= v->window) return;
-    bool finer = want_finer(v, now);
+    bool finer = should_refine(v, now);
     if (!v->dirty && !finer) return;
     if (now < v->next_ns && !finer) {
         retry(v, v->next_ns);
@@ -200,13 +200,13 @@ static void draw(struct view *v)
     if (render && !conn->dead) v->render = render;
 }
 
-// Applies a state; nothing changes when it is refused.
+// Applies a state; a refused one changes nothing.
 static int apply(struct view *v, struct server *server, const Relight__ViewState *state,
                  struct request *from, char error[300])
 {
-    struct render_spec next = v->spec; // with its texels, unless the state brings others
+    struct render_spec next = v->spec; // with its texels, unless the new state has others
     int code = 0;
-    if (state && (code = render_spec_shade(&next, server, state->shade, error))) return code;
+    if (state && (code = render_spec_shade(&next, from, state->shade, error))) return code;
     if (state && state->picture && v->spec.picture &&
         (code = render_spec_picture(&next, server, state->picture, error)))
         return code;
@@ -254,8 +254,8 @@ void op_view_open(struct request *request)
     draw(v);
 }
 
-// A VIEW_OPEN that still waits for its material comes later in the connection's order than this
-// request, or this request would have waited behind it: it has no view yet.
+// A VIEW_OPEN that still waits for its material is later in the connection's order than this
+// request, which would otherwise have waited behind it: it has no view yet.
 static struct view *find_view(struct request *request, uint64_t id)
 {
     for (struct request *r = request->conn->requests; r; r = r->next) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Colours and pictures in the formats that go over the wire.
+// Colours and pictures in the formats of the protocol.
 #include "render/evaluation.h"
+#include "prt/picture.h"
 
 #include <math.h>
 #include <string.h>
@@ -63,48 +64,75 @@ static int encode_range(void *arg, size_t begin, size_t end, unsigned worker)
 }
 
 void encode_colors(const struct prt_context *ctx, const struct render_spec *spec,
-                   const struct answer *answer, uint8_t *to)
+                   const struct vertex_values *values, uint8_t *to)
 {
-    size_t n = (size_t)answer->n_vertex * 3;
+    size_t n = (size_t)values->n_vertex * 3;
     if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F32) {
-        memcpy(to, answer->values, n * sizeof(float));
+        memcpy(to, values->values, n * sizeof(float));
     } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F16) {
-        prt_f32_to_f16_array(answer->values, n, (uint16_t *)to);
+        prt_f32_to_f16_array(values->values, n, (uint16_t *)to);
     } else {
-        struct encoding e = {answer->values, to, spec->format, exp2f(spec->exposure_ev)};
-        prt_parallel_for(ctx, NULL, answer->n_vertex, 4096, encode_range, &e);
+        struct encoding e = {values->values, to, spec->format, exp2f(spec->exposure_ev)};
+        prt_parallel_for(ctx, NULL, values->n_vertex, 4096, encode_range, &e);
     }
+}
+
+// ---- pictures
+
+static int raw_f16(const struct prt_context *ctx, const struct prt_image *image,
+                   const struct prt_picture_options *options, struct prt_blob *out)
+{
+    size_t n = (size_t)image->width * image->height;
+    *out = (struct prt_blob){prt_alloc(n, 6), n * 6};
+    if (!out->bytes) return PRT_NOMEM;
+    prt_f32_to_f16_array(image->rgb, n * 3, out->bytes);
+    return PRT_OK;
+}
+
+static int raw_rgb8(const struct prt_context *ctx, const struct prt_image *image,
+                    const struct prt_picture_options *options, struct prt_blob *out)
+{
+    size_t n = (size_t)image->width * image->height;
+    *out = (struct prt_blob){prt_alloc(n, 3), n * 3};
+    if (!out->bytes) return PRT_NOMEM;
+    return prt_tone_map(ctx, image, options->tone, options->exposure_ev, out->bytes);
+}
+
+// By the protocol's number: a file format of prt/picture.h by its ending, or pixels without a
+// file around them.
+static const struct image_format {
+    const char *ending;
+    bool full_float;
+    int (*encode)(const struct prt_context *ctx, const struct prt_image *image,
+                  const struct prt_picture_options *options, struct prt_blob *out);
+} formats[] = {
+    [RELIGHT__IMAGE_FORMAT__IMAGE_JPEG] = {.ending = ".jpg"},
+    [RELIGHT__IMAGE_FORMAT__IMAGE_PNG] = {.ending = ".png"},
+    [RELIGHT__IMAGE_FORMAT__IMAGE_EXR] = {.ending = ".exr"},
+    [RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT] = {.ending = ".exr", .full_float = true},
+    [RELIGHT__IMAGE_FORMAT__IMAGE_RGB8] = {.encode = raw_rgb8},
+    [RELIGHT__IMAGE_FORMAT__IMAGE_F16] = {.encode = raw_f16},
+};
+
+bool image_format_known(unsigned format)
+{
+    return format < sizeof formats / sizeof *formats &&
+           (formats[format].ending || formats[format].encode);
 }
 
 int encode_image(const struct prt_context *ctx, const struct render_spec *s,
                  const struct prt_image *image, struct prt_blob *out)
 {
-    size_t n = (size_t)image->width * image->height;
+    const struct image_format *format = &formats[s->image_format];
+    const struct prt_picture_options options = {.tone = (enum prt_tone)s->tone,
+                                                .exposure_ev = s->picture_ev,
+                                                .quality = (int)s->quality,
+                                                .full_float = format->full_float};
     struct prt_blob blob = {0};
-    int status = PRT_OK;
-    if (s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_EXR ||
-        s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT) {
-        status = prt_encode_exr(
-            ctx, image, s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_EXR_FLOAT, &blob);
-    } else if (s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_F16) {
-        blob = (struct prt_blob){prt_alloc(n, 6), n * 6};
-        if (!blob.bytes) return PRT_NOMEM;
-        prt_f32_to_f16_array(image->rgb, n * 3, blob.bytes);
-    } else {
-        uint8_t *rgb8 = prt_alloc(n, 3);
-        if (!rgb8) return PRT_NOMEM;
-        status = prt_tone_map(ctx, image, (enum prt_tone)s->tone, s->picture_ev, rgb8);
-        if (!status && s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_PNG)
-            status = prt_encode_png(ctx, rgb8, image->width, image->height, 3, &blob);
-        else if (!status && s->image_format == RELIGHT__IMAGE_FORMAT__IMAGE_JPEG)
-            status =
-                prt_encode_jpeg(ctx, rgb8, image->width, image->height, (int)s->quality, &blob);
-        else if (!status) {
-            blob = (struct prt_blob){rgb8, n * 3};
-            rgb8 = NULL;
-        }
-        prt_free(rgb8);
-    }
-    if (!status) *out = blob;
+    int status = format->ending
+                     ? prt_picture_format(format->ending)->encode(ctx, image, &options, &blob)
+                     : format->encode(ctx, image, &options, &blob);
+    if (status) prt_free(blob.bytes);
+    else *out = blob;
     return status;
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* evaluation.h owns the pieces an evaluation is put together from: what is made once and shared
- * (cache entries, each held for the caller) and how results are encoded. */
+/* evaluation.h declares the results that evaluations share (shared/: cache entries, each with a
+ * reference for the caller; the comment of a section names the type of their value) and how
+ * results are encoded. Entries that are passed in are held until the result is computed. */
 #ifndef RELIGHTD_EVALUATION_H
 #define RELIGHTD_EVALUATION_H
 
@@ -9,81 +10,86 @@
 
 /* ---- lights.c: struct prt_cube ---- */
 
-/* The sum of lights [first, first + n) at cube_n, as they are turned or unturned. env[i] is the
+/* The sum of lights [first, first + n) at cube_n, rotated or not. env[i] is the
  * decoded environment of light i, NULL for inline cubes. */
 struct cache_entry *light_get(struct server *server, const struct render_spec *spec,
                               struct cache_entry *const env[], unsigned first, unsigned n,
                               uint32_t cube_n, bool turned);
-/* The first light, unturned and fine enough to look at. */
-struct cache_entry *sky_get(struct server *server, const struct render_spec *spec,
-                            struct cache_entry *const env[]);
+/* The first light as a background: not rotated, at its own resolution up to a limit. */
+struct cache_entry *background_get(struct server *server, const struct render_spec *spec,
+                                   struct cache_entry *const env[]);
 
 /* ---- visibility.c: struct prt_visibility ---- */
 
 /* The camera asked for, or one that frames the model. */
 void camera_choose(struct model *model, uint64_t generation, const struct render_spec *s,
                    const struct prt_mesh *mesh, struct prt_camera *out);
-/* Pictures that take seconds may not hold every worker. */
+/* WORK_BACKGROUND for pictures that take seconds: they may not occupy every worker. */
 enum work_class picture_class(const struct render_spec *s);
-/* owner is held while `mesh`, which is of this generation, is looked at. */
+/* owner is held while `mesh`, which is of this generation, is read. */
 struct cache_entry *visibility_get(struct model *model, uint64_t generation,
                                    struct cache_entry *owner, const struct prt_mesh *mesh,
                                    const struct render_spec *s, const struct prt_camera *c);
 
-/* ---- light_contraction.c: struct contracted ---- */
+/* ---- light_contraction.c: struct light_contraction ---- */
 
-struct contracted {
-    struct prt_contracted_light *lit;
-    struct cache_entry *file; /* whose transport it refers to */
+struct light_contraction {
+    struct prt_contracted_light *contracted;
+    struct cache_entry *file; /* whose transport it refers to; held */
 };
-/* A joint transport under a light, contracted once it has been asked for twice, for whatever
- * material comes. NULL: a plain pass is as good. Not `make`: only what is there already. */
-struct cache_entry *contracted_get(struct model *model, uint64_t generation,
-                                   struct cache_entry *file, struct cache_entry *light,
-                                   bool make);
+/* The joint transport contracted with a light: NULL where there is none yet. */
+struct cache_entry *light_contraction_find(struct model *model, uint64_t generation,
+                                           const struct cache_entry *file,
+                                           const struct cache_entry *light);
+/* Computes it from the second evaluation under the same light on; NULL at the first one and for
+ * other transport: a plain pass costs no more. */
+struct cache_entry *light_contraction_get(struct model *model, uint64_t generation,
+                                          struct cache_entry *file, struct cache_entry *light);
 
-/* ---- material_contraction.c: struct fixed ---- */
+/* ---- material_contraction.c: struct material_contraction ---- */
 
-struct fixed {
-    struct prt_contracted_transport *fixed;
-    struct cache_entry *file; /* whose transport it refers to */
+struct material_contraction {
+    struct prt_contracted_transport *contracted;
+    struct cache_entry *file; /* whose transport it refers to; held */
 };
-/* A joint transport with a material put in, for whatever light comes, once it is there: after
- * so many lights have been asked for with the material (NULL: the bake's). NULL: a plain pass.
- */
-struct cache_entry *fixed_get(struct model *model, uint64_t generation,
-                              struct cache_entry *file, const struct cache_entry *light,
-                              const struct prt_material *material, const char *material_key);
+/* The joint transport contracted with a material (NULL: the bake's), ready. NULL until it was
+ * used with enough lights and then computed in the background. */
+struct cache_entry *material_contraction_get(struct model *model, uint64_t generation,
+                                             struct cache_entry *file,
+                                             const struct cache_entry *light,
+                                             const struct prt_material *material,
+                                             const char *material_key);
 
-/* ---- relight_pass.c: struct answer, through passes that are shared ---- */
+/* ---- relight_pass.c: struct vertex_values ---- */
 
-/* What a pass makes for one light and query. */
-struct answer {
+/* Values at the vertices for one light and query. */
+struct vertex_values {
     unsigned n_plane;
-    uint32_t n_vertex, shared; /* shared: evaluations of its pass */
+    uint32_t n_vertex, shared; /* shared: evaluations in its pass */
     float
-        material_error; /* what the transport's radial bases leave of a material given to it */
+        material_error; /* relative RMS error of projecting the material on the bake's bases */
     float values[];     /* [n_plane][n_vertex][3] */
 };
-struct answer_query {
+struct vertex_query {
     int term;    /* enum prt_answer_term */
     bool planes; /* per-phase planes for pictures, else final colours */
     bool has_material, has_eye;
     struct prt_material material;
     float eye[3]; /* mm */
 };
-/* The entry of `key`; when it is not there yet, it joins the model's next pass. file, light,
- * contracted and fixed are held by the pass (the last three may be NULL). */
-struct cache_entry *answer_get(struct model *model, const char *key,
-                               const struct answer_query *query, struct cache_entry *file,
-                               struct cache_entry *light, struct cache_entry *contracted,
-                               struct cache_entry *fixed);
+/* The entry of `key`; where there is none yet, it joins the model's next pass. The pass holds
+ * the other entries; all but file may be NULL. */
+struct cache_entry *relight_pass_get(struct model *model, const char *key,
+                                     const struct vertex_query *query, struct cache_entry *file,
+                                     struct cache_entry *light,
+                                     struct cache_entry *contracted_light,
+                                     struct cache_entry *contracted_material);
 
-/* ---- irradiance.c: struct answer of one plane, E at the vertices ---- */
+/* ---- irradiance.c: struct vertex_values of one plane, E at the vertices ---- */
 
-/* Traced under the light's cube, which takes seconds. file and light are held meanwhile. */
+/* Traced under the light's cube, which takes seconds. */
 struct cache_entry *irradiance_get(struct server *server, const char *key,
-                                   const struct answer_query *query, struct cache_entry *file,
+                                   const struct vertex_query *query, struct cache_entry *file,
                                    struct cache_entry *light);
 
 /* ---- surface_maps.c: struct prt_screen_map ---- */
@@ -94,9 +100,9 @@ struct cache_entry *surface_map_get(struct server *server, enum prt_screen_map_k
                                     const char *hash, const struct prt_material *material,
                                     float bump_mm, int *code, char error[300]);
 
-/* ---- screen.c: struct screen_answer, by image-space engines ---- */
+/* ---- screen.c: struct screen_radiance, by image-space engines ---- */
 
-struct screen_answer {
+struct screen_radiance {
     uint32_t n_point;
     struct prt_screen_report report;
     float rgb[][3]; /* [n_point] of the visibility's G-buffer */
@@ -110,18 +116,18 @@ struct screen_query {
     bool background, has_material;
     struct prt_material material;
 };
-/* map: by enum prt_screen_map_kind, NULL: none. All entries are held while it is made. Who
- * gives up waiting says screen_unwant. */
-struct cache_entry *screen_get(struct server *server, const char *key,
-                               const struct screen_query *query, struct cache_entry *shape,
-                               struct cache_entry *seen, struct cache_entry *light,
-                               struct cache_entry *const map[3]);
+/* map: by enum prt_screen_map_kind, NULL: none. A caller that stops waiting calls
+ * screen_radiance_unwant(). */
+struct cache_entry *
+screen_radiance_get(struct server *server, const char *key, const struct screen_query *query,
+                    struct cache_entry *shape, struct cache_entry *visibility,
+                    struct cache_entry *light, struct cache_entry *const map[3]);
 
-/* One of those who asked for this pending entry does so no more. */
-void screen_unwant(struct cache_entry *shape, struct cache_entry *entry);
+/* One evaluation stops waiting for this pending entry; the last one cancels its job. */
+void screen_radiance_unwant(struct cache_entry *shape, struct cache_entry *entry);
 
-/* The running mean of a view's pictures while nothing changes. Held by the view and by the
- * evaluation that adds to it; changed by the evaluation's worker alone. */
+/* The running mean of a view's pictures while its state does not change. Held by the view and
+ * by the evaluation that adds to it; changed by the evaluation's worker alone. */
 struct refinement {
     unsigned refs;            /* loop thread */
     uint32_t n_frame, n_mean; /* drawn; of them in the mean: those by the engine */
@@ -134,13 +140,15 @@ struct refinement {
 struct refinement *refinement_create(void);
 void refinement_release(struct refinement *refinement);
 double refinement_error(const struct refinement *refinement);
-int refinement_add(struct refinement *refinement, const struct screen_answer *answer);
+int refinement_add(struct refinement *refinement, const struct screen_radiance *radiance);
 
 /* ---- encode.c ---- */
 
 size_t color_bytes(int format); /* of one colour */
 void encode_colors(const struct prt_context *ctx, const struct render_spec *spec,
-                   const struct answer *answer, uint8_t *to);
+                   const struct vertex_values *values, uint8_t *to);
+/* Whether the daemon encodes this Relight__ImageFormat. */
+bool image_format_known(unsigned format);
 int encode_image(const struct prt_context *ctx, const struct render_spec *s,
                  const struct prt_image *image, struct prt_blob *out);
 

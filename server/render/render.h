@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: MIT */
 /* render.h owns evaluations: lights and a model become vertex colours or a picture. A request
- * or a view starts one; it gathers what it needs (open model, decoded environments, cubes,
- * visibility buffer), shares all of it with others through the cache, and calls back once. */
+ * or a view starts one; it computes the entries it depends on (open model, decoded
+ * environments, cubes, visibility buffer), which all evaluations share through the cache, and
+ * calls back once.
+ */
 #ifndef RELIGHTD_RENDER_H
 #define RELIGHTD_RENDER_H
 
@@ -19,13 +21,13 @@ struct render_light {
     char env[96]; /* "env:HASH", "constant:R,G,B"; "" for texels */
     double rotate_deg;
     float gain[3];
-    uint32_t cube_n;     /* texels of this size lie at `texel` in spec.texels */
-    size_t texel;        /* floats */
-    char key[200];       /* names the light by its content */
-    char still_key[200]; /* the same without its turn */
+    uint32_t cube_n;     /* side of the inline cube; 0: env is used */
+    size_t texel;        /* index of its first float in spec.texels */
+    char key[200];       /* of its content: equal lights have equal keys */
+    char still_key[200]; /* the same without the rotation */
 };
 
-/* Everything an evaluation depends on, checked. Plain data but for the texels, which all copies
+/* Everything an evaluation depends on, checked. Plain data, except the texels, which all copies
  * of a spec share. */
 struct render_spec {
     unsigned n_light;
@@ -54,21 +56,21 @@ struct render_spec {
     float picture_ev;
     bool plain_background, no_specular;
     float background[3];
-    /* a view's picture that gets finer: NULL for none; held by who made the spec */
-    struct refinement *refinement;
-    bool quiet; /* only adds to the mean: no picture is made */
+    struct refinement *refinement; /* the view's running mean to add to; NULL: none. Held by the
+                                      creator of the spec */
+    bool quiet;                    /* adds to the mean and makes no picture */
 };
 
-/* Fills and checks pieces of a spec from messages; a missing message leaves defaults. Return 0,
- * or an error code with its text naming parameter, range and unit. */
+/* Fill parts of a spec from messages and check them; without a message the defaults stay.
+ * Return 0, or an error code with a text that names parameter, range and unit. */
 void render_spec_init(struct render_spec *spec);
 void render_spec_finish(struct render_spec *spec);
-/* Holds the texels; render_spec_finish for both. */
+/* Shares the texels; both specs need render_spec_finish(). */
 void render_spec_copy(const struct render_spec *from, struct render_spec *to);
-/* Takes the request's payload, the lights' texels, when it returns 0. */
+/* Takes over the request's payload (the lights' texels) where it returns 0. */
 int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const *lights,
                        struct request *request, char error[300]);
-int render_spec_shade(struct render_spec *spec, struct server *server,
+int render_spec_shade(struct render_spec *spec, struct request *request,
                       const Relight__Shade *shade, char error[300]);
 int render_spec_picture(struct render_spec *spec, const struct server *server,
                         const Relight__Picture *picture, char error[300]);
@@ -76,7 +78,7 @@ int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
                        char error[300]);
 /* Fills the keys; texels of all lights, for inline cubes. */
 void render_light_name(struct render_light *light, const float *texels);
-/* A cube's texels lie in the spec's. */
+/* The texels of an inline cube. */
 const float *render_texels(const struct render_spec *spec, const struct render_light *light);
 /* "constant" and "env:HASH" in their canonical form, 0 or an error. */
 int env_canonical(const char *env, char out[96], char error[300]);
@@ -97,13 +99,13 @@ struct render_result {
 };
 
 struct render;
-/* The result's payload is the callee's. Called on the loop's thread, possibly before
+/* The callee owns the result's payload. Called on the loop's thread, possibly before
  * render_start returns, which then returns NULL. */
 typedef void (*render_fn)(void *user, struct render_result *result);
-/* Takes the spec's texels. */
+/* Takes over the spec's texels. */
 struct render *render_start(struct model *model, struct render_spec *spec, render_fn done,
                             void *user);
-/* done will not be called any more. */
+/* done is not called after this. */
 void render_cancel(struct render *render);
 
 /* Fills answer messages from a result; `camera` and its vectors must outlive the message. */
@@ -117,18 +119,20 @@ void render_colors_message(const struct render_result *result, const struct rend
 void render_image_message(const struct render_result *result, const struct render_spec *spec,
                           Relight__ImageAnswer *out, struct render_camera_message *camera);
 
+/* Decodes an uploaded image ahead of its first use as an environment, and computes the cube
+ * that backgrounds are drawn from. */
+void env_prefetch(struct server *server, const char *hash);
 /* The decoded environment "env:HASH" (or a constant one); value is struct decoded_env. NULL
  * with code and error when it was never uploaded. */
-/* Decodes an uploaded image ahead of its first use, when it looks like an environment, and
- * makes the cube that backgrounds are taken from. */
-void env_prefetch(struct server *server, const char *hash);
 struct cache_entry *env_get(struct server *server, const char *env, int *code, char error[300]);
-/* Has an upload checked, then decoded by `ask` (decoder_env, decoder_image), which calls fn
- * with the entry; without the upload the entry is failed and released. Errors call the upload
- * by its hash's first digits: the entry is shared between principals. */
+/* Verifies the upload's hash, then calls `decode` (decoder_env, decoder_image), which calls fn
+ * with the entry; where the upload is gone or damaged, fails and releases the entry. Errors
+ * name the upload by the first digits of its hash: principals share the entry, not their file
+ * names.
+ */
 typedef void (*upload_decoder_fn)(struct decoder *decoder, const char *path, const char *name,
                                   decode_fn fn, void *user);
 void upload_decode(struct server *server, const char *hash, struct cache_entry *entry,
-                   upload_decoder_fn ask, decode_fn fn);
+                   upload_decoder_fn decode, decode_fn fn);
 
 #endif

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What an evaluation came to, as messages.
+// The result of an evaluation, as messages.
 #include "render/render.h"
 
 #include <math.h>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
-// What a client asks to be evaluated, from messages to a checked render_spec. Every refusal
-// names the parameter, its range and its unit.
+// From a request's messages to a checked render_spec. Every refusal names the parameter, its
+// range and its unit.
 #include "render/shared/materials.h"
-#include "render/render.h"
+#include "render/evaluation.h"
 #include "net/request.h"
 
 #include <math.h>
@@ -35,6 +35,12 @@ const float *render_texels(const struct render_spec *spec, const struct render_l
     return (const float *)spec->texels->bytes + light->texel;
 }
 
+// Whether the protocol's enum has the value: protobuf passes unknown ones on.
+static bool is_value(const ProtobufCEnumDescriptor *descriptor, int value)
+{
+    return protobuf_c_enum_descriptor_get_value(descriptor, value) != NULL;
+}
+
 static bool vec3(const Relight__Vec3 *v, float out[3])
 {
     if (!v) return false;
@@ -56,7 +62,7 @@ static int parse_light(struct render_light *out, const Relight__Light *in, unsig
 {
     *out = (struct render_light){.gain = {1, 1, 1}, .cube_n = in->cube_n};
     if (!in->cube_n == !in->env[0])
-        REFUSE(BAD_REQUEST, "lights[%u]: exactly one of env and cube_n is wanted", index);
+        REFUSE(BAD_REQUEST, "lights[%u]: expected exactly one of env and cube_n", index);
     if (in->cube_n && (in->cube_n < 16 || in->cube_n > 128 || in->cube_n & (in->cube_n - 1)))
         REFUSE(OUT_OF_RANGE, "lights[%u].cube_n %u is not 16, 32, 64 or 128", index,
                in->cube_n);
@@ -75,7 +81,8 @@ void render_light_name(struct render_light *light, const float *texels)
     char source[96], hex[65];
     struct relight_sha256 sha;
     size_t bytes = (size_t)72 * light->cube_n * light->cube_n;
-    // Clients share what was computed for a key: none may make another's on purpose.
+    // A cryptographic hash: clients share cache entries by it, and none may construct a
+    // collision.
     if (light->cube_n) {
         relight_sha256_init(&sha);
         relight_sha256_add(&sha, texels + light->texel, bytes);
@@ -94,7 +101,7 @@ int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const
                        struct request *request, char error[300])
 {
     if (n > RENDER_MAX_LIGHTS)
-        REFUSE(OUT_OF_RANGE, "%zu lights: 1 to %d are wanted", n, RENDER_MAX_LIGHTS);
+        REFUSE(OUT_OF_RANGE, "%zu lights: expected 1 to %d", n, RENDER_MAX_LIGHTS);
     struct render_light parsed[RENDER_MAX_LIGHTS];
     size_t floats = 0;
     for (unsigned i = 0; i < n; i++) {
@@ -104,7 +111,7 @@ int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const
         floats += (size_t)18 * parsed[i].cube_n * parsed[i].cube_n;
     }
     if (request->payload_size != floats * sizeof(float))
-        REFUSE(BAD_REQUEST, "the payload has %zu bytes where the lights' cubes take %zu",
+        REFUSE(BAD_REQUEST, "the payload has %zu bytes, and the lights' cubes need %zu",
                request->payload_size, floats * sizeof(float));
     const float *texels = (const float *)request->payload;
     for (size_t i = 0; i < floats; i++)
@@ -136,19 +143,21 @@ static int parse_maps(struct render_spec *spec, const Relight__Shade *shade, cha
     return 0;
 }
 
-int render_spec_shade(struct render_spec *spec, struct server *server,
+int render_spec_shade(struct render_spec *spec, struct request *request,
                       const Relight__Shade *shade, char error[300])
 {
     if (!shade) return 0;
     bool preset;
-    if (shade->engine > 8u) REFUSE(UNSUPPORTED, "engine %u is unknown", shade->engine);
-    if (shade->term > 3u) REFUSE(UNSUPPORTED, "term %u is unknown", shade->term);
+    if (!is_value(&relight__engine__descriptor, (int)shade->engine))
+        REFUSE(UNSUPPORTED, "engine %u is unknown", shade->engine);
+    if (!is_value(&relight__term__descriptor, (int)shade->term))
+        REFUSE(UNSUPPORTED, "term %u is unknown", shade->term);
     spec->engine = shade->engine;
     spec->term = shade->term;
     spec->has_material = shade->material[0] != 0;
     spec->material_key[0] = 0;
     if (spec->has_material) {
-        if (material_resolve(server, shade->material, &spec->material, &preset, error))
+        if (material_of_request(request, shade->material, &spec->material, &preset, error))
             return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
         material_key(&spec->material, spec->material_key);
     }
@@ -164,7 +173,8 @@ int render_spec_shade(struct render_spec *spec, struct server *server,
 
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev, char error[300])
 {
-    if (format < 0 || format > 3) REFUSE(UNSUPPORTED, "format %d is unknown", format);
+    if (!is_value(&relight__color_format__descriptor, format))
+        REFUSE(UNSUPPORTED, "format %d is unknown", format);
     if (!(fabsf(exposure_ev) <= 40))
         REFUSE(OUT_OF_RANGE, "exposure_ev is outside [-40, 40] stops");
     spec->format = format;
@@ -181,7 +191,7 @@ static int parse_camera(struct render_spec *spec, const Relight__Camera *camera,
     memcpy(spec->camera_up, up, sizeof up);
     vec3(camera->up, spec->camera_up);
     if (!vec3(camera->eye, spec->camera_eye) || !vec3(camera->target, spec->camera_target))
-        REFUSE(BAD_REQUEST, "camera: eye and target are wanted");
+        REFUSE(BAD_REQUEST, "camera: eye or target is missing");
     if (!all_in(spec->camera_eye, -1e9f, 1e9f) || !all_in(spec->camera_target, -1e9f, 1e9f) ||
         !all_in(spec->camera_up, -1e9f, 1e9f))
         REFUSE(OUT_OF_RANGE, "camera: a coordinate is outside [-1e9, 1e9]");
@@ -210,8 +220,10 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
     if (spec->width > side || spec->height > side)
         REFUSE(OUT_OF_RANGE, "picture: %ux%u is outside 1x1 to %ux%u pixels", spec->width,
                spec->height, side, side);
-    if (p->format > 5u) REFUSE(UNSUPPORTED, "picture.format %u is unknown", p->format);
-    if (p->tone > 2u) REFUSE(UNSUPPORTED, "picture.tone %u is unknown", p->tone);
+    if (!image_format_known(p->format))
+        REFUSE(UNSUPPORTED, "picture.format %u is unknown", p->format);
+    if (!is_value(&relight__tone__descriptor, (int)p->tone))
+        REFUSE(UNSUPPORTED, "picture.tone %u is unknown", p->tone);
     if (p->quality > 100)
         REFUSE(OUT_OF_RANGE, "picture.quality %u is outside 1..100", p->quality);
     if (!(fabsf(p->exposure_ev) <= 40))

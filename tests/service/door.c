@@ -415,7 +415,7 @@ static void test_full_says_busy(void **state)
         assert_true(closed);
         assert_non_null(frame);
         assert_memory_equal(frame + 32, "\x08\x06", 2);
-        assert_non_null(memmem(answer, n, "all the connections", 19));
+        assert_non_null(memmem(answer, n, "limit of connections", 20));
         // retry_after_ms is field 4: 1000 as a varint
         assert_non_null(memmem(answer, n, "\x20\xe8\x07", 3));
         close(more);
@@ -689,7 +689,7 @@ static void test_limit_on_open_files(void **state)
     setrlimit(RLIMIT_NOFILE, &mine);
     assert_true(theirs.rlim_cur > 300 || mine.rlim_max <= 300);
     if (mine.rlim_max < 500000000)
-        assert_true(log_says(&d, "open files and the limit is", 100));
+        assert_true(log_says(&d, "open files, and the limit is", 100));
     assert_int_equal(daemon_stop(&d), 0);
 }
 

@@ -461,7 +461,7 @@ static void test_payload_where_none_belongs(void **state)
     frames_send(f);
     struct frames_answer a = frames_wait(f, 2);
     assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
-    assert_non_null(strstr(a.text, "takes no payload"));
+    assert_non_null(strstr(a.text, "has no payload"));
     assert_int_equal(frames_wait(f, 3).code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
     assert_int_equal(frames_wait(f, 4).payload, 65536);
     a = frames_wait(f, 0);
@@ -493,7 +493,7 @@ static void test_largest_output_is_closed(void **state)
     begin(extra);
     struct relight_client *client = client_open(d.address);
     struct frames *small = open_sleeper(16), *large = open_sleeper(100);
-    assert_true(log_says(&d, "why=\"unread answers fill --output-memory", 10000));
+    assert_true(log_says(&d, "why=\"all unread answers exceed --output-memory", 10000));
     struct frames_answer a;
     int n = 0;
     while (frames_next(large, &a, 5000, NULL) && !a.closed) n++;

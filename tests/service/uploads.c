@@ -8,6 +8,7 @@
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
+#include <sys/resource.h>
 
 static struct daemon d;
 static const char *const options[] = {"--client-uploads", "3", NULL};
@@ -403,6 +404,40 @@ static void test_disconnects_during_chunks(void **state)
     relight_close(client);
 }
 
+// A file that may grow no further fails its upload. The system also sends SIGXFSZ then, which
+// ended the daemon.
+static void test_files_of_limited_size(void **state)
+{
+    enum { MOST = 1 << 20, SIZE = 2 * MOST };
+    struct rlimit before, limit;
+    uint64_t received;
+    bool complete;
+    char hash[65];
+    char *bytes = calloc(1, SIZE);
+    assert_non_null(bytes);
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &before), 0);
+    limit = before;
+    limit.rlim_cur = MOST;
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+    restart(false);
+    assert_int_equal(setrlimit(RLIMIT_FSIZE, &before), 0);
+    memset(hash, 'f', 64);
+    hash[64] = 0;
+    int fd = open_local();
+    struct put p = {.hash = hash, .size = SIZE, .bytes = bytes, .n = SIZE};
+    assert_int_not_equal(put(fd, &p, &received, &complete), 0);
+    assert_false(complete);
+    p = (struct put){.hash = "541b3e9daa09b20bf85fa273e5cbd3e80185aa4ec298e765db87742b70138a53",
+                     .size = 1000,
+                     .bytes = bytes,
+                     .n = 1000};
+    assert_int_equal(put(fd, &p, &received, &complete), 0);
+    assert_true(complete);
+    close(fd);
+    free(bytes);
+    restart(false);
+}
+
 // Every byte on disk is charged after a restart as before it.
 static void test_charges_survive_a_restart(void **state)
 {
@@ -426,6 +461,7 @@ int main(void)
         cmocka_unit_test(test_damaged_blob_is_not_used),
         cmocka_unit_test(test_names_are_not_shown_to_others),
         cmocka_unit_test(test_disconnects_during_chunks),
+        cmocka_unit_test(test_files_of_limited_size),
         cmocka_unit_test(test_charges_survive_a_restart),
     };
     signal(SIGPIPE, SIG_IGN);

@@ -78,6 +78,29 @@ expect 2 'frobnicate is not a subcommand' "$prt" frobnicate
 expect 2 'not an option' "$prt" info ball.obj --frobnicate
 expect 2 'one operand too many' "$prt" info ball.obj ball.obj
 expect 2 'needs' "$prt" bake ball.obj --size-mm
+for c in bake colors image info compare env; do
+    expect 0 '' "$prt" $c --version
+    check grep -q '^prt [0-9]' out
+done
+expect 0 '' "$prt" --version
+# One error line, whatever is wrong with a word; abbreviations are refused, also unambiguous ones.
+expect_line() {
+    local line=$1
+    shift
+    expect 2 '' "$@"
+    check test "$(cat err)" = "error: $line; see prt ${2:+$2 }--help"
+}
+expect_line '--js is not an option here' "$prt" info ball.obj --js
+expect_line '--mat is not an option here' "$prt" bake --mat marble ball.obj
+expect_line '--mat=marble is not an option here' "$prt" bake --mat=marble ball.obj
+expect_line '--vers is not an option here' "$prt" bake --vers
+expect_line '--json takes no value' "$prt" info --json=3 ball.obj
+expect_line '--output needs FILE' "$prt" bake ball.obj -o
+expect_line '-z is not an option here' "$prt" bake -zq ball.obj
+expect_line '-z is not an option here' "$prt" bake -qz ball.obj
+expect_line '-z is not an option here' "$prt" bake -q -zq ball.obj
+expect 2 '^error: --frob is not an option of prt; see prt --help$' "$prt" --frob
+expect 0 '' "$prt" info -q -- ball.obj
 for word in transport material size-mm mm-per-unit storage rank cube coeffs phase-terms samples env \
             threads shard progress-fd seed max-error opaque cpu json; do
     "$prt" bake --help | grep -q -- "--$word" || fail "bake --help lacks --$word"
@@ -123,7 +146,11 @@ expect 2 'bake .* first' "$prt" colors ball.obj $scaled --env constant --engine 
 expect 2 'bake .* first' "$prt" image ball.obj $scaled --env constant --engine vertex -o x.png
 expect 2 'three numbers' "$prt" colors ball.obj $scaled --env constant --eye 1,2 -o x.csv
 expect 2 '\[4, 2048\], or full' "$prt" colors ball.obj $scaled --env constant --cube huge -o x.csv
-expect 2 '--camera' "$prt" image ball.obj $scaled --env constant --camera 1,2,3 -o x.png
+for camera in 1,2,3 1,2 0,0,1:0,0,0:0,1,0:170 0,0,1:0,0,1; do
+    expect 2 "^error: --camera.*; see prt image --help$" \
+        "$prt" image ball.obj $scaled --env constant --camera $camera -o x.png
+    check test "$(wc -l <err)" = 1
+done
 expect 2 'WxH' "$prt" image ball.obj $scaled --env constant --size 0x5 -o x.png
 expect 2 'WxH' "$prt" image ball.obj $scaled --env constant --size 5000x5 -o x.png
 expect 1 'No such file' "$prt" colors nowhere.prt --env constant -o x.csv

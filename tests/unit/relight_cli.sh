@@ -36,7 +36,8 @@ status 2 "camera" image x --env constant --camera 1,2 -o x.png
 status 2 "in \[0.001, 1e+06\]" load x --size-mm -4
 status 2 "in \[0.001, 1e+06\]" load x --size-mm nan
 status 2 "in \[1, 100\]" image x --env constant --quality 101 -o x.jpg
-status 2 "expected one of 16" load x --cube 33
+status 2 "whole number" load x --cube big
+status 2 "whole number" load x --rank -1
 status 2 "unrecognized option" ping --env constant
 status 1 "No such file" load x --material "$tmp/none.json"
 echo '[1,2]' >"$tmp/bad.json"

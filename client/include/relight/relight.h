@@ -433,13 +433,19 @@ enum relight_color_format {
     RELIGHT_COLOR_RGB9E5,
     RELIGHT_COLOR_SRGB8
 };
+/* X(NAME, number in the protocol, file ending; "": pixels without a file around them, or a
+ * variant of another format's files) */
+#define RELIGHT_IMAGE_FORMAT_LIST(X) \
+    X(JPEG, 0, "jpg")                \
+    X(PNG, 1, "png")                 \
+    X(EXR, 2, "exr")                 \
+    X(RGB8, 3, "")                   \
+    X(EXR_FLOAT, 4, "")              \
+    X(F16, 5, "")
 enum relight_image_format {
-    RELIGHT_IMAGE_JPEG,
-    RELIGHT_IMAGE_PNG,
-    RELIGHT_IMAGE_EXR,
-    RELIGHT_IMAGE_RGB8,
-    RELIGHT_IMAGE_EXR_FLOAT,
-    RELIGHT_IMAGE_F16
+#define RELIGHT_X(name, number, ending) RELIGHT_IMAGE_##name = number,
+    RELIGHT_IMAGE_FORMAT_LIST(RELIGHT_X)
+#undef RELIGHT_X
 };
 enum relight_tone { RELIGHT_TONE_FILMIC, RELIGHT_TONE_REINHARD, RELIGHT_TONE_NONE };
 

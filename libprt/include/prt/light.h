@@ -113,6 +113,10 @@ int prt_write_exr(const struct prt_context *ctx, const char *path,
 /* The same into memory: prt_free(out->bytes). */
 int prt_encode_exr(const struct prt_context *ctx, const struct prt_image *image,
                    bool full_float, struct prt_blob *out);
+/* Radiance RGBE, a shared exponent a pixel; negative values become 0. prt_free(out->bytes).
+ * PRT_NOMEM; *out is unchanged then. */
+int prt_encode_hdr(const struct prt_context *ctx, const struct prt_image *image,
+                   struct prt_blob *out);
 /* pixels [height][width][n_channel 3|4], sRGB bytes that the caller has tone-mapped; at most
  * 16384 pixels a side. PNG at the fastest deflate level. prt_free(out->bytes). PRT_ARG,
  * PRT_NOMEM; out->bytes is NULL then. */

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* prt/medium.h owns the optics of a homogeneous translucent medium: BSSRDF, Fresnel, phase. */
+/* prt/medium.h owns the optics of a homogeneous translucent medium: materials, BSSRDF, Fresnel,
+ * phase functions. Lengths in mm, coefficients in mm^-1, three channels in linear RGB. All
+ * functions are thread-safe. */
 #ifndef PRT_MEDIUM_H
 #define PRT_MEDIUM_H
 
@@ -15,7 +17,7 @@ enum {
     PRT_MATERIAL_SUMMARY = 512,   /* bytes: any material's summary with its closing NUL */
 };
 
-/* What a user says. Coefficients in mm^-1, one per RGB channel. */
+/* A medium. Coefficients in mm^-1, one for each RGB channel. */
 struct prt_material {
     char name[32];
     float sigma_s_prime[3]; /* [1e-5, 1000] */
@@ -23,28 +25,35 @@ struct prt_material {
     float g[3];             /* |g| <= 0.95; sigma_a + sigma_s'/(1-g) <= 5000 */
     float eta;              /* [1, 3] relative index inside/outside */
     float roughness;        /* [0.01, 1] of the specular lobe */
-    /* R_d of its own in place of the dipole's (prt/profile.h): linear between n_point radii,
-     * flat before the first, 0 beyond the last. The coefficients above are then those of the
-     * dipole medium nearest to it, by which samples are spaced; it has no single scattering. */
-    uint32_t profile; /* enum prt_profile_kind it came from; 0: the dipole */
+    /* A profile in place of the dipole's R_d (prt/profile.h): linear between n_point radii,
+     * constant before the first, 0 beyond the last. The coefficients above are then those of
+     * the dipole medium of the same total and half-energy radius, which gives the sample
+     * spacing; the medium has no single scattering. */
+    uint32_t profile; /* enum prt_profile_kind of the source; 0: the dipole */
     uint32_t n_point; /* [2, PRT_MATERIAL_MAX_POINT] with a profile, else 0 */
     float radius[PRT_MATERIAL_MAX_POINT];         /* mm, ascending from >= 0 */
     float reflectance[3][PRT_MATERIAL_MAX_POINT]; /* mm^-2, >= 0; 2 pi r R_d dr <= 1 */
 };
 
-/* Refuses out-of-range values, naming parameter, value, allowed range and unit. */
+/* PRT_OK, or PRT_ARG for values out of range, with a log line that names parameter, value,
+ * allowed range and unit. */
 int prt_material_check(const struct prt_context *ctx, const struct prt_material *material);
-/* A preset's name, else a JSON file, else JSON text starting with '{'. */
+/* Loads a preset by name, a JSON file, or JSON text that begins with '{' (proto/PROTOCOL.md
+ * lists the keys). *out is written on success only. PRT_ARG (range, neither file nor preset),
+ * PRT_FORMAT (JSON), PRT_LIMIT (size), PRT_IO, PRT_NOMEM. prt_material_parse takes JSON text
+ * only, which cannot name files; `what` stands in messages. */
 int prt_material_load(const struct prt_context *ctx, const char *name_or_file,
                       struct prt_material *out);
 int prt_material_parse(const struct prt_context *ctx, const char *what, const char *json,
                        size_t n, struct prt_material *out);
-/* JSON text of a material into buf, that reads back as the same; returns the length as
- * snprintf. */
+/* The JSON text of a material into buf[n]; parsing it gives the same material. Returns the
+ * length without the NUL; PRT_LIMIT when n is too small (PRT_MATERIAL_TEXT suffices),
+ * PRT_NOMEM. On failure buf holds the JSON null. */
 int prt_material_print(const struct prt_material *material, char *buf, size_t n);
-/* The same, but of a profile only its kind, points and totals: at most 512 bytes. */
+/* The same with a profile's kind, number of points and totals in place of its points; for
+ * people, not for parsing. PRT_MATERIAL_SUMMARY bytes suffice. */
 int prt_material_summary(const struct prt_material *material, char *buf, size_t n);
-/* Of everything but the name: equal for media that look equal. */
+/* Hash of all fields but the name and the profile's kind. */
 uint64_t prt_material_hash(const struct prt_material *material);
 /* The twelve media of JMLH01 fig. 5: index 0..11; NULL past the end. */
 const struct prt_material *prt_material_preset(unsigned index);
@@ -54,20 +63,20 @@ struct prt_diffusion {
     double sigma_s_prime, sigma_a, sigma_t_prime, sigma_tr, albedo_prime, eta;
     double z_r, z_v; /* mm */
     double rho_d;    /* closed-form total diffuse reflectance */
-    /* A profile in place of the formula, n_point 0: none. Borrowed from a prt_material. */
+    /* A table in place of the formula; n_point 0: none. Borrowed from a prt_material. */
     uint32_t n_point;
     const float *radius, *reflectance;
 };
-/* R_d of a material's three channels, its own profile where it has one; evaluated by all the
- * functions below. `material` must outlive them. */
+/* R_d of a material's three channels, from its profile where it has one, for all the functions
+ * below. `out` borrows the material's table: `material` must outlive it. */
 void prt_material_dipoles(const struct prt_material *material, struct prt_diffusion out[3]);
 void prt_diffusion_init(struct prt_diffusion *dipole, double sigma_s_prime, double sigma_a,
                         double eta);
 double prt_diffusion_rd(const struct prt_diffusion *dipole, double r_mm); /* mm^-2 */
-/* Fraction-free tail: integral of 2 pi r R_d beyond r (METHODS §7, S09 eq 4 erratum). */
+/* Integral of 2 pi r R_d from r_mm to infinity (METHODS §1; S09 eq 4 erratum). */
 double prt_diffusion_tail(const struct prt_diffusion *dipole, double r_mm);
 /* out[i] = R_d(sqrt(r2[i])), relative error < 1e-5 where sigma_tr d <= 40 (beyond it R_d has
- * fallen by e^-40); r2 finite, >= 0. Vectorised for ctx-free use by `cpu`. */
+ * fallen by e^-40); r2 finite, >= 0. cpu: mask of enum prt_cpu, selects the vector code. */
 void prt_diffusion_rd_array(const struct prt_diffusion *dipole, unsigned cpu, size_t n,
                             const float *r2_mm2, float *out);
 /* The same for three channels that share r2. */
@@ -79,8 +88,8 @@ double prt_fresnel_transmittance(double eta, double cos_theta); /* exact, unpola
 /* Cosine-weighted hemispherical mean of F_t: 0.938868 at 1.3, 0.908222 at 1.5. */
 double prt_fresnel_mean_transmittance(double eta);
 /* Refracts the outside direction w (away from the surface, w.n >= 0) at a surface of unit
- * normal n: out is the unit direction in which light from w travels on, INTO the body (out.n <
- * 0). The outward inside direction w' of METHODS is its negative. */
+ * normal n: out is the unit direction of the refracted light, into the body (out.n < 0). The
+ * outward inside direction w' of METHODS is its negative. */
 void prt_refract_in(double eta, const float n[3], const float w[3], float out[3]);
 
 /* Phase functions as Legendre coefficients: p(c) = sum_l (2l+1)/(4 pi) a_l P_l(c), a_0 = 1, c

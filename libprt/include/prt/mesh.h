@@ -1,5 +1,10 @@
 /* SPDX-License-Identifier: MIT */
-/* prt/mesh.h owns the scene's geometry as every room sees it. */
+/* prt/mesh.h owns the scene's geometry: loading, units, welding, normals, coloured output.
+ *
+ * A loaded mesh is read-only and may be shared between threads; prt_mesh_scale and
+ * prt_mesh_normals change it and need exclusive access. A function that returns int returns
+ * PRT_OK or a negative status, which it has logged to ctx with a line that names the file and
+ * the fault; *out is written on success only. */
 #ifndef PRT_MESH_H
 #define PRT_MESH_H
 
@@ -9,7 +14,8 @@
 extern "C" {
 #endif
 
-/* A glTF material as far as light transport cares. Opaque ones are Lambertian receivers. */
+/* The properties of a glTF material that light transport uses. Opaque ones are Lambertian
+ * receivers. */
 struct prt_surface {
     char name[64];
     uint8_t translucent; /* 1: the bake's --material applies; 0: opaque */
@@ -55,43 +61,52 @@ struct prt_mesh_options {
     bool in_process;           /* parse without a child process (fuzzers only) */
 };
 
-/* Loads .glb, .gltf (+ .bin, data URIs), .obj, .ply by content. Warnings tell what an open or
- * non-manifold mesh affects. Errors name file and fault in one line. Caller destroys *out. */
+/* Loads .glb, .gltf (with .bin files and data URIs), .obj or .ply; the content decides. Blocks
+ * while a child process parses, at most 120 s. Warns about open, non-manifold and
+ * inconsistently wound surfaces and names the engines they affect. options may be NULL. The
+ * caller destroys *out. PRT_IO, PRT_FORMAT, PRT_UNSUPPORTED, PRT_LIMIT, PRT_ARG (an opaque name
+ * that the file lacks), PRT_NOMEM. */
 int prt_mesh_load(const struct prt_context *ctx, const char *path,
                   const struct prt_mesh_options *options, struct prt_mesh **out);
-/* The same of an open regular file, which is read from its beginning and stays open; errors
- * call it `name`. A glTF's other files are looked for in base_dir; NULL: it may have none. */
+/* The same of an open regular file, which is read from its beginning and stays open; `name`
+ * stands in messages. base_dir: the folder of a glTF's other files; NULL refuses them. */
 int prt_mesh_load_fd(const struct prt_context *ctx, const char *name, int fd,
                      const char *base_dir, const struct prt_mesh_options *options,
                      struct prt_mesh **out);
-/* The same from memory; external buffers are refused unless base_dir names where they lie. */
+/* The same from memory. */
 int prt_mesh_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
                          size_t n, const char *base_dir, const struct prt_mesh_options *options,
                          struct prt_mesh **out);
 void prt_mesh_destroy(struct prt_mesh *mesh);
 
-/* From plain arrays (copied): one object, one translucent surface; normals may be NULL. */
+/* A mesh of one object and one translucent surface from arrays, which are copied; normals may
+ * be NULL. Positions finite and within 1e15, at least one triangle. PRT_ARG, PRT_LIMIT,
+ * PRT_NOMEM. */
 int prt_mesh_create(const struct prt_context *ctx, uint32_t n_vertex,
                     const float (*position)[3], const float (*normal)[3], uint32_t n_triangle,
                     const uint32_t (*triangle)[3], struct prt_mesh **out);
 
 /* Bounding box [2][3] of the translucent blocks' vertices (of all if none is translucent). */
 void prt_mesh_bounds(const struct prt_mesh *mesh, float box[2][3]);
-/* Its diagonal, in the mesh's unit: no way through the translucent objects is longer. */
+/* The box's diagonal in the mesh's unit; no straight path through a translucent object is
+ * longer. */
 double prt_mesh_diagonal(const struct prt_mesh *mesh);
 /* Multiplies positions once: by mm_per_unit if > 0, else so that the translucent box's diagonal
  * is size_mm. Both 0: metres when units_known (a note is logged), else PRT_ARG.
  * Refuses non-finite, non-positive and absurd (diagonal outside 1e-3..1e6 mm) scales. */
 int prt_mesh_scale(const struct prt_context *ctx, struct prt_mesh *mesh, double size_mm,
                    double mm_per_unit);
-/* Makes the normals that are 0,0,0 from the triangles around them, weighted by angle: for
- * vertices that moved. Needs position, normal, triangle and weld; changes nothing else. */
+/* Computes each normal that is 0,0,0 from the triangles around its vertex, weighted by angle;
+ * for vertices that moved. Reads position, triangle and weld; changes only such normals.
+ * PRT_NOMEM. */
 int prt_mesh_normals(const struct prt_context *ctx, struct prt_mesh *mesh);
-/* [n_triangle] block index of each triangle; caller prt_free()s. */
+/* [n_triangle] block index of each triangle; NULL without memory; the caller prt_free()s. */
 uint32_t *prt_mesh_triangle_blocks(const struct prt_mesh *mesh);
-/* [n_vertex] block index of each vertex; caller prt_free()s. */
+/* [n_vertex] block index of each vertex; NULL without memory; the caller prt_free()s. */
 uint32_t *prt_mesh_vertex_blocks(const struct prt_mesh *mesh);
-/* Writes mesh with per-vertex linear colours [n_vertex][3] as .ply or .glb (COLOR_0 float). */
+/* Writes the mesh with linear RGB colours [n_vertex][3] as binary .ply or .glb (COLOR_0 float),
+ * in the model's own units. PRT_ARG for another ending, PRT_LIMIT (a GLB above 4 GiB), PRT_IO,
+ * PRT_NOMEM. */
 int prt_mesh_write_colors(const struct prt_context *ctx, const char *path,
                           const struct prt_mesh *mesh, const float (*color)[3]);
 

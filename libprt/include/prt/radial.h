@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* prt/radial.h owns bases over radius: any R_d(r) or e^(-sigma_t r) as sum_j c_j B_j(r). */
+/* prt/radial.h owns bases over radius: R_d(r) or e^(-sigma_t r) as sum_j c_j B_j(r) (METHODS
+ * §4, X07 eq 8, X07 eq 13). A basis is read-only: threads may share it. */
 #ifndef PRT_RADIAL_H
 #define PRT_RADIAL_H
 
@@ -13,7 +14,7 @@ enum prt_radial_kind {
     PRT_RADIAL_REDUCED = 0, /* leading singular vectors of the weighted family (METHODS §4) */
     PRT_RADIAL_POLYNOMIAL,  /* X07: degree d pieces on DP knots, C^(d-1) constrained LSQ */
     PRT_RADIAL_HAT,         /* C0 linear spline on the same knots */
-    PRT_RADIAL_X07,         /* POLYNOMIAL by X07's own plain least squares: for comparison */
+    PRT_RADIAL_X07, /* POLYNOMIAL by the unweighted least squares of X07: for comparison */
 };
 enum prt_radial_family {
     PRT_FAMILY_DIPOLE = 0, /* R_d, weight 2 pi r dr, conserves the integral */
@@ -48,25 +49,30 @@ struct prt_radial_options {
     double max_error;    /* worst over the range; 0: 0.001 */
     uint32_t degree;     /* POLYNOMIAL: 1 linear, 2 quadratic */
     /* REDUCED, dipole family: profiles to hold exactly (a user's curve, a slab), at most 8.
-     * What the n_function others leave of each becomes a function more, unless that is < 5e-4.
-     */
+     * The residual of each in the n_function others becomes one more function, unless its
+     * relative error is below 5e-4. */
     const struct prt_profile *extra;
     uint32_t n_extra;
 };
+/* Makes the basis with the fewest functions that keep max_error. A target
+ * that no size keeps is a warning. The caller destroys *out, which is written on success only.
+ * Thread-safe; blocks. PRT_ARG, PRT_LIMIT (radii span more than 24 octaves), PRT_NOMEM. */
 int prt_radial_create(const struct prt_context *ctx, const struct prt_radial_options *options,
                       struct prt_radial **out);
 void prt_radial_destroy(struct prt_radial *radial);
-/* out[i*n_function + j] = B_j(r[i]). */
+/* out[i*n_function + j] = B_j(r[i]), r in mm, >= 0; 0 from the last grid radius on. */
 void prt_radial_eval(const struct prt_radial *radial, size_t n, const float *r, float *out);
-/* The basis back from a .prt's table: options give kind, family, eta and range; the error is
- * measured anew. PRT_FORMAT for tables this module did not make. */
+/* The basis from a table that a .prt file stores: options give kind, family, eta and range; the
+ * error is measured again. r [n_grid], value [n_function][n_grid], both copied. PRT_FORMAT for
+ * a table that prt_radial_create did not make, PRT_NOMEM. */
 int prt_radial_from_table(const struct prt_context *ctx,
                           const struct prt_radial_options *options, uint32_t n_function,
                           uint32_t n_grid, const float *r, const float *value,
                           struct prt_radial **out);
 /* coef[n_function][3] of a material, from its dipole (or e^(-sigma_t r)); *error gets the
  * largest relative error over channels, true also for materials outside the range. <= 0.2 ms.
- * PRT_MISMATCH when eta is not the basis'. Thread-safe, allocates nothing; error may be NULL.
+ * PRT_MISMATCH for another eta than the basis has, PRT_ARG for coefficients out of range or a
+ * profile that is 0 inside the grid. Allocates nothing; error may be NULL.
  */
 int prt_radial_fit_material(const struct prt_radial *radial,
                             const struct prt_material *material, float *coef, double *error);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a benchmark of prt-bench works with. A benchmark is a file of this folder:
+// Interface of the benchmarks of prt-bench. A benchmark is a file of this folder:
 //
 //     static int run(struct bench_env *env) { ...; bench_begin(env, "x"); ...; bench_end(); }
 //     BENCH(x, "what it measures", run)
@@ -38,7 +38,7 @@ void bench_register(struct bench *bench);
         bench_register(&bench_##id);                                   \
     }
 
-// One JSON object: {"bench": figure, "cpu": ..., "threads": ..., keys..., }
+// One JSON object a line: {"bench":figure,"cpu":…,"threads":…,keys…}
 void bench_begin(const struct bench_env *env, const char *figure);
 void bench_number(const char *key, double value); // 6 significant digits; null if not finite
 void bench_text(const char *key, const char *value);
@@ -69,7 +69,7 @@ enum { BENCH_SPANS = 10 };
 unsigned bench_tensor_spans(const struct prt_tensor *tensor,
                             struct bench_span span[BENCH_SPANS]);
 
-// A cubemap with a sky, a floor and a small sun: what a decoded environment is like.
+// A cubemap with a sky, a floor and a small sun, similar to a decoded environment.
 int bench_cube(uint32_t n, uint64_t seed, struct prt_cube *out);
 
 #endif

@@ -7,32 +7,39 @@
 
 #include "bench.h"
 
+#include <cjson/cJSON.h>
+
+static cJSON *line; // between bench_begin and bench_end
+
 void bench_begin(const struct bench_env *env, const char *figure)
 {
-    printf("{\"bench\": \"%s\", \"cpu\": \"%s\", \"threads\": %u", figure, env->cpu_name,
-           env->threads);
+    line = cJSON_CreateObject();
+    bench_text("bench", figure);
+    bench_text("cpu", env->cpu_name);
+    cJSON_AddNumberToObject(line, "threads", env->threads);
 }
 
 void bench_number(const char *key, double value)
 {
-    if (isfinite(value)) printf(", \"%s\": %.6g", key, value);
-    else printf(", \"%s\": null", key);
+    char text[32];
+    snprintf(text, sizeof text, "%.6g", value);
+    if (isfinite(value)) cJSON_AddRawToObject(line, key, text);
+    else cJSON_AddNullToObject(line, key);
 }
 
 void bench_text(const char *key, const char *value)
 {
-    printf(", \"%s\": \"", key);
-    for (; *value; value++) {
-        if (*value == '"' || *value == '\\') putchar('\\');
-        putchar((unsigned char)*value < 32 ? ' ' : *value);
-    }
-    putchar('"');
+    cJSON_AddStringToObject(line, key, value);
 }
 
 void bench_end(void)
 {
-    puts("}");
+    char *text = cJSON_PrintUnformatted(line);
+    if (text) puts(text);
     fflush(stdout);
+    free(text);
+    cJSON_Delete(line);
+    line = NULL;
 }
 
 static int ascending(const void *a, const void *b)

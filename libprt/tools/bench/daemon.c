@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a client of relightd waits for, on loopback: from the call to the answer in hand,
+// Time that a client of relightd waits on loopback: from the call to the received answer,
 // through librelight. Each figure is the median and the 95th percentile of 40 requests, beside
 // the target the project set itself (where it did).
 #include "daemon.h"
@@ -40,7 +40,7 @@ static int fail(struct session *s, const struct relight_error *error)
     return prt_fail(&s->env->ctx, PRT_IO, "%s", error->text);
 }
 
-// The daemon's CPU time: what a loaded machine does not blur.
+// The daemon's CPU time, which depends less on the load of the machine.
 static double cpu_s(const struct session *s)
 {
     clockid_t clock;
@@ -154,7 +154,7 @@ static int upload(struct session *s, const char *format, bool timed, char word[8
     return status;
 }
 
-// Until what the daemon does by itself (decoding uploads ahead) is over.
+// Waits until the daemon has finished its own work (decoding uploads ahead).
 static int settle(struct session *s)
 {
     double bytes = -1, last = -2, begin = prt_time_s();
@@ -178,7 +178,7 @@ static void close_session(struct session *s)
     bench_daemon_stop(&s->daemon);
 }
 
-// A daemon with one picture behind it: camera and model are known to it, as in a session.
+// A daemon that has drawn one picture: camera and model are cached, as in a session.
 static int open_session(struct bench_env *env, struct session *s)
 {
     struct relight_error error;
@@ -319,7 +319,7 @@ static int run_new_files(struct bench_env *env)
 
 // ---- editing: --file is a joint transport
 
-// A material nobody has asked for: near marble, of the bake's eta.
+// A material without cached results: near marble, with the bake's eta.
 static void new_material(struct session *s, double eta, char text[160])
 {
     double x = 0.001 * ++s->n_material;
@@ -404,7 +404,7 @@ static int run_edits(struct bench_env *env)
     return env->file ? with_session(env, edits) : PRT_OK; // nothing made up takes materials
 }
 
-// ---- several clients at once, each turning the light of its own
+// Several clients at once, each with its own turning light.
 
 struct visitor {
     struct session *session;

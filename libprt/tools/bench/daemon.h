@@ -14,12 +14,12 @@ struct bench_daemon {
     pid_t pid;
 };
 // Starts the relightd beside prt-bench, or the one on PATH, on a folder that holds env->file
-// or, without one, a made-up transport of bunny's size. Whatever was started is stopped on
-// failure.
+// or, without one, a made-up transport of bunny's size. Everything that was started is stopped
+// on failure.
 int bench_daemon_start(struct bench_env *env, struct bench_daemon *out);
 void bench_daemon_stop(struct bench_daemon *daemon);
 
-// A sky, a sun and noise as a lat-long image file of 1024x512: what a camera's HDR is like.
+// A sky, a sun and noise as a lat-long image file of 1024x512, similar to a camera's HDR.
 // Every number gives another file. format: "hdr", "exr" or "png".
 int bench_env_file(const struct prt_context *ctx, const char *format, uint32_t number,
                    struct prt_blob *out);

@@ -19,7 +19,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-// ---- what is left when the benchmark is cut short: nothing
+// A benchmark that is interrupted ends its daemon and removes its folder.
 
 static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *where)
 {

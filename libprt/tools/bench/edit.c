@@ -12,7 +12,7 @@
 
 enum { MOST_TENSORS = 4 };
 
-// A transport that takes materials, its light and what the light was contracted to.
+// A transport with a free material, its light and the result of contracting the light.
 struct edit {
     struct bench_env *env;
     unsigned n_tensor, n_plane;
@@ -251,7 +251,7 @@ static int made_up(struct bench_env *env, const char *name, unsigned n,
     return status ? prt_fail(&env->ctx, status, "%s cannot be measured", name) : PRT_OK;
 }
 
-// What a joint bake may be at most: 40 MB for multiple scattering, 120 MB with single.
+// Largest size of a joint bake: 40 MB for multiple scattering, 120 MB with single.
 static void joint_shape(const struct bench_env *env, uint32_t n_vertex,
                         struct synthetic_options o[2])
 {
@@ -395,7 +395,7 @@ static int file_figures(struct bench_env *env, figure_fn figure, const char *pre
     return status;
 }
 
-// A question as the daemon asks it: planes for a picture, with the light contracted before.
+// A query as in the daemon: planes for a picture, with a contracted light.
 struct asking {
     struct bench_env *env;
     const struct prt_transport *transport;

@@ -84,7 +84,7 @@ static int make_mesh(struct bench_env *env, struct prt_mesh **out)
     return status ? status : prt_mesh_scale(&env->ctx, *out, 50, 0);
 }
 
-// A file nobody has seen: one vertex's colour tells them apart.
+// A new file for each call: the colour of one vertex differs.
 static int write_model(struct first *f)
 {
     float(*color)[3] = calloc(f->mesh->n_vertex, sizeof *color);

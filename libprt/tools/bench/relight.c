@@ -311,7 +311,7 @@ static int answer_turn(void *arg)
     return answer_cubes(turn->job);
 }
 
-// What a request for the whole answer costs, all tensors: one light, and eight at once.
+// Cost of a request with all tensors: one light, and eight at once.
 static int answers(struct bench_env *env, const struct prt_transport *t)
 {
     struct answer_job job = {.env = env, .transport = t};

@@ -150,12 +150,12 @@ static double cpu_seconds(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-// A demand of the requirements: what is asked of a figure.
+// The required value of a figure.
 struct target {
     double fps, error; // 0: none
 };
 
-// New light to shaded image: wall, and what two cores that did nothing else would take.
+// From a new light to the shaded image: wall time, and the time of two idle cores.
 static int time_engine(struct stage *s, const char *figure, const char *medium, uint32_t w,
                        uint32_t h, float share, struct target target)
 {
@@ -217,7 +217,7 @@ static double relative(const float (*a)[3], const float (*b)[3], uint32_t n, dou
     return den > 0 ? sqrt(num / den) : 0;
 }
 
-// What the requirements ask of an engine at a count, or at its most.
+// Required times of an engine at a sample count, or at its largest.
 static const struct row {
     enum prt_screen_engine engine;
     uint32_t n[5];
@@ -441,7 +441,7 @@ static int progress(struct stage *s)
     return status;
 }
 
-// What each budget buys: the plan, and what came of it.
+// For each budget: the plan, and the measured result.
 static int budget(struct stage *s)
 {
     static const double budget_ms[] = {10, 20, 40, 80, 160};

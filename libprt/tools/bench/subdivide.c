@@ -38,7 +38,7 @@ static uint64_t *all_edges(const struct fine *f, size_t *n_edge)
     return edge;
 }
 
-// A triangle's middles, as far as there are any; a triangle without one of them stays whole.
+// Midpoints of a triangle's edges, if any; a triangle without one of them is not divided.
 static size_t split(const struct fine *f, const uint64_t *edge, size_t n_edge,
                     const uint32_t corner[3], uint32_t (*out)[3])
 {

@@ -70,7 +70,7 @@ struct upload_wait {
     struct blob_waiter waiter; // first
     struct server *server;
     struct cache_entry *entry;
-    upload_decoder_fn ask;
+    upload_decoder_fn decode;
     decode_fn fn;
     char hash[BLOB_HASH + 1];
 };
@@ -83,7 +83,7 @@ static void upload_checked(struct blob_waiter *waiter)
     blobs_name(server->blobs, NULL, w->hash, name, sizeof name);
     if (server->decoder && blobs_has(server->blobs, w->hash)) {
         blobs_path(server->blobs, w->hash, path, sizeof path);
-        w->ask(server->decoder, path, name, w->fn, w->entry);
+        w->decode(server->decoder, path, name, w->fn, w->entry);
     } else {
         snprintf(path, sizeof path, "%s was damaged on the daemon's disk: upload it again",
                  name);
@@ -94,7 +94,7 @@ static void upload_checked(struct blob_waiter *waiter)
 }
 
 void upload_decode(struct server *server, const char *hash, struct cache_entry *entry,
-                   upload_decoder_fn ask, decode_fn fn)
+                   upload_decoder_fn decode, decode_fn fn)
 {
     struct upload_wait *w = calloc(1, sizeof *w);
     if (!w) {
@@ -102,10 +102,14 @@ void upload_decode(struct server *server, const char *hash, struct cache_entry *
         cache_release(entry);
         return;
     }
-    *w = (struct upload_wait){
-        .waiter.wake = upload_checked, .server = server, .entry = entry, .ask = ask, .fn = fn};
+    *w = (struct upload_wait){.waiter.wake = upload_checked,
+                              .server = server,
+                              .entry = entry,
+                              .decode = decode,
+                              .fn = fn};
     memcpy(w->hash, hash, BLOB_HASH);
-    blobs_touch(server->blobs, hash); // so that it is not evicted before it is read
+    blobs_touch(server->blobs,
+                hash); // marks it as used: it must not be evicted before it is read
     blobs_check(server->blobs, hash, &w->waiter);
 }
 

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: MIT
-// A model's geometry for image-space engines: the mesh of its file, or that mesh with the
-// vertices where a client has put them.
+// A model's geometry for image-space engines: the mesh of its file, or that mesh with vertices
+// that a client moved.
 #include "render/shared/geometry.h"
 
 #include "render/evaluation.h"
-#include "relight.pb-c.h"
-#include "net/request.h"
+#include "render/shared/cache_compute.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -33,123 +32,109 @@ static void destroy_shape(void *value)
     free(s);
 }
 
-// Mesh, scene and the engines' samples, roughly.
+// Mesh, scene and the engines' samples; an estimate.
 static size_t shape_bytes(const struct shape *s)
 {
     return sizeof *s + (size_t)s->mesh.n_vertex * 24 + (size_t)s->mesh.n_triangle * 150 +
            (8 << 20);
 }
 
-// One shape being made: waits for the file, then makes normals on a worker where they are
-// wanted.
-struct shaping {
-    struct work work;
-    struct cache_waiter waiter;
+struct shape_job {
+    struct cache_job job;
     struct model *model;
     uint64_t generation;
-    struct cache_entry *entry, *file;
+    struct cache_entry *file;
     struct pose *pose;
-    struct shape *shape;
 };
 
-static void end_shaping(struct shaping *g)
+// Copies the normals that were given, and computes the others.
+static int run_normals(struct cache_job *job, const struct prt_context *ctx)
 {
-    cache_release(g->entry);
-    cache_release(g->file);
-    pose_release(g->pose);
-    model_release(g->model);
-    free(g);
-}
-
-static int run_normals(struct work *work, const struct prt_context *ctx)
-{
-    struct shape *s = ((struct shaping *)work)->shape;
+    struct shape *s = job->value;
     memcpy(s->normal, s->pose->normal, (size_t)s->pose->n * sizeof *s->normal);
     return prt_mesh_normals(ctx, &s->mesh);
 }
 
-static void done_normals(struct work *work)
+static void shape_done(struct cache_job *job)
 {
-    struct shaping *g = (struct shaping *)work;
-    if (work->status) {
-        destroy_shape(g->shape);
-        cache_fail(g->entry, error_of_status(work->status), work->error);
-    } else {
-        if (g->generation == g->model->generation)
-            prt_mesh_bounds(&g->shape->mesh, g->model->facts.box);
-        g->entry->holds_file = true;
-        cache_fill(g->entry, g->shape, shape_bytes(g->shape), destroy_shape);
-    }
-    end_shaping(g);
+    struct shape_job *own = (struct shape_job *)job;
+    struct shape *s = job->value;
+    if (!job->status && s->pose && own->generation == own->model->generation)
+        prt_mesh_bounds(&s->mesh, own->model->facts.box);
+    pose_release(own->pose);
+    model_release(own->model);
 }
 
-static void file_opened(struct cache_waiter *waiter)
+static const struct cache_job_kind kind = {.size = sizeof(struct shape_job),
+                                           .run = run_normals,
+                                           .destroy = destroy_shape,
+                                           .done = shape_done};
+
+// A shape of the file's mesh; NULL without memory.
+static struct shape *create_shape(struct cache_entry *file)
 {
-    struct shaping *g = (struct shaping *)((char *)waiter - offsetof(struct shaping, waiter));
-    if (g->file->state == CACHE_FAILED) {
-        cache_fail(g->entry, g->file->error_code, g->file->error);
-        end_shaping(g);
-        return;
-    }
-    const struct prt_transport *t = prt_file_transport(g->file->value);
     struct shape *s = calloc(1, sizeof *s);
-    bool moved = g->pose && g->pose->n == t->mesh.n_vertex;
-    if (s && moved) s->normal = prt_alloc(g->pose->n, sizeof *s->normal);
-    if (!s || (moved && !s->normal)) {
-        free(s);
-        cache_fail(g->entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
-        end_shaping(g);
-        return;
-    }
+    if (!s) return NULL;
+    const struct prt_transport *t = prt_file_transport(file->value);
     pthread_mutex_init(&s->lock, NULL);
     for (int i = 0; i < SHAPE_SLOTS; i++) s->slot[i].last = &s->slot[i].first;
-    s->file = g->file;
+    s->file = file;
     cache_hold(s->file);
     s->mesh = t->mesh;
     s->material = &t->material;
-    if (!moved) {
-        g->entry->holds_file = true;
-        cache_fill(g->entry, s, shape_bytes(s), destroy_shape);
-        end_shaping(g);
-        return;
-    }
-    s->pose = g->pose;
+    return s;
+}
+
+static bool set_pose(struct shape *s, struct pose *pose)
+{
+    s->normal = prt_alloc(pose->n, sizeof *s->normal);
+    if (!s->normal) return false;
+    s->pose = pose;
     s->pose->refs++;
     s->mesh.position = s->pose->position;
     s->mesh.normal = s->normal;
-    g->shape = s;
-    g->work.run = run_normals;
-    g->work.done = done_normals;
-    work_submit(g->model->server->work, &g->work);
+    return true;
+}
+
+static void file_opened(struct cache_job *job)
+{
+    struct shape_job *own = (struct shape_job *)job;
+    struct shape *s = job->value = create_shape(own->file);
+    bool moved = s && own->pose && own->pose->n == s->mesh.n_vertex;
+    if (!s || (moved && !set_pose(s, own->pose))) {
+        cache_job_complete(job, PRT_NOMEM);
+        return;
+    }
+    job->bytes = shape_bytes(s);
+    job->holds_file = true;
+    if (moved) cache_job_submit(job);
+    else cache_job_complete(job, PRT_OK);
 }
 
 struct cache_entry *shape_get(struct model *m, int *code, char error[256])
 {
     char key[80];
-    bool fresh;
+    struct cache_job *job;
     if (m->gone)
-        return model_open(m, code, error); // who computes with it may hold its shape still
+        return model_open(m, code, error); // its shape may still be in use under the same key
     snprintf(key, sizeof key, "%s/%llu/shape", m->key, (unsigned long long)m->generation);
     struct cache_entry *entry = cache_find(m->server->cache, key);
     if (entry) return entry;
     struct cache_entry *file = model_mesh_open(m, code, error);
     if (!file) return NULL;
-    struct shaping *g = calloc(1, sizeof *g);
-    if (!g) {
-        cache_release(file);
-        *code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
-        snprintf(error, 256, "not enough memory");
-        return NULL;
+    entry = cache_compute(m->server, key, &kind, &job);
+    if (job) {
+        struct shape_job *own = (struct shape_job *)job;
+        own->model = m;
+        model_hold(m);
+        own->generation = m->generation;
+        own->file = file;
+        cache_job_hold(job, file);
+        own->pose = m->pose;
+        if (own->pose) own->pose->refs++;
+        cache_job_await(job, file, file_opened);
     }
-    entry = cache_get(m->server->cache, key, &fresh);
-    *g = (struct shaping){
-        .model = m, .generation = m->generation, .entry = entry, .file = file, .pose = m->pose};
-    model_hold(m);
-    cache_hold(entry); // one for the making, one for the caller
-    if (g->pose) g->pose->refs++;
-    g->waiter.wake = file_opened;
-    if (file->state == CACHE_PENDING) cache_wait(file, &g->waiter);
-    else file_opened(&g->waiter);
+    cache_release(file);
     return entry;
 }
 
@@ -162,31 +147,31 @@ int shape_scene(const struct prt_context *ctx, struct shape *s, const struct prt
     return status;
 }
 
-struct preparing {
+struct scene_job {
     struct work work;
     struct cache_entry *entry;
 };
 
-static int run_preparing(struct work *work, const struct prt_context *ctx)
+static int run_scene(struct work *work, const struct prt_context *ctx)
 {
     const struct prt_scene *scene;
-    return shape_scene(ctx, ((struct preparing *)work)->entry->value, &scene);
+    return shape_scene(ctx, ((struct scene_job *)work)->entry->value, &scene);
 }
 
-static void done_preparing(struct work *work)
+static void scene_done(struct work *work)
 {
-    struct preparing *p = (struct preparing *)work;
-    cache_release(p->entry); // who needs the scene hears why there is none
+    struct scene_job *p = (struct scene_job *)work;
+    cache_release(p->entry); // shape_scene() reports the error again to the job that needs it
     free(p);
 }
 
 void shape_prepare(struct model *model, struct cache_entry *entry)
 {
-    struct preparing *p = calloc(1, sizeof *p);
+    struct scene_job *p = calloc(1, sizeof *p);
     if (!p) return;
     p->entry = entry;
     cache_hold(entry);
-    p->work.run = run_preparing;
-    p->work.done = done_preparing;
+    p->work.run = run_scene;
+    p->work.done = scene_done;
     work_submit(model->server->work, &p->work);
 }

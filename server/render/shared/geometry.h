@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* shape.h owns what image-space engines work on: a model's geometry as it is now, with its
- * scene and the engines' state, one for each generation; and vertices that were moved. */
+/* geometry.h owns the input of the image-space engines: a model's current geometry with its ray
+ * tracing scene and the engines' state, one for each generation; and moved vertices. */
 #ifndef RELIGHTD_SHAPE_H
 #define RELIGHTD_SHAPE_H
 
@@ -9,45 +9,44 @@
 
 #include <pthread.h>
 
-/* Moved vertices. Shared: whoever finds another user makes a copy before it changes one. Loop
- * thread, but for reading while it is held. */
+/* Moved vertices. Shared: copied before a change where refs > 1. Loop thread, except for
+ * reading while it is held. */
 struct pose {
     unsigned refs;
     uint32_t n;
     float (*position)[3];        /* [n] mm */
-    float (*normal)[3];          /* [n] unit; 0,0,0: to be made */
-    struct principal *principal; /* who moved them, and pays for the bytes */
+    float (*normal)[3];          /* [n] unit; 0,0,0: computed from the triangles */
+    struct principal *principal; /* that moved them and is charged for the bytes */
     uint64_t charged;
 };
 void pose_release(struct pose *pose); /* NULL is fine */
 
-/* The engine's own state, used by one worker at a time: whoever comes while it is busy waits.
- */
+/* An engine's state, used by one worker at a time; other jobs queue. */
 struct screen_slot {
     struct prt_screen *screen;
-    int engine;              /* 1 + the one chosen last; 0: none was */
-    struct screen_job *busy; /* under way; NULL: none */
+    int engine;              /* 1 + the one that was chosen last; 0: none */
+    struct screen_job *busy; /* running; NULL: none */
     struct screen_job *first, **last;
 };
-enum { SHAPE_SLOTS = 5 }; /* of the engine chosen by the daemon, and of each that was named */
+enum { SHAPE_SLOTS = 5 }; /* one for the daemon's choice, and one for each engine */
 
 struct shape {
     struct cache_entry *file; /* the open .prt whose mesh it is */
     struct pose *pose;        /* NULL: as in the file */
     struct prt_mesh mesh;
-    float (*normal)[3]; /* own, with a pose */
+    float (*normal)[3]; /* owned; with a pose */
     const struct prt_material *material;
-    pthread_mutex_t lock; /* of scene's making */
+    pthread_mutex_t lock; /* guards creating `scene` */
     struct prt_scene *scene;
     struct screen_slot slot[SHAPE_SLOTS];
 };
-/* The model's geometry as it is now, with a reference for the caller: value is a struct shape.
- * NULL when there is none: *code and error say why. */
+/* The model's current geometry, with a reference for the caller; value is a struct shape. NULL
+ * with *code and error where there is none. */
 struct cache_entry *shape_get(struct model *model, int *code, char error[256]);
 /* Any thread. Builds the scene at its first use. */
 int shape_scene(const struct prt_context *ctx, struct shape *shape,
                 const struct prt_scene **scene);
-/* The same ahead of need, on a worker. */
+/* Builds the scene in advance, on a worker. */
 void shape_prepare(struct model *model, struct cache_entry *entry);
 
 #endif

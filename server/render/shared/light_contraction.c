@@ -1,114 +1,108 @@
 // SPDX-License-Identifier: MIT
-// Joint transport under lights that are asked for again: contracted with the light once, for
-// every material and every user to come. The first question under a light is answered by a
-// plain pass, which costs as much and keeps nothing: a light that is being turned is not seen
-// again.
+// Joint transport contracted with a light, for any material. The first evaluation under a light
+// uses a plain pass, which costs as much and stores nothing: lights that rotate are not reused.
+// The second evaluation under the same light contracts it.
 #include "render/evaluation.h"
-#include "relight.pb-c.h"
-#include "net/request.h"
+#include "render/shared/cache_compute.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-struct contracting {
-    struct work work;
-    struct cache_entry *entry, *file, *light;
-    struct contracted *made;
-    float ms;
+enum { KEY = RENDER_MAX_LIGHTS * sizeof(((struct render_light *)0)->key) + 200 };
+
+struct light_contraction_job {
+    struct cache_job job;
+    struct cache_entry *file, *light;
 };
 
-static void destroy_contracted(void *value)
+static void destroy(void *value)
 {
-    struct contracted *c = value;
-    prt_contracted_light_destroy(c->lit);
+    struct light_contraction *c = value;
+    prt_contracted_light_destroy(c->contracted);
     cache_release(c->file);
     free(c);
 }
 
-static int run_contracting(struct work *work, const struct prt_context *ctx)
+static int run(struct cache_job *job, const struct prt_context *ctx)
 {
-    struct contracting *c = (struct contracting *)work;
-    double start = prt_time_s();
-    int status = prt_contracted_light_create(ctx, prt_file_transport(c->file->value),
-                                             c->light->value, &c->made->lit);
-    c->ms = (float)((prt_time_s() - start) * 1e3);
+    struct light_contraction_job *own = (struct light_contraction_job *)job;
+    struct light_contraction *c = job->value = calloc(1, sizeof *c);
+    if (!c) return PRT_NOMEM;
+    int status = prt_contracted_light_create(ctx, prt_file_transport(own->file->value),
+                                             own->light->value, &c->contracted);
+    if (!status) job->bytes = sizeof *c + prt_contracted_light_bytes(c->contracted);
     return status;
 }
 
-static void done_contracting(struct work *work)
+static void done(struct cache_job *job)
 {
-    struct contracting *c = (struct contracting *)work;
-    c->entry->ms = c->ms;
-    if (work->status) {
-        free(c->made);
-        cache_fail(c->entry, error_of_status(work->status), work->error);
-    } else {
-        c->made->file = c->file;
-        cache_hold(c->file);
-        c->entry->holds_file = true;
-        cache_fill(c->entry, c->made,
-                   sizeof *c->made + prt_contracted_light_bytes(c->made->lit),
-                   destroy_contracted);
-    }
-    cache_release(c->entry);
-    cache_release(c->file);
-    cache_release(c->light);
-    free(c);
+    struct light_contraction *c = job->value;
+    if (job->status) return;
+    c->file = ((struct light_contraction_job *)job)->file;
+    cache_hold(c->file);
+    job->holds_file = true;
 }
 
-static void start(struct server *server, struct cache_entry *entry, struct cache_entry *file,
-                  struct cache_entry *light)
-{
-    struct contracting *c = calloc(1, sizeof *c);
-    if (c) c->made = calloc(1, sizeof *c->made);
-    if (!c || !c->made) {
-        free(c);
-        cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
-        return;
-    }
-    server->stats.contractions++;
-    c->entry = entry;
-    c->file = file;
-    c->light = light;
-    cache_hold(entry);
-    cache_hold(file);
-    cache_hold(light);
-    c->work.run = run_contracting;
-    c->work.done = done_contracting;
-    work_submit(server->work, &c->work);
-}
+static const struct cache_job_kind kind = {
+    .size = sizeof(struct light_contraction_job), .run = run, .destroy = destroy, .done = done};
 
-static bool takes_light_first(const struct prt_transport *t)
+static bool contracts_light(const struct prt_transport *t)
 {
     for (uint32_t i = 0; i < t->n_tensor; i++)
         if (t->tensor[i].storage == PRT_STORAGE_SPARSE) return false;
     return t->engine == PRT_TRANSPORT_JOINT;
 }
 
-struct cache_entry *contracted_get(struct model *model, uint64_t generation,
-                                   struct cache_entry *file, struct cache_entry *light,
-                                   bool make)
+// The contraction refers to this mapping of the file and holds it, so its address is unique.
+static void contraction_key(const struct model *model, uint64_t generation,
+                            const struct cache_entry *file, const struct cache_entry *light,
+                            char key[KEY])
 {
-    char key[RENDER_MAX_LIGHTS * 200 + 200];
-    struct cache *cache = model->server->cache;
+    snprintf(key, KEY, "%s/%llu/contracted/%llx/%s", model->key, (unsigned long long)generation,
+             (unsigned long long)(uintptr_t)file->value, light->key);
+}
+
+struct cache_entry *light_contraction_find(struct model *model, uint64_t generation,
+                                           const struct cache_entry *file,
+                                           const struct cache_entry *light)
+{
+    char key[KEY];
+    if (!contracts_light(prt_file_transport(file->value))) return NULL;
+    contraction_key(model, generation, file, light, key);
+    return cache_find(model->server->cache, key);
+}
+
+// True at the first evaluation under a light: an empty cache entry records it.
+static bool first_use(struct model *model, uint64_t generation, const struct cache_entry *light)
+{
+    char key[KEY];
     bool fresh;
-    if (!takes_light_first(prt_file_transport(file->value))) return NULL;
-    // It refers to this very map of the file, which it holds: no other has its address
-    // meanwhile.
-    snprintf(key, sizeof key, "%s/%llu/contracted/%llx/%s", model->key,
-             (unsigned long long)generation, (unsigned long long)(uintptr_t)file->value,
+    snprintf(key, sizeof key, "%s/%llu/asked/%s", model->key, (unsigned long long)generation,
              light->key);
-    struct cache_entry *entry = cache_find(cache, key);
-    if (entry || !make) return entry;
-    char mark[sizeof key];
-    snprintf(mark, sizeof mark, "%s/%llu/asked/%s", model->key, (unsigned long long)generation,
-             light->key);
-    struct cache_entry *asked = cache_get(cache, mark, &fresh);
-    if (fresh) cache_fill(asked, NULL, sizeof *asked + strlen(mark), NULL);
-    cache_release(asked);
-    if (fresh) return NULL;
-    entry = cache_get(cache, key, &fresh);
-    start(model->server, entry, file, light);
+    struct cache_entry *used = cache_get(model->server->cache, key, &fresh);
+    if (fresh) cache_fill(used, NULL, sizeof *used + strlen(key), NULL);
+    cache_release(used);
+    return fresh;
+}
+
+struct cache_entry *light_contraction_get(struct model *model, uint64_t generation,
+                                          struct cache_entry *file, struct cache_entry *light)
+{
+    char key[KEY];
+    struct cache_job *job;
+    if (!contracts_light(prt_file_transport(file->value)) ||
+        first_use(model, generation, light))
+        return NULL;
+    contraction_key(model, generation, file, light, key);
+    struct cache_entry *entry = cache_compute(model->server, key, &kind, &job);
+    if (!job) return entry;
+    struct light_contraction_job *own = (struct light_contraction_job *)job;
+    own->file = file;
+    own->light = light;
+    cache_job_hold(job, file);
+    cache_job_hold(job, light);
+    model->server->stats.contractions++;
+    cache_job_submit(job);
     return entry;
 }

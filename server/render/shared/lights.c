@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
-// Lights as cubes: several environments and inline cubes turned, weighted and summed, once for
-// everybody who asks for the same.
+// Lights as cubes: several environments and inline cubes, rotated, weighted and summed.
 #include "render/evaluation.h"
+#include "render/shared/cache_compute.h"
 #include "net/request.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { BACKGROUND_CUBE = 256 };
+enum { BACKGROUND_CUBE = 256 }; // the largest side of a background; chosen, not measured
 
 struct summand {
     const struct prt_env *env;
@@ -16,16 +16,12 @@ struct summand {
     double rotate_deg;
     float gain[3];
 };
-struct lighting {
-    struct work work;
-    struct cache_entry *entry;
-    struct cache_entry *env[RENDER_MAX_LIGHTS];
+struct light_job {
+    struct cache_job job;
     unsigned n;
     struct summand part[RENDER_MAX_LIGHTS];
     struct held_bytes *texels; // of inline cubes
     uint32_t cube_n;
-    struct prt_cube *cube;
-    float ms;
 };
 
 static void destroy_cube(void *value)
@@ -34,10 +30,10 @@ static void destroy_cube(void *value)
     free(value);
 }
 
-static int add_summand(const struct prt_context *ctx, const struct lighting *l,
+static int add_summand(const struct prt_context *ctx, const struct light_job *l,
                        const struct summand *s, bool first)
 {
-    struct prt_cube cube = {0};
+    struct prt_cube *sum = l->job.value, cube = {0};
     struct prt_env inline_env = {.kind = PRT_ENV_CUBE, .cube = s->texels};
     const struct prt_env *env = s->env ? s->env : &inline_env;
     bool as_it_is = !s->env && s->texels.n == l->cube_n && s->rotate_deg == 0;
@@ -48,39 +44,46 @@ static int add_summand(const struct prt_context *ctx, const struct lighting *l,
     for (size_t i = 0; i < n; i++)
         for (int c = 0; c < 3; c++) {
             float x = from[3 * i + (size_t)c] * s->gain[c];
-            float *to = &l->cube->texel[3 * i + (size_t)c];
+            float *to = &sum->texel[3 * i + (size_t)c];
             *to = first ? x : *to + x;
         }
     prt_cube_finish(&cube);
     return PRT_OK;
 }
 
-static int run_lighting(struct work *work, const struct prt_context *ctx)
+static int run(struct cache_job *job, const struct prt_context *ctx)
 {
-    struct lighting *l = (struct lighting *)work;
-    double start = prt_time_s();
-    l->cube = calloc(1, sizeof *l->cube);
-    int status = l->cube ? prt_cube_init(l->cube, l->cube_n) : PRT_NOMEM;
+    struct light_job *l = (struct light_job *)job;
+    struct prt_cube *cube = job->value = calloc(1, sizeof *cube);
+    int status = cube ? prt_cube_init(cube, l->cube_n) : PRT_NOMEM;
     for (unsigned i = 0; !status && i < l->n; i++)
         status = add_summand(ctx, l, &l->part[i], i == 0);
-    l->ms = (float)((prt_time_s() - start) * 1e3);
+    job->bytes = (size_t)72 * l->cube_n * l->cube_n;
     return status;
 }
 
-static void done_lighting(struct work *work)
+static void done(struct cache_job *job)
 {
-    struct lighting *l = (struct lighting *)work;
-    l->entry->ms = l->ms;
-    if (work->status) {
-        if (l->cube) destroy_cube(l->cube);
-        cache_fail(l->entry, error_of_status(work->status), work->error);
+    held_bytes_release(((struct light_job *)job)->texels);
+}
+
+static const struct cache_job_kind kind = {
+    .size = sizeof(struct light_job), .run = run, .destroy = destroy_cube, .done = done};
+
+static void set_summand(struct light_job *l, unsigned i, const struct render_spec *spec,
+                        const struct render_light *light, struct cache_entry *env, bool turned)
+{
+    struct summand *s = &l->part[i];
+    s->rotate_deg = turned ? light->rotate_deg : 0;
+    memcpy(s->gain, light->gain, sizeof s->gain);
+    if (light->cube_n) {
+        // run() reads the texels only; struct prt_cube has no const texels.
+        s->texels =
+            (struct prt_cube){light->cube_n, (float *)(uintptr_t)render_texels(spec, light)};
     } else {
-        cache_fill(l->entry, l->cube, (size_t)72 * l->cube_n * l->cube_n, destroy_cube);
+        cache_job_hold(&l->job, env);
+        s->env = &((struct decoded_env *)env->value)->env;
     }
-    for (unsigned i = 0; i < l->n; i++) cache_release(l->env[i]);
-    cache_release(l->entry);
-    held_bytes_release(l->texels);
-    free(l);
 }
 
 struct cache_entry *light_get(struct server *server, const struct render_spec *spec,
@@ -92,43 +95,22 @@ struct cache_entry *light_get(struct server *server, const struct render_spec *s
     for (unsigned i = first; i < first + n; i++)
         at += (size_t)snprintf(key + at, sizeof key - at, "+%s",
                                turned ? spec->light[i].key : spec->light[i].still_key);
-    bool fresh;
-    struct cache_entry *entry = cache_get(server->cache, key, &fresh);
-    if (!fresh) return entry;
-    struct lighting *l = calloc(1, sizeof *l);
-    if (!l) {
-        cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
-        return entry;
-    }
+    struct cache_job *job;
+    struct cache_entry *entry = cache_compute(server, key, &kind, &job);
+    if (!job) return entry;
+    struct light_job *l = (struct light_job *)job;
     l->texels = spec->texels;
     if (l->texels) held_bytes_hold(l->texels);
-    for (unsigned i = 0; i < n; i++) {
-        const struct render_light *light = &spec->light[first + i];
-        struct summand *s = &l->part[i];
-        s->rotate_deg = turned ? light->rotate_deg : 0;
-        memcpy(s->gain, light->gain, sizeof s->gain);
-        if (light->cube_n) {
-            // Read only: prt_cube has no const texels.
-            s->texels = (struct prt_cube){light->cube_n,
-                                          (float *)(uintptr_t)render_texels(spec, light)};
-        } else {
-            l->env[i] = env[first + i];
-            cache_hold(l->env[i]);
-            s->env = &((struct decoded_env *)l->env[i]->value)->env;
-        }
-    }
+    for (unsigned i = 0; i < n; i++)
+        set_summand(l, i, spec, &spec->light[first + i], env[first + i], turned);
     l->n = n;
     l->cube_n = cube_n;
-    l->entry = entry;
-    cache_hold(entry);
-    l->work.run = run_lighting;
-    l->work.done = done_lighting;
-    work_submit(server->work, &l->work);
+    cache_job_submit(job);
     return entry;
 }
 
-struct cache_entry *sky_get(struct server *server, const struct render_spec *spec,
-                            struct cache_entry *const env[])
+struct cache_entry *background_get(struct server *server, const struct render_spec *spec,
+                                   struct cache_entry *const env[])
 {
     uint32_t n = spec->light[0].cube_n;
     if (!n) n = prt_env_full_cube(&((struct decoded_env *)env[0]->value)->env);
@@ -149,7 +131,7 @@ static void prefetched(struct cache_waiter *waiter)
     if (p->entry->state == CACHE_READY) {
         snprintf(spec.light[0].env, sizeof spec.light[0].env, "%s", p->env);
         render_light_name(&spec.light[0], NULL);
-        cache_release(sky_get(p->server, &spec, &p->entry));
+        cache_release(background_get(p->server, &spec, &p->entry));
     }
     cache_release(p->entry);
     free(p);

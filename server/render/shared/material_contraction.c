@@ -1,90 +1,78 @@
 // SPDX-License-Identifier: MIT
-// Joint transport under a material that stays while lights move: once so many lights have been
-// asked for with it, it is put into the transport, on a worker, and new lights cost what they
-// cost a wavelet transport. Nobody waits for that; meanwhile, and for fewer lights, a plain
-// pass does.
+// Joint transport contracted with a material, for any light: each new light then costs as much
+// as with wavelet transport. It is made once so many lights were used with the material, on a
+// background worker; no evaluation waits for it, and a plain pass serves until it is ready.
 #include "render/evaluation.h"
-#include "relight.pb-c.h"
+#include "render/shared/cache_compute.h"
 #include "net/request.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { LIGHTS_BEFORE = 8 };
+// Lights that a material was used with before it is contracted; chosen, not measured.
+enum { LIGHTS_BEFORE = 8, PREFIX = 300 };
 
-struct fixing {
-    struct work work;
-    struct cache_entry *entry, *file;
+struct material_contraction_job {
+    struct cache_job job;
+    struct cache_entry *file;
     struct prt_material material;
-    struct fixed *made;
-    float ms;
 };
 
-static void destroy_fixed(void *value)
+static void destroy(void *value)
 {
-    struct fixed *f = value;
-    prt_contracted_transport_destroy(f->fixed);
-    cache_release(f->file);
-    free(f);
+    struct material_contraction *c = value;
+    prt_contracted_transport_destroy(c->contracted);
+    cache_release(c->file);
+    free(c);
 }
 
-static int run_fixing(struct work *work, const struct prt_context *ctx)
+static int run(struct cache_job *job, const struct prt_context *ctx)
 {
-    struct fixing *f = (struct fixing *)work;
-    struct prt_context alone = *ctx; // the other workers answer meanwhile
-    double start = prt_time_s();
-    alone.pool = NULL;
-    int status = prt_contracted_transport_create(&alone, prt_file_transport(f->file->value),
-                                                 &f->material, &f->made->fixed);
-    f->ms = (float)((prt_time_s() - start) * 1e3);
+    struct material_contraction_job *own = (struct material_contraction_job *)job;
+    struct material_contraction *c = job->value = calloc(1, sizeof *c);
+    struct prt_context one_thread = *ctx; // the other workers serve requests meanwhile
+    if (!c) return PRT_NOMEM;
+    one_thread.pool = NULL;
+    int status = prt_contracted_transport_create(
+        &one_thread, prt_file_transport(own->file->value), &own->material, &c->contracted);
+    if (!status) job->bytes = sizeof *c + prt_contracted_transport_bytes(c->contracted);
     return status;
 }
 
-static void done_fixing(struct work *work)
+static void done(struct cache_job *job)
 {
-    struct fixing *f = (struct fixing *)work;
-    f->entry->ms = f->ms;
-    if (work->status) {
-        free(f->made);
-        cache_fail(f->entry, error_of_status(work->status), work->error);
-    } else {
-        f->made->file = f->file;
-        cache_hold(f->file);
-        f->entry->holds_file = true;
-        cache_fill(f->entry, f->made,
-                   sizeof *f->made + prt_contracted_transport_bytes(f->made->fixed),
-                   destroy_fixed);
-    }
-    cache_release(f->entry);
-    cache_release(f->file);
-    free(f);
+    struct material_contraction *c = job->value;
+    if (job->status) return;
+    c->file = ((struct material_contraction_job *)job)->file;
+    cache_hold(c->file);
+    job->holds_file = true;
 }
 
-static void start(struct server *server, struct cache_entry *entry, struct cache_entry *file,
-                  const struct prt_material *material)
+static const struct cache_job_kind kind = {.size = sizeof(struct material_contraction_job),
+                                           .class = WORK_BACKGROUND,
+                                           .run = run,
+                                           .destroy = destroy,
+                                           .done = done};
+
+static struct cache_entry *compute(struct server *server, const char *key,
+                                   struct cache_entry *file,
+                                   const struct prt_material *material)
 {
-    struct fixing *f = calloc(1, sizeof *f);
-    if (f) f->made = calloc(1, sizeof *f->made);
-    if (!f || !f->made) {
-        free(f);
-        cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
-        return;
-    }
+    struct cache_job *job;
+    struct cache_entry *entry = cache_compute(server, key, &kind, &job);
+    if (!job) return entry;
+    struct material_contraction_job *own = (struct material_contraction_job *)job;
+    own->file = file;
+    own->material = *material;
+    cache_job_hold(job, file);
     server->stats.materials_fixed++;
-    f->entry = entry;
-    f->file = file;
-    f->material = *material;
-    cache_hold(entry);
-    cache_hold(file);
-    f->work.run = run_fixing;
-    f->work.done = done_fixing;
-    f->work.class = WORK_BACKGROUND;
-    work_submit(server->work, &f->work);
+    cache_job_submit(job);
+    return entry;
 }
 
-// Worth it where both move, and a quarter of the cache is room for it.
-static bool takes_material_first(const struct server *server, const struct prt_transport *t)
+// True for joint transport whose rows fit a quarter of the cache (chosen, not measured).
+static bool contracts_material(const struct server *server, const struct prt_transport *t)
 {
     uint64_t bytes = 0;
     if (t->engine != PRT_TRANSPORT_JOINT) return false;
@@ -96,10 +84,10 @@ static bool takes_material_first(const struct server *server, const struct prt_t
     return bytes && bytes <= server->options.cache / 4;
 }
 
-// How many lights this material was asked for under, this one included.
-static unsigned lights_of(struct cache *cache, const char *prefix, const char *light)
+// Counts the lights that the material was used with, this one included.
+static unsigned count_lights(struct cache *cache, const char *prefix, const char *light)
 {
-    char key[RENDER_MAX_LIGHTS * 200 + 300];
+    char key[RENDER_MAX_LIGHTS * sizeof(((struct render_light *)0)->key) + PREFIX];
     bool fresh, first;
     unsigned n = 0;
     snprintf(key, sizeof key, "%s/lights", prefix);
@@ -118,26 +106,24 @@ static unsigned lights_of(struct cache *cache, const char *prefix, const char *l
     return n;
 }
 
-struct cache_entry *fixed_get(struct model *model, uint64_t generation,
-                              struct cache_entry *file, const struct cache_entry *light,
-                              const struct prt_material *material, const char *material_key)
+struct cache_entry *material_contraction_get(struct model *model, uint64_t generation,
+                                             struct cache_entry *file,
+                                             const struct cache_entry *light,
+                                             const struct prt_material *material,
+                                             const char *material_key)
 {
     const struct prt_transport *t = prt_file_transport(file->value);
     struct cache *cache = model->server->cache;
-    char prefix[300], key[400];
-    bool fresh;
-    if (!takes_material_first(model->server, t)) return NULL;
+    char prefix[PREFIX], key[PREFIX + 100];
+    if (!contracts_material(model->server, t)) return NULL;
     snprintf(prefix, sizeof prefix, "%s/%llu/material/%s", model->key,
              (unsigned long long)generation, material_key);
-    // It refers to this very map of the file, which it holds: no other has its address
-    // meanwhile.
+    // The contraction refers to this mapping of the file and holds it: its address is unique.
     snprintf(key, sizeof key, "%s/fixed/%llx", prefix,
              (unsigned long long)(uintptr_t)file->value);
     struct cache_entry *entry = cache_find(cache, key);
-    if (!entry && lights_of(cache, prefix, light->key) > LIGHTS_BEFORE) {
-        entry = cache_get(cache, key, &fresh);
-        start(model->server, entry, file, material ? material : &t->material);
-    }
+    if (!entry && count_lights(cache, prefix, light->key) > LIGHTS_BEFORE)
+        entry = compute(model->server, key, file, material ? material : &t->material);
     if (entry && entry->state == CACHE_READY) return entry;
     cache_release(entry);
     return NULL;

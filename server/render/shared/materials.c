@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: MIT
-// Materials by their text. Those with a profile of their own are parsed on a worker and kept in
-// the cache; requests that name one wait for it.
+// Materials by their text. Those with a profile of their own are parsed on a worker and cached;
+// requests that name one wait for it.
 #include "render/shared/materials.h"
 
 #include "frame.h"
 #include "relight.pb-c.h"
 #include "net/request_wait.h"
+#include "render/shared/cache_compute.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -30,8 +31,8 @@ static void parse(const struct prt_context *ctx, const char *text, struct resolv
              keep.error[0] ? keep.error : prt_status_text(out->status));
 }
 
-// Four numbers for each channel are read in microseconds. What may be more: an escaped letter
-// may spell the same word.
+// Four numbers for each channel are parsed in microseconds on the loop. A profile takes longer;
+// the word may be written with escaped letters.
 static bool is_slow(const char *text)
 {
     return text[0] == '{' &&
@@ -39,7 +40,7 @@ static bool is_slow(const char *text)
            strlen(text) <= MATERIAL_BYTES;
 }
 
-static void name(const char *text, char key[64])
+static void text_key(const char *text, char key[64])
 {
     struct relight_sha256 sha;
     char hex[65];
@@ -66,8 +67,8 @@ void material_key(const struct prt_material *m, char key[MATERIAL_KEY])
     snprintf(key, MATERIAL_KEY, "%.32s", hex);
 }
 
-int material_resolve(struct server *server, const char *text, struct prt_material *material,
-                     bool *preset, char error[300])
+int material_resolve(const char *text, struct prt_material *material, bool *preset,
+                     char error[300])
 {
     *preset = false;
     for (unsigned i = 0; text[0] != '{' && prt_material_preset(i); i++)
@@ -80,94 +81,97 @@ int material_resolve(struct server *server, const char *text, struct prt_materia
         snprintf(error, 300, "material %.100s: neither a preset nor JSON text", text);
         return PRT_ARG;
     }
-    struct resolved own;
-    const struct resolved *found = &own;
-    struct cache_entry *entry = NULL;
-    char key[64];
-    if (is_slow(text)) {
-        name(text, key);
-        entry = cache_find(server->cache, key);
-    }
-    if (entry && entry->state == CACHE_READY) {
-        found = entry->value;
-    } else {
-        struct prt_context ctx;
-        prt_context_init(&ctx);
-        parse(&ctx, text, &own);
-    }
-    int status = found->status;
-    *material = found->material;
-    snprintf(error, 300, "%s", found->error);
+    struct prt_context ctx;
+    struct resolved resolved;
+    prt_context_init(&ctx);
+    parse(&ctx, text, &resolved);
+    *material = resolved.material;
+    snprintf(error, 300, "%s", resolved.error);
+    return resolved.status;
+}
+
+int material_of_request(struct request *request, const char *text,
+                        struct prt_material *material, bool *preset, char error[300])
+{
+    struct cache_entry *entry = request->material;
+    if (!entry) return material_resolve(text, material, preset, error);
+    const struct resolved *resolved = entry->value;
+    int status = resolved->status;
+    *preset = false;
+    *material = resolved->material;
+    snprintf(error, 300, "%s", resolved->error);
+    request->material = NULL;
     cache_release(entry);
     return status;
 }
 
 // ---- on a worker
 
-struct resolving {
-    struct work work;
-    struct cache_entry *entry;
-    struct resolved *resolved;
-    char text[];
+struct material_job {
+    struct cache_job job;
+    char *text;
 };
 
-static int run_resolving(struct work *work, const struct prt_context *ctx)
+static int run_parse(struct cache_job *job, const struct prt_context *ctx)
 {
-    struct resolving *r = (struct resolving *)work;
-    r->resolved = calloc(1, sizeof *r->resolved);
-    if (!r->resolved) return PRT_NOMEM;
-    parse(ctx, r->text, r->resolved);
-    return PRT_OK;
+    struct resolved *resolved = job->value = calloc(1, sizeof *resolved);
+    if (!resolved) return PRT_NOMEM;
+    parse(ctx, ((struct material_job *)job)->text, resolved);
+    job->bytes = sizeof *resolved;
+    return PRT_OK; // a refused material is a result, too: its error is cached
 }
 
-static void done_resolving(struct work *work)
+static void done(struct cache_job *job)
 {
-    struct resolving *r = (struct resolving *)work;
-    // A material that is refused is known, too.
-    if (work->status) cache_fail(r->entry, error_of_status(work->status), work->error);
-    else cache_fill(r->entry, r->resolved, sizeof *r->resolved, free);
-    cache_release(r->entry);
-    free(r);
+    free(((struct material_job *)job)->text);
 }
+
+static const struct cache_job_kind kind = {
+    .size = sizeof(struct material_job), .run = run_parse, .destroy = free, .done = done};
 
 // With a reference for the caller.
 static struct cache_entry *resolved_get(struct server *server, const char *text)
 {
     char key[64];
-    bool fresh;
-    name(text, key);
-    struct cache_entry *entry = cache_get(server->cache, key, &fresh);
-    if (!fresh) return entry;
-    struct resolving *r = calloc(1, sizeof *r + strlen(text) + 1);
-    if (!r) {
-        cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
-        return entry;
-    }
-    strcpy(r->text, text);
-    r->entry = entry;
-    cache_hold(entry);
-    r->work.run = run_resolving;
-    r->work.done = done_resolving;
-    work_submit(server->work, &r->work);
+    struct cache_job *job;
+    text_key(text, key);
+    struct cache_entry *entry = cache_compute(server, key, &kind, &job);
+    if (!job) return entry;
+    struct material_job *own = (struct material_job *)job;
+    own->text = strdup(text);
+    if (own->text) cache_job_submit(job);
+    else cache_job_complete(job, PRT_NOMEM);
     return entry;
 }
 
 // ---- requests that wait
 
 struct material_wait {
-    struct request_wait wait;   // entry NULL: waits for its turn alone
-    struct material_wait *next; // of the connection's views, in their order
-    struct connection *conn;    // NULL: not about a view, or closed
+    struct request_wait wait;   // entry NULL: waits only for earlier requests
+    struct material_wait *next; // in the connection's order
+    struct connection *conn;    // NULL: not about a view, or its connection closed
     bool ready;
     void (*run)(struct request *request);
 };
 
+// Takes the reference to the entry (NULL: none). Where parsing failed for lack of memory, run()
+// parses again.
+static void run_with(struct request *request, struct cache_entry *entry,
+                     void (*run)(struct request *request))
+{
+    if (entry && entry->state == CACHE_READY) request->material = entry;
+    else cache_release(entry);
+    run(request);
+}
+
 static void run_wait(struct material_wait *w)
 {
     struct request *request = request_resume(&w->wait);
-    if (request) w->run(request);
-    cache_release(w->wait.entry); // held so long: it cannot be evicted before it is used
+    struct cache_entry *entry = w->wait.entry;
+    void (*run)(struct request * request) = w->run;
     free(w);
+    if (request) run_with(request, entry, run);
+    else cache_release(entry);
 }
 
 static void run_ready(struct connection *conn)
@@ -208,8 +212,7 @@ void material_then(struct request *request, const char *text, bool views,
     bool wait = pending || (views && conn->waits);
     struct material_wait *w = wait ? calloc(1, sizeof *w) : NULL;
     if (!wait) {
-        run(request);
-        cache_release(entry);
+        run_with(request, entry, run);
         return;
     }
     if (!w) {

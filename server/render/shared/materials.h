@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* materials.h owns materials as clients say them: what takes long to work out (layered slabs,
- * some 0.1 s) is worked out once, on a worker, before the request that names it goes on. */
+/* materials.h owns materials as clients name them: a preset's name or JSON text. Texts that
+ * take long to parse (layered slabs, some 0.1 s) are parsed once, on a worker, before the
+ * operation of the request runs. */
 #ifndef RELIGHTD_MATERIALS_H
 #define RELIGHTD_MATERIALS_H
 
@@ -9,20 +10,25 @@
 
 struct request;
 
-/* A preset's name or JSON text; error says what is wrong. Returns an enum prt_status. */
-int material_resolve(struct server *server, const char *text, struct prt_material *material,
-                     bool *preset, char error[300]);
+/* Parses a preset's name or JSON text on this thread; error has the cause. Returns
+ * an enum prt_status. */
+int material_resolve(const char *text, struct prt_material *material, bool *preset,
+                     char error[300]);
+/* The same for the text that the request's message names; the result of material_then(), where
+ * there is one, is used instead of parsing again. Once a request. */
+int material_of_request(struct request *request, const char *text,
+                        struct prt_material *material, bool *preset, char error[300]);
 
-/* Names what a material looks like, whatever it is called. Cryptographic, 128 bits: clients
- * share what was computed for a key, and none may make another's on purpose. */
+/* A hash of the material's values, independent of its name. Cryptographic, 128 bits: clients
+ * share cache entries by it, and none may construct another's key. */
 enum { MATERIAL_KEY = 33 };
 void material_key(const struct prt_material *material, char key[MATERIAL_KEY]);
 
-/* Calls run(request), now or when the material of this text is known: material_resolve is quick
- * then. views: the request keeps its place among what its connection says of its views. */
+/* Calls run(request), now or when the material of this text is parsed. views: run() is called
+ * in the order of the connection's requests about views. */
 void material_then(struct request *request, const char *text, bool views,
                    void (*run)(struct request *request));
-/* The connection closes: what it said of its views is done by nobody. */
+/* The connection closes: its waiting requests about views do not run. */
 void materials_drop(struct connection *conn);
 
 #endif

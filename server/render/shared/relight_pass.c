@@ -1,136 +1,141 @@
 // SPDX-License-Identifier: MIT
 // Passes over a model's transport. While one runs, evaluations of the same model gather, and
-// the next pass takes all of them at once: their lights share one reading of the transport.
+// the next pass computes up to PRT_RELIGHT_MAX_LIGHTS of them: it reads the transport once for
+// all their lights.
 #include "render/evaluation.h"
+#include "render/shared/cache_compute.h"
 #include "net/request.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-// One evaluation that a pass makes.
-struct want {
-    struct want *next;
-    struct cache_entry *entry, *file, *light, *contracted, *fixed;
-    struct answer_query query;
-    struct answer *answer;
+// One evaluation of a pass. Its job completes with the pass and is never submitted by itself.
+struct pass_item {
+    struct cache_job job;
+    struct pass_item *next;
+    struct cache_entry *file, *light, *contracted_light, *contracted_material;
+    struct vertex_query query;
     int status;
-    char error[300];
 };
 
 struct pass {
     struct work work;
     struct model *model;
-    struct want *first, **last; // gather for the next pass
-    struct want *running;       // what the worker makes now
+    struct pass_item *first, **last; // gather for the next pass
+    struct pass_item *running;       // computed by the worker now
     unsigned n_running;
     float ms;
 };
 
-static const struct prt_transport *transport_of(const struct want *w)
+static const struct cache_job_kind kind = {.size = sizeof(struct pass_item), .destroy = free};
+
+static const struct prt_transport *file_transport(const struct pass_item *item)
 {
-    return prt_file_transport(w->file->value);
+    return prt_file_transport(item->file->value);
 }
 
-// The transport with the material put in has no question of material left.
-static const struct prt_transport *asked_of(const struct want *w)
+// The transport to evaluate: contracted with the material, or the file's.
+static const struct prt_transport *item_transport(const struct pass_item *item)
 {
-    return w->fixed ? prt_contracted_transport_get(((struct fixed *)w->fixed->value)->fixed)
-                    : transport_of(w);
+    if (!item->contracted_material) return file_transport(item);
+    const struct material_contraction *c = item->contracted_material->value;
+    return prt_contracted_transport_get(c->contracted);
 }
 
-static struct prt_query query_of(const struct want *w)
+static struct prt_query item_query(const struct pass_item *item)
 {
-    const struct answer_query *q = &w->query;
-    return (struct prt_query){
-        .term = q->term,
-        .light = w->light ? w->light->value : NULL,
-        .material = q->has_material ? &q->material : NULL,
-        .eye = q->has_eye ? q->eye : NULL,
-        .lit = w->contracted ? ((struct contracted *)w->contracted->value)->lit : NULL};
+    const struct vertex_query *q = &item->query;
+    const struct light_contraction *c =
+        item->contracted_light ? item->contracted_light->value : NULL;
+    return (struct prt_query){.term = q->term,
+                              .light = item->light ? item->light->value : NULL,
+                              .material = q->has_material ? &q->material : NULL,
+                              .eye = q->has_eye ? q->eye : NULL,
+                              .lit = c ? c->contracted : NULL};
 }
 
-// Room for one answer; its size is known from the transport.
-static int make_room(const struct prt_context *ctx, struct want *w)
+// Allocates the item's values; their size depends on the transport.
+static int allocate_values(const struct prt_context *ctx, struct pass_item *item)
 {
-    const struct prt_transport *t = transport_of(w);
-    struct prt_query query = query_of(w);
+    const struct prt_transport *t = file_transport(item);
+    struct prt_query query = item_query(item);
+    struct vertex_values *values;
     unsigned n_plane = 1;
-    int status = w->query.planes ? prt_answer_planes(ctx, t, &query, &n_plane, NULL) : PRT_OK;
+    double error = 0;
+    int status =
+        item->query.planes ? prt_answer_planes(ctx, t, &query, &n_plane, NULL) : PRT_OK;
+    if (!status && query.material)
+        status = prt_answer_material_error(ctx, t, query.material, query.term, &error);
     if (status) return status;
-    double lost = 0;
-    if (query.material &&
-        (status = prt_answer_material_error(ctx, t, query.material, query.term, &lost)))
-        return status;
-    size_t n = (size_t)n_plane * t->mesh.n_vertex * 3;
-    w->answer = malloc(sizeof *w->answer + n * sizeof(float));
-    if (!w->answer) return PRT_NOMEM;
-    w->answer->n_plane = n_plane;
-    w->answer->n_vertex = t->mesh.n_vertex;
-    w->answer->material_error = (float)lost;
+    item->job.bytes = sizeof *values + (size_t)n_plane * t->mesh.n_vertex * 3 * sizeof(float);
+    item->job.value = values = malloc(item->job.bytes);
+    if (!values) return PRT_NOMEM;
+    values->n_plane = n_plane;
+    values->n_vertex = t->mesh.n_vertex;
+    values->material_error = (float)error;
     return PRT_OK;
 }
 
-// Those of one transport share a reading of it.
-static int answer_together(const struct prt_context *ctx, struct want *const want[], unsigned n)
+// Evaluates items of the same transport together: they share one reading of it.
+static int evaluate(const struct prt_context *ctx, struct pass_item *const item[], unsigned n)
 {
     struct prt_query query[PRT_RELIGHT_MAX_LIGHTS];
     bool planes[PRT_RELIGHT_MAX_LIGHTS], done[PRT_RELIGHT_MAX_LIGHTS] = {false};
     float *out[PRT_RELIGHT_MAX_LIGHTS];
     int status = PRT_OK;
     for (unsigned first = 0; first < n && !status; first++) {
-        const struct prt_transport *t = asked_of(want[first]);
+        const struct prt_transport *t = item_transport(item[first]);
         unsigned m = 0;
         for (unsigned i = first; i < n; i++) {
-            if (done[i] || asked_of(want[i]) != t) continue;
+            if (done[i] || item_transport(item[i]) != t) continue;
             done[i] = true;
-            query[m] = query_of(want[i]);
-            if (want[i]->fixed) query[m].material = NULL;
-            planes[m] = want[i]->query.planes;
-            out[m++] = want[i]->answer->values;
+            query[m] = item_query(item[i]);
+            if (item[i]->contracted_material) query[m].material = NULL; // it is in t already
+            planes[m] = item[i]->query.planes;
+            out[m++] = ((struct vertex_values *)item[i]->job.value)->values;
         }
         if (m) status = prt_answer_many(ctx, t, m, query, planes, out);
     }
     return status;
 }
 
-static void fail_want(struct work *work, struct want *w, int status)
+static void fail_item(const struct work *pass, struct pass_item *item, int status)
 {
-    w->status = status;
-    snprintf(w->error, sizeof w->error, "%s",
-             work->error[0] ? work->error : prt_status_text(status));
+    item->status = status;
+    snprintf(item->job.work.error, sizeof item->job.work.error, "%s", pass->error);
 }
 
 static int run_pass(struct work *work, const struct prt_context *ctx)
 {
     struct pass *pass = (struct pass *)work;
-    struct want *good[PRT_RELIGHT_MAX_LIGHTS];
+    struct pass_item *good[PRT_RELIGHT_MAX_LIGHTS];
     unsigned n = 0;
     double start = prt_time_s();
-    for (struct want *w = pass->running; w; w = w->next) {
+    for (struct pass_item *item = pass->running; item; item = item->next) {
         work->error[0] = 0;
-        int status = make_room(ctx, w);
-        if (status) fail_want(work, w, status);
-        else good[n++] = w;
+        int status = allocate_values(ctx, item);
+        if (status) fail_item(work, item, status);
+        else good[n++] = item;
     }
     work->error[0] = 0;
-    int status = n ? answer_together(ctx, good, n) : PRT_OK;
-    // One that cannot be answered is not to take the others with it.
+    int status = n ? evaluate(ctx, good, n) : PRT_OK;
+    // One item's error must not fail the others: each is evaluated alone.
     for (unsigned i = 0; status && i < n; i++) {
         if (n > 1) work->error[0] = 0;
-        int alone = n > 1 ? answer_together(ctx, &good[i], 1) : status;
-        if (alone) fail_want(work, good[i], alone);
+        int alone = n > 1 ? evaluate(ctx, &good[i], 1) : status;
+        if (alone) fail_item(work, good[i], alone);
     }
     pass->ms = (float)((prt_time_s() - start) * 1e3);
     return PRT_OK;
 }
 
-static void done_pass(struct work *work);
+static void pass_done(struct work *work);
 
 static void start_pass(struct pass *pass)
 {
     struct stats *stats = &pass->model->server->stats;
-    struct want **end = &pass->first;
+    struct pass_item **end = &pass->first;
     unsigned n = 0;
     while (*end && n < PRT_RELIGHT_MAX_LIGHTS) {
         end = &(*end)->next;
@@ -145,19 +150,19 @@ static void start_pass(struct pass *pass)
     stats->relights += n;
     if (n > 1) stats->shared += n;
     pass->work.run = run_pass;
-    pass->work.done = done_pass;
+    pass->work.done = pass_done;
     pass->work.class = WORK_INTERACTIVE;
     work_submit(pass->model->server->work, &pass->work);
 }
 
-static void done_pass(struct work *work)
+static void pass_done(struct work *work)
 {
     struct pass *pass = (struct pass *)work;
-    struct want *w = pass->running;
+    struct pass_item *item = pass->running;
     pass->running = NULL;
     float ms = pass->ms;
     unsigned n = pass->n_running;
-    // Whoever is woken may ask for more: the pass is either going on already, or gone.
+    // Before the entries are filled: their waiters may call relight_pass_get().
     if (pass->first) {
         start_pass(pass);
     } else {
@@ -165,69 +170,51 @@ static void done_pass(struct work *work)
         model_release(pass->model);
         free(pass);
     }
-    while (w) {
-        struct want *next = w->next;
-        w->entry->ms = ms;
-        if (w->status) {
-            cache_fail(w->entry, error_of_status(w->status), w->error);
-            free(w->answer);
-        } else {
-            w->answer->shared = n;
-            size_t bytes =
-                sizeof *w->answer + (size_t)w->answer->n_plane * w->answer->n_vertex * 12;
-            cache_fill(w->entry, w->answer, bytes, free);
-        }
-        cache_release(w->entry);
-        cache_release(w->file);
-        cache_release(w->light);
-        cache_release(w->contracted);
-        cache_release(w->fixed);
-        free(w);
-        w = next;
+    while (item) {
+        struct pass_item *next = item->next;
+        item->job.ms = ms;
+        if (!item->status) ((struct vertex_values *)item->job.value)->shared = n;
+        cache_job_complete(&item->job, item->status);
+        item = next;
     }
 }
 
-struct cache_entry *answer_get(struct model *model, const char *key,
-                               const struct answer_query *query, struct cache_entry *file,
-                               struct cache_entry *light, struct cache_entry *contracted,
-                               struct cache_entry *fixed)
+static struct pass *create_pass(struct model *model)
 {
-    bool fresh;
-    struct cache_entry *entry = cache_get(model->server->cache, key, &fresh);
-    if (!fresh) return entry;
-    struct want *w = calloc(1, sizeof *w);
-    struct pass *pass = model->pass;
-    bool idle = !pass;
-    if (w && !pass && (pass = calloc(1, sizeof *pass))) {
-        pass->model = model;
-        pass->last = &pass->first;
-        model->pass = pass;
-        model_hold(model);
-    }
-    if (!w || !pass) {
-        free(w);
-        cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+    struct pass *pass = calloc(1, sizeof *pass);
+    if (!pass) return NULL;
+    pass->model = model;
+    pass->last = &pass->first;
+    model->pass = pass;
+    model_hold(model);
+    return pass;
+}
+
+struct cache_entry *relight_pass_get(struct model *model, const char *key,
+                                     const struct vertex_query *query, struct cache_entry *file,
+                                     struct cache_entry *light,
+                                     struct cache_entry *contracted_light,
+                                     struct cache_entry *contracted_material)
+{
+    struct cache_job *job;
+    struct cache_entry *entry = cache_compute(model->server, key, &kind, &job);
+    if (!job) return entry;
+    bool idle = !model->pass;
+    struct pass *pass = idle ? create_pass(model) : model->pass;
+    if (!pass) {
+        cache_job_complete(job, PRT_NOMEM);
         return entry;
     }
-    *w = (struct want){.entry = entry,
-                       .file = file,
-                       .light = light,
-                       .contracted = contracted,
-                       .fixed = fixed,
-                       .query = *query};
-    if (contracted) {
-        cache_hold(contracted);
-        model->server->stats.edits++;
-    }
-    if (fixed) {
-        cache_hold(fixed);
-        model->server->stats.fixed_used++;
-    }
-    cache_hold(entry);
-    cache_hold(file);
-    if (light) cache_hold(light);
-    *pass->last = w;
-    pass->last = &w->next;
+    struct pass_item *item = (struct pass_item *)job;
+    item->query = *query;
+    cache_job_hold(job, item->file = file);
+    cache_job_hold(job, item->light = light);
+    cache_job_hold(job, item->contracted_light = contracted_light);
+    cache_job_hold(job, item->contracted_material = contracted_material);
+    if (contracted_light) model->server->stats.edits++;
+    if (contracted_material) model->server->stats.fixed_used++;
+    *pass->last = item;
+    pass->last = &item->next;
     if (idle) start_pass(pass);
     return entry;
 }

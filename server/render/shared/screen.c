@@ -1,48 +1,34 @@
 // SPDX-License-Identifier: MIT
-// Light by an image-space engine on the points a camera sees. An engine's state serves one
-// worker at a time: evaluations of one shape and engine queue here, those of others run beside
-// them.
+// Radiance by an image-space engine at the points that a camera sees. An engine's state serves
+// one worker at a time: evaluations of one shape and engine queue here; other shapes and
+// engines run beside them.
 #include "render/evaluation.h"
-#include "relight.pb-c.h"
-#include "net/request.h"
+#include "render/shared/cache_compute.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { DEFAULT_MS = 100 }; // what the daemon's own choice may cost where no budget is named
+enum { DEFAULT_MS = 100 }; // budget where neither engine nor budget is named; chosen
 
 struct screen_job {
-    struct work work;
-    struct screen_job *next;
+    struct cache_job job;
+    struct screen_job *next; // of the slot's queue
     struct screen_slot *slot;
-    struct server *server;
-    struct cache_entry *entry, *shape, *seen, *light, *map[3];
+    struct cache_entry *shape, *visibility, *light, *map[3];
     struct screen_query query;
-    struct screen_answer *answer;
-    unsigned n_want; // who asked and still wants it
-    bool unwanted;   // nobody does: read by the worker
-    float ms;
+    unsigned n_want; // evaluations that wait for it
+    bool unwanted;   // none does; read by the worker
 };
 
-static void end_job(struct screen_job *job)
-{
-    cache_release(job->entry);
-    cache_release(job->shape);
-    cache_release(job->seen);
-    cache_release(job->light);
-    for (int k = 0; k < 3; k++) cache_release(job->map[k]);
-    free(job);
-}
-
-// The engine with the least expected error; the one before it stays unless it does much worse:
-// each has an error of its own, and pictures of one view are not to jump between them.
+// Chooses the engine with the least expected error. The last one stays unless its error or time
+// is `worse` times larger: errors differ between engines, and a view's pictures would flicker.
 static int choose_engine(const struct prt_context *ctx, const struct screen_job *job,
                          const struct prt_screen_input *input, double budget,
                          struct prt_screen_options *o)
 {
-    static const double worse = 1.5;
+    static const double worse = 1.5; // chosen, not measured
     struct screen_slot *slot = job->slot;
     struct prt_screen_plan best, last;
     struct prt_screen_options own = *o;
@@ -59,7 +45,7 @@ static int choose_engine(const struct prt_context *ctx, const struct screen_job 
     return status;
 }
 
-// Engine and samples: as they are told, or what the time buys with the least expected error.
+// Engine and samples: the query's, or those with the least expected error within the budget.
 static int choose(const struct prt_context *ctx, const struct screen_job *job,
                   const struct prt_screen_input *input, struct prt_screen_options *o)
 {
@@ -76,77 +62,60 @@ static int choose(const struct prt_context *ctx, const struct screen_job *job,
     return prt_screen_plan(ctx, job->slot->screen, input, o->engine, budget, o, NULL);
 }
 
-// A value that is not finite would spread over the whole running mean.
-static void mend(float (*rgb)[3], uint32_t n)
+// Negative and non-finite values become 0: one of them would spoil the running mean for good.
+static void clear_invalid(float (*rgb)[3], uint32_t n)
 {
     for (uint32_t i = 0; i < n; i++)
         for (int c = 0; c < 3; c++)
             if (!isfinite(rgb[i][c]) || rgb[i][c] < 0) rgb[i][c] = 0;
 }
 
-static int give_up(void *user, const char *stage, double fraction, double eta_s)
+static int is_unwanted(void *user, const char *stage, double fraction, double eta_s)
 {
     return __atomic_load_n(&((struct screen_job *)user)->unwanted, __ATOMIC_RELAXED);
 }
 
-static int run_job(struct work *work, const struct prt_context *shared)
+static int compute(struct screen_job *job, const struct prt_context *ctx,
+                   struct screen_radiance *out)
 {
-    struct screen_job *job = (struct screen_job *)work;
-    struct prt_context own = *shared, *ctx = &own;
-    own.progress = give_up; // wherever the library asks
-    own.progress_user = job;
     struct shape *shape = job->shape->value;
     const struct screen_query *q = &job->query;
-    struct prt_screen_input input = {.visibility = job->seen->value,
+    struct prt_screen_input input = {.visibility = job->visibility->value,
                                      .material =
                                          q->has_material ? &q->material : shape->material,
                                      .cube = job->light->value};
     const struct prt_scene *scene;
-    struct prt_gbuffer g;
-    double start = prt_time_s();
-    if (prt_progress(ctx, "screen", 0)) return PRT_CANCELLED;
-    prt_visibility_gbuffer(job->seen->value, &g);
-    job->answer =
-        malloc(sizeof *job->answer + ((size_t)g.n_point + 1) * sizeof *job->answer->rgb);
-    if (!job->answer) return PRT_NOMEM;
-    job->answer->n_point = g.n_point;
-    int status = shape_scene(ctx, shape, &scene);
-    if (!status && !job->slot->screen)
-        status = prt_screen_create(ctx, &shape->mesh, scene, &job->slot->screen);
     struct prt_screen_options options = {.frame = q->frame, .maps_checked = true};
     options.sigma_a_map = job->map[0] ? job->map[0]->value : NULL;
     options.normal_map = job->map[1] ? job->map[1]->value : NULL;
     options.bump_map = job->map[2] ? job->map[2]->value : NULL;
+    int status = shape_scene(ctx, shape, &scene);
+    if (!status && !job->slot->screen)
+        status = prt_screen_create(ctx, &shape->mesh, scene, &job->slot->screen);
     if (!status) status = choose(ctx, job, &input, &options);
     if (!status) status = prt_progress(ctx, "screen", 0);
     if (!status)
-        status = prt_screen_radiance(ctx, job->slot->screen, &input, &options, job->answer->rgb,
-                                     &job->answer->report);
-    if (!status) mend(job->answer->rgb, g.n_point);
-    job->ms = (float)((prt_time_s() - start) * 1e3);
+        status = prt_screen_radiance(ctx, job->slot->screen, &input, &options, out->rgb,
+                                     &out->report);
+    if (!status) clear_invalid(out->rgb, out->n_point);
     return status;
 }
 
-static void start_next(struct screen_slot *slot);
-
-static void done_job(struct work *work)
+static int run(struct cache_job *cache_job, const struct prt_context *shared)
 {
-    struct screen_job *job = (struct screen_job *)work;
-    struct cache_entry *shape = job->shape;
-    struct screen_slot *slot = job->slot;
-    cache_hold(shape); // the slot is its
-    job->entry->ms = job->ms;
-    slot->busy = NULL;
-    start_next(slot);
-    if (work->status) {
-        free(job->answer);
-        cache_fail(job->entry, error_of_status(work->status), work->error);
-    } else {
-        cache_fill(job->entry, job->answer,
-                   sizeof *job->answer + job->answer->n_point * sizeof *job->answer->rgb, free);
-    }
-    end_job(job);
-    cache_release(shape);
+    struct screen_job *job = (struct screen_job *)cache_job;
+    struct prt_context ctx = *shared;
+    struct prt_gbuffer g;
+    struct screen_radiance *out;
+    ctx.progress = is_unwanted; // the library cancels the work where it reports progress
+    ctx.progress_user = job;
+    if (prt_progress(&ctx, "screen", 0)) return PRT_CANCELLED;
+    prt_visibility_gbuffer(job->visibility->value, &g);
+    cache_job->value = out = malloc(sizeof *out + ((size_t)g.n_point + 1) * sizeof *out->rgb);
+    if (!out) return PRT_NOMEM;
+    cache_job->bytes = sizeof *out + g.n_point * sizeof *out->rgb;
+    out->n_point = g.n_point;
+    return compute(job, &ctx, out);
 }
 
 static void start_next(struct screen_slot *slot)
@@ -156,28 +125,35 @@ static void start_next(struct screen_slot *slot)
     slot->first = job->next;
     if (!job->next) slot->last = &slot->first;
     slot->busy = job;
-    job->work.run = run_job;
-    job->work.done = done_job;
-    job->work.class = job->query.background ? WORK_BACKGROUND : WORK_INTERACTIVE;
-    work_submit(job->server->work, &job->work);
+    cache_job_submit(&job->job);
 }
 
-// The job that makes a pending entry.
+static void done(struct cache_job *cache_job)
+{
+    struct screen_slot *slot = ((struct screen_job *)cache_job)->slot;
+    slot->busy = NULL;
+    start_next(slot);
+}
+
+static const struct cache_job_kind kind = {
+    .size = sizeof(struct screen_job), .run = run, .destroy = free, .done = done};
+
+// The job that computes a pending entry.
 static struct screen_job *find_job(struct cache_entry *shape, const struct cache_entry *entry)
 {
     struct shape *s = shape->value;
     for (int i = 0; i < SHAPE_SLOTS; i++) {
         struct screen_job *job = s->slot[i].busy;
-        if (job && job->entry == entry) return job;
+        if (job && job->job.entry == entry) return job;
         for (job = s->slot[i].first; job; job = job->next)
-            if (job->entry == entry) return job;
+            if (job->job.entry == entry) return job;
     }
     return NULL;
 }
 
-// It stops where it can, and one that waits for its turn ends when that comes; whoever asks the
-// same from now on gets another.
-void screen_unwant(struct cache_entry *shape, struct cache_entry *entry)
+// A running job is cancelled at its next progress report, a queued one when its turn comes. Its
+// entry is forgotten at once, so that a later request of the same key computes another.
+void screen_radiance_unwant(struct cache_entry *shape, struct cache_entry *entry)
 {
     struct screen_job *job = find_job(shape, entry);
     if (!job || --job->n_want) return;
@@ -185,45 +161,42 @@ void screen_unwant(struct cache_entry *shape, struct cache_entry *entry)
     cache_forget_entry(entry);
 }
 
-struct cache_entry *screen_get(struct server *server, const char *key,
-                               const struct screen_query *query, struct cache_entry *shape,
-                               struct cache_entry *seen, struct cache_entry *light,
-                               struct cache_entry *const map[3])
+// Interactive jobs go before those that refine a finished picture.
+static void enqueue(struct screen_slot *slot, struct screen_job *job)
 {
-    bool fresh;
-    struct cache_entry *entry = cache_get(server->cache, key, &fresh);
-    struct screen_job *job = fresh ? calloc(1, sizeof *job) : find_job(shape, entry);
-    if (!fresh) {
-        if (job) job->n_want++;
-        return entry;
-    }
-    if (!job) {
-        cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
-        return entry;
-    }
-    struct screen_slot *slot = &((struct shape *)shape->value)->slot[query->slot];
-    *job = (struct screen_job){.slot = slot,
-                               .server = server,
-                               .entry = entry,
-                               .shape = shape,
-                               .seen = seen,
-                               .light = light,
-                               .query = *query,
-                               .n_want = 1};
-    cache_hold(entry);
-    cache_hold(shape);
-    cache_hold(seen);
-    cache_hold(light);
-    for (int k = 0; k < 3; k++) {
-        if ((job->map[k] = map[k])) cache_hold(map[k]);
-    }
-    // What somebody looks at goes before what refines a picture that is there.
     struct screen_job **at = &slot->first;
-    while (*at && (query->background || !(*at)->query.background)) at = &(*at)->next;
+    while (*at && (job->query.background || !(*at)->query.background)) at = &(*at)->next;
     job->next = *at;
     *at = job;
     if (!job->next) slot->last = &job->next;
     start_next(slot);
+}
+
+struct cache_entry *
+screen_radiance_get(struct server *server, const char *key, const struct screen_query *query,
+                    struct cache_entry *shape, struct cache_entry *visibility,
+                    struct cache_entry *light, struct cache_entry *const map[3])
+{
+    struct cache_job *cache_job;
+    struct cache_entry *entry = cache_compute(server, key, &kind, &cache_job);
+    struct screen_job *job = (struct screen_job *)cache_job;
+    if (!job) {
+        job = find_job(shape, entry);
+        if (job) job->n_want++;
+        return entry;
+    }
+    job->slot = &((struct shape *)shape->value)->slot[query->slot];
+    job->shape = shape;
+    job->visibility = visibility;
+    job->light = light;
+    job->query = *query;
+    job->n_want = 1;
+    cache_job->work.class = query->background ? WORK_BACKGROUND : WORK_INTERACTIVE;
+    cache_job_hold(cache_job, shape);
+    cache_job_hold(cache_job, visibility);
+    cache_job_hold(cache_job, light);
+    for (int k = 0; k < 3; k++) cache_job_hold(cache_job, job->map[k] = map[k]);
+    enqueue(job->slot, job);
     return entry;
 }
 
@@ -243,21 +216,22 @@ void refinement_release(struct refinement *r)
     free(r);
 }
 
-// What the daemon foresees of the mean: engines have part of their error in common to all
-// frames.
+// The expected error of the mean falls more slowly than the -0.5 of independent errors, as part
+// of an engine's error is the same in all frames; the exponent is chosen, not measured.
 double refinement_error(const struct refinement *r)
 {
-    static const double tangent_floor = 0.01; // one irradiance and one plane for a pixel
+    static const double tangent_floor = 0.01; // its error with one plane a pixel remains
     double e = r->expected_error * pow(r->n_mean > 1 ? r->n_mean : 1, -0.4);
     return r->engine == PRT_SCREEN_TANGENT ? fmax(e, fmin(tangent_floor, r->expected_error))
                                            : e;
 }
 
-// The newest picture k moves the mean by 2 / (k + 1) of its own error, and the mean is off by
-// 2 / sqrt(3 k) of that.
-int refinement_add(struct refinement *r, const struct screen_answer *a)
+// prt_screen_mean_add() gives picture k the weight k + 1, as the first ones are coarser. The
+// newest changes the mean by 2 / (k + 1) of its own error, and the mean's error is 2 / sqrt(3
+// k) of that.
+int refinement_add(struct refinement *r, const struct screen_radiance *a)
 {
-    enum { LEAST = 32, MOST = 256 }; // engines take finer steps at the first few
+    enum { LEAST = 32, MOST = 256 }; // frames in a mean; chosen, not measured
     static const double close_enough = 0.001;
     if (r->mean && r->n_point != a->n_point) return PRT_INTERNAL;
     if (!r->mean && !(r->mean = malloc(((size_t)a->n_point + 1) * sizeof *r->mean)))

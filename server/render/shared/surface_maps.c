@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: MIT
-// Uploaded images as maps over a model's uv: decoded by the helper process, then made into what
-// image-space engines read, on a worker; both are kept in the cache.
+// Uploaded images as maps over a model's uv: decoded by the helper process, then converted on a
+// worker for the image-space engines. The cache keeps the decoded image and the map.
 #include "render/evaluation.h"
+#include "render/shared/cache_compute.h"
 #include "net/request.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAP_SIDE = 1024 };
+enum { MAP_SIDE = 1024 }; // texels a side at most; chosen, not measured
 
 static void decoded(void *user, struct decoded_env *image, int status, const char *error)
 {
@@ -31,68 +32,43 @@ static struct cache_entry *image_get(struct server *server, const char *hash)
     return entry;
 }
 
-struct making {
-    struct work work;
-    struct cache_waiter waiter;
-    struct server *server;
-    struct cache_entry *entry, *image;
+struct surface_map_job {
+    struct cache_job job;
+    struct cache_entry *image;
     enum prt_screen_map_kind kind;
     struct prt_material material;
     float bump_mm;
     char hash[BLOB_HASH + 1];
-    bool linear; // numbers as they are meant; others are sRGB
-    struct prt_screen_map *map;
+    bool linear; // texels are linear values; otherwise they are sRGB
 };
 
-static void destroy_map(void *value)
+static void destroy(void *value)
 {
     prt_screen_map_finish(value);
     free(value);
 }
 
-static void end_making(struct making *m)
+static int run(struct cache_job *job, const struct prt_context *ctx)
 {
-    cache_release(m->entry);
-    cache_release(m->image);
-    free(m);
+    struct surface_map_job *own = (struct surface_map_job *)job;
+    const struct decoded_env *image = own->image->value;
+    struct prt_screen_map *map = job->value = calloc(1, sizeof *map);
+    if (!map) return PRT_NOMEM;
+    int status = prt_screen_map_make(ctx, own->kind, &image->env.latlong, own->linear, MAP_SIDE,
+                                     &own->material, own->bump_mm, map);
+    job->bytes = sizeof *map + (size_t)map->width * map->height * sizeof *map->rgb;
+    return status;
 }
 
-static int run_making(struct work *work, const struct prt_context *ctx)
-{
-    struct making *m = (struct making *)work;
-    const struct decoded_env *image = m->image->value;
-    m->map = calloc(1, sizeof *m->map);
-    if (!m->map) return PRT_NOMEM;
-    return prt_screen_map_make(ctx, m->kind, &image->env.latlong, m->linear, MAP_SIDE,
-                               &m->material, m->bump_mm, m->map);
-}
+static const struct cache_job_kind kind_of_job = {
+    .size = sizeof(struct surface_map_job), .run = run, .destroy = destroy};
 
-static void done_making(struct work *work)
+static void image_ready(struct cache_job *job)
 {
-    struct making *m = (struct making *)work;
-    if (work->status) {
-        if (m->map) destroy_map(m->map);
-        cache_fail(m->entry, error_of_status(work->status), work->error);
-    } else {
-        size_t bytes = (size_t)m->map->width * m->map->height * sizeof *m->map->rgb;
-        cache_fill(m->entry, m->map, sizeof *m->map + bytes, destroy_map);
-    }
-    end_making(m);
-}
-
-static void image_ready(struct cache_waiter *waiter)
-{
-    struct making *m = (struct making *)((char *)waiter - offsetof(struct making, waiter));
-    if (m->image->state == CACHE_FAILED) {
-        cache_fail(m->entry, m->image->error_code, m->image->error);
-        end_making(m);
-        return;
-    }
-    // By its content: names differ between those who upload it.
-    m->linear = blobs_format(m->server->blobs, m->hash) == BLOB_FLOATS;
-    m->work.run = run_making;
-    m->work.done = done_making;
-    work_submit(m->server->work, &m->work);
+    struct surface_map_job *own = (struct surface_map_job *)job;
+    // By the file's content: its name differs between those who upload it.
+    own->linear = blobs_format(job->server->blobs, own->hash) == BLOB_FLOATS;
+    cache_job_submit(job);
 }
 
 struct cache_entry *surface_map_get(struct server *server, enum prt_screen_map_kind kind,
@@ -100,7 +76,6 @@ struct cache_entry *surface_map_get(struct server *server, enum prt_screen_map_k
                                     float bump_mm, int *code, char error[300])
 {
     char key[160], medium[MATERIAL_KEY] = "";
-    bool fresh;
     bool albedo = kind == PRT_SCREEN_MAP_ALBEDO, height = kind == PRT_SCREEN_MAP_HEIGHT;
     if (albedo) material_key(material, medium);
     snprintf(key, sizeof key, "map/%d/%s/%s/%.9g", (int)kind, hash, medium,
@@ -113,23 +88,17 @@ struct cache_entry *surface_map_get(struct server *server, enum prt_screen_map_k
         snprintf(error, 300, "shade.%s_map %.16s…: no such upload", word[kind], hash);
         return NULL;
     }
-    struct making *m = calloc(1, sizeof *m);
-    if (!m) {
-        *code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
-        snprintf(error, 300, "not enough memory");
-        return NULL;
-    }
-    entry = cache_get(server->cache, key, &fresh);
-    *m = (struct making){.server = server,
-                         .entry = entry,
-                         .image = image_get(server, hash),
-                         .kind = kind,
-                         .material = *material,
-                         .bump_mm = bump_mm};
-    memcpy(m->hash, hash, BLOB_HASH);
-    cache_hold(entry); // one for the making, one for the caller
-    m->waiter.wake = image_ready;
-    if (m->image->state == CACHE_PENDING) cache_wait(m->image, &m->waiter);
-    else image_ready(&m->waiter);
+    struct cache_job *job;
+    entry = cache_compute(server, key, &kind_of_job, &job);
+    if (!job) return entry;
+    struct surface_map_job *own = (struct surface_map_job *)job;
+    own->image = image_get(server, hash);
+    own->kind = kind;
+    own->material = *material;
+    own->bump_mm = bump_mm;
+    memcpy(own->hash, hash, BLOB_HASH);
+    cache_job_hold(job, own->image);
+    cache_release(own->image); // the job holds it
+    cache_job_await(job, own->image, image_ready);
     return entry;
 }

@@ -1,57 +1,45 @@
 // SPDX-License-Identifier: MIT
-// Visibility buffers: one for each model, camera and size, whatever light falls on it.
+// Visibility buffers: one for each model, camera and size, independent of light and material.
 #include "render/evaluation.h"
-#include "net/request.h"
+#include "render/shared/cache_compute.h"
 
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
-enum { LARGE_PICTURE = 4 << 20 }; // pixels
+enum { LARGE_PICTURE = 4 << 20 }; // pixels; chosen, not measured
 
-struct seeing {
-    struct work work;
-    struct cache_entry *entry, *owner;
+struct visibility_job {
+    struct cache_job job;
     const struct prt_mesh *mesh;
     struct prt_camera camera;
     uint32_t width, height, samples;
-    struct prt_visibility *visibility;
-    float ms;
 };
 
-static void destroy_visibility(void *value)
+static void destroy(void *value)
 {
     prt_visibility_destroy(value);
 }
 
-static int run_seeing(struct work *work, const struct prt_context *ctx)
+static int run(struct cache_job *job, const struct prt_context *ctx)
 {
-    struct seeing *s = (struct seeing *)work;
-    double start = prt_time_s();
-    int status = prt_visibility_create(ctx, s->mesh, &s->camera, s->width, s->height,
-                                       s->samples, PRT_RASTER_AUTO, &s->visibility);
-    s->ms = (float)((prt_time_s() - start) * 1e3);
-    return status;
+    struct visibility_job *v = (struct visibility_job *)job;
+    struct prt_visibility *visibility = NULL;
+    int status = prt_visibility_create(ctx, v->mesh, &v->camera, v->width, v->height,
+                                       v->samples, PRT_RASTER_AUTO, &visibility);
+    if (status) return status;
+    job->value = visibility;
+    job->bytes = prt_visibility_bytes(visibility);
+    return PRT_OK;
 }
 
-static void done_seeing(struct work *work)
-{
-    struct seeing *s = (struct seeing *)work;
-    s->entry->ms = s->ms;
-    if (work->status) cache_fail(s->entry, error_of_status(work->status), work->error);
-    else
-        cache_fill(s->entry, s->visibility, prt_visibility_bytes(s->visibility),
-                   destroy_visibility);
-    cache_release(s->entry);
-    cache_release(s->owner);
-    free(s);
-}
+static const struct cache_job_kind kind = {
+    .size = sizeof(struct visibility_job), .run = run, .destroy = destroy};
 
 void camera_choose(struct model *model, uint64_t generation, const struct render_spec *s,
                    const struct prt_mesh *mesh, struct prt_camera *out)
 {
     float aspect = (float)s->width / (float)s->height;
-    // Framing looks at every vertex, and this is the loop's thread.
+    // Framing reads every vertex and runs on the loop's thread: it is done once a generation.
     if (model->frame_generation != generation || model->frame_aspect != aspect) {
         prt_camera_frame(mesh, aspect, &model->frame);
         model->frame_generation = generation;
@@ -76,32 +64,23 @@ struct cache_entry *visibility_get(struct model *model, uint64_t generation,
                                    const struct render_spec *s, const struct prt_camera *c)
 {
     char key[400];
-    bool fresh;
     snprintf(key, sizeof key,
              "%s/%llu/seen/%ux%u/%u/%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g,%.9g,%.9g:%.9g",
              model->key, (unsigned long long)generation, s->width, s->height, s->samples,
              (double)c->eye[0], (double)c->eye[1], (double)c->eye[2], (double)c->target[0],
              (double)c->target[1], (double)c->target[2], (double)c->up[0], (double)c->up[1],
              (double)c->up[2], (double)c->fovy_deg);
-    struct cache_entry *entry = cache_get(model->server->cache, key, &fresh);
-    if (!fresh) return entry;
-    struct seeing *seeing = calloc(1, sizeof *seeing);
-    if (!seeing) {
-        cache_fail(entry, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
-        return entry;
-    }
-    *seeing = (struct seeing){.entry = entry,
-                              .owner = owner,
-                              .mesh = mesh,
-                              .camera = *c,
-                              .width = s->width,
-                              .height = s->height,
-                              .samples = s->samples};
-    cache_hold(entry);
-    cache_hold(seeing->owner);
-    seeing->work.run = run_seeing;
-    seeing->work.done = done_seeing;
-    seeing->work.class = picture_class(s);
-    work_submit(model->server->work, &seeing->work);
+    struct cache_job *job;
+    struct cache_entry *entry = cache_compute(model->server, key, &kind, &job);
+    if (!job) return entry;
+    struct visibility_job *v = (struct visibility_job *)job;
+    v->mesh = mesh;
+    v->camera = *c;
+    v->width = s->width;
+    v->height = s->height;
+    v->samples = s->samples;
+    job->work.class = picture_class(s);
+    cache_job_hold(job, owner);
+    cache_job_submit(job);
     return entry;
 }

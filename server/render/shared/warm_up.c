@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A specular filter and a picture of a tetrahedron that nobody looks at.
+// The warm-up render: a specular filter and a picture of a tetrahedron. Builds the filter
+// tables and the GL context before the first request needs them.
 #include "render/shared/warm_up.h"
 
 #include "prt/raster.h"
@@ -23,7 +24,7 @@ static int run_warm(struct work *work, const struct prt_context *ctx)
         prt_camera_frame(mesh, 1, &camera);
         status = prt_visibility_create(ctx, mesh, &camera, 16, 16, 4, PRT_RASTER_AUTO, &seen);
     }
-    // The tone curves' tables, the encoders' code.
+    // The tone curves' tables; pages in the encoders' code.
     uint8_t rgb8[3 * 16 * 16];
     float rgb[3 * 16 * 16] = {0};
     struct prt_image image = {16, 16, rgb};
@@ -41,7 +42,7 @@ static int run_warm(struct work *work, const struct prt_context *ctx)
 
 static void done_warm(struct work *work)
 {
-    free(work); // where it failed, the first picture will say why
+    free(work); // the first picture reports an error again
 }
 
 void warm_start(struct work_pool *pool)

@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: MIT */
+/* picture.h owns the file formats in which pictures are written: one table of their endings and
+ * encoders, which prt, relight-preview and relightd share. */
+#ifndef PRT_PICTURE_H
+#define PRT_PICTURE_H
+
+#include "prt/light.h"
+#include "prt/raster.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* How a linear picture becomes a file; formats ignore what they do not use. */
+struct prt_picture_options {
+    enum prt_tone tone; /* 8-bit formats */
+    float exposure_ev;  /* stops, 8-bit formats */
+    int quality;        /* JPEG, 1..100 */
+    bool full_float;    /* OpenEXR: 32-bit channels instead of 16-bit */
+};
+
+struct prt_picture_format {
+    const char *ending; /* without the dot, lower case: "png" */
+    const char *alias;  /* another ending ("jpeg"); NULL: none */
+    bool linear;        /* keeps radiance above 1 */
+    /* Encodes linear RGB [height][width][3]. Returns an enum prt_status; *out, written where
+     * that is 0, is freed by prt_free(out->bytes). Thread-safe; blocks while it computes. */
+    int (*encode)(const struct prt_context *ctx, const struct prt_image *image,
+                  const struct prt_picture_options *options, struct prt_blob *out);
+};
+
+/* The format of a name by its ending ("a.png", ".PNG"); NULL: none. Thread-safe, does not
+ * block.
+ */
+const struct prt_picture_format *prt_picture_format(const char *name);
+/* ".exr, .hdr, .png or .jpg": for messages. Thread-safe, does not block. */
+const char *prt_picture_endings(char text[100]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

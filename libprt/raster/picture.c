@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: MIT
+// The table of picture formats.
+#include "prt/picture.h"
+
+#include <stdio.h>
+#include <string.h>
+#include <strings.h>
+
+static int encode_exr(const struct prt_context *ctx, const struct prt_image *image,
+                      const struct prt_picture_options *options, struct prt_blob *out)
+{
+    return prt_encode_exr(ctx, image, options->full_float, out);
+}
+
+static int encode_hdr(const struct prt_context *ctx, const struct prt_image *image,
+                      const struct prt_picture_options *options, struct prt_blob *out)
+{
+    return prt_encode_hdr(ctx, image, out);
+}
+
+static int encode_8bit(const struct prt_context *ctx, const struct prt_image *image,
+                       const struct prt_picture_options *options, bool jpeg,
+                       struct prt_blob *out)
+{
+    uint8_t *rgb8 = prt_alloc((size_t)image->width * image->height, 3);
+    if (!rgb8)
+        return prt_fail(ctx, PRT_NOMEM, "no memory for a picture of %u x %u pixels",
+                        image->width, image->height);
+    int status = prt_tone_map(ctx, image, options->tone, options->exposure_ev, rgb8);
+    if (!status)
+        status = jpeg ? prt_encode_jpeg(ctx, rgb8, image->width, image->height,
+                                        options->quality, out)
+                      : prt_encode_png(ctx, rgb8, image->width, image->height, 3, out);
+    prt_free(rgb8);
+    return status;
+}
+
+static int encode_png(const struct prt_context *ctx, const struct prt_image *image,
+                      const struct prt_picture_options *options, struct prt_blob *out)
+{
+    return encode_8bit(ctx, image, options, false, out);
+}
+
+static int encode_jpeg(const struct prt_context *ctx, const struct prt_image *image,
+                       const struct prt_picture_options *options, struct prt_blob *out)
+{
+    return encode_8bit(ctx, image, options, true, out);
+}
+
+static const struct prt_picture_format formats[] = {{"exr", NULL, true, encode_exr},
+                                                    {"hdr", NULL, true, encode_hdr},
+                                                    {"png", NULL, false, encode_png},
+                                                    {"jpg", "jpeg", false, encode_jpeg}};
+enum { N_FORMAT = sizeof formats / sizeof *formats };
+
+const struct prt_picture_format *prt_picture_format(const char *name)
+{
+    const char *dot = strrchr(name, '.');
+    for (int i = 0; dot && i < N_FORMAT; i++)
+        if (!strcasecmp(dot + 1, formats[i].ending) ||
+            (formats[i].alias && !strcasecmp(dot + 1, formats[i].alias)))
+            return &formats[i];
+    return NULL;
+}
+
+const char *prt_picture_endings(char text[100])
+{
+    size_t at = 0;
+    for (int i = 0; i < N_FORMAT && at < 100; i++)
+        at += (size_t)snprintf(text + at, 100 - at, "%s.%s",
+                               !i                  ? ""
+                               : i == N_FORMAT - 1 ? " or "
+                                                   : ", ",
+                               formats[i].ending);
+    return text;
+}

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: MIT
+// The options of every subcommand: names, values, ranges, help.
+#include "options.h"
+#include "prt/bake_limits.h"
+
+enum {
+    BAKE = 1 << CMD_BAKE,
+    COLORS = 1 << CMD_COLORS,
+    IMAGE = 1 << CMD_IMAGE,
+    INFO = 1 << CMD_INFO,
+    COMPARE = 1 << CMD_COMPARE,
+    ENV = 1 << CMD_ENV,
+    EVERY = BAKE | COLORS | IMAGE | INFO | COMPARE | ENV,
+    LIGHTS = COLORS | IMAGE | COMPARE,
+};
+
+static const char *const transports[] = {"wavelet", "polynomial", "joint", NULL};
+static const char *const bases[] = {"reduced", "polynomial", "hat", NULL}; // prt_radial_kind
+static const char *const storages[] = {"factored", "sparse", NULL};
+static const char *const engines[] = {"reference", "wavelet", "polynomial", "joint", NULL};
+static const char *const pictures[] = {"vertex", "splat",     "tangent", "texture",
+                                       "hybrid", "reference", NULL};
+static const char *const terms[] = {"irradiance", "multiple", "single", "total", NULL};
+static const char *const cpus[] = {
+#define X(word, bit, allowed) word,
+    PRT_CPU_WORD_LIST(X)
+#undef X
+        NULL};
+static const char *const tones[] = {"filmic", "reinhard", "none", NULL};
+static const char *const layouts[] = {"latlong", "envmap", "vcross", "hcross",
+                                      "vstrip",  "hstrip", NULL};
+
+#define AT(member) offsetof(struct options, member)
+const struct option_row option_table[] = {
+    {"output", 'o', "FILE", OPTION_TEXT, AT(out), 0, 0, NULL, BAKE | COLORS | IMAGE | ENV,
+     "file to write; its ending chooses the format"},
+    {"material", 'm', "NAME|FILE", OPTION_TEXT, AT(material), 0, 0, NULL, BAKE | COLORS | IMAGE,
+     "a preset (marble, skin1, …), a JSON file, or JSON text"},
+    {"size-mm", 0, "D", OPTION_REAL, AT(size_mm), 0, 1e6, NULL, BAKE | COLORS | IMAGE,
+     "diagonal of the bounding box of the translucent objects, in mm"},
+    {"mm-per-unit", 0, "X", OPTION_REAL, AT(mm_per_unit), 0, 1e9, NULL, BAKE | COLORS | IMAGE,
+     "millimetres in one unit of the model"},
+    {"opaque", 0, "NAME", OPTION_OPAQUE, 0, 0, 0, NULL, BAKE | COLORS | IMAGE | INFO,
+     "a material or node that is opaque; may repeat"},
+    {"env", 'e', "ENV", OPTION_TEXT, AT(env), 0, 0, NULL, BAKE | COLORS | IMAGE,
+     "light: lat-long or cube image, folder of six faces, constant[:R,G,B]"},
+    {"env", 'e', "ENV", OPTION_ENVS, 0, 0, 0, NULL, COMPARE,
+     "with B = reference: the light; may repeat, each gives a column of a table"},
+    {"materials", 0, "LIST", OPTION_TEXT, AT(materials), 0, 0, NULL, COMPARE,
+     "with B = reference: print a table with a row for each medium of LIST: media (the measured "
+     "media of the bake's eta), range (both ends of the bake's range), all (both), or "
+     "NAME|FILE,…"},
+    {"rotate", 0, "DEG", OPTION_SIGNED, AT(rotate_deg), -1e6, 1e6, NULL, BAKE | LIGHTS | ENV,
+     "turn the light counter-clockwise about +y, seen from above"},
+    {"engine", 0, "NAME", OPTION_WORD, AT(engine), 0, 0, engines, COLORS,
+     "default: the transport of the .prt; reference for a model"},
+    {"engine", 0, "NAME", OPTION_WORD, AT(engine), 0, 0, pictures, IMAGE,
+     "default: vertex for a .prt; reference for a model"},
+    {"term", 0, "NAME", OPTION_WORD, AT(term), 0, 0, terms, LIGHTS, "default: total"},
+    {"eye", 0, "X,Y,Z", OPTION_VECTOR, AT(eye), 0, 0, NULL, COLORS | IMAGE | COMPARE,
+     "viewpoint of view-dependent terms, in the model's units"},
+    {"camera", 0, "E:T:U:F", OPTION_TEXT, AT(camera), 0, 0, NULL, IMAGE,
+     "EYE:TARGET[:UP[:FOVY]] as x,y,z:x,y,z:x,y,z:degrees; default: frame the model"},
+    {"transport", 0, "KIND", OPTION_WORD, AT(transport), 0, 0, transports, BAKE,
+     "wavelet (default with --material): the light stays free after the bake; polynomial: the "
+     "material stays free; joint (default without --material): both stay free"},
+    {"storage", 0, "KIND", OPTION_WORD, AT(storage), 0, 0, storages, BAKE,
+     "factored (default): bases shared by clusters of vertices; sparse: one vector a vertex, as in W05"},
+    {"basis", 0, "KIND", OPTION_WORD, AT(basis), 0, 0, bases, BAKE,
+     "for --transport polynomial, the functions of radius: reduced (default): singular vectors "
+     "of the range of media; polynomial: the 32 linear pieces of X07 (16 for single "
+     "scattering); hat: hat functions on the same knots"},
+    {"rank", 0, "R", OPTION_WHOLE, AT(rank), PRT_BAKE_RANK_MIN, PRT_BAKE_RANK_MAX, NULL, BAKE,
+     "factored: dense numbers a vertex and term (default: chosen from --max-error)"},
+    {"basis-coeffs", 0, "N", OPTION_WHOLE, AT(basis_coeffs), PRT_BAKE_BASIS_COEFFS_MIN,
+     PRT_BAKE_BASIS_COEFFS_MAX, NULL, BAKE,
+     "factored: mean number of coefficients a basis vector (default: chosen from --max-error)"},
+    {"coeffs", 0, "N", OPTION_WHOLE, AT(coeffs), PRT_BAKE_COEFFS_MIN, PRT_BAKE_COEFFS_MAX, NULL,
+     BAKE, "sparse: wavelet coefficients a vertex (default 128)"},
+    {"max-error", 0, "E", OPTION_SIGNED, AT(max_error), PRT_BAKE_ERROR_MIN, PRT_BAKE_ERROR_MAX,
+     NULL, BAKE,
+     "largest relative RMSE that compression of factored storage may cause (default 0.01)"},
+    {"cube", 0, "N", OPTION_CUBE, AT(cube), PRT_BAKE_CUBE_MIN, PRT_BAKE_CUBE_MAX, NULL, BAKE,
+     "resolution 6xNxN of the light (default 32)"},
+    {"cube", 0, "N|full", OPTION_CUBE, AT(cube), PRT_CUBE_MIN, PRT_CUBE_MAX, NULL, LIGHTS,
+     "resolution of the light for the reference engine (default: the .prt's, else 32)"},
+    {"phase-terms", 0, "K", OPTION_WHOLE, AT(phase_terms), 1, 16, NULL, BAKE | COLORS | IMAGE,
+     "spherical-harmonic terms of the phase function: 1, 4 or 9 (default of the reference engine: exact)"},
+    {"samples", 0, "N", OPTION_WHOLE, AT(samples), PRT_BAKE_SAMPLES_MIN, PRT_BAKE_SAMPLES_MAX,
+     NULL, BAKE,
+     "irradiance samples on the surface (default: 150000, or one a mean free path)"},
+    {"samples", 0, "N", OPTION_WHOLE, AT(samples), 1, 100000000, NULL, LIGHTS,
+     "irradiance samples on the surface (default: 150000, or one a mean free path)"},
+    {"rays", 0, "N", OPTION_WHOLE, AT(rays), 1, 1 << 24, NULL, LIGHTS,
+     "reference engine: rays a sample (default 2048)"},
+    {"single-points", 0, "N", OPTION_WHOLE, AT(single_points), 1, PRT_BAKE_SINGLE_POINTS_MAX,
+     NULL, BAKE, "single scattering: points a vertex (default 16)"},
+    {"single-points", 0, "N", OPTION_WHOLE, AT(single_points), 1, 1 << 20, NULL, LIGHTS,
+     "single scattering: paths a vertex (default 4096)"},
+    {"no-single", 0, NULL, OPTION_FLAG, AT(no_single), 0, 0, NULL, BAKE,
+     "leave single scattering out"},
+    {"every-ray", 0, NULL, OPTION_FLAG, AT(every_ray), 0, 0, NULL, BAKE,
+     "trace every ray of single scattering, without reuse; for measurements"},
+    {"straight", 0, NULL, OPTION_FLAG, AT(straight), 0, 0, NULL, COLORS | IMAGE,
+     "reference engine: single scattering along -n_o even with --eye, as in W05"},
+    {"seed", 0, "N", OPTION_WHOLE, AT(seed), 0, 1.8e19, NULL, BAKE | LIGHTS,
+     "seed of all random numbers (default 0)"},
+    {"shard", 0, "I/N", OPTION_SHARD, AT(shard), 0, 0, NULL, BAKE,
+     "bake part I of N, I from 0 to N-1, and write it beside OUT.prt; the last part to finish "
+     "assembles OUT.prt, the same bytes as an undivided bake"},
+    {"size", 0, "WxH", OPTION_SIZE, AT(width), 1, 4096, NULL, IMAGE,
+     "size in pixels (default 800x600)"},
+    {"size", 0, "N|WxH", OPTION_SIDE, AT(width), 1, 16384, NULL, ENV,
+     "side of a cube face, or width and height of a lat-long image"},
+    {"layout", 0, "NAME", OPTION_WORD, AT(layout), 0, 0, layouts, ENV,
+     "layout of the result; default: envmap (cube faces in one EXR) for a lat-long input, else latlong"},
+    {"msaa", 0, "N", OPTION_WHOLE, AT(msaa), 1, 8, NULL, IMAGE,
+     "samples a pixel: 1, 2, 4 or 8 (default 4)"},
+    {"exposure", 0, "EV", OPTION_SIGNED, AT(exposure_ev), -40, 40, NULL, IMAGE | ENV,
+     "brighten PNG and JPEG by a factor 2^EV"},
+    {"tone", 0, "NAME", OPTION_WORD, AT(tone), 0, 0, tones, IMAGE | ENV,
+     "tone map for PNG and JPEG (default filmic)"},
+    {"background", 0, "B", OPTION_TEXT, AT(background), 0, 0, NULL, IMAGE,
+     "env (default), none, or R,G,B as linear radiance"},
+    {"budget-ms", 0, "MS", OPTION_REAL, AT(budget_ms), 0, 1e7, NULL, IMAGE,
+     "image-space engines: time for one picture, in ms"},
+    {"albedo-map", 0, "FILE", OPTION_TEXT, AT(albedo_map), 0, 0, NULL, IMAGE,
+     "image-space engines: an image over the model's uv (row 0 at v = 0, as in glTF); its colours "
+     "multiply the medium's reflectance, by absorption"},
+    {"normal-map", 0, "FILE", OPTION_TEXT, AT(normal_map), 0, 0, NULL, IMAGE,
+     "image-space engines: tangent-space normals; they change the incident light"},
+    {"bump-map", 0, "FILE", OPTION_TEXT, AT(bump_map), 0, 0, NULL, IMAGE,
+     "image-space engines: heights (red channel); they change the incident light"},
+    {"bump-mm", 0, "H", OPTION_REAL, AT(bump_mm), 0, 1e4, NULL, IMAGE,
+     "height in mm of white in --bump-map (default 0.5)"},
+    {"measure-error", 0, NULL, OPTION_FLAG, AT(measure_error), 0, 0, NULL, IMAGE,
+     "image-space engines: measure the error at some pixels against brute force; --json prints it"},
+    {"quality", 0, "Q", OPTION_WHOLE, AT(quality), 1, 100, NULL, IMAGE | ENV,
+     "quality of a JPEG (default 92)"},
+    {"float", 0, NULL, OPTION_FLAG, AT(full_float), 0, 0, NULL, IMAGE | ENV,
+     "write EXR with 32-bit floats instead of halves"},
+    {"max-rmse", 0, "X", OPTION_SIGNED, AT(max_rmse), 0, 1e30, NULL, COMPARE,
+     "exit with status 1 when the relative RMSE is above X"},
+    {"vertices", 0, "N", OPTION_WHOLE, AT(vertices), 1, 100000000, NULL, COMPARE,
+     "with B = reference: number of random vertices to compare (default 512)"},
+    {"threads", 0, "N", OPTION_WHOLE, AT(threads), 1, 1024, NULL, EVERY,
+     "number of threads (default: all cores)"},
+    {"cpu", 0, "ISA", OPTION_WORD, AT(cpu), 0, 0, cpus, EVERY,
+     "use no more than this instruction set"},
+    {"progress-fd", 0, "FD", OPTION_FD, AT(progress_fd), 0, 0, NULL, BAKE | COLORS | IMAGE,
+     "write progress to this file descriptor, as lines \"stage fraction eta-seconds\""},
+    {"memory", 0, "BYTES", OPTION_WHOLE, AT(memory), 0, 1e15, NULL, BAKE,
+     "fail when the bake needs more memory than this; 0: more than the estimate for the settings, "
+     "or more than the machine has"},
+    {"estimate", 0, NULL, OPTION_FLAG, AT(estimate), 0, 0, NULL, BAKE,
+     "print the estimated memory of the bake in bytes, and do not bake"},
+    {"accept-weak-sandbox", 0, NULL, OPTION_FLAG, AT(accept_weak_sandbox), 0, 0, NULL, EVERY,
+     "decode files although the system cannot confine the decoding process"},
+    {"json", 0, NULL, OPTION_FLAG, AT(json), 0, 0, NULL, EVERY,
+     "print the answer as one JSON object"},
+    {"quiet", 'q', NULL, OPTION_FLAG, AT(quiet), 0, 0, NULL, EVERY,
+     "print no notes and no progress bar"},
+};
+const unsigned n_option_row = sizeof option_table / sizeof *option_table;

@@ -1,0 +1,265 @@
+// SPDX-License-Identifier: MIT
+// The last step of an evaluation: it fills the result, encodes colours or shades and encodes a
+// picture on a worker, and calls back.
+#include "render/walk.h"
+
+#include "net/request.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+void render_end(struct render *r)
+{
+    r->result.total_ms = (float)((double)(loop_now_ns() - r->start_ns) * 1e-6);
+    render_fn done = r->done;
+    void *user = r->user;
+    struct render_result result = r->result;
+    if (r->ended) *r->ended = true;
+    if (r->transient && r->screen_radiance.entry) cache_forget_entry(r->screen_radiance.entry);
+    render_release(r);
+    refinement_release(r->spec.refinement);
+    render_spec_finish(&r->spec);
+    model_release(r->model);
+    free(r);
+    if (done) done(user, &result);
+    else if (result.payload.release) result.payload.release(result.payload.owner);
+}
+
+void render_end_with_error(struct render *r, int code, const char *text)
+{
+    r->result.code = code;
+    snprintf(r->result.error, sizeof r->result.error, "%s", text);
+    render_end(r);
+}
+
+// ---- on a worker
+
+static void own_payload(struct render *r, void *bytes, size_t size, void (*release)(void *))
+{
+    r->result.payload = (struct payload){bytes, size, bytes, release};
+}
+
+static int run_colors(struct render *r, const struct prt_context *ctx)
+{
+    unsigned n = render_n_values(&r->spec);
+    size_t plane = (size_t)r->result.plane_bytes;
+    uint8_t *bytes = prt_alloc(n, plane ? plane : 1);
+    if (!bytes) return PRT_NOMEM;
+    double start = prt_time_s();
+    for (unsigned i = 0; i < n; i++) {
+        const struct vertex_values *v = r->vertex_values[i].entry->value;
+        encode_colors(ctx, &r->spec, v, bytes + i * plane);
+        size_t used = v->n_vertex * color_bytes(r->spec.format);
+        memset(bytes + i * plane + used, 0, plane - used);
+    }
+    r->result.encode_ms = (float)((prt_time_s() - start) * 1e3);
+    own_payload(r, bytes, n * plane, prt_free);
+    return PRT_OK;
+}
+
+// The radiance by an image-space engine, or the running mean with it added.
+static int point_radiance(const struct render *r, const float (**rgb)[3])
+{
+    const struct screen_radiance *found = r->screen_radiance.entry->value;
+    struct refinement *refinement = r->spec.refinement;
+    int status = refinement ? refinement_add(refinement, found) : PRT_OK;
+    *rgb = refinement ? (const float(*)[3])refinement->mean : found->rgb;
+    return status;
+}
+
+static int shade(const struct render *r, const struct prt_context *ctx,
+                 const struct prt_specular *specular, struct prt_image *image)
+{
+    const struct prt_material *material = r->spec.has_material ? &r->spec.material
+                                          : r->screen          ? render_shape(r)->material
+                                                               : &render_transport(r)->material;
+    bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
+    struct prt_shade shade = {.eta = material->eta,
+                              .roughness = material->roughness,
+                              .fresnel = total,
+                              .specular = specular,
+                              .background =
+                                  r->background.entry ? r->background.entry->value : NULL};
+    if (shade.background) shade.background_rotate_deg = (float)r->spec.light[0].rotate_deg;
+    memcpy(shade.background_rgb, r->spec.background, sizeof shade.background_rgb);
+    if (r->screen) {
+        const float(*rgb)[3];
+        int status = point_radiance(r, &rgb);
+        if (status || r->spec.quiet) return status;
+        return prt_shade_points(ctx, r->visibility.entry->value, rgb, &shade, image);
+    }
+    const struct vertex_values *v = r->vertex_values[0].entry->value;
+    shade.n_plane = v->n_plane;
+    shade.planes = v->values;
+    return prt_shade_image(ctx, r->visibility.entry->value, render_mesh(r), &shade, image);
+}
+
+static int run_picture(struct render *r, const struct prt_context *ctx)
+{
+    const struct prt_cube *lobes = r->specular.entry ? r->specular.entry->value : NULL;
+    struct prt_specular *specular = NULL;
+    struct prt_image image = {0};
+    struct prt_blob blob = {0};
+    double start = prt_time_s();
+    int status = lobes && !r->spec.quiet ? prt_specular_create(ctx, lobes, &specular) : PRT_OK;
+    if (!status) status = shade(r, ctx, specular, &image);
+    double shaded = prt_time_s();
+    if (!status && !r->spec.quiet) status = encode_image(ctx, &r->spec, &image, &blob);
+    if (!status && !r->spec.quiet) own_payload(r, blob.bytes, blob.size, prt_free);
+    r->result.shade_ms = (float)((shaded - start) * 1e3);
+    r->result.encode_ms = (float)((prt_time_s() - shaded) * 1e3);
+    prt_image_finish(&image);
+    prt_specular_destroy(specular);
+    return status;
+}
+
+static int run_finish(struct work *work, const struct prt_context *ctx)
+{
+    struct render *r = (struct render *)work;
+    if (!__atomic_load_n(&r->done, __ATOMIC_RELAXED)) return PRT_CANCELLED;
+    return r->spec.picture ? run_picture(r, ctx) : run_colors(r, ctx);
+}
+
+// ---- on the loop
+
+// Updates the running mean of shading and encoding time a pixel: light_budget() subtracts it.
+static void update_finish_time(struct render *r)
+{
+    static const float weight = 0.2f; // of the newest picture; chosen, not measured
+    float *mean_ns = &r->server->stats.finish_ns_a_pixel;
+    float ns = (r->result.shade_ms + r->result.encode_ms) * 1e6f /
+               (float)(r->spec.width * r->spec.height);
+    *mean_ns = *mean_ns > 0 ? (1 - weight) * *mean_ns + weight * ns : ns;
+}
+
+static void finish_done(struct work *work)
+{
+    struct render *r = (struct render *)work;
+    if (r->spec.picture && !r->spec.quiet && !work->status) update_finish_time(r);
+    const struct refinement *refinement = r->screen ? r->spec.refinement : NULL;
+    if (refinement) {
+        r->result.frames = refinement->n_frame;
+        r->result.converged = refinement->converged;
+        r->result.error_bound = (float)refinement_error(refinement);
+    }
+    if (work->status) render_end_with_error(r, error_of_status(work->status), work->error);
+    else render_end(r);
+}
+
+static void preview_note(const struct render *r, char note[120])
+{
+    const struct model *m = r->model;
+    note[0] = 0;
+    if (m->pose)
+        snprintf(note, 120, "preview: vertices moved%s",
+                 m->state == RELIGHT__MODEL_STATE__MODEL_READY
+                     ? ", the bake is of another shape"
+                     : "");
+    else if (m->state == RELIGHT__MODEL_STATE__MODEL_BAKING)
+        snprintf(note, 120, "preview: the bake is at %.0f %%",
+                 m->job ? 100 * job_fraction(m->job) : 0.0);
+    else if (m->state == RELIGHT__MODEL_STATE__MODEL_FAILED)
+        snprintf(note, 120, "preview: the bake failed");
+    else if (m->state != RELIGHT__MODEL_STATE__MODEL_READY)
+        snprintf(note, 120, "preview: no bake was ordered");
+}
+
+static void set_screen_result(struct render *r)
+{
+    const struct screen_radiance *found = r->screen_radiance.entry->value;
+    struct render_result *out = &r->result;
+    out->preview = true;
+    out->engine = RELIGHT__ENGINE__ENGINE_SPLAT + (int)found->report.engine;
+    out->samples = found->report.n_asked;
+    out->frames = 1;
+    out->error_bound = (float)found->report.expected_error;
+    out->shared = 1;
+    preview_note(r, out->note);
+}
+
+static void set_baked_result(struct render *r)
+{
+    struct render_result *out = &r->result;
+    out->shared = ((struct vertex_values *)r->vertex_values[0].entry->value)->shared;
+    out->error_bound = bake_error(r) + material_error(r);
+    out->engine = RELIGHT__ENGINE__ENGINE_WAVELET + (int)render_transport(r)->engine;
+    out->converged = true;
+    if (r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE) {
+        out->engine = RELIGHT__ENGINE__ENGINE_REFERENCE;
+        snprintf(out->note, sizeof out->note, "irradiance is traced, not baked");
+    }
+    if (r->model->pose)
+        snprintf(out->note, sizeof out->note, "of the shape before its vertices moved");
+}
+
+static void set_result(struct render *r)
+{
+    struct render_result *out = &r->result;
+    const struct render_spec *s = &r->spec;
+    out->n_vertex = render_mesh(r)->n_vertex;
+    out->n_plane = render_n_values(s);
+    out->generation = r->generation;
+    out->width = s->width;
+    out->height = s->height;
+    out->camera = r->camera;
+    size_t plane = out->n_vertex * color_bytes(s->format);
+    out->plane_bytes = out->n_plane > 1 ? (plane + 63) / 64 * 64 : plane;
+    if (r->screen) set_screen_result(r);
+    else set_baked_result(r);
+}
+
+static void set_cost(struct render *r)
+{
+    struct render_result *out = &r->result;
+    const struct render_spec *s = &r->spec;
+    for (unsigned i = 0; i < s->n_light; i++)
+        out->light_ms += dependency_ms(&r->env[i]) + dependency_ms(&r->light[i]) +
+                         dependency_ms(&r->contracted_light[i]);
+    if (r->specular.entry != r->light[0].entry) out->light_ms += dependency_ms(&r->specular);
+    out->light_ms += dependency_ms(&r->background);
+    for (unsigned i = 0; i < render_n_values(s); i++)
+        out->relight_ms = fmaxf(out->relight_ms, dependency_ms(&r->vertex_values[i]));
+    if (r->screen) out->relight_ms = dependency_ms(&r->screen_radiance);
+    out->raster_ms = dependency_ms(&r->visibility);
+}
+
+static void release_entry(void *entry)
+{
+    cache_release(entry);
+}
+
+// Float colours of one plane are sent from the cache entry itself.
+static void send_entry(struct render *r)
+{
+    struct cache_entry *entry = r->vertex_values[0].entry;
+    cache_hold(entry);
+    r->result.payload = (struct payload){((struct vertex_values *)entry->value)->values,
+                                         r->result.plane_bytes, entry, release_entry};
+    render_end(r);
+}
+
+void render_finish(struct render *r)
+{
+    const struct render_spec *s = &r->spec;
+    char error[300];
+    set_result(r);
+    int code = check_error_bound(r, error);
+    if (code) {
+        render_end_with_error(r, code, error);
+        return;
+    }
+    set_cost(r);
+    if (!s->picture && s->format == RELIGHT__COLOR_FORMAT__COLOR_F32 &&
+        r->result.n_plane == 1) {
+        send_entry(r);
+        return;
+    }
+    r->work.run = run_finish;
+    r->work.done = finish_done;
+    r->work.class = s->quiet     ? WORK_BACKGROUND
+                    : s->picture ? picture_class(s)
+                                 : WORK_INTERACTIVE;
+    work_submit(r->server->work, &r->work);
+}

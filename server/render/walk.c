@@ -1,0 +1,391 @@
+// SPDX-License-Identifier: MIT
+// The walk of one evaluation over its steps. Each step takes the cache entries it depends on;
+// where some are pending the walk stops, and the last of them that ends resumes it. The last
+// step (finish.c) belongs to this evaluation alone.
+#include "render/walk.h"
+
+#include "core/log.h"
+#include "net/request.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+    HYBRID_SAMPLES = 900, // engine hybrid's own default
+    SPECULAR_CUBE = 32,   // side of the cube that prt_specular_create() filters
+    VALUES_KEY = RENDER_MAX_LIGHTS * sizeof(((struct render_light *)0)->key) + 200,
+};
+
+static void walk(struct render *r);
+
+// ---- dependencies
+
+static void dependency_ended(struct cache_waiter *waiter)
+{
+    struct render *r = ((struct dependency *)waiter)->render;
+    if (--r->n_waiting == 0 && !r->walking) walk(r);
+}
+
+// Takes the caller's reference to the entry.
+static void depend(struct render *r, struct dependency *dependency, struct cache_entry *entry)
+{
+    dependency->render = r;
+    dependency->entry = entry;
+    dependency->was_ready = entry->state == CACHE_READY;
+    if (entry->state != CACHE_PENDING) return;
+    dependency->waiter.wake = dependency_ended;
+    r->n_waiting++;
+    cache_wait(entry, &dependency->waiter);
+}
+
+static void release(struct cache_entry **entry)
+{
+    cache_release(*entry);
+    *entry = NULL;
+}
+
+void render_release(struct render *r)
+{
+    struct dependency *one[] = {&r->file,       &r->shape,    &r->screen_radiance,
+                                &r->visibility, &r->specular, &r->background,
+                                &r->map[0],     &r->map[1],   &r->map[2]};
+    for (size_t i = 0; i < sizeof one / sizeof *one; i++) release(&one[i]->entry);
+    for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) {
+        release(&r->env[i].entry);
+        release(&r->light[i].entry);
+        release(&r->contracted_light[i].entry);
+        release(&r->vertex_values[i].entry);
+        release(&r->contracted_material[i]);
+        free(r->values_key[i]);
+        r->values_key[i] = NULL;
+    }
+}
+
+float dependency_ms(const struct dependency *dependency)
+{
+    return dependency->entry && !dependency->was_ready ? dependency->entry->ms : 0;
+}
+
+// Ends the evaluation with the entry's error; false where it did not fail.
+static bool failed(struct render *r, const struct dependency *dependency)
+{
+    const struct cache_entry *entry = dependency->entry;
+    if (!entry || entry->state != CACHE_FAILED) return false;
+    r->result.code = entry->error_code;
+    snprintf(r->result.error, sizeof r->result.error, "%s", entry->error);
+    render_end(r);
+    return true;
+}
+
+// True when an error was found or a dependency failed: the evaluation has ended.
+static bool any_failed(struct render *r)
+{
+    if (r->result.code) {
+        render_end(r);
+        return true;
+    }
+    for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
+        if (failed(r, &r->contracted_light[i])) return true;
+    if (failed(r, &r->file) || failed(r, &r->shape) || failed(r, &r->screen_radiance) ||
+        failed(r, &r->visibility) || failed(r, &r->specular) || failed(r, &r->background) ||
+        failed(r, &r->map[0]) || failed(r, &r->map[1]) || failed(r, &r->map[2]))
+        return true;
+    for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
+        if (failed(r, &r->env[i]) || failed(r, &r->light[i]) || failed(r, &r->vertex_values[i]))
+            return true;
+    return false;
+}
+
+static void set_error(struct render *r, int code, const char *text)
+{
+    r->result.code = code;
+    snprintf(r->result.error, sizeof r->result.error, "%s", text);
+}
+
+const struct prt_transport *render_transport(const struct render *r)
+{
+    return prt_file_transport(r->file.entry->value);
+}
+
+struct shape *render_shape(const struct render *r)
+{
+    return r->shape.entry->value;
+}
+
+const struct prt_mesh *render_mesh(const struct render *r)
+{
+    return r->screen ? &render_shape(r)->mesh : &render_transport(r)->mesh;
+}
+
+unsigned render_n_values(const struct render_spec *spec)
+{
+    return spec->picture || spec->sum || !spec->n_light ? 1 : spec->n_light;
+}
+
+// ---- steps
+
+static void step_model(struct render *r)
+{
+    int code;
+    char error[300];
+    r->screen = render_uses_screen(r);
+    r->generation = r->screen ? r->model->generation : r->model->baked_generation;
+    struct cache_entry *entry =
+        r->screen ? shape_get(r->model, &code, error) : model_open(r->model, &code, error);
+    if (entry) depend(r, r->screen ? &r->shape : &r->file, entry);
+    else set_error(r, code, error);
+}
+
+static int depend_on_images(struct render *r, char error[300])
+{
+    int code = 0;
+    for (unsigned i = 0; !code && i < r->spec.n_light; i++) {
+        if (!r->spec.light[i].env[0]) continue;
+        struct cache_entry *entry = env_get(r->server, r->spec.light[i].env, &code, error);
+        if (entry) depend(r, &r->env[i], entry);
+    }
+    for (int k = 0; !code && r->screen && k < 3; k++) {
+        if (!r->spec.map[k][0]) continue;
+        const struct prt_material *material =
+            r->spec.has_material ? &r->spec.material : render_shape(r)->material;
+        struct cache_entry *entry =
+            surface_map_get(r->server, (enum prt_screen_map_kind)k, r->spec.map[k], material,
+                            r->spec.bump_mm, &code, error);
+        if (entry) depend(r, &r->map[k], entry);
+    }
+    return code;
+}
+
+static void step_environments(struct render *r)
+{
+    char error[300];
+    int code = check_request(r, error);
+    if (!code) code = depend_on_images(r, error);
+    if (code) set_error(r, code, error);
+    if (code || !r->spec.picture) return;
+    camera_choose(r->model, r->generation, &r->spec, render_mesh(r), &r->camera);
+    depend(r, &r->visibility,
+           visibility_get(r->model, r->generation, r->screen ? r->shape.entry : r->file.entry,
+                          render_mesh(r), &r->spec, &r->camera));
+    if (r->screen && !r->visibility.was_ready) shape_prepare(r->model, r->shape.entry);
+}
+
+static void step_lights(struct render *r)
+{
+    uint32_t cube = r->screen ? SPECULAR_CUBE : render_transport(r)->cube;
+    if (!cube) cube = SPECULAR_CUBE; // polynomial transport has no cube of its own
+    const struct render_spec *s = &r->spec;
+    unsigned each = render_n_values(s) == 1 ? s->n_light : 1;
+    struct cache_entry *env[RENDER_MAX_LIGHTS];
+    for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) env[i] = r->env[i].entry;
+    for (unsigned i = 0; i < render_n_values(s) && !render_light_is_baked(r); i++)
+        depend(r, &r->light[i], light_get(r->server, s, env, i, each, cube, true));
+    if (!s->picture) return;
+    if (s->n_light && !s->no_specular && s->term == RELIGHT__TERM__TERM_TOTAL)
+        depend(r, &r->specular,
+               light_get(r->server, s, env, 0, s->n_light, SPECULAR_CUBE, true));
+    if (s->n_light && !s->plain_background)
+        depend(r, &r->background, background_get(r->server, s, env));
+}
+
+static void vertex_query(const struct render *r, struct vertex_query *query)
+{
+    static const int term[] = {PRT_ANSWER_TOTAL, PRT_ANSWER_TOTAL, PRT_ANSWER_MULTIPLE,
+                               PRT_ANSWER_SINGLE};
+    const struct render_spec *s = &r->spec;
+    *query = (struct vertex_query){.term = term[s->term],
+                                   .planes = s->picture,
+                                   .has_material = s->has_material,
+                                   .material = s->material,
+                                   .has_eye = s->has_eye && !s->picture};
+    for (int c = 0; c < 3; c++)
+        query->eye[c] = s->eye[c] * render_transport(r)->mesh.mm_per_unit;
+}
+
+// The cache key of vertex_values i, malloc()ed; NULL without memory.
+static char *values_key(const struct render *r, unsigned i, const struct vertex_query *query)
+{
+    const struct render_spec *s = &r->spec;
+    const struct cache_entry *light = r->light[i].entry;
+    char key[VALUES_KEY], eye[64] = "";
+    if (query->has_eye)
+        snprintf(eye, sizeof eye, "%.9g,%.9g,%.9g", (double)query->eye[0],
+                 (double)query->eye[1], (double)query->eye[2]);
+    if (s->term == RELIGHT__TERM__TERM_IRRADIANCE)
+        snprintf(key, sizeof key, "%s/%llu/irradiance/%s/%s", r->model->key,
+                 (unsigned long long)r->generation, s->material_key, light->key);
+    else
+        snprintf(key, sizeof key, "%s/%llu/%s/%d/%s/%s/%s", r->model->key,
+                 (unsigned long long)r->generation, s->picture ? "planes" : "colors",
+                 query->term, s->material_key, eye, light ? light->key : "fixed");
+    return strdup(key);
+}
+
+// Joint transport, where the values are not in the cache: contracted with the light if that is
+// there already, else with the material, else with the light.
+static void depend_on_contraction(struct render *r, unsigned i)
+{
+    const struct prt_material *material = r->spec.has_material ? &r->spec.material : NULL;
+    struct cache_entry *light = r->light[i].entry, *file = r->file.entry;
+    struct cache_entry *entry = light_contraction_find(r->model, r->generation, file, light);
+    if (!entry) {
+        r->contracted_material[i] = material_contraction_get(
+            r->model, r->generation, file, light, material, r->spec.material_key);
+        if (r->contracted_material[i]) return;
+        entry = light_contraction_get(r->model, r->generation, file, light);
+    }
+    if (entry) depend(r, &r->contracted_light[i], entry);
+}
+
+static void step_contractions(struct render *r)
+{
+    if (r->screen) return;
+    struct vertex_query query;
+    vertex_query(r, &query);
+    bool baked_alone =
+        render_light_is_baked(r) || r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE;
+    for (unsigned i = 0; i < render_n_values(&r->spec); i++) {
+        r->values_key[i] = values_key(r, i, &query);
+        if (!r->values_key[i]) {
+            set_error(r, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+            return;
+        }
+        if (baked_alone) continue;
+        struct cache_entry *values = cache_find(r->server->cache, r->values_key[i]);
+        cache_release(values);
+        if (!values) depend_on_contraction(r, i);
+    }
+}
+
+// Milliseconds of the request's budget that remain for the radiance; 0: no budget was named.
+static float light_budget(const struct render *r)
+{
+    static const float least = 0.25f; // share of the budget; chosen, not measured
+    float budget = (float)r->spec.budget_ms;
+    if (!(budget > 0)) return 0;
+    float rest =
+        r->server->stats.finish_ns_a_pixel * 1e-6f * (float)(r->spec.width * r->spec.height);
+    return fmaxf(budget - rest - dependency_ms(&r->visibility), least * budget);
+}
+
+static void screen_query(const struct render *r, struct screen_query *query)
+{
+    const struct render_spec *s = &r->spec;
+    const struct refinement *mean = s->refinement;
+    *query = (struct screen_query){.engine = -1,
+                                   .budget_ms = light_budget(r),
+                                   .has_material = s->has_material,
+                                   .material = s->material,
+                                   .background = picture_class(s) == WORK_BACKGROUND};
+    if (s->engine) {
+        query->engine = s->engine - RELIGHT__ENGINE__ENGINE_SPLAT;
+        query->slot = (unsigned)query->engine + 1;
+    }
+    if (!mean || !mean->n_frame) return;
+    // A mean by tangent planes does not converge to the exact sum: hybrid continues it.
+    bool other = !s->engine && mean->engine == PRT_SCREEN_TANGENT;
+    query->engine = other ? (int)PRT_SCREEN_HYBRID : mean->engine;
+    query->n_sample = other ? HYBRID_SAMPLES : mean->n_sample;
+    query->frame = mean->n_frame;
+    query->background = true;
+}
+
+static void depend_on_screen(struct render *r)
+{
+    const struct render_spec *s = &r->spec;
+    const char *visibility = r->visibility.entry->key, *light = r->light[0].entry->key;
+    struct screen_query query;
+    screen_query(r, &query);
+    size_t size = strlen(visibility) + strlen(light) + 420;
+    char *key = malloc(size);
+    if (!key) {
+        set_error(r, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return;
+    }
+    snprintf(key, size, "%s/%llu/screen/%u/%d/%u/%u/%.0f/%s/%s/%s/%s/%.9g/%s/%s", r->model->key,
+             (unsigned long long)r->generation, query.slot, query.engine, query.n_sample,
+             query.frame, (double)s->budget_ms, s->material_key, s->map[0], s->map[1],
+             s->map[2], (double)s->bump_mm, visibility, light);
+    struct cache_entry *map[3] = {r->map[0].entry, r->map[1].entry, r->map[2].entry};
+    depend(r, &r->screen_radiance,
+           screen_radiance_get(r->server, key, &query, r->shape.entry, r->visibility.entry,
+                               r->light[0].entry, map));
+    r->transient = query.frame != 0;
+    free(key);
+}
+
+static void step_radiance(struct render *r)
+{
+    if (r->screen) {
+        depend_on_screen(r);
+        return;
+    }
+    struct vertex_query query;
+    vertex_query(r, &query);
+    for (unsigned i = 0; i < render_n_values(&r->spec); i++) {
+        struct cache_entry *file = r->file.entry, *light = r->light[i].entry;
+        const char *key = r->values_key[i];
+        depend(r, &r->vertex_values[i],
+               r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE
+                   ? irradiance_get(r->server, key, &query, file, light)
+                   : relight_pass_get(r->model, key, &query, file, light,
+                                      r->contracted_light[i].entry, r->contracted_material[i]));
+    }
+}
+
+static void walk(struct render *r)
+{
+    static void (*const run_step[])(struct render *) = {[STEP_MODEL] = step_model,
+                                                        [STEP_ENVIRONMENTS] = step_environments,
+                                                        [STEP_LIGHTS] = step_lights,
+                                                        [STEP_CONTRACTIONS] = step_contractions,
+                                                        [STEP_RADIANCE] = step_radiance};
+    r->walking = true;
+    while (!r->n_waiting) { // a step that found an error may have dependencies: they end first
+        if (!r->done) r->result.code = RELIGHT__ERROR_CODE__ERROR_CANCELLED;
+        if (any_failed(r)) return;
+        if (r->step == STEP_FINISH) {
+            render_finish(r);
+            return;
+        }
+        run_step[r->step++](r);
+    }
+    r->walking = false;
+}
+
+struct render *render_start(struct model *model, struct render_spec *spec, render_fn done,
+                            void *user)
+{
+    struct render *r = calloc(1, sizeof *r);
+    if (!r) {
+        struct render_result result = {.code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY,
+                                       .error = "not enough memory"};
+        render_spec_finish(spec);
+        done(user, &result);
+        return NULL;
+    }
+    r->server = model->server;
+    r->model = model;
+    model_hold(model);
+    r->spec = *spec;
+    spec->texels = NULL;
+    if (r->spec.refinement) r->spec.refinement->refs++;
+    r->done = done;
+    r->user = user;
+    r->start_ns = loop_now_ns();
+    bool ended = false;
+    r->ended = &ended;
+    walk(r);
+    if (ended) return NULL;
+    r->ended = NULL;
+    return r;
+}
+
+void render_cancel(struct render *r)
+{
+    __atomic_store_n(&r->done, NULL, __ATOMIC_RELAXED);
+    struct cache_entry *e = r->screen_radiance.entry;
+    if (e && e->state == CACHE_PENDING) screen_radiance_unwant(r->shape.entry, e);
+}

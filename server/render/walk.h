@@ -1,0 +1,99 @@
+/* SPDX-License-Identifier: MIT */
+/* walk.h owns one evaluation while it runs: the entries it depends on, and the functions that
+ * walk.c, checks.c, error_bounds.c and finish.c call in each other. */
+#ifndef RELIGHTD_WALK_H
+#define RELIGHTD_WALK_H
+
+#include "render/evaluation.h"
+
+struct render;
+
+/* One cache entry that an evaluation depends on. */
+struct dependency {
+    struct cache_waiter waiter; /* first: dependency_ended() is given it */
+    struct render *render;
+    struct cache_entry *entry; /* held; NULL: not needed */
+    bool was_ready;            /* it was in the cache: this evaluation did not cause its cost */
+};
+
+/* The steps of an evaluation, in their order. */
+enum render_step {
+    STEP_MODEL,
+    STEP_ENVIRONMENTS,
+    STEP_LIGHTS,
+    STEP_CONTRACTIONS,
+    STEP_RADIANCE,
+    STEP_FINISH,
+};
+
+struct render {
+    struct work work; /* first: the last step's work */
+    struct server *server;
+    struct model *model;
+    struct render_spec spec;
+    render_fn done; /* NULL: cancelled */
+    void *user;
+    enum render_step step; /* the next one */
+    unsigned n_waiting;    /* dependencies that are pending */
+    bool walking;
+    bool *ended;         /* set when the evaluation ends while render_start still runs */
+    bool screen;         /* an image-space engine answers, for the current vertices */
+    uint64_t generation; /* of the geometry that is shown */
+    bool transient; /* one frame of many: its radiance is dropped from the cache at the end */
+    /* geometry: the open .prt file, or with `screen` the shape */
+    struct dependency file, shape;
+    struct dependency env[RENDER_MAX_LIGHTS], light[RENDER_MAX_LIGHTS];
+    /* joint transport contracted with light i */
+    struct dependency contracted_light[RENDER_MAX_LIGHTS];
+    /* the transport contracted with the material: held and ready; NULL: the file's is used */
+    struct cache_entry *contracted_material[RENDER_MAX_LIGHTS];
+    struct dependency vertex_values[RENDER_MAX_LIGHTS]; /* without `screen` */
+    char *values_key[RENDER_MAX_LIGHTS];                /* of their entries; owned */
+    struct dependency screen_radiance;                  /* with `screen` */
+    struct dependency visibility, specular, background, map[3];
+    struct prt_camera camera;
+    uint64_t start_ns;
+    struct render_result result;
+};
+
+/* ---- walk.c ---- */
+
+const struct prt_transport *render_transport(const struct render *r); /* without `screen` */
+struct shape *render_shape(const struct render *r);                   /* with `screen` */
+const struct prt_mesh *render_mesh(const struct render *r);
+/* How many vertex_values the evaluation has: one for a picture or a sum, else one a light. */
+unsigned render_n_values(const struct render_spec *spec);
+/* Milliseconds that making the entry took; 0 where it was in the cache. */
+float dependency_ms(const struct dependency *dependency);
+/* Releases every entry. */
+void render_release(struct render *r);
+
+/* ---- checks.c: each returns 0, or an error code with its text ---- */
+
+/* True where an image-space engine draws: pictures of a model without a bake, with moved
+ * vertices or with maps, and pictures for which such an engine is named. */
+bool render_uses_screen(const struct render *r);
+/* True where the bake fixed the light (polynomial transport). */
+bool render_light_is_baked(const struct render *r);
+/* Whether the image-space engines, or the open bake, can answer the request. */
+int check_request(const struct render *r, char error[300]);
+/* Whether result.error_bound is within the request's max_error. */
+int check_error_bound(const struct render *r, char error[300]);
+
+/* ---- error_bounds.c: relative RMS errors ---- */
+
+/* The bake's measured error for the requested term. */
+float bake_error(const struct render *r);
+/* The largest error of any vertex_values from projecting the material on the bake's bases; it
+ * adds to bake_error(). */
+float material_error(const struct render *r);
+
+/* ---- finish.c ---- */
+
+/* The last step: fills the result and encodes it, on a worker where that takes time. */
+void render_finish(struct render *r);
+/* Ends the evaluation now: releases r, then calls done. */
+void render_end(struct render *r);
+void render_end_with_error(struct render *r, int code, const char *text);
+
+#endif
