@@ -13,6 +13,8 @@
 #include <unistd.h>
 #include <cmocka.h>
 
+#include "../data.h"
+
 static int n_file, n_refused, n_failed, n_error, n_warning, n_crash;
 static char last_error[1100];
 
@@ -103,10 +105,7 @@ static void every_broken_image(void **state)
     static const char *const folder[] = {PRT_SHARED_DATA "/broken/exr",
                                          PRT_SHARED_DATA "/broken/hdr",
                                          PRT_SHARED_DATA "/broken/dds"};
-    if (access(folder[0], R_OK)) {
-        print_message("no " PRT_SHARED_DATA "/broken: skipped\n");
-        skip();
-    }
+    want_data(folder[0]);
     setenv("PRT_LIBDIR", PRT_BINARY_DIR, 1);
     for (int i = 0; i < 3; i++) assert_int_equal(nftw(folder[i], one_file, 16, FTW_PHYS), 0);
     print_message("%d files, %d refused, %d of them by a crash of the child\n", n_file,
@@ -148,5 +147,5 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(every_broken_image),
                                        cmocka_unit_test(a_cut_or_changed_file)};
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    return run_test_group(tests, NULL, NULL);
 }

@@ -15,6 +15,8 @@
 #include <unistd.h>
 #include <cmocka.h>
 
+#include "../data.h"
+
 static int n_file, n_refused, n_failed;
 static int n_error;
 static char last_error[1100];
@@ -78,10 +80,7 @@ static void every_broken_model(void **state)
 {
     static const char *const folder[] = {PRT_SHARED_DATA "/broken/gltf",
                                          PRT_SHARED_DATA "/broken/mesh"};
-    if (access(folder[0], R_OK)) {
-        print_message("no " PRT_SHARED_DATA "/broken: skipped\n");
-        skip();
-    }
+    want_data(folder[0]);
     for (int i = 0; i < 2; i++) assert_int_equal(nftw(folder[i], one_file, 16, FTW_PHYS), 0);
     print_message("%d files, %d refused\n", n_file, n_refused);
     assert_true(n_file > 200);
@@ -114,10 +113,7 @@ static void the_right_ones(void **state)
         {"mesh/derived/obj_int_overflow.obj", "line", PRT_FORMAT},
         {"mesh/derived/ply_vertex_count_4e9.ply", "shorter", PRT_FORMAT},
     };
-    if (access(PRT_SHARED_DATA "/broken", R_OK)) {
-        print_message("no " PRT_SHARED_DATA "/broken: skipped\n");
-        skip();
-    }
+    want_data(PRT_SHARED_DATA "/broken");
     for (size_t i = 0; i < sizeof want / sizeof *want; i++) {
         char path[512];
         struct prt_context ctx;
@@ -181,5 +177,5 @@ int main(void)
         cmocka_unit_test(every_broken_model),
         cmocka_unit_test(the_right_ones),
     };
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    return run_test_group(tests, NULL, NULL);
 }

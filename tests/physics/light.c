@@ -10,8 +10,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <dirent.h>
-#include <sys/stat.h>
 #include <cmocka.h>
+
+#include "expect.h"
 
 #define PI 3.14159265358979323846
 
@@ -27,15 +28,6 @@ static int setup(void **state)
     ctx.log = quiet;
     setenv("PRT_LIBDIR", PRT_BINARY_DIR, 1);
     return 0;
-}
-
-static void want_data(void)
-{
-    struct stat st;
-    if (stat(PRT_SHARED_DATA "/env", &st)) {
-        print_message("development data is absent: skipped\n");
-        skip();
-    }
 }
 
 static double luminance(const float *p)
@@ -79,17 +71,19 @@ static void check_power(const char *name, const struct prt_env *env)
         struct prt_cube cube;
         assert_int_equal(prt_env_to_cube(&ctx, env, sizes[i], turns[(i * 2) % 5], &cube), 0);
         const double have = cube_power(&cube);
-        if (!(fabs(have - want) <= 1e-5 * want))
-            fail_msg("%s at %u: power %.9g instead of %.9g", name, sizes[i], have, want);
+        if (!(fabs(have / want - 1) <= 1e-6)) print_error("%s at %u:\n", name, sizes[i]);
+        expect_near("power over the picture's", have / want, 1, 1e-6);
         prt_cube_finish(&cube);
     }
 }
 
+/* Law: the cube's sum of radiance x solid angle is the picture's, at any size and turn (METHODS
+ * §2). */
 static void files_keep_their_power(void **state)
 {
     static const char *const folders[] = {"latlong", "cube"};
     int count = 0;
-    want_data();
+    want_data(PRT_SHARED_DATA "/env");
     for (int f = 0; f < 2; f++) {
         char path[512];
         snprintf(path, sizeof path, PRT_SHARED_DATA "/env/%s", folders[f]);
@@ -121,8 +115,8 @@ static void turned_direction(double x, double y, uint32_t w, uint32_t h, double 
     d[2] = -sin(a) * v[0] + cos(a) * v[2];
 }
 
-/* A sun of one pixel: all its power lands within a texel and a half of where it stands, and the
- * rest of the sky is not disturbed. */
+/* Law: the power of one pixel lands within a texel and a half of it, and no other texel changes
+ * (METHODS §2). */
 static void one_pixel_sun(void **state)
 {
     enum { W = 512, H = 256 };
@@ -145,7 +139,7 @@ static void one_pixel_sun(void **state)
             struct prt_cube cube;
             assert_int_equal(prt_env_to_cube(&ctx, &env, n, degrees, &cube), 0);
             const double want = latlong_power(&env.latlong);
-            assert_true(fabs(cube_power(&cube) / want - 1) < 1e-5);
+            expect_near("power over the picture's", cube_power(&cube) / want, 1, 1e-5);
             double d[3], near_power = 0, far = 0;
             turned_direction(places[p].x + 0.5, places[p].y + 0.5, W, H, degrees, d);
             for (uint32_t i = 0; i < 6 * n * n; i++) {
@@ -159,16 +153,16 @@ static void one_pixel_sun(void **state)
                     near_power += (cube.texel[i * 3] - sky) * prt_cube_solid_angle(n, x, y);
                 else far = fmax(far, fabs(cube.texel[i * 3] / sky - 1));
             }
-            assert_float_equal(near_power / (want - sky * 4 * PI), 1, 2e-3);
-            if (!(far < 3e-3))
-                fail_msg("sun at %u %u, n %u: the sky is off by %g", places[p].x, places[p].y,
-                         n, far);
+            expect_near("share of the sun near its place", near_power / (want - sky * 4 * PI),
+                        1, 2e-3);
+            expect_below("change of the sky elsewhere", far, 5e-4);
             prt_cube_finish(&cube);
         }
     prt_free(env.latlong.rgb);
 }
 
-/* Texel averages against a brute-force sum over 400 x 400 jittered directions. */
+/* Law: a texel is the mean of the picture over it: a sum over 400 x 400 directions (METHODS
+ * §2). */
 static void texels_are_averages(void **state)
 {
     enum { W = 1024, H = 512, N = 32, S = 400 };
@@ -204,12 +198,13 @@ static void texels_are_averages(void **state)
         sum += error / 60;
     }
     print_message("white noise, 6x32x32: mean error %.2g, worst %.2g\n", sum, worst);
-    assert_true(worst < 3e-3);
+    expect_below("error of a texel", worst, 1.5e-3);
     prt_free(env.latlong.rgb);
     prt_cube_finish(&cube);
 }
 
-/* A coarse source leaves no holes and no ripples in a fine cube. */
+/* Law: texels of a fine cube lie between the coarse picture's extremes, and power stays
+ * (METHODS §2). */
 static void upsampling_has_no_holes(void **state)
 {
     struct prt_env env = {.kind = PRT_ENV_LATLONG, .latlong = {16, 8, NULL}};
@@ -218,8 +213,9 @@ static void upsampling_has_no_holes(void **state)
     for (int i = 0; i < 16 * 8 * 3; i++) env.latlong.rgb[i] = 1 + (float)(i % 7);
     assert_int_equal(prt_env_to_cube(&ctx, &env, 128, 10, &cube), 0);
     for (int i = 0; i < 6 * 128 * 128 * 3; i++)
-        assert_true(cube.texel[i] > 0.95f && cube.texel[i] < 7.1f);
-    assert_float_equal(cube_power(&cube) / latlong_power(&env.latlong), 1, 1e-5);
+        expect_near("texel, of a picture in 1 to 7", cube.texel[i], 4, 3.05);
+    expect_near("power over the picture's", cube_power(&cube) / latlong_power(&env.latlong), 1,
+                1e-5);
     prt_cube_finish(&cube);
     prt_free(env.latlong.rgb);
 }
@@ -245,8 +241,9 @@ static void load_cube(const char *file, uint32_t n, double degrees, struct prt_c
     prt_env_destroy(env);
 }
 
-/* Small lamps cut by texel edges make the difference; a wrong orientation gives above 0.5. The
- * OpenEXR pairs were sampled with pixel centres on the edges, half a pixel from ours. */
+/* Law: every layout of a picture gives the same cube (METHODS §2). Small lamps cut by texel
+ * edges make the difference; a wrong orientation gives above 0.5. The OpenEXR pairs were
+ * sampled with pixel centres on the edges, half a pixel from ours. */
 static void layouts_agree(void **state)
 {
     static const struct {
@@ -264,23 +261,22 @@ static void layouts_agree(void **state)
                  {"cube/grace_vcross.hdr", "latlong/grace.exr", 0.03},
                  {"cube/stage_openexr_cube.exr", "latlong/stage_openexr.exr", 0.2},
                  {"cube/wavylines_openexr_cube.exr", "latlong/wavylines_openexr.exr", 0.2}};
-    want_data();
+    want_data(PRT_SHARED_DATA "/env");
     for (size_t i = 0; i < sizeof pairs / sizeof *pairs; i++)
         for (int turn = 0; turn < 2; turn++) {
             struct prt_cube a, b;
             load_cube(pairs[i].file, 32, turn * 40.0, &a);
             load_cube(pairs[i].other, 32, turn * 40.0, &b);
             const double d = relative_rms(&a, &b);
-            print_message("%s - %s, %d deg: %.4f\n", pairs[i].file, pairs[i].other, turn * 40,
-                          d);
-            if (!(d <= pairs[i].tolerance))
-                fail_msg("%s and %s differ by %g", pairs[i].file, pairs[i].other, d);
+            expect_below(
+                expect_name("%s - %.30s", pairs[i].file, strchr(pairs[i].other, '/') + 1), d,
+                pairs[i].tolerance);
             prt_cube_finish(&a);
             prt_cube_finish(&b);
         }
 }
 
-/* Turning by quarter circles moves faces: what stood at +X stands at -Z, and so on. */
+/* Law: a quarter turn maps faces on faces: +X goes to -Z, and so on (METHODS §2). */
 static void quarter_turns_map_faces(void **state)
 {
     enum { N = 16 };
@@ -310,8 +306,8 @@ static void quarter_turns_map_faces(void **state)
                 }
                 prt_cube_lookup(d, &face, &s, &t);
                 const int x = (int)((s + 1) * 0.5f * N), y = (int)((t + 1) * 0.5f * N);
-                assert_float_equal(turned.texel[i * 3],
-                                   still.texel[((face * N + y) * N + x) * 3], 2e-3);
+                expect_near("texel after a turn", turned.texel[i * 3],
+                            still.texel[((face * N + y) * N + x) * 3], 2e-3);
             }
             prt_cube_finish(&turned);
         }
@@ -321,24 +317,25 @@ static void quarter_turns_map_faces(void **state)
     prt_cube_finish(&cube.cube);
 }
 
+/* Law: cube to lat-long keeps the power, and back nearly every texel (METHODS §2). */
 static void cube_and_latlong_there_and_back(void **state)
 {
     struct prt_cube cube, back;
     struct prt_image im;
-    want_data();
+    want_data(PRT_SHARED_DATA "/env");
     load_cube("latlong/grace.exr", 64, 0, &cube);
     assert_int_equal(prt_cube_to_latlong(&ctx, &cube, 2048, 1024, &im), 0);
-    assert_float_equal(latlong_power(&im) / cube_power(&cube), 1, 1e-5);
+    expect_near("power over the cube's", latlong_power(&im) / cube_power(&cube), 1, 1e-5);
     struct prt_env env = {.kind = PRT_ENV_LATLONG, .latlong = im};
     assert_int_equal(prt_env_to_cube(&ctx, &env, 64, 0, &back), 0);
-    print_message("64 - lat-long - 64: %.4f\n", relative_rms(&back, &cube));
-    assert_true(relative_rms(&back, &cube) < 0.06);
+    expect_below("relative RMS there and back", relative_rms(&back, &cube), 0.06);
     prt_cube_finish(&back);
     prt_cube_finish(&cube);
     prt_image_finish(&im);
 }
 
-/* Same bits for any number of threads; the C path agrees with the vector one. */
+/* Contract of prt_env_to_cube: equal bits for any number of threads; C agrees with vector code.
+ */
 static void threads_and_isa_agree(void **state)
 {
     struct prt_context one = ctx, two = ctx, plain = ctx;
@@ -355,7 +352,7 @@ static void threads_and_isa_agree(void **state)
     assert_int_equal(prt_env_to_cube(&plain, &env, 32, 12.3, &c), 0);
     assert_memory_equal(a.texel, b.texel, 6 * 32 * 32 * 3 * sizeof(float));
     for (int i = 0; i < 6 * 32 * 32 * 3; i++)
-        assert_float_equal(a.texel[i], c.texel[i], 1e-5 * a.texel[i]);
+        expect_close("C code", c.texel[i], a.texel[i], 1e-5);
     prt_cube_finish(&a);
     prt_cube_finish(&b);
     prt_cube_finish(&c);
@@ -363,6 +360,7 @@ static void threads_and_isa_agree(void **state)
     prt_pool_destroy(two.pool);
 }
 
+/* Contract of prt_env_to_cube: sizes and angles out of range are refused. */
 static void nonsense_is_refused(void **state)
 {
     float pixel[3] = {1, 1, 1};
@@ -389,5 +387,5 @@ int main(void)
         cmocka_unit_test(threads_and_isa_agree),
         cmocka_unit_test(nonsense_is_refused),
     };
-    return cmocka_run_group_tests(tests, setup, NULL);
+    return run_physics_tests(tests, setup, NULL);
 }

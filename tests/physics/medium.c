@@ -13,20 +13,11 @@
 
 #include <cmocka.h>
 
-static void assert_close(double value, double expected, double relative)
-{
-    if (!(fabs(value - expected) <= relative * fabs(expected)))
-        fail_msg("%.10g, expected %.10g to %g relative", value, expected, relative);
-}
-
-static void assert_within(double value, double expected, double absolute)
-{
-    if (!(fabs(value - expected) <= absolute))
-        fail_msg("%.10g, expected %.10g +- %g", value, expected, absolute);
-}
+#include "expect.h"
 
 /* ---- dipole ---- */
 
+/* Law: R_d and rho_d of the dipole (METHODS §1, W05 eq 3): the values of its table. */
 static void test_dipole_values(void **state)
 {
     /* METHODS §1, JMLH01 red channels: sigma_s', sigma_a, eta, R_d at 0, 0.1, 1, 10 mm, rho_d
@@ -40,11 +31,11 @@ static void test_dipole_values(void **state)
     for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
         struct prt_diffusion d;
         prt_diffusion_init(&d, row[i][0], row[i][1], row[i][2]);
-        assert_close(prt_diffusion_rd(&d, 0), row[i][3], 2e-7);
-        assert_close(prt_diffusion_rd(&d, 0.1), row[i][4], 2e-7);
-        assert_close(prt_diffusion_rd(&d, 1), row[i][5], 2e-7);
-        assert_close(prt_diffusion_rd(&d, 10), row[i][6], 4e-7);
-        assert_close(d.rho_d, row[i][7], 1e-7);
+        expect_close("R_d(0)", prt_diffusion_rd(&d, 0), row[i][3], 2e-7);
+        expect_close("R_d(0.1)", prt_diffusion_rd(&d, 0.1), row[i][4], 2e-7);
+        expect_close("R_d(1)", prt_diffusion_rd(&d, 1), row[i][5], 2e-7);
+        expect_close("R_d(10)", prt_diffusion_rd(&d, 10), row[i][6], 4e-7);
+        expect_close("rho_d", d.rho_d, row[i][7], 1e-7);
     }
 }
 
@@ -59,6 +50,7 @@ static double integral_beyond(const struct prt_diffusion *d, double a)
     return sum;
 }
 
+/* Law: int 2 pi r R_d dr from r on is the closed-form tail, from 0 on rho_d (METHODS §1). */
 static void test_dipole_integral(void **state)
 {
     for (unsigned i = 0; prt_material_preset(i); i++) {
@@ -67,13 +59,16 @@ static void test_dipole_integral(void **state)
         for (int c = 0; c < 3; c++) {
             struct prt_diffusion d;
             prt_diffusion_init(&d, m->sigma_s_prime[c], m->sigma_a[c], m->eta);
-            assert_close(integral_beyond(&d, 0), d.rho_d, 1e-5);
-            assert_close(integral_beyond(&d, 1.5), prt_diffusion_tail(&d, 1.5), 1e-5);
-            assert_close(prt_diffusion_tail(&d, 0), d.rho_d, 1e-12);
+            expect_close("integral of R_d", integral_beyond(&d, 0), d.rho_d, 1e-5);
+            expect_close("integral of R_d beyond 1.5 mm", integral_beyond(&d, 1.5),
+                         prt_diffusion_tail(&d, 1.5), 1e-5);
+            expect_close("tail from 0", prt_diffusion_tail(&d, 0), d.rho_d, 1e-12);
         }
     }
 }
 
+/* Law: every instruction set gives R_d (METHODS §1) to 1e-5, and writes nothing past the end.
+ */
 static void test_dipole_array(void **state)
 {
     static const double medium[][2] = {{2.19, 0.0021}, {25, 2},   {0.02, 2},
@@ -98,8 +93,10 @@ static void test_dipole_array(void **state)
                 for (size_t i = 0; i < n; i++) {
                     double r = sqrt((double)r2[i]), exact = prt_diffusion_rd(&d[c], r);
                     if (d[c].sigma_tr * hypot(r, d[c].z_r) <= 40)
-                        assert_close(out[c][i], exact, 1e-5);
-                    else assert_within(out[c][i], exact, 1e-16 * prt_diffusion_rd(&d[c], 0));
+                        expect_close("R_d of an array", out[c][i], exact, 1e-5);
+                    else
+                        expect_near("R_d of an array, far away", out[c][i], exact,
+                                    1e-16 * prt_diffusion_rd(&d[c], 0));
                 }
                 for (int g = 0; g < GUARD; g++) {
                     uint32_t bits;
@@ -112,23 +109,27 @@ static void test_dipole_array(void **state)
 
 /* ---- boundary ---- */
 
+/* Law: F_t at normal incidence and at Brewster's angle, its mean, and F_dr (METHODS §1). */
 static void test_fresnel(void **state)
 {
-    assert_within(prt_fresnel_mean_transmittance(1.3), 0.938868, 5e-7);
-    assert_within(prt_fresnel_mean_transmittance(1.5), 0.908222, 5e-7);
-    assert_within(M_PI * prt_fresnel_mean_transmittance(1.3), 2.949541, 1e-6);
-    assert_within(M_PI * prt_fresnel_mean_transmittance(1.5), 2.853264, 1e-6);
-    assert_close(prt_fresnel_mean_transmittance(1), 1, 1e-9);
+    expect_near("mean F_t at 1.3", prt_fresnel_mean_transmittance(1.3), 0.938868, 5e-7);
+    expect_near("mean F_t at 1.5", prt_fresnel_mean_transmittance(1.5), 0.908222, 5e-7);
+    expect_near("E at 1.3", M_PI * prt_fresnel_mean_transmittance(1.3), 2.949541, 1e-6);
+    expect_near("E at 1.5", M_PI * prt_fresnel_mean_transmittance(1.5), 2.853264, 1e-6);
+    expect_close("mean F_t at 1", prt_fresnel_mean_transmittance(1), 1, 1e-9);
     /* normal incidence: 1 - ((eta-1)/(eta+1))^2; Brewster: the parallel part passes whole */
-    assert_close(prt_fresnel_transmittance(1.5, 1), 0.96, 1e-12);
+    expect_close("F_t at normal incidence", prt_fresnel_transmittance(1.5, 1), 0.96, 1e-12);
     double brewster = atan(1.5), ts = cos(brewster), tt = sqrt(1 - (1 - ts * ts) / 2.25);
     double rs = (ts - 1.5 * tt) / (ts + 1.5 * tt);
-    assert_close(prt_fresnel_transmittance(1.5, ts), 1 - rs * rs / 2, 1e-12);
-    assert_true(prt_fresnel_transmittance(1.5, 0) == 0);
-    assert_true(prt_fresnel_transmittance(1.5, -0.5) == 0);
-    assert_close(prt_fresnel_dr(1.3), -1.44 / 1.69 + 0.71 / 1.3 + 0.668 + 0.0636 * 1.3, 1e-14);
+    expect_close("F_t at Brewster's angle", prt_fresnel_transmittance(1.5, ts), 1 - rs * rs / 2,
+                 1e-12);
+    expect_near("F_t along the surface", prt_fresnel_transmittance(1.5, 0), 0, 0);
+    expect_near("F_t from below", prt_fresnel_transmittance(1.5, -0.5), 0, 0);
+    expect_close("F_dr", prt_fresnel_dr(1.3), -1.44 / 1.69 + 0.71 / 1.3 + 0.668 + 0.0636 * 1.3,
+                 1e-14);
 }
 
+/* Law: a refracted direction keeps its length and obeys Snell's law (METHODS §1, boundary). */
 static void test_refraction(void **state)
 {
     struct prt_rng rng;
@@ -152,10 +153,10 @@ static void test_refraction(void **state)
             cross_w[i] = (double)n[a] * w[b] - (double)n[b] * w[a];
             cross_t[i] = (double)n[a] * t[b] - (double)n[b] * t[a];
         }
-        assert_close(tt, 1, 1e-6);
-        assert_true(nt < 0);
+        expect_close("squared length", tt, 1, 1e-6);
+        expect_below("cosine to the normal", nt, 0);
         /* Snell, in the plane of incidence: n x w = -eta n x t */
-        for (int i = 0; i < 3; i++) assert_within(cross_w[i], -eta * cross_t[i], 1e-6);
+        for (int i = 0; i < 3; i++) expect_near("n x w", cross_w[i], -eta * cross_t[i], 1e-6);
     }
 }
 
@@ -210,6 +211,7 @@ static double f_error2(double c, const void *arg)
     return e * e;
 }
 
+/* Law: a phase function integrates to 1 and its mean cosine is g (METHODS §3.7, HG41). */
 static void test_phase_moments(void **state)
 {
     static const double gs[] = {-0.9, -0.4, 0, 0.25, 0.6, 0.9};
@@ -219,10 +221,11 @@ static void test_phase_moments(void **state)
             struct prt_phase phase;
             assert_int_equal(prt_phase_hg(&phase, gs[i], terms[k]), PRT_OK);
             struct phase_pair pair = {&phase, gs[i]};
-            assert_close(sphere_integral(f_phase, &pair), 1, 1e-9);
-            assert_close(sphere_integral(f_hg, &pair), 1, 1e-8);
-            assert_within(sphere_integral(f_hg_cos, &pair), gs[i], 1e-8);
-            assert_within(sphere_integral(f_phase_cos, &pair), k ? gs[i] : 0, 1e-8);
+            expect_close("integral of p", sphere_integral(f_phase, &pair), 1, 1e-9);
+            expect_close("integral of HG", sphere_integral(f_hg, &pair), 1, 1e-8);
+            expect_near("mean cosine of HG", sphere_integral(f_hg_cos, &pair), gs[i], 1e-8);
+            expect_near("mean cosine of p", sphere_integral(f_phase_cos, &pair), k ? gs[i] : 0,
+                        1e-8);
         }
     struct prt_phase phase;
     assert_int_equal(prt_phase_hg(&phase, 0.5, 5), PRT_ARG);
@@ -230,7 +233,7 @@ static void test_phase_moments(void **state)
     assert_int_equal(prt_phase_hg(&phase, NAN, 4), PRT_ARG);
 }
 
-/* METHODS §3: relative RMS error of HG after l = 1, 2, 3 */
+/* Law: relative RMS error of Henyey-Greenstein cut after l = 1, 2, 3 (METHODS §3.7). */
 static void test_phase_truncation(void **state)
 {
     static const double row[][4] = {{0.25, 0.1330, 0.0392, 0.0111},
@@ -243,7 +246,7 @@ static void test_phase_truncation(void **state)
             prt_phase_hg(&phase, row[i][0], (l + 1) * (l + 1));
             struct phase_pair pair = {&phase, row[i][0]};
             double e = sqrt(sphere_integral(f_error2, &pair) / sphere_integral(f_hg2, &pair));
-            assert_within(e, row[i][l], 6e-5);
+            expect_near("relative RMS error of the cut series", e, row[i][l], 6e-5);
         }
 }
 
@@ -259,6 +262,7 @@ static void directions(unsigned n_phi, float (*dir)[3], double *weight)
         }
 }
 
+/* Law: Y_lm are orthonormal and add up to Legendre series (METHODS §3.7, addition theorem). */
 static void test_spherical_harmonics(void **state)
 {
     enum { N_PHI = 16, N = 8 * N_PHI };
@@ -270,7 +274,7 @@ static void test_spherical_harmonics(void **state)
         for (int b = 0; b < 16; b++) {
             double sum = 0;
             for (int i = 0; i < N; i++) sum += weight[i] * y[i][a] * y[i][b];
-            assert_within(sum, a == b, 2e-6);
+            expect_near("product of two harmonics", sum, a == b, 2e-6);
         }
     struct prt_phase phase; /* the addition theorem */
     prt_phase_hg(&phase, 0.7, 16);
@@ -281,11 +285,11 @@ static void test_spherical_harmonics(void **state)
             for (int l = 0; l < 4; l++)
                 for (int m = l * l; m < (l + 1) * (l + 1); m++)
                     sum += phase.a[l] * y[i][m] * y[j][m];
-            assert_within(sum, prt_phase_eval(&phase, c), 1e-6);
+            expect_near("addition theorem", sum, prt_phase_eval(&phase, c), 1e-6);
         }
 }
 
-/* W05 tabulates p over pairs of directions and takes an SVD: its values are |a_l|, 2l+1 times.
+/* Law: the singular values of p over pairs of directions are |a_l|, each 2l+1 times (W05 eq 9).
  */
 static void test_phase_svd(void **state)
 {
@@ -306,8 +310,8 @@ static void test_phase_svd(void **state)
         0);
     for (int l = 0; l < 4; l++)
         for (int k = l * l; k < (l + 1) * (l + 1); k++)
-            assert_within(value[k], pow(0.6, l), 1e-6);
-    assert_true(value[16] < 1e-6);
+            expect_near("singular value", value[k], pow(0.6, l), 1e-6);
+    expect_below("singular value beyond the series", value[16], 1e-6);
 }
 
 /* ---- materials ---- */
@@ -330,6 +334,8 @@ static int load(struct capture *capture, const char *text, struct prt_material *
     return prt_material_load(&ctx, text, m);
 }
 
+/* Contract of prt_material_load: a preset by name, and printing loses nothing (JMLH01 fig. 5).
+ */
 static void test_material_presets(void **state)
 {
     static const char *const names[] = {"apple",   "chicken1", "chicken2",   "cream",
@@ -343,7 +349,7 @@ static void test_material_presets(void **state)
         assert_int_equal(prt_material_check(NULL, p), PRT_OK);
         assert_int_equal(load(&capture, names[i], &m), PRT_OK);
         assert_memory_equal(&m, p, sizeof m);
-        assert_close(p->eta, i == 5 ? 1.5 : 1.3, 1e-6);
+        expect_close("eta", p->eta, i == 5 ? 1.5 : 1.3, 1e-6);
         char text[512];
         assert_true(prt_material_print(p, text, sizeof text) < 512);
         memset(&m, 0, sizeof m);
@@ -356,14 +362,14 @@ static void test_material_presets(void **state)
     assert_int_equal(load(&capture, "SkimMilk", &m), PRT_OK);
 }
 
-/* The presets against the published table, where the development data is there. */
+/* Law: the presets and their rho_d are the published measurements (JMLH01 fig. 5, METHODS §1).
+ */
 static void test_material_table(void **state)
 {
-    FILE *file = fopen(PRT_SHARED_DATA "/materials/jensen2001.csv", "r");
-    if (!file) {
-        print_message("no jensen2001.csv: skipped\n");
-        skip();
-    }
+    static const char path[] = PRT_SHARED_DATA "/materials/jensen2001.csv";
+    want_data(path);
+    FILE *file = fopen(path, "r");
+    assert_non_null(file);
     char line[512], name[32];
     assert_non_null(fgets(line, sizeof line, file));
     unsigned n = 0;
@@ -378,16 +384,17 @@ static void test_material_table(void **state)
         assert_string_equal(p->name, name);
         for (int c = 0; c < 3; c++) {
             struct prt_diffusion d;
-            assert_close(p->sigma_s_prime[c], v[c], 1e-6);
-            assert_within(p->sigma_a[c], v[3 + c], 1e-7);
+            expect_close("sigma_s'", p->sigma_s_prime[c], v[c], 1e-6);
+            expect_near("sigma_a", p->sigma_a[c], v[3 + c], 1e-7);
             prt_diffusion_init(&d, v[c], v[3 + c], v[9]);
-            assert_within(d.rho_d, v[10 + c], 6e-5);
+            expect_near("rho_d", d.rho_d, v[10 + c], 6e-5);
         }
     }
     fclose(file);
     assert_int_equal(n, 12);
 }
 
+/* Contract of prt_material_load: every fault is refused by name, range and unit. */
 static void test_material_faults(void **state)
 {
 #define SA "\"sigma_a\":[0,0.1,1]"
@@ -448,7 +455,7 @@ static void test_material_faults(void **state)
         "  {" SS "," SA ",\"g\":[0.1,0.2,0.3],\"eta\":1.4,\"name\":\"a\\\"b\"}\n";
     assert_int_equal(write(fd, json, strlen(json)), (ssize_t)strlen(json));
     assert_int_equal(load(&capture, path, &m), PRT_OK);
-    assert_close(m.g[2], 0.3, 1e-6);
+    expect_close("g", m.g[2], 0.3, 1e-6);
     assert_string_equal(m.name, "a\"b");
     assert_int_equal(ftruncate(fd, 1 << 20), 0);
     assert_true(load(&capture, path, &m) < 0);
@@ -466,5 +473,5 @@ int main(void)
         cmocka_unit_test(test_phase_svd),        cmocka_unit_test(test_material_presets),
         cmocka_unit_test(test_material_table),   cmocka_unit_test(test_material_faults),
     };
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    return run_physics_tests(tests, NULL, NULL);
 }

@@ -31,9 +31,9 @@ static double middle(const struct stage *s, pixels b, int c)
     return sum / n;
 }
 
-// Maps: factors of 2 everywhere equal a medium of twice the coefficients; a flat normal map
-// changes nothing; a slope of heights tilts the normal by its angle; two halves of different
-// media are each as bright as their own.
+// Law: maps multiply sigma_s' and sigma_a where light leaves, and tip the normal (METHODS §6,
+// maps, M03): twice the coefficients is a denser medium, a level map changes nothing, a slope
+// tips by its own angle.
 static void maps_change_the_medium(void **state)
 {
     struct prt_material m = marble;
@@ -56,7 +56,8 @@ static void maps_change_the_medium(void **state)
     mapped.sigma_s_map = mapped.sigma_a_map = &twice;
     pixels b = render(&s, &m, NULL, &from_front, mapped, &report);
     for (int c = 0; c < 3; c++)
-        assert_true(fabs(middle(&s, b, c) / middle(&s, want, c) - 1) < 0.01);
+        expect_near("map of 2 over the denser medium", middle(&s, b, c) / middle(&s, want, c),
+                    1, 0.01);
     assert_int_equal(report.n_medium, 1);
     free(b);
     // absorption sixty times as strong on one half: it is darker there, and no darker elsewhere
@@ -72,13 +73,14 @@ static void maps_change_the_medium(void **state)
         float x = s.g.position[0][i], y = s.g.position[1][i];
         if (fabsf(y) > 8 || fabsf(x) > 20 || fabsf(x) < 4) continue;
         float share = b[i][1] / base[i][1];
-        assert_true(x < 0 ? fabsf(share - 1) < 0.1f : share < 0.5f);
+        if (x < 0) expect_near("plain half over the plain medium", share, 1, 1e-5);
+        else expect_below("absorbing half over the plain medium", share, 0.25);
     }
     free(b);
     mapped = options;
     mapped.normal_map = &level;
     b = render(&s, &m, NULL, &from_front, mapped, NULL);
-    assert_true(relative(b, base, s.g.n_point) < 1e-3);
+    expect_below("change by a level normal map", relative(b, base, s.g.n_point), 1e-6);
     free(b);
     // a tint of 0.4 by absorption gives 0.4 of the light in every channel
     float tint[1][3] = {{0.4f, 0.4f, 0.4f}};
@@ -89,10 +91,9 @@ static void maps_change_the_medium(void **state)
     mapped.sigma_a_map = &tinted;
     b = render(&s, &m, NULL, &from_front, mapped, NULL);
     for (int c = 0; c < 3; c++) {
-        print_message("tinted 0.4: %.4f of the light\n",
-                      middle(&s, b, c) / middle(&s, base, c));
-        assert_true(tint[0][c] > 1);
-        assert_true(fabs(middle(&s, b, c) / middle(&s, base, c) / 0.4 - 1) < 0.02);
+        expect_above("absorption factor of a tint", tint[0][c], 1);
+        expect_close("share of the light under a tint of 0.4",
+                     middle(&s, b, c) / middle(&s, base, c), 0.4, 0.003);
     }
     free(b);
     // heights that rise by 12 mm to a side of 60: a normal tipped by atan(0.2); the light's
@@ -108,9 +109,8 @@ static void maps_change_the_medium(void **state)
     double l = sqrt(1 + 0.04), tipped = (0.8 - 0.2 * 0.6) / l;
     double share = prt_fresnel_transmittance(m.eta, tipped) * tipped /
                    (prt_fresnel_transmittance(m.eta, 0.8) * 0.8);
-    print_message("a slope of 0.2: %.4f of the light, closed form %.4f\n",
-                  middle(&s, b, 1) / middle(&s, level_lit, 1), share);
-    assert_true(fabs(middle(&s, b, 1) / middle(&s, level_lit, 1) / share - 1) < 0.02);
+    expect_close("share of the light on a slope of 0.2",
+                 middle(&s, b, 1) / middle(&s, level_lit, 1), share, 0.02);
     free(b);
     // refusals
     static const float bad[1][3] = {{NAN, 0, 0}}, negative[1][3] = {{-1, 0, 0}};
@@ -140,9 +140,8 @@ static void maps_change_the_medium(void **state)
     model_finish(&model);
 }
 
-// Every engine: a tint of 0.4 gives 0.4 of the light, a level normal map changes nothing, a
-// slope of heights tilts the normal by its angle; surfaces may have maps of their own, or none.
-// Two halves of different media are within the tolerance of the reference.
+// Law: maps do the same in every engine (METHODS §6, maps): a tint of 0.4 leaves 0.4 of the
+// light, a slope tips the normal by its own angle. A surface may have maps of its own, or none.
 static void every_engine_takes_maps(void **state)
 {
     static const uint32_t count[5] = {160, 64, 2500, 900, 60000};
@@ -190,7 +189,7 @@ static void every_engine_takes_maps(void **state)
         free(own);
         o.sigma_a_map = &none;
         own = render(&s, &m, NULL, &slant, o, NULL);
-        assert_true(relative(own, base, s.g.n_point) < 1e-4);
+        expect_below("change by an empty map", relative(own, base, s.g.n_point), 1e-4);
         free(own);
         free(b);
         o = plain;
@@ -208,13 +207,13 @@ static void every_engine_takes_maps(void **state)
         o.measure_error = e != PRT_SCREEN_REFERENCE;
         struct prt_screen_report report;
         b = render(&s, &m, NULL, &slant, o, &report);
-        print_message("%-9s tint %.4f, level %.4f, slope %.4f of %.4f, halves %.2f %% off\n",
-                      prt_screen_engine_name(plain.engine), tint_share, level_share,
-                      slope_share, slope, 100 * report.error);
-        assert_true(fabs(tint_share / 0.4 - 1) < 0.02);
-        assert_true(fabs(level_share - 1) < 0.01);
-        assert_true(fabs(slope_share / slope - 1) < 0.03);
-        assert_true(report.error < 0.1);
+        const char *name = prt_screen_engine_name(plain.engine);
+        expect_close(expect_name("%s: share under a tint", name), tint_share, 0.4, 0.003);
+        expect_near(expect_name("%s: share under a level map", name), level_share, 1, 1e-6);
+        expect_close(expect_name("%s: share on a slope", name), slope_share, slope, 1.2e-4);
+        if (o.measure_error)
+            expect_below(expect_name("%s: reported error on two halves", name), report.error,
+                         0.05);
         free(b);
         free(base);
     }
@@ -223,8 +222,8 @@ static void every_engine_takes_maps(void **state)
     model_finish(&model);
 }
 
-// Every engine spreads light by the material's own profile: a large plane gives its total, and
-// a ball agrees with the sum over its R_d.
+// Law: every engine spreads light by the material's own R_d (METHODS §1, other profiles): B =
+// total E on a large plane, and on a ball the sum over all texels.
 static void engines_use_the_profile_of_the_material(void **state)
 {
     static const char *const text[2] = {
@@ -263,10 +262,10 @@ static void engines_use_the_profile_of_the_material(void **state)
             b = render(&round, &m, NULL, &from_front, options, NULL);
             if (!want) want = b;
             double off = relative(b, want, round.g.n_point);
-            print_message("%s: %s: %.4f of %.4f, ball %.2f %% off\n", m.name,
-                          prt_screen_engine_name(options.engine), total, d[0].rho_d, 100 * off);
-            assert_true(fabs(total / d[0].rho_d - 1) < 0.03);
-            assert_true(off < 0.05);
+            const char *name = prt_screen_engine_name(options.engine);
+            expect_close(expect_name("profile %d, %s: total", k, name), total, d[0].rho_d,
+                         0.03);
+            expect_below(expect_name("profile %d, %s: ball", k, name), off, 0.05);
             if (b != want) free(b);
         }
         free(want);
@@ -285,5 +284,5 @@ int main(void)
         cmocka_unit_test(every_engine_takes_maps),
         cmocka_unit_test(engines_use_the_profile_of_the_material),
     };
-    return cmocka_run_group_tests(tests, screen_setup, screen_teardown);
+    return run_physics_tests(tests, screen_setup, screen_teardown);
 }

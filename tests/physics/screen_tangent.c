@@ -2,14 +2,15 @@
 // screen/: M03's radii.
 #include "screen_stage.h"
 
-// Law (M03 eq 7): radii have the density 2 pi r R_d / rho_d, the mean over channels.
+// Law: M03's radii have density 2 pi r R_d / rho_d, the mean over channels (METHODS §6, M03 eq
+// 6).
 static void tangent_radii_follow_rd(void **state)
 {
     struct prt_diffusion d[3];
     for (int c = 0; c < 3; c++)
         prt_diffusion_init(&d[c], marble.sigma_s_prime[c], 0.01 + 0.03 * c, marble.eta);
     enum { BINS = 40, DRAWS = 40000 };
-    double want[BINS], edge[BINS + 1], value;
+    double want[BINS], edge[BINS + 1];
     uint32_t got[BINS] = {0};
     for (int i = 0; i <= BINS; i++) edge[i] = i ? 0.03 * pow(2000, (double)i / BINS) : 0;
     for (int i = 0; i < BINS; i++) {
@@ -28,7 +29,7 @@ static void tangent_radii_follow_rd(void **state)
         while (k + 1 < BINS && r >= edge[k + 1]) k++;
         got[k]++;
     }
-    assert_true(chi_square_ok(want, got, BINS, &value));
+    expect_chi_square("chi-square of the radii", want, got, BINS);
     // and the tails are those of the density itself: integrate it
     for (int c = 0; c < 3; c++) {
         double sum = 0;
@@ -36,7 +37,8 @@ static void tangent_radii_follow_rd(void **state)
             double r = (i + 0.5) * 1e-3;
             sum += 2 * M_PI * r * prt_diffusion_rd(&d[c], r) * 1e-3;
         }
-        assert_true(fabs(sum + prt_diffusion_tail(&d[c], 20) - d[c].rho_d) < 1e-4 * d[c].rho_d);
+        expect_close("integral of R_d and its tail", sum + prt_diffusion_tail(&d[c], 20),
+                     d[c].rho_d, 1e-4);
     }
 }
 
@@ -45,5 +47,5 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tangent_radii_follow_rd),
     };
-    return cmocka_run_group_tests(tests, screen_setup, screen_teardown);
+    return run_physics_tests(tests, screen_setup, screen_teardown);
 }

@@ -13,6 +13,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "bodies.h"
+#include "expect.h"
 #include "prt/bake.h"
 
 static struct prt_context context;
@@ -36,44 +38,13 @@ static void listen_in(void *user, enum prt_log_level level, const char *line)
 // A ball of 20 mm over an opaque square: clusters of both kinds, and three of the ball.
 static struct prt_mesh *scene(void)
 {
-    enum { U = 48, V = 32, BALL = U * (V + 1), FLOOR = 4 };
-    static float p[BALL + FLOOR][3];
-    static uint32_t t[U * V * 2 + 2][3];
-    uint32_t nt = 0;
-    for (int j = 0; j <= V; j++)
-        for (int i = 0; i < U; i++) {
-            double th = M_PI * j / V, ph = 2 * M_PI * i / U;
-            float at[3] = {(float)(10 * sin(th) * cos(ph)), (float)(10 * cos(th)),
-                           (float)(10 * sin(th) * sin(ph))};
-            memcpy(p[j * U + i], at, sizeof at);
-        }
-    for (int j = 0; j < V; j++)
-        for (int i = 0; i < U; i++) {
-            uint32_t a = (uint32_t)(j * U + i), b = (uint32_t)(j * U + (i + 1) % U);
-            if (j > 0) memcpy(t[nt++], ((uint32_t[3]){a, b, a + U}), 12);
-            if (j < V - 1) memcpy(t[nt++], ((uint32_t[3]){b, b + U, a + U}), 12);
-        }
-    uint32_t ball = nt;
-    for (int i = 0; i < FLOOR; i++) {
-        float at[3] = {i & 1 ? 15.0f : -15.0f, -11, i & 2 ? 15.0f : -15.0f};
-        memcpy(p[BALL + i], at, sizeof at);
-    }
-    memcpy(t[nt++], ((uint32_t[3]){BALL, BALL + 2, BALL + 1}), 12);
-    memcpy(t[nt++], ((uint32_t[3]){BALL + 1, BALL + 2, BALL + 3}), 12);
-    struct prt_mesh *mesh;
-    assert_int_equal(prt_mesh_create(&context, BALL + FLOOR, (const float(*)[3])p, NULL, nt,
-                                     (const uint32_t(*)[3])t, &mesh),
-                     PRT_OK);
-    // prt_mesh_create makes one object: the square becomes another, opaque.
-    static struct prt_surface surface[2];
-    static struct prt_block block[2];
-    surface[0] = mesh->surface[0];
-    surface[1] = (struct prt_surface){.name = "floor", .base_color = {0.8f, 0.6f, 0.4f, 1}};
-    block[0] = (struct prt_block){0, 0, 0, BALL, 0, ball};
-    block[1] = (struct prt_block){1, 1, BALL, FLOOR, ball, nt - ball};
-    mesh->surface = surface, mesh->n_surface = 2;
-    mesh->block = block, mesh->n_block = 2, mesh->n_object = 2;
-    assert_int_equal(prt_mesh_scale(&context, mesh, 0, 1), PRT_OK);
+    struct model m;
+    model_init(&m, 48 * 33 + 4, 48 * 32 * 2 + 2);
+    add_round_ball(&m, 48, 32, 10);
+    const uint32_t n_vertex = m.mesh.n_vertex, n_triangle = m.mesh.n_triangle;
+    add_floor(&m, 15, -11, 1);
+    struct prt_mesh *mesh = body_mesh(&context, &m, false);
+    split_opaque(mesh, n_vertex, n_triangle, (const float[]){0.8f, 0.6f, 0.4f});
     return mesh;
 }
 
@@ -120,21 +91,25 @@ static void parts_make_the_whole(struct prt_bake_options o)
     prt_mesh_destroy(mesh);
 }
 
+// Contract of prt_bake: three shards write the bytes of one bake, factored rows.
 static void factored_wavelet(void **state)
 {
     parts_make_the_whole(options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_FACTORED));
 }
 
+// Contract of prt_bake: three shards write the bytes of one bake, sparse rows.
 static void sparse_wavelet(void **state)
 {
     parts_make_the_whole(options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_SPARSE));
 }
 
+// Contract of prt_bake: three shards write the bytes of one bake, joint transport.
 static void joint(void **state)
 {
     parts_make_the_whole(options(PRT_TRANSPORT_JOINT, PRT_STORAGE_FACTORED));
 }
 
+// Contract of prt_bake: three shards write the bytes of one bake, polynomial transport.
 static void polynomial(void **state)
 {
     struct prt_bake_options o = options(PRT_TRANSPORT_POLYNOMIAL, PRT_STORAGE_FACTORED);
@@ -145,7 +120,8 @@ static void polynomial(void **state)
     prt_env_destroy(env);
 }
 
-// A part of other settings, or damaged, is not assembled; doing it again is.
+// Contract of prt_bake: a part that is damaged or of other settings is refused by name, and not
+// used; a new one in its place is.
 static void wrong_parts_are_told(void **state)
 {
     struct prt_mesh *mesh = scene();
@@ -203,7 +179,7 @@ int main(void)
         cmocka_unit_test(polynomial),
         cmocka_unit_test(wrong_parts_are_told),
     };
-    int failed = cmocka_run_group_tests(tests, NULL, clean_up);
+    int failed = run_physics_tests(tests, NULL, clean_up);
     prt_pool_destroy(context.pool);
     return failed;
 }

@@ -2,6 +2,7 @@
 // Pictures of models without a bake: a real relightd answers at once with the image-space
 // engines, refines while nothing changes, and goes over to the bake when it is there. One
 // scenario a test.
+#include "../data.h"
 #include "ball.h"
 
 static void test_a_model_without_a_bake_is_seen(void **state)
@@ -336,10 +337,7 @@ static double now_s(void)
 static void test_the_first_picture_comes_soon(void **state)
 {
     const char *path = PRT_SHARED_DATA "/models/bunny.glb";
-    if (access(path, R_OK)) {
-        print_message("no %s\n", path);
-        skip();
-    }
+    want_data(path);
     struct relight_loaded loaded;
     struct relight_image image;
     struct relight_load load = {.material = "marble", .size_mm = 50, .preview = true};
@@ -377,5 +375,5 @@ int main(void)
         cmocka_unit_test(test_a_picture_is_made_for_who_stays),
         cmocka_unit_test(test_a_preview_survives_a_restart),
     };
-    return cmocka_run_group_tests(tests, ball_setup, ball_teardown);
+    return run_test_group(tests, ball_setup, ball_teardown);
 }

@@ -8,10 +8,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <turbojpeg.h>
 #include <unistd.h>
 #include <cmocka.h>
+
+#include "../data.h"
 
 #define PI 3.14159265358979323846
 
@@ -29,15 +30,6 @@ static int setup(void **state)
     ctx.log = keep_line;
     setenv("PRT_LIBDIR", PRT_BINARY_DIR, 1);
     return 0;
-}
-
-static void want_data(const char *path)
-{
-    struct stat st;
-    if (stat(path, &st)) {
-        print_message("development data %s is absent: skipped\n", path);
-        skip();
-    }
 }
 
 /* ---- geometry ---- */
@@ -761,5 +753,5 @@ int main(void)
         cmocka_unit_test(pixels_are_mended),
         cmocka_unit_test(hdr_variants),
     };
-    return cmocka_run_group_tests(tests, setup, NULL);
+    return run_test_group(tests, setup, NULL);
 }

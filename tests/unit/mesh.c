@@ -12,6 +12,8 @@
 #include <unistd.h>
 #include <cmocka.h>
 
+#include "../data.h"
+
 static char lines[8192]; // what was logged since the last load
 
 static void keep_line(void *user, enum prt_log_level level, const char *line)
@@ -620,14 +622,6 @@ static const struct expected models[] = {
     {"features/Mesh_PrimitiveMode_10.gltf", 0, 0, 0, 0},
 };
 
-static void need_data(void)
-{
-    if (access(PRT_SHARED_DATA "/models", R_OK)) {
-        print_message("no " PRT_SHARED_DATA "/models: skipped\n");
-        skip();
-    }
-}
-
 static int load_model(const char *name, struct prt_mesh **out)
 {
     char path[512];
@@ -639,7 +633,7 @@ static int load_model(const char *name, struct prt_mesh **out)
 
 static void data_counts(void **state)
 {
-    need_data();
+    want_data(PRT_SHARED_DATA "/models");
     for (size_t i = 0; i < sizeof models / sizeof *models; i++) {
         const struct expected *e = &models[i];
         struct prt_mesh *m;
@@ -675,7 +669,7 @@ static void data_variants_agree(void **state)
                    {"bunny_meshopt.glb", 7e-6, false},
                    {"bunny_draco.glb", 6e-5, false}};
     struct prt_mesh *a, *b;
-    need_data();
+    want_data(PRT_SHARED_DATA "/models");
     assert_int_equal(load_model("bunny.glb", &a), PRT_OK);
     for (size_t k = 0; k < sizeof variant / sizeof *variant; k++) {
         assert_int_equal(load_model(variant[k].file, &b), PRT_OK);
@@ -714,7 +708,7 @@ static void data_dragon_is_translucent(void **state)
 {
     struct prt_mesh *m;
     struct prt_context ctx = context();
-    need_data();
+    want_data(PRT_SHARED_DATA "/models");
     assert_int_equal(load_model("dragon_100k.glb", &m), PRT_OK);
     assert_int_equal(m->surface[m->block[0].surface].translucent, 1);
     assert_int_equal(prt_mesh_scale(&ctx, m, 0, 0), PRT_OK); // glTF is in metres
@@ -743,5 +737,5 @@ int main(void)
         cmocka_unit_test(data_variants_agree),
         cmocka_unit_test(data_dragon_is_translucent),
     };
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    return run_test_group(tests, NULL, NULL);
 }

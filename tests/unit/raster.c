@@ -11,6 +11,8 @@
 
 #include <cmocka.h>
 
+#include "../data.h"
+
 static struct prt_context quiet;
 static char last_line[512];
 
@@ -258,11 +260,12 @@ static void backends_agree(void **state)
     int have_a = prt_visibility_create(&quiet, &s.mesh, &c, 160, 120, 4, PRT_RASTER_OSMESA, &a);
     int have_b = prt_visibility_create(&quiet, &s.mesh, &c, 160, 120, 4, PRT_RASTER_EGL, &b);
     if (have_a || have_b) {
-        print_message("skipped: needs both OSMesa and EGL (%s)\n", last_line);
+        char reason[600];
+        snprintf(reason, sizeof reason, "needs both OSMesa and EGL (%.500s)", last_line);
         prt_visibility_destroy(a);
         prt_visibility_destroy(b);
         scene_finish(&s);
-        skip();
+        skip_because(reason);
     }
     unsigned seen = 0;
     for (uint32_t y = 0; y < 120; y++) {
@@ -707,5 +710,5 @@ int main(void)
         cmocka_unit_test(sizes_are_limited),
         cmocka_unit_test(default_camera_frames),
     };
-    return cmocka_run_group_tests(tests, setup, NULL);
+    return run_test_group(tests, setup, NULL);
 }

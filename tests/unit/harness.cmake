@@ -1,0 +1,1 @@
+prt_test(harness SOURCES unit/harness.c LABELS unit)
