@@ -1,0 +1,97 @@
+/* SPDX-License-Identifier: MIT */
+/* load.h owns what the files of LOAD share: one LOAD under way. op_load.c is its course,
+ * load_check.c the checks of the request, load_files.c the files of --models, load_bake.c the
+ * folders and the bake's command. Loop thread only. */
+#ifndef RELIGHTD_LOAD_H
+#define RELIGHTD_LOAD_H
+
+#include "net/request.h"
+#include "prt/medium.h"
+#include "relight.pb-c.h"
+#include "store/import_file.h"
+#include "store/model_files.h"
+
+enum { MAX_FILES = 64, MAX_OPAQUE = 64, MAX_ARGS = 64 + MAX_OPAQUE };
+
+struct load_file {
+    char *name; // relative, as the model refers to it; the model itself is the first
+    char hash[65];
+    struct import_copy *copy; // of a file of --models, held; NULL: an upload
+};
+
+// One LOAD under way: its request waits for copies of files of --models, then for its folder to
+// be laid out, then for the model to open.
+struct load {
+    struct file_task task; // first: laying out
+    struct import_request import;
+    struct cache_waiter waiter;
+    struct blob_waiter blob_waiter; // an upload's check
+    size_t n_checked;
+    struct load *next;         // of those that wait for the same model
+    struct cache_entry *entry; // the opening waited for
+    struct server *server;
+    struct request *request; // NULL: nobody waits any more
+    bool importing;
+    char owner[96]; // principal's name
+    struct load_file file[MAX_FILES];
+    size_t n_file;
+    char **sibling; // of a .gltf in --models: names of the files it refers to
+    size_t n_sibling;
+    char source[65]; // hash that names the source
+    char name[128];
+    char env[96];                     // bake.env in its canonical form; "" none
+    char material[PRT_MATERIAL_TEXT]; // preset's name or canonical JSON; "" none
+    bool material_json;
+    struct prt_material resolved; // the same, or the default material of a bake
+    struct model *model;          // NULL: not known yet
+    // Laying out: what is wanted and what came of it.
+    bool find_bake;
+    char preview_folder[PATH_MAX], bake_folder[PATH_MAX]; // "": not wanted
+    uint64_t bake_bytes;                                  // of a bake that is there; 0: none
+    int fault;                                            // errno
+    const char *fault_name;
+};
+
+/* Releases the load; its request was answered, or nobody waits. */
+void load_drop(struct load *load);
+const Relight__LoadRequest *load_message(const struct load *load);
+/* The folder was laid out, or could not be (load->fault); op_load.c goes on. */
+void load_laid_out(struct file_task *task);
+/* The hash that names the source is known; op_load.c goes on. */
+void load_source_known(struct load *load);
+/* Opens the bake of a model that is there, then answers. */
+void load_open_and_answer(struct load *load, struct model *m);
+/* The uploads are checked one after the other, then the source's hash is made. */
+void load_check_next(struct load *load);
+
+/* load_check.c. False, or a text: the request is answered with an error or has to be. */
+const char *load_bad_setting(const Relight__LoadRequest *r, char reason[128]);
+bool load_check_material(struct load *load);
+bool load_check_files(struct load *load);
+bool load_check_env(struct load *load);
+/* A relative name without "..", control characters or an empty part. */
+bool load_safe_name(const char *name);
+
+/* load_files.c */
+bool load_add_file(struct load *load, const char *name, const char *hash,
+                   struct import_copy *copy);
+void load_hash_source(struct load *load);
+/* Copies the next file of --models that the model names. */
+void load_import_next(struct load *load);
+const char *load_file_part(const char *path);
+
+/* load_bake.c */
+void load_name_model(const struct load *load, char id[MODEL_ID + 1]);
+int load_run_lay_out(struct file_task *task);
+void load_fail_lay_out(struct load *load);
+void load_order_preview(const struct load *load, struct model *m);
+bool load_order_bake(struct load *load, struct model *m, char error[256]);
+
+/* Ends the load with an error. */
+#define LOAD_FAIL(load, code, ...)                                                     \
+    do {                                                                               \
+        request_fail((load)->request, RELIGHT__ERROR_CODE__ERROR_##code, __VA_ARGS__); \
+        load_drop(load);                                                               \
+    } while (0)
+
+#endif

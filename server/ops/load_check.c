@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: MIT
+// Checks of a LOAD before anything is done for it.
+#include "ops/load.h"
+
+#include "prt/bake_limits.h"
+#include "render/render.h"
+
+#include <stdio.h>
+#include <string.h>
+
+bool load_safe_name(const char *name)
+{
+    if (!name[0] || name[0] == '/' || name[0] == '.' || strlen(name) > 200) return false;
+    for (const char *p = name; *p; p++)
+        if ((unsigned char)*p < 32 || *p == 127 || *p == '\\' ||
+            (p[0] == '/' && (p[1] == '.' || p[1] == '/')))
+            return false;
+    return true;
+}
+
+static bool bad_real(float x, float low, float high)
+{
+    return !(x >= low && x <= high); // catches NaN
+}
+
+// NULL when the numbers make sense, else which one does not.
+const char *load_bad_setting(const Relight__LoadRequest *r, char reason[128])
+{
+    const Relight__BakeSettings *b = r->bake;
+    if (r->size_mm != 0 && bad_real(r->size_mm, 1e-3f, 1e6f))
+        return "size_mm is outside [0.001, 1e6] mm";
+    if (r->mm_per_unit != 0 && bad_real(r->mm_per_unit, 1e-9f, 1e9f))
+        return "mm_per_unit is outside [1e-9, 1e9] mm";
+    if (r->size_mm != 0 && r->mm_per_unit != 0)
+        return "size_mm and mm_per_unit are both given: one scale is wanted";
+    if (r->n_opaque > MAX_OPAQUE) return "more than 64 opaque names";
+    if (!b) return NULL;
+    if (!protobuf_c_enum_descriptor_get_value(&relight__transport__descriptor,
+                                              (int)b->transport))
+        return "transport is unknown";
+    if (!protobuf_c_enum_descriptor_get_value(&relight__storage__descriptor, (int)b->storage))
+        return "storage is unknown";
+    // The library's bounds and its words.
+    if (!prt_bake_setting_ok(PRT_BAKE_CUBE, b->cube, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_PHASE_TERMS, b->phase_terms, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_SAMPLES, b->samples, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_RANK, b->rank, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_COEFFS, b->coeffs, reason) ||
+        !prt_bake_setting_ok(PRT_BAKE_SINGLE_POINTS, b->single_points, reason) ||
+        !prt_bake_error_ok((double)b->max_error, reason))
+        return reason;
+    if (bad_real(b->rotate_deg, -1e6f, 1e6f))
+        return "rotate_deg is outside [-1e6, 1e6] degrees";
+    return NULL;
+}
+
+// The settings' checks that need more than numbers; answers and returns false when one fails.
+bool load_check_material(struct load *load)
+{
+    const Relight__LoadRequest *r = load_message(load);
+    struct prt_material material;
+    char error[300];
+    bool preset;
+    load->resolved = *prt_material_preset(0); // as prt bake
+    if (!r->material[0]) {
+        // As prt bake: where no transport is named either, a bake that leaves the material
+        // open.
+        bool fixed = r->bake && r->bake->transport == RELIGHT__TRANSPORT__TRANSPORT_WAVELET;
+        if (fixed)
+            request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                         "material is missing: a preset's name or JSON text");
+        return !fixed;
+    }
+    int status = material_of_request(load->request, r->material, &material, &preset, error);
+    if (status) {
+        request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE, "%s", error);
+        return false;
+    }
+    load->material_json = !preset;
+    load->resolved = material;
+    if (preset) snprintf(load->material, sizeof load->material, "%s", material.name);
+    else prt_material_print(&material, load->material, sizeof load->material);
+    return true;
+}
+
+// True when one name equals the other or is a folder above it: one folder cannot hold both.
+static bool names_clash(const char *a, const char *b)
+{
+    size_t n = strlen(a), m = strlen(b), least = n < m ? n : m;
+    return !strncmp(a, b, least) && (n == m || (n < m ? b : a)[least] == '/');
+}
+
+static bool check_file(struct load *load, size_t index)
+{
+    const Relight__FileRef *f = load_message(load)->files[index];
+    if (!load_safe_name(f->name)) {
+        request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
+                     "files[%zu]: the name is not a plain relative path", index);
+        return false;
+    }
+    if (!blobs_has(load->server->blobs, f->blob)) {
+        request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
+                     "%.100s: its blob was not uploaded", f->name);
+        return false;
+    }
+    for (size_t i = 0; i < load->n_file; i++) {
+        const struct load_file *other = &load->file[i];
+        if (!strcmp(other->name, f->name) && !strcmp(other->hash, f->blob)) return true;
+        if (!names_clash(other->name, f->name)) continue;
+        request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                     "files[%zu]: %.100s cannot be beside %.100s: one name for two things",
+                     index, f->name, other->name);
+        return false;
+    }
+    if (load_add_file(load, f->name, f->blob, NULL)) return true;
+    request_fail(load->request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+    return false;
+}
+
+bool load_check_files(struct load *load)
+{
+    for (size_t i = 0; i < load_message(load)->n_files; i++)
+        if (!check_file(load, i)) return false;
+    load_hash_source(load);
+    return true;
+}
+
+// Only an upload or words: any other text would be a path to the baker.
+bool load_check_env(struct load *load)
+{
+    const Relight__LoadRequest *r = load_message(load);
+    char error[300];
+    if (!r->bake || !r->bake->env[0]) return true;
+    int code = env_canonical(r->bake->env, load->env, error);
+    if (!code && !strncmp(load->env, "env:", 4) &&
+        !blobs_has(load->server->blobs, load->env + 4)) {
+        code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+        request_fail(load->request, code, "bake.env: %.80s was not uploaded", r->bake->env);
+    } else if (code) {
+        request_fail(load->request, code,
+                     "bake.env %.60s: neither env:HASH nor constant[:R,G,B] with radiances in "
+                     "[0, 1e6]",
+                     r->bake->env);
+    }
+    return !code;
+}
