@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // A client's connection: one socket, many requests, no thread of its own. Of the waiting
 // threads one, the leader, polls the socket and stores answers in their slots. The others wait
-// on a condition until their slot is filled or there is no leader.
+// on a condition until their slot is filled or there is no leader. Above 600 lines: socket,
+// slots and leadership share one lock, whose order a split would hide.
 #include "internal.h"
 
 #include <errno.h>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The index of blobs: found by hash, kept in the order of last use for each owner and for all,
-// checked once after the start, evicted when their room is needed.
+// checked once after the start, evicted when their room is needed. Above 600 lines: index,
+// order and charges change together in each of its steps.
 #include "store/blob_index.h"
 
 #include "core/log.h"
