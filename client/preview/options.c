@@ -89,42 +89,12 @@ static void camera(struct argp_state *state, struct options *o, const char *text
     o->camera.automatic = false;
 }
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+// Options of each picture.
+static error_t parse_picture(int key, char *arg, struct argp_state *state)
 {
     struct options *o = state->input;
     int used = 0;
     switch (key) {
-    case 's':
-        o->server = arg;
-        break;
-    case 'T':
-        o->timeout_s = number(state, "timeout", arg, 1e-3, 1e6);
-        break;
-    case 'e':
-        if (o->n_env == MAX_ENV) argp_error(state, "--env: at most %d", MAX_ENV);
-        o->env[o->n_env++] = arg;
-        break;
-    case 'r':
-        o->rotate_deg = number(state, "rotate", arg, -1e6, 1e6);
-        break;
-    case 'N':
-        o->n_frame = (uint32_t)number(state, "frames", arg, 1, 3600);
-        break;
-    case 't':
-        o->turn_light = word(state, "turn", arg, "camera\0light\0");
-        break;
-    case 'S':
-        o->sheet = true;
-        break;
-    case 'g':
-        o->gap = (uint32_t)number(state, "gap", arg, 0, 256);
-        break;
-    case 'o':
-        o->output = arg;
-        break;
-    case 'm':
-        o->material = arg;
-        break;
     case 'z':
         size(state, o, arg);
         break;
@@ -160,6 +130,47 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case 'f':
         o->format = (enum relight_color_format)word(state, "format", arg, "f32\0f16\0rgb9e5\0");
         break;
+    default:
+        return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct options *o = state->input;
+    switch (key) {
+    case 's':
+        o->server = arg;
+        break;
+    case 'T':
+        o->timeout_s = number(state, "timeout", arg, 1e-3, 1e6);
+        break;
+    case 'e':
+        if (o->n_env == MAX_ENV) argp_error(state, "--env: at most %d", MAX_ENV);
+        o->env[o->n_env++] = arg;
+        break;
+    case 'r':
+        o->rotate_deg = number(state, "rotate", arg, -1e6, 1e6);
+        break;
+    case 'N':
+        o->n_frame = (uint32_t)number(state, "frames", arg, 1, 3600);
+        break;
+    case 't':
+        o->turn_light = word(state, "turn", arg, "camera\0light\0");
+        break;
+    case 'S':
+        o->sheet = true;
+        break;
+    case 'g':
+        o->gap = (uint32_t)number(state, "gap", arg, 0, 256);
+        break;
+    case 'o':
+        o->output = arg;
+        break;
+    case 'm':
+        o->material = arg;
+        break;
     case 'j':
         o->json = true;
         break;
@@ -175,7 +186,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
             argp_error(state, "-o FILE has to end in %s", prt_picture_endings(endings));
         break;
     default:
-        return ARGP_ERR_UNKNOWN;
+        return parse_picture(key, arg, state);
     }
     return 0;
 }
