@@ -533,6 +533,9 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
     prt_shard_destroy(&b, status == PRT_OK);
     if (options->parts_missing) *options->parts_missing = missing;
     release(&b);
-    if (status == PRT_NOMEM) prt_fail(ctx, status, "not enough memory for this bake");
+    if (status == PRT_NOMEM)
+        prt_fail(ctx, status,
+                 "not enough memory for this bake: raise the limit of the process (ulimit -d, "
+                 "prt's --memory), or ask for fewer samples or a smaller cube");
     return status;
 }

@@ -3,7 +3,6 @@
 // .gltf with the files that it names.
 #include "ops/load.h"
 
-
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
