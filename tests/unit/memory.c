@@ -96,6 +96,8 @@ static struct ended run_prt(uint64_t data, const char *words)
     return e;
 }
 
+// An estimate below the peak would let a bake start that cannot end. Of these small bakes a
+// fixed part is large and varies by a tenth between runs: ratios of 1.33 to 1.58 were seen.
 static void test_the_estimate_is_what_a_bake_takes(void **state)
 {
     static const char *const settings[] = {
@@ -118,7 +120,7 @@ static void test_the_estimate_is_what_a_bake_takes(void **state)
         if (bake.how) fail_msg("%s: %s", words, bake.out);
         print_message("%-76s estimate %4.0f MB, peak %4.0f MB: %.2f\n", settings[i],
                       estimate * 1e-6, bake.peak * 1e-6, estimate / bake.peak);
-        assert_true(estimate >= bake.peak && estimate <= 1.6 * bake.peak);
+        assert_true(estimate >= bake.peak && estimate <= 1.75 * bake.peak);
     }
 }
 
