@@ -44,7 +44,7 @@ static void PRT_KERNEL(cube_lookup)(const struct cube_view *cube, int n,
 /* Three floats at `at`, with a fourth that is not used; `last`: the greatest offset at which
  * four floats can be read. */
 static inline __attribute__((always_inline)) four PRT_KERNEL(load3)(const float *from,
-                                                                     size_t at, size_t last)
+                                                                    size_t at, size_t last)
 {
     const float *p = from + at;
     if (at <= last) return *(const loose_four *)p;

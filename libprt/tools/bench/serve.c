@@ -213,9 +213,9 @@ static int lights(struct served *s)
     int status = kernel_init(s, &kernel);
     for (int r = 0; r < ROUNDS; r++) f[r] = new_flow(s, serve_send_colors, 2);
     if (!status)
-        status =
-            serve_open(s->env, s->daemon.address[1], NULL, N_CLIENT, NULL, NULL, &crowd);
-    double passes = total(s, "relightd_passes_total"), all = total(s, "relightd_relights_total");
+        status = serve_open(s->env, s->daemon.address[1], NULL, N_CLIENT, NULL, NULL, &crowd);
+    double passes = total(s, "relightd_passes_total"),
+           all = total(s, "relightd_relights_total");
     for (int r = 0; r < ROUNDS && !status; r++) {
         status = bench_measure(s->env, kernel_pass, &kernel, &time);
         kernel_rate[r] = N_CLIENT / time.median;
@@ -296,8 +296,8 @@ static int pictures(struct served *s)
 {
     struct serve_crowd crowd;
     struct serve_flow f = new_flow(s, serve_send_jpeg, 1);
-    int status = serve_open(s->env, s->daemon.address[1], NULL, N_PICTURE_CLIENT, NULL, NULL,
-                            &crowd);
+    int status =
+        serve_open(s->env, s->daemon.address[1], NULL, N_PICTURE_CLIENT, NULL, NULL, &crowd);
     double cpu_s = bench_daemon_cpu_s(&s->daemon);
     if (!status) status = serve_run(&crowd, &f, 0, figure_s(s, 4));
     cpu_s = bench_daemon_cpu_s(&s->daemon) - cpu_s;

@@ -221,8 +221,8 @@ int serve_settle(struct serve_crowd *crowd, double seconds)
 {
     double begin = prt_time_s();
     while (n_open(crowd) && prt_time_s() - begin < seconds) serve_turn(crowd, 20);
-    return n_open(crowd) ? prt_fail(&crowd->env->ctx, PRT_IO,
-                                    "%u requests were not answered in %.0f s", n_open(crowd),
-                                    seconds)
-                         : PRT_OK;
+    return n_open(crowd)
+               ? prt_fail(&crowd->env->ctx, PRT_IO, "%u requests were not answered in %.0f s",
+                          n_open(crowd), seconds)
+               : PRT_OK;
 }

@@ -21,7 +21,7 @@ struct serve_client {
     size_t out_size, out_sent, out_room;
     bool writing, gone;
     uint64_t last_id;
-    unsigned open; // requests without their last answer
+    unsigned open;              // requests without their last answer
     double sent_s[SERVE_DEPTH]; // by id modulo SERVE_DEPTH
     unsigned turn;              // for the figure's own use
 };

@@ -23,11 +23,12 @@ struct serve_flow {
 };
 
 // Runs the loop for warm_s and then, counting, for seconds; waits for what is open.
-int serve_run(struct serve_crowd *crowd, struct serve_flow *flow, double warm_s, double seconds);
+int serve_run(struct serve_crowd *crowd, struct serve_flow *flow, double warm_s,
+              double seconds);
 // Counts one answer; a crowd's callback where its user is a struct serve_flow.
 void serve_count(struct serve_client *client, const struct relight_frame *frame);
 void serve_flow_finish(struct serve_flow *flow);
-double serve_rate(const struct serve_flow *flow);                 // answers/s
+double serve_rate(const struct serve_flow *flow);                  // answers/s
 double serve_quantile(const struct serve_flow *flow, double part); // ms
 
 // One request of its kind, with the next light of the client.
