@@ -55,6 +55,7 @@ void op_hello(struct request *request)
     out.max_in_flight = o->requests;
     out.max_blob = o->max_blob;
     out.chunk = SERVER_CHUNK;
+    out.run = request->server->run;
     out.presets = presets;
     for (const struct prt_material *m;
          out.n_presets < 64 && (m = prt_material_preset((unsigned)out.n_presets));)
