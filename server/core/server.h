@@ -18,6 +18,7 @@ struct connection;
 struct models;
 struct imports;
 struct file_queue;
+struct access;
 
 enum {
     SERVER_HELLO_HEADER = 4096, /* before HELLO; no payload then */
@@ -43,7 +44,7 @@ struct server {
     struct stats stats;
     struct ledger *ledger; /* resources by principal; checks every limit */
     char data[4000];       /* absolute path of the data folder */
-    char token[256];       /* "": none is required */
+    struct access *access; /* tokens, scopes and local rights */
     bool data_temporary;
     unsigned n_core;
     struct connection *connections, *closed;
