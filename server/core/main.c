@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // relightd: the order of starting, the loop, and the order of stopping.
 #include "core/configuration.h"
+#include "core/events.h"
 #include "net/carrier.h"
 #include "jobs/decode_helper.h"
 #include "net/dispatch.h"
@@ -22,6 +23,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
@@ -209,6 +211,15 @@ static int listen_everywhere(void)
     return server.options.http[0] ? http_open(&server, server.options.http) : 0;
 }
 
+// Cursors of events and ids of jobs of another run are recognised by it.
+static int choose_run(void)
+{
+    uint64_t digits;
+    if (getrandom(&digits, sizeof digits, 0) != sizeof digits) return -1;
+    snprintf(server.run, sizeof server.run, "%016llx", (unsigned long long)digits);
+    return 0;
+}
+
 static int start(void)
 {
     static const int signals[] = {SIGTERM, SIGINT, SIGCHLD, SIGHUP};
@@ -235,7 +246,8 @@ static int start(void)
     unsigned threads = o->threads ? o->threads : server.n_core;
     const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
     if (o->accept_weak_sandbox) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1); // for all children
-    if (!(server.ledger = ledger_create(o)) || check_all() || loop_create(&server.loop) ||
+    if (!(server.ledger = ledger_create(o)) || check_all() || choose_run() ||
+        events_create(SERVER_EVENTS, &server.events) || loop_create(&server.loop) ||
         loop_signals(server.loop, signals, N_SIGNAL, on_signal, NULL) ||
         cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
@@ -301,6 +313,7 @@ static void stop(void)
     blobs_close(server.blobs);
     ledger_destroy(server.ledger);
     access_destroy(server.access);
+    events_destroy(server.events);
     loop_destroy(server.loop);
     if (server.data_temporary && server.data[0] &&
         nftw(server.data, remove_one, 16, FTW_DEPTH | FTW_PHYS))

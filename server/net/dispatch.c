@@ -83,6 +83,7 @@ ROW(view_close_request, op_view_close, DRAINING | ALWAYS | ORDERED, 0, 0, NULL)
 ROW(update_vertices_request, op_update_vertices, 0, EDIT, ANY, NULL)
 ROW(unload_request, op_unload, 0, EDIT, 0, NULL)
 ROW(stats_request, op_stats, DRAINING, VIEW, 0, NULL)
+ROW(subscribe_request, op_subscribe, LONG | ENDS, VIEW, 0, NULL)
 
 static const struct operation *const table[RELIGHT_TYPE_N] = {
 #define X(name, number, request, answer) [number] = &(request),

@@ -48,8 +48,8 @@ struct operation {
 /* NULL for an unknown type. */
 const struct operation *operation_of(uint16_t type);
 
-/* op_basic.c, op_evaluate.c, op_view.c, op_update_vertices.c: one function an operation;
- * models_load is store/models.h's. */
+/* op_basic.c, op_evaluate.c, op_events.c, op_view.c, op_update_vertices.c: one function an
+ * operation; models_load is store/models.h's. */
 void op_hello(struct request *request);
 void op_ping(struct request *request);
 void op_list(struct request *request);
@@ -68,5 +68,6 @@ void op_view_close(struct request *request);
 void op_update_vertices(struct request *request);
 void op_unload(struct request *request);
 void op_stats(struct request *request);
+void op_subscribe(struct request *request);
 
 #endif

@@ -86,6 +86,7 @@ void op_hello(struct request *request)
     out.scopes = scopes;
     out.n_scopes = scope_list(conn->caller.scopes, scopes);
     out.expires_s = (uint64_t)conn->caller.expires_s;
+    out.run = request->server->run;
     out.presets = presets;
     for (const struct prt_material *m;
          out.n_presets < 64 && (m = prt_material_preset((unsigned)out.n_presets));)
