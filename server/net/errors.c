@@ -17,6 +17,9 @@ const char *error_hint(int code)
         return "PROTOCOL.md lists the parameters of this operation";
     case RELIGHT__ERROR_CODE__ERROR_VERSION:
         return "update the client or the daemon";
+    case RELIGHT__ERROR_CODE__ERROR_FORBIDDEN:
+        return "an administrator of the daemon can give you a token with this right: "
+               "`relight token create`";
     case RELIGHT__ERROR_CODE__ERROR_NOT_FOUND:
         return "`relight models` lists the models; an upload has to be complete before it is "
                "used";
