@@ -104,13 +104,14 @@ static int act_material(struct relight_client *client, unsigned turn,
     snprintf(text, sizeof text,
              "{\"profile\":\"burley\",\"albedo\":[0.8,0.7,0.6],\"mean_free_path\":[1,1,%g]}",
              1 + turn * 1e-3);
+    // The bake of a wavelet transport has a material: this one is parsed and then refused.
     struct relight_light light = {.env = "constant"};
     struct relight_colors_request r = {
         .model = model, .n_light = 1, .lights = &light, .shade = {.material = text}};
     struct relight_colors colors;
     int status = relight_colors(client, &r, &colors, error);
     if (!status) relight_colors_finish(&colors);
-    return status;
+    return strstr(error->text, "material") ? 0 : status;
 }
 
 static const struct act {
