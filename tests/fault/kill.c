@@ -75,21 +75,25 @@ static void *upload_on(void *arg)
     return NULL;
 }
 
-static void *bake_on(void *arg)
+static int bake_one(struct relight_client *client, struct relight_error *error)
 {
     static uint64_t bake_seed = 100;
-    struct relight_client *client = arg;
+    struct record *r = &baked[n_baked];
+    struct relight_loaded loaded;
+    int status = load_small(client, &d, "o.obj", ++bake_seed, 100, &loaded, error);
+    if (status) return status;
+    snprintf(r->name, sizeof r->name, "%s", loaded.model);
+    if (loaded.job[0]) status = relight_watch(client, loaded.job, NULL, NULL, error);
+    relight_loaded_finish(&loaded);
+    if (!status) status = colors_of(client, r->name, r->colors, error);
+    n_baked += !status;
+    return status;
+}
+
+static void *bake_on(void *arg)
+{
     struct relight_error error;
-    while (n_baked < MOST) {
-        struct record *r = &baked[n_baked];
-        struct relight_loaded loaded;
-        if (load_small(client, &d, "o.obj", ++bake_seed, 100, &loaded, &error)) break;
-        snprintf(r->name, sizeof r->name, "%s", loaded.model);
-        int status = loaded.job[0] ? relight_watch(client, loaded.job, NULL, NULL, &error) : 0;
-        relight_loaded_finish(&loaded);
-        if (status || colors_of(client, r->name, r->colors, &error)) break;
-        n_baked++;
-    }
+    while (n_baked < MOST && !bake_one(arg, &error)) continue;
     return NULL;
 }
 
@@ -123,6 +127,10 @@ static void check_bakes(struct relight_client *client)
 
 static void killed_at_random(void **state)
 {
+    struct relight_client *first = client_open(d.address);
+    struct relight_error error;
+    OK(bake_one(first, &error));
+    relight_close(first);
     for (int round = 0; round < rounds; round++) {
         pthread_t thread[2];
         struct relight_client *client[2] = {client_open(d.address), client_open(d.address)};
