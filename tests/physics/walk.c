@@ -13,10 +13,15 @@
 #include "bodies.h"
 #include "expect.h"
 #include "prt/medium.h"
+#include "prt/reference.h"
 #include "prt/surface.h"
 #include "prt/walk.h"
 
 static struct prt_context context;
+
+static void ignore_log(void *user, enum prt_log_level level, const char *line)
+{
+}
 
 static struct prt_mesh *ball(body_radius radius, double radius_mm)
 {
@@ -232,6 +237,85 @@ static void slabs_follow_transport_theory(void **state)
     end(&slab);
 }
 
+// The welded vertex nearest to the middle of the upper face.
+static uint32_t middle_vertex(const struct prt_mesh *mesh)
+{
+    uint32_t best = 0;
+    float least = INFINITY;
+    for (uint32_t v = 0; v < mesh->n_vertex; v++) {
+        const float *p = mesh->position[v];
+        float d = p[0] * p[0] + p[2] * p[2];
+        if (mesh->normal[v][1] > 0.9f && d < least) least = d, best = v;
+    }
+    return best;
+}
+
+// Law: under an even environment the middle of a wide slab has the exitance of transport
+// theory: E (near + far), for each order (METHODS §9, slabs), and the reference says how exact
+// it is.
+static void reference_of_a_slab(void **state)
+{
+    static const char *const name[] = {"marble", "skimmilk", "skin1"};
+    struct prt_mesh *mesh = box(40, 2, 40, 8);
+    struct prt_cube light;
+    uint32_t vertex = middle_vertex(mesh);
+    assert_int_equal(prt_cube_init(&light, 16), PRT_OK);
+    for (uint32_t i = 0; i < 6 * 16 * 16 * 3; i++) light.texel[i] = 1;
+    for (unsigned i = 0; i < 3; i++) {
+        struct prt_material m;
+        assert_int_equal(prt_material_load(&context, name[i], &m), PRT_OK);
+        float color[3], error[3], (*errors)[3] = &error;
+        struct prt_reference_options options = {.term = PRT_REFERENCE_MULTIPLE,
+                                                .n_sample = 4000,
+                                                .n_ray = 256,
+                                                .vertex = &vertex,
+                                                .n_vertex = 1,
+                                                .n_walk = 20000,
+                                                .standard_error = &errors};
+        double e = M_PI * prt_fresnel_mean_transmittance((double)m.eta);
+        for (unsigned term = 0; term < 2; term++) {
+            options.term = term ? PRT_REFERENCE_UNSCATTERED : PRT_REFERENCE_MULTIPLE;
+            assert_int_equal(prt_reference_colors(&context, mesh, &m, &light, &options, &color),
+                             PRT_OK);
+            for (int c = 0; c < 3; c++) {
+                struct slab want;
+                double s = (double)m.sigma_s_prime[c];
+                solve_slab(2 * s, 1 + (double)m.sigma_a[c] / s, (double)m.eta, &want);
+                double sum = term ? want.near[0] + want.far[0] : want.near[2] + want.far[2];
+                expect_near(term ? "unscattered over E/pi" : "multiple over E/pi",
+                            (double)color[c] * M_PI / e, sum, 0.012);
+                expect_below("standard error over E/pi", (double)error[c] * M_PI / e, 0.005);
+                assert_true(error[c] > 0);
+            }
+        }
+    }
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
+// Contract of prt_reference_colors: a profile has no walk.
+static void profiles_have_no_walks(void **state)
+{
+    struct prt_mesh *mesh = box(4, 4, 4, 2);
+    struct prt_cube light;
+    struct prt_material m;
+    float color[3];
+    uint32_t vertex = 0;
+    struct prt_reference_options options = {.vertex = &vertex, .n_vertex = 1, .n_walk = 16};
+    assert_int_equal(prt_cube_init(&light, 16), PRT_OK);
+    assert_int_equal(prt_material_load(&context,
+                                       "{\"profile\":\"burley\",\"albedo\":[0.8,0.5,0.3],"
+                                       "\"mean_free_path\":[1,0.5,0.3]}",
+                                       &m),
+                     PRT_OK);
+    struct prt_context quiet = context;
+    quiet.log = ignore_log;
+    assert_int_equal(prt_reference_colors(&quiet, mesh, &m, &light, &options, &color),
+                     PRT_MISMATCH);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
 // Law: the mean length of walks that start on a closed surface is 4 V eta^2 / (S T), for every
 // sigma_s' (METHODS §9, mean path).
 static void mean_length_is_invariant(void **state)
@@ -264,6 +348,8 @@ int main(void)
         cmocka_unit_test(every_walk_leaves),
         cmocka_unit_test(mean_length_is_invariant),
         cmocka_unit_test(slabs_follow_transport_theory),
+        cmocka_unit_test(reference_of_a_slab),
+        cmocka_unit_test(profiles_have_no_walks),
     };
     return run_physics_tests(tests, NULL, NULL);
 }

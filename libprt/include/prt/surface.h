@@ -74,8 +74,8 @@ void prt_surface_kernel(const struct prt_surface_points *surface,
                         uint32_t sample, float near_mm, float out[3]);
 
 /* From points of the translucent surface to samples. The samples divide each object into strata
- * of equal area, one a sample; a stratum is the surface that lies between two samples' limits on
- * the path that the sampler takes. */
+ * of equal area, one a sample; a stratum is the surface that lies between two samples' limits
+ * on the path that the sampler takes. */
 struct prt_surface_strata;
 /* `surface` must be a result of prt_surface_create for this mesh, and outlive the strata.
  * PRT_NOMEM. *out is written on PRT_OK only; the caller ends it with prt_surface_strata_destroy
