@@ -88,14 +88,14 @@ static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
         cJSON *s = cJSON_CreateObject();
         cJSON_AddStringToObject(s, "name", mesh->surface[i].name);
         cJSON_AddBoolToObject(s, "translucent", mesh->surface[i].translucent);
-        add_maps(s, m, i);
+        add_maps(s, mesh, i);
         cJSON_AddItemToArray(surfaces, s);
     }
-    if (m->n_uv > 1) cJSON_AddNumberToObject(o, "uv_sets", m->n_uv);
-    if (m->color) cJSON_AddBoolToObject(o, "vertex_colors", true);
-    if (m->n_image) add_images(o, m);
-    if (m->texture_split > 0)
-        cJSON_AddNumberToObject(o, "texture_split", (double)m->texture_split);
+    if (mesh->n_uv > 1) cJSON_AddNumberToObject(m, "uv_sets", mesh->n_uv);
+    if (mesh->color) cJSON_AddBoolToObject(m, "vertex_colors", true);
+    if (mesh->n_image) add_images(m, mesh);
+    if (mesh->texture_split > 0)
+        cJSON_AddNumberToObject(m, "texture_split", (double)mesh->texture_split);
 }
 
 // Ranks of the clusters that have any: dense numbers a vertex.
