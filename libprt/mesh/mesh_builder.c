@@ -117,11 +117,11 @@ void prt_surface_default(struct prt_surface *s, const char *name)
 // The block of memory: this header, then the arrays, each at a multiple of 64 bytes.
 struct block_header {
     uint64_t magic;
-    uint32_t n_vertex, n_triangle, n_block, n_object, n_surface, has_uv, units_known;
+    uint32_t n_vertex, n_triangle, n_block, n_object, n_surface, has_uv, units_known, n_camera;
 };
-static const uint64_t magic = 0x6873656d74727031;
+static const uint64_t magic = 0x6873656d74727032;
 
-enum { POSITION, NORMAL, UV, TRIANGLE, WELD, BLOCK, SURFACE, N_PART };
+enum { POSITION, NORMAL, UV, TRIANGLE, WELD, BLOCK, SURFACE, CAMERA, N_PART };
 struct layout {
     size_t at[N_PART + 1]; // the last is the total size
 };
@@ -135,7 +135,8 @@ static struct layout layout_of(const struct block_header *h)
                                  (size_t)h->n_triangle * 12,
                                  v * 4,
                                  h->n_block * sizeof(struct prt_block),
-                                 h->n_surface * sizeof(struct prt_surface)};
+                                 h->n_surface * sizeof(struct prt_surface),
+                                 h->n_camera * sizeof(struct prt_mesh_camera)};
     struct layout l;
     l.at[0] = 64;
     for (int i = 0; i < N_PART; i++) l.at[i + 1] = (l.at[i] + size[i] + 63) & ~(size_t)63;
@@ -144,8 +145,8 @@ static struct layout layout_of(const struct block_header *h)
 
 int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out)
 {
-    struct block_header h = {magic,       d->n_vertex,  d->n_triangle, d->n_block,
-                             d->n_object, d->n_surface, d->has_uv,     d->units_known};
+    struct block_header h = {magic,        d->n_vertex, d->n_triangle,  d->n_block, d->n_object,
+                             d->n_surface, d->has_uv,   d->units_known, d->n_camera};
     struct layout l = layout_of(&h);
     char *bytes = l.at[N_PART] <= d->max_bytes ? prt_calloc(l.at[N_PART], 1) : NULL;
     if (!bytes) return no_memory(d);
@@ -156,6 +157,7 @@ int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out)
     memcpy(bytes + l.at[TRIANGLE], d->triangle, (size_t)d->n_triangle * 12);
     memcpy(bytes + l.at[BLOCK], d->block, d->n_block * sizeof *d->block);
     memcpy(bytes + l.at[SURFACE], d->surface, d->n_surface * sizeof *d->surface);
+    memcpy(bytes + l.at[CAMERA], d->camera, d->n_camera * sizeof *d->camera);
     *out = (struct prt_blob){bytes, l.at[N_PART]};
     return PRT_OK;
 }
@@ -177,6 +179,18 @@ static bool surfaces_ok(const struct prt_mesh *m)
             return false;
     }
     return true;
+}
+
+bool prt_mesh_cameras_ok(const struct prt_mesh *m)
+{
+    for (uint32_t i = 0; i < m->n_camera; i++) {
+        const struct prt_mesh_camera *c = &m->camera[i];
+        if (!memchr(c->name, 0, sizeof c->name) || !(c->fovy_deg > 0 && c->fovy_deg < 170) ||
+            !finite_within(c->eye, 3, 1e15f) || !finite_within(c->target, 3, 1e15f) ||
+            !finite_within(c->up, 3, 1e15f))
+            return false;
+    }
+    return m->n_camera <= PRT_MESH_MOST_CAMERAS;
 }
 
 // Blocks cover vertices and triangles in order; objects ascend without gaps.
@@ -209,7 +223,7 @@ int prt_blob_open(const struct prt_context *ctx, const char *name, const struct 
     memcpy(&h, blob->bytes, sizeof h);
     struct layout l = layout_of(&h);
     if (h.magic != magic || h.n_vertex >> 30 || h.n_triangle >> 30 || !h.n_triangle ||
-        l.at[N_PART] != blob->size)
+        h.n_camera > PRT_MESH_MOST_CAMERAS || l.at[N_PART] != blob->size)
         return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned a damaged mesh",
                         name);
     struct prt_mesh *m = prt_calloc(1, sizeof *m);
@@ -227,11 +241,13 @@ int prt_blob_open(const struct prt_context *ctx, const char *name, const struct 
                            .triangle = (void *)(b + l.at[TRIANGLE]),
                            .weld = (void *)(b + l.at[WELD]),
                            .block = (void *)(b + l.at[BLOCK]),
-                           .surface = (void *)(b + l.at[SURFACE])};
+                           .surface = (void *)(b + l.at[SURFACE]),
+                           .camera = h.n_camera ? (void *)(b + l.at[CAMERA]) : NULL,
+                           .n_camera = h.n_camera};
     bool ok = finite_within(m->position[0], (size_t)m->n_vertex * 3, 1e15f) &&
               finite_within(m->normal[0], (size_t)m->n_vertex * 3, 1.001f) &&
               (!m->uv || finite_within(m->uv[0], (size_t)m->n_vertex * 2, 3e38f)) &&
-              surfaces_ok(m) && blocks_ok(m);
+              surfaces_ok(m) && blocks_ok(m) && prt_mesh_cameras_ok(m);
     if (!ok) {
         prt_free(m);
         return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned a damaged mesh",

@@ -54,6 +54,7 @@ enum format_section_type {
     SECTION_ROW_DIRECTION,
     SECTION_ROW_VALUE_BEGIN,
     SECTION_ROW_MIX,
+    SECTION_CAMERA, // the model's own cameras; missing where it has none
 };
 
 struct format_section {
@@ -97,6 +98,7 @@ _Static_assert(sizeof(struct format_info) == 144, "info");
 _Static_assert(sizeof(struct format_tensor) == 72, "tensor");
 _Static_assert(sizeof(struct prt_block) == 24, "block");
 _Static_assert(sizeof(struct prt_surface) == 92, "surface");
+_Static_assert(sizeof(struct prt_mesh_camera) == 104, "camera");
 _Static_assert(sizeof(struct prt_cluster) == 24, "cluster");
 
 static inline uint64_t format_padded(uint64_t bytes)
