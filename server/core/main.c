@@ -7,6 +7,7 @@
 #include "net/dispatch.h"
 #include "store/eviction.h"
 #include "core/log.h"
+#include "core/access.h"
 #include "core/token.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
@@ -158,10 +159,21 @@ static int remove_one(const char *path, const struct stat *st, int kind, struct 
 static int check_all(void)
 {
     char fault[256];
+    if (!configuration_check(&server.options, fault)) return 0;
+    log_line(LOG_ERR, "%s", fault);
+    return -1;
+}
+
+static int open_access(void)
+{
+    char fault[256], token[TOKEN_ROOM] = "";
     const char *path = server.options.token_file;
-    if (!configuration_check(&server.options, fault) &&
-        (!path[0] || !token_read(path, server.token, fault)))
+    if (!access_create(&server.options, server.data, &server.access, fault) &&
+        (!path[0] || !token_read(path, token, fault))) {
+        access_set_default(server.access, token);
+        ledger_set_quotas(server.ledger, access_quotas, server.access);
         return 0;
+    }
     log_line(LOG_ERR, "%s", fault);
     return -1;
 }
@@ -241,7 +253,7 @@ static int start(void)
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
-        jobs_create(&server, &job_runner_child, &server.jobs) ||
+        open_access() || jobs_create(&server, &job_runner_child, &server.jobs) ||
         models_create(&server, &server.models) || listen_everywhere())
         return -1;
     cache_hold_files(server.cache, server.files);
@@ -300,6 +312,7 @@ static void stop(void)
     jobs_destroy(server.jobs);
     blobs_close(server.blobs);
     ledger_destroy(server.ledger);
+    access_destroy(server.access);
     events_destroy(server.events);
     loop_destroy(server.loop);
     if (server.data_temporary && server.data[0] &&

@@ -18,6 +18,7 @@ struct connection;
 struct models;
 struct imports;
 struct file_queue;
+struct access;
 struct events;
 
 enum {
@@ -47,7 +48,7 @@ struct server {
     struct stats stats;
     struct ledger *ledger; /* resources by principal; checks every limit */
     char data[4000];       /* absolute path of the data folder */
-    char token[256];       /* "": none is required */
+    struct access *access; /* tokens, scopes and local rights */
     bool data_temporary;
     unsigned n_core;
     struct connection *connections, *closed;

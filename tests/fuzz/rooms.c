@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "rooms.h"
 
+#include "core/access.h"
 #include "core/events.h"
 #include "core/log.h"
 #include "core/server.h"
@@ -220,9 +221,10 @@ bool rooms_start(const struct rooms_settings *settings)
     server.n_core = settings->threads;
     server.stats.start_ns = loop_now_ns();
     strcpy(server.run, "0123456789abcdef"); // messages.c names it
+    char fault[256];
     if (!(server.ledger = ledger_create(o)) || events_create(64, &server.events) ||
-        loop_create(&server.loop) || cache_create(o->cache, &server.cache) ||
-        cache_create(o->memory, &server.files) ||
+        access_create(o, NULL, &server.access, fault) || loop_create(&server.loop) ||
+        cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
         work_pool_create(server.loop, settings->threads, prt_cpu_detect(), &server.work) ||
@@ -247,6 +249,7 @@ void rooms_stop(void)
     jobs_destroy(server.jobs);
     blobs_close(server.blobs);
     ledger_destroy(server.ledger);
+    access_destroy(server.access);
     events_destroy(server.events);
     loop_destroy(server.loop);
 }
