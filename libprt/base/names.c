@@ -8,11 +8,13 @@
 
 enum { LONGEST = 127 }; // characters of a name that count
 
-// Distance of Levenshtein between two words, ASCII case ignored; words are cut to LONGEST.
-static unsigned edit_distance(const char *a, const char *b)
+// Distance of Levenshtein between a and the first m characters of b, ASCII case ignored; words
+// are cut to LONGEST.
+static unsigned edit_distance(const char *a, const char *b, size_t m)
 {
     unsigned row[LONGEST + 1];
-    size_t n = strnlen(a, LONGEST), m = strnlen(b, LONGEST);
+    size_t n = strnlen(a, LONGEST);
+    m = m < LONGEST ? m : LONGEST;
     for (size_t j = 0; j <= m; j++) row[j] = (unsigned)j;
     for (size_t i = 1; i <= n; i++) {
         unsigned diagonal = row[0];
@@ -32,7 +34,10 @@ int prt_name_nearest(const char *text, const char *const name[], unsigned n)
     unsigned best = (unsigned)strnlen(text, LONGEST) / 3 + 1;
     int found = -1;
     for (unsigned i = 0; i < n; i++) {
-        unsigned d = edit_distance(text, name[i]);
+        const char *dot = strrchr(name[i], '.'); // a file's ending may be left out
+        unsigned d = edit_distance(text, name[i], strlen(name[i]));
+        unsigned stem = dot ? edit_distance(text, name[i], (size_t)(dot - name[i])) : d;
+        d = stem < d ? stem : d;
         if (d < best || (d == best && found < 0)) best = d, found = (int)i;
     }
     return found;
