@@ -54,7 +54,8 @@ enum relight_frame_flag {
     X(VIEW_CLOSE, 16, view_close_request, view_close_answer)                \
     X(UPDATE_VERTICES, 17, update_vertices_request, update_vertices_answer) \
     X(UNLOAD, 18, unload_request, unload_answer)                            \
-    X(STATS, 19, stats_request, stats_answer)
+    X(STATS, 19, stats_request, stats_answer)                               \
+    X(SUBSCRIBE, 20, subscribe_request, event)
 
 /* As large as the largest number and one: tables by request type have this many rows. */
 union relight_type_room {

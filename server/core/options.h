@@ -31,12 +31,16 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "names and the address it listens on; requests for other hosts are refused; * "          \
       "for all")                                                                               \
     X(TEXT, token_file, "token-file", "FILE", "",                                              \
-      "File whose first line is the token that clients send in HELLO and that a "              \
-      "scraper of /metrics sends as `Authorization: Bearer TOKEN`. Empty: no token is "        \
-      "required")                                                                              \
+      "File whose first line is a token with every scope, named `default`. Further "           \
+      "tokens are made with `relight token create`. Clients of TCP, HTTP and WebSocket "       \
+      "need one of them as soon as one exists")                                                \
     X(FLAG, accept_anyone, "accept-anyone", "yes|no", "no",                                    \
-      "Listen beyond loopback without a token file: every machine that reaches the "           \
-      "address may use this daemon")                                                           \
+      "Listen beyond loopback without a token: every machine that reaches the address "        \
+      "may use this daemon, except for administration")                                        \
+    X(TEXT, local_scopes, "local-scopes", "LIST", "view,edit,upload",                          \
+      "Scopes of other users of this machine who connect to a unix socket without a token: "   \
+      "view, edit, upload, admin, comma-separated. Empty: they need a token. The daemon's "    \
+      "own user and root have all")                                                            \
     X(TEXT, socket_mode, "socket-mode", "MODE", "0660",                                        \
       "Permissions of unix sockets, octal: users with write permission may connect")           \
     X(TEXT, socket_group, "socket-group", "GROUP", "",                                         \

@@ -18,6 +18,8 @@ struct connection;
 struct models;
 struct imports;
 struct file_queue;
+struct access;
+struct events;
 
 enum {
     SERVER_HELLO_HEADER = 4096, /* before HELLO; no payload then */
@@ -26,6 +28,7 @@ enum {
     SERVER_CHUNK = 1 << 20,
     SERVER_MAX_ITEMS = 16384,      /* messages and strings in one header */
     SERVER_MAX_UNPACKED = 4 << 20, /* bytes a header may take once it is unpacked */
+    SERVER_EVENTS = 1024,          /* events that a client may be behind */
 };
 
 struct server {
@@ -40,10 +43,12 @@ struct server {
     struct models *models;
     struct imports *imports;       /* the folder --models */
     struct file_queue *file_queue; /* file operations, one after another on a worker */
+    struct events *events;         /* core/events.h */
+    char run[17];                  /* hex digits that differ at every start */
     struct stats stats;
     struct ledger *ledger; /* resources by principal; checks every limit */
     char data[4000];       /* absolute path of the data folder */
-    char token[256];       /* "": none is required */
+    struct access *access; /* tokens, scopes and local rights */
     bool data_temporary;
     unsigned n_core;
     struct connection *connections, *closed;

@@ -9,11 +9,13 @@
 #include "core/token.h"
 #include "net/listener.h"
 #include "net/web_access.h"
+#include "net/web_caller.h"
 
 #include <fcntl.h>
 #include <libwebsockets.h>
 #include <math.h>
 #include <netdb.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -244,15 +246,23 @@ static int on_ws(struct lws *wsi, enum lws_callback_reasons reason, void *user, 
 
 // ---- plain HTTP
 
+// retry_after_s: 0 for no such header.
 static int answer_text(struct lws *wsi, struct page_session *p, unsigned status,
-                       const char *type, char *body, size_t n)
+                       const char *type, char *body, size_t n, unsigned retry_after_s)
 {
     uint8_t head[LWS_PRE + 1024], *start = head + LWS_PRE, *at = start,
                                   *end = head + sizeof head - 1;
     p->body = body;
     p->n = n;
     p->sent = 0;
+    char seconds[16];
+    int length = snprintf(seconds, sizeof seconds, "%u", retry_after_s);
     if (!body || lws_add_http_common_headers(wsi, status, type, n, &at, end) ||
+        (retry_after_s && lws_add_http_header_by_token(wsi, WSI_TOKEN_HTTP_RETRY_AFTER,
+                                                       (uint8_t *)seconds, length, &at, end)) ||
+        (status == HTTP_STATUS_UNAUTHORIZED &&
+         lws_add_http_header_by_token(wsi, WSI_TOKEN_HTTP_WWW_AUTHENTICATE,
+                                      (const uint8_t *)"Bearer", 6, &at, end)) ||
         lws_finalize_write_http_header(wsi, start, &at, end))
         return -1;
     lws_callback_on_writable(wsi);
@@ -278,12 +288,28 @@ static int page_write(struct lws *wsi, struct page_session *p)
     return lws_http_transaction_completed(wsi) ? -1 : 0;
 }
 
-static bool bearer_is_right(struct lws *wsi)
+// The status that refuses this request, 0 when its caller has the scopes. *caller is filled
+// then.
+static unsigned refusal_of(struct lws *wsi, unsigned scopes, struct caller *caller,
+                           struct web_refusal *refusal)
 {
-    char room[TOKEN_ROOM + 16];
+    char room[TOKEN_ROOM + 16], query[TOKEN_ROOM + 16];
     const char *said = header(wsi, WSI_TOKEN_HTTP_AUTHORIZATION, room, sizeof room);
-    bool bearer = said && !strncasecmp(said, "Bearer ", 7);
-    return token_is_right(server_of(wsi)->token, bearer ? said + 7 : "");
+    const char *token = lws_get_urlarg_by_name(wsi, "token=", query, sizeof query);
+    return web_caller(server_of(wsi), lws_get_socket_fd(wsi), said, token, scopes, caller,
+                      refusal)
+               ? 0
+               : refusal->status;
+}
+
+// Answers a refused request; what its caller returns to libwebsockets.
+static int answer_refusal(struct lws *wsi, struct page_session *p,
+                          const struct web_refusal *refusal)
+{
+    char *text = NULL;
+    int n = asprintf(&text, "%s\n", refusal->text);
+    return answer_text(wsi, p, refusal->status, "text/plain", n < 0 ? NULL : text,
+                       n < 0 ? 0 : (size_t)n, refusal->retry_after_s);
 }
 
 static int page_request(struct lws *wsi, struct page_session *p)
@@ -295,16 +321,16 @@ static int page_request(struct lws *wsi, struct page_session *p)
         bool well = !server_of(wsi)->draining;
         char *text = strdup(well ? "ok\n" : "draining\n");
         return answer_text(wsi, p, well ? HTTP_STATUS_OK : HTTP_STATUS_SERVICE_UNAVAILABLE,
-                           "text/plain", text, text ? strlen(text) : 0);
+                           "text/plain", text, text ? strlen(text) : 0, 0);
     }
     if (!strcmp(path, "/metrics")) {
-        if (!bearer_is_right(wsi)) {
-            if (lws_return_http_status(wsi, HTTP_STATUS_UNAUTHORIZED, NULL)) return -1;
-            return lws_http_transaction_completed(wsi) ? -1 : 0;
-        }
+        struct caller caller;
+        struct web_refusal refusal;
+        if (refusal_of(wsi, SCOPE_VIEW, &caller, &refusal))
+            return answer_refusal(wsi, p, &refusal);
         size_t n = 0;
         char *text = stats_prometheus(server_of(wsi), &n);
-        return answer_text(wsi, p, HTTP_STATUS_OK, "text/plain; version=0.0.4", text, n);
+        return answer_text(wsi, p, HTTP_STATUS_OK, "text/plain; version=0.0.4", text, n, 0);
     }
     if (lws_return_http_status(wsi, HTTP_STATUS_NOT_FOUND, NULL)) return -1;
     return lws_http_transaction_completed(wsi) ? -1 : 0;

@@ -5,6 +5,7 @@
 #define RELIGHTD_CONNECTION_H
 
 #include "frame.h"
+#include "core/access.h"
 #include "core/server.h"
 
 #include <sys/uio.h>
@@ -45,11 +46,14 @@ struct connection {
     uint64_t number;
     char peer[96];
     struct principal *principal;    /* core/ledger.h: the principal that is charged */
+    struct caller caller;           /* core/access.h: who it is; without scopes before HELLO */
+    uint64_t end_ns;                /* closed at this time: its token expires; 0: not */
     struct relight_decoder decoder; /* byte streams */
     bool greeted, dead, closing, reading;
     uint64_t max_payload; /* the client's limit for one frame */
     struct out_frame *out, **out_last;
     size_t out_bytes;    /* queued and not sent */
+    size_t out_charged;  /* of OUTPUT: whole frames until their last byte is sent */
     size_t message_left; /* of them, those of the message that is being sent */
     uint64_t full_ns; /* since when more than --send-buffer is queued behind it; 0: not now */
     struct request *requests;
@@ -58,6 +62,7 @@ struct connection {
     struct {
         int code; /* 0: none */
         char text[320];
+        uint32_t retry_ms;       /* for BUSY; 0: unknown */
     } refusal;                   /* of the frame that is being read */
     struct material_wait *waits; /* materials.c: requests about views, in their order */
     struct loop_timer timer;
@@ -72,6 +77,13 @@ struct connection {
  * without memory, or where the client or the daemon is at its limit of connections. */
 struct connection *connection_open(struct server *server, const struct carrier *carrier,
                                    void *carrier_data, const char *peer, const char *who);
+/* The client is `caller` from here on: its connection and output are charged to that principal.
+ * False: the principal is at its limit, or memory is short; error has the text. */
+bool connection_identify(struct connection *conn, const struct caller *caller, char error[256]);
+/* Ends the connections whose token is not valid any more: an ERROR frame tells why, and what is
+ * not sent within half a second is dropped. anonymous: also those of addresses without a
+ * token. */
+void connections_recheck(struct server *server, bool anonymous);
 /* Everything open is cancelled. The struct stays until the loop's turn ends. */
 void connection_close(struct connection *conn, const char *why);
 /* Closes after the queued frames were sent; reads nothing more. */

@@ -20,6 +20,9 @@ const char *error_hint(int code)
         return "PROTOCOL.md lists the parameters of this operation";
     case RELIGHT__ERROR_CODE__ERROR_VERSION:
         return "update the client or the daemon";
+    case RELIGHT__ERROR_CODE__ERROR_FORBIDDEN:
+        return "an administrator of the daemon can give you a token with this right: "
+               "`relight token create`";
     case RELIGHT__ERROR_CODE__ERROR_NOT_FOUND:
         return "`relight models` lists the models; an upload has to be complete before it is "
                "used";
@@ -102,7 +105,7 @@ static void end(struct request *request)
 int refusal_code(const struct principal *principal, enum ledger_resource resource,
                  uint64_t amount)
 {
-    uint64_t mine = ledger_limit_client(principal->ledger, resource);
+    uint64_t mine = ledger_limit_client(principal, resource);
     uint64_t all = ledger_limit_all(principal->ledger, resource);
     bool never = (mine && amount > mine) || (all && amount > all);
     return never ? RELIGHT__ERROR_CODE__ERROR_LIMIT : RELIGHT__ERROR_CODE__ERROR_BUSY;
@@ -192,14 +195,32 @@ bool request_admit(struct connection *conn, const struct relight_frame *frame)
     return true;
 }
 
-static void send_error(struct connection *conn, uint64_t id, int code, const char *text)
+// A refusal for access is a line of the audit, from a call site of its own: others' lines do
+// not use up its rate.
+static void log_refusal(const struct connection *conn, uint16_t type, uint64_t id, int code,
+                        const char *text)
+{
+    if (code == RELIGHT__ERROR_CODE__ERROR_FORBIDDEN)
+        log_line(LOG_EVENT,
+                 "audit act=refused who=%s peer=%s conn=%llu id=%llu op=%s text=\"%s\"",
+                 conn->caller.name, conn->peer, (unsigned long long)conn->number,
+                 (unsigned long long)id, relight_type_name(type), text);
+    else
+        log_line(LOG_EVENT, "refused conn=%llu id=%llu op=%s code=%d text=\"%s\"",
+                 (unsigned long long)conn->number, (unsigned long long)id,
+                 relight_type_name(type), code, text);
+}
+
+// retry_ms: for BUSY, when to repeat the request; 0: unknown.
+static void send_error(struct connection *conn, uint64_t id, int code, const char *text,
+                       uint32_t retry_ms)
 {
     Relight__Error error = RELIGHT__ERROR__INIT;
     error.code = code;
     error.text = (char *)text;
     error.hint = (char *)error_hint(code);
     if (code == RELIGHT__ERROR_CODE__ERROR_BUSY) {
-        error.retry_after_ms = 50;
+        error.retry_after_ms = retry_ms ? retry_ms : 50;
         conn->server->stats.busy_total++;
     }
     conn->server->stats.errors_total++;
@@ -233,11 +254,9 @@ void request_fail(struct request *request, int code, const char *fmt, ...)
     va_end(args);
     struct connection *conn = request->conn;
     blobs_name_in_text(conn->server->blobs, conn->principal->name, said, text, sizeof text);
-    log_line(LOG_EVENT, "refused conn=%llu id=%llu op=%s code=%d text=\"%s\"",
-             (unsigned long long)conn->number, (unsigned long long)request->id,
-             relight_type_name(request->type), code, text);
+    log_refusal(conn, request->type, request->id, code, text);
     request->abandon = NULL;
-    send_error(conn, request->id, code, text);
+    send_error(conn, request->id, code, text, request->retry_ms);
     if (!conn->dead) end(request);
 }
 
@@ -283,6 +302,18 @@ static bool may_open(struct connection *conn, const struct relight_frame *frame,
     }
     return refuse(conn, RELIGHT__ERROR_CODE__ERROR_BUSY,
                   "this connection has too many open requests (--requests)");
+}
+
+// Whether its token's requests a second allow another one.
+static bool within_rate(struct connection *conn, const struct operation *operation)
+{
+    uint32_t retry_ms;
+    if (operation->flags & OPERATION_ALWAYS || !conn->greeted ||
+        access_take_request(conn->server->access, &conn->caller, &retry_ms))
+        return true;
+    conn->refusal.retry_ms = retry_ms;
+    return refuse(conn, RELIGHT__ERROR_CODE__ERROR_BUSY,
+                  "your token's quota of requests a second is used up (--rate)");
 }
 
 // Unpacks the header after checking its size and that its strings are UTF-8.
@@ -349,7 +380,8 @@ struct request *request_create(struct connection *conn, const struct relight_fra
                           frame->type);
     if (!refused) {
         if (operation->flags & OPERATION_LONG) resource = LEDGER_LONG_REQUESTS;
-        counted = may_open(conn, frame, operation) && charge(conn, operation, resource, 1);
+        counted = within_rate(conn, operation) && may_open(conn, frame, operation) &&
+                  charge(conn, operation, resource, 1);
         if (counted) message = unpack(conn, frame, operation, &header_charged);
         if (message) request = calloc(1, sizeof *request);
     }
@@ -379,9 +411,8 @@ struct request *request_create(struct connection *conn, const struct relight_fra
     if (counted) ledger_give(conn->principal, resource, 1);
     int code = conn->refusal.code;
     conn->refusal.code = 0;
-    log_line(LOG_EVENT, "refused conn=%llu id=%llu op=%s code=%d text=\"%s\"",
-             (unsigned long long)conn->number, (unsigned long long)frame->id,
-             relight_type_name(frame->type), code, conn->refusal.text);
-    send_error(conn, frame->id, code, conn->refusal.text);
+    log_refusal(conn, frame->type, frame->id, code, conn->refusal.text);
+    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms);
+    conn->refusal.retry_ms = 0;
     return NULL;
 }

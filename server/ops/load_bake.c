@@ -275,7 +275,7 @@ bool load_order_bake(struct load *load, struct model *m, char error[256])
     bake_command(load, m, &a);
     struct job_order order = {calloc(a.n + 1, sizeof(char *)), strdup(b->folder)};
     if (order.argv) memcpy(order.argv, a.argv, a.n * sizeof(char *));
-    m->state = RELIGHT__MODEL_STATE__MODEL_BAKING;
+    model_set_state(m, RELIGHT__MODEL_STATE__MODEL_BAKING);
     m->error[0] = m->job_id[0] = 0;
     m->checked = false;
     m->job = NULL;

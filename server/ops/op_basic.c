@@ -2,7 +2,7 @@
 // HELLO, PING, LIST, WATCH, CANCEL, CANCEL_JOB, INFO, GEOMETRY, UNLOAD and STATS.
 #include "net/dispatch.h"
 #include "core/log.h"
-#include "core/token.h"
+#include "core/access.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
 #include "render/render.h"
@@ -15,6 +15,37 @@
 #include <time.h>
 
 #define MESSAGE(type) ((const Relight__##type *)request->message)
+
+// Finds out who the client is. False: it was refused.
+static bool identify(struct request *request, const char *secret)
+{
+    struct connection *conn = request->conn;
+    struct caller caller;
+    char error[256];
+    const char *who = conn->greeted ? conn->caller.name : conn->principal->name;
+    enum access_verdict verdict = conn->greeted
+                                      ? ACCESS_GRANTED
+                                      : access_check(request->server->access, who, secret,
+                                                     &caller, error, &request->retry_ms);
+    if (conn->greeted) return true; // a second HELLO changes sizes, not the identity
+    if (verdict == ACCESS_GRANTED && connection_identify(conn, &caller, error)) return true;
+    bool busy = verdict == ACCESS_GRANTED || verdict == ACCESS_LATER;
+    request_fail(request,
+                 busy ? RELIGHT__ERROR_CODE__ERROR_BUSY : RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
+                 "%s", error);
+    if (!conn->dead) connection_finish(conn, "no token");
+    return false;
+}
+
+// Words of the scopes; at most 8.
+static size_t scope_list(unsigned scopes, char *out[8])
+{
+    static char *const words[] = {"view", "edit", "upload", "admin"};
+    size_t n = 0;
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        if (scopes & 1u << i) out[n++] = words[i];
+    return n;
+}
 
 void op_hello(struct request *request)
 {
@@ -29,23 +60,18 @@ void op_hello(struct request *request)
         if (!conn->dead) connection_finish(conn, "no common version");
         return;
     }
-    if (!token_is_right(request->server->token, in->token)) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN, "the token is %s",
-                     in->token[0] ? "wrong" : "missing");
-        if (!conn->dead) connection_finish(conn, "no token");
-        return;
-    }
     if (in->max_payload && in->max_payload < 4096) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
                      "max_payload is below 4096 bytes");
         return;
     }
+    if (!identify(request, in->token)) return;
     conn->greeted = true;
     conn->decoder.limits =
         (struct relight_frame_limits){SERVER_MAX_HEADER, SERVER_MAX_PAYLOAD, true};
     conn->max_payload = in->max_payload;
-    log_line(LOG_EVENT, "hello conn=%llu client=\"%s\"", (unsigned long long)conn->number,
-             in->client);
+    log_line(LOG_EVENT, "hello conn=%llu who=%s client=\"%s\"",
+             (unsigned long long)conn->number, conn->caller.name, in->client);
     Relight__HelloAnswer out = RELIGHT__HELLO_ANSWER__INIT;
     char *presets[64];
     out.server = "relightd " RELIGHT_VERSION;
@@ -55,6 +81,12 @@ void op_hello(struct request *request)
     out.max_in_flight = o->requests;
     out.max_blob = o->max_blob;
     out.chunk = SERVER_CHUNK;
+    char *scopes[8];
+    out.principal = conn->caller.name;
+    out.scopes = scopes;
+    out.n_scopes = scope_list(conn->caller.scopes, scopes);
+    out.expires_s = (uint64_t)conn->caller.expires_s;
+    out.run = request->server->run;
     out.presets = presets;
     for (const struct prt_material *m;
          out.n_presets < 64 && (m = prt_material_preset((unsigned)out.n_presets));)

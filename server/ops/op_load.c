@@ -126,7 +126,7 @@ static void go_on(struct load *load, struct model *m)
     int before = m->state;
     char error[256];
     if (load->bake_bytes) {
-        m->state = RELIGHT__MODEL_STATE__MODEL_READY;
+        model_set_state(m, RELIGHT__MODEL_STATE__MODEL_READY);
         model_charge_bake(m, load->bake_bytes);
         load->server->stats.bakes_cached++;
         model_remember(m);
@@ -137,14 +137,14 @@ static void go_on(struct load *load, struct model *m)
     if (m->state == RELIGHT__MODEL_STATE__MODEL_BAKING) {
         answer(load, m);
     } else if (r->preview) {
-        m->state = RELIGHT__MODEL_STATE__MODEL_PREVIEW;
+        model_set_state(m, RELIGHT__MODEL_STATE__MODEL_PREVIEW);
         m->error[0] = 0;
         mesh_and_answer(load, m);
     } else if (load_order_bake(load, m, error)) {
         answer(load, m);
     } else {
         file_remove(load->server->file_queue, load->bake_folder);
-        m->state = before;
+        model_set_state(m, before);
         if (before == RELIGHT__MODEL_STATE__MODEL_RECEIVED) model_unload(m, true);
         LOAD_FAIL(load, BUSY, "%s", error);
     }

@@ -145,11 +145,11 @@ static bool drop_idle(struct blobs *blobs, const struct principal *whose)
     return true;
 }
 
-static bool never_fits(const struct ledger *ledger, enum ledger_resource resource,
+static bool never_fits(const struct principal *principal, enum ledger_resource resource,
                        uint64_t amount)
 {
-    uint64_t client = ledger_limit_client(ledger, resource);
-    uint64_t all = ledger_limit_all(ledger, resource);
+    uint64_t client = ledger_limit_client(principal, resource);
+    uint64_t all = ledger_limit_all(principal->ledger, resource);
     return (client && amount > client) || (all && amount > all);
 }
 
@@ -159,7 +159,7 @@ static bool take(struct blobs *blobs, struct principal *principal,
     for (;;) {
         enum ledger_refusal refusal = ledger_take(principal, resource, amount, error);
         if (refusal == LEDGER_GRANTED) return true;
-        if (never_fits(blobs->setup.ledger, resource, amount)) return false;
+        if (never_fits(principal, resource, amount)) return false;
         struct principal *whose = refusal == LEDGER_CLIENT_FULL ? principal : NULL;
         if (drop_idle(blobs, whose)) continue;
         if (resource == LEDGER_DISK && blob_evict(blobs, whose ? whose->name : NULL)) continue;

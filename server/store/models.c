@@ -58,7 +58,9 @@ void model_set_name(struct model *m, const char *owner, const char *name)
     struct model_alias *a = (struct model_alias *)alias_of(m, owner);
     unsigned n = 0;
     if (!strcmp(m->owner, owner)) {
+        bool other = strcmp(m->name, name) != 0;
         snprintf(m->name, sizeof m->name, "%s", name);
+        if (other) model_publish(m, RELIGHT__EVENT_KIND__EVENT_MODEL_CHANGED, "");
         return;
     }
     if (!a && !strcmp(m->name, name)) return;
@@ -162,6 +164,7 @@ void model_take_out(struct model *m)
     if (!*at) return;
     *at = m->next;
     m->gone = true;
+    model_publish(m, RELIGHT__EVENT_KIND__EVENT_MODEL_REMOVED, "");
     charge_entry(m, false);
     model_release(m);
 }
@@ -196,6 +199,7 @@ struct model *model_add(struct models *models, const char *id, const char *name,
     m->next = models->model;
     models->model = m;
     charge_entry(m, true);
+    model_publish(m, RELIGHT__EVENT_KIND__EVENT_MODEL_ADDED, "");
     return m;
 }
 

@@ -526,7 +526,8 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
                                     RELIGHT_TYPE_VIEW_OPEN,  RELIGHT_TYPE_VIEW_SET,
                                     RELIGHT_TYPE_VIEW_SET,   RELIGHT_TYPE_VIEW_SET,
                                     RELIGHT_TYPE_VIEW_CLOSE, RELIGHT_TYPE_UPDATE_VERTICES,
-                                    RELIGHT_TYPE_UNLOAD,     RELIGHT_TYPE_STATS};
+                                    RELIGHT_TYPE_UNLOAD,     RELIGHT_TYPE_STATS,
+                                    RELIGHT_TYPE_SUBSCRIBE,  RELIGHT_TYPE_SUBSCRIBE};
     struct rnd *r = world->rnd;
     uint16_t one = RND_PICK(r, type);
     uint64_t other = 1 + rnd(r, ids);
@@ -612,6 +613,18 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
         in.model = (char *)any_model(world);
         in.forget = rnd_chance(r, 2);
         EMIT(UNLOAD, in);
+        break;
+    }
+    case RELIGHT_TYPE_SUBSCRIBE: {
+        Relight__SubscribeRequest in = RELIGHT__SUBSCRIBE_REQUEST__INIT;
+        Relight__EventKind kinds[40];
+        in.kinds = kinds;
+        in.n_kinds = rnd_chance(r, 3) ? rnd(r, 40) : 0;
+        for (size_t i = 0; i < in.n_kinds; i++) kinds[i] = (Relight__EventKind)rnd(r, 9);
+        if (rnd_chance(r, 4)) in.model = (char *)any_model(world);
+        if (rnd_chance(r, 2)) in.run = "0123456789abcdef"; // rooms_start()
+        in.after = rnd_chance(r, 2) ? rnd(r, 2000) : odd_number(r);
+        EMIT(SUBSCRIBE, in);
         break;
     }
     default: {

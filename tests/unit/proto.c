@@ -227,7 +227,7 @@ static void names(void **state)
     assert_string_equal(relight_type_name(RELIGHT_TYPE_ERROR), "ERROR");
     assert_string_equal(relight_type_name(0), "unknown");
     assert_null(relight_type_message(0));
-    assert_null(relight_type_message(20));
+    assert_null(relight_type_message(RELIGHT_TYPE_N));
     assert_ptr_equal(relight_type_message(0xffff), &relight__error__descriptor);
 }
 

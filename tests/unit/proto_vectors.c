@@ -283,5 +283,31 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     updated.generation = 2;
     n = add(out, n, "update_vertices_answer", "S: UPDATE_VERTICES", 17 | ANSWER, LAST, 14,
             &updated.base, NULL, 0);
+    static Relight__SubscribeRequest subscribe;
+    static Relight__EventKind kinds[] = {RELIGHT__EVENT_KIND__EVENT_MODEL_ADDED,
+                                         RELIGHT__EVENT_KIND__EVENT_JOB};
+    relight__subscribe_request__init(&subscribe);
+    subscribe.n_kinds = 2;
+    subscribe.kinds = kinds;
+    subscribe.run = "09f3c2d1a5b60718";
+    subscribe.after = 41;
+    n = add(out, n, "subscribe", "C: SUBSCRIBE to models and bakes, after event 41", 20, LAST,
+            15, &subscribe.base, NULL, 0);
+    static Relight__Event first, added;
+    relight__event__init(&first);
+    first.run = subscribe.run;
+    first.sequence = 41;
+    n = add(out, n, "event_none", "S: SUBSCRIBE goes on after 41, nothing was lost",
+            20 | ANSWER, 0, 15, &first.base, NULL, 0);
+    added = first;
+    added.sequence = 44;
+    added.kind = RELIGHT__EVENT_KIND__EVENT_MODEL_ADDED;
+    added.time_us = UINT64_C(1700000000000000);
+    added.model = "3f9ad2c1";
+    added.name = "bunny.obj";
+    added.state = RELIGHT__MODEL_STATE__MODEL_RECEIVED;
+    added.generation = 1;
+    n = add(out, n, "event_model", "S: event 44, a model was added", 20 | ANSWER, 0, 15,
+            &added.base, NULL, 0);
     return n;
 }
