@@ -32,6 +32,9 @@ enum {
 enum relight_frame_flag {
     RELIGHT_FRAME_MORE = 1, /* this message's payload goes on in the next frame with this id */
     RELIGHT_FRAME_LAST = 2, /* no further message has this id in this direction */
+    /* Bits 2 and 3 are for later flags that change how a frame is read: one that is set is a
+     * fault. Bits 4 to 7 are for hints: receivers ignore those that they do not know. */
+    RELIGHT_FRAME_IGNORABLE = 0xf0,
 };
 
 /* name, number, request message, answer message */
@@ -70,6 +73,7 @@ enum relight_type {
     RELIGHT_TYPE_LIST(X)
 #undef X
         RELIGHT_TYPE_ANSWER = 0x8000, /* an answer has the request's type with this bit */
+    RELIGHT_TYPE_GOAWAY = 0xfffe,     /* unasked, id 0 */
     RELIGHT_TYPE_ERROR = 0xffff
 };
 /* "hello", "put_blob", … for a request's or answer's type; "error"; "unknown". */
@@ -78,7 +82,7 @@ const char *relight_type_name(uint16_t type);
 const ProtobufCMessageDescriptor *relight_type_message(uint16_t type);
 
 struct relight_frame {
-    uint8_t flags; /* enum relight_frame_flag */
+    uint8_t flags; /* enum relight_frame_flag; ignorable ones are dropped in parsing */
     uint16_t type;
     uint64_t id;
     uint32_t deadline_ms; /* requests: from their arrival; 0: none. Answers: 0 */

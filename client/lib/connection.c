@@ -94,7 +94,16 @@ int relight_fail_message(struct relight_error *error, const Relight__Error *mess
     if (code <= 0 || code >= 100) code = RELIGHT_E_INTERNAL;
     relight_fail(error, code, message->hint, "%s",
                  *message->text ? message->text : relight_code_text(code));
-    if (error) error->retry_after_ms = message->retry_after_ms;
+    if (!error) return -code;
+    error->retry_after_ms = message->retry_after_ms;
+    error->has_range = message->has_range;
+    error->minimum = message->minimum;
+    error->maximum = message->maximum;
+    error->generation = message->generation;
+    snprintf(error->parameter, sizeof error->parameter, "%s", message->parameter);
+    snprintf(error->unit, sizeof error->unit, "%s", message->unit);
+    tidy_line(error->parameter, sizeof error->parameter);
+    tidy_line(error->unit, sizeof error->unit);
     return -code;
 }
 

@@ -78,6 +78,9 @@ static int check_words(const struct options *options, char fault[256])
     if (log_level_parse(options->log) < 0) why = "--log: error, warning, event or trace";
     else if (options->cpu[0] && prt_cpu_parse(options->cpu, &cpu))
         why = "--cpu: one of " PRT_CPU_WORDS;
+    const char *away = options->goaway_address;
+    if (away[0] && strncmp(away, "tcp:", 4) && strncmp(away, "unix:", 5))
+        why = "--goaway-address: expected tcp:HOST:PORT or unix:PATH";
     if (!why) return 0;
     snprintf(fault, 256, "%s", why);
     return -1;

@@ -53,6 +53,8 @@ static void begin_drain(int signal_number)
     log_line(LOG_EVENT, "drain signal=%s requests=%u jobs=%u", strsignal(signal_number),
              server.n_request, jobs_open(server.jobs));
     sockets_close(&server);
+    connections_goaway(&server, server.options.drain, server.options.goaway_address,
+                       "the daemon is stopping");
     jobs_stop(server.jobs);
     // Watches and views do not end by themselves.
     for (struct connection *c = server.connections, *next; c; c = next) {

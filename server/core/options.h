@@ -130,6 +130,9 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "Time limit of a request; clients may set a shorter one")                                \
     X(SECONDS, drain, "drain", "SECONDS", "10",                                                \
       "Time that open requests have after SIGTERM before the daemon exits")                    \
+    X(TEXT, goaway_address, "goaway-address", "ADDRESS", "",                                   \
+      "Address that clients are told to connect to while the daemon stops "                    \
+      "(tcp:HOST:PORT). Empty: this one, after the restart")                                   \
     X(COUNT, max_side, "max-side", "PIXELS", "4096", "Largest width and height of an image")
 
 struct options {

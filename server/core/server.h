@@ -28,7 +28,10 @@ enum {
     SERVER_CHUNK = 1 << 20,
     SERVER_MAX_ITEMS = 16384,      /* messages and strings in one header */
     SERVER_MAX_UNPACKED = 4 << 20, /* bytes a header may take once it is unpacked */
-    SERVER_EVENTS = 1024,          /* events that a client may be behind */
+    SERVER_MAX_ANSWER_HEADER = 16 << 20,
+    SERVER_MAX_PING = 64 << 10,
+    SERVER_MAX_WINDOW = 256, /* unacknowledged frames of a view */
+    SERVER_EVENTS = 1024,    /* events that a client may be behind */
 };
 
 struct server {

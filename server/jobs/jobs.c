@@ -46,7 +46,8 @@ static double overall(const char *stage, double fraction, double before)
 static void tell(struct job *job, struct request *request, bool last)
 {
     Relight__Progress progress = RELIGHT__PROGRESS__INIT;
-    Relight__Error error = RELIGHT__ERROR__INIT;
+    Relight__Error error;
+    struct error_fields fields;
     uint64_t end = job->ended_ns ? job->ended_ns : loop_now_ns();
     progress.job = job->id;
     progress.model = job->model;
@@ -56,9 +57,7 @@ static void tell(struct job *job, struct request *request, bool last)
     progress.eta_s = (float)job->eta_s;
     if (job->started_ns) progress.elapsed_s = (float)((double)(end - job->started_ns) * 1e-9);
     if (job->state == RELIGHT__JOB_STATE__JOB_FAILED) {
-        error.code = RELIGHT__ERROR_CODE__ERROR_JOB_FAILED;
-        error.text = job->error;
-        error.hint = (char *)error_hint(error.code);
+        error_fill(&error, RELIGHT__ERROR_CODE__ERROR_JOB_FAILED, job->error, &fields);
         progress.error = &error;
     }
     if (last) request_answer(request, &progress.base, NULL);

@@ -287,12 +287,27 @@ void connections_shed(struct server *server)
     }
 }
 
+void connections_goaway(struct server *server, double seconds, const char *address,
+                        const char *text)
+{
+    Relight__Goaway out = RELIGHT__GOAWAY__INIT;
+    out.drain_ms = seconds < 4e6 ? (uint32_t)(seconds * 1e3) : UINT32_MAX;
+    out.address = (char *)address;
+    out.text = (char *)text;
+    for (struct connection *c = server->connections, *next; c; c = next) {
+        next = c->next; // sending may close c
+        if (c->greeted)
+            connection_send(c, RELIGHT_TYPE_GOAWAY, RELIGHT_FRAME_LAST, 0, &out.base, NULL);
+    }
+}
+
 static void bad_frame(struct connection *conn, int fault)
 {
     conn->server->stats.frames_bad++;
-    Relight__Error error = RELIGHT__ERROR__INIT;
-    error.code = RELIGHT__ERROR_CODE__ERROR_BAD_FRAME;
-    error.text = (char *)relight_frame_fault_text(fault);
+    Relight__Error error;
+    struct error_fields fields;
+    error_fill(&error, RELIGHT__ERROR_CODE__ERROR_BAD_FRAME, relight_frame_fault_text(fault),
+               &fields);
     error.hint = "the connection is closed: the start of its next frame is unknown";
     log_line(LOG_WARN, "bad-frame conn=%llu fault=\"%s\"", (unsigned long long)conn->number,
              error.text);

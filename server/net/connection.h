@@ -89,6 +89,10 @@ void connection_close(struct connection *conn, const char *why);
 /* Closes after the queued frames were sent; reads nothing more. */
 void connection_finish(struct connection *conn, const char *why);
 void connections_free_closed(struct server *server);
+/* Sends GOAWAY to every connection: it ends in `seconds`, once its requests are answered. The
+ * address is where clients should connect instead, "" for here. */
+void connections_goaway(struct server *server, double seconds, const char *address,
+                        const char *text);
 /* While unread answers take more than --output-memory, or those of one client more than
  * --client-output, the connection that holds most of them is closed. Once a turn. */
 void connections_shed(struct server *server);

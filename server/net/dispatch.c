@@ -49,7 +49,7 @@ static const char *view_set_material(const ProtobufCMessage *message)
     return state_material(((const Relight__ViewSetRequest *)message)->state);
 }
 
-enum { MAX_PING = 64 << 10, ANY = SERVER_MAX_PAYLOAD };
+enum { MAX_PING = SERVER_MAX_PING, ANY = SERVER_MAX_PAYLOAD };
 #define BEFORE_HELLO OPERATION_BEFORE_HELLO
 #define DRAINING OPERATION_WHILE_DRAINING
 #define LONG OPERATION_LONG

@@ -5,74 +5,12 @@
 
 #include "core/log.h"
 #include "net/dispatch.h"
-#include "prt/base.h"
 #include "relight.pb-c.h"
 
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-const char *error_hint(int code)
-{
-    switch (code) {
-    case RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST:
-        return "PROTOCOL.md lists the parameters of this operation";
-    case RELIGHT__ERROR_CODE__ERROR_VERSION:
-        return "update the client or the daemon";
-    case RELIGHT__ERROR_CODE__ERROR_FORBIDDEN:
-        return "an administrator of the daemon can give you a token with this right: "
-               "`relight token create`";
-    case RELIGHT__ERROR_CODE__ERROR_NOT_FOUND:
-        return "`relight models` lists the models; an upload has to be complete before it is "
-               "used";
-    case RELIGHT__ERROR_CODE__ERROR_BUSY:
-        return "repeat the request after retry_after_ms";
-    case RELIGHT__ERROR_CODE__ERROR_DEADLINE:
-        return "set a longer deadline, or request less";
-    case RELIGHT__ERROR_CODE__ERROR_FORMAT:
-        return "check the file with another program; `prt info FILE` prints details";
-    case RELIGHT__ERROR_CODE__ERROR_NOT_READY:
-        return "watch its job until the bake is done";
-    case RELIGHT__ERROR_CODE__ERROR_HASH:
-        return "upload it again from offset 0";
-    case RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN:
-        return "connect again in a moment";
-    case RELIGHT__ERROR_CODE__ERROR_LIMIT:
-        return "the daemon's configuration or its machine sets this limit";
-    case RELIGHT__ERROR_CODE__ERROR_MISMATCH:
-        return "bake the model with these settings, or use the model's own; another material "
-               "needs a bake with transport joint or polynomial";
-    case RELIGHT__ERROR_CODE__ERROR_JOB_FAILED:
-        return "correct the named cause and load the model again";
-    default:
-        return "";
-    }
-}
-
-int error_of_status(int status)
-{
-    switch (status) {
-    case PRT_ARG:
-        return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
-    case PRT_NOMEM:
-        return RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
-    case PRT_IO:
-        return RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
-    case PRT_FORMAT:
-        return RELIGHT__ERROR_CODE__ERROR_FORMAT;
-    case PRT_LIMIT:
-        return RELIGHT__ERROR_CODE__ERROR_LIMIT;
-    case PRT_CANCELLED:
-        return RELIGHT__ERROR_CODE__ERROR_CANCELLED;
-    case PRT_UNSUPPORTED:
-        return RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
-    case PRT_MISMATCH:
-        return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
-    default:
-        return RELIGHT__ERROR_CODE__ERROR_INTERNAL;
-    }
-}
 
 void *request_state(const struct request *request, void (*abandon)(struct request *request))
 {
@@ -215,10 +153,9 @@ static void log_refusal(const struct connection *conn, uint16_t type, uint64_t i
 static void send_error(struct connection *conn, uint64_t id, int code, const char *text,
                        uint32_t retry_ms)
 {
-    Relight__Error error = RELIGHT__ERROR__INIT;
-    error.code = code;
-    error.text = (char *)text;
-    error.hint = (char *)error_hint(code);
+    Relight__Error error;
+    struct error_fields fields;
+    error_fill(&error, code, text, &fields);
     if (code == RELIGHT__ERROR_CODE__ERROR_BUSY) {
         error.retry_after_ms = retry_ms ? retry_ms : 50;
         conn->server->stats.busy_total++;
@@ -233,6 +170,14 @@ void request_answer(struct request *request, const ProtobufCMessage *message,
     struct connection *conn = request->conn;
     uint16_t type = request->type | RELIGHT_TYPE_ANSWER;
     uint64_t id = request->id;
+    size_t header = protobuf_c_message_get_packed_size(message);
+    if (header > SERVER_MAX_ANSWER_HEADER) {
+        if (payload && payload->release) payload->release(payload->owner);
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_LIMIT,
+                     "the answer's header is %zu, allowed range 0 to %d bytes", header,
+                     SERVER_MAX_ANSWER_HEADER);
+        return;
+    }
     request->abandon = NULL;
     connection_send(conn, type, RELIGHT_FRAME_LAST, id, message, payload);
     if (!conn->dead) end(request); // a connection that closed here has ended it already

@@ -4,6 +4,7 @@
 #define RELIGHTD_REQUEST_H
 
 #include "net/connection.h"
+#include "net/errors.h"
 
 struct request {
     struct request *next, *prev; /* of the connection's open requests */
@@ -74,10 +75,5 @@ void request_drop_payload(struct request *request);
 /* ERROR_BUSY, or ERROR_LIMIT where the amount exceeds the limit by itself. */
 int refusal_code(const struct principal *principal, enum ledger_resource resource,
                  uint64_t amount);
-
-/* Advice for the user about an error; "" for none. */
-const char *error_hint(int code);
-/* The protocol's error for a library status. */
-int error_of_status(int status);
 
 #endif

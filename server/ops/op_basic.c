@@ -16,6 +16,29 @@
 
 #define MESSAGE(type) ((const Relight__##type *)request->message)
 
+static uint32_t milliseconds(double seconds)
+{
+    return seconds * 1e3 < (double)UINT32_MAX ? (uint32_t)(seconds * 1e3) : UINT32_MAX;
+}
+
+static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
+{
+    // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
+    static const char *const features[] = {"error-range", "events", "goaway", "run"};
+    out->features = (char **)features;
+    out->n_features = sizeof features / sizeof *features;
+    out->max_lights = RENDER_MAX_LIGHTS;
+    out->max_side = o->max_side;
+    out->max_ping = SERVER_MAX_PING;
+    out->max_window = SERVER_MAX_WINDOW;
+    out->max_answer_header = SERVER_MAX_ANSWER_HEADER;
+    out->handshake_ms = milliseconds(o->handshake);
+    out->frame_time_ms = milliseconds(o->frame_time);
+    out->write_time_ms = milliseconds(o->write_time);
+    out->idle_ms = milliseconds(o->idle);
+    out->deadline_ms = milliseconds(o->deadline);
+}
+
 // Finds out who the client is. False: it was refused.
 static bool identify(struct request *request, const char *secret)
 {
@@ -61,8 +84,11 @@ void op_hello(struct request *request)
         return;
     }
     if (in->max_payload && in->max_payload < 4096) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
-                     "max_payload is below 4096 bytes");
+        char error[128];
+        request_fail(request,
+                     range_refuse(error, sizeof error, (double)in->max_payload, 4096,
+                                  18446744073709551615.0, "bytes", "max_payload"),
+                     "%s; 0 is no limit", error);
         return;
     }
     if (!identify(request, in->token)) return;
@@ -87,6 +113,7 @@ void op_hello(struct request *request)
     out.n_scopes = scope_list(conn->caller.scopes, scopes);
     out.expires_s = (uint64_t)conn->caller.expires_s;
     out.run = request->server->run;
+    fill_limits(o, &out);
     out.presets = presets;
     for (const struct prt_material *m;
          out.n_presets < 64 && (m = prt_material_preset((unsigned)out.n_presets));)
@@ -111,6 +138,7 @@ struct info_text {
     Relight__ModelInfo info;
     Relight__Vec3 low, high;
     Relight__Error error;
+    struct error_fields fields;
     char *warnings[64], *warning_text;
     char *settings, *errors;
     char material[PRT_MATERIAL_TEXT];
@@ -157,10 +185,7 @@ static void fill_info(const struct model *m, const char *asker, struct info_text
         if (out->state == RELIGHT__MODEL_STATE__MODEL_READY) out->resident_bytes = f->bytes;
     }
     if (m->state == RELIGHT__MODEL_STATE__MODEL_FAILED) {
-        relight__error__init(&t->error);
-        t->error.code = m->error_code;
-        t->error.text = (char *)m->error;
-        t->error.hint = (char *)error_hint(m->error_code);
+        error_fill(&t->error, m->error_code, m->error, &t->fields);
         out->error = &t->error;
     }
     t->warning_text = m->warnings ? strdup(m->warnings) : NULL;

@@ -62,7 +62,8 @@ static void send_event(struct subscription *s, const struct event *e)
 {
     Relight__Event out = RELIGHT__EVENT__INIT;
     Relight__Progress progress = RELIGHT__PROGRESS__INIT;
-    Relight__Error error = RELIGHT__ERROR__INIT;
+    Relight__Error error;
+    struct error_fields fields;
     out.run = s->request->server->run;
     out.sequence = e->sequence;
     out.time_us = e->time_us;
@@ -73,11 +74,7 @@ static void send_event(struct subscription *s, const struct event *e)
     out.env = (char *)e->env;
     out.state = e->model_state;
     out.generation = e->generation;
-    if (e->error_code) {
-        error.code = e->error_code;
-        error.text = (char *)e->error;
-        error.hint = (char *)error_hint(e->error_code);
-    }
+    if (e->error_code) error_fill(&error, e->error_code, e->error, &fields);
     if (e->job[0]) {
         progress.job = (char *)e->job;
         progress.model = (char *)e->model;
@@ -118,8 +115,11 @@ void op_subscribe(struct request *request)
     struct server *server = request->server;
     struct connection *conn = request->conn;
     if (in->n_kinds > MAX_KIND) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
-                     "%zu kinds: expected 0 to %d", in->n_kinds, MAX_KIND);
+        char error[128];
+        request_fail(
+            request,
+            range_refuse(error, sizeof error, (double)in->n_kinds, 0, MAX_KIND, "", "kinds"),
+            "%s", error);
         return;
     }
     if (strlen(in->model) >= sizeof((struct subscription *)0)->model) {

@@ -379,7 +379,7 @@ static int bad_sizes(const struct blobs *blobs, struct blob_put *put)
 {
     uint64_t size = put->size, most = blobs->setup.max_blob;
     if (!size || size > most) {
-        snprintf(put->error, sizeof put->error, "size %llu is outside 1..%llu bytes",
+        snprintf(put->error, sizeof put->error, "size is %llu, allowed range 1 to %llu bytes",
                  (unsigned long long)size, (unsigned long long)most);
         return size ? RELIGHT__ERROR_CODE__ERROR_LIMIT
                     : RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;

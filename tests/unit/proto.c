@@ -165,7 +165,9 @@ static void refuses(void **state)
 {
     assert_int_equal(decode_changed(0, "RLGX", 4), RELIGHT_FAULT_MAGIC);
     assert_int_equal(decode_changed(4, "\x02", 1), RELIGHT_FAULT_VERSION);
-    assert_int_equal(decode_changed(5, "\x80", 1), RELIGHT_FAULT_FLAGS);
+    assert_int_equal(decode_changed(5, "\x04", 1), RELIGHT_FAULT_FLAGS);
+    assert_int_equal(decode_changed(5, "\x0a", 1), RELIGHT_FAULT_FLAGS);
+    assert_int_equal(decode_changed(5, "\xf2", 1), 1); // hints that nobody knows yet
     assert_int_equal(decode_changed(16, "\x01\x00\x01\x00", 4), RELIGHT_FAULT_HEADER);
     assert_int_equal(decode_changed(16, "\xff\xff\xff\xff", 4), RELIGHT_FAULT_HEADER);
     assert_int_equal(decode_changed(24, "\x01\x00\x10\x00", 4), RELIGHT_FAULT_PAYLOAD);

@@ -47,6 +47,20 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     welcome.presets = presets;
     welcome.n_presets = 2;
     welcome.chunk = 1 << 20;
+    static char *features[] = {"events", "goaway"};
+    welcome.run = "09f3c2d1a5b60718";
+    welcome.features = features;
+    welcome.n_features = 2;
+    welcome.max_lights = 16;
+    welcome.max_side = 4096;
+    welcome.max_ping = 1 << 16;
+    welcome.max_window = 256;
+    welcome.max_answer_header = 1 << 24;
+    welcome.handshake_ms = 5000;
+    welcome.frame_time_ms = 30000;
+    welcome.write_time_ms = 10000;
+    welcome.idle_ms = 600000;
+    welcome.deadline_ms = 120000;
     n = add(out, n, "hello_answer", "S: HELLO", 1 | ANSWER, LAST, 1, &welcome.base, NULL, 0);
 
     static Relight__PingRequest ping;
@@ -283,6 +297,23 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     updated.generation = 2;
     n = add(out, n, "update_vertices_answer", "S: UPDATE_VERTICES", 17 | ANSWER, LAST, 14,
             &updated.base, NULL, 0);
+    static Relight__Error range;
+    relight__error__init(&range);
+    range.code = RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
+    range.text = "sigma_a[0] is -1, allowed range 0 to 1000 mm^-1";
+    range.parameter = "sigma_a[0]";
+    range.has_range = 1;
+    range.maximum = 1000;
+    range.unit = "mm^-1";
+    n = add(out, n, "error_range", "S: ERROR with a parameter and its range",
+            RELIGHT_TYPE_ERROR, LAST, 7, &range.base, NULL, 0);
+    static Relight__Goaway goaway;
+    relight__goaway__init(&goaway);
+    goaway.drain_ms = 10000;
+    goaway.address = "tcp:192.0.2.7:7413";
+    goaway.text = "the daemon is stopping";
+    n = add(out, n, "goaway", "S: GOAWAY, unasked", RELIGHT_TYPE_GOAWAY, LAST, 0, &goaway.base,
+            NULL, 0);
     static Relight__SubscribeRequest subscribe;
     static Relight__EventKind kinds[] = {RELIGHT__EVENT_KIND__EVENT_MODEL_ADDED,
                                          RELIGHT__EVENT_KIND__EVENT_JOB};

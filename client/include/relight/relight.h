@@ -72,6 +72,14 @@ struct relight_error {
     char text[384];          /* what was wrong with what */
     char hint[256];          /* what to do; may be empty */
     uint32_t retry_after_ms; /* RELIGHT_E_BUSY: when to try again */
+    /* RELIGHT_E_OUT_OF_RANGE, where one number is the fault: its name ("" otherwise), and its
+     * range, if has_range */
+    char parameter[80];
+    bool has_range;
+    double minimum, maximum;
+    char unit[32]; /* "": none */
+    /* RELIGHT_E_MISMATCH of relight_update_vertices: the geometry's generation now; else 0 */
+    uint64_t generation;
 };
 
 /* Connection. */
