@@ -129,7 +129,7 @@ static void test_sigterm_ends_a_bake(void **state)
     sleep_ms(300);
     assert_int_equal(daemon_stop(&d), 0);
     assert_true(log_says(&d, "suspended", 0)); // service/resume.c: it goes on
-    assert_int_equal(access(path, F_OK), -1); // nothing half-written
+    assert_int_equal(access(path, F_OK), -1);  // nothing half-written
     relight_close(client);
 }
 
