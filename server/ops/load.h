@@ -98,6 +98,9 @@ void load_add_settings(struct load_args *args, const Relight__LoadRequest *r);
 /* bake_job.c. False, with the limit that is in the way. */
 bool load_order_bake(struct load *load, struct model *m, char error[256]);
 
+/* Pins the model where the request says so. False: the caller may not, and the load is gone. */
+bool load_pin(struct load *load, struct model *m);
+
 /* Ends the load with an error. */
 #define LOAD_FAIL(load, code, ...)                                                     \
     do {                                                                               \
