@@ -88,7 +88,6 @@ double job_fraction(const struct job *job);
 const char *job_error(const struct job *job);
 const char *job_warnings(const struct job *job); /* lines */
 const char *job_owner(const struct job *job);    /* a principal's name */
-const char *job_model(const struct job *job);
 const char *job_recipe(const struct job *job);
 const char *job_folder(const struct job *job);
 /* Whether an open job has this folder below DATA/work. */
