@@ -33,7 +33,7 @@ struct options {
     unsigned n_input;
     const char *out, *material, *env, *engine, *term, *transport, *storage, *basis, *camera,
         *cpu;
-    const char *tone, *background, *layout, *checkpoint;
+    const char *tone, *background, *layout, *orbit, *up, *checkpoint;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
     const char *envs[MAX_ENV]; /* compare: every --env; env is the first */
@@ -98,6 +98,8 @@ struct source {
 /* Opens SOURCE and checks it by the contract. Returns an exit status. */
 int source_open(struct tool *tool, const char *path, bool need_material, struct source *out);
 void source_close(struct source *source);
+/* How --opaque and --up have a model read. */
+struct prt_mesh_options source_mesh_options(const struct options *options);
 /* Name of the engine that the transport was baked for. */
 const char *source_engine_name(const struct prt_transport *transport);
 /* Error of a .prt's radial bases for --material (0 for the baked one). Returns an exit status:

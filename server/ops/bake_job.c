@@ -57,6 +57,7 @@ static char *bake_recipe(const struct load *load)
     cJSON_AddStringToObject(json, "name", load->name);
     cJSON_AddNumberToObject(json, "size_mm", (double)r->size_mm);
     cJSON_AddNumberToObject(json, "mm_per_unit", (double)r->mm_per_unit);
+    cJSON_AddBoolToObject(json, "up_z", r->up_z);
     prt_material_print(&load->resolved, material, sizeof material);
     cJSON_AddStringToObject(json, "preview_material", material);
     add_strings(json, "opaque", r->opaque, r->n_opaque);
@@ -323,13 +324,15 @@ static void resume_preview(struct model *m, const char *folder, const cJSON *rec
     const char *text = text_of(recipe, "preview_material");
     (void)prt_material_parse(&quiet, "material", text, strlen(text), &material);
     snprintf(path, sizeof path, "%s/%s", folder, text_of(recipe, "file"));
-    struct decode_model order = {.path = path,
-                                 .name = m->name,
-                                 .size_mm = (double)number_of(recipe, "size_mm"),
-                                 .mm_per_unit = (double)number_of(recipe, "mm_per_unit"),
-                                 .material = &material,
-                                 .n_opaque = n,
-                                 .opaque = opaque};
+    struct decode_model order = {
+        .path = path,
+        .name = m->name,
+        .size_mm = (double)number_of(recipe, "size_mm"),
+        .mm_per_unit = (double)number_of(recipe, "mm_per_unit"),
+        .up_z = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(recipe, "up_z")),
+        .material = &material,
+        .n_opaque = n,
+        .opaque = opaque};
     preview_start(m, &order, "");
 }
 
