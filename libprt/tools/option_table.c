@@ -20,7 +20,9 @@ static const char *const storages[] = {"factored", "sparse", NULL};
 static const char *const engines[] = {"reference", "wavelet", "polynomial", "joint", NULL};
 static const char *const pictures[] = {"vertex", "splat",     "tangent", "texture",
                                        "hybrid", "reference", NULL};
-static const char *const terms[] = {"irradiance", "multiple", "single", "total", NULL};
+static const char *const terms[] = {"irradiance",  "multiple", "single",
+                                    "unscattered", "total",    NULL};
+static const char *const scatterings[] = {"dipole", "walk", NULL};
 static const char *const cpus[] = {
 #define X(word, bit, allowed) word,
     PRT_CPU_WORD_LIST(X)
@@ -105,6 +107,11 @@ const struct option_row option_table[] = {
      "irradiance samples on the surface (default: 150000, or one a mean free path)"},
     {"samples", 0, "N", OPTION_WHOLE, AT(samples), 1, 100000000, NULL, LIGHTS,
      "irradiance samples on the surface (default: 150000, or one a mean free path)"},
+    {"scattering", 0, "KIND", OPTION_WORD, AT(scattering), 0, 0, scatterings, LIGHTS,
+     "reference engine: multiple scattering by the dipole (default), which takes the surface "
+     "around each point for a plane, or by random walks inside the model"},
+    {"walks", 0, "N", OPTION_WHOLE, AT(walks), 1, 1 << 28, NULL, LIGHTS,
+     "with --scattering walk: walks a vertex and channel (default 1024)"},
     {"rays", 0, "N", OPTION_WHOLE, AT(rays), 1, 1 << 24, NULL, LIGHTS,
      "reference engine: rays a sample (default 2048)"},
     {"single-points", 0, "N", OPTION_WHOLE, AT(single_points), 1, PRT_BAKE_SINGLE_POINTS_MAX,
