@@ -15,6 +15,7 @@
 #include <libwebsockets.h>
 #include <math.h>
 #include <netdb.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,6 +26,8 @@ enum {
     CHUNK = 64 << 10,       // largest piece of a message handed to libwebsockets
     PLAIN_MAX = 128,        // HTTP clients beyond --connections
     TRY_AGAIN_LATER = 1013, // WebSocket close code
+    TURN_NS = 2000000,      // of one client's messages in a turn of the loop
+    PING_S = 60,            // most seconds between two pings of a silent client
 };
 
 #define SUBPROTOCOL "relight.v1"
@@ -35,6 +38,8 @@ struct session {
     struct lws *wsi;
     uint8_t *refusal; // where no connection was opened: the ERROR frame to send
     size_t n_refusal;
+    uint64_t turn, spent_ns;  // time that its messages took in this turn of the loop
+    struct loop_timer paused; // armed: they took more, and the rest waits for the next turn
 };
 
 // A plain HTTP request whose answer is being sent.
@@ -46,6 +51,7 @@ struct page_session {
 static struct lws_context *context;
 static struct lws_vhost *vhost;
 static uint8_t piece[LWS_PRE + CHUNK];
+static uint64_t turn;  // turns of libwebsockets' loop
 static unsigned n_wsi; // sockets of libwebsockets: HTTP, WebSocket, and the loop's descriptor
 
 static struct server *server_of(struct lws *wsi)
@@ -64,13 +70,31 @@ static void ws_want_write(struct connection *conn)
 static void ws_set_reading(struct connection *conn, bool on)
 {
     struct session *s = conn->carrier_data;
-    lws_rx_flow_control(s->wsi, on);
+    lws_rx_flow_control(s->wsi, on && !s->paused.armed);
+}
+
+static void ws_go_on(struct loop_timer *timer)
+{
+    struct session *s = (struct session *)((char *)timer - offsetof(struct session, paused));
+    if (s->conn && s->conn->reading) lws_rx_flow_control(s->wsi, 1);
+}
+
+// One client's messages take at most TURN_NS of a turn, as on the other carriers.
+static void ws_take_turns(struct session *s, uint64_t begin_ns)
+{
+    if (s->turn != turn) s->spent_ns = 0;
+    s->turn = turn;
+    s->spent_ns += loop_now_ns() - begin_ns;
+    if (s->spent_ns < TURN_NS || !s->conn || s->paused.armed) return;
+    loop_timer_set(server_of(s->wsi)->loop, &s->paused, loop_now_ns());
+    lws_rx_flow_control(s->wsi, 0);
 }
 
 static void ws_close(struct connection *conn)
 {
     struct session *s = conn->carrier_data;
     s->conn = NULL;
+    loop_timer_stop(conn->server->loop, &s->paused);
     lws_set_timeout(s->wsi, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_ASYNC);
 }
 
@@ -88,7 +112,10 @@ static int ws_receive(struct session *s, struct lws *wsi, const void *bytes, siz
     if (s->refusal) return 0;
     if (!s->conn || s->conn->closing) return s->conn ? 0 : -1;
     bool last = lws_is_final_fragment(wsi) && !lws_remaining_packet_payload(wsi);
+    uint64_t begin_ns = loop_now_ns();
+    lws_validity_confirmed(wsi); // in the middle of a message no pong can come
     connection_part(s->conn, bytes, n, last);
+    ws_take_turns(s, begin_ns);
     return s->conn ? 0 : -1;
 }
 
@@ -225,7 +252,7 @@ static int on_ws(struct lws *wsi, enum lws_callback_reasons reason, void *user, 
         return path && !strcmp(path, "/ws") && admitted(wsi) ? 0 : -1;
     }
     case LWS_CALLBACK_ESTABLISHED:
-        *s = (struct session){.wsi = wsi};
+        *s = (struct session){.wsi = wsi, .paused.fire = ws_go_on};
         established(s);
         return s->conn || s->refusal ? 0 : -1;
     case LWS_CALLBACK_RECEIVE:
@@ -435,9 +462,17 @@ static void http_accepted(struct server *server, const struct accepted *client)
     if (!lws_adopt_socket_vhost(vhost, client->fd)) n_wsi = before;
 }
 
-// A WebSocket peer that is silent is pinged after 60 s and closed after 90 s.
-static const lws_retry_bo_t pings = {.secs_since_valid_ping = 60,
-                                     .secs_since_valid_hangup = 90};
+// A silent WebSocket peer is pinged and closed without a pong. One that began a WebSocket
+// frame's header and does not finish it cannot answer either. libwebsockets reports nothing of
+// it, so both have twice --frame-time, at most 90 s.
+static lws_retry_bo_t pings;
+
+static void set_pings(const struct options *o)
+{
+    double hangup = fmin(ceil(o->frame_time * 2) + 4, PING_S * 1.5);
+    pings.secs_since_valid_hangup = (uint16_t)hangup;
+    pings.secs_since_valid_ping = (uint16_t)fmin(hangup / 2, PING_S);
+}
 
 static bool create_context(struct server *server)
 {
@@ -457,6 +492,7 @@ static bool create_context(struct server *server)
     // each fragment of an answer.
     info.timeout_secs = 30;
     info.timeout_secs_ah_idle = (unsigned)ceil(fmax(server->options.handshake, 1));
+    set_pings(&server->options);
     info.retry_and_idle_policy = &pings;
     info.options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS |
                    LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE;
@@ -485,6 +521,7 @@ bool http_is_open(void)
 
 void http_turn(struct server *server)
 {
+    turn++;
     lws_service(context, 0);
 }
 
