@@ -6,8 +6,10 @@
 #include "net/dispatch.h"
 #include "store/eviction.h"
 #include "core/log.h"
+#include "core/log_format.h"
 #include "core/token.h"
 #include "store/models.h"
+#include "store/readiness.h"
 #include "relight.pb-c.h"
 #include "net/request.h"
 #include "core/server.h"
@@ -21,6 +23,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
@@ -211,9 +214,12 @@ static int start(void)
         exit(2);
     }
     log_set_level((enum log_level)level);
+    server.access_level = log_level_parse(o->log_access);
     long cores = sysconf(_SC_NPROCESSORS_ONLN);
     server.n_core = cores > 0 ? (unsigned)cores : 1;
     server.stats.start_ns = loop_now_ns();
+    uint32_t random;
+    if (getrandom(&random, sizeof random, 0) == sizeof random) server.boot_id = random;
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); // past RLIMIT_FSIZE a write fails with EFBIG, like on a full disk
     raise_file_limit();
@@ -230,8 +236,10 @@ static int start(void)
                        &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
         jobs_create(&server, &job_runner_child, &server.jobs) ||
-        models_create(&server, &server.models) || listen_everywhere())
+        models_create(&server, &server.models))
         return -1;
+    readiness_begin(&server);
+    if (listen_everywhere()) return -1;
     cache_hold_files(server.cache, server.files);
     cache_use_workers(server.cache, server.work);
     cache_use_workers(server.files, server.work);
@@ -315,6 +323,8 @@ int main(int argc, char **argv)
     args = argv;
     options_parse(argc, argv, &server.options);
     if (server.options.check) return print_check();
+    int format = log_format_parse(server.options.log_format);
+    log_set_format(format < 0 ? LOG_FORMAT_TEXT : format);
     log_start();
     int failed = start();
     while (!failed && !drained()) {

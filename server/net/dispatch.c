@@ -107,10 +107,9 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
     struct request *request = request_create(conn, frame, payload);
     if (!request) return;
     const struct operation *operation = operation_of(request->type);
-    log_line(LOG_TRACE, "request conn=%llu id=%llu op=%s payload=%llu",
-             (unsigned long long)conn->number, (unsigned long long)frame->id,
+    log_line(LOG_TRACE, "begin request=%s conn=%llu id=%llu op=%s payload=%llu",
+             request->request_id, (unsigned long long)conn->number, (unsigned long long)frame->id,
              relight_type_name(request->type), (unsigned long long)frame->payload_size);
-    conn->server->stats.requests_total[request->type]++;
     if (!conn->greeted && !(operation->flags & OPERATION_BEFORE_HELLO))
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection has to be HELLO");

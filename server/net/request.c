@@ -80,8 +80,15 @@ static void end(struct request *request)
 {
     struct server *server = request->server;
     struct connection *conn = request->conn;
-    stats_latency(&server->stats, request->type,
-                  (double)(loop_now_ns() - request->arrived_ns) * 1e-9);
+    double seconds = (double)(loop_now_ns() - request->arrived_ns) * 1e-9;
+    stats_ended(&server->stats, request->type, request->outcome, seconds);
+    char outcome[40];
+    stats_outcome(request->outcome, outcome);
+    log_line((enum log_level)server->access_level,
+             "access request=%s conn=%llu id=%llu op=%s outcome=%s ms=%.1f client=\"%s\"",
+             request->request_id, (unsigned long long)conn->number,
+             (unsigned long long)request->id, relight_type_name(request->type), outcome,
+             seconds * 1e3, request->principal->name);
     loop_timer_stop(server->loop, &request->deadline);
     *(request->prev ? &request->prev->next : &conn->requests) = request->next;
     if (request->next) request->next->prev = request->prev;
@@ -168,7 +175,9 @@ static bool charge(struct connection *conn, const struct operation *operation,
         ledger_force(conn->principal, resource, amount);
         return true;
     }
-    if (ledger_take(conn->principal, resource, amount, error) == LEDGER_GRANTED) return true;
+    enum ledger_refusal refusal = ledger_take(conn->principal, resource, amount, error);
+    if (refusal == LEDGER_GRANTED) return true;
+    conn->own_limit = refusal == LEDGER_CLIENT_FULL;
     return refuse(conn, refusal_code(conn->principal, resource, amount), "%s", error);
 }
 
@@ -213,6 +222,7 @@ void request_answer(struct request *request, const ProtobufCMessage *message,
     uint16_t type = request->type | RELIGHT_TYPE_ANSWER;
     uint64_t id = request->id;
     request->abandon = NULL;
+    request->outcome = STATS_OK;
     connection_send(conn, type, RELIGHT_FRAME_LAST, id, message, payload);
     if (!conn->dead) end(request); // a connection that closed here has ended it already
 }
@@ -233,10 +243,11 @@ void request_fail(struct request *request, int code, const char *fmt, ...)
     va_end(args);
     struct connection *conn = request->conn;
     blobs_name_in_text(conn->server->blobs, conn->principal->name, said, text, sizeof text);
-    log_line(LOG_EVENT, "refused conn=%llu id=%llu op=%s code=%d text=\"%s\"",
-             (unsigned long long)conn->number, (unsigned long long)request->id,
-             relight_type_name(request->type), code, text);
+    log_line(LOG_EVENT, "refused request=%s conn=%llu id=%llu op=%s code=%d text=\"%s\"",
+             request->request_id, (unsigned long long)conn->number,
+             (unsigned long long)request->id, relight_type_name(request->type), code, text);
     request->abandon = NULL;
+    request->outcome = code;
     send_error(conn, request->id, code, text);
     if (!conn->dead) end(request);
 }
@@ -334,6 +345,18 @@ static void enlist(struct request *request)
     principal_hold(request->principal);
 }
 
+// The client's own id (HTTP), or one that no other request has.
+static void name_request(struct request *request)
+{
+    static uint64_t last_number;
+    const char *given = request->conn->request_id;
+    if (*given) snprintf(request->request_id, sizeof request->request_id, "%s", given);
+    else
+        snprintf(request->request_id, sizeof request->request_id, "r%llx-%llx",
+                 (unsigned long long)request->server->boot_id,
+                 (unsigned long long)++last_number);
+}
+
 struct request *request_create(struct connection *conn, const struct relight_frame *frame,
                                uint8_t *payload)
 {
@@ -359,6 +382,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
                                     .id = frame->id,
                                     .type = frame->type,
                                     .arrived_ns = loop_now_ns(),
+                                    .outcome = STATS_GONE,
                                     .message = message,
                                     .payload = payload,
                                     .payload_size = frame->payload_size,
@@ -367,6 +391,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
                                     .payload_charged = payload_charged,
                                     .header_charged = header_charged};
         enlist(request);
+        name_request(request);
         set_deadline(request, operation->flags, frame->deadline_ms);
         return request;
     }
@@ -379,6 +404,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
     if (counted) ledger_give(conn->principal, resource, 1);
     int code = conn->refusal.code;
     conn->refusal.code = 0;
+    stats_ended(&conn->server->stats, frame->type, code, 0);
     log_line(LOG_EVENT, "refused conn=%llu id=%llu op=%s code=%d text=\"%s\"",
              (unsigned long long)conn->number, (unsigned long long)frame->id,
              relight_type_name(frame->type), code, conn->refusal.text);

@@ -189,7 +189,7 @@ def conversation(carrier):
     for ident in ids:
         kind, got, _, header, _ = carrier.receive()
         assert kind == 4 | ANSWER and got in ids
-    assert unpack(header) == {1: [1], 2: [len(blob)]}
+    assert unpack(header) == {1: [1], 2: [len(blob)], 3: [name.encode()]}
     assert unpack(c.ask(4, put)[1])[1] == [1]
     c.refused(13, 4, {**put, 1: "0" * 64, 2: 4}, b"none")
     # ENV: decoded, described
