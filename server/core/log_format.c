@@ -39,7 +39,8 @@ static void put(struct out *o, const char *text, size_t n)
 }
 
 // Escaped text as the inside of a string: \" and \\ are the same in both formats; \xNN gets its
-// backslash doubled in JSON, which has no such escape. Bare quotes end a value and do not occur.
+// backslash doubled in JSON, which has no such escape. Bare quotes end a value and do not
+// occur.
 static void put_inside(struct out *o, struct piece p)
 {
     for (size_t i = 0; i < p.n; i++) {

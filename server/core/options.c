@@ -311,12 +311,13 @@ int options_reread(int argc, char **argv, struct options *options, char fault[25
 // ---- options that may change while the daemon runs
 
 #define FIELD(f) offsetof(struct options, f)
-static const size_t changeable[] = {
-    FIELD(log),       FIELD(origins),    FIELD(hosts),      FIELD(token_file),  FIELD(requests),
-    FIELD(handshake), FIELD(idle),       FIELD(write_time), FIELD(send_buffer), FIELD(deadline),
-    FIELD(max_side),  FIELD(frame_time), FIELD(drain),      FIELD(lame_duck),   FIELD(log_access),
+static const size_t changeable[] = {FIELD(log),        FIELD(origins),    FIELD(hosts),
+                                    FIELD(token_file), FIELD(requests),   FIELD(handshake),
+                                    FIELD(idle),       FIELD(write_time), FIELD(send_buffer),
+                                    FIELD(deadline),   FIELD(max_side),   FIELD(frame_time),
+                                    FIELD(drain),      FIELD(lame_duck),  FIELD(log_access),
 #define X(name, words, unit, by_client, in_all) FIELD(by_client), FIELD(in_all),
-    LEDGER_LIST(X)
+                                    LEDGER_LIST(X)
 #undef X
 };
 

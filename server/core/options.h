@@ -21,7 +21,7 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "temporary folder that is removed at the end")                                           \
     X(TEXT, http, "http", "HOST:PORT", "",                                                     \
       "Serve HTTP and WebSocket here: the API at /v1, /healthz, /readyz, /metrics, /ws "       \
-      "and the page. Empty: no HTTP")                                                                                  \
+      "and the page. Empty: no HTTP")                                                          \
     X(TEXT, page, "page", "DIR", "", "Folder of static files that HTTP serves at /")           \
     X(TEXT, origins, "origins", "LIST", "",                                                    \
       "Web origins, comma-separated, that may open the WebSocket besides the page's "          \
@@ -131,7 +131,7 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "/readyz fails and clients are told to leave; then it drains. Longer than the "          \
       "health checks of a proxy")                                                              \
     X(SECONDS, drain, "drain", "SECONDS", "10",                                                \
-      "Time that open requests have after SIGTERM and --lame-duck before the daemon exits")                    \
+      "Time that open requests have after SIGTERM and --lame-duck before the daemon exits")    \
     X(COUNT, max_side, "max-side", "PIXELS", "4096", "Largest width and height of an image")
 
 struct options {

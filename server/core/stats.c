@@ -100,8 +100,7 @@ static void histogram(const char *name, const char *label, const struct stats_hi
     snprintf(full, sizeof full, "%s_bucket", name);
     for (unsigned i = 0; i <= STATS_N_BUCKET; i++) {
         sum += h->bucket[i];
-        if (i < STATS_N_BUCKET)
-            snprintf(labels, sizeof labels, "%sle=\"%g\"", label, bound[i]);
+        if (i < STATS_N_BUCKET) snprintf(labels, sizeof labels, "%sle=\"%g\"", label, bound[i]);
         else snprintf(labels, sizeof labels, "%sle=\"+Inf\"", label);
         fn(user, full, labels, (double)sum, help, "histogram");
     }
@@ -210,7 +209,8 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     G("work_waiting", work_waiting(server->work), "jobs that wait for a worker thread");
     G("models_bytes", files.bytes, "bytes of open transport files");
     G("models_open", files.entries, "open transport files");
-    G("models_limit_bytes", server->options.memory, "limit of relightd_models_bytes (--memory)");
+    G("models_limit_bytes", server->options.memory,
+      "limit of relightd_models_bytes (--memory)");
     G("cache_limit_bytes", server->options.cache, "limit of relightd_cache_bytes (--cache)");
     G("bakes_limit_bytes", server->options.bakes_disk,
       "limit of relightd_bakes_bytes (--bakes-disk)");

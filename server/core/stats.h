@@ -12,7 +12,7 @@ struct server;
 enum {
     STATS_N_TYPE = RELIGHT_TYPE_N,
     STATS_N_BUCKET = 11,
-    STATS_OK = 0,   /* outcomes of requests; from 1 on, the protocol's error codes */
+    STATS_OK = 0,    /* outcomes of requests; from 1 on, the protocol's error codes */
     STATS_GONE = 30, /* the client left before the answer */
     STATS_N_OUTCOME,
     STATS_N_CARRIER = 8,

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
-// The HTTP port: libwebsockets with its protocols and its poll loop. The daemon's loop is nested
-// in it as a single descriptor, so that one thread serves both. net/listener.c accepts the
-// clients, exchange.c answers requests of the API, websocket.c carries frames on /ws, and files of
-// the page are libwebsockets' own.
+// The HTTP port: libwebsockets with its protocols and its poll loop. The daemon's loop is
+// nested in it as a single descriptor, so that one thread serves both. net/listener.c accepts
+// the clients, exchange.c answers requests of the API, websocket.c carries frames on /ws, and
+// files of the page are libwebsockets' own.
 #include "net/carrier.h"
 
 #include "core/log.h"
@@ -50,7 +50,8 @@ static int confirm_upgrade(struct lws *wsi, const char *to)
 {
     char path_room[16], protocol_room[128];
     const char *path = http_header(wsi, WSI_TOKEN_GET_URI, path_room, sizeof path_room);
-    const char *names = http_header(wsi, WSI_TOKEN_PROTOCOL, protocol_room, sizeof protocol_room);
+    const char *names =
+        http_header(wsi, WSI_TOKEN_PROTOCOL, protocol_room, sizeof protocol_room);
     if (!strcmp(to, "websocket") && path && !strcmp(path, "/ws") && names &&
         strstr(names, SUBPROTOCOL) && http_admitted(wsi))
         return 0;
@@ -89,8 +90,8 @@ static int filter_request(struct lws *wsi)
     return status != 0;
 }
 
-// Sends no more, and reads on until the client closes: a socket that is closed with unread bytes
-// resets the connection, and the client may lose the answer.
+// Sends no more, and reads on until the client closes: a socket that is closed with unread
+// bytes resets the connection, and the client may lose the answer.
 static int linger(struct lws *wsi, struct http_session *s)
 {
     s->lingers = true;
@@ -198,14 +199,17 @@ static const struct lws_protocol_vhost_options mimetypes[] = {
     {NULL, NULL, ".webp", "image/webp"},
 };
 
-#define EXCHANGE(path)                                       \
-    {                                                        \
+#define EXCHANGE(path)                                                              \
+    {                                                                               \
         .mountpoint = (path), .mountpoint_len = sizeof(path) - 1, .origin = "http", \
         .protocol = "http", .origin_protocol = LWSMPRO_CALLBACK                     \
     }
 enum { MOUNT_FILES = 4, N_MOUNT };
 static struct lws_http_mount mount[N_MOUNT] = {
-    EXCHANGE("/v1"), EXCHANGE("/healthz"), EXCHANGE("/readyz"), EXCHANGE("/metrics"),
+    EXCHANGE("/v1"),
+    EXCHANGE("/healthz"),
+    EXCHANGE("/readyz"),
+    EXCHANGE("/metrics"),
     {.mountpoint = "/",
      .mountpoint_len = 1,
      .def = "index.html",

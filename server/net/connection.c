@@ -375,8 +375,8 @@ static bool queue_frame(struct connection *conn, struct relight_frame *frame,
     return true;
 }
 
-// Reacts to how much of the output is unread, now that there is more of it. `first`: nothing was
-// queued before.
+// Reacts to how much of the output is unread, now that there is more of it. `first`: nothing
+// was queued before.
 static void output_grew(struct connection *conn, bool first)
 {
     uint64_t limit = conn->server->options.send_buffer;

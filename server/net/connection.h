@@ -26,8 +26,9 @@ struct carrier {
     void (*set_reading)(struct connection *conn, bool on); /* back pressure */
     void (*close)(struct connection *conn);                /* free carrier_data */
     size_t (*unsent)(const struct connection *conn); /* bytes the kernel holds; may be NULL */
-    /* Not NULL: answers are not sent as frames. The carrier is called with each message instead,
-     * and queues its own bytes with connection_queue. It takes the payload (may be NULL). */
+    /* Not NULL: answers are not sent as frames. The carrier is called with each message
+     * instead, and queues its own bytes with connection_queue. It takes the payload (may be
+     * NULL). */
     void (*answer)(struct connection *conn, uint16_t type, uint8_t flags,
                    const ProtobufCMessage *message, struct payload *payload);
 };
@@ -100,8 +101,8 @@ void connection_committed(struct connection *conn, size_t n, int status);
 int connection_output(const struct connection *conn, struct iovec *iov, int max);
 void connection_written(struct connection *conn, size_t n);
 
-/* Queues bytes that are no frame: head (malloc()ed, taken) and the payload (taken, may be NULL).
- * False without memory; the connection then closes. Carriers with `answer` only. */
+/* Queues bytes that are no frame: head (malloc()ed, taken) and the payload (taken, may be
+ * NULL). False without memory; the connection then closes. Carriers with `answer` only. */
 bool connection_queue(struct connection *conn, uint8_t *head, size_t n,
                       struct payload *payload);
 /* Starts the time limit of a part of a request's body (--frame-time), or ends it. */

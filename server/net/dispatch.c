@@ -108,8 +108,9 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
     if (!request) return;
     const struct operation *operation = operation_of(request->type);
     log_line(LOG_TRACE, "begin request=%s conn=%llu id=%llu op=%s payload=%llu",
-             request->request_id, (unsigned long long)conn->number, (unsigned long long)frame->id,
-             relight_type_name(request->type), (unsigned long long)frame->payload_size);
+             request->request_id, (unsigned long long)conn->number,
+             (unsigned long long)frame->id, relight_type_name(request->type),
+             (unsigned long long)frame->payload_size);
     if (!conn->greeted && !(operation->flags & OPERATION_BEFORE_HELLO))
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection has to be HELLO");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// One HTTP request of the API: admitted, its body stored piece by piece, its message dispatched,
-// its answer sent.
+// One HTTP request of the API: admitted, its body stored piece by piece, its message
+// dispatched, its answer sent.
 #include "net/exchange.h"
 
 #include "core/log.h"
@@ -180,11 +180,9 @@ void exchange_json(struct exchange *x, int status, const ProtobufCMessage *messa
 
 static void beat(struct loop_timer *timer)
 {
-    struct exchange *x =
-        (struct exchange *)((char *)timer - offsetof(struct exchange, beat));
+    struct exchange *x = (struct exchange *)((char *)timer - offsetof(struct exchange, beat));
     if (x->conn && !x->conn->out) exchange_piece(x, ": still here\n\n");
-    if (x->conn)
-        loop_timer_set(x->server->loop, &x->beat, loop_now_ns() + BEAT_NS);
+    if (x->conn) loop_timer_set(x->server->loop, &x->beat, loop_now_ns() + BEAT_NS);
 }
 
 void exchange_stream(struct exchange *x, const char *type)
@@ -310,8 +308,8 @@ static size_t next_piece(struct exchange *x)
 static enum exchange_next finished(struct exchange *x)
 {
     log_line((enum log_level)x->server->access_level,
-             "http request=%s method=%s path=%s status=%d bytes=%llu ms=%.1f",
-             x->request_id, x->head.method, x->head.path, x->status, (unsigned long long)x->sent,
+             "http request=%s method=%s path=%s status=%d bytes=%llu ms=%.1f", x->request_id,
+             x->head.method, x->head.path, x->status, (unsigned long long)x->sent,
              (double)(loop_now_ns() - x->begun_ns) * 1e-6);
     x->broken = true; // closing its connection is in order
     return x->close_after ? EXCHANGE_CLOSE : EXCHANGE_DONE;
@@ -329,8 +327,8 @@ enum exchange_next exchange_write(struct exchange *x)
         return EXCHANGE_GOES_ON;
     }
     size_t n = next_piece(x);
-    bool last = x->complete && (x->streaming ? x->conn && x->conn->out_bytes == n
-                                             : x->sent + n == x->length);
+    bool last = x->complete &&
+                (x->streaming ? x->conn && x->conn->out_bytes == n : x->sent + n == x->length);
     if (!n && !last) return EXCHANGE_GOES_ON;
     if (n && lws_write(x->wsi, http_piece + LWS_PRE, n,
                        last ? LWS_WRITE_HTTP_FINAL : LWS_WRITE_HTTP) < (int)n)
@@ -468,13 +466,15 @@ static void peer_event(struct loop_watch *watch, uint32_t events)
         connection_close(x->conn, "closed by peer");
 }
 
-// libwebsockets repeats the end of a body for as long as bytes of a next request wait behind it, and
-// serves nobody else meanwhile: a client that pipelines behind a body is closed.
+// libwebsockets repeats the end of a body for as long as bytes of a next request wait behind
+// it, and serves nobody else meanwhile: a client that pipelines behind a body is closed.
 bool exchange_received(struct exchange *x)
 {
     if (x->received) {
-        log_line(LOG_WARN, "http request=%s: the next request came before the answer, behind a "
-                           "body; the connection is closed", x->request_id);
+        log_line(LOG_WARN,
+                 "http request=%s: the next request came before the answer, behind a "
+                 "body; the connection is closed",
+                 x->request_id);
         return false;
     }
     x->received = true;
@@ -518,7 +518,8 @@ struct exchange *exchange_begin(struct lws *wsi, struct server *server)
         exchange_run(x);
     }
     bool sends = !strcmp(x->head.method, "POST") || !strcmp(x->head.method, "PUT");
-    if (!sends && !x->head.has_body) exchange_received(x); // else libwebsockets says so, even of an empty body
+    if (!sends && !x->head.has_body)
+        exchange_received(x); // else libwebsockets says so, even of an empty body
     // Without a connection nothing but libwebsockets limits the time of the answer.
     if (!x->conn) lws_set_timeout(wsi, PENDING_TIMEOUT_HTTP_CONTENT, 30);
     return x;

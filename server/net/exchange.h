@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT */
-/* exchange.h owns one HTTP request and its answer. A request of the API becomes a message of the
- * protocol, which net/dispatch.c runs like any other: a connection with a carrier of its own is
- * opened for it, so that limits, deadlines and cancellation are those of all carriers. Pages that
- * need no operation (/healthz, /metrics) are answered without a connection. Loop thread only. */
+/* exchange.h owns one HTTP request and its answer. A request of the API becomes a message of
+ * the protocol, which net/dispatch.c runs like any other: a connection with a carrier of its
+ * own is opened for it, so that limits, deadlines and cancellation are those of all carriers.
+ * Pages that need no operation (/healthz, /metrics) are answered without a connection. Loop
+ * thread only. */
 #ifndef RELIGHTD_EXCHANGE_H
 #define RELIGHTD_EXCHANGE_H
 
@@ -21,7 +22,8 @@ enum exchange_body {
     BODY_FILE_OR_JSON /* or, as application/json, it is the operation's message */
 };
 
-/* One operation of the API (net/routes.c): which requests it takes and how it translates them. */
+/* One operation of the API (net/routes.c): which requests it takes and how it translates them.
+ */
 struct route {
     const char *method, *pattern; /* "*" in the pattern is x->id, ".*" at its end x->ending */
     enum exchange_body body;
@@ -33,7 +35,7 @@ struct route {
     /* The operation's answer, of several each; it takes the payload. */
     void (*answer)(struct exchange *x, const ProtobufCMessage *message, bool last,
                    struct payload *payload);
-    bool open;    /* answered without a token */
+    bool open; /* answered without a token */
 };
 
 struct exchange {
@@ -53,7 +55,8 @@ struct exchange {
     /* The body: a file's chunk that is being filled, or JSON. */
     char upload[65], blob[65]; /* the upload's handle; the hash of the file */
     char file_name[201];
-    uint64_t blob_offset, blob_size; /* a part of a file of this size; 0: the body is all of it */
+    uint64_t blob_offset,
+        blob_size; /* a part of a file of this size; 0: the body is all of it */
     char *json;
     uint64_t json_charged, body_at; /* bytes of the body that came */
     uint8_t *chunk;
@@ -69,8 +72,8 @@ struct exchange {
     size_t n_fields;
     uint64_t length, sent;
     bool streaming, complete, head_sent, close_after;
-    struct payload plain; /* what there is to send without a connection */
-    unsigned n_event; /* of a stream of events */
+    struct payload plain;   /* what there is to send without a connection */
+    unsigned n_event;       /* of a stream of events */
     struct loop_watch peer; /* fd 0: not watched */
     struct loop_timer beat; /* of a stream: keeps proxies and finds dead peers */
 };
@@ -112,7 +115,7 @@ void exchange_json(struct exchange *x, int status, const ProtobufCMessage *messa
 /* Runs on a worker, with the payload, and answers with what `run` wrote: for formats that are
  * made of an answer's payload. */
 struct work_of_exchange {
-    struct work work; /* first */
+    struct work work;   /* first */
     struct exchange *x; /* NULL: it ended */
     struct server *server;
     struct payload payload;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* http.h owns what the files of the HTTP port share: carrier_http.c (libwebsockets, its loop and
- * protocols), http_head.c (a request's first part), exchange.c (one request of the API), and
- * websocket.c. Loop thread only. */
+/* http.h owns what the files of the HTTP port share: carrier_http.c (libwebsockets, its loop
+ * and protocols), http_head.c (a request's first part), exchange.c (one request of the API),
+ * and websocket.c. Loop thread only. */
 #ifndef RELIGHTD_HTTP_H
 #define RELIGHTD_HTTP_H
 
@@ -18,7 +18,8 @@ struct server *http_server(struct lws *wsi);
 
 /* Copies a header into out and returns it: "" when it is absent, NULL when it is too long. */
 const char *http_header(struct lws *wsi, enum lws_token_indexes token, char *out, size_t room);
-/* The same for a header that libwebsockets has no token for; name is lower case with a colon. */
+/* The same for a header that libwebsockets has no token for; name is lower case with a colon.
+ */
 const char *http_custom_header(struct lws *wsi, const char *name, char *out, size_t room);
 /* Checks Host and Origin (net/web_access.h), and logs a refusal. Browsers send both with every
  * request that can change something. */

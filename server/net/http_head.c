@@ -115,8 +115,8 @@ static bool is_text(const char *text)
 // libwebsockets has decoded %XX and divided the query at & already.
 static bool read_query(struct lws *wsi, struct http_head *head, struct http_problem *problem)
 {
-    size_t room = (size_t)lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_URI_ARGS) + HTTP_PARAMETERS +
-                  2;
+    size_t room =
+        (size_t)lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_URI_ARGS) + HTTP_PARAMETERS + 2;
     char *at = head->query = malloc(room), *end = at + room;
     if (!at) {
         http_refuse(problem, 503, "no_memory", "not enough memory");
@@ -163,8 +163,7 @@ const char *http_parameter(struct http_head *head, const char *name)
 static bool read_length(struct lws *wsi, struct http_head *head, struct http_problem *problem)
 {
     char text[24];
-    const char *length =
-        http_header(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH, text, sizeof text);
+    const char *length = http_header(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH, text, sizeof text);
     bool chunked = lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING) > 0;
     bool sends = !strcmp(head->method, "POST") || !strcmp(head->method, "PUT");
     if (!length || strspn(text, "0123456789") != strlen(text) || strlen(text) > 15) {

@@ -8,9 +8,9 @@
 
 enum {
     HTTP_PATH = 512,
-    HTTP_PARAMETERS = 48,      /* in one query */
-    HTTP_VALUE = 16 << 10,     /* bytes of one parameter: material JSON is the longest */
-    HTTP_REQUEST_ID = 64,      /* characters of X-Request-Id */
+    HTTP_PARAMETERS = 48,       /* in one query */
+    HTTP_VALUE = 16 << 10,      /* bytes of one parameter: material JSON is the longest */
+    HTTP_REQUEST_ID = 64,       /* characters of X-Request-Id */
     HTTP_HEADER_ROOM = 32 << 10 /* bytes of all headers together */
 };
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* http_problem.h owns errors as HTTP answers: a status for each of the protocol's codes, and the
- * JSON document of RFC 9457. */
+/* http_problem.h owns errors as HTTP answers: a status for each of the protocol's codes, and
+ * the JSON document of RFC 9457. */
 #ifndef RELIGHTD_HTTP_PROBLEM_H
 #define RELIGHTD_HTTP_PROBLEM_H
 

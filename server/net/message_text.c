@@ -195,8 +195,9 @@ static int set_number(const ProtobufCFieldDescriptor *f, void *at, double x,
                                                       : 3.4e38;
     bool whole = f->type == PROTOBUF_C_TYPE_UINT32 || f->type == PROTOBUF_C_TYPE_UINT64;
     if (!isfinite(x) || (whole && (x < 0 || x != floor(x))) || fabs(x) > most) {
-        snprintf(error, MESSAGE_TEXT_ERROR, whole ? "expected a whole number from 0 to %.0f"
-                                                  : "expected a number up to %g",
+        snprintf(error, MESSAGE_TEXT_ERROR,
+                 whole ? "expected a whole number from 0 to %.0f"
+                       : "expected a number up to %g",
                  most);
         return -1;
     }
@@ -340,8 +341,8 @@ static int fill_value(const ProtobufCFieldDescriptor *f, void *at, const cJSON *
         if (!(failed = !cJSON_IsBool(value))) *(protobuf_c_boolean *)at = cJSON_IsTrue(value);
         break;
     case PROTOBUF_C_TYPE_ENUM:
-        failed = enum_value(f->descriptor, cJSON_IsString(value) ? value->valuestring : "", at,
-                            why);
+        failed =
+            enum_value(f->descriptor, cJSON_IsString(value) ? value->valuestring : "", at, why);
         break;
     default:
         if (cJSON_IsNumber(value)) failed = set_number(f, at, value->valuedouble, why);

@@ -139,10 +139,12 @@ void answer_events(struct exchange *x, const ProtobufCMessage *message, bool las
     if (!x->status) exchange_stream(x, "text/event-stream");
     cJSON *json = message_to_json(message);
     char *data = json ? cJSON_PrintUnformatted(json) : NULL, *text = NULL;
-    const char *event = last && (size_t)in->state < sizeof ends / sizeof *ends && ends[in->state]
-                            ? ends[in->state]
-                            : "progress";
-    if (data && asprintf(&text, "event: %s\nid: %u\ndata: %s\n\n", event, ++x->n_event, data) >= 0)
+    const char *event =
+        last && (size_t)in->state < sizeof ends / sizeof *ends && ends[in->state]
+            ? ends[in->state]
+            : "progress";
+    if (data &&
+        asprintf(&text, "event: %s\nid: %u\ndata: %s\n\n", event, ++x->n_event, data) >= 0)
         exchange_piece(x, text);
     free(text);
     cJSON_free(data);
@@ -171,8 +173,11 @@ void answer_blob(struct exchange *x, const ProtobufCMessage *message, bool last,
     exchange_field(x, "cache-control:", "no-store");
     int n = asprintf(&text, "{\"hash\":\"%s\",\"complete\":%s,\"received\":%llu}", hash,
                      in->complete ? "true" : "false", (unsigned long long)in->received);
-    exchange_answer(x, asks ? 200 : in->complete ? 201 : 202, "application/json",
-                    n < 0 ? NULL : text, n < 0 ? 0 : (size_t)n, NULL);
+    exchange_answer(x,
+                    asks           ? 200
+                    : in->complete ? 201
+                                   : 202,
+                    "application/json", n < 0 ? NULL : text, n < 0 ? 0 : (size_t)n, NULL);
 }
 
 // ---- pages

@@ -48,9 +48,9 @@ static bool new_message(struct exchange *x, const ProtobufCMessageDescriptor *de
 {
     char error[MESSAGE_TEXT_ERROR];
     x->message = message_new(descriptor);
-    if (x->message && (!x->id[0] || !protobuf_c_message_descriptor_get_field_by_name(
-                                        descriptor, "model") ||
-                       !message_set(x->message, "model", x->id, error)))
+    if (x->message &&
+        (!x->id[0] || !protobuf_c_message_descriptor_get_field_by_name(descriptor, "model") ||
+         !message_set(x->message, "model", x->id, error)))
         return true;
     http_refuse(problem, 503, "no_memory", "not enough memory");
     return false;
@@ -140,14 +140,10 @@ static int set_image_format(ProtobufCMessage *message, const char *path, const c
 // ---- operations
 
 static const struct field shade_fields[] = {
-    {"env", "lights.env", set_env},
-    {"rotate", "lights.rotate_deg", NULL},
-    {"gain", "lights.gain", set_vec3},
-    {"engine", "shade.engine", NULL},
-    {"term", "shade.term", NULL},
-    {"material", "shade.material", NULL},
-    {"eye", "shade.eye", set_vec3},
-    {"max_error", "shade.max_error", NULL},
+    {"env", "lights.env", set_env},         {"rotate", "lights.rotate_deg", NULL},
+    {"gain", "lights.gain", set_vec3},      {"engine", "shade.engine", NULL},
+    {"term", "shade.term", NULL},           {"material", "shade.material", NULL},
+    {"eye", "shade.eye", set_vec3},         {"max_error", "shade.max_error", NULL},
     {"budget_ms", "shade.budget_ms", NULL},
 };
 static const struct field picture_fields[] = {
@@ -190,7 +186,8 @@ static const struct field load_fields[] = {
 };
 #define N(list) (sizeof(list) / sizeof *(list))
 
-// A light comes once: by its name, as the body, or in a JSON body. A polynomial bake needs none.
+// A light comes once: by its name, as the body, or in a JSON body. A polynomial bake needs
+// none.
 static bool one_light(struct exchange *x, struct http_problem *problem)
 {
     const char *env = http_parameter(&x->head, "env");
@@ -252,10 +249,12 @@ static bool prepare_load(struct exchange *x, struct http_problem *problem)
     const char *path = http_parameter(&x->head, "path");
     if (!new_message(x, &relight__load_request__descriptor, problem)) return false;
     if (path && x->head.has_body)
-        return refuse_parameter(problem, "path", "the model is given twice, here and as the body");
+        return refuse_parameter(problem, "path",
+                                "the model is given twice, here and as the body");
     if (!path && !x->head.has_body)
-        return refuse_parameter(problem, "path", "no model: send its file as the body, or name "
-                                                 "a file of the models folder");
+        return refuse_parameter(problem, "path",
+                                "no model: send its file as the body, or name "
+                                "a file of the models folder");
     bool file = x->head.has_body && strncasecmp(x->head.content_type, "application/json", 16);
     if (file && (!name || !*name || strlen(name) >= sizeof x->file_name))
         return refuse_parameter(problem, "name",
@@ -326,8 +325,9 @@ static bool prepare_blob(struct exchange *x, struct http_problem *problem)
     if (name && strlen(name) < sizeof x->file_name)
         snprintf(x->file_name, sizeof x->file_name, "%s", name);
     if (x->id[0] && !relight_hash_valid(x->id)) {
-        http_refuse(problem, 404, "not_found", "the name of a blob is its SHA-256, 64 "
-                                               "lower-case hex digits");
+        http_refuse(problem, 404, "not_found",
+                    "the name of a blob is its SHA-256, 64 "
+                    "lower-case hex digits");
         return false;
     }
     if (!asks && !x->head.has_body) {

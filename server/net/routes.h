@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT */
-/* routes.h owns what the table of the API (routes.c) names: pages that need no operation, and the
- * functions that turn an operation's answer into HTTP (route_answers.c). Loop thread only. */
+/* routes.h owns what the table of the API (routes.c) names: pages that need no operation, and
+ * the functions that turn an operation's answer into HTTP (route_answers.c). Loop thread only.
+ */
 #ifndef RELIGHTD_ROUTES_H
 #define RELIGHTD_ROUTES_H
 

@@ -38,7 +38,8 @@ bool upload_check(struct exchange *x, struct http_problem *problem)
     }
     if (json) most = EXCHANGE_JSON;
     if (size > most) {
-        http_refuse(problem, 413, "limit", "the body has %llu bytes, and at most %llu are taken",
+        http_refuse(problem, 413, "limit",
+                    "the body has %llu bytes, and at most %llu are taken",
                     (unsigned long long)size, (unsigned long long)most);
         problem->ranged = true;
         problem->maximum = (double)most;
@@ -104,9 +105,9 @@ static bool begin_chunk(struct exchange *x, uint64_t at)
         refuse_as(x, code, x->conn->refusal.text);
         return false;
     }
-    x->chunk = aligned_alloc(RELIGHT_FRAME_ALIGN, (size + RELIGHT_FRAME_ALIGN - 1) /
-                                                      RELIGHT_FRAME_ALIGN *
-                                                      RELIGHT_FRAME_ALIGN);
+    x->chunk =
+        aligned_alloc(RELIGHT_FRAME_ALIGN, (size + RELIGHT_FRAME_ALIGN - 1) /
+                                               RELIGHT_FRAME_ALIGN * RELIGHT_FRAME_ALIGN);
     if (!x->chunk) {
         refuse_as(x, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return false;
@@ -158,8 +159,7 @@ void upload_answered(struct exchange *x, const Relight__PutBlobAnswer *answer)
         snprintf(x->blob, sizeof x->blob, "%s", answer->hash);
         x->upload[0] = 0;
     }
-    if (x->route->type == RELIGHT_TYPE_PUT_BLOB)
-        x->route->answer(x, &answer->base, true, NULL);
+    if (x->route->type == RELIGHT_TYPE_PUT_BLOB) x->route->answer(x, &answer->base, true, NULL);
     else exchange_run(x);
 }
 

@@ -65,7 +65,8 @@ static int ws_write(struct websocket *s, struct lws *wsi)
     }
     int how = f->sent ? LWS_WRITE_CONTINUATION : LWS_WRITE_BINARY;
     if (n < left) how |= LWS_WRITE_NO_FIN;
-    if (lws_write(wsi, http_piece + LWS_PRE, n, (enum lws_write_protocol)how) < (int)n) return -1;
+    if (lws_write(wsi, http_piece + LWS_PRE, n, (enum lws_write_protocol)how) < (int)n)
+        return -1;
     lws_validity_confirmed(
         wsi); // a slow reader answers pings late; --write-time limits it instead
     connection_written(conn, n);
@@ -100,7 +101,7 @@ static int write_refusal(struct websocket *s, struct lws *wsi)
 }
 
 int websocket_event(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in,
-                 size_t n)
+                    size_t n)
 {
     struct websocket *s = user;
     switch (reason) {

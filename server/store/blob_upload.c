@@ -47,8 +47,7 @@ static struct upload *find(const struct blobs *blobs, const struct blob_put *put
 {
     struct upload *u = blobs->uploads;
     while (u && (u->size != put->size || u->unnamed != put->unnamed ||
-                 strcmp(u->hash, put->hash) ||
-                 strcmp(u->principal->name, put->principal)))
+                 strcmp(u->hash, put->hash) || strcmp(u->principal->name, put->principal)))
         u = u->next;
     return u;
 }

@@ -71,15 +71,15 @@ void blobs_name_in_text(const struct blobs *blobs, const char *principal, const 
 struct blob_put {
     char principal[96];       /* who pays */
     char hash[BLOB_HASH + 1]; /* must be valid (relight_hash_valid) */
-    bool unnamed;             /* hash is a random name of this upload: the blob gets its own hash,
-                                 which is here when it is complete */
+    bool unnamed; /* hash is a random name of this upload: the blob gets its own hash,
+                     which is here when it is complete */
     char name[BLOB_NAME + 1]; /* "" where the name is not worth keeping */
     uint64_t size, offset;    /* of the whole blob, of this chunk */
     void *bytes;              /* [n], freed by the owner in `done` */
     size_t n;
     void (*done)(struct blob_put *put);
 
-    int code; /* the protocol's error code, 0: none; error is its text */
+    int code;       /* the protocol's error code, 0: none; error is its text */
     bool own_limit; /* the limit is the principal's, not that of all */
     char error[256];
     uint64_t received; /* bytes that are there, from the start */

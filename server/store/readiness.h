@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* readiness.h owns the answer to "may clients be sent here": the registry was read, pinned models
- * are open, and the data folder takes files. Loop thread only. */
+/* readiness.h owns the answer to "may clients be sent here": the registry was read, pinned
+ * models are open, and the data folder takes files. Loop thread only. */
 #ifndef RELIGHTD_READINESS_H
 #define RELIGHTD_READINESS_H
 
