@@ -22,6 +22,7 @@ enum { N_KIND = sizeof kinds / sizeof *kinds };
 const char *relight_type_name(uint16_t type)
 {
     if (type == RELIGHT_TYPE_ERROR) return "ERROR";
+    if (type == RELIGHT_TYPE_GOAWAY) return "GOAWAY";
     unsigned number = type & ~RELIGHT_TYPE_ANSWER;
     return number < N_KIND && kinds[number].name ? kinds[number].name : "unknown";
 }
@@ -29,6 +30,7 @@ const char *relight_type_name(uint16_t type)
 const ProtobufCMessageDescriptor *relight_type_message(uint16_t type)
 {
     if (type == RELIGHT_TYPE_ERROR) return &relight__error__descriptor;
+    if (type == RELIGHT_TYPE_GOAWAY) return &relight__goaway__descriptor;
     unsigned number = type & ~RELIGHT_TYPE_ANSWER;
     if (number >= N_KIND) return NULL;
     return type & RELIGHT_TYPE_ANSWER ? kinds[number].answer : kinds[number].request;
@@ -87,8 +89,8 @@ int relight_frame_get_fixed(const uint8_t *p, const struct relight_frame_limits 
     if (get(p, 4) != RELIGHT_FRAME_MAGIC) return RELIGHT_FAULT_MAGIC;
     if (p[4] != RELIGHT_PROTOCOL_VERSION) return RELIGHT_FAULT_VERSION;
     uint8_t known = RELIGHT_FRAME_LAST | (limits->whole ? 0 : RELIGHT_FRAME_MORE);
-    if (p[5] & ~known) return RELIGHT_FAULT_FLAGS;
-    *out = (struct relight_frame){.flags = p[5],
+    if (p[5] & ~(known | RELIGHT_FRAME_IGNORABLE)) return RELIGHT_FAULT_FLAGS;
+    *out = (struct relight_frame){.flags = p[5] & known,
                                   .type = (uint16_t)get(p + 6, 2),
                                   .id = get(p + 8, 8),
                                   .header_size = (uint32_t)get(p + 16, 4),

@@ -32,6 +32,9 @@ enum {
 enum relight_frame_flag {
     RELIGHT_FRAME_MORE = 1, /* this message's payload goes on in the next frame with this id */
     RELIGHT_FRAME_LAST = 2, /* no further message has this id in this direction */
+    /* Bits 2 and 3 are for later flags that change how a frame is read: one that is set is a
+     * fault. Bits 4 to 7 are for hints: receivers ignore those that they do not know. */
+    RELIGHT_FRAME_IGNORABLE = 0xf0,
 };
 
 /* name, number, request message, answer message */
@@ -54,7 +57,11 @@ enum relight_frame_flag {
     X(VIEW_CLOSE, 16, view_close_request, view_close_answer)                \
     X(UPDATE_VERTICES, 17, update_vertices_request, update_vertices_answer) \
     X(UNLOAD, 18, unload_request, unload_answer)                            \
-    X(STATS, 19, stats_request, stats_answer)
+    X(STATS, 19, stats_request, stats_answer)                               \
+    X(SUBSCRIBE, 20, subscribe_request, event)                              \
+    X(TOKEN_CREATE, 21, token_create_request, token_create_answer)          \
+    X(TOKEN_LIST, 22, token_list_request, token_list_answer)                \
+    X(TOKEN_REVOKE, 23, token_revoke_request, token_revoke_answer)
 
 /* As large as the largest number and one: tables by request type have this many rows. */
 union relight_type_room {
@@ -69,6 +76,7 @@ enum relight_type {
     RELIGHT_TYPE_LIST(X)
 #undef X
         RELIGHT_TYPE_ANSWER = 0x8000, /* an answer has the request's type with this bit */
+    RELIGHT_TYPE_GOAWAY = 0xfffe,     /* unasked, id 0 */
     RELIGHT_TYPE_ERROR = 0xffff
 };
 /* "hello", "put_blob", … for a request's or answer's type; "error"; "unknown". */
@@ -77,7 +85,7 @@ const char *relight_type_name(uint16_t type);
 const ProtobufCMessageDescriptor *relight_type_message(uint16_t type);
 
 struct relight_frame {
-    uint8_t flags; /* enum relight_frame_flag */
+    uint8_t flags; /* enum relight_frame_flag; ignorable ones are dropped in parsing */
     uint16_t type;
     uint64_t id;
     uint32_t deadline_ms; /* requests: from their arrival; 0: none. Answers: 0 */

@@ -35,6 +35,12 @@ int report_error(const struct options *options, const struct relight_error *erro
         cJSON_AddStringToObject(e, "hint", error->hint);
         if (error->retry_after_ms)
             cJSON_AddNumberToObject(e, "retry_after_ms", error->retry_after_ms);
+        if (*error->parameter) cJSON_AddStringToObject(e, "parameter", error->parameter);
+        if (error->has_range) {
+            cJSON_AddNumberToObject(e, "minimum", error->minimum);
+            cJSON_AddNumberToObject(e, "maximum", error->maximum);
+            cJSON_AddStringToObject(e, "unit", error->unit);
+        }
         print_json(json);
     }
     fprintf(stderr, "relight: %s\n", error->text);

@@ -94,7 +94,16 @@ int relight_fail_message(struct relight_error *error, const Relight__Error *mess
     if (code <= 0 || code >= 100) code = RELIGHT_E_INTERNAL;
     relight_fail(error, code, message->hint, "%s",
                  *message->text ? message->text : relight_code_text(code));
-    if (error) error->retry_after_ms = message->retry_after_ms;
+    if (!error) return -code;
+    error->retry_after_ms = message->retry_after_ms;
+    error->has_range = message->has_range;
+    error->minimum = message->minimum;
+    error->maximum = message->maximum;
+    error->generation = message->generation;
+    snprintf(error->parameter, sizeof error->parameter, "%s", message->parameter);
+    snprintf(error->unit, sizeof error->unit, "%s", message->unit);
+    tidy_line(error->parameter, sizeof error->parameter);
+    tidy_line(error->unit, sizeof error->unit);
     return -code;
 }
 
@@ -555,7 +564,11 @@ static int hello(struct relight_client *c, const struct relight_options *o,
                                         .max_in_flight = a->max_in_flight,
                                         .chunk = a->chunk,
                                         .n_preset = a->n_presets,
-                                        .preset = (const char *const *)a->presets};
+                                        .preset = (const char *const *)a->presets,
+                                        .principal = a->principal,
+                                        .n_scope = a->n_scopes,
+                                        .scope = (const char *const *)a->scopes,
+                                        .expires_s = a->expires_s};
     return 0;
 }
 

@@ -27,12 +27,9 @@ bool prt_bake_setting_ok(enum prt_bake_setting setting, uint64_t value, char rea
         ok = !value || value == 1 || value == 4 || value == 9;
     }
     if (ok) return true;
-    if (list)
-        snprintf(reason, 128, "%s %llu: must be %s", limits[setting].word,
-                 (unsigned long long)value, list);
-    else
-        snprintf(reason, 128, "%s %llu: must lie in [%llu, %llu]", limits[setting].word,
-                 (unsigned long long)value, (unsigned long long)low, (unsigned long long)high);
+    snprintf(reason, 128, "%s is %llu, allowed range %llu to %llu%s%s", limits[setting].word,
+             (unsigned long long)value, (unsigned long long)low, (unsigned long long)high,
+             list ? ": " : "", list ? list : "");
     return false;
 }
 
@@ -40,7 +37,7 @@ bool prt_bake_error_ok(double max_error, char reason[128])
 {
     if (max_error == 0 || (max_error >= PRT_BAKE_ERROR_MIN && max_error <= PRT_BAKE_ERROR_MAX))
         return true;
-    snprintf(reason, 128, "max-error %g: must lie in [%g, %g]", max_error, PRT_BAKE_ERROR_MIN,
-             PRT_BAKE_ERROR_MAX);
+    snprintf(reason, 128, "max-error is %g, allowed range %g to %g", max_error,
+             PRT_BAKE_ERROR_MIN, PRT_BAKE_ERROR_MAX);
     return false;
 }

@@ -19,6 +19,7 @@ struct picture {
     struct prt_env *env;
     struct prt_cube light, mirror, back;
     struct prt_camera camera;
+    struct prt_orbit orbit;
     struct prt_visibility *visibility;
     struct prt_specular *specular;
     float *planes;
@@ -30,6 +31,7 @@ struct picture {
     bool on_screen; // drawn by an image-space engine, without transport and vertices
     struct prt_screen_report report;
     struct maps maps;
+    unsigned leave_out; // of the file's own textures
 };
 
 static void picture_finish(struct picture *p)
@@ -51,15 +53,30 @@ static void keep_line(void *user, enum prt_log_level level, const char *line)
     snprintf(user, MAX_LINE, "%s", line);
 }
 
-// The library's message, which begins with "camera", becomes the one about wrong usage.
-static int parse_camera(const struct tool *tool, struct prt_camera *camera)
+// The library's message about a camera or an orbit becomes one about wrong usage.
+static int camera_error(const struct tool *tool, int status, const char *line)
 {
+    return status ? usage_error(&tool->opt, "--%s", line) : EXIT_DONE;
+}
+
+static bool is_position(const char *camera)
+{
+    return strchr(camera, ':') || strchr(camera, ',') || !strcmp(camera, "auto");
+}
+
+// Texts that need no mesh are checked before the model is read.
+static int parse_view(const struct tool *tool, struct picture *p)
+{
+    const struct options *o = &tool->opt;
     char line[MAX_LINE] = "";
     struct prt_context ctx = tool->ctx;
+    int status = PRT_OK;
     ctx.log = keep_line;
     ctx.log_user = line;
-    if (!prt_camera_parse(&ctx, tool->opt.camera, camera)) return EXIT_DONE;
-    return usage_error(&tool->opt, "--%s", line);
+    if (o->camera && is_position(o->camera))
+        status = prt_camera_parse(&ctx, o->camera, &p->camera);
+    if (o->orbit) status = prt_orbit_parse(&ctx, o->orbit, &p->orbit);
+    return camera_error(tool, status, line);
 }
 
 static int check_usage(struct tool *tool, struct picture *p)
@@ -69,9 +86,12 @@ static int check_usage(struct tool *tool, struct picture *p)
     if (!o->out) return usage_error(o, "-o OUT is missing");
     if (!prt_picture_format(o->out)) return picture_path_error(o, "pictures");
     if (!o->env) return usage_error(o, "--env is missing");
-    if (o->camera && o->eye.set)
-        return usage_error(o, "--camera says where the eye is: leave --eye out");
-    if (o->camera && (status = parse_camera(tool, &p->camera))) return status;
+    if ((o->camera || o->orbit) && o->eye.set)
+        return usage_error(o, "--%s says where the eye is: leave --eye out",
+                           o->camera ? "camera" : "orbit");
+    if (o->camera && o->orbit)
+        return usage_error(o, "--camera and --orbit both place the eye: choose one");
+    if ((status = parse_view(tool, p))) return status;
     if (maps_given(o) &&
         (!o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, "reference")))
         return usage_error(o, "maps are for --engine splat, tangent, texture and hybrid");
@@ -123,12 +143,21 @@ static const char *choose_engine(struct tool *tool, const struct source *source,
     return engine;
 }
 
-static void place_camera(const struct tool *tool, struct picture *p, float aspect)
+static int place_camera(const struct tool *tool, struct picture *p, float aspect)
 {
-    if (tool->opt.camera) return;
-    prt_camera_frame(p->source.mesh, aspect, &p->camera);
-    if (!tool->opt.eye.set) return;
-    memcpy(p->camera.eye, tool->opt.eye.v, sizeof p->camera.eye);
+    const struct options *o = &tool->opt;
+    char line[MAX_LINE] = "";
+    struct prt_context ctx = tool->ctx;
+    ctx.log = keep_line;
+    ctx.log_user = line;
+    if (o->camera && is_position(o->camera)) return EXIT_DONE;
+    if (o->camera)
+        return camera_error(tool, prt_camera_named(&ctx, p->source.mesh, o->camera, &p->camera),
+                            line);
+    if (o->orbit) prt_camera_frame_from(p->source.mesh, aspect, &p->orbit, &p->camera);
+    else prt_camera_frame(p->source.mesh, aspect, &p->camera);
+    if (o->eye.set) memcpy(p->camera.eye, o->eye.v, sizeof p->camera.eye);
+    return EXIT_DONE;
 }
 
 static int no_memory(const struct tool *tool)
@@ -209,6 +238,7 @@ static struct prt_shade shade_of(const struct picture *p, bool total)
         .fresnel = total,
         .specular = p->specular,
         .background = p->plain ? NULL : &p->back,
+        .leave_out = p->leave_out,
     };
     memcpy(shade.background_rgb, p->background, sizeof shade.background_rgb);
     return shade;
@@ -277,10 +307,7 @@ static void summary(const struct tool *tool, const struct picture *p, const char
         return;
     }
     char camera[256];
-    snprintf(camera, sizeof camera, "%.7g,%.7g,%.7g:%.7g,%.7g,%.7g:%.7g,%.7g,%.7g:%.7g",
-             (double)c->eye[0], (double)c->eye[1], (double)c->eye[2], (double)c->target[0],
-             (double)c->target[1], (double)c->target[2], (double)c->up[0], (double)c->up[1],
-             (double)c->up[2], (double)c->fovy_deg);
+    prt_camera_print(c, camera, sizeof camera);
     cJSON *root = cJSON_CreateObject();
     cJSON_AddStringToObject(root, "out", tool->opt.out);
     cJSON_AddStringToObject(root, "engine", engine);
@@ -323,7 +350,7 @@ static int draw(struct tool *tool, struct picture *p)
                            p->source.transport->cube);
     if (vertex && (status = source_material_error(tool, &p->source, term, &p->lost)))
         return status;
-    place_camera(tool, p, (float)width / (float)height);
+    if ((status = place_camera(tool, p, (float)width / (float)height))) return status;
     double started = prt_time_s();
     if ((status = load_lights(tool, p, vertex, total))) return status;
     status =
@@ -332,6 +359,10 @@ static int draw(struct tool *tool, struct picture *p)
                                               PRT_RASTER_AUTO, &p->visibility));
     if (status) return status;
     p->on_screen = !vertex && !reference;
+    if (!strcmp(term, "irradiance")) p->leave_out = PRT_LOOK_ALL;
+    if (o->no_textures) p->leave_out = PRT_LOOK_ALL;
+    if (o->albedo_map) p->leave_out |= PRT_LOOK_BASE;
+    if (o->normal_map || o->bump_map) p->leave_out |= PRT_LOOK_NORMAL;
     status = p->on_screen ? draw_on_screen(tool, p, engine, total)
                           : draw_vertices(tool, p, reference, total, term);
     if (status) return status;

@@ -25,6 +25,37 @@ static void add_parsed(cJSON *to, const char *name, const char *json)
     cJSON_AddItemToObject(to, name, item ? item : cJSON_CreateNull());
 }
 
+static void add_maps(cJSON *surface, const struct prt_mesh *m, uint32_t i)
+{
+    static const char *const name[PRT_N_MAP] = {"base", "normal", "roughness", "occlusion",
+                                                "emissive"};
+    cJSON *maps = NULL;
+    for (int k = 0; m->maps && k < PRT_N_MAP; k++) {
+        const struct prt_texture_ref *ref = &m->maps[i].map[k];
+        if (ref->image == UINT32_MAX) continue;
+        if (!maps) maps = cJSON_AddObjectToObject(surface, "maps");
+        cJSON_AddNumberToObject(maps, name[k], ref->image);
+    }
+}
+
+static void add_images(cJSON *to, const struct prt_mesh *m)
+{
+    static const char *const kind[PRT_TEXTURE_N_KIND] = {"color", "data", "normal"};
+    cJSON *list = cJSON_AddArrayToObject(to, "images");
+    for (uint32_t i = 0; i < m->n_image; i++) {
+        const struct prt_texture_image *image = &m->image[i];
+        cJSON *o = cJSON_CreateObject();
+        char hash[40];
+        snprintf(hash, sizeof hash, "%016llx%016llx", (unsigned long long)image->hash[1],
+                 (unsigned long long)image->hash[0]);
+        cJSON_AddNumberToObject(o, "width", image->width);
+        cJSON_AddNumberToObject(o, "height", image->height);
+        cJSON_AddStringToObject(o, "kind", kind[image->kind]);
+        cJSON_AddStringToObject(o, "hash", hash);
+        cJSON_AddItemToArray(list, o);
+    }
+}
+
 static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
 {
     cJSON *m = cJSON_AddObjectToObject(root, "mesh");
@@ -57,7 +88,29 @@ static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
         cJSON *s = cJSON_CreateObject();
         cJSON_AddStringToObject(s, "name", mesh->surface[i].name);
         cJSON_AddBoolToObject(s, "translucent", mesh->surface[i].translucent);
+        add_maps(s, mesh, i);
         cJSON_AddItemToArray(surfaces, s);
+    }
+    if (mesh->n_uv > 1) cJSON_AddNumberToObject(m, "uv_sets", mesh->n_uv);
+    if (mesh->color) cJSON_AddBoolToObject(m, "vertex_colors", true);
+    if (mesh->n_image) add_images(m, mesh);
+    if (mesh->texture_split > 0)
+        cJSON_AddNumberToObject(m, "texture_split", (double)mesh->texture_split);
+}
+
+// The default camera of a picture of 800x600 and the file's own, each as --camera takes it.
+static void add_cameras(cJSON *root, const struct prt_mesh *mesh)
+{
+    cJSON *list = cJSON_AddObjectToObject(root, "cameras");
+    struct prt_camera c;
+    char text[256];
+    prt_camera_frame(mesh, 4.f / 3, &c);
+    prt_camera_print(&c, text, sizeof text);
+    cJSON_AddStringToObject(list, "framed (default, --orbit 0,15)", text);
+    for (uint32_t i = 0; i < mesh->n_camera; i++) {
+        (void)prt_camera_named(NULL, mesh, mesh->camera[i].name, &c);
+        prt_camera_print(&c, text, sizeof text);
+        cJSON_AddStringToObject(list, mesh->camera[i].name, text);
     }
 }
 
@@ -183,6 +236,7 @@ static int describe_prt(struct tool *tool, const char *path, cJSON *root)
     snprintf(hash, sizeof hash, "%016llx", (unsigned long long)t->mesh_hash);
     cJSON_AddStringToObject(root, "mesh_hash", hash);
     add_mesh(root, &t->mesh);
+    add_cameras(root, &t->mesh);
     cJSON *tensors = cJSON_AddArrayToObject(root, "tensors");
     for (uint32_t i = 0; i < t->n_tensor && !status; i++)
         status = add_tensor(tool, tensors, t, &t->tensor[i], &total);
@@ -201,12 +255,13 @@ static int describe_prt(struct tool *tool, const char *path, cJSON *root)
 static int describe_model(struct tool *tool, const char *path, cJSON *root)
 {
     struct prt_mesh *mesh;
-    struct prt_mesh_options options = {.opaque = tool->opt.n_opaque ? tool->opt.opaque : NULL};
+    struct prt_mesh_options options = source_mesh_options(&tool->opt);
     int status = prt_mesh_load(&tool->ctx, path, &options, &mesh);
     if (status == PRT_ARG && options.opaque) return EXIT_USAGE;
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     cJSON_AddStringToObject(root, "kind", "model");
     add_mesh(root, mesh);
+    add_cameras(root, mesh);
     prt_mesh_destroy(mesh);
     return EXIT_DONE;
 }
@@ -275,7 +330,7 @@ static bool ends_with_any(const char *path, const char *const *endings)
 
 int run_info(struct tool *tool)
 {
-    static const char *const models[] = {".glb", ".gltf", ".obj", ".ply", NULL};
+    static const char *const models[] = {".glb", ".gltf", ".obj", ".ply", ".stl", NULL};
     static const char *const files[] = {".prt", NULL};
     const char *path = tool->opt.input[0];
     // "constant" and patterns of six faces are environments that are no file.

@@ -27,6 +27,7 @@ static const char *const cpus[] = {
 #undef X
         NULL};
 static const char *const tones[] = {"filmic", "reinhard", "none", NULL};
+static const char *const axes[] = {"y", "z", NULL};
 static const char *const layouts[] = {"latlong", "envmap", "vcross", "hcross",
                                       "vstrip",  "hstrip", NULL};
 
@@ -42,6 +43,12 @@ const struct option_row option_table[] = {
      "millimetres in one unit of the model"},
     {"opaque", 0, "NAME", OPTION_OPAQUE, 0, 0, 0, NULL, BAKE | COLORS | IMAGE | INFO,
      "a material or node that is opaque; may repeat"},
+    {"texture-split", 0, "S", OPTION_SIGNED, AT(texture_split), 0, 1, NULL,
+     BAKE | COLORS | IMAGE,
+     "share of the model's base colour texture that scattering blurs: 0 (default) multiplies it at "
+     "the pixel, 1 blurs its brightness wholly; a bake keeps it"},
+    {"no-textures", 0, NULL, OPTION_FLAG, AT(no_textures), 0, 0, NULL, BAKE | COLORS | IMAGE,
+     "leave the model's textures and vertex colours out"},
     {"env", 'e', "ENV", OPTION_TEXT, AT(env), 0, 0, NULL, BAKE | COLORS | IMAGE,
      "light: lat-long or cube image, folder of six faces, constant[:R,G,B]"},
     {"env", 'e', "ENV", OPTION_ENVS, 0, 0, 0, NULL, COMPARE,
@@ -59,8 +66,15 @@ const struct option_row option_table[] = {
     {"term", 0, "NAME", OPTION_WORD, AT(term), 0, 0, terms, LIGHTS, "default: total"},
     {"eye", 0, "X,Y,Z", OPTION_VECTOR, AT(eye), 0, 0, NULL, COLORS | IMAGE | COMPARE,
      "viewpoint of view-dependent terms, in the model's units"},
-    {"camera", 0, "E:T:U:F", OPTION_TEXT, AT(camera), 0, 0, NULL, IMAGE,
-     "EYE:TARGET[:UP[:FOVY]] as x,y,z:x,y,z:x,y,z:degrees; default: frame the model"},
+    {"camera", 0, "NAME|E:T:U:F", OPTION_TEXT, AT(camera), 0, 0, NULL, IMAGE,
+     "a camera of the model's file by its name or a unique beginning of it (prt info lists "
+     "them), or EYE:TARGET[:UP[:FOVY]] as x,y,z:x,y,z:x,y,z:degrees; default: frame the model"},
+    {"orbit", 0, "AZ,EL[,ZOOM]", OPTION_TEXT, AT(orbit), 0, 0, NULL, IMAGE,
+     "look at the framed centre from this azimuth and elevation in degrees; 0,0 looks along -z, "
+     "90,0 along -x; ZOOM magnifies (default 0,15,1)"},
+    {"up", 0, "AXIS", OPTION_WORD, AT(up), 0, 0, axes, BAKE | COLORS | IMAGE | INFO,
+     "the model's upward axis (default y); z turns it, x,y,z becoming x,z,-y, as scans and STL "
+     "files often need"},
     {"transport", 0, "KIND", OPTION_WORD, AT(transport), 0, 0, transports, BAKE,
      "wavelet (default with --material): the light stays free after the bake; polynomial: the "
      "material stays free; joint (default without --material): both stay free"},

@@ -44,6 +44,8 @@ static const struct {
                    "  prt image bunny.prt --env grace.exr --size 800x600 -o bunny.png\n"
                    "  prt image bunny.prt --env grace.exr --rotate 45 --background none \\\n"
                    "      --camera 0,0.1,0.5:0,0.08,0:0,1,0:30 -o bunny.exr\n"
+                   "  prt image statue.stl --up z --size-mm 80 --material marble \\\n"
+                   "      --env grace.exr --orbit 30,20 -o statue.png\n"
                    "  prt image head.glb --material skin1 --size-mm 300 --env grace.exr \\\n"
                    "      --engine tangent --albedo-map skin.jpg -o head.png\n"},
     [CMD_INFO] = {"info", "FILE", "print the contents of a .prt, a model or an environment", 1,
@@ -280,7 +282,7 @@ static char *program_doc(void)
     for (int i = 0; i < N_COMMAND; i++)
         fprintf(f, "  prt %s %s\n      %s\n", commands[i].name, commands[i].operands,
                 commands[i].summary);
-    fputs("\nSOURCE is a .prt, or a model (.glb .gltf .obj .ply) with --material and "
+    fputs("\nSOURCE is a .prt, or a model (.glb .gltf .obj .ply .stl) with --material and "
           "--size-mm or --mm-per-unit. 'prt SUBCOMMAND --help' prints options and examples.\n\n"
           "Exit status: 0 done, 1 failed, 2 wrong usage.",
           f);

@@ -14,21 +14,18 @@ int material_named(struct tool *tool, const char *option, const char *name,
                    struct prt_material *out)
 {
     const struct prt_context *ctx = &tool->ctx;
-    bool inline_json = *name == '{', is_file = !inline_json && access(name, F_OK) == 0;
-    const struct prt_material *preset;
-    for (unsigned i = 0; !inline_json && (preset = prt_material_preset(i)); i++)
-        if (!strcasecmp(preset->name, name)) {
-            *out = *preset;
-            return EXIT_DONE;
-        }
-    if (!inline_json && !is_file) {
+    bool inline_json = name[strspn(name, " \t\r\n")] == '{';
+    bool is_file = !inline_json && access(name, R_OK) == 0;
+    char remedy[160] = "";
+    if (!inline_json && !is_file && !prt_material_preset_named(name, remedy, sizeof remedy)) {
+        const struct prt_material *preset;
         char list[256] = "";
         for (unsigned i = 0; (preset = prt_material_preset(i)); i++) {
             size_t n = strlen(list);
             snprintf(list + n, sizeof list - n, "%s%s", n ? ", " : "", preset->name);
         }
-        return usage_error(&tool->opt, "--%s %s: neither a file nor one of %s", option, name,
-                           list);
+        return usage_error(&tool->opt, "--%s %s: neither a file nor one of %s%s%s", option,
+                           name, list, remedy[0] ? "; " : "", remedy);
     }
     int status = prt_material_load(ctx, name, out);
     if (!status) status = prt_material_check(ctx, out);
@@ -74,10 +71,16 @@ static void report_no_single(const struct tool *tool, const struct source *sourc
 static int open_prt(struct tool *tool, struct source *source)
 {
     const struct options *o = &tool->opt;
-    if (o->size_mm > 0 || o->mm_per_unit > 0 || o->n_opaque)
+    if (o->size_mm > 0 || o->mm_per_unit > 0 || o->n_opaque || o->up)
+        return usage_error(
+            o,
+            "%s is a .prt, which carries its own scale, axes and surfaces: leave "
+            "--size-mm, --mm-per-unit, --up and --opaque out",
+            source->path);
+    if (o->texture_split > 0)
         return usage_error(o,
-                           "%s is a .prt, which carries its own scale and surfaces: leave "
-                           "--size-mm, --mm-per-unit and --opaque out",
+                           "%s is a .prt, whose texture split is fixed by the bake: leave "
+                           "--texture-split out, or bake again",
                            source->path);
     int status = prt_file_open(&tool->ctx, source->path, PRT_FILE_CHECK_ALL, &source->file);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
@@ -113,6 +116,13 @@ enum prt_answer_term answer_term(const char *word)
                                              : PRT_ANSWER_TOTAL;
 }
 
+struct prt_mesh_options source_mesh_options(const struct options *o)
+{
+    return (struct prt_mesh_options){.opaque = o->n_opaque ? o->opaque : NULL,
+                                     .no_textures = o->no_textures,
+                                     .up_z = o->up && !strcmp(o->up, "z")};
+}
+
 static int open_model(struct tool *tool, bool need_material, struct source *source)
 {
     const struct options *o = &tool->opt;
@@ -123,11 +133,12 @@ static int open_model(struct tool *tool, bool need_material, struct source *sour
         if (exit_status) return exit_status;
         source->material_given = true;
     }
-    struct prt_mesh_options options = {.opaque = o->n_opaque ? o->opaque : NULL};
+    struct prt_mesh_options options = source_mesh_options(o);
     int status = prt_mesh_load(&tool->ctx, source->path, &options, &source->loaded);
     if (status == PRT_ARG && o->n_opaque) return EXIT_USAGE; // a name that --opaque misspells
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     source->mesh = source->loaded;
+    source->loaded->texture_split = (float)o->texture_split;
     if (!(o->size_mm > 0) && !(o->mm_per_unit > 0) && !source->loaded->units_known)
         return usage_error(o, "%s has no units of length: give --size-mm or --mm-per-unit",
                            source->path);

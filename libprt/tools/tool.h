@@ -33,7 +33,7 @@ struct options {
     unsigned n_input;
     const char *out, *material, *env, *engine, *term, *transport, *storage, *basis, *camera,
         *cpu;
-    const char *tone, *background, *layout;
+    const char *tone, *background, *layout, *orbit, *up;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
     const char *envs[MAX_ENV]; /* compare: every --env; env is the first */
@@ -41,7 +41,7 @@ struct options {
     const char *materials;                          /* compare: --materials */
     const char *albedo_map, *normal_map, *bump_map; /* image: of --engine tangent */
     double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms,
-        bump_mm;
+        bump_mm, texture_split;
     uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed;
     uint64_t threads, msaa, quality, vertices, memory;
     bool memory_set, estimate, accept_weak_sandbox;
@@ -52,7 +52,7 @@ struct options {
     uint32_t shard, n_shard;
     int progress_fd; /* -1: not given */
     bool max_rmse_set;
-    bool json, quiet, no_single, every_ray, straight, full_float, measure_error;
+    bool json, quiet, no_single, every_ray, straight, full_float, measure_error, no_textures;
 };
 
 /* Fills `out` from the program's arguments. Returns -1 to go on, else the exit status: after
@@ -98,6 +98,8 @@ struct source {
 /* Opens SOURCE and checks it by the contract. Returns an exit status. */
 int source_open(struct tool *tool, const char *path, bool need_material, struct source *out);
 void source_close(struct source *source);
+/* How --opaque and --up have a model read. */
+struct prt_mesh_options source_mesh_options(const struct options *options);
 /* Name of the engine that the transport was baked for. */
 const char *source_engine_name(const struct prt_transport *transport);
 /* Error of a .prt's radial bases for --material (0 for the baked one). Returns an exit status:

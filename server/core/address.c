@@ -2,6 +2,7 @@
 // Addresses: splitting and resolving them, and whether the options allow to serve them.
 #include "core/address.h"
 
+#include "core/access.h"
 #include "core/options.h"
 
 #include <ctype.h>
@@ -57,11 +58,11 @@ void address_name(const struct sockaddr_storage *address, socklen_t n, char *out
 int address_admit(const struct options *options, const struct sockaddr *address,
                   char fault[256])
 {
-    if (address_is_loopback(address) || options->token_file[0] || options->accept_anyone)
+    if (address_is_loopback(address) || options->accept_anyone || access_configured(options))
         return 0;
     snprintf(fault, 256,
-             "other machines can reach this address and no token is set: set --token-file, or "
-             "accept every client with --accept-anyone");
+             "other machines can reach it and no token exists: `relight token create`, "
+             "--token-file, or --accept-anyone for every client");
     return -1;
 }
 

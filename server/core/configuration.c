@@ -2,6 +2,7 @@
 // The configuration as a whole: checking it, and reading it again.
 #include "core/configuration.h"
 
+#include "core/access.h"
 #include "core/address.h"
 #include "core/log.h"
 #include "core/log_format.h"
@@ -82,6 +83,9 @@ static int check_words(const struct options *options, char fault[256])
         why = "--log-access: event or trace";
     else if (options->cpu[0] && prt_cpu_parse(options->cpu, &cpu))
         why = "--cpu: one of " PRT_CPU_WORDS;
+    const char *away = options->goaway_address;
+    if (away[0] && strncmp(away, "tcp:", 4) && strncmp(away, "unix:", 5))
+        why = "--goaway-address: expected tcp:HOST:PORT or unix:PATH";
     if (!why) return 0;
     snprintf(fault, 256, "%s", why);
     return -1;
@@ -132,7 +136,7 @@ void configuration_reload(struct server *server, int argc, char **argv)
     bool failed = options_reread(argc, argv, &fresh, fault) || check_words(&fresh, fault) ||
                   (fresh.token_file[0] && token_read(fresh.token_file, token, fault));
     // Addresses that were bound because a token was set stay bound: it cannot be removed.
-    if (!failed && server->token[0] && !token[0]) {
+    if (!failed && access_has_default(server->access) && !token[0]) {
         failed = true;
         snprintf(fault, sizeof fault, "token-file: removing the token needs a restart");
     }
@@ -141,11 +145,12 @@ void configuration_reload(struct server *server, int argc, char **argv)
         return;
     }
     n_taken = n_waiting = 0;
-    if (strcmp(token, server->token)) {
-        strcpy(server->token, token);
+    if (token[0] && !access_is_default(server->access, token)) {
+        access_set_default(server->access, token);
         tell_change("token", "(secret)", true);
     }
     options_update(&server->options, &fresh, tell_change);
+    ledger_update_quotas(server->ledger);
     log_set_level((enum log_level)log_level_parse(server->options.log));
     server->access_level = log_level_parse(server->options.log_access);
     log_line(LOG_EVENT, "reload done changed=%u needs_restart=%u", n_taken, n_waiting);

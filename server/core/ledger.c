@@ -15,6 +15,9 @@ struct ledger {
     const struct options *options;
     struct principal *principal;
     uint64_t total[LEDGER_N];
+    ledger_quotas_fn quotas;
+    uint64_t least[LEDGER_N]; // the least limit that a principal had of its own; 0: none had
+    void *quotas_user;
 };
 
 struct row {
@@ -28,9 +31,9 @@ static const struct row table[LEDGER_N] = {
 #undef X
 };
 
-uint64_t ledger_limit_client(const struct ledger *ledger, enum ledger_resource resource)
+// The option's limit for every principal.
+static uint64_t limit_of_option(const struct options *o, enum ledger_resource resource)
 {
-    const struct options *o = ledger->options;
     switch (resource) {
 #define X(name, words, unit, by_client, in_all) \
     case LEDGER_##name:                         \
@@ -40,6 +43,19 @@ uint64_t ledger_limit_client(const struct ledger *ledger, enum ledger_resource r
     default:
         return 0;
     }
+}
+
+uint64_t ledger_limit_client(const struct principal *principal, enum ledger_resource resource)
+{
+    uint64_t own = principal->limit[resource];
+    return own ? own : limit_of_option(principal->ledger->options, resource);
+}
+
+uint64_t ledger_limit_least(const struct ledger *ledger, enum ledger_resource resource)
+{
+    if (resource >= LEDGER_N) return 0;
+    uint64_t every = limit_of_option(ledger->options, resource), own = ledger->least[resource];
+    return own && (!every || own < every) ? own : every;
 }
 
 uint64_t ledger_limit_all(const struct ledger *ledger, enum ledger_resource resource)
@@ -82,6 +98,28 @@ void ledger_destroy(struct ledger *ledger)
     free(ledger);
 }
 
+static void fill_limits(struct principal *p)
+{
+    struct ledger *ledger = p->ledger;
+    if (!ledger->quotas) return;
+    ledger->quotas(ledger->quotas_user, p->name, p->limit);
+    for (int i = 0; i < LEDGER_N; i++)
+        if (p->limit[i] && (!ledger->least[i] || p->limit[i] < ledger->least[i]))
+            ledger->least[i] = p->limit[i];
+}
+
+void ledger_set_quotas(struct ledger *ledger, ledger_quotas_fn quotas, void *user)
+{
+    ledger->quotas = quotas;
+    ledger->quotas_user = user;
+    ledger_update_quotas(ledger);
+}
+
+void ledger_update_quotas(struct ledger *ledger)
+{
+    for (struct principal *p = ledger->principal; p; p = p->next) fill_limits(p);
+}
+
 struct principal *ledger_principal(struct ledger *ledger, const char *name)
 {
     for (struct principal *p = ledger->principal; p; p = p->next)
@@ -95,6 +133,7 @@ struct principal *ledger_principal(struct ledger *ledger, const char *name)
     p->ledger = ledger;
     p->refs = 1;
     snprintf(p->name, sizeof p->name, "%s", name);
+    fill_limits(p);
     ledger->principal = p;
     return p;
 }
@@ -137,11 +176,12 @@ enum ledger_refusal ledger_take(struct principal *principal, enum ledger_resourc
     struct ledger *ledger = principal->ledger;
     const struct row *row = &table[resource];
     uint64_t mine = principal->held[resource], all = ledger->total[resource];
-    uint64_t most = ledger_limit_client(ledger, resource);
+    uint64_t most = ledger_limit_client(principal, resource);
     uint64_t most_all = ledger_limit_all(ledger, resource);
     char word[64];
     if (most && (amount > most || mine > most - amount)) {
-        option_word(row->option_client, word);
+        if (principal->limit[resource]) snprintf(word, sizeof word, "your token's quota");
+        else option_word(row->option_client, word);
         snprintf(error, 256,
                  "%s: you hold %llu%s, %llu more would pass your limit of %llu (%s)",
                  row->words, (unsigned long long)mine, row->unit, (unsigned long long)amount,

@@ -39,12 +39,19 @@ struct principal {
     char name[96];
     unsigned refs;
     uint64_t held[LEDGER_N];
+    uint64_t limit[LEDGER_N]; /* its own; 0: the option's */
 };
 
 /* NULL without memory. The options must outlive the ledger. */
 struct ledger *ledger_create(const struct options *options);
 /* Every principal must have been released. */
 void ledger_destroy(struct ledger *ledger);
+
+/* quotas fills the limits of its own that a principal has, 0 for none; it is called for each
+ * new principal, and for all that exist by ledger_update_quotas. NULL: nobody has any. */
+typedef void (*ledger_quotas_fn)(void *user, const char *principal, uint64_t limit[LEDGER_N]);
+void ledger_set_quotas(struct ledger *ledger, ledger_quotas_fn quotas, void *user);
+void ledger_update_quotas(struct ledger *ledger);
 
 /* The principal of this name, created if new, with a reference for the caller. NULL without
  * memory. A principal that holds resources outlives its last reference. */
@@ -65,7 +72,9 @@ void ledger_give(struct principal *principal, enum ledger_resource resource, uin
 
 /* The sum over all principals, and the limits (0: none). */
 uint64_t ledger_total(const struct ledger *ledger, enum ledger_resource resource);
-uint64_t ledger_limit_client(const struct ledger *ledger, enum ledger_resource resource);
+uint64_t ledger_limit_client(const struct principal *principal, enum ledger_resource resource);
+/* No principal's limit is below it, but for 0. */
+uint64_t ledger_limit_least(const struct ledger *ledger, enum ledger_resource resource);
 uint64_t ledger_limit_all(const struct ledger *ledger, enum ledger_resource resource);
 const char *ledger_name(enum ledger_resource resource); /* "connections", for metrics */
 /* Calls for every principal, in no order. */

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: MIT
 // relightd: the order of starting, the loop, and the order of stopping.
 #include "core/configuration.h"
+#include "core/events.h"
 #include "net/carrier.h"
 #include "jobs/decode_helper.h"
 #include "net/dispatch.h"
 #include "store/eviction.h"
 #include "core/log.h"
 #include "core/log_format.h"
+#include "core/access.h"
 #include "core/token.h"
 #include "store/models.h"
 #include "store/readiness.h"
@@ -53,6 +55,8 @@ static void begin_drain(int signal_number)
     log_line(LOG_EVENT, "drain signal=%s requests=%u jobs=%u", strsignal(signal_number),
              server.n_request, jobs_open(server.jobs));
     sockets_close(&server);
+    connections_goaway(&server, server.options.drain, server.options.goaway_address,
+                       "the daemon is stopping");
     jobs_stop(server.jobs);
     // Watches and views do not end by themselves.
     for (struct connection *c = server.connections, *next; c; c = next) {
@@ -159,10 +163,21 @@ static int remove_one(const char *path, const struct stat *st, int kind, struct 
 static int check_all(void)
 {
     char fault[256];
+    if (!configuration_check(&server.options, fault)) return 0;
+    log_line(LOG_ERR, "%s", fault);
+    return -1;
+}
+
+static int open_access(void)
+{
+    char fault[256], token[TOKEN_ROOM] = "";
     const char *path = server.options.token_file;
-    if (!configuration_check(&server.options, fault) &&
-        (!path[0] || !token_read(path, server.token, fault)))
+    if (!access_create(&server.options, server.data, &server.access, fault) &&
+        (!path[0] || !token_read(path, token, fault))) {
+        access_set_default(server.access, token);
+        ledger_set_quotas(server.ledger, access_quotas, server.access);
         return 0;
+    }
     log_line(LOG_ERR, "%s", fault);
     return -1;
 }
@@ -200,6 +215,15 @@ static int listen_everywhere(void)
     return server.options.http[0] ? http_open(&server, server.options.http) : 0;
 }
 
+// Cursors of events and ids of jobs of another run are recognised by it.
+static int choose_run(void)
+{
+    uint64_t digits;
+    if (getrandom(&digits, sizeof digits, 0) != sizeof digits) return -1;
+    snprintf(server.run, sizeof server.run, "%016llx", (unsigned long long)digits);
+    return 0;
+}
+
 static int start(void)
 {
     static const int signals[] = {SIGTERM, SIGINT, SIGCHLD, SIGHUP};
@@ -218,8 +242,6 @@ static int start(void)
     long cores = sysconf(_SC_NPROCESSORS_ONLN);
     server.n_core = cores > 0 ? (unsigned)cores : 1;
     server.stats.start_ns = loop_now_ns();
-    uint32_t random;
-    if (getrandom(&random, sizeof random, 0) == sizeof random) server.boot_id = random;
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); // past RLIMIT_FSIZE a write fails with EFBIG, like on a full disk
     raise_file_limit();
@@ -229,13 +251,14 @@ static int start(void)
     unsigned threads = o->threads ? o->threads : server.n_core;
     const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
     if (o->accept_weak_sandbox) setenv(PRT_ACCEPT_WEAK_SANDBOX, "1", 1); // for all children
-    if (!(server.ledger = ledger_create(o)) || check_all() || loop_create(&server.loop) ||
+    if (!(server.ledger = ledger_create(o)) || check_all() || choose_run() ||
+        events_create(SERVER_EVENTS, &server.events) || loop_create(&server.loop) ||
         loop_signals(server.loop, signals, N_SIGNAL, on_signal, NULL) ||
         cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
-        jobs_create(&server, &job_runner_child, &server.jobs) ||
+        open_access() || jobs_create(&server, &job_runner_child, &server.jobs) ||
         models_create(&server, &server.models))
         return -1;
     readiness_begin(&server);
@@ -296,6 +319,8 @@ static void stop(void)
     jobs_destroy(server.jobs);
     blobs_close(server.blobs);
     ledger_destroy(server.ledger);
+    access_destroy(server.access);
+    events_destroy(server.events);
     loop_destroy(server.loop);
     if (server.data_temporary && server.data[0] &&
         nftw(server.data, remove_one, 16, FTW_DEPTH | FTW_PHYS))

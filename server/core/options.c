@@ -3,6 +3,7 @@
 #include "core/options.h"
 
 #include "core/ledger.h"
+#include "core/token_store.h"
 
 #include <argp.h>
 #include <ctype.h>
@@ -224,6 +225,9 @@ static error_t parse_one(int key, char *arg, struct argp_state *state)
 static const char *fault_of_values(const struct options *options)
 {
     char *end;
+    unsigned scopes;
+    if (!scopes_parse(options->local_scopes, &scopes))
+        return "local-scopes: expected view, edit, upload, admin, comma-separated";
     if (options->bake_nice > 19) return "bake-nice is outside 0 to 19";
     unsigned long mode = strtoul(options->socket_mode, &end, 8);
     if (end == options->socket_mode || *end || mode > 0777)
@@ -311,13 +315,14 @@ int options_reread(int argc, char **argv, struct options *options, char fault[25
 // ---- options that may change while the daemon runs
 
 #define FIELD(f) offsetof(struct options, f)
-static const size_t changeable[] = {FIELD(log),        FIELD(origins),    FIELD(hosts),
-                                    FIELD(token_file), FIELD(requests),   FIELD(handshake),
-                                    FIELD(idle),       FIELD(write_time), FIELD(send_buffer),
-                                    FIELD(deadline),   FIELD(max_side),   FIELD(frame_time),
-                                    FIELD(drain),      FIELD(lame_duck),  FIELD(log_access),
+static const size_t changeable[] = {
+    FIELD(log),        FIELD(origins),     FIELD(local_scopes),   FIELD(hosts),
+    FIELD(token_file), FIELD(requests),    FIELD(handshake),      FIELD(idle),
+    FIELD(write_time), FIELD(send_buffer), FIELD(deadline),       FIELD(max_side),
+    FIELD(frame_time), FIELD(drain),       FIELD(goaway_address), FIELD(lame_duck),
+    FIELD(log_access),
 #define X(name, words, unit, by_client, in_all) FIELD(by_client), FIELD(in_all),
-                                    LEDGER_LIST(X)
+    LEDGER_LIST(X)
 #undef X
 };
 

@@ -14,7 +14,7 @@ enum { OPTIONS_MAX_LISTEN = 16 };
 /* kind, field, option name, name of the value, default, explanation */
 #define OPTIONS_LIST(X)                                                                        \
     X(TEXT, models, "models", "DIR", "",                                                       \
-      "Folder whose model files (.glb .gltf .obj .ply) and .prt files are available "          \
+      "Folder whose model files (.glb .gltf .obj .ply .stl) and .prt files are available "     \
       "by name")                                                                               \
     X(TEXT, data, "data", "DIR", "",                                                           \
       "Folder for uploads, bakes and the catalogue; survives restarts. Empty: a "              \
@@ -31,12 +31,16 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "names and the address it listens on; requests for other hosts are refused; * "          \
       "for all")                                                                               \
     X(TEXT, token_file, "token-file", "FILE", "",                                              \
-      "File whose first line is the token that clients send in HELLO and that a "              \
-      "scraper of /metrics sends as `Authorization: Bearer TOKEN`. Empty: no token is "        \
-      "required")                                                                              \
+      "File whose first line is a token with every scope, named `default`. Further "           \
+      "tokens are made with `relight token create`. Clients of TCP, HTTP and WebSocket "       \
+      "need one of them as soon as one exists")                                                \
     X(FLAG, accept_anyone, "accept-anyone", "yes|no", "no",                                    \
-      "Listen beyond loopback without a token file: every machine that reaches the "           \
-      "address may use this daemon")                                                           \
+      "Listen beyond loopback without a token: every machine that reaches the address "        \
+      "may use this daemon, except for administration")                                        \
+    X(TEXT, local_scopes, "local-scopes", "LIST", "view,edit,upload",                          \
+      "Scopes of other users of this machine who connect to a unix socket without a token: "   \
+      "view, edit, upload, admin, comma-separated. Empty: they need a token. The daemon's "    \
+      "own user and root have all")                                                            \
     X(TEXT, socket_mode, "socket-mode", "MODE", "0660",                                        \
       "Permissions of unix sockets, octal: users with write permission may connect")           \
     X(TEXT, socket_group, "socket-group", "GROUP", "",                                         \
@@ -132,6 +136,9 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "health checks of a proxy")                                                              \
     X(SECONDS, drain, "drain", "SECONDS", "10",                                                \
       "Time that open requests have after SIGTERM and --lame-duck before the daemon exits")    \
+    X(TEXT, goaway_address, "goaway-address", "ADDRESS", "",                                   \
+      "Address that clients are told to connect to while the daemon stops "                    \
+      "(tcp:HOST:PORT). Empty: this one, after the restart")                                   \
     X(COUNT, max_side, "max-side", "PIXELS", "4096", "Largest width and height of an image")
 
 struct options {

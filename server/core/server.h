@@ -18,6 +18,8 @@ struct connection;
 struct models;
 struct imports;
 struct file_queue;
+struct access;
+struct events;
 
 enum {
     SERVER_HELLO_HEADER = 4096, /* before HELLO; no payload then */
@@ -26,6 +28,10 @@ enum {
     SERVER_CHUNK = 1 << 20,
     SERVER_MAX_ITEMS = 16384,      /* messages and strings in one header */
     SERVER_MAX_UNPACKED = 4 << 20, /* bytes a header may take once it is unpacked */
+    SERVER_MAX_ANSWER_HEADER = 16 << 20,
+    SERVER_MAX_PING = 64 << 10,
+    SERVER_MAX_WINDOW = 256, /* unacknowledged frames of a view */
+    SERVER_EVENTS = 1024,    /* events that a client may be behind */
 };
 
 struct server {
@@ -40,10 +46,12 @@ struct server {
     struct models *models;
     struct imports *imports;       /* the folder --models */
     struct file_queue *file_queue; /* file operations, one after another on a worker */
+    struct events *events;         /* core/events.h */
+    char run[17];                  /* hex digits that differ at every start */
     struct stats stats;
     struct ledger *ledger; /* resources by principal; checks every limit */
     char data[4000];       /* absolute path of the data folder */
-    char token[256];       /* "": none is required */
+    struct access *access; /* tokens, scopes and local rights */
     bool data_temporary;
     unsigned n_core;
     struct connection *connections, *closed;
@@ -52,7 +60,6 @@ struct server {
     bool leaving;     /* SIGTERM came: /readyz says so, and clients are told to leave */
     bool draining;    /* no new requests; those that are open end */
     int access_level; /* enum log_level of the line about each request (--log-access) */
-    uint64_t boot_id; /* random: begins the request ids of this run */
     /* Whether clients may be sent here; else why not, in one line. store/readiness.h */
     bool (*is_ready)(const struct server *server, char why[200]);
 };

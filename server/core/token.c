@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The shared secret: its file, and the comparison in constant time.
+// The file of the shared secret.
 #include "core/token.h"
 
 #include <errno.h>
@@ -22,13 +22,4 @@ int token_read(const char *path, char token[TOKEN_ROOM], char fault[256])
     }
     strcpy(token, line);
     return 0;
-}
-
-bool token_is_right(const char *token, const char *said)
-{
-    size_t n = strlen(token), m = strlen(said);
-    unsigned differs = n != m;
-    if (!n) return true; // no token is required
-    for (size_t i = 0; i < n; i++) differs |= (unsigned char)(token[i] ^ said[m ? i % m : 0]);
-    return !differs;
 }

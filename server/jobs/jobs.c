@@ -3,6 +3,7 @@
 // result.
 #include "jobs/jobs.h"
 
+#include "core/events.h"
 #include "core/log.h"
 #include "prt/base.h"
 #include "relight.pb-c.h"
@@ -17,6 +18,7 @@
 enum { REMEMBERED = 256, WARNING_BYTES = 8000 };
 static const uint64_t notify_gap_ns =
     100000000; // between two progress messages: at most ten a second
+static const uint64_t publish_gap_ns = 1000000000; // between two events: one a second
 
 struct watcher {
     struct watcher *next;
@@ -26,11 +28,11 @@ struct watcher {
 struct job {
     struct job *next; // newest first
     struct jobs *jobs;
-    char id[24], model[40];
+    char id[32], model[40];
     int state;
     char stage[64];
     double fraction, eta_s;
-    uint64_t queued_ns, started_ns, ended_ns, told_ns;
+    uint64_t queued_ns, started_ns, ended_ns, told_ns, published_ns;
     char error[400];
     char warnings[WARNING_BYTES];
     struct watcher *watcher;
@@ -75,7 +77,8 @@ static double overall(const char *stage, double fraction, double before)
 static void tell(struct job *job, struct request *request, bool last)
 {
     Relight__Progress progress = RELIGHT__PROGRESS__INIT;
-    Relight__Error error = RELIGHT__ERROR__INIT;
+    Relight__Error error;
+    struct error_fields fields;
     uint64_t end = job->ended_ns ? job->ended_ns : loop_now_ns();
     progress.job = job->id;
     progress.model = job->model;
@@ -85,13 +88,30 @@ static void tell(struct job *job, struct request *request, bool last)
     progress.eta_s = (float)job->eta_s;
     if (job->started_ns) progress.elapsed_s = (float)((double)(end - job->started_ns) * 1e-9);
     if (job->state == RELIGHT__JOB_STATE__JOB_FAILED) {
-        error.code = RELIGHT__ERROR_CODE__ERROR_JOB_FAILED;
-        error.text = job->error;
-        error.hint = (char *)error_hint(error.code);
+        error_fill(&error, RELIGHT__ERROR_CODE__ERROR_JOB_FAILED, job->error, &fields);
         progress.error = &error;
     }
     if (last) request_answer(request, &progress.base, NULL);
     else request_part(request, &progress.base, NULL);
+}
+
+static void publish(struct job *job)
+{
+    uint64_t end = job->ended_ns ? job->ended_ns : loop_now_ns();
+    struct event e = {.kind = RELIGHT__EVENT_KIND__EVENT_JOB,
+                      .job_state = job->state,
+                      .fraction = (float)job->fraction,
+                      .eta_s = (float)job->eta_s};
+    if (job->started_ns) e.elapsed_s = (float)((double)(end - job->started_ns) * 1e-9);
+    snprintf(e.job, sizeof e.job, "%s", job->id);
+    snprintf(e.model, sizeof e.model, "%s", job->model);
+    snprintf(e.stage, sizeof e.stage, "%s", job->stage);
+    if (job->state == RELIGHT__JOB_STATE__JOB_FAILED) {
+        e.error_code = RELIGHT__ERROR_CODE__ERROR_JOB_FAILED;
+        snprintf(e.error, sizeof e.error, "%s", job->error);
+    }
+    job->published_ns = end;
+    events_publish(job->jobs->server->events, &e);
 }
 
 static void remove_watcher(struct request *request)
@@ -110,6 +130,7 @@ static void tell_all(struct job *job, bool now)
     uint64_t t = loop_now_ns();
     if (!now && t - job->told_ns < notify_gap_ns) return;
     job->told_ns = t;
+    if (now || t - job->published_ns >= publish_gap_ns) publish(job);
     // A watcher whose connection breaks removes itself during its notification: iterate by
     // number.
     for (unsigned i = 0;; i++) {
@@ -189,6 +210,7 @@ static void end_job(struct job *job, enum job_outcome outcome, const char *error
              job->started_ns ? (double)(job->ended_ns - job->started_ns) * 1e-9 : 0.0,
              job->error[0] ? " error=" : "", job->error);
     job->done(job->user, job, outcome);
+    publish(job);
     tell_end(job);
 }
 
@@ -308,10 +330,13 @@ struct job *jobs_add(struct jobs *jobs, const char *model_id, struct job_order *
                         .user = user,
                         .state = RELIGHT__JOB_STATE__JOB_QUEUED,
                         .stage = "queued"};
-    snprintf(job->id, sizeof job->id, "job-%llu", (unsigned long long)++jobs->last_id);
+    // No other run of the daemon gives the same id.
+    snprintf(job->id, sizeof job->id, "job-%.8s-%llu", jobs->server->run,
+             (unsigned long long)++jobs->last_id);
     snprintf(job->model, sizeof job->model, "%s", model_id);
     jobs->job = job;
     jobs->n_queued++;
+    publish(job);
     start_next(jobs);
     return job;
 }
@@ -352,6 +377,11 @@ void jobs_watch(struct jobs *jobs, struct job *job, struct request *request)
     request->state = job;
     request->abandon = remove_watcher;
     tell(job, request, false);
+}
+
+const char *job_model(const struct job *job)
+{
+    return job->model;
 }
 
 const char *job_id(const struct job *job)

@@ -186,11 +186,12 @@ static const struct carrier unix_carrier = {"unix", stream_want_write, stream_se
 
 int refusal_frame(const struct server *server, const char *text, uint8_t **out, size_t *n)
 {
-    Relight__Error error = RELIGHT__ERROR__INIT;
-    error.code = server->draining ? RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN
-                                  : RELIGHT__ERROR_CODE__ERROR_BUSY;
-    error.text = (char *)(server->draining ? "the daemon is stopping" : text);
-    error.hint = (char *)error_hint(error.code);
+    Relight__Error error;
+    struct error_fields fields;
+    error_fill(&error,
+               server->draining ? RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN
+                                : RELIGHT__ERROR_CODE__ERROR_BUSY,
+               server->draining ? "the daemon is stopping" : text, &fields);
     error.retry_after_ms = REFUSED_RETRY_MS;
     struct relight_frame frame = {.type = RELIGHT_TYPE_ERROR, .flags = RELIGHT_FRAME_LAST};
     return relight_frame_pack(&frame, &error.base, 0, 0, out, n);

@@ -13,6 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 static uint64_t plus_seconds(uint64_t ns, double seconds)
 {
@@ -40,6 +41,7 @@ static uint64_t next_limit(const struct connection *conn, const char **why)
          "its answers have passed --send-buffer for longer than --write-time"},
         {conn->out, plus_seconds(conn->sent_ns, o->write_time),
          "it does not read its waiting answers (--write-time)"},
+        {conn->end_ns, conn->end_ns, "its token is not valid any more"},
     };
     uint64_t first = UINT64_MAX;
     for (size_t i = 0; i < sizeof limits / sizeof *limits; i++)
@@ -72,6 +74,8 @@ static void watch_clock(struct connection *conn)
         loop_timer_set(conn->server->loop, &conn->timer, at);
 }
 
+static void dismiss(struct connection *conn);
+
 static void clock_fired(struct loop_timer *timer)
 {
     struct connection *conn =
@@ -80,7 +84,8 @@ static void clock_fired(struct loop_timer *timer)
     const char *why;
     sample_output(conn, now);
     if (conn->n_request) conn->heard_ns = now; // it is waiting for an answer or watching a job
-    if (next_limit(conn, &why) <= now) connection_close(conn, why);
+    if (conn->end_ns && conn->end_ns <= now && !conn->closing) dismiss(conn);
+    else if (next_limit(conn, &why) <= now) connection_close(conn, why);
     else watch_clock(conn);
 }
 
@@ -112,6 +117,7 @@ struct connection *connection_open(struct server *server, const struct carrier *
     conn->reading = true;
     conn->opened_ns = conn->heard_ns = conn->sent_ns = loop_now_ns();
     snprintf(conn->peer, sizeof conn->peer, "%s", peer);
+    snprintf(conn->caller.name, sizeof conn->caller.name, "%s", who);
     struct relight_frame_limits limits = {SERVER_HELLO_HEADER, 0, true}; // before HELLO
     relight_decoder_init(&conn->decoder, &limits);
     conn->decoder.admit = admit;
@@ -129,9 +135,75 @@ struct connection *connection_open(struct server *server, const struct carrier *
     return conn;
 }
 
+// The time of the monotonic clock at which the token expires; 0: never.
+static uint64_t expiry_ns(const struct caller *caller)
+{
+    struct timespec now;
+    if (!caller->expires_s) return 0;
+    clock_gettime(CLOCK_REALTIME, &now);
+    double left_s = (double)(caller->expires_s - now.tv_sec) - 1e-9 * (double)now.tv_nsec;
+    left_s = left_s < 0 ? 0 : left_s > 1e9 ? 1e9 : left_s;
+    return plus_seconds(loop_now_ns(), left_s);
+}
+
+bool connection_identify(struct connection *conn, const struct caller *caller, char error[256])
+{
+    struct principal *from = conn->principal;
+    struct principal *to = ledger_principal(conn->server->ledger, caller->name);
+    snprintf(error, 256, "not enough memory");
+    if (!to) return false;
+    if (to != from) {
+        if (ledger_take(to, LEDGER_CONNECTIONS, 1, error)) {
+            principal_release(to);
+            return false;
+        }
+        // What was charged for the connection goes with it; an open request keeps its own.
+        ledger_force(to, LEDGER_OUTPUT, conn->out_charged);
+        ledger_force(to, LEDGER_PAYLOAD, conn->payload_charged);
+        ledger_give(from, LEDGER_OUTPUT, conn->out_charged);
+        ledger_give(from, LEDGER_PAYLOAD, conn->payload_charged);
+        ledger_give(from, LEDGER_CONNECTIONS, 1);
+        conn->principal = to;
+        principal_release(from);
+    } else {
+        principal_release(to);
+    }
+    conn->caller = *caller;
+    conn->end_ns = expiry_ns(caller);
+    watch_clock(conn);
+    return true;
+}
+
+static void dismiss(struct connection *conn)
+{
+    Relight__Error error = RELIGHT__ERROR__INIT;
+    error.code = RELIGHT__ERROR_CODE__ERROR_FORBIDDEN;
+    error.text = "the token of this connection is not valid any more";
+    error.hint = (char *)error_hint(error.code);
+    log_line(LOG_EVENT, "audit act=dismiss who=%s conn=%llu", conn->caller.name,
+             (unsigned long long)conn->number);
+    conn->end_ns = plus_seconds(loop_now_ns(), 0.5);
+    watch_clock(conn);
+    connection_send(conn, RELIGHT_TYPE_ERROR, RELIGHT_FRAME_LAST, 0, &error.base, NULL);
+    while (!conn->dead && conn->requests) request_abandon(conn->requests);
+    if (!conn->dead) connection_finish(conn, error.text);
+}
+
+void connections_recheck(struct server *server, bool anonymous)
+{
+    for (struct connection *c = server->connections, *next; c; c = next) {
+        next = c->next;
+        if (!c->greeted || c->closing) continue;
+        bool address = !strncmp(c->caller.name, "addr:", 5);
+        if ((anonymous && address) || !access_is_current(server->access, &c->caller))
+            dismiss(c);
+    }
+}
+
 static void free_frame(struct connection *conn, struct out_frame *frame)
 {
     ledger_give(conn->principal, LEDGER_OUTPUT, frame->size);
+    conn->out_charged -= frame->size;
     if (frame->payload.release) frame->payload.release(frame->payload.owner);
     free(frame->head);
     free(frame);
@@ -196,17 +268,18 @@ static struct connection *holds_most(const struct server *server,
 
 void connections_shed(struct server *server)
 {
-    uint64_t mine = ledger_limit_client(server->ledger, LEDGER_OUTPUT);
     uint64_t all = ledger_limit_all(server->ledger, LEDGER_OUTPUT);
     struct connection *c;
     while (all && ledger_total(server->ledger, LEDGER_OUTPUT) > all &&
            (c = holds_most(server, NULL)))
         connection_close(c, "all unread answers exceed --output-memory, and it holds the most");
-    if (!mine || ledger_total(server->ledger, LEDGER_OUTPUT) <= mine) return;
+    uint64_t least = ledger_limit_least(server->ledger, LEDGER_OUTPUT);
+    if (!least || ledger_total(server->ledger, LEDGER_OUTPUT) <= least) return;
     for (c = server->connections; c;) {
-        struct connection *next = c->next, *most = c;
-        if (c->principal->held[LEDGER_OUTPUT] > mine) most = holds_most(server, c->principal);
-        else most = NULL;
+        uint64_t mine = ledger_limit_client(c->principal, LEDGER_OUTPUT);
+        bool over = mine && c->principal->held[LEDGER_OUTPUT] > mine;
+        struct connection *next = c->next;
+        struct connection *most = over ? holds_most(server, c->principal) : NULL;
         if (!most) {
             c = next;
             continue;
@@ -216,12 +289,27 @@ void connections_shed(struct server *server)
     }
 }
 
+void connections_goaway(struct server *server, double seconds, const char *address,
+                        const char *text)
+{
+    Relight__Goaway out = RELIGHT__GOAWAY__INIT;
+    out.drain_ms = seconds < 4e6 ? (uint32_t)(seconds * 1e3) : UINT32_MAX;
+    out.address = (char *)address;
+    out.text = (char *)text;
+    for (struct connection *c = server->connections, *next; c; c = next) {
+        next = c->next; // sending may close c
+        if (c->greeted)
+            connection_send(c, RELIGHT_TYPE_GOAWAY, RELIGHT_FRAME_LAST, 0, &out.base, NULL);
+    }
+}
+
 static void bad_frame(struct connection *conn, int fault)
 {
     conn->server->stats.frames_bad++;
-    Relight__Error error = RELIGHT__ERROR__INIT;
-    error.code = RELIGHT__ERROR_CODE__ERROR_BAD_FRAME;
-    error.text = (char *)relight_frame_fault_text(fault);
+    Relight__Error error;
+    struct error_fields fields;
+    error_fill(&error, RELIGHT__ERROR_CODE__ERROR_BAD_FRAME, relight_frame_fault_text(fault),
+               &fields);
     error.hint = "the connection is closed: the start of its next frame is unknown";
     log_line(LOG_WARN, "bad-frame conn=%llu fault=\"%s\"", (unsigned long long)conn->number,
              error.text);
@@ -347,6 +435,7 @@ static void enqueue(struct connection *conn, struct out_frame *out)
 {
     out->size = out->head_size + out->payload.size;
     ledger_force(conn->principal, LEDGER_OUTPUT, out->size);
+    conn->out_charged += out->size;
     bool waited = conn->out != NULL;
     *conn->out_last = out;
     conn->out_last = &out->next;

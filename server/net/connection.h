@@ -5,6 +5,7 @@
 #define RELIGHTD_CONNECTION_H
 
 #include "frame.h"
+#include "core/access.h"
 #include "core/server.h"
 
 #include <sys/uio.h>
@@ -51,20 +52,25 @@ struct connection {
     char peer[96];
     char request_id[65];            /* that the client gave its requests (HTTP); "": none */
     struct principal *principal;    /* core/ledger.h: the principal that is charged */
+    struct caller caller;           /* core/access.h: who it is; without scopes before HELLO */
+    uint64_t end_ns;                /* closed at this time: its token expires; 0: not */
     struct relight_decoder decoder; /* byte streams */
     bool greeted, dead, closing, reading;
     uint64_t max_payload; /* the client's limit for one frame */
     struct out_frame *out, **out_last;
     size_t out_bytes;    /* queued and not sent */
+    size_t out_charged;  /* of OUTPUT: whole frames until their last byte is sent */
     size_t message_left; /* of them, those of the message that is being sent */
     uint64_t full_ns; /* since when more than --send-buffer is queued behind it; 0: not now */
     struct request *requests;
     unsigned n_request, n_long; /* n_long: of them, views and watches */
     uint64_t payload_charged;   /* for the frame that is being read */
+    bool prepaid;               /* its requests were taken from the quota already (HTTP) */
     bool own_limit; /* the last refusal was for a limit of its principal, not of all */
     struct {
         int code; /* 0: none */
         char text[320];
+        uint32_t retry_ms;       /* for BUSY; 0: unknown */
     } refusal;                   /* of the frame that is being read */
     struct material_wait *waits; /* materials.c: requests about views, in their order */
     struct loop_timer timer;
@@ -79,11 +85,22 @@ struct connection {
  * without memory, or where the client or the daemon is at its limit of connections. */
 struct connection *connection_open(struct server *server, const struct carrier *carrier,
                                    void *carrier_data, const char *peer, const char *who);
+/* The client is `caller` from here on: its connection and output are charged to that principal.
+ * False: the principal is at its limit, or memory is short; error has the text. */
+bool connection_identify(struct connection *conn, const struct caller *caller, char error[256]);
+/* Ends the connections whose token is not valid any more: an ERROR frame tells why, and what is
+ * not sent within half a second is dropped. anonymous: also those of addresses without a
+ * token. */
+void connections_recheck(struct server *server, bool anonymous);
 /* Everything open is cancelled. The struct stays until the loop's turn ends. */
 void connection_close(struct connection *conn, const char *why);
 /* Closes after the queued frames were sent; reads nothing more. */
 void connection_finish(struct connection *conn, const char *why);
 void connections_free_closed(struct server *server);
+/* Sends GOAWAY to every connection: it ends in `seconds`, once its requests are answered. The
+ * address is where clients should connect instead, "" for here. */
+void connections_goaway(struct server *server, double seconds, const char *address,
+                        const char *text);
 /* While unread answers take more than --output-memory, or those of one client more than
  * --client-output, the connection that holds most of them is closed. Once a turn. */
 void connections_shed(struct server *server);

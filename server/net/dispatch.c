@@ -11,6 +11,7 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 // ---- the table of operations
 
@@ -49,36 +50,44 @@ static const char *view_set_material(const ProtobufCMessage *message)
     return state_material(((const Relight__ViewSetRequest *)message)->state);
 }
 
-enum { MAX_PING = 64 << 10, ANY = SERVER_MAX_PAYLOAD };
+enum { MAX_PING = SERVER_MAX_PING, ANY = SERVER_MAX_PAYLOAD };
 #define BEFORE_HELLO OPERATION_BEFORE_HELLO
 #define DRAINING OPERATION_WHILE_DRAINING
 #define LONG OPERATION_LONG
 #define ENDS OPERATION_ENDS_AT_DRAIN
 #define ALWAYS OPERATION_ALWAYS
 #define ORDERED OPERATION_ORDERED
+#define VIEW SCOPE_VIEW
+#define EDIT SCOPE_EDIT
+#define UPLOAD SCOPE_UPLOAD
+#define ADMIN SCOPE_ADMIN
 
 // Each row is named after its request's message in frame.h's list: a type without a row does
 // not compile.
 #define ROW(message, ...) static const struct operation message = {__VA_ARGS__};
-ROW(hello_request, op_hello, BEFORE_HELLO | ALWAYS, 0, NULL)
-ROW(ping_request, op_ping, DRAINING | ALWAYS, MAX_PING, NULL)
-ROW(list_request, op_list, 0, 0, NULL)
-ROW(put_blob_request, op_put_blob, 0, ANY, NULL)
-ROW(env_request, op_env, 0, 0, NULL)
-ROW(load_request, models_load, 0, 0, load_material)
-ROW(watch_request, op_watch, LONG, 0, NULL)
-ROW(cancel_job_request, op_cancel_job, DRAINING | ALWAYS, 0, NULL)
-ROW(cancel_request, op_cancel, DRAINING | ALWAYS, 0, NULL)
-ROW(info_request, op_info, 0, 0, NULL)
-ROW(geometry_request, op_geometry, 0, 0, NULL)
-ROW(colors_request, op_colors, 0, ANY, colors_material)
-ROW(image_request, op_image, 0, ANY, image_material)
-ROW(view_open_request, op_view_open, LONG | ENDS | ORDERED, ANY, view_open_material)
-ROW(view_set_request, op_view_set, ORDERED, ANY, view_set_material)
-ROW(view_close_request, op_view_close, DRAINING | ALWAYS | ORDERED, 0, NULL)
-ROW(update_vertices_request, op_update_vertices, 0, ANY, NULL)
-ROW(unload_request, op_unload, 0, 0, NULL)
-ROW(stats_request, op_stats, DRAINING, 0, NULL)
+ROW(hello_request, op_hello, BEFORE_HELLO | ALWAYS, 0, 0, NULL)
+ROW(ping_request, op_ping, DRAINING | ALWAYS, 0, MAX_PING, NULL)
+ROW(list_request, op_list, 0, VIEW, 0, NULL)
+ROW(put_blob_request, op_put_blob, 0, UPLOAD, ANY, NULL)
+ROW(env_request, op_env, 0, VIEW, 0, NULL)
+ROW(load_request, models_load, 0, UPLOAD, 0, load_material)
+ROW(watch_request, op_watch, LONG, VIEW, 0, NULL)
+ROW(cancel_job_request, op_cancel_job, DRAINING | ALWAYS, EDIT, 0, NULL)
+ROW(cancel_request, op_cancel, DRAINING | ALWAYS, 0, 0, NULL)
+ROW(info_request, op_info, 0, VIEW, 0, NULL)
+ROW(geometry_request, op_geometry, 0, VIEW, 0, NULL)
+ROW(colors_request, op_colors, 0, VIEW, ANY, colors_material)
+ROW(image_request, op_image, 0, VIEW, ANY, image_material)
+ROW(view_open_request, op_view_open, LONG | ENDS | ORDERED, VIEW, ANY, view_open_material)
+ROW(view_set_request, op_view_set, ORDERED, VIEW, ANY, view_set_material)
+ROW(view_close_request, op_view_close, DRAINING | ALWAYS | ORDERED, 0, 0, NULL)
+ROW(update_vertices_request, op_update_vertices, 0, EDIT, ANY, NULL)
+ROW(unload_request, op_unload, 0, EDIT, 0, NULL)
+ROW(stats_request, op_stats, DRAINING, VIEW, 0, NULL)
+ROW(subscribe_request, op_subscribe, LONG | ENDS, VIEW, 0, NULL)
+ROW(token_create_request, op_token_create, 0, ADMIN, 0, NULL)
+ROW(token_list_request, op_token_list, 0, ADMIN, 0, NULL)
+ROW(token_revoke_request, op_token_revoke, 0, ADMIN, 0, NULL)
 
 static const struct operation *const table[RELIGHT_TYPE_N] = {
 #define X(name, number, request, answer) [number] = &(request),
@@ -89,6 +98,30 @@ static const struct operation *const table[RELIGHT_TYPE_N] = {
 const struct operation *operation_of(uint16_t type)
 {
     return type < RELIGHT_TYPE_N ? table[type] : NULL;
+}
+
+bool operation_allowed(struct request *request, unsigned scopes)
+{
+    const struct caller *caller = &request->conn->caller;
+    const char *missing = access_missing(caller->scopes, scopes);
+    char has[64];
+    if (!missing) return true;
+    scopes_print(caller->scopes, has);
+    request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
+                 "%s needs the scope %s; %s has: %s", relight_type_name(request->type), missing,
+                 caller->name, has);
+    return false;
+}
+
+bool operation_owned(struct request *request, const char *owner, const char *what)
+{
+    const struct caller *caller = &request->conn->caller;
+    if (!strcmp(owner, caller->name) || !access_missing(caller->scopes, SCOPE_ADMIN))
+        return true;
+    request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
+                 "%s: another client made it; %s needs the scope admin then", what,
+                 relight_type_name(request->type));
+    return false;
 }
 
 static void run_operation(struct request *request)
@@ -114,7 +147,7 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
     if (!conn->greeted && !(operation->flags & OPERATION_BEFORE_HELLO))
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection has to be HELLO");
-    else
+    else if (operation_allowed(request, operation->scopes))
         material_then(request, operation->material ? operation->material(request->message) : "",
                       operation->flags & OPERATION_ORDERED, run_operation);
 }

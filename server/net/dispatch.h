@@ -12,6 +12,15 @@ struct cache_entry;
 void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
                     uint8_t *payload);
 
+/* Whether the caller has these scopes (enum access_scope); if not, the request is answered with
+ * ERROR_FORBIDDEN, which names the missing scope. Each operation's row states the scopes that
+ * it always needs; an operation calls this for those that depend on the request. */
+bool operation_allowed(struct request *request, unsigned scopes);
+
+/* Whether the caller owns what it acts on, or has the scope admin; if not, the request is
+ * answered with ERROR_FORBIDDEN. owner: a principal's name. what: its name for the error. */
+bool operation_owned(struct request *request, const char *owner, const char *what);
+
 /* Calls fn once the model of this name is open; fn holds `file` no longer than its call, unless
  * it holds the entry itself. Answers the request with an error where there is none. */
 typedef void (*with_model_fn)(struct request *request, struct model *model,
@@ -35,6 +44,7 @@ enum operation_flag {
 struct operation {
     void (*run)(struct request *request);
     unsigned flags;
+    unsigned scopes;    /* that the caller needs: enum access_scope */
     size_t max_payload; /* bytes; 0: no payload is allowed */
     /* The text of the material it names, "" for none. NULL: its message has no material. */
     const char *(*material)(const ProtobufCMessage *message);
@@ -42,8 +52,8 @@ struct operation {
 /* NULL for an unknown type. */
 const struct operation *operation_of(uint16_t type);
 
-/* op_basic.c, op_evaluate.c, op_view.c, op_update_vertices.c: one function an operation;
- * models_load is store/models.h's. */
+/* op_basic.c, op_evaluate.c, op_events.c, op_view.c, op_update_vertices.c: one function an
+ * operation; models_load is store/models.h's. */
 void op_hello(struct request *request);
 void op_ping(struct request *request);
 void op_list(struct request *request);
@@ -62,5 +72,9 @@ void op_view_close(struct request *request);
 void op_update_vertices(struct request *request);
 void op_unload(struct request *request);
 void op_stats(struct request *request);
+void op_token_create(struct request *request);
+void op_token_list(struct request *request);
+void op_token_revoke(struct request *request);
+void op_subscribe(struct request *request);
 
 #endif

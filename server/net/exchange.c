@@ -4,12 +4,12 @@
 #include "net/exchange.h"
 
 #include "core/log.h"
-#include "core/token.h"
 #include "net/dispatch.h"
 #include "net/http_problem.h"
 #include "net/listener.h"
 #include "net/message_text.h"
 #include "net/upload.h"
+#include "net/web_caller.h"
 #include "relight.pb-c.h"
 
 #include <stdarg.h>
@@ -65,7 +65,10 @@ static void operation_answered(struct connection *conn, uint16_t type, uint8_t f
                                const ProtobufCMessage *message, struct payload *payload)
 {
     struct exchange *x = conn->carrier_data;
-    if (x->storing && type != RELIGHT_TYPE_ERROR) {
+    if (type == RELIGHT_TYPE_GOAWAY) {
+        drop_payload(payload);
+        x->close_after = true;
+    } else if (x->storing && type != RELIGHT_TYPE_ERROR) {
         drop_payload(payload);
         upload_answered(x, (const Relight__PutBlobAnswer *)message);
     } else if (x->complete) {
@@ -343,27 +346,48 @@ enum exchange_next exchange_write(struct exchange *x)
 
 // ---- the request
 
-static bool authorised(const struct exchange *x)
+// Who it is, by the header or ?token=. The scopes of an operation are checked by dispatch; a
+// page needs `view`.
+static bool identify(struct exchange *x, struct caller *caller, struct http_problem *problem)
 {
-    const char *said = x->head.authorization;
-    bool bearer = !strncasecmp(said, "Bearer ", 7);
-    return token_is_right(x->server->token, bearer ? said + 7 : "");
+    struct web_refusal refusal;
+    const char *said = x->head.unreadable_authorization ? NULL : x->head.authorization;
+    unsigned scopes = x->route && x->route->type ? 0 : SCOPE_VIEW;
+    if (web_caller(x->server, lws_get_socket_fd(x->wsi), said,
+                   http_parameter(&x->head, "token"), scopes, caller, &refusal))
+        return true;
+    http_refuse(problem, (int)refusal.status, refusal.status == 429 ? "busy" : "forbidden",
+                "%s", refusal.text);
+    problem->retry_after_ms = refusal.retry_after_s * 1000;
+    if (refusal.status == 401)
+        snprintf(problem->hint, sizeof problem->hint,
+                 "send the header Authorization: Bearer TOKEN");
+    return false;
 }
 
-static bool open_connection(struct exchange *x, struct http_problem *problem)
+static bool open_connection(struct exchange *x, const struct caller *caller,
+                            struct http_problem *problem)
 {
+    char error[256] = "the daemon is at its limit of connections";
     struct accepted client = {0};
     struct server *server = x->server;
     accepted_describe(lws_get_socket_fd(x->wsi), &client);
     if (server->n_connection < server->options.connections)
         x->conn = connection_open(server, &http_carrier, x, client.peer, client.who);
+    if (x->conn && !connection_identify(x->conn, caller, error)) {
+        x->conn->own_limit = true;
+        http_refuse(problem, 429, "busy", "%s", error);
+        problem->retry_after_ms = 1000;
+        return false;
+    }
     if (x->conn) {
         x->conn->greeted = true;
+        x->conn->prepaid = true;
         snprintf(x->conn->request_id, sizeof x->conn->request_id, "%s", x->request_id);
         return true;
     }
     server->stats.connections_refused++;
-    http_refuse(problem, 503, "busy", "the daemon is at its limit of connections");
+    http_refuse(problem, 503, "busy", "%s", error);
     problem->retry_after_ms = 1000;
     return false;
 }
@@ -407,11 +431,11 @@ static bool read_deadline(struct exchange *x, struct http_problem *problem)
 static bool prepare(struct exchange *x, struct http_problem *problem)
 {
     x->route = route_find(x, problem);
-    if (!(x->route && x->route->open) && !authorised(x)) {
-        http_refuse(problem, 401, "forbidden", "the token is %s",
-                    *x->head.authorization ? "wrong" : "missing");
-        snprintf(problem->hint, sizeof problem->hint,
-                 "send the header Authorization: Bearer TOKEN");
+    struct caller caller;
+    struct http_problem stranger;
+    http_parameter(&x->head, "token"); // known everywhere
+    if (!(x->route && x->route->open) && !identify(x, &caller, &stranger)) {
+        *problem = stranger;
         return false;
     }
     if (!x->route || !read_deadline(x, problem)) return false;
@@ -424,7 +448,7 @@ static bool prepare(struct exchange *x, struct http_problem *problem)
         if (unknown_parameter(x, problem)) return false;
         return x->route->prepare(x, problem);
     }
-    return open_connection(x, problem) && x->route->prepare(x, problem) &&
+    return open_connection(x, &caller, problem) && x->route->prepare(x, problem) &&
            !unknown_parameter(x, problem) && upload_check(x, problem);
 }
 
@@ -506,8 +530,8 @@ struct exchange *exchange_begin(struct lws *wsi, struct server *server)
     if (x->head.request_id[0])
         snprintf(x->request_id, sizeof x->request_id, "%s", x->head.request_id);
     else
-        snprintf(x->request_id, sizeof x->request_id, "h%llx-%llx",
-                 (unsigned long long)server->boot_id, (unsigned long long)++last_number);
+        snprintf(x->request_id, sizeof x->request_id, "h%.8s-%llx", server->run,
+                 (unsigned long long)++last_number);
     exchange_field(x, "x-request-id:", "%s", x->request_id);
     x->close_after = !fine;
     if (!fine || !prepare(x, &problem)) {

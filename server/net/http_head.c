@@ -214,7 +214,7 @@ bool http_head_read(struct lws *wsi, struct http_head *head, struct http_problem
     http_custom_header(wsi, "last-event-id:", head->last_event, sizeof head->last_event);
     const char *said = http_header(wsi, WSI_TOKEN_HTTP_AUTHORIZATION, head->authorization,
                                    sizeof head->authorization);
-    if (!said) snprintf(head->authorization, sizeof head->authorization, "(too long)");
+    head->unreadable_authorization = !said;
     const char *expects = http_header(wsi, WSI_TOKEN_HTTP_EXPECT, expect, sizeof expect);
     head->expects_continue = expects && !strcasecmp(expects, "100-continue");
     if (!read_request_id(wsi, head, problem)) return false;

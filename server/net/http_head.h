@@ -20,7 +20,8 @@ struct http_problem {
     char code[32];      /* the protocol's word: "not_found" */
     char detail[400];   /* one line: the fault and its subject */
     char hint[200];     /* one line: the remedy; may be empty */
-    char parameter[64]; /* the name of the parameter at fault, or empty */
+    char parameter[80]; /* the name of the parameter at fault, or empty */
+    char unit[32];      /* of minimum and maximum, or empty */
     bool ranged;        /* minimum and maximum are known */
     double minimum, maximum;
     unsigned retry_after_ms; /* 0: no Retry-After */
@@ -41,6 +42,7 @@ struct http_head {
     char content_type[100], none_match[200], last_event[40], authorization[600];
     char request_id[HTTP_REQUEST_ID + 1]; /* given by the client; "": none */
     bool has_body, expects_continue;
+    bool unreadable_authorization;
     bool unframed;      /* no other request can follow on this socket */
     uint64_t body_size; /* Content-Length */
 };

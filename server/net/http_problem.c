@@ -75,6 +75,12 @@ void problem_of_error(const struct connection *conn, const Relight__Error *error
     http_refuse(problem, status_of(conn, error->code), word, "%s", error->text);
     snprintf(problem->hint, sizeof problem->hint, "%s", error->hint);
     problem->retry_after_ms = error->retry_after_ms;
+    snprintf(problem->parameter, sizeof problem->parameter, "%s", error->parameter);
+    relight_utf8_cut(problem->parameter);
+    snprintf(problem->unit, sizeof problem->unit, "%s", error->unit);
+    problem->ranged = error->has_range;
+    problem->minimum = error->minimum;
+    problem->maximum = error->maximum;
     if (problem->status == 503 && !problem->retry_after_ms)
         problem->retry_after_ms = TRY_LATER_MS;
 }
@@ -94,6 +100,7 @@ char *problem_json(const struct http_problem *problem, const char *request_id)
         cJSON_AddNumberToObject(json, "minimum", problem->minimum);
         cJSON_AddNumberToObject(json, "maximum", problem->maximum);
     }
+    if (problem->unit[0]) cJSON_AddStringToObject(json, "unit", problem->unit);
     if (problem->retry_after_ms)
         cJSON_AddNumberToObject(json, "retry_after_ms", problem->retry_after_ms);
     cJSON_AddStringToObject(json, "request_id", request_id);

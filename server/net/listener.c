@@ -2,6 +2,7 @@
 // Listening sockets: resolving, binding, logging and accepting for every carrier.
 #include "net/listener.h"
 
+#include "core/access.h"
 #include "core/address.h"
 #include "core/log.h"
 
@@ -209,7 +210,7 @@ static void set_port(struct sockaddr *a, in_port_t port)
 static void warn_of_anyone(const struct options *options, const struct sockaddr *address,
                            const char *name)
 {
-    if (!options->token_file[0] && !address_is_loopback(address))
+    if (!access_configured(options) && !address_is_loopback(address))
         log_line(LOG_WARN,
                  "listen %s: every machine that reaches this address may use this "
                  "daemon (--accept-anyone)",

@@ -5,71 +5,12 @@
 
 #include "core/log.h"
 #include "net/dispatch.h"
-#include "prt/base.h"
 #include "relight.pb-c.h"
 
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-const char *error_hint(int code)
-{
-    switch (code) {
-    case RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST:
-        return "PROTOCOL.md lists the parameters of this operation";
-    case RELIGHT__ERROR_CODE__ERROR_VERSION:
-        return "update the client or the daemon";
-    case RELIGHT__ERROR_CODE__ERROR_NOT_FOUND:
-        return "`relight models` lists the models; an upload has to be complete before it is "
-               "used";
-    case RELIGHT__ERROR_CODE__ERROR_BUSY:
-        return "repeat the request after retry_after_ms";
-    case RELIGHT__ERROR_CODE__ERROR_DEADLINE:
-        return "set a longer deadline, or request less";
-    case RELIGHT__ERROR_CODE__ERROR_FORMAT:
-        return "check the file with another program; `prt info FILE` prints details";
-    case RELIGHT__ERROR_CODE__ERROR_NOT_READY:
-        return "watch its job until the bake is done";
-    case RELIGHT__ERROR_CODE__ERROR_HASH:
-        return "upload it again from offset 0";
-    case RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN:
-        return "connect again in a moment";
-    case RELIGHT__ERROR_CODE__ERROR_LIMIT:
-        return "the daemon's configuration or its machine sets this limit";
-    case RELIGHT__ERROR_CODE__ERROR_MISMATCH:
-        return "bake the model with these settings, or use the model's own; another material "
-               "needs a bake with transport joint or polynomial";
-    case RELIGHT__ERROR_CODE__ERROR_JOB_FAILED:
-        return "correct the named cause and load the model again";
-    default:
-        return "";
-    }
-}
-
-int error_of_status(int status)
-{
-    switch (status) {
-    case PRT_ARG:
-        return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
-    case PRT_NOMEM:
-        return RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
-    case PRT_IO:
-        return RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
-    case PRT_FORMAT:
-        return RELIGHT__ERROR_CODE__ERROR_FORMAT;
-    case PRT_LIMIT:
-        return RELIGHT__ERROR_CODE__ERROR_LIMIT;
-    case PRT_CANCELLED:
-        return RELIGHT__ERROR_CODE__ERROR_CANCELLED;
-    case PRT_UNSUPPORTED:
-        return RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
-    case PRT_MISMATCH:
-        return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
-    default:
-        return RELIGHT__ERROR_CODE__ERROR_INTERNAL;
-    }
-}
 
 void *request_state(const struct request *request, void (*abandon)(struct request *request))
 {
@@ -109,7 +50,7 @@ static void end(struct request *request)
 int refusal_code(const struct principal *principal, enum ledger_resource resource,
                  uint64_t amount)
 {
-    uint64_t mine = ledger_limit_client(principal->ledger, resource);
+    uint64_t mine = ledger_limit_client(principal, resource);
     uint64_t all = ledger_limit_all(principal->ledger, resource);
     bool never = (mine && amount > mine) || (all && amount > all);
     return never ? RELIGHT__ERROR_CODE__ERROR_LIMIT : RELIGHT__ERROR_CODE__ERROR_BUSY;
@@ -201,14 +142,32 @@ bool request_admit(struct connection *conn, const struct relight_frame *frame)
     return true;
 }
 
-static void send_error(struct connection *conn, uint64_t id, int code, const char *text)
+// A refusal for access is a line of the audit, from a call site of its own: others' lines do
+// not use up its rate.
+static void log_refusal(const struct connection *conn, const char *request_id, uint16_t type,
+                        uint64_t id, int code, const char *text)
 {
-    Relight__Error error = RELIGHT__ERROR__INIT;
-    error.code = code;
-    error.text = (char *)text;
-    error.hint = (char *)error_hint(code);
+    if (code == RELIGHT__ERROR_CODE__ERROR_FORBIDDEN)
+        log_line(LOG_EVENT,
+                 "audit act=refused who=%s peer=%s request=%s conn=%llu id=%llu op=%s "
+                 "text=\"%s\"",
+                 conn->caller.name, conn->peer, request_id, (unsigned long long)conn->number,
+                 (unsigned long long)id, relight_type_name(type), text);
+    else
+        log_line(LOG_EVENT, "refused request=%s conn=%llu id=%llu op=%s code=%d text=\"%s\"",
+                 request_id, (unsigned long long)conn->number, (unsigned long long)id,
+                 relight_type_name(type), code, text);
+}
+
+// retry_ms: for BUSY, when to repeat the request; 0: unknown.
+static void send_error(struct connection *conn, uint64_t id, int code, const char *text,
+                       uint32_t retry_ms)
+{
+    Relight__Error error;
+    struct error_fields fields;
+    error_fill(&error, code, text, &fields);
     if (code == RELIGHT__ERROR_CODE__ERROR_BUSY) {
-        error.retry_after_ms = 50;
+        error.retry_after_ms = retry_ms ? retry_ms : 50;
         conn->server->stats.busy_total++;
     }
     conn->server->stats.errors_total++;
@@ -221,6 +180,14 @@ void request_answer(struct request *request, const ProtobufCMessage *message,
     struct connection *conn = request->conn;
     uint16_t type = request->type | RELIGHT_TYPE_ANSWER;
     uint64_t id = request->id;
+    size_t header = protobuf_c_message_get_packed_size(message);
+    if (header > SERVER_MAX_ANSWER_HEADER) {
+        if (payload && payload->release) payload->release(payload->owner);
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_LIMIT,
+                     "the answer's header is %zu, allowed range 0 to %d bytes", header,
+                     SERVER_MAX_ANSWER_HEADER);
+        return;
+    }
     request->abandon = NULL;
     request->outcome = STATS_OK;
     connection_send(conn, type, RELIGHT_FRAME_LAST, id, message, payload);
@@ -243,12 +210,10 @@ void request_fail(struct request *request, int code, const char *fmt, ...)
     va_end(args);
     struct connection *conn = request->conn;
     blobs_name_in_text(conn->server->blobs, conn->principal->name, said, text, sizeof text);
-    log_line(LOG_EVENT, "refused request=%s conn=%llu id=%llu op=%s code=%d text=\"%s\"",
-             request->request_id, (unsigned long long)conn->number,
-             (unsigned long long)request->id, relight_type_name(request->type), code, text);
+    log_refusal(conn, request->request_id, request->type, request->id, code, text);
     request->abandon = NULL;
     request->outcome = code;
-    send_error(conn, request->id, code, text);
+    send_error(conn, request->id, code, text, request->retry_ms);
     if (!conn->dead) end(request);
 }
 
@@ -294,6 +259,18 @@ static bool may_open(struct connection *conn, const struct relight_frame *frame,
     }
     return refuse(conn, RELIGHT__ERROR_CODE__ERROR_BUSY,
                   "this connection has too many open requests (--requests)");
+}
+
+// Whether its token's requests a second allow another one.
+static bool within_rate(struct connection *conn, const struct operation *operation)
+{
+    uint32_t retry_ms;
+    if (operation->flags & OPERATION_ALWAYS || !conn->greeted || conn->prepaid ||
+        access_take_request(conn->server->access, &conn->caller, &retry_ms))
+        return true;
+    conn->refusal.retry_ms = retry_ms;
+    return refuse(conn, RELIGHT__ERROR_CODE__ERROR_BUSY,
+                  "your token's quota of requests a second is used up (--rate)");
 }
 
 // Unpacks the header after checking its size and that its strings are UTF-8.
@@ -352,9 +329,8 @@ static void name_request(struct request *request)
     const char *given = request->conn->request_id;
     if (*given) snprintf(request->request_id, sizeof request->request_id, "%s", given);
     else
-        snprintf(request->request_id, sizeof request->request_id, "r%llx-%llx",
-                 (unsigned long long)request->server->boot_id,
-                 (unsigned long long)++last_number);
+        snprintf(request->request_id, sizeof request->request_id, "r%.8s-%llx",
+                 request->server->run, (unsigned long long)++last_number);
 }
 
 struct request *request_create(struct connection *conn, const struct relight_frame *frame,
@@ -372,7 +348,8 @@ struct request *request_create(struct connection *conn, const struct relight_fra
                           frame->type);
     if (!refused) {
         if (operation->flags & OPERATION_LONG) resource = LEDGER_LONG_REQUESTS;
-        counted = may_open(conn, frame, operation) && charge(conn, operation, resource, 1);
+        counted = within_rate(conn, operation) && may_open(conn, frame, operation) &&
+                  charge(conn, operation, resource, 1);
         if (counted) message = unpack(conn, frame, operation, &header_charged);
         if (message) request = calloc(1, sizeof *request);
     }
@@ -405,9 +382,8 @@ struct request *request_create(struct connection *conn, const struct relight_fra
     int code = conn->refusal.code;
     conn->refusal.code = 0;
     stats_ended(&conn->server->stats, frame->type, code, 0);
-    log_line(LOG_EVENT, "refused conn=%llu id=%llu op=%s code=%d text=\"%s\"",
-             (unsigned long long)conn->number, (unsigned long long)frame->id,
-             relight_type_name(frame->type), code, conn->refusal.text);
-    send_error(conn, frame->id, code, conn->refusal.text);
+    log_refusal(conn, conn->request_id, frame->type, frame->id, code, conn->refusal.text);
+    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms);
+    conn->refusal.retry_ms = 0;
     return NULL;
 }

@@ -4,6 +4,7 @@
 #define RELIGHTD_REQUEST_H
 
 #include "net/connection.h"
+#include "net/errors.h"
 
 struct request {
     struct request *next, *prev; /* of the connection's open requests */
@@ -23,6 +24,7 @@ struct request {
                                      on a worker: render/shared/materials.h. NULL: not yet, or
                                      used already. Held */
     struct loop_timer deadline;
+    uint32_t retry_ms; /* of the ERROR that will end it, for BUSY; 0: unknown */
     /* The state of a long operation, and its clean-up function: called once before the request
      * is freed, unless the operation ended it. A request may have several states one after
      * another (it waits for its material, then it is a view): `abandon` identifies the current
@@ -75,10 +77,5 @@ void request_drop_payload(struct request *request);
 /* ERROR_BUSY, or ERROR_LIMIT where the amount exceeds the limit by itself. */
 int refusal_code(const struct principal *principal, enum ledger_resource resource,
                  uint64_t amount);
-
-/* Advice for the user about an error; "" for none. */
-const char *error_hint(int code);
-/* The protocol's error for a library status. */
-int error_of_status(int status);
 
 #endif

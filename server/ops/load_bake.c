@@ -37,6 +37,7 @@ static void add_settings(struct args *a, const Relight__LoadRequest *r)
     const Relight__BakeSettings *b = r->bake;
     if (r->size_mm > 0) add_arg(a, "--size-mm=%.9g", (double)r->size_mm);
     if (r->mm_per_unit > 0) add_arg(a, "--mm-per-unit=%.9g", (double)r->mm_per_unit);
+    if (r->up_z) add_arg(a, "--up=z");
     for (size_t i = 0; i < r->n_opaque; i++) add_arg(a, "--opaque=%s", r->opaque[i]);
     if (!b) return;
     if (b->transport) add_arg(a, "--transport=%s", transport_word[b->transport]);
@@ -185,6 +186,7 @@ void load_order_preview(const struct load *load, struct model *m)
                                  .name = load->name,
                                  .size_mm = r->size_mm,
                                  .mm_per_unit = r->mm_per_unit,
+                                 .up_z = r->up_z,
                                  .material = &load->resolved,
                                  .n_opaque = r->n_opaque,
                                  .opaque = r->opaque};
@@ -275,7 +277,7 @@ bool load_order_bake(struct load *load, struct model *m, char error[256])
     bake_command(load, m, &a);
     struct job_order order = {calloc(a.n + 1, sizeof(char *)), strdup(b->folder)};
     if (order.argv) memcpy(order.argv, a.argv, a.n * sizeof(char *));
-    m->state = RELIGHT__MODEL_STATE__MODEL_BAKING;
+    model_set_state(m, RELIGHT__MODEL_STATE__MODEL_BAKING);
     m->error[0] = m->job_id[0] = 0;
     m->checked = false;
     m->job = NULL;

@@ -23,17 +23,25 @@ static bool bad_real(float x, float low, float high)
     return !(x >= low && x <= high); // catches NaN
 }
 
+static const char *bad_range(char reason[128], float x, double low, double high,
+                             const char *unit, const char *parameter)
+{
+    range_refuse(reason, 128, (double)x, low, high, unit, "%s", parameter);
+    return reason;
+}
+
 // NULL when the numbers make sense, else which one does not.
 const char *load_bad_setting(const Relight__LoadRequest *r, char reason[128])
 {
     const Relight__BakeSettings *b = r->bake;
     if (r->size_mm != 0 && bad_real(r->size_mm, 1e-3f, 1e6f))
-        return "size_mm is outside [0.001, 1e6] mm";
+        return bad_range(reason, r->size_mm, 1e-3, 1e6, "mm", "size_mm");
     if (r->mm_per_unit != 0 && bad_real(r->mm_per_unit, 1e-9f, 1e9f))
-        return "mm_per_unit is outside [1e-9, 1e9] mm";
+        return bad_range(reason, r->mm_per_unit, 1e-9, 1e9, "mm", "mm_per_unit");
     if (r->size_mm != 0 && r->mm_per_unit != 0)
         return "size_mm and mm_per_unit are both given: one scale is wanted";
-    if (r->n_opaque > MAX_OPAQUE) return "more than 64 opaque names";
+    if (r->n_opaque > MAX_OPAQUE)
+        return bad_range(reason, (float)r->n_opaque, 0, MAX_OPAQUE, "", "opaque");
     if (!b) return NULL;
     if (!protobuf_c_enum_descriptor_get_value(&relight__transport__descriptor,
                                               (int)b->transport))
@@ -50,7 +58,7 @@ const char *load_bad_setting(const Relight__LoadRequest *r, char reason[128])
         !prt_bake_error_ok((double)b->max_error, reason))
         return reason;
     if (bad_real(b->rotate_deg, -1e6f, 1e6f))
-        return "rotate_deg is outside [-1e6, 1e6] degrees";
+        return bad_range(reason, b->rotate_deg, -1e6, 1e6, "degrees", "bake.rotate_deg");
     return NULL;
 }
 

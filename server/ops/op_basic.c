@@ -2,7 +2,7 @@
 // HELLO, PING, LIST, WATCH, CANCEL, CANCEL_JOB, INFO, GEOMETRY, UNLOAD and STATS.
 #include "net/dispatch.h"
 #include "core/log.h"
-#include "core/token.h"
+#include "core/access.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
 #include "render/render.h"
@@ -15,6 +15,60 @@
 #include <time.h>
 
 #define MESSAGE(type) ((const Relight__##type *)request->message)
+
+static uint32_t milliseconds(double seconds)
+{
+    return seconds * 1e3 < (double)UINT32_MAX ? (uint32_t)(seconds * 1e3) : UINT32_MAX;
+}
+
+static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
+{
+    // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
+    static const char *const features[] = {"error-range", "events", "goaway", "run", "tokens"};
+    out->features = (char **)features;
+    out->n_features = sizeof features / sizeof *features;
+    out->max_lights = RENDER_MAX_LIGHTS;
+    out->max_side = o->max_side;
+    out->max_ping = SERVER_MAX_PING;
+    out->max_window = SERVER_MAX_WINDOW;
+    out->max_answer_header = SERVER_MAX_ANSWER_HEADER;
+    out->handshake_ms = milliseconds(o->handshake);
+    out->frame_time_ms = milliseconds(o->frame_time);
+    out->write_time_ms = milliseconds(o->write_time);
+    out->idle_ms = milliseconds(o->idle);
+    out->deadline_ms = milliseconds(o->deadline);
+}
+
+// Finds out who the client is. False: it was refused.
+static bool identify(struct request *request, const char *secret)
+{
+    struct connection *conn = request->conn;
+    struct caller caller;
+    char error[256];
+    const char *who = conn->greeted ? conn->caller.name : conn->principal->name;
+    enum access_verdict verdict = conn->greeted
+                                      ? ACCESS_GRANTED
+                                      : access_check(request->server->access, who, secret,
+                                                     &caller, error, &request->retry_ms);
+    if (conn->greeted) return true; // a second HELLO changes sizes, not the identity
+    if (verdict == ACCESS_GRANTED && connection_identify(conn, &caller, error)) return true;
+    bool busy = verdict == ACCESS_GRANTED || verdict == ACCESS_LATER;
+    request_fail(request,
+                 busy ? RELIGHT__ERROR_CODE__ERROR_BUSY : RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
+                 "%s", error);
+    if (!conn->dead) connection_finish(conn, "no token");
+    return false;
+}
+
+// Words of the scopes; at most 8.
+static size_t scope_list(unsigned scopes, char *out[8])
+{
+    static char *const words[] = {"view", "edit", "upload", "admin"};
+    size_t n = 0;
+    for (size_t i = 0; i < sizeof words / sizeof *words; i++)
+        if (scopes & 1u << i) out[n++] = words[i];
+    return n;
+}
 
 void op_hello(struct request *request)
 {
@@ -29,23 +83,21 @@ void op_hello(struct request *request)
         if (!conn->dead) connection_finish(conn, "no common version");
         return;
     }
-    if (!token_is_right(request->server->token, in->token)) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN, "the token is %s",
-                     in->token[0] ? "wrong" : "missing");
-        if (!conn->dead) connection_finish(conn, "no token");
-        return;
-    }
     if (in->max_payload && in->max_payload < 4096) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
-                     "max_payload is below 4096 bytes");
+        char error[128];
+        request_fail(request,
+                     range_refuse(error, sizeof error, (double)in->max_payload, 4096,
+                                  18446744073709551615.0, "bytes", "max_payload"),
+                     "%s; 0 is no limit", error);
         return;
     }
+    if (!identify(request, in->token)) return;
     conn->greeted = true;
     conn->decoder.limits =
         (struct relight_frame_limits){SERVER_MAX_HEADER, SERVER_MAX_PAYLOAD, true};
     conn->max_payload = in->max_payload;
-    log_line(LOG_EVENT, "hello conn=%llu client=\"%s\"", (unsigned long long)conn->number,
-             in->client);
+    log_line(LOG_EVENT, "hello conn=%llu who=%s client=\"%s\"",
+             (unsigned long long)conn->number, conn->caller.name, in->client);
     Relight__HelloAnswer out = RELIGHT__HELLO_ANSWER__INIT;
     char *presets[64];
     out.server = "relightd " RELIGHT_VERSION;
@@ -55,6 +107,13 @@ void op_hello(struct request *request)
     out.max_in_flight = o->requests;
     out.max_blob = o->max_blob;
     out.chunk = SERVER_CHUNK;
+    char *scopes[8];
+    out.principal = conn->caller.name;
+    out.scopes = scopes;
+    out.n_scopes = scope_list(conn->caller.scopes, scopes);
+    out.expires_s = (uint64_t)conn->caller.expires_s;
+    out.run = request->server->run;
+    fill_limits(o, &out);
     out.presets = presets;
     for (const struct prt_material *m;
          out.n_presets < 64 && (m = prt_material_preset((unsigned)out.n_presets));)
@@ -79,6 +138,7 @@ struct info_text {
     Relight__ModelInfo info;
     Relight__Vec3 low, high;
     Relight__Error error;
+    struct error_fields fields;
     char *warnings[64], *warning_text;
     char *settings, *errors;
     char material[PRT_MATERIAL_TEXT];
@@ -125,10 +185,7 @@ static void fill_info(const struct model *m, const char *asker, struct info_text
         if (out->state == RELIGHT__MODEL_STATE__MODEL_READY) out->resident_bytes = f->bytes;
     }
     if (m->state == RELIGHT__MODEL_STATE__MODEL_FAILED) {
-        relight__error__init(&t->error);
-        t->error.code = m->error_code;
-        t->error.text = (char *)m->error;
-        t->error.hint = (char *)error_hint(m->error_code);
+        error_fill(&t->error, m->error_code, m->error, &t->fields);
         out->error = &t->error;
     }
     t->warning_text = m->warnings ? strdup(m->warnings) : NULL;
@@ -215,13 +272,46 @@ static struct block_text *fill_blocks(const struct prt_mesh *mesh, Relight__Bloc
     return text;
 }
 
+struct camera_text {
+    Relight__NamedCamera named;
+    Relight__Camera camera;
+    Relight__Vec3 eye, target, up;
+};
+
+// Messages of the cameras of the model's file; as fill_blocks.
+static struct camera_text *fill_cameras(const struct prt_mesh *mesh,
+                                        Relight__NamedCamera ***out)
+{
+    struct camera_text *text = calloc(mesh->n_camera + 1, sizeof *text);
+    *out = calloc(mesh->n_camera + 1, sizeof **out);
+    for (uint32_t i = 0; text && *out && i < mesh->n_camera; i++) {
+        const struct prt_mesh_camera *c = &mesh->camera[i];
+        struct camera_text *to = &text[i];
+        relight__named_camera__init(&to->named);
+        relight__camera__init(&to->camera);
+        fill_vec3(&to->eye, c->eye);
+        fill_vec3(&to->target, c->target);
+        fill_vec3(&to->up, c->up);
+        to->camera.eye = &to->eye;
+        to->camera.target = &to->target;
+        to->camera.up = &to->up;
+        to->camera.fovy_deg = c->fovy_deg;
+        to->named.name = (char *)c->name;
+        to->named.camera = &to->camera;
+        (*out)[i] = &to->named;
+    }
+    return text;
+}
+
 static void info_ready(struct request *request, struct model *m, struct cache_entry *file)
 {
     const struct prt_transport *t = prt_file_transport(file->value);
     struct info_text *text = calloc(1, sizeof *text);
     Relight__Block **blocks = NULL;
+    Relight__NamedCamera **cameras = NULL;
     struct block_text *block_text = fill_blocks(&t->mesh, &blocks);
-    if (!text || !block_text || !blocks) {
+    struct camera_text *camera_text = fill_cameras(&t->mesh, &cameras);
+    if (!text || !block_text || !blocks || !camera_text || !cameras) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
     } else {
         fill_info(m, request->conn->principal->name, text);
@@ -232,12 +322,16 @@ static void info_ready(struct request *request, struct model *m, struct cache_en
         text->info.errors = (char *)(baked && t->errors ? t->errors : "");
         text->info.n_blocks = t->mesh.n_block;
         text->info.blocks = blocks;
+        text->info.n_cameras = t->mesh.n_camera;
+        text->info.cameras = cameras;
         request_answer(request, &text->info.base, NULL);
         free(text->warning_text);
     }
     free(text);
     free(block_text);
     free(blocks);
+    free(camera_text);
+    free(cameras);
 }
 
 void op_info(struct request *request)
@@ -368,8 +462,11 @@ void op_unload(struct request *request)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s", error);
         return;
     }
+    if (!operation_owned(request, m->owner, in->model)) return;
     Relight__UnloadAnswer out = RELIGHT__UNLOAD_ANSWER__INIT;
     bool forget = in->forget;
+    log_line(LOG_EVENT, "audit act=unload who=%s model=%s owner=%s forget=%d",
+             request->conn->caller.name, m->id, m->owner, forget);
     if (!forget) m->pinned = false;
     model_hold(m);
     out.freed_bytes = model_unload(m, forget);
@@ -416,6 +513,12 @@ void op_cancel_job(struct request *request)
                      MESSAGE(CancelJobRequest)->job);
         return;
     }
+    char error[256];
+    const struct model *m =
+        models_find(server->models, request->conn->principal->name, job_model(job), error);
+    if (!operation_owned(request, m ? m->owner : "", job_id(job))) return;
+    log_line(LOG_EVENT, "audit act=cancel-job who=%s job=%s model=%s",
+             request->conn->caller.name, job_id(job), job_model(job));
     jobs_cancel(server->jobs, job);
     Relight__CancelJobAnswer out = RELIGHT__CANCEL_JOB_ANSWER__INIT;
     out.state = (Relight__JobState)job_state(job);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // PUT_BLOB: passes a chunk to the store of uploads, and answers when a worker has written it.
+#include "core/events.h"
 #include "core/log.h"
 #include "net/dispatch.h"
 #include "net/request.h"
@@ -25,6 +26,18 @@ static void abandon(struct request *request)
     blobs_put_abandon(&r->put);
 }
 
+// Radiance, OpenEXR and DDS files are probably environments; others may be textures.
+static void environment_arrived(struct server *server, const struct blob_put *put)
+{
+    struct event e = {.kind = RELIGHT__EVENT_KIND__EVENT_ENVIRONMENT_ADDED};
+    snprintf(e.env, sizeof e.env, "env:%s", put->hash);
+    snprintf(e.name, sizeof e.name, "%.*s", (int)sizeof e.name - 1, put->name);
+    relight_utf8_cut(e.name);
+    snprintf(e.visible_to, sizeof e.visible_to, "%s", put->principal);
+    events_publish(server->events, &e);
+    env_prefetch(server, put->hash);
+}
+
 static void done(struct blob_put *put)
 {
     struct upload_request *r = (struct upload_request *)put;
@@ -33,9 +46,8 @@ static void done(struct blob_put *put)
     if (put->arrived) {
         log_line(LOG_EVENT, "blob hash=%.12s size=%llu owner=\"%s\"", put->hash,
                  (unsigned long long)put->size, put->principal);
-        // Radiance, OpenEXR and DDS files are probably environments; others may be textures.
         if (blobs_format(server->blobs, put->hash) != BLOB_OTHER)
-            env_prefetch(server, put->hash);
+            environment_arrived(server, put);
     }
     if (request && put->code) {
         request->abandon = NULL;

@@ -4,6 +4,7 @@
 #include "ops/load.h"
 
 #include "core/log.h"
+#include "net/dispatch.h"
 #include "store/eviction.h"
 
 #include <stdio.h>
@@ -126,7 +127,7 @@ static void go_on(struct load *load, struct model *m)
     int before = m->state;
     char error[256];
     if (load->bake_bytes) {
-        m->state = RELIGHT__MODEL_STATE__MODEL_READY;
+        model_set_state(m, RELIGHT__MODEL_STATE__MODEL_READY);
         model_charge_bake(m, load->bake_bytes);
         load->server->stats.bakes_cached++;
         model_remember(m);
@@ -137,14 +138,14 @@ static void go_on(struct load *load, struct model *m)
     if (m->state == RELIGHT__MODEL_STATE__MODEL_BAKING) {
         answer(load, m);
     } else if (r->preview) {
-        m->state = RELIGHT__MODEL_STATE__MODEL_PREVIEW;
+        model_set_state(m, RELIGHT__MODEL_STATE__MODEL_PREVIEW);
         m->error[0] = 0;
         mesh_and_answer(load, m);
     } else if (load_order_bake(load, m, error)) {
         answer(load, m);
     } else {
         file_remove(load->server->file_queue, load->bake_folder);
-        m->state = before;
+        model_set_state(m, before);
         if (before == RELIGHT__MODEL_STATE__MODEL_RECEIVED) model_unload(m, true);
         LOAD_FAIL(load, BUSY, "%s", error);
     }
@@ -212,6 +213,17 @@ static struct model *add_model(struct load *load, const char *id, char error[256
     return m;
 }
 
+bool load_pin(struct load *load, struct model *m)
+{
+    if (!load_message(load)->pin || m->pinned) return true;
+    if (!operation_owned(load->request, m->owner, load->name)) {
+        load_drop(load); // the request is answered
+        return false;
+    }
+    log_line(LOG_EVENT, "audit act=pin who=%s model=%s owner=%s", load->owner, m->id, m->owner);
+    return m->pinned = true;
+}
+
 void load_source_known(struct load *load)
 {
     const Relight__LoadRequest *r = load_message(load);
@@ -226,9 +238,10 @@ void load_source_known(struct load *load)
     const char *before = model_name_for(m, load->owner);
     bool own = !strcmp(m->owner, load->owner);
     bool other = strcmp(before, load->name) && (r->name[0] || !own);
-    bool changed = other || (r->pin && !m->pinned);
+    bool pinned = m->pinned;
+    if (!load_pin(load, m)) return;
+    bool changed = other || m->pinned != pinned;
     if (other) model_set_name(m, load->owner, load->name);
-    if (r->pin) m->pinned = true;
     m->used_ns = wall_ns();
     if (changed && m->state == RELIGHT__MODEL_STATE__MODEL_READY) model_remember(m);
     log_line(LOG_EVENT, "load model=%s name=\"%s\" conn=%llu %s", m->id, load->name,

@@ -83,18 +83,18 @@ static void mesh_ready(struct request *request, struct model *m, struct cache_en
     float scale = in->own_units && mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1;
     if ((uint64_t)in->first + in->n > mesh->n_vertex) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
-                     "vertices [%u, %llu) of %.100s, which has %u", in->first,
-                     (unsigned long long)in->first + in->n, m->name, mesh->n_vertex);
+                     "first+n is %llu, allowed range 0 to %u: the vertices of %.100s",
+                     (unsigned long long)in->first + in->n, mesh->n_vertex, m->name);
         return;
     }
     if (!all_within(from, 3 * (size_t)in->n, farthest_mm / scale)) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
-                     "a position is not a number or outside [-1e6, 1e6] mm");
+                     "a position is no number or too large, allowed range -1e6 to 1e6 mm");
         return;
     }
     if (normal && !all_within(normal, 3 * (size_t)in->n, 1e9f)) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
-                     "a normal is not a number or outside [-1e9, 1e9]");
+                     "a normal is no number or too large, allowed range -1e9 to 1e9");
         return;
     }
     int code = 0;

@@ -91,7 +91,8 @@ static void send_frame(struct view *v, struct render_result *result)
     Relight__ViewFrame out = RELIGHT__VIEW_FRAME__INIT;
     Relight__ColorsAnswer colors;
     Relight__ImageAnswer image;
-    Relight__Error error = RELIGHT__ERROR__INIT;
+    Relight__Error error;
+    struct error_fields fields;
     struct render_camera_message camera;
     Relight__Cost cost;
     char text[500];
@@ -101,11 +102,9 @@ static void send_frame(struct view *v, struct render_result *result)
     out.frame = ++v->frame;
     out.sequence = v->drawn_sequence;
     if (result->code) {
-        error.code = (Relight__ErrorCode)result->code;
         blobs_name_in_text(v->request->server->blobs, v->request->conn->principal->name,
                            result->error, text, sizeof text);
-        error.text = text;
-        error.hint = (char *)error_hint(result->code);
+        error_fill(&error, result->code, text, &fields);
         out.error = &error;
     } else if (v->spec.picture) {
         render_image_message(result, &v->drawn, &image, &camera);

@@ -42,8 +42,8 @@ static int check_screen(const struct render *r, char error[300])
     }
     if (!s->n_light) {
         bool later = !s->engine && r->model->state == RELIGHT__MODEL_STATE__MODEL_BAKING;
-        snprintf(error, 300, "0 lights: expected 1 to %d%s", RENDER_MAX_LIGHTS,
-                 later ? " until the bake, which may contain one, is ready" : "");
+        snprintf(error, 300, "lights is 0, allowed range 1 to %d%s", RENDER_MAX_LIGHTS,
+                 later ? ": until the bake, which may contain one, is ready" : "");
         return later ? RELIGHT__ERROR_CODE__ERROR_NOT_READY
                      : RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
     }
@@ -88,7 +88,7 @@ static int check_baked(const struct render *r, char error[300])
         return RELIGHT__ERROR_CODE__ERROR_MISMATCH;
     }
     if ((traced || t->engine != PRT_TRANSPORT_POLYNOMIAL) && !s->n_light) {
-        snprintf(error, 300, "0 lights: expected 1 to %d", RENDER_MAX_LIGHTS);
+        snprintf(error, 300, "lights is 0, allowed range 1 to %d", RENDER_MAX_LIGHTS);
         return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
     }
     if (!traced && s->has_material && t->engine == PRT_TRANSPORT_WAVELET) {

@@ -10,6 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define RANGE(value, low, high, unit, ...) \
+    return range_refuse(error, 300, (double)(value), low, high, unit, __VA_ARGS__)
 #define REFUSE(code, ...) \
     return (snprintf(error, 300, __VA_ARGS__), RELIGHT__ERROR_CODE__ERROR_##code)
 
@@ -50,11 +52,12 @@ static bool vec3(const Relight__Vec3 *v, float out[3])
     return true;
 }
 
-static bool all_in(const float v[3], float low, float high)
+// NULL, or the first component outside the range.
+static const float *outside(const float v[3], float low, float high)
 {
     for (int i = 0; i < 3; i++)
-        if (!(v[i] >= low && v[i] <= high)) return false;
-    return true;
+        if (!(v[i] >= low && v[i] <= high)) return v + i;
+    return NULL;
 }
 
 static int parse_light(struct render_light *out, const Relight__Light *in, unsigned index,
@@ -64,13 +67,14 @@ static int parse_light(struct render_light *out, const Relight__Light *in, unsig
     if (!in->cube_n == !in->env[0])
         REFUSE(BAD_REQUEST, "lights[%u]: expected exactly one of env and cube_n", index);
     if (in->cube_n && (in->cube_n < 16 || in->cube_n > 128 || in->cube_n & (in->cube_n - 1)))
-        REFUSE(OUT_OF_RANGE, "lights[%u].cube_n %u is not 16, 32, 64 or 128", index,
+        REFUSE(OUT_OF_RANGE,
+               "lights[%u].cube_n is %u, allowed range 16 to 128: 16, 32, 64 or 128", index,
                in->cube_n);
     if (!(fabsf(in->rotate_deg) <= 1e6f))
-        REFUSE(OUT_OF_RANGE, "lights[%u].rotate_deg is outside [-1e6, 1e6] degrees", index);
+        RANGE(in->rotate_deg, -1e6, 1e6, "degrees", "lights[%u].rotate_deg", index);
     vec3(in->gain, out->gain);
-    if (!all_in(out->gain, 0, 1e6f))
-        REFUSE(OUT_OF_RANGE, "lights[%u].gain is outside [0, 1e6]", index);
+    const float *bad = outside(out->gain, 0, 1e6f);
+    if (bad) RANGE(*bad, 0, 1e6, "", "lights[%u].gain", index);
     out->rotate_deg = fmod(in->rotate_deg, 360);
     if (out->rotate_deg < 0) out->rotate_deg += 360;
     return in->env[0] ? env_canonical(in->env, out->env, error) : 0;
@@ -100,8 +104,7 @@ void render_light_name(struct render_light *light, const float *texels)
 int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const *lights,
                        struct request *request, char error[300])
 {
-    if (n > RENDER_MAX_LIGHTS)
-        REFUSE(OUT_OF_RANGE, "%zu lights: expected 1 to %d", n, RENDER_MAX_LIGHTS);
+    if (n > RENDER_MAX_LIGHTS) RANGE(n, 1, RENDER_MAX_LIGHTS, "", "lights");
     struct render_light parsed[RENDER_MAX_LIGHTS];
     size_t floats = 0;
     for (unsigned i = 0; i < n; i++) {
@@ -116,7 +119,7 @@ int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const
     const float *texels = (const float *)request->payload;
     for (size_t i = 0; i < floats; i++)
         if (!(texels[i] >= 0 && texels[i] <= 1e9f))
-            REFUSE(OUT_OF_RANGE, "a texel of an inline cube is outside [0, 1e9]");
+            RANGE(texels[i], 0, 1e9, "", "texels[%zu]", i);
     struct held_bytes *held = request_take_payload(request);
     if (floats && !held) REFUSE(NO_MEMORY, "not enough memory");
     held_bytes_release(spec->texels);
@@ -138,7 +141,7 @@ static int parse_maps(struct render_spec *spec, const Relight__Shade *shade, cha
         snprintf(spec->map[k], sizeof spec->map[k], "%s", map[k]);
     }
     if (!(shade->bump_mm >= 0 && shade->bump_mm <= 1e4f))
-        REFUSE(OUT_OF_RANGE, "shade.bump_mm is outside [0, 1e4] mm");
+        RANGE(shade->bump_mm, 0, 1e4, "mm", "shade.bump_mm");
     spec->bump_mm = shade->bump_mm;
     return 0;
 }
@@ -162,10 +165,10 @@ int render_spec_shade(struct render_spec *spec, struct request *request,
         material_key(&spec->material, spec->material_key);
     }
     spec->has_eye = vec3(shade->eye, spec->eye);
-    if (spec->has_eye && !all_in(spec->eye, -1e9f, 1e9f))
-        REFUSE(OUT_OF_RANGE, "shade.eye is outside [-1e9, 1e9]");
+    const float *bad = spec->has_eye ? outside(spec->eye, -1e9f, 1e9f) : NULL;
+    if (bad) RANGE(*bad, -1e9, 1e9, "", "shade.eye");
     if (!(shade->max_error >= 0 && shade->max_error <= 1e9f))
-        REFUSE(OUT_OF_RANGE, "shade.max_error is negative or not a number");
+        RANGE(shade->max_error, 0, 1e9, "", "shade.max_error");
     spec->max_error = shade->max_error;
     spec->budget_ms = shade->budget_ms;
     return parse_maps(spec, shade, error);
@@ -175,10 +178,30 @@ int render_spec_colors(struct render_spec *spec, int format, float exposure_ev, 
 {
     if (!is_value(&relight__color_format__descriptor, format))
         REFUSE(UNSUPPORTED, "format %d is unknown", format);
-    if (!(fabsf(exposure_ev) <= 40))
-        REFUSE(OUT_OF_RANGE, "exposure_ev is outside [-40, 40] stops");
+    if (!(fabsf(exposure_ev) <= 40)) RANGE(exposure_ev, -40, 40, "stops", "exposure_ev");
     spec->format = format;
     spec->exposure_ev = exposure_ev;
+    return 0;
+}
+
+// A camera that the model places: one of its own, or an orbit.
+static int parse_named_camera(struct render_spec *spec, const Relight__Camera *camera,
+                              char error[300])
+{
+    const Relight__Orbit *o = camera->orbit;
+    if (camera->eye || camera->target || (camera->name[0] && o))
+        REFUSE(BAD_REQUEST, "camera: set eye and target, or name, or orbit");
+    if (strlen(camera->name) >= sizeof spec->camera_name)
+        REFUSE(OUT_OF_RANGE, "camera.name has more than 63 bytes");
+    snprintf(spec->camera_name, sizeof spec->camera_name, "%s", camera->name);
+    spec->has_orbit = o != NULL;
+    if (!o) return 0;
+    spec->orbit =
+        (struct prt_orbit){o->azimuth_deg, o->elevation_deg, o->zoom == 0 ? 1 : o->zoom};
+    if (!prt_orbit_ok(&spec->orbit))
+        REFUSE(OUT_OF_RANGE,
+               "camera.orbit: the azimuth is in [-1e6, 1e6] degrees, the elevation in [-90, "
+               "90] degrees, the zoom in [0.1, 100]");
     return 0;
 }
 
@@ -187,17 +210,25 @@ static int parse_camera(struct render_spec *spec, const Relight__Camera *camera,
 {
     static const float up[3] = {0, 1, 0};
     spec->has_camera = camera != NULL;
+    spec->camera_name[0] = 0;
+    spec->has_orbit = false;
     if (!camera) return 0;
+    if (camera->name[0] || camera->orbit) return parse_named_camera(spec, camera, error);
     memcpy(spec->camera_up, up, sizeof up);
     vec3(camera->up, spec->camera_up);
     if (!vec3(camera->eye, spec->camera_eye) || !vec3(camera->target, spec->camera_target))
         REFUSE(BAD_REQUEST, "camera: eye or target is missing");
-    if (!all_in(spec->camera_eye, -1e9f, 1e9f) || !all_in(spec->camera_target, -1e9f, 1e9f) ||
-        !all_in(spec->camera_up, -1e9f, 1e9f))
-        REFUSE(OUT_OF_RANGE, "camera: a coordinate is outside [-1e9, 1e9]");
+    const float *const point[3] = {spec->camera_eye, spec->camera_target, spec->camera_up};
+    static const char *const name[3] = {"eye", "target", "up"};
+    for (int i = 0; i < 3; i++) {
+        const float *bad = outside(point[i], -1e9f, 1e9f);
+        if (bad) RANGE(*bad, -1e9, 1e9, "", "picture.camera.%s", name[i]);
+    }
     spec->fovy_deg = camera->fovy_deg;
     if (!(spec->fovy_deg >= 0 && spec->fovy_deg < 170))
-        REFUSE(OUT_OF_RANGE, "camera.fovy_deg is outside (0, 170) degrees");
+        REFUSE(OUT_OF_RANGE,
+               "picture.camera.fovy_deg is %g, allowed range 0 to 170 (excluded) degrees",
+               (double)spec->fovy_deg);
     float look[3], u[3], cross = 0;
     for (int i = 0; i < 3; i++) look[i] = spec->camera_target[i] - spec->camera_eye[i];
     memcpy(u, spec->camera_up, sizeof u);
@@ -217,17 +248,15 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
     uint32_t side = server->options.max_side;
     spec->width = p->width ? p->width : 800;
     spec->height = p->height ? p->height : 600;
-    if (spec->width > side || spec->height > side)
-        REFUSE(OUT_OF_RANGE, "picture: %ux%u is outside 1x1 to %ux%u pixels", spec->width,
-               spec->height, side, side);
+    if (spec->width > side) RANGE(spec->width, 1, side, "pixels", "picture.width");
+    if (spec->height > side) RANGE(spec->height, 1, side, "pixels", "picture.height");
     if (!image_format_known(p->format))
         REFUSE(UNSUPPORTED, "picture.format %u is unknown", p->format);
     if (!is_value(&relight__tone__descriptor, (int)p->tone))
         REFUSE(UNSUPPORTED, "picture.tone %u is unknown", p->tone);
-    if (p->quality > 100)
-        REFUSE(OUT_OF_RANGE, "picture.quality %u is outside 1..100", p->quality);
+    if (p->quality > 100) RANGE(p->quality, 1, 100, "", "picture.quality");
     if (!(fabsf(p->exposure_ev) <= 40))
-        REFUSE(OUT_OF_RANGE, "picture.exposure_ev is outside [-40, 40] stops");
+        RANGE(p->exposure_ev, -40, 40, "stops", "picture.exposure_ev");
     spec->image_format = p->format;
     spec->tone = p->tone;
     spec->quality = p->quality ? p->quality : 90;
@@ -236,10 +265,11 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
     spec->no_specular = p->no_specular;
     spec->samples = p->samples ? p->samples : 4;
     if (spec->samples > 8 || spec->samples & (spec->samples - 1))
-        REFUSE(OUT_OF_RANGE, "picture.samples %u is not 1, 2, 4 or 8", spec->samples);
+        REFUSE(OUT_OF_RANGE, "picture.samples is %u, allowed range 1 to 8: 1, 2, 4 or 8",
+               spec->samples);
     memset(spec->background, 0, sizeof spec->background);
     vec3(p->background, spec->background);
-    if (!all_in(spec->background, 0, 1e6f))
-        REFUSE(OUT_OF_RANGE, "picture.background is outside [0, 1e6]");
+    const float *bad = outside(spec->background, 0, 1e6f);
+    if (bad) RANGE(*bad, 0, 1e6, "", "picture.background");
     return parse_camera(spec, p->camera, error);
 }

@@ -167,11 +167,11 @@ static bool drop_idle(struct blobs *blobs, const struct principal *whose)
     return true;
 }
 
-static bool never_fits(const struct ledger *ledger, enum ledger_resource resource,
+static bool never_fits(const struct principal *principal, enum ledger_resource resource,
                        uint64_t amount)
 {
-    uint64_t client = ledger_limit_client(ledger, resource);
-    uint64_t all = ledger_limit_all(ledger, resource);
+    uint64_t client = ledger_limit_client(principal, resource);
+    uint64_t all = ledger_limit_all(principal->ledger, resource);
     return (client && amount > client) || (all && amount > all);
 }
 
@@ -182,7 +182,7 @@ static bool take(struct blobs *blobs, struct principal *principal,
         enum ledger_refusal refusal = ledger_take(principal, resource, amount, put->error);
         if (refusal == LEDGER_GRANTED) return true;
         put->own_limit = refusal == LEDGER_CLIENT_FULL;
-        if (never_fits(blobs->setup.ledger, resource, amount)) return false;
+        if (never_fits(principal, resource, amount)) return false;
         struct principal *whose = refusal == LEDGER_CLIENT_FULL ? principal : NULL;
         if (drop_idle(blobs, whose)) continue;
         if (resource == LEDGER_DISK && blob_evict(blobs, whose ? whose->name : NULL)) continue;
@@ -411,7 +411,7 @@ static int bad_sizes(const struct blobs *blobs, struct blob_put *put)
 {
     uint64_t size = put->size, most = blobs->setup.max_blob;
     if (!size || size > most) {
-        snprintf(put->error, sizeof put->error, "size %llu is outside 1..%llu bytes",
+        snprintf(put->error, sizeof put->error, "size is %llu, allowed range 1 to %llu bytes",
                  (unsigned long long)size, (unsigned long long)most);
         return size ? RELIGHT__ERROR_CODE__ERROR_LIMIT
                     : RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;

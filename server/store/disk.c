@@ -60,6 +60,15 @@ uint64_t disk_bytes_of(const struct ledger *ledger, const char *owner)
     return 0;
 }
 
+uint64_t disk_limit_of(struct ledger *ledger, const char *owner)
+{
+    if (!strcmp(owner, DISK_NOBODY)) return 0;
+    struct principal *principal = ledger_principal(ledger, owner);
+    uint64_t limit = principal ? ledger_limit_client(principal, LEDGER_DISK) : 0;
+    principal_release(principal);
+    return limit;
+}
+
 int disk_owner_write(const char *path, const char *owner)
 {
     char name[PATH_MAX + 8];

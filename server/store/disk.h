@@ -29,6 +29,8 @@ void disk_charge(struct ledger *ledger, const char *owner, int64_t bytes);
 /* What all owners together hold; what one of them holds. */
 uint64_t disk_bytes(const struct ledger *ledger);
 uint64_t disk_bytes_of(const struct ledger *ledger, const char *owner);
+/* The limit of one owner, its token's or --client-disk; 0: none, as for DISK_NOBODY. */
+uint64_t disk_limit_of(struct ledger *ledger, const char *owner);
 
 /* The owner of a file survives a restart in PATH.owner: its first line, up to a tab. Writing
  * replaces the file; 0 or -errno. Reading gives DISK_NOBODY where there is no such file. */

@@ -26,14 +26,13 @@ uint64_t bakes_bytes(const struct server *server)
     return bytes;
 }
 
-// Equal parts of the disk for all who hold some of it, none above --client-disk.
+// Equal parts of the disk for all who hold some of it.
 static uint64_t share(const struct server *server)
 {
-    uint64_t n = 0, most = server->options.client_disk;
+    uint64_t n = 0;
     for (const struct principal *p = ledger_first(server->ledger); p; p = p->next)
         n += p->held[LEDGER_DISK] > 0;
-    uint64_t part = server->options.disk / (n ? n : 1);
-    return most && most < part ? most : part;
+    return server->options.disk / (n ? n : 1);
 }
 
 // Of two that may go the first: of a principal above its share, closed, longest unused.
@@ -80,7 +79,8 @@ static bool find(const struct server *server, enum kind kind, const char *owner,
         if (m == newest || !may_go(m, kind, busy) || (owner && strcmp(m->owner, owner)))
             continue;
         struct victim v = {.model = m, .used_ns = m->used_ns, .open = is_open(m)};
-        v.over = disk_bytes_of(server->ledger, m->owner) > most;
+        uint64_t own = disk_limit_of(server->ledger, m->owner);
+        v.over = disk_bytes_of(server->ledger, m->owner) > (own && own < most ? own : most);
         if (!found || goes_before(&v, best)) *best = v;
         found = true;
     }
@@ -124,10 +124,10 @@ bool evict_preview(struct server *server, const char *owner)
 
 static bool evict_of_principal(struct server *server, const struct model *newest)
 {
-    uint64_t most = server->options.client_disk;
-    for (const struct principal *p = ledger_first(server->ledger); most && p; p = p->next) {
+    for (const struct principal *p = ledger_first(server->ledger); p; p = p->next) {
         char name[96];
-        if (p->held[LEDGER_DISK] <= most || !strcmp(p->name, DISK_NOBODY)) continue;
+        uint64_t most = ledger_limit_client(p, LEDGER_DISK);
+        if (!most || p->held[LEDGER_DISK] <= most || !strcmp(p->name, DISK_NOBODY)) continue;
         snprintf(name, sizeof name, "%s", p->name); // it goes with the last it holds
         if (evict_one(server, PREVIEW, name, newest)) return true;
     }
@@ -150,7 +150,8 @@ void evict_for_room(struct server *server, const struct model *newest)
 void evict_for_upload(struct server *server, const char *owner, uint64_t bytes)
 {
     const struct options *o = &server->options;
-    uint64_t most = o->client_disk, more = disk_size(bytes) + disk_size(1); // and who owns it
+    uint64_t most = disk_limit_of(server->ledger, owner),
+             more = disk_size(bytes) + disk_size(1);     // and who owns it
     if (more > o->disk || (most && more > most)) return; // refused whatever goes
     while (most && disk_bytes_of(server->ledger, owner) + more > most)
         if (!evict_one(server, PREVIEW, owner, NULL)) return; // refused, so that no other pays
@@ -162,9 +163,12 @@ bool evict_over(const struct server *server, const char *owner, char error[256])
 {
     const struct options *o = &server->options;
     uint64_t mine = disk_bytes_of(server->ledger, owner);
-    if (o->client_disk && strcmp(owner, DISK_NOBODY) && mine > o->client_disk)
-        snprintf(error, 256, "%s holds %llu bytes on disk, its limit is %llu (--client-disk)",
-                 owner, (unsigned long long)mine, (unsigned long long)o->client_disk);
+    uint64_t most = disk_limit_of(server->ledger, owner);
+    if (most && mine > most)
+        snprintf(error, 256,
+                 "%s holds %llu bytes on disk, its limit is %llu (--client-disk, or its "
+                 "token's quota)",
+                 owner, (unsigned long long)mine, (unsigned long long)most);
     else if (disk_bytes(server->ledger) > o->disk)
         snprintf(error, 256, "the disk budget of %llu bytes is spent (--disk)",
                  (unsigned long long)o->disk);

@@ -2,6 +2,7 @@
 // Opening a model's .prt on a worker, and what is learned of it; watching and unloading.
 #include "store/model_files.h"
 
+#include "core/events.h"
 #include "core/log.h"
 #include "net/request.h"
 #include "relight.pb-c.h"
@@ -50,8 +51,31 @@ void model_unwatch(struct model *m, struct model_watcher *watcher)
     if (*at) *at = watcher->next;
 }
 
+void model_publish(const struct model *m, int kind, const char *before)
+{
+    struct event e = {.kind = kind,
+                      .model_state = model_state(m),
+                      .generation = m->generation,
+                      .error_code = m->state == RELIGHT__MODEL_STATE__MODEL_FAILED
+                                        ? m->error_code
+                                        : RELIGHT__ERROR_CODE__ERROR_NONE};
+    snprintf(e.model, sizeof e.model, "%s", m->id);
+    snprintf(e.before, sizeof e.before, "%s", before);
+    snprintf(e.name, sizeof e.name, "%s", m->name);
+    if (e.error_code) snprintf(e.error, sizeof e.error, "%s", m->error);
+    events_publish(m->server->events, &e);
+}
+
+void model_set_state(struct model *m, int state)
+{
+    if (m->state == state) return;
+    m->state = state;
+    model_publish(m, RELIGHT__EVENT_KIND__EVENT_MODEL_CHANGED, "");
+}
+
 void model_changed(struct model *m)
 {
+    if (!m->gone) model_publish(m, RELIGHT__EVENT_KIND__EVENT_MODEL_CHANGED, "");
     // One that is told may end others, or itself: each is found anew by its number.
     for (unsigned i = 0;; i++) {
         struct model_watcher *w = m->watcher;

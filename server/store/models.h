@@ -70,7 +70,7 @@ struct model {
     bool preparing;                     /* a LOAD lays out its files; others wait in `loads` */
     struct load *loads;
     struct job *job; /* while it is open */
-    char job_id[24]; /* the last one's; "": none was */
+    char job_id[32]; /* the last one's; "": none was */
     struct cache_entry *pin;
     struct model_facts facts;
     char *warnings; /* lines; NULL: none */
@@ -117,6 +117,12 @@ struct cache_entry *model_mesh_open(struct model *model, int *code, char error[2
 void model_watch(struct model *model, struct model_watcher *watcher);
 void model_unwatch(struct model *model, struct model_watcher *watcher);
 void model_changed(struct model *model);
+/* Publishes an event of this Relight__EventKind about the model; model_changed, model_add,
+ * model_set_state and the removal of a model do so themselves. before: the id of the version
+ * that it replaces, "" otherwise. */
+void model_publish(const struct model *model, int kind, const char *before);
+/* Sets `state` and publishes the change. */
+void model_set_state(struct model *model, int state);
 /* Vertices go back to where the file has them. */
 void model_reset_pose(struct model *model);
 

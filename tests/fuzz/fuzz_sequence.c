@@ -120,7 +120,7 @@ static uint64_t next_id(struct peer *p)
 
 static void open_peer(struct peer *p, bool good)
 {
-    static const char *const who[] = {"uid:1", "uid:2", "addr:192.0.2.1"};
+    static const char *const who[] = {"uid:0", "uid:1", "uid:2", "addr:192.0.2.1"};
     *p = (struct peer){.open = true, .messages = rnd_chance(&r, 3)};
     answers_init(&p->answers);
     if (!rooms_connect(&p->end, RND_PICK(&r, who))) fail("a connection was refused");

@@ -22,7 +22,7 @@ struct world {
     struct rnd *rnd;
     char model[WORLD_MODELS][32];
     unsigned n_model;
-    char job[WORLD_JOBS][24];
+    char job[WORLD_JOBS][32];
     bool cancelled[WORLD_JOBS]; // the fuzzer asked for it
     unsigned n_job;
     struct blob blob[WORLD_BLOBS];

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "rooms.h"
 
+#include "core/access.h"
+#include "core/events.h"
 #include "core/log.h"
 #include "core/server.h"
 #include "net/connection.h"
@@ -218,7 +220,10 @@ bool rooms_start(const struct rooms_settings *settings)
     log_set_level(LOG_ERR);
     server.n_core = settings->threads;
     server.stats.start_ns = loop_now_ns();
-    if (!(server.ledger = ledger_create(o)) || loop_create(&server.loop) ||
+    strcpy(server.run, "0123456789abcdef"); // messages.c names it
+    char fault[256];
+    if (!(server.ledger = ledger_create(o)) || events_create(64, &server.events) ||
+        access_create(o, NULL, &server.access, fault) || loop_create(&server.loop) ||
         cache_create(o->cache, &server.cache) || cache_create(o->memory, &server.files) ||
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
@@ -244,6 +249,8 @@ void rooms_stop(void)
     jobs_destroy(server.jobs);
     blobs_close(server.blobs);
     ledger_destroy(server.ledger);
+    access_destroy(server.access);
+    events_destroy(server.events);
     loop_destroy(server.loop);
 }
 
@@ -274,7 +281,8 @@ unsigned rooms_long_requests(void)
     unsigned n = 0;
     for (const struct connection *c = server.connections; c; c = c->next)
         for (const struct request *r = c->requests; r; r = r->next)
-            n += r->type == RELIGHT_TYPE_WATCH || r->type == RELIGHT_TYPE_VIEW_OPEN;
+            n += r->type == RELIGHT_TYPE_WATCH || r->type == RELIGHT_TYPE_VIEW_OPEN ||
+                 r->type == RELIGHT_TYPE_SUBSCRIBE;
     return n;
 }
 

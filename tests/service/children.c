@@ -300,12 +300,12 @@ static void test_settings_have_one_bound(void **state)
     struct relight_load load = small_bake(0, 10000001);
     assert_int_equal(load_octahedron(client, &d, "b.obj", &load, &loaded, &error),
                      -RELIGHT_E_OUT_OF_RANGE);
-    assert_string_equal(error.text, "samples 10000001: must lie in [16, 10000000]");
+    assert_string_equal(error.text, "samples is 10000001, allowed range 16 to 10000000");
     load = small_bake(0, 200);
     load.bake.rank = 513;
     assert_int_equal(load_octahedron(client, &d, "b.obj", &load, &loaded, &error),
                      -RELIGHT_E_OUT_OF_RANGE);
-    assert_string_equal(error.text, "rank 513: must lie in [1, 512]");
+    assert_string_equal(error.text, "rank is 513, allowed range 1 to 512");
     relight_close(client);
     assert_int_equal(daemon_stop(&d), 0);
 }

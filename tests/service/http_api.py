@@ -76,7 +76,7 @@ def pictures(d):
     assert exr[0] == 200 and exr[2][:4] == b"\x76\x2f\x31\x01"
     for query, parameter in (("size=0x5", "size"), ("size=5", "size"), ("rotate=x", "rotate"),
                              ("rotate=nan", "rotate"), ("camera=1,2", "camera"),
-                             ("quality=1e9", None), ("format=gif", "format"), ("foo=1", "foo"),
+                             ("quality=1e9", "picture.quality"), ("format=gif", "format"), ("foo=1", "foo"),
                              ("rotate=1&rotate=2", "rotate"), ("engine=fast", "engine"),
                              ("deadline_ms=0", "deadline_ms")):
         problem, _ = d.problem(400, "GET", image + "?env=constant&" + query)

@@ -549,16 +549,17 @@ static void test_token(void **state)
     write_text(path, "open sesame\n");
     const char *const extra[] = {"--token-file", path, NULL};
     daemon_start(&d, extra);
+    char tcp[80]; // on the unix socket the user needs no token
+    snprintf(tcp, sizeof tcp, "tcp:%s", d.tcp);
     static const char *const wrong[] = {NULL, "open", "open sesame!", "xpen sesame"};
     struct relight_client *client;
     struct relight_error error;
     for (int i = 0; i < 4; i++) {
         struct relight_options options = {.token = wrong[i]};
-        assert_int_equal(relight_connect(d.address, &options, &client, &error),
-                         -RELIGHT_E_FORBIDDEN);
+        assert_int_equal(relight_connect(tcp, &options, &client, &error), -RELIGHT_E_FORBIDDEN);
     }
     struct relight_options options = {.token = "open sesame"};
-    OK(relight_connect(d.address, &options, &client, &error));
+    OK(relight_connect(tcp, &options, &client, &error));
     relight_close(client);
     assert_int_equal(daemon_stop(&d), 0);
 }

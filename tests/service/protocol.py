@@ -230,7 +230,7 @@ def closes(open_carrier, data, hello, code):
 
 def hostile(open_carrier):
     good = frame(2, 5, b"", b"1234")
-    for at, new in ((0, b"RLGX"), (4, b"\x02"), (5, b"\x80"), (16, b"\xff\xff\xff\x7f"),
+    for at, new in ((0, b"RLGX"), (4, b"\x02"), (5, b"\x08"), (16, b"\xff\xff\xff\x7f"),
                     (24, b"\xff" * 8), (40, b"\x01")):
         closes(open_carrier, good[:at] + new + good[at + len(new):], True, 1)
     closes(open_carrier, frame(2, 5, b"", b"1234", MORE), True, 1)  # requests are whole

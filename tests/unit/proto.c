@@ -165,7 +165,9 @@ static void refuses(void **state)
 {
     assert_int_equal(decode_changed(0, "RLGX", 4), RELIGHT_FAULT_MAGIC);
     assert_int_equal(decode_changed(4, "\x02", 1), RELIGHT_FAULT_VERSION);
-    assert_int_equal(decode_changed(5, "\x80", 1), RELIGHT_FAULT_FLAGS);
+    assert_int_equal(decode_changed(5, "\x04", 1), RELIGHT_FAULT_FLAGS);
+    assert_int_equal(decode_changed(5, "\x0a", 1), RELIGHT_FAULT_FLAGS);
+    assert_int_equal(decode_changed(5, "\xf2", 1), 1); // hints that nobody knows yet
     assert_int_equal(decode_changed(16, "\x01\x00\x01\x00", 4), RELIGHT_FAULT_HEADER);
     assert_int_equal(decode_changed(16, "\xff\xff\xff\xff", 4), RELIGHT_FAULT_HEADER);
     assert_int_equal(decode_changed(24, "\x01\x00\x10\x00", 4), RELIGHT_FAULT_PAYLOAD);
@@ -227,7 +229,7 @@ static void names(void **state)
     assert_string_equal(relight_type_name(RELIGHT_TYPE_ERROR), "ERROR");
     assert_string_equal(relight_type_name(0), "unknown");
     assert_null(relight_type_message(0));
-    assert_null(relight_type_message(20));
+    assert_null(relight_type_message(RELIGHT_TYPE_N));
     assert_ptr_equal(relight_type_message(0xffff), &relight__error__descriptor);
 }
 

@@ -47,6 +47,20 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     welcome.presets = presets;
     welcome.n_presets = 2;
     welcome.chunk = 1 << 20;
+    static char *features[] = {"events", "goaway"};
+    welcome.run = "09f3c2d1a5b60718";
+    welcome.features = features;
+    welcome.n_features = 2;
+    welcome.max_lights = 16;
+    welcome.max_side = 4096;
+    welcome.max_ping = 1 << 16;
+    welcome.max_window = 256;
+    welcome.max_answer_header = 1 << 24;
+    welcome.handshake_ms = 5000;
+    welcome.frame_time_ms = 30000;
+    welcome.write_time_ms = 10000;
+    welcome.idle_ms = 600000;
+    welcome.deadline_ms = 120000;
     n = add(out, n, "hello_answer", "S: HELLO", 1 | ANSWER, LAST, 1, &welcome.base, NULL, 0);
 
     static Relight__PingRequest ping;
@@ -283,5 +297,78 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     updated.generation = 2;
     n = add(out, n, "update_vertices_answer", "S: UPDATE_VERTICES", 17 | ANSWER, LAST, 14,
             &updated.base, NULL, 0);
+    static Relight__Error range;
+    relight__error__init(&range);
+    range.code = RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
+    range.text = "sigma_a[0] is -1, allowed range 0 to 1000 mm^-1";
+    range.parameter = "sigma_a[0]";
+    range.has_range = 1;
+    range.maximum = 1000;
+    range.unit = "mm^-1";
+    n = add(out, n, "error_range", "S: ERROR with a parameter and its range",
+            RELIGHT_TYPE_ERROR, LAST, 7, &range.base, NULL, 0);
+    static Relight__Goaway goaway;
+    relight__goaway__init(&goaway);
+    goaway.drain_ms = 10000;
+    goaway.address = "tcp:192.0.2.7:7413";
+    goaway.text = "the daemon is stopping";
+    n = add(out, n, "goaway", "S: GOAWAY, unasked", RELIGHT_TYPE_GOAWAY, LAST, 0, &goaway.base,
+            NULL, 0);
+    static Relight__SubscribeRequest subscribe;
+    static Relight__EventKind kinds[] = {RELIGHT__EVENT_KIND__EVENT_MODEL_ADDED,
+                                         RELIGHT__EVENT_KIND__EVENT_JOB};
+    relight__subscribe_request__init(&subscribe);
+    subscribe.n_kinds = 2;
+    subscribe.kinds = kinds;
+    subscribe.run = "09f3c2d1a5b60718";
+    subscribe.after = 41;
+    n = add(out, n, "subscribe", "C: SUBSCRIBE to models and bakes, after event 41", 20, LAST,
+            15, &subscribe.base, NULL, 0);
+    static Relight__Event first, added;
+    relight__event__init(&first);
+    first.run = subscribe.run;
+    first.sequence = 41;
+    n = add(out, n, "event_none", "S: SUBSCRIBE goes on after 41, nothing was lost",
+            20 | ANSWER, 0, 15, &first.base, NULL, 0);
+    added = first;
+    added.sequence = 44;
+    added.kind = RELIGHT__EVENT_KIND__EVENT_MODEL_ADDED;
+    added.time_us = UINT64_C(1700000000000000);
+    added.model = "3f9ad2c1";
+    added.name = "bunny.obj";
+    added.state = RELIGHT__MODEL_STATE__MODEL_RECEIVED;
+    added.generation = 1;
+    n = add(out, n, "event_model", "S: event 44, a model was added", 20 | ANSWER, 0, 15,
+            &added.base, NULL, 0);
+    static Relight__TokenCreateRequest token;
+    static Relight__TokenCreateAnswer token_made;
+    static Relight__TokenInfo token_info;
+    static Relight__TokenQuotas quotas;
+    static char *rights[] = {"view", "upload"};
+    relight__token_create_request__init(&token);
+    relight__token_quotas__init(&quotas);
+    quotas.rate = 20;
+    quotas.models = 4;
+    token.name = "anna";
+    token.n_scopes = 2;
+    token.scopes = rights;
+    token.lifetime_s = 2592000;
+    token.quotas = &quotas;
+    n = add(out, n, "token_create",
+            "C: TOKEN_CREATE for anna, 30 days, 20 requests/s, 4 models", 21, LAST, 16,
+            &token.base, NULL, 0);
+    relight__token_create_answer__init(&token_made);
+    relight__token_info__init(&token_info);
+    token_info.name = "anna";
+    token_info.n_scopes = 2;
+    token_info.scopes = rights;
+    token_info.created_s = 1700000000;
+    token_info.expires_s = 1702592000;
+    token_info.by = "uid:0";
+    token_info.quotas = &quotas;
+    token_made.token = "relight_AAECAwQFBgcICQoLDA0ODxAREhMUFRYXGBkaGxwdHh8";
+    token_made.info = &token_info;
+    n = add(out, n, "token_create_answer", "S: TOKEN_CREATE, the secret of bytes 0 to 31",
+            21 | ANSWER, LAST, 16, &token_made.base, NULL, 0);
     return n;
 }

@@ -9,6 +9,7 @@
 #define PRT_MESH_H
 
 #include "prt/base.h"
+#include "prt/texture.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -34,6 +35,15 @@ struct prt_block {
     uint32_t triangle_begin, n_triangle;
 };
 
+/* A perspective camera of the file, in world space and the model's own units. */
+struct prt_mesh_camera {
+    char name[64]; /* of its node, else of the camera; no two are equal */
+    float eye[3], target[3],
+        up[3];      /* target: in front of the eye, as deep as the model's centre */
+    float fovy_deg; /* (0,170) */
+};
+enum { PRT_MESH_MOST_CAMERAS = 256 };
+
 /* Immutable after loading; positions in mm once scaled. World space, right-handed, +y up.
  * Arrays are contiguous; those a reader maps from a .prt file are owned by the map. */
 struct prt_mesh {
@@ -46,22 +56,38 @@ struct prt_mesh {
     uint32_t *weld;          /* [n_vertex] -> [0,n_weld): same object, same position */
     struct prt_block *block;
     struct prt_surface *surface;
+    struct prt_mesh_camera *camera; /* [n_camera], NULL when there is none */
+    uint32_t n_camera;
     float mm_per_unit;    /* model units * mm_per_unit = mm; 0 while not scaled */
     uint32_t units_known; /* 1: the format says metres (glTF) */
     /* of the translucent blocks, welded: edges of one triangle, of more than two, triangles
      * whose corners coincide */
     uint32_t n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
     void *owner; /* memory behind the arrays; NULL when mapped */
+    /* Textures (METHODS §10); 0 and NULL where the file has none. */
+    uint32_t n_uv;                   /* TEXCOORD sets; 0 stands for 1 where uv is set */
+    uint32_t n_image;                /* images that maps name */
+    float (*uv_more)[2];             /* [n_uv - 1][n_vertex] sets 1.. */
+    float (*corner_uv)[3][2];        /* [n_triangle] set 0 by corner, where an OBJ has seams */
+    float (*color)[4];               /* [n_vertex] COLOR_0, linear RGBA in [0,1] */
+    struct prt_surface_maps *maps;   /* [n_surface] */
+    struct prt_texture_image *image; /* [n_image] */
+    uint8_t *texel;                  /* [texel_bytes] levels of all images */
+    uint64_t texel_bytes;
+    float texture_split; /* [0,1] share of a texture that scattering blurs (METHODS §10) */
 };
 
 struct prt_mesh_options {
     const char *const *opaque; /* material or node names made opaque, NULL-terminated; NULL */
     uint32_t max_vertices;     /* 0: 50 million */
     uint32_t max_triangles;    /* 0: 100 million */
+    bool up_z;                 /* +z is up in the file: (x,y,z) becomes (x,z,-y) */
     bool in_process;           /* parse without a child process (fuzzers only) */
+    bool no_textures;          /* read no images, TEXCOORD sets above 0 and vertex colours */
 };
 
-/* Loads .glb, .gltf (with .bin files and data URIs), .obj or .ply; the content decides. Blocks
+/* Loads .glb, .gltf (with .bin files and data URIs), .obj, .ply or .stl; the content decides.
+ * An STL's vertices are three a facet, in the file's order. Blocks
  * while a child process parses, at most 120 s. Warns about open, non-manifold and
  * inconsistently wound surfaces and names the engines they affect. options may be NULL. The
  * caller destroys *out. PRT_IO, PRT_FORMAT, PRT_UNSUPPORTED, PRT_LIMIT, PRT_ARG (an opaque name
@@ -86,6 +112,44 @@ int prt_mesh_create(const struct prt_context *ctx, uint32_t n_vertex,
                     const float (*position)[3], const float (*normal)[3], uint32_t n_triangle,
                     const uint32_t (*triangle)[3], struct prt_mesh **out);
 
+/* Texture coordinates of set `set` at barycentrics (a, b) of a triangle; 0,0 where the mesh has
+ * no such set. */
+void prt_mesh_uv(const struct prt_mesh *mesh, uint32_t triangle, unsigned set, float a, float b,
+                 float uv[2]);
+/* The same at the triangle's three corners. */
+void prt_mesh_corner_uv(const struct prt_mesh *mesh, uint32_t triangle, unsigned set,
+                        float uv[3][2]);
+/* What a surface's maps say at a point. */
+struct prt_look {
+    float base[4];     /* linear reflectance that light is multiplied with after scattering, and
+                          alpha: base colour texture * COLOR_0, of translucent surfaces also * the
+                          factor; 1 where a surface has neither */
+    float normal[3];   /* unit, turned by the normal map */
+    float variance;    /* of the directions within the footprint, 1 - |mean|, [0,1) */
+    float roughness;   /* (0,1] of surfaces with such a map, else -1 */
+    float metallic;    /* [0,1]; 0 without maps */
+    float occlusion;   /* (0,1] */
+    float emission[3]; /* radiance */
+};
+/* The look at barycentrics (a, b) of a triangle. normal: the interpolated one, unit. da, db:
+ * change of (a, b) over the footprint's two axes. Thread-safe. */
+void prt_mesh_look(const struct prt_mesh *mesh, uint32_t triangle, uint32_t block, float a,
+                   float b, const float da[2], const float db[2], const float normal[3],
+                   struct prt_look *out);
+/* The change of barycentrics along a step [mm] in the triangle's plane; 0 on one without area.
+ */
+void prt_mesh_footprint(const struct prt_mesh *mesh, uint32_t triangle, const float step[3],
+                        float d[2]);
+/* The block of a triangle, by bisection. */
+uint32_t prt_mesh_block_of(const struct prt_mesh *mesh, uint32_t triangle);
+/* Whether any surface or vertex has a look of its own. */
+bool prt_mesh_has_look(const struct prt_mesh *mesh);
+/* Brightness of a reflectance that irradiance is multiplied with at bake time: its luminance to
+ * the power of texture_split (METHODS §10). 1 for a split of 0. */
+float prt_mesh_tint(const struct prt_mesh *mesh, const float base[3]);
+/* Leaves the textures out: colours, maps and images; uv stay. The arrays are not freed. */
+void prt_mesh_drop_textures(struct prt_mesh *mesh);
+
 /* Bounding box [2][3] of the translucent blocks' vertices (of all if none is translucent). */
 void prt_mesh_bounds(const struct prt_mesh *mesh, float box[2][3]);
 /* The box's diagonal in the mesh's unit; no straight path through a translucent object is
@@ -100,6 +164,8 @@ int prt_mesh_scale(const struct prt_context *ctx, struct prt_mesh *mesh, double 
  * for vertices that moved. Reads position, triangle and weld; changes only such normals.
  * PRT_NOMEM. */
 int prt_mesh_normals(const struct prt_context *ctx, struct prt_mesh *mesh);
+/* Whether the cameras have names that end, finite numbers and a field of view in (0,170). */
+bool prt_mesh_cameras_ok(const struct prt_mesh *mesh);
 /* [n_triangle] block index of each triangle; NULL without memory; the caller prt_free()s. */
 uint32_t *prt_mesh_triangle_blocks(const struct prt_mesh *mesh);
 /* [n_vertex] block index of each vertex; NULL without memory; the caller prt_free()s. */

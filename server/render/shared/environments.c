@@ -29,8 +29,7 @@ int env_canonical(const char *env, char out[96], char error[300])
     }
     for (int i = 0; i < 3; i++)
         if (!(c[i] >= 0 && c[i] <= 1e6f)) {
-            snprintf(error, 300, "light.env %.60s: radiance is outside [0, 1e6]", env);
-            return RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;
+            return range_refuse(error, 300, (double)c[i], 0, 1e6, "", "light.env");
         }
     snprintf(out, 96, "constant:%.9g,%.9g,%.9g", (double)c[0], (double)c[1], (double)c[2]);
     return 0;

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: MIT
+// The ERROR message: ranges that texts of the library and of the daemon state become fields.
+#include "net/errors.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "prt/bake_limits.h"
+#include "prt/base.h"
+#include "prt/medium.h"
+
+enum { RANGE = RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE };
+
+static void expect(const char *text, const char *parameter, double low, double high,
+                   const char *unit)
+{
+    Relight__Error e;
+    struct error_fields fields;
+    error_fill(&e, RANGE, text, &fields);
+    assert_string_equal(e.text, text);
+    assert_string_equal(e.parameter, parameter);
+    assert_true(e.has_range);
+    if (e.minimum != low || e.maximum != high)
+        fail_msg("\"%s\": %g to %g", text, e.minimum, e.maximum);
+    assert_string_equal(e.unit, unit);
+}
+
+static void sentences(void **state)
+{
+    expect("material: sigma_a[0] is -1, allowed range 0 to 1000 mm^-1", "sigma_a[0]", 0, 1000,
+           "mm^-1");
+    expect("marble: eta is 9, allowed range 1 to 3 (relative refractive index, no unit)", "eta",
+           1, 3, "");
+    expect("layer 2: thickness is 9, allowed range 0 (excluded) to 1e3 (excluded) mm: thinner",
+           "thickness", 0, 1000, "mm");
+    expect("lights[3].cube_n is 17, allowed range 16 to 128: 16, 32, 64 or 128",
+           "lights[3].cube_n", 16, 128, "");
+    expect("skin: sigma_s_prime[1] is 400, this bake covers 0.1 to 50 mm^-1: its basis would "
+           "lose 40 % of the medium (the limit is 10 %)",
+           "sigma_s_prime[1]", 0.1, 50, "mm^-1");
+    expect("multipole: 99 layers, allowed range 1 to 16", "", 1, 16, "");
+    expect("--samples is 7, allowed range 16 to 10000000", "--samples", 16, 1e7, "");
+}
+
+static void not_a_range(void **state)
+{
+    static const char *const texts[] = {
+        "the payload has 3 bytes",       ", allowed range ",
+        "x is 1, allowed range a to b",  "x is 1, allowed range 1 to",
+        "x is 1, allowed range 1 and 2", " is "};
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
+        Relight__Error e;
+        struct error_fields fields;
+        error_fill(&e, RANGE, texts[i], &fields);
+        assert_false(e.has_range);
+    }
+    // A file's name cannot make a range out of another fault.
+    Relight__Error e;
+    struct error_fields fields;
+    error_fill(&e, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "x is 1, allowed range 1 to 2",
+               &fields);
+    assert_false(e.has_range);
+}
+
+static void daemon_and_library(void **state)
+{
+    char error[300], reason[128];
+    Relight__Error e;
+    struct error_fields fields;
+    int code = range_refuse(error, sizeof error, 1e7, -1e6, 1e6, "degrees",
+                            "lights[%d].rotate_deg", 2);
+    assert_int_equal(code, RANGE);
+    expect(error, "lights[2].rotate_deg", -1e6, 1e6, "degrees");
+    assert_false(prt_bake_setting_ok(PRT_BAKE_CUBE, 17, reason));
+    expect(reason, "cube", 16, 128, "");
+    assert_false(prt_bake_error_ok(77, reason));
+    error_fill(&e, RANGE, reason, &fields);
+    assert_true(e.has_range && e.maximum == PRT_BAKE_ERROR_MAX);
+}
+
+static char last[400];
+
+static void keep(void *user, enum prt_log_level level, const char *text)
+{
+    strncpy(last, text, sizeof last - 1);
+}
+
+static void materials(void **state)
+{
+    static const struct {
+        const char *json, *parameter;
+    } cases[] = {
+        {"{\"sigma_s_prime\":[1,-2,3],\"sigma_a\":[0,0,0]}", "sigma_s_prime[1]"},
+        {"{\"sigma_s_prime\":[1,2,3],\"sigma_a\":[0,0,1e9]}", "sigma_a[2]"},
+        {"{\"sigma_s_prime\":[1,2,3],\"sigma_a\":[0,0,0],\"g\":2}", "g[0]"},
+        {"{\"sigma_s_prime\":[1,2,3],\"sigma_a\":[0,0,0],\"eta\":9}", "eta"},
+    };
+    struct prt_context ctx;
+    prt_context_init(&ctx);
+    ctx.log = keep;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct prt_material m;
+        Relight__Error e;
+        struct error_fields fields;
+        assert_int_equal(
+            prt_material_parse(&ctx, "material", cases[i].json, strlen(cases[i].json), &m),
+            PRT_ARG);
+        error_fill(&e, error_of_status(PRT_ARG), last, &fields);
+        assert_string_equal(e.parameter, cases[i].parameter);
+        assert_true(e.has_range && e.minimum < e.maximum);
+    }
+}
+
+static void never_without_code_or_text(void **state)
+{
+    Relight__Error e;
+    struct error_fields fields;
+    error_fill(&e, 0, "", &fields);
+    assert_int_equal(e.code, RELIGHT__ERROR_CODE__ERROR_INTERNAL);
+    assert_true(strlen(e.text) > 0);
+    error_fill(&e, RELIGHT__ERROR_CODE__ERROR_BUSY, NULL, &fields);
+    assert_string_equal(e.text, "ERROR_BUSY");
+    error_fill(&e, 4711, "", &fields);
+    assert_true(strlen(e.text) > 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(sentences),
+        cmocka_unit_test(not_a_range),
+        cmocka_unit_test(daemon_and_library),
+        cmocka_unit_test(materials),
+        cmocka_unit_test(never_without_code_or_text),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

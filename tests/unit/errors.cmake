@@ -1,0 +1,1 @@
+prt_test(errors SOURCES unit/errors.c LIBS relightd_rooms LABELS unit)
