@@ -37,7 +37,7 @@ enum relight_frame_flag {
     RELIGHT_FRAME_IGNORABLE = 0xf0,
 };
 
-/* name, number, request message, answer message */
+/* name, number, request message, answer message; nothing: one-way, without an answer */
 #define RELIGHT_TYPE_LIST(X)                                                \
     X(HELLO, 1, hello_request, hello_answer)                                \
     X(PING, 2, ping_request, ping_answer)                                   \
@@ -58,7 +58,8 @@ enum relight_frame_flag {
     X(UPDATE_VERTICES, 17, update_vertices_request, update_vertices_answer) \
     X(UNLOAD, 18, unload_request, unload_answer)                            \
     X(STATS, 19, stats_request, stats_answer)                               \
-    X(SUBSCRIBE, 20, subscribe_request, event)
+    X(SUBSCRIBE, 20, subscribe_request, event)                              \
+    X(VIEW_ACK, 24, view_ack, nothing)
 
 /* As large as the largest number and one: tables by request type have this many rows. */
 union relight_type_room {

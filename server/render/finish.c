@@ -5,10 +5,12 @@
 
 #include "net/request.h"
 
+#define XXH_INLINE_ALL
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <xxhash.h>
 
 void render_end(struct render *r)
 {
@@ -119,7 +121,12 @@ static int run_finish(struct work *work, const struct prt_context *ctx)
 {
     struct render *r = (struct render *)work;
     if (!__atomic_load_n(&r->done, __ATOMIC_RELAXED)) return PRT_CANCELLED;
-    return r->spec.picture ? run_picture(r, ctx) : run_colors(r, ctx);
+    int status = r->result.payload.bytes ? PRT_OK // of a cache entry
+                 : r->spec.picture       ? run_picture(r, ctx)
+                                         : run_colors(r, ctx);
+    if (!status && r->spec.hash && r->result.payload.bytes)
+        r->result.hash = XXH3_64bits(r->result.payload.bytes, r->result.payload.size);
+    return status;
 }
 
 // ---- on the loop
@@ -231,13 +238,12 @@ static void release_entry(void *entry)
 }
 
 // Float colours of one plane are sent from the cache entry itself.
-static void send_entry(struct render *r)
+static void take_entry(struct render *r)
 {
     struct cache_entry *entry = r->vertex_values[0].entry;
     cache_hold(entry);
     r->result.payload = (struct payload){((struct vertex_values *)entry->value)->values,
                                          r->result.plane_bytes, entry, release_entry};
-    render_end(r);
 }
 
 void render_finish(struct render *r)
@@ -253,8 +259,11 @@ void render_finish(struct render *r)
     set_cost(r);
     if (!s->picture && s->format == RELIGHT__COLOR_FORMAT__COLOR_F32 &&
         r->result.n_plane == 1) {
-        send_entry(r);
-        return;
+        take_entry(r);
+        if (!s->hash) {
+            render_end(r);
+            return;
+        }
     }
     r->work.run = run_finish;
     r->work.done = finish_done;
