@@ -261,6 +261,11 @@ extinction_integral(const struct extinction_table *table, int wide, float r, flo
     for (int j = 0; j < wide; j++) out[j] = lo[j] + f * (hi[j] - lo[j]);
 }
 
+// Least change of s + s' over a step: as a share of the step, and of s + s' itself, of which
+// rounding must leave some digits. Only the mean over the change is used; the table is linear
+// over changes of a thousandth in most places.
+static const float least_slope = 1e-3f, least_ratio = 1e-3f;
+
 // Integrals of every function of a radial basis over a tile, X07 eq 15: with s + s'(s)
 // piecewise linear they are differences of the functions' running integrals. Without `rgb` out
 // is [n_phase][n_radial][n] per direction; with it (X07: the light is fixed) the directions are
@@ -288,7 +293,8 @@ radial_sums(const struct single_plan *plan, const struct path *path, float end,
             float next = last ? fmaxf(u + path->slope[t] * step, 0) : path->u[i][t];
             float ft_v = 0.5f * (path->transmittance[i - 1][t] +
                                  path->transmittance[last ? i - 1 : i][t]);
-            if (fabsf(next - u) < 1e-3f * step) next = u + 1e-3f * step;
+            float least = fmaxf(least_slope * step, least_ratio * u);
+            if (fabsf(next - u) < least) next = u + least;
             if (ft_v <= 0 && i + 1 < points &&
                 path->transmittance[i + 1][t] <= 0) { // dark on both sides
                 u = next, extinction_integral(table, wide, u, before);

@@ -10,6 +10,9 @@
 
 enum { LANES = 64, SMALL_BACKGROUND = 64 };
 
+typedef float four __attribute__((vector_size(16)));
+typedef float loose_four __attribute__((vector_size(16), aligned(4), may_alias));
+
 // A cube with or without borders, as the kernel reads it; offsets in floats.
 struct cube_view {
     const float *texel;

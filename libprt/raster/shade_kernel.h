@@ -3,34 +3,37 @@
  * by shade.c once for each instruction set, in its region of base/isa.h. */
 
 /* Bilinear look-up of n directions: offsets of four texels and fractions. */
-static void PRT_KERNEL(cube_lookup)(const struct cube_view *cube, int n, const float *dx,
-                                    const float *dy, const float *dz, struct lookup *at)
+static void PRT_KERNEL(cube_lookup)(const struct cube_view *cube, int n,
+                                    const float *restrict dx, const float *restrict dy,
+                                    const float *restrict dz, struct lookup *restrict at)
 {
     const float half = 0.5f * (float)cube->n, centre = half - 0.5f + (float)cube->border;
-    const int row = cube->row, lo = 0, hi = cube->last;
+    const int row = cube->row, hi = cube->last, top = cube->top;
+    const int texel_floats = cube->texel_floats, face_floats = cube->face;
     for (int i = 0; i < n; i++) {
         float x = dx[i], y = dy[i], z = dz[i];
         float ax = fabsf(x), ay = fabsf(y), az = fabsf(z);
-        int is_x = (ax >= ay) & (ax >= az), is_y = !is_x & (ay >= az);
-        float ma = is_x ? ax : is_y ? ay : az;
-        float major = is_x ? x : is_y ? y : z;
+        /* 1 for the axis of the face, 0 for the others: products instead of branches, which
+         * keep the compiler from vectorising the loop */
+        int is_x = (ax >= ay) & (ax >= az), is_y = (1 - is_x) & (ay >= az);
+        float on_x = (float)is_x, on_y = (float)is_y, on_z = 1.0f - on_x - on_y;
+        float major = on_x * x + on_y * y + on_z * z, ma = fabsf(major);
         int negative = major < 0;
-        float sign = negative ? -1.0f : 1.0f;
-        float s = is_x ? -sign * z : is_y ? x : sign * x;
-        float t = is_y ? sign * z : -y;
-        float k = 1.0f / (ma > 1e-30f ? ma : 1e-30f);
-        int face = (is_x ? 0 : is_y ? 2 : 4) + negative;
-        float px = s * k * half + centre, py = t * k * half + centre;
+        float sign = 1.0f - 2.0f * (float)negative;
+        float s = on_y * x + sign * (on_z * x - on_x * z);
+        float t = on_y * (sign * z) - (1.0f - on_y) * y;
+        float k = half / (ma > 1e-30f ? ma : 1e-30f);
+        int face = 4 - 4 * is_x - 2 * is_y + negative;
+        float px = s * k + centre, py = t * k + centre;
         px = px > 0 ? px : 0;
         py = py > 0 ? py : 0;
         int x0 = (int)px, y0 = (int)py;
-        x0 = x0 < lo ? lo : x0 > hi ? hi : x0;
-        y0 = y0 < lo ? lo : y0 > hi ? hi : y0;
-        int right = x0 < cube->top ? cube->texel_floats : 0;
-        int down = y0 < cube->top ? row : 0;
+        x0 = x0 > hi ? hi : x0;
+        y0 = y0 > hi ? hi : y0;
+        int right = (x0 < top) * texel_floats, down = (y0 < top) * row;
         at->fx[i] = px - (float)x0;
         at->fy[i] = py - (float)y0;
-        int base = face * cube->face + y0 * row + x0 * cube->texel_floats;
+        int base = face * face_floats + y0 * row + x0 * texel_floats;
         at->i00[i] = base;
         at->i10[i] = base + right;
         at->i01[i] = base + down;
@@ -38,18 +41,32 @@ static void PRT_KERNEL(cube_lookup)(const struct cube_view *cube, int n, const f
     }
 }
 
-static void PRT_KERNEL(cube_fetch)(const struct cube_view *cube, int n, const struct lookup *at,
-                                   float *r, float *g, float *b)
+/* Three floats at `at`, with a fourth that is not used; `last`: the greatest offset at which
+ * four floats can be read. */
+static inline __attribute__((always_inline)) four PRT_KERNEL(load3)(const float *from,
+                                                                    size_t at, size_t last)
+{
+    const float *p = from + at;
+    if (at <= last) return *(const loose_four *)p;
+    return (four){p[0], p[1], p[2], 0};
+}
+
+static void PRT_KERNEL(cube_fetch)(const struct cube_view *cube, int n,
+                                   const struct lookup *restrict at, float *restrict r,
+                                   float *restrict g, float *restrict b)
 {
     const float *texel = cube->texel;
+    const size_t last = (size_t)(6 * cube->face - 4);
     for (int i = 0; i < n; i++) {
         float fx = at->fx[i], fy = at->fy[i];
         float w11 = fx * fy, w10 = fx - w11, w01 = fy - w11, w00 = 1 - fx - w01;
-        const float *p = texel + at->i00[i], *q = texel + at->i10[i];
-        const float *u = texel + at->i01[i], *v = texel + at->i11[i];
-        r[i] = w00 * p[0] + w10 * q[0] + w01 * u[0] + w11 * v[0];
-        g[i] = w00 * p[1] + w10 * q[1] + w01 * u[1] + w11 * v[1];
-        b[i] = w00 * p[2] + w10 * q[2] + w01 * u[2] + w11 * v[2];
+        four sum = w00 * PRT_KERNEL(load3)(texel, (size_t)at->i00[i], last);
+        sum += w10 * PRT_KERNEL(load3)(texel, (size_t)at->i10[i], last);
+        sum += w01 * PRT_KERNEL(load3)(texel, (size_t)at->i01[i], last);
+        sum += w11 * PRT_KERNEL(load3)(texel, (size_t)at->i11[i], last);
+        r[i] = sum[0];
+        g[i] = sum[1];
+        b[i] = sum[2];
     }
 }
 
@@ -86,19 +103,22 @@ static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n
 }
 
 /* c += weight * vertex values of one plane, interpolated. */
-static void PRT_KERNEL(add_plane)(const struct shade_job *job, const float *plane, size_t at,
-                                  int n, const float *weight, float *r, float *g, float *b)
+static void PRT_KERNEL(add_plane)(const struct shade_job *job, const float *restrict plane,
+                                  size_t at, int n, const float *restrict weight,
+                                  float *restrict r, float *restrict g, float *restrict b)
 {
     const struct prt_gbuffer *s = job->g;
     const uint32_t *v0 = s->corner[0] + at, *v1 = s->corner[1] + at, *v2 = s->corner[2] + at;
     const float *w1 = s->bary[0] + at, *w2 = s->bary[1] + at;
+    const size_t last = job->plane_floats - 4; /* a triangle has three vertices */
     for (int i = 0; i < n; i++) {
-        const float *p = plane + 3 * (size_t)v0[i], *q = plane + 3 * (size_t)v1[i];
-        const float *u = plane + 3 * (size_t)v2[i];
         float k = weight ? weight[i] : 1, b1 = k * w1[i], b2 = k * w2[i], b0 = k - b1 - b2;
-        r[i] += b0 * p[0] + b1 * q[0] + b2 * u[0];
-        g[i] += b0 * p[1] + b1 * q[1] + b2 * u[1];
-        b[i] += b0 * p[2] + b1 * q[2] + b2 * u[2];
+        four sum = b0 * PRT_KERNEL(load3)(plane, 3 * (size_t)v0[i], last);
+        sum += b1 * PRT_KERNEL(load3)(plane, 3 * (size_t)v1[i], last);
+        sum += b2 * PRT_KERNEL(load3)(plane, 3 * (size_t)v2[i], last);
+        r[i] += sum[0];
+        g[i] += sum[1];
+        b[i] += sum[2];
     }
 }
 
@@ -211,7 +231,8 @@ static void PRT_KERNEL(background)(const struct shade_job *job, uint32_t y, int 
 /* One row of the image: points by their weights, the rest of each pixel by the background. */
 static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float *row)
 {
-    const uint32_t *row_point = job->vis->row_point;
+    const uint32_t *row_point = job->vis->row_point, *pixel = job->g->pixel;
+    const float *cover = job->g->weight;
     const uint32_t width = job->width;
     float r[LANES], g[LANES], b[LANES];
     memset(row, 0, (size_t)width * 3 * sizeof *row);
@@ -223,8 +244,8 @@ static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float
         int n = left < LANES ? (int)left : LANES;
         PRT_KERNEL(shade_points)(job, at, n, r, g, b);
         for (int i = 0; i < n; i++) {
-            float *p = row + 3 * (size_t)(job->g->pixel[at + (size_t)i] - y * width);
-            float w = job->g->weight[at + (size_t)i];
+            float *p = row + 3 * (size_t)(pixel[at + (size_t)i] - y * width);
+            float w = cover[at + (size_t)i];
             p[0] += w * r[i];
             p[1] += w * g[i];
             p[2] += w * b[i];
@@ -234,11 +255,10 @@ static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float
     size_t at = row_point[y], end = row_point[y + 1];
     for (x = 0; x < width; x++) {
         float left = 1;
-        for (; at < end && job->g->pixel[at] == y * width + x; at++) left -= job->g->weight[at];
-        if (left > 1e-3f) {
-            gap[n_gap] = x;
-            gap_weight[n_gap++] = left;
-        }
+        for (; at < end && pixel[at] == y * width + x; at++) left -= cover[at];
+        gap[n_gap] = x;
+        gap_weight[n_gap] = left;
+        n_gap += left > 1e-3f;
         if (n_gap < LANES && x + 1 < width) continue;
         if (job->background) PRT_KERNEL(background)(job, y, n_gap, gap, r, g, b);
         else

@@ -13,7 +13,9 @@
 
 #include "bodies.h"
 #include "expect.h"
+#include "bake/path_integral.h"
 #include "bake/stages.h"
+#include "prt/radial.h"
 
 static struct prt_context context;
 
@@ -257,6 +259,53 @@ static void the_bytes_allowed_are_used(void **state)
     free(f);
 }
 
+// Law: S_j is the integral of B_j(s + s') F_t V along the path (METHODS §4, X07 eq 15), also
+// where the path's steps are below the resolution of s + s': in a body that intersects itself
+// the last nodes lie outside, have no exit, and the length of a missed ray.
+static void short_steps_of_long_paths(void **state)
+{
+    enum { NODES = 6, DARK = 3 };
+    const float depth[NODES] = {2.07e-4f, 3.52e-4f, 5.97e-4f, 1.015e-3f, 1.725e-3f, 2.931e-3f};
+    const float length = 3.99f, end = 3.45e-3f, light[3] = {1, 1, 1};
+    const struct prt_radial_options o = {.kind = PRT_RADIAL_REDUCED,
+                                         .family = PRT_FAMILY_EXTINCTION,
+                                         .eta = 1.3,
+                                         .radius_mm = 100,
+                                         .max_error = 0.002};
+    struct prt_radial *radial;
+    struct extinction_table *table;
+    struct fresnel_table fresnel;
+    assert_int_equal(prt_radial_create(&context, &o, &radial), PRT_OK);
+    assert_int_equal(prt_extinction_table_create(radial, &table), PRT_OK);
+    prt_fresnel_table_init(&fresnel, 1.3);
+    float path_mm[NODES], open[NODES], up[3] = {0, 0, 1}, cosine = 1, lit = 0.96f;
+    struct scratch s = {.cosine = &cosine};
+    for (int a = 0; a < NODES; a++) {
+        path_mm[a] = a < DARK ? length - depth[a] : 1e4f;
+        open[a] = a < DARK ? lit : 0;
+        s.node[a] = (struct exits){&path_mm[a], &open[a], {&up[0], &up[1], &up[2]}};
+    }
+    cosine = -1; // a ray that begins behind the tangent plane: s + s' goes on to depth 0
+    struct single_plan plan = {.n_node = NODES, .n_phase = 1, .extinction = table};
+    float out[EXTINCTION_WIDE][3] = {{0}}, value[EXTINCTION_WIDE];
+    prt_path_integrate(&plan, &fresnel, &s, depth, end, 1, light, out[0]);
+    prt_radial_eval(radial, 1, &length, value);
+    // lit to the last node with light, and half of the way to the next
+    double way =
+        (double)depth[DARK - 1] + 0.5 * ((double)depth[DARK] - (double)depth[DARK - 1]);
+    double most = 0, off = 0;
+    for (uint32_t j = 0; j < radial->n_function; j++) {
+        double want = (double)value[j] * (double)lit * way * sqrt(0.25 / M_PI);
+        assert_true(isfinite(out[j][0]));
+        most = fmax(most, fabs(want));
+        off = fmax(off, fabs((double)out[j][0] - want));
+    }
+    // the table of integrals has a point each 2 % of s + s', between which B_j is constant
+    expect_below("error of S_j, of the largest", off / most, 0.05);
+    prt_extinction_table_destroy(table);
+    prt_radial_destroy(radial);
+}
+
 int main(void)
 {
     prt_context_init(&context);
@@ -264,6 +313,7 @@ int main(void)
         cmocka_unit_test(known_directions_take_no_rays),
         cmocka_unit_test(certain_bins_are_certain),
         cmocka_unit_test(the_bytes_allowed_are_used),
+        cmocka_unit_test(short_steps_of_long_paths),
     };
     return run_physics_tests(tests, NULL, NULL);
 }
