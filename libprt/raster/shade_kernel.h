@@ -92,6 +92,7 @@ static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n
         float ct = sqrtf(1 - (1 - c * c) * inv_eta * inv_eta);
         float rs = (c - eta * ct) / (c + eta * ct), rp = (eta * c - ct) / (eta * c + ct);
         v->transmit[i] = 1 - 0.5f * (rs * rs + rp * rp);
+        v->mirror[i] = 0.5f * (rs * rs + rp * rp);
         v->rx[i] = 2 * c * nx[i] - wx;
         v->ry[i] = 2 * c * ny[i] - wy;
         v->rz[i] = 2 * c * nz[i] - wz;
@@ -99,6 +100,83 @@ static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n
         v->ox[i] = wx * inv_eta + k * nx[i];
         v->oy[i] = wy * inv_eta + k * ny[i];
         v->oz[i] = wz * inv_eta + k * nz[i];
+    }
+}
+
+/* The mirror direction and the share reflected of a normal that a map turned. The part of a
+ * normal that faces away from the eye is left out: reflection stays on the eye's side. */
+static void PRT_KERNEL(turn_mirror)(const struct shade_job *job, size_t at, int n,
+                                    struct view_terms *v)
+{
+    const struct prt_gbuffer *g = job->g;
+    const float *px = g->position[0] + at, *py = g->position[1] + at, *pz = g->position[2] + at;
+    const float *tx = g->turned[0] + at, *ty = g->turned[1] + at, *tz = g->turned[2] + at;
+    const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2];
+    const float eta = job->eta, inv_eta = 1 / eta;
+    for (int i = 0; i < n; i++) {
+        float wx = ex - px[i], wy = ey - py[i], wz = ez - pz[i];
+        float l = 1.0f / sqrtf(wx * wx + wy * wy + wz * wz + 1e-30f);
+        wx *= l;
+        wy *= l;
+        wz *= l;
+        float c = wx * tx[i] + wy * ty[i] + wz * tz[i];
+        c = c > 1e-4f ? c : 1e-4f;
+        c = c < 1 ? c : 1;
+        float ct = sqrtf(1 - (1 - c * c) * inv_eta * inv_eta);
+        float rs = (c - eta * ct) / (c + eta * ct), rp = (eta * c - ct) / (eta * c + ct);
+        v->mirror[i] = 0.5f * (rs * rs + rp * rp);
+        v->rx[i] = 2 * c * tx[i] - wx;
+        v->ry[i] = 2 * c * ty[i] - wy;
+        v->rz[i] = 2 * c * tz[i] - wz;
+    }
+}
+
+/* Radiance from the mirror direction at each point's own roughness: between two levels. */
+static void PRT_KERNEL(fetch_levels)(const struct shade_job *job, size_t at, int n,
+                                     const struct lookup *look, float *r, float *g, float *b)
+{
+    struct lookup level = *look;
+    float share[LANES], hr[LANES], hg[LANES], hb[LANES];
+    const float *roughness = job->g->roughness + at;
+    for (int i = 0; i < n; i++) {
+        int k;
+        prt_specular_level(roughness[i] < 0 ? job->roughness : roughness[i], &k, &share[i]);
+        int by = k * job->level_floats;
+        level.i00[i] += by;
+        level.i10[i] += by;
+        level.i01[i] += by;
+        level.i11[i] += by;
+    }
+    PRT_KERNEL(cube_fetch)(job->specular, n, &level, r, g, b);
+    for (int i = 0; i < n; i++) {
+        level.i00[i] += job->level_floats;
+        level.i10[i] += job->level_floats;
+        level.i01[i] += job->level_floats;
+        level.i11[i] += job->level_floats;
+    }
+    PRT_KERNEL(cube_fetch)(job->specular, n, &level, hr, hg, hb);
+    for (int i = 0; i < n; i++) {
+        r[i] += share[i] * (hr[i] - r[i]);
+        g[i] += share[i] * (hg[i] - g[i]);
+        b[i] += share[i] * (hb[i] - b[i]);
+    }
+}
+
+/* Light after scattering times base colour; occlusion of light that the surface reflects. */
+static void PRT_KERNEL(apply_look)(const struct shade_job *job, size_t at, int n, float *r,
+                                   float *g, float *b, float *sr, float *sg, float *sb)
+{
+    const struct prt_gbuffer *s = job->g;
+    const uint8_t *opaque = s->opaque + at;
+    const float *occlusion = s->occlusion ? s->occlusion + at : NULL;
+    float *rgb[3] = {r, g, b}, *mirror[3] = {sr, sg, sb};
+    for (int c = 0; c < 3; c++) {
+        const float *base = s->base[0] ? s->base[c] + at : NULL;
+        for (int i = 0; base && i < n; i++) rgb[c][i] *= base[i];
+        for (int i = 0; occlusion && i < n; i++) {
+            rgb[c][i] *= opaque[i] ? occlusion[i] : 1;
+            mirror[c][i] *= occlusion[i];
+        }
     }
 }
 
@@ -184,19 +262,29 @@ static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int
     float sr[LANES], sg[LANES], sb[LANES];
     if (job->specular) {
         struct lookup look;
+        if (job->g->turned[0]) PRT_KERNEL(turn_mirror)(job, at, n, &v);
         PRT_KERNEL(cube_lookup)(job->specular, n, v.rx, v.ry, v.rz, &look);
-        PRT_KERNEL(cube_fetch)(job->specular, n, &look, sr, sg, sb);
+        if (job->level_floats) PRT_KERNEL(fetch_levels)(job, at, n, &look, sr, sg, sb);
+        else PRT_KERNEL(cube_fetch)(job->specular, n, &look, sr, sg, sb);
     } else {
         for (int i = 0; i < n; i++) sr[i] = sg[i] = sb[i] = 0;
     }
+    if (job->g->base[0] || job->g->occlusion)
+        PRT_KERNEL(apply_look)(job, at, n, r, g, b, sr, sg, sb);
     const int fresnel = job->fresnel;
     for (int i = 0; i < n; i++) {
         float t = fresnel && !opaque[i] ? v.transmit[i] : 1;
-        float mirror = opaque[i] ? 0 : 1 - v.transmit[i];
+        float mirror = opaque[i] ? 0 : v.mirror[i];
         float cr = t * r[i], cg = t * g[i], cb = t * b[i];
         r[i] = (cr > 0 ? cr : 0) + mirror * sr[i];
         g[i] = (cg > 0 ? cg : 0) + mirror * sg[i];
         b[i] = (cb > 0 ? cb : 0) + mirror * sb[i];
+    }
+    if (!job->g->emission[0]) return;
+    for (int i = 0; i < n; i++) {
+        r[i] += job->g->emission[0][at + (size_t)i];
+        g[i] += job->g->emission[1][at + (size_t)i];
+        b[i] += job->g->emission[2][at + (size_t)i];
     }
 }
 
