@@ -120,6 +120,10 @@ struct relight_server {
     uint32_t max_in_flight, chunk;
     size_t n_preset;
     const char *const *preset; /* names of materials */
+    const char *principal;     /* this client's name at the daemon, such as "token:anna" */
+    size_t n_scope;
+    const char *const *scope; /* its rights: "view", "edit", "upload", "admin" */
+    uint64_t expires_s;       /* its token's end, seconds since 1970; 0: never */
 };
 
 /* Tells what the daemon said in HELLO.
@@ -247,6 +251,7 @@ struct relight_load {
     size_t n_opaque;
     const char *const *opaque;
     bool pin;
+    bool up_z;    /* +z is up in the file: (x,y,z) becomes (x,z,-y) */
     bool preview; /* no bake: image-space engines answer */
 };
 enum relight_model_state {
@@ -289,7 +294,7 @@ int relight_load(struct relight_client *client, const struct relight_load *load,
 void relight_loaded_finish(struct relight_loaded *loaded);
 
 /* Uploads a model file and, for .gltf, the buffers that it names beside it, then loads it.
- * path: .glb .gltf .obj .ply. load: as relight_load; its files and path are ignored.
+ * path: .glb .gltf .obj .ply .stl. load: as relight_load; its files and path are ignored.
  * Returns as relight_load and relight_upload_file.
  * Thread-safety: Safe. Blocks as both. */
 int relight_load_file(struct relight_client *client, const char *path,
@@ -320,6 +325,11 @@ struct relight_block {
     float base_color[3];
     uint32_t surface_index; /* into relight_geometry.look */
 };
+struct relight_named_camera {
+    const char *name;
+    float eye[3], target[3], up[3]; /* the model's own units */
+    float fovy_deg;
+};
 struct relight_model {
     const char *id, *name, *job;
     enum relight_model_state state;
@@ -337,13 +347,15 @@ struct relight_model {
     size_t n_warning, n_block;
     const char *const *warning;
     const struct relight_block *block;
+    size_t n_camera; /* the file's own; relight_info only */
+    const struct relight_named_camera *camera;
     const char *failure; /* of RELIGHT_MODEL_FAILED, else "" */
     void *owner;         /* NULL for members of a list */
 };
 
 /* Describes a model.
- * model: its id, the unique beginning of one (eight digits or more), or its name when that
- * is unique.
+ * model: its id, the unique beginning of one (eight digits or more), its name when that is
+ * unique, or a beginning that no other name has.
  * Returns 0 and *out, to be freed by relight_model_finish. -RELIGHT_E_NOT_FOUND.
  * Thread-safety: Safe. Blocks for a round trip. */
 int relight_info(struct relight_client *client, const char *model, struct relight_model *out,
@@ -534,9 +546,22 @@ struct relight_camera {
     bool set;                       /* false: the model is framed */
     float eye[3], target[3], up[3]; /* the model's own units; up 0,0,0: +y */
     float fovy_deg;                 /* 0: default */
+    /* In place of the above, where the daemon places the camera: */
+    char name[64];     /* one of the model's file (relight_info), or a beginning of its name */
+    bool has_orbit;    /* about the framed centre; 0,0 looks along -z, azimuth 90 along -x */
+    float azimuth_deg; /* [-1e6, 1e6], counter-clockwise about +y seen from above */
+    float elevation_deg; /* [-90, 90] */
+    float zoom;          /* [0.1, 100], magnification; 0: 1 */
 };
 
-/* Reads "x,y,z:x,y,z[:x,y,z][:deg]": eye, target, up and vertical field of view.
+/* Reads "AZIMUTH,ELEVATION[,ZOOM]" in degrees into an orbit.
+ * Returns 0 and *out, or -RELIGHT_E_ARGUMENT.
+ * Thread-safety: Safe. Does not block. */
+int relight_orbit_parse(const char *text, struct relight_camera *out,
+                        struct relight_error *error);
+
+/* Reads "x,y,z:x,y,z[:x,y,z][:deg]": eye, target, up and vertical field of view. A text without
+ * ':' and ',' is the name of one of the model's own cameras.
  * Returns 0 and *out, or -RELIGHT_E_ARGUMENT.
  * Thread-safety: Safe. Does not block. */
 int relight_camera_parse(const char *text, struct relight_camera *out,
@@ -734,6 +759,69 @@ void relight_frame_out_finish(struct relight_frame_out *frame);
  * Thread-safety: Unsafe: no other call may be running on the view. Blocks for a round trip. */
 int relight_view_close(struct relight_view *view, uint64_t *frames, uint64_t *dropped,
                        struct relight_error *error);
+
+/* Tokens: the rights of clients. These calls need the scope admin. */
+
+enum { RELIGHT_SECRET = 128 }; /* bytes of a token's text, with the end */
+
+/* In place of the daemon's limits for one client; 0: those. */
+struct relight_quotas {
+    double rate;                           /* requests a second */
+    uint64_t connections, requests, views; /* open at once */
+    uint64_t memory;                       /* bytes held by requests and views */
+    uint64_t output;                       /* bytes of answers not yet read */
+    uint64_t bakes, uploads, models;
+    uint64_t disk; /* bytes */
+};
+
+struct relight_token_order {
+    const char *name;         /* 1 to 63 letters, digits, dots, hyphens and underscores */
+    const char *const *scope; /* [n_scope] of "view", "edit", "upload", "admin" */
+    size_t n_scope;
+    uint64_t lifetime_s; /* from now; 0: it does not expire */
+    struct relight_quotas quotas;
+};
+
+/* Creates a token.
+ * Returns 0 and its text in secret, the only time that it exists; it is valid at once, for
+ * relight_options.token. From the first token on, TCP, HTTP and WebSocket clients need one.
+ * -RELIGHT_E_FORBIDDEN: the scope admin is missing, or one of those to be given.
+ * -RELIGHT_E_BAD_REQUEST: the name is in use. -RELIGHT_E_OUT_OF_RANGE: a bad name, scope or
+ * quota.
+ * Thread-safety: Safe. Blocks until the daemon has it on disk. */
+int relight_token_create(struct relight_client *client, const struct relight_token_order *order,
+                         char secret[RELIGHT_SECRET], struct relight_error *error);
+
+struct relight_token {
+    const char *name, *by;    /* by: the principal that created it */
+    const char *const *scope; /* [n_scope] */
+    size_t n_scope;
+    uint64_t created_s, expires_s; /* since 1970; expires_s 0: never */
+    uint32_t connections;          /* open now */
+    struct relight_quotas quotas;
+};
+struct relight_tokens {
+    size_t n_token;
+    const struct relight_token *token;
+    void *owner;
+};
+
+/* Lists the tokens, expired ones included, in the order of their creation.
+ * Returns 0 and *out, to be freed by relight_tokens_finish. -RELIGHT_E_FORBIDDEN.
+ * Thread-safety: Safe. Blocks for a round trip. */
+int relight_token_list(struct relight_client *client, struct relight_tokens *out,
+                       struct relight_error *error);
+
+/* Frees what relight_token_list put into *tokens. Thread-safety: Safe for different structs.
+ * Does not block. */
+void relight_tokens_finish(struct relight_tokens *tokens);
+
+/* Revokes a token; its connections are closed within a second.
+ * Returns 0 and their number in *connections (NULL is allowed). -RELIGHT_E_NOT_FOUND,
+ * -RELIGHT_E_FORBIDDEN.
+ * Thread-safety: Safe. Blocks until the daemon has it on disk. */
+int relight_token_revoke(struct relight_client *client, const char *name, uint32_t *connections,
+                         struct relight_error *error);
 
 /* Statistics. */
 
