@@ -129,6 +129,11 @@ const struct option_row option_table[] = {
     {"shard", 0, "I/N", OPTION_SHARD, AT(shard), 0, 0, NULL, BAKE,
      "bake part I of N, I from 0 to N-1, and write it beside OUT.prt; the last part to finish "
      "assembles OUT.prt, the same bytes as an undivided bake"},
+    {"checkpoint", 0, "FILE", OPTION_TEXT, AT(checkpoint), 0, 0, NULL, BAKE,
+     "keep finished work in FILE and FILE.rows; the same command goes on from there after an "
+     "interruption, and removes them when OUT.prt is written"},
+    {"checkpoint-room", 0, "BYTES", OPTION_WHOLE, AT(checkpoint_room), 1, 1e18, NULL, BAKE,
+     "most bytes that the checkpoint takes (default: no bound)"},
     {"size", 0, "WxH", OPTION_SIZE, AT(width), 1, 4096, NULL, IMAGE,
      "size in pixels (default 800x600)"},
     {"size", 0, "N|WxH", OPTION_SIDE, AT(width), 1, 16384, NULL, ENV,

@@ -33,7 +33,7 @@ struct options {
     unsigned n_input;
     const char *out, *material, *env, *engine, *term, *transport, *storage, *basis, *camera,
         *cpu, *scattering;
-    const char *tone, *background, *layout, *orbit, *up;
+    const char *tone, *background, *layout, *orbit, *up, *checkpoint;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
     const char *envs[MAX_ENV]; /* compare: every --env; env is the first */
@@ -43,7 +43,7 @@ struct options {
     double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms,
         bump_mm, texture_split;
     uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed, walks;
-    uint64_t threads, msaa, quality, vertices, memory;
+    uint64_t threads, msaa, quality, vertices, memory, checkpoint_room;
     bool memory_set, estimate, accept_weak_sandbox;
     uint32_t cube; /* 0: not given */
     bool cube_full;

@@ -61,6 +61,9 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(BYTES, bake_memory, "bake-memory", "BYTES", "0",                                         \
       "Memory limit of one bake; a bake that needs more fails. 0: the estimate from "          \
       "its settings")                                                                          \
+    X(BYTES, bake_checkpoint, "bake-checkpoint", "BYTES", "8G",                                \
+      "Disk space for the finished work of one bake, from which it goes on after a restart "   \
+      "of the daemon; it counts as --disk. 0: an interrupted bake starts again")               \
     X(SECONDS, bake_time, "bake-time", "SECONDS", "21600",                                     \
       "Time limit of one bake; the daemon then stops it. 0: no limit")                         \
     X(BYTES, memory, "memory", "BYTES", "8G",                                                  \
