@@ -30,6 +30,8 @@ static int check_usage(const struct options *o, enum prt_transport_kind engine)
     if (!o->env && engine == PRT_TRANSPORT_POLYNOMIAL)
         return usage_error(o,
                            "--transport polynomial is baked under one light: it needs --env");
+    if (o->checkpoint_room && !o->checkpoint)
+        return usage_error(o, "--checkpoint-room is for --checkpoint");
     if (sparse && engine != PRT_TRANSPORT_WAVELET)
         return usage_error(o, "--storage sparse is for --transport wavelet");
     if (o->basis && engine != PRT_TRANSPORT_POLYNOMIAL)
@@ -70,6 +72,8 @@ static struct prt_bake_options bake_options(const struct options *o,
         .seed = o->seed,
         .shard = o->shard,
         .n_shard = o->n_shard,
+        .checkpoint = o->checkpoint,
+        .checkpoint_room = o->checkpoint_room,
     };
 }
 
@@ -81,6 +85,7 @@ static char *provenance(const struct options *o)
     cJSON_AddStringToObject(root, "model", slash ? slash + 1 : o->input[0]);
     if (o->size_mm > 0) cJSON_AddNumberToObject(root, "size_mm", o->size_mm);
     if (o->mm_per_unit > 0) cJSON_AddNumberToObject(root, "mm_per_unit", o->mm_per_unit);
+    if (o->up && !strcmp(o->up, "z")) cJSON_AddStringToObject(root, "up", o->up);
     if (o->env) {
         env = strrchr(o->env, '/');
         cJSON_AddStringToObject(root, "env", env ? env + 1 : o->env);

@@ -139,7 +139,7 @@ static int open_data(void)
         return -1;
     }
     if (make_folder("blobs") || make_folder("bakes") || make_folder("models") ||
-        make_folder("work") || make_folder("previews"))
+        make_folder("work") || make_folder("jobs") || make_folder("previews"))
         return -1;
     snprintf(path, sizeof path, "%s/blobs", server.data);
     struct blobs_setup setup = {.folder = path,
@@ -237,6 +237,14 @@ static int choose_run(void)
     return 0;
 }
 
+static int start_models(void)
+{
+    jobs_recall(server.jobs);
+    if (models_create(&server, &server.models)) return -1;
+    models_resume_bakes(server.models);
+    return 0;
+}
+
 static int start(void)
 {
     static const int signals[] = {SIGTERM, SIGINT, SIGCHLD, SIGHUP};
@@ -271,7 +279,7 @@ static int start(void)
                        &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
         open_access() || open_tls() || jobs_create(&server, &job_runner_child, &server.jobs) ||
-        models_create(&server, &server.models) || listen_everywhere())
+        start_models() || listen_everywhere())
         return -1;
     cache_hold_files(server.cache, server.files);
     cache_use_workers(server.cache, server.work);

@@ -12,133 +12,136 @@
 enum { OPTIONS_MAX_LISTEN = 16 };
 
 /* kind, field, option name, name of the value, default, explanation */
-#define OPTIONS_LIST(X)                                                                         \
-    X(TEXT, models, "models", "DIR", "",                                                        \
-      "Folder whose model files (.glb .gltf .obj .ply) and .prt files are available "           \
-      "by name")                                                                                \
-    X(TEXT, data, "data", "DIR", "",                                                            \
-      "Folder for uploads, bakes and the catalogue; survives restarts. Empty: a "               \
-      "temporary folder that is removed at the end")                                            \
-    X(TEXT, http, "http", "HOST:PORT", "",                                                      \
-      "Serve HTTP and WebSocket here: /healthz /metrics /ws and the page. Empty: no "           \
-      "HTTP")                                                                                   \
-    X(TEXT, page, "page", "DIR", "", "Folder of static files that HTTP serves at /")            \
-    X(TEXT, origins, "origins", "LIST", "",                                                     \
-      "Web origins, comma-separated, that may open the WebSocket besides the page's "           \
-      "own; * for all")                                                                         \
-    X(TEXT, hosts, "hosts", "LIST", "",                                                         \
-      "Host names, comma-separated, that HTTP requests may name besides loopback "              \
-      "names and the address it listens on; requests for other hosts are refused; * "           \
-      "for all")                                                                                \
-    X(TEXT, token_file, "token-file", "FILE", "",                                               \
-      "File whose first line is a token with every scope, named `default`. Further "            \
-      "tokens are made with `relight token create`. Clients of TCP, HTTP and WebSocket "        \
-      "need one of them as soon as one exists")                                                 \
-    X(TEXT, tls_cert, "tls-cert", "FILE", "",                                                   \
-      "Certificate of this daemon, PEM, followed by those that sign it. With it every TCP and " \
-      "HTTP address speaks TLS 1.2 or 1.3 alone; unix sockets do not. SIGHUP reads it again, "  \
-      "without closing connections. Empty: no TLS")                                             \
-    X(TEXT, tls_key, "tls-key", "FILE", "",                                                     \
-      "Private key of --tls-cert, PEM, without a password")                                     \
-    X(FLAG, tls_loopback, "tls-loopback", "yes|no", "yes",                                      \
-      "With --tls-cert: speak TLS on addresses of loopback, too. No: plain text there, for "    \
-      "probes and proxies on this machine")                                                     \
-    X(FLAG, accept_anyone, "accept-anyone", "yes|no", "no",                                     \
-      "Listen beyond loopback without a token: every machine that reaches the address "         \
-      "may use this daemon, except for administration")                                         \
-    X(TEXT, local_scopes, "local-scopes", "LIST", "view,edit,upload",                           \
-      "Scopes of other users of this machine who connect to a unix socket without a token: "    \
-      "view, edit, upload, admin, comma-separated. Empty: they need a token. The daemon's "     \
-      "own user and root have all")                                                             \
-    X(TEXT, socket_mode, "socket-mode", "MODE", "0660",                                         \
-      "Permissions of unix sockets, octal: users with write permission may connect")            \
-    X(TEXT, socket_group, "socket-group", "GROUP", "",                                          \
-      "Group of unix sockets. Empty: the daemon's own")                                         \
-    X(TEXT, prt, "prt", "PROGRAM", "",                                                          \
-      "The prt program that runs bakes. Empty: the one next to relightd, else the one "         \
-      "on PATH")                                                                                \
-    X(TEXT, log, "log", "LEVEL", "event", "Log level: error, warning, event or trace")          \
-    X(TEXT, cpu, "cpu", "ISA", "", "Widest instruction set: " PRT_CPU_WORDS ". Empty: detect")  \
-    X(COUNT, threads, "threads", "N", "0", "Worker threads. 0: one for each core")              \
-    X(COUNT, bakes, "bakes", "N", "1", "Bakes that run at once; others wait in a queue")        \
-    X(COUNT, bake_queue, "bake-queue", "N", "64", "Bakes that may wait; more are refused")      \
-    X(COUNT, bake_threads, "bake-threads", "N", "0",                                            \
-      "Threads of one bake. 0: one for each core")                                              \
-    X(COUNT, bake_nice, "bake-nice", "N", "5",                                                  \
-      "Niceness of bakes, 0 to 19: a larger value leaves relighting more CPU time. On "         \
-      "a machine with other load a large value may starve bakes")                               \
-    X(BYTES, bake_memory, "bake-memory", "BYTES", "0",                                          \
-      "Memory limit of one bake; a bake that needs more fails. 0: the estimate from "           \
-      "its settings")                                                                           \
-    X(SECONDS, bake_time, "bake-time", "SECONDS", "21600",                                      \
-      "Time limit of one bake; the daemon then stops it. 0: no limit")                          \
-    X(BYTES, memory, "memory", "BYTES", "8G",                                                   \
-      "Memory for open baked transport; beyond it the least recently used model is "            \
-      "unloaded")                                                                               \
-    X(BYTES, cache, "cache", "BYTES", "1G",                                                     \
-      "Memory for decoded environments, lights, visibility buffers and colours that "           \
-      "are kept for reuse")                                                                     \
-    X(BYTES, disk, "disk", "BYTES", "64G",                                                      \
-      "Disk space for all uploads and bakes under --data")                                      \
-    X(BYTES, bakes_disk, "bakes-disk", "BYTES", "32G",                                          \
-      "Disk space for bakes under --data; beyond it the least recently used bake that "         \
-      "is not pinned is deleted, and baked again when its model is loaded")                     \
-    X(BYTES, max_blob, "max-blob", "BYTES", "1G", "Largest upload")                             \
-    X(BYTES, decode_memory, "decode-memory", "BYTES", "4G",                                     \
-      "Memory limit of a process that decodes an untrusted image")                              \
-    X(BYTES, decode_total, "decode-total", "BYTES", "0",                                        \
-      "Memory limit of all decoding processes together; further ones wait. 0: half of "         \
-      "the machine's memory")                                                                   \
-    X(FLAG, accept_weak_sandbox, "accept-weak-sandbox", "yes|no", "no",                         \
-      "Decode files even if the system cannot confine the decoding process (no "                \
-      "seccomp, no Landlock)")                                                                  \
-    X(COUNT, connections, "connections", "N", "1100", "Open connections, over all carriers")    \
-    X(COUNT, client_connections, "client-connections", "N", "0",                                \
-      "Open connections of one client (token, local user or address). 0: no separate "          \
-      "limit")                                                                                  \
-    X(COUNT, requests, "requests", "N", "256",                                                  \
-      "Open requests of one connection; more are refused as busy")                              \
-    X(COUNT, client_requests, "client-requests", "N", "2048",                                   \
-      "Open requests of one client over all its connections")                                   \
-    X(COUNT, queue, "queue", "N", "4096",                                                       \
-      "Open requests of all clients; more are refused as busy")                                 \
-    X(COUNT, client_views, "client-views", "N", "512",                                          \
-      "Open views and watches of one client; they do not count as requests")                    \
-    X(COUNT, views, "views", "N", "4096", "Open views and watches of all clients")              \
-    X(BYTES, client_memory, "client-memory", "BYTES", "512M",                                   \
-      "Memory held by one client's requests and views: payloads, lights, vertices")             \
-    X(BYTES, request_memory, "request-memory", "BYTES", "2G",                                   \
-      "Memory held by all requests and views")                                                  \
-    X(BYTES, client_output, "client-output", "BYTES", "512M",                                   \
-      "Bytes of answers that one client has not read yet")                                      \
-    X(BYTES, output_memory, "output-memory", "BYTES", "2G",                                     \
-      "Bytes of answers that all clients have not read yet")                                    \
-    X(COUNT, client_jobs, "client-jobs", "N", "32", "Queued and running bakes of one client")   \
-    X(COUNT, client_uploads, "client-uploads", "N", "16", "Unfinished uploads of one client")   \
-    X(COUNT, uploads, "uploads", "N", "256", "Unfinished uploads of all clients")               \
-    X(COUNT, client_models, "client-models", "N", "1000",                                       \
-      "Loaded models of one client, previews included")                                         \
-    X(COUNT, max_models, "max-models", "N", "10000", "Models that the daemon knows at once")    \
-    X(BYTES, client_disk, "client-disk", "BYTES", "16G",                                        \
-      "Disk space for one client's uploads, previews and bakes under --data")                   \
-    X(SECONDS, handshake, "handshake", "SECONDS", "5",                                          \
-      "Close a connection that has not sent HELLO within this time")                            \
-    X(SECONDS, write_time, "write-time", "SECONDS", "10",                                       \
-      "Close a connection that reads nothing for this time while an answer is waiting")         \
-    X(BYTES, send_buffer, "send-buffer", "BYTES", "64M",                                        \
-      "Unread answers of one connection above which the daemon stops reading its "              \
-      "requests; at four times that it is closed")                                              \
-    X(SECONDS, idle, "idle", "SECONDS", "600",                                                  \
-      "Close a connection that sends nothing for this time")                                    \
-    X(SECONDS, frame_time, "frame-time", "SECONDS", "30",                                       \
-      "Close a connection that does not finish a frame within this time")                       \
-    X(SECONDS, deadline, "deadline", "SECONDS", "120",                                          \
-      "Time limit of a request; clients may set a shorter one")                                 \
-    X(SECONDS, drain, "drain", "SECONDS", "10",                                                 \
-      "Time that open requests have after SIGTERM before the daemon exits")                     \
-    X(TEXT, goaway_address, "goaway-address", "ADDRESS", "",                                    \
-      "Address that clients are told to connect to while the daemon stops "                     \
-      "(tcp:HOST:PORT). Empty: this one, after the restart")                                    \
+#define OPTIONS_LIST(X)                                                                        \
+    X(TEXT, models, "models", "DIR", "",                                                       \
+      "Folder whose model files (.glb .gltf .obj .ply .stl) and .prt files are available "     \
+      "by name")                                                                               \
+    X(TEXT, data, "data", "DIR", "",                                                           \
+      "Folder for uploads, bakes and the catalogue; survives restarts. Empty: a "              \
+      "temporary folder that is removed at the end")                                           \
+    X(TEXT, http, "http", "HOST:PORT", "",                                                     \
+      "Serve HTTP and WebSocket here: /healthz /metrics /ws and the page. Empty: no "          \
+      "HTTP")                                                                                  \
+    X(TEXT, page, "page", "DIR", "", "Folder of static files that HTTP serves at /")           \
+    X(TEXT, origins, "origins", "LIST", "",                                                    \
+      "Web origins, comma-separated, that may open the WebSocket besides the page's "          \
+      "own; * for all")                                                                        \
+    X(TEXT, hosts, "hosts", "LIST", "",                                                        \
+      "Host names, comma-separated, that HTTP requests may name besides loopback "             \
+      "names and the address it listens on; requests for other hosts are refused; * "          \
+      "for all")                                                                               \
+    X(TEXT, token_file, "token-file", "FILE", "",                                              \
+      "File whose first line is a token with every scope, named `default`. Further "           \
+      "tokens are made with `relight token create`. Clients of TCP, HTTP and WebSocket "       \
+      "need one of them as soon as one exists")                                                \
+    X(TEXT, tls_cert, "tls-cert", "FILE", "",                                                  \
+      "Certificate of this daemon, PEM, followed by those that sign it. With it every "        \
+      "TCP and HTTP address speaks TLS 1.2 or 1.3 alone; unix sockets do not. SIGHUP "         \
+      "reads it again, without closing connections. Empty: no TLS")                            \
+    X(TEXT, tls_key, "tls-key", "FILE", "",                                                    \
+      "Private key of --tls-cert, PEM, without a password")                                    \
+    X(FLAG, tls_loopback, "tls-loopback", "yes|no", "yes",                                     \
+      "With --tls-cert: speak TLS on addresses of loopback, too. No: plain text there, "       \
+      "for probes and proxies on this machine")                                                \
+    X(FLAG, accept_anyone, "accept-anyone", "yes|no", "no",                                    \
+      "Listen beyond loopback without a token: every machine that reaches the address "        \
+      "may use this daemon, except for administration")                                        \
+    X(TEXT, local_scopes, "local-scopes", "LIST", "view,edit,upload",                          \
+      "Scopes of other users of this machine who connect to a unix socket without a token: "   \
+      "view, edit, upload, admin, comma-separated. Empty: they need a token. The daemon's "    \
+      "own user and root have all")                                                            \
+    X(TEXT, socket_mode, "socket-mode", "MODE", "0660",                                        \
+      "Permissions of unix sockets, octal: users with write permission may connect")           \
+    X(TEXT, socket_group, "socket-group", "GROUP", "",                                         \
+      "Group of unix sockets. Empty: the daemon's own")                                        \
+    X(TEXT, prt, "prt", "PROGRAM", "",                                                         \
+      "The prt program that runs bakes. Empty: the one next to relightd, else the one "        \
+      "on PATH")                                                                               \
+    X(TEXT, log, "log", "LEVEL", "event", "Log level: error, warning, event or trace")         \
+    X(TEXT, cpu, "cpu", "ISA", "", "Widest instruction set: " PRT_CPU_WORDS ". Empty: detect") \
+    X(COUNT, threads, "threads", "N", "0", "Worker threads. 0: one for each core")             \
+    X(COUNT, bakes, "bakes", "N", "1", "Bakes that run at once; others wait in a queue")       \
+    X(COUNT, bake_queue, "bake-queue", "N", "64", "Bakes that may wait; more are refused")     \
+    X(COUNT, bake_threads, "bake-threads", "N", "0",                                           \
+      "Threads of one bake. 0: one for each core")                                             \
+    X(COUNT, bake_nice, "bake-nice", "N", "5",                                                 \
+      "Niceness of bakes, 0 to 19: a larger value leaves relighting more CPU time. On "        \
+      "a machine with other load a large value may starve bakes")                              \
+    X(BYTES, bake_memory, "bake-memory", "BYTES", "0",                                         \
+      "Memory limit of one bake; a bake that needs more fails. 0: the estimate from "          \
+      "its settings")                                                                          \
+    X(BYTES, bake_checkpoint, "bake-checkpoint", "BYTES", "8G",                                \
+      "Disk space for the finished work of one bake, from which it goes on after a restart "   \
+      "of the daemon; it counts as --disk. 0: an interrupted bake starts again")               \
+    X(SECONDS, bake_time, "bake-time", "SECONDS", "21600",                                     \
+      "Time limit of one bake; the daemon then stops it. 0: no limit")                         \
+    X(BYTES, memory, "memory", "BYTES", "8G",                                                  \
+      "Memory for open baked transport; beyond it the least recently used model is "           \
+      "unloaded")                                                                              \
+    X(BYTES, cache, "cache", "BYTES", "1G",                                                    \
+      "Memory for decoded environments, lights, visibility buffers and colours that "          \
+      "are kept for reuse")                                                                    \
+    X(BYTES, disk, "disk", "BYTES", "64G",                                                     \
+      "Disk space for all uploads and bakes under --data")                                     \
+    X(BYTES, bakes_disk, "bakes-disk", "BYTES", "32G",                                         \
+      "Disk space for bakes under --data; beyond it the least recently used bake that "        \
+      "is not pinned is deleted, and baked again when its model is loaded")                    \
+    X(BYTES, max_blob, "max-blob", "BYTES", "1G", "Largest upload")                            \
+    X(BYTES, decode_memory, "decode-memory", "BYTES", "4G",                                    \
+      "Memory limit of a process that decodes an untrusted image")                             \
+    X(BYTES, decode_total, "decode-total", "BYTES", "0",                                       \
+      "Memory limit of all decoding processes together; further ones wait. 0: half of "        \
+      "the machine's memory")                                                                  \
+    X(FLAG, accept_weak_sandbox, "accept-weak-sandbox", "yes|no", "no",                        \
+      "Decode files even if the system cannot confine the decoding process (no "               \
+      "seccomp, no Landlock)")                                                                 \
+    X(COUNT, connections, "connections", "N", "1100", "Open connections, over all carriers")   \
+    X(COUNT, client_connections, "client-connections", "N", "0",                               \
+      "Open connections of one client (token, local user or address). 0: no separate "         \
+      "limit")                                                                                 \
+    X(COUNT, requests, "requests", "N", "256",                                                 \
+      "Open requests of one connection; more are refused as busy")                             \
+    X(COUNT, client_requests, "client-requests", "N", "2048",                                  \
+      "Open requests of one client over all its connections")                                  \
+    X(COUNT, queue, "queue", "N", "4096",                                                      \
+      "Open requests of all clients; more are refused as busy")                                \
+    X(COUNT, client_views, "client-views", "N", "512",                                         \
+      "Open views and watches of one client; they do not count as requests")                   \
+    X(COUNT, views, "views", "N", "4096", "Open views and watches of all clients")             \
+    X(BYTES, client_memory, "client-memory", "BYTES", "512M",                                  \
+      "Memory held by one client's requests and views: payloads, lights, vertices")            \
+    X(BYTES, request_memory, "request-memory", "BYTES", "2G",                                  \
+      "Memory held by all requests and views")                                                 \
+    X(BYTES, client_output, "client-output", "BYTES", "512M",                                  \
+      "Bytes of answers that one client has not read yet")                                     \
+    X(BYTES, output_memory, "output-memory", "BYTES", "2G",                                    \
+      "Bytes of answers that all clients have not read yet")                                   \
+    X(COUNT, client_jobs, "client-jobs", "N", "32", "Queued and running bakes of one client")  \
+    X(COUNT, client_uploads, "client-uploads", "N", "16", "Unfinished uploads of one client")  \
+    X(COUNT, uploads, "uploads", "N", "256", "Unfinished uploads of all clients")              \
+    X(COUNT, client_models, "client-models", "N", "1000",                                      \
+      "Loaded models of one client, previews included")                                        \
+    X(COUNT, max_models, "max-models", "N", "10000", "Models that the daemon knows at once")   \
+    X(BYTES, client_disk, "client-disk", "BYTES", "16G",                                       \
+      "Disk space for one client's uploads, previews and bakes under --data")                  \
+    X(SECONDS, handshake, "handshake", "SECONDS", "5",                                         \
+      "Close a connection that has not sent HELLO within this time")                           \
+    X(SECONDS, write_time, "write-time", "SECONDS", "10",                                      \
+      "Close a connection that reads nothing for this time while an answer is waiting")        \
+    X(BYTES, send_buffer, "send-buffer", "BYTES", "64M",                                       \
+      "Unread answers of one connection above which the daemon stops reading its "             \
+      "requests; at four times that it is closed")                                             \
+    X(SECONDS, idle, "idle", "SECONDS", "600",                                                 \
+      "Close a connection that sends nothing for this time")                                   \
+    X(SECONDS, frame_time, "frame-time", "SECONDS", "30",                                      \
+      "Close a connection that does not finish a frame within this time")                      \
+    X(SECONDS, deadline, "deadline", "SECONDS", "120",                                         \
+      "Time limit of a request; clients may set a shorter one")                                \
+    X(SECONDS, drain, "drain", "SECONDS", "10",                                                \
+      "Time that open requests have after SIGTERM before the daemon exits")                    \
+    X(TEXT, goaway_address, "goaway-address", "ADDRESS", "",                                   \
+      "Address that clients are told to connect to while the daemon stops "                    \
+      "(tcp:HOST:PORT). Empty: this one, after the restart")                                   \
     X(COUNT, max_side, "max-side", "PIXELS", "4096", "Largest width and height of an image")
 
 struct options {
