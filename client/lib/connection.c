@@ -412,15 +412,17 @@ int relight_start(struct relight_client *c, uint16_t type, const ProtobufCMessag
     struct out_item item = {.piece = piece, .n_piece = n_payload + 1};
     double end = deadline_s > 0 ? relight_now_s() + deadline_s + grace_s : INFINITY;
     int status = 0;
+    bool one_way =
+        relight_type_message(type | RELIGHT_TYPE_ANSWER) == &relight__nothing__descriptor;
 
     pthread_mutex_lock(&c->lock);
-    struct slot *slot = c->broken ? NULL : add_slot(c, end, forget);
-    if (!slot) {
+    struct slot *slot = c->broken || one_way ? NULL : add_slot(c, end, forget);
+    if (c->broken || (!slot && !one_way)) {
         status = c->broken ? broken(c, error)
                            : relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
         goto done;
     }
-    frame.id = slot->id;
+    if (slot) frame.id = slot->id;
     relight_frame_put_fixed(&frame, head);
     *c->out_tail = &item;
     c->out_tail = &item.next;
@@ -432,7 +434,7 @@ int relight_start(struct relight_client *c, uint16_t type, const ProtobufCMessag
     if (c->broken) {
         // An answer that came before the break is still to be had; a forgotten one is gone.
         slot = *find_slot(c, frame.id);
-        if (slot && !slot->last) {
+        if (one_way || (slot && !slot->last)) {
             status = broken(c, error);
             drop_slot(c, frame.id);
         }

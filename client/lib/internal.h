@@ -87,6 +87,9 @@ struct request_parts {
 };
 int relight_put_lights(struct request_parts *parts, size_t n,
                        const struct relight_light *lights, struct relight_error *error);
+/* Rotation and gain alone, for lights that a view has. */
+int relight_put_turns(struct request_parts *parts, size_t n, const struct relight_light *lights,
+                      struct relight_error *error);
 void relight_put_shade(struct request_parts *parts, const struct relight_shade *shade);
 void relight_put_picture(struct request_parts *parts, const struct relight_picture *picture);
 void relight_get_cost(const Relight__Cost *message, struct relight_cost *out);

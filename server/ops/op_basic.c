@@ -24,7 +24,10 @@ static uint32_t milliseconds(double seconds)
 static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
 {
     // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
-    static const char *const features[] = {"error-range", "events", "goaway", "run", "tokens"};
+    static const char *const features[] = {
+        "error-range", "events",   "goaway",     "run",
+        "tokens",      "view-ack", "view-equal", "view-fields",
+    };
     out->features = (char **)features;
     out->n_features = sizeof features / sizeof *features;
     out->max_lights = RENDER_MAX_LIGHTS;

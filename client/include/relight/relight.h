@@ -663,10 +663,16 @@ struct relight_view_request {
     bool colors; /* frames are colours, else pictures */
     enum relight_color_format color_format;
     float color_exposure_ev;
-    uint32_t max_fps, window;
+    uint32_t max_fps, window; /* window: most frames on the way, up to 256; 0: 2 */
+    uint64_t window_bytes;    /* a frame waits while frames on the way take more; 0: no limit */
+    uint32_t frame_deadline_ms; /* a frame that takes longer is RELIGHT_E_DEADLINE; 0: none */
+    bool skip_equal;            /* frames equal to the one before come without their contents */
 };
 struct relight_frame_out {
     uint64_t frame, sequence, skipped; /* skipped: frames received and dropped before this */
+    uint64_t hash;                     /* of colours or picture: equal hashes, equal bytes */
+    bool
+        equal; /* skip_equal: as the frame before, which `skipped` may count; nothing is here */
     bool has_colors, has_image;
     struct relight_colors colors;
     struct relight_image image;
@@ -693,6 +699,19 @@ int relight_view_set(struct relight_view *view, size_t n_light,
                      const struct relight_light *lights, const struct relight_shade *shade,
                      const struct relight_picture *picture, uint64_t *sequence,
                      struct relight_error *error);
+
+/* Changes named fields of a view's state; all others stay. A slider step sends its one number.
+ * fields [n_field]: names as in relight.proto, ViewState.fields: "shade.material",
+ * "lights.rotate_deg", "picture.camera", "options.max_fps"; "lights" with n_light 0 removes all
+ * lights. values: where the fields' new values are; a field that is zero there goes back to its
+ * default. With "lights.rotate_deg" and "lights.gain" the lights of values need no environment.
+ * model and colors are ignored. *sequence as in relight_view_set.
+ * Returns 0 once it is sent. -RELIGHT_E_ARGUMENT, -RELIGHT_E_DISCONNECTED. A name that the
+ * daemon does not know changes nothing, and no frame follows.
+ * Thread-safety: Safe. Blocks only while the socket is full. */
+int relight_view_change(struct relight_view *view, const struct relight_view_request *values,
+                        size_t n_field, const char *const *fields, uint64_t *sequence,
+                        struct relight_error *error);
 
 /* Waits for a frame and takes the newest; older ones that wait are dropped and counted in
  * `skipped`.
