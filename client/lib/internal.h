@@ -20,8 +20,9 @@ int relight_fail(struct relight_error *error, int code, const char *hint, const 
 int relight_fail_message(struct relight_error *error, const Relight__Error *message);
 
 /* ---- address.c ---- */
-/* Connected non-blocking socket, or -code. */
-int relight_socket(const char *address, double timeout_s, struct relight_error *error);
+/* Connected non-blocking socket, or -code. host: that of tls:HOST:PORT, else "". */
+int relight_socket(const char *address, double timeout_s, char host[256],
+                   struct relight_error *error);
 /* The default address into buf. */
 const char *relight_default_address(char *buf, size_t n);
 double relight_now_s(void);

@@ -13,7 +13,8 @@ const char *argp_program_version = "relight-preview " RELIGHT_VERSION;
 
 enum { KEY_NO_TEXTURES = 256 };
 static const struct argp_option table[] = {
-    {"server", 's', "ADDR", 0, "tcp:HOST:PORT or unix:PATH (default as for relight)", 0},
+    {"server", 's', "ADDR", 0,
+     "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH (default as for relight)", 0},
     {"timeout", 'T', "SECONDS", 0, "fail after this time without an answer (default: wait)", 0},
     {"env", 'e', "ENV", 0,
      "an image file, env:HASH, constant or constant:R,G,B; each --env gives "

@@ -87,20 +87,24 @@ struct relight_error {
 struct relight_client;
 
 struct relight_options {
-    const char *name;         /* of the program, for the daemon's log; NULL: "librelight" */
-    const char *token;        /* NULL: none */
+    const char *name;  /* of the program, for the daemon's log; NULL: "librelight" */
+    const char *token; /* NULL: none */
+    const char *ca;    /* tls: PEM file of trusted certificates; NULL: $RELIGHT_CA, else the
+                        * system's */
     double connect_timeout_s; /* 0: 5 s */
     double timeout_s;     /* of each blocking call, sent to the daemon as deadline; 0: none */
     uint64_t max_payload; /* largest answer accepted, bytes; 0: 4 GiB */
 };
 
 /* Connects to a relightd and says HELLO.
- * address: "tcp:HOST[:PORT]" (IPv6 as tcp:[::1]:7413), "unix:PATH", or NULL for
+ * address: "tcp:HOST[:PORT]" (IPv6 as tcp:[::1]:7413), "tls:HOST[:PORT]" (TLS, whose
+ * certificate must be HOST's and signed by one in options->ca), "unix:PATH", or NULL for
  * $RELIGHT_SERVER, else unix:$XDG_RUNTIME_DIR/relightd.sock when that exists, else
  * tcp:127.0.0.1:7413. options: NULL takes every default; strings are copied.
  * Returns 0 and a client in *out, which the caller gives to relight_close.
  * -RELIGHT_E_ARGUMENT: the address does not parse. -RELIGHT_E_UNREACHABLE: nobody listens,
- * or connect_timeout_s passed. -RELIGHT_E_FORBIDDEN: the daemon wants another token.
+ * the server's certificate is not trusted, or connect_timeout_s passed. -RELIGHT_E_FILE:
+ * options->ca cannot be read. -RELIGHT_E_FORBIDDEN: the daemon wants another token.
  * -RELIGHT_E_VERSION: no common protocol version.
  * Thread-safety: Safe. Blocks for connect_timeout_s at most. */
 int relight_connect(const char *address, const struct relight_options *options,
