@@ -116,6 +116,10 @@ static const char *choose_engine(struct tool *tool, const struct source *source,
     const struct options *o = &tool->opt;
     const char *engine = o->engine ? o->engine : source->transport ? "vertex" : "reference";
     *status = EXIT_DONE;
+    if (strcmp(engine, "reference") && o->scattering && !strcmp(o->scattering, "walk")) {
+        *status = usage_error(o, "--scattering walk is for --engine reference");
+        return NULL;
+    }
     if (!strcmp(engine, "vertex")) {
         if (!source->transport) {
             *status = usage_error(o,
@@ -188,18 +192,12 @@ static int reference_planes(struct tool *tool, struct picture *p, const char *te
     size_t n = (size_t)p->source.mesh->n_vertex;
     float eye[3];
     for (int i = 0; i < 3; i++) eye[i] = p->camera.eye[i] * p->source.mesh->mm_per_unit;
-    bool total = !strcmp(term, "total");
+    struct prt_reference_options options = reference_options(&tool->opt, term, eye);
+    options.no_exit = true;
     p->n_plane = 1;
     if (!(p->planes = prt_alloc(n, 3 * sizeof(float)))) return no_memory(tool);
-    int status = reference_term(tool, &p->source, &p->light, total ? "multiple" : term, eye,
-                                (float(*)[3])p->planes);
-    if (status || !total) return status;
-    float *single = prt_alloc(n, 3 * sizeof(float));
-    if (!single) return no_memory(tool);
-    status = reference_term(tool, &p->source, &p->light, "single", eye, (float(*)[3])single);
-    for (size_t i = 0; i < 3 * n && !status; i++) p->planes[i] += single[i];
-    prt_free(single);
-    return status;
+    return tool_exit(tool, prt_reference_colors(&tool->ctx, p->source.mesh, &p->source.material,
+                                                &p->light, &options, (float(*)[3])p->planes));
 }
 
 // Cubes of the light: the engine's own, one for mirrors and one for the background.
@@ -207,7 +205,7 @@ static int load_lights(struct tool *tool, struct picture *p, bool vertex, bool t
 {
     const struct options *o = &tool->opt;
     const struct prt_context *ctx = &tool->ctx;
-    int status = prt_env_load(ctx, o->env, &p->env);
+    int status = tool_env_load(tool, o->env, &p->env);
     if (status) return tool_exit(tool, status);
     uint32_t own = vertex ? p->source.transport->cube : 0;
     if (vertex && p->source.transport->engine == PRT_TRANSPORT_POLYNOMIAL)

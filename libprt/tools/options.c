@@ -38,7 +38,9 @@ static const struct {
                     "  prt colors bunny.prt --env studio.exr --rotate 90 -o bunny.csv\n"
                     "  prt colors bunny.glb --material marble --size-mm 50 \\\n"
                     "      --env studio.exr --term multiple -o truth.npy\n"
-                    "  prt colors bunny.prt --env constant --term irradiance -o e.ply\n"},
+                    "  prt colors bunny.prt --env constant --term irradiance -o e.ply\n"
+                    "  prt colors leaf.glb --material marble --size-mm 50 --env studio.exr \\\n"
+                    "      --scattering walk --walks 4096 -o leaf.csv\n"},
     [CMD_IMAGE] = {"image", "SOURCE --env ENV -o OUT.{png,jpg,exr}",
                    "light a .prt or a model, and draw it", 1, 1,
                    "  prt image bunny.prt --env grace.exr --size 800x600 -o bunny.png\n"
@@ -337,6 +339,11 @@ static int check_together(const struct options *o)
     if (o->phase_terms && o->phase_terms != 1 && o->phase_terms != 4 && o->phase_terms != 9 &&
         (o->phase_terms != 16 || o->command == CMD_BAKE))
         return usage_error(o, "--phase-terms %d: expected 1, 4 or 9", (int)o->phase_terms);
+    bool walk = o->scattering && !strcmp(o->scattering, "walk");
+    if (o->walks && !walk) return usage_error(o, "--walks is for --scattering walk");
+    if (o->term && !strcmp(o->term, "unscattered") && !walk)
+        return usage_error(o,
+                           "--term unscattered is for --scattering walk: the dipole has none");
     if (o->msaa & (o->msaa - 1))
         return usage_error(o, "--msaa %d: expected 1, 2, 4 or 8", (int)o->msaa);
     if (o->size_mm > 0 && o->mm_per_unit > 0)

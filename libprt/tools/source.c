@@ -167,6 +167,13 @@ void source_close(struct source *source)
     source->loaded = NULL;
 }
 
+int tool_env_load(const struct tool *tool, const char *path, struct prt_env **out)
+{
+    enum prt_faces faces = PRT_FACES_GUESS;
+    if (tool->opt.faces) (void)prt_faces_parse(tool->opt.faces, &faces); // one of the table
+    return prt_env_load_faces(&tool->ctx, path, faces, out);
+}
+
 int source_light(struct tool *tool, const struct source *source, const struct prt_env *env,
                  uint32_t n, struct prt_cube *out)
 {
@@ -180,17 +187,21 @@ int source_light(struct tool *tool, const struct source *source, const struct pr
 
 static enum prt_reference_term term_of(const char *word)
 {
+    if (!word) return PRT_REFERENCE_TOTAL;
     if (!strcmp(word, "irradiance")) return PRT_REFERENCE_IRRADIANCE;
     if (!strcmp(word, "multiple")) return PRT_REFERENCE_MULTIPLE;
     if (!strcmp(word, "single")) return PRT_REFERENCE_SINGLE;
+    if (!strcmp(word, "unscattered")) return PRT_REFERENCE_UNSCATTERED;
     return PRT_REFERENCE_TOTAL;
 }
 
-int reference_term(struct tool *tool, const struct source *source, const struct prt_cube *light,
-                   const char *term, const float *eye_mm, float (*color)[3])
+enum { DEFAULT_WALKS = 1024 };
+
+struct prt_reference_options reference_options(const struct options *o, const char *term,
+                                               const float *eye_mm)
 {
-    const struct options *o = &tool->opt;
-    struct prt_reference_options options = {
+    bool walk = o->scattering && !strcmp(o->scattering, "walk");
+    return (struct prt_reference_options){
         .term = term_of(term),
         .eye = eye_mm,
         .straight_single = o->straight,
@@ -199,7 +210,37 @@ int reference_term(struct tool *tool, const struct source *source, const struct 
         .n_single = (uint32_t)o->single_points,
         .n_phase_term = (unsigned)o->phase_terms,
         .seed = o->seed,
+        .n_walk = !walk      ? 0
+                  : o->walks ? (uint32_t)o->walks
+                             : DEFAULT_WALKS,
     };
-    return tool_exit(tool, prt_reference_colors(&tool->ctx, source->mesh, &source->material,
-                                                light, &options, color));
+}
+
+double relative_noise(const float *error, const float *color, size_t n)
+{
+    double e = 0, c = 0;
+    for (size_t i = 0; i < n; i++) {
+        e += (double)error[i] * (double)error[i];
+        c += (double)color[i] * (double)color[i];
+    }
+    return c > 0 ? sqrt(e / c) : 0;
+}
+
+int reference_term(struct tool *tool, const struct source *source, const struct prt_cube *light,
+                   const char *term, const float *eye_mm, float (*color)[3], double *noise)
+{
+    struct prt_reference_options options = reference_options(&tool->opt, term, eye_mm);
+    float(*error)[3] = NULL;
+    size_t n = source->mesh->n_vertex;
+    if (noise) *noise = 0;
+    if (noise && options.n_walk) {
+        if (!(error = prt_alloc(n, sizeof *error)))
+            return tool_exit(tool, prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the errors"));
+        options.standard_error = &error;
+    }
+    int status = prt_reference_colors(&tool->ctx, source->mesh, &source->material, light,
+                                      &options, color);
+    if (error && !status) *noise = relative_noise(error[0], color[0], 3 * n);
+    prt_free(error);
+    return tool_exit(tool, status);
 }

@@ -32,8 +32,8 @@ struct options {
     const char *input[MAX_INPUT];
     unsigned n_input;
     const char *out, *material, *env, *engine, *term, *transport, *storage, *basis, *camera,
-        *cpu;
-    const char *tone, *background, *layout, *orbit, *up;
+        *cpu, *scattering;
+    const char *tone, *background, *layout, *orbit, *up, *checkpoint, *faces;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
     const char *envs[MAX_ENV]; /* compare: every --env; env is the first */
@@ -42,8 +42,8 @@ struct options {
     const char *albedo_map, *normal_map, *bump_map; /* image: of --engine tangent */
     double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms,
         bump_mm, texture_split;
-    uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed;
-    uint64_t threads, msaa, quality, vertices, memory;
+    uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed, walks;
+    uint64_t threads, msaa, quality, vertices, memory, checkpoint_room;
     bool memory_set, estimate, accept_weak_sandbox;
     uint32_t cube; /* 0: not given */
     bool cube_full;
@@ -107,6 +107,8 @@ const char *source_engine_name(const struct prt_transport *transport);
 int source_material_error(struct tool *tool, const struct source *source, const char *term,
                           double *error);
 enum prt_answer_term answer_term(const char *word); /* NULL: total */
+/* Loads an environment, its faces read as --faces says. Library status. */
+int tool_env_load(const struct tool *tool, const char *path, struct prt_env **out);
 /* Resamples env, turned by --rotate, to an n-cube. n = 0: the resolution of --cube (full: the
  * file's own), else the .prt's, else 32. Returns an exit status. */
 int source_light(struct tool *tool, const struct source *source, const struct prt_env *env,
@@ -116,9 +118,16 @@ int material_named(struct tool *tool, const char *option, const char *name,
                    struct prt_material *out);
 /* --material by preset, file or JSON text. Returns an exit status. */
 int material_option(struct tool *tool, struct prt_material *out);
-/* Reference colours of a term for the whole mesh; eye in mm or NULL. Returns an exit status. */
+/* The reference engine's options by the command line; term NULL: total; eye [3] mm or NULL. */
+struct prt_reference_options reference_options(const struct options *o, const char *term,
+                                               const float *eye_mm);
+/* Reference colours of a term for the whole mesh; eye in mm or NULL. noise: the relative
+ * standard error of walks over all vertices, 0 without walks; may be NULL. Returns an exit
+ * status. */
 int reference_term(struct tool *tool, const struct source *source, const struct prt_cube *light,
-                   const char *term, const float *eye_mm, float (*color)[3]);
+                   const char *term, const float *eye_mm, float (*color)[3], double *noise);
+/* sqrt(sum error^2 / sum color^2) over n values. */
+double relative_noise(const float *error, const float *color, size_t n);
 
 /* Colours [n_vertex][3] as CSV, NPY, PLY or GLB by the path's ending. Library status. */
 int output_colors(const struct prt_context *ctx, const char *path, const struct prt_mesh *mesh,
