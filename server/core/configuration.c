@@ -5,6 +5,8 @@
 #include "core/access.h"
 #include "core/address.h"
 #include "core/log.h"
+#include "core/log_format.h"
+#include "core/tls.h"
 #include "core/token.h"
 #include "prt/base.h"
 
@@ -76,11 +78,16 @@ static int check_words(const struct options *options, char fault[256])
     unsigned cpu;
     const char *why = NULL;
     if (log_level_parse(options->log) < 0) why = "--log: error, warning, event or trace";
+    else if (log_format_parse(options->log_format) < 0)
+        why = "--log-format: text, logfmt or json";
+    else if (strcmp(options->log_access, "event") && strcmp(options->log_access, "trace"))
+        why = "--log-access: event or trace";
     else if (options->cpu[0] && prt_cpu_parse(options->cpu, &cpu))
         why = "--cpu: one of " PRT_CPU_WORDS;
     const char *away = options->goaway_address;
-    if (away[0] && strncmp(away, "tcp:", 4) && strncmp(away, "unix:", 5))
-        why = "--goaway-address: expected tcp:HOST:PORT or unix:PATH";
+    if (away[0] && strncmp(away, "tcp:", 4) && strncmp(away, "tls:", 4) &&
+        strncmp(away, "unix:", 5))
+        why = "--goaway-address: expected tcp:HOST:PORT, tls:HOST:PORT or unix:PATH";
     if (!why) return 0;
     snprintf(fault, 256, "%s", why);
     return -1;
@@ -100,6 +107,15 @@ static int check_addresses(const struct options *options, char fault[256])
     return 0;
 }
 
+static int check_tls(const struct options *options, char fault[256])
+{
+    struct tls *tls = NULL;
+    int failed =
+        options->tls_cert[0] ? tls_create(options->tls_cert, options->tls_key, &tls, fault) : 0;
+    tls_destroy(tls);
+    return failed;
+}
+
 int configuration_check(const struct options *options, char fault[256])
 {
     char token[TOKEN_ROOM];
@@ -107,6 +123,7 @@ int configuration_check(const struct options *options, char fault[256])
         check_folder("page", options->page, fault) || check_data(options->data, fault) ||
         check_apart(options, fault) || check_addresses(options, fault))
         return -1;
+    if (check_tls(options, fault)) return -1;
     return options->token_file[0] ? token_read(options->token_file, token, fault) : 0;
 }
 
@@ -135,6 +152,12 @@ void configuration_reload(struct server *server, int argc, char **argv)
         failed = true;
         snprintf(fault, sizeof fault, "token-file: removing the token needs a restart");
     }
+    if (!failed && !server->tls != !fresh.tls_cert[0]) {
+        failed = true;
+        snprintf(fault, sizeof fault, "tls-cert: beginning or ending TLS needs a restart");
+    }
+    if (!failed && server->tls)
+        failed = tls_reload(server->tls, fresh.tls_cert, fresh.tls_key, fault);
     if (failed) {
         log_line(LOG_ERR, "reload refused, nothing changed: %s", fault);
         return;
@@ -144,8 +167,14 @@ void configuration_reload(struct server *server, int argc, char **argv)
         access_set_default(server->access, token);
         tell_change("token", "(secret)", true);
     }
+    if (server->tls) {
+        char certificate[256];
+        tls_describe(server->tls, certificate, sizeof certificate);
+        log_line(LOG_EVENT, "reload certificate=\"%s\"", certificate);
+    }
     options_update(&server->options, &fresh, tell_change);
     ledger_update_quotas(server->ledger);
     log_set_level((enum log_level)log_level_parse(server->options.log));
+    server->access_level = log_level_parse(server->options.log_access);
     log_line(LOG_EVENT, "reload done changed=%u needs_restart=%u", n_taken, n_waiting);
 }

@@ -7,9 +7,12 @@
 #include "net/dispatch.h"
 #include "store/eviction.h"
 #include "core/log.h"
+#include "core/log_format.h"
 #include "core/access.h"
+#include "core/tls.h"
 #include "core/token.h"
 #include "store/models.h"
+#include "store/readiness.h"
 #include "relight.pb-c.h"
 #include "net/request.h"
 #include "core/server.h"
@@ -166,6 +169,20 @@ static int check_all(void)
     return -1;
 }
 
+static int open_tls(void)
+{
+    char fault[256], certificate[256];
+    const struct options *o = &server.options;
+    if (!o->tls_cert[0]) return 0;
+    if (tls_create(o->tls_cert, o->tls_key, &server.tls, fault)) {
+        log_line(LOG_ERR, "%s", fault);
+        return -1;
+    }
+    tls_describe(server.tls, certificate, sizeof certificate);
+    log_line(LOG_EVENT, "tls certificate=\"%s\"", certificate);
+    return 0;
+}
+
 static int open_access(void)
 {
     char fault[256], token[TOKEN_ROOM] = "";
@@ -244,6 +261,7 @@ static int start(void)
         exit(2);
     }
     log_set_level((enum log_level)level);
+    server.access_level = log_level_parse(o->log_access);
     long cores = sysconf(_SC_NPROCESSORS_ONLN);
     server.n_core = cores > 0 ? (unsigned)cores : 1;
     server.stats.start_ns = loop_now_ns();
@@ -263,9 +281,11 @@ static int start(void)
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
-        open_access() || jobs_create(&server, &job_runner_child, &server.jobs) ||
-        start_models() || listen_everywhere())
+        open_access() || open_tls() || jobs_create(&server, &job_runner_child, &server.jobs) ||
+        start_models())
         return -1;
+    readiness_begin(&server);
+    if (listen_everywhere()) return -1;
     cache_hold_files(server.cache, server.files);
     cache_use_workers(server.cache, server.work);
     cache_use_workers(server.files, server.work);
@@ -323,6 +343,7 @@ static void stop(void)
     blobs_close(server.blobs);
     ledger_destroy(server.ledger);
     access_destroy(server.access);
+    tls_destroy(server.tls);
     events_destroy(server.events);
     loop_destroy(server.loop);
     if (server.data_temporary && server.data[0] &&
@@ -351,6 +372,8 @@ int main(int argc, char **argv)
     args = argv;
     options_parse(argc, argv, &server.options);
     if (server.options.check) return print_check();
+    int format = log_format_parse(server.options.log_format);
+    log_set_format(format < 0 ? LOG_FORMAT_TEXT : format);
     log_start();
     int failed = start();
     while (!failed && !drained()) {

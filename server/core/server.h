@@ -19,6 +19,7 @@ struct models;
 struct imports;
 struct file_queue;
 struct access;
+struct tls;
 struct events;
 
 enum {
@@ -51,13 +52,18 @@ struct server {
     struct stats stats;
     struct ledger *ledger; /* resources by principal; checks every limit */
     char data[4000];       /* absolute path of the data folder */
+    struct tls *tls;       /* NULL: no TLS */
     struct access *access; /* tokens, scopes and local rights */
     bool data_temporary;
     unsigned n_core;
     struct connection *connections, *closed;
     unsigned n_connection, n_request;
     uint64_t last_connection;
-    bool draining;
+    bool leaving;     /* SIGTERM came: /readyz says so, and clients are told to leave */
+    bool draining;    /* no new requests; those that are open end */
+    int access_level; /* enum log_level of the line about each request (--log-access) */
+    /* Whether clients may be sent here; else why not, in one line. store/readiness.h */
+    bool (*is_ready)(const struct server *server, char why[200]);
 };
 
 #endif
