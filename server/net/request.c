@@ -151,11 +151,12 @@ static void log_refusal(const struct connection *conn, uint16_t type, uint64_t i
 
 // retry_ms: for BUSY, when to repeat the request; 0: unknown.
 static void send_error(struct connection *conn, uint64_t id, int code, const char *text,
-                       uint32_t retry_ms)
+                       uint32_t retry_ms, uint64_t generation)
 {
     Relight__Error error;
     struct error_fields fields;
     error_fill(&error, code, text, &fields);
+    error.generation = generation;
     if (code == RELIGHT__ERROR_CODE__ERROR_BUSY) {
         error.retry_after_ms = retry_ms ? retry_ms : 50;
         conn->server->stats.busy_total++;
@@ -201,7 +202,7 @@ void request_fail(struct request *request, int code, const char *fmt, ...)
     blobs_name_in_text(conn->server->blobs, conn->principal->name, said, text, sizeof text);
     log_refusal(conn, request->type, request->id, code, text);
     request->abandon = NULL;
-    send_error(conn, request->id, code, text, request->retry_ms);
+    send_error(conn, request->id, code, text, request->retry_ms, request->generation);
     if (!conn->dead) end(request);
 }
 
@@ -357,7 +358,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
     int code = conn->refusal.code;
     conn->refusal.code = 0;
     log_refusal(conn, frame->type, frame->id, code, conn->refusal.text);
-    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms);
+    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms, 0);
     conn->refusal.retry_ms = 0;
     return NULL;
 }
