@@ -8,6 +8,7 @@
 #include "store/eviction.h"
 #include "core/log.h"
 #include "core/access.h"
+#include "core/tls.h"
 #include "core/token.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
@@ -167,6 +168,20 @@ static int check_all(void)
     return -1;
 }
 
+static int open_tls(void)
+{
+    char fault[256], certificate[256];
+    const struct options *o = &server.options;
+    if (!o->tls_cert[0]) return 0;
+    if (tls_create(o->tls_cert, o->tls_key, &server.tls, fault)) {
+        log_line(LOG_ERR, "%s", fault);
+        return -1;
+    }
+    tls_describe(server.tls, certificate, sizeof certificate);
+    log_line(LOG_EVENT, "tls certificate=\"%s\"", certificate);
+    return 0;
+}
+
 static int open_access(void)
 {
     char fault[256], token[TOKEN_ROOM] = "";
@@ -264,7 +279,7 @@ static int start(void)
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
-        open_access() || poses_create(&server, &server.poses) ||
+        open_access() || open_tls() || poses_create(&server, &server.poses) ||
         jobs_create(&server, &job_runner_child, &server.jobs) || start_models() ||
         listen_everywhere())
         return -1;
@@ -326,6 +341,7 @@ static void stop(void)
     blobs_close(server.blobs);
     ledger_destroy(server.ledger);
     access_destroy(server.access);
+    tls_destroy(server.tls);
     events_destroy(server.events);
     loop_destroy(server.loop);
     if (server.data_temporary && server.data[0] &&

@@ -89,6 +89,9 @@ static int shade(const struct render *r, const struct prt_context *ctx,
                               .background =
                                   r->background.entry ? r->background.entry->value : NULL};
     if (shade.background) shade.background_rotate_deg = (float)r->spec.light[0].rotate_deg;
+    if (r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE) shade.leave_out = PRT_LOOK_ALL;
+    if (*r->spec.map[0]) shade.leave_out |= PRT_LOOK_BASE; // uploaded maps replace the file's
+    if (*r->spec.map[1] || *r->spec.map[2]) shade.leave_out |= PRT_LOOK_NORMAL;
     memcpy(shade.background_rgb, r->spec.background, sizeof shade.background_rgb);
     if (r->screen) {
         const float(*rgb)[3];
