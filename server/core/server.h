@@ -61,7 +61,11 @@ struct server {
     struct connection *connections, *closed;
     unsigned n_connection, n_request;
     uint64_t last_connection;
-    bool draining;
+    bool leaving;     /* SIGTERM came: /readyz says so, and clients are told to leave */
+    bool draining;    /* no new requests; those that are open end */
+    int access_level; /* enum log_level of the line about each request (--log-access) */
+    /* Whether clients may be sent here; else why not, in one line. store/readiness.h */
+    bool (*is_ready)(const struct server *server, char why[200]);
 };
 
 #endif

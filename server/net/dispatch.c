@@ -144,7 +144,7 @@ static void take_one_way(struct connection *conn, const struct relight_frame *fr
     struct relight_header_cost cost;
     char error[RELIGHT_HEADER_ERROR];
     static const uint8_t empty[1];
-    conn->server->stats.requests_total[frame->type]++;
+    conn->server->stats.requests_total[frame->type][STATS_OK]++;
     if (!conn->greeted ||
         !relight_header_check(frame->type, frame->header ? frame->header : empty,
                               frame->header_size, &limits, &cost, error))
@@ -166,10 +166,10 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
     struct request *request = request_create(conn, frame, payload);
     if (!request) return;
     const struct operation *operation = operation_of(request->type);
-    log_line(LOG_TRACE, "request conn=%llu id=%llu op=%s payload=%llu",
-             (unsigned long long)conn->number, (unsigned long long)frame->id,
-             relight_type_name(request->type), (unsigned long long)frame->payload_size);
-    conn->server->stats.requests_total[request->type]++;
+    log_line(LOG_TRACE, "begin request=%s conn=%llu id=%llu op=%s payload=%llu",
+             request->request_id, (unsigned long long)conn->number,
+             (unsigned long long)frame->id, relight_type_name(request->type),
+             (unsigned long long)frame->payload_size);
     if (!conn->greeted && !(operation->flags & OPERATION_BEFORE_HELLO))
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection has to be HELLO");

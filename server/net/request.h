@@ -12,6 +12,8 @@ struct request {
     struct connection *conn;
     uint64_t id, arrived_ns;
     uint16_t type;
+    int outcome;         /* STATS_OK or an error code once it was answered (core/stats.h) */
+    char request_id[65]; /* the client's, or a new one: in the log, and in its children's */
     ProtobufCMessage *message;
     uint8_t *payload;
     size_t payload_size;

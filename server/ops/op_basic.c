@@ -557,9 +557,11 @@ void op_cancel(struct request *request)
 
 // ---- stats
 
+enum { MAX_METRICS = 4096 };
+
 struct metrics {
     Relight__StatsAnswer answer;
-    Relight__Metric *metric[512];
+    Relight__Metric *metric[MAX_METRICS];
 };
 
 static void add_metric(void *user, const char *name, const char *labels, double value,
@@ -567,7 +569,7 @@ static void add_metric(void *user, const char *name, const char *labels, double 
 {
     struct metrics *all = user;
     Relight__Metric *m = malloc(sizeof *m);
-    if (!m || all->answer.n_metrics == 512) {
+    if (!m || all->answer.n_metrics == MAX_METRICS) {
         free(m);
         return;
     }

@@ -35,6 +35,8 @@ static void evaluated(void *user, struct render_result *result)
     }
     Relight__Cost cost;
     render_cost_message(result, &cost);
+    stats_work(&request->server->stats, request->type, (double)cost.queue_ms * 1e-3,
+               (double)(cost.total_ms - cost.queue_ms) * 1e-3);
     if (e->spec.picture) {
         Relight__ImageAnswer out;
         struct render_camera_message camera;

@@ -59,6 +59,7 @@ static void free_view(struct view *v)
     if (v->render) render_cancel(v->render);
     refinement_release(v->refinement);
     render_spec_finish(&v->spec);
+    v->model->server->stats.views_open--;
     model_release(v->model);
     free(v);
 }
@@ -130,6 +131,8 @@ static void send_frame(struct view *v, struct render_result *result)
     Relight__Cost cost;
     char text[500];
     render_cost_message(result, &cost);
+    stats_work(&v->request->server->stats, RELIGHT_TYPE_VIEW_OPEN, (double)cost.queue_ms * 1e-3,
+               (double)(cost.total_ms - cost.queue_ms) * 1e-3);
     out.frame = ++v->frame;
     out.sequence = v->drawn_sequence;
     if (result->code) {
@@ -388,6 +391,7 @@ void op_view_open(struct request *request)
     }
     v->request = request;
     v->model = model;
+    request->server->stats.views_open++;
     model_hold(model);
     v->watcher.changed = model_has_changed;
     model_watch(model, &v->watcher);
