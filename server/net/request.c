@@ -161,11 +161,12 @@ static void log_refusal(const struct connection *conn, const char *request_id, u
 
 // retry_ms: for BUSY, when to repeat the request; 0: unknown.
 static void send_error(struct connection *conn, uint64_t id, int code, const char *text,
-                       uint32_t retry_ms)
+                       uint32_t retry_ms, uint64_t generation)
 {
     Relight__Error error;
     struct error_fields fields;
     error_fill(&error, code, text, &fields);
+    error.generation = generation;
     if (code == RELIGHT__ERROR_CODE__ERROR_BUSY) {
         error.retry_after_ms = retry_ms ? retry_ms : 50;
         conn->server->stats.busy_total++;
@@ -213,7 +214,7 @@ void request_fail(struct request *request, int code, const char *fmt, ...)
     log_refusal(conn, request->request_id, request->type, request->id, code, text);
     request->abandon = NULL;
     request->outcome = code;
-    send_error(conn, request->id, code, text, request->retry_ms);
+    send_error(conn, request->id, code, text, request->retry_ms, request->generation);
     if (!conn->dead) end(request);
 }
 
@@ -383,7 +384,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
     conn->refusal.code = 0;
     stats_ended(&conn->server->stats, frame->type, code, 0);
     log_refusal(conn, conn->request_id, frame->type, frame->id, code, conn->refusal.text);
-    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms);
+    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms, 0);
     conn->refusal.retry_ms = 0;
     return NULL;
 }
