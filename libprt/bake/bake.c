@@ -142,8 +142,8 @@ static int prepare(struct bake *b)
         status = prt_surface_check(b->ctx, b->surface, mesh, finest, b->o.n_sample != 0);
     if (status == PRT_OK && any) status = prt_hierarchy_create(b->surface, &b->hierarchy);
     if (status == PRT_OK)
-        status = prt_directions_create(b->o.cube, prt_bake_patterns(&b->o), b->o.seed,
-                                       &b->directions);
+        status = prt_directions_create(b->ctx->cpu, b->o.cube, prt_bake_patterns(&b->o),
+                                       b->o.seed, &b->directions);
     if (status == PRT_OK)
         status = prt_clusters_create(mesh, prt_bake_cluster_size(b), &b->clusters);
     if (status == PRT_OK) {
@@ -350,7 +350,8 @@ int prt_bake_tensor(struct tensor_job *job)
 void prt_bake_plan_single(struct bake *b)
 {
     const struct prt_material *m = &b->o.material;
-    b->single = (struct single_plan){.scene = b->scene,
+    b->single = (struct single_plan){.cpu = b->ctx->cpu,
+                                     .scene = b->scene,
                                      .mesh = b->mesh,
                                      .directions = b->directions,
                                      .eta = m->eta,

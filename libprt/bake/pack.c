@@ -8,6 +8,7 @@
 
 // The choice at one price, by cluster.
 struct choice {
+    unsigned cpu; // mask of enum prt_cpu
     struct factored *f;
     uint32_t n_cluster, n_function, n, n_coef;
     uint32_t stride;        // every stride-th cluster is evaluated
@@ -88,7 +89,7 @@ static void priced_choice(struct choice *c, size_t i)
 static void low_rank_choice(struct choice *c, size_t i, float *room)
 {
     struct factored *f = &c->f[i];
-    const struct component_price price = {c->price, c->entry_bytes, c->component_bytes};
+    const struct component_price price = {c->price, c->entry_bytes, c->component_bytes, c->cpu};
     uint32_t most = c->options->rank && c->options->rank < f->rank ? c->options->rank : f->rank;
     double surplus = 0, best = 0, lost = f->tail ? f->tail[0] : 0, left = lost, bytes = 0;
     uint64_t entries = 0;
@@ -337,7 +338,7 @@ static int write_range(void *arg, size_t begin, size_t end, unsigned worker)
             for (uint32_t v = 0; v < f->n_vertex; v++) most = fmaxf(most, fabsf(u[v]));
             write_u(f, r, most, padded, (uint16_t *)(uintptr_t)l->tensor->u + cluster->u_begin);
             if (c->low_rank) {
-                status = prt_write_low_rank_row(f, r, 64 * most, rows, row);
+                status = prt_write_low_rank_row(f, r, 64 * most, c->cpu, rows, row);
                 continue;
             }
             ((uint64_t *)(uintptr_t)rows->begin)[row] = at;
@@ -438,6 +439,7 @@ int prt_pack_factored(const struct prt_context *ctx, const struct clusters *clus
 {
     uint32_t nc = clusters->n_cluster;
     struct choice c = {.f = factored,
+                       .cpu = ctx ? ctx->cpu : 0,
                        .n_cluster = nc,
                        .n_function = n_function,
                        .n = n,

@@ -105,7 +105,7 @@ uint64_t prt_single_light(const struct single_plan *plan, const struct fresnel_t
             normal[0] * light->x[t] + normal[1] * light->y[t] + normal[2] * light->z[t];
     memset(out, 0, (size_t)plan->n_phase * plan->extinction->n_function * 3 * sizeof *out);
     float end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
-    prt_path_integrate(plan, fresnel, &s, depth, end, n, light->rgb, out);
+    prt_path_integrate(&(struct path_job){plan, fresnel, &s, depth, end, n, light->rgb, out});
     return rays;
 }
 
@@ -168,7 +168,8 @@ uint64_t prt_single_cells(const struct single_plan *plan, const struct fresnel_t
     rays += prt_trace_nodes(plan, fresnel, &path, &s);
     end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
     out->n_cell = make_cells(plan, &s);
-    prt_path_integrate(plan, fresnel, &s, depth, end, out->n_cell, NULL, value);
+    prt_path_integrate(
+        &(struct path_job){plan, fresnel, &s, depth, end, out->n_cell, NULL, value});
     return rays;
 }
 
