@@ -268,8 +268,8 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
             continue;
         }
         struct cut cut = {0};
-        status = prt_cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters,
-                               (uint32_t)c, &b->radial, &cut);
+        const struct cut_source from = {b->mesh, b->surface, b->hierarchy, b->clusters};
+        status = prt_cut_build(b->ctx, &from, (uint32_t)c, &b->radial, &cut);
         struct product_rows rows = {&b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3};
         struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
                                     prt_product_project, prt_product_combine};

@@ -282,10 +282,12 @@ struct layout {
     uint64_t *cluster_entry; // first entry of each cluster
 };
 
-// Writes one row of halves times s: its entries from `at` on and its scaling coefficients.
-static uint64_t write_row(const struct choice *c, size_t i, uint32_t r, uint64_t at, float s,
+// Writes one row of halves times s: its entries from rows->begin[row] on and its scaling
+// coefficients. Returns the end of the entries.
+static uint64_t write_row(const struct choice *c, size_t i, uint32_t r, float s,
                           struct prt_rows *rows, uint32_t row, float *value)
 {
+    uint64_t at = rows->begin[row];
     const struct factored *f = &c->f[i];
     const float *e = f->energy + (size_t)r * c->n_coef;
     const uint32_t J = c->n_function, face = c->n * c->n;
@@ -342,7 +344,7 @@ static int write_range(void *arg, size_t begin, size_t end, unsigned worker)
                 continue;
             }
             ((uint64_t *)(uintptr_t)rows->begin)[row] = at;
-            at = write_row(c, i, r, at, 64 * most, rows, row, value);
+            at = write_row(c, i, r, 64 * most, rows, row, value);
         }
     }
     prt_free(value);

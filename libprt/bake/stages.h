@@ -134,12 +134,17 @@ struct cut {
     float *k;      /* [n_function][n_column][n_vertex], includes 1/pi and areas */
     size_t k_capacity;
 };
+/* A body whose samples are gathered. */
+struct cut_source {
+    const struct prt_mesh *mesh;
+    const struct prt_surface_points *surface;
+    const struct hierarchy *hierarchy;
+    const struct clusters *clusters;
+};
 /* The cut and the matrix of cluster c (W05 eq 7, JB02). A zeroed `cut`, or one of an earlier
  * call, whose memory is used again; prt_cut_finish frees it. */
-int prt_cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                  const struct prt_surface_points *surface, const struct hierarchy *h,
-                  const struct clusters *clusters, uint32_t c, const struct radial_set *radial,
-                  struct cut *cut);
+int prt_cut_build(const struct prt_context *ctx, const struct cut_source *from, uint32_t c,
+                  const struct radial_set *radial, struct cut *cut);
 void prt_cut_finish(struct cut *cut);
 
 /* ---- factorisation --------------------------------------------------------------------------
