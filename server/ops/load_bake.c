@@ -31,7 +31,7 @@ static void add_arg(struct args *args, const char *fmt, ...)
 static const char *const transport_word[] = {"", "wavelet", "polynomial", "joint"};
 static const char *const storage_word[] = {"", "factored", "sparse"};
 
-// Settings in a fixed order, as options of `prt bake`: the command, and what names the model.
+// Settings in a fixed order, as options of `prt bake`: the command, and the model's id.
 static void add_settings(struct args *a, const Relight__LoadRequest *r)
 {
     const Relight__BakeSettings *b = r->bake;
