@@ -58,7 +58,10 @@ enum relight_frame_flag {
     X(UPDATE_VERTICES, 17, update_vertices_request, update_vertices_answer) \
     X(UNLOAD, 18, unload_request, unload_answer)                            \
     X(STATS, 19, stats_request, stats_answer)                               \
-    X(SUBSCRIBE, 20, subscribe_request, event)
+    X(SUBSCRIBE, 20, subscribe_request, event)                              \
+    X(TOKEN_CREATE, 21, token_create_request, token_create_answer)          \
+    X(TOKEN_LIST, 22, token_list_request, token_list_answer)                \
+    X(TOKEN_REVOKE, 23, token_revoke_request, token_revoke_answer)
 
 /* As large as the largest number and one: tables by request type have this many rows. */
 union relight_type_room {

@@ -31,6 +31,8 @@ struct options {
     const char *opaque[MAX_WORDS];
     const char *positions, *normals; /* .npy files of update-vertices */
     uint32_t first;
+    struct relight_token_order token_order;
+    const char *scopes, *word; /* word: the second argument, of `token` alone */
     bool wait, files, remote, forget, own_units;
 };
 
@@ -96,6 +98,7 @@ int run_edit(struct relight_client *client, struct options *options);
 int run_geometry(struct relight_client *client, struct options *options);
 int run_update(struct relight_client *client, struct options *options);
 int run_unload(struct relight_client *client, struct options *options);
+int run_token(struct relight_client *client, struct options *options);
 int run_stats(struct relight_client *client, struct options *options);
 
 #endif

@@ -153,12 +153,39 @@ static const struct row {
     {'l', "files", NULL, FLAG, AT(files), 0, 0, NULL, 0,
      "also list the loadable files of the daemon's models folder"},
     {'F', "forget", NULL, FLAG, AT(forget), 0, 0, NULL, 0, "delete the bake as well"},
+    // Keys below the blank have no short option.
+    {1, "name", "NAME", TEXT, AT(token_order.name), 0, 0, NULL, 0,
+     "name of the token: letters, digits, dots, hyphens, underscores"},
+    {2, "scope", "LIST", TEXT, AT(scopes), 0, 0, NULL, 0,
+     "rights, comma-separated: view (look), edit (vertices, unload, cancel), upload (files, load), "
+     "admin (what others made, tokens)"},
+    {3, "expires", "TIME", SPECIAL, 0, 0, 0, NULL, 0,
+     "the token is valid for this time, such as 30d, 12h, 90m or 3600s (default: for ever)"},
+    {4, "rate", "N", SPECIAL, 0, 0, 1e9, NULL, 0, "requests a second"},
+    {5, "memory", "BYTES", SPECIAL, AT(token_order.quotas.memory), 0, 0, NULL, 0,
+     "bytes held by its requests and views; k, M, G and T multiply by 1024"},
+    {6, "models", "N", SPECIAL, AT(token_order.quotas.models), 0, 0, NULL, 0, "loaded models"},
+    {7, "bakes", "N", SPECIAL, AT(token_order.quotas.bakes), 0, 0, NULL, 0,
+     "bakes that wait or run"},
+    {8, "views", "N", SPECIAL, AT(token_order.quotas.views), 0, 0, NULL, 0,
+     "open views, watches and subscriptions"},
+    {11, "disk", "BYTES", SPECIAL, AT(token_order.quotas.disk), 0, 0, NULL, 0,
+     "bytes of its uploads and bakes on disk"},
+    {12, "requests", "N", SPECIAL, AT(token_order.quotas.requests), 0, 0, NULL, 0,
+     "open requests"},
+    {14, "connections", "N", SPECIAL, AT(token_order.quotas.connections), 0, 0, NULL, 0,
+     "open connections"},
+    {15, "uploads", "N", SPECIAL, AT(token_order.quotas.uploads), 0, 0, NULL, 0,
+     "unfinished uploads"},
+    {16, "output", "BYTES", SPECIAL, AT(token_order.quotas.output), 0, 0, NULL, 0,
+     "bytes of answers that it has not read yet"},
     {'u', "own-units", NULL, FLAG, AT(own_units), 0, 0, NULL, 0,
      "positions in the model's units (default: mm)"},
 };
 enum { N_TABLE = sizeof table / sizeof *table };
 #define COMMON "sTkj"
 #define LIGHT "erGtEgXbm"
+#define TOKEN "\1\2\3\4\5\6\7\10\13\14\16\17\20"
 #define PICTURE "czqnxBaSYyJW"
 
 const struct command commands[] = {
@@ -235,6 +262,16 @@ const struct command commands[] = {
      "Frees a model's memory; keeps its bake without --forget.\v"
      "Example:\n  relight unload bunny",
      COMMON "F", true, run_unload},
+    {"token", "create|list|revoke [NAME]",
+     "Creates, lists and revokes the daemon's tokens.\v"
+     "Needs the scope admin, which the daemon's own user and root have on its unix socket. create "
+     "prints the token, once; the daemon keeps its hash. revoke closes the connections of the "
+     "token. As soon as a token exists, clients of TCP, HTTP and WebSocket need one. The other "
+     "options of create are quotas; without one the daemon's limits apply.\n\n"
+     "Examples:\n  relight token create --name anna --scope view,edit,upload --expires 30d\n"
+     "  relight token create --name scraper --scope view --rate 1\n"
+     "  relight token list\n  relight token revoke anna",
+     COMMON TOKEN, true, run_token},
     {"stats", "", "Prints the daemon's counters.\vExample:\n  relight stats --json", COMMON,
      false, run_stats},
     {NULL, NULL, NULL, NULL, false, NULL},
@@ -371,6 +408,39 @@ static error_t append(struct options *o, const struct row *row, char *arg,
     return 0;
 }
 
+// "30d" in seconds.
+static uint64_t duration(struct argp_state *state, const struct row *row, const char *text)
+{
+    static const struct {
+        char unit;
+        double seconds;
+    } units[] = {{'s', 1}, {'m', 60}, {'h', 3600}, {'d', 86400}, {'w', 7 * 86400}};
+    char *end;
+    double x = strtod(text, &end);
+    for (size_t i = 0; end != text && i < sizeof units / sizeof *units; i++)
+        if (*end == units[i].unit && !end[1] && x * units[i].seconds >= 1 && x < 1e6)
+            return (uint64_t)(x * units[i].seconds);
+    argp_error(state, "--%s %s: expected a time such as 30d, 12h, 90m or 3600s", row->name,
+               text);
+    return 0;
+}
+
+// A whole number with an optional k, M, G or T.
+static uint64_t quota(struct argp_state *state, const struct row *row, const char *text)
+{
+    static const char units[] = "kMGT";
+    char *end;
+    double x = strtod(text, &end);
+    const char *unit = *end ? strchr(units, *end) : NULL;
+    for (long i = 0; unit && i <= unit - units; i++) x *= 1024;
+    if (end == text || (*end && (!unit || end[1])) || !(x >= 1 && x < 9e15) || x != floor(x))
+        argp_error(state,
+                   "--%s %s: expected a whole number of at least 1, with an optional k, M, "
+                   "G or T",
+                   row->name, text);
+    return (uint64_t)x;
+}
+
 static error_t set_special(struct options *o, const struct row *row, char *arg,
                            struct argp_state *state)
 {
@@ -406,10 +476,20 @@ static error_t set_special(struct options *o, const struct row *row, char *arg,
     case 'a':
         o->picture.samples = 1u << word(state, row, arg);
         return 0;
+    case 3:
+        o->token_order.lifetime_s = duration(state, row, arg);
+        return 0;
+    case 4:
+        o->token_order.quotas.rate = number(state, row, arg);
+        return 0;
     case 'd':
         o->load.bake.seed = whole(state, row, arg, 0, UINT64_MAX);
         return 0;
     default:
+        if (row->key < ' ') {
+            *(uint64_t *)((char *)o + row->field) = quota(state, row, arg);
+            return 0;
+        }
         return append(o, row, arg, state);
     }
 }
@@ -464,8 +544,14 @@ static error_t parse_command(int key, char *arg, struct argp_state *state)
 {
     struct input *input = state->input;
     if (key == ARGP_KEY_ARG) {
-        if (!input->command->has_target || input->options->target)
+        bool second = input->options->target && strchr(input->command->args, '[');
+        if (!input->command->has_target || (input->options->target && !second) ||
+            (second && input->options->word))
             argp_error(state, "one argument too many: %s", arg);
+        if (second) {
+            input->options->word = arg;
+            return 0;
+        }
         input->options->target = arg;
         return 0;
     }

@@ -564,7 +564,11 @@ static int hello(struct relight_client *c, const struct relight_options *o,
                                         .max_in_flight = a->max_in_flight,
                                         .chunk = a->chunk,
                                         .n_preset = a->n_presets,
-                                        .preset = (const char *const *)a->presets};
+                                        .preset = (const char *const *)a->presets,
+                                        .principal = a->principal,
+                                        .n_scope = a->n_scopes,
+                                        .scope = (const char *const *)a->scopes,
+                                        .expires_s = a->expires_s};
     return 0;
 }
 

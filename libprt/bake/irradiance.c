@@ -237,6 +237,8 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
                                     p->surface->face_normal[s]};
         rays += prt_irradiance_row(p->scene, p->d, pattern, p->fresnel, &at,
                                    found ? &view : NULL, row);
+        for (size_t k = 0; p->surface->tint && k < p->rows->n_coef; k++)
+            row[k] *= p->surface->tint[s];
         prt_f32_to_f16_array(row, p->rows->n_coef, p->rows->half + i * p->rows->n_coef);
     }
     atomic_fetch_add(&p->rays, rays);

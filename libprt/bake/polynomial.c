@@ -71,7 +71,8 @@ static int sample_range(void *arg, size_t begin, size_t end, unsigned worker)
         double sum[3];
         irradiance_at(p, prt_hash64(&s, sizeof s, 21) >> 8, b->surface->position[s],
                       b->surface->normal[s], b->surface->face_normal[s], &fresnel, sum);
-        for (int c = 0; c < 3; c++) p->irradiance[i][c] = (float)sum[c];
+        double tint = b->surface->tint ? (double)b->surface->tint[s] : 1;
+        for (int c = 0; c < 3; c++) p->irradiance[i][c] = (float)(sum[c] * tint);
     }
     return PRT_OK;
 }

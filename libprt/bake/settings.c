@@ -43,6 +43,8 @@ char *prt_bake_describe(const struct bake *b)
     add_u64(json, "coeffs", b->o.n_coef);
     add_rounded(json, "max_error", b->o.max_error);
     add_u64(json, "seed", b->o.seed);
+    if (b->mesh->texture_split > 0)
+        add_rounded(json, "texture_split", (double)b->mesh->texture_split);
     add_u64(json, "clusters", b->clusters->n_cluster);
     add_u64(json, "rays_irradiance", b->rays_irradiance);
     add_u64(json, "rays_single", rays);

@@ -267,6 +267,7 @@ void prt_env_cache_destroy(struct prt_env *env)
 {
     if (!env->cache) return;
     prt_image_finish(&env->cache->latlong);
+    for (int i = 0; i < 3; i++) prt_turned_image_finish(&env->cache->reduced[i]);
     pthread_mutex_destroy(&env->cache->lock);
     prt_free(env->cache);
     env->cache = NULL;

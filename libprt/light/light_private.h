@@ -11,11 +11,26 @@
 extern "C" {
 #endif
 
-/* Cache of a cube environment, filled at the first rotation: the lat-long image that rotations
- * resample. */
+/* A lat-long image reduced to what a cube of one size needs (turn.c); pixel NULL: not made. */
+enum { PRT_BRIGHT_MAX = 512 };
+struct prt_bright_pixel { /* left out of the reduced image */
+    double phi, theta;    /* left edge, azimuth of (sin, ., -cos); upper edge from +Y [rad] */
+    double width, height; /* [rad] */
+    float power[3];       /* radiance times solid angle */
+};
+struct prt_turned_image {
+    uint32_t width, height, n_bright;
+    float (*pixel)[4]; /* [height][width], 16-byte aligned, the fourth is 0 */
+    struct prt_bright_pixel *bright;
+};
+void prt_turned_image_finish(struct prt_turned_image *image);
+
+/* Cache of an environment, filled at the first rotation: the lat-long image that rotations of
+ * a cube environment resample; those that prt_env_turned() reads, for its sizes. */
 struct prt_env_cache {
     pthread_mutex_t lock;
     struct prt_image latlong;
+    struct prt_turned_image reduced[3];
 };
 
 enum { PRT_IMAGE_MAX = 16384, PRT_FACES_MAX = 6 };

@@ -18,9 +18,8 @@ double *prt_resample_row_edges(uint32_t height)
     return edge;
 }
 
-/* The lat-long a cube environment is turned from: 8 n x 4 n, so 2 pixels a texel, made once. */
-static int turned_source(const struct prt_context *ctx, const struct prt_env *env,
-                         struct prt_image *temporary, const struct prt_image **out)
+int prt_env_turned_source(const struct prt_context *ctx, const struct prt_env *env,
+                          struct prt_image *temporary, const struct prt_image **out)
 {
     uint32_t width = env->cube.n * 8;
     width = width < 256 ? 256 : width > 4096 ? 4096 : width;
@@ -47,7 +46,7 @@ static int turned_cube(const struct prt_context *ctx, const struct prt_env *env,
         return prt_resample_cube_to_cube(&env->cube, n, (unsigned)quarters, out);
     struct prt_image temporary = {0};
     const struct prt_image *src = NULL;
-    int err = turned_source(ctx, env, &temporary, &src);
+    int err = prt_env_turned_source(ctx, env, &temporary, &src);
     if (!err) err = prt_resample_latlong_to_cube(ctx, src, n, degrees * PI / 180.0, out);
     prt_image_finish(&temporary);
     return err;

@@ -74,6 +74,11 @@ unsigned prt_resample_cap_rays(double n_wedge, uint32_t n, double rays_per_texel
  * prt_free()s. */
 double *prt_resample_row_edges(uint32_t height);
 
+/* The lat-long a cube environment is turned from: 8 n x 4 n, so 2 pixels a texel. It lies in
+ * the environment's cache, made once, or without one in `temporary`, which the caller finishes.
+ */
+int prt_env_turned_source(const struct prt_context *ctx, const struct prt_env *env,
+                          struct prt_image *temporary, const struct prt_image **out);
 /* The lat-long `src`, turned counter-clockwise about +y by `turn` [rad], into `out` of n texels
  * a side. PRT_OK, PRT_NOMEM, or the pool's status. */
 int prt_resample_latlong_to_cube(const struct prt_context *ctx, const struct prt_image *src,

@@ -27,7 +27,27 @@ template <int N> float *values(const draco::Mesh &mesh, int64_t id)
     return out;
 }
 
-const char *decode(const void *bytes, size_t n, const int64_t id[3], uint32_t max_vertices,
+// RGB or RGBA as RGBA.
+float *colors(const draco::Mesh &mesh, int64_t id)
+{
+    const draco::PointAttribute *a = mesh.GetAttributeByUniqueId(static_cast<uint32_t>(id));
+    if (!a) return nullptr;
+    if (a->num_components() == 4) return values<4>(mesh, id);
+    float *rgb = values<3>(mesh, id);
+    auto *out = static_cast<float *>(std::malloc(sizeof(float) * 4 * mesh.num_points()));
+    for (uint32_t i = 0; rgb && out && i < mesh.num_points(); i++) {
+        for (int c = 0; c < 3; c++) out[size_t{4} * i + c] = rgb[size_t{3} * i + c];
+        out[size_t{4} * i + 3] = 1;
+    }
+    if (!rgb) {
+        std::free(out);
+        out = nullptr;
+    }
+    std::free(rgb);
+    return out;
+}
+
+const char *decode(const void *bytes, size_t n, const int64_t id[11], uint32_t max_vertices,
                    uint32_t max_triangles, prt_draco *out)
 {
     draco::DecoderBuffer buffer;
@@ -54,13 +74,16 @@ const char *decode(const void *bytes, size_t n, const int64_t id[3], uint32_t ma
         }
     if (!(out->position = values<3>(mesh, id[0]))) return "the Draco mesh has no positions";
     if (id[1] >= 0 && !(out->normal = values<3>(mesh, id[1]))) return "damaged Draco normals";
-    if (id[2] >= 0 && !(out->uv = values<2>(mesh, id[2]))) return "damaged Draco TEXCOORD_0";
+    if (id[2] >= 0 && !(out->color = colors(mesh, id[2]))) return "damaged Draco COLOR_0";
+    for (int k = 0; k < 8; k++)
+        if (id[3 + k] >= 0 && !(out->uv[k] = values<2>(mesh, id[3 + k])))
+            return "damaged Draco texture coordinates";
     return nullptr;
 }
 
 } // namespace
 
-int prt_draco_decode(const void *bytes, size_t n, const int64_t id[3], uint32_t max_vertices,
+int prt_draco_decode(const void *bytes, size_t n, const int64_t id[11], uint32_t max_vertices,
                      uint32_t max_triangles, prt_draco *out, const char **why)
 {
     *out = prt_draco();
@@ -76,7 +99,8 @@ void prt_draco_free(prt_draco *d)
 {
     std::free(d->position);
     std::free(d->normal);
-    std::free(d->uv);
+    std::free(d->color);
+    for (float *uv : d->uv) std::free(uv);
     std::free(d->triangle);
     *d = prt_draco();
 }

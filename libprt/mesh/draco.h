@@ -12,13 +12,15 @@ extern "C" {
 
 struct prt_draco {
     uint32_t n_vertex, n_triangle;
-    float *position, *normal, *uv; // [n_vertex][3], [3], [2]; normal and uv may be NULL
-    uint32_t *triangle;            // [n_triangle][3] < n_vertex
+    float *position, *normal; // [n_vertex][3]; normal may be NULL
+    float *color;             // [n_vertex][4], or NULL
+    float *uv[8];             // [n_vertex][2], or NULL
+    uint32_t *triangle;       // [n_triangle][3] < n_vertex
 };
-// Decodes a mesh. id: the unique ids of position, normal and uv; -1: absent. Returns 0, or -1
-// with the reason in *why, a constant text. The arrays are malloc-ed; free with prt_draco_free
-// in either case.
-int prt_draco_decode(const void *bytes, size_t n, const int64_t id[3], uint32_t max_vertices,
+// Decodes a mesh. id: the unique ids of position, normal, colour and uv sets; -1: absent.
+// Returns 0, or -1 with the reason in *why, a constant text. The arrays are malloc-ed; free
+// with prt_draco_free in either case.
+int prt_draco_decode(const void *bytes, size_t n, const int64_t id[11], uint32_t max_vertices,
                      uint32_t max_triangles, struct prt_draco *out, const char **why);
 void prt_draco_free(struct prt_draco *d);
 

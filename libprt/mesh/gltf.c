@@ -167,7 +167,11 @@ static int parse(struct gltf *g, uint8_t *bytes, size_t n, char *json, size_t js
     while (json_n && (!json[json_n - 1] || isspace((unsigned char)json[json_n - 1])))
         json[--json_n] = ' '; // some exporters pad with zeros
     if (!json_n) return prt_gltf_bad(g, "the glTF JSON is empty");
+    const size_t copy_n = json_n;
+    char *copy = prt_gltf_textures_copy(g, json, json_n);
     int status = prt_gltf_scan(g, json, json_n);
+    if (status) free(copy);
+    else status = prt_gltf_textures_begin(g, copy, copy_n);
     if (!status && prt_gltf_needs_rewrite(json, json_n)) {
         status = prt_gltf_rewrite(g, json, json_n, &other);
         json = other;
@@ -230,10 +234,12 @@ static void release(struct gltf *g)
         if (g->draco[i]) {
             struct prt_draco m = {.position = g->draco[i]->position,
                                   .normal = g->draco[i]->normal,
-                                  .uv = g->draco[i]->uv,
+                                  .color = g->draco[i]->color,
                                   .triangle = g->draco[i]->triangle};
+            memcpy(m.uv, g->draco[i]->uv, sizeof m.uv);
             prt_draco_free(&m);
         }
+    prt_gltf_textures_end(g);
     prt_gltf_free(&g->file);
     for (struct gltf_owned *p = g->owned, *next; p; p = next) {
         next = p->next;

@@ -18,7 +18,7 @@ struct gltf_owned {
 
 struct gltf_mesh_data { // a decoded Draco primitive
     uint32_t n_vertex, n_triangle;
-    float *position, *normal, *uv; // normal, uv: NULL when absent
+    float *position, *normal, *color, *uv[PRT_GLTF_UV_SETS]; // all but position may be NULL
     uint32_t *triangle;
 };
 
@@ -37,6 +37,8 @@ struct gltf {
     uint64_t loaded_bytes;            // of buffers and decoded views, against d->max_bytes
     uint32_t *surface_of, *opaque_of; // [n_material + 1] into d->surface, UINT32_MAX: not yet
     size_t mesh_index;                // of the mesh being read, for messages
+    struct cJSON *json;    // the file's materials, textures and images; NULL: it has none
+    uint32_t *image_index; // [n_json_image][PRT_TEXTURE_N_KIND] into d->image; see gltf_image.c
     uint32_t n_skipped, n_deformed, n_bad_normal, n_tail, n_flat; // counts for the notes
 };
 
@@ -69,6 +71,17 @@ int prt_gltf_accessor(const struct gltf *g, int64_t index, struct gltf_accessor 
 int prt_gltf_floats(struct gltf *g, const struct gltf_accessor *a, unsigned n_component,
                     float *out);
 int prt_gltf_indices(struct gltf *g, const struct gltf_accessor *a, uint32_t *out);
+
+// Keeps the parts of the JSON that textures need, before prt_gltf_scan blanks them. A tree is
+// parsed by prt_gltf_textures_begin, after the depth of the JSON was checked.
+char *prt_gltf_textures_copy(const struct gltf *g, const char *json, size_t n);
+// Parses the copy, which is freed. After it d->n_uv and d->has_color hold.
+int prt_gltf_textures_begin(struct gltf *g, char *copy, size_t n);
+// The maps of a material on a surface that was added for it.
+int prt_gltf_maps(struct gltf *g, size_t material, uint32_t surface);
+// The decoded image of a texture; UINT32_MAX after a warning.
+int prt_gltf_image(struct gltf *g, size_t image, enum prt_texture_kind kind, uint32_t *out);
+void prt_gltf_textures_end(struct gltf *g);
 
 // The surface of material `index` (n_material: none given), added at first use.
 int prt_gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out);

@@ -4,55 +4,18 @@
 // model's folder.
 #include "gltf.h"
 
-#include <limits.h>
 #include <meshoptimizer.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-
-// A relative path inside the model's folder: no scheme, no root, no "..".
-static bool is_inside(const char *path)
-{
-    if (!*path || *path == '/' || strlen(path) >= 1024) return false;
-    for (const char *p = path; *p; p++)
-        if ((unsigned char)*p < 32 || *p == '\\' || *p == ':') return false;
-    for (const char *p = path; p; p = strchr(p, '/')) {
-        p += *p == '/';
-        if (p[0] == '.' && p[1] == '.' && (p[2] == '/' || !p[2])) return false;
-    }
-    return true;
-}
-
-static int load_file(struct gltf *g, const char *path, struct prt_blob *blob)
-{
-    char joined[PATH_MAX], base[PATH_MAX], real[PATH_MAX];
-    if (!is_inside(path))
-        return prt_gltf_bad(g, "buffer file \"%.80s\" is not a path inside the model's folder",
-                            path);
-    if (!g->d->base_dir)
-        return prt_gltf_bad(
-            g, "buffer \"%.80s\" is a file of its own, which cannot be read here; send a .glb",
-            path);
-    int n = snprintf(joined, sizeof joined, "%s/%s", g->d->base_dir, path);
-    if (n >= (int)sizeof joined)
-        return prt_gltf_bad(g, "buffer file \"%.80s\": the path is too long", path);
-    if (!realpath(g->d->base_dir, base) || !realpath(joined, real))
-        return prt_fail(g->d->ctx, PRT_IO, "%s: there is no buffer file \"%.80s\"", g->d->name,
-                        path);
-    size_t length =
-        strlen(base); // symbolic links are resolved: the file must be inside the folder
-    if (strncmp(real, base, length) || (real[length] != '/' && strcmp(base, "/")))
-        return prt_gltf_bad(g, "buffer file \"%.80s\" is a link out of the model's folder",
-                            path);
-    return prt_read_file(g->d->ctx, real, g->d->max_bytes - g->loaded_bytes, blob);
-}
 
 int prt_gltf_read_external(void *user, const char *name, void **bytes, size_t *n)
 {
     struct gltf *g = user;
     struct prt_blob blob = {NULL, 0};
     uint64_t want = g->n_opened < g->n_external ? g->external[g->n_opened] : UINT64_MAX;
-    if (g->file_status || (g->file_status = load_file(g, name, &blob))) return g->file_status;
+    if (g->file_status ||
+        (g->file_status = prt_draft_file(g->d, g->d->ctx, "buffer", name,
+                                         g->d->max_bytes - g->loaded_bytes, &blob)))
+        return g->file_status;
     if (want != UINT64_MAX && want > blob.size) {
         prt_free(blob.bytes);
         return g->file_status =

@@ -36,7 +36,6 @@ static int read_surface(struct gltf *g, size_t index, struct prt_surface *s)
     s->double_sided = m->double_sided;
     // 0 means no Fresnel reflection, which is not supported
     s->ior = m->ior >= 1 ? (m->ior <= 5 ? (float)m->ior : m->ior < 1e30 ? 5 : 1.5f) : 1.5f;
-    s->reserved[0] = m->textured; // for the note about textures; cleared before packing
     return PRT_OK;
 }
 
@@ -55,6 +54,7 @@ int prt_gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out)
         // prt_gltf_settle_surfaces
         s.translucent = opaque ? 0 : extended ? 1 : 2;
         status = prt_draft_surface(g->d, &s, &known[index]);
+        if (!status && given) status = prt_gltf_maps(g, index, known[index]);
         if (status) return status;
     }
     *out = known[index];
@@ -64,7 +64,6 @@ int prt_gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out)
 void prt_gltf_settle_surfaces(struct gltf *g)
 {
     bool any = false;
-    uint32_t textured = 0;
     for (uint32_t i = 0; i < g->d->n_surface; i++) any |= g->d->surface[i].translucent == 1;
     for (size_t i = 0; i < g->file.n_material; i++) // also those no primitive uses
         any |=
@@ -72,11 +71,5 @@ void prt_gltf_settle_surfaces(struct gltf *g)
     for (uint32_t i = 0; i < g->d->n_surface; i++) {
         struct prt_surface *s = &g->d->surface[i];
         if (s->translucent == 2) s->translucent = !any;
-        textured += s->reserved[0] && !s->translucent;
-        s->reserved[0] = 0;
     }
-    if (textured)
-        prt_log(g->d->ctx, PRT_LOG_NOTE,
-                "%s: textures are not read; %u opaque materials keep their base colour factor",
-                g->d->name, textured);
 }

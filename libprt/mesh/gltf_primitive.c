@@ -68,6 +68,37 @@ static int read_attribute(struct gltf *g, int64_t accessor, unsigned n_component
     return prt_gltf_floats(g, &a, n_component, out);
 }
 
+// COLOR_0 of three or four components.
+static int read_colors(struct gltf *g, int64_t accessor, uint64_t n, float (*out)[4])
+{
+    struct gltf_accessor a;
+    int status = prt_gltf_accessor(g, accessor, &a);
+    if (status) return status;
+    if (a.n_component == 4) return read_attribute(g, accessor, 4, n, out[0]);
+    float *rgb = malloc((size_t)n * 3 * sizeof *rgb);
+    if (!rgb) return prt_gltf_no_memory(g);
+    status = read_attribute(g, accessor, 3, n, rgb);
+    for (uint64_t v = 0; !status && v < n; v++) memcpy(out[v], rgb + 3 * v, 3 * sizeof *rgb);
+    free(rgb);
+    return status;
+}
+
+static int read_texture_attributes(struct gltf *g, const struct prt_gltf_primitive *p,
+                                   uint64_t n, uint32_t first)
+{
+    struct prt_draft *d = g->d;
+    int status = PRT_OK;
+    if (p->uv[0] >= 0) {
+        status = read_attribute(g, p->uv[0], 2, n, d->uv[first]);
+        d->has_uv = true;
+    }
+    for (uint32_t k = 1; !status && k < d->n_uv; k++)
+        if (p->uv[k] >= 0) status = read_attribute(g, p->uv[k], 2, n, d->uv_more[k - 1][first]);
+    if (!status && d->has_color && p->color >= 0)
+        status = read_colors(g, p->color, n, d->color + first);
+    return status;
+}
+
 static int read_vertices(struct gltf *g, const struct prt_gltf_primitive *p, uint32_t *first,
                          uint32_t *n)
 {
@@ -80,10 +111,7 @@ static int read_vertices(struct gltf *g, const struct prt_gltf_primitive *p, uin
     status = prt_gltf_floats(g, &a, 3, g->d->position[*first]);
     if (!status && p->normal >= 0)
         status = read_attribute(g, p->normal, 3, a.count, g->d->normal[*first]);
-    if (!status && p->uv >= 0) {
-        status = read_attribute(g, p->uv, 2, a.count, g->d->uv[*first]);
-        g->d->has_uv = true;
-    }
+    if (!status) status = read_texture_attributes(g, p, a.count, *first);
     for (uint32_t v = *first; !status && p->normal >= 0 && v < *first + *n; v++) {
         float *q = g->d->normal[v], s = q[0] * q[0] + q[1] * q[1] + q[2] * q[2];
         if (s > 1e-12f && s < 1e12f) continue;
@@ -168,8 +196,13 @@ static int decode_draco(struct gltf *g, const struct prt_gltf_primitive *p,
             prt_draco_free(&mesh);
             return prt_gltf_bad(g, "bufferView %lld: %s", (long long)view, why);
         }
-        *data = (struct gltf_mesh_data){mesh.n_vertex, mesh.n_triangle, mesh.position,
-                                        mesh.normal,   mesh.uv,         mesh.triangle};
+        *data = (struct gltf_mesh_data){.n_vertex = mesh.n_vertex,
+                                        .n_triangle = mesh.n_triangle,
+                                        .position = mesh.position,
+                                        .normal = mesh.normal,
+                                        .color = mesh.color,
+                                        .triangle = mesh.triangle};
+        memcpy(data->uv, mesh.uv, sizeof data->uv);
         g->draco[view] = data;
     }
     *out = g->draco[view];
@@ -186,8 +219,12 @@ static int read_draco(struct gltf *g, const struct prt_gltf_primitive *p, struct
     c->n = m->n_triangle * 3;
     memcpy(g->d->position[c->first], m->position, (size_t)m->n_vertex * 12);
     if (m->normal) memcpy(g->d->normal[c->first], m->normal, (size_t)m->n_vertex * 12);
-    if (m->uv) memcpy(g->d->uv[c->first], m->uv, (size_t)m->n_vertex * 8);
-    g->d->has_uv |= m->uv != NULL;
+    if (m->uv[0]) memcpy(g->d->uv[c->first], m->uv[0], (size_t)m->n_vertex * 8);
+    g->d->has_uv |= m->uv[0] != NULL;
+    for (uint32_t k = 1; k < g->d->n_uv; k++)
+        if (m->uv[k]) memcpy(g->d->uv_more[k - 1][c->first], m->uv[k], (size_t)m->n_vertex * 8);
+    if (g->d->has_color && m->color)
+        memcpy(g->d->color[c->first], m->color, (size_t)m->n_vertex * 16);
     uint32_t *index = malloc((size_t)c->n * sizeof *index);
     if (!index) return prt_gltf_no_memory(g);
     memcpy(index, m->triangle, (size_t)c->n * sizeof *index);
@@ -197,9 +234,22 @@ static int read_draco(struct gltf *g, const struct prt_gltf_primitive *p, struct
 
 static bool uv_finite(struct gltf *g, uint32_t first, uint32_t n)
 {
-    for (uint32_t v = first; v < first + n; v++)
-        if (!(fabsf(g->d->uv[v][0]) < 1e30f && fabsf(g->d->uv[v][1]) < 1e30f)) return false;
+    for (uint32_t k = 0; k < g->d->n_uv; k++) {
+        float(*uv)[2] = k ? g->d->uv_more[k - 1] : g->d->uv;
+        for (uint32_t v = first; v < first + n; v++)
+            if (!(fabsf(uv[v][0]) < 1e30f && fabsf(uv[v][1]) < 1e30f)) return false;
+    }
     return true;
+}
+
+// Colours to [0,1]; NaN becomes 1.
+static void clamp_colors(struct gltf *g, uint32_t first, uint32_t n)
+{
+    for (uint32_t v = first; g->d->has_color && v < first + n; v++)
+        for (int c = 0; c < 4; c++) {
+            float x = g->d->color[v][c];
+            g->d->color[v][c] = x >= 0 ? x <= 1 ? x : 1 : x < 0 ? 0 : 1;
+        }
 }
 
 static int finish_primitive(struct gltf *g, int64_t given, const struct instance *at,
@@ -212,7 +262,8 @@ static int finish_primitive(struct gltf *g, int64_t given, const struct instance
     if (given >= 0 && material >= g->file.n_material)
         status = prt_gltf_bad(g, "material %lld does not exist", (long long)given);
     if (!status && !uv_finite(g, c->first, c->n_vertex))
-        status = prt_gltf_bad(g, "a TEXCOORD_0 is not finite");
+        status = prt_gltf_bad(g, "a texture coordinate is not finite");
+    clamp_colors(g, c->first, c->n_vertex);
     if (!status) status = to_world(g, at->m, c->first, c->n_vertex, &det);
     if (!status) {
         c->flip = det < 0;

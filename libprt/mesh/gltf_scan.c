@@ -40,8 +40,10 @@ static bool one_of(struct span s, const char *const *list)
 
 static const char *const sizes[] = {"byteOffset", "byteLength", "count", NULL};
 static const char *const numbers[] = {
-    "byteStride", "bufferView", "buffer", "componentType", "POSITION", "NORMAL", "TEXCOORD_0",
-    "indices",    "material",   "mesh",   "mode",          "scene",    NULL};
+    "byteStride", "bufferView", "buffer",     "componentType", "POSITION",   "NORMAL",
+    "COLOR_0",    "TEXCOORD_0", "TEXCOORD_1", "TEXCOORD_2",    "TEXCOORD_3", "TEXCOORD_4",
+    "TEXCOORD_5", "TEXCOORD_6", "TEXCOORD_7", "indices",       "material",   "mesh",
+    "mode",       "scene",      NULL};
 static const char *const unread[] = {"images",  "textures", "samplers", "animations",
                                      "cameras", "skins",    NULL};
 

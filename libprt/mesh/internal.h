@@ -24,6 +24,18 @@ struct prt_draft {
     struct prt_block *block;
     struct prt_surface *surface;
     bool has_uv, units_known;
+    // textures
+    bool no_textures, has_color, has_maps;
+    uint32_t n_uv;                               // TEXCOORD sets kept, 1 at least
+    float (*uv_more[PRT_TEXTURE_MAX_UV - 1])[2]; // sets 1..
+    float (*color)[4];                           // where has_color
+    float (*corner_uv)[3][2];                    // [n_triangle], or NULL
+    struct prt_surface_maps *maps;               // [cap_maps] of the surfaces
+    uint32_t cap_maps;
+    struct prt_texture_image *image; // begin 0: each has an array of its own
+    uint8_t **texel;
+    uint32_t n_image, cap_image, cap_texel;
+    uint64_t texel_bytes;
 };
 
 // Appends n zeroed vertices from *first on. PRT_LIMIT or PRT_NOMEM with a log line.
@@ -31,6 +43,18 @@ int prt_draft_vertices(struct prt_draft *d, uint64_t n, uint32_t *first);
 int prt_draft_triangle(struct prt_draft *d, uint32_t a, uint32_t b, uint32_t c);
 int prt_draft_block(struct prt_draft *d, struct prt_block block);
 int prt_draft_surface(struct prt_draft *d, const struct prt_surface *s, uint32_t *index);
+// The maps of a surface, all absent at first. NULL without memory.
+struct prt_surface_maps *prt_draft_maps(struct prt_draft *d, uint32_t surface);
+// Decodes an image of the model, warns where it cannot be read, and gives its index; UINT32_MAX
+// after a warning. PRT_NOMEM.
+int prt_draft_image(struct prt_draft *d, const char *name, const void *bytes, size_t n,
+                    enum prt_texture_kind kind, uint32_t *index);
+// A file that the model names, in its folder; messages go to ctx and call it a `kind` file.
+int prt_draft_file(const struct prt_draft *d, const struct prt_context *ctx, const char *kind,
+                   const char *path, uint64_t max_bytes, struct prt_blob *out);
+// A context whose errors become warnings that end with "it is left out". *user must outlive it.
+struct prt_context prt_draft_lenient(const struct prt_draft *d,
+                                     const struct prt_context **user);
 // true when the options name this material or node as opaque
 bool prt_draft_opaque(struct prt_draft *d, const char *name);
 void prt_draft_finish(struct prt_draft *d);

@@ -72,11 +72,13 @@ static int read_draft(const struct prt_context *ctx, const struct request *r,
                           .base_dir = r->base_dir,
                           .max_vertices = 50000000,
                           .max_triangles = 100000000,
+                          .n_uv = 1,
                           .max_bytes = r->max_bytes};
     if (r->options) {
         d.opaque = r->options->opaque;
         if (r->options->max_vertices) d.max_vertices = r->options->max_vertices;
         if (r->options->max_triangles) d.max_triangles = r->options->max_triangles;
+        d.no_textures = r->options->no_textures;
     }
     if (d.max_vertices > 1u << 29) d.max_vertices = 1u << 29;
     if (d.max_triangles > 1u << 29) d.max_triangles = 1u << 29;

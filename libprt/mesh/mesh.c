@@ -57,6 +57,7 @@ int prt_mesh_create(const struct prt_context *ctx, uint32_t n_vertex,
                           .name = "mesh",
                           .max_vertices = 1u << 29,
                           .max_triangles = 1u << 29,
+                          .n_uv = 1,
                           .max_bytes = UINT64_MAX};
     struct prt_blob blob = {NULL, 0};
     struct prt_mesh *mesh = NULL;
@@ -138,6 +139,17 @@ uint32_t *prt_mesh_triangle_blocks(const struct prt_mesh *mesh)
     return map;
 }
 
+uint32_t prt_mesh_block_of(const struct prt_mesh *mesh, uint32_t triangle)
+{
+    uint32_t lo = 0, hi = mesh->n_block;
+    while (hi - lo > 1) {
+        uint32_t mid = lo + (hi - lo) / 2;
+        if (mesh->block[mid].triangle_begin <= triangle) lo = mid;
+        else hi = mid;
+    }
+    return lo;
+}
+
 uint32_t *prt_mesh_vertex_blocks(const struct prt_mesh *mesh)
 {
     uint32_t *map = prt_alloc(mesh->n_vertex, sizeof *map);
@@ -145,4 +157,39 @@ uint32_t *prt_mesh_vertex_blocks(const struct prt_mesh *mesh)
         for (uint32_t k = 0; k < mesh->block[i].n_vertex; k++)
             map[mesh->block[i].vertex_begin + k] = i;
     return map;
+}
+
+void prt_mesh_corner_uv(const struct prt_mesh *mesh, uint32_t triangle, unsigned set,
+                        float uv[3][2])
+{
+    const uint32_t *v = mesh->triangle[triangle];
+    const float(*from)[2] = (const float(*)[2])mesh->uv;
+    memset(uv, 0, 3 * sizeof *uv);
+    if (!set && mesh->corner_uv) {
+        memcpy(uv, mesh->corner_uv[triangle], 3 * sizeof *uv);
+        return;
+    }
+    if (set && set < mesh->n_uv)
+        from = (const float(*)[2])mesh->uv_more + (size_t)(set - 1) * mesh->n_vertex;
+    else if (set) from = NULL;
+    for (int k = 0; from && k < 3; k++) memcpy(uv[k], from[v[k]], sizeof uv[k]);
+}
+
+void prt_mesh_uv(const struct prt_mesh *mesh, uint32_t triangle, unsigned set, float a, float b,
+                 float uv[2])
+{
+    float corner[3][2];
+    prt_mesh_corner_uv(mesh, triangle, set, corner);
+    for (int k = 0; k < 2; k++)
+        uv[k] = (1 - a - b) * corner[0][k] + a * corner[1][k] + b * corner[2][k];
+}
+
+void prt_mesh_drop_textures(struct prt_mesh *mesh)
+{
+    mesh->n_image = 0;
+    mesh->color = NULL;
+    mesh->maps = NULL;
+    mesh->image = NULL;
+    mesh->texel = NULL;
+    mesh->texel_bytes = 0;
 }

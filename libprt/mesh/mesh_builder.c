@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The mesh builder: growing arrays that a reader fills, and their transfer from the child to
-// the parent as one block of memory.
+// The mesh builder: growing arrays that a reader fills.
 #include "internal.h"
 
 #include <math.h>
@@ -27,6 +26,22 @@ static int no_memory(const struct prt_draft *d)
     return prt_fail(d->ctx, PRT_NOMEM, "%s: no memory for its geometry", d->name);
 }
 
+// Further TEXCOORD sets and colours, 0 and white until they are read.
+static bool grow_attributes(struct prt_draft *d, uint64_t need)
+{
+    for (uint32_t k = 0; k + 1 < d->n_uv; k++) {
+        uint32_t cap = d->cap_vertex;
+        if (!grow((void **)&d->uv_more[k], &cap, need, sizeof *d->uv_more[k])) return false;
+        memset(d->uv_more[k] + d->n_vertex, 0, (need - d->n_vertex) * sizeof *d->uv_more[k]);
+    }
+    uint32_t cap = d->cap_vertex;
+    if (!d->has_color) return true;
+    if (!grow((void **)&d->color, &cap, need, sizeof *d->color)) return false;
+    for (uint64_t v = d->n_vertex; v < need; v++)
+        for (int c = 0; c < 4; c++) d->color[v][c] = 1;
+    return true;
+}
+
 int prt_draft_vertices(struct prt_draft *d, uint64_t n, uint32_t *first)
 {
     if (n > d->max_vertices || d->n_vertex + n > d->max_vertices)
@@ -41,7 +56,7 @@ int prt_draft_vertices(struct prt_draft *d, uint64_t n, uint32_t *first)
     uint32_t a = d->cap_vertex, b = a, c = a;
     bool ok = grow((void **)&d->position, &a, need, sizeof *d->position) &&
               grow((void **)&d->normal, &b, need, sizeof *d->normal) &&
-              grow((void **)&d->uv, &c, need, sizeof *d->uv);
+              grow((void **)&d->uv, &c, need, sizeof *d->uv) && grow_attributes(d, need);
     if (!ok) return no_memory(d);
     d->cap_vertex = a;
     memset(d->position + d->n_vertex, 0, n * sizeof *d->position);
@@ -102,6 +117,74 @@ void prt_draft_finish(struct prt_draft *d)
     free(d->triangle);
     free(d->block);
     free(d->surface);
+    for (int k = 0; k < PRT_TEXTURE_MAX_UV - 1; k++) free(d->uv_more[k]);
+    free(d->color);
+    free(d->corner_uv);
+    free(d->maps);
+    for (uint32_t i = 0; i < d->n_image; i++) prt_free(d->texel[i]);
+    free(d->texel);
+    free(d->image);
+}
+
+struct prt_surface_maps *prt_draft_maps(struct prt_draft *d, uint32_t surface)
+{
+    uint32_t before = d->cap_maps;
+    if (!grow((void **)&d->maps, &d->cap_maps, (uint64_t)surface + 1, sizeof *d->maps))
+        return NULL;
+    for (uint32_t i = before; i < d->cap_maps; i++) prt_surface_maps_default(&d->maps[i]);
+    d->has_maps = true;
+    return &d->maps[surface];
+}
+
+// The reason that an image is not read is a warning: the model is drawn without it.
+static void as_warning(void *user, enum prt_log_level level, const char *line)
+{
+    const struct prt_context **ctx = user;
+    prt_log(*ctx, PRT_LOG_WARNING, "%s; it is left out", line);
+}
+
+struct prt_context prt_draft_lenient(const struct prt_draft *d, const struct prt_context **user)
+{
+    struct prt_context ctx = {0};
+    if (d->ctx) ctx = *d->ctx;
+    *user = d->ctx;
+    ctx.log = as_warning;
+    ctx.log_user = user;
+    return ctx;
+}
+
+static const uint64_t most_texels = 2ull << 30; // bytes of one model; chosen, not measured
+
+int prt_draft_image(struct prt_draft *d, const char *name, const void *bytes, size_t n,
+                    enum prt_texture_kind kind, uint32_t *index)
+{
+    uint64_t limit = d->max_bytes / 4 < most_texels ? d->max_bytes / 4 : most_texels;
+    const struct prt_context *own;
+    const struct prt_context lenient = prt_draft_lenient(d, &own);
+    uint32_t width, height, cap = d->cap_image;
+    uint8_t *texel;
+    *index = UINT32_MAX;
+    if (prt_texture_decode(&lenient, name, bytes, n, limit - d->texel_bytes, &width, &height,
+                           &texel))
+        return PRT_OK;
+    if (!grow((void **)&d->image, &cap, d->n_image + 1ull, sizeof *d->image) ||
+        !grow((void **)&d->texel, &d->cap_texel, d->n_image + 1ull, sizeof *d->texel)) {
+        prt_free(texel);
+        return no_memory(d);
+    }
+    d->cap_image = cap;
+    d->texel[d->n_image] = texel;
+    prt_texture_finish_levels(width, height, kind, texel, &d->image[d->n_image]);
+    for (uint32_t i = 0; i < d->n_image; i++) {
+        if (memcmp(d->image[i].hash, d->image[d->n_image].hash, sizeof d->image[i].hash))
+            continue;
+        prt_free(texel); // the same content is kept once
+        *index = i;
+        return PRT_OK;
+    }
+    d->texel_bytes += d->image[d->n_image].bytes;
+    *index = d->n_image++;
+    return PRT_OK;
 }
 
 void prt_surface_default(struct prt_surface *s, const char *name)
@@ -112,132 +195,4 @@ void prt_surface_default(struct prt_surface *s, const char *name)
     for (int i = 0; i < 4; i++) s->base_color[i] = 1;
     s->roughness = 1;
     s->ior = 1.5f;
-}
-
-// The block of memory: this header, then the arrays, each at a multiple of 64 bytes.
-struct block_header {
-    uint64_t magic;
-    uint32_t n_vertex, n_triangle, n_block, n_object, n_surface, has_uv, units_known;
-};
-static const uint64_t magic = 0x6873656d74727031;
-
-enum { POSITION, NORMAL, UV, TRIANGLE, WELD, BLOCK, SURFACE, N_PART };
-struct layout {
-    size_t at[N_PART + 1]; // the last is the total size
-};
-
-static struct layout layout_of(const struct block_header *h)
-{
-    const size_t v = h->n_vertex;
-    const size_t size[N_PART] = {v * 12,
-                                 v * 12,
-                                 h->has_uv ? v * 8 : 0,
-                                 (size_t)h->n_triangle * 12,
-                                 v * 4,
-                                 h->n_block * sizeof(struct prt_block),
-                                 h->n_surface * sizeof(struct prt_surface)};
-    struct layout l;
-    l.at[0] = 64;
-    for (int i = 0; i < N_PART; i++) l.at[i + 1] = (l.at[i] + size[i] + 63) & ~(size_t)63;
-    return l;
-}
-
-int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out)
-{
-    struct block_header h = {magic,       d->n_vertex,  d->n_triangle, d->n_block,
-                             d->n_object, d->n_surface, d->has_uv,     d->units_known};
-    struct layout l = layout_of(&h);
-    char *bytes = l.at[N_PART] <= d->max_bytes ? prt_calloc(l.at[N_PART], 1) : NULL;
-    if (!bytes) return no_memory(d);
-    memcpy(bytes, &h, sizeof h);
-    memcpy(bytes + l.at[POSITION], d->position, (size_t)d->n_vertex * 12);
-    memcpy(bytes + l.at[NORMAL], d->normal, (size_t)d->n_vertex * 12);
-    if (d->has_uv) memcpy(bytes + l.at[UV], d->uv, (size_t)d->n_vertex * 8);
-    memcpy(bytes + l.at[TRIANGLE], d->triangle, (size_t)d->n_triangle * 12);
-    memcpy(bytes + l.at[BLOCK], d->block, d->n_block * sizeof *d->block);
-    memcpy(bytes + l.at[SURFACE], d->surface, d->n_surface * sizeof *d->surface);
-    *out = (struct prt_blob){bytes, l.at[N_PART]};
-    return PRT_OK;
-}
-
-static bool finite_within(const float *x, size_t n, float bound)
-{
-    bool ok = true;
-    for (size_t i = 0; i < n; i++) ok &= fabsf(x[i]) <= bound; // false for NaN
-    return ok;
-}
-
-static bool surfaces_ok(const struct prt_mesh *m)
-{
-    for (uint32_t i = 0; i < m->n_surface; i++) {
-        const struct prt_surface *s = &m->surface[i];
-        if (s->name[sizeof s->name - 1] || s->translucent > 1) return false;
-        if (!finite_within(s->base_color, 4, 1) || !(s->roughness > 0 && s->roughness <= 1) ||
-            !(s->ior >= 1 && s->ior <= 10))
-            return false;
-    }
-    return true;
-}
-
-// Blocks cover vertices and triangles in order; objects ascend without gaps.
-static bool blocks_ok(const struct prt_mesh *m)
-{
-    uint64_t v = 0, t = 0;
-    uint32_t object = 0;
-    for (uint32_t i = 0; i < m->n_block; i++) {
-        const struct prt_block *b = &m->block[i];
-        if (b->vertex_begin != v || b->triangle_begin != t || b->surface >= m->n_surface)
-            return false;
-        if (b->object != object && (i == 0 || b->object != object + 1)) return false;
-        object = b->object;
-        v += b->n_vertex;
-        t += b->n_triangle;
-        if (v > m->n_vertex || t > m->n_triangle) return false;
-        for (uint64_t k = b->triangle_begin; k < t; k++)
-            for (int c = 0; c < 3; c++)
-                if (m->triangle[k][c] - b->vertex_begin >= b->n_vertex) return false;
-    }
-    return v == m->n_vertex && t == m->n_triangle && m->n_object == object + 1;
-}
-
-int prt_blob_open(const struct prt_context *ctx, const char *name, const struct prt_blob *blob,
-                  struct prt_mesh **out)
-{
-    struct block_header h;
-    if (!blob->bytes || blob->size < 64)
-        return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned no mesh", name);
-    memcpy(&h, blob->bytes, sizeof h);
-    struct layout l = layout_of(&h);
-    if (h.magic != magic || h.n_vertex >> 30 || h.n_triangle >> 30 || !h.n_triangle ||
-        l.at[N_PART] != blob->size)
-        return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned a damaged mesh",
-                        name);
-    struct prt_mesh *m = prt_calloc(1, sizeof *m);
-    if (!m) return prt_fail(ctx, PRT_NOMEM, "%s: no memory", name);
-    char *b = blob->bytes;
-    *m = (struct prt_mesh){.n_vertex = h.n_vertex,
-                           .n_triangle = h.n_triangle,
-                           .n_block = h.n_block,
-                           .n_object = h.n_object,
-                           .n_surface = h.n_surface,
-                           .units_known = h.units_known != 0,
-                           .position = (void *)(b + l.at[POSITION]),
-                           .normal = (void *)(b + l.at[NORMAL]),
-                           .uv = h.has_uv ? (void *)(b + l.at[UV]) : NULL,
-                           .triangle = (void *)(b + l.at[TRIANGLE]),
-                           .weld = (void *)(b + l.at[WELD]),
-                           .block = (void *)(b + l.at[BLOCK]),
-                           .surface = (void *)(b + l.at[SURFACE])};
-    bool ok = finite_within(m->position[0], (size_t)m->n_vertex * 3, 1e15f) &&
-              finite_within(m->normal[0], (size_t)m->n_vertex * 3, 1.001f) &&
-              (!m->uv || finite_within(m->uv[0], (size_t)m->n_vertex * 2, 3e38f)) &&
-              surfaces_ok(m) && blocks_ok(m);
-    if (!ok) {
-        prt_free(m);
-        return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned a damaged mesh",
-                        name);
-    }
-    m->owner = blob->bytes;
-    *out = m;
-    return PRT_OK;
 }

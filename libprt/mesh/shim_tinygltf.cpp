@@ -193,11 +193,14 @@ int64_t attribute(const tinygltf::Primitive &p, const char *name)
 
 prt_gltf_primitive primitive_of(const tinygltf::Primitive &p)
 {
-    static const char *const name[3] = {"POSITION", "NORMAL", "TEXCOORD_0"};
+    static const char *const name[PRT_GLTF_DRACO_IDS] = {
+        "POSITION",   "NORMAL",     "COLOR_0",    "TEXCOORD_0", "TEXCOORD_1", "TEXCOORD_2",
+        "TEXCOORD_3", "TEXCOORD_4", "TEXCOORD_5", "TEXCOORD_6", "TEXCOORD_7"};
     prt_gltf_primitive o = {};
     o.position = attribute(p, name[0]);
     o.normal = attribute(p, name[1]);
-    o.uv = attribute(p, name[2]);
+    o.color = attribute(p, name[2]);
+    for (int k = 0; k < PRT_GLTF_UV_SETS; k++) o.uv[k] = attribute(p, name[3 + k]);
     o.indices = p.indices;
     o.material = p.material;
     o.mode = p.mode;
@@ -209,7 +212,7 @@ prt_gltf_primitive primitive_of(const tinygltf::Primitive &p)
     const Value &e = ext->second;
     const bool has = e.IsObject() && e.Has("attributes");
     o.draco_view = whole(e, "bufferView");
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < PRT_GLTF_DRACO_IDS; i++)
         o.draco_id[i] = whole(has ? e.Get(std::string("attributes")) : none, name[i]);
     return o;
 }

@@ -12,6 +12,7 @@
 extern "C" {
 #endif
 
+enum { PRT_GLTF_UV_SETS = 8, PRT_GLTF_DRACO_IDS = 3 + PRT_GLTF_UV_SETS };
 // An index is -1 where the file has none.
 struct prt_gltf_buffer {
     const uint8_t *at;
@@ -39,10 +40,11 @@ struct prt_gltf_accessor {
     int index_component;
 };
 struct prt_gltf_primitive {
-    int64_t position, normal, uv, indices, material;
+    int64_t position, normal, uv[PRT_GLTF_UV_SETS], color, indices, material;
     int mode;
     bool targets, draco;
-    int64_t draco_view, draco_id[3]; // POSITION, NORMAL, TEXCOORD_0
+    int64_t draco_view;
+    int64_t draco_id[PRT_GLTF_DRACO_IDS]; // POSITION, NORMAL, COLOR_0, TEXCOORD_0..
 };
 struct prt_gltf_mesh {
     const struct prt_gltf_primitive *primitive;

@@ -31,4 +31,10 @@ bool prt_border_cube_copy(struct border_cube *out, const struct prt_cube *cube);
 bool prt_specular_mix(const struct prt_specular *specular, float roughness,
                       struct border_cube *out);
 
+/* One cube for each level of roughness, one after another in out->texel, all of one size; a
+ * surface with a map of roughness reads between two. false without memory. */
+bool prt_specular_stack(const struct prt_specular *specular, struct border_cube *out);
+/* The lower of the two levels and the share of the upper. */
+void prt_specular_level(float roughness, int *level, float *share);
+
 #endif

@@ -34,6 +34,11 @@ struct gl_draw {
 int prt_gl_draw_triangles(const struct prt_context *ctx, enum prt_raster_backend backend,
                           struct gl_draw *draw);
 
+/* Fills the look of the G-buffer where the mesh has one; prt_visibility_destroy frees it. */
+int prt_raster_look(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                    struct prt_visibility *vis);
+void prt_raster_look_finish(struct prt_gbuffer *g);
+
 struct prt_visibility {
     struct prt_camera camera;
     struct camera_frame frame;

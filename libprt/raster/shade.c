@@ -10,6 +10,9 @@
 
 enum { LANES = 64, SMALL_BACKGROUND = 64 };
 
+typedef float four __attribute__((vector_size(16)));
+typedef float loose_four __attribute__((vector_size(16), aligned(4), may_alias));
+
 // A cube with or without borders, as the kernel reads it; offsets in floats.
 struct cube_view {
     const float *texel;
@@ -21,7 +24,8 @@ struct lookup {
     float fx[LANES], fy[LANES];
 };
 struct view_terms {
-    float transmit[LANES], rx[LANES], ry[LANES], rz[LANES], ox[LANES], oy[LANES], oz[LANES];
+    float transmit[LANES], mirror[LANES], rx[LANES], ry[LANES], rz[LANES], ox[LANES], oy[LANES],
+        oz[LANES];
 };
 
 struct shade_job {
@@ -37,6 +41,8 @@ struct shade_job {
     float sky_cos, sky_sin; // of the background's rotation about +y
     bool fresnel;
     const struct cube_view *specular, *background;
+    int level_floats; // > 0: specular is a stack of levels of roughness, this far apart
+    float roughness;  // of points without their own
     float *rgb;
     void (*row)(const struct shade_job *job, uint32_t y, float *row);
 };
@@ -103,8 +109,12 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     struct border_cube lobe = {0}, sky = {0};
     struct cube_view specular, background;
     bool good = image.rgb != NULL;
+    struct prt_gbuffer own = vis->g;
+    if (s->leave_out & PRT_LOOK_BASE) own.base[0] = NULL;
+    if (s->leave_out & PRT_LOOK_NORMAL) own.turned[0] = NULL;
+    if (s->leave_out & PRT_LOOK_REST) own.roughness = own.occlusion = own.emission[0] = NULL;
     job->vis = vis;
-    job->g = &vis->g;
+    job->g = &own;
     job->frame = &vis->frame;
     job->width = vis->width;
     job->height = vis->height;
@@ -118,10 +128,14 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
         job->eye[i] = (float)vis->frame.eye[i];
         job->plain[i] = s->background_rgb[i];
     }
+    job->roughness = s->roughness;
     if (good && s->specular) {
-        good = prt_specular_mix(s->specular, s->roughness, &lobe);
+        bool stack = own.roughness != NULL;
+        good = stack ? prt_specular_stack(s->specular, &lobe)
+                     : prt_specular_mix(s->specular, s->roughness, &lobe);
         specular = view_bordered(&lobe);
         job->specular = &specular;
+        if (stack) job->level_floats = 6 * specular.face;
     }
     if (good && s->background) {
         bool small = s->background->n <= SMALL_BACKGROUND;

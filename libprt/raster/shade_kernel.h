@@ -3,34 +3,37 @@
  * by shade.c once for each instruction set, in its region of base/isa.h. */
 
 /* Bilinear look-up of n directions: offsets of four texels and fractions. */
-static void PRT_KERNEL(cube_lookup)(const struct cube_view *cube, int n, const float *dx,
-                                    const float *dy, const float *dz, struct lookup *at)
+static void PRT_KERNEL(cube_lookup)(const struct cube_view *cube, int n,
+                                    const float *restrict dx, const float *restrict dy,
+                                    const float *restrict dz, struct lookup *restrict at)
 {
     const float half = 0.5f * (float)cube->n, centre = half - 0.5f + (float)cube->border;
-    const int row = cube->row, lo = 0, hi = cube->last;
+    const int row = cube->row, hi = cube->last, top = cube->top;
+    const int texel_floats = cube->texel_floats, face_floats = cube->face;
     for (int i = 0; i < n; i++) {
         float x = dx[i], y = dy[i], z = dz[i];
         float ax = fabsf(x), ay = fabsf(y), az = fabsf(z);
-        int is_x = (ax >= ay) & (ax >= az), is_y = !is_x & (ay >= az);
-        float ma = is_x ? ax : is_y ? ay : az;
-        float major = is_x ? x : is_y ? y : z;
+        /* 1 for the axis of the face, 0 for the others: products instead of branches, which
+         * keep the compiler from vectorising the loop */
+        int is_x = (ax >= ay) & (ax >= az), is_y = (1 - is_x) & (ay >= az);
+        float on_x = (float)is_x, on_y = (float)is_y, on_z = 1.0f - on_x - on_y;
+        float major = on_x * x + on_y * y + on_z * z, ma = fabsf(major);
         int negative = major < 0;
-        float sign = negative ? -1.0f : 1.0f;
-        float s = is_x ? -sign * z : is_y ? x : sign * x;
-        float t = is_y ? sign * z : -y;
-        float k = 1.0f / (ma > 1e-30f ? ma : 1e-30f);
-        int face = (is_x ? 0 : is_y ? 2 : 4) + negative;
-        float px = s * k * half + centre, py = t * k * half + centre;
+        float sign = 1.0f - 2.0f * (float)negative;
+        float s = on_y * x + sign * (on_z * x - on_x * z);
+        float t = on_y * (sign * z) - (1.0f - on_y) * y;
+        float k = half / (ma > 1e-30f ? ma : 1e-30f);
+        int face = 4 - 4 * is_x - 2 * is_y + negative;
+        float px = s * k + centre, py = t * k + centre;
         px = px > 0 ? px : 0;
         py = py > 0 ? py : 0;
         int x0 = (int)px, y0 = (int)py;
-        x0 = x0 < lo ? lo : x0 > hi ? hi : x0;
-        y0 = y0 < lo ? lo : y0 > hi ? hi : y0;
-        int right = x0 < cube->top ? cube->texel_floats : 0;
-        int down = y0 < cube->top ? row : 0;
+        x0 = x0 > hi ? hi : x0;
+        y0 = y0 > hi ? hi : y0;
+        int right = (x0 < top) * texel_floats, down = (y0 < top) * row;
         at->fx[i] = px - (float)x0;
         at->fy[i] = py - (float)y0;
-        int base = face * cube->face + y0 * row + x0 * cube->texel_floats;
+        int base = face * face_floats + y0 * row + x0 * texel_floats;
         at->i00[i] = base;
         at->i10[i] = base + right;
         at->i01[i] = base + down;
@@ -38,18 +41,32 @@ static void PRT_KERNEL(cube_lookup)(const struct cube_view *cube, int n, const f
     }
 }
 
-static void PRT_KERNEL(cube_fetch)(const struct cube_view *cube, int n, const struct lookup *at,
-                                   float *r, float *g, float *b)
+/* Three floats at `at`, with a fourth that is not used; `last`: the greatest offset at which
+ * four floats can be read. */
+static inline __attribute__((always_inline)) four PRT_KERNEL(load3)(const float *from,
+                                                                    size_t at, size_t last)
+{
+    const float *p = from + at;
+    if (at <= last) return *(const loose_four *)p;
+    return (four){p[0], p[1], p[2], 0};
+}
+
+static void PRT_KERNEL(cube_fetch)(const struct cube_view *cube, int n,
+                                   const struct lookup *restrict at, float *restrict r,
+                                   float *restrict g, float *restrict b)
 {
     const float *texel = cube->texel;
+    const size_t last = (size_t)(6 * cube->face - 4);
     for (int i = 0; i < n; i++) {
         float fx = at->fx[i], fy = at->fy[i];
         float w11 = fx * fy, w10 = fx - w11, w01 = fy - w11, w00 = 1 - fx - w01;
-        const float *p = texel + at->i00[i], *q = texel + at->i10[i];
-        const float *u = texel + at->i01[i], *v = texel + at->i11[i];
-        r[i] = w00 * p[0] + w10 * q[0] + w01 * u[0] + w11 * v[0];
-        g[i] = w00 * p[1] + w10 * q[1] + w01 * u[1] + w11 * v[1];
-        b[i] = w00 * p[2] + w10 * q[2] + w01 * u[2] + w11 * v[2];
+        four sum = w00 * PRT_KERNEL(load3)(texel, (size_t)at->i00[i], last);
+        sum += w10 * PRT_KERNEL(load3)(texel, (size_t)at->i10[i], last);
+        sum += w01 * PRT_KERNEL(load3)(texel, (size_t)at->i01[i], last);
+        sum += w11 * PRT_KERNEL(load3)(texel, (size_t)at->i11[i], last);
+        r[i] = sum[0];
+        g[i] = sum[1];
+        b[i] = sum[2];
     }
 }
 
@@ -75,6 +92,7 @@ static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n
         float ct = sqrtf(1 - (1 - c * c) * inv_eta * inv_eta);
         float rs = (c - eta * ct) / (c + eta * ct), rp = (eta * c - ct) / (eta * c + ct);
         v->transmit[i] = 1 - 0.5f * (rs * rs + rp * rp);
+        v->mirror[i] = 0.5f * (rs * rs + rp * rp);
         v->rx[i] = 2 * c * nx[i] - wx;
         v->ry[i] = 2 * c * ny[i] - wy;
         v->rz[i] = 2 * c * nz[i] - wz;
@@ -85,20 +103,100 @@ static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n
     }
 }
 
+/* The mirror direction and the share reflected of a normal that a map turned. The part of a
+ * normal that faces away from the eye is left out: reflection stays on the eye's side. */
+static void PRT_KERNEL(turn_mirror)(const struct shade_job *job, size_t at, int n,
+                                    struct view_terms *v)
+{
+    const struct prt_gbuffer *g = job->g;
+    const float *px = g->position[0] + at, *py = g->position[1] + at, *pz = g->position[2] + at;
+    const float *tx = g->turned[0] + at, *ty = g->turned[1] + at, *tz = g->turned[2] + at;
+    const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2];
+    const float eta = job->eta, inv_eta = 1 / eta;
+    for (int i = 0; i < n; i++) {
+        float wx = ex - px[i], wy = ey - py[i], wz = ez - pz[i];
+        float l = 1.0f / sqrtf(wx * wx + wy * wy + wz * wz + 1e-30f);
+        wx *= l;
+        wy *= l;
+        wz *= l;
+        float c = wx * tx[i] + wy * ty[i] + wz * tz[i];
+        c = c > 1e-4f ? c : 1e-4f;
+        c = c < 1 ? c : 1;
+        float ct = sqrtf(1 - (1 - c * c) * inv_eta * inv_eta);
+        float rs = (c - eta * ct) / (c + eta * ct), rp = (eta * c - ct) / (eta * c + ct);
+        v->mirror[i] = 0.5f * (rs * rs + rp * rp);
+        v->rx[i] = 2 * c * tx[i] - wx;
+        v->ry[i] = 2 * c * ty[i] - wy;
+        v->rz[i] = 2 * c * tz[i] - wz;
+    }
+}
+
+/* Radiance from the mirror direction at each point's own roughness: between two levels. */
+static void PRT_KERNEL(fetch_levels)(const struct shade_job *job, size_t at, int n,
+                                     const struct lookup *look, float *r, float *g, float *b)
+{
+    struct lookup level = *look;
+    float share[LANES], hr[LANES], hg[LANES], hb[LANES];
+    const float *roughness = job->g->roughness + at;
+    for (int i = 0; i < n; i++) {
+        int k;
+        prt_specular_level(roughness[i] < 0 ? job->roughness : roughness[i], &k, &share[i]);
+        int by = k * job->level_floats;
+        level.i00[i] += by;
+        level.i10[i] += by;
+        level.i01[i] += by;
+        level.i11[i] += by;
+    }
+    PRT_KERNEL(cube_fetch)(job->specular, n, &level, r, g, b);
+    for (int i = 0; i < n; i++) {
+        level.i00[i] += job->level_floats;
+        level.i10[i] += job->level_floats;
+        level.i01[i] += job->level_floats;
+        level.i11[i] += job->level_floats;
+    }
+    PRT_KERNEL(cube_fetch)(job->specular, n, &level, hr, hg, hb);
+    for (int i = 0; i < n; i++) {
+        r[i] += share[i] * (hr[i] - r[i]);
+        g[i] += share[i] * (hg[i] - g[i]);
+        b[i] += share[i] * (hb[i] - b[i]);
+    }
+}
+
+/* Light after scattering times base colour; occlusion of light that the surface reflects. */
+static void PRT_KERNEL(apply_look)(const struct shade_job *job, size_t at, int n, float *r,
+                                   float *g, float *b, float *sr, float *sg, float *sb)
+{
+    const struct prt_gbuffer *s = job->g;
+    const uint8_t *opaque = s->opaque + at;
+    const float *occlusion = s->occlusion ? s->occlusion + at : NULL;
+    float *rgb[3] = {r, g, b}, *mirror[3] = {sr, sg, sb};
+    for (int c = 0; c < 3; c++) {
+        const float *base = s->base[0] ? s->base[c] + at : NULL;
+        for (int i = 0; base && i < n; i++) rgb[c][i] *= base[i];
+        for (int i = 0; occlusion && i < n; i++) {
+            rgb[c][i] *= opaque[i] ? occlusion[i] : 1;
+            mirror[c][i] *= occlusion[i];
+        }
+    }
+}
+
 /* c += weight * vertex values of one plane, interpolated. */
-static void PRT_KERNEL(add_plane)(const struct shade_job *job, const float *plane, size_t at,
-                                  int n, const float *weight, float *r, float *g, float *b)
+static void PRT_KERNEL(add_plane)(const struct shade_job *job, const float *restrict plane,
+                                  size_t at, int n, const float *restrict weight,
+                                  float *restrict r, float *restrict g, float *restrict b)
 {
     const struct prt_gbuffer *s = job->g;
     const uint32_t *v0 = s->corner[0] + at, *v1 = s->corner[1] + at, *v2 = s->corner[2] + at;
     const float *w1 = s->bary[0] + at, *w2 = s->bary[1] + at;
+    const size_t last = job->plane_floats - 4; /* a triangle has three vertices */
     for (int i = 0; i < n; i++) {
-        const float *p = plane + 3 * (size_t)v0[i], *q = plane + 3 * (size_t)v1[i];
-        const float *u = plane + 3 * (size_t)v2[i];
         float k = weight ? weight[i] : 1, b1 = k * w1[i], b2 = k * w2[i], b0 = k - b1 - b2;
-        r[i] += b0 * p[0] + b1 * q[0] + b2 * u[0];
-        g[i] += b0 * p[1] + b1 * q[1] + b2 * u[1];
-        b[i] += b0 * p[2] + b1 * q[2] + b2 * u[2];
+        four sum = b0 * PRT_KERNEL(load3)(plane, 3 * (size_t)v0[i], last);
+        sum += b1 * PRT_KERNEL(load3)(plane, 3 * (size_t)v1[i], last);
+        sum += b2 * PRT_KERNEL(load3)(plane, 3 * (size_t)v2[i], last);
+        r[i] += sum[0];
+        g[i] += sum[1];
+        b[i] += sum[2];
     }
 }
 
@@ -164,19 +262,29 @@ static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int
     float sr[LANES], sg[LANES], sb[LANES];
     if (job->specular) {
         struct lookup look;
+        if (job->g->turned[0]) PRT_KERNEL(turn_mirror)(job, at, n, &v);
         PRT_KERNEL(cube_lookup)(job->specular, n, v.rx, v.ry, v.rz, &look);
-        PRT_KERNEL(cube_fetch)(job->specular, n, &look, sr, sg, sb);
+        if (job->level_floats) PRT_KERNEL(fetch_levels)(job, at, n, &look, sr, sg, sb);
+        else PRT_KERNEL(cube_fetch)(job->specular, n, &look, sr, sg, sb);
     } else {
         for (int i = 0; i < n; i++) sr[i] = sg[i] = sb[i] = 0;
     }
+    if (job->g->base[0] || job->g->occlusion)
+        PRT_KERNEL(apply_look)(job, at, n, r, g, b, sr, sg, sb);
     const int fresnel = job->fresnel;
     for (int i = 0; i < n; i++) {
         float t = fresnel && !opaque[i] ? v.transmit[i] : 1;
-        float mirror = opaque[i] ? 0 : 1 - v.transmit[i];
+        float mirror = opaque[i] ? 0 : v.mirror[i];
         float cr = t * r[i], cg = t * g[i], cb = t * b[i];
         r[i] = (cr > 0 ? cr : 0) + mirror * sr[i];
         g[i] = (cg > 0 ? cg : 0) + mirror * sg[i];
         b[i] = (cb > 0 ? cb : 0) + mirror * sb[i];
+    }
+    if (!job->g->emission[0]) return;
+    for (int i = 0; i < n; i++) {
+        r[i] += job->g->emission[0][at + (size_t)i];
+        g[i] += job->g->emission[1][at + (size_t)i];
+        b[i] += job->g->emission[2][at + (size_t)i];
     }
 }
 
@@ -211,7 +319,8 @@ static void PRT_KERNEL(background)(const struct shade_job *job, uint32_t y, int 
 /* One row of the image: points by their weights, the rest of each pixel by the background. */
 static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float *row)
 {
-    const uint32_t *row_point = job->vis->row_point;
+    const uint32_t *row_point = job->vis->row_point, *pixel = job->g->pixel;
+    const float *cover = job->g->weight;
     const uint32_t width = job->width;
     float r[LANES], g[LANES], b[LANES];
     memset(row, 0, (size_t)width * 3 * sizeof *row);
@@ -223,8 +332,8 @@ static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float
         int n = left < LANES ? (int)left : LANES;
         PRT_KERNEL(shade_points)(job, at, n, r, g, b);
         for (int i = 0; i < n; i++) {
-            float *p = row + 3 * (size_t)(job->g->pixel[at + (size_t)i] - y * width);
-            float w = job->g->weight[at + (size_t)i];
+            float *p = row + 3 * (size_t)(pixel[at + (size_t)i] - y * width);
+            float w = cover[at + (size_t)i];
             p[0] += w * r[i];
             p[1] += w * g[i];
             p[2] += w * b[i];
@@ -234,11 +343,10 @@ static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float
     size_t at = row_point[y], end = row_point[y + 1];
     for (x = 0; x < width; x++) {
         float left = 1;
-        for (; at < end && job->g->pixel[at] == y * width + x; at++) left -= job->g->weight[at];
-        if (left > 1e-3f) {
-            gap[n_gap] = x;
-            gap_weight[n_gap++] = left;
-        }
+        for (; at < end && pixel[at] == y * width + x; at++) left -= cover[at];
+        gap[n_gap] = x;
+        gap_weight[n_gap] = left;
+        n_gap += left > 1e-3f;
         if (n_gap < LANES && x + 1 < width) continue;
         if (job->background) PRT_KERNEL(background)(job, y, n_gap, gap, r, g, b);
         else

@@ -472,9 +472,8 @@ void prt_specular_eval(const struct prt_specular *s, const float r[3], float rou
     for (int c = 0; c < 3; c++) rgb[c] += share * (other[c] - rgb[c]);
 }
 
-bool prt_specular_mix(const struct prt_specular *s, float roughness, struct border_cube *out)
+static void mix_into(const struct prt_specular *s, float roughness, struct border_cube *out)
 {
-    if (!prt_border_cube_init(out, BASE)) return false;
     for (unsigned face = 0; face < 6; face++) {
         for (uint32_t y = 0; y < BASE; y++) {
             for (uint32_t x = 0; x < BASE; x++) {
@@ -485,5 +484,27 @@ bool prt_specular_mix(const struct prt_specular *s, float roughness, struct bord
         }
     }
     prt_border_cube_seal(out);
+}
+
+bool prt_specular_stack(const struct prt_specular *s, struct border_cube *out)
+{
+    const size_t level = (size_t)6 * (BASE + 2) * (BASE + 2) * 4;
+    *out = (struct border_cube){BASE, prt_calloc(N_LEVEL * level, sizeof(float))};
+    for (unsigned k = 0; out->texel && k < N_LEVEL; k++) {
+        struct border_cube own = {BASE, out->texel + k * level};
+        mix_into(s, level_shape[k].roughness, &own);
+    }
+    return out->texel != NULL;
+}
+
+void prt_specular_level(float roughness, int *level, float *share)
+{
+    *level = (int)level_of(roughness, share);
+}
+
+bool prt_specular_mix(const struct prt_specular *s, float roughness, struct border_cube *out)
+{
+    if (!prt_border_cube_init(out, BASE)) return false;
+    mix_into(s, roughness, out);
     return true;
 }

@@ -61,6 +61,7 @@ static int encode(void *arg, size_t begin, size_t end, unsigned worker)
     const int32_t base = (127 + OCTAVE_LO) << STEP_BITS;
     const float *in = job->in;
     const uint8_t *curve_table = job->table;
+    uint8_t *out = job->out; // uint8_t may alias `job`: read once
     for (size_t i = begin; i < end; i += 256) {
         int32_t index[256];
         int n = end - i < 256 ? (int)(end - i) : 256;
@@ -73,7 +74,7 @@ static int encode(void *arg, size_t begin, size_t end, unsigned worker)
             memcpy(&b, &x, 4);
             index[k] = (b >> SHIFT) - base;
         }
-        for (int k = 0; k < n; k++) job->out[i + (size_t)k] = curve_table[index[k]];
+        for (int k = 0; k < n; k++) out[i + (size_t)k] = curve_table[index[k]];
     }
     return PRT_OK;
 }

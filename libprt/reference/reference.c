@@ -124,7 +124,9 @@ static int sample_range(void *arg, size_t begin, size_t end, unsigned worker)
         float e[3];
         irradiance_at(j, pattern, origin, j->surface->normal[i], (const float(*)[3])f, 1,
                       j->material->eta, e);
-        for (size_t c = 0; c < 3; c++) j->irradiance[c * j->surface->n_sample + i] = e[c];
+        float tint = j->surface->tint ? j->surface->tint[i] : 1;
+        for (size_t c = 0; c < 3; c++)
+            j->irradiance[c * j->surface->n_sample + i] = tint * e[c];
     }
     return PRT_OK;
 }

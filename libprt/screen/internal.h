@@ -353,9 +353,13 @@ int prt_map_normals(const struct frame *f, struct samples *s);
 /* Multiplies radiance that was summed with the objects' plain media by the ratio of every
  * point's total reflectance to the plain one. */
 int prt_map_tint(const struct frame *f);
-static inline bool maps_turn(const struct prt_screen_options *o)
+/* Factors of irradiance by the textures of the mesh (prt_mesh_tint, occlusion maps); 1 where it
+ * has none. */
+int prt_map_occlude(const struct frame *f, struct samples *s);
+/* Whether a map turns normals: of the options, or of the mesh. */
+static inline bool maps_turn(const struct frame *f)
 {
-    return o->bump_map || o->normal_map;
+    return f->options->bump_map || f->options->normal_map || f->screen->mesh->maps;
 }
 static inline bool maps_tint(const struct prt_screen_options *o)
 {

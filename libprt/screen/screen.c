@@ -110,7 +110,7 @@ int prt_frame_irradiance(struct frame *f, struct samples *s)
     if (o->vertex_irradiance)
         return prt_irradiance_vertices(f->ctx, f->screen->mesh, o->vertex_irradiance, s);
     struct samples lit = *s; // shares all columns but the normals that maps turn
-    int status = maps_turn(o) ? prt_map_normals(f, &lit) : PRT_OK;
+    int status = maps_turn(f) ? prt_map_normals(f, &lit) : PRT_OK;
     // harmonics have no shadows and represent the cube alone, without further lights
     if (!status && o->sh_irradiance && f->cube && o->engine != PRT_SCREEN_TANGENT)
         prt_irradiance_harmonics(f->cube, f->eta, &lit);
@@ -119,7 +119,7 @@ int prt_frame_irradiance(struct frame *f, struct samples *s)
                                        &lit, &f->report->n_ray);
     for (int k = 0; k < 3; k++)
         if (lit.normal[k] != s->normal[k]) prt_free(lit.normal[k]);
-    return status;
+    return status ? status : prt_map_occlude(f, s);
 }
 
 // R_d of each object, as coefficients and as a table.
@@ -197,6 +197,7 @@ static int light_opaque(struct frame *f)
         for (int k = 0; k < 3; k++) {
             s.p[k][s.n] = f->g.position[k][i];
             s.normal[k][s.n] = s.face[k][s.n] = f->g.normal[k][i];
+            if (f->g.turned[0]) s.normal[k][s.n] = f->g.turned[k][i];
         }
         s.n++;
     }

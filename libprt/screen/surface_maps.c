@@ -147,7 +147,7 @@ static void tangent_normal(const struct prt_screen_map *map, const float uv[2],
     for (int k = 0; k < 3; k++) t[k] = du[k] - along * n[k];
     if (!normalise(t)) return;
     cross(n, t, b);
-    if (dot(b, dv) < 0)
+    if (dot(b, dv) > 0) // green points up the image, against v, as in glTF
         for (int k = 0; k < 3; k++) b[k] = -b[k];
     for (int k = 0; k < 3; k++)
         own[k] = (2 * rgb[0] - 1) * t[k] + (2 * rgb[1] - 1) * b[k] + (2 * rgb[2] - 1) * n[k];
@@ -160,6 +160,51 @@ struct turn_job {
     float *out[3];
 };
 
+// The look of the mesh at a sample, filtered over the sample's own area.
+static void look_at(const struct frame *f, const struct samples *s, size_t i,
+                    struct prt_look *out)
+{
+    const struct prt_mesh *mesh = f->screen->mesh;
+    const uint32_t t = s->triangle[i];
+    float side = s->area[i] > 0 ? sqrtf(s->area[i]) : 0, d[2][2], step[2][3], n[3], length = 0;
+    for (int k = 0; k < 3; k++) {
+        n[k] = s->normal[k][i];
+        step[0][k] =
+            mesh->position[mesh->triangle[t][1]][k] - mesh->position[mesh->triangle[t][0]][k];
+        length += step[0][k] * step[0][k];
+    }
+    for (int k = 0; k < 3; k++) step[0][k] *= length > 0 ? side / sqrtf(length) : 0;
+    cross(n, step[0], step[1]);
+    for (int j = 0; j < 2; j++) prt_mesh_footprint(mesh, t, step[j], d[j]);
+    const float da[2] = {d[0][0], d[1][0]}, db[2] = {d[0][1], d[1][1]};
+    prt_mesh_look(mesh, t, f->screen->triangle_block[t], s->bary[0][i], s->bary[1][i], da, db,
+                  n, out);
+}
+
+static int occlude_samples(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct turn_job *job = arg;
+    const struct samples *s = job->s;
+    for (size_t i = begin; i < end; i++) {
+        struct prt_look look;
+        look_at(job->f, s, i, &look);
+        float k = prt_mesh_tint(job->f->screen->mesh, look.base) * look.occlusion;
+        for (int c = 0; c < 3; c++) s->e[c][i] *= k;
+    }
+    return PRT_OK;
+}
+
+int prt_map_occlude(const struct frame *f, struct samples *s)
+{
+    const struct prt_mesh *mesh = f->screen->mesh;
+    bool any = mesh->texture_split > 0;
+    for (uint32_t i = 0; mesh->maps && i < mesh->n_surface; i++)
+        any |= mesh->maps[i].map[PRT_MAP_OCCLUSION].image != UINT32_MAX;
+    if (!any || !prt_mesh_has_look(mesh)) return PRT_OK;
+    struct turn_job job = {.f = f, .s = s};
+    return prt_parallel_for(f->ctx, NULL, s->n, 1024, occlude_samples, &job);
+}
+
 static int turn_points(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct turn_job *job = arg;
@@ -171,6 +216,12 @@ static int turn_points(void *arg, size_t begin, size_t end, unsigned worker)
         const struct prt_screen_map *height = map_of(job->f, job->f->options->bump_map, block);
         float uv[2], du[3], dv[3], n[3], out[3];
         for (int k = 0; k < 3; k++) out[k] = n[k] = s->normal[k][i];
+        if (!turn && mesh->maps) {
+            struct prt_look look;
+            look_at(job->f, s, i, &look);
+            memcpy(n, look.normal, sizeof n);
+            memcpy(out, n, sizeof out);
+        }
         if ((turn || height) && uv_frame(mesh, t, du, dv)) {
             uv_at(mesh, t, s->bary[0][i], s->bary[1][i], uv);
             if (turn) tangent_normal(turn, uv, n, du, dv, out);

@@ -30,6 +30,7 @@ struct picture {
     bool on_screen; // drawn by an image-space engine, without transport and vertices
     struct prt_screen_report report;
     struct maps maps;
+    unsigned leave_out; // of the file's own textures
 };
 
 static void picture_finish(struct picture *p)
@@ -209,6 +210,7 @@ static struct prt_shade shade_of(const struct picture *p, bool total)
         .fresnel = total,
         .specular = p->specular,
         .background = p->plain ? NULL : &p->back,
+        .leave_out = p->leave_out,
     };
     memcpy(shade.background_rgb, p->background, sizeof shade.background_rgb);
     return shade;
@@ -332,6 +334,10 @@ static int draw(struct tool *tool, struct picture *p)
                                               PRT_RASTER_AUTO, &p->visibility));
     if (status) return status;
     p->on_screen = !vertex && !reference;
+    if (!strcmp(term, "irradiance")) p->leave_out = PRT_LOOK_ALL;
+    if (o->no_textures) p->leave_out = PRT_LOOK_ALL;
+    if (o->albedo_map) p->leave_out |= PRT_LOOK_BASE;
+    if (o->normal_map || o->bump_map) p->leave_out |= PRT_LOOK_NORMAL;
     status = p->on_screen ? draw_on_screen(tool, p, engine, total)
                           : draw_vertices(tool, p, reference, total, term);
     if (status) return status;

@@ -25,6 +25,37 @@ static void add_parsed(cJSON *to, const char *name, const char *json)
     cJSON_AddItemToObject(to, name, item ? item : cJSON_CreateNull());
 }
 
+static void add_maps(cJSON *surface, const struct prt_mesh *m, uint32_t i)
+{
+    static const char *const name[PRT_N_MAP] = {"base", "normal", "roughness", "occlusion",
+                                                "emissive"};
+    cJSON *maps = NULL;
+    for (int k = 0; m->maps && k < PRT_N_MAP; k++) {
+        const struct prt_texture_ref *ref = &m->maps[i].map[k];
+        if (ref->image == UINT32_MAX) continue;
+        if (!maps) maps = cJSON_AddObjectToObject(surface, "maps");
+        cJSON_AddNumberToObject(maps, name[k], ref->image);
+    }
+}
+
+static void add_images(cJSON *to, const struct prt_mesh *m)
+{
+    static const char *const kind[PRT_TEXTURE_N_KIND] = {"color", "data", "normal"};
+    cJSON *list = cJSON_AddArrayToObject(to, "images");
+    for (uint32_t i = 0; i < m->n_image; i++) {
+        const struct prt_texture_image *image = &m->image[i];
+        cJSON *o = cJSON_CreateObject();
+        char hash[40];
+        snprintf(hash, sizeof hash, "%016llx%016llx", (unsigned long long)image->hash[1],
+                 (unsigned long long)image->hash[0]);
+        cJSON_AddNumberToObject(o, "width", image->width);
+        cJSON_AddNumberToObject(o, "height", image->height);
+        cJSON_AddStringToObject(o, "kind", kind[image->kind]);
+        cJSON_AddStringToObject(o, "hash", hash);
+        cJSON_AddItemToArray(list, o);
+    }
+}
+
 static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
 {
     cJSON *m = cJSON_AddObjectToObject(root, "mesh");
@@ -57,8 +88,14 @@ static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
         cJSON *s = cJSON_CreateObject();
         cJSON_AddStringToObject(s, "name", mesh->surface[i].name);
         cJSON_AddBoolToObject(s, "translucent", mesh->surface[i].translucent);
+        add_maps(s, mesh, i);
         cJSON_AddItemToArray(surfaces, s);
     }
+    if (mesh->n_uv > 1) cJSON_AddNumberToObject(m, "uv_sets", mesh->n_uv);
+    if (mesh->color) cJSON_AddBoolToObject(m, "vertex_colors", true);
+    if (mesh->n_image) add_images(m, mesh);
+    if (mesh->texture_split > 0)
+        cJSON_AddNumberToObject(m, "texture_split", (double)mesh->texture_split);
 }
 
 // Ranks of the clusters that have any: dense numbers a vertex.

@@ -42,6 +42,12 @@ const struct option_row option_table[] = {
      "millimetres in one unit of the model"},
     {"opaque", 0, "NAME", OPTION_OPAQUE, 0, 0, 0, NULL, BAKE | COLORS | IMAGE | INFO,
      "a material or node that is opaque; may repeat"},
+    {"texture-split", 0, "S", OPTION_SIGNED, AT(texture_split), 0, 1, NULL,
+     BAKE | COLORS | IMAGE,
+     "share of the model's base colour texture that scattering blurs: 0 (default) multiplies it at "
+     "the pixel, 1 blurs its brightness wholly; a bake keeps it"},
+    {"no-textures", 0, NULL, OPTION_FLAG, AT(no_textures), 0, 0, NULL, BAKE | COLORS | IMAGE,
+     "leave the model's textures and vertex colours out"},
     {"env", 'e', "ENV", OPTION_TEXT, AT(env), 0, 0, NULL, BAKE | COLORS | IMAGE,
      "light: lat-long or cube image, folder of six faces, constant[:R,G,B]"},
     {"env", 'e', "ENV", OPTION_ENVS, 0, 0, 0, NULL, COMPARE,

@@ -79,6 +79,11 @@ static int open_prt(struct tool *tool, struct source *source)
                            "%s is a .prt, which carries its own scale and surfaces: leave "
                            "--size-mm, --mm-per-unit and --opaque out",
                            source->path);
+    if (o->texture_split > 0)
+        return usage_error(o,
+                           "%s is a .prt, whose texture split is fixed by the bake: leave "
+                           "--texture-split out, or bake again",
+                           source->path);
     int status = prt_file_open(&tool->ctx, source->path, PRT_FILE_CHECK_ALL, &source->file);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     source->transport = prt_file_transport(source->file);
@@ -123,11 +128,13 @@ static int open_model(struct tool *tool, bool need_material, struct source *sour
         if (exit_status) return exit_status;
         source->material_given = true;
     }
-    struct prt_mesh_options options = {.opaque = o->n_opaque ? o->opaque : NULL};
+    struct prt_mesh_options options = {.opaque = o->n_opaque ? o->opaque : NULL,
+                                       .no_textures = o->no_textures};
     int status = prt_mesh_load(&tool->ctx, source->path, &options, &source->loaded);
     if (status == PRT_ARG && o->n_opaque) return EXIT_USAGE; // a name that --opaque misspells
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     source->mesh = source->loaded;
+    source->loaded->texture_split = (float)o->texture_split;
     if (!(o->size_mm > 0) && !(o->mm_per_unit > 0) && !source->loaded->units_known)
         return usage_error(o, "%s has no units of length: give --size-mm or --mm-per-unit",
                            source->path);

@@ -41,7 +41,7 @@ struct options {
     const char *materials;                          /* compare: --materials */
     const char *albedo_map, *normal_map, *bump_map; /* image: of --engine tangent */
     double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms,
-        bump_mm;
+        bump_mm, texture_split;
     uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed;
     uint64_t threads, msaa, quality, vertices, memory;
     bool memory_set, estimate, accept_weak_sandbox;
@@ -52,7 +52,7 @@ struct options {
     uint32_t shard, n_shard;
     int progress_fd; /* -1: not given */
     bool max_rmse_set;
-    bool json, quiet, no_single, every_ray, straight, full_float, measure_error;
+    bool json, quiet, no_single, every_ray, straight, full_float, measure_error, no_textures;
 };
 
 /* Fills `out` from the program's arguments. Returns -1 to go on, else the exit status: after

@@ -61,6 +61,9 @@ int prt_surface_create(const struct prt_context *ctx, const struct prt_mesh *mes
     if (status == PRT_OK && prt_surface_share(s, list, n_sample))
         status = prt_fail(ctx, PRT_ARG, "nothing to sample: no translucent triangle has area");
     if (status == PRT_OK) status = alloc_samples(s, s->n_sample);
+    if (status == PRT_OK && prt_mesh_has_look(mesh) &&
+        !(s->tint = prt_alloc(s->n_sample, sizeof *s->tint)))
+        status = PRT_NOMEM;
     for (uint32_t o = 0; status == PRT_OK && o < mesh->n_object; o++)
         if (s->object_begin[o] < s->object_begin[o + 1])
             prt_surface_place(s, mesh, &list[o], o, s->object_begin[o + 1] - s->object_begin[o],
@@ -105,6 +108,7 @@ void prt_surface_destroy(struct prt_surface_points *s)
     prt_free(s->position);
     prt_free(s->normal);
     prt_free(s->face_normal);
+    prt_free(s->tint);
     prt_free(s->area);
     prt_free(s->centre);
     prt_free(s->spread);

@@ -128,6 +128,34 @@ static void walk_triangle(double f, float jitter_u, float jitter_v, unsigned lev
     *bv = a[0][1] + u * (a[1][1] - a[0][1]) + v * (a[2][1] - a[0][1]);
 }
 
+// Turns a sample's normal by the normal map and notes the factor of its irradiance; maps are
+// filtered over the spacing of the samples.
+static void apply_look(struct prt_surface_points *s, const struct prt_mesh *mesh, uint32_t i,
+                       uint32_t t, double bu, double bv)
+{
+    const uint32_t *v = mesh->triangle[t];
+    float step[2][3], d[2][2];
+    const float *n = s->face_normal[i];
+    double length = 0;
+    struct prt_look look;
+    for (int k = 0; k < 3; k++) {
+        step[0][k] = mesh->position[v[1]][k] - mesh->position[v[0]][k];
+        length += (double)step[0][k] * (double)step[0][k];
+    }
+    float by = length > 0 ? s->spacing / (float)sqrt(length) : 0;
+    for (int k = 0; k < 3; k++) step[0][k] *= by;
+    for (int k = 0; k < 3; k++) {
+        int p = (k + 1) % 3, q = (k + 2) % 3;
+        step[1][k] = n[p] * step[0][q] - n[q] * step[0][p];
+    }
+    for (int j = 0; j < 2; j++) prt_mesh_footprint(mesh, t, step[j], d[j]);
+    const float da[2] = {d[0][0], d[1][0]}, db[2] = {d[0][1], d[1][1]};
+    prt_mesh_look(mesh, t, prt_mesh_block_of(mesh, t), (float)bu, (float)bv, da, db,
+                  s->normal[i], &look);
+    s->tint[i] = prt_mesh_tint(mesh, look.base) * look.occlusion;
+    memcpy(s->normal[i], look.normal, sizeof look.normal);
+}
+
 static void place_sample(struct prt_surface_points *s, const struct prt_mesh *mesh, uint32_t i,
                          uint32_t t, double bu, double bv)
 {
@@ -149,6 +177,7 @@ static void place_sample(struct prt_surface_points *s, const struct prt_mesh *me
         s->face_normal[i][k] = (float)(fl > 0 ? face[k] / fl : 0);
         s->normal[i][k] = (float)(length > 1e-12 ? n[k] / length : s->face_normal[i][k]);
     }
+    if (s->tint) apply_look(s, mesh, i, t, bu, bv);
 }
 
 void prt_surface_place(struct prt_surface_points *s, const struct prt_mesh *mesh,

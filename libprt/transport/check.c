@@ -90,6 +90,27 @@ static int check_blocks(const struct check *c, const struct prt_mesh *m)
     return PRT_OK;
 }
 
+static int check_textures(const struct check *c, const struct prt_mesh *m)
+{
+    if (!in_unit(m->texture_split)) return bad(c, "its texture split is outside [0,1]");
+    if (m->n_uv > PRT_TEXTURE_MAX_UV || (m->n_uv > 1 && !m->uv_more) ||
+        (m->n_image && (!m->image || !m->texel)))
+        return bad(c, "an array of its textures is missing");
+    if ((m->n_uv > 1 && !finite_f32(m->uv_more, 2ull * (m->n_uv - 1) * m->n_vertex)) ||
+        (m->corner_uv && !finite_f32(m->corner_uv, 6ull * m->n_triangle)) ||
+        (m->color && !finite_f32(m->color, 4ull * m->n_vertex)))
+        return bad(c, "a texture coordinate or vertex colour is not finite");
+    for (uint64_t i = 0; m->color && i < 4ull * m->n_vertex; i++)
+        if (!in_unit(m->color[0][i])) return bad(c, "a vertex colour is out of range");
+    for (uint32_t i = 0; i < m->n_image; i++)
+        if (!prt_texture_image_valid(&m->image[i], m->texel_bytes))
+            return bad(c, "texture image %u is out of range", i);
+    for (uint32_t i = 0; m->maps && i < m->n_surface; i++)
+        if (!prt_surface_maps_valid(&m->maps[i], m->n_image, PRT_TEXTURE_MAX_UV))
+            return bad(c, "the maps of surface %u are out of range", i);
+    return PRT_OK;
+}
+
 static int check_mesh(const struct check *c)
 {
     const struct prt_mesh *m = &c->t->mesh;
@@ -109,7 +130,9 @@ static int check_mesh(const struct check *c)
         return bad(c, "a triangle names a vertex that does not exist");
     if (m->n_weld > m->n_vertex || !below(m->weld, m->n_vertex, m->n_weld))
         return bad(c, "the mesh's weld map is out of range");
-    if ((status = check_surfaces(c, m)) || (status = check_blocks(c, m))) return status;
+    if ((status = check_surfaces(c, m)) || (status = check_blocks(c, m)) ||
+        (status = check_textures(c, m)))
+        return status;
     return PRT_OK;
 }
 

@@ -54,6 +54,13 @@ enum format_section_type {
     SECTION_ROW_DIRECTION,
     SECTION_ROW_VALUE_BEGIN,
     SECTION_ROW_MIX,
+    // textures; files without them have none of these
+    SECTION_UV_MORE,
+    SECTION_CORNER_UV,
+    SECTION_COLOR,
+    SECTION_MAPS,
+    SECTION_IMAGE,
+    SECTION_TEXEL,
 };
 
 struct format_section {
@@ -79,7 +86,7 @@ struct format_info {
     uint32_t units_known, n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
     uint32_t cube, engine, n_tensor;
     struct format_material material;
-    uint32_t reserved;
+    float texture_split; // 0 in files from before textures
     uint64_t mesh_hash;
 };
 
@@ -97,6 +104,8 @@ _Static_assert(sizeof(struct format_info) == 144, "info");
 _Static_assert(sizeof(struct format_tensor) == 72, "tensor");
 _Static_assert(sizeof(struct prt_block) == 24, "block");
 _Static_assert(sizeof(struct prt_surface) == 92, "surface");
+_Static_assert(sizeof(struct prt_texture_image) == 48, "texture image");
+_Static_assert(sizeof(struct prt_surface_maps) == 5 * 36 + 16, "surface maps");
 _Static_assert(sizeof(struct prt_cluster) == 24, "cluster");
 
 static inline uint64_t format_padded(uint64_t bytes)

@@ -147,6 +147,34 @@ static int take_text(struct prt_file *f, uint32_t type, const char **out)
         (field) = (void *)(uintptr_t)taken;                      \
     } while (0)
 
+static uint64_t bytes_of(const struct prt_file *f, uint32_t type)
+{
+    for (uint32_t i = 0; i < f->n_section; i++)
+        if (f->section[i].type == type) return f->section[i].bytes;
+    return 0;
+}
+
+// Textures; prt_transport_check holds their numbers to each other.
+static int take_textures(struct prt_file *f, struct prt_mesh *m)
+{
+    uint64_t more = bytes_of(f, SECTION_UV_MORE), set = 8ull * m->n_vertex;
+    uint64_t image = bytes_of(f, SECTION_IMAGE);
+    if (set && more / set >= PRT_TEXTURE_MAX_UV)
+        return bad_header(f->ctx, f->name, "it has too many sets of texture coordinates");
+    m->n_uv = m->uv ? 1 + (set ? (uint32_t)(more / set) : 0) : 0;
+    m->n_image = (uint32_t)(image / sizeof *m->image);
+    m->texel_bytes = bytes_of(f, SECTION_TEXEL);
+    TAKE(f, SECTION_UV_MORE, 0, m->n_uv > 1 ? set * (m->n_uv - 1) : 0, m->uv_more);
+    if (bytes_of(f, SECTION_CORNER_UV))
+        TAKE(f, SECTION_CORNER_UV, 0, 24ull * m->n_triangle, m->corner_uv);
+    if (bytes_of(f, SECTION_COLOR)) TAKE(f, SECTION_COLOR, 0, 16ull * m->n_vertex, m->color);
+    if (bytes_of(f, SECTION_MAPS))
+        TAKE(f, SECTION_MAPS, 0, (uint64_t)sizeof *m->maps * m->n_surface, m->maps);
+    TAKE(f, SECTION_IMAGE, 0, (uint64_t)sizeof *m->image * m->n_image, m->image);
+    TAKE(f, SECTION_TEXEL, 0, m->texel_bytes, m->texel);
+    return PRT_OK;
+}
+
 static int take_mesh(struct prt_file *f, const struct format_info *info)
 {
     struct prt_mesh *m = &f->transport.mesh;
@@ -161,7 +189,8 @@ static int take_mesh(struct prt_file *f, const struct format_info *info)
                            .units_known = info->units_known,
                            .n_boundary_edge = info->n_boundary_edge,
                            .n_nonmanifold_edge = info->n_nonmanifold_edge,
-                           .n_degenerate_triangle = info->n_degenerate_triangle};
+                           .n_degenerate_triangle = info->n_degenerate_triangle,
+                           .texture_split = info->texture_split};
     for (uint32_t i = 0; i < f->n_section; i++) has_uv |= f->section[i].type == SECTION_UV;
     TAKE(f, SECTION_POSITION, 0, 12ull * m->n_vertex, m->position);
     TAKE(f, SECTION_NORMAL, 0, 12ull * m->n_vertex, m->normal);
@@ -170,7 +199,7 @@ static int take_mesh(struct prt_file *f, const struct format_info *info)
     TAKE(f, SECTION_WELD, 0, 4ull * m->n_vertex, m->weld);
     TAKE(f, SECTION_BLOCK, 0, (uint64_t)sizeof *m->block * m->n_block, m->block);
     TAKE(f, SECTION_SURFACE, 0, (uint64_t)sizeof *m->surface * m->n_surface, m->surface);
-    return PRT_OK;
+    return take_textures(f, m);
 }
 
 static int take_low_rank(struct prt_file *f, uint32_t i, const struct format_tensor *ft,

@@ -38,6 +38,13 @@ static void put_mesh(struct layout *l, const struct prt_mesh *m)
     put(l, SECTION_WELD, 0, m->weld, 4ull * m->n_vertex);
     put(l, SECTION_BLOCK, 0, m->block, (uint64_t)sizeof *m->block * m->n_block);
     put(l, SECTION_SURFACE, 0, m->surface, (uint64_t)sizeof *m->surface * m->n_surface);
+    if (m->n_uv > 1 && m->uv_more)
+        put(l, SECTION_UV_MORE, 0, m->uv_more, 8ull * (m->n_uv - 1) * m->n_vertex);
+    if (m->corner_uv) put(l, SECTION_CORNER_UV, 0, m->corner_uv, 24ull * m->n_triangle);
+    if (m->color) put(l, SECTION_COLOR, 0, m->color, 16ull * m->n_vertex);
+    if (m->maps) put(l, SECTION_MAPS, 0, m->maps, (uint64_t)sizeof *m->maps * m->n_surface);
+    if (m->image) put(l, SECTION_IMAGE, 0, m->image, (uint64_t)sizeof *m->image * m->n_image);
+    if (m->texel) put(l, SECTION_TEXEL, 0, m->texel, m->texel_bytes);
 }
 
 static void put_low_rank(struct layout *l, uint32_t i, const struct prt_rows *r)
@@ -130,6 +137,7 @@ static int build(const struct prt_context *ctx, const char *path, const struct p
                                    .engine = t->engine,
                                    .n_tensor = t->n_tensor,
                                    .material = core_of(&t->material),
+                                   .texture_split = m->texture_split,
                                    .mesh_hash = t->mesh_hash};
     put(l, SECTION_INFO, 0, &l->info, sizeof l->info);
     put_profile(l, &t->material);

@@ -85,8 +85,9 @@ static struct decoded_env *map_pixels(const struct reply *reply, int fd)
     env->env.kind = cube ? PRT_ENV_CUBE : PRT_ENV_LATLONG;
     env->env.n_negative = reply->n_negative;
     env->env.n_nonfinite = reply->n_nonfinite;
-    if (cube && !prt_env_cache_create(&env->env)) // without it rotating only takes longer
-        env->cache_bytes = (size_t)384 * reply->cube_n * reply->cube_n;
+    if (!prt_env_cache_create(&env->env)) // without it rotating only takes longer
+        env->cache_bytes = PRT_ENV_TURNED_BYTES(32) + PRT_ENV_TURNED_BYTES(16) +
+                           (cube ? (size_t)384 * reply->cube_n * reply->cube_n : 0);
     if (cube) env->env.cube = (struct prt_cube){reply->cube_n, env->map};
     else env->env.latlong = (struct prt_image){reply->width, reply->height, env->map};
     return env;

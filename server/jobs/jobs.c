@@ -379,6 +379,11 @@ void jobs_watch(struct jobs *jobs, struct job *job, struct request *request)
     tell(job, request, false);
 }
 
+const char *job_model(const struct job *job)
+{
+    return job->model;
+}
+
 const char *job_id(const struct job *job)
 {
     return job->id;

@@ -63,7 +63,8 @@ void jobs_cancel(struct jobs *jobs, struct job *job);
 void jobs_watch(struct jobs *jobs, struct job *job, struct request *request);
 
 const char *job_id(const struct job *job);
-int job_state(const struct job *job); /* Relight__JobState */
+const char *job_model(const struct job *job); /* the model's id */
+int job_state(const struct job *job);         /* Relight__JobState */
 double job_fraction(const struct job *job);
 const char *job_error(const struct job *job);
 const char *job_warnings(const struct job *job); /* lines */

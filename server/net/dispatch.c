@@ -11,6 +11,7 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 // ---- the table of operations
 
@@ -84,6 +85,9 @@ ROW(update_vertices_request, op_update_vertices, 0, EDIT, ANY, NULL)
 ROW(unload_request, op_unload, 0, EDIT, 0, NULL)
 ROW(stats_request, op_stats, DRAINING, VIEW, 0, NULL)
 ROW(subscribe_request, op_subscribe, LONG | ENDS, VIEW, 0, NULL)
+ROW(token_create_request, op_token_create, 0, ADMIN, 0, NULL)
+ROW(token_list_request, op_token_list, 0, ADMIN, 0, NULL)
+ROW(token_revoke_request, op_token_revoke, 0, ADMIN, 0, NULL)
 
 static const struct operation *const table[RELIGHT_TYPE_N] = {
 #define X(name, number, request, answer) [number] = &(request),
@@ -106,6 +110,17 @@ bool operation_allowed(struct request *request, unsigned scopes)
     request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                  "%s needs the scope %s; %s has: %s", relight_type_name(request->type), missing,
                  caller->name, has);
+    return false;
+}
+
+bool operation_owned(struct request *request, const char *owner, const char *what)
+{
+    const struct caller *caller = &request->conn->caller;
+    if (!strcmp(owner, caller->name) || !access_missing(caller->scopes, SCOPE_ADMIN))
+        return true;
+    request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
+                 "%s: another client made it; %s needs the scope admin then", what,
+                 relight_type_name(request->type));
     return false;
 }
 

@@ -17,6 +17,10 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
  * it always needs; an operation calls this for those that depend on the request. */
 bool operation_allowed(struct request *request, unsigned scopes);
 
+/* Whether the caller owns what it acts on, or has the scope admin; if not, the request is
+ * answered with ERROR_FORBIDDEN. owner: a principal's name. what: its name for the error. */
+bool operation_owned(struct request *request, const char *owner, const char *what);
+
 /* Calls fn once the model of this name is open; fn holds `file` no longer than its call, unless
  * it holds the entry itself. Answers the request with an error where there is none. */
 typedef void (*with_model_fn)(struct request *request, struct model *model,
@@ -68,6 +72,9 @@ void op_view_close(struct request *request);
 void op_update_vertices(struct request *request);
 void op_unload(struct request *request);
 void op_stats(struct request *request);
+void op_token_create(struct request *request);
+void op_token_list(struct request *request);
+void op_token_revoke(struct request *request);
 void op_subscribe(struct request *request);
 
 #endif

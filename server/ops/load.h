@@ -87,6 +87,9 @@ void load_fail_lay_out(struct load *load);
 void load_order_preview(const struct load *load, struct model *m);
 bool load_order_bake(struct load *load, struct model *m, char error[256]);
 
+/* Pins the model where the request says so. False: the caller may not, and the load is gone. */
+bool load_pin(struct load *load, struct model *m);
+
 /* Ends the load with an error. */
 #define LOAD_FAIL(load, code, ...)                                                     \
     do {                                                                               \

@@ -54,7 +54,7 @@ static void load_prt(struct load *load, struct import_copy *copy)
         LOAD_FAIL(load, NO_MEMORY, "not enough memory");
         return;
     }
-    m->pinned |= r->pin;
+    if (!load_pin(load, m)) return;
     if (r->name[0]) model_set_name(m, load->owner, r->name);
     load_open_and_answer(load, m);
 }

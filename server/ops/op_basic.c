@@ -24,7 +24,7 @@ static uint32_t milliseconds(double seconds)
 static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
 {
     // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
-    static const char *const features[] = {"error-range", "events", "goaway", "run"};
+    static const char *const features[] = {"error-range", "events", "goaway", "run", "tokens"};
     out->features = (char **)features;
     out->n_features = sizeof features / sizeof *features;
     out->max_lights = RENDER_MAX_LIGHTS;
@@ -425,8 +425,11 @@ void op_unload(struct request *request)
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s", error);
         return;
     }
+    if (!operation_owned(request, m->owner, in->model)) return;
     Relight__UnloadAnswer out = RELIGHT__UNLOAD_ANSWER__INIT;
     bool forget = in->forget;
+    log_line(LOG_EVENT, "audit act=unload who=%s model=%s owner=%s forget=%d",
+             request->conn->caller.name, m->id, m->owner, forget);
     if (!forget) m->pinned = false;
     model_hold(m);
     out.freed_bytes = model_unload(m, forget);
@@ -473,6 +476,12 @@ void op_cancel_job(struct request *request)
                      MESSAGE(CancelJobRequest)->job);
         return;
     }
+    char error[256];
+    const struct model *m =
+        models_find(server->models, request->conn->principal->name, job_model(job), error);
+    if (!operation_owned(request, m ? m->owner : "", job_id(job))) return;
+    log_line(LOG_EVENT, "audit act=cancel-job who=%s job=%s model=%s",
+             request->conn->caller.name, job_id(job), job_model(job));
     jobs_cancel(server->jobs, job);
     Relight__CancelJobAnswer out = RELIGHT__CANCEL_JOB_ANSWER__INIT;
     out.state = (Relight__JobState)job_state(job);

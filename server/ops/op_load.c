@@ -4,6 +4,7 @@
 #include "ops/load.h"
 
 #include "core/log.h"
+#include "net/dispatch.h"
 #include "store/eviction.h"
 
 #include <stdio.h>
@@ -212,6 +213,17 @@ static struct model *add_model(struct load *load, const char *id, char error[256
     return m;
 }
 
+bool load_pin(struct load *load, struct model *m)
+{
+    if (!load_message(load)->pin || m->pinned) return true;
+    if (!operation_owned(load->request, m->owner, load->name)) {
+        load_drop(load); // the request is answered
+        return false;
+    }
+    log_line(LOG_EVENT, "audit act=pin who=%s model=%s owner=%s", load->owner, m->id, m->owner);
+    return m->pinned = true;
+}
+
 void load_source_known(struct load *load)
 {
     const Relight__LoadRequest *r = load_message(load);
@@ -226,9 +238,10 @@ void load_source_known(struct load *load)
     const char *before = model_name_for(m, load->owner);
     bool own = !strcmp(m->owner, load->owner);
     bool other = strcmp(before, load->name) && (r->name[0] || !own);
-    bool changed = other || (r->pin && !m->pinned);
+    bool pinned = m->pinned;
+    if (!load_pin(load, m)) return;
+    bool changed = other || m->pinned != pinned;
     if (other) model_set_name(m, load->owner, load->name);
-    if (r->pin) m->pinned = true;
     m->used_ns = wall_ns();
     if (changed && m->state == RELIGHT__MODEL_STATE__MODEL_READY) model_remember(m);
     log_line(LOG_EVENT, "load model=%s name=\"%s\" conn=%llu %s", m->id, load->name,

@@ -14,25 +14,6 @@ static float srgb(float x)
     return x * 255 + 0.5f;
 }
 
-static uint32_t rgb9e5(const float c[3])
-{
-    // EXT_texture_shared_exponent: 9 bits of mantissa, exponent bias 15
-    const float top = 65408;
-    float v[3], high = 0;
-    for (int i = 0; i < 3; i++) {
-        v[i] = c[i] > 0 ? fminf(c[i], top) : 0;
-        high = fmaxf(high, v[i]);
-    }
-    int e;
-    frexpf(high, &e); // high = m 2^e, m in [0.5, 1)
-    int exponent = (e > -15 ? e : -15) + 15;
-    if ((int)floorf(ldexpf(high, 15 + 9 - exponent) + 0.5f) == 512) exponent++;
-    uint32_t out = (uint32_t)exponent << 27;
-    for (int i = 0; i < 3; i++)
-        out |= (uint32_t)floorf(ldexpf(v[i], 15 + 9 - exponent) + 0.5f) << 9 * i;
-    return out;
-}
-
 size_t color_bytes(int format)
 {
     return format == RELIGHT__COLOR_FORMAT__COLOR_F32   ? 12
@@ -43,7 +24,6 @@ size_t color_bytes(int format)
 struct encoding {
     const float *from;
     uint8_t *to;
-    int format;
     float scale;
 };
 
@@ -51,14 +31,9 @@ static int encode_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct encoding *e = arg;
     for (size_t v = begin; v < end; v++) {
-        const float *c = e->from + 3 * v;
-        if (e->format == RELIGHT__COLOR_FORMAT__COLOR_RGB9E5) {
-            ((uint32_t *)e->to)[v] = rgb9e5(c);
-        } else {
-            for (int i = 0; i < 3; i++)
-                e->to[4 * v + (size_t)i] = (uint8_t)srgb(c[i] * e->scale);
-            e->to[4 * v + 3] = 255;
-        }
+        for (size_t i = 0; i < 3; i++)
+            e->to[4 * v + i] = (uint8_t)srgb(e->from[3 * v + i] * e->scale);
+        e->to[4 * v + 3] = 255;
     }
     return PRT_OK;
 }
@@ -71,8 +46,10 @@ void encode_colors(const struct prt_context *ctx, const struct render_spec *spec
         memcpy(to, values->values, n * sizeof(float));
     } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F16) {
         prt_f32_to_f16_array(values->values, n, (uint16_t *)to);
+    } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_RGB9E5) {
+        prt_encode_rgb9e5(ctx, values->values, values->n_vertex, (uint32_t *)to);
     } else {
-        struct encoding e = {values->values, to, spec->format, exp2f(spec->exposure_ev)};
+        struct encoding e = {values->values, to, exp2f(spec->exposure_ev)};
         prt_parallel_for(ctx, NULL, values->n_vertex, 4096, encode_range, &e);
     }
 }

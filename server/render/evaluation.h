@@ -92,6 +92,12 @@ struct cache_entry *irradiance_get(struct server *server, const char *key,
                                    const struct vertex_query *query, struct cache_entry *file,
                                    struct cache_entry *light);
 
+/* ---- encoded_colors.c: uint8_t[] ---- */
+
+/* The values (ready) as one plane of colours in the spec's format; NULL without memory. */
+struct cache_entry *encoded_colors_get(struct server *server, const struct render_spec *spec,
+                                       struct cache_entry *values);
+
 /* ---- surface_maps.c: struct prt_screen_map ---- */
 
 /* The map of an uploaded image, shrunk to 1024 texels a side; material: of an albedo map. NULL

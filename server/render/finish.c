@@ -230,13 +230,15 @@ static void release_entry(void *entry)
     cache_release(entry);
 }
 
-// Float colours of one plane are sent from the cache entry itself.
+// Colours of one plane are sent from the cache entry itself.
 static void send_entry(struct render *r)
 {
-    struct cache_entry *entry = r->vertex_values[0].entry;
+    struct cache_entry *entry = r->encoded.entry ? r->encoded.entry : r->vertex_values[0].entry;
+    const void *bytes =
+        r->encoded.entry ? entry->value : ((struct vertex_values *)entry->value)->values;
     cache_hold(entry);
-    r->result.payload = (struct payload){((struct vertex_values *)entry->value)->values,
-                                         r->result.plane_bytes, entry, release_entry};
+    r->result.encode_ms = dependency_ms(&r->encoded);
+    r->result.payload = (struct payload){bytes, r->result.plane_bytes, entry, release_entry};
     render_end(r);
 }
 
@@ -251,8 +253,7 @@ void render_finish(struct render *r)
         return;
     }
     set_cost(r);
-    if (!s->picture && s->format == RELIGHT__COLOR_FORMAT__COLOR_F32 &&
-        r->result.n_plane == 1) {
+    if (!s->picture && r->result.n_plane == 1) {
         send_entry(r);
         return;
     }

@@ -48,9 +48,9 @@ static void release(struct cache_entry **entry)
 
 void render_release(struct render *r)
 {
-    struct dependency *one[] = {&r->file,       &r->shape,    &r->screen_radiance,
-                                &r->visibility, &r->specular, &r->background,
-                                &r->map[0],     &r->map[1],   &r->map[2]};
+    struct dependency *one[] = {
+        &r->file,       &r->shape,  &r->screen_radiance, &r->visibility, &r->specular,
+        &r->background, &r->map[0], &r->map[1],          &r->map[2],     &r->encoded};
     for (size_t i = 0; i < sizeof one / sizeof *one; i++) release(&one[i]->entry);
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) {
         release(&r->env[i].entry);
@@ -88,9 +88,10 @@ static bool any_failed(struct render *r)
     }
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
         if (failed(r, &r->contracted_light[i])) return true;
-    if (failed(r, &r->file) || failed(r, &r->shape) || failed(r, &r->screen_radiance) ||
-        failed(r, &r->visibility) || failed(r, &r->specular) || failed(r, &r->background) ||
-        failed(r, &r->map[0]) || failed(r, &r->map[1]) || failed(r, &r->map[2]))
+    if (failed(r, &r->encoded) || failed(r, &r->file) || failed(r, &r->shape) ||
+        failed(r, &r->screen_radiance) || failed(r, &r->visibility) ||
+        failed(r, &r->specular) || failed(r, &r->background) || failed(r, &r->map[0]) ||
+        failed(r, &r->map[1]) || failed(r, &r->map[2]))
         return true;
     for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++)
         if (failed(r, &r->env[i]) || failed(r, &r->light[i]) || failed(r, &r->vertex_values[i]))
@@ -335,13 +336,24 @@ static void step_radiance(struct render *r)
     }
 }
 
+// Colours of several planes are encoded with their answer.
+static void step_encoding(struct render *r)
+{
+    if (r->spec.picture || render_n_values(&r->spec) > 1 ||
+        r->spec.format == RELIGHT__COLOR_FORMAT__COLOR_F32)
+        return;
+    struct cache_entry *entry =
+        encoded_colors_get(r->server, &r->spec, r->vertex_values[0].entry);
+    if (entry) depend(r, &r->encoded, entry);
+    else set_error(r, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+}
+
 static void walk(struct render *r)
 {
-    static void (*const run_step[])(struct render *) = {[STEP_MODEL] = step_model,
-                                                        [STEP_ENVIRONMENTS] = step_environments,
-                                                        [STEP_LIGHTS] = step_lights,
-                                                        [STEP_CONTRACTIONS] = step_contractions,
-                                                        [STEP_RADIANCE] = step_radiance};
+    static void (*const run_step[])(struct render *) = {
+        [STEP_MODEL] = step_model,       [STEP_ENVIRONMENTS] = step_environments,
+        [STEP_LIGHTS] = step_lights,     [STEP_CONTRACTIONS] = step_contractions,
+        [STEP_RADIANCE] = step_radiance, [STEP_ENCODING] = step_encoding};
     r->walking = true;
     while (!r->n_waiting) { // a step that found an error may have dependencies: they end first
         if (!r->done) r->result.code = RELIGHT__ERROR_CODE__ERROR_CANCELLED;

@@ -23,6 +23,7 @@ enum render_step {
     STEP_LIGHTS,
     STEP_CONTRACTIONS,
     STEP_RADIANCE,
+    STEP_ENCODING,
     STEP_FINISH,
 };
 
@@ -49,7 +50,8 @@ struct render {
     struct cache_entry *contracted_material[RENDER_MAX_LIGHTS];
     struct dependency vertex_values[RENDER_MAX_LIGHTS]; /* without `screen` */
     char *values_key[RENDER_MAX_LIGHTS];                /* of their entries; owned */
-    struct dependency screen_radiance;                  /* with `screen` */
+    struct dependency encoded;         /* one plane of colours that are not float */
+    struct dependency screen_radiance; /* with `screen` */
     struct dependency visibility, specular, background, map[3];
     struct prt_camera camera;
     uint64_t start_ns;

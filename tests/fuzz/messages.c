@@ -510,24 +510,32 @@ static void view_set(struct world *world, uint64_t id, uint64_t view, struct byt
     free(s.lights.payload);
 }
 
+static char *token_name(struct rnd *r)
+{
+    static char *const names[] = {"a", "b", "c", "default", "", "a b", "../a"};
+    return RND_PICK(r, names);
+}
+
 uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct bytes *out)
 {
     // Twice where more state hangs on it.
-    static const uint16_t type[] = {RELIGHT_TYPE_PING,       RELIGHT_TYPE_LIST,
-                                    RELIGHT_TYPE_PUT_BLOB,   RELIGHT_TYPE_PUT_BLOB,
-                                    RELIGHT_TYPE_ENV,        RELIGHT_TYPE_LOAD,
-                                    RELIGHT_TYPE_LOAD,       RELIGHT_TYPE_WATCH,
-                                    RELIGHT_TYPE_WATCH,      RELIGHT_TYPE_CANCEL_JOB,
-                                    RELIGHT_TYPE_CANCEL_JOB, RELIGHT_TYPE_CANCEL,
-                                    RELIGHT_TYPE_CANCEL,     RELIGHT_TYPE_INFO,
-                                    RELIGHT_TYPE_GEOMETRY,   RELIGHT_TYPE_COLORS,
-                                    RELIGHT_TYPE_COLORS,     RELIGHT_TYPE_IMAGE,
-                                    RELIGHT_TYPE_VIEW_OPEN,  RELIGHT_TYPE_VIEW_OPEN,
-                                    RELIGHT_TYPE_VIEW_OPEN,  RELIGHT_TYPE_VIEW_SET,
-                                    RELIGHT_TYPE_VIEW_SET,   RELIGHT_TYPE_VIEW_SET,
-                                    RELIGHT_TYPE_VIEW_CLOSE, RELIGHT_TYPE_UPDATE_VERTICES,
-                                    RELIGHT_TYPE_UNLOAD,     RELIGHT_TYPE_STATS,
-                                    RELIGHT_TYPE_SUBSCRIBE,  RELIGHT_TYPE_SUBSCRIBE};
+    static const uint16_t type[] = {RELIGHT_TYPE_PING,         RELIGHT_TYPE_LIST,
+                                    RELIGHT_TYPE_PUT_BLOB,     RELIGHT_TYPE_PUT_BLOB,
+                                    RELIGHT_TYPE_ENV,          RELIGHT_TYPE_LOAD,
+                                    RELIGHT_TYPE_LOAD,         RELIGHT_TYPE_WATCH,
+                                    RELIGHT_TYPE_WATCH,        RELIGHT_TYPE_CANCEL_JOB,
+                                    RELIGHT_TYPE_CANCEL_JOB,   RELIGHT_TYPE_CANCEL,
+                                    RELIGHT_TYPE_CANCEL,       RELIGHT_TYPE_INFO,
+                                    RELIGHT_TYPE_GEOMETRY,     RELIGHT_TYPE_COLORS,
+                                    RELIGHT_TYPE_COLORS,       RELIGHT_TYPE_IMAGE,
+                                    RELIGHT_TYPE_VIEW_OPEN,    RELIGHT_TYPE_VIEW_OPEN,
+                                    RELIGHT_TYPE_VIEW_OPEN,    RELIGHT_TYPE_VIEW_SET,
+                                    RELIGHT_TYPE_VIEW_SET,     RELIGHT_TYPE_VIEW_SET,
+                                    RELIGHT_TYPE_VIEW_CLOSE,   RELIGHT_TYPE_UPDATE_VERTICES,
+                                    RELIGHT_TYPE_UNLOAD,       RELIGHT_TYPE_STATS,
+                                    RELIGHT_TYPE_SUBSCRIBE,    RELIGHT_TYPE_SUBSCRIBE,
+                                    RELIGHT_TYPE_TOKEN_CREATE, RELIGHT_TYPE_TOKEN_LIST,
+                                    RELIGHT_TYPE_TOKEN_REVOKE};
     struct rnd *r = world->rnd;
     uint16_t one = RND_PICK(r, type);
     uint64_t other = 1 + rnd(r, ids);
@@ -625,6 +633,32 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
         if (rnd_chance(r, 2)) in.run = "0123456789abcdef"; // rooms_start()
         in.after = rnd_chance(r, 2) ? rnd(r, 2000) : odd_number(r);
         EMIT(SUBSCRIBE, in);
+        break;
+    }
+    case RELIGHT_TYPE_TOKEN_CREATE: {
+        Relight__TokenCreateRequest in = RELIGHT__TOKEN_CREATE_REQUEST__INIT;
+        Relight__TokenQuotas quotas = RELIGHT__TOKEN_QUOTAS__INIT;
+        static char *scopes[] = {"view", "edit", "upload", "admin", "view,edit", "see"};
+        in.name = token_name(r);
+        in.scopes = scopes + rnd(r, 3);
+        in.n_scopes = rnd(r, 4);
+        in.lifetime_s = rnd_chance(r, 3) ? odd_number(r) : 0;
+        quotas.rate = rnd_chance(r, 3) ? 1e-3 * rnd(r, 100000) : 0;
+        quotas.models = rnd_chance(r, 3) ? odd_number(r) : 0;
+        quotas.memory = rnd_chance(r, 3) ? odd_number(r) : 0;
+        if (rnd_chance(r, 2)) in.quotas = &quotas;
+        EMIT(TOKEN_CREATE, in);
+        break;
+    }
+    case RELIGHT_TYPE_TOKEN_LIST: {
+        Relight__TokenListRequest in = RELIGHT__TOKEN_LIST_REQUEST__INIT;
+        EMIT(TOKEN_LIST, in);
+        break;
+    }
+    case RELIGHT_TYPE_TOKEN_REVOKE: {
+        Relight__TokenRevokeRequest in = RELIGHT__TOKEN_REVOKE_REQUEST__INIT;
+        in.name = token_name(r);
+        EMIT(TOKEN_REVOKE, in);
         break;
     }
     default: {

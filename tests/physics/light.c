@@ -203,6 +203,75 @@ static void texels_are_averages(void **state)
     prt_cube_finish(&cube);
 }
 
+/* Irradiance at a normal. */
+static double irradiance(const struct prt_cube *cube, const float normal[3])
+{
+    double sum = 0;
+    for (uint32_t i = 0; i < 6 * cube->n * cube->n; i++) {
+        const uint32_t x = i % cube->n, y = i / cube->n % cube->n;
+        float d[3];
+        prt_cube_direction(i / cube->n / cube->n, 2 * (x + 0.5) / cube->n - 1,
+                           2 * (y + 0.5) / cube->n - 1, d);
+        const double c = d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2];
+        if (c > 0)
+            sum += c * luminance(cube->texel + 3 * i) * prt_cube_solid_angle(cube->n, x, y);
+    }
+    return sum;
+}
+
+/* The largest difference of the irradiance at 26 normals, over the greatest irradiance. */
+static double irradiance_error(const struct prt_cube *a, const struct prt_cube *b)
+{
+    double worst = 0, most = 0;
+    for (int k = 0; k < 27; k++) {
+        float d[3] = {(float)(k % 3 - 1), (float)(k / 3 % 3 - 1), (float)(k / 9 - 1)};
+        const float length = sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        if (length == 0) continue;
+        for (int c = 0; c < 3; c++) d[c] /= length;
+        const double exact = irradiance(b, d);
+        worst = fmax(worst, fabs(irradiance(a, d) - exact));
+        most = fmax(most, exact);
+    }
+    return worst / most;
+}
+
+/* Law: a light that turns quickly keeps its power and the irradiance of the exact cube, a sun
+ * of one pixel, lat-long images of any size and cubes included (METHODS §2). */
+static void turned_lights(void **state)
+{
+    static const uint32_t width[] = {1024, 300, 24};
+    struct prt_rng rng;
+    prt_rng_init(&rng, 5, 1);
+    for (int k = 0; k < 12; k++) {
+        const uint32_t w = width[k % 3], h = w / 2, n = 16u << k % 2;
+        const double degrees = 31.7 * k + 0.4;
+        struct prt_env env = {.kind = PRT_ENV_LATLONG, .latlong = {w, h, NULL}};
+        struct prt_cube exact, turned, made;
+        env.latlong.rgb = prt_alloc((size_t)w * h * 3, sizeof(float));
+        for (size_t i = 0; i < (size_t)w * h * 3; i++)
+            env.latlong.rgb[i] = expf(2 * prt_rng_f32(&rng));
+        float *sun = env.latlong.rgb + 3 * (size_t)(prt_rng_u32(&rng) % (w * h));
+        if (k % 2) sun[0] = sun[1] = sun[2] = 50.f * (float)(w * h);
+        if (k > 8) { /* the same as a cube */
+            assert_int_equal(prt_env_to_cube(&ctx, &env, 64, 0, &made), 0);
+            prt_image_finish(&env.latlong);
+            env.kind = PRT_ENV_CUBE;
+            env.cube = made;
+        }
+        assert_int_equal(prt_env_cache_create(&env), 0);
+        assert_int_equal(prt_env_to_cube(&ctx, &env, n, degrees, &exact), 0);
+        assert_int_equal(prt_env_turned(&ctx, &env, n, degrees, &turned), 0);
+        expect_near("power over the exact cube's", cube_power(&turned) / cube_power(&exact), 1,
+                    1.8e-5);
+        expect_below("difference of irradiance", irradiance_error(&turned, &exact), 2.6e-3);
+        prt_cube_finish(&exact);
+        prt_cube_finish(&turned);
+        prt_env_cache_destroy(&env);
+        prt_image_finish(&env.latlong);
+        if (k > 8) prt_cube_finish(&env.cube);
+    }
+}
+
 /* Law: texels of a fine cube lie between the coarse picture's extremes, and power stays
  * (METHODS §2). */
 static void upsampling_has_no_holes(void **state)
@@ -380,6 +449,7 @@ int main(void)
         cmocka_unit_test(files_keep_their_power),
         cmocka_unit_test(one_pixel_sun),
         cmocka_unit_test(texels_are_averages),
+        cmocka_unit_test(turned_lights),
         cmocka_unit_test(upsampling_has_no_holes),
         cmocka_unit_test(layouts_agree),
         cmocka_unit_test(quarter_turns_map_faces),

@@ -10,7 +10,7 @@ names='bandwidth cold_start relight_factored relight_phase relight_sparse
 out=$("$bench" --quick $names)
 # A daemon of their own, on both carriers.
 out="$out
-$("$bench" --quick daemon_answers daemon_new_env daemon_clients)"
+$("$bench" --quick daemon_answers daemon_new_env daemon_clients serve)"
 echo "$out"
 [ "$(echo "$out" | wc -l)" -ge 15 ] || fail "too few figures"
 if echo "$out" | grep -v '^{"bench":"[a-z0-9_]*","cpu":"[a-z0-9]*","threads":[0-9]*\(,"[A-Za-z0-9_]*":\("[^"]*"\|null\|-\{0,1\}[0-9.e+-]*\)\)*}$'; then
@@ -22,6 +22,10 @@ for figure in daemon_image_jpeg_new_angle daemon_image_png_unused_light daemon_c
     echo "$out" | grep -q "\"$figure\".*\"ms_p95\":[0-9]" || fail "no $figure"
 done
 echo "$out" | grep -q '"daemon_clients.*"clients":8,.*"images_per_s":[0-9]' || fail "no 8 clients"
+for figure in serve_small_requests serve_idle_connections serve_lights_rgb9e5 serve_same_light_rgb9e5 \
+    serve_pictures_jpeg; do
+    echo "$out" | grep "\"$figure\"" | grep -q '"goal":"\(met\|missed\)"' || fail "no $figure"
+done
 code=0; "$bench" no_such_figure 2>/dev/null || code=$?
 [ $code = 2 ] || fail "an unknown name exits $code"
 code=0; "$bench" --file /nowhere.prt relight_file 2>/dev/null || code=$?

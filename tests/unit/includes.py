@@ -34,14 +34,14 @@ EXCEPTIONS = {
 # Rooms of libprt whose internal headers another room includes.
 LIBPRT = {
     'base': set(), 'formats': set(),
-    'mesh': {'base', 'formats'}, 'light': {'base'}, 'medium': {'base'},
-    'transport': {'base', 'medium'}, 'trace': {'base', 'mesh'},
+    'texture': {'base'}, 'mesh': {'base', 'formats', 'texture'}, 'light': {'base'}, 'medium': {'base'},
+    'transport': {'base', 'texture', 'medium'}, 'trace': {'base', 'mesh'},
     'relight': {'base', 'transport', 'light', 'medium'},
     'reference': {'base', 'mesh', 'trace', 'light', 'medium'},
     'bake': {'base', 'mesh', 'trace', 'light', 'medium', 'transport', 'relight', 'reference'},
-    'raster': {'base', 'mesh', 'light', 'medium'},
+    'raster': {'base', 'texture', 'mesh', 'light', 'medium'},
     'screen': {'base', 'mesh', 'trace', 'light', 'medium', 'raster'},
-    'tools': {'base', 'formats', 'mesh', 'light', 'medium', 'transport', 'trace', 'relight',
+    'tools': {'base', 'formats', 'texture', 'mesh', 'light', 'medium', 'transport', 'trace', 'relight',
               'reference', 'bake', 'raster', 'screen'},
 }
 INCLUDE = re.compile(r'^#include "([a-z_]+)/[^"]+"', re.M)

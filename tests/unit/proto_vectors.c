@@ -340,5 +340,35 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     added.generation = 1;
     n = add(out, n, "event_model", "S: event 44, a model was added", 20 | ANSWER, 0, 15,
             &added.base, NULL, 0);
+    static Relight__TokenCreateRequest token;
+    static Relight__TokenCreateAnswer token_made;
+    static Relight__TokenInfo token_info;
+    static Relight__TokenQuotas quotas;
+    static char *rights[] = {"view", "upload"};
+    relight__token_create_request__init(&token);
+    relight__token_quotas__init(&quotas);
+    quotas.rate = 20;
+    quotas.models = 4;
+    token.name = "anna";
+    token.n_scopes = 2;
+    token.scopes = rights;
+    token.lifetime_s = 2592000;
+    token.quotas = &quotas;
+    n = add(out, n, "token_create",
+            "C: TOKEN_CREATE for anna, 30 days, 20 requests/s, 4 models", 21, LAST, 16,
+            &token.base, NULL, 0);
+    relight__token_create_answer__init(&token_made);
+    relight__token_info__init(&token_info);
+    token_info.name = "anna";
+    token_info.n_scopes = 2;
+    token_info.scopes = rights;
+    token_info.created_s = 1700000000;
+    token_info.expires_s = 1702592000;
+    token_info.by = "uid:0";
+    token_info.quotas = &quotas;
+    token_made.token = "relight_AAECAwQFBgcICQoLDA0ODxAREhMUFRYXGBkaGxwdHh8";
+    token_made.info = &token_info;
+    n = add(out, n, "token_create_answer", "S: TOKEN_CREATE, the secret of bytes 0 to 31",
+            21 | ANSWER, LAST, 16, &token_made.base, NULL, 0);
     return n;
 }

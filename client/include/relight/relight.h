@@ -120,6 +120,10 @@ struct relight_server {
     uint32_t max_in_flight, chunk;
     size_t n_preset;
     const char *const *preset; /* names of materials */
+    const char *principal;     /* this client's name at the daemon, such as "token:anna" */
+    size_t n_scope;
+    const char *const *scope; /* its rights: "view", "edit", "upload", "admin" */
+    uint64_t expires_s;       /* its token's end, seconds since 1970; 0: never */
 };
 
 /* Tells what the daemon said in HELLO.
@@ -684,6 +688,69 @@ void relight_frame_out_finish(struct relight_frame_out *frame);
  * Thread-safety: Unsafe: no other call may be running on the view. Blocks for a round trip. */
 int relight_view_close(struct relight_view *view, uint64_t *frames, uint64_t *dropped,
                        struct relight_error *error);
+
+/* Tokens: the rights of clients. These calls need the scope admin. */
+
+enum { RELIGHT_SECRET = 128 }; /* bytes of a token's text, with the end */
+
+/* In place of the daemon's limits for one client; 0: those. */
+struct relight_quotas {
+    double rate;                           /* requests a second */
+    uint64_t connections, requests, views; /* open at once */
+    uint64_t memory;                       /* bytes held by requests and views */
+    uint64_t output;                       /* bytes of answers not yet read */
+    uint64_t bakes, uploads, models;
+    uint64_t disk; /* bytes */
+};
+
+struct relight_token_order {
+    const char *name;         /* 1 to 63 letters, digits, dots, hyphens and underscores */
+    const char *const *scope; /* [n_scope] of "view", "edit", "upload", "admin" */
+    size_t n_scope;
+    uint64_t lifetime_s; /* from now; 0: it does not expire */
+    struct relight_quotas quotas;
+};
+
+/* Creates a token.
+ * Returns 0 and its text in secret, the only time that it exists; it is valid at once, for
+ * relight_options.token. From the first token on, TCP, HTTP and WebSocket clients need one.
+ * -RELIGHT_E_FORBIDDEN: the scope admin is missing, or one of those to be given.
+ * -RELIGHT_E_BAD_REQUEST: the name is in use. -RELIGHT_E_OUT_OF_RANGE: a bad name, scope or
+ * quota.
+ * Thread-safety: Safe. Blocks until the daemon has it on disk. */
+int relight_token_create(struct relight_client *client, const struct relight_token_order *order,
+                         char secret[RELIGHT_SECRET], struct relight_error *error);
+
+struct relight_token {
+    const char *name, *by;    /* by: the principal that created it */
+    const char *const *scope; /* [n_scope] */
+    size_t n_scope;
+    uint64_t created_s, expires_s; /* since 1970; expires_s 0: never */
+    uint32_t connections;          /* open now */
+    struct relight_quotas quotas;
+};
+struct relight_tokens {
+    size_t n_token;
+    const struct relight_token *token;
+    void *owner;
+};
+
+/* Lists the tokens, expired ones included, in the order of their creation.
+ * Returns 0 and *out, to be freed by relight_tokens_finish. -RELIGHT_E_FORBIDDEN.
+ * Thread-safety: Safe. Blocks for a round trip. */
+int relight_token_list(struct relight_client *client, struct relight_tokens *out,
+                       struct relight_error *error);
+
+/* Frees what relight_token_list put into *tokens. Thread-safety: Safe for different structs.
+ * Does not block. */
+void relight_tokens_finish(struct relight_tokens *tokens);
+
+/* Revokes a token; its connections are closed within a second.
+ * Returns 0 and their number in *connections (NULL is allowed). -RELIGHT_E_NOT_FOUND,
+ * -RELIGHT_E_FORBIDDEN.
+ * Thread-safety: Safe. Blocks until the daemon has it on disk. */
+int relight_token_revoke(struct relight_client *client, const char *name, uint32_t *connections,
+                         struct relight_error *error);
 
 /* Statistics. */
 

@@ -9,6 +9,7 @@
 #define PRT_MESH_H
 
 #include "prt/base.h"
+#include "prt/texture.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -52,6 +53,17 @@ struct prt_mesh {
      * whose corners coincide */
     uint32_t n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
     void *owner; /* memory behind the arrays; NULL when mapped */
+    /* Textures (METHODS §10); 0 and NULL where the file has none. */
+    uint32_t n_uv;                   /* TEXCOORD sets; 0 stands for 1 where uv is set */
+    uint32_t n_image;                /* images that maps name */
+    float (*uv_more)[2];             /* [n_uv - 1][n_vertex] sets 1.. */
+    float (*corner_uv)[3][2];        /* [n_triangle] set 0 by corner, where an OBJ has seams */
+    float (*color)[4];               /* [n_vertex] COLOR_0, linear RGBA in [0,1] */
+    struct prt_surface_maps *maps;   /* [n_surface] */
+    struct prt_texture_image *image; /* [n_image] */
+    uint8_t *texel;                  /* [texel_bytes] levels of all images */
+    uint64_t texel_bytes;
+    float texture_split; /* [0,1] share of a texture that scattering blurs (METHODS §10) */
 };
 
 struct prt_mesh_options {
@@ -59,6 +71,7 @@ struct prt_mesh_options {
     uint32_t max_vertices;     /* 0: 50 million */
     uint32_t max_triangles;    /* 0: 100 million */
     bool in_process;           /* parse without a child process (fuzzers only) */
+    bool no_textures;          /* read no images, TEXCOORD sets above 0 and vertex colours */
 };
 
 /* Loads .glb, .gltf (with .bin files and data URIs), .obj or .ply; the content decides. Blocks
@@ -85,6 +98,44 @@ void prt_mesh_destroy(struct prt_mesh *mesh);
 int prt_mesh_create(const struct prt_context *ctx, uint32_t n_vertex,
                     const float (*position)[3], const float (*normal)[3], uint32_t n_triangle,
                     const uint32_t (*triangle)[3], struct prt_mesh **out);
+
+/* Texture coordinates of set `set` at barycentrics (a, b) of a triangle; 0,0 where the mesh has
+ * no such set. */
+void prt_mesh_uv(const struct prt_mesh *mesh, uint32_t triangle, unsigned set, float a, float b,
+                 float uv[2]);
+/* The same at the triangle's three corners. */
+void prt_mesh_corner_uv(const struct prt_mesh *mesh, uint32_t triangle, unsigned set,
+                        float uv[3][2]);
+/* What a surface's maps say at a point. */
+struct prt_look {
+    float base[4];     /* linear reflectance that light is multiplied with after scattering, and
+                          alpha: base colour texture * COLOR_0, of translucent surfaces also * the
+                          factor; 1 where a surface has neither */
+    float normal[3];   /* unit, turned by the normal map */
+    float variance;    /* of the directions within the footprint, 1 - |mean|, [0,1) */
+    float roughness;   /* (0,1] of surfaces with such a map, else -1 */
+    float metallic;    /* [0,1]; 0 without maps */
+    float occlusion;   /* (0,1] */
+    float emission[3]; /* radiance */
+};
+/* The look at barycentrics (a, b) of a triangle. normal: the interpolated one, unit. da, db:
+ * change of (a, b) over the footprint's two axes. Thread-safe. */
+void prt_mesh_look(const struct prt_mesh *mesh, uint32_t triangle, uint32_t block, float a,
+                   float b, const float da[2], const float db[2], const float normal[3],
+                   struct prt_look *out);
+/* The change of barycentrics along a step [mm] in the triangle's plane; 0 on one without area.
+ */
+void prt_mesh_footprint(const struct prt_mesh *mesh, uint32_t triangle, const float step[3],
+                        float d[2]);
+/* The block of a triangle, by bisection. */
+uint32_t prt_mesh_block_of(const struct prt_mesh *mesh, uint32_t triangle);
+/* Whether any surface or vertex has a look of its own. */
+bool prt_mesh_has_look(const struct prt_mesh *mesh);
+/* Brightness of a reflectance that irradiance is multiplied with at bake time: its luminance to
+ * the power of texture_split (METHODS §10). 1 for a split of 0. */
+float prt_mesh_tint(const struct prt_mesh *mesh, const float base[3]);
+/* Leaves the textures out: colours, maps and images; uv stay. The arrays are not freed. */
+void prt_mesh_drop_textures(struct prt_mesh *mesh);
 
 /* Bounding box [2][3] of the translucent blocks' vertices (of all if none is translucent). */
 void prt_mesh_bounds(const struct prt_mesh *mesh, float box[2][3]);

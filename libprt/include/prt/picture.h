@@ -36,6 +36,12 @@ const struct prt_picture_format *prt_picture_format(const char *name);
 /* ".exr, .hdr, .png or .jpg": for messages. Thread-safe, does not block. */
 const char *prt_picture_endings(char text[100]);
 
+/* Colours rgb[n][3], linear, to GL_RGB9_E5 in out[n]: three mantissas of 9 bits under the
+ * exponent of the largest channel. Negative values and NaN become 0, values above 65408 that.
+ * Thread-safe; ctx chooses the instructions, NULL for the machine's. */
+void prt_encode_rgb9e5(const struct prt_context *ctx, const float *rgb, size_t n,
+                       uint32_t *out);
+
 #ifdef __cplusplus
 }
 #endif

@@ -33,7 +33,9 @@ int prt_camera_parse(const struct prt_context *ctx, const char *text, struct prt
 void prt_camera_frame(const struct prt_mesh *mesh, float aspect, struct prt_camera *out);
 
 /* The surface that a camera sees: n_sub sub-samples a pixel, each a triangle and barycentrics
- * (MT97). Valid for one mesh, camera and size; the mesh is not read after creation. */
+ * (MT97). Valid for one mesh, camera and size; the mesh is not read after creation. The look of
+ * a textured mesh (prt_mesh_look) is filtered over each pixel at creation and kept: a new light
+ * reads no texture. */
 struct prt_visibility;
 enum prt_raster_backend {
     PRT_RASTER_AUTO, /* OSMesa, or EGL where OSMesa is missing */
@@ -76,6 +78,13 @@ struct prt_gbuffer {
     float *normal[3];           /* [n_point] unit, on the eye's side */
     float *weight;              /* [n_point] share of the pixel (0,1] */
     uint8_t *opaque;            /* [n_point] 1: Lambertian surface */
+    /* Look of textured meshes (prt/mesh.h); NULL for others. */
+    float *base[3];     /* [n_point] factor of the radiance after scattering */
+    float *turned[3];   /* [n_point] unit normal of the specular reflection */
+    float *roughness;   /* [n_point] [0,1]; -1: of the medium */
+    float *occlusion;   /* [n_point] (0,1] factor of the specular reflection and of opaque
+                           surfaces' radiance */
+    float *emission[3]; /* [n_point] radiance */
 };
 /* *out points into the visibility buffer, which owns the arrays. */
 void prt_visibility_gbuffer(const struct prt_visibility *visibility, struct prt_gbuffer *out);
@@ -98,6 +107,7 @@ void prt_specular_destroy(struct prt_specular *specular);
 void prt_specular_eval(const struct prt_specular *specular, const float r[3], float roughness,
                        float rgb[3]);
 
+enum { PRT_LOOK_BASE = 1, PRT_LOOK_NORMAL = 2, PRT_LOOK_REST = 4, PRT_LOOK_ALL = 7 };
 struct prt_shade {
     unsigned n_plane;    /* phase planes: 1, 4, 9 or 16; plane 0 does not depend on the view */
     const float *planes; /* [n_plane][n_vertex][3] radiance before the exit's Fresnel factor */
@@ -106,6 +116,7 @@ struct prt_shade {
     bool fresnel;        /* multiply translucent radiance by F_t(eta, w_o) (METHODS §1) */
     const struct prt_specular *specular; /* NULL: none */
     const struct prt_cube *background;   /* NULL: background_rgb */
+    unsigned leave_out;                  /* of the look of textured meshes: PRT_LOOK_... */
     float background_rgb[3];
     float background_rotate_deg; /* rotates `background` counter-clockwise about +y, seen from
                                     above, so that rotating the light needs no new cube */

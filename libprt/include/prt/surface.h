@@ -21,6 +21,8 @@ struct prt_surface_points {
     float (*position)[3];    /* [n_sample] mm */
     float (*normal)[3];      /* [n_sample] interpolated vertex normals, unit */
     float (*face_normal)[3]; /* [n_sample] unit */
+    float *tint;             /* [n_sample] factor of irradiance (prt_mesh_tint, occlusion map);
+                                NULL: 1. Normal maps turn `normal` */
     float *area;             /* [n_sample] mm^2 of the cell; sums to each object's area */
     float (*centre)[3];      /* [n_sample] mm, mean of the cell: its place in the far field */
     float *spread;           /* [n_sample] mm, the cell's standard deviation along an axis */

@@ -3,6 +3,6 @@
 file(GLOB prt_bench_sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_LIST_DIR}/*.c)
 add_executable(prt-bench ${prt_bench_sources})
 target_include_directories(prt-bench PRIVATE ${CMAKE_SOURCE_DIR}/libprt) # bake/measure_inner.h
-target_link_libraries(prt-bench PRIVATE prt_options prt librelight ${CJSON_LIBRARY} m)
+target_link_libraries(prt-bench PRIVATE prt_options prt librelight relight_proto ${CJSON_LIBRARY} m)
 add_dependencies(prt-bench relightd)
 install(TARGETS prt-bench RUNTIME DESTINATION bin)

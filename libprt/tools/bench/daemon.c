@@ -11,7 +11,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 enum { N_TIME = 40, N_PART = 7, WIDTH = 800, HEIGHT = 600, MAX_CLIENT = 8 };
@@ -38,15 +37,6 @@ struct sample {
 static int fail(struct session *s, const struct relight_error *error)
 {
     return prt_fail(&s->env->ctx, PRT_IO, "%s", error->text);
-}
-
-// The daemon's CPU time, which depends less on the load of the machine.
-static double cpu_s(const struct session *s)
-{
-    clockid_t clock;
-    struct timespec t;
-    if (clock_getcpuclockid(s->daemon.pid, &clock) || clock_gettime(clock, &t)) return NAN;
-    return (double)t.tv_sec + (double)t.tv_nsec * 1e-9;
 }
 
 static int ascending(const void *a, const void *b)
@@ -84,7 +74,7 @@ static void print(struct session *s, const char *name, const char *carrier, stru
     bench_number("ms_p95", quantile(x->ms, x->n, 0.95));
     bench_number("ms_best", x->ms[0]);
     bench_number("requests", x->n);
-    bench_number("daemon_cpu_ms", (cpu_s(s) - x->cpu_s) * 1e3 / x->n);
+    bench_number("daemon_cpu_ms", (bench_daemon_cpu_s(&s->daemon) - x->cpu_s) * 1e3 / x->n);
     if (target_ms > 0) {
         bench_number("target_ms", target_ms);
         bench_text("target", median <= target_ms ? "met" : "missed");
@@ -212,7 +202,7 @@ static int images(struct session *s)
     };
     int status = PRT_OK;
     for (size_t f = 0; f < sizeof figure / sizeof *figure && !status; f++) {
-        struct sample x = {.cpu_s = cpu_s(s)};
+        struct sample x = {.cpu_s = bench_daemon_cpu_s(&s->daemon)};
         for (unsigned i = 0; i < s->n && !status; i++)
             status = time_image(s, s->client[figure[f].client], s->envs[0], new_turn(s),
                                 figure[f].format, prt_time_s(), &x);
@@ -230,7 +220,7 @@ static int unused_lights(struct session *s)
         for (unsigned i = 1; i <= s->n && !status; i++)
             status = upload(s, "hdr", false, s->envs[i], NULL);
         if (!status) status = settle(s);
-        x.cpu_s = cpu_s(s);
+        x.cpu_s = bench_daemon_cpu_s(&s->daemon);
         for (unsigned i = 1; i <= s->n && !status; i++)
             status = time_image(s, s->client[0], s->envs[i], 0,
                                 png ? RELIGHT_IMAGE_PNG : RELIGHT_IMAGE_JPEG, prt_time_s(), &x);
@@ -253,7 +243,7 @@ static int colors(struct session *s)
                   {"daemon_colors_srgb8", "unix", 0, RELIGHT_COLOR_SRGB8}};
     int status = PRT_OK;
     for (size_t f = 0; f < sizeof figure / sizeof *figure && !status; f++) {
-        struct sample x = {.cpu_s = cpu_s(s)};
+        struct sample x = {.cpu_s = bench_daemon_cpu_s(&s->daemon)};
         for (unsigned i = 0; i < s->n && !status; i++)
             status =
                 time_colors(s, s->client[figure[f].client], new_turn(s), figure[f].format, &x);
@@ -293,7 +283,7 @@ static int new_files(struct session *s)
     static const char *const format[] = {"hdr", "exr", "png"};
     int status = PRT_OK;
     for (size_t f = 0; f < 3 && !status; f++) {
-        struct sample x = {.cpu_s = cpu_s(s)};
+        struct sample x = {.cpu_s = bench_daemon_cpu_s(&s->daemon)};
         char name[64], word[80];
         for (unsigned i = 0; i < s->n && !status; i++)
             status = upload(s, format[f], true, word, &x);
@@ -390,7 +380,7 @@ static int edits(struct session *s)
         // The second asking of a light is not the first edit under it that a user makes.
         for (unsigned i = 0; i < 2 && !status; i++)
             status = time_edit(s, eta, 0, figure[f].picture, figure[f].format, &x);
-        x = (struct sample){.cpu_s = cpu_s(s)};
+        x = (struct sample){.cpu_s = bench_daemon_cpu_s(&s->daemon)};
         for (unsigned i = 0; i < s->n && !status; i++)
             status = time_edit(s, eta, figure[f].new_light ? new_turn(s) : 0, figure[f].picture,
                                figure[f].format, &x);

@@ -17,6 +17,7 @@
 #include <sys/prctl.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 // A benchmark that is interrupted ends its daemon and removes its folder.
@@ -85,9 +86,36 @@ static void remember(const struct bench_daemon *d)
 
 // ---- the process
 
-static int lay_out(struct bench_env *env, struct bench_daemon *d)
+static int made_up_models(struct bench_env *env, struct bench_daemon *d, unsigned n)
 {
-    char path[64], real[PATH_MAX];
+    char path[64];
+    int status = PRT_OK;
+    snprintf(d->model, sizeof d->model, "model-0");
+    for (unsigned i = 0; i < n && !status; i++) {
+        snprintf(path, sizeof path, "%s/models/model-%u.prt", d->folder, i);
+        status = synthetic_bunny(&env->ctx, path, env->quick, env->seed + i);
+    }
+    return status;
+}
+
+// The daemon reads no links in --models.
+static int copy_file(struct bench_env *env, const char *from, const char *to)
+{
+    int in = open(from, O_RDONLY | O_CLOEXEC);
+    int out = in < 0 ? -1 : open(to, O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+    ssize_t n = 1;
+    while (out >= 0 && n > 0) n = copy_file_range(in, NULL, out, NULL, 64 << 20, 0);
+    int status = out < 0 || n < 0
+                     ? prt_fail(&env->ctx, PRT_IO, "%s to %s: %s", from, to, strerror(errno))
+                     : PRT_OK;
+    if (in >= 0) close(in);
+    if (out >= 0) close(out);
+    return status;
+}
+
+static int lay_out(struct bench_env *env, unsigned n_model, struct bench_daemon *d)
+{
+    char path[64];
     strcpy(d->folder, "/tmp/prt-bench-XXXXXX");
     if (!mkdtemp(d->folder)) {
         d->folder[0] = 0;
@@ -95,12 +123,11 @@ static int lay_out(struct bench_env *env, struct bench_daemon *d)
     }
     snprintf(path, sizeof path, "%s/models", d->folder);
     if (mkdir(path, 0700)) return prt_fail(&env->ctx, PRT_IO, "%s: %s", path, strerror(errno));
+    if (n_model) return made_up_models(env, d, n_model);
     snprintf(d->model, sizeof d->model, "measured");
     snprintf(path, sizeof path, "%s/models/measured.prt", d->folder);
     if (!env->file) return synthetic_bunny(&env->ctx, path, env->quick, env->seed);
-    if (!realpath(env->file, real) || symlink(real, path))
-        return prt_fail(&env->ctx, PRT_IO, "%s: %s", env->file, strerror(errno));
-    return PRT_OK;
+    return copy_file(env, env->file, path);
 }
 
 static void find_program(char out[PATH_MAX])
@@ -115,9 +142,10 @@ static void find_program(char out[PATH_MAX])
     if (!slash || access(out, X_OK)) strcpy(out, "relightd");
 }
 
-static int spawn(struct bench_env *env, struct bench_daemon *d, const char *log)
+static int spawn(struct bench_env *env, const char *const extra[], struct bench_daemon *d,
+                 const char *log)
 {
-    char program[PATH_MAX], models[64], data[64], threads[16], cpu[16], *argv[16];
+    char program[PATH_MAX], models[64], data[64], threads[16], cpu[16], *argv[40];
     unsigned n = 0;
     find_program(program);
     snprintf(models, sizeof models, "%s/models", d->folder);
@@ -131,6 +159,7 @@ static int spawn(struct bench_env *env, struct bench_daemon *d, const char *log)
                          "--threads",   threads,    "--cpu",
                          cpu,           NULL};
     for (; all[n]; n++) argv[n] = all[n];
+    for (unsigned i = 0; extra && extra[i] && n < 39; i++) argv[n++] = (char *)extra[i];
     argv[n] = NULL;
     int fd = open(log, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
     pid_t parent = getpid();
@@ -169,13 +198,19 @@ static bool came_up(struct bench_daemon *d, const char *log, char last[256])
 
 int bench_daemon_start(struct bench_env *env, struct bench_daemon *out)
 {
+    return bench_daemon_start_with(env, NULL, 0, out);
+}
+
+int bench_daemon_start_with(struct bench_env *env, const char *const extra[], unsigned n_model,
+                            struct bench_daemon *out)
+{
     char log[64], last[256] = "";
     *out = (struct bench_daemon){.pid = 0};
     watch_for_ending();
     remember(out);
-    int status = lay_out(env, out);
+    int status = lay_out(env, n_model, out);
     snprintf(log, sizeof log, "%s/log", out->folder);
-    if (!status) status = spawn(env, out, log);
+    if (!status) status = spawn(env, extra, out, log);
     double begin = prt_time_s();
     while (!status && !came_up(out, log, last)) {
         int how;
@@ -199,6 +234,26 @@ void bench_daemon_stop(struct bench_daemon *d)
     remember(NULL);
     d->pid = 0;
     d->folder[0] = 0;
+}
+
+double bench_daemon_cpu_s(const struct bench_daemon *d)
+{
+    clockid_t clock;
+    struct timespec t;
+    if (clock_getcpuclockid(d->pid, &clock) || clock_gettime(clock, &t)) return NAN;
+    return (double)t.tv_sec + (double)t.tv_nsec * 1e-9;
+}
+
+double bench_daemon_rss_kib(const struct bench_daemon *d)
+{
+    char path[64], line[128];
+    double kib = NAN;
+    snprintf(path, sizeof path, "/proc/%d/status", (int)d->pid);
+    FILE *file = fopen(path, "r");
+    while (file && fgets(line, sizeof line, file))
+        if (!strncmp(line, "VmRSS:", 6)) kib = strtod(line + 6, NULL);
+    if (file) fclose(file);
+    return kib;
 }
 
 // ---- environment files

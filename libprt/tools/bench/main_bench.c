@@ -98,10 +98,17 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
+// A name stands for itself and for all that begin with it and an underscore.
+static bool named(const char *name, const struct bench *b)
+{
+    size_t n = strlen(name);
+    return !strncmp(name, b->name, n) && (!b->name[n] || b->name[n] == '_');
+}
+
 static bool wanted(const struct options *o, const struct bench *b)
 {
     for (unsigned i = 0; i < o->n_name; i++)
-        if (!strcmp(o->names[i], b->name)) return true;
+        if (named(o->names[i], b)) return true;
     return !o->n_name;
 }
 
@@ -109,7 +116,7 @@ static int check_names(const struct options *o)
 {
     for (unsigned i = 0; i < o->n_name; i++) {
         bool found = false;
-        for (struct bench *b = benches; b; b = b->next) found |= !strcmp(o->names[i], b->name);
+        for (struct bench *b = benches; b; b = b->next) found |= named(o->names[i], b);
         if (!found) {
             fprintf(stderr, "prt-bench: no benchmark is called %s (see --list)\n", o->names[i]);
             return 2;
@@ -127,6 +134,7 @@ int main(int argc, char **argv)
         "  prt-bench relight_factored relight_sparse\n"
         "  prt-bench --file bunny.prt relight_file cold_start\n"
         "  prt-bench --model bunny.glb --env studio.exr --env grace.exr bake_single\n"
+        "  prt-bench --file bunny.prt serve        every figure whose name begins with serve_\n"
         "  prt-bench --cpu avx2 --threads 1 --seconds 2 relight_sparse\n";
     const struct argp argp = {option_table, parse, "[NAME...]", doc, 0, 0, 0};
     struct options o = {.env = {.seconds = 0.5, .seed = 1}};

@@ -37,7 +37,7 @@ static int add_summand(const struct prt_context *ctx, const struct light_job *l,
     struct prt_env inline_env = {.kind = PRT_ENV_CUBE, .cube = s->texels};
     const struct prt_env *env = s->env ? s->env : &inline_env;
     bool as_it_is = !s->env && s->texels.n == l->cube_n && s->rotate_deg == 0;
-    int status = as_it_is ? PRT_OK : prt_env_to_cube(ctx, env, l->cube_n, s->rotate_deg, &cube);
+    int status = as_it_is ? PRT_OK : prt_env_turned(ctx, env, l->cube_n, s->rotate_deg, &cube);
     if (status) return status;
     const float *from = as_it_is ? s->texels.texel : cube.texel;
     size_t n = (size_t)6 * l->cube_n * l->cube_n;

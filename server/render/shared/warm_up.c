@@ -1,11 +1,24 @@
 // SPDX-License-Identifier: MIT
-// The warm-up render: a specular filter and a picture of a tetrahedron. Builds the filter
-// tables and the GL context before the first request needs them.
+// The warm-up render: a turned light, a specular filter and a picture of a tetrahedron. Builds
+// the tables and the GL context before the first request needs them.
 #include "render/shared/warm_up.h"
 
 #include "prt/raster.h"
 
 #include <stdlib.h>
+
+// The matrix of lights that turn.
+static int warm_turn(const struct prt_context *ctx)
+{
+    float grey[8 * 4 * 3] = {0};
+    struct prt_env env = {.kind = PRT_ENV_LATLONG, .latlong = {8, 4, grey}};
+    struct prt_cube cube = {0};
+    int status = prt_env_cache_create(&env);
+    if (!status) status = prt_env_turned(ctx, &env, 32, 1, &cube);
+    prt_cube_finish(&cube);
+    prt_env_cache_destroy(&env);
+    return status;
+}
 
 static int run_warm(struct work *work, const struct prt_context *ctx)
 {
@@ -16,7 +29,8 @@ static int run_warm(struct work *work, const struct prt_context *ctx)
     struct prt_mesh *mesh = NULL;
     struct prt_visibility *seen = NULL;
     struct prt_camera camera;
-    int status = prt_cube_init(&cube, 32);
+    int status = warm_turn(ctx);
+    if (!status) status = prt_cube_init(&cube, 32);
     if (!status) status = prt_specular_create(ctx, &cube, &specular);
     if (!status) status = prt_mesh_create(ctx, 4, position, NULL, 4, triangle, &mesh);
     if (!status) status = prt_mesh_scale(ctx, mesh, 10, 0);

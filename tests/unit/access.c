@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: MIT
+// The delay after wrong tokens, and scopes as words.
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "core/guesses.h"
+#include "core/token_store.h"
+
+static const uint64_t second = 1000000000;
+static struct guesses guesses;
+
+static void guess(const char *who, int n, uint64_t now)
+{
+    for (int i = 0; i < n; i++) guesses_count(&guesses, who, now);
+}
+
+// One second after the fifth, doubled up to a minute, forgotten after ten minutes.
+static void test_delays_double(void **state)
+{
+    uint64_t now = 1000 * second;
+    guesses_init(&guesses);
+    guess("addr:192.0.2.1", GUESSES_FREE - 1, now);
+    assert_int_equal(guesses_wait_ms(&guesses, "addr:192.0.2.1", now), 0);
+    for (unsigned wait_s = 1; wait_s < 100; wait_s *= 2) {
+        unsigned expected = wait_s < 60 ? wait_s : 60;
+        guess("addr:192.0.2.1", 1, now);
+        assert_int_equal(guesses_wait_ms(&guesses, "addr:192.0.2.1", now), expected * 1000);
+        now += expected * second;
+        assert_int_equal(guesses_wait_ms(&guesses, "addr:192.0.2.1", now), 0);
+    }
+    assert_int_equal(guesses_wait_ms(&guesses, "addr:192.0.2.2", now), 0);
+    now += 600 * second;
+    guess("addr:192.0.2.1", 1, now);
+    assert_int_equal(guesses_wait_ms(&guesses, "addr:192.0.2.1", now), 0);
+}
+
+// One customer's /64 counts as one address, the next /64 does not.
+static void test_addresses(void **state)
+{
+    uint64_t now = 1000 * second;
+    char who[64];
+    guesses_init(&guesses);
+    for (int i = 0; i < GUESSES_FREE; i++) {
+        snprintf(who, sizeof who, "addr:2001:db8:0:1::%d", i + 1);
+        guess(who, 1, now);
+    }
+    assert_int_equal(guesses_wait_ms(&guesses, "addr:2001:db8:0:1:ffff::", now), 1000);
+    assert_int_equal(guesses_wait_ms(&guesses, "addr:2001:db8:0:2::1", now), 0);
+    assert_int_equal(guesses_wait_ms(&guesses, "uid:1000", now), 0);
+}
+
+// A million addresses take no more memory, and a busy guesser among few others stays known.
+static void test_bounded(void **state)
+{
+    uint64_t now = 1000 * second;
+    char who[64];
+    guesses_init(&guesses);
+    for (int i = 0; i < 1000000; i++) {
+        snprintf(who, sizeof who, "addr:10.%d.%d.%d", i >> 16, i >> 8 & 255, i & 255);
+        guess(who, 1, now + (uint64_t)i);
+    }
+    guess("addr:192.0.2.1", GUESSES_FREE, now + second);
+    for (int i = 0; i < 1000; i++) {
+        snprintf(who, sizeof who, "addr:10.200.%d.%d", i >> 8, i & 255);
+        guess(who, 1, now + second);
+    }
+    assert_int_equal(guesses_wait_ms(&guesses, "addr:192.0.2.1", now + second), 1000);
+}
+
+static void test_scopes(void **state)
+{
+    unsigned scopes = 99;
+    char text[64];
+    assert_true(scopes_parse(" view, admin ", &scopes));
+    assert_int_equal(scopes, SCOPE_VIEW | SCOPE_ADMIN);
+    scopes_print(scopes, text);
+    assert_string_equal(text, "view,admin");
+    assert_true(scopes_parse("", &scopes));
+    assert_int_equal(scopes, 0);
+    scopes_print(0, text);
+    assert_string_equal(text, "none");
+    static const char *const bad[] = {"views", "vie", "view;edit", "all", "*"};
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
+        assert_false(scopes_parse(bad[i], &scopes));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_delays_double),
+        cmocka_unit_test(test_addresses),
+        cmocka_unit_test(test_bounded),
+        cmocka_unit_test(test_scopes),
+    };
+    return cmocka_run_group_tests_name("access_unit", tests, NULL, NULL);
+}

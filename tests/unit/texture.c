@@ -1,0 +1,368 @@
+// SPDX-License-Identifier: MIT
+// texture/ and the textures of a glTF: decoding and its limits, mip chains, wrap modes,
+// filters, transforms, TEXCOORD sets, vertex colours, and files that name what is not there.
+#include "prt/light.h"
+#include "prt/mesh.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "../data.h"
+
+static char lines[4096];
+static void remember(void *user, enum prt_log_level level, const char *line)
+{
+    size_t n = strlen(lines);
+    snprintf(lines + n, sizeof lines - n, "%s\n", line);
+}
+
+static struct prt_context context(void)
+{
+    struct prt_context ctx;
+    prt_context_init(&ctx);
+    ctx.log = remember;
+    lines[0] = 0;
+    return ctx;
+}
+
+static struct prt_texture_ref plain_ref(void)
+{
+    struct prt_surface_maps maps;
+    prt_surface_maps_default(&maps);
+    maps.map[0].image = 0;
+    return maps.map[0];
+}
+
+// An image whose texel (x, y) has red 10 x and green 10 y.
+static uint8_t *ramp(uint32_t w, uint32_t h, enum prt_texture_kind kind,
+                     struct prt_texture_image *out)
+{
+    uint8_t *t = prt_calloc(prt_texture_bytes(w, h), 1);
+    assert_non_null(t);
+    for (uint32_t y = 0; y < h; y++)
+        for (uint32_t x = 0; x < w; x++) {
+            uint8_t *p = t + 4 * (y * w + x);
+            p[0] = (uint8_t)(10 * x), p[1] = (uint8_t)(10 * y), p[3] = 255;
+        }
+    prt_texture_finish_levels(w, h, kind, t, out);
+    assert_true(prt_texture_image_valid(out, out->bytes));
+    return t;
+}
+
+static void wrap_modes(void **state)
+{
+    struct prt_texture_image image;
+    uint8_t *t = ramp(8, 4, PRT_TEXTURE_DATA, &image);
+    struct prt_texture_ref ref = plain_ref();
+    const float no[2] = {0, 0};
+    static const struct {
+        uint8_t mode;
+        float u, texel;
+    } at[] = {
+        {PRT_WRAP_REPEAT, 1 + 2.5f / 8, 2},
+        {PRT_WRAP_REPEAT, -0.5f / 8, 7},
+        {PRT_WRAP_CLAMP, 3, 7},
+        {PRT_WRAP_CLAMP, -2, 0},
+        {PRT_WRAP_MIRROR, 1 + 0.5f / 8, 7},
+        {PRT_WRAP_MIRROR, -2.5f / 8, 2},
+        {PRT_WRAP_MIRROR, 2 + 3.5f / 8, 3},
+    };
+    for (size_t i = 0; i < sizeof at / sizeof *at; i++) {
+        float uv[2] = {at[i].u, 0.625f}, rgba[4];
+        ref.wrap_u = at[i].mode;
+        prt_texture_sample(&image, t, &ref, uv, no, no, rgba);
+        assert_float_equal(rgba[0] * 255, 10 * at[i].texel, 1e-3);
+        assert_float_equal(rgba[1] * 255, 20, 1e-3);
+    }
+    ref.wrap_u = PRT_WRAP_REPEAT; // halfway between two texels, and the nearest of them
+    float uv[2] = {3.75f / 8, 0.125f}, rgba[4];
+    prt_texture_sample(&image, t, &ref, uv, no, no, rgba);
+    assert_float_equal(rgba[0] * 255, 32.5f, 1e-3);
+    ref.filter = PRT_FILTER_MAG_NEAREST;
+    prt_texture_sample(&image, t, &ref, uv, no, no, rgba);
+    assert_float_equal(rgba[0] * 255, 30, 1e-3);
+    prt_free(t);
+}
+
+// Levels average linear light: a chess board of black and white sRGB is 0.5, not 0.214, at any
+// size; odd sides weigh their middle by area.
+static void levels_average_light(void **state)
+{
+    for (uint32_t w = 4; w <= 9; w++) {
+        struct prt_texture_image image;
+        uint8_t *t = prt_calloc(prt_texture_bytes(w, w), 1);
+        double mean = 0;
+        for (uint32_t i = 0; i < w * w; i++) {
+            uint8_t v = (i % w + i / w) & 1 ? 255 : 0;
+            memset(t + 4 * i, v, 3);
+            mean += v / 255.0 / (w * w);
+        }
+        prt_texture_finish_levels(w, w, PRT_TEXTURE_COLOR, t, &image);
+        struct prt_texture_ref ref = plain_ref();
+        const float uv[2] = {0.3f, 0.7f}, dx[2] = {1, 0}, dy[2] = {0, 1};
+        float rgba[4];
+        prt_texture_sample(&image, t, &ref, uv, dx, dy, rgba);
+        assert_float_equal(rgba[0], mean, 0.02);
+        prt_free(t);
+    }
+}
+
+// Stripes along v, seen at a slant: a footprint of 16 texels along v and 1 along u keeps them;
+// without anisotropic probes the blur is 16 texels both ways.
+static void anisotropic(void **state)
+{
+    enum { N = 64 };
+    struct prt_texture_image image;
+    uint8_t *t = prt_calloc(prt_texture_bytes(N, N), 1);
+    for (uint32_t i = 0; i < N * N; i++) memset(t + 4 * i, i % N / 2 & 1 ? 255 : 0, 4);
+    prt_texture_finish_levels(N, N, PRT_TEXTURE_DATA, t, &image);
+    struct prt_texture_ref ref = plain_ref();
+    const float dx[2] = {1.0f / N, 0}, dy[2] = {0, 16.0f / N};
+    float white[2] = {3.0f / N, 0.5f}, black[2] = {5.0f / N, 0.5f}, a[4], b[4];
+    prt_texture_sample(&image, t, &ref, white, dx, dy, a);
+    prt_texture_sample(&image, t, &ref, black, dx, dy, b);
+    assert_true(a[0] > 0.95f && b[0] < 0.05f);
+    prt_free(t);
+}
+
+static void hash_is_of_content(void **state)
+{
+    struct prt_texture_image a, b, c;
+    uint8_t *p = ramp(4, 4, PRT_TEXTURE_DATA, &a), *q = ramp(4, 4, PRT_TEXTURE_DATA, &b);
+    uint8_t *r = ramp(4, 4, PRT_TEXTURE_COLOR, &c);
+    assert_memory_equal(a.hash, b.hash, sizeof a.hash);
+    assert_memory_not_equal(a.hash, c.hash, sizeof a.hash);
+    prt_free(p), prt_free(q), prt_free(r);
+}
+
+static struct prt_blob png(const struct prt_context *ctx, uint32_t w, uint32_t h,
+                           const uint8_t *rgb)
+{
+    struct prt_blob out;
+    assert_int_equal(prt_encode_png(ctx, rgb, w, h, 3, &out), PRT_OK);
+    return out;
+}
+
+static void decoding_and_limits(void **state)
+{
+    struct prt_context ctx = context();
+    const uint8_t rgb[12] = {1, 2, 3, 50, 60, 70, 255, 0, 9, 128, 129, 130};
+    struct prt_blob file = png(&ctx, 2, 2, rgb);
+    uint32_t w = 0, h = 0;
+    uint8_t *t = NULL, *bytes = (uint8_t *)file.bytes;
+    assert_int_equal(prt_texture_decode(&ctx, "a", bytes, file.size, 1 << 20, &w, &h, &t), 0);
+    assert_true(w == 2 && h == 2 && t[4] == 50 && t[15] == 255 && t[13] == 129);
+    prt_free(t);
+    // too little memory is refused before the pixels
+    assert_int_equal(prt_texture_decode(&ctx, "a", bytes, file.size, 16, &w, &h, &t),
+                     PRT_LIMIT);
+    // every cut is refused
+    for (size_t n = 0; n + 12 < file.size; n++)
+        assert_true(prt_texture_decode(&ctx, "a", bytes, n, 1 << 20, &w, &h, &t) < 0);
+    // a lie about the size: the header's checksum fails, and with it the file
+    bytes[16] = 0x7f;
+    assert_true(prt_texture_decode(&ctx, "a", bytes, file.size, 1 << 20, &w, &h, &t) < 0);
+    static const char ktx[] = "\xabKTX 20\xbb\r\n\x1a\n and more";
+    assert_int_equal(prt_texture_decode(&ctx, "wall", ktx, sizeof ktx, 1 << 20, &w, &h, &t),
+                     PRT_UNSUPPORTED);
+    assert_non_null(strstr(lines, "wall: KTX2"));
+    prt_free(file.bytes);
+}
+
+static void base64(const uint8_t *p, size_t n, char *out)
+{
+    static const char digit[] =
+        "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    for (size_t i = 0; i < n; i += 3) {
+        uint32_t b = (uint32_t)p[i] << 16 | (uint32_t)(i + 1 < n ? p[i + 1] : 0) << 8 |
+                     (i + 2 < n ? p[i + 2] : 0);
+        for (int k = 0; k < 4; k++)
+            *out++ = i + (size_t)k > n ? '=' : digit[b >> (18 - 6 * k) & 63];
+    }
+    *out = 0;
+}
+
+// A square of two triangles with two sets of uv, the second (0.25, 0.75) everywhere, and
+// colours; materials is JSON with one %s for an image's data URI.
+static int square(const struct prt_context *ctx, const char *materials, struct prt_mesh **out)
+{
+    static const struct {
+        float p[4][3], n[4][3], uv[4][2], uv1[4][2];
+        uint8_t color[4][4];
+        uint16_t index[6];
+    } data = {
+        {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}},
+        {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}},
+        {{0, 1}, {1, 1}, {1, 0}, {0, 0}},
+        {{.25f, .75f}, {.25f, .75f}, {.25f, .75f}, {.25f, .75f}},
+        {{255, 51, 255, 255}, {255, 51, 255, 255}, {255, 51, 255, 255}, {255, 51, 255, 255}},
+        {0, 1, 2, 0, 2, 3}};
+    // rows: red, green / blue, white
+    const uint8_t rgb[12] = {255, 0, 0, 0, 255, 0, 0, 0, 255, 255, 255, 255};
+    struct prt_blob file = png(ctx, 2, 2, rgb);
+    char buffer[600], image[2000], part[4000], json[8000];
+    base64((const uint8_t *)&data, sizeof data, buffer);
+    base64((const uint8_t *)file.bytes, file.size, image);
+    prt_free(file.bytes);
+    snprintf(part, sizeof part, materials, image);
+    int n = snprintf(
+        json, sizeof json,
+        "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],"
+        "\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":[{\"material\":0,\"indices\":5,"
+        "\"attributes\":{\"POSITION\":0,\"NORMAL\":1,\"TEXCOORD_0\":2,\"TEXCOORD_1\":3,"
+        "\"COLOR_0\":4}}]}],%s,\"accessors\":["
+        "{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"},"
+        "{\"bufferView\":0,\"byteOffset\":48,\"componentType\":5126,\"count\":4,\"type\":"
+        "\"VEC3\"},"
+        "{\"bufferView\":0,\"byteOffset\":96,\"componentType\":5126,\"count\":4,\"type\":"
+        "\"VEC2\"},"
+        "{\"bufferView\":0,\"byteOffset\":128,\"componentType\":5126,\"count\":4,\"type\":"
+        "\"VEC2\"},"
+        "{\"bufferView\":0,\"byteOffset\":160,\"componentType\":5121,\"normalized\":true,"
+        "\"count\":4,\"type\":\"VEC4\"},"
+        "{\"bufferView\":0,\"byteOffset\":176,\"componentType\":5123,\"count\":6,\"type\":"
+        "\"SCALAR\"}],"
+        "\"bufferViews\":[{\"buffer\":0,\"byteLength\":188}],\"buffers\":[{\"byteLength\":188,"
+        "\"uri\":\"data:application/octet-stream;base64,%s\"}]}",
+        part, buffer);
+    assert_in_range(n, 1, sizeof json - 1);
+    return prt_mesh_load_memory(ctx, "square", json, (size_t)n, NULL, NULL, out);
+}
+
+// The look at the middle of the lower right triangle, whose texture coordinates are near (2/3,
+// 2/3): the white texel, but for transforms.
+static struct prt_look look(const struct prt_mesh *m)
+{
+    const float no[2] = {0, 0}, up[3] = {0, 0, 1};
+    struct prt_look out;
+    prt_mesh_look(m, 0, 0, 1 / 3.0f, 1 / 3.0f, no, no, up, &out);
+    return out;
+}
+
+static const char *const image_json =
+    "\"images\":[{\"name\":\"four\",\"uri\":\"data:image/png;base64,%s\"}],"
+    "\"samplers\":[{\"magFilter\":9728,\"wrapS\":33071}],"
+    "\"textures\":[{\"source\":0,\"sampler\":0},{\"source\":7}],\"materials\":[{";
+
+static struct prt_mesh *load(const struct prt_context *ctx, const char *material)
+{
+    char text[4000];
+    struct prt_mesh *m = NULL;
+    snprintf(text, sizeof text, "%s%s}]", image_json, material);
+    if (square(ctx, text, &m)) fail_msg("%s", lines);
+    return m;
+}
+
+static void maps_of_a_gltf(void **state)
+{
+    struct prt_context ctx = context();
+    struct prt_mesh *m = load(&ctx, "\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,0.5,1],"
+                                    "\"baseColorTexture\":{\"index\":0}}");
+    struct prt_look l = look(m); // white * factor * vertex colour
+    assert_float_equal(l.base[0], 1, 1e-4);
+    assert_float_equal(l.base[1], 0.2, 1e-4);
+    assert_float_equal(l.base[2], 0.5, 1e-4);
+    assert_true(m->n_image == 1 && l.roughness < 0);
+    prt_mesh_destroy(m);
+    // the second set lies in the blue texel; its transform moves it to the green one
+    m = load(&ctx,
+             "\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,\"texCoord\":1}}");
+    l = look(m);
+    assert_true(l.base[0] < 1e-4f && l.base[1] < 1e-4f && l.base[2] > 0.99f && m->n_uv == 2);
+    prt_mesh_destroy(m);
+    m = load(&ctx, "\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0,\"texCoord\":1,"
+                   "\"extensions\":{\"KHR_texture_transform\":{\"offset\":[0.5,-0.5]}}}}");
+    l = look(m);
+    assert_true(l.base[0] < 1e-4f && l.base[1] > 0.19f && l.base[2] < 1e-4f);
+    prt_mesh_destroy(m);
+    // a quarter turn counter-clockwise, as the extension draws it: (u, v) -> (v, -u)
+    m = load(&ctx, "\"emissiveFactor\":[2,1,1],\"emissiveTexture\":{\"index\":0,\"texCoord\":1,"
+                   "\"extensions\":{\"KHR_texture_transform\":{\"rotation\":1.5707963}}}");
+    l = look(m); // (0.75, -0.25): with the edge of S held and T repeated, the white texel
+    assert_float_equal(l.emission[0], 2, 1e-4);
+    assert_true(l.emission[1] > 0.99f);
+    prt_mesh_destroy(m);
+    m = load(&ctx,
+             "\"normalTexture\":{\"index\":0,\"texCoord\":1},\"occlusionTexture\":{\"index\":"
+             "0,\"texCoord\":1,\"strength\":0.5},\"pbrMetallicRoughness\":{\"roughnessFactor\""
+             ":0.5,\"metallicRoughnessTexture\":{\"index\":0}}");
+    l = look(m); // set 1 has no area for tangents: the normal stays
+    assert_float_equal(l.normal[2], 1, 1e-5);
+    assert_float_equal(l.roughness, 0.5, 1e-5);
+    assert_float_equal(l.occlusion, 0.5, 1e-4);
+    assert_int_equal(m->n_image, 2); // the same pixels as normals and as numbers
+    prt_mesh_destroy(m);
+    assert_null(strstr(lines, "left out"));
+}
+
+// Green is up the image: a map that says (0, 0.7, 0.7) tilts towards smaller v, here +y.
+static void normals_tilt_up(void **state)
+{
+    struct prt_context ctx = context();
+    struct prt_mesh *m = load(&ctx, "\"normalTexture\":{\"index\":0}");
+    struct prt_texture_image image;
+    uint8_t *t = ramp(1, 1, PRT_TEXTURE_NORMAL, &image);
+    t[0] = 128, t[1] = 218, t[2] = 218;
+    m->image[0] = image;
+    m->texel = t;
+    struct prt_look l = look(m);
+    assert_float_equal(l.normal[0], 0, 0.01);
+    assert_float_equal(l.normal[1], 0.707, 0.01);
+    prt_free(t);
+    prt_mesh_destroy(m);
+}
+
+static void files_that_lie(void **state)
+{
+    static const struct {
+        const char *material, *line;
+    } bad[] = {
+        {"\"normalTexture\":{\"index\":9}", "normal texture is left out"},
+        {"\"normalTexture\":{\"index\":-1}", "normal texture is left out"},
+        {"\"normalTexture\":{\"index\":1}", "names no image"},
+        {"\"normalTexture\":{\"index\":0,\"texCoord\":9}", "texCoord is out of range"},
+        {"\"normalTexture\":{\"index\":0,\"extensions\":{\"KHR_texture_transform\":{\"offset\":"
+         "[1e30,0]}}}",
+         "KHR_texture_transform is out of range"},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        struct prt_context ctx = context();
+        struct prt_mesh *m = load(&ctx, bad[i].material);
+        assert_non_null(strstr(lines, bad[i].line));
+        assert_int_equal(m->n_image, 0);
+        prt_mesh_destroy(m);
+    }
+    static const char *const image[] = {
+        "data:image/png;base64,iVBORw0KGgo=", "data:image/png,plain", "../../etc/passwd",
+        "no%%20such.png", ""};
+    for (size_t i = 0; i < sizeof image / sizeof *image; i++) {
+        struct prt_context ctx = context();
+        struct prt_mesh *m = NULL;
+        char text[1000];
+        snprintf(
+            text, sizeof text,
+            "\"images\":[{\"name\":\"wall\",\"uri\":\"%s\"}],\"textures\":[{\"source\":0}],"
+            "\"materials\":[{\"normalTexture\":{\"index\":0}}]",
+            image[i]);
+        assert_int_equal(square(&ctx, text, &m), PRT_OK);
+        assert_non_null(strstr(lines, "left out"));
+        prt_mesh_destroy(m);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(wrap_modes),          cmocka_unit_test(levels_average_light),
+        cmocka_unit_test(anisotropic),         cmocka_unit_test(hash_is_of_content),
+        cmocka_unit_test(decoding_and_limits), cmocka_unit_test(maps_of_a_gltf),
+        cmocka_unit_test(normals_tilt_up),     cmocka_unit_test(files_that_lie),
+    };
+    return run_test_group(tests, NULL, NULL);
+}

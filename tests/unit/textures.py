@@ -1,0 +1,166 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Textures through the prt program: pictures of a textured model by every engine, baked and not.
+
+   tests/unit/textures.py PATH/TO/prt
+
+A constant texture multiplies light after scattering by its colour, whatever its split, in each
+engine; a normal map turns highlights; an image that lies about its size ends in a warning."""
+import json
+import math
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+import zlib
+
+PRT = os.path.abspath(sys.argv[1])
+failed = 0
+
+
+def expect(good, text):
+    global failed
+    if not good:
+        failed += 1
+        print('FAIL: ' + text)
+
+
+def png(width, height, rows, lie=None):
+    def chunk(kind, body):
+        return struct.pack('>I', len(body)) + kind + body + struct.pack('>I', zlib.crc32(kind + body))
+    data = b''.join(b'\0' + bytes(v for p in row for v in p) for row in rows)
+    head = struct.pack('>IIBBBBB', *(lie or (width, height)), 8, 2, 0, 0, 0)
+    return (b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', head) + chunk(b'IDAT', zlib.compress(data)) +
+            chunk(b'IEND', b''))
+
+
+def flat(rgb, side=4):
+    return png(side, side, [[rgb] * side] * side)
+
+
+def ball(rings=12, n=24):
+    at, uv, tri = [], [], []
+    for i in range(rings + 1):
+        for j in range(n + 1):
+            a, b = math.pi * i / rings, 2 * math.pi * j / n
+            at.append((math.sin(a) * math.sin(b), math.cos(a), math.sin(a) * math.cos(b)))
+            uv.append((j / n, i / rings))
+    for i in range(rings):
+        for j in range(n):
+            a, b = i * (n + 1) + j, (i + 1) * (n + 1) + j
+            tri += [(a, b, a + 1)] * (i > 0) + [(a + 1, b, b + 1)] * (i < rings - 1)
+    return at, uv, tri
+
+
+def glb(path, images, material, opaque=False):
+    """A ball of radius 10 mm, and with `opaque` a second one beside it of material 1."""
+    at, uv, tri = ball()
+    bin_, views = b'', []
+    for part in (b''.join(struct.pack('<3f', *p) for p in at),
+                 b''.join(struct.pack('<2f', *p) for p in uv),
+                 b''.join(struct.pack('<3H', *t) for t in tri), *images):
+        views.append({'buffer': 0, 'byteOffset': len(bin_), 'byteLength': len(part)})
+        bin_ += part + b'\0' * (-len(part) % 4)
+    primitive = {'attributes': {'POSITION': 0, 'NORMAL': 0, 'TEXCOORD_0': 1}, 'indices': 2}
+    doc = {
+        'asset': {'version': '2.0'}, 'scene': 0,
+        'scenes': [{'nodes': [0, 1] if opaque else [0]}],
+        'nodes': [{'mesh': 0, 'scale': [.01] * 3},
+                  {'mesh': 1, 'scale': [.01] * 3, 'translation': [.03, 0, 0], 'name': 'stone'}],
+        'meshes': [{'primitives': [dict(primitive, material=0)]},
+                   {'primitives': [dict(primitive, material=1)]}],
+        'materials': [material, dict(material, name='second')],
+        'images': [{'bufferView': 3 + i, 'mimeType': 'image/png', 'name': 'picture%d' % i}
+                   for i in range(len(images))],
+        'textures': [{'source': i} for i in range(len(images))],
+        'accessors': [
+            {'bufferView': 0, 'componentType': 5126, 'count': len(at), 'type': 'VEC3',
+             'min': [-1, -1, -1], 'max': [1, 1, 1]},
+            {'bufferView': 1, 'componentType': 5126, 'count': len(uv), 'type': 'VEC2'},
+            {'bufferView': 2, 'componentType': 5123, 'count': 3 * len(tri), 'type': 'SCALAR'}],
+        'bufferViews': views, 'buffers': [{'byteLength': len(bin_)}]}
+    text = json.dumps(doc).encode()
+    text += b' ' * (-len(text) % 4)
+    with open(path, 'wb') as f:
+        f.write(struct.pack('<4sIIII', b'glTF', 2, 28 + len(text) + len(bin_), len(text),
+                            0x4e4f534a) + text + struct.pack('<II', len(bin_), 0x4e4942) + bin_)
+
+
+def prt(*args, status=0):
+    run = subprocess.run([PRT, *args], capture_output=True, text=True, timeout=200)
+    expect(run.returncode == status, '%s: status %d: %s' % (' '.join(args), run.returncode, run.stderr))
+    return run
+
+
+def image(source, out, *options):
+    model = [] if source.endswith('.prt') else ['--material', 'marble', '--mm-per-unit', '1000']
+    return prt('image', source, *model, '--env', 'constant:1,1,1', '--size', '64x48', '--background',
+               'none', '-o', out, *options)
+
+
+def rmse(a, b):
+    run = subprocess.run([PRT, 'compare', a, b, '--json'], capture_output=True, text=True, timeout=60)
+    return json.loads(run.stdout)['rmse'] if run.stdout.startswith('{') else float('nan')
+
+
+def main():
+    os.chdir(tempfile.mkdtemp(prefix='prt-textures-'))
+    # sRGB 188 is 0.5029 of linear light: pictures are compared at an exposure of log2 of it
+    half, stop = 188, math.log2(((188 / 255 + .055) / 1.055) ** 2.4)
+    base = {'pbrMetallicRoughness': {'baseColorTexture': {'index': 0}}}
+    glb('plain.glb', [flat((255, 255, 255))], base)
+    glb('grey.glb', [flat((half,) * 3)], base)
+    dim = 'constant:' + ','.join(['%.6f' % 2 ** stop] * 3)
+    for engine in ('tangent', 'texture', 'splat', 'hybrid', 'reference'):
+        few = ['--samples', '4000' if engine == 'reference' else '64'] + \
+            (['--rays', '256', '--single-points', '16'] if engine == 'reference' else [])
+        term = ['--engine', engine, '--term', 'multiple', *few]
+        image('plain.glb', 'want.exr', *term, '--env', dim)
+        for split in ('0', '0.5', '1'):
+            image('grey.glb', 'got.exr', *term, '--texture-split', split)
+            error = rmse('got.exr', 'want.exr')
+            expect(error < 0.01, '%s, split %s: a constant texture is off by %g' % (engine, split, error))
+        image('grey.glb', 'bare.exr', *term, '--no-textures', '--env', dim)
+        expect(rmse('bare.exr', 'want.exr') < 1e-3, engine + ': --no-textures is not the plain model')
+
+    # baked: the .prt carries the textures, and its picture is the reference's
+    prt('bake', 'grey.glb', '--material', 'marble', '--mm-per-unit', '1000', '--samples', '2000', '--cube',
+        '16', '--no-single', '--texture-split', '0.5', '-o', 'grey.prt')
+    prt('bake', 'plain.glb', '--material', 'marble', '--mm-per-unit', '1000', '--samples', '2000', '--cube',
+        '16', '--no-single', '-o', 'plain.prt')
+    image('grey.prt', 'got.exr', '--term', 'multiple')
+    image('plain.prt', 'want.exr', '--term', 'multiple', '--env', dim)
+    expect(rmse('got.exr', 'want.exr') < 0.02, 'a baked texture is off by %g' % rmse('got.exr', 'want.exr'))
+    run = prt('image', 'grey.prt', '--env', 'constant', '--texture-split', '0.3', '-o', 'x.exr', status=2)
+    expect('bake again' in run.stderr, 'the error of --texture-split for a .prt: ' + run.stderr)
+
+    # an opaque receiver is textured, too
+    glb('two.glb', [flat((255, 255, 255))], base, opaque=True)
+    glb('twogrey.glb', [flat((half,) * 3)], base, opaque=True)
+    for name, out, env in (('two.glb', 'want.exr', dim), ('twogrey.glb', 'got.exr', 'constant')):
+        image(name, out, '--opaque', 'stone', '--engine', 'tangent', '--term', 'multiple', '--env', env)
+    expect(rmse('got.exr', 'want.exr') < 0.01, 'an opaque texture is off by %g' % rmse('got.exr', 'want.exr'))
+
+    # a normal map turns highlights; a level one (128,128,255 is 0.4 % off level) does not
+    bump = {'normalTexture': {'index': 0}, 'pbrMetallicRoughness': {'roughnessFactor': .3}}
+    glb('level.glb', [flat((128, 128, 255))], bump)
+    glb('waves.glb', [png(8, 8, [[(128 + 90 * (x % 2 * 2 - 1), 128, 220) for x in range(8)]] * 8)], bump)
+    side = ['--engine', 'tangent', '--samples', '64']
+    for name in ('plain', 'level', 'waves'):
+        image(name + '.glb', name + '.exr', *side)
+    expect(rmse('level.exr', 'plain.exr') < 0.01, 'a level map changes the picture by %g' %
+           rmse('level.exr', 'plain.exr'))
+    expect(rmse('waves.exr', 'plain.exr') > 0.01, 'a bumpy map changes the picture by %g alone' %
+           rmse('waves.exr', 'plain.exr'))
+
+    # an image that lies about its size, one too large, one cut off: warnings that name it
+    for lie in ((60000, 60000), (16384, 16384), (4, 400)):
+        glb('lie.glb', [png(4, 4, [[(1, 2, 3)] * 4] * 4, lie)], base)
+        run = image('lie.glb', 'lie.exr', *side)
+        expect('picture0' in run.stderr and 'left out' in run.stderr, 'no warning for %s: %s' % (lie, run.stderr))
+        expect(rmse('lie.exr', 'plain.exr') < 1e-3, 'an image left out changes the picture')
+    sys.exit(failed > 0)
+
+
+main()
