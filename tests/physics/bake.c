@@ -117,7 +117,7 @@ static void factored_agrees_with_the_reference(void **state)
 }
 
 // Law: W05's truncation converges to the reference as it keeps more coefficients (W05 eq 7).
-static void sparse_is_what_w05_stores(void **state)
+static void sparse_converges_to_the_reference(void **state)
 {
     struct prt_mesh *mesh = body();
     struct prt_bake_options o = options("skin1");
@@ -320,7 +320,7 @@ int main(void)
     if (!mkdtemp(folder)) return 1;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(factored_agrees_with_the_reference),
-        cmocka_unit_test(sparse_is_what_w05_stores),
+        cmocka_unit_test(sparse_converges_to_the_reference),
         cmocka_unit_test(joint_serves_every_medium),
         cmocka_unit_test(polynomial_serves_every_medium),
         cmocka_unit_test(an_open_body_is_lit_like_others),

@@ -218,7 +218,7 @@ static void test_maps_are_shown(void **state)
     free(rgb);
 }
 
-static void test_what_cannot_be_mapped(void **state)
+static void test_requests_without_maps(void **state)
 {
     struct relight_image_request r = request_of(dressed, 0);
     struct relight_image image;
@@ -301,7 +301,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_profiles_are_shown),
         cmocka_unit_test(test_maps_are_shown),
-        cmocka_unit_test(test_what_cannot_be_mapped),
+        cmocka_unit_test(test_requests_without_maps),
         cmocka_unit_test(test_views_take_maps),
     };
     return cmocka_run_group_tests(tests, setup, ball_teardown);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // librelight against a scripted peer on a unix socket: what a real daemon rarely does on
-// purpose: answers in crumbs, out of order, in parts, late, damaged, or not at all.
+// purpose: answers in small pieces, out of order, in parts, late, damaged, or not at
+// all.
 #include "frame.h"
 #include "relight.pb-c.h"
 #include "relight/relight.h"
@@ -156,7 +157,7 @@ static void pong_script(struct peer *p)
     while (peer_read(p)) peer_pong(p);
 }
 
-static void crumbs(void **state)
+static void answers_in_small_pieces(void **state)
 {
     struct peer p;
     double seconds;
@@ -193,7 +194,7 @@ static void reverse_script(struct peer *p)
 
 static const struct relight_light sky = {.env = "constant"};
 
-static void out_of_order(void **state)
+static void answers_out_of_order(void **state)
 {
     struct peer p;
     struct relight_error error;
@@ -235,7 +236,7 @@ static void parts_script(struct peer *p)
     peer_read(p);
 }
 
-static void parts(void **state)
+static void answers_in_frames(void **state)
 {
     struct peer p;
     struct relight_error error;
@@ -411,7 +412,7 @@ static void lies_script(struct peer *p)
     while (peer_read(p)) peer_pong(p);
 }
 
-static void lies(void **state)
+static void answers_with_wrong_sizes(void **state)
 {
     struct peer p;
     struct relight_error error;
@@ -530,7 +531,7 @@ static void *ping_many(void *arg)
     return (void *)bad;
 }
 
-static void threads(void **state)
+static void threads_share_a_client(void **state)
 {
     struct peer p;
     pthread_t thread[4];
@@ -565,7 +566,7 @@ static void flood_script(struct peer *p)
     while (peer_read(p)) peer_pong(p);
 }
 
-static void both_ways(void **state)
+static void requests_while_answers_arrive(void **state)
 {
     struct peer p;
     struct relight_error error;
@@ -711,13 +712,20 @@ static void cameras(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(crumbs),    cmocka_unit_test(out_of_order),
-        cmocka_unit_test(parts),     cmocka_unit_test(errors),
-        cmocka_unit_test(timeouts),  cmocka_unit_test(unreachable),
-        cmocka_unit_test(lies),      cmocka_unit_test(damaged),
-        cmocka_unit_test(uploads),   cmocka_unit_test(threads),
-        cmocka_unit_test(both_ways), cmocka_unit_test(views),
-        cmocka_unit_test(formats),   cmocka_unit_test(cameras),
+        cmocka_unit_test(answers_in_small_pieces),
+        cmocka_unit_test(answers_out_of_order),
+        cmocka_unit_test(answers_in_frames),
+        cmocka_unit_test(errors),
+        cmocka_unit_test(timeouts),
+        cmocka_unit_test(unreachable),
+        cmocka_unit_test(answers_with_wrong_sizes),
+        cmocka_unit_test(damaged),
+        cmocka_unit_test(uploads),
+        cmocka_unit_test(threads_share_a_client),
+        cmocka_unit_test(requests_while_answers_arrive),
+        cmocka_unit_test(views),
+        cmocka_unit_test(formats),
+        cmocka_unit_test(cameras),
     };
     return cmocka_run_group_tests_name("client", tests, NULL, NULL);
 }
