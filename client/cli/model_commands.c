@@ -116,6 +116,21 @@ static void print_line(const char *label, const char *text)
     putchar('\n');
 }
 
+static void add_cameras(cJSON *json, const struct relight_model *m)
+{
+    cJSON *cameras = cJSON_AddArrayToObject(json, "cameras");
+    for (size_t i = 0; i < m->n_camera; i++) {
+        const struct relight_named_camera *c = m->camera + i;
+        cJSON *camera = cJSON_CreateObject();
+        cJSON_AddStringToObject(camera, "name", c->name);
+        add_floats(camera, "eye", c->eye);
+        add_floats(camera, "target", c->target);
+        add_floats(camera, "up", c->up);
+        add_float(camera, "fovy_deg", c->fovy_deg);
+        cJSON_AddItemToArray(cameras, camera);
+    }
+}
+
 int run_info(struct relight_client *client, struct options *options)
 {
     struct relight_error error;
@@ -142,6 +157,7 @@ int run_info(struct relight_client *client, struct options *options)
             cJSON_AddNumberToObject(block, "n_triangle", b->n_triangle);
             cJSON_AddItemToArray(blocks, block);
         }
+        add_cameras(json, &m);
         print_json(json);
     } else {
         printf("%s  %s\n  state: %s", escape(m.id).text, escape(m.name).text,
@@ -167,6 +183,7 @@ int run_info(struct relight_client *client, struct options *options)
         print_line("settings", m.settings);
         print_line("errors", m.errors);
         for (size_t i = 0; i < m.n_block; i++) print_block(m.block + i);
+        for (size_t i = 0; i < m.n_camera; i++) print_line("camera", m.camera[i].name);
         for (size_t i = 0; i < m.n_warning; i++) print_line("warning", m.warning[i]);
     }
     relight_model_finish(&m);
@@ -181,9 +198,10 @@ int run_load(struct relight_client *client, struct options *options)
     char env[80];
     if (load->size_mm > 0 && load->mm_per_unit > 0)
         return report_usage(options, "--size-mm and --mm-per-unit exclude each other");
-    // OBJ and PLY have no unit of length: refused here, before the upload.
+    // OBJ, PLY and STL have no unit of length: refused here, before the upload.
     const char *dot = strrchr(options->target, '.');
-    bool unitless = dot && (!strcasecmp(dot, ".obj") || !strcasecmp(dot, ".ply"));
+    bool unitless = dot && (!strcasecmp(dot, ".obj") || !strcasecmp(dot, ".ply") ||
+                            !strcasecmp(dot, ".stl"));
     if (unitless && !(load->size_mm > 0) && !(load->mm_per_unit > 0))
         return report_usage(options,
                             "%s has no unit of length: give --size-mm or --mm-per-unit",

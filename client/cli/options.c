@@ -29,6 +29,7 @@ static const char *const engines[] = {"default", "reference", "wavelet", "polyno
 static const char *const color_formats[] = {"f32", "f16", "rgb9e5", "srgb8", NULL};
 static const char *const tones[] = {"filmic", "reinhard", "none", NULL};
 static const char *const transports[] = {"wavelet", "polynomial", "joint", NULL};
+static const char *const axes[] = {"y", "z", NULL};
 static const char *const storages[] = {"factored", "sparse", NULL};
 static const char *const sample_counts[] = {"1", "2", "4", "8", NULL}; // of a pixel
 
@@ -42,7 +43,8 @@ _Static_assert(RELIGHT_STORAGE_FACTORED == 1 && RELIGHT_STORAGE_SPARSE == 2, "st
 
 #define AT(member) offsetof(struct options, member)
 
-// Each command lists the keys of the options that it takes.
+// Each command lists the keys of the options that it takes. Keys that cannot be printed have
+// no short form.
 static const struct row {
     char key;
     const char *name, *label;
@@ -98,8 +100,12 @@ static const struct row {
      "height in mm of white in --bump-map (default 0.5)"},
     {'f', "format", "FORMAT", WORD, AT(format), 0, 0, color_formats, 0,
      "encoding of colours on the wire: f32 (default), f16, rgb9e5 or srgb8"},
-    {'c', "camera", "CAMERA", SPECIAL, 0, 0, 0, NULL, 0,
-     "EYE:TARGET[:UP][:FOVY] as x,y,z:x,y,z:x,y,z:degrees (default: frame the model)"},
+    {'c', "camera", "NAME|CAMERA", SPECIAL, 0, 0, 0, NULL, 0,
+     "a camera of the model's file (info lists them), or EYE:TARGET[:UP][:FOVY] as "
+     "x,y,z:x,y,z:x,y,z:degrees (default: frame the model)"},
+    {'\21', "orbit", "AZ,EL[,ZOOM]", SPECIAL, 0, 0, 0, NULL, 0,
+     "look at the framed centre from this azimuth and elevation in degrees; 0,0 looks along -z, "
+     "90,0 along -x; ZOOM magnifies"},
     {'z', "size", "WxH", SPECIAL, 0, 0, 0, NULL, 0,
      "size in pixels, up to 4096x4096 (default 800x600)"},
     {'q', "quality", "1..100", WHOLE, AT(picture.quality), 1, 100, NULL, 0,
@@ -118,6 +124,8 @@ static const struct row {
      "diagonal of the bounding box of the translucent objects, in mm"},
     {'U', "mm-per-unit", "X", REAL, AT(load.mm_per_unit), 1e-6, 1e6, NULL, 0,
      "millimetres in one unit of the model"},
+    {'\22', "up", "AXIS", SPECIAL, 0, 0, 0, axes, 0,
+     "the model's upward axis: y (default) or z, as scans and STL files often have it"},
     {'P', "transport", "KIND", WORD, AT(load.bake.transport), 0, 0, transports,
      RELIGHT_TRANSPORT_WAVELET, "wavelet, polynomial or joint"},
     {'R', "storage", "KIND", WORD, AT(load.bake.storage), 0, 0, storages,
@@ -186,7 +194,7 @@ enum { N_TABLE = sizeof table / sizeof *table };
 #define COMMON "sTkj"
 #define LIGHT "erGtEgXbm"
 #define TOKEN "\1\2\3\4\5\6\7\10\13\14\16\17\20"
-#define PICTURE "czqnxBaSYyJW"
+#define PICTURE "cz\21qnxBaSYyJW"
 
 const struct command commands[] = {
     {"ping", "",
@@ -199,7 +207,7 @@ const struct command commands[] = {
      COMMON "l", false, run_models},
     {"load", "MODEL",
      "Loads a model into the daemon and starts its bake.\v"
-     "MODEL is a local .glb, .gltf, .obj or .ply file, which is uploaded unless the daemon has it, "
+     "MODEL is a local .glb, .gltf, .obj, .ply or .stl file, which is uploaded unless the daemon has it, "
      "or a path in the daemon's models folder, which may also name a .prt. Prints the model's id and "
      "the bake's job.\n\n"
      "Image-space engines draw the model until the bake is ready; with --preview there is no "
@@ -208,7 +216,7 @@ const struct command commands[] = {
      "  relight load baked.prt --remote --name rabbit\n"
      "  relight load jade.glb --material jade.json --transport joint\n"
      "  relight load draft.glb --material marble --preview",
-     COMMON "DUmPRNCKAHdXOMpwZerV", true, run_load},
+     COMMON "DUm\22PRNCKAHdXOMpwZerV", true, run_load},
     {"info", "ID",
      "Prints a model's geometry, bake and measured error.\v"
      "Examples:\n  relight info bunny\n  relight info 3f9a --json",
@@ -465,6 +473,13 @@ static error_t set_special(struct options *o, const struct row *row, char *arg,
     case 'c':
         if (relight_camera_parse(arg, &o->picture.camera, &error))
             argp_error(state, "%s", error.text);
+        return 0;
+    case '\21':
+        if (relight_orbit_parse(arg, &o->picture.camera, &error))
+            argp_error(state, "%s", error.text);
+        return 0;
+    case '\22':
+        o->load.up_z = word(state, row, arg) == 1;
         return 0;
     case 'z':
         size(state, o, arg);

@@ -81,6 +81,7 @@ struct request_parts {
     Relight__Vec3 shade_eye;
     Relight__Picture picture;
     Relight__Camera camera;
+    Relight__Orbit orbit;
     Relight__Vec3 eye, target, up, background;
 };
 int relight_put_lights(struct request_parts *parts, size_t n,

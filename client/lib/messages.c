@@ -128,6 +128,15 @@ void relight_put_picture(struct request_parts *parts, const struct relight_pictu
     if (!camera->set) return;
     relight__camera__init(&parts->camera);
     m->camera = &parts->camera;
+    parts->camera.name = relight_text(camera->name);
+    if (camera->has_orbit) {
+        relight__orbit__init(&parts->orbit);
+        parts->orbit.azimuth_deg = camera->azimuth_deg;
+        parts->orbit.elevation_deg = camera->elevation_deg;
+        parts->orbit.zoom = camera->zoom;
+        parts->camera.orbit = &parts->orbit;
+    }
+    if (camera->has_orbit || camera->name[0]) return;
     parts->eye = vec3(camera->eye);
     parts->target = vec3(camera->target);
     parts->camera.eye = &parts->eye;
@@ -253,12 +262,36 @@ int relight_get_blocks(struct owner *owner, size_t n, Relight__Block **blocks,
     return 0;
 }
 
+int relight_orbit_parse(const char *text, struct relight_camera *out,
+                        struct relight_error *error)
+{
+    struct relight_camera c = {.set = true, .has_orbit = true, .zoom = 1};
+    int two = 0, three = 0;
+    int n =
+        sscanf(text, "%f,%f%n,%f%n", &c.azimuth_deg, &c.elevation_deg, &two, &c.zoom, &three);
+    bool read = (n == 2 && two && !text[two]) || (n == 3 && three && !text[three]);
+    if (!read || !(fabsf(c.azimuth_deg) <= 1e6f) || !(fabsf(c.elevation_deg) <= 90) ||
+        !(c.zoom >= 0.1f && c.zoom <= 100))
+        return relight_fail(
+            error, RELIGHT_E_ARGUMENT, "",
+            "orbit '%s': expected AZIMUTH,ELEVATION[,ZOOM], as 30,15 or 30,15,2; "
+            "the elevation is in [-90, 90] degrees, the zoom in [0.1, 100]",
+            text);
+    *out = c;
+    return 0;
+}
+
 int relight_camera_parse(const char *text, struct relight_camera *out,
                          struct relight_error *error)
 {
     struct relight_camera camera = {.set = true};
     float *triple[3] = {camera.eye, camera.target, camera.up};
     const char *at = text;
+    if (*text && !strpbrk(text, ":,") && strlen(text) < sizeof camera.name) {
+        snprintf(camera.name, sizeof camera.name, "%s", text);
+        *out = camera;
+        return 0;
+    }
     for (int i = 0; i < 4; i++) {
         float v[3];
         int used = 0;
@@ -280,6 +313,6 @@ bad:
     return relight_fail(
         error, RELIGHT_E_ARGUMENT, "",
         "camera '%s': expected EYE:TARGET[:UP][:FOVY] as x,y,z:x,y,z:x,y,z:deg, "
-        "0 < FOVY < 170",
+        "0 < FOVY < 170, or the name of one of the model's cameras",
         text);
 }

@@ -162,6 +162,7 @@ int relight_load(struct relight_client *client, const struct relight_load *load,
     m.n_opaque = load->n_opaque;
     m.opaque = (char **)(uintptr_t)load->opaque;
     m.pin = load->pin;
+    m.up_z = load->up_z;
     m.preview = load->preview;
     struct answer *answer;
     int status = relight_call(client, RELIGHT_TYPE_LOAD, &m.base, &answer, error);
@@ -270,6 +271,26 @@ static void get_model(const Relight__ModelInfo *m, struct relight_model *out)
     get_vec3(m->box_max, out->box_max);
 }
 
+static int get_cameras(struct owner *owner, const Relight__ModelInfo *a,
+                       struct relight_model *out)
+{
+    struct relight_named_camera *camera =
+        relight_owner_alloc(owner, a->n_cameras, sizeof *camera);
+    if (!camera) return -1;
+    for (size_t i = 0; i < a->n_cameras; i++) {
+        const Relight__Camera *c = a->cameras[i]->camera;
+        camera[i].name = a->cameras[i]->name;
+        if (!c) continue;
+        get_vec3(c->eye, camera[i].eye);
+        get_vec3(c->target, camera[i].target);
+        get_vec3(c->up, camera[i].up);
+        camera[i].fovy_deg = c->fovy_deg;
+    }
+    out->n_camera = a->n_cameras;
+    out->camera = camera;
+    return 0;
+}
+
 int relight_info(struct relight_client *client, const char *model, struct relight_model *out,
                  struct relight_error *error)
 {
@@ -284,7 +305,8 @@ int relight_info(struct relight_client *client, const char *model, struct religh
     get_model(a, out);
     out->owner = owner;
     out->n_block = a->n_blocks;
-    if (relight_get_blocks(owner, a->n_blocks, a->blocks, &out->block)) {
+    if (relight_get_blocks(owner, a->n_blocks, a->blocks, &out->block) ||
+        get_cameras(owner, a, out)) {
         relight_owner_free(owner);
         return no_memory(error);
     }

@@ -213,10 +213,12 @@ int draw_all(struct scene *scene)
     const struct options *o = scene->options;
     struct drawing d = {.scene = scene, .camera = o->camera};
     int status = EXIT_DONE;
-    if (d.camera.automatic) {
-        prt_camera_frame(&scene->mesh, (float)o->width / (float)o->height, &d.camera);
-        d.camera.automatic = false;
-    }
+    float aspect = (float)o->width / (float)o->height;
+    if (o->camera_name) d.camera = scene->named;
+    else if (o->orbit.zoom > 0)
+        prt_camera_frame_from(&scene->mesh, aspect, &o->orbit, &d.camera);
+    else if (d.camera.automatic) prt_camera_frame(&scene->mesh, aspect, &d.camera);
+    d.camera.automatic = false;
     d.plane = prt_alloc(scene->mesh.n_vertex, 12);
     if (!d.plane) status = EXIT_FAILED;
     if (!status && o->sheet) status = make_canvas(&d);

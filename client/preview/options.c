@@ -30,9 +30,13 @@ static const struct argp_option table[] = {
      "ends in .exr, .hdr, .png or .jpg; of several pictures, FILE-ENV-FRAME", 0},
     {"material", 'm', "NAME|FILE", 0, "another material (joint transport)", 0},
     {"size", 'z', "WxH", 0, "pixels of a picture, up to 4096x4096 (default 800x600)", 0},
-    {"camera", 'c', "CAMERA", 0,
-     "EYE:TARGET[:UP[:FOVY]] as x,y,z:x,y,z:x,y,z:deg "
-     "(default: frame the model)",
+    {"camera", 'c', "NAME|CAMERA", 0,
+     "a camera of the model's file (relight info lists them), or EYE:TARGET[:UP[:FOVY]] as "
+     "x,y,z:x,y,z:x,y,z:deg (default: frame the model)",
+     0},
+    {"orbit", 'O', "AZ,EL[,ZOOM]", 0,
+     "look at the framed centre from this azimuth and elevation in degrees; 0,0 looks along -z, "
+     "90,0 along -x; ZOOM magnifies",
      0},
     {"samples-per-pixel", 'a', "1|2|4|8", 0, "anti-aliasing (default 4)", 0},
     {"no-specular", 'n', NULL, 0, "draw no specular reflection", 0},
@@ -81,12 +85,25 @@ static void camera(struct argp_state *state, struct options *o, const char *text
     struct relight_camera c;
     struct relight_error error;
     if (relight_camera_parse(text, &c, &error)) argp_error(state, "%s", error.text);
+    o->camera_name = c.name[0] ? text : NULL;
+    o->orbit.zoom = 0;
+    if (o->camera_name) return;
     memcpy(o->camera.eye, c.eye, sizeof c.eye);
     memcpy(o->camera.target, c.target, sizeof c.target);
     bool up = c.up[0] != 0 || c.up[1] != 0 || c.up[2] != 0;
     for (int i = 0; i < 3; i++) o->camera.up[i] = up ? c.up[i] : i == 1;
     o->camera.fovy_deg = c.fovy_deg > 0 ? c.fovy_deg : 36;
     o->camera.automatic = false;
+}
+
+static void orbit(struct argp_state *state, struct options *o, const char *text)
+{
+    struct relight_camera c;
+    struct relight_error error;
+    if (relight_orbit_parse(text, &c, &error)) argp_error(state, "%s", error.text);
+    o->orbit = (struct prt_orbit){c.azimuth_deg, c.elevation_deg, c.zoom};
+    o->camera_name = NULL;
+    o->camera.automatic = true;
 }
 
 // Options of each picture.
@@ -100,6 +117,9 @@ static error_t parse_picture(int key, char *arg, struct argp_state *state)
         break;
     case 'c':
         camera(state, o, arg);
+        break;
+    case 'O':
+        orbit(state, o, arg);
         break;
     case 'a':
         o->samples = 1u << word(state, "samples-per-pixel", arg,

@@ -19,6 +19,8 @@ struct options {
     int quality;
     enum prt_tone tone;
     struct prt_camera camera; /* automatic: frame the model */
+    struct prt_orbit orbit;   /* zoom 0: not given */
+    const char *camera_name;  /* of the model's file; NULL: none */
     enum relight_color_format format;
 };
 void options_parse(int argc, char **argv, struct options *options);
@@ -37,6 +39,7 @@ struct scene {
     struct relight_geometry geometry;
     struct prt_mesh mesh; /* arrays of its own */
     float eta, roughness;
+    struct prt_camera named; /* options->camera_name's */
     struct sky sky[MAX_ENV];
 };
 /* Return exit statuses; errors are reported. */

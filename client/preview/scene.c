@@ -86,6 +86,30 @@ static int find_surface(struct scene *scene)
     return EXIT_DONE;
 }
 
+// The camera of options->camera_name.
+static int find_camera(struct scene *scene)
+{
+    const struct options *o = scene->options;
+    struct prt_mesh_camera list[PRT_MESH_MOST_CAMERAS];
+    struct prt_mesh mesh = {.camera = list};
+    struct relight_error error;
+    struct relight_model info;
+    if (!o->camera_name) return EXIT_DONE;
+    if (relight_info(scene->client, o->model, &info, &error)) return report(&error);
+    for (size_t i = 0; i < info.n_camera && i < PRT_MESH_MOST_CAMERAS; i++) {
+        const struct relight_named_camera *c = &info.camera[i];
+        struct prt_mesh_camera *to = &list[mesh.n_camera++];
+        *to = (struct prt_mesh_camera){.fovy_deg = c->fovy_deg};
+        snprintf(to->name, sizeof to->name, "%s", c->name);
+        memcpy(to->eye, c->eye, sizeof to->eye);
+        memcpy(to->target, c->target, sizeof to->target);
+        memcpy(to->up, c->up, sizeof to->up);
+    }
+    relight_model_finish(&info);
+    return prt_camera_named(&scene->ctx, &mesh, o->camera_name, &scene->named) ? EXIT_USAGE
+                                                                               : EXIT_DONE;
+}
+
 static int find_sky(struct scene *scene, const char *word, struct sky *sky)
 {
     struct relight_error error;
@@ -103,6 +127,7 @@ int scene_fetch(struct scene *scene)
         return report(&error);
     int status = make_mesh(scene);
     if (!status) status = find_surface(scene);
+    if (!status) status = find_camera(scene);
     for (size_t i = 0; !status && i < o->n_env; i++)
         status = find_sky(scene, o->env[i], scene->sky + i);
     return status;

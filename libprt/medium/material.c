@@ -35,6 +35,14 @@ const struct prt_material *prt_material_preset(unsigned index)
     return index < N_PRESET ? &presets[index] : NULL;
 }
 
+const struct prt_material *prt_material_preset_named(const char *name, char *remedy, size_t n)
+{
+    const char *list[N_PRESET];
+    for (int i = 0; i < N_PRESET; i++) list[i] = presets[i].name;
+    int found = prt_name_choose(name, list, N_PRESET, remedy, n);
+    return found < 0 ? NULL : &presets[found];
+}
+
 int prt_material_range(const struct prt_context *ctx, const char *what,
                        const struct material_range *range, int channel, double value)
 {
@@ -111,17 +119,20 @@ static void preset_names(char *buf, size_t n)
 int prt_material_load(const struct prt_context *ctx, const char *name_or_file,
                       struct prt_material *out)
 {
-    for (unsigned i = 0; i < N_PRESET; i++)
-        if (!strcasecmp(name_or_file, presets[i].name)) {
-            *out = presets[i];
-            return PRT_OK;
-        }
     bool text = name_or_file[strspn(name_or_file, " \t\r\n")] == '{';
-    if (!text && access(name_or_file, F_OK)) {
+    bool file = text || !access(name_or_file, F_OK);
+    char remedy[160];
+    const struct prt_material *preset =
+        prt_material_preset_named(name_or_file, remedy, sizeof remedy);
+    if (preset && (!file || !strcasecmp(name_or_file, preset->name))) {
+        *out = *preset;
+        return PRT_OK;
+    }
+    if (!file) {
         char names[160];
         preset_names(names, sizeof names);
-        return prt_fail(ctx, PRT_ARG, "%s: neither a material file nor a preset (%s)",
-                        name_or_file, names);
+        return prt_fail(ctx, PRT_ARG, "%s: neither a material file nor a preset (%s)%s%s",
+                        name_or_file, names, remedy[0] ? "; " : "", remedy);
     }
     struct prt_optics optics; /* the exact profiles are not needed here */
     int err = prt_optics_load(ctx, name_or_file, &optics);

@@ -22,13 +22,20 @@ struct gltf_mesh_data { // a decoded Draco primitive
     uint32_t *triangle;
 };
 
+struct gltf_camera {
+    char name[64];
+    double fovy_deg; // 0: orthographic, or no angle in (0,170)
+};
+
 struct gltf {
     struct prt_draft *d;
     struct prt_gltf_document file;
-    bool is_glb, plain;    // plain: the container keeps tinygltf's rules for chunk sizes
-    uint32_t glb_n;        // length in the GLB header
-    struct gltf_bytes bin; // the GLB's BIN chunk
-    uint64_t *external;    // [n_external] byteLength of buffers in files, in order
+    bool is_glb, plain;         // plain: the container keeps tinygltf's rules for chunk sizes
+    uint32_t glb_n;             // length in the GLB header
+    struct gltf_bytes bin;      // the GLB's BIN chunk
+    struct gltf_camera *camera; // [n_camera]
+    size_t n_camera;
+    uint64_t *external; // [n_external] byteLength of buffers in files, in order
     size_t n_external, n_opened;
     int file_status; // status of an external file that could not be read, logged; 0: none
     struct gltf_bytes *view_bytes; // [n_view]
@@ -50,6 +57,10 @@ void *prt_gltf_own(struct gltf *g, uint64_t bytes); // zeroed; lives until the r
 
 // Checks depth and numbers, and blanks the parts that are not read. In place.
 int prt_gltf_scan(struct gltf *g, char *json, size_t n);
+// Reads the text of the file's "cameras"; a damaged one has an angle of 0. PRT_NOMEM.
+int prt_gltf_cameras(struct gltf *g, const char *json, size_t n);
+// Adds the camera of a node, if it has one, at its world matrix [16].
+void prt_gltf_add_camera(struct gltf *g, const struct prt_gltf_node *node, const double *world);
 bool prt_gltf_needs_rewrite(const char *json, size_t n);
 int prt_gltf_rewrite(struct gltf *g, const char *json, size_t n, char **out); // free(*out)
 

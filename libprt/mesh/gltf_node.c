@@ -87,6 +87,7 @@ static int visit_node(struct gltf *g, struct walk *w, int64_t which, const doubl
             return prt_gltf_bad(g, "node %zu: its transform is too large", index);
     w->on_path[index] = 1;
     w->depth++;
+    prt_gltf_add_camera(g, &g->file.node[index], v->m);
     return prt_gltf_instance(g, index, v->m);
 }
 

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
 // One pass over a glTF's JSON before tinygltf parses it. The parser recurses, so the depth is
 // bounded here. It reads -4 and 2^32 as 0, so indices, offsets and counts are checked here.
-// Parts that are never read (images, animations, extras) are blanked, so that they cost no time
-// and cannot fail. Invalid JSON may pass: the parser refuses it.
+// Parts that tinygltf is not to read (images, animations, extras) are blanked, so that they
+// cost no time and cannot fail; gltf_camera.c reads the cameras before. Invalid JSON may pass:
+// the parser refuses it.
 #include "gltf.h"
 
 #include <ctype.h>
@@ -22,6 +23,7 @@ struct scan {
     struct span last, key;      // the last string; the key of the value that follows
     size_t blank_at, blank;     // start and depth of the part to blank; 0: none
     size_t list;                // depth of an array of node indices; 0: none
+    bool in_cameras;            // the part to blank is the file's cameras
     bool in_buffers, has_bytes; // inside "buffers"; the current object has an external file
     uint64_t length;            // its byteLength
 };
@@ -96,6 +98,7 @@ static int open_value(struct scan *s)
         (is(s->key, "extras") || (array && s->depth == 2 && one_of(s->key, unread)))) {
         s->blank = s->depth;
         s->blank_at = s->i + 1;
+        s->in_cameras = s->depth == 2 && is(s->key, "cameras");
     }
     if (array && (is(s->key, "children") || (s->depth > 2 && is(s->key, "nodes"))))
         s->list = s->depth;
@@ -108,6 +111,10 @@ static int open_value(struct scan *s)
 static int close_value(struct scan *s)
 {
     if (s->blank && s->blank == s->depth) {
+        int status = s->in_cameras ? prt_gltf_cameras(s->g, s->json + s->blank_at - 1,
+                                                      s->i + 2 - s->blank_at)
+                                   : PRT_OK;
+        if (status) return status;
         memset(s->json + s->blank_at, ' ', s->i - s->blank_at);
         s->blank = 0;
     }

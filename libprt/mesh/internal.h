@@ -23,6 +23,8 @@ struct prt_draft {
     uint32_t (*triangle)[3];
     struct prt_block *block;
     struct prt_surface *surface;
+    struct prt_mesh_camera camera[PRT_MESH_MOST_CAMERAS];
+    uint32_t n_camera;
     bool has_uv, units_known;
     // textures
     bool no_textures, has_color, has_maps;
@@ -63,6 +65,13 @@ void prt_surface_default(struct prt_surface *s, const char *name);
 int prt_read_gltf(struct prt_draft *d, uint8_t *bytes, size_t n);  // changes bytes
 int prt_read_obj(struct prt_draft *d, const char *text, size_t n); // text[n] == 0
 int prt_read_ply(struct prt_draft *d, const char *text, size_t n); // text[n] == 0
+bool prt_is_binary_stl(const void *bytes, size_t n);
+int prt_read_stl(struct prt_draft *d, const char *bytes, size_t n); // bytes[n] == 0
+// Adds a camera at `eye` that looks along `forward` (unit); its name is made unique.
+void prt_draft_camera(struct prt_draft *d, const char *name, const double eye[3],
+                      const double forward[3], const double up[3], double fovy_deg);
+// Once all vertices are known: targets of the cameras, and the turn of a file with +z up.
+void prt_draft_place(struct prt_draft *d, bool up_z);
 
 // Packs the built mesh into one block of memory (prt_free), for the parent process.
 int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out);

@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -44,6 +45,18 @@ static bool looks_like_obj(const char *p, size_t n)
     return false;
 }
 
+static bool looks_like_text_stl(const char *p, const char *end)
+{
+    return end - p > 6 && !strncasecmp(p, "solid", 5) && isspace((unsigned char)p[5]) &&
+           !memchr(p, 0, (size_t)(end - p));
+}
+
+static bool ends_with(const char *name, const char *end)
+{
+    size_t n = strlen(name), m = strlen(end);
+    return n >= m && !strcasecmp(name + n - m, end);
+}
+
 static int read_any(struct prt_draft *d, char *bytes, size_t n)
 {
     const char *start = skip_space(bytes, bytes + n);
@@ -51,8 +64,11 @@ static int read_any(struct prt_draft *d, char *bytes, size_t n)
     if (n >= 4 && !memcmp(bytes, "ply", 3) && isspace((unsigned char)bytes[3]))
         return prt_read_ply(d, bytes, n);
     if (start < bytes + n && *start == '{') return prt_read_gltf(d, (uint8_t *)bytes, n);
+    if (prt_is_binary_stl(bytes, n) || looks_like_text_stl(start, bytes + n))
+        return prt_read_stl(d, bytes, n);
     if (looks_like_obj(bytes, n)) return prt_read_obj(d, bytes, n);
-    return prt_fail(d->ctx, PRT_FORMAT, "%s: not a glTF, GLB, OBJ or PLY model", d->name);
+    if (ends_with(d->name, ".stl")) return prt_read_stl(d, bytes, n); // its faults are named
+    return prt_fail(d->ctx, PRT_FORMAT, "%s: not a glTF, GLB, OBJ, PLY or STL model", d->name);
 }
 
 static int check_opaque(const struct prt_draft *d)
@@ -74,6 +90,7 @@ static int read_draft(const struct prt_context *ctx, const struct request *r,
                           .max_triangles = 100000000,
                           .n_uv = 1,
                           .max_bytes = r->max_bytes};
+    bool up_z = r->options && r->options->up_z;
     if (r->options) {
         d.opaque = r->options->opaque;
         if (r->options->max_vertices) d.max_vertices = r->options->max_vertices;
@@ -86,6 +103,7 @@ static int read_draft(const struct prt_context *ctx, const struct request *r,
     if (!status && !d.n_triangle)
         status = prt_fail(ctx, PRT_FORMAT, "%s: has no triangles", r->name);
     if (!status) status = check_opaque(&d);
+    if (!status) prt_draft_place(&d, up_z);
     if (!status) status = prt_blob_pack(&d, out);
     prt_draft_finish(&d);
     return status;
@@ -118,7 +136,7 @@ static int parse(const struct prt_context *ctx, void *arg, struct prt_blob *out)
     return status;
 }
 
-// Only glTF has other files (buffers): nothing beside an OBJ or PLY is read.
+// Only glTF has other files (buffers): nothing beside an OBJ, PLY or STL is read.
 static bool may_have_siblings(const struct request *r)
 {
     char head[4096];

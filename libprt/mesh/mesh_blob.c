@@ -12,9 +12,11 @@ struct block_header {
     uint32_t n_vertex, n_triangle, n_block, n_object, n_surface, has_uv, units_known;
     uint32_t n_uv, has_corner_uv, has_color, has_maps, n_image;
     uint64_t texel_bytes;
+    uint32_t n_camera;
 };
-_Static_assert(sizeof(struct block_header) == 64, "header");
-static const uint64_t magic = 0x6873656d74727032;
+enum { HEADER = 128 }; // bytes kept for it
+_Static_assert(sizeof(struct block_header) <= HEADER, "header");
+static const uint64_t magic = 0x6873656d74727033;
 
 enum {
     POSITION,
@@ -30,6 +32,7 @@ enum {
     MAPS,
     IMAGE,
     TEXEL,
+    CAMERA,
     N_PART
 };
 struct layout {
@@ -52,9 +55,10 @@ static struct layout layout_of(const struct block_header *h)
                                  h->has_maps ? h->n_surface * sizeof(struct prt_surface_maps)
                                              : 0,
                                  h->n_image * sizeof(struct prt_texture_image),
-                                 h->texel_bytes};
+                                 h->texel_bytes,
+                                 h->n_camera * sizeof(struct prt_mesh_camera)};
     struct layout l;
-    l.at[0] = 64;
+    l.at[0] = HEADER;
     for (int i = 0; i < N_PART; i++) l.at[i + 1] = (l.at[i] + size[i] + 63) & ~(size_t)63;
     return l;
 }
@@ -97,7 +101,8 @@ int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out)
                              .has_color = d->has_color,
                              .has_maps = d->has_maps,
                              .n_image = d->n_image,
-                             .texel_bytes = d->texel_bytes};
+                             .texel_bytes = d->texel_bytes,
+                             .n_camera = d->n_camera};
     struct layout l = layout_of(&h);
     char *bytes = l.at[N_PART] <= d->max_bytes ? prt_calloc(l.at[N_PART], 1) : NULL;
     if (!bytes) return prt_fail(d->ctx, PRT_NOMEM, "%s: no memory for its geometry", d->name);
@@ -108,6 +113,7 @@ int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out)
     memcpy(bytes + l.at[TRIANGLE], d->triangle, (size_t)d->n_triangle * 12);
     memcpy(bytes + l.at[BLOCK], d->block, d->n_block * sizeof *d->block);
     memcpy(bytes + l.at[SURFACE], d->surface, d->n_surface * sizeof *d->surface);
+    memcpy(bytes + l.at[CAMERA], d->camera, d->n_camera * sizeof *d->camera);
     pack_textures(d, &l, bytes);
     *out = (struct prt_blob){bytes, l.at[N_PART]};
     return PRT_OK;
@@ -130,6 +136,18 @@ static bool surfaces_ok(const struct prt_mesh *m)
             return false;
     }
     return true;
+}
+
+bool prt_mesh_cameras_ok(const struct prt_mesh *m)
+{
+    for (uint32_t i = 0; i < m->n_camera; i++) {
+        const struct prt_mesh_camera *c = &m->camera[i];
+        if (!memchr(c->name, 0, sizeof c->name) || !(c->fovy_deg > 0 && c->fovy_deg < 170) ||
+            !finite_within(c->eye, 3, 1e15f) || !finite_within(c->target, 3, 1e15f) ||
+            !finite_within(c->up, 3, 1e15f))
+            return false;
+    }
+    return m->n_camera <= PRT_MESH_MOST_CAMERAS;
 }
 
 // Blocks cover vertices and triangles in order; objects ascend without gaps.
@@ -185,13 +203,13 @@ int prt_blob_open(const struct prt_context *ctx, const char *name, const struct 
                   struct prt_mesh **out)
 {
     struct block_header h;
-    if (!blob->bytes || blob->size < 64)
+    if (!blob->bytes || blob->size < HEADER)
         return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned no mesh", name);
     memcpy(&h, blob->bytes, sizeof h);
     struct layout l = layout_of(&h);
     if (h.magic != magic || h.n_vertex >> 30 || h.n_triangle >> 30 || !h.n_triangle ||
         h.n_uv > PRT_TEXTURE_MAX_UV || h.n_image >> 20 || h.texel_bytes > blob->size ||
-        l.at[N_PART] != blob->size)
+        h.n_camera > PRT_MESH_MOST_CAMERAS || l.at[N_PART] != blob->size)
         return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned a damaged mesh",
                         name);
     struct prt_mesh *m = prt_calloc(1, sizeof *m);
@@ -209,12 +227,14 @@ int prt_blob_open(const struct prt_context *ctx, const char *name, const struct 
                            .triangle = (void *)(b + l.at[TRIANGLE]),
                            .weld = (void *)(b + l.at[WELD]),
                            .block = (void *)(b + l.at[BLOCK]),
-                           .surface = (void *)(b + l.at[SURFACE])};
+                           .surface = (void *)(b + l.at[SURFACE]),
+                           .camera = h.n_camera ? (void *)(b + l.at[CAMERA]) : NULL,
+                           .n_camera = h.n_camera};
     open_textures(m, &h, &l, b);
     bool ok = finite_within(m->position[0], (size_t)m->n_vertex * 3, 1e15f) &&
               finite_within(m->normal[0], (size_t)m->n_vertex * 3, 1.001f) &&
               (!m->uv || finite_within(m->uv[0], (size_t)m->n_vertex * 2, 3e38f)) &&
-              surfaces_ok(m) && blocks_ok(m) && textures_ok(m);
+              surfaces_ok(m) && blocks_ok(m) && textures_ok(m) && prt_mesh_cameras_ok(m);
     if (!ok) {
         prt_free(m);
         return prt_fail(ctx, PRT_FORMAT, "%s: the reader process returned a damaged mesh",

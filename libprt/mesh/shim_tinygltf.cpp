@@ -223,6 +223,7 @@ prt_gltf_node node_of(const tinygltf::Node &n)
     o.name = n.name.c_str();
     o.mesh = n.mesh;
     o.skin = n.skin;
+    o.camera = n.camera;
     o.matrix = numbers(n.matrix);
     o.translation = numbers(n.translation);
     o.rotation = numbers(n.rotation);

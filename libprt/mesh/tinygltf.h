@@ -56,7 +56,7 @@ struct prt_gltf_numbers {
 };
 struct prt_gltf_node {
     const char *name;
-    int64_t mesh, skin;
+    int64_t mesh, skin, camera;
     struct prt_gltf_numbers matrix, translation, rotation, scale;
     const int *child;
     size_t n_child;

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
-// Cameras: the text of --camera, the default view, and the frame that rays are computed from.
+// Cameras: the texts of --camera and --orbit, framing, the file's own cameras, and the frame
+// that rays are computed from.
 #include "internal.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -128,16 +130,9 @@ static bool block_counts(const struct prt_mesh *mesh, const struct prt_block *bl
     return !any_translucent || mesh->surface[block->surface].translucent;
 }
 
-void prt_camera_frame(const struct prt_mesh *mesh, float aspect, struct prt_camera *out)
+// Middle of the framed vertices [mm].
+static void frame_centre(const struct prt_mesh *mesh, bool any, double centre[3])
 {
-    const double elevation = 15 * M_PI / 180, margin = 0.9, fovy = 36;
-    double scale = mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1;
-    double tan_y = tan(fovy * M_PI / 360) * margin, tan_x = tan_y * (aspect > 0 ? aspect : 1);
-    double back[3] = {0, sin(elevation), cos(elevation)};
-    double up[3] = {0, cos(elevation), -sin(elevation)};
-    bool any = false;
-    for (uint32_t b = 0; b < mesh->n_block; b++)
-        any |= mesh->surface[mesh->block[b].surface].translucent != 0;
     double lo[3] = {1e300, 1e300, 1e300}, hi[3] = {-1e300, -1e300, -1e300};
     for (uint32_t b = 0; b < mesh->n_block; b++) {
         const struct prt_block *k = &mesh->block[b];
@@ -149,23 +144,133 @@ void prt_camera_frame(const struct prt_mesh *mesh, float aspect, struct prt_came
             }
         }
     }
-    double centre[3], distance = 0;
     for (int i = 0; i < 3; i++) centre[i] = hi[i] >= lo[i] ? (lo[i] + hi[i]) / 2 : 0;
-    // the nearest distance at which every vertex lies inside both fields of view
+}
+
+// The axes of a view from azimuth and elevation [rad]: towards the eye, right and up.
+struct view {
+    double back[3], right[3], up[3];
+};
+
+static struct view view_from(double azimuth, double elevation)
+{
+    double sa = sin(azimuth), ca = cos(azimuth), se = sin(elevation), ce = cos(elevation);
+    return (struct view){{sa * ce, se, ca * ce}, {ca, 0, -sa}, {-sa * se, ce, -ca * se}};
+}
+
+// The nearest distance [mm] at which every framed vertex lies inside both fields of view, whose
+// half angles have these tangents.
+static double frame_distance(const struct prt_mesh *mesh, bool any, const double centre[3],
+                             const struct view *view, double tan_x, double tan_y)
+{
+    double distance = 0;
     for (uint32_t b = 0; b < mesh->n_block; b++) {
         const struct prt_block *k = &mesh->block[b];
         if (!block_counts(mesh, k, any)) continue;
         for (uint32_t v = k->vertex_begin; v < k->vertex_begin + k->n_vertex; v++) {
             double p[3];
             for (int i = 0; i < 3; i++) p[i] = mesh->position[v][i] - centre[i];
-            double z = dot3(p, back), d = z + fabs(dot3(p, up)) / tan_y;
-            distance = fmax(distance, fmax(d, z + fabs(p[0]) / tan_x));
+            double z = dot3(p, view->back), d = z + fabs(dot3(p, view->up)) / tan_y;
+            distance = fmax(distance, fmax(d, z + fabs(dot3(p, view->right)) / tan_x));
         }
     }
-    if (!(distance > 0)) distance = 1;
-    *out = (struct prt_camera){.up = {0, 1, 0}, .fovy_deg = (float)fovy, .automatic = true};
+    return distance > 0 ? distance : 1;
+}
+
+void prt_camera_frame_from(const struct prt_mesh *mesh, float aspect,
+                           const struct prt_orbit *orbit, struct prt_camera *out)
+{
+    const double margin = 0.9, fovy = 36, degree = M_PI / 180;
+    double scale = mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1, centre[3];
+    double tan_y = tan(fovy * degree / 2) * margin, tan_x = tan_y * (aspect > 0 ? aspect : 1);
+    struct view view =
+        view_from((double)orbit->azimuth_deg * degree, (double)orbit->elevation_deg * degree);
+    bool any = false;
+    for (uint32_t b = 0; b < mesh->n_block; b++)
+        any |= mesh->surface[mesh->block[b].surface].translucent != 0;
+    frame_centre(mesh, any, centre);
+    double distance = frame_distance(mesh, any, centre, &view, tan_x, tan_y);
+    // Zoom narrows the field of view: the eye never enters the model.
+    double zoom = orbit->zoom > 0 ? (double)orbit->zoom : 1;
+    double angle = zoom == 1 ? fovy : 2 * atan(tan(fovy * degree / 2) / zoom) / degree;
+    *out = (struct prt_camera){.fovy_deg = (float)angle};
     for (int i = 0; i < 3; i++) {
         out->target[i] = (float)(centre[i] / scale);
-        out->eye[i] = (float)((centre[i] + distance * back[i]) / scale);
+        out->eye[i] = (float)((centre[i] + distance * view.back[i]) / scale);
+        out->up[i] = (float)view.up[i];
     }
+}
+
+void prt_camera_frame(const struct prt_mesh *mesh, float aspect, struct prt_camera *out)
+{
+    const struct prt_orbit orbit = {.elevation_deg = 15, .zoom = 1};
+    prt_camera_frame_from(mesh, aspect, &orbit, out);
+    out->up[0] = out->up[2] = 0;
+    out->up[1] = 1;
+    out->automatic = true;
+}
+
+bool prt_orbit_ok(const struct prt_orbit *orbit)
+{
+    return fabsf(orbit->azimuth_deg) <= 1e6f && fabsf(orbit->elevation_deg) <= 90 &&
+           orbit->zoom >= 0.1f && orbit->zoom <= 100;
+}
+
+int prt_orbit_parse(const struct prt_context *ctx, const char *text, struct prt_orbit *out)
+{
+    struct prt_orbit o = {.zoom = 1};
+    float *value[3] = {&o.azimuth_deg, &o.elevation_deg, &o.zoom};
+    const char *p = text;
+    int n = 0;
+    while (n < 3) {
+        char *end;
+        *value[n] = strtof(p, &end);
+        if (end == p || !isfinite(*value[n])) break;
+        n++;
+        p = end;
+        if (*p != ',' || n == 3) break;
+        p++;
+    }
+    if (*p || n < 2)
+        return prt_fail(ctx, PRT_ARG,
+                        "orbit '%s': expected AZIMUTH,ELEVATION[,ZOOM], as 30,15 or 30,15,2",
+                        text);
+    if (!prt_orbit_ok(&o))
+        return prt_fail(ctx, PRT_ARG,
+                        "orbit '%s': the elevation is in [-90, 90] degrees, the zoom in "
+                        "[0.1, 100]",
+                        text);
+    *out = o;
+    return PRT_OK;
+}
+
+int prt_camera_named(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                     const char *name, struct prt_camera *out)
+{
+    const char *list[PRT_MESH_MOST_CAMERAS];
+    char remedy[256];
+    if (!mesh->n_camera)
+        return prt_fail(ctx, PRT_ARG,
+                        "camera '%s': the model has no cameras of its own; give "
+                        "EYE:TARGET[:UP[:FOVY]] or an orbit",
+                        name);
+    for (uint32_t i = 0; i < mesh->n_camera; i++) list[i] = mesh->camera[i].name;
+    int found = prt_name_choose(name, list, mesh->n_camera, remedy, sizeof remedy);
+    if (found < 0)
+        return prt_fail(ctx, PRT_ARG, "camera '%s' is none of the model's %u (first: %s)%s%s",
+                        name, mesh->n_camera, list[0], remedy[0] ? "; " : "", remedy);
+    const struct prt_mesh_camera *c = &mesh->camera[found];
+    *out = (struct prt_camera){.fovy_deg = c->fovy_deg};
+    memcpy(out->eye, c->eye, sizeof out->eye);
+    memcpy(out->target, c->target, sizeof out->target);
+    memcpy(out->up, c->up, sizeof out->up);
+    return PRT_OK;
+}
+
+void prt_camera_print(const struct prt_camera *c, char *text, size_t size)
+{
+    snprintf(text, size, "%.7g,%.7g,%.7g:%.7g,%.7g,%.7g:%.7g,%.7g,%.7g:%.7g", (double)c->eye[0],
+             (double)c->eye[1], (double)c->eye[2], (double)c->target[0], (double)c->target[1],
+             (double)c->target[2], (double)c->up[0], (double)c->up[1], (double)c->up[2],
+             (double)c->fovy_deg);
 }

@@ -147,15 +147,14 @@ enum { CHUNK = 1024 };
 static const float near_spacings = 6; // a bake integrates cells within 3.5
 
 // B(x)/pi: the sum over all samples of the object, as points in the far field and as cells in
-// the near field. out[n_light].
+// the near field. Adds to out[n_light].multiple.
 static void multiple_at(const struct job *j, uint32_t v, const struct prt_diffusion dipole[3],
-                        double (*out)[3])
+                        struct walk_light *out)
 {
     const struct prt_surface_points *s = j->surface;
     uint32_t object = j->mesh->block[j->vertex_block[v]].object;
     const float *x = j->mesh->position[v];
     float near_mm = near_spacings * s->spacing, r2[CHUNK], afar[2 * CHUNK], rd[3][2 * CHUNK];
-    memset(out, 0, j->n_light * sizeof *out);
     for (uint32_t begin = s->object_begin[object], end = s->object_begin[object + 1];
          begin < end; begin += CHUNK) {
         uint32_t n = end - begin < CHUNK ? end - begin : CHUNK;
@@ -178,11 +177,11 @@ static void multiple_at(const struct job *j, uint32_t v, const struct prt_diffus
         }
         for (unsigned l = 0; l < j->n_light; l++)
             for (unsigned c = 0; c < 3; c++)
-                out[l][c] += (double)dot_array(
+                out[l].multiple[c] += (double)dot_array(
                     rd[c], j->irradiance + ((size_t)l * 3 + c) * s->n_sample + begin, n);
     }
     for (unsigned l = 0; l < j->n_light; l++)
-        for (int c = 0; c < 3; c++) out[l][c] /= M_PI;
+        for (int c = 0; c < 3; c++) out[l].multiple[c] /= M_PI;
 }
 
 // F_t of the exit: towards the eye, or its mean over the hemisphere.
@@ -206,48 +205,77 @@ static void opaque_color(const struct job *j, uint32_t v, float out[3])
     for (int c = 0; c < 3; c++) out[c] *= (float)(albedo[c] / M_PI);
 }
 
+static bool scatters_within(const struct job *j)
+{
+    return j->o->term == PRT_REFERENCE_MULTIPLE || j->o->term == PRT_REFERENCE_TOTAL ||
+           j->o->term == PRT_REFERENCE_UNSCATTERED;
+}
+
+// The term of the options at one translucent vertex; all has the multiple scattering.
+static void shade_inside(const struct job *j, uint32_t v, const struct walk_light *all,
+                         float out[3], float error[3])
+{
+    enum prt_reference_term term = j->o->term;
+    float part[3];
+    double walked = j->o->n_walk ? prt_fresnel_mean_transmittance(j->material->eta) : 1;
+    for (int c = 0; c < 3; c++) {
+        out[c] = (float)(term == PRT_REFERENCE_UNSCATTERED ? all->unscattered[c]
+                         : term == PRT_REFERENCE_TOTAL
+                             ? (all->multiple[c] + all->unscattered[c]) / walked
+                             : all->multiple[c]);
+        error[c] = (float)all->error[c];
+    }
+    if (term == PRT_REFERENCE_IRRADIANCE) vertex_irradiance(j, v, j->material->eta, out);
+    if ((term == PRT_REFERENCE_SINGLE || term == PRT_REFERENCE_TOTAL) &&
+        !j->material->profile) {
+        prt_reference_single(j, v, part);
+        for (int c = 0; c < 3; c++) out[c] += part[c];
+    }
+    if (term == PRT_REFERENCE_TOTAL && j->o->no_exit) {
+        for (int c = 0; c < 3; c++) error[c] /= (float)walked;
+    } else if (term == PRT_REFERENCE_TOTAL) {
+        double ft = view_transmittance(j, v);
+        for (int c = 0; c < 3; c++) {
+            out[c] = fmaxf((float)(ft * out[c]), 0);
+            error[c] *= (float)(ft / walked);
+        }
+    }
+}
+
 // Material m under every light at one vertex: the term of the options into color[l].
-static void shade_vertex(const struct job *all, unsigned m, uint32_t v, size_t at,
-                         double (*multiple)[3])
+static void shade_vertex(struct job *all, unsigned m, uint32_t v, size_t at,
+                         struct walk_light *light)
 {
     struct job j = *all;
-    enum prt_reference_term term = j.o->term;
+    float ignored[3];
     j.material = j.materials[m];
     bool inside = translucent(&j, v);
-    if (inside && term != PRT_REFERENCE_SINGLE && term != PRT_REFERENCE_IRRADIANCE)
-        multiple_at(&j, v, j.dipoles[m], multiple);
-    else memset(multiple, 0, j.n_light * sizeof *multiple);
+    memset(light, 0, j.n_light * sizeof *light);
+    if (inside && scatters_within(&j) && j.o->n_walk) prt_reference_walk(all, m, v, light);
+    else if (inside && scatters_within(&j)) multiple_at(&j, v, j.dipoles[m], light);
     for (unsigned l = 0; l < j.n_light; l++) {
-        float *out = j.color[m * j.n_light + l][at], part[3];
+        float *out = j.color[m * j.n_light + l][at];
+        float *error =
+            j.o->standard_error ? j.o->standard_error[m * j.n_light + l][at] : ignored;
         j.rays = j.lights ? j.lights[l] : NULL;
-        for (int c = 0; c < 3; c++) out[c] = (float)multiple[l][c];
-        if (!inside) {
-            if (term != PRT_REFERENCE_SINGLE) opaque_color(&j, v, out);
-            continue;
-        }
-        if (term == PRT_REFERENCE_IRRADIANCE) vertex_irradiance(&j, v, j.material->eta, out);
-        if ((term == PRT_REFERENCE_SINGLE || term == PRT_REFERENCE_TOTAL) &&
-            !j.material->profile) {
-            prt_reference_single(&j, v, part);
-            for (int c = 0; c < 3; c++) out[c] += part[c];
-        }
-        if (term == PRT_REFERENCE_TOTAL) {
-            double ft = view_transmittance(&j, v);
-            for (int c = 0; c < 3; c++) out[c] = fmaxf((float)(ft * out[c]), 0);
-        }
+        memset(out, 0, 3 * sizeof *out);
+        memset(error, 0, 3 * sizeof *error);
+        if (inside) shade_inside(&j, v, &light[l], out, error);
+        else if (j.o->term != PRT_REFERENCE_SINGLE && j.o->term != PRT_REFERENCE_UNSCATTERED)
+            opaque_color(&j, v, out);
     }
 }
 
 static int vertex_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
-    const struct job *j = arg;
-    double(*multiple)[3] = prt_alloc(j->n_light, sizeof *multiple);
-    if (!multiple) return PRT_NOMEM;
+    struct job *j = arg;
+    struct walk_light *light = prt_alloc(j->n_light, sizeof *light);
+    if (!light) return PRT_NOMEM;
     prt_trace_thread_init();
     for (size_t i = begin; i < end; i++)
         for (unsigned m = 0; m < j->n_material; m++)
-            shade_vertex(j, m, j->o->vertex ? j->o->vertex[i] : (uint32_t)i, i, multiple);
-    prt_free(multiple);
+            shade_vertex(j, m, j->o->vertex ? j->o->vertex[i] : (uint32_t)i, i, light);
+    prt_free(light);
     return PRT_OK;
 }
 
@@ -342,9 +370,24 @@ static int check_materials(struct job *j)
             return prt_fail(j->ctx, PRT_MISMATCH,
                             "eta is %g and %g: the media of one call must have the same",
                             (double)j->materials[0]->eta, (double)j->materials[m]->eta);
+        if (j->o->n_walk && j->materials[m]->profile)
+            return prt_fail(j->ctx, PRT_MISMATCH,
+                            "a material with a profile has no random walk: give sigma_s' and "
+                            "sigma_a, or scattering by the dipole");
         prt_material_dipoles(j->materials[m], j->dipoles[m]);
     }
     return PRT_OK;
+}
+
+// Walks that leaked or became too long have brought no light.
+static void report_lost(const struct job *j)
+{
+    double share = j->n_walks ? (double)j->n_lost / (double)j->n_walks : 0;
+    if (share > 0.01)
+        prt_log(j->ctx, PRT_LOG_WARNING,
+                "%.2g %% of the walks did not leave the model: its surface is open, crosses "
+                "itself or is wound inwards; the colours are too dark by as much",
+                100 * share);
 }
 
 int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mesh,
@@ -367,20 +410,26 @@ int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mes
     bool any = false;
     for (uint32_t b = 0; b < mesh->n_block; b++)
         any |= mesh->surface[mesh->block[b].surface].translucent && mesh->block[b].n_triangle;
-    bool multiple =
-        options->term == PRT_REFERENCE_MULTIPLE || options->term == PRT_REFERENCE_TOTAL;
     int status = check_materials(&j);
     if (status == PRT_OK && !(j.vertex_block = prt_mesh_vertex_blocks(mesh)))
         status = PRT_NOMEM;
     if (status == PRT_OK) status = build_corners(&j);
     if (status == PRT_OK) status = prt_scene_create(ctx, mesh, &j.scene);
-    if (status == PRT_OK && multiple && any) status = prepare_multiple(&j, light);
+    if (status == PRT_OK && scatters_within(&j) && any) {
+        status = prepare_multiple(&j, light);
+        if (status == PRT_OK && options->n_walk) status = prt_reference_walk_prepare(&j);
+    }
     if (status == PRT_OK) status = prepare_lights(&j, light);
     size_t n = options->vertex ? options->n_vertex : mesh->n_vertex;
-    if (status == PRT_OK) status = prt_parallel_for(ctx, "reference", n, 16, vertex_range, &j);
+    if (status == PRT_OK)
+        status =
+            prt_parallel_for(ctx, "reference", n, options->n_walk ? 1 : 16, vertex_range, &j);
+    if (status == PRT_OK) report_lost(&j);
     for (unsigned l = 0; j.lights && l < n_light; l++) prt_light_rays_destroy(j.lights[l]);
     prt_free(j.lights);
     prt_free(j.dipoles);
+    prt_surface_strata_destroy(j.strata);
+    prt_walk_space_destroy(j.space);
     prt_surface_destroy(j.surface);
     prt_scene_destroy(j.scene);
     prt_free(j.irradiance);

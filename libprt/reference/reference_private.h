@@ -6,6 +6,7 @@
 #include "prt/reference.h"
 #include "prt/surface.h"
 #include "prt/trace.h"
+#include "prt/walk.h"
 #include "reference/lights.h"
 
 struct job {
@@ -25,6 +26,16 @@ struct job {
     struct light_rays **lights;                  // [n_light] rays that vertices trace
     float *irradiance;                           // [n_light][3][n_sample]
     float (*const *color)[3];                    // [n_material * n_light]
+    // With walks (METHODS §9).
+    struct prt_walk_space *space;
+    struct prt_surface_strata *strata;
+    uint64_t n_walks, n_lost; // atomic
+};
+
+// Light of one vertex under one light by walks.
+struct walk_light {
+    double multiple[3], unscattered[3]; // B/pi of two and more, and of no scatterings
+    double error[3];                    // standard error of the term asked for
 };
 
 static inline float dot3(const float a[3], const float b[3])
@@ -35,5 +46,9 @@ static inline float dot3(const float a[3], const float b[3])
 void prt_reference_face_normal(const struct prt_mesh *mesh, uint32_t t, float out[3]);
 /* L1 of vertex v under j->rays in j->material (METHODS §1, single scattering). */
 void prt_reference_single(const struct job *j, uint32_t v, float out[3]);
+/* What walks need besides samples and their irradiance. */
+int prt_reference_walk_prepare(struct job *j);
+/* Walks from vertex v in medium m under every light: out[n_light]. */
+void prt_reference_walk(struct job *j, unsigned m, uint32_t v, struct walk_light *out);
 
 #endif

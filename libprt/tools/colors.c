@@ -49,7 +49,8 @@ static int answer(struct tool *tool, const struct source *source, const struct p
 }
 
 static void summary(const struct tool *tool, const struct source *source, const char *engine,
-                    uint32_t cube, double seconds, double lost, const float (*color)[3])
+                    uint32_t cube, double seconds, double lost, double noise,
+                    const float (*color)[3])
 {
     uint32_t n = source->mesh->n_vertex;
     double mean[3] = {0};
@@ -62,6 +63,9 @@ static void summary(const struct tool *tool, const struct source *source, const 
             prt_log(&tool->ctx, PRT_LOG_NOTE,
                     "the bake's radial basis represents this material within %.2g %%",
                     100 * lost);
+        if (noise > 0)
+            prt_log(&tool->ctx, PRT_LOG_NOTE, "standard error of the walks: %.2g %%",
+                    100 * noise);
         return;
     }
     cJSON *root = cJSON_CreateObject();
@@ -73,6 +77,7 @@ static void summary(const struct tool *tool, const struct source *source, const 
     cJSON_AddNumberToObject(root, "seconds", seconds);
     if (source->material_given && source->transport)
         cJSON_AddNumberToObject(root, "material_error", lost);
+    if (noise > 0) cJSON_AddNumberToObject(root, "standard_error", noise);
     cJSON_AddItemToObject(root, "mean", cJSON_CreateDoubleArray(mean, 3));
     char *text = cJSON_PrintUnformatted(root);
     puts(text ? text : "{}");
@@ -121,7 +126,11 @@ int run_colors(struct tool *tool)
     if (status || (status = source_open(tool, o->input[0], true, &source))) return status;
     const char *engine = choose_engine(tool, &source);
     bool reference = engine && !strcmp(engine, "reference");
-    double lost = 0;
+    double lost = 0, noise = 0;
+    if (engine && !reference && o->scattering && !strcmp(o->scattering, "walk")) {
+        status = usage_error(o, "--scattering walk is for --engine reference");
+        goto done;
+    }
     status = engine ? load_light(tool, &source, reference, &cube) : EXIT_USAGE;
     if (!status && !reference) status = source_material_error(tool, &source, o->term, &lost);
     if (status) goto done;
@@ -134,14 +143,14 @@ int run_colors(struct tool *tool)
     }
     double started = prt_time_s();
     status = reference ? reference_term(tool, &source, &cube, o->term ? o->term : "total",
-                                        eye_mm, color)
+                                        eye_mm, color, &noise)
                        : answer(tool, &source, cube.texel ? &cube : NULL, eye_mm, color);
     double seconds = prt_time_s() - started;
     if (!status)
         status = tool_exit(
             tool, output_colors(&tool->ctx, o->out, source.mesh, (const float(*)[3])color));
     if (!status)
-        summary(tool, &source, engine, cube.n, seconds, lost, (const float(*)[3])color);
+        summary(tool, &source, engine, cube.n, seconds, lost, noise, (const float(*)[3])color);
 done:
     prt_free(color);
     prt_cube_finish(&cube);

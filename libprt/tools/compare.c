@@ -12,6 +12,7 @@
 struct values {
     float *rgb; // [n][3]
     size_t n;
+    double noise;           // relative standard error of walks; 0: none
     uint32_t width, height; // 0 for colours
 };
 
@@ -89,7 +90,8 @@ static cJSON *number(double x)
     return isfinite(x) ? cJSON_CreateNumber(x) : cJSON_CreateNull();
 }
 
-static int report(const struct tool *tool, const struct values *a, const struct difference *d)
+static int report(const struct tool *tool, const struct values *a, const struct values *b,
+                  const struct difference *d)
 {
     const struct options *o = &tool->opt;
     bool within = !o->max_rmse_set || d->rmse <= o->max_rmse;
@@ -101,6 +103,7 @@ static int report(const struct tool *tool, const struct values *a, const struct 
         cJSON_AddNumberToObject(root, "count", (double)a->n);
         cJSON_AddItemToObject(root, "rmse", number(d->rmse));
         cJSON_AddItemToObject(root, "rmse_rgb", channels);
+        if (b->noise > 0) cJSON_AddNumberToObject(root, "reference_noise", b->noise);
         cJSON_AddItemToObject(root, "max_abs", number(d->max_abs));
         cJSON_AddNumberToObject(root, "max_abs_at", (double)d->max_at);
         if (o->max_rmse_set) cJSON_AddBoolToObject(root, "within", within);
@@ -111,6 +114,8 @@ static int report(const struct tool *tool, const struct values *a, const struct 
     } else {
         printf("relative RMSE %.6g  (r %.6g  g %.6g  b %.6g)\n", d->rmse, d->channel[0],
                d->channel[1], d->channel[2]);
+        if (b->noise > 0)
+            printf("standard error of the reference's walks %.3g of its colours\n", b->noise);
         if (a->width)
             printf("max |A-B| %.6g at pixel %zu,%zu of %ux%u\n", d->max_abs,
                    d->max_at % a->width, d->max_at / a->width, a->width, a->height);
@@ -137,26 +142,19 @@ uint32_t *pick_vertices(uint32_t n_vertex, uint32_t n, uint64_t seed)
 
 static int reference_at(struct tool *tool, const struct source *source,
                         const struct prt_cube *light, const float *eye, const uint32_t *pick,
-                        uint32_t n, float *rgb)
+                        uint32_t n, float *rgb, double *noise)
 {
-    const struct options *o = &tool->opt;
-    const char *term = o->term ? o->term : "total";
-    struct prt_reference_options options = {
-        .term = !strcmp(term, "multiple") ? PRT_REFERENCE_MULTIPLE
-                : !strcmp(term, "single") ? PRT_REFERENCE_SINGLE
-                                          : PRT_REFERENCE_TOTAL,
-        .eye = eye,
-        .n_sample = (uint32_t)o->samples,
-        .n_ray = (uint32_t)o->rays,
-        .n_single = (uint32_t)o->single_points,
-        .seed = o->seed,
-        .vertex = pick,
-        .n_vertex = n,
-    };
-    return prt_reference_colors(&tool->ctx, source->mesh, &source->material, light, &options,
-                                (float(*)[3])rgb);
+    struct prt_reference_options options = reference_options(&tool->opt, tool->opt.term, eye);
+    float(*error)[3] = options.n_walk ? prt_alloc(n, sizeof *error) : NULL;
+    options.vertex = pick;
+    options.n_vertex = n;
+    if (error) options.standard_error = &error;
+    int status = prt_reference_colors(&tool->ctx, source->mesh, &source->material, light,
+                                      &options, (float(*)[3])rgb);
+    *noise = error && !status ? relative_noise(error[0], rgb, 3 * (size_t)n) : 0;
+    prt_free(error);
+    return status;
 }
-
 // Compares A.prt with the reference engine at random vertices under --env. Polynomial transport
 // keeps its own light; the reference engine takes the light at the resolution of --cube.
 static int against_reference(struct tool *tool, struct values *a, struct values *b)
@@ -202,7 +200,8 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
                  : prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the colours");
     if (!status)
         status = prt_answer_colors(&tool->ctx, source.transport, &query, (float(*)[3])color);
-    if (!status) status = reference_at(tool, &source, &light, query.eye, pick, n, b->rgb);
+    if (!status)
+        status = reference_at(tool, &source, &light, query.eye, pick, n, b->rgb, &b->noise);
     for (uint32_t i = 0; i < n && !status; i++)
         memcpy(a->rgb + 3 * (size_t)i, color + 3 * (size_t)pick[i], 3 * sizeof *color);
     exit_status = tool_exit(tool, status);
@@ -233,7 +232,7 @@ int run_compare(struct tool *tool)
     }
     if (!status) {
         struct difference d = measure(&a, &b);
-        status = report(tool, &a, &d);
+        status = report(tool, &a, &b, &d);
     }
     // Pictures and tables come from the same allocator.
     prt_free(a.rgb);

@@ -160,26 +160,14 @@ static int load_lights(struct table *t)
     return status;
 }
 
-static enum prt_reference_term reference_word(const char *word)
-{
-    return word && !strcmp(word, "multiple") ? PRT_REFERENCE_MULTIPLE
-           : word && !strcmp(word, "single") ? PRT_REFERENCE_SINGLE
-                                             : PRT_REFERENCE_TOTAL;
-}
-
 static int fill_reference(struct table *t, const float *eye)
 {
     const struct options *o = &t->tool->opt;
-    struct prt_reference_options options = {
-        .term = reference_word(o->term),
-        .eye = eye,
-        .n_sample = o->samples ? (uint32_t)o->samples : TABLE_SAMPLES,
-        .n_ray = o->rays ? (uint32_t)o->rays : TABLE_RAYS,
-        .n_single = (uint32_t)o->single_points,
-        .seed = o->seed,
-        .vertex = t->vertex,
-        .n_vertex = t->n,
-    };
+    struct prt_reference_options options = reference_options(o, o->term, eye);
+    if (!o->samples) options.n_sample = TABLE_SAMPLES;
+    if (!o->rays) options.n_ray = TABLE_RAYS;
+    options.vertex = t->vertex;
+    options.n_vertex = t->n;
     const struct prt_material *media[MAX_MEDIA];
     const struct prt_cube *light[MAX_ENV];
     float(*color[MAX_MEDIA * MAX_ENV])[3];

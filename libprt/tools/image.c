@@ -19,6 +19,7 @@ struct picture {
     struct prt_env *env;
     struct prt_cube light, mirror, back;
     struct prt_camera camera;
+    struct prt_orbit orbit;
     struct prt_visibility *visibility;
     struct prt_specular *specular;
     float *planes;
@@ -52,15 +53,30 @@ static void keep_line(void *user, enum prt_log_level level, const char *line)
     snprintf(user, MAX_LINE, "%s", line);
 }
 
-// The library's message, which begins with "camera", becomes the one about wrong usage.
-static int parse_camera(const struct tool *tool, struct prt_camera *camera)
+// The library's message about a camera or an orbit becomes one about wrong usage.
+static int camera_error(const struct tool *tool, int status, const char *line)
 {
+    return status ? usage_error(&tool->opt, "--%s", line) : EXIT_DONE;
+}
+
+static bool is_position(const char *camera)
+{
+    return strchr(camera, ':') || strchr(camera, ',') || !strcmp(camera, "auto");
+}
+
+// Texts that need no mesh are checked before the model is read.
+static int parse_view(const struct tool *tool, struct picture *p)
+{
+    const struct options *o = &tool->opt;
     char line[MAX_LINE] = "";
     struct prt_context ctx = tool->ctx;
+    int status = PRT_OK;
     ctx.log = keep_line;
     ctx.log_user = line;
-    if (!prt_camera_parse(&ctx, tool->opt.camera, camera)) return EXIT_DONE;
-    return usage_error(&tool->opt, "--%s", line);
+    if (o->camera && is_position(o->camera))
+        status = prt_camera_parse(&ctx, o->camera, &p->camera);
+    if (o->orbit) status = prt_orbit_parse(&ctx, o->orbit, &p->orbit);
+    return camera_error(tool, status, line);
 }
 
 static int check_usage(struct tool *tool, struct picture *p)
@@ -70,9 +86,12 @@ static int check_usage(struct tool *tool, struct picture *p)
     if (!o->out) return usage_error(o, "-o OUT is missing");
     if (!prt_picture_format(o->out)) return picture_path_error(o, "pictures");
     if (!o->env) return usage_error(o, "--env is missing");
-    if (o->camera && o->eye.set)
-        return usage_error(o, "--camera says where the eye is: leave --eye out");
-    if (o->camera && (status = parse_camera(tool, &p->camera))) return status;
+    if ((o->camera || o->orbit) && o->eye.set)
+        return usage_error(o, "--%s says where the eye is: leave --eye out",
+                           o->camera ? "camera" : "orbit");
+    if (o->camera && o->orbit)
+        return usage_error(o, "--camera and --orbit both place the eye: choose one");
+    if ((status = parse_view(tool, p))) return status;
     if (maps_given(o) &&
         (!o->engine || !strcmp(o->engine, "vertex") || !strcmp(o->engine, "reference")))
         return usage_error(o, "maps are for --engine splat, tangent, texture and hybrid");
@@ -97,6 +116,10 @@ static const char *choose_engine(struct tool *tool, const struct source *source,
     const struct options *o = &tool->opt;
     const char *engine = o->engine ? o->engine : source->transport ? "vertex" : "reference";
     *status = EXIT_DONE;
+    if (strcmp(engine, "reference") && o->scattering && !strcmp(o->scattering, "walk")) {
+        *status = usage_error(o, "--scattering walk is for --engine reference");
+        return NULL;
+    }
     if (!strcmp(engine, "vertex")) {
         if (!source->transport) {
             *status = usage_error(o,
@@ -124,12 +147,21 @@ static const char *choose_engine(struct tool *tool, const struct source *source,
     return engine;
 }
 
-static void place_camera(const struct tool *tool, struct picture *p, float aspect)
+static int place_camera(const struct tool *tool, struct picture *p, float aspect)
 {
-    if (tool->opt.camera) return;
-    prt_camera_frame(p->source.mesh, aspect, &p->camera);
-    if (!tool->opt.eye.set) return;
-    memcpy(p->camera.eye, tool->opt.eye.v, sizeof p->camera.eye);
+    const struct options *o = &tool->opt;
+    char line[MAX_LINE] = "";
+    struct prt_context ctx = tool->ctx;
+    ctx.log = keep_line;
+    ctx.log_user = line;
+    if (o->camera && is_position(o->camera)) return EXIT_DONE;
+    if (o->camera)
+        return camera_error(tool, prt_camera_named(&ctx, p->source.mesh, o->camera, &p->camera),
+                            line);
+    if (o->orbit) prt_camera_frame_from(p->source.mesh, aspect, &p->orbit, &p->camera);
+    else prt_camera_frame(p->source.mesh, aspect, &p->camera);
+    if (o->eye.set) memcpy(p->camera.eye, o->eye.v, sizeof p->camera.eye);
+    return EXIT_DONE;
 }
 
 static int no_memory(const struct tool *tool)
@@ -160,18 +192,12 @@ static int reference_planes(struct tool *tool, struct picture *p, const char *te
     size_t n = (size_t)p->source.mesh->n_vertex;
     float eye[3];
     for (int i = 0; i < 3; i++) eye[i] = p->camera.eye[i] * p->source.mesh->mm_per_unit;
-    bool total = !strcmp(term, "total");
+    struct prt_reference_options options = reference_options(&tool->opt, term, eye);
+    options.no_exit = true;
     p->n_plane = 1;
     if (!(p->planes = prt_alloc(n, 3 * sizeof(float)))) return no_memory(tool);
-    int status = reference_term(tool, &p->source, &p->light, total ? "multiple" : term, eye,
-                                (float(*)[3])p->planes);
-    if (status || !total) return status;
-    float *single = prt_alloc(n, 3 * sizeof(float));
-    if (!single) return no_memory(tool);
-    status = reference_term(tool, &p->source, &p->light, "single", eye, (float(*)[3])single);
-    for (size_t i = 0; i < 3 * n && !status; i++) p->planes[i] += single[i];
-    prt_free(single);
-    return status;
+    return tool_exit(tool, prt_reference_colors(&tool->ctx, p->source.mesh, &p->source.material,
+                                                &p->light, &options, (float(*)[3])p->planes));
 }
 
 // Cubes of the light: the engine's own, one for mirrors and one for the background.
@@ -279,10 +305,7 @@ static void summary(const struct tool *tool, const struct picture *p, const char
         return;
     }
     char camera[256];
-    snprintf(camera, sizeof camera, "%.7g,%.7g,%.7g:%.7g,%.7g,%.7g:%.7g,%.7g,%.7g:%.7g",
-             (double)c->eye[0], (double)c->eye[1], (double)c->eye[2], (double)c->target[0],
-             (double)c->target[1], (double)c->target[2], (double)c->up[0], (double)c->up[1],
-             (double)c->up[2], (double)c->fovy_deg);
+    prt_camera_print(c, camera, sizeof camera);
     cJSON *root = cJSON_CreateObject();
     cJSON_AddStringToObject(root, "out", tool->opt.out);
     cJSON_AddStringToObject(root, "engine", engine);
@@ -325,7 +348,7 @@ static int draw(struct tool *tool, struct picture *p)
                            p->source.transport->cube);
     if (vertex && (status = source_material_error(tool, &p->source, term, &p->lost)))
         return status;
-    place_camera(tool, p, (float)width / (float)height);
+    if ((status = place_camera(tool, p, (float)width / (float)height))) return status;
     double started = prt_time_s();
     if ((status = load_lights(tool, p, vertex, total))) return status;
     status =

@@ -98,6 +98,22 @@ static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
         cJSON_AddNumberToObject(m, "texture_split", (double)mesh->texture_split);
 }
 
+// The default camera of a picture of 800x600 and the file's own, each as --camera takes it.
+static void add_cameras(cJSON *root, const struct prt_mesh *mesh)
+{
+    cJSON *list = cJSON_AddObjectToObject(root, "cameras");
+    struct prt_camera c;
+    char text[256];
+    prt_camera_frame(mesh, 4.f / 3, &c);
+    prt_camera_print(&c, text, sizeof text);
+    cJSON_AddStringToObject(list, "framed (default, --orbit 0,15)", text);
+    for (uint32_t i = 0; i < mesh->n_camera; i++) {
+        (void)prt_camera_named(NULL, mesh, mesh->camera[i].name, &c);
+        prt_camera_print(&c, text, sizeof text);
+        cJSON_AddStringToObject(list, mesh->camera[i].name, text);
+    }
+}
+
 // Ranks of the clusters that have any: dense numbers a vertex.
 static void add_ranks(cJSON *o, const struct prt_tensor *t)
 {
@@ -220,6 +236,7 @@ static int describe_prt(struct tool *tool, const char *path, cJSON *root)
     snprintf(hash, sizeof hash, "%016llx", (unsigned long long)t->mesh_hash);
     cJSON_AddStringToObject(root, "mesh_hash", hash);
     add_mesh(root, &t->mesh);
+    add_cameras(root, &t->mesh);
     cJSON *tensors = cJSON_AddArrayToObject(root, "tensors");
     for (uint32_t i = 0; i < t->n_tensor && !status; i++)
         status = add_tensor(tool, tensors, t, &t->tensor[i], &total);
@@ -238,12 +255,13 @@ static int describe_prt(struct tool *tool, const char *path, cJSON *root)
 static int describe_model(struct tool *tool, const char *path, cJSON *root)
 {
     struct prt_mesh *mesh;
-    struct prt_mesh_options options = {.opaque = tool->opt.n_opaque ? tool->opt.opaque : NULL};
+    struct prt_mesh_options options = source_mesh_options(&tool->opt);
     int status = prt_mesh_load(&tool->ctx, path, &options, &mesh);
     if (status == PRT_ARG && options.opaque) return EXIT_USAGE;
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     cJSON_AddStringToObject(root, "kind", "model");
     add_mesh(root, mesh);
+    add_cameras(root, mesh);
     prt_mesh_destroy(mesh);
     return EXIT_DONE;
 }
@@ -312,7 +330,7 @@ static bool ends_with_any(const char *path, const char *const *endings)
 
 int run_info(struct tool *tool)
 {
-    static const char *const models[] = {".glb", ".gltf", ".obj", ".ply", NULL};
+    static const char *const models[] = {".glb", ".gltf", ".obj", ".ply", ".stl", NULL};
     static const char *const files[] = {".prt", NULL};
     const char *path = tool->opt.input[0];
     // "constant" and patterns of six faces are environments that are no file.

@@ -20,13 +20,16 @@ static const char *const storages[] = {"factored", "sparse", NULL};
 static const char *const engines[] = {"reference", "wavelet", "polynomial", "joint", NULL};
 static const char *const pictures[] = {"vertex", "splat",     "tangent", "texture",
                                        "hybrid", "reference", NULL};
-static const char *const terms[] = {"irradiance", "multiple", "single", "total", NULL};
+static const char *const terms[] = {"irradiance",  "multiple", "single",
+                                    "unscattered", "total",    NULL};
+static const char *const scatterings[] = {"dipole", "walk", NULL};
 static const char *const cpus[] = {
 #define X(word, bit, allowed) word,
     PRT_CPU_WORD_LIST(X)
 #undef X
         NULL};
 static const char *const tones[] = {"filmic", "reinhard", "none", NULL};
+static const char *const axes[] = {"y", "z", NULL};
 static const char *const layouts[] = {"latlong", "envmap", "vcross", "hcross",
                                       "vstrip",  "hstrip", NULL};
 
@@ -65,8 +68,15 @@ const struct option_row option_table[] = {
     {"term", 0, "NAME", OPTION_WORD, AT(term), 0, 0, terms, LIGHTS, "default: total"},
     {"eye", 0, "X,Y,Z", OPTION_VECTOR, AT(eye), 0, 0, NULL, COLORS | IMAGE | COMPARE,
      "viewpoint of view-dependent terms, in the model's units"},
-    {"camera", 0, "E:T:U:F", OPTION_TEXT, AT(camera), 0, 0, NULL, IMAGE,
-     "EYE:TARGET[:UP[:FOVY]] as x,y,z:x,y,z:x,y,z:degrees; default: frame the model"},
+    {"camera", 0, "NAME|E:T:U:F", OPTION_TEXT, AT(camera), 0, 0, NULL, IMAGE,
+     "a camera of the model's file by its name or a unique beginning of it (prt info lists "
+     "them), or EYE:TARGET[:UP[:FOVY]] as x,y,z:x,y,z:x,y,z:degrees; default: frame the model"},
+    {"orbit", 0, "AZ,EL[,ZOOM]", OPTION_TEXT, AT(orbit), 0, 0, NULL, IMAGE,
+     "look at the framed centre from this azimuth and elevation in degrees; 0,0 looks along -z, "
+     "90,0 along -x; ZOOM magnifies (default 0,15,1)"},
+    {"up", 0, "AXIS", OPTION_WORD, AT(up), 0, 0, axes, BAKE | COLORS | IMAGE | INFO,
+     "the model's upward axis (default y); z turns it, x,y,z becoming x,z,-y, as scans and STL "
+     "files often need"},
     {"transport", 0, "KIND", OPTION_WORD, AT(transport), 0, 0, transports, BAKE,
      "wavelet (default with --material): the light stays free after the bake; polynomial: the "
      "material stays free; joint (default without --material): both stay free"},
@@ -97,6 +107,11 @@ const struct option_row option_table[] = {
      "irradiance samples on the surface (default: 150000, or one a mean free path)"},
     {"samples", 0, "N", OPTION_WHOLE, AT(samples), 1, 100000000, NULL, LIGHTS,
      "irradiance samples on the surface (default: 150000, or one a mean free path)"},
+    {"scattering", 0, "KIND", OPTION_WORD, AT(scattering), 0, 0, scatterings, LIGHTS,
+     "reference engine: multiple scattering by the dipole (default), which takes the surface "
+     "around each point for a plane, or by random walks inside the model"},
+    {"walks", 0, "N", OPTION_WHOLE, AT(walks), 1, 1 << 28, NULL, LIGHTS,
+     "with --scattering walk: walks a vertex and channel (default 1024)"},
     {"rays", 0, "N", OPTION_WHOLE, AT(rays), 1, 1 << 24, NULL, LIGHTS,
      "reference engine: rays a sample (default 2048)"},
     {"single-points", 0, "N", OPTION_WHOLE, AT(single_points), 1, PRT_BAKE_SINGLE_POINTS_MAX,

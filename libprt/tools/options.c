@@ -38,12 +38,16 @@ static const struct {
                     "  prt colors bunny.prt --env studio.exr --rotate 90 -o bunny.csv\n"
                     "  prt colors bunny.glb --material marble --size-mm 50 \\\n"
                     "      --env studio.exr --term multiple -o truth.npy\n"
-                    "  prt colors bunny.prt --env constant --term irradiance -o e.ply\n"},
+                    "  prt colors bunny.prt --env constant --term irradiance -o e.ply\n"
+                    "  prt colors leaf.glb --material marble --size-mm 50 --env studio.exr \\\n"
+                    "      --scattering walk --walks 4096 -o leaf.csv\n"},
     [CMD_IMAGE] = {"image", "SOURCE --env ENV -o OUT.{png,jpg,exr}",
                    "light a .prt or a model, and draw it", 1, 1,
                    "  prt image bunny.prt --env grace.exr --size 800x600 -o bunny.png\n"
                    "  prt image bunny.prt --env grace.exr --rotate 45 --background none \\\n"
                    "      --camera 0,0.1,0.5:0,0.08,0:0,1,0:30 -o bunny.exr\n"
+                   "  prt image statue.stl --up z --size-mm 80 --material marble \\\n"
+                   "      --env grace.exr --orbit 30,20 -o statue.png\n"
                    "  prt image head.glb --material skin1 --size-mm 300 --env grace.exr \\\n"
                    "      --engine tangent --albedo-map skin.jpg -o head.png\n"},
     [CMD_INFO] = {"info", "FILE", "print the contents of a .prt, a model or an environment", 1,
@@ -280,7 +284,7 @@ static char *program_doc(void)
     for (int i = 0; i < N_COMMAND; i++)
         fprintf(f, "  prt %s %s\n      %s\n", commands[i].name, commands[i].operands,
                 commands[i].summary);
-    fputs("\nSOURCE is a .prt, or a model (.glb .gltf .obj .ply) with --material and "
+    fputs("\nSOURCE is a .prt, or a model (.glb .gltf .obj .ply .stl) with --material and "
           "--size-mm or --mm-per-unit. 'prt SUBCOMMAND --help' prints options and examples.\n\n"
           "Exit status: 0 done, 1 failed, 2 wrong usage.",
           f);
@@ -335,6 +339,11 @@ static int check_together(const struct options *o)
     if (o->phase_terms && o->phase_terms != 1 && o->phase_terms != 4 && o->phase_terms != 9 &&
         (o->phase_terms != 16 || o->command == CMD_BAKE))
         return usage_error(o, "--phase-terms %d: expected 1, 4 or 9", (int)o->phase_terms);
+    bool walk = o->scattering && !strcmp(o->scattering, "walk");
+    if (o->walks && !walk) return usage_error(o, "--walks is for --scattering walk");
+    if (o->term && !strcmp(o->term, "unscattered") && !walk)
+        return usage_error(o,
+                           "--term unscattered is for --scattering walk: the dipole has none");
     if (o->msaa & (o->msaa - 1))
         return usage_error(o, "--msaa %d: expected 1, 2, 4 or 8", (int)o->msaa);
     if (o->size_mm > 0 && o->mm_per_unit > 0)

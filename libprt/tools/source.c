@@ -14,21 +14,18 @@ int material_named(struct tool *tool, const char *option, const char *name,
                    struct prt_material *out)
 {
     const struct prt_context *ctx = &tool->ctx;
-    bool inline_json = *name == '{', is_file = !inline_json && access(name, F_OK) == 0;
-    const struct prt_material *preset;
-    for (unsigned i = 0; !inline_json && (preset = prt_material_preset(i)); i++)
-        if (!strcasecmp(preset->name, name)) {
-            *out = *preset;
-            return EXIT_DONE;
-        }
-    if (!inline_json && !is_file) {
+    bool inline_json = name[strspn(name, " \t\r\n")] == '{';
+    bool is_file = !inline_json && access(name, R_OK) == 0;
+    char remedy[160] = "";
+    if (!inline_json && !is_file && !prt_material_preset_named(name, remedy, sizeof remedy)) {
+        const struct prt_material *preset;
         char list[256] = "";
         for (unsigned i = 0; (preset = prt_material_preset(i)); i++) {
             size_t n = strlen(list);
             snprintf(list + n, sizeof list - n, "%s%s", n ? ", " : "", preset->name);
         }
-        return usage_error(&tool->opt, "--%s %s: neither a file nor one of %s", option, name,
-                           list);
+        return usage_error(&tool->opt, "--%s %s: neither a file nor one of %s%s%s", option,
+                           name, list, remedy[0] ? "; " : "", remedy);
     }
     int status = prt_material_load(ctx, name, out);
     if (!status) status = prt_material_check(ctx, out);
@@ -74,11 +71,12 @@ static void report_no_single(const struct tool *tool, const struct source *sourc
 static int open_prt(struct tool *tool, struct source *source)
 {
     const struct options *o = &tool->opt;
-    if (o->size_mm > 0 || o->mm_per_unit > 0 || o->n_opaque)
-        return usage_error(o,
-                           "%s is a .prt, which carries its own scale and surfaces: leave "
-                           "--size-mm, --mm-per-unit and --opaque out",
-                           source->path);
+    if (o->size_mm > 0 || o->mm_per_unit > 0 || o->n_opaque || o->up)
+        return usage_error(
+            o,
+            "%s is a .prt, which carries its own scale, axes and surfaces: leave "
+            "--size-mm, --mm-per-unit, --up and --opaque out",
+            source->path);
     if (o->texture_split > 0)
         return usage_error(o,
                            "%s is a .prt, whose texture split is fixed by the bake: leave "
@@ -118,6 +116,13 @@ enum prt_answer_term answer_term(const char *word)
                                              : PRT_ANSWER_TOTAL;
 }
 
+struct prt_mesh_options source_mesh_options(const struct options *o)
+{
+    return (struct prt_mesh_options){.opaque = o->n_opaque ? o->opaque : NULL,
+                                     .no_textures = o->no_textures,
+                                     .up_z = o->up && !strcmp(o->up, "z")};
+}
+
 static int open_model(struct tool *tool, bool need_material, struct source *source)
 {
     const struct options *o = &tool->opt;
@@ -128,8 +133,7 @@ static int open_model(struct tool *tool, bool need_material, struct source *sour
         if (exit_status) return exit_status;
         source->material_given = true;
     }
-    struct prt_mesh_options options = {.opaque = o->n_opaque ? o->opaque : NULL,
-                                       .no_textures = o->no_textures};
+    struct prt_mesh_options options = source_mesh_options(o);
     int status = prt_mesh_load(&tool->ctx, source->path, &options, &source->loaded);
     if (status == PRT_ARG && o->n_opaque) return EXIT_USAGE; // a name that --opaque misspells
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
@@ -176,17 +180,21 @@ int source_light(struct tool *tool, const struct source *source, const struct pr
 
 static enum prt_reference_term term_of(const char *word)
 {
+    if (!word) return PRT_REFERENCE_TOTAL;
     if (!strcmp(word, "irradiance")) return PRT_REFERENCE_IRRADIANCE;
     if (!strcmp(word, "multiple")) return PRT_REFERENCE_MULTIPLE;
     if (!strcmp(word, "single")) return PRT_REFERENCE_SINGLE;
+    if (!strcmp(word, "unscattered")) return PRT_REFERENCE_UNSCATTERED;
     return PRT_REFERENCE_TOTAL;
 }
 
-int reference_term(struct tool *tool, const struct source *source, const struct prt_cube *light,
-                   const char *term, const float *eye_mm, float (*color)[3])
+enum { DEFAULT_WALKS = 1024 };
+
+struct prt_reference_options reference_options(const struct options *o, const char *term,
+                                               const float *eye_mm)
 {
-    const struct options *o = &tool->opt;
-    struct prt_reference_options options = {
+    bool walk = o->scattering && !strcmp(o->scattering, "walk");
+    return (struct prt_reference_options){
         .term = term_of(term),
         .eye = eye_mm,
         .straight_single = o->straight,
@@ -195,7 +203,37 @@ int reference_term(struct tool *tool, const struct source *source, const struct 
         .n_single = (uint32_t)o->single_points,
         .n_phase_term = (unsigned)o->phase_terms,
         .seed = o->seed,
+        .n_walk = !walk      ? 0
+                  : o->walks ? (uint32_t)o->walks
+                             : DEFAULT_WALKS,
     };
-    return tool_exit(tool, prt_reference_colors(&tool->ctx, source->mesh, &source->material,
-                                                light, &options, color));
+}
+
+double relative_noise(const float *error, const float *color, size_t n)
+{
+    double e = 0, c = 0;
+    for (size_t i = 0; i < n; i++) {
+        e += (double)error[i] * (double)error[i];
+        c += (double)color[i] * (double)color[i];
+    }
+    return c > 0 ? sqrt(e / c) : 0;
+}
+
+int reference_term(struct tool *tool, const struct source *source, const struct prt_cube *light,
+                   const char *term, const float *eye_mm, float (*color)[3], double *noise)
+{
+    struct prt_reference_options options = reference_options(&tool->opt, term, eye_mm);
+    float(*error)[3] = NULL;
+    size_t n = source->mesh->n_vertex;
+    if (noise) *noise = 0;
+    if (noise && options.n_walk) {
+        if (!(error = prt_alloc(n, sizeof *error)))
+            return tool_exit(tool, prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the errors"));
+        options.standard_error = &error;
+    }
+    int status = prt_reference_colors(&tool->ctx, source->mesh, &source->material, light,
+                                      &options, color);
+    if (error && !status) *noise = relative_noise(error[0], color[0], 3 * n);
+    prt_free(error);
+    return tool_exit(tool, status);
 }

@@ -32,8 +32,8 @@ struct options {
     const char *input[MAX_INPUT];
     unsigned n_input;
     const char *out, *material, *env, *engine, *term, *transport, *storage, *basis, *camera,
-        *cpu;
-    const char *tone, *background, *layout;
+        *cpu, *scattering;
+    const char *tone, *background, *layout, *orbit, *up;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
     const char *envs[MAX_ENV]; /* compare: every --env; env is the first */
@@ -42,7 +42,7 @@ struct options {
     const char *albedo_map, *normal_map, *bump_map; /* image: of --engine tangent */
     double size_mm, mm_per_unit, rotate_deg, max_error, max_rmse, exposure_ev, budget_ms,
         bump_mm, texture_split;
-    uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed;
+    uint64_t rank, coeffs, basis_coeffs, phase_terms, samples, rays, single_points, seed, walks;
     uint64_t threads, msaa, quality, vertices, memory;
     bool memory_set, estimate, accept_weak_sandbox;
     uint32_t cube; /* 0: not given */
@@ -98,6 +98,8 @@ struct source {
 /* Opens SOURCE and checks it by the contract. Returns an exit status. */
 int source_open(struct tool *tool, const char *path, bool need_material, struct source *out);
 void source_close(struct source *source);
+/* How --opaque and --up have a model read. */
+struct prt_mesh_options source_mesh_options(const struct options *options);
 /* Name of the engine that the transport was baked for. */
 const char *source_engine_name(const struct prt_transport *transport);
 /* Error of a .prt's radial bases for --material (0 for the baked one). Returns an exit status:
@@ -114,9 +116,16 @@ int material_named(struct tool *tool, const char *option, const char *name,
                    struct prt_material *out);
 /* --material by preset, file or JSON text. Returns an exit status. */
 int material_option(struct tool *tool, struct prt_material *out);
-/* Reference colours of a term for the whole mesh; eye in mm or NULL. Returns an exit status. */
+/* The reference engine's options by the command line; term NULL: total; eye [3] mm or NULL. */
+struct prt_reference_options reference_options(const struct options *o, const char *term,
+                                               const float *eye_mm);
+/* Reference colours of a term for the whole mesh; eye in mm or NULL. noise: the relative
+ * standard error of walks over all vertices, 0 without walks; may be NULL. Returns an exit
+ * status. */
 int reference_term(struct tool *tool, const struct source *source, const struct prt_cube *light,
-                   const char *term, const float *eye_mm, float (*color)[3]);
+                   const char *term, const float *eye_mm, float (*color)[3], double *noise);
+/* sqrt(sum error^2 / sum color^2) over n values. */
+double relative_noise(const float *error, const float *color, size_t n);
 
 /* Colours [n_vertex][3] as CSV, NPY, PLY or GLB by the path's ending. Library status. */
 int output_colors(const struct prt_context *ctx, const char *path, const struct prt_mesh *mesh,

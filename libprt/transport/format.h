@@ -61,6 +61,7 @@ enum format_section_type {
     SECTION_MAPS,
     SECTION_IMAGE,
     SECTION_TEXEL,
+    SECTION_CAMERA, // the model's own cameras; missing where it has none
 };
 
 struct format_section {
@@ -106,6 +107,7 @@ _Static_assert(sizeof(struct prt_block) == 24, "block");
 _Static_assert(sizeof(struct prt_surface) == 92, "surface");
 _Static_assert(sizeof(struct prt_texture_image) == 48, "texture image");
 _Static_assert(sizeof(struct prt_surface_maps) == 5 * 36 + 16, "surface maps");
+_Static_assert(sizeof(struct prt_mesh_camera) == 104, "camera");
 _Static_assert(sizeof(struct prt_cluster) == 24, "cluster");
 
 static inline uint64_t format_padded(uint64_t bytes)

@@ -175,6 +175,18 @@ static int take_textures(struct prt_file *f, struct prt_mesh *m)
     return PRT_OK;
 }
 
+static int take_cameras(struct prt_file *f)
+{
+    struct prt_mesh *m = &f->transport.mesh;
+    uint64_t bytes = bytes_of(f, SECTION_CAMERA);
+    if (bytes % sizeof *m->camera || bytes / sizeof *m->camera > PRT_MESH_MOST_CAMERAS)
+        return bad_header(f->ctx, f->name, "its cameras are damaged");
+    m->n_camera = (uint32_t)(bytes / sizeof *m->camera);
+    TAKE(f, SECTION_CAMERA, 0, bytes, m->camera);
+    return prt_mesh_cameras_ok(m) ? PRT_OK
+                                  : bad_header(f->ctx, f->name, "its cameras are damaged");
+}
+
 static int take_mesh(struct prt_file *f, const struct format_info *info)
 {
     struct prt_mesh *m = &f->transport.mesh;
@@ -199,7 +211,8 @@ static int take_mesh(struct prt_file *f, const struct format_info *info)
     TAKE(f, SECTION_WELD, 0, 4ull * m->n_vertex, m->weld);
     TAKE(f, SECTION_BLOCK, 0, (uint64_t)sizeof *m->block * m->n_block, m->block);
     TAKE(f, SECTION_SURFACE, 0, (uint64_t)sizeof *m->surface * m->n_surface, m->surface);
-    return take_textures(f, m);
+    int status = take_cameras(f);
+    return status ? status : take_textures(f, m);
 }
 
 static int take_low_rank(struct prt_file *f, uint32_t i, const struct format_tensor *ft,

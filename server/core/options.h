@@ -14,7 +14,7 @@ enum { OPTIONS_MAX_LISTEN = 16 };
 /* kind, field, option name, name of the value, default, explanation */
 #define OPTIONS_LIST(X)                                                                        \
     X(TEXT, models, "models", "DIR", "",                                                       \
-      "Folder whose model files (.glb .gltf .obj .ply) and .prt files are available "          \
+      "Folder whose model files (.glb .gltf .obj .ply .stl) and .prt files are available "     \
       "by name")                                                                               \
     X(TEXT, data, "data", "DIR", "",                                                           \
       "Folder for uploads, bakes and the catalogue; survives restarts. Empty: a "              \

@@ -321,6 +321,7 @@ void decoder_model(struct decoder *decoder, const struct decode_model *m, decode
     struct ask ask = {.model = ASK_MODEL,
                       .size_mm = m->size_mm,
                       .mm_per_unit = m->mm_per_unit,
+                      .up_z = m->up_z,
                       .material = *m->material};
     for (size_t i = 0; i < m->n_opaque && n < MAX_WORD; i++) word[n++] = m->opaque[i];
     struct wait_for *w = new_wait(decoder, &ask, word, n);

@@ -47,6 +47,7 @@ struct decode_model {
     const char *path, *name; /* errors call the file `name` */
     const char *out;         /* the .prt to write */
     double size_mm, mm_per_unit;
+    bool up_z;
     const struct prt_material *material; /* kept in the .prt */
     size_t n_opaque;
     char *const *opaque;

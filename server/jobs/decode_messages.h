@@ -23,6 +23,7 @@ struct ask {
                      // names
     uint32_t model;  // enum asked
     double size_mm, mm_per_unit;
+    uint32_t up_z;
     struct prt_material material;
 };
 

@@ -124,7 +124,8 @@ static int write_mesh(const struct prt_context *ctx, const char *out,
 static int read_model(const struct prt_context *ctx, const struct ask *ask, int fd,
                       const char *folder, char *const *word)
 {
-    struct prt_mesh_options options = {.opaque = (const char *const *)word + 3};
+    struct prt_mesh_options options = {.opaque = (const char *const *)word + 3,
+                                       .up_z = ask->up_z != 0};
     struct prt_mesh *mesh = NULL;
     int status = prt_mesh_load_fd(ctx, word[1], fd, folder, &options, &mesh);
     if (!status) status = prt_mesh_scale(ctx, mesh, ask->size_mm, ask->mm_per_unit);

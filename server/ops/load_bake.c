@@ -37,6 +37,7 @@ static void add_settings(struct args *a, const Relight__LoadRequest *r)
     const Relight__BakeSettings *b = r->bake;
     if (r->size_mm > 0) add_arg(a, "--size-mm=%.9g", (double)r->size_mm);
     if (r->mm_per_unit > 0) add_arg(a, "--mm-per-unit=%.9g", (double)r->mm_per_unit);
+    if (r->up_z) add_arg(a, "--up=z");
     for (size_t i = 0; i < r->n_opaque; i++) add_arg(a, "--opaque=%s", r->opaque[i]);
     if (!b) return;
     if (b->transport) add_arg(a, "--transport=%s", transport_word[b->transport]);
@@ -185,6 +186,7 @@ void load_order_preview(const struct load *load, struct model *m)
                                  .name = load->name,
                                  .size_mm = r->size_mm,
                                  .mm_per_unit = r->mm_per_unit,
+                                 .up_z = r->up_z,
                                  .material = &load->resolved,
                                  .n_opaque = r->n_opaque,
                                  .opaque = r->opaque};

@@ -272,13 +272,46 @@ static struct block_text *fill_blocks(const struct prt_mesh *mesh, Relight__Bloc
     return text;
 }
 
+struct camera_text {
+    Relight__NamedCamera named;
+    Relight__Camera camera;
+    Relight__Vec3 eye, target, up;
+};
+
+// Messages of the cameras of the model's file; as fill_blocks.
+static struct camera_text *fill_cameras(const struct prt_mesh *mesh,
+                                        Relight__NamedCamera ***out)
+{
+    struct camera_text *text = calloc(mesh->n_camera + 1, sizeof *text);
+    *out = calloc(mesh->n_camera + 1, sizeof **out);
+    for (uint32_t i = 0; text && *out && i < mesh->n_camera; i++) {
+        const struct prt_mesh_camera *c = &mesh->camera[i];
+        struct camera_text *to = &text[i];
+        relight__named_camera__init(&to->named);
+        relight__camera__init(&to->camera);
+        fill_vec3(&to->eye, c->eye);
+        fill_vec3(&to->target, c->target);
+        fill_vec3(&to->up, c->up);
+        to->camera.eye = &to->eye;
+        to->camera.target = &to->target;
+        to->camera.up = &to->up;
+        to->camera.fovy_deg = c->fovy_deg;
+        to->named.name = (char *)c->name;
+        to->named.camera = &to->camera;
+        (*out)[i] = &to->named;
+    }
+    return text;
+}
+
 static void info_ready(struct request *request, struct model *m, struct cache_entry *file)
 {
     const struct prt_transport *t = prt_file_transport(file->value);
     struct info_text *text = calloc(1, sizeof *text);
     Relight__Block **blocks = NULL;
+    Relight__NamedCamera **cameras = NULL;
     struct block_text *block_text = fill_blocks(&t->mesh, &blocks);
-    if (!text || !block_text || !blocks) {
+    struct camera_text *camera_text = fill_cameras(&t->mesh, &cameras);
+    if (!text || !block_text || !blocks || !camera_text || !cameras) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
     } else {
         fill_info(m, request->conn->principal->name, text);
@@ -289,12 +322,16 @@ static void info_ready(struct request *request, struct model *m, struct cache_en
         text->info.errors = (char *)(baked && t->errors ? t->errors : "");
         text->info.n_blocks = t->mesh.n_block;
         text->info.blocks = blocks;
+        text->info.n_cameras = t->mesh.n_camera;
+        text->info.cameras = cameras;
         request_answer(request, &text->info.base, NULL);
         free(text->warning_text);
     }
     free(text);
     free(block_text);
     free(blocks);
+    free(camera_text);
+    free(cameras);
 }
 
 void op_info(struct request *request)

@@ -21,9 +21,10 @@ struct cache_entry *background_get(struct server *server, const struct render_sp
 
 /* ---- visibility.c: struct prt_visibility ---- */
 
-/* The camera asked for, or one that frames the model. */
-void camera_choose(struct model *model, uint64_t generation, const struct render_spec *s,
-                   const struct prt_mesh *mesh, struct prt_camera *out);
+/* The camera that the request gives, or one that frames the model. 0, or an error's code for a
+ * name that none of the model's cameras has. */
+int camera_choose(struct model *model, uint64_t generation, const struct render_spec *s,
+                  const struct prt_mesh *mesh, struct prt_camera *out, char error[300]);
 /* WORK_BACKGROUND for pictures that take seconds: they may not occupy every worker. */
 enum work_class picture_class(const struct render_spec *s);
 /* owner is held while `mesh`, which is of this generation, is read. */

@@ -49,7 +49,10 @@ struct render_spec {
     float exposure_ev;
     /* picture */
     uint32_t width, height, samples;
-    bool has_camera;
+    bool has_camera; /* eye and target, unless one of the next two is set */
+    char camera_name[64];
+    bool has_orbit;
+    struct prt_orbit orbit;
     float camera_eye[3], camera_target[3], camera_up[3], fovy_deg;
     int image_format, tone; /* Relight__ImageFormat, Relight__Tone */
     unsigned quality;

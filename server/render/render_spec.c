@@ -184,12 +184,36 @@ int render_spec_colors(struct render_spec *spec, int format, float exposure_ev, 
     return 0;
 }
 
+// A camera that the model places: one of its own, or an orbit.
+static int parse_named_camera(struct render_spec *spec, const Relight__Camera *camera,
+                              char error[300])
+{
+    const Relight__Orbit *o = camera->orbit;
+    if (camera->eye || camera->target || (camera->name[0] && o))
+        REFUSE(BAD_REQUEST, "camera: set eye and target, or name, or orbit");
+    if (strlen(camera->name) >= sizeof spec->camera_name)
+        REFUSE(OUT_OF_RANGE, "camera.name has more than 63 bytes");
+    snprintf(spec->camera_name, sizeof spec->camera_name, "%s", camera->name);
+    spec->has_orbit = o != NULL;
+    if (!o) return 0;
+    spec->orbit =
+        (struct prt_orbit){o->azimuth_deg, o->elevation_deg, o->zoom == 0 ? 1 : o->zoom};
+    if (!prt_orbit_ok(&spec->orbit))
+        REFUSE(OUT_OF_RANGE,
+               "camera.orbit: the azimuth is in [-1e6, 1e6] degrees, the elevation in [-90, "
+               "90] degrees, the zoom in [0.1, 100]");
+    return 0;
+}
+
 static int parse_camera(struct render_spec *spec, const Relight__Camera *camera,
                         char error[300])
 {
     static const float up[3] = {0, 1, 0};
     spec->has_camera = camera != NULL;
+    spec->camera_name[0] = 0;
+    spec->has_orbit = false;
     if (!camera) return 0;
+    if (camera->name[0] || camera->orbit) return parse_named_camera(spec, camera, error);
     memcpy(spec->camera_up, up, sizeof up);
     vec3(camera->up, spec->camera_up);
     if (!vec3(camera->eye, spec->camera_eye) || !vec3(camera->target, spec->camera_target))

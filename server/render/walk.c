@@ -164,9 +164,11 @@ static void step_environments(struct render *r)
     char error[300];
     int code = check_request(r, error);
     if (!code) code = depend_on_images(r, error);
+    if (!code && r->spec.picture)
+        code =
+            camera_choose(r->model, r->generation, &r->spec, render_mesh(r), &r->camera, error);
     if (code) set_error(r, code, error);
     if (code || !r->spec.picture) return;
-    camera_choose(r->model, r->generation, &r->spec, render_mesh(r), &r->camera);
     depend(r, &r->visibility,
            visibility_get(r->model, r->generation, r->screen ? r->shape.entry : r->file.entry,
                           render_mesh(r), &r->spec, &r->camera));

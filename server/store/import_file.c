@@ -261,7 +261,7 @@ void import_file_finish(struct import_file *file)
 
 static bool is_model_file(const char *name, bool *prt)
 {
-    static const char *const ends[] = {".prt", ".glb", ".gltf", ".obj", ".ply"};
+    static const char *const ends[] = {".prt", ".glb", ".gltf", ".obj", ".ply", ".stl"};
     const char *dot = strrchr(name, '.');
     for (size_t i = 0; dot && i < sizeof ends / sizeof *ends; i++)
         if (!strcasecmp(dot, ends[i])) {

@@ -109,6 +109,30 @@ static void say_ambiguous(const struct models *models, const char *asker, const 
             at += snprintf(error + at, (size_t)(256 - at), " %.*s", MODEL_SHOWN, m->id);
 }
 
+// The only model whose name begins with the text, else the nearest name for the error.
+static struct model *find_beginning(struct models *models, const char *asker, const char *text,
+                                    char error[256])
+{
+    size_t n = 0;
+    char remedy[160] = "";
+    int found = -1;
+    for (struct model *m = models->model; m; m = m->next) n++;
+    const char **name = calloc(n + 1, sizeof *name);
+    struct model **model = calloc(n + 1, sizeof *model);
+    n = 0;
+    for (struct model *m = models->model; m && name && model; m = m->next) {
+        model[n] = m;
+        name[n++] = model_name_for(m, asker);
+    }
+    if (n) found = prt_name_choose(text, name, (unsigned)n, remedy, sizeof remedy);
+    struct model *m = found < 0 ? NULL : model[found];
+    if (!m)
+        snprintf(error, 256, "%.80s: no such model%s%s", text, remedy[0] ? "; " : "", remedy);
+    free(name);
+    free(model);
+    return m;
+}
+
 struct model *models_find(struct models *models, const char *asker, const char *text,
                           char error[256])
 {
@@ -130,8 +154,7 @@ struct model *models_find(struct models *models, const char *asker, const char *
         say_ambiguous(models, asker, text, each[i], n, error);
         return NULL;
     }
-    snprintf(error, 256, "%.100s: no such model", text);
-    return NULL;
+    return find_beginning(models, asker, text, error);
 }
 
 struct model *model_by_id(const struct models *models, const char *id)

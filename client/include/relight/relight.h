@@ -252,6 +252,7 @@ struct relight_load {
     size_t n_opaque;
     const char *const *opaque;
     bool pin;
+    bool up_z;    /* +z is up in the file: (x,y,z) becomes (x,z,-y) */
     bool preview; /* no bake: image-space engines answer */
 };
 enum relight_model_state {
@@ -294,7 +295,7 @@ int relight_load(struct relight_client *client, const struct relight_load *load,
 void relight_loaded_finish(struct relight_loaded *loaded);
 
 /* Uploads a model file and, for .gltf, the buffers that it names beside it, then loads it.
- * path: .glb .gltf .obj .ply. load: as relight_load; its files and path are ignored.
+ * path: .glb .gltf .obj .ply .stl. load: as relight_load; its files and path are ignored.
  * Returns as relight_load and relight_upload_file.
  * Thread-safety: Safe. Blocks as both. */
 int relight_load_file(struct relight_client *client, const char *path,
@@ -324,6 +325,11 @@ struct relight_block {
     uint32_t vertex_begin, n_vertex, triangle_begin, n_triangle;
     float base_color[3];
 };
+struct relight_named_camera {
+    const char *name;
+    float eye[3], target[3], up[3]; /* the model's own units */
+    float fovy_deg;
+};
 struct relight_model {
     const char *id, *name, *job;
     enum relight_model_state state;
@@ -341,13 +347,15 @@ struct relight_model {
     size_t n_warning, n_block;
     const char *const *warning;
     const struct relight_block *block;
+    size_t n_camera; /* the file's own; relight_info only */
+    const struct relight_named_camera *camera;
     const char *failure; /* of RELIGHT_MODEL_FAILED, else "" */
     void *owner;         /* NULL for members of a list */
 };
 
 /* Describes a model.
- * model: its id, the unique beginning of one (eight digits or more), or its name when that
- * is unique.
+ * model: its id, the unique beginning of one (eight digits or more), its name when that is
+ * unique, or a beginning that no other name has.
  * Returns 0 and *out, to be freed by relight_model_finish. -RELIGHT_E_NOT_FOUND.
  * Thread-safety: Safe. Blocks for a round trip. */
 int relight_info(struct relight_client *client, const char *model, struct relight_model *out,
@@ -489,9 +497,22 @@ struct relight_camera {
     bool set;                       /* false: the model is framed */
     float eye[3], target[3], up[3]; /* the model's own units; up 0,0,0: +y */
     float fovy_deg;                 /* 0: default */
+    /* In place of the above, where the daemon places the camera: */
+    char name[64];     /* one of the model's file (relight_info), or a beginning of its name */
+    bool has_orbit;    /* about the framed centre; 0,0 looks along -z, azimuth 90 along -x */
+    float azimuth_deg; /* [-1e6, 1e6], counter-clockwise about +y seen from above */
+    float elevation_deg; /* [-90, 90] */
+    float zoom;          /* [0.1, 100], magnification; 0: 1 */
 };
 
-/* Reads "x,y,z:x,y,z[:x,y,z][:deg]": eye, target, up and vertical field of view.
+/* Reads "AZIMUTH,ELEVATION[,ZOOM]" in degrees into an orbit.
+ * Returns 0 and *out, or -RELIGHT_E_ARGUMENT.
+ * Thread-safety: Safe. Does not block. */
+int relight_orbit_parse(const char *text, struct relight_camera *out,
+                        struct relight_error *error);
+
+/* Reads "x,y,z:x,y,z[:x,y,z][:deg]": eye, target, up and vertical field of view. A text without
+ * ':' and ',' is the name of one of the model's own cameras.
  * Returns 0 and *out, or -RELIGHT_E_ARGUMENT.
  * Thread-safety: Safe. Does not block. */
 int relight_camera_parse(const char *text, struct relight_camera *out,

@@ -198,6 +198,15 @@ int prt_writer_write(struct prt_writer *writer, const void *bytes, size_t n);
 int prt_writer_finish(struct prt_writer *writer);
 void prt_writer_abandon(struct prt_writer *writer);
 
+/* The name that `text` stands for among name[n]: the equal one, one equal but for the case of
+ * ASCII letters, or the only one that begins with it. Returns its index, or -1 with a remedy in
+ * say: "it begins several names: …", "did you mean NAME?", or "". Thread-safe. */
+int prt_name_choose(const char *text, const char *const name[], unsigned n, char *say,
+                    size_t size);
+/* Index of the name with the fewest single-character changes from `text` (Levenshtein), -1
+ * where none has at most a third of text's length and one. */
+int prt_name_nearest(const char *text, const char *const name[], unsigned n);
+
 #ifdef __cplusplus
 }
 #endif

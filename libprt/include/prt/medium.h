@@ -57,6 +57,9 @@ int prt_material_summary(const struct prt_material *material, char *buf, size_t 
 uint64_t prt_material_hash(const struct prt_material *material);
 /* The twelve media of JMLH01 fig. 5: index 0..11; NULL past the end. */
 const struct prt_material *prt_material_preset(unsigned index);
+/* The preset of this name, whatever its case, or the only one that begins so; NULL with a
+ * remedy of n bytes, as prt_name_choose writes it. */
+const struct prt_material *prt_material_preset_named(const char *name, char *remedy, size_t n);
 
 /* Classical dipole of one channel (METHODS §1; JMLH01, W05 eq 3, X07 eq 4). */
 struct prt_diffusion {

@@ -35,6 +35,15 @@ struct prt_block {
     uint32_t triangle_begin, n_triangle;
 };
 
+/* A perspective camera of the file, in world space and the model's own units. */
+struct prt_mesh_camera {
+    char name[64]; /* of its node, else of the camera; no two are equal */
+    float eye[3], target[3],
+        up[3];      /* target: in front of the eye, as deep as the model's centre */
+    float fovy_deg; /* (0,170) */
+};
+enum { PRT_MESH_MOST_CAMERAS = 256 };
+
 /* Immutable after loading; positions in mm once scaled. World space, right-handed, +y up.
  * Arrays are contiguous; those a reader maps from a .prt file are owned by the map. */
 struct prt_mesh {
@@ -47,6 +56,8 @@ struct prt_mesh {
     uint32_t *weld;          /* [n_vertex] -> [0,n_weld): same object, same position */
     struct prt_block *block;
     struct prt_surface *surface;
+    struct prt_mesh_camera *camera; /* [n_camera], NULL when there is none */
+    uint32_t n_camera;
     float mm_per_unit;    /* model units * mm_per_unit = mm; 0 while not scaled */
     uint32_t units_known; /* 1: the format says metres (glTF) */
     /* of the translucent blocks, welded: edges of one triangle, of more than two, triangles
@@ -70,11 +81,13 @@ struct prt_mesh_options {
     const char *const *opaque; /* material or node names made opaque, NULL-terminated; NULL */
     uint32_t max_vertices;     /* 0: 50 million */
     uint32_t max_triangles;    /* 0: 100 million */
+    bool up_z;                 /* +z is up in the file: (x,y,z) becomes (x,z,-y) */
     bool in_process;           /* parse without a child process (fuzzers only) */
     bool no_textures;          /* read no images, TEXCOORD sets above 0 and vertex colours */
 };
 
-/* Loads .glb, .gltf (with .bin files and data URIs), .obj or .ply; the content decides. Blocks
+/* Loads .glb, .gltf (with .bin files and data URIs), .obj, .ply or .stl; the content decides.
+ * An STL's vertices are three a facet, in the file's order. Blocks
  * while a child process parses, at most 120 s. Warns about open, non-manifold and
  * inconsistently wound surfaces and names the engines they affect. options may be NULL. The
  * caller destroys *out. PRT_IO, PRT_FORMAT, PRT_UNSUPPORTED, PRT_LIMIT, PRT_ARG (an opaque name
@@ -151,6 +164,8 @@ int prt_mesh_scale(const struct prt_context *ctx, struct prt_mesh *mesh, double 
  * for vertices that moved. Reads position, triangle and weld; changes only such normals.
  * PRT_NOMEM. */
 int prt_mesh_normals(const struct prt_context *ctx, struct prt_mesh *mesh);
+/* Whether the cameras have names that end, finite numbers and a field of view in (0,170). */
+bool prt_mesh_cameras_ok(const struct prt_mesh *mesh);
 /* [n_triangle] block index of each triangle; NULL without memory; the caller prt_free()s. */
 uint32_t *prt_mesh_triangle_blocks(const struct prt_mesh *mesh);
 /* [n_vertex] block index of each vertex; NULL without memory; the caller prt_free()s. */

@@ -31,6 +31,25 @@ int prt_camera_parse(const struct prt_context *ctx, const char *text, struct prt
 /* The default camera: all translucent vertices (all vertices where none is translucent) seen
  * from +z, 15 degrees above the horizon. aspect: width / height. Does not block. */
 void prt_camera_frame(const struct prt_mesh *mesh, float aspect, struct prt_camera *out);
+/* A view about the centre of the framed vertices. Azimuth 0 and elevation 0 look along -z;
+ * azimuth 90 looks along -x, elevation 90 along -y. */
+struct prt_orbit {
+    float azimuth_deg;   /* [-1e6, 1e6], counter-clockwise about +y seen from above */
+    float elevation_deg; /* [-90, 90] */
+    float zoom;          /* [0.1, 100]: magnification; 1 frames the model */
+};
+bool prt_orbit_ok(const struct prt_orbit *orbit);
+/* Reads "AZIMUTH,ELEVATION[,ZOOM]". PRT_ARG with a message that names the ranges. */
+int prt_orbit_parse(const struct prt_context *ctx, const char *text, struct prt_orbit *out);
+/* The camera of an orbit, at the distance from which the whole model is seen at zoom 1. */
+void prt_camera_frame_from(const struct prt_mesh *mesh, float aspect,
+                           const struct prt_orbit *orbit, struct prt_camera *out);
+/* The file's camera of this name, or the only one whose name begins so. PRT_ARG with a message
+ * that names the nearest. */
+int prt_camera_named(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                     const char *name, struct prt_camera *out);
+/* The camera as the text that prt_camera_parse reads; 256 bytes suffice. */
+void prt_camera_print(const struct prt_camera *camera, char *text, size_t size);
 
 /* The surface that a camera sees: n_sub sub-samples a pixel, each a triangle and barycentrics
  * (MT97). Valid for one mesh, camera and size; the mesh is not read after creation. The look of

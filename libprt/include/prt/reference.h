@@ -12,15 +12,21 @@ extern "C" {
 #endif
 
 enum prt_reference_term {
-    PRT_REFERENCE_IRRADIANCE, /* E at the vertices, with F_t into translucent surfaces */
-    PRT_REFERENCE_MULTIPLE,   /* B/pi */
-    PRT_REFERENCE_SINGLE,     /* L1, without F_t of the exit */
-    PRT_REFERENCE_TOTAL,      /* F_t (B/pi + L1), at least 0 */
+    PRT_REFERENCE_IRRADIANCE,  /* E at the vertices, with F_t into translucent surfaces */
+    PRT_REFERENCE_MULTIPLE,    /* B/pi */
+    PRT_REFERENCE_SINGLE,      /* L1, without F_t of the exit */
+    PRT_REFERENCE_TOTAL,       /* F_t (B/pi + L1), at least 0; with walks F_t ((multiple +
+                                * unscattered)/T + L1), T the mean of F_t (METHODS §9, exit) */
+    PRT_REFERENCE_UNSCATTERED, /* walks only: light that crosses without a scattering, as B/pi
+                                */
 };
 struct prt_reference_options {
     enum prt_reference_term term;
     const float *eye; /* [3] mm, or NULL: without a view, METHODS §1 (exit); single scattering
                        * then follows -n_o and is isotropic */
+    bool no_exit;     /* PRT_REFERENCE_TOTAL without its factor F_t, which pictures apply at the
+                       * pixel
+                       */
     bool straight_single;  /* follow -n_o even with an eye (W05's approximation) */
     uint32_t n_sample;     /* irradiance samples; 0: l_u/4 apart, [60000, 240000] */
     uint32_t n_ray;        /* rays a sample; 0: 2048 */
@@ -29,6 +35,10 @@ struct prt_reference_options {
     uint64_t seed;
     const uint32_t *vertex; /* [n_vertex] vertices of the file; NULL: all */
     uint32_t n_vertex;
+    uint32_t n_walk; /* walks a vertex and channel, in place of the dipole; 0: the dipole */
+    /* With walks: standard errors of the colours by the walks' noise, shaped like color; NULL:
+     * none are written. Single scattering's own noise is not in them. */
+    float (*const *standard_error)[3];
 };
 /* Colours by brute force (METHODS §8): color [n_vertex of options or mesh][3], linear RGB. The
  * light is constant over each texel of the cube. Equal inputs give equal colours for any number

@@ -75,6 +75,22 @@ void prt_surface_kernel(const struct prt_surface_points *surface,
                         const struct prt_diffusion d[3], unsigned cpu, const float x[3],
                         uint32_t sample, float near_mm, float out[3]);
 
+/* From points of the translucent surface to samples. The samples divide each object into strata
+ * of equal area, one a sample; a stratum is the surface that lies between two samples' limits
+ * on the path that the sampler takes. */
+struct prt_surface_strata;
+/* `surface` must be a result of prt_surface_create for this mesh, and outlive the strata.
+ * PRT_NOMEM. *out is written on PRT_OK only; the caller ends it with prt_surface_strata_destroy
+ * (NULL is allowed). */
+int prt_surface_strata_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                              const struct prt_surface_points *surface,
+                              struct prt_surface_strata **out);
+void prt_surface_strata_destroy(struct prt_surface_strata *strata);
+/* The sample in whose stratum the point with barycentric coordinates u, v of a triangle lies;
+ * UINT32_MAX where the triangle is opaque. Thread-safe. */
+uint32_t prt_surface_stratum(const struct prt_surface_strata *strata, uint32_t triangle,
+                             float u, float v);
+
 #ifdef __cplusplus
 }
 #endif

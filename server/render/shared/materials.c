@@ -71,14 +71,17 @@ int material_resolve(const char *text, struct prt_material *material, bool *pres
                      char error[300])
 {
     *preset = false;
-    for (unsigned i = 0; text[0] != '{' && prt_material_preset(i); i++)
-        if (!strcmp(prt_material_preset(i)->name, text)) {
-            *material = *prt_material_preset(i);
-            *preset = true;
-            return PRT_OK;
-        }
+    char remedy[160] = "";
+    const struct prt_material *found =
+        text[0] == '{' ? NULL : prt_material_preset_named(text, remedy, sizeof remedy);
+    if (found) {
+        *material = *found;
+        *preset = true;
+        return PRT_OK;
+    }
     if (text[0] != '{' || strlen(text) > MATERIAL_BYTES) {
-        snprintf(error, 300, "material %.100s: neither a preset nor JSON text", text);
+        snprintf(error, 300, "material %.100s: neither a preset nor JSON text%s%s", text,
+                 remedy[0] ? "; " : "", remedy);
         return PRT_ARG;
     }
     struct prt_context ctx;

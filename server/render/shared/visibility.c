@@ -3,6 +3,8 @@
 #include "render/evaluation.h"
 #include "render/shared/cache_compute.h"
 
+#include "relight.pb-c.h"
+
 #include <stdio.h>
 #include <string.h>
 
@@ -35,9 +37,21 @@ static int run(struct cache_job *job, const struct prt_context *ctx)
 static const struct cache_job_kind kind = {
     .size = sizeof(struct visibility_job), .run = run, .destroy = destroy};
 
-void camera_choose(struct model *model, uint64_t generation, const struct render_spec *s,
-                   const struct prt_mesh *mesh, struct prt_camera *out)
+static void keep_error(void *user, enum prt_log_level level, const char *line)
 {
+    snprintf(user, 300, "%s", line);
+}
+
+int camera_choose(struct model *model, uint64_t generation, const struct render_spec *s,
+                  const struct prt_mesh *mesh, struct prt_camera *out, char error[300])
+{
+    struct prt_context ctx;
+    prt_context_init(&ctx);
+    ctx.log = keep_error, ctx.log_user = error;
+    if (s->camera_name[0])
+        return prt_camera_named(&ctx, mesh, s->camera_name, out)
+                   ? RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE
+                   : 0;
     float aspect = (float)s->width / (float)s->height;
     // Framing reads every vertex and runs on the loop's thread: it is done once a generation.
     if (model->frame_generation != generation || model->frame_aspect != aspect) {
@@ -47,11 +61,13 @@ void camera_choose(struct model *model, uint64_t generation, const struct render
     }
     *out = model->frame;
     out->automatic = false;
-    if (!s->has_camera) return;
+    if (s->has_orbit) prt_camera_frame_from(mesh, aspect, &s->orbit, out);
+    if (!s->has_camera || s->has_orbit) return 0;
     memcpy(out->eye, s->camera_eye, sizeof out->eye);
     memcpy(out->target, s->camera_target, sizeof out->target);
     memcpy(out->up, s->camera_up, sizeof out->up);
     if (s->fovy_deg > 0) out->fovy_deg = s->fovy_deg;
+    return 0;
 }
 
 enum work_class picture_class(const struct render_spec *s)
