@@ -37,7 +37,7 @@ enum relight_frame_flag {
     RELIGHT_FRAME_IGNORABLE = 0xf0,
 };
 
-/* name, number, request message, answer message */
+/* name, number, request message, answer message; nothing: one-way, without an answer */
 #define RELIGHT_TYPE_LIST(X)                                                \
     X(HELLO, 1, hello_request, hello_answer)                                \
     X(PING, 2, ping_request, ping_answer)                                   \
@@ -61,7 +61,8 @@ enum relight_frame_flag {
     X(SUBSCRIBE, 20, subscribe_request, event)                              \
     X(TOKEN_CREATE, 21, token_create_request, token_create_answer)          \
     X(TOKEN_LIST, 22, token_list_request, token_list_answer)                \
-    X(TOKEN_REVOKE, 23, token_revoke_request, token_revoke_answer)
+    X(TOKEN_REVOKE, 23, token_revoke_request, token_revoke_answer)          \
+    X(VIEW_ACK, 24, view_ack, nothing)
 
 /* As large as the largest number and one: tables by request type have this many rows. */
 union relight_type_room {

@@ -13,7 +13,7 @@ enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2, EXIT_UNREACHABLE = 3, MAX
 
 /* Every option of every command; a command's table says which it takes. */
 struct options {
-    const char *server, *token;
+    const char *server, *token, *ca;
     char *own_token; /* copy of --token, owned */
     double timeout_s;
     bool json;

@@ -10,6 +10,7 @@ int main(int argc, char **argv)
     const struct command *command = options_parse(argc, argv, &options);
     struct relight_options how = {.name = "relight " RELIGHT_VERSION,
                                   .token = options.token,
+                                  .ca = options.ca,
                                   .timeout_s = options.timeout_s};
     struct relight_client *client;
     struct relight_error error;

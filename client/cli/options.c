@@ -56,13 +56,16 @@ static const struct row {
     const char *help;
 } table[] = {
     {'s', "server", "ADDR", TEXT, AT(server), 0, 0, NULL, 0,
-     "tcp:HOST:PORT or unix:PATH (default: $RELIGHT_SERVER, "
+     "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH (default: $RELIGHT_SERVER, "
      "unix:$XDG_RUNTIME_DIR/relightd.sock, tcp:127.0.0.1:7413)"},
     {'T', "timeout", "SECONDS", SPECIAL, 0, 1e-3, 1e6, NULL, 0,
      "fail after this time (default: wait)"},
     {'k', "token", "TOKEN", SPECIAL, 0, 0, 0, NULL, 0,
      "token for a daemon that requires one. Prefer $RELIGHT_TOKEN: other users of this machine can "
      "see arguments until the program has overwritten them"},
+    {18, "ca", "FILE", TEXT, AT(ca), 0, 0, NULL, 0,
+     "PEM file of the certificates that may sign the server's at tls:HOST:PORT (default: $RELIGHT_CA, "
+     "the system's store)"},
     {'j', "json", NULL, FLAG, AT(json), 0, 0, NULL, 0, "print the answer as JSON"},
     {'o', "output", "FILE", TEXT, AT(output), 0, 0, NULL, 0,
      "file to write; its ending chooses the format"},
@@ -191,7 +194,7 @@ static const struct row {
      "positions in the model's units (default: mm)"},
 };
 enum { N_TABLE = sizeof table / sizeof *table };
-#define COMMON "sTkj"
+#define COMMON "sTkj\22"
 #define LIGHT "erGtEgXbm"
 #define TOKEN "\1\2\3\4\5\6\7\10\13\14\16\17\20"
 #define PICTURE "cz\21qnxBaSYyJW"
@@ -629,9 +632,9 @@ const struct command *options_parse(int argc, char **argv, struct options *optio
     int first = 1;
     while (first < argc && argv[first][0] == '-' && argv[first][1]) {
         const char *w = argv[first];
-        bool takes =
-            (!strcmp(w, "-s") || !strcmp(w, "-T") || !strcmp(w, "-k") ||
-             !strcmp(w, "--server") || !strcmp(w, "--timeout") || !strcmp(w, "--token"));
+        bool takes = (!strcmp(w, "-s") || !strcmp(w, "-T") || !strcmp(w, "-k") ||
+                      !strcmp(w, "--server") || !strcmp(w, "--timeout") ||
+                      !strcmp(w, "--token") || !strcmp(w, "--ca"));
         first += takes ? 2 : 1;
     }
     if (first > argc) first = argc;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Addresses: tcp:HOST:PORT, unix:PATH, the default, and sockets connected to them.
+// Addresses: tcp:HOST:PORT, tls:HOST:PORT, unix:PATH, the default, and sockets connected to
+// them.
 #include "internal.h"
 
 #include <errno.h>
@@ -94,16 +95,18 @@ static int split_host(const char *text, char *host, size_t n, char *port, size_t
     return 0;
 }
 
-static int connect_tcp(const char *text, double timeout_s, struct relight_error *error)
+// kind: "tcp" or "tls".
+static int connect_tcp(const char *kind, const char *text, double timeout_s, char host[256],
+                       struct relight_error *error)
 {
-    char host[256], port[8];
-    if (split_host(text, host, sizeof host, port, sizeof port))
-        return relight_fail(error, RELIGHT_E_ARGUMENT, "", "tcp:%s: expected tcp:HOST:PORT",
-                            text);
+    char port[8];
+    if (split_host(text, host, 256, port, sizeof port))
+        return relight_fail(error, RELIGHT_E_ARGUMENT, "", "%s:%s: expected %s:HOST:PORT", kind,
+                            text, kind);
     struct addrinfo want = {.ai_socktype = SOCK_STREAM}, *found;
     int code = getaddrinfo(host, port, &want, &found);
     if (code)
-        return relight_fail(error, RELIGHT_E_UNREACHABLE, start_hint, "tcp:%s: %s", text,
+        return relight_fail(error, RELIGHT_E_UNREACHABLE, start_hint, "%s:%s: %s", kind, text,
                             gai_strerror(code));
     int fd = -1, fault = 0;
     for (struct addrinfo *a = found; a && fd < 0; a = a->ai_next) {
@@ -116,17 +119,23 @@ static int connect_tcp(const char *text, double timeout_s, struct relight_error 
     }
     freeaddrinfo(found);
     if (fd < 0)
-        return relight_fail(error, RELIGHT_E_UNREACHABLE, start_hint, "tcp:%s: %s", text,
+        return relight_fail(error, RELIGHT_E_UNREACHABLE, start_hint, "%s:%s: %s", kind, text,
                             strerror(fault));
     int on = 1;
     setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
     return fd;
 }
 
-int relight_socket(const char *address, double timeout_s, struct relight_error *error)
+int relight_socket(const char *address, double timeout_s, char host[256],
+                   struct relight_error *error)
 {
+    char ignored[256];
+    *host = 0;
     if (!strncmp(address, "unix:", 5)) return connect_unix(address + 5, timeout_s, error);
-    if (!strncmp(address, "tcp:", 4)) return connect_tcp(address + 4, timeout_s, error);
+    if (!strncmp(address, "tcp:", 4))
+        return connect_tcp("tcp", address + 4, timeout_s, ignored, error);
+    if (!strncmp(address, "tls:", 4))
+        return connect_tcp("tls", address + 4, timeout_s, host, error);
     return relight_fail(error, RELIGHT_E_ARGUMENT, "",
-                        "%s: expected tcp:HOST:PORT or unix:PATH", address);
+                        "%s: expected tcp:HOST:PORT, tls:HOST:PORT or unix:PATH", address);
 }

@@ -4,6 +4,7 @@
 // on a condition until their slot is filled or there is no leader. Above 600 lines: socket,
 // slots and leadership share one lock, whose order a split would hide.
 #include "internal.h"
+#include "tls.h"
 
 #include <errno.h>
 #include <math.h>
@@ -41,8 +42,9 @@ struct relight_client {
     pthread_mutex_t lock; // everything below
     pthread_cond_t changed;
     int fd, wake_fd;
-    bool leading;     // some thread polls
-    bool lead_writes; // and waits for POLLOUT as well
+    struct relight_tls *tls; // NULL: plain text
+    bool leading;            // some thread polls
+    bool lead_writes;        // and waits for POLLOUT as well
     bool broken;
     struct relight_error fault; // why
     uint64_t next_id;
@@ -260,12 +262,15 @@ static const char *deliver(struct relight_client *c)
 // Reads the socket until it is empty or a frame is complete.
 static void read_some(struct relight_client *c)
 {
-    for (bool got_frame = false; !got_frame && !c->broken;) {
+    // What TLS has decrypted already is not reported by the socket.
+    for (bool got_frame = false;
+         !c->broken && (!got_frame || (c->tls && relight_tls_pending(c->tls)));) {
         size_t room;
         uint8_t *to = relight_decoder_space(&c->decoder, &room);
         bool direct = to && room >= READ_SIZE;
-        ssize_t n =
-            direct ? recv(c->fd, to, room, 0) : recv(c->fd, c->read_buffer, READ_SIZE, 0);
+        uint8_t *into = direct ? to : c->read_buffer;
+        size_t most = direct ? room : READ_SIZE;
+        ssize_t n = c->tls ? relight_tls_read(c->tls, into, most) : recv(c->fd, into, most, 0);
         if (n < 0 && errno == EINTR) continue;
         if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
         if (n <= 0) {
@@ -313,7 +318,8 @@ static void write_some(struct relight_client *c)
             }
         }
         struct msghdr message = {.msg_iov = vec, .msg_iovlen = (size_t)n};
-        ssize_t put = sendmsg(c->fd, &message, MSG_NOSIGNAL);
+        ssize_t put =
+            c->tls ? relight_tls_write(c->tls, vec, n) : sendmsg(c->fd, &message, MSG_NOSIGNAL);
         if (put < 0 && errno == EINTR) continue;
         if (put < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
         if (put < 0) {
@@ -406,15 +412,17 @@ int relight_start(struct relight_client *c, uint16_t type, const ProtobufCMessag
     struct out_item item = {.piece = piece, .n_piece = n_payload + 1};
     double end = deadline_s > 0 ? relight_now_s() + deadline_s + grace_s : INFINITY;
     int status = 0;
+    bool one_way =
+        relight_type_message(type | RELIGHT_TYPE_ANSWER) == &relight__nothing__descriptor;
 
     pthread_mutex_lock(&c->lock);
-    struct slot *slot = c->broken ? NULL : add_slot(c, end, forget);
-    if (!slot) {
+    struct slot *slot = c->broken || one_way ? NULL : add_slot(c, end, forget);
+    if (c->broken || (!slot && !one_way)) {
         status = c->broken ? broken(c, error)
                            : relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
         goto done;
     }
-    frame.id = slot->id;
+    if (slot) frame.id = slot->id;
     relight_frame_put_fixed(&frame, head);
     *c->out_tail = &item;
     c->out_tail = &item.next;
@@ -426,7 +434,7 @@ int relight_start(struct relight_client *c, uint16_t type, const ProtobufCMessag
     if (c->broken) {
         // An answer that came before the break is still to be had; a forgotten one is gone.
         slot = *find_slot(c, frame.id);
-        if (slot && !slot->last) {
+        if (one_way || (slot && !slot->last)) {
             status = broken(c, error);
             drop_slot(c, frame.id);
         }
@@ -579,10 +587,20 @@ int relight_connect(const char *address, const struct relight_options *options,
     struct relight_options o = options ? *options : (struct relight_options){0};
     if (!(o.connect_timeout_s > 0)) o.connect_timeout_s = 5;
     if (!address || !*address) address = relight_default_address(name, sizeof name);
-    int fd = relight_socket(address, o.connect_timeout_s, error);
+    char host[256];
+    struct relight_tls *tls = NULL;
+    int fd = relight_socket(address, o.connect_timeout_s, host, error);
     if (fd < 0) return fd;
+    const char *named = getenv("RELIGHT_CA");
+    if (!o.ca && named && *named) o.ca = named;
+    int shaken = *host ? relight_tls_open(fd, host, o.ca, o.connect_timeout_s, &tls, error) : 0;
+    if (shaken) {
+        close(fd);
+        return shaken;
+    }
     struct relight_client *c = calloc(1, sizeof *c);
     if (!c) {
+        relight_tls_close(tls);
         close(fd);
         return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
     }
@@ -593,6 +611,7 @@ int relight_connect(const char *address, const struct relight_options *options,
     pthread_cond_init(&c->changed, &attr);
     pthread_condattr_destroy(&attr);
     c->fd = fd;
+    c->tls = tls;
     c->wake_fd = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     c->next_id = 1;
     c->out_tail = &c->out_head;
@@ -619,6 +638,7 @@ int relight_connect(const char *address, const struct relight_options *options,
 void relight_close(struct relight_client *c)
 {
     if (!c) return;
+    relight_tls_close(c->tls);
     close(c->fd);
     if (c->wake_fd >= 0) close(c->wake_fd);
     for (int i = 0; i < N_BUCKET; i++) {

@@ -20,8 +20,9 @@ int relight_fail(struct relight_error *error, int code, const char *hint, const 
 int relight_fail_message(struct relight_error *error, const Relight__Error *message);
 
 /* ---- address.c ---- */
-/* Connected non-blocking socket, or -code. */
-int relight_socket(const char *address, double timeout_s, struct relight_error *error);
+/* Connected non-blocking socket, or -code. host: that of tls:HOST:PORT, else "". */
+int relight_socket(const char *address, double timeout_s, char host[256],
+                   struct relight_error *error);
 /* The default address into buf. */
 const char *relight_default_address(char *buf, size_t n);
 double relight_now_s(void);
@@ -86,6 +87,9 @@ struct request_parts {
 };
 int relight_put_lights(struct request_parts *parts, size_t n,
                        const struct relight_light *lights, struct relight_error *error);
+/* Rotation and gain alone, for lights that a view has. */
+int relight_put_turns(struct request_parts *parts, size_t n, const struct relight_light *lights,
+                      struct relight_error *error);
 void relight_put_shade(struct request_parts *parts, const struct relight_shade *shade);
 void relight_put_picture(struct request_parts *parts, const struct relight_picture *picture);
 void relight_get_cost(const Relight__Cost *message, struct relight_cost *out);
@@ -98,6 +102,11 @@ int relight_get_image(const Relight__ImageAnswer *message, const uint8_t *payloa
                       struct relight_error *error);
 int relight_get_blocks(struct owner *owner, size_t n, Relight__Block **blocks,
                        const struct relight_block **out);
+/* Textures of an answer to GEOMETRY: whether its sections lie in the payload; the fields of
+ * *out. false without memory. */
+bool relight_textures_fit(const Relight__GeometryAnswer *a, const struct answer *answer);
+bool relight_get_textures(struct owner *owner, const struct answer *answer,
+                          struct relight_geometry *out);
 static inline char *relight_text(const char *text)
 {
     static char empty[1];

@@ -52,8 +52,8 @@ static Relight__Vec3 vec3(const float v[3])
     return m;
 }
 
-int relight_put_lights(struct request_parts *parts, size_t n,
-                       const struct relight_light *lights, struct relight_error *error)
+int relight_put_turns(struct request_parts *parts, size_t n, const struct relight_light *lights,
+                      struct relight_error *error)
 {
     parts->n_cube = 0;
     if (n > RELIGHT_MAX_LIGHT)
@@ -69,6 +69,17 @@ int relight_put_lights(struct request_parts *parts, size_t n,
             parts->gain[i] = vec3(in->gain);
             m->gain = parts->gain + i;
         }
+    }
+    return 0;
+}
+
+int relight_put_lights(struct request_parts *parts, size_t n,
+                       const struct relight_light *lights, struct relight_error *error)
+{
+    int status = relight_put_turns(parts, n, lights, error);
+    for (size_t i = 0; !status && i < n; i++) {
+        const struct relight_light *in = lights + i;
+        Relight__Light *m = parts->light + i;
         if (!in->cube_n == !in->env)
             return relight_fail(error, RELIGHT_E_ARGUMENT, "",
                                 "light %zu needs either an environment or a cube", i);
@@ -257,6 +268,7 @@ int relight_get_blocks(struct owner *owner, size_t n, Relight__Block **blocks,
                                           .triangle_begin = m->triangle_begin,
                                           .n_triangle = m->n_triangle};
         get_vec3(m->base_color, block[i].base_color);
+        block[i].surface_index = m->surface_index;
     }
     *out = block;
     return 0;

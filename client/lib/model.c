@@ -372,17 +372,18 @@ static bool geometry_fits(const Relight__GeometryAnswer *a, const struct answer 
     return true;
 }
 
-int relight_geometry(struct relight_client *client, const char *model, bool own_units,
-                     struct relight_geometry *out, struct relight_error *error)
+static int geometry(struct relight_client *client, const char *model, bool own_units,
+                    bool textures, struct relight_geometry *out, struct relight_error *error)
 {
     Relight__GeometryRequest m = RELIGHT__GEOMETRY_REQUEST__INIT;
     struct answer *answer;
     m.model = relight_text(model);
     m.own_units = own_units;
+    m.textures = textures;
     int status = relight_call(client, RELIGHT_TYPE_GEOMETRY, &m.base, &answer, error);
     if (status) return status;
     const Relight__GeometryAnswer *a = (Relight__GeometryAnswer *)answer->message;
-    if (!geometry_fits(a, answer)) {
+    if (!geometry_fits(a, answer) || (textures && !relight_textures_fit(a, answer))) {
         status = relight_fail(error, RELIGHT_E_PROTOCOL, "",
                               "geometry answer: %u vertices and %u triangles do not fit",
                               a->n_vertex, a->n_triangle);
@@ -403,12 +404,25 @@ int relight_geometry(struct relight_client *client, const char *model, bool own_
         .generation = a->generation,
         .n_block = a->n_blocks,
         .owner = owner};
-    if (relight_get_blocks(owner, a->n_blocks, a->blocks, &g.block)) {
+    bool good = !textures || relight_get_textures(owner, answer, &g);
+    if (!good || relight_get_blocks(owner, a->n_blocks, a->blocks, &g.block)) {
         relight_owner_free(owner);
         return no_memory(error);
     }
     *out = g;
     return 0;
+}
+
+int relight_geometry(struct relight_client *client, const char *model, bool own_units,
+                     struct relight_geometry *out, struct relight_error *error)
+{
+    return geometry(client, model, own_units, false, out, error);
+}
+
+int relight_geometry_textured(struct relight_client *client, const char *model, bool own_units,
+                              struct relight_geometry *out, struct relight_error *error)
+{
+    return geometry(client, model, own_units, true, out, error);
 }
 
 void relight_geometry_finish(struct relight_geometry *geometry)

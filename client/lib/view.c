@@ -30,11 +30,24 @@ static int put_state(struct request_parts *parts, Relight__ViewState *m, size_t 
     return 0;
 }
 
+static void put_options(Relight__ViewOptions *m, const struct relight_view_request *request)
+{
+    relight__view_options__init(m);
+    m->max_fps = request->max_fps;
+    m->window = request->window;
+    m->window_bytes = request->window_bytes;
+    m->color_format = (Relight__ColorFormat)request->color_format;
+    m->color_exposure_ev = request->color_exposure_ev;
+    m->frame_deadline_ms = request->frame_deadline_ms;
+    m->skip_equal = request->skip_equal;
+}
+
 int relight_view_open(struct relight_client *client, const struct relight_view_request *request,
                       struct relight_view **out, struct relight_error *error)
 {
     struct request_parts parts;
     Relight__ViewState state;
+    Relight__ViewOptions options;
     Relight__ViewOpenRequest m = RELIGHT__VIEW_OPEN_REQUEST__INIT;
     int status = put_state(&parts, &state, request->n_light, request->lights, &request->shade,
                            &request->picture, error);
@@ -42,10 +55,8 @@ int relight_view_open(struct relight_client *client, const struct relight_view_r
     m.model = relight_text(request->model);
     m.state = &state;
     m.colors = request->colors;
-    m.color_format = (Relight__ColorFormat)request->color_format;
-    m.color_exposure_ev = request->color_exposure_ev;
-    m.max_fps = request->max_fps;
-    m.window = request->window;
+    put_options(&options, request);
+    state.options = &options;
     struct relight_view *view = calloc(1, sizeof *view);
     if (!view) return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
     view->client = client;
@@ -62,6 +73,24 @@ int relight_view_open(struct relight_client *client, const struct relight_view_r
     return 0;
 }
 
+static int send_state(struct relight_view *view, struct request_parts *parts,
+                      Relight__ViewState *state, uint64_t *sequence,
+                      struct relight_error *error)
+{
+    Relight__ViewSetRequest m = RELIGHT__VIEW_SET_REQUEST__INIT;
+    // The lock is held while sending, so that states are sent in the order of their numbers.
+    pthread_mutex_lock(&view->lock);
+    m.view = view->id;
+    m.sequence = view->next_sequence++;
+    m.state = state;
+    m.shown = view->shown;
+    int status = relight_start(view->client, RELIGHT_TYPE_VIEW_SET, &m.base, parts->cube,
+                               parts->n_cube, 0, true, NULL, error);
+    if (!status && sequence) *sequence = m.sequence;
+    pthread_mutex_unlock(&view->lock);
+    return status;
+}
+
 int relight_view_set(struct relight_view *view, size_t n_light,
                      const struct relight_light *lights, const struct relight_shade *shade,
                      const struct relight_picture *picture, uint64_t *sequence,
@@ -69,31 +98,46 @@ int relight_view_set(struct relight_view *view, size_t n_light,
 {
     struct request_parts parts;
     Relight__ViewState state;
-    Relight__ViewSetRequest m = RELIGHT__VIEW_SET_REQUEST__INIT;
     int status = put_state(&parts, &state, n_light, lights, shade, picture, error);
+    return status ? status : send_state(view, &parts, &state, sequence, error);
+}
+
+int relight_view_change(struct relight_view *view, const struct relight_view_request *values,
+                        size_t n_field, const char *const *fields, uint64_t *sequence,
+                        struct relight_error *error)
+{
+    struct request_parts parts;
+    Relight__ViewState state;
+    Relight__ViewOptions options;
+    bool lights = false, turned = false;
+    if (!n_field) return relight_fail(error, RELIGHT_E_ARGUMENT, "", "no field is named");
+    for (size_t i = 0; i < n_field; i++) {
+        lights |= !strcmp(fields[i], "lights");
+        turned |= !strncmp(fields[i], "lights.", 7);
+    }
+    int status = put_state(&parts, &state, lights ? values->n_light : 0, values->lights,
+                           &values->shade, &values->picture, error);
+    if (!status && turned && !lights) {
+        status = relight_put_turns(&parts, values->n_light, values->lights, error);
+        state.n_lights = values->n_light;
+    }
     if (status) return status;
-    // The lock is held while sending, so that states are sent in the order of their numbers.
-    pthread_mutex_lock(&view->lock);
-    m.view = view->id;
-    m.sequence = view->next_sequence++;
-    m.state = &state;
-    m.shown = view->shown;
-    status = relight_start(view->client, RELIGHT_TYPE_VIEW_SET, &m.base, parts.cube,
-                           parts.n_cube, 0, true, NULL, error);
-    if (!status && sequence) *sequence = m.sequence;
-    pthread_mutex_unlock(&view->lock);
-    return status;
+    put_options(&options, values);
+    state.options = &options;
+    state.n_fields = n_field;
+    state.fields = (char **)(uintptr_t)fields;
+    return send_state(view, &parts, &state, sequence, error);
 }
 
 // Acknowledges a frame, so that the daemon may send the next.
 static int acknowledge(struct relight_view *view, uint64_t frame, struct relight_error *error)
 {
-    Relight__ViewSetRequest m = RELIGHT__VIEW_SET_REQUEST__INIT;
+    Relight__ViewAck m = RELIGHT__VIEW_ACK__INIT;
     pthread_mutex_lock(&view->lock);
     view->shown = frame;
     m.view = view->id;
     m.shown = frame;
-    int status = relight_start(view->client, RELIGHT_TYPE_VIEW_SET, &m.base, NULL, 0, 0, true,
+    int status = relight_start(view->client, RELIGHT_TYPE_VIEW_ACK, &m.base, NULL, 0, 0, true,
                                NULL, error);
     pthread_mutex_unlock(&view->lock);
     return status;
@@ -104,8 +148,10 @@ static int read_frame(struct answer *answer, struct relight_frame_out *out,
 {
     const Relight__ViewFrame *m = (Relight__ViewFrame *)answer->message;
     int status;
-    *out = (struct relight_frame_out){.frame = m->frame, .sequence = m->sequence};
+    *out = (struct relight_frame_out){
+        .frame = m->frame, .sequence = m->sequence, .hash = m->hash, .equal = m->equal};
     if (m->error) return relight_fail_message(error, m->error);
+    if (m->equal) return 0;
     if (m->colors) {
         status = relight_get_colors(m->colors, answer->payload, answer->payload_size,
                                     &out->colors, error);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Runs the stages of a bake in order and writes the .prt.
+#include "bake/checkpoint.h"
 #include "bake/measure.h"
 #include "bake/run.h"
 #include "bake/shard.h"
@@ -327,11 +328,9 @@ int prt_bake_tensor(struct tensor_job *job)
     if (b->o.storage == PRT_STORAGE_SPARSE)
         status = prt_sparse_builder_create(b->clusters, b->mesh->n_vertex, b->o.cube,
                                            job->n_function, b->o.n_coef, &b->sparse);
-    if (status == PRT_OK) status = prt_shard_for(b, job->stage, job->range, job);
+    const struct slot slot = {b->sparse ? SLOT_SPARSE : SLOT_FACTORED, job->n_function, NULL};
     bool part = false;
-    if (status == PRT_OK)
-        status = b->sparse ? prt_shard_sparse(b, &part)
-                           : prt_shard_factored(b, job->n_function, &part);
+    if (status == PRT_OK) status = prt_shard_for(b, job->stage, job->range, job, &slot, &part);
     b->seconds[job->term == PRT_TERM_SINGLE ? T_SINGLE : T_MULTIPLE] = prt_time_s() - started;
     started = prt_time_s();
     if (status == PRT_OK && !part) status = pack_rows(job, t);
@@ -373,10 +372,10 @@ static int bake_wavelet(struct bake *b)
     double started = prt_time_s();
     struct probes probes = {0};
     int status = PRT_OK;
-    if (b->surface && !prt_shard_assembling(b))
+    if (b->surface && !prt_shard_assembling(b) && !prt_checkpoint_skips_rows(b))
         status = prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
                                      b->o.material.eta, prt_bake_rows_room(&b->o),
-                                     &b->irradiance, &b->rays_irradiance);
+                                     b->checkpoint, &b->irradiance, &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
     if (status == PRT_OK) status = prt_probes_create(b, WAVELET_PROBES, &probes);
     struct tensor_job multiple = {.bake = b,
@@ -485,10 +484,12 @@ static int run_shard(struct bake *b, const char *out_path, uint32_t *missing)
 {
     *missing = 0;
     uint64_t key = 0;
-    int status = b->o.n_shard > 1 ? shard_key(b, &key) : PRT_OK;
+    int status = b->o.n_shard > 1 || b->o.checkpoint ? shard_key(b, &key) : PRT_OK;
+    if (status == PRT_OK) status = prt_checkpoint_open(b, key);
     if (status == PRT_OK) status = prt_shard_create(b, out_path, key);
     if (status == PRT_OK && !prt_shard_done(b)) status = run_engine(b);
     if (status == PRT_OK) status = prt_shard_close(b, missing);
+    if (status == PRT_OK && b->shard) prt_checkpoint_close(b, true); // the part has it all
     if (status != PRT_OK || !prt_shard_assembling(b)) return status;
     for (uint32_t t = 0; t < b->out.n_tensor; t++) prt_tensor_finish(&b->out.tensor[t]);
     memset(b->out.tensor, 0, sizeof b->out.tensor);
@@ -540,6 +541,7 @@ int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
     status = prepare(&b);
     if (status == PRT_OK) status = run_shard(&b, out_path, &missing);
     if (status == PRT_OK && !missing) status = measure_and_write(&b, out_path);
+    prt_checkpoint_close(&b, status == PRT_OK);
     prt_shard_destroy(&b, status == PRT_OK);
     if (options->parts_missing) *options->parts_missing = missing;
     release(&b);

@@ -2,6 +2,7 @@
 // Pass 1: irradiance transport of every surface sample (W05 eq 8) and the means of the
 // hierarchy. The horizon reduced 12,000 rays a sample to 2,300; rows differ by 0.2 % (bunny,
 // 250,000 samples).
+#include "bake/checkpoint.h"
 #include "bake/loops.h"
 
 #include <math.h>
@@ -200,7 +201,8 @@ struct pass_one {
     const struct hierarchy *h;
     const struct directions *d;
     const struct fresnel_table *fresnel;
-    struct horizon *horizon; // or NULL: every ray is cast
+    struct horizon *horizon;       // or NULL: every ray is cast
+    struct checkpoint *checkpoint; // or NULL
     struct half_rows *rows;
     atomic_uint_fast64_t rays;
 };
@@ -224,11 +226,15 @@ static bool horizon_of(const struct pass_one *p, uint32_t s, struct horizon_view
 static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct pass_one *p = arg;
+    uint64_t rays = 0;
+    if (prt_checkpoint_read_rows(p->checkpoint, p->rows, begin, end - begin, &rays)) {
+        atomic_fetch_add(&p->rays, rays);
+        return PRT_OK;
+    }
     prt_trace_thread_init();
     float *row = prt_alloc(p->rows->n_coef, sizeof *row);
     if (!row) return PRT_NOMEM;
     struct horizon_view view;
-    uint64_t rays = 0;
     for (size_t i = begin; i < end; i++) {
         uint32_t s = p->h->order[i];
         unsigned pattern = (unsigned)(prt_hash64(&s, sizeof s, 7) >> 32);
@@ -241,6 +247,7 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
             row[k] *= p->surface->tint[s];
         prt_f32_to_f16_array(row, p->rows->n_coef, p->rows->half + i * p->rows->n_coef);
     }
+    prt_checkpoint_write_rows(p->checkpoint, p->rows, begin, end - begin, rays);
     atomic_fetch_add(&p->rays, rays);
     prt_free(row);
     return PRT_OK;
@@ -285,15 +292,20 @@ static int leaf_range(void *arg, size_t begin, size_t end, unsigned worker)
 int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
                         const struct prt_surface_points *surface, const struct hierarchy *h,
                         const struct directions *d, double eta, size_t room,
-                        struct half_rows *out, uint64_t *rays)
+                        struct checkpoint *checkpoint, struct half_rows *out, uint64_t *rays)
 {
     struct fresnel_table fresnel;
     prt_fresnel_table_init(&fresnel, eta);
     int status =
         prt_half_rows_create(ctx, (size_t)surface->n_sample + h->n_node, d->n_coef, room, out);
     if (status) return status;
-    struct pass_one p = {
-        .scene = scene, .surface = surface, .h = h, .d = d, .fresnel = &fresnel, .rows = out};
+    struct pass_one p = {.scene = scene,
+                         .surface = surface,
+                         .h = h,
+                         .d = d,
+                         .fresnel = &fresnel,
+                         .checkpoint = checkpoint,
+                         .rows = out};
     (void)prt_horizon_create(scene, &p.horizon); // without memory for it every ray is cast
     status = prt_parallel_for(ctx, "irradiance", surface->n_sample, 64, pass_one_range, &p);
     if (status == PRT_OK)

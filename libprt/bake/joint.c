@@ -2,6 +2,7 @@
 // Joint transport (METHODS §5): light and material are both free. The stages are those of
 // wavelet transport with a radial basis in place of one medium's R_d, and one U serves training
 // materials over the whole range.
+#include "bake/checkpoint.h"
 #include "bake/radials.h"
 #include "bake/shard.h"
 #include "bake/sources.h"
@@ -134,10 +135,10 @@ int prt_bake_joint(struct bake *b)
         return prt_fail(b->ctx, PRT_ARG,
                         "nothing is translucent: a joint bake has no material");
     int status = prt_bases_create(b, &j.bases);
-    if (status == PRT_OK && !prt_shard_assembling(b))
+    if (status == PRT_OK && !prt_shard_assembling(b) && !prt_checkpoint_skips_rows(b))
         status = prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
                                      b->o.material.eta, prt_bake_rows_room(&b->o),
-                                     &b->irradiance, &b->rays_irradiance);
+                                     b->checkpoint, &b->irradiance, &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
     if (status == PRT_OK) status = bake_terms(&j);
     prt_bases_finish(&j.bases);

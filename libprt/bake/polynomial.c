@@ -2,6 +2,7 @@
 // Polynomial transport (X07): the light is fixed and contracted while baking; the material
 // stays free as coefficients of radial functions. T_j (X07 eq 10) is summed over the cut of the
 // hierarchy, S_j (X07 eq 15) over directions drawn from the light.
+#include "bake/checkpoint.h"
 #include "bake/radials.h"
 #include "bake/shard.h"
 
@@ -84,6 +85,8 @@ static int irradiance(struct polynomial *p)
     const struct hierarchy *h = b->hierarchy;
     p->irradiance = prt_alloc((size_t)n + h->n_node, sizeof *p->irradiance);
     if (!p->irradiance) return PRT_NOMEM;
+    size_t bytes = ((size_t)n + h->n_node) * sizeof *p->irradiance;
+    if (prt_checkpoint_read_array(b->checkpoint, p->irradiance, bytes)) return PRT_OK;
     int status = prt_parallel_for(b->ctx, "irradiance", n, 64, sample_range, p);
     for (uint32_t i = h->n_node; status == PRT_OK && i-- > 0;) { // children come after parents
         const struct node *node = &h->node[i];
@@ -99,6 +102,7 @@ static int irradiance(struct polynomial *p)
                     sum[c] += (double)b->surface->area[h->order[s]] * p->irradiance[s][c];
         for (int c = 0; c < 3; c++) p->irradiance[n + i][c] = (float)(sum[c] / node->area);
     }
+    if (status == PRT_OK) prt_checkpoint_write_array(b->checkpoint, p->irradiance, bytes);
     return status;
 }
 
@@ -244,6 +248,13 @@ static int opaque_range(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
+static int bake_clusters(struct polynomial *p, const char *stage, prt_loop_fn range)
+{
+    const struct slot slot = {SLOT_RADIAL, 0, p->tensor};
+    bool part;
+    return prt_shard_for(p->b, stage, range, p, &slot, &part);
+}
+
 static int bake_multiple(struct polynomial *p)
 {
     struct bake *b = p->b;
@@ -251,12 +262,10 @@ static int bake_multiple(struct polynomial *p)
     for (uint32_t c = 0; c < b->clusters->n_cluster; c++)
         opaque |= !b->clusters->translucent[c];
     int status = add_tensor(p, PRT_TERM_MULTIPLE, 1, p->bases.reflectance);
-    if (status == PRT_OK) status = prt_shard_for(b, "multiple scattering", multiple_range, p);
-    if (status == PRT_OK) status = prt_shard_radial(b, p->tensor);
+    if (status == PRT_OK) status = bake_clusters(p, "multiple scattering", multiple_range);
     if (status || !opaque) return status;
     status = add_tensor(p, PRT_TERM_MULTIPLE, 1, NULL);
-    if (status == PRT_OK) status = prt_shard_for(b, "opaque surfaces", opaque_range, p);
-    if (status == PRT_OK) status = prt_shard_radial(b, p->tensor);
+    if (status == PRT_OK) status = bake_clusters(p, "opaque surfaces", opaque_range);
     return status;
 }
 
@@ -270,8 +279,7 @@ static int bake_single(struct polynomial *p, const struct prt_cube *light)
     b->single.n_direction = SINGLE_RAYS;
     prt_single_plan_depths(&b->single);
     status = add_tensor(p, PRT_TERM_SINGLE, b->o.n_phase, p->bases.extinction);
-    if (status == PRT_OK) status = prt_shard_for(b, "single scattering", single_range, p);
-    if (status == PRT_OK) status = prt_shard_radial(b, p->tensor);
+    if (status == PRT_OK) status = bake_clusters(p, "single scattering", single_range);
     prt_light_rays_destroy(p->rays);
     p->rays = NULL;
     return status;

@@ -23,6 +23,7 @@ struct bake {
     struct prt_transport out;
     uint64_t rays_irradiance, *rays_single; // rays_single [n_cluster]
     struct shard *shard;                    // one part of several; NULL: the whole bake
+    struct checkpoint *checkpoint;          // NULL: none is kept
     double seconds[8];                      // by T_*
 };
 enum { T_SAMPLES, T_IRRADIANCE, T_MULTIPLE, T_SINGLE, T_PACK, T_MEASURE };

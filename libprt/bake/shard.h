@@ -4,7 +4,7 @@
 #ifndef PRT_BAKE_SHARD_H
 #define PRT_BAKE_SHARD_H
 
-#include "bake/run.h"
+#include "bake/cluster_records.h"
 
 /* Sets b->shard for options.n_shard > 1, and leaves it NULL otherwise. `key` is equal for all
  * parts of one bake. If this shard's part exists and is complete, prt_shard_done holds. */
@@ -20,15 +20,12 @@ void prt_shard_destroy(struct bake *b, bool written);
 bool prt_shard_assembling(const struct bake *b);
 /* The part is complete: nothing is to be done before prt_shard_close. */
 bool prt_shard_done(const struct bake *b);
-/* prt_parallel_for over the clusters of this process: all, its own, or none while assembling.
- */
-int prt_shard_for(struct bake *b, const char *stage, prt_loop_fn range, void *arg);
-
-/* After a loop, for the next slot (tensor): writes the results of the process' own clusters to
- * its part, or reads those of all clusters while assembling. *part: the tensor of this process
- * is incomplete, because the other parts are not assembled yet. */
-int prt_shard_factored(struct bake *b, uint32_t n_function, bool *part);
-int prt_shard_sparse(struct bake *b, bool *part);
-int prt_shard_radial(struct bake *b, struct prt_tensor *tensor);
+/* prt_parallel_for over the clusters of this process that its checkpoint does not have: all,
+ * its own, or none while assembling. Then, for a shard, writes the results of its own clusters
+ * to its part, or reads those of all clusters while assembling. `slot` names the results of
+ * `range`. *part: the tensor of this process is incomplete, because the other parts are not
+ * assembled yet. */
+int prt_shard_for(struct bake *b, const char *stage, prt_loop_fn range, void *arg,
+                  const struct slot *slot, bool *part);
 
 #endif

@@ -75,6 +75,8 @@ int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_c
                          size_t room, struct half_rows *out);
 void prt_half_rows_finish(struct half_rows *rows);
 
+struct checkpoint; /* checkpoint.h */
+
 struct node {
     float centre[3]; /* area-weighted mean position [mm] */
     float box[2][3];
@@ -95,11 +97,12 @@ int prt_hierarchy_create(const struct prt_surface_points *surface, struct hierar
 void prt_hierarchy_destroy(struct hierarchy *h);
 
 /* Pass 1: the rows of all samples, and the area-weighted mean of each node's rows. *rays gets
- * the number of rays cast. Reports "irradiance" and "hierarchy" as progress. */
+ * the number of rays cast. Pieces that the checkpoint (or NULL) has are read, others are
+ * recorded there. Reports "irradiance" and "hierarchy" as progress. */
 int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
                         const struct prt_surface_points *surface, const struct hierarchy *h,
                         const struct directions *d, double eta, size_t room,
-                        struct half_rows *out, uint64_t *rays);
+                        struct checkpoint *checkpoint, struct half_rows *out, uint64_t *rays);
 
 /* ---- clusters of vertices -----------------------------------------------------------------
  */

@@ -30,6 +30,8 @@ static int check_usage(const struct options *o, enum prt_transport_kind engine)
     if (!o->env && engine == PRT_TRANSPORT_POLYNOMIAL)
         return usage_error(o,
                            "--transport polynomial is baked under one light: it needs --env");
+    if (o->checkpoint_room && !o->checkpoint)
+        return usage_error(o, "--checkpoint-room is for --checkpoint");
     if (sparse && engine != PRT_TRANSPORT_WAVELET)
         return usage_error(o, "--storage sparse is for --transport wavelet");
     if (o->basis && engine != PRT_TRANSPORT_POLYNOMIAL)
@@ -70,6 +72,8 @@ static struct prt_bake_options bake_options(const struct options *o,
         .seed = o->seed,
         .shard = o->shard,
         .n_shard = o->n_shard,
+        .checkpoint = o->checkpoint,
+        .checkpoint_room = o->checkpoint_room,
     };
 }
 
@@ -202,7 +206,7 @@ int run_bake(struct tool *tool)
                 (double)source.material.eta);
     }
     if (o->env && engine == PRT_TRANSPORT_POLYNOMIAL) {
-        exit_status = tool_exit(tool, prt_env_load(&tool->ctx, o->env, &env));
+        exit_status = tool_exit(tool, tool_env_load(tool, o->env, &env));
         if (exit_status) goto done;
     } else if (o->env) {
         prt_log(&tool->ctx, PRT_LOG_WARNING,

@@ -28,18 +28,19 @@ static int bad_header(const struct prt_context *ctx, const char *name, const cha
     return prt_fail(ctx, PRT_FORMAT, "%s: %s", name, what);
 }
 
-static uint64_t header_hash(const struct format_header *header, const void *table, uint64_t n)
+static int header_hash(const struct format_header *header, const void *table, uint64_t n,
+                       uint64_t *out)
 {
     struct format_header copy = *header;
     XXH3_state_t *state = XXH3_createState();
-    if (!state) return 0;
+    if (!state) return PRT_NOMEM;
     copy.hash = 0;
     XXH3_64bits_reset(state);
     XXH3_64bits_update(state, &copy, sizeof copy);
     XXH3_64bits_update(state, table, n);
-    uint64_t hash = XXH3_64bits_digest(state);
+    *out = XXH3_64bits_digest(state);
     XXH3_freeState(state);
-    return hash;
+    return PRT_OK;
 }
 
 static int check_header(struct prt_file *f)
@@ -67,8 +68,10 @@ static int check_header(struct prt_file *f)
     uint64_t table = format_padded(sizeof *f->section * h.n_section);
     if (table > f->size - sizeof h)
         return bad_header(f->ctx, f->name, "the table of sections is truncated");
-    if (header_hash(&h, f->bytes + sizeof h, table) != h.hash)
-        return bad_header(f->ctx, f->name, "the header is damaged (checksum)");
+    uint64_t hash;
+    if (header_hash(&h, f->bytes + sizeof h, table, &hash))
+        return prt_fail(f->ctx, PRT_NOMEM, "%s: no memory for a checksum", f->name);
+    if (hash != h.hash) return bad_header(f->ctx, f->name, "the header is damaged (checksum)");
     f->section = (const struct format_section *)(f->bytes + sizeof h);
     f->n_section = h.n_section;
     return PRT_OK;

@@ -5,6 +5,7 @@
 #include "core/access.h"
 #include "core/address.h"
 #include "core/log.h"
+#include "core/tls.h"
 #include "core/token.h"
 #include "prt/base.h"
 
@@ -79,8 +80,9 @@ static int check_words(const struct options *options, char fault[256])
     else if (options->cpu[0] && prt_cpu_parse(options->cpu, &cpu))
         why = "--cpu: one of " PRT_CPU_WORDS;
     const char *away = options->goaway_address;
-    if (away[0] && strncmp(away, "tcp:", 4) && strncmp(away, "unix:", 5))
-        why = "--goaway-address: expected tcp:HOST:PORT or unix:PATH";
+    if (away[0] && strncmp(away, "tcp:", 4) && strncmp(away, "tls:", 4) &&
+        strncmp(away, "unix:", 5))
+        why = "--goaway-address: expected tcp:HOST:PORT, tls:HOST:PORT or unix:PATH";
     if (!why) return 0;
     snprintf(fault, 256, "%s", why);
     return -1;
@@ -100,6 +102,15 @@ static int check_addresses(const struct options *options, char fault[256])
     return 0;
 }
 
+static int check_tls(const struct options *options, char fault[256])
+{
+    struct tls *tls = NULL;
+    int failed =
+        options->tls_cert[0] ? tls_create(options->tls_cert, options->tls_key, &tls, fault) : 0;
+    tls_destroy(tls);
+    return failed;
+}
+
 int configuration_check(const struct options *options, char fault[256])
 {
     char token[TOKEN_ROOM];
@@ -107,6 +118,7 @@ int configuration_check(const struct options *options, char fault[256])
         check_folder("page", options->page, fault) || check_data(options->data, fault) ||
         check_apart(options, fault) || check_addresses(options, fault))
         return -1;
+    if (check_tls(options, fault)) return -1;
     return options->token_file[0] ? token_read(options->token_file, token, fault) : 0;
 }
 
@@ -135,6 +147,12 @@ void configuration_reload(struct server *server, int argc, char **argv)
         failed = true;
         snprintf(fault, sizeof fault, "token-file: removing the token needs a restart");
     }
+    if (!failed && !server->tls != !fresh.tls_cert[0]) {
+        failed = true;
+        snprintf(fault, sizeof fault, "tls-cert: beginning or ending TLS needs a restart");
+    }
+    if (!failed && server->tls)
+        failed = tls_reload(server->tls, fresh.tls_cert, fresh.tls_key, fault);
     if (failed) {
         log_line(LOG_ERR, "reload refused, nothing changed: %s", fault);
         return;
@@ -143,6 +161,11 @@ void configuration_reload(struct server *server, int argc, char **argv)
     if (token[0] && !access_is_default(server->access, token)) {
         access_set_default(server->access, token);
         tell_change("token", "(secret)", true);
+    }
+    if (server->tls) {
+        char certificate[256];
+        tls_describe(server->tls, certificate, sizeof certificate);
+        log_line(LOG_EVENT, "reload certificate=\"%s\"", certificate);
     }
     options_update(&server->options, &fresh, tell_change);
     ledger_update_quotas(server->ledger);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The event loop on epoll. Timers live in a binary heap behind one timerfd and messages behind
-// one eventfd, so that the epoll descriptor is readable whenever there is work.
+// The event loop on epoll. Timers live in a pairing heap behind one timerfd and messages behind
+// one eventfd, so that the epoll descriptor is readable whenever there is work. The heap links
+// the timers themselves: arming one needs no memory and cannot fail.
 #include "core/loop.h"
 
 #include <errno.h>
@@ -21,10 +22,9 @@ enum { BATCH = 64 };
 struct loop {
     int epoll_fd;
     struct loop_watch wake, clock, signal;
-    struct loop_timer **heap;
-    size_t n_timer, timer_room;
-    uint64_t armed_ns;    // expiry of the timerfd; 0: none
-    pthread_mutex_t lock; // guards the message list
+    struct loop_timer *first_timer; // the heap's root
+    uint64_t armed_ns;              // expiry of the timerfd; 0: none
+    pthread_mutex_t lock;           // guards the message list
     struct loop_message *first, **last;
     struct epoll_event batch[BATCH];
     int n_batch, next_batch;
@@ -62,41 +62,43 @@ void loop_watch_remove(struct loop *loop, struct loop_watch *watch)
         if (loop->batch[i].data.ptr == watch) loop->batch[i].data.ptr = NULL;
 }
 
-static void heap_put(struct loop *loop, size_t i, struct loop_timer *timer)
+// Both without siblings; NULL is an empty heap.
+static struct loop_timer *meld(struct loop_timer *a, struct loop_timer *b)
 {
-    loop->heap[i] = timer;
-    timer->slot = i + 1;
+    if (!a || !b) return a ? a : b;
+    struct loop_timer *low = b->at_ns < a->at_ns ? b : a, *high = low == a ? b : a;
+    high->next = low->child;
+    if (high->next) high->next->prev = high;
+    high->prev = low;
+    low->child = high;
+    return low;
 }
 
-static void heap_up(struct loop *loop, size_t i)
+// The heap of a list of siblings: pairs from the left, then all from the right.
+static struct loop_timer *meld_all(struct loop_timer *list)
 {
-    struct loop_timer *timer = loop->heap[i];
-    while (i && loop->heap[(i - 1) / 2]->at_ns > timer->at_ns) {
-        heap_put(loop, i, loop->heap[(i - 1) / 2]);
-        i = (i - 1) / 2;
+    struct loop_timer *pairs = NULL, *heap = NULL;
+    while (list) {
+        struct loop_timer *a = list, *b = a->next, *rest = b ? b->next : NULL;
+        a->next = a->prev = NULL;
+        if (b) b->next = b->prev = NULL;
+        a = meld(a, b);
+        a->next = pairs;
+        pairs = a;
+        list = rest;
     }
-    heap_put(loop, i, timer);
-}
-
-static void heap_down(struct loop *loop, size_t i)
-{
-    struct loop_timer *timer = loop->heap[i];
-    for (;;) {
-        size_t child = 2 * i + 1;
-        if (child >= loop->n_timer) break;
-        if (child + 1 < loop->n_timer &&
-            loop->heap[child + 1]->at_ns < loop->heap[child]->at_ns)
-            child++;
-        if (loop->heap[child]->at_ns >= timer->at_ns) break;
-        heap_put(loop, i, loop->heap[child]);
-        i = child;
+    while (pairs) {
+        struct loop_timer *rest = pairs->next;
+        pairs->next = NULL;
+        heap = meld(heap, pairs);
+        pairs = rest;
     }
-    heap_put(loop, i, timer);
+    return heap;
 }
 
 static void arm_clock(struct loop *loop)
 {
-    uint64_t at = loop->n_timer ? loop->heap[0]->at_ns : 0;
+    uint64_t at = loop->first_timer ? loop->first_timer->at_ns : 0;
     if (at == loop->armed_ns) return;
     loop->armed_ns = at;
     struct itimerspec spec = {
@@ -104,33 +106,34 @@ static void arm_clock(struct loop *loop)
     timerfd_settime(loop->clock.fd, TFD_TIMER_ABSTIME, &spec, NULL);
 }
 
+static void take_out(struct loop *loop, struct loop_timer *timer)
+{
+    struct loop_timer *below = meld_all(timer->child);
+    if (timer == loop->first_timer) {
+        loop->first_timer = below;
+    } else {
+        bool oldest = timer->prev->child == timer; // prev is its parent
+        *(oldest ? &timer->prev->child : &timer->prev->next) = timer->next;
+        if (timer->next) timer->next->prev = timer->prev;
+        loop->first_timer = meld(loop->first_timer, below);
+    }
+    timer->child = timer->next = timer->prev = NULL;
+    timer->armed = false;
+}
+
 void loop_timer_stop(struct loop *loop, struct loop_timer *timer)
 {
-    if (!timer->slot) return;
-    size_t i = timer->slot - 1;
-    timer->slot = 0;
-    struct loop_timer *moved = loop->heap[--loop->n_timer];
-    if (moved != timer) {
-        heap_put(loop, i, moved);
-        heap_up(loop, i);
-        heap_down(loop, moved->slot - 1);
-    }
+    if (!timer->armed) return;
+    take_out(loop, timer);
     arm_clock(loop);
 }
 
 void loop_timer_set(struct loop *loop, struct loop_timer *timer, uint64_t at_ns)
 {
-    loop_timer_stop(loop, timer);
-    if (loop->n_timer == loop->timer_room) {
-        size_t room = loop->timer_room ? 2 * loop->timer_room : 64;
-        struct loop_timer **heap = realloc(loop->heap, room * sizeof *heap);
-        if (!heap) abort(); // without timers no deadline would be kept
-        loop->heap = heap;
-        loop->timer_room = room;
-    }
+    if (timer->armed) take_out(loop, timer);
     timer->at_ns = at_ns ? at_ns : 1;
-    heap_put(loop, loop->n_timer++, timer);
-    heap_up(loop, loop->n_timer - 1);
+    timer->armed = true;
+    loop->first_timer = meld(loop->first_timer, timer);
     arm_clock(loop);
 }
 
@@ -141,9 +144,9 @@ static void clock_ready(struct loop_watch *watch, uint32_t events)
     if (read(watch->fd, &n, sizeof n) < 0) n = 0;
     loop->armed_ns = 0;
     uint64_t now = loop_now_ns();
-    while (loop->n_timer && loop->heap[0]->at_ns <= now) {
-        struct loop_timer *timer = loop->heap[0];
-        loop_timer_stop(loop, timer);
+    while (loop->first_timer && loop->first_timer->at_ns <= now) {
+        struct loop_timer *timer = loop->first_timer;
+        take_out(loop, timer);
         timer->fire(timer);
     }
     arm_clock(loop);
@@ -244,7 +247,6 @@ void loop_destroy(struct loop *loop)
     if (loop->wake.fd >= 0) close(loop->wake.fd);
     if (loop->epoll_fd >= 0) close(loop->epoll_fd);
     pthread_mutex_destroy(&loop->lock);
-    free(loop->heap);
     free(loop);
 }
 

@@ -19,7 +19,9 @@ struct loop_watch {
 /* A timer, embedded in its owner. Zero-initialise. */
 struct loop_timer {
     uint64_t at_ns;
-    size_t slot; /* heap position + 1; 0: not armed */
+    bool armed;
+    struct loop_timer *child, *next,
+        *prev; /* of the heap; prev: the one before it, or its parent */
     void (*fire)(struct loop_timer *timer);
 };
 

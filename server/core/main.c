@@ -8,6 +8,7 @@
 #include "store/eviction.h"
 #include "core/log.h"
 #include "core/access.h"
+#include "core/tls.h"
 #include "core/token.h"
 #include "store/models.h"
 #include "relight.pb-c.h"
@@ -138,7 +139,7 @@ static int open_data(void)
         return -1;
     }
     if (make_folder("blobs") || make_folder("bakes") || make_folder("models") ||
-        make_folder("work") || make_folder("previews"))
+        make_folder("work") || make_folder("jobs") || make_folder("previews"))
         return -1;
     snprintf(path, sizeof path, "%s/blobs", server.data);
     struct blobs_setup setup = {.folder = path,
@@ -164,6 +165,20 @@ static int check_all(void)
     if (!configuration_check(&server.options, fault)) return 0;
     log_line(LOG_ERR, "%s", fault);
     return -1;
+}
+
+static int open_tls(void)
+{
+    char fault[256], certificate[256];
+    const struct options *o = &server.options;
+    if (!o->tls_cert[0]) return 0;
+    if (tls_create(o->tls_cert, o->tls_key, &server.tls, fault)) {
+        log_line(LOG_ERR, "%s", fault);
+        return -1;
+    }
+    tls_describe(server.tls, certificate, sizeof certificate);
+    log_line(LOG_EVENT, "tls certificate=\"%s\"", certificate);
+    return 0;
 }
 
 static int open_access(void)
@@ -222,6 +237,14 @@ static int choose_run(void)
     return 0;
 }
 
+static int start_models(void)
+{
+    jobs_recall(server.jobs);
+    if (models_create(&server, &server.models)) return -1;
+    models_resume_bakes(server.models);
+    return 0;
+}
+
 static int start(void)
 {
     static const int signals[] = {SIGTERM, SIGINT, SIGCHLD, SIGHUP};
@@ -255,8 +278,8 @@ static int start(void)
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
-        open_access() || jobs_create(&server, &job_runner_child, &server.jobs) ||
-        models_create(&server, &server.models) || listen_everywhere())
+        open_access() || open_tls() || jobs_create(&server, &job_runner_child, &server.jobs) ||
+        start_models() || listen_everywhere())
         return -1;
     cache_hold_files(server.cache, server.files);
     cache_use_workers(server.cache, server.work);
@@ -315,6 +338,7 @@ static void stop(void)
     blobs_close(server.blobs);
     ledger_destroy(server.ledger);
     access_destroy(server.access);
+    tls_destroy(server.tls);
     events_destroy(server.events);
     loop_destroy(server.loop);
     if (server.data_temporary && server.data[0] &&

@@ -77,9 +77,10 @@ static const char *set_row(struct options *options, const struct row *row, const
 static const char *add_listen(struct options *options, const char *text)
 {
     if (options->n_listen == OPTIONS_MAX_LISTEN) return "too many listen addresses";
-    bool tcp = !strncmp(text, "tcp:", 4) && strrchr(text, ':') > text + 3;
+    bool tcp = (!strncmp(text, "tcp:", 4) || !strncmp(text, "tls:", 4)) &&
+               strrchr(text, ':') > text + 3;
     if (!tcp && (strncmp(text, "unix:", 5) || !text[5]))
-        return "expected tcp:HOST:PORT or unix:PATH";
+        return "expected tcp:HOST:PORT, tls:HOST:PORT or unix:PATH";
     options->listen[options->n_listen++] = text;
     return NULL;
 }
@@ -173,10 +174,12 @@ static void print_wrapped(const char *text)
 
 static void print_config(void)
 {
-    printf("# relightd's configuration: `word = value` lines, with the option names of the\n"
-           "# command line, which takes precedence. Every line shows the default.\n\n"
-           "# Where clients connect: tcp:HOST:PORT or unix:PATH; may be repeated.\n"
-           "#listen = tcp:127.0.0.1:7413\n");
+    printf(
+        "# relightd's configuration: `word = value` lines, with the option names of the\n"
+        "# command line, which takes precedence. Every line shows the default.\n\n"
+        "# Where clients connect: tcp:HOST:PORT, tls:HOST:PORT (as tcp: with tls-cert, also\n"
+        "# on loopback) or unix:PATH; may be repeated.\n"
+        "#listen = tcp:127.0.0.1:7413\n");
     for (size_t i = 0; i < N_ROW; i++) {
         printf("\n");
         print_wrapped(table[i].text);
@@ -228,6 +231,11 @@ static const char *fault_of_values(const struct options *options)
     unsigned scopes;
     if (!scopes_parse(options->local_scopes, &scopes))
         return "local-scopes: expected view, edit, upload, admin, comma-separated";
+    if (!options->tls_cert[0] != !options->tls_key[0])
+        return "tls-cert and tls-key belong together: one of them is missing";
+    for (unsigned i = 0; i < options->n_listen; i++)
+        if (!strncmp(options->listen[i], "tls:", 4) && !options->tls_cert[0])
+            return "listen tls:HOST:PORT needs --tls-cert and --tls-key";
     if (options->bake_nice > 19) return "bake-nice is outside 0 to 19";
     unsigned long mode = strtoul(options->socket_mode, &end, 8);
     if (end == options->socket_mode || *end || mode > 0777)
@@ -259,8 +267,10 @@ static int read_all(int argc, char **argv, struct options *options, unsigned fla
 {
     struct argp_option list[N_ROW + 5] = {
         {"config", KEY_CONFIG, "FILE", 0, "Read `word = value` lines first", 0},
-        {"listen", KEY_LISTEN, "tcp:HOST:PORT|unix:PATH", 0,
-         "Where clients connect; may be repeated (tcp:127.0.0.1:7413)", 0},
+        {"listen", KEY_LISTEN, "tcp:HOST:PORT|tls:HOST:PORT|unix:PATH", 0,
+         "Where clients connect; may be repeated (tcp:127.0.0.1:7413). tls: as tcp: with "
+         "--tls-cert, also on loopback",
+         0},
         {"print-config", KEY_PRINT, NULL, 0, "Print the annotated default configuration", 0},
         {"check", KEY_CHECK, NULL, 0,
          "Check the configuration, print the result in one line and exit with status 0 or 2",
@@ -314,13 +324,14 @@ int options_reread(int argc, char **argv, struct options *options, char fault[25
 // ---- options that may change while the daemon runs
 
 #define FIELD(f) offsetof(struct options, f)
-static const size_t changeable[] = {
-    FIELD(log),        FIELD(origins),     FIELD(local_scopes),   FIELD(hosts),
-    FIELD(token_file), FIELD(requests),    FIELD(handshake),      FIELD(idle),
-    FIELD(write_time), FIELD(send_buffer), FIELD(deadline),       FIELD(max_side),
-    FIELD(frame_time), FIELD(drain),       FIELD(goaway_address),
+static const size_t changeable[] = {FIELD(log),      FIELD(origins),        FIELD(local_scopes),
+                                    FIELD(hosts),    FIELD(token_file),     FIELD(tls_cert),
+                                    FIELD(tls_key),  FIELD(requests),       FIELD(handshake),
+                                    FIELD(idle),     FIELD(write_time),     FIELD(send_buffer),
+                                    FIELD(deadline), FIELD(max_side),       FIELD(frame_time),
+                                    FIELD(drain),    FIELD(goaway_address),
 #define X(name, words, unit, by_client, in_all) FIELD(by_client), FIELD(in_all),
-    LEDGER_LIST(X)
+                                    LEDGER_LIST(X)
 #undef X
 };
 

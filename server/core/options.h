@@ -34,6 +34,15 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "File whose first line is a token with every scope, named `default`. Further "           \
       "tokens are made with `relight token create`. Clients of TCP, HTTP and WebSocket "       \
       "need one of them as soon as one exists")                                                \
+    X(TEXT, tls_cert, "tls-cert", "FILE", "",                                                  \
+      "Certificate of this daemon, PEM, followed by those that sign it. With it every "        \
+      "TCP and HTTP address speaks TLS 1.2 or 1.3 alone; unix sockets do not. SIGHUP "         \
+      "reads it again, without closing connections. Empty: no TLS")                            \
+    X(TEXT, tls_key, "tls-key", "FILE", "",                                                    \
+      "Private key of --tls-cert, PEM, without a password")                                    \
+    X(FLAG, tls_loopback, "tls-loopback", "yes|no", "yes",                                     \
+      "With --tls-cert: speak TLS on addresses of loopback, too. No: plain text there, "       \
+      "for probes and proxies on this machine")                                                \
     X(FLAG, accept_anyone, "accept-anyone", "yes|no", "no",                                    \
       "Listen beyond loopback without a token: every machine that reaches the address "        \
       "may use this daemon, except for administration")                                        \
@@ -61,6 +70,9 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(BYTES, bake_memory, "bake-memory", "BYTES", "0",                                         \
       "Memory limit of one bake; a bake that needs more fails. 0: the estimate from "          \
       "its settings")                                                                          \
+    X(BYTES, bake_checkpoint, "bake-checkpoint", "BYTES", "8G",                                \
+      "Disk space for the finished work of one bake, from which it goes on after a restart "   \
+      "of the daemon; it counts as --disk. 0: an interrupted bake starts again")               \
     X(SECONDS, bake_time, "bake-time", "SECONDS", "21600",                                     \
       "Time limit of one bake; the daemon then stops it. 0: no limit")                         \
     X(BYTES, memory, "memory", "BYTES", "8G",                                                  \

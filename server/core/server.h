@@ -19,6 +19,7 @@ struct models;
 struct imports;
 struct file_queue;
 struct access;
+struct tls;
 struct events;
 
 enum {
@@ -51,6 +52,7 @@ struct server {
     struct stats stats;
     struct ledger *ledger; /* resources by principal; checks every limit */
     char data[4000];       /* absolute path of the data folder */
+    struct tls *tls;       /* NULL: no TLS */
     struct access *access; /* tokens, scopes and local rights */
     bool data_temporary;
     unsigned n_core;

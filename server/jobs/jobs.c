@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The queue of bakes. Finished jobs are kept for a while, so that a late WATCH still gets their
 // result.
-#include "jobs/jobs.h"
+#include "jobs/job_private.h"
 
 #include "core/events.h"
 #include "core/log.h"
@@ -14,43 +14,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
-enum { REMEMBERED = 256, WARNING_BYTES = 8000 };
+enum { REMEMBERED = 256 };
 static const uint64_t notify_gap_ns =
     100000000; // between two progress messages: at most ten a second
 static const uint64_t publish_gap_ns = 1000000000; // between two events: one a second
-
-struct watcher {
-    struct watcher *next;
-    struct request *request;
-};
-
-struct job {
-    struct job *next; // newest first
-    struct jobs *jobs;
-    char id[32], model[40];
-    int state;
-    char stage[64];
-    double fraction, eta_s;
-    uint64_t queued_ns, started_ns, ended_ns, told_ns, published_ns;
-    char error[400];
-    char warnings[WARNING_BYTES];
-    struct watcher *watcher;
-    struct job_order order;
-    struct job_run *run;
-    bool cancel_asked;
-    job_done_fn done;
-    void *user;
-};
-
-struct jobs {
-    struct server *server;
-    const struct job_runner *runner;
-    struct job *job;
-    uint64_t last_id;
-    unsigned n_queued, n_running, n_kept;
-    bool stopping;
-};
 
 static void start_next(struct jobs *jobs);
 
@@ -153,14 +122,6 @@ static void tell_end(struct job *job)
     }
 }
 
-static void free_order(struct job_order *order)
-{
-    for (char **a = order->argv; a && *a; a++) free(*a);
-    free(order->argv);
-    free(order->cwd);
-    *order = (struct job_order){0};
-}
-
 // Called only where a job is added: callers that end a job, and its callbacks, still read it.
 static void forget_old(struct jobs *jobs)
 {
@@ -172,8 +133,8 @@ static void forget_old(struct jobs *jobs)
             continue;
         }
         *at = job->next;
-        free_order(&job->order);
-        free(job);
+        job_forget(job);
+        job_free(job);
     }
 }
 
@@ -209,7 +170,8 @@ static void end_job(struct job *job, enum job_outcome outcome, const char *error
              "job id=%s model=%s %s after=%.1fs%s%s", job->id, job->model, word[outcome],
              job->started_ns ? (double)(job->ended_ns - job->started_ns) * 1e-9 : 0.0,
              job->error[0] ? " error=" : "", job->error);
-    job->done(job->user, job, outcome);
+    if (job->done) job->done(job->user, job, outcome);
+    job_remember(job);
     publish(job);
     tell_end(job);
 }
@@ -234,12 +196,28 @@ static void on_line(void *user, const char *line)
     snprintf(job->warnings + n, sizeof job->warnings - n, "%s\n", line + 9);
 }
 
+// It is as it was before it started; its folder and its record stay.
+static void suspend(struct job *job)
+{
+    job->suspended = true;
+    job->state = RELIGHT__JOB_STATE__JOB_QUEUED;
+    log_line(LOG_EVENT, "job id=%s model=%s suspended at=%.2f", job->id, job->model,
+             job->fraction);
+    if (job->done) job->done(job->user, job, JOB_OUT_SUSPENDED);
+    job->done = NULL;
+}
+
 static void on_ended(void *user, enum job_outcome outcome, const char *error)
 {
     struct job *job = user;
     struct jobs *jobs = job->jobs;
     jobs->n_running--;
     if (job->cancel_asked && outcome == JOB_OUT_FAILED) outcome = JOB_OUT_CANCELLED;
+    if (job->suspended && outcome != JOB_OUT_DONE) {
+        job->run = NULL;
+        suspend(job);
+        return;
+    }
     end_job(job, outcome, error);
     start_next(jobs);
 }
@@ -251,7 +229,8 @@ static void start_next(struct jobs *jobs)
     while (!jobs->stopping && jobs->n_running < (limit ? limit : 1) && jobs->n_queued) {
         struct job *job = NULL;
         for (struct job *j = jobs->job; j; j = j->next)
-            if (j->state == RELIGHT__JOB_STATE__JOB_QUEUED) job = j; // the oldest is the last
+            if (j->state == RELIGHT__JOB_STATE__JOB_QUEUED && !j->recalled)
+                job = j; // the oldest is the last
         if (!job) return;
         char error[256];
         jobs->n_queued--;
@@ -282,8 +261,7 @@ void jobs_destroy(struct jobs *jobs)
     if (!jobs) return;
     for (struct job *job = jobs->job, *next; job; job = next) {
         next = job->next;
-        free_order(&job->order);
-        free(job);
+        job_free(job);
     }
     free(jobs);
 }
@@ -296,13 +274,22 @@ bool jobs_reap(struct jobs *jobs, int pid, int how)
 void jobs_stop(struct jobs *jobs)
 {
     jobs->stopping = true;
-    for (struct job *job = jobs->job; job; job = job->next)
-        if (!job->ended_ns) jobs_cancel(jobs, job);
+    for (struct job *job = jobs->job; job; job = job->next) {
+        if (job->ended_ns || job->cancel_asked) continue;
+        if (jobs->server->data_temporary) {
+            jobs_cancel(jobs, job);
+        } else if (job->run) {
+            job->suspended = true;
+            jobs->runner->cancel(job->run);
+        } else {
+            suspend(job);
+        }
+    }
 }
 
 unsigned jobs_open(const struct jobs *jobs)
 {
-    return jobs->n_queued + jobs->n_running;
+    return (jobs->stopping ? 0 : jobs->n_queued) + jobs->n_running;
 }
 
 unsigned jobs_running(const struct jobs *jobs)
@@ -310,15 +297,25 @@ unsigned jobs_running(const struct jobs *jobs)
     return jobs->n_running;
 }
 
-struct job *jobs_add(struct jobs *jobs, const char *model_id, struct job_order *order,
-                     job_done_fn done, void *user)
+// Microseconds since 1970, later than any before.
+static uint64_t next_order(struct jobs *jobs)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_REALTIME, &t);
+    uint64_t now = (uint64_t)t.tv_sec * 1000000 + (uint64_t)t.tv_nsec / 1000;
+    if (now <= jobs->last_order_us) now = jobs->last_order_us + 1;
+    return jobs->last_order_us = now;
+}
+
+struct job *jobs_add(struct jobs *jobs, const struct job_origin *origin,
+                     struct job_order *order, job_done_fn done, void *user)
 {
     struct job *job = NULL;
     forget_old(jobs);
     if (!jobs->stopping && jobs->n_queued < jobs->server->options.bake_queue)
         job = calloc(1, sizeof *job);
     if (!job) {
-        free_order(order);
+        job_free_order(order);
         return NULL;
     }
     *job = (struct job){.next = jobs->job,
@@ -333,12 +330,41 @@ struct job *jobs_add(struct jobs *jobs, const char *model_id, struct job_order *
     // No other run of the daemon gives the same id.
     snprintf(job->id, sizeof job->id, "job-%.8s-%llu", jobs->server->run,
              (unsigned long long)++jobs->last_id);
-    snprintf(job->model, sizeof job->model, "%s", model_id);
+    snprintf(job->model, sizeof job->model, "%s", origin->model);
+    snprintf(job->owner, sizeof job->owner, "%s", origin->owner);
+    snprintf(job->folder, sizeof job->folder, "%s", origin->folder);
+    job->recipe = strdup(origin->recipe);
+    job->order_us = next_order(jobs);
     jobs->job = job;
     jobs->n_queued++;
+    job_remember(job);
     publish(job);
     start_next(jobs);
     return job;
+}
+
+struct job *jobs_recalled(struct jobs *jobs)
+{
+    struct job *oldest = NULL;
+    for (struct job *job = jobs->job; job; job = job->next)
+        if (job->recalled) oldest = job;
+    return oldest;
+}
+
+void jobs_resume(struct jobs *jobs, struct job *job, struct job_order *order, job_done_fn done,
+                 void *user, const char *error)
+{
+    job->recalled = false;
+    if (!order) {
+        jobs->n_queued--;
+        end_job(job, error ? JOB_OUT_FAILED : JOB_OUT_DONE, error);
+        return;
+    }
+    job->order = *order;
+    job->done = done;
+    job->user = user;
+    log_line(LOG_EVENT, "job id=%s model=%s recalled", job->id, job->model);
+    start_next(jobs);
 }
 
 struct job *jobs_find(struct jobs *jobs, const char *id)
@@ -379,11 +405,6 @@ void jobs_watch(struct jobs *jobs, struct job *job, struct request *request)
     tell(job, request, false);
 }
 
-const char *job_model(const struct job *job)
-{
-    return job->model;
-}
-
 const char *job_id(const struct job *job)
 {
     return job->id;
@@ -407,4 +428,31 @@ const char *job_error(const struct job *job)
 const char *job_warnings(const struct job *job)
 {
     return job->warnings;
+}
+
+const char *job_owner(const struct job *job)
+{
+    return job->owner;
+}
+
+const char *job_model(const struct job *job)
+{
+    return job->model;
+}
+
+const char *job_recipe(const struct job *job)
+{
+    return job->recipe;
+}
+
+const char *job_folder(const struct job *job)
+{
+    return job->folder;
+}
+
+bool jobs_use_folder(const struct jobs *jobs, const char *name)
+{
+    const struct job *job = jobs->job;
+    while (job && (job->ended_ns || strcmp(job->folder, name))) job = job->next;
+    return job != NULL;
 }

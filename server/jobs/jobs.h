@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT */
-/* jobs.h owns bakes: their queue, their progress, their watchers, and the runner that executes
- * them. The runner is an interface: runner_child.c starts a child process; another one could
- * pass the same command to a batch scheduler. Loop thread only. */
+/* jobs.h owns bakes: their queue, which DATA/jobs keeps over restarts, their progress, their
+ * watchers, and the runner that executes them. The runner is an interface: runner_child.c
+ * starts a child process; another one could pass the same command to a batch scheduler. Loop
+ * thread only. */
 #ifndef RELIGHTD_JOBS_H
 #define RELIGHTD_JOBS_H
 
@@ -19,7 +20,8 @@ struct job_order {
     char *cwd;
 };
 
-enum job_outcome { JOB_OUT_DONE, JOB_OUT_FAILED, JOB_OUT_CANCELLED };
+/* SUSPENDED: the daemon stops; the job goes on after the next start. */
+enum job_outcome { JOB_OUT_DONE, JOB_OUT_FAILED, JOB_OUT_CANCELLED, JOB_OUT_SUSPENDED };
 
 /* Events of a run. ended is called exactly once, as the last one. */
 struct job_events {
@@ -44,17 +46,34 @@ struct jobs;
 int jobs_create(struct server *server, const struct job_runner *runner, struct jobs **out);
 void jobs_destroy(struct jobs *jobs);
 bool jobs_reap(struct jobs *jobs, int pid, int how);
-/* Cancels all jobs; their ended callbacks follow. */
+/* Suspends all jobs (with a temporary data folder: cancels them); their done callbacks follow.
+ */
 void jobs_stop(struct jobs *jobs);
-unsigned jobs_open(const struct jobs *jobs); /* queued and running */
+/* Queued and running; once jobs_stop was called, running. */
+unsigned jobs_open(const struct jobs *jobs);
 unsigned jobs_running(const struct jobs *jobs);
 
 /* Called when a job has ended, before its watchers are notified. */
 typedef void (*job_done_fn)(void *user, struct job *job, enum job_outcome outcome);
 
+/* How a job is known: strings are copied. recipe: JSON from which the same operation can make
+ * the order again after a restart. */
+struct job_origin {
+    const char *model, *owner, *recipe;
+    const char *folder; /* below DATA/work: kept at start while the job is open */
+};
 /* Takes over the order. NULL when the queue is full. */
-struct job *jobs_add(struct jobs *jobs, const char *model_id, struct job_order *order,
-                     job_done_fn done, void *user);
+struct job *jobs_add(struct jobs *jobs, const struct job_origin *origin,
+                     struct job_order *order, job_done_fn done, void *user);
+
+/* Reads DATA/jobs: jobs that had ended, and jobs that wait for jobs_resume in the order in
+ * which they were queued. Blocks. */
+void jobs_recall(struct jobs *jobs);
+/* The oldest job that waits for jobs_resume, or NULL. */
+struct job *jobs_recalled(struct jobs *jobs);
+/* Takes over the order; NULL: the job ends with the error, or without one as done. */
+void jobs_resume(struct jobs *jobs, struct job *job, struct job_order *order, job_done_fn done,
+                 void *user, const char *error);
 /* By job id; with a model id, its newest job. */
 struct job *jobs_find(struct jobs *jobs, const char *id);
 /* The job stays valid until the next jobs_add. */
@@ -68,5 +87,10 @@ int job_state(const struct job *job);         /* Relight__JobState */
 double job_fraction(const struct job *job);
 const char *job_error(const struct job *job);
 const char *job_warnings(const struct job *job); /* lines */
+const char *job_owner(const struct job *job);    /* a principal's name */
+const char *job_recipe(const struct job *job);
+const char *job_folder(const struct job *job);
+/* Whether an open job has this folder below DATA/work. */
+bool jobs_use_folder(const struct jobs *jobs, const char *name);
 
 #endif

@@ -6,6 +6,7 @@
 #include "net/carrier.h"
 
 #include "core/log.h"
+#include "core/tls.h"
 #include "core/token.h"
 #include "net/listener.h"
 #include "net/web_access.h"
@@ -44,7 +45,7 @@ struct page_session {
 };
 
 static struct lws_context *context;
-static struct lws_vhost *vhost;
+static struct lws_vhost *vhost, *tls_vhost; // tls_vhost NULL: no TLS
 static uint8_t piece[LWS_PRE + CHUNK];
 static unsigned n_wsi; // sockets of libwebsockets: HTTP, WebSocket, and the loop's descriptor
 
@@ -347,6 +348,9 @@ static int on_page(struct lws *wsi, enum lws_callback_reasons reason, void *user
     case LWS_CALLBACK_WSI_DESTROY:
         n_wsi--;
         return 0;
+    case LWS_CALLBACK_OPENSSL_LOAD_EXTRA_SERVER_VERIFY_CERTS:
+        tls_attach(server_of(wsi)->tls, user);
+        return 0;
     case LWS_CALLBACK_FILTER_HTTP_CONNECTION:
         return filter_request(wsi);
     case LWS_CALLBACK_HTTP_CONFIRM_UPGRADE:
@@ -432,7 +436,12 @@ static void http_accepted(struct server *server, const struct accepted *client)
     }
     unsigned before = n_wsi;
     // On failure it closes the descriptor, and may not call LWS_CALLBACK_WSI_DESTROY.
-    if (!lws_adopt_socket_vhost(vhost, client->fd)) n_wsi = before;
+    struct lws *wsi = lws_adopt_socket_vhost(client->tls ? tls_vhost : vhost, client->fd);
+    if (!wsi) n_wsi = before;
+    // libwebsockets gives a TLS handshake its other timeout.
+    else if (client->tls)
+        lws_set_timeout(wsi, PENDING_TIMEOUT_SSL_ACCEPT,
+                        (int)ceil(fmax(server->options.handshake, 1)));
 }
 
 // A WebSocket peer that is silent is pinged after 60 s and closed after 90 s.
@@ -460,9 +469,16 @@ static bool create_context(struct server *server)
     info.retry_and_idle_policy = &pings;
     info.options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS |
                    LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE;
+    // Without it a TLS vhost serves plain text, and says nothing.
+    if (server->tls) info.options |= LWS_SERVER_OPTION_DO_SSL_GLOBAL_INIT;
     context = lws_create_context(&info);
     vhost = context ? lws_create_vhost(context, &info) : NULL;
-    return vhost != NULL;
+    if (!vhost || !server->tls) return vhost != NULL;
+    info.vhost_name = "tls";
+    info.options |= LWS_SERVER_OPTION_CREATE_VHOST_SSL_CTX;
+    info.alpn = "http/1.1"; // WebSocket over HTTP/2 is another protocol
+    tls_vhost = lws_create_vhost(context, &info);
+    return tls_vhost != NULL;
 }
 
 int http_open(struct server *server, const char *address)

@@ -3,6 +3,7 @@
 // clients.
 #include "net/carrier.h"
 
+#include "core/tls.h"
 #include "net/listener.h"
 #include "net/request.h"
 #include "relight.pb-c.h"
@@ -26,6 +27,7 @@ enum {
 struct stream {
     struct loop_watch watch;
     struct connection *conn;
+    struct tls_stream *tls; // NULL: plain text
     bool reading, writing;
     char *rest; // bytes that were read and not decoded: the turn was over
     size_t rest_at, rest_size;
@@ -36,8 +38,17 @@ static char buffer[BUFFER];
 
 static void update_events(struct stream *s)
 {
-    uint32_t events = (s->reading ? EPOLLIN : 0) | (s->writing ? EPOLLOUT : 0);
+    bool read = s->reading, write = s->writing;
+    if (s->tls && !tls_stream_ready(s->tls)) read = true, write = false; // the handshake
+    if (s->tls && tls_stream_wants_write(s->tls)) write = true;
+    uint32_t events = (read ? EPOLLIN : 0) | (write ? EPOLLOUT : 0);
     loop_watch_change(s->conn->server->loop, &s->watch, events);
+}
+
+static const char *why_broken(const struct stream *s)
+{
+    const char *tls = s->tls ? tls_stream_fault(s->tls) : "";
+    return tls[0] ? tls : strerror(errno);
 }
 
 static void flush(struct stream *s)
@@ -48,11 +59,12 @@ static void flush(struct stream *s)
         struct msghdr message = {.msg_iov = iov};
         message.msg_iovlen = (size_t)connection_output(conn, iov, MAX_IOV);
         if (!message.msg_iovlen) break;
-        ssize_t n = sendmsg(s->watch.fd, &message, MSG_NOSIGNAL | MSG_DONTWAIT);
+        ssize_t n = s->tls ? tls_stream_write(s->tls, iov, (int)message.msg_iovlen)
+                           : sendmsg(s->watch.fd, &message, MSG_NOSIGNAL | MSG_DONTWAIT);
         if (n < 0 && errno == EINTR) continue;
         if (n < 0 && errno == EAGAIN) break;
         if (n < 0) {
-            connection_close(conn, strerror(errno));
+            connection_close(conn, why_broken(s));
             return;
         }
         connection_written(conn, (size_t)n);
@@ -79,7 +91,8 @@ static void stream_set_reading(struct connection *conn, bool on)
     struct stream *s = conn->carrier_data;
     s->reading = on;
     update_events(s);
-    if (on && s->rest) loop_timer_set(conn->server->loop, &s->again, loop_now_ns());
+    if (on && (s->rest || (s->tls && tls_stream_pending(s->tls))))
+        loop_timer_set(conn->server->loop, &s->again, loop_now_ns());
 }
 
 static void stream_close(struct connection *conn)
@@ -87,6 +100,7 @@ static void stream_close(struct connection *conn)
     struct stream *s = conn->carrier_data;
     loop_watch_remove(conn->server->loop, &s->watch);
     loop_timer_stop(conn->server->loop, &s->again);
+    if (s->tls) tls_stream_close(s->tls);
     close(s->watch.fd);
     free(s->rest);
     free(s);
@@ -136,11 +150,16 @@ static void receive(struct stream *s)
         uint8_t *space = relight_decoder_space(&conn->decoder, &room);
         bool direct = space && room >= BUFFER;
         size_t want = direct ? (room < READ_AT_ONCE ? room : READ_AT_ONCE) : BUFFER;
-        ssize_t n = recv(s->watch.fd, direct ? (char *)space : buffer, want, MSG_DONTWAIT);
+        char *to = direct ? (char *)space : buffer;
+        ssize_t n = s->tls ? tls_stream_read(s->tls, to, want)
+                           : recv(s->watch.fd, to, want, MSG_DONTWAIT);
         if (n < 0 && errno == EINTR) continue;
-        if (n < 0 && errno == EAGAIN) return;
+        if (n < 0 && errno == EAGAIN) {
+            if (s->tls) update_events(s);
+            return;
+        }
         if (n <= 0) {
-            connection_close(conn, n ? strerror(errno) : "closed by peer");
+            connection_close(conn, n ? why_broken(s) : "closed by peer");
             return;
         }
         total += (size_t)n;
@@ -156,6 +175,9 @@ static void receive(struct stream *s)
             return;
         }
     }
+    // Bytes that were taken from the socket already are not reported by it.
+    if (!conn->dead && conn->reading && s->tls && tls_stream_pending(s->tls))
+        loop_timer_set(conn->server->loop, &s->again, loop_now_ns());
 }
 
 static void receive_again(struct loop_timer *timer)
@@ -167,7 +189,8 @@ static void stream_ready(struct loop_watch *watch, uint32_t events)
 {
     struct stream *s = (struct stream *)((char *)watch - offsetof(struct stream, watch));
     struct connection *conn = s->conn;
-    if (events & EPOLLIN) receive(s);
+    bool read = events & EPOLLIN || (s->tls && tls_stream_wants_write(s->tls));
+    if (read) receive(s);
     if (!conn->dead && events & EPOLLOUT) flush(s);
     if (!conn->dead && events & (EPOLLERR | EPOLLHUP) && !(events & EPOLLIN))
         connection_close(conn, "closed by peer");
@@ -180,6 +203,8 @@ static size_t stream_unsent(const struct connection *conn)
 }
 
 static const struct carrier tcp_carrier = {"tcp", stream_want_write, stream_set_reading,
+                                           stream_close, stream_unsent};
+static const struct carrier tls_carrier = {"tls", stream_want_write, stream_set_reading,
                                            stream_close, stream_unsent};
 static const struct carrier unix_carrier = {"unix", stream_want_write, stream_set_reading,
                                             stream_close, stream_unsent};
@@ -199,12 +224,13 @@ int refusal_frame(const struct server *server, const char *text, uint8_t **out, 
 
 // Sends the error and closes. Received bytes are read first: closing a TCP socket with unread
 // bytes resets the connection, and the client may lose the error.
-static void refuse(struct server *server, int fd, const char *text)
+static void refuse(struct server *server, int fd, const char *text, bool tls)
 {
     uint8_t *bytes = NULL;
     size_t n = 0;
     server->stats.connections_refused++;
-    if (!refusal_frame(server, text, &bytes, &n) &&
+    // The ERROR of a TLS client would have to wait for the handshake.
+    if (!tls && !refusal_frame(server, text, &bytes, &n) &&
         send(fd, bytes, n, MSG_NOSIGNAL | MSG_DONTWAIT) >= 0) {
         shutdown(fd, SHUT_WR);
         while (recv(fd, buffer, sizeof buffer, MSG_DONTWAIT) > 0) continue;
@@ -219,20 +245,25 @@ static void accepted(struct server *server, const struct accepted *client)
         server->n_connection >= server->options.connections) {
         refuse(server, client->fd,
                client->no_room ? "the daemon is out of file descriptors"
-                               : "the daemon is at its limit of connections (--connections)");
+                               : "the daemon is at its limit of connections (--connections)",
+               client->tls);
         return;
     }
     struct stream *s = calloc(1, sizeof *s);
-    const struct carrier *carrier = client->local ? &unix_carrier : &tcp_carrier;
-    if (s) {
+    const struct carrier *carrier = client->local ? &unix_carrier
+                                    : client->tls ? &tls_carrier
+                                                  : &tcp_carrier;
+    if (s && client->tls) s->tls = tls_stream_open(server->tls, client->fd);
+    if (s && (s->tls || !client->tls)) {
         s->watch = (struct loop_watch){client->fd, stream_ready};
         s->again.fire = receive_again;
         s->reading = true;
         s->conn = connection_open(server, carrier, s, client->peer, client->who);
     }
     if (!s || !s->conn) {
+        if (s && s->tls) tls_stream_close(s->tls);
         free(s);
-        refuse(server, client->fd, "this connection exceeds a limit");
+        refuse(server, client->fd, "this connection exceeds a limit", client->tls);
     } else if (loop_watch_add(server->loop, &s->watch, EPOLLIN)) {
         connection_close(s->conn, "epoll refused its descriptor");
     }
@@ -242,7 +273,8 @@ int sockets_listen(struct server *server, const char *address)
 {
     return !strncmp(address, "unix:", 5)
                ? listener_open_unix(server, address + 5, accepted)
-               : listener_open_tcp(server, "tcp", address + 4, accepted);
+               : listener_open_tcp(server, !strncmp(address, "tls:", 4) ? "tls" : "tcp",
+                                   address + 4, accepted);
 }
 
 int sockets_adopt(struct server *server, int fd)

@@ -70,7 +70,7 @@ static void watch_clock(struct connection *conn)
     uint64_t at = next_limit(conn, &why);
     uint64_t sample = plus_seconds(loop_now_ns(), conn->server->options.write_time / 4);
     if (conn->out && sample < at) at = sample;
-    if (!conn->timer.slot || at < conn->timer.at_ns)
+    if (!conn->timer.armed || at < conn->timer.at_ns)
         loop_timer_set(conn->server->loop, &conn->timer, at);
 }
 

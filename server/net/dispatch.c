@@ -88,6 +88,7 @@ ROW(subscribe_request, op_subscribe, LONG | ENDS, VIEW, 0, NULL)
 ROW(token_create_request, op_token_create, 0, ADMIN, 0, NULL)
 ROW(token_list_request, op_token_list, 0, ADMIN, 0, NULL)
 ROW(token_revoke_request, op_token_revoke, 0, ADMIN, 0, NULL)
+ROW(view_ack, NULL, ALWAYS, 0, 0, NULL, take_view_ack)
 
 static const struct operation *const table[RELIGHT_TYPE_N] = {
 #define X(name, number, request, answer) [number] = &(request),
@@ -134,9 +135,33 @@ static void run_operation(struct request *request)
     else operation->run(request);
 }
 
+// A broken one, or one before HELLO, is ignored: there is no answer that could say so.
+static void take_one_way(struct connection *conn, const struct relight_frame *frame,
+                         const struct operation *operation)
+{
+    static const struct relight_header_limits limits = {64, 4096};
+    struct relight_header_cost cost;
+    char error[RELIGHT_HEADER_ERROR];
+    static const uint8_t empty[1];
+    conn->server->stats.requests_total[frame->type]++;
+    if (!conn->greeted ||
+        !relight_header_check(frame->type, frame->header ? frame->header : empty,
+                              frame->header_size, &limits, &cost, error))
+        return;
+    ProtobufCMessage *message = relight_frame_unpack(frame);
+    if (!message) return;
+    operation->take(conn, message);
+    protobuf_c_message_free_unpacked(message, NULL);
+}
+
 void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
                     uint8_t *payload)
 {
+    const struct operation *one_way = operation_of(frame->type);
+    if (one_way && one_way->take && !conn->refusal.code) {
+        take_one_way(conn, frame, one_way);
+        return;
+    }
     struct request *request = request_create(conn, frame, payload);
     if (!request) return;
     const struct operation *operation = operation_of(request->type);

@@ -48,6 +48,8 @@ struct operation {
     size_t max_payload; /* bytes; 0: no payload is allowed */
     /* The text of the material it names, "" for none. NULL: its message has no material. */
     const char *(*material)(const ProtobufCMessage *message);
+    /* One-way types, instead of run: no request is created and nothing is answered. */
+    void (*take)(struct connection *conn, const ProtobufCMessage *message);
 };
 /* NULL for an unknown type. */
 const struct operation *operation_of(uint16_t type);
@@ -76,5 +78,6 @@ void op_token_create(struct request *request);
 void op_token_list(struct request *request);
 void op_token_revoke(struct request *request);
 void op_subscribe(struct request *request);
+void take_view_ack(struct connection *conn, const ProtobufCMessage *message);
 
 #endif

@@ -38,6 +38,7 @@ struct listener {
     unsigned pause_ms;
     struct server *server;
     accepted_fn fn;
+    bool tls;
     char path[sizeof((struct sockaddr_un *)0)->sun_path]; // unix sockets
     int lock_fd;
 };
@@ -100,7 +101,7 @@ static int accept_one(const struct listener *l)
 
 static void hand_over(const struct listener *l, int fd, bool no_room)
 {
-    struct accepted client = {.no_room = no_room};
+    struct accepted client = {.no_room = no_room, .tls = l->tls};
     accepted_describe(fd, &client);
     if (!client.local) accepted_tune(fd);
     l->fn(l->server, &client);
@@ -162,7 +163,7 @@ static void accept_ready(struct loop_watch *watch, uint32_t events)
     }
 }
 
-static int add_listener(struct server *server, int fd, const char *path, int lock_fd,
+static int add_listener(struct server *server, int fd, const char *path, int lock_fd, bool tls,
                         accepted_fn fn)
 {
     struct listener *l = calloc(1, sizeof *l);
@@ -172,6 +173,7 @@ static int add_listener(struct server *server, int fd, const char *path, int loc
     l->server = server;
     l->fn = fn;
     l->lock_fd = lock_fd;
+    l->tls = tls;
     if (path) snprintf(l->path, sizeof l->path, "%s", path);
     l->next = listeners;
     listeners = l;
@@ -217,6 +219,19 @@ static void warn_of_anyone(const struct options *options, const struct sockaddr 
                  name);
 }
 
+static bool speaks_tls(const struct server *server, const struct sockaddr *address,
+                       const char *kind)
+{
+    return server->tls && (server->options.tls_loopback || !strcmp(kind, "tls") ||
+                           !address_is_loopback(address));
+}
+
+static const char *tls_kind(const char *kind, bool tls)
+{
+    if (!tls) return kind;
+    return strcmp(kind, "http") ? "tls" : "https";
+}
+
 int listener_open_tcp(struct server *server, const char *kind, const char *address,
                       accepted_fn fn)
 {
@@ -245,9 +260,10 @@ int listener_open_tcp(struct server *server, const char *kind, const char *addre
             address_name(&bound, size, name, sizeof name);
             chosen = port_of(&bound);
         }
-        log_line(LOG_EVENT, "listen address=%s:%s", kind, name);
+        bool tls = speaks_tls(server, a->ai_addr, kind);
+        log_line(LOG_EVENT, "listen address=%s:%s", tls_kind(kind, tls), name);
         warn_of_anyone(&server->options, a->ai_addr, name);
-        if (!add_listener(server, fd, NULL, -1, fn)) n_open++;
+        if (!add_listener(server, fd, NULL, -1, tls, fn)) n_open++;
     }
     freeaddrinfo(list);
     if (!n_open) log_line(LOG_ERR, "listen %s:%s: %s", kind, address, strerror(fault));
@@ -318,7 +334,7 @@ int listener_open_unix(struct server *server, const char *path, accepted_fn fn)
         return -1;
     }
     log_line(LOG_EVENT, "listen address=unix:%s", path);
-    return add_listener(server, fd, path, lock_fd, fn);
+    return add_listener(server, fd, path, lock_fd, false, fn);
 }
 
 int listener_adopt(struct server *server, int fd, accepted_fn fn)
@@ -338,8 +354,9 @@ int listener_adopt(struct server *server, int fd, accepted_fn fn)
     warn_of_anyone(o, (struct sockaddr *)&a, "inherited");
     fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK);
     fcntl(fd, F_SETFD, FD_CLOEXEC);
-    log_line(LOG_EVENT, "listen address=inherited:%d", fd);
-    return add_listener(server, fd, NULL, -1, fn);
+    bool tls = a.ss_family != AF_UNIX && speaks_tls(server, (struct sockaddr *)&a, "tcp");
+    log_line(LOG_EVENT, "listen address=inherited:%d%s", fd, tls ? " tls" : "");
+    return add_listener(server, fd, NULL, -1, tls, fn);
 }
 
 void listeners_close(struct server *server, accepted_fn fn)

@@ -12,6 +12,7 @@
 struct accepted {
     int fd;
     bool local;    /* a unix socket */
+    bool tls;      /* its bytes are encrypted */
     bool no_room;  /* descriptors ran out: the carrier refuses the client and closes fd */
     char peer[96]; /* "192.0.2.7:40312", "[::1]:40312" or "local" */
     char who[96];  /* the principal until HELLO names another: "uid:1000" or "addr:192.0.2.7" */
@@ -21,8 +22,9 @@ struct accepted {
 typedef void (*accepted_fn)(struct server *server, const struct accepted *client);
 
 /* Binds every address that HOST:PORT resolves to. HOST is a name, an address,
- * [an IPv6 address], or * for all; port 0: a free one. `kind` ("tcp" or "http") appears in the
- * log. Logs each bound address, or the error; 0 or -1. */
+ * [an IPv6 address], or * for all; port 0: a free one. With --tls-cert its clients speak TLS,
+ * on loopback unless --tls-loopback is no and kind is not "tls". `kind` ("tcp", "tls" or
+ * "http") appears in the log. Logs each bound address, or the error; 0 or -1. */
 int listener_open_tcp(struct server *server, const char *kind, const char *address,
                       accepted_fn fn);
 /* A unix socket with --socket-mode and --socket-group. A socket file that a dead daemon left is

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /* load.h owns the state of one LOAD in progress, shared by its files. op_load.c is its course,
  * load_check.c the checks of the request, load_files.c the files of --models, load_bake.c the
- * folders and the bake's command. Loop thread only. */
+ * folders and the settings, bake_job.c the job. Loop thread only. */
 #ifndef RELIGHTD_LOAD_H
 #define RELIGHTD_LOAD_H
 
@@ -85,6 +85,17 @@ void load_name_model(const struct load *load, char id[MODEL_ID + 1]);
 int load_run_lay_out(struct file_task *task);
 void load_fail_lay_out(struct load *load);
 void load_order_preview(const struct load *load, struct model *m);
+struct load_args {
+    char *argv[MAX_ARGS + 1]; // malloc
+    size_t n;
+};
+void load_add_arg(struct load_args *args, const char *fmt, ...)
+    __attribute__((format(printf, 2, 3)));
+/* Settings in a fixed order, as options of `prt bake`: the command, and what names the model.
+ */
+void load_add_settings(struct load_args *args, const Relight__LoadRequest *r);
+
+/* bake_job.c. False, with the limit that is in the way. */
 bool load_order_bake(struct load *load, struct model *m, char error[256]);
 
 /* Pins the model where the request says so. False: the caller may not, and the load is gone. */

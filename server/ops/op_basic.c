@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // HELLO, PING, LIST, WATCH, CANCEL, CANCEL_JOB, INFO, GEOMETRY, UNLOAD and STATS.
+#include "ops/geometry_textures.h"
 #include "net/dispatch.h"
 #include "core/log.h"
 #include "core/access.h"
@@ -24,7 +25,10 @@ static uint32_t milliseconds(double seconds)
 static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
 {
     // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
-    static const char *const features[] = {"error-range", "events", "goaway", "run", "tokens"};
+    static const char *const features[] = {
+        "error-range", "events",   "goaway",     "run",         "textures",
+        "tokens",      "view-ack", "view-equal", "view-fields",
+    };
     out->features = (char **)features;
     out->n_features = sizeof features / sizeof *features;
     out->max_lights = RENDER_MAX_LIGHTS;
@@ -267,6 +271,7 @@ static struct block_text *fill_blocks(const struct prt_mesh *mesh, Relight__Bloc
         to->n_triangle = b->n_triangle;
         fill_vec3(&text[i].color, s->base_color);
         to->base_color = &text[i].color;
+        to->surface_index = b->surface;
         (*out)[i] = to;
     }
     return text;
@@ -364,7 +369,8 @@ void op_info(struct request *request)
 struct geometry {
     struct request_wait wait;
     struct cache_entry *shape;
-    bool normals, triangles;
+    bool normals, triangles, textures;
+    struct texture_sections sections;
     float scale;
     uint64_t generation;
     size_t normals_offset, triangles_offset, size;
@@ -389,6 +395,7 @@ static int run_geometry(struct work *work, const struct prt_context *ctx)
     if (g->normals) memcpy(g->bytes + g->normals_offset, mesh->normal, n * sizeof(float));
     if (g->triangles)
         memcpy(g->bytes + g->triangles_offset, mesh->triangle, (size_t)mesh->n_triangle * 12);
+    if (g->textures) texture_sections_copy(mesh, &g->sections, g->bytes);
     return PRT_OK;
 }
 
@@ -409,10 +416,12 @@ static void geometry_copied(struct request_wait *wait, struct request *request)
         out.triangles_offset = g->triangles ? g->triangles_offset : 0;
         out.mm_per_unit = mesh->mm_per_unit;
         out.generation = g->generation;
+        void *textures = g->textures ? texture_answer(mesh, &g->sections, &out) : NULL;
         g->bytes = NULL;
         request_answer(request, &out.base, &payload);
         free(text);
         free(out.blocks);
+        free(textures);
     }
     prt_free(g->bytes);
     cache_release(g->shape);
@@ -443,13 +452,16 @@ static void geometry_ready(struct request *request, struct model *m, struct cach
         g->triangles_offset = up64(g->size);
         g->size = g->triangles_offset + (size_t)mesh->n_triangle * 12;
     }
+    g->textures = in->textures;
+    if (g->textures) g->size = texture_sections_plan(mesh, g->size, &g->sections);
     cache_hold(shape);
     request_await_work(request, &g->wait, run_geometry, geometry_copied);
 }
 
 void op_geometry(struct request *request)
 {
-    with_shape(request, MESSAGE(GeometryRequest)->model, geometry_ready);
+    if (*MESSAGE(GeometryRequest)->image) op_geometry_image(request);
+    else with_shape(request, MESSAGE(GeometryRequest)->model, geometry_ready);
 }
 
 void op_unload(struct request *request)

@@ -38,7 +38,7 @@ static void wake(struct events_reader *reader)
 {
     struct subscription *s =
         (struct subscription *)((char *)reader - offsetof(struct subscription, reader));
-    if (!s->timer.slot) loop_timer_set(s->request->server->loop, &s->timer, loop_now_ns());
+    if (!s->timer.armed) loop_timer_set(s->request->server->loop, &s->timer, loop_now_ns());
 }
 
 static bool wanted(const struct subscription *s, const struct event *e)

@@ -114,6 +114,31 @@ static void mesh_and_answer(struct load *load, struct model *m)
 
 // ---- from a source's hash to an answer
 
+// A bake is acknowledged once its job is on the disk.
+
+static int run_nothing(struct file_task *task)
+{
+    return PRT_OK;
+}
+
+static void written(struct file_task *task)
+{
+    struct load *load = (struct load *)task;
+    struct model *m = load->model;
+    if (!load->request) load_drop(load);
+    else if (m->gone) LOAD_FAIL(load, NOT_FOUND, "the model was unloaded meanwhile");
+    else answer(load, m);
+}
+
+static void answer_when_written(struct load *load, struct model *m)
+{
+    load->model = m;
+    model_hold(m);
+    load->task.run = run_nothing; // behind the job's record
+    load->task.done = written;
+    file_queue_add(load->server->file_queue, &load->task);
+}
+
 // A model without files that no request waits for.
 static bool is_bare(const struct model *m)
 {
@@ -142,7 +167,7 @@ static void go_on(struct load *load, struct model *m)
         m->error[0] = 0;
         mesh_and_answer(load, m);
     } else if (load_order_bake(load, m, error)) {
-        answer(load, m);
+        answer_when_written(load, m);
     } else {
         file_remove(load->server->file_queue, load->bake_folder);
         model_set_state(m, before);

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
 // Views: a state whose changes the daemon answers with frames. A view has one evaluation at a
 // time and draws the newest state next, so that fast changes skip states and do not queue. At
-// most `window` frames are unacknowledged, so that a slow reader delays only itself. While the
-// state does not change, a picture by an image-space engine is refined until it converges.
+// most `window` frames, and about `window_bytes` of them, are unacknowledged, so that a slow
+// reader delays only itself. While the state does not change, a picture by an image-space
+// engine is refined until it converges.
 #include "net/dispatch.h"
 #include "render/evaluation.h"
 #include "core/log.h"
@@ -16,6 +17,13 @@
 static const uint64_t retry_ns = 250000000; // between two attempts while the model is baking
 static const uint64_t rest_ns = 120000000;  // refinement begins when the state is this old
 
+enum { MAX_FIELD = 64 };
+
+struct view_options {
+    uint64_t gap_ns, deadline_ns, window, window_bytes;
+    bool skip_equal;
+};
+
 struct view {
     struct request *request;
     struct model *model;
@@ -25,8 +33,13 @@ struct view {
     struct render *render;    // of the frame that is being drawn; NULL: none
     struct render_spec drawn; // its spec, without texels
     uint64_t drawn_sequence;
-    uint64_t frame, shown, dropped, window;
-    uint64_t gap_ns, next_ns; // max_fps
+    uint64_t frame, shown, dropped;
+    struct view_options options;
+    uint64_t unshown_bytes;                  // payloads of the frames after `shown`
+    uint64_t frame_bytes[SERVER_MAX_WINDOW]; // of frame i at i % SERVER_MAX_WINDOW
+    uint64_t last_hash;                      // of the last frame's payload; 0: it had none
+    uint64_t next_ns;                        // max_fps
+    struct loop_timer late;                  // frame_deadline_ms of the frame that is drawn
     bool told_not_ready;
     struct loop_timer timer;
     struct model_watcher watcher;
@@ -41,6 +54,7 @@ static void draw(struct view *v);
 static void free_view(struct view *v)
 {
     loop_timer_stop(v->model->server->loop, &v->timer);
+    loop_timer_stop(v->model->server->loop, &v->late);
     model_unwatch(v->model, &v->watcher);
     if (v->render) render_cancel(v->render);
     refinement_release(v->refinement);
@@ -85,6 +99,26 @@ static void model_has_changed(struct model_watcher *watcher)
     retry(v, loop_now_ns()); // not at once: the model is still being changed
 }
 
+// Counts the frame's payload among those that the client has not acknowledged.
+static void count_frame(struct view *v, uint64_t bytes)
+{
+    v->frame_bytes[v->frame % SERVER_MAX_WINDOW] = bytes;
+    v->unshown_bytes += bytes;
+}
+
+static void acknowledge(struct view *v, uint64_t shown)
+{
+    if (shown > v->frame) shown = v->frame;
+    while (v->shown < shown) v->unshown_bytes -= v->frame_bytes[++v->shown % SERVER_MAX_WINDOW];
+}
+
+static bool window_full(const struct view *v)
+{
+    const struct view_options *o = &v->options;
+    return v->frame - v->shown >= o->window ||
+           (o->window_bytes && v->unshown_bytes >= o->window_bytes);
+}
+
 static void send_frame(struct view *v, struct render_result *result)
 {
     Relight__ViewFrame out = RELIGHT__VIEW_FRAME__INIT;
@@ -112,8 +146,17 @@ static void send_frame(struct view *v, struct render_result *result)
         colors.cost = &cost;
         out.colors = &colors;
     }
+    struct payload *payload = result->code ? NULL : &result->payload;
+    out.hash = payload ? result->hash : 0;
+    out.equal = v->options.skip_equal && out.hash && out.hash == v->last_hash;
+    v->last_hash = out.hash;
+    if (out.equal) {
+        if (payload->release) payload->release(payload->owner);
+        payload = NULL;
+    }
+    count_frame(v, payload ? payload->size : 0);
     v->request->server->stats.frames_sent++;
-    request_part(v->request, &out.base, result->code ? NULL : &result->payload);
+    request_part(v->request, &out.base, payload);
 }
 
 // Means of 1, 2, 4, 8, … pictures are sent, and the last.
@@ -127,6 +170,7 @@ static void drawn(void *user, struct render_result *result)
     struct view *v = user;
     struct connection *conn = v->request->conn;
     bool finer = v->refining;
+    loop_timer_stop(v->model->server->loop, &v->late);
     v->render = NULL;
     v->refining = false;
     bool not_ready = result->code == RELIGHT__ERROR_CODE__ERROR_NOT_READY;
@@ -158,6 +202,20 @@ static void drawn(void *user, struct render_result *result)
     }
 }
 
+// The frame took longer than frame_deadline_ms.
+static void frame_late(struct loop_timer *timer)
+{
+    struct view *v = (struct view *)((char *)timer - offsetof(struct view, late));
+    struct render_result result = {.code = RELIGHT__ERROR_CODE__ERROR_DEADLINE};
+    if (!v->render) return;
+    render_cancel(v->render);
+    snprintf(result.error, sizeof result.error,
+             "the frame was not ready after %llu ms (frame_deadline_ms)",
+             (unsigned long long)(v->options.deadline_ns / 1000000));
+    v->request->server->stats.deadline_total++;
+    drawn(v, &result);
+}
+
 // True when the last picture should be refined now; sets the timer where it should be later.
 static bool should_refine(struct view *v, uint64_t now)
 {
@@ -172,7 +230,7 @@ static bool should_refine(struct view *v, uint64_t now)
 static void draw(struct view *v)
 {
     uint64_t now = loop_now_ns();
-    if (v->render || v->frame - v->shown >= v->window) return;
+    if (v->render || window_full(v)) return;
     bool finer = should_refine(v, now);
     if (!v->dirty && !finer) return;
     if (now < v->next_ns && !finer) {
@@ -183,10 +241,11 @@ static void draw(struct view *v)
     render_spec_copy(&v->spec, &spec);
     if (!finer) {
         v->dirty = false;
-        v->next_ns = now + v->gap_ns;
+        v->next_ns = now + v->options.gap_ns;
         refinement_release(v->refinement);
         v->refinement = v->spec.picture ? refinement_create() : NULL;
     }
+    spec.hash = true;
     spec.refinement = v->refinement;
     spec.quiet = finer && !send_after(v, v->refinement->n_frame + 1);
     v->drawn = spec;
@@ -196,24 +255,110 @@ static void draw(struct view *v)
     struct request *request = v->request;
     struct connection *conn = request->conn;
     struct render *render = render_start(v->model, &spec, drawn, v);
-    if (render && !conn->dead) v->render = render;
+    if (!render || conn->dead) return;
+    v->render = render;
+    v->late.fire = frame_late;
+    if (!finer && v->options.deadline_ns)
+        loop_timer_set(request->server->loop, &v->late, now + v->options.deadline_ns);
+}
+
+// Reads how frames are sent; the format of colours goes to the spec.
+static int read_options(const Relight__ViewOptions *in, struct view_options *out,
+                        struct render_spec *spec, char error[300])
+{
+    *out = (struct view_options){
+        .gap_ns = in->max_fps ? 1000000000u / in->max_fps : 0,
+        .deadline_ns = in->frame_deadline_ms * UINT64_C(1000000),
+        .window = in->window ? in->window : 2,
+        .window_bytes = in->window_bytes,
+        .skip_equal = in->skip_equal,
+    };
+    if (out->window > SERVER_MAX_WINDOW)
+        return range_refuse(error, 300, in->window, 1, SERVER_MAX_WINDOW, "frames",
+                            "options.window");
+    return render_spec_colors(spec, (int)in->color_format, in->color_exposure_ev, error);
+}
+
+static void merge_options(struct view_options *to, struct render_spec *spec,
+                          const struct view_options *from, const struct render_spec *colors,
+                          size_t n, char *const *fields)
+{
+    if (render_fields_name(n, fields, "options.max_fps")) to->gap_ns = from->gap_ns;
+    if (render_fields_name(n, fields, "options.window")) to->window = from->window;
+    if (render_fields_name(n, fields, "options.window_bytes"))
+        to->window_bytes = from->window_bytes;
+    if (render_fields_name(n, fields, "options.frame_deadline_ms"))
+        to->deadline_ns = from->deadline_ns;
+    if (render_fields_name(n, fields, "options.skip_equal")) to->skip_equal = from->skip_equal;
+    if (render_fields_name(n, fields, "options.color_format")) spec->format = colors->format;
+    if (render_fields_name(n, fields, "options.color_exposure_ev"))
+        spec->exposure_ev = colors->exposure_ev;
+}
+
+// Whether the state replaces the view's `part` as a whole or in fields.
+static bool changes(const Relight__ViewState *state, bool present, const char *part)
+{
+    size_t n = strlen(part);
+    if (!state->n_fields) return present;
+    for (size_t i = 0; i < state->n_fields; i++)
+        if (!strncmp(state->fields[i], part, n) &&
+            (!state->fields[i][n] || state->fields[i][n] == '.'))
+            return true;
+    return false;
+}
+
+static int apply_lights(struct render_spec *next, const Relight__ViewState *state,
+                        struct request *from, char error[300])
+{
+    size_t n_field = state->n_fields;
+    char *const *fields = state->fields;
+    bool all = false;
+    for (size_t i = 0; i < n_field; i++) all |= !strcmp(fields[i], "lights");
+    if (all || !n_field)
+        return render_spec_lights(next, state->n_lights, state->lights, from, error);
+    if (from->payload_size) {
+        snprintf(error, 300, "a payload was sent, and state.fields do not name \"lights\"");
+        return RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
+    }
+    return render_spec_turn(next, state->n_lights, state->lights,
+                            render_fields_name(n_field, fields, "lights.rotate_deg"),
+                            render_fields_name(n_field, fields, "lights.gain"), error);
 }
 
 // Applies a state; a refused one changes nothing.
 static int apply(struct view *v, struct server *server, const Relight__ViewState *state,
                  struct request *from, char error[300])
 {
-    struct render_spec next = v->spec; // with its texels, unless the new state has others
+    static const Relight__Shade no_shade = RELIGHT__SHADE__INIT;
+    static const Relight__Picture no_picture = RELIGHT__PICTURE__INIT;
+    static const Relight__ViewOptions no_options = RELIGHT__VIEW_OPTIONS__INIT;
+    static const Relight__ViewState no_state = RELIGHT__VIEW_STATE__INIT;
+    if (!state) state = &no_state;
+    size_t n = state->n_fields;
+    struct render_spec next = v->spec, values = v->spec; // texels stay unless others come
+    struct view_options options = v->options, given = {0};
     int code = 0;
-    if (state && (code = render_spec_shade(&next, from, state->shade, error))) return code;
-    if (state && state->picture && v->spec.picture &&
-        (code = render_spec_picture(&next, server, state->picture, error)))
-        return code;
-    size_t n = state ? state->n_lights : 0;
-    if (n || from->payload_size)
-        code = render_spec_lights(&next, n, n ? state->lights : NULL, from, error);
-    if (!code) v->spec = next;
-    return code;
+    if (n > MAX_FIELD) return range_refuse(error, 300, (double)n, 0, MAX_FIELD, "", "fields");
+    if (changes(state, state->shade, "shade"))
+        code = render_spec_shade(&values, from, state->shade ? state->shade : &no_shade, error);
+    if (!code && v->spec.picture && changes(state, state->picture, "picture"))
+        code = render_spec_picture(&values, server,
+                                   state->picture ? state->picture : &no_picture, error);
+    bool optional = !code && changes(state, state->options, "options");
+    if (optional)
+        code =
+            read_options(state->options ? state->options : &no_options, &given, &values, error);
+    if (!code && n) code = render_spec_copy_fields(&next, &values, n, state->fields, error);
+    if (code) return code;
+    if (n && optional) merge_options(&options, &next, &given, &values, n, state->fields);
+    if (!n) next = values;
+    if (!n && optional) options = given;
+    if (changes(state, state->n_lights || from->payload_size, "lights"))
+        code = apply_lights(&next, state, from, error);
+    if (code) return code;
+    v->spec = next;
+    v->options = options;
+    return 0;
 }
 
 void op_view_open(struct request *request)
@@ -233,15 +378,11 @@ void op_view_open(struct request *request)
     model_hold(model);
     v->watcher.changed = model_has_changed;
     model_watch(model, &v->watcher);
-    v->window = in->window ? in->window : 2;
-    v->gap_ns = in->max_fps ? 1000000000u / in->max_fps : 0;
+    v->options.window = 2;
     render_spec_init(&v->spec);
     v->spec.sum = true;
     v->spec.picture = !in->colors;
-    int code = in->colors ? render_spec_colors(&v->spec, (int)in->color_format,
-                                               in->color_exposure_ev, error)
-                          : 0;
-    if (!code) code = apply(v, request->server, in->state, request, error);
+    int code = apply(v, request->server, in->state, request, error);
     if (code) {
         free_view(v);
         request_fail(request, code, "%s", error);
@@ -255,12 +396,19 @@ void op_view_open(struct request *request)
 
 // A VIEW_OPEN that still waits for its material is later in the connection's order than this
 // request, which would otherwise have waited behind it: it has no view yet.
-static struct view *find_view(struct request *request, uint64_t id)
+static struct view *view_of(const struct connection *conn, uint64_t id)
 {
-    for (struct request *r = request->conn->requests; r; r = r->next) {
+    for (struct request *r = conn->requests; r; r = r->next) {
         struct view *v = r->id == id ? request_state(r, abandon) : NULL;
         if (v) return v;
     }
+    return NULL;
+}
+
+static struct view *find_view(struct request *request, uint64_t id)
+{
+    struct view *v = view_of(request->conn, id);
+    if (v) return v;
     request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
                  "no view was opened by request %llu", (unsigned long long)id);
     return NULL;
@@ -278,7 +426,7 @@ void op_view_set(struct request *request)
         request_fail(request, code, "%s", error);
         return;
     }
-    if (in->shown > v->shown) v->shown = in->shown < v->frame ? in->shown : v->frame;
+    acknowledge(v, in->shown);
     if (in->state) {
         if (v->dirty) {
             v->dropped++;
@@ -291,6 +439,16 @@ void op_view_set(struct request *request)
     out.sequence = in->sequence;
     request_answer(request, &out.base, NULL);
     if (!conn->dead) draw(v);
+}
+
+// One for a view that has ended is late, not wrong: it is ignored.
+void take_view_ack(struct connection *conn, const ProtobufCMessage *message)
+{
+    const Relight__ViewAck *in = (const Relight__ViewAck *)message;
+    struct view *v = view_of(conn, in->view);
+    if (!v) return;
+    acknowledge(v, in->shown);
+    draw(v);
 }
 
 void op_view_close(struct request *request)

@@ -62,6 +62,7 @@ struct render_spec {
     struct refinement *refinement; /* the view's running mean to add to; NULL: none. Held by the
                                       creator of the spec */
     bool quiet;                    /* adds to the mean and makes no picture */
+    bool hash;                     /* render_result.hash is wanted */
 };
 
 /* Fill parts of a spec from messages and check them; without a message the defaults stay.
@@ -81,6 +82,15 @@ int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
                        char error[300]);
 /* Fills the keys; texels of all lights, for inline cubes. */
 void render_light_name(struct render_light *light, const float *texels);
+/* Turns or scales the lights that the spec has; lights[i] gives the values of light i. */
+int render_spec_turn(struct render_spec *spec, size_t n, Relight__Light *const *lights,
+                     bool rotate, bool gain, char error[300]);
+/* Copies the named fields ("shade", "picture.camera", …) from `values` to `spec`; names of
+ * lights and options are ignored. Returns 0, or BAD_REQUEST where a name is unknown. */
+int render_spec_copy_fields(struct render_spec *spec, const struct render_spec *values,
+                            size_t n, char *const *fields, char error[300]);
+/* Whether fields name `field`, or the part that it belongs to. */
+bool render_fields_name(size_t n, char *const *fields, const char *field);
 /* The texels of an inline cube. */
 const float *render_texels(const struct render_spec *spec, const struct render_light *light);
 /* "constant" and "env:HASH" in their canonical form, 0 or an error. */
@@ -92,6 +102,7 @@ struct render_result {
     struct payload payload;
     uint32_t n_vertex, n_plane, width, height;
     uint64_t plane_bytes, generation;
+    uint64_t hash; /* of the payload, where the spec asks for it */
     struct prt_camera camera;
     float queue_ms, light_ms, relight_ms, raster_ms, shade_ms, encode_ms, total_ms;
     float error_bound;

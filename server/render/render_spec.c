@@ -60,24 +60,48 @@ static const float *outside(const float v[3], float low, float high)
     return NULL;
 }
 
+static int parse_rotation(struct render_light *out, const Relight__Light *in, unsigned index,
+                          char error[300])
+{
+    if (!(fabsf(in->rotate_deg) <= 1e6f))
+        RANGE(in->rotate_deg, -1e6, 1e6, "degrees", "lights[%u].rotate_deg", index);
+    out->rotate_deg = fmod(in->rotate_deg, 360);
+    if (out->rotate_deg < 0) out->rotate_deg += 360;
+    return 0;
+}
+
+static int parse_gain(struct render_light *out, const Relight__Light *in, unsigned index,
+                      char error[300])
+{
+    for (int c = 0; c < 3; c++) out->gain[c] = 1;
+    vec3(in->gain, out->gain);
+    const float *bad = outside(out->gain, 0, 1e6f);
+    if (bad) RANGE(*bad, 0, 1e6, "", "lights[%u].gain", index);
+    return 0;
+}
+
 static int parse_light(struct render_light *out, const Relight__Light *in, unsigned index,
                        char error[300])
 {
-    *out = (struct render_light){.gain = {1, 1, 1}, .cube_n = in->cube_n};
+    *out = (struct render_light){.cube_n = in->cube_n};
     if (!in->cube_n == !in->env[0])
         REFUSE(BAD_REQUEST, "lights[%u]: expected exactly one of env and cube_n", index);
     if (in->cube_n && (in->cube_n < 16 || in->cube_n > 128 || in->cube_n & (in->cube_n - 1)))
         REFUSE(OUT_OF_RANGE,
                "lights[%u].cube_n is %u, allowed range 16 to 128: 16, 32, 64 or 128", index,
                in->cube_n);
-    if (!(fabsf(in->rotate_deg) <= 1e6f))
-        RANGE(in->rotate_deg, -1e6, 1e6, "degrees", "lights[%u].rotate_deg", index);
-    vec3(in->gain, out->gain);
-    const float *bad = outside(out->gain, 0, 1e6f);
-    if (bad) RANGE(*bad, 0, 1e6, "", "lights[%u].gain", index);
-    out->rotate_deg = fmod(in->rotate_deg, 360);
-    if (out->rotate_deg < 0) out->rotate_deg += 360;
+    int code = parse_rotation(out, in, index, error);
+    if (!code) code = parse_gain(out, in, index, error);
+    if (code) return code;
     return in->env[0] ? env_canonical(in->env, out->env, error) : 0;
+}
+
+static void set_keys(struct render_light *light, const char *source)
+{
+    snprintf(light->key, sizeof light->key, "%s@%.9g*%.9g,%.9g,%.9g", source, light->rotate_deg,
+             (double)light->gain[0], (double)light->gain[1], (double)light->gain[2]);
+    snprintf(light->still_key, sizeof light->still_key, "%s@0*%.9g,%.9g,%.9g", source,
+             (double)light->gain[0], (double)light->gain[1], (double)light->gain[2]);
 }
 
 void render_light_name(struct render_light *light, const float *texels)
@@ -95,10 +119,27 @@ void render_light_name(struct render_light *light, const float *texels)
     } else {
         snprintf(source, sizeof source, "%s", light->env);
     }
-    snprintf(light->key, sizeof light->key, "%s@%.9g*%.9g,%.9g,%.9g", source, light->rotate_deg,
-             (double)light->gain[0], (double)light->gain[1], (double)light->gain[2]);
-    snprintf(light->still_key, sizeof light->still_key, "%s@0*%.9g,%.9g,%.9g", source,
-             (double)light->gain[0], (double)light->gain[1], (double)light->gain[2]);
+    set_keys(light, source);
+}
+
+int render_spec_turn(struct render_spec *spec, size_t n, Relight__Light *const *lights,
+                     bool rotate, bool gain, char error[300])
+{
+    struct render_light next[RENDER_MAX_LIGHTS];
+    if (n != spec->n_light)
+        REFUSE(BAD_REQUEST, "%zu lights are to be turned or scaled, and the view has %u", n,
+               spec->n_light);
+    for (unsigned i = 0; i < n; i++) {
+        char source[96];
+        next[i] = spec->light[i];
+        snprintf(source, sizeof source, "%.*s", (int)strcspn(next[i].key, "@"), next[i].key);
+        int code = rotate ? parse_rotation(&next[i], lights[i], i, error) : 0;
+        if (!code && gain) code = parse_gain(&next[i], lights[i], i, error);
+        if (code) return code;
+        set_keys(&next[i], source);
+    }
+    memcpy(spec->light, next, n * sizeof *next);
+    return 0;
 }
 
 int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const *lights,

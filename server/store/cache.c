@@ -24,7 +24,8 @@ struct cache {
     struct cache *files;   // entries of it are held by values of this one
     struct cache *holders; // the other way round
     bool relieving;
-    struct work_pool *workers; // NULL: values are destroyed at once
+    struct cache_entry no_memory; // returned where no entry can be allocated; never freed
+    struct work_pool *workers;    // NULL: values are destroyed at once
 };
 
 int cache_create(size_t budget_bytes, struct cache **out)
@@ -39,6 +40,12 @@ int cache_create(size_t budget_bytes, struct cache **out)
         cache_destroy(cache);
         return PRT_IO;
     }
+    cache->no_memory = (struct cache_entry){.key = (char *)"",
+                                            .state = CACHE_FAILED,
+                                            .refs = 1,
+                                            .error_code = CACHE_ERROR_NO_MEMORY,
+                                            .error = "not enough memory",
+                                            .cache = cache};
     cache->n_bucket = FIRST_BUCKETS;
     cache->budget = budget_bytes;
     *out = cache;
@@ -201,8 +208,12 @@ struct cache_entry *cache_get(struct cache *cache, const char *key, bool *fresh)
     }
     cache->counts.misses++;
     e = calloc(1, sizeof *e);
-    if (!e || !(e->key = strdup(key)))
-        abort(); // a few hundred bytes: the process is out of memory
+    if (!e || !(e->key = strdup(key))) {
+        free(e);
+        cache_hold(&cache->no_memory);
+        *fresh = false;
+        return &cache->no_memory;
+    }
     e->cache = cache;
     e->refs = 1;
     e->hash = prt_hash64(key, strlen(key), cache->seed);

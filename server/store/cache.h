@@ -49,7 +49,9 @@ struct work_pool;
 void cache_use_workers(struct cache *cache, struct work_pool *pool);
 
 /* The entry of this key, with a reference for the caller. *fresh: it is new, and the caller
- * has to call cache_fill or cache_fail once, and to hold the entry until then. */
+ * has to call cache_fill or cache_fail once, and to hold the entry until then. Without memory a
+ * failed entry with this code. */
+enum { CACHE_ERROR_NO_MEMORY = 16 }; /* the protocol's ERROR_NO_MEMORY */
 struct cache_entry *cache_get(struct cache *cache, const char *key, bool *fresh);
 /* The entry of this key, with a reference, or NULL; creates none. */
 struct cache_entry *cache_find(struct cache *cache, const char *key);

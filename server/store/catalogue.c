@@ -70,10 +70,13 @@ static int64_t use_time(const struct stat *st)
     return (int64_t)st->st_mtim.tv_sec * 1000000000 + st->st_mtim.tv_nsec;
 }
 
-static void recall_files(struct model *m, const struct stat *bake, const struct stat *preview)
+static void recall_files(struct model *m, const struct stat *bake, const struct stat *preview,
+                         bool baking)
 {
-    m->state = bake ? RELIGHT__MODEL_STATE__MODEL_READY : RELIGHT__MODEL_STATE__MODEL_PREVIEW;
-    m->used_ns = use_time(bake ? bake : preview);
+    m->state = bake     ? RELIGHT__MODEL_STATE__MODEL_READY
+               : baking ? RELIGHT__MODEL_STATE__MODEL_BAKING
+                        : RELIGHT__MODEL_STATE__MODEL_PREVIEW;
+    if (bake || preview) m->used_ns = use_time(bake ? bake : preview);
     if (preview) {
         m->mesh = MESH_THERE;
         model_charge_preview(m, (uint64_t)preview->st_size);
@@ -100,13 +103,15 @@ static void recall(struct models *models, struct server *server, const char *id)
     bool read = !stat(path, &preview);
     const char *owner = json_text(json, "owner");
     struct model *m = NULL;
-    if (json && !strcmp(json_text(json, "id"), id) && (baked || read))
+    struct job *job = jobs_find(server->jobs, id);
+    bool baking = job && job_state(job) == RELIGHT__JOB_STATE__JOB_QUEUED;
+    if (json && !strcmp(json_text(json, "id"), id) && (baked || read || baking))
         m = model_add(models, id, json_text(json, "name"), owner[0] ? owner : DISK_NOBODY);
     if (m) {
         m->pinned = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "pinned"));
         if (json_text(json, "warnings")[0]) m->warnings = strdup(json_text(json, "warnings"));
         recall_names(m, json);
-        recall_files(m, baked ? &bake : NULL, read ? &preview : NULL);
+        recall_files(m, baked ? &bake : NULL, read ? &preview : NULL, baking);
         log_line(LOG_EVENT, "model id=%s name=\"%s\" recalled", m->id, m->name);
     } else {
         log_line(LOG_WARN, "model id=%s has no bake any more", id);
@@ -194,7 +199,7 @@ static void adopt(struct models *models, const char *id, const struct stat *st)
     struct model *m = model_add(models, id, id, DISK_NOBODY);
     if (!m) return;
     log_line(LOG_EVENT, "model id=%s has a bake and no record", id);
-    recall_files(m, st, NULL);
+    recall_files(m, st, NULL, false);
 }
 
 static void sweep(struct models *models, const struct server *server, const char *name)
@@ -226,7 +231,9 @@ static void sweep_work(const struct server *server)
     snprintf(folder, sizeof folder, "%s/work", server->data);
     DIR *dir = opendir(folder);
     for (struct dirent *d; dir && (d = readdir(dir));) {
-        if (!strcmp(d->d_name, ".") || !strcmp(d->d_name, "..")) continue;
+        if (!strcmp(d->d_name, ".") || !strcmp(d->d_name, "..") ||
+            jobs_use_folder(server->jobs, d->d_name))
+            continue;
         if (snprintf(path, sizeof path, "%s/%s", folder, d->d_name) >= PATH_MAX) continue;
         log_line(LOG_EVENT, "folder work/%s was left by a daemon that was killed", d->d_name);
         remove_tree(path);

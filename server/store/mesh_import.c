@@ -67,6 +67,13 @@ void preview_start(struct model *m, const struct decode_model *order, const char
     // A preview file that exists here belongs to a removed source.
     cache_forget(m->server->files, key, true);
     r->entry = cache_get(m->server->files, key, &fresh);
+    if (!fresh) { // no memory
+        cache_release(r->entry);
+        model_release(m);
+        free(r);
+        file_remove(m->server->file_queue, folder);
+        return;
+    }
     snprintf(r->folder, sizeof r->folder, "%s", folder);
     m->mesh = MESH_READING;
     struct decode_model own = *order;

@@ -11,9 +11,11 @@
 #include "store/eviction.h"
 
 #include <cjson/cJSON.h>
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 // Drops the opened file and computed results; their users keep their references. A file that is
 // being read or opened is finished, unless the model is removed as a whole.
@@ -187,6 +189,8 @@ static void learn_facts(struct model *m, const struct prt_file *file)
     memcpy(f->box, m->pose ? box : f->file_box, sizeof f->box);
 }
 
+// The file itself is at fault: it can never be opened. Lack of memory or descriptors, or an I/O
+// error, says nothing about it.
 static void damaged(struct model *m, const char *error)
 {
     m->state = RELIGHT__MODEL_STATE__MODEL_FAILED;
@@ -207,7 +211,8 @@ static void start_opening(struct model *m, struct cache_entry *entry, const char
 static void looked(struct opening *o)
 {
     struct model *m = o->model;
-    if (o->work.status && m->state == RELIGHT__MODEL_STATE__MODEL_READY && !m->gone) {
+    if (o->work.status == PRT_FORMAT && m->state == RELIGHT__MODEL_STATE__MODEL_READY &&
+        !m->gone) {
         damaged(m, o->work.error);
         model_unload(m, false);
     } else if (!o->work.status && !m->facts.baked) {
@@ -221,14 +226,17 @@ static void not_opened(struct opening *o)
     struct model *m = o->model;
     const char *error = o->work.error;
     int code = error_of_status(o->work.status);
+    bool missing = o->work.status == PRT_IO && access(o->path, F_OK) && errno == ENOENT;
     if (m->gone) { // and its file with it
+    } else if (o->work.status != PRT_FORMAT && !missing) {
+        // lack of memory or descriptors, an I/O error: the next request tries again
     } else if (o->preview) {
         model_charge_preview(m, 0);
         m->mesh = MESH_FAILED;
         m->mesh_error_code = code;
         snprintf(m->mesh_error, sizeof m->mesh_error, "%s", error);
         file_remove(m->server->file_queue, o->path);
-    } else if (m->copy && o->work.status == PRT_IO) {
+    } else if (m->copy && missing) {
         import_evict(m->server->imports, m->copy); // the next request copies it again
     } else {
         damaged(m, error);

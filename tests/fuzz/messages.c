@@ -460,10 +460,18 @@ static void image(struct world *world, uint64_t id, struct bytes *out)
 
 struct state {
     Relight__ViewState state;
+    Relight__ViewOptions options;
+    char *fields[6];
     struct lights lights;
     struct shade shade;
     struct picture picture;
 };
+
+static char *const field_names[] = {
+    "lights",          "lights.rotate_deg", "lights.gain",     "shade",
+    "shade.material",  "shade.eye",         "picture",         "picture.camera",
+    "picture.width",   "options",           "options.window",  "options.skip_equal",
+    "shade.max_error", "no such field",     "options.max_fps", "lights.rotate_deg"};
 
 static Relight__ViewState *view_state(struct world *world, struct state *s)
 {
@@ -477,6 +485,19 @@ static Relight__ViewState *view_state(struct world *world, struct state *s)
     if (!rnd_chance(r, 3)) s->state.shade = shade(world, &s->shade);
     // Without one a view is 800x600 pixels.
     if (!rnd_chance(r, 40)) s->state.picture = picture(r, &s->picture);
+    if (rnd_chance(r, 2)) {
+        relight__view_options__init(&s->options);
+        s->options.color_format = (Relight__ColorFormat)rnd(r, 5);
+        s->options.max_fps = rnd_chance(r, 3) ? rnd(r, 1000) : 0;
+        s->options.window = rnd_chance(r, 3) ? rnd(r, rnd_chance(r, 9) ? 300 : 8) : 0;
+        s->options.window_bytes = rnd_chance(r, 3) ? rnd(r, 3000) : 0;
+        s->options.frame_deadline_ms = rnd_chance(r, 3) ? rnd(r, 20) : 0;
+        s->options.skip_equal = rnd_chance(r, 2);
+        s->state.options = &s->options;
+    }
+    s->state.fields = s->fields;
+    s->state.n_fields = rnd_chance(r, 2) ? rnd(r, 7) : 0;
+    for (size_t i = 0; i < s->state.n_fields; i++) s->fields[i] = RND_PICK(r, field_names);
     return &s->state;
 }
 
@@ -488,9 +509,6 @@ static void view_open(struct world *world, uint64_t id, struct bytes *out)
     in.state = view_state(world, &s);
     in.model = (char *)any_model(world);
     in.colors = rnd_chance(r, 2);
-    in.color_format = (Relight__ColorFormat)rnd(r, 4);
-    in.max_fps = rnd_chance(r, 3) ? rnd(r, 1000) : 0;
-    in.window = rnd_chance(r, 3) ? rnd(r, 8) : 0;
     emit(world, RELIGHT_TYPE_VIEW_OPEN, id, &in.base, s.lights.payload, s.lights.payload_bytes,
          out);
     free(s.lights.payload);
@@ -535,7 +553,8 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
                                     RELIGHT_TYPE_UNLOAD,       RELIGHT_TYPE_STATS,
                                     RELIGHT_TYPE_SUBSCRIBE,    RELIGHT_TYPE_SUBSCRIBE,
                                     RELIGHT_TYPE_TOKEN_CREATE, RELIGHT_TYPE_TOKEN_LIST,
-                                    RELIGHT_TYPE_TOKEN_REVOKE};
+                                    RELIGHT_TYPE_TOKEN_REVOKE, RELIGHT_TYPE_VIEW_ACK,
+                                    RELIGHT_TYPE_VIEW_ACK};
     struct rnd *r = world->rnd;
     uint16_t one = RND_PICK(r, type);
     uint64_t other = 1 + rnd(r, ids);
@@ -621,6 +640,13 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
         in.model = (char *)any_model(world);
         in.forget = rnd_chance(r, 2);
         EMIT(UNLOAD, in);
+        break;
+    }
+    case RELIGHT_TYPE_VIEW_ACK: {
+        Relight__ViewAck in = RELIGHT__VIEW_ACK__INIT;
+        in.view = other;
+        in.shown = rnd_chance(r, 2) ? rnd(r, 8) : rnd_bits(r) >> rnd(r, 64);
+        emit(world, one, rnd_chance(r, 30) ? id : 0, &in.base, NULL, 0, out);
         break;
     }
     case RELIGHT_TYPE_SUBSCRIBE: {

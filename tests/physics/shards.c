@@ -1,18 +1,24 @@
 // SPDX-License-Identifier: MIT
-// A bake in parts writes what one process writes, byte for byte, whatever the storage; parts
-// that are missing, damaged or of another bake are told and not used.
+// A bake in parts, and one that is killed again and again, write what one process writes, byte
+// for byte, whatever the storage; parts that are missing, damaged or of another bake are told
+// and not used; finished work is not repeated.
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <setjmp.h>
 #include <cmocka.h>
 
+#include <fcntl.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
+#include "bake/cluster_records.h"
 #include "bodies.h"
 #include "expect.h"
 #include "prt/bake.h"
@@ -160,6 +166,156 @@ static void wrong_parts_are_refused(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// ---- checkpoints
+
+// Number of records; asserts that none is there twice. *end: bytes up to the last whole one.
+static unsigned count_records(const char *path, uint64_t *end)
+{
+    enum { MOST = 4096, HEADER = 16, SLOT_ROWS = 1000 };
+    static uint32_t seen[MOST][2];
+    unsigned n = 0;
+    struct record r;
+    uint64_t at = HEADER;
+    int fd = open(path, O_RDONLY);
+    while (fd >= 0 && prt_read_at(fd, &r, sizeof r, at) && prt_record_whole(&r) && n < MOST) {
+        for (unsigned i = 0; i < n; i++)
+            assert_false(seen[i][0] == r.slot && seen[i][1] == r.cluster);
+        seen[n][0] = r.slot, seen[n++][1] = r.cluster;
+        at += sizeof r + (r.slot == SLOT_ROWS ? 0 : r.bytes);
+    }
+    if (fd >= 0) close(fd);
+    *end = at;
+    return n;
+}
+
+// Bakes in a child, which is killed once it has recorded `more` pieces of work. True: it ended.
+static bool bake_and_kill(const struct prt_mesh *mesh, const struct prt_bake_options *o,
+                          unsigned more)
+{
+    uint64_t end;
+    unsigned before = count_records(o->checkpoint, &end);
+    pid_t child = fork();
+    assert_true(child >= 0);
+    if (!child) {
+        struct prt_context c;
+        prt_context_init(&c);
+        prt_pool_create(0, &c.pool);
+        _exit(prt_bake(&c, mesh, o, file("parts.prt")));
+    }
+    for (int how;;) {
+        if (waitpid(child, &how, WNOHANG) == child) {
+            assert_true(WIFEXITED(how) && WEXITSTATUS(how) == PRT_OK);
+            return true;
+        }
+        if (count_records(o->checkpoint, &end) >= before + more) break;
+        usleep(500);
+    }
+    kill(child, SIGKILL);
+    assert_int_equal(waitpid(child, NULL, 0), child);
+    // Finished work is there, and the rest of a record that was being written.
+    assert_true(count_records(o->checkpoint, &end) >= before + more);
+    return false;
+}
+
+static void killed_makes_the_whole(struct prt_bake_options o, unsigned more)
+{
+    struct prt_mesh *mesh = scene();
+    unsigned killed = 0;
+    assert_int_equal(prt_bake(&context, mesh, &o, file("whole.prt")), PRT_OK);
+    char path[256];
+    snprintf(path, sizeof path, "%s", file("checkpoint"));
+    o.checkpoint = path;
+    while (!bake_and_kill(mesh, &o, more)) assert_true(++killed < 100);
+    assert_true(killed >= 2);
+    same_bytes(file("whole.prt"), file("parts.prt"));
+    assert_int_not_equal(access(file("checkpoint"), F_OK), 0);
+    assert_int_not_equal(access(file("checkpoint.rows"), F_OK), 0);
+    unlink(file("parts.prt"));
+    prt_mesh_destroy(mesh);
+}
+
+// Contract of prt_bake: a wavelet bake that is killed every few records repeats none of them.
+static void killed_wavelet(void **state)
+{
+    struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_FACTORED);
+    killed_makes_the_whole(o, 12);
+    o.storage = PRT_STORAGE_SPARSE;
+    o.no_single = true;
+    killed_makes_the_whole(o, 12);
+}
+
+// Contract of prt_bake: the same for joint transport.
+static void killed_joint(void **state)
+{
+    struct prt_bake_options o = options(PRT_TRANSPORT_JOINT, PRT_STORAGE_FACTORED);
+    o.no_single = true;
+    killed_makes_the_whole(o, 12);
+}
+
+// Contract of prt_bake: the same for polynomial transport, and for one part of two.
+static void killed_polynomial_and_part(void **state)
+{
+    struct prt_bake_options o = options(PRT_TRANSPORT_POLYNOMIAL, PRT_STORAGE_FACTORED);
+    struct prt_env *env;
+    assert_int_equal(prt_env_load(&context, "constant:1,0.8,0.5", &env), PRT_OK);
+    o.env = env;
+    killed_makes_the_whole(o, 2);
+    prt_env_destroy(env);
+    o = options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_FACTORED);
+    o.no_single = true;
+    struct prt_mesh *mesh = scene();
+    assert_int_equal(prt_bake(&context, mesh, &o, file("whole.prt")), PRT_OK);
+    char path[256];
+    snprintf(path, sizeof path, "%s", file("checkpoint"));
+    o.n_shard = 2, o.checkpoint = path;
+    for (o.shard = 0; o.shard < 2; o.shard++)
+        while (!bake_and_kill(mesh, &o, 12)) continue;
+    same_bytes(file("whole.prt"), file("parts.prt"));
+    unlink(file("parts.prt"));
+    prt_mesh_destroy(mesh);
+}
+
+// Contract of prt_bake: a checkpoint without room, of other settings, or damaged at any place
+// changes no byte of the bake.
+static void checkpoints_that_do_not_help(void **state)
+{
+    struct prt_mesh *mesh = scene();
+    struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_FACTORED);
+    char path[256];
+    o.no_single = true;
+    assert_int_equal(prt_bake(&context, mesh, &o, file("whole.prt")), PRT_OK);
+    snprintf(path, sizeof path, "%s", file("checkpoint"));
+    o.checkpoint = path;
+    o.checkpoint_room = 1 << 20;
+    assert_int_equal(prt_bake(&context, mesh, &o, file("parts.prt")), PRT_OK);
+    same_bytes(file("whole.prt"), file("parts.prt"));
+    o.checkpoint_room = 0;
+    for (unsigned round = 0; round < 3; round++) {
+        o.seed = round == 2 ? 4 : 3; // the last checkpoint is of another bake
+        assert_false(bake_and_kill(mesh, &o, 33 + round));
+        o.seed = 3;
+        struct stat st;
+        char rows[300];
+        snprintf(rows, sizeof rows, "%s.rows", path);
+        for (int i = 0; i < 2; i++) { // a byte turned over in either file
+            int fd = open(i ? rows : path, O_RDWR);
+            char byte;
+            if (fd < 0 || fstat(fd, &st) || !st.st_size) continue;
+            off_t at = (off_t)((uint64_t)st.st_size * (2 * round + 1) / 6);
+            assert_int_equal(pread(fd, &byte, 1, at), 1);
+            byte = (char)~byte;
+            assert_int_equal(pwrite(fd, &byte, 1, at), 1);
+            close(fd);
+        }
+        int status = prt_bake(&context, mesh, &o, file("parts.prt"));
+        if (status == PRT_FORMAT) status = prt_bake(&context, mesh, &o, file("parts.prt"));
+        assert_int_equal(status, PRT_OK);
+        same_bytes(file("whole.prt"), file("parts.prt"));
+    }
+    unlink(file("parts.prt"));
+    prt_mesh_destroy(mesh);
+}
+
 static int clean_up(void **state)
 {
     static const char *const name[] = {"whole.prt", "parts.prt", "w.prt"};
@@ -178,6 +334,10 @@ int main(void)
         cmocka_unit_test(joint),
         cmocka_unit_test(polynomial),
         cmocka_unit_test(wrong_parts_are_refused),
+        cmocka_unit_test(killed_wavelet),
+        cmocka_unit_test(killed_joint),
+        cmocka_unit_test(killed_polynomial_and_part),
+        cmocka_unit_test(checkpoints_that_do_not_help),
     };
     int failed = run_physics_tests(tests, NULL, clean_up);
     prt_pool_destroy(context.pool);

@@ -148,7 +148,6 @@ static void add_view(struct frames *f, uint64_t id, uint32_t deadline_ms)
     light_up(&lit);
     m.model = model;
     m.colors = true;
-    m.window = 2;
     m.state = &view_state;
     view_state.n_lights = 1;
     view_state.lights = lit.lights;

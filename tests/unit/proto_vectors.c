@@ -297,6 +297,29 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     updated.generation = 2;
     n = add(out, n, "update_vertices_answer", "S: UPDATE_VERTICES", 17 | ANSWER, LAST, 14,
             &updated.base, NULL, 0);
+    static Relight__ViewSetRequest slide;
+    static Relight__ViewState slid;
+    static Relight__ViewAck ack;
+    static char *slid_fields[] = {"lights.rotate_deg", "shade.material"};
+    static Relight__Light turned, *turned_lights[] = {&turned};
+    relight__view_set_request__init(&slide);
+    relight__view_state__init(&slid);
+    relight__light__init(&turned);
+    relight__view_ack__init(&ack);
+    turned.rotate_deg = 30;
+    slid.n_lights = 1;
+    slid.lights = turned_lights;
+    slid.n_fields = 2;
+    slid.fields = slid_fields;
+    slide.view = 10;
+    slide.sequence = 2;
+    slide.state = &slid;
+    n = add(out, n, "view_set_fields", "C: VIEW_SET, a light turned, the model's own material",
+            15, LAST, 16, &slide.base, NULL, 0);
+    ack.view = 10;
+    ack.shown = 1;
+    n = add(out, n, "view_ack", "C: VIEW_ACK of frame 1, one-way: id 0, no answer", 24, LAST, 0,
+            &ack.base, NULL, 0);
     static Relight__Error range;
     relight__error__init(&range);
     range.code = RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;

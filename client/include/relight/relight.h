@@ -88,20 +88,24 @@ struct relight_error {
 struct relight_client;
 
 struct relight_options {
-    const char *name;         /* of the program, for the daemon's log; NULL: "librelight" */
-    const char *token;        /* NULL: none */
+    const char *name;  /* of the program, for the daemon's log; NULL: "librelight" */
+    const char *token; /* NULL: none */
+    const char *ca;    /* tls: PEM file of trusted certificates; NULL: $RELIGHT_CA, else the
+                        * system's */
     double connect_timeout_s; /* 0: 5 s */
     double timeout_s;     /* of each blocking call, sent to the daemon as deadline; 0: none */
     uint64_t max_payload; /* largest answer accepted, bytes; 0: 4 GiB */
 };
 
 /* Connects to a relightd and says HELLO.
- * address: "tcp:HOST[:PORT]" (IPv6 as tcp:[::1]:7413), "unix:PATH", or NULL for
+ * address: "tcp:HOST[:PORT]" (IPv6 as tcp:[::1]:7413), "tls:HOST[:PORT]" (TLS, whose
+ * certificate must be HOST's and signed by one in options->ca), "unix:PATH", or NULL for
  * $RELIGHT_SERVER, else unix:$XDG_RUNTIME_DIR/relightd.sock when that exists, else
  * tcp:127.0.0.1:7413. options: NULL takes every default; strings are copied.
  * Returns 0 and a client in *out, which the caller gives to relight_close.
  * -RELIGHT_E_ARGUMENT: the address does not parse. -RELIGHT_E_UNREACHABLE: nobody listens,
- * or connect_timeout_s passed. -RELIGHT_E_FORBIDDEN: the daemon wants another token.
+ * the server's certificate is not trusted, or connect_timeout_s passed. -RELIGHT_E_FILE:
+ * options->ca cannot be read. -RELIGHT_E_FORBIDDEN: the daemon wants another token.
  * -RELIGHT_E_VERSION: no common protocol version.
  * Thread-safety: Safe. Blocks for connect_timeout_s at most. */
 int relight_connect(const char *address, const struct relight_options *options,
@@ -324,6 +328,7 @@ struct relight_block {
     bool translucent;
     uint32_t vertex_begin, n_vertex, triangle_begin, n_triangle;
     float base_color[3];
+    uint32_t surface_index; /* into relight_geometry.look */
 };
 struct relight_named_camera {
     const char *name;
@@ -395,6 +400,43 @@ struct relight_geometry {
     size_t n_block;
     const struct relight_block *block;
     void *owner;
+    /* relight_geometry_textured alone */
+    uint32_t n_uv;                  /* TEXCOORD sets */
+    const float (*uv)[2];           /* [n_uv][n_vertex] */
+    const float (*corner_uv)[3][2]; /* [n_triangle] in place of set 0, or NULL */
+    const float (*color)[4];        /* [n_vertex] COLOR_0, linear RGBA in [0,1], or NULL */
+    size_t n_look, n_image;
+    const struct relight_look *look;        /* [n_look] one for each surface */
+    const struct relight_image_info *image; /* [n_image] fetched by relight_texture */
+    float texture_split; /* share of the base colour's brightness that the bake has blurred */
+};
+
+/* An image over a model's texture coordinates: RGBA of 8 bits and its mip chain, levels one
+ * after another from the full size to 1 x 1, each side half the one before, rounded down. */
+enum relight_texture_kind {
+    RELIGHT_TEXTURE_COLOR,  /* sRGB */
+    RELIGHT_TEXTURE_DATA,   /* linear numbers */
+    RELIGHT_TEXTURE_NORMAL, /* 0.5 + 0.5 n, glTF's axes */
+};
+struct relight_image_info {
+    const char *hash; /* names its texels: equal hashes are equal images */
+    uint32_t width, height;
+    enum relight_texture_kind kind;
+    uint64_t bytes; /* of all levels */
+};
+/* An image's place on a surface. */
+struct relight_map {
+    bool present;
+    uint32_t image, uv_set;
+    uint32_t wrap_u, wrap_v; /* 0 repeat, 1 clamp, 2 mirror */
+    uint32_t filter;         /* bits of TextureMap in relight.proto */
+    float transform[6];      /* u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5 */
+    float scale;             /* of normals; strength of occlusion */
+};
+struct relight_look {
+    float base_color[4], emissive[3]; /* linear */
+    float roughness, metallic;
+    struct relight_map base, normal, metallic_roughness, occlusion, emission;
 };
 
 /* Fetches a model's vertices and triangles as they are now.
@@ -405,6 +447,18 @@ struct relight_geometry {
  * Thread-safety: Safe. Blocks until the answer is here. */
 int relight_geometry(struct relight_client *client, const char *model, bool own_units,
                      struct relight_geometry *out, struct relight_error *error);
+
+/* The same with texture coordinates, vertex colours, surfaces and the list of images. */
+int relight_geometry_textured(struct relight_client *client, const char *model, bool own_units,
+                              struct relight_geometry *out, struct relight_error *error);
+
+/* Fetches the texels of an image that relight_geometry_textured listed: *texels
+ * [info->bytes], to be freed by free().
+ * Returns 0; -RELIGHT_E_NOT_FOUND, -RELIGHT_E_NO_MEMORY.
+ * Thread-safety: Safe. Blocks until the answer is here. */
+int relight_texture(struct relight_client *client, const char *model,
+                    const struct relight_image_info *info, uint8_t **texels,
+                    struct relight_error *error);
 
 /* Frees what relight_geometry put into *geometry. Thread-safety: Safe for different structs.
  * Does not block. */
@@ -660,10 +714,16 @@ struct relight_view_request {
     bool colors; /* frames are colours, else pictures */
     enum relight_color_format color_format;
     float color_exposure_ev;
-    uint32_t max_fps, window;
+    uint32_t max_fps, window; /* window: most frames on the way, up to 256; 0: 2 */
+    uint64_t window_bytes;    /* a frame waits while frames on the way take more; 0: no limit */
+    uint32_t frame_deadline_ms; /* a frame that takes longer is RELIGHT_E_DEADLINE; 0: none */
+    bool skip_equal;            /* frames equal to the one before come without their contents */
 };
 struct relight_frame_out {
     uint64_t frame, sequence, skipped; /* skipped: frames received and dropped before this */
+    uint64_t hash;                     /* of colours or picture: equal hashes, equal bytes */
+    bool
+        equal; /* skip_equal: as the frame before, which `skipped` may count; nothing is here */
     bool has_colors, has_image;
     struct relight_colors colors;
     struct relight_image image;
@@ -690,6 +750,19 @@ int relight_view_set(struct relight_view *view, size_t n_light,
                      const struct relight_light *lights, const struct relight_shade *shade,
                      const struct relight_picture *picture, uint64_t *sequence,
                      struct relight_error *error);
+
+/* Changes named fields of a view's state; all others stay. A slider step sends its one number.
+ * fields [n_field]: names as in relight.proto, ViewState.fields: "shade.material",
+ * "lights.rotate_deg", "picture.camera", "options.max_fps"; "lights" with n_light 0 removes all
+ * lights. values: where the fields' new values are; a field that is zero there goes back to its
+ * default. With "lights.rotate_deg" and "lights.gain" the lights of values need no environment.
+ * model and colors are ignored. *sequence as in relight_view_set.
+ * Returns 0 once it is sent. -RELIGHT_E_ARGUMENT, -RELIGHT_E_DISCONNECTED. A name that the
+ * daemon does not know changes nothing, and no frame follows.
+ * Thread-safety: Safe. Blocks only while the socket is full. */
+int relight_view_change(struct relight_view *view, const struct relight_view_request *values,
+                        size_t n_field, const char *const *fields, uint64_t *sequence,
+                        struct relight_error *error);
 
 /* Waits for a frame and takes the newest; older ones that wait are dropped and counted in
  * `skipped`.

@@ -45,6 +45,13 @@ struct prt_bake_options {
     uint32_t shard, n_shard;
     uint32_t *parts_missing; /* out, or NULL: number of parts that are incomplete; 0: out_path
                               * is written; UINT32_MAX: another process assembles it */
+    /* A path, or NULL. Finished work is kept in this file and in PATH.rows, and a bake of equal
+     * mesh and options goes on from there after any interruption, to the same bytes. Both are
+     * removed when out_path, or this shard's part, is written. checkpoint_room: most bytes that
+     * they take together; 0: no bound. Work that does not fit, or cannot be written, is
+     * repeated after an interruption. */
+    const char *checkpoint;
+    uint64_t checkpoint_room;
     uint64_t memory; /* bytes to make do with: rows of pass 1 that take more than 60 % of them
                       * are kept on disk; 0: the memory that is free */
     const char *settings_json; /* JSON recorded as "source" of the settings, or NULL */

@@ -124,6 +124,7 @@ struct cache_entry *env_get(struct server *server, const char *env, int *code, c
         return NULL;
     }
     entry = cache_get(server->cache, env, &fresh);
+    if (!fresh) return entry; // no memory
     if (!uploaded) {
         fill_constant(entry, env);
         return entry;
