@@ -668,8 +668,8 @@ static void test_text_is_text(void **state)
         "half \xe2\x82",    // cut off
     };
     static const char *const control[] = {"a\nb", "\x1b[31mred", "del\x7f",
-                                          "\xc2\x9b"
-                                          "31m"};
+                                          ("\xc2\x9b"
+                                           "31m")};
     begin(NULL);
     char path[160];
     snprintf(path, sizeof path, "%s/model.obj", d.models);

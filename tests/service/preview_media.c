@@ -82,8 +82,8 @@ static void test_profiles_are_shown(void **state)
         "{\"profile\":\"multipole\",\"layers\":[{\"thickness\":0.5,\"sigma_s_prime\":[3,3,3],"
         "\"sigma_a\":[0.01,0.05,0.1]},{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0.1,0.02,0.02]}],"
         "\"eta\":1.3}",
-        "{\"profile\":\"curve\",\"radius\":[0,2,3,3.5],\"rd\":[[0.02,0.02,0.02,0],[0.02,0.02,0.02,0],"
-        "[0.01,0.01,0.01,0]],\"eta\":1.3}"};
+        ("{\"profile\":\"curve\",\"radius\":[0,2,3,3.5],\"rd\":[[0.02,0.02,0.02,0],"
+         "[0.02,0.02,0.02,0],[0.01,0.01,0.01,0]],\"eta\":1.3}")};
     struct relight_camera camera = default_camera(ball);
     for (int k = 0; k < 3; k++) {
         struct prt_material m = parsed(text[k]), plain = m;

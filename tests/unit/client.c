@@ -253,6 +253,15 @@ static void answers_in_frames(void **state)
     assert_memory_equal(image.data, "abcdefghi", 9);
     relight_image_finish(&image);
     peer_stop(&p, client);
+    // The parts together are held to the client's limit, too.
+    struct relight_options options = {.timeout_s = 5, .max_payload = 8};
+    peer_start(&p, parts_script, 0);
+    assert_int_equal(relight_connect(p.address, &options, &client, &error), 0);
+    assert_int_equal(relight_image_begin(client, &request, 0, &id, &error), 0);
+    relight_ping(client, &seconds, &error);
+    assert_int_equal(relight_image_end(client, id, &image, &error), -RELIGHT_E_PROTOCOL);
+    assert_non_null(strstr(error.text, "too large"));
+    peer_stop(&p, client);
 }
 
 static void error_script(struct peer *p)
@@ -470,9 +479,8 @@ static void damaged(void **state)
 }
 
 // A store of one blob, as PROTOCOL.md has it.
-static void blob_script(struct peer *p)
+static void store_blob(struct peer *p, uint64_t received)
 {
-    uint64_t received = 0;
     peer_hello(p);
     while (peer_read(p)) {
         struct relight_frame *f = &p->decoder.frame;
@@ -485,6 +493,17 @@ static void blob_script(struct peer *p)
         protobuf_c_message_free_unpacked(&m->base, NULL);
         peer_answer(p, &a.base, NULL, 0);
     }
+}
+
+static void blob_script(struct peer *p)
+{
+    store_blob(p, 0);
+}
+
+// An earlier connection has sent 4000 bytes.
+static void begun_script(struct peer *p)
+{
+    store_blob(p, 4000);
 }
 
 static int count_progress(void *user, const struct relight_progress *progress)
@@ -522,6 +541,14 @@ static void uploads(void **state)
     assert_non_null(strstr(error.text, "/nowhere.hdr"));
     peer_stop(&p, client);
     assert_int_equal(p.blob_bytes, sizeof bytes);
+    // An upload goes on where an earlier one ended.
+    peer_start(&p, begun_script, 0);
+    client = connect_to(&p, 5);
+    assert_int_equal(
+        relight_upload(client, "x", bytes, sizeof bytes, NULL, NULL, again, &sent, &error), 0);
+    assert_int_equal(sent, sizeof bytes - 4000);
+    peer_stop(&p, client);
+    assert_int_equal(p.blob_bytes, sizeof bytes - 4000);
 }
 
 static void *ping_many(void *arg)
