@@ -102,6 +102,11 @@ int relight_get_image(const Relight__ImageAnswer *message, const uint8_t *payloa
                       struct relight_error *error);
 int relight_get_blocks(struct owner *owner, size_t n, Relight__Block **blocks,
                        const struct relight_block **out);
+/* Textures of an answer to GEOMETRY: whether its sections lie in the payload; the fields of
+ * *out. false without memory. */
+bool relight_textures_fit(const Relight__GeometryAnswer *a, const struct answer *answer);
+bool relight_get_textures(struct owner *owner, const struct answer *answer,
+                          struct relight_geometry *out);
 static inline char *relight_text(const char *text)
 {
     static char empty[1];

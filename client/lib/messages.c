@@ -268,6 +268,7 @@ int relight_get_blocks(struct owner *owner, size_t n, Relight__Block **blocks,
                                           .triangle_begin = m->triangle_begin,
                                           .n_triangle = m->n_triangle};
         get_vec3(m->base_color, block[i].base_color);
+        block[i].surface_index = m->surface_index;
     }
     *out = block;
     return 0;

@@ -11,6 +11,7 @@
 
 const char *argp_program_version = "relight-preview " RELIGHT_VERSION;
 
+enum { KEY_NO_TEXTURES = 256 };
 static const struct argp_option table[] = {
     {"server", 's', "ADDR", 0,
      "tcp:HOST:PORT, tls:HOST:PORT or unix:PATH (default as for relight)", 0},
@@ -41,6 +42,7 @@ static const struct argp_option table[] = {
      0},
     {"samples-per-pixel", 'a', "1|2|4|8", 0, "anti-aliasing (default 4)", 0},
     {"no-specular", 'n', NULL, 0, "draw no specular reflection", 0},
+    {"no-textures", KEY_NO_TEXTURES, NULL, 0, "leave the model's textures out", 0},
     {"background", 'B', "R,G,B", 0, "plain background in place of the environment", 0},
     {"tone", 'M', "MAP", 0, "filmic (default), reinhard or none", 0},
     {"exposure", 'x', "STOPS", 0, "brighten by a factor 2^STOPS", 0},
@@ -131,6 +133,9 @@ static error_t parse_picture(int key, char *arg, struct argp_state *state)
         break;
     case 'n':
         o->no_specular = true;
+        break;
+    case KEY_NO_TEXTURES:
+        o->no_textures = true;
         break;
     case 'B':
         if (sscanf(arg, "%f,%f,%f%n", o->background, o->background + 1, o->background + 2,

@@ -14,7 +14,7 @@ struct options {
     size_t n_env;
     double rotate_deg, timeout_s;
     uint32_t n_frame, width, height, samples, gap;
-    bool turn_light, sheet, json, no_specular, plain;
+    bool turn_light, sheet, json, no_specular, plain, no_textures;
     float background[3], exposure_ev;
     int quality;
     enum prt_tone tone;
@@ -44,6 +44,9 @@ struct scene {
 };
 /* Return exit statuses; errors are reported. */
 int scene_fetch(struct scene *scene);
+/* Textures of the fetched geometry into scene->mesh, checked; texels are fetched. */
+int scene_textures(struct scene *scene);
+void scene_textures_finish(struct scene *scene);
 void scene_finish(struct scene *scene);
 
 /* Colours without outgoing Fresnel under one light: multiple + single scattering, so that one

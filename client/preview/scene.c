@@ -33,6 +33,13 @@ static bool put_blocks(const struct relight_geometry *g, struct prt_mesh *m)
     return true;
 }
 
+static int count_objects(struct prt_mesh *m)
+{
+    for (uint32_t i = 0; i < m->n_block; i++)
+        if (m->block[i].object >= m->n_object) m->n_object = m->block[i].object + 1;
+    return EXIT_DONE;
+}
+
 static int make_mesh(struct scene *scene)
 {
     const struct relight_geometry *g = &scene->geometry;
@@ -57,9 +64,10 @@ static int make_mesh(struct scene *scene)
     memcpy(m->triangle, g->triangle, 12 * (size_t)g->n_triangle);
     for (uint32_t i = 0; i < g->n_vertex; i++) m->weld[i] = i;
     if (!put_blocks(g, m)) return fail("the model's blocks do not fit its vertices");
-    for (uint32_t i = 0; i < m->n_block; i++)
-        if (m->block[i].object >= m->n_object) m->n_object = m->block[i].object + 1;
-    return EXIT_DONE;
+    if (scene->options->no_textures) return count_objects(m);
+    int status = scene_textures(scene);
+    if (status) return status;
+    return count_objects(m);
 }
 
 // Refractive index and roughness of the model's material, or of --material.
@@ -123,7 +131,7 @@ int scene_fetch(struct scene *scene)
 {
     struct relight_error error;
     const struct options *o = scene->options;
-    if (relight_geometry(scene->client, o->model, false, &scene->geometry, &error))
+    if (relight_geometry_textured(scene->client, o->model, false, &scene->geometry, &error))
         return report(&error);
     int status = make_mesh(scene);
     if (!status) status = find_surface(scene);
@@ -142,6 +150,7 @@ void scene_finish(struct scene *scene)
     prt_free(m->weld);
     prt_free(m->block);
     prt_free(m->surface);
+    scene_textures_finish(scene);
     for (int i = 0; i < MAX_ENV; i++)
         if (scene->sky[i].env) prt_env_destroy(scene->sky[i].env);
     relight_geometry_finish(&scene->geometry);

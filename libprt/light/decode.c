@@ -29,6 +29,7 @@ int prt_decode_own(const struct prt_context *ctx, const char *name, const void *
                         name);
     err = PRT_UNSUPPORTED;
     if (prt_is_exr(bytes, n)) err = prt_decode_exr(ctx, name, bytes, n, out);
+    else if (prt_is_ktx(bytes, n)) err = prt_decode_ktx(ctx, name, bytes, n, out);
     else if (prt_is_dds(bytes, n)) err = prt_decode_dds(ctx, name, bytes, n, out);
     else if (!memcmp(bytes, "\x89PNG", 4))
         err = prt_decode_png(ctx, name, bytes, n, &out->image);

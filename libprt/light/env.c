@@ -323,7 +323,8 @@ static int load_constant(const struct prt_context *ctx, const char *word, struct
 }
 
 static int load_inputs(const struct prt_context *ctx, const char *name,
-                       const struct prt_input *input, unsigned count, struct prt_env **out)
+                       const struct prt_input *input, unsigned count, enum prt_faces faces,
+                       struct prt_env **out)
 {
     struct prt_decoded decoded[PRT_FACES_MAX];
     struct prt_env *env = env_new();
@@ -333,8 +334,9 @@ static int load_inputs(const struct prt_context *ctx, const char *name,
         clear_non_finite(ctx, input[i].name, &decoded[i].image, &env->n_negative,
                          &env->n_nonfinite);
     if (!err)
-        err = count == 1 ? prt_env_from_image(ctx, name, &decoded[0], env)
-                         : prt_env_from_faces(ctx, name, decoded, env);
+        err = count == 1 ? prt_env_from_image(ctx, name, &decoded[0], faces, env)
+                         : prt_env_from_faces(ctx, name, decoded, faces,
+                                              prt_face_has_axis_name(input[0].name), env);
     for (unsigned i = 0; i < count; i++) prt_image_finish(&decoded[i].image);
     if (err) {
         prt_env_destroy(env);
@@ -344,16 +346,23 @@ static int load_inputs(const struct prt_context *ctx, const char *name,
     return PRT_OK;
 }
 
-int prt_env_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
-                        size_t n, struct prt_env **out)
+int prt_env_load_memory_faces(const struct prt_context *ctx, const char *name,
+                              const void *bytes, size_t n, enum prt_faces faces,
+                              struct prt_env **out)
 {
     const struct prt_input input = {name, bytes, n};
     *out = NULL;
-    return load_inputs(ctx, name, &input, 1, out);
+    return load_inputs(ctx, name, &input, 1, faces, out);
+}
+
+int prt_env_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
+                        size_t n, struct prt_env **out)
+{
+    return prt_env_load_memory_faces(ctx, name, bytes, n, PRT_FACES_GUESS, out);
 }
 
 static int load_face_set(const struct prt_context *ctx, const char *pattern,
-                         struct prt_env **out)
+                         enum prt_faces faces, struct prt_env **out)
 {
     char *paths[PRT_FACES_MAX] = {0};
     struct prt_blob blob[PRT_FACES_MAX] = {{0}};
@@ -363,7 +372,7 @@ static int load_face_set(const struct prt_context *ctx, const char *pattern,
         err = prt_read_file(ctx, paths[i], FILE_MAX_BYTES, &blob[i]);
         input[i] = (struct prt_input){paths[i], blob[i].bytes, blob[i].size};
     }
-    if (!err) err = load_inputs(ctx, pattern, input, PRT_FACES_MAX, out);
+    if (!err) err = load_inputs(ctx, pattern, input, PRT_FACES_MAX, faces, out);
     for (unsigned i = 0; i < PRT_FACES_MAX; i++) {
         prt_free(blob[i].bytes);
         free(paths[i]);
@@ -371,20 +380,32 @@ static int load_face_set(const struct prt_context *ctx, const char *pattern,
     return err;
 }
 
-int prt_env_load(const struct prt_context *ctx, const char *path, struct prt_env **out)
+int prt_env_load_faces(const struct prt_context *ctx, const char *path, enum prt_faces faces,
+                       struct prt_env **out)
 {
     struct stat st;
+    char found[4096];
     *out = NULL;
     if (!strcmp(path, "constant") || !strncmp(path, "constant:", 9))
         return load_constant(ctx, path, out);
-    const bool exists = !stat(path, &st);
+    bool exists = !stat(path, &st);
     if (exists ? S_ISDIR(st.st_mode) : strchr(path, '*') || strstr(path, "%s"))
-        return load_face_set(ctx, path, out);
+        return load_face_set(ctx, path, faces, out);
+    if (!exists) {
+        const int missing = prt_env_by_beginning(ctx, path, found, sizeof found);
+        if (missing) return missing;
+        path = found;
+    }
     struct prt_blob blob = {0};
     int err = prt_read_file(ctx, path, FILE_MAX_BYTES, &blob);
-    if (!err) err = prt_env_load_memory(ctx, path, blob.bytes, blob.size, out);
+    if (!err) err = prt_env_load_memory_faces(ctx, path, blob.bytes, blob.size, faces, out);
     prt_free(blob.bytes);
     return err;
+}
+
+int prt_env_load(const struct prt_context *ctx, const char *path, struct prt_env **out)
+{
+    return prt_env_load_faces(ctx, path, PRT_FACES_GUESS, out);
 }
 
 int prt_image_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,

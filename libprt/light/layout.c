@@ -6,15 +6,16 @@
 #include <math.h>
 #include <string.h>
 
-/* Copies the n x n view whose top left pixel is (x0,y0) into a face. Camera views are the
- * OpenGL faces mirrored left-right at the sides and top-bottom at +Y and -Y; half_turn undoes
- * the vertical cross's back face. */
+/* Copies the n x n picture named `face` whose top left pixel is (x0,y0) into the cube;
+ * half_turn undoes the vertical cross's back face. */
 static void put_view(const struct prt_image *src, uint32_t x0, uint32_t y0, bool half_turn,
-                     unsigned face, struct prt_cube *cube)
+                     enum prt_faces faces, unsigned face, struct prt_cube *cube)
 {
     const uint32_t n = cube->n;
-    const bool flip_x = (face != 2 && face != 3) != half_turn;
-    const bool flip_y = (face == 2 || face == 3) != half_turn;
+    const struct prt_face_place place = prt_face_place(faces, face);
+    const bool flip_x = place.flip_x != half_turn;
+    const bool flip_y = place.flip_y != half_turn;
+    face = place.face;
     for (uint32_t y = 0; y < n; y++)
         for (uint32_t x = 0; x < n; x++) {
             const uint32_t sx = x0 + (flip_x ? n - 1 - x : x);
@@ -40,15 +41,38 @@ static int start_cube(const struct prt_context *ctx, const char *name, uint32_t 
     return prt_cube_init(&env->cube, n);
 }
 
+/* The layout's cell of each named picture. In a cross the front, -Z of camera views and +Z of
+ * the others, is in the middle. */
+static int cut_as(const struct prt_image *im, const unsigned char cell[6][2],
+                  enum prt_faces faces, struct prt_cube *cube)
+{
+    const uint32_t n = cube->n;
+    const bool cross = cell == hcross || cell == vcross;
+    for (unsigned face = 0; face < 6; face++) {
+        const bool swap = cross && face >= 4 && faces != PRT_FACES_CAMERA;
+        const unsigned at = swap ? 9 - face : face;
+        put_view(im, cell[at][0] * n, cell[at][1] * n, cell == vcross && at == 4, faces, face,
+                 cube);
+    }
+    return PRT_OK;
+}
+
+/* A cross is folded the same way by all; a strip is read as the edges fit. */
 static int cut_cells(const struct prt_context *ctx, const char *name,
                      const struct prt_image *im, const unsigned char cell[6][2], uint32_t n,
-                     struct prt_env *env)
+                     enum prt_faces faces, struct prt_env *env)
 {
     int err = start_cube(ctx, name, n, env);
-    for (unsigned face = 0; !err && face < 6; face++)
-        put_view(im, cell[face][0] * n, cell[face][1] * n, cell == vcross && face == 4, face,
-                 &env->cube);
-    return err;
+    const bool guess = faces == PRT_FACES_GUESS, cross = cell == hcross || cell == vcross;
+    if (err) return err;
+    if (!guess) return cut_as(im, cell, faces, &env->cube);
+    cut_as(im, cell, PRT_FACES_CAMERA, &env->cube);
+    if (cross || prt_faces_by_edges(&env->cube) == PRT_FACES_CAMERA) return PRT_OK;
+    prt_log(ctx, PRT_LOG_NOTE,
+            "%s: its edges fit as in three.js, and it is read so; --faces gl mirrors it, "
+            "--faces d3d or --rotate 180 turns it",
+            name);
+    return cut_as(im, cell, PRT_FACES_THREE, &env->cube);
 }
 
 static int use_latlong(struct prt_decoded *in, struct prt_env *env)
@@ -78,16 +102,17 @@ static int use_exr_latlong(const struct prt_context *ctx, const char *name,
 }
 
 static int use_gl_cube(const struct prt_context *ctx, const char *name,
-                       const struct prt_image *im, struct prt_env *env)
+                       const struct prt_image *im, enum prt_faces faces, struct prt_env *env)
 {
     int err = start_cube(ctx, name, im->width, env);
+    if (!err && faces != PRT_FACES_GUESS) return cut_as(im, column, faces, &env->cube);
     if (!err)
         memcpy(env->cube.texel, im->rgb, (size_t)im->width * im->height * 3 * sizeof(float));
     return err;
 }
 
 int prt_env_from_image(const struct prt_context *ctx, const char *name, struct prt_decoded *in,
-                       struct prt_env *env)
+                       enum prt_faces faces, struct prt_env *env)
 {
     const struct prt_image *im = &in->image;
     const uint64_t w = im->width, h = im->height;
@@ -99,16 +124,17 @@ int prt_env_from_image(const struct prt_context *ctx, const char *name, struct p
         return prt_fail(ctx, PRT_FORMAT,
                         "%s: a cube's six faces in a strip are n x 6n pixels, not %llu x %llu",
                         name, (unsigned long long)w, (unsigned long long)h);
-    if (in->hint == PRT_HINT_GL_CUBE) return use_gl_cube(ctx, name, im, env);
+    if (in->hint == PRT_HINT_GL_CUBE) return use_gl_cube(ctx, name, im, faces, env);
     if (in->hint == PRT_HINT_EXR_LATLONG && is_latlong)
         return use_exr_latlong(ctx, name, in, env);
     if (is_latlong) return use_latlong(in, env);
-    if (h == 6 * w) return cut_cells(ctx, name, im, column, im->width, env);
-    if (w == 6 * h) return cut_cells(ctx, name, im, row, im->height, env);
+    if (in->hint == PRT_HINT_EXR_CUBE && faces == PRT_FACES_GUESS) faces = PRT_FACES_CAMERA;
+    if (h == 6 * w) return cut_cells(ctx, name, im, column, im->width, faces, env);
+    if (w == 6 * h) return cut_cells(ctx, name, im, row, im->height, faces, env);
     if (w * 3 == h * 4 && w % 4 == 0)
-        return cut_cells(ctx, name, im, hcross, im->width / 4, env);
+        return cut_cells(ctx, name, im, hcross, im->width / 4, faces, env);
     if (w * 4 == h * 3 && w % 3 == 0)
-        return cut_cells(ctx, name, im, vcross, im->width / 3, env);
+        return cut_cells(ctx, name, im, vcross, im->width / 3, faces, env);
     return prt_fail(
         ctx, PRT_FORMAT,
         "%s: %llu x %llu pixels are not an environment: expected a "
@@ -117,20 +143,39 @@ int prt_env_from_image(const struct prt_context *ctx, const char *name, struct p
         w == h ? "; light probes (angular maps) must be converted to lat-long" : "");
 }
 
-int prt_env_from_faces(const struct prt_context *ctx, const char *name,
-                       const struct prt_decoded *faces, struct prt_env *env)
+static void fill_faces(const struct prt_decoded *image, enum prt_faces faces,
+                       struct prt_cube *cube)
 {
-    const uint32_t n = faces[0].image.width;
+    for (unsigned face = 0; face < 6; face++)
+        put_view(&image[face].image, 0, 0, false, faces, face, cube);
+}
+
+int prt_env_from_faces(const struct prt_context *ctx, const char *name,
+                       const struct prt_decoded *image, enum prt_faces faces, bool axis_names,
+                       struct prt_env *env)
+{
+    const uint32_t n = image[0].image.width;
     for (unsigned face = 0; face < 6; face++) {
-        const struct prt_image *im = &faces[face].image;
+        const struct prt_image *im = &image[face].image;
         if (im->width != n || im->height != n)
             return prt_fail(ctx, PRT_FORMAT,
                             "%s: faces must be square and of one size, face %u "
                             "is %u x %u, the first %u wide",
                             name, face, im->width, im->height, n);
     }
+    const bool guess = faces == PRT_FACES_GUESS;
     int err = start_cube(ctx, name, n, env);
-    for (unsigned face = 0; !err && face < 6; face++)
-        put_view(&faces[face].image, 0, 0, false, face, &env->cube);
-    return err;
+    if (err) return err;
+    fill_faces(image, guess ? PRT_FACES_CAMERA : faces, &env->cube);
+    if (!guess) return PRT_OK;
+    const bool camera = prt_faces_by_edges(&env->cube) == PRT_FACES_CAMERA;
+    if (!camera) fill_faces(image, PRT_FACES_THREE, &env->cube);
+    prt_log(ctx, PRT_LOG_NOTE, "%s: six faces named by %s, read %s", name,
+            axis_names ? "axis" : "side",
+            camera
+                ? "as camera views with -Z in front, as their edges fit; mirrored or turned? "
+                  "--faces gl, three or d3d"
+                : "as in three.js, as their edges fit; mirrored? --faces gl; turned? --faces "
+                  "d3d, or --rotate");
+    return PRT_OK;
 }

@@ -65,6 +65,9 @@ void prt_oiio_open(void);
 /* The parsers behind it. */
 bool prt_is_hdr(const uint8_t *bytes, size_t n);
 bool prt_is_exr(const uint8_t *bytes, size_t n);
+bool prt_is_ktx(const uint8_t *bytes, size_t n);
+int prt_decode_ktx(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
+                   size_t n, struct prt_decoded *out);
 bool prt_is_dds(const uint8_t *bytes, size_t n);
 int prt_decode_hdr(const struct prt_context *ctx, const char *name, const uint8_t *bytes,
                    size_t n, struct prt_image *out);
@@ -101,12 +104,27 @@ struct prt_input {
 /* Turns an image into an environment by its hint or aspect ratio. A lat-long environment takes
  * in->image over. */
 int prt_env_from_image(const struct prt_context *ctx, const char *name, struct prt_decoded *in,
-                       struct prt_env *env);
-/* Six square camera views +X -X +Y -Y +Z -Z. */
+                       enum prt_faces faces, struct prt_env *env);
+/* Six square images named +X -X +Y -Y +Z -Z. `axis_names`: px or posx, not right. */
 int prt_env_from_faces(const struct prt_context *ctx, const char *name,
-                       const struct prt_decoded *faces, struct prt_env *env);
+                       const struct prt_decoded *image, enum prt_faces faces, bool axis_names,
+                       struct prt_env *env);
+/* The only environment file of path's folder whose name begins so, into out[n]. PRT_IO with a
+ * line that names the nearest. */
+int prt_env_by_beginning(const struct prt_context *ctx, const char *path, char *out, size_t n);
 /* Finds the six files of a folder or pattern; paths are malloc()ed. */
 int prt_find_faces(const struct prt_context *ctx, const char *pattern, char *paths[6]);
+/* Whether a file of a face is named by its axis alone: px, nx, … or posx, negx, … */
+bool prt_face_has_axis_name(const char *path);
+/* faces.c: how the image named `face` fills a cube's face by a convention. */
+struct prt_face_place {
+    unsigned face; /* of the cube */
+    bool flip_x, flip_y;
+};
+struct prt_face_place prt_face_place(enum prt_faces faces, unsigned face);
+/* The convention by which neighbouring faces fit at their edges: CAMERA, or THREE for those
+ * that the pictures cannot tell apart (gl, d3d, three). cube: filled by CAMERA. */
+enum prt_faces prt_faces_by_edges(const struct prt_cube *cube);
 
 #ifdef __cplusplus
 }

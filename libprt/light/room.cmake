@@ -1,4 +1,4 @@
-# Libraries of the light room: OpenEXRCore, libturbojpeg, libdeflate or zlib; the OpenImageIO shim.
+# Libraries of the light room: OpenEXRCore, libturbojpeg, libdeflate or zlib, Zstandard; the OpenImageIO shim.
 # Not by find_package: Debian's OpenEXR, Imath and OpenImageIO configurations name programs and
 # Python modules that are in packages nobody needs here.
 pkg_check_modules(OPENEXR REQUIRED OpenEXR)
@@ -6,8 +6,9 @@ find_library(OPENEXRCORE_LIBRARY NAMES OpenEXRCore OpenEXRCore-3_1 OpenEXRCore-3
   HINTS ${OPENEXR_LIBRARY_DIRS} REQUIRED)
 pkg_check_modules(TURBOJPEG REQUIRED IMPORTED_TARGET libturbojpeg)
 pkg_check_modules(LIBDEFLATE IMPORTED_TARGET libdeflate)
+pkg_check_modules(LIBZSTD REQUIRED IMPORTED_TARGET libzstd)
 target_include_directories(prt_light SYSTEM PRIVATE ${OPENEXR_INCLUDE_DIRS})
-target_link_libraries(prt_light PUBLIC ${OPENEXRCORE_LIBRARY} PkgConfig::TURBOJPEG
+target_link_libraries(prt_light PUBLIC ${OPENEXRCORE_LIBRARY} PkgConfig::TURBOJPEG PkgConfig::LIBZSTD
   ${CMAKE_DL_LIBS})
 if(LIBDEFLATE_FOUND)
   target_link_libraries(prt_light PUBLIC PkgConfig::LIBDEFLATE)

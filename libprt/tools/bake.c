@@ -206,7 +206,7 @@ int run_bake(struct tool *tool)
                 (double)source.material.eta);
     }
     if (o->env && engine == PRT_TRANSPORT_POLYNOMIAL) {
-        exit_status = tool_exit(tool, prt_env_load(&tool->ctx, o->env, &env));
+        exit_status = tool_exit(tool, tool_env_load(tool, o->env, &env));
         if (exit_status) goto done;
     } else if (o->env) {
         prt_log(&tool->ctx, PRT_LOG_WARNING,

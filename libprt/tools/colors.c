@@ -107,7 +107,7 @@ static int load_light(struct tool *tool, const struct source *source, bool refer
                            "%s was baked for a light of 6x%ux%u: --cube sets it for --engine "
                            "reference only",
                            source->path, own, own);
-    int status = tool_exit(tool, prt_env_load(&tool->ctx, o->env, &env));
+    int status = tool_exit(tool, tool_env_load(tool, o->env, &env));
     if (!status) status = source_light(tool, source, env, own, cube);
     if (env) prt_env_destroy(env);
     return status;

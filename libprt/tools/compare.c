@@ -178,7 +178,7 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
         exit_status = usage_error(o, "%s is not a .prt", o->input[0]);
         goto done;
     }
-    int status = prt_env_load(&tool->ctx, o->env, &env);
+    int status = tool_env_load(tool, o->env, &env);
     exit_status = tool_exit(tool, status);
     if (!exit_status)
         exit_status = source_light(tool, &source, env, source.transport->cube, &own);

@@ -150,7 +150,7 @@ static int load_lights(struct table *t)
     int status = EXIT_DONE;
     for (; !status && t->n_light < o->n_env; t->n_light++) {
         struct prt_env *env = NULL;
-        status = tool_exit(t->tool, prt_env_load(&t->tool->ctx, o->envs[t->n_light], &env));
+        status = tool_exit(t->tool, tool_env_load(t->tool, o->envs[t->n_light], &env));
         if (!status)
             status = source_light(t->tool, &t->source, env, t->source.transport->cube,
                                   &t->own[t->n_light]);

@@ -192,7 +192,7 @@ int run_env(struct tool *tool)
     double before[3], after[3];
     int status = check_usage(o);
     if (status || (status = check_writable(tool, o->out))) return status;
-    status = prt_env_load(&tool->ctx, o->input[0], &env);
+    status = tool_env_load(tool, o->input[0], &env);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     bool exr = is_exr(o->out);
     // --size WxH means a lat-long result, for any input.

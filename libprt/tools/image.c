@@ -205,7 +205,7 @@ static int load_lights(struct tool *tool, struct picture *p, bool vertex, bool t
 {
     const struct options *o = &tool->opt;
     const struct prt_context *ctx = &tool->ctx;
-    int status = prt_env_load(ctx, o->env, &p->env);
+    int status = tool_env_load(tool, o->env, &p->env);
     if (status) return tool_exit(tool, status);
     uint32_t own = vertex ? p->source.transport->cube : 0;
     if (vertex && p->source.transport->engine == PRT_TRANSPORT_POLYNOMIAL)

@@ -269,7 +269,7 @@ static int describe_model(struct tool *tool, const char *path, cJSON *root)
 static int describe_env(struct tool *tool, const char *path, cJSON *root)
 {
     struct prt_env *env;
-    int status = prt_env_load(&tool->ctx, path, &env);
+    int status = tool_env_load(tool, path, &env);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     bool latlong = env->kind == PRT_ENV_LATLONG;
     uint32_t w = latlong ? env->latlong.width : env->cube.n;

@@ -29,6 +29,7 @@ static const char *const cpus[] = {
 #undef X
         NULL};
 static const char *const tones[] = {"filmic", "reinhard", "none", NULL};
+static const char *const conventions[] = {"guess", "camera", "gl", "d3d", "three", NULL};
 static const char *const axes[] = {"y", "z", NULL};
 static const char *const layouts[] = {"latlong", "envmap", "vcross", "hcross",
                                       "vstrip",  "hstrip", NULL};
@@ -138,6 +139,10 @@ const struct option_row option_table[] = {
      "size in pixels (default 800x600)"},
     {"size", 0, "N|WxH", OPTION_SIDE, AT(width), 1, 16384, NULL, ENV,
      "side of a cube face, or width and height of a lat-long image"},
+    {"faces", 0, "KIND", OPTION_WORD, AT(faces), 0, 0, conventions, BAKE | LIGHTS | INFO | ENV,
+     "how six faces, strips, crosses, DDS and KTX cubes lie (default guess, by the edges that fit): "
+     "camera views with -z in front; gl: OpenGL's axes, mirrored pictures; d3d: a left-handed "
+     "world; three: files of three.js"},
     {"layout", 0, "NAME", OPTION_WORD, AT(layout), 0, 0, layouts, ENV,
      "layout of the result; default: envmap (cube faces in one EXR) for a lat-long input, else latlong"},
     {"msaa", 0, "N", OPTION_WHOLE, AT(msaa), 1, 8, NULL, IMAGE,

@@ -167,6 +167,13 @@ void source_close(struct source *source)
     source->loaded = NULL;
 }
 
+int tool_env_load(const struct tool *tool, const char *path, struct prt_env **out)
+{
+    enum prt_faces faces = PRT_FACES_GUESS;
+    if (tool->opt.faces) (void)prt_faces_parse(tool->opt.faces, &faces); // one of the table
+    return prt_env_load_faces(&tool->ctx, path, faces, out);
+}
+
 int source_light(struct tool *tool, const struct source *source, const struct prt_env *env,
                  uint32_t n, struct prt_cube *out)
 {

@@ -33,7 +33,7 @@ struct options {
     unsigned n_input;
     const char *out, *material, *env, *engine, *term, *transport, *storage, *basis, *camera,
         *cpu, *scattering;
-    const char *tone, *background, *layout, *orbit, *up, *checkpoint;
+    const char *tone, *background, *layout, *orbit, *up, *checkpoint, *faces;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
     const char *envs[MAX_ENV]; /* compare: every --env; env is the first */
@@ -107,6 +107,8 @@ const char *source_engine_name(const struct prt_transport *transport);
 int source_material_error(struct tool *tool, const struct source *source, const char *term,
                           double *error);
 enum prt_answer_term answer_term(const char *word); /* NULL: total */
+/* Loads an environment, its faces read as --faces says. Library status. */
+int tool_env_load(const struct tool *tool, const char *path, struct prt_env **out);
 /* Resamples env, turned by --rotate, to an n-cube. n = 0: the resolution of --cube (full: the
  * file's own), else the .prt's, else 32. Returns an exit status. */
 int source_light(struct tool *tool, const struct source *source, const struct prt_env *env,

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // HELLO, PING, LIST, WATCH, CANCEL, CANCEL_JOB, INFO, GEOMETRY, UNLOAD and STATS.
+#include "ops/geometry_textures.h"
 #include "net/dispatch.h"
 #include "core/log.h"
 #include "core/access.h"
@@ -25,8 +26,8 @@ static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
 {
     // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
     static const char *const features[] = {
-        "error-range", "events",   "goaway",     "run",
-        "tokens",      "view-ack", "view-equal", "view-fields",
+        "error-range", "events", "goaway",   "poses",      "run",
+        "textures",    "tokens", "view-ack", "view-equal", "view-fields",
     };
     out->features = (char **)features;
     out->n_features = sizeof features / sizeof *features;
@@ -273,6 +274,7 @@ static struct block_text *fill_blocks(const struct prt_mesh *mesh, Relight__Bloc
         to->n_triangle = b->n_triangle;
         fill_vec3(&text[i].color, s->base_color);
         to->base_color = &text[i].color;
+        to->surface_index = b->surface;
         (*out)[i] = to;
     }
     return text;
@@ -370,7 +372,8 @@ void op_info(struct request *request)
 struct geometry {
     struct request_wait wait;
     struct cache_entry *shape;
-    bool normals, triangles;
+    bool normals, triangles, textures;
+    struct texture_sections sections;
     float scale;
     uint64_t generation;
     size_t normals_offset, triangles_offset, size;
@@ -395,6 +398,7 @@ static int run_geometry(struct work *work, const struct prt_context *ctx)
     if (g->normals) memcpy(g->bytes + g->normals_offset, mesh->normal, n * sizeof(float));
     if (g->triangles)
         memcpy(g->bytes + g->triangles_offset, mesh->triangle, (size_t)mesh->n_triangle * 12);
+    if (g->textures) texture_sections_copy(mesh, &g->sections, g->bytes);
     return PRT_OK;
 }
 
@@ -415,10 +419,12 @@ static void geometry_copied(struct request_wait *wait, struct request *request)
         out.triangles_offset = g->triangles ? g->triangles_offset : 0;
         out.mm_per_unit = mesh->mm_per_unit;
         out.generation = g->generation;
+        void *textures = g->textures ? texture_answer(mesh, &g->sections, &out) : NULL;
         g->bytes = NULL;
         request_answer(request, &out.base, &payload);
         free(text);
         free(out.blocks);
+        free(textures);
     }
     prt_free(g->bytes);
     cache_release(g->shape);
@@ -429,13 +435,15 @@ static void geometry_ready(struct request *request, struct model *m, struct cach
 {
     const Relight__GeometryRequest *in = MESSAGE(GeometryRequest);
     const struct prt_mesh *mesh = &((struct shape *)shape->value)->mesh;
+    const struct pose *pose = ((struct shape *)shape->value)->pose;
     struct geometry *g = calloc(1, sizeof *g);
     if (!g) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
     *g = (struct geometry){.shape = shape,
-                           .generation = m->generation,
+                           .generation =
+                               pose && pose->name[0] ? pose->generation : m->generation,
                            .normals = !in->no_normals,
                            .triangles = !in->no_triangles};
     g->scale = in->own_units && mesh->mm_per_unit > 0 ? 1 / mesh->mm_per_unit : 1;
@@ -449,13 +457,17 @@ static void geometry_ready(struct request *request, struct model *m, struct cach
         g->triangles_offset = up64(g->size);
         g->size = g->triangles_offset + (size_t)mesh->n_triangle * 12;
     }
+    g->textures = in->textures;
+    if (g->textures) g->size = texture_sections_plan(mesh, g->size, &g->sections);
     cache_hold(shape);
     request_await_work(request, &g->wait, run_geometry, geometry_copied);
 }
 
 void op_geometry(struct request *request)
 {
-    with_shape(request, MESSAGE(GeometryRequest)->model, geometry_ready);
+    const Relight__GeometryRequest *in = MESSAGE(GeometryRequest);
+    if (*in->image) op_geometry_image(request);
+    else with_shape(request, in->model, in->pose, geometry_ready);
 }
 
 void op_unload(struct request *request)
@@ -548,9 +560,11 @@ void op_cancel(struct request *request)
 
 // ---- stats
 
+enum { MAX_METRICS = 4096 };
+
 struct metrics {
     Relight__StatsAnswer answer;
-    Relight__Metric *metric[512];
+    Relight__Metric *metric[MAX_METRICS];
 };
 
 static void add_metric(void *user, const char *name, const char *labels, double value,
@@ -558,7 +572,7 @@ static void add_metric(void *user, const char *name, const char *labels, double 
 {
     struct metrics *all = user;
     Relight__Metric *m = malloc(sizeof *m);
-    if (!m || all->answer.n_metrics == 512) {
+    if (!m || all->answer.n_metrics == MAX_METRICS) {
         free(m);
         return;
     }

@@ -89,6 +89,9 @@ static int shade(const struct render *r, const struct prt_context *ctx,
                               .background =
                                   r->background.entry ? r->background.entry->value : NULL};
     if (shade.background) shade.background_rotate_deg = (float)r->spec.light[0].rotate_deg;
+    if (r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE) shade.leave_out = PRT_LOOK_ALL;
+    if (*r->spec.map[0]) shade.leave_out |= PRT_LOOK_BASE; // uploaded maps replace the file's
+    if (*r->spec.map[1] || *r->spec.map[2]) shade.leave_out |= PRT_LOOK_NORMAL;
     memcpy(shade.background_rgb, r->spec.background, sizeof shade.background_rgb);
     if (r->screen) {
         const float(*rgb)[3];
@@ -167,7 +170,7 @@ static void preview_note(const struct render *r, char note[120])
 {
     const struct model *m = r->model;
     note[0] = 0;
-    if (m->pose)
+    if (render_pose(r))
         snprintf(note, 120, "preview: vertices moved%s",
                  m->state == RELIGHT__MODEL_STATE__MODEL_READY
                      ? ", the bake is of another shape"
@@ -205,7 +208,7 @@ static void set_baked_result(struct render *r)
         out->engine = RELIGHT__ENGINE__ENGINE_REFERENCE;
         snprintf(out->note, sizeof out->note, "irradiance is traced, not baked");
     }
-    if (r->model->pose)
+    if (render_pose(r))
         snprintf(out->note, sizeof out->note, "of the shape before its vertices moved");
 }
 

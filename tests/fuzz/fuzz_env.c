@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Environments: our own .hdr and .dds parsers run in this process, other formats as they always
-// do, in a child. Whatever loads must resample to finite, non-negative texels.
+// Environments: our own .hdr, .dds and .ktx parsers run in this process, other formats as they
+// always do, in a child. Whatever loads must resample to finite, non-negative texels.
 #include "light/light_private.h"
 
 #include <assert.h>
@@ -21,7 +21,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t n)
     prt_context_init(&ctx);
     ctx.log = quiet;
     ctx.memory_limit = 64 << 20;
-    if (prt_is_hdr(bytes, n) || prt_is_dds(bytes, n)) {
+    if (prt_is_hdr(bytes, n) || prt_is_dds(bytes, n) || prt_is_ktx(bytes, n)) {
         if (!prt_decode(&ctx, "fuzz", bytes, n, &in)) prt_image_finish(&in.image);
     } else if (prt_is_exr(bytes, n) && !prt_env_load_memory(&ctx, "fuzz", bytes, n, &env)) {
         assert(!prt_env_to_cube(&ctx, env, 8, 30, &cube));

@@ -357,14 +357,19 @@ static void test_upgrades(void **state)
     for (size_t i = 0; i < sizeof absent / sizeof *absent; i++)
         assert_int_equal(get(absent[i], "localhost", ""), 404);
     // A body is not waited for.
-    static const char *const bodies[] = {
-        "POST /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n",
-        "GET /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n",
-        "GET /healthz HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"};
+    static const struct {
+        const char *text;
+        int status;
+    } bodies[] = {
+        {"POST /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n", 405},
+        {"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n", 405},
+        {"GET /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000\r\n\r\n", 400},
+        {"GET /healthz HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n",
+         411}};
     for (size_t i = 0; i < sizeof bodies / sizeof *bodies; i++) {
         char answer[2048];
         int fd = tcp_connect("127.0.0.1", port_of(d.http));
-        assert_int_equal(http_ask(fd, bodies[i], answer, sizeof answer), 405);
+        assert_int_equal(http_ask(fd, bodies[i].text, answer, sizeof answer), bodies[i].status);
         assert_true(closes(fd, 1000));
         close(fd);
     }

@@ -6,6 +6,7 @@
 set -u
 export LC_ALL=C
 bin=${1:?the folder of the programs}
+tests=$(cd "$(dirname "$0")" && pwd)
 dir=$(mktemp -d)
 cd "$dir" || exit 1
 daemon=
@@ -104,6 +105,25 @@ grep -q '"width":262,"height":98' out || fail "the sheet has the wrong size"
 expect 2 relight-preview ball --env sky.hdr --size 0x4 -o x.png
 expect 1 relight-preview ball --env nothing.hdr -o x.png
 expect 3 relight-preview -s unix:"$dir"/none ball --env sky.hdr -o x.png
+
+# textures: the daemon's picture is the client's, which fetches them, by the bake and without one
+PYTHONPATH=$tests/../unit python3 -c '
+from textured_ball import glb, png
+rows = [[(250, 40 + 25 * y, 30 * x) for x in range(8)] for y in range(8)]
+waves = [[(128 + 60 * (x % 2 * 2 - 1), 128, 220) for x in range(8)] for y in range(8)]
+glb("painted.glb", [png(8, 8, rows), png(8, 8, waves)],
+    {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}, "normalTexture": {"index": 1}},
+    opaque=True)'
+expect 0 relight load painted.glb --opaque stone --material marble --samples 4000 --cube 16 --wait --name painted
+expect 0 relight image painted --env sky.hdr --size 160x120 -o daemon.exr
+expect 0 relight-preview painted --env sky.hdr --size 160x120 --format f32 -o client.exr
+same client.exr daemon.exr 0.005
+expect 0 relight-preview painted --env sky.hdr --size 160x120 --no-textures -o plain.exr
+"$bin/prt" compare plain.exr daemon.exr --max-rmse 0.1 >out 2>&1 && fail "--no-textures draws textures"
+expect 0 relight load painted.glb --opaque stone --material marble --preview --name sketch
+expect 0 relight image sketch --env sky.hdr --size 160x120 --engine tangent --term multiple -o draft.exr
+expect 0 relight image painted --env sky.hdr --size 160x120 --term multiple -o daemon.exr
+same draft.exr daemon.exr 0.1
 
 # without a bake
 expect 0 relight load ball.obj --size-mm 20 --material marble --preview --name draft --json

@@ -327,6 +327,7 @@ struct relight_block {
     bool translucent;
     uint32_t vertex_begin, n_vertex, triangle_begin, n_triangle;
     float base_color[3];
+    uint32_t surface_index; /* into relight_geometry.look */
 };
 struct relight_named_camera {
     const char *name;
@@ -398,6 +399,43 @@ struct relight_geometry {
     size_t n_block;
     const struct relight_block *block;
     void *owner;
+    /* relight_geometry_textured alone */
+    uint32_t n_uv;                  /* TEXCOORD sets */
+    const float (*uv)[2];           /* [n_uv][n_vertex] */
+    const float (*corner_uv)[3][2]; /* [n_triangle] in place of set 0, or NULL */
+    const float (*color)[4];        /* [n_vertex] COLOR_0, linear RGBA in [0,1], or NULL */
+    size_t n_look, n_image;
+    const struct relight_look *look;        /* [n_look] one for each surface */
+    const struct relight_image_info *image; /* [n_image] fetched by relight_texture */
+    float texture_split; /* share of the base colour's brightness that the bake has blurred */
+};
+
+/* An image over a model's texture coordinates: RGBA of 8 bits and its mip chain, levels one
+ * after another from the full size to 1 x 1, each side half the one before, rounded down. */
+enum relight_texture_kind {
+    RELIGHT_TEXTURE_COLOR,  /* sRGB */
+    RELIGHT_TEXTURE_DATA,   /* linear numbers */
+    RELIGHT_TEXTURE_NORMAL, /* 0.5 + 0.5 n, glTF's axes */
+};
+struct relight_image_info {
+    const char *hash; /* names its texels: equal hashes are equal images */
+    uint32_t width, height;
+    enum relight_texture_kind kind;
+    uint64_t bytes; /* of all levels */
+};
+/* An image's place on a surface. */
+struct relight_map {
+    bool present;
+    uint32_t image, uv_set;
+    uint32_t wrap_u, wrap_v; /* 0 repeat, 1 clamp, 2 mirror */
+    uint32_t filter;         /* bits of TextureMap in relight.proto */
+    float transform[6];      /* u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5 */
+    float scale;             /* of normals; strength of occlusion */
+};
+struct relight_look {
+    float base_color[4], emissive[3]; /* linear */
+    float roughness, metallic;
+    struct relight_map base, normal, metallic_roughness, occlusion, emission;
 };
 
 /* Fetches a model's vertices and triangles as they are now.
@@ -408,6 +446,23 @@ struct relight_geometry {
  * Thread-safety: Safe. Blocks until the answer is here. */
 int relight_geometry(struct relight_client *client, const char *model, bool own_units,
                      struct relight_geometry *out, struct relight_error *error);
+
+/* The same for a pose of relight_put_pose; NULL: the vertices as they are. */
+int relight_geometry_posed(struct relight_client *client, const char *model, const char *pose,
+                           bool own_units, struct relight_geometry *out,
+                           struct relight_error *error);
+
+/* The same with texture coordinates, vertex colours, surfaces and the list of images. */
+int relight_geometry_textured(struct relight_client *client, const char *model, bool own_units,
+                              struct relight_geometry *out, struct relight_error *error);
+
+/* Fetches the texels of an image that relight_geometry_textured listed: *texels
+ * [info->bytes], to be freed by free().
+ * Returns 0; -RELIGHT_E_NOT_FOUND, -RELIGHT_E_NO_MEMORY.
+ * Thread-safety: Safe. Blocks until the answer is here. */
+int relight_texture(struct relight_client *client, const char *model,
+                    const struct relight_image_info *info, uint8_t **texels,
+                    struct relight_error *error);
 
 /* Frees what relight_geometry put into *geometry. Thread-safety: Safe for different structs.
  * Does not block. */
@@ -423,6 +478,27 @@ void relight_geometry_finish(struct relight_geometry *geometry);
 int relight_update_vertices(struct relight_client *client, const char *model, uint32_t first,
                             uint32_t n, const float *position, const float *normal,
                             bool own_units, uint64_t *generation, struct relight_error *error);
+
+/* The same, provided that the geometry is still of this generation; 0: at any rate.
+ * -RELIGHT_E_MISMATCH: others have moved vertices meanwhile; error->generation is the
+ * geometry's generation now, and nothing moved. */
+int relight_update_vertices_if(struct relight_client *client, const char *model,
+                               uint64_t if_generation, uint32_t first, uint32_t n,
+                               const float *position, const float *normal, bool own_units,
+                               uint64_t *generation, struct relight_error *error);
+
+/* Sends a pose: vertices that requests name, and that change nothing for other clients.
+ * base: the pose that it differs from in vertices [first, first+n); NULL: the vertices of the
+ * file. position, normal, own_units as in relight_update_vertices; n may be 0.
+ * Returns 0 and the pose's name in pose, for the requests of this and of other clients: the
+ * SHA-256 of its vertices, 64 hex digits and a zero. The daemon may drop a pose that nothing
+ * uses; requests with it then return -RELIGHT_E_NOT_FOUND, and it is sent again.
+ * -RELIGHT_E_OUT_OF_RANGE as in relight_update_vertices. -RELIGHT_E_LIMIT: larger than one
+ * client's poses may be.
+ * Thread-safety: Safe. Blocks until the vertices are at the daemon. */
+int relight_put_pose(struct relight_client *client, const char *model, const char *base,
+                     uint32_t first, uint32_t n, const float *position, const float *normal,
+                     bool own_units, char pose[65], struct relight_error *error);
 
 /* Takes a model out of the daemon's memory.
  * forget: its bake and its entry in the catalogue, too.
@@ -551,6 +627,7 @@ struct relight_colors_request {
     struct relight_shade shade;
     enum relight_color_format format;
     float exposure_ev; /* RELIGHT_COLOR_SRGB8 */
+    const char *pose;  /* of relight_put_pose; NULL: the model's vertices as they are */
 };
 struct relight_colors {
     uint32_t n_vertex, n_plane;
@@ -604,6 +681,7 @@ struct relight_image_request {
     const struct relight_light *lights; /* summed; the first is the background */
     struct relight_shade shade;
     struct relight_picture picture;
+    const char *pose; /* of relight_put_pose; NULL: the model's vertices as they are */
 };
 struct relight_image {
     uint32_t width, height;
@@ -667,6 +745,7 @@ struct relight_view_request {
     uint64_t window_bytes;    /* a frame waits while frames on the way take more; 0: no limit */
     uint32_t frame_deadline_ms; /* a frame that takes longer is RELIGHT_E_DEADLINE; 0: none */
     bool skip_equal;            /* frames equal to the one before come without their contents */
+    const char *pose; /* of relight_put_pose; NULL: the model's vertices as they are */
 };
 struct relight_frame_out {
     uint64_t frame, sequence, skipped; /* skipped: frames received and dropped before this */

@@ -54,17 +54,35 @@ struct prt_env {
     uint32_t n_negative, n_nonfinite; /* pixels whose values were replaced */
     struct prt_env_cache *cache;      /* private; NULL in an environment made by hand */
 };
-/* Loads an environment. `path`: a file (.hdr .exr .png .jpg .dds …) that holds a lat-long, a
- * cross, a strip or an envmap EXR; a folder or a pattern (DIR/sky_*.png or DIR/sky_%s.png) of
- * six faces named posx.., px.., right.. (front is -Z); or the words "constant" and
- * "constant:R,G,B" for a uniform environment. PNG and JPEG are linearised from sRGB. Blocks
- * while a child process decodes, at most 10 s. PRT_IO, PRT_FORMAT (damaged, no environment),
- * PRT_LIMIT (too large), PRT_UNSUPPORTED, PRT_ARG, PRT_NOMEM; *out is NULL then.
+/* Loads an environment. `path`: a file (.hdr .pic .exr .png .jpg .dds .ktx .ktx2 …) that holds
+ * a lat-long, a cross, a strip or an envmap EXR; a folder or a pattern (DIR/sky_*.png or
+ * DIR/sky_%s.png) of six faces named posx.., px.., right.. (front is -Z); or the words
+ * "constant" and "constant:R,G,B" for a uniform environment. PNG and JPEG are linearised from
+ * sRGB. Blocks while a child process decodes, at most 10 s. PRT_IO, PRT_FORMAT (damaged, no
+ * environment), PRT_LIMIT (too large), PRT_UNSUPPORTED, PRT_ARG, PRT_NOMEM; *out is NULL then.
  * prt_env_load_memory takes the file's bytes; `name` stands in messages, and its extension
  * helps to detect the format. */
 int prt_env_load(const struct prt_context *ctx, const char *path, struct prt_env **out);
 int prt_env_load_memory(const struct prt_context *ctx, const char *name, const void *bytes,
                         size_t n, struct prt_env **out);
+/* How the pictures of a cube's faces +X -X +Y -Y +Z -Z lie in the world. Seen from inside, the
+ * pictures are unmirrored in all but GL. */
+enum prt_faces {
+    PRT_FACES_GUESS, /* by the edges that fit, then by the names; a note says how it was read */
+    PRT_FACES_CAMERA, /* camera views: the front is -Z, +X is at its right */
+    PRT_FACES_GL,     /* OpenGL's axes in a right-handed world: mirrored pictures */
+    PRT_FACES_D3D,    /* a left-handed world: looked up with (x,y,-z) */
+    PRT_FACES_THREE,  /* three.js's CubeTexture: looked up with (-x,y,z); d3d turned by 180 */
+};
+/* prt_env_load and prt_env_load_memory with a convention for six files, strips, crosses, DDS
+ * and KTX cubes; a lat-long image has none. */
+int prt_env_load_faces(const struct prt_context *ctx, const char *path, enum prt_faces faces,
+                       struct prt_env **out);
+int prt_env_load_memory_faces(const struct prt_context *ctx, const char *name,
+                              const void *bytes, size_t n, enum prt_faces faces,
+                              struct prt_env **out);
+/* Reads "camera", "gl", "d3d", "three" or "guess"; false for another word. */
+bool prt_faces_parse(const char *word, enum prt_faces *out);
 void prt_env_destroy(struct prt_env *env);
 /* Gives an environment made by hand the cache that loaded ones have. Of a cube it holds the
  * lat-long image that rotations resample, made at the first rotation (100 ms for a cube of 256)

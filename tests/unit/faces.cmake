@@ -1,0 +1,1 @@
+prt_test(faces SOURCES unit/faces.c LIBS prt_light zstd LABELS unit)
