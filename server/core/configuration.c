@@ -5,6 +5,7 @@
 #include "core/access.h"
 #include "core/address.h"
 #include "core/log.h"
+#include "core/log_format.h"
 #include "core/tls.h"
 #include "core/token.h"
 #include "prt/base.h"
@@ -77,6 +78,10 @@ static int check_words(const struct options *options, char fault[256])
     unsigned cpu;
     const char *why = NULL;
     if (log_level_parse(options->log) < 0) why = "--log: error, warning, event or trace";
+    else if (log_format_parse(options->log_format) < 0)
+        why = "--log-format: text, logfmt or json";
+    else if (strcmp(options->log_access, "event") && strcmp(options->log_access, "trace"))
+        why = "--log-access: event or trace";
     else if (options->cpu[0] && prt_cpu_parse(options->cpu, &cpu))
         why = "--cpu: one of " PRT_CPU_WORDS;
     const char *away = options->goaway_address;
@@ -170,5 +175,6 @@ void configuration_reload(struct server *server, int argc, char **argv)
     options_update(&server->options, &fresh, tell_change);
     ledger_update_quotas(server->ledger);
     log_set_level((enum log_level)log_level_parse(server->options.log));
+    server->access_level = log_level_parse(server->options.log_access);
     log_line(LOG_EVENT, "reload done changed=%u needs_restart=%u", n_taken, n_waiting);
 }

@@ -3,6 +3,8 @@
 // so that a full pipe behind stderr never blocks the daemon.
 #include "core/log.h"
 
+#include "core/log_format.h"
+
 #include <errno.h>
 #include <poll.h>
 #include <pthread.h>
@@ -20,6 +22,7 @@ enum { LINE = 1200, SITES = 256 };
 
 static const char *const level_word[] = {"error", "warning", "event", "trace"};
 static enum log_level shown = LOG_EVENT;
+static enum log_format line_format = LOG_FORMAT_TEXT;
 
 int log_level_parse(const char *word)
 {
@@ -31,6 +34,11 @@ int log_level_parse(const char *word)
 void log_set_level(enum log_level level)
 {
     shown = level;
+}
+
+void log_set_format(int format)
+{
+    line_format = (enum log_format)format;
 }
 
 // ---- building a line
@@ -246,10 +254,13 @@ static void tell_dropped(void)
     if (queue.told == queue.dropped || queue.n > LOG_QUEUE / 2) return;
     struct line line;
     put_time(&line, LOG_WARN);
-    line.n += (size_t)snprintf(line.text + line.n, LINE - line.n, "log dropped=%llu\n",
+    char out[400];
+    line.n += (size_t)snprintf(line.text + line.n, LINE - line.n, "log dropped=%llu",
                                (unsigned long long)(queue.dropped - queue.told));
     queue.told = queue.dropped;
-    enqueue(line.text, line.n);
+    size_t n = log_reformat(line_format, line.text, line.n, out, sizeof out - 1);
+    out[n++] = '\n';
+    enqueue(out, n);
 }
 
 static void write_all(const char *bytes, size_t n)
@@ -344,11 +355,13 @@ void log_line(enum log_level level, const char *fmt, ...)
         if (line.n + strlen(text) > LINE - 2) line.n = LINE - 2 - strlen(text);
         put_text(&line, text);
     }
-    line.text[line.n++] = '\n';
+    char out[2 * LINE];
+    size_t n = log_reformat(line_format, line.text, line.n, out, sizeof out - 1);
+    out[n++] = '\n';
     pthread_mutex_lock(&queue.lock);
     bool queued = queue.running;
-    if (queued && queue.n + line.n <= LOG_QUEUE - LINE) enqueue(line.text, line.n);
+    if (queued && queue.n + n <= LOG_QUEUE - LINE) enqueue(out, n);
     else if (queued) queue.dropped++;
     pthread_mutex_unlock(&queue.lock);
-    if (!queued) write_all(line.text, line.n);
+    if (!queued) write_all(out, n);
 }

@@ -10,6 +10,8 @@ enum log_level { LOG_ERR, LOG_WARN, LOG_EVENT, LOG_TRACE };
 /* "error", "warning", "event", "trace"; -1 for another word. */
 int log_level_parse(const char *word);
 void log_set_level(enum log_level level);
+/* enum log_format (core/log_format.h); text until it is called. Before log_start. */
+void log_set_format(int format);
 
 /* Writes one line. Thread-safe; never blocks once log_start was called.
  * Arguments of %s are untrusted: quotes and backslashes are escaped with a backslash,

@@ -7,13 +7,16 @@
 #include "net/dispatch.h"
 #include "store/eviction.h"
 #include "core/log.h"
+#include "core/log_format.h"
 #include "core/access.h"
 #include "core/tls.h"
 #include "core/token.h"
 #include "store/models.h"
+#include "store/readiness.h"
 #include "relight.pb-c.h"
 #include "net/request.h"
 #include "core/server.h"
+#include "render/shared/poses.h"
 #include "render/shared/warm_up.h"
 
 #include <errno.h>
@@ -76,7 +79,9 @@ static void on_signal(void *user, int signal_number)
 {
     if (signal_number == SIGHUP) {
         sd_notify(0, "RELOADING=1");
+        bool required = access_required(server.access);
         configuration_reload(&server, arg_count, args);
+        if (!required && access_required(server.access)) connections_recheck(&server, true);
         sd_notify(0, "READY=1");
         return;
     }
@@ -259,6 +264,7 @@ static int start(void)
         exit(2);
     }
     log_set_level((enum log_level)level);
+    server.access_level = log_level_parse(o->log_access);
     long cores = sysconf(_SC_NPROCESSORS_ONLN);
     server.n_core = cores > 0 ? (unsigned)cores : 1;
     server.stats.start_ns = loop_now_ns();
@@ -278,9 +284,11 @@ static int start(void)
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
-        open_access() || open_tls() || jobs_create(&server, &job_runner_child, &server.jobs) ||
-        start_models() || listen_everywhere())
+        open_access() || open_tls() || poses_create(&server, &server.poses) ||
+        jobs_create(&server, &job_runner_child, &server.jobs) || start_models())
         return -1;
+    readiness_begin(&server);
+    if (listen_everywhere()) return -1;
     cache_hold_files(server.cache, server.files);
     cache_use_workers(server.cache, server.work);
     cache_use_workers(server.files, server.work);
@@ -332,7 +340,8 @@ static void stop(void)
     if (server.files) cache_use_workers(server.files, NULL);
     work_pool_destroy(server.work);
     models_destroy(server.models);
-    cache_destroy(server.cache); // shapes hold files
+    cache_destroy(server.cache); // shapes hold files and poses
+    poses_destroy(server.poses);
     cache_destroy(server.files);
     jobs_destroy(server.jobs);
     blobs_close(server.blobs);
@@ -367,6 +376,8 @@ int main(int argc, char **argv)
     args = argv;
     options_parse(argc, argv, &server.options);
     if (server.options.check) return print_check();
+    int format = log_format_parse(server.options.log_format);
+    log_set_format(format < 0 ? LOG_FORMAT_TEXT : format);
     log_start();
     int failed = start();
     while (!failed && !drained()) {

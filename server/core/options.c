@@ -289,8 +289,9 @@ static int read_all(int argc, char **argv, struct options *options, unsigned fla
         list, parse_one, NULL,
         "The relighting daemon: holds precomputed light transport and answers "
         "clients that send it lights and materials.\v"
-        "SIGTERM and SIGINT: answer the open requests, then exit. SIGHUP: read the "
-        "configuration and the token file again and log each change.\n\n"
+        "SIGTERM and SIGINT: let clients leave (--lame-duck), answer the open requests (--drain), "
+        "then exit; a second signal skips the waiting. SIGHUP: read the configuration and the "
+        "token file again and log each change.\n\n"
         "Exit status: 0 after SIGTERM or SIGINT, 1 failed, 2 wrong usage."};
     if (read_defaults(argc, argv, options, fault)) return -1;
     struct parse parse = {.options = options};
@@ -324,14 +325,16 @@ int options_reread(int argc, char **argv, struct options *options, char fault[25
 // ---- options that may change while the daemon runs
 
 #define FIELD(f) offsetof(struct options, f)
-static const size_t changeable[] = {FIELD(log),      FIELD(origins),        FIELD(local_scopes),
-                                    FIELD(hosts),    FIELD(token_file),     FIELD(tls_cert),
-                                    FIELD(tls_key),  FIELD(requests),       FIELD(handshake),
-                                    FIELD(idle),     FIELD(write_time),     FIELD(send_buffer),
-                                    FIELD(deadline), FIELD(max_side),       FIELD(frame_time),
-                                    FIELD(drain),    FIELD(goaway_address),
+static const size_t changeable[] = {
+    FIELD(log),        FIELD(origins),        FIELD(local_scopes),
+    FIELD(hosts),      FIELD(token_file),     FIELD(tls_cert),
+    FIELD(tls_key),    FIELD(requests),       FIELD(handshake),
+    FIELD(idle),       FIELD(write_time),     FIELD(send_buffer),
+    FIELD(deadline),   FIELD(max_side),       FIELD(frame_time),
+    FIELD(drain),      FIELD(goaway_address), FIELD(lame_duck),
+    FIELD(log_access),
 #define X(name, words, unit, by_client, in_all) FIELD(by_client), FIELD(in_all),
-                                    LEDGER_LIST(X)
+    LEDGER_LIST(X)
 #undef X
 };
 

@@ -20,8 +20,8 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "Folder for uploads, bakes and the catalogue; survives restarts. Empty: a "              \
       "temporary folder that is removed at the end")                                           \
     X(TEXT, http, "http", "HOST:PORT", "",                                                     \
-      "Serve HTTP and WebSocket here: /healthz /metrics /ws and the page. Empty: no "          \
-      "HTTP")                                                                                  \
+      "Serve HTTP and WebSocket here: the API at /v1, /healthz, /readyz, /metrics, /ws "       \
+      "and the page. Empty: no HTTP")                                                          \
     X(TEXT, page, "page", "DIR", "", "Folder of static files that HTTP serves at /")           \
     X(TEXT, origins, "origins", "LIST", "",                                                    \
       "Web origins, comma-separated, that may open the WebSocket besides the page's "          \
@@ -58,6 +58,11 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "The prt program that runs bakes. Empty: the one next to relightd, else the one "        \
       "on PATH")                                                                               \
     X(TEXT, log, "log", "LEVEL", "event", "Log level: error, warning, event or trace")         \
+    X(TEXT, log_format, "log-format", "FORMAT", "text",                                        \
+      "Format of log lines: text, logfmt (key=value throughout) or json (one object a "        \
+      "line)")                                                                                 \
+    X(TEXT, log_access, "log-access", "LEVEL", "trace",                                        \
+      "Log level of the line about each answered request: event or trace")                     \
     X(TEXT, cpu, "cpu", "ISA", "", "Widest instruction set: " PRT_CPU_WORDS ". Empty: detect") \
     X(COUNT, threads, "threads", "N", "0", "Worker threads. 0: one for each core")             \
     X(COUNT, bakes, "bakes", "N", "1", "Bakes that run at once; others wait in a queue")       \
@@ -112,6 +117,9 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "Memory held by one client's requests and views: payloads, lights, vertices")            \
     X(BYTES, request_memory, "request-memory", "BYTES", "2G",                                  \
       "Memory held by all requests and views")                                                 \
+    X(BYTES, client_poses, "client-poses", "BYTES", "256M",                                    \
+      "Memory of one client's named poses; beyond it the least recently used one goes")        \
+    X(BYTES, poses, "poses", "BYTES", "1G", "Memory of all named poses")                       \
     X(BYTES, client_output, "client-output", "BYTES", "512M",                                  \
       "Bytes of answers that one client has not read yet")                                     \
     X(BYTES, output_memory, "output-memory", "BYTES", "2G",                                    \
@@ -137,8 +145,12 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "Close a connection that does not finish a frame within this time")                      \
     X(SECONDS, deadline, "deadline", "SECONDS", "120",                                         \
       "Time limit of a request; clients may set a shorter one")                                \
+    X(SECONDS, lame_duck, "lame-duck", "SECONDS", "0",                                         \
+      "Time after SIGTERM in which the daemon still accepts clients and requests, while "      \
+      "/readyz fails and clients are told to leave; then it drains. Longer than the "          \
+      "health checks of a proxy")                                                              \
     X(SECONDS, drain, "drain", "SECONDS", "10",                                                \
-      "Time that open requests have after SIGTERM before the daemon exits")                    \
+      "Time that open requests have after SIGTERM and --lame-duck before the daemon exits")    \
     X(TEXT, goaway_address, "goaway-address", "ADDRESS", "",                                   \
       "Address that clients are told to connect to while the daemon stops "                    \
       "(tcp:HOST:PORT). Empty: this one, after the restart")                                   \

@@ -21,6 +21,7 @@ struct file_queue;
 struct access;
 struct tls;
 struct events;
+struct poses;
 
 enum {
     SERVER_HELLO_HEADER = 4096, /* before HELLO; no payload then */
@@ -47,6 +48,7 @@ struct server {
     struct models *models;
     struct imports *imports;       /* the folder --models */
     struct file_queue *file_queue; /* file operations, one after another on a worker */
+    struct poses *poses;           /* render/shared/poses.h */
     struct events *events;         /* core/events.h */
     char run[17];                  /* hex digits that differ at every start */
     struct stats stats;
@@ -59,7 +61,11 @@ struct server {
     struct connection *connections, *closed;
     unsigned n_connection, n_request;
     uint64_t last_connection;
-    bool draining;
+    bool leaving;     /* SIGTERM came: /readyz says so, and clients are told to leave */
+    bool draining;    /* no new requests; those that are open end */
+    int access_level; /* enum log_level of the line about each request (--log-access) */
+    /* Whether clients may be sent here; else why not, in one line. store/readiness.h */
+    bool (*is_ready)(const struct server *server, char why[200]);
 };
 
 #endif

@@ -70,7 +70,9 @@ static void *worker(void *arg)
         ctx.pool = pool->cores;
         ctx.cpu = pool->cpu;
         work->error[0] = 0;
+        work->started_ns = loop_now_ns();
         work->status = work->run(work, &ctx);
+        work->ended_ns = loop_now_ns();
         if (work->status && !work->error[0])
             snprintf(work->error, sizeof work->error, "%s", prt_status_text(work->status));
         loop_post(pool->loop, &work->message);
@@ -130,6 +132,7 @@ static void handle_done(struct loop_message *message)
 void work_submit(struct work_pool *pool, struct work *work)
 {
     work->message.handle = handle_done;
+    work->submitted_ns = loop_now_ns();
     work->next = NULL;
     work->pool = pool;
     pool->n_open++;

@@ -19,7 +19,8 @@ struct work {
     struct work *next;
     struct work_pool *pool;
     enum work_class class;
-    int status; /* enum prt_status, returned by run */
+    uint64_t submitted_ns, started_ns, ended_ns; /* loop_now_ns() */
+    int status;                                  /* enum prt_status, returned by run */
     char error[300];
     int (*run)(struct work *work, const struct prt_context *ctx);
     void (*done)(struct work *work);

@@ -127,9 +127,10 @@ struct connection *connection_open(struct server *server, const struct carrier *
     server->connections = conn;
     server->n_connection++;
     server->stats.connections_total++;
+    stats_connection(&server->stats, carrier->name, 1);
     conn->timer.fire = clock_fired;
     watch_clock(conn);
-    log_line(LOG_EVENT, "connect conn=%llu carrier=%s peer=%s",
+    log_line(carrier->answer ? LOG_TRACE : LOG_EVENT, "connect conn=%llu carrier=%s peer=%s",
              (unsigned long long)conn->number, carrier->name, conn->peer);
     return conn;
 }
@@ -213,8 +214,8 @@ void connection_close(struct connection *conn, const char *why)
     if (conn->dead) return;
     struct server *server = conn->server;
     conn->dead = true;
-    log_line(LOG_EVENT, "disconnect conn=%llu why=\"%s\"", (unsigned long long)conn->number,
-             why);
+    log_line(conn->carrier->answer ? LOG_TRACE : LOG_EVENT, "disconnect conn=%llu why=\"%s\"",
+             (unsigned long long)conn->number, why);
     loop_timer_stop(server->loop, &conn->timer);
     while (conn->requests) request_abandon(conn->requests);
     materials_drop(conn);
@@ -231,6 +232,7 @@ void connection_close(struct connection *conn, const char *why)
     *(conn->prev ? &conn->prev->next : &server->connections) = conn->next;
     if (conn->next) conn->next->prev = conn->prev;
     server->n_connection--;
+    stats_connection(&server->stats, conn->carrier->name, -1);
     conn->next = server->closed; // callers up the stack still read `dead`
     server->closed = conn;
 }
@@ -429,6 +431,21 @@ void connection_written(struct connection *conn, size_t n)
     }
 }
 
+static void enqueue(struct connection *conn, struct out_frame *out)
+{
+    out->size = out->head_size + out->payload.size;
+    ledger_force(conn->principal, LEDGER_OUTPUT, out->size);
+    conn->out_charged += out->size;
+    bool waited = conn->out != NULL;
+    *conn->out_last = out;
+    conn->out_last = &out->next;
+    conn->out_bytes += out->size;
+    if (!waited) {
+        conn->sent_ns = loop_now_ns();
+        watch_clock(conn);
+    }
+}
+
 // One frame; its payload is a part of a shared one when the client limits the size of frames.
 static bool queue_frame(struct connection *conn, struct relight_frame *frame,
                         const ProtobufCMessage *message, const struct payload *payload)
@@ -442,19 +459,61 @@ static bool queue_frame(struct connection *conn, struct relight_frame *frame,
     if (message)
         relight_header_repair(frame->type, out->head + RELIGHT_FRAME_FIXED, frame->header_size);
     if (payload) out->payload = *payload;
-    out->size = out->head_size + out->payload.size;
     out->more = frame->flags & RELIGHT_FRAME_MORE;
-    ledger_force(conn->principal, LEDGER_OUTPUT, out->size);
-    conn->out_charged += out->size;
-    bool waited = conn->out != NULL;
-    *conn->out_last = out;
-    conn->out_last = &out->next;
-    conn->out_bytes += out->size;
-    if (!waited) {
-        conn->sent_ns = loop_now_ns();
-        watch_clock(conn);
-    }
+    enqueue(conn, out);
     return true;
+}
+
+// Reacts to how much of the output is unread, now that there is more of it. `first`: nothing
+// was queued before.
+static void output_grew(struct connection *conn, bool first)
+{
+    uint64_t limit = conn->server->options.send_buffer;
+    if (first) conn->message_left = conn->out_bytes;
+    // A single answer may exceed that: its reader takes it at its own pace.
+    size_t behind = conn->out_bytes - conn->message_left;
+    if (behind > 4 * limit) {
+        connection_close(conn, "it reads too slowly: its answers exceed the send buffer");
+        return;
+    }
+    if (behind > limit && !conn->full_ns) conn->full_ns = loop_now_ns();
+    if (conn->out_bytes > limit && conn->reading) {
+        conn->reading = false;
+        conn->carrier->set_reading(conn, false);
+    }
+    conn->carrier->want_write(conn);
+}
+
+bool connection_queue(struct connection *conn, uint8_t *head, size_t n, struct payload *payload)
+{
+    struct out_frame *out = calloc(1, sizeof *out);
+    bool first = !conn->out;
+    if (!out || (!head && n)) {
+        free(out);
+        free(head);
+        if (payload && payload->release) payload->release(payload->owner);
+        connection_close(conn, "not enough memory for an answer");
+        return false;
+    }
+    out->head = head;
+    out->head_size = n;
+    if (payload) out->payload = *payload;
+    enqueue(conn, out);
+    output_grew(conn, first);
+    return !conn->dead;
+}
+
+void connection_part_begins(struct connection *conn)
+{
+    conn->heard_ns = conn->frame_ns = loop_now_ns();
+    watch_clock(conn);
+}
+
+void connection_part_ends(struct connection *conn, size_t n)
+{
+    conn->server->stats.bytes_in += n;
+    conn->heard_ns = loop_now_ns();
+    conn->frame_ns = 0;
 }
 
 void connection_send(struct connection *conn, uint16_t type, uint8_t flags, uint64_t id,
@@ -462,6 +521,11 @@ void connection_send(struct connection *conn, uint16_t type, uint8_t flags, uint
 {
     if (conn->dead || conn->closing) {
         if (payload && payload->release) payload->release(payload->owner);
+        return;
+    }
+    if (conn->carrier->answer) {
+        struct payload own = payload ? *payload : (struct payload){0};
+        conn->carrier->answer(conn, type, flags, message, &own);
         return;
     }
     size_t size = payload ? payload->size : 0;
@@ -486,20 +550,6 @@ void connection_send(struct connection *conn, uint16_t type, uint8_t flags, uint
         ok = queue_frame(conn, &frame, at ? NULL : message, &part);
         if (!size) break;
     }
-    uint64_t limit = conn->server->options.send_buffer;
-    if (first) conn->message_left = conn->out_bytes;
-    // A single answer may exceed that: its reader takes it at its own pace.
-    size_t behind = conn->out_bytes - conn->message_left;
-    if (!ok) {
-        connection_close(conn, "not enough memory for an answer");
-    } else if (behind > 4 * limit) {
-        connection_close(conn, "it reads too slowly: its answers exceed the send buffer");
-    } else {
-        if (behind > limit && !conn->full_ns) conn->full_ns = loop_now_ns();
-        if (conn->out_bytes > limit && conn->reading) {
-            conn->reading = false;
-            conn->carrier->set_reading(conn, false);
-        }
-        conn->carrier->want_write(conn);
-    }
+    if (ok) output_grew(conn, first);
+    else connection_close(conn, "not enough memory for an answer");
 }

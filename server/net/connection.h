@@ -12,6 +12,14 @@
 
 struct request;
 
+/* Bytes that several answers may share; released after the last was sent. */
+struct payload {
+    const void *bytes;
+    size_t size;
+    void *owner;
+    void (*release)(void *owner); /* NULL: nothing to do */
+};
+
 /* How bytes are transferred. The carrier owns the connection's carrier_data. */
 struct carrier {
     const char *name;
@@ -19,14 +27,11 @@ struct carrier {
     void (*set_reading)(struct connection *conn, bool on); /* back pressure */
     void (*close)(struct connection *conn);                /* free carrier_data */
     size_t (*unsent)(const struct connection *conn); /* bytes the kernel holds; may be NULL */
-};
-
-/* Bytes that several answers may share; released after the last was sent. */
-struct payload {
-    const void *bytes;
-    size_t size;
-    void *owner;
-    void (*release)(void *owner); /* NULL: nothing to do */
+    /* Not NULL: answers are not sent as frames. The carrier is called with each message
+     * instead, and queues its own bytes with connection_queue. It takes the payload (may be
+     * NULL). */
+    void (*answer)(struct connection *conn, uint16_t type, uint8_t flags,
+                   const ProtobufCMessage *message, struct payload *payload);
 };
 
 struct out_frame {
@@ -45,6 +50,7 @@ struct connection {
     void *carrier_data;
     uint64_t number;
     char peer[96];
+    char request_id[65];            /* that the client gave its requests (HTTP); "": none */
     struct principal *principal;    /* core/ledger.h: the principal that is charged */
     struct caller caller;           /* core/access.h: who it is; without scopes before HELLO */
     uint64_t end_ns;                /* closed at this time: its token expires; 0: not */
@@ -59,6 +65,8 @@ struct connection {
     struct request *requests;
     unsigned n_request, n_long; /* n_long: of them, views and watches */
     uint64_t payload_charged;   /* for the frame that is being read */
+    bool prepaid;               /* its requests were taken from the quota already (HTTP) */
+    bool own_limit; /* the last refusal was for a limit of its principal, not of all */
     struct {
         int code; /* 0: none */
         char text[320];
@@ -109,6 +117,14 @@ void connection_committed(struct connection *conn, size_t n, int status);
  * that was only waiting to be flushed. */
 int connection_output(const struct connection *conn, struct iovec *iov, int max);
 void connection_written(struct connection *conn, size_t n);
+
+/* Queues bytes that are no frame: head (malloc()ed, taken) and the payload (taken, may be
+ * NULL). False without memory; the connection then closes. Carriers with `answer` only. */
+bool connection_queue(struct connection *conn, uint8_t *head, size_t n,
+                      struct payload *payload);
+/* Starts the time limit of a part of a request's body (--frame-time), or ends it. */
+void connection_part_begins(struct connection *conn);
+void connection_part_ends(struct connection *conn, size_t n);
 
 /* Queues a message; the payload is the connection's from here on. message may be NULL. */
 void connection_send(struct connection *conn, uint16_t type, uint8_t flags, uint64_t id,

@@ -21,8 +21,15 @@ static void end(struct request *request)
 {
     struct server *server = request->server;
     struct connection *conn = request->conn;
-    stats_latency(&server->stats, request->type,
-                  (double)(loop_now_ns() - request->arrived_ns) * 1e-9);
+    double seconds = (double)(loop_now_ns() - request->arrived_ns) * 1e-9;
+    stats_ended(&server->stats, request->type, request->outcome, seconds);
+    char outcome[40];
+    stats_outcome(request->outcome, outcome);
+    log_line((enum log_level)server->access_level,
+             "access request=%s conn=%llu id=%llu op=%s outcome=%s ms=%.1f client=\"%s\"",
+             request->request_id, (unsigned long long)conn->number,
+             (unsigned long long)request->id, relight_type_name(request->type), outcome,
+             seconds * 1e3, request->principal->name);
     loop_timer_stop(server->loop, &request->deadline);
     *(request->prev ? &request->prev->next : &conn->requests) = request->next;
     if (request->next) request->next->prev = request->prev;
@@ -109,7 +116,9 @@ static bool charge(struct connection *conn, const struct operation *operation,
         ledger_force(conn->principal, resource, amount);
         return true;
     }
-    if (ledger_take(conn->principal, resource, amount, error) == LEDGER_GRANTED) return true;
+    enum ledger_refusal refusal = ledger_take(conn->principal, resource, amount, error);
+    if (refusal == LEDGER_GRANTED) return true;
+    conn->own_limit = refusal == LEDGER_CLIENT_FULL;
     return refuse(conn, refusal_code(conn->principal, resource, amount), "%s", error);
 }
 
@@ -135,27 +144,29 @@ bool request_admit(struct connection *conn, const struct relight_frame *frame)
 
 // A refusal for access is a line of the audit, from a call site of its own: others' lines do
 // not use up its rate.
-static void log_refusal(const struct connection *conn, uint16_t type, uint64_t id, int code,
-                        const char *text)
+static void log_refusal(const struct connection *conn, const char *request_id, uint16_t type,
+                        uint64_t id, int code, const char *text)
 {
     if (code == RELIGHT__ERROR_CODE__ERROR_FORBIDDEN)
         log_line(LOG_EVENT,
-                 "audit act=refused who=%s peer=%s conn=%llu id=%llu op=%s text=\"%s\"",
-                 conn->caller.name, conn->peer, (unsigned long long)conn->number,
+                 "audit act=refused who=%s peer=%s request=%s conn=%llu id=%llu op=%s "
+                 "text=\"%s\"",
+                 conn->caller.name, conn->peer, request_id, (unsigned long long)conn->number,
                  (unsigned long long)id, relight_type_name(type), text);
     else
-        log_line(LOG_EVENT, "refused conn=%llu id=%llu op=%s code=%d text=\"%s\"",
-                 (unsigned long long)conn->number, (unsigned long long)id,
+        log_line(LOG_EVENT, "refused request=%s conn=%llu id=%llu op=%s code=%d text=\"%s\"",
+                 request_id, (unsigned long long)conn->number, (unsigned long long)id,
                  relight_type_name(type), code, text);
 }
 
 // retry_ms: for BUSY, when to repeat the request; 0: unknown.
 static void send_error(struct connection *conn, uint64_t id, int code, const char *text,
-                       uint32_t retry_ms)
+                       uint32_t retry_ms, uint64_t generation)
 {
     Relight__Error error;
     struct error_fields fields;
     error_fill(&error, code, text, &fields);
+    error.generation = generation;
     if (code == RELIGHT__ERROR_CODE__ERROR_BUSY) {
         error.retry_after_ms = retry_ms ? retry_ms : 50;
         conn->server->stats.busy_total++;
@@ -179,6 +190,7 @@ void request_answer(struct request *request, const ProtobufCMessage *message,
         return;
     }
     request->abandon = NULL;
+    request->outcome = STATS_OK;
     connection_send(conn, type, RELIGHT_FRAME_LAST, id, message, payload);
     if (!conn->dead) end(request); // a connection that closed here has ended it already
 }
@@ -199,9 +211,10 @@ void request_fail(struct request *request, int code, const char *fmt, ...)
     va_end(args);
     struct connection *conn = request->conn;
     blobs_name_in_text(conn->server->blobs, conn->principal->name, said, text, sizeof text);
-    log_refusal(conn, request->type, request->id, code, text);
+    log_refusal(conn, request->request_id, request->type, request->id, code, text);
     request->abandon = NULL;
-    send_error(conn, request->id, code, text, request->retry_ms);
+    request->outcome = code;
+    send_error(conn, request->id, code, text, request->retry_ms, request->generation);
     if (!conn->dead) end(request);
 }
 
@@ -250,10 +263,14 @@ static bool may_open(struct connection *conn, const struct relight_frame *frame,
 }
 
 // Whether its token's requests a second allow another one.
-static bool within_rate(struct connection *conn, const struct operation *operation)
+static bool within_rate(struct connection *conn, const struct relight_frame *frame,
+                        const struct operation *operation)
 {
+    enum { CHUNK = 64 << 10 };
     uint32_t retry_ms;
-    if (operation->flags & OPERATION_ALWAYS || !conn->greeted ||
+    // The chunks of an upload are limited by their bytes.
+    bool chunk = frame->type == RELIGHT_TYPE_PUT_BLOB && frame->payload_size >= CHUNK;
+    if (operation->flags & OPERATION_ALWAYS || !conn->greeted || conn->prepaid || chunk ||
         access_take_request(conn->server->access, &conn->caller, &retry_ms))
         return true;
     conn->refusal.retry_ms = retry_ms;
@@ -310,6 +327,17 @@ static void enlist(struct request *request)
     principal_hold(request->principal);
 }
 
+// The client's own id (HTTP), or one that no other request has.
+static void name_request(struct request *request)
+{
+    static uint64_t last_number;
+    const char *given = request->conn->request_id;
+    if (*given) snprintf(request->request_id, sizeof request->request_id, "%s", given);
+    else
+        snprintf(request->request_id, sizeof request->request_id, "r%.8s-%llx",
+                 request->server->run, (unsigned long long)++last_number);
+}
+
 struct request *request_create(struct connection *conn, const struct relight_frame *frame,
                                uint8_t *payload)
 {
@@ -325,7 +353,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
                           frame->type);
     if (!refused) {
         if (operation->flags & OPERATION_LONG) resource = LEDGER_LONG_REQUESTS;
-        counted = within_rate(conn, operation) && may_open(conn, frame, operation) &&
+        counted = within_rate(conn, frame, operation) && may_open(conn, frame, operation) &&
                   charge(conn, operation, resource, 1);
         if (counted) message = unpack(conn, frame, operation, &header_charged);
         if (message) request = calloc(1, sizeof *request);
@@ -336,6 +364,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
                                     .id = frame->id,
                                     .type = frame->type,
                                     .arrived_ns = loop_now_ns(),
+                                    .outcome = STATS_GONE,
                                     .message = message,
                                     .payload = payload,
                                     .payload_size = frame->payload_size,
@@ -344,6 +373,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
                                     .payload_charged = payload_charged,
                                     .header_charged = header_charged};
         enlist(request);
+        name_request(request);
         set_deadline(request, operation->flags, frame->deadline_ms);
         return request;
     }
@@ -356,8 +386,9 @@ struct request *request_create(struct connection *conn, const struct relight_fra
     if (counted) ledger_give(conn->principal, resource, 1);
     int code = conn->refusal.code;
     conn->refusal.code = 0;
-    log_refusal(conn, frame->type, frame->id, code, conn->refusal.text);
-    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms);
+    stats_ended(&conn->server->stats, frame->type, code, 0);
+    log_refusal(conn, conn->request_id, frame->type, frame->id, code, conn->refusal.text);
+    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms, 0);
     conn->refusal.retry_ms = 0;
     return NULL;
 }

@@ -12,6 +12,8 @@ struct request {
     struct connection *conn;
     uint64_t id, arrived_ns;
     uint16_t type;
+    int outcome;         /* STATS_OK or an error code once it was answered (core/stats.h) */
+    char request_id[65]; /* the client's, or a new one: in the log, and in its children's */
     ProtobufCMessage *message;
     uint8_t *payload;
     size_t payload_size;
@@ -22,7 +24,8 @@ struct request {
                                      on a worker: render/shared/materials.h. NULL: not yet, or
                                      used already. Held */
     struct loop_timer deadline;
-    uint32_t retry_ms; /* of the ERROR that will end it, for BUSY; 0: unknown */
+    uint32_t retry_ms;   /* of the ERROR that will end it, for BUSY; 0: unknown */
+    uint64_t generation; /* of the ERROR that will end it; 0: none */
     /* The state of a long operation, and its clean-up function: called once before the request
      * is freed, unless the operation ended it. A request may have several states one after
      * another (it waits for its material, then it is a view): `abandon` identifies the current

@@ -51,6 +51,10 @@ void request_await_entry(struct request *request, struct request_wait *wait,
 static void worked(struct work *work)
 {
     struct request_wait *wait = (struct request_wait *)work;
+    if (wait->request)
+        stats_work(&wait->request->server->stats, wait->request->type,
+                   (double)(work->started_ns - work->submitted_ns) * 1e-9,
+                   (double)(work->ended_ns - work->started_ns) * 1e-9);
     wait->then(wait, request_resume(wait));
 }
 

@@ -51,11 +51,13 @@ static void done(struct blob_put *put)
     }
     if (request && put->code) {
         request->abandon = NULL;
+        request->conn->own_limit = put->own_limit;
         request_fail(request, put->code, "%s", put->error);
     } else if (request) {
         Relight__PutBlobAnswer out = RELIGHT__PUT_BLOB_ANSWER__INIT;
         out.received = put->received;
         out.complete = put->complete;
+        if (put->complete) out.hash = put->hash;
         request->abandon = NULL;
         request_answer(request, &out.base, NULL);
     }
@@ -66,9 +68,17 @@ static void done(struct blob_put *put)
 void op_put_blob(struct request *request)
 {
     const Relight__PutBlobRequest *in = (const Relight__PutBlobRequest *)request->message;
-    if (!relight_hash_valid(in->hash)) {
+    bool unnamed = in->upload[0] && !in->hash[0];
+    const char *hash = unnamed ? in->upload : in->hash;
+    if (!relight_hash_valid(hash) || (in->upload[0] && in->hash[0])) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
-                     "hash is not 64 lower-case hex digits");
+                     "hash, or upload in its place, is not 64 lower-case hex digits");
+        return;
+    }
+    if (unnamed && !in->size) {
+        Relight__PutBlobAnswer out = RELIGHT__PUT_BLOB_ANSWER__INIT;
+        blobs_put_drop(request->server->blobs, request->principal->name, hash);
+        request_answer(request, &out.base, NULL);
         return;
     }
     size_t n = request->payload_size;
@@ -81,7 +91,8 @@ void op_put_blob(struct request *request)
     r->server = request->server;
     r->request = request;
     struct blob_put *put = &r->put;
-    memcpy(put->hash, in->hash, BLOB_HASH);
+    memcpy(put->hash, hash, BLOB_HASH);
+    put->unnamed = unnamed;
     snprintf(put->principal, sizeof put->principal, "%s", request->principal->name);
     if (strlen(in->name) <= BLOB_NAME) strcpy(put->name, in->name);
     put->size = in->size;
@@ -91,7 +102,7 @@ void op_put_blob(struct request *request)
     put->done = done;
     request->state = r;
     request->abandon = abandon;
-    if (!put->offset && put->n && !blobs_has(request->server->blobs, put->hash))
+    if (!put->offset && put->n && (unnamed || !blobs_has(request->server->blobs, put->hash)))
         evict_for_upload(request->server, put->principal, put->size);
     blobs_put(request->server->blobs, put);
 }

@@ -3,6 +3,7 @@
 // range and its unit.
 #include "render/shared/materials.h"
 #include "render/evaluation.h"
+#include "render/shared/poses.h"
 #include "net/request.h"
 
 #include <math.h>
@@ -23,13 +24,28 @@ void render_spec_init(struct render_spec *spec)
 void render_spec_finish(struct render_spec *spec)
 {
     held_bytes_release(spec->texels);
+    pose_release(spec->pose);
     spec->texels = NULL;
+    spec->pose = NULL;
 }
 
 void render_spec_copy(const struct render_spec *from, struct render_spec *to)
 {
     *to = *from;
     if (to->texels) held_bytes_hold(to->texels);
+    if (to->pose) to->pose->refs++;
+}
+
+int render_spec_pose(struct render_spec *spec, const struct model *model, const char *name,
+                     char error[300])
+{
+    int code = 0;
+    struct pose *pose = NULL;
+    if (name[0] && !(pose = poses_find(model->server->poses, model, name, &code, error)))
+        return code;
+    pose_release(spec->pose);
+    spec->pose = pose;
+    return 0;
 }
 
 const float *render_texels(const struct render_spec *spec, const struct render_light *light)

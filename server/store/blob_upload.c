@@ -25,6 +25,7 @@ struct upload {
     struct relight_sha256 sha; // of the received bytes, when `known`
     bool known, begun;         // begun: its promise is on disk
     bool running;              // a worker has `work`
+    bool unnamed, dropped;     // hash is its name until all bytes are there; nobody wants it
     struct blob_put *first, **last;
     // The chunk under way, without what is there already, and its outcome.
     struct blob_put *put;
@@ -45,14 +46,14 @@ static void finish(struct blob_put *put, int code)
 static struct upload *find(const struct blobs *blobs, const struct blob_put *put)
 {
     struct upload *u = blobs->uploads;
-    while (u && (u->size != put->size || strcmp(u->hash, put->hash) ||
-                 strcmp(u->principal->name, put->principal)))
+    while (u && (u->size != put->size || u->unnamed != put->unnamed ||
+                 strcmp(u->hash, put->hash) || strcmp(u->principal->name, put->principal)))
         u = u->next;
     return u;
 }
 
 static struct upload *new_upload(struct blobs *blobs, const char *hash, const char *principal,
-                                 uint64_t size)
+                                 uint64_t size, bool unnamed)
 {
     struct upload *u = calloc(1, sizeof *u);
     if (u) u->principal = ledger_principal(blobs->setup.ledger, principal);
@@ -65,7 +66,9 @@ static struct upload *new_upload(struct blobs *blobs, const char *hash, const ch
     relight_sha256_init(&sha);
     relight_sha256_add(&sha, principal, strlen(principal) + 1);
     relight_sha256_add(&sha, &size, sizeof size);
+    if (unnamed) relight_sha256_add(&sha, "unnamed", 8); // its files are no named upload's
     relight_sha256_hex(&sha, id);
+    u->unnamed = unnamed;
     u->blobs = blobs;
     u->size = size;
     u->charged = blob_charge(size);
@@ -116,6 +119,25 @@ static void put_again(struct blob_put *queue)
     }
 }
 
+static void cancel_all(struct blob_put *queue)
+{
+    for (struct blob_put *next; queue; queue = next) {
+        next = queue->next;
+        snprintf(queue->error, sizeof queue->error, "the upload was dropped");
+        finish(queue, RELIGHT__ERROR_CODE__ERROR_CANCELLED);
+    }
+}
+
+void blobs_put_drop(struct blobs *blobs, const char *principal, const char *name)
+{
+    struct upload *u = blobs->uploads;
+    while (u && (!u->unnamed || strcmp(u->hash, name) || strcmp(u->principal->name, principal)))
+        u = u->next;
+    if (!u) return;
+    u->dropped = true;
+    if (!u->running) cancel_all(drop_upload(u));
+}
+
 // ---- room
 
 static bool is_idle(const struct upload *u, double seconds)
@@ -155,11 +177,12 @@ static bool never_fits(const struct principal *principal, enum ledger_resource r
 }
 
 static bool take(struct blobs *blobs, struct principal *principal,
-                 enum ledger_resource resource, uint64_t amount, char error[256])
+                 enum ledger_resource resource, uint64_t amount, struct blob_put *put)
 {
     for (;;) {
-        enum ledger_refusal refusal = ledger_take(principal, resource, amount, error);
+        enum ledger_refusal refusal = ledger_take(principal, resource, amount, put->error);
         if (refusal == LEDGER_GRANTED) return true;
+        put->own_limit = refusal == LEDGER_CLIENT_FULL;
         if (never_fits(principal, resource, amount)) return false;
         struct principal *whose = refusal == LEDGER_CLIENT_FULL ? principal : NULL;
         if (drop_idle(blobs, whose)) continue;
@@ -176,12 +199,12 @@ static struct upload *begin(struct blobs *blobs, struct blob_put *put, int *code
     *code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
     snprintf(put->error, sizeof put->error, "not enough memory");
     if (!p) return NULL;
-    if (!take(blobs, p, LEDGER_UPLOADS, 1, put->error)) {
+    if (!take(blobs, p, LEDGER_UPLOADS, 1, put)) {
         *code = RELIGHT__ERROR_CODE__ERROR_BUSY;
-    } else if (!take(blobs, p, LEDGER_DISK, blob_charge(put->size), put->error)) {
+    } else if (!take(blobs, p, LEDGER_DISK, blob_charge(put->size), put)) {
         ledger_give(p, LEDGER_UPLOADS, 1);
         *code = RELIGHT__ERROR_CODE__ERROR_LIMIT;
-    } else if (!(u = new_upload(blobs, put->hash, put->principal, put->size))) {
+    } else if (!(u = new_upload(blobs, put->hash, put->principal, put->size, put->unnamed))) {
         ledger_give(p, LEDGER_UPLOADS, 1);
         ledger_give(p, LEDGER_DISK, blob_charge(put->size));
     } else {
@@ -212,8 +235,8 @@ static int run_write(struct work *work, const struct prt_context *ctx)
     u->whole = u->received + u->n == u->size;
     if (!u->whole) return PRT_OK;
     relight_sha256_hex(&u->sha, u->found);
-    if (!strcmp(u->found, u->hash))
-        u->err = blob_part_finish(folder, u->stem, u->hash, u->principal->name, u->put->name,
+    if (u->unnamed || !strcmp(u->found, u->hash))
+        u->err = blob_part_finish(folder, u->stem, u->found, u->principal->name, u->put->name,
                                   &u->first_of_all, &u->format);
     return PRT_OK;
 }
@@ -237,7 +260,7 @@ static void drop_others(struct blobs *blobs, const char *hash)
     struct blob_put *queue = NULL, **last = &queue;
     for (struct upload *u = blobs->uploads, *next; u; u = next) {
         next = u->next;
-        if (u->running || strcmp(u->hash, hash)) continue;
+        if (u->running || u->unnamed || strcmp(u->hash, hash)) continue;
         *last = drop_upload(u);
         while (*last) last = &(*last)->next;
     }
@@ -250,6 +273,11 @@ static void arrived(struct upload *u, struct blob_put *put)
     struct blob_put *queue = u->first;
     uint64_t size = u->size;
     char hash[BLOB_HASH + 1];
+    if (u->unnamed) {
+        strcpy(u->hash, u->found);
+        strcpy(put->hash, u->found);
+        put->unnamed = false;
+    }
     strcpy(hash, u->hash); // the answer frees the put
     struct blob *b = NULL;
     if (!blob_find(blobs, u->hash))
@@ -294,16 +322,20 @@ static void done_write(struct work *work)
 {
     struct upload *u = (struct upload *)work;
     struct blob_put *put = pop(u);
-    bool right = !u->whole || !strcmp(u->found, u->hash);
+    bool right = !u->whole || u->unnamed || !strcmp(u->found, u->hash);
     u->running = false;
     u->active_ns = loop_now_ns();
-    if (u->err || !right) {
+    if (u->dropped && !u->whole) {
+        struct blob_put *queue = drop_upload(u);
+        finish(put, RELIGHT__ERROR_CODE__ERROR_CANCELLED);
+        cancel_all(queue);
+    } else if (u->err || !right) {
         failed(u, put);
     } else if (u->whole) {
         arrived(u, put);
     } else {
         u->received += u->n;
-        if (blob_find(u->blobs, u->hash)) { // another upload of it was faster
+        if (!u->unnamed && blob_find(u->blobs, u->hash)) { // another upload of it was faster
             struct blob_put *queue = drop_upload(u);
             blobs_put(put->blobs, put);
             put_again(queue);
@@ -414,7 +446,7 @@ void blobs_put(struct blobs *blobs, struct blob_put *put)
     put->blobs = blobs;
     put->next = NULL;
     put->received = 0;
-    struct blob *b = blob_find(blobs, put->hash);
+    struct blob *b = put->unnamed ? NULL : blob_find(blobs, put->hash);
     if (b && !b->checked && !put->abandoned) {
         put->waiter.wake = was_checked;
         blobs_check(blobs, put->hash, &put->waiter);
@@ -466,7 +498,7 @@ void upload_recover(struct blobs *blobs, const char *stem)
     snprintf(hash, sizeof hash, "%.*s", BLOB_HASH, stem);
     if (!blob_promise_read(blobs->folder, stem, &size, principal) && size &&
         size <= blobs->setup.max_blob)
-        u = new_upload(blobs, hash, principal, size);
+        u = new_upload(blobs, hash, principal, size, false);
     if (u && strcmp(u->stem, stem)) { // its contents belong to another name
         blobs->uploads = u->next;
         principal_release(u->principal);

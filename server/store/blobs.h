@@ -71,13 +71,16 @@ void blobs_name_in_text(const struct blobs *blobs, const char *principal, const 
 struct blob_put {
     char principal[96];       /* charged for it */
     char hash[BLOB_HASH + 1]; /* must be valid (relight_hash_valid) */
+    bool unnamed; /* hash is a random name of this upload: the blob gets its own hash,
+                     which is here when it is complete */
     char name[BLOB_NAME + 1]; /* "" where the name is not worth keeping */
     uint64_t size, offset;    /* of the whole blob, of this chunk */
     void *bytes;              /* [n], freed by the owner in `done` */
     size_t n;
     void (*done)(struct blob_put *put);
 
-    int code; /* the protocol's error code, 0: none; error is its text */
+    int code;       /* the protocol's error code, 0: none; error is its text */
+    bool own_limit; /* the limit is the principal's, not that of all */
     char error[256];
     uint64_t received; /* bytes that are there, from the start */
     bool complete;     /* the blob is there and has its hash */
@@ -94,6 +97,9 @@ void blobs_put(struct blobs *blobs, struct blob_put *put);
 /* The request has ended: a chunk that waits its turn is dropped and done is
  * called at once, else as soon as the worker is done with it. */
 void blobs_put_abandon(struct blob_put *put);
+
+/* Drops an unnamed upload, as soon as no worker writes it. */
+void blobs_put_drop(struct blobs *blobs, const char *principal, const char *name);
 
 /* Once a minute: drops abandoned uploads and writes times of use to disk. */
 void blobs_maintain(struct blobs *blobs);

@@ -6,7 +6,7 @@
 #include "core/log.h"
 #include "frame.h"
 #include "relight.pb-c.h"
-#include "render/shared/geometry.h"
+#include "render/shared/poses.h"
 #include "store/disk.h"
 
 #include <stdio.h>
@@ -188,6 +188,7 @@ void model_take_out(struct model *m)
     if (!*at) return;
     *at = m->next;
     m->gone = true;
+    poses_forget(m->server->poses, m);
     model_publish(m, RELIGHT__EVENT_KIND__EVENT_MODEL_REMOVED, "");
     charge_entry(m, false);
     model_release(m);

@@ -239,6 +239,28 @@ static const char *const request[] = {
     "OPTIONS * HTTP/1.1\r\nHost: a\r\nHost: b\r\nExpect: 100-continue\r\nAuthorization: Basic "
     "%%%%\r\n\r\n",
     "\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03",
+    "GET /readyz HTTP/1.1\r\nHost: localhost\r\nX-Request-Id: abc-1\r\n\r\n",
+    "GET /v1/openapi.json HTTP/1.1\r\nHost: localhost\r\nIf-None-Match: *\r\n\r\n",
+    "GET /v1/models?deadline_ms=5 HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    "DELETE /v1/models/nothing?forget=yes HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    "GET /v1/models/a/b/image.png?env=constant:1,2,3&size=8x8&rotate=-1e3&camera=1,2,3:0,0,0::40&"
+    "eye=1,2,3&gain=1,1,1&background=0,0,0&tone=none&term=single&material=%7B%22g%22%3A0%7D "
+    "HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    "GET /v1/models/x/colors.csv?env=constant&format=npy&exposure=1 HTTP/1.1\r\nHost: localhost\r\n"
+    "\r\n",
+    "POST /v1/models/x/image HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+    "Content-Length: 62\r\n\r\n{\"lights\":[{\"env\":\"constant\"}],\"shade\":{\"material\":{\"g\":[0]}}}",
+    "POST /v1/models?name=a.obj&size_mm=1&preview HTTP/1.1\r\nHost: localhost\r\nContent-Length: 12"
+    "\r\n\r\nv 0 0 0\nf 1\n",
+    "POST /v1/models?path=a.prt HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    "POST /v1/blobs?name=a HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\nExpect: 100-continue"
+    "\r\n\r\nhello",
+    "PUT /v1/blobs/2cf24dba5fb0a30e26e83b2ac5b9e29e1b161e5c1fa7425e73043362938b9824?offset=1&size=5 "
+    "HTTP/1.1\r\nHost: localhost\r\nContent-Length: 4\r\n\r\nello",
+    "GET /v1/blobs/2cf24dba5fb0a30e26e83b2ac5b9e29e1b161e5c1fa7425e73043362938b9824?size=5 HTTP/1.1"
+    "\r\nHost: localhost\r\n\r\n",
+    "GET /v1/jobs/job-1/events?token=x HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: 1\r\n\r\n",
+    "DELETE /v1/jobs/job-1 HTTP/1.1\r\nHost: localhost\r\n\r\n",
 };
 
 static void mutate(struct bytes *b, size_t from)
@@ -254,7 +276,13 @@ static void mutate(struct bytes *b, size_t from)
                                        "Content-Length: -1\r\n",
                                        "Connection: Upgrade\r\n",
                                        "Transfer-Encoding: chunked\r\n",
-                                       "Origin: "};
+                                       "Origin: ",
+                                       "&",
+                                       "=",
+                                       "%2f",
+                                       "[",
+                                       "{\"",
+                                       "X-Request-Id: a\r\n"};
     char long_text[6000];
     for (uint32_t k = rnd(&r, 5); k && b->n > from; k--) {
         size_t at = from + rnd(&r, (uint32_t)(b->n - from)), n = 0;

@@ -62,7 +62,7 @@ static void test_restart_keeps_the_bake(void **state)
     assert_string_equal(loaded.model, model);
     assert_int_equal(loaded.state, RELIGHT_MODEL_READY);
     assert_string_equal(loaded.job, "");
-    assert_true(metric(client, "relightd_bakes_done_total") == 0);
+    assert_true(metric(client, "relightd_bakes_total{outcome=\"done\"}") == 0);
     relight_loaded_finish(&loaded);
     relight_close(client);
     assert_int_equal(daemon_stop(&d), 0);

@@ -189,7 +189,7 @@ def conversation(carrier):
     for ident in ids:
         kind, got, _, header, _ = carrier.receive()
         assert kind == 4 | ANSWER and got in ids
-    assert unpack(header) == {1: [1], 2: [len(blob)]}
+    assert unpack(header) == {1: [1], 2: [len(blob)], 3: [name.encode()]}
     assert unpack(c.ask(4, put)[1])[1] == [1]
     c.refused(13, 4, {**put, 1: "0" * 64, 2: 4}, b"none")
     # ENV: decoded, described
@@ -230,7 +230,7 @@ def closes(open_carrier, data, hello, code):
 
 def hostile(open_carrier):
     good = frame(2, 5, b"", b"1234")
-    for at, new in ((0, b"RLGX"), (4, b"\x02"), (5, b"\x80"), (16, b"\xff\xff\xff\x7f"),
+    for at, new in ((0, b"RLGX"), (4, b"\x02"), (5, b"\x08"), (16, b"\xff\xff\xff\x7f"),
                     (24, b"\xff" * 8), (40, b"\x01")):
         closes(open_carrier, good[:at] + new + good[at + len(new):], True, 1)
     closes(open_carrier, frame(2, 5, b"", b"1234", MORE), True, 1)  # requests are whole

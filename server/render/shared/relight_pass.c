@@ -148,6 +148,7 @@ static void start_pass(struct pass *pass)
     if (!pass->first) pass->last = &pass->first;
     stats->passes++;
     stats->relights += n;
+    stats_batch(stats, n);
     if (n > 1) stats->shared += n;
     pass->work.run = run_pass;
     pass->work.done = pass_done;
