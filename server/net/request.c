@@ -274,10 +274,14 @@ static bool may_open(struct connection *conn, const struct relight_frame *frame,
 }
 
 // Whether its token's requests a second allow another one.
-static bool within_rate(struct connection *conn, const struct operation *operation)
+static bool within_rate(struct connection *conn, const struct relight_frame *frame,
+                        const struct operation *operation)
 {
+    enum { CHUNK = 64 << 10 };
     uint32_t retry_ms;
-    if (operation->flags & OPERATION_ALWAYS || !conn->greeted || conn->prepaid ||
+    // The chunks of an upload are limited by their bytes.
+    bool chunk = frame->type == RELIGHT_TYPE_PUT_BLOB && frame->payload_size >= CHUNK;
+    if (operation->flags & OPERATION_ALWAYS || !conn->greeted || conn->prepaid || chunk ||
         access_take_request(conn->server->access, &conn->caller, &retry_ms))
         return true;
     conn->refusal.retry_ms = retry_ms;
@@ -360,7 +364,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
                           frame->type);
     if (!refused) {
         if (operation->flags & OPERATION_LONG) resource = LEDGER_LONG_REQUESTS;
-        counted = within_rate(conn, operation) && may_open(conn, frame, operation) &&
+        counted = within_rate(conn, frame, operation) && may_open(conn, frame, operation) &&
                   charge(conn, operation, resource, 1);
         if (counted) message = unpack(conn, frame, operation, &header_charged);
         if (message) request = calloc(1, sizeof *request);
