@@ -384,8 +384,8 @@ static void test_bodies(void **state)
     static const char *const second[] = {
         "POST /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\n\r\nhello",
         "GET /nothing HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\n\r\nhello",
-        "POST / HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
-        "5\r\nhello\r\n0\r\n\r\n"};
+        ("POST / HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+         "5\r\nhello\r\n0\r\n\r\n")};
     const char *const extra[] = {"--http", "127.0.0.1:0", NULL};
     daemon_start(&d, extra);
     for (size_t i = 0; i < sizeof second / sizeof *second; i++) {

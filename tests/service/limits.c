@@ -279,7 +279,7 @@ static void test_idle_views_leave_room_for_requests(void **state)
 }
 
 // When every request is taken, what frees or asks for little still passes.
-static void test_some_always_pass(void **state)
+static void test_closes_pass_when_full(void **state)
 {
     static const char *const extra[] = {"--queue", "1", "--client-requests", "1", NULL};
     begin(extra);
@@ -668,8 +668,8 @@ static void test_text_is_text(void **state)
         "half \xe2\x82",    // cut off
     };
     static const char *const control[] = {"a\nb", "\x1b[31mred", "del\x7f",
-                                          "\xc2\x9b"
-                                          "31m"};
+                                          ("\xc2\x9b"
+                                           "31m")};
     begin(NULL);
     char path[160];
     snprintf(path, sizeof path, "%s/model.obj", d.models);
@@ -737,7 +737,7 @@ int main(void)
         cmocka_unit_test_teardown(test_view_that_waits_for_its_material, teardown),
         cmocka_unit_test_teardown(test_cancel_the_oldest_job, teardown),
         cmocka_unit_test_teardown(test_idle_views_leave_room_for_requests, teardown),
-        cmocka_unit_test_teardown(test_some_always_pass, teardown),
+        cmocka_unit_test_teardown(test_closes_pass_when_full, teardown),
         cmocka_unit_test_teardown(test_bytes_held_by_requests, teardown),
         cmocka_unit_test_teardown(test_poses_are_counted, teardown),
         cmocka_unit_test_teardown(test_texels_lie_there_once, teardown),
