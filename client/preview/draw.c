@@ -12,7 +12,7 @@
 // reused (shading turns the background); while the camera turns, colours and reflections are.
 struct drawing {
     struct scene *scene;
-    float *plane; /* [n_vertex][3] */
+    float *plane; /* [4][n_vertex][3] */
     struct prt_visibility *visibility;
     struct prt_cube background; /* unturned, of background_of */
     const struct sky *background_of;
@@ -99,7 +99,7 @@ static int set_camera(struct drawing *d, uint32_t frame)
 static int shade(struct drawing *d, struct prt_image *out)
 {
     const struct options *o = d->scene->options;
-    struct prt_shade s = {.n_plane = 1,
+    struct prt_shade s = {.n_plane = 4,
                           .planes = d->plane,
                           .eta = d->scene->eta,
                           .roughness = d->scene->roughness,
@@ -201,7 +201,7 @@ static int draw_row(struct drawing *d, size_t env)
         prt_image_finish(&image);
     }
     if (next.begun) { // an answer that is not needed
-        float *sink = prt_alloc(d->scene->mesh.n_vertex, 12);
+        float *sink = prt_alloc(d->scene->mesh.n_vertex, 4 * 12);
         if (sink) scene_colors_end(d->scene, &next, sink);
         prt_free(sink);
     }
@@ -219,7 +219,7 @@ int draw_all(struct scene *scene)
         prt_camera_frame_from(&scene->mesh, aspect, &o->orbit, &d.camera);
     else if (d.camera.automatic) prt_camera_frame(&scene->mesh, aspect, &d.camera);
     d.camera.automatic = false;
-    d.plane = prt_alloc(scene->mesh.n_vertex, 12);
+    d.plane = prt_alloc(scene->mesh.n_vertex, 4 * 12);
     if (!d.plane) status = EXIT_FAILED;
     if (!status && o->sheet) status = make_canvas(&d);
     for (size_t e = 0; !status && e < o->n_env; e++) status = draw_row(&d, e);

@@ -200,6 +200,18 @@ int scene_colors_end(struct scene *scene, struct colors_pending *pending, float 
         else relight_colors_decode(&colors, 0, i ? single : plane);
         relight_colors_finish(&colors);
     }
+    // Single scattering towards a view takes four planes; the other terms are in plane 0.
+    for (size_t i = 0; !status && i < n; i++) {
+        float other = plane[i];
+        plane[i] = single[i];
+        single[i] = other;
+    }
+    if (!status)
+        status = prt_view_correct(&scene->ctx, scene->mesh.n_vertex,
+                                  (const float(*)[3])scene->mesh.normal, (double)scene->eta, 1,
+                                  4, plane)
+                     ? EXIT_FAILED
+                     : EXIT_DONE;
     if (!status)
         for (size_t i = 0; i < n; i++) plane[i] += single[i];
     prt_free(single);

@@ -463,8 +463,9 @@ static int fill_corrected(struct answer *a, unsigned n)
     }
     int status = fill_many(part, n);
     for (unsigned i = 0; i < n && !status; i++)
-        status = prt_view_correct(a[i].ctx, mesh, (double)a[i].transport->material.eta,
-                                  a[i].n_phase, a[i].n_plane, a[i].planes);
+        status = prt_view_correct(a[i].ctx, mesh->n_vertex, (const float(*)[3])mesh->normal,
+                                  (double)a[i].transport->material.eta, a[i].n_phase,
+                                  a[i].n_plane, a[i].planes);
     for (unsigned i = 0; i < n; i++) m += a[i].query->term == PRT_ANSWER_TOTAL;
     if (status || !m) return status;
     float *scratch = prt_alloc(m * size, sizeof *scratch);

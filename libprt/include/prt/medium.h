@@ -113,6 +113,13 @@ double prt_hg_eval(double g, double cos_scatter); /* exact HG, scattering angle,
  * Orthonormal. p(w.w') = sum_l a_l sum_m Y_lm(w) Y_lm(w'). */
 void prt_sh_eval(unsigned n_band, const float dir[3], float *out);
 
+/* Corrects planes [n_plane][n_vertex][3] of single scattering alone, of which the first n_phase
+ * (1, 4, 9, 16) were computed along -n_o, for the view at which they will be shaded (METHODS
+ * §3.6). normal: [n_vertex] unit. n_plane: 4 at least; planes from n_phase to 4 are filled.
+ * Uses ctx->pool. */
+int prt_view_correct(const struct prt_context *ctx, uint32_t n_vertex, const float (*normal)[3],
+                     double eta, unsigned n_phase, unsigned n_plane, float *planes);
+
 #ifdef __cplusplus
 }
 #endif

@@ -7,14 +7,15 @@
 // times what was baked. Over the directions that refraction leaves, mu_o' in [mu_c, 1], rho is
 // linear in mu_o' to 1 %, so that its product with the planes is again a sum of planes times
 // Y_k(w_o'), k < 4. No renderer has to change for it.
-#include "answer.h"
+#include "prt/medium.h"
 
 #include <math.h>
 
 static const float C1 = 0.48860251f; // Y_1m is C1 times y, z, x
 
 struct correction {
-    const struct prt_mesh *mesh;
+    uint32_t n_vertex;
+    const float (*normal)[3];
     unsigned n_phase, n_plane;
     float slope;  // rho = 1 + slope (1 - mu_o')
     float lowest; // mu_c
@@ -69,22 +70,22 @@ static void correct(const struct correction *k, const float n[3], float *p[4])
 static int correct_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     const struct correction *k = arg;
-    const size_t size = (size_t)3 * k->mesh->n_vertex;
+    const size_t size = (size_t)3 * k->n_vertex;
     const float rest = 1 + k->slope * (1 - k->lowest) / 2; // of higher degrees
     for (size_t v = begin; v < end; v++)
         for (size_t ch = 0; ch < 3; ch++) {
             float *p[4];
             for (size_t i = 0; i < 4; i++) p[i] = k->planes + i * size + 3 * v + ch;
-            correct(k, k->mesh->normal[v], p);
+            correct(k, k->normal[v], p);
             for (size_t i = 4; i < k->n_plane; i++) k->planes[i * size + 3 * v + ch] *= rest;
         }
     return PRT_OK;
 }
 
-int prt_view_correct(const struct prt_context *ctx, const struct prt_mesh *mesh, double eta,
-                     unsigned n_phase, unsigned n_plane, float *planes)
+int prt_view_correct(const struct prt_context *ctx, uint32_t n_vertex, const float (*normal)[3],
+                     double eta, unsigned n_phase, unsigned n_plane, float *planes)
 {
-    struct correction k = {mesh, n_phase, n_plane, 0, 0, planes};
+    struct correction k = {n_vertex, normal, n_phase, n_plane, 0, 0, planes};
     k.slope = slope_of(eta, &k.lowest);
-    return prt_parallel_for(ctx, NULL, mesh->n_vertex, 2048, correct_range, &k);
+    return prt_parallel_for(ctx, NULL, n_vertex, 2048, correct_range, &k);
 }
