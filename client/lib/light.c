@@ -23,6 +23,7 @@ int relight_colors_begin(struct relight_client *client,
     if (status) return status;
     relight_put_shade(&parts, &request->shade);
     m.model = relight_text(request->model);
+    m.pose = relight_text(request->pose);
     m.n_lights = request->n_light;
     m.lights = parts.lights;
     m.sum = request->sum;
@@ -76,6 +77,7 @@ int relight_image_begin(struct relight_client *client,
     relight_put_shade(&parts, &request->shade);
     relight_put_picture(&parts, &request->picture);
     m.model = relight_text(request->model);
+    m.pose = relight_text(request->pose);
     m.n_lights = request->n_light;
     m.lights = parts.lights;
     m.shade = &parts.shade;

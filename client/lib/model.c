@@ -372,13 +372,15 @@ static bool geometry_fits(const Relight__GeometryAnswer *a, const struct answer 
     return true;
 }
 
-static int geometry(struct relight_client *client, const char *model, bool own_units,
-                    bool textures, struct relight_geometry *out, struct relight_error *error)
+static int geometry(struct relight_client *client, const char *model, const char *pose,
+                    bool own_units, bool textures, struct relight_geometry *out,
+                    struct relight_error *error)
 {
     Relight__GeometryRequest m = RELIGHT__GEOMETRY_REQUEST__INIT;
     struct answer *answer;
     m.model = relight_text(model);
     m.own_units = own_units;
+    m.pose = relight_text(pose);
     m.textures = textures;
     int status = relight_call(client, RELIGHT_TYPE_GEOMETRY, &m.base, &answer, error);
     if (status) return status;
@@ -416,13 +418,20 @@ static int geometry(struct relight_client *client, const char *model, bool own_u
 int relight_geometry(struct relight_client *client, const char *model, bool own_units,
                      struct relight_geometry *out, struct relight_error *error)
 {
-    return geometry(client, model, own_units, false, out, error);
+    return geometry(client, model, NULL, own_units, false, out, error);
 }
 
 int relight_geometry_textured(struct relight_client *client, const char *model, bool own_units,
                               struct relight_geometry *out, struct relight_error *error)
 {
-    return geometry(client, model, own_units, true, out, error);
+    return geometry(client, model, NULL, own_units, true, out, error);
+}
+
+int relight_geometry_posed(struct relight_client *client, const char *model, const char *pose,
+                           bool own_units, struct relight_geometry *out,
+                           struct relight_error *error)
+{
+    return geometry(client, model, pose, own_units, false, out, error);
 }
 
 void relight_geometry_finish(struct relight_geometry *geometry)
@@ -453,19 +462,75 @@ int relight_update_vertices(struct relight_client *client, const char *model, ui
                             uint32_t n, const float *position, const float *normal,
                             bool own_units, uint64_t *generation, struct relight_error *error)
 {
+    return relight_update_vertices_if(client, model, 0, first, n, position, normal, own_units,
+                                      generation, error);
+}
+
+// The largest number of vertices of one request; 0: any.
+static uint64_t most_vertices(const struct relight_client *client, bool normals)
+{
+    return relight_server(client)->max_payload / (normals ? 24 : 12);
+}
+
+int relight_update_vertices_if(struct relight_client *client, const char *model,
+                               uint64_t if_generation, uint32_t first, uint32_t n,
+                               const float *position, const float *normal, bool own_units,
+                               uint64_t *generation, struct relight_error *error)
+{
     Relight__UpdateVerticesRequest m = RELIGHT__UPDATE_VERTICES_REQUEST__INIT;
-    uint64_t limit = relight_server(client)->max_payload / (normal ? 24 : 12);
+    uint64_t limit = most_vertices(client, normal != NULL), now = 0;
     int status = 0;
     m.model = relight_text(model);
     m.has_normals = normal != NULL;
     m.own_units = own_units;
+    m.if_generation = if_generation;
     // Divided so that every request fits the daemon's largest payload.
     for (uint32_t at = 0; !status && (at < n || !n); at += m.n) {
         m.first = first + at;
         m.n = limit && n - at > limit ? (uint32_t)limit : n - at;
         status = update_range(client, &m, position + 3 * (size_t)at,
-                              normal ? normal + 3 * (size_t)at : NULL, generation, error);
+                              normal ? normal + 3 * (size_t)at : NULL, &now, error);
+        if (!status && generation) *generation = now;
+        if (if_generation) m.if_generation = now;
         if (!n) break;
     }
+    return status;
+}
+
+int relight_put_pose(struct relight_client *client, const char *model, const char *base,
+                     uint32_t first, uint32_t n, const float *position, const float *normal,
+                     bool own_units, char pose[65], struct relight_error *error)
+{
+    Relight__PutPoseRequest m = RELIGHT__PUT_POSE_REQUEST__INIT;
+    uint64_t limit = most_vertices(client, normal != NULL);
+    char name[65] = "";
+    int status = 0;
+    m.model = relight_text(model);
+    m.base_pose = relight_text(base);
+    m.has_normals = normal != NULL;
+    m.own_units = own_units;
+    // A pose that does not fit one request is built from the one before.
+    for (uint32_t at = 0; !status && (at < n || !n); at += m.n) {
+        struct answer *answer;
+        uint64_t id;
+        m.first = first + at;
+        m.n = limit && n - at > limit ? (uint32_t)limit : n - at;
+        size_t bytes = (size_t)m.n * 12;
+        struct iovec payload[2] = {
+            {(void *)(uintptr_t)(position + 3 * (size_t)at), bytes},
+            {normal ? (void *)(uintptr_t)(normal + 3 * (size_t)at) : NULL, bytes}};
+        status = relight_start(client, RELIGHT_TYPE_PUT_POSE, &m.base, payload,
+                               !m.n     ? 0
+                               : normal ? 2
+                                        : 1,
+                               relight_timeout(client), false, &id, error);
+        if (!status) status = relight_end(client, id, RELIGHT_TYPE_PUT_POSE, &answer, error);
+        if (status) break;
+        snprintf(name, sizeof name, "%s", ((Relight__PutPoseAnswer *)answer->message)->pose);
+        m.base_pose = name;
+        relight_answer_free(answer);
+        if (!n) break;
+    }
+    if (!status) memcpy(pose, name, sizeof name);
     return status;
 }

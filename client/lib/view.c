@@ -57,6 +57,7 @@ int relight_view_open(struct relight_client *client, const struct relight_view_r
     m.colors = request->colors;
     put_options(&options, request);
     state.options = &options;
+    state.pose = relight_text(request->pose);
     struct relight_view *view = calloc(1, sizeof *view);
     if (!view) return relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
     view->client = client;
@@ -124,6 +125,7 @@ int relight_view_change(struct relight_view *view, const struct relight_view_req
     if (status) return status;
     put_options(&options, values);
     state.options = &options;
+    state.pose = relight_text(values->pose);
     state.n_fields = n_field;
     state.fields = (char **)(uintptr_t)fields;
     return send_state(view, &parts, &state, sequence, error);

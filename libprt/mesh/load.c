@@ -136,16 +136,14 @@ static int parse(const struct prt_context *ctx, void *arg, struct prt_blob *out)
     return status;
 }
 
-// Only glTF has other files (buffers): nothing beside an OBJ, PLY or STL is read.
+// glTF has buffers and images beside it, OBJ its materials: nothing beside a PLY is read.
 static bool may_have_siblings(const struct request *r)
 {
     char head[4096];
     ssize_t n = r->n < sizeof head ? (ssize_t)r->n : (ssize_t)sizeof head;
     if (r->fd >= 0) n = pread(r->fd, head, sizeof head, 0);
     else if (n) memcpy(head, r->bytes, (size_t)n);
-    if (n < 4) return false;
-    const char *start = skip_space(head, head + n);
-    return !memcmp(head, "glTF", 4) || (start < head + n && *start == '{');
+    return n >= 4 && memcmp(head, "ply", 3) != 0;
 }
 
 static int load(const struct prt_context *ctx, struct request *r, struct prt_mesh **out)

@@ -2,6 +2,7 @@
 // Reader of Wavefront OBJ. One block: vertices are the `v` lines in their order; polygons
 // become fans of triangles.
 #include "internal.h"
+#include "obj_material.h"
 #include "text.h"
 
 #include <errno.h>
@@ -18,7 +19,8 @@ struct obj {
     locale_t c;
     size_t line;
     struct list vn, vt;
-    char surface[64];
+    char surface[64], library[256];
+    uint32_t cap_corner; // of d->corner_uv
     bool many_surfaces, opaque, uv_seam;
     uint8_t *has_uv; // [cap_uv] which vertices have one
     uint32_t cap_uv;
@@ -132,6 +134,26 @@ static int store_corner(struct obj *o, const struct corner *c)
     return PRT_OK;
 }
 
+// The texture coordinates of a triangle's corners, which differ from its vertices' at seams.
+static int store_corner_uv(struct obj *o, const struct corner *corner[3])
+{
+    struct prt_draft *d = o->d;
+    if (d->no_textures) return PRT_OK;
+    if (o->cap_corner < d->cap_triangle) {
+        void *p = realloc(d->corner_uv, (size_t)d->cap_triangle * sizeof *d->corner_uv);
+        if (!p) return prt_fail(d->ctx, PRT_NOMEM, "%s: no memory", d->name);
+        d->corner_uv = p;
+        o->cap_corner = d->cap_triangle;
+    }
+    for (int k = 0; k < 3; k++) {
+        float *uv = d->corner_uv[d->n_triangle - 1][k];
+        const float *from = corner[k]->vt < 0 ? NULL : o->vt.x + corner[k]->vt * 2;
+        uv[0] = from ? from[0] : 0;
+        uv[1] = from ? 1 - from[1] : 0;
+    }
+    return PRT_OK;
+}
+
 static int read_face(struct obj *o, const char *p)
 {
     struct corner first = {0}, last = {0}, next;
@@ -143,8 +165,10 @@ static int read_face(struct obj *o, const char *p)
         p = read_corner(o, p, &next);
         if (!p) return fail_line(o, "a face has an unreadable index or one without a vertex");
         if ((status = store_corner(o, &next))) return status;
-        if (n >= 2 && (status = prt_draft_triangle(o->d, (uint32_t)first.v, (uint32_t)last.v,
-                                                   (uint32_t)next.v)))
+        if (n >= 2 &&
+            ((status = prt_draft_triangle(o->d, (uint32_t)first.v, (uint32_t)last.v,
+                                          (uint32_t)next.v)) ||
+             (status = store_corner_uv(o, (const struct corner *[3]){&first, &last, &next}))))
             return status;
         if (n == 0) first = next;
         last = next;
@@ -191,6 +215,8 @@ static int read_line(struct obj *o, const char *p)
         o->many_surfaces |= o->surface[0] && strcmp(o->surface, name);
         if (!o->surface[0]) memcpy(o->surface, name, sizeof name);
         o->opaque |= prt_draft_opaque(o->d, name);
+    } else if (is_word(p, "mtllib", &rest)) {
+        take_name(rest, o->library, sizeof o->library);
     } else if (is_word(p, "o", &rest) || is_word(p, "g", &rest)) {
         take_name(rest, name, sizeof name);
         o->opaque |= prt_draft_opaque(o->d, name);
@@ -208,15 +234,41 @@ static void unit_normals(struct prt_draft *d)
     }
 }
 
+// The library's material of this object; *mapped where it has maps or emits light.
+static int read_library(const struct obj *o, struct prt_surface *surface,
+                        struct prt_surface_maps *maps, bool *mapped)
+{
+    struct prt_draft *d = o->d;
+    const struct prt_context *user, lenient = prt_draft_lenient(d, &user);
+    struct prt_blob file = {NULL, 0};
+    struct obj_material m;
+    if (!*o->library || d->no_textures) return PRT_OK;
+    if (prt_draft_file(d, &lenient, "material", o->library, 64 << 20, &file)) return PRT_OK;
+    prt_obj_material_init(&m);
+    memcpy(m.name, o->surface, sizeof m.name);
+    prt_obj_material_parse(d, file.bytes, &m);
+    prt_free(file.bytes);
+    if (!m.found) {
+        prt_log(d->ctx, PRT_LOG_WARNING, "%s: %s has no material \"%s\"", d->name, o->library,
+                o->surface);
+        return PRT_OK;
+    }
+    int status = prt_obj_material_apply(d, &m, surface, maps);
+    for (int k = 0; k < PRT_N_MAP; k++) *mapped |= maps->map[k].image != UINT32_MAX;
+    for (int c = 0; c < 3; c++) *mapped |= maps->emissive[c] > 0;
+    return status;
+}
+
 static int finish(struct obj *o)
 {
     struct prt_draft *d = o->d;
     struct prt_surface s;
     uint32_t index;
     unit_normals(d);
-    if (o->uv_seam)
-        prt_log(d->ctx, PRT_LOG_NOTE,
-                "%s: a vertex at a texture seam keeps its first texture coordinate", d->name);
+    if (!o->uv_seam) {
+        free(d->corner_uv);
+        d->corner_uv = NULL;
+    }
     if (o->many_surfaces)
         prt_log(
             d->ctx, PRT_LOG_WARNING,
@@ -224,7 +276,15 @@ static int finish(struct obj *o)
             d->name);
     prt_surface_default(&s, o->surface[0] ? o->surface : NULL);
     s.translucent = !o->opaque;
-    int status = prt_draft_surface(d, &s, &index);
+    struct prt_surface_maps maps;
+    bool mapped = false;
+    int status = read_library(o, &s, &maps, &mapped);
+    if (!status) status = prt_draft_surface(d, &s, &index);
+    if (!status && mapped) {
+        struct prt_surface_maps *own = prt_draft_maps(d, index);
+        if (own) *own = maps;
+        else status = prt_fail(d->ctx, PRT_NOMEM, "%s: no memory", d->name);
+    }
     d->n_object = 1;
     return status ? status
                   : prt_draft_block(d, (struct prt_block){.n_vertex = d->n_vertex,

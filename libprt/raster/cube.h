@@ -27,14 +27,37 @@ void prt_border_cube_sample(const struct border_cube *cube, const float dir[3], 
 /* A copy of a cube without borders; false without memory. */
 bool prt_border_cube_copy(struct border_cube *out, const struct prt_cube *cube);
 
-/* A cube for one roughness, interpolated between levels; false without memory. */
-bool prt_specular_mix(const struct prt_specular *specular, float roughness,
-                      struct border_cube *out);
-
-/* One cube for each level of roughness, one after another in out->texel, all of one size; a
- * surface with a map of roughness reads between two. false without memory. */
+/* Levels of growing roughness, and the side of the largest. */
+enum { SPECULAR_LEVELS = 6, SPECULAR_SIDE = 32 };
+struct prt_specular {
+    struct border_cube level[SPECULAR_LEVELS];
+};
+#define SPECULAR_ROUGH_0 0.0f
+#define SPECULAR_ROUGH_1 0.15f
+#define SPECULAR_ROUGH_2 0.3f
+#define SPECULAR_ROUGH_3 0.45f
+#define SPECULAR_ROUGH_4 0.65f
+#define SPECULAR_ROUGH_5 1.0f
+/* The lower of the two levels that a roughness lies between, and the share of the upper. */
+static inline unsigned specular_level(float roughness, float *share)
+{
+    int k = (roughness > SPECULAR_ROUGH_1) + (roughness > SPECULAR_ROUGH_2) +
+            (roughness > SPECULAR_ROUGH_3) + (roughness > SPECULAR_ROUGH_4);
+    float lo = k == 0   ? SPECULAR_ROUGH_0
+               : k == 1 ? SPECULAR_ROUGH_1
+               : k == 2 ? SPECULAR_ROUGH_2
+               : k == 3 ? SPECULAR_ROUGH_3
+                        : SPECULAR_ROUGH_4;
+    float wide = k <= 2   ? SPECULAR_ROUGH_2 - SPECULAR_ROUGH_1
+                 : k == 3 ? SPECULAR_ROUGH_4 - SPECULAR_ROUGH_3
+                          : SPECULAR_ROUGH_5 - SPECULAR_ROUGH_4;
+    float f = (roughness - lo) / wide;
+    f = f > 0 ? f : 0;
+    *share = f < 1 ? f : 1;
+    return (unsigned)k;
+}
+/* The levels one after another in out->texel, all of SPECULAR_SIDE: a surface whose roughness
+ * varies reads between two. false without memory. */
 bool prt_specular_stack(const struct prt_specular *specular, struct border_cube *out);
-/* The lower of the two levels and the share of the upper. */
-void prt_specular_level(float roughness, int *level, float *share);
 
 #endif

@@ -65,6 +65,7 @@ static int fill(void *arg, size_t begin, size_t end, unsigned worker)
             g->turned[k][i] = look.normal[k];
             g->emission[k][i] = look.emission[k];
         }
+        g->variance[i] = 1 - (1 - g->variance[i]) * (1 - look.variance);
         g->roughness[i] = look.roughness;
         g->occlusion[i] = look.occlusion;
     }

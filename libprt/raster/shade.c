@@ -41,7 +41,7 @@ struct shade_job {
     float sky_cos, sky_sin; // of the background's rotation about +y
     bool fresnel;
     const struct cube_view *specular, *background;
-    int level_floats; // > 0: specular is a stack of levels of roughness, this far apart
+    int level_floats; // distance of the levels of roughness in specular
     float roughness;  // of points without their own
     float *rgb;
     void (*row)(const struct shade_job *job, uint32_t y, float *row);
@@ -130,12 +130,10 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     }
     job->roughness = s->roughness;
     if (good && s->specular) {
-        bool stack = own.roughness != NULL;
-        good = stack ? prt_specular_stack(s->specular, &lobe)
-                     : prt_specular_mix(s->specular, s->roughness, &lobe);
+        good = prt_specular_stack(s->specular, &lobe);
         specular = view_bordered(&lobe);
         job->specular = &specular;
-        if (stack) job->level_floats = 6 * specular.face;
+        job->level_floats = 6 * specular.face;
     }
     if (good && s->background) {
         bool small = s->background->n <= SMALL_BACKGROUND;

@@ -79,32 +79,39 @@ static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n
     const float *px = g->position[0] + at, *py = g->position[1] + at, *pz = g->position[2] + at;
     const float *nx = g->normal[0] + at, *ny = g->normal[1] + at, *nz = g->normal[2] + at;
     const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2];
-    const float eta = job->eta, inv_eta = 1 / eta;
+    const float eta = job->eta, inv_eta = 1 / eta, *facing = g->facing + at;
     for (int i = 0; i < n; i++) {
         float wx = ex - px[i], wy = ey - py[i], wz = ez - pz[i];
         float l = 1.0f / sqrtf(wx * wx + wy * wy + wz * wz + 1e-30f);
         wx *= l;
         wy *= l;
         wz *= l;
-        float c = wx * nx[i] + wy * ny[i] + wz * nz[i];
-        c = c > 1e-4f ? c : 1e-4f;
+        float c = wx * nx[i] + wy * ny[i] + wz * nz[i], least = 0.5f * facing[i];
         c = c < 1 ? c : 1;
+        /* interpolated normals that turn away from the eye are bent towards it (METHODS §6) */
+        least = least > 1e-3f ? least : 1e-3f;
+        float cc = c > least ? c : least;
+        float keep = sqrtf((1 - cc * cc) / (1 - c * c + 1e-12f)), add = cc - keep * c;
+        keep = c > least ? 1 : keep;
+        add = c > least ? 0 : add;
+        float mx = keep * nx[i] + add * wx, my = keep * ny[i] + add * wy;
+        float mz = keep * nz[i] + add * wz;
+        c = cc;
         float ct = sqrtf(1 - (1 - c * c) * inv_eta * inv_eta);
         float rs = (c - eta * ct) / (c + eta * ct), rp = (eta * c - ct) / (eta * c + ct);
         v->transmit[i] = 1 - 0.5f * (rs * rs + rp * rp);
         v->mirror[i] = 0.5f * (rs * rs + rp * rp);
-        v->rx[i] = 2 * c * nx[i] - wx;
-        v->ry[i] = 2 * c * ny[i] - wy;
-        v->rz[i] = 2 * c * nz[i] - wz;
+        v->rx[i] = 2 * c * mx - wx;
+        v->ry[i] = 2 * c * my - wy;
+        v->rz[i] = 2 * c * mz - wz;
         float k = ct - c * inv_eta;
-        v->ox[i] = wx * inv_eta + k * nx[i];
-        v->oy[i] = wy * inv_eta + k * ny[i];
-        v->oz[i] = wz * inv_eta + k * nz[i];
+        v->ox[i] = wx * inv_eta + k * mx;
+        v->oy[i] = wy * inv_eta + k * my;
+        v->oz[i] = wz * inv_eta + k * mz;
     }
 }
 
-/* The mirror direction and the share reflected of a normal that a map turned. The part of a
- * normal that faces away from the eye is left out: reflection stays on the eye's side. */
+/* The mirror direction and the share reflected of a normal that a map turned. */
 static void PRT_KERNEL(turn_mirror)(const struct shade_job *job, size_t at, int n,
                                     struct view_terms *v)
 {
@@ -112,22 +119,29 @@ static void PRT_KERNEL(turn_mirror)(const struct shade_job *job, size_t at, int 
     const float *px = g->position[0] + at, *py = g->position[1] + at, *pz = g->position[2] + at;
     const float *tx = g->turned[0] + at, *ty = g->turned[1] + at, *tz = g->turned[2] + at;
     const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2];
-    const float eta = job->eta, inv_eta = 1 / eta;
+    const float eta = job->eta, inv_eta = 1 / eta, *facing = g->facing + at;
     for (int i = 0; i < n; i++) {
         float wx = ex - px[i], wy = ey - py[i], wz = ez - pz[i];
         float l = 1.0f / sqrtf(wx * wx + wy * wy + wz * wz + 1e-30f);
         wx *= l;
         wy *= l;
         wz *= l;
-        float c = wx * tx[i] + wy * ty[i] + wz * tz[i];
-        c = c > 1e-4f ? c : 1e-4f;
+        float c = wx * tx[i] + wy * ty[i] + wz * tz[i], least = 0.5f * facing[i];
         c = c < 1 ? c : 1;
+        least = least > 1e-3f ? least : 1e-3f;
+        float cc = c > least ? c : least;
+        float keep = sqrtf((1 - cc * cc) / (1 - c * c + 1e-12f)), add = cc - keep * c;
+        keep = c > least ? 1 : keep;
+        add = c > least ? 0 : add;
+        float mx = keep * tx[i] + add * wx, my = keep * ty[i] + add * wy;
+        float mz = keep * tz[i] + add * wz;
+        c = cc;
         float ct = sqrtf(1 - (1 - c * c) * inv_eta * inv_eta);
         float rs = (c - eta * ct) / (c + eta * ct), rp = (eta * c - ct) / (eta * c + ct);
         v->mirror[i] = 0.5f * (rs * rs + rp * rp);
-        v->rx[i] = 2 * c * tx[i] - wx;
-        v->ry[i] = 2 * c * ty[i] - wy;
-        v->rz[i] = 2 * c * tz[i] - wz;
+        v->rx[i] = 2 * c * mx - wx;
+        v->ry[i] = 2 * c * my - wy;
+        v->rz[i] = 2 * c * mz - wz;
     }
 }
 
@@ -137,11 +151,14 @@ static void PRT_KERNEL(fetch_levels)(const struct shade_job *job, size_t at, int
 {
     struct lookup level = *look;
     float share[LANES], hr[LANES], hg[LANES], hb[LANES];
-    const float *roughness = job->g->roughness + at;
+    const float *own = job->g->roughness ? job->g->roughness + at : NULL;
+    const float *variance = job->g->variance + at;
     for (int i = 0; i < n; i++) {
-        int k;
-        prt_specular_level(roughness[i] < 0 ? job->roughness : roughness[i], &k, &share[i]);
-        int by = k * job->level_floats;
+        float rough = own && own[i] >= 0 ? own[i] : job->roughness;
+        float spread = variance[i] < 0.09f ? 2 * variance[i] : 0.18f;
+        /* alpha^2 grows by the normals' variance over the pixel (METHODS §6) */
+        if (spread > 1e-4f) rough = sqrtf(sqrtf(rough * rough * rough * rough + spread));
+        int by = (int)specular_level(rough, &share[i]) * job->level_floats;
         level.i00[i] += by;
         level.i10[i] += by;
         level.i01[i] += by;
@@ -264,8 +281,7 @@ static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int
         struct lookup look;
         if (job->g->turned[0]) PRT_KERNEL(turn_mirror)(job, at, n, &v);
         PRT_KERNEL(cube_lookup)(job->specular, n, v.rx, v.ry, v.rz, &look);
-        if (job->level_floats) PRT_KERNEL(fetch_levels)(job, at, n, &look, sr, sg, sb);
-        else PRT_KERNEL(cube_fetch)(job->specular, n, &look, sr, sg, sb);
+        PRT_KERNEL(fetch_levels)(job, at, n, &look, sr, sg, sb);
     } else {
         for (int i = 0; i < n; i++) sr[i] = sg[i] = sb[i] = 0;
     }

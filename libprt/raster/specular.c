@@ -10,19 +10,16 @@
 #include <string.h>
 
 // Levels of growing roughness: the size of the level and of the input it is filtered from.
-enum { N_LEVEL = 6, BASE = 32 };
+enum { N_LEVEL = SPECULAR_LEVELS, BASE = SPECULAR_SIDE };
 // The lobe is cut where it falls to one over this of its peak (METHODS §6); chosen, not
 // measured.
 #define LOBE_CUT 500.0
 static const struct {
     float roughness;
     uint32_t n, from;
-} level_shape[N_LEVEL] = {{0, 32, 32},    {0.15f, 32, 32}, {0.3f, 16, 16},
-                          {0.45f, 16, 8}, {0.65f, 8, 8},   {1, 8, 8}};
-
-struct prt_specular {
-    struct border_cube level[N_LEVEL];
-};
+} level_shape[N_LEVEL] = {{SPECULAR_ROUGH_0, 32, 32}, {SPECULAR_ROUGH_1, 32, 32},
+                          {SPECULAR_ROUGH_2, 16, 16}, {SPECULAR_ROUGH_3, 16, 8},
+                          {SPECULAR_ROUGH_4, 8, 8},   {SPECULAR_ROUGH_5, 8, 8}};
 
 // Sparse rows: for each texel of the level, texels of the input with weights that sum to 1.
 struct filter {
@@ -451,60 +448,12 @@ void prt_specular_destroy(struct prt_specular *s)
     prt_free(s);
 }
 
-// The lower of the two levels that a roughness lies between, and the share of the upper.
-static unsigned level_of(float roughness, float *share)
-{
-    unsigned k = 0;
-    while (k < N_LEVEL - 2 && roughness > level_shape[k + 1].roughness) k++;
-    float lo = level_shape[k].roughness, hi = level_shape[k + 1].roughness;
-    float f = (roughness - lo) / (hi - lo);
-    *share = f > 0 ? f < 1 ? f : 1 : 0;
-    return k;
-}
-
 void prt_specular_eval(const struct prt_specular *s, const float r[3], float roughness,
                        float rgb[3])
 {
     float share, other[3];
-    unsigned k = level_of(roughness, &share);
+    unsigned k = specular_level(roughness, &share);
     prt_border_cube_sample(&s->level[k], r, rgb);
     prt_border_cube_sample(&s->level[k + 1], r, other);
     for (int c = 0; c < 3; c++) rgb[c] += share * (other[c] - rgb[c]);
-}
-
-static void mix_into(const struct prt_specular *s, float roughness, struct border_cube *out)
-{
-    for (unsigned face = 0; face < 6; face++) {
-        for (uint32_t y = 0; y < BASE; y++) {
-            for (uint32_t x = 0; x < BASE; x++) {
-                float d[3];
-                face_direction(face, (2 * x + 1.0) / BASE - 1, (2 * y + 1.0) / BASE - 1, d);
-                prt_specular_eval(s, d, roughness, border_texel(out, face, x, y));
-            }
-        }
-    }
-    prt_border_cube_seal(out);
-}
-
-bool prt_specular_stack(const struct prt_specular *s, struct border_cube *out)
-{
-    const size_t level = (size_t)6 * (BASE + 2) * (BASE + 2) * 4;
-    *out = (struct border_cube){BASE, prt_calloc(N_LEVEL * level, sizeof(float))};
-    for (unsigned k = 0; out->texel && k < N_LEVEL; k++) {
-        struct border_cube own = {BASE, out->texel + k * level};
-        mix_into(s, level_shape[k].roughness, &own);
-    }
-    return out->texel != NULL;
-}
-
-void prt_specular_level(float roughness, int *level, float *share)
-{
-    *level = (int)level_of(roughness, share);
-}
-
-bool prt_specular_mix(const struct prt_specular *s, float roughness, struct border_cube *out)
-{
-    if (!prt_border_cube_init(out, BASE)) return false;
-    mix_into(s, roughness, out);
-    return true;
 }

@@ -10,7 +10,7 @@
 // One shading point before the arrays of the G-buffer exist.
 struct point {
     uint32_t pixel, triangle, block, corner[3];
-    float bary[2], position[3], normal[3], weight;
+    float bary[2], position[3], normal[3], weight, facing, variance;
     uint8_t opaque;
 };
 
@@ -116,6 +116,10 @@ static void fill_point(const struct builder *b, uint32_t triangle, const double 
     if (facing < 0)
         l = -l; // the back of an open surface: the normal is flipped towards the eye
     for (int i = 0; i < 3; i++) p->normal[i] = (float)(n[i] / l);
+    double f2 = face[0] * face[0] + face[1] * face[1] + face[2] * face[2];
+    double w2 = to_eye[0] * to_eye[0] + to_eye[1] * to_eye[1] + to_eye[2] * to_eye[2];
+    p->facing = f2 * w2 > 0 ? (float)(fabs(facing) / sqrt(f2 * w2)) : 1;
+    p->variance = 0;
     p->bary[0] = (float)uv[0];
     p->bary[1] = (float)uv[1];
 }
@@ -149,10 +153,10 @@ static bool push_point(struct row_points *row, const struct point *p)
 // Groups a pixel's sub-samples into points: a group's point is its sub-sample nearest to the
 // group's mean position.
 static bool group_pixel(struct builder *b, struct row_points *row, const struct point *sample,
-                        unsigned n)
+                        unsigned n_sample)
 {
     unsigned group[RASTER_MAX_SUB], n_group = 0;
-    for (unsigned s = 0; s < n; s++) {
+    for (unsigned s = 0; s < n_sample; s++) {
         double depth = 0;
         for (int i = 0; i < 3; i++)
             depth += b->vis->frame.forward[i] * (sample[s].position[i] - b->vis->frame.eye[i]);
@@ -163,12 +167,12 @@ static bool group_pixel(struct builder *b, struct row_points *row, const struct 
     for (unsigned g = 0; g < n_group; g++) {
         float mean[3] = {0, 0, 0}, best = INFINITY;
         unsigned count = 0, pick = 0;
-        for (unsigned s = 0; s < n; s++) {
+        for (unsigned s = 0; s < n_sample; s++) {
             if (group[s] != g) continue;
             count++;
             for (int i = 0; i < 3; i++) mean[i] += sample[s].position[i];
         }
-        for (unsigned s = 0; s < n; s++) {
+        for (unsigned s = 0; s < n_sample; s++) {
             if (group[s] != g) continue;
             float d = 0;
             for (int i = 0; i < 3; i++) {
@@ -181,6 +185,11 @@ static bool group_pixel(struct builder *b, struct row_points *row, const struct 
             }
         }
         struct point p = sample[pick];
+        float n[3] = {0, 0, 0};
+        for (unsigned s = 0; s < n_sample; s++)
+            for (int i = 0; group[s] == g && i < 3; i++) n[i] += sample[s].normal[i];
+        float length = sqrtf(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]) / (float)count;
+        p.variance = length < 1 ? 1 - length : 0;
         p.weight = (float)count / (float)b->vis->n_sub;
         if (!push_point(row, &p)) return false;
     }
@@ -283,7 +292,8 @@ static bool alloc_points(struct prt_gbuffer *g)
         (void **)&g->corner[0],   (void **)&g->corner[1],   (void **)&g->corner[2],
         (void **)&g->bary[0],     (void **)&g->bary[1],     (void **)&g->position[0],
         (void **)&g->position[1], (void **)&g->position[2], (void **)&g->normal[0],
-        (void **)&g->normal[1],   (void **)&g->normal[2],   (void **)&g->weight};
+        (void **)&g->normal[1],   (void **)&g->normal[2],   (void **)&g->weight,
+        (void **)&g->facing,      (void **)&g->variance};
     bool good = true;
     for (size_t i = 0; i < sizeof array / sizeof *array; i++)
         good &= (*array[i] = prt_calloc(n + 16, 4)) != NULL;
@@ -303,6 +313,8 @@ static int pack_rows(void *arg, size_t begin, size_t end, unsigned worker)
             g->block[at] = p->block;
             g->weight[at] = p->weight;
             g->opaque[at] = p->opaque;
+            g->facing[at] = p->facing;
+            g->variance[at] = p->variance;
             for (int i = 0; i < 3; i++) {
                 g->corner[i][at] = p->corner[i];
                 g->position[i][at] = p->position[i];
@@ -416,6 +428,8 @@ void prt_visibility_destroy(struct prt_visibility *vis)
     prt_free(g->block);
     prt_free(g->weight);
     prt_free(g->opaque);
+    prt_free(g->facing);
+    prt_free(g->variance);
     prt_raster_look_finish(g);
     for (int i = 0; i < 3; i++) {
         prt_free(g->corner[i]);
@@ -435,7 +449,7 @@ uint64_t prt_visibility_bytes(const struct prt_visibility *vis)
 {
     return sizeof *vis + 8 * ((uint64_t)vis->height + 1) +
            (uint64_t)vis->n_covered * (4 + 8 * (uint64_t)vis->n_sub) +
-           (uint64_t)vis->g.n_point * (61 + (vis->g.base[0] ? 44 : 0));
+           (uint64_t)vis->g.n_point * (69 + (vis->g.base[0] ? 44 : 0));
 }
 
 void prt_visibility_camera(const struct prt_visibility *vis, struct prt_camera *out,

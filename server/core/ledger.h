@@ -18,6 +18,7 @@ struct options;
     X(REQUESTS, "open requests", "", client_requests, queue)                                \
     X(LONG_REQUESTS, "open views and watches", "", client_views, views)                     \
     X(PAYLOAD, "bytes held by requests and views", " bytes", client_memory, request_memory) \
+    X(POSES, "bytes of poses", " bytes", client_poses, poses)                               \
     X(OUTPUT, "bytes of answers not yet read", " bytes", client_output, output_memory)      \
     X(JOBS, "bakes that wait or run", "", client_jobs, bake_queue)                          \
     X(UPLOADS, "uploads under way", "", client_uploads, uploads)                            \

@@ -17,6 +17,7 @@
 #include "relight.pb-c.h"
 #include "net/request.h"
 #include "core/server.h"
+#include "render/shared/poses.h"
 #include "render/shared/warm_up.h"
 
 #include <errno.h>
@@ -102,7 +103,9 @@ static void on_signal(void *user, int signal_number)
 {
     if (signal_number == SIGHUP) {
         notify_reloading();
+        bool required = access_required(server.access);
         configuration_reload(&server, arg_count, args);
+        if (!required && access_required(server.access)) connections_recheck(&server, true);
         notify_reloaded(&server);
         return;
     }
@@ -298,8 +301,8 @@ static int start(void)
         decoder_create(server.loop, &decoding, &server.stats.children_crashed,
                        &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
-        open_access() || open_tls() || jobs_create(&server, &job_runner_child, &server.jobs) ||
-        start_models())
+        open_access() || open_tls() || poses_create(&server, &server.poses) ||
+        jobs_create(&server, &job_runner_child, &server.jobs) || start_models())
         return -1;
     readiness_begin(&server);
     if (listen_everywhere()) return -1;
@@ -348,7 +351,8 @@ static void stop(void)
     if (server.files) cache_use_workers(server.files, NULL);
     work_pool_destroy(server.work);
     models_destroy(server.models);
-    cache_destroy(server.cache); // shapes hold files
+    cache_destroy(server.cache); // shapes hold files and poses
+    poses_destroy(server.poses);
     cache_destroy(server.files);
     jobs_destroy(server.jobs);
     blobs_close(server.blobs);

@@ -117,6 +117,9 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "Memory held by one client's requests and views: payloads, lights, vertices")            \
     X(BYTES, request_memory, "request-memory", "BYTES", "2G",                                  \
       "Memory held by all requests and views")                                                 \
+    X(BYTES, client_poses, "client-poses", "BYTES", "256M",                                    \
+      "Memory of one client's named poses; beyond it the least recently used one goes")        \
+    X(BYTES, poses, "poses", "BYTES", "1G", "Memory of all named poses")                       \
     X(BYTES, client_output, "client-output", "BYTES", "512M",                                  \
       "Bytes of answers that one client has not read yet")                                     \
     X(BYTES, output_memory, "output-memory", "BYTES", "2G",                                    \

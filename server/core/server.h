@@ -21,6 +21,7 @@ struct file_queue;
 struct access;
 struct tls;
 struct events;
+struct poses;
 
 enum {
     SERVER_HELLO_HEADER = 4096, /* before HELLO; no payload then */
@@ -47,6 +48,7 @@ struct server {
     struct models *models;
     struct imports *imports;       /* the folder --models */
     struct file_queue *file_queue; /* file operations, one after another on a worker */
+    struct poses *poses;           /* render/shared/poses.h */
     struct events *events;         /* core/events.h */
     char run[17];                  /* hex digits that differ at every start */
     struct stats stats;

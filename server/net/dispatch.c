@@ -7,7 +7,7 @@
 #include "store/models.h"
 #include "relight.pb-c.h"
 #include "net/request_wait.h"
-#include "render/shared/geometry.h"
+#include "render/shared/poses.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -88,6 +88,7 @@ ROW(subscribe_request, op_subscribe, LONG | ENDS, VIEW, 0, NULL)
 ROW(token_create_request, op_token_create, 0, ADMIN, 0, NULL)
 ROW(token_list_request, op_token_list, 0, ADMIN, 0, NULL)
 ROW(token_revoke_request, op_token_revoke, 0, ADMIN, 0, NULL)
+ROW(put_pose_request, op_put_pose, 0, VIEW, ANY, NULL)
 ROW(view_ack, NULL, ALWAYS, 0, 0, NULL, take_view_ack)
 
 static const struct operation *const table[RELIGHT_TYPE_N] = {
@@ -177,7 +178,8 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection has to be HELLO");
     else if (operation_allowed(request, operation->scopes))
-        material_then(request, operation->material ? operation->material(request->message) : "",
+        material_then(request,
+                      operation->material ? operation->material(request->message) : NULL,
                       operation->flags & OPERATION_ORDERED, run_operation);
 }
 
@@ -200,17 +202,30 @@ static void opened(struct request_wait *wait, struct request *request)
     free(o);
 }
 
-static void with(struct request *request, const char *name, with_model_fn fn,
+// pose: a name for `get` shape_get, "" otherwise.
+static void with(struct request *request, const char *name, const char *pose_name,
+                 with_model_fn fn,
                  struct cache_entry *(*get)(struct model *model, int *code, char error[256]))
 {
     char error[256];
     int code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
     struct model *model =
         models_find(request->server->models, request->conn->principal->name, name, error);
-    struct cache_entry *file = model ? get(model, &code, error) : NULL;
+    struct pose *pose = NULL;
+    struct cache_entry *file = NULL;
+    if (model && pose_name[0]) {
+        pose = poses_find(request->server->poses, model, pose_name, &code, error);
+        file = pose ? shape_get_posed(model, pose, &code, error) : NULL;
+        pose_release(pose); // the shape holds it
+    } else if (model) {
+        file = get(model, &code, error);
+    }
     struct opening *o = file ? calloc(1, sizeof *o) : NULL;
     if (!o) {
-        if (file) snprintf(error, sizeof error, "not enough memory");
+        if (file) {
+            code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+            snprintf(error, sizeof error, "not enough memory");
+        }
         cache_release(file);
         request_fail(request, code, "%s", error);
         return;
@@ -223,15 +238,15 @@ static void with(struct request *request, const char *name, with_model_fn fn,
 
 void with_model(struct request *request, const char *name, with_model_fn fn)
 {
-    with(request, name, fn, model_open);
+    with(request, name, "", fn, model_open);
 }
 
 void with_mesh(struct request *request, const char *name, with_model_fn fn)
 {
-    with(request, name, fn, model_mesh_open);
+    with(request, name, "", fn, model_mesh_open);
 }
 
-void with_shape(struct request *request, const char *name, with_model_fn fn)
+void with_shape(struct request *request, const char *name, const char *pose, with_model_fn fn)
 {
-    with(request, name, fn, shape_get);
+    with(request, name, pose, fn, shape_get);
 }

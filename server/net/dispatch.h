@@ -26,10 +26,11 @@ bool operation_owned(struct request *request, const char *owner, const char *wha
 typedef void (*with_model_fn)(struct request *request, struct model *model,
                               struct cache_entry *file);
 void with_model(struct request *request, const char *model, with_model_fn fn);
-/* with_mesh: the file that has the mesh, baked or not. with_shape: the current geometry; the
+/* with_mesh: the file that has the mesh, baked or not. with_shape: the current geometry, or
+ * that of a named pose ("": none); the
  * entry's value is a struct shape. */
 void with_mesh(struct request *request, const char *model, with_model_fn fn);
-void with_shape(struct request *request, const char *model, with_model_fn fn);
+void with_shape(struct request *request, const char *model, const char *pose, with_model_fn fn);
 
 /* One row an operation (dispatch.c): the properties of a type of request. */
 enum operation_flag {
@@ -78,6 +79,7 @@ void op_token_create(struct request *request);
 void op_token_list(struct request *request);
 void op_token_revoke(struct request *request);
 void op_subscribe(struct request *request);
+void op_put_pose(struct request *request);
 void take_view_ack(struct connection *conn, const ProtobufCMessage *message);
 
 #endif

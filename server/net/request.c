@@ -8,6 +8,7 @@
 #include "relight.pb-c.h"
 
 #include <stdarg.h>
+#include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -79,6 +80,16 @@ struct held_bytes *request_take_payload(struct request *request)
     request->payload_size = 0;
     request->payload_charged = 0;
     return held;
+}
+
+void request_return_payload(struct request *request, struct held_bytes *held)
+{
+    assert(held->refs == 1 && held->principal == request->principal && !request->payload);
+    request->payload = held->bytes;
+    request->payload_size = held->size;
+    request->payload_charged = held->charged;
+    principal_release(held->principal);
+    free(held);
 }
 
 void held_bytes_hold(struct held_bytes *held)
@@ -161,11 +172,12 @@ static void log_refusal(const struct connection *conn, const char *request_id, u
 
 // retry_ms: for BUSY, when to repeat the request; 0: unknown.
 static void send_error(struct connection *conn, uint64_t id, int code, const char *text,
-                       uint32_t retry_ms)
+                       uint32_t retry_ms, uint64_t generation)
 {
     Relight__Error error;
     struct error_fields fields;
     error_fill(&error, code, text, &fields);
+    error.generation = generation;
     if (code == RELIGHT__ERROR_CODE__ERROR_BUSY) {
         error.retry_after_ms = retry_ms ? retry_ms : 50;
         conn->server->stats.busy_total++;
@@ -213,7 +225,7 @@ void request_fail(struct request *request, int code, const char *fmt, ...)
     log_refusal(conn, request->request_id, request->type, request->id, code, text);
     request->abandon = NULL;
     request->outcome = code;
-    send_error(conn, request->id, code, text, request->retry_ms);
+    send_error(conn, request->id, code, text, request->retry_ms, request->generation);
     if (!conn->dead) end(request);
 }
 
@@ -262,10 +274,14 @@ static bool may_open(struct connection *conn, const struct relight_frame *frame,
 }
 
 // Whether its token's requests a second allow another one.
-static bool within_rate(struct connection *conn, const struct operation *operation)
+static bool within_rate(struct connection *conn, const struct relight_frame *frame,
+                        const struct operation *operation)
 {
+    enum { CHUNK = 64 << 10 };
     uint32_t retry_ms;
-    if (operation->flags & OPERATION_ALWAYS || !conn->greeted || conn->prepaid ||
+    // The chunks of an upload are limited by their bytes.
+    bool chunk = frame->type == RELIGHT_TYPE_PUT_BLOB && frame->payload_size >= CHUNK;
+    if (operation->flags & OPERATION_ALWAYS || !conn->greeted || conn->prepaid || chunk ||
         access_take_request(conn->server->access, &conn->caller, &retry_ms))
         return true;
     conn->refusal.retry_ms = retry_ms;
@@ -348,7 +364,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
                           frame->type);
     if (!refused) {
         if (operation->flags & OPERATION_LONG) resource = LEDGER_LONG_REQUESTS;
-        counted = within_rate(conn, operation) && may_open(conn, frame, operation) &&
+        counted = within_rate(conn, frame, operation) && may_open(conn, frame, operation) &&
                   charge(conn, operation, resource, 1);
         if (counted) message = unpack(conn, frame, operation, &header_charged);
         if (message) request = calloc(1, sizeof *request);
@@ -383,7 +399,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
     conn->refusal.code = 0;
     stats_ended(&conn->server->stats, frame->type, code, 0);
     log_refusal(conn, conn->request_id, frame->type, frame->id, code, conn->refusal.text);
-    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms);
+    send_error(conn, frame->id, code, conn->refusal.text, conn->refusal.retry_ms, 0);
     conn->refusal.retry_ms = 0;
     return NULL;
 }

@@ -26,8 +26,8 @@ static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
 {
     // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
     static const char *const features[] = {
-        "error-range", "events",   "goaway",     "run",         "textures",
-        "tokens",      "view-ack", "view-equal", "view-fields",
+        "error-range", "events", "goaway",   "poses",      "run",
+        "textures",    "tokens", "view-ack", "view-equal", "view-fields",
     };
     out->features = (char **)features;
     out->n_features = sizeof features / sizeof *features;
@@ -57,6 +57,9 @@ static bool identify(struct request *request, const char *secret)
     if (conn->greeted) return true; // a second HELLO changes sizes, not the identity
     if (verdict == ACCESS_GRANTED && connection_identify(conn, &caller, error)) return true;
     bool busy = verdict == ACCESS_GRANTED || verdict == ACCESS_LATER;
+    if (verdict == ACCESS_LATER)
+        log_line(LOG_EVENT, "audit act=refused who=%s peer=%s conn=%llu op=HELLO text=\"%s\"",
+                 who, conn->peer, (unsigned long long)conn->number, error);
     request_fail(request,
                  busy ? RELIGHT__ERROR_CODE__ERROR_BUSY : RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                  "%s", error);
@@ -432,13 +435,15 @@ static void geometry_ready(struct request *request, struct model *m, struct cach
 {
     const Relight__GeometryRequest *in = MESSAGE(GeometryRequest);
     const struct prt_mesh *mesh = &((struct shape *)shape->value)->mesh;
+    const struct pose *pose = ((struct shape *)shape->value)->pose;
     struct geometry *g = calloc(1, sizeof *g);
     if (!g) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         return;
     }
     *g = (struct geometry){.shape = shape,
-                           .generation = m->generation,
+                           .generation =
+                               pose && pose->name[0] ? pose->generation : m->generation,
                            .normals = !in->no_normals,
                            .triangles = !in->no_triangles};
     g->scale = in->own_units && mesh->mm_per_unit > 0 ? 1 / mesh->mm_per_unit : 1;
@@ -460,8 +465,9 @@ static void geometry_ready(struct request *request, struct model *m, struct cach
 
 void op_geometry(struct request *request)
 {
-    if (*MESSAGE(GeometryRequest)->image) op_geometry_image(request);
-    else with_shape(request, MESSAGE(GeometryRequest)->model, geometry_ready);
+    const Relight__GeometryRequest *in = MESSAGE(GeometryRequest);
+    if (*in->image) op_geometry_image(request);
+    else with_shape(request, in->model, in->pose, geometry_ready);
 }
 
 void op_unload(struct request *request)

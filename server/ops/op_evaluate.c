@@ -52,21 +52,25 @@ static void evaluated(void *user, struct render_result *result)
     free(e);
 }
 
-static void start(struct request *request, const char *name, struct render_spec *spec)
+static void start(struct request *request, const char *name, const char *pose,
+                  struct render_spec *spec)
 {
-    char error[256];
+    char error[300];
     struct model *model =
         models_find(request->server->models, request->conn->principal->name, name, error);
-    struct evaluation *e = model ? calloc(1, sizeof *e) : NULL;
+    int code = model ? render_spec_pose(spec, model, pose, error)
+                     : RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+    struct evaluation *e = code ? NULL : calloc(1, sizeof *e);
     if (!e) {
         render_spec_finish(spec);
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s",
-                     model ? "not enough memory" : error);
+        request_fail(request, code ? code : RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "%s",
+                     code ? error : "not enough memory");
         return;
     }
     e->request = request;
     e->spec = *spec;
     e->spec.texels = NULL;
+    e->spec.pose = NULL;
     request->state = e;
     request->abandon = abandon;
     struct render *render = render_start(model, spec, evaluated, e);
@@ -88,7 +92,7 @@ void op_colors(struct request *request)
         return;
     }
     spec.sum = in->sum;
-    start(request, in->model, &spec);
+    start(request, in->model, in->pose, &spec);
 }
 
 void op_image(struct request *request)
@@ -105,7 +109,7 @@ void op_image(struct request *request)
         request_fail(request, code, "%s", error);
         return;
     }
-    start(request, in->model, &spec);
+    start(request, in->model, in->pose, &spec);
 }
 
 // ---- ENV: decode ahead of use

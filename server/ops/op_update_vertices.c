@@ -3,14 +3,12 @@
 #include "net/dispatch.h"
 #include "relight.pb-c.h"
 #include "net/request.h"
+#include "ops/vertices.h"
 #include "render/shared/geometry.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-static const float farthest_mm = 1e6f;
 
 // A pose that only the model holds: its own, or a copy of it or of the file's positions. NULL
 // with code and error. The principal that caused the copy is charged while the model holds it.
@@ -31,6 +29,7 @@ static struct pose *own_pose(struct model *m, const struct prt_mesh *mesh,
     }
     pose->principal = request->principal;
     principal_hold(pose->principal);
+    pose->resource = LEDGER_PAYLOAD;
     pose->charged = n * 24;
     pose->n = mesh->n_vertex;
     pose->position = prt_alloc(n, sizeof *pose->position);
@@ -43,21 +42,6 @@ static struct pose *own_pose(struct model *m, const struct prt_mesh *mesh,
     if (m->pose) memcpy(pose->normal, m->pose->normal, n * 12);
     pose_release(m->pose);
     return m->pose = pose;
-}
-
-static bool all_within(const float *x, size_t n, float limit)
-{
-    for (size_t i = 0; i < n; i++)
-        if (!(fabsf(x[i]) <= limit)) return false; // catches NaN
-    return true;
-}
-
-// Normalises; 0 where that is impossible: the normal is then computed from the triangles.
-static void put_normal(const float in[3], float out[3])
-{
-    float length = sqrtf(in[0] * in[0] + in[1] * in[1] + in[2] * in[2]);
-    bool good = length > 1e-12f && isfinite(length);
-    for (int c = 0; c < 3; c++) out[c] = good ? in[c] / length : 0;
 }
 
 // Forgets cached results of earlier shapes, except the previous one, which may still be in use:
@@ -78,38 +62,32 @@ static void mesh_ready(struct request *request, struct model *m, struct cache_en
     const Relight__UpdateVerticesRequest *in =
         (const Relight__UpdateVerticesRequest *)request->message;
     const struct prt_mesh *mesh = &prt_file_transport(file->value)->mesh;
-    const float *from = (const float *)request->payload;
-    const float *normal = in->has_normals ? from + 3 * (size_t)in->n : NULL;
-    float scale = in->own_units && mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1;
-    if ((uint64_t)in->first + in->n > mesh->n_vertex) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
-                     "first+n is %llu, allowed range 0 to %u: the vertices of %.100s",
-                     (unsigned long long)in->first + in->n, mesh->n_vertex, m->name);
+    const struct vertex_change change = {.first = in->first,
+                                         .n = in->n,
+                                         .own_units = in->own_units,
+                                         .has_normals = in->has_normals,
+                                         .values = (const float *)request->payload};
+    char error[256] = "";
+    if (in->if_generation && in->if_generation != m->generation) {
+        request->generation = m->generation;
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_MISMATCH,
+                     "the geometry of %.100s is generation %llu, not %llu (if_generation): "
+                     "others moved its vertices meanwhile",
+                     m->name, (unsigned long long)m->generation,
+                     (unsigned long long)in->if_generation);
         return;
     }
-    if (!all_within(from, 3 * (size_t)in->n, farthest_mm / scale)) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
-                     "a position is no number or too large, allowed range -1e6 to 1e6 mm");
-        return;
-    }
-    if (normal && !all_within(normal, 3 * (size_t)in->n, 1e9f)) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE,
-                     "a normal is no number or too large, allowed range -1e9 to 1e9");
+    if (vertices_bad(&change, mesh, m->name, error)) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE, "%s", error);
         return;
     }
     int code = 0;
-    char error[256] = "";
     struct pose *pose = in->n ? own_pose(m, mesh, request, &code, error) : NULL;
     if (in->n && !pose) {
         request_fail(request, code, "%s", error);
         return;
     }
-    for (size_t i = 0; i < in->n; i++) {
-        float *p = pose->position[in->first + i], *q = pose->normal[in->first + i];
-        for (int c = 0; c < 3; c++) p[c] = from[3 * i + (size_t)c] * scale;
-        memset(q, 0, sizeof *pose->normal);
-        if (normal) put_normal(normal + 3 * i, q);
-    }
+    if (in->n) vertices_move(&change, mesh, pose);
     if (in->n) {
         forget_old_shapes(m);
         m->generation++;
@@ -125,13 +103,6 @@ void op_update_vertices(struct request *request)
 {
     const Relight__UpdateVerticesRequest *in =
         (const Relight__UpdateVerticesRequest *)request->message;
-    uint64_t want = (uint64_t)in->n * (in->has_normals ? 24 : 12);
-    if (request->payload_size != want) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
-                     "the payload has %zu bytes where %u vertices%s take %llu",
-                     request->payload_size, in->n, in->has_normals ? " with normals" : "",
-                     (unsigned long long)want);
-        return;
-    }
-    with_mesh(request, in->model, mesh_ready);
+    if (vertices_sized(request, in->n, in->has_normals))
+        with_mesh(request, in->model, mesh_ready);
 }

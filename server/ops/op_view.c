@@ -253,6 +253,7 @@ static void draw(struct view *v)
     spec.quiet = finer && !send_after(v, v->refinement->n_frame + 1);
     v->drawn = spec;
     v->drawn.texels = NULL;
+    v->drawn.pose = NULL;
     v->drawn_sequence = v->sequence;
     v->refining = finer;
     struct request *request = v->request;
@@ -356,9 +357,19 @@ static int apply(struct view *v, struct server *server, const Relight__ViewState
     if (n && optional) merge_options(&options, &next, &given, &values, n, state->fields);
     if (!n) next = values;
     if (!n && optional) options = given;
+    struct render_spec posed = {.pose = NULL};
+    bool moved = changes(state, state->pose[0], "pose");
+    if (moved && (code = render_spec_pose(&posed, v->model, state->pose, error))) return code;
     if (changes(state, state->n_lights || from->payload_size, "lights"))
         code = apply_lights(&next, state, from, error);
-    if (code) return code;
+    if (code) {
+        pose_release(posed.pose);
+        return code;
+    }
+    if (moved) {
+        pose_release(next.pose);
+        next.pose = posed.pose;
+    }
     v->spec = next;
     v->options = options;
     return 0;
@@ -372,8 +383,10 @@ void op_view_open(struct request *request)
         models_find(request->server->models, request->conn->principal->name, in->model, error);
     struct view *v = model ? calloc(1, sizeof *v) : NULL;
     if (!v) {
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%s",
-                     model ? "not enough memory" : error);
+        request_fail(request,
+                     model ? RELIGHT__ERROR_CODE__ERROR_NO_MEMORY
+                           : RELIGHT__ERROR_CODE__ERROR_NOT_FOUND,
+                     "%s", model ? "not enough memory" : error);
         return;
     }
     v->request = request;

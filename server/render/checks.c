@@ -16,7 +16,7 @@ bool render_uses_screen(const struct render *r)
     if (!r->spec.picture) return false;
     if (!r->spec.engine && has_maps(&r->spec)) return true; // baked transport has no maps
     if (r->spec.engine) return r->spec.engine >= RELIGHT__ENGINE__ENGINE_SPLAT;
-    return m->pose ||
+    return render_pose(r) ||
            (m->state != RELIGHT__MODEL_STATE__MODEL_READY && m->mesh != MESH_NONE &&
             !(m->state == RELIGHT__MODEL_STATE__MODEL_FAILED && m->mesh == MESH_FAILED));
 }

@@ -170,7 +170,7 @@ static void preview_note(const struct render *r, char note[120])
 {
     const struct model *m = r->model;
     note[0] = 0;
-    if (m->pose)
+    if (render_pose(r))
         snprintf(note, 120, "preview: vertices moved%s",
                  m->state == RELIGHT__MODEL_STATE__MODEL_READY
                      ? ", the bake is of another shape"
@@ -208,7 +208,7 @@ static void set_baked_result(struct render *r)
         out->engine = RELIGHT__ENGINE__ENGINE_REFERENCE;
         snprintf(out->note, sizeof out->note, "irradiance is traced, not baked");
     }
-    if (r->model->pose)
+    if (render_pose(r))
         snprintf(out->note, sizeof out->note, "of the shape before its vertices moved");
 }
 

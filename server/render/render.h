@@ -33,6 +33,7 @@ struct render_spec {
     unsigned n_light;
     struct render_light light[RENDER_MAX_LIGHTS];
     struct held_bytes *texels; /* net/request.h: floats of inline cubes; NULL: none */
+    struct pose *pose;         /* a named one, which copies share, too; NULL: the model's own */
     bool sum;
     int engine, term; /* Relight__Engine, Relight__Term */
     bool has_material, has_eye;
@@ -69,7 +70,7 @@ struct render_spec {
  * Return 0, or an error code with a text that names parameter, range and unit. */
 void render_spec_init(struct render_spec *spec);
 void render_spec_finish(struct render_spec *spec);
-/* Shares the texels; both specs need render_spec_finish(). */
+/* Shares texels and pose; both specs need render_spec_finish(). */
 void render_spec_copy(const struct render_spec *from, struct render_spec *to);
 /* Takes over the request's payload (the lights' texels) where it returns 0. */
 int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const *lights,
@@ -81,7 +82,9 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
                        char error[300]);
 /* Fills the keys; texels of all lights, for inline cubes. */
-void render_light_name(struct render_light *light, const float *texels);
+void render_light_name(struct render_light *light, const float *texels, const char *hash);
+/* Index of the first that is no radiance in [0, 1e9]; n: all are. Thread-safe. */
+size_t render_first_bad_texel(const float *texels, size_t n);
 /* Turns or scales the lights that the spec has; lights[i] gives the values of light i. */
 int render_spec_turn(struct render_spec *spec, size_t n, Relight__Light *const *lights,
                      bool rotate, bool gain, char error[300]);
@@ -93,6 +96,9 @@ int render_spec_copy_fields(struct render_spec *spec, const struct render_spec *
 bool render_fields_name(size_t n, char *const *fields, const char *field);
 /* The texels of an inline cube. */
 const float *render_texels(const struct render_spec *spec, const struct render_light *light);
+/* Sets the pose of this name, "" for the model's own. */
+int render_spec_pose(struct render_spec *spec, const struct model *model, const char *name,
+                     char error[300]);
 /* "constant" and "env:HASH" in their canonical form, 0 or an error. */
 int env_canonical(const char *env, char out[96], char error[300]);
 

@@ -55,7 +55,8 @@ static const char *const others[] = {"lights",
                                      "options.color_format",
                                      "options.color_exposure_ev",
                                      "options.frame_deadline_ms",
-                                     "options.skip_equal"};
+                                     "options.skip_equal",
+                                     "pose"};
 
 bool render_fields_name(size_t n, char *const *fields, const char *field)
 {

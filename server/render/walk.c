@@ -110,6 +110,11 @@ const struct prt_transport *render_transport(const struct render *r)
     return prt_file_transport(r->file.entry->value);
 }
 
+const struct pose *render_pose(const struct render *r)
+{
+    return r->spec.pose ? r->spec.pose : r->model->pose;
+}
+
 struct shape *render_shape(const struct render *r)
 {
     return r->shape.entry->value;
@@ -132,9 +137,13 @@ static void step_model(struct render *r)
     int code;
     char error[300];
     r->screen = render_uses_screen(r);
-    r->generation = r->screen ? r->model->generation : r->model->baked_generation;
-    struct cache_entry *entry =
-        r->screen ? shape_get(r->model, &code, error) : model_open(r->model, &code, error);
+    struct pose *pose = r->spec.pose;
+    r->generation = !r->screen ? r->model->baked_generation
+                    : pose     ? pose->generation
+                               : r->model->generation;
+    struct cache_entry *entry = !r->screen ? model_open(r->model, &code, error)
+                                : pose     ? shape_get_posed(r->model, pose, &code, error)
+                                           : shape_get(r->model, &code, error);
     if (entry) depend(r, r->screen ? &r->shape : &r->file, entry);
     else set_error(r, code, error);
 }
@@ -385,6 +394,7 @@ struct render *render_start(struct model *model, struct render_spec *spec, rende
     model_hold(model);
     r->spec = *spec;
     spec->texels = NULL;
+    spec->pose = NULL;
     if (r->spec.refinement) r->spec.refinement->refs++;
     r->done = done;
     r->user = user;

@@ -61,7 +61,9 @@ struct render {
 /* ---- walk.c ---- */
 
 const struct prt_transport *render_transport(const struct render *r); /* without `screen` */
-struct shape *render_shape(const struct render *r);                   /* with `screen` */
+/* Where the vertices are that this evaluation draws; NULL: where the file has them. */
+const struct pose *render_pose(const struct render *r);
+struct shape *render_shape(const struct render *r); /* with `screen` */
 const struct prt_mesh *render_mesh(const struct render *r);
 /* How many vertex_values the evaluation has: one for a picture or a sum, else one a light. */
 unsigned render_n_values(const struct render_spec *spec);

@@ -64,6 +64,8 @@ static const char *check_message(struct world *world, const struct relight_frame
         world_learn_model(world, load->model);
         if (load->job[0]) world_learn_job(world, load->job);
     }
+    if (f->type == (RELIGHT_TYPE_PUT_POSE | RELIGHT_TYPE_ANSWER))
+        world_learn_pose(world, ((const Relight__PutPoseAnswer *)message)->pose);
     if (f->type == (RELIGHT_TYPE_CANCEL_JOB | RELIGHT_TYPE_ANSWER) &&
         ((const Relight__CancelJobAnswer *)message)->state > 4u)
         return fault(f, "the job's state is none of the protocol's");
@@ -80,6 +82,13 @@ static const char *take_frame(struct answers *a, struct world *world,
     a->more_type = f->type;
     const char *wrong = check_id(a, f);
     if (wrong || !first) return wrong;
+    // Every string of every answer is UTF-8.
+    struct relight_header_cost cost;
+    char error[RELIGHT_HEADER_ERROR];
+    static const uint8_t empty[1];
+    if (!relight_header_check(f->type, f->header ? f->header : empty, f->header_size, NULL,
+                              &cost, error))
+        return fault(f, error);
     ProtobufCMessage *message = relight_frame_unpack(f);
     if (!message) return fault(f, "its header does not parse");
     wrong = check_message(world, f, message);

@@ -92,7 +92,7 @@ void world_init(struct world *world, struct rnd *r)
 
 void world_forget(struct world *world)
 {
-    world->n_model = world->n_job = 0;
+    world->n_model = world->n_job = world->n_pose = 0;
 }
 
 void world_learn_model(struct world *world, const char *id)
@@ -102,6 +102,22 @@ void world_learn_model(struct world *world, const char *id)
     unsigned at =
         world->n_model < WORLD_MODELS ? world->n_model++ : rnd(world->rnd, WORLD_MODELS);
     snprintf(world->model[at], sizeof world->model[at], "%s", id);
+}
+
+void world_learn_pose(struct world *world, const char *name)
+{
+    unsigned at = world->n_pose < WORLD_POSES ? world->n_pose++ : rnd(world->rnd, WORLD_POSES);
+    snprintf(world->pose[at], sizeof world->pose[at], "%s", name);
+}
+
+// Rarely one: pictures of poses are drawn by slower engines.
+static char *any_pose(struct world *world)
+{
+    struct rnd *r = world->rnd;
+    if (!rnd_chance(r, 4)) return "";
+    if (!world->n_pose || rnd_chance(r, 12))
+        return rnd_chance(r, 2) ? "abc" : world->blob[0].hash;
+    return world->pose[rnd(r, world->n_pose)];
 }
 
 void world_learn_job(struct world *world, const char *id)
@@ -418,10 +434,28 @@ static void update_vertices(struct world *world, uint64_t id, struct bytes *out)
     in.n = rnd(r, MODEL_VERTICES - in.first % MODEL_VERTICES + 1);
     in.has_normals = rnd_chance(r, 2);
     in.own_units = rnd_chance(r, 2);
+    if (rnd_chance(r, 3)) in.if_generation = rnd(r, 4);
     size_t n = in.n * (in.has_normals ? 24u : 12u);
     for (size_t i = 0; i < n / 4; i++) vertex[i] = i % 40 ? (float)rnd(r, 10) : real(r, -4, 4);
     if (rnd_chance(r, 20)) in.n = odd_number(r);
     emit(world, RELIGHT_TYPE_UPDATE_VERTICES, id, &in.base, vertex, n, out);
+}
+
+static void put_pose(struct world *world, uint64_t id, struct bytes *out)
+{
+    struct rnd *r = world->rnd;
+    Relight__PutPoseRequest in = RELIGHT__PUT_POSE_REQUEST__INIT;
+    float vertex[MODEL_VERTICES * 6];
+    in.model = (char *)any_model(world);
+    in.base_pose = any_pose(world);
+    in.first = rnd_chance(r, 16) ? odd_number(r) : rnd(r, MODEL_VERTICES);
+    in.n = rnd(r, MODEL_VERTICES - in.first % MODEL_VERTICES + 1);
+    in.has_normals = rnd_chance(r, 2);
+    in.own_units = rnd_chance(r, 2);
+    size_t n = in.n * (in.has_normals ? 24u : 12u);
+    for (size_t i = 0; i < n / 4; i++) vertex[i] = i % 40 ? (float)rnd(r, 10) : real(r, -4, 4);
+    if (rnd_chance(r, 20)) in.n = odd_number(r);
+    emit(world, RELIGHT_TYPE_PUT_POSE, id, &in.base, vertex, n, out);
 }
 
 static void colors(struct world *world, uint64_t id, struct bytes *out)
@@ -437,6 +471,7 @@ static void colors(struct world *world, uint64_t id, struct bytes *out)
     in.sum = rnd_chance(r, 2);
     if (!rnd_chance(r, 3)) in.shade = shade(world, &s);
     in.format = (Relight__ColorFormat)rnd(r, 5);
+    in.pose = any_pose(world);
     emit(world, RELIGHT_TYPE_COLORS, id, &in.base, l.payload, l.payload_bytes, out);
     free(l.payload);
 }
@@ -454,6 +489,7 @@ static void image(struct world *world, uint64_t id, struct bytes *out)
     in.n_lights = l.n;
     if (!rnd_chance(r, 3)) in.shade = shade(world, &s);
     in.picture = picture(r, &p);
+    in.pose = any_pose(world);
     emit(world, RELIGHT_TYPE_IMAGE, id, &in.base, l.payload, l.payload_bytes, out);
     free(l.payload);
 }
@@ -471,7 +507,7 @@ static char *const field_names[] = {
     "lights",          "lights.rotate_deg", "lights.gain",     "shade",
     "shade.material",  "shade.eye",         "picture",         "picture.camera",
     "picture.width",   "options",           "options.window",  "options.skip_equal",
-    "shade.max_error", "no such field",     "options.max_fps", "lights.rotate_deg"};
+    "shade.max_error", "no such field",     "options.max_fps", "pose"};
 
 static Relight__ViewState *view_state(struct world *world, struct state *s)
 {
@@ -495,6 +531,7 @@ static Relight__ViewState *view_state(struct world *world, struct state *s)
         s->options.skip_equal = rnd_chance(r, 2);
         s->state.options = &s->options;
     }
+    s->state.pose = any_pose(world);
     s->state.fields = s->fields;
     s->state.n_fields = rnd_chance(r, 2) ? rnd(r, 7) : 0;
     for (size_t i = 0; i < s->state.n_fields; i++) s->fields[i] = RND_PICK(r, field_names);
@@ -554,7 +591,8 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
                                     RELIGHT_TYPE_SUBSCRIBE,    RELIGHT_TYPE_SUBSCRIBE,
                                     RELIGHT_TYPE_TOKEN_CREATE, RELIGHT_TYPE_TOKEN_LIST,
                                     RELIGHT_TYPE_TOKEN_REVOKE, RELIGHT_TYPE_VIEW_ACK,
-                                    RELIGHT_TYPE_VIEW_ACK};
+                                    RELIGHT_TYPE_VIEW_ACK,     RELIGHT_TYPE_PUT_POSE,
+                                    RELIGHT_TYPE_PUT_POSE};
     struct rnd *r = world->rnd;
     uint16_t one = RND_PICK(r, type);
     uint64_t other = 1 + rnd(r, ids);
@@ -611,6 +649,7 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
         in.no_normals = rnd_chance(r, 3);
         in.no_triangles = rnd_chance(r, 3);
         in.own_units = rnd_chance(r, 2);
+        in.pose = any_pose(world);
         EMIT(GEOMETRY, in);
         break;
     }
@@ -632,6 +671,9 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
         EMIT(VIEW_CLOSE, in);
         break;
     }
+    case RELIGHT_TYPE_PUT_POSE:
+        put_pose(world, id, out);
+        break;
     case RELIGHT_TYPE_UPDATE_VERTICES:
         update_vertices(world, id, out);
         break;

@@ -9,7 +9,13 @@
 #include "frame.h"
 #include "random.h"
 
-enum { WORLD_MODELS = 8, WORLD_JOBS = 512, WORLD_BLOBS = 4, MODEL_VERTICES = 21 };
+enum {
+    WORLD_MODELS = 8,
+    WORLD_JOBS = 512,
+    WORLD_BLOBS = 4,
+    WORLD_POSES = 8,
+    MODEL_VERTICES = 21
+};
 
 struct blob {
     uint8_t bytes[4096];
@@ -25,6 +31,8 @@ struct world {
     char job[WORLD_JOBS][32];
     bool cancelled[WORLD_JOBS]; // the fuzzer asked for it
     unsigned n_job;
+    char pose[WORLD_POSES][65];
+    unsigned n_pose;
     struct blob blob[WORLD_BLOBS];
     uint64_t last_seed; // makes a LOAD differ from all before it
 };
@@ -33,6 +41,7 @@ struct world {
 void world_init(struct world *world, struct rnd *rnd);
 void world_forget(struct world *world); // models and jobs: the daemon was started anew
 void world_learn_model(struct world *world, const char *id);
+void world_learn_pose(struct world *world, const char *name);
 void world_learn_job(struct world *world, const char *id);
 
 // Frames, one behind another.

@@ -7,7 +7,7 @@
 #include "core/server.h"
 #include "net/connection.h"
 #include "net/request.h"
-#include "render/shared/geometry.h"
+#include "render/shared/poses.h"
 #include "store/models.h"
 
 #include <stdio.h>
@@ -214,6 +214,8 @@ bool rooms_start(const struct rooms_settings *settings)
     o->memory = settings->memory;
     o->disk = settings->disk;
     o->send_buffer = settings->send_buffer;
+    o->client_poses = 3000; // some six of the fuzzer's model
+    o->poses = 6000;
     o->idle = settings->idle_s;
     o->frame_time = settings->frame_time_s;
     const struct decoder_limits decoding = {o->decode_memory, o->decode_total, o->cache};
@@ -229,7 +231,7 @@ bool rooms_start(const struct rooms_settings *settings)
                        &server.decoder) ||
         work_pool_create(server.loop, settings->threads, prt_cpu_detect(), &server.work) ||
         !make_folders(settings->data) || jobs_create(&server, &runner, &server.jobs) ||
-        models_create(&server, &server.models))
+        poses_create(&server, &server.poses) || models_create(&server, &server.models))
         return false;
     cache_hold_files(server.cache, server.files);
     return true;
@@ -245,6 +247,7 @@ void rooms_stop(void)
     work_pool_destroy(server.work);
     models_destroy(server.models);
     cache_destroy(server.cache);
+    poses_destroy(server.poses);
     cache_destroy(server.files);
     jobs_destroy(server.jobs);
     blobs_close(server.blobs);

@@ -320,6 +320,26 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     ack.shown = 1;
     n = add(out, n, "view_ack", "C: VIEW_ACK of frame 1, one-way: id 0, no answer", 24, LAST, 0,
             &ack.base, NULL, 0);
+    static Relight__PutPoseRequest pose;
+    static Relight__PutPoseAnswer posed;
+    static Relight__GeometryRequest shape;
+    relight__put_pose_request__init(&pose);
+    relight__put_pose_answer__init(&posed);
+    relight__geometry_request__init(&shape);
+    pose.model = "3f9ad2c1";
+    pose.first = 7;
+    pose.n = 2;
+    pose.has_normals = 1;
+    n = add(out, n, "put_pose", "C: PUT_POSE, as UPDATE_VERTICES above", 26, LAST, 17,
+            &pose.base, moved, sizeof moved);
+    posed.pose = (char *)(uintptr_t)hash;
+    posed.generation = UINT64_C(0x100000001);
+    n = add(out, n, "put_pose_answer", "S: PUT_POSE", 26 | ANSWER, LAST, 17, &posed.base, NULL,
+            0);
+    shape.model = "3f9ad2c1";
+    shape.pose = (char *)(uintptr_t)hash;
+    n = add(out, n, "geometry_of_pose", "C: GEOMETRY of that pose", 11, LAST, 18, &shape.base,
+            NULL, 0);
     static Relight__Error range;
     relight__error__init(&range);
     range.code = RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;

@@ -332,6 +332,86 @@ static void edges_are_antialiased(void **state)
     scene_finish(&s);
 }
 
+// The share that a coarse ball reflects of an even sky, against a smooth one's: interpolated
+// normals that face away from the eye would reflect all of it at the silhouette, in lines of
+// bright or dark pixels.
+static void silhouettes_reflect_no_more(void **state)
+{
+    enum { SIDE = 200 };
+    float area[2] = {0, 0}, worst[2] = {0, 0}, covered[2] = {0, 0};
+    for (int fine = 0; fine < 2; fine++) {
+        struct scene s;
+        uint32_t n = fine ? 128 : 10;
+        scene_init(&s, (n + 1) * (2 * n + 1), 4 * n * n);
+        add_sphere(&s, (float[3]){0, 0, 0}, 10, n, true);
+        struct prt_camera c = front(40, 24);
+        c.eye[1] = 7; // not along an axis of the facets
+        struct prt_visibility *vis = see(&s, &c, SIDE, SIDE, 4);
+        struct prt_cube sky;
+        struct prt_specular *specular;
+        assert_int_equal(prt_cube_init(&sky, 32), PRT_OK);
+        for (uint32_t i = 0; i < 6 * 32 * 32 * 3; i++) sky.texel[i] = 1;
+        assert_int_equal(prt_specular_create(&quiet, &sky, &specular), PRT_OK);
+        struct prt_shade shade = {
+            .eta = 1.3f, .roughness = 0.2f, .fresnel = true, .specular = specular};
+        struct prt_image image = shade_const(&s, vis, &shade, (float[3]){0, 0, 0});
+        struct prt_gbuffer g;
+        prt_visibility_gbuffer(vis, &g);
+        for (uint32_t i = 0; i < g.n_point; i++) {
+            if (g.weight[i] < 1) continue;
+            float x = image.rgb[3 * g.pixel[i]];
+            covered[fine]++;
+            area[fine] += x > 0.5f;
+            worst[fine] = fmaxf(worst[fine], x);
+        }
+        prt_image_finish(&image);
+        prt_specular_destroy(specular);
+        prt_cube_finish(&sky);
+        prt_visibility_destroy(vis);
+        scene_finish(&s);
+    }
+    print_message(
+        "reflects over half: %.3f %% of a coarse ball, %.3f %% of a smooth one; worst "
+        "%.2f and %.2f\n",
+        100 * (double)(area[0] / covered[0]), 100 * (double)(area[1] / covered[1]),
+        (double)worst[0], (double)worst[1]);
+    assert_true(area[0] / covered[0] < area[1] / covered[1] + 0.002f);
+    assert_true(worst[0] < 0.8f);
+}
+
+// Normals that differ within a pixel widen the reflection: a ball of a few pixels mirrors a sky
+// with one bright texel as its mean over many directions, the same at each shift.
+static void small_mirrors_are_steady(void **state)
+{
+    struct prt_cube sky;
+    struct prt_specular *specular;
+    assert_int_equal(prt_cube_init(&sky, 32), PRT_OK);
+    sky.texel[3 * ((4 * 32 + 13) * 32 + 17)] = 500; // towards +z
+    assert_int_equal(prt_specular_create(&quiet, &sky, &specular), PRT_OK);
+    double least = 1e30, most = 0;
+    for (int k = 0; k < 12; k++) {
+        struct scene s;
+        scene_init(&s, 49 * 97, 4 * 48 * 48);
+        add_sphere(&s, (float[3]){0.07f * (float)k, 0.05f * (float)k, 0}, 10, 48, true);
+        struct prt_camera c = front(400, 30);
+        struct prt_visibility *vis = see(&s, &c, 32, 32, 8);
+        struct prt_shade shade = {
+            .eta = 1.5f, .roughness = 0.1f, .fresnel = true, .specular = specular};
+        struct prt_image image = shade_const(&s, vis, &shade, (float[3]){0, 0, 0});
+        double sum = 0;
+        for (uint32_t i = 0; i < 32 * 32; i++) sum += (double)image.rgb[3 * i];
+        least = fmin(least, sum);
+        most = fmax(most, sum);
+        prt_image_finish(&image);
+        prt_visibility_destroy(vis);
+        scene_finish(&s);
+    }
+    print_message("light of a small ball's highlight: %.3f to %.3f\n", least, most);
+    assert_true(most < 2 * least);
+    prt_specular_destroy(specular);
+    prt_cube_finish(&sky);
+}
+
 // At normal incidence F_t = 1 - ((eta-1)/(eta+1))²; opaque surfaces keep plane 0 as it is.
 static void fresnel_at_normal_incidence(void **state)
 {
@@ -699,6 +779,8 @@ int main(void)
         cmocka_unit_test(backends_agree),
         cmocka_unit_test(edges_are_antialiased),
         cmocka_unit_test(fresnel_at_normal_incidence),
+        cmocka_unit_test(silhouettes_reflect_no_more),
+        cmocka_unit_test(small_mirrors_are_steady),
         cmocka_unit_test(phase_planes_times_harmonics),
         cmocka_unit_test(specular_of_constant_is_constant),
         cmocka_unit_test(specular_spreads_with_roughness),

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 
-from textured_ball import flat, glb, png
+from textured_ball import ball, flat, glb, png
 
 PRT = os.path.abspath(sys.argv[1])
 failed = 0
@@ -92,6 +92,38 @@ def main():
            rmse('level.exr', 'plain.exr'))
     expect(rmse('waves.exr', 'plain.exr') > 0.01, 'a bumpy map changes the picture by %g alone' %
            rmse('waves.exr', 'plain.exr'))
+
+    # OBJ: the library's image, by corners at the seam; the same ball as the glTF's
+    at, uv, tri = ball()
+    with open('ball.obj', 'w') as f:
+        f.write('mtllib ball.mtl\nusemtl paint\n')
+        ids, ring = {}, {}
+        for i, p in enumerate(at):  # one vertex at the seam and the poles, two texture coordinates
+            key = tuple(round(x, 5) + 0 for x in p)
+            if key not in ids:
+                ids[key] = len(ids) + 1
+                f.write('v %.7f %.7f %.7f\n' % p)
+            ring[i] = ids[key]
+        for u, v in uv:
+            f.write('vt %.7f %.7f\n' % (u, 1 - v))
+        for t in tri:
+            f.write('f ' + ' '.join('%d/%d' % (ring[i], i + 1) for i in t) + '\n')
+    rows = [[(40 + 25 * x, 30 * y, 200 - 20 * x) for x in range(8)] for y in range(8)]
+    with open('paint.png', 'wb') as f:
+        f.write(png(8, 8, rows))
+    with open('ball.mtl', 'w') as f:
+        f.write('newmtl other\nmap_Kd none.png\nnewmtl paint\nKd 1 1 1\nmap_Kd paint.png\n')
+    glb('ball.glb', [png(8, 8, rows)], base)
+    side = ['--engine', 'tangent', '--samples', '64', '--term', 'multiple']
+    image('ball.glb', 'want.exr', *side)
+    prt('image', 'ball.obj', '--material', 'marble', '--mm-per-unit', '10', '--env', 'constant:1,1,1', '--size',
+        '64x48', '--background', 'none', '-o', 'got.exr', *side)
+    expect(rmse('got.exr', 'want.exr') < 0.03, 'the OBJ differs from the glTF by %g' % rmse('got.exr', 'want.exr'))
+    with open('ball.mtl', 'w') as f:
+        f.write('newmtl paint\nmap_Kd ../paint.png\n')
+    run = prt('info', 'ball.obj')
+    expect('paint.png' in run.stderr and 'left out' in run.stderr, 'no warning: ' + run.stderr)
+    side = ['--engine', 'tangent', '--samples', '64']
 
     # an image that lies about its size, one too large, one cut off: warnings that name it
     for lie in ((60000, 60000), (16384, 16384), (4, 400)):

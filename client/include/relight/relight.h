@@ -8,7 +8,8 @@
  *
  * Returns: 0, or a negative enum relight_code with `*error` (may be NULL) filled; outputs are
  * untouched then. Strings and arrays inside an output belong to it until its _finish call.
- * Units: millimetres where said so, else the model's own; colours are linear RGB radiance. */
+ * Units: millimetres where said so, else the model's own; colours are linear RGB radiance.
+ * Above 600 lines: one header with the contract of each call is the library's manual. */
 #ifndef RELIGHT_RELIGHT_H
 #define RELIGHT_RELIGHT_H
 
@@ -447,6 +448,11 @@ struct relight_look {
 int relight_geometry(struct relight_client *client, const char *model, bool own_units,
                      struct relight_geometry *out, struct relight_error *error);
 
+/* The same for a pose of relight_put_pose; NULL: the vertices as they are. */
+int relight_geometry_posed(struct relight_client *client, const char *model, const char *pose,
+                           bool own_units, struct relight_geometry *out,
+                           struct relight_error *error);
+
 /* The same with texture coordinates, vertex colours, surfaces and the list of images. */
 int relight_geometry_textured(struct relight_client *client, const char *model, bool own_units,
                               struct relight_geometry *out, struct relight_error *error);
@@ -473,6 +479,27 @@ void relight_geometry_finish(struct relight_geometry *geometry);
 int relight_update_vertices(struct relight_client *client, const char *model, uint32_t first,
                             uint32_t n, const float *position, const float *normal,
                             bool own_units, uint64_t *generation, struct relight_error *error);
+
+/* The same, provided that the geometry is still of this generation; 0: at any rate.
+ * -RELIGHT_E_MISMATCH: others have moved vertices meanwhile; error->generation is the
+ * geometry's generation now, and nothing moved. */
+int relight_update_vertices_if(struct relight_client *client, const char *model,
+                               uint64_t if_generation, uint32_t first, uint32_t n,
+                               const float *position, const float *normal, bool own_units,
+                               uint64_t *generation, struct relight_error *error);
+
+/* Sends a pose: vertices that requests name, and that change nothing for other clients.
+ * base: the pose that it differs from in vertices [first, first+n); NULL: the vertices of the
+ * file. position, normal, own_units as in relight_update_vertices; n may be 0.
+ * Returns 0 and the pose's name in pose, for the requests of this and of other clients: the
+ * SHA-256 of its vertices, 64 hex digits and a zero. The daemon may drop a pose that nothing
+ * uses; requests with it then return -RELIGHT_E_NOT_FOUND, and it is sent again.
+ * -RELIGHT_E_OUT_OF_RANGE as in relight_update_vertices. -RELIGHT_E_LIMIT: larger than one
+ * client's poses may be.
+ * Thread-safety: Safe. Blocks until the vertices are at the daemon. */
+int relight_put_pose(struct relight_client *client, const char *model, const char *base,
+                     uint32_t first, uint32_t n, const float *position, const float *normal,
+                     bool own_units, char pose[65], struct relight_error *error);
 
 /* Takes a model out of the daemon's memory.
  * forget: its bake and its entry in the catalogue, too.
@@ -601,6 +628,7 @@ struct relight_colors_request {
     struct relight_shade shade;
     enum relight_color_format format;
     float exposure_ev; /* RELIGHT_COLOR_SRGB8 */
+    const char *pose;  /* of relight_put_pose; NULL: the model's vertices as they are */
 };
 struct relight_colors {
     uint32_t n_vertex, n_plane;
@@ -654,6 +682,7 @@ struct relight_image_request {
     const struct relight_light *lights; /* summed; the first is the background */
     struct relight_shade shade;
     struct relight_picture picture;
+    const char *pose; /* of relight_put_pose; NULL: the model's vertices as they are */
 };
 struct relight_image {
     uint32_t width, height;
@@ -717,6 +746,7 @@ struct relight_view_request {
     uint64_t window_bytes;    /* a frame waits while frames on the way take more; 0: no limit */
     uint32_t frame_deadline_ms; /* a frame that takes longer is RELIGHT_E_DEADLINE; 0: none */
     bool skip_equal;            /* frames equal to the one before come without their contents */
+    const char *pose; /* of relight_put_pose; NULL: the model's vertices as they are */
 };
 struct relight_frame_out {
     uint64_t frame, sequence, skipped; /* skipped: frames received and dropped before this */

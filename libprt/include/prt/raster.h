@@ -97,6 +97,8 @@ struct prt_gbuffer {
     float *normal[3];           /* [n_point] unit, on the eye's side */
     float *weight;              /* [n_point] share of the pixel (0,1] */
     uint8_t *opaque;            /* [n_point] 1: Lambertian surface */
+    float *facing;              /* [n_point] cosine of the flat triangle's normal to the eye */
+    float *variance;            /* [n_point] 1 - |mean normal| over the pixel, [0,1) */
     /* Look of textured meshes (prt/mesh.h); NULL for others. */
     float *base[3];     /* [n_point] factor of the radiance after scattering */
     float *turned[3];   /* [n_point] unit normal of the specular reflection */

@@ -15,7 +15,7 @@ void pose_release(struct pose *pose)
     if (!pose || --pose->refs) return;
     prt_free(pose->position);
     prt_free(pose->normal);
-    if (pose->principal) ledger_give(pose->principal, LEDGER_PAYLOAD, pose->charged);
+    if (pose->principal) ledger_give(pose->principal, pose->resource, pose->charged);
     principal_release(pose->principal);
     free(pose);
 }
@@ -111,13 +111,15 @@ static void file_opened(struct cache_job *job)
     else cache_job_complete(job, PRT_OK);
 }
 
-struct cache_entry *shape_get(struct model *m, int *code, char error[256])
+// pose: NULL where the vertices are the file's.
+static struct cache_entry *get(struct model *m, struct pose *pose, uint64_t generation,
+                               int *code, char error[256])
 {
     char key[80];
     struct cache_job *job;
     if (m->gone)
         return model_open(m, code, error); // its shape may still be in use under the same key
-    snprintf(key, sizeof key, "%s/%llu/shape", m->key, (unsigned long long)m->generation);
+    snprintf(key, sizeof key, "%s/%llu/shape", m->key, (unsigned long long)generation);
     struct cache_entry *entry = cache_find(m->server->cache, key);
     if (entry) return entry;
     struct cache_entry *file = model_mesh_open(m, code, error);
@@ -127,15 +129,26 @@ struct cache_entry *shape_get(struct model *m, int *code, char error[256])
         struct shape_job *own = (struct shape_job *)job;
         own->model = m;
         model_hold(m);
-        own->generation = m->generation;
+        own->generation = generation;
         own->file = file;
         cache_job_hold(job, file);
-        own->pose = m->pose;
+        own->pose = pose;
         if (own->pose) own->pose->refs++;
         cache_job_await(job, file, file_opened);
     }
     cache_release(file);
     return entry;
+}
+
+struct cache_entry *shape_get(struct model *m, int *code, char error[256])
+{
+    return get(m, m->pose, m->generation, code, error);
+}
+
+struct cache_entry *shape_get_posed(struct model *m, struct pose *pose, int *code,
+                                    char error[256])
+{
+    return get(m, pose, pose->generation, code, error);
 }
 
 int shape_scene(const struct prt_context *ctx, struct shape *s, const struct prt_scene **scene)

@@ -17,7 +17,11 @@ struct pose {
     float (*position)[3];        /* [n] mm */
     float (*normal)[3];          /* [n] unit; 0,0,0: computed from the triangles */
     struct principal *principal; /* that moved them and is charged for the bytes */
+    enum ledger_resource resource;
     uint64_t charged;
+    /* Of a named pose (poses.h), which never changes; "" and 0 otherwise. */
+    char name[65];
+    uint64_t generation;
 };
 void pose_release(struct pose *pose); /* NULL is fine */
 
@@ -43,6 +47,9 @@ struct shape {
 /* The model's current geometry, with a reference for the caller; value is a struct shape. NULL
  * with *code and error where there is none. */
 struct cache_entry *shape_get(struct model *model, int *code, char error[256]);
+/* The same for a named pose of the model. */
+struct cache_entry *shape_get_posed(struct model *model, struct pose *pose, int *code,
+                                    char error[256]);
 /* Any thread. Builds the scene at its first use. */
 int shape_scene(const struct prt_context *ctx, struct shape *shape,
                 const struct prt_scene **scene);

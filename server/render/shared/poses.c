@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: MIT
+// Named poses: found by model and content, least recently used first out.
+#include "render/shared/poses.h"
+
+#include "net/request.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+// Generations of named poses begin here: those of models count up from 1.
+static const uint64_t first_generation = UINT64_C(1) << 32;
+
+struct named_pose {
+    struct named_pose *older, *newer;
+    struct pose *pose;         // held
+    char model[MODEL_ID + 12]; // its key
+};
+
+struct poses {
+    struct server *server;
+    struct named_pose *oldest, *newest;
+    uint64_t last;
+};
+
+int poses_create(struct server *server, struct poses **out)
+{
+    struct poses *poses = calloc(1, sizeof *poses);
+    if (!poses) return -1;
+    poses->server = server;
+    *out = poses;
+    return 0;
+}
+
+static void unlink_pose(struct poses *poses, struct named_pose *p)
+{
+    *(p->older ? &p->older->newer : &poses->oldest) = p->newer;
+    *(p->newer ? &p->newer->older : &poses->newest) = p->older;
+}
+
+static void link_newest(struct poses *poses, struct named_pose *p)
+{
+    p->newer = NULL;
+    p->older = poses->newest;
+    *(p->older ? &p->older->newer : &poses->oldest) = p;
+    poses->newest = p;
+}
+
+static void remove_pose(struct poses *poses, struct named_pose *p)
+{
+    unlink_pose(poses, p);
+    pose_release(p->pose);
+    free(p);
+}
+
+void poses_destroy(struct poses *poses)
+{
+    if (!poses) return;
+    while (poses->oldest) remove_pose(poses, poses->oldest);
+    free(poses);
+}
+
+static void forget_results(struct poses *poses, const struct named_pose *p)
+{
+    char prefix[96];
+    snprintf(prefix, sizeof prefix, "%s/%llu/", p->model,
+             (unsigned long long)p->pose->generation);
+    cache_forget(poses->server->cache, prefix, false);
+}
+
+void poses_forget(struct poses *poses, const struct model *model)
+{
+    if (!poses) return;
+    for (struct named_pose *p = poses->oldest, *next; p; p = next) {
+        next = p->newer;
+        if (strcmp(p->model, model->key)) continue;
+        forget_results(poses, p);
+        remove_pose(poses, p);
+    }
+}
+
+// The least recently used pose that nothing draws, of this principal (NULL: of any). False
+// where there is none.
+static bool evict(struct poses *poses, const struct principal *of)
+{
+    for (struct named_pose *p = poses->oldest; p; p = p->newer) {
+        if (of && p->pose->principal != of) continue;
+        forget_results(poses, p); // shapes of the cache hold it, too
+        if (p->pose->refs > 1) continue;
+        remove_pose(poses, p);
+        return true;
+    }
+    return false;
+}
+
+static struct named_pose *find(const struct poses *poses, const struct model *model,
+                               const char *name)
+{
+    struct named_pose *p = poses->newest;
+    while (p && (strcmp(p->pose->name, name) || strcmp(p->model, model->key))) p = p->older;
+    return p;
+}
+
+static struct pose *use(struct poses *poses, struct named_pose *p)
+{
+    unlink_pose(poses, p);
+    link_newest(poses, p);
+    p->pose->refs++;
+    return p->pose;
+}
+
+struct pose *poses_find(struct poses *poses, const struct model *model, const char *name,
+                        int *code, char error[256])
+{
+    struct named_pose *p = find(poses, model, name);
+    if (p) return use(poses, p);
+    *code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+    if (!relight_hash_valid(name)) {
+        *code = RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
+        snprintf(error, 256, "pose %.20s: not 64 lower-case hex digits", name);
+    } else {
+        snprintf(error, 256,
+                 "pose %.12s… of %.60s was never sent, or its room was needed: send it again "
+                 "(PUT_POSE)",
+                 name, model->name);
+    }
+    return NULL;
+}
+
+static int charge(struct poses *poses, struct pose *pose, struct principal *principal,
+                  char error[256])
+{
+    uint64_t bytes = (uint64_t)pose->n * 24;
+    enum ledger_refusal refusal;
+    while ((refusal = ledger_take(principal, LEDGER_POSES, bytes, error))) {
+        if (refusal_code(principal, LEDGER_POSES, bytes) == RELIGHT__ERROR_CODE__ERROR_LIMIT)
+            return RELIGHT__ERROR_CODE__ERROR_LIMIT;
+        if (!evict(poses, refusal == LEDGER_CLIENT_FULL ? principal : NULL))
+            return RELIGHT__ERROR_CODE__ERROR_BUSY;
+    }
+    pose->principal = principal;
+    principal_hold(principal);
+    pose->resource = LEDGER_POSES;
+    pose->charged = bytes;
+    return 0;
+}
+
+int poses_add(struct poses *poses, struct model *model, struct pose *pose,
+              struct principal *principal, struct pose **out, char error[256])
+{
+    struct named_pose *p = find(poses, model, pose->name);
+    if (p) {
+        pose_release(pose);
+        *out = use(poses, p);
+        return 0;
+    }
+    int code = charge(poses, pose, principal, error);
+    if (!code && !(p = calloc(1, sizeof *p))) {
+        code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+        snprintf(error, 256, "not enough memory");
+    }
+    if (code) {
+        pose_release(pose);
+        return code;
+    }
+    pose->generation = first_generation + ++poses->last;
+    p->pose = pose;
+    snprintf(p->model, sizeof p->model, "%s", model->key);
+    link_newest(poses, p);
+    pose->refs++;
+    *out = pose;
+    return 0;
+}
