@@ -18,13 +18,22 @@ int run_ping(struct relight_client *client, struct options *options)
         cJSON_AddStringToObject(json, "server", server->name);
         cJSON_AddStringToObject(json, "address", server->address);
         add_float(json, "milliseconds", seconds * 1e3);
+        cJSON_AddStringToObject(json, "principal", server->principal);
+        cJSON *scopes = cJSON_AddArrayToObject(json, "scopes");
+        for (size_t i = 0; i < server->n_scope; i++)
+            cJSON_AddItemToArray(scopes, cJSON_CreateString(server->scope[i]));
+        if (server->expires_s)
+            cJSON_AddNumberToObject(json, "expires_s", (double)server->expires_s);
         cJSON *presets = cJSON_AddArrayToObject(json, "materials");
         for (size_t i = 0; i < server->n_preset; i++)
             cJSON_AddItemToArray(presets, cJSON_CreateString(server->preset[i]));
         print_json(json);
     } else {
-        printf("%s at %s answers in %.3f ms\n", escape(server->name).text, server->address,
-               seconds * 1e3);
+        printf("%s at %s answers in %.3f ms\nyou are %s:", escape(server->name).text,
+               server->address, seconds * 1e3, escape(server->principal).text);
+        for (size_t i = 0; i < server->n_scope; i++)
+            printf(" %s", escape(server->scope[i]).text);
+        printf("\n");
     }
     return EXIT_DONE;
 }

@@ -628,6 +628,10 @@ int relight_connect(const char *address, const struct relight_options *options,
     if (status == -RELIGHT_E_DISCONNECTED || status == -RELIGHT_E_TIMEOUT ||
         status == -RELIGHT_E_PROTOCOL) {
         if (error) error->code = RELIGHT_E_UNREACHABLE;
+        if (error && !strncmp(address, "tcp:", 4))
+            snprintf(error->hint, sizeof error->hint,
+                     "is this the daemon's address? If it speaks TLS: -s tls:%.200s",
+                     address + 4);
         status = -RELIGHT_E_UNREACHABLE;
     }
     if (status) relight_close(c);

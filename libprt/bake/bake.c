@@ -143,8 +143,8 @@ static int prepare(struct bake *b)
         status = prt_surface_check(b->ctx, b->surface, mesh, finest, b->o.n_sample != 0);
     if (status == PRT_OK && any) status = prt_hierarchy_create(b->surface, &b->hierarchy);
     if (status == PRT_OK)
-        status = prt_directions_create(b->o.cube, prt_bake_patterns(&b->o), b->o.seed,
-                                       &b->directions);
+        status = prt_directions_create(b->ctx->cpu, b->o.cube, prt_bake_patterns(&b->o),
+                                       b->o.seed, &b->directions);
     if (status == PRT_OK)
         status = prt_clusters_create(mesh, prt_bake_cluster_size(b), &b->clusters);
     if (status == PRT_OK) {
@@ -269,8 +269,8 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
             continue;
         }
         struct cut cut = {0};
-        status = prt_cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters,
-                               (uint32_t)c, &b->radial, &cut);
+        const struct cut_source from = {b->mesh, b->surface, b->hierarchy, b->clusters};
+        status = prt_cut_build(b->ctx, &from, (uint32_t)c, &b->radial, &cut);
         struct product_rows rows = {&b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3};
         struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
                                     prt_product_project, prt_product_combine};
@@ -349,7 +349,8 @@ int prt_bake_tensor(struct tensor_job *job)
 void prt_bake_plan_single(struct bake *b)
 {
     const struct prt_material *m = &b->o.material;
-    b->single = (struct single_plan){.scene = b->scene,
+    b->single = (struct single_plan){.cpu = b->ctx->cpu,
+                                     .scene = b->scene,
                                      .mesh = b->mesh,
                                      .directions = b->directions,
                                      .eta = m->eta,

@@ -2,6 +2,7 @@
 // A row source: single scattering of a cluster's vertices as the cells that single.c
 // integrates. Texels that share their rays share one value: half the values of dense rows, in
 // half precision, which together is a quarter of their memory (0.9 GB a cluster as dense rows).
+#include "bake/loops.h"
 #include "bake/run.h"
 
 #include <cblas.h>
@@ -17,6 +18,7 @@ struct vertex_cells {
 };
 
 struct cell_rows {
+    unsigned cpu; // mask of enum prt_cpu
     uint32_t n_vertex, n_function, n_coef;
     struct vertex_cells *vertex;
 };
@@ -76,12 +78,6 @@ static int cells_multiply(void *user, const float *x, uint32_t m, float *out)
     return status;
 }
 
-PRT_CLONES static void expand(const float *value, const uint32_t *cell, uint32_t first,
-                              uint32_t n, float *out)
-{
-    for (uint32_t t = 0; t < n; t++) out[t] = value[cell[t] - first];
-}
-
 // Expands one function and one face at a time to dense rows.
 static int cells_project(void *user, const float *u, uint32_t rank, float *out)
 {
@@ -89,6 +85,7 @@ static int cells_project(void *user, const float *u, uint32_t rank, float *out)
     uint32_t face = r->n_coef / FACES, F = r->n_function;
     float *dense = prt_alloc((size_t)r->n_vertex * face, sizeof *dense);
     float *value = prt_alloc(r->n_coef, sizeof *value);
+    const struct bake_loops *loops = prt_bake_loops(r->cpu);
     int status = dense && value ? PRT_OK : PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < F * FACES; i++) {
         uint32_t f = i / FACES, k = i % FACES;
@@ -96,7 +93,8 @@ static int cells_project(void *user, const float *u, uint32_t rank, float *out)
             const struct vertex_cells *c = &r->vertex[v];
             prt_f16_to_f32_array(c->value + (size_t)f * c->n_cell + c->begin[k],
                                  c->begin[k + 1] - c->begin[k], value);
-            expand(value, c->cell + k * face, c->begin[k], face, dense + (size_t)v * face);
+            loops->expand_cells(value, c->cell + k * face, c->begin[k], face,
+                                dense + (size_t)v * face);
         }
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)rank, (int)face,
                     (int)r->n_vertex, 1, u, (int)r->n_vertex, dense, (int)face, 0,
@@ -112,7 +110,8 @@ static int bake_cluster(const struct tensor_job *job, uint32_t c,
 {
     struct bake *b = job->bake;
     const struct prt_cluster *cluster = &b->clusters->cluster[c];
-    struct cell_rows rows = {cluster->n_vertex, job->n_function, b->directions->n_coef,
+    struct cell_rows rows = {b->ctx->cpu, cluster->n_vertex, job->n_function,
+                             b->directions->n_coef,
                              calloc(cluster->n_vertex, sizeof *rows.vertex)};
     int status = rows.vertex ? PRT_OK : PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++) {

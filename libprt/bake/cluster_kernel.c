@@ -18,6 +18,10 @@ static const float open_lengths = 4;
 static const float near_spacings = 3.5f; // a sample's cell is integrated within this distance
 
 struct cut_build {
+    const struct cut_source *from;
+    const struct prt_cluster *cluster;
+    const struct radial_set *radial;
+    unsigned cpu;
     const struct prt_surface_points *s;
     const struct hierarchy *h;
     struct cut *cut;
@@ -89,11 +93,12 @@ static void near_column(const struct prt_surface_points *s, uint32_t sample, con
 }
 
 // K's column of one row of the hierarchy: [n_function][n_vertex], stride n_vertex*n_column.
-static void fill_column(const struct prt_mesh *mesh, const struct cut_build *b,
-                        const struct clusters *clusters, const struct prt_cluster *cluster,
-                        const struct radial_set *radial, unsigned cpu, uint32_t column,
-                        float *scratch)
+static void fill_column(const struct cut_build *b, uint32_t column, float *scratch)
 {
+    const struct prt_mesh *mesh = b->from->mesh;
+    const struct clusters *clusters = b->from->clusters;
+    const struct prt_cluster *cluster = b->cluster;
+    const struct radial_set *radial = b->radial;
     uint32_t row = b->cut->row[column], n = cluster->n_vertex;
     bool is_sample = row < b->s->n_sample;
     uint32_t sample = is_sample ? b->h->order[row] : 0;
@@ -114,29 +119,33 @@ static void fill_column(const struct prt_mesh *mesh, const struct cut_build *b,
         r2[v] = d0 * d0 + d1 * d1 + d2 * d2;
         prt_surface_afar(r2[v], spread, &afar[v], &afar[n + v]);
     }
-    radial->eval(radial->user, cpu, 2 * (size_t)n, afar, at);
+    radial->eval(radial->user, b->cpu, 2 * (size_t)n, afar, at);
     for (uint32_t f = 0; f < radial->n; f++)
         for (uint32_t v = 0; v < n; v++) value[f][v] = area * (at[f][v] + at[f][n + v]);
     if (!is_sample) return;
     for (uint32_t v = 0; v < n; v++) {
         if (r2[v] > b->near_mm * b->near_mm) continue;
         near_column(b->s, sample, mesh->position[clusters->order[cluster->vertex_begin + v]],
-                    radial, cpu, inner, one);
+                    radial, b->cpu, inner, one);
         for (uint32_t f = 0; f < radial->n; f++) value[f][v] = one[f] * (float)(1 / M_PI);
     }
 }
 
-int prt_cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                  const struct prt_surface_points *surface, const struct hierarchy *h,
-                  const struct clusters *clusters, uint32_t c, const struct radial_set *radial,
-                  struct cut *cut)
+int prt_cut_build(const struct prt_context *ctx, const struct cut_source *from, uint32_t c,
+                  const struct radial_set *radial, struct cut *cut)
 {
+    const struct prt_mesh *mesh = from->mesh;
+    const struct clusters *clusters = from->clusters;
     const struct prt_cluster *cluster = &clusters->cluster[c];
-    struct cut_build b = {.s = surface,
-                          .h = h,
+    struct cut_build b = {.from = from,
+                          .cluster = cluster,
+                          .radial = radial,
+                          .cpu = ctx->cpu,
+                          .s = from->surface,
+                          .h = from->hierarchy,
                           .cut = cut,
                           .steepest = radial->steepest,
-                          .near_mm = near_spacings * surface->spacing};
+                          .near_mm = near_spacings * from->surface->spacing};
     cut->n_column = 0;
     for (int k = 0; k < 3; k++) b.box[0][k] = INFINITY, b.box[1][k] = -INFINITY;
     for (uint32_t v = 0; v < cluster->n_vertex; v++) {
@@ -146,7 +155,7 @@ int prt_cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
             b.box[1][k] = fmaxf(b.box[1][k], x[k]);
         }
     }
-    uint32_t root = h->root[clusters->object[c]];
+    uint32_t root = from->hierarchy->root[clusters->object[c]];
     int status = root ? visit(&b, root - 1) : PRT_OK;
     size_t need = (size_t)radial->n * cluster->n_vertex * cut->n_column;
     if (status == PRT_OK && need > cut->k_capacity) {
@@ -160,7 +169,7 @@ int prt_cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
                   sizeof *scratch);
     if (!scratch) status = PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < cut->n_column; i++)
-        fill_column(mesh, &b, clusters, cluster, radial, ctx->cpu, i, scratch);
+        fill_column(&b, i, scratch);
     prt_free(scratch);
     return status;
 }

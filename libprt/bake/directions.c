@@ -34,11 +34,12 @@ static void fill_packet(struct directions *d, uint32_t pattern, uint32_t packet,
     }
 }
 
-int prt_directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed,
+int prt_directions_create(unsigned cpu, uint32_t n, uint32_t n_pattern, uint64_t seed,
                           struct directions **out)
 {
     struct directions *d = calloc(1, sizeof *d);
     if (!d) return PRT_NOMEM;
+    d->cpu = cpu;
     d->n = n;
     d->n_coef = 6 * n * n;
     d->n_pattern = n_pattern;

@@ -130,21 +130,28 @@ static int index_order(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-static void split(const struct prt_mesh *mesh, struct clusters *c, uint32_t begin, uint32_t n,
-                  uint32_t target, uint32_t object, bool translucent, struct item *scratch)
+// A group of vertices of one object and kind of surface that is split.
+struct group {
+    const struct prt_mesh *mesh;
+    uint32_t target, object; // most vertices of a cluster
+    bool translucent;
+    struct item *scratch;
+};
+
+static void split(const struct group *g, struct clusters *c, uint32_t begin, uint32_t n)
 {
-    if (n > target) {
-        sort_longest((const float(*)[3])mesh->position, c->order + begin, n, scratch);
-        split(mesh, c, begin, n / 2, target, object, translucent, scratch);
-        split(mesh, c, begin + n / 2, n - n / 2, target, object, translucent, scratch);
+    if (n > g->target) {
+        sort_longest((const float(*)[3])g->mesh->position, c->order + begin, n, g->scratch);
+        split(g, c, begin, n / 2);
+        split(g, c, begin + n / 2, n - n / 2);
         return;
     }
     // File order within a cluster, because answers are scattered to file order.
     qsort(c->order + begin, n, sizeof *c->order, index_order);
     uint32_t at = c->n_cluster++;
     c->cluster[at] = (struct prt_cluster){.vertex_begin = begin, .n_vertex = n};
-    c->object[at] = object;
-    c->translucent[at] = translucent;
+    c->object[at] = g->object;
+    c->translucent[at] = g->translucent;
 }
 
 int prt_clusters_create(const struct prt_mesh *mesh, uint32_t target, struct clusters **out)
@@ -185,7 +192,7 @@ int prt_clusters_create(const struct prt_mesh *mesh, uint32_t target, struct clu
                 break;
             end++;
         }
-        split(mesh, c, begin, end - begin, target, b->object, t, scratch);
+        split(&(struct group){mesh, target, b->object, t, scratch}, c, begin, end - begin);
         begin = end;
     }
     prt_free(block);

@@ -24,8 +24,8 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
         if (!b->clusters->translucent[c]) continue;
         struct cut cut = {0};
-        status = prt_cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters,
-                               (uint32_t)c, &radial, &cut);
+        const struct cut_source from = {b->mesh, b->surface, b->hierarchy, b->clusters};
+        status = prt_cut_build(b->ctx, &from, (uint32_t)c, &radial, &cut);
         struct product_rows rows = {&b->irradiance, &cut, b->clusters->cluster[c].n_vertex,
                                     radial.n};
         struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,

@@ -80,7 +80,7 @@ int prt_bake_measure_rays(const struct prt_context *ctx, const struct prt_mesh *
     struct directions *d = NULL;
     int status = prt_scene_create(ctx, mesh, &scene);
     if (status == PRT_OK) status = prt_surface_create(ctx, mesh, n_sample, 1, 1, &surface);
-    if (status == PRT_OK) status = prt_directions_create(cube, 8, 1, &d);
+    if (status == PRT_OK) status = prt_directions_create(ctx->cpu, cube, 8, 1, &d);
     memset(out, 0, sizeof *out);
     for (int round = 0; status == PRT_OK && round < 3;
          round++) { // alternating, because the speed of a machine drifts
@@ -158,14 +158,15 @@ int prt_bake_measure_single(const struct prt_context *ctx, const struct prt_mesh
     int status = saved && every && job.vertex ? PRT_OK : PRT_NOMEM;
     if (!n_light || n_light > PRT_BAKE_SINGLE_LIGHTS) status = PRT_ARG;
     if (status == PRT_OK) status = prt_scene_create(ctx, mesh, &scene);
-    if (status == PRT_OK) status = prt_directions_create(light->n, 16, 1, &d);
+    if (status == PRT_OK) status = prt_directions_create(ctx->cpu, light->n, 16, 1, &d);
     if (status == PRT_OK) {
         struct prt_rng rng;
         prt_rng_init(&rng, 5, 5);
         for (uint32_t i = 0; i < n_vertex; i++)
             job.vertex[i] = prt_rng_u32(&rng) % mesh->n_vertex;
         prt_fresnel_table_init(&job.fresnel, m->eta);
-        job.plan = (struct single_plan){.scene = scene,
+        job.plan = (struct single_plan){.cpu = ctx->cpu,
+                                        .scene = scene,
                                         .mesh = mesh,
                                         .directions = d,
                                         .eta = m->eta,

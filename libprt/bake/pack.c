@@ -8,6 +8,7 @@
 
 // The choice at one price, by cluster.
 struct choice {
+    unsigned cpu; // mask of enum prt_cpu
     struct factored *f;
     uint32_t n_cluster, n_function, n, n_coef;
     uint32_t stride;        // every stride-th cluster is evaluated
@@ -88,7 +89,7 @@ static void priced_choice(struct choice *c, size_t i)
 static void low_rank_choice(struct choice *c, size_t i, float *room)
 {
     struct factored *f = &c->f[i];
-    const struct component_price price = {c->price, c->entry_bytes, c->component_bytes};
+    const struct component_price price = {c->price, c->entry_bytes, c->component_bytes, c->cpu};
     uint32_t most = c->options->rank && c->options->rank < f->rank ? c->options->rank : f->rank;
     double surplus = 0, best = 0, lost = f->tail ? f->tail[0] : 0, left = lost, bytes = 0;
     uint64_t entries = 0;
@@ -281,10 +282,12 @@ struct layout {
     uint64_t *cluster_entry; // first entry of each cluster
 };
 
-// Writes one row of halves times s: its entries from `at` on and its scaling coefficients.
-static uint64_t write_row(const struct choice *c, size_t i, uint32_t r, uint64_t at, float s,
+// Writes one row of halves times s: its entries from rows->begin[row] on and its scaling
+// coefficients. Returns the end of the entries.
+static uint64_t write_row(const struct choice *c, size_t i, uint32_t r, float s,
                           struct prt_rows *rows, uint32_t row, float *value)
 {
+    uint64_t at = rows->begin[row];
     const struct factored *f = &c->f[i];
     const float *e = f->energy + (size_t)r * c->n_coef;
     const uint32_t J = c->n_function, face = c->n * c->n;
@@ -337,11 +340,11 @@ static int write_range(void *arg, size_t begin, size_t end, unsigned worker)
             for (uint32_t v = 0; v < f->n_vertex; v++) most = fmaxf(most, fabsf(u[v]));
             write_u(f, r, most, padded, (uint16_t *)(uintptr_t)l->tensor->u + cluster->u_begin);
             if (c->low_rank) {
-                status = prt_write_low_rank_row(f, r, 64 * most, rows, row);
+                status = prt_write_low_rank_row(f, r, 64 * most, c->cpu, rows, row);
                 continue;
             }
             ((uint64_t *)(uintptr_t)rows->begin)[row] = at;
-            at = write_row(c, i, r, at, 64 * most, rows, row, value);
+            at = write_row(c, i, r, 64 * most, rows, row, value);
         }
     }
     prt_free(value);
@@ -438,6 +441,7 @@ int prt_pack_factored(const struct prt_context *ctx, const struct clusters *clus
 {
     uint32_t nc = clusters->n_cluster;
     struct choice c = {.f = factored,
+                       .cpu = ctx ? ctx->cpu : 0,
                        .n_cluster = nc,
                        .n_function = n_function,
                        .n = n,

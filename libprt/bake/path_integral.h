@@ -50,12 +50,71 @@ static inline __attribute__((always_inline)) float exp_minus(float x)
     return p * scale.f;
 }
 
+/* (e^-a - e^-b) / (b - a), the mean of an exponential between two exponents: the quotient, or
+ * near a = b its series, blended around a difference of 0.1, where both hold to 1e-5. */
+static inline __attribute__((always_inline)) float mean_exp(float ea, float eb, float a,
+                                                            float b)
+{
+    float d = b - a, d2 = d * d;
+    float quotient = (ea - eb) * d / (d2 + 1e-12f);
+    float series = 0.5f * (ea + eb) * (1 - d2 * (1.0f / 12));
+    float x = 0.5f * (100 * d2 + 4 - fabsf(100 * d2 - 4)), x2 = x * x, x4 = x2 * x2;
+    float far = x4 * x4 / (1 + x4 * x4);
+    return far * quotient + (1 - far) * series;
+}
+
+/* Points of the path between two nodes, directions that are integrated at a time. */
+enum { PATH_SUBSTEPS = 4, PATH_TILE = 128, PATH_POINTS = SINGLE_MAX_NODES * PATH_SUBSTEPS + 1 };
+
+/* A tile of directions along the path: s + s' and F_t V at the points of a monotone cubic
+ * through the surface and the nodes. */
+struct path {
+    uint32_t n_point; /* 1 + n_node * substeps */
+    float depth[PATH_POINTS];
+    float u[PATH_POINTS][PATH_TILE];             /* s + s' [mm] */
+    float transmittance[PATH_POINTS][PATH_TILE]; /* F_t V */
+    float slope[PATH_TILE];                      /* of u beyond the last node */
+};
+struct knots {
+    float depth[SINGLE_MAX_NODES + 1];
+    float v[SINGLE_MAX_NODES + 1][PATH_TILE]; /* values */
+};
+
 /* Integrates the nodes of n directions at `depth` [n_node], on to the path's `end` [mm].
  * With plan->extinction: out [n_phase][n_radial][n], or with the directions' weights rgb [n][3]
  * their sum, added to out [n_phase][n_radial][3]. Else out [n_phase*3][n] and no rgb. */
-void prt_path_integrate(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                        const struct scratch *s, const float *depth, float end, uint32_t n,
-                        const float *rgb, float *out);
+struct path_job {
+    const struct single_plan *plan;
+    const struct fresnel_table *fresnel;
+    const struct scratch *s;
+    const float *depth;
+    float end;
+    uint32_t n;
+    const float *rgb;
+    float *out;
+};
+void prt_path_integrate(const struct path_job *job);
+/* SH of the refracted directions w_i' at the nodes of direction t. False: no node has light. */
+bool prt_path_node_sh(const struct single_plan *plan, const struct scratch *s, uint32_t t,
+                      float y[SINGLE_MAX_NODES][PATH_MAX_PHASE]);
+
+/* Index of the k-th direction or cell in the nodes' arrays. */
+static inline uint32_t path_direction(const struct scratch *s, uint32_t k)
+{
+    return s->first ? s->first[k] : k;
+}
+
+/* The phase function's factor of w_i' in the middle of interval i of the path. */
+static inline void path_middle_sh(const struct single_plan *plan, const struct path *path,
+                                  uint32_t i, float y[SINGLE_MAX_NODES][PATH_MAX_PHASE],
+                                  float out[PATH_MAX_PHASE])
+{
+    uint32_t substeps = (path->n_point - 1) / plan->n_node, a = (i - 1) / substeps;
+    float x = ((float)(i - 1 - a * substeps) + 0.5f) / (float)substeps;
+    const float *y0 = y[a ? a - 1 : 0], *y1 = y[a];
+    for (uint32_t k = 0; k < plan->n_phase; k++) out[k] = y0[k] + x * (y1[k] - y0[k]);
+}
+
 /* Degree l of spherical harmonic k. */
 static inline unsigned path_degree(uint32_t k)
 {

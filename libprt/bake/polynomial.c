@@ -124,8 +124,8 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
         const struct prt_cluster *cluster = &p->tensor->cluster[c];
         if (!b->clusters->translucent[c]) continue;
         struct cut cut = {0};
-        status = prt_cut_build(b->ctx, b->mesh, b->surface, b->hierarchy, b->clusters,
-                               (uint32_t)c, &radial, &cut);
+        const struct cut_source from = {b->mesh, b->surface, b->hierarchy, b->clusters};
+        status = prt_cut_build(b->ctx, &from, (uint32_t)c, &radial, &cut);
         uint32_t n = cluster->n_vertex;
         float *sum = prt_alloc((size_t)n * 3, sizeof *sum);
         if (!sum) status = PRT_NOMEM;

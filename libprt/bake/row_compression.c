@@ -2,7 +2,7 @@
 // Low-rank rows (prt_rows, "mixed"): the responses of a spatial pattern to all training media
 // have rank 4 to 5 to 1 %. A row stores the components, combinations of functions, and an entry
 // one byte a component instead of one a function.
-#include "bake/stages.h"
+#include "bake/loops.h"
 
 #include <cblas.h>
 #include <lapacke.h>
@@ -290,72 +290,6 @@ int prt_compress_source(const struct factor_plan *plan, const struct row_source 
     return status;
 }
 
-enum { LANES = 16 }; // sums and maxima kept apart, in a register; divides 6 n n, as n >= 16
-
-// The largest of a component's coefficients among the entries that are kept.
-PRT_CLONES static float largest(const float *x, const float *sum, float limit, uint32_t n)
-{
-    float most[LANES] = {0}, all = 1e-30f;
-    for (uint32_t k = 0; k < n; k += LANES)
-        for (uint32_t i = 0; i < LANES; i++) {
-            float own = sum[k + i] > limit ? fabsf(x[k + i]) : 0;
-            most[i] = own > most[i] ? own : most[i];
-        }
-    for (uint32_t i = 0; i < LANES; i++) all = most[i] > all ? most[i] : all;
-    return all;
-}
-
-// Energy of a component in the entries that are kept.
-PRT_CLONES static float kept_energy(const float *x, const float *sum, float limit, uint32_t n)
-{
-    float part[LANES] = {0}, all = 0;
-    for (uint32_t k = 0; k < n; k += LANES)
-        for (uint32_t i = 0; i < LANES; i++)
-            part[i] += sum[k + i] > limit ? x[k + i] * x[k + i] : 0;
-    for (uint32_t i = 0; i < LANES; i++) all += part[i];
-    return all;
-}
-
-// The number of entries above a limit, where those whose share is above another count twice.
-PRT_CLONES static uint32_t count_above(const float *sum, float limit, const float *share,
-                                       float above, uint32_t n)
-{
-    uint32_t part[LANES] = {0}, all = 0;
-    for (uint32_t k = 0; k < n; k += LANES)
-        for (uint32_t i = 0; i < LANES; i++)
-            part[i] += sum[k + i] > limit ? 1u + (share[k + i] > above) : 0u;
-    for (uint32_t i = 0; i < LANES; i++) all += part[i];
-    return all;
-}
-
-// Sum of squared quantisation steps of the entries that are stored once: a step is the least
-// power of two above the entry's share of 127.
-PRT_CLONES static float squared_steps(const float *sum, float limit, const float *share,
-                                      float above, uint32_t n)
-{
-    float part[LANES] = {0}, all = 0;
-    for (uint32_t k = 0; k < n; k += LANES)
-        for (uint32_t i = 0; i < LANES; i++) {
-            union {
-                float value;
-                uint32_t bits;
-            } step = {.value = share[k + i] / 127};
-            step.bits = (step.bits & 0x7f800000u) + 0x00800000u;
-            bool once = sum[k + i] > limit && !(share[k + i] > above);
-            part[i] += once ? step.value * step.value : 0;
-        }
-    for (uint32_t i = 0; i < LANES; i++) all += part[i];
-    return all;
-}
-
-PRT_CLONES static void raise_share(const float *x, float scale, float *share, uint32_t n)
-{
-    for (uint32_t k = 0; k < n; k++) {
-        float own = fabsf(x[k]) * scale;
-        share[k] = own > share[k] ? own : share[k];
-    }
-}
-
 // Rounding to bytes loses a twelfth of the squared step in energy; the step is a 127th of the
 // largest value, halved as often as the entry allows. Where that exceeds the price of an entry
 // the residual is stored as a second entry. Returns the share of the row's largest values above
@@ -373,17 +307,19 @@ struct decoded_row {
     const struct factored *f;
     uint32_t r, n_coef, n;
     float *sum, *share, *x;
+    const struct bake_loops *loops;
 };
 
 static struct decoded_row decode_row(const struct factored *f, uint32_t r, uint32_t n_coef,
-                                     float *room)
+                                     unsigned cpu, float *room)
 {
     return (struct decoded_row){.f = f,
                                 .r = r,
                                 .n_coef = n_coef,
                                 .sum = room,
                                 .share = room + n_coef,
-                                .x = room + 2 * (size_t)n_coef};
+                                .x = room + 2 * (size_t)n_coef,
+                                .loops = prt_bake_loops(cpu)};
 }
 
 static const float *decode_component(struct decoded_row *s, uint32_t d)
@@ -410,14 +346,14 @@ static uint64_t count_entries(struct decoded_row *s, uint32_t width, float limit
     memset(s->share, 0, s->n_coef * sizeof *s->share);
     for (uint32_t d = 0; d < width; d++) {
         const float *x = decode_component(s, d);
-        float most = largest(x, s->sum, limit, s->n_coef);
+        float most = s->loops->largest(x, s->sum, limit, s->n_coef);
         unit2 += most / 127 * (most / 127);
-        raise_share(x, 127 / most, s->share, s->n_coef);
+        s->loops->raise_share(x, 127 / most, s->share, s->n_coef);
     }
     above = 127 * twice_above(unit2, limit);
-    *lost =
-        (double)unit2 / 12 * (double)squared_steps(s->sum, limit, s->share, above, s->n_coef);
-    return count_above(s->sum, limit, s->share, above, s->n_coef);
+    *lost = (double)unit2 / 12 *
+            (double)s->loops->squared_steps(s->sum, limit, s->share, above, s->n_coef);
+    return s->loops->count_above(s->sum, limit, s->share, above, s->n_coef);
 }
 
 // A component is kept when its energy in the kept entries exceeds the price of its byte in
@@ -427,7 +363,7 @@ void prt_choose_components(struct factored *f, uint32_t r, uint32_t n_coef,
                            struct component_choice *out)
 {
     enum { AHEAD = 4, TURNS = 4 };
-    struct decoded_row s = decode_row(f, r, n_coef, room);
+    struct decoded_row s = decode_row(f, r, n_coef, price->cpu, room);
     uint32_t width = f->width[r] ? f->width[r] : AHEAD,
              next; // starts from the choice at another price
     if (width > f->n_component) width = f->n_component;
@@ -438,11 +374,12 @@ void prt_choose_components(struct factored *f, uint32_t r, uint32_t n_coef,
         *out = (struct component_choice){
             .width = width, .limit = (float)(price->byte * (price->entry_bytes + width))};
         sum_energies(&s, width);
-        out->entries = count_above(s.sum, out->limit, s.sum, INFINITY, n_coef);
+        out->entries = s.loops->count_above(s.sum, out->limit, s.sum, INFINITY, n_coef);
         double cost = price->byte * ((double)out->entries + price->component_bytes);
         next = 0;
         for (uint32_t d = 0; d < look && (d < width || next == d); d++) {
-            float all = kept_energy(decode_component(&s, d), s.sum, out->limit, n_coef);
+            float all =
+                s.loops->kept_energy(decode_component(&s, d), s.sum, out->limit, n_coef);
             if (d < width) out->energy += (double)all;
             if (next == d && (!d || (double)all > cost)) next = d + 1;
         }
@@ -486,8 +423,8 @@ static float write_component(const struct factored *f, uint32_t r, uint32_t d, u
     return most;
 }
 
-int prt_write_low_rank_row(const struct factored *f, uint32_t r, float s, struct prt_rows *rows,
-                           uint32_t row)
+int prt_write_low_rank_row(const struct factored *f, uint32_t r, float s, unsigned cpu,
+                           struct prt_rows *rows, uint32_t row)
 {
     const uint32_t J = rows->n_function, n_coef = rows->n_coef, width = f->width[r];
     const uint32_t first = rows->direction[row];
@@ -495,12 +432,12 @@ int prt_write_low_rank_row(const struct factored *f, uint32_t r, float s, struct
     int8_t *entry = WRITABLE(int8_t, rows->entry) + rows->value_begin[row];
     float *room = prt_alloc(COMPONENT_ROOM * (size_t)n_coef, sizeof *room), unit2 = 0;
     if (!room) return PRT_NOMEM;
-    struct decoded_row decoded = decode_row(f, r, n_coef, room);
+    struct decoded_row decoded = decode_row(f, r, n_coef, cpu, room);
     float *sum = decoded.sum, *x = decoded.x;
     sum_energies(&decoded, width);
     for (uint32_t d = 0; d < width; d++) {
         float *own = x + (size_t)d * n_coef;
-        float most = largest(own, sum, f->limit[r], n_coef);
+        float most = decoded.loops->largest(own, sum, f->limit[r], n_coef);
         unit2 += most / 127 * (most / 127);
         for (uint32_t k = 0; k < n_coef; k++) own[k] *= 127 / most;
         WRITABLE(float, rows->scale)

@@ -105,14 +105,14 @@ uint64_t prt_single_light(const struct single_plan *plan, const struct fresnel_t
             normal[0] * light->x[t] + normal[1] * light->y[t] + normal[2] * light->z[t];
     memset(out, 0, (size_t)plan->n_phase * plan->extinction->n_function * 3 * sizeof *out);
     float end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
-    prt_path_integrate(plan, fresnel, &s, depth, end, n, light->rgb, out);
+    prt_path_integrate(&(struct path_job){plan, fresnel, &s, depth, end, n, light->rgb, out});
     return rays;
 }
 
 // W05 eq 12 as printed: n_point points and a ray for every texel at each. For measurements.
 static uint64_t every_ray(const struct single_plan *plan, const struct fresnel_table *fresnel,
-                          const float x[3], const float n[3], float thickness, unsigned pattern,
-                          struct scratch *s, float *out)
+                          const struct vertex_path *path, float thickness, struct scratch *s,
+                          float *out)
 {
     const struct directions *d = plan->directions;
     uint32_t K = plan->n_phase;
@@ -123,8 +123,8 @@ static uint64_t every_ray(const struct single_plan *plan, const struct fresnel_t
         float xi = ((float)i + 0.5f) / (float)plan->n_point;
         float depth = -logf(1 - xi * lambda) / sigma, p[3];
         float weight = lambda / ((float)plan->n_point * sigma * expf(-sigma * depth));
-        for (int k = 0; k < 3; k++) p[k] = x[k] - depth * n[k];
-        rays += prt_trace_every(plan, fresnel, p, pattern + i * 0x51, s);
+        for (int k = 0; k < 3; k++) p[k] = path->x[k] - depth * path->n[k];
+        rays += prt_trace_every(plan, fresnel, p, path->pattern + i * 0x51, s);
         for (uint32_t t = 0; t < d->n_coef; t++) {
             float transmittance = s->node[0].transmittance[t];
             if (transmittance <= 0) continue;
@@ -156,7 +156,8 @@ uint64_t prt_single_cells(const struct single_plan *plan, const struct fresnel_t
     *out = (struct single_cells){d->n_coef, s.cell, value};
     if (plan->every_ray) {
         for (uint32_t t = 0; t < d->n_coef; t++) s.cell[t] = t;
-        return rays + every_ray(plan, fresnel, x, n, thickness, pattern, &s, value);
+        const struct vertex_path all = {.x = x, .n = n, .pattern = pattern};
+        return rays + every_ray(plan, fresnel, &all, thickness, &s, value);
     }
     float depth[SINGLE_MAX_NODES], end;
     prt_single_plan_nodes(plan, thickness, depth);
@@ -168,7 +169,8 @@ uint64_t prt_single_cells(const struct single_plan *plan, const struct fresnel_t
     rays += prt_trace_nodes(plan, fresnel, &path, &s);
     end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
     out->n_cell = make_cells(plan, &s);
-    prt_path_integrate(plan, fresnel, &s, depth, end, out->n_cell, NULL, value);
+    prt_path_integrate(
+        &(struct path_job){plan, fresnel, &s, depth, end, out->n_cell, NULL, value});
     return rays;
 }
 

@@ -13,6 +13,10 @@ struct lanes {
     float dir[3][16];        /* w_i', outward */
     float cosine[16];        /* w_i . n_i; 0: no exit */
 };
+/* Vertex normals of the triangles that 16 rays hit. */
+struct corners {
+    float n[3][3][16]; /* [corner][axis] */
+};
 /* Traces the lanes of mask from inside the body to their exits. transmittance does not yet
  * count occlusion beyond the exit. Returns the lanes that leave the body. */
 uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,

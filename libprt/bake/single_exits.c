@@ -1,14 +1,9 @@
 // SPDX-License-Identifier: MIT
 // Packets of rays from points inside the body to their exits, and on through the open (W05 eq
 // 5, eq 12).
-#include "bake/single.h"
+#include "bake/loops.h"
 
 #include <math.h>
-
-// Vertex normals of the triangles that were hit.
-struct corners {
-    float n[3][3][16]; // [corner][axis]
-};
 
 static void gather_corners(const struct prt_mesh *mesh, const struct prt_packet *packet,
                            struct corners *c)
@@ -21,38 +16,6 @@ static void gather_corners(const struct prt_mesh *mesh, const struct prt_packet 
     }
 }
 
-// Path lengths s_i' (METHODS §1, W05 eq 5) and refracted directions of 16 rays. The cosine is 0
-// where the ray hit a front face (its start is outside) or leaves below the shading normal's
-// horizon.
-PRT_CLONES static void refract16(const struct prt_packet *packet, const struct corners *corner,
-                                 float eta, struct lanes *out)
-{
-    float inv = 1 / eta;
-    for (int i = 0; i < 16; i++) {
-        float u = packet->u[i], v = packet->v[i], o = 1 - u - v;
-        float dx = packet->dx[i], dy = packet->dy[i], dz = packet->dz[i];
-        float x = o * corner->n[0][0][i] + u * corner->n[1][0][i] + v * corner->n[2][0][i];
-        float y = o * corner->n[0][1][i] + u * corner->n[1][1][i] + v * corner->n[2][1][i];
-        float z = o * corner->n[0][2][i] + u * corner->n[1][2][i] + v * corner->n[2][2][i];
-        float length2 = x * x + y * y + z * z;
-        float facing = packet->gx[i] * dx + packet->gy[i] * dy + packet->gz[i] * dz;
-        float scale = 1 / sqrtf(length2 + 1e-30f);
-        x *= scale, y *= scale, z *= scale;
-        float cosine = x * dx + y * dy + z * dz;
-        cosine = cosine > 1 ? 1 : cosine;
-        bool leaves = packet->triangle[i] != UINT32_MAX && facing > 0 && cosine > 0;
-        // not 1 - inv^2 (1 - cos^2), which is 0 for grazing rays at eta 1
-        float root = sqrtf((1 - inv * inv) + inv * inv * cosine * cosine + 1e-20f);
-        float bend = root - cosine * inv;
-        out->cosine[i] = leaves ? cosine : 0;
-        out->path_mm[i] = leaves ? packet->t[i] * cosine / root : 0;
-        // The refracted direction, pointing back outwards: w/eta + (root - cos/eta) n.
-        out->dir[0][i] = dx * inv + bend * x;
-        out->dir[1][i] = dy * inv + bend * y;
-        out->dir[2][i] = dz * inv + bend * z;
-    }
-}
-
 uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_table *fresnel,
                          struct prt_packet *packet, uint32_t mask, struct lanes *out)
 {
@@ -60,7 +23,7 @@ uint32_t prt_trace_exits(const struct single_plan *plan, const struct fresnel_ta
     uint32_t leave = 0;
     prt_scene_intersect16(plan->scene, packet, mask, false);
     gather_corners(plan->mesh, packet, &corner);
-    refract16(packet, &corner, plan->eta, out);
+    prt_bake_loops(plan->cpu)->refract(packet, &corner, plan->eta, out);
     for (int i = 0; i < 16; i++) {
         leave |= (uint32_t)(out->cosine[i] > 0) << i;
         float transmittance = fresnel_table_eval(fresnel, out->cosine[i]);

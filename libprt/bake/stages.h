@@ -11,15 +11,6 @@
 #include "prt/surface.h"
 #include "prt/trace.h"
 
-/* Compiles a function once for each of three instruction sets; the loader picks one. Off under
- * the thread sanitizer, whose runtime starts after the loader's resolvers have run. */
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
-    !defined(__SANITIZE_THREAD__)
-#define PRT_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define PRT_CLONES
-#endif
-
 /* ---- directions: jittered sub-samples of texels ------------------------------------------ */
 
 enum { SUBS = 4 }; /* 2 x 2 sub-samples a texel, W05 §3 */
@@ -27,6 +18,7 @@ enum { SUBS = 4 }; /* 2 x 2 sub-samples a texel, W05 §3 */
 /* Packets of 16 rays: 2 x 2 texels of one face, 4 sub-samples each. A pattern is one jitter of
  * the whole sphere. The weights of a texel's sub-samples sum to 1. */
 struct directions {
+    unsigned cpu;       /* mask of enum prt_cpu for the loops over packets */
     uint32_t n, n_coef; /* cube size; 6 n n texels */
     uint32_t n_pattern; /* jitters of the sphere */
     uint32_t n_packet;  /* packets of one pattern */
@@ -36,7 +28,7 @@ struct directions {
     float *solid_angle; /* [n_coef] sr */
     uint16_t *bin;      /* [n_coef] bin of a horizon that contains the texel's centre */
 };
-int prt_directions_create(uint32_t n, uint32_t n_pattern, uint64_t seed,
+int prt_directions_create(unsigned cpu, uint32_t n, uint32_t n_pattern, uint64_t seed,
                           struct directions **out);
 void prt_directions_destroy(struct directions *d);
 
@@ -145,12 +137,17 @@ struct cut {
     float *k;      /* [n_function][n_column][n_vertex], includes 1/pi and areas */
     size_t k_capacity;
 };
+/* A body whose samples are gathered. */
+struct cut_source {
+    const struct prt_mesh *mesh;
+    const struct prt_surface_points *surface;
+    const struct hierarchy *hierarchy;
+    const struct clusters *clusters;
+};
 /* The cut and the matrix of cluster c (W05 eq 7, JB02). A zeroed `cut`, or one of an earlier
  * call, whose memory is used again; prt_cut_finish frees it. */
-int prt_cut_build(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                  const struct prt_surface_points *surface, const struct hierarchy *h,
-                  const struct clusters *clusters, uint32_t c, const struct radial_set *radial,
-                  struct cut *cut);
+int prt_cut_build(const struct prt_context *ctx, const struct cut_source *from, uint32_t c,
+                  const struct radial_set *radial, struct cut *cut);
 void prt_cut_finish(struct cut *cut);
 
 /* ---- factorisation --------------------------------------------------------------------------
@@ -240,6 +237,7 @@ enum {
 struct component_price {
     double byte;                         /* energy that one byte has to hold */
     double entry_bytes, component_bytes; /* beside one byte a component of each entry */
+    unsigned cpu; /* mask of enum prt_cpu for the loops over coefficients */
 };
 struct component_choice {
     uint32_t width;   /* components kept */
@@ -263,8 +261,8 @@ void prt_choose_components(struct factored *f, uint32_t r, uint32_t n_coef,
                            const struct component_price *price, float *room,
                            struct component_choice *out);
 /* Writes row r times s as row `row` of `rows`, whose offsets are set. */
-int prt_write_low_rank_row(const struct factored *f, uint32_t r, float s, struct prt_rows *rows,
-                           uint32_t row);
+int prt_write_low_rank_row(const struct factored *f, uint32_t r, float s, unsigned cpu,
+                           struct prt_rows *rows, uint32_t row);
 /* Frees the arrays of a tensor that prt_pack_factored or prt_sparse_builder_finish made. */
 void prt_tensor_finish(struct prt_tensor *tensor);
 
@@ -328,6 +326,7 @@ void prt_horizon_view(struct horizon *horizon, uint32_t triangle, struct horizon
 /* How single scattering of a model is traced and integrated. The caller fills the fields up to
  * n_direction, prt_single_plan_depths the rest. */
 struct single_plan {
+    unsigned cpu; /* mask of enum prt_cpu for the loops over rays and paths */
     const struct prt_scene *scene;
     const struct prt_mesh *mesh;
     const struct directions *directions; /* one sub-sample of each texel is used */

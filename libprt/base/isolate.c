@@ -118,10 +118,11 @@ static int confine(const struct prt_context *ctx, const char *what,
     bool weak = weak_accepted();
     const char *part = "resource limits";
     int error = 0;
-    if (!sandbox_limits(limits->memory_bytes, limits->seconds, limits->threads) ||
+    if (!prt_sandbox_limits(limits->memory_bytes, limits->seconds, limits->threads) ||
         prctl(PR_SET_DUMPABLE, 0) || prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0))
         error = errno;
-    enum landlock_state landlock = error ? LANDLOCK_ABSENT : sandbox_landlock(limits->folder);
+    enum landlock_state landlock =
+        error ? LANDLOCK_ABSENT : prt_sandbox_landlock(limits->folder);
     if (landlock == LANDLOCK_FAILED) {
         part = "Landlock";
         error = errno;
@@ -130,7 +131,7 @@ static int confine(const struct prt_context *ctx, const char *what,
         // Without Landlock any file could be read: then none can be opened.
         bool may_open = limits->folder && (landlock == LANDLOCK_ON || weak);
         part = "seccomp";
-        error = -sandbox_filter(may_open, limits->threads);
+        error = -prt_sandbox_filter(may_open, limits->threads);
         if (!error && limits->folder && !may_open)
             prt_log(ctx, PRT_LOG_NOTE,
                     "%s: files beside it cannot be read: this kernel has no Landlock; "

@@ -44,7 +44,7 @@ static uint64_t pages(int field)
     return value[field];
 }
 
-bool sandbox_limits(uint64_t memory_bytes, double seconds, bool may_thread)
+bool prt_sandbox_limits(uint64_t memory_bytes, double seconds, bool may_thread)
 {
     enum { FILES = 16 }; // the pipe, the input, one buffer of a glTF and the folders on its way
     uint64_t page = (uint64_t)sysconf(_SC_PAGESIZE), cpu = (uint64_t)ceil(seconds);
@@ -110,7 +110,7 @@ static bool allow_folder(int ruleset, const char *path)
     return ok;
 }
 
-enum landlock_state sandbox_landlock(const char *folder)
+enum landlock_state prt_sandbox_landlock(const char *folder)
 {
     struct landlock_ruleset rules;
     long version = syscall(LANDLOCK_CREATE_RULESET, NULL, 0, LANDLOCK_VERSION_FLAG);
@@ -248,7 +248,7 @@ static int allow_threads(scmp_filter_ctx filter)
                             SCMP_A0(SCMP_CMP_MASKED_EQ, thread, thread));
 }
 
-int sandbox_filter(bool may_open, bool may_thread)
+int prt_sandbox_filter(bool may_open, bool may_thread)
 {
     scmp_filter_ctx filter = seccomp_init(SCMP_ACT_ERRNO(EPERM));
     if (!filter) return -ENOSYS;
@@ -270,7 +270,7 @@ int sandbox_filter(bool may_open, bool may_thread)
     return status;
 }
 #else
-int sandbox_filter(bool may_open, bool may_thread)
+int prt_sandbox_filter(bool may_open, bool may_thread)
 {
     return -ENOSYS;
 }

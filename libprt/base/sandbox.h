@@ -28,13 +28,13 @@ enum landlock_state { LANDLOCK_ON, LANDLOCK_ABSENT, LANDLOCK_FAILED };
 /* Address space beyond what the process has, CPU seconds, open files, core and file sizes, and
  * no processes nor threads but with may_thread: that limit counts threads as processes, of all
  * the user's. False with errno when the kernel refuses one. */
-bool sandbox_limits(uint64_t memory_bytes, double seconds, bool may_thread);
+bool prt_sandbox_limits(uint64_t memory_bytes, double seconds, bool may_thread);
 /* No file can be opened from here on but for reading beneath `folder` (NULL: none at all).
  * Needs no_new_privs. FAILED: the kernel has Landlock and refused; errno says why. */
-enum landlock_state sandbox_landlock(const char *folder);
+enum landlock_state prt_sandbox_landlock(const char *folder);
 /* Allows the system calls a decoder needs; every other one fails with EPERM. may_open: files
  * may be opened for reading; may_thread: threads may be started, processes never. 0 or a
  * negative errno. */
-int sandbox_filter(bool may_open, bool may_thread);
+int prt_sandbox_filter(bool may_open, bool may_thread);
 
 #endif

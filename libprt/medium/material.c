@@ -43,14 +43,15 @@ const struct prt_material *prt_material_preset_named(const char *name, char *rem
     return found < 0 ? NULL : &presets[found];
 }
 
-int prt_material_range(const struct prt_context *ctx, const char *what, const char *parameter,
-                       int channel, double value, double lo, double hi, const char *unit)
+int prt_material_range(const struct prt_context *ctx, const char *what,
+                       const struct material_range *range, int channel, double value)
 {
-    if (value >= lo && value <= hi) return PRT_OK; /* NaN falls through */
+    if (value >= range->lo && value <= range->hi) return PRT_OK; /* NaN falls through */
     char index[16] = "";
     if (channel >= 0) snprintf(index, sizeof index, "[%d]", channel);
-    return prt_fail(ctx, PRT_ARG, "%s: %s%s is %g, allowed range %g to %g%s%s", what, parameter,
-                    index, value, lo, hi, unit[0] ? " " : "", unit);
+    return prt_fail(ctx, PRT_ARG, "%s: %s%s is %g, allowed range %g to %g%s%s", what,
+                    range->parameter, index, value, range->lo, range->hi,
+                    range->unit[0] ? " " : "", range->unit);
 }
 
 int prt_material_check_values(const struct prt_context *ctx, const char *what,
@@ -58,25 +59,38 @@ int prt_material_check_values(const struct prt_context *ctx, const char *what,
 {
     int err;
     for (int c = 0; c < 3; c++) {
-        if ((err = prt_material_range(ctx, what, "sigma_s_prime", c, v->sigma_s_prime[c],
-                                      MATERIAL_MIN_SIGMA_S, MATERIAL_MAX_SIGMA, "mm^-1")) < 0 ||
-            (err = prt_material_range(ctx, what, "sigma_a", c, v->sigma_a[c], 0,
-                                      MATERIAL_MAX_SIGMA, "mm^-1")) < 0 ||
-            (err = prt_material_range(ctx, what, "g", c, v->g[c], -MATERIAL_MAX_G,
-                                      MATERIAL_MAX_G, "(mean cosine, no unit)")) < 0)
+        if ((err = prt_material_range(ctx, what,
+                                      &(struct material_range){"sigma_s_prime",
+                                                               MATERIAL_MIN_SIGMA_S,
+                                                               MATERIAL_MAX_SIGMA, "mm^-1"},
+                                      c, v->sigma_s_prime[c])) < 0 ||
+            (err = prt_material_range(
+                 ctx, what, &(struct material_range){"sigma_a", 0, MATERIAL_MAX_SIGMA, "mm^-1"},
+                 c, v->sigma_a[c])) < 0 ||
+            (err = prt_material_range(ctx, what,
+                                      &(struct material_range){"g", -MATERIAL_MAX_G,
+                                                               MATERIAL_MAX_G,
+                                                               "(mean cosine, no unit)"},
+                                      c, v->g[c])) < 0)
             return err;
         /* Single scattering is sampled in steps of the unreduced mean free path. */
         double sigma_t = v->sigma_a[c] + v->sigma_s_prime[c] / (1 - v->g[c]);
-        if ((err = prt_material_range(ctx, what,
-                                      "extinction sigma_a + sigma_s_prime/(1-g) of channel", c,
-                                      sigma_t, 0, MATERIAL_MAX_SIGMA_T, "mm^-1")) < 0)
+        if ((err = prt_material_range(
+                 ctx, what,
+                 &(struct material_range){"extinction sigma_a + sigma_s_prime/(1-g) of channel",
+                                          0, MATERIAL_MAX_SIGMA_T, "mm^-1"},
+                 c, sigma_t)) < 0)
             return err;
     }
-    if ((err = prt_material_range(ctx, what, "eta", -1, v->eta, 1, 3,
-                                  "(relative refractive index, no unit)")) < 0)
+    if ((err = prt_material_range(
+             ctx, what,
+             &(struct material_range){"eta", 1, 3, "(relative refractive index, no unit)"}, -1,
+             v->eta)) < 0)
         return err;
-    return prt_material_range(ctx, what, "roughness", -1, v->roughness, MATERIAL_MIN_ROUGHNESS,
-                              1, "(no unit)");
+    return prt_material_range(
+        ctx, what,
+        &(struct material_range){"roughness", MATERIAL_MIN_ROUGHNESS, 1, "(no unit)"}, -1,
+        v->roughness);
 }
 
 int prt_material_check(const struct prt_context *ctx, const struct prt_material *material)

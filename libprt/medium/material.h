@@ -23,8 +23,13 @@ struct material_values {
 
 /* PRT_OK if lo <= value <= hi, else PRT_ARG and a log line with parameter, value, range and
  * unit. channel -1: the parameter has no channels. */
-int prt_material_range(const struct prt_context *ctx, const char *what, const char *parameter,
-                       int channel, double value, double lo, double hi, const char *unit);
+struct material_range {
+    const char *parameter;
+    double lo, hi;
+    const char *unit;
+};
+int prt_material_range(const struct prt_context *ctx, const char *what,
+                       const struct material_range *range, int channel, double value);
 int prt_material_check_values(const struct prt_context *ctx, const char *what,
                               const struct material_values *v);
 

@@ -9,10 +9,12 @@ int prt_profile_init_burley(const struct prt_context *ctx, struct prt_profile *p
                             double albedo, double mean_free_path_mm)
 {
     int err;
-    if ((err = prt_material_range(ctx, "burley", "albedo", -1, albedo, 1e-4, 1, "(no unit)")) <
-            0 ||
-        (err = prt_material_range(ctx, "burley", "mean_free_path", -1, mean_free_path_mm, 1e-3,
-                                  1e4, "mm")) < 0)
+    if ((err = prt_material_range(ctx, "burley",
+                                  &(struct material_range){"albedo", 1e-4, 1, "(no unit)"}, -1,
+                                  albedo)) < 0 ||
+        (err = prt_material_range(ctx, "burley",
+                                  &(struct material_range){"mean_free_path", 1e-3, 1e4, "mm"},
+                                  -1, mean_free_path_mm)) < 0)
         return err;
     double s = 1.9 - albedo + 3.5 * (albedo - 0.8) * (albedo - 0.8);
     *profile = (struct prt_profile){.kind = PRT_PROFILE_BURLEY,

@@ -146,15 +146,22 @@ static int check_layer(const struct prt_context *ctx, unsigned i, unsigned n,
     char what[32];
     snprintf(what, sizeof what, "layer %u", i);
     int err;
-    if ((err = prt_material_range(ctx, what, "sigma_s_prime", -1, layer->sigma_s_prime,
-                                  MATERIAL_MIN_SIGMA_S, MATERIAL_MAX_SIGMA, "mm^-1")) < 0 ||
-        (err = prt_material_range(ctx, what, "sigma_a", -1, layer->sigma_a, 0,
-                                  MATERIAL_MAX_SIGMA, "mm^-1")) < 0)
+    if ((err =
+             prt_material_range(ctx, what,
+                                &(struct material_range){"sigma_s_prime", MATERIAL_MIN_SIGMA_S,
+                                                         MATERIAL_MAX_SIGMA, "mm^-1"},
+                                -1, layer->sigma_s_prime)) < 0 ||
+        (err = prt_material_range(
+             ctx, what, &(struct material_range){"sigma_a", 0, MATERIAL_MAX_SIGMA, "mm^-1"}, -1,
+             layer->sigma_a)) < 0)
         return err;
     if (i + 1 == n && isinf(layer->thickness_mm) && layer->thickness_mm > 0) return PRT_OK;
     /* the source of the diffusion approximation is one mean free path deep */
-    return prt_material_range(ctx, what, "thickness", -1, layer->thickness_mm,
-                              1 / (layer->sigma_s_prime + layer->sigma_a), 1e4, "mm");
+    return prt_material_range(
+        ctx, what,
+        &(struct material_range){"thickness", 1 / (layer->sigma_s_prime + layer->sigma_a), 1e4,
+                                 "mm"},
+        -1, layer->thickness_mm);
 }
 
 int prt_profile_init_multipole(const struct prt_context *ctx, struct prt_profile *profile,
@@ -166,8 +173,10 @@ int prt_profile_init_multipole(const struct prt_context *ctx, struct prt_profile
     if (n_layer < 1 || n_layer > PRT_PROFILE_MAX_LAYER)
         return prt_fail(ctx, PRT_ARG, "multipole: %u layers, allowed range 1 to %d", n_layer,
                         PRT_PROFILE_MAX_LAYER);
-    if ((err = prt_material_range(ctx, "multipole", "eta", -1, eta, 1, 3,
-                                  "(relative refractive index, no unit)")) < 0)
+    if ((err = prt_material_range(
+             ctx, "multipole",
+             &(struct material_range){"eta", 1, 3, "(relative refractive index, no unit)"}, -1,
+             eta)) < 0)
         return err;
     for (unsigned i = 0; i < n_layer; i++)
         if ((err = check_layer(ctx, i, n_layer, &layer[i])) < 0) return err;

@@ -29,8 +29,10 @@ static int values_load(struct tool *tool, const char *path, struct values *out)
                                 : prt_image_load(&tool->ctx, path, &image);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     if (image.rgb)
-        *out = (struct values){image.rgb, (size_t)image.width * image.height, image.width,
-                               image.height};
+        *out = (struct values){.rgb = image.rgb,
+                               .n = (size_t)image.width * image.height,
+                               .width = image.width,
+                               .height = image.height};
     for (size_t i = 0; i < 3 * out->n; i++)
         if (!isfinite(out->rgb[i]))
             return tool_exit(tool, prt_fail(&tool->ctx, PRT_FORMAT,

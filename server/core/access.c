@@ -177,7 +177,7 @@ bool access_take_request(struct access *access, const struct caller *caller, uin
     struct token *t = token_of(access, caller->name);
     if (!t || !(t->rate > 0)) return true;
     uint64_t now = loop_now_ns();
-    double most = fmax(1, t->rate); // a second's requests at once
+    double most = fmax(ACCESS_BURST, t->rate);
     double more = (double)(now - t->allowance_ns) * 1e-9 * t->rate;
     t->allowance = t->allowance_ns ? fmin(most, t->allowance + more) : most;
     t->allowance_ns = now;

@@ -60,8 +60,9 @@ enum access_verdict access_check(struct access *access, const char *who, const c
 /* Whether the caller's token is still valid; true for a caller without a token. */
 bool access_is_current(const struct access *access, const struct caller *caller);
 
-/* Takes one request from the caller's quota of requests a second. False: none is left, and one
- * is in *retry_ms. */
+/* Takes one request from the caller's quota of requests a second. A second's requests may come
+ * at once, and ACCESS_BURST of a slower rate. False: none is left, and one is in *retry_ms. */
+enum { ACCESS_BURST = 10 };
 bool access_take_request(struct access *access, const struct caller *caller,
                          uint32_t *retry_ms);
 /* Fills the limits that the principal's token sets; ledger_set_quotas calls it. */

@@ -79,7 +79,9 @@ static void on_signal(void *user, int signal_number)
 {
     if (signal_number == SIGHUP) {
         sd_notify(0, "RELOADING=1");
+        bool required = access_required(server.access);
         configuration_reload(&server, arg_count, args);
+        if (!required && access_required(server.access)) connections_recheck(&server, true);
         sd_notify(0, "READY=1");
         return;
     }

@@ -20,6 +20,7 @@
 #include <unistd.h>
 
 enum {
+    PING_S = 60,     // most seconds between two pings of a silent WebSocket client
     PLAIN_MAX = 128, // HTTP clients beyond --connections
     READ_AT_ONCE = 32 << 10,
     LINGER_S = 2, // time for a refused client to read its answer while it still sends
@@ -36,6 +37,7 @@ struct http_session {
 static struct lws_context *context;
 static struct lws_vhost *vhost, *tls_vhost; // tls_vhost NULL: no TLS
 uint8_t http_piece[LWS_PRE + HTTP_CHUNK];
+uint64_t http_turns;
 static unsigned n_wsi; // sockets of libwebsockets: HTTP, WebSocket, and the loop's descriptor
 
 struct server *http_server(struct lws *wsi)
@@ -246,9 +248,17 @@ static void http_accepted(struct server *server, const struct accepted *client)
                         (int)ceil(fmax(server->options.handshake, 1)));
 }
 
-// A WebSocket peer that is silent is pinged after 60 s and closed after 90 s.
-static const lws_retry_bo_t pings = {.secs_since_valid_ping = 60,
-                                     .secs_since_valid_hangup = 90};
+// A silent WebSocket peer is pinged and closed without a pong. One that began a WebSocket
+// frame's header and does not finish it cannot answer either. libwebsockets reports nothing of
+// it, so both have twice --frame-time, at most 90 s.
+static lws_retry_bo_t pings;
+
+static void set_pings(const struct options *o)
+{
+    double hangup = fmin(ceil(o->frame_time * 2) + 4, PING_S * 1.5);
+    pings.secs_since_valid_hangup = (uint16_t)hangup;
+    pings.secs_since_valid_ping = (uint16_t)fmin(hangup / 2, PING_S);
+}
 
 static bool create_context(struct server *server)
 {
@@ -269,6 +279,7 @@ static bool create_context(struct server *server)
     // each fragment of an answer.
     info.timeout_secs = 30;
     info.timeout_secs_ah_idle = (unsigned)ceil(fmax(server->options.handshake, 1));
+    set_pings(&server->options);
     info.retry_and_idle_policy = &pings;
     info.options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS |
                    LWS_SERVER_OPTION_HTTP_HEADERS_SECURITY_BEST_PRACTICES_ENFORCE;
@@ -304,6 +315,7 @@ bool http_is_open(void)
 
 void http_turn(struct server *server)
 {
+    http_turns++;
     lws_service(context, 0);
 }
 

@@ -12,6 +12,8 @@
 enum { HTTP_CHUNK = 64 << 10 }; /* largest piece handed to libwebsockets, in bytes */
 
 /* Where a piece is laid before lws_write, LWS_PRE bytes behind the start. */
+/* Turns of libwebsockets' loop so far. */
+extern uint64_t http_turns;
 extern uint8_t http_piece[LWS_PRE + HTTP_CHUNK];
 
 struct server *http_server(struct lws *wsi);
@@ -31,6 +33,8 @@ struct websocket {
     struct lws *wsi;
     uint8_t *refusal; /* where no connection was opened: the ERROR frame to send */
     size_t n_refusal;
+    uint64_t turn, spent_ns;  /* time that its messages took in this turn of the loop */
+    struct loop_timer paused; /* armed: they took more, and the rest waits for the next turn */
 };
 /* libwebsockets' callback for the subprotocol; user is a struct websocket. */
 int websocket_event(struct lws *wsi, enum lws_callback_reasons reason, void *user, void *in,

@@ -8,6 +8,7 @@
 #include "relight.pb-c.h"
 
 #include <stdarg.h>
+#include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -79,6 +80,16 @@ struct held_bytes *request_take_payload(struct request *request)
     request->payload_size = 0;
     request->payload_charged = 0;
     return held;
+}
+
+void request_return_payload(struct request *request, struct held_bytes *held)
+{
+    assert(held->refs == 1 && held->principal == request->principal && !request->payload);
+    request->payload = held->bytes;
+    request->payload_size = held->size;
+    request->payload_charged = held->charged;
+    principal_release(held->principal);
+    free(held);
 }
 
 void held_bytes_hold(struct held_bytes *held)
@@ -263,10 +274,14 @@ static bool may_open(struct connection *conn, const struct relight_frame *frame,
 }
 
 // Whether its token's requests a second allow another one.
-static bool within_rate(struct connection *conn, const struct operation *operation)
+static bool within_rate(struct connection *conn, const struct relight_frame *frame,
+                        const struct operation *operation)
 {
+    enum { CHUNK = 64 << 10 };
     uint32_t retry_ms;
-    if (operation->flags & OPERATION_ALWAYS || !conn->greeted || conn->prepaid ||
+    // The chunks of an upload are limited by their bytes.
+    bool chunk = frame->type == RELIGHT_TYPE_PUT_BLOB && frame->payload_size >= CHUNK;
+    if (operation->flags & OPERATION_ALWAYS || !conn->greeted || conn->prepaid || chunk ||
         access_take_request(conn->server->access, &conn->caller, &retry_ms))
         return true;
     conn->refusal.retry_ms = retry_ms;
@@ -349,7 +364,7 @@ struct request *request_create(struct connection *conn, const struct relight_fra
                           frame->type);
     if (!refused) {
         if (operation->flags & OPERATION_LONG) resource = LEDGER_LONG_REQUESTS;
-        counted = within_rate(conn, operation) && may_open(conn, frame, operation) &&
+        counted = within_rate(conn, frame, operation) && may_open(conn, frame, operation) &&
                   charge(conn, operation, resource, 1);
         if (counted) message = unpack(conn, frame, operation, &header_charged);
         if (message) request = calloc(1, sizeof *request);

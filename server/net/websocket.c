@@ -6,10 +6,14 @@
 #include "net/listener.h"
 
 #include <libwebsockets.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { TRY_AGAIN_LATER = 1013 }; // WebSocket close code
+enum {
+    TRY_AGAIN_LATER = 1013, // WebSocket close code
+    TURN_NS = 2000000,      // of one client's messages in a turn of the loop
+};
 
 static void ws_want_write(struct connection *conn)
 {
@@ -20,13 +24,32 @@ static void ws_want_write(struct connection *conn)
 static void ws_set_reading(struct connection *conn, bool on)
 {
     struct websocket *s = conn->carrier_data;
-    lws_rx_flow_control(s->wsi, on);
+    lws_rx_flow_control(s->wsi, on && !s->paused.armed);
+}
+
+static void ws_go_on(struct loop_timer *timer)
+{
+    struct websocket *s =
+        (struct websocket *)((char *)timer - offsetof(struct websocket, paused));
+    if (s->conn && s->conn->reading) lws_rx_flow_control(s->wsi, 1);
+}
+
+// One client's messages take at most TURN_NS of a turn, as on the other carriers.
+static void ws_take_turns(struct websocket *s, uint64_t begin_ns)
+{
+    if (s->turn != http_turns) s->spent_ns = 0;
+    s->turn = http_turns;
+    s->spent_ns += loop_now_ns() - begin_ns;
+    if (s->spent_ns < TURN_NS || !s->conn || s->paused.armed) return;
+    loop_timer_set(http_server(s->wsi)->loop, &s->paused, loop_now_ns());
+    lws_rx_flow_control(s->wsi, 0);
 }
 
 static void ws_close(struct connection *conn)
 {
     struct websocket *s = conn->carrier_data;
     s->conn = NULL;
+    loop_timer_stop(conn->server->loop, &s->paused);
     lws_set_timeout(s->wsi, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_ASYNC);
 }
 
@@ -44,7 +67,10 @@ static int ws_receive(struct websocket *s, struct lws *wsi, const void *bytes, s
     if (s->refusal) return 0;
     if (!s->conn || s->conn->closing) return s->conn ? 0 : -1;
     bool last = lws_is_final_fragment(wsi) && !lws_remaining_packet_payload(wsi);
+    uint64_t begin_ns = loop_now_ns();
+    lws_validity_confirmed(wsi); // in the middle of a message no pong can come
     connection_part(s->conn, bytes, n, last);
+    ws_take_turns(s, begin_ns);
     return s->conn ? 0 : -1;
 }
 
@@ -111,7 +137,7 @@ int websocket_event(struct lws *wsi, enum lws_callback_reasons reason, void *use
         return path && !strcmp(path, "/ws") && http_admitted(wsi) ? 0 : -1;
     }
     case LWS_CALLBACK_ESTABLISHED:
-        *s = (struct websocket){.wsi = wsi};
+        *s = (struct websocket){.wsi = wsi, .paused.fire = ws_go_on};
         established(s);
         return s->conn || s->refusal ? 0 : -1;
     case LWS_CALLBACK_RECEIVE:

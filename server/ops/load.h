@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* load.h owns what the files of LOAD share: one LOAD under way. op_load.c is its course,
+/* load.h owns the state of one LOAD in progress, shared by its files. op_load.c is its course,
  * load_check.c the checks of the request, load_files.c the files of --models, load_bake.c the
  * folders and the settings, bake_job.c the job. Loop thread only. */
 #ifndef RELIGHTD_LOAD_H
@@ -30,7 +30,7 @@ struct load {
     struct load *next;         // of those that wait for the same model
     struct cache_entry *entry; // the opening waited for
     struct server *server;
-    struct request *request; // NULL: nobody waits any more
+    struct request *request; // NULL: the request has ended
     bool importing;
     char owner[96]; // principal's name
     struct load_file file[MAX_FILES];
@@ -44,7 +44,7 @@ struct load {
     bool material_json;
     struct prt_material resolved; // the same, or the default material of a bake
     struct model *model;          // NULL: not known yet
-    // Laying out: what is wanted and what came of it.
+    // Laying out: the wanted files and the outcome.
     bool find_bake;
     char preview_folder[PATH_MAX], bake_folder[PATH_MAX]; // "": not wanted
     uint64_t bake_bytes;                                  // of a bake that is there; 0: none
@@ -52,12 +52,12 @@ struct load {
     const char *fault_name;
 };
 
-/* Releases the load; its request was answered, or nobody waits. */
+/* Releases the load; its request was answered or has ended. */
 void load_drop(struct load *load);
 const Relight__LoadRequest *load_message(const struct load *load);
-/* The folder was laid out, or could not be (load->fault); op_load.c goes on. */
+/* The folder was laid out, or could not be (load->fault); op_load.c continues. */
 void load_laid_out(struct file_task *task);
-/* The hash that names the source is known; op_load.c goes on. */
+/* The hash that names the source is known; op_load.c continues. */
 void load_source_known(struct load *load);
 /* Opens the bake of a model that is there, then answers. */
 void load_open_and_answer(struct load *load, struct model *m);

@@ -25,7 +25,7 @@ void load_add_arg(struct load_args *args, const char *fmt, ...)
 static const char *const transport_word[] = {"", "wavelet", "polynomial", "joint"};
 static const char *const storage_word[] = {"", "factored", "sparse"};
 
-// Settings in a fixed order, as options of `prt bake`: the command, and what names the model.
+// Settings in a fixed order, as options of `prt bake`: the command, and the model's id.
 void load_add_settings(struct load_args *a, const Relight__LoadRequest *r)
 {
     const Relight__BakeSettings *b = r->bake;

@@ -57,6 +57,9 @@ static bool identify(struct request *request, const char *secret)
     if (conn->greeted) return true; // a second HELLO changes sizes, not the identity
     if (verdict == ACCESS_GRANTED && connection_identify(conn, &caller, error)) return true;
     bool busy = verdict == ACCESS_GRANTED || verdict == ACCESS_LATER;
+    if (verdict == ACCESS_LATER)
+        log_line(LOG_EVENT, "audit act=refused who=%s peer=%s conn=%llu op=HELLO text=\"%s\"",
+                 who, conn->peer, (unsigned long long)conn->number, error);
     request_fail(request,
                  busy ? RELIGHT__ERROR_CODE__ERROR_BUSY : RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                  "%s", error);

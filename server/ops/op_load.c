@@ -65,7 +65,7 @@ static void opened(struct cache_waiter *waiter)
     struct model *m = load->model;
     if (load->entry->state == CACHE_FAILED) {
         request_fail(load->request, load->entry->error_code, "%s", load->entry->error);
-        // Without a bake there is nothing to know such a model for.
+        // Such a model exists only for its bake.
         if (!m->gone && m->state == RELIGHT__MODEL_STATE__MODEL_PREVIEW &&
             m->mesh == MESH_FAILED)
             model_unload(m, true);
@@ -139,7 +139,7 @@ static void answer_when_written(struct load *load, struct model *m)
     file_queue_add(load->server->file_queue, &load->task);
 }
 
-// A model of which nothing is there, and for which nobody waits.
+// A model without files that no request waits for.
 static bool is_bare(const struct model *m)
 {
     return !m->gone && !m->preparing && !m->loads && m->mesh == MESH_NONE &&

@@ -86,11 +86,11 @@ void uploads_expire(struct blobs *blobs);
 
 /* ---- file operations, any thread. Errors are -errno. */
 
-/* What the upload of a stem promised, from STEM.upload. */
+/* The promised size and owner of a stem's upload, from STEM.upload. */
 int blob_promise_read(const char *folder, const char *stem, uint64_t *size, char principal[96]);
 int blob_promise_write(const char *folder, const char *stem, uint64_t size,
                        const char *principal);
-/* Hashes what is there of STEM.part into *sha; *received says how much that is. More than
+/* Hashes the bytes of STEM.part into *sha; *received is their number. More than
  * `size` counts as nothing. */
 int blob_part_hash(const char *folder, const char *stem, uint64_t size,
                    struct relight_sha256 *sha, uint64_t *received);

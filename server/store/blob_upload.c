@@ -82,7 +82,8 @@ static struct upload *new_upload(struct blobs *blobs, const char *hash, const ch
     return u;
 }
 
-// Out of the list, its slot given back. What it was charged for is the caller's or given back.
+// Removes the upload from the list and gives its slot back. With keep_charge its charge passes
+// to the caller; else it is given back.
 static void free_upload(struct upload *u, bool keep_charge)
 {
     struct upload **at = &u->blobs->uploads;
@@ -94,7 +95,7 @@ static void free_upload(struct upload *u, bool keep_charge)
     free(u);
 }
 
-// Takes its chunks and drops it, with its files. Not while a worker has it.
+// Removes the upload and its files, and returns its chunks. Not while a worker uses it.
 static struct blob_put *drop_upload(struct upload *u)
 {
     struct blob_put *queue = u->first;
@@ -109,7 +110,7 @@ static struct blob_put *drop_upload(struct upload *u)
     return queue;
 }
 
-// Chunks whose upload has gone are looked at anew.
+// Hands chunks whose upload was removed to blobs_put again.
 static void put_again(struct blob_put *queue)
 {
     for (struct blob_put *next; queue; queue = next) {
@@ -213,7 +214,7 @@ static struct upload *begin(struct blobs *blobs, struct blob_put *put, int *code
     return u;
 }
 
-// ---- what a worker does
+// ---- on a worker
 
 static int run_rehash(struct work *work, const struct prt_context *ctx)
 {
@@ -253,7 +254,7 @@ static struct blob_put *pop(struct upload *u)
     return put;
 }
 
-// The blob is there: other principals' uploads of it have nothing left to do.
+// The blob is stored: other principals' uploads of it end.
 static void drop_others(struct blobs *blobs, const char *hash)
 {
     struct blob_put *queue = NULL, **last = &queue;
@@ -277,7 +278,7 @@ static void arrived(struct upload *u, struct blob_put *put)
         strcpy(put->hash, u->found);
         put->unnamed = false;
     }
-    strcpy(hash, u->hash); // who asked frees the put when it has its answer
+    strcpy(hash, u->hash); // the answer frees the put
     struct blob *b = NULL;
     if (!blob_find(blobs, u->hash))
         b = blob_add(blobs, u->hash, size, u->charged, u->principal->name, blob_clock_ns());
@@ -498,7 +499,7 @@ void upload_recover(struct blobs *blobs, const char *stem)
     if (!blob_promise_read(blobs->folder, stem, &size, principal) && size &&
         size <= blobs->setup.max_blob)
         u = new_upload(blobs, hash, principal, size, false);
-    if (u && strcmp(u->stem, stem)) { // not what its name says
+    if (u && strcmp(u->stem, stem)) { // its contents belong to another name
         blobs->uploads = u->next;
         principal_release(u->principal);
         free(u);
@@ -508,7 +509,7 @@ void upload_recover(struct blobs *blobs, const char *stem)
         blob_part_remove(blobs->folder, stem);
         return;
     }
-    u->begun = true; // and hashed when its principal goes on with it
+    u->begun = true; // and hashed when its principal sends the next chunk
     ledger_force(u->principal, LEDGER_UPLOADS, 1);
     ledger_force(u->principal, LEDGER_DISK, u->charged);
 }

@@ -391,7 +391,7 @@ void blobs_check(struct blobs *blobs, const char *hash, struct blob_waiter *wait
     struct check *c = NULL;
     if (b && !b->checked && !b->checking) c = calloc(1, sizeof *c);
     if (!b || b->checked || (!b->checking && !c)) {
-        waiter->wake(waiter); // without memory: what opens the file reports what it finds
+        waiter->wake(waiter); // without memory no check: opening the file reports its errors
         return;
     }
     struct blob_waiter **last = &b->waiters;

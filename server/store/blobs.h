@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* blobs.h owns the content-addressed store of uploads: DATA/blobs/HASH, named by SHA-256. An
- * index in memory knows every blob; hashing, writing and fsync happen on workers. An upload
+ * index in memory lists every blob; hashing, writing and fsync happen on workers. An upload
  * belongs to a principal, a hash and a size: no principal can be in another's way. Bytes are
  * charged to the principal when they are promised (store/disk.h).
  * Thread-safety: loop thread only, but for blobs_hash_file. */
@@ -49,7 +49,7 @@ void blobs_path(const struct blobs *blobs, const char *hash, char *path, size_t 
 /* Marks a blob as used now: the longest unused go first when the disk budget is spent. */
 void blobs_touch(struct blobs *blobs, const char *hash);
 
-/* What a checked blob's first bytes say it is. */
+/* Format of a checked blob, from its first bytes. */
 enum blob_format {
     BLOB_OTHER,
     BLOB_DDS,
@@ -62,14 +62,14 @@ enum blob_format blobs_format(const struct blobs *blobs, const char *hash);
 void blobs_name(const struct blobs *blobs, const char *principal, const char *hash, char *name,
                 size_t n);
 /* Copies a message, with "123456789abc…" replaced by this principal's name of that blob;
- * what does not fit is cut between two characters. */
+ * a longer text is cut between two characters. */
 void blobs_name_in_text(const struct blobs *blobs, const char *principal, const char *text,
                         char *out, size_t n);
 
 /* One chunk of an upload, or with n 0 a question. The owner fills the first part and leaves it
  * alone until `done`, which is called once, perhaps before blobs_put returns, and frees it. */
 struct blob_put {
-    char principal[96];       /* who pays */
+    char principal[96];       /* charged for it */
     char hash[BLOB_HASH + 1]; /* must be valid (relight_hash_valid) */
     bool unnamed; /* hash is a random name of this upload: the blob gets its own hash,
                      which is here when it is complete */
@@ -86,15 +86,15 @@ struct blob_put {
     bool complete;     /* the blob is there and has its hash */
     bool arrived;      /* this chunk completed it */
 
-    struct blob_waiter waiter; /* the store's own from here */
+    struct blob_waiter waiter; /* private to the store from here */
     struct blob_put *next;
     struct blobs *blobs;
     bool abandoned;
 };
-/* A chunk past what is there is an error, one that overlaps is taken from there on. Chunks of
- * one upload are taken in the order they came. */
+/* A chunk past the received bytes is an error; of one that overlaps the new bytes are taken.
+ * Chunks of one upload are taken in the order they came. */
 void blobs_put(struct blobs *blobs, struct blob_put *put);
-/* Nobody waits for the answer any more: a chunk that waits its turn is dropped and done is
+/* The request has ended: a chunk that waits its turn is dropped and done is
  * called at once, else as soon as the worker is done with it. */
 void blobs_put_abandon(struct blob_put *put);
 
@@ -107,7 +107,7 @@ void blobs_maintain(struct blobs *blobs);
 /* Hex SHA-256 of a file into out[65]; 0 or -errno. Any thread. */
 int blobs_hash_file(const char *path, char out[65]);
 
-/* Charges bytes under --data to nobody: see store/disk.h. */
+/* Charges bytes under --data to no principal: see store/disk.h. */
 void blobs_charge(struct blobs *blobs, int64_t bytes);
 
 #endif

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The catalogue: a record for each baked or previewed model, and the look at DATA at start.
+// The catalogue: a record for each baked or previewed model, and the scan of DATA at start.
 #include "store/model_files.h"
 
 #include "core/log.h"
@@ -191,7 +191,7 @@ static void recall_one(void *user, const char *id)
     recall(((struct recalling *)user)->models, ((struct recalling *)user)->server, id);
 }
 
-// ---- what a killed daemon or baker left
+// ---- leftovers of a killed daemon or bake
 
 // A bake without a record, perhaps of another daemon, is found by a LOAD of its source.
 static void adopt(struct models *models, const char *id, const struct stat *st)

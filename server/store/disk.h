@@ -5,7 +5,7 @@
  *   before a file is written:   disk_take(ledger, owner, disk_size(bytes), error)
  *   a file that exists already: disk_charge(ledger, owner, +(int64_t)disk_size(bytes))
  *   a file that was removed:    disk_charge(ledger, owner, -(int64_t)disk_size(bytes))
- * What was charged for a file is kept by its owner's code and given back unchanged.
+ * The caller stores the charge of each file and gives the same amount back.
  * Thread-safety: the account on the loop thread only; disk_owner_* and disk_size on any. */
 #ifndef RELIGHTD_DISK_H
 #define RELIGHTD_DISK_H
@@ -24,9 +24,9 @@ uint64_t disk_size(uint64_t file_bytes);
  * nothing is charged and error says which limit. No memory counts as LEDGER_ALL_FULL. */
 enum ledger_refusal disk_take(struct ledger *ledger, const char *owner, uint64_t bytes,
                               char error[256]);
-/* Charges without asking (bytes > 0: what exists already) or gives back (bytes < 0). */
+/* Charges beyond limits (bytes > 0: files that exist already) or gives back (bytes < 0). */
 void disk_charge(struct ledger *ledger, const char *owner, int64_t bytes);
-/* What all owners together hold; what one of them holds. */
+/* Bytes charged to all owners; to one of them. */
 uint64_t disk_bytes(const struct ledger *ledger);
 uint64_t disk_bytes_of(const struct ledger *ledger, const char *owner);
 /* The limit of one owner, its token's or --client-disk; 0: none, as for DISK_NOBODY. */

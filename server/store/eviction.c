@@ -26,7 +26,7 @@ uint64_t bakes_bytes(const struct server *server)
     return bytes;
 }
 
-// Equal parts of the disk for all who hold some of it.
+// The disk in equal parts for all principals with files on it.
 static uint64_t share(const struct server *server)
 {
     uint64_t n = 0;
@@ -97,7 +97,7 @@ static void evict(struct server *server, enum kind kind, const struct victim *v)
     log_line(LOG_EVENT, "model id=%s name=\"%s\" owner=%s %s dropped for room", v->model->id,
              v->model->name, v->model->owner, kind == BAKE ? "bake" : "preview");
     if (kind == BAKE) server->stats.bakes_evicted++;
-    model_unload(v->model, true); // who computes with it goes on: the file stays until then
+    model_unload(v->model, true); // requests in progress keep the open file until they end
 }
 
 // owner NULL: anybody's.
@@ -111,7 +111,7 @@ static bool evict_one(struct server *server, enum kind first, const char *owner,
                 evict(server, kind, &v);
                 return true;
             }
-    return false; // pinned, or not ours: an administrator's choice
+    return false; // all that remains is pinned or foreign
 }
 
 bool evict_preview(struct server *server, const char *owner)
@@ -128,7 +128,7 @@ static bool evict_of_principal(struct server *server, const struct model *newest
         char name[96];
         uint64_t most = ledger_limit_client(p, LEDGER_DISK);
         if (!most || p->held[LEDGER_DISK] <= most || !strcmp(p->name, DISK_NOBODY)) continue;
-        snprintf(name, sizeof name, "%s", p->name); // it goes with the last it holds
+        snprintf(name, sizeof name, "%s", p->name); // freed with its last charge
         if (evict_one(server, PREVIEW, name, newest)) return true;
     }
     return false;
@@ -151,10 +151,11 @@ void evict_for_upload(struct server *server, const char *owner, uint64_t bytes)
 {
     const struct options *o = &server->options;
     uint64_t most = disk_limit_of(server->ledger, owner),
-             more = disk_size(bytes) + disk_size(1);     // and who owns it
-    if (more > o->disk || (most && more > most)) return; // refused whatever goes
+             more = disk_size(bytes) + disk_size(1);     // and the owner's record
+    if (more > o->disk || (most && more > most)) return; // refused whatever is evicted
     while (most && disk_bytes_of(server->ledger, owner) + more > most)
-        if (!evict_one(server, PREVIEW, owner, NULL)) return; // refused, so that no other pays
+        if (!evict_one(server, PREVIEW, owner, NULL))
+            return; // refused: other principals keep theirs
     while (disk_bytes(server->ledger) + more > o->disk)
         if (!evict_one(server, PREVIEW, NULL, NULL)) break;
 }

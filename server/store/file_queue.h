@@ -2,7 +2,7 @@
 /* file_queue.h owns file operations that may block: links, removals, writes with fsync. They
  * run on a worker thread one after another in the order they came, so that each finds the
  * folders as those before it left them.
- * Thread-safety: loop thread only, but for what says otherwise. */
+ * Thread-safety: loop thread only, except where stated. */
 #ifndef RELIGHTD_FILE_QUEUE_H
 #define RELIGHTD_FILE_QUEUE_H
 
@@ -13,7 +13,7 @@ struct file_queue;
 /* One operation, embedded in its owner, which keeps it until `done`. */
 struct file_task {
     struct file_task *next;
-    int status;                           /* what run returned */
+    int status;                           /* returned by run */
     int (*run)(struct file_task *task);   /* on a worker */
     void (*done)(struct file_task *task); /* on the loop's thread afterwards */
 };

@@ -138,7 +138,7 @@ static void fail_errno(struct import_file *out, const char *path, int err)
 }
 
 // The file names in a .gltf, read as text: "uri": "NAME" with JSON's escapes of printable
-// characters and per cent signs resolved. Data URIs and what leads elsewhere are left out.
+// characters and per cent signs resolved. Data URIs and paths out of the folder are left out.
 static bool read_uri(const char *at, const char *end, char *name, size_t n)
 {
     size_t k = 0;
@@ -232,7 +232,7 @@ void import_copy_file(const char *folder, const char *path, const char *to, cons
     *out = (struct import_file){0};
     int fd = import_open(folder, path, O_RDONLY | O_NONBLOCK, out->stamp, &out->bytes);
     if (fd < 0) {
-        // One text whether something is there or not: paths outside are nobody's business.
+        // The same text whether the file exists or not: clients learn nothing of paths outside.
         fail(out, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN, path,
              "no such file inside the models folder (links that lead out of it are not "
              "followed)");

@@ -34,8 +34,8 @@ struct indexed {
     struct indexed *next;
     char *path;
     char stamp[IMPORT_STAMP];
-    struct import_copy *copy; // NULL: what is there cannot be used
-    bool missing;             // the file is gone; its copy stays good
+    struct import_copy *copy; // NULL: the file cannot be used
+    bool missing;             // the file was removed; its copy remains valid
 };
 
 struct copying {
@@ -46,7 +46,7 @@ struct copying {
     struct import_copy *known;
     char known_stamp[IMPORT_STAMP];
     struct import_request *waiting;
-    bool scanned; // the folder's scan wants it, whoever leaves
+    bool scanned; // the folder's scan waits for it: no client's end stops it
     atomic_bool stop;
     struct import_file file;
 };
@@ -105,8 +105,8 @@ void import_hold(struct import_copy *copy)
     copy->refs++;
 }
 
-// An entry without its file goes with the last who refers to it; a file that nobody refers to
-// stays for the next who asks, until there is need of room.
+// An entry without its file is freed with its last reference. A file without a reference stays
+// for later requests until its room is needed.
 static void free_unused(struct imports *imports, struct import_copy *copy)
 {
     if (copy->refs || copy->present) return;
@@ -271,7 +271,7 @@ static void read_entry(struct imports *imports, const cJSON *json)
     import_release(imports, copy);
 }
 
-// At start: what the index does not name is left of a copying that was killed.
+// At start: files that the index does not name are leftovers of a killed copy.
 static void read_index(struct imports *imports)
 {
     char folder[PATH_MAX], path[PATH_MAX];
@@ -315,7 +315,7 @@ static void tell(struct copying *c, struct import_copy *copy, int code, const ch
     }
 }
 
-// What was there under this path keeps its model as long as somebody uses that.
+// The model of the earlier file at this path lives until its last user has ended.
 static void take_in(struct copying *c, struct import_copy *copy)
 {
     struct imports *imports = c->imports;

@@ -4,7 +4,7 @@
  * copies alone, so that a file of --models may be truncated, rewritten or removed at any time.
  * Copies share their blocks with the original where the file system can do that. A file is
  * recognised by device, inode, size and times, and copied again when these have changed.
- * The folder is looked at every two seconds, and when inotify tells of a change.
+ * The folder is scanned every two seconds and after inotify events.
  * Thread-safety: loop thread only. */
 #ifndef RELIGHTD_IMPORTS_H
 #define RELIGHTD_IMPORTS_H
@@ -24,19 +24,19 @@ struct import_copy {
     char owner[96]; /* principal's name: pays for it on disk */
     bool present;   /* DATA/imports/HASH is there */
     bool prt;       /* it begins as a .prt does */
-    unsigned refs;  /* who refers to it */
-    unsigned users; /* of these, who needs the file to stay */
+    unsigned refs;  /* references */
+    unsigned users; /* references that need the file */
     int64_t used_ns;
 };
 
 int imports_create(struct server *server, struct imports **out);
-/* Stops copying; who waits is not called any more. */
+/* Stops copying; waiters are not called any more. */
 void imports_stop(struct imports *imports);
 void imports_destroy(struct imports *imports);
-/* Looks at the folder, takes in its .prt files for up to `seconds`, then keeps looking. */
+/* Scans the folder, takes its .prt files in for up to `seconds`, then scans at intervals. */
 void imports_start(struct imports *imports, double seconds);
 
-/* Somebody who waits for a copy. done is called once, unless it is cancelled before: with the
+/* A waiter for a copy. done is called once, unless it is cancelled before: with the
  * copy, which is there and stays until done returns or longer if it is held, and for a .gltf
  * the names of the files it refers to; or with copy NULL, a protocol error code and its text.
  */

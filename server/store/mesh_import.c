@@ -64,7 +64,7 @@ void preview_start(struct model *m, const struct decode_model *order, const char
     snprintf(key, sizeof key, "%s/mesh", m->key);
     r->model = m;
     model_hold(m);
-    // Whatever is there is of a file that has gone.
+    // A preview file that exists here belongs to a removed source.
     cache_forget(m->server->files, key, true);
     r->entry = cache_get(m->server->files, key, &fresh);
     if (!fresh) { // no memory

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* model_files.h owns what the registry's own files share: models.c, catalogue.c, model_open.c,
- * mesh_import.c, imports.c and op_load.c. */
+/* model_files.h owns the functions shared by the registry's files: models.c, catalogue.c,
+ * model_open.c, mesh_import.c, imports.c and op_load.c. */
 #ifndef RELIGHTD_MODEL_FILES_H
 #define RELIGHTD_MODEL_FILES_H
 
@@ -10,7 +10,7 @@ struct server *models_server(const struct models *models);
 struct model *model_by_id(const struct models *models, const char *id);
 struct model *model_add(struct models *models, const char *id, const char *name,
                         const char *owner);
-/* Out of the registry; who holds it may go on with it. */
+/* Removes it from the registry; holders of a reference may use it further. */
 void model_take_out(struct model *model);
 /* Another name of a model: its owner's replaces the first, anybody else's is an alias. */
 void model_set_name(struct model *model, const char *owner, const char *name);
@@ -24,29 +24,30 @@ int64_t wall_ns(void);
 
 void model_bake_path(const struct server *server, const char *id, char path[PATH_MAX]);
 void model_preview_path(const struct server *server, const char *id, char path[PATH_MAX]);
-/* Nobody has forgotten it, or loaded it again since: its files may go with it. */
+/* No client has forgotten it or loaded it again since: its files may be removed with it. */
 bool model_is_last(const struct model *m);
-/* Charges the bake's or preview's file to the owner; 0: it is gone. */
+/* Charges the bake's or preview's file to the owner; 0: it was removed. */
 void model_charge_bake(struct model *model, uint64_t bytes);
 void model_charge_preview(struct model *model, uint64_t bytes);
-/* What was opened and computed for it goes; `all`: also what is under way. */
+/* Drops its opened file and computed results; `all`: also those in progress. */
 void model_forget_results(struct model *model, bool all);
 
 /* Opens a .prt on a worker and fills the entry, of which it takes a reference. */
 void model_start_opening(struct model *model, struct cache_entry *entry, const char *path,
                          bool preview);
 /* Reads a model's file into DATA/previews/ID.prt, unless that is there or under way. folder:
- * what to remove when it was read; "" for none. */
+ * the file to remove when it was read; "" for none. */
 struct decode_model;
 void preview_start(struct model *model, const struct decode_model *order, const char *folder);
 /* The bake is there, or the model is forgotten. */
 void preview_remove(struct model *model);
-/* Looks what LIST is to say of a baked model before it is opened, behind every request. */
+/* Reads the properties that LIST shows of a baked model that is not open, after all requests.
+ */
 void model_read_header(struct model *model);
 
-/* catalogue.c: DATA/models/ID.json, from which a restart knows the models. */
+/* catalogue.c: DATA/models/ID.json, from which a restart restores the models. */
 void model_remember(const struct model *model);
 void model_forget_record(const struct model *model);
-/* At start: reads the catalogue and removes what a killed daemon left half done. Blocks. */
+/* At start: reads the catalogue and removes unfinished files of a killed daemon. Blocks. */
 void catalogue_read(struct models *models);
 #endif

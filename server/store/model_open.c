@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Opening a model's .prt on a worker, and what is learned of it; watching and unloading.
+// Opening a model's .prt on a worker, reading its properties; watching and unloading.
 #include "store/model_files.h"
 
 #include "core/events.h"
@@ -17,8 +17,8 @@
 #include <string.h>
 #include <unistd.h>
 
-// What was opened and computed for it: who uses some of it keeps that. A file that is being
-// read or opened comes to its end, unless the model goes altogether.
+// Drops the opened file and computed results; their users keep their references. A file that is
+// being read or opened is finished, unless the model is removed as a whole.
 void model_forget_results(struct model *m, bool all)
 {
     char prefix[sizeof m->key + 1];
@@ -78,7 +78,7 @@ void model_set_state(struct model *m, int state)
 void model_changed(struct model *m)
 {
     if (!m->gone) model_publish(m, RELIGHT__EVENT_KIND__EVENT_MODEL_CHANGED, "");
-    // One that is told may end others, or itself: each is found anew by its number.
+    // A call may end other watchers or itself: each is looked up again by its number.
     for (unsigned i = 0;; i++) {
         struct model_watcher *w = m->watcher;
         for (unsigned k = 0; w && k < i; k++) w = w->next;
@@ -118,7 +118,7 @@ struct opening {
     struct model *model;
     struct cache_entry *entry; // NULL: only the checksums are looked at
     bool preview;              // a mesh without transport
-    bool header_only;          // without entry: only what LIST shows of it
+    bool header_only;          // without entry: only the properties that LIST shows
     char path[PATH_MAX];
     struct import_copy *used; // stays until it is mapped
     struct prt_file *file;
@@ -201,13 +201,13 @@ static void damaged(struct model *m, const char *error)
     char path[PATH_MAX];
     model_bake_path(m->server, m->id, path);
     model_charge_bake(m, 0);
-    file_remove(m->server->file_queue, path); // the next load bakes it anew
+    file_remove(m->server->file_queue, path); // the next LOAD bakes it again
 }
 
 static void start_opening(struct model *m, struct cache_entry *entry, const char *path,
                           bool preview, bool header_only);
 
-// Its bytes were looked at, nobody waits for the file.
+// Its header was read for LIST; no request waits for the file.
 static void looked(struct opening *o)
 {
     struct model *m = o->model;
@@ -237,7 +237,7 @@ static void not_opened(struct opening *o)
         snprintf(m->mesh_error, sizeof m->mesh_error, "%s", error);
         file_remove(m->server->file_queue, o->path);
     } else if (m->copy && missing) {
-        import_evict(m->server->imports, m->copy); // it is copied again when it is asked for
+        import_evict(m->server->imports, m->copy); // the next request copies it again
     } else {
         damaged(m, error);
     }

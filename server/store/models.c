@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The registry: the list of models, their names, and what is found in --models. Opening is in
+// The registry: the list of models, their names, and the files of --models. Opening is in
 // model_open.c, the catalogue in catalogue.c; how a LOAD becomes a model is in op_load.c.
 #include "store/model_files.h"
 
@@ -136,7 +136,8 @@ static struct model *find_beginning(struct models *models, const char *asker, co
 struct model *models_find(struct models *models, const char *asker, const char *text,
                           char error[256])
 {
-    // In this order, so that nobody's names hide an id, one's own models or the folder's.
+    // In this order, so that no principal's names hide an id, another's own models or the
+    // folder's.
     static bool (*const each[])(const struct model *, const char *,
                                 const char *) = {is_own, is_of_folder, has_prefix, is_named};
     struct model *found = model_by_id(models, text);
@@ -193,7 +194,7 @@ void model_take_out(struct model *m)
     model_release(m);
 }
 
-// Failures are remembered for who asks, but not for ever.
+// Failures are kept for later requests, but not for ever.
 static void forget_failures(struct models *models)
 {
     unsigned n = 0;
@@ -304,7 +305,7 @@ int models_create(struct server *server, struct models **out)
     if (status) return status;
     catalogue_read(models);
     imports_start(server->imports, 10);
-    // Pinned models are ready before anybody asks.
+    // Pinned models are opened at start.
     for (struct model *m = models->model; m; m = m->next) {
         int code;
         char error[256];

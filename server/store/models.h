@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* models.h owns the registry: what is loaded, how it came to be, and the open .prt files that
+/* models.h owns the registry: the loaded models, their origins, and the open .prt files that
  * requests lease. received -> preview -> baking -> ready <-> unloaded, or failed. A model's id
  * is the hash of its source's bytes, material and settings, and of the versions of the baker
  * and of the .prt format, so the same load twice is one model, and its bake DATA/bakes/ID.prt
@@ -34,7 +34,7 @@ struct model_facts {
 struct pass; /* relight_pass.c: evaluations that wait for a pass over this model */
 struct pose; /* shape.h: vertices that were moved */
 
-/* Somebody who wants to hear that a model's state or shape has changed. */
+/* A callback on changes of a model's state or shape. */
 struct model_watcher {
     struct model_watcher *next;
     void (*changed)(struct model_watcher *watcher);
@@ -77,30 +77,30 @@ struct model {
     int error_code;
     char error[400];
     uint64_t generation;       /* of the geometry: grows when vertices move */
-    uint64_t baked_generation; /* what the file's mesh is */
+    uint64_t baked_generation; /* generation of the file's mesh */
     struct pose *pose;         /* NULL: vertices are where the file has them */
     enum mesh_state mesh;
     int mesh_error_code;
     char mesh_error[300];
-    bool gone; /* forgotten; only who holds it knows it still */
+    bool gone; /* forgotten; alive until its last reference */
     struct model_watcher *watcher;
     struct pass *pass;
-    struct prt_camera frame;   /* what frames this generation at this aspect, worked out once */
+    struct prt_camera frame;   /* frames this generation at this aspect, computed once */
     uint64_t frame_generation; /* 0: none was */
     float frame_aspect;
-    unsigned users; /* the registry and who computes with it */
+    unsigned users; /* references: the registry, requests in progress */
 };
 
 int models_create(struct server *server, struct models **out);
 void models_destroy(struct models *models);
 
 /* An id, the unique beginning of one (at least 8 digits), or a name with or without its ending.
- * Of several models with the name the asker's own goes first, then that of the file of
+ * Of several models with the name the principal's own comes first, then that of the file of
  * --models; of others there may be one only. asker: a principal's name. NULL with error text,
  * which lists the ids where the name is ambiguous. */
 struct model *models_find(struct models *models, const char *asker, const char *text,
                           char error[256]);
-/* The name under which this principal knows the model. */
+/* The name of the model for this principal. */
 const char *model_name_for(const struct model *model, const char *asker);
 /* One after another; start with NULL. */
 struct model *models_next(const struct models *models, const struct model *model);

@@ -88,7 +88,7 @@ static void every_broken_model(void **state)
 }
 
 // What the manifest says must load or must be refused, and why.
-static void the_right_ones(void **state)
+static void files_of_the_manifest(void **state)
 {
     static const struct {
         const char *file, *say;
@@ -175,7 +175,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_byte_in_turn),
         cmocka_unit_test(every_broken_model),
-        cmocka_unit_test(the_right_ones),
+        cmocka_unit_test(files_of_the_manifest),
     };
     return run_test_group(tests, NULL, NULL);
 }

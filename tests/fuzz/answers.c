@@ -82,6 +82,13 @@ static const char *take_frame(struct answers *a, struct world *world,
     a->more_type = f->type;
     const char *wrong = check_id(a, f);
     if (wrong || !first) return wrong;
+    // Every string of every answer is UTF-8.
+    struct relight_header_cost cost;
+    char error[RELIGHT_HEADER_ERROR];
+    static const uint8_t empty[1];
+    if (!relight_header_check(f->type, f->header ? f->header : empty, f->header_size, NULL,
+                              &cost, error))
+        return fault(f, error);
     ProtobufCMessage *message = relight_frame_unpack(f);
     if (!message) return fault(f, "its header does not parse");
     wrong = check_message(world, f, message);

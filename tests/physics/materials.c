@@ -246,7 +246,7 @@ static void opaque_receivers(void **state)
 
 // Law: in a bake made for dipoles the error of another profile stays below the light that the
 // basis misplaces (METHODS §4.2) and the bake's own error.
-static void profiles_are_materials(void **state)
+static void profiles_in_dipole_bakes(void **state)
 {
     static const char *const text[] = {wax, slab, bumps};
     for (int i = 0; i < 3; i++) {
@@ -474,7 +474,7 @@ static void linear_in_the_light(void **state)
 }
 
 // Law: both orders of contraction give the same colours (METHODS §5).
-static void either_way_round(void **state)
+static void contractions_commute(void **state)
 {
     struct prt_file *f = open_prt("joint.prt");
     const struct prt_transport *t = prt_file_transport(f);
@@ -582,13 +582,13 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(opaque_receivers),
-        cmocka_unit_test(profiles_are_materials),
+        cmocka_unit_test(profiles_in_dipole_bakes),
         cmocka_unit_test(own_profile_is_exact),
         cmocka_unit_test(beyond_the_range),
         cmocka_unit_test(refusals_name_range_and_unit),
         cmocka_unit_test(walks_without_jumps),
         cmocka_unit_test(linear_in_the_light),
-        cmocka_unit_test(either_way_round),
+        cmocka_unit_test(contractions_commute),
         cmocka_unit_test(reference_of_many),
         cmocka_unit_test(imported_media_return_their_albedo),
     };

@@ -125,6 +125,7 @@ static void test_fresnel(void **state)
                  1e-12);
     expect_near("F_t along the surface", prt_fresnel_transmittance(1.5, 0), 0, 0);
     expect_near("F_t from below", prt_fresnel_transmittance(1.5, -0.5), 0, 0);
+    expect_near("F_dr at 1, where 0 is exact", prt_fresnel_dr(1), 0, 0.0017);
     expect_close("F_dr", prt_fresnel_dr(1.3), -1.44 / 1.69 + 0.71 / 1.3 + 0.668 + 0.0636 * 1.3,
                  1e-14);
 }

@@ -151,7 +151,7 @@ static void rows_agree_with_the_reference(void **state)
     b.o.material = medium();
     b.o.n_single = 32;
     assert_int_equal(prt_scene_create(&context, mesh, &b.scene), PRT_OK);
-    assert_int_equal(prt_directions_create(16, 4, 1, &b.directions), PRT_OK);
+    assert_int_equal(prt_directions_create(context.cpu, 16, 4, 1, &b.directions), PRT_OK);
     for (int i = 0; i < 3; i++) {
         reference(mesh, &b.o.material, &light, terms[i], want);
         b.o.n_phase = terms[i];

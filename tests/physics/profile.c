@@ -103,6 +103,12 @@ static void test_slab(void **state)
                 fail_msg("tail %g after %g at %g mm", t, tail, r);
             tail = t;
         }
+        /* METHODS §1: beyond the table R_d falls as r^-3, its integral as 1/r */
+        const double end = p.r[p.n - 1], own = prt_diffusion_tail(&p.dipole, end);
+        const double far =
+            prt_profile_tail(&p, 3 * end) - prt_diffusion_tail(&p.dipole, 3 * end);
+        expect_near("tail at three times the table", far, (prt_profile_tail(&p, end) - own) / 3,
+                    1e-12);
         if (a == 0) { /* nothing absorbed: R = 1 - (l + z_b)/(d + 2 z_b) */
             double f = prt_fresnel_dr(1.3), zb = 2 * (1 + f) / (1 - f) / (3 * s);
             expect_close("total without absorption", p.total, 1 - (1 / s + zb) / (d + 2 * zb),

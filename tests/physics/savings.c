@@ -58,7 +58,7 @@ static void known_directions_take_no_rays(void **state)
     struct fresnel_table fresnel;
     assert_int_equal(prt_scene_create(&context, mesh, &scene), PRT_OK);
     assert_int_equal(prt_horizon_create(scene, &horizon), PRT_OK);
-    assert_int_equal(prt_directions_create(32, 4, 1, &d), PRT_OK);
+    assert_int_equal(prt_directions_create(context.cpu, 32, 4, 1, &d), PRT_OK);
     prt_fresnel_table_init(&fresnel, 1.3);
     float *every = prt_alloc(d->n_coef, sizeof *every),
           *seen = prt_alloc(d->n_coef, sizeof *seen);
@@ -286,9 +286,11 @@ static void short_steps_of_long_paths(void **state)
         s.node[a] = (struct exits){&path_mm[a], &open[a], {&up[0], &up[1], &up[2]}};
     }
     cosine = -1; // a ray that begins behind the tangent plane: s + s' goes on to depth 0
-    struct single_plan plan = {.n_node = NODES, .n_phase = 1, .extinction = table};
+    struct single_plan plan = {
+        .cpu = context.cpu, .n_node = NODES, .n_phase = 1, .extinction = table};
     float out[EXTINCTION_WIDE][3] = {{0}}, value[EXTINCTION_WIDE];
-    prt_path_integrate(&plan, &fresnel, &s, depth, end, 1, light, out[0]);
+    const struct path_job job = {&plan, &fresnel, &s, depth, end, 1, light, out[0]};
+    prt_path_integrate(&job);
     prt_radial_eval(radial, 1, &length, value);
     // lit to the last node with light, and half of the way to the next
     double way =

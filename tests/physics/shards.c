@@ -128,7 +128,7 @@ static void polynomial(void **state)
 
 // Contract of prt_bake: a part that is damaged or of other settings is refused by name, and not
 // used; a new one in its place is.
-static void wrong_parts_are_told(void **state)
+static void wrong_parts_are_refused(void **state)
 {
     struct prt_mesh *mesh = scene();
     struct prt_bake_options o = options(PRT_TRANSPORT_WAVELET, PRT_STORAGE_FACTORED);
@@ -333,7 +333,7 @@ int main(void)
         cmocka_unit_test(sparse_wavelet),
         cmocka_unit_test(joint),
         cmocka_unit_test(polynomial),
-        cmocka_unit_test(wrong_parts_are_told),
+        cmocka_unit_test(wrong_parts_are_refused),
         cmocka_unit_test(killed_wavelet),
         cmocka_unit_test(killed_joint),
         cmocka_unit_test(killed_polynomial_and_part),

@@ -384,8 +384,8 @@ static void test_bodies(void **state)
     static const char *const second[] = {
         "POST /healthz HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\n\r\nhello",
         "GET /nothing HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\n\r\nhello",
-        "POST / HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
-        "5\r\nhello\r\n0\r\n\r\n"};
+        ("POST / HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+         "5\r\nhello\r\n0\r\n\r\n")};
     const char *const extra[] = {"--http", "127.0.0.1:0", NULL};
     daemon_start(&d, extra);
     for (size_t i = 0; i < sizeof second / sizeof *second; i++) {
@@ -532,6 +532,94 @@ static void test_reader_that_stops(void **state)
 }
 
 // A message that is begun and not finished, whatever drips.
+// The first byte of a WebSocket frame, and no more: libwebsockets waits for its length.
+static void test_websocket_header_in_time(void **state)
+{
+    const char *const extra[] = {"--http", "127.0.0.1:0", "--frame-time", "2", NULL};
+    daemon_start(&d, extra);
+    int half = carrier_connect(WEBSOCKET), idle = carrier_connect(WEBSOCKET);
+    say_hello(WEBSOCKET, half);
+    say_hello(WEBSOCKET, idle);
+    assert_int_equal(write(half, "\x82", 1), 1);
+    // The other one answers pings, as browsers do.
+    for (int i = 0; i < 50; i++) {
+        uint8_t bytes[256];
+        struct pollfd p = {idle, POLLIN, 0};
+        if (poll(&p, 1, 100) <= 0) continue;
+        ssize_t n = read(idle, bytes, sizeof bytes);
+        if (n <= 0) fail_msg("an idle client was closed");
+        if (bytes[0] == 0x89) ws_send(idle, 0x8a, bytes + 2, bytes[1] & 0x7f);
+    }
+    assert_true(closes(half, 20000));
+    close(half);
+    close(idle);
+    served();
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+// CPU time of the daemon, which other load of the machine does not change.
+static double daemon_cpu_ms(void)
+{
+    clockid_t clock;
+    struct timespec t;
+    assert_int_equal(clock_getcpuclockid(d.pid, &clock), 0);
+    assert_int_equal(clock_gettime(clock, &t), 0);
+    return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
+}
+
+// Thousands of cheap requests in one WebSocket connection take turns with others' frames.
+static void test_websocket_flood(void **state)
+{
+    enum { N = 3000, MODELS = 160, FRAME = 38 };
+    static uint8_t bytes[N * FRAME], answer[1 << 16];
+    const char *const extra[] = {"--http", "127.0.0.1:0", "--requests", "4096", NULL};
+    daemon_start(&d, extra);
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_loaded loaded;
+    for (int i = 0; i < MODELS; i++) {
+        struct relight_load load = {
+            .size_mm = 10 + (float)i / 8, .material = "marble", .preview = true};
+        OK(load_octahedron(client, &d, "o.obj", &load, &loaded, &error));
+        relight_loaded_finish(&loaded);
+    }
+    int fd = carrier_connect(WEBSOCKET);
+    say_hello(WEBSOCKET, fd);
+    for (uint64_t i = 0; i < N; i++) {
+        uint8_t *at = bytes + FRAME * i, head[6] = {0x82, 0x80 | 32};
+        uint64_t id = i + 2;
+        memcpy(at, head, 6);
+        memcpy(at + 6, "RLGT\1\2\3\0", 8); // LIST
+        memcpy(at + 14, &id, 8);
+    }
+    pid_t peer = fork();
+    if (!peer) {
+        pid_t reader = fork();
+        for (size_t sent = 0; reader && sent < sizeof bytes;) {
+            ssize_t n = write(fd, bytes + sent, sizeof bytes - sent);
+            if (n <= 0) break;
+            sent += (size_t)n;
+        }
+        while (read(fd, answer, sizeof answer) > 0) continue;
+        _exit(0);
+    }
+    double longest = 0, seconds;
+    for (int i = 0; i < 300; i++) {
+        double begin = daemon_cpu_ms();
+        OK(relight_ping(client, &seconds, &error));
+        if (daemon_cpu_ms() - begin > longest) longest = daemon_cpu_ms() - begin;
+        sleep_ms(2);
+    }
+    print_message("the daemon computed %.1f ms during the longest ping\n", longest);
+    shutdown(fd, SHUT_RDWR);
+    close(fd);
+    kill(peer, SIGKILL);
+    waitpid(peer, NULL, 0);
+    assert_true(longest < 30);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 static void test_websocket_message_in_time(void **state)
 {
     const char *const extra[] = {"--http", "127.0.0.1:0", "--frame-time", "2", NULL};
@@ -558,6 +646,7 @@ static void test_websocket_message_in_time(void **state)
         assert_true(closes(fd, 15000));
         close(fd);
     }
+    for (int i = 0; i < 100 && count_in_log("--frame-time") < 3; i++) sleep_ms(20);
     assert_int_equal(count_in_log("--frame-time"), 3);
     // One frame in several fragments is a message; two frames in one message are not.
     int fd = carrier_connect(WEBSOCKET);
@@ -741,6 +830,8 @@ int main(void)
         cmocka_unit_test_teardown(test_full_says_busy, after_each),
         cmocka_unit_test_teardown(test_no_hello, after_each),
         cmocka_unit_test_teardown(test_reader_that_stops, after_each),
+        cmocka_unit_test_teardown(test_websocket_header_in_time, after_each),
+        cmocka_unit_test_teardown(test_websocket_flood, after_each),
         cmocka_unit_test_teardown(test_websocket_message_in_time, after_each),
         cmocka_unit_test_teardown(test_keepalive, after_each),
         cmocka_unit_test_teardown(test_out_of_descriptors, after_each),

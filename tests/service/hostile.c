@@ -225,7 +225,9 @@ static void test_reader_that_does_not_read(void **state)
     }
     assert_int_equal(stuck, 20);   // back pressure reached us
     assert_true(sent < 64u << 20); // long before all was taken
+#ifndef __SANITIZE_ADDRESS__       // it keeps what was freed
     assert_true(resident_kb() - before < 64 << 10);
+#endif
     served();
     close(fd);
     free(bytes);
@@ -306,7 +308,7 @@ static void test_flood_of_lists(void **state)
     assert_true(longest < 150);
 }
 
-static void test_upload_that_lies(void **state)
+static void test_upload_of_other_bytes(void **state)
 {
     struct relight_client *client = client_open(d.address);
     struct relight_error error;
@@ -344,7 +346,7 @@ int main(void)
         cmocka_unit_test(test_reader_that_does_not_read),
         cmocka_unit_test(test_flood_of_pings),
         cmocka_unit_test(test_flood_of_lists),
-        cmocka_unit_test(test_upload_that_lies),
+        cmocka_unit_test(test_upload_of_other_bytes),
     };
     signal(SIGPIPE, SIG_IGN);
     struct rlimit files = {4096, 4096};

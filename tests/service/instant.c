@@ -280,7 +280,7 @@ static void test_forgotten_and_loaded_again(void **state)
 
 // Equal pictures are made once; one that is given up goes on for the others, and who asks when
 // nobody was left gets one of his own.
-static void test_a_picture_is_made_for_who_stays(void **state)
+static void test_one_of_two_clients_leaves(void **state)
 {
     struct relight_client *other = client_open(d.address);
     for (int i = 0; i < 6; i++) {
@@ -372,7 +372,7 @@ int main(void)
         cmocka_unit_test(test_unload_under_way),
         cmocka_unit_test(test_forgotten_and_loaded_again),
         cmocka_unit_test(test_the_first_picture_comes_soon),
-        cmocka_unit_test(test_a_picture_is_made_for_who_stays),
+        cmocka_unit_test(test_one_of_two_clients_leaves),
         cmocka_unit_test(test_a_preview_survives_a_restart),
     };
     return run_test_group(tests, ball_setup, ball_teardown);

@@ -82,8 +82,8 @@ static void test_profiles_are_shown(void **state)
         "{\"profile\":\"multipole\",\"layers\":[{\"thickness\":0.5,\"sigma_s_prime\":[3,3,3],"
         "\"sigma_a\":[0.01,0.05,0.1]},{\"sigma_s_prime\":[1,1,1],\"sigma_a\":[0.1,0.02,0.02]}],"
         "\"eta\":1.3}",
-        "{\"profile\":\"curve\",\"radius\":[0,2,3,3.5],\"rd\":[[0.02,0.02,0.02,0],[0.02,0.02,0.02,0],"
-        "[0.01,0.01,0.01,0]],\"eta\":1.3}"};
+        ("{\"profile\":\"curve\",\"radius\":[0,2,3,3.5],\"rd\":[[0.02,0.02,0.02,0],"
+         "[0.02,0.02,0.02,0],[0.01,0.01,0.01,0]],\"eta\":1.3}")};
     struct relight_camera camera = default_camera(ball);
     for (int k = 0; k < 3; k++) {
         struct prt_material m = parsed(text[k]), plain = m;
@@ -218,7 +218,7 @@ static void test_maps_are_shown(void **state)
     free(rgb);
 }
 
-static void test_what_cannot_be_mapped(void **state)
+static void test_requests_without_maps(void **state)
 {
     struct relight_image_request r = request_of(dressed, 0);
     struct relight_image image;
@@ -301,7 +301,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_profiles_are_shown),
         cmocka_unit_test(test_maps_are_shown),
-        cmocka_unit_test(test_what_cannot_be_mapped),
+        cmocka_unit_test(test_requests_without_maps),
         cmocka_unit_test(test_views_take_maps),
     };
     return cmocka_run_group_tests(tests, setup, ball_teardown);

@@ -216,7 +216,7 @@ static void test_pings_during_large_chunks(void **state)
 }
 
 // A principal who promises another size, or never goes on, is in nobody's way.
-static void test_nobody_squats_a_hash(void **state)
+static void test_hash_of_another_upload(void **state)
 {
     static const char text[] = "the bytes that both of them know";
     char hash[65];
@@ -455,7 +455,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_pings_during_large_chunks),
-        cmocka_unit_test(test_nobody_squats_a_hash),
+        cmocka_unit_test(test_hash_of_another_upload),
         cmocka_unit_test(test_uploads_are_bounded_by_principal),
         cmocka_unit_test(test_upload_goes_on_after_a_restart),
         cmocka_unit_test(test_damaged_blob_is_not_used),

@@ -7,10 +7,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
+#include "core/access.h"
 #include "core/guesses.h"
+#include "core/options.h"
 #include "core/token_store.h"
 
 static const uint64_t second = 1000000000;
@@ -91,13 +94,58 @@ static void test_scopes(void **state)
         assert_false(scopes_parse(bad[i], &scopes));
 }
 
+// Who comes without a token, on which carrier.
+static void test_without_tokens(void **state)
+{
+    struct options options = {.local_scopes = "view"};
+    struct access *access;
+    struct caller caller;
+    char fault[256], own[32];
+    uint32_t retry_ms;
+    snprintf(own, sizeof own, "uid:%u", (unsigned)geteuid());
+    assert_int_equal(access_create(&options, NULL, &access, fault), 0);
+    const struct {
+        const char *who;
+        unsigned open, closed; // scopes before and after there is a token
+    } rows[] = {
+        {own, SCOPE_ALL, SCOPE_ALL},
+        {"uid:0", SCOPE_ALL, SCOPE_ALL},
+        {"uid:54321", SCOPE_VIEW, SCOPE_VIEW},
+        {"addr:127.0.0.1", SCOPE_ALL, 0},
+        {"addr:127.9.9.9", SCOPE_ALL, 0},
+        {"addr:::1", SCOPE_ALL, 0},
+        {"addr:::ffff:127.0.0.1", SCOPE_ALL, 0},
+        {"addr:192.0.2.7", SCOPE_ALL & ~SCOPE_ADMIN, 0}, // --accept-anyone
+        {"addr:2001:db8::1", SCOPE_ALL & ~SCOPE_ADMIN, 0},
+        {"addr:127.0.0.1.example", SCOPE_ALL & ~SCOPE_ADMIN, 0},
+        {"unknown", SCOPE_ALL & ~SCOPE_ADMIN, 0},
+    };
+    for (int required = 0; required < 2; required++) {
+        access_set_default(access, required ? "sesame" : "");
+        assert_int_equal(access_required(access), required);
+        for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+            unsigned expected = required ? rows[i].closed : rows[i].open;
+            int verdict = access_check(access, rows[i].who, "", &caller, fault, &retry_ms);
+            assert_int_equal(verdict, expected ? ACCESS_GRANTED : ACCESS_NO_TOKEN);
+            if (expected) assert_int_equal(caller.scopes, expected);
+            if (expected) assert_string_equal(caller.name, rows[i].who);
+        }
+    }
+    assert_int_equal(access_check(access, own, "sesam", &caller, fault, &retry_ms),
+                     ACCESS_WRONG); // it is not taken for none
+    assert_int_equal(
+        access_check(access, "addr:192.0.2.7", "sesame", &caller, fault, &retry_ms),
+        ACCESS_GRANTED);
+    assert_string_equal(caller.name, "token:default");
+    access_destroy(access);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_delays_double),
-        cmocka_unit_test(test_addresses),
-        cmocka_unit_test(test_bounded),
-        cmocka_unit_test(test_scopes),
+        cmocka_unit_test(test_delays_double),  cmocka_unit_test(test_addresses),
+        cmocka_unit_test(test_bounded),        cmocka_unit_test(test_scopes),
+        cmocka_unit_test(test_without_tokens),
     };
     return cmocka_run_group_tests_name("access_unit", tests, NULL, NULL);
 }

@@ -23,7 +23,7 @@ for figure in daemon_image_jpeg_new_angle daemon_image_png_unused_light daemon_c
 done
 echo "$out" | grep -q '"daemon_clients.*"clients":8,.*"images_per_s":[0-9]' || fail "no 8 clients"
 for figure in serve_small_requests serve_idle_connections serve_lights_rgb9e5 serve_same_light_rgb9e5 \
-    serve_pictures_jpeg; do
+    serve_pictures_jpeg serve_overload serve_overload_memory serve_greedy serve_zipf; do
     echo "$out" | grep "\"$figure\"" | grep -q '"goal":"\(met\|missed\)"' || fail "no $figure"
 done
 code=0; "$bench" no_such_figure 2>/dev/null || code=$?

@@ -313,6 +313,11 @@ static void test_limits_of_a_principal(void **state)
     assert_int_equal(sent.put.code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
     assert_non_null(strstr(sent.put.error, "--client-disk"));
     assert_true(blobs_has(s.blobs, hash));
+    s.setup.idle_s = 60;
+    reopen_store(&s);
+    usleep(100000);
+    blobs_maintain(s.blobs);
+    assert_int_equal(ledger_total(s.ledger, LEDGER_UPLOADS), 3); // not idle for 60 s
     s.setup.idle_s = 0.05;
     reopen_store(&s);
     assert_int_equal(ledger_total(s.ledger, LEDGER_UPLOADS), 3); // still there

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // librelight against a scripted peer on a unix socket: what a real daemon rarely does on
-// purpose: answers in crumbs, out of order, in parts, late, damaged, or not at all.
+// purpose: answers in small pieces, out of order, in parts, late, damaged, or not at
+// all.
 #include "frame.h"
 #include "relight.pb-c.h"
 #include "relight/relight.h"
@@ -156,7 +157,7 @@ static void pong_script(struct peer *p)
     while (peer_read(p)) peer_pong(p);
 }
 
-static void crumbs(void **state)
+static void answers_in_small_pieces(void **state)
 {
     struct peer p;
     double seconds;
@@ -193,7 +194,7 @@ static void reverse_script(struct peer *p)
 
 static const struct relight_light sky = {.env = "constant"};
 
-static void out_of_order(void **state)
+static void answers_out_of_order(void **state)
 {
     struct peer p;
     struct relight_error error;
@@ -235,7 +236,7 @@ static void parts_script(struct peer *p)
     peer_read(p);
 }
 
-static void parts(void **state)
+static void answers_in_frames(void **state)
 {
     struct peer p;
     struct relight_error error;
@@ -251,6 +252,15 @@ static void parts(void **state)
     assert_int_equal(image.n_byte, 9);
     assert_memory_equal(image.data, "abcdefghi", 9);
     relight_image_finish(&image);
+    peer_stop(&p, client);
+    // The parts together are held to the client's limit, too.
+    struct relight_options options = {.timeout_s = 5, .max_payload = 8};
+    peer_start(&p, parts_script, 0);
+    assert_int_equal(relight_connect(p.address, &options, &client, &error), 0);
+    assert_int_equal(relight_image_begin(client, &request, 0, &id, &error), 0);
+    relight_ping(client, &seconds, &error);
+    assert_int_equal(relight_image_end(client, id, &image, &error), -RELIGHT_E_PROTOCOL);
+    assert_non_null(strstr(error.text, "too large"));
     peer_stop(&p, client);
 }
 
@@ -411,7 +421,7 @@ static void lies_script(struct peer *p)
     while (peer_read(p)) peer_pong(p);
 }
 
-static void lies(void **state)
+static void answers_with_wrong_sizes(void **state)
 {
     struct peer p;
     struct relight_error error;
@@ -469,9 +479,8 @@ static void damaged(void **state)
 }
 
 // A store of one blob, as PROTOCOL.md has it.
-static void blob_script(struct peer *p)
+static void store_blob(struct peer *p, uint64_t received)
 {
-    uint64_t received = 0;
     peer_hello(p);
     while (peer_read(p)) {
         struct relight_frame *f = &p->decoder.frame;
@@ -484,6 +493,17 @@ static void blob_script(struct peer *p)
         protobuf_c_message_free_unpacked(&m->base, NULL);
         peer_answer(p, &a.base, NULL, 0);
     }
+}
+
+static void blob_script(struct peer *p)
+{
+    store_blob(p, 0);
+}
+
+// An earlier connection has sent 4000 bytes.
+static void begun_script(struct peer *p)
+{
+    store_blob(p, 4000);
 }
 
 static int count_progress(void *user, const struct relight_progress *progress)
@@ -521,6 +541,14 @@ static void uploads(void **state)
     assert_non_null(strstr(error.text, "/nowhere.hdr"));
     peer_stop(&p, client);
     assert_int_equal(p.blob_bytes, sizeof bytes);
+    // An upload goes on where an earlier one ended.
+    peer_start(&p, begun_script, 0);
+    client = connect_to(&p, 5);
+    assert_int_equal(
+        relight_upload(client, "x", bytes, sizeof bytes, NULL, NULL, again, &sent, &error), 0);
+    assert_int_equal(sent, sizeof bytes - 4000);
+    peer_stop(&p, client);
+    assert_int_equal(p.blob_bytes, sizeof bytes - 4000);
 }
 
 static void *ping_many(void *arg)
@@ -530,7 +558,7 @@ static void *ping_many(void *arg)
     return (void *)bad;
 }
 
-static void threads(void **state)
+static void threads_share_a_client(void **state)
 {
     struct peer p;
     pthread_t thread[4];
@@ -565,7 +593,7 @@ static void flood_script(struct peer *p)
     while (peer_read(p)) peer_pong(p);
 }
 
-static void both_ways(void **state)
+static void requests_while_answers_arrive(void **state)
 {
     struct peer p;
     struct relight_error error;
@@ -711,13 +739,20 @@ static void cameras(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(crumbs),    cmocka_unit_test(out_of_order),
-        cmocka_unit_test(parts),     cmocka_unit_test(errors),
-        cmocka_unit_test(timeouts),  cmocka_unit_test(unreachable),
-        cmocka_unit_test(lies),      cmocka_unit_test(damaged),
-        cmocka_unit_test(uploads),   cmocka_unit_test(threads),
-        cmocka_unit_test(both_ways), cmocka_unit_test(views),
-        cmocka_unit_test(formats),   cmocka_unit_test(cameras),
+        cmocka_unit_test(answers_in_small_pieces),
+        cmocka_unit_test(answers_out_of_order),
+        cmocka_unit_test(answers_in_frames),
+        cmocka_unit_test(errors),
+        cmocka_unit_test(timeouts),
+        cmocka_unit_test(unreachable),
+        cmocka_unit_test(answers_with_wrong_sizes),
+        cmocka_unit_test(damaged),
+        cmocka_unit_test(uploads),
+        cmocka_unit_test(threads_share_a_client),
+        cmocka_unit_test(requests_while_answers_arrive),
+        cmocka_unit_test(views),
+        cmocka_unit_test(formats),
+        cmocka_unit_test(cameras),
     };
     return cmocka_run_group_tests_name("client", tests, NULL, NULL);
 }

@@ -30,7 +30,7 @@ static void expect(const char *text, const char *parameter, double low, double h
     assert_string_equal(e.unit, unit);
 }
 
-static void sentences(void **state)
+static void range_messages_are_parsed(void **state)
 {
     expect("material: sigma_a[0] is -1, allowed range 0 to 1000 mm^-1", "sigma_a[0]", 0, 1000,
            "mm^-1");
@@ -132,10 +132,8 @@ static void never_without_code_or_text(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(sentences),
-        cmocka_unit_test(not_a_range),
-        cmocka_unit_test(daemon_and_library),
-        cmocka_unit_test(materials),
+        cmocka_unit_test(range_messages_are_parsed),  cmocka_unit_test(not_a_range),
+        cmocka_unit_test(daemon_and_library),         cmocka_unit_test(materials),
         cmocka_unit_test(never_without_code_or_text),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -92,7 +92,10 @@ static void test_utf8(void **state)
         {0, "\xc2"},             // cut off
         {0, "\xc2-"},            // cut off
         {0, "\xe2\x82"},         // cut off
-        {0, "\xed\xa0\x80"},     // a surrogate
+        {0, "\xed\xa0\x80"},     // the first surrogate
+        {0, "\xed\xb0\x80"},     // a low one
+        {0, "\xed\xbf\xbf"},     // the last
+        {3, "\xee\x80\x80"},
         {0, "\xf4\x90\x80\x80"}, // beyond Unicode
         {0, "\xf5\x80\x80\x80"},
         {0, "\xff"},

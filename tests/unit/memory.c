@@ -176,7 +176,7 @@ static void test_a_bake_above_its_limit_is_cancelled(void **state)
     assert_int_equal(how, 0);
 }
 
-static void test_a_bake_that_does_not_heed_is_ended(void **state)
+static void test_a_bake_that_ignores_sigterm_is_killed(void **state)
 {
     if (SANITIZED) skip();
     for (int much = 0; much < 2; much++) {
@@ -220,7 +220,7 @@ int main(void)
         cmocka_unit_test(test_the_estimate_is_what_a_bake_takes),
         cmocka_unit_test(test_a_limit_on_data_does_not_hang_a_bake),
         cmocka_unit_test(test_a_bake_above_its_limit_is_cancelled),
-        cmocka_unit_test(test_a_bake_that_does_not_heed_is_ended),
+        cmocka_unit_test(test_a_bake_that_ignores_sigterm_is_killed),
     };
     return cmocka_run_group_tests(tests, setup, teardown);
 }

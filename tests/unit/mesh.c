@@ -206,8 +206,7 @@ static void sparse_and_normalised(void **state)
         uint8_t where[4];
         int16_t what[4];
     } s = {{{0, 0, 0, 9}, {32767, 0, 0, 9}, {0, 1, 0, 9}}, {2}, {0, -32768, 16384, 0}};
-    struct prt_mesh *m = must_load(gltf(
-        &s, sizeof s,
+    static const char rest[] =
         "\"extensionsRequired\":[\"KHR_mesh_quantization\"],\"bufferViews\":[{\"buffer\":0,"
         "\"byteLength\":24,\"byteStride\":8},{\"buffer\":0,\"byteOffset\":24,"
         "\"byteLength\":1},{\"buffer\":0,\"byteOffset\":28,\"byteLength\":6}],"
@@ -215,7 +214,8 @@ static void sparse_and_normalised(void **state)
         "\"count\":3,\"type\":\"VEC3\",\"sparse\":{\"count\":1,\"indices\":{"
         "\"bufferView\":1,\"componentType\":5121},\"values\":{\"bufferView\":2}}}],"
         "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}],"
-        "\"nodes\":[{\"mesh\":0}]"));
+        "\"nodes\":[{\"mesh\":0}]";
+    struct prt_mesh *m = must_load(gltf(&s, sizeof s, rest));
     assert_float_equal(m->position[1][0], 1, 1e-7);
     assert_float_equal(m->position[2][0], 0, 0);
     assert_float_equal(m->position[2][1], -1, 0);
@@ -223,6 +223,33 @@ static void sparse_and_normalised(void **state)
     assert_int_equal(m->n_boundary_edge, 3);
     assert_non_null(strstr(lines, "leak through 3 boundary edges"));
     prt_mesh_destroy(m);
+    s.where[0] = 3; // one past the last
+    assert_int_equal(load_text(gltf(&s, sizeof s, rest), NULL, &m), PRT_FORMAT);
+    assert_non_null(strstr(lines, "sparse index 3 of 3"));
+}
+
+// glTF: a signed byte c stands for max(c / 127, -1), a byte for c / 255.
+static void bytes_are_normalised(void **state)
+{
+    static const int8_t p[3][4] = {{127, -128, 64, 0}, {-127, 0, 1, 0}, {0, 100, 0, 0}};
+    static const char *const type[] = {"5120", "5121"};
+    for (int k = 0; k < 2; k++) {
+        char rest[600];
+        snprintf(rest, sizeof rest,
+                 "\"extensionsRequired\":[\"KHR_mesh_quantization\"],\"bufferViews\":[{"
+                 "\"buffer\":0,\"byteLength\":12,\"byteStride\":4}],\"accessors\":[{"
+                 "\"bufferView\":0,\"componentType\":%s,\"normalized\":true,\"count\":3,"
+                 "\"type\":\"VEC3\"}],\"meshes\":[{\"primitives\":[{\"attributes\":{"
+                 "\"POSITION\":0}}]}],\"nodes\":[{\"mesh\":0}]",
+                 type[k]);
+        struct prt_mesh *m = must_load(gltf(p, sizeof p, rest));
+        for (int v = 0; v < 3; v++)
+            for (int c = 0; c < 3; c++) {
+                double want = k ? (uint8_t)p[v][c] / 255.0 : fmax(p[v][c] / 127.0, -1);
+                assert_float_equal(m->position[v][c], want, 1e-6);
+            }
+        prt_mesh_destroy(m);
+    }
 }
 
 #define TWO_MATERIALS(first)                                                                \
@@ -724,6 +751,7 @@ int main(void)
         cmocka_unit_test(mirrored_normals_point_out),
         cmocka_unit_test(modes_give_triangles),
         cmocka_unit_test(sparse_and_normalised),
+        cmocka_unit_test(bytes_are_normalised),
         cmocka_unit_test(materials_decide),
         cmocka_unit_test(limits_hold),
         cmocka_unit_test(faults_are_named),

@@ -178,7 +178,7 @@ static void refuses(void **state)
 }
 
 // A daemon takes no split requests; a client takes split answers.
-static void whole_only(void **state)
+static void split_requests_are_refused(void **state)
 {
     struct relight_frame_limits whole = limits;
     struct relight_frame frame;
@@ -208,7 +208,7 @@ static void whole_message_lengths(void **state)
     free(all);
 }
 
-static void lead_and_room(void **state)
+static void space_around_a_packed_frame(void **state)
 {
     struct relight_frame frame = vectors[0].frame;
     uint8_t *bytes;
@@ -312,8 +312,8 @@ int main(int argc, char **argv)
         cmocka_unit_test(decode_in_pieces),
         cmocka_unit_test(refuses),
         cmocka_unit_test(whole_message_lengths),
-        cmocka_unit_test(lead_and_room),
-        cmocka_unit_test(whole_only),
+        cmocka_unit_test(space_around_a_packed_frame),
+        cmocka_unit_test(split_requests_are_refused),
         cmocka_unit_test(names),
         cmocka_unit_test(sha256),
         cmocka_unit_test(vector_hash),

@@ -727,7 +727,7 @@ static void give_basis(struct prt_tensor *t, const struct prt_radial *radial)
 
 // Joint and polynomial transport: coefficients from the radial basis in the file, sigma_s and
 // the phase function's a_l at run time.
-static void materials_move(void **state)
+static void free_materials_follow_the_basis(void **state)
 {
     struct prt_context ctx = quiet();
     struct prt_transport t;
@@ -863,7 +863,7 @@ int main(void)
         cmocka_unit_test(many_queries_equal_one_by_one),
         cmocka_unit_test(wrong_queries_are_refused),
         cmocka_unit_test(answers_follow_the_command_contract),
-        cmocka_unit_test(materials_move),
+        cmocka_unit_test(free_materials_follow_the_basis),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -346,7 +346,7 @@ static void normals_tilt_up(void **state)
     prt_mesh_destroy(m);
 }
 
-static void files_that_lie(void **state)
+static void wrong_texture_records(void **state)
 {
     static const struct {
         const char *material, *line;
@@ -387,11 +387,15 @@ static void files_that_lie(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(wrap_modes),          cmocka_unit_test(levels_average_light),
-        cmocka_unit_test(anisotropic),         cmocka_unit_test(hash_is_of_content),
-        cmocka_unit_test(decoding_and_limits), cmocka_unit_test(maps_of_a_gltf),
-        cmocka_unit_test(normals_tilt_up),     cmocka_unit_test(volumes_of_a_gltf),
-        cmocka_unit_test(files_that_lie),
+        cmocka_unit_test(wrap_modes),
+        cmocka_unit_test(levels_average_light),
+        cmocka_unit_test(anisotropic),
+        cmocka_unit_test(hash_is_of_content),
+        cmocka_unit_test(decoding_and_limits),
+        cmocka_unit_test(maps_of_a_gltf),
+        cmocka_unit_test(normals_tilt_up),
+        cmocka_unit_test(volumes_of_a_gltf),
+        cmocka_unit_test(wrong_texture_records),
     };
     return run_test_group(tests, NULL, NULL);
 }

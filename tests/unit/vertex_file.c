@@ -128,6 +128,26 @@ static void an_npy_of_doubles_is_rounded(void **state)
     assert_float_equal(back[0][2], -3, 0);
 }
 
+// Versions 2 and 3 have a header length of four bytes, so that the header begins at byte 12.
+static void an_npy_of_version_2(void **state)
+{
+    static const char header[] =
+        "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 3), }   \n";
+    char file[12 + sizeof header - 1 + 12] = "\x93NUMPY\x02";
+    const float row[3] = {0.1f, 2, -3};
+    struct prt_npy npy;
+    float back[1][3];
+    file[8] = sizeof header - 1;
+    memcpy(file + 12, header, sizeof header - 1);
+    memcpy(file + 12 + sizeof header - 1, row, sizeof row);
+    assert_null(prt_npy_parse(file, sizeof file, &npy));
+    prt_npy_rows(&npy, back);
+    assert_memory_equal(back[0], row, sizeof row);
+    assert_non_null(prt_npy_parse(file, sizeof file - 1, &npy));
+    file[6] = 4;
+    assert_non_null(prt_npy_parse(file, sizeof file, &npy));
+}
+
 static void a_ply_has_vertices_and_triangles(void **state)
 {
     struct prt_vertex_data data = mesh();
@@ -191,6 +211,7 @@ int main(void)
         cmocka_unit_test(a_csv_has_a_header_and_nine_digits),
         cmocka_unit_test(an_npy_is_read_back),
         cmocka_unit_test(an_npy_of_doubles_is_rounded),
+        cmocka_unit_test(an_npy_of_version_2),
         cmocka_unit_test(a_ply_has_vertices_and_triangles),
         cmocka_unit_test(a_glb_has_a_mesh_for_each_object),
     };

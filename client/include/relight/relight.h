@@ -8,7 +8,8 @@
  *
  * Returns: 0, or a negative enum relight_code with `*error` (may be NULL) filled; outputs are
  * untouched then. Strings and arrays inside an output belong to it until its _finish call.
- * Units: millimetres where said so, else the model's own; colours are linear RGB radiance. */
+ * Units: millimetres where said so, else the model's own; colours are linear RGB radiance.
+ * Above 600 lines: one header with the contract of each call is the library's manual. */
 #ifndef RELIGHT_RELIGHT_H
 #define RELIGHT_RELIGHT_H
 

@@ -103,7 +103,8 @@ void prt_diffusion_rd_array(const struct prt_diffusion *dipole, unsigned cpu, si
 void prt_diffusion_rd3_array(const struct prt_diffusion dipole[3], unsigned cpu, size_t n,
                              const float *r2_mm2, float *out0, float *out1, float *out2);
 
-double prt_fresnel_dr(double eta);                              /* F_dr, METHODS §1 */
+/* F_dr, METHODS §1: a fit, 0.0016 at eta 1. */
+double prt_fresnel_dr(double eta);
 double prt_fresnel_transmittance(double eta, double cos_theta); /* exact, unpolarised */
 /* Cosine-weighted hemispherical mean of F_t: 0.938868 at 1.3, 0.908222 at 1.5. */
 double prt_fresnel_mean_transmittance(double eta);

@@ -2,7 +2,7 @@
 // Interface of the benchmarks of prt-bench. A benchmark is a file of this folder:
 //
 //     static int run(struct bench_env *env) { ...; bench_begin(env, "x"); ...; bench_end(); }
-//     BENCH(x, "what it measures", run)
+//     BENCH(x, "description", run)
 //
 // It prints one JSON object a line for each figure and returns 0 or a negative prt_status.
 #ifndef PRT_BENCH_H
@@ -20,7 +20,7 @@ struct bench_env {
     const char *light[8]; // --env, n_light of them
     unsigned n_light;
     double seconds; // each figure is measured for about this long
-    bool quick;     // small sizes: to see that it runs
+    bool quick;     // small sizes, as a check that it runs
     uint64_t seed;
 };
 

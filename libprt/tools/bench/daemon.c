@@ -28,7 +28,7 @@ struct session {
 
 struct sample {
     double ms[N_TIME];
-    double part[N_PART][N_TIME]; // the daemon's own account
+    double part[N_PART][N_TIME]; // times that the daemon reports
     double bytes;
     unsigned n;
     double cpu_s; // of the daemon's clock when it began
@@ -144,7 +144,7 @@ static int upload(struct session *s, const char *format, bool timed, char word[8
     return status;
 }
 
-// Waits until the daemon has finished its own work (decoding uploads ahead).
+// Waits until the daemon is idle (it decodes uploads ahead).
 static int settle(struct session *s)
 {
     double bytes = -1, last = -2, begin = prt_time_s();

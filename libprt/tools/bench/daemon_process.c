@@ -48,7 +48,7 @@ static void *clean_up(void *arg)
 {
     unsigned char number;
     while (read(told[0], &number, 1) != 1) continue;
-    pthread_mutex_lock(&lock); // for good: who is stopping or starting one waits here
+    pthread_mutex_lock(&lock); // never unlocked: threads that stop or start a daemon wait here
     if (running && running->pid > 0) {
         kill(running->pid, SIGTERM);
         for (int i = 0; i < 500 && !waitpid(running->pid, NULL, WNOHANG); i++) usleep(10000);

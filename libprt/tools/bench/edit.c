@@ -52,8 +52,8 @@ static int solve(void *arg)
     return status;
 }
 
-// What an answer does: phase planes weighted by the medium's, the view-free one among multiple
-// scattering.
+// The steps of an answer: phase planes weighted by the medium's, the view-free one among
+// multiple scattering.
 static int colours(struct edit *e)
 {
     static const float factor[16][3] = {{.5f, .6f, .7f}, {.2f, .3f, .1f}, {.2f, .3f, .1f},
@@ -447,7 +447,7 @@ static int answer_figure(struct bench_env *env, const struct prt_transport *t)
     return status;
 }
 
-// Another light each time, under a material that stays: fixed, or put in anew.
+// Another light each time, under one material: contracted once, or for each answer.
 static int ask_turned(void *arg)
 {
     struct asking *a = arg;

@@ -163,7 +163,7 @@ static void stop(struct job *job)
     prt_free(job->color);
 }
 
-// One and eight lights on one tensor. *one is what one light takes: compared with when it is
+// One and eight lights on one tensor. *one is the time of one light: compared with when it is
 // known before (best > 0).
 static int one_and_eight(struct bench_env *env, const char *name,
                          const struct prt_tensor *tensor, uint32_t cube, const float *coef,
@@ -260,7 +260,7 @@ static int phase(struct bench_env *env)
     return status;
 }
 
-// W05's own storage: 128 coefficients a vertex, the six scaling ones among them.
+// The storage of W05: 128 coefficients a vertex, the six scaling ones among them.
 static int sparse(struct bench_env *env)
 {
     struct synthetic_options o = {.storage = PRT_STORAGE_SPARSE,
@@ -345,7 +345,7 @@ static int answers(struct bench_env *env, const struct prt_transport *t)
     return status;
 }
 
-// The tensors of a baked file, each by itself, and where nothing else is asked the whole
+// The tensors of a baked file, each by itself, and without further options the whole
 // answer.
 static int file(struct bench_env *env)
 {

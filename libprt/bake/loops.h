@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: MIT */
+/* The bake's inner loops, compiled once for each instruction set (loops.c, base/isa.h). Each is
+ * described in loops_kernel.h. */
+#ifndef PRT_BAKE_LOOPS_H
+#define PRT_BAKE_LOOPS_H
+
+#include "bake/single.h"
+
+struct bake_loops {
+    uint32_t (*prepare)(const struct directions *d, size_t at, const float n[3],
+                        const float f[3], const struct fresnel_table *fresnel,
+                        struct prt_packet *packet, float *value);
+    void (*refract)(const struct prt_packet *packet, const struct corners *corner, float eta,
+                    struct lanes *out);
+    void (*subdivide)(const struct knots *k, uint32_t n_node, uint32_t substeps,
+                      float out[PATH_POINTS][PATH_TILE]);
+    void (*integrate_isotropic)(const struct path *path, float sigma_t, float factor, float end,
+                                float sum[PATH_TILE]);
+    void (*integrate_radial)(const struct path_job *job, const struct path *path,
+                             uint32_t first, uint32_t m);
+    void (*expand_cells)(const float *value, const uint32_t *cell, uint32_t first, uint32_t n,
+                         float *out);
+    float (*largest)(const float *x, const float *sum, float limit, uint32_t n);
+    float (*kept_energy)(const float *x, const float *sum, float limit, uint32_t n);
+    uint32_t (*count_above)(const float *sum, float limit, const float *share, float above,
+                            uint32_t n);
+    float (*squared_steps)(const float *sum, float limit, const float *share, float above,
+                           uint32_t n);
+    void (*raise_share)(const float *x, float scale, float *share, uint32_t n);
+};
+/* The loops for a mask of enum prt_cpu; 0: plain C. */
+const struct bake_loops *prt_bake_loops(unsigned cpu);
+
+#endif

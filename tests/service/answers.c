@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: MIT
+// Details of answers: the mean of ENV, the alignment of colours, ids, deadlines, a view's rate
+// and the order of jobs.
+#include "ask.h"
+#include "frames.h"
+
+static struct daemon d;
+
+static struct relight_client *begin(const char *const extra[])
+{
+    daemon_folder(&d);
+    daemon_start(&d, extra);
+    return client_open(d.address);
+}
+
+static void end(struct relight_client *client)
+{
+    relight_close(client);
+    int status = daemon_end(&d);
+    daemon_remove(&d);
+    assert_int_equal(status, 0);
+}
+
+static int teardown(void **state)
+{
+    if (d.pid) daemon_remove(&d);
+    return 0;
+}
+
+// The mean of an environment is over solid angle: a lat-long whose upper quarter, up to 45
+// degrees from the pole, has radiance 1 has the mean (1 - cos 45) / 2.
+static void test_mean_of_an_environment(void **state)
+{
+    enum { W = 64, H = 32 };
+    static const char head[] = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n";
+    static char bytes[sizeof head - 1 + H * (4 + 4 * (W + 1))];
+    struct relight_client *client = begin(NULL);
+    struct relight_error error;
+    struct relight_env_info info;
+    char hash[65], env[80], *at = bytes + sizeof head - 1;
+    memcpy(bytes, head, sizeof head - 1);
+    for (int y = 0; y < H; y++) {
+        *at++ = 2, *at++ = 2, *at++ = 0, *at++ = W;
+        for (int c = 0; c < 4; c++) {
+            *at++ = (char)W; // a literal run
+            memset(at, c == 3 ? 128 + 1 : y < H / 4 ? 128 : 0, W);
+            at += W;
+        }
+    }
+    OK(relight_upload(client, "cap.hdr", bytes, (size_t)(at - bytes), NULL, NULL, hash, NULL,
+                      &error));
+    snprintf(env, sizeof env, "env:%s", hash);
+    OK(relight_env_prepare(client, env, &info, &error));
+    print_message("mean %g, the cap has %g\n", (double)info.mean[0], (1 - sqrt(0.5)) / 2);
+    for (int c = 0; c < 3; c++)
+        if (fabs((double)info.mean[c] - (1 - sqrt(0.5)) / 2) > 0.002) fail_msg("mean is off");
+    end(client);
+}
+
+// Planes of several lights begin at multiples of 64 bytes (PROTOCOL.md).
+static void test_planes_are_aligned(void **state)
+{
+    struct relight_client *client = begin(NULL);
+    struct relight_error error;
+    struct relight_colors colors;
+    struct relight_light lights[2] = {{.env = "constant"}, {.env = "constant:1,0,0"}};
+    struct relight_colors_request request = {.n_light = 2, .lights = lights};
+    char id[ID_SIZE];
+    bake_small(client, &d, id);
+    request.model = id;
+    OK(relight_colors(client, &request, &colors, &error));
+    assert_int_equal(colors.plane_bytes, (12 * OCTAHEDRON_VERTICES + 63) / 64 * 64);
+    relight_colors_finish(&colors);
+    end(client);
+}
+
+// Two open requests of a connection cannot have one id.
+static void test_an_id_is_open_once(void **state)
+{
+    struct relight_client *client = begin(NULL);
+    struct frames *f = frames_open(&d);
+    Relight__SubscribeRequest in = RELIGHT__SUBSCRIBE_REQUEST__INIT;
+    struct frames_answer a;
+    frames_add(f, RELIGHT_TYPE_SUBSCRIBE, 10, &in.base, NULL, 0); // open until it is cancelled
+    frames_add(f, RELIGHT_TYPE_PING, 10, NULL, NULL, 0);
+    frames_send(f);
+    do assert_true(frames_next(f, &a, 20000, NULL));
+    while (!a.closed && a.type != RELIGHT_TYPE_ERROR &&
+           a.type != (RELIGHT_TYPE_PING | RELIGHT_TYPE_ANSWER));
+    assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    assert_non_null(strstr(a.text, "open already"));
+    frames_close(f);
+    end(client);
+}
+
+// Bakes run in the order of their requests: when the third has ended, the second has.
+static void test_bakes_keep_their_order(void **state)
+{
+    static const char *const extra[] = {"--bakes", "1", NULL};
+    struct relight_client *client = begin(extra);
+    struct relight_error error;
+    struct relight_loaded loaded[3];
+    for (int i = 0; i < 3; i++) {
+        char name[20];
+        snprintf(name, sizeof name, "o%d.obj", i);
+        OK(load_small(client, &d, name, 70 + (uint64_t)i, 60, &loaded[i], &error));
+    }
+    OK(relight_watch(client, loaded[2].job, NULL, NULL, &error));
+    struct relight_colors colors;
+    struct relight_light light = {.env = "constant"};
+    struct relight_colors_request request = {
+        .model = loaded[1].model, .n_light = 1, .lights = &light};
+    OK(relight_colors(client, &request, &colors, &error)); // ready: colours come from a bake
+    relight_colors_finish(&colors);
+    for (int i = 0; i < 3; i++) relight_loaded_finish(&loaded[i]);
+    end(client);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(test_mean_of_an_environment, teardown),
+        cmocka_unit_test_teardown(test_planes_are_aligned, teardown),
+        cmocka_unit_test_teardown(test_an_id_is_open_once, teardown),
+        cmocka_unit_test_teardown(test_bakes_keep_their_order, teardown),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
