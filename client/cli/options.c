@@ -66,11 +66,7 @@ static const struct row {
     {'k', "token", "TOKEN", SPECIAL, 0, 0, 0, NULL, 0,
      "token for a daemon that requires one. Prefer $RELIGHT_TOKEN: other users of this machine can "
      "see arguments until the program has overwritten them"},
-<<<<<<< HEAD
-    {25, "ca", "FILE", TEXT, AT(ca), 0, 0, NULL, 0,
-=======
     {19, "ca", "FILE", TEXT, AT(ca), 0, 0, NULL, 0,
->>>>>>> main
      "PEM file of the certificates that may sign the server's at tls:HOST:PORT (default: $RELIGHT_CA, "
      "the system's store)"},
     {'j', "json", NULL, FLAG, AT(json), 0, 0, NULL, 0, "print the answer as JSON"},
@@ -203,13 +199,8 @@ static const struct row {
      "positions in the model's units (default: mm)"},
 };
 enum { N_TABLE = sizeof table / sizeof *table };
-<<<<<<< HEAD
-#define COMMON "sTkj\31"
-#define LIGHT "erGtEgXbm\27"
-=======
 #define COMMON "sTkj\23"
-#define LIGHT "erGtEgXbm"
->>>>>>> main
+#define LIGHT "erGtEgXbm\27"
 #define TOKEN "\1\2\3\4\5\6\7\10\13\14\16\17\20"
 #define PICTURE "cz\21qnxBaSYyJW"
 
