@@ -3,6 +3,7 @@
 #include "cli.h"
 
 #include <argp.h>
+#include <assert.h>
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -63,7 +64,7 @@ static const struct row {
     {'k', "token", "TOKEN", SPECIAL, 0, 0, 0, NULL, 0,
      "token for a daemon that requires one. Prefer $RELIGHT_TOKEN: other users of this machine can "
      "see arguments until the program has overwritten them"},
-    {18, "ca", "FILE", TEXT, AT(ca), 0, 0, NULL, 0,
+    {19, "ca", "FILE", TEXT, AT(ca), 0, 0, NULL, 0,
      "PEM file of the certificates that may sign the server's at tls:HOST:PORT (default: $RELIGHT_CA, "
      "the system's store)"},
     {'j', "json", NULL, FLAG, AT(json), 0, 0, NULL, 0, "print the answer as JSON"},
@@ -194,7 +195,7 @@ static const struct row {
      "positions in the model's units (default: mm)"},
 };
 enum { N_TABLE = sizeof table / sizeof *table };
-#define COMMON "sTkj\22"
+#define COMMON "sTkj\23"
 #define LIGHT "erGtEgXbm"
 #define TOKEN "\1\2\3\4\5\6\7\10\13\14\16\17\20"
 #define PICTURE "cz\21qnxBaSYyJW"
@@ -614,8 +615,16 @@ static char *main_doc(void)
     return text;
 }
 
+// Two options with one key would be one.
+static void check_keys(void)
+{
+    for (int i = 0; i < N_TABLE; i++)
+        for (int k = 0; k < i; k++) assert(table[i].key != table[k].key);
+}
+
 const struct command *options_parse(int argc, char **argv, struct options *options)
 {
+    check_keys();
     *options = (struct options){0};
     struct input input = {options, NULL};
     struct argp_option picked[N_TABLE + 1];

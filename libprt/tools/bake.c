@@ -161,6 +161,14 @@ static uint64_t usable_memory(const struct options *o)
     return o->memory && o->memory < free_bytes ? o->memory : free_bytes;
 }
 
+// What a sanitizer takes beside the bake: its shadow and the memory that it keeps for a while
+// after it was freed.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+static const uint64_t instrumented = UINT64_C(2) << 30;
+#else
+static const uint64_t instrumented = 0;
+#endif
+
 // Watches the memory of this process: --memory, or 1.5 times the estimate (chosen, not
 // measured).
 static int limit_memory(struct tool *tool, uint64_t estimate)
@@ -178,7 +186,7 @@ static int limit_memory(struct tool *tool, uint64_t estimate)
                                         o->memory ? "the limit is" : "the machine has",
                                         (unsigned long long)(most >> 20)));
     if (!o->memory_set) return memory_watch(tool, 0);
-    return memory_watch(tool, o->memory ? o->memory : estimate + estimate / 2);
+    return memory_watch(tool, o->memory ? o->memory : estimate + estimate / 2 + instrumented);
 }
 
 int run_bake(struct tool *tool)

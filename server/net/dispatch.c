@@ -174,7 +174,8 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection has to be HELLO");
     else if (operation_allowed(request, operation->scopes))
-        material_then(request, operation->material ? operation->material(request->message) : "",
+        material_then(request,
+                      operation->material ? operation->material(request->message) : NULL,
                       operation->flags & OPERATION_ORDERED, run_operation);
 }
 

@@ -8,6 +8,7 @@
 #include "relight.pb-c.h"
 
 #include <stdarg.h>
+#include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -79,6 +80,16 @@ struct held_bytes *request_take_payload(struct request *request)
     request->payload_size = 0;
     request->payload_charged = 0;
     return held;
+}
+
+void request_return_payload(struct request *request, struct held_bytes *held)
+{
+    assert(held->refs == 1 && held->principal == request->principal && !request->payload);
+    request->payload = held->bytes;
+    request->payload_size = held->size;
+    request->payload_charged = held->charged;
+    principal_release(held->principal);
+    free(held);
 }
 
 void held_bytes_hold(struct held_bytes *held)

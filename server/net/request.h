@@ -23,6 +23,9 @@ struct request {
     struct cache_entry *material; /* of the material its message names, where that was parsed
                                      on a worker: render/shared/materials.h. NULL: not yet, or
                                      used already. Held */
+    char payload_hash[65]; /* SHA-256 of a large payload, by a worker; "": not computed */
+    size_t
+        payload_bad; /* with it: 1 + the index of the first float outside [0, 1e9]; 0: none */
     struct loop_timer deadline;
     uint32_t retry_ms;   /* of the ERROR that will end it, for BUSY; 0: unknown */
     uint64_t generation; /* of the ERROR that will end it; 0: none */
@@ -70,6 +73,8 @@ struct held_bytes {
 };
 /* Moves the payload and its charge out of the request; NULL without memory or payload. */
 struct held_bytes *request_take_payload(struct request *request);
+/* Moves them back; the caller's reference is the only one. */
+void request_return_payload(struct request *request, struct held_bytes *held);
 void held_bytes_hold(struct held_bytes *held);
 void held_bytes_release(struct held_bytes *held); /* NULL is fine */
 /* Frees the payload before the request ends. */

@@ -82,7 +82,9 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
                        char error[300]);
 /* Fills the keys; texels of all lights, for inline cubes. */
-void render_light_name(struct render_light *light, const float *texels);
+void render_light_name(struct render_light *light, const float *texels, const char *hash);
+/* Index of the first that is no radiance in [0, 1e9]; n: all are. Thread-safe. */
+size_t render_first_bad_texel(const float *texels, size_t n);
 /* Turns or scales the lights that the spec has; lights[i] gives the values of light i. */
 int render_spec_turn(struct render_spec *spec, size_t n, Relight__Light *const *lights,
                      bool rotate, bool gain, char error[300]);

@@ -120,14 +120,23 @@ static void set_keys(struct render_light *light, const char *source)
              (double)light->gain[0], (double)light->gain[1], (double)light->gain[2]);
 }
 
-void render_light_name(struct render_light *light, const float *texels)
+size_t render_first_bad_texel(const float *texels, size_t n)
 {
-    char source[96], hex[65];
+    size_t i = 0;
+    while (i < n && texels[i] >= 0 && texels[i] <= 1e9f) i++;
+    return i;
+}
+
+void render_light_name(struct render_light *light, const float *texels, const char *hash)
+{
+    char source[104], hex[65];
     struct relight_sha256 sha;
     size_t bytes = (size_t)72 * light->cube_n * light->cube_n;
     // A cryptographic hash: clients share cache entries by it, and none may construct a
     // collision.
-    if (light->cube_n) {
+    if (light->cube_n && hash[0]) {
+        snprintf(source, sizeof source, "texels:%u:%s+%zu", light->cube_n, hash, light->texel);
+    } else if (light->cube_n) {
         relight_sha256_init(&sha);
         relight_sha256_add(&sha, texels + light->texel, bytes);
         relight_sha256_hex(&sha, hex);
@@ -174,16 +183,16 @@ int render_spec_lights(struct render_spec *spec, size_t n, Relight__Light *const
         REFUSE(BAD_REQUEST, "the payload has %zu bytes, and the lights' cubes need %zu",
                request->payload_size, floats * sizeof(float));
     const float *texels = (const float *)request->payload;
-    for (size_t i = 0; i < floats; i++)
-        if (!(texels[i] >= 0 && texels[i] <= 1e9f))
-            RANGE(texels[i], 0, 1e9, "", "texels[%zu]", i);
+    const char *hash = request->payload_hash;
+    size_t bad = hash[0] ? request->payload_bad - 1 : render_first_bad_texel(texels, floats);
+    if (bad < floats) RANGE(texels[bad], 0, 1e9, "", "texels[%zu]", bad);
     struct held_bytes *held = request_take_payload(request);
     if (floats && !held) REFUSE(NO_MEMORY, "not enough memory");
     held_bytes_release(spec->texels);
     spec->texels = held;
     spec->n_light = (unsigned)n;
     for (unsigned i = 0; i < n; i++) spec->light[i] = parsed[i];
-    for (unsigned i = 0; i < n; i++) render_light_name(&spec->light[i], texels);
+    for (unsigned i = 0; i < n; i++) render_light_name(&spec->light[i], texels, hash);
     return 0;
 }
 

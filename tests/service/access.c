@@ -273,6 +273,49 @@ static void test_revoked_connections_close(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// HTTP has the rules of the frames: the scope that is missing is named, and a stream of events
+// ends with its token.
+static void test_http_api(void **state)
+{
+    const char *const extra[] = {"--http", "127.0.0.1:0", NULL};
+    char secret[RELIGHT_SECRET], ask[512], text[4096], bearer[256];
+    struct relight_error error;
+    struct relight_loaded loaded;
+    bool closed;
+    daemon_start(&d, extra);
+    struct relight_client *admin = client_open(d.address);
+    create(admin, "viewer", view, 0, NULL, secret);
+    snprintf(bearer, sizeof bearer, "Authorization: Bearer %s\r\n", secret);
+    assert_int_equal(get("/v1/models", "", text, sizeof text), 401);
+    assert_int_equal(get("/v1/models", bearer, text, sizeof text), 200);
+    int fd = http_connect();
+    int n = snprintf(ask, sizeof ask,
+                     "POST /v1/blobs HTTP/1.1\r\nHost: localhost\r\n%sContent-Length: 4\r\n\r\n"
+                     "blob",
+                     bearer);
+    assert_int_equal(write(fd, ask, (size_t)n), n);
+    text[raw_read(fd, text, sizeof text - 1, 500, &closed)] = 0;
+    assert_non_null(strstr(text, " 403 "));
+    assert_non_null(strstr(text, "needs the scope upload"));
+    close(fd);
+    OK(load_small(admin, &d, "long.obj", 5, 2000000, &loaded, &error)); // a bake of minutes
+    fd = http_connect();
+    n = snprintf(ask, sizeof ask,
+                 "GET /v1/jobs/%s/events?token=%s HTTP/1.1\r\nHost: localhost\r\n\r\n",
+                 loaded.job, secret);
+    assert_int_equal(write(fd, ask, (size_t)n), n);
+    text[raw_read(fd, text, sizeof text - 1, 500, &closed)] = 0;
+    assert_non_null(strstr(text, "text/event-stream"));
+    assert_false(closed);
+    OK(relight_token_revoke(admin, "viewer", NULL, &error));
+    assert_true(closes_within(fd, 1000));
+    close(fd);
+    OK(relight_cancel_job(admin, loaded.job, NULL, &error));
+    relight_loaded_finish(&loaded);
+    relight_close(admin);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 static void test_expired_token(void **state)
 {
     char secret[RELIGHT_SECRET];
@@ -598,6 +641,7 @@ int main(void)
         cmocka_unit_test_teardown(test_first_token, after_each),
         cmocka_unit_test_teardown(test_a_token_lives_and_goes, after_each),
         cmocka_unit_test_teardown(test_revoked_connections_close, after_each),
+        cmocka_unit_test_teardown(test_http_api, after_each),
         cmocka_unit_test_teardown(test_expired_token, after_each),
         cmocka_unit_test_teardown(test_orders_that_are_refused, after_each),
         cmocka_unit_test_teardown(test_damaged_store, after_each),

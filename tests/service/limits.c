@@ -363,10 +363,11 @@ static void test_bytes_held_by_requests(void **state)
     Relight__UpdateVerticesRequest update = RELIGHT__UPDATE_VERTICES_REQUEST__INIT;
     update.model = model;
     char *large = calloc(1, 9 << 20);
-    frames_add(f, RELIGHT_TYPE_UPDATE_VERTICES, 33, &update.base, large, 9 << 20);
     frames_send(f);
     assert_int_equal(frames_wait(f, 30).code, 0);
     assert_int_equal(frames_wait(f, 32).code, 0);
+    frames_add(f, RELIGHT_TYPE_UPDATE_VERTICES, 33, &update.base, large, 9 << 20);
+    frames_send(f);
     assert_int_equal(frames_wait(f, 33).code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
     free(large);
     free(texels);
@@ -374,6 +375,68 @@ static void test_bytes_held_by_requests(void **state)
     for (int i = 0; i < 100 && held(client, "payload") > 1000; i++) sleep_ms(20);
     assert_true(held(client, "payload") < 1000);
     relight_close(client);
+    served();
+    end();
+}
+
+// CPU time of the daemon's loop, which is its first thread.
+static double loop_cpu_ms(void)
+{
+    char path[64];
+    snprintf(path, sizeof path, "/proc/%d/task/%d/schedstat", (int)d.pid, (int)d.pid);
+    char *text = read_text(path);
+    double ms = strtod(text, NULL) * 1e-6;
+    free(text);
+    return ms;
+}
+
+// Law: cubes of lights cost the loop no more than the same bytes of an upload, which are
+// received, counted and hashed elsewhere.
+static void test_cubes_are_hashed_elsewhere(void **state)
+{
+    enum { CUBES = 16, TEXELS = CUBES * 6 * 128 * 128 * 3, TURNS = 4 };
+    static const char *const extra[] = {"--client-memory", "1G", NULL};
+    begin(extra);
+    struct frames *f = frames_open(&d);
+    float *texels = calloc(TEXELS, sizeof *texels); // 18 MiB
+    Relight__ColorsRequest colors = RELIGHT__COLORS_REQUEST__INIT;
+    Relight__Light light = RELIGHT__LIGHT__INIT, *lights[CUBES];
+    Relight__PutBlobRequest put = RELIGHT__PUT_BLOB_REQUEST__INIT;
+    for (int i = 0; i < CUBES; i++) lights[i] = &light;
+    light.cube_n = 128;
+    colors.model = (char *)"nothing"; // the lights are read before the model is looked for
+    colors.lights = lights;
+    colors.n_lights = CUBES;
+    put.hash = (char *)"0000000000000000000000000000000000000000000000000000000000000000";
+    put.size = TEXELS * sizeof *texels;
+    double cpu_ms[2] = {0, 0};
+    for (uint64_t id = 2; id < 2 + 2 * TURNS; id++) {
+        int cubes = id % 2;
+        texels[0] = (float)id;
+        double before = loop_cpu_ms();
+        if (cubes)
+            frames_add(f, RELIGHT_TYPE_COLORS, id, &colors.base, texels,
+                       TEXELS * sizeof *texels);
+        else
+            frames_add(f, RELIGHT_TYPE_PUT_BLOB, id, &put.base, texels,
+                       TEXELS * sizeof *texels);
+        frames_send(f);
+        assert_int_equal(frames_wait(f, id).code, cubes ? RELIGHT__ERROR_CODE__ERROR_NOT_FOUND
+                                                        : RELIGHT__ERROR_CODE__ERROR_HASH);
+        cpu_ms[cubes] += loop_cpu_ms() - before;
+    }
+    print_message("18 MiB: %.1f ms of the loop for cubes, %.1f ms for an upload\n",
+                  cpu_ms[1] / TURNS, cpu_ms[0] / TURNS);
+    assert_true(cpu_ms[1] < 1.6 * cpu_ms[0]);
+    // One that is no radiance is found there, too.
+    texels[1234567] = -1;
+    frames_add(f, RELIGHT_TYPE_COLORS, 50, &colors.base, texels, TEXELS * sizeof *texels);
+    frames_send(f);
+    struct frames_answer a = frames_wait(f, 50);
+    assert_int_equal(a.code, RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE);
+    assert_non_null(strstr(a.text, "texels[1234567]"));
+    free(texels);
+    frames_close(f);
     served();
     end();
 }
@@ -747,6 +810,7 @@ int main(void)
         cmocka_unit_test_teardown(test_answer_beyond_the_send_buffer, teardown),
         cmocka_unit_test_teardown(test_headers_that_unpack_to_much, teardown),
         cmocka_unit_test_teardown(test_idle_after_a_large_header, teardown),
+        cmocka_unit_test_teardown(test_cubes_are_hashed_elsewhere, teardown),
         cmocka_unit_test_teardown(test_text_is_text, teardown),
     };
     signal(SIGPIPE, SIG_IGN);

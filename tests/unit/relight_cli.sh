@@ -45,7 +45,7 @@ status 1 "not a material" load x --material "$tmp/bad.json"
 status 0 "" --help
 status 0 "" --version
 
-for command in ping models load info watch cancel env colors image edit geometry unload stats; do
+for command in ping models load info watch cancel env colors image edit geometry unload token stats; do
     "$bin/relight" --help | grep -q "^  $command" || fail "$command is not in --help"
     "$bin/relight" $command --help | grep -q "Example" || fail "$command --help has no example"
 done

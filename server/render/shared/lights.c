@@ -130,7 +130,7 @@ static void prefetched(struct cache_waiter *waiter)
     struct render_spec spec = {.n_light = 1, .light[0] = {.gain = {1, 1, 1}}};
     if (p->entry->state == CACHE_READY) {
         snprintf(spec.light[0].env, sizeof spec.light[0].env, "%s", p->env);
-        render_light_name(&spec.light[0], NULL);
+        render_light_name(&spec.light[0], NULL, "");
         cache_release(background_get(p->server, &spec, &p->entry));
     }
     cache_release(p->entry);

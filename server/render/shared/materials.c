@@ -6,13 +6,18 @@
 #include "frame.h"
 #include "relight.pb-c.h"
 #include "net/request_wait.h"
+#include "render/render.h"
 #include "render/shared/cache_compute.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { MATERIAL_BYTES = 65536, QUICK_BYTES = 2048 };
+enum {
+    MATERIAL_BYTES = 65536,
+    QUICK_BYTES = 2048,
+    HASHED_BYTES = 128 << 10, // payloads from here on are hashed by a worker
+};
 
 struct resolved {
     int status;
@@ -153,6 +158,9 @@ struct material_wait {
     struct request_wait wait;   // entry NULL: waits only for earlier requests
     struct material_wait *next; // in the connection's order
     struct connection *conn;    // NULL: not about a view, or its connection closed
+    struct held_bytes *payload; // that a worker hashes; NULL: none
+    char hash[65];
+    size_t bad; // 1 + the index of its first float that is no radiance; 0: none
     bool ready;
     void (*run)(struct request *request);
 };
@@ -172,6 +180,13 @@ static void run_wait(struct material_wait *w)
     struct request *request = request_resume(&w->wait);
     struct cache_entry *entry = w->wait.entry;
     void (*run)(struct request * request) = w->run;
+    if (w->payload && request) {
+        request_return_payload(request, w->payload);
+        memcpy(request->payload_hash, w->hash, sizeof w->hash);
+        request->payload_bad = w->bad;
+    } else {
+        held_bytes_release(w->payload);
+    }
     free(w);
     if (request) run_with(request, entry, run);
     else cache_release(entry);
@@ -186,13 +201,39 @@ static void run_ready(struct connection *conn)
     }
 }
 
-static void resolved(struct cache_waiter *waiter)
+static void ready(struct material_wait *w)
 {
-    struct material_wait *w =
-        (struct material_wait *)((char *)waiter - offsetof(struct material_wait, wait.waiter));
     w->ready = true;
     if (w->conn) run_ready(w->conn);
     else run_wait(w);
+}
+
+static void resolved(struct cache_waiter *waiter)
+{
+    ready(
+        (struct material_wait *)((char *)waiter - offsetof(struct material_wait, wait.waiter)));
+}
+
+static int run_hash(struct work *work, const struct prt_context *ctx)
+{
+    struct material_wait *w = (struct material_wait *)work;
+    struct relight_sha256 sha;
+    relight_sha256_init(&sha);
+    relight_sha256_add(&sha, w->payload->bytes, w->payload->size);
+    relight_sha256_hex(&sha, w->hash);
+    size_t n = w->payload->size / sizeof(float);
+    w->bad = render_first_bad_texel(w->payload->bytes, n) + 1;
+    if (w->bad > n) w->bad = 0;
+    return PRT_OK;
+}
+
+// The material, too, may be there by now.
+static void hashed(struct work *work)
+{
+    struct material_wait *w = (struct material_wait *)work;
+    if (w->wait.entry && w->wait.entry->state == CACHE_PENDING)
+        cache_wait(w->wait.entry, &w->wait.waiter);
+    else ready(w);
 }
 
 void materials_drop(struct connection *conn)
@@ -210,9 +251,11 @@ void material_then(struct request *request, const char *text, bool views,
                    void (*run)(struct request *request))
 {
     struct connection *conn = request->conn;
-    struct cache_entry *entry = is_slow(text) ? resolved_get(request->server, text) : NULL;
+    struct cache_entry *entry =
+        text && is_slow(text) ? resolved_get(request->server, text) : NULL;
     bool pending = entry && entry->state == CACHE_PENDING;
-    bool wait = pending || (views && conn->waits);
+    bool hash = request->payload_size >= HASHED_BYTES && text; // cubes of lights
+    bool wait = pending || hash || (views && conn->waits);
     struct material_wait *w = wait ? calloc(1, sizeof *w) : NULL;
     if (!wait) {
         run_with(request, entry, run);
@@ -225,12 +268,18 @@ void material_then(struct request *request, const char *text, bool views,
     }
     *w = (struct material_wait){.wait.waiter.wake = resolved,
                                 .wait.entry = entry,
-                                .ready = !pending,
+                                .wait.work.run = run_hash,
+                                .wait.work.done = hashed,
+                                .payload = hash ? request_take_payload(request) : NULL,
                                 .run = run,
                                 .conn = views ? conn : NULL};
+    w->ready = !pending && !w->payload; // without memory the loop hashes
     request_park(request, &w->wait);
     struct material_wait **last = &conn->waits;
     while (views && *last) last = &(*last)->next;
     if (views) *last = w;
-    if (pending) cache_wait(entry, &w->wait.waiter);
+    if (w->payload) work_submit(request->server->work, &w->wait.work);
+    else if (pending) cache_wait(entry, &w->wait.waiter);
+    else if (w->ready && views) run_ready(conn);
+    else if (w->ready) run_wait(w);
 }

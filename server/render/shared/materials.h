@@ -24,8 +24,9 @@ int material_of_request(struct request *request, const char *text,
 enum { MATERIAL_KEY = 33 };
 void material_key(const struct prt_material *material, char key[MATERIAL_KEY]);
 
-/* Calls run(request), now or when the material of this text is parsed. views: run() is called
- * in the order of the connection's requests about views. */
+/* Calls run(request), now or when the material of this text is parsed and a large payload, the
+ * cubes of lights, is hashed. text NULL: the request has no material and no lights. views:
+ * run() is called in the order of the connection's requests about views. */
 void material_then(struct request *request, const char *text, bool views,
                    void (*run)(struct request *request));
 /* The connection closes: its waiting requests about views do not run. */
