@@ -85,6 +85,10 @@ struct examination {
     unsigned n_medium;
     struct prt_material medium[MEDIA];
     double worst[MEDIA]; // largest error over lights, of the term at hand
+    // Multiple scattering of the bake's own medium under each light, and once single scattering
+    // is added their sum: of the bake and of the reference.
+    float (*sum_got[MEASURE_LIGHTS])[3], (*sum_want[MEASURE_LIGHTS])[3];
+    double together[MEASURE_LIGHTS]; // error of the sums
 };
 
 static int choose_media(struct examination *e)
@@ -120,13 +124,27 @@ static uint32_t reference_samples(const struct examination *e)
     return (uint32_t)fmin(fmax(60000, least), 2e7);
 }
 
-// Every medium under one light; *error: of the bake's own.
+// Adds the term at hand of the bake's own medium to the sums under a light.
+static void add_to_sums(struct examination *e, unsigned which)
+{
+    float *got = e->sum_got[which][0], *want = e->sum_want[which][0];
+    for (size_t i = 0; i < (size_t)e->n * 3; i++) {
+        got[i] += e->got[0][i];
+        want[i] += e->want[0][0][i];
+    }
+    e->together[which] = prt_relative_rmse(got, want, (size_t)e->n * 3);
+}
+
+// Every medium under light `which`, without a view, or towards an eye [mm]; *error: of the
+// bake's own, which is added to the sums where `which` is below MEASURE_LIGHTS.
 static int examine(struct examination *e, enum prt_answer_term answer,
-                   enum prt_reference_term term, const struct prt_cube *light, double *error)
+                   enum prt_reference_term term, const struct prt_cube *light, const float *eye,
+                   unsigned which, double *error)
 {
     const struct prt_transport *t = e->transport;
     const struct prt_material *medium[MEDIA];
     struct prt_reference_options options = {.term = term,
+                                            .eye = eye,
                                             .vertex = e->vertex,
                                             .n_vertex = e->n,
                                             .n_sample = reference_samples(e),
@@ -141,7 +159,7 @@ static int examine(struct examination *e, enum prt_answer_term answer,
         prt_reference_many(&quiet, &t->mesh, e->n_medium, medium, 1, &light, &options, e->want);
     for (unsigned m = 0; status == PRT_OK && m < e->n_medium; m++) {
         struct prt_query query = {
-            .term = answer, .light = light, .material = m ? &e->medium[m] : NULL};
+            .term = answer, .light = light, .material = m ? &e->medium[m] : NULL, .eye = eye};
         status = prt_answer_colors(e->ctx, t, &query, e->all);
         for (uint32_t i = 0; status == PRT_OK && i < e->n; i++)
             memcpy(e->got[i], e->all[e->vertex[i]], sizeof e->got[i]);
@@ -149,6 +167,7 @@ static int examine(struct examination *e, enum prt_answer_term answer,
         double now = prt_relative_rmse(e->got[0], e->want[m][0], (size_t)e->n * 3);
         e->worst[m] = fmax(e->worst[m], now);
         if (!m) *error = now;
+        if (!m && which < MEASURE_LIGHTS) add_to_sums(e, which);
     }
     return status;
 }
@@ -187,11 +206,43 @@ static int measure_term(struct examination *e, bool single, const struct prt_cub
         if (status == PRT_OK)
             status = examine(e, single ? PRT_ANSWER_SINGLE : PRT_ANSWER_MULTIPLE,
                              single ? PRT_REFERENCE_SINGLE : PRT_REFERENCE_MULTIPLE,
-                             own ? own : &light, &error);
+                             own ? own : &light, NULL, l, &error);
         prt_cube_finish(&light);
         add_error(to, own ? "own" : prt_measure_light_name[l], error);
     }
     add_worst(e, to);
+    return status;
+}
+
+// Single scattering as eyes all around see it, under the soft boxes or the bake's own light.
+// Vertices that face away are 0 on both sides. The mean over eyes: one error for any view.
+static int measure_views(struct examination *e, const struct prt_cube *own, cJSON *to)
+{
+    enum { EYES = 4 };
+    static const float from[EYES][3] = {{0.6f, 0.3f, 0.74f},
+                                        {-0.86f, 0.1f, 0.5f},
+                                        {0.2f, 0.75f, -0.63f},
+                                        {-0.3f, -0.5f, -0.81f}};
+    const struct prt_mesh *mesh = &e->transport->mesh;
+    double distance = 2 * prt_mesh_diagonal(mesh), sum = 0;
+    unsigned n_medium = e->n_medium;
+    struct prt_cube light = {0};
+    float box[2][3];
+    int status = own ? PRT_OK : prt_measure_light(1, e->transport->cube, &light);
+    prt_mesh_bounds(mesh, box);
+    e->n_medium = 1;
+    for (int i = 0; status == PRT_OK && e->n && i < EYES; i++) {
+        float eye[3];
+        double error = 0;
+        for (int k = 0; k < 3; k++)
+            eye[k] = (box[0][k] + box[1][k]) / 2 + (float)distance * from[i][k];
+        status = examine(e, PRT_ANSWER_SINGLE, PRT_REFERENCE_SINGLE, own ? own : &light, eye,
+                         MEASURE_LIGHTS, &error);
+        sum += error * error / EYES;
+    }
+    e->n_medium = n_medium;
+    prt_cube_finish(&light);
+    add_error(to, "worst", sqrt(sum));
     return status;
 }
 
@@ -205,6 +256,12 @@ static int measure_terms(struct examination *e, const struct prt_cube *own, char
     int status = measure_term(e, false, own, cJSON_AddObjectToObject(json, "multiple"));
     if (status == PRT_OK && single)
         status = measure_term(e, true, own, cJSON_AddObjectToObject(json, "single"));
+    if (status == PRT_OK && single) {
+        cJSON *together = cJSON_AddObjectToObject(json, "together");
+        for (unsigned l = 0; l < (own ? 1 : MEASURE_LIGHTS); l++)
+            add_error(together, own ? "own" : prt_measure_light_name[l], e->together[l]);
+        status = measure_views(e, own, cJSON_AddObjectToObject(json, "single_toward_eyes"));
+    }
     if (status == PRT_OK && !(*errors = cJSON_PrintUnformatted(json))) status = PRT_NOMEM;
     cJSON_Delete(json);
     return status;
@@ -221,11 +278,18 @@ int prt_measure_bake(const struct prt_context *ctx, const struct prt_transport *
     int status = e.vertex && e.all && e.got ? choose_media(&e) : PRT_NOMEM;
     for (unsigned m = 0; status == PRT_OK && m < e.n_medium; m++)
         if (!(e.want[m] = prt_alloc(n_vertex, sizeof *e.want[m]))) status = PRT_NOMEM;
+    for (unsigned l = 0; status == PRT_OK && l < MEASURE_LIGHTS; l++) {
+        e.sum_got[l] = prt_calloc(n_vertex, sizeof *e.sum_got[l]);
+        e.sum_want[l] = prt_calloc(n_vertex, sizeof *e.sum_want[l]);
+        if (!e.sum_got[l] || !e.sum_want[l]) status = PRT_NOMEM;
+    }
     if (status == PRT_OK) e.n = draw_vertices(&transport->mesh, n_vertex, seed, e.vertex);
     if (status == PRT_OK) status = measure_terms(&e, own, errors);
     prt_free(e.vertex);
     prt_free(e.all);
     prt_free(e.got);
     for (unsigned m = 0; m < e.n_medium; m++) prt_free(e.want[m]);
+    for (unsigned l = 0; l < MEASURE_LIGHTS; l++)
+        prt_free(e.sum_got[l]), prt_free(e.sum_want[l]);
     return status;
 }

@@ -115,6 +115,30 @@ static void scatter(const struct job *j, const struct path *path, const struct p
     batch->n = 0;
 }
 
+// At a crease the refracted direction may lead out of the body between the vertex's own faces:
+// it is bent towards -n until it lies below all of them, or runs along -n.
+static void bend_inwards(const struct job *j, uint32_t v, float inward[3])
+{
+    const float *normal = j->mesh->normal[v];
+    const uint32_t w = j->mesh->weld[v];
+    float least = 1; // share of the refracted direction that is kept
+    for (uint32_t k = j->corner_begin[w]; k < j->corner_begin[w + 1]; k++) {
+        float face[3];
+        prt_reference_face_normal(j->mesh, j->corner[k], face);
+        const float own = dot3(face, inward), straight = -dot3(face, normal);
+        const float limit = 0.05f * straight; // chosen: the path leaves the face's plane slowly
+        if (straight < 0 && own > limit)
+            least = fminf(least, (straight - limit) / (straight - own));
+    }
+    if (least >= 1) return;
+    float length = 0;
+    for (int k = 0; k < 3; k++) {
+        inward[k] = least * inward[k] - (1 - least) * normal[k];
+        length += inward[k] * inward[k];
+    }
+    for (int k = 0; k < 3; k++) inward[k] /= sqrtf(length);
+}
+
 // The path of a vertex: refracted towards the eye, or along -n_o. False: the vertex faces away.
 static bool path_of(const struct job *j, uint32_t v, struct path *path)
 {
@@ -135,6 +159,7 @@ static bool path_of(const struct job *j, uint32_t v, struct path *path)
     }
     bool refracted = j->o->eye && !j->o->straight_single;
     for (int k = 0; k < 3; k++) path->inward[k] = refracted ? -path->out_dir[k] : -normal[k];
+    if (refracted) bend_inwards(j, v, path->inward);
     return true;
 }
 

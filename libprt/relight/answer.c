@@ -24,7 +24,10 @@ struct answer {
     struct prt_light light; // coef NULL for polynomial
     size_t n_vertex;
     unsigned n_plane;
-    float *planes; // [n_plane][n_vertex][3]
+    unsigned n_phase; // planes that the tensors fill; the view's correction may need more
+    bool view;        // single scattering is corrected for the view (view_correction.c)
+    enum { ALL_TERMS, ONLY_SINGLE, ALL_BUT_SINGLE } part; // of one step of a corrected answer
+    float *planes;                                        // [n_plane][n_vertex][3]
     unsigned done; // bit i: tensor i has been added to the planes
 };
 
@@ -33,10 +36,16 @@ static bool is_free(const struct prt_tensor *t)
     return t->coupling == PRT_COUPLE_FULL || t->storage == PRT_STORAGE_RADIAL;
 }
 
-static bool is_wanted(const struct prt_query *query, const struct prt_tensor *t)
+static bool is_term(const struct prt_query *query, const struct prt_tensor *t)
 {
     return query->term == PRT_ANSWER_TOTAL ||
            (t->term == PRT_TERM_SINGLE) == (query->term == PRT_ANSWER_SINGLE);
+}
+
+static bool is_wanted(const struct answer *a, const struct prt_tensor *t)
+{
+    bool single = t->term == PRT_TERM_SINGLE;
+    return is_term(a->query, t) && (a->part == ALL_TERMS || (a->part == ONLY_SINGLE) == single);
 }
 
 int prt_free_material_check(const struct prt_context *ctx, const struct prt_transport *t,
@@ -82,7 +91,7 @@ static unsigned plane_count(const struct prt_transport *t, const struct prt_quer
 {
     unsigned n = 1;
     for (uint32_t i = 0; i < t->n_tensor; i++)
-        if (t->tensor[i].term == PRT_TERM_SINGLE && is_wanted(q, &t->tensor[i]) &&
+        if (t->tensor[i].term == PRT_TERM_SINGLE && is_term(q, &t->tensor[i]) &&
             t->tensor[i].n_phase > n)
             n = t->tensor[i].n_phase;
     return n;
@@ -299,7 +308,7 @@ static int fill_parts(const struct group *g)
     int status = PRT_OK;
     for (uint32_t i = 0; i < t->n_tensor && n < PRT_MOST_PARTS && !status; i++) {
         bool fits;
-        if (!is_wanted(a->query, &t->tensor[i])) continue;
+        if (!is_wanted(a, &t->tensor[i])) continue;
         status = make_input(g, &t->tensor[i], &owned[n], &fits);
         part[n] = owned[n].part;
         if (fits || status) n++;
@@ -328,15 +337,22 @@ static int add_free(const struct answer *a, const struct prt_tensor *t)
     return status;
 }
 
+// toward: the view is known, or the planes are shaded for one later.
 static void answer_init(struct answer *a, const struct prt_context *ctx,
-                        const struct prt_transport *transport, const struct prt_query *query)
+                        const struct prt_transport *transport, const struct prt_query *query,
+                        bool toward)
 {
     *a = (struct answer){.ctx = ctx,
                          .transport = transport,
                          .query = query,
                          .material = query->material ? query->material : &transport->material,
                          .n_vertex = transport->mesh.n_vertex,
-                         .n_plane = plane_count(transport, query)};
+                         .n_phase = plane_count(transport, query)};
+    a->n_plane = a->n_phase;
+    for (uint32_t i = 0; i < transport->n_tensor && toward && !a->material->profile; i++)
+        a->view |= transport->tensor[i].term == PRT_TERM_SINGLE &&
+                   is_term(query, &transport->tensor[i]);
+    if (a->view && a->n_plane < 4) a->n_plane = 4;
 }
 
 // ---- several queries, one pass over the transport
@@ -413,7 +429,7 @@ static int fill_many(struct answer *a, unsigned n)
         struct answer *left[PRT_RELIGHT_MAX_LIGHTS];
         unsigned m = 0;
         for (unsigned i = 0; i < n && !status; i++) {
-            if (!is_wanted(a[i].query, &t->tensor[k]) || a[i].done >> k & 1) continue;
+            if (!is_wanted(&a[i], &t->tensor[k]) || a[i].done >> k & 1) continue;
             if (is_free(&t->tensor[k]) || a[i].query->lit)
                 status = add_free(&a[i], &t->tensor[k]);
             else left[m++] = &a[i];
@@ -425,15 +441,74 @@ static int fill_many(struct answer *a, unsigned n)
     return status;
 }
 
+static int add_scratch(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct plane_job *job = arg;
+    for (size_t i = 3 * begin; i < 3 * end; i++) job->out[i] += job->in[i];
+    return PRT_OK;
+}
+
+// Answers whose single scattering is corrected for the view: it is computed alone, corrected,
+// and the other terms are added to plane 0.
+static int fill_corrected(struct answer *a, unsigned n)
+{
+    const struct prt_mesh *mesh = &a[0].transport->mesh;
+    struct answer part[PRT_RELIGHT_MAX_LIGHTS];
+    const size_t size = 3 * a[0].n_vertex;
+    unsigned m = 0;
+    for (unsigned i = 0; i < n; i++) {
+        part[i] = a[i];
+        part[i].part = ONLY_SINGLE;
+        part[i].n_plane = a[i].n_phase;
+    }
+    int status = fill_many(part, n);
+    for (unsigned i = 0; i < n && !status; i++)
+        status = prt_view_correct(a[i].ctx, mesh, (double)a[i].transport->material.eta,
+                                  a[i].n_phase, a[i].n_plane, a[i].planes);
+    for (unsigned i = 0; i < n; i++) m += a[i].query->term == PRT_ANSWER_TOTAL;
+    if (status || !m) return status;
+    float *scratch = prt_alloc(m * size, sizeof *scratch);
+    if (!scratch) return prt_fail(a[0].ctx, PRT_NOMEM, "no memory for %u answers", m);
+    m = 0;
+    for (unsigned i = 0; i < n; i++) {
+        if (a[i].query->term != PRT_ANSWER_TOTAL) continue;
+        part[m] = a[i];
+        part[m].part = ALL_BUT_SINGLE;
+        part[m].n_plane = 1;
+        part[m].planes = scratch + m * size;
+        m++;
+    }
+    status = fill_many(part, m);
+    for (unsigned i = 0, k = 0; i < n && !status; i++) {
+        if (a[i].query->term != PRT_ANSWER_TOTAL) continue;
+        struct plane_job job = {.in = scratch + k++ * size, .out = a[i].planes};
+        status =
+            prt_parallel_for(a[i].ctx, NULL, a[i].n_vertex, VERTEX_GRAIN, add_scratch, &job);
+    }
+    prt_free(scratch);
+    return status;
+}
+
+static int fill_answers(struct answer *a, unsigned n)
+{
+    struct answer plain[PRT_RELIGHT_MAX_LIGHTS], view[PRT_RELIGHT_MAX_LIGHTS];
+    unsigned n_plain = 0, n_view = 0;
+    for (unsigned i = 0; i < n; i++)
+        if (a[i].view) view[n_view++] = a[i];
+        else plain[n_plain++] = a[i];
+    int status = n_plain ? fill_many(plain, n_plain) : PRT_OK;
+    return status || !n_view ? status : fill_corrected(view, n_view);
+}
+
 int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, unsigned *n_plane, float *planes)
 {
     struct answer a;
     int status = check_query(ctx, transport, query);
     if (status) return status;
-    answer_init(&a, ctx, transport, query);
+    answer_init(&a, ctx, transport, query, true);
     a.planes = planes;
-    if (planes && (status = fill_many(&a, 1))) return status;
+    if (planes && (status = fill_answers(&a, 1))) return status;
     *n_plane = a.n_plane;
     return PRT_OK;
 }
@@ -477,7 +552,7 @@ static void shade_vertex(const struct answer *a, size_t v, float out[3])
     for (unsigned k = 1; k < a->n_plane; k++)
         for (int ch = 0; ch < 3; ch++) rgb[ch] += y[k] * plane[k * size + (size_t)ch];
     double transmittance = cosine > 0 ? prt_fresnel_transmittance(eta, (double)cosine) : 0;
-    if (a->query->term != PRT_ANSWER_TOTAL) transmittance = 1;
+    if (a->query->term != PRT_ANSWER_TOTAL && cosine > 0) transmittance = 1;
     for (int ch = 0; ch < 3; ch++) out[ch] = fmaxf(0, rgb[ch] * (float)transmittance);
 }
 
@@ -490,7 +565,7 @@ static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
     const bool total = a->query->term == PRT_ANSWER_TOTAL;
     const float *plane = a->planes;
     float *color = job->color[0];
-    if (a->query->eye && translucent && (a->n_plane > 1 || total)) {
+    if (a->query->eye && translucent && a->query->term != PRT_ANSWER_MULTIPLE) {
         for (size_t v = begin_v; v < end; v++) shade_vertex(a, v, job->color[v]);
         return;
     }
@@ -528,7 +603,7 @@ static int shade_colors(const struct answer *a, float (*color)[3])
 // place.
 static int make_planes(struct answer *a, float *color)
 {
-    if (!a->query->eye) a->n_plane = 1; // colours without an eye use no other
+    if (!a->query->eye) a->n_plane = a->n_phase = 1; // colours without an eye use no other
     a->planes = color;
     if (a->n_plane > 1) a->planes = prt_alloc(3 * a->n_vertex * a->n_plane, sizeof *a->planes);
     return a->planes ? PRT_OK
@@ -546,9 +621,9 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
     struct answer a;
     int status = check_query(ctx, transport, query);
     if (status) return status;
-    answer_init(&a, ctx, transport, query);
+    answer_init(&a, ctx, transport, query, query->eye != NULL);
     status = make_planes(&a, color[0]);
-    if (!status) status = fill_many(&a, 1);
+    if (!status) status = fill_answers(&a, 1);
     if (!status) status = shade_colors(&a, color);
     drop_planes(&a, color[0]);
     return status;
@@ -566,11 +641,11 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
     for (unsigned i = 0; i < n && !status; i++) status = check_query(ctx, transport, &query[i]);
     if (status) return status;
     for (unsigned i = 0; i < n; i++) {
-        answer_init(&a[i], ctx, transport, &query[i]);
+        answer_init(&a[i], ctx, transport, &query[i], planes[i] || query[i].eye);
         a[i].planes = out[i];
         if (!planes[i] && !status) status = make_planes(&a[i], out[i]);
     }
-    if (!status) status = fill_many(a, n);
+    if (!status) status = fill_answers(a, n);
     for (unsigned i = 0; i < n; i++) {
         if (!planes[i] && !status) status = shade_colors(&a[i], (float(*)[3])out[i]);
         drop_planes(&a[i], out[i]);

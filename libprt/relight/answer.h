@@ -23,6 +23,11 @@ int prt_basis_coef(const struct prt_context *ctx, const struct prt_transport *tr
 // function's a_l times sigma_s, channel by channel. Y_k comes in when the view is known.
 void prt_phase_plane_factor(const struct prt_material *material,
                             const struct prt_tensor *tensor, unsigned k, float factor[3]);
+// Corrects planes [n_plane][n_vertex][3] of single scattering alone, of which the first n_phase
+// were filled along -n_o, for the view at which they will be shaded (METHODS §3.6). n_plane is
+// 4 at least.
+int prt_view_correct(const struct prt_context *ctx, const struct prt_mesh *mesh, double eta,
+                     unsigned n_phase, unsigned n_plane, float *planes);
 // prt_rows_fold with separate coefficients for every plane, [n_phase][n_radial][3]. The
 // smallest entries, which together hold error^2 of the energy of all colours, are dropped.
 int prt_rows_fold_planes(const struct prt_context *ctx, const struct prt_tensor *tensor,

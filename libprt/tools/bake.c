@@ -95,6 +95,45 @@ static char *provenance(const struct options *o)
     return text;
 }
 
+static double number_of(const cJSON *object, const char *term, const char *light)
+{
+    const cJSON *item =
+        cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(object, term), light);
+    return cJSON_IsNumber(item) ? item->valuedouble : -1;
+}
+
+static void print_error(const char *words, double error)
+{
+    if (error >= 0) printf("%s %.2g %%", words, 100 * error);
+}
+
+// The measured errors in words, under each of the lights they were measured with.
+static void report_errors(const char *errors)
+{
+    static const char *const light[][2] = {{"sky", "an even sky"},
+                                           {"boxes", "three soft boxes"},
+                                           {"sun", "a small sun"},
+                                           {"own", "the bake's own light"}};
+    cJSON *root = errors ? cJSON_Parse(errors) : NULL;
+    for (size_t i = 0; i < sizeof light / sizeof *light; i++) {
+        double multiple = number_of(root, "multiple", light[i][0]);
+        if (multiple < 0) continue;
+        printf("error under %s:", light[i][1]);
+        print_error(" multiple scattering", multiple);
+        print_error(", single", number_of(root, "single", light[i][0]));
+        print_error(", together", number_of(root, "together", light[i][0]));
+        putchar('\n');
+    }
+    double view = number_of(root, "single_toward_eyes", "worst");
+    if (view >= 0) {
+        print_error("single scattering towards an eye, which is corrected for the view only on "
+                    "average:",
+                    view);
+        putchar('\n');
+    }
+    cJSON_Delete(root);
+}
+
 static int report(struct tool *tool, double seconds)
 {
     const struct options *o = &tool->opt;
@@ -124,7 +163,7 @@ static int report(struct tool *tool, double seconds)
     } else if (!o->quiet) {
         printf("%s: %u vertices, %.1f MB, %.0f bytes of transport a vertex, baked in %.1f s\n",
                o->out, t->mesh.n_vertex, bytes * 1e-6, a_vertex, seconds);
-        if (t->errors && *t->errors) printf("measured error: %s\n", t->errors);
+        report_errors(t->errors);
     }
     prt_file_close(file);
     return EXIT_DONE;

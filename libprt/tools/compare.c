@@ -2,6 +2,7 @@
 // prt compare: relative RMSE of A against B: colours, pictures, or a .prt against brute force.
 #include "tool.h"
 #include "prt/relight.h"
+#include "prt/trace.h"
 
 #include <cjson/cJSON.h>
 #include <math.h>
@@ -29,8 +30,10 @@ static int values_load(struct tool *tool, const char *path, struct values *out)
                                 : prt_image_load(&tool->ctx, path, &image);
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     if (image.rgb)
-        *out = (struct values){image.rgb, (size_t)image.width * image.height, image.width,
-                               image.height};
+        *out = (struct values){.rgb = image.rgb,
+                               .n = (size_t)image.width * image.height,
+                               .width = image.width,
+                               .height = image.height};
     for (size_t i = 0; i < 3 * out->n; i++)
         if (!isfinite(out->rgb[i]))
             return tool_exit(tool, prt_fail(&tool->ctx, PRT_FORMAT,
@@ -155,7 +158,39 @@ static int reference_at(struct tool *tool, const struct source *source,
     prt_free(error);
     return status;
 }
-// Compares A.prt with the reference engine at random vertices under --env. Polynomial transport
+uint32_t *seen_vertices(const struct tool *tool, const struct prt_mesh *mesh,
+                        const float eye[3], uint32_t *n)
+{
+    struct prt_scene *scene = NULL;
+    uint32_t *seen = prt_alloc(mesh->n_vertex, sizeof *seen);
+    int status = seen ? prt_scene_create(&tool->ctx, mesh, &scene)
+                      : prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the vertices");
+    *n = 0;
+    for (uint32_t v = 0; v < mesh->n_vertex && !status; v++) {
+        const float *p = mesh->position[v], *normal = mesh->normal[v];
+        float start[3], d[3], t, a, b, facing = 0, length = 0, off = prt_scene_epsilon(scene);
+        uint32_t triangle;
+        for (int k = 0; k < 3; k++) {
+            d[k] = eye[k] - p[k];
+            start[k] = p[k] + off * normal[k];
+            facing += d[k] * normal[k];
+            length += d[k] * d[k];
+        }
+        for (int k = 0; k < 3; k++) d[k] /= sqrtf(length > 0 ? length : 1);
+        if (facing > 0 &&
+            !prt_scene_intersect(scene, start, d, off, sqrtf(length), &t, &triangle, &a, &b))
+            seen[(*n)++] = v;
+    }
+    prt_scene_destroy(scene);
+    if (!status && !*n)
+        status = prt_fail(&tool->ctx, PRT_ARG, "--eye sees no vertex of the model");
+    if (!status) return seen;
+    prt_free(seen);
+    return NULL;
+}
+
+// Compares A.prt with the reference engine at random vertices under --env, with --eye at those
+// that it sees. Polynomial transport
 // keeps its own light; the reference engine takes the light at the resolution of --cube.
 static int against_reference(struct tool *tool, struct values *a, struct values *b)
 {
@@ -169,11 +204,15 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
     struct prt_cube own = {0}, light = {0};
     struct prt_env *env = NULL;
     float *color = NULL;
-    uint32_t *pick = NULL, n_vertex = source.mesh->n_vertex;
+    uint32_t *pick = NULL, *seen = NULL, n_vertex = source.mesh->n_vertex, n_seen = n_vertex;
     uint64_t want = o->vertices ? o->vertices : 512;
-    uint32_t n = want < n_vertex ? (uint32_t)want : n_vertex;
     float eye[3];
     for (int i = 0; i < 3; i++) eye[i] = o->eye.v[i] * source.mesh->mm_per_unit;
+    if (o->eye.set && !(seen = seen_vertices(tool, source.mesh, eye, &n_seen))) {
+        exit_status = EXIT_FAILED;
+        goto done;
+    }
+    uint32_t n = want < n_seen ? (uint32_t)want : n_seen;
     if (!source.transport) {
         exit_status = usage_error(o, "%s is not a .prt", o->input[0]);
         goto done;
@@ -194,7 +233,8 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
     a->rgb = prt_alloc(n, 3 * sizeof *a->rgb);
     b->rgb = prt_alloc(n, 3 * sizeof *b->rgb);
     a->n = b->n = n;
-    pick = pick_vertices(n_vertex, n, o->seed);
+    pick = pick_vertices(n_seen, n, o->seed);
+    for (uint32_t i = 0; pick && seen && i < n; i++) pick[i] = seen[pick[i]];
     status = color && a->rgb && b->rgb && pick
                  ? PRT_OK
                  : prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the colours");
@@ -207,6 +247,7 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
     exit_status = tool_exit(tool, status);
 done:
     prt_free(pick);
+    prt_free(seen);
     prt_free(color);
     prt_cube_finish(&own);
     prt_cube_finish(&light);

@@ -297,12 +297,19 @@ static int prepare(struct table *t)
     if (!status) status = choose_media(t);
     if (!status) status = load_lights(t);
     uint64_t want = o->vertices ? o->vertices : 512;
-    t->n = want < t->source.mesh->n_vertex ? (uint32_t)want : t->source.mesh->n_vertex;
+    uint32_t *seen = NULL, n_seen = t->source.mesh->n_vertex;
+    float eye[3];
     if (status) return status;
+    for (int i = 0; i < 3; i++) eye[i] = o->eye.v[i] * t->source.mesh->mm_per_unit;
+    if (o->eye.set && !(seen = seen_vertices(t->tool, t->source.mesh, eye, &n_seen)))
+        return EXIT_FAILED;
+    t->n = want < n_seen ? (uint32_t)want : n_seen;
     size_t all = (size_t)t->n_media * t->n_light * t->n * 3;
     t->want = prt_alloc(all, sizeof *t->want);
     t->got = prt_alloc(all, sizeof *t->got);
-    t->vertex = pick_vertices(t->source.mesh->n_vertex, t->n, o->seed);
+    t->vertex = pick_vertices(n_seen, t->n, o->seed);
+    for (uint32_t i = 0; t->vertex && seen && i < t->n; i++) t->vertex[i] = seen[t->vertex[i]];
+    prt_free(seen);
     if (t->want && t->got && t->vertex) return EXIT_DONE;
     return tool_exit(t->tool, prt_fail(&t->tool->ctx, PRT_NOMEM, "no memory for the colours"));
 }

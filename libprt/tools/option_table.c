@@ -68,7 +68,8 @@ const struct option_row option_table[] = {
      "default: vertex for a .prt; reference for a model"},
     {"term", 0, "NAME", OPTION_WORD, AT(term), 0, 0, terms, LIGHTS, "default: total"},
     {"eye", 0, "X,Y,Z", OPTION_VECTOR, AT(eye), 0, 0, NULL, COLORS | IMAGE | COMPARE,
-     "viewpoint of view-dependent terms, in the model's units"},
+     "viewpoint of view-dependent terms, in the model's units; vertices that face away are 0, and "
+     "compare weighs those that it sees"},
     {"camera", 0, "NAME|E:T:U:F", OPTION_TEXT, AT(camera), 0, 0, NULL, IMAGE,
      "a camera of the model's file by its name or a unique beginning of it (prt info lists "
      "them), or EYE:TARGET[:UP[:FOVY]] as x,y,z:x,y,z:x,y,z:degrees; default: frame the model"},

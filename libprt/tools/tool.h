@@ -146,6 +146,10 @@ void cube_power(const struct prt_cube *cube, double power[3]);
 
 /* [n] distinct file vertices, ascending, the same for the same seed; NULL without memory. */
 uint32_t *pick_vertices(uint32_t n_vertex, uint32_t n, uint64_t seed);
+/* [*n] vertices that an eye [mm] sees: they face it, and nothing lies between. NULL after a
+ * message; the caller prt_free()s. */
+uint32_t *seen_vertices(const struct tool *tool, const struct prt_mesh *mesh,
+                        const float eye[3], uint32_t *n);
 /* prt compare A.prt reference with --materials or several --env: media x lights. */
 int compare_table(struct tool *tool);
 

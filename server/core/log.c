@@ -41,6 +41,18 @@ void log_set_format(int format)
     line_format = (enum log_format)format;
 }
 
+static char current_request[65];
+
+void log_request_set(const char *id)
+{
+    snprintf(current_request, sizeof current_request, "%s", id);
+}
+
+const char *log_request(void)
+{
+    return current_request;
+}
+
 // ---- building a line
 
 struct line {

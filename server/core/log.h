@@ -23,6 +23,12 @@ void log_set_format(int format);
 enum { LOG_BURST = 200, LOG_RATE = 50 };
 void log_line(enum log_level level, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
+/* The id of the request whose work the loop's thread is doing, "" for none: what is begun for
+ * it (decoding, a bake) keeps it. The text is copied, at most 64 characters. Loop thread only.
+ */
+void log_request_set(const char *id);
+const char *log_request(void);
+
 /* Starts the thread that writes. Until then, and when it cannot be started, log_line writes
  * to stderr itself. While stderr blocks, LOG_QUEUE bytes are queued; further lines are dropped
  * and counted, and a line `log dropped=N` follows. */

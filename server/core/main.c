@@ -8,6 +8,7 @@
 #include "store/eviction.h"
 #include "core/log.h"
 #include "core/log_format.h"
+#include "core/notify.h"
 #include "core/access.h"
 #include "core/tls.h"
 #include "core/token.h"
@@ -35,8 +36,7 @@
 #include <unistd.h>
 
 static struct server server;
-static struct loop_timer drain_timer, maintenance_timer, watchdog_timer;
-static uint64_t watchdog_ns; // systemd's watchdog interval; 0: none
+static struct loop_timer drain_timer, lame_duck_timer, maintenance_timer;
 static int arg_count;
 static char **args;
 static bool give_up;
@@ -46,16 +46,13 @@ static void drain_over(struct loop_timer *timer)
     give_up = true;
 }
 
-static void begin_drain(int signal_number)
+// Open requests end, new ones are refused.
+static void begin_drain(void)
 {
-    if (server.draining) { // a second signal: stop at once
-        give_up = true;
-        return;
-    }
+    loop_timer_stop(server.loop, &lame_duck_timer);
     server.draining = true;
-    sd_notify(0, "STOPPING=1");
-    log_line(LOG_EVENT, "drain signal=%s requests=%u jobs=%u", strsignal(signal_number),
-             server.n_request, jobs_open(server.jobs));
+    notify_stopping(&server);
+    log_line(LOG_EVENT, "drain requests=%u jobs=%u", server.n_request, jobs_open(server.jobs));
     sockets_close(&server);
     connections_goaway(&server, server.options.drain, server.options.goaway_address,
                        "the daemon is stopping");
@@ -75,18 +72,45 @@ static void begin_drain(int signal_number)
                    loop_now_ns() + (uint64_t)(server.options.drain * 1e9));
 }
 
+static void lame_duck_over(struct loop_timer *timer)
+{
+    begin_drain();
+}
+
+// SIGTERM or SIGINT. First clients are told to leave, and are served all the same; a proxy
+// finds /readyz failing. Then open requests end. A further signal skips the rest of either.
+static void leave(int signal_number)
+{
+    const struct options *o = &server.options;
+    bool first = !server.leaving;
+    server.leaving = true;
+    if (first) log_line(LOG_EVENT, "leave signal=%s", strsignal(signal_number));
+    if (server.draining) {
+        give_up = true;
+    } else if (first && o->lame_duck > 0) {
+        notify_stopping(&server);
+        connections_goaway(&server, o->lame_duck + o->drain, o->goaway_address,
+                           "the daemon is about to stop");
+        lame_duck_timer.fire = lame_duck_over;
+        loop_timer_set(server.loop, &lame_duck_timer,
+                       loop_now_ns() + (uint64_t)(o->lame_duck * 1e9));
+    } else {
+        begin_drain();
+    }
+}
+
 static void on_signal(void *user, int signal_number)
 {
     if (signal_number == SIGHUP) {
-        sd_notify(0, "RELOADING=1");
+        notify_reloading();
         bool required = access_required(server.access);
         configuration_reload(&server, arg_count, args);
         if (!required && access_required(server.access)) connections_recheck(&server, true);
-        sd_notify(0, "READY=1");
+        notify_reloaded(&server);
         return;
     }
     if (signal_number != SIGCHLD) {
-        begin_drain(signal_number);
+        leave(signal_number);
         return;
     }
     // The only children are bakes and the decode helper.
@@ -100,13 +124,6 @@ static void run_maintenance(struct loop_timer *timer)
     blobs_maintain(server.blobs);
     if (server.models) evict_for_room(&server, NULL);
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
-}
-
-// From the loop, so that systemd restarts the daemon if the loop hangs.
-static void feed_watchdog(struct loop_timer *timer)
-{
-    sd_notify(0, "WATCHDOG=1");
-    loop_timer_set(server.loop, timer, loop_now_ns() + watchdog_ns / 2);
 }
 
 static int make_folder(const char *name)
@@ -297,13 +314,7 @@ static int start(void)
     log_line(LOG_EVENT, "start version=" RELIGHT_VERSION " pid=%d threads=%u data=%s%s",
              (int)getpid(), threads, server.data, server.data_temporary ? " (temporary)" : "");
     warm_start(server.work);
-    uint64_t watchdog_us;
-    if (sd_watchdog_enabled(0, &watchdog_us) > 0) {
-        watchdog_ns = watchdog_us * 1000;
-        watchdog_timer.fire = feed_watchdog;
-        feed_watchdog(&watchdog_timer);
-    }
-    sd_notify(0, "READY=1");
+    notify_ready(&server);
     return 0;
 }
 

@@ -24,7 +24,8 @@ struct wait_for {
     decode_model_fn model_fn;
     void *user;
     bool sent, lost;
-    size_t size; // of the packet
+    char request[65]; // id of the request that it is for; others may wait for it, too
+    size_t size;      // of the packet
     char packet[];
 };
 
@@ -106,6 +107,9 @@ static void take_reply(struct decoder *decoder, const struct reply *reply, int f
         status = PRT_NOMEM;
         error = "no memory for the decoded image";
     }
+    if (status)
+        log_line(LOG_EVENT, "decode request=%s crashed=%u error=\"%s\"", w->request,
+                 reply->crashed, error);
     finish(decoder, w, env, status, error, reply);
 }
 
@@ -123,6 +127,7 @@ static void helper_gone(struct decoder *decoder)
         struct wait_for *w = decoder->waiting;
         while (w && !w->lost) w = w->next;
         if (!w) return;
+        log_line(LOG_WARN, "decode request=%s error=\"the decoding process died\"", w->request);
         finish(decoder, w, NULL, PRT_FORMAT, "the decoding process died", NULL);
     }
 }
@@ -269,6 +274,8 @@ static struct wait_for *new_wait(struct decoder *decoder, struct ask *ask,
     ask->memory_bytes = decoder->limits.memory_bytes;
     ask->image_bytes = decoder->limits.image_bytes;
     ask->n_word = (uint32_t)n_word;
+    snprintf(ask->request, sizeof ask->request, "%s", log_request());
+    strcpy(w->request, ask->request);
     memcpy(w->packet, ask, sizeof *ask);
     w->size = sizeof *ask;
     for (size_t i = 0; i < n_word; i++) {

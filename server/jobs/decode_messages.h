@@ -22,6 +22,7 @@ struct ask {
     uint32_t n_word; // strings that follow: path, name, and for a model the .prt and the opaque
                      // names
     uint32_t model;  // enum asked
+    char request[65]; // id of the request that it is for
     double size_mm, mm_per_unit;
     uint32_t up_z;
     struct prt_material material;

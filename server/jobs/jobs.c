@@ -167,9 +167,10 @@ static void end_job(struct job *job, enum job_outcome outcome, const char *error
     ++*count[outcome];
     static const char *const word[] = {"done", "failed", "cancelled"};
     log_line(outcome == JOB_OUT_FAILED ? LOG_WARN : LOG_EVENT,
-             "job id=%s model=%s %s after=%.1fs%s%s", job->id, job->model, word[outcome],
+             "job id=%s request=%s model=%s %s after=%.1fs error=\"%s\"", job->id,
+             job->order.request_id, job->model, word[outcome],
              job->started_ns ? (double)(job->ended_ns - job->started_ns) * 1e-9 : 0.0,
-             job->error[0] ? " error=" : "", job->error);
+             job->error);
     if (job->done) job->done(job->user, job, outcome);
     job_remember(job);
     publish(job);
@@ -190,7 +191,8 @@ static void on_progress(void *user, const char *stage, double fraction, double e
 static void on_line(void *user, const char *line)
 {
     struct job *job = user;
-    log_line(LOG_EVENT, "job id=%s output=\"%s\"", job->id, line);
+    log_line(LOG_EVENT, "job id=%s request=%s output=\"%s\"", job->id, job->order.request_id,
+             line);
     if (strncmp(line, "warning: ", 9)) return;
     size_t n = strlen(job->warnings);
     snprintf(job->warnings + n, sizeof job->warnings - n, "%s\n", line + 9);
@@ -242,7 +244,8 @@ static void start_next(struct jobs *jobs)
         }
         jobs->n_running++;
         job->state = RELIGHT__JOB_STATE__JOB_RUNNING;
-        log_line(LOG_EVENT, "job id=%s model=%s started", job->id, job->model);
+        log_line(LOG_EVENT, "job id=%s request=%s model=%s started", job->id,
+                 job->order.request_id, job->model);
         tell_all(job, true);
     }
 }
@@ -333,6 +336,7 @@ struct job *jobs_add(struct jobs *jobs, const struct job_origin *origin,
     snprintf(job->model, sizeof job->model, "%s", origin->model);
     snprintf(job->owner, sizeof job->owner, "%s", origin->owner);
     snprintf(job->folder, sizeof job->folder, "%s", origin->folder);
+    snprintf(job->order.request_id, sizeof job->order.request_id, "%s", log_request());
     job->recipe = strdup(origin->recipe);
     job->order_us = next_order(jobs);
     jobs->job = job;

@@ -18,6 +18,7 @@ struct job;
 struct job_order {
     char **argv; /* NULL-terminated, malloc()ed strings; owned by the job */
     char *cwd;
+    char request_id[65]; /* of the LOAD, "": none; jobs_add fills it, $RELIGHT_REQUEST_ID */
 };
 
 /* SUSPENDED: the daemon stops; the job goes on after the next start. */

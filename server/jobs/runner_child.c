@@ -192,7 +192,7 @@ static void child_cancel(struct job_run *run)
 // The child's set-up between vfork and exec.
 struct birth {
     const char *program, *cwd;
-    char **argv;
+    char **argv, **environment;
     int progress_fd, error_fd;
     pid_t daemon;
     struct rlimit cpu;
@@ -212,7 +212,7 @@ static void enter(struct birth *b)
               !setrlimit(RLIMIT_CORE, &core) &&
               (!b->cpu.rlim_cur || !setrlimit(RLIMIT_CPU, &b->cpu)) &&
               signal(SIGPIPE, SIG_DFL) != SIG_ERR && !sigprocmask(SIG_SETMASK, &none, NULL);
-    if (ok) execvp(b->program, b->argv);
+    if (ok) execvpe(b->program, b->argv, b->environment);
     b->error = errno ? errno : ESRCH;
     _exit(127);
 }
@@ -260,17 +260,33 @@ static void find_program(const struct server *server, char out[4096])
     strcpy(out, "prt");
 }
 
+// This process's environment and the id of the request; NULL without memory. `word` must
+// outlive it.
+static char **make_environment(char *word)
+{
+    size_t n = 0, m = 0;
+    while (environ[n]) n++;
+    char **out = calloc(n + 2, sizeof *out);
+    for (size_t i = 0; out && i < n; i++)
+        if (strncmp(environ[i], "RELIGHT_REQUEST_ID=", 19)) out[m++] = environ[i];
+    if (out && *word) out[m] = word;
+    return out;
+}
+
 static struct job_run *child_start(struct server *server, const struct job_order *order,
                                    const struct job_events *events, void *user, char error[256])
 {
-    char program[4096], number[12];
+    char program[4096], number[12], request[96] = "";
     find_program(server, program);
     size_t n = 0;
     while (order->argv[n]) n++;
     char **argv = calloc(n + 2, sizeof *argv);
+    if (order->request_id[0])
+        snprintf(request, sizeof request, "RELIGHT_REQUEST_ID=%s", order->request_id);
+    char **environment = make_environment(request);
     struct job_run *run = calloc(1, sizeof *run);
     int progress[2] = {-1, -1}, errors[2] = {-1, -1}, err = ENOMEM;
-    if (!argv || !run) goto fail;
+    if (!argv || !run || !environment) goto fail;
     argv[0] = "prt";
     snprintf(number, sizeof number, "%d", PROGRESS_FD);
     for (size_t i = 0; i < n; i++)
@@ -292,6 +308,7 @@ static struct job_run *child_start(struct server *server, const struct job_order
     struct birth birth = {.program = program,
                           .cwd = order->cwd,
                           .argv = argv,
+                          .environment = environment,
                           .progress_fd = progress[1],
                           .error_fd = errors[1],
                           .cpu = cpu_limit(server)};
@@ -303,6 +320,7 @@ static struct job_run *child_start(struct server *server, const struct job_order
     close(progress[1]);
     close(errors[1]);
     free(argv);
+    free(environment);
     runs = run;
     fcntl(progress[0], F_SETFL, O_NONBLOCK);
     fcntl(errors[0], F_SETFL, O_NONBLOCK);
@@ -322,6 +340,7 @@ fail:
         if (errors[i] >= 0) close(errors[i]);
     }
     free(argv);
+    free(environment);
     free(run);
     return NULL;
 }

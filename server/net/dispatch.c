@@ -133,7 +133,11 @@ static void run_operation(struct request *request)
         request_fail(
             request, RELIGHT__ERROR_CODE__ERROR_SHUTTING_DOWN,
             "the daemon is stopping: it finishes open requests and accepts no new ones");
-    else operation->run(request);
+    else {
+        log_request_set(request->request_id);
+        operation->run(request);
+        log_request_set("");
+    }
 }
 
 // A broken one, or one before HELLO, is ignored: there is no answer that could say so.

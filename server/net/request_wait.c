@@ -2,6 +2,7 @@
 // Requests that wait. Where the request ends first, its wait continues without a request.
 #include "net/request_wait.h"
 
+#include "core/log.h"
 #include "core/server.h"
 
 static void abandon(struct request *request)
@@ -26,11 +27,18 @@ struct request *request_resume(struct request_wait *wait)
     return request;
 }
 
+static void go_on(struct request_wait *wait)
+{
+    if (wait->request) log_request_set(wait->request->request_id);
+    wait->then(wait, request_resume(wait));
+    log_request_set("");
+}
+
 static void wake(struct cache_waiter *waiter)
 {
     struct request_wait *wait =
         (struct request_wait *)((char *)waiter - offsetof(struct request_wait, waiter));
-    wait->then(wait, request_resume(wait));
+    go_on(wait);
 }
 
 void request_await_entry(struct request *request, struct request_wait *wait,
@@ -55,7 +63,7 @@ static void worked(struct work *work)
         stats_work(&wait->request->server->stats, wait->request->type,
                    (double)(work->started_ns - work->submitted_ns) * 1e-9,
                    (double)(work->ended_ns - work->started_ns) * 1e-9);
-    wait->then(wait, request_resume(wait));
+    go_on(wait);
 }
 
 void request_await_work(struct request *request, struct request_wait *wait,

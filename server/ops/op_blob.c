@@ -46,8 +46,10 @@ static void done(struct blob_put *put)
     if (put->arrived) {
         log_line(LOG_EVENT, "blob hash=%.12s size=%llu owner=\"%s\"", put->hash,
                  (unsigned long long)put->size, put->principal);
+        if (request) log_request_set(request->request_id);
         if (blobs_format(server->blobs, put->hash) != BLOB_OTHER)
             environment_arrived(server, put);
+        log_request_set("");
     }
     if (request && put->code) {
         request->abandon = NULL;

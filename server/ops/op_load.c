@@ -192,7 +192,9 @@ void load_laid_out(struct file_task *task)
         model_hold(load->model = m);
         load_fail_lay_out(load);
     } else {
+        log_request_set(load->request->request_id);
         go_on(load, m);
+        log_request_set("");
     }
     while (m->loads && !m->preparing) {
         struct load *next = m->loads;

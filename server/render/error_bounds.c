@@ -24,6 +24,14 @@ static void half_space_radiance(const struct prt_material *m, double *multiple, 
     *single = sqrt(*single);
 }
 
+// Error of single scattering: measured along -n_o, or towards eyes where the answer has a view.
+static float single_error(const struct render *r)
+{
+    const struct model_facts *f = &r->model->facts;
+    bool view = r->spec.picture || r->spec.has_eye;
+    return view ? fmaxf(f->error_single, f->error_view) : f->error_single;
+}
+
 // The error of the sum M + S of multiple and single scattering: |e_m + e_s| <= |e_m| + |e_s|,
 // and as no radiance is negative |M + S|^2 >= |M|^2 + |S|^2. Never more than the larger of the
 // two relative errors, which is the bound where M and S are proportional.
@@ -36,8 +44,8 @@ static float total_error(const struct render *r)
     if (f->error_total > 0) return f->error_total;
     if (!(f->error_single > 0)) return f->error_multiple; // no single scattering was baked
     half_space_radiance(m, &multiple, &single);
-    double sum = (double)f->error_multiple * multiple + (double)f->error_single * single;
-    double larger = fmax((double)f->error_multiple, (double)f->error_single);
+    double sum = (double)f->error_multiple * multiple + (double)single_error(r) * single;
+    double larger = fmax((double)f->error_multiple, (double)single_error(r));
     return (float)fmin(larger, sum / fmax(hypot(multiple, single), 1e-30));
 }
 
@@ -50,7 +58,7 @@ float bake_error(const struct render *r)
     case RELIGHT__TERM__TERM_MULTIPLE:
         return f->error_multiple;
     case RELIGHT__TERM__TERM_SINGLE:
-        return f->error_single;
+        return single_error(r);
     default:
         return total_error(r);
     }

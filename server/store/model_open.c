@@ -184,6 +184,7 @@ static void learn_facts(struct model *m, const struct prt_file *file)
                               .bytes = prt_file_bytes(file),
                               .error_multiple = json_error(t->errors, "multiple"),
                               .error_single = json_error(t->errors, "single"),
+                              .error_view = json_error(t->errors, "single_toward_eyes"),
                               .error_total = json_error(t->errors, "total")};
     prt_mesh_bounds(&t->mesh, f->file_box);
     memcpy(f->box, m->pose ? box : f->file_box, sizeof f->box);

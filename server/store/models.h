@@ -27,8 +27,8 @@ struct model_facts {
     float mm_per_unit, box[2][3], file_box[2][3]; /* mm; as it is, and in the file */
     uint32_t engine, storage, cube;
     uint64_t bytes;
-    float error_multiple, error_single, error_total; /* measured relative RMSE, worst light; 0:
-                                                      * unknown */
+    float error_multiple, error_single, error_view, error_total; /* measured relative RMSE,
+                                                                  * worst light; 0: unknown */
 };
 
 struct pass; /* relight_pass.c: evaluations that wait for a pass over this model */

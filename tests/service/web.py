@@ -40,8 +40,10 @@ class Daemon:
              "--http", "127.0.0.1:0", *self.options],
             stderr=log, env={**os.environ, **(self.environment or {})})
         log.close()
-        self.wait_log(" start version")
-        self.port = int(re.search(r"listen address=http:127.0.0.1:(\d+)", self.log()).group(1))
+        formats = " ".join(self.options)
+        self.wait_log('"msg":"start"' if "json" in formats else
+                      "msg=start" if "logfmt" in formats else " start version")
+        self.port = int(re.search(r"http:127.0.0.1:(\d+)", self.log()).group(1))
 
     def log(self):
         with open(self.log_path, encoding="utf-8", errors="replace") as f:

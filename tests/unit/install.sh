@@ -34,7 +34,7 @@ if command -v systemd-analyze >/dev/null; then
         >"$tmp/verify" 2>&1 && [ ! -s "$tmp/verify" ] ||
         { cat "$tmp/verify" >&2; fail "systemd-analyze finds faults in the unit"; }
 fi
-for page in man1/prt.1 man1/prt-bake.1 man1/relight.1 man8/relightd.8 man3/relight.3; do
+for page in man1/prt.1 man1/prt-bake.1 man1/relight.1 man8/relightd.8 man5/relightd.conf.5 man3/relight.3; do
     [ -s "$prefix/share/man/$page" ] || fail "no $page"
 done
 # A page of section 3 for each function that the header declares, with its name and its outcome.
