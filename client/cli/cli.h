@@ -27,6 +27,7 @@ struct options {
     char map_hash[3][65];
     enum relight_color_format format;
     struct relight_picture picture;
+    enum relight_priority priority;
     struct relight_load load; /* name, scale, bake, pin */
     const char *opaque[MAX_WORDS];
     const char *positions, *normals; /* .npy files of update-vertices */

@@ -141,7 +141,8 @@ int run_colors(struct relight_client *client, struct options *o)
                                              .sum = true,
                                              .shade = o->shade,
                                              .format = o->format,
-                                             .exposure_ev = o->picture.exposure_ev};
+                                             .exposure_ev = o->picture.exposure_ev,
+                                             .priority = o->priority};
     if (relight_colors(client, &request, &colors, &error)) return report_error(o, &error);
     status = save_colors(client, o, &colors);
     if (!status && o->json) {
@@ -173,7 +174,8 @@ int run_image(struct relight_client *client, struct options *o)
                                             .n_light = o->n_env,
                                             .lights = lights,
                                             .shade = o->shade,
-                                            .picture = o->picture};
+                                            .picture = o->picture,
+                                            .priority = o->priority};
     if (relight_image(client, &request, &image, &error)) return report_error(o, &error);
     status = write_file(o, o->output, image.data, image.n_byte);
     if (!status && o->json) {

@@ -31,6 +31,7 @@ static const char *const color_formats[] = {"f32", "f16", "rgb9e5", "srgb8", NUL
 static const char *const tones[] = {"filmic", "reinhard", "none", NULL};
 static const char *const transports[] = {"wavelet", "polynomial", "joint", NULL};
 static const char *const axes[] = {"y", "z", NULL};
+static const char *const priorities[] = {"interactive", "still", "bulk", NULL};
 static const char *const storages[] = {"factored", "sparse", NULL};
 static const char *const sample_counts[] = {"1", "2", "4", "8", NULL}; // of a pixel
 
@@ -40,6 +41,7 @@ _Static_assert(RELIGHT_ENGINE_HYBRID == 8, "engines");
 _Static_assert(RELIGHT_COLOR_F32 == 0 && RELIGHT_COLOR_SRGB8 == 3, "formats of colours");
 _Static_assert(RELIGHT_TONE_NONE == 2, "tones");
 _Static_assert(RELIGHT_TRANSPORT_WAVELET == 1 && RELIGHT_TRANSPORT_JOINT == 3, "transports");
+_Static_assert(RELIGHT_PRIORITY_INTERACTIVE == 1 && RELIGHT_PRIORITY_BULK == 3, "priorities");
 _Static_assert(RELIGHT_STORAGE_FACTORED == 1 && RELIGHT_STORAGE_SPARSE == 2, "storages");
 
 #define AT(member) offsetof(struct options, member)
@@ -92,6 +94,8 @@ static const struct row {
      "is larger"},
     {'b', "budget-ms", "MS", WHOLE, AT(shade.budget_ms), 1, 1e6, NULL, 0,
      "image-space engines: time for one picture, in ms"},
+    {'\27', "priority", "CLASS", WORD, AT(priority), 0, 0, priorities, 1,
+     "order among your own requests: interactive, still (default) or bulk"},
     {'Y', "albedo-map", "FILE", TEXT, AT(map[0]), 0, 0, NULL, 0,
      "image-space engines: an image over the model's uv; its colours multiply the medium's "
      "reflectance"},
@@ -196,7 +200,7 @@ static const struct row {
 };
 enum { N_TABLE = sizeof table / sizeof *table };
 #define COMMON "sTkj\23"
-#define LIGHT "erGtEgXbm"
+#define LIGHT "erGtEgXbm\27"
 #define TOKEN "\1\2\3\4\5\6\7\10\13\14\16\17\20"
 #define PICTURE "cz\21qnxBaSYyJW"
 

@@ -30,6 +30,7 @@ int relight_colors_begin(struct relight_client *client,
     m.shade = &parts.shade;
     m.format = (Relight__ColorFormat)request->format;
     m.exposure_ev = request->exposure_ev;
+    m.priority = (Relight__Priority)request->priority;
     return start(client, RELIGHT_TYPE_COLORS, &m.base, &parts, timeout_s, id, error);
 }
 
@@ -82,6 +83,7 @@ int relight_image_begin(struct relight_client *client,
     m.lights = parts.lights;
     m.shade = &parts.shade;
     m.picture = &parts.picture;
+    m.priority = (Relight__Priority)request->priority;
     return start(client, RELIGHT_TYPE_IMAGE, &m.base, &parts, timeout_s, id, error);
 }
 

@@ -176,7 +176,8 @@ void relight_get_cost(const Relight__Cost *m, struct relight_cost *out)
                                  .note = m->note,
                                  .samples = m->samples,
                                  .frames = m->frames,
-                                 .converged = m->converged};
+                                 .converged = m->converged,
+                                 .reduced = m->reduced};
 }
 
 static unsigned color_bytes(Relight__ColorFormat format)

@@ -55,6 +55,7 @@ int relight_view_open(struct relight_client *client, const struct relight_view_r
     m.model = relight_text(request->model);
     m.state = &state;
     m.colors = request->colors;
+    m.priority = (Relight__Priority)request->priority;
     put_options(&options, request);
     state.options = &options;
     state.pose = relight_text(request->pose);

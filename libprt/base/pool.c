@@ -6,6 +6,7 @@
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
+#include <time.h>
 #include <unistd.h>
 
 struct loop {
@@ -17,6 +18,7 @@ struct loop {
     unsigned helpers; // workers that run its pieces; guarded by the pool's lock
     prt_loop_fn fn;
     void *arg;
+    uint64_t *helpers_ns; // or NULL
 };
 
 struct prt_pool {
@@ -44,6 +46,23 @@ static void run_piece(struct loop *loop, size_t piece, unsigned worker)
     atomic_fetch_add(&loop->done, 1);
 }
 
+static uint64_t thread_ns(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return (uint64_t)t.tv_sec * 1000000000 + (uint64_t)t.tv_nsec;
+}
+
+static void help(struct loop *loop, unsigned worker)
+{
+    uint64_t start = loop->helpers_ns ? thread_ns() : 0;
+    size_t piece;
+    while ((piece = atomic_fetch_add(&loop->piece, 1)) < loop->n_piece)
+        run_piece(loop, piece, worker);
+    if (loop->helpers_ns)
+        __atomic_fetch_add(loop->helpers_ns, thread_ns() - start, __ATOMIC_RELAXED);
+}
+
 static void *worker_main(void *arg)
 {
     struct worker self = *(struct worker *)arg;
@@ -60,9 +79,7 @@ static void *worker_main(void *arg)
         }
         loop->helpers++;
         pthread_mutex_unlock(&pool->lock);
-        size_t piece;
-        while ((piece = atomic_fetch_add(&loop->piece, 1)) < loop->n_piece)
-            run_piece(loop, piece, self.index);
+        help(loop, self.index);
         pthread_mutex_lock(&pool->lock);
         loop->helpers--;
         pthread_cond_broadcast(&pool->idle);
@@ -141,8 +158,12 @@ int prt_parallel_for(const struct prt_context *ctx, const char *stage, size_t n,
     if (!n) return PRT_OK;
     if (!grain) grain = 1;
     struct prt_pool *pool = ctx ? ctx->pool : NULL;
-    struct loop loop = {
-        .n = n, .grain = grain, .n_piece = (n + grain - 1) / grain, .fn = fn, .arg = arg};
+    struct loop loop = {.n = n,
+                        .grain = grain,
+                        .n_piece = (n + grain - 1) / grain,
+                        .fn = fn,
+                        .arg = arg,
+                        .helpers_ns = ctx ? ctx->helpers_ns : NULL};
     bool shared = pool && pool->n_thread > 1 && loop.n_piece > 1;
     if (shared) {
         pthread_mutex_lock(&pool->lock);

@@ -66,6 +66,9 @@ struct server {
     int access_level; /* enum log_level of the line about each request (--log-access) */
     /* Whether clients may be sent here; else why not, in one line. store/readiness.h */
     bool (*is_ready)(const struct server *server, char why[200]);
+    /* The pace of answers while requests wait, for retry_after_ms: the last one, 0 where none
+     * waited then, and the running mean of the gaps. */
+    uint64_t answered_ns, answer_gap_ns;
 };
 
 #endif

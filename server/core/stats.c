@@ -207,6 +207,12 @@ void stats_each(const struct server *server, stats_fn fn, void *user)
     G("connections", server->n_connection, "open connections");
     G("requests_open", server->n_request, "requests not answered yet");
     G("work_waiting", work_waiting(server->work), "jobs that wait for a worker thread");
+    struct work_counts work;
+    work_count(server->work, "", &work);
+    C("work_seconds", (double)work.all_ns * 1e-9, "thread-seconds of all jobs");
+    C("work_withdrawn", work.withdrawn + s->items_withdrawn,
+      "jobs that left a queue because nobody waited for them any more");
+    C("view_reduced", s->frames_reduced, "frames of views at a lower resolution, to keep up");
     G("models_bytes", files.bytes, "bytes of open transport files");
     G("models_open", files.entries, "open transport files");
     G("models_limit_bytes", server->options.memory,

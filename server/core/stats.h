@@ -41,12 +41,13 @@ struct stats {
     uint64_t children_crashed; /* decoders and bakes ended by a signal that the daemon did not
                                   send */
     uint64_t passes, relights,
-        shared; /* transport passes; evaluations by them; those that shared one */
+        shared;               /* transport passes; evaluations by them; those that shared one */
+    uint64_t items_withdrawn; /* evaluations that left the queue of a pass */
     uint64_t contractions,
         edits; /* joint transport: contractions with a light, evaluations using them */
     uint64_t materials_fixed,
         fixed_used; /* joint transport: contractions with a material, evaluations using them */
-    uint64_t frames_sent, frames_dropped;
+    uint64_t frames_sent, frames_dropped, frames_reduced;
     float finish_ns_a_pixel; /* shading and encoding a picture: running mean */
     /* By request type, in seconds: from the frame to the last answer; before computing; of
      * computing. A view's are those of its frames. */

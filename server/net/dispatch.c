@@ -126,6 +126,41 @@ bool operation_owned(struct request *request, const char *owner, const char *wha
     return false;
 }
 
+// The class of the request's work; false: the message names a priority that there is not.
+static bool read_class(const struct request *request, enum work_class *out)
+{
+    const ProtobufCMessage *m = request->message;
+    enum work_class class = WORK_INTERACTIVE;
+    unsigned named = 0;
+    if (request->type == RELIGHT_TYPE_COLORS) {
+        named = ((const Relight__ColorsRequest *)m)->priority;
+        class = WORK_STILL;
+    } else if (request->type == RELIGHT_TYPE_IMAGE) {
+        named = ((const Relight__ImageRequest *)m)->priority;
+        class = WORK_STILL;
+    } else if (request->type == RELIGHT_TYPE_VIEW_OPEN) {
+        named = ((const Relight__ViewOpenRequest *)m)->priority;
+    }
+    if (named > RELIGHT__PRIORITY__PRIORITY_BULK) return false;
+    *out = named ? (enum work_class)(named - RELIGHT__PRIORITY__PRIORITY_INTERACTIVE) : class;
+    return true;
+}
+
+// Work that it causes is its principal's.
+static void run_for_principal(struct request *request, const struct operation *operation)
+{
+    struct work_pool *work = request->server->work;
+    enum work_class class;
+    if (!read_class(request, &class)) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST,
+                     "priority is none of INTERACTIVE, STILL and BULK");
+        return;
+    }
+    struct work_actor before = work_act_for(work, request->principal->name, class);
+    operation->run(request);
+    work_act(work, before);
+}
+
 static void run_operation(struct request *request)
 {
     const struct operation *operation = operation_of(request->type);
@@ -135,7 +170,7 @@ static void run_operation(struct request *request)
             "the daemon is stopping: it finishes open requests and accepts no new ones");
     else {
         log_request_set(request->request_id);
-        operation->run(request);
+        run_for_principal(request, operation);
         log_request_set("");
     }
 }

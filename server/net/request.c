@@ -18,6 +18,28 @@ void *request_state(const struct request *request, void (*abandon)(struct reques
     return request->abandon == abandon ? request->state : NULL;
 }
 
+static void measure_pace(struct server *server)
+{
+    uint64_t now = loop_now_ns();
+    uint64_t gap = server->answered_ns ? now - server->answered_ns : 0;
+    if (gap)
+        server->answer_gap_ns =
+            server->answer_gap_ns
+                ? server->answer_gap_ns - server->answer_gap_ns / 16 + gap / 16
+                : gap;
+    bool others = ledger_total(server->ledger, LEDGER_REQUESTS) > 1;
+    server->answered_ns = others ? now : 0;
+}
+
+// The time in which half of the open requests will be answered, at the measured pace.
+static uint32_t retry_after_ms(const struct server *server)
+{
+    uint64_t n = ledger_total(server->ledger, LEDGER_REQUESTS);
+    uint64_t ms = server->answer_gap_ns * (n + 1) / 2 / 1000000;
+    if (!server->answer_gap_ns) return 50;
+    return ms < 1 ? 1 : ms > 10000 ? 10000 : (uint32_t)ms;
+}
+
 static void end(struct request *request)
 {
     struct server *server = request->server;
@@ -36,6 +58,7 @@ static void end(struct request *request)
     if (request->next) request->next->prev = request->prev;
     conn->n_request--;
     server->n_request--;
+    if (request->counted == LEDGER_REQUESTS) measure_pace(server);
     if (request->counted == LEDGER_LONG_REQUESTS) conn->n_long--;
     if (request->message) protobuf_c_message_free_unpacked(request->message, NULL);
     request_drop_payload(request);
@@ -179,7 +202,7 @@ static void send_error(struct connection *conn, uint64_t id, int code, const cha
     error_fill(&error, code, text, &fields);
     error.generation = generation;
     if (code == RELIGHT__ERROR_CODE__ERROR_BUSY) {
-        error.retry_after_ms = retry_ms ? retry_ms : 50;
+        error.retry_after_ms = retry_ms ? retry_ms : retry_after_ms(conn->server);
         conn->server->stats.busy_total++;
     }
     conn->server->stats.errors_total++;

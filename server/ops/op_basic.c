@@ -593,6 +593,10 @@ void op_stats(struct request *request)
     relight__stats_answer__init(&all->answer);
     all->answer.metrics = all->metric;
     stats_each(request->server, add_metric, all);
+    struct work_counts work;
+    work_count(request->server->work, request->principal->name, &work);
+    add_metric(all, "relightd_own_work_seconds", "", (double)work.own_ns * 1e-9,
+               "thread-seconds of the asker's work since it was last idle for long", "gauge");
     request_answer(request, &all->answer.base, NULL);
     for (size_t i = 0; i < all->answer.n_metrics; i++) {
         free(all->metric[i]->name);

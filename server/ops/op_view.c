@@ -3,7 +3,8 @@
 // time and draws the newest state next, so that fast changes skip states and do not queue. At
 // most `window` frames, and about `window_bytes` of them, are unacknowledged, so that a slow
 // reader delays only itself. While the state does not change, a picture by an image-space
-// engine is refined until it converges.
+// engine is refined until it converges. While the hand moves and whole frames do not keep the
+// rate, pictures have half the width and height; the state that rests is drawn in full.
 #include "net/dispatch.h"
 #include "render/evaluation.h"
 #include "core/log.h"
@@ -16,8 +17,11 @@
 
 static const uint64_t retry_ns = 250000000; // between two attempts while the model is baking
 static const uint64_t rest_ns = 120000000;  // refinement begins when the state is this old
+// Between states of a hand that moves, and between frames that it can follow: chosen, not
+// measured.
+static const uint64_t moving_ns = 250000000, steady_gap_ns = 66666667;
 
-enum { MAX_FIELD = 64 };
+enum { MAX_FIELD = 64, REDUCED = 2, REDUCED_LEAST = 64 };
 
 struct view_options {
     uint64_t gap_ns, deadline_ns, window, window_bytes;
@@ -47,6 +51,11 @@ struct view {
     bool refining;                 // `render` refines the state that was drawn
     uint32_t told_frames;          // pictures in the mean of the last sent frame
     uint64_t changed_ns;           // when the state last changed
+    struct work_actor actor;       // who opened it, and its priority
+    bool moving;                   // states follow each other quickly
+    bool reduced;                  // the last drawn picture is of a lower resolution
+    uint64_t drawn_ns,
+        full_ns; // when its drawing began; what whole frames take, a running mean
 };
 
 static void draw(struct view *v);
@@ -131,6 +140,8 @@ static void send_frame(struct view *v, struct render_result *result)
     Relight__Cost cost;
     char text[500];
     render_cost_message(result, &cost);
+    cost.reduced = v->reduced ? REDUCED : 0;
+    v->request->server->stats.frames_reduced += v->reduced;
     stats_work(&v->request->server->stats, RELIGHT_TYPE_VIEW_OPEN, (double)cost.queue_ms * 1e-3,
                (double)(cost.total_ms - cost.queue_ms) * 1e-3);
     out.frame = ++v->frame;
@@ -168,11 +179,20 @@ static bool send_after(const struct view *v, uint32_t n_frame)
     return n_frame >= 2 * v->told_frames || v->refinement->converged;
 }
 
+// A frame of a quarter of the pixels tells whether whole ones would keep the rate again: it
+// stands for twice its time, because light and transport do not shrink.
+static void measure_frame(struct view *v)
+{
+    uint64_t took = (loop_now_ns() - v->drawn_ns) * (v->reduced ? 2 : 1);
+    v->full_ns = v->full_ns ? v->full_ns - v->full_ns / 4 + took / 4 : took;
+}
+
 static void drawn(void *user, struct render_result *result)
 {
     struct view *v = user;
     struct connection *conn = v->request->conn;
     bool finer = v->refining;
+    if (!finer && !result->code) measure_frame(v);
     loop_timer_stop(v->model->server->loop, &v->late);
     v->render = NULL;
     v->refining = false;
@@ -230,11 +250,32 @@ static bool should_refine(struct view *v, uint64_t now)
     return false;
 }
 
+// Whether the picture of a state that moves is to have half the width and height.
+static bool should_reduce(const struct view *v)
+{
+    uint64_t gap = v->options.gap_ns > steady_gap_ns ? v->options.gap_ns : steady_gap_ns;
+    return v->spec.picture && v->moving && v->full_ns > gap && v->spec.width >= REDUCED_LEAST &&
+           v->spec.height >= REDUCED_LEAST;
+}
+
+// The state that rests is drawn once more, as it was asked for.
+static void draw_exact_at_rest(struct view *v, uint64_t now)
+{
+    if (v->dirty || !v->reduced) return;
+    if (now < v->changed_ns + moving_ns) {
+        retry(v, v->changed_ns + moving_ns);
+    } else {
+        v->moving = false;
+        v->dirty = true;
+    }
+}
+
 static void draw(struct view *v)
 {
     uint64_t now = loop_now_ns();
     if (v->render || window_full(v)) return;
-    bool finer = should_refine(v, now);
+    draw_exact_at_rest(v, now);
+    bool finer = !v->reduced && should_refine(v, now);
     if (!v->dirty && !finer) return;
     if (now < v->next_ns && !finer) {
         retry(v, v->next_ns);
@@ -246,7 +287,13 @@ static void draw(struct view *v)
         v->dirty = false;
         v->next_ns = now + v->options.gap_ns;
         refinement_release(v->refinement);
-        v->refinement = v->spec.picture ? refinement_create() : NULL;
+        v->reduced = should_reduce(v);
+        v->refinement = v->spec.picture && !v->reduced ? refinement_create() : NULL;
+        v->drawn_ns = now;
+    }
+    if (v->reduced) {
+        spec.width = (spec.width + REDUCED - 1) / REDUCED;
+        spec.height = (spec.height + REDUCED - 1) / REDUCED;
     }
     spec.hash = true;
     spec.refinement = v->refinement;
@@ -258,7 +305,10 @@ static void draw(struct view *v)
     v->refining = finer;
     struct request *request = v->request;
     struct connection *conn = request->conn;
-    struct render *render = render_start(v->model, &spec, drawn, v);
+    struct work_actor before = work_act(request->server->work, v->actor);
+    struct work_pool *work = request->server->work;
+    struct render *render = render_start(v->model, &spec, drawn, v); // may free v
+    work_act(work, before);
     if (!render || conn->dead) return;
     v->render = render;
     v->late.fire = frame_late;
@@ -396,6 +446,7 @@ void op_view_open(struct request *request)
     v->watcher.changed = model_has_changed;
     model_watch(model, &v->watcher);
     v->options.window = 2;
+    v->actor = work_actor(request->server->work);
     render_spec_init(&v->spec);
     v->spec.sum = true;
     v->spec.picture = !in->colors;
@@ -449,6 +500,7 @@ void op_view_set(struct request *request)
             v->dropped++;
             request->server->stats.frames_dropped++;
         }
+        v->moving = loop_now_ns() - v->changed_ns < moving_ns;
         invalidate(v);
         v->sequence = in->sequence;
     }

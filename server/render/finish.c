@@ -284,5 +284,6 @@ void render_finish(struct render *r)
     r->work.class = s->quiet     ? WORK_BACKGROUND
                     : s->picture ? picture_class(s)
                                  : WORK_INTERACTIVE;
+    r->finishing = true;
     work_submit(r->server->work, &r->work);
 }

@@ -25,6 +25,7 @@ static void walk(struct render *r);
 static void dependency_ended(struct cache_waiter *waiter)
 {
     struct render *r = ((struct dependency *)waiter)->render;
+    ((struct dependency *)waiter)->waits = false;
     if (--r->n_waiting == 0 && !r->walking) walk(r);
 }
 
@@ -36,6 +37,7 @@ static void depend(struct render *r, struct dependency *dependency, struct cache
     dependency->was_ready = entry->state == CACHE_READY;
     if (entry->state != CACHE_PENDING) return;
     dependency->waiter.wake = dependency_ended;
+    dependency->waits = true;
     r->n_waiting++;
     cache_wait(entry, &dependency->waiter);
 }
@@ -359,7 +361,7 @@ static void step_encoding(struct render *r)
     else set_error(r, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
 }
 
-static void walk(struct render *r)
+static void take_steps(struct render *r)
 {
     static void (*const run_step[])(struct render *) = {
         [STEP_MODEL] = step_model,       [STEP_ENVIRONMENTS] = step_environments,
@@ -376,6 +378,14 @@ static void walk(struct render *r)
         run_step[r->step++](r);
     }
     r->walking = false;
+}
+
+static void walk(struct render *r)
+{
+    struct work_pool *work = r->server->work;
+    struct work_actor before = work_act(work, r->actor);
+    take_steps(r); // may free r
+    work_act(work, before);
 }
 
 struct render *render_start(struct model *model, struct render_spec *spec, render_fn done,
@@ -399,6 +409,7 @@ struct render *render_start(struct model *model, struct render_spec *spec, rende
     r->done = done;
     r->user = user;
     r->start_ns = loop_now_ns();
+    r->actor = work_actor(r->server->work);
     bool ended = false;
     r->ended = &ended;
     walk(r);
@@ -407,9 +418,47 @@ struct render *render_start(struct model *model, struct render_spec *spec, rende
     return r;
 }
 
+// Stops waiting for what is pending; entries that nobody else waits for leave their queues.
+static void leave(struct render *r, struct dependency *dependency)
+{
+    if (!dependency->waits || dependency->entry->state != CACHE_PENDING) return;
+    dependency->waits = false;
+    r->n_waiting--;
+    cache_leave(dependency->entry, &dependency->waiter);
+}
+
+static void leave_all(struct render *r)
+{
+    struct dependency *one[] = {&r->file,     &r->shape,      &r->visibility,
+                                &r->specular, &r->background, &r->map[0],
+                                &r->map[1],   &r->map[2],     &r->encoded};
+    for (size_t i = 0; i < sizeof one / sizeof *one; i++) leave(r, one[i]);
+    for (unsigned i = 0; i < RENDER_MAX_LIGHTS; i++) {
+        leave(r, &r->env[i]);
+        leave(r, &r->light[i]);
+        leave(r, &r->contracted_light[i]);
+        leave(r, &r->vertex_values[i]);
+    }
+}
+
 void render_cancel(struct render *r)
 {
     __atomic_store_n(&r->done, NULL, __ATOMIC_RELAXED);
     struct cache_entry *e = r->screen_radiance.entry;
-    if (e && e->state == CACHE_PENDING) screen_radiance_unwant(r->shape.entry, e);
+    if (e && e->state == CACHE_PENDING) { // may end the evaluation
+        screen_radiance_unwant(r->shape.entry, e);
+        return;
+    }
+    if (r->walking && !r->finishing) return;
+    if (r->finishing) { // otherwise finish_done follows
+        if (work_withdraw(&r->work))
+            render_end_with_error(r, RELIGHT__ERROR_CODE__ERROR_CANCELLED, "cancelled");
+        return;
+    }
+    r->walking = true;
+    leave_all(r);
+    r->walking = false;
+    // What has just been filled still wakes it.
+    if (!r->n_waiting)
+        render_end_with_error(r, RELIGHT__ERROR_CODE__ERROR_CANCELLED, "cancelled");
 }

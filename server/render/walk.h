@@ -13,6 +13,7 @@ struct dependency {
     struct cache_waiter waiter; /* first: dependency_ended() is given it */
     struct render *render;
     struct cache_entry *entry; /* held; NULL: not needed */
+    bool waits;                /* dependency_ended() will be called */
     bool was_ready;            /* it was in the cache: this evaluation did not cause its cost */
 };
 
@@ -34,9 +35,11 @@ struct render {
     struct render_spec spec;
     render_fn done; /* NULL: cancelled */
     void *user;
-    enum render_step step; /* the next one */
-    unsigned n_waiting;    /* dependencies that are pending */
+    struct work_actor actor; /* whose evaluation it is, and its priority */
+    enum render_step step;   /* the next one */
+    unsigned n_waiting;      /* dependencies that are pending */
     bool walking;
+    bool finishing;      /* its last step's work was submitted */
     bool *ended;         /* set when the evaluation ends while render_start still runs */
     bool screen;         /* an image-space engine answers, for the current vertices */
     uint64_t generation; /* of the geometry that is shown */

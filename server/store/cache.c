@@ -291,6 +291,16 @@ void cache_wait(struct cache_entry *e, struct cache_waiter *waiter)
     *last = waiter;
 }
 
+void cache_leave(struct cache_entry *e, struct cache_waiter *waiter)
+{
+    assert(e->state == CACHE_PENDING);
+    struct cache_waiter **at = &e->waiters;
+    while (*at && *at != waiter) at = &(*at)->next;
+    assert(*at);
+    *at = waiter->next;
+    if (!e->waiters && e->refs == 2 && e->unwanted) e->unwanted(e);
+}
+
 // Removes an entry from the table; collects unreferenced ones in *unused.
 static void leave(struct cache *cache, struct cache_entry *e, struct cache_entry **unused)
 {

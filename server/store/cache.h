@@ -33,6 +33,10 @@ struct cache_entry {
     char error[320];
     struct cache_waiter *waiters;
     struct cache *cache;
+    /* Called by cache_leave when nobody waits any more; job: its argument's owner. NULL: the
+     * entry is computed in any case. Set by the creator. */
+    void (*unwanted)(struct cache_entry *entry);
+    void *job;
     bool forgotten;  /* removed from the table; freed with its last reference */
     bool holds_file; /* its value holds an entry of another cache */
     bool
@@ -62,6 +66,9 @@ void cache_fill(struct cache_entry *entry, void *value, size_t bytes, void (*des
 /* Wakes the waiters and removes the entry from the table: a later request computes it again. */
 void cache_fail(struct cache_entry *entry, int error_code, const char *text);
 void cache_wait(struct cache_entry *entry, struct cache_waiter *waiter);
+/* The waiter of a pending entry, which the caller holds, stops waiting; when it was the last
+ * and only the entry's job holds it besides, the entry's `unwanted` is called. */
+void cache_leave(struct cache_entry *entry, struct cache_waiter *waiter);
 /* Removes all entries whose key begins with the prefix (a model was unloaded): they cannot be
  * found any more, and their users keep them. `pending`: pending entries, too. */
 void cache_forget(struct cache *cache, const char *prefix, bool pending);

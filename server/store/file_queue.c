@@ -26,7 +26,10 @@ static void run_next(struct file_queue *queue)
 {
     if (queue->running || !queue->first) return;
     queue->running = true;
+    // The daemon's own work: who queued the first operation must not hold up the others'.
+    struct work_actor before = work_act_for(queue->pool, "", WORK_INTERACTIVE);
     work_submit(queue->pool, &queue->work);
+    work_act(queue->pool, before);
 }
 
 static int run_task(struct work *work, const struct prt_context *ctx)

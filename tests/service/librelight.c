@@ -245,11 +245,14 @@ static void view_latest_wins(void **state)
         light.rotate_deg = (float)i;
         CALL(relight_view_set(view, 1, &light, NULL, NULL, &last, &error));
     }
-    for (seen = 0; seen < last; drawn++) {
+    bool whole = false; // while the light turns, pictures may have half the width
+    for (seen = 0; seen < last || !whole; drawn++) {
         struct relight_frame_out frame;
         CALL(relight_view_next(view, 60, &frame, &error));
         assert_true(frame.sequence >= seen);
-        assert_true(frame.has_image && frame.image.width == 400 && frame.image.n_byte > 100);
+        assert_true(frame.has_image && frame.image.n_byte > 100);
+        whole = !frame.image.cost.reduced;
+        assert_int_equal(frame.image.width, whole ? 400 : 200);
         seen = frame.sequence;
         relight_frame_out_finish(&frame);
     }

@@ -618,6 +618,17 @@ struct relight_cost {
     const char *note;
     uint32_t samples, frames; /* image space: see relight.proto; 0 otherwise */
     bool converged;           /* a view sends nothing finer of this state */
+    uint32_t
+        reduced; /* a view that cannot keep its rate: the picture has 1/reduced of the width
+                    and height asked for, and an exact one follows; 0: as asked for */
+};
+
+/* Order of a client's own requests; between clients the compute time they used decides. */
+enum relight_priority {
+    RELIGHT_PRIORITY_DEFAULT, /* views: INTERACTIVE; colours and pictures: STILL */
+    RELIGHT_PRIORITY_INTERACTIVE,
+    RELIGHT_PRIORITY_STILL,
+    RELIGHT_PRIORITY_BULK
 };
 
 struct relight_colors_request {
@@ -628,7 +639,8 @@ struct relight_colors_request {
     struct relight_shade shade;
     enum relight_color_format format;
     float exposure_ev; /* RELIGHT_COLOR_SRGB8 */
-    const char *pose;  /* of relight_put_pose; NULL: the model's vertices as they are */
+    enum relight_priority priority;
+    const char *pose; /* of relight_put_pose; NULL: the model's vertices as they are */
 };
 struct relight_colors {
     uint32_t n_vertex, n_plane;
@@ -682,6 +694,7 @@ struct relight_image_request {
     const struct relight_light *lights; /* summed; the first is the background */
     struct relight_shade shade;
     struct relight_picture picture;
+    enum relight_priority priority;
     const char *pose; /* of relight_put_pose; NULL: the model's vertices as they are */
 };
 struct relight_image {
@@ -745,7 +758,8 @@ struct relight_view_request {
     uint32_t max_fps, window; /* window: most frames on the way, up to 256; 0: 2 */
     uint64_t window_bytes;    /* a frame waits while frames on the way take more; 0: no limit */
     uint32_t frame_deadline_ms; /* a frame that takes longer is RELIGHT_E_DEADLINE; 0: none */
-    bool skip_equal;            /* frames equal to the one before come without their contents */
+    enum relight_priority priority;
+    bool skip_equal;  /* frames equal to the one before come without their contents */
     const char *pose; /* of relight_put_pose; NULL: the model's vertices as they are */
 };
 struct relight_frame_out {

@@ -82,6 +82,8 @@ struct prt_context {
     prt_progress_fn progress; /* NULL: none */
     void *progress_user;
     struct prt_pool *pool; /* NULL: all work on the calling thread */
+    uint64_t *helpers_ns;  /* CPU time of the pool's threads that help the caller's loops is
+                            * added, atomically [ns]; NULL: it is not measured */
     unsigned cpu;          /* mask of enum prt_cpu */
     uint64_t memory_limit; /* bytes one call may allocate for a file's content; 0: 8 GiB */
     uint64_t image_limit;  /* bytes of one image's pixels as floats; 0: memory_limit */

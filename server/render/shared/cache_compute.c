@@ -7,7 +7,34 @@
 
 #include <assert.h>
 #include <stddef.h>
+#include <stdio.h>
 #include <stdlib.h>
+
+void cache_job_goes_on(struct cache_job *job)
+{
+}
+
+static void withdraw(struct cache_job *job)
+{
+    // Who asks for the same from now on gets an entry of its own.
+    cache_forget_entry(job->entry);
+    if (job->awaited && !job->submitted) {
+        struct cache_entry *awaited = job->awaited;
+        if (awaited->state == CACHE_PENDING) cache_leave(awaited, &job->waiter);
+        else return; // it is being woken
+    } else if (!job->submitted || !work_withdraw(&job->work)) {
+        return;
+    }
+    snprintf(job->work.error, sizeof job->work.error, "nobody waits for it any more");
+    cache_job_complete(job, PRT_CANCELLED);
+}
+
+static void unwanted(struct cache_entry *entry)
+{
+    struct cache_job *job = entry->job;
+    if (job->kind->unwanted) job->kind->unwanted(job);
+    else withdraw(job);
+}
 
 struct cache_entry *cache_compute(struct server *server, const char *key,
                                   const struct cache_job_kind *kind, struct cache_job **job)
@@ -25,6 +52,9 @@ struct cache_entry *cache_compute(struct server *server, const char *key,
     made->server = server;
     made->entry = entry;
     made->work.class = kind->class;
+    made->actor = work_actor(server->work);
+    entry->job = made;
+    entry->unwanted = unwanted;
     cache_hold(entry); // one reference for the caller, one for the job
     *job = made;
     return entry;
@@ -56,11 +86,15 @@ void cache_job_submit(struct cache_job *job)
 {
     job->work.run = run_job;
     job->work.done = job_done;
+    job->submitted = true;
+    struct work_actor before = work_act(job->server->work, job->actor);
     work_submit(job->server->work, &job->work);
+    work_act(job->server->work, before);
 }
 
 static void free_job(struct cache_job *job)
 {
+    job->entry->unwanted = NULL;
     cache_release(job->entry);
     for (unsigned i = 0; i < job->n_held; i++) cache_release(job->held[i]);
     free(job);

@@ -24,7 +24,12 @@ struct cache_job_kind {
     /* On the loop thread, before the entry is filled or failed: takes the value's
      * own references, and frees the job's own members. job->status tells which. NULL: none. */
     void (*done)(struct cache_job *job);
+    /* On the loop thread: nobody waits for the entry any more. Completes the job, or lets it go
+     * on. NULL: a job that is queued is taken out, one that runs is told to end. */
+    void (*unwanted)(struct cache_job *job);
 };
+/* An `unwanted` that does nothing. */
+void cache_job_goes_on(struct cache_job *job);
 
 enum { CACHE_JOB_HELD = 18 }; /* the most entries a job holds */
 
@@ -35,11 +40,13 @@ struct cache_job {
     struct cache_entry *entry; /* the one to fill; held */
     struct cache_entry *held[CACHE_JOB_HELD];
     unsigned n_held;
-    int status;      /* enum prt_status, from cache_job_complete() on */
-    void *value;     /* becomes the entry's */
-    size_t bytes;    /* that the cache counts for the value */
-    bool holds_file; /* the value holds an entry of another cache (store/cache.h) */
-    float ms;        /* the entry's cost, measured around run() */
+    int status;              /* enum prt_status, from cache_job_complete() on */
+    void *value;             /* becomes the entry's */
+    size_t bytes;            /* that the cache counts for the value */
+    bool holds_file;         /* the value holds an entry of another cache (store/cache.h) */
+    struct work_actor actor; /* who caused it, and pays */
+    bool submitted;
+    float ms; /* the entry's cost, measured around run() */
     struct cache_waiter waiter;
     struct cache_entry *awaited; /* one of held */
     void (*ready)(struct cache_job *job);

@@ -14,6 +14,7 @@
 struct pass_item {
     struct cache_job job;
     struct pass_item *next;
+    struct pass *pass;
     struct cache_entry *file, *light, *contracted_light, *contracted_material;
     struct vertex_query query;
     int status;
@@ -25,10 +26,15 @@ struct pass {
     struct pass_item *first, **last; // gather for the next pass
     struct pass_item *running;       // computed by the worker now
     unsigned n_running;
+    char payer[PRT_RELIGHT_MAX_LIGHTS][WORK_NAME]; // of the running items: equal parts
     float ms;
 };
 
-static const struct cache_job_kind kind = {.size = sizeof(struct pass_item), .destroy = free};
+static void item_unwanted(struct cache_job *job);
+static const struct cache_job_kind kind = {
+    .size = sizeof(struct pass_item), .destroy = free, .unwanted = item_unwanted};
+_Static_assert((int)PRT_RELIGHT_MAX_LIGHTS <= (int)WORK_MAX_SHARE,
+               "a pass has a payer for each item");
 
 static const struct prt_transport *file_transport(const struct pass_item *item)
 {
@@ -132,6 +138,26 @@ static int run_pass(struct work *work, const struct prt_context *ctx)
 
 static void pass_done(struct work *work);
 
+// Submits the pass for its running items: as the first one's work, of the most urgent's class.
+static void submit(struct pass *pass)
+{
+    struct work_pool *pool = pass->model->server->work;
+    struct work_actor actor = pass->running->job.actor;
+    unsigned n = 0;
+    for (const struct pass_item *item = pass->running; item; item = item->next) {
+        if (item->job.actor.class < actor.class) actor.class = item->job.actor.class;
+        snprintf(pass->payer[n++], WORK_NAME, "%s", item->job.actor.name);
+    }
+    pass->work.run = run_pass;
+    pass->work.done = pass_done;
+    pass->work.class = WORK_INTERACTIVE;
+    pass->work.share = (const char(*)[WORK_NAME])pass->payer;
+    pass->work.n_share = pass->n_running = n;
+    struct work_actor before = work_act(pool, actor);
+    work_submit(pool, &pass->work);
+    work_act(pool, before);
+}
+
 static void start_pass(struct pass *pass)
 {
     struct stats *stats = &pass->model->server->stats;
@@ -150,10 +176,48 @@ static void start_pass(struct pass *pass)
     stats->relights += n;
     stats_batch(stats, n);
     if (n > 1) stats->shared += n;
-    pass->work.run = run_pass;
-    pass->work.done = pass_done;
-    pass->work.class = WORK_INTERACTIVE;
-    work_submit(pass->model->server->work, &pass->work);
+    submit(pass);
+}
+
+// The next pass, or none.
+static void go_on(struct pass *pass)
+{
+    if (pass->first) {
+        start_pass(pass);
+        return;
+    }
+    pass->model->pass = NULL;
+    model_release(pass->model);
+    free(pass);
+}
+
+static bool unlink_item(struct pass_item **at, const struct pass_item *item)
+{
+    while (*at && *at != item) at = &(*at)->next;
+    if (!*at) return false;
+    *at = item->next;
+    return true;
+}
+
+// Taken out of the next pass, or of one that waits for a worker; a running pass goes on.
+static void item_unwanted(struct cache_job *job)
+{
+    struct pass_item *item = (struct pass_item *)job;
+    struct pass *pass = item->pass;
+    if (unlink_item(&pass->first, item)) {
+        pass->last = &pass->first;
+        while (*pass->last) pass->last = &(*pass->last)->next;
+        pass->model->server->stats.items_withdrawn++;
+    } else if (work_dequeue(&pass->work)) {
+        unlink_item(&pass->running, item);
+        if (pass->running) submit(pass);
+        else go_on(pass);
+    } else {
+        cache_forget_entry(job->entry);
+        return;
+    }
+    snprintf(job->work.error, sizeof job->work.error, "nobody waits for it any more");
+    cache_job_complete(job, PRT_CANCELLED);
 }
 
 static void pass_done(struct work *work)
@@ -164,13 +228,7 @@ static void pass_done(struct work *work)
     float ms = pass->ms;
     unsigned n = pass->n_running;
     // Before the entries are filled: their waiters may call relight_pass_get().
-    if (pass->first) {
-        start_pass(pass);
-    } else {
-        pass->model->pass = NULL;
-        model_release(pass->model);
-        free(pass);
-    }
+    go_on(pass);
     while (item) {
         struct pass_item *next = item->next;
         item->job.ms = ms;
@@ -208,6 +266,7 @@ struct cache_entry *relight_pass_get(struct model *model, const char *key,
     }
     struct pass_item *item = (struct pass_item *)job;
     item->query = *query;
+    item->pass = pass;
     cache_job_hold(job, item->file = file);
     cache_job_hold(job, item->light = light);
     cache_job_hold(job, item->contracted_light = contracted_light);

@@ -135,8 +135,14 @@ static void done(struct cache_job *cache_job)
     start_next(slot);
 }
 
+// screen_radiance_unwant() cancels its jobs.
 static const struct cache_job_kind kind = {
-    .size = sizeof(struct screen_job), .run = run, .destroy = free, .done = done};
+    .size = sizeof(struct screen_job),
+    .run = run,
+    .destroy = free,
+    .done = done,
+    .unwanted = cache_job_goes_on,
+};
 
 // The job that computes a pending entry.
 static struct screen_job *find_job(struct cache_entry *shape, const struct cache_entry *entry)

@@ -1,0 +1,288 @@
+// SPDX-License-Identifier: MIT
+// The order of work: shares of compute time, work that nobody waits for any more, and views
+// that cannot keep their rate. Nothing here fails on time: shares are of thread-seconds.
+#include "frames.h"
+
+#include <arpa/inet.h>
+#include <math.h>
+#include <netinet/in.h>
+
+static struct daemon d;
+static char model[ID_SIZE];
+
+static struct frames *open_tcp(void)
+{
+    struct frames *f = calloc(1, sizeof *f);
+    struct relight_frame_limits limits = {1 << 24, UINT64_C(1) << 32, false};
+    struct sockaddr_in a = {.sin_family = AF_INET};
+    const char *colon = strrchr(d.tcp, ':');
+    assert_non_null(f);
+    assert_non_null(colon);
+    relight_decoder_init(&f->decoder, &limits);
+    a.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    a.sin_port = htons((uint16_t)atoi(colon + 1));
+    f->fd = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    assert_int_equal(connect(f->fd, (struct sockaddr *)&a, sizeof a), 0);
+    frames_add_hello(f, "modest");
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 1).code, 0);
+    return f;
+}
+
+// A picture that no other request shares: `turn` moves the eye.
+static void add_picture(struct frames *f, uint64_t id, unsigned turn, uint32_t side,
+                        Relight__Priority priority)
+{
+    Relight__ImageRequest m = RELIGHT__IMAGE_REQUEST__INIT;
+    Relight__Light light = RELIGHT__LIGHT__INIT, *lights[] = {&light};
+    Relight__Picture picture = RELIGHT__PICTURE__INIT;
+    Relight__Camera camera = RELIGHT__CAMERA__INIT;
+    Relight__Vec3 eye = RELIGHT__VEC3__INIT, target = RELIGHT__VEC3__INIT;
+    light.env = "constant:1,1,1";
+    eye.x = 4 * sinf((float)turn * 0.01f), eye.z = 4 * cosf((float)turn * 0.01f);
+    eye.y = 0.5f;
+    camera.eye = &eye, camera.target = &target;
+    picture.camera = &camera;
+    picture.width = picture.height = side;
+    picture.format = RELIGHT__IMAGE_FORMAT__IMAGE_PNG;
+    m.model = model;
+    m.lights = lights, m.n_lights = 1;
+    m.picture = &picture;
+    m.priority = priority;
+    frames_add(f, RELIGHT_TYPE_IMAGE, id, &m.base, NULL, 0);
+}
+
+static double metric_of(struct frames *f, const char *name)
+{
+    static uint64_t id = 1u << 30;
+    Relight__StatsRequest in = RELIGHT__STATS_REQUEST__INIT;
+    struct frames_answer a;
+    ProtobufCMessage *m = NULL;
+    double value = -1;
+    frames_add(f, RELIGHT_TYPE_STATS, ++id, &in.base, NULL, 0);
+    frames_send(f);
+    do {
+        if (m) protobuf_c_message_free_unpacked(m, NULL);
+        m = NULL;
+        assert_true(frames_next(f, &a, 60000, &m));
+        assert_false(a.closed);
+    } while (a.id != id);
+    const Relight__StatsAnswer *stats = (const Relight__StatsAnswer *)m;
+    for (size_t i = 0; i < stats->n_metrics; i++)
+        if (!strcmp(stats->metrics[i]->name, name)) value = stats->metrics[i]->value;
+    protobuf_c_message_free_unpacked(m, NULL);
+    return value;
+}
+
+// A hundred slow pictures are ordered and cancelled: few of them are ever computed.
+static void test_cancelled_work_never_runs(void **state)
+{
+    enum { N = 100 };
+    struct frames *f = frames_open(&d), *watch = frames_open(&d);
+    Relight__CancelRequest cancel = RELIGHT__CANCEL_REQUEST__INIT;
+    double before = metric_of(watch, "relightd_work_seconds_total");
+    add_picture(f, 10, 9999, 700, RELIGHT__PRIORITY__PRIORITY_DEFAULT);
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 10).code, 0);
+    double one = metric_of(watch, "relightd_work_seconds_total") - before;
+    double withdrawn = metric_of(watch, "relightd_work_withdrawn_total");
+    for (uint64_t i = 0; i < N; i++)
+        add_picture(f, 100 + i, (unsigned)i, 700, RELIGHT__PRIORITY__PRIORITY_DEFAULT);
+    for (uint64_t i = 0; i < N; i++) {
+        cancel.id = 100 + i;
+        frames_add(f, RELIGHT_TYPE_CANCEL, 1000 + i, &cancel.base, NULL, 0);
+    }
+    before = metric_of(watch, "relightd_work_seconds_total");
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 1000 + N - 1).code, 0);
+    while (metric_of(watch, "relightd_work_waiting") > 0) sleep_ms(20);
+    sleep_ms(200);
+    double all = metric_of(watch, "relightd_work_seconds_total") - before;
+    double gone = metric_of(watch, "relightd_work_withdrawn_total") - withdrawn;
+    print_message("one picture %.3f thread-s, %d cancelled ones %.3f; withdrawn %g\n", one, N,
+                  all, gone);
+    assert_true(gone >= 0.7 * N);
+    assert_true(all < 0.3 * N * one);
+    frames_close(f);
+    // So does a closed connection, and a deadline.
+    f = frames_open(&d);
+    withdrawn = metric_of(watch, "relightd_work_withdrawn_total");
+    for (uint64_t i = 0; i < N; i++)
+        add_picture(f, 100 + i, 200 + (unsigned)i, 700, RELIGHT__PRIORITY__PRIORITY_BULK);
+    frames_send(f);
+    sleep_ms(50);
+    frames_close(f);
+    while (metric_of(watch, "relightd_work_waiting") > 0) sleep_ms(20);
+    assert_true(metric_of(watch, "relightd_work_withdrawn_total") > withdrawn);
+    frames_close(watch);
+}
+
+// Keeps so many pictures of a client on the way.
+struct stream {
+    struct frames *f;
+    unsigned side, depth, open, done, turn;
+    uint64_t id;
+};
+
+static void pump(struct stream *s, int ms)
+{
+    struct frames_answer a;
+    while (s->open < s->depth) {
+        add_picture(s->f, ++s->id, s->turn++, s->side, RELIGHT__PRIORITY__PRIORITY_DEFAULT);
+        s->open++;
+    }
+    if (s->f->n) frames_send(s->f);
+    while (frames_next(s->f, &a, ms, NULL)) {
+        assert_false(a.closed);
+        assert_int_equal(a.code, 0);
+        s->open--;
+        s->done++;
+        ms = 0;
+    }
+}
+
+// One client keeps 24 large pictures on the way, the other four small ones: the greedy one gets
+// less than 60 % of the compute time.
+static void test_greedy_and_modest(void **state)
+{
+    struct stream greedy = {.f = frames_open(&d), .side = 500, .depth = 24, .id = 10};
+    struct stream modest = {.f = open_tcp(), .side = 250, .depth = 6, .id = 10, .turn = 50000};
+    struct frames *g = frames_open(&d), *m = open_tcp();
+    for (int i = 0; i < 20; i++) pump(&greedy, 5), pump(&modest, 5);
+    double g0 = metric_of(g, "relightd_own_work_seconds");
+    double m0 = metric_of(m, "relightd_own_work_seconds");
+    unsigned done = modest.done;
+    while (modest.done < done + 120) pump(&greedy, 2), pump(&modest, 2);
+    double used = metric_of(g, "relightd_own_work_seconds") - g0;
+    double left = metric_of(m, "relightd_own_work_seconds") - m0;
+    print_message("greedy %.3f thread-s, modest %.3f: %.1f %%\n", used, left,
+                  100 * used / (used + left));
+    assert_true(used < 0.6 * (used + left));
+    while (greedy.open || modest.open) {
+        greedy.depth = modest.depth = 0;
+        pump(&greedy, 10), pump(&modest, 10);
+    }
+    frames_close(greedy.f), frames_close(modest.f), frames_close(g), frames_close(m);
+}
+
+// A wrong priority is refused.
+static void test_priorities(void **state)
+{
+    struct frames *f = frames_open(&d);
+    add_picture(f, 10, 1, 64, (Relight__Priority)77);
+    for (int p = 0; p < 4; p++) add_picture(f, 11 + (uint64_t)p, 1, 64, (Relight__Priority)p);
+    frames_send(f);
+    assert_int_equal(frames_wait(f, 10).code, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    for (uint64_t id = 11; id < 15; id++) (void)id;
+    assert_int_equal(frames_wait(f, 14).code, 0);
+    frames_close(f);
+}
+
+// Turning a large picture's light faster than it can be drawn: some frame has half the width,
+// says so, and the last one is as it was asked for, byte for byte what IMAGE answers.
+static void test_reduced_then_exact(void **state)
+{
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    struct relight_light light = {.env = "constant:1,0.9,0.8", .gain = {1, 1, 1}};
+    struct relight_view_request open = {
+        .model = model, .n_light = 1, .lights = &light, .window = 4};
+    open.picture.width = 2000, open.picture.height = 1500;
+    open.picture.format = RELIGHT_IMAGE_PNG;
+    struct relight_view *view;
+    OK(relight_view_open(client, &open, &view, &error));
+    uint64_t sequence = 0;
+    bool reduced = false;
+    struct relight_frame_out frame;
+    for (int i = 0; i < 600 && !reduced; i++) {
+        light.rotate_deg = (float)i;
+        open.picture.exposure_ev = 0.001f * (float)i;
+        OK(relight_view_set(view, 1, &light, NULL, &open.picture, &sequence, &error));
+        sleep_ms(30);
+        while (!reduced && !relight_view_next(view, 0.001, &frame, &error)) {
+            reduced = frame.has_image && frame.image.cost.reduced == 2;
+            if (reduced) {
+                assert_int_equal(frame.image.width, 1000);
+                assert_int_equal(frame.image.height, 750);
+            }
+            relight_frame_out_finish(&frame);
+        }
+    }
+    assert_true(reduced);
+    bool exact = false;
+    while (!exact) {
+        OK(relight_view_next(view, 60, &frame, &error));
+        exact = frame.sequence == sequence && frame.has_image && !frame.image.cost.reduced;
+        if (!exact) relight_frame_out_finish(&frame);
+    }
+    assert_int_equal(frame.image.width, 2000);
+    struct relight_image_request request = {
+        .model = model, .n_light = 1, .lights = &light, .picture = open.picture};
+    struct relight_image image;
+    OK(relight_image(client, &request, &image, &error));
+    assert_int_equal(image.n_byte, frame.image.n_byte);
+    assert_memory_equal(image.data, frame.image.data, image.n_byte);
+    relight_image_finish(&image);
+    relight_frame_out_finish(&frame);
+    OK(relight_view_close(view, NULL, NULL, &error));
+    assert_true(metric(client, "relightd_view_reduced_total") >= 1);
+    relight_close(client);
+}
+
+// BUSY says when to come back: longer where more waits.
+static void test_busy_says_when(void **state)
+{
+    enum { N = 200 };
+    struct frames *f = frames_open(&d);
+    struct frames_answer a;
+    ProtobufCMessage *m = NULL;
+    uint32_t busy = 0, most = 0;
+    for (uint64_t i = 0; i < N; i++)
+        add_picture(f, 10 + i, 70000 + (unsigned)i, 300, RELIGHT__PRIORITY__PRIORITY_DEFAULT);
+    frames_send(f);
+    for (unsigned n = 0; n < N; n++) {
+        assert_true(frames_next(f, &a, 120000, &m));
+        assert_false(a.closed);
+        if (a.code == RELIGHT__ERROR_CODE__ERROR_BUSY) {
+            uint32_t ms = ((Relight__Error *)m)->retry_after_ms;
+            assert_true(ms >= 1 && ms <= 10000);
+            if (ms > most) most = ms;
+            busy++;
+        }
+        protobuf_c_message_free_unpacked(m, NULL);
+    }
+    print_message("%u of %d busy, retry after up to %u ms\n", busy, N, most);
+    assert_true(busy > 0);
+    frames_close(f);
+}
+
+static int setup(void **state)
+{
+    static const char *const two[] = {"--threads", "2", "--requests", "128", NULL};
+    daemon_folder(&d);
+    daemon_start(&d, two);
+    struct relight_client *client = client_open(d.address);
+    bake_small(client, &d, model);
+    relight_close(client);
+    return 0;
+}
+
+static int teardown(void **state)
+{
+    int status = daemon_end(&d);
+    daemon_remove(&d);
+    return status;
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_cancelled_work_never_runs),
+        cmocka_unit_test(test_greedy_and_modest),
+        cmocka_unit_test(test_priorities),
+        cmocka_unit_test(test_busy_says_when),
+        cmocka_unit_test(test_reduced_then_exact),
+    };
+    signal(SIGPIPE, SIG_IGN);
+    return cmocka_run_group_tests_name("schedule", tests, setup, teardown);
+}
