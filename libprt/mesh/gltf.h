@@ -90,6 +90,8 @@ char *prt_gltf_textures_copy(const struct gltf *g, const char *json, size_t n);
 int prt_gltf_textures_begin(struct gltf *g, char *copy, size_t n);
 // The maps of a material on a surface that was added for it.
 int prt_gltf_maps(struct gltf *g, size_t material, uint32_t surface);
+// The inside of a material on its surface.
+int prt_gltf_volume(struct gltf *g, size_t material, uint32_t surface);
 // The decoded image of a texture; UINT32_MAX after a warning.
 int prt_gltf_image(struct gltf *g, size_t image, enum prt_texture_kind kind, uint32_t *out);
 void prt_gltf_textures_end(struct gltf *g);

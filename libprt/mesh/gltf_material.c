@@ -55,6 +55,7 @@ int prt_gltf_surface(struct gltf *g, size_t index, bool opaque, uint32_t *out)
         s.translucent = opaque ? 0 : extended ? 1 : 2;
         status = prt_draft_surface(g->d, &s, &known[index]);
         if (!status && given) status = prt_gltf_maps(g, index, known[index]);
+        if (!status && given) status = prt_gltf_volume(g, index, known[index]);
         if (status) return status;
     }
     *out = known[index];

@@ -33,7 +33,7 @@ static float number_or(const cJSON *object, const char *key, double otherwise)
 char *prt_gltf_textures_copy(const struct gltf *g, const char *json, size_t n)
 {
     bool any = memmem(json, n, "\"materials\"", 11) || memmem(json, n, "\"COLOR_0\"", 9);
-    if (g->d->no_textures || !any || n > g->d->max_bytes / 8) return NULL;
+    if (!any || n > g->d->max_bytes / 8) return NULL;
     char *copy = malloc(n + 1);
     if (copy) {
         memcpy(copy, json, n);
@@ -64,13 +64,13 @@ static uint32_t most_set(const cJSON *node)
 int prt_gltf_textures_begin(struct gltf *g, char *copy, size_t n)
 {
     if (!copy) return PRT_OK;
-    g->d->has_color = memmem(copy, n, "\"COLOR_0\"", 9) != NULL;
+    g->d->has_color = !g->d->no_textures && memmem(copy, n, "\"COLOR_0\"", 9) != NULL;
     g->json = cJSON_ParseWithLength(copy, n);
     free(copy);
     if (!g->json) return PRT_OK; // the parser of the whole file names the fault
     const cJSON *images = member(g->json, "images");
     size_t n_image = (size_t)cJSON_GetArraySize(images);
-    g->d->n_uv = 1 + most_set(member(g->json, "materials"));
+    if (!g->d->no_textures) g->d->n_uv = 1 + most_set(member(g->json, "materials"));
     g->image_index = prt_gltf_own(g, (n_image + 1) * PRT_TEXTURE_N_KIND * 4);
     if (!g->image_index) return prt_gltf_no_memory(g);
     memset(g->image_index, 0xff, (n_image + 1) * PRT_TEXTURE_N_KIND * 4);
@@ -223,7 +223,7 @@ int prt_gltf_maps(struct gltf *g, size_t material, uint32_t surface)
     const cJSON *normal = member(m, "normalTexture"),
                 *occlusion = member(m, "occlusionTexture");
     struct prt_surface_maps maps;
-    if (!cJSON_IsObject(m)) return PRT_OK;
+    if (!cJSON_IsObject(m) || g->d->no_textures) return PRT_OK;
     prt_surface_maps_default(&maps);
     base = member(pbr, "baseColorTexture");
     if (!base) base = member(older, "diffuseTexture");

@@ -34,6 +34,8 @@ struct prt_draft {
     float (*corner_uv)[3][2];                    // [n_triangle], or NULL
     struct prt_surface_maps *maps;               // [cap_maps] of the surfaces
     uint32_t cap_maps;
+    struct prt_volume *volume; // [cap_volume] of the surfaces, or NULL
+    uint32_t cap_volume;
     struct prt_texture_image *image; // begin 0: each has an array of its own
     uint8_t **texel;
     uint32_t n_image, cap_image, cap_texel;
@@ -47,6 +49,8 @@ int prt_draft_block(struct prt_draft *d, struct prt_block block);
 int prt_draft_surface(struct prt_draft *d, const struct prt_surface *s, uint32_t *index);
 // The maps of a surface, all absent at first. NULL without memory.
 struct prt_surface_maps *prt_draft_maps(struct prt_draft *d, uint32_t surface);
+// The same of its inside.
+struct prt_volume *prt_draft_volume(struct prt_draft *d, uint32_t surface);
 // Decodes an image of the model, warns where it cannot be read, and gives its index; UINT32_MAX
 // after a warning. PRT_NOMEM.
 int prt_draft_image(struct prt_draft *d, const char *name, const void *bytes, size_t n,

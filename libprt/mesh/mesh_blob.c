@@ -30,6 +30,7 @@ enum {
     CORNER_UV,
     COLOR,
     MAPS,
+    VOLUME,
     IMAGE,
     TEXEL,
     CAMERA,
@@ -42,21 +43,22 @@ struct layout {
 static struct layout layout_of(const struct block_header *h)
 {
     const size_t v = h->n_vertex;
-    const size_t size[N_PART] = {v * 12,
-                                 v * 12,
-                                 h->has_uv ? v * 8 : 0,
-                                 (size_t)h->n_triangle * 12,
-                                 v * 4,
-                                 h->n_block * sizeof(struct prt_block),
-                                 h->n_surface * sizeof(struct prt_surface),
-                                 h->n_uv > 1 ? (h->n_uv - 1) * v * 8 : 0,
-                                 h->has_corner_uv ? (size_t)h->n_triangle * 24 : 0,
-                                 h->has_color ? v * 16 : 0,
-                                 h->has_maps ? h->n_surface * sizeof(struct prt_surface_maps)
-                                             : 0,
-                                 h->n_image * sizeof(struct prt_texture_image),
-                                 h->texel_bytes,
-                                 h->n_camera * sizeof(struct prt_mesh_camera)};
+    const size_t size[N_PART] = {
+        v * 12,
+        v * 12,
+        h->has_uv ? v * 8 : 0,
+        (size_t)h->n_triangle * 12,
+        v * 4,
+        h->n_block * sizeof(struct prt_block),
+        h->n_surface * sizeof(struct prt_surface),
+        h->n_uv > 1 ? (h->n_uv - 1) * v * 8 : 0,
+        h->has_corner_uv ? (size_t)h->n_triangle * 24 : 0,
+        h->has_color ? v * 16 : 0,
+        h->has_maps & 1 ? h->n_surface * sizeof(struct prt_surface_maps) : 0,
+        h->has_maps & 2 ? h->n_surface * sizeof(struct prt_volume) : 0,
+        h->n_image * sizeof(struct prt_texture_image),
+        h->texel_bytes,
+        h->n_camera * sizeof(struct prt_mesh_camera)};
     struct layout l;
     l.at[0] = HEADER;
     for (int i = 0; i < N_PART; i++) l.at[i + 1] = (l.at[i] + size[i] + 63) & ~(size_t)63;
@@ -76,6 +78,9 @@ static void pack_textures(const struct prt_draft *d, const struct layout *l, cha
         if (i < d->cap_maps) maps[i] = d->maps[i];
         else prt_surface_maps_default(&maps[i]);
     }
+    uint32_t n_volume = d->n_surface < d->cap_volume ? d->n_surface : d->cap_volume;
+    if (d->volume) // the others stay 0: none
+        memcpy(bytes + l->at[VOLUME], d->volume, n_volume * sizeof *d->volume);
     struct prt_texture_image *image = (void *)(bytes + l->at[IMAGE]);
     uint64_t at = 0;
     for (uint32_t i = 0; i < d->n_image; i++) {
@@ -99,7 +104,7 @@ int prt_blob_pack(const struct prt_draft *d, struct prt_blob *out)
                              .n_uv = d->n_uv,
                              .has_corner_uv = d->corner_uv != NULL,
                              .has_color = d->has_color,
-                             .has_maps = d->has_maps,
+                             .has_maps = (d->has_maps ? 1u : 0) | (d->volume ? 2u : 0),
                              .n_image = d->n_image,
                              .texel_bytes = d->texel_bytes,
                              .n_camera = d->n_camera};
@@ -180,7 +185,8 @@ static void open_textures(struct prt_mesh *m, const struct block_header *h,
     if (h->n_uv > 1) m->uv_more = (void *)(b + l->at[UV_MORE]);
     if (h->has_corner_uv) m->corner_uv = (void *)(b + l->at[CORNER_UV]);
     if (h->has_color) m->color = (void *)(b + l->at[COLOR]);
-    if (h->has_maps) m->maps = (void *)(b + l->at[MAPS]);
+    if (h->has_maps & 2) m->volume = (void *)(b + l->at[VOLUME]);
+    if (h->has_maps & 1) m->maps = (void *)(b + l->at[MAPS]);
     if (h->n_image) m->image = (void *)(b + l->at[IMAGE]);
     if (h->texel_bytes) m->texel = (void *)(b + l->at[TEXEL]);
 }
@@ -196,6 +202,12 @@ static bool textures_ok(const struct prt_mesh *m)
         ok &= prt_texture_image_valid(&m->image[i], m->texel_bytes);
     for (uint32_t i = 0; m->maps && i < m->n_surface; i++)
         ok &= prt_surface_maps_valid(&m->maps[i], m->n_image, PRT_TEXTURE_MAX_UV);
+    for (uint32_t i = 0; m->volume && i < m->n_surface; i++) {
+        const struct prt_volume *v = &m->volume[i];
+        ok &= v->kind <= PRT_VOLUME_SCATTER && v->distance >= 0 && v->distance <= 1e9f &&
+              finite_within(v->color, 3, 1) && finite_within(v->albedo, 3, 1) &&
+              fabsf(v->g) <= 0.951f;
+    }
     return ok;
 }
 

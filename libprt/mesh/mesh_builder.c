@@ -121,6 +121,7 @@ void prt_draft_finish(struct prt_draft *d)
     free(d->color);
     free(d->corner_uv);
     free(d->maps);
+    free(d->volume);
     for (uint32_t i = 0; i < d->n_image; i++) prt_free(d->texel[i]);
     free(d->texel);
     free(d->image);
@@ -134,6 +135,15 @@ struct prt_surface_maps *prt_draft_maps(struct prt_draft *d, uint32_t surface)
     for (uint32_t i = before; i < d->cap_maps; i++) prt_surface_maps_default(&d->maps[i]);
     d->has_maps = true;
     return &d->maps[surface];
+}
+
+struct prt_volume *prt_draft_volume(struct prt_draft *d, uint32_t surface)
+{
+    uint32_t before = d->cap_volume;
+    if (!grow((void **)&d->volume, &d->cap_volume, (uint64_t)surface + 1, sizeof *d->volume))
+        return NULL;
+    memset(d->volume + before, 0, (d->cap_volume - before) * sizeof *d->volume);
+    return &d->volume[surface];
 }
 
 // The reason that an image is not read is a warning: the model is drawn without it.

@@ -25,8 +25,6 @@ static int check_usage(const struct options *o, enum prt_transport_kind engine)
 {
     bool sparse = o->storage && !strcmp(o->storage, "sparse");
     if (!o->out && !o->estimate) return usage_error(o, "-o OUT.prt is missing");
-    if (!o->material && engine == PRT_TRANSPORT_WAVELET)
-        return usage_error(o, "%s is a model: it needs --material", o->input[0]);
     if (!o->env && engine == PRT_TRANSPORT_POLYNOMIAL)
         return usage_error(o,
                            "--transport polynomial is baked under one light: it needs --env");
@@ -247,10 +245,11 @@ int run_bake(struct tool *tool)
              source_open(tool, o->input[0], engine == PRT_TRANSPORT_WAVELET, &source)))
         return exit_status;
     if (!source.material_given) {
-        // Only its eta is used; the material stays free.
-        source.material = *prt_material_preset(0);
-        prt_log(&tool->ctx, PRT_LOG_NOTE, "no --material: baked for eta %g",
-                (double)source.material.eta);
+        // Of a joint bake only its eta is used; the material stays free.
+        if (!source.material_of_file) source.material = *prt_material_preset(0);
+        if (engine != PRT_TRANSPORT_WAVELET)
+            prt_log(&tool->ctx, PRT_LOG_NOTE, "no --material: baked for eta %g",
+                    (double)source.material.eta);
     }
     if (o->env && engine == PRT_TRANSPORT_POLYNOMIAL) {
         exit_status = tool_exit(tool, tool_env_load(tool, o->env, &env));

@@ -38,6 +38,21 @@ static void add_maps(cJSON *surface, const struct prt_mesh *m, uint32_t i)
     }
 }
 
+// The medium that the file's material becomes, lengths in units of the file's.
+static void add_volume(cJSON *surface, const struct prt_mesh *m, uint32_t i)
+{
+    if (!m->volume || !m->volume[i].kind) return;
+    const struct prt_volume *v = &m->volume[i];
+    cJSON *o = cJSON_AddObjectToObject(surface, "volume");
+    cJSON_AddStringToObject(o, "attenuates",
+                            v->kind == PRT_VOLUME_SCATTER ? "sigma_t" : "sigma_a");
+    add_vector(o, "color", v->color, 3);
+    add_vector(o, "albedo", v->albedo, 3);
+    cJSON_AddNumberToObject(o, "distance", (double)v->distance);
+    cJSON_AddNumberToObject(o, "g", (double)v->g);
+    cJSON_AddNumberToObject(o, "eta", (double)m->surface[i].ior);
+}
+
 static void add_images(cJSON *to, const struct prt_mesh *m)
 {
     static const char *const kind[PRT_TEXTURE_N_KIND] = {"color", "data", "normal"};
@@ -89,6 +104,7 @@ static void add_mesh(cJSON *root, const struct prt_mesh *mesh)
         cJSON_AddStringToObject(s, "name", mesh->surface[i].name);
         cJSON_AddBoolToObject(s, "translucent", mesh->surface[i].translucent);
         add_maps(s, mesh, i);
+        add_volume(s, mesh, i);
         cJSON_AddItemToArray(surfaces, s);
     }
     if (mesh->n_uv > 1) cJSON_AddNumberToObject(m, "uv_sets", mesh->n_uv);

@@ -123,11 +123,26 @@ struct prt_mesh_options source_mesh_options(const struct options *o)
                                      .up_z = o->up && !strcmp(o->up, "z")};
 }
 
+// Without --material: the medium of the file's own materials.
+static int own_material(struct tool *tool, bool need_material, struct source *source)
+{
+    if (tool->opt.material) return EXIT_DONE;
+    source->material_of_file =
+        file_material(tool, source->mesh, (double)source->mesh->mm_per_unit, &source->material);
+    if (source->material_of_file) {
+        char text[PRT_MATERIAL_SUMMARY];
+        prt_material_summary(&source->material, text, sizeof text);
+        prt_log(&tool->ctx, PRT_LOG_NOTE, "the file's own material: %s", text);
+    }
+    if (source->material_of_file || !need_material) return EXIT_DONE;
+    return usage_error(&tool->opt,
+                       "%s is a model whose own materials give no medium: it needs --material",
+                       source->path);
+}
+
 static int open_model(struct tool *tool, bool need_material, struct source *source)
 {
     const struct options *o = &tool->opt;
-    if (!o->material && need_material)
-        return usage_error(o, "%s is a model: it needs --material", source->path);
     if (o->material) {
         int exit_status = material_option(tool, &source->material);
         if (exit_status) return exit_status;
@@ -142,8 +157,8 @@ static int open_model(struct tool *tool, bool need_material, struct source *sour
     if (!(o->size_mm > 0) && !(o->mm_per_unit > 0) && !source->loaded->units_known)
         return usage_error(o, "%s has no units of length: give --size-mm or --mm-per-unit",
                            source->path);
-    return tool_exit(tool,
-                     prt_mesh_scale(&tool->ctx, source->loaded, o->size_mm, o->mm_per_unit));
+    status = prt_mesh_scale(&tool->ctx, source->loaded, o->size_mm, o->mm_per_unit);
+    return status ? tool_exit(tool, status) : own_material(tool, need_material, source);
 }
 
 int source_open(struct tool *tool, const char *path, bool need_material, struct source *out)

@@ -94,7 +94,12 @@ struct source {
     const struct prt_mesh *mesh;           /* in mm */
     struct prt_material material;          /* --material, else the baked one */
     bool material_given;
+    bool material_of_file; /* without --material: material is of the model's own materials */
 };
+/* The medium of a model's own materials, of the first translucent one that has one; false where
+ * none has. Warns of what is lost. mm_per_unit: of the file's unit. */
+bool file_material(const struct tool *tool, const struct prt_mesh *mesh, double mm_per_unit,
+                   struct prt_material *out);
 /* Opens SOURCE and checks it by the contract. Returns an exit status. */
 int source_open(struct tool *tool, const char *path, bool need_material, struct source *out);
 void source_close(struct source *source);

@@ -263,6 +263,6 @@ enum access_verdict access_check(struct access *access, const char *who, const c
         return ACCESS_LATER;
     }
     enum access_verdict verdict = with_token(access, secret, out, error);
-    if (verdict == ACCESS_WRONG) guesses_count(&access->guesses, who, loop_now_ns());
+    if (verdict == ACCESS_WRONG) guesses_count(&access->guesses, who, secret, loop_now_ns());
     return verdict;
 }

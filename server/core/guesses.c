@@ -49,8 +49,13 @@ uint32_t guesses_wait_ms(const struct guesses *guesses, const char *who, uint64_
     return (uint32_t)((g->until_ns - now_ns + 999999) / 1000000);
 }
 
-void guesses_count(struct guesses *guesses, const char *who, uint64_t now_ns)
+void guesses_count(struct guesses *guesses, const char *who, const char *secret,
+                   uint64_t now_ns)
 {
+    uint8_t hash[8];
+    uint64_t said;
+    crypto_shorthash(hash, (const uint8_t *)secret, strlen(secret), guesses->seed);
+    memcpy(&said, hash, sizeof said);
     uint64_t address = address_hash(guesses, who);
     struct guess *row = guesses->at[address % GUESSES_BUCKETS];
     struct guess *g = find(guesses, address, now_ns);
@@ -61,6 +66,8 @@ void guesses_count(struct guesses *guesses, const char *who, uint64_t now_ns)
         *g = (struct guess){.address = address};
     }
     g->last_ns = now_ns;
+    if (g->wrong && g->secret == said) return;
+    g->secret = said;
     g->wrong++;
     if (g->wrong < GUESSES_FREE) return;
     uint32_t doubled = g->wrong - GUESSES_FREE;

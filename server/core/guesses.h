@@ -17,6 +17,7 @@ struct guesses {
     struct guess {
         uint64_t address; /* its hash; 0: empty */
         uint64_t last_ns, until_ns;
+        uint64_t secret; /* hash of the last wrong token */
         uint32_t wrong;
     } at[GUESSES_BUCKETS][GUESSES_WAYS];
 };
@@ -25,7 +26,9 @@ void guesses_init(struct guesses *guesses);
 /* who: a principal's name; addresses of one IPv6 /64 count as one. Milliseconds until a token
  * from there is looked at again; 0: now. */
 uint32_t guesses_wait_ms(const struct guesses *guesses, const char *who, uint64_t now_ns);
-/* A wrong token came from there. */
-void guesses_count(struct guesses *guesses, const char *who, uint64_t now_ns);
+/* A wrong token came from there. The same one again is no further guess: a program that goes on
+ * with a revoked token does not lock out others behind its address. */
+void guesses_count(struct guesses *guesses, const char *who, const char *secret,
+                   uint64_t now_ns);
 
 #endif

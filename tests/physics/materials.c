@@ -544,6 +544,40 @@ static void reference_of_many(void **state)
     prt_cube_finish(&dim);
 }
 
+// Law: a half-space of an imported medium returns its albedo, and attenuates as the file says,
+// by absorption or by extinction (METHODS §10).
+static void imported_media_return_their_albedo(void **state)
+{
+    for (int k = 0; k < 24; k++) {
+        struct prt_attenuation in = {.name = "wax",
+                                     .color = {0.921f, 0.64f, 0.064f},
+                                     .distance_mm = 0.5f + (float)k,
+                                     .g = k % 3 ? 0.3f : 0,
+                                     .eta = 1 + 0.1f * (float)(k % 6),
+                                     .roughness = 0.3f,
+                                     .scatters = k & 1};
+        struct prt_material m;
+        struct prt_diffusion d[3];
+        for (int c = 0; c < 3; c++) in.albedo[c] = 0.02f + 0.04f * (float)((k + 7 * c) % 24);
+        assert_true(prt_material_from_attenuation(&in, &m));
+        assert_int_equal(prt_material_check(&context, &m), PRT_OK);
+        prt_material_dipoles(&m, d);
+        for (int c = 0; c < 3; c++) {
+            double rate = -log((double)in.color[c]) / (double)in.distance_mm;
+            double s = d[c].sigma_s_prime / (1 - (double)m.g[c]), a = d[c].sigma_a;
+            expect_below("albedo of an imported medium, relative",
+                         fabs(d[c].rho_d / (double)in.albedo[c] - 1), 1e-4);
+            expect_below("attenuation of an imported medium, relative",
+                         fabs((in.scatters ? s + a : a) / rate - 1), 1e-4);
+        }
+    }
+    struct prt_attenuation white = {
+        .color = {1, 1, 1}, .albedo = {1, 1, 1}, .distance_mm = 1, .eta = 1.4f, .roughness = 1};
+    struct prt_material m;
+    assert_false(prt_material_from_attenuation(&white, &m)); // said, and still a medium
+    assert_int_equal(prt_material_check(&context, &m), PRT_OK);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -556,6 +590,7 @@ int main(void)
         cmocka_unit_test(linear_in_the_light),
         cmocka_unit_test(contractions_commute),
         cmocka_unit_test(reference_of_many),
+        cmocka_unit_test(imported_media_return_their_albedo),
     };
     return run_physics_tests(tests, set_up, clean_up);
 }

@@ -21,7 +21,12 @@ static struct guesses guesses;
 
 static void guess(const char *who, int n, uint64_t now)
 {
-    for (int i = 0; i < n; i++) guesses_count(&guesses, who, now);
+    static unsigned number;
+    char secret[32];
+    for (int i = 0; i < n; i++) {
+        snprintf(secret, sizeof secret, "guess-%u", number++);
+        guesses_count(&guesses, who, secret, now);
+    }
 }
 
 // One second after the fifth, doubled up to a minute, forgotten after ten minutes.
@@ -38,6 +43,8 @@ static void test_delays_double(void **state)
         now += expected * second;
         assert_int_equal(guesses_wait_ms(&guesses, "addr:192.0.2.1", now), 0);
     }
+    assert_int_equal(guesses_wait_ms(&guesses, "addr:192.0.2.2", now), 0);
+    for (int i = 0; i < 100; i++) guesses_count(&guesses, "addr:192.0.2.2", "revoked", now);
     assert_int_equal(guesses_wait_ms(&guesses, "addr:192.0.2.2", now), 0);
     now += 600 * second;
     guess("addr:192.0.2.1", 1, now);

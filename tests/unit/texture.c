@@ -301,6 +301,34 @@ static void maps_of_a_gltf(void **state)
     assert_null(strstr(lines, "left out"));
 }
 
+// Inside of a material: numbers of the extensions, and none of those out of range.
+static void volumes_of_a_gltf(void **state)
+{
+    struct prt_context ctx = context();
+    struct prt_mesh *m =
+        load(&ctx, "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.9,0.8,0.7,1]},"
+                   "\"extensions\":{\"KHR_materials_volume\":{\"attenuationDistance\":0.02,"
+                   "\"attenuationColor\":[0.9,0.6,0.1]}}");
+    assert_non_null(m->volume);
+    assert_int_equal(m->volume[0].kind, PRT_VOLUME_ATTENUATION);
+    assert_float_equal(m->volume[0].distance, 0.02, 1e-7);
+    assert_float_equal(m->volume[0].color[1], 0.6, 1e-6);
+    assert_float_equal(m->volume[0].albedo[2], 0.7, 1e-6);
+    prt_mesh_destroy(m);
+    m = load(&ctx, "\"extensions\":{\"KHR_materials_volume\":{\"attenuationDistance\":-3,"
+                   "\"attenuationColor\":[2,0,0]},\"KHR_materials_volume_scatter\":"
+                   "{\"multiscatterColor\":[0.3,0.4,0.5],\"scatterAnisotropy\":7}}");
+    assert_int_equal(m->volume[0].kind, PRT_VOLUME_SCATTER);
+    assert_float_equal(m->volume[0].distance, 0, 0);
+    assert_float_equal(m->volume[0].color[0], 1, 0);
+    assert_float_equal(m->volume[0].albedo[1], 0.4, 1e-6);
+    assert_float_equal(m->volume[0].g, 0, 0);
+    prt_mesh_destroy(m);
+    m = load(&ctx, "\"name\":\"plain\"");
+    assert_null(m->volume);
+    prt_mesh_destroy(m);
+}
+
 // Green is up the image: a map that says (0, 0.7, 0.7) tilts towards smaller v, here +y.
 static void normals_tilt_up(void **state)
 {
@@ -359,10 +387,15 @@ static void wrong_texture_records(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(wrap_modes),          cmocka_unit_test(levels_average_light),
-        cmocka_unit_test(anisotropic),         cmocka_unit_test(hash_is_of_content),
-        cmocka_unit_test(decoding_and_limits), cmocka_unit_test(maps_of_a_gltf),
-        cmocka_unit_test(normals_tilt_up),     cmocka_unit_test(wrong_texture_records),
+        cmocka_unit_test(wrap_modes),
+        cmocka_unit_test(levels_average_light),
+        cmocka_unit_test(anisotropic),
+        cmocka_unit_test(hash_is_of_content),
+        cmocka_unit_test(decoding_and_limits),
+        cmocka_unit_test(maps_of_a_gltf),
+        cmocka_unit_test(normals_tilt_up),
+        cmocka_unit_test(volumes_of_a_gltf),
+        cmocka_unit_test(wrong_texture_records),
     };
     return run_test_group(tests, NULL, NULL);
 }

@@ -125,6 +125,20 @@ def main():
     expect('paint.png' in run.stderr and 'left out' in run.stderr, 'no warning: ' + run.stderr)
     side = ['--engine', 'tangent', '--samples', '64']
 
+    # the file's own medium: the same picture as by the medium that the note prints
+    volume = {'attenuationDistance': .005, 'attenuationColor': [.9, .7, .4]}
+    glb('wax.glb', [], {'name': 'wax', 'pbrMetallicRoughness': {'baseColorFactor': [.8, .7, .6, 1],
+                                                                'roughnessFactor': .4},
+                        'extensions': {'KHR_materials_volume': volume, 'KHR_materials_ior': {'ior': 1.4}}})
+    common = ['image', 'wax.glb', '--env', 'constant', '--size', '64x48', '--engine', 'tangent', '--samples', '64']
+    run = prt(*common, '-o', 'own.exr')
+    medium = run.stderr.split("the file's own material: ")[-1].split('\n')[0]
+    expect('"eta":1.4' in medium, 'the note has no medium: ' + run.stderr)
+    prt(*common, '--material', medium, '-o', 'named.exr')
+    expect(rmse('own.exr', 'named.exr') < 1e-4, 'the note is not the medium of the picture')
+    run = prt('image', 'plain.glb', '--env', 'constant', '-o', 'x.exr', status=2)
+    expect('needs --material' in run.stderr, 'no error without a medium: ' + run.stderr)
+
     # an image that lies about its size, one too large, one cut off: warnings that name it
     for lie in ((60000, 60000), (16384, 16384), (4, 400)):
         glb('lie.glb', [png(4, 4, [[(1, 2, 3)] * 4] * 4, lie)], base)

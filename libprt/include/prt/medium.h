@@ -55,6 +55,23 @@ int prt_material_print(const struct prt_material *material, char *buf, size_t n)
 int prt_material_summary(const struct prt_material *material, char *buf, size_t n);
 /* Hash of all fields but the name and the profile's kind. */
 uint64_t prt_material_hash(const struct prt_material *material);
+/* An artist's medium: light attenuates by `color` over `distance_mm` [mm], and a half-space
+ * under even light returns `albedo`. */
+struct prt_attenuation {
+    char name[32];
+    float color[3], albedo[3]; /* [0,1] */
+    float distance_mm;         /* > 0 */
+    float g;                   /* |g| <= 0.95 */
+    float eta, roughness;
+    bool scatters; /* attenuation is sigma_t (KHR_materials_volume_scatter), else sigma_a
+                      (KHR_materials_volume) */
+};
+/* The medium: albedo is inverted against the dipole's total reflectance rho_d, so that rho_d of
+ * the result is the albedo. false where an albedo above 0.98, which no finite medium has, was
+ * lowered to it. */
+bool prt_material_from_attenuation(const struct prt_attenuation *in, struct prt_material *out);
+/* The reduced albedo whose half-space returns this share of diffuse light. */
+double prt_albedo_invert(double reflectance, double eta);
 /* The twelve media of JMLH01 fig. 5: index 0..11; NULL past the end. */
 const struct prt_material *prt_material_preset(unsigned index);
 /* The preset of this name, whatever its case, or the only one that begins so; NULL with a

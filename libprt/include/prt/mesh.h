@@ -27,6 +27,16 @@ struct prt_surface {
     float ior;           /* KHR_materials_ior, else 1.5 */
 };
 
+/* The inside of a surface as a glTF material gives it, in the file's unit of length. */
+enum prt_volume_kind { PRT_VOLUME_NONE, PRT_VOLUME_ATTENUATION, PRT_VOLUME_SCATTER };
+struct prt_volume {
+    uint32_t kind;   /* enum prt_volume_kind */
+    float color[3];  /* [0,1] left after `distance` */
+    float distance;  /* model units; 0: the file gives none */
+    float albedo[3]; /* [0,1] diffuse */
+    float g;         /* [-0.95,0.95] */
+};
+
 /* One (node, primitive): vertices [vertex_begin, +n_vertex) in the file's order. */
 struct prt_block {
     uint32_t object;  /* index of the node instance; light never crosses objects */
@@ -74,6 +84,7 @@ struct prt_mesh {
     struct prt_texture_image *image; /* [n_image] */
     uint8_t *texel;                  /* [texel_bytes] levels of all images */
     uint64_t texel_bytes;
+    struct prt_volume *volume; /* [n_surface], or NULL; of a model, not of a .prt */
     float texture_split; /* [0,1] share of a texture that scattering blurs (METHODS §10) */
 };
 
