@@ -17,7 +17,7 @@ enum { PER_TEXEL = 2, WEDGES = 16, SLOTS = 1 << 13, SIZES = 3 };
 /* Rows: for each texel of the cube its pixels, with weights that sum to 1. */
 struct matrix {
     uint32_t *begin; /* [6 n n + 1] */
-    uint16_t *row, *column;
+    uint32_t *index; /* of the pixel */
     float *weight;
     float *solid_angle; /* [n n] of a face's texels */
 };
@@ -32,8 +32,7 @@ static int size_index(uint32_t n)
 static void matrix_finish(struct matrix *m)
 {
     prt_free(m->begin);
-    prt_free(m->row);
-    prt_free(m->column);
+    prt_free(m->index);
     prt_free(m->weight);
     prt_free(m->solid_angle);
     *m = (struct matrix){0};
@@ -161,12 +160,11 @@ static int pack(const struct builder *b, struct matrix *out)
 {
     const uint32_t rows = 6 * b->n * b->n;
     struct matrix m = {.begin = prt_calloc((size_t)rows + 2, sizeof *m.begin),
-                       .row = prt_alloc(b->n_all, sizeof *m.row),
-                       .column = prt_alloc(b->n_all, sizeof *m.column),
+                       .index = prt_alloc(b->n_all, sizeof *m.index),
                        .weight = prt_alloc(b->n_all, sizeof *m.weight),
                        .solid_angle = prt_alloc((size_t)b->n * b->n, sizeof(float))};
     double *sum = prt_calloc(rows, sizeof *sum);
-    if (!m.begin || !m.row || !m.column || !m.weight || !m.solid_angle || !sum) {
+    if (!m.begin || !m.index || !m.weight || !m.solid_angle || !sum) {
         prt_free(sum);
         matrix_finish(&m);
         return PRT_NOMEM;
@@ -179,8 +177,7 @@ static int pack(const struct builder *b, struct matrix *out)
     for (size_t i = 0; i < b->n_all; i++) {
         const struct share *s = &b->all[i];
         const uint32_t at = m.begin[s->texel]++;
-        m.row[at] = s->row;
-        m.column[at] = s->column;
+        m.index[at] = s->row * b->width + s->column;
         m.weight[at] = (float)(s->area / sum[s->texel - 1]);
     }
     prt_free(sum);
@@ -351,13 +348,12 @@ static v4f *shifted(const struct prt_turned_image *image, double columns)
     return out;
 }
 
-static void apply(const struct matrix *m, const v4f *pixel, uint32_t width, uint32_t rows,
-                  float *texel)
+static void apply(const struct matrix *m, const v4f *pixel, uint32_t rows, float *texel)
 {
     for (uint32_t t = 0, i = 0; t < rows; t++) {
         v4f sum = {0, 0, 0, 0};
         for (const uint32_t end = m->begin[t + 1]; i < end; i++)
-            sum += m->weight[i] * pixel[(size_t)m->row[i] * width + m->column[i]];
+            sum += m->weight[i] * pixel[m->index[i]];
         for (int c = 0; c < 3; c++) texel[3 * t + (uint32_t)c] = sum[c];
     }
 }
@@ -412,7 +408,7 @@ int prt_env_turned(const struct prt_context *ctx, const struct prt_env *env, uin
         return prt_fail(ctx, status, "turning to 6 x %u x %u: %s", n, n,
                         prt_status_text(status));
     }
-    apply(m, pixel, image->width, 6 * n * n, cube.texel);
+    apply(m, pixel, 6 * n * n, cube.texel);
     add_bright(image, degrees * PI / 180, m->solid_angle, &cube);
     prt_free(pixel);
     *out = cube;

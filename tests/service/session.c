@@ -106,8 +106,10 @@ static Relight__Error *error_for(struct frames *f, uint64_t id)
 {
     struct frames_answer a;
     ProtobufCMessage *m = NULL;
-    do assert_true(frames_next(f, &a, 20000, &m));
-    while (a.id != id);
+    while (!m || a.id != id) {
+        if (m) protobuf_c_message_free_unpacked(m, NULL);
+        assert_true(frames_next(f, &a, 20000, &m));
+    }
     assert_int_equal(a.type, RELIGHT_TYPE_ERROR);
     return (Relight__Error *)m;
 }
