@@ -34,7 +34,7 @@ struct options {
     uint32_t first;
     struct relight_token_order token_order;
     const char *scopes, *word; /* word: the second argument, of `token` alone */
-    bool wait, files, remote, forget, own_units;
+    bool wait, files, remote, forget, own_units, follow;
 };
 
 struct command {
@@ -85,6 +85,8 @@ int read_npy(const struct options *options, const char *path, uint32_t *n, float
 int write_vertices(const struct options *options, const char *path, uint32_t n,
                    const float *rgb, const struct relight_geometry *geometry);
 
+const char *job_name(enum relight_job_state state); /* "queued", …: model_commands.c */
+
 /* The commands. */
 int run_ping(struct relight_client *client, struct options *options);
 int run_models(struct relight_client *client, struct options *options);
@@ -100,6 +102,8 @@ int run_geometry(struct relight_client *client, struct options *options);
 int run_update(struct relight_client *client, struct options *options);
 int run_unload(struct relight_client *client, struct options *options);
 int run_token(struct relight_client *client, struct options *options);
+int run_events(struct relight_client *client, struct options *options);
+int run_download(struct relight_client *client, struct options *options);
 int run_stats(struct relight_client *client, struct options *options);
 
 #endif

@@ -9,6 +9,7 @@ int main(int argc, char **argv)
     struct options options;
     const struct command *command = options_parse(argc, argv, &options);
     struct relight_options how = {.name = "relight " RELIGHT_VERSION,
+                                  .reconnect_s = options.follow ? 60 : 0,
                                   .token = options.token,
                                   .ca = options.ca,
                                   .timeout_s = options.timeout_s};

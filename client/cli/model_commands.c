@@ -91,6 +91,16 @@ int run_models(struct relight_client *client, struct options *options)
                 cJSON_AddItemToArray(files, file);
             }
         }
+        if (options->files) {
+            cJSON *envs = cJSON_AddArrayToObject(json, "environments");
+            for (size_t i = 0; i < list.n_env; i++) {
+                cJSON *env = cJSON_CreateObject();
+                cJSON_AddStringToObject(env, "env", list.env[i].env);
+                cJSON_AddStringToObject(env, "name", list.env[i].name);
+                cJSON_AddNumberToObject(env, "bytes", (double)list.env[i].bytes);
+                cJSON_AddItemToArray(envs, env);
+            }
+        }
         print_json(json);
     } else {
         if (list.n_model)
@@ -106,6 +116,9 @@ int run_models(struct relight_client *client, struct options *options)
         for (size_t i = 0; i < list.n_file; i++)
             printf("%12llu  %s\n", (unsigned long long)list.file_bytes[i],
                    escape(list.file[i]).text);
+        for (size_t i = 0; i < list.n_env; i++)
+            printf("%12llu  %s  %s\n", (unsigned long long)list.env[i].bytes,
+                   escape(list.env[i].env).text, escape(list.env[i].name).text);
     }
     relight_list_finish(&list);
     return EXIT_DONE;
@@ -260,11 +273,12 @@ int run_load(struct relight_client *client, struct options *options)
     return status ? report_error(options, &error) : EXIT_DONE;
 }
 
-static const char *const job_names[] = {"queued", "running", "done", "failed", "cancelled"};
+static const char *const job_names[] = {"queued", "running",   "done",
+                                        "failed", "cancelled", "none"};
 
-static const char *job_name(enum relight_job_state state)
+const char *job_name(enum relight_job_state state)
 {
-    return (unsigned)state < 5 ? job_names[state] : "unknown";
+    return (unsigned)state < 6 ? job_names[state] : "unknown";
 }
 
 static int progress_line(void *user, const struct relight_progress *p)

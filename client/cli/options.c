@@ -167,7 +167,7 @@ static const struct row {
     {'I', "first", "N", WHOLE, AT(first), 0, UINT32_MAX, NULL, 0,
      "the first vertex that moves (default 0)"},
     {'l', "files", NULL, FLAG, AT(files), 0, 0, NULL, 0,
-     "also list the loadable files of the daemon's models folder"},
+     "also list the loadable files of the daemon's models folder and your uploaded images"},
     {'F', "forget", NULL, FLAG, AT(forget), 0, 0, NULL, 0, "delete the bake as well"},
     // Keys below the blank have no short option.
     {1, "name", "NAME", TEXT, AT(token_order.name), 0, 0, NULL, 0,
@@ -195,6 +195,8 @@ static const struct row {
      "unfinished uploads"},
     {16, "output", "BYTES", SPECIAL, AT(token_order.quotas.output), 0, 0, NULL, 0,
      "bytes of answers that it has not read yet"},
+    {30, "follow", NULL, FLAG, AT(follow), 0, 0, NULL, 0,
+     "wait for further events, also over a restart of the daemon"},
     {'u', "own-units", NULL, FLAG, AT(own_units), 0, 0, NULL, 0,
      "positions in the model's units (default: mm)"},
 };
@@ -234,6 +236,17 @@ const struct command commands[] = {
      "JOB may also be a model's id. With --json each change is one line.\n\n"
      "Example:\n  relight watch 12",
      COMMON, true, run_watch},
+    {"events", "",
+     "Prints what happens in the daemon: models that come, change and go, bakes, own uploads.\v"
+     "Without --follow it prints the events that the daemon still keeps (up to 1024) and ends. With "
+     "--json each event is one line.\n\n"
+     "Examples:\n  relight events\n  relight events --follow --json",
+     COMMON "\36", false, run_events},
+    {"download", "HASH",
+     "Fetches one of your uploads back.\v"
+     "HASH is env:HASH as in `relight models --files`, or the 64 digits alone.\n\n"
+     "Example:\n  relight download env:HASH -o sunrise.exr",
+     COMMON "o", true, run_download},
     {"cancel", "JOB", "Stops a job.\vExample:\n  relight cancel 12", COMMON, true, run_cancel},
     {"env", "FILE",
      "Uploads and decodes an environment; prints env:HASH.\v"

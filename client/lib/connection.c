@@ -25,6 +25,7 @@ struct slot {
     double deadline_s; // when its caller gives up; INFINITY none
     bool last;         // its last answer is queued
     bool forgotten;    // nobody waits: drop answers, free at the last one
+    bool lost;         // its connection ended: no further answer comes
     struct answer *head, **tail;
     struct answer *part; // message whose payload is still coming (MORE)
     uint64_t part_room;
@@ -55,7 +56,13 @@ struct relight_client {
     double timeout_s;
     struct relight_server server;
     char *address;
-    struct answer *hello;
+    struct answer *hello; // the last one; earlier ones behind it, for relight_server()
+    bool gone_away;
+    struct relight_goaway goaway;
+    char *name, *token, *ca; // for a reconnect
+    double connect_timeout_s, reconnect_s;
+    bool reviving; // `reviver` connects again, others wait
+    pthread_t reviver;
 };
 
 // An error's text may come from the daemon and goes to terminals: control characters (C0, DEL,
@@ -128,6 +135,8 @@ static void hang_up(struct relight_client *c)
     c->broken = true;
     shutdown(c->fd, SHUT_RDWR);
     for (struct out_item *o = c->out_head; o; o = o->next) o->done = true;
+    for (int i = 0; i < N_BUCKET; i++)
+        for (struct slot *s = c->bucket[i]; s; s = s->next) s->lost = true;
     c->out_head = NULL;
     c->out_tail = &c->out_head;
     pthread_cond_broadcast(&c->changed);
@@ -214,11 +223,40 @@ static int append_part(struct relight_client *c, struct slot *slot, uint8_t *byt
     return 0;
 }
 
+static const char *take_goaway(struct relight_client *c, const struct relight_frame *f)
+{
+    Relight__Goaway *m = (Relight__Goaway *)relight_frame_unpack(f);
+    if (!m) return "the server's GOAWAY does not parse";
+    c->gone_away = true;
+    c->goaway.drain_s = m->drain_ms * 1e-3;
+    snprintf(c->goaway.address, sizeof c->goaway.address, "%s", m->address);
+    snprintf(c->goaway.text, sizeof c->goaway.text, "%s", m->text);
+    tidy_line(c->goaway.address, sizeof c->goaway.address);
+    tidy_line(c->goaway.text, sizeof c->goaway.text);
+    protobuf_c_message_free_unpacked(&m->base, NULL);
+    return NULL;
+}
+
+bool relight_goaway(struct relight_client *client, struct relight_goaway *out)
+{
+    pthread_mutex_lock(&client->lock);
+    bool gone_away = client->gone_away;
+    if (gone_away && out) *out = client->goaway;
+    pthread_mutex_unlock(&client->lock);
+    return gone_away;
+}
+
+bool relight_reconnects(const struct relight_client *client)
+{
+    return client->reconnect_s > 0;
+}
+
 static const char *deliver(struct relight_client *c)
 {
     struct relight_frame *f = &c->decoder.frame;
     if (!(f->type & RELIGHT_TYPE_ANSWER)) return "the server sent a request";
     struct slot *slot = *find_slot(c, f->id);
+    if (f->type == RELIGHT_TYPE_GOAWAY) return take_goaway(c, f);
     if (!slot) {
         if (f->id || f->type != RELIGHT_TYPE_ERROR) return NULL; // late answer, nobody asks
         ProtobufCMessage *message = relight_frame_unpack(f);
@@ -387,6 +425,89 @@ double relight_timeout(const struct relight_client *client)
     return client->timeout_s;
 }
 
+// True while answers are still to come on this connection.
+static bool has_open_slots(const struct relight_client *c)
+{
+    for (int i = 0; i < N_BUCKET; i++)
+        for (const struct slot *s = c->bucket[i]; s; s = s->next)
+            if (!s->lost && !s->last) return true;
+    return false;
+}
+
+static int hello(struct relight_client *c, struct relight_error *error);
+
+// A connected socket, with TLS where the address says so; or -code.
+static int open_transport(const char *address, const char *ca, double timeout_s,
+                          struct relight_tls **tls, struct relight_error *error)
+{
+    char host[256];
+    *tls = NULL;
+    int fd = relight_socket(address, timeout_s, host, error);
+    int status = fd >= 0 && *host ? relight_tls_open(fd, host, ca, timeout_s, tls, error) : 0;
+    if (!status) return fd;
+    close(fd);
+    return status;
+}
+
+// One attempt. The lock is held, and is free while it connects.
+static int connect_again(struct relight_client *c, const char *address,
+                         struct relight_error *error)
+{
+    pthread_mutex_unlock(&c->lock);
+    struct relight_tls *tls;
+    int fd = open_transport(address, c->ca, c->connect_timeout_s, &tls, error);
+    pthread_mutex_lock(&c->lock);
+    if (fd < 0) return fd;
+    struct relight_frame_limits limits = c->decoder.limits;
+    relight_tls_close(c->tls);
+    close(c->fd);
+    c->fd = fd;
+    c->tls = tls;
+    relight_decoder_finish(&c->decoder);
+    relight_decoder_init(&c->decoder, &limits);
+    c->broken = c->gone_away = false;
+    pthread_mutex_unlock(&c->lock);
+    int status = hello(c, error);
+    pthread_mutex_lock(&c->lock);
+    if (status && !c->broken) break_connection(c, RELIGHT_E_DISCONNECTED, "HELLO failed");
+    while (status && c->leading) pthread_cond_wait(&c->changed, &c->lock);
+    return status;
+}
+
+// Connects again where the connection is lost, or where the daemon said GOAWAY and no answer is
+// still to come. Lock held.
+static int revive(struct relight_client *c, struct relight_error *error)
+{
+    if (c->reviving && pthread_equal(c->reviver, pthread_self())) return 0; // its HELLO
+    while (c->reviving) pthread_cond_wait(&c->changed, &c->lock);
+    // An end, or a GOAWAY, that came while nobody read.
+    struct pollfd p = {c->fd, POLLIN, 0};
+    while (!c->broken && !c->leading && poll(&p, 1, 0) > 0) read_some(c);
+    if (!c->broken && (!c->gone_away || has_open_slots(c))) return 0;
+    char address[128];
+    snprintf(address, sizeof address, "%s",
+             c->gone_away && c->goaway.address[0] ? c->goaway.address : c->address);
+    break_connection(c, RELIGHT_E_DISCONNECTED, "the server is stopping");
+    c->reviving = true;
+    c->reviver = pthread_self();
+    while (c->leading) pthread_cond_wait(&c->changed, &c->lock);
+    double end = relight_now_s() + c->reconnect_s, pause_s = 0.05;
+    int status;
+    while ((status = connect_again(c, address, error)) == -RELIGHT_E_UNREACHABLE ||
+           status == -RELIGHT_E_DISCONNECTED || status == -RELIGHT_E_TIMEOUT ||
+           status == -RELIGHT_E_BUSY || status == -RELIGHT_E_SHUTTING_DOWN) {
+        if (relight_now_s() + pause_s > end) break;
+        pthread_mutex_unlock(&c->lock);
+        struct timespec pause = {(time_t)pause_s, (long)(fmod(pause_s, 1) * 1e9)};
+        nanosleep(&pause, NULL);
+        pause_s = fmin(2 * pause_s, 1);
+        pthread_mutex_lock(&c->lock);
+    }
+    c->reviving = false;
+    pthread_cond_broadcast(&c->changed);
+    return status;
+}
+
 int relight_start(struct relight_client *c, uint16_t type, const ProtobufCMessage *message,
                   const struct iovec *payload, int n_payload, double deadline_s, bool forget,
                   uint64_t *id, struct relight_error *error)
@@ -416,6 +537,7 @@ int relight_start(struct relight_client *c, uint16_t type, const ProtobufCMessag
         relight_type_message(type | RELIGHT_TYPE_ANSWER) == &relight__nothing__descriptor;
 
     pthread_mutex_lock(&c->lock);
+    if (c->reconnect_s > 0 && (status = revive(c, error))) goto done;
     struct slot *slot = c->broken || one_way ? NULL : add_slot(c, end, forget);
     if (c->broken || (!slot && !one_way)) {
         status = c->broken ? broken(c, error)
@@ -486,10 +608,10 @@ int relight_next(struct relight_client *c, uint64_t id, double wait_s, struct an
                             (unsigned long long)id);
     }
     double end = wait_s >= 0 ? relight_now_s() + wait_s : slot->deadline_s;
-    while (!slot->head && !c->broken && turn(c, end)) continue;
+    while (!slot->head && !slot->lost && turn(c, end)) continue;
     struct answer *answer = slot->head;
     if (!answer) {
-        bool lost = c->broken;
+        bool lost = slot->lost;
         int status = lost ? broken(c, error) : 0;
         if (lost) drop_slot(c, id);
         pthread_mutex_unlock(&c->lock);
@@ -547,25 +669,30 @@ int relight_end(struct relight_client *client, uint64_t id, uint16_t type, struc
                         client->address, relight_type_name(type));
 }
 
-static int hello(struct relight_client *c, const struct relight_options *o,
-                 struct relight_error *error)
+static int hello(struct relight_client *c, struct relight_error *error)
 {
+    struct answer *answer;
     Relight__HelloRequest m = RELIGHT__HELLO_REQUEST__INIT;
-    m.client = relight_text(o->name ? o->name : "librelight");
+    m.client = relight_text(c->name);
     m.version_min = m.version_max = RELIGHT_PROTOCOL_VERSION;
-    m.token = relight_text(o->token);
+    m.token = relight_text(c->token);
     m.max_payload = c->decoder.limits.max_payload;
-    double timeout_s = c->timeout_s;
-    c->timeout_s = o->connect_timeout_s;
-    int status = relight_call(c, RELIGHT_TYPE_HELLO, &m.base, &c->hello, error);
-    c->timeout_s = timeout_s;
+    uint64_t id;
+    int status = relight_start(c, RELIGHT_TYPE_HELLO, &m.base, NULL, 0, c->connect_timeout_s,
+                               false, &id, error);
+    if (!status) status = relight_end(c, id, RELIGHT_TYPE_HELLO, &answer, error);
     if (status) return status;
+    bool first = !c->hello;
+    answer->next = c->hello;
+    c->hello = answer;
     const Relight__HelloAnswer *a = (Relight__HelloAnswer *)c->hello->message;
     if (a->version != RELIGHT_PROTOCOL_VERSION)
         return relight_fail(error, RELIGHT_E_VERSION, "install matching versions",
                             "%s speaks protocol version %u, this client %d", c->address,
                             a->version, RELIGHT_PROTOCOL_VERSION);
+    if (!first) return 0; // other threads may be reading it
     c->server = (struct relight_server){.name = a->server,
+                                        .run = a->run,
                                         .address = c->address,
                                         .max_payload = a->max_payload,
                                         .max_blob = a->max_blob,
@@ -587,17 +714,11 @@ int relight_connect(const char *address, const struct relight_options *options,
     struct relight_options o = options ? *options : (struct relight_options){0};
     if (!(o.connect_timeout_s > 0)) o.connect_timeout_s = 5;
     if (!address || !*address) address = relight_default_address(name, sizeof name);
-    char host[256];
     struct relight_tls *tls = NULL;
-    int fd = relight_socket(address, o.connect_timeout_s, host, error);
-    if (fd < 0) return fd;
     const char *named = getenv("RELIGHT_CA");
     if (!o.ca && named && *named) o.ca = named;
-    int shaken = *host ? relight_tls_open(fd, host, o.ca, o.connect_timeout_s, &tls, error) : 0;
-    if (shaken) {
-        close(fd);
-        return shaken;
-    }
+    int fd = open_transport(address, o.ca, o.connect_timeout_s, &tls, error);
+    if (fd < 0) return fd;
     struct relight_client *c = calloc(1, sizeof *c);
     if (!c) {
         relight_tls_close(tls);
@@ -616,13 +737,18 @@ int relight_connect(const char *address, const struct relight_options *options,
     c->next_id = 1;
     c->out_tail = &c->out_head;
     c->timeout_s = o.timeout_s > 0 ? o.timeout_s : 0;
+    c->connect_timeout_s = o.connect_timeout_s;
     c->address = strdup(address);
+    c->name = strdup(o.name ? o.name : "librelight");
+    c->token = strdup(o.token ? o.token : "");
+    c->ca = o.ca ? strdup(o.ca) : NULL;
     c->read_buffer = malloc(READ_SIZE);
     struct relight_frame_limits limits = {16u << 20,
                                           o.max_payload ? o.max_payload : UINT64_C(4) << 30};
     relight_decoder_init(&c->decoder, &limits);
-    int status = c->address && c->read_buffer && c->wake_fd >= 0
-                     ? hello(c, &o, error)
+    bool whole = c->address && c->name && c->token && (!o.ca || c->ca) && c->read_buffer;
+    int status = whole && c->wake_fd >= 0
+                     ? hello(c, error)
                      : relight_fail(error, RELIGHT_E_NO_MEMORY, "", "not enough memory");
     // A peer that closes, or does not answer HELLO, counts as unreachable.
     if (status == -RELIGHT_E_DISCONNECTED || status == -RELIGHT_E_TIMEOUT ||
@@ -634,9 +760,13 @@ int relight_connect(const char *address, const struct relight_options *options,
                      address + 4);
         status = -RELIGHT_E_UNREACHABLE;
     }
-    if (status) relight_close(c);
-    else *out = c;
-    return status;
+    if (status) {
+        relight_close(c);
+        return status;
+    }
+    c->reconnect_s = o.reconnect_s > 0 ? o.reconnect_s : 0;
+    *out = c;
+    return 0;
 }
 
 void relight_close(struct relight_client *c)
@@ -652,11 +782,17 @@ void relight_close(struct relight_client *c)
         }
     }
     relight_decoder_finish(&c->decoder);
-    relight_answer_free(c->hello);
+    for (struct answer *a = c->hello, *next; a; a = next) {
+        next = a->next;
+        relight_answer_free(a);
+    }
     pthread_cond_destroy(&c->changed);
     pthread_mutex_destroy(&c->lock);
     free(c->read_buffer);
     free(c->address);
+    free(c->name);
+    free(c->token);
+    free(c->ca);
     free(c);
 }
 

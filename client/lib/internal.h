@@ -59,6 +59,8 @@ int relight_end(struct relight_client *client, uint64_t id, uint16_t type, struc
 /* Cancels a request and drops what still comes for it; the id is gone. */
 void relight_forget(struct relight_client *client, uint64_t id);
 double relight_timeout(const struct relight_client *client);
+/* Whether the client connects again after its connection was lost. */
+bool relight_reconnects(const struct relight_client *client);
 
 /* ---- messages.c: plain structs to messages and back ---- */
 /* Memory that an output owns: the answer, and arrays made from it. */

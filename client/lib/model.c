@@ -196,6 +196,9 @@ static int job_end(const Relight__Progress *p, struct relight_error *error)
             error->code = RELIGHT_E_JOB_FAILED;
         return p->state == RELIGHT__JOB_STATE__JOB_FAILED ? -RELIGHT_E_JOB_FAILED : status;
     }
+    if (p->state == RELIGHT__JOB_STATE__JOB_NONE)
+        return relight_fail(error, RELIGHT_E_NOT_READY, "load it without preview to bake it",
+                            "%s: %s", p->model, p->stage);
     if (p->state == RELIGHT__JOB_STATE__JOB_CANCELLED)
         return relight_fail(error, RELIGHT_E_CANCELLED, "", "job %s was cancelled", p->job);
     return relight_fail(error, RELIGHT_E_JOB_FAILED, "", "job %s failed in stage %s", p->job,
@@ -324,7 +327,7 @@ int relight_list(struct relight_client *client, bool files, struct relight_list 
 {
     Relight__ListRequest m = RELIGHT__LIST_REQUEST__INIT;
     struct answer *answer;
-    m.files = files;
+    m.files = m.environments = files;
     int status = relight_call(client, RELIGHT_TYPE_LIST, &m.base, &answer, error);
     if (status) return status;
     const Relight__ListAnswer *a = (Relight__ListAnswer *)answer->message;
@@ -342,7 +345,23 @@ int relight_list(struct relight_client *client, bool files, struct relight_list 
         name[i] = a->files[i]->path;
         bytes[i] = a->files[i]->bytes;
     }
-    *out = (struct relight_list){a->n_models, a->n_files, model, name, bytes, owner};
+    struct relight_env_entry *env = relight_owner_alloc(owner, a->n_environments, sizeof *env);
+    if (!env) {
+        relight_owner_free(owner);
+        return no_memory(error);
+    }
+    for (size_t i = 0; i < a->n_environments; i++) {
+        const Relight__EnvironmentEntry *e = a->environments[i];
+        env[i] = (struct relight_env_entry){e->env, e->name, e->bytes};
+    }
+    *out = (struct relight_list){.n_model = a->n_models,
+                                 .n_file = a->n_files,
+                                 .model = model,
+                                 .file = name,
+                                 .file_bytes = bytes,
+                                 .owner = owner,
+                                 .n_env = a->n_environments,
+                                 .env = env};
     return 0;
 }
 

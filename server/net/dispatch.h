@@ -79,6 +79,7 @@ void op_token_create(struct request *request);
 void op_token_list(struct request *request);
 void op_token_revoke(struct request *request);
 void op_subscribe(struct request *request);
+void op_get_blob(struct request *request);
 void op_put_pose(struct request *request);
 void take_view_ack(struct connection *conn, const ProtobufCMessage *message);
 

@@ -125,7 +125,8 @@ static bool read_query(struct lws *wsi, struct http_head *head, struct http_prob
     for (int i = 0;; i++) {
         int n = lws_hdr_copy_fragment(wsi, at, (int)(end - at), WSI_TOKEN_HTTP_URI_ARGS, i);
         if (n < 0) return true;
-        if (!n) continue;
+        // libwebsockets makes a slash of the empty query in "/v1/models?".
+        if (!n || (n == 1 && *at == '/')) continue;
         if (head->n_parameter == HTTP_PARAMETERS) {
             http_refuse(problem, 400, "bad_request", "more than %d parameters",
                         HTTP_PARAMETERS);

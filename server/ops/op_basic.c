@@ -26,7 +26,7 @@ static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
 {
     // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
     static const char *const features[] = {
-        "error-range", "events", "goaway",   "poses",      "run",
+        "error-range", "events", "get-blob", "goaway",     "poses",       "run",
         "textures",    "tokens", "view-ack", "view-equal", "view-fields",
     };
     out->features = (char **)features;
@@ -224,12 +224,39 @@ static size_t list_files(const struct server *server, Relight__FileEntry ***out)
     return n;
 }
 
+// The images that the client uploaded; one allocation each for the texts and the pointers.
+struct environments {
+    struct blob_listed listed[1000];
+    Relight__EnvironmentEntry entry[1000], *entries[1000];
+    char env[1000][70];
+};
+
+static struct environments *list_environments(const struct request *request,
+                                              Relight__ListAnswer *out)
+{
+    struct environments *e = malloc(sizeof *e);
+    if (!e) return NULL;
+    size_t n = blobs_images(request->server->blobs, request->principal->name, e->listed, 1000);
+    for (size_t i = 0; i < n; i++) {
+        relight__environment_entry__init(&e->entry[i]);
+        snprintf(e->env[i], sizeof e->env[i], "env:%s", e->listed[i].hash);
+        e->entry[i].env = e->env[i];
+        e->entry[i].name = (char *)e->listed[i].name;
+        e->entry[i].bytes = e->listed[i].bytes;
+        e->entries[i] = &e->entry[i];
+    }
+    out->environments = e->entries;
+    out->n_environments = n;
+    return e;
+}
+
 void op_list(struct request *request)
 {
     struct models *models = request->server->models;
     Relight__ListAnswer out = RELIGHT__LIST_ANSWER__INIT;
     size_t n = 0;
     for (struct model *m = NULL; (m = models_next(models, m));) n++;
+    struct environments *environments = NULL;
     struct info_text *text = calloc(n + 1, sizeof *text);
     out.models = calloc(n + 1, sizeof *out.models);
     if (!text || !out.models) {
@@ -241,11 +268,13 @@ void op_list(struct request *request)
         out.models[out.n_models] = &text[out.n_models].info;
     }
     if (MESSAGE(ListRequest)->files) out.n_files = list_files(request->server, &out.files);
+    if (MESSAGE(ListRequest)->environments) environments = list_environments(request, &out);
     request_answer(request, &out.base, NULL);
 end:
     for (size_t i = 0; i < out.n_models; i++) free(text[i].warning_text);
     if (out.n_files) free(out.files[0]);
     free(text);
+    free(environments);
     free(out.models);
     free(out.files);
 }
@@ -496,6 +525,30 @@ void op_unload(struct request *request)
 
 // ---- jobs and requests
 
+// No job of this run: the model was baked before, or no bake was ordered.
+static void watch_without_job(struct request *request, const struct model *m)
+{
+    Relight__Progress out = RELIGHT__PROGRESS__INIT;
+    Relight__Error error;
+    struct error_fields fields;
+    out.model = (char *)m->id;
+    out.state = RELIGHT__JOB_STATE__JOB_NONE;
+    out.stage = "no bake was ordered";
+    out.eta_s = -1;
+    if (m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
+        out.state = RELIGHT__JOB_STATE__JOB_DONE;
+        out.stage = "";
+        out.fraction = 1;
+        out.eta_s = 0;
+    } else if (m->state == RELIGHT__MODEL_STATE__MODEL_FAILED) {
+        out.state = RELIGHT__JOB_STATE__JOB_FAILED;
+        out.stage = "";
+        error_fill(&error, m->error_code, m->error, &fields);
+        out.error = &error;
+    }
+    request_answer(request, &out.base, NULL);
+}
+
 void op_watch(struct request *request)
 {
     struct server *server = request->server;
@@ -506,20 +559,18 @@ void op_watch(struct request *request)
         struct model *m =
             models_find(server->models, request->conn->principal->name, name, error);
         job = m ? jobs_find(server->jobs, m->id) : NULL;
-        if (m && !job && m->state == RELIGHT__MODEL_STATE__MODEL_READY) {
-            // It was baked before this daemon started: no job exists.
-            Relight__Progress done = RELIGHT__PROGRESS__INIT;
-            done.model = m->id;
-            done.state = RELIGHT__JOB_STATE__JOB_DONE;
-            done.fraction = 1;
-            request_answer(request, &done.base, NULL);
+        if (m && !job) {
+            watch_without_job(request, m);
             return;
         }
     }
     if (job) jobs_watch(server->jobs, job, request);
     else
-        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%.100s: no such job",
-                     name);
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "%.100s: no such job%s",
+                     name,
+                     !strncmp(name, "job-", 4) && strncmp(name + 4, server->run, 8)
+                         ? "; a job of an earlier run of the daemon: watch its model"
+                         : "");
 }
 
 void op_cancel_job(struct request *request)

@@ -270,10 +270,24 @@ static void draw_exact_at_rest(struct view *v, uint64_t now)
     }
 }
 
+// The file of the model has a new version: from here on the view shows that.
+static void follow_replacement(struct view *v)
+{
+    struct model *next = v->model->replaced ? model_successor(v->model) : NULL;
+    if (!next) return;
+    model_hold(next);
+    model_unwatch(v->model, &v->watcher);
+    model_release(v->model);
+    v->model = next;
+    model_watch(next, &v->watcher);
+    invalidate(v);
+}
+
 static void draw(struct view *v)
 {
     uint64_t now = loop_now_ns();
     if (v->render || window_full(v)) return;
+    follow_replacement(v);
     draw_exact_at_rest(v, now);
     bool finer = !v->reduced && should_refine(v, now);
     if (!v->dirty && !finer) return;

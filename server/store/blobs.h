@@ -66,6 +66,19 @@ void blobs_name(const struct blobs *blobs, const char *principal, const char *ha
 void blobs_name_in_text(const struct blobs *blobs, const char *principal, const char *text,
                         char *out, size_t n);
 
+/* An upload that is an image, for LIST. The texts live until the next change of the store. */
+struct blob_listed {
+    const char *hash, *name; /* name: this principal's, "" where it gave none */
+    uint64_t bytes;
+};
+/* The images that this principal uploaded, most recently used first. */
+size_t blobs_images(const struct blobs *blobs, const char *principal, struct blob_listed *out,
+                    size_t most);
+/* Whether the blob is there and this principal sent its bytes (NULL: whoever did). A principal
+ * that only asked for its hash did not. */
+bool blobs_owned(const struct blobs *blobs, const char *principal, const char *hash,
+                 uint64_t *size);
+
 /* One chunk of an upload, or with n 0 a question. The owner fills the first part and leaves it
  * alone until `done`, which is called once, perhaps before blobs_put returns, and frees it. */
 struct blob_put {

@@ -278,12 +278,33 @@ struct model *models_found(struct models *models, struct import_copy *copy, cons
     return m;
 }
 
+struct model *model_successor(const struct model *m)
+{
+    struct model *next = m->server->models->model;
+    if (!m->copy || import_is_current(m->server->imports, m->copy->hash)) return NULL;
+    while (next && !(next != m && next->copy && !strcmp(next->name, m->name) &&
+                     import_is_current(m->server->imports, next->copy->hash)))
+        next = next->next;
+    return next;
+}
+
+// Requests under way finish with the old version; views go over to the new one.
+static void announce_successor(struct model *m)
+{
+    const struct model *next = m->replaced ? NULL : model_successor(m);
+    if (!next) return;
+    m->replaced = true;
+    model_publish(next, RELIGHT__EVENT_KIND__EVENT_MODEL_REPLACED, m->id);
+    model_changed(m);
+}
+
 void models_drop_replaced(struct models *models)
 {
     for (struct model *m = models->model, *next; m; m = next) {
         next = m->next;
-        if (!m->copy || m->users > 1 || import_is_current(m->server->imports, m->copy->hash))
-            continue;
+        if (!m->copy || import_is_current(m->server->imports, m->copy->hash)) continue;
+        announce_successor(m);
+        if (m->users > 1) continue;
         struct import_copy *copy = m->copy;
         import_hold(copy);
         log_line(LOG_EVENT, "model id=%s name=\"%s\" has another version", m->id, m->name);

@@ -64,6 +64,7 @@ struct model {
     int state;               /* Relight__ModelState; READY and UNLOADED by model_state() */
     bool checked;            /* every byte of its bake was read once */
     bool pinned;
+    bool replaced;            /* its file of --models has other content, a model of its own */
     struct import_copy *copy; /* of a .prt of --models; NULL: the model was baked here */
     uint64_t bake_bytes, preview_bytes; /* charged to the owner; 0: no file, or not yet known */
     int64_t used_ns;                    /* wall clock: last opened or loaded */
@@ -125,6 +126,9 @@ void model_publish(const struct model *model, int kind, const char *before);
 void model_set_state(struct model *model, int state);
 /* Vertices go back to where the file has them. */
 void model_reset_pose(struct model *model);
+
+/* The model that replaces this one under the name of their file; NULL: none. */
+struct model *model_successor(const struct model *model);
 
 /* Keeps the struct alive over an unload that forgets it. */
 void model_hold(struct model *model);

@@ -592,7 +592,7 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
                                     RELIGHT_TYPE_TOKEN_CREATE, RELIGHT_TYPE_TOKEN_LIST,
                                     RELIGHT_TYPE_TOKEN_REVOKE, RELIGHT_TYPE_VIEW_ACK,
                                     RELIGHT_TYPE_VIEW_ACK,     RELIGHT_TYPE_PUT_POSE,
-                                    RELIGHT_TYPE_PUT_POSE};
+                                    RELIGHT_TYPE_PUT_POSE,     RELIGHT_TYPE_GET_BLOB};
     struct rnd *r = world->rnd;
     uint16_t one = RND_PICK(r, type);
     uint64_t other = 1 + rnd(r, ids);
@@ -605,6 +605,7 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
     case RELIGHT_TYPE_LIST: {
         Relight__ListRequest in = RELIGHT__LIST_REQUEST__INIT;
         in.files = rnd_chance(r, 2);
+        in.environments = rnd_chance(r, 2);
         EMIT(LIST, in);
         break;
     }
@@ -669,6 +670,14 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
         Relight__ViewCloseRequest in = RELIGHT__VIEW_CLOSE_REQUEST__INIT;
         in.view = other;
         EMIT(VIEW_CLOSE, in);
+        break;
+    }
+    case RELIGHT_TYPE_GET_BLOB: {
+        Relight__GetBlobRequest in = RELIGHT__GET_BLOB_REQUEST__INIT;
+        in.hash = rnd_chance(r, 12) ? "../x" : world->blob[rnd(r, WORLD_BLOBS)].hash;
+        in.offset = rnd_chance(r, 2) ? 0 : rnd_chance(r, 2) ? rnd(r, 4000) : rnd_bits(r);
+        in.size = rnd_chance(r, 2) ? 0 : rnd(r, 3000);
+        EMIT(GET_BLOB, in);
         break;
     }
     case RELIGHT_TYPE_PUT_POSE:

@@ -221,13 +221,16 @@ static void opaque_receivers(void **state)
         most = fmax(most, (double)want[v][1]);
     }
     expect_below("darkest over brightest part of the floor", least / most, 0.5); // a shadow
+    // of the wavelet, joint and polynomial bake
+    static const double floor_most[] = {0.02, 0.02, 0.0045},
+                        body_most[] = {0.01, 0.008, 0.0025};
     for (int e = 0; e < 3; e++) {
         struct prt_file *f = open_prt(engine[e]);
         const struct prt_transport *t = prt_file_transport(f);
         float(*got)[3] = ask(t, e ? &skin : NULL, PRT_ANSWER_MULTIPLE);
         double floor = ERROR(got, want, true), body = ERROR(got, want, false);
-        expect_below(expect_name("%s, floor: relative RMSE", engine[e]), floor, 0.02);
-        expect_below(expect_name("%s, body: relative RMSE", engine[e]), body, 0.015);
+        expect_below(expect_name("%s, floor: relative RMSE", engine[e]), floor, floor_most[e]);
+        expect_below(expect_name("%s, body: relative RMSE", engine[e]), body, body_most[e]);
         float(*total)[3] = ask(t, e ? &skin : NULL, PRT_ANSWER_TOTAL);
         float(*single)[3] = ask(t, e ? &skin : NULL, PRT_ANSWER_SINGLE);
         float(*other)[3] = e ? ask(t, &milk, PRT_ANSWER_MULTIPLE) : NULL;

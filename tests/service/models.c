@@ -202,6 +202,49 @@ static void test_new_version_of_a_file(void **state)
     assert_int_equal(daemon_stop(&d), 0);
 }
 
+// A view goes over to the new version of its file without being asked to; the old one goes.
+static void test_view_follows_a_new_version(void **state)
+{
+    char path[200], first[ID_SIZE], second[ID_SIZE], id[ID_SIZE], from[300], aside[200];
+    struct relight_error error;
+    struct relight_model info;
+    struct relight_view *view;
+    struct relight_frame_out frame;
+    struct relight_light light = {.env = "constant"};
+    struct relight_load other = small_bake(77, 200);
+    in_models("stone.prt", path);
+    in_models("stone.new", aside);
+    copy_file(baked, path);
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    bake_octahedron(client, &d, "second.obj", &other, id);
+    assert_true(id_of(client, "stone", NULL, first));
+    struct relight_view_request open = {
+        .model = "stone", .n_light = 1, .lights = &light, .colors = true};
+    OK(relight_view_open(client, &open, &view, &error));
+    OK(relight_view_next(view, 60, &frame, &error));
+    uint64_t before = frame.hash;
+    relight_frame_out_finish(&frame);
+    OK(relight_view_set(view, 0, NULL, NULL, NULL, NULL, &error)); // shown
+    snprintf(from, sizeof from, "%s/bakes/%s.prt", d.data, id);
+    copy_file(from, aside);
+    assert_int_equal(rename(aside, path), 0);
+    for (uint64_t hash = before; hash == before; relight_frame_out_finish(&frame)) {
+        OK(relight_view_next(view, 60, &frame, &error));
+        assert_true(frame.has_colors);
+        hash = frame.hash;
+    }
+    assert_true(id_of(client, "stone", first, second));
+    for (int i = 0; i < 500 && !relight_info(client, first, &info, &error); i++) {
+        relight_model_finish(&info);
+        sleep_ms(20);
+    }
+    expect(relight_info(client, first, &info, &error), RELIGHT_E_NOT_FOUND, &error, NULL);
+    OK(relight_view_close(view, NULL, NULL, &error));
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
 // A copy that had to go is made again when its model is asked for.
 static void test_copy_comes_back(void **state)
 {
@@ -691,6 +734,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         TEST(test_original_may_be_destroyed),
         TEST(test_new_version_of_a_file),
+        TEST(test_view_follows_a_new_version),
         TEST(test_copy_comes_back),
         TEST(test_links_and_paths),
         TEST(test_odd_file_names),

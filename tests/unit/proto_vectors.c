@@ -340,6 +340,18 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     shape.pose = (char *)(uintptr_t)hash;
     n = add(out, n, "geometry_of_pose", "C: GEOMETRY of that pose", 11, LAST, 18, &shape.base,
             NULL, 0);
+    static Relight__GetBlobRequest get;
+    static Relight__GetBlobAnswer got;
+    relight__get_blob_request__init(&get);
+    relight__get_blob_answer__init(&got);
+    get.hash = (char *)(uintptr_t)hash;
+    get.offset = 90;
+    n = add(out, n, "get_blob", "C: GET_BLOB from byte 90 on", 25, LAST, 19, &get.base, NULL,
+            0);
+    got.size = sizeof blob;
+    got.name = "sky.hdr";
+    n = add(out, n, "get_blob_answer", "S: GET_BLOB, the last ten bytes", 25 | ANSWER, LAST, 19,
+            &got.base, blob + 90, 10);
     static Relight__Error range;
     relight__error__init(&range);
     range.code = RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE;

@@ -453,6 +453,54 @@ static void material_and_light_commute(void **state)
     }
 }
 
+// Energy of all colours in a tensor's rows: each row's times that of its column of U.
+static double energy_of(const struct prt_tensor *t, const struct prt_rows *rows)
+{
+    double all = 0;
+    for (uint32_t c = 0; c < t->n_cluster; c++) {
+        const struct prt_cluster *k = &t->cluster[c];
+        const size_t padded = (k->n_vertex + 15ull) / 16 * 16;
+        const int16_t *u = (const int16_t *)t->u + k->u_begin;
+        for (uint32_t r = 0; r < k->rank; r++) {
+            const uint64_t row = k->row_begin + r, J = rows->n_function;
+            double column = 0, sum = 0;
+            for (size_t v = 0; v < k->n_vertex; v++)
+                column += pow(u[2 * (padded * (r / 2) + v) + r % 2], 2);
+            for (uint64_t e = rows->begin[row] * J; e < rows->begin[row + 1] * J; e++)
+                sum += pow((double)prt_f16_to_f32(((const uint16_t *)rows->entry)[e]), 2);
+            for (uint64_t e = row * 6 * J; e < (row + 1) * 6 * J; e++)
+                sum += pow((double)prt_f16_to_f32(rows->scaling[e]), 2);
+            all += column * sum;
+        }
+    }
+    return all;
+}
+
+// Entries that folding drops hold error^2 of the energy at most, and most of that.
+static void dropped_entries_hold_little(void **state)
+{
+    struct prt_context ctx = quiet();
+    const double error = 0.1;
+    for (int i = 4; i <= 5; i++) {
+        struct prt_tensor t;
+        struct prt_rows whole, some;
+        assert_int_equal(synthetic_tensor(&kind[i], &t), 0);
+        float *coef = malloc(sizeof *coef * 3 * t.n_radial * t.n_phase);
+        for (uint32_t k = 0; k < t.n_phase; k++)
+            memcpy(coef + 3ull * t.n_radial * k, some_coef(), 12ull * t.n_radial);
+        assert_int_equal(prt_rows_fold_planes(&ctx, &t, coef, 0, &whole), 0);
+        assert_int_equal(prt_rows_fold_planes(&ctx, &t, coef, error, &some), 0);
+        assert_true(some.begin[some.n_row] < whole.begin[whole.n_row]);
+        double lost = 1 - energy_of(&t, &some) / energy_of(&t, &whole);
+        print_message("dropped %.4f of the energy, allowed %.4f\n", lost, error * error);
+        assert_true(lost <= error * error * 1.0001 && lost > 0.3 * error * error);
+        prt_rows_finish(&whole);
+        prt_rows_finish(&some);
+        free(coef);
+        synthetic_tensor_finish(&t);
+    }
+}
+
 static void wrong_calls_are_refused(void **state)
 {
     struct prt_context ctx = quiet();
@@ -919,6 +967,7 @@ int main(void)
         cmocka_unit_test(many_lights_are_single_ones),
         cmocka_unit_test(threads_change_no_bit),
         cmocka_unit_test(material_and_light_commute),
+        cmocka_unit_test(dropped_entries_hold_little),
         cmocka_unit_test(wrong_calls_are_refused),
         cmocka_unit_test(many_queries_equal_one_by_one),
         cmocka_unit_test(wrong_queries_are_refused),

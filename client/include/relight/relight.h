@@ -95,6 +95,10 @@ struct relight_options {
     double connect_timeout_s; /* 0: 5 s */
     double timeout_s;     /* of each blocking call, sent to the daemon as deadline; 0: none */
     uint64_t max_payload; /* largest answer accepted, bytes; 0: 4 GiB */
+    /* When the connection is lost, the next call connects again, for so long, to the address
+     * that the daemon named when it stopped (GOAWAY), else to the same one. Calls that were
+     * waiting return RELIGHT_E_DISCONNECTED; views end and are opened again. 0: never */
+    double reconnect_s;
 };
 
 /* Connects to a relightd and says HELLO.
@@ -120,6 +124,7 @@ void relight_close(struct relight_client *client);
 
 struct relight_server {
     const char *name; /* program and version */
+    const char *run;  /* differs at every start of the daemon; as of the first connection */
     const char *address;
     uint64_t max_payload, max_blob;
     uint32_t max_in_flight, chunk;
@@ -135,6 +140,18 @@ struct relight_server {
  * Returns a pointer that lives as long as the client.
  * Thread-safety: Safe. Does not block. */
 const struct relight_server *relight_server(const struct relight_client *client);
+
+struct relight_goaway {
+    double drain_s;    /* open requests are finished for so long, from when it was sent */
+    char address[128]; /* "": the same, later */
+    char text[128];
+};
+
+/* Tells whether the daemon has announced that it stops (GOAWAY) on the connection as it is.
+ * Returns true and fills *out (NULL is allowed). Calls of the client receive the announcement:
+ * a program that waits for nothing calls relight_ping now and then. Thread-safety: Safe. Does
+ * not block. */
+bool relight_goaway(struct relight_client *client, struct relight_goaway *out);
 
 /* Stops an outstanding request of this client.
  * id: from relight_colors_begin or relight_image_begin. The request still has to be ended by
@@ -155,7 +172,8 @@ enum relight_job_state {
     RELIGHT_JOB_RUNNING,
     RELIGHT_JOB_DONE,
     RELIGHT_JOB_FAILED,
-    RELIGHT_JOB_CANCELLED
+    RELIGHT_JOB_CANCELLED,
+    RELIGHT_JOB_NONE /* of a model without a bake: nothing is to be waited for */
 };
 struct relight_progress {
     const char *stage;       /* "upload", or a stage of the bake */
@@ -166,6 +184,16 @@ struct relight_progress {
 /* Non-zero stops waiting: the call returns RELIGHT_E_CANCELLED (a watched job goes on). Called
  * on the thread that made the call, without locks held. */
 typedef int (*relight_progress_fn)(void *user, const struct relight_progress *progress);
+
+/* Fetches an upload back, as a file.
+ * hash: 64 hex digits, or "env:HASH". path: written anew; removed again when that fails.
+ * fn: called between pieces, may be NULL.
+ * Returns 0 and the number of bytes in *size (NULL is allowed). -RELIGHT_E_NOT_FOUND: this
+ * client did not upload it, or it was dropped. -RELIGHT_E_FILE. -RELIGHT_E_HASH: the bytes are
+ * damaged. Thread-safety: Safe. Blocks until all of it is here. */
+int relight_download(struct relight_client *client, const char *hash, const char *path,
+                     relight_progress_fn fn, void *user, uint64_t *size,
+                     struct relight_error *error);
 
 /* Computes the name of a blob: SHA-256 of bytes[n] as 64 lower-case hex digits and a zero in
  * hash.
@@ -377,10 +405,15 @@ struct relight_list {
     const char *const *file; /* loadable paths of the daemon's folder */
     const uint64_t *file_bytes;
     void *owner;
+    size_t n_env; /* images that this client uploaded */
+    const struct relight_env_entry {
+        const char *env, *name; /* "env:HASH"; name: may be "" */
+        uint64_t bytes;
+    } * env;
 };
 
 /* Lists the models that are loaded and, with `files`, the files that relight_load takes as
- * path.
+ * path and the images that this client uploaded.
  * Returns 0 and *out, to be freed by relight_list_finish.
  * Thread-safety: Safe. Blocks for a round trip. */
 int relight_list(struct relight_client *client, bool files, struct relight_list *out,
@@ -889,6 +922,48 @@ void relight_tokens_finish(struct relight_tokens *tokens);
  * Thread-safety: Safe. Blocks until the daemon has it on disk. */
 int relight_token_revoke(struct relight_client *client, const char *name, uint32_t *connections,
                          struct relight_error *error);
+
+/* Events. */
+
+/* Numbers of relight.proto's EventKind; later daemons may send others. */
+enum relight_event_kind {
+    RELIGHT_EVENT_NONE, /* a note: only `lost` and the cursor mean something */
+    RELIGHT_EVENT_MODEL_ADDED,
+    RELIGHT_EVENT_MODEL_CHANGED,
+    RELIGHT_EVENT_MODEL_REPLACED,
+    RELIGHT_EVENT_MODEL_REMOVED,
+    RELIGHT_EVENT_JOB,
+    RELIGHT_EVENT_ENVIRONMENT_ADDED
+};
+/* Where a reader of events is; all zero: from now on. */
+struct relight_cursor {
+    char run[24];
+    uint64_t sequence;
+};
+struct relight_event {
+    int kind;         /* enum relight_event_kind, or a later one */
+    bool lost;        /* events before this one are gone: list models again */
+    uint64_t time_us; /* since 1970; 0 for notes */
+    const char *model, *before, *name, *env, *job, *stage,
+        *failure; /* "" where they do not apply */
+    enum relight_model_state state;
+    uint64_t generation;
+    enum relight_job_state job_state;
+    double fraction, eta_s;
+};
+/* Returns a kind's words ("model added"), never NULL. Thread-safety: Safe. Does not block. */
+const char *relight_event_name(int kind);
+/* Non-zero ends relight_events. Called on its thread; the event lives until it returns. */
+typedef int (*relight_event_fn)(void *user, const struct relight_event *event);
+
+/* Follows the daemon's events: models, bakes, uploads of this client.
+ * cursor: where to begin; it follows every event, so that a program that stores it goes on
+ * after a restart of its own, of the connection or of the daemon. NULL: from now on. wait_s:
+ * longest time without an event after which the call ends; < 0: no limit. With
+ * relight_options.reconnect_s it outlives the connection. Returns 0 when fn returned non-zero
+ * or wait_s passed, else why it ended. Thread-safety: Safe. Blocks. */
+int relight_events(struct relight_client *client, struct relight_cursor *cursor, double wait_s,
+                   relight_event_fn fn, void *user, struct relight_error *error);
 
 /* Statistics. */
 
