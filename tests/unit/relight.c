@@ -13,6 +13,7 @@
 
 #include "prt/radial.h"
 #include "prt/relight.h"
+#include "relight/answer.h"
 #include "synthetic.h"
 
 static char last_line[1024];
