@@ -125,12 +125,27 @@ static void test_sigterm_ends_a_bake(void **state)
     OK(load_small(client, &d, "long.obj", 9, 3000000, &loaded, &error));
     char path[200];
     snprintf(path, sizeof path, "%s/bakes/%s.prt", d.data, loaded.model);
-    relight_loaded_finish(&loaded);
     sleep_ms(300);
     assert_int_equal(daemon_stop(&d), 0);
     assert_true(log_says(&d, "suspended", 0)); // service/resume.c: it goes on
     assert_int_equal(access(path, F_OK), -1);  // nothing half-written
     relight_close(client);
+
+    // Under its id after the start; cancelled, it is gone at the next one.
+    daemon_start(&d, NULL);
+    client = client_open(d.address);
+    assert_true(metric(client, "relightd_jobs_open") == 1);
+    OK(relight_cancel_job(client, loaded.job, NULL, &error));
+    assert_int_equal(relight_watch(client, loaded.job, NULL, NULL, &error),
+                     -RELIGHT_E_CANCELLED);
+    relight_loaded_finish(&loaded);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+    daemon_start(&d, NULL);
+    client = client_open(d.address);
+    assert_true(metric(client, "relightd_jobs_open") == 0);
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
 }
 
 static int run_second(const char *address, const char *data)
