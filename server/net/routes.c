@@ -274,7 +274,8 @@ static bool prepare_list(struct exchange *x, struct http_problem *problem)
 {
     char error[MESSAGE_TEXT_ERROR];
     return new_message(x, &relight__list_request__descriptor, problem) &&
-           !message_set(x->message, "files", "yes", error);
+           !message_set(x->message, "files", "yes", error) &&
+           !message_set(x->message, "environments", "yes", error);
 }
 
 static bool prepare_info(struct exchange *x, struct http_problem *problem)

@@ -123,6 +123,8 @@ def successes(document, d):
     go("/v1/models/{model}", "GET", "/v1/models/" + model, expect=200)
     name = json.loads(go("/v1/blobs", "POST", "/v1/blobs?name=sky.hdr", sky(), None, 201)[1])["hash"]
     go("/v1/blobs/{hash}", "GET", "/v1/blobs/" + name, expect=200)
+    listed = json.loads(go("/v1/models", "GET", "/v1/models", expect=200)[1])["environments"]
+    assert [one["env"] for one in listed] == ["env:" + name], listed
     go("/v1/blobs/{hash}", "PUT", "/v1/blobs/" + name, sky(), None, 201)
     go("/v1/blobs/{hash}", "PUT", "/v1/blobs/%s?size=10" % ("1" * 64), b"12345", None, 202)
     for kind in ("image", "colors"):
