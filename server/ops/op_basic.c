@@ -525,7 +525,7 @@ void op_unload(struct request *request)
 
 // ---- jobs and requests
 
-// No job of this run: the model was baked before, or no bake was ordered.
+// No job is kept: the model was baked long before, or no bake was ordered.
 static void watch_without_job(struct request *request, const struct model *m)
 {
     Relight__Progress out = RELIGHT__PROGRESS__INIT;

@@ -335,10 +335,12 @@ int relight_load_file(struct relight_client *client, const char *path,
                       struct relight_loaded *out, struct relight_error *error);
 
 /* Follows a job to its end, however long that takes; timeout_s of the client does not apply.
- * job: a job's id, or a model's for its newest job. fn may be NULL; it runs on this thread
- * for each change, at most ten times a second.
+ * job: a job's id, of an earlier run of the daemon too, or a model's for its newest job. fn may
+ * be NULL; it runs on this thread for each change, at most ten times a second.
  * Returns 0 when the job is done, -RELIGHT_E_JOB_FAILED with the job's own words in *error,
- * -RELIGHT_E_CANCELLED when the job was cancelled or fn returned non-zero.
+ * -RELIGHT_E_CANCELLED when the job was cancelled or fn returned non-zero,
+ * -RELIGHT_E_NOT_READY for a model without a bake, -RELIGHT_E_NOT_FOUND when there is no such
+ * model and the daemon does not keep such a job (watch its model then).
  * Thread-safety: Safe. Blocks. */
 int relight_watch(struct relight_client *client, const char *job, relight_progress_fn fn,
                   void *user, struct relight_error *error);
