@@ -483,12 +483,17 @@ struct relight_look {
 int relight_geometry(struct relight_client *client, const char *model, bool own_units,
                      struct relight_geometry *out, struct relight_error *error);
 
-/* The same for a pose of relight_put_pose; NULL: the vertices as they are. */
+/* Fetches the vertices and triangles of a named pose; pose NULL is relight_geometry.
+ * Returns as relight_geometry; -RELIGHT_E_NOT_FOUND: no pose of that name by relight_put_pose.
+ * Thread-safety: Safe. Blocks until the answer is here. */
 int relight_geometry_posed(struct relight_client *client, const char *model, const char *pose,
                            bool own_units, struct relight_geometry *out,
                            struct relight_error *error);
 
-/* The same with texture coordinates, vertex colours, surfaces and the list of images. */
+/* Fetches a model's geometry as relight_geometry, with texture coordinates, vertex colours,
+ * surfaces and the list of images.
+ * Returns as relight_geometry.
+ * Thread-safety: Safe. Blocks until the answer is here. */
 int relight_geometry_textured(struct relight_client *client, const char *model, bool own_units,
                               struct relight_geometry *out, struct relight_error *error);
 
@@ -515,9 +520,11 @@ int relight_update_vertices(struct relight_client *client, const char *model, ui
                             uint32_t n, const float *position, const float *normal,
                             bool own_units, uint64_t *generation, struct relight_error *error);
 
-/* The same, provided that the geometry is still of this generation; 0: at any rate.
- * -RELIGHT_E_MISMATCH: others have moved vertices meanwhile; error->generation is the
- * geometry's generation now, and nothing moved. */
+/* Moves vertices as relight_update_vertices, provided that the geometry is still of this
+ * generation; 0: at any rate.
+ * Returns as relight_update_vertices; -RELIGHT_E_MISMATCH: others have moved vertices
+ * meanwhile; error->generation is the geometry's generation now, and nothing moved.
+ * Thread-safety: Safe. Blocks until the vertices are at the daemon. */
 int relight_update_vertices_if(struct relight_client *client, const char *model,
                                uint64_t if_generation, uint32_t first, uint32_t n,
                                const float *position, const float *normal, bool own_units,
