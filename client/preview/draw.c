@@ -9,7 +9,8 @@
 #include <string.h>
 
 // State that frames share. While the light turns, the visibility buffer and the background are
-// reused (shading turns the background); while the camera turns, colours and reflections are.
+// reused (shading turns the background); while the camera turns, reflections are, and colours
+// unless the medium is anisotropic.
 struct drawing {
     struct scene *scene;
     float *plane; /* [4][n_vertex][3] */
@@ -184,16 +185,19 @@ static int draw_row(struct drawing *d, size_t env)
 {
     const struct options *o = d->scene->options;
     const struct sky *sky = d->scene->sky + env;
+    const bool each = o->turn_light || d->scene->anisotropic; // colours change in every frame
     struct colors_pending next = {0};
-    int status = scene_colors_begin(d->scene, sky, rotation(o, 0), &next);
+    int status =
+        scene_colors_begin(d->scene, sky, rotation(o, 0), frame_camera(d, 0).eye, &next);
     for (uint32_t k = 0; !status && k < o->n_frame; k++) {
         struct prt_image image = {0};
-        if (k == 0 || o->turn_light) {
+        if (k == 0 || each) {
             status = scene_colors_end(d->scene, &next, d->plane);
-            if (!status && o->turn_light && k + 1 < o->n_frame)
-                status = scene_colors_begin(d->scene, sky, rotation(o, k + 1), &next);
-            if (!status) status = set_light(d, sky, rotation(o, k));
+            if (!status && each && k + 1 < o->n_frame)
+                status = scene_colors_begin(d->scene, sky, rotation(o, k + 1),
+                                            frame_camera(d, k + 1).eye, &next);
         }
+        if (!status && (k == 0 || o->turn_light)) status = set_light(d, sky, rotation(o, k));
         if (!status && (!d->visibility || (!o->turn_light && o->n_frame > 1)))
             status = set_camera(d, k);
         if (!status) status = shade(d, &image);

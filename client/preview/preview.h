@@ -39,6 +39,7 @@ struct scene {
     struct relight_geometry geometry;
     struct prt_mesh mesh; /* arrays of its own */
     float eta, roughness;
+    bool anisotropic;        /* g is not 0: colours are requested towards the eye */
     struct prt_camera named; /* options->camera_name's */
     struct sky sky[MAX_ENV];
 };
@@ -49,14 +50,17 @@ int scene_textures(struct scene *scene);
 void scene_textures_finish(struct scene *scene);
 void scene_finish(struct scene *scene);
 
-/* Colours without outgoing Fresnel under one light: multiple + single scattering, so that one
- * answer serves every camera. begin sends, end waits: other work fits between. */
+/* Colours without outgoing Fresnel under one light: multiple + single scattering. One answer
+ * serves every camera, except of an anisotropic medium: its colours are of `eye`, in
+ * the model's own units. begin sends, end waits: other work fits between. plane:
+ * [4][n_vertex][3], planes of prt_shade. */
 struct colors_pending {
     uint64_t id[2];
+    float eye[3];
     bool begun;
 };
 int scene_colors_begin(struct scene *scene, const struct sky *sky, double rotate_deg,
-                       struct colors_pending *pending);
+                       const float eye[3], struct colors_pending *pending);
 int scene_colors_end(struct scene *scene, struct colors_pending *pending, float *plane);
 
 /* Draws every frame and writes the files. */

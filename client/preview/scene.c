@@ -3,6 +3,7 @@
 // environments, and colours under a light.
 #include "preview.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -91,6 +92,7 @@ static int find_surface(struct scene *scene)
     }
     scene->eta = material.eta;
     scene->roughness = material.roughness;
+    scene->anisotropic = material.g[0] != 0 || material.g[1] != 0 || material.g[2] != 0;
     return EXIT_DONE;
 }
 
@@ -157,7 +159,7 @@ void scene_finish(struct scene *scene)
 }
 
 int scene_colors_begin(struct scene *scene, const struct sky *sky, double rotate_deg,
-                       struct colors_pending *pending)
+                       const float eye[3], struct colors_pending *pending)
 {
     static const enum relight_term terms[2] = {RELIGHT_TERM_MULTIPLE, RELIGHT_TERM_SINGLE};
     struct relight_error error;
@@ -175,10 +177,63 @@ int scene_colors_begin(struct scene *scene, const struct sky *sky, double rotate
     }
     for (int i = 0; i < 2; i++) {
         request.shade.term = terms[i];
+        if (i == 1 && scene->anisotropic) {
+            request.shade.term = RELIGHT_TERM_TOTAL;
+            request.shade.has_eye = true;
+            memcpy(request.shade.eye, eye, sizeof request.shade.eye);
+        }
         if (relight_colors_begin(scene->client, &request, 0, pending->id + i, &error))
             return report(&error);
     }
+    memcpy(pending->eye, eye, sizeof pending->eye);
     pending->begun = true;
+    return EXIT_DONE;
+}
+
+// The total towards the eye divided by the vertex's Fresnel transmittance, which drawing
+// multiplies by again at each pixel. A vertex that faces away keeps the other terms alone.
+static void divide_total(const struct scene *scene, const struct prt_block *b,
+                         const float eye[3], const float *total, float *plane)
+{
+    const struct prt_mesh *m = &scene->mesh;
+    for (size_t v = b->vertex_begin; v < b->vertex_begin + (size_t)b->n_vertex; v++) {
+        double length = 0, cosine = 0, transmittance = 1;
+        for (int c = 0; c < 3; c++) {
+            double d = (double)eye[c] * (double)m->mm_per_unit - (double)m->position[v][c];
+            length += d * d;
+            cosine += d * (double)m->normal[v][c];
+        }
+        cosine /= sqrt(length);
+        if (m->surface[b->surface].translucent)
+            transmittance =
+                cosine > 0 ? prt_fresnel_transmittance((double)scene->eta, cosine) : 0;
+        for (size_t i = 3 * v; i < 3 * v + 3; i++)
+            if (transmittance > 0.01) plane[i] = total[i] / (float)transmittance;
+    }
+}
+
+// Adds single scattering to the other terms in plane 0. An isotropic medium's is corrected here
+// for every view, which takes four planes.
+static int add_single(struct scene *scene, const struct colors_pending *pending, float *single,
+                      float *plane)
+{
+    const struct prt_mesh *m = &scene->mesh;
+    const size_t n = 3 * (size_t)m->n_vertex;
+    if (scene->anisotropic) {
+        for (uint32_t i = 0; i < m->n_block; i++)
+            divide_total(scene, m->block + i, pending->eye, single, plane);
+        memset(plane + n, 0, 3 * n * sizeof *plane);
+        return EXIT_DONE;
+    }
+    for (size_t i = 0; i < n; i++) {
+        float other = plane[i];
+        plane[i] = single[i];
+        single[i] = other;
+    }
+    if (prt_view_correct(&scene->ctx, m->n_vertex, (const float(*)[3])m->normal,
+                         (double)scene->eta, 1, 4, plane))
+        return EXIT_FAILED;
+    for (size_t i = 0; i < n; i++) plane[i] += single[i];
     return EXIT_DONE;
 }
 
@@ -200,20 +255,7 @@ int scene_colors_end(struct scene *scene, struct colors_pending *pending, float 
         else relight_colors_decode(&colors, 0, i ? single : plane);
         relight_colors_finish(&colors);
     }
-    // Single scattering towards a view takes four planes; the other terms are in plane 0.
-    for (size_t i = 0; !status && i < n; i++) {
-        float other = plane[i];
-        plane[i] = single[i];
-        single[i] = other;
-    }
-    if (!status)
-        status = prt_view_correct(&scene->ctx, scene->mesh.n_vertex,
-                                  (const float(*)[3])scene->mesh.normal, (double)scene->eta, 1,
-                                  4, plane)
-                     ? EXIT_FAILED
-                     : EXIT_DONE;
-    if (!status)
-        for (size_t i = 0; i < n; i++) plane[i] += single[i];
+    if (!status) status = add_single(scene, pending, single, plane);
     prt_free(single);
     return status;
 }

@@ -4,7 +4,8 @@
 //
 // w_o' is the direction inside whose refraction is the view. Planes of a wavelet transport
 // contain the phase function's coefficients a_l and sigma_s; those of a joint transport do not,
-// because both depend on the material: they are multiplied in here.
+// because both depend on the material: they are multiplied in here. Above 600 lines: every step
+// reads and fills the one struct answer, which stays private to this file.
 #include "answer.h"
 #include "kernels.h"
 

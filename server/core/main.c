@@ -261,8 +261,7 @@ static int choose_run(void)
 
 static int start_models(void)
 {
-    jobs_recall(server.jobs);
-    if (models_create(&server, &server.models)) return -1;
+    if (jobs_recall(server.jobs) || models_create(&server, &server.models)) return -1;
     models_resume_bakes(server.models);
     return 0;
 }

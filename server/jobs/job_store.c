@@ -9,6 +9,7 @@
 #include "store/file_queue.h"
 
 #include <dirent.h>
+#include <errno.h>
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -68,15 +69,19 @@ void job_forget(const struct job *job)
     file_remove(job->jobs->server->file_queue, path);
 }
 
-static bool read_record(const char *path, struct job_record *r)
+// PRT_FORMAT: it is no job. PRT_NOMEM: it may be one.
+static int read_record(const char *path, struct job_record *r)
 {
     struct prt_blob blob;
-    if (prt_read_file(NULL, path, 1 << 20, &blob)) return false;
+    int status = prt_read_file(NULL, path, 1 << 20, &blob);
+    if (status) return status == PRT_NOMEM ? status : PRT_FORMAT;
     char *text = strndup((const char *)blob.bytes, blob.size);
     prt_free(blob.bytes);
-    bool ok = text && job_record_parse(text, r);
+    errno = 0; // cJSON reports a failed malloc as a fault of the text
+    if (!text) status = PRT_NOMEM;
+    else if (!job_record_parse(text, r)) status = errno == ENOMEM ? PRT_NOMEM : PRT_FORMAT;
     free(text);
-    return ok;
+    return status;
 }
 
 static struct job *recall(struct jobs *jobs, struct job_record *r)
@@ -111,22 +116,29 @@ static struct job *recall(struct jobs *jobs, struct job_record *r)
     return job;
 }
 
-void jobs_recall(struct jobs *jobs)
+int jobs_recall(struct jobs *jobs)
 {
+    int status = PRT_OK;
     char folder[PATH_MAX], path[PATH_MAX];
     snprintf(folder, sizeof folder, "%s/jobs", jobs->server->data);
     DIR *dir = opendir(folder);
-    for (struct dirent *d; dir && (d = readdir(dir));) {
+    if (!dir && errno == ENOMEM) status = PRT_NOMEM;
+    for (struct dirent *d; dir && status != PRT_NOMEM && (d = readdir(dir));) {
         struct job_record r = {0};
         if (d->d_name[0] == '.' && (!d->d_name[1] || !strcmp(d->d_name, ".."))) continue;
         if (snprintf(path, sizeof path, "%s/%s", folder, d->d_name) >= PATH_MAX) continue;
         const char *dot = strrchr(d->d_name, '.');
-        bool ours = dot && !strcmp(dot, ".json") && read_record(path, &r) &&
-                    !strncmp(r.id, d->d_name, (size_t)(dot - d->d_name));
-        if (ours && recall(jobs, &r)) continue;
+        status = dot && !strcmp(dot, ".json") ? read_record(path, &r) : PRT_FORMAT;
+        if (!status && strncmp(r.id, d->d_name, (size_t)(dot - d->d_name))) status = PRT_FORMAT;
+        if (!status && recall(jobs, &r)) continue;
+        if (!status) status = PRT_NOMEM;
         free(r.recipe);
+        if (status == PRT_NOMEM) continue;
         log_line(LOG_WARN, "file jobs/%s is no job and is removed", d->d_name);
         remove_tree(path);
     }
     if (dir) closedir(dir);
+    if (status != PRT_NOMEM) return PRT_OK;
+    log_line(LOG_ERR, "not enough memory to read the jobs: nothing was changed");
+    return status;
 }

@@ -68,8 +68,8 @@ struct job *jobs_add(struct jobs *jobs, const struct job_origin *origin,
                      struct job_order *order, job_done_fn done, void *user);
 
 /* Reads DATA/jobs: jobs that had ended, and jobs that wait for jobs_resume in the order in
- * which they were queued. Blocks. */
-void jobs_recall(struct jobs *jobs);
+ * which they were queued. Blocks. PRT_NOMEM: the daemon must not start. */
+int jobs_recall(struct jobs *jobs);
 /* The oldest job that waits for jobs_resume, or NULL. */
 struct job *jobs_recalled(struct jobs *jobs);
 /* Takes over the order; NULL: the job ends with the error, or without one as done. */

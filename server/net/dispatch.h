@@ -55,8 +55,8 @@ struct operation {
 /* NULL for an unknown type. */
 const struct operation *operation_of(uint16_t type);
 
-/* op_basic.c, op_evaluate.c, op_events.c, op_view.c, op_update_vertices.c: one function an
- * operation; models_load is store/models.h's. */
+/* op_basic.c, op_jobs.c, op_evaluate.c, op_events.c, op_view.c, op_update_vertices.c: one
+ * function an operation; models_load is store/models.h's. */
 void op_hello(struct request *request);
 void op_ping(struct request *request);
 void op_list(struct request *request);

@@ -9,6 +9,7 @@
 
 #include <cjson/cJSON.h>
 #include <dirent.h>
+#include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -88,15 +89,19 @@ static void recall_files(struct model *m, const struct stat *bake, const struct 
     }
 }
 
-static void recall(struct models *models, struct server *server, const char *id)
+// PRT_NOMEM: the record may be good, and must stay.
+static int recall(struct models *models, struct server *server, const char *id)
 {
     struct prt_blob blob;
     struct stat bake, preview;
     char record[PATH_MAX], path[PATH_MAX];
     record_path(server, id, record);
-    if (prt_read_file(NULL, record, 1 << 20, &blob)) return;
+    int status = prt_read_file(NULL, record, 1 << 20, &blob);
+    if (status) return status == PRT_NOMEM ? status : PRT_OK;
+    errno = 0; // cJSON reports a failed malloc as a fault of the text
     cJSON *json = cJSON_ParseWithLength(blob.bytes, blob.size);
     prt_free(blob.bytes);
+    if (!json && errno == ENOMEM) return PRT_NOMEM;
     model_bake_path(server, id, path);
     bool baked = !stat(path, &bake);
     model_preview_path(server, id, path);
@@ -105,19 +110,22 @@ static void recall(struct models *models, struct server *server, const char *id)
     struct model *m = NULL;
     struct job *job = jobs_find(server->jobs, id);
     bool baking = job && job_state(job) == RELIGHT__JOB_STATE__JOB_QUEUED;
-    if (json && !strcmp(json_text(json, "id"), id) && (baked || read || baking))
+    if (json && !strcmp(json_text(json, "id"), id) && (baked || read || baking)) {
         m = model_add(models, id, json_text(json, "name"), owner[0] ? owner : DISK_NOBODY);
+        if (!m) status = PRT_NOMEM;
+    }
     if (m) {
         m->pinned = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "pinned"));
         if (json_text(json, "warnings")[0]) m->warnings = strdup(json_text(json, "warnings"));
         recall_names(m, json);
         recall_files(m, baked ? &bake : NULL, read ? &preview : NULL, baking);
         log_line(LOG_EVENT, "model id=%s name=\"%s\" recalled", m->id, m->name);
-    } else {
+    } else if (!status) {
         log_line(LOG_WARN, "model id=%s has no bake any more", id);
         unlink(record);
     }
     cJSON_Delete(json);
+    return status;
 }
 
 // ---- ids of 16 digits: the bake keeps its name, a LOAD of its source makes a new one
@@ -160,25 +168,30 @@ static void migrate(const struct server *server, const char *old)
     free(text);
 }
 
-static void each_record(const struct server *server, size_t digits,
-                        void (*fn)(void *user, const char *id), void *user)
+// Ends with the first status other than 0 that fn returns.
+static int each_record(const struct server *server, size_t digits,
+                       int (*fn)(void *user, const char *id), void *user)
 {
+    int status = PRT_OK;
     char folder[PATH_MAX], id[MODEL_ID + 1];
     snprintf(folder, sizeof folder, "%s/models", server->data);
     DIR *dir = opendir(folder);
-    for (struct dirent *d; dir && (d = readdir(dir));) {
+    if (!dir && errno == ENOMEM) return PRT_NOMEM;
+    for (struct dirent *d; dir && !status && (d = readdir(dir));) {
         if (strlen(d->d_name) != digits + 5 || strcmp(d->d_name + digits, ".json") ||
             strspn(d->d_name, "0123456789abcdef") != digits)
             continue;
         snprintf(id, sizeof id, "%.*s", (int)digits, d->d_name);
-        fn(user, id);
+        status = fn(user, id);
     }
     if (dir) closedir(dir);
+    return status;
 }
 
-static void migrate_one(void *user, const char *id)
+static int migrate_one(void *user, const char *id)
 {
     migrate(((struct server *)user), id);
+    return PRT_OK;
 }
 
 struct recalling {
@@ -186,9 +199,9 @@ struct recalling {
     struct server *server;
 };
 
-static void recall_one(void *user, const char *id)
+static int recall_one(void *user, const char *id)
 {
-    recall(((struct recalling *)user)->models, ((struct recalling *)user)->server, id);
+    return recall(((struct recalling *)user)->models, ((struct recalling *)user)->server, id);
 }
 
 // ---- leftovers of a killed daemon or bake
@@ -241,13 +254,18 @@ static void sweep_work(const struct server *server)
     if (dir) closedir(dir);
 }
 
-void catalogue_read(struct models *models)
+int catalogue_read(struct models *models)
 {
     struct server *server = models_server(models);
     struct recalling recalling = {models, server};
     sweep_work(server);
-    each_record(server, OLD_ID, migrate_one, server);
-    each_record(server, MODEL_ID, recall_one, &recalling);
+    int status = each_record(server, OLD_ID, migrate_one, server);
+    if (!status) status = each_record(server, MODEL_ID, recall_one, &recalling);
+    if (status) {
+        log_line(LOG_ERR, "not enough memory to read the catalogue: nothing was changed");
+        return status;
+    }
     sweep(models, server, "bakes");
     sweep(models, server, "previews");
+    return PRT_OK;
 }

@@ -48,6 +48,7 @@ void model_read_header(struct model *model);
 /* catalogue.c: DATA/models/ID.json, from which a restart restores the models. */
 void model_remember(const struct model *model);
 void model_forget_record(const struct model *model);
-/* At start: reads the catalogue and removes unfinished files of a killed daemon. Blocks. */
-void catalogue_read(struct models *models);
+/* At start: reads the catalogue and removes unfinished files of a killed daemon. Blocks.
+ * PRT_NOMEM: nothing was removed, and the daemon must not start. */
+int catalogue_read(struct models *models);
 #endif

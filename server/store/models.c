@@ -324,7 +324,7 @@ int models_create(struct server *server, struct models **out)
     int status = file_queue_create(server->work, &server->file_queue);
     if (!status) status = imports_create(server, &server->imports);
     if (status) return status;
-    catalogue_read(models);
+    if ((status = catalogue_read(models))) return status;
     imports_start(server->imports, 10);
     // Pinned models are opened at start.
     for (struct model *m = models->model; m; m = m->next) {

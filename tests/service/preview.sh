@@ -97,6 +97,13 @@ for how in "" "--rotate 70 --camera 0,1,4:0,0,0 --background 0,0,0"; do
     expect 0 relight-preview ball --env sky.hdr --size 160x120 $how --format f32 -o client.exr
     same client.exr daemon.exr 0.005
 done
+# an anisotropic medium: colours are of each camera
+echo '{"name":"forward","sigma_s_prime":[1,1,1],"sigma_a":[0.05,0.05,0.05],"g":[0.7,0.7,0.7],
+    "eta":1.3}' >forward.json
+expect 0 relight load ball.obj --size-mm 20 --material forward.json --samples 4000 --cube 16 --wait --name forward
+expect 0 relight image forward --env sky.hdr --size 160x120 --camera 4,1,0:0,0,0 -o daemon.exr
+expect 0 relight-preview forward --env sky.hdr --size 160x120 --camera 0,1,4:0,0,0 --frames 4 --format f32 -o client.exr
+same client-001.exr daemon.exr 0.005
 expect 0 relight-preview ball --env sky.hdr --frames 3 --size 64x48 -o turn.jpg
 [ -s turn-000.jpg ] && [ -s turn-002.jpg ] || fail "a turntable's frames are missing"
 expect 0 relight-preview ball --env sky.hdr --env constant --frames 4 --turn light --sheet \

@@ -74,11 +74,11 @@ static void test_vertices_move(void **state)
     // nonsense
     float nan[3] = {NAN, 0, 0}, far[3] = {1e9f, 0, 0};
     expect(relight_update_vertices(client, id, 0, 1, nan, NULL, false, NULL, &error),
-           RELIGHT_E_OUT_OF_RANGE, "not a number");
+           RELIGHT_E_OUT_OF_RANGE, "no number");
     expect(relight_update_vertices(client, id, 0, 1, far, NULL, false, NULL, &error),
            RELIGHT_E_OUT_OF_RANGE, "1e6");
     expect(relight_update_vertices(client, id, N_VERTEX, 1, up, NULL, false, NULL, &error),
-           RELIGHT_E_OUT_OF_RANGE, "which has");
+           RELIGHT_E_OUT_OF_RANGE, "allowed range 0 to 362: the vertices of moves.obj");
     expect(relight_update_vertices(client, "nobody", 0, 1, up, NULL, false, NULL, &error),
            RELIGHT_E_NOT_FOUND, NULL);
     // everything in one point: an error, and the way back

@@ -230,11 +230,16 @@ def closes(open_carrier, data, hello, code):
 
 def hostile(open_carrier):
     good = frame(2, 5, b"", b"1234")
-    for at, new in ((0, b"RLGX"), (4, b"\x02"), (5, b"\x08"), (16, b"\xff\xff\xff\x7f"),
+    for at, new in ((0, b"RLGX"), (4, b"\x02"), (5, b"\x04"), (5, b"\x08"), (16, b"\xff\xff\xff\x7f"),
                     (24, b"\xff" * 8), (40, b"\x01")):
         closes(open_carrier, good[:at] + new + good[at + len(new):], True, 1)
     closes(open_carrier, frame(2, 5, b"", b"1234", MORE), True, 1)  # requests are whole
     closes(open_carrier, good, False, 1)  # a payload before HELLO: its limit is 0
+    c = Client(open_carrier())  # hints that nobody knows are ignored
+    ident = c.next
+    c.carrier.send(frame(2, ident, b"", b"1234", LAST | 0xf0))
+    kind, got, _, _, payload = c.carrier.receive()
+    assert (kind, got, payload) == (2 | ANSWER, ident, b"1234")
     carrier = open_carrier()
     carrier.send(frame(3, 1))
     kind, ident, _, header, _ = carrier.receive()

@@ -240,7 +240,8 @@ static void watch_without_a_bake(void **state)
     struct relight_client *a = client_open(d.address);
     struct relight_error error;
     struct relight_loaded loaded;
-    char preview[ID_SIZE], baked[ID_SIZE], job[40];
+    enum relight_job_state job_state;
+    char preview[ID_SIZE], baked[ID_SIZE], job[40], record[200];
     struct relight_load load = small_bake(3, 200);
     load.preview = true;
     OK(load_octahedron(a, &d, "preview.obj", &load, &loaded, &error));
@@ -252,13 +253,23 @@ static void watch_without_a_bake(void **state)
     snprintf(job, sizeof job, "%s", loaded.job);
     relight_loaded_finish(&loaded);
     OK(relight_watch(a, job, NULL, NULL, &error));
-    for (int round = 0; round < 2; round++) {
+    snprintf(record, sizeof record, "%s/jobs/%s.json", d.data, job);
+    for (int round = 0; round < 3; round++) {
         expect(relight_watch(a, preview, NULL, NULL, &error), RELIGHT_E_NOT_READY, &error,
                "no bake was ordered");
         OK(relight_watch(a, baked, NULL, NULL, &error));
-        if (round) break;
+        if (round < 2) { // kept over the first restart
+            OK(relight_watch(a, job, NULL, NULL, &error));
+            OK(relight_cancel_job(a, job, &job_state, &error));
+            assert_int_equal(job_state, RELIGHT_JOB_DONE);
+        } else { // not kept over the second one
+            expect(relight_watch(a, job, NULL, NULL, &error), RELIGHT_E_NOT_FOUND, &error,
+                   "of an earlier run");
+            break;
+        }
         relight_close(a);
         assert_int_equal(daemon_stop(&d), 0);
+        if (round) assert_int_equal(unlink(record), 0);
         daemon_start(&d, NULL);
         a = client_open(d.address);
     }

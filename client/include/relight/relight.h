@@ -335,10 +335,12 @@ int relight_load_file(struct relight_client *client, const char *path,
                       struct relight_loaded *out, struct relight_error *error);
 
 /* Follows a job to its end, however long that takes; timeout_s of the client does not apply.
- * job: a job's id, or a model's for its newest job. fn may be NULL; it runs on this thread
- * for each change, at most ten times a second.
+ * job: a job's id, of an earlier run of the daemon too, or a model's for its newest job. fn may
+ * be NULL; it runs on this thread for each change, at most ten times a second.
  * Returns 0 when the job is done, -RELIGHT_E_JOB_FAILED with the job's own words in *error,
- * -RELIGHT_E_CANCELLED when the job was cancelled or fn returned non-zero.
+ * -RELIGHT_E_CANCELLED when the job was cancelled or fn returned non-zero,
+ * -RELIGHT_E_NOT_READY for a model without a bake, -RELIGHT_E_NOT_FOUND when there is no such
+ * model and the daemon does not keep such a job (watch its model then).
  * Thread-safety: Safe. Blocks. */
 int relight_watch(struct relight_client *client, const char *job, relight_progress_fn fn,
                   void *user, struct relight_error *error);
@@ -481,12 +483,17 @@ struct relight_look {
 int relight_geometry(struct relight_client *client, const char *model, bool own_units,
                      struct relight_geometry *out, struct relight_error *error);
 
-/* The same for a pose of relight_put_pose; NULL: the vertices as they are. */
+/* Fetches the vertices and triangles of a named pose; pose NULL is relight_geometry.
+ * Returns as relight_geometry; -RELIGHT_E_NOT_FOUND: no pose of that name by relight_put_pose.
+ * Thread-safety: Safe. Blocks until the answer is here. */
 int relight_geometry_posed(struct relight_client *client, const char *model, const char *pose,
                            bool own_units, struct relight_geometry *out,
                            struct relight_error *error);
 
-/* The same with texture coordinates, vertex colours, surfaces and the list of images. */
+/* Fetches a model's geometry as relight_geometry, with texture coordinates, vertex colours,
+ * surfaces and the list of images.
+ * Returns as relight_geometry.
+ * Thread-safety: Safe. Blocks until the answer is here. */
 int relight_geometry_textured(struct relight_client *client, const char *model, bool own_units,
                               struct relight_geometry *out, struct relight_error *error);
 
@@ -513,9 +520,11 @@ int relight_update_vertices(struct relight_client *client, const char *model, ui
                             uint32_t n, const float *position, const float *normal,
                             bool own_units, uint64_t *generation, struct relight_error *error);
 
-/* The same, provided that the geometry is still of this generation; 0: at any rate.
- * -RELIGHT_E_MISMATCH: others have moved vertices meanwhile; error->generation is the
- * geometry's generation now, and nothing moved. */
+/* Moves vertices as relight_update_vertices, provided that the geometry is still of this
+ * generation; 0: at any rate.
+ * Returns as relight_update_vertices; -RELIGHT_E_MISMATCH: others have moved vertices
+ * meanwhile; error->generation is the geometry's generation now, and nothing moved.
+ * Thread-safety: Safe. Blocks until the vertices are at the daemon. */
 int relight_update_vertices_if(struct relight_client *client, const char *model,
                                uint64_t if_generation, uint32_t first, uint32_t n,
                                const float *position, const float *normal, bool own_units,
