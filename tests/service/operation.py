@@ -141,17 +141,24 @@ def readiness_follows_the_data_folder(d):
 
 # ---- ids of requests
 
+def wait_for_line(d, pattern):
+    """The log has a thread of its own: a line may come after the answer."""
+    end = time.monotonic() + 20
+    while not re.search(pattern, d.log()):
+        assert time.monotonic() < end, pattern
+        time.sleep(0.05)
+
+
 def an_id_goes_from_arrival_to_children(d):
     loaded = d.json("POST", "/v1/models", OCTAHEDRON, {"X-Request-Id": "the-load"}, expect=202,
                     query={"name": "ids.obj", **SMALL, "seed": 5})
     d.ask("GET", "/v1/jobs/%s/events" % loaded["job"])
     d.problem(422, "POST", "/v1/models/ids/image", b"#?RADIANCE broken", {"X-Request-Id": "the-light"})
-    log = d.log()
     for pattern in (r"begin request=the-load .* op=LOAD", r"access request=the-load .* op=LOAD outcome=ok",
                     r"job id=\S+ request=the-load model=\S+ started", r"job id=\S+ request=the-load .* done",
                     r"http request=the-load method=POST path=/v1/models status=202",
                     r"decode request=the-light crashed=0 error=", r"refused request=the-light .*op=IMAGE"):
-        assert re.search(pattern, log), pattern
+        wait_for_line(d, pattern)
 
 
 def a_child_has_the_id(binaries):
