@@ -50,5 +50,6 @@ double job_elapsed_s(const struct job *job);
 /* Writes the job's record, behind earlier file operations; nothing with a temporary folder. */
 void job_remember(const struct job *job);
 void job_forget(const struct job *job);
+void job_remove_folder(const struct job *job); /* after job_remember of its end */
 
 #endif

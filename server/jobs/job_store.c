@@ -70,6 +70,16 @@ void job_forget(const struct job *job)
 }
 
 // PRT_FORMAT: it is no job. PRT_NOMEM: it may be one.
+// After the record: a folder without an ended record is that of a bake that goes on.
+void job_remove_folder(const struct job *job)
+{
+    char path[PATH_MAX];
+    if (!job->folder[0]) return;
+    if (snprintf(path, sizeof path, "%s/work/%s", job->jobs->server->data, job->folder) <
+        PATH_MAX)
+        file_remove(job->jobs->server->file_queue, path);
+}
+
 static int read_record(const char *path, struct job_record *r)
 {
     struct prt_blob blob;

@@ -173,6 +173,7 @@ static void end_job(struct job *job, enum job_outcome outcome, const char *error
              job->error);
     if (job->done) job->done(job->user, job, outcome);
     job_remember(job);
+    job_remove_folder(job);
     publish(job);
     tell_end(job);
 }

@@ -61,7 +61,7 @@ typedef void (*job_done_fn)(void *user, struct job *job, enum job_outcome outcom
  * the order again after a restart. */
 struct job_origin {
     const char *model, *owner, *recipe;
-    const char *folder; /* below DATA/work: kept at start while the job is open */
+    const char *folder; /* below DATA/work: kept while the job is open, removed at its end */
 };
 /* Takes over the order. NULL when the queue is full. */
 struct job *jobs_add(struct jobs *jobs, const struct job_origin *origin,

@@ -248,7 +248,6 @@ static void bake_ended(void *user, struct job *job, enum job_outcome outcome)
         drop_baking(b);
         return;
     }
-    file_remove(server->file_queue, b->folder);
     model_bake_path(server, m->id, path);
     if (job_warnings(job)[0]) {
         free(m->warnings);
