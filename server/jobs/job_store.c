@@ -69,7 +69,6 @@ void job_forget(const struct job *job)
     file_remove(job->jobs->server->file_queue, path);
 }
 
-// PRT_FORMAT: it is no job. PRT_NOMEM: it may be one.
 // After the record: a folder without an ended record is that of a bake that goes on.
 void job_remove_folder(const struct job *job)
 {
@@ -80,6 +79,7 @@ void job_remove_folder(const struct job *job)
         file_remove(job->jobs->server->file_queue, path);
 }
 
+// PRT_FORMAT: it is no job. PRT_NOMEM: it may be one.
 static int read_record(const char *path, struct job_record *r)
 {
     struct prt_blob blob;
