@@ -16,7 +16,8 @@ static struct prt_context context;
 
 static struct bake small_bake(struct clusters *none)
 {
-    struct bake b = {.ctx = &context, .clusters = none};
+    static const struct prt_mesh empty;
+    struct bake b = {.ctx = &context, .mesh = &empty, .clusters = none};
     assert_int_equal(prt_material_load(&context, "skin1", &b.o.material), PRT_OK);
     b.o.cube = 32, b.o.n_phase = 4, b.o.max_error = 0.01;
     return b;
