@@ -195,7 +195,8 @@ static void loads_leave_nothing(void **state)
     print_message("%d loads: %ld kB resident, then %ld kB\n", loads, before, after);
     assert_true(after <= before + before / 20);
     assert_true(metric(client, "relightd_cache_bytes") <= cache * 1.05 + 65536);
-    assert_true(metric(client, "relightd_models_open") <= 1 + (double)n_baked);
+    // Each kill interrupts one bake at most, which goes on and ends in an open model.
+    assert_true(metric(client, "relightd_models_open") <= 1 + (double)n_baked + rounds);
     relight_close(client);
 }
 
