@@ -125,7 +125,7 @@ uint32_t prt_bake_rank(const struct prt_bake_options *o, bool every_medium, uint
 
 static int prepare(struct bake *b)
 {
-    double started = prt_time_s();
+    uint64_t started = prt_work_begin_all();
     const struct prt_mesh *mesh = b->mesh;
     float steepest = 0;
     prt_material_dipoles(&b->o.material, b->dipole);
@@ -152,7 +152,7 @@ static int prepare(struct bake *b)
         b->rays_single = calloc(b->clusters->n_cluster + 1u, sizeof *b->rays_single);
         if (!b->factored || !b->rays_single) status = PRT_NOMEM;
     }
-    b->seconds[T_SAMPLES] = prt_time_s() - started;
+    prt_work_end_all(&b->work, WORK_SAMPLES, started);
     return status;
 }
 
@@ -192,7 +192,9 @@ static struct factor_plan plan_of(const struct tensor_job *job)
                                 .tail_error = b->o.rank ? 0 : tail_share * b->o.max_error,
                                 .n = b->o.cube,
                                 .solid_angle = b->directions->solid_angle,
-                                .probe = job->probes->light};
+                                .probe = job->probes->light,
+                                .lights = job->lights,
+                                .work = job->work};
 }
 
 static void apply_solid_angle(const struct bake *b, float *dense, size_t rows)
@@ -269,9 +271,12 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
             continue;
         }
         struct cut cut = {0};
+        uint64_t started = prt_work_begin();
         const struct cut_source from = {b->mesh, b->surface, b->hierarchy, b->clusters};
         status = prt_cut_build(b->ctx, &from, (uint32_t)c, &b->radial, &cut);
-        struct product_rows rows = {&b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3};
+        prt_work_end(job->work, WORK_KERNEL, started, 0, 0);
+        struct product_rows rows = {
+            &b->irradiance, &cut, b->clusters->cluster[c].n_vertex, 3, job->lit, job->work};
         struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
                                     prt_product_project, prt_product_combine};
         if (status == PRT_OK) status = prt_bake_take_rows(job, (uint32_t)c, &source);
@@ -319,10 +324,29 @@ static int pack_rows(const struct tensor_job *job, struct prt_tensor *out)
                              &pack, out);
 }
 
+// The lights of the range finder, and pass 1's rows times them. Neither is there for sparse
+// storage, nor the second where no rows are gathered.
+static int prepare_lights(struct tensor_job *job, float **lights, struct lit_rows *lit)
+{
+    struct bake *b = job->bake;
+    const uint32_t n = job->probes->n;
+    if (b->o.storage == PRT_STORAGE_SPARSE) return PRT_OK;
+    struct factor_plan plan = plan_of(job);
+    if (plan.train && !(*lights = prt_compression_lights(&plan))) return PRT_NOMEM;
+    job->lights = *lights;
+    if (job->term != PRT_TERM_MULTIPLE || !b->irradiance.half) return PRT_OK;
+    int status = prt_lit_rows_create(b->ctx, &b->irradiance, *lights ? *lights : plan.probe,
+                                     *lights ? n + 6 : n, &b->work, lit);
+    if (status == PRT_OK) job->lit = lit;
+    return status;
+}
+
 int prt_bake_tensor(struct tensor_job *job)
 {
     struct bake *b = job->bake;
-    double started = prt_time_s();
+    struct lit_rows lit = {0};
+    float *lights = NULL;
+    job->work = &b->work;
     struct prt_tensor *t = &b->out.tensor[b->out.n_tensor];
     int status = PRT_OK;
     if (b->o.storage == PRT_STORAGE_SPARSE)
@@ -330,9 +354,11 @@ int prt_bake_tensor(struct tensor_job *job)
                                            job->n_function, b->o.n_coef, &b->sparse);
     const struct slot slot = {b->sparse ? SLOT_SPARSE : SLOT_FACTORED, job->n_function, NULL};
     bool part = false;
+    if (status == PRT_OK) status = prepare_lights(job, &lights, &lit);
     if (status == PRT_OK) status = prt_shard_for(b, job->stage, job->range, job, &slot, &part);
-    b->seconds[job->term == PRT_TERM_SINGLE ? T_SINGLE : T_MULTIPLE] = prt_time_s() - started;
-    started = prt_time_s();
+    prt_lit_rows_finish(&lit);
+    prt_free(lights);
+    uint64_t started = prt_work_begin_all();
     if (status == PRT_OK && !part) status = pack_rows(job, t);
     prt_sparse_builder_destroy(b->sparse);
     b->sparse = NULL;
@@ -342,7 +368,7 @@ int prt_bake_tensor(struct tensor_job *job)
     t->coupling = PRT_COUPLE_DIAGONAL;
     t->n_phase = job->n_phase;
     b->out.n_tensor++;
-    b->seconds[T_PACK] += prt_time_s() - started;
+    prt_work_end_all(&b->work, WORK_PACK, started);
     return PRT_OK;
 }
 
@@ -357,7 +383,8 @@ void prt_bake_plan_single(struct bake *b)
                                      .n_phase = b->o.n_phase,
                                      .n_point = b->o.n_single,
                                      .every_ray = b->o.every_ray,
-                                     .seed = b->o.seed};
+                                     .seed = b->o.seed,
+                                     .work = &b->work};
     for (int c = 0; c < 3; c++) {
         b->single.sigma_s[c] = m->sigma_s_prime[c] / (1 - m->g[c]);
         b->single.sigma_t[c] = b->single.sigma_s[c] + m->sigma_a[c];
@@ -369,14 +396,13 @@ void prt_bake_plan_single(struct bake *b)
 
 static int bake_wavelet(struct bake *b)
 {
-    double started = prt_time_s();
     struct probes probes = {0};
     int status = PRT_OK;
     if (b->surface && !prt_shard_assembling(b) && !prt_checkpoint_skips_rows(b))
-        status = prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
-                                     b->o.material.eta, prt_bake_rows_room(&b->o),
-                                     b->checkpoint, &b->irradiance, &b->rays_irradiance);
-    b->seconds[T_IRRADIANCE] = prt_time_s() - started;
+        status =
+            prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
+                                b->o.material.eta, prt_bake_rows_room(&b->o), b->checkpoint,
+                                &b->work, &b->irradiance, &b->rays_irradiance);
     if (status == PRT_OK) status = prt_probes_create(b, WAVELET_PROBES, &probes);
     struct tensor_job multiple = {.bake = b,
                                   .term = PRT_TERM_MULTIPLE,
@@ -498,34 +524,37 @@ static int run_shard(struct bake *b, const char *out_path, uint32_t *missing)
     return run_engine(b);
 }
 
-// Times are logged and not stored, so that equal bakes are equal bytes.
-static void log_seconds(const struct bake *b)
+// Times are reported and not stored, so that equal bakes are equal bytes.
+static int report_work(struct bake *b)
 {
-    prt_log(b->ctx, PRT_LOG_NOTE,
-            "seconds: samples %.2f, irradiance %.2f, multiple %.2f, single %.2f, pack %.2f",
-            b->seconds[T_SAMPLES], b->seconds[T_IRRADIANCE], b->seconds[T_MULTIPLE],
-            b->seconds[T_SINGLE], b->seconds[T_PACK]);
+    struct prt_bake_profile *out = b->o.profile;
+    if (!out) return PRT_OK;
+    prt_work_report(&b->work, out);
+    out->seconds = prt_time_s() - b->started;
+    out->n_thread = prt_pool_size(b->ctx->pool);
+    return b->surface ? prt_work_measure_limits(b->ctx, b->scene, b->surface, out) : PRT_OK;
 }
 
 static int measure_and_write(struct bake *b, const char *out_path)
 {
     char *errors = NULL;
+    uint64_t started = prt_work_begin_all();
     int status = b->surface ? examine(b, &errors) : PRT_OK;
     if (status) return status;
-    log_seconds(b);
+    prt_work_end_all(&b->work, WORK_ERRORS, started);
     char *settings = prt_bake_describe(b);
     b->out.settings = settings;
     b->out.errors = errors ? errors : "{}";
     status = settings ? prt_file_write(b->ctx, out_path, &b->out) : PRT_NOMEM;
     free(settings);
     free(errors);
-    return status;
+    return status == PRT_OK ? report_work(b) : status;
 }
 
 int prt_bake(const struct prt_context *ctx, const struct prt_mesh *mesh,
              const struct prt_bake_options *options, const char *out_path)
 {
-    struct bake b = {.ctx = ctx, .mesh = mesh, .o = *options};
+    struct bake b = {.ctx = ctx, .mesh = mesh, .o = *options, .started = prt_time_s()};
     uint32_t missing = 0;
     int status = check_options(ctx, &b.o);
     if (status) return status;

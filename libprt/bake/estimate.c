@@ -17,6 +17,7 @@
 //     bunny, 34835      joint*        20000    16       888             704   1.26
 //     bunny, 34835      wavelet      150000    32      3501            2970   1.18
 //     bunny, 34835      joint        150000    32      5219            4608   1.13
+#include "bake/measure.h"
 #include "bake/run.h"
 #include "prt/bake_limits.h"
 #include "prt/radial.h"
@@ -194,6 +195,7 @@ static double stages(struct demand *d, double rows)
         return kept + fmax(d->threads * fmax(cut, rays), horizon(d));
     }
     double probes = joint ? JOINT_PROBES : WAVELET_PROBES, lights = d->coef * probes * 4;
+    double lit = sparse ? 0 : (d->samples + d->nodes) * (probes + 6) * 4;
     double first = rows + horizon(d), second, third = 0;
     if (sparse) {
         second = rows + sparse_bytes(d, multiple) +
@@ -203,7 +205,7 @@ static double stages(struct demand *d, double rows)
     } else {
         double tensor = packed(d, PRT_TERM_MULTIPLE, multiple);
         double train = joint ? TRAIN_REFLECTANCE : multiple;
-        second = rows + factors(d, multiple, joint) +
+        second = rows + lit + factors(d, multiple, joint) +
                  fmax(d->threads * factor_bytes(d, multiple, train, probes, columns), tensor);
         train = joint ? TRAIN_EXTINCTION * o->n_phase : single;
         third = tensor + horizon(d) + factors(d, single, joint) +
@@ -224,7 +226,7 @@ static double measuring(const struct demand *d)
     uint64_t making, kept;
     double n = fmin(fmax(60000, d->area * densest * densest / 4e4), 2e7);
     prt_surface_memory(d->b->mesh, (uint32_t)n, (float)(1 / densest / 8), &making, &kept);
-    return (double)making + n * 12 + d->vertices * 12;
+    return (double)making + n * 12 * MEASURE_LIGHTS + d->vertices * 12;
 }
 
 // Embree's tree with what it takes to build it, the mesh and the file it came from.

@@ -2,6 +2,7 @@
 // A cluster's transport as U (few columns a vertex) times a wavelet basis, from products with
 // random lights (METHODS §3, HMT11): the dense rows of the model are never formed.
 #include "bake/stages.h"
+#include "bake/work.h"
 
 #include <cblas.h>
 #include <lapacke.h>
@@ -193,12 +194,13 @@ int prt_factor_cluster(const struct prt_context *ctx, const struct factor_plan *
     size_t block = (size_t)n_vertex * m;
     memset(out, 0, sizeof *out);
     out->n_vertex = n_vertex;
-    float *faces = combined ? prt_compression_lights(plan) : NULL, *own = NULL;
+    float *own = NULL;
     float *y = prt_alloc((size_t)plan->n_function * n_vertex * wide, sizeof *y);
     float *t = prt_alloc(plan->n_train * block, sizeof *t);
-    int status = y && t && (faces || !combined) ? PRT_OK : PRT_NOMEM;
+    int status = y && t ? PRT_OK : PRT_NOMEM;
     if (status == PRT_OK)
-        status = source->multiply(source->user, faces ? faces : plan->probe, wide, y);
+        status = source->multiply(source->user, combined ? plan->lights : plan->probe, wide, y);
+    uint64_t started = prt_work_begin();
     if (status == PRT_OK && combined) {
         own = first_columns(y, (size_t)plan->n_function * n_vertex, wide, m);
         if (!own) status = PRT_NOMEM;
@@ -207,16 +209,18 @@ int prt_factor_cluster(const struct prt_context *ctx, const struct factor_plan *
         combine(plan, own ? own : y, block, t);
         status = range_basis(t, n_vertex, plan->n_train, m, plan->max_rank, out);
     }
-    prt_free(faces);
     prt_free(own);
     prt_free(t);
     while (status == PRT_OK && out->rank > 1 &&
            out->tail[out->rank - 1] <= plan->tail_error * plan->tail_error * out->tail[0])
         out->rank--;
+    prt_work_end(plan->work, WORK_RANGE, started, 0, 0);
+    started = prt_work_begin();
     if (status == PRT_OK)
         status = combined ? prt_compress_source(plan, source, y, out)
                           : project_all(plan, source, out);
     prt_free(y);
+    prt_work_end(plan->work, WORK_PROJECTION, started, 0, 0);
     if (status == PRT_INTERNAL)
         status = prt_fail(
             ctx, status,

@@ -4,6 +4,7 @@
 // 250,000 samples).
 #include "bake/checkpoint.h"
 #include "bake/loops.h"
+#include "bake/work.h"
 
 #include <math.h>
 #include <stdatomic.h>
@@ -204,6 +205,7 @@ struct pass_one {
     struct horizon *horizon;       // or NULL: every ray is cast
     struct checkpoint *checkpoint; // or NULL
     struct half_rows *rows;
+    struct work_meters *work;
     atomic_uint_fast64_t rays;
 };
 
@@ -232,6 +234,7 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
         return PRT_OK;
     }
     prt_trace_thread_init();
+    uint64_t started = prt_work_begin();
     float *row = prt_alloc(p->rows->n_coef, sizeof *row);
     if (!row) return PRT_NOMEM;
     struct horizon_view view;
@@ -250,6 +253,7 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
     prt_checkpoint_write_rows(p->checkpoint, p->rows, begin, end - begin, rays);
     atomic_fetch_add(&p->rays, rays);
     prt_free(row);
+    prt_work_end(p->work, WORK_IRRADIANCE, started, rays, 0);
     return PRT_OK;
 }
 
@@ -280,19 +284,22 @@ static void average_node(struct pass_one *p, uint32_t at, float *row, float *chi
 static int leaf_range(void *arg, size_t begin, size_t end, unsigned worker)
 {
     struct pass_one *p = arg;
+    uint64_t started = prt_work_begin();
     float *scratch = prt_alloc(2 * p->rows->n_coef, sizeof *scratch);
     if (!scratch) return PRT_NOMEM;
     for (size_t i = begin; i < end; i++)
         if (!p->h->node[i].child[0])
             average_node(p, (uint32_t)i, scratch, scratch + p->rows->n_coef);
     prt_free(scratch);
+    prt_work_end(p->work, WORK_NODES, started, 0, 0);
     return PRT_OK;
 }
 
 int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
                         const struct prt_surface_points *surface, const struct hierarchy *h,
                         const struct directions *d, double eta, size_t room,
-                        struct checkpoint *checkpoint, struct half_rows *out, uint64_t *rays)
+                        struct checkpoint *checkpoint, struct work_meters *work,
+                        struct half_rows *out, uint64_t *rays)
 {
     struct fresnel_table fresnel;
     prt_fresnel_table_init(&fresnel, eta);
@@ -305,17 +312,20 @@ int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *s
                          .d = d,
                          .fresnel = &fresnel,
                          .checkpoint = checkpoint,
+                         .work = work,
                          .rows = out};
     (void)prt_horizon_create(scene, &p.horizon); // without memory for it every ray is cast
     status = prt_parallel_for(ctx, "irradiance", surface->n_sample, 64, pass_one_range, &p);
     if (status == PRT_OK)
         status = prt_parallel_for(ctx, "hierarchy", h->n_node, 256, leaf_range, &p);
+    uint64_t started = prt_work_begin();
     float *scratch =
         status == PRT_OK ? prt_alloc(2 * (size_t)d->n_coef, sizeof *scratch) : NULL;
     if (status == PRT_OK && !scratch) status = PRT_NOMEM;
     for (uint32_t i = h->n_node; status == PRT_OK && i-- > 0;)
         if (h->node[i].child[0]) average_node(&p, i, scratch, scratch + d->n_coef);
     prt_free(scratch);
+    prt_work_end(work, WORK_NODES, started, 0, 0);
     prt_horizon_destroy(p.horizon);
     *rays = atomic_load(&p.rays);
     if (status) prt_half_rows_finish(out);

@@ -24,10 +24,12 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
     for (size_t c = begin; status == PRT_OK && c < end; c++) {
         if (!b->clusters->translucent[c]) continue;
         struct cut cut = {0};
+        uint64_t started = prt_work_begin();
         const struct cut_source from = {b->mesh, b->surface, b->hierarchy, b->clusters};
         status = prt_cut_build(b->ctx, &from, (uint32_t)c, &radial, &cut);
-        struct product_rows rows = {&b->irradiance, &cut, b->clusters->cluster[c].n_vertex,
-                                    radial.n};
+        prt_work_end(job->work, WORK_KERNEL, started, 0, 0);
+        struct product_rows rows = {&b->irradiance, &cut,     b->clusters->cluster[c].n_vertex,
+                                    radial.n,       job->lit, job->work};
         struct row_source source = {&rows, rows.n_vertex, prt_product_multiply,
                                     prt_product_project, prt_product_combine};
         if (status == PRT_OK) status = prt_bake_take_rows(job, (uint32_t)c, &source);
@@ -130,16 +132,15 @@ static int bake_terms(struct joint *j)
 int prt_bake_joint(struct bake *b)
 {
     struct joint j = {.b = b};
-    double started = prt_time_s();
     if (!b->surface)
         return prt_fail(b->ctx, PRT_ARG,
                         "nothing is translucent: a joint bake has no material");
     int status = prt_bases_create(b, &j.bases);
     if (status == PRT_OK && !prt_shard_assembling(b) && !prt_checkpoint_skips_rows(b))
-        status = prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
-                                     b->o.material.eta, prt_bake_rows_room(&b->o),
-                                     b->checkpoint, &b->irradiance, &b->rays_irradiance);
-    b->seconds[T_IRRADIANCE] = prt_time_s() - started;
+        status =
+            prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
+                                b->o.material.eta, prt_bake_rows_room(&b->o), b->checkpoint,
+                                &b->work, &b->irradiance, &b->rays_irradiance);
     if (status == PRT_OK) status = bake_terms(&j);
     prt_bases_finish(&j.bases);
     return status;

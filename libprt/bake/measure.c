@@ -81,7 +81,7 @@ struct examination {
     const struct prt_transport *transport;
     uint32_t n, *vertex;
     float (*all)[3], (*got)[3];
-    float (*want[MEDIA])[3];
+    float (*want[MEDIA * MEASURE_LIGHTS])[3]; // by medium, then light
     unsigned n_medium;
     struct prt_material medium[MEDIA];
     double worst[MEDIA]; // largest error over lights, of the term at hand
@@ -125,25 +125,38 @@ static uint32_t reference_samples(const struct examination *e)
 }
 
 // Adds the term at hand of the bake's own medium to the sums under a light.
-static void add_to_sums(struct examination *e, unsigned which)
+static void add_to_sums(struct examination *e, unsigned light, const float *now)
 {
-    float *got = e->sum_got[which][0], *want = e->sum_want[which][0];
+    float *got = e->sum_got[light][0], *want = e->sum_want[light][0];
     for (size_t i = 0; i < (size_t)e->n * 3; i++) {
         got[i] += e->got[0][i];
-        want[i] += e->want[0][0][i];
+        want[i] += now[i];
     }
-    e->together[which] = prt_relative_rmse(got, want, (size_t)e->n * 3);
+    e->together[light] = prt_relative_rmse(got, want, (size_t)e->n * 3);
 }
 
-// Every medium under light `which`, without a view, or towards an eye [mm]; *error: of the
-// bake's own, which is added to the sums where `which` is below MEASURE_LIGHTS.
-static int examine(struct examination *e, enum prt_answer_term answer,
-                   enum prt_reference_term term, const struct prt_cube *light, const float *eye,
-                   unsigned which, double *error)
+// The bake's answer for medium m under a light, beside the reference's.
+static int compare(struct examination *e, const struct prt_query *query, unsigned m,
+                   const float (*want)[3], double *error)
+{
+    int status = prt_answer_colors(e->ctx, e->transport, query, e->all);
+    for (uint32_t i = 0; status == PRT_OK && i < e->n; i++)
+        memcpy(e->got[i], e->all[e->vertex[i]], sizeof e->got[i]);
+    if (status) return status;
+    *error = prt_relative_rmse(e->got[0], want[0], (size_t)e->n * 3);
+    e->worst[m] = fmax(e->worst[m], *error);
+    return PRT_OK;
+}
+
+// Every medium under every light, without a view, or towards an eye [mm]; error [n_light]: of
+// the bake's own medium. One call of the reference, whose kernels serve all lights.
+static int examine(struct examination *e, bool single, unsigned n_light,
+                   const struct prt_cube *const light[], const float *eye, double error[])
 {
     const struct prt_transport *t = e->transport;
     const struct prt_material *medium[MEDIA];
-    struct prt_reference_options options = {.term = term,
+    struct prt_reference_options options = {.term = single ? PRT_REFERENCE_SINGLE
+                                                           : PRT_REFERENCE_MULTIPLE,
                                             .eye = eye,
                                             .vertex = e->vertex,
                                             .n_vertex = e->n,
@@ -155,19 +168,19 @@ static int examine(struct examination *e, enum prt_answer_term answer,
     quiet.progress = NULL;
     quiet.log = drop_warnings, quiet.log_user = (void *)(uintptr_t)e->ctx;
     for (unsigned m = 0; m < e->n_medium; m++) medium[m] = &e->medium[m];
-    int status =
-        prt_reference_many(&quiet, &t->mesh, e->n_medium, medium, 1, &light, &options, e->want);
-    for (unsigned m = 0; status == PRT_OK && m < e->n_medium; m++) {
-        struct prt_query query = {
-            .term = answer, .light = light, .material = m ? &e->medium[m] : NULL, .eye = eye};
-        status = prt_answer_colors(e->ctx, t, &query, e->all);
-        for (uint32_t i = 0; status == PRT_OK && i < e->n; i++)
-            memcpy(e->got[i], e->all[e->vertex[i]], sizeof e->got[i]);
-        if (status) break;
-        double now = prt_relative_rmse(e->got[0], e->want[m][0], (size_t)e->n * 3);
-        e->worst[m] = fmax(e->worst[m], now);
-        if (!m) *error = now;
-        if (!m && which < MEASURE_LIGHTS) add_to_sums(e, which);
+    int status = prt_reference_many(&quiet, &t->mesh, e->n_medium, medium, n_light, light,
+                                    &options, e->want);
+    for (unsigned i = 0; status == PRT_OK && i < e->n_medium * n_light; i++) {
+        const unsigned m = i / n_light, l = i % n_light;
+        struct prt_query query = {.term = single ? PRT_ANSWER_SINGLE : PRT_ANSWER_MULTIPLE,
+                                  .light = light[l],
+                                  .material = m ? &e->medium[m] : NULL,
+                                  .eye = eye};
+        double now;
+        status = compare(e, &query, m, (const float(*)[3])e->want[i], &now);
+        if (status || m) continue;
+        error[l] = now;
+        if (!eye) add_to_sums(e, l, e->want[i][0]);
     }
     return status;
 }
@@ -195,21 +208,20 @@ static void add_worst(const struct examination *e, cJSON *to)
 static int measure_term(struct examination *e, bool single, const struct prt_cube *own,
                         cJSON *to)
 {
-    int status = PRT_OK;
+    struct prt_cube made[MEASURE_LIGHTS] = {{0}};
+    const struct prt_cube *light[MEASURE_LIGHTS] = {own};
+    const unsigned n_light = own ? 1 : MEASURE_LIGHTS;
+    double error[MEASURE_LIGHTS] = {0};
+    int status = prt_progress(e->ctx, "measuring", single ? 0.4 : 0);
     memset(e->worst, 0, sizeof e->worst);
-    for (unsigned l = 0; status == PRT_OK && e->n && l < (own ? 1 : MEASURE_LIGHTS); l++) {
-        struct prt_cube light = {0};
-        double error = 0;
-        if (!own) status = prt_measure_light(l, e->transport->cube, &light);
-        if (status == PRT_OK)
-            status = prt_progress(e->ctx, "measuring", (l + (single ? 3.0 : 0)) / 6);
-        if (status == PRT_OK)
-            status = examine(e, single ? PRT_ANSWER_SINGLE : PRT_ANSWER_MULTIPLE,
-                             single ? PRT_REFERENCE_SINGLE : PRT_REFERENCE_MULTIPLE,
-                             own ? own : &light, NULL, l, &error);
-        prt_cube_finish(&light);
-        add_error(to, own ? "own" : prt_measure_light_name[l], error);
+    for (unsigned l = 0; status == PRT_OK && !own && l < n_light; l++) {
+        status = prt_measure_light(l, e->transport->cube, &made[l]);
+        light[l] = &made[l];
     }
+    if (status == PRT_OK && e->n) status = examine(e, single, n_light, light, NULL, error);
+    for (unsigned l = 0; l < MEASURE_LIGHTS; l++) prt_cube_finish(&made[l]);
+    for (unsigned l = 0; e->n && l < n_light; l++)
+        add_error(to, own ? "own" : prt_measure_light_name[l], error[l]);
     add_worst(e, to);
     return status;
 }
@@ -236,8 +248,9 @@ static int measure_views(struct examination *e, const struct prt_cube *own, cJSO
         double error = 0;
         for (int k = 0; k < 3; k++)
             eye[k] = (box[0][k] + box[1][k]) / 2 + (float)distance * from[i][k];
-        status = examine(e, PRT_ANSWER_SINGLE, PRT_REFERENCE_SINGLE, own ? own : &light, eye,
-                         MEASURE_LIGHTS, &error);
+        const struct prt_cube *const lights[] = {own ? own : &light};
+        status = prt_progress(e->ctx, "measuring", 0.7 + 0.3 * i / EYES);
+        if (status == PRT_OK) status = examine(e, true, 1, lights, eye, &error);
         sum += error * error / EYES;
     }
     e->n_medium = n_medium;
@@ -276,8 +289,8 @@ int prt_measure_bake(const struct prt_context *ctx, const struct prt_transport *
     e.all = prt_alloc(transport->mesh.n_vertex, sizeof *e.all);
     e.got = prt_alloc(n_vertex, sizeof *e.got);
     int status = e.vertex && e.all && e.got ? choose_media(&e) : PRT_NOMEM;
-    for (unsigned m = 0; status == PRT_OK && m < e.n_medium; m++)
-        if (!(e.want[m] = prt_alloc(n_vertex, sizeof *e.want[m]))) status = PRT_NOMEM;
+    for (unsigned i = 0; status == PRT_OK && i < e.n_medium * MEASURE_LIGHTS; i++)
+        if (!(e.want[i] = prt_alloc(n_vertex, sizeof *e.want[i]))) status = PRT_NOMEM;
     for (unsigned l = 0; status == PRT_OK && l < MEASURE_LIGHTS; l++) {
         e.sum_got[l] = prt_calloc(n_vertex, sizeof *e.sum_got[l]);
         e.sum_want[l] = prt_calloc(n_vertex, sizeof *e.sum_want[l]);
@@ -288,7 +301,7 @@ int prt_measure_bake(const struct prt_context *ctx, const struct prt_transport *
     prt_free(e.vertex);
     prt_free(e.all);
     prt_free(e.got);
-    for (unsigned m = 0; m < e.n_medium; m++) prt_free(e.want[m]);
+    for (unsigned i = 0; i < MEDIA * MEASURE_LIGHTS; i++) prt_free(e.want[i]);
     for (unsigned l = 0; l < MEASURE_LIGHTS; l++)
         prt_free(e.sum_got[l]), prt_free(e.sum_want[l]);
     return status;

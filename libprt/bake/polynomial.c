@@ -289,24 +289,24 @@ int prt_bake_polynomial(struct bake *b)
 {
     struct polynomial p = {.b = b};
     struct prt_cube light = {0};
-    double started = prt_time_s();
     if (!b->surface)
         return prt_fail(b->ctx, PRT_ARG, "nothing is translucent: no material to edit");
+    uint64_t started = prt_work_begin_all();
     int status = prt_env_to_cube(b->ctx, b->o.env, b->o.cube, b->o.rotate_deg, &light);
     if (status == PRT_OK) status = prt_bases_create(b, &p.bases);
     if (status == PRT_OK)
         status = prt_light_rays_create(&light, PATTERNS, SAMPLE_RAYS, b->o.seed + 1, &p.rays);
     if (status == PRT_OK && !prt_shard_assembling(b)) status = irradiance(&p);
     b->rays_irradiance = (uint64_t)b->surface->n_sample * SAMPLE_RAYS / 2;
-    b->seconds[T_IRRADIANCE] = prt_time_s() - started;
-    started = prt_time_s();
+    prt_work_end_all(&b->work, WORK_IRRADIANCE, started);
+    started = prt_work_begin_all();
     if (status == PRT_OK) status = bake_multiple(&p);
-    b->seconds[T_MULTIPLE] = prt_time_s() - started;
-    started = prt_time_s();
+    prt_work_end_all(&b->work, WORK_KERNEL, started);
+    started = prt_work_begin_all();
     prt_light_rays_destroy(p.rays);
     p.rays = NULL;
     if (status == PRT_OK && !b->o.no_single) status = bake_single(&p, &light);
-    b->seconds[T_SINGLE] = prt_time_s() - started;
+    if (!b->o.no_single) prt_work_end_all(&b->work, WORK_EXITS, started);
     prt_free(p.irradiance);
     prt_cube_finish(&light);
     prt_bases_finish(&p.bases);

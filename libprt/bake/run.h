@@ -4,6 +4,7 @@
 #define PRT_BAKE_RUN_H
 
 #include "bake/stages.h"
+#include "bake/work.h"
 
 struct bake {
     const struct prt_context *ctx;
@@ -24,9 +25,9 @@ struct bake {
     uint64_t rays_irradiance, *rays_single; // rays_single [n_cluster]
     struct shard *shard;                    // one part of several; NULL: the whole bake
     struct checkpoint *checkpoint;          // NULL: none is kept
-    double seconds[8];                      // by T_*
+    struct work_meters work;
+    double started; // prt_time_s()
 };
-enum { T_SAMPLES, T_IRRADIANCE, T_MULTIPLE, T_SINGLE, T_PACK, T_MEASURE };
 
 /* Checks the options against prt/bake_limits.h; logs the one that is out of bounds. */
 int prt_bake_check_settings(const struct prt_context *ctx,
@@ -55,6 +56,7 @@ size_t prt_bake_rows_room(const struct prt_bake_options *options);
 enum { WAVELET_PROBES = 192, JOINT_PROBES = 128, OPAQUE_PROBES = 192 };
 /* A log that drops every line. */
 void prt_bake_drop_line(void *user, enum prt_log_level level, const char *line);
+struct lit_rows; /* sources.h */
 /* One tensor to bake: its rows and the way they are factored. `range` gets it as its argument.
  */
 struct tensor_job {
@@ -66,6 +68,9 @@ struct tensor_job {
     const struct probes *probes;
     const struct training *training; /* NULL: every function is a combination of its own */
     const void *user;                /* the engine's own data */
+    const float *lights;             /* struct factor_plan; prt_bake_tensor sets these three */
+    const struct lit_rows *lit;      /* or NULL */
+    struct work_meters *work;
 };
 /* Bakes the tensor of the next slot: rows by job->range over all clusters, then packing. */
 int prt_bake_tensor(struct tensor_job *job);

@@ -4,6 +4,7 @@
 // single_nodes.c), texels that share their rays are gathered into cells, and path_integral.c
 // integrates between the depths.
 #include "bake/single.h"
+#include "bake/work.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -166,11 +167,15 @@ uint64_t prt_single_cells(const struct single_plan *plan, const struct fresnel_t
         s.cosine[d->texel[k]] = n[0] * d->x[at] + n[1] * d->y[at] + n[2] * d->z[at];
     }
     const struct vertex_path path = {x, n, pattern, depth};
+    uint64_t started = prt_work_begin();
     rays += prt_trace_nodes(plan, fresnel, &path, &s);
+    prt_work_end(plan->work, WORK_EXITS, started, rays, 0);
+    started = prt_work_begin();
     end = fminf(thickness, depth[plan->n_node - 1] + plan->inward_mm);
     out->n_cell = make_cells(plan, &s);
     prt_path_integrate(
         &(struct path_job){plan, fresnel, &s, depth, end, out->n_cell, NULL, value});
+    prt_work_end(plan->work, WORK_PATHS, started, 0, 0);
     return rays;
 }
 

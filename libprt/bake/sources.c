@@ -1,11 +1,54 @@
 // SPDX-License-Identifier: MIT
 // Products of rows with lights and bases. BLAS runs on one thread: the pool runs the clusters.
 #include "bake/sources.h"
+#include "bake/work.h"
 
 #include <cblas.h>
 #include <string.h>
 
 enum { BLOCK = 192 }; // rows of E converted to float at a time
+
+struct lit_job {
+    const struct half_rows *rows;
+    struct lit_rows *lit;
+    struct work_meters *work;
+};
+
+static int lit_range(void *arg, size_t begin, size_t end, unsigned worker)
+{
+    const struct lit_job *job = arg;
+    const struct half_rows *rows = job->rows;
+    const size_t n_coef = rows->n_coef, m = job->lit->n_light, n = end - begin;
+    uint64_t started = prt_work_begin();
+    float *e = prt_alloc(n * n_coef, sizeof *e);
+    if (!e) return PRT_NOMEM;
+    prt_f16_to_f32_array(rows->half + begin * n_coef, n * n_coef, e);
+    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)m, (int)n_coef, 1, e,
+                (int)n_coef, job->lit->light, (int)m, 0, job->lit->value + begin * m, (int)m);
+    prt_free(e);
+    prt_work_end(job->work, WORK_LIT_ROWS, started, 0,
+                 2 * (double)n * (double)n_coef * (double)m);
+    return PRT_OK;
+}
+
+int prt_lit_rows_create(const struct prt_context *ctx, const struct half_rows *rows,
+                        const float *light, uint32_t n_light, struct work_meters *work,
+                        struct lit_rows *out)
+{
+    *out = (struct lit_rows){n_light, light, prt_alloc(rows->n_row * n_light, sizeof(float))};
+    struct lit_job job = {rows, out, work};
+    int status = out->value ? prt_parallel_for(ctx, "multiple scattering", rows->n_row, BLOCK,
+                                               lit_range, &job)
+                            : PRT_NOMEM;
+    if (status) prt_lit_rows_finish(out);
+    return status;
+}
+
+void prt_lit_rows_finish(struct lit_rows *lit)
+{
+    prt_free(lit->value);
+    *lit = (struct lit_rows){0};
+}
 
 // Rows [first, first+n) of the cut as floats.
 static void load_rows(const struct product_rows *p, uint32_t first, uint32_t n, float *out)
@@ -16,19 +59,35 @@ static void load_rows(const struct product_rows *p, uint32_t first, uint32_t n, 
                              out + i * n_coef);
 }
 
-int prt_product_multiply(void *user, const float *x, uint32_t m, float *out)
+// The cut's rows times x, [C][m].
+static int light_rows(const struct product_rows *p, const float *x, uint32_t m, float *ex)
 {
-    struct product_rows *p = user;
     uint32_t C = p->cut->n_column, n_coef = (uint32_t)p->rows->n_coef;
+    if (p->lit && p->lit->light == x && p->lit->n_light == m) {
+        for (uint32_t i = 0; i < C; i++)
+            memcpy(ex + (size_t)i * m, p->lit->value + (size_t)p->cut->row[i] * m,
+                   m * sizeof *ex);
+        return PRT_OK;
+    }
     float *e = prt_alloc((size_t)BLOCK * n_coef, sizeof *e);
-    float *ex = prt_alloc((size_t)C * m + 1, sizeof *ex);
-    int status = e && ex ? PRT_OK : PRT_NOMEM;
-    for (uint32_t first = 0; status == PRT_OK && first < C; first += BLOCK) {
+    if (!e) return PRT_NOMEM;
+    for (uint32_t first = 0; first < C; first += BLOCK) {
         uint32_t n = C - first < BLOCK ? C - first : BLOCK;
         load_rows(p, first, n, e);
         cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, (int)n, (int)m, (int)n_coef, 1,
                     e, (int)n_coef, x, (int)m, 0, ex + (size_t)first * m, (int)m);
     }
+    prt_free(e);
+    return PRT_OK;
+}
+
+int prt_product_multiply(void *user, const float *x, uint32_t m, float *out)
+{
+    struct product_rows *p = user;
+    uint32_t C = p->cut->n_column;
+    uint64_t started = prt_work_begin();
+    float *ex = prt_alloc((size_t)C * m + 1, sizeof *ex);
+    int status = ex ? light_rows(p, x, m, ex) : PRT_NOMEM;
     size_t stride = (size_t)p->n_vertex * C;
     for (uint32_t f = 0; status == PRT_OK && f < p->n_function; f++) {
         float *y = out + (size_t)f * p->n_vertex * m;
@@ -38,8 +97,9 @@ int prt_product_multiply(void *user, const float *x, uint32_t m, float *out)
                         (int)C, 1, p->cut->k + f * stride, (int)p->n_vertex, ex, (int)m, 0, y,
                         (int)m);
     }
-    prt_free(e);
     prt_free(ex);
+    prt_work_end(p->work, WORK_PRODUCTS, started, 0,
+                 2.0 * p->n_function * p->n_vertex * (double)C * m);
     return status;
 }
 
@@ -57,6 +117,7 @@ static int weigh_rows(const struct product_rows *p, const float *q, uint32_t n, 
                     1, q + first, (int)C, e, (int)n_coef, 1, out, (int)n_coef);
     }
     prt_free(e);
+    prt_work_count(p->work, WORK_PROJECTION, 0, 2.0 * n * (double)C * n_coef);
     return PRT_OK;
 }
 
@@ -68,6 +129,7 @@ static void weights_of(const struct product_rows *p, const float *u, uint32_t r,
     cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasTrans, (int)r, (int)C, (int)p->n_vertex, 1, u,
                 (int)p->n_vertex, p->cut->k + f * ((size_t)p->n_vertex * C), (int)p->n_vertex,
                 0, q, (int)stride);
+    prt_work_count(p->work, WORK_PROJECTION, 0, 2.0 * r * (double)C * p->n_vertex);
 }
 
 int prt_product_project(void *user, const float *u, uint32_t r, float *out)

@@ -10,7 +10,21 @@ struct product_rows {
     const struct half_rows *rows;
     const struct cut *cut;
     uint32_t n_vertex, n_function;
+    const struct lit_rows *lit; /* products with these lights need no others; or NULL */
+    struct work_meters *work;   /* or NULL */
 };
+/* All rows times the lights of a tensor: the clusters' cuts share most rows. */
+struct lit_rows {
+    uint32_t n_light;
+    const float *light; /* [n_coef][n_light], as multiply's x */
+    float *value;       /* [n_row][n_light] */
+};
+/* PRT_NOMEM; PRT_CANCELLED. prt_lit_rows_finish frees the values. */
+int prt_lit_rows_create(const struct prt_context *ctx, const struct half_rows *rows,
+                        const float *light, uint32_t n_light, struct work_meters *work,
+                        struct lit_rows *out);
+void prt_lit_rows_finish(struct lit_rows *lit);
+
 int prt_product_multiply(void *user, const float *x, uint32_t m, float *out);
 int prt_product_project(void *user, const float *u, uint32_t r, float *out);
 int prt_product_combine(void *user, const float *u, uint32_t r, uint32_t n, const float *w,

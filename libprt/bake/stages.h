@@ -75,7 +75,8 @@ int prt_half_rows_create(const struct prt_context *ctx, size_t n_row, size_t n_c
                          size_t room, struct half_rows *out);
 void prt_half_rows_finish(struct half_rows *rows);
 
-struct checkpoint; /* checkpoint.h */
+struct checkpoint;  /* checkpoint.h */
+struct work_meters; /* work.h */
 
 struct node {
     float centre[3]; /* area-weighted mean position [mm] */
@@ -102,7 +103,8 @@ void prt_hierarchy_destroy(struct hierarchy *h);
 int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
                         const struct prt_surface_points *surface, const struct hierarchy *h,
                         const struct directions *d, double eta, size_t room,
-                        struct checkpoint *checkpoint, struct half_rows *out, uint64_t *rays);
+                        struct checkpoint *checkpoint, struct work_meters *work,
+                        struct half_rows *out, uint64_t *rays);
 
 /* ---- clusters of vertices -----------------------------------------------------------------
  */
@@ -175,6 +177,8 @@ struct factor_plan {
     uint32_t n;               /* cube size */
     const float *solid_angle; /* [n_coef] */
     const float *probe;       /* [n_coef][n_probe], struct probes */
+    const float *lights;      /* [n_coef][n_probe + 6], prt_compression_lights; or NULL */
+    struct work_meters *work; /* or NULL */
 };
 /* A factored cluster before packing: U with orthonormal columns by falling energy, and the rows
  * B = U^T T as Haar coefficients.
@@ -324,7 +328,7 @@ struct horizon_view {
 void prt_horizon_view(struct horizon *horizon, uint32_t triangle, struct horizon_view *view);
 
 /* How single scattering of a model is traced and integrated. The caller fills the fields up to
- * n_direction, prt_single_plan_depths the rest. */
+ * work, prt_single_plan_depths the rest. */
 struct single_plan {
     unsigned cpu; /* mask of enum prt_cpu for the loops over rays and paths */
     const struct prt_scene *scene;
@@ -340,6 +344,8 @@ struct single_plan {
     const struct extinction_table *extinction; /* radial basis in place of sigma_t, or NULL */
     uint32_t n_direction; /* most directions at once: n_coef, or a light's rays */
 
+    struct work_meters *work; /* or NULL */
+
     struct horizon *horizon; /* saves shadow rays; NULL without memory for it */
     uint32_t n_node;         /* depths traced */
     float first_mm, last_mm; /* least and greatest depth */
@@ -350,7 +356,7 @@ struct single_plan {
     float differ, differ_texel, uncertain;
     float max_optical_depth; /* beyond it one node's ray is used for all nodes */
 };
-/* Fills the fields behind n_direction, and creates the horizon; finish destroys it. */
+/* Fills the fields behind work, and creates the horizon; finish destroys it. */
 void prt_single_plan_depths(struct single_plan *plan);
 void prt_single_plan_finish(struct single_plan *plan);
 /* Depths [mm] of the nodes along a path through `thickness` mm of the body, geometric. */

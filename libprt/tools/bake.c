@@ -132,7 +132,49 @@ static void report_errors(const char *errors)
     cJSON_Delete(root);
 }
 
-static int report(struct tool *tool, double seconds)
+static void add_profile(cJSON *root, const struct prt_bake_profile *p)
+{
+    cJSON *profile = cJSON_AddObjectToObject(root, "profile");
+    cJSON *work = cJSON_AddArrayToObject(profile, "work");
+    for (uint32_t i = 0; i < p->n_work; i++) {
+        cJSON *item = cJSON_CreateObject();
+        cJSON_AddStringToObject(item, "name", p->work[i].name);
+        cJSON_AddNumberToObject(item, "cpu_seconds", p->work[i].cpu_seconds);
+        if (p->work[i].rays) cJSON_AddNumberToObject(item, "rays", (double)p->work[i].rays);
+        if (p->work[i].flop > 0) cJSON_AddNumberToObject(item, "flop", p->work[i].flop);
+        cJSON_AddItemToArray(work, item);
+    }
+    cJSON_AddNumberToObject(profile, "threads", p->n_thread);
+    cJSON_AddNumberToObject(profile, "machine_rays_s", p->rays_s);
+    cJSON_AddNumberToObject(profile, "machine_flop_s", p->flop_s);
+}
+
+// A rate in millions or billions, or a dash.
+static void print_rate(double done, double seconds, double unit)
+{
+    if (done > 0 && seconds > 0) printf("%12.1f", done / seconds / unit);
+    else printf("%12s", "-");
+}
+
+// One line for each kind of work, and the machine's own rates for the same number of threads.
+static void print_profile(const struct prt_bake_profile *p)
+{
+    double all = 0;
+    for (uint32_t i = 0; i < p->n_work; i++) all += p->work[i].cpu_seconds;
+    printf("%-12s%10s%8s%12s%12s\n", "work", "CPU s", "share", "Mray/s", "GFLOP/s");
+    for (uint32_t i = 0; i < p->n_work; i++) {
+        const struct prt_bake_work *w = &p->work[i];
+        double s = w->cpu_seconds / p->n_thread; // rates of all threads together
+        printf("%-12s%10.2f%7.1f%%", w->name, w->cpu_seconds, 100 * w->cpu_seconds / all);
+        print_rate((double)w->rays, s, 1e6);
+        print_rate(w->flop, s, 1e9);
+        putchar('\n');
+    }
+    printf("%-12s%10.2f%8s%12.1f%12.1f\n", "machine", p->n_thread * p->seconds, "",
+           p->rays_s * 1e-6, p->flop_s * 1e-9);
+}
+
+static int report(struct tool *tool, double seconds, const struct prt_bake_profile *profile)
 {
     const struct options *o = &tool->opt;
     struct prt_file *file;
@@ -154,6 +196,7 @@ static int report(struct tool *tool, double seconds)
         cJSON_AddNumberToObject(root, "bytes_per_vertex", a_vertex);
         cJSON *errors = t->errors ? cJSON_Parse(t->errors) : NULL;
         if (errors) cJSON_AddItemToObject(root, "errors", errors);
+        if (o->profile) add_profile(root, profile);
         char *text = cJSON_PrintUnformatted(root);
         puts(text ? text : "{}");
         free(text);
@@ -162,6 +205,7 @@ static int report(struct tool *tool, double seconds)
         printf("%s: %u vertices, %.1f MB, %.0f bytes of transport a vertex, baked in %.1f s\n",
                o->out, t->mesh.n_vertex, bytes * 1e-6, a_vertex, seconds);
         report_errors(t->errors);
+        if (o->profile) print_profile(profile);
     }
     prt_file_close(file);
     return EXIT_DONE;
@@ -233,6 +277,7 @@ int run_bake(struct tool *tool)
     struct source source = {0};
     struct prt_env *env = NULL;
     char *settings = NULL;
+    struct prt_bake_profile profile;
     uint32_t missing = 0;
     double started = prt_time_s();
     int exit_status = check_usage(o, engine);
@@ -269,10 +314,12 @@ int run_bake(struct tool *tool)
     settings = provenance(o);
     options.settings_json = settings;
     options.parts_missing = &missing;
+    options.profile = o->profile ? &profile : NULL;
     exit_status = memory_watch_end(prt_bake(&tool->ctx, source.mesh, &options, o->out));
     double seconds = prt_time_s() - started;
     if (!exit_status)
-        exit_status = missing ? report_part(o, seconds, missing) : report(tool, seconds);
+        exit_status =
+            missing ? report_part(o, seconds, missing) : report(tool, seconds, &profile);
 done:
     free(settings);
     if (env) prt_env_destroy(env);

@@ -102,6 +102,9 @@ const struct option_row option_table[] = {
      "resolution 6xNxN of the light (default 32)"},
     {"cube", 0, "N|full", OPTION_CUBE, AT(cube), PRT_CUBE_MIN, PRT_CUBE_MAX, NULL, LIGHTS,
      "resolution of the light for the reference engine (default: the .prt's, else 32)"},
+    {"profile", 0, NULL, OPTION_FLAG, AT(profile), 0, 0, NULL, BAKE,
+     "print CPU seconds, rays and operations of each kind of work beside the machine's rates; "
+     "takes a second more"},
     {"phase-terms", 0, "K", OPTION_WHOLE, AT(phase_terms), 1, 16, NULL, BAKE | COLORS | IMAGE,
      "spherical-harmonic terms of the phase function: 1, 4 or 9 (default of the reference engine: exact)"},
     {"samples", 0, "N", OPTION_WHOLE, AT(samples), PRT_BAKE_SAMPLES_MIN, PRT_BAKE_SAMPLES_MAX,

@@ -15,6 +15,24 @@ extern "C" {
  * bake's inputs has this among them. */
 enum { PRT_BAKE_VERSION = 1 };
 
+/* Where the time of a bake went: one entry for each kind of work that was done. */
+enum { PRT_BAKE_WORK_MAX = 16 };
+struct prt_bake_work {
+    const char *name;   /* static */
+    double cpu_seconds; /* over all threads; without the wait for memory limits or other
+                           programs */
+    uint64_t rays;      /* cast; 0: none, or not counted */
+    double flop;        /* operations of matrix products, a multiply-add counting 2; or 0 */
+};
+struct prt_bake_profile {
+    uint32_t n_work;
+    struct prt_bake_work work[PRT_BAKE_WORK_MAX];
+    unsigned n_thread;
+    double seconds;        /* of the whole bake */
+    double rays_s, flop_s; /* what the machine reached in the same run with the bake's threads:
+                            * incoherent rays [1/s], products of large matrices [flop/s] */
+};
+
 /* Settings of a bake; prt/bake_limits.h has their bounds. A zeroed struct with `material` set
  * is a valid wavelet bake. */
 struct prt_bake_options {
@@ -54,7 +72,9 @@ struct prt_bake_options {
     uint64_t checkpoint_room;
     uint64_t memory; /* bytes to make do with: rows of pass 1 that take more than 60 % of them
                       * are kept on disk; 0: the memory that is free */
-    const char *settings_json; /* JSON recorded as "source" of the settings, or NULL */
+    struct prt_bake_profile *profile; /* out, or NULL: filled when the bake succeeds, which
+                                       * then takes a second longer */
+    const char *settings_json;        /* JSON recorded as "source" of the settings, or NULL */
 };
 /* Bakes a mesh that has a scale (prt_mesh_scale) and writes the .prt (METHODS §3 to 5). Equal
  * inputs give equal bytes for any number of threads. Blocks; reports stages through
