@@ -57,8 +57,10 @@ static int visit(struct cut_build *b, uint32_t at)
         centre2 += c * c;
         extent2 += e * e;
     }
-    bool open = gap2 < b->near_mm * b->near_mm || node->area > open_solid_angle * centre2 ||
-                sqrtf(extent2) * fminf(b->steepest, open_lengths / sqrtf(gap2)) > open_extent;
+    bool open = gap2 < b->near_mm * b->near_mm ||
+                node->area > open_solid_angle * b->from->coarseness * centre2 ||
+                sqrtf(extent2) * fminf(b->steepest, open_lengths / sqrtf(gap2)) >
+                    open_extent * sqrtf(b->from->coarseness);
     if (!open) return add_column(b->cut, b->s->n_sample + at);
     int status = PRT_OK;
     if (node->child[0]) {

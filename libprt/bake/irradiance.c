@@ -14,10 +14,6 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-// Share of full light through a sub-sample below which one ray of four is cast first. Chosen
-// with the horizon: the two change rows by 0.2 %.
-static const float faint_light = 0.03f;
-
 // Visibility of the four texels of a packet: 1 all visible, -1 all blocked, 0 unknown.
 static inline int visibility(const struct directions *d, const uint32_t texel[4],
                              const struct horizon_view *view)
@@ -71,11 +67,11 @@ static inline bool below(const struct directions *d, size_t at, const float n[3]
 }
 
 // Whether a packet carries little light in any case, because it grazes the surface.
-static bool faint(const float value[16])
+static bool faint(const struct directions *d, const float value[16])
 {
     float most = 0;
     for (int i = 0; i < 16; i++) most = value[i] > most ? value[i] : most;
-    return most < faint_light;
+    return most < d->faint;
 }
 
 // Casts one ray of each texel of the four packets, as one packet. Where the four rays of a
@@ -142,7 +138,7 @@ uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directio
             write_texels(texel, u.value[u.n], mask, out);
             continue;
         }
-        if (!view || !faint(u.value[u.n])) {
+        if ((!view && d->faint < 1) || !faint(d, u.value[u.n])) {
             uint32_t open = mask & ~prt_scene_occluded16(scene, packet, mask);
             u.rays += (unsigned)__builtin_popcount(mask);
             write_texels(texel, u.value[u.n], open, out);
@@ -295,6 +291,16 @@ static int leaf_range(void *arg, size_t begin, size_t end, unsigned worker)
     return PRT_OK;
 }
 
+// Whether the horizon's rays, one a bin of the upper hemisphere of each vertex, are few beside
+// the samples' own.
+static bool horizon_pays(const struct prt_scene *scene, const struct prt_surface_points *s,
+                         const struct directions *d)
+{
+    double horizon = 0.5 * 6 * HORIZON_WIDE * HORIZON_WIDE * prt_scene_mesh(scene)->n_vertex;
+    double samples = 0.5 * SUBS * d->n_coef * (double)s->n_sample;
+    return horizon < 0.5 * samples * (d->faint < 1 ? 1 : 1.0 / SUBS);
+}
+
 int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
                         const struct prt_surface_points *surface, const struct hierarchy *h,
                         const struct directions *d, double eta, size_t room,
@@ -314,7 +320,8 @@ int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *s
                          .checkpoint = checkpoint,
                          .work = work,
                          .rows = out};
-    (void)prt_horizon_create(scene, &p.horizon); // without memory for it every ray is cast
+    if (horizon_pays(scene, surface, d))
+        (void)prt_horizon_create(scene, &p.horizon); // without memory for it every ray is cast
     status = prt_parallel_for(ctx, "irradiance", surface->n_sample, 64, pass_one_range, &p);
     if (status == PRT_OK)
         status = prt_parallel_for(ctx, "hierarchy", h->n_node, 256, leaf_range, &p);

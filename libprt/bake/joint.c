@@ -25,7 +25,7 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
         if (!b->clusters->translucent[c]) continue;
         struct cut cut = {0};
         uint64_t started = prt_work_begin();
-        const struct cut_source from = {b->mesh, b->surface, b->hierarchy, b->clusters};
+        const struct cut_source from = prt_bake_cut_source(b);
         status = prt_cut_build(b->ctx, &from, (uint32_t)c, &radial, &cut);
         prt_work_end(job->work, WORK_KERNEL, started, 0, 0);
         struct product_rows rows = {&b->irradiance, &cut,     b->clusters->cluster[c].n_vertex,

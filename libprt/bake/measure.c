@@ -79,7 +79,7 @@ static const char *const free_media[MEDIA - 1] = {"skin1", "ketchup", "skimmilk"
 struct examination {
     const struct prt_context *ctx;
     const struct prt_transport *transport;
-    uint32_t n, *vertex;
+    uint32_t n, *vertex, least_samples;
     float (*all)[3], (*got)[3];
     float (*want[MEDIA * MEASURE_LIGHTS])[3]; // by medium, then light
     unsigned n_medium;
@@ -121,7 +121,7 @@ static uint32_t reference_samples(const struct examination *e)
             densest = fmax(densest, (double)e->medium[m].sigma_s_prime[c] +
                                         (double)e->medium[m].sigma_a[c]);
     double least = prt_surface_area(&e->transport->mesh) * densest * densest / (200.0 * 200.0);
-    return (uint32_t)fmin(fmax(60000, least), 2e7);
+    return (uint32_t)fmin(fmax(e->least_samples, least), 2e7);
 }
 
 // Adds the term at hand of the bake's own medium to the sums under a light.
@@ -281,10 +281,10 @@ static int measure_terms(struct examination *e, const struct prt_cube *own, char
 }
 
 int prt_measure_bake(const struct prt_context *ctx, const struct prt_transport *transport,
-                     const struct prt_cube *own, uint32_t n_vertex, uint64_t seed,
-                     char **errors)
+                     const struct prt_cube *own, uint32_t n_vertex, uint32_t least_samples,
+                     uint64_t seed, char **errors)
 {
-    struct examination e = {.ctx = ctx, .transport = transport};
+    struct examination e = {.ctx = ctx, .transport = transport, .least_samples = least_samples};
     e.vertex = prt_alloc(n_vertex, sizeof *e.vertex);
     e.all = prt_alloc(transport->mesh.n_vertex, sizeof *e.all);
     e.got = prt_alloc(n_vertex, sizeof *e.got);

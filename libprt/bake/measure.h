@@ -12,10 +12,11 @@ int prt_measure_light(unsigned which, uint32_t n, struct prt_cube *out);
 /* Relights the transport's multiple and single terms. *errors gets a JSON object of relative
  * RMSEs, to free(): by light for the bake's own material, and where the material is free the
  * worst light of each of three media that are not in the training ("media"). At most n_vertex
- * translucent vertices, drawn by seed. own: the light that a polynomial bake fixed, used alone;
+ * translucent vertices, drawn by seed. The reference takes least_samples or as many as its
+ * densest medium needs. own: the light that a polynomial bake fixed, used alone;
  * NULL: the synthetic ones. Blocks; reports "measuring" as progress. */
 int prt_measure_bake(const struct prt_context *ctx, const struct prt_transport *transport,
-                     const struct prt_cube *own, uint32_t n_vertex, uint64_t seed,
-                     char **errors);
+                     const struct prt_cube *own, uint32_t n_vertex, uint32_t least_samples,
+                     uint64_t seed, char **errors);
 
 #endif

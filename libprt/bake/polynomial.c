@@ -124,7 +124,7 @@ static int multiple_range(void *arg, size_t begin, size_t end, unsigned worker)
         const struct prt_cluster *cluster = &p->tensor->cluster[c];
         if (!b->clusters->translucent[c]) continue;
         struct cut cut = {0};
-        const struct cut_source from = {b->mesh, b->surface, b->hierarchy, b->clusters};
+        const struct cut_source from = prt_bake_cut_source(b);
         status = prt_cut_build(b->ctx, &from, (uint32_t)c, &radial, &cut);
         uint32_t n = cluster->n_vertex;
         float *sum = prt_alloc((size_t)n * 3, sizeof *sum);

@@ -41,6 +41,8 @@ void prt_bake_set_defaults(struct prt_bake_options *options);
 float prt_bake_fine_mm(const struct bake *b);
 /* Jittered patterns of directions. */
 uint32_t prt_bake_patterns(const struct prt_bake_options *options);
+/* The bake's body, and the coarseness of its cuts. */
+struct cut_source prt_bake_cut_source(const struct bake *b);
 /* Most vertices of a cluster. */
 uint32_t prt_bake_cluster_size(const struct bake *b);
 /* Most columns of a cluster's U; every_medium: U is trained for a range of media. */

@@ -35,6 +35,7 @@ char *prt_bake_describe(const struct bake *b)
     cJSON_AddStringToObject(json, "engine", engine[b->o.engine]);
     cJSON_AddStringToObject(json, "storage",
                             b->o.storage == PRT_STORAGE_SPARSE ? "sparse" : "factored");
+    if (b->o.draft) cJSON_AddBoolToObject(json, "draft", true);
     add_u64(json, "cube", b->o.cube);
     add_u64(json, "samples", b->surface ? b->surface->n_sample : 0);
     add_rounded(json, "spacing_mm", b->surface ? (double)b->surface->spacing : 0);

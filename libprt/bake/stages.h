@@ -26,6 +26,7 @@ struct directions {
     float *weight;      /* [n_pattern][n_packet][16] */
     uint32_t *texel;    /* [n_packet][4] texel of each four lanes */
     float *solid_angle; /* [n_coef] sr */
+    float faint;        /* share of full light below which one ray of four is cast first */
     uint16_t *bin;      /* [n_coef] bin of a horizon that contains the texel's centre */
 };
 int prt_directions_create(unsigned cpu, uint32_t n, uint32_t n_pattern, uint64_t seed,
@@ -55,7 +56,7 @@ struct horizon_view;
 /* One row of pass 1, W05 eq 8: out[texel] = mean over the texel of F_t V (n.w)+, in [0,1]
  * (times the texel's solid angle it is the irradiance transport). fresnel NULL: F_t = 1. With a
  * view, the horizon of the receiver's triangle, directions whose visibility is certain take no
- * ray; and where the light grazes the surface one ray a texel is cast first, the other three
+ * ray; and where the light is below d->faint one ray a texel is cast first, the other three
  * only if the four rays of 2 x 2 texels disagree. view NULL: every ray is cast. Returns the
  * number of rays cast. */
 uint64_t prt_irradiance_row(const struct prt_scene *scene, const struct directions *d,
@@ -145,6 +146,7 @@ struct cut_source {
     const struct prt_surface_points *surface;
     const struct hierarchy *hierarchy;
     const struct clusters *clusters;
+    float coarseness; /* 1, or more: nodes of so much more solid angle stay closed */
 };
 /* The cut and the matrix of cluster c (W05 eq 7, JB02). A zeroed `cut`, or one of an earlier
  * call, whose memory is used again; prt_cut_finish frees it. */

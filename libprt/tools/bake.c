@@ -34,6 +34,8 @@ static int check_usage(const struct options *o, enum prt_transport_kind engine)
         return usage_error(o, "--storage sparse is for --transport wavelet");
     if (o->basis && engine != PRT_TRANSPORT_POLYNOMIAL)
         return usage_error(o, "--basis is for --transport polynomial");
+    if (o->draft && engine == PRT_TRANSPORT_POLYNOMIAL)
+        return usage_error(o, "--draft is for --transport wavelet and joint");
     if (sparse && (o->rank || o->basis_coeffs))
         return usage_error(o, "--rank and --basis-coeffs are for --storage factored");
     if (!sparse && o->coeffs) return usage_error(o, "--coeffs is for --storage sparse");
@@ -54,13 +56,14 @@ static struct prt_bake_options bake_options(const struct options *o,
         .engine = engine,
         .storage = sparse ? PRT_STORAGE_SPARSE : PRT_STORAGE_FACTORED,
         .n_sample = (uint32_t)o->samples,
-        .cube = o->cube ? o->cube : 32,
+        .cube = o->cube,
         .n_coef = (uint32_t)o->coeffs,
         .rank = (uint32_t)o->rank,
         .n_basis_coef = (uint32_t)o->basis_coeffs,
         .n_phase = (uint32_t)o->phase_terms,
         .n_single = (uint32_t)o->single_points,
         .no_single = o->no_single,
+        .draft = o->draft,
         .every_ray = o->every_ray,
         .max_error = o->max_error,
         .rotate_deg = o->rotate_deg,
