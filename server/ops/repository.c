@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
-// Orders of the models folder: a LOAD each, then the wait for its bake, then the change of
-// names.
-#include "ops/repository.h"
-
+// The LOADs that the models folder orders by itself: of the versions NAME/VERSION with a file
+// that is no .prt, and again of every model whose file of --models has other content by now.
+// Each is a request of its own, of the principal that owns the model, so that limits and errors
+// are those of a client's. The new model takes the names of the earlier one once it can answer;
+// a LOAD or a bake that fails leaves the earlier one in its place.
 #include "core/log.h"
 #include "net/dispatch.h"
 #include "net/message_text.h"
