@@ -15,14 +15,19 @@ enum { OPTIONS_MAX_LISTEN = 16 };
 #define OPTIONS_LIST(X)                                                                        \
     X(TEXT, models, "models", "DIR", "",                                                       \
       "Folder whose model files (.glb .gltf .obj .ply .stl) and .prt files are available "     \
-      "by name")                                                                               \
+      "by name; what its folders NAME/VERSION hold is loaded without being asked for")         \
+    X(SECONDS, poll, "poll", "S", "2",                                                         \
+      "Between two looks at --models for new, replaced and removed models. 0: only at the "    \
+      "start, and when the system reports a change in the folder itself")                      \
     X(TEXT, data, "data", "DIR", "",                                                           \
       "Folder for uploads, bakes and the catalogue; survives restarts. Empty: a "              \
       "temporary folder that is removed at the end")                                           \
     X(TEXT, http, "http", "HOST:PORT", "",                                                     \
       "Serve HTTP and WebSocket here: the API at /v1, /healthz, /readyz, /metrics, /ws "       \
       "and the page. Empty: no HTTP")                                                          \
-    X(TEXT, page, "page", "DIR", "", "Folder of static files that HTTP serves at /")           \
+    X(TEXT, page, "page", "DIR", "",                                                           \
+      "Folder of the page, static files that HTTP serves at /. Empty: share/relight/page "     \
+      "beside the folder of this program")                                                     \
     X(TEXT, origins, "origins", "LIST", "",                                                    \
       "Web origins, comma-separated, that may open the WebSocket besides the page's "          \
       "own; * for all")                                                                        \

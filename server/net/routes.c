@@ -4,6 +4,7 @@
 #include "net/routes.h"
 
 #include "net/message_text.h"
+#include "net/page_files.h"
 #include "relight.pb-c.h"
 
 #include <ctype.h>
@@ -272,10 +273,12 @@ static void add_model_file(struct exchange *x)
 
 static bool prepare_list(struct exchange *x, struct http_problem *problem)
 {
+    static const struct field fields[] = {{"after", "after", NULL}, {"limit", "limit", NULL}};
     char error[MESSAGE_TEXT_ERROR];
     return new_message(x, &relight__list_request__descriptor, problem) &&
            !message_set(x->message, "files", "yes", error) &&
-           !message_set(x->message, "environments", "yes", error);
+           !message_set(x->message, "environments", "yes", error) &&
+           set_fields(x, fields, 2, problem);
 }
 
 static bool prepare_info(struct exchange *x, struct http_problem *problem)
@@ -348,6 +351,9 @@ static bool prepare_blob(struct exchange *x, struct http_problem *problem)
 
 // ---- the table
 
+// "/" is there without a page, too: it says how to get one.
+static const struct route page_route = {"GET", "/",  BODY_NONE, 0,   page_file,
+                                        NULL,  NULL, true,      true};
 static const struct route routes[] = {
     {"GET", "/healthz", BODY_NONE, 0, page_health, NULL, NULL, true},
     {"GET", "/readyz", BODY_NONE, 0, page_ready, NULL, NULL, true},
@@ -426,6 +432,8 @@ const struct route *route_find(struct exchange *x, struct http_problem *problem)
     const char *method = strcmp(x->head.method, "HEAD") ? x->head.method : "GET", *ending;
     const char *first = NULL;
     size_t n;
+    if (!strcmp(method, "GET") && (!strcmp(x->head.path, "/") || page_files_find(x->head.path)))
+        return &page_route;
     for (size_t i = 0; i < N(routes); i++) {
         const struct route *r = &routes[i];
         if (!matches(r->pattern, x->head.path, &n, &ending)) continue;
