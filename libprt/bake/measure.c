@@ -124,13 +124,16 @@ static uint32_t reference_samples(const struct examination *e)
     return (uint32_t)fmin(fmax(e->least_samples, least), 2e7);
 }
 
-// Adds the term at hand of the bake's own medium to the sums under a light.
-static void add_to_sums(struct examination *e, unsigned light, const float *now)
+// Adds the term at hand of the bake's own medium, in the proportion that a total has, to the
+// sums under a light.
+static void add_to_sums(struct examination *e, bool single, unsigned light, const float *now)
 {
+    double divisor = prt_exit_divisor((double)e->transport->material.eta, PRT_EXIT_NORMALISED);
+    const float gain = single ? (float)divisor : 1;
     float *got = e->sum_got[light][0], *want = e->sum_want[light][0];
     for (size_t i = 0; i < (size_t)e->n * 3; i++) {
-        got[i] += e->got[0][i];
-        want[i] += now[i];
+        got[i] += gain * e->got[0][i];
+        want[i] += gain * now[i];
     }
     e->together[light] = prt_relative_rmse(got, want, (size_t)e->n * 3);
 }
@@ -180,7 +183,7 @@ static int examine(struct examination *e, bool single, unsigned n_light,
         status = compare(e, &query, m, (const float(*)[3])e->want[i], &now);
         if (status || m) continue;
         error[l] = now;
-        if (!eye) add_to_sums(e, l, e->want[i][0]);
+        if (!eye) add_to_sums(e, single, l, e->want[i][0]);
     }
     return status;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Answers a query from a transport: per-vertex colours, or the planes they are made of.
-// colour = F_t(eta, w_o) [ T_d.L + sum_k Y_k(w_o') T_k.L ]  (W05 section 5)
+// colour = F_t(eta, w_o) [ T_d.L/T + sum_k Y_k(w_o') T_k.L ]  (W05 section 5; METHODS §1, exit)
 //
 // w_o' is the direction inside whose refraction is the view. Planes of a wavelet transport
 // contain the phase function's coefficients a_l and sigma_s; those of a joint transport do not,
@@ -25,11 +25,13 @@ struct answer {
     struct prt_light light; // coef NULL for polynomial
     size_t n_vertex;
     unsigned n_plane;
-    unsigned n_phase; // planes that the tensors fill; the view's correction may need more
-    bool view;        // single scattering is corrected for the view (view_correction.c)
+    unsigned n_phase;  // planes that the tensors fill; the view's correction may need more
+    bool view;         // single scattering is corrected for the view (view_correction.c)
+    float single_gain; // the exit's divisor for a total, else 1
     enum { ALL_TERMS, ONLY_SINGLE, ALL_BUT_SINGLE } part; // of one step of a corrected answer
     float *planes;                                        // [n_plane][n_vertex][3]
-    unsigned done; // bit i: tensor i has been added to the planes
+    unsigned done;                         // bit i: tensor i has been added to the planes
+    struct prt_coefficients *coefficients; // in place of planes; NULL: planes
 };
 
 static bool is_free(const struct prt_tensor *t)
@@ -119,6 +121,7 @@ static void plane_factor(const struct answer *a, const struct prt_tensor *t, uns
     for (int ch = 0; ch < 3; ch++) factor[ch] = 1;
     if (is_free(t)) prt_phase_plane_factor(a->material, t, k, factor);
     for (int ch = 0; ch < 3 && a->material->profile; ch++) factor[ch] = 0;
+    for (int ch = 0; ch < 3; ch++) factor[ch] *= a->single_gain;
 }
 
 struct plane_job {
@@ -298,6 +301,25 @@ static int sum_parts(const struct group *g, unsigned n, const struct prt_term_in
     return n ? prt_sum_parts_lights(a->ctx, g->n, n, part, a->n_plane, color) : PRT_OK;
 }
 
+// Rounds the contracted rows of the parts to halves in place of expanding them.
+static int round_parts(const struct group *g, unsigned n, const struct prt_term_input part[])
+{
+    const struct prt_transport *t = g->answer[0]->transport;
+    struct prt_coefficients *out[PRT_RELIGHT_MAX_LIGHTS];
+    int status = PRT_OK;
+    for (unsigned i = 0; i < g->n; i++) out[i] = g->answer[i]->coefficients;
+    for (unsigned layer = 0; layer < out[0]->n_layer && !status; layer++) {
+        unsigned i = 0;
+        while (i < n && part[i].tensor != &t->tensor[out[0]->layer[layer].tensor]) i++;
+        if (i == n)
+            return prt_fail(g->answer[0]->ctx, PRT_MISMATCH,
+                            "a cluster has translucent and opaque vertices, which coefficients "
+                            "cannot describe: take colours");
+        status = prt_coefficients_fill(g->answer[0]->ctx, &part[i], layer, g->n, out);
+    }
+    return status;
+}
+
 // Overwrites the planes with the sum of those tensors that one pass can sum.
 static int fill_parts(const struct group *g)
 {
@@ -316,7 +338,7 @@ static int fill_parts(const struct group *g)
         else owned_input_finish(&owned[n]);
         if (fits) done |= 1u << i;
     }
-    if (!status) status = sum_parts(g, n, part);
+    if (!status) status = (a->coefficients ? round_parts : sum_parts)(g, n, part);
     for (unsigned i = 0; i < n; i++) owned_input_finish(&owned[i]);
     for (unsigned i = 0; i < g->n; i++) g->answer[i]->done = done;
     return status;
@@ -338,6 +360,11 @@ static int add_free(const struct answer *a, const struct prt_tensor *t)
     return status;
 }
 
+static double exit_divisor(const struct answer *a)
+{
+    return prt_exit_divisor((double)a->transport->material.eta, a->query->exit);
+}
+
 // toward: the view is known, or the planes are shaded for one later.
 static void answer_init(struct answer *a, const struct prt_context *ctx,
                         const struct prt_transport *transport, const struct prt_query *query,
@@ -350,6 +377,7 @@ static void answer_init(struct answer *a, const struct prt_context *ctx,
                          .n_vertex = transport->mesh.n_vertex,
                          .n_phase = plane_count(transport, query)};
     a->n_plane = a->n_phase;
+    a->single_gain = query->term == PRT_ANSWER_TOTAL ? (float)exit_divisor(a) : 1;
     for (uint32_t i = 0; i < transport->n_tensor && toward && !a->material->profile; i++)
         a->view |= transport->tensor[i].term == PRT_TERM_SINGLE &&
                    is_term(query, &transport->tensor[i]);
@@ -402,6 +430,12 @@ static bool only_light(const struct answer *a)
     return !any_free && !a->query->lit;
 }
 
+static bool same_layers(const struct prt_coefficients *a, const struct prt_coefficients *b)
+{
+    if (!a || !b) return a == b;
+    return a->most_rank == b->most_rank && a->n_layer == b->n_layer && a->n_half == b->n_half;
+}
+
 // Groups the first of n answers with those that differ from it only in their lights. Groups of
 // two are not made: two single passes take less time.
 static void group_answers(struct answer *a, unsigned n, const bool filled[], struct group *g)
@@ -409,7 +443,8 @@ static void group_answers(struct answer *a, unsigned n, const bool filled[], str
     *g = (struct group){{a}, 1};
     for (unsigned i = 1; i < n && only_light(a); i++)
         if (!filled[i] && only_light(&a[i]) && a[i].query->term == a->query->term &&
-            a[i].n_plane == a->n_plane)
+            a[i].query->exit == a->query->exit && a[i].n_plane == a->n_plane &&
+            same_layers(a[i].coefficients, a->coefficients))
             g->answer[g->n++] = &a[i];
     if (g->n == 2) g->n = 1;
 }
@@ -518,7 +553,8 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
 struct shade_job {
     const struct answer *a;
     float (*color)[3];
-    double mean; // outgoing transmittance without an eye
+    double divisor; // of the exit
+    double mean;    // outgoing transmittance without an eye over the divisor
 };
 
 // w_o': the view direction refracted into the medium (Snell). Returns the cosine of w.
@@ -540,8 +576,9 @@ static void view_of(const struct answer *a, size_t v, float w[3])
         w[i] = length > 0 ? d[i] / length : a->transport->mesh.normal[v][i];
 }
 
-static void shade_vertex(const struct answer *a, size_t v, float out[3])
+static void shade_vertex(const struct shade_job *job, size_t v, float out[3])
 {
+    const struct answer *a = job->a;
     const size_t size = 3 * a->n_vertex;
     const float *plane = a->planes + 3 * v;
     const double eta = (double)a->transport->material.eta;
@@ -553,7 +590,8 @@ static void shade_vertex(const struct answer *a, size_t v, float out[3])
     prt_sh_eval(n_band, inside, y);
     for (unsigned k = 1; k < a->n_plane; k++)
         for (int ch = 0; ch < 3; ch++) rgb[ch] += y[k] * plane[k * size + (size_t)ch];
-    double transmittance = cosine > 0 ? prt_fresnel_transmittance(eta, (double)cosine) : 0;
+    double transmittance =
+        cosine > 0 ? prt_fresnel_transmittance(eta, (double)cosine) / job->divisor : 0;
     if (a->query->term != PRT_ANSWER_TOTAL && cosine > 0) transmittance = 1;
     for (int ch = 0; ch < 3; ch++) out[ch] = fmaxf(0, rgb[ch] * (float)transmittance);
 }
@@ -568,7 +606,7 @@ static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
     const float *plane = a->planes;
     float *color = job->color[0];
     if (a->query->eye && translucent && a->query->term != PRT_ANSWER_MULTIPLE) {
-        for (size_t v = begin_v; v < end; v++) shade_vertex(a, v, job->color[v]);
+        for (size_t v = begin_v; v < end; v++) shade_vertex(job, v, job->color[v]);
         return;
     }
     const float transmittance = translucent && total ? (float)job->mean : 1;
@@ -596,8 +634,9 @@ static int shade(void *arg, size_t begin_v, size_t end, unsigned worker)
 
 static int shade_colors(const struct answer *a, float (*color)[3])
 {
-    struct shade_job job = {a, color,
-                            prt_fresnel_mean_transmittance((double)a->transport->material.eta)};
+    double divisor = exit_divisor(a);
+    double mean = prt_fresnel_mean_transmittance((double)a->transport->material.eta);
+    struct shade_job job = {a, color, divisor, mean / divisor};
     return prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, shade, &job);
 }
 
@@ -653,4 +692,64 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
         drop_planes(&a[i], out[i]);
     }
     return status;
+}
+
+// ---- coefficients
+
+// A medium scatters evenly unless some g is not 0: its planes from 1 on are 0.
+static bool is_even(const struct prt_material *m)
+{
+    return !m->profile && m->g[0] == 0 && m->g[1] == 0 && m->g[2] == 0;
+}
+
+int prt_coefficients_plan(const struct prt_context *ctx, const struct prt_transport *transport,
+                          const struct prt_query *query, struct prt_coefficients *c)
+{
+    struct answer a;
+    int status = check_query(ctx, transport, query);
+    if (status) return status;
+    answer_init(&a, ctx, transport, query, false);
+    c->n_layer = 0;
+    c->n_half = 0;
+    for (uint32_t i = 0; i < transport->n_tensor && !status; i++) {
+        const struct prt_tensor *t = &transport->tensor[i];
+        const bool single = t->term == PRT_TERM_SINGLE;
+        if (!is_wanted(&a, t) || (single && a.material->profile)) continue;
+        const unsigned planes = single && c->phases && !is_even(a.material) ? t->n_phase : 1;
+        status = prt_coefficients_add_layer(ctx, transport, i, planes, c);
+    }
+    return status;
+}
+
+int prt_answer_coefficients(const struct prt_context *ctx,
+                            const struct prt_transport *transport, unsigned n,
+                            const struct prt_query query[],
+                            struct prt_coefficients *const out[])
+{
+    struct answer a[PRT_RELIGHT_MAX_LIGHTS];
+    int status = n >= 1 && n <= PRT_RELIGHT_MAX_LIGHTS
+                     ? PRT_OK
+                     : prt_fail(ctx, PRT_ARG, "%u queries in one call; 1 to %d are possible", n,
+                                PRT_RELIGHT_MAX_LIGHTS);
+    for (unsigned i = 0; i < n && !status; i++) {
+        status = check_query(ctx, transport, &query[i]);
+        answer_init(&a[i], ctx, transport, &query[i], false);
+        a[i].coefficients = out[i];
+    }
+    return status ? status : fill_many(a, n);
+}
+
+void prt_outgoing_of(const struct prt_transport *transport, const struct prt_material *material,
+                     enum prt_answer_term term, enum prt_exit exit, struct prt_outgoing *out)
+{
+    const double eta = (double)transport->material.eta;
+    const bool total = term == PRT_ANSWER_TOTAL;
+    const double divisor = total ? prt_exit_divisor(eta, exit) : 1;
+    const double mean = total ? prt_fresnel_mean_transmittance(eta) : 1;
+    *out = (struct prt_outgoing){.eta = transport->material.eta,
+                                 .roughness =
+                                     (material ? material : &transport->material)->roughness,
+                                 .mean = (float)(mean / divisor),
+                                 .divisor = (float)divisor,
+                                 .view_slope = prt_view_slope(eta)};
 }

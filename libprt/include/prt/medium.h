@@ -108,6 +108,15 @@ double prt_fresnel_dr(double eta);
 double prt_fresnel_transmittance(double eta, double cos_theta); /* exact, unpolarised */
 /* Cosine-weighted hemispherical mean of F_t: 0.938868 at 1.3, 0.908222 at 1.5. */
 double prt_fresnel_mean_transmittance(double eta);
+/* How diffuse light leaves (METHODS §1, exit). */
+enum prt_exit {
+    PRT_EXIT_NORMALISED, /* F_t/T of the exitance over pi: no light is lost */
+    PRT_EXIT_PAPERS,     /* F_t of it, as the papers print */
+};
+/* The divisor of diffuse light at its exit: T, the mean of F_t, or 1. Totals are F_t (multiple
+ * / divisor + single), computed as (F_t / divisor) (multiple + divisor x single): opaque
+ * vertices and image-space engines then need no scale of their own. */
+double prt_exit_divisor(double eta, enum prt_exit exit);
 /* Refracts the outside direction w (away from the surface, w.n >= 0) at a surface of unit
  * normal n: out is the unit direction of the refracted light, into the body (out.n < 0). The
  * outward inside direction w' of METHODS is its negative. */
@@ -136,6 +145,9 @@ void prt_sh_eval(unsigned n_band, const float dir[3], float *out);
  * Uses ctx->pool. */
 int prt_view_correct(const struct prt_context *ctx, uint32_t n_vertex, const float (*normal)[3],
                      double eta, unsigned n_phase, unsigned n_plane, float *planes);
+/* The slope s of that correction: single scattering towards w_o' is that along -n_o times
+ * 1 + s (1 - mu_o'), mu_o' the cosine of w_o' with the normal. eta > 1. */
+float prt_view_slope(double eta);
 
 #ifdef __cplusplus
 }
