@@ -77,6 +77,8 @@ static int check_options(const struct prt_context *ctx, struct prt_bake_options 
                         6 * o->cube * o->cube);
     if (o->engine != PRT_TRANSPORT_WAVELET && o->storage == PRT_STORAGE_SPARSE)
         return prt_fail(ctx, PRT_ARG, "--storage sparse goes with --transport wavelet only");
+    if (o->draft && o->engine == PRT_TRANSPORT_POLYNOMIAL)
+        return prt_fail(ctx, PRT_ARG, "--draft goes with --transport wavelet and joint only");
     if (o->engine == PRT_TRANSPORT_POLYNOMIAL && !o->env)
         return prt_fail(ctx, PRT_ARG, "--transport polynomial fixes the light: give it --env");
     if (o->basis > PRT_RADIAL_HAT || (o->basis && o->engine != PRT_TRANSPORT_POLYNOMIAL))

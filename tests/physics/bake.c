@@ -169,6 +169,47 @@ static void joint_serves_every_medium(void **state)
     prt_mesh_destroy(mesh);
 }
 
+// Law: a draft gives the reference within 3 % for media that it was not trained on (METHODS
+// §3.8), and its profile counts the work that was done.
+static void a_draft_is_within_three_percent(void **state)
+{
+    static const char *const name[] = {"skin1", "ketchup", "skimmilk"};
+    struct prt_mesh *mesh = body();
+    struct prt_bake_profile profile;
+    struct prt_bake_options o = {
+        .engine = PRT_TRANSPORT_JOINT, .material = medium("skin1"), .draft = true};
+    struct prt_cube light = light_of(16);
+    o.profile = &profile;
+    assert_int_equal(prt_bake(&context, mesh, &o, file("d.prt")), PRT_OK);
+    for (int i = 0; i < 3; i++) {
+        struct prt_material m = medium(name[i]);
+        struct prt_query q = {.term = PRT_ANSWER_MULTIPLE, .light = &light, .material = &m};
+        float(*want)[3] = reference(mesh, &m, &light, PRT_REFERENCE_MULTIPLE);
+        double error = error_of(file("d.prt"), &q, (const float(*)[3])want);
+        free(want);
+        print_message("draft, %s: multiple %.2f %%\n", name[i], 100 * error);
+        expect_below("relative RMSE of multiple scattering", error, 0.03);
+    }
+    struct prt_file *f;
+    assert_int_equal(prt_file_open(&context, file("d.prt"), PRT_FILE_CHECK_ALL, &f), PRT_OK);
+    const struct prt_transport *t = prt_file_transport(f);
+    assert_non_null(strstr(t->settings, "\"draft\":true"));
+    assert_int_equal(t->n_tensor, 1); // no single scattering
+    prt_file_close(f);
+    double rays = 0, flop = 0;
+    for (uint32_t i = 0; i < profile.n_work; i++) {
+        assert_true(profile.work[i].cpu_seconds > 0);
+        rays += (double)profile.work[i].rays, flop += profile.work[i].flop;
+    }
+    // a ray for each visible texel of each sample is the least, four rays for each the most
+    expect_above("rays over samples times texels", rays / (20000.0 * 1536), 0.25);
+    expect_below("rays over samples times texels", rays / (20000.0 * 1536), 2);
+    expect_above("operations of the products", flop, 1e9);
+    assert_true(profile.rays_s > 0 && profile.flop_s > 0);
+    prt_cube_finish(&light);
+    prt_mesh_destroy(mesh);
+}
+
 // Law: one polynomial bake gives the reference for every medium (METHODS §4, X07 eq 9, X07 eq
 // 14).
 static void polynomial_serves_every_medium(void **state)
@@ -322,6 +363,7 @@ int main(void)
         cmocka_unit_test(factored_agrees_with_the_reference),
         cmocka_unit_test(sparse_converges_to_the_reference),
         cmocka_unit_test(joint_serves_every_medium),
+        cmocka_unit_test(a_draft_is_within_three_percent),
         cmocka_unit_test(polynomial_serves_every_medium),
         cmocka_unit_test(an_open_body_is_lit_like_others),
         cmocka_unit_test(threads_do_not_matter),

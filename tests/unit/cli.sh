@@ -102,7 +102,7 @@ expect_line '-z is not an option here' "$prt" bake -q -zq ball.obj
 expect 2 '^error: --frob is not an option of prt; see prt --help$' "$prt" --frob
 expect 0 '' "$prt" info -q -- ball.obj
 for word in transport material size-mm mm-per-unit storage rank cube coeffs phase-terms samples env \
-            threads shard progress-fd seed max-error opaque cpu json; do
+            threads shard draft profile progress-fd seed max-error opaque cpu json; do
     "$prt" bake --help | grep -q -- "--$word" || fail "bake --help lacks --$word"
 done
 for word in env engine rotate material term eye samples seed threads cube; do
@@ -124,6 +124,7 @@ expect 2 '\[0, N-1\]' "$prt" bake ball.obj $scaled --shard 3/3 -o x.prt
 expect 2 'one of factored, sparse' "$prt" bake ball.obj $scaled --storage dense -o x.prt
 expect 2 'one of reduced, polynomial, hat' "$prt" bake ball.obj $scaled --basis dense -o x.prt
 expect 2 '--basis is for --transport polynomial' "$prt" bake ball.obj $scaled --basis hat -o x.prt
+expect 2 '--draft is for --transport wavelet and joint' "$prt" bake ball.obj $scaled --draft --transport polynomial --env constant -o x.prt
 expect 2 '--coeffs is for --storage sparse' "$prt" bake ball.obj $scaled --coeffs 64 -o x.prt
 expect 2 'choose one' "$prt" bake ball.obj $scaled --mm-per-unit 3 -o x.prt
 expect 2 'needs --env' "$prt" bake ball.obj $scaled --transport polynomial -o x.prt
