@@ -661,10 +661,9 @@ struct relight_cost {
     const char *note;
     uint32_t samples, frames; /* image space: see relight.proto; 0 otherwise */
     bool converged;           /* a view sends nothing finer of this state */
-    uint32_t
-        reduced; /* a view that cannot keep its rate: the picture has 1/reduced of the width
-                    and height asked for, coefficients have fewer rows, and an exact frame
-                    follows; 0: as asked for */
+    uint32_t reduced; /* a view that cannot keep its rate: the picture has 1/reduced of the
+                         width and height asked for, coefficients have fewer rows, and an exact
+                         frame follows; 0: as asked for */
 };
 
 /* Order of a client's own requests; between clients the compute time they used decides. */
