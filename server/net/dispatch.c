@@ -92,10 +92,6 @@ ROW(token_list_request, op_token_list, 0, ADMIN, 0, NULL)
 ROW(token_revoke_request, op_token_revoke, 0, ADMIN, 0, NULL)
 ROW(get_blob_request, op_get_blob, 0, VIEW, 0, NULL)
 ROW(put_pose_request, op_put_pose, 0, VIEW, ANY, NULL)
-<<<<<<< HEAD
-ROW(factors_request, op_factors, 0, VIEW, 0, NULL)
-ROW(sign_request, op_sign, 0, VIEW, 0, NULL)
-=======
 ROW(factors_request, op_factors, GUEST, VIEW, 0, NULL)
 ROW(room_create_request, op_room_create, 0, EDIT, 0, NULL)
 ROW(room_list_request, op_room_list, GUEST, VIEW, 0, NULL)
@@ -104,7 +100,7 @@ ROW(room_edit_request, op_room_edit, GUEST, VIEW, 0, NULL)
 ROW(room_picture_request, op_room_picture, GUEST, VIEW, 0, NULL)
 ROW(room_presence_request, NULL, ALWAYS, 0, 0, NULL, take_room_presence)
 ROW(room_backup_request, op_room_backup, 0, ADMIN, 0, NULL)
->>>>>>> main
+ROW(sign_request, op_sign, 0, VIEW, 0, NULL)
 ROW(view_ack, NULL, ALWAYS, 0, 0, NULL, take_view_ack)
 
 static const struct operation *const table[RELIGHT_TYPE_N] = {
