@@ -369,7 +369,11 @@ static char *material_file(struct argp_state *state, const char *path, FILE *fil
     bytes[n < MAX ? n : MAX] = 0;
     // The daemon recognises JSON text by its first character.
     char *text = bytes + strspn(bytes, " \t\r\n");
-    if (*text != '{') argp_failure(state, EXIT_FAILED, 0, "%s: is not a material's JSON", path);
+    if (*text != '{')
+        argp_failure(state, EXIT_FAILED, 0,
+                     "%s: is not a material's JSON; prt material %s -o OUT.json converts "
+                     "MaterialX, Principled and pbrt files",
+                     path, path);
     text = strdup(text);
     free(bytes);
     return text;

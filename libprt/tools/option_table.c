@@ -10,7 +10,8 @@ enum {
     INFO = 1 << CMD_INFO,
     COMPARE = 1 << CMD_COMPARE,
     ENV = 1 << CMD_ENV,
-    EVERY = BAKE | COLORS | IMAGE | INFO | COMPARE | ENV,
+    MATERIAL = 1 << CMD_MATERIAL,
+    EVERY = BAKE | COLORS | IMAGE | INFO | COMPARE | ENV | MATERIAL,
     LIGHTS = COLORS | IMAGE | COMPARE,
 };
 
@@ -36,14 +37,18 @@ static const char *const layouts[] = {"latlong", "envmap", "vcross", "hcross",
 
 #define AT(member) offsetof(struct options, member)
 const struct option_row option_table[] = {
-    {"output", 'o', "FILE", OPTION_TEXT, AT(out), 0, 0, NULL, BAKE | COLORS | IMAGE | ENV,
-     "file to write; its ending chooses the format"},
+    {"output", 'o', "FILE", OPTION_TEXT, AT(out), 0, 0, NULL,
+     BAKE | COLORS | IMAGE | ENV | MATERIAL, "file to write; its ending chooses the format"},
     {"material", 'm', "NAME|FILE", OPTION_TEXT, AT(material), 0, 0, NULL, BAKE | COLORS | IMAGE,
-     "a preset (marble, skin1, …), a JSON file, or JSON text"},
+     "a preset (marble, skin1, …), a JSON file, JSON text, or a file of another program, FILE or "
+     "FILE#NAME; see prt material --help"},
     {"size-mm", 0, "D", OPTION_REAL, AT(size_mm), 0, 1e6, NULL, BAKE | COLORS | IMAGE,
      "diagonal of the bounding box of the translucent objects, in mm"},
     {"mm-per-unit", 0, "X", OPTION_REAL, AT(mm_per_unit), 0, 1e9, NULL, BAKE | COLORS | IMAGE,
      "millimetres in one unit of the model"},
+    {"mm-per-unit", 0, "X", OPTION_REAL, AT(mm_per_unit), 0, 1e9, NULL, MATERIAL,
+     "millimetres in a unit of length where IN names none (default: MaterialX 10, Principled and "
+     "glTF 1000, pbrt 1)"},
     {"opaque", 0, "NAME", OPTION_OPAQUE, 0, 0, 0, NULL, BAKE | COLORS | IMAGE | INFO,
      "a material or node that is opaque; may repeat"},
     {"texture-split", 0, "S", OPTION_SIGNED, AT(texture_split), 0, 1, NULL,
