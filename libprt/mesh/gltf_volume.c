@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The interior of a glTF material: KHR_materials_volume, _transmission, _diffuse_transmission,
-// _volume_scatter and the draft _scatter; KHR_materials_specular as an index of refraction.
-// Numbers out of range count as absent.
+// Reads the medium of a glTF material from its extensions KHR_materials_volume, _transmission,
+// _diffuse_transmission, _volume_scatter and the draft _scatter, and KHR_materials_specular as
+// an index of refraction. Numbers out of range count as absent.
 #include "gltf.h"
 
 #include <cjson/cJSON.h>
