@@ -158,7 +158,10 @@ const struct option_row option_table[] = {
     {"tone", 0, "NAME", OPTION_WORD, AT(tone), 0, 0, tones, IMAGE | ENV,
      "tone map for PNG and JPEG (default filmic)"},
     {"background", 0, "B", OPTION_TEXT, AT(background), 0, 0, NULL, IMAGE,
-     "env (default), none, or R,G,B as linear radiance"},
+     "env (default), none (black), transparent (alpha: EXR with premultiplied colours, PNG with straight "
+     "ones), or R,G,B as linear radiance"},
+    {"floor", 0, NULL, OPTION_FLAG, AT(floor), 0, 0, NULL, IMAGE,
+     "draw the model's shadow on a horizontal plane under it, over the background"},
     {"budget-ms", 0, "MS", OPTION_REAL, AT(budget_ms), 0, 1e7, NULL, IMAGE,
      "image-space engines: time for one picture, in ms"},
     {"albedo-map", 0, "FILE", OPTION_TEXT, AT(albedo_map), 0, 0, NULL, IMAGE,
