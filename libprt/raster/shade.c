@@ -48,7 +48,7 @@ struct shade_job {
     unsigned n_plane;
     float eye[3], eta, plain[3], sign[16];
     float sky_cos, sky_sin; // of the background's rotation about +y
-    bool fresnel;
+    float exit;             // factor of F_t; 0: translucent radiance leaves as it is
     const struct cube_view *specular, *background;
     int level_floats;    // distance of the levels of roughness in specular
     float roughness;     // of points without their own
@@ -130,8 +130,8 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     job->frame = &vis->frame;
     job->width = vis->width;
     job->height = vis->height;
-    job->fresnel = s->fresnel;
     job->eta = s->eta >= 1 ? s->eta : 1;
+    job->exit = s->fresnel ? (float)(1 / prt_exit_divisor((double)job->eta, s->exit)) : 0;
     job->rgb = image.rgb;
     job->alpha = image.alpha;
     job->shadow = s->shadow;

@@ -284,9 +284,9 @@ static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int
     }
     if (job->g->base[0] || job->g->occlusion)
         PRT_KERNEL(apply_look)(job, at, n, r, g, b, sr, sg, sb);
-    const int fresnel = job->fresnel;
+    const float leaves = job->exit;
     for (int i = 0; i < n; i++) {
-        float t = fresnel && !opaque[i] ? v.transmit[i] : 1;
+        float t = leaves > 0 && !opaque[i] ? leaves * v.transmit[i] : 1;
         float mirror = opaque[i] ? 0 : v.mirror[i];
         float cr = t * r[i], cg = t * g[i], cb = t * b[i];
         r[i] = (cr > 0 ? cr : 0) + mirror * sr[i];

@@ -189,6 +189,7 @@ static int vertex_planes(struct tool *tool, struct picture *p, const char *term)
         .term = answer_term(term),
         .light = t->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &p->light,
         .material = p->source.material_given ? &p->source.material : NULL,
+        .exit = exit_option(&tool->opt),
     };
     int status = prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, NULL);
     if (status) return tool_exit(tool, status);
@@ -238,7 +239,7 @@ static int load_lights(struct tool *tool, struct picture *p, bool vertex, bool t
     return tool_exit(tool, status);
 }
 
-static struct prt_shade shade_of(const struct picture *p, bool total)
+static struct prt_shade shade_of(const struct picture *p, bool total, enum prt_exit exit)
 {
     struct prt_shade shade = {
         .n_plane = p->n_plane,
@@ -246,6 +247,7 @@ static struct prt_shade shade_of(const struct picture *p, bool total)
         .eta = p->source.material.eta,
         .roughness = p->source.material.roughness,
         .fresnel = total,
+        .exit = exit,
         .specular = p->specular,
         .background = p->plain ? NULL : &p->back,
         .leave_out = p->leave_out,
@@ -262,7 +264,7 @@ static int draw_vertices(struct tool *tool, struct picture *p, bool reference, b
 {
     int status = reference ? reference_planes(tool, p, term) : vertex_planes(tool, p, term);
     if (status) return status;
-    struct prt_shade shade = shade_of(p, total);
+    struct prt_shade shade = shade_of(p, total, exit_option(&tool->opt));
     return tool_exit(
         tool, prt_shade_image(&tool->ctx, p->visibility, p->source.mesh, &shade, &p->image));
 }
@@ -277,7 +279,7 @@ static int draw_on_screen(struct tool *tool, struct picture *p, const char *engi
         .seed = o->seed,
         .measure_error = o->measure_error,
     };
-    struct prt_shade shade_options = shade_of(p, total);
+    struct prt_shade shade_options = shade_of(p, total, exit_option(o));
     struct prt_screen *screen;
     int status = prt_screen_engine_parse(engine, &options.engine);
     if (status) return tool_exit(tool, status);

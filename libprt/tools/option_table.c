@@ -23,6 +23,7 @@ static const char *const pictures[] = {"vertex", "splat",     "tangent", "textur
                                        "hybrid", "reference", NULL};
 static const char *const terms[] = {"irradiance",  "multiple", "single",
                                     "unscattered", "total",    NULL};
+static const char *const exits[] = {"normalised", "papers", NULL};
 static const char *const scatterings[] = {"dipole", "walk", NULL};
 static const char *const cpus[] = {
 #define X(word, bit, allowed) word,
@@ -114,6 +115,9 @@ const struct option_row option_table[] = {
      "irradiance samples on the surface (default: 150000, or one a mean free path)"},
     {"samples", 0, "N", OPTION_WHOLE, AT(samples), 1, 100000000, NULL, LIGHTS,
      "irradiance samples on the surface (default: 150000, or one a mean free path)"},
+    {"exit", 0, "KIND", OPTION_WORD, AT(exit), 0, 0, exits, LIGHTS,
+     "how diffuse light leaves in --term total: F_t B/(pi T) with T the mean of F_t (default), "
+     "which loses no light, or F_t B/pi, as the papers print it"},
     {"scattering", 0, "KIND", OPTION_WORD, AT(scattering), 0, 0, scatterings, LIGHTS,
      "reference engine: multiple scattering by the dipole (default), which takes the surface "
      "around each point for a plane, or by random walks inside the model"},

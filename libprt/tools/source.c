@@ -211,6 +211,11 @@ static enum prt_reference_term term_of(const char *word)
     return PRT_REFERENCE_TOTAL;
 }
 
+enum prt_exit exit_option(const struct options *o)
+{
+    return o->exit && !strcmp(o->exit, "papers") ? PRT_EXIT_PAPERS : PRT_EXIT_NORMALISED;
+}
+
 enum { DEFAULT_WALKS = 1024 };
 
 struct prt_reference_options reference_options(const struct options *o, const char *term,
@@ -219,6 +224,7 @@ struct prt_reference_options reference_options(const struct options *o, const ch
     bool walk = o->scattering && !strcmp(o->scattering, "walk");
     return (struct prt_reference_options){
         .term = term_of(term),
+        .exit = exit_option(o),
         .eye = eye_mm,
         .straight_single = o->straight,
         .n_sample = (uint32_t)o->samples,

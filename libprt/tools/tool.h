@@ -41,7 +41,7 @@ struct options {
     const char *input[MAX_INPUT];
     unsigned n_input;
     const char *out, *material, *env, *engine, *term, *transport, *storage, *basis, *camera,
-        *cpu, *scattering;
+        *cpu, *scattering, *exit;
     const char *tone, *background, *layout, *orbit, *up, *checkpoint, *faces;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
@@ -127,6 +127,7 @@ const char *source_engine_name(const struct prt_transport *transport);
 int source_material_error(struct tool *tool, const struct source *source, const char *term,
                           double *error);
 enum prt_answer_term answer_term(const char *word); /* NULL: total */
+enum prt_exit exit_option(const struct options *o);
 /* Loads an environment, its faces read as --faces says. Library status. */
 int tool_env_load(const struct tool *tool, const char *path, struct prt_env **out);
 /* Resamples env, turned by --rotate, to an n-cube. n = 0: the resolution of --cube (full: the

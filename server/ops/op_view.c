@@ -9,6 +9,7 @@
 #include "render/evaluation.h"
 #include "core/log.h"
 #include "store/models.h"
+#include "store/versions.h"
 #include "net/request.h"
 
 #include <stdio.h>
@@ -31,6 +32,7 @@ struct view_options {
 struct view {
     struct request *request;
     struct model *model;
+    char *name;               // of a folder of versions, whose newest it shows; NULL: none
     struct render_spec spec;  // the newest state
     uint64_t sequence;        // of it
     bool dirty;               // the state was not drawn yet
@@ -68,6 +70,7 @@ static void free_view(struct view *v)
     if (v->render) render_cancel(v->render);
     refinement_release(v->refinement);
     render_spec_finish(&v->spec);
+    free(v->name);
     v->model->server->stats.views_open--;
     model_release(v->model);
     free(v);
@@ -271,10 +274,19 @@ static void draw_exact_at_rest(struct view *v, uint64_t now)
     }
 }
 
-// The file of the model has a new version: from here on the view shows that.
+// The model that the view is to show from here on; NULL: still the same.
+static struct model *replacement(const struct view *v)
+{
+    const struct server *server = v->model->server;
+    struct model *next = v->model->replaced ? model_successor(v->model) : NULL;
+    const char *newest = v->name ? versions_find(server->versions, v->name) : "";
+    if (newest[0]) next = models_get(server->models, newest);
+    return next == v->model ? NULL : next;
+}
+
 static void follow_replacement(struct view *v)
 {
-    struct model *next = v->model->replaced ? model_successor(v->model) : NULL;
+    struct model *next = replacement(v);
     if (!next) return;
     model_hold(next);
     model_unwatch(v->model, &v->watcher);
@@ -459,6 +471,7 @@ void op_view_open(struct request *request)
     }
     v->request = request;
     v->model = model;
+    if (versions_is_name(request->server->versions, in->model)) v->name = strdup(in->model);
     request->server->stats.views_open++;
     model_hold(model);
     v->watcher.changed = model_has_changed;

@@ -228,7 +228,7 @@ static void set_coefficients(struct render *r)
                                                 PRT_ANSWER_MULTIPLE, PRT_ANSWER_SINGLE};
     out->factors = prt_file_hash(r->file.entry->value);
     prt_outgoing_of(render_transport(r), r->spec.has_material ? &r->spec.material : NULL,
-                    term[r->spec.term], &out->outgoing);
+                    term[r->spec.term], PRT_EXIT_NORMALISED, &out->outgoing);
 }
 
 static void set_planes(struct render *r)

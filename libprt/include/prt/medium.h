@@ -154,6 +154,15 @@ double prt_fresnel_dr(double eta);
 double prt_fresnel_transmittance(double eta, double cos_theta); /* exact, unpolarised */
 /* Cosine-weighted hemispherical mean of F_t: 0.938868 at 1.3, 0.908222 at 1.5. */
 double prt_fresnel_mean_transmittance(double eta);
+/* How diffuse light leaves (METHODS §1, exit). */
+enum prt_exit {
+    PRT_EXIT_NORMALISED, /* F_t/T of the exitance over pi: no light is lost */
+    PRT_EXIT_PAPERS,     /* F_t of it, as the papers print */
+};
+/* The divisor of diffuse light at its exit: T, the mean of F_t, or 1. Totals are F_t (multiple
+ * / divisor + single), computed as (F_t / divisor) (multiple + divisor x single): opaque
+ * vertices and image-space engines then need no scale of their own. */
+double prt_exit_divisor(double eta, enum prt_exit exit);
 /* Refracts the outside direction w (away from the surface, w.n >= 0) at a surface of unit
  * normal n: out is the unit direction of the refracted light, into the body (out.n < 0). The
  * outward inside direction w' of METHODS is its negative. */

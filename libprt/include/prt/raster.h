@@ -131,10 +131,12 @@ void prt_specular_eval(const struct prt_specular *specular, const float r[3], fl
 enum { PRT_LOOK_BASE = 1, PRT_LOOK_NORMAL = 2, PRT_LOOK_REST = 4, PRT_LOOK_ALL = 7 };
 struct prt_shade {
     unsigned n_plane;    /* phase planes: 1, 4, 9 or 16; plane 0 does not depend on the view */
-    const float *planes; /* [n_plane][n_vertex][3] radiance before the exit's Fresnel factor */
+    const float *planes; /* [n_plane][n_vertex][3] radiance before the exit's factor */
     float eta;           /* of the translucent material, >= 1 */
     float roughness;     /* of its surface, [0,1] */
-    bool fresnel;        /* multiply translucent radiance by F_t(eta, w_o) (METHODS §1) */
+    bool fresnel;        /* multiply translucent radiance by F_t(eta, w_o) over the divisor of
+                          * `exit` (METHODS §1) */
+    enum prt_exit exit;
     const struct prt_specular *specular; /* NULL: none */
     const struct prt_cube *background;   /* NULL: background_rgb */
     unsigned leave_out;                  /* of the look of textured meshes: PRT_LOOK_... */
@@ -151,7 +153,7 @@ struct prt_shade {
 int prt_shade_image(const struct prt_context *ctx, const struct prt_visibility *visibility,
                     const struct prt_mesh *mesh, const struct prt_shade *shade,
                     struct prt_image *out);
-/* The same of radiance [n_point][3] at the points of the G-buffer, before the exit's Fresnel
+/* The same of radiance [n_point][3] at the points of the G-buffer, before the exit's
  * factor (C08 eq 11); shade->planes is not read. */
 int prt_shade_points(const struct prt_context *ctx, const struct prt_visibility *visibility,
                      const float (*radiance)[3], const struct prt_shade *shade,
