@@ -91,8 +91,9 @@ static int set_camera(struct drawing *d, uint32_t frame)
     struct prt_camera camera = frame_camera(d, frame);
     if (d->visibility) prt_visibility_destroy(d->visibility);
     d->visibility = NULL;
-    return prt_visibility_create(&d->scene->ctx, &d->scene->mesh, &camera, o->width, o->height,
-                                 o->samples, PRT_RASTER_AUTO, &d->visibility)
+    struct prt_raster raster = {o->width, o->height, o->samples, PRT_RASTER_AUTO};
+    return prt_visibility_create(&d->scene->ctx, &d->scene->mesh, &camera, &raster,
+                                 &d->visibility)
                ? EXIT_FAILED
                : EXIT_DONE;
 }

@@ -367,10 +367,10 @@ static int draw(struct tool *tool, struct picture *p)
     if ((status = place_camera(tool, p, (float)width / (float)height))) return status;
     double started = prt_time_s();
     if ((status = load_lights(tool, p, vertex, total))) return status;
-    status =
-        tool_exit(tool, prt_visibility_create(&tool->ctx, p->source.mesh, &p->camera, width,
-                                              height, o->msaa ? (unsigned)o->msaa : 4,
-                                              PRT_RASTER_AUTO, &p->visibility));
+    struct prt_raster raster = {width, height, o->msaa ? (unsigned)o->msaa : 4,
+                                PRT_RASTER_AUTO};
+    status = tool_exit(tool, prt_visibility_create(&tool->ctx, p->source.mesh, &p->camera,
+                                                   &raster, &p->visibility));
     if (status) return status;
     p->on_screen = !vertex && !reference;
     if (!strcmp(term, "irradiance")) p->leave_out = PRT_LOOK_ALL;
