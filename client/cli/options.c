@@ -125,8 +125,9 @@ static const struct row {
      "filmic (default), reinhard or none"},
     {'x', "exposure", "STOPS", REAL, AT(picture.exposure_ev), -40, 40, NULL, 0,
      "brighten by a factor 2^STOPS"},
-    {'B', "background", "R,G,B", SPECIAL, 0, 0, 0, NULL, 0,
-     "plain background in place of the environment"},
+    {'B', "background", "R,G,B|transparent", SPECIAL, 0, 0, 0, NULL, 0,
+     "plain background in place of the environment, or none: alpha in PNG (straight colours) and "
+     "EXR (premultiplied)"},
     {'a', "samples-per-pixel", "1|2|4|8", SPECIAL, 0, 0, 0, sample_counts, 0,
      "anti-aliasing (default 4)"},
     {'S', "no-specular", NULL, FLAG, AT(picture.no_specular), 0, 0, NULL, 0,
@@ -380,7 +381,11 @@ static char *material_file(struct argp_state *state, const char *path, FILE *fil
     bytes[n < MAX ? n : MAX] = 0;
     // The daemon recognises JSON text by its first character.
     char *text = bytes + strspn(bytes, " \t\r\n");
-    if (*text != '{') argp_failure(state, EXIT_FAILED, 0, "%s: is not a material's JSON", path);
+    if (*text != '{')
+        argp_failure(state, EXIT_FAILED, 0,
+                     "%s: is not a material's JSON; prt material %s -o OUT.json converts "
+                     "MaterialX, Principled and pbrt files",
+                     path, path);
     text = strdup(text);
     free(bytes);
     return text;
@@ -518,6 +523,10 @@ static error_t set_special(struct options *o, const struct row *row, char *arg,
         size(state, o, arg);
         return 0;
     case 'B':
+        if (!strcmp(arg, "transparent")) {
+            o->picture.transparent = true;
+            return 0;
+        }
         triple(state, row, arg, o->picture.background);
         o->picture.plain_background = true;
         return 0;

@@ -129,10 +129,12 @@ static int set_env(ProtobufCMessage *message, const char *path, const char *text
     return message_set(message, path, named, error);
 }
 
-// "R,G,B" is a plain background.
+// "R,G,B" is a plain background, "transparent" none.
 static int set_background(ProtobufCMessage *message, const char *path, const char *text,
                           char error[MESSAGE_TEXT_ERROR])
 {
+    if (!strcmp(text, "transparent"))
+        return message_set(message, "picture.transparent", "yes", error);
     return set_vec3(message, path, text, error) ||
            message_set(message, "picture.plain_background", "yes", error);
 }

@@ -60,7 +60,7 @@ struct render_spec {
     int image_format, tone; /* Relight__ImageFormat, Relight__Tone */
     unsigned quality;
     float picture_ev;
-    bool plain_background, no_specular;
+    bool plain_background, no_specular, transparent;
     float background[3];
     struct refinement *refinement; /* the view's running mean to add to; NULL: none. Held by the
                                       creator of the spec */

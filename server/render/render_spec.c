@@ -332,6 +332,9 @@ int render_spec_picture(struct render_spec *spec, const struct server *server,
     spec->picture_ev = p->exposure_ev;
     spec->plain_background = p->plain_background;
     spec->no_specular = p->no_specular;
+    spec->transparent = p->transparent;
+    if (p->transparent && !image_format_alpha(p->format))
+        REFUSE(UNSUPPORTED, "picture.transparent needs a format with alpha: PNG or EXR");
     spec->samples = p->samples ? p->samples : 4;
     if (spec->samples > 8 || spec->samples & (spec->samples - 1))
         REFUSE(OUT_OF_RANGE, "picture.samples is %u, allowed range 1 to 8: 1, 2, 4 or 8",

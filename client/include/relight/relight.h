@@ -651,6 +651,8 @@ struct relight_picture {
     float background[3];
     uint32_t samples; /* 0: 4 */
     bool no_specular;
+    bool transparent; /* no background: alpha in PNG (straight colours) and EXR (premultiplied)
+                       */
 };
 struct relight_cost {
     float queue_ms, light_ms, relight_ms, raster_ms, shade_ms, encode_ms, total_ms;
