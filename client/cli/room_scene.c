@@ -2,6 +2,7 @@
 // A room's scene from the options of the command line.
 #include "room.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -49,7 +50,8 @@ static void add_camera(cJSON *scene, const struct relight_camera *camera)
     } else {
         add_vec3(out, "eye", camera->eye);
         add_vec3(out, "target", camera->target);
-        add_vec3(out, "up", camera->up);
+        const float *up = camera->up;
+        if (fabsf(up[0]) + fabsf(up[1]) + fabsf(up[2]) > 0) add_vec3(out, "up", up);
         add_float(out, "fovy_deg", camera->fovy_deg);
     }
 }

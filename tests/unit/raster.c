@@ -117,9 +117,10 @@ static struct prt_visibility *see(const struct scene *s, const struct prt_camera
                                   uint32_t w, uint32_t h, unsigned n_sub)
 {
     struct prt_visibility *vis = NULL;
-    assert_int_equal(
-        prt_visibility_create(&quiet, &s->mesh, camera, w, h, n_sub, PRT_RASTER_AUTO, &vis),
-        PRT_OK);
+    assert_int_equal(prt_visibility_create(&quiet, &s->mesh, camera,
+                                           &(struct prt_raster){w, h, n_sub, PRT_RASTER_AUTO},
+                                           &vis),
+                     PRT_OK);
     return vis;
 }
 
@@ -257,8 +258,10 @@ static void backends_agree(void **state)
     add_sphere(&s, (float[3]){0, 0, 0}, 10, 24, true);
     struct prt_camera c = front(45, 40);
     struct prt_visibility *a = NULL, *b = NULL;
-    int have_a = prt_visibility_create(&quiet, &s.mesh, &c, 160, 120, 4, PRT_RASTER_OSMESA, &a);
-    int have_b = prt_visibility_create(&quiet, &s.mesh, &c, 160, 120, 4, PRT_RASTER_EGL, &b);
+    int have_a = prt_visibility_create(
+        &quiet, &s.mesh, &c, &(struct prt_raster){160, 120, 4, PRT_RASTER_OSMESA}, &a);
+    int have_b = prt_visibility_create(&quiet, &s.mesh, &c,
+                                       &(struct prt_raster){160, 120, 4, PRT_RASTER_EGL}, &b);
     if (have_a || have_b) {
         char reason[600];
         snprintf(reason, sizeof reason, "needs both OSMesa and EGL (%.500s)", last_line);
@@ -715,13 +718,17 @@ static void sizes_are_limited(void **state)
     struct prt_visibility *vis = NULL;
     static const uint32_t bad[][2] = {{0, 10}, {10, 0}, {4097, 10}, {10, 4097}};
     for (int i = 0; i < 4; i++) {
-        assert_int_equal(prt_visibility_create(&quiet, &s.mesh, &c, bad[i][0], bad[i][1], 1,
-                                               PRT_RASTER_AUTO, &vis),
+        assert_int_equal(prt_visibility_create(
+                             &quiet, &s.mesh, &c,
+                             &(struct prt_raster){bad[i][0], bad[i][1], 1, PRT_RASTER_AUTO},
+                             &vis),
                          PRT_ARG);
         assert_non_null(strstr(last_line, "4096"));
     }
-    assert_int_equal(
-        prt_visibility_create(&quiet, &s.mesh, &c, 10, 10, 3, PRT_RASTER_AUTO, &vis), PRT_ARG);
+    assert_int_equal(prt_visibility_create(&quiet, &s.mesh, &c,
+                                           &(struct prt_raster){10, 10, 3, PRT_RASTER_AUTO},
+                                           &vis),
+                     PRT_ARG);
     // a picture cut into several bands has no seam: the square's rows are all there
     vis = see(&s, &c, 4096, 2048, 1);
     double side = 10 / (50 * tan(20 * M_PI / 180)) * 2048;

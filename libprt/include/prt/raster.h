@@ -61,13 +61,18 @@ enum prt_raster_backend {
     PRT_RASTER_OSMESA,
     PRT_RASTER_EGL
 };
-/* Draws a mesh. width, height: [1,4096]. n_sub: 1, 2, 4 or 8; 1 and 4 are one draw, 2 and 8 are
- * n_sub draws. The caller destroys *out. PRT_ARG for values out of range, PRT_LIMIT for more
+/* The pixels of a picture. */
+struct prt_raster {
+    uint32_t width, height; /* [1,4096] */
+    unsigned n_sub;         /* sub-samples a pixel: 1, 2, 4 or 8; 1 and 4 are one draw, 2 and 8
+                             * are n_sub draws */
+    enum prt_raster_backend backend;
+};
+/* Draws a mesh. The caller destroys *out. PRT_ARG for values out of range, PRT_LIMIT for more
  * triangles than one GL draw takes, PRT_NOMEM, PRT_UNSUPPORTED without a driver for off-screen
  * OpenGL 4.5. Callers queue on a lock for each backend. */
 int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                          const struct prt_camera *camera, uint32_t width, uint32_t height,
-                          unsigned n_sub, enum prt_raster_backend backend,
+                          const struct prt_camera *camera, const struct prt_raster *raster,
                           struct prt_visibility **out);
 /* Frees a visibility buffer; NULL is allowed. */
 void prt_visibility_destroy(struct prt_visibility *visibility);
@@ -141,6 +146,9 @@ struct prt_shade {
     const struct prt_cube *background;   /* NULL: background_rgb */
     unsigned leave_out;                  /* of the look of textured meshes: PRT_LOOK_... */
     float background_rgb[3];
+    bool transparent;    /* no background: the image has an alpha and premultiplied radiance */
+    const float *shadow; /* [height][width][3] factor in [0,1] of the background, or NULL; of a
+                            transparent one, 1 - its mean is the alpha of black */
     float background_rotate_deg; /* rotates `background` counter-clockwise about +y, seen from
                                     above, so that rotating the light needs no new cube */
 };
