@@ -17,7 +17,16 @@
 /* Exit statuses of the command contract. */
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
 
-enum command { CMD_BAKE, CMD_COLORS, CMD_IMAGE, CMD_INFO, CMD_COMPARE, CMD_ENV, N_COMMAND };
+enum command {
+    CMD_BAKE,
+    CMD_COLORS,
+    CMD_IMAGE,
+    CMD_INFO,
+    CMD_COMPARE,
+    CMD_ENV,
+    CMD_MATERIAL,
+    N_COMMAND
+};
 enum { MAX_INPUT = 2, MAX_OPAQUE = 64, MAX_ENV = 16 };
 
 struct vector_option {
@@ -52,7 +61,8 @@ struct options {
     uint32_t shard, n_shard;
     int progress_fd; /* -1: not given */
     bool max_rmse_set;
-    bool json, quiet, no_single, every_ray, straight, full_float, measure_error, no_textures;
+    bool json, quiet, no_single, every_ray, straight, full_float, measure_error, no_textures,
+        floor;
 };
 
 /* Fills `out` from the program's arguments. Returns -1 to go on, else the exit status: after
@@ -96,6 +106,11 @@ struct source {
     bool material_given;
     bool material_of_file; /* without --material: material is of the model's own materials */
 };
+/* Another program's material and its medium as JSON; the caller deletes it. */
+struct cJSON *describe_import(const struct prt_import *item);
+/* The medium of surface i's own material; false where it gives none. Warns of what is lost. */
+bool surface_material(const struct tool *tool, const struct prt_mesh *mesh, uint32_t i,
+                      double mm_per_unit, struct prt_material *out);
 /* The medium of a model's own materials, of the first translucent one that has one; false where
  * none has. Warns of what is lost. mm_per_unit: of the file's unit. */
 bool file_material(const struct tool *tool, const struct prt_mesh *mesh, double mm_per_unit,
@@ -119,7 +134,8 @@ int tool_env_load(const struct tool *tool, const char *path, struct prt_env **ou
  * file's own), else the .prt's, else 32. Returns an exit status. */
 int source_light(struct tool *tool, const struct source *source, const struct prt_env *env,
                  uint32_t n, struct prt_cube *out);
-/* Loads the preset, file or JSON text `name` that --`option` gave. Returns an exit status. */
+/* Loads the preset, file or JSON text `name` that --`option` (NULL: an operand) gave. Returns
+ * an exit status. */
 int material_named(struct tool *tool, const char *option, const char *name,
                    struct prt_material *out);
 /* --material by preset, file or JSON text. Returns an exit status. */
@@ -165,5 +181,6 @@ int run_image(struct tool *tool);
 int run_info(struct tool *tool);
 int run_compare(struct tool *tool);
 int run_env(struct tool *tool);
+int run_material(struct tool *tool);
 
 #endif

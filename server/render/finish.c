@@ -82,7 +82,8 @@ static int shade(const struct render *r, const struct prt_context *ctx,
                                           : r->screen          ? render_shape(r)->material
                                                                : &render_transport(r)->material;
     bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
-    struct prt_shade shade = {.eta = material->eta,
+    struct prt_shade shade = {.transparent = r->spec.transparent,
+                              .eta = material->eta,
                               .roughness = material->roughness,
                               .fresnel = total,
                               .specular = specular,

@@ -146,6 +146,9 @@ struct prt_shade {
     const struct prt_cube *background;   /* NULL: background_rgb */
     unsigned leave_out;                  /* of the look of textured meshes: PRT_LOOK_... */
     float background_rgb[3];
+    bool transparent;    /* no background: the image has an alpha and premultiplied radiance */
+    const float *shadow; /* [height][width][3] factor in [0,1] of the background, or NULL; of a
+                            transparent one, 1 - its mean is the alpha of black */
     float background_rotate_deg; /* rotates `background` counter-clockwise about +y, seen from
                                     above, so that rotating the light needs no new cube */
 };
