@@ -47,6 +47,12 @@ static float slope_of(double eta, float *lowest)
     return below > 0 ? (float)(above / below) : 0;
 }
 
+float prt_view_slope(double eta)
+{
+    float lowest;
+    return slope_of(eta, &lowest);
+}
+
 // Planes 0 to 3 of one vertex and channel: c + d.w becomes (1 + s - s n.w)(c + d.w), where
 // (n.w)^2 is taken as linear in n.w and the tangential part of d keeps the mean of n.w.
 static void correct(const struct correction *k, const float n[3], float *p[4])

@@ -263,6 +263,8 @@ static int start_models(void)
 {
     if (jobs_recall(server.jobs) || models_create(&server, &server.models)) return -1;
     models_resume_bakes(server.models);
+    if (models_follow_folder(&server)) return -1;
+    models_start(server.models);
     return 0;
 }
 
@@ -349,6 +351,7 @@ static void stop(void)
     if (server.cache) cache_use_workers(server.cache, NULL);
     if (server.files) cache_use_workers(server.files, NULL);
     work_pool_destroy(server.work);
+    models_unfollow_folder(&server);
     models_destroy(server.models);
     cache_destroy(server.cache); // shapes hold files and poses
     poses_destroy(server.poses);

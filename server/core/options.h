@@ -15,7 +15,10 @@ enum { OPTIONS_MAX_LISTEN = 16 };
 #define OPTIONS_LIST(X)                                                                        \
     X(TEXT, models, "models", "DIR", "",                                                       \
       "Folder whose model files (.glb .gltf .obj .ply .stl) and .prt files are available "     \
-      "by name")                                                                               \
+      "by name; what its folders NAME/VERSION hold is loaded without being asked for")         \
+    X(SECONDS, poll, "poll", "S", "2",                                                         \
+      "Between two looks at --models for new, replaced and removed models. 0: only at the "    \
+      "start, and when the system reports a change in the folder itself")                      \
     X(TEXT, data, "data", "DIR", "",                                                           \
       "Folder for uploads, bakes and the catalogue; survives restarts. Empty: a "              \
       "temporary folder that is removed at the end")                                           \

@@ -16,6 +16,8 @@
 
 struct connection;
 struct models;
+struct repository;
+struct versions;
 struct imports;
 struct file_queue;
 struct access;
@@ -47,6 +49,8 @@ struct server {
     struct jobs *jobs;
     struct models *models;
     struct imports *imports;       /* the folder --models */
+    struct versions *versions;     /* its folders NAME/VERSION */
+    struct repository *repository; /* the LOADs that they stand for */
     struct file_queue *file_queue; /* file operations, one after another on a worker */
     struct poses *poses;           /* render/shared/poses.h */
     struct events *events;         /* core/events.h */

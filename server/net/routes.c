@@ -273,10 +273,12 @@ static void add_model_file(struct exchange *x)
 
 static bool prepare_list(struct exchange *x, struct http_problem *problem)
 {
+    static const struct field fields[] = {{"after", "after", NULL}, {"limit", "limit", NULL}};
     char error[MESSAGE_TEXT_ERROR];
     return new_message(x, &relight__list_request__descriptor, problem) &&
            !message_set(x->message, "files", "yes", error) &&
-           !message_set(x->message, "environments", "yes", error);
+           !message_set(x->message, "environments", "yes", error) &&
+           set_fields(x, fields, 2, problem);
 }
 
 static bool prepare_info(struct exchange *x, struct http_problem *problem)

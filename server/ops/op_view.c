@@ -9,6 +9,7 @@
 #include "render/evaluation.h"
 #include "core/log.h"
 #include "store/models.h"
+#include "store/versions.h"
 #include "net/request.h"
 
 #include <stdio.h>
@@ -31,6 +32,7 @@ struct view_options {
 struct view {
     struct request *request;
     struct model *model;
+    char *name;               // of a folder of versions, whose newest it shows; NULL: none
     struct render_spec spec;  // the newest state
     uint64_t sequence;        // of it
     bool dirty;               // the state was not drawn yet
@@ -68,6 +70,7 @@ static void free_view(struct view *v)
     if (v->render) render_cancel(v->render);
     refinement_release(v->refinement);
     render_spec_finish(&v->spec);
+    free(v->name);
     v->model->server->stats.views_open--;
     model_release(v->model);
     free(v);
@@ -133,6 +136,7 @@ static void send_frame(struct view *v, struct render_result *result)
 {
     Relight__ViewFrame out = RELIGHT__VIEW_FRAME__INIT;
     Relight__ColorsAnswer colors;
+    struct render_coefficients_message coefficients;
     Relight__ImageAnswer image;
     Relight__Error error;
     struct error_fields fields;
@@ -156,7 +160,7 @@ static void send_frame(struct view *v, struct render_result *result)
         image.cost = &cost;
         out.image = &image;
     } else {
-        render_colors_message(result, &v->drawn, &colors);
+        render_colors_message(result, &v->drawn, &colors, &coefficients);
         colors.cost = &cost;
         out.colors = &colors;
     }
@@ -270,10 +274,19 @@ static void draw_exact_at_rest(struct view *v, uint64_t now)
     }
 }
 
-// The file of the model has a new version: from here on the view shows that.
+// The model that the view is to show from here on; NULL: still the same.
+static struct model *replacement(const struct view *v)
+{
+    const struct server *server = v->model->server;
+    struct model *next = v->model->replaced ? model_successor(v->model) : NULL;
+    const char *newest = v->name ? versions_find(server->versions, v->name) : "";
+    if (newest[0]) next = models_get(server->models, newest);
+    return next == v->model ? NULL : next;
+}
+
 static void follow_replacement(struct view *v)
 {
-    struct model *next = v->model->replaced ? model_successor(v->model) : NULL;
+    struct model *next = replacement(v);
     if (!next) return;
     model_hold(next);
     model_unwatch(v->model, &v->watcher);
@@ -344,7 +357,8 @@ static int read_options(const Relight__ViewOptions *in, struct view_options *out
     if (out->window > SERVER_MAX_WINDOW)
         return range_refuse(error, 300, in->window, 1, SERVER_MAX_WINDOW, "frames",
                             "options.window");
-    return render_spec_colors(spec, (int)in->color_format, in->color_exposure_ev, error);
+    return render_spec_colors(spec, (int)in->color_format, in->color_exposure_ev, in->most_rank,
+                              in->phases, error);
 }
 
 static void merge_options(struct view_options *to, struct render_spec *spec,
@@ -361,6 +375,8 @@ static void merge_options(struct view_options *to, struct render_spec *spec,
     if (render_fields_name(n, fields, "options.color_format")) spec->format = colors->format;
     if (render_fields_name(n, fields, "options.color_exposure_ev"))
         spec->exposure_ev = colors->exposure_ev;
+    if (render_fields_name(n, fields, "options.most_rank")) spec->most_rank = colors->most_rank;
+    if (render_fields_name(n, fields, "options.phases")) spec->phases = colors->phases;
 }
 
 // Whether the state replaces the view's `part` as a whole or in fields.
@@ -455,6 +471,7 @@ void op_view_open(struct request *request)
     }
     v->request = request;
     v->model = model;
+    if (versions_is_name(request->server->versions, in->model)) v->name = strdup(in->model);
     request->server->stats.views_open++;
     model_hold(model);
     v->watcher.changed = model_has_changed;
