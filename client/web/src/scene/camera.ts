@@ -25,7 +25,7 @@ export interface Placed {
 
 const DEGREE = Math.PI / 180;
 // Share of the sphere round the model that fills the picture; few models fill their sphere.
-const FIT = 0.88;
+const FIT = 1;
 export const FOVY = 36;
 
 interface View {

@@ -196,6 +196,25 @@ interface Filter {
 }
 const filters: (Filter | undefined)[] = [];
 
+const BLOCK = 8; // texels along a side of the blocks by which texels are left out
+
+// Texels of an n-cube that may lie within acos(near) of d: those of the blocks that reach there.
+function* candidates(n: number, d: Vec, near: number): Generator<number> {
+  const blocks = n / BLOCK;
+  // A block at the middle of a face reaches farthest.
+  const reach = Math.atan((Math.SQRT2 * BLOCK) / n);
+  const least = Math.cos(Math.min(Math.PI, Math.acos(Math.max(-1, near)) + reach));
+  for (let b = 0; b < 6 * blocks * blocks; b++) {
+    const face = Math.floor(b / (blocks * blocks));
+    const x = (b % blocks) * BLOCK;
+    const y = (Math.floor(b / blocks) % blocks) * BLOCK;
+    const c = faceDirection(face, (2 * x + BLOCK) / n - 1, (2 * y + BLOCK) / n - 1);
+    if (c[0] * d[0] + c[1] * d[1] + c[2] * d[2] < least) continue;
+    for (let k = 0; k < BLOCK * BLOCK; k++)
+      yield (face * n + y + Math.floor(k / BLOCK)) * n + x + (k % BLOCK);
+  }
+}
+
 function makeFilter(level: number): Filter {
   const n = LEVEL_SIZE[level] ?? 8;
   const from = LEVEL_FROM[level] ?? 8;
@@ -237,7 +256,7 @@ function makeFilter(level: number): Filter {
     );
     const first = weight.length;
     let total = 0;
-    for (let i = 0; i < count; i++) {
+    for (const i of candidates(from, [dx, dy, dz], near)) {
       const c0 =
         (centre[3 * i] ?? 0) * dx +
         (centre[3 * i + 1] ?? 0) * dy +

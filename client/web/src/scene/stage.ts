@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The stage draws a mesh whose colours come from the daemon, the light's reflection, and the
 // background. It draws when something changed, and never has more than one frame on the way.
-import type {
-  Texture} from "three";
+import type { Texture } from "three";
 import {
   BufferAttribute,
   BufferGeometry,
@@ -114,6 +113,7 @@ export class Stage {
   private source: ColorSource = "rgb9e5";
   private hasColors = false;
   private skyCube: Cube | null = null;
+  private wantsPlain = true;
   private dirty = false;
   private scheduled = false;
   private fence: WebGLSync | null = null;
@@ -129,7 +129,6 @@ export class Stage {
     });
     this.renderer.outputColorSpace = LinearSRGBColorSpace;
     this.renderer.autoClear = false;
-    this.camera.matrixAutoUpdate = false;
     this.shared = {
       exposure: { value: 1 },
       curve: { value: 0 },
@@ -290,7 +289,8 @@ export class Stage {
     this.value("exposure", 2 ** look.exposure);
     this.value("curve", look.tone);
     const u = this.sky.uniforms;
-    if (u.isPlain) u.isPlain.value = look.plain !== null || !this.skyCube;
+    this.wantsPlain = look.plain !== null;
+    if (u.isPlain) u.isPlain.value = this.wantsPlain || !this.skyCube;
     if (u.plain && look.plain) (u.plain.value as Vector3).set(...look.plain);
     this.redraw();
   }
@@ -314,8 +314,8 @@ export class Stage {
       fillHalf(texture, bordered(lamp.cube));
       u.sky.value = texture;
       u.side.value = lamp.cube.n;
-      if (!this.skyCube && u.isPlain) u.isPlain.value = false;
       this.skyCube = lamp.cube;
+      if (u.isPlain) u.isPlain.value = this.wantsPlain;
     }
     const axes = (
       [
@@ -340,8 +340,8 @@ export class Stage {
     camera.aspect = this.canvas.width / Math.max(1, this.canvas.height);
     camera.position.copy(eye);
     camera.up.set(...placed.up);
+    camera.updateMatrixWorld(true); // lookAt reads the position from it
     camera.lookAt(target);
-    camera.updateMatrix();
     camera.updateMatrixWorld(true);
     camera.updateProjectionMatrix();
     this.value("eye", eye);

@@ -172,8 +172,8 @@ export function removeLamp(index: number): void {
 }
 
 effect(() => {
-    const now = scene.value; // read even before there is a viewer: the effect follows it
-    viewer?.show(now);
+  const now = scene.value; // read even before there is a viewer: the effect follows it
+  viewer?.show(now);
 });
 
 // ---- the daemon
