@@ -216,7 +216,8 @@ void op_env(struct request *request)
         return;
     }
     struct env_job *job = calloc(1, sizeof *job);
-    int code = job ? env_canonical(in->env, env, error) : RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+    int code = job ? env_of_request(request, in->env, env, error)
+                   : RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
     struct cache_entry *entry = NULL;
     if (job && !code) entry = env_get(request->server, env, &code, error);
     if (!job || !entry) {
