@@ -124,13 +124,16 @@ static uint32_t reference_samples(const struct examination *e)
     return (uint32_t)fmin(fmax(60000, least), 2e7);
 }
 
-// Adds the term at hand of the bake's own medium to the sums under a light.
-static void add_to_sums(struct examination *e, unsigned which)
+// Adds the term at hand of the bake's own medium, in the proportion that a total has, to the
+// sums under a light.
+static void add_to_sums(struct examination *e, enum prt_answer_term term, unsigned which)
 {
+    double divisor = prt_exit_divisor((double)e->transport->material.eta, PRT_EXIT_NORMALISED);
+    const float gain = term == PRT_ANSWER_SINGLE ? (float)divisor : 1;
     float *got = e->sum_got[which][0], *want = e->sum_want[which][0];
     for (size_t i = 0; i < (size_t)e->n * 3; i++) {
-        got[i] += e->got[0][i];
-        want[i] += e->want[0][0][i];
+        got[i] += gain * e->got[0][i];
+        want[i] += gain * e->want[0][0][i];
     }
     e->together[which] = prt_relative_rmse(got, want, (size_t)e->n * 3);
 }
@@ -167,7 +170,7 @@ static int examine(struct examination *e, enum prt_answer_term answer,
         double now = prt_relative_rmse(e->got[0], e->want[m][0], (size_t)e->n * 3);
         e->worst[m] = fmax(e->worst[m], now);
         if (!m) *error = now;
-        if (!m && which < MEASURE_LIGHTS) add_to_sums(e, which);
+        if (!m && which < MEASURE_LIGHTS) add_to_sums(e, answer, which);
     }
     return status;
 }

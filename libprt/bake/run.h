@@ -84,6 +84,9 @@ void prt_probes_finish(struct probes *probes);
 /* Fills b->single from the material. An engine sets a radial basis afterwards and calls
  * prt_single_plan_depths again. */
 void prt_bake_plan_single(struct bake *b);
+/* Pass 1 (prt_irradiance_bake) into b->irradiance, timed; nothing where nothing is translucent
+ * or no rows are needed, because all clusters are there already. */
+int prt_bake_irradiance(struct bake *b);
 int prt_bake_joint(struct bake *b);
 int prt_bake_polynomial(struct bake *b);
 /* The settings of the bake and its ray counts as a JSON object, for the file and for the key of

@@ -48,11 +48,12 @@ struct shade_job {
     unsigned n_plane;
     float eye[3], eta, plain[3], sign[16];
     float sky_cos, sky_sin; // of the background's rotation about +y
-    bool fresnel;
+    float exit;             // factor of F_t; 0: translucent radiance leaves as it is
     const struct cube_view *specular, *background;
-    int level_floats; // distance of the levels of roughness in specular
-    float roughness;  // of points without their own
-    float *rgb;
+    int level_floats;    // distance of the levels of roughness in specular
+    float roughness;     // of points without their own
+    float *rgb, *alpha;  // alpha NULL: with a background
+    const float *shadow; // [height][width][3] of the background, or NULL
     void (*row)(const struct shade_job *job, uint32_t y, float *row);
 };
 
@@ -113,11 +114,13 @@ static void harmonic_signs(float sign[16])
 static int shade(const struct prt_context *ctx, const struct prt_visibility *vis,
                  const struct prt_shade *s, struct shade_job *job, struct prt_image *out)
 {
-    struct prt_image image = {vis->width, vis->height, NULL};
+    struct prt_image image = {vis->width, vis->height, NULL, NULL};
     image.rgb = prt_alloc((size_t)vis->width * vis->height, 3 * sizeof(float));
     struct border_cube lobe = {0}, sky = {0};
     struct cube_view specular, background;
-    bool good = image.rgb != NULL;
+    if (s->transparent)
+        image.alpha = prt_alloc((size_t)vis->width * vis->height, sizeof(float));
+    bool good = image.rgb && (image.alpha || !s->transparent);
     struct prt_gbuffer own = vis->g;
     if (s->leave_out & PRT_LOOK_BASE) own.base[0] = NULL;
     if (s->leave_out & PRT_LOOK_NORMAL) own.turned[0] = NULL;
@@ -127,15 +130,17 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     job->frame = &vis->frame;
     job->width = vis->width;
     job->height = vis->height;
-    job->fresnel = s->fresnel;
     job->eta = s->eta >= 1 ? s->eta : 1;
+    job->exit = s->fresnel ? (float)(1 / prt_exit_divisor((double)job->eta, s->exit)) : 0;
     job->rgb = image.rgb;
+    job->alpha = image.alpha;
+    job->shadow = s->shadow;
     double turn = (double)s->background_rotate_deg * (3.14159265358979323846 / 180);
     job->sky_cos = (float)cos(turn);
     job->sky_sin = (float)sin(turn);
     for (int i = 0; i < 3; i++) {
         job->eye[i] = (float)vis->frame.eye[i];
-        job->plain[i] = s->background_rgb[i];
+        job->plain[i] = s->transparent ? 0 : s->background_rgb[i];
     }
     job->roughness = s->roughness;
     if (good && s->specular) {
@@ -144,7 +149,7 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
         job->specular = &specular;
         job->level_floats = 6 * specular.face;
     }
-    if (good && s->background) {
+    if (good && s->background && !s->transparent) {
         bool small = s->background->n <= SMALL_BACKGROUND;
         if (small) good = prt_border_cube_copy(&sky, s->background);
         background = small ? view_bordered(&sky) : view_plain(s->background);
@@ -162,7 +167,7 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     prt_border_cube_finish(&lobe);
     prt_border_cube_finish(&sky);
     if (status) {
-        prt_free(image.rgb);
+        prt_image_finish(&image);
         return status;
     }
     *out = image;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Answers a query from a transport: per-vertex colours, or the planes they are made of.
-// colour = F_t(eta, w_o) [ T_d.L + sum_k Y_k(w_o') T_k.L ]  (W05 section 5)
+// colour = F_t(eta, w_o) [ T_d.L/T + sum_k Y_k(w_o') T_k.L ]  (W05 section 5; METHODS §1, exit)
 //
 // w_o' is the direction inside whose refraction is the view. Planes of a wavelet transport
 // contain the phase function's coefficients a_l and sigma_s; those of a joint transport do not,
@@ -25,8 +25,9 @@ struct answer {
     struct prt_light light; // coef NULL for polynomial
     size_t n_vertex;
     unsigned n_plane;
-    unsigned n_phase; // planes that the tensors fill; the view's correction may need more
-    bool view;        // single scattering is corrected for the view (view_correction.c)
+    unsigned n_phase;  // planes that the tensors fill; the view's correction may need more
+    bool view;         // single scattering is corrected for the view (view_correction.c)
+    float single_gain; // the exit's divisor for a total, else 1
     enum { ALL_TERMS, ONLY_SINGLE, ALL_BUT_SINGLE } part; // of one step of a corrected answer
     float *planes;                                        // [n_plane][n_vertex][3]
     unsigned done;                         // bit i: tensor i has been added to the planes
@@ -120,6 +121,7 @@ static void plane_factor(const struct answer *a, const struct prt_tensor *t, uns
     for (int ch = 0; ch < 3; ch++) factor[ch] = 1;
     if (is_free(t)) prt_phase_plane_factor(a->material, t, k, factor);
     for (int ch = 0; ch < 3 && a->material->profile; ch++) factor[ch] = 0;
+    for (int ch = 0; ch < 3; ch++) factor[ch] *= a->single_gain;
 }
 
 struct plane_job {
@@ -246,7 +248,9 @@ static int contract_group(const struct group *g, const struct prt_tensor *t, flo
     }
     for (unsigned i = 0; i < g->n; i++) light[i] = &g->answer[i]->light;
     *out = *own = prt_alloc(g->n * prt_contracted_light_floats(t), sizeof **own);
-    return *own ? prt_contract_lights(a->ctx, t, g->n, light, *own) : PRT_NOMEM;
+    return *own ? prt_contract_lights(a->ctx, t, g->n, light,
+                                      a->coefficients ? a->coefficients->most_rank : 0, *own)
+                : PRT_NOMEM;
 }
 
 // The factor of every plane; add_tensor says why plane 0 has Y_00.
@@ -358,6 +362,11 @@ static int add_free(const struct answer *a, const struct prt_tensor *t)
     return status;
 }
 
+static double exit_divisor(const struct answer *a)
+{
+    return prt_exit_divisor((double)a->transport->material.eta, a->query->exit);
+}
+
 // toward: the view is known, or the planes are shaded for one later.
 static void answer_init(struct answer *a, const struct prt_context *ctx,
                         const struct prt_transport *transport, const struct prt_query *query,
@@ -370,6 +379,7 @@ static void answer_init(struct answer *a, const struct prt_context *ctx,
                          .n_vertex = transport->mesh.n_vertex,
                          .n_phase = plane_count(transport, query)};
     a->n_plane = a->n_phase;
+    a->single_gain = query->term == PRT_ANSWER_TOTAL ? (float)exit_divisor(a) : 1;
     for (uint32_t i = 0; i < transport->n_tensor && toward && !a->material->profile; i++)
         a->view |= transport->tensor[i].term == PRT_TERM_SINGLE &&
                    is_term(query, &transport->tensor[i]);
@@ -435,7 +445,8 @@ static void group_answers(struct answer *a, unsigned n, const bool filled[], str
     *g = (struct group){{a}, 1};
     for (unsigned i = 1; i < n && only_light(a); i++)
         if (!filled[i] && only_light(&a[i]) && a[i].query->term == a->query->term &&
-            a[i].n_plane == a->n_plane && same_layers(a[i].coefficients, a->coefficients))
+            a[i].query->exit == a->query->exit && a[i].n_plane == a->n_plane &&
+            same_layers(a[i].coefficients, a->coefficients))
             g->answer[g->n++] = &a[i];
     if (g->n == 2) g->n = 1;
 }
@@ -544,7 +555,8 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
 struct shade_job {
     const struct answer *a;
     float (*color)[3];
-    double mean; // outgoing transmittance without an eye
+    double divisor; // of the exit
+    double mean;    // outgoing transmittance without an eye over the divisor
 };
 
 // w_o': the view direction refracted into the medium (Snell). Returns the cosine of w.
@@ -566,8 +578,9 @@ static void view_of(const struct answer *a, size_t v, float w[3])
         w[i] = length > 0 ? d[i] / length : a->transport->mesh.normal[v][i];
 }
 
-static void shade_vertex(const struct answer *a, size_t v, float out[3])
+static void shade_vertex(const struct shade_job *job, size_t v, float out[3])
 {
+    const struct answer *a = job->a;
     const size_t size = 3 * a->n_vertex;
     const float *plane = a->planes + 3 * v;
     const double eta = (double)a->transport->material.eta;
@@ -579,7 +592,8 @@ static void shade_vertex(const struct answer *a, size_t v, float out[3])
     prt_sh_eval(n_band, inside, y);
     for (unsigned k = 1; k < a->n_plane; k++)
         for (int ch = 0; ch < 3; ch++) rgb[ch] += y[k] * plane[k * size + (size_t)ch];
-    double transmittance = cosine > 0 ? prt_fresnel_transmittance(eta, (double)cosine) : 0;
+    double transmittance =
+        cosine > 0 ? prt_fresnel_transmittance(eta, (double)cosine) / job->divisor : 0;
     if (a->query->term != PRT_ANSWER_TOTAL && cosine > 0) transmittance = 1;
     for (int ch = 0; ch < 3; ch++) out[ch] = fmaxf(0, rgb[ch] * (float)transmittance);
 }
@@ -594,7 +608,7 @@ static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
     const float *plane = a->planes;
     float *color = job->color[0];
     if (a->query->eye && translucent && a->query->term != PRT_ANSWER_MULTIPLE) {
-        for (size_t v = begin_v; v < end; v++) shade_vertex(a, v, job->color[v]);
+        for (size_t v = begin_v; v < end; v++) shade_vertex(job, v, job->color[v]);
         return;
     }
     const float transmittance = translucent && total ? (float)job->mean : 1;
@@ -622,8 +636,9 @@ static int shade(void *arg, size_t begin_v, size_t end, unsigned worker)
 
 static int shade_colors(const struct answer *a, float (*color)[3])
 {
-    struct shade_job job = {a, color,
-                            prt_fresnel_mean_transmittance((double)a->transport->material.eta)};
+    double divisor = exit_divisor(a);
+    double mean = prt_fresnel_mean_transmittance((double)a->transport->material.eta);
+    struct shade_job job = {a, color, divisor, mean / divisor};
     return prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, shade, &job);
 }
 
@@ -727,14 +742,16 @@ int prt_answer_coefficients(const struct prt_context *ctx,
 }
 
 void prt_outgoing_of(const struct prt_transport *transport, const struct prt_material *material,
-                     enum prt_answer_term term, struct prt_outgoing *out)
+                     enum prt_answer_term term, enum prt_exit exit, struct prt_outgoing *out)
 {
     const double eta = (double)transport->material.eta;
     const bool total = term == PRT_ANSWER_TOTAL;
+    const double divisor = total ? prt_exit_divisor(eta, exit) : 1;
+    const double mean = total ? prt_fresnel_mean_transmittance(eta) : 1;
     *out = (struct prt_outgoing){.eta = transport->material.eta,
                                  .roughness =
                                      (material ? material : &transport->material)->roughness,
-                                 .mean = total ? (float)prt_fresnel_mean_transmittance(eta) : 1,
-                                 .divisor = 1,
+                                 .mean = (float)(mean / divisor),
+                                 .divisor = (float)divisor,
                                  .view_slope = prt_view_slope(eta)};
 }

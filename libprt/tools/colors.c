@@ -44,6 +44,7 @@ static int answer(struct tool *tool, const struct source *source, const struct p
         .light = light,
         .material = source->material_given ? &source->material : NULL,
         .eye = eye_mm,
+        .exit = exit_option(&tool->opt),
     };
     return tool_exit(tool, prt_answer_colors(&tool->ctx, source->transport, &query, color));
 }

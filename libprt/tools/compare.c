@@ -228,6 +228,7 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
         .light = source.transport->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &own,
         .material = source.material_given ? &source.material : NULL,
         .eye = o->eye.set ? eye : NULL,
+        .exit = exit_option(o),
     };
     color = prt_alloc(n_vertex, 3 * sizeof *color);
     a->rgb = prt_alloc(n, 3 * sizeof *a->rgb);

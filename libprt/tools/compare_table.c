@@ -189,7 +189,8 @@ static int fill_answers(struct table *t, const float *eye)
     for (unsigned m = 0; m < t->n_media && !status; m++) {
         struct prt_query query = {.term = answer_term(t->tool->opt.term),
                                   .material = fixed ? NULL : &t->media[m],
-                                  .eye = eye};
+                                  .eye = eye,
+                                  .exit = exit_option(&t->tool->opt)};
         if (!fixed)
             status = prt_answer_material_error(ctx, p, &t->media[m], query.term, &t->bound[m]);
         for (unsigned l = 0; l < t->n_light && !status; l++) {

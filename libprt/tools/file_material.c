@@ -4,8 +4,8 @@
 
 #include <string.h>
 
-static bool inverted(const struct tool *tool, const struct prt_mesh *mesh, uint32_t i,
-                     double mm_per_unit, struct prt_material *out)
+bool surface_material(const struct tool *tool, const struct prt_mesh *mesh, uint32_t i,
+                      double mm_per_unit, struct prt_material *out)
 {
     const struct prt_surface *s = &mesh->surface[i];
     const struct prt_volume *v = &mesh->volume[i];
@@ -34,7 +34,7 @@ bool file_material(const struct tool *tool, const struct prt_mesh *mesh, double 
     for (uint32_t i = 0; mesh->volume && i < mesh->n_surface; i++) {
         struct prt_material own;
         if (!mesh->surface[i].translucent || !mesh->volume[i].kind) continue;
-        if (!inverted(tool, mesh, i, mm_per_unit, &own)) {
+        if (!surface_material(tool, mesh, i, mm_per_unit, &own)) {
             prt_log(&tool->ctx, PRT_LOG_WARNING,
                     "material \"%s\" has no attenuation distance and gives no medium",
                     mesh->surface[i].name);

@@ -268,6 +268,34 @@ static int describe_prt(struct tool *tool, const char *path, cJSON *root)
     return EXIT_DONE;
 }
 
+// The medium that each translucent surface's own material became, in the file's unit.
+static void add_media(const struct tool *tool, cJSON *root, const struct prt_mesh *mesh)
+{
+    cJSON *list = cJSON_GetObjectItem(cJSON_GetObjectItem(root, "mesh"), "surfaces");
+    for (uint32_t i = 0; mesh->volume && mesh->units_known && i < mesh->n_surface; i++) {
+        struct prt_material m;
+        char text[PRT_MATERIAL_SUMMARY];
+        if (!mesh->surface[i].translucent || !mesh->volume[i].kind ||
+            !surface_material(tool, mesh, i, 1000, &m))
+            continue;
+        prt_material_summary(&m, text, sizeof text);
+        add_parsed(cJSON_GetArrayItem(list, (int)i), "medium", text);
+    }
+}
+
+static int describe_materials(struct tool *tool, const char *path, cJSON *root)
+{
+    struct prt_import *item;
+    unsigned n;
+    int status = prt_material_import_file(&tool->ctx, path, 0, &item, &n);
+    if (status) return tool_exit(tool, status);
+    cJSON_AddStringToObject(root, "kind", "materials");
+    cJSON *list = cJSON_AddArrayToObject(root, "materials");
+    for (unsigned i = 0; i < n; i++) cJSON_AddItemToArray(list, describe_import(&item[i]));
+    prt_free(item);
+    return EXIT_DONE;
+}
+
 static int describe_model(struct tool *tool, const char *path, cJSON *root)
 {
     struct prt_mesh *mesh;
@@ -277,6 +305,7 @@ static int describe_model(struct tool *tool, const char *path, cJSON *root)
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     cJSON_AddStringToObject(root, "kind", "model");
     add_mesh(root, mesh);
+    add_media(tool, root, mesh);
     add_cameras(root, mesh);
     prt_mesh_destroy(mesh);
     return EXIT_DONE;
@@ -359,6 +388,7 @@ int run_info(struct tool *tool)
     if (ends_with_any(path, files) || (exists && prt_file_probe(path)))
         status = describe_prt(tool, path, root);
     else if (ends_with_any(path, models)) status = describe_model(tool, path, root);
+    else if (prt_material_is_foreign(path)) status = describe_materials(tool, path, root);
     else status = describe_env(tool, path, root);
     if (!status && tool->opt.json) {
         char *text = cJSON_PrintUnformatted(root);

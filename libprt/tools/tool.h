@@ -17,7 +17,16 @@
 /* Exit statuses of the command contract. */
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
 
-enum command { CMD_BAKE, CMD_COLORS, CMD_IMAGE, CMD_INFO, CMD_COMPARE, CMD_ENV, N_COMMAND };
+enum command {
+    CMD_BAKE,
+    CMD_COLORS,
+    CMD_IMAGE,
+    CMD_INFO,
+    CMD_COMPARE,
+    CMD_ENV,
+    CMD_MATERIAL,
+    N_COMMAND
+};
 enum { MAX_INPUT = 2, MAX_OPAQUE = 64, MAX_ENV = 16 };
 
 struct vector_option {
@@ -32,7 +41,7 @@ struct options {
     const char *input[MAX_INPUT];
     unsigned n_input;
     const char *out, *material, *env, *engine, *term, *transport, *storage, *basis, *camera,
-        *cpu, *scattering;
+        *cpu, *scattering, *exit;
     const char *tone, *background, *layout, *orbit, *up, *checkpoint, *faces;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
@@ -52,7 +61,8 @@ struct options {
     uint32_t shard, n_shard;
     int progress_fd; /* -1: not given */
     bool max_rmse_set;
-    bool json, quiet, no_single, every_ray, straight, full_float, measure_error, no_textures;
+    bool json, quiet, no_single, every_ray, straight, full_float, measure_error, no_textures,
+        floor;
 };
 
 /* Fills `out` from the program's arguments. Returns -1 to go on, else the exit status: after
@@ -96,6 +106,11 @@ struct source {
     bool material_given;
     bool material_of_file; /* without --material: material is of the model's own materials */
 };
+/* Another program's material and its medium as JSON; the caller deletes it. */
+struct cJSON *describe_import(const struct prt_import *item);
+/* The medium of surface i's own material; false where it gives none. Warns of what is lost. */
+bool surface_material(const struct tool *tool, const struct prt_mesh *mesh, uint32_t i,
+                      double mm_per_unit, struct prt_material *out);
 /* The medium of a model's own materials, of the first translucent one that has one; false where
  * none has. Warns of what is lost. mm_per_unit: of the file's unit. */
 bool file_material(const struct tool *tool, const struct prt_mesh *mesh, double mm_per_unit,
@@ -112,13 +127,15 @@ const char *source_engine_name(const struct prt_transport *transport);
 int source_material_error(struct tool *tool, const struct source *source, const char *term,
                           double *error);
 enum prt_answer_term answer_term(const char *word); /* NULL: total */
+enum prt_exit exit_option(const struct options *o);
 /* Loads an environment, its faces read as --faces says. Library status. */
 int tool_env_load(const struct tool *tool, const char *path, struct prt_env **out);
 /* Resamples env, turned by --rotate, to an n-cube. n = 0: the resolution of --cube (full: the
  * file's own), else the .prt's, else 32. Returns an exit status. */
 int source_light(struct tool *tool, const struct source *source, const struct prt_env *env,
                  uint32_t n, struct prt_cube *out);
-/* Loads the preset, file or JSON text `name` that --`option` gave. Returns an exit status. */
+/* Loads the preset, file or JSON text `name` that --`option` (NULL: an operand) gave. Returns
+ * an exit status. */
 int material_named(struct tool *tool, const char *option, const char *name,
                    struct prt_material *out);
 /* --material by preset, file or JSON text. Returns an exit status. */
@@ -164,5 +181,6 @@ int run_image(struct tool *tool);
 int run_info(struct tool *tool);
 int run_compare(struct tool *tool);
 int run_env(struct tool *tool);
+int run_material(struct tool *tool);
 
 #endif

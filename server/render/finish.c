@@ -82,7 +82,8 @@ static int shade(const struct render *r, const struct prt_context *ctx,
                                           : r->screen          ? render_shape(r)->material
                                                                : &render_transport(r)->material;
     bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
-    struct prt_shade shade = {.eta = material->eta,
+    struct prt_shade shade = {.transparent = r->spec.transparent,
+                              .eta = material->eta,
                               .roughness = material->roughness,
                               .fresnel = total,
                               .specular = specular,
@@ -227,7 +228,7 @@ static void set_coefficients(struct render *r)
                                                 PRT_ANSWER_MULTIPLE, PRT_ANSWER_SINGLE};
     out->factors = prt_file_hash(r->file.entry->value);
     prt_outgoing_of(render_transport(r), r->spec.has_material ? &r->spec.material : NULL,
-                    term[r->spec.term], &out->outgoing);
+                    term[r->spec.term], PRT_EXIT_NORMALISED, &out->outgoing);
 }
 
 static void set_planes(struct render *r)

@@ -3,6 +3,7 @@
 // model_open.c, the catalogue in catalogue.c; how a LOAD becomes a model is in op_load.c.
 #include "store/model_files.h"
 
+#include "core/access.h"
 #include "core/log.h"
 #include "frame.h"
 #include "relight.pb-c.h"
@@ -160,6 +161,12 @@ struct model *models_find(struct models *models, const char *asker, const char *
     static bool (*const each[])(const struct model *, const char *,
                                 const char *) = {is_own, is_of_folder, has_prefix, is_named};
     struct model *found = models_get(models, text);
+    if (is_guest(asker)) {
+        const struct server *s = models->server;
+        if (found && s->guest_may_see && s->guest_may_see(s, asker, text)) return found;
+        snprintf(error, 256, "%.40s: no model of the room that you are invited to", text);
+        return NULL;
+    }
     if (found) return found;
     for (int i = 0; i < 4; i++) {
         unsigned n = 0;
