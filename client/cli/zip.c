@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Zip archives (PKWARE's APPNOTE 6.3, without ZIP64 and encryption).
+// Zip archives (PKWARE's APPNOTE, without 64-bit sizes and encryption).
 #include "zip.h"
 
 #include <stdio.h>

@@ -1094,8 +1094,8 @@ struct relight_medium {
     float g[3], eta, roughness;
     void *owner;
 };
-/* Asks for the numbers of a preset or of a material's JSON text. Returns 0 and *out, to be freed
- * by relight_medium_finish. -RELIGHT_E_OUT_OF_RANGE. Thread-safety: Safe. Blocks. */
+/* Asks for the numbers of a preset or of a material's JSON text. Returns 0 and *out, to be
+ * freed by relight_medium_finish. -RELIGHT_E_OUT_OF_RANGE. Thread-safety: Safe. Blocks. */
 int relight_material(struct relight_client *client, const char *material,
                      struct relight_medium *out, struct relight_error *error);
 /* Frees what relight_material put into *medium. Thread-safety: Safe for different structs. Does
