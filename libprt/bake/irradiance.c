@@ -4,6 +4,7 @@
 // 250,000 samples).
 #include "bake/checkpoint.h"
 #include "bake/loops.h"
+#include "bake/run.h"
 
 #include <math.h>
 #include <stdatomic.h>
@@ -200,7 +201,8 @@ struct pass_one {
     const struct prt_surface_points *surface;
     const struct hierarchy *h;
     const struct directions *d;
-    const struct fresnel_table *fresnel;
+    const struct prt_media *media;
+    const struct fresnel_table *fresnel; // [media->n]
     struct horizon *horizon;       // or NULL: every ray is cast
     struct checkpoint *checkpoint; // or NULL
     struct half_rows *rows;
@@ -241,7 +243,8 @@ static int pass_one_range(void *arg, size_t begin, size_t end, unsigned worker)
         bool found = horizon_of(p, s, &view);
         const struct receiver at = {p->surface->position[s], p->surface->normal[s],
                                     p->surface->face_normal[s]};
-        rays += prt_irradiance_row(p->scene, p->d, pattern, p->fresnel, &at,
+        const uint32_t medium = prt_media_index(p->media, p->surface->object[s]);
+        rays += prt_irradiance_row(p->scene, p->d, pattern, &p->fresnel[medium], &at,
                                    found ? &view : NULL, row);
         for (size_t k = 0; p->surface->tint && k < p->rows->n_coef; k++)
             row[k] *= p->surface->tint[s];
@@ -291,19 +294,23 @@ static int leaf_range(void *arg, size_t begin, size_t end, unsigned worker)
 
 int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
                         const struct prt_surface_points *surface, const struct hierarchy *h,
-                        const struct directions *d, double eta, size_t room,
+                        const struct directions *d, const struct prt_media *media, size_t room,
                         struct checkpoint *checkpoint, struct half_rows *out, uint64_t *rays)
 {
-    struct fresnel_table fresnel;
-    prt_fresnel_table_init(&fresnel, eta);
-    int status =
-        prt_half_rows_create(ctx, (size_t)surface->n_sample + h->n_node, d->n_coef, room, out);
-    if (status) return status;
+    struct fresnel_table *fresnel = prt_bake_fresnel(media);
+    int status = fresnel ? prt_half_rows_create(ctx, (size_t)surface->n_sample + h->n_node,
+                                                d->n_coef, room, out)
+                         : PRT_NOMEM;
+    if (status) {
+        prt_free(fresnel);
+        return status;
+    }
     struct pass_one p = {.scene = scene,
                          .surface = surface,
                          .h = h,
                          .d = d,
-                         .fresnel = &fresnel,
+                         .media = media,
+                         .fresnel = fresnel,
                          .checkpoint = checkpoint,
                          .rows = out};
     (void)prt_horizon_create(scene, &p.horizon); // without memory for it every ray is cast
@@ -317,6 +324,7 @@ int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *s
         if (h->node[i].child[0]) average_node(&p, i, scratch, scratch + d->n_coef);
     prt_free(scratch);
     prt_horizon_destroy(p.horizon);
+    prt_free(fresnel);
     *rays = atomic_load(&p.rays);
     if (status) prt_half_rows_finish(out);
     return status;

@@ -101,7 +101,7 @@ void prt_hierarchy_destroy(struct hierarchy *h);
  * recorded there. Reports "irradiance" and "hierarchy" as progress. */
 int prt_irradiance_bake(const struct prt_context *ctx, const struct prt_scene *scene,
                         const struct prt_surface_points *surface, const struct hierarchy *h,
-                        const struct directions *d, double eta, size_t room,
+                        const struct directions *d, const struct prt_media *media, size_t room,
                         struct checkpoint *checkpoint, struct half_rows *out, uint64_t *rays);
 
 /* ---- clusters of vertices -----------------------------------------------------------------
@@ -340,7 +340,8 @@ struct single_plan {
     const struct extinction_table *extinction; /* radial basis in place of sigma_t, or NULL */
     uint32_t n_direction; /* most directions at once: n_coef, or a light's rays */
 
-    struct horizon *horizon; /* saves shadow rays; NULL without memory for it */
+    struct horizon *horizon; /* saves shadow rays; NULL without memory for it. A plan that has
+                                one before prt_single_plan_depths keeps it */
     uint32_t n_node;         /* depths traced */
     float first_mm, last_mm; /* least and greatest depth */
     float inward_mm;         /* reach of rays through the body */

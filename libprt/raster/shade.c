@@ -37,12 +37,14 @@ struct shade_job {
     const float *planes;
     size_t plane_floats;
     unsigned n_plane;
-    float eye[3], eta, plain[3], sign[16];
+    float eye[3], plain[3], sign[16];
     float sky_cos, sky_sin; // of the background's rotation about +y
     bool fresnel;
     const struct cube_view *specular, *background;
     int level_floats; // distance of the levels of roughness in specular
-    float roughness;  // of points without their own
+    const float *eta;       // [n_block]
+    const float *roughness; // [n_block] of points without their own
+    bool one_medium;        // all blocks have the first one's
     float *rgb;
     void (*row)(const struct shade_job *job, uint32_t y, float *row);
 };
@@ -101,14 +103,28 @@ static void harmonic_signs(float sign[16])
     for (int k = 1; k < 16; k++) sign[k] = y[k] * mine[k - 1][0] < 0 ? -1 : 1;
 }
 
+// eta and roughness of each block, [2][n_block]; NULL without memory.
+static float *surface_of_blocks(const struct prt_visibility *vis, const struct prt_media *media)
+{
+    float *value = prt_alloc(2 * (size_t)vis->n_block, sizeof *value);
+    for (uint32_t i = 0; value && i < vis->n_block; i++) {
+        const struct prt_material *m =
+            media->n ? prt_media_of(media, vis->block_object[i]) : NULL;
+        value[i] = m && m->eta >= 1 ? m->eta : 1;
+        value[vis->n_block + i] = m ? m->roughness : 0;
+    }
+    return value;
+}
+
 static int shade(const struct prt_context *ctx, const struct prt_visibility *vis,
                  const struct prt_shade *s, struct shade_job *job, struct prt_image *out)
 {
+    float *of_block = surface_of_blocks(vis, &s->media);
     struct prt_image image = {vis->width, vis->height, NULL};
     image.rgb = prt_alloc((size_t)vis->width * vis->height, 3 * sizeof(float));
     struct border_cube lobe = {0}, sky = {0};
     struct cube_view specular, background;
-    bool good = image.rgb != NULL;
+    bool good = image.rgb && of_block;
     struct prt_gbuffer own = vis->g;
     if (s->leave_out & PRT_LOOK_BASE) own.base[0] = NULL;
     if (s->leave_out & PRT_LOOK_NORMAL) own.turned[0] = NULL;
@@ -119,7 +135,9 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
     job->width = vis->width;
     job->height = vis->height;
     job->fresnel = s->fresnel;
-    job->eta = s->eta >= 1 ? s->eta : 1;
+    job->eta = of_block;
+    job->roughness = of_block ? of_block + vis->n_block : NULL;
+    job->one_medium = s->media.n <= 1;
     job->rgb = image.rgb;
     double turn = (double)s->background_rotate_deg * (3.14159265358979323846 / 180);
     job->sky_cos = (float)cos(turn);
@@ -128,7 +146,6 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
         job->eye[i] = (float)vis->frame.eye[i];
         job->plain[i] = s->background_rgb[i];
     }
-    job->roughness = s->roughness;
     if (good && s->specular) {
         good = prt_specular_stack(s->specular, &lobe);
         specular = view_bordered(&lobe);
@@ -152,6 +169,7 @@ static int shade(const struct prt_context *ctx, const struct prt_visibility *vis
                                  vis->width, vis->height);
     prt_border_cube_finish(&lobe);
     prt_border_cube_finish(&sky);
+    prt_free(of_block);
     if (status) {
         prt_free(image.rgb);
         return status;

@@ -70,6 +70,15 @@ static void PRT_KERNEL(cube_fetch)(const struct cube_view *cube, int n,
     }
 }
 
+/* A value of the blocks that n points lie in. */
+static void PRT_KERNEL(gather)(const struct shade_job *job, const float *of_block, size_t at,
+                               int n, float *restrict out)
+{
+    const uint32_t *block = job->g->block + at;
+    for (int i = 0; job->one_medium && i < n; i++) out[i] = of_block[0];
+    for (int i = 0; !job->one_medium && i < n; i++) out[i] = of_block[block[i]];
+}
+
 /* F_t of the view direction (METHODS §1, exact and unpolarised), the mirror direction, and the
  * direction w_o' of the refracted path inside, outwards. */
 static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n,
@@ -79,8 +88,11 @@ static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n
     const float *px = g->position[0] + at, *py = g->position[1] + at, *pz = g->position[2] + at;
     const float *nx = g->normal[0] + at, *ny = g->normal[1] + at, *nz = g->normal[2] + at;
     const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2];
-    const float eta = job->eta, inv_eta = 1 / eta, *facing = g->facing + at;
+    const float *facing = g->facing + at;
+    float etas[LANES];
+    PRT_KERNEL(gather)(job, job->eta, at, n, etas);
     for (int i = 0; i < n; i++) {
+        const float eta = etas[i], inv_eta = 1 / eta;
         float wx = ex - px[i], wy = ey - py[i], wz = ez - pz[i];
         float l = 1.0f / sqrtf(wx * wx + wy * wy + wz * wz + 1e-30f);
         wx *= l;
@@ -119,8 +131,11 @@ static void PRT_KERNEL(turn_mirror)(const struct shade_job *job, size_t at, int 
     const float *px = g->position[0] + at, *py = g->position[1] + at, *pz = g->position[2] + at;
     const float *tx = g->turned[0] + at, *ty = g->turned[1] + at, *tz = g->turned[2] + at;
     const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2];
-    const float eta = job->eta, inv_eta = 1 / eta, *facing = g->facing + at;
+    const float *facing = g->facing + at;
+    float etas[LANES];
+    PRT_KERNEL(gather)(job, job->eta, at, n, etas);
     for (int i = 0; i < n; i++) {
+        const float eta = etas[i], inv_eta = 1 / eta;
         float wx = ex - px[i], wy = ey - py[i], wz = ez - pz[i];
         float l = 1.0f / sqrtf(wx * wx + wy * wy + wz * wz + 1e-30f);
         wx *= l;
@@ -153,8 +168,10 @@ static void PRT_KERNEL(fetch_levels)(const struct shade_job *job, size_t at, int
     float share[LANES], hr[LANES], hg[LANES], hb[LANES];
     const float *own = job->g->roughness ? job->g->roughness + at : NULL;
     const float *variance = job->g->variance + at;
+    float medium[LANES];
+    PRT_KERNEL(gather)(job, job->roughness, at, n, medium);
     for (int i = 0; i < n; i++) {
-        float rough = own && own[i] >= 0 ? own[i] : job->roughness;
+        float rough = own && own[i] >= 0 ? own[i] : medium[i];
         float spread = variance[i] < 0.09f ? 2 * variance[i] : 0.18f;
         /* alpha^2 grows by the normals' variance over the pixel (METHODS §6) */
         if (spread > 1e-4f) rough = sqrtf(sqrtf(rough * rough * rough * rough + spread));

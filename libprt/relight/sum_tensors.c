@@ -32,16 +32,20 @@ static unsigned planes_of(const struct prt_term_input *p, unsigned n_plane)
 // A cluster's rows as the expansion reads them, [rank][light][planes][3]: in `to`, or in place
 // where they need no change.
 static const float *fold(const struct sum_run *run, const struct prt_term_input *p,
-                         const struct prt_cluster *c, float *to)
+                         uint32_t cluster, float *to)
 {
     const struct prt_tensor *t = p->tensor;
+    const struct prt_cluster *c = &t->cluster[cluster];
+    const size_t medium = p->medium ? p->medium[cluster] : 0;
+    const float(*factor)[3] = p->factor ? p->factor + medium * t->n_phase : NULL;
     const bool full = t->coupling == PRT_COUPLE_FULL;
     const unsigned planes = planes_of(p, run->n_plane);
     const float *in =
         p->lit + (size_t)c->row_begin * run->n_light * t->n_function * (full ? 3 : 1);
     if (full)
-        run->kernels->material(in, (size_t)c->rank * t->n_phase, t->n_radial, p->coef, to);
-    else if (!p->factor && planes == t->n_phase) return in;
+        run->kernels->material(in, (size_t)c->rank * t->n_phase, t->n_radial,
+                               p->coef + medium * 3 * t->n_radial, to);
+    else if (!factor && planes == t->n_phase) return in;
     if (full) in = to;
     const size_t n =
         (size_t)c->rank * run->n_light; // `to` may be `in`: no value moves to a higher address
@@ -50,15 +54,18 @@ static const float *fold(const struct sum_run *run, const struct prt_term_input 
             for (int ch = 0; ch < 3; ch++)
                 to[3 * (i * planes + k) + (size_t)ch] =
                     in[3 * (i * t->n_phase + k) + (size_t)ch] *
-                    (p->factor ? p->factor[k][ch] : 1);
+                    (factor ? factor[k][ch] : 1);
     return to;
 }
 
 // Plane by plane, because each plane's factor goes into the coefficients.
 static void sum_radial(const struct sum_run *run, const struct prt_term_input *p,
-                       struct expand_job *job, float *coef)
+                       uint32_t cluster, struct expand_job *job, float *coef)
 {
     const struct prt_tensor *t = p->tensor;
+    const size_t medium = p->medium ? p->medium[cluster] : 0;
+    const float *own = p->coef + medium * 3 * t->n_radial;
+    const float(*factor)[3] = p->factor ? p->factor + medium * t->n_phase : NULL;
     const size_t n = 3 * (size_t)t->n_radial;
     const uint16_t *u = job->u;
     const uint32_t planes = planes_of(p, run->n_plane);
@@ -68,7 +75,7 @@ static void sum_radial(const struct sum_run *run, const struct prt_term_input *p
     job->n_triple = 1;
     for (uint32_t k = 0; k < planes; k++) {
         for (size_t i = 0; i < n; i++)
-            coef[i] = p->coef[i] * (p->factor ? p->factor[k][i % 3] : 1);
+            coef[i] = own[i] * (factor ? factor[k][i % 3] : 1);
         job->u = u + k * n * job->stride;
         job->color = run->color + k;
         run->kernels->radial(job);
@@ -96,12 +103,12 @@ static void sum_piece(const struct sum_run *run, const struct expand_piece *piec
                              .add = add};
     if (!job.rank && add) return;
     if (is_radial(p)) {
-        sum_radial(run, p, &job, scratch);
+        sum_radial(run, p, piece->cluster, &job, scratch);
         return;
     }
     for (unsigned i = 0; i < job.n_triple; i++)
         color[i] = run->color[i / planes * run->n_plane + i % planes];
-    if (job.rank) job.b = fold(run, p, c, scratch);
+    if (job.rank) job.b = fold(run, p, piece->cluster, scratch);
     run->kernels->expand(&job);
 }
 

@@ -23,7 +23,7 @@ static int load_one(struct tool *tool, enum prt_screen_map_kind kind, const char
 }
 
 int maps_load(struct tool *tool, const struct prt_mesh *mesh,
-              const struct prt_material *material, struct maps *out,
+              const struct prt_media *media, struct maps *out,
               struct prt_screen_options *screen)
 {
     const struct options *o = &tool->opt;
@@ -36,9 +36,14 @@ int maps_load(struct tool *tool, const struct prt_mesh *mesh,
         return tool_exit(tool, prt_fail(&tool->ctx, PRT_ARG,
                                         "%s has no texture coordinates, which a map needs",
                                         o->input[0]));
+    if (o->albedo_map && media->n > 1)
+        return usage_error(o,
+                           "--albedo-map changes one medium, and %s has %u: give all objects "
+                           "one --material",
+                           o->input[0], media->n);
     for (int k = 0; k < 3; k++) {
         if (!path[k]) continue;
-        int status = load_one(tool, (enum prt_screen_map_kind)k, path[k], material,
+        int status = load_one(tool, (enum prt_screen_map_kind)k, path[k], media->medium,
                               (float)o->bump_mm, &out->map[k]);
         if (status) return status;
         *use[k] = &out->map[k];

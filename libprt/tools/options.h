@@ -11,6 +11,7 @@ enum option_kind {
     OPTION_FLAG,   /* no value; bool */
     OPTION_TEXT,   /* const char *, not empty */
     OPTION_OPAQUE, /* appended to options.opaque */
+    OPTION_MATERIAL, /* appended to options.material */
     OPTION_ENVS,   /* appended to options.envs */
     OPTION_WORD,   /* const char *, one of `words` */
     OPTION_REAL,   /* double in (low, high] when low is 0, else in [low, high] */

@@ -15,12 +15,13 @@ extern "C" {
  * bake's inputs has this among them. */
 enum { PRT_BAKE_VERSION = 1 };
 
-/* Settings of a bake; prt/bake_limits.h has their bounds. A zeroed struct with `material` set
- * is a valid wavelet bake. */
+/* Settings of a bake; prt/bake_limits.h has their bounds. A zeroed struct with `media` set is a
+ * valid wavelet bake. */
 struct prt_bake_options {
     enum prt_transport_kind engine;
     enum prt_storage storage;     /* FACTORED default, or SPARSE (wavelet engine only) */
-    struct prt_material material; /* wavelet: the medium; joint, polynomial: gives eta */
+    struct prt_media media;       /* of the objects; joint, polynomial: gives their eta, of
+                                   * which at most 8 may differ */
     uint32_t n_sample;            /* irradiance samples; 0: one a squared mean free path,
                                    * [150000, 600000] */
     uint32_t cube;         /* texels along an edge of the light: 16, 32, 64, 128; 0: 32 */

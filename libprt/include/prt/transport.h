@@ -120,7 +120,7 @@ enum { PRT_U_MOST = 1 << 14 };
  * memory of whoever made them (prt_file_write). */
 struct prt_transport {
     struct prt_mesh mesh;         /* mm; mesh.owner NULL */
-    struct prt_material material; /* of the bake; that of a wavelet transport is fixed */
+    struct prt_media media;       /* of the bake; those of a wavelet transport are fixed */
     uint32_t cube;                /* n of the wavelet cubemap */
     uint32_t engine;              /* enum prt_transport_kind */
     uint32_t n_tensor;
