@@ -464,8 +464,8 @@ static int bake_wavelet(struct bake *b)
     int status = PRT_OK;
     if (b->surface && !prt_shard_assembling(b) && !prt_checkpoint_skips_rows(b))
         status = prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
-                                     &b->o.media, prt_bake_rows_room(&b->o),
-                                     b->checkpoint, &b->irradiance, &b->rays_irradiance);
+                                     &b->o.media, prt_bake_rows_room(&b->o), b->checkpoint,
+                                     &b->irradiance, &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
     if (status == PRT_OK) status = prt_probes_create(b, WAVELET_PROBES, &probes);
     struct tensor_job multiple = {.bake = b,

@@ -116,9 +116,9 @@ static int bake_cluster(const struct tensor_job *job, uint32_t c,
     int status = rows.vertex ? PRT_OK : PRT_NOMEM;
     for (uint32_t i = 0; status == PRT_OK && i < cluster->n_vertex; i++) {
         struct single_cells cells;
-        b->rays_single[c] +=
-            prt_single_cells(&b->single[prt_bake_medium(b, c)], fresnel, b->clusters->order[cluster->vertex_begin + i],
-                             value, &cells, scratch);
+        b->rays_single[c] += prt_single_cells(&b->single[prt_bake_medium(b, c)], fresnel,
+                                              b->clusters->order[cluster->vertex_begin + i],
+                                              value, &cells, scratch);
         status = copy_cells(&rows, &cells, &rows.vertex[i]);
     }
     struct row_source source = {&rows, cluster->n_vertex, cells_multiply, cells_project};

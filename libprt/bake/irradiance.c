@@ -203,8 +203,8 @@ struct pass_one {
     const struct directions *d;
     const struct prt_media *media;
     const struct fresnel_table *fresnel; // [media->n]
-    struct horizon *horizon;       // or NULL: every ray is cast
-    struct checkpoint *checkpoint; // or NULL
+    struct horizon *horizon;             // or NULL: every ray is cast
+    struct checkpoint *checkpoint;       // or NULL
     struct half_rows *rows;
     atomic_uint_fast64_t rays;
 };

@@ -137,8 +137,8 @@ int prt_bake_joint(struct bake *b)
     int status = prt_bases_create(b, &j.bases);
     if (status == PRT_OK && !prt_shard_assembling(b) && !prt_checkpoint_skips_rows(b))
         status = prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
-                                     &b->o.media, prt_bake_rows_room(&b->o),
-                                     b->checkpoint, &b->irradiance, &b->rays_irradiance);
+                                     &b->o.media, prt_bake_rows_room(&b->o), b->checkpoint,
+                                     &b->irradiance, &b->rays_irradiance);
     b->seconds[T_IRRADIANCE] = prt_time_s() - started;
     if (status == PRT_OK) status = bake_terms(&j);
     prt_bases_finish(&j.bases);

@@ -72,8 +72,8 @@ static uint32_t draw_vertices(const struct prt_mesh *mesh, uint32_t n, uint64_t 
     return found;
 }
 
-// The bake's own media and, where the material is free, media that are not in the training, each
-// for all objects.
+// The bake's own media and, where the material is free, media that are not in the training,
+// each for all objects.
 enum { MEDIA = 4 };
 static const char *const free_media[MEDIA - 1] = {"skin1", "ketchup", "skimmilk"};
 
@@ -86,7 +86,7 @@ struct examination {
     unsigned n_medium;
     struct prt_media media[MEDIA];
     struct prt_material *medium[MEDIA]; // of media, but of the first, which are the transport's
-    double worst[MEDIA]; // largest error over lights, of the term at hand
+    double worst[MEDIA];                // largest error over lights, of the term at hand
     // Multiple scattering of the bake's own medium under each light, and once single scattering
     // is added their sum: of the bake and of the reference.
     float (*sum_got[MEASURE_LIGHTS])[3], (*sum_want[MEASURE_LIGHTS])[3];
@@ -127,8 +127,8 @@ static uint32_t reference_samples(const struct examination *e)
     for (unsigned m = 0; m < e->n_medium; m++)
         for (uint32_t c = 0; c < 3 * e->media[m].n; c++) {
             const struct prt_material *own = &e->media[m].medium[c / 3];
-            densest = fmax(densest, (double)own->sigma_s_prime[c % 3] +
-                                        (double)own->sigma_a[c % 3]);
+            densest =
+                fmax(densest, (double)own->sigma_s_prime[c % 3] + (double)own->sigma_a[c % 3]);
         }
     double least = prt_surface_area(&e->transport->mesh) * densest * densest / (200.0 * 200.0);
     return (uint32_t)fmin(fmax(60000, least), 2e7);
@@ -163,11 +163,10 @@ static int examine(struct examination *e, enum prt_answer_term answer,
     struct prt_context quiet = *e->ctx;
     quiet.progress = NULL;
     quiet.log = drop_warnings, quiet.log_user = (void *)(uintptr_t)e->ctx;
-    int status = prt_reference_many(&quiet, &t->mesh, e->n_medium, e->media, 1, &light, &options,
-                                    e->want);
+    int status = prt_reference_many(&quiet, &t->mesh, e->n_medium, e->media, 1, &light,
+                                    &options, e->want);
     for (unsigned m = 0; status == PRT_OK && m < e->n_medium; m++) {
-        struct prt_query query = {
-            .term = answer, .light = light, .eye = eye};
+        struct prt_query query = {.term = answer, .light = light, .eye = eye};
         if (m) query.media = e->media[m];
         status = prt_answer_colors(e->ctx, t, &query, e->all);
         for (uint32_t i = 0; status == PRT_OK && i < e->n; i++)

@@ -72,8 +72,7 @@ static int sample_range(void *arg, size_t begin, size_t end, unsigned worker)
         uint32_t medium = prt_media_index(&b->o.media, b->surface->object[s]);
         double sum[3];
         irradiance_at(p, prt_hash64(&s, sizeof s, 21) >> 8, b->surface->position[s],
-                      b->surface->normal[s], b->surface->face_normal[s], &fresnel[medium],
-                      sum);
+                      b->surface->normal[s], b->surface->face_normal[s], &fresnel[medium], sum);
         double tint = b->surface->tint ? (double)b->surface->tint[s] : 1;
         for (int c = 0; c < 3; c++) p->irradiance[i][c] = (float)(sum[c] * tint);
     }

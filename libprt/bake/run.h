@@ -16,8 +16,8 @@ struct bake {
     struct directions *directions;
     struct clusters *clusters;
     struct half_rows irradiance;
-    struct radial_set *radial;  // [media.n] R_d of each medium; wavelet
-    struct single_plan *single; // [media.n], which share one horizon; NULL: not planned
+    struct radial_set *radial;     // [media.n] R_d of each medium; wavelet
+    struct single_plan *single;    // [media.n], which share one horizon; NULL: not planned
     struct factored *factored;     // [n_cluster] of the tensor at hand
     struct sparse_builder *sparse; // of the tensor at hand; NULL: factored storage
     struct prt_transport out;
@@ -76,7 +76,7 @@ struct tensor_job {
      * NULL: every function is a combination of its own */
     const struct training *training;
     uint32_t n_training;
-    const void *user;                /* the engine's own data */
+    const void *user; /* the engine's own data */
 };
 /* Bakes the tensor of the next slot: rows by job->range over all clusters, then packing. */
 int prt_bake_tensor(struct tensor_job *job);

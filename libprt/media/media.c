@@ -93,7 +93,8 @@ static bool of_others(const struct prt_media_entry *entry)
 }
 
 int prt_media_assign(const struct prt_context *ctx, const struct prt_mesh *mesh, unsigned n,
-                     const struct prt_media_entry entry[], const struct prt_material *of_block[])
+                     const struct prt_media_entry entry[],
+                     const struct prt_material *of_block[])
 {
     const struct prt_material *others = NULL;
     unsigned n_name = 0;
@@ -197,10 +198,11 @@ static int by_object(const struct prt_context *ctx, const struct prt_mesh *mesh,
         if (first[object] == UINT32_MAX) first[object] = i;
         of_object[object] = (uint8_t)number[i];
         if (number[first[object]] != number[i])
-            status = prt_fail(ctx, PRT_ARG,
-                              "\"%.63s\" and \"%.63s\" are one body, which has one medium: name "
-                              "both, or load the model with different materials for them",
-                              surface_name(mesh, first[object]), surface_name(mesh, i));
+            status =
+                prt_fail(ctx, PRT_ARG,
+                         "\"%.63s\" and \"%.63s\" are one body, which has one medium: name "
+                         "both, or load the model with different materials for them",
+                         surface_name(mesh, first[object]), surface_name(mesh, i));
     }
     prt_free(first);
     return status;

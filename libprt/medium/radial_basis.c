@@ -44,8 +44,7 @@ static uint32_t family_members(const struct radial *radial, struct radial_member
             double sigma_a = k && a_lo > 0 ? a_lo * pow(a[1] / a_lo, t) : a[0];
             prt_radial_member_init(&out[n++], PRT_FAMILY_DIPOLE,
                                    radial_eta(&radial->pub, (uint32_t)(i / steps)),
-                                   s[0] * pow(s[1] / s[0], i % steps / (steps - 1.0)),
-                                   sigma_a);
+                                   s[0] * pow(s[1] / s[0], i % steps / (steps - 1.0)), sigma_a);
         }
     return n;
 }

@@ -12,7 +12,8 @@ static uint32_t number_parts(const struct prt_mesh *mesh, const uint32_t part[],
     for (uint32_t i = 0; i < mesh->n_block; i++) {
         const uint32_t own = mesh->block[i].object;
         object[i] = UINT32_MAX; // blocks of one object follow each other
-        for (uint32_t k = i; k-- > 0 && mesh->block[k].object == own && object[i] == UINT32_MAX;)
+        for (uint32_t k = i;
+             k-- > 0 && mesh->block[k].object == own && object[i] == UINT32_MAX;)
             if (part[k] == part[i]) object[i] = object[k];
         if (object[i] == UINT32_MAX) object[i] = n++;
     }

@@ -41,7 +41,7 @@ struct shade_job {
     float sky_cos, sky_sin; // of the background's rotation about +y
     bool fresnel;
     const struct cube_view *specular, *background;
-    int level_floats; // distance of the levels of roughness in specular
+    int level_floats;       // distance of the levels of roughness in specular
     const float *eta;       // [n_block]
     const float *roughness; // [n_block] of points without their own
     bool one_medium;        // all blocks have the first one's

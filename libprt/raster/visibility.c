@@ -407,7 +407,8 @@ int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *
     vis->n_mesh_triangle = mesh->n_triangle;
     int status = prt_camera_frame_init(ctx, &c, mesh->mm_per_unit > 0 ? mesh->mm_per_unit : 1,
                                        width, height, &vis->frame);
-    if (!status && !keep_objects(vis, mesh)) status = prt_fail(ctx, PRT_NOMEM, "raster: no memory");
+    if (!status && !keep_objects(vis, mesh))
+        status = prt_fail(ctx, PRT_NOMEM, "raster: no memory");
     if (!status) {
         struct builder b = {.ctx = ctx, .mesh = mesh, .vis = vis};
         status = build(&b, backend);

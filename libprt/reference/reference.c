@@ -253,7 +253,8 @@ static void shade_vertex(struct job *all, unsigned m, uint32_t v, size_t at,
     j.material = &j.media[m].medium[medium];
     bool inside = translucent(&j, v);
     memset(light, 0, j.n_light * sizeof *light);
-    if (inside && scatters_within(&j) && j.o->n_walk) prt_reference_walk(all, j.material, v, light);
+    if (inside && scatters_within(&j) && j.o->n_walk)
+        prt_reference_walk(all, j.material, v, light);
     else if (inside && scatters_within(&j)) multiple_at(&j, v, j.dipoles[m][medium], light);
     for (unsigned l = 0; l < j.n_light; l++) {
         float *out = j.color[m * j.n_light + l][at];
@@ -412,8 +413,8 @@ static void report_lost(const struct job *j)
 }
 
 int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                       unsigned n_map, const struct prt_media media[],
-                       unsigned n_light, const struct prt_cube *const light[],
+                       unsigned n_map, const struct prt_media media[], unsigned n_light,
+                       const struct prt_cube *const light[],
                        const struct prt_reference_options *options, float (*const color[])[3])
 {
     if (!n_map || n_map > PRT_REFERENCE_MAX_MANY || !n_light ||

@@ -23,9 +23,9 @@ struct job {
     unsigned n_map, n_light;
     const struct prt_media *media;       // [n_map]
     struct prt_diffusion (**dipoles)[3]; // [n_map], each [media[m].n]
-    struct light_rays **lights; // [n_light] rays that vertices trace
-    float *irradiance;         // [n_light][3][n_sample]
-    float (*const *color)[3];  // [n_map * n_light]
+    struct light_rays **lights;          // [n_light] rays that vertices trace
+    float *irradiance;                   // [n_light][3][n_sample]
+    float (*const *color)[3];            // [n_map * n_light]
     // With walks (METHODS §9).
     struct prt_walk_space *space;
     struct prt_surface_strata *strata;

@@ -53,7 +53,8 @@ static bool is_wanted(const struct answer *a, const struct prt_tensor *t)
 static bool has_inside(const struct prt_mesh *mesh, uint32_t object)
 {
     for (uint32_t i = 0; i < mesh->n_block; i++)
-        if (mesh->block[i].object == object && mesh->surface[mesh->block[i].surface].translucent)
+        if (mesh->block[i].object == object &&
+            mesh->surface[mesh->block[i].surface].translucent)
             return true;
     return false;
 }
@@ -69,16 +70,16 @@ int prt_free_media_check(const struct prt_context *ctx, const struct prt_transpo
                         "material, or bake a joint or polynomial transport");
     int status = prt_media_check(ctx, media, t->mesh.n_object);
     for (uint32_t i = 0; i < t->mesh.n_object && !status; i++) {
-        const struct prt_material *m = prt_media_of(media, i), *baked = prt_media_of(&t->media, i);
+        const struct prt_material *m = prt_media_of(media, i),
+                                  *baked = prt_media_of(&t->media, i);
         if (fabsf(m->eta - baked->eta) <= 1e-6f || !has_inside(&t->mesh, i)) continue;
-        status =
-            prt_fail(ctx, PRT_MISMATCH,
-                     "%s: eta is %g, this bake%s%s is for %g (relative refractive index, no "
-                     "unit): bake again for another",
-                     m->name[0] ? m->name : "material", (double)m->eta,
-                     t->media.n > 1 && t->mesh.object ? " of " : "",
-                     t->media.n > 1 && t->mesh.object ? t->mesh.object[i].name : "",
-                     (double)baked->eta);
+        status = prt_fail(
+            ctx, PRT_MISMATCH,
+            "%s: eta is %g, this bake%s%s is for %g (relative refractive index, no "
+            "unit): bake again for another",
+            m->name[0] ? m->name : "material", (double)m->eta,
+            t->media.n > 1 && t->mesh.object ? " of " : "",
+            t->media.n > 1 && t->mesh.object ? t->mesh.object[i].name : "", (double)baked->eta);
     }
     return status;
 }
@@ -516,10 +517,9 @@ static int correct_view(const struct answer *a)
             if (prt_media_of(a->media, mesh->block[next].object)->eta != eta) break;
             last = &mesh->block[next];
         }
-        status = prt_view_correct(a->ctx, mesh->n_vertex, b->vertex_begin,
-                                  last->vertex_begin + last->n_vertex,
-                                  (const float(*)[3])mesh->normal, (double)eta, a->n_phase,
-                                  a->n_plane, a->planes);
+        status = prt_view_correct(
+            a->ctx, mesh->n_vertex, b->vertex_begin, last->vertex_begin + last->n_vertex,
+            (const float(*)[3])mesh->normal, (double)eta, a->n_phase, a->n_plane, a->planes);
     }
     return status;
 }
@@ -642,7 +642,8 @@ static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
         for (size_t v = begin_v; v < end; v++) shade_vertex(a, v, eta, job->color[v]);
         return;
     }
-    const float transmittance = translucent && total ? job->mean[prt_media_index(a->media, object)] : 1;
+    const float transmittance =
+        translucent && total ? job->mean[prt_media_index(a->media, object)] : 1;
     for (size_t i = 3 * begin_v; i < 3 * end; i++) {
         const float x = plane[i] * transmittance;
         color[i] = x > 0 ? x : 0;

@@ -43,8 +43,7 @@ static struct prt_radial_options options_of(const struct prt_transport *transpor
     double eta[PRT_MEDIA_MAX];
     uint32_t n = prt_media_etas(&transport->media, eta); // bakes have at most the basis' number
     struct prt_radial_options o = {.kind = (enum prt_radial_kind)tensor->basis_kind,
-                                   .family =
-                                       single ? PRT_FAMILY_EXTINCTION : PRT_FAMILY_DIPOLE,
+                                   .family = single ? PRT_FAMILY_EXTINCTION : PRT_FAMILY_DIPOLE,
                                    .eta = eta[0],
                                    .radius_mm = (double)tensor->knot[tensor->n_knot - 1]};
     o.n_eta_more = n - 1 < PRT_RADIAL_MORE_ETA ? n - 1 : PRT_RADIAL_MORE_ETA;
@@ -214,8 +213,8 @@ static int fit_one(struct fitting *f, const struct prt_material *m, float *coef,
 {
     const uint64_t material = prt_material_hash(m);
     if (recall(f->key, material, f->tensor->n_radial, coef, error)) return PRT_OK;
-    int status = f->radial ? PRT_OK
-                           : acquire(f->ctx, f->transport, f->tensor, &f->slot, &f->radial);
+    int status =
+        f->radial ? PRT_OK : acquire(f->ctx, f->transport, f->tensor, &f->slot, &f->radial);
     if (status) return status;
     status = prt_radial_fit_material(f->radial, m, coef, error);
     if (status)

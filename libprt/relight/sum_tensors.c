@@ -53,8 +53,7 @@ static const float *fold(const struct sum_run *run, const struct prt_term_input 
         for (unsigned k = 0; k < planes; k++)
             for (int ch = 0; ch < 3; ch++)
                 to[3 * (i * planes + k) + (size_t)ch] =
-                    in[3 * (i * t->n_phase + k) + (size_t)ch] *
-                    (factor ? factor[k][ch] : 1);
+                    in[3 * (i * t->n_phase + k) + (size_t)ch] * (factor ? factor[k][ch] : 1);
     return to;
 }
 
@@ -74,8 +73,7 @@ static void sum_radial(const struct sum_run *run, const struct prt_term_input *p
     job->b_stride = 3;
     job->n_triple = 1;
     for (uint32_t k = 0; k < planes; k++) {
-        for (size_t i = 0; i < n; i++)
-            coef[i] = own[i] * (factor ? factor[k][i % 3] : 1);
+        for (size_t i = 0; i < n; i++) coef[i] = own[i] * (factor ? factor[k][i % 3] : 1);
         job->u = u + k * n * job->stride;
         job->color = run->color + k;
         run->kernels->radial(job);

@@ -255,8 +255,8 @@ int run_bake(struct tool *tool)
     struct prt_bake_options options = bake_options(o, engine);
     // Of a joint bake only eta is used; the material stays free.
     const bool fixed = engine == PRT_TRANSPORT_WAVELET;
-    if ((exit_status = source_open(tool, o->input[0], fixed ? NULL : prt_material_preset(0),
-                                   &source)))
+    if ((exit_status =
+             source_open(tool, o->input[0], fixed ? NULL : prt_material_preset(0), &source)))
         return exit_status;
     if (!source.media_given && !fixed) note_etas(tool, &source.media);
     if (o->env && engine == PRT_TRANSPORT_POLYNOMIAL) {

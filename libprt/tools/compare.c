@@ -152,8 +152,8 @@ static int reference_at(struct tool *tool, const struct source *source,
     options.vertex = pick;
     options.n_vertex = n;
     if (error) options.standard_error = &error;
-    int status = prt_reference_colors(&tool->ctx, source->mesh, &source->media, light,
-                                      &options, (float(*)[3])rgb);
+    int status = prt_reference_colors(&tool->ctx, source->mesh, &source->media, light, &options,
+                                      (float(*)[3])rgb);
     *noise = error && !status ? relative_noise(error[0], rgb, 3 * (size_t)n) : 0;
     prt_free(error);
     return status;
@@ -264,8 +264,7 @@ int run_compare(struct tool *tool)
     bool reference = !strcmp(o->input[1], "reference");
     if (reference && (o->materials || o->n_env > 1)) return compare_table(tool);
     if (o->materials && !reference) return usage_error(o, "--materials is for B = reference");
-    if (o->n_material && !reference)
-        return usage_error(o, "--material is for B = reference");
+    if (o->n_material && !reference) return usage_error(o, "--material is for B = reference");
     if (reference) {
         status = against_reference(tool, &a, &b);
     } else {

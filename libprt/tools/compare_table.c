@@ -55,8 +55,7 @@ static int add_measured(struct table *t)
     const struct prt_material *m;
     int status = EXIT_DONE;
     for (unsigned i = 0; !status && (m = prt_material_preset(i)); i++)
-        if (fabsf(m->eta - t->source.media.medium[0].eta) < 1e-6f)
-            status = add_medium(t, m);
+        if (fabsf(m->eta - t->source.media.medium[0].eta) < 1e-6f) status = add_medium(t, m);
     return status;
 }
 

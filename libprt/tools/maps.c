@@ -22,9 +22,8 @@ static int load_one(struct tool *tool, enum prt_screen_map_kind kind, const char
     return tool_exit(tool, status);
 }
 
-int maps_load(struct tool *tool, const struct prt_mesh *mesh,
-              const struct prt_media *media, struct maps *out,
-              struct prt_screen_options *screen)
+int maps_load(struct tool *tool, const struct prt_mesh *mesh, const struct prt_media *media,
+              struct maps *out, struct prt_screen_options *screen)
 {
     const struct options *o = &tool->opt;
     const char *const path[3] = {o->albedo_map, o->normal_map, o->bump_map};

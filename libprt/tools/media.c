@@ -19,8 +19,8 @@ static int read_given(struct tool *tool, struct given *g)
     for (g->n = 0; g->n < o->n_material; g->n++) {
         const char *text = o->material[g->n];
         const size_t n = prt_media_name_length(text);
-        int status = material_named(tool, "material", text + (n ? n + 1 : 0),
-                                    &g->material[g->n]);
+        int status =
+            material_named(tool, "material", text + (n ? n + 1 : 0), &g->material[g->n]);
         if (status) return status;
         snprintf(g->name[g->n], sizeof g->name[0], "%.*s", n < 127 ? (int)n : 127, text);
         g->entry[g->n] = (struct prt_media_entry){g->name[g->n], &g->material[g->n]};
@@ -46,8 +46,8 @@ static void read_own(const struct tool *tool, const struct prt_mesh *mesh,
 }
 
 // Whether a translucent block has no medium; *some: another has one.
-static bool any_missing(const struct prt_mesh *mesh, const struct prt_material *const of_block[],
-                        bool *some)
+static bool any_missing(const struct prt_mesh *mesh,
+                        const struct prt_material *const of_block[], bool *some)
 {
     bool missing = false;
     *some = false;
@@ -97,8 +97,7 @@ int source_media(struct tool *tool, struct source *source, const struct prt_mate
     }
     if (!status) status = media_exit(tool, prt_media_divide(&tool->ctx, mesh, of_block));
     if (!status)
-        status =
-            media_exit(tool, prt_media_create(&tool->ctx, mesh, of_block, &source->made));
+        status = media_exit(tool, prt_media_create(&tool->ctx, mesh, of_block, &source->made));
     if (!status) {
         source->media = *source->made;
         source->media_given = given->n > 0;

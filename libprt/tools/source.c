@@ -236,8 +236,8 @@ int reference_term(struct tool *tool, const struct source *source, const struct 
             return tool_exit(tool, prt_fail(&tool->ctx, PRT_NOMEM, "no memory for the errors"));
         options.standard_error = &error;
     }
-    int status = prt_reference_colors(&tool->ctx, source->mesh, &source->media, light,
-                                      &options, color);
+    int status =
+        prt_reference_colors(&tool->ctx, source->mesh, &source->media, light, &options, color);
     if (error && !status) *noise = relative_noise(error[0], color[0], 3 * n);
     prt_free(error);
     return tool_exit(tool, status);

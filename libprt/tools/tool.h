@@ -32,8 +32,8 @@ struct options {
     enum command command;
     const char *input[MAX_INPUT];
     unsigned n_input;
-    const char *out, *env, *engine, *term, *transport, *storage, *basis, *camera,
-        *cpu, *scattering;
+    const char *out, *env, *engine, *term, *transport, *storage, *basis, *camera, *cpu,
+        *scattering;
     const char *tone, *background, *layout, *orbit, *up, *checkpoint, *faces;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;

@@ -91,7 +91,7 @@ struct format_info {
     uint32_t units_known, n_boundary_edge, n_nonmanifold_edge, n_degenerate_triangle;
     uint32_t cube, engine, n_tensor;
     struct format_material material; // the first medium
-    float texture_split; // 0 in files from before textures
+    float texture_split;             // 0 in files from before textures
     uint64_t mesh_hash;
 };
 

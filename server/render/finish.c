@@ -78,12 +78,11 @@ static int point_radiance(const struct render *r, const float (**rgb)[3])
 static int shade(const struct render *r, const struct prt_context *ctx,
                  const struct prt_specular *specular, struct prt_image *image)
 {
-    const struct prt_material *material = r->spec.has_material ? &r->spec.material
-                                          : r->screen          ? render_shape(r)->material
-                                                               : &render_transport(r)->material;
+    const struct prt_media media = r->spec.has_material ? prt_media_one(&r->spec.material)
+                                   : r->screen          ? *render_shape(r)->media
+                                                        : render_transport(r)->media;
     bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
-    struct prt_shade shade = {.eta = material->eta,
-                              .roughness = material->roughness,
+    struct prt_shade shade = {.media = media,
                               .fresnel = total,
                               .specular = specular,
                               .background =

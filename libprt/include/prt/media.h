@@ -2,9 +2,9 @@
 /* prt/media.h owns the choice of each object's medium by name (METHODS §10).
  *
  * A medium belongs to a body: an object of the mesh, inside which light scatters. Names are
- * those of glTF materials and of nodes, compared as prt_name_choose does. While a choice is made
- * it is kept by block, of_block[n_block]: the medium behind each block's surface, NULL for none;
- * media are borrowed. All functions are thread-safe and log one line for an error. */
+ * those of glTF materials and of nodes, compared as prt_name_choose does. While a choice is
+ * made it is kept by block, of_block[n_block]: the medium behind each block's surface, NULL for
+ * none; media are borrowed. All functions are thread-safe and log one line for an error. */
 #ifndef PRT_MEDIA_H
 #define PRT_MEDIA_H
 
@@ -20,8 +20,8 @@ struct prt_media_entry {
     const char *object; /* name; NULL or "": all translucent blocks that no entry names */
     const struct prt_material *material;
 };
-/* Where "OBJECT=" of an argument "OBJECT=MEDIUM" ends; 0 for one medium of all. A '=' behind the
- * first '{' or '/' belongs to the medium. */
+/* Where "OBJECT=" of an argument "OBJECT=MEDIUM" ends; 0 for one medium of all. A '=' behind
+ * the first '{' or '/' belongs to the medium. */
 size_t prt_media_name_length(const char *argument);
 
 /* Gives of_block the media of n entries; what no entry names keeps its medium. PRT_ARG: more
@@ -34,8 +34,8 @@ int prt_media_assign(const struct prt_context *ctx, const struct prt_mesh *mesh,
  * note for each: light does not scatter from one part into another. PRT_NOMEM. */
 int prt_media_divide(const struct prt_context *ctx, struct prt_mesh *mesh,
                      const struct prt_material *const of_block[]);
-/* The media by object, copied, equal ones once; the caller prt_free()s *out, which is written on
- * success only. PRT_ARG: a translucent block has no medium, two of one object have different
+/* The media by object, copied, equal ones once; the caller prt_free()s *out, which is written
+ * on success only. PRT_ARG: a translucent block has no medium, two of one object have different
  * ones, or more than PRT_MEDIA_MAX are different. PRT_NOMEM. */
 int prt_media_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
                      const struct prt_material *const of_block[], struct prt_media **out);

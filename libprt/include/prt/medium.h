@@ -78,9 +78,9 @@ enum { PRT_MEDIA_MAX = 64 }; /* media of one model */
 struct prt_media {
     uint32_t n;                        /* media, [1, PRT_MEDIA_MAX] */
     const struct prt_material *medium; /* [n] */
-    const uint8_t *of_object;          /* [n_object] index into medium; NULL: all have the first.
-                                          That of an object without translucent surface is not
-                                          used */
+    const uint8_t *of_object; /* [n_object] index into medium; NULL: all have the first.
+                                 That of an object without translucent surface is not
+                                 used */
 };
 /* The index of an object's medium, and the medium. */
 static inline uint32_t prt_media_index(const struct prt_media *media, uint32_t object)
@@ -168,12 +168,13 @@ double prt_hg_eval(double g, double cos_scatter); /* exact HG, scattering angle,
  * Orthonormal. p(w.w') = sum_l a_l sum_m Y_lm(w) Y_lm(w'). */
 void prt_sh_eval(unsigned n_band, const float dir[3], float *out);
 
-/* Corrects vertices [begin, end) of planes [n_plane][n_vertex][3] of single scattering alone, of which the first n_phase
- * (1, 4, 9, 16) were computed along -n_o, for the view at which they will be shaded (METHODS
- * §3.6). normal: [n_vertex] unit. n_plane: 4 at least; planes from n_phase to 4 are filled.
- * Uses ctx->pool. */
+/* Corrects vertices [begin, end) of planes [n_plane][n_vertex][3] of single scattering alone,
+ * of which the first n_phase (1, 4, 9, 16) were computed along -n_o, for the view at which they
+ * will be shaded (METHODS §3.6). normal: [n_vertex] unit. n_plane: 4 at least; planes from
+ * n_phase to 4 are filled. Uses ctx->pool. */
 int prt_view_correct(const struct prt_context *ctx, uint32_t n_vertex, uint32_t begin,
-                     uint32_t end, const float (*normal)[3], double eta, unsigned n_phase, unsigned n_plane, float *planes);
+                     uint32_t end, const float (*normal)[3], double eta, unsigned n_phase,
+                     unsigned n_plane, float *planes);
 
 #ifdef __cplusplus
 }

@@ -181,7 +181,8 @@ int prt_mesh_scale(const struct prt_context *ctx, struct prt_mesh *mesh, double 
 /* Divides objects: blocks of one object with different numbers part[n_block] become objects of
  * their own with the same name, welded apart. Objects are numbered anew, by their first block.
  * Changes nothing where all blocks of each object have one number. PRT_NOMEM. */
-int prt_mesh_divide(const struct prt_context *ctx, struct prt_mesh *mesh, const uint32_t part[]);
+int prt_mesh_divide(const struct prt_context *ctx, struct prt_mesh *mesh,
+                    const uint32_t part[]);
 /* Computes each normal that is 0,0,0 from the triangles around its vertex, weighted by angle;
  * for vertices that moved. Reads position, triangle and weld; changes only such normals.
  * PRT_NOMEM. */

@@ -43,7 +43,7 @@ struct prt_profile; /* prt/profile.h */
 struct prt_radial_options {
     enum prt_radial_kind kind;
     enum prt_radial_family family;
-    double eta;                /* dipole only */
+    double eta;                           /* dipole only */
     double eta_more[PRT_RADIAL_MORE_ETA]; /* further indices that one basis serves */
     uint32_t n_eta_more;
     double sigma_lo, sigma_hi; /* sigma_s' (or sigma_t) range; 0: METHODS' whole range */
@@ -76,8 +76,8 @@ int prt_radial_from_table(const struct prt_context *ctx,
                           struct prt_radial **out);
 /* coef[n_function][3] of a material, from its dipole (or e^(-sigma_t r)); *error gets the
  * largest relative error over channels, true also for materials outside the range. <= 0.2 ms.
- * PRT_MISMATCH for an eta that the basis does not have, PRT_ARG for coefficients out of range or a
- * profile that is 0 inside the grid. Allocates nothing; error may be NULL.
+ * PRT_MISMATCH for an eta that the basis does not have, PRT_ARG for coefficients out of range
+ * or a profile that is 0 inside the grid. Allocates nothing; error may be NULL.
  */
 int prt_radial_fit_material(const struct prt_radial *radial,
                             const struct prt_material *material, float *coef, double *error);

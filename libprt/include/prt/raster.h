@@ -134,7 +134,7 @@ struct prt_shade {
     const float *planes; /* [n_plane][n_vertex][3] radiance before the exit's Fresnel factor */
     struct prt_media media; /* of the objects: only eta and roughness are read. Zeroed: eta 1,
                                no reflection */
-    bool fresnel;        /* multiply translucent radiance by F_t(eta, w_o) (METHODS §1) */
+    bool fresnel;           /* multiply translucent radiance by F_t(eta, w_o) (METHODS §1) */
     const struct prt_specular *specular; /* NULL: none */
     const struct prt_cube *background;   /* NULL: background_rgb */
     unsigned leave_out;                  /* of the look of textured meshes: PRT_LOOK_... */

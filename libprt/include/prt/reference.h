@@ -52,8 +52,8 @@ int prt_reference_colors(const struct prt_context *ctx, const struct prt_mesh *m
  * (PRT_MISMATCH otherwise). n_map and n_light in [1, PRT_REFERENCE_MAX_MANY]. */
 enum { PRT_REFERENCE_MAX_MANY = 64 };
 int prt_reference_many(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                       unsigned n_map, const struct prt_media media[],
-                       unsigned n_light, const struct prt_cube *const light[],
+                       unsigned n_map, const struct prt_media media[], unsigned n_light,
+                       const struct prt_cube *const light[],
                        const struct prt_reference_options *options, float (*const color[])[3]);
 /* Relative RMSE |a-b|/|b| over n values (METHODS §8), in double. INFINITY where b is 0 and a is
  * not. */

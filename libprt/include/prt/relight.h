@@ -116,8 +116,8 @@ void prt_contracted_light_destroy(struct prt_contracted_light *lit); /* NULL: no
 size_t prt_contracted_light_bytes(const struct prt_contracted_light *lit);
 
 /* A joint transport contracted with its objects' media, for many lights (METHODS section 5, the
- * other order). It behaves as a wavelet transport: queries give no media. The smallest entries are
- * dropped, up to PRT_FIXED_ERROR of the colours (RMS over lights). Read-only; refers to
+ * other order). It behaves as a wavelet transport: queries give no media. The smallest entries
+ * are dropped, up to PRT_FIXED_ERROR of the colours (RMS over lights). Read-only; refers to
  * `transport`, which must outlive it. */
 #define PRT_FIXED_ERROR 3e-3
 struct prt_contracted_transport;
@@ -148,18 +148,18 @@ enum prt_answer_term {
 /* Pointers are borrowed for the call. */
 struct prt_query {
     enum prt_answer_term term;
-    const struct prt_cube *light;        /* of the transport's cube size; NULL for polynomial */
-    struct prt_media media; /* zeroed: the baked ones; zeroed for wavelet transport */
-    const float *eye;                    /* [3] mm, world; NULL: mean Fresnel, l = 0 phase */
+    const struct prt_cube *light; /* of the transport's cube size; NULL for polynomial */
+    struct prt_media media;       /* zeroed: the baked ones; zeroed for wavelet transport */
+    const float *eye;             /* [3] mm, world; NULL: mean Fresnel, l = 0 phase */
     const struct prt_contracted_light *lit; /* instead of light, when not NULL */
 };
 
 /* Colours color[n_vertex][3] in the file's vertex order, linear RGB radiance, clamped at 0.
  * Without an eye F_t is its cosine-weighted mean and the phase function its l = 0 part. Opaque
  * vertices have albedo/pi E for every term but single, which is 0. PRT_MISMATCH: a light of
- * another cube, media for a wavelet transport or of another eta than an object's bake; PRT_ARG: no light where
- * one is needed, another transport's lit, an eye that is not finite, a material that the radial
- * basis does not cover. */
+ * another cube, media for a wavelet transport or of another eta than an object's bake; PRT_ARG:
+ * no light where one is needed, another transport's lit, an eye that is not finite, a material
+ * that the radial basis does not cover. */
 int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, float (*color)[3]);
 
@@ -183,8 +183,8 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
 #define PRT_MATERIAL_MOST_ERROR_X07 0.30
 
 /* *error: what a joint or polynomial transport loses of media, of the worst of them, beside the
- * bake's own measured error. The largest integral of |dR| over that of R among the tensors of `term`;
- * multiple scattering adds 4 % for each sample spacing that a mean free path is short of
+ * bake's own measured error. The largest integral of |dR| over that of R among the tensors of
+ *`term`; multiple scattering adds 4 % for each sample spacing that a mean free path is short of
  *. Takes at most 0.5 ms once the basis is cached. PRT_ARG, with the
  * parameter and its range in the log: the error exceeds the limits above, as queries refuse it;
  * PRT_MISMATCH: another eta or a fixed material. *error is set in every case. */

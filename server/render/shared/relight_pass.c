@@ -56,7 +56,8 @@ static struct prt_query item_query(const struct pass_item *item)
         item->contracted_light ? item->contracted_light->value : NULL;
     return (struct prt_query){.term = q->term,
                               .light = item->light ? item->light->value : NULL,
-                              .material = q->has_material ? &q->material : NULL,
+                              .media = q->has_material ? prt_media_one(&q->material)
+                                                       : (struct prt_media){0},
                               .eye = q->has_eye ? q->eye : NULL,
                               .lit = c ? c->contracted : NULL};
 }
@@ -71,8 +72,8 @@ static int allocate_values(const struct prt_context *ctx, struct pass_item *item
     double error = 0;
     int status =
         item->query.planes ? prt_answer_planes(ctx, t, &query, &n_plane, NULL) : PRT_OK;
-    if (!status && query.material)
-        status = prt_answer_material_error(ctx, t, query.material, query.term, &error);
+    if (!status && query.media.n)
+        status = prt_answer_material_error(ctx, t, &query.media, query.term, &error);
     if (status) return status;
     item->job.bytes = sizeof *values + (size_t)n_plane * t->mesh.n_vertex * 3 * sizeof(float);
     item->job.value = values = malloc(item->job.bytes);
@@ -97,7 +98,7 @@ static int evaluate(const struct prt_context *ctx, struct pass_item *const item[
             if (done[i] || item_transport(item[i]) != t) continue;
             done[i] = true;
             query[m] = item_query(item[i]);
-            if (item[i]->contracted_material) query[m].material = NULL; // it is in t already
+            if (item[i]->contracted_material) query[m].media.n = 0; // they are in t already
             planes[m] = item[i]->query.planes;
             out[m++] = ((struct vertex_values *)item[i]->job.value)->values;
         }
