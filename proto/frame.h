@@ -64,7 +64,8 @@ enum relight_frame_flag {
     X(TOKEN_REVOKE, 23, token_revoke_request, token_revoke_answer)          \
     X(VIEW_ACK, 24, view_ack, nothing)                                      \
     X(GET_BLOB, 25, get_blob_request, get_blob_answer)                      \
-    X(PUT_POSE, 26, put_pose_request, put_pose_answer)
+    X(PUT_POSE, 26, put_pose_request, put_pose_answer)                      \
+    X(FACTORS, 27, factors_request, factors_answer)
 
 /* As large as the largest number and one: tables by request type have this many rows. */
 union relight_type_room {

@@ -98,6 +98,24 @@ static void print_cost(const char *what, const char *path, const struct relight_
     if (*cost->note) fprintf(stderr, "relight: %s\n", escape(cost->note).text);
 }
 
+// The first plane as linear RGB; coefficients are multiplied with the model's factors.
+static int decode(struct relight_client *client, const struct options *o,
+                  const struct relight_colors *colors, float *rgb, struct relight_error *error)
+{
+    struct relight_factors factors = {0};
+    struct relight_model model = {0};
+    if (colors->format != RELIGHT_COLOR_COEFFICIENTS)
+        return relight_colors_decode(colors, 0, rgb);
+    int status = relight_info(client, o->target, &model, error);
+    if (!status) status = relight_factors(client, o->target, 0, &factors, error);
+    if (!status)
+        status = relight_coefficients_colors(&factors, colors, 0, model.n_block, model.block,
+                                             rgb, error);
+    relight_factors_finish(&factors);
+    relight_model_finish(&model);
+    return status;
+}
+
 static int save_colors(struct relight_client *client, struct options *o,
                        const struct relight_colors *colors)
 {
@@ -117,8 +135,9 @@ static int save_colors(struct relight_client *client, struct options *o,
                                        .text = "colours and geometry differ in length"};
         status = report_error(o, &error);
     } else {
-        relight_colors_decode(colors, 0, rgb);
-        status = write_vertices(o, o->output, colors->n_vertex, rgb, &geometry);
+        status = decode(client, o, colors, rgb, &error);
+        if (status) status = report_error(o, &error);
+        else status = write_vertices(o, o->output, colors->n_vertex, rgb, &geometry);
     }
     free(rgb);
     relight_geometry_finish(&geometry);

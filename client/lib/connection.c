@@ -480,7 +480,7 @@ static int revive(struct relight_client *c, struct relight_error *error)
 {
     if (c->reviving && pthread_equal(c->reviver, pthread_self())) return 0; // its HELLO
     while (c->reviving) pthread_cond_wait(&c->changed, &c->lock);
-    // An end, or a GOAWAY, that came while nobody read.
+    // The end of the stream, or a GOAWAY, may have arrived since the last read.
     struct pollfd p = {c->fd, POLLIN, 0};
     while (!c->broken && !c->leading && poll(&p, 1, 0) > 0) read_some(c);
     if (!c->broken && (!c->gone_away || has_open_slots(c))) return 0;

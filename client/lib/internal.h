@@ -99,6 +99,12 @@ void relight_get_cost(const Relight__Cost *message, struct relight_cost *out);
 int relight_get_colors(const Relight__ColorsAnswer *message, const uint8_t *payload,
                        uint64_t payload_size, struct relight_colors *out,
                        struct relight_error *error);
+/* The coefficients of an answer, checked; they point into it. */
+bool relight_get_coefficients(const Relight__ColorsAnswer *message, struct relight_colors *out);
+/* The factors of an answer that was fetched with most_rank, checked; they point into it. */
+int relight_get_factors(const Relight__FactorsAnswer *message, const struct answer *answer,
+                        uint32_t most_rank, struct relight_factors *out,
+                        struct relight_error *error);
 int relight_get_image(const Relight__ImageAnswer *message, const uint8_t *payload,
                       uint64_t payload_size, struct relight_image *out,
                       struct relight_error *error);

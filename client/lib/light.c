@@ -30,6 +30,8 @@ int relight_colors_begin(struct relight_client *client,
     m.shade = &parts.shade;
     m.format = (Relight__ColorFormat)request->format;
     m.exposure_ev = request->exposure_ev;
+    m.most_rank = request->most_rank;
+    m.phases = request->phases;
     m.priority = (Relight__Priority)request->priority;
     return start(client, RELIGHT_TYPE_COLORS, &m.base, &parts, timeout_s, id, error);
 }
@@ -177,6 +179,8 @@ int relight_colors_decode(const struct relight_colors *colors, uint32_t plane, f
     case RELIGHT_COLOR_SRGB8:
         relight_decode_srgb8(data, n, out);
         break;
+    case RELIGHT_COLOR_COEFFICIENTS:
+        return -RELIGHT_E_ARGUMENT;
     }
     return 0;
 }

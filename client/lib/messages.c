@@ -8,7 +8,8 @@
 // The public enums have the numbers of relight.proto.
 _Static_assert((int)RELIGHT_ENGINE_HYBRID == RELIGHT__ENGINE__ENGINE_HYBRID, "engine");
 _Static_assert((int)RELIGHT_TERM_SINGLE == RELIGHT__TERM__TERM_SINGLE, "term");
-_Static_assert((int)RELIGHT_COLOR_SRGB8 == RELIGHT__COLOR_FORMAT__COLOR_SRGB8, "colour format");
+_Static_assert((int)RELIGHT_COLOR_COEFFICIENTS == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS,
+               "colour format");
 #define X(name, number, ending) \
     _Static_assert(number == RELIGHT__IMAGE_FORMAT__IMAGE_##name, "image format");
 RELIGHT_IMAGE_FORMAT_LIST(X)
@@ -201,7 +202,9 @@ int relight_get_colors(const Relight__ColorsAnswer *m, const uint8_t *payload,
 {
     uint64_t need = (uint64_t)m->n_vertex * color_bytes(m->format);
     uint64_t last; // where the last plane starts
-    if (!color_bytes(m->format) || !m->n_plane || m->plane_bytes < need ||
+    const bool rows = m->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS;
+    if (rows) need = m->plane_bytes;
+    if ((!rows && !color_bytes(m->format)) || !m->n_plane || m->plane_bytes < need ||
         (m->n_plane > 1 && m->plane_bytes % RELIGHT_FRAME_ALIGN) ||
         __builtin_mul_overflow(m->plane_bytes, (uint64_t)m->n_plane - 1, &last) ||
         last > payload_size || payload_size - last < need)
@@ -216,6 +219,9 @@ int relight_get_colors(const Relight__ColorsAnswer *m, const uint8_t *payload,
                                    .generation = m->generation,
                                    .data = payload};
     relight_get_cost(m->cost, &out->cost);
+    if (rows && !relight_get_coefficients(m, out))
+        return relight_fail(error, RELIGHT_E_PROTOCOL, "",
+                            "colours answer: its coefficients contradict each other");
     return 0;
 }
 

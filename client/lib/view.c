@@ -40,6 +40,8 @@ static void put_options(Relight__ViewOptions *m, const struct relight_view_reque
     m->color_exposure_ev = request->color_exposure_ev;
     m->frame_deadline_ms = request->frame_deadline_ms;
     m->skip_equal = request->skip_equal;
+    m->most_rank = request->most_rank;
+    m->phases = request->phases;
 }
 
 int relight_view_open(struct relight_client *client, const struct relight_view_request *request,

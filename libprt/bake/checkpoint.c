@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A file to which records are appended as work is finished, and what a later process finds.
+// The checkpoint file of a bake: one record is appended for each piece of finished work; a
+// later process reads the records and skips that work.
 #include "bake/checkpoint.h"
 
 #include "prt/bake.h"
@@ -228,7 +229,7 @@ static int remaining_range(void *arg, size_t begin, size_t end, unsigned worker)
     return status;
 }
 
-// True when the cluster was read. What was read of a damaged record is dropped.
+// True when the cluster was read whole. Of a damaged record nothing is kept.
 static bool recall(struct bake *b, const struct slot *slot, uint32_t c)
 {
     const struct checkpoint *k = b->checkpoint;

@@ -16,7 +16,7 @@ static bool has_f16c(void)
 }
 #endif
 
-unsigned prt_cpu_detect(void)
+static unsigned detect(void)
 {
     unsigned mask = PRT_CPU_C;
 #if PRT_ISA_X86
@@ -34,6 +34,17 @@ unsigned prt_cpu_detect(void)
     mask |= PRT_CPU_NEON;
 #endif
     return mask;
+}
+
+// CPUID leaves a virtual machine's guest, which takes tens of microseconds, so that it runs
+// once.
+unsigned prt_cpu_detect(void)
+{
+    static const unsigned known = 1u << 31; // no bit of enum prt_cpu
+    static _Atomic unsigned found;
+    unsigned mask = found;
+    if (!mask) found = mask = detect() | known;
+    return mask & ~known;
 }
 
 static const struct {

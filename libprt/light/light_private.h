@@ -11,7 +11,8 @@
 extern "C" {
 #endif
 
-/* A lat-long image reduced to what a cube of one size needs (turn.c); pixel NULL: not made. */
+/* A lat-long image reduced to the resolution of a cube of one size (turn.c). `pixel` is NULL
+ * until the image is reduced. */
 enum { PRT_BRIGHT_MAX = 512 };
 struct prt_bright_pixel { /* left out of the reduced image */
     double phi, theta;    /* left edge, azimuth of (sin, ., -cos); upper edge from +Y [rad] */

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: MIT
 // Single scattering towards an eye from single scattering along -n_o (METHODS §3.6).
 //
-// Under a flat surface the path to the eye, whose direction inside is w_o', is longer than the
-// path along -n_o to the same depth by 1/mu_o', and a half-space lit from w_i' shows
+// Inside, the path to the eye has the direction w_o'. Under a flat surface it is 1/mu_o' times
+// as long as the path along -n_o to the same depth. On a half-space lit from w_i' the single
+// scattering toward the eye is therefore
 //     rho = (1 + 1/mu_i') / (1 + mu_o'/mu_i')
-// times what was baked. Over the directions that refraction leaves, mu_o' in [mu_c, 1], rho is
-// linear in mu_o' to 1 %, so that its product with the planes is again a sum of planes times
-// Y_k(w_o'), k < 4. No renderer has to change for it.
+// times the baked one. Refracted directions have mu_o' in [mu_c, 1]; over that range rho is
+// linear in mu_o' to 1 %. The product of rho and the planes is then a sum of planes times
+// Y_k(w_o'), k < 4, which renderers evaluate already.
 #include "prt/medium.h"
 
 #include <math.h>
@@ -44,6 +45,12 @@ static float slope_of(double eta, float *lowest)
         below += x * x;
     }
     return below > 0 ? (float)(above / below) : 0;
+}
+
+float prt_view_slope(double eta)
+{
+    float lowest;
+    return slope_of(eta, &lowest);
 }
 
 // Planes 0 to 3 of one vertex and channel: c + d.w becomes (1 + s - s n.w)(c + d.w), where

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a glTF material says of its inside: KHR_materials_volume, _transmission,
+// Reads the medium of a glTF material from its extensions KHR_materials_volume, _transmission,
 // _diffuse_transmission, _volume_scatter and the draft _scatter. Numbers out of range count as
 // absent.
 #include "gltf.h"

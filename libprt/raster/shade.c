@@ -28,6 +28,15 @@ struct view_terms {
         oz[LANES];
 };
 
+/* A pixel's normal as shading takes it: the direction w towards the eye, the normal m bent
+ * until m·w is at least half the facet's own cosine (interpolated normals may turn away from
+ * the eye; METHODS §6), c = m·w, and the Fresnel terms of c at the job's η. */
+struct eyed_normal {
+    float wx, wy, wz, mx, my, mz, c;
+    float ct;     /* cosine of the refracted direction inside */
+    float mirror; /* share reflected, F_r of METHODS §1, exact and unpolarised */
+};
+
 struct shade_job {
     const struct prt_visibility *vis;
     const struct prt_gbuffer *g;

@@ -79,8 +79,37 @@ static void PRT_KERNEL(gather)(const struct shade_job *job, const float *of_bloc
     for (int i = 0; !job->one_medium && i < n; i++) out[i] = of_block[block[i]];
 }
 
-/* F_t of the view direction (METHODS §1, exact and unpolarised), the mirror direction, and the
- * direction w_o' of the refracted path inside, outwards. */
+/* The normal that shading takes where the eye sees it: see struct eyed_normal. */
+static inline __attribute__((always_inline)) struct eyed_normal
+PRT_KERNEL(eyed_normal)(float wx, float wy, float wz, float nx, float ny, float nz,
+                        float facing, float eta)
+{
+    float l = 1.0f / sqrtf(wx * wx + wy * wy + wz * wz + 1e-30f);
+    wx *= l;
+    wy *= l;
+    wz *= l;
+    float c = wx * nx + wy * ny + wz * nz, least = 0.5f * facing;
+    c = c < 1 ? c : 1;
+    least = least > 1e-3f ? least : 1e-3f;
+    float cc = c > least ? c : least;
+    float keep = sqrtf((1 - cc * cc) / (1 - c * c + 1e-12f)), add = cc - keep * c;
+    keep = c > least ? 1 : keep;
+    add = c > least ? 0 : add;
+    float inv_eta = 1 / eta, ct = sqrtf(1 - (1 - cc * cc) * inv_eta * inv_eta);
+    float rs = (cc - eta * ct) / (cc + eta * ct), rp = (eta * cc - ct) / (eta * cc + ct);
+    return (struct eyed_normal){wx,
+                                wy,
+                                wz,
+                                keep * nx + add * wx,
+                                keep * ny + add * wy,
+                                keep * nz + add * wz,
+                                cc,
+                                ct,
+                                0.5f * (rs * rs + rp * rp)};
+}
+
+/* F_t of the view direction, the mirror direction, and the direction w_o' of the refracted path
+ * inside, outwards. */
 static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n,
                                    struct view_terms *v)
 {
@@ -93,33 +122,17 @@ static void PRT_KERNEL(view_terms)(const struct shade_job *job, size_t at, int n
     PRT_KERNEL(gather)(job, job->eta, at, n, etas);
     for (int i = 0; i < n; i++) {
         const float eta = etas[i], inv_eta = 1 / eta;
-        float wx = ex - px[i], wy = ey - py[i], wz = ez - pz[i];
-        float l = 1.0f / sqrtf(wx * wx + wy * wy + wz * wz + 1e-30f);
-        wx *= l;
-        wy *= l;
-        wz *= l;
-        float c = wx * nx[i] + wy * ny[i] + wz * nz[i], least = 0.5f * facing[i];
-        c = c < 1 ? c : 1;
-        /* interpolated normals that turn away from the eye are bent towards it (METHODS §6) */
-        least = least > 1e-3f ? least : 1e-3f;
-        float cc = c > least ? c : least;
-        float keep = sqrtf((1 - cc * cc) / (1 - c * c + 1e-12f)), add = cc - keep * c;
-        keep = c > least ? 1 : keep;
-        add = c > least ? 0 : add;
-        float mx = keep * nx[i] + add * wx, my = keep * ny[i] + add * wy;
-        float mz = keep * nz[i] + add * wz;
-        c = cc;
-        float ct = sqrtf(1 - (1 - c * c) * inv_eta * inv_eta);
-        float rs = (c - eta * ct) / (c + eta * ct), rp = (eta * c - ct) / (eta * c + ct);
-        v->transmit[i] = 1 - 0.5f * (rs * rs + rp * rp);
-        v->mirror[i] = 0.5f * (rs * rs + rp * rp);
-        v->rx[i] = 2 * c * mx - wx;
-        v->ry[i] = 2 * c * my - wy;
-        v->rz[i] = 2 * c * mz - wz;
-        float k = ct - c * inv_eta;
-        v->ox[i] = wx * inv_eta + k * mx;
-        v->oy[i] = wy * inv_eta + k * my;
-        v->oz[i] = wz * inv_eta + k * mz;
+        struct eyed_normal e = PRT_KERNEL(eyed_normal)(ex - px[i], ey - py[i], ez - pz[i],
+                                                       nx[i], ny[i], nz[i], facing[i], eta);
+        v->transmit[i] = 1 - e.mirror;
+        v->mirror[i] = e.mirror;
+        v->rx[i] = 2 * e.c * e.mx - e.wx;
+        v->ry[i] = 2 * e.c * e.my - e.wy;
+        v->rz[i] = 2 * e.c * e.mz - e.wz;
+        float k = e.ct - e.c * inv_eta;
+        v->ox[i] = e.wx * inv_eta + k * e.mx;
+        v->oy[i] = e.wy * inv_eta + k * e.my;
+        v->oz[i] = e.wz * inv_eta + k * e.mz;
     }
 }
 
@@ -130,33 +143,16 @@ static void PRT_KERNEL(turn_mirror)(const struct shade_job *job, size_t at, int 
     const struct prt_gbuffer *g = job->g;
     const float *px = g->position[0] + at, *py = g->position[1] + at, *pz = g->position[2] + at;
     const float *tx = g->turned[0] + at, *ty = g->turned[1] + at, *tz = g->turned[2] + at;
-    const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2];
-    const float *facing = g->facing + at;
+    const float ex = job->eye[0], ey = job->eye[1], ez = job->eye[2], *facing = g->facing + at;
     float etas[LANES];
     PRT_KERNEL(gather)(job, job->eta, at, n, etas);
     for (int i = 0; i < n; i++) {
-        const float eta = etas[i], inv_eta = 1 / eta;
-        float wx = ex - px[i], wy = ey - py[i], wz = ez - pz[i];
-        float l = 1.0f / sqrtf(wx * wx + wy * wy + wz * wz + 1e-30f);
-        wx *= l;
-        wy *= l;
-        wz *= l;
-        float c = wx * tx[i] + wy * ty[i] + wz * tz[i], least = 0.5f * facing[i];
-        c = c < 1 ? c : 1;
-        least = least > 1e-3f ? least : 1e-3f;
-        float cc = c > least ? c : least;
-        float keep = sqrtf((1 - cc * cc) / (1 - c * c + 1e-12f)), add = cc - keep * c;
-        keep = c > least ? 1 : keep;
-        add = c > least ? 0 : add;
-        float mx = keep * tx[i] + add * wx, my = keep * ty[i] + add * wy;
-        float mz = keep * tz[i] + add * wz;
-        c = cc;
-        float ct = sqrtf(1 - (1 - c * c) * inv_eta * inv_eta);
-        float rs = (c - eta * ct) / (c + eta * ct), rp = (eta * c - ct) / (eta * c + ct);
-        v->mirror[i] = 0.5f * (rs * rs + rp * rp);
-        v->rx[i] = 2 * c * mx - wx;
-        v->ry[i] = 2 * c * my - wy;
-        v->rz[i] = 2 * c * mz - wz;
+        struct eyed_normal e = PRT_KERNEL(eyed_normal)(
+            ex - px[i], ey - py[i], ez - pz[i], tx[i], ty[i], tz[i], facing[i], etas[i]);
+        v->mirror[i] = e.mirror;
+        v->rx[i] = 2 * e.c * e.mx - e.wx;
+        v->ry[i] = 2 * e.c * e.my - e.wy;
+        v->rz[i] = 2 * e.c * e.mz - e.wz;
     }
 }
 

@@ -126,7 +126,8 @@ static void bend_inwards(const struct job *j, uint32_t v, float inward[3])
         float face[3];
         prt_reference_face_normal(j->mesh, j->corner[k], face);
         const float own = dot3(face, inward), straight = -dot3(face, normal);
-        const float limit = 0.05f * straight; // chosen: the path leaves the face's plane slowly
+        const float limit =
+            0.05f * straight; // the path leaves the face's plane at 5 % of n's rate at least
         if (straight < 0 && own > limit)
             least = fminf(least, (straight - limit) / (straight - own));
     }

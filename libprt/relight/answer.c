@@ -29,7 +29,8 @@ struct answer {
     bool view;        // single scattering is corrected for the view (view_correction.c)
     enum { ALL_TERMS, ONLY_SINGLE, ALL_BUT_SINGLE } part; // of one step of a corrected answer
     float *planes;                                        // [n_plane][n_vertex][3]
-    unsigned done; // bit i: tensor i has been added to the planes
+    unsigned done;                         // bit i: tensor i has been added to the planes
+    struct prt_coefficients *coefficients; // in place of planes; NULL: planes
 };
 
 static bool is_free(const struct prt_tensor *t)
@@ -340,6 +341,25 @@ static int sum_parts(const struct group *g, unsigned n, const struct prt_term_in
     return n ? prt_sum_parts_lights(a->ctx, g->n, n, part, a->n_plane, color) : PRT_OK;
 }
 
+// Rounds the contracted rows of the parts to halves in place of expanding them.
+static int round_parts(const struct group *g, unsigned n, const struct prt_term_input part[])
+{
+    const struct prt_transport *t = g->answer[0]->transport;
+    struct prt_coefficients *out[PRT_RELIGHT_MAX_LIGHTS];
+    int status = PRT_OK;
+    for (unsigned i = 0; i < g->n; i++) out[i] = g->answer[i]->coefficients;
+    for (unsigned layer = 0; layer < out[0]->n_layer && !status; layer++) {
+        unsigned i = 0;
+        while (i < n && part[i].tensor != &t->tensor[out[0]->layer[layer].tensor]) i++;
+        if (i == n)
+            return prt_fail(g->answer[0]->ctx, PRT_MISMATCH,
+                            "a cluster has translucent and opaque vertices, which coefficients "
+                            "cannot describe: take colours");
+        status = prt_coefficients_fill(g->answer[0]->ctx, &part[i], layer, g->n, out);
+    }
+    return status;
+}
+
 // Overwrites the planes with the sum of those tensors that one pass can sum.
 static int fill_parts(const struct group *g)
 {
@@ -358,7 +378,7 @@ static int fill_parts(const struct group *g)
         else owned_input_finish(&owned[n]);
         if (fits) done |= 1u << i;
     }
-    if (!status) status = sum_parts(g, n, part);
+    if (!status) status = (a->coefficients ? round_parts : sum_parts)(g, n, part);
     for (unsigned i = 0; i < n; i++) owned_input_finish(&owned[i]);
     for (unsigned i = 0; i < g->n; i++) g->answer[i]->done = done;
     return status;
@@ -458,6 +478,12 @@ static bool only_light(const struct answer *a)
     return !any_free && !a->query->lit;
 }
 
+static bool same_layers(const struct prt_coefficients *a, const struct prt_coefficients *b)
+{
+    if (!a || !b) return a == b;
+    return a->most_rank == b->most_rank && a->n_layer == b->n_layer && a->n_half == b->n_half;
+}
+
 // Groups the first of n answers with those that differ from it only in their lights. Groups of
 // two are not made: two single passes take less time.
 static void group_answers(struct answer *a, unsigned n, const bool filled[], struct group *g)
@@ -465,7 +491,7 @@ static void group_answers(struct answer *a, unsigned n, const bool filled[], str
     *g = (struct group){{a}, 1};
     for (unsigned i = 1; i < n && only_light(a); i++)
         if (!filled[i] && only_light(&a[i]) && a[i].query->term == a->query->term &&
-            a[i].n_plane == a->n_plane)
+            a[i].n_plane == a->n_plane && same_layers(a[i].coefficients, a->coefficients))
             g->answer[g->n++] = &a[i];
     if (g->n == 2) g->n = 1;
 }
@@ -726,4 +752,66 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
         drop_planes(&a[i], out[i]);
     }
     return status;
+}
+
+// ---- coefficients
+
+// Media scatter evenly unless some g is not 0: their planes from 1 on are 0.
+static bool all_even(const struct prt_media *media)
+{
+    bool even = true;
+    for (uint32_t i = 0; i < media->n; i++) {
+        const struct prt_material *m = &media->medium[i];
+        even &= !m->profile && m->g[0] == 0 && m->g[1] == 0 && m->g[2] == 0;
+    }
+    return even;
+}
+
+int prt_coefficients_plan(const struct prt_context *ctx, const struct prt_transport *transport,
+                          const struct prt_query *query, struct prt_coefficients *c)
+{
+    struct answer a;
+    int status = check_query(ctx, transport, query);
+    if (status) return status;
+    answer_init(&a, ctx, transport, query, false);
+    c->n_layer = 0;
+    c->n_half = 0;
+    for (uint32_t i = 0; i < transport->n_tensor && !status; i++) {
+        const struct prt_tensor *t = &transport->tensor[i];
+        const bool single = t->term == PRT_TERM_SINGLE;
+        if (!is_wanted(&a, t) || (single && !any_single(a.media))) continue;
+        const unsigned planes = single && c->phases && !all_even(a.media) ? t->n_phase : 1;
+        status = prt_coefficients_add_layer(ctx, transport, i, planes, c);
+    }
+    return status;
+}
+
+int prt_answer_coefficients(const struct prt_context *ctx,
+                            const struct prt_transport *transport, unsigned n,
+                            const struct prt_query query[],
+                            struct prt_coefficients *const out[])
+{
+    struct answer a[PRT_RELIGHT_MAX_LIGHTS];
+    int status = n >= 1 && n <= PRT_RELIGHT_MAX_LIGHTS
+                     ? PRT_OK
+                     : prt_fail(ctx, PRT_ARG, "%u queries in one call; 1 to %d are possible", n,
+                                PRT_RELIGHT_MAX_LIGHTS);
+    for (unsigned i = 0; i < n && !status; i++) {
+        status = check_query(ctx, transport, &query[i]);
+        answer_init(&a[i], ctx, transport, &query[i], false);
+        a[i].coefficients = out[i];
+    }
+    return status ? status : fill_many(a, n);
+}
+
+void prt_outgoing_of(const struct prt_material *material, enum prt_answer_term term,
+                     struct prt_outgoing *out)
+{
+    const double eta = (double)material->eta;
+    const bool total = term == PRT_ANSWER_TOTAL;
+    *out = (struct prt_outgoing){.eta = material->eta,
+                                 .roughness = material->roughness,
+                                 .mean = total ? (float)prt_fresnel_mean_transmittance(eta) : 1,
+                                 .divisor = 1,
+                                 .view_slope = prt_view_slope(eta)};
 }

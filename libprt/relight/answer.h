@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Shared by answer.c, basis_cache.c, contracted_light.c, contracted_material.c, fold_material.c
-// and sum_tensors.c.
+// Shared by answer.c, basis_cache.c, coefficients.c, contracted_light.c, contracted_material.c,
+// fold_material.c and sum_tensors.c.
 #ifndef PRT_RELIGHT_ANSWER_H
 #define PRT_RELIGHT_ANSWER_H
 
@@ -50,5 +50,22 @@ bool prt_contracted_light_is_of(const struct prt_contracted_light *lit,
 int prt_sum_parts_lights(const struct prt_context *ctx, unsigned n_light, unsigned n_part,
                          const struct prt_term_input part[], unsigned n_plane,
                          float *const color[]);
+struct prt_kernels;
+// A cluster's contracted rows with the input's material and factors, [rank][n_light][planes][3]
+// with planes = n_plane or the tensor's n_phase, whichever is less: in `to`, which has room for
+// the tensor's n_phase planes, or in place where they need no change. part->lit is as above.
+const float *prt_fold_cluster(const struct prt_kernels *kernels,
+                              const struct prt_term_input *part,
+                              uint32_t cluster, unsigned n_light, unsigned n_plane, float *to);
+
+// Appends the layer of a tensor to c, whose most_rank is set. PRT_MISMATCH: the tensor is not
+// FACTORED.
+int prt_coefficients_add_layer(const struct prt_context *ctx,
+                               const struct prt_transport *transport, uint32_t tensor,
+                               unsigned n_plane, struct prt_coefficients *c);
+// Fills one layer of n_light answers, which have the same layers; part->lit is as above.
+int prt_coefficients_fill(const struct prt_context *ctx, const struct prt_term_input *part,
+                          unsigned layer, unsigned n_light,
+                          struct prt_coefficients *const out[]);
 
 #endif

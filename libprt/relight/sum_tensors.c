@@ -29,26 +29,23 @@ static unsigned planes_of(const struct prt_term_input *p, unsigned n_plane)
     return p->tensor->n_phase < n_plane ? p->tensor->n_phase : n_plane;
 }
 
-// A cluster's rows as the expansion reads them, [rank][light][planes][3]: in `to`, or in place
-// where they need no change.
-static const float *fold(const struct sum_run *run, const struct prt_term_input *p,
-                         uint32_t cluster, float *to)
+const float *prt_fold_cluster(const struct prt_kernels *kernels, const struct prt_term_input *p,
+                              uint32_t cluster, unsigned n_light, unsigned n_plane,
+                              float *to)
 {
     const struct prt_tensor *t = p->tensor;
     const struct prt_cluster *c = &t->cluster[cluster];
     const size_t medium = p->medium ? p->medium[cluster] : 0;
     const float(*factor)[3] = p->factor ? p->factor + medium * t->n_phase : NULL;
     const bool full = t->coupling == PRT_COUPLE_FULL;
-    const unsigned planes = planes_of(p, run->n_plane);
-    const float *in =
-        p->lit + (size_t)c->row_begin * run->n_light * t->n_function * (full ? 3 : 1);
-    if (full)
-        run->kernels->material(in, (size_t)c->rank * t->n_phase, t->n_radial,
+    const unsigned planes = planes_of(p, n_plane);
+    const float *in = p->lit + (size_t)c->row_begin * n_light * t->n_function * (full ? 3 : 1);
+    if (full) kernels->material(in, (size_t)c->rank * t->n_phase, t->n_radial,
                                p->coef + medium * 3 * t->n_radial, to);
     else if (!factor && planes == t->n_phase) return in;
     if (full) in = to;
-    const size_t n =
-        (size_t)c->rank * run->n_light; // `to` may be `in`: no value moves to a higher address
+    // `to` may be `in`: no value moves to a higher address
+    const size_t n = (size_t)c->rank * n_light;
     for (size_t i = 0; i < n; i++)
         for (unsigned k = 0; k < planes; k++)
             for (int ch = 0; ch < 3; ch++)
@@ -106,7 +103,8 @@ static void sum_piece(const struct sum_run *run, const struct expand_piece *piec
     }
     for (unsigned i = 0; i < job.n_triple; i++)
         color[i] = run->color[i / planes * run->n_plane + i % planes];
-    if (job.rank) job.b = fold(run, p, piece->cluster, scratch);
+    if (job.rank)
+        job.b = prt_fold_cluster(run->kernels, p, piece->cluster, run->n_light, run->n_plane, scratch);
     run->kernels->expand(&job);
 }
 

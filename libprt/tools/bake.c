@@ -198,8 +198,8 @@ static uint64_t usable_memory(const struct options *o)
     return o->memory && o->memory < free_bytes ? o->memory : free_bytes;
 }
 
-// What a sanitizer takes beside the bake: its shadow and the memory that it keeps for a while
-// after it was freed.
+// Memory of a sanitizer beside the bake's own: its shadow memory and its quarantine of freed
+// blocks.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 static const uint64_t instrumented = UINT64_C(2) << 30;
 #else

@@ -433,6 +433,11 @@ uint64_t prt_file_bytes(const struct prt_file *file)
     return file->size;
 }
 
+uint64_t prt_file_hash(const struct prt_file *file)
+{
+    return ((const struct format_header *)file->bytes)->hash;
+}
+
 void prt_file_close(struct prt_file *file)
 {
     if (!file) return;

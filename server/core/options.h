@@ -22,7 +22,9 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(TEXT, http, "http", "HOST:PORT", "",                                                     \
       "Serve HTTP and WebSocket here: the API at /v1, /healthz, /readyz, /metrics, /ws "       \
       "and the page. Empty: no HTTP")                                                          \
-    X(TEXT, page, "page", "DIR", "", "Folder of static files that HTTP serves at /")           \
+    X(TEXT, page, "page", "DIR", "",                                                           \
+      "Folder of the page, static files that HTTP serves at /. Empty: share/relight/page "     \
+      "beside the folder of this program")                                                     \
     X(TEXT, origins, "origins", "LIST", "",                                                    \
       "Web origins, comma-separated, that may open the WebSocket besides the page's "          \
       "own; * for all")                                                                        \

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The HTTP port: libwebsockets with its protocols and its poll loop. The daemon's loop is
 // nested in it as a single descriptor, so that one thread serves both. net/listener.c accepts
-// the clients, exchange.c answers requests of the API, websocket.c carries frames on /ws, and
-// files of the page are libwebsockets' own.
+// the clients, exchange.c answers requests of the API and of the page, and websocket.c carries
+// frames on /ws.
 #include "net/carrier.h"
 
 #include "core/log.h"
@@ -10,6 +10,7 @@
 #include "net/exchange.h"
 #include "net/http.h"
 #include "net/listener.h"
+#include "net/page_files.h"
 
 #include <fcntl.h>
 #include <libwebsockets.h>
@@ -64,33 +65,11 @@ static int confirm_upgrade(struct lws *wsi, const char *to)
 
 // ---- plain HTTP
 
-// The API and the pages of exchange.c; other paths are files of the page.
-static bool is_exchange(struct lws *wsi)
-{
-    char path[HTTP_PATH];
-    http_path(wsi, path, sizeof path);
-    return !strncmp(path, "/v1", 3) || !strcmp(path, "/healthz") || !strcmp(path, "/readyz") ||
-           !strcmp(path, "/metrics");
-}
-
-// Requests with a body are refused: libwebsockets would wait for it.
-static bool plain_get(struct lws *wsi)
-{
-    char room[8];
-    const char *length = http_header(wsi, WSI_TOKEN_HTTP_CONTENT_LENGTH, room, sizeof room);
-    return (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) ||
-            lws_hdr_total_length(wsi, WSI_TOKEN_HEAD_URI)) &&
-           !lws_hdr_total_length(wsi, WSI_TOKEN_HTTP_TRANSFER_ENCODING) && length &&
-           (!*length || !strcmp(length, "0"));
-}
-
 static int filter_request(struct lws *wsi)
 {
-    unsigned status = !is_exchange(wsi) && !plain_get(wsi) ? HTTP_STATUS_METHOD_NOT_ALLOWED
-                      : !http_admitted(wsi)                ? HTTP_STATUS_FORBIDDEN
-                                                           : 0;
-    if (status) lws_return_http_status(wsi, status, NULL);
-    return status != 0;
+    if (http_admitted(wsi)) return 0;
+    lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, NULL);
+    return 1;
 }
 
 // Sends no more, and reads on until the client closes: a socket that is closed with unread
@@ -124,12 +103,8 @@ static int begin_exchange(struct lws *wsi, struct http_session *s)
 {
     if (s->exchange) exchange_end(s->exchange);
     *s = (struct http_session){0};
-    if (is_exchange(wsi)) {
-        s->exchange = exchange_begin(wsi, http_server(wsi));
-        return s->exchange ? 0 : -1;
-    }
-    if (lws_return_http_status(wsi, HTTP_STATUS_NOT_FOUND, NULL)) return -1;
-    return lws_http_transaction_completed(wsi) ? -1 : 0;
+    s->exchange = exchange_begin(wsi, http_server(wsi));
+    return s->exchange ? 0 : -1;
 }
 
 static int receive_body(struct http_session *s, const void *bytes, size_t n)
@@ -171,8 +146,6 @@ static int on_page(struct lws *wsi, enum lws_callback_reasons reason, void *user
         if (s && s->exchange) exchange_end(s->exchange);
         if (s) s->exchange = NULL;
         return 0;
-    case LWS_CALLBACK_HTTP_FILE_COMPLETION:
-        return lws_http_transaction_completed(wsi) ? -1 : 0;
     default:
         return lws_callback_http_dummy(wsi, reason, user, in, n);
     }
@@ -194,36 +167,11 @@ static const struct lws_protocols protocols[] = {
     {NULL, NULL, 0, 0, 0, NULL, 0},
 };
 
-// libwebsockets answers 415 for endings without a type.
-static const struct lws_protocol_vhost_options mimetypes[] = {
-    {&mimetypes[1], NULL, ".wasm", "application/wasm"},
-    {&mimetypes[2], NULL, ".mjs", "text/javascript"},
-    {&mimetypes[3], NULL, ".map", "application/json"},
-    {&mimetypes[4], NULL, ".glb", "model/gltf-binary"},
-    {&mimetypes[5], NULL, ".hdr", "image/vnd.radiance"},
-    {&mimetypes[6], NULL, ".exr", "image/x-exr"},
-    {NULL, NULL, ".webp", "image/webp"},
-};
-
-#define EXCHANGE(path)                                                              \
-    {                                                                               \
-        .mountpoint = (path), .mountpoint_len = sizeof(path) - 1, .origin = "http", \
-        .protocol = "http", .origin_protocol = LWSMPRO_CALLBACK                     \
-    }
-enum { MOUNT_FILES = 4, N_MOUNT };
-static struct lws_http_mount mount[N_MOUNT] = {
-    EXCHANGE("/v1"),
-    EXCHANGE("/healthz"),
-    EXCHANGE("/readyz"),
-    EXCHANGE("/metrics"),
-    {.mountpoint = "/",
-     .mountpoint_len = 1,
-     .def = "index.html",
-     .extra_mimetypes = mimetypes,
-     .origin_protocol = LWSMPRO_FILE,
-     .cache_max_age = 60,
-     .cache_revalidate = 1},
-};
+static const struct lws_http_mount mount = {.mountpoint = "/",
+                                            .mountpoint_len = 1,
+                                            .origin = "http",
+                                            .protocol = "http",
+                                            .origin_protocol = LWSMPRO_CALLBACK};
 
 static void on_lws_log(int level, const char *line)
 {
@@ -262,15 +210,11 @@ static void set_pings(const struct options *o)
 
 static bool create_context(struct server *server)
 {
-    bool files = server->options.page[0];
-    for (int i = 0; i + 1 < (files ? N_MOUNT : MOUNT_FILES); i++)
-        mount[i].mount_next = &mount[i + 1];
-    mount[MOUNT_FILES].origin = server->options.page;
     struct lws_context_creation_info info = {0};
     info.port = CONTEXT_PORT_NO_LISTEN_SERVER;
     info.user = server;
     info.protocols = protocols;
-    info.mounts = mount;
+    info.mounts = &mount;
     info.gid = info.uid = (gid_t)-1;
     info.keepalive_timeout = 15;
     info.max_http_header_data = HTTP_HEADER_ROOM;
@@ -298,6 +242,7 @@ static bool create_context(struct server *server)
 int http_open(struct server *server, const char *address)
 {
     lws_set_log_level(LLL_ERR | LLL_WARN, on_lws_log);
+    page_files_read(server);
     lws_sock_file_fd_type fd;
     fd.filefd = fcntl(loop_fd(server->loop), F_DUPFD_CLOEXEC, 3); // closed by libwebsockets
     if (fd.filefd < 0 || !create_context(server) ||
@@ -324,4 +269,5 @@ void http_close(void)
     if (context) listeners_close(lws_context_user(context), http_accepted);
     if (context) lws_context_destroy(context);
     context = NULL;
+    page_files_free();
 }

@@ -90,6 +90,7 @@ ROW(token_list_request, op_token_list, 0, ADMIN, 0, NULL)
 ROW(token_revoke_request, op_token_revoke, 0, ADMIN, 0, NULL)
 ROW(get_blob_request, op_get_blob, 0, VIEW, 0, NULL)
 ROW(put_pose_request, op_put_pose, 0, VIEW, ANY, NULL)
+ROW(factors_request, op_factors, 0, VIEW, 0, NULL)
 ROW(view_ack, NULL, ALWAYS, 0, 0, NULL, take_view_ack)
 
 static const struct operation *const table[RELIGHT_TYPE_N] = {

@@ -445,7 +445,7 @@ static bool prepare(struct exchange *x, struct http_problem *problem)
         return false;
     }
     if (!x->route->type) {
-        if (unknown_parameter(x, problem)) return false;
+        if (!x->route->any_query && unknown_parameter(x, problem)) return false;
         return x->route->prepare(x, problem);
     }
     return open_connection(x, &caller, problem) && x->route->prepare(x, problem) &&

@@ -35,7 +35,9 @@ struct route {
     /* The operation's answer, of several each; it takes the payload. */
     void (*answer)(struct exchange *x, const ProtobufCMessage *message, bool last,
                    struct payload *payload);
-    bool open; /* answered without a token */
+    bool open;      /* answered without a token */
+    bool any_query; /* parameters that it does not know are ignored: links get marks of mailers
+                     */
 };
 
 struct exchange {

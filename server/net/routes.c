@@ -4,6 +4,7 @@
 #include "net/routes.h"
 
 #include "net/message_text.h"
+#include "net/page_files.h"
 #include "relight.pb-c.h"
 
 #include <ctype.h>
@@ -348,6 +349,9 @@ static bool prepare_blob(struct exchange *x, struct http_problem *problem)
 
 // ---- the table
 
+// "/" is there without a page, too: it says how to get one.
+static const struct route page_route = {"GET", "/",  BODY_NONE, 0,   page_file,
+                                        NULL,  NULL, true,      true};
 static const struct route routes[] = {
     {"GET", "/healthz", BODY_NONE, 0, page_health, NULL, NULL, true},
     {"GET", "/readyz", BODY_NONE, 0, page_ready, NULL, NULL, true},
@@ -426,6 +430,8 @@ const struct route *route_find(struct exchange *x, struct http_problem *problem)
     const char *method = strcmp(x->head.method, "HEAD") ? x->head.method : "GET", *ending;
     const char *first = NULL;
     size_t n;
+    if (!strcmp(method, "GET") && (!strcmp(x->head.path, "/") || page_files_find(x->head.path)))
+        return &page_route;
     for (size_t i = 0; i < N(routes); i++) {
         const struct route *r = &routes[i];
         if (!matches(r->pattern, x->head.path, &n, &ending)) continue;

@@ -15,6 +15,9 @@ bool page_ready(struct exchange *x, struct http_problem *problem);
 bool page_metrics(struct exchange *x, struct http_problem *problem);
 bool page_openapi(struct exchange *x, struct http_problem *problem);
 
+/* A file of the page (net/page_files.c). */
+bool page_file(struct exchange *x, struct http_problem *problem);
+
 void answer_json(struct exchange *x, const ProtobufCMessage *message, bool last,
                  struct payload *payload);
 void answer_load(struct exchange *x, const ProtobufCMessage *message, bool last,

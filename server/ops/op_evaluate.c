@@ -45,7 +45,8 @@ static void evaluated(void *user, struct render_result *result)
         request_answer(request, &out.base, &result->payload);
     } else {
         Relight__ColorsAnswer out;
-        render_colors_message(result, &e->spec, &out);
+        struct render_coefficients_message coefficients;
+        render_colors_message(result, &e->spec, &out, &coefficients);
         out.cost = &cost;
         request_answer(request, &out.base, &result->payload);
     }
@@ -86,7 +87,8 @@ void op_colors(struct request *request)
     render_spec_init(&spec);
     if ((code = render_spec_lights(&spec, in->n_lights, in->lights, request, error)) ||
         (code = render_spec_shade(&spec, request, in->shade, error)) ||
-        (code = render_spec_colors(&spec, (int)in->format, in->exposure_ev, error))) {
+        (code = render_spec_colors(&spec, (int)in->format, in->exposure_ev, in->most_rank,
+                                   in->phases, error))) {
         render_spec_finish(&spec);
         request_fail(request, code, "%s", error);
         return;

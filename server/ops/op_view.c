@@ -133,6 +133,7 @@ static void send_frame(struct view *v, struct render_result *result)
 {
     Relight__ViewFrame out = RELIGHT__VIEW_FRAME__INIT;
     Relight__ColorsAnswer colors;
+    struct render_coefficients_message coefficients;
     Relight__ImageAnswer image;
     Relight__Error error;
     struct error_fields fields;
@@ -156,7 +157,7 @@ static void send_frame(struct view *v, struct render_result *result)
         image.cost = &cost;
         out.image = &image;
     } else {
-        render_colors_message(result, &v->drawn, &colors);
+        render_colors_message(result, &v->drawn, &colors, &coefficients);
         colors.cost = &cost;
         out.colors = &colors;
     }
@@ -344,7 +345,8 @@ static int read_options(const Relight__ViewOptions *in, struct view_options *out
     if (out->window > SERVER_MAX_WINDOW)
         return range_refuse(error, 300, in->window, 1, SERVER_MAX_WINDOW, "frames",
                             "options.window");
-    return render_spec_colors(spec, (int)in->color_format, in->color_exposure_ev, error);
+    return render_spec_colors(spec, (int)in->color_format, in->color_exposure_ev, in->most_rank,
+                              in->phases, error);
 }
 
 static void merge_options(struct view_options *to, struct render_spec *spec,
@@ -361,6 +363,8 @@ static void merge_options(struct view_options *to, struct render_spec *spec,
     if (render_fields_name(n, fields, "options.color_format")) spec->format = colors->format;
     if (render_fields_name(n, fields, "options.color_exposure_ev"))
         spec->exposure_ev = colors->exposure_ev;
+    if (render_fields_name(n, fields, "options.most_rank")) spec->most_rank = colors->most_rank;
+    if (render_fields_name(n, fields, "options.phases")) spec->phases = colors->phases;
 }
 
 // Whether the state replaces the view's `part` as a whole or in fields.

@@ -72,6 +72,33 @@ static int check_engine(const struct render *r, bool traced, char error[300])
                : RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
 }
 
+int check_factored(const struct model *model, const struct prt_transport *t, char error[300])
+{
+    for (uint32_t i = 0; i < t->n_tensor; i++) {
+        if (t->tensor[i].storage == PRT_STORAGE_FACTORED) continue;
+        snprintf(
+            error, 300,
+            "%.100s has no coefficients: its transport is %s, not factored: take colours in "
+            "another format, or bake it as wavelet or joint transport with factored storage",
+            model->name, t->tensor[i].storage == PRT_STORAGE_SPARSE ? "sparse" : "polynomial");
+        return RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
+    }
+    return 0;
+}
+
+static int check_coefficients(const struct render *r, char error[300])
+{
+    if (r->spec.term == RELIGHT__TERM__TERM_IRRADIANCE) {
+        snprintf(error, 300, "irradiance is traced, not baked: it has no coefficients");
+        return RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
+    }
+    if (r->spec.has_eye) {
+        snprintf(error, 300, "coefficients hold for every eye: leave shade.eye out");
+        return RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST;
+    }
+    return check_factored(r->model, render_transport(r), error);
+}
+
 static int check_baked(const struct render *r, char error[300])
 {
     const struct prt_transport *t = render_transport(r);
@@ -82,6 +109,7 @@ static int check_baked(const struct render *r, char error[300])
         return RELIGHT__ERROR_CODE__ERROR_UNSUPPORTED;
     }
     int code = check_engine(r, traced, error);
+    if (!code && is_coefficients(s)) code = check_coefficients(r, error);
     if (code) return code;
     if (!traced && t->engine == PRT_TRANSPORT_POLYNOMIAL && s->n_light) {
         snprintf(error, 300, "%.100s was baked with its light: send no lights", r->model->name);

@@ -16,9 +16,16 @@ static float srgb(float x)
 
 size_t color_bytes(int format)
 {
-    return format == RELIGHT__COLOR_FORMAT__COLOR_F32   ? 12
-           : format == RELIGHT__COLOR_FORMAT__COLOR_F16 ? 6
-                                                        : 4;
+    return format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS ? 0
+           : format == RELIGHT__COLOR_FORMAT__COLOR_F32        ? 12
+           : format == RELIGHT__COLOR_FORMAT__COLOR_F16        ? 6
+                                                               : 4;
+}
+
+size_t plane_bytes(const struct render_spec *spec, const struct vertex_values *values)
+{
+    if (is_coefficients(spec)) return values->coefficients.n_half * sizeof(uint16_t);
+    return values->n_vertex * color_bytes(spec->format);
 }
 
 struct encoding {
@@ -42,7 +49,9 @@ void encode_colors(const struct prt_context *ctx, const struct render_spec *spec
                    const struct vertex_values *values, uint8_t *to)
 {
     size_t n = (size_t)values->n_vertex * 3;
-    if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F32) {
+    if (is_coefficients(spec)) {
+        memcpy(to, values->values, plane_bytes(spec, values));
+    } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F32) {
         memcpy(to, values->values, n * sizeof(float));
     } else if (spec->format == RELIGHT__COLOR_FORMAT__COLOR_F16) {
         prt_f32_to_f16_array(values->values, n, (uint16_t *)to);

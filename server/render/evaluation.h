@@ -69,11 +69,15 @@ struct vertex_values {
     uint32_t n_vertex, shared; /* shared: evaluations in its pass */
     float
         material_error; /* relative RMS error of projecting the material on the bake's bases */
-    float values[];     /* [n_plane][n_vertex][3] */
+    struct prt_coefficients coefficients; /* n_layer 0: these are values at vertices */
+    float values[]; /* [n_plane][n_vertex][3], or the coefficients' halves */
 };
 struct vertex_query {
-    int term;    /* enum prt_answer_term */
-    bool planes; /* per-phase planes for pictures, else final colours */
+    int term;           /* enum prt_answer_term */
+    bool planes;        /* per-phase planes for pictures, else final colours */
+    bool coefficients;  /* in place of both */
+    uint32_t most_rank; /* of them */
+    bool phases;
     bool has_material, has_eye;
     struct prt_material material;
     float eye[3]; /* mm */
@@ -151,7 +155,16 @@ int refinement_add(struct refinement *refinement, const struct screen_radiance *
 
 /* ---- encode.c ---- */
 
-size_t color_bytes(int format); /* of one colour */
+static inline bool is_coefficients(const struct render_spec *spec)
+{
+    return !spec->picture && spec->format == RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS;
+}
+/* 0, or an error where the transport is not factored, so that it has no coefficients. */
+int check_factored(const struct model *model, const struct prt_transport *transport,
+                   char error[300]);
+size_t color_bytes(int format); /* of one colour; 0: of no colour */
+/* Of one plane of colours or coefficients in the spec's format, without padding. */
+size_t plane_bytes(const struct render_spec *spec, const struct vertex_values *values);
 void encode_colors(const struct prt_context *ctx, const struct render_spec *spec,
                    const struct vertex_values *values, uint8_t *to);
 /* Whether the daemon encodes this Relight__ImageFormat. */

@@ -57,7 +57,7 @@ static int run_colors(struct render *r, const struct prt_context *ctx)
     for (unsigned i = 0; i < n; i++) {
         const struct vertex_values *v = r->vertex_values[i].entry->value;
         encode_colors(ctx, &r->spec, v, bytes + i * plane);
-        size_t used = v->n_vertex * color_bytes(r->spec.format);
+        size_t used = plane_bytes(&r->spec, v);
         memset(bytes + i * plane + used, 0, plane - used);
     }
     r->result.encode_ms = (float)((prt_time_s() - start) * 1e3);
@@ -211,6 +211,32 @@ static void set_baked_result(struct render *r)
         snprintf(out->note, sizeof out->note, "of the shape before its vertices moved");
 }
 
+// The layers of all planes are the same; each plane has scales of its own.
+static void set_coefficients(struct render *r)
+{
+    struct render_result *out = &r->result;
+    for (unsigned i = 0; i < out->n_plane; i++) {
+        const struct vertex_values *v = r->vertex_values[i].entry->value;
+        const struct prt_coefficients *c = &v->coefficients;
+        out->n_layer = c->n_layer;
+        memcpy(out->layer, c->layer, sizeof out->layer);
+        for (uint32_t k = 0; k < c->n_layer; k++) out->scale[k][i] = c->layer[k].scale;
+    }
+    static const enum prt_answer_term term[] = {PRT_ANSWER_TOTAL, PRT_ANSWER_TOTAL,
+                                                PRT_ANSWER_MULTIPLE, PRT_ANSWER_SINGLE};
+    out->factors = prt_file_hash(r->file.entry->value);
+    prt_outgoing_of(r->spec.has_material ? &r->spec.material : render_transport(r)->media.medium,
+                    term[r->spec.term], &out->outgoing);
+}
+
+static void set_planes(struct render *r)
+{
+    struct render_result *out = &r->result;
+    size_t plane = plane_bytes(&r->spec, r->vertex_values[0].entry->value);
+    out->plane_bytes = out->n_plane > 1 ? (plane + 63) / 64 * 64 : plane;
+    if (is_coefficients(&r->spec)) set_coefficients(r);
+}
+
 static void set_result(struct render *r)
 {
     struct render_result *out = &r->result;
@@ -221,8 +247,7 @@ static void set_result(struct render *r)
     out->width = s->width;
     out->height = s->height;
     out->camera = r->camera;
-    size_t plane = out->n_vertex * color_bytes(s->format);
-    out->plane_bytes = out->n_plane > 1 ? (plane + 63) / 64 * 64 : plane;
+    if (!s->picture) set_planes(r);
     if (r->screen) set_screen_result(r);
     else set_baked_result(r);
 }

@@ -48,6 +48,8 @@ struct render_spec {
     /* colours */
     int format; /* Relight__ColorFormat */
     float exposure_ev;
+    uint32_t most_rank; /* of coefficients; 0: all rows */
+    bool phases;        /* coefficients of the planes that depend on the view, too */
     /* picture */
     uint32_t width, height, samples;
     bool has_camera; /* eye and target, unless one of the next two is set */
@@ -80,7 +82,7 @@ int render_spec_shade(struct render_spec *spec, struct request *request,
 int render_spec_picture(struct render_spec *spec, const struct server *server,
                         const Relight__Picture *picture, char error[300]);
 int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
-                       char error[300]);
+                       uint32_t most_rank, bool phases, char error[300]);
 /* Fills the keys; texels of all lights, for inline cubes. */
 void render_light_name(struct render_light *light, const float *texels, const char *hash);
 /* Index of the first that is no radiance in [0, 1e9]; n: all are. Thread-safe. */
@@ -108,6 +110,11 @@ struct render_result {
     struct payload payload;
     uint32_t n_vertex, n_plane, width, height;
     uint64_t plane_bytes, generation;
+    uint64_t factors; /* coefficients: hash of the file with their U */
+    uint32_t n_layer;
+    struct prt_coefficient_layer layer[PRT_MOST_PARTS]; /* without their scales */
+    float scale[PRT_MOST_PARTS][RENDER_MAX_LIGHTS];     /* of each plane */
+    struct prt_outgoing outgoing;
     uint64_t hash; /* of the payload, where the spec asks for it */
     struct prt_camera camera;
     float queue_ms, light_ms, relight_ms, raster_ms, shade_ms, encode_ms, total_ms;
@@ -128,14 +135,21 @@ struct render *render_start(struct model *model, struct render_spec *spec, rende
 /* done is not called after this. */
 void render_cancel(struct render *render);
 
-/* Fills answer messages from a result; `camera` and its vectors must outlive the message. */
+/* Fills answer messages from a result; `camera` and `coefficients` must outlive the message. */
 struct render_camera_message {
     Relight__Camera camera;
     Relight__Vec3 eye, target, up;
 };
 void render_cost_message(const struct render_result *result, Relight__Cost *cost);
+/* The parts of an answer with coefficients. */
+struct render_coefficients_message {
+    Relight__Coefficients coefficients;
+    Relight__CoefficientLayer layer[PRT_MOST_PARTS], *layers[PRT_MOST_PARTS];
+    Relight__Outgoing outgoing, *outgoings[1];
+};
 void render_colors_message(const struct render_result *result, const struct render_spec *spec,
-                           Relight__ColorsAnswer *out);
+                           Relight__ColorsAnswer *out,
+                           struct render_coefficients_message *coefficients);
 void render_image_message(const struct render_result *result, const struct render_spec *spec,
                           Relight__ImageAnswer *out, struct render_camera_message *camera);
 

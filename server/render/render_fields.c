@@ -55,6 +55,8 @@ static const char *const others[] = {"lights",
                                      "options.color_format",
                                      "options.color_exposure_ev",
                                      "options.frame_deadline_ms",
+                                     "options.most_rank",
+                                     "options.phases",
                                      "options.skip_equal",
                                      "pose"};
 

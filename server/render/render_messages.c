@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The result of an evaluation, as messages.
-#include "render/render.h"
+#include "render/evaluation.h"
 
 #include <math.h>
 
@@ -24,8 +24,39 @@ void render_cost_message(const struct render_result *r, Relight__Cost *cost)
     cost->note = (char *)r->note;
 }
 
+static void coefficients_message(const struct render_result *r, const struct render_spec *spec,
+                                 struct render_coefficients_message *m)
+{
+    relight__coefficients__init(&m->coefficients);
+    relight__outgoing__init(&m->outgoing);
+    m->coefficients.factors = r->factors;
+    m->coefficients.most_rank = spec->most_rank;
+    m->coefficients.n_layers = r->n_layer;
+    m->coefficients.layers = m->layers;
+    for (uint32_t i = 0; i < r->n_layer; i++) {
+        const struct prt_coefficient_layer *from = &r->layer[i];
+        Relight__CoefficientLayer *to = m->layers[i] = &m->layer[i];
+        relight__coefficient_layer__init(to);
+        to->tensor = from->tensor;
+        to->n_phase = from->n_plane;
+        to->n_row = from->n_row;
+        to->offset = from->begin * sizeof(uint16_t);
+        to->n_scales = r->n_plane;
+        to->scales = (float *)(uintptr_t)r->scale[i];
+    }
+    m->outgoing.eta = r->outgoing.eta;
+    m->outgoing.roughness = r->outgoing.roughness;
+    m->outgoing.mean = r->outgoing.mean;
+    m->outgoing.divisor = r->outgoing.divisor;
+    m->outgoing.view_slope = r->outgoing.view_slope;
+    m->outgoings[0] = &m->outgoing;
+    m->coefficients.n_outgoing = 1;
+    m->coefficients.outgoing = m->outgoings;
+}
+
 void render_colors_message(const struct render_result *r, const struct render_spec *spec,
-                           Relight__ColorsAnswer *out)
+                           Relight__ColorsAnswer *out,
+                           struct render_coefficients_message *coefficients)
 {
     relight__colors_answer__init(out);
     out->n_vertex = r->n_vertex;
@@ -33,6 +64,9 @@ void render_colors_message(const struct render_result *r, const struct render_sp
     out->plane_bytes = r->plane_bytes;
     out->format = spec->format;
     out->generation = r->generation;
+    if (!is_coefficients(spec)) return;
+    coefficients_message(r, spec, coefficients);
+    out->coefficients = &coefficients->coefficients;
 }
 
 static void vec3_message(const float v[3], Relight__Vec3 *out)

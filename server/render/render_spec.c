@@ -240,13 +240,16 @@ int render_spec_shade(struct render_spec *spec, struct request *request,
     return parse_maps(spec, shade, error);
 }
 
-int render_spec_colors(struct render_spec *spec, int format, float exposure_ev, char error[300])
+int render_spec_colors(struct render_spec *spec, int format, float exposure_ev,
+                       uint32_t most_rank, bool phases, char error[300])
 {
     if (!is_value(&relight__color_format__descriptor, format))
         REFUSE(UNSUPPORTED, "format %d is unknown", format);
     if (!(fabsf(exposure_ev) <= 40)) RANGE(exposure_ev, -40, 40, "stops", "exposure_ev");
     spec->format = format;
     spec->exposure_ev = exposure_ev;
+    spec->most_rank = most_rank;
+    spec->phases = phases;
     return 0;
 }
 

@@ -211,6 +211,9 @@ static void vertex_query(const struct render *r, struct vertex_query *query)
     const struct render_spec *s = &r->spec;
     *query = (struct vertex_query){.term = term[s->term],
                                    .planes = s->picture,
+                                   .coefficients = is_coefficients(s),
+                                   .most_rank = is_coefficients(s) ? s->most_rank : 0,
+                                   .phases = is_coefficients(s) && s->phases,
                                    .has_material = s->has_material,
                                    .material = s->material,
                                    .has_eye = s->has_eye && !s->picture};
@@ -231,9 +234,14 @@ static char *values_key(const struct render *r, unsigned i, const struct vertex_
         snprintf(key, sizeof key, "%s/%llu/irradiance/%s/%s", r->model->key,
                  (unsigned long long)r->generation, s->material_key, light->key);
     else
-        snprintf(key, sizeof key, "%s/%llu/%s/%d/%s/%s/%s", r->model->key,
-                 (unsigned long long)r->generation, s->picture ? "planes" : "colors",
-                 query->term, s->material_key, eye, light ? light->key : "fixed");
+        snprintf(key, sizeof key, "%s/%llu/%s%u/%d/%s/%s/%s", r->model->key,
+                 (unsigned long long)r->generation,
+                 s->picture             ? "planes"
+                 : !query->coefficients ? "colors"
+                 : query->phases        ? "phases"
+                                        : "rows",
+                 query->most_rank, query->term, s->material_key, eye,
+                 light ? light->key : "fixed");
     return strdup(key);
 }
 
@@ -353,7 +361,7 @@ static void step_radiance(struct render *r)
 static void step_encoding(struct render *r)
 {
     if (r->spec.picture || render_n_values(&r->spec) > 1 ||
-        r->spec.format == RELIGHT__COLOR_FORMAT__COLOR_F32)
+        r->spec.format == RELIGHT__COLOR_FORMAT__COLOR_F32 || is_coefficients(&r->spec))
         return;
     struct cache_entry *entry =
         encoded_colors_get(r->server, &r->spec, r->vertex_values[0].entry);

@@ -470,7 +470,9 @@ static void colors(struct world *world, uint64_t id, struct bytes *out)
     in.n_lights = l.n;
     in.sum = rnd_chance(r, 2);
     if (!rnd_chance(r, 3)) in.shade = shade(world, &s);
-    in.format = (Relight__ColorFormat)rnd(r, 5);
+    in.format = (Relight__ColorFormat)rnd(r, 6);
+    in.most_rank = rnd_chance(r, 3) ? (uint32_t)odd_number(r) : 0;
+    in.phases = rnd_chance(r, 2);
     in.pose = any_pose(world);
     emit(world, RELIGHT_TYPE_COLORS, id, &in.base, l.payload, l.payload_bytes, out);
     free(l.payload);
@@ -523,7 +525,9 @@ static Relight__ViewState *view_state(struct world *world, struct state *s)
     if (!rnd_chance(r, 40)) s->state.picture = picture(r, &s->picture);
     if (rnd_chance(r, 2)) {
         relight__view_options__init(&s->options);
-        s->options.color_format = (Relight__ColorFormat)rnd(r, 5);
+        s->options.color_format = (Relight__ColorFormat)rnd(r, 6);
+        s->options.most_rank = rnd_chance(r, 3) ? (uint32_t)odd_number(r) : 0;
+        s->options.phases = rnd_chance(r, 2);
         s->options.max_fps = rnd_chance(r, 3) ? rnd(r, 1000) : 0;
         s->options.window = rnd_chance(r, 3) ? rnd(r, rnd_chance(r, 9) ? 300 : 8) : 0;
         s->options.window_bytes = rnd_chance(r, 3) ? rnd(r, 3000) : 0;
@@ -592,7 +596,8 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
                                     RELIGHT_TYPE_TOKEN_CREATE, RELIGHT_TYPE_TOKEN_LIST,
                                     RELIGHT_TYPE_TOKEN_REVOKE, RELIGHT_TYPE_VIEW_ACK,
                                     RELIGHT_TYPE_VIEW_ACK,     RELIGHT_TYPE_PUT_POSE,
-                                    RELIGHT_TYPE_PUT_POSE,     RELIGHT_TYPE_GET_BLOB};
+                                    RELIGHT_TYPE_PUT_POSE,     RELIGHT_TYPE_GET_BLOB,
+                                    RELIGHT_TYPE_FACTORS};
     struct rnd *r = world->rnd;
     uint16_t one = RND_PICK(r, type);
     uint64_t other = 1 + rnd(r, ids);
@@ -683,6 +688,18 @@ uint16_t message_random(struct world *world, uint64_t id, uint32_t ids, struct b
     case RELIGHT_TYPE_PUT_POSE:
         put_pose(world, id, out);
         break;
+    case RELIGHT_TYPE_FACTORS: {
+        Relight__FactorsRequest in = RELIGHT__FACTORS_REQUEST__INIT;
+        in.model = (char *)any_model(world);
+        in.first = rnd_chance(r, 2)   ? 0
+                   : rnd_chance(r, 2) ? 2 * rnd(r, 9)
+                                      : (uint32_t)odd_number(r);
+        in.most_rank = rnd_chance(r, 2)   ? 0
+                       : rnd_chance(r, 2) ? 2 * rnd(r, 9)
+                                          : (uint32_t)odd_number(r);
+        EMIT(FACTORS, in);
+        break;
+    }
     case RELIGHT_TYPE_UPDATE_VERTICES:
         update_vertices(world, id, out);
         break;

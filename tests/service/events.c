@@ -2,28 +2,7 @@
 // SUBSCRIBE: events of models, bakes and environments, cursors over reconnects and restarts,
 // readers that stay behind.
 #include "frames.h"
-
-static struct daemon d;
-
-static void begin(const char *const extra[])
-{
-    setenv("MALLOC_PERTURB_", "165", 1);
-    daemon_folder(&d);
-    daemon_start(&d, extra);
-}
-
-static void end(void)
-{
-    int status = daemon_end(&d);
-    daemon_remove(&d);
-    assert_int_equal(status, 0);
-}
-
-static int teardown(void **state)
-{
-    if (d.pid) daemon_remove(&d);
-    return 0;
-}
+#include "lone_daemon.h"
 
 struct cursor {
     char run[32];

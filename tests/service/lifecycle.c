@@ -437,16 +437,89 @@ static void start_with_http(void)
     assert_string_equal(d.http, address);
 }
 
-static void get(const char *path, char *out, size_t n)
+static void get_with(const char *path, const char *fields, char *out, size_t n)
 {
-    char ask[200];
+    char ask[400];
     bool closed;
     int fd = http_connect();
-    snprintf(ask, sizeof ask, "GET %s HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n",
-             path);
+    snprintf(ask, sizeof ask,
+             "GET %s HTTP/1.1\r\nHost: localhost\r\n%sConnection: close\r\n\r\n", path, fields);
     assert_true(write(fd, ask, strlen(ask)) > 0);
     out[raw_read(fd, out, n - 1, 3000, &closed)] = 0;
     close(fd);
+}
+
+static void get(const char *path, char *out, size_t n)
+{
+    get_with(path, "", out, n);
+}
+
+static void write_page_file(const char *name, const char *text)
+{
+    char path[160];
+    snprintf(path, sizeof path, "%s/page/%s", d.folder, name);
+    write_text(path, text);
+}
+
+// The forms of a page's file, and how long each may be kept.
+static void test_page(void **state)
+{
+    static char text[65536];
+    char path[160], tag[60] = "";
+    snprintf(path, sizeof path, "%s/page", d.folder);
+    mkdir(path, 0700);
+    snprintf(path, sizeof path, "%s/page/assets", d.folder);
+    mkdir(path, 0700);
+    write_page_file("assets/a-1.js", "plain form");
+    write_page_file("assets/a-1.js.gz", "gzip form");
+    write_page_file("assets/a-1.js.br", "brotli form");
+    write_page_file(".hidden", "hidden");
+    start_with_http();
+    get("/assets/a-1.js", text, sizeof text);
+    assert_non_null(strstr(text, "plain form"));
+    assert_non_null(strstr(text, "text/javascript"));
+    assert_non_null(strstr(text, "immutable"));
+    get_with("/assets/a-1.js", "Accept-Encoding: gzip, br;q=0\r\n", text, sizeof text);
+    assert_non_null(strstr(text, "gzip form"));
+    assert_non_null(strstr(text, "content-encoding: gzip"));
+    get_with("/assets/a-1.js", "Accept-Encoding: gzip, deflate, br\r\n", text, sizeof text);
+    assert_non_null(strstr(text, "brotli form"));
+    get("/?from=letter", text, sizeof text);
+    assert_non_null(strstr(text, "<title>page</title>"));
+    assert_non_null(strstr(text, "no-cache"));
+    assert_non_null(strstr(text, "content-security-policy: default-src 'none'"));
+    assert_null(strstr(text, "unsafe-inline"));
+    assert_int_equal(sscanf(strstr(text, "etag: "), "etag: %50s", tag), 1);
+    char known[100];
+    snprintf(known, sizeof known, "If-None-Match: %s\r\n", tag);
+    get_with("/", known, text, sizeof text);
+    assert_non_null(strstr(text, "304"));
+    assert_null(strstr(text, "<title>"));
+    const char *const absent[] = {"/.hidden", "/assets", "/assets/a-1.js.br",
+                                  "/assets/../index.html.br", "/%2e%2e/log"};
+    for (size_t i = 0; i < sizeof absent / sizeof *absent; i++) {
+        get(absent[i], text, sizeof text);
+        assert_non_null(strstr(text, "404"));
+    }
+    get_with("/assets/a-1.js", "Origin: http://elsewhere\r\n", text, sizeof text);
+    assert_non_null(strstr(text, "403"));
+    assert_int_equal(daemon_stop(&d), 0);
+}
+
+// A folder without a page: the daemon serves, and "/" says how to get one.
+static void test_no_page(void **state)
+{
+    static char text[65536];
+    char page[128];
+    snprintf(page, sizeof page, "%s/empty", d.folder);
+    mkdir(page, 0700);
+    const char *const extra[] = {"--http", "127.0.0.1:0", "--page", page, NULL};
+    daemon_start(&d, extra);
+    get("/", text, sizeof text);
+    assert_non_null(strstr(text, "RELIGHT_PAGE=ON"));
+    get("/healthz", text, sizeof text);
+    assert_non_null(strstr(text, "ok\n"));
+    assert_int_equal(daemon_stop(&d), 0);
 }
 
 static void test_http(void **state)
@@ -594,6 +667,8 @@ int main(void)
         cmocka_unit_test_teardown(test_busy_at_the_limit, after_each),
         cmocka_unit_test_teardown(test_configuration, after_each),
         cmocka_unit_test_teardown(test_http, after_each),
+        cmocka_unit_test_teardown(test_page, after_each),
+        cmocka_unit_test_teardown(test_no_page, after_each),
         cmocka_unit_test_teardown(test_websocket_carries_frames, after_each),
         cmocka_unit_test_teardown(test_websocket_of_another_origin, after_each),
         cmocka_unit_test_teardown(test_token, after_each),

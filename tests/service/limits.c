@@ -2,29 +2,7 @@
 // What a client may hold and say: frames in orders that no client library sends, requests,
 // views, bytes and answers beyond their limits, and text that is no text.
 #include "frames.h"
-
-static struct daemon d;
-
-static void begin(const char *const extra[])
-{
-    setenv("MALLOC_PERTURB_", "165", 1); // what was freed does not look as before
-    daemon_folder(&d);
-    daemon_start(&d, extra);
-}
-
-static void end(void)
-{
-    int status = daemon_end(&d);
-    daemon_remove(&d);
-    assert_int_equal(status, 0);
-}
-
-// A test that failed leaves no daemon behind.
-static int teardown(void **state)
-{
-    if (d.pid) daemon_remove(&d);
-    return 0;
-}
+#include "lone_daemon.h"
 
 static void served(void)
 {

@@ -2,17 +2,15 @@
 // Poses: vertices that requests name by their content. Two people never move each other's;
 // poses are charged, evicted and missed; UPDATE_VERTICES has a precondition.
 #include "ask.h"
+#include "lone_daemon.h"
 
-static struct daemon d;
 static char model[ID_SIZE];
 enum { N = OCTAHEDRON_VERTICES };
 static float file_mm[N][3];
 
-static void begin(const char *const extra[])
+static void begin_with_model(const char *const extra[])
 {
-    setenv("MALLOC_PERTURB_", "165", 1);
-    daemon_folder(&d);
-    daemon_start(&d, extra);
+    begin(extra);
     struct relight_client *client = client_open(d.address);
     struct relight_geometry g;
     struct relight_error error;
@@ -21,19 +19,6 @@ static void begin(const char *const extra[])
     memcpy(file_mm, g.position, sizeof file_mm);
     relight_geometry_finish(&g);
     relight_close(client);
-}
-
-static void end(void)
-{
-    int status = daemon_end(&d);
-    daemon_remove(&d);
-    assert_int_equal(status, 0);
-}
-
-static int teardown(void **state)
-{
-    if (d.pid) daemon_remove(&d);
-    return 0;
 }
 
 static void scaled(float factor, float out[N][3])
@@ -84,7 +69,7 @@ static int picture(struct relight_client *client, const char *pose, char hash[65
 
 static void two_people_and_their_poses(void **state)
 {
-    begin(NULL);
+    begin_with_model(NULL);
     char address[80], mine[65], theirs[65], again[65];
     char file[65], tall[65], flat[65], now[65];
     struct relight_error error;
@@ -160,7 +145,7 @@ static void poses_have_a_limit(void **state)
     enum { EACH = N * 24 };
     char limit[16], pose[8][65], hash[65];
     snprintf(limit, sizeof limit, "%d", 4 * EACH);
-    begin((const char *const[]){"--client-poses", limit, NULL});
+    begin_with_model((const char *const[]){"--client-poses", limit, NULL});
     struct relight_client *a = client_open(d.address);
     struct relight_error error;
     put(a, 2, pose[0]);
@@ -188,7 +173,7 @@ static void poses_have_a_limit(void **state)
     end();
     // A pose that is larger than all that a client may have.
     snprintf(limit, sizeof limit, "%d", EACH - 1);
-    begin((const char *const[]){"--client-poses", limit, NULL});
+    begin_with_model((const char *const[]){"--client-poses", limit, NULL});
     a = client_open(d.address);
     float moved[N][3];
     scaled(2, moved);
@@ -200,7 +185,7 @@ static void poses_have_a_limit(void **state)
 
 static void poses_that_are_refused(void **state)
 {
-    begin(NULL);
+    begin_with_model(NULL);
     struct relight_client *a = client_open(d.address);
     struct relight_error error;
     char pose[65], hash[65], other[ID_SIZE];
@@ -237,7 +222,7 @@ static void poses_that_are_refused(void **state)
 
 static void vertices_with_a_precondition(void **state)
 {
-    begin(NULL);
+    begin_with_model(NULL);
     struct relight_client *a = client_open(d.address), *b = client_open(d.address);
     struct relight_error error;
     uint64_t seen = 0, generation = 0;

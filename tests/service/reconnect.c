@@ -2,30 +2,9 @@
 // A client over a restart of the daemon: GOAWAY, connecting again, events from the cursor on;
 // uploads that are listed and come back; WATCH of a model without a bake.
 #include "ask.h"
+#include "lone_daemon.h"
 
 #include <pthread.h>
-
-static struct daemon d;
-
-static void begin(const char *const extra[])
-{
-    setenv("MALLOC_PERTURB_", "165", 1);
-    daemon_folder(&d);
-    daemon_start(&d, extra);
-}
-
-static void end(void)
-{
-    int status = daemon_end(&d);
-    daemon_remove(&d);
-    assert_int_equal(status, 0);
-}
-
-static int teardown(void **state)
-{
-    if (d.pid) daemon_remove(&d);
-    return 0;
-}
 
 static struct relight_client *lasting_client(void)
 {

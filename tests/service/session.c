@@ -2,28 +2,7 @@
 // A connection from HELLO to GOAWAY: features and limits, versions, flags, ranges in errors,
 // and the daemon's farewell.
 #include "frames.h"
-
-static struct daemon d;
-
-static void begin(const char *const extra[])
-{
-    setenv("MALLOC_PERTURB_", "165", 1);
-    daemon_folder(&d);
-    daemon_start(&d, extra);
-}
-
-static void end(void)
-{
-    int status = daemon_end(&d);
-    daemon_remove(&d);
-    assert_int_equal(status, 0);
-}
-
-static int teardown(void **state)
-{
-    if (d.pid) daemon_remove(&d);
-    return 0;
-}
+#include "lone_daemon.h"
 
 static Relight__HelloAnswer *hello_of(struct frames *f, uint32_t low, uint32_t high)
 {

@@ -21,6 +21,84 @@ static unsigned add(struct vector *out, unsigned n, const char *name, const char
     return n + 1;
 }
 
+// Three vertices in two clusters: vertices 2 and 0 with one row, vertex 1 with two.
+static unsigned add_coefficients(struct vector *out, unsigned n)
+{
+    enum { LAST = RELIGHT_FRAME_LAST, ANSWER = RELIGHT_TYPE_ANSWER };
+    static Relight__FactorsRequest ask;
+    static Relight__FactorsAnswer factors;
+    static Relight__FactorTensor tensor, *tensors[] = {&tensor};
+    static union {
+        uint32_t words[64];
+        int16_t u[128];
+    } sections = {{2, 1, 1, 2, [16] = 2, 0, 1}};
+    relight__factors_request__init(&ask);
+    relight__factors_answer__init(&factors);
+    relight__factor_tensor__init(&tensor);
+    ask.model = "3f9ad2c1";
+    n = add(out, n, "factors", "C: FACTORS", 27, LAST, 20, &ask.base, NULL, 0);
+    sections.u[64] = 1 << 14, sections.u[66] = -(1 << 13);
+    sections.u[96] = 1 << 12, sections.u[97] = 1 << 11;
+    tensor.term = RELIGHT__TERM__TERM_MULTIPLE;
+    tensor.n_cluster = 2;
+    tensor.order_offset = 64;
+    tensor.u_offset = 128;
+    tensor.u_bytes = 128;
+    factors.factors = UINT64_C(0x1122334455667788);
+    factors.n_vertex = 3;
+    factors.n_tensors = 1;
+    factors.tensors = tensors;
+    n = add(out, n, "factors_answer",
+            "S: FACTORS, U/2^-20: 16384 -8192 of vertices 2 and 0, (4096 2048) of vertex 1",
+            27 | ANSWER, LAST, 20, &factors.base, &sections, sizeof sections);
+
+    static Relight__ColorsRequest request;
+    static Relight__Light light, *lights[] = {&light};
+    static Relight__ColorsAnswer answer;
+    static Relight__Coefficients coefficients;
+    static Relight__CoefficientLayer layer, *layers[] = {&layer};
+    static Relight__Outgoing outgoing, *outgoings[] = {&outgoing};
+    static float scale = 2;
+    static const uint16_t rows[9] = {0x3c00, 0x3800, 0x3400, 0x4000, 0, 0, 0, 0x4400, 0};
+    relight__colors_request__init(&request);
+    relight__light__init(&light);
+    relight__colors_answer__init(&answer);
+    relight__coefficients__init(&coefficients);
+    relight__coefficient_layer__init(&layer);
+    relight__outgoing__init(&outgoing);
+    light.env = "constant";
+    request.model = "3f9ad2c1";
+    request.n_lights = 1;
+    request.lights = lights;
+    request.format = RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS;
+    n = add(out, n, "coefficients_request", "C: COLORS, coefficients", 12, LAST, 21,
+            &request.base, NULL, 0);
+    layer.n_phase = 1;
+    layer.n_row = 3;
+    layer.n_scales = 1;
+    layer.scales = &scale;
+    outgoing.eta = 1.3f;
+    outgoing.roughness = 0.25f;
+    outgoing.mean = 0.5f;
+    outgoing.divisor = 1;
+    outgoing.view_slope = 0.5f;
+    coefficients.factors = factors.factors;
+    coefficients.n_layers = 1;
+    coefficients.layers = layers;
+    coefficients.n_outgoing = 1;
+    coefficients.outgoing = outgoings;
+    answer.n_vertex = 3;
+    answer.n_plane = 1;
+    answer.plane_bytes = sizeof rows;
+    answer.format = RELIGHT__COLOR_FORMAT__COLOR_COEFFICIENTS;
+    answer.generation = 1;
+    answer.coefficients = &coefficients;
+    return add(out, n, "coefficients_answer",
+               "S: COLORS: halves (1 .5 .25)(2 0 0)(0 4 0) times 2; M of vertex 2 is "
+               "(2 1 .5)/64, of vertex 1 (4 0 0)/256 + (0 8 0)/512, colours half of that",
+               12 | ANSWER, LAST, 21, &answer.base, rows, sizeof rows);
+}
+
 unsigned vectors_make(struct vector out[MAX_VECTOR])
 {
     enum { LAST = RELIGHT_FRAME_LAST, MORE = RELIGHT_FRAME_MORE, ANSWER = RELIGHT_TYPE_ANSWER };
@@ -425,5 +503,6 @@ unsigned vectors_make(struct vector out[MAX_VECTOR])
     token_made.info = &token_info;
     n = add(out, n, "token_create_answer", "S: TOKEN_CREATE, the secret of bytes 0 to 31",
             21 | ANSWER, LAST, 16, &token_made.base, NULL, 0);
+    n = add_coefficients(out, n);
     return n;
 }

@@ -574,7 +574,8 @@ enum relight_color_format {
     RELIGHT_COLOR_F32,
     RELIGHT_COLOR_F16,
     RELIGHT_COLOR_RGB9E5,
-    RELIGHT_COLOR_SRGB8
+    RELIGHT_COLOR_SRGB8,
+    RELIGHT_COLOR_COEFFICIENTS /* no colours: relight_coefficients_expand makes them */
 };
 /* X(NAME, number in the protocol, file ending; "": pixels without a file around them, or a
  * variant of another format's files) */
@@ -683,6 +684,18 @@ struct relight_colors_request {
     float exposure_ev; /* RELIGHT_COLOR_SRGB8 */
     enum relight_priority priority;
     const char *pose; /* of relight_put_pose; NULL: the model's vertices as they are */
+    /* RELIGHT_COLOR_COEFFICIENTS: rows of each cluster, 0: all; also the phases behind the
+     * first, which depend on the view */
+    uint32_t most_rank;
+    bool phases;
+};
+enum { RELIGHT_MOST_LAYERS = 4, RELIGHT_MOST_PHASES = 16, RELIGHT_MOST_RANK = 1 << 20 };
+/* Coefficients of one tensor of relight_factors: half [n_row][n_phase][3] at `offset` of each
+ * plane, times scale[plane]. */
+struct relight_layer {
+    uint32_t tensor, n_phase, n_row;
+    uint64_t offset;
+    const float *scale; /* [n_plane] */
 };
 struct relight_colors {
     uint32_t n_vertex, n_plane;
@@ -692,6 +705,12 @@ struct relight_colors {
     const void *data; /* plane i at i*plane_bytes, 64-byte aligned */
     struct relight_cost cost;
     void *owner;
+    /* RELIGHT_COLOR_COEFFICIENTS alone */
+    uint64_t factors; /* relight_factors.hash that they belong to */
+    uint32_t most_rank, n_layer;
+    struct relight_layer layer[RELIGHT_MOST_LAYERS];
+    size_t n_outgoing;
+    const void *outgoings; /* relight_colors_outgoing reads them */
 };
 
 /* Asks for one colour a vertex under each light, or under their sum.
@@ -726,9 +745,76 @@ void relight_colors_finish(struct relight_colors *colors);
 
 /* Turns a plane into linear RGB radiance.
  * plane: [0, n_plane). out [n_vertex][3].
- * Returns 0, or -RELIGHT_E_ARGUMENT where there is no such plane.
+ * Returns 0, or -RELIGHT_E_ARGUMENT where there is no such plane, or the format is
+ * RELIGHT_COLOR_COEFFICIENTS (relight_coefficients_colors).
  * Thread-safety: Safe. Does not block. */
 int relight_colors_decode(const struct relight_colors *colors, uint32_t plane, float *out);
+
+/* One tensor of baked transport. Cluster c has cluster[c][0] vertices, those at the positions
+ * behind the clusters before it, and a rank of cluster[c][1]. U of a cluster, i16
+ * [(rank + 1) / 2][P][2] with P its vertices rounded up to a multiple of 16, times 2^-20; the
+ * rank is most_rank of relight_factors where that is less and not 0. */
+struct relight_factor_tensor {
+    bool single; /* single scattering, else multiple */
+    uint32_t n_cluster;
+    const uint32_t (*cluster)[2]; /* [n_cluster] vertices, rank */
+    const uint32_t *order;        /* [n_vertex] file vertex at each position */
+    const int16_t *u;             /* [n_u], cluster after cluster */
+    uint64_t n_u;
+};
+struct relight_factors {
+    uint64_t hash; /* of the bake: relight_colors.factors */
+    uint32_t n_vertex, most_rank, n_tensor;
+    struct relight_factor_tensor tensor[RELIGHT_MOST_LAYERS];
+    void *owner;
+};
+
+/* Fetches the part of a model's transport that does not change with light and material. With
+ * it, colours in RELIGHT_COLOR_COEFFICIENTS, some 10 to 40 kB an answer, become colours here.
+ * most_rank: even; fewer columns of each cluster, which is less exact and smaller; 0: all.
+ * Returns 0 and *out, checked, to be freed by relight_factors_finish. -RELIGHT_E_UNSUPPORTED:
+ * the bake is not factored (sparse, polynomial). -RELIGHT_E_NOT_READY: no bake yet.
+ * Thread-safety: Safe. Blocks until the answer is here. */
+int relight_factors(struct relight_client *client, const char *model, uint32_t most_rank,
+                    struct relight_factors *out, struct relight_error *error);
+
+/* Frees what relight_factors put into *factors. Thread-safety: Safe for different structs.
+ * Does not block. */
+void relight_factors_finish(struct relight_factors *factors);
+
+/* From the sums of coefficients to radiance, at vertices of one translucent block: without an
+ * eye max(0, mean * (multiple + single[0])). PROTOCOL.md has the formula towards an eye. */
+struct relight_outgoing {
+    float eta, roughness;
+    float mean;       /* of the outgoing Fresnel transmittance, over divisor; 1 for one term */
+    float divisor;    /* of the Fresnel transmittance towards an eye */
+    float view_slope; /* single scattering towards an eye: 1 + view_slope (1 - cosine inside) */
+};
+/* Returns 0 and the values of a block of the geometry, or -RELIGHT_E_ARGUMENT where colours are
+ * not in RELIGHT_COLOR_COEFFICIENTS or there is no such block.
+ * Thread-safety: Safe. Does not block. */
+int relight_colors_outgoing(const struct relight_colors *colors, size_t block,
+                            struct relight_outgoing *out);
+
+/* Multiplies a plane of coefficients with U.
+ * n_phase: of single scattering, at most RELIGHT_MOST_PHASES; 0: single may be NULL.
+ * multiple [n_vertex][3], single [n_phase][n_vertex][3]: sums before everything that
+ * relight_outgoing describes, overwritten, in the order of relight_geometry.
+ * Returns 0. -RELIGHT_E_MISMATCH: the factors are of another bake: fetch them again.
+ * -RELIGHT_E_ARGUMENT: another format, or no such plane.
+ * Thread-safety: Safe. Does not block. */
+int relight_coefficients_expand(const struct relight_factors *factors,
+                                const struct relight_colors *colors, uint32_t plane,
+                                uint32_t n_phase, float *multiple, float *single,
+                                struct relight_error *error);
+
+/* The colours that the daemon would have sent, without an eye, to 0.1 % (RMS).
+ * block [n_block]: of relight_geometry or relight_info. out [n_vertex][3]: linear RGB radiance.
+ * Returns as relight_coefficients_expand. Thread-safety: Safe. Does not block. */
+int relight_coefficients_colors(const struct relight_factors *factors,
+                                const struct relight_colors *colors, uint32_t plane,
+                                size_t n_block, const struct relight_block *block, float *out,
+                                struct relight_error *error);
 
 struct relight_image_request {
     const char *model;
@@ -801,7 +887,9 @@ struct relight_view_request {
     uint64_t window_bytes;    /* a frame waits while frames on the way take more; 0: no limit */
     uint32_t frame_deadline_ms; /* a frame that takes longer is RELIGHT_E_DEADLINE; 0: none */
     enum relight_priority priority;
-    bool skip_equal;  /* frames equal to the one before come without their contents */
+    bool skip_equal;    /* frames equal to the one before come without their contents */
+    uint32_t most_rank; /* as in relight_colors_request */
+    bool phases;
     const char *pose; /* of relight_put_pose; NULL: the model's vertices as they are */
 };
 struct relight_frame_out {

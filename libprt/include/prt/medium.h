@@ -175,6 +175,9 @@ void prt_sh_eval(unsigned n_band, const float dir[3], float *out);
 int prt_view_correct(const struct prt_context *ctx, uint32_t n_vertex, uint32_t begin,
                      uint32_t end, const float (*normal)[3], double eta, unsigned n_phase,
                      unsigned n_plane, float *planes);
+/* The slope s of that correction: single scattering towards w_o' is that along -n_o times
+ * 1 + s (1 - mu_o'), mu_o' the cosine of w_o' with the normal. eta > 1. */
+float prt_view_slope(double eta);
 
 #ifdef __cplusplus
 }

@@ -137,7 +137,7 @@ void prt_mesh_uv(const struct prt_mesh *mesh, uint32_t triangle, unsigned set, f
 /* The same at the triangle's three corners. */
 void prt_mesh_corner_uv(const struct prt_mesh *mesh, uint32_t triangle, unsigned set,
                         float uv[3][2]);
-/* What a surface's maps say at a point. */
+/* The values of a surface's texture maps at a point. */
 struct prt_look {
     float base[4];     /* linear reflectance that light is multiplied with after scattering, and
                           alpha: base colour texture * COLOR_0, of translucent surfaces also * the

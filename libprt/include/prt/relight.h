@@ -177,6 +177,56 @@ int prt_answer_many(const struct prt_context *ctx, const struct prt_transport *t
                     unsigned n, const struct prt_query query[], const bool planes[],
                     float *const out[]);
 
+/* ---- coefficients: contractions that a viewer expands itself
+ * -------------------------------------------------------------------------------- */
+
+/* The contracted rows of one tensor: b[row][n_plane][3] = half * scale. Rows are those of the
+ * clusters in their order, of each the first `rank`, or most_rank where that is less. */
+struct prt_coefficient_layer {
+    uint32_t tensor, n_plane; /* index into the transport's tensors; planes 0 to n_plane - 1 */
+    uint32_t n_row;
+    float scale;  /* a power of two */
+    size_t begin; /* of its first half in `half`, a multiple of 32 */
+};
+struct prt_coefficients {
+    /* Set by the caller. */
+    uint32_t most_rank; /* rows of a cluster; 0: all. Later rows matter less */
+    bool phases;        /* the planes of a phase function that is not even */
+    uint16_t *half;     /* [n_half] */
+    /* Set by prt_coefficients_plan, the scales by prt_answer_coefficients. */
+    uint32_t n_layer;
+    struct prt_coefficient_layer layer[PRT_MOST_PARTS];
+    size_t n_half;
+};
+/* Finds the layers of a query and the number of halves; out->half is not read. Layers of
+ * multiple scattering have one plane. query->eye is ignored: the viewer applies what depends on
+ * the view. PRT_MISMATCH: sparse or polynomial storage. */
+int prt_coefficients_plan(const struct prt_context *ctx, const struct prt_transport *transport,
+                          const struct prt_query *query, struct prt_coefficients *out);
+/* Fills the halves and scales of n planned answers, n in [1, PRT_RELIGHT_MAX_LIGHTS], in one
+ * pass over the rows where they differ only in their lights. With U of each layer's tensor,
+ *     value[k][v] = sum over layers with a plane k of sum_r U[v][r] b[r][k],
+ * plane 0 of the layers of all terms together is prt_answer_planes' plane 0 of a view-less
+ * query, and planes k > 0 are single scattering's, to be multiplied by Y_k(w_o'); both before
+ * prt_view_correct, which the viewer replaces by the factor of prt_view_slope. */
+int prt_answer_coefficients(const struct prt_context *ctx,
+                            const struct prt_transport *transport, unsigned n,
+                            const struct prt_query query[],
+                            struct prt_coefficients *const out[]);
+
+/* What turns the sum of the layers into radiance at translucent vertices of one medium: without an eye
+ * colour = max(0, mean * value), towards an eye max(0, F_t(eta, w_o) / divisor * value). For
+ * terms other than the total both factors are 1. */
+struct prt_outgoing {
+    float eta, roughness;
+    float mean;       /* of F_t over the hemisphere, over divisor; 1 for a part of the total */
+    float divisor;    /* of F_t */
+    float view_slope; /* of single scattering: prt_view_slope */
+};
+/* At vertices of an object that has this material. */
+void prt_outgoing_of(const struct prt_material *material, enum prt_answer_term term,
+                     struct prt_outgoing *out);
+
 /* The largest part of R_d (of e^(-sigma_t r)) that a radial basis may lose of a material. */
 #define PRT_MATERIAL_MOST_ERROR 0.10
 /* The same for X07's own bases, polynomials and hats, which serve for comparison. */

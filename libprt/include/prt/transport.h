@@ -158,6 +158,8 @@ int prt_file_open_memory(const struct prt_context *ctx, const char *name, const 
                          size_t n, enum prt_file_check check, struct prt_file **out);
 const struct prt_transport *prt_file_transport(const struct prt_file *file);
 uint64_t prt_file_bytes(const struct prt_file *file);
+/* A hash of the file's whole content: of its header and the checksums of its sections. */
+uint64_t prt_file_hash(const struct prt_file *file);
 void prt_file_close(struct prt_file *file); /* NULL: nothing */
 /* Whether the file begins with a .prt's magic number; reads 8 bytes and logs nothing. */
 bool prt_file_probe(const char *path);

@@ -22,7 +22,7 @@ struct serve_flow {
     char error[160]; // of the first other error
 };
 
-// Runs the loop for warm_s and then, counting, for seconds; waits for what is open.
+// Runs the loop for warm_s, then counts for `seconds`, then waits for the answers still open.
 int serve_run(struct serve_crowd *crowd, struct serve_flow *flow, double warm_s,
               double seconds);
 // Counts one answer; a crowd's callback where its user is a struct serve_flow.

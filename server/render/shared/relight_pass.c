@@ -67,42 +67,58 @@ static int allocate_values(const struct prt_context *ctx, struct pass_item *item
 {
     const struct prt_transport *t = file_transport(item);
     struct prt_query query = item_query(item);
+    struct prt_coefficients rows = {.most_rank = item->query.most_rank,
+                                    .phases = item->query.phases};
     struct vertex_values *values;
     unsigned n_plane = 1;
     double error = 0;
-    int status =
-        item->query.planes ? prt_answer_planes(ctx, t, &query, &n_plane, NULL) : PRT_OK;
+    int status = item->query.coefficients ? prt_coefficients_plan(ctx, t, &query, &rows)
+                 : item->query.planes     ? prt_answer_planes(ctx, t, &query, &n_plane, NULL)
+                                          : PRT_OK;
     if (!status && query.media.n)
         status = prt_answer_material_error(ctx, t, &query.media, query.term, &error);
     if (status) return status;
-    item->job.bytes = sizeof *values + (size_t)n_plane * t->mesh.n_vertex * 3 * sizeof(float);
+    const size_t each = (size_t)t->mesh.n_vertex * 3 * sizeof(float);
+    item->job.bytes =
+        sizeof *values +
+        (item->query.coefficients ? rows.n_half * sizeof(uint16_t) : n_plane * each);
     item->job.value = values = malloc(item->job.bytes);
     if (!values) return PRT_NOMEM;
+    if (item->query.coefficients) memset(values, 0, item->job.bytes); // between layers
+    values->coefficients = rows;
+    values->coefficients.half = (uint16_t *)values->values;
     values->n_plane = n_plane;
     values->n_vertex = t->mesh.n_vertex;
     values->material_error = (float)error;
     return PRT_OK;
 }
 
-// Evaluates items of the same transport together: they share one reading of it.
+// Evaluates items of the same transport and kind together: they share one reading of it.
 static int evaluate(const struct prt_context *ctx, struct pass_item *const item[], unsigned n)
 {
     struct prt_query query[PRT_RELIGHT_MAX_LIGHTS];
     bool planes[PRT_RELIGHT_MAX_LIGHTS], done[PRT_RELIGHT_MAX_LIGHTS] = {false};
     float *out[PRT_RELIGHT_MAX_LIGHTS];
+    struct prt_coefficients *rows[PRT_RELIGHT_MAX_LIGHTS];
     int status = PRT_OK;
     for (unsigned first = 0; first < n && !status; first++) {
         const struct prt_transport *t = item_transport(item[first]);
+        const bool coefficients = item[first]->query.coefficients;
         unsigned m = 0;
         for (unsigned i = first; i < n; i++) {
-            if (done[i] || item_transport(item[i]) != t) continue;
+            struct vertex_values *values = item[i]->job.value;
+            if (done[i] || item_transport(item[i]) != t ||
+                item[i]->query.coefficients != coefficients)
+                continue;
             done[i] = true;
             query[m] = item_query(item[i]);
             if (item[i]->contracted_material) query[m].media.n = 0; // they are in t already
             planes[m] = item[i]->query.planes;
-            out[m++] = ((struct vertex_values *)item[i]->job.value)->values;
+            rows[m] = &values->coefficients;
+            out[m++] = values->values;
         }
-        if (m) status = prt_answer_many(ctx, t, m, query, planes, out);
+        if (m && coefficients) status = prt_answer_coefficients(ctx, t, m, query, rows);
+        else if (m) status = prt_answer_many(ctx, t, m, query, planes, out);
     }
     return status;
 }

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: MIT
+// What a daemon computes for a frame of coefficients: the contraction, and rounding to halves.
+#include "bench.h"
+#include "prt/relight.h"
+
+#include <string.h>
+
+enum { MOST = PRT_RELIGHT_MAX_LIGHTS };
+
+struct job {
+    struct bench_env *env;
+    const struct prt_transport *transport;
+    struct prt_query query[MOST];
+    struct prt_coefficients rows[MOST], *out[MOST];
+};
+
+struct turn {
+    struct job *job;
+    unsigned n_light;
+};
+
+static int run_turn(void *arg)
+{
+    const struct turn *turn = arg;
+    struct job *job = turn->job;
+    return prt_answer_coefficients(&job->env->ctx, job->transport, turn->n_light, job->query,
+                                   job->out);
+}
+
+static int prepare(struct bench_env *env, struct job *job, struct prt_cube cube[MOST])
+{
+    int status = PRT_OK;
+    for (unsigned i = 0; i < MOST && !status; i++) {
+        job->out[i] = &job->rows[i];
+        status = bench_cube(job->transport->cube, env->seed + i, &cube[i]);
+        job->query[i] = (struct prt_query){.term = PRT_ANSWER_TOTAL, .light = &cube[i]};
+        if (!status)
+            status =
+                prt_coefficients_plan(&env->ctx, job->transport, &job->query[i], job->out[i]);
+        job->rows[i].half = prt_alloc(job->rows[i].n_half + 1, sizeof(uint16_t));
+        if (!job->rows[i].half) status = PRT_NOMEM;
+    }
+    return status;
+}
+
+// One light, eight and sixteen in one pass, in turns.
+static int frames(struct bench_env *env, const struct prt_transport *t)
+{
+    static const char *const label[3] = {"coefficients", "coefficients_8", "coefficients_16"};
+    struct job job = {.env = env, .transport = t};
+    struct turn turn[3] = {{&job, 1}, {&job, 8}, {&job, 16}};
+    struct prt_cube cube[MOST] = {0};
+    int status = prepare(env, &job, cube);
+    for (int i = 0; i < 3 && !status; i++) {
+        void *const turns[2] = {&turn[0], &turn[i]};
+        struct bench_time time[2];
+        status = bench_compare(env, run_turn, turns, time);
+        if (status) break;
+        bench_begin(env, label[i]);
+        bench_number("vertices", t->mesh.n_vertex);
+        bench_number("lights", turn[i].n_light);
+        bench_number("bytes_a_frame", 2.0 * (double)job.rows[0].n_half);
+        bench_number("ms", 1e3 * time[1].best);
+        bench_number("ms_a_frame", 1e3 * time[1].best / turn[i].n_light);
+        bench_number("ms_a_frame_median", 1e3 * time[1].median / turn[i].n_light);
+        bench_number("target_ms_a_frame", 1);
+        bench_end();
+    }
+    for (unsigned i = 0; i < MOST; i++) {
+        prt_cube_finish(&cube[i]);
+        prt_free(job.rows[i].half);
+    }
+    return status;
+}
+
+static int coefficients(struct bench_env *env)
+{
+    struct prt_file *f;
+    if (!env->file) return PRT_OK;
+    int status = prt_file_open(&env->ctx, env->file, PRT_FILE_CHECK_HEADERS, &f);
+    if (status) return status;
+    status = frames(env, prt_file_transport(f));
+    prt_file_close(f);
+    return status;
+}
+
+BENCH(coefficients, "Frames of coefficients of a wavelet --file; --threads 1: of one core",
+      coefficients)

@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: MIT
+// Contract of prt/trace.h: a ray meets the triangle that a search through all of them finds, at
+// the same distance, and its barycentric coordinates name the same point.
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <string.h>
+
+#include "bodies.h"
+#include "expect.h"
+#include "prt/trace.h"
+
+static struct prt_context context;
+static struct prt_mesh *mesh;
+static struct prt_scene *scene;
+
+static double dents(double theta, double phi)
+{
+    return 8 + 1.5 * sin(3 * phi) * sin(theta) * sin(theta);
+}
+
+static void corners(uint32_t triangle, double p[3][3])
+{
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++)
+            p[i][k] = (double)mesh->position[mesh->triangle[triangle][i]][k];
+}
+
+static void cross(const double a[3], const double b[3], double out[3])
+{
+    for (int k = 0; k < 3; k++)
+        out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+}
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+// Distance at which the ray meets a triangle, or infinity; *edge is the least barycentric
+// coordinate: near 0 the neighbour is as good an answer.
+static double distance_to(uint32_t triangle, const double o[3], const double d[3], double *edge)
+{
+    double p[3][3], e1[3], e2[3], n[3], to[3], q[3];
+    corners(triangle, p);
+    for (int k = 0; k < 3; k++)
+        e1[k] = p[1][k] - p[0][k], e2[k] = p[2][k] - p[0][k], to[k] = p[0][k] - o[k];
+    cross(e1, e2, n);
+    double det = dot(n, d), t = dot(n, to) / det;
+    cross(to, d, q);
+    double u = dot(q, e2) / det, v = -dot(q, e1) / det;
+    *edge = fmin(fmin(u, v), 1 - u - v);
+    return *edge >= 0 ? t : INFINITY;
+}
+
+// The nearest triangle of all; UINT32_MAX: none, or the ray passes within 1e-4 of an edge,
+// which *sure tells.
+static uint32_t nearest(const double o[3], const double d[3], double tnear, double tfar,
+                        double *t, bool *sure)
+{
+    uint32_t found = UINT32_MAX;
+    *t = tfar;
+    *sure = true;
+    for (uint32_t i = 0; i < mesh->n_triangle; i++) {
+        double edge, at = distance_to(i, o, d, &edge);
+        if (fabs(edge) < 1e-4 || fabs(at - tnear) < 1e-4 || fabs(at - tfar) < 1e-4)
+            *sure = false;
+        if (at > tnear && at < *t) *t = at, found = i;
+    }
+    return found;
+}
+
+static void random_packet(struct prt_rng *rng, struct prt_packet *p)
+{
+    for (int i = 0; i < 16; i++) {
+        float o[3], d[3];
+        bool inside = prt_rng_f32(rng) < 0.5f;
+        for (int k = 0; k < 3; k++) {
+            o[k] = (prt_rng_f32(rng) - 0.5f) * (inside ? 6 : 40);
+            d[k] = inside ? prt_rng_f32(rng) - 0.5f : (prt_rng_f32(rng) - 0.5f) * 16 - o[k];
+        }
+        p->ox[i] = o[0], p->oy[i] = o[1], p->oz[i] = o[2];
+        p->dx[i] = d[0], p->dy[i] = d[1], p->dz[i] = d[2];
+        p->tnear[i] = prt_rng_f32(rng) < 0.2f ? 0.3f : 0;
+        p->tfar[i] = prt_rng_f32(rng) < 0.3f ? 0.6f : 1e3f;
+    }
+}
+
+// The point and the normal that lane i names, against the search's distance and triangle.
+static void lane_agrees(const struct prt_packet *p, int i, uint32_t triangle, double t)
+{
+    double c[3][3], e1[3], e2[3], n[3], u = (double)p->u[i], v = (double)p->v[i];
+    const double o[3] = {(double)p->ox[i], (double)p->oy[i], (double)p->oz[i]};
+    const double d[3] = {(double)p->dx[i], (double)p->dy[i], (double)p->dz[i]};
+    const double g[3] = {(double)p->gx[i], (double)p->gy[i], (double)p->gz[i]};
+    assert_int_equal(p->triangle[i], triangle);
+    expect_near("distance over the search's", (double)p->t[i] / t, 1, 2e-6);
+    corners(triangle, c);
+    for (int k = 0; k < 3; k++) e1[k] = c[1][k] - c[0][k], e2[k] = c[2][k] - c[0][k];
+    cross(e1, e2, n);
+    for (int k = 0; k < 3; k++) {
+        expect_near("point of the coordinates [mm]", c[0][k] + u * e1[k] + v * e2[k],
+                    o[k] + t * d[k], 6e-6);
+        expect_near("normal, of its length", g[k] / sqrt(dot(n, n)), n[k] / sqrt(dot(n, n)),
+                    5e-7);
+    }
+}
+
+// Contract of prt_scene_intersect16 and prt_scene_occluded16: as above for the lanes of the
+// mask; the others miss.
+static void packets_meet_what_a_search_finds(void **state)
+{
+    struct prt_rng rng;
+    uint32_t hits = 0, misses = 0;
+    (void)state;
+    prt_rng_init(&rng, 11, 0);
+    for (int round = 0; round < 40; round++) {
+        struct prt_packet p;
+        uint32_t mask = round % 3 ? prt_rng_u32(&rng) & 0xffff : 0xffff;
+        random_packet(&rng, &p);
+        uint32_t blocked = prt_scene_occluded16(scene, &p, mask);
+        prt_scene_intersect16(scene, &p, mask, round % 2);
+        assert_int_equal(blocked & ~mask, 0);
+        for (int i = 0; i < 16; i++) {
+            const double o[3] = {(double)p.ox[i], (double)p.oy[i], (double)p.oz[i]};
+            const double d[3] = {(double)p.dx[i], (double)p.dy[i], (double)p.dz[i]};
+            double t;
+            bool sure;
+            uint32_t triangle = nearest(o, d, (double)p.tnear[i], (double)p.tfar[i], &t, &sure);
+            if (!sure) continue;
+            if (!(mask >> i & 1)) triangle = UINT32_MAX;
+            assert_int_equal(blocked >> i & 1, triangle != UINT32_MAX);
+            if (triangle != UINT32_MAX) {
+                lane_agrees(&p, i, triangle, t);
+                hits++;
+                continue;
+            }
+            assert_int_equal(p.triangle[i], UINT32_MAX);
+            assert_true(p.t[i] == p.tfar[i] && p.u[i] == 0 && p.v[i] == 0);
+            misses += mask >> i & 1;
+        }
+    }
+    expect_above("rays that hit", hits, 200);
+    expect_above("rays that missed", misses, 50);
+}
+
+// Contract of prt_scene_intersect: the same for one ray; at a seam, too, something is hit.
+static void one_ray_meets_the_same(void **state)
+{
+    struct prt_rng rng;
+    (void)state;
+    prt_rng_init(&rng, 12, 0);
+    for (int round = 0; round < 400; round++) {
+        struct prt_packet p;
+        float t, u, v;
+        uint32_t triangle;
+        random_packet(&rng, &p);
+        const float o[3] = {p.ox[0], p.oy[0], p.oz[0]}, d[3] = {p.dx[0], p.dy[0], p.dz[0]};
+        bool hit =
+            prt_scene_intersect(scene, o, d, p.tnear[0], p.tfar[0], &t, &triangle, &u, &v);
+        prt_scene_intersect16(scene, &p, 1, false);
+        if (p.triangle[0] == UINT32_MAX) continue;
+        assert_true(hit);
+        assert_int_equal(triangle, p.triangle[0]);
+        assert_true(t == p.t[0] && u == p.u[0] && v == p.v[0]);
+    }
+    for (uint32_t i = 0; i < mesh->n_vertex; i++) { // from the middle straight at a vertex
+        const float *x = mesh->position[i];
+        float o[3] = {0, 0, 0}, t, u, v;
+        uint32_t triangle;
+        assert_true(prt_scene_intersect(scene, o, x, 0, 2, &t, &triangle, &u, &v));
+        expect_near("distance to a vertex", t, 1, 1.5e-4);
+    }
+}
+
+// Contract of prt_scene_epsilon: 1e-4 of the mean edge, 1e-6 of the diagonal at least.
+static void epsilon_is_small(void **state)
+{
+    double sum = 0, diagonal = 2 * sqrt(3) * 9.5;
+    (void)state;
+    for (uint32_t i = 0; i < mesh->n_triangle; i++) {
+        double p[3][3], e[3];
+        corners(i, p);
+        for (int k = 0; k < 3; k++) e[k] = p[1][k] - p[0][k];
+        sum += sqrt(dot(e, e));
+    }
+    double mean = sum / mesh->n_triangle;
+    expect_close("epsilon over the mean edge", prt_scene_epsilon(scene) / mean, 1e-4, 1e-6);
+    expect_above("epsilon over the diagonal", prt_scene_epsilon(scene) / diagonal, 1e-6);
+}
+
+int main(void)
+{
+    struct model m;
+    prt_context_init(&context);
+    model_init(&m, 24 * 13, 24 * 12 * 2);
+    add_ball(&m, 24, 12, 12, dents);
+    mesh = body_mesh(&context, &m, false);
+    if (prt_scene_create(&context, mesh, &scene)) return 1;
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(packets_meet_what_a_search_finds),
+        cmocka_unit_test(one_ray_meets_the_same),
+        cmocka_unit_test(epsilon_is_small),
+    };
+    int failed = run_physics_tests(tests, NULL, NULL);
+    prt_scene_destroy(scene);
+    prt_mesh_destroy(mesh);
+    return failed;
+}

@@ -1,0 +1,388 @@
+// SPDX-License-Identifier: MIT
+// Coefficients: contracted rows that the client multiplies with FACTORS give the colours that
+// the daemon computes, without an eye and towards one, for several lights, in views, and with
+// fewer rows. Transports are made up, so that no bake is waited for.
+#include "frames.h"
+
+#include <math.h>
+
+#include "prt/relight.h"
+#include "synthetic.h"
+
+enum { N = 1357, CUBE = 16 };
+static struct daemon d;
+static struct relight_client *client;
+static struct relight_error error;
+static const struct relight_light light = {.env = "constant:1,2,0.5"};
+
+static const struct synthetic_options shared = {.n_vertex = N,
+                                                .n_cluster = 7,
+                                                .rank = 19,
+                                                .n_phase = 1,
+                                                .cube = CUBE,
+                                                .coefs = 60,
+                                                .seed = 1};
+
+// multiple: pairs; single: halves of n_phase planes; sparse: the second tensor is.
+static void write_model(const char *name, float g, uint32_t n_phase, bool opaque, bool sparse)
+{
+    struct prt_context ctx;
+    struct synthetic_options a = shared, b = shared;
+    struct prt_transport t = {.cube = CUBE, .n_tensor = 2};
+    char path[160];
+    t.material = (struct prt_material){.sigma_s_prime = {1, 1.5f, 2},
+                                       .sigma_a = {0.01f, 0.02f, 0.03f},
+                                       .g = {g, g, g},
+                                       .eta = 1.4f,
+                                       .roughness = 0.25f};
+    prt_context_init(&ctx);
+    a.value = PRT_VALUE_PAIR;
+    b.value = PRT_VALUE_F16;
+    b.term = PRT_TERM_SINGLE;
+    b.seed = 2;
+    b.n_phase = n_phase;
+    b.n_cluster = 5;
+    b.rank = 24;
+    b.storage = sparse ? PRT_STORAGE_SPARSE : PRT_STORAGE_FACTORED;
+    assert_int_equal(synthetic_mesh(N, opaque, &t.mesh), 0);
+    assert_int_equal(synthetic_tensor(&a, &t.tensor[0]), 0);
+    assert_int_equal(synthetic_tensor(&b, &t.tensor[1]), 0);
+    snprintf(path, sizeof path, "%s/%s", d.models, name);
+    assert_int_equal(prt_file_write(&ctx, path, &t), 0);
+    synthetic_tensor_finish(&t.tensor[0]);
+    synthetic_tensor_finish(&t.tensor[1]);
+    synthetic_mesh_finish(&t.mesh);
+    struct relight_load load = {.path = name};
+    struct relight_loaded loaded;
+    OK(relight_load(client, &load, &loaded, &error));
+    relight_loaded_finish(&loaded);
+}
+
+static int group_begin(void **state)
+{
+    daemon_folder(&d);
+    daemon_start(&d, NULL);
+    client = client_open(d.address);
+    write_model("even.prt", 0, 1, false, false);
+    write_model("phases.prt", 0.3f, 4, false, false);
+    write_model("opaque.prt", 0, 1, true, false);
+    write_model("sparse.prt", 0, 1, false, true);
+    return 0;
+}
+
+static int group_end(void **state)
+{
+    relight_close(client);
+    int status = daemon_end(&d);
+    daemon_remove(&d);
+    return status;
+}
+
+static float cube[2][CUBE * CUBE * 18];
+
+// Two lights with directions, so that colours differ from vertex to vertex.
+static void some_lights(struct relight_light out[2])
+{
+    for (int l = 0; l < 2; l++) {
+        for (int i = 0; i < CUBE * CUBE * 18; i++)
+            cube[l][i] = (float)((i * 7 + l * 3) % 13) * (i < 2000 ? 3 : 0.5f);
+        out[l] = (struct relight_light){.cube_n = CUBE, .cube = cube[l]};
+    }
+}
+
+static double rmse(const float *got, const float *want, size_t n)
+{
+    double difference = 0, sum = 0;
+    for (size_t i = 0; i < n; i++) {
+        difference += ((double)got[i] - (double)want[i]) * ((double)got[i] - (double)want[i]);
+        sum += (double)want[i] * (double)want[i];
+    }
+    assert_true(sum > 0);
+    return sqrt(difference / sum);
+}
+
+static void ask(struct relight_colors_request *request, enum relight_color_format format,
+                struct relight_colors *out)
+{
+    request->format = format;
+    OK(relight_colors(client, request, out, &error));
+    assert_int_equal(out->n_vertex, N);
+}
+
+// The planes of both formats differ by at most `most`.
+static void compare(struct relight_colors_request request,
+                    const struct relight_factors *factors, double most)
+{
+    const struct relight_block all = {.translucent = true, .n_vertex = N};
+    static float got[3 * N], want[3 * N];
+    struct relight_colors rows, colors;
+    ask(&request, RELIGHT_COLOR_COEFFICIENTS, &rows);
+    ask(&request, RELIGHT_COLOR_F32, &colors);
+    assert_int_equal(rows.n_plane, colors.n_plane);
+    assert_true(rows.plane_bytes < colors.plane_bytes / 2);
+    for (uint32_t i = 0; i < rows.n_plane; i++) {
+        OK(relight_coefficients_colors(factors, &rows, i, 1, &all, got, &error));
+        OK(relight_colors_decode(&colors, i, want));
+        double difference = rmse(got, want, 3 * N);
+        if (!(difference <= most))
+            fail_msg("%s term %d plane %u: relative RMSE %.3g", request.model,
+                     request.shade.term, i, difference);
+    }
+    relight_colors_finish(&rows);
+    relight_colors_finish(&colors);
+}
+
+// Colours of every term, of one light, of two, of their sum.
+static void equal_colors(void **state)
+{
+    static const enum relight_term terms[] = {RELIGHT_TERM_TOTAL, RELIGHT_TERM_MULTIPLE,
+                                              RELIGHT_TERM_SINGLE};
+    static const char *const models[] = {"even.prt", "phases.prt"};
+    struct relight_light two[2];
+    some_lights(two);
+    for (int m = 0; m < 2; m++) {
+        struct relight_factors factors;
+        OK(relight_factors(client, models[m], 0, &factors, &error));
+        assert_int_equal(factors.n_tensor, 2);
+        for (int t = 0; t < 3; t++) {
+            struct relight_colors_request request = {
+                .model = models[m], .n_light = 1, .lights = two, .shade.term = terms[t]};
+            compare(request, &factors, 1e-3);
+            request.n_light = 2;
+            compare(request, &factors, 1e-3);
+            request.sum = true;
+            compare(request, &factors, 1e-3);
+        }
+        relight_factors_finish(&factors);
+    }
+}
+
+// PROTOCOL.md's formula at one vertex, with what the client received.
+static void toward_eye(const struct relight_outgoing *o, const float n[3], const float w[3],
+                       const float *multiple, const float *single, unsigned n_phase,
+                       float out[3])
+{
+    const float mu = n[0] * w[0] + n[1] * w[1] + n[2] * w[2], eta = o->eta;
+    const float inside = sqrtf(1 - (1 - mu * mu) / (eta * eta));
+    const float rs = (mu - eta * inside) / (mu + eta * inside);
+    const float rp = (eta * mu - inside) / (eta * mu + inside);
+    const float transmittance = (1 - 0.5f * (rs * rs + rp * rp)) / o->divisor;
+    float in[3];
+    for (int i = 0; i < 3; i++) in[i] = w[i] / eta + (inside - mu / eta) * n[i];
+    const float y[4] = {1, 0.488603f * in[1], 0.488603f * in[2], 0.488603f * in[0]};
+    for (int c = 0; c < 3; c++) {
+        float sum = 0;
+        for (unsigned k = 0; k < n_phase; k++) sum += y[k] * single[k * 3 * N + (unsigned)c];
+        sum = multiple[c] + (1 + o->view_slope * (1 - inside)) * sum;
+        out[c] = mu > 0 ? fmaxf(0, transmittance * sum) : 0;
+    }
+}
+
+// Colours towards an eye from one answer without an eye: exact for a medium that scatters
+// evenly, and to the 2 % of the daemon's own fit (METHODS 3.6) for others.
+static void equal_colors_toward_an_eye(void **state)
+{
+    static const char *const models[] = {"even.prt", "phases.prt"};
+    static float multiple[3 * N], single[4 * 3 * N], got[3 * N], want[3 * N];
+    struct relight_light two[2];
+    some_lights(two);
+    for (int m = 0; m < 2; m++) {
+        struct relight_factors factors;
+        struct relight_geometry g;
+        struct relight_colors rows, colors;
+        struct relight_outgoing outgoing;
+        struct relight_colors_request request = {
+            .model = models[m], .n_light = 1, .lights = two, .phases = true};
+        OK(relight_factors(client, models[m], 0, &factors, &error));
+        OK(relight_geometry(client, models[m], true, &g, &error));
+        ask(&request, RELIGHT_COLOR_COEFFICIENTS, &rows);
+        assert_int_equal(rows.layer[1].n_phase, m ? 4 : 1);
+        OK(relight_coefficients_expand(&factors, &rows, 0, 4, multiple, single, &error));
+        assert_int_equal(relight_colors_outgoing(&rows, 0, &outgoing), 0);
+        request.shade = (struct relight_shade){.has_eye = true, .eye = {3, 9, 4}};
+        ask(&request, RELIGHT_COLOR_F32, &colors);
+        OK(relight_colors_decode(&colors, 0, want));
+        for (int v = 0; v < N; v++) {
+            float w[3], length = 0;
+            for (int i = 0; i < 3; i++) {
+                w[i] = request.shade.eye[i] - g.position[v][i];
+                length += w[i] * w[i];
+            }
+            for (int i = 0; i < 3; i++) w[i] /= sqrtf(length);
+            toward_eye(&outgoing, g.normal[v], w, multiple + 3 * v, single + 3 * v, m ? 4 : 1,
+                       got + 3 * v);
+        }
+        double difference = rmse(got, want, 3 * N);
+        if (!(difference <= (m ? 0.02 : 1e-3)))
+            fail_msg("%s: relative RMSE %.3g", models[m], difference);
+        relight_colors_finish(&rows);
+        relight_colors_finish(&colors);
+        relight_factors_finish(&factors);
+        relight_geometry_finish(&g);
+    }
+}
+
+// Fewer rows of coefficients, fewer columns of U, or both: the same sums.
+static void fewer_rows(void **state)
+{
+    const struct relight_block all = {.translucent = true, .n_vertex = N};
+    static float both[3 * N], rows_alone[3 * N], columns_alone[3 * N];
+    struct relight_factors whole, few;
+    struct relight_colors all_rows, few_rows;
+    struct relight_light two[2];
+    some_lights(two);
+    struct relight_colors_request request = {
+        .model = "even.prt", .n_light = 1, .lights = two, .format = RELIGHT_COLOR_COEFFICIENTS};
+    OK(relight_factors(client, "even.prt", 0, &whole, &error));
+    OK(relight_factors(client, "even.prt", 8, &few, &error));
+    assert_int_equal(few.hash, whole.hash);
+    assert_true(few.tensor[0].n_u < whole.tensor[0].n_u / 2);
+    OK(relight_colors(client, &request, &all_rows, &error));
+    request.most_rank = 8;
+    OK(relight_colors(client, &request, &few_rows, &error));
+    assert_true(few_rows.plane_bytes < all_rows.plane_bytes / 2);
+    OK(relight_coefficients_colors(&few, &few_rows, 0, 1, &all, both, &error));
+    OK(relight_coefficients_colors(&whole, &few_rows, 0, 1, &all, rows_alone, &error));
+    OK(relight_coefficients_colors(&few, &all_rows, 0, 1, &all, columns_alone, &error));
+    assert_memory_equal(both, rows_alone, sizeof both);
+    assert_true(rmse(columns_alone, both, 3 * N) < 1e-3);
+    relight_colors_finish(&all_rows);
+    relight_colors_finish(&few_rows);
+    relight_factors_finish(&whole);
+    relight_factors_finish(&few);
+}
+
+// U that is fetched in two parts has the numbers of the whole.
+static void factors_in_parts(void **state)
+{
+    struct frames *f = frames_open(&d);
+    uint64_t bytes[3];
+    for (unsigned i = 0; i < 3; i++) {
+        Relight__FactorsRequest m = RELIGHT__FACTORS_REQUEST__INIT;
+        struct frames_answer a;
+        ProtobufCMessage *message = NULL;
+        m.model = "even.prt";
+        m.first = i == 2 ? 8 : 0;
+        m.most_rank = i == 1 ? 8 : 0;
+        frames_add(f, RELIGHT_TYPE_FACTORS, 50 + i, &m.base, NULL, 0);
+        frames_send(f);
+        assert_true(frames_next(f, &a, 20000, &message));
+        assert_int_equal(a.type, RELIGHT_TYPE_FACTORS | RELIGHT_TYPE_ANSWER);
+        const Relight__FactorsAnswer *answer = (Relight__FactorsAnswer *)message;
+        bytes[i] = answer->tensors[0]->u_bytes;
+        assert_int_equal(answer->tensors[0]->order_offset > 0, i < 2);
+        protobuf_c_message_free_unpacked(message, NULL);
+    }
+    assert_true(bytes[1] && bytes[2]);
+    assert_int_equal(bytes[0], bytes[1] + bytes[2]);
+    frames_close(f);
+}
+
+static void expect_refused(struct relight_colors_request request, int code, const char *word)
+{
+    struct relight_colors colors;
+    request.n_light = 1;
+    request.lights = &light;
+    request.format = RELIGHT_COLOR_COEFFICIENTS;
+    int status = relight_colors(client, &request, &colors, &error);
+    if (status != -code || !strstr(error.text, word))
+        fail_msg("%d %s, expected %d with %s", -status, error.text, code, word);
+}
+
+static void refusals(void **state)
+{
+    struct relight_factors factors;
+    struct relight_shade toward = {.has_eye = true}, traced = {.term = RELIGHT_TERM_IRRADIANCE};
+    expect_refused((struct relight_colors_request){.model = "sparse.prt"},
+                   RELIGHT_E_UNSUPPORTED, "take colours");
+    expect_refused((struct relight_colors_request){.model = "opaque.prt"}, RELIGHT_E_MISMATCH,
+                   "take colours");
+    expect_refused((struct relight_colors_request){.model = "even.prt", .shade = toward},
+                   RELIGHT_E_BAD_REQUEST, "shade.eye");
+    expect_refused((struct relight_colors_request){.model = "even.prt", .shade = traced},
+                   RELIGHT_E_UNSUPPORTED, "irradiance");
+    assert_int_equal(relight_factors(client, "sparse.prt", 0, &factors, &error),
+                     -RELIGHT_E_UNSUPPORTED);
+    assert_int_equal(relight_factors(client, "even.prt", 7, &factors, &error),
+                     -RELIGHT_E_OUT_OF_RANGE);
+    assert_int_equal(relight_factors(client, "nobody", 0, &factors, &error),
+                     -RELIGHT_E_NOT_FOUND);
+}
+
+// Coefficients of one bake and factors of another are not multiplied.
+static void factors_of_another_bake(void **state)
+{
+    const struct relight_block all = {.translucent = true, .n_vertex = N};
+    static float out[3 * N];
+    struct relight_factors factors;
+    struct relight_colors rows;
+    struct relight_colors_request request = {
+        .model = "even.prt", .n_light = 1, .lights = &light};
+    OK(relight_factors(client, "phases.prt", 0, &factors, &error));
+    ask(&request, RELIGHT_COLOR_COEFFICIENTS, &rows);
+    assert_int_equal(relight_coefficients_colors(&factors, &rows, 0, 1, &all, out, &error),
+                     -RELIGHT_E_MISMATCH);
+    assert_int_equal(relight_colors_decode(&rows, 0, out), -RELIGHT_E_ARGUMENT);
+    relight_colors_finish(&rows);
+    relight_factors_finish(&factors);
+}
+
+// Frames of a view are those of COLORS; views of equal states share them, and a view changes
+// its number of rows and its format while it is open.
+static void views(void **state)
+{
+    const struct relight_block all = {.translucent = true, .n_vertex = N};
+    static float got[3 * N], want[3 * N];
+    struct relight_view *view[2];
+    struct relight_view_request request = {.model = "even.prt",
+                                           .n_light = 1,
+                                           .lights = &light,
+                                           .colors = true,
+                                           .color_format = RELIGHT_COLOR_COEFFICIENTS};
+    struct relight_colors_request still = {.model = "even.prt", .n_light = 1, .lights = &light};
+    struct relight_factors factors;
+    struct relight_frame_out frame;
+    struct relight_colors colors;
+    uint64_t hash[2], whole = 0;
+    OK(relight_factors(client, "even.prt", 0, &factors, &error));
+    ask(&still, RELIGHT_COLOR_F32, &colors);
+    OK(relight_colors_decode(&colors, 0, want));
+    relight_colors_finish(&colors);
+    double before = metric(client, "relightd_relights_total");
+    for (int i = 0; i < 2; i++) {
+        OK(relight_view_open(client, &request, &view[i], &error));
+        OK(relight_view_next(view[i], 20, &frame, &error));
+        OK(relight_coefficients_colors(&factors, &frame.colors, 0, 1, &all, got, &error));
+        assert_true(rmse(got, want, 3 * N) < 1e-3);
+        hash[i] = frame.hash;
+        whole = frame.colors.plane_bytes;
+        relight_frame_out_finish(&frame);
+    }
+    assert_int_equal(hash[0], hash[1]);
+    assert_true(metric(client, "relightd_relights_total") <= before + 1);
+    const char *rank = "options.most_rank", *format = "options.color_format";
+    request.most_rank = 4;
+    OK(relight_view_change(view[0], &request, 1, &rank, NULL, &error));
+    OK(relight_view_next(view[0], 20, &frame, &error));
+    assert_int_equal(frame.colors.most_rank, 4);
+    assert_true(frame.colors.plane_bytes < whole / 3);
+    relight_frame_out_finish(&frame);
+    request.color_format = RELIGHT_COLOR_RGB9E5;
+    OK(relight_view_change(view[0], &request, 1, &format, NULL, &error));
+    OK(relight_view_next(view[0], 20, &frame, &error));
+    assert_int_equal(frame.colors.format, RELIGHT_COLOR_RGB9E5);
+    relight_frame_out_finish(&frame);
+    for (int i = 0; i < 2; i++) OK(relight_view_close(view[i], NULL, NULL, &error));
+    relight_factors_finish(&factors);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(equal_colors), cmocka_unit_test(equal_colors_toward_an_eye),
+        cmocka_unit_test(fewer_rows),   cmocka_unit_test(factors_in_parts),
+        cmocka_unit_test(refusals),     cmocka_unit_test(factors_of_another_bake),
+        cmocka_unit_test(views),
+    };
+    return cmocka_run_group_tests(tests, group_begin, group_end);
+}
