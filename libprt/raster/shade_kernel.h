@@ -147,8 +147,8 @@ static void PRT_KERNEL(turn_mirror)(const struct shade_job *job, size_t at, int 
     float etas[LANES];
     PRT_KERNEL(gather)(job, job->eta, at, n, etas);
     for (int i = 0; i < n; i++) {
-        struct eyed_normal e = PRT_KERNEL(eyed_normal)(
-            ex - px[i], ey - py[i], ez - pz[i], tx[i], ty[i], tz[i], facing[i], etas[i]);
+        struct eyed_normal e = PRT_KERNEL(eyed_normal)(ex - px[i], ey - py[i], ez - pz[i],
+                                                       tx[i], ty[i], tz[i], facing[i], etas[i]);
         v->mirror[i] = e.mirror;
         v->rx[i] = 2 * e.c * e.mx - e.wx;
         v->ry[i] = 2 * e.c * e.my - e.wy;

@@ -74,13 +74,13 @@ int prt_free_media_check(const struct prt_context *ctx, const struct prt_transpo
         const struct prt_material *m = prt_media_of(media, i),
                                   *baked = prt_media_of(&t->media, i);
         if (fabsf(m->eta - baked->eta) <= 1e-6f || !has_inside(&t->mesh, i)) continue;
-        status = prt_fail(
-            ctx, PRT_MISMATCH,
-            "%s: eta is %g, this bake%s%s is for %g (relative refractive index, no "
-            "unit): bake again for another",
-            m->name[0] ? m->name : "material", (double)m->eta,
-            t->media.n > 1 && t->mesh.object ? " of " : "",
-            t->media.n > 1 && t->mesh.object ? t->mesh.object[i].name : "", (double)baked->eta);
+        const char *name = t->media.n > 1 && t->mesh.object ? t->mesh.object[i].name : "";
+        status =
+            prt_fail(ctx, PRT_MISMATCH,
+                     "%s: eta is %g, this bake%s%s is for %g (relative refractive index, no "
+                     "unit): bake again for another",
+                     m->name[0] ? m->name : "material", (double)m->eta, *name ? " of " : "",
+                     name, (double)baked->eta);
     }
     return status;
 }

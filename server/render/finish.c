@@ -225,7 +225,8 @@ static void set_coefficients(struct render *r)
     static const enum prt_answer_term term[] = {PRT_ANSWER_TOTAL, PRT_ANSWER_TOTAL,
                                                 PRT_ANSWER_MULTIPLE, PRT_ANSWER_SINGLE};
     out->factors = prt_file_hash(r->file.entry->value);
-    prt_outgoing_of(r->spec.has_material ? &r->spec.material : render_transport(r)->media.medium,
+    prt_outgoing_of(r->spec.has_material ? &r->spec.material
+                                         : render_transport(r)->media.medium,
                     term[r->spec.term], &out->outgoing);
 }
 

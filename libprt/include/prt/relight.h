@@ -214,9 +214,9 @@ int prt_answer_coefficients(const struct prt_context *ctx,
                             const struct prt_query query[],
                             struct prt_coefficients *const out[]);
 
-/* What turns the sum of the layers into radiance at translucent vertices of one medium: without an eye
- * colour = max(0, mean * value), towards an eye max(0, F_t(eta, w_o) / divisor * value). For
- * terms other than the total both factors are 1. */
+/* What turns the sum of the layers into radiance at translucent vertices of one medium: without
+ * an eye colour = max(0, mean * value), towards an eye max(0, F_t(eta, w_o) / divisor * value).
+ * For terms other than the total both factors are 1. */
 struct prt_outgoing {
     float eta, roughness;
     float mean;       /* of F_t over the hemisphere, over divisor; 1 for a part of the total */
