@@ -65,7 +65,15 @@ enum relight_frame_flag {
     X(VIEW_ACK, 24, view_ack, nothing)                                      \
     X(GET_BLOB, 25, get_blob_request, get_blob_answer)                      \
     X(PUT_POSE, 26, put_pose_request, put_pose_answer)                      \
-    X(FACTORS, 27, factors_request, factors_answer)
+    X(FACTORS, 27, factors_request, factors_answer)                         \
+    X(ROOM_CREATE, 28, room_create_request, room_create_answer)             \
+    X(ROOM_LIST, 29, room_list_request, room_list_answer)                   \
+    X(ROOM_GET, 30, room_get_request, room_get_answer)                      \
+    X(ROOM_EDIT, 31, room_edit_request, room_edit_answer)                   \
+    X(ROOM_PICTURE, 32, room_picture_request, image_answer)                 \
+    X(ROOM_PRESENCE, 33, room_presence_request, nothing)                    \
+    X(ROOM_BACKUP, 34, room_backup_request, room_backup_answer)             \
+    X(SIGN, 35, sign_request, sign_answer)
 
 /* As large as the largest number and one: tables by request type have this many rows. */
 union relight_type_room {

@@ -125,8 +125,9 @@ static const struct row {
      "filmic (default), reinhard or none"},
     {'x', "exposure", "STOPS", REAL, AT(picture.exposure_ev), -40, 40, NULL, 0,
      "brighten by a factor 2^STOPS"},
-    {'B', "background", "R,G,B", SPECIAL, 0, 0, 0, NULL, 0,
-     "plain background in place of the environment"},
+    {'B', "background", "R,G,B|transparent", SPECIAL, 0, 0, 0, NULL, 0,
+     "plain background in place of the environment, or none: alpha in PNG (straight colours) and "
+     "EXR (premultiplied)"},
     {'a', "samples-per-pixel", "1|2|4|8", SPECIAL, 0, 0, 0, sample_counts, 0,
      "anti-aliasing (default 4)"},
     {'S', "no-specular", NULL, FLAG, AT(picture.no_specular), 0, 0, NULL, 0,
@@ -179,7 +180,8 @@ static const struct row {
      "rights, comma-separated: view (look), edit (vertices, unload, cancel), upload (files, load), "
      "admin (what others made, tokens)"},
     {3, "expires", "TIME", SPECIAL, 0, 0, 0, NULL, 0,
-     "the token is valid for this time, such as 30d, 12h, 90m or 3600s (default: for ever)"},
+     "it is valid for this time, such as 30d, 12h, 90m or 3600s (default: a token for ever, a link "
+     "one day)"},
     {4, "rate", "N", SPECIAL, 0, 0, 1e9, NULL, 0, "requests a second"},
     {5, "memory", "BYTES", SPECIAL, AT(token_order.quotas.memory), 0, 0, NULL, 0,
      "bytes held by its requests and views; k, M, G and T multiply by 1024"},
@@ -304,6 +306,14 @@ const struct command commands[] = {
      "  relight token create --name scraper --scope view --rate 1\n"
      "  relight token list\n  relight token revoke anna",
      COMMON TOKEN, true, run_token},
+    {"sign", "PATH",
+     "Signs a link to a picture: whoever has it sees that picture, until it expires.\v"
+     "PATH is the path and query of a picture over HTTP. Prints the path to put behind the address "
+     "of --http, for <img> in any page. The link has the rights of your token, `view` at most, and "
+     "ends with it; a token of its own, with a --rate, keeps viewers of links apart from you.\n\n"
+     "Examples:\n  relight sign '/v1/models/bunny/image.jpg?env=constant&rotate=30&size=800x600'\n"
+     "  relight sign --expires 30d '/v1/models/bunny/image.png?env=studio'",
+     COMMON "\3", true, run_sign},
     {"stats", "", "Prints the daemon's counters.\vExample:\n  relight stats --json", COMMON,
      false, run_stats},
     {NULL, NULL, NULL, NULL, false, NULL},
@@ -371,7 +381,11 @@ static char *material_file(struct argp_state *state, const char *path, FILE *fil
     bytes[n < MAX ? n : MAX] = 0;
     // The daemon recognises JSON text by its first character.
     char *text = bytes + strspn(bytes, " \t\r\n");
-    if (*text != '{') argp_failure(state, EXIT_FAILED, 0, "%s: is not a material's JSON", path);
+    if (*text != '{')
+        argp_failure(state, EXIT_FAILED, 0,
+                     "%s: is not a material's JSON; prt material %s -o OUT.json converts "
+                     "MaterialX, Principled and pbrt files",
+                     path, path);
     text = strdup(text);
     free(bytes);
     return text;
@@ -509,6 +523,10 @@ static error_t set_special(struct options *o, const struct row *row, char *arg,
         size(state, o, arg);
         return 0;
     case 'B':
+        if (!strcmp(arg, "transparent")) {
+            o->picture.transparent = true;
+            return 0;
+        }
         triple(state, row, arg, o->picture.background);
         o->picture.plain_background = true;
         return 0;

@@ -322,13 +322,49 @@ void relight_model_finish(struct relight_model *model)
     *model = (struct relight_model){0};
 }
 
+// Moves the models of `more` behind those of `all`.
+static bool append_models(Relight__ListAnswer *all, Relight__ListAnswer *more)
+{
+    size_t n = all->n_models + more->n_models;
+    Relight__ModelInfo **models = realloc(all->models, (n + 1) * sizeof *models);
+    if (!models) return false;
+    all->models = models;
+    for (size_t i = 0; i < more->n_models; i++) models[all->n_models++] = more->models[i];
+    more->n_models = 0;
+    all->next = more->next;
+    return true;
+}
+
+// One answer with the models of all. The daemon lists a limited number at a time.
+static int list_all(struct relight_client *client, bool files, struct answer **out,
+                    struct relight_error *error)
+{
+    Relight__ListRequest m = RELIGHT__LIST_REQUEST__INIT;
+    struct answer *more;
+    m.files = m.environments = files;
+    int status = relight_call(client, RELIGHT_TYPE_LIST, &m.base, out, error);
+    if (status) return status;
+    Relight__ListAnswer *all = (Relight__ListAnswer *)(*out)->message;
+    m.files = m.environments = false;
+    for (uint64_t last = 0; all->next && all->next != last;) {
+        m.after = last = all->next;
+        if (!(status = relight_call(client, RELIGHT_TYPE_LIST, &m.base, &more, error))) {
+            if (!append_models(all, (Relight__ListAnswer *)more->message))
+                status = no_memory(error);
+            relight_answer_free(more);
+        }
+        if (!status) continue;
+        relight_answer_free(*out);
+        return status;
+    }
+    return 0;
+}
+
 int relight_list(struct relight_client *client, bool files, struct relight_list *out,
                  struct relight_error *error)
 {
-    Relight__ListRequest m = RELIGHT__LIST_REQUEST__INIT;
     struct answer *answer;
-    m.files = m.environments = files;
-    int status = relight_call(client, RELIGHT_TYPE_LIST, &m.base, &answer, error);
+    int status = list_all(client, files, &answer, error);
     if (status) return status;
     const Relight__ListAnswer *a = (Relight__ListAnswer *)answer->message;
     struct owner *owner = relight_owner(answer);

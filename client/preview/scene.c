@@ -190,7 +190,7 @@ int scene_colors_begin(struct scene *scene, const struct sky *sky, double rotate
     return EXIT_DONE;
 }
 
-// The total towards the eye divided by the vertex's Fresnel transmittance, which drawing
+// The total towards the eye divided by the vertex's exit factor F_t / T, which drawing
 // multiplies by again at each pixel. A vertex that faces away keeps the other terms alone.
 static void divide_total(const struct scene *scene, const struct prt_block *b,
                          const float eye[3], const float *total, float *plane)
@@ -205,14 +205,17 @@ static void divide_total(const struct scene *scene, const struct prt_block *b,
         }
         cosine /= sqrt(length);
         if (m->surface[b->surface].translucent)
-            transmittance =
-                cosine > 0 ? prt_fresnel_transmittance((double)scene->eta, cosine) : 0;
+            transmittance = cosine > 0
+                                ? prt_fresnel_transmittance((double)scene->eta, cosine) /
+                                      prt_exit_divisor((double)scene->eta, PRT_EXIT_NORMALISED)
+                                : 0;
         for (size_t i = 3 * v; i < 3 * v + 3; i++)
             if (transmittance > 0.01) plane[i] = total[i] / (float)transmittance;
     }
 }
 
-// Adds single scattering to the other terms in plane 0. An isotropic medium's is corrected here
+// Adds single scattering, times the exit's divisor as planes of prt_shade have it, to the other
+// terms in plane 0. An isotropic medium's is corrected here
 // for every view, which takes four planes.
 static int add_single(struct scene *scene, const struct colors_pending *pending, float *single,
                       float *plane)
@@ -225,9 +228,10 @@ static int add_single(struct scene *scene, const struct colors_pending *pending,
         memset(plane + n, 0, 3 * n * sizeof *plane);
         return EXIT_DONE;
     }
+    const float gain = (float)prt_exit_divisor((double)scene->eta, PRT_EXIT_NORMALISED);
     for (size_t i = 0; i < n; i++) {
         float other = plane[i];
-        plane[i] = single[i];
+        plane[i] = gain * single[i];
         single[i] = other;
     }
     if (prt_view_correct(&scene->ctx, m->n_vertex, 0, m->n_vertex, (const float(*)[3])m->normal,

@@ -457,16 +457,26 @@ void prt_bake_unplan_single(struct bake *b)
     b->single = NULL;
 }
 
+int prt_bake_irradiance(struct bake *b)
+{
+    if (!b->surface || prt_shard_assembling(b) || prt_checkpoint_skips_rows(b)) return PRT_OK;
+    double started = prt_time_s();
+    struct irradiance_source from = {.scene = b->scene,
+                                     .surface = b->surface,
+                                     .hierarchy = b->hierarchy,
+                                     .directions = b->directions,
+                                     .checkpoint = b->checkpoint,
+                                     .media = &b->o.media,
+                                     .room = prt_bake_rows_room(&b->o)};
+    int status = prt_irradiance_bake(b->ctx, &from, &b->irradiance, &b->rays_irradiance);
+    b->seconds[T_IRRADIANCE] = prt_time_s() - started;
+    return status;
+}
+
 static int bake_wavelet(struct bake *b)
 {
-    double started = prt_time_s();
     struct probes probes = {0};
-    int status = PRT_OK;
-    if (b->surface && !prt_shard_assembling(b) && !prt_checkpoint_skips_rows(b))
-        status = prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
-                                     &b->o.media, prt_bake_rows_room(&b->o), b->checkpoint,
-                                     &b->irradiance, &b->rays_irradiance);
-    b->seconds[T_IRRADIANCE] = prt_time_s() - started;
+    int status = prt_bake_irradiance(b);
     if (status == PRT_OK) status = prt_probes_create(b, WAVELET_PROBES, &probes);
     struct tensor_job multiple = {.bake = b,
                                   .term = PRT_TERM_MULTIPLE,

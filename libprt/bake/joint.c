@@ -130,16 +130,11 @@ static int bake_terms(struct joint *j)
 int prt_bake_joint(struct bake *b)
 {
     struct joint j = {.b = b};
-    double started = prt_time_s();
     if (!b->surface)
         return prt_fail(b->ctx, PRT_ARG,
                         "nothing is translucent: a joint bake has no material");
     int status = prt_bases_create(b, &j.bases);
-    if (status == PRT_OK && !prt_shard_assembling(b) && !prt_checkpoint_skips_rows(b))
-        status = prt_irradiance_bake(b->ctx, b->scene, b->surface, b->hierarchy, b->directions,
-                                     &b->o.media, prt_bake_rows_room(&b->o), b->checkpoint,
-                                     &b->irradiance, &b->rays_irradiance);
-    b->seconds[T_IRRADIANCE] = prt_time_s() - started;
+    if (status == PRT_OK) status = prt_bake_irradiance(b);
     if (status == PRT_OK) status = bake_terms(&j);
     prt_bases_finish(&j.bases);
     return status;

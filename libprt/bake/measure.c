@@ -82,6 +82,7 @@ struct examination {
     const struct prt_transport *transport;
     uint32_t n, *vertex;
     float (*all)[3], (*got)[3];
+    float *divisor; // [n] of the exit at each vertex
     float (*want[MEDIA])[3];
     unsigned n_medium;
     struct prt_media media[MEDIA];
@@ -134,13 +135,15 @@ static uint32_t reference_samples(const struct examination *e)
     return (uint32_t)fmin(fmax(60000, least), 2e7);
 }
 
-// Adds the term at hand of the bake's own medium to the sums under a light.
-static void add_to_sums(struct examination *e, unsigned which)
+// Adds the term at hand of the bake's own medium, in the proportion that a total has, to the
+// sums under a light.
+static void add_to_sums(struct examination *e, enum prt_answer_term term, unsigned which)
 {
     float *got = e->sum_got[which][0], *want = e->sum_want[which][0];
     for (size_t i = 0; i < (size_t)e->n * 3; i++) {
-        got[i] += e->got[0][i];
-        want[i] += e->want[0][0][i];
+        const float gain = term == PRT_ANSWER_SINGLE ? e->divisor[i / 3] : 1;
+        got[i] += gain * e->got[0][i];
+        want[i] += gain * e->want[0][0][i];
     }
     e->together[which] = prt_relative_rmse(got, want, (size_t)e->n * 3);
 }
@@ -175,7 +178,7 @@ static int examine(struct examination *e, enum prt_answer_term answer,
         double now = prt_relative_rmse(e->got[0], e->want[m][0], (size_t)e->n * 3);
         e->worst[m] = fmax(e->worst[m], now);
         if (!m) *error = now;
-        if (!m && which < MEASURE_LIGHTS) add_to_sums(e, which);
+        if (!m && which < MEASURE_LIGHTS) add_to_sums(e, answer, which);
     }
     return status;
 }
@@ -254,6 +257,27 @@ static int measure_views(struct examination *e, const struct prt_cube *own, cJSO
     return status;
 }
 
+// The exit's divisor at the vertices that were drawn.
+static int find_divisors(struct examination *e)
+{
+    const struct prt_transport *t = e->transport;
+    uint32_t *block = prt_mesh_vertex_blocks(&t->mesh);
+    float of_medium[PRT_MEDIA_MAX];
+    e->divisor = prt_alloc(e->n + 1u, sizeof *e->divisor);
+    if (!block || !e->divisor) {
+        prt_free(block);
+        return PRT_NOMEM;
+    }
+    for (uint32_t m = 0; m < t->media.n; m++)
+        of_medium[m] =
+            (float)prt_exit_divisor((double)t->media.medium[m].eta, PRT_EXIT_NORMALISED);
+    for (uint32_t i = 0; i < e->n; i++)
+        e->divisor[i] =
+            of_medium[prt_media_index(&t->media, t->mesh.block[block[e->vertex[i]]].object)];
+    prt_free(block);
+    return PRT_OK;
+}
+
 static int measure_terms(struct examination *e, const struct prt_cube *own, char **errors)
 {
     const struct prt_transport *t = e->transport;
@@ -292,7 +316,9 @@ int prt_measure_bake(const struct prt_context *ctx, const struct prt_transport *
         if (!e.sum_got[l] || !e.sum_want[l]) status = PRT_NOMEM;
     }
     if (status == PRT_OK) e.n = draw_vertices(&transport->mesh, n_vertex, seed, e.vertex);
+    if (status == PRT_OK) status = find_divisors(&e);
     if (status == PRT_OK) status = measure_terms(&e, own, errors);
+    prt_free(e.divisor);
     prt_free(e.vertex);
     prt_free(e.all);
     prt_free(e.got);

@@ -97,6 +97,9 @@ void prt_probes_finish(struct probes *probes);
 int prt_bake_plan_single(struct bake *b, const struct extinction_table *extinction,
                          uint32_t n_direction);
 void prt_bake_unplan_single(struct bake *b);
+/* Pass 1 (prt_irradiance_bake) into b->irradiance, timed; nothing where nothing is translucent
+ * or no rows are needed, because all clusters are there already. */
+int prt_bake_irradiance(struct bake *b);
 int prt_bake_joint(struct bake *b);
 int prt_bake_polynomial(struct bake *b);
 /* The settings of the bake and its ray counts as a JSON object, for the file and for the key of

@@ -42,3 +42,8 @@ void prt_refract_in(double eta, const float n[3], const float w[3], float out[3]
     double along_n = c / eta - sqrt(c2 > 0 ? c2 : 0);
     for (int i = 0; i < 3; i++) out[i] = (float)(along_n * n[i] - w[i] / eta);
 }
+
+double prt_exit_divisor(double eta, enum prt_exit exit)
+{
+    return exit == PRT_EXIT_PAPERS ? 1 : prt_fresnel_mean_transmittance(eta);
+}

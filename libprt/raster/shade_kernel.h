@@ -300,9 +300,10 @@ static void PRT_KERNEL(shade_points)(const struct shade_job *job, size_t at, int
     }
     if (job->g->base[0] || job->g->occlusion)
         PRT_KERNEL(apply_look)(job, at, n, r, g, b, sr, sg, sb);
-    const int fresnel = job->fresnel;
+    float leaves[LANES];
+    PRT_KERNEL(gather)(job, job->exit, at, n, leaves);
     for (int i = 0; i < n; i++) {
-        float t = fresnel && !opaque[i] ? v.transmit[i] : 1;
+        float t = leaves[i] > 0 && !opaque[i] ? leaves[i] * v.transmit[i] : 1;
         float mirror = opaque[i] ? 0 : v.mirror[i];
         float cr = t * r[i], cg = t * g[i], cb = t * b[i];
         r[i] = (cr > 0 ? cr : 0) + mirror * sr[i];
@@ -345,6 +346,26 @@ static void PRT_KERNEL(background)(const struct shade_job *job, uint32_t y, int 
     PRT_KERNEL(cube_fetch)(job->background, n, &look, r, g, b);
 }
 
+/* A shadow on the background of n pixels of row y. */
+static void PRT_KERNEL(shadow)(const struct shade_job *job, uint32_t y, int n,
+                               const uint32_t *x, float *r, float *g, float *b)
+{
+    for (int i = 0; i < n; i++) {
+        const float *left = job->shadow + 3 * ((size_t)y * job->width + x[i]);
+        r[i] *= left[0];
+        g[i] *= left[1];
+        b[i] *= left[2];
+    }
+}
+
+/* The share of a pixel that surfaces cover, and of the rest that a shadow takes. */
+static void PRT_KERNEL(set_alpha)(const struct shade_job *job, size_t pixel, float left)
+{
+    const float *shadow = job->shadow ? job->shadow + 3 * pixel : NULL;
+    float lost = shadow ? 1 - (shadow[0] + shadow[1] + shadow[2]) / 3 : 0;
+    job->alpha[pixel] = 1 - left * (1 - lost);
+}
+
 /* One row of the image: points by their weights, the rest of each pixel by the background. */
 static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float *row)
 {
@@ -373,6 +394,7 @@ static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float
     for (x = 0; x < width; x++) {
         float left = 1;
         for (; at < end && pixel[at] == y * width + x; at++) left -= cover[at];
+        if (job->alpha) PRT_KERNEL(set_alpha)(job, y * width + x, left);
         gap[n_gap] = x;
         gap_weight[n_gap] = left;
         n_gap += left > 1e-3f;
@@ -384,6 +406,7 @@ static void PRT_KERNEL(shade_row)(const struct shade_job *job, uint32_t y, float
                 g[i] = job->plain[1];
                 b[i] = job->plain[2];
             }
+        if (job->shadow) PRT_KERNEL(shadow)(job, y, n_gap, gap, r, g, b);
         for (int i = 0; i < n_gap; i++) {
             float *p = row + 3 * (size_t)gap[i];
             p[0] += gap_weight[i] * r[i];

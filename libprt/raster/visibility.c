@@ -383,10 +383,11 @@ static bool keep_objects(struct prt_visibility *vis, const struct prt_mesh *mesh
 }
 
 int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *mesh,
-                          const struct prt_camera *camera, uint32_t width, uint32_t height,
-                          unsigned n_sub, enum prt_raster_backend backend,
+                          const struct prt_camera *camera, const struct prt_raster *raster,
                           struct prt_visibility **out)
 {
+    uint32_t width = raster->width, height = raster->height;
+    unsigned n_sub = raster->n_sub;
     if (!width || !height || width > RASTER_MAX_SIZE || height > RASTER_MAX_SIZE)
         return prt_fail(ctx, PRT_ARG, "image size %ux%u is outside 1x1 to %dx%d", width, height,
                         RASTER_MAX_SIZE, RASTER_MAX_SIZE);
@@ -411,7 +412,7 @@ int prt_visibility_create(const struct prt_context *ctx, const struct prt_mesh *
         status = prt_fail(ctx, PRT_NOMEM, "raster: no memory");
     if (!status) {
         struct builder b = {.ctx = ctx, .mesh = mesh, .vis = vis};
-        status = build(&b, backend);
+        status = build(&b, raster->backend);
         for (uint32_t y = 0; b.row && y < height; y++) free(b.row[y].point);
         free(b.row);
         prt_free(b.triangle_block);

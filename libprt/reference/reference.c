@@ -217,27 +217,25 @@ static void shade_inside(const struct job *j, uint32_t v, const struct walk_ligh
 {
     enum prt_reference_term term = j->o->term;
     float part[3];
-    double walked = j->o->n_walk ? prt_fresnel_mean_transmittance(j->material->eta) : 1;
+    double divisor = prt_exit_divisor(j->material->eta, j->o->exit);
     for (int c = 0; c < 3; c++) {
         out[c] = (float)(term == PRT_REFERENCE_UNSCATTERED ? all->unscattered[c]
-                         : term == PRT_REFERENCE_TOTAL
-                             ? (all->multiple[c] + all->unscattered[c]) / walked
-                             : all->multiple[c]);
+                         : term == PRT_REFERENCE_TOTAL ? all->multiple[c] + all->unscattered[c]
+                                                       : all->multiple[c]);
         error[c] = (float)all->error[c];
     }
     if (term == PRT_REFERENCE_IRRADIANCE) vertex_irradiance(j, v, j->material->eta, out);
     if ((term == PRT_REFERENCE_SINGLE || term == PRT_REFERENCE_TOTAL) &&
         !j->material->profile) {
         prt_reference_single(j, v, part);
-        for (int c = 0; c < 3; c++) out[c] += part[c];
+        double gain = term == PRT_REFERENCE_TOTAL ? divisor : 1;
+        for (int c = 0; c < 3; c++) out[c] += (float)gain * part[c];
     }
-    if (term == PRT_REFERENCE_TOTAL && j->o->no_exit) {
-        for (int c = 0; c < 3; c++) error[c] /= (float)walked;
-    } else if (term == PRT_REFERENCE_TOTAL) {
-        double ft = view_transmittance(j, v);
+    if (term == PRT_REFERENCE_TOTAL && !j->o->no_exit) {
+        double leaves = view_transmittance(j, v) / divisor;
         for (int c = 0; c < 3; c++) {
-            out[c] = fmaxf((float)(ft * out[c]), 0);
-            error[c] *= (float)(ft / walked);
+            out[c] = fmaxf((float)(leaves * out[c]), 0);
+            error[c] *= (float)leaves;
         }
     }
 }

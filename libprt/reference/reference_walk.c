@@ -47,18 +47,17 @@ void prt_reference_walk(struct job *j, const struct prt_material *material, uint
     struct gather g = {.j = j,
                        .multiple = j->o->term != PRT_REFERENCE_UNSCATTERED,
                        .unscattered = j->o->term != PRT_REFERENCE_MULTIPLE};
-    struct prt_walk_start start = {.object = j->mesh->block[j->vertex_block[v]].object};
+    struct prt_walk_start start;
     struct prt_walk_counts counts = {0};
     double n = j->o->n_walk;
-    memcpy(start.position, j->mesh->position[v], sizeof start.position);
-    memcpy(start.normal, j->mesh->normal[v], sizeof start.normal);
     for (unsigned c = 0; c < 3; c++) {
         struct prt_walk_medium medium = {material->sigma_s_prime[c], material->eta, 0};
         g.channel = c;
         g.sigma_a = (double)material->sigma_a[c];
         memset(g.sum, 0, sizeof g.sum);
         memset(g.square, 0, sizeof g.square);
-        start.seed = prt_hash64(&v, sizeof v, j->o->seed + 17 + c);
+        prt_walk_start_at(j->space, v, j->mesh->block[j->vertex_block[v]].object,
+                          prt_hash64(&v, sizeof v, j->o->seed + 17 + c), &start);
         prt_walk_run(j->space, &start, &medium, j->o->n_walk, gather_exit, &g, &counts);
         for (unsigned l = 0; l < j->n_light; l++) {
             double mean = (g.multiple * g.sum[l][0] + g.unscattered * g.sum[l][1]) / n;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Answers a query from a transport: per-vertex colours, or the planes they are made of.
-// colour = F_t(eta, w_o) [ T_d.L + sum_k Y_k(w_o') T_k.L ]  (W05 section 5)
+// colour = F_t(eta, w_o) [ T_d.L/T + sum_k Y_k(w_o') T_k.L ]  (W05 section 5; METHODS §1, exit)
 //
 // w_o' is the direction inside whose refraction is the view. Planes of a wavelet transport
 // contain the phase function's coefficients a_l and sigma_s; those of a joint transport do not,
@@ -149,14 +149,23 @@ void prt_phase_plane_factor(const struct prt_material *material,
     }
 }
 
+// The exit's divisor for a total, else 1.
+static float single_gain(const struct answer *a, const struct prt_material *m)
+{
+    return a->query->term == PRT_ANSWER_TOTAL
+               ? (float)prt_exit_divisor((double)m->eta, a->query->exit)
+               : 1;
+}
+
 // The factor of a single-scattering tensor's plane. A tensor whose material is fixed already
 // contains it; a material with a measured R_d has no single scattering of its own.
-static void plane_factor(const struct prt_material *m, const struct prt_tensor *t, unsigned k,
-                         float factor[3])
+static void plane_factor(const struct answer *a, const struct prt_material *m,
+                         const struct prt_tensor *t, unsigned k, float factor[3])
 {
     for (int ch = 0; ch < 3; ch++) factor[ch] = 1;
     if (is_free(t)) prt_phase_plane_factor(m, t, k, factor);
     for (int ch = 0; ch < 3 && m->profile; ch++) factor[ch] = 0;
+    for (int ch = 0; ch < 3; ch++) factor[ch] *= single_gain(a, m);
 }
 
 struct plane_job {
@@ -186,7 +195,7 @@ static int add_translucent(const struct answer *a, const struct prt_tensor *t, u
         const struct prt_block *b = &mesh->block[i];
         struct plane_job job = *whole;
         if (!mesh->surface[b->surface].translucent) continue;
-        plane_factor(prt_media_of(a->media, b->object), t, k, job.factor);
+        plane_factor(a, prt_media_of(a->media, b->object), t, k, job.factor);
         job.in += 3 * (size_t)b->vertex_begin;
         job.out += 3 * (size_t)b->vertex_begin;
         status = prt_parallel_for(a->ctx, NULL, b->n_vertex, VERTEX_GRAIN, add_plane, &job);
@@ -285,7 +294,9 @@ static int contract_group(const struct group *g, const struct prt_tensor *t, flo
     }
     for (unsigned i = 0; i < g->n; i++) light[i] = &g->answer[i]->light;
     *out = *own = prt_alloc(g->n * prt_contracted_light_floats(t), sizeof **own);
-    return *own ? prt_contract_lights(a->ctx, t, g->n, light, *own) : PRT_NOMEM;
+    return *own ? prt_contract_lights(a->ctx, t, g->n, light,
+                                      a->coefficients ? a->coefficients->most_rank : 0, *own)
+                : PRT_NOMEM;
 }
 
 // The factor of every plane of each medium; add_tensor says why plane 0 has Y_00.
@@ -294,7 +305,7 @@ static int find_factors(const struct answer *a, const struct prt_tensor *t, floa
     *out = prt_alloc((size_t)t->n_phase * a->media->n, sizeof **out);
     for (unsigned i = 0; *out && i < t->n_phase * a->media->n; i++) {
         const unsigned k = i % t->n_phase;
-        plane_factor(&a->media->medium[i / t->n_phase], t, k, (*out)[i]);
+        plane_factor(a, &a->media->medium[i / t->n_phase], t, k, (*out)[i]);
         for (int ch = 0; ch < 3 && !k; ch++) (*out)[i][ch] *= Y00;
     }
     return *out ? PRT_OK : PRT_NOMEM;
@@ -491,7 +502,8 @@ static void group_answers(struct answer *a, unsigned n, const bool filled[], str
     *g = (struct group){{a}, 1};
     for (unsigned i = 1; i < n && only_light(a); i++)
         if (!filled[i] && only_light(&a[i]) && a[i].query->term == a->query->term &&
-            a[i].n_plane == a->n_plane && same_layers(a[i].coefficients, a->coefficients))
+            a[i].query->exit == a->query->exit && a[i].n_plane == a->n_plane &&
+            same_layers(a[i].coefficients, a->coefficients))
             g->answer[g->n++] = &a[i];
     if (g->n == 2) g->n = 1;
 }
@@ -615,7 +627,10 @@ int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport 
 struct shade_job {
     const struct answer *a;
     float (*color)[3];
-    float mean[PRT_MEDIA_MAX]; // outgoing transmittance of each medium without an eye
+    // of each medium: the divisor of the exit, and outgoing transmittance without an eye over
+    // it
+    double divisor[PRT_MEDIA_MAX];
+    float mean[PRT_MEDIA_MAX];
 };
 
 // w_o': the view direction refracted into the medium (Snell). Returns the cosine of w.
@@ -637,8 +652,10 @@ static void view_of(const struct answer *a, size_t v, float w[3])
         w[i] = length > 0 ? d[i] / length : a->transport->mesh.normal[v][i];
 }
 
-static void shade_vertex(const struct answer *a, size_t v, double eta, float out[3])
+static void shade_vertex(const struct shade_job *job, size_t v, uint32_t medium, float out[3])
 {
+    const struct answer *a = job->a;
+    const double eta = (double)a->media->medium[medium].eta;
     const size_t size = 3 * a->n_vertex;
     const float *plane = a->planes + 3 * v;
     // adds the planes that depend on the view
@@ -649,7 +666,8 @@ static void shade_vertex(const struct answer *a, size_t v, double eta, float out
     prt_sh_eval(n_band, inside, y);
     for (unsigned k = 1; k < a->n_plane; k++)
         for (int ch = 0; ch < 3; ch++) rgb[ch] += y[k] * plane[k * size + (size_t)ch];
-    double transmittance = cosine > 0 ? prt_fresnel_transmittance(eta, (double)cosine) : 0;
+    double transmittance =
+        cosine > 0 ? prt_fresnel_transmittance(eta, (double)cosine) / job->divisor[medium] : 0;
     if (a->query->term != PRT_ANSWER_TOTAL && cosine > 0) transmittance = 1;
     for (int ch = 0; ch < 3; ch++) out[ch] = fmaxf(0, rgb[ch] * (float)transmittance);
 }
@@ -664,8 +682,8 @@ static void shade_block(const struct shade_job *job, size_t begin_v, size_t end,
     const float *plane = a->planes;
     float *color = job->color[0];
     if (a->query->eye && translucent && a->query->term != PRT_ANSWER_MULTIPLE) {
-        const double eta = (double)prt_media_of(a->media, object)->eta;
-        for (size_t v = begin_v; v < end; v++) shade_vertex(a, v, eta, job->color[v]);
+        const uint32_t medium = prt_media_index(a->media, object);
+        for (size_t v = begin_v; v < end; v++) shade_vertex(job, v, medium, job->color[v]);
         return;
     }
     const float transmittance =
@@ -694,9 +712,12 @@ static int shade(void *arg, size_t begin_v, size_t end, unsigned worker)
 
 static int shade_colors(const struct answer *a, float (*color)[3])
 {
-    struct shade_job job = {a, color, {0}};
-    for (uint32_t i = 0; i < a->media->n; i++)
-        job.mean[i] = (float)prt_fresnel_mean_transmittance((double)a->media->medium[i].eta);
+    struct shade_job job = {.a = a, .color = color};
+    for (uint32_t i = 0; i < a->media->n; i++) {
+        const double eta = (double)a->media->medium[i].eta;
+        job.divisor[i] = prt_exit_divisor(eta, a->query->exit);
+        job.mean[i] = (float)(prt_fresnel_mean_transmittance(eta) / job.divisor[i]);
+    }
     return prt_parallel_for(a->ctx, NULL, a->n_vertex, VERTEX_GRAIN, shade, &job);
 }
 
@@ -805,13 +826,15 @@ int prt_answer_coefficients(const struct prt_context *ctx,
 }
 
 void prt_outgoing_of(const struct prt_material *material, enum prt_answer_term term,
-                     struct prt_outgoing *out)
+                     enum prt_exit exit, struct prt_outgoing *out)
 {
     const double eta = (double)material->eta;
     const bool total = term == PRT_ANSWER_TOTAL;
+    const double divisor = total ? prt_exit_divisor(eta, exit) : 1;
+    const double mean = total ? prt_fresnel_mean_transmittance(eta) : 1;
     *out = (struct prt_outgoing){.eta = material->eta,
                                  .roughness = material->roughness,
-                                 .mean = total ? (float)prt_fresnel_mean_transmittance(eta) : 1,
-                                 .divisor = 1,
+                                 .mean = (float)(mean / divisor),
+                                 .divisor = (float)divisor,
                                  .view_slope = prt_view_slope(eta)};
 }

@@ -56,7 +56,7 @@ struct prt_kernels;
 // the tensor's n_phase planes, or in place where they need no change. part->lit is as above.
 const float *prt_fold_cluster(const struct prt_kernels *kernels,
                               const struct prt_term_input *part, uint32_t cluster,
-                              unsigned n_light, unsigned n_plane, float *to);
+                              uint32_t rank, unsigned n_light, unsigned n_plane, float *to);
 
 // Appends the layer of a tensor to c, whose most_rank is set. PRT_MISMATCH: the tensor is not
 // FACTORED.

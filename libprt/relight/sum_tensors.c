@@ -30,7 +30,8 @@ static unsigned planes_of(const struct prt_term_input *p, unsigned n_plane)
 }
 
 const float *prt_fold_cluster(const struct prt_kernels *kernels, const struct prt_term_input *p,
-                              uint32_t cluster, unsigned n_light, unsigned n_plane, float *to)
+                              uint32_t cluster, uint32_t rank, unsigned n_light,
+                              unsigned n_plane, float *to)
 {
     const struct prt_tensor *t = p->tensor;
     const struct prt_cluster *c = &t->cluster[cluster];
@@ -40,12 +41,12 @@ const float *prt_fold_cluster(const struct prt_kernels *kernels, const struct pr
     const unsigned planes = planes_of(p, n_plane);
     const float *in = p->lit + (size_t)c->row_begin * n_light * t->n_function * (full ? 3 : 1);
     if (full)
-        kernels->material(in, (size_t)c->rank * t->n_phase, t->n_radial,
+        kernels->material(in, (size_t)rank * t->n_phase, t->n_radial,
                           p->coef + medium * 3 * t->n_radial, to);
     else if (!factor && planes == t->n_phase) return in;
     if (full) in = to;
     // `to` may be `in`: no value moves to a higher address
-    const size_t n = (size_t)c->rank * n_light;
+    const size_t n = (size_t)rank * n_light;
     for (size_t i = 0; i < n; i++)
         for (unsigned k = 0; k < planes; k++)
             for (int ch = 0; ch < 3; ch++)
@@ -104,8 +105,8 @@ static void sum_piece(const struct sum_run *run, const struct expand_piece *piec
     for (unsigned i = 0; i < job.n_triple; i++)
         color[i] = run->color[i / planes * run->n_plane + i % planes];
     if (job.rank)
-        job.b = prt_fold_cluster(run->kernels, p, piece->cluster, run->n_light, run->n_plane,
-                                 scratch);
+        job.b = prt_fold_cluster(run->kernels, p, piece->cluster, c->rank, run->n_light,
+                                 run->n_plane, scratch);
     run->kernels->expand(&job);
 }
 

@@ -43,6 +43,7 @@ static int answer(struct tool *tool, const struct source *source, const struct p
         .term = answer_term(tool->opt.term),
         .light = light,
         .eye = eye_mm,
+        .exit = exit_option(&tool->opt),
     };
     if (source->media_given) query.media = source->media;
     return tool_exit(tool, prt_answer_colors(&tool->ctx, source->transport, &query, color));

@@ -227,6 +227,7 @@ static int against_reference(struct tool *tool, struct values *a, struct values 
         .term = answer_term(o->term),
         .light = source.transport->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &own,
         .eye = o->eye.set ? eye : NULL,
+        .exit = exit_option(o),
     };
     if (source.media_given) query.media = source.media;
     color = prt_alloc(n_vertex, 3 * sizeof *color);

@@ -200,7 +200,8 @@ static int fill_answers(struct table *t, const float *eye)
     for (unsigned m = 0; m < t->n_media && !status; m++) {
         struct prt_query query = {.term = answer_term(t->tool->opt.term),
                                   .media = fixed ? (struct prt_media){0} : t->set[m],
-                                  .eye = eye};
+                                  .eye = eye,
+                                  .exit = exit_option(&t->tool->opt)};
         if (!fixed)
             status = prt_answer_material_error(ctx, p, &t->set[m], query.term, &t->bound[m]);
         for (unsigned l = 0; l < t->n_light && !status; l++) {

@@ -4,8 +4,8 @@
 
 #include <string.h>
 
-bool file_medium(const struct tool *tool, const struct prt_mesh *mesh, uint32_t i,
-                 double mm_per_unit, struct prt_material *out)
+bool surface_material(const struct tool *tool, const struct prt_mesh *mesh, uint32_t i,
+                      double mm_per_unit, struct prt_material *out)
 {
     const struct prt_surface *s = &mesh->surface[i];
     if (!mesh->volume || !mesh->volume[i].kind) return false;

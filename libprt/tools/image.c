@@ -24,7 +24,9 @@ struct picture {
     struct prt_specular *specular;
     float *planes;
     unsigned n_plane;
-    bool plain; // a plain background
+    bool plain; // a plain background, or none
+    bool transparent;
+    float *shadow; // of --floor
     float background[3];
     struct prt_image image;
     double lost;    // error of the .prt's radial bases for the material
@@ -38,6 +40,7 @@ static void picture_finish(struct picture *p)
 {
     maps_finish(&p->maps);
     prt_image_finish(&p->image);
+    prt_free(p->shadow);
     prt_free(p->planes);
     prt_specular_destroy(p->specular);
     prt_visibility_destroy(p->visibility);
@@ -98,15 +101,24 @@ static int check_usage(struct tool *tool, struct picture *p)
     if (o->bump_mm > 0 && !o->bump_map) return usage_error(o, "--bump-mm is for --bump-map");
     if (o->background && !strcmp(o->background, "none")) {
         p->plain = true;
+    } else if (o->background && !strcmp(o->background, "transparent")) {
+        p->plain = p->transparent = true;
+        if (!prt_picture_format(o->out)->alpha)
+            return usage_error(
+                o, "%s has no alpha: --background transparent is for .png and .exr", o->out);
     } else if (o->background && strcmp(o->background, "env")) {
         p->plain = true;
         if (!parse_vector(o->background, p->background) || p->background[0] < 0 ||
             p->background[1] < 0 || p->background[2] < 0)
             return usage_error(o,
-                               "--background %s: expected env, none, or three radiances R,G,B "
-                               ">= 0",
+                               "--background %s: expected env, none, transparent, or three "
+                               "radiances R,G,B >= 0",
                                o->background);
     }
+    if (o->floor && o->background && !strcmp(o->background, "none"))
+        return usage_error(o,
+                           "--floor casts its shadow on the background: --background none is "
+                           "black already");
     return EXIT_DONE;
 }
 
@@ -176,6 +188,7 @@ static int vertex_planes(struct tool *tool, struct picture *p, const char *term)
     struct prt_query query = {
         .term = answer_term(term),
         .light = t->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &p->light,
+        .exit = exit_option(&tool->opt),
     };
     if (p->source.media_given) query.media = p->source.media;
     int status = prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, NULL);
@@ -226,16 +239,19 @@ static int load_lights(struct tool *tool, struct picture *p, bool vertex, bool t
     return tool_exit(tool, status);
 }
 
-static struct prt_shade shade_of(const struct picture *p, bool total)
+static struct prt_shade shade_of(const struct picture *p, bool total, enum prt_exit exit)
 {
     struct prt_shade shade = {
         .n_plane = p->n_plane,
         .planes = p->planes,
         .media = p->source.media,
         .fresnel = total,
+        .exit = exit,
         .specular = p->specular,
         .background = p->plain ? NULL : &p->back,
         .leave_out = p->leave_out,
+        .transparent = p->transparent,
+        .shadow = p->shadow,
     };
     memcpy(shade.background_rgb, p->background, sizeof shade.background_rgb);
     return shade;
@@ -247,7 +263,7 @@ static int draw_vertices(struct tool *tool, struct picture *p, bool reference, b
 {
     int status = reference ? reference_planes(tool, p, term) : vertex_planes(tool, p, term);
     if (status) return status;
-    struct prt_shade shade = shade_of(p, total);
+    struct prt_shade shade = shade_of(p, total, exit_option(&tool->opt));
     return tool_exit(
         tool, prt_shade_image(&tool->ctx, p->visibility, p->source.mesh, &shade, &p->image));
 }
@@ -262,7 +278,7 @@ static int draw_on_screen(struct tool *tool, struct picture *p, const char *engi
         .seed = o->seed,
         .measure_error = o->measure_error,
     };
-    struct prt_shade shade_options = shade_of(p, total);
+    struct prt_shade shade_options = shade_of(p, total, exit_option(o));
     struct prt_screen *screen;
     int status = prt_screen_engine_parse(engine, &options.engine);
     if (status) return tool_exit(tool, status);
@@ -350,16 +366,20 @@ static int draw(struct tool *tool, struct picture *p)
     if ((status = place_camera(tool, p, (float)width / (float)height))) return status;
     double started = prt_time_s();
     if ((status = load_lights(tool, p, vertex, total))) return status;
-    status =
-        tool_exit(tool, prt_visibility_create(&tool->ctx, p->source.mesh, &p->camera, width,
-                                              height, o->msaa ? (unsigned)o->msaa : 4,
-                                              PRT_RASTER_AUTO, &p->visibility));
+    struct prt_raster raster = {width, height, o->msaa ? (unsigned)o->msaa : 4,
+                                PRT_RASTER_AUTO};
+    status = tool_exit(tool, prt_visibility_create(&tool->ctx, p->source.mesh, &p->camera,
+                                                   &raster, &p->visibility));
     if (status) return status;
     p->on_screen = !vertex && !reference;
     if (!strcmp(term, "irradiance")) p->leave_out = PRT_LOOK_ALL;
     if (o->no_textures) p->leave_out = PRT_LOOK_ALL;
     if (o->albedo_map) p->leave_out |= PRT_LOOK_BASE;
     if (o->normal_map || o->bump_map) p->leave_out |= PRT_LOOK_NORMAL;
+    if (o->floor)
+        status =
+            prt_floor_shadow(&tool->ctx, p->source.mesh, p->visibility, &p->light, &p->shadow);
+    if (status) return tool_exit(tool, status);
     status = p->on_screen ? draw_on_screen(tool, p, engine, total)
                           : draw_vertices(tool, p, reference, total, term);
     if (status) return status;

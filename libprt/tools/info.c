@@ -236,7 +236,8 @@ static int add_tensor(struct tool *tool, cJSON *to, const struct prt_transport *
 }
 
 // "media": each with the objects that have it; "material": the first of them.
-static void add_media(cJSON *root, const struct prt_mesh *mesh, const struct prt_media *media)
+static void add_baked_media(cJSON *root, const struct prt_mesh *mesh,
+                            const struct prt_media *media)
 {
     char text[PRT_MATERIAL_SUMMARY];
     prt_material_summary(&media->medium[0], text, sizeof text);
@@ -274,7 +275,7 @@ static int describe_prt(struct tool *tool, const char *path, cJSON *root)
     cJSON_AddStringToObject(root, "engine", source_engine_name(t));
     cJSON_AddNumberToObject(root, "cube", t->cube);
     cJSON_AddNumberToObject(root, "bytes", (double)prt_file_bytes(file));
-    add_media(root, &t->mesh, &t->media);
+    add_baked_media(root, &t->mesh, &t->media);
     snprintf(hash, sizeof hash, "%016llx", (unsigned long long)t->mesh_hash);
     cJSON_AddStringToObject(root, "mesh_hash", hash);
     add_mesh(root, &t->mesh);
@@ -294,6 +295,34 @@ static int describe_prt(struct tool *tool, const char *path, cJSON *root)
     return EXIT_DONE;
 }
 
+// The medium that each translucent surface's own material became, in the file's unit.
+static void add_media(const struct tool *tool, cJSON *root, const struct prt_mesh *mesh)
+{
+    cJSON *list = cJSON_GetObjectItem(cJSON_GetObjectItem(root, "mesh"), "surfaces");
+    for (uint32_t i = 0; mesh->volume && mesh->units_known && i < mesh->n_surface; i++) {
+        struct prt_material m;
+        char text[PRT_MATERIAL_SUMMARY];
+        if (!mesh->surface[i].translucent || !mesh->volume[i].kind ||
+            !surface_material(tool, mesh, i, 1000, &m))
+            continue;
+        prt_material_summary(&m, text, sizeof text);
+        add_parsed(cJSON_GetArrayItem(list, (int)i), "medium", text);
+    }
+}
+
+static int describe_materials(struct tool *tool, const char *path, cJSON *root)
+{
+    struct prt_import *item;
+    unsigned n;
+    int status = prt_material_import_file(&tool->ctx, path, 0, &item, &n);
+    if (status) return tool_exit(tool, status);
+    cJSON_AddStringToObject(root, "kind", "materials");
+    cJSON *list = cJSON_AddArrayToObject(root, "materials");
+    for (unsigned i = 0; i < n; i++) cJSON_AddItemToArray(list, describe_import(&item[i]));
+    prt_free(item);
+    return EXIT_DONE;
+}
+
 static int describe_model(struct tool *tool, const char *path, cJSON *root)
 {
     struct prt_mesh *mesh;
@@ -303,6 +332,7 @@ static int describe_model(struct tool *tool, const char *path, cJSON *root)
     if (status) return tool_exit(tool, status == PRT_ARG ? PRT_FORMAT : status);
     cJSON_AddStringToObject(root, "kind", "model");
     add_mesh(root, mesh);
+    add_media(tool, root, mesh);
     add_cameras(root, mesh);
     prt_mesh_destroy(mesh);
     return EXIT_DONE;
@@ -385,6 +415,7 @@ int run_info(struct tool *tool)
     if (ends_with_any(path, files) || (exists && prt_file_probe(path)))
         status = describe_prt(tool, path, root);
     else if (ends_with_any(path, models)) status = describe_model(tool, path, root);
+    else if (prt_material_is_foreign(path)) status = describe_materials(tool, path, root);
     else status = describe_env(tool, path, root);
     if (!status && tool->opt.json) {
         char *text = cJSON_PrintUnformatted(root);

@@ -37,7 +37,8 @@ static void read_own(const struct tool *tool, const struct prt_mesh *mesh,
         bool used = false;
         for (uint32_t b = 0; b < mesh->n_block; b++)
             used |= mesh->block[b].surface == i && !of_block[b] && mesh->surface[i].translucent;
-        if (!used || !file_medium(tool, mesh, i, (double)mesh->mm_per_unit, &own[i])) continue;
+        if (!used || !surface_material(tool, mesh, i, (double)mesh->mm_per_unit, &own[i]))
+            continue;
         for (uint32_t b = 0; b < mesh->n_block; b++)
             if (mesh->block[b].surface == i && !of_block[b]) of_block[b] = &own[i];
         prt_material_summary(&own[i], text, sizeof text);

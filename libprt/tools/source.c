@@ -15,7 +15,7 @@ int material_named(struct tool *tool, const char *option, const char *name,
 {
     const struct prt_context *ctx = &tool->ctx;
     bool inline_json = name[strspn(name, " \t\r\n")] == '{';
-    bool is_file = !inline_json && access(name, R_OK) == 0;
+    bool is_file = !inline_json && (access(name, R_OK) == 0 || prt_material_is_foreign(name));
     char remedy[160] = "";
     if (!inline_json && !is_file && !prt_material_preset_named(name, remedy, sizeof remedy)) {
         const struct prt_material *preset;
@@ -24,8 +24,9 @@ int material_named(struct tool *tool, const char *option, const char *name,
             size_t n = strlen(list);
             snprintf(list + n, sizeof list - n, "%s%s", n ? ", " : "", preset->name);
         }
-        return usage_error(&tool->opt, "--%s %s: neither a file nor one of %s%s%s", option,
-                           name, list, remedy[0] ? "; " : "", remedy);
+        return usage_error(&tool->opt, "%s%s%s%s: neither a file nor one of %s%s%s",
+                           option ? "--" : "", option ? option : "", option ? " " : "", name,
+                           list, remedy[0] ? "; " : "", remedy);
     }
     int status = prt_material_load(ctx, name, out);
     if (!status) status = prt_material_check(ctx, out);
@@ -193,6 +194,11 @@ static enum prt_reference_term term_of(const char *word)
     return PRT_REFERENCE_TOTAL;
 }
 
+enum prt_exit exit_option(const struct options *o)
+{
+    return o->exit && !strcmp(o->exit, "papers") ? PRT_EXIT_PAPERS : PRT_EXIT_NORMALISED;
+}
+
 enum { DEFAULT_WALKS = 1024 };
 
 struct prt_reference_options reference_options(const struct options *o, const char *term,
@@ -201,6 +207,7 @@ struct prt_reference_options reference_options(const struct options *o, const ch
     bool walk = o->scattering && !strcmp(o->scattering, "walk");
     return (struct prt_reference_options){
         .term = term_of(term),
+        .exit = exit_option(o),
         .eye = eye_mm,
         .straight_single = o->straight,
         .n_sample = (uint32_t)o->samples,

@@ -18,7 +18,16 @@
 /* Exit statuses of the command contract. */
 enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
 
-enum command { CMD_BAKE, CMD_COLORS, CMD_IMAGE, CMD_INFO, CMD_COMPARE, CMD_ENV, N_COMMAND };
+enum command {
+    CMD_BAKE,
+    CMD_COLORS,
+    CMD_IMAGE,
+    CMD_INFO,
+    CMD_COMPARE,
+    CMD_ENV,
+    CMD_MATERIAL,
+    N_COMMAND
+};
 enum { MAX_INPUT = 2, MAX_OPAQUE = 64, MAX_ENV = 16 };
 
 struct vector_option {
@@ -33,7 +42,7 @@ struct options {
     const char *input[MAX_INPUT];
     unsigned n_input;
     const char *out, *env, *engine, *term, *transport, *storage, *basis, *camera, *cpu,
-        *scattering;
+        *scattering, *exit;
     const char *tone, *background, *layout, *orbit, *up, *checkpoint, *faces;
     const char *opaque[MAX_OPAQUE + 1];
     unsigned n_opaque;
@@ -55,7 +64,8 @@ struct options {
     uint32_t shard, n_shard;
     int progress_fd; /* -1: not given */
     bool max_rmse_set;
-    bool json, quiet, no_single, every_ray, straight, full_float, measure_error, no_textures;
+    bool json, quiet, no_single, every_ray, straight, full_float, measure_error, no_textures,
+        floor;
 };
 
 /* Fills `out` from the program's arguments. Returns -1 to go on, else the exit status: after
@@ -100,10 +110,12 @@ struct source {
     bool media_given;                      /* by --material */
     struct prt_media *made;                /* memory of media, or NULL */
 };
+/* Another program's material and its medium as JSON; the caller deletes it. */
+struct cJSON *describe_import(const struct prt_import *item);
 /* The medium that surface i gives by the file's own material; false where it gives none. Warns
  * of what is lost. mm_per_unit: of the file's unit. */
-bool file_medium(const struct tool *tool, const struct prt_mesh *mesh, uint32_t i,
-                 double mm_per_unit, struct prt_material *out);
+bool surface_material(const struct tool *tool, const struct prt_mesh *mesh, uint32_t i,
+                      double mm_per_unit, struct prt_material *out);
 /* Makes source->media of a model from --material and the file's own materials, and divides
  * objects of several media. fallback: as source_open. Returns an exit status. */
 int source_media(struct tool *tool, struct source *source, const struct prt_material *fallback);
@@ -123,13 +135,15 @@ const char *source_engine_name(const struct prt_transport *transport);
 int source_material_error(struct tool *tool, const struct source *source, const char *term,
                           double *error);
 enum prt_answer_term answer_term(const char *word); /* NULL: total */
+enum prt_exit exit_option(const struct options *o);
 /* Loads an environment, its faces read as --faces says. Library status. */
 int tool_env_load(const struct tool *tool, const char *path, struct prt_env **out);
 /* Resamples env, turned by --rotate, to an n-cube. n = 0: the resolution of --cube (full: the
  * file's own), else the .prt's, else 32. Returns an exit status. */
 int source_light(struct tool *tool, const struct source *source, const struct prt_env *env,
                  uint32_t n, struct prt_cube *out);
-/* Loads the preset, file or JSON text `name` that --`option` gave. Returns an exit status. */
+/* Loads the preset, file or JSON text `name` that --`option` (NULL: an operand) gave. Returns
+ * an exit status. */
 int material_named(struct tool *tool, const char *option, const char *name,
                    struct prt_material *out);
 /* The reference engine's options by the command line; term NULL: total; eye [3] mm or NULL. */
@@ -173,5 +187,6 @@ int run_image(struct tool *tool);
 int run_info(struct tool *tool);
 int run_compare(struct tool *tool);
 int run_env(struct tool *tool);
+int run_material(struct tool *tool);
 
 #endif

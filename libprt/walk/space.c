@@ -5,6 +5,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 // Twice the area, and six times the volume of the tetrahedron on the origin.
 static void triangle_measures(const struct prt_mesh *mesh, uint32_t t, double *area2,
@@ -38,6 +39,31 @@ static void measure(struct prt_walk_space *s, const struct prt_mesh *mesh)
     }
 }
 
+// The direction from each vertex that leads away from its faces: against the sum of their unit
+// normals.
+static void find_inward(struct prt_walk_space *s, const struct prt_mesh *mesh)
+{
+    for (uint32_t t = 0; t < mesh->n_triangle; t++) {
+        const float *a = mesh->position[mesh->triangle[t][0]];
+        const float *b = mesh->position[mesh->triangle[t][1]];
+        const float *c = mesh->position[mesh->triangle[t][2]];
+        float n[3], length = 0;
+        for (int k = 0; k < 3; k++) {
+            int i = (k + 1) % 3, j = (k + 2) % 3;
+            n[k] = (b[i] - a[i]) * (c[j] - a[j]) - (b[j] - a[j]) * (c[i] - a[i]);
+            length += n[k] * n[k];
+        }
+        if (!(length > 0)) continue;
+        for (int v = 0; v < 3; v++)
+            for (int k = 0; k < 3; k++)
+                s->inward[mesh->weld[mesh->triangle[t][v]]][k] -= n[k] / sqrtf(length);
+    }
+    for (uint32_t w = 0; w < mesh->n_weld; w++) {
+        float *d = s->inward[w], length = sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        for (int k = 0; k < 3; k++) d[k] = length > 1e-3f ? d[k] / length : 0;
+    }
+}
+
 static void box(struct prt_walk_space *s, const struct prt_mesh *mesh)
 {
     for (int k = 0; k < 3; k++) s->low[k] = INFINITY, s->high[k] = -INFINITY;
@@ -67,11 +93,13 @@ int prt_walk_space_create(const struct prt_context *ctx, const struct prt_scene 
         s->triangle_object = prt_alloc(mesh->n_triangle, sizeof *s->triangle_object);
         s->volume = prt_calloc(mesh->n_object, sizeof *s->volume);
         s->area = prt_calloc(mesh->n_object, sizeof *s->area);
-        if (!s->triangle_object || !s->volume || !s->area) status = PRT_NOMEM;
+        s->inward = prt_calloc(mesh->n_weld + 1u, sizeof *s->inward);
+        if (!s->triangle_object || !s->volume || !s->area || !s->inward) status = PRT_NOMEM;
     }
     if (status == PRT_OK) {
         double all = 0;
         measure(s, mesh);
+        find_inward(s, mesh);
         for (uint32_t o = 0; o < s->n_object; o++) all += s->area[o];
         if (!(all > 0))
             status =
@@ -93,8 +121,19 @@ void prt_walk_space_destroy(struct prt_walk_space *space)
     prt_free(space->triangle_object);
     prt_free(space->volume);
     prt_free(space->area);
+    prt_free(space->inward);
     prt_free(space->bound);
     free(space);
+}
+
+void prt_walk_start_at(const struct prt_walk_space *space, uint32_t vertex, uint32_t object,
+                       uint64_t seed, struct prt_walk_start *out)
+{
+    const struct prt_mesh *mesh = prt_scene_mesh(space->scene);
+    *out = (struct prt_walk_start){.object = object, .seed = seed};
+    memcpy(out->position, mesh->position[vertex], sizeof out->position);
+    memcpy(out->normal, mesh->normal[vertex], sizeof out->normal);
+    memcpy(out->inward, space->inward[mesh->weld[vertex]], sizeof out->inward);
 }
 
 double prt_walk_volume(const struct prt_walk_space *space, uint32_t object)

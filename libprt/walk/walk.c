@@ -23,7 +23,7 @@ struct run {
     const struct prt_walk_space *space;
     const struct prt_walk_start *start;
     float mean_free_path, eta, longest, epsilon;
-    float tangent[3], bitangent[3];
+    float tangent[3], bitangent[3], inward[3];
     float cosine[ANGLES + 1]; // of the first direction outside, at equal shares of F_t cos
     uint32_t n_walk, next;
     uint32_t direction[3][32], shift[3]; // of the stratified first numbers
@@ -63,6 +63,13 @@ static float inner_reflectance(float eta, float cosine)
 // that is sixteen times as fine.
 static void first_cosines(float eta, float cosine[ANGLES + 1])
 {
+    static _Thread_local struct {
+        float eta, cosine[ANGLES + 1];
+    } last_table; // thousands of vertices in turn have one eta
+    if (last_table.eta == eta) {
+        memcpy(cosine, last_table.cosine, sizeof last_table.cosine);
+        return;
+    }
     enum { FINE = 16 * ANGLES };
     double sum[FINE + 1], last = 0;
     sum[0] = 0;
@@ -78,6 +85,8 @@ static void first_cosines(float eta, float cosine[ANGLES + 1])
         double step = sum[at] - sum[at - 1], f = step > 0 ? (want - sum[at - 1]) / step : 0;
         cosine[k] = (float)((at - 1 + fmin(fmax(f, 0), 1)) / FINE);
     }
+    last_table.eta = eta;
+    memcpy(last_table.cosine, cosine, sizeof last_table.cosine);
 }
 
 static void frame(const float n[3], float t[3], float b[3])
@@ -127,7 +136,7 @@ static void begin_walk(struct run *r, struct lane *l)
     for (int c = 0; c < 3; c++) {
         l->d[c] =
             -inside * n[c] + sine * (cosf(phi) * r->tangent[c] + sinf(phi) * r->bitangent[c]);
-        l->p[c] = r->start->position[c] - r->epsilon * n[c];
+        l->p[c] = r->start->position[c] + r->epsilon * r->inward[c];
     }
     l->left = flight(r, stratified(r, 2, i));
     l->length = 0;
@@ -260,6 +269,9 @@ static void prepare(struct run *r, const struct prt_walk_medium *m)
     if (!(r->longest > 0)) r->longest = INFINITY;
     for (int k = 0; k < 3; k++) r->shift[k] = (uint32_t)mix(state += 0x9e3779b97f4a7c15u);
     sobol_directions(r->direction);
+    const float *away = r->start->inward, *n = r->start->normal;
+    bool given = away[0] != 0 || away[1] != 0 || away[2] != 0;
+    for (int k = 0; k < 3; k++) r->inward[k] = given ? away[k] : -n[k];
     frame(r->start->normal, r->tangent, r->bitangent);
     first_cosines(m->eta, r->cosine);
 }

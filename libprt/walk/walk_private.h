@@ -12,6 +12,7 @@ struct prt_walk_space {
     uint32_t n_object;
     uint32_t *triangle_object; /* [n_triangle] or WALK_OPAQUE */
     double *volume, *area;     /* [n_object] mm^3, mm^2 */
+    float (*inward)[3];        /* [n_weld] unit, away from all faces of a vertex; or 0 */
     float low[3], high[3];     /* mm, box of all triangles */
     float epsilon;             /* mm by which a walk keeps off the surface */
     /* A cell's value times quantum_mm is a lower bound on the distance of each of its points to

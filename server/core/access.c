@@ -28,6 +28,9 @@ struct access {
     struct token shared; // of --token-file; without a name: none
     bool existed;        // a token was created in this folder at some time
     struct guesses guesses;
+    access_guest_fn guest_check;
+    bool (*guest_current)(void *user, const char *principal);
+    void *guests;
 };
 
 const char *access_missing(unsigned has, unsigned wanted)
@@ -165,11 +168,58 @@ static bool expired(const struct token *token)
     return token->expires_s && now.tv_sec >= token->expires_s;
 }
 
+bool is_guest(const char *principal)
+{
+    return !strncmp(principal, "guest:", 6);
+}
+
+void access_set_guests(struct access *access, access_guest_fn check,
+                       bool (*current)(void *user, const char *principal), void *user)
+{
+    access->guest_check = check;
+    access->guest_current = current;
+    access->guests = user;
+}
+
 bool access_is_current(const struct access *access, const struct caller *caller)
 {
+    if (is_guest(caller->name))
+        return access->guest_current && access->guest_current(access->guests, caller->name);
     if (strncmp(caller->name, token_prefix, sizeof token_prefix - 1)) return true;
     const struct token *token = token_of(access, caller->name);
     return token && !token->pending && !expired(token);
+}
+
+static void sign(const struct token *token, const char *text, char out[44])
+{
+    uint8_t mac[crypto_auth_hmacsha256_BYTES];
+    _Static_assert((int)crypto_auth_hmacsha256_KEYBYTES == (int)TOKEN_HASH, "the key");
+    crypto_auth_hmacsha256(mac, (const uint8_t *)text, strlen(text), token->hash);
+    sodium_bin2base64(out, 44, mac, sizeof mac, sodium_base64_VARIANT_URLSAFE_NO_PADDING);
+}
+
+bool access_sign(const struct access *access, const struct caller *caller, const char *text,
+                 char out[44])
+{
+    const struct token *token = token_of(access, caller->name);
+    if (!token || token->pending) return false;
+    sign(token, text, out);
+    return true;
+}
+
+bool access_signature_is(const struct access *access, const char *name, const char *text,
+                         const char *signature, struct caller *out)
+{
+    char principal[96], right[44];
+    if (strlen(name) >= TOKEN_NAME || strlen(signature) != sizeof right - 1) return false;
+    snprintf(principal, sizeof principal, "%s%s", token_prefix, name);
+    const struct token *token = token_of(access, principal);
+    if (!token || token->pending || expired(token)) return false;
+    sign(token, text, right);
+    if (sodium_memcmp(right, signature, sizeof right - 1)) return false;
+    *out = (struct caller){.scopes = token->scopes & SCOPE_VIEW, .expires_s = token->expires_s};
+    snprintf(out->name, sizeof out->name, "%s", principal);
+    return true;
 }
 
 bool access_take_request(struct access *access, const struct caller *caller, uint32_t *retry_ms)
@@ -254,7 +304,13 @@ static enum access_verdict with_token(struct access *access, const char *secret,
 enum access_verdict access_check(struct access *access, const char *who, const char *secret,
                                  struct caller *out, char error[256], uint32_t *retry_ms)
 {
+    enum access_verdict verdict = ACCESS_NO_TOKEN;
     *retry_ms = 0;
+    bool later = *secret && guesses_wait_ms(&access->guesses, who, loop_now_ns());
+    if (*secret && !later && access->guest_check)
+        verdict = access->guest_check(access->guests, secret, out, error);
+    if (verdict == ACCESS_WRONG) guesses_count(&access->guesses, who, secret, loop_now_ns());
+    if (verdict != ACCESS_NO_TOKEN) return verdict;
     // A client may have a token for another daemon in its environment.
     if (!*secret || !access_required(access)) return without_token(access, who, out, error);
     if ((*retry_ms = guesses_wait_ms(&access->guesses, who, loop_now_ns()))) {
@@ -262,7 +318,7 @@ enum access_verdict access_check(struct access *access, const char *who, const c
                  (*retry_ms + 999) / 1000);
         return ACCESS_LATER;
     }
-    enum access_verdict verdict = with_token(access, secret, out, error);
+    verdict = with_token(access, secret, out, error);
     if (verdict == ACCESS_WRONG) guesses_count(&access->guesses, who, secret, loop_now_ns());
     return verdict;
 }

@@ -23,6 +23,7 @@ struct options;
     X(JOBS, "bakes that wait or run", "", client_jobs, bake_queue)                          \
     X(UPLOADS, "uploads under way", "", client_uploads, uploads)                            \
     X(MODELS, "models", "", client_models, max_models)                                      \
+    X(ROOMS, "review rooms", "", client_rooms, max_rooms)                                   \
     X(DISK, "bytes on disk", " bytes", client_disk, disk)
 
 enum ledger_resource {

@@ -19,6 +19,7 @@
 #include "core/server.h"
 #include "render/shared/poses.h"
 #include "render/shared/warm_up.h"
+#include "rooms/rooms.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -123,6 +124,7 @@ static void run_maintenance(struct loop_timer *timer)
 {
     blobs_maintain(server.blobs);
     if (server.models) evict_for_room(&server, NULL);
+    if (server.rooms) rooms_maintain(server.rooms);
     loop_timer_set(server.loop, timer, loop_now_ns() + 60000000000u);
 }
 
@@ -263,6 +265,8 @@ static int start_models(void)
 {
     if (jobs_recall(server.jobs) || models_create(&server, &server.models)) return -1;
     models_resume_bakes(server.models);
+    if (models_follow_folder(&server)) return -1;
+    models_start(server.models);
     return 0;
 }
 
@@ -301,7 +305,8 @@ static int start(void)
                        &server.decoder) ||
         work_pool_create(server.loop, threads, cpu, &server.work) || open_data() ||
         open_access() || open_tls() || poses_create(&server, &server.poses) ||
-        jobs_create(&server, &job_runner_child, &server.jobs) || start_models())
+        jobs_create(&server, &job_runner_child, &server.jobs) || start_models() ||
+        rooms_create(&server, &server.rooms))
         return -1;
     readiness_begin(&server);
     if (listen_everywhere()) return -1;
@@ -346,9 +351,11 @@ static void stop(void)
         }
         loop_turn(server.loop, 50);
     }
+    rooms_destroy(server.rooms);
     if (server.cache) cache_use_workers(server.cache, NULL);
     if (server.files) cache_use_workers(server.files, NULL);
     work_pool_destroy(server.work);
+    models_unfollow_folder(&server);
     models_destroy(server.models);
     cache_destroy(server.cache); // shapes hold files and poses
     poses_destroy(server.poses);

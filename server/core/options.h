@@ -15,7 +15,10 @@ enum { OPTIONS_MAX_LISTEN = 16 };
 #define OPTIONS_LIST(X)                                                                        \
     X(TEXT, models, "models", "DIR", "",                                                       \
       "Folder whose model files (.glb .gltf .obj .ply .stl) and .prt files are available "     \
-      "by name")                                                                               \
+      "by name; what its folders NAME/VERSION hold is loaded without being asked for")         \
+    X(SECONDS, poll, "poll", "S", "2",                                                         \
+      "Between two looks at --models for new, replaced and removed models. 0: only at the "    \
+      "start, and when the system reports a change in the folder itself")                      \
     X(TEXT, data, "data", "DIR", "",                                                           \
       "Folder for uploads, bakes and the catalogue; survives restarts. Empty: a "              \
       "temporary folder that is removed at the end")                                           \
@@ -26,8 +29,9 @@ enum { OPTIONS_MAX_LISTEN = 16 };
       "Folder of the page, static files that HTTP serves at /. Empty: share/relight/page "     \
       "beside the folder of this program")                                                     \
     X(TEXT, origins, "origins", "LIST", "",                                                    \
-      "Web origins, comma-separated, that may open the WebSocket besides the page's "          \
-      "own; * for all")                                                                        \
+      "Web origins, comma-separated, that may open the WebSocket and read answers of the "     \
+      "API besides the page's own, such as https://shop.example for a shop that embeds "       \
+      "the viewer; * for all. Signed links to pictures need none")                             \
     X(TEXT, hosts, "hosts", "LIST", "",                                                        \
       "Host names, comma-separated, that HTTP requests may name besides loopback "             \
       "names and the address it listens on; requests for other hosts are refused; * "          \
@@ -134,6 +138,14 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(COUNT, max_models, "max-models", "N", "10000", "Models that the daemon knows at once")   \
     X(BYTES, client_disk, "client-disk", "BYTES", "16G",                                       \
       "Disk space for one client's uploads, previews and bakes under --data")                  \
+    X(TEXT, rooms, "rooms", "STORE", "",                                                       \
+      "Where review rooms are kept: sqlite:FILE. Empty: rooms.sqlite under --data")            \
+    X(COUNT, client_rooms, "client-rooms", "N", "1000", "Review rooms that one client made")   \
+    X(COUNT, max_rooms, "max-rooms", "N", "100000", "Review rooms of all clients")             \
+    X(SECONDS, rooms_keep, "rooms-keep", "SECONDS", "2592000",                                 \
+      "Delete a review room as long after it was closed. 0: never")                            \
+    X(SECONDS, room_idle, "room-idle", "SECONDS", "60",                                        \
+      "Keep a review room in memory as long after its last use")                               \
     X(SECONDS, handshake, "handshake", "SECONDS", "5",                                         \
       "Close a connection that has not sent HELLO within this time")                           \
     X(SECONDS, write_time, "write-time", "SECONDS", "10",                                      \

@@ -16,12 +16,15 @@
 
 struct connection;
 struct models;
+struct repository;
+struct versions;
 struct imports;
 struct file_queue;
 struct access;
 struct tls;
 struct events;
 struct poses;
+struct rooms;
 
 enum {
     SERVER_HELLO_HEADER = 4096, /* before HELLO; no payload then */
@@ -47,9 +50,12 @@ struct server {
     struct jobs *jobs;
     struct models *models;
     struct imports *imports;       /* the folder --models */
+    struct versions *versions;     /* its folders NAME/VERSION */
+    struct repository *repository; /* the LOADs that they stand for */
     struct file_queue *file_queue; /* file operations, one after another on a worker */
     struct poses *poses;           /* render/shared/poses.h */
     struct events *events;         /* core/events.h */
+    struct rooms *rooms;           /* rooms/rooms.h */
     char run[17];                  /* hex digits that differ at every start */
     struct stats stats;
     struct ledger *ledger; /* resources by principal; checks every limit */
@@ -64,6 +70,8 @@ struct server {
     bool leaving;     /* SIGTERM came: /readyz says so, and clients are told to leave */
     bool draining;    /* no new requests; those that are open end */
     int access_level; /* enum log_level of the line about each request (--log-access) */
+    /* Whether a guest of a room (a principal "guest:ID") may use the model of this id. */
+    bool (*guest_may_see)(const struct server *server, const char *guest, const char *model);
     /* Whether clients may be sent here; else why not, in one line. store/readiness.h */
     bool (*is_ready)(const struct server *server, char why[200]);
     /* The pace of answers while requests wait, for retry_after_ms: the last one, 0 where none

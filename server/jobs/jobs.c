@@ -311,13 +311,17 @@ static uint64_t next_order(struct jobs *jobs)
     return jobs->last_order_us = now;
 }
 
+bool jobs_full(const struct jobs *jobs)
+{
+    return jobs->n_queued >= jobs->server->options.bake_queue;
+}
+
 struct job *jobs_add(struct jobs *jobs, const struct job_origin *origin,
                      struct job_order *order, job_done_fn done, void *user)
 {
     struct job *job = NULL;
     forget_old(jobs);
-    if (!jobs->stopping && jobs->n_queued < jobs->server->options.bake_queue)
-        job = calloc(1, sizeof *job);
+    if (!jobs->stopping && !jobs_full(jobs)) job = calloc(1, sizeof *job);
     if (!job) {
         job_free_order(order);
         return NULL;

@@ -63,6 +63,8 @@ struct job_origin {
     const char *model, *owner, *recipe;
     const char *folder; /* below DATA/work: kept while the job is open, removed at its end */
 };
+/* Whether --bake-queue bakes wait already: jobs_add then refuses. */
+bool jobs_full(const struct jobs *jobs);
 /* Takes over the order. NULL when the queue is full. */
 struct job *jobs_add(struct jobs *jobs, const struct job_origin *origin,
                      struct job_order *order, job_done_fn done, void *user);

@@ -57,7 +57,7 @@ static int confirm_upgrade(struct lws *wsi, const char *to)
     const char *names =
         http_header(wsi, WSI_TOKEN_PROTOCOL, protocol_room, sizeof protocol_room);
     if (!strcmp(to, "websocket") && path && !strcmp(path, "/ws") && names &&
-        strstr(names, SUBPROTOCOL) && http_admitted(wsi))
+        strstr(names, SUBPROTOCOL) && http_admitted(wsi, false))
         return 0;
     lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, NULL);
     return -1;
@@ -67,7 +67,7 @@ static int confirm_upgrade(struct lws *wsi, const char *to)
 
 static int filter_request(struct lws *wsi)
 {
-    if (http_admitted(wsi)) return 0;
+    if (http_admitted(wsi, true)) return 0;
     lws_return_http_status(wsi, HTTP_STATUS_FORBIDDEN, NULL);
     return 1;
 }

@@ -57,6 +57,7 @@ enum { MAX_PING = SERVER_MAX_PING, ANY = SERVER_MAX_PAYLOAD };
 #define ENDS OPERATION_ENDS_AT_DRAIN
 #define ALWAYS OPERATION_ALWAYS
 #define ORDERED OPERATION_ORDERED
+#define GUEST OPERATION_GUEST
 #define VIEW SCOPE_VIEW
 #define EDIT SCOPE_EDIT
 #define UPLOAD SCOPE_UPLOAD
@@ -65,32 +66,41 @@ enum { MAX_PING = SERVER_MAX_PING, ANY = SERVER_MAX_PAYLOAD };
 // Each row is named after its request's message in frame.h's list: a type without a row does
 // not compile.
 #define ROW(message, ...) static const struct operation message = {__VA_ARGS__};
-ROW(hello_request, op_hello, BEFORE_HELLO | ALWAYS, 0, 0, NULL)
-ROW(ping_request, op_ping, DRAINING | ALWAYS, 0, MAX_PING, NULL)
+ROW(hello_request, op_hello, BEFORE_HELLO | ALWAYS | GUEST, 0, 0, NULL)
+ROW(ping_request, op_ping, DRAINING | ALWAYS | GUEST, 0, MAX_PING, NULL)
 ROW(list_request, op_list, 0, VIEW, 0, NULL)
 ROW(put_blob_request, op_put_blob, 0, UPLOAD, ANY, NULL)
-ROW(env_request, op_env, 0, VIEW, 0, NULL)
+ROW(env_request, op_env, GUEST, VIEW, 0, NULL)
 ROW(load_request, models_load, 0, UPLOAD, 0, load_material)
 ROW(watch_request, op_watch, LONG, VIEW, 0, NULL)
 ROW(cancel_job_request, op_cancel_job, DRAINING | ALWAYS, EDIT, 0, NULL)
-ROW(cancel_request, op_cancel, DRAINING | ALWAYS, 0, 0, NULL)
-ROW(info_request, op_info, 0, VIEW, 0, NULL)
-ROW(geometry_request, op_geometry, 0, VIEW, 0, NULL)
-ROW(colors_request, op_colors, 0, VIEW, ANY, colors_material)
-ROW(image_request, op_image, 0, VIEW, ANY, image_material)
-ROW(view_open_request, op_view_open, LONG | ENDS | ORDERED, VIEW, ANY, view_open_material)
-ROW(view_set_request, op_view_set, ORDERED, VIEW, ANY, view_set_material)
-ROW(view_close_request, op_view_close, DRAINING | ALWAYS | ORDERED, 0, 0, NULL)
+ROW(cancel_request, op_cancel, DRAINING | ALWAYS | GUEST, 0, 0, NULL)
+ROW(info_request, op_info, GUEST, VIEW, 0, NULL)
+ROW(geometry_request, op_geometry, GUEST, VIEW, 0, NULL)
+ROW(colors_request, op_colors, GUEST, VIEW, ANY, colors_material)
+ROW(image_request, op_image, GUEST, VIEW, ANY, image_material)
+ROW(view_open_request, op_view_open, LONG | ENDS | ORDERED | GUEST, VIEW, ANY,
+    view_open_material)
+ROW(view_set_request, op_view_set, ORDERED | GUEST, VIEW, ANY, view_set_material)
+ROW(view_close_request, op_view_close, DRAINING | ALWAYS | ORDERED | GUEST, 0, 0, NULL)
 ROW(update_vertices_request, op_update_vertices, 0, EDIT, ANY, NULL)
 ROW(unload_request, op_unload, 0, EDIT, 0, NULL)
 ROW(stats_request, op_stats, DRAINING, VIEW, 0, NULL)
-ROW(subscribe_request, op_subscribe, LONG | ENDS, VIEW, 0, NULL)
+ROW(subscribe_request, op_subscribe, LONG | ENDS | GUEST, VIEW, 0, NULL)
 ROW(token_create_request, op_token_create, 0, ADMIN, 0, NULL)
 ROW(token_list_request, op_token_list, 0, ADMIN, 0, NULL)
 ROW(token_revoke_request, op_token_revoke, 0, ADMIN, 0, NULL)
 ROW(get_blob_request, op_get_blob, 0, VIEW, 0, NULL)
 ROW(put_pose_request, op_put_pose, 0, VIEW, ANY, NULL)
-ROW(factors_request, op_factors, 0, VIEW, 0, NULL)
+ROW(factors_request, op_factors, GUEST, VIEW, 0, NULL)
+ROW(room_create_request, op_room_create, 0, EDIT, 0, NULL)
+ROW(room_list_request, op_room_list, GUEST, VIEW, 0, NULL)
+ROW(room_get_request, op_room_get, GUEST, VIEW, 0, NULL)
+ROW(room_edit_request, op_room_edit, GUEST, VIEW, 0, NULL)
+ROW(room_picture_request, op_room_picture, GUEST, VIEW, 0, NULL)
+ROW(room_presence_request, NULL, ALWAYS, 0, 0, NULL, take_room_presence)
+ROW(room_backup_request, op_room_backup, 0, ADMIN, 0, NULL)
+ROW(sign_request, op_sign, 0, VIEW, 0, NULL)
 ROW(view_ack, NULL, ALWAYS, 0, 0, NULL, take_view_ack)
 
 static const struct operation *const table[RELIGHT_TYPE_N] = {
@@ -114,6 +124,16 @@ bool operation_allowed(struct request *request, unsigned scopes)
     request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                  "%s needs the scope %s; %s has: %s", relight_type_name(request->type), missing,
                  caller->name, has);
+    return false;
+}
+
+// Guests look at a room and its models.
+static bool guest_allowed(struct request *request, const struct operation *operation)
+{
+    if (operation->flags & OPERATION_GUEST || !is_guest(request->conn->caller.name))
+        return true;
+    request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
+                 "%s is not for guests of a room", relight_type_name(request->type));
     return false;
 }
 
@@ -214,7 +234,7 @@ void dispatch_frame(struct connection *conn, const struct relight_frame *frame,
     if (!conn->greeted && !(operation->flags & OPERATION_BEFORE_HELLO))
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
                      "the first request of a connection has to be HELLO");
-    else if (operation_allowed(request, operation->scopes))
+    else if (guest_allowed(request, operation) && operation_allowed(request, operation->scopes))
         material_then(request,
                       operation->material ? operation->material(request->message) : NULL,
                       operation->flags & OPERATION_ORDERED, run_operation);

@@ -40,6 +40,7 @@ enum operation_flag {
                                      no deadline but the client's own */
     OPERATION_ENDS_AT_DRAIN = 8, /* does not end by itself: the daemon ends it when it drains */
     OPERATION_ALWAYS = 16,       /* accepted beyond the limits: it frees or reports resources */
+    OPERATION_GUEST = 64,        /* also for those who come with an invitation to a room */
     OPERATION_ORDERED = 32,      /* requests of a connection about views run in their order */
 };
 struct operation {
@@ -68,6 +69,7 @@ void op_cancel(struct request *request);
 void op_info(struct request *request);
 void op_geometry(struct request *request);
 void op_factors(struct request *request);
+void op_sign(struct request *request);
 void op_colors(struct request *request);
 void op_image(struct request *request);
 void op_view_open(struct request *request);
@@ -82,6 +84,14 @@ void op_token_revoke(struct request *request);
 void op_subscribe(struct request *request);
 void op_get_blob(struct request *request);
 void op_put_pose(struct request *request);
+void op_room_create(struct request *request);
+void op_room_list(struct request *request);
+void op_room_get(struct request *request);
+void op_room_edit(struct request *request);
+void op_room_picture(struct request *request);
+void op_room_backup(struct request *request);
+void room_subscribe(struct request *request); /* SUBSCRIBE with `room` */
+void take_room_presence(struct connection *conn, const ProtobufCMessage *message);
 void take_view_ack(struct connection *conn, const ProtobufCMessage *message);
 
 #endif

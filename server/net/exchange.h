@@ -38,6 +38,7 @@ struct route {
     bool open;      /* answered without a token */
     bool any_query; /* parameters that it does not know are ignored: links get marks of mailers
                      */
+    bool signable;  /* a signed link may name it */
 };
 
 struct exchange {
@@ -76,6 +77,7 @@ struct exchange {
     bool streaming, complete, head_sent, close_after;
     struct payload plain;   /* what there is to send without a connection */
     unsigned n_event;       /* of a stream of events */
+    uint64_t link_s;        /* a signed link: how long it is still valid */
     struct loop_watch peer; /* fd 0: not watched */
     struct loop_timer beat; /* of a stream: keeps proxies and finds dead peers */
 };

@@ -63,7 +63,15 @@ static void local_address(struct lws *wsi, char *out, size_t room)
         *out = 0;
 }
 
-bool http_admitted(struct lws *wsi)
+static bool has_signature(struct lws *wsi)
+{
+    char room[64];
+    return (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) ||
+            lws_hdr_total_length(wsi, WSI_TOKEN_HEAD_URI)) &&
+           lws_get_urlarg_by_name(wsi, "sig=", room, sizeof room);
+}
+
+bool http_admitted(struct lws *wsi, bool link)
 {
     char host_room[300], origin_room[300], site[32], mode[32], local[64];
     const char *host = http_header(wsi, WSI_TOKEN_HOST, host_room, sizeof host_room);
@@ -78,6 +86,7 @@ bool http_admitted(struct lws *wsi)
     if (origin_fine && origin && !*origin && from && !strcmp(from, "cross-site") &&
         (!how || strcmp(how, "navigate")))
         origin_fine = false;
+    origin_fine |= host_fine && link && has_signature(wsi);
     if (host_fine && origin_fine) return true;
     log_line(LOG_WARN, "http refused host=\"%.100s\" origin=\"%.100s\"; --%s allows it",
              host ? host : "(unreadable)", origin ? origin : "(unreadable)",

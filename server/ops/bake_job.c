@@ -269,17 +269,19 @@ static void bake_ended(void *user, struct job *job, enum job_outcome outcome)
 
 // ---- its beginning
 
-// False, with the limit that is in the way.
-bool load_order_bake(struct load *load, struct model *m, char error[256])
+int load_order_bake(struct load *load, struct model *m, char error[256])
 {
     struct server *server = load->server;
     char *text = bake_recipe(load);
     cJSON *recipe = text ? cJSON_Parse(text) : NULL;
     struct baking *b = recipe ? new_baking(m, load->owner, load->bake_folder) : NULL;
     struct job *job = NULL;
+    int code = RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
     snprintf(error, 256, "not enough memory");
-    if (!b || ledger_take(load->request->conn->principal, LEDGER_JOBS, 1, error)) {
-        if (b) drop_baking(b);
+    if (!b) goto done;
+    if (ledger_take(load->request->conn->principal, LEDGER_JOBS, 1, error)) {
+        code = RELIGHT__ERROR_CODE__ERROR_BUSY;
+        drop_baking(b);
         goto done;
     }
     struct job_order order = bake_order(server, m->id, b->folder, recipe);
@@ -291,7 +293,11 @@ bool load_order_bake(struct load *load, struct model *m, char error[256])
     model_remember(m); // before the job, whose record stands for nothing without it
     job = jobs_add(server->jobs, &origin, &order, bake_ended, b);
     if (!job) {
-        snprintf(error, 256, "%u bakes wait already (--bake-queue)", jobs_open(server->jobs));
+        if (jobs_full(server->jobs)) {
+            code = RELIGHT__ERROR_CODE__ERROR_BUSY;
+            snprintf(error, 256, "%u bakes wait already (--bake-queue)",
+                     jobs_open(server->jobs));
+        }
         give_job_back(server, b->owner);
         drop_baking(b);
         goto done;
@@ -302,7 +308,7 @@ bool load_order_bake(struct load *load, struct model *m, char error[256])
 done:
     cJSON_Delete(recipe);
     free(text);
-    return job != NULL;
+    return job ? 0 : code;
 }
 
 // ---- after a restart
@@ -353,7 +359,7 @@ static const char *obstacle(const struct model *m, const char *folder, const cJS
 static void resume(struct models *models, struct server *server, struct job *job)
 {
     char folder[PATH_MAX];
-    struct model *m = model_by_id(models, job_model(job));
+    struct model *m = models_get(models, job_model(job));
     cJSON *recipe = cJSON_Parse(job_recipe(job));
     snprintf(folder, sizeof folder, "%s/work/%s", server->data, job_folder(job));
     const char *error = obstacle(m, folder, recipe);

@@ -79,6 +79,9 @@ void load_hash_source(struct load *load);
 /* Copies the next file of --models that the model names. */
 void load_import_next(struct load *load);
 const char *load_file_part(const char *path);
+/* struct model's `source` of a LOAD by path, to free(): JSON with its files, and the packed
+ * request in hex digits. NULL without memory. */
+char *load_source_text(const struct load *load);
 
 /* load_bake.c */
 void load_name_model(const struct load *load, char id[MODEL_ID + 1]);
@@ -95,8 +98,9 @@ void load_add_arg(struct load_args *args, const char *fmt, ...)
  */
 void load_add_settings(struct load_args *args, const Relight__LoadRequest *r);
 
-/* bake_job.c. False, with the limit that is in the way. */
-bool load_order_bake(struct load *load, struct model *m, char error[256]);
+/* bake_job.c. 0, or the protocol's error code with its text: BUSY names the limit that is in
+ * the way. */
+int load_order_bake(struct load *load, struct model *m, char error[256]);
 
 /* Pins the model where the request says so. False: the caller may not, and the load is gone. */
 bool load_pin(struct load *load, struct model *m);

@@ -3,6 +3,7 @@
 // .gltf with the files that it names.
 #include "ops/load.h"
 
+#include <cjson/cJSON.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -94,10 +95,17 @@ static void imported(struct import_request *request, struct import_copy *copy,
     load_import_next(load);
 }
 
-void load_import_next(struct load *load)
+// Below --models: the model's path, and that of a file which it names.
+static void path_of(const struct load *load, size_t index, char out[PATH_MAX])
 {
     const char *path = load_message(load)->path;
-    char beside[PATH_MAX];
+    int folder = index ? (int)(load_file_part(path) - path) : 0;
+    snprintf(out, PATH_MAX, "%.*s%s", folder, path, index ? load->sibling[index - 1] : path);
+}
+
+void load_import_next(struct load *load)
+{
+    char path[PATH_MAX];
     if (load->n_file > load->n_sibling) {
         load_hash_source(load);
         load_source_known(load);
@@ -105,14 +113,35 @@ void load_import_next(struct load *load)
     }
     load->importing = true;
     load->import.done = imported;
-    const char *wanted = path;
-    if (load->n_file) {
-        int folder = (int)(load_file_part(path) - path);
-        snprintf(beside, sizeof beside, "%.*s%s", folder, path,
-                 load->sibling[load->n_file - 1]);
-        wanted = beside;
+    path_of(load, load->n_file, path);
+    imports_get(load->server->imports, path, load->owner, &load->import);
+}
+
+char *load_source_text(const struct load *load)
+{
+    static const char digits[] = "0123456789abcdef";
+    const ProtobufCMessage *message = load->request->message;
+    size_t n = protobuf_c_message_get_packed_size(message);
+    uint8_t *bytes = malloc(n + 1);
+    char *hex = calloc(n + 1, 2), path[PATH_MAX], *text = NULL;
+    cJSON *json = cJSON_CreateObject(), *files = cJSON_AddArrayToObject(json, "files");
+    for (size_t i = 0; i < load->n_file; i++) {
+        path_of(load, i, path);
+        cJSON_AddItemToArray(files, cJSON_CreateString(path));
     }
-    imports_get(load->server->imports, wanted, load->owner, &load->import);
+    if (bytes && hex) {
+        protobuf_c_message_pack(message, bytes);
+        for (size_t i = 0; i < n; i++) {
+            hex[2 * i] = digits[bytes[i] >> 4];
+            hex[2 * i + 1] = digits[bytes[i] & 15];
+        }
+        cJSON_AddStringToObject(json, "request", hex);
+        text = cJSON_PrintUnformatted(json);
+    }
+    cJSON_Delete(json);
+    free(bytes);
+    free(hex);
+    return text;
 }
 
 const char *load_file_part(const char *path)

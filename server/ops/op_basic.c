@@ -26,8 +26,9 @@ static void fill_limits(const struct options *o, Relight__HelloAnswer *out)
 {
     // PROTOCOL.md lists them; a client tests for a word before it relies on the feature.
     static const char *const features[] = {
-        "coefficients", "error-range", "events", "get-blob", "goaway",     "poses",
-        "run",          "textures",    "tokens", "view-ack", "view-equal", "view-fields",
+        "coefficients", "error-range", "events",     "get-blob",    "goaway",
+        "poses",        "rooms",       "run",        "sign",        "textures",
+        "tokens",       "view-ack",    "view-equal", "view-fields",
     };
     out->features = (char **)features;
     out->n_features = sizeof features / sizeof *features;
@@ -250,25 +251,42 @@ static struct environments *list_environments(const struct request *request,
     return e;
 }
 
+// The models of one answer: those after the last one of the answer before, newest first.
+static void list_models(const struct request *request, struct info_text *text, size_t most,
+                        Relight__ListAnswer *out)
+{
+    const struct models *models = request->server->models;
+    uint64_t after = MESSAGE(ListRequest)->after;
+    for (struct model *m = NULL; (m = models_next(models, m));) {
+        if (m->replaced || m->removed || (after && m->serial >= after)) continue;
+        if (out->n_models == most) {
+            out->next = after;
+            return;
+        }
+        fill_info(m, request->conn->principal->name, &text[out->n_models]);
+        out->models[out->n_models] = &text[out->n_models].info;
+        out->n_models++;
+        after = m->serial;
+    }
+}
+
+// The loop serves nobody else while it lists: an answer has 256 models at most.
 void op_list(struct request *request)
 {
-    struct models *models = request->server->models;
+    enum { MOST = 256 };
+    const Relight__ListRequest *in = MESSAGE(ListRequest);
     Relight__ListAnswer out = RELIGHT__LIST_ANSWER__INIT;
-    size_t n = 0;
-    for (struct model *m = NULL; (m = models_next(models, m));) n++;
+    size_t most = in->limit && in->limit < MOST ? in->limit : MOST;
     struct environments *environments = NULL;
-    struct info_text *text = calloc(n + 1, sizeof *text);
-    out.models = calloc(n + 1, sizeof *out.models);
+    struct info_text *text = calloc(most, sizeof *text);
+    out.models = calloc(most, sizeof *out.models);
     if (!text || !out.models) {
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
         goto end;
     }
-    for (struct model *m = NULL; (m = models_next(models, m)); out.n_models++) {
-        fill_info(m, request->conn->principal->name, &text[out.n_models]);
-        out.models[out.n_models] = &text[out.n_models].info;
-    }
-    if (MESSAGE(ListRequest)->files) out.n_files = list_files(request->server, &out.files);
-    if (MESSAGE(ListRequest)->environments) environments = list_environments(request, &out);
+    list_models(request, text, most, &out);
+    if (in->files) out.n_files = list_files(request->server, &out.files);
+    if (in->environments) environments = list_environments(request, &out);
     request_answer(request, &out.base, NULL);
 end:
     for (size_t i = 0; i < out.n_models; i++) free(text[i].warning_text);
@@ -542,7 +560,10 @@ static void add_metric(void *user, const char *name, const char *labels, double 
         return;
     }
     relight__metric__init(m);
-    if (asprintf(&m->name, labels[0] ? "%s{%s}" : "%s%s", name, labels) < 0) m->name = "";
+    if (asprintf(&m->name, labels[0] ? "%s{%s}" : "%s%s", name, labels) < 0) {
+        free(m);
+        return;
+    }
     m->value = value;
     m->help = (char *)help;
     all->metric[all->answer.n_metrics++] = m;

@@ -189,7 +189,8 @@ void op_env(struct request *request)
     const Relight__EnvRequest *in = (const Relight__EnvRequest *)request->message;
     char error[300], env[96];
     struct env_job *job = calloc(1, sizeof *job);
-    int code = job ? env_canonical(in->env, env, error) : RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
+    int code = job ? env_of_request(request, in->env, env, error)
+                   : RELIGHT__ERROR_CODE__ERROR_NO_MEMORY;
     struct cache_entry *entry = NULL;
     if (job && !code) entry = env_get(request->server, env, &code, error);
     if (!job || !entry) {

@@ -114,6 +114,15 @@ void op_subscribe(struct request *request)
     const Relight__SubscribeRequest *in = (const Relight__SubscribeRequest *)request->message;
     struct server *server = request->server;
     struct connection *conn = request->conn;
+    if (in->room[0]) {
+        room_subscribe(request);
+        return;
+    }
+    if (is_guest(request->conn->caller.name)) {
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
+                     "a guest can subscribe to the room of the invitation alone: set `room`");
+        return;
+    }
     if (in->n_kinds > MAX_KIND) {
         char error[128];
         request_fail(

@@ -151,6 +151,7 @@ static void go_on(struct load *load, struct model *m)
     const Relight__LoadRequest *r = load_message(load);
     int before = m->state;
     char error[256];
+    int code;
     if (load->bake_bytes) {
         model_set_state(m, RELIGHT__MODEL_STATE__MODEL_READY);
         model_charge_bake(m, load->bake_bytes);
@@ -166,13 +167,14 @@ static void go_on(struct load *load, struct model *m)
         model_set_state(m, RELIGHT__MODEL_STATE__MODEL_PREVIEW);
         m->error[0] = 0;
         mesh_and_answer(load, m);
-    } else if (load_order_bake(load, m, error)) {
+    } else if (!(code = load_order_bake(load, m, error))) {
         answer_when_written(load, m);
     } else {
         file_remove(load->server->file_queue, load->bake_folder);
         model_set_state(m, before);
         if (before == RELIGHT__MODEL_STATE__MODEL_RECEIVED) model_unload(m, true);
-        LOAD_FAIL(load, BUSY, "%s", error);
+        request_fail(load->request, code, "%s", error);
+        load_drop(load);
     }
 }
 
@@ -251,12 +253,23 @@ bool load_pin(struct load *load, struct model *m)
     return m->pinned = true;
 }
 
+// A model of a file of --models follows the file, unless its content was uploaded, too.
+static bool keep_source(struct load *load, struct model *m, bool fresh)
+{
+    bool by_path = load_message(load)->path[0];
+    char *text = by_path && (fresh || m->source) ? load_source_text(load) : NULL;
+    bool same = text && m->source ? !strcmp(text, m->source) : text == m->source;
+    free(m->source);
+    m->source = text;
+    return !same;
+}
+
 void load_source_known(struct load *load)
 {
     const Relight__LoadRequest *r = load_message(load);
     char id[MODEL_ID + 1], error[256];
     load_name_model(load, id);
-    struct model *m = model_by_id(load->server->models, id);
+    struct model *m = models_get(load->server->models, id);
     bool fresh = !m;
     if (fresh && !(m = add_model(load, id, error))) {
         LOAD_FAIL(load, LIMIT, "%s", error);
@@ -268,6 +281,8 @@ void load_source_known(struct load *load)
     bool pinned = m->pinned;
     if (!load_pin(load, m)) return;
     bool changed = other || m->pinned != pinned;
+    changed |= keep_source(load, m, fresh);
+    if (m->removed) model_revive(m);
     if (other) model_set_name(m, load->owner, load->name);
     m->used_ns = wall_ns();
     if (changed && m->state == RELIGHT__MODEL_STATE__MODEL_READY) model_remember(m);

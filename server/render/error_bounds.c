@@ -6,8 +6,9 @@
 #include <math.h>
 
 // Radiance that leaves a half-space under uniform light, without the outgoing Fresnel factor,
-// RMS over channels. Multiple scattering: rho_d. Single scattering: 0.2046 of the albedo for
-// isotropic scattering, the mean over the cosine of albedo/2 [1 - mu ln((1 + mu) / mu)].
+// RMS over channels. Multiple scattering: rho_d over the exit's divisor. Single scattering:
+// 0.2046 of the albedo for isotropic scattering, the mean over the cosine of albedo/2 [1 - mu
+// ln((1 + mu) / mu)].
 static void half_space_radiance(const struct prt_material *m, double *multiple, double *single)
 {
     struct prt_diffusion dipole[3];
@@ -20,7 +21,7 @@ static void half_space_radiance(const struct prt_material *m, double *multiple, 
         *multiple += many * many / 3;
         *single += one * one / 3;
     }
-    *multiple = sqrt(*multiple);
+    *multiple = sqrt(*multiple) / prt_exit_divisor((double)m->eta, PRT_EXIT_NORMALISED);
     *single = sqrt(*single);
 }
 

@@ -82,7 +82,8 @@ static int shade(const struct render *r, const struct prt_context *ctx,
                                    : r->screen          ? *render_shape(r)->media
                                                         : render_transport(r)->media;
     bool total = r->spec.term == RELIGHT__TERM__TERM_TOTAL;
-    struct prt_shade shade = {.media = media,
+    struct prt_shade shade = {.transparent = r->spec.transparent,
+                              .media = media,
                               .fresnel = total,
                               .specular = specular,
                               .background =
@@ -227,7 +228,7 @@ static void set_coefficients(struct render *r)
     out->factors = prt_file_hash(r->file.entry->value);
     prt_outgoing_of(r->spec.has_material ? &r->spec.material
                                          : render_transport(r)->media.medium,
-                    term[r->spec.term], &out->outgoing);
+                    term[r->spec.term], PRT_EXIT_NORMALISED, &out->outgoing);
 }
 
 static void set_planes(struct render *r)

@@ -200,7 +200,7 @@ static void step_lights(struct render *r)
     if (s->n_light && !s->no_specular && s->term == RELIGHT__TERM__TERM_TOTAL)
         depend(r, &r->specular,
                light_get(r->server, s, env, 0, s->n_light, SPECULAR_CUBE, true));
-    if (s->n_light && !s->plain_background)
+    if (s->n_light && !s->plain_background && !s->transparent)
         depend(r, &r->background, background_get(r->server, s, env));
 }
 

@@ -34,6 +34,9 @@ void model_remember(const struct model *m)
     cJSON_AddStringToObject(json, "owner", m->owner);
     cJSON_AddBoolToObject(json, "pinned", m->pinned);
     cJSON_AddStringToObject(json, "warnings", m->warnings ? m->warnings : "");
+    if (m->replaces[0]) cJSON_AddStringToObject(json, "replaces", m->replaces);
+    if (m->removed) cJSON_AddBoolToObject(json, "removed", true);
+    if (m->source) cJSON_AddStringToObject(json, "source", m->source);
     cJSON *aliases = m->alias ? cJSON_AddArrayToObject(json, "aliases") : NULL;
     for (const struct model_alias *a = m->alias; a; a = a->next) {
         cJSON *one = cJSON_CreateObject();
@@ -117,6 +120,9 @@ static int recall(struct models *models, struct server *server, const char *id)
     if (m) {
         m->pinned = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "pinned"));
         if (json_text(json, "warnings")[0]) m->warnings = strdup(json_text(json, "warnings"));
+        if (json_text(json, "source")[0]) m->source = strdup(json_text(json, "source"));
+        snprintf(m->replaces, sizeof m->replaces, "%s", json_text(json, "replaces"));
+        m->removed = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(json, "removed"));
         recall_names(m, json);
         recall_files(m, baked ? &bake : NULL, read ? &preview : NULL, baking);
         log_line(LOG_EVENT, "model id=%s name=\"%s\" recalled", m->id, m->name);
@@ -227,7 +233,7 @@ static void sweep(struct models *models, const struct server *server, const char
         snprintf(id, sizeof id, "%.*s", MODEL_ID, d->d_name);
         bool ours = strspn(d->d_name, "0123456789abcdef") == MODEL_ID &&
                     !strcmp(d->d_name + MODEL_ID, ".prt");
-        if (ours && model_by_id(models, id)) continue;
+        if (ours && models_get(models, id)) continue;
         if (ours && !strcmp(name, "bakes")) {
             adopt(models, id, &st);
             continue;

@@ -6,7 +6,6 @@
 #include "prt/transport.h"
 #include "relight.pb-c.h"
 
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -21,7 +20,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-enum { PIECE = 1 << 20, MAX_LISTED = 4096, MAX_NAMES = 63 };
+enum { PIECE = 1 << 20, MAX_NAMES = 63 };
 
 // Without openat2 (old kernels, some containers) no link is followed at all.
 static int open_without_links(int dir, const char *path, int flags)
@@ -56,16 +55,23 @@ static void print_stamp(const struct stat *st, char stamp[IMPORT_STAMP])
              (long long)st->st_ctim.tv_sec, st->st_ctim.tv_nsec);
 }
 
-static int open_below(int dir, const char *path, int flags, char stamp[IMPORT_STAMP],
-                      uint64_t *bytes)
+// A file or folder below `dir`, or -errno.
+int import_open_any_below(int dir, const char *path, int flags)
 {
     struct open_how how = {.flags = (uint64_t)(flags | O_CLOEXEC),
                            .resolve = RESOLVE_BENEATH | RESOLVE_NO_MAGICLINKS};
-    struct stat st;
     int fd = (int)syscall(SYS_openat2, dir, path, &how, sizeof how);
     if (fd < 0 && (errno == ENOSYS || errno == EPERM))
         fd = open_without_links(dir, path, flags);
-    if (fd < 0) return -errno;
+    return fd < 0 ? -errno : fd;
+}
+
+int import_open_below(int dir, const char *path, int flags, char stamp[IMPORT_STAMP],
+                      uint64_t *bytes)
+{
+    struct stat st;
+    int fd = import_open_any_below(dir, path, flags);
+    if (fd < 0) return fd;
     if (fstat(fd, &st) || !S_ISREG(st.st_mode)) {
         close(fd);
         return -EINVAL;
@@ -80,7 +86,7 @@ int import_open(const char *folder, const char *path, int flags, char stamp[IMPO
 {
     int dir = open(folder, O_PATH | O_DIRECTORY | O_CLOEXEC);
     if (dir < 0) return -errno;
-    int fd = open_below(dir, path, flags, stamp, bytes);
+    int fd = import_open_below(dir, path, flags, stamp, bytes);
     close(dir);
     return fd;
 }
@@ -257,41 +263,6 @@ void import_file_finish(struct import_file *file)
     free(file->name);
     file->name = NULL;
     file->n_name = 0;
-}
-
-static bool is_model_file(const char *name, bool *prt)
-{
-    static const char *const ends[] = {".prt", ".glb", ".gltf", ".obj", ".ply", ".stl"};
-    const char *dot = strrchr(name, '.');
-    for (size_t i = 0; dot && i < sizeof ends / sizeof *ends; i++)
-        if (!strcasecmp(dot, ends[i])) {
-            *prt = i == 0;
-            return true;
-        }
-    return false;
-}
-
-struct import_entry *import_list(const char *folder, size_t *n)
-{
-    *n = 0;
-    DIR *dir = opendir(folder);
-    struct import_entry *list = calloc(MAX_LISTED, sizeof *list);
-    for (struct dirent *d; dir && list && *n < MAX_LISTED && (d = readdir(dir));) {
-        struct import_entry *e = &list[*n];
-        if (!is_model_file(d->d_name, &e->prt)) continue;
-        int fd = open_below(dirfd(dir), d->d_name, O_PATH, e->stamp, &e->bytes);
-        if (fd < 0) continue;
-        close(fd);
-        if ((e->name = strdup(d->d_name))) ++*n;
-    }
-    if (dir) closedir(dir);
-    return list;
-}
-
-void import_list_free(struct import_entry *entry, size_t n)
-{
-    for (size_t i = 0; i < n; i++) free(entry[i].name);
-    free(entry);
 }
 
 // Bytes of the UTF-8 character at s, whose end is a NUL; 0 when it is none or a control.

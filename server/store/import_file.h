@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /* import_file.h owns the work of imports.h that blocks: opening a file below --models, copying
- * it, and listing the folder. Thread-safety: any thread. */
+ * it (import_file.c), and listing the folder (import_list.c). Thread-safety: any thread. */
 #ifndef RELIGHTD_IMPORT_FILE_H
 #define RELIGHTD_IMPORT_FILE_H
 
@@ -16,6 +16,11 @@ enum { IMPORT_STAMP = 128 };
  */
 int import_open(const char *folder, const char *path, int flags, char stamp[IMPORT_STAMP],
                 uint64_t *bytes);
+
+/* The same below an open folder. _any: folders, too, and no stamp. */
+int import_open_below(int dir, const char *path, int flags, char stamp[IMPORT_STAMP],
+                      uint64_t *bytes);
+int import_open_any_below(int dir, const char *path, int flags);
 
 struct import_file {
     char hash[65], stamp[IMPORT_STAMP];
@@ -34,15 +39,32 @@ void import_copy_file(const char *folder, const char *path, const char *to, cons
                       struct import_file *out);
 void import_file_finish(struct import_file *file);
 
+/* A model that the folder offers. */
 struct import_entry {
-    char *name; /* as it is in the folder */
+    char *name; /* of its file, below the folder */
+    char *
+        version; /* "NAME/VERSION" of a folder of versions; NULL: a file of the folder itself */
+    char *settings; /* of a version: its model.json, or that of NAME; NULL: there is none */
     char stamp[IMPORT_STAMP];
     uint64_t bytes;
     bool prt;
+    char fault[160]; /* why a version cannot be used; name is then "" */
 };
-/* The model files of the folder itself. */
-struct import_entry *import_list(const char *folder, size_t *n);
-void import_list_free(struct import_entry *entry, size_t n);
+/* Files whose stamps are to be read again; stamp "": the file is not there. */
+struct import_known {
+    char *name, stamp[IMPORT_STAMP];
+};
+struct import_list {
+    struct import_entry *entry;
+    size_t n;
+    struct import_known *known;
+    size_t n_known;
+    bool readable; /* false: the folder itself could not be read, and nothing is known of it */
+};
+/* Lists the model files of the folder and of its NAME/VERSION folders, and fills the stamps of
+ * list->known. */
+void import_list(const char *folder, struct import_list *list);
+void import_list_finish(struct import_list *list);
 
 /* Copies `text` with control characters and bytes that are no UTF-8 as \xNN. */
 void name_printable(const char *text, char *out, size_t n);

@@ -13,6 +13,7 @@
 #include "store/file_queue.h"
 #include "store/import_file.h"
 #include "store/model_files.h"
+#include "store/versions.h"
 
 #include <cjson/cJSON.h>
 #include <dirent.h>
@@ -23,19 +24,24 @@
 #include <string.h>
 #include <sys/epoll.h>
 #include <sys/inotify.h>
+#include <sys/random.h>
 #include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
-static const uint64_t poll_ns = 2000000000u, settle_ns = 100000000u;
+static const uint64_t settle_ns = 100000000u, retry_ns = 2000000000u;
+
+enum { BUCKETS = 1024, GONE_AFTER = 2 }; // scans that did not find a file
 
 // A path below --models and the content it had when it was last copied.
 struct indexed {
-    struct indexed *next;
+    struct indexed *next;  // of all
+    struct indexed *chain; // of its bucket
     char *path;
     char stamp[IMPORT_STAMP];
     struct import_copy *copy; // NULL: the file cannot be used
-    bool missing;             // the file was removed; its copy remains valid
+    unsigned missed;          // scans, one after another, that did not find the file
+    bool version;             // it is the model of a folder NAME/VERSION
 };
 
 struct copying {
@@ -55,7 +61,10 @@ struct imports {
     struct server *server;
     struct file_queue *queue;
     char folder[PATH_MAX];
-    struct indexed *index;
+    struct indexed *index, *bucket[BUCKETS];
+    uint64_t seed;
+    imports_scanned_fn scanned;
+    void *scanned_user;
     struct import_copy *copy;
     struct copying *copying;
     struct import_listed *listed;
@@ -63,13 +72,13 @@ struct imports {
     struct loop_timer timer;
     struct loop_watch watch; // inotify; fd -1: none
     bool scanning, stopped;
+    bool again; // a change was reported during the scan
 };
 
 struct scan {
     struct file_task task; // first
     struct imports *imports;
-    struct import_entry *entry;
-    size_t n;
+    struct import_list list;
 };
 
 int64_t wall_ns(void)
@@ -168,10 +177,16 @@ static const char *base_name(const char *path)
     return slash ? slash + 1 : path;
 }
 
+static struct indexed **bucket_of(const struct imports *imports, const char *path)
+{
+    uint64_t hash = prt_hash64(path, strlen(path), imports->seed);
+    return (struct indexed **)&imports->bucket[hash % BUCKETS];
+}
+
 static struct indexed *find_indexed(const struct imports *imports, const char *path)
 {
-    struct indexed *x = imports->index;
-    while (x && strcmp(x->path, path)) x = x->next;
+    struct indexed *x = *bucket_of(imports, path);
+    while (x && strcmp(x->path, path)) x = x->chain;
     return x;
 }
 
@@ -180,33 +195,38 @@ const char *import_source(const struct imports *imports, const char *hash)
     const char *gone = NULL;
     for (const struct indexed *x = imports->index; x; x = x->next) {
         if (!x->copy || strcmp(x->copy->hash, hash)) continue;
-        if (!x->missing) return x->path;
+        if (!x->missed) return x->path;
         gone = x->path;
     }
     return gone;
 }
 
-bool import_is_current(const struct imports *imports, const char *hash)
+bool import_is_current(const struct import_copy *copy)
 {
-    return import_source(imports, hash) != NULL;
+    return copy->paths > 0;
 }
 
-bool import_is_called(const struct imports *imports, const char *hash, const char *text)
+const struct import_copy *import_called(const struct imports *imports, const char *text,
+                                        const struct indexed **at)
 {
-    for (const struct indexed *x = imports->index; x; x = x->next)
-        if (x->copy && !strcmp(x->copy->hash, hash) && name_matches(base_name(x->path), text))
-            return true;
-    return false;
+    for (const struct indexed *x = *at ? (*at)->next : imports->index; x; x = x->next)
+        if (x->copy && !x->version && name_matches(base_name(x->path), text)) {
+            *at = x;
+            return x->copy;
+        }
+    return NULL;
 }
 
 static struct indexed *add_indexed(struct imports *imports, const char *path)
 {
-    struct indexed *x = find_indexed(imports, path);
+    struct indexed *x = find_indexed(imports, path), **bucket = bucket_of(imports, path);
     if (x || !(x = calloc(1, sizeof *x))) return x;
     if (!(x->path = strdup(path))) {
         free(x);
         return NULL;
     }
+    x->chain = *bucket;
+    *bucket = x;
     x->next = imports->index;
     imports->index = x;
     return x;
@@ -214,9 +234,26 @@ static struct indexed *add_indexed(struct imports *imports, const char *path)
 
 static void set_copy(struct imports *imports, struct indexed *x, struct import_copy *copy)
 {
-    if (copy) import_hold(copy);
+    if (copy) {
+        import_hold(copy);
+        copy->paths++;
+    }
+    if (x->copy) x->copy->paths--;
     import_release(imports, x->copy);
     x->copy = copy;
+}
+
+// The file is gone. Its copy stays until its room is needed.
+static void remove_indexed(struct imports *imports, struct indexed **at)
+{
+    struct indexed *x = *at, **chain = bucket_of(imports, x->path);
+    log_line(LOG_EVENT, "models folder path=%s is gone", x->path);
+    while (*chain != x) chain = &(*chain)->chain;
+    *chain = x->chain;
+    *at = x->next;
+    set_copy(imports, x, NULL);
+    free(x->path);
+    free(x);
 }
 
 // DATA/imports/index.json: which files the copies are of, so that a restart copies nothing.
@@ -315,6 +352,19 @@ static void tell(struct copying *c, struct import_copy *copy, int code, const ch
     }
 }
 
+// A .prt is a model. Versions are called by their folders, other files by their own name.
+static void found(struct imports *imports, struct import_copy *copy, const char *path,
+                  bool version)
+{
+    char name[128], folders[PATH_MAX];
+    size_t n = (size_t)(base_name(path) - path);
+    snprintf(folders, sizeof folders, "%.*s", (int)(n ? n - 1 : 0), path);
+    name_printable(version ? folders : base_name(path), name, sizeof name);
+    struct model *m = models_found(imports->server->models, copy, name);
+    struct version *v = m && version ? versions_get(imports->server->versions, name) : NULL;
+    if (v) version_answers(imports->server->versions, v, m);
+}
+
 // The model of the earlier file at this path lives until its last user has ended.
 static void take_in(struct copying *c, struct import_copy *copy)
 {
@@ -335,14 +385,10 @@ static void take_in(struct copying *c, struct import_copy *copy)
         bool other = x->copy != copy || strcmp(x->stamp, c->file.stamp);
         snprintf(x->stamp, sizeof x->stamp, "%s", c->file.stamp);
         set_copy(imports, x, copy);
-        x->missing = false;
+        x->missed = 0;
         if (other) write_index(imports);
     }
-    if (copy->prt) {
-        char name[128];
-        name_printable(base_name(c->path), name, sizeof name);
-        models_found(imports->server->models, copy, name);
-    }
+    if (copy->prt) found(imports, copy, c->path, x && x->version);
 }
 
 static void copying_done(struct file_task *task)
@@ -441,21 +487,22 @@ void imports_cancel(struct imports *imports, struct import_request *request)
 static int run_scan(struct file_task *task)
 {
     struct scan *scan = (struct scan *)task;
-    scan->entry = import_list(scan->imports->folder, &scan->n);
+    import_list(scan->imports->folder, &scan->list);
     return PRT_OK;
 }
 
-static void keep_list(struct imports *imports, const struct scan *scan)
+static void keep_list(struct imports *imports, const struct import_list *list)
 {
     for (size_t i = 0; i < imports->n_listed; i++) free(imports->listed[i].name);
     free(imports->listed);
     imports->n_listed = 0;
-    imports->listed = calloc(scan->n + 1, sizeof *imports->listed);
-    for (size_t i = 0; imports->listed && i < scan->n; i++) {
+    imports->listed = calloc(list->n + 1, sizeof *imports->listed);
+    for (size_t i = 0; imports->listed && i < list->n; i++) {
         char name[1024];
-        name_printable(scan->entry[i].name, name, sizeof name);
+        if (!list->entry[i].name[0]) continue;
+        name_printable(list->entry[i].name, name, sizeof name);
         struct import_listed *l = &imports->listed[imports->n_listed];
-        l->bytes = scan->entry[i].bytes;
+        l->bytes = list->entry[i].bytes;
         if ((l->name = strdup(name))) imports->n_listed++;
     }
 }
@@ -463,17 +510,66 @@ static void keep_list(struct imports *imports, const struct scan *scan)
 static void look_at(struct imports *imports, const struct import_entry *e)
 {
     struct indexed *x = find_indexed(imports, e->name);
-    if (x) x->missing = false;
     if (x && !strcmp(x->stamp, e->stamp)) {
-        if (x->copy && x->copy->prt) {
-            char name[128];
-            name_printable(e->name, name, sizeof name);
-            models_found(imports->server->models, x->copy, name);
-        }
+        if (x->copy && x->copy->prt) found(imports, x->copy, e->name, e->version != NULL);
         return;
     }
     struct copying *c = start_copying(imports, e->name, DISK_NOBODY);
     if (c) c->scanned = true;
+}
+
+// Of the files that were copied before: the scan found them, or did not. The paths of those of
+// models that are to be loaded again are added to `changed`.
+static size_t compare_known(struct imports *imports, const struct import_list *list,
+                            const char **changed)
+{
+    size_t n = 0;
+    bool removed = false;
+    for (size_t i = 0; i < list->n_known; i++) {
+        const struct import_known *k = &list->known[i];
+        struct indexed *x = find_indexed(imports, k->name);
+        if (!x) continue;
+        x->missed = k->stamp[0] ? 0 : x->missed + 1;
+        if (k->stamp[0] && strcmp(k->stamp, x->stamp) && !(x->copy && x->copy->prt))
+            changed[n++] = k->name;
+    }
+    for (struct indexed **at = &imports->index; *at;)
+        if ((*at)->missed >= GONE_AFTER) {
+            remove_indexed(imports, at);
+            removed = true;
+        } else {
+            at = &(*at)->next;
+        }
+    if (removed) write_index(imports);
+    return n;
+}
+
+static void take_list(struct imports *imports, const struct import_list *list)
+{
+    const char **changed = calloc(list->n_known + 1, sizeof *changed);
+    log_line(LOG_TRACE, "models folder looked at files=%zu", list->n);
+    keep_list(imports, list);
+    size_t n_changed = changed ? compare_known(imports, list, changed) : 0;
+    versions_scanned(imports->server->versions, list->entry, list->n);
+    for (size_t i = 0; i < list->n; i++) {
+        const struct import_entry *e = &list->entry[i];
+        struct indexed *x = find_indexed(imports, e->name);
+        if (e->prt && !x) x = add_indexed(imports, e->name);
+        if (x) {
+            x->missed = 0;
+            x->version = e->version != NULL;
+        }
+        if (e->prt) look_at(imports, e);
+    }
+    if (imports->scanned)
+        imports->scanned(imports->scanned_user, list->entry, list->n, changed, n_changed);
+    models_drop_replaced(imports->server->models);
+    free(changed);
+}
+
+static void scan_later(struct imports *imports, uint64_t gap_ns)
+{
+    if (gap_ns) loop_timer_set(imports->server->loop, &imports->timer, loop_now_ns() + gap_ns);
 }
 
 static void scan_done(struct file_task *task)
@@ -481,21 +577,26 @@ static void scan_done(struct file_task *task)
     struct scan *scan = (struct scan *)task;
     struct imports *imports = scan->imports;
     imports->scanning = false;
+    // A folder that cannot be read now, such as one of a server that is away, loses no model.
+    if (!imports->stopped && scan->list.readable) take_list(imports, &scan->list);
+    else if (!imports->stopped) log_line(LOG_WARN, "models folder cannot be read");
     if (!imports->stopped) {
-        log_line(LOG_TRACE, "models folder looked at files=%zu", scan->n);
-        keep_list(imports, scan);
-        for (struct indexed *x = imports->index; x; x = x->next)
-            x->missing = !strchr(x->path, '/');
-        for (size_t i = 0; i < scan->n; i++) {
-            struct indexed *x = find_indexed(imports, scan->entry[i].name);
-            if (x) x->missing = false;
-            if (scan->entry[i].prt) look_at(imports, &scan->entry[i]);
-        }
-        models_drop_replaced(imports->server->models);
-        loop_timer_set(imports->server->loop, &imports->timer, loop_now_ns() + poll_ns);
+        scan_later(imports, (uint64_t)(imports->server->options.poll * 1e9));
+        if (imports->again) scan_later(imports, settle_ns);
     }
-    import_list_free(scan->entry, scan->n);
+    imports->again = false;
+    import_list_finish(&scan->list);
     free(scan);
+}
+
+// The files whose stamps the scan reads besides those that it finds.
+static void add_known(const struct imports *imports, struct import_list *list)
+{
+    size_t n = 0;
+    for (const struct indexed *x = imports->index; x; x = x->next) n++;
+    list->known = calloc(n + 1, sizeof *list->known);
+    for (const struct indexed *x = imports->index; x && list->known; x = x->next)
+        if ((list->known[list->n_known].name = strdup(x->path))) list->n_known++;
 }
 
 static void scan_now(struct loop_timer *timer)
@@ -504,10 +605,11 @@ static void scan_now(struct loop_timer *timer)
         (struct imports *)((char *)timer - offsetof(struct imports, timer));
     struct scan *scan = imports->scanning ? NULL : calloc(1, sizeof *scan);
     if (!scan) {
-        loop_timer_set(imports->server->loop, timer, loop_now_ns() + poll_ns);
+        scan_later(imports, retry_ns);
         return;
     }
     imports->scanning = true;
+    add_known(imports, &scan->list);
     scan->imports = imports;
     scan->task.run = run_scan;
     scan->task.done = scan_done;
@@ -521,8 +623,8 @@ static void folder_changed(struct loop_watch *watch, uint32_t events)
     char text[8192];
     while (read(watch->fd, text, sizeof text) > 0) continue;
     // Several changes at once are one scan.
-    if (!imports->scanning && !imports->stopped)
-        loop_timer_set(imports->server->loop, &imports->timer, loop_now_ns() + settle_ns);
+    imports->again = imports->scanning;
+    if (!imports->scanning && !imports->stopped) scan_later(imports, settle_ns);
 }
 
 int imports_create(struct server *server, struct imports **out)
@@ -532,6 +634,8 @@ int imports_create(struct server *server, struct imports **out)
     imports->server = server;
     imports->watch.fd = -1;
     *out = imports;
+    if (getrandom(&imports->seed, sizeof imports->seed, 0) != sizeof imports->seed)
+        return PRT_IO;
     int status = file_queue_create(server->work, &imports->queue);
     if (status) return status;
     if (server->options.models[0] && !realpath(server->options.models, imports->folder))
@@ -546,14 +650,20 @@ int imports_create(struct server *server, struct imports **out)
     return PRT_OK;
 }
 
+void imports_on_scan(struct imports *imports, imports_scanned_fn fn, void *user)
+{
+    imports->scanned = fn;
+    imports->scanned_user = user;
+}
+
 void imports_start(struct imports *imports, double seconds)
 {
     struct server *server = imports->server;
     if (!imports->folder[0]) return;
     int fd = inotify_init1(IN_NONBLOCK | IN_CLOEXEC);
-    if (fd >= 0 &&
-        inotify_add_watch(fd, imports->folder,
-                          IN_CLOSE_WRITE | IN_MOVED_TO | IN_MOVED_FROM | IN_DELETE) >= 0) {
+    if (fd >= 0 && inotify_add_watch(fd, imports->folder,
+                                     IN_CLOSE_WRITE | IN_MOVED_TO | IN_MOVED_FROM | IN_DELETE |
+                                         IN_ONLYDIR) >= 0) {
         imports->watch = (struct loop_watch){fd, folder_changed};
         if (loop_watch_add(server->loop, &imports->watch, EPOLLIN)) imports->watch.fd = -1;
     }

@@ -7,7 +7,6 @@
 #include "store/models.h"
 
 struct server *models_server(const struct models *models);
-struct model *model_by_id(const struct models *models, const char *id);
 struct model *model_add(struct models *models, const char *id, const char *name,
                         const char *owner);
 /* Removes it from the registry; holders of a reference may use it further. */
@@ -16,7 +15,10 @@ void model_take_out(struct model *model);
 void model_set_name(struct model *model, const char *owner, const char *name);
 /* A copy of a .prt of --models is there: it is a model. NULL when there is no memory. */
 struct model *models_found(struct models *models, struct import_copy *copy, const char *name);
-/* Forgets models whose file of --models has other content by now, unless they are in use. */
+/* Its file has this content again. */
+void model_revive(struct model *model);
+/* Forgets models whose file of --models has other content by now or is gone, unless they are in
+ * use. */
 void models_drop_replaced(struct models *models);
 /* name is text, with or without its ending. */
 bool name_matches(const char *name, const char *text);

@@ -3,11 +3,13 @@
 // model_open.c, the catalogue in catalogue.c; how a LOAD becomes a model is in op_load.c.
 #include "store/model_files.h"
 
+#include "core/access.h"
 #include "core/log.h"
 #include "frame.h"
 #include "relight.pb-c.h"
 #include "render/shared/poses.h"
 #include "store/disk.h"
+#include "store/versions.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -73,16 +75,25 @@ void model_set_name(struct model *m, const char *owner, const char *name)
     if (a) snprintf(a->name, sizeof a->name, "%s", name);
 }
 
+bool model_is_named(const struct model *m)
+{
+    return !m->replaced && !m->removed && !m->replaces[0];
+}
+
 static bool is_own(const struct model *m, const char *asker, const char *text)
 {
     const struct model_alias *a = alias_of(m, asker);
-    return (a && name_matches(a->name, text)) ||
-           (!strcmp(m->owner, asker) && name_matches(m->name, text));
+    return model_is_named(m) && ((a && name_matches(a->name, text)) ||
+                                 (!strcmp(m->owner, asker) && name_matches(m->name, text)));
 }
 
 static bool is_of_folder(const struct model *m, const char *asker, const char *text)
 {
-    return m->copy && import_is_called(m->server->imports, m->copy->hash, text);
+    const struct indexed *at = NULL;
+    const struct import_copy *copy = m->copy;
+    while (copy && (copy = import_called(m->server->imports, text, &at)))
+        if (copy == m->copy) return true;
+    return false;
 }
 
 static bool has_prefix(const struct model *m, const char *asker, const char *text)
@@ -93,6 +104,7 @@ static bool has_prefix(const struct model *m, const char *asker, const char *tex
 
 static bool is_named(const struct model *m, const char *asker, const char *text)
 {
+    if (!model_is_named(m)) return false;
     if (!m->copy && name_matches(m->name, text)) return true;
     for (const struct model_alias *a = m->alias; a; a = a->next)
         if (name_matches(a->name, text)) return true;
@@ -121,6 +133,7 @@ static struct model *find_beginning(struct models *models, const char *asker, co
     struct model **model = calloc(n + 1, sizeof *model);
     n = 0;
     for (struct model *m = models->model; m && name && model; m = m->next) {
+        if (!model_is_named(m)) continue;
         model[n] = m;
         name[n++] = model_name_for(m, asker);
     }
@@ -133,6 +146,13 @@ static struct model *find_beginning(struct models *models, const char *asker, co
     return m;
 }
 
+// Whether is_of_folder may be true of a model.
+static bool is_file_name(const struct models *models, const char *text)
+{
+    const struct indexed *at = NULL;
+    return import_called(models->server->imports, text, &at) != NULL;
+}
+
 struct model *models_find(struct models *models, const char *asker, const char *text,
                           char error[256])
 {
@@ -140,10 +160,21 @@ struct model *models_find(struct models *models, const char *asker, const char *
     // folder's.
     static bool (*const each[])(const struct model *, const char *,
                                 const char *) = {is_own, is_of_folder, has_prefix, is_named};
-    struct model *found = model_by_id(models, text);
+    struct model *found = models_get(models, text);
+    if (is_guest(asker)) {
+        const struct server *s = models->server;
+        if (found && s->guest_may_see && s->guest_may_see(s, asker, text)) return found;
+        snprintf(error, 256, "%.40s: no model of the room that you are invited to", text);
+        return NULL;
+    }
     if (found) return found;
     for (int i = 0; i < 4; i++) {
         unsigned n = 0;
+        if (each[i] == is_of_folder) {
+            found = models_get(models, versions_find(models->server->versions, text));
+            if (found) return found;
+            if (!is_file_name(models, text)) continue;
+        }
         for (struct model *m = models->model; m; m = m->next)
             if (each[i](m, asker, text)) {
                 found = m;
@@ -157,7 +188,7 @@ struct model *models_find(struct models *models, const char *asker, const char *
     return find_beginning(models, asker, text, error);
 }
 
-struct model *model_by_id(const struct models *models, const char *id)
+struct model *models_get(const struct models *models, const char *id)
 {
     struct model *m = models->model;
     while (m && strcmp(m->id, id)) m = m->next;
@@ -166,7 +197,7 @@ struct model *model_by_id(const struct models *models, const char *id)
 
 bool model_is_last(const struct model *m)
 {
-    const struct model *other = model_by_id(m->server->models, m->id);
+    const struct model *other = models_get(m->server->models, m->id);
     return !other || other == m;
 }
 
@@ -220,7 +251,8 @@ struct model *model_add(struct models *models, const char *id, const char *name,
     snprintf(m->id, sizeof m->id, "%s", id);
     snprintf(m->name, sizeof m->name, "%s", name);
     snprintf(m->owner, sizeof m->owner, "%s", owner);
-    snprintf(m->key, sizeof m->key, "%s.%08x", id, ++models->last_key);
+    m->serial = ++models->last_key;
+    snprintf(m->key, sizeof m->key, "%s.%08x", id, m->serial);
     m->next = models->model;
     models->model = m;
     charge_entry(m, true);
@@ -254,21 +286,35 @@ void model_release(struct model *m)
         free(a);
     }
     free(m->warnings);
+    free(m->source);
     free(m);
 }
 
 // ---- .prt files of --models
 
-struct model *models_found(struct models *models, struct import_copy *copy, const char *name)
+static void id_of_prt(const char *hash, char id[MODEL_ID + 1])
 {
     struct relight_sha256 sha;
-    char hex[65], id[MODEL_ID + 1];
+    char hex[65];
     relight_sha256_init(&sha);
     relight_sha256_add(&sha, "prt", 4);
-    relight_sha256_add(&sha, copy->hash, sizeof copy->hash);
+    relight_sha256_add(&sha, hash, sizeof hex);
     relight_sha256_hex(&sha, hex);
-    snprintf(id, sizeof id, "%.*s", MODEL_ID, hex);
-    struct model *m = model_by_id(models, id);
+    snprintf(id, MODEL_ID + 1, "%.*s", MODEL_ID, hex);
+}
+
+void model_revive(struct model *m)
+{
+    m->removed = m->replaced = false;
+    m->successor[0] = 0;
+}
+
+struct model *models_found(struct models *models, struct import_copy *copy, const char *name)
+{
+    char id[MODEL_ID + 1];
+    id_of_prt(copy->hash, id);
+    struct model *m = models_get(models, id);
+    if (m) model_revive(m);
     if (m || !(m = model_add(models, id, name, DISK_NOBODY))) return m;
     m->state = RELIGHT__MODEL_STATE__MODEL_READY;
     m->copy = copy;
@@ -281,35 +327,58 @@ struct model *models_found(struct models *models, struct import_copy *copy, cons
 struct model *model_successor(const struct model *m)
 {
     struct model *next = m->server->models->model;
-    if (!m->copy || import_is_current(m->server->imports, m->copy->hash)) return NULL;
+    if (m->successor[0]) return models_get(m->server->models, m->successor);
+    if (!m->copy || import_is_current(m->copy)) return NULL;
     while (next && !(next != m && next->copy && !strcmp(next->name, m->name) &&
-                     import_is_current(m->server->imports, next->copy->hash)))
+                     import_is_current(next->copy)))
         next = next->next;
     return next;
 }
 
-// Requests under way finish with the old version; views go over to the new one.
-static void announce_successor(struct model *m)
+void model_supersede(struct model *m, struct model *next)
 {
-    const struct model *next = m->replaced ? NULL : model_successor(m);
-    if (!next) return;
+    if (m == next || m->replaced) return;
     m->replaced = true;
+    snprintf(m->successor, sizeof m->successor, "%s", next->id);
+    log_line(LOG_EVENT, "model id=%s name=\"%s\" is replaced by id=%s", m->id, m->name,
+             next->id);
     model_publish(next, RELIGHT__EVENT_KIND__EVENT_MODEL_REPLACED, m->id);
     model_changed(m);
+}
+
+// The file of a .prt has other content, or is gone.
+static void look_for_file(struct model *m)
+{
+    if (!m->copy || import_is_current(m->copy)) return;
+    struct model *next = m->replaced ? NULL : model_successor(m);
+    if (next) model_supersede(m, next);
+    m->removed |= !m->replaced;
+}
+
+// The bake of a version that was removed stays on the disk until its room is needed: the file
+// may come back, such as that of a server that was away.
+static bool keeps_bake(const struct model *m)
+{
+    return !m->copy && !m->replaced && m->state == RELIGHT__MODEL_STATE__MODEL_READY;
 }
 
 void models_drop_replaced(struct models *models)
 {
     for (struct model *m = models->model, *next; m; m = next) {
         next = m->next;
-        if (!m->copy || import_is_current(m->server->imports, m->copy->hash)) continue;
-        announce_successor(m);
-        if (m->users > 1) continue;
+        look_for_file(m);
+        if (!m->replaced && !m->removed) continue;
+        m->pinned = false;
+        cache_release(m->pin);
+        m->pin = NULL;
+        if (m->users > 1 || keeps_bake(m)) continue;
         struct import_copy *copy = m->copy;
-        import_hold(copy);
-        log_line(LOG_EVENT, "model id=%s name=\"%s\" has another version", m->id, m->name);
+        bool other = m->replaced;
+        if (copy) import_hold(copy);
+        log_line(LOG_EVENT, "model id=%s name=\"%s\" %s", m->id, m->name,
+                 other ? "has another version" : "has no file any more");
         model_unload(m, true);
-        if (!copy->users) import_evict(models->server->imports, copy);
+        if (copy && !copy->users && other) import_evict(models->server->imports, copy);
         import_release(models->server->imports, copy);
     }
 }
@@ -322,17 +391,21 @@ int models_create(struct server *server, struct models **out)
     server->models = models;
     *out = models;
     int status = file_queue_create(server->work, &server->file_queue);
+    if (!status) status = versions_create(models, &server->versions);
     if (!status) status = imports_create(server, &server->imports);
     if (status) return status;
-    if ((status = catalogue_read(models))) return status;
-    imports_start(server->imports, 10);
+    return catalogue_read(models);
+}
+
+void models_start(struct models *models)
+{
+    imports_start(models->server->imports, 10);
     // Pinned models are opened at start.
     for (struct model *m = models->model; m; m = m->next) {
         int code;
         char error[256];
         if (m->pinned) cache_release(model_open(m, &code, error));
     }
-    return PRT_OK;
 }
 
 void models_destroy(struct models *models)
@@ -344,6 +417,7 @@ void models_destroy(struct models *models)
         model_release(m);
     }
     imports_destroy(server->imports);
+    versions_destroy(server->versions);
     file_queue_destroy(server->file_queue);
     free(models);
 }

@@ -62,9 +62,17 @@ struct model {
     char key[MODEL_ID + 12]; /* begins its cache keys and names its folders: no other struct has
                               * it, not even of the same id, forgotten and loaded again */
     int state;               /* Relight__ModelState; READY and UNLOADED by model_state() */
+    uint32_t serial;         /* grows with every new model */
     bool checked;            /* every byte of its bake was read once */
     bool pinned;
-    bool replaced;            /* its file of --models has other content, a model of its own */
+    /* Models of files of --models. A model that has been replaced or whose file was removed
+     * lives on for its users; no name stands for it. */
+    bool replaced;                /* its file has other content: the model `successor` */
+    bool removed;                 /* its file was removed, or no version has it any more */
+    char successor[MODEL_ID + 1]; /* id, "": found by the name of the file */
+    char replaces[MODEL_ID + 1];  /* id of the model whose names it takes once it is ready */
+    char *source;             /* JSON: path, files and settings of the LOAD of a file that is
+                               * no .prt (ops/repository.c); NULL: uploads, or a .prt */
     struct import_copy *copy; /* of a .prt of --models; NULL: the model was baked here */
     uint64_t bake_bytes, preview_bytes; /* charged to the owner; 0: no file, or not yet known */
     int64_t used_ns;                    /* wall clock: last opened or loaded */
@@ -93,16 +101,28 @@ struct model {
 };
 
 int models_create(struct server *server, struct models **out);
+/* ops/repository.c. After models_resume_bakes and before models_start: loads by itself what the
+ * models folder wants. The end comes after that of the last connection. */
+int models_follow_folder(struct server *server);
+void models_unfollow_folder(struct server *server);
+/* Looks at --models for the first time, and opens the models that are pinned. */
+void models_start(struct models *models);
 void models_destroy(struct models *models);
 
 /* An id, the unique beginning of one (at least 8 digits), or a name with or without its ending.
  * Of several models with the name the principal's own comes first, then that of the file of
- * --models; of others there may be one only. asker: a principal's name. NULL with error text,
+ * --models, or the version NAME/VERSION, or the newest version of NAME that can answer; of
+ * others there may be one only. asker: a principal's name. NULL with error text,
  * which lists the ids where the name is ambiguous. */
 struct model *models_find(struct models *models, const char *asker, const char *text,
                           char error[256]);
 /* The name of the model for this principal. */
 const char *model_name_for(const struct model *model, const char *asker);
+/* Of this id; NULL: none. */
+struct model *models_get(const struct models *models, const char *id);
+/* Whether a name may stand for it: its file is there and has its content, and it takes no other
+ * model's names only when it is ready. */
+bool model_is_named(const struct model *model);
 /* One after another; start with NULL. */
 struct model *models_next(const struct models *models, const struct model *model);
 int model_state(const struct model *model); /* Relight__ModelState */
@@ -129,6 +149,9 @@ void model_reset_pose(struct model *model);
 
 /* The model that replaces this one under the name of their file; NULL: none. */
 struct model *model_successor(const struct model *model);
+/* `next` can answer and takes the names of `model`: views go over to it, requests in progress
+ * finish, and `model` is forgotten when nobody uses it. */
+void model_supersede(struct model *model, struct model *next);
 
 /* Keeps the struct alive over an unload that forgets it. */
 void model_hold(struct model *model);

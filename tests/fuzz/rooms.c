@@ -8,6 +8,7 @@
 #include "net/connection.h"
 #include "net/request.h"
 #include "render/shared/poses.h"
+#include "rooms/rooms.h"
 #include "store/models.h"
 
 #include <stdio.h>
@@ -231,7 +232,8 @@ bool rooms_start(const struct rooms_settings *settings)
                        &server.decoder) ||
         work_pool_create(server.loop, settings->threads, prt_cpu_detect(), &server.work) ||
         !make_folders(settings->data) || jobs_create(&server, &runner, &server.jobs) ||
-        poses_create(&server, &server.poses) || models_create(&server, &server.models))
+        poses_create(&server, &server.poses) || models_create(&server, &server.models) ||
+        rooms_create(&server, &server.rooms))
         return false;
     cache_hold_files(server.cache, server.files);
     return true;
@@ -244,6 +246,7 @@ void rooms_stop(void)
     decoder_destroy(server.decoder);
     server.decoder = NULL;
     while (work_busy(server.work)) loop_turn(server.loop, 50);
+    rooms_destroy(server.rooms);
     work_pool_destroy(server.work);
     models_destroy(server.models);
     cache_destroy(server.cache);

@@ -139,6 +139,11 @@ static void wavelet_floor(void **state)
     floor_is_lit_by(PRT_TRANSPORT_WAVELET, "wavelet");
 }
 
+static void polynomial_floor(void **state)
+{
+    floor_is_lit_by(PRT_TRANSPORT_POLYNOMIAL, "polynomial");
+}
+
 // Law: a floor under a constant light of 1 returns its albedo, less the share of the sky that
 // the ball hides (METHODS §1, opaque surfaces).
 static void floor_returns_its_albedo(void **state)
@@ -198,6 +203,7 @@ int main(void)
     snprintf(path, sizeof path, "%s/a.prt", folder);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(wavelet_floor),
+        cmocka_unit_test(polynomial_floor),
         cmocka_unit_test(floor_returns_its_albedo),
         cmocka_unit_test(eta_one_has_no_boundary),
     };

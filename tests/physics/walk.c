@@ -218,7 +218,8 @@ static void slabs_follow_transport_theory(void **state)
         struct slab want;
         struct sides got = {.sigma_a = media[i].sigma_a, .mesh = slab.mesh};
         struct prt_walk_counts counts = {0};
-        struct prt_walk_start start = {{1, 1, 2}, {0, 1, 0}, 0, i + 1};
+        struct prt_walk_start start = {
+            .position = {1, 1, 2}, .normal = {0, 1, 0}, .seed = i + 1};
         solve_slab(2 * media[i].sigma_s_prime, 1 + media[i].sigma_a / media[i].sigma_s_prime,
                    media[i].eta, &want);
         prt_walk_run(

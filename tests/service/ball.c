@@ -161,8 +161,10 @@ float *exact_by(const struct relight_camera *seen, const char *file,
     memcpy(camera.eye, seen->eye, sizeof camera.eye);
     memcpy(camera.target, seen->target, sizeof camera.target);
     memcpy(camera.up, seen->up, sizeof camera.up);
-    assert_int_equal(
-        prt_visibility_create(&ctx, mesh, &camera, SIDE, SIDE, 4, PRT_RASTER_AUTO, &vis), 0);
+    assert_int_equal(prt_visibility_create(&ctx, mesh, &camera,
+                                           &(struct prt_raster){SIDE, SIDE, 4, PRT_RASTER_AUTO},
+                                           &vis),
+                     0);
     struct prt_env env = {.kind = PRT_ENV_CUBE, .cube = {CUBE, cube_texel}};
     assert_int_equal(prt_env_to_cube(&ctx, &env, 32, 0, &cube), 0);
     assert_int_equal(prt_screen_create(&ctx, mesh, NULL, &screen), 0);

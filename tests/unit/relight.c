@@ -663,12 +663,14 @@ static void wrong_queries_are_refused(void **state)
     finish_transport(&t);
 }
 
-// Planes of single scattering [4][N][3] as they are for a view: corrected, with plane 0 of
-// multiple scattering added (METHODS §3.6).
-static void toward_a_view(const struct prt_transport *t, const float *multiple, float *planes)
+// Planes of single scattering [4][N][3] as they are for a view: times the exit's divisor,
+// corrected, with plane 0 of multiple scattering added (METHODS §1, exit; §3.6).
+static void toward_a_view(const struct prt_transport *t, const float *multiple, double divisor,
+                          float *planes)
 {
     struct prt_context ctx = quiet();
     for (int i = 0; i < 3 * N; i++) planes[i] *= 0.28209479f;
+    for (int i = 0; i < 4 * 3 * N; i++) planes[i] *= (float)divisor;
     assert_int_equal(prt_view_correct(&ctx, t->mesh.n_vertex, 0, t->mesh.n_vertex,
                                       (const float(*)[3])t->mesh.normal,
                                       (double)t->media.medium->eta, 4, 4, planes),
@@ -714,16 +716,18 @@ static void half_space_seen_from_the_side(void **state)
     }
 }
 
-// total = F_t(eta, w_o) [multiple + sum_k Y_k(w_o') plane_k], clamped; W05 section 5. The
-// planes of single scattering are corrected for the view.
-static void answers_follow_the_command_contract(void **state)
+// total = F_t(eta, w_o) [multiple/T + sum_k Y_k(w_o') plane_k], clamped; W05 section 5 and
+// METHODS §1 (exit). The planes of single scattering are corrected for the view.
+static void check_answers(bool papers)
 {
     struct prt_context ctx = quiet();
     struct prt_transport t;
     struct prt_cube cube;
     float eye[3] = {30, 80, 10};
-    struct prt_query q = {.light = &cube};
+    struct prt_query q = {.light = &cube,
+                          .exit = papers ? PRT_EXIT_PAPERS : PRT_EXIT_NORMALISED};
     const float y00 = 0.28209479f;
+    const double divisor = papers ? 1 : 0.938868;
     float *multiple = malloc(12 * N), *single = malloc(12 * N), *total = malloc(12 * N);
     float *own = malloc(4 * 12 * N), *planes = malloc(4 * 12 * N);
     unsigned n_plane, n_bright = 0;
@@ -748,15 +752,16 @@ static void answers_follow_the_command_contract(void **state)
     assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), 0);
     for (int i = 0; i < 3 * N; i++) {
         // never Fresnel on opaque surfaces
-        double mean = i / 3 < N - N / 4 ? 0.938868 : 1;
-        double want = fmax(0, mean * ((double)multiple[i] + (double)(y00 * own[i])));
+        bool opaque = i / 3 >= N - N / 4;
+        double mean = opaque ? 1 : 0.938868, share = opaque ? 1 : divisor;
+        double want = fmax(0, mean * ((double)multiple[i] / share + (double)(y00 * own[i])));
         assert_true(fabs((double)total[i] - want) < 1e-4 * (1 + want));
         n_bright += total[i] > 0;
     }
     assert_true(n_bright > N / 2);
 
     q.eye = eye;
-    toward_a_view(&t, multiple, own);
+    toward_a_view(&t, multiple, divisor, own);
     assert_int_equal(prt_answer_colors(&ctx, &t, &q, (float(*)[3])total), 0);
     for (int v = 0; v < N; v++) {
         const float *p = t.mesh.position[v], *n = t.mesh.normal[v];
@@ -773,6 +778,7 @@ static void answers_follow_the_command_contract(void **state)
             inside[i] = sqrtf(1 - sine * sine) * n[i] + (l > 0 ? tangent[i] / l * sine : 0);
         prt_sh_eval(2, inside, y);
         double ft = cosine > 0 ? prt_fresnel_transmittance((double)1.3f, (double)cosine) : 0;
+        ft /= divisor;
         for (int ch = 0; ch < 3; ch++) {
             int at = 3 * v + ch;
             double sum = (double)own[at], want;
@@ -814,6 +820,12 @@ static void answers_follow_the_command_contract(void **state)
     free(total);
     free(own);
     free(planes);
+}
+
+static void answers_follow_the_command_contract(void **state)
+{
+    check_answers(false);
+    check_answers(true);
 }
 
 static void give_basis(struct prt_tensor *t, const struct prt_radial *radial)
@@ -881,7 +893,7 @@ static void free_materials_follow_the_basis(void **state)
             wanted[k * 3 * N + i] = (float)(a * sigma_s * (double)own[k * 3 * N + i]);
             own_bound[k * 3 * N + i] *= (float)(fabs(a) * sigma_s);
         }
-    toward_a_view(&t, multiple, wanted);
+    toward_a_view(&t, multiple, 0.938868, wanted);
     for (int i = 0; i < 3 * N; i++)
         for (int k = 0; k < 4; k++) {
             // the correction mixes the four planes; its factors are below 3 with Y_1's constant

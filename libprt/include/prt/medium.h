@@ -70,6 +70,52 @@ struct prt_attenuation {
  * the result is the albedo. false where an albedo above 0.98, which no finite medium has, was
  * lowered to it. */
 bool prt_material_from_attenuation(const struct prt_attenuation *in, struct prt_material *out);
+/* A dense medium by its mean free path 1/sigma_t, as subsurface shaders have it. */
+struct prt_dense {
+    char name[32];
+    float albedo[3];       /* [0,1] diffuse, of a half-space under even light */
+    float free_path_mm[3]; /* > 0 */
+    float g;               /* |g| <= 0.95 */
+    float eta, roughness;
+};
+enum {
+    PRT_LOWERED_ALBEDO = 1, /* an albedo above 0.98 was lowered to it */
+    PRT_LOWERED_RATE = 2,   /* coefficients were moved into prt_material's ranges */
+};
+/* The medium, its albedo inverted like that of an attenuation. Returns bits PRT_LOWERED_*. */
+unsigned prt_material_from_dense(const struct prt_dense *in, struct prt_material *out);
+
+/* One material of another program's file, and what it became (METHODS §10). */
+struct prt_import {
+    char name[64], format[32]; /* format: "open_pbr_surface", "Principled BSDF", … */
+    bool has_medium;
+    char why_not[160]; /* without a medium */
+    struct prt_material material;
+};
+/* Reads MaterialX (open_pbr_surface, standard_surface), Blender's Principled as JSON and pbrt's
+ * media from text of n bytes, with a 0 after them. mm_per_unit: millimetres in a unit of length
+ * of the text where it names none; 0: the format's own (MaterialX 10, Principled 1000, pbrt 1).
+ * Losses are warnings to ctx; `what` opens messages. *out: [*n_out] materials, the caller's to
+ * prt_free. Thread-safe. PRT_FORMAT, PRT_LIMIT, PRT_NOMEM. */
+int prt_material_import(const struct prt_context *ctx, const char *what, const char *text,
+                        size_t n, double mm_per_unit, struct prt_import **out, unsigned *n_out);
+/* The same of a file, FILE, or of one material of it, FILE#NAME (or a beginning of NAME),
+ * parsed in an isolated child. */
+int prt_material_import_file(const struct prt_context *ctx, const char *file,
+                             double mm_per_unit, struct prt_import **out, unsigned *n_out);
+/* The one medium of FILE, or that of FILE#NAME; prt_material_load calls it where
+ * prt_material_is_foreign. PRT_ARG where the choice is not clear. */
+int prt_material_load_foreign(const struct prt_context *ctx, const char *file,
+                              struct prt_material *out);
+bool prt_material_is_foreign(const char *file);
+/* The item of this name or of its only beginning; without a name the only one that has a
+ * medium. PRT_ARG after a message that lists them. */
+int prt_import_choose(const struct prt_context *ctx, const char *what,
+                      const struct prt_import *item, unsigned n, const char *name,
+                      const struct prt_import **out);
+/* pbrt's named media beside the presets (NSJ06 undiluted): NULL past the end. */
+const struct prt_material *prt_material_named_medium(unsigned index);
+
 /* The reduced albedo whose half-space returns this share of diffuse light. */
 double prt_albedo_invert(double reflectance, double eta);
 /* The media of a model's objects (METHODS §10): one for all, or one for each object. Arrays are
@@ -112,8 +158,8 @@ uint32_t prt_media_etas(const struct prt_media *media, double eta[]);
 
 /* The twelve media of JMLH01 fig. 5: index 0..11; NULL past the end. */
 const struct prt_material *prt_material_preset(unsigned index);
-/* The preset of this name, whatever its case, or the only one that begins so; NULL with a
- * remedy of n bytes, as prt_name_choose writes it. */
+/* The preset of this name, whatever its case, or the only one that begins so, else such a named
+ * medium; NULL with a remedy of n bytes, as prt_name_choose writes it. */
 const struct prt_material *prt_material_preset_named(const char *name, char *remedy, size_t n);
 
 /* Classical dipole of one channel (METHODS §1; JMLH01, W05 eq 3, X07 eq 4). */
@@ -146,6 +192,15 @@ double prt_fresnel_dr(double eta);
 double prt_fresnel_transmittance(double eta, double cos_theta); /* exact, unpolarised */
 /* Cosine-weighted hemispherical mean of F_t: 0.938868 at 1.3, 0.908222 at 1.5. */
 double prt_fresnel_mean_transmittance(double eta);
+/* How diffuse light leaves (METHODS §1, exit). */
+enum prt_exit {
+    PRT_EXIT_NORMALISED, /* F_t/T of the exitance over pi: no light is lost */
+    PRT_EXIT_PAPERS,     /* F_t of it, as the papers print */
+};
+/* The divisor of diffuse light at its exit: T, the mean of F_t, or 1. Totals are F_t (multiple
+ * / divisor + single), computed as (F_t / divisor) (multiple + divisor x single): opaque
+ * vertices and image-space engines then need no scale of their own. */
+double prt_exit_divisor(double eta, enum prt_exit exit);
 /* Refracts the outside direction w (away from the surface, w.n >= 0) at a surface of unit
  * normal n: out is the unit direction of the refracted light, into the body (out.n < 0). The
  * outward inside direction w' of METHODS is its negative. */

@@ -15,8 +15,9 @@ enum prt_reference_term {
     PRT_REFERENCE_IRRADIANCE,  /* E at the vertices, with F_t into translucent surfaces */
     PRT_REFERENCE_MULTIPLE,    /* B/pi */
     PRT_REFERENCE_SINGLE,      /* L1, without F_t of the exit */
-    PRT_REFERENCE_TOTAL,       /* F_t (B/pi + L1), at least 0; with walks F_t ((multiple +
-                                * unscattered)/T + L1), T the mean of F_t (METHODS §9, exit) */
+    PRT_REFERENCE_TOTAL,       /* F_t (multiple/T + L1), at least 0, T the mean of F_t; with
+                                * walks unscattered light is added to multiple (METHODS §1,
+                                * exit) */
     PRT_REFERENCE_UNSCATTERED, /* walks only: light that crosses without a scattering, as B/pi
                                 */
 };
@@ -24,13 +25,13 @@ struct prt_reference_options {
     enum prt_reference_term term;
     const float *eye; /* [3] mm, or NULL: without a view, METHODS §1 (exit); single scattering
                        * then follows -n_o and is isotropic */
-    bool no_exit;     /* PRT_REFERENCE_TOTAL without its factor F_t, which pictures apply at the
-                       * pixel
-                       */
-    bool straight_single;  /* follow -n_o even with an eye (W05's approximation) */
-    uint32_t n_sample;     /* irradiance samples; 0: l_u/4 apart, [60000, 240000] */
-    uint32_t n_ray;        /* rays a sample; 0: 2048 */
-    uint32_t n_single;     /* paths a vertex of single scattering; 0: 4096 */
+    enum prt_exit exit;   /* of PRT_REFERENCE_TOTAL */
+    bool no_exit;         /* PRT_REFERENCE_TOTAL before the factor F_t / prt_exit_divisor, which
+                           * pictures apply at the pixel */
+    bool straight_single; /* follow -n_o even with an eye (W05's approximation) */
+    uint32_t n_sample;    /* irradiance samples; 0: l_u/4 apart, [60000, 240000] */
+    uint32_t n_ray;       /* rays a sample; 0: 2048 */
+    uint32_t n_single;    /* paths a vertex of single scattering; 0: 4096 */
     unsigned n_phase_term; /* 0: exact Henyey-Greenstein; else cut to 1, 4, 9, 16 terms */
     uint64_t seed;
     const uint32_t *vertex; /* [n_vertex] vertices of the file; NULL: all */

@@ -142,7 +142,7 @@ size_t prt_contracted_transport_bytes(const struct prt_contracted_transport *fix
 enum prt_answer_term {
     PRT_ANSWER_MULTIPLE, /* (1/pi) B, without outgoing Fresnel transmittance */
     PRT_ANSWER_SINGLE,   /* L^(1), without outgoing Fresnel transmittance */
-    PRT_ANSWER_TOTAL,    /* F_t(eta, w_o) [multiple + single] */
+    PRT_ANSWER_TOTAL,    /* F_t(eta, w_o) [multiple/T + single], METHODS §1 (exit) */
 };
 
 /* Pointers are borrowed for the call. */
@@ -152,6 +152,7 @@ struct prt_query {
     struct prt_media media;       /* zeroed: the baked ones; zeroed for wavelet transport */
     const float *eye;             /* [3] mm, world; NULL: mean Fresnel, l = 0 phase */
     const struct prt_contracted_light *lit; /* instead of light, when not NULL */
+    enum prt_exit exit;                     /* of PRT_ANSWER_TOTAL */
 };
 
 /* Colours color[n_vertex][3] in the file's vertex order, linear RGB radiance, clamped at 0.
@@ -165,7 +166,9 @@ int prt_answer_colors(const struct prt_context *ctx, const struct prt_transport 
 
 /* What a renderer shades each pixel from: planes[n_plane][n_vertex][3], before outgoing Fresnel
  * transmittance and clamping. Plane 0 does not depend on the view: multiple + Y_00 single.
- * Planes 1 and on are to be multiplied by Y_k(w_o'); everything else is in them. planes NULL:
+ * Planes 1 and on are to be multiplied by Y_k(w_o'); everything else is in them. In planes of
+ * PRT_ANSWER_TOTAL single scattering has the factor d = prt_exit_divisor, and F_t/d times their
+ * sum is the radiance of a translucent surface (prt_shade does so). planes NULL:
  * only *n_plane is set. Statuses as prt_answer_colors; *n_plane is set last. */
 int prt_answer_planes(const struct prt_context *ctx, const struct prt_transport *transport,
                       const struct prt_query *query, unsigned *n_plane, float *planes);
@@ -190,7 +193,8 @@ struct prt_coefficient_layer {
 };
 struct prt_coefficients {
     /* Set by the caller. */
-    uint32_t most_rank; /* rows of a cluster; 0: all. Later rows matter less */
+    uint32_t most_rank; /* rows of a cluster; 0: all. Later rows matter less, and rows that are
+                         * left out are not computed */
     bool phases;        /* the planes of a phase function that is not even */
     uint16_t *half;     /* [n_half] */
     /* Set by prt_coefficients_plan, the scales by prt_answer_coefficients. */
@@ -223,9 +227,9 @@ struct prt_outgoing {
     float divisor;    /* of F_t */
     float view_slope; /* of single scattering: prt_view_slope */
 };
-/* At vertices of an object that has this material. */
+/* At vertices of an object that has this material; term and exit: of the query. */
 void prt_outgoing_of(const struct prt_material *material, enum prt_answer_term term,
-                     struct prt_outgoing *out);
+                     enum prt_exit exit, struct prt_outgoing *out);
 
 /* The largest part of R_d (of e^(-sigma_t r)) that a radial basis may lose of a material. */
 #define PRT_MATERIAL_MOST_ERROR 0.10

@@ -189,6 +189,16 @@ int prt_screen_image(const struct prt_context *ctx, struct prt_screen *screen,
 double prt_screen_mean_add(uint32_t n, size_t n_point, const float (*picture)[3],
                            float (*mean)[3]);
 
+/* The shadow of a model on the horizontal plane through its lowest point: *out
+ * [height][width][3], for each pixel whose ray meets the plane the share of irradiance that the
+ * model leaves there, 1 at other pixels and where the eye is below the plane; for
+ * prt_shade.shadow. It fades out at three half diagonals of the model's box. Light is constant
+ * over the cube's texels. The caller prt_free()s *out. Equal inputs give equal shadows for any
+ * number of threads. Reports "floor" as progress; blocks. PRT_NOMEM, PRT_CANCELLED. */
+int prt_floor_shadow(const struct prt_context *ctx, const struct prt_mesh *mesh,
+                     const struct prt_visibility *visibility, const struct prt_cube *light,
+                     float **out);
+
 #ifdef __cplusplus
 }
 #endif

@@ -38,9 +38,15 @@ struct prt_walk_medium {
  * is moved inwards by two millionths of the scene's diagonal. */
 struct prt_walk_start {
     float position[3], normal[3];
+    float inward[3]; /* unit direction of that move; 0: against the normal */
     uint32_t object;
     uint64_t seed; /* of this start's walks */
 };
+
+/* Walks of a vertex: the move leads away from all its faces, so that walks from the edges of a
+ * box begin inside. Does not block. */
+void prt_walk_start_at(const struct prt_walk_space *space, uint32_t vertex, uint32_t object,
+                       uint64_t seed, struct prt_walk_start *out);
 
 /* Where a walk left the object. */
 struct prt_walk_exit {

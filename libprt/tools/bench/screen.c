@@ -99,8 +99,8 @@ static int look(struct stage *s, uint32_t w, uint32_t h, float share)
     prt_free(s->radiance);
     s->vis = NULL;
     s->radiance = NULL;
-    int status = prt_visibility_create(&s->env->ctx, s->mesh, &camera, w, h, 4, PRT_RASTER_AUTO,
-                                       &s->vis);
+    int status = prt_visibility_create(&s->env->ctx, s->mesh, &camera,
+                                       &(struct prt_raster){w, h, 4, PRT_RASTER_AUTO}, &s->vis);
     if (status) return status;
     prt_visibility_gbuffer(s->vis, &s->g);
     s->radiance = prt_alloc((size_t)s->g.n_point + 1, sizeof *s->radiance);

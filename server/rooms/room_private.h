@@ -1,0 +1,151 @@
+/* SPDX-License-Identifier: MIT */
+/* room_private.h owns a room in memory, for the files of this folder.
+ *
+ *   request -> with_room() reads the room from the store where it is not in memory
+ *           -> room_edit(): the event is folded into `state` (or refused), and goes to the
+ * store store   -> edit_done(): it is on the disk: the request is answered, seats get the event
+ *
+ * `state` is ahead of `committed` by the events on their way to the disk. When one of them can
+ * not be written, the state is read again, without it. Seats see committed events alone. */
+#ifndef RELIGHTD_ROOMS_PRIVATE_H
+#define RELIGHTD_ROOMS_PRIVATE_H
+
+#include "net/request.h"
+#include "net/request_wait.h"
+#include "rooms/fold.h"
+#include "rooms/guests.h"
+#include "rooms/rooms.h"
+#include "rooms/store.h"
+
+enum {
+    ROOMS_HASH = 1024,
+    ROOM_TAIL = 1024,            /* committed events kept for those who are behind */
+    ROOM_TAIL_BYTES = 1 << 20,   /* but at least one */
+    ROOM_SNAPSHOT_EVENTS = 1000, /* after as many a snapshot is written */
+    ROOM_GONE = 64,              /* participants that left, for those who did not see it yet */
+    ROOM_ANSWER = 4 << 20,       /* bytes of events in one answer */
+};
+
+struct rooms {
+    struct server *server;
+    struct room_store *store;
+    struct room *hash[ROOMS_HASH];
+    unsigned n_room, n_seat;
+    uint64_t last_key; /* of a participant */
+    struct guests guests;
+    struct backup *backups; /* room_backup.c */
+    struct loop_timer purge;
+    bool stopping;
+};
+
+/* Waits for a room to be in memory. */
+struct room_waiter {
+    struct room_waiter *next;
+    void (*then)(struct room_waiter *waiter, struct room *room, int code, const char *error);
+};
+
+/* Committed events, a ring. */
+struct room_tail {
+    struct room_event_bytes event[ROOM_TAIL];
+    unsigned first, n;
+    size_t bytes;
+};
+
+/* Bytes that several answers share. */
+struct shared_bytes {
+    unsigned refs;
+    size_t n;
+    uint8_t bytes[];
+};
+
+struct seat;
+
+struct room {
+    struct room *next;
+    struct rooms *rooms;
+    char id[ROOM_ID + 1], owner[96];
+    Relight__RoomState *state; /* NULL: it is being read */
+    uint64_t committed;        /* sequence of the last event that is on the disk */
+    uint64_t snapshot;         /* sequence of the newest snapshot */
+    uint64_t bytes;            /* of its log */
+    bool stale;                /* the state has events that could not be written */
+    bool loading;
+    unsigned n_edit;    /* events on their way to the disk */
+    struct edit *again; /* edits that start again once it is read */
+    struct room_waiter *waiters, **last_waiter;
+    unsigned users;         /* requests that use it now */
+    struct room_tail *tail; /* NULL: nobody sits here */
+    struct seat *seats;
+    struct reader *readers;     /* ROOM_GETs that wait for the disk */
+    struct shared_bytes *batch; /* the last piece of the tail that was sent */
+    uint64_t batch_from, batch_to;
+    uint64_t presence; /* grows with every change of a participant */
+    struct {
+        uint64_t key, presence;
+    } gone[ROOM_GONE];
+    unsigned n_gone; /* that left so far; the last ones are at n % ROOM_GONE */
+    struct loop_timer idle, tick;
+    struct room_task load;
+};
+
+/* rooms.c */
+/* NULL: it is not in memory. */
+struct room *room_in_memory(struct rooms *rooms, const char *id);
+/* Calls then() now or once the room was read; with NULL and an error where that fails. */
+void room_use(struct rooms *rooms, const char *id, struct room_waiter *waiter);
+void room_hold(struct room *room);
+void room_release(struct room *room); /* the last one starts the time until it leaves memory */
+/* The state has to be read again, once no event is under way. */
+void room_spoil(struct room *room);
+void room_reload_if_idle(struct room *room);
+/* A new room, which its first event will put into the store. NULL without memory. */
+struct room *room_add(struct rooms *rooms, const char *id);
+void room_write_snapshot(struct room *room);
+/* Puts a committed event into the tail, which takes the bytes. */
+void room_keep_event(struct room *room, uint64_t sequence, uint8_t *bytes, size_t n);
+/* Puts a summary together; its arrays are freed by summary_finish. False without memory. */
+bool room_summarise(const Relight__RoomState *state, struct room_summary *out);
+void summary_finish(struct room_summary *summary);
+
+/* room_call.c */
+typedef void (*with_room_fn)(struct request *request, struct room *room);
+/* Calls fn once the room is in memory, with a room that the caller may see. Else the request is
+ * answered. fn may hold the room. */
+void with_room(struct request *request, const char *id, with_room_fn fn);
+/* The caller's role: what members, invitations and the scopes of its token allow together. */
+int caller_role(const struct request *request, const struct room *room);
+/* Answers without a room: an error whose text does not say whether there is one. */
+void no_such_room(struct request *request, const char *id);
+/* A payload of malloc()ed bytes. */
+struct payload payload_of(void *bytes, size_t n);
+
+/* room_edit.c */
+/* Accepts an action or refuses it; the request is answered in the end. role: the author's.
+ * seen: what the daemon found, for pins and decisions; NULL otherwise. */
+void room_edit(struct request *request, struct room *room, const Relight__RoomAction *action,
+               int role);
+/* Starts the edits that waited for the room to be read. */
+void edits_again(struct room *room);
+
+/* room_seen.c */
+/* Fills in what made the picture of a scene, then calls fn with it; else answers the request.
+ */
+typedef void (*seen_fn)(struct request *request, struct room *room, const Relight__Seen *seen);
+void find_seen(struct request *request, struct room *room, const Relight__Scene *scene,
+               seen_fn fn);
+
+/* room_ops.c */
+/* The room's committed sequence has grown, or its state is to be read again. */
+void readers_check(struct room *room);
+/* The principal has one room less. */
+void give_back_room(struct server *server, const char *name);
+
+/* room_seat.c */
+/* Participants of a room in memory. */
+unsigned seats_count(const struct room *room);
+/* Events were committed, or the state was read again. */
+void seats_wake(struct room *room);
+/* Roles may have changed: those who may not see the room any more leave it. */
+void seats_check(struct room *room);
+
+#endif

@@ -1,0 +1,348 @@
+// SPDX-License-Identifier: MIT
+// SUBSCRIBE with a room: people who sit in it get its state or the events that they miss, then
+// each event once it is on the disk, and see each other. A client that reads slowly gets the
+// newest state in place of events it has missed; nothing is queued for it.
+#include "rooms/room_private.h"
+
+#include "net/dispatch.h"
+#include "rooms/state.h"
+
+#include "frame.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const size_t most_unsent = 256 << 10; // bytes of answers that wait: then events wait
+static const size_t most_batch = 256 << 10;
+static const uint64_t later_ns = 50000000, tick_ns = 30000000;
+enum { MAX_PRESENCE = 4096 }; // bytes of one participant
+
+struct seat {
+    struct seat *next;
+    struct request *request;
+    struct room *room;
+    struct loop_timer timer;
+    uint64_t at; // sequence of the last event that was sent
+    bool wants_state;
+    uint8_t *state; // packed, of `state_at`; it may have events that are not yet on the disk
+    size_t n_state;
+    uint64_t state_at;
+    Relight__Participant *me;
+    uint64_t changed;  // presence at the last change of `me`
+    uint64_t presence; // up to which it was told
+    bool told;         // of anybody at all
+    int role;
+};
+
+static struct server *server_of(const struct seat *seat)
+{
+    return seat->room->rooms->server;
+}
+
+static void wake_seat(struct seat *seat, uint64_t at_ns)
+{
+    if (!seat->timer.armed || seat->timer.at_ns > at_ns)
+        loop_timer_set(server_of(seat)->loop, &seat->timer, at_ns);
+}
+
+void seats_wake(struct room *room)
+{
+    for (struct seat *s = room->seats; s; s = s->next) wake_seat(s, loop_now_ns());
+}
+
+unsigned seats_count(const struct room *room)
+{
+    unsigned n = 0;
+    for (const struct seat *s = room->seats; s; s = s->next) n++;
+    return n;
+}
+
+// ---- presence
+
+static void tick(struct loop_timer *timer)
+{
+    seats_wake((struct room *)((char *)timer - offsetof(struct room, tick)));
+}
+
+// Changes are told together, some thirty times a second.
+static void presence_changed(struct room *room)
+{
+    room->tick.fire = tick;
+    if (!room->tick.armed)
+        loop_timer_set(room->rooms->server->loop, &room->tick, loop_now_ns() + tick_ns);
+}
+
+static void leave(struct request *request)
+{
+    struct seat *seat = request->state;
+    struct room *room = seat->room;
+    struct seat **at = &room->seats;
+    while (*at != seat) at = &(*at)->next;
+    *at = seat->next;
+    loop_timer_stop(request->server->loop, &seat->timer);
+    room->gone[room->n_gone % ROOM_GONE].key = seat->me->key;
+    room->gone[room->n_gone++ % ROOM_GONE].presence = ++room->presence;
+    presence_changed(room);
+    room->rooms->n_seat--;
+    relight__participant__free_unpacked(seat->me, NULL);
+    free(seat->state);
+    free(seat);
+    room_release(room);
+}
+
+// Who changed since this seat was told; with everybody where it missed someone's leaving.
+static void send_presence(struct seat *seat)
+{
+    struct room *room = seat->room;
+    size_t n = 0, most = ROOM_GONE + 1;
+    for (struct seat *s = room->seats; s; s = s->next) most++;
+    Relight__Participant **list = calloc(most, sizeof *list);
+    Relight__Participant *gone = calloc(ROOM_GONE, sizeof *gone);
+    unsigned kept = room->n_gone < ROOM_GONE ? room->n_gone : ROOM_GONE;
+    bool all = !seat->told || (room->n_gone > ROOM_GONE &&
+                               room->gone[room->n_gone % ROOM_GONE].presence > seat->presence);
+    for (struct seat *s = room->seats; list && gone && s; s = s->next)
+        if (all || s->changed > seat->presence) list[n++] = s->me;
+    for (unsigned i = 0; list && gone && !all && i < kept; i++) {
+        if (room->gone[i].presence <= seat->presence) continue;
+        relight__participant__init(&gone[i]);
+        gone[i].key = room->gone[i].key;
+        gone[i].gone = true;
+        list[n++] = &gone[i];
+    }
+    Relight__Presence presence = RELIGHT__PRESENCE__INIT;
+    presence.participants = list;
+    presence.n_participants = n;
+    size_t size = protobuf_c_message_get_packed_size(&presence.base);
+    uint8_t *bytes = list && gone ? malloc(size + 1) : NULL;
+    if (bytes) {
+        protobuf_c_message_pack(&presence.base, bytes);
+        Relight__Event out = RELIGHT__EVENT__INIT;
+        struct payload payload = payload_of(bytes, size);
+        out.kind = RELIGHT__EVENT_KIND__EVENT_ROOM_PRESENCE;
+        out.room = room->id;
+        out.sequence = seat->at;
+        out.lost = all;
+        out.participant = seat->me->key;
+        out.role = (Relight__RoomRole)seat->role;
+        seat->presence = room->presence;
+        seat->told = true;
+        request_part(seat->request, &out.base, &payload);
+    }
+    free(list);
+    free(gone);
+}
+
+// ---- state and events
+
+static void send_bytes(struct seat *seat, int kind, uint64_t sequence, struct payload payload)
+{
+    Relight__Event out = RELIGHT__EVENT__INIT;
+    out.kind = (Relight__EventKind)kind;
+    out.room = seat->room->id;
+    out.sequence = seat->at = sequence;
+    out.participant = seat->me->key;
+    out.role = (Relight__RoomRole)seat->role;
+    request_part(seat->request, &out.base, &payload);
+}
+
+// The state is packed when it is wanted and sent when all of it is on the disk. False: it has
+// to wait.
+static bool send_state(struct seat *seat)
+{
+    struct room *room = seat->room;
+    if (!seat->state) {
+        seat->n_state = protobuf_c_message_get_packed_size(&room->state->base);
+        if (!(seat->state = malloc(seat->n_state + 1))) return false;
+        protobuf_c_message_pack(&room->state->base, seat->state);
+        seat->state_at = room->state->sequence;
+    }
+    if (seat->state_at > room->committed) return false;
+    struct payload payload = payload_of(seat->state, seat->n_state);
+    seat->state = NULL;
+    seat->wants_state = false;
+    send_bytes(seat, RELIGHT__EVENT_KIND__EVENT_ROOM_STATE, seat->state_at, payload);
+    return true;
+}
+
+static void release_shared(void *owner)
+{
+    struct shared_bytes *shared = owner;
+    if (!--shared->refs) free(shared);
+}
+
+static size_t put_length(uint8_t *to, size_t n)
+{
+    size_t at = 0;
+    for (; n > 127; n >>= 7) to[at++] = (uint8_t)(n | 128);
+    to[at++] = (uint8_t)n;
+    return at;
+}
+
+static struct room_event_bytes *tail_event(const struct room *room, uint64_t sequence)
+{
+    struct room_tail *t = room->tail;
+    uint64_t oldest = t && t->n ? t->event[t->first].sequence : UINT64_MAX;
+    if (sequence < oldest || sequence - oldest >= t->n) return NULL;
+    return &t->event[(t->first + (sequence - oldest)) % ROOM_TAIL];
+}
+
+// A packed RoomEvents of what follows `from`, shared by all who are as far.
+static struct shared_bytes *batch_after(struct room *room, uint64_t from)
+{
+    enum { TAG = 0x0a, LENGTH = 10 }; // field 1, length-delimited
+    if (room->batch && room->batch_from == from) return room->batch;
+    size_t most = 0;
+    uint64_t to = from;
+    for (struct room_event_bytes *e; to < room->committed && (e = tail_event(room, to + 1));) {
+        if (most && most + e->n > most_batch) break;
+        most += e->n + LENGTH + 1;
+        to++;
+    }
+    struct shared_bytes *batch = to > from ? malloc(sizeof *batch + most) : NULL;
+    if (!batch) return NULL;
+    batch->refs = 1;
+    batch->n = 0;
+    for (uint64_t s = from + 1; s <= to; s++) {
+        struct room_event_bytes *e = tail_event(room, s);
+        batch->bytes[batch->n++] = TAG;
+        batch->n += put_length(batch->bytes + batch->n, e->n);
+        memcpy(batch->bytes + batch->n, e->bytes, e->n);
+        batch->n += e->n;
+    }
+    if (room->batch) release_shared(room->batch);
+    room->batch = batch;
+    room->batch_from = from;
+    room->batch_to = to;
+    return batch;
+}
+
+// False: nothing could be sent.
+static bool send_events(struct seat *seat)
+{
+    struct room *room = seat->room;
+    if (!tail_event(room, seat->at + 1)) {
+        seat->wants_state = true;
+        return true;
+    }
+    struct shared_bytes *batch = batch_after(room, seat->at);
+    if (!batch) return false;
+    batch->refs++;
+    struct payload payload = {batch->bytes, batch->n, batch, release_shared};
+    send_bytes(seat, RELIGHT__EVENT_KIND__EVENT_ROOM_EVENTS, room->batch_to, payload);
+    return true;
+}
+
+// Sends what there is, as far as the client reads.
+static void deliver(struct loop_timer *timer)
+{
+    struct seat *seat = (struct seat *)((char *)timer - offsetof(struct seat, timer));
+    struct connection *conn = seat->request->conn;
+    struct room *room = seat->room;
+    bool ready = room->state && !room->stale;
+    while (!conn->dead && conn->out_bytes < most_unsent) {
+        bool sent = false;
+        if (seat->wants_state) sent = ready && send_state(seat);
+        else if (seat->at < room->committed) sent = send_events(seat);
+        else if (!seat->told || seat->presence < room->presence) {
+            send_presence(seat);
+            if (!conn->dead && seat->presence == room->presence) return;
+        }
+        if (!sent) break;
+    }
+    if (!conn->dead &&
+        (seat->wants_state || seat->at < room->committed || conn->out_bytes >= most_unsent))
+        wake_seat(seat, loop_now_ns() + later_ns);
+}
+
+// ---- coming in
+
+static const char *text_fault(const Relight__Participant *me)
+{
+    if (strlen(me->name) > ROOM_MAX_PERSON) return "me.name: at most 64 bytes";
+    if (protobuf_c_message_get_packed_size(&me->base) > MAX_PRESENCE)
+        return "me: a participant takes at most 4096 bytes";
+    return NULL;
+}
+
+// What the client says about itself, with what the daemon says.
+static bool set_me(struct seat *seat, const Relight__Participant *from)
+{
+    static const Relight__Participant nobody = RELIGHT__PARTICIPANT__INIT;
+    Relight__Participant m = from ? *from : nobody;
+    m.key = seat->me ? seat->me->key : ++seat->room->rooms->last_key;
+    m.by = seat->request->conn->caller.name;
+    m.role = (Relight__RoomRole)seat->role;
+    m.gone = false;
+    Relight__Participant *copy = message_copy(&m);
+    if (!copy) return false;
+    if (seat->me) relight__participant__free_unpacked(seat->me, NULL);
+    seat->me = copy;
+    seat->changed = ++seat->room->presence;
+    presence_changed(seat->room);
+    return true;
+}
+
+static void take_seat(struct request *request, struct room *room)
+{
+    const Relight__SubscribeRequest *in = (const Relight__SubscribeRequest *)request->message;
+    struct seat *seat = calloc(1, sizeof *seat);
+    if (seat) {
+        seat->request = request;
+        seat->room = room;
+        seat->role = caller_role(request, room);
+        seat->timer.fire = deliver;
+    }
+    if (!seat || !set_me(seat, in->me)) {
+        free(seat);
+        request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return;
+    }
+    seat->at = in->after;
+    // A cursor beyond the room's end is of another store (one that was restored, say).
+    seat->wants_state = !in->after || in->after > room->committed;
+    seat->next = room->seats;
+    room->seats = seat;
+    room->rooms->n_seat++;
+    room_hold(room);
+    request->state = seat;
+    request->abandon = leave;
+    wake_seat(seat, loop_now_ns());
+}
+
+void room_subscribe(struct request *request)
+{
+    const Relight__SubscribeRequest *in = (const Relight__SubscribeRequest *)request->message;
+    char error[ROOM_ERROR];
+    const char *fault = in->me ? text_fault(in->me) : NULL;
+    if (!fault && in->me && !room_message_sane(&in->me->base, error)) fault = error;
+    if (fault) request_fail(request, RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST, "%s", fault);
+    else with_room(request, in->room, take_seat);
+}
+
+void seats_check(struct room *room)
+{
+    for (struct seat *s = room->seats, *next; s && room->state; s = next) {
+        next = s->next;
+        int role = caller_role(s->request, room);
+        if (role == s->role) continue;
+        if (!role) {
+            request_stop(s->request, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN,
+                         "you are no member of this room any more");
+            continue;
+        }
+        s->role = role;
+        set_me(s, s->me);
+    }
+}
+
+void take_room_presence(struct connection *conn, const ProtobufCMessage *message)
+{
+    const Relight__RoomPresenceRequest *in = (const Relight__RoomPresenceRequest *)message;
+    char error[ROOM_ERROR];
+    struct request *r = conn->requests;
+    while (r && (r->id != in->subscription || !request_state(r, leave))) r = r->next;
+    if (!r || !in->me || text_fault(in->me) || !room_message_sane(&in->me->base, error)) return;
+    set_me(r->state, in->me);
+}

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: MIT
+// What a pin or a decision was about: hashes of the mesh and of the bake, the engine.
+#include "rooms/room_private.h"
+
+#include "prt/transport.h"
+#include "rooms/state.h"
+#include "store/models.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct seen_wait {
+    struct request_wait wait; // first
+    struct room *room;
+    struct model *model;
+    Relight__Scene *scene;
+    seen_fn fn;
+};
+
+static void fill_and_go(struct seen_wait *w, struct request *request)
+{
+    const struct prt_file *file = w->wait.entry->value;
+    const struct prt_transport *t = prt_file_transport(file);
+    Relight__Seen seen = RELIGHT__SEEN__INIT;
+    char mesh[17], bake[17] = "";
+    bool baked = model_state(w->model) == RELIGHT__MODEL_STATE__MODEL_READY;
+    static const int engines[] = {RELIGHT__ENGINE__ENGINE_WAVELET,
+                                  RELIGHT__ENGINE__ENGINE_POLYNOMIAL,
+                                  RELIGHT__ENGINE__ENGINE_JOINT};
+    snprintf(mesh, sizeof mesh, "%016llx", (unsigned long long)t->mesh_hash);
+    if (baked) snprintf(bake, sizeof bake, "%016llx", (unsigned long long)prt_file_hash(file));
+    seen.model = w->model->id;
+    seen.mesh_hash = mesh;
+    seen.bake_hash = bake;
+    seen.server = (char *)(uintptr_t)RELIGHT_VERSION;
+    if (w->scene->shade) seen.engine = w->scene->shade->engine;
+    if (!seen.engine && baked && t->engine < 3)
+        seen.engine = (Relight__Engine)engines[t->engine];
+    w->fn(request, w->room, &seen);
+}
+
+static void opened(struct request_wait *wait, struct request *request)
+{
+    struct seen_wait *w = (struct seen_wait *)wait;
+    if (request && wait->entry->state == CACHE_READY) {
+        if (w->room->state && !w->room->stale) fill_and_go(w, request);
+        else request_fail(request, RELIGHT__ERROR_CODE__ERROR_BUSY, "the room is being read");
+    } else if (request) {
+        request_fail(request, wait->entry->error_code, "%s", wait->entry->error);
+    }
+    cache_release(wait->entry);
+    model_release(w->model);
+    room_release(w->room);
+    relight__scene__free_unpacked(w->scene, NULL);
+    free(w);
+}
+
+void find_seen(struct request *request, struct room *room, const Relight__Scene *scene,
+               seen_fn fn)
+{
+    char error[256];
+    int code = RELIGHT__ERROR_CODE__ERROR_NOT_FOUND;
+    struct model *model = NULL;
+    if (!scene || !*scene->model)
+        snprintf(error, sizeof error, "the scene has no model: set it first");
+    else
+        model = models_find(request->server->models, request->conn->caller.name, scene->model,
+                            error);
+    struct cache_entry *entry = model ? model_mesh_open(model, &code, error) : NULL;
+    struct seen_wait *w = entry ? calloc(1, sizeof *w) : NULL;
+    if (!w || !(w->scene = message_copy(scene))) {
+        cache_release(entry);
+        free(w);
+        request_fail(request, entry ? RELIGHT__ERROR_CODE__ERROR_NO_MEMORY : code, "%s",
+                     entry ? "not enough memory" : error);
+        return;
+    }
+    w->room = room;
+    w->model = model;
+    w->fn = fn;
+    room_hold(room);
+    model_hold(model);
+    request_await_entry(request, &w->wait, entry, opened);
+}

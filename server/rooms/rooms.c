@@ -1,0 +1,432 @@
+// SPDX-License-Identifier: MIT
+// Rooms in memory: read from the store when they are used, written back as snapshots, and gone
+// when nobody has used them for a while.
+#include "rooms/room_private.h"
+
+#include "core/log.h"
+#include "rooms/room_backup.h"
+#include "store/disk.h"
+
+#include "relight.pb-c.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+// ---- the table
+
+static struct room **slot(struct rooms *rooms, const char *id)
+{
+    uint64_t hash = 0;
+    for (const char *c = id; *c; c++) hash = hash * 31 + (unsigned char)*c;
+    struct room **at = &rooms->hash[hash % ROOMS_HASH]; // ids are random
+    while (*at && strcmp((*at)->id, id)) at = &(*at)->next;
+    return at;
+}
+
+struct room *room_in_memory(struct rooms *rooms, const char *id)
+{
+    return *slot(rooms, id);
+}
+
+static void idle_over(struct loop_timer *timer);
+
+struct room *room_add(struct rooms *rooms, const char *id)
+{
+    struct room *room = calloc(1, sizeof *room);
+    if (!room) return NULL;
+    room->rooms = rooms;
+    snprintf(room->id, sizeof room->id, "%s", id);
+    room->last_waiter = &room->waiters;
+    room->idle.fire = idle_over;
+    *slot(rooms, id) = room;
+    rooms->n_room++;
+    return room;
+}
+
+static void drop_tail(struct room *room)
+{
+    for (unsigned i = 0; room->tail && i < room->tail->n; i++)
+        free(room->tail->event[(room->tail->first + i) % ROOM_TAIL].bytes);
+    free(room->tail);
+    room->tail = NULL;
+}
+
+static void room_free(struct room *room)
+{
+    struct rooms *rooms = room->rooms;
+    *slot(rooms, room->id) = room->next;
+    loop_timer_stop(rooms->server->loop, &room->idle);
+    loop_timer_stop(rooms->server->loop, &room->tick);
+    drop_tail(room);
+    if (room->batch && !--room->batch->refs) free(room->batch);
+    room_state_free(room->state);
+    rooms->n_room--;
+    free(room);
+}
+
+static bool in_use(const struct room *room)
+{
+    return room->users || room->n_edit || room->loading || room->again || room->waiters ||
+           room->seats || room->readers;
+}
+
+static void idle_over(struct loop_timer *timer)
+{
+    struct room *room = (struct room *)((char *)timer - offsetof(struct room, idle));
+    if (in_use(room)) return;
+    if (!room->stale && room->committed > room->snapshot) room_write_snapshot(room);
+    room_free(room);
+}
+
+void room_hold(struct room *room)
+{
+    room->users++;
+}
+
+void room_release(struct room *room)
+{
+    const struct server *server = room->rooms->server;
+    room->users--;
+    if (in_use(room)) return;
+    // One that failed to be read, or to begin, is not worth keeping.
+    uint64_t keep_ns = room->state && !room->stale && room->committed
+                           ? (uint64_t)(server->options.room_idle * 1e9)
+                           : 0;
+    loop_timer_set(server->loop, &room->idle, loop_now_ns() + keep_ns);
+}
+
+// ---- the tail
+
+void room_keep_event(struct room *room, uint64_t sequence, uint8_t *bytes, size_t n)
+{
+    if (!room->tail) room->tail = calloc(1, sizeof *room->tail);
+    struct room_tail *t = room->tail;
+    if (!t) { // those who sit here get the state instead
+        free(bytes);
+        return;
+    }
+    while (t->n && (t->n == ROOM_TAIL || t->bytes + n > ROOM_TAIL_BYTES)) {
+        struct room_event_bytes *oldest = &t->event[t->first];
+        t->bytes -= oldest->n;
+        free(oldest->bytes);
+        t->first = (t->first + 1) % ROOM_TAIL;
+        t->n--;
+    }
+    t->event[(t->first + t->n++) % ROOM_TAIL] =
+        (struct room_event_bytes){.sequence = sequence, .bytes = bytes, .n = n};
+    t->bytes += n;
+}
+
+// ---- snapshots
+
+struct snapshot {
+    struct room_task task;
+    uint8_t *bytes;
+};
+
+static void snapshot_written(struct room_task *task)
+{
+    struct snapshot *s = (struct snapshot *)task;
+    if (task->status == ROOM_TASK_FAILED)
+        log_line(LOG_WARN, "room=%s: its snapshot could not be written: %s", task->room,
+                 task->error);
+    free(s->bytes);
+    free(s);
+}
+
+void room_write_snapshot(struct room *room)
+{
+    struct snapshot *s = calloc(1, sizeof *s);
+    size_t n = protobuf_c_message_get_packed_size(&room->state->base);
+    if (!s || !(s->bytes = malloc(n + 1))) {
+        free(s);
+        return; // the log is enough
+    }
+    protobuf_c_message_pack(&room->state->base, s->bytes);
+    s->task.kind = ROOM_TASK_SNAPSHOT;
+    snprintf(s->task.room, sizeof s->task.room, "%s", room->id);
+    s->task.sequence = room->snapshot = room->state->sequence;
+    s->task.bytes = s->bytes;
+    s->task.n = n;
+    s->task.done = snapshot_written;
+    room->rooms->store->api->submit(room->rooms->store, &s->task);
+}
+
+// ---- reading a room
+
+// The state of a snapshot, if there is one that can be read, and the events after it.
+static Relight__RoomState *fold_stored(const struct room *room, const struct room_task *task,
+                                       char error[ROOM_ERROR])
+{
+    Relight__RoomState *state =
+        task->snapshot ? relight__room_state__unpack(NULL, task->n_snapshot, task->snapshot)
+                       : room_state_new(room->id);
+    snprintf(error, ROOM_ERROR, "its snapshot is damaged");
+    if (!state || state->sequence != task->sequence || strcmp(state->room, room->id)) {
+        room_state_free(state);
+        return NULL;
+    }
+    for (size_t i = 0; i < task->n_event; i++) {
+        const struct room_event_bytes *e = &task->event[i];
+        Relight__RoomEvent *event = relight__room_event__unpack(NULL, e->n, e->bytes);
+        snprintf(error, ROOM_ERROR, "event %llu is damaged", (unsigned long long)e->sequence);
+        int code = event ? room_fold(state, event, error) : -1;
+        if (event) relight__room_event__free_unpacked(event, NULL);
+        if (!code) continue;
+        room_state_free(state);
+        return NULL;
+    }
+    return state;
+}
+
+static void tell_waiters(struct room *room, int code, const char *error)
+{
+    struct room_waiter *all = room->waiters;
+    room->waiters = NULL;
+    room->last_waiter = &room->waiters;
+    room_hold(room);
+    for (struct room_waiter *w = all, *next; w; w = next) {
+        next = w->next;
+        w->then(w, code ? NULL : room, code, error);
+    }
+    room_release(room);
+}
+
+static void take_loaded(struct room *room, struct room_task *task)
+{
+    char error[ROOM_ERROR];
+    room->state = fold_stored(room, task, error);
+    if (!room->state) {
+        log_line(LOG_ERR, "room=%s: %s: restore the store from a backup", room->id, error);
+        tell_waiters(room, RELIGHT__ERROR_CODE__ERROR_INTERNAL,
+                     "the room's log is damaged: an administrator can restore a backup");
+        return;
+    }
+    room->committed = room->state->sequence;
+    room->snapshot = task->sequence;
+    room->bytes = task->stored_bytes;
+    snprintf(room->owner, sizeof room->owner, "%s", room->state->created->by);
+    drop_tail(room); // its events may not be those of the store
+    for (size_t i = task->n_event > ROOM_TAIL ? task->n_event - ROOM_TAIL : 0;
+         i < task->n_event; i++) {
+        room_keep_event(room, task->event[i].sequence, task->event[i].bytes, task->event[i].n);
+        task->event[i].bytes = NULL;
+    }
+    room_hold(room);
+    edits_again(room);
+    tell_waiters(room, 0, "");
+    seats_wake(room);
+    room_release(room);
+}
+
+static void loaded(struct room_task *task)
+{
+    struct room *room = (struct room *)((char *)task - offsetof(struct room, load));
+    room->loading = false;
+    room->stale = false;
+    if (task->status == ROOM_TASK_DONE) take_loaded(room, task);
+    else if (task->status == ROOM_TASK_MISSING)
+        tell_waiters(room, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND, "");
+    else {
+        log_line(LOG_ERR, "room=%s: it could not be read: %s", room->id, task->error);
+        tell_waiters(room, RELIGHT__ERROR_CODE__ERROR_BUSY, "the room could not be read");
+    }
+    room_task_finish(task);
+    if (!room->state) edits_again(room); // they fail
+}
+
+static void begin_load(struct room *room)
+{
+    room->loading = true;
+    room_state_free(room->state);
+    room->state = NULL;
+    room->load = (struct room_task){.kind = ROOM_TASK_LOAD, .done = loaded};
+    snprintf(room->load.room, sizeof room->load.room, "%s", room->id);
+    room->rooms->store->api->submit(room->rooms->store, &room->load);
+}
+
+void room_spoil(struct room *room)
+{
+    room->stale = true;
+    readers_check(room);
+}
+
+void room_reload_if_idle(struct room *room)
+{
+    if (room->stale && !room->n_edit && !room->loading) begin_load(room);
+}
+
+void room_use(struct rooms *rooms, const char *id, struct room_waiter *waiter)
+{
+    struct room *room = *slot(rooms, id);
+    if (!room && !(room = room_add(rooms, id))) {
+        waiter->then(waiter, NULL, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
+        return;
+    }
+    if (room->state && !room->stale) {
+        room_hold(room);
+        waiter->then(waiter, room, 0, "");
+        room_release(room);
+        return;
+    }
+    waiter->next = NULL;
+    *room->last_waiter = waiter;
+    room->last_waiter = &waiter->next;
+    if (!room->loading && !room->n_edit) begin_load(room);
+}
+
+// ---- start and end
+
+static void wait_for(struct rooms *rooms, struct room_task *task, bool *over)
+{
+    rooms->store->api->submit(rooms->store, task);
+    while (!*over) loop_turn(rooms->server->loop, -1);
+}
+
+struct at_start {
+    struct room_task task;
+    bool over;
+};
+
+static void read_at_start(struct room_task *task)
+{
+    ((struct at_start *)task)->over = true;
+}
+
+static int read_guests(struct rooms *rooms)
+{
+    struct at_start s = {.task = {.kind = ROOM_TASK_INVITES, .done = read_at_start}};
+    wait_for(rooms, &s.task, &s.over);
+    bool failed = s.task.status != ROOM_TASK_DONE;
+    for (size_t i = 0; i < s.task.n_row && !failed; i++) {
+        const struct room_row *row = &s.task.row[i];
+        struct room_invite invite = {.role = row->role, .expires_s = row->expires_s};
+        snprintf(invite.id, sizeof invite.id, "%.32s", row->by);
+        snprintf(invite.hash, sizeof invite.hash, "%s", row->hash);
+        failed = !guests_add(&rooms->guests, row->room, &invite);
+    }
+    room_task_finish(&s.task);
+    return failed ? -1 : 0;
+}
+
+static int charge_owners(struct rooms *rooms)
+{
+    struct at_start s = {.task = {.kind = ROOM_TASK_OWNERS, .done = read_at_start}};
+    wait_for(rooms, &s.task, &s.over);
+    for (size_t i = 0; i < s.task.n_row; i++) {
+        const struct room_row *row = &s.task.row[i];
+        disk_charge(rooms->server->ledger, row->by, (int64_t)row->bytes);
+        struct principal *p = ledger_principal(rooms->server->ledger, row->by);
+        if (p) ledger_force(p, LEDGER_ROOMS, row->sequence);
+        principal_release(p);
+    }
+    room_task_finish(&s.task);
+    return s.task.status == ROOM_TASK_DONE ? 0 : -1;
+}
+
+// A scene of the room shows it, or did so in a revision. Somebody has to be in the room.
+static bool guest_may_see(const struct server *server, const char *guest, const char *model)
+{
+    const char *id = guests_room(&server->rooms->guests, guest);
+    const struct room *room = id ? room_in_memory(server->rooms, id) : NULL;
+    const Relight__RoomState *s = room ? room->state : NULL;
+    if (!s) return false;
+    bool shown = !strcmp(s->scene->model, model);
+    for (size_t i = 0; i < s->n_revisions && !shown; i++)
+        shown = !strcmp(s->revisions[i]->scene->model, model);
+    return shown;
+}
+
+int rooms_create(struct server *server, struct rooms **out)
+{
+    char fault[256], option[4096];
+    const char *where;
+    struct rooms *rooms = calloc(1, sizeof *rooms);
+    if (server->options.rooms[0]) snprintf(option, sizeof option, "%s", server->options.rooms);
+    else snprintf(option, sizeof option, "sqlite:%s/rooms.sqlite", server->data);
+    const struct room_store_api *api = room_store_parse(option, &where, fault);
+    if (!rooms || !api || api->open(where, server->loop, &rooms->store, fault)) {
+        log_line(LOG_ERR, "%s", rooms ? fault : "not enough memory");
+        free(rooms);
+        return -1;
+    }
+    rooms->server = server;
+    *out = rooms;
+    if (read_guests(rooms) || charge_owners(rooms)) {
+        log_line(LOG_ERR, "rooms %s could not be read", option);
+        return -1;
+    }
+    server->guest_may_see = guest_may_see;
+    access_set_guests(server->access, guests_check, guests_current, &rooms->guests);
+    return 0;
+}
+
+void rooms_destroy(struct rooms *rooms)
+{
+    if (!rooms) return;
+    struct server *server = rooms->server;
+    server->guest_may_see = NULL;
+    access_set_guests(server->access, NULL, NULL, NULL);
+    rooms->stopping = true;
+    for (int i = 0; i < ROOMS_HASH; i++)
+        for (struct room *room = rooms->hash[i]; room; room = room->next)
+            if (room->state && !room->stale && !room->n_edit &&
+                room->committed > room->snapshot + ROOM_SNAPSHOT_EVENTS / 4)
+                room_write_snapshot(room);
+    backups_drop(rooms);
+    rooms->store->api->close(rooms->store);
+    loop_turn(server->loop, 0); // the ends of its last tasks
+    for (int i = 0; i < ROOMS_HASH; i++)
+        while (rooms->hash[i]) room_free(rooms->hash[i]);
+    guests_finish(&rooms->guests);
+    free(rooms);
+}
+
+struct purge {
+    struct room_task task;
+    struct rooms *rooms;
+};
+
+static void purged(struct room_task *task)
+{
+    struct rooms *rooms = ((struct purge *)task)->rooms;
+    if (task->status == ROOM_TASK_FAILED)
+        log_line(LOG_WARN, "rooms: closed ones could not be deleted: %s", task->error);
+    for (size_t i = 0; i < task->n_row; i++) {
+        const struct room_row *row = &task->row[i];
+        struct room *room = room_in_memory(rooms, row->room);
+        log_line(LOG_EVENT, "room=%s deleted=closed owner=%s", row->room, row->by);
+        disk_charge(rooms->server->ledger, row->by, -(int64_t)row->bytes);
+        give_back_room(rooms->server, row->by);
+        guests_replace(&rooms->guests, row->room, NULL, 0);
+        if (!room) continue;
+        room_spoil(room);
+        room_reload_if_idle(room); // to find that it is gone
+    }
+    room_task_finish(task);
+    free(task);
+}
+
+void rooms_maintain(struct rooms *rooms)
+{
+    double keep_s = rooms->server->options.rooms_keep;
+    struct purge *purge = keep_s > 0 ? calloc(1, sizeof *purge) : NULL;
+    struct timespec now;
+    if (!purge) return;
+    struct room_task *task = &purge->task;
+    purge->rooms = rooms;
+    clock_gettime(CLOCK_REALTIME, &now);
+    double before_us = ((double)now.tv_sec - keep_s) * 1e6;
+    task->kind = ROOM_TASK_PURGE;
+    task->time_us = before_us > 0 ? (uint64_t)before_us : 0;
+    task->done = purged;
+    rooms->store->api->submit(rooms->store, task);
+}
+
+void rooms_count(const struct rooms *rooms, unsigned *n_room, unsigned *n_participant)
+{
+    *n_room = rooms ? rooms->n_room : 0;
+    *n_participant = rooms ? rooms->n_seat : 0;
+}

@@ -1,0 +1,412 @@
+// SPDX-License-Identifier: MIT
+// The models folder: NAME/VERSION beside files, model.json, and what becomes of models whose
+// file was replaced or removed.
+#include "ask.h"
+#include "frames.h"
+
+static struct daemon d;
+static const char *const fast[] = {"--poll", "0.2", NULL};
+static const char preview[] = "{\"size_mm\": 10, \"material\": \"marble\", \"preview\": true}";
+
+static char keeper[64]; // two bakes, outside all folders of the daemon
+
+static void copy_file(const char *from, const char *to)
+{
+    char command[1000];
+    snprintf(command, sizeof command, "cp %s %s.part && mv %s.part %s", from, to, to, to);
+    assert_int_equal(system(command), 0);
+}
+
+static int setup(void **state)
+{
+    char id[ID_SIZE], from[200], to[200];
+    strcpy(keeper, "/tmp/relightd-keep-XXXXXX");
+    assert_non_null(mkdtemp(keeper));
+    daemon_folder(&d);
+    daemon_start(&d, NULL);
+    struct relight_client *client = client_open(d.address);
+    for (unsigned i = 0; i < 2; i++) {
+        struct relight_load load = small_bake(i + 1, 32);
+        bake_octahedron(client, &d, "small.obj", &load, id);
+        snprintf(from, sizeof from, "%s/bakes/%s.prt", d.data, id);
+        snprintf(to, sizeof to, "%s/%u.prt", keeper, i);
+        copy_file(from, to);
+    }
+    relight_close(client);
+    assert_int_equal(daemon_stop(&d), 0);
+    daemon_remove(&d);
+    return 0;
+}
+
+static int teardown(void **state)
+{
+    return nftw(keeper, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+}
+
+static int fresh_folder(void **state)
+{
+    daemon_folder(&d);
+    return 0;
+}
+
+static int after_each(void **state)
+{
+    int status = daemon_end(&d);
+    daemon_remove(&d);
+    return status;
+}
+
+static void in_models(const char *name, char path[200])
+{
+    snprintf(path, 200, "%s/%s", d.models, name);
+}
+
+static void make_folders(char *path)
+{
+    for (char *slash = path + strlen(d.models) + 1; (slash = strchr(slash, '/'));
+         *slash++ = '/') {
+        *slash = 0;
+        mkdir(path, 0700);
+        *slash = '/';
+    }
+}
+
+static void put_text(const char *name, const char *text)
+{
+    char path[200], aside[200];
+    in_models(name, path);
+    make_folders(path);
+    snprintf(aside, sizeof aside, "%s/aside", d.folder);
+    write_text(aside, text);
+    assert_int_equal(rename(aside, path), 0);
+}
+
+// The octahedron with its first vertex at x.
+static void put_shape(const char *name, double x)
+{
+    char text[600];
+    snprintf(text, sizeof text, "v %g 0 0\n%s", x, strchr(octahedron, '\n') + 1);
+    put_text(name, text);
+}
+
+// One of the bakes.
+static void put_bake(const char *name, unsigned which)
+{
+    char from[200], path[200];
+    in_models(name, path);
+    make_folders(path);
+    snprintf(from, sizeof from, "%s/%u.prt", keeper, which);
+    copy_file(from, path);
+}
+
+static void take_away(const char *name)
+{
+    char path[200];
+    in_models(name, path);
+    assert_int_equal(unlink(path), 0);
+}
+
+static int state_of(struct relight_client *client, const char *name, char id[ID_SIZE])
+{
+    struct relight_error error;
+    struct relight_model info;
+    id[0] = 0;
+    if (relight_info(client, name, &info, &error)) return -1;
+    int is = info.state;
+    snprintf(id, ID_SIZE, "%s", info.id);
+    relight_model_finish(&info);
+    return is;
+}
+
+// Waits until the name stands for a model other than `before` that has this state.
+static void wait_for(struct relight_client *client, const char *name, int wanted,
+                     const char *before, char id[ID_SIZE])
+{
+    for (int i = 0; i < 1500; i++) {
+        int is = state_of(client, name, id);
+        if (is == wanted && (!before || strcmp(id, before))) return;
+        sleep_ms(20);
+    }
+    fail_msg("%s: it is no other model in state %d: %s is in %d", name, wanted, id,
+             state_of(client, name, id));
+}
+
+static void wait_gone(struct relight_client *client, const char *name)
+{
+    char id[ID_SIZE];
+    for (int i = 0; i < 1500; i++) {
+        if (state_of(client, name, id) < 0) return;
+        sleep_ms(20);
+    }
+    fail_msg("%s is there still", name);
+}
+
+static struct relight_view *open_view(struct relight_client *client, const char *model,
+                                      uint64_t *hash)
+{
+    struct relight_error error;
+    struct relight_view *view;
+    struct relight_frame_out frame;
+    struct relight_light light = {.env = "constant"};
+    struct relight_view_request open = {
+        .model = model, .n_light = 1, .lights = &light, .colors = true};
+    OK(relight_view_open(client, &open, &view, &error));
+    OK(relight_view_next(view, 60, &frame, &error));
+    assert_true(frame.has_colors);
+    *hash = frame.hash;
+    relight_frame_out_finish(&frame);
+    OK(relight_view_set(view, 0, NULL, NULL, NULL, NULL, &error)); // shown
+    return view;
+}
+
+// The view goes on with a frame of other colours.
+static void view_goes_over(struct relight_view *view, uint64_t before)
+{
+    struct relight_error error;
+    struct relight_frame_out frame;
+    for (uint64_t hash = before; hash == before; relight_frame_out_finish(&frame)) {
+        OK(relight_view_next(view, 60, &frame, &error));
+        assert_true(frame.has_colors);
+        hash = frame.hash;
+    }
+}
+
+// Waits until the name stands for this model.
+static void wait_same(struct relight_client *client, const char *name, const char *wanted)
+{
+    char id[ID_SIZE];
+    for (int i = 0; i < 1500; i++) {
+        if (state_of(client, name, id) >= 0 && !strcmp(id, wanted)) return;
+        sleep_ms(20);
+    }
+    fail_msg("%s is %s, not %s", name, id, wanted);
+}
+
+// NAME is the newest version as a number, NAME/VERSION stays; a view follows the name that it
+// was opened with. Two versions of one content are one model.
+static void test_versions(void **state)
+{
+    char first[ID_SIZE], second[ID_SIZE], id[ID_SIZE];
+    struct relight_error error;
+    uint64_t hash, fixed_hash;
+    put_bake("ball/1/a.prt", 0);
+    daemon_start(&d, fast);
+    struct relight_client *client = client_open(d.address), *other = client_open(d.address);
+    assert_true(state_of(client, "ball/1", first) >= 0);
+    wait_same(client, "ball", first);
+    struct relight_view *view = open_view(client, "ball", &hash);
+    struct relight_view *fixed = open_view(other, "ball/1", &fixed_hash);
+    put_bake("ball/2/b.prt", 1);
+    view_goes_over(view, hash);
+    assert_true(state_of(client, "ball", second) >= 0);
+    assert_string_not_equal(first, second);
+    put_bake("ball/10/c.prt", 0);
+    wait_same(client, "ball", first);
+    wait_same(client, "ball/2", second);
+    wait_same(client, "ball/1", first);
+    take_away("ball/10/c.prt");
+    wait_gone(client, "ball/10");
+    wait_same(client, "ball", second);
+    wait_same(client, "ball/1", first);
+    take_away("ball/2/b.prt");
+    wait_gone(client, "ball/2");
+    wait_same(client, "ball", first);
+    // The one that was opened as ball/1 has the same colours still.
+    struct relight_frame_out frame;
+    while (!relight_view_next(fixed, 0.3, &frame, &error)) {
+        assert_true(frame.has_colors && frame.hash == fixed_hash);
+        relight_frame_out_finish(&frame);
+    }
+    OK(relight_view_close(view, NULL, NULL, &error));
+    wait_gone(client, second); // nobody uses it any more
+    relight_close(client);
+    relight_close(other);
+    assert_int_equal(daemon_stop(&d), 0);
+    daemon_start(&d, fast);
+    client = client_open(d.address);
+    assert_true(state_of(client, "ball", id) >= 0);
+    assert_string_equal(id, first);
+    relight_close(client);
+}
+
+static unsigned listed(struct relight_client *client, const char *name)
+{
+    struct relight_error error;
+    struct relight_list list;
+    unsigned n = 0;
+    OK(relight_list(client, false, &list, &error));
+    for (size_t i = 0; i < list.n_model; i++) n += !strcmp(list.model[i].name, name);
+    relight_list_finish(&list);
+    return n;
+}
+
+// The file of a version is replaced: its name goes over, the earlier model goes.
+static void test_replaced_version(void **state)
+{
+    char first[ID_SIZE], second[ID_SIZE], id[ID_SIZE];
+    put_text("ball/1/model.json", preview);
+    put_shape("ball/1/o.obj", 1);
+    daemon_start(&d, fast);
+    struct relight_client *client = client_open(d.address);
+    wait_for(client, "ball", RELIGHT_MODEL_PREVIEW, NULL, first);
+    put_shape("ball/1/o.obj", 1.7);
+    wait_for(client, "ball/1", RELIGHT_MODEL_PREVIEW, first, second);
+    wait_gone(client, first);
+    assert_int_equal(listed(client, "ball/1"), 1);
+    // Other settings are another model, too; broken ones leave the model as it is.
+    put_text("ball/1/model.json", "{\"size_mm\": 20, \"preview\": true}");
+    wait_for(client, "ball/1", RELIGHT_MODEL_PREVIEW, second, id);
+    put_text("ball/1/model.json", "{\"size_mm\": 20, \"colour\": 1}");
+    assert_true(log_says(&d, "model.json: colour", 20000));
+    char same[ID_SIZE];
+    assert_int_equal(state_of(client, "ball/1", same), RELIGHT_MODEL_PREVIEW);
+    assert_string_equal(same, id);
+    relight_close(client);
+    // The same after a restart, without reading its file again.
+    assert_int_equal(daemon_stop(&d), 0);
+    put_text("ball/1/model.json", "{\"size_mm\": 20, \"preview\": true}");
+    daemon_start(&d, fast);
+    client = client_open(d.address);
+    wait_same(client, "ball", id);
+    assert_false(log_says(&d, "read ms", 0));
+    relight_close(client);
+}
+
+// Folders that cannot be used are named in the log, and are used once they are mended.
+static void test_faulty_versions(void **state)
+{
+    char id[ID_SIZE];
+    put_text("two/1/model.json", preview);
+    put_shape("two/1/a.obj", 1);
+    put_shape("two/1/b.obj", 2);
+    put_text("empty/1/model.json", preview);
+    put_text("words/1/model.json", "size 10");
+    put_shape("words/1/o.obj", 1);
+    put_text("out/1/model.json", "{\"path\": \"../../../keep.obj\", \"size_mm\": 10}");
+    put_text("sub/folder/o.obj", octahedron); // no version
+    daemon_start(&d, fast);
+    struct relight_client *client = client_open(d.address);
+    assert_true(log_says(&d, "name=two/1 error=\"2 model files", 20000));
+    assert_true(log_says(&d, "name=\"words/1\" error=\"model.json", 20000));
+    assert_true(
+        log_says(&d, "name=out/1 error=\"../../../keep.obj is not in its folder", 20000));
+    put_text("two/1/model.json",
+             "{\"path\": \"b.obj\", \"size_mm\": 10, \"preview\": true, \"pin\": true}");
+    wait_for(client, "two", RELIGHT_MODEL_PREVIEW, NULL, id);
+    assert_int_equal(state_of(client, "empty", id), -1);
+    assert_int_equal(state_of(client, "sub", id), -1);
+    relight_close(client);
+}
+
+// A file that a client loaded by its path is replaced: it is baked again, and requests go on
+// with the earlier model until then.
+static void test_source_is_baked_again(void **state)
+{
+    char first[ID_SIZE], second[ID_SIZE];
+    uint64_t hash;
+    struct relight_error error;
+    struct relight_loaded loaded;
+    struct relight_load load = small_bake(0, 64);
+    load.name = "rock";
+    put_shape("stone.obj", 1);
+    daemon_start(&d, fast);
+    struct relight_client *client = client_open(d.address);
+    load.path = "stone.obj";
+    OK(relight_load(client, &load, &loaded, &error));
+    OK(relight_watch(client, loaded.job, NULL, NULL, &error));
+    relight_loaded_finish(&loaded);
+    wait_for(client, "rock", RELIGHT_MODEL_READY, NULL, first);
+    struct relight_view *view = open_view(client, "rock", &hash);
+    put_text("stone.obj", "v 1 0 0\nf 1 1 7\n"); // no mesh: the bake fails
+    assert_true(log_says(&d, "models folder name=", 30000));
+    char id[ID_SIZE];
+    assert_int_equal(state_of(client, "rock", id), RELIGHT_MODEL_READY);
+    assert_string_equal(id, first);
+    put_shape("stone.obj", 1.6);
+    // Until the new bake is ready, the name stands for the earlier one.
+    while (state_of(client, "rock", id) >= 0 && !strcmp(id, first)) sleep_ms(50);
+    wait_for(client, "rock", RELIGHT_MODEL_READY, first, second);
+    view_goes_over(view, hash);
+    wait_gone(client, first);
+    assert_int_equal(listed(client, "rock"), 1);
+    OK(relight_view_close(view, NULL, NULL, &error));
+    relight_close(client);
+    // A restart finds it, and follows the file further.
+    assert_int_equal(daemon_stop(&d), 0);
+    daemon_start(&d, fast);
+    client = client_open(d.address);
+    wait_same(client, "rock", second);
+    assert_false(log_says(&d, " load model=", 0)); // it is known, and its file is the same
+    relight_close(client);
+}
+
+// LIST is answered in parts of at most as many models as were asked for.
+static void test_list_in_parts(void **state)
+{
+    Relight__ListRequest list = RELIGHT__LIST_REQUEST__INIT;
+    char names[5][40], id[ID_SIZE];
+    unsigned n = 0, parts = 0;
+    put_text("ball/model.json", preview);
+    for (int i = 0; i < 5; i++) {
+        snprintf(names[i], sizeof names[i], "ball/%d/o.obj", i + 1);
+        put_shape(names[i], 1 + 0.1 * i);
+    }
+    daemon_start(&d, fast);
+    struct relight_client *client = client_open(d.address);
+    for (int i = 0; i < 5; i++) {
+        snprintf(names[i], sizeof names[i], "ball/%d", i + 1);
+        wait_for(client, names[i], RELIGHT_MODEL_PREVIEW, NULL, id);
+    }
+    struct frames *f = frames_open(&d);
+    list.limit = 2;
+    for (uint64_t id_of = 2;; id_of++) {
+        struct frames_answer a;
+        ProtobufCMessage *message = NULL;
+        frames_add(f, RELIGHT_TYPE_LIST, id_of, &list.base, NULL, 0);
+        frames_send(f);
+        assert_true(frames_next(f, &a, 20000, &message) && !a.code);
+        const Relight__ListAnswer *part = (Relight__ListAnswer *)message;
+        assert_true(part->n_models <= 2);
+        for (size_t i = 0; i < part->n_models; i++)
+            for (int k = 0; k < 5; k++) n += !strcmp(part->models[i]->name, names[k]);
+        parts++;
+        list.after = part->next;
+        protobuf_c_message_free_unpacked(message, NULL);
+        if (!list.after) break;
+    }
+    assert_int_equal(n, 5);
+    assert_int_equal(parts, 3);
+    frames_close(f);
+    relight_close(client);
+}
+
+// The folder cannot be read for a while: no model is lost.
+static void test_folder_that_is_away(void **state)
+{
+    char id[ID_SIZE], aside[200];
+    put_text("ball/model.json", preview);
+    put_shape("ball/1/o.obj", 1);
+    daemon_start(&d, fast);
+    struct relight_client *client = client_open(d.address);
+    wait_for(client, "ball", RELIGHT_MODEL_PREVIEW, NULL, id);
+    snprintf(aside, sizeof aside, "%s.aside", d.models);
+    assert_int_equal(rename(d.models, aside), 0);
+    assert_true(log_says(&d, "models folder cannot be read", 20000));
+    sleep_ms(1000);
+    assert_int_equal(state_of(client, "ball", id), RELIGHT_MODEL_PREVIEW);
+    assert_int_equal(rename(aside, d.models), 0);
+    relight_close(client);
+}
+
+int main(void)
+{
+#define TEST(f) cmocka_unit_test_setup_teardown(f, fresh_folder, after_each)
+    const struct CMUnitTest tests[] = {
+        TEST(test_versions),        TEST(test_replaced_version),
+        TEST(test_faulty_versions), TEST(test_source_is_baked_again),
+        TEST(test_list_in_parts),   TEST(test_folder_that_is_away),
+    };
+#undef TEST
+    signal(SIGPIPE, SIG_IGN);
+    return cmocka_run_group_tests_name("repository", tests, setup, teardown);
+}

@@ -1,0 +1,509 @@
+// SPDX-License-Identifier: MIT
+// Review rooms over the protocol: what is acknowledged survives, people see each other, roles
+// and invitations are the daemon's to enforce.
+#include "room_frames.h"
+
+#include <sys/resource.h>
+
+static struct daemon d;
+
+static void begin(const char *const extra[])
+{
+    setenv("MALLOC_PERTURB_", "165", 1);
+    daemon_folder(&d);
+    daemon_start(&d, extra);
+}
+
+static void end(void)
+{
+    int status = daemon_end(&d);
+    daemon_remove(&d);
+    assert_int_equal(status, 0);
+}
+
+static int teardown(void **state)
+{
+    if (d.pid) daemon_remove(&d);
+    return 0;
+}
+
+static void free_state(Relight__RoomState *s)
+{
+    relight__room_state__free_unpacked(s, NULL);
+}
+
+static void survives_a_restart(void **unused)
+{
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    char room[33], hash[65], again[65];
+    room_create(f, "Bunny in jade", room);
+    for (int i = 0; i < 20; i++) assert_int_equal(room_rotate(f, room, (float)i), 0);
+    Relight__RoomState *s = room_state(f, room, hash, NULL);
+    assert_string_equal(s->name, "Bunny in jade");
+    assert_int_equal(s->sequence, 21);
+    assert_float_equal(s->scene->lights[0]->rotate_deg, 19, 0);
+    free_state(s);
+    kill(d.pid, SIGKILL); // what was answered is on the disk
+    waitpid(d.pid, NULL, 0);
+    frames_close(f);
+    daemon_start(&d, NULL);
+    f = frames_open(&d);
+    free_state(room_state(f, room, again, NULL));
+    assert_string_equal(hash, again);
+    // A regular end, too.
+    frames_close(f);
+    assert_int_equal(daemon_stop(&d), 0);
+    daemon_start(&d, NULL);
+    f = frames_open(&d);
+    free_state(room_state(f, room, again, NULL));
+    assert_string_equal(hash, again);
+    int code;
+    assert_null(room_state(f, "00000000000000000000000000000000", NULL, &code));
+    assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    assert_null(room_state(f, "../../etc", NULL, &code));
+    assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    frames_close(f);
+    end();
+}
+
+// ---- seats
+
+// The next event of a kind; events of others are dropped.
+static struct reply event_of(struct frames *f, uint64_t id, int kind)
+{
+    for (;;) {
+        struct reply r = reply_to(f, id);
+        if (r.code) fail_msg("SUBSCRIBE: %s", r.text);
+        if ((int)((Relight__Event *)r.message)->kind == kind) return r;
+        reply_free(&r);
+    }
+}
+
+static uint64_t sequence_of(const struct reply *r)
+{
+    return ((const Relight__Event *)r->message)->sequence;
+}
+
+static void people_see_each_other(void **unused)
+{
+    begin(NULL);
+    struct frames *ann = frames_open(&d), *bob = frames_open(&d);
+    char room[33];
+    room_create(ann, "table", room);
+    room_add_subscribe(ann, 10, room, 0, "Ann");
+    frames_send(ann);
+    struct reply r = event_of(ann, 10, RELIGHT__EVENT_KIND__EVENT_ROOM_STATE);
+    assert_int_equal(sequence_of(&r), 1);
+    uint64_t ann_key = ((Relight__Event *)r.message)->participant;
+    reply_free(&r);
+    room_add_subscribe(bob, 11, room, 0, "Bob");
+    frames_send(bob);
+    r = event_of(bob, 11, RELIGHT__EVENT_KIND__EVENT_ROOM_STATE);
+    uint64_t bob_key = ((Relight__Event *)r.message)->participant;
+    reply_free(&r);
+    r = event_of(bob, 11, RELIGHT__EVENT_KIND__EVENT_ROOM_PRESENCE);
+    Relight__Presence *p = relight__presence__unpack(NULL, r.n, r.payload);
+    assert_int_equal(p->n_participants, 2);
+    relight__presence__free_unpacked(p, NULL);
+    reply_free(&r);
+    // Bob follows Ann and points at the surface; Ann sees it.
+    Relight__RoomPresenceRequest m = RELIGHT__ROOM_PRESENCE_REQUEST__INIT;
+    Relight__Participant me = RELIGHT__PARTICIPANT__INIT;
+    Relight__SurfacePoint at = RELIGHT__SURFACE_POINT__INIT;
+    at.triangle = 5;
+    at.b1 = 0.25f;
+    me.name = "Bob";
+    me.by = "token:someone-else"; // is not his to say
+    me.follows = ann_key;
+    me.cursor = &at;
+    m.subscription = 11;
+    m.me = &me;
+    frames_add(bob, RELIGHT_TYPE_ROOM_PRESENCE, 0, &m.base, NULL, 0);
+    frames_send(bob);
+    for (bool seen = false; !seen;) {
+        r = event_of(ann, 10, RELIGHT__EVENT_KIND__EVENT_ROOM_PRESENCE);
+        p = relight__presence__unpack(NULL, r.n, r.payload);
+        for (size_t i = 0; i < p->n_participants; i++) {
+            const Relight__Participant *who = p->participants[i];
+            if (who->key != bob_key || !who->cursor) continue;
+            seen = true;
+            assert_true(who->follows == ann_key && who->cursor->triangle == 5);
+            assert_int_equal(strncmp(who->by, "uid:", 4), 0);
+        }
+        relight__presence__free_unpacked(p, NULL);
+        reply_free(&r);
+    }
+    // An edit reaches both, in one piece each.
+    assert_int_equal(room_rotate(bob, room, 90), 0);
+    r = event_of(ann, 10, RELIGHT__EVENT_KIND__EVENT_ROOM_EVENTS);
+    Relight__RoomEvents *events = relight__room_events__unpack(NULL, r.n, r.payload);
+    assert_int_equal(events->n_events, 1);
+    assert_int_equal(events->events[0]->stamp->sequence, 2);
+    assert_int_equal(sequence_of(&r), 2);
+    relight__room_events__free_unpacked(events, NULL);
+    reply_free(&r);
+    // Bob leaves.
+    frames_close(bob);
+    for (bool gone = false; !gone;) {
+        r = event_of(ann, 10, RELIGHT__EVENT_KIND__EVENT_ROOM_PRESENCE);
+        p = relight__presence__unpack(NULL, r.n, r.payload);
+        for (size_t i = 0; i < p->n_participants; i++)
+            gone |= p->participants[i]->key == bob_key && p->participants[i]->gone;
+        relight__presence__free_unpacked(p, NULL);
+        reply_free(&r);
+    }
+    frames_close(ann);
+    end();
+}
+
+static void a_cursor_resumes(void **unused)
+{
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    char room[33];
+    room_create(f, "cursor", room);
+    for (int i = 0; i < 5; i++) room_rotate(f, room, (float)i);
+    room_add_subscribe(f, 10, room, 3, "Ann");
+    frames_send(f);
+    struct reply r = reply_to(f, 10);
+    assert_int_equal(((Relight__Event *)r.message)->kind,
+                     RELIGHT__EVENT_KIND__EVENT_ROOM_EVENTS);
+    Relight__RoomEvents *events = relight__room_events__unpack(NULL, r.n, r.payload);
+    assert_int_equal(events->n_events, 3);
+    assert_int_equal(events->events[0]->stamp->sequence, 4);
+    relight__room_events__free_unpacked(events, NULL);
+    reply_free(&r);
+    // Over a restart.
+    frames_close(f);
+    assert_int_equal(daemon_stop(&d), 0);
+    daemon_start(&d, NULL);
+    f = frames_open(&d);
+    room_add_subscribe(f, 10, room, 5, "Ann");
+    frames_send(f);
+    r = reply_to(f, 10);
+    assert_int_equal(((Relight__Event *)r.message)->kind,
+                     RELIGHT__EVENT_KIND__EVENT_ROOM_EVENTS);
+    assert_int_equal(sequence_of(&r), 6);
+    reply_free(&r);
+    // A cursor beyond the end is of a room that was restored from an older copy.
+    room_add_subscribe(f, 11, room, 600, "Ann");
+    frames_send(f);
+    r = event_of(f, 11, RELIGHT__EVENT_KIND__EVENT_ROOM_STATE);
+    assert_int_equal(sequence_of(&r), 6);
+    reply_free(&r);
+    frames_close(f);
+    end();
+}
+
+// ---- rights
+
+static void make_token(const char *name, const char *scope, char secret[RELIGHT_SECRET])
+{
+    struct relight_client *client = client_open(d.address);
+    struct relight_error error;
+    const char *scopes[] = {scope};
+    struct relight_token_order order = {.name = name, .scope = scopes, .n_scope = 1};
+    OK(relight_token_create(client, &order, secret, &error));
+    relight_close(client);
+}
+
+static int set_member(struct frames *f, const char *room, const char *by, int role)
+{
+    Relight__Member member = RELIGHT__MEMBER__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    member.by = (char *)by;
+    member.role = (Relight__RoomRole)role;
+    action.member = &member;
+    return room_edit_now(f, room, &action, NULL, NULL);
+}
+
+static size_t n_rooms(struct frames *f)
+{
+    Relight__RoomListRequest m = RELIGHT__ROOM_LIST_REQUEST__INIT;
+    frames_add(f, RELIGHT_TYPE_ROOM_LIST, 8, &m.base, NULL, 0);
+    frames_send(f);
+    struct reply r = reply_to(f, 8);
+    if (r.code) fail_msg("ROOM_LIST: %s", r.text);
+    size_t n = ((Relight__RoomListAnswer *)r.message)->n_rooms;
+    reply_free(&r);
+    return n;
+}
+
+static void members_and_scopes(void **unused)
+{
+    begin(NULL);
+    struct frames *owner = frames_open(&d);
+    char room[33], bob_secret[RELIGHT_SECRET], text[512];
+    room_create(owner, "members", room);
+    make_token("bob", "view", bob_secret);
+    struct frames *bob = frames_token(&d, bob_secret, NULL);
+    int code;
+    // A room of others is not there.
+    assert_null(room_state(bob, room, NULL, &code));
+    assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    assert_int_equal(n_rooms(bob), 0);
+    assert_int_equal(room_rotate(bob, room, 1), RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    room_add_subscribe(bob, 10, room, 0, "Bob");
+    frames_send(bob);
+    struct reply r = reply_to(bob, 10);
+    assert_int_equal(r.code, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    reply_free(&r);
+    // As a reviewer his token's scope still lets him look alone.
+    assert_int_equal(set_member(owner, room, "token:bob", RELIGHT__ROOM_ROLE__ROLE_REVIEWER),
+                     0);
+    assert_int_equal(n_rooms(bob), 1);
+    free_state(room_state(bob, room, NULL, NULL));
+    assert_int_equal(room_rotate(bob, room, 1), RELIGHT__ERROR_CODE__ERROR_FORBIDDEN);
+    room_add_subscribe(bob, 10, room, 0, "Bob");
+    frames_send(bob);
+    r = event_of(bob, 10, RELIGHT__EVENT_KIND__EVENT_ROOM_STATE);
+    assert_int_equal(((Relight__Event *)r.message)->role, RELIGHT__ROOM_ROLE__ROLE_VIEWER);
+    reply_free(&r);
+    // Taken away, his seat goes, too.
+    assert_int_equal(set_member(owner, room, "token:bob", RELIGHT__ROOM_ROLE__ROLE_NONE), 0);
+    do {
+        reply_free(&r);
+        r = reply_to(bob, 10);
+    } while (!r.code);
+    assert_int_equal(r.code, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN);
+    reply_free(&r);
+    assert_int_equal(n_rooms(bob), 0);
+    // What an owner alone may do, and what nobody may.
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    Relight__RoomStart start = RELIGHT__ROOM_START__INIT;
+    start.name = "again";
+    action.start = &start;
+    assert_int_equal(room_edit_now(owner, room, &action, NULL, text),
+                     RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    frames_close(bob);
+    frames_close(owner);
+    end();
+}
+
+static int invite(struct frames *f, const char *room, int role, uint64_t expires_s,
+                  char secret[64], uint64_t *sequence)
+{
+    Relight__Invite m = RELIGHT__INVITE__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    m.role = (Relight__RoomRole)role;
+    m.name = "Carl of the press";
+    m.id = "chosen by the client"; // is the daemon's to choose
+    m.expires_s = expires_s;
+    action.invite = &m;
+    room_add_edit(f, 6, room, &action, "Ann", "", 0);
+    frames_send(f);
+    struct reply r = reply_to(f, 6);
+    int code = r.code;
+    if (!code) {
+        snprintf(secret, 64, "%s", ((Relight__RoomEditAnswer *)r.message)->secret);
+        *sequence = ((Relight__RoomEditAnswer *)r.message)->sequence;
+        assert_true(strlen(secret) > 40);
+    }
+    reply_free(&r);
+    return code;
+}
+
+static void guests(void **unused)
+{
+    begin(NULL);
+    struct frames *owner = frames_open(&d);
+    char room[33], other[33], secret[64], late[64];
+    uint64_t at;
+    int code;
+    room_create(owner, "guests", room);
+    room_create(owner, "not theirs", other);
+    assert_int_equal(invite(owner, room, RELIGHT__ROOM_ROLE__ROLE_REVIEWER, 0, secret, &at), 0);
+    struct frames *guest = frames_token(&d, secret, NULL);
+    assert_int_equal(n_rooms(guest), 1);
+    assert_int_equal(room_rotate(guest, room, 5), 0);
+    assert_null(room_state(guest, other, NULL, &code));
+    assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    // Rooms, models and tokens beyond the invitation are not the guest's.
+    Relight__RoomCreateRequest create = RELIGHT__ROOM_CREATE_REQUEST__INIT;
+    create.name = "mine";
+    frames_add(guest, RELIGHT_TYPE_ROOM_CREATE, 9, &create.base, NULL, 0);
+    frames_send(guest);
+    struct reply r = reply_to(guest, 9);
+    assert_int_equal(r.code, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN);
+    reply_free(&r);
+    Relight__ListRequest list = RELIGHT__LIST_REQUEST__INIT;
+    frames_add(guest, RELIGHT_TYPE_LIST, 9, &list.base, NULL, 0);
+    Relight__SubscribeRequest all = RELIGHT__SUBSCRIBE_REQUEST__INIT;
+    frames_add(guest, RELIGHT_TYPE_SUBSCRIBE, 10, &all.base, NULL, 0);
+    Relight__InfoRequest info = RELIGHT__INFO_REQUEST__INIT;
+    info.model = "small"; // loaded, but not shown in the room
+    frames_add(guest, RELIGHT_TYPE_INFO, 11, &info.base, NULL, 0);
+    frames_send(guest);
+    for (uint64_t i = 9; i < 12; i++) {
+        r = reply_to(guest, i);
+        assert_int_equal(r.code, i < 11 ? RELIGHT__ERROR_CODE__ERROR_FORBIDDEN
+                                        : RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+        reply_free(&r);
+    }
+    assert_int_equal(set_member(guest, room, "token:eve", 1),
+                     RELIGHT__ERROR_CODE__ERROR_FORBIDDEN);
+    // Its secret is nowhere in the room, nor on the disk.
+    Relight__RoomState *s = room_state(owner, room, NULL, NULL);
+    assert_int_equal(s->n_invites, 1);
+    assert_null(strstr(secret, s->invites[0]->hash));
+    char id[40];
+    snprintf(id, sizeof id, "%s", s->invites[0]->id);
+    free_state(s);
+    // Revoked: the connection ends, and the link is dead.
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    action.revoke = id;
+    assert_int_equal(room_edit_now(owner, room, &action, NULL, NULL), 0);
+    do assert_true(reply_next(guest, 0, 5000, &r, NULL));
+    while (!r.closed && (reply_free(&r), true));
+    reply_free(&r);
+    frames_close(guest);
+    guest = frames_token(&d, secret, &code);
+    assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN);
+    frames_close(guest);
+    // One that expires; also over a restart.
+    assert_int_equal(invite(owner, room, RELIGHT__ROOM_ROLE__ROLE_VIEWER,
+                            (uint64_t)time(NULL) + 3, late, &at),
+                     0);
+    assert_int_equal(daemon_stop(&d), 0);
+    frames_close(owner);
+    daemon_start(&d, NULL);
+    guest = frames_token(&d, late, &code);
+    if (!code) {
+        assert_int_equal(room_rotate(guest, room, 5), RELIGHT__ERROR_CODE__ERROR_FORBIDDEN);
+        do assert_true(reply_next(guest, 0, 8000, &r, NULL));
+        while (!r.closed && (reply_free(&r), true));
+        reply_free(&r);
+    }
+    frames_close(guest);
+    sleep_ms(code ? 3000 : 10);
+    guest = frames_token(&d, late, &code);
+    assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_FORBIDDEN);
+    frames_close(guest);
+    end();
+}
+
+// ---- faults
+
+static void a_retry_is_done_once(void **unused)
+{
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    char room[33];
+    room_create(f, "once", room);
+    Relight__SaveRevision save = RELIGHT__SAVE_REVISION__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    action.save = &save;
+    uint64_t first = 0;
+    for (int i = 0; i < 3; i++) {
+        room_add_edit(f, 6, room, &action, "Ann", "00112233445566aa", 7);
+        frames_send(f);
+        struct reply r = reply_to(f, 6);
+        if (r.code) fail_msg("%s", r.text);
+        const Relight__RoomEditAnswer *a = (Relight__RoomEditAnswer *)r.message;
+        assert_int_equal(a->repeated, i > 0);
+        if (!i) first = a->sequence;
+        assert_int_equal(a->sequence, first);
+        reply_free(&r);
+    }
+    frames_close(f);
+    end();
+}
+
+// Files can not grow any more, as on a full disk.
+static void a_full_disk_loses_nothing(void **unused)
+{
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    char room[33], hash[65], again[65], text[512], *big = malloc(60001);
+    Relight__PutVariant variant = RELIGHT__PUT_VARIANT__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    room_create(f, "full", room);
+    assert_int_equal(room_rotate(f, room, 1), 0);
+    memset(big, 'x', 60000);
+    big[60000] = 0;
+    variant.name = "big";
+    variant.material = big;
+    action.variant = &variant;
+    struct rlimit limit = {400 << 10, RLIM_INFINITY};
+    assert_int_equal(prlimit(d.pid, RLIMIT_FSIZE, &limit, NULL), 0);
+    int code = 0, done = 0;
+    while (!code && done < 50) {
+        code = room_edit_now(f, room, &action, NULL, text);
+        done += !code;
+    }
+    assert_int_equal(code, RELIGHT__ERROR_CODE__ERROR_LIMIT);
+    assert_non_null(strstr(text, "nothing was changed"));
+    Relight__RoomState *s = room_state(f, room, hash, NULL); // reading goes on
+    assert_int_equal(s->sequence, 2 + done);
+    free_state(s);
+    // Room again: so are edits, without a restart.
+    limit.rlim_cur = RLIM_INFINITY;
+    assert_int_equal(prlimit(d.pid, RLIMIT_FSIZE, &limit, NULL), 0);
+    assert_int_equal(room_rotate(f, room, 2), 0);
+    free_state(room_state(f, room, hash, NULL));
+    kill(d.pid, SIGKILL);
+    waitpid(d.pid, NULL, 0);
+    frames_close(f);
+    daemon_start(&d, NULL);
+    f = frames_open(&d);
+    free_state(room_state(f, room, again, NULL));
+    assert_string_equal(hash, again);
+    frames_close(f);
+    free(big);
+    end();
+}
+
+// A copy that is made while the room is used opens as a store of its own.
+static void backup(void **unused)
+{
+    begin(NULL);
+    struct frames *f = frames_open(&d);
+    char room[33], hash[65], again[65], path[160], option[200];
+    room_create(f, "backup", room);
+    for (int i = 0; i < 10; i++) room_rotate(f, room, (float)i);
+    free_state(room_state(f, room, hash, NULL));
+    Relight__RoomBackupRequest m = RELIGHT__ROOM_BACKUP_REQUEST__INIT;
+    char id[64] = "";
+    snprintf(path, sizeof path, "%s/copy.sqlite", d.folder);
+    FILE *out = fopen(path, "wb");
+    for (uint64_t size = 1; m.offset < size;) {
+        m.backup = id;
+        frames_add(f, RELIGHT_TYPE_ROOM_BACKUP, 9, &m.base, NULL, 0);
+        frames_send(f);
+        struct reply r = reply_to(f, 9);
+        if (r.code) fail_msg("ROOM_BACKUP: %s", r.text);
+        const Relight__RoomBackupAnswer *a = (Relight__RoomBackupAnswer *)r.message;
+        size = a->size;
+        snprintf(id, sizeof id, "%s", a->backup);
+        m.offset += r.n;
+        assert_int_equal(fwrite(r.payload, 1, r.n, out), r.n);
+        reply_free(&r);
+    }
+    fclose(out);
+    room_rotate(f, room, 99);
+    frames_close(f);
+    assert_int_equal(daemon_stop(&d), 0);
+    snprintf(option, sizeof option, "sqlite:%s", path);
+    daemon_start(&d, (const char *const[]){"--rooms", option, NULL});
+    f = frames_open(&d);
+    free_state(room_state(f, room, again, NULL));
+    assert_string_equal(hash, again);
+    frames_close(f);
+    end();
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_teardown(survives_a_restart, teardown),
+        cmocka_unit_test_teardown(people_see_each_other, teardown),
+        cmocka_unit_test_teardown(a_cursor_resumes, teardown),
+        cmocka_unit_test_teardown(members_and_scopes, teardown),
+        cmocka_unit_test_teardown(guests, teardown),
+        cmocka_unit_test_teardown(a_retry_is_done_once, teardown),
+        cmocka_unit_test_teardown(a_full_disk_loses_nothing, teardown),
+        cmocka_unit_test_teardown(backup, teardown),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

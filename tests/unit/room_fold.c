@@ -1,0 +1,411 @@
+// SPDX-License-Identifier: MIT
+// The rule by which events make a room: replicas agree, refused events change nothing, people
+// undo their own changes alone.
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "room_actions.h"
+#include "rooms/fold.h"
+#include "rooms/state.h"
+
+static const char room[] = "0123456789abcdef0123456789abcdef";
+enum { ROUNDS = 30, EVENTS = 300 };
+
+static Relight__RoomState *begin(struct rnd *r)
+{
+    struct room_act a;
+    struct room_evt e;
+    char error[ROOM_ERROR];
+    Relight__RoomState *state = room_state_new(room);
+    assert_non_null(state);
+    act_start(&a, r);
+    evt_make(&e, &a.action, 0, RELIGHT__ROOM_ROLE__ROLE_OWNER, 1, 1000);
+    assert_int_equal(room_fold(state, &e.event, error), 0);
+    return state;
+}
+
+static void same(const Relight__RoomState *a, const Relight__RoomState *b)
+{
+    char x[65], y[65];
+    assert_true(room_state_hash(a, x) && room_state_hash(b, y));
+    assert_string_equal(x, y);
+}
+
+// The same event after it was on the wire and on the disk.
+static int fold_bytes(Relight__RoomState *state, const Relight__RoomEvent *event)
+{
+    char error[ROOM_ERROR];
+    Relight__RoomEvent *copy = message_copy(event);
+    int code = room_fold(state, copy, error);
+    relight__room_event__free_unpacked(copy, NULL);
+    return code;
+}
+
+static void refused_changes_nothing(Relight__RoomState *state, const Relight__RoomEvent *event)
+{
+    char before[65], after[65], error[ROOM_ERROR] = "";
+    assert_true(room_state_hash(state, before));
+    int code = room_fold(state, event, error);
+    assert_int_not_equal(code, 0);
+    assert_true(error[0] && !strchr(error, '\n'));
+    assert_true(room_state_hash(state, after));
+    assert_string_equal(before, after);
+}
+
+static void replicas_agree(void **unused)
+{
+    unsigned accepted = 0, refused = 0;
+    for (uint64_t seed = 0; seed < ROUNDS; seed++) {
+        struct rnd r;
+        rnd_seed(&r, seed);
+        Relight__RoomState *live = begin(&r), *replica = message_copy(live), *late = NULL;
+        uint32_t cut = rnd(&r, EVENTS);
+        for (uint32_t i = 0; i < EVENTS; i++) {
+            struct room_act a;
+            struct room_evt e;
+            char error[ROOM_ERROR];
+            act_random(&a, &r, live->sequence);
+            evt_make(&e, &a.action, rnd(&r, 4), (int)rnd(&r, 4), live->sequence + 1,
+                     live->changed_us + rnd(&r, 2000000));
+            Relight__RoomState *copy = message_copy(live); // a trial, where it may be refused
+            if (room_fold(copy, &e.event, error)) {
+                refused_changes_nothing(live, &e.event);
+                refused++;
+            } else {
+                assert_int_equal(room_fold(live, &e.event, error), 0);
+                assert_int_equal(fold_bytes(replica, &e.event), 0);
+                if (late) assert_int_equal(fold_bytes(late, &e.event), 0);
+                accepted++;
+                // Twice, and out of order, is refused.
+                refused_changes_nothing(live, &e.event);
+                e.stamp.sequence += 2;
+                refused_changes_nothing(live, &e.event);
+            }
+            if (i == cut) late = message_copy(live); // one who joins with a snapshot
+            room_state_free(copy);
+        }
+        same(live, replica);
+        same(live, late);
+        room_state_free(live);
+        room_state_free(replica);
+        room_state_free(late);
+    }
+    print_message("%u events accepted, %u refused\n", accepted, refused);
+    assert_true(accepted > ROUNDS * EVENTS / 10 && refused > ROUNDS * EVENTS / 10);
+}
+
+// Three people who change different things: every interleaving of what they do ends the same.
+static void person_acts(Relight__RoomState *state, unsigned person, unsigned step,
+                        uint64_t *pin)
+{
+    static char *const parts[] = {"lights", "material", "camera"};
+    struct rnd r;
+    struct room_act a;
+    struct room_evt e;
+    char error[ROOM_ERROR];
+    rnd_seed(&r, person * 1000 + step);
+    memset(&a, 0, sizeof a);
+    relight__room_action__init(&a.action);
+    snprintf(a.text, sizeof a.text, "%u says %u", person, step);
+    if (step % 3 == 0) {
+        act_change(&a, &r);
+        a.change.n_parts = 1;
+        a.parts[0] = parts[person];
+    } else if (!*pin) {
+        relight__put_pin__init(&a.pin);
+        relight__seen__init(&a.seen);
+        act_point(&a.point[0], &r);
+        a.pin = (Relight__PutPin){a.pin.base,         a.text, &a.point[0], NULL,
+                                  a.pin.picture_hash, &a.seen};
+        a.action.pin = &a.pin;
+        *pin = state->sequence + 1;
+    } else {
+        relight__put_note__init(&a.note);
+        a.note.target = *pin;
+        a.note.text = a.text;
+        a.action.reply = &a.note;
+    }
+    evt_make(&e, &a.action, person, RELIGHT__ROOM_ROLE__ROLE_REVIEWER, state->sequence + 1,
+             state->changed_us + 5000000);
+    assert_int_equal(room_fold(state, &e.event, error), 0);
+}
+
+static void describe(const Relight__RoomState *state, char scene[65], uint64_t *notes)
+{
+    assert_true(room_message_hash(&state->scene->base, scene));
+    *notes = 0; // a sum does not depend on the order of pins
+    for (size_t i = 0; i < state->n_pins; i++) {
+        uint64_t chain = 0;
+        for (size_t j = 0; j < state->pins[i]->n_notes; j++)
+            for (const char *c = state->pins[i]->notes[j]->text; *c; c++)
+                chain = chain * 1099511628211u + (unsigned char)*c;
+        *notes += chain;
+    }
+}
+
+static void interleavings(void **unused)
+{
+    char scene[65], first[65];
+    uint64_t notes, first_notes;
+    for (uint64_t seed = 0; seed < 200; seed++) {
+        struct rnd r, same_begin;
+        rnd_seed(&r, seed);
+        rnd_seed(&same_begin, 1);
+        Relight__RoomState *state = begin(&same_begin);
+        unsigned step[3] = {0};
+        uint64_t pin[3] = {0};
+        for (unsigned left = 30; left;) {
+            unsigned person = rnd(&r, 3);
+            if (step[person] == 10) continue;
+            person_acts(state, person, step[person]++, &pin[person]);
+            left--;
+        }
+        describe(state, scene, &notes);
+        if (!seed) memcpy(first, scene, sizeof first), first_notes = notes;
+        assert_string_equal(scene, first);
+        assert_true(notes == first_notes);
+        room_state_free(state);
+    }
+}
+
+// ---- undo
+
+struct table {
+    Relight__RoomState *state;
+    uint64_t now_us;
+};
+
+static int rotate(struct table *t, unsigned person, float deg, uint64_t pause_us,
+                  uint64_t since)
+{
+    struct room_act a;
+    struct room_evt e;
+    struct rnd r;
+    char error[ROOM_ERROR];
+    rnd_seed(&r, 7);
+    memset(&a, 0, sizeof a);
+    relight__room_action__init(&a.action);
+    act_change(&a, &r);
+    a.change.n_parts = 1;
+    a.parts[0] = "lights";
+    a.change.since = since;
+    a.scene.n_lights = 1;
+    a.light[0].rotate_deg = deg;
+    evt_make(&e, &a.action, person, 2, t->state->sequence + 1, t->now_us += pause_us);
+    return room_fold(t->state, &e.event, error);
+}
+
+static int step_back(struct table *t, unsigned person, bool undo)
+{
+    Relight__Nothing nothing = RELIGHT__NOTHING__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    struct room_evt e;
+    char error[ROOM_ERROR];
+    if (undo) action.undo = &nothing;
+    else action.redo = &nothing;
+    evt_make(&e, &action, person, 2, t->state->sequence + 1, t->now_us += 5000000);
+    return room_fold(t->state, &e.event, error);
+}
+
+static void lit(const struct table *t, float deg)
+{
+    assert_int_equal(t->state->scene->n_lights, 1);
+    assert_float_equal(t->state->scene->lights[0]->rotate_deg, deg, 0);
+}
+
+enum { ANN, BOB };
+static const uint64_t slow = 5000000, fast = 40000;
+
+static void undo_by_person(void **unused)
+{
+    struct rnd r;
+    rnd_seed(&r, 3);
+    struct table t = {begin(&r), 1000000};
+    rotate(&t, ANN, 10, slow, 0);
+    rotate(&t, ANN, 20, slow, 0);
+    assert_int_equal(step_back(&t, ANN, true), 0);
+    lit(&t, 10);
+    assert_int_equal(step_back(&t, ANN, false), 0);
+    lit(&t, 20);
+    assert_int_equal(step_back(&t, ANN, false), RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    // Bob has nothing to undo; after his change Ann's can not be undone, after his undo it can.
+    assert_int_equal(step_back(&t, BOB, true), RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    rotate(&t, BOB, 30, slow, 0);
+    assert_int_equal(step_back(&t, ANN, true), RELIGHT__ERROR_CODE__ERROR_MISMATCH);
+    lit(&t, 30);
+    assert_int_equal(step_back(&t, BOB, true), 0);
+    lit(&t, 20);
+    assert_int_equal(step_back(&t, ANN, true), 0);
+    assert_int_equal(step_back(&t, ANN, true), 0);
+    assert_int_equal(step_back(&t, ANN, true), RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    assert_int_equal(step_back(&t, ANN, false), 0);
+    lit(&t, 10);
+    // A new change forgets what could be redone.
+    rotate(&t, ANN, 40, slow, 0);
+    assert_int_equal(step_back(&t, ANN, false), RELIGHT__ERROR_CODE__ERROR_NOT_FOUND);
+    room_state_free(t.state);
+}
+
+static void a_drag_is_one_step(void **unused)
+{
+    struct rnd r;
+    rnd_seed(&r, 3);
+    struct table t = {begin(&r), 1000000};
+    rotate(&t, ANN, 1, slow, 0);
+    for (int i = 0; i < 200; i++) rotate(&t, ANN, (float)(100 + i), i ? fast : slow, 0);
+    assert_int_equal(t.state->n_undo, 2);
+    assert_int_equal(step_back(&t, ANN, true), 0);
+    lit(&t, 1);
+    // Another's change between ends the drag.
+    rotate(&t, ANN, 2, slow, 0);
+    rotate(&t, BOB, 3, fast, 0);
+    rotate(&t, ANN, 4, fast, 0);
+    assert_int_equal(step_back(&t, ANN, true), 0);
+    lit(&t, 3);
+    for (int i = 0; i < 3 * ROOM_MAX_UNDO; i++) rotate(&t, ANN, (float)i, slow, 0);
+    assert_true(t.state->n_undo <= ROOM_MAX_UNDO + 1);
+    room_state_free(t.state);
+}
+
+static void conflicts_are_told(void **unused)
+{
+    struct rnd r;
+    rnd_seed(&r, 3);
+    struct table t = {begin(&r), 1000000};
+    uint64_t seen = t.state->sequence;
+    assert_int_equal(rotate(&t, BOB, 5, slow, 0), 0);
+    // Ann was offline since `seen`.
+    assert_int_equal(rotate(&t, ANN, 6, slow, seen), RELIGHT__ERROR_CODE__ERROR_MISMATCH);
+    lit(&t, 5);
+    assert_int_equal(rotate(&t, ANN, 6, slow, t.state->sequence), 0);
+    seen = t.state->sequence;
+    assert_int_equal(step_back(&t, ANN, true), 0); // an undo is a change, too
+    assert_int_equal(rotate(&t, BOB, 7, slow, seen), RELIGHT__ERROR_CODE__ERROR_MISMATCH);
+    room_state_free(t.state);
+}
+
+// ---- roles, mentions, revisions
+
+static int act(struct table *t, unsigned person, int role, const Relight__RoomAction *action)
+{
+    struct room_evt e;
+    char error[ROOM_ERROR];
+    evt_make(&e, action, person, role, t->state->sequence + 1, t->now_us += slow);
+    return room_fold(t->state, &e.event, error);
+}
+
+static void roles(void **unused)
+{
+    struct rnd r;
+    rnd_seed(&r, 9);
+    struct table t = {begin(&r), 1000000};
+    unsigned tried = 0;
+    for (int i = 0; i < 2000; i++) {
+        struct room_act a;
+        act_random(&a, &r, t.state->sequence);
+        bool owners = a.action.member || a.action.invite || *a.action.revoke ||
+                      a.action.rename || a.action.close;
+        assert_int_equal(act(&t, BOB, RELIGHT__ROOM_ROLE__ROLE_VIEWER, &a.action),
+                         RELIGHT__ERROR_CODE__ERROR_FORBIDDEN);
+        if (!owners) continue;
+        assert_int_equal(act(&t, BOB, RELIGHT__ROOM_ROLE__ROLE_REVIEWER, &a.action),
+                         RELIGHT__ERROR_CODE__ERROR_FORBIDDEN);
+        tried++;
+    }
+    assert_true(tried > 100);
+    assert_int_equal(room_role(t.state, "token:ann", 0), RELIGHT__ROOM_ROLE__ROLE_OWNER);
+    assert_int_equal(room_role(t.state, "token:eve", 0), RELIGHT__ROOM_ROLE__ROLE_NONE);
+    // The last owner stays.
+    Relight__Member member = RELIGHT__MEMBER__INIT;
+    Relight__RoomAction action = RELIGHT__ROOM_ACTION__INIT;
+    action.member = &member;
+    member.by = "token:ann";
+    assert_int_equal(act(&t, ANN, 3, &action), RELIGHT__ERROR_CODE__ERROR_MISMATCH);
+    member.by = "*";
+    member.role = RELIGHT__ROOM_ROLE__ROLE_VIEWER;
+    assert_int_equal(act(&t, ANN, 3, &action), 0);
+    assert_int_equal(room_role(t.state, "token:eve", 0), RELIGHT__ROOM_ROLE__ROLE_VIEWER);
+    assert_int_equal(room_role(t.state, "guest:0001", 0), RELIGHT__ROOM_ROLE__ROLE_NONE);
+    Relight__Invite invite = RELIGHT__INVITE__INIT;
+    Relight__RoomAction other = RELIGHT__ROOM_ACTION__INIT;
+    char hash[65];
+    memset(hash, 'a', 64);
+    hash[64] = 0;
+    other.invite = &invite;
+    invite.id = "0001";
+    invite.hash = hash;
+    invite.role = RELIGHT__ROOM_ROLE__ROLE_REVIEWER;
+    invite.expires_s = 100;
+    assert_int_equal(act(&t, ANN, 3, &other), 0);
+    assert_int_equal(room_role(t.state, "guest:0001", 99), RELIGHT__ROOM_ROLE__ROLE_REVIEWER);
+    assert_int_equal(room_role(t.state, "guest:0001", 100), RELIGHT__ROOM_ROLE__ROLE_NONE);
+    other.invite = NULL;
+    other.revoke = "0001";
+    assert_int_equal(act(&t, ANN, 3, &other), 0);
+    assert_int_equal(room_role(t.state, "guest:0001", 50), RELIGHT__ROOM_ROLE__ROLE_NONE);
+    room_state_free(t.state);
+}
+
+static void notes_and_revisions(void **unused)
+{
+    struct rnd r;
+    rnd_seed(&r, 11);
+    struct table t = {begin(&r), 1000000};
+    struct room_act a;
+    memset(&a, 0, sizeof a);
+    relight__room_action__init(&a.action);
+    relight__put_pin__init(&a.pin);
+    relight__seen__init(&a.seen);
+    act_point(&a.point[0], &r);
+    a.pin.at = &a.point[0];
+    a.pin.seen = &a.seen;
+    a.pin.text = "@Ann: too red, ask @bob.k. mail@x.org @Ann";
+    a.action.pin = &a.pin;
+    assert_int_equal(act(&t, BOB, 2, &a.action), 0);
+    const Relight__Pin *pin = t.state->pins[0];
+    assert_int_equal(pin->notes[0]->n_mentions, 2);
+    assert_string_equal(pin->notes[0]->mentions[0], "Ann");
+    assert_string_equal(pin->notes[0]->mentions[1], "bob.k");
+    assert_int_equal(pin->seen->revision, 1);
+    // The same scene is the same revision; another light is another one.
+    assert_int_equal(act(&t, ANN, 2, &a.action), 0);
+    assert_int_equal(t.state->n_revisions, 1);
+    rotate(&t, ANN, 77, slow, 0);
+    assert_int_equal(act(&t, ANN, 2, &a.action), 0);
+    assert_int_equal(t.state->n_revisions, 2);
+    assert_int_equal(t.state->revisions[1]->material, 1);
+    assert_int_equal(step_back(&t, ANN, true), 0);
+    assert_int_equal(act(&t, ANN, 2, &a.action), 0);
+    assert_int_equal(t.state->pins[3]->seen->revision, 1);
+    // A decision is bound to what was seen.
+    Relight__RoomAction decide = RELIGHT__ROOM_ACTION__INIT;
+    relight__decide__init(&a.decide);
+    a.decide.seen = &a.seen;
+    a.seen.bake_hash = "0011223344556677";
+    decide.decide = &a.decide;
+    assert_int_equal(act(&t, ANN, 2, &decide), 0);
+    a.seen.bake_hash = "0011223344556678";
+    assert_int_equal(act(&t, ANN, 2, &decide), 0);
+    assert_string_not_equal(t.state->decisions[0]->hash, t.state->decisions[1]->hash);
+    // Numbers that are none, and points beside their triangle.
+    a.point[0].b1 = 0.9f;
+    a.point[0].b2 = 0.9f;
+    assert_int_equal(act(&t, ANN, 2, &a.action), RELIGHT__ERROR_CODE__ERROR_OUT_OF_RANGE);
+    a.point[0].b1 = 0.0f / 0.0f;
+    assert_int_equal(act(&t, ANN, 2, &a.action), RELIGHT__ERROR_CODE__ERROR_BAD_REQUEST);
+    room_state_free(t.state);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(replicas_agree),      cmocka_unit_test(interleavings),
+        cmocka_unit_test(undo_by_person),      cmocka_unit_test(a_drag_is_one_step),
+        cmocka_unit_test(conflicts_are_told),  cmocka_unit_test(roles),
+        cmocka_unit_test(notes_and_revisions),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

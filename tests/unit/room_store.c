@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: MIT
+// The embedded store of rooms: earlier versions are brought up to date, other files are
+// refused, tasks that suppose another log conflict, closed rooms go.
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "rooms/sqlite_schema.h"
+#include "rooms/store.h"
+
+static const char id[] = "0123456789abcdef0123456789abcdef";
+static struct loop *loop;
+static struct room_store *store;
+static char path[] = "/tmp/relight-store-XXXXXX", file[64];
+
+static int setup(void **state)
+{
+    strcpy(path, "/tmp/relight-store-XXXXXX");
+    assert_non_null(mkdtemp(path));
+    snprintf(file, sizeof file, "%s/rooms.sqlite", path);
+    assert_int_equal(loop_create(&loop), 0);
+    return 0;
+}
+
+static int teardown(void **state)
+{
+    static const char *const ends[] = {"", "-wal", "-shm", "-journal"};
+    char name[80];
+    for (int i = 0; i < 4; i++) {
+        snprintf(name, sizeof name, "%s%s", file, ends[i]);
+        unlink(name);
+    }
+    rmdir(path);
+    loop_destroy(loop);
+    return 0;
+}
+
+static void open_store(void)
+{
+    char error[256] = "";
+    if (room_store_sqlite.open(file, loop, &store, error)) fail_msg("%s", error);
+}
+
+static void refused(const char *word)
+{
+    char error[256] = "";
+    struct room_store *none;
+    assert_int_equal(room_store_sqlite.open(file, loop, &none, error), -1);
+    if (!strstr(error, word)) fail_msg("\"%s\" does not say %s", error, word);
+}
+
+static int n_open;
+static void ended(struct room_task *task)
+{
+    n_open--;
+}
+
+static void submit(struct room_task *task)
+{
+    task->done = ended;
+    n_open++;
+    store->api->submit(store, task);
+}
+
+static void run(struct room_task *task)
+{
+    submit(task);
+    while (n_open) loop_turn(loop, -1);
+}
+
+static struct room_task append_task(uint64_t sequence)
+{
+    static const uint8_t bytes[5] = "event";
+    struct room_task t = {
+        .kind = ROOM_TASK_APPEND, .sequence = sequence, .time_us = 5, .bytes = bytes, .n = 5};
+    strcpy(t.room, id);
+    return t;
+}
+
+static void sql(const char *text)
+{
+    sqlite3 *db;
+    assert_int_equal(sqlite3_open(file, &db), 0);
+    char *why = NULL;
+    if (sqlite3_exec(db, text, NULL, NULL, &why)) fail_msg("%s", why);
+    sqlite3_close(db);
+}
+
+// Statements of version 1 as they were; they stay so when the schema changes.
+static const char version_1[] =
+    "CREATE TABLE room (number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE,"
+    " sequence INTEGER NOT NULL, created_us INTEGER NOT NULL, changed_us INTEGER NOT NULL);"
+    "CREATE TABLE event (room INTEGER NOT NULL, sequence INTEGER NOT NULL, bytes BLOB NOT NULL,"
+    " PRIMARY KEY (room, sequence)) WITHOUT ROWID;"
+    "CREATE TABLE snapshot (room INTEGER PRIMARY KEY, sequence INTEGER NOT NULL,"
+    " bytes BLOB NOT NULL);"
+    "INSERT INTO room VALUES (1, '0123456789abcdef0123456789abcdef', 2, 10, 20);"
+    "INSERT INTO event VALUES (1, 1, x'6162'), (1, 2, x'636465');"
+    "PRAGMA user_version=1; PRAGMA application_id=1380733517;";
+
+static void version_1_is_brought_up_to_date(void **state)
+{
+    sql(version_1);
+    for (int start = 0; start < 2; start++) { // the second finds today's version
+        open_store();
+        struct room_task load = {.kind = ROOM_TASK_LOAD};
+        strcpy(load.room, id);
+        run(&load);
+        assert_int_equal(load.status, ROOM_TASK_DONE);
+        assert_int_equal(load.n_event, 2 + start);
+        assert_memory_equal(load.event[1].bytes, "cde", 3);
+        assert_int_equal(load.stored_bytes, 5 + start * (5 + ROOM_EVENT_CHARGE));
+        room_task_finish(&load);
+        struct room_task next = append_task(3 + (uint64_t)start);
+        run(&next);
+        assert_int_equal(next.status, ROOM_TASK_DONE);
+        store->api->close(store);
+    }
+}
+
+static void a_migration_that_fails_changes_nothing(void **state)
+{
+    sql(version_1);
+    sql("CREATE TABLE member (another INTEGER)"); // in the way of version 2
+    refused("version 2");
+    sql("DROP TABLE member");
+    open_store();
+    store->api->close(store);
+}
+
+static void other_files_are_refused(void **state)
+{
+    sql("CREATE TABLE letters (text TEXT)");
+    refused("another program's");
+    teardown(NULL), setup(NULL);
+    sql("CREATE TABLE room (n INTEGER); PRAGMA application_id=1380733517; PRAGMA user_version=99");
+    refused("version 99");
+    teardown(NULL), setup(NULL);
+    FILE *f = fopen(file, "w");
+    for (int i = 0; i < 1000; i++) fputs("no database", f);
+    fclose(f);
+    refused("not a database");
+    teardown(NULL), setup(NULL);
+    open_store();
+    refused("another relightd");
+    store->api->close(store);
+    snprintf(file, sizeof file, "/proc/nowhere/rooms");
+    refused("unable to open");
+}
+
+static void a_log_has_no_gaps(void **state)
+{
+    open_store();
+    struct room_task first = append_task(1), again = append_task(1), gap = append_task(3),
+                     second = append_task(2), other = append_task(2);
+    strcpy(other.room, "fedcba9876543210fedcba9876543210");
+    // All wait at once: one transaction has those that fit and those that do not.
+    submit(&first), submit(&again), submit(&gap), submit(&second);
+    run(&other);
+    assert_int_equal(first.status, ROOM_TASK_DONE);
+    assert_int_equal(again.status, ROOM_TASK_CONFLICT);
+    assert_int_equal(gap.status, ROOM_TASK_CONFLICT);
+    assert_int_equal(second.status, ROOM_TASK_DONE);
+    assert_int_equal(other.status, ROOM_TASK_MISSING);
+    struct room_task events = {.kind = ROOM_TASK_EVENTS, .sequence = 1};
+    strcpy(events.room, id);
+    run(&events);
+    assert_int_equal(events.n_event, 1);
+    assert_int_equal(events.event[0].sequence, 2);
+    room_task_finish(&events);
+    // A snapshot of what is not in the log is not taken.
+    struct room_task snapshot = append_task(7);
+    snapshot.kind = ROOM_TASK_SNAPSHOT;
+    run(&snapshot);
+    assert_int_equal(snapshot.status, ROOM_TASK_CONFLICT);
+    snapshot.sequence = 2;
+    run(&snapshot);
+    assert_int_equal(snapshot.status, ROOM_TASK_DONE);
+    struct room_task load = {.kind = ROOM_TASK_LOAD};
+    strcpy(load.room, id);
+    run(&load);
+    assert_int_equal(load.sequence, 2);
+    assert_int_equal(load.n_event, 0);
+    assert_int_equal(load.n_snapshot, 5);
+    room_task_finish(&load);
+    store->api->close(store);
+}
+
+static void lists_and_closed_rooms(void **state)
+{
+    struct room_member members[] = {{"token:ann", 3}, {"*", 1}};
+    struct room_summary summary = {
+        .name = "ann's", .owner = "token:ann", .n_member = 2, .member = members};
+    open_store();
+    struct room_task add = append_task(1);
+    add.summary = &summary;
+    run(&add);
+    static const struct {
+        const char *by;
+        size_t n;
+        int role;
+    } cases[] = {{"token:ann", 1, 3}, {"token:bob", 1, 1}, {"", 1, 1}};
+    for (int i = 0; i < 3; i++) {
+        struct room_task list = {.kind = ROOM_TASK_LIST, .most = 10};
+        strcpy(list.by, cases[i].by);
+        run(&list);
+        assert_int_equal(list.n_row, cases[i].n);
+        assert_int_equal(list.row[0].role, cases[i].role);
+        assert_string_equal(list.row[0].name, "ann's");
+        room_task_finish(&list);
+    }
+    struct room_task purge = {.kind = ROOM_TASK_PURGE, .time_us = 1000};
+    run(&purge);
+    assert_int_equal(purge.n_row, 0);
+    struct room_task close = append_task(2);
+    summary.closed = true;
+    close.summary = &summary;
+    run(&close);
+    purge.time_us = 5; // it was closed then, not before
+    run(&purge);
+    assert_int_equal(purge.n_row, 0);
+    purge.time_us = 6;
+    run(&purge);
+    assert_int_equal(purge.n_row, 1);
+    assert_string_equal(purge.row[0].by, "token:ann");
+    assert_int_equal(purge.row[0].bytes, 2 * (5 + ROOM_EVENT_CHARGE));
+    room_task_finish(&purge);
+    struct room_task load = {.kind = ROOM_TASK_LOAD};
+    strcpy(load.room, id);
+    run(&load);
+    assert_int_equal(load.status, ROOM_TASK_MISSING);
+    store->api->close(store);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(version_1_is_brought_up_to_date, setup, teardown),
+        cmocka_unit_test_setup_teardown(a_migration_that_fails_changes_nothing, setup,
+                                        teardown),
+        cmocka_unit_test_setup_teardown(other_files_are_refused, setup, teardown),
+        cmocka_unit_test_setup_teardown(a_log_has_no_gaps, setup, teardown),
+        cmocka_unit_test_setup_teardown(lists_and_closed_rooms, setup, teardown),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
