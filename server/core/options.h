@@ -87,8 +87,9 @@ enum { OPTIONS_MAX_LISTEN = 16 };
     X(SECONDS, bake_time, "bake-time", "SECONDS", "21600",                                     \
       "Time limit of one bake; the daemon then stops it. 0: no limit")                         \
     X(BYTES, memory, "memory", "BYTES", "8G",                                                  \
-      "Memory for open baked transport; beyond it the least recently used model is "           \
-      "unloaded")                                                                              \
+      "Memory for open baked transport, in use and pinned models included; beyond it the "     \
+      "least recently used model is unloaded, and others wait for one in use. A model above "  \
+      "it is open alone")                                                                      \
     X(BYTES, cache, "cache", "BYTES", "1G",                                                    \
       "Memory for decoded environments, lights, visibility buffers and colours that "          \
       "are kept for reuse")                                                                    \

@@ -45,8 +45,8 @@ static void closed(struct connection *conn)
     struct exchange *x = conn->carrier_data;
     x->conn = NULL;
     stop_watching(x);
-    ledger_give(conn->principal, LEDGER_PAYLOAD, x->json_charged);
-    x->json_charged = 0;
+    ledger_give(conn->principal, LEDGER_PAYLOAD, x->json_charged + x->kept_charged);
+    x->json_charged = x->kept_charged = 0;
     if (x->broken) return;
     x->broken = true;
     lws_set_timeout(x->wsi, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_ASYNC);
@@ -615,6 +615,7 @@ struct exchange *exchange_begin(struct lws *wsi, struct server *server)
 bool exchange_receive(struct exchange *x, const void *bytes, size_t n)
 {
     if (x->broken) return false;
+    if (x->head.chunked) return upload_receive_chunked(x, bytes, n);
     x->body_at += n;
     if (x->complete || x->body_at > x->head.body_size) return true; // it is being answered
     upload_receive(x, bytes, n);

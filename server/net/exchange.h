@@ -8,6 +8,7 @@
 #define RELIGHTD_EXCHANGE_H
 
 #include "core/work.h"
+#include "net/chunked.h"
 #include "net/http_head.h"
 #include "net/request.h"
 
@@ -64,7 +65,10 @@ struct exchange {
     uint64_t json_charged, body_at; /* bytes of the body that came */
     uint8_t *chunk;
     size_t chunk_at, chunk_size;
-    unsigned n_flying; /* chunks without an answer */
+    struct chunked
+        framing; /* of a chunked body, which is kept in `chunk` until it is complete */
+    uint64_t kept_charged; /* of PAYLOAD, for it */
+    unsigned n_flying;     /* chunks without an answer */
     bool storing, reading, broken;
     bool received; /* libwebsockets said that the request is complete */
 
