@@ -194,9 +194,9 @@ static int vertex_planes(struct tool *tool, struct picture *p, const char *term)
     struct prt_query query = {
         .term = answer_term(term),
         .light = t->engine == PRT_TRANSPORT_POLYNOMIAL ? NULL : &p->light,
-        .material = p->source.material_given ? &p->source.material : NULL,
         .exit = exit_option(&tool->opt),
     };
+    if (p->source.media_given) query.media = p->source.media;
     int status = prt_answer_planes(&tool->ctx, t, &query, &p->n_plane, NULL);
     if (status) return tool_exit(tool, status);
     p->planes = prt_alloc((size_t)p->n_plane * t->mesh.n_vertex, 3 * sizeof(float));
@@ -215,7 +215,7 @@ static int reference_planes(struct tool *tool, struct picture *p, const char *te
     options.no_exit = true;
     p->n_plane = 1;
     if (!(p->planes = prt_alloc(n, 3 * sizeof(float)))) return no_memory(tool);
-    return tool_exit(tool, prt_reference_colors(&tool->ctx, p->source.mesh, &p->source.material,
+    return tool_exit(tool, prt_reference_colors(&tool->ctx, p->source.mesh, &p->source.media,
                                                 &p->light, &options, (float(*)[3])p->planes));
 }
 
@@ -250,8 +250,7 @@ static struct prt_shade shade_of(const struct picture *p, bool total, enum prt_e
     struct prt_shade shade = {
         .n_plane = p->n_plane,
         .planes = p->planes,
-        .eta = p->source.material.eta,
-        .roughness = p->source.material.roughness,
+        .media = p->source.media,
         .fresnel = total,
         .exit = exit,
         .specular = p->specular,
@@ -289,12 +288,12 @@ static int draw_on_screen(struct tool *tool, struct picture *p, const char *engi
     struct prt_screen *screen;
     int status = prt_screen_engine_parse(engine, &options.engine);
     if (status) return tool_exit(tool, status);
-    if ((status = maps_load(tool, p->source.mesh, &p->source.material, &p->maps, &options)))
+    if ((status = maps_load(tool, p->source.mesh, &p->source.media, &p->maps, &options)))
         return status;
     status = prt_screen_create(&tool->ctx, p->source.mesh, NULL, &screen);
     if (status) return tool_exit(tool, status);
     struct prt_screen_input input = {
-        .visibility = p->visibility, .material = &p->source.material, .cube = &p->light};
+        .visibility = p->visibility, .media = p->source.media, .cube = &p->light};
     status = prt_screen_image(&tool->ctx, screen, &input, &options, &shade_options, &p->image,
                               &p->report);
     prt_screen_destroy(screen);
@@ -336,7 +335,7 @@ static void summary(const struct tool *tool, const struct picture *p, const char
     cJSON_AddNumberToObject(root, "covered", covered);
     cJSON_AddStringToObject(root, "camera", camera);
     cJSON_AddNumberToObject(root, "seconds", seconds);
-    if (p->source.material_given && p->source.transport && !p->on_screen)
+    if (p->source.media_given && p->source.transport && !p->on_screen)
         cJSON_AddNumberToObject(root, "material_error", p->lost);
     if (p->on_screen) add_screen_report(root, &p->report);
     char *text = cJSON_PrintUnformatted(root);
@@ -412,7 +411,7 @@ int run_image(struct tool *tool)
     if (!status && !is_terminal_path(tool->opt.out))
         status = check_writable(tool, tool->opt.out);
     if (status) return status;
-    if ((status = source_open(tool, tool->opt.input[0], true, &p.source))) return status;
+    if ((status = source_open(tool, tool->opt.input[0], NULL, &p.source))) return status;
     status = draw(tool, &p);
     picture_finish(&p);
     return status;

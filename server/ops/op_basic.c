@@ -370,7 +370,7 @@ static void info_ready(struct request *request, struct model *m, struct cache_en
         request_fail(request, RELIGHT__ERROR_CODE__ERROR_NO_MEMORY, "not enough memory");
     } else {
         fill_info(m, request->conn->principal->name, text);
-        prt_material_print(&t->material, text->material, sizeof text->material);
+        prt_material_print(t->media.medium, text->material, sizeof text->material);
         text->info.material = text->material;
         bool baked = m->state == RELIGHT__MODEL_STATE__MODEL_READY;
         text->info.settings = (char *)(baked && t->settings ? t->settings : "");

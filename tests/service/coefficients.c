@@ -30,11 +30,12 @@ static void write_model(const char *name, float g, uint32_t n_phase, bool opaque
     struct synthetic_options a = shared, b = shared;
     struct prt_transport t = {.cube = CUBE, .n_tensor = 2};
     char path[160];
-    t.material = (struct prt_material){.sigma_s_prime = {1, 1.5f, 2},
-                                       .sigma_a = {0.01f, 0.02f, 0.03f},
-                                       .g = {g, g, g},
-                                       .eta = 1.4f,
-                                       .roughness = 0.25f};
+    const struct prt_material medium = {.sigma_s_prime = {1, 1.5f, 2},
+                                        .sigma_a = {0.01f, 0.02f, 0.03f},
+                                        .g = {g, g, g},
+                                        .eta = 1.4f,
+                                        .roughness = 0.25f};
+    t.media = prt_media_one(&medium);
     prt_context_init(&ctx);
     a.value = PRT_VALUE_PAIR;
     b.value = PRT_VALUE_F16;
