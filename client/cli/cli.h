@@ -33,7 +33,11 @@ struct options {
     const char *positions, *normals; /* .npy files of update-vertices */
     uint32_t first;
     struct relight_token_order token_order;
-    const char *scopes, *word; /* word: the second argument, of `token` alone */
+    const char *scopes;
+    const char *words[MAX_WORDS]; /* arguments after the target */
+    unsigned n_word;
+    const char *as, *role, *at, *model; /* of rooms */
+    uint32_t revision, decision;
     bool wait, files, remote, forget, own_units, follow;
 };
 
@@ -107,6 +111,7 @@ int run_edit(struct relight_client *client, struct options *options);
 int run_geometry(struct relight_client *client, struct options *options);
 int run_update(struct relight_client *client, struct options *options);
 int run_unload(struct relight_client *client, struct options *options);
+int run_room(struct relight_client *client, struct options *options);
 int run_token(struct relight_client *client, struct options *options);
 int run_sign(struct relight_client *client, struct options *options);
 int run_events(struct relight_client *client, struct options *options);
